@@ -1,0 +1,99 @@
+"""A trained team's policy, read from a checkpoint without executing anything in it."""
+
+import pickle
+from collections.abc import Callable
+from pathlib import Path
+
+import torch
+from rsl_rl.models import MLPModel
+from tensordict import TensorDict
+from torch import Tensor
+
+from taichi_sim.config import ConfigError, StageConfig
+
+Policy = Callable[[Tensor], Tensor]
+"""Observations [env, vehicle, n] in, actions [env, vehicle, action] out."""
+
+OBS_GROUPS = {"actor": ["policy"], "critic": ["policy"]}
+
+
+class CheckpointError(RuntimeError):
+    """A checkpoint that cannot be used: cut short, of another shape, or not a checkpoint."""
+
+
+def actor_config(stage: StageConfig) -> dict:
+    """rsl-rl's description of the actor network of a stage."""
+    return {
+        "class_name": "MLPModel",
+        "hidden_dims": list(stage.hidden_dims),
+        "activation": "elu",
+        "obs_normalization": True,
+        "distribution_cfg": {"class_name": "GaussianDistribution", "init_std": stage.initial_std},
+    }
+
+
+def read_checkpoint(file: Path) -> dict:
+    """The content of a checkpoint: tensors and plain values only (`weights_only=True`).
+
+    Raises:
+        CheckpointError: if the file is missing, incomplete, or holds anything else.
+    """
+    try:
+        content = torch.load(file, weights_only=True, map_location="cpu")
+    except FileNotFoundError:
+        raise CheckpointError(f"{file}: no such checkpoint") from None
+    except (RuntimeError, EOFError, OSError, ValueError, KeyError, pickle.UnpicklingError) as error:
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise CheckpointError(f"{file}: not a whole checkpoint: {reason}") from None
+    if not isinstance(content, dict) or not {"actor_state_dict", "iter"} <= content.keys():
+        raise CheckpointError(f"{file}: not a checkpoint of this project")
+    return content
+
+
+def checkpoints(folder: Path) -> list[Path]:
+    """Checkpoints `model_N.pt` of a stage's folder, newest last."""
+    found = [p for p in folder.glob("model_*.pt") if p.stem.removeprefix("model_").isdigit()]
+    return sorted(found, key=lambda p: int(p.stem.removeprefix("model_")))
+
+
+class TrainedPolicy:
+    """The mean action of a trained actor: deterministic, its weights never change."""
+
+    def __init__(self, actor: MLPModel):
+        """Freeze `actor`."""
+        self.actor = actor.eval().requires_grad_(False)
+
+    @classmethod
+    def load(cls, file: Path, stage: StageConfig, num_actions: int) -> "TrainedPolicy":
+        """The policy of a checkpoint.
+
+        Raises:
+            CheckpointError: if the file is unusable or its network is not the stage's.
+        """
+        state = read_checkpoint(file)["actor_state_dict"]
+        try:
+            size = state["obs_normalizer._mean"].shape[-1]
+            example = TensorDict({"policy": torch.zeros(1, size)}, batch_size=[1])
+            options = actor_config(stage)
+            options.pop("class_name")
+            actor = MLPModel(example, OBS_GROUPS, "actor", num_actions, **options)
+            actor.load_state_dict(state, strict=True)
+        except (KeyError, RuntimeError, AttributeError) as error:
+            first = str(error).splitlines()[0]
+            raise CheckpointError(f"{file}: its network is not the one configured: {first}") from None
+        return cls(actor)
+
+    @property
+    def num_observations(self) -> int:
+        """Observations the network takes."""
+        return self.actor.obs_dim
+
+    def __call__(self, observations: Tensor) -> Tensor:
+        """Actions [env, vehicle, action] for observations [env, vehicle, n], clipped to [-1, 1]."""
+        with torch.no_grad():
+            rows = observations.flatten(0, 1).float()
+            actions = self.actor(TensorDict({"policy": rows}, batch_size=[rows.shape[0]]))
+        return actions.view(*observations.shape[:2], -1).clamp(-1.0, 1.0)
+
+
+__all__ = ["CheckpointError", "ConfigError", "Policy", "TrainedPolicy", "checkpoints", "read_checkpoint"]

@@ -1,0 +1,156 @@
+"""rsl-rl's runner, made quiet, safe to interrupt, and resumable."""
+
+import contextlib
+import csv
+import io
+import os
+import time
+from pathlib import Path
+from typing import Any
+
+import torch
+from rsl_rl.runners import OnPolicyRunner
+from rsl_rl.utils.logger import Logger
+from tqdm import tqdm
+
+from rl.env import FormationEnv
+from rl.policy import OBS_GROUPS, actor_config, read_checkpoint
+from taichi_sim.config import StageConfig
+
+HISTORY = "progress.csv"
+COLUMNS = (
+    "iteration", "agent_steps", "wall_time_s", "reward_per_step", "episode_reward", "policy_loss", "value_loss",
+    "entropy", "action_std", "learning_rate", "leader_error_m", "follower_error_m", "collisions_per_hour",
+)  # fmt: skip
+
+
+def ppo_config(stage: StageConfig) -> dict[str, Any]:
+    """rsl-rl's configuration of a stage."""
+    network = actor_config(stage)
+    critic = {k: v for k, v in network.items() if k != "distribution_cfg"}
+    return {
+        "class_name": "OnPolicyRunner",
+        "num_steps_per_env": stage.steps_per_iteration,
+        "save_interval": stage.checkpoint_interval,
+        "obs_groups": OBS_GROUPS,
+        "actor": network,
+        "critic": critic,
+        "algorithm": {
+            "class_name": "PPO",
+            "learning_rate": stage.learning_rate,
+            "num_learning_epochs": stage.learning_epochs,
+            "num_mini_batches": stage.mini_batches,
+            "gamma": stage.discount,
+            "lam": stage.gae_lambda,
+            "clip_param": stage.clip,
+            "entropy_coef": stage.entropy,
+            "desired_kl": stage.desired_kl,
+            "schedule": "adaptive",
+            "value_loss_coef": 1.0,
+            "max_grad_norm": 1.0,
+            "use_clipped_value_loss": True,
+        },
+    }
+
+
+class ProgressLogger(Logger):
+    """Writes TensorBoard scalars and progress.csv, and moves a progress bar instead of printing pages."""
+
+    bar: tqdm | None = None
+    elapsed_before = 0.0
+
+    def _store_code_state(self) -> list[str]:
+        return []  # the run folder already holds the commit and the package versions
+
+    def log(self, it: int, start_it: int, total_it: int, *args: Any, **values: Any) -> None:
+        """Record one iteration; called by the runner with rsl-rl's arguments."""
+        means = self._means()
+        with contextlib.redirect_stdout(io.StringIO()):
+            super().log(it, start_it, total_it, *args, **values)
+        rate = self.cfg["num_steps_per_env"] * self.num_envs / (values["collect_time"] + values["learn_time"])
+        self._write_row(it, means, values)
+        if self.bar is not None:
+            shown = {"reward": f"{means.get('/reward', float('nan')):.2f}"}
+            for key, label in (("/leader_error_m", "leader"), ("/follower_error_m", "followers")):
+                if key in means:
+                    shown[label] = f"{means[key]:.2f} m"
+            shown["steps/s"] = f"{rate / 1000:.0f}k"
+            self.bar.set_postfix(shown, refresh=False)
+            self.bar.update(1)
+
+    def _means(self) -> dict[str, float]:
+        keys = {key for info in self.ep_extras for key in info}
+        return {key: float(torch.stack([i[key].mean() for i in self.ep_extras]).mean()) for key in sorted(keys)}
+
+    def _write_row(self, it: int, means: dict[str, float], values: dict[str, Any]) -> None:
+        losses, n = values["loss_dict"], self.cfg["num_steps_per_env"] * self.num_envs
+        env_hours = self.num_envs * self.seconds_per_step / 3600  # of vehicle time in one step
+        row = {
+            "iteration": it,
+            "agent_steps": (it + 1) * n,
+            "wall_time_s": round(self.elapsed_before + self.tot_time, 3),
+            "reward_per_step": means.get("/reward"),
+            "episode_reward": sum(self.rewbuffer) / len(self.rewbuffer) if self.rewbuffer else None,
+            "policy_loss": losses["surrogate"],
+            "value_loss": losses["value"],
+            "entropy": losses["entropy"],
+            "action_std": float(values["action_std"].mean()),
+            "learning_rate": values["learning_rate"],
+            "leader_error_m": means.get("/leader_error_m"),
+            "follower_error_m": means.get("/follower_error_m"),
+            "collisions_per_hour": means.get("/collisions", 0.0) / env_hours,
+        }
+        path = Path(self.log_dir) / HISTORY  # type: ignore[arg-type]
+        new = not path.exists()
+        with path.open("a", newline="", encoding="utf-8") as file:
+            writer = csv.DictWriter(file, COLUMNS)
+            if new:
+                writer.writeheader()
+            writer.writerow({k: "" if v is None else v for k, v in row.items()})
+
+
+class StageRunner(OnPolicyRunner):
+    """OnPolicyRunner whose checkpoints are written beside and renamed, and read with `weights_only=True`."""
+
+    def __init__(self, env: FormationEnv, stage: StageConfig, folder: Path):
+        """Prepare to train `env`; checkpoints, progress.csv and TensorBoard events go to `folder`."""
+        self.folder, self.stage = folder, stage
+        with contextlib.redirect_stdout(io.StringIO()):
+            super().__init__(env, ppo_config(stage), str(folder), env.device)
+        logger = self.logger
+        logger.__class__ = ProgressLogger
+        logger.seconds_per_step = env.task.config.decision_interval  # type: ignore[attr-defined]
+
+    def train(self, *, show_progress: bool = True, label: str = "") -> None:
+        """Run the remaining iterations of the stage; on KeyboardInterrupt save a checkpoint and raise it again."""
+        done = self.current_learning_iteration
+        bar = tqdm(total=self.stage.iterations, initial=done, desc=label, unit="it", disable=not show_progress)
+        self.logger.bar = bar  # type: ignore[attr-defined]
+        self._started = time.perf_counter()
+        try:
+            self.learn(self.stage.iterations - done)
+        except KeyboardInterrupt:
+            self.save(str(self.folder / f"model_{self.current_learning_iteration}.pt"))
+            raise
+        finally:
+            bar.close()
+            if self.logger.writer is not None:
+                self.logger.writer.close()  # type: ignore[attr-defined]
+
+    def save(self, path: str, infos: dict | None = None) -> None:
+        """Write a checkpoint beside `path`, then rename: a kill or a full disk leaves the old one whole."""
+        content = self.alg.save() | {"iter": self.current_learning_iteration, "infos": infos}
+        content["torch_rng"] = torch.get_rng_state()
+        beside = Path(f"{path}.part")
+        try:
+            torch.save(content, beside)
+            os.replace(beside, path)
+        finally:
+            beside.unlink(missing_ok=True)
+
+    def load(self, path: str, load_cfg: dict | None = None, strict: bool = True, map_location: str | None = None):
+        """Continue from a checkpoint: networks, optimiser, iteration."""
+        content = read_checkpoint(Path(path))
+        self.alg.load(content, load_cfg, strict)
+        self.current_learning_iteration = content["iter"]
+        return content["infos"]

@@ -1,0 +1,167 @@
+"""The formation mission over many environments: what VecEnv, Gymnasium, evaluation and recording share."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from rl.seeds import derive_seed
+from rl.task.endings import Endings
+from rl.task.obstacles import generate_obstacles
+from rl.task.paths import generate_tracks
+from rl.task.slots import Target, lane_half_width
+from rl.task.starts import PER_WORLD, draw_starts
+from rl.task.team import TeamTask
+from taichi_sim import runtime
+from taichi_sim.config import ScenarioConfig
+from taichi_sim.conventions import TEAMS
+from taichi_sim.world import World
+
+TIME_SPAN = 3600.0  # s: an episode begins at a random time of its sea
+TALLEST = 90.0  # m, of generated obstacles
+
+
+class Step(NamedTuple):
+    """What one decision brought; dictionaries are by team."""
+
+    reward: dict[str, Tensor]  # [env, vehicle]
+    endings: dict[str, Endings]  # [env, vehicle] flags
+    terminated: Tensor  # [env]: some vehicle's episode ended by what happened
+    truncated: Tensor  # [env]: time is up, and nothing happened
+
+
+class FormationTask:
+    """Both teams' mission in `num_envs` environments.
+
+    Each environment is on one of the scenario's worlds (a track with obstacles) and one of its seas; `reset` draws
+    both anew. `step` does not reset: the adapters decide when.
+
+    Attributes:
+        world: the simulated world. teams: name -> TeamTask, those simulated.
+        env_world: int64 [env]. progress: [env] m along the track. steps: int64 [env] of the episode.
+    """
+
+    def __init__(
+        self,
+        config: ScenarioConfig,
+        num_envs: int,
+        *,
+        seed: int,
+        teams: Sequence[str] = TEAMS,
+        source: Path | None = None,
+    ):
+        """Generate worlds, seas and starts from `seed`, and reset every environment."""
+        run = runtime.current()
+        self.config, self.num_envs = config, num_envs
+        self.world = World(config, num_envs, seed=derive_seed(seed, "sea"), teams=teams, source=source)
+        self.generator = torch.Generator().manual_seed(derive_seed(seed, "episodes"))
+        self.teams = {name: TeamTask(config, self.world, name) for name in teams}
+
+        track, cylinders = config.track, config.obstacles
+        self.tracks = generate_tracks(
+            track.worlds,
+            derive_seed(seed, "tracks"),
+            length_m=track.length,
+            area_m=config.area,
+            checkpoints=track.checkpoints,
+            min_radius_m=track.min_radius,
+        ).to(run.device)
+        generated = generate_obstacles(
+            self.tracks,
+            derive_seed(seed, "obstacles"),
+            count=cylinders.count,
+            lane_half_width_m=max(
+                lane_half_width(t.formation, t.count, t.spacing) for t in (config.usv, config.uav)
+            ),
+            clearance_m=(cylinders.clearance_min, cylinders.clearance_max),
+            radius_m=(cylinders.radius_min, cylinders.radius_max),
+            height_m=(5.0, max(TALLEST, track.flight_height + 30.0)),
+            tall_fraction=cylinders.tall_fraction,
+            flight_height_m=track.flight_height,
+            area_m=config.area,
+        )
+        fixed = torch.tensor([[o.north, o.east, o.radius, o.height] for o in cylinders.fixed]).reshape(-1, 4)
+        both = torch.cat((generated, fixed.expand(track.worlds, -1, 4)), dim=1)
+        radii = {name: team.radius for name, team in self.teams.items()}
+        self.starts = draw_starts(config, self.tracks, both, radii, self.generator)
+        self.obstacles = both.to(run.device, run.torch_dtype).contiguous()
+        if not self.obstacles.shape[1]:  # a kernel needs one row: put it out of every vehicle's reach
+            self.obstacles = self.obstacles.new_tensor([1e6, 1e6, 1.0, 1.0]).expand(track.worlds, 1, 4).contiguous()
+
+        self.env_world = torch.zeros(num_envs, dtype=torch.int64, device=run.device)
+        self.progress = torch.zeros(num_envs, device=run.device)
+        self.steps = torch.zeros(num_envs, dtype=torch.int64, device=run.device)
+        self.reset()
+
+    # -- one step, as a table of contents --------------------------------------------------------------------------
+
+    def step(self, actions: Mapping[str, Tensor]) -> Step:
+        """Advance one decision interval; `actions[team]` is [env, vehicle, action] in [-1, 1].
+
+        Raises:
+            ValueError: for a wrong shape or an action that is not finite; nothing has moved then.
+        """
+        taken = self.world.step(actions)
+        self.progress += self.config.track.target_speed * self.config.decision_interval
+        self.steps += 1
+        self._measure()
+        for name, team in self.teams.items():
+            team.previous_action, team.action = team.action, taken[name]
+        ended = {name: team.find_endings() for name, team in self.teams.items()}
+        reward = {name: team.compute_reward(ended[name]) for name, team in self.teams.items()}
+        terminated = torch.stack([e.any.any(dim=1) for e in ended.values()]).any(dim=0)
+        truncated = (self.steps >= self.config.episode_steps) & ~terminated
+        return Step(reward, ended, terminated, truncated)
+
+    def observe(self) -> dict[str, Tensor]:
+        """Observations [env, vehicle, n] by team, for the next decision."""
+        return {name: team.observe() for name, team in self.teams.items()}
+
+    # -- episodes --------------------------------------------------------------------------------------------------
+
+    def reset(
+        self, envs: Tensor | None = None, *, worlds: Tensor | None = None, starts: Tensor | None = None
+    ) -> None:
+        """Begin new episodes in `envs` (default: all), on `worlds` from `starts` (default: random ones)."""
+        if envs is None:
+            envs = torch.arange(self.num_envs, device=self.env_world.device)
+        n = envs.shape[0]
+        if n == 0:
+            return
+        worlds = self._draw(self.tracks.worlds, n) if worlds is None else worlds
+        starts = self._draw(PER_WORLD, n) if starts is None else starts
+        self.env_world[envs] = worlds
+        self.progress[envs] = self.starts.progress[worlds, starts]
+        self.steps[envs] = 0
+        self.world.env_sea[envs] = self._draw(self.world.sea.num_seas, n).to(torch.int32)
+        begin = torch.rand(n, generator=self.generator, dtype=torch.float64) * TIME_SPAN
+        self.world.time[envs] = begin.to(self.world.time.device)
+        for name, team in self.teams.items():
+            state = self.starts.states[name][worlds, starts].to(team.team.state)
+            self.world.place(name, envs, state)
+            team.restart(envs)
+        self._measure(fresh=envs)
+
+    def _draw(self, limit: int, n: int) -> Tensor:
+        return torch.randint(limit, (n,), generator=self.generator).to(self.env_world.device)
+
+    def _measure(self, fresh: Tensor | None = None) -> None:
+        for name, team in self.teams.items():
+            team.measure(self.target(name), self.obstacles, self.env_world, fresh)
+
+    def target(self, name: str) -> Target:
+        """The target of a team in every environment."""
+        speed = self.config.track.target_speed
+        place = self.tracks.at(self.env_world, self.progress)
+        height = 0.0 if name == "usv" else self.config.track.flight_height
+        down = torch.full_like(place.course, -height).unsqueeze(1)
+        return Target(
+            position=torch.cat((place.position, down), dim=1).to(self.world.teams[name].state.dtype),
+            course=place.course,
+            cos=place.course.cos(),
+            sin=place.course.sin(),
+            course_rate=place.curvature * speed,
+            speed=speed,
+        )

@@ -1,0 +1,105 @@
+"""Where episodes start: a pool of states per world, drawn once, so that a reset is a gather.
+
+The target is at a random place of the track; the leader within `start_distance` of it, near the slot's heading and
+speed; followers near their slots. A draw that touches an obstacle is pulled in towards the slots, which are clear.
+"""
+
+import math
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from rl.task.paths import Tracks
+from rl.task.slots import formation_offsets
+from taichi_sim.config import ScenarioConfig
+from taichi_sim.conventions import STATE_SIZE
+from taichi_sim.maths.rotation import torch_quaternion_from_euler
+
+PER_WORLD = 32  # starts drawn for each world
+HEADING_SPREAD = 0.5  # rad, standard deviation about the course
+SPEED_RANGE = (0.6, 1.2)  # of the target's speed
+FOLLOWER_SPREAD = 0.2  # standard deviation of a follower's place, in spacings
+HEIGHT_SPREAD = 4.0  # m, standard deviation of UAV start heights
+MARGIN = 3.0  # m from obstacles, beyond the collision radius
+PULLS = (1.0, 0.5, 0.25, 0.0)  # shares of the random offsets that are tried, in order
+
+
+class Starts(NamedTuple):
+    """Start `i` of world `w`: progress [world, i] m along the track; states[team] [world, i, vehicle, 13]."""
+
+    progress: Tensor
+    states: dict[str, Tensor]
+
+
+def draw_starts(
+    config: ScenarioConfig,
+    tracks: Tracks,
+    obstacles: Tensor,
+    radii: dict[str, float],
+    generator: torch.Generator,
+) -> Starts:
+    """Draw `PER_WORLD` starts in each world for the teams named in `radii` (their collision radius, m)."""
+    shape = (tracks.worlds, PER_WORLD)
+    progress = torch.rand(shape, generator=generator) * tracks.length_m.unsqueeze(1)
+    world = torch.arange(tracks.worlds).unsqueeze(1).expand(shape)
+    place = tracks.at(world.contiguous(), progress)
+    states = {}
+    for team, radius in radii.items():
+        states[team] = _team_states(config, team, place, obstacles, radius + MARGIN, generator)
+    return Starts(progress, states)
+
+
+def _team_states(config, team, place, obstacles, margin, generator) -> Tensor:
+    section = config.team(team)
+    shape = (*place.course.shape, section.count)
+    course = place.course.unsqueeze(-1)
+
+    def normal(*size: int) -> Tensor:
+        return torch.randn(size, generator=generator)
+
+    def uniform(*size: int) -> Tensor:
+        return torch.rand(size, generator=generator)
+
+    radius = section.start_distance * uniform(*shape[:2], 1).sqrt()
+    bearing = 2 * math.pi * uniform(*shape[:2], 1)
+    leader = torch.stack((radius * bearing.cos(), radius * bearing.sin()), dim=-1)
+    scatter = leader + FOLLOWER_SPREAD * section.spacing * normal(*shape, 2)
+    scatter[..., 0, :] = leader[..., 0, :]
+    offsets = formation_offsets(section.formation, section.count, section.spacing).float()
+    north = course.cos() * offsets[:, 0] - course.sin() * offsets[:, 1]
+    east = course.sin() * offsets[:, 0] + course.cos() * offsets[:, 1]
+    slot = place.position.unsqueeze(2) + torch.stack((north, east), dim=-1)
+    pull = _first_clear_pull(slot, scatter, obstacles, margin)
+
+    state = torch.zeros((*shape, STATE_SIZE))
+    state[..., :2] = slot + pull * scatter
+    heading = course + HEADING_SPREAD * normal(*shape)
+    if team == "uav":
+        state[..., 2] = -config.track.flight_height + HEIGHT_SPREAD * normal(*shape)
+    level = torch.zeros_like(heading)
+    state[..., 3:7] = torch_quaternion_from_euler(level, level, heading)
+    low, high = SPEED_RANGE
+    state[..., 7] = config.track.target_speed * (low + (high - low) * uniform(*shape))
+    return state
+
+
+def _first_clear_pull(slot: Tensor, scatter: Tensor, obstacles: Tensor, margin: float) -> Tensor:
+    """Largest share [world, start, 1, 1] of `scatter` at which the whole team keeps `margin` (m) from obstacles and
+    team mates keep 2 `margin` from each other.
+    """
+    count = slot.shape[2]
+    best = torch.zeros((*slot.shape[:2], 1, 1))
+    for share in reversed(PULLS):
+        place = slot + share * scatter
+        if obstacles.shape[1]:
+            axis = obstacles[:, None, None, :, :2]
+            gap = (place.unsqueeze(3) - axis).norm(dim=-1) - obstacles[:, None, None, :, 2]
+            clear = gap.amin(dim=(2, 3)) > margin
+        else:
+            clear = torch.ones(place.shape[:2], dtype=torch.bool)
+        if count > 1:
+            apart = torch.cdist(place, place) + 1e9 * torch.eye(count)
+            clear &= apart.amin(dim=(2, 3)) > 2 * margin
+        best = torch.where(clear[..., None, None], torch.full_like(best, share), best)
+    return best

@@ -1,0 +1,142 @@
+"""Reading, overriding, and writing configurations, with errors that name file, key, value and what is allowed."""
+
+import difflib
+import tomllib
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import tomli_w
+from pydantic import BaseModel, ValidationError
+
+from taichi_sim.config import ConfigError, ScenarioConfig, Strict, TeamConfig
+
+Model = TypeVar("Model", bound=Strict)
+
+
+def config_folder() -> Path:
+    """The shipped configs: beside the packages in a checkout, inside the package when installed."""
+    here = Path(__file__).resolve().parent
+    beside = here.parent / "configs"
+    return beside if (beside / "paper.toml").is_file() else here / "configs"
+
+
+def find_config(path: str | Path) -> Path:
+    """`path` if it is a file; else the shipped scenario of that name ("paper", "configs/paper.toml").
+
+    Raises:
+        ConfigError: if there is neither.
+    """
+    path = Path(path)
+    if path.is_file():
+        return path
+    shipped = config_folder() / path.with_suffix(".toml").name
+    if shipped.is_file() and path.parent in (Path("."), Path("configs")):
+        return shipped
+    names = sorted(p.stem for p in config_folder().glob("*.toml"))
+    raise ConfigError(f"{path}: no such configuration file; shipped scenarios: {', '.join(names)}")
+
+
+def load_scenario(path: str | Path = "paper", overrides: Iterable[str] = ()) -> ScenarioConfig:
+    """A scenario from a TOML file (or the name of a shipped one) and `KEY=VALUE` overrides.
+
+    Raises:
+        ConfigError: naming file, key, value and what is allowed.
+    """
+    file = find_config(path)
+    data = read_toml(file)
+    for text in overrides:
+        _override(data, text)
+    config = validate(ScenarioConfig, data, str(file))
+    for team in ("usv", "uav"):
+        vehicle_file(config.team(team), file)
+    return config
+
+
+def vehicle_file(team: TeamConfig, scenario_file: Path | None = None) -> Path:
+    """The TOML of a team's vehicle: a path, or a name in `vehicles/` beside the scenario or as shipped.
+
+    Raises:
+        ConfigError: if it is missing, listing what there is.
+    """
+    name = Path(team.vehicle)
+    folders = [scenario_file.parent / "vehicles"] if scenario_file else []
+    folders.append(config_folder() / "vehicles")
+    candidates = [name, *(folder / f"{team.vehicle}.toml" for folder in folders)]
+    for file in candidates:
+        if file.suffix == ".toml" and file.is_file():
+            return file
+    known = sorted({p.stem for folder in folders for p in folder.glob("*.toml")})
+    raise ConfigError(
+        f"vehicle = {team.vehicle!r}: no such vehicle file; known vehicles: {', '.join(known)}, or a path to a .toml"
+    )
+
+
+def read_toml(file: Path) -> dict[str, Any]:
+    """The content of a TOML file, or a ConfigError that says where it is malformed."""
+    try:
+        return tomllib.loads(Path(file).read_text(encoding="utf-8"))
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(f"{file}: not valid TOML: {error}") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{file}: cannot be read: {error}") from None
+
+
+def write_toml(model: BaseModel, file: Path) -> None:
+    """Write every key of a model, defaults included, as TOML."""
+    file.write_text(tomli_w.dumps(model.model_dump(mode="json", exclude_none=True)), encoding="utf-8")
+
+
+def validate(model: type[Model], data: dict[str, Any], source: str) -> Model:
+    """`model` from data; a ConfigError names the source, each wrong key, its value and what is allowed."""
+    try:
+        return model.model_validate(data)
+    except ValidationError as error:
+        lines = [_explain(item, data, model) for item in error.errors()]
+        raise ConfigError("\n".join(f"{source}: {line}" for line in lines)) from None
+
+
+def _explain(item: Any, data: dict[str, Any], model: type[BaseModel]) -> str:
+    key = ".".join(str(part) for part in item["loc"])
+    if item["type"] == "extra_forbidden":
+        siblings = _keys_at(model, item["loc"][:-1])
+        close = difflib.get_close_matches(str(item["loc"][-1]), siblings, n=1)
+        hint = f"; did you mean {close[0]!r}?" if close else ""
+        return f"{key}: unknown key{hint} Allowed here: {', '.join(siblings)}"
+    if item["type"] == "missing":
+        return f"{key}: missing, and it has no default"
+    message = item["msg"].removeprefix("Value error, ")
+    if not key or isinstance(item["input"], dict | BaseModel):
+        return f"{key}: {message}" if key else message
+    return f"{key} = {item['input']!r}: {message[0].lower()}{message[1:]}"
+
+
+def _keys_at(model: Any, loc: tuple) -> list[str]:
+    """Names of the fields where `loc` points, as far as it can be followed."""
+    for part in loc:
+        field = getattr(model, "model_fields", {}).get(part)
+        annotation = field.annotation if field else model
+        arguments = [a for a in getattr(annotation, "__args__", ()) if hasattr(a, "model_fields")]
+        model = annotation if hasattr(annotation, "model_fields") else (arguments[0] if arguments else annotation)
+    return sorted(getattr(model, "model_fields", {}))
+
+
+def _override(data: dict[str, Any], text: str) -> None:
+    """Apply one `a.b.c=VALUE`; VALUE is TOML, or a bare string."""
+    key, equals, value = text.partition("=")
+    parts = key.strip().split(".")
+    if not equals or not all(parts):
+        raise ConfigError(f"--set {text}: expected KEY=VALUE, for example --set usv.count=5")
+    node = data
+    for depth, part in enumerate(parts[:-1]):
+        node = node.setdefault(part, {})
+        if not isinstance(node, dict):
+            raise ConfigError(f"--set {text}: {'.'.join(parts[: depth + 1])} is a value, not a section")
+    node[parts[-1]] = _parse_value(value.strip())
+
+
+def _parse_value(text: str) -> Any:
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        return text

@@ -1,0 +1,35 @@
+"""Frames, units, and the packing of state: the one page every other module refers to.
+
+- World frame n: north-east-down (NED), origin at mean sea level. Body frame b: forward-right-down.
+- SI units and radians. Heading psi is clockwise from north. Surface elevation zeta is up: z_n = -zeta.
+- A wave direction is where the wave travels to; a wind direction is where the wind blows from.
+- Quaternions are (w, x, y, z), body to world.
+
+State of a team: `state[env, vehicle, 13]` =
+position_n (3, m), quaternion_nb (4), velocity_b (3, m/s), angular_velocity_b (3, rad/s).
+
+A sea is a table `[sea, 8, component]`, one row per quantity below, components contiguous.
+"""
+
+# state columns
+POSITION = slice(0, 3)
+QUATERNION = slice(3, 7)
+VELOCITY = slice(7, 10)
+ANGULAR_VELOCITY = slice(10, 13)
+STATE_SIZE = 13
+
+# sea table rows
+AMPLITUDE = 0  # a, m
+KX = 1  # north wavenumber, rad/m
+KY = 2  # east wavenumber, rad/m
+K = 3  # wavenumber, rad/m
+OMEGA = 4  # angular frequency, rad/s
+PHASE = 5  # phase at x = y = t = 0, rad
+BX = 6  # north amplitude of horizontal displacement, a coth(k depth) kx / k, m
+BY = 7  # east amplitude of horizontal displacement, m
+SEA_ROWS = 8
+
+GRAVITY = 9.81  # m/s^2, the value of every reference table (standard gravity is 9.80665)
+RHO_SEA = 1025.0  # kg/m^3, sea water
+
+TEAMS = ("usv", "uav")

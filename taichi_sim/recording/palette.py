@@ -1,0 +1,23 @@
+"""Colours and names of vehicles, the same in a recording and in a figure. No line is white or black."""
+
+Colour = tuple[int, int, int]
+
+LEADERS: dict[str, Colour] = {"usv": (213, 94, 0), "uav": (140, 60, 190)}
+FOLLOWERS = ((0, 114, 178), (230, 159, 0), (0, 158, 115), (204, 121, 167), (86, 180, 233), (140, 109, 49))
+"""Colour-blind-safe (Okabe and Ito's, but for the last): each leader has its own, followers take turns."""
+TARGET = (214, 39, 120)
+TRACK = {"usv": (250, 176, 84), "uav": (186, 140, 216)}
+ALARM = (224, 36, 36)
+CHECKPOINT = (255, 200, 60)
+OBSTACLE = (150, 84, 66)
+FRAME = (96, 120, 140)
+
+
+def vehicle_colour(team: str, vehicle: int) -> Colour:
+    """RGB of a vehicle's body, trail, slot and plots."""
+    return LEADERS[team] if vehicle == 0 else FOLLOWERS[(vehicle - 1) % len(FOLLOWERS)]
+
+
+def vehicle_name(team: str, vehicle: int) -> str:
+    """What a reader calls a vehicle."""
+    return f"{team.upper()} leader" if vehicle == 0 else f"{team.upper()} {vehicle}"

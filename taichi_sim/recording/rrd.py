@@ -1,0 +1,76 @@
+"""Writes an `Episode` as one `.rrd` file: beside the old one, then in its place."""
+
+import errno
+import os
+import uuid
+from pathlib import Path
+
+import rerun as rr
+
+from taichi_sim.recording.blueprint import blueprint
+from taichi_sim.recording.episode import Episode
+from taichi_sim.recording.plots import send_plots
+from taichi_sim.recording.space import send_events, send_scene, send_sea, send_team
+from taichi_sim.recording.stream import Stream
+
+APPLICATION = "taichi_sim"
+FOOTER = b"RRF2FOOT"  # in the last bytes of a whole file
+
+
+def write_recording(episode: Episode, path: Path) -> Path:
+    """Write `episode` to `path`. The old file stays until the new one is whole; OSError says why it could not be."""
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_name(f".{path.name}.{uuid.uuid4().hex[:8]}.part")
+    strict = rr.strict_mode()
+    rr.set_strict_mode(True)
+    try:
+        part.touch(exist_ok=False)  # a folder that cannot be written says so here, as an OSError
+        _write(episode, part)
+        os.replace(part, path)
+    finally:
+        rr.set_strict_mode(strict)
+        part.unlink(missing_ok=True)
+    return path
+
+
+def _write(episode: Episode, part: Path) -> None:
+    """rerun writes from a thread of its own and reports a failure there as a RuntimeError, or only in the log."""
+    logged = False
+    try:
+        with rr.RecordingStream(APPLICATION, recording_id=str(uuid.uuid4())) as rec:
+            rec.save(part, default_blueprint=blueprint(episode))
+            _send(Stream(rec, episode.time_s), episode)
+            logged = True
+    except RuntimeError as fault:
+        if logged:
+            raise _disk_fault(part, str(fault)) from fault
+        raise
+    with part.open("rb") as file:
+        file.seek(-min(64, part.stat().st_size), os.SEEK_END)
+        if FOOTER not in file.read():
+            raise _disk_fault(part, "the file has no footer")
+        os.fsync(file.fileno())
+
+
+def _disk_fault(part: Path, reason: str) -> OSError:
+    """The operating system's own reason why `part` cannot grow, where it gives one."""
+    try:
+        with part.open("ab") as file:
+            file.write(bytes(1 << 20))
+            os.fsync(file.fileno())
+    except OSError as fault:
+        return OSError(fault.errno, f"recording not written: {fault.strerror}", str(part))
+    return OSError(errno.EIO, f"recording not written: {reason}", str(part))
+
+
+def _send(stream: Stream, episode: Episode) -> None:
+    """The whole episode, part by part."""
+    stream.static("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
+    stream.static("config", rr.TextDocument(episode.config_text, media_type="text/markdown"))
+    send_scene(stream, episode)
+    send_sea(stream, episode)
+    for team in episode.teams.values():
+        send_team(stream, episode, team)
+        send_plots(stream, team)
+    send_events(stream, episode)

@@ -1,0 +1,136 @@
+"""Gerstner (trochoidal) waves as Taichi functions on values.
+
+A surface particle with label (X, Y) is, with theta_c = kx X + ky Y - omega t + phase,
+
+    x = X - sum bx sin theta,   y = Y - sum by sin theta,   zeta = sum a cos theta
+
+(Gerstner 1802; Lamb 1932, art. 251), (bx, by) = a coth(k depth) (kx, ky) / k. Quantities at a point (x, y)
+need the label first: `invert_label` solves x = X - sum b sin theta.
+
+`sea` is the table [sea, 8, component] of conventions.py, `s` the sea's index, and `phase[row, component]` holds
+each component's phase - omega t, reduced in f64 (`phase_at`): positions and times stay small in f32. `tau` (s) is
+a time since that phase.
+"""
+
+import taichi as ti
+
+from taichi_sim.conventions import AMPLITUDE, BX, BY, KX, KY, OMEGA, K
+from taichi_sim.maths import fast
+
+
+@ti.func
+def displacement(sea: ti.template(), phase: ti.template(), s, row, X, Y, tau):
+    """Horizontal displacement (m) of the particle with label (X, Y): (sum bx sin, sum by sin) = X - x."""
+    dx, dy = X * 0.0, X * 0.0
+    for c in range(sea.shape[2]):
+        theta = sea[s, KX, c] * X + sea[s, KY, c] * Y + phase[row, c] - sea[s, OMEGA, c] * tau
+        sine = fast.sin(theta)
+        dx += sea[s, BX, c] * sine
+        dy += sea[s, BY, c] * sine
+    return ti.Vector([dx, dy])
+
+
+@ti.func
+def elevation_at_label(sea: ti.template(), phase: ti.template(), s, row, X, Y, tau):
+    """Elevation zeta (m, up) of the particle with label (X, Y)."""
+    zeta = X * 0.0
+    for c in range(sea.shape[2]):
+        theta = sea[s, KX, c] * X + sea[s, KY, c] * Y + phase[row, c] - sea[s, OMEGA, c] * tau
+        zeta += sea[s, AMPLITUDE, c] * fast.cos(theta)
+    return zeta
+
+
+@ti.func
+def elevation_at_four_labels(sea: ti.template(), phase: ti.template(), s, row, X, Y, tau):
+    """Elevations (m, up) at four labels X, Y (4-vectors), in one pass over the components."""
+    z0, z1, z2, z3 = X[0] * 0.0, X[0] * 0.0, X[0] * 0.0, X[0] * 0.0
+    for c in range(sea.shape[2]):
+        a, kx, ky = sea[s, AMPLITUDE, c], sea[s, KX, c], sea[s, KY, c]
+        p = phase[row, c] - sea[s, OMEGA, c] * tau
+        z0 += a * fast.cos(kx * X[0] + ky * Y[0] + p)
+        z1 += a * fast.cos(kx * X[1] + ky * Y[1] + p)
+        z2 += a * fast.cos(kx * X[2] + ky * Y[2] + p)
+        z3 += a * fast.cos(kx * X[3] + ky * Y[3] + p)
+    return ti.Vector([z0, z1, z2, z3])
+
+
+@ti.func
+def jacobian(sea: ti.template(), phase: ti.template(), s, row, X, Y, tau):
+    """(dx/dX, dx/dY = dy/dX, dy/dY) at the label (X, Y); symmetric because b is parallel to k."""
+    jxx, jxy, jyy = X * 0.0 + 1.0, X * 0.0, X * 0.0 + 1.0
+    for c in range(sea.shape[2]):
+        kx, ky = sea[s, KX, c], sea[s, KY, c]
+        cosine = fast.cos(kx * X + ky * Y + phase[row, c] - sea[s, OMEGA, c] * tau)
+        jxx -= sea[s, BX, c] * kx * cosine
+        jxy -= sea[s, BX, c] * ky * cosine
+        jyy -= sea[s, BY, c] * ky * cosine
+    return ti.Vector([jxx, jxy, jyy])
+
+
+@ti.func
+def invert_label(sea: ti.template(), phase: ti.template(), s, row, x, y, tau, iterations: ti.template()):
+    """Label (X, Y) of the particle now at (x, y), by Newton's method with step halving near the crests.
+
+    Converges to rounding in 5 iterations while the surface does not loop (sum k b < 1).
+    """
+    label = ti.Vector([x, y])
+    for _ in range(iterations):
+        d = displacement(sea, phase, s, row, label[0], label[1], tau)
+        rx, ry = x - label[0] + d[0], y - label[1] + d[1]
+        j = jacobian(sea, phase, s, row, label[0], label[1], tau)
+        det = ti.max(j[0] * j[2] - j[1] * j[1], 0.05)  # bounded: a step never exceeds 20 residuals
+        label += ti.Vector([(j[2] * rx - j[1] * ry) / det, (j[0] * ry - j[1] * rx) / det])
+    return label
+
+
+@ti.func
+def slope_at_label(sea: ti.template(), phase: ti.template(), s, row, X, Y, tau):
+    """Slope (d zeta/dx, d zeta/dy) of the surface in space at the label (X, Y)."""
+    zx, zy = X * 0.0, X * 0.0
+    for c in range(sea.shape[2]):
+        a, kx, ky = sea[s, AMPLITUDE, c], sea[s, KX, c], sea[s, KY, c]
+        sine = fast.sin(kx * X + ky * Y + phase[row, c] - sea[s, OMEGA, c] * tau)
+        zx -= a * kx * sine
+        zy -= a * ky * sine
+    j = jacobian(sea, phase, s, row, X, Y, tau)
+    det = j[0] * j[2] - j[1] * j[1]
+    return ti.Vector([(zx * j[2] - zy * j[1]) / det, (zy * j[0] - zx * j[1]) / det])
+
+
+@ti.func
+def surface_velocity(sea: ti.template(), phase: ti.template(), s, row, X, Y, tau):
+    """Velocity (north, east, up; m/s) of the surface particle with label (X, Y)."""
+    vx, vy, vz = X * 0.0, X * 0.0, X * 0.0
+    for c in range(sea.shape[2]):
+        omega = sea[s, OMEGA, c]
+        theta = sea[s, KX, c] * X + sea[s, KY, c] * Y + phase[row, c] - omega * tau
+        sine, cosine = fast.sincos(theta)
+        vx += sea[s, BX, c] * omega * cosine
+        vy += sea[s, BY, c] * omega * cosine
+        vz += sea[s, AMPLITUDE, c] * omega * sine
+    return ti.Vector([vx, vy, vz])
+
+
+@ti.func
+def airy_at(sea: ti.template(), phase: ti.template(), s, row, x, y, z, depth, g, tau):
+    """Linear (Airy) orbital velocity (north, east, up; m/s) and p_dyn / rho (m^2/s^2) at height z <= 0 (up, m).
+
+    Written with exponentials of -2k(depth + z) and -2k depth, so that deep and finite depth share one form and
+    nothing overflows; depth < 0 means deep water.
+    """
+    vx, vy, vz, p = x * 0.0, x * 0.0, x * 0.0, x * 0.0
+    for c in range(sea.shape[2]):
+        k, omega = sea[s, K, c], sea[s, OMEGA, c]
+        theta = sea[s, KX, c] * x + sea[s, KY, c] * y + phase[row, c] - omega * tau
+        sine, cosine = fast.sincos(theta)
+        decay = ti.exp(k * z)
+        up, down = x * 0.0, x * 0.0
+        if depth > 0:
+            up, down = ti.exp(-2 * k * (depth + z)), ti.exp(-2 * k * depth)
+        a = sea[s, AMPLITUDE, c] * decay
+        horizontal = a * omega * (1 + up) / (1 - down) * cosine / k
+        vx += horizontal * sea[s, KX, c]
+        vy += horizontal * sea[s, KY, c]
+        vz += a * omega * (1 - up) / (1 - down) * sine
+        p += g * a * (1 + up) / (1 + down) * cosine
+    return ti.Vector([vx, vy, vz, p])

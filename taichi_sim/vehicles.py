@@ -1,0 +1,27 @@
+"""The vehicles there are: a TOML names its `model`, and this table knows the module that holds its physics."""
+
+from pathlib import Path
+from typing import Any
+
+from taichi_sim.config import ConfigError
+from taichi_sim.config_io import read_toml, validate
+from taichi_sim.uav.unity_aircraft import UnityAircraft
+from taichi_sim.usv.unity_boat import UnityBoat
+
+MODELS = {"unity_boat": UnityBoat, "unity_aircraft": UnityAircraft}
+
+
+def load_vehicle(file: Path, team: str, dt: float, substeps: int) -> Any:
+    """The model of a vehicle file, ready to step.
+
+    Raises:
+        ConfigError: for a missing or unknown model, a wrong key or value, or a vehicle of the other team.
+    """
+    data = read_toml(file)
+    name = data.pop("model", None)
+    if name not in MODELS:
+        raise ConfigError(f"{file}: model = {name!r}: allowed are {', '.join(MODELS)}")
+    model = MODELS[name]
+    if model.team != team:
+        raise ConfigError(f"{file}: model {name!r} is a {model.team.upper()} and cannot serve in {team}.vehicle")
+    return model(validate(model.Params, data, str(file)), dt, substeps)

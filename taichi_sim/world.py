@@ -1,0 +1,160 @@
+"""The world: owns state, time and tables of all environments, and steps them."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import torch
+
+from taichi_sim import runtime
+from taichi_sim.config import ScenarioConfig
+from taichi_sim.config_io import load_scenario, vehicle_file
+from taichi_sim.conventions import ANGULAR_VELOCITY, POSITION, QUATERNION, STATE_SIZE, TEAMS, VELOCITY
+from taichi_sim.maths.rotation import torch_euler_from_quaternion, torch_rotation_matrix
+from taichi_sim.sea import Sea
+from taichi_sim.vehicles import load_vehicle
+
+
+class Team:
+    """State of one team in every environment; the views share memory with what kernels work on.
+
+    Attributes:
+        state: [env, vehicle, 13], packed as in conventions.py.
+        aux: [env, vehicle, n], the model's own state.
+        surface: [env, vehicle, 1], elevation (m, up) of the sea under a USV, its hull's mean.
+    """
+
+    def __init__(self, name: str, model, num_envs: int, count: int):
+        """Allocate `count` vehicles of `model` in each environment, at rest at the origin."""
+        run = runtime.current()
+        options = {"dtype": run.torch_dtype, "device": run.device}
+        self.name, self.model, self.count = name, model, count
+        self.state = torch.zeros((num_envs, count, STATE_SIZE), **options)
+        self.state[..., 3] = 1.0
+        self.aux = torch.zeros((num_envs, count, model.aux_size), **options)
+        self.surface = torch.zeros((num_envs, count, 1), **options)
+
+    @property
+    def position_n(self) -> torch.Tensor:
+        """[env, vehicle, 3] north, east, down, m."""
+        return self.state[..., POSITION]
+
+    @property
+    def quaternion_nb(self) -> torch.Tensor:
+        """[env, vehicle, 4] w, x, y, z, body to world."""
+        return self.state[..., QUATERNION]
+
+    @property
+    def velocity_b(self) -> torch.Tensor:
+        """[env, vehicle, 3] forward, right, down, m/s."""
+        return self.state[..., VELOCITY]
+
+    @property
+    def angular_velocity_b(self) -> torch.Tensor:
+        """[env, vehicle, 3] roll, pitch, yaw rate, rad/s."""
+        return self.state[..., ANGULAR_VELOCITY]
+
+    @property
+    def velocity_n(self) -> torch.Tensor:
+        """[env, vehicle, 3] north, east, down, m/s (a copy)."""
+        return (torch_rotation_matrix(self.quaternion_nb) @ self.velocity_b.unsqueeze(-1)).squeeze(-1)
+
+    @property
+    def euler(self) -> torch.Tensor:
+        """[env, vehicle, 3] roll, pitch, heading, rad (a copy)."""
+        return torch_euler_from_quaternion(self.quaternion_nb)
+
+
+class World:
+    """A sea and two teams, in `num_envs` environments that share nothing but tables.
+
+    Attributes:
+        sea: the realisations. env_sea: int32 [env], which one each environment is on.
+        time: float64 [env], s. teams: name -> Team, those simulated.
+    """
+
+    def __init__(
+        self,
+        config: ScenarioConfig,
+        num_envs: int = 1,
+        *,
+        seed: int | None = None,
+        teams: Sequence[str] = TEAMS,
+        source: Path | None = None,
+    ):
+        """Build a world from a scenario.
+
+        Args:
+            config: the scenario. num_envs: environments. seed: of the seas; default config.seed.
+            teams: which teams to simulate. source: the scenario's file, beside which vehicles are looked for.
+        """
+        run = runtime.current()
+        self.config, self.num_envs = config, num_envs
+        self.sea = Sea.from_config(config.sea, config.seed if seed is None else seed)
+        self.env_sea = (torch.arange(num_envs, device=run.device) % self.sea.num_seas).to(torch.int32)
+        self.time = torch.zeros(num_envs, dtype=torch.float64, device=run.device)
+        self._phase = self.sea.phases(self.env_sea, self.time)
+        self.teams: dict[str, Team] = {}
+        for name in teams:
+            file = vehicle_file(config.team(name), source)
+            model = load_vehicle(file, name, config.dt, config.substeps)
+            self.teams[name] = Team(name, model, num_envs, config.team(name).count)
+
+    @classmethod
+    def from_scenario(cls, scenario: str | Path = "paper", num_envs: int = 1, overrides=(), **options) -> "World":
+        """A world from a scenario's file or name, for example `World.from_scenario("paper", num_envs=16)`."""
+        from taichi_sim.config_io import find_config
+
+        return cls(load_scenario(scenario, overrides), num_envs, source=find_config(scenario), **options)
+
+    def step(self, actions: Mapping[str, torch.Tensor]) -> dict[str, torch.Tensor]:
+        """Advance every environment by one decision interval; return the actions as taken (clipped).
+
+        Args:
+            actions: team name -> [env, vehicle, action] in [-1, 1]; clipped to that range.
+
+        Raises:
+            ValueError: for a wrong shape, or an action that is not finite; nothing has moved then.
+        """
+        checked = {name: self._checked(team, actions[name]) for name, team in self.teams.items()}
+        self.sea.phases(self.env_sea, self.time, out=self._phase)
+        for name, team in self.teams.items():
+            team.model.step(team, checked[name], self.sea.table, self.env_sea, self._phase)
+        self.time += self.config.decision_interval
+        return checked
+
+    def place(self, name: str, envs: torch.Tensor, state: torch.Tensor) -> None:
+        """Put the vehicles of a team in environments `envs` [n] at `state` [n, vehicle, 13].
+
+        USVs are lifted onto the wave under them: set `env_sea` and `time` of those environments first.
+        """
+        team = self.teams[name]
+        if name == "usv":
+            state = state.clone()
+            zeta = self.elevation(envs, state[..., 0], state[..., 1])
+            state[..., 2] -= zeta
+            team.surface[envs, :, 0] = zeta
+        team.state[envs] = state
+        aux = torch.empty((*state.shape[:-1], team.aux.shape[-1]), dtype=state.dtype, device=state.device)
+        team.model.reset_aux(aux, state)
+        team.aux[envs] = aux
+
+    def elevation(self, envs: torch.Tensor, north: torch.Tensor, east: torch.Tensor) -> torch.Tensor:
+        """Elevation (m, up) now in environments `envs` [n] at points [n, point]."""
+        env_sea = self.env_sea[envs]
+        phase = self.sea.phases(env_sea, self.time[envs])
+        points = torch.stack((north, east), dim=-1)
+        rows = torch.arange(envs.shape[0], dtype=torch.int32, device=envs.device)
+        rows = rows.unsqueeze(1).expand(north.shape).reshape(-1).contiguous()
+        return self.sea.elevation_at(points.reshape(-1, 2), rows, env_sea, phase).reshape(north.shape)
+
+    def _checked(self, team: Team, action: torch.Tensor) -> torch.Tensor:
+        shape = (self.num_envs, team.count, len(team.model.action_names))
+        if tuple(action.shape) != shape:
+            raise ValueError(f"{team.name} actions have shape {tuple(action.shape)}, expected {shape}")
+        if not torch.isfinite(action).all():
+            env, vehicle, index = (~torch.isfinite(action)).nonzero()[0].tolist()
+            raise ValueError(
+                f"{team.name} action {team.model.action_names[index]!r} of vehicle {vehicle} in environment {env} "
+                f"is {action[env, vehicle, index].item()}: actions must be finite"
+            )
+        return action.to(team.state.dtype).clamp(-1.0, 1.0).contiguous()

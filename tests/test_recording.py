@@ -1,0 +1,235 @@
+"""An episode written and read back, and the figures drawn from it."""
+
+import errno
+import shutil
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from rerun.chunk import RrdReader
+
+from rl.figures import read_history, write_figures
+from taichi_sim.recording import Episode, Event, Scene, TeamTrack, write_recording
+
+RADIUS_M, AMPLITUDE_M, WAVENUMBER = 80.0, 0.4, 0.3
+ACTIONS = {"usv": ("thrust", "turn"), "uav": ("aileron", "elevator", "rudder", "throttle")}
+SIZES = {"usv": (2.0, 1.08, 0.5), "uav": (1.7, 2.9, 0.55)}
+HEIGHTS = {"usv": 0.0, "uav": 40.0}
+
+
+def elevation(north: NDArray, east: NDArray, time_s: float) -> NDArray:
+    return AMPLITUDE_M * np.cos(WAVENUMBER * north - 1.7 * time_s) + 0.0 * east
+
+
+def circling_team(name: str, vehicles: int, time: NDArray) -> TeamTrack:
+    """Vehicles on one circle, one behind the other, rolled by 0.1 rad."""
+    angle = 0.05 * time[:, None] - 0.1 * np.arange(vehicles)
+    down = np.full_like(angle, -HEIGHTS[name])
+    slot = np.stack([RADIUS_M * np.cos(angle), RADIUS_M * np.sin(angle), down], axis=-1)
+    position = slot + (0.5, -0.25, 0.125)
+    course = angle + 0.5 * np.pi
+    roll, half = 0.05, 0.5 * course
+    cos, sin = np.cos(roll), np.sin(roll)
+    quaternion = np.stack(
+        [np.cos(half) * cos, np.cos(half) * sin, np.sin(half) * sin, np.sin(half) * cos], axis=-1
+    )
+    error = np.linalg.norm(position - slot, axis=-1)
+    names = ACTIONS[name]
+    return TeamTrack(
+        name=name,
+        position_n=position,
+        quaternion_nb=quaternion,
+        velocity_n=np.gradient(position, time, axis=0),
+        target_n=slot[:, 0],
+        target_course=np.arctan2(np.sin(course[:, 0]), np.cos(course[:, 0])),
+        slot_n=slot,
+        error_m=error,
+        reward=np.exp(-error),
+        action=np.ones((*angle.shape, len(names))),
+        action_names=names,
+        size_m=SIZES[name],
+        wave_height=np.stack([elevation(*position[step, :, :2].T, now) for step, now in enumerate(time)]),
+    )
+
+
+def make_episode(
+    vehicles: int = 3, teams: Sequence[str] = ("usv", "uav"), steps: int = 40, dt: float = 0.1
+) -> Episode:
+    time = dt * np.arange(steps)
+    angle = np.linspace(0.0, 2.0 * np.pi, 100)
+    circle = RADIUS_M * np.stack([np.cos(angle), np.sin(angle), 0.0 * angle], axis=-1)
+    scene = Scene(
+        area_m=300.0,
+        tracks_n={name: circle - (0.0, 0.0, HEIGHTS[name]) for name in teams},
+        checkpoints_n=circle[:88:4, :2],
+        obstacles=np.array([[60.0, 10.0, 3.0, 20.0], [-70.0, 40.0, 2.0, 8.0]]),
+    )
+    events = (
+        Event(0.5 * time[-1], teams[0], vehicles - 1, "collision", "obstacle 1"),
+        Event(0.2 * time[-1], teams[0], 0, "stall", "alpha 0.4 rad"),
+    )
+    tracks = {name: circling_team(name, vehicles, time) for name in teams}
+    return Episode("circle", time, tracks, scene, elevation, "# Run\n\nsea: one wave", events)
+
+
+def column(path: Path, entity: str, component: str) -> tuple[NDArray, NDArray, NDArray]:
+    """Times (ns), steps and values [rows, values of a row] of one component of one entity."""
+    batches = [
+        chunk.to_record_batch()
+        for chunk in RrdReader(path).stream().filter(content=entity, is_static=False)
+        if component in chunk.to_record_batch().schema.names
+    ]
+    times, steps, values = [], [], []
+    for batch in batches:
+        times += batch.column("sim_time").cast("int64").to_pylist()
+        steps += batch.column("step").to_pylist()
+        values += batch.column(component).to_pylist()
+    order = np.argsort(steps, kind="stable")
+    return np.array(times)[order], np.array(steps)[order], np.array([np.ravel(values[row]) for row in order])
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Episode, Path]:
+    episode = make_episode()
+    return episode, write_recording(episode, tmp_path_factory.mktemp("new") / "folder" / "circle.rrd")
+
+
+def test_positions_are_east_north_up_exactly(recorded: tuple[Episode, Path]) -> None:
+    episode, path = recorded
+    for name, team in episode.teams.items():
+        for vehicle in range(team.vehicles):
+            _, _, read = column(path, f"/world/{name}/vehicle_{vehicle}", "Transform3D:translation")
+            north, east, down = team.position_n[:, vehicle].T
+            np.testing.assert_array_equal(read, np.stack([east, north, -down], 1).astype(np.float32))
+
+
+def test_attitude_turns_body_axes_as_the_quaternion_does(recorded: tuple[Episode, Path]) -> None:
+    episode, path = recorded
+    team = episode.teams["usv"]
+    _, _, (*_, last) = column(path, "/world/usv/vehicle_0", "Transform3D:quaternion")
+    x, y, z, w = last.astype(np.float64)
+    forward = np.array([1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)])
+    right = np.array([2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)])
+    course = team.target_course[-1]
+    # level nose along the course; the right side 0.1 rad below the horizon
+    np.testing.assert_allclose(forward, [np.sin(course), np.cos(course), 0.0], atol=1e-6)
+    level = np.array([np.cos(course), -np.sin(course), 0.0])
+    np.testing.assert_allclose(right, np.cos(0.1) * level - [0.0, 0.0, np.sin(0.1)], atol=1e-6)
+
+
+def test_both_timelines_count_every_step(recorded: tuple[Episode, Path]) -> None:
+    episode, path = recorded
+    times, steps, _ = column(path, "/world/usv/vehicle_0", "Transform3D:translation")
+    np.testing.assert_array_equal(steps, np.arange(len(episode.time_s)))
+    np.testing.assert_array_equal(times, 100_000_000 * steps)  # 0.1 s, whole ns, not truncated
+
+
+def test_sea_patch_is_the_elevation_around_the_leader(recorded: tuple[Episode, Path]) -> None:
+    episode, path = recorded
+    _, steps, origin = column(path, "/world/sea", "Transform3D:translation")
+    _, _, vertices = column(path, "/world/sea", "Mesh3D:vertex_positions")
+    place = vertices[-1].reshape(-1, 3)[: 41 * 41] + origin[-1]
+    expected = elevation(place[:, 1], place[:, 0], episode.time_s[steps[-1]])
+    np.testing.assert_allclose(place[:, 2], expected, atol=1.0 / 128.0 + 1e-4)
+    leader = episode.teams["usv"].position_n[steps[-1], 0]
+    assert np.all(place[:, :2].min(axis=0) < leader[[1, 0]])
+    assert np.all(place[:, :2].max(axis=0) > leader[[1, 0]])
+
+
+def test_plots_and_events_hold_what_was_given(recorded: tuple[Episode, Path]) -> None:
+    episode, path = recorded
+    team = episode.teams["uav"]
+    _, _, error = column(path, "/plots/formation_error/uav", "Scalars:scalars")
+    np.testing.assert_array_equal(error, team.error_m[:, 1:])
+    _, _, attitude = column(path, "/plots/attitude/uav", "Scalars:scalars")
+    np.testing.assert_allclose(attitude, np.degrees([[0.1, 0.0]] * len(error)), atol=1e-9)
+    _, steps, texts = column(path, "/events", "TextLog:text")
+    assert [text.split()[2].rstrip(":") for (text,) in texts] == ["stall", "collision"] or len(texts) == 2
+    np.testing.assert_array_equal(steps, [8, 20])
+
+
+@pytest.mark.parametrize(("vehicles", "teams"), [(1, ("usv",)), (8, ("usv", "uav")), (3, ("uav",))])
+def test_any_team_makes_a_whole_file(vehicles: int, teams: tuple[str, ...], tmp_path: Path) -> None:
+    path = write_recording(make_episode(vehicles, teams, steps=5), tmp_path / "run.rrd")
+    assert [entry.name for entry in tmp_path.iterdir()] == ["run.rrd"]
+    viewer = shutil.which("rerun", path=str(Path(sys.executable).parent))
+    if viewer:
+        verified = subprocess.run([viewer, "rrd", "verify", str(path)], capture_output=True, text=True)
+        assert verified.returncode == 0, verified.stderr
+
+
+def test_a_failed_write_keeps_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "run.rrd"
+    path.write_bytes(b"old")
+
+    def interrupt(north: NDArray, east: NDArray, time_s: float) -> NDArray:
+        raise KeyboardInterrupt
+
+    episode = make_episode(steps=5)
+    object.__setattr__(episode, "elevation", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        write_recording(episode, path)
+    assert path.read_bytes() == b"old"
+    assert [entry.name for entry in tmp_path.iterdir()] == ["run.rrd"]
+
+
+def test_an_unwritable_place_is_an_oserror(tmp_path: Path) -> None:
+    (tmp_path / "file").write_bytes(b"old")
+    with pytest.raises(OSError):
+        write_recording(make_episode(steps=5), tmp_path / "file" / "run.rrd")
+    assert (tmp_path / "file").read_bytes() == b"old"
+    target = tmp_path / "run.rrd"
+    target.mkdir()  # the finished file cannot take this place
+    with pytest.raises(OSError):
+        write_recording(make_episode(steps=5), target)
+    assert not list(target.iterdir())
+    assert sorted(entry.name for entry in tmp_path.iterdir()) == ["file", "run.rrd"]
+
+
+def test_a_full_disk_is_an_oserror_that_says_so(tmp_path: Path) -> None:
+    """A limit on file size stands in for the full disk; it needs a process of its own."""
+    resource = pytest.importorskip("resource")
+    path = tmp_path / "run.rrd"
+    path.write_bytes(b"old")
+    code = (
+        "import resource, sys, pathlib; from tests.test_recording import *\n"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (20000, 20000))\n"
+        f"write_recording(make_episode(), pathlib.Path({str(path)!r}))"
+    )
+    assert resource is not None
+    root = Path(__file__).parent.parent
+    failed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=root)
+    assert failed.returncode == 1
+    assert f"[Errno {errno.EFBIG}] recording not written" in failed.stderr
+    assert path.read_bytes() == b"old"
+    assert [entry.name for entry in tmp_path.iterdir()] == ["run.rrd"]
+
+
+def test_arrays_of_the_wrong_shape_are_refused() -> None:
+    team = circling_team("usv", 2, np.arange(3.0))
+    with pytest.raises(ValueError, match="reward"):
+        TeamTrack(**{**vars(team), "reward": team.reward[:, :1]})
+
+
+def test_figures_are_pictures(tmp_path: Path) -> None:
+    table = tmp_path / "progress.csv"
+    rows = [f"{number},{1000 * number},{number},,{10 * number},0.01" for number in range(20)]
+    table.write_text(
+        "iteration,agent_steps,wall_time_s,reward_per_step,episode_reward,policy_loss\n" + "\n".join(rows)
+    )
+    history = read_history(table)
+    assert np.isnan(history["reward_per_step"]).all()
+    assert history["episode_reward"][-1] == 190.0
+    written = write_figures(tmp_path / "figures", {"usv": history}, make_episode(steps=260))
+    names = {"scene", "tracking_error", "formation", "reward", "policy_loss"}
+    assert {path.stem for path in written} == names
+    for path in written:
+        data = path.read_bytes()
+        assert data.startswith(b"\x89PNG")
+        width, height = (int.from_bytes(data[at : at + 4], "big") for at in (16, 20))
+        assert width >= 800
+        assert height >= 600
