@@ -31,7 +31,7 @@ class FormationEnv(VecEnv):
         self.max_episode_length = task.config.episode_steps
         self.device = str(task.env_world.device)
         self.cfg = task.config.model_dump()
-        self._observations = task.observe()
+        self._observations = task.teams[team].observe()
         self.last: Step | None = None
         task.steps.copy_(torch.randint(task.config.episode_steps, (task.num_envs,), generator=task.generator))
 
@@ -46,19 +46,19 @@ class FormationEnv(VecEnv):
 
     def get_observations(self) -> TensorDict:
         """Current observations under the key "policy"."""
-        rows = self._observations[self.team].flatten(0, 1)
+        rows = self._observations.flatten(0, 1)
         return TensorDict({"policy": rows}, batch_size=[self.num_envs], device=self.device)
 
     def step(self, actions: Tensor) -> tuple[TensorDict, Tensor, Tensor, dict]:
         """One decision of every row; see the class for endings."""
-        joint = {name: policy(self._observations[name]) for name, policy in self.frozen.items()}
+        joint = {name: policy(self.task.teams[name]) for name, policy in self.frozen.items()}
         joint[self.team] = actions.view(-1, self.vehicles, self.num_actions)
         self.last = step = self.task.step(joint)
         done_env = step.terminated | step.truncated
         own = step.endings[self.team].any
         time_outs = done_env.unsqueeze(1) & ~own
         self.task.reset(done_env.nonzero().squeeze(1))
-        self._observations = self.task.observe()
+        self._observations = self.task.teams[self.team].observe()
         extras = {"time_outs": time_outs.flatten().float(), "log": self._log(step)}
         dones = done_env.repeat_interleave(self.vehicles)
         return self.get_observations(), step.reward[self.team].flatten(), dones.long(), extras

@@ -9,10 +9,11 @@ from rsl_rl.models import MLPModel
 from tensordict import TensorDict
 from torch import Tensor
 
-from taichi_sim.config import ConfigError, StageConfig
+from rl.task.team import TeamTask
+from taichi_sim.config import StageConfig
 
-Policy = Callable[[Tensor], Tensor]
-"""Observations [env, vehicle, n] in, actions [env, vehicle, action] out."""
+Policy = Callable[[TeamTask], Tensor]
+"""What decides for a team: reads the team's task, returns actions [env, vehicle, action] in [-1, 1]."""
 
 OBS_GROUPS = {"actor": ["policy"], "critic": ["policy"]}
 
@@ -64,7 +65,7 @@ class TrainedPolicy:
         self.actor = actor.eval().requires_grad_(False)
 
     @classmethod
-    def load(cls, file: Path, stage: StageConfig, num_actions: int) -> "TrainedPolicy":
+    def load(cls, file: Path, stage: StageConfig) -> "TrainedPolicy":
         """The policy of a checkpoint.
 
         Raises:
@@ -76,7 +77,8 @@ class TrainedPolicy:
             example = TensorDict({"policy": torch.zeros(1, size)}, batch_size=[1])
             options = actor_config(stage)
             options.pop("class_name")
-            actor = MLPModel(example, OBS_GROUPS, "actor", num_actions, **options)
+            actions = state["distribution.std_param"].shape[0]
+            actor = MLPModel(example, OBS_GROUPS, "actor", actions, **options)
             actor.load_state_dict(state, strict=True)
         except (KeyError, RuntimeError, AttributeError) as error:
             first = str(error).splitlines()[0]
@@ -88,12 +90,25 @@ class TrainedPolicy:
         """Observations the network takes."""
         return self.actor.obs_dim
 
-    def __call__(self, observations: Tensor) -> Tensor:
+    def __call__(self, team: TeamTask) -> Tensor:
+        """Actions [env, vehicle, action] of a team now.
+
+        Raises:
+            CheckpointError: if the team observes other things than the policy was trained on.
+        """
+        return self.act(team.observe())
+
+    def act(self, observations: Tensor) -> Tensor:
         """Actions [env, vehicle, action] for observations [env, vehicle, n], clipped to [-1, 1]."""
+        if observations.shape[-1] != self.num_observations:
+            raise CheckpointError(
+                f"this policy was trained on {self.num_observations} observations and the scenario gives "
+                f"{observations.shape[-1]}: observations, sensing and team sizes must be those of its training"
+            )
         with torch.no_grad():
             rows = observations.flatten(0, 1).float()
             actions = self.actor(TensorDict({"policy": rows}, batch_size=[rows.shape[0]]))
         return actions.view(*observations.shape[:2], -1).clamp(-1.0, 1.0)
 
 
-__all__ = ["CheckpointError", "ConfigError", "Policy", "TrainedPolicy", "checkpoints", "read_checkpoint"]
+__all__ = ["CheckpointError", "Policy", "TrainedPolicy", "checkpoints", "read_checkpoint"]

@@ -4,7 +4,6 @@ import contextlib
 import csv
 import io
 import os
-import time
 from pathlib import Path
 from typing import Any
 
@@ -57,7 +56,9 @@ class ProgressLogger(Logger):
     """Writes TensorBoard scalars and progress.csv, and moves a progress bar instead of printing pages."""
 
     bar: tqdm | None = None
-    elapsed_before = 0.0
+    elapsed_before = 0.0  # s, of parts before an interruption
+    completed = 0  # iterations
+    seconds_per_step = 0.1
 
     def _store_code_state(self) -> list[str]:
         return []  # the run folder already holds the commit and the package versions
@@ -69,6 +70,7 @@ class ProgressLogger(Logger):
             super().log(it, start_it, total_it, *args, **values)
         rate = self.cfg["num_steps_per_env"] * self.num_envs / (values["collect_time"] + values["learn_time"])
         self._write_row(it, means, values)
+        self.completed = it + 1
         if self.bar is not None:
             shown = {"reward": f"{means.get('/reward', float('nan')):.2f}"}
             for key, label in (("/leader_error_m", "leader"), ("/follower_error_m", "followers")):
@@ -94,7 +96,7 @@ class ProgressLogger(Logger):
             "policy_loss": losses["surrogate"],
             "value_loss": losses["value"],
             "entropy": losses["entropy"],
-            "action_std": float(values["action_std"].mean()),
+            "action_std": float(values["action_std"].detach().mean()),
             "learning_rate": values["learning_rate"],
             "leader_error_m": means.get("/leader_error_m"),
             "follower_error_m": means.get("/follower_error_m"),
@@ -124,33 +126,63 @@ class StageRunner(OnPolicyRunner):
     def train(self, *, show_progress: bool = True, label: str = "") -> None:
         """Run the remaining iterations of the stage; on KeyboardInterrupt save a checkpoint and raise it again."""
         done = self.current_learning_iteration
-        bar = tqdm(total=self.stage.iterations, initial=done, desc=label, unit="it", disable=not show_progress)
-        self.logger.bar = bar  # type: ignore[attr-defined]
-        self._started = time.perf_counter()
+        logger: ProgressLogger = self.logger  # type: ignore[assignment]
+        logger.completed = done
+        logger.elapsed_before = trim_history(self.folder / HISTORY, done)
+        logger.bar = tqdm(
+            total=self.stage.iterations, initial=done, desc=label, unit="it", disable=not show_progress
+        )
         try:
             self.learn(self.stage.iterations - done)
         except KeyboardInterrupt:
-            self.save(str(self.folder / f"model_{self.current_learning_iteration}.pt"))
+            if logger.completed > done:
+                self.save("")
             raise
         finally:
-            bar.close()
-            if self.logger.writer is not None:
-                self.logger.writer.close()  # type: ignore[attr-defined]
+            logger.bar.close()
+            if logger.writer is not None:
+                logger.writer.close()  # type: ignore[attr-defined]
 
     def save(self, path: str, infos: dict | None = None) -> None:
-        """Write a checkpoint beside `path`, then rename: a kill or a full disk leaves the old one whole."""
-        content = self.alg.save() | {"iter": self.current_learning_iteration, "infos": infos}
-        content["torch_rng"] = torch.get_rng_state()
-        beside = Path(f"{path}.part")
+        """Write `model_N.pt`, N the iterations completed, beside and rename it: a kill or a full disk leaves the
+        earlier ones whole. (rsl-rl's own `path` numbers the last iteration instead and is not used.)
+        """
+        completed = self.logger.completed  # type: ignore[attr-defined]
+        content = self.alg.save() | {"iter": completed, "infos": infos}
+        file = self.folder / f"model_{completed}.pt"
+        beside = file.with_name(file.name + ".part")
         try:
             torch.save(content, beside)
-            os.replace(beside, path)
+            os.replace(beside, file)
         finally:
-            beside.unlink(missing_ok=True)
+            with contextlib.suppress(OSError):
+                beside.unlink(missing_ok=True)
 
     def load(self, path: str, load_cfg: dict | None = None, strict: bool = True, map_location: str | None = None):
-        """Continue from a checkpoint: networks, optimiser, iteration."""
+        """Continue from a checkpoint: networks, optimiser, iterations completed."""
         content = read_checkpoint(Path(path))
         self.alg.load(content, load_cfg, strict)
         self.current_learning_iteration = content["iter"]
-        return content["infos"]
+        return content.get("infos")
+
+
+def trim_history(file: Path, done: int) -> float:
+    """Drop rows of progress.csv after iteration `done` (they come after the checkpoint); seconds spent until then."""
+    if not file.is_file():
+        return 0.0
+    with file.open(newline="", encoding="utf-8") as stream:
+        rows = [r for r in csv.DictReader(stream) if r["iteration"].isdigit() and int(r["iteration"]) < done]
+    beside = file.with_name(file.name + ".part")
+    with beside.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.DictWriter(stream, COLUMNS)
+        writer.writeheader()
+        writer.writerows(rows)
+    os.replace(beside, file)
+    return float(rows[-1]["wall_time_s"]) if rows else 0.0
+
+
+def history_seconds(file: Path) -> float:
+    """Seconds of training in progress.csv, over all interruptions."""
+    with file.open(newline="", encoding="utf-8") as stream:
+        rows = list(csv.DictReader(stream))
+    return float(rows[-1]["wall_time_s"]) if rows else 0.0

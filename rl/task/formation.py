@@ -144,6 +144,10 @@ class FormationTask:
             team.restart(envs)
         self._measure(fresh=envs)
 
+    def reseed(self, seed: int) -> None:
+        """Make the draws of later resets depend on `seed` alone; worlds, seas and starts stay."""
+        self.generator.manual_seed(derive_seed(seed, "episodes"))
+
     def _draw(self, limit: int, n: int) -> Tensor:
         return torch.randint(limit, (n,), generator=self.generator).to(self.env_world.device)
 

@@ -1,4 +1,4 @@
-"""What the viewer shows: a view that follows each team, the map, the plots, the log, the run's configuration."""
+"""What the viewer shows: a view that follows each team, the map, plots, events, the run's configuration."""
 
 import numpy as np
 import rerun as rr
@@ -46,7 +46,7 @@ def blueprint(episode: Episode) -> rrb.Blueprint:
 
 
 def _follow(team: TeamTrack) -> rrb.Spatial3DView:
-    """Looks at the leader from behind and above, from far enough to hold the formation; turns with nothing."""
+    """From behind and above at the start, far enough to hold the formation; moves along, never turns."""
     course = float(team.target_course[0])
     forward = np.array([np.sin(course), np.cos(course), 0.0])
     right = np.array([np.cos(course), -np.sin(course), 0.0])

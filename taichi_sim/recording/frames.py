@@ -18,7 +18,7 @@ def enu(vector_n: Array) -> NDArray[np.float32]:
 
 
 def enu_quaternion(quaternion_nb: Array) -> NDArray[np.float32]:
-    """[..., 4] (w, x, y, z) body to NED as rerun's (x, y, z, w) body to ENU: P * q, P = (0, 1, 1, 0) / sqrt 2."""
+    """[..., 4] (w, x, y, z) body to NED as (x, y, z, w) body to ENU: P q, P = (0, 1, 1, 0) / sqrt 2."""
     w, x, y, z = np.moveaxis(np.asarray(quaternion_nb, dtype=np.float64), -1, 0)
     return np.ascontiguousarray(np.stack([w + z, w - z, y - x, -x - y], -1) * np.sqrt(0.5), np.float32)
 

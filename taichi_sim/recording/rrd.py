@@ -15,17 +15,21 @@ from taichi_sim.recording.stream import Stream
 
 APPLICATION = "taichi_sim"
 FOOTER = b"RRF2FOOT"  # in the last bytes of a whole file
+RESERVE = 1 << 20  # bytes that must fit first: on a disk already full, rerun's `save` never returns
 
 
 def write_recording(episode: Episode, path: Path) -> Path:
-    """Write `episode` to `path`. The old file stays until the new one is whole; OSError says why it could not be."""
+    """Write `episode` to `path`; an old file there stays until the new one is whole.
+
+    Raises OSError, with the operating system's reason, where the disk or the folder cannot take it.
+    """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(f".{path.name}.{uuid.uuid4().hex[:8]}.part")
     strict = rr.strict_mode()
     rr.set_strict_mode(True)
     try:
-        part.touch(exist_ok=False)  # a folder that cannot be written says so here, as an OSError
+        _reserve(part)
         _write(episode, part)
         os.replace(part, path)
     finally:
@@ -35,7 +39,7 @@ def write_recording(episode: Episode, path: Path) -> Path:
 
 
 def _write(episode: Episode, part: Path) -> None:
-    """rerun writes from a thread of its own and reports a failure there as a RuntimeError, or only in the log."""
+    """Fill `part`. rerun writes from its own thread and reports a failure there late, as a RuntimeError."""
     logged = False
     try:
         with rr.RecordingStream(APPLICATION, recording_id=str(uuid.uuid4())) as rec:
@@ -53,14 +57,23 @@ def _write(episode: Episode, part: Path) -> None:
         os.fsync(file.fileno())
 
 
-def _disk_fault(part: Path, reason: str) -> OSError:
-    """The operating system's own reason why `part` cannot grow, where it gives one."""
+def _reserve(part: Path) -> None:
+    """Grow `part` by a little, or raise the operating system's own reason why it cannot grow."""
     try:
         with part.open("ab") as file:
-            file.write(bytes(1 << 20))
+            file.write(bytes(RESERVE))
+            file.flush()
             os.fsync(file.fileno())
     except OSError as fault:
-        return OSError(fault.errno, f"recording not written: {fault.strerror}", str(part))
+        raise OSError(fault.errno, f"recording not written: {fault.strerror}", str(part)) from fault
+
+
+def _disk_fault(part: Path, reason: str) -> OSError:
+    """Why `part` is not whole: the operating system's reason where it gives one, else rerun's."""
+    try:
+        _reserve(part)
+    except OSError as fault:
+        return fault
     return OSError(errno.EIO, f"recording not written: {reason}", str(part))
 
 

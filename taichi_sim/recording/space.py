@@ -1,4 +1,4 @@
-"""What is seen in the 3D views (`world/...`, east-north-up, m) and on the map (`map/...`, east and south, m)."""
+"""What the 3D views show (`world/...`, east-north-up, m) and the map (`map/...`, east and south, m)."""
 
 import numpy as np
 import rerun as rr

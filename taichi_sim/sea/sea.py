@@ -243,6 +243,6 @@ class Sea:
         flat = [v.reshape(-1).to(run.device) for v in values]
         points = torch.stack(flat[:-2], dim=1).to(run.torch_dtype).contiguous()
         index = flat[-1].to(torch.int32).contiguous()
-        if index.numel() and not (0 <= int(index.min()) and int(index.max()) < self.num_seas):
+        if index.numel() and not (int(index.min()) >= 0 and int(index.max()) < self.num_seas):
             raise IndexError(f"sea index outside 0..{self.num_seas - 1}")
         return points, index, flat[-2].contiguous(), shape

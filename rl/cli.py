@@ -1,0 +1,78 @@
+"""What the entry points share: arguments, clear endings, and where Taichi is started."""
+
+import argparse
+import sys
+from collections.abc import Callable
+
+from rl.policy import CheckpointError
+from rl.run_folder import RunError
+from taichi_sim import runtime
+from taichi_sim.config import ConfigError
+from taichi_sim.sea import SteepSeaError
+
+USER_ERRORS = (ConfigError, RunError, CheckpointError, SteepSeaError)
+
+
+def add_common(parser: argparse.ArgumentParser) -> None:
+    """Add --set, --threads, --arch and --quiet."""
+    parser.add_argument(
+        "--set",
+        dest="overrides",
+        metavar="KEY=VALUE",
+        action="append",
+        default=[],
+        help="override a key of the scenario, for example --set usv.count=5; may be given several times",
+    )
+    parser.add_argument("--threads", type=positive_int, default=0, help="CPU threads (default: all cores)")
+    parser.add_argument("--arch", choices=("cpu", "cuda"), default="cpu", help="where kernels run (default: cpu)")
+    parser.add_argument("--quiet", action="store_true", help="no progress bars")
+
+
+def start(args: argparse.Namespace) -> None:
+    """Start Taichi and torch as the arguments say."""
+    import torch
+
+    runtime.init(arch=args.arch, threads=args.threads)
+    if args.threads:
+        torch.set_num_threads(args.threads)
+
+
+def positive_int(text: str) -> int:
+    """An argparse type: a whole number of at least 1."""
+    value = int(text)
+    if value < 1:
+        raise argparse.ArgumentTypeError(f"{text}: must be at least 1")
+    return value
+
+
+def positive_float(text: str) -> float:
+    """An argparse type: a number above 0."""
+    value = float(text)
+    if not 0 < value < float("inf"):
+        raise argparse.ArgumentTypeError(f"{text}: must be above 0")
+    return value
+
+
+def seed(text: str) -> int:
+    """An argparse type: a seed."""
+    value = int(text)
+    if not 0 <= value < 2**31:
+        raise argparse.ArgumentTypeError(f"{text}: a seed is from 0 to 2147483647")
+    return value
+
+
+def run(main: Callable[[list[str] | None], None], argv: list[str] | None = None) -> int:
+    """Run an entry point; a user's mistake ends in one message and status 1, Ctrl-C in status 130."""
+    try:
+        main(argv)
+        return 0
+    except USER_ERRORS as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    except OSError as error:
+        place = f"{error.filename}: " if error.filename else ""
+        print(f"error: {place}{error.strerror or error}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt as interrupt:
+        print(f"\ninterrupted{': ' if str(interrupt) else ''}{interrupt}", file=sys.stderr)
+        return 130

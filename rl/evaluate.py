@@ -1,0 +1,63 @@
+"""Evaluate a run's policies, or a classical controller, on episodes never trained on, and print the figures."""
+
+import argparse
+import json
+import sys
+from pathlib import Path
+
+if __package__ in (None, ""):  # run as a script: the packages are beside this file's folder
+    sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+
+def parser() -> argparse.ArgumentParser:
+    """The arguments."""
+    from rl import cli
+    from rl.evaluation import DEFINITIONS
+
+    p = argparse.ArgumentParser(
+        prog="evaluate.py",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        epilog="figures, for each team, measured after the first evaluation.settle (20 s) of each episode:\n"
+        + "\n".join(f"  {key}:\n      {text}" for key, text in DEFINITIONS.items()),
+    )
+    p.add_argument("run", type=Path, metavar="RUN", help="run folder of rl/train.py")
+    p.add_argument("--controller", choices=("policy", "classical"), default="policy")
+    p.add_argument("--episodes", type=cli.positive_int, default=None, help="default: the scenario's (256)")
+    p.add_argument("--seed", type=cli.seed, default=None, help="of the unseen worlds (default: the scenario's)")
+    p.add_argument("--config", type=Path, default=None, help="another scenario to evaluate the policies in")
+    p.add_argument("--json", type=Path, default=None, metavar="FILE", help="also write the figures to FILE")
+    cli.add_common(p)
+    return p
+
+
+def main(argv: list[str] | None = None) -> None:
+    """Run the command."""
+    args = parser().parse_args(argv)
+    from rl import cli, run_folder
+    from rl.controllers import controllers
+    from rl.evaluation import evaluate
+    from rl.main_job import report
+
+    config, source = run_folder.load_config(args.run, args.overrides, args.config)
+    cli.start(args)
+    result = evaluate(
+        config,
+        controllers(args.controller, args.run, config),
+        episodes=args.episodes or config.evaluation.episodes,
+        seed=config.evaluation.seed if args.seed is None else args.seed,
+        controller=args.controller,
+        source=source,
+        show_progress=not args.quiet,
+    )
+    print(report(result), file=sys.stderr)
+    print(json.dumps(result, indent=2))
+    if args.json:
+        args.json.parent.mkdir(parents=True, exist_ok=True)
+        run_folder.write_json(args.json, result)
+
+
+if __name__ == "__main__":
+    from rl.cli import run
+
+    sys.exit(run(main))

@@ -1,0 +1,49 @@
+"""A policy for use outside: TorchScript and ONNX, observation normaliser included, actions clipped to [-1, 1]."""
+
+import logging
+import os
+import warnings
+from pathlib import Path
+
+import torch
+from rsl_rl.models import MLPModel
+from torch import Tensor, nn
+
+TORCHSCRIPT, ONNX = "policy.pt", "policy.onnx"
+
+
+class _Clipped(nn.Module):
+    """The exported network: observations [row, n] in, actions [row, action] in [-1, 1] out."""
+
+    def __init__(self, network: nn.Module):
+        super().__init__()
+        self.network = network
+
+    def forward(self, obs: Tensor) -> Tensor:
+        """Mean action of each row."""
+        return self.network(obs).clamp(-1.0, 1.0)
+
+
+def export_policy(actor: MLPModel, folder: Path) -> None:
+    """Write `policy.pt` (TorchScript) and `policy.onnx` (any number of rows) into `folder`."""
+    example = torch.zeros(2, actor.obs_dim)
+    script = torch.jit.trace(_Clipped(actor.as_jit()).eval(), example)
+    beside = folder / f"{TORCHSCRIPT}.part"
+    torch.jit.save(script, str(beside))
+    os.replace(beside, folder / TORCHSCRIPT)
+    beside = folder / f"{ONNX}.part"
+    logging.getLogger("torch.onnx").setLevel(logging.ERROR)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        torch.onnx.export(
+            _Clipped(actor.as_onnx(verbose=False)).eval(),
+            (example,),
+            str(beside),
+            input_names=["obs"],
+            output_names=["actions"],
+            dynamic_axes={"obs": {0: "row"}, "actions": {0: "row"}},
+            opset_version=18,
+            dynamo=False,
+            verbose=False,
+        )
+    os.replace(beside, folder / ONNX)

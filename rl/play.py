@@ -1,0 +1,50 @@
+"""Record one episode of a run's policies on an unseen world, to open in rerun."""
+
+import argparse
+import sys
+from pathlib import Path
+
+if __package__ in (None, ""):  # run as a script: the packages are beside this file's folder
+    sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+
+def parser() -> argparse.ArgumentParser:
+    """The arguments."""
+    from rl import cli
+
+    p = argparse.ArgumentParser(prog="play.py", description=__doc__)
+    p.add_argument("run", type=Path, metavar="RUN", help="run folder of rl/train.py")
+    p.add_argument("--controller", choices=("policy", "classical"), default="policy")
+    p.add_argument("--seed", type=cli.seed, default=None, help="of the unseen world (default: the scenario's)")
+    p.add_argument("--out", type=Path, default=None, metavar="FILE.rrd", help="default: RUN/play-SEED.rrd")
+    p.add_argument("--duration", type=cli.positive_float, default=None, metavar="S", help="default: an episode")
+    p.add_argument("--config", type=Path, default=None, help="another scenario to play the policies in")
+    cli.add_common(p)
+    return p
+
+
+def main(argv: list[str] | None = None) -> None:
+    """Run the command."""
+    args = parser().parse_args(argv)
+    from rl import cli, run_folder
+    from rl.controllers import controllers
+    from rl.record import record_episode
+    from taichi_sim.recording import write_recording
+
+    config, source = run_folder.load_config(args.run, args.overrides, args.config)
+    cli.start(args)
+    seed = config.evaluation.seed if args.seed is None else args.seed
+    policies = controllers(args.controller, args.run, config)
+    episode = record_episode(
+        config, policies, seed=seed, duration=args.duration, source=source, show_progress=not args.quiet
+    )
+    path = write_recording(episode, args.out or args.run / f"play-{seed}.rrd")
+    for event in episode.events:
+        print(f"{event.time_s:7.1f} s  {event.text}")
+    print(f"recording: rerun {path}")
+
+
+if __name__ == "__main__":
+    from rl.cli import run
+
+    sys.exit(run(main))

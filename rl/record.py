@@ -1,0 +1,123 @@
+"""One episode, written down: every state of both teams, for recordings and figures."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import tomli_w
+import torch
+from tqdm import tqdm
+
+from rl.evaluation import one_episode_each, one_thread
+from rl.policy import Policy
+from rl.task.formation import FormationTask, Step
+from taichi_sim.config import ScenarioConfig
+from taichi_sim.recording import Episode, Event, Scene, TeamTrack
+
+EVENTS = {
+    "collided": ("collision", "hit an obstacle or a team mate"),
+    "lost": ("lost", "is too far from its slot"),
+    "crashed": ("crashed", "has capsized or hit the water"),
+    "left": ("left", "has left the area"),
+}
+
+
+def record_episode(
+    config: ScenarioConfig,
+    policies: Mapping[str, Policy],
+    *,
+    seed: int,
+    duration: float | None = None,
+    source: Path | None = None,
+    show_progress: bool = False,
+) -> Episode:
+    """Run one episode of an unseen world (number 0 of evaluation seed `seed`) and keep all of it.
+
+    The episode goes on after a collision, so that one sees what follows. `duration` in s, default the scenario's.
+    """
+    duration = config.episode_duration if duration is None else duration
+    steps = max(2, round(duration / config.decision_interval))
+    task = one_episode_each(config, tuple(policies), 1, seed, source)
+    rows: dict[str, list[dict[str, np.ndarray]]] = {name: [] for name in task.teams}
+    seen: set[tuple[str, int, str]] = set()
+    events: list[Event] = []
+    begin = float(task.world.time[0])
+    with one_thread():
+        for i in tqdm(range(steps), desc="record", unit="step", disable=not show_progress):
+            step = task.step({name: policies[name](team) for name, team in task.teams.items()})
+            for name in task.teams:
+                rows[name].append(_row(task, name, step))
+            events += _events(step, (i + 1) * config.decision_interval, seen)
+    time = (np.arange(steps) + 1) * config.decision_interval
+    sea, index = task.world.sea, int(task.world.env_sea[0])
+
+    def elevation(north: np.ndarray, east: np.ndarray, time_s: float) -> np.ndarray:
+        return sea.elevation(north, east, begin + time_s, index).cpu().numpy()
+
+    return Episode(
+        name=config.name,
+        time_s=time,
+        teams={name: _track(task, name, frames) for name, frames in rows.items()},
+        scene=_scene(task),
+        elevation=elevation,
+        config_text=f"# {config.name}, seed {seed}\n\n```toml\n{tomli_w.dumps(config.model_dump(mode='json'))}```\n",
+        events=tuple(events),
+    )
+
+
+def _row(task: FormationTask, name: str, step: Step) -> dict[str, np.ndarray]:
+    team = task.teams[name]
+    position = team.team.position_n[0]
+    surface = task.world.elevation(torch.zeros(1, dtype=torch.int64), position[None, :, 0], position[None, :, 1])
+    slot = team.slots.position[0].clone()
+    if name == "usv":
+        slot[:, 2] = 0.0
+    values = {
+        "position_n": position,
+        "quaternion_nb": team.team.quaternion_nb[0],
+        "velocity_n": team.velocity_n[0],
+        "target_n": team.target.position[0],
+        "target_course": team.target.course[0],
+        "slot_n": slot,
+        "error_m": team.distance[0],
+        "reward": step.reward[name][0],
+        "action": team.action[0],
+        "wave_height": surface[0],
+    }
+    return {key: value.detach().cpu().numpy().copy() for key, value in values.items()}
+
+
+def _track(task: FormationTask, name: str, frames: list[dict[str, np.ndarray]]) -> TeamTrack:
+    model = task.world.teams[name].model
+    return TeamTrack(
+        name=name,
+        action_names=model.action_names,
+        size_m=model.params.size,
+        **{key: np.stack([frame[key] for frame in frames]) for key in frames[0]},
+    )
+
+
+def _scene(task: FormationTask) -> Scene:
+    track = task.tracks.table[0, :, :2].cpu().numpy()
+    heights = {"usv": 0.0, "uav": task.config.track.flight_height}
+    obstacles = task.obstacles[0].cpu().numpy()
+    half = task.config.area / 2
+    return Scene(
+        area_m=task.config.area,
+        tracks_n={
+            name: np.column_stack((track, np.full(len(track), -heights[name]))) for name in task.teams
+        },
+        checkpoints_n=task.tracks.checkpoints[0].cpu().numpy(),
+        obstacles=obstacles[np.abs(obstacles[:, :2]).max(axis=1) <= half],
+    )
+
+
+def _events(step: Step, time: float, seen: set[tuple[str, int, str]]) -> list[Event]:
+    found = []
+    for team, ended in step.endings.items():
+        for field, (kind, text) in EVENTS.items():
+            for vehicle in getattr(ended, field)[0].nonzero().flatten().tolist():
+                if (team, vehicle, kind) not in seen:
+                    seen.add((team, vehicle, kind))
+                    found.append(Event(time, team, vehicle, kind, f"{team}{vehicle} {text}"))
+    return found

@@ -1,0 +1,127 @@
+"""A team on a bench: one model, one sea, no world around them."""
+
+import csv
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import torch
+
+from taichi_sim import runtime
+from taichi_sim.config_io import config_folder, read_toml
+from taichi_sim.conventions import GRAVITY, POSITION, QUATERNION, STATE_SIZE, VELOCITY
+from taichi_sim.maths.rotation import (
+    torch_euler_from_quaternion,
+    torch_quaternion_from_euler,
+    torch_rotation_matrix,
+)
+from taichi_sim.sea import Sea
+from taichi_sim.sea.spectrum import Components
+from taichi_sim.vehicles import MODELS
+
+REFERENCE = Path(__file__).parents[1] / "data" / "reference"
+
+
+class Bench:
+    """`envs` x `count` vehicles of one model on one sea; one control step per `step`."""
+
+    def __init__(self, model, sea, envs=1, count=1):
+        options = {"dtype": runtime.current().torch_dtype}
+        self.model, self.sea = model, sea
+        self.time = torch.zeros(envs, dtype=torch.float64)
+        self.env_sea = (torch.arange(envs) % sea.num_seas).to(torch.int32)
+        self.state = torch.zeros((envs, count, STATE_SIZE), **options)
+        self.state[..., 3] = 1.0
+        self.aux = torch.zeros((envs, count, model.aux_size), **options)
+        self.surface = torch.zeros((envs, count, 1), **options)
+
+    def put(self, position=(0.0, 0.0, 0.0), euler=(0.0, 0.0, 0.0), velocity_b=(0.0, 0.0, 0.0)):
+        """Place every vehicle alike."""
+        to = {"dtype": self.state.dtype}
+        self.state.zero_()
+        self.state[..., POSITION] = torch.tensor(position, **to)
+        self.state[..., QUATERNION] = torch_quaternion_from_euler(*torch.tensor(euler, **to))
+        self.state[..., VELOCITY] = torch.tensor(velocity_b, **to)
+        self.model.reset_aux(self.aux, self.state)
+        return self
+
+    def step(self, action, times=1):
+        """Hold `action` (of one vehicle, or [env, vehicle, action]) for `times` control steps."""
+        envs, count = self.state.shape[:2]
+        held = torch.as_tensor(action, dtype=self.state.dtype).expand(envs, count, -1).contiguous()
+        for _ in range(times):
+            phase = self.sea.phases(self.env_sea, self.time)
+            self.model.step(self, held, self.sea.table, self.env_sea, phase)
+            self.time += self.model.dt * self.model.substeps
+        return self
+
+    @property
+    def position(self):
+        """NED position of the first vehicle, m."""
+        return self.state[0, 0, POSITION].double().numpy()
+
+    @property
+    def velocity(self):
+        """NED velocity of the first vehicle, m/s."""
+        state = self.state[0, 0].double()
+        return (torch_rotation_matrix(state[QUATERNION]) @ state[VELOCITY]).numpy()
+
+    @property
+    def euler(self):
+        """Roll, pitch, heading of the first vehicle, rad."""
+        return torch_euler_from_quaternion(self.state[0, 0, QUATERNION].double()).numpy()
+
+
+def _single_wave(wavelength, amplitude, direction=0.0, phase=0.0, depth=None):
+    """One deep-water wave."""
+    one, k = np.ones((1, 1)), 2 * np.pi / wavelength
+    return Sea(
+        Components(amplitude * one, k * one, np.sqrt(GRAVITY * k) * one, direction * one, phase * one), depth
+    )
+
+
+def _make_model(name, dt=0.02, substeps=1, **overrides):
+    """The model of a shipped vehicle file, with some numbers changed."""
+    data = read_toml(config_folder() / "vehicles" / f"{name}.toml") | overrides
+    model = MODELS[data.pop("model")]
+    return model(model.Params(**data), dt, substeps)
+
+
+def _read_columns(name):
+    """Columns of a table under tests/data/reference, by name up to any bracket."""
+    with (REFERENCE / name).open() as file:
+        header, *rows = csv.reader(file)
+    return SimpleNamespace(
+        **{h.split("(")[0]: np.array([float(r[i]) for r in rows]) for i, h in enumerate(header)}
+    )
+
+
+@pytest.fixture(scope="session")
+def reference():
+    """Folder of the reference tables' subset."""
+    return REFERENCE
+
+
+@pytest.fixture(scope="session")
+def columns():
+    """Reader of a reference table."""
+    return _read_columns
+
+
+@pytest.fixture(scope="session")
+def make_model():
+    """Maker of a vehicle model: make_model(name, dt, substeps, **overrides)."""
+    return _make_model
+
+
+@pytest.fixture(scope="session")
+def single_wave():
+    """Maker of a one-component sea: single_wave(wavelength, amplitude, direction, phase, depth)."""
+    return _single_wave
+
+
+@pytest.fixture(scope="session")
+def bench():
+    """Maker of a team on a bench: bench(model, sea=calm, envs, count)."""
+    return lambda model, sea=None, **size: Bench(model, sea or _single_wave(1.0, 0.0), **size)
