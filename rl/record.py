@@ -69,13 +69,13 @@ def _row(task: FormationTask, name: str, step: Step) -> dict[str, np.ndarray]:
     team = task.teams[name]
     position = team.team.position_n[0]
     surface = task.world.elevation(torch.zeros(1, dtype=torch.int64), position[None, :, 0], position[None, :, 1])
-    slot = team.slots.position[0].clone()
+    slot = team.now.slot[0].clone()
     if name == "usv":
         slot[:, 2] = 0.0
     values = {
         "position_n": position,
         "quaternion_nb": team.team.quaternion_nb[0],
-        "velocity_n": team.velocity_n[0],
+        "velocity_n": team.team.velocity_n[0],
         "target_n": team.target.position[0],
         "target_course": team.target.course[0],
         "slot_n": slot,

@@ -1,5 +1,6 @@
 """The world: owns state, time and tables of all environments, and steps them."""
 
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -9,7 +10,8 @@ from taichi_sim import runtime
 from taichi_sim.config import ScenarioConfig
 from taichi_sim.config_io import load_scenario, vehicle_file
 from taichi_sim.conventions import ANGULAR_VELOCITY, POSITION, QUATERNION, STATE_SIZE, TEAMS, VELOCITY
-from taichi_sim.maths.rotation import torch_euler_from_quaternion, torch_rotation_matrix
+from taichi_sim.kinematics import DERIVED_SIZE, HEADING_COS, HEADING_SIN, VELOCITY_N, derive
+from taichi_sim.maths.rotation import torch_euler_from_quaternion
 from taichi_sim.sea import Sea
 from taichi_sim.vehicles import load_vehicle
 
@@ -21,6 +23,7 @@ class Team:
         state: [env, vehicle, 13], packed as in conventions.py.
         aux: [env, vehicle, n], the model's own state.
         surface: [env, vehicle, 1], elevation (m, up) of the sea under a USV, its hull's mean.
+        derived: [env, vehicle, 14], what follows from the state (kinematics.py).
     """
 
     def __init__(self, name: str, model, num_envs: int, count: int):
@@ -32,6 +35,12 @@ class Team:
         self.state[..., 3] = 1.0
         self.aux = torch.zeros((num_envs, count, model.aux_size), **options)
         self.surface = torch.zeros((num_envs, count, 1), **options)
+        self.derived = torch.zeros((num_envs, count, DERIVED_SIZE), **options)
+        self.update()
+
+    def update(self) -> None:
+        """Refresh what follows from `state`; call it after writing to `state` by hand."""
+        derive(self.derived, self.state)
 
     @property
     def position_n(self) -> torch.Tensor:
@@ -54,9 +63,19 @@ class Team:
         return self.state[..., ANGULAR_VELOCITY]
 
     @property
+    def R_nb(self) -> torch.Tensor:  # noqa: N802
+        """[env, vehicle, 3, 3] rotation of body vectors into the world, as of the last step."""
+        return self.derived[..., :9].unflatten(-1, (3, 3))
+
+    @property
     def velocity_n(self) -> torch.Tensor:
-        """[env, vehicle, 3] north, east, down, m/s (a copy)."""
-        return (torch_rotation_matrix(self.quaternion_nb) @ self.velocity_b.unsqueeze(-1)).squeeze(-1)
+        """[env, vehicle, 3] north, east, down, m/s, as of the last step."""
+        return self.derived[..., VELOCITY_N]
+
+    @property
+    def heading(self) -> tuple[torch.Tensor, torch.Tensor]:
+        """Cosine and sine [env, vehicle] of the heading, as of the last step."""
+        return self.derived[..., HEADING_COS], self.derived[..., HEADING_SIN]
 
     @property
     def euler(self) -> torch.Tensor:
@@ -119,6 +138,7 @@ class World:
         self.sea.phases(self.env_sea, self.time, out=self._phase)
         for name, team in self.teams.items():
             team.model.step(team, checked[name], self.sea.table, self.env_sea, self._phase)
+            team.update()
         self.time += self.config.decision_interval
         return checked
 
@@ -137,6 +157,7 @@ class World:
         aux = torch.empty((*state.shape[:-1], team.aux.shape[-1]), dtype=state.dtype, device=state.device)
         team.model.reset_aux(aux, state)
         team.aux[envs] = aux
+        team.update()
 
     def elevation(self, envs: torch.Tensor, north: torch.Tensor, east: torch.Tensor) -> torch.Tensor:
         """Elevation (m, up) now in environments `envs` [n] at points [n, point]."""
@@ -151,7 +172,7 @@ class World:
         shape = (self.num_envs, team.count, len(team.model.action_names))
         if tuple(action.shape) != shape:
             raise ValueError(f"{team.name} actions have shape {tuple(action.shape)}, expected {shape}")
-        if not torch.isfinite(action).all():
+        if not math.isfinite(action.sum()) and not torch.isfinite(action).all():
             env, vehicle, index = (~torch.isfinite(action)).nonzero()[0].tolist()
             raise ValueError(
                 f"{team.name} action {team.model.action_names[index]!r} of vehicle {vehicle} in environment {env} "

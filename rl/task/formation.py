@@ -10,7 +10,7 @@ from torch import Tensor
 from rl.seeds import derive_seed
 from rl.task.endings import Endings
 from rl.task.obstacles import generate_obstacles
-from rl.task.paths import generate_tracks
+from rl.task.paths import TrackPoint, generate_tracks
 from rl.task.slots import Target, lane_half_width
 from rl.task.starts import PER_WORLD, draw_starts
 from rl.task.team import TeamTask
@@ -93,6 +93,9 @@ class FormationTask:
         self.env_world = torch.zeros(num_envs, dtype=torch.int64, device=run.device)
         self.progress = torch.zeros(num_envs, device=run.device)
         self.steps = torch.zeros(num_envs, dtype=torch.int64, device=run.device)
+        place = self.tracks.at(self.env_world, self.progress)
+        for name, team in self.teams.items():
+            team.measure(self._target(name, place))
         self.reset()
 
     # -- one step, as a table of contents --------------------------------------------------------------------------
@@ -106,9 +109,11 @@ class FormationTask:
         taken = self.world.step(actions)
         self.progress += self.config.track.target_speed * self.config.decision_interval
         self.steps += 1
-        self._measure()
+        place = self.tracks.at(self.env_world, self.progress)
         for name, team in self.teams.items():
             team.previous_action, team.action = team.action, taken[name]
+            team.measure(self._target(name, place))
+            team.sense(self.obstacles, self.env_world)
         ended = {name: team.find_endings() for name, team in self.teams.items()}
         reward = {name: team.compute_reward(ended[name]) for name, team in self.teams.items()}
         terminated = torch.stack([e.any.any(dim=1) for e in ended.values()]).any(dim=0)
@@ -138,11 +143,12 @@ class FormationTask:
         self.world.env_sea[envs] = self._draw(self.world.sea.num_seas, n).to(torch.int32)
         begin = torch.rand(n, generator=self.generator, dtype=torch.float64) * TIME_SPAN
         self.world.time[envs] = begin.to(self.world.time.device)
+        place = self.tracks.at(worlds, self.progress[envs])
         for name, team in self.teams.items():
             state = self.starts.states[name][worlds, starts].to(team.team.state)
             self.world.place(name, envs, state)
-            team.restart(envs)
-        self._measure(fresh=envs)
+            team.restart(envs, self._target(name, place))
+            team.sense(self.obstacles, self.env_world, envs)
 
     def reseed(self, seed: int) -> None:
         """Make the draws of later resets depend on `seed` alone; worlds, seas and starts stay."""
@@ -151,21 +157,15 @@ class FormationTask:
     def _draw(self, limit: int, n: int) -> Tensor:
         return torch.randint(limit, (n,), generator=self.generator).to(self.env_world.device)
 
-    def _measure(self, fresh: Tensor | None = None) -> None:
-        for name, team in self.teams.items():
-            team.measure(self.target(name), self.obstacles, self.env_world, fresh)
-
-    def target(self, name: str) -> Target:
-        """The target of a team in every environment."""
+    def _target(self, name: str, place: TrackPoint) -> Target:
         speed = self.config.track.target_speed
-        place = self.tracks.at(self.env_world, self.progress)
         height = 0.0 if name == "usv" else self.config.track.flight_height
         down = torch.full_like(place.course, -height).unsqueeze(1)
         return Target(
-            position=torch.cat((place.position, down), dim=1).to(self.world.teams[name].state.dtype),
+            position=torch.cat((place.position, down), dim=1),
             course=place.course,
             cos=place.course.cos(),
             sin=place.course.sin(),
             course_rate=place.curvature * speed,
-            speed=speed,
+            speed=torch.full_like(place.course, speed),
         )

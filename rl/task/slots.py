@@ -18,7 +18,7 @@ class Target(NamedTuple):
     cos: Tensor  # [env] of the course
     sin: Tensor  # [env]
     course_rate: Tensor  # [env] rad/s
-    speed: float  # m/s
+    speed: Tensor  # [env] m/s
 
 
 def formation_offsets(formation: str, count: int, spacing: float) -> Tensor:

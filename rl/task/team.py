@@ -5,9 +5,9 @@ from torch import Tensor
 
 from rl.task import endings, observations, rewards
 from rl.task.endings import Endings
-from rl.task.slots import Slots, Target, formation_offsets, slots
+from rl.task.geometry import Geometry, geometry
+from rl.task.slots import Target, formation_offsets
 from taichi_sim.config import ScenarioConfig
-from taichi_sim.maths.rotation import torch_rotation_matrix
 from taichi_sim.sensors import Sensor
 from taichi_sim.world import World
 
@@ -16,9 +16,9 @@ class TeamTask:
     """Measures one team after each step; everything is [env, vehicle, ...].
 
     Attributes:
-        error: slot minus position, NED; its first `axes` components count (2 for USVs, 3 for UAVs), m.
-        distance: norm of that error, m: the tracking error of a leader, the formation error of a follower.
-        slots, target: what was tracked. endings: why vehicles stopped. reward: of the last step.
+        team: the simulated team (state, velocities, attitude). target: what its leader tracks.
+        now: errors as of the last step or reset (geometry.py). previous_sight: what was seen one step earlier.
+        action, previous_action: of the last two steps. sensor: surroundings.
     """
 
     def __init__(self, config: ScenarioConfig, world: World, name: str):
@@ -33,60 +33,40 @@ class TeamTask:
         self.offsets = offsets.to(state)
         sensing = config.sensing
         mates = min(sensing.team_mates, self.section.count - 1)
-        self.sensor = Sensor(state, sensing.obstacles, mates, sensing.detection_range, self.radius)
+        self.sensor = Sensor(self.team, sensing.obstacles, mates, sensing.detection_range, self.radius)
         envs, count = state.shape[:2]
         self.action = state.new_zeros((envs, count, len(self.action_names)))
         self.previous_action = self.action
-        self.distance, self.previous_distance = state.new_zeros((2, envs, count))
-        self.direction_b, self.previous_direction_b = state.new_zeros((2, envs, count, self.axes))
         self.role = observations.role(count, envs, state)
+        self.target: Target
+        self.now: Geometry
+        self.previous_sight: Tensor
 
     # -- measuring ------------------------------------------------------------------------------------------------
 
-    def measure(
-        self, target: Target, obstacles: Tensor, env_world: Tensor, fresh: Tensor | None = None
-    ) -> None:
-        """Read the world: slots, errors, surroundings.
-
-        After a step `fresh` is None. After a reset it holds the environments [n] that have just begun: only their
-        past is rewritten (the previous distance and direction become those of now).
-        """
-        state = self.team.state
+    def measure(self, target: Target) -> None:
+        """Read the world after a step: slots and errors; what was seen becomes what was seen before."""
+        before = self.now.sight if hasattr(self, "now") else None
         self.target = target
-        self.R_nb = torch_rotation_matrix(self.team.quaternion_nb)
-        self.velocity_n = (self.R_nb @ self.team.velocity_b.unsqueeze(-1)).squeeze(-1)
-        self.slots: Slots = slots(target, state[:, 0, :3], self.velocity_n[:, 0], self.offsets)
-        self.error = self.slots.position - state[..., :3]
-        self.error_rate = self.slots.velocity - self.velocity_n
-        if fresh is None:
-            self.previous_distance, self.previous_direction_b = self.distance, self.direction_b
-        self.distance = torch.linalg.vector_norm(self.error[..., : self.axes], dim=-1)
-        self.error_b = self.to_body(self.error)
-        self.direction_b = self.error_b / self.distance.clamp(min=1e-3).unsqueeze(-1)
-        if fresh is not None:
-            self.previous_distance[fresh] = self.distance[fresh]
-            self.previous_direction_b[fresh] = self.direction_b[fresh]
-        self.sensor.sense(obstacles, env_world)
+        self.now = geometry(self.team.position_n, self.team.derived, target, self.offsets, self.axes)
+        self.previous_sight = self.now.sight if before is None else before
 
-    def restart(self, envs: Tensor) -> None:
-        """Forget the last action in environments `envs`."""
-        self.action = self.action.clone()  # the last one may be a caller's tensor
-        self.action[envs] = 0.0
+    def restart(self, envs: Tensor, target: Target) -> None:
+        """Environments `envs` [n] have begun anew, with `target` of those: forget their past."""
+        fresh = geometry(self.team.position_n[envs], self.team.derived[envs], target, self.offsets, self.axes)
+        for old, new in zip((*self.now, *self.target), (*fresh, *target), strict=True):
+            old[envs] = new
+        self.previous_sight[envs] = fresh.sight
+        self.action = self.action.index_fill(0, envs, 0.0)  # not in place: it may be a caller's tensor
 
-    def to_body(self, vector_n: Tensor) -> Tensor:
-        """NED vectors [env, vehicle, 3] in the body frame; for USVs, two components in the heading frame."""
-        if self.axes == 3:
-            return (self.R_nb.transpose(-1, -2) @ vector_n.unsqueeze(-1)).squeeze(-1)
-        c, s = self.heading
-        north, east = vector_n[..., 0], vector_n[..., 1]
-        return torch.stack((c * north + s * east, c * east - s * north), dim=-1)
+    def sense(self, obstacles: Tensor, env_world: Tensor, envs: Tensor | None = None) -> None:
+        """Look around for obstacles [world, m, 4] and team mates, in environments `envs` (default: all)."""
+        self.sensor.sense(obstacles, env_world, envs)
 
     @property
-    def heading(self) -> tuple[Tensor, Tensor]:
-        """Cosine and sine [env, vehicle] of the heading."""
-        c, s = self.R_nb[..., 0, 0], self.R_nb[..., 1, 0]
-        norm = torch.sqrt(c * c + s * s).clamp(min=1e-6)
-        return c / norm, s / norm
+    def distance(self) -> Tensor:
+        """Distance (m) of each vehicle from its slot: the leader's tracking error, a follower's formation error."""
+        return self.now.distance
 
     # -- terms ----------------------------------------------------------------------------------------------------
 
@@ -105,7 +85,7 @@ class TeamTask:
         """Reward [env, vehicle] of the last step."""
         if self.config.reward == "paper":
             return self._paper_reward() + rewards.collision(ended.collided)
-        w, d = self.section.tracking_reward, self.distance
+        w, d = self.section.tracking_reward, self.now.distance
         return (
             w.coarse * rewards.coarse(d, w.coarse_scale)
             + w.fine * rewards.fine(d, w.fine_scale)
@@ -116,55 +96,44 @@ class TeamTask:
         )
 
     def _paper_reward(self) -> Tensor:
-        forward = self.R_nb[..., : self.axes, 0]
-        direction = self.error[..., : self.axes] / self.distance.clamp(min=1e-3).unsqueeze(-1)
+        d, derived = self.now.distance, self.team.derived
+        forward = derived[..., 0:9:3][..., : self.axes]  # the nose, in n
+        direction = self.now.error[..., : self.axes] / d.clamp(min=1e-3).unsqueeze(-1)
         toward = (forward * direction).sum(-1)
         along = forward[..., 0] * self.target.cos.unsqueeze(1) + forward[..., 1] * self.target.sin.unsqueeze(1)
         if self.name == "usv":
-            return rewards.paper_usv(self.distance, toward, along)
-        leader = rewards.paper_uav_leader(self.distance[:, :1], toward[:, :1], along[:, :1])
-        return torch.cat((leader, rewards.paper_uav_follower(self.distance[:, 1:])), dim=1)
+            return rewards.paper_usv(d, toward, along)
+        leader = rewards.paper_uav_leader(d[:, :1], toward[:, :1], along[:, :1])
+        return torch.cat((leader, rewards.paper_uav_follower(d[:, 1:])), dim=1)
 
     def observe(self) -> Tensor:
         """Observations [env, vehicle, n] for the next decision: a fresh tensor each time."""
-        sensor, o = self.sensor, observations
-        parts = [
-            o.range_and_direction(self.distance, self.direction_b),
-            o.range_and_direction(self.previous_distance, self.previous_direction_b),
-        ]
+        sensor, closeness = self.sensor, observations.closeness
+        parts = [self.now.sight, self.previous_sight]
         if sensor.num_obstacles:
-            direction = self._sensed_to_body(sensor.obstacles[..., 1:3])
-            parts.append(o.closeness(sensor.obstacles[..., 0] - self.radius, direction, sensor.reach))
+            seen = sensor.obstacles
+            parts.append(closeness(seen[..., 0] - self.radius, seen[..., 3:5], sensor.reach))
         if sensor.num_mates:
-            direction = self._sensed_to_body(sensor.team_mates[..., 1:4])
-            parts.append(o.closeness(sensor.team_mates[..., 0] - self.radius, direction, sensor.reach))
+            seen = sensor.team_mates
+            parts.append(closeness(seen[..., 0] - self.radius, seen[..., 3 : 3 + self.axes], sensor.reach))
         if self.config.observations == "full":
             parts += self._full_terms()
         return torch.cat(parts, dim=-1)
 
     def _full_terms(self) -> list[Tensor]:
-        o, team = observations, self.team
-        c, s = self.heading
-        tc, ts = self.target.cos.unsqueeze(1), self.target.sin.unsqueeze(1)
+        o, team, target = observations, self.team, self.target
+        c, s = team.heading
+        tc, ts = target.cos.unsqueeze(1), target.sin.unsqueeze(1)
         course = torch.stack((c * tc + s * ts, c * ts - s * tc), dim=-1)
-        turn = self.target.course_rate.unsqueeze(1).unsqueeze(2).expand(*self.distance.shape, 1)
+        turn = (target.course_rate * (1 / o.TURN_SCALE)).view(-1, 1, 1).expand(*c.shape, 1)
         return [
-            o.squash(self.error_b, o.DISTANCE_SCALE),
-            self.to_body(self.error_rate) * (1 / o.SPEED_SCALE),
+            o.squash(self.now.error_b, o.DISTANCE_SCALE),
+            self.now.error_rate_b * (1 / o.SPEED_SCALE),
             team.velocity_b * (1 / o.SPEED_SCALE),
-            self.R_nb[..., 2, :],
+            team.derived[..., 6:9],  # the world's down in b: roll and pitch without a jump
             team.angular_velocity_b * (1 / o.RATE_SCALE),
             course,
-            turn * 10.0,
+            turn,
             self.action,
             self.role,
         ]
-
-    def _sensed_to_body(self, direction_n: Tensor) -> Tensor:
-        """Directions [env, vehicle, k, 2 or 3] in the frame of `to_body` (horizontal ones in the heading frame)."""
-        c, s = (a.unsqueeze(-1) for a in self.heading)
-        north, east = direction_n[..., 0], direction_n[..., 1]
-        parts = [c * north + s * east, c * east - s * north]
-        if self.axes == 3 and direction_n.shape[-1] == 3:
-            parts.append(direction_n[..., 2])
-        return torch.stack(parts, dim=-1)

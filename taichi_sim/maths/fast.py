@@ -19,33 +19,26 @@ INV_TWO_PI = 0.15915494309189535
 def wrap_two_pi(x):
     """The angle x (rad) minus the nearest multiple of 2 pi: in [-pi, pi]."""
     n = ti.floor(x * INV_TWO_PI + 0.5)
-    return (x - n * TWO_PI_HI) - n * TWO_PI_LO
+    # The bound never binds; without it fast math would merge the two terms into one rounded constant.
+    return ti.max(x - n * TWO_PI_HI, -1e6) - n * TWO_PI_LO
 
 
 @ti.func
 def sin_reduced(r):
-    """sin(r) for r in [-pi, pi]."""
+    """sin(r) for r in [-pi, pi]; Estrin's scheme: what a call costs is its longest chain, not its operations."""
     s = r * r
-    p = -2.0698134663e-08
-    p = p * s + 2.7088311591e-06
-    p = p * s - 1.9817630988e-04
-    p = p * s + 8.3327915028e-03
-    p = p * s - 1.6666621108e-01
-    p = p * s + 9.9999993782e-01
-    return p * r
+    s2 = s * s
+    low = (9.9999993782e-01 - 1.6666621108e-01 * s) + (8.3327915028e-03 - 1.9817630988e-04 * s) * s2
+    return r * (low + (2.7088311591e-06 - 2.0698134663e-08 * s) * (s2 * s2))
 
 
 @ti.func
 def cos_reduced(r):
     """cos(r) for r in [-pi, pi]."""
     s = r * r
-    p = 1.7245091764e-09
-    p = p * s - 2.7079030826e-07
-    p = p * s + 2.4769883558e-05
-    p = p * s - 1.3887803598e-03
-    p = p * s + 4.1666489217e-02
-    p = p * s - 4.9999989101e-01
-    return p * s + 9.9999998906e-01
+    s2 = s * s
+    low = (9.9999998906e-01 - 4.9999989101e-01 * s) + (4.1666489217e-02 - 1.3887803598e-03 * s) * s2
+    return low + ((2.4769883558e-05 - 2.7079030826e-07 * s) + 1.7245091764e-09 * s2) * (s2 * s2)
 
 
 @ti.func

@@ -38,14 +38,19 @@ def quaternion_product(a, b):
 @ti.func
 def quaternion_advance(q, omega_b, dt):
     """q after turning at the constant body rate omega_b (rad/s) for dt (s): exact exponential map."""
-    angle = omega_b.norm() * dt
-    # sin(angle/2)/angle, by its series where the quotient would lose digits
-    k = 0.5 - angle * angle / 48.0
-    if angle > 1e-3:
+    square = omega_b.dot(omega_b) * (dt * dt)
+    # cos(angle/2) and sin(angle/2)/angle: by their series below 0.3 rad per step, where they are exact to 1e-11
+    h = 0.25 * square
+    c = 1 - h * (0.5 - h * (1.0 / 24 - h * (1.0 / 720)))
+    k = 0.5 * (1 - h * (1.0 / 6 - h * (1.0 / 120 - h * (1.0 / 5040))))
+    if square > 0.09:
+        angle = ti.sqrt(square)
+        c = ti.cos(0.5 * angle)
         k = ti.sin(0.5 * angle) / angle
-    d = ti.Vector([ti.cos(0.5 * angle), k * omega_b[0] * dt, k * omega_b[1] * dt, k * omega_b[2] * dt])
+    d = ti.Vector([c, k * omega_b[0] * dt, k * omega_b[1] * dt, k * omega_b[2] * dt])
     p = quaternion_product(q, d)
-    return p / p.norm()
+    # one Newton step of 1/|p|: |p| - 1 is of rounding size, so its square is nothing
+    return p * (1.5 - 0.5 * p.dot(p))
 
 
 @ti.func

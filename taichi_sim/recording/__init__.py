@@ -2,7 +2,7 @@
 
 episode.py    what an episode holds, with shape, unit and frame of each array
 meshes.py     boat and airplane bodies, in the body frame b (forward-right-down)
-sea_patch.py  the piece of sea around the leader, with its light
+sea_patch.py  the piece of sea around the formation, with its light
 rrd.py        the writer; the only place where NED becomes ENU
 blueprint.py  what the viewer shows when it opens the file
 """

@@ -3,8 +3,16 @@
 Colour = tuple[int, int, int]
 
 LEADERS: dict[str, Colour] = {"usv": (213, 94, 0), "uav": (140, 60, 190)}
-FOLLOWERS = ((0, 114, 178), (230, 159, 0), (0, 158, 115), (204, 121, 167), (86, 180, 233), (140, 109, 49))
-"""Colour-blind-safe (Okabe and Ito's, but for the last): each leader has its own, followers take turns."""
+FOLLOWERS = (
+    (0, 114, 178),
+    (230, 159, 0),
+    (0, 158, 115),
+    (204, 121, 167),
+    (86, 180, 233),
+    (140, 109, 49),
+    (128, 128, 128),
+)
+"""Colour-blind-safe (Okabe and Ito, but for the last two): each leader has its own, followers take turns."""
 TARGET = (214, 39, 120)
 TRACK = {"usv": (250, 176, 84), "uav": (186, 140, 216)}
 ALARM = (224, 36, 36)

@@ -1,4 +1,4 @@
-"""The piece of sea that follows the leader, in the frame ENU (z up), with the light baked into its colours.
+"""The piece of sea that follows the formation, east-north-up, with the light baked into its colours.
 
 A square of `CELLS` x `CELLS` cells, its grid held to whole cells of the world so that its points do not
 swim, and around it two rings that carry its border out to the horizon: the first lets the waves fade,
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from taichi_sim.recording.episode import Array, Episode
 
 CELLS = 40  # per side
-MIN_HALF_M = 50.0  # half the side of the smallest patch
+MIN_HALF_M = 30.0  # half the side of the smallest patch
 MAX_HALF_M = 160.0
 FADE = 1.6  # the first ring, in half sides
 FRAME_S = 0.2  # one sea frame this often
@@ -40,7 +40,7 @@ class SeaFrames:
 
 def cell_size(episode: Episode) -> float:
     """Side of a cell, m: the patch holds the formation with room to spare."""
-    half = np.clip(1.4 * episode.afloat.formation_radius_m + 20.0, MIN_HALF_M, MAX_HALF_M)
+    half = np.clip(0.75 * episode.afloat.formation_radius_m + 16.0, MIN_HALF_M, MAX_HALF_M)
     return float(np.ceil(2.0 * 2.0 * half / CELLS) / 2.0)
 
 
@@ -79,7 +79,9 @@ def _light(up: Array, cell: float, scale: float) -> Array:
 def sea_frames(episode: Episode) -> Iterator[SeaFrames]:
     """The patch over the episode, in batches."""
     time = np.asarray(episode.time_s, dtype=np.float64)
-    leader = episode.afloat.position_n[:, 0]
+    # midway between the leader and the middle of the slots, for the followers mostly trail
+    team = episode.afloat
+    middle = team.position_n[:, 0] + 0.5 * (team.slot_n.mean(axis=1) - team.slot_n[:, 0])
     step = float(np.median(np.diff(time))) if len(time) > 1 else FRAME_S
     steps = np.arange(0, len(time), max(1, round(FRAME_S / step)))
     cell = cell_size(episode)
@@ -92,7 +94,7 @@ def sea_frames(episode: Episode) -> Iterator[SeaFrames]:
     flat = DEEP + 0.5 * (CREST - DEEP)
     for start in range(0, len(steps), BATCH):
         index = steps[start : start + BATCH]
-        centre = np.round(leader[index, :2] / cell) * cell
+        centre = np.round(middle[index, :2] / cell) * cell
         vertices = np.empty((len(index), (CELLS + 1) ** 2 + 2 * len(rim), 3), np.float32)
         colours = np.empty(vertices.shape, np.uint8)
         for frame, (place, now) in enumerate(zip(centre, time[index], strict=True)):

@@ -67,7 +67,7 @@ def send_scene(stream: Stream, episode: Episode) -> None:
 
 
 def send_sea(stream: Stream, episode: Episode) -> None:
-    """The patch of sea that follows the leader."""
+    """The patch of sea that follows the formation."""
     stream.static("world/sea", rr.Mesh3D.from_fields(triangle_indices=sea_triangles()))
     for frames in sea_frames(episode):
         count, points = frames.vertices.shape[:2]

@@ -12,7 +12,7 @@ from taichi_sim.conventions import GRAVITY, OMEGA, PHASE, RHO_SEA, SEA_ROWS
 from taichi_sim.sea import waves
 from taichi_sim.sea.spectrum import Components, sample_components
 
-NEWTON_ITERATIONS = 8  # queries are exact to rounding up to sum k a of about 0.9
+NEWTON_ITERATIONS = 12  # queries are exact to rounding for seas, and for one wave of k a up to 0.99
 TWO_PI = 2 * np.pi
 
 
@@ -45,8 +45,8 @@ def _advance_phases(
     for row in range(phase.shape[0]):
         s = env_sea[row]
         for c in range(phase.shape[1]):
-            turns = (phase64[s, c] - omega64[s, c] * time[row]) * ti.cast(1.0 / TWO_PI, ti.f64)
-            phase[row, c] = (turns - ti.floor(turns)) * ti.cast(TWO_PI, ti.f64)
+            turns = (phase64[s, c] - omega64[s, c] * time[row]) * ti.f64(1.0 / TWO_PI)
+            phase[row, c] = (turns - ti.floor(turns)) * ti.f64(TWO_PI)
 
 
 @ti.kernel
@@ -56,14 +56,15 @@ def _query(
     phase: ti.types.ndarray(ndim=2),
     sea: ti.types.ndarray(ndim=3),
     env_sea: ti.types.ndarray(dtype=ti.i32, ndim=1),
+    count: ti.template(),
 ):
     for i in range(points.shape[0]):
         s, zero = env_sea[i], points[i, 0] * 0.0
-        L = waves.invert_label(sea, phase, s, i, points[i, 0], points[i, 1], zero, NEWTON_ITERATIONS)
-        j = waves.jacobian(sea, phase, s, i, L[0], L[1], zero)
-        slope = waves.slope_at_label(sea, phase, s, i, L[0], L[1], zero)
-        v = waves.surface_velocity(sea, phase, s, i, L[0], L[1], zero)
-        out[i, 0] = waves.elevation_at_label(sea, phase, s, i, L[0], L[1], zero)
+        L = waves.invert_label(sea, phase, count, s, i, points[i, 0], points[i, 1], zero, NEWTON_ITERATIONS)
+        j = waves.jacobian(sea, phase, count, s, i, L[0], L[1], zero)
+        slope = waves.slope_at_label(sea, phase, count, s, i, L[0], L[1], zero)
+        v = waves.surface_velocity(sea, phase, count, s, i, L[0], L[1], zero)
+        out[i, 0] = waves.elevation_at_label(sea, phase, count, s, i, L[0], L[1], zero)
         out[i, 1], out[i, 2] = L[0], L[1]
         out[i, 3] = j[0] * j[2] - j[1] * j[1]
         out[i, 4], out[i, 5] = slope[0], slope[1]
@@ -78,12 +79,13 @@ def _elevation(
     sea: ti.types.ndarray(ndim=3),
     point_row: ti.types.ndarray(dtype=ti.i32, ndim=1),
     env_sea: ti.types.ndarray(dtype=ti.i32, ndim=1),
+    count: ti.template(),
 ):
     for i in range(points.shape[0]):
         row = point_row[i]
         s, zero = env_sea[row], points[i, 0] * 0.0
-        L = waves.invert_label(sea, phase, s, row, points[i, 0], points[i, 1], zero, NEWTON_ITERATIONS)
-        out[i] = waves.elevation_at_label(sea, phase, s, row, L[0], L[1], zero)
+        L = waves.invert_label(sea, phase, count, s, row, points[i, 0], points[i, 1], zero, NEWTON_ITERATIONS)
+        out[i] = waves.elevation_at_label(sea, phase, count, s, row, L[0], L[1], zero)
 
 
 @ti.kernel
@@ -93,10 +95,11 @@ def _airy(
     phase: ti.types.ndarray(ndim=2),
     sea: ti.types.ndarray(ndim=3),
     depth: float,
+    count: ti.template(),
 ):
     for i in range(points.shape[0]):
         zero = points[i, 0] * 0.0
-        r = waves.airy_at(sea, phase, 0, i, points[i, 0], points[i, 1], -points[i, 2], depth, GRAVITY, zero)
+        r = waves.airy_at(sea, phase, count, 0, i, points[i, 0], points[i, 1], -points[i, 2], depth, GRAVITY, zero)
         out[i, 0], out[i, 1], out[i, 2], out[i, 3] = r[0], r[1], -r[2], r[3]
 
 
@@ -189,7 +192,7 @@ class Sea:
         """The surface at points [...] (m) and times (s); arguments broadcast, `sea` is the realisation."""
         points, env_sea, time64, shape = self._points((north, east), time, sea)
         raw = self.table.new_empty((points.shape[0], 9))
-        _query(raw, points, self.phases(env_sea, time64), self.table, env_sea)
+        _query(raw, points, self.phases(env_sea, time64), self.table, env_sea, self.num_components)
         slope = raw[:, 4:6]
         normal = torch.cat((-slope, -torch.ones_like(slope[:, :1])), dim=1)
         normal = normal / normal.norm(dim=1, keepdim=True)
@@ -210,7 +213,7 @@ class Sea:
     ) -> torch.Tensor:
         """Elevation [point] at points [point, 2] whose sea and phases are rows of `env_sea` and `phase`."""
         out = self.table.new_empty(points.shape[0])
-        _elevation(out, points.contiguous(), phase, self.table, point_row, env_sea)
+        _elevation(out, points.contiguous(), phase, self.table, point_row, env_sea, self.num_components)
         return out
 
     def elevation_grid(self, north, east, time: float = 0.0, sea: int = 0) -> np.ndarray:
@@ -231,7 +234,8 @@ class Sea:
         """
         points, env_sea, time64, shape = self._points((north, east, down), time, 0)
         raw = self.table.new_empty((points.shape[0], 4))
-        _airy(raw, points, self.phases(env_sea, time64), self.table, -1.0 if self.depth is None else self.depth)
+        depth = -1.0 if self.depth is None else self.depth
+        _airy(raw, points, self.phases(env_sea, time64), self.table, depth, self.num_components)
         return raw[:, :3].reshape(*shape, 3), RHO_SEA * raw[:, 3].reshape(shape)
 
     def _points(self, coordinates, time, sea):

@@ -56,12 +56,14 @@ class UnityBoatParams(Strict):
 class UnityBoat:
     """Steps a team of boats in place.
 
-    Auxiliary state [env, vehicle, 2]: the horizontal displacement (north, east, m) of the surface particle at the
-    hull's centre, kept so that one fixed-point step per physics step follows it.
+    The corners' labels (waves.py) are their places plus the horizontal displacement D of the surface particle at the
+    hull's centre. D follows the boat by one fixed-point step per physics step, from a linear prediction: auxiliary
+    state [env, vehicle, 4] is D (north, east, m) and its change in the last step. Heights are then within 2 mm of the
+    exact inverse on the paper's sea (tests/physics/test_unity_boat.py).
     """
 
     team = "usv"
-    aux_size = 2
+    aux_size = 4
     action_names = ("acceleration", "yaw")
     Params = UnityBoatParams
 
@@ -75,7 +77,7 @@ class UnityBoat:
 
     def step(self, team, action: torch.Tensor, sea: torch.Tensor, env_sea, phase) -> None:
         """Advance one control step. `action` [env, vehicle, 2] in [-1, 1] maps to I_v in [0, 1] and I_h."""
-        self._step(team.state, team.aux, team.surface, action, sea, env_sea, phase)
+        self._step(team.state, team.aux, team.surface, action, sea, env_sea, phase, sea.shape[2])
 
     def reset_aux(self, aux: torch.Tensor, state: torch.Tensor) -> None:
         """Auxiliary state [.., 2] of vehicles put at `state` [.., 13]."""
@@ -91,6 +93,7 @@ class UnityBoat:
         sea: ti.types.ndarray(ndim=3),
         env_sea: ti.types.ndarray(dtype=ti.i32, ndim=1),
         phase: ti.types.ndarray(ndim=2),
+        count: ti.template(),
     ):
         for e, i in ti.ndrange(state.shape[0], state.shape[1]):
             pos = ti.Vector([state[e, i, 0], state[e, i, 1], state[e, i, 2]])
@@ -98,6 +101,7 @@ class UnityBoat:
             v_b = ti.Vector([state[e, i, 7], state[e, i, 8], state[e, i, 9]])
             omega = ti.Vector([state[e, i, 10], state[e, i, 11], state[e, i, 12]])
             D = ti.Vector([aux[e, i, 0], aux[e, i, 1]])
+            change = ti.Vector([aux[e, i, 2], aux[e, i, 3]])
             I_v, I_h = 0.5 * (action[e, i, 0] + 1.0), action[e, i, 1]
             v = rotation_matrix(q) @ v_b
             level = pos[2] * 0.0
@@ -105,8 +109,9 @@ class UnityBoat:
             for n in range(self.substeps):
                 tau = n * ti.static(self.dt)
                 R = rotation_matrix(q)
-                D = waves.displacement(sea, phase, s, e, pos[0] + D[0], pos[1] + D[1], tau)
-                heights = self.corner_heights(sea, phase, s, e, tau, pos, R, D)
+                D_next, heights = self.surface(sea, phase, count, s, e, tau, pos, R, D + change)
+                change = D_next - D
+                D = D_next
                 force, torque_n = self.buoyancy(pos, R, v, omega, heights)
                 force += R @ ti.Vector([self.p.force_factor * I_v, 0.0, 0.0])
                 torque = R.transpose() @ torque_n + self.control_torque(I_v, I_h)
@@ -119,18 +124,21 @@ class UnityBoat:
                 state[e, i, k], state[e, i, 7 + k], state[e, i, 10 + k] = pos[k], v_b[k], omega[k]
             for k in ti.static(range(4)):
                 state[e, i, 3 + k] = q[k]
-            aux[e, i, 0], aux[e, i, 1] = D[0], D[1]
+            aux[e, i, 0], aux[e, i, 1], aux[e, i, 2], aux[e, i, 3] = D[0], D[1], change[0], change[1]
             surface[e, i, 0] = level
 
     @ti.func
-    def corner_heights(self, sea: ti.template(), phase: ti.template(), s, e, tau, pos, R, D):
-        """Elevations (m, up) under the corners: bow port, bow starboard, stern port, stern starboard."""
-        X, Y = pos[0] + D[0], pos[1] + D[1]
+    def surface(self, sea: ti.template(), phase: ti.template(), count: ti.template(), s, e, tau, pos, R, D):
+        """Displacement (m) at the centre, from its prediction D, and elevations (m, up) under the corners: bow port,
+        bow starboard, stern port, stern starboard.
+        """
+        x, y = pos[0] + D[0], pos[1] + D[1]
         fx, fy = 0.5 * self.p.length * R[0, 0], 0.5 * self.p.length * R[1, 0]
         gx, gy = 0.5 * self.p.beam * R[0, 1], 0.5 * self.p.beam * R[1, 1]
-        north = ti.Vector([X + fx - gx, X + fx + gx, X - fx - gx, X - fx + gx])
-        east = ti.Vector([Y + fy - gy, Y + fy + gy, Y - fy - gy, Y - fy + gy])
-        return waves.elevation_at_four_labels(sea, phase, s, e, north, east, tau)
+        X = ti.Vector([x, x + fx - gx, x + fx + gx, x - fx - gx, x - fx + gx])
+        Y = ti.Vector([y, y + fy - gy, y + fy + gy, y - fy - gy, y - fy + gy])
+        r = waves.displacement_and_four_elevations(sea, phase, count, s, e, X, Y, tau)
+        return ti.Vector([r[0], r[1]]), ti.Vector([r[2], r[3], r[4], r[5]])
 
     @ti.func
     def buoyancy(self, pos, R, v, omega, heights):

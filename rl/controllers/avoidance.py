@@ -1,0 +1,56 @@
+"""Velocities that leave room to stop: a barrier on how fast a vehicle nears what it senses.
+
+Towards each sensed body, at a clearance h (m) beyond `MARGIN`, the closing speed is at most
+
+    sqrt(2 a h)        (to stop, or turn aside, in h with the acceleration a),   -h / TAU where h < 0.
+
+A desired velocity that closes faster loses the excess and is turned along the body's side at its old speed, to the
+side it already leans to. Obstacles stand still; a team mate is taken to move with the formation, and does half of
+the avoiding itself. A body is a place and a clearance: its radius is not sensed. Frame: NED.
+"""
+
+import torch
+from torch import Tensor
+
+from rl.task.team import TeamTask
+
+MARGIN = 1.0  # m kept beyond contact; assumed
+TAU = 0.5  # s to leave the margin again; assumed
+MATE_DIRECTION = [1, 2, 5]  # columns of sensor.team_mates: north, east, down
+PASSES = 2  # a second one, because avoiding one body may lead towards another
+
+
+def avoid(team: TeamTask, velocity: Tensor, acceleration: float) -> Tensor:
+    """The velocity [env, vehicle, 2 or 3] (m/s) nearest to `velocity` with which `team` keeps clear.
+
+    acceleration  a, m/s^2
+    """
+    sensor, formation = team.sensor, team.now.slot_velocity[..., : team.axes]
+    for _ in range(PASSES):
+        for k in range(sensor.num_obstacles):
+            seen = sensor.obstacles[..., k, :]
+            toward = torch.zeros_like(velocity)
+            toward[..., :2] = seen[..., 1:3]
+            velocity = _turned(velocity, toward, seen[..., 0] - team.radius, acceleration)
+        for k in range(sensor.num_mates):
+            seen = sensor.team_mates[..., k, :]
+            toward = seen[..., MATE_DIRECTION[: team.axes]]
+            clearance = seen[..., 0] - 2 * team.radius
+            velocity = formation + _turned(velocity - formation, toward, clearance, acceleration / 4)
+    return velocity
+
+
+def _turned(velocity: Tensor, toward: Tensor, clearance: Tensor, acceleration: float) -> Tensor:
+    """`velocity` with its part along the unit vectors `toward` (zero where nothing is sensed) limited."""
+    h = (clearance - MARGIN).unsqueeze(-1)
+    limit = torch.where(h > 0, torch.sqrt(2 * acceleration * h.clamp(min=0.0)), h / TAU)
+    closing = (velocity * toward).sum(-1, keepdim=True)
+    aside = velocity - closing * toward
+    starboard = torch.zeros_like(toward)  # for a body straight ahead
+    starboard[..., 0], starboard[..., 1] = -toward[..., 1], toward[..., 0]
+    norm = aside.norm(dim=-1, keepdim=True)
+    direction = torch.where(norm > 1e-3, aside / norm.clamp(min=1e-3), starboard)
+    speed = torch.sqrt((closing.square() + norm.square() - limit.square()).clamp(min=0.0))
+    turned = limit * toward + torch.maximum(speed, norm) * direction
+    sensed = toward.abs().sum(-1, keepdim=True) > 0
+    return torch.where(sensed & (closing > limit), turned, velocity)

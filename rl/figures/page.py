@@ -1,0 +1,34 @@
+"""What the figures share: page, axes, colours (those of a recording)."""
+
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from taichi_sim.recording.palette import vehicle_colour
+
+TEAM_COLOUR = {"usv": "#D55E00", "uav": "#8C3CBE"}  # the leaders' colours in a recording
+INK = "#22313F"
+
+
+def new_figure(width: float, height: float, title: str) -> Figure:
+    """A white page, in inches, drawn by Agg whatever the display."""
+    figure = Figure(figsize=(width, height), layout="constrained", facecolor="white")
+    FigureCanvasAgg(figure)
+    figure.suptitle(title, fontsize=13, fontweight="bold", color=INK)
+    return figure
+
+
+def rgb(team: str, vehicle: int) -> tuple[float, float, float]:
+    """A vehicle's colour, each part from 0 to 1."""
+    red, green, blue = vehicle_colour(team, vehicle)
+    return red / 255, green / 255, blue / 255
+
+
+def dress(axes: Axes, title: str, x: str, y: str) -> None:
+    """Title, labels with their units, a faint grid."""
+    axes.set_title(title, fontsize=11, loc="left", color=INK)
+    axes.set_xlabel(x)
+    axes.set_ylabel(y)
+    axes.grid(True, color="#DDDDDD", linewidth=0.6)
+    axes.set_axisbelow(True)
+    axes.spines[["top", "right"]].set_visible(False)

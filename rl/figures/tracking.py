@@ -1,0 +1,61 @@
+"""Fig. 5: distance of each vehicle from its slot over one episode."""
+
+import math
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from rl.figures.page import INK, dress, new_figure, rgb
+from taichi_sim.recording import Episode
+from taichi_sim.recording.palette import vehicle_name
+
+APPROACH_S = 20.0  # the start of an episode, which no error is measured in
+NOT_MEASURED = "#C9CED3"
+
+
+def tracking_error_figure(episode: Episode) -> Figure:
+    """Distance of each vehicle from its slot over the episode (paper, Fig. 5)."""
+    time = np.asarray(episode.time_s) - episode.time_s[0]
+    figure = new_figure(
+        10.0, 3.6 * len(episode.teams) + 0.5, f"Tracking error of leaders and followers: {episode.name}"
+    )
+    panels = figure.subplots(len(episode.teams), 1, sharex=True, squeeze=False)[:, 0]
+    measured = time >= APPROACH_S if time[-1] > APPROACH_S else np.ones(len(time), dtype=bool)
+    for axes, letter, team in zip(panels, "ab", episode.teams.values(), strict=False):
+        for vehicle in reversed(range(team.vehicles)):
+            error = team.error_m[:, vehicle]
+            mean = np.nanmean(error[measured]) if np.isfinite(error[measured]).any() else math.nan
+            axes.plot(
+                time,
+                error,
+                color=rgb(team.name, vehicle),
+                linewidth=2.0 if vehicle == 0 else 1.2,
+                label=f"{vehicle_name(team.name, vehicle)}: mean {mean:.2f} m",
+                zorder=5 if vehicle == 0 else 3,
+            )
+        finite = team.error_m[measured][np.isfinite(team.error_m[measured])]
+        ceiling = max(1.0, 1.35 * float(finite.max())) if len(finite) else 1.0
+        axes.axvspan(0.0, min(APPROACH_S, time[-1]), color=NOT_MEASURED, alpha=0.5, linewidth=0)
+        axes.text(
+            0.5 * min(APPROACH_S, time[-1]),
+            0.96 * ceiling,
+            "approach,\nnot measured",
+            ha="center",
+            va="top",
+            fontsize=8,
+            color=INK,
+            zorder=6,
+        )
+        dress(axes, f"({letter}) {team.name.upper()} team", "", "distance from slot (m)")
+        axes.set(xlim=(0.0, time[-1]), ylim=(0.0, ceiling))
+        handles, labels = axes.get_legend_handles_labels()
+        axes.legend(
+            handles[::-1],
+            labels[::-1],
+            loc="upper left",
+            bbox_to_anchor=(1.0, 1.0),
+            framealpha=0.9,
+            fontsize=8,
+        )
+    panels[-1].set_xlabel("time (s)")
+    return figure

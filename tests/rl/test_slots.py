@@ -1,0 +1,116 @@
+"""Slots: geometry of the two formations, rigidity, and a velocity that is the derivative of the position."""
+
+import math
+
+import pytest
+import torch
+from torch import Tensor
+
+from rl.task.paths import generate_tracks
+from rl.task.slots import Target, formation_offsets, lane_half_width, slots
+
+DOUBLE = torch.float64
+
+
+def target(position: Tensor, course: Tensor, course_rate: Tensor, speed: float) -> Target:
+    """A target in each environment."""
+    return Target(position, course, course.cos(), course.sin(), course_rate, speed)
+
+
+def place(course: float, formation: str, count: int, spacing: float = 15.0) -> Tensor:
+    """Slots [vehicle, 3] of a leader at (100, 200, -5) behind a target at (130, 240, -5)."""
+    here = target(
+        torch.tensor([[130.0, 240.0, -5.0]], dtype=DOUBLE),
+        torch.tensor([course], dtype=DOUBLE),
+        torch.zeros(1, dtype=DOUBLE),
+        12.0,
+    )
+    leader = torch.tensor([[100.0, 200.0, -5.0]], dtype=DOUBLE)
+    return slots(here, leader, torch.zeros_like(leader), formation_offsets(formation, count, spacing)).position[0]
+
+
+NORTHBOUND = {  # (north, east) of the leader; starboard of a northbound vehicle is east
+    ("abreast", 1): [],
+    ("abreast", 2): [(0, 15)],
+    ("abreast", 3): [(0, 15), (0, -15)],
+    ("abreast", 8): [(0, 15), (0, -15), (0, 30), (0, -30), (0, 45), (0, -45), (0, 60)],
+    ("astern", 1): [],
+    ("astern", 2): [(-15, 0)],
+    ("astern", 3): [(-15, 0), (-30, 0)],
+    ("astern", 8): [(-15 * i, 0) for i in range(1, 8)],
+}
+
+
+@pytest.mark.parametrize(("formation", "count"), NORTHBOUND)
+def test_northbound_formation(formation, count):
+    expected = [(130.0, 240.0, -5.0)]  # the leader's slot is the target
+    expected += [(100.0 + n, 200.0 + e, -5.0) for n, e in NORTHBOUND[formation, count]]
+    torch.testing.assert_close(place(0.0, formation, count), torch.tensor(expected, dtype=DOUBLE))
+
+
+@pytest.mark.parametrize(
+    ("formation", "first"),
+    [("abreast", (-15.0, 0.0)), ("astern", (0.0, -15.0))],  # eastbound: starboard is south, astern is west
+)
+def test_eastbound_formation(formation, first):
+    slot = place(math.pi / 2, formation, 2)[1, :2] - torch.tensor([100.0, 200.0], dtype=DOUBLE)
+    torch.testing.assert_close(slot, torch.tensor(first, dtype=DOUBLE), atol=1e-12, rtol=0)
+
+
+@pytest.mark.parametrize("formation", ["abreast", "astern"])
+def test_the_formation_is_rigid_when_the_course_turns(formation):
+    """Distances and orientation between follower slots and the leader do not depend on the course."""
+    leader = torch.tensor([100.0, 200.0, -5.0], dtype=DOUBLE)
+
+    def shape(course: float) -> tuple[Tensor, Tensor]:
+        arms = (place(course, formation, 8) - leader)[1:, :2]
+        cross = arms[:, None, 0] * arms[None, :, 1] - arms[:, None, 1] * arms[None, :, 0]
+        return arms @ arms.T, cross
+
+    reference = shape(0.0)
+    for course in torch.linspace(-math.pi, math.pi, 17).tolist():
+        torch.testing.assert_close(shape(course), reference, atol=1e-9, rtol=0)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 8])
+def test_lane_holds_every_slot(count):
+    widest = max((abs(east) for _, east in NORTHBOUND["abreast", count]), default=0)
+    assert lane_half_width("abreast", count, 15.0) == widest
+
+
+@pytest.mark.parametrize("formation", ["abreast", "astern"])
+def test_slot_velocity_is_the_rate_of_the_slot_on_a_circle(formation):
+    """Target on a circle of 100 m at 12 m/s, leader on a climbing curve of its own: exact to f64."""
+    radius, speed = 100.0, 12.0
+    offsets = formation_offsets(formation, 5, 15.0)
+
+    def at(t: Tensor):
+        angle = speed / radius * t
+        position = torch.stack((radius * angle.sin(), -radius * angle.cos(), torch.full_like(t, -60.0)), dim=-1)
+        here = target(position, angle, torch.full_like(t, speed / radius), speed)
+        leader = torch.stack((80 * (0.1 * t).sin(), 50 * (0.2 * t).cos(), -60 - 2 * t), dim=-1)
+        rate = torch.stack((8 * (0.1 * t).cos(), -10 * (0.2 * t).sin(), torch.full_like(t, -2.0)), dim=-1)
+        return slots(here, leader, rate, offsets)
+
+    t, h = torch.linspace(0, 60, 13, dtype=DOUBLE), 1e-4
+    difference = (at(t + h).position - at(t - h).position) / (2 * h)
+    torch.testing.assert_close(at(t).velocity, difference, atol=1e-6, rtol=0)
+
+
+def test_slot_velocity_is_the_rate_of_the_slot_along_a_track():
+    """The same on a drawn track (float32): the course rate is curvature times speed, with its sign."""
+    worlds, speed, h = 6, 12.0, 0.2
+    tracks = generate_tracks(worlds, 3)
+    world = torch.arange(worlds).repeat(50)
+    s = torch.arange(50).repeat_interleave(worlds) * 80.0 + 1.0
+    offsets = formation_offsets("abreast", 5, 15.0).float()
+
+    def at(t: float):
+        here = tracks.at(world, s + speed * t)
+        position = torch.cat((here.position, torch.zeros_like(here.course).unsqueeze(1)), dim=1)
+        velocity = torch.tensor([5.0, -3.0, 0.0]).expand_as(position)
+        return slots(target(position, here.course, here.curvature * speed, speed), velocity * t, velocity, offsets)
+
+    difference = (at(h).position - at(-h).position) / (2 * h)
+    assert (at(0).velocity[:, 3] - torch.tensor([5.0, -3.0, 0.0])).norm(dim=-1).max() > 1.0  # it swings outside
+    torch.testing.assert_close(at(0).velocity, difference, atol=0.05, rtol=0)

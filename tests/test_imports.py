@@ -1,0 +1,148 @@
+"""Imports point one way: a module may import from its own layer and from those below it, never from above."""
+
+import ast
+from collections.abc import Iterator
+from graphlib import CycleError, TopologicalSorter
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+
+# From the bottom up; a name stands for the module or package and all inside it.
+LAYERS = (
+    ("taichi_sim.conventions", "taichi_sim.config", "taichi_sim.config_io", "taichi_sim.maths", "taichi_sim.runtime"),
+    ("taichi_sim.sea", "taichi_sim.air"),
+    ("taichi_sim.rigid_body", "taichi_sim.integrators"),
+    ("taichi_sim.usv", "taichi_sim.uav", "taichi_sim.sensors"),
+    ("taichi_sim.vehicles",),
+    ("taichi_sim.world",),
+    ("taichi_sim.recording",),
+    ("rl.seeds", "rl.task"),
+    (
+        "rl.policy", "rl.export", "rl.env", "rl.gym", "rl.runner", "rl.controllers", "rl.evaluation", "rl.record",
+        "rl.figures", "rl.run_folder",
+    ),
+    ("rl.stages",),
+    ("rl.cli", "rl.main_job"),
+    ("rl.train", "rl.evaluate", "rl.play"),
+    ("tools",),
+)  # fmt: skip
+# Within a layer these know nothing of each other.
+STRANGERS = (
+    {"taichi_sim.sea", "taichi_sim.air"},
+    {"taichi_sim.usv", "taichi_sim.uav", "taichi_sim.sensors"},
+    {"rl.train", "rl.evaluate", "rl.play"},
+)
+PACKAGES = ("taichi_sim", "rl", "tools")
+
+
+def module_name(file: Path, root: Path) -> str:
+    parts = file.relative_to(root).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+def sources(root: Path) -> dict[str, Path]:
+    """Every module of the three packages."""
+    files = (file for package in PACKAGES for file in sorted((root / package).rglob("*.py")))
+    return {module_name(file, root): file for file in files}
+
+
+def imports(name: str, file: Path, known: set[str]) -> Iterator[str]:
+    """Modules of ours that a file imports, wherever in it the statement stands."""
+    package = name if file.name == "__init__.py" else name.rpartition(".")[0]
+    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            base = node.module or ""
+            if node.level:
+                up = package.split(".")[: len(package.split(".")) - node.level + 1]
+                base = ".".join([*up, base]).rstrip(".")
+            inside = [f"{base}.{alias.name}" for alias in node.names]
+            found = [full if full in known else base for full in inside]
+        else:
+            continue
+        yield from (target for target in found if target.split(".")[0] in PACKAGES)
+
+
+def place(module: str) -> tuple[int, str] | None:
+    """Layer and name in LAYERS of a module."""
+    for height, layer in enumerate(LAYERS):
+        for name in layer:
+            if module == name or module.startswith(name + "."):
+                return height, name
+    return None
+
+
+def wrong_arrows(root: Path) -> list[str]:
+    """Every import that runs from a lower layer to a higher one, or between strangers."""
+    files, wrong = sources(root), []
+    for module, file in files.items():
+        if module in PACKAGES[:2]:  # the packages themselves: below everything, they import nothing of ours
+            wrong += [f"{module} imports {target}" for target in imports(module, file, set(files))]
+            continue
+        here = place(module)
+        if here is None:
+            wrong.append(f"{module} has no place: add it to LAYERS")
+            continue
+        for target in imports(module, file, set(files)):
+            there = place(target)
+            if there is None:
+                if target not in PACKAGES:
+                    wrong.append(f"{module} imports {target}, which has no place in LAYERS")
+            elif there[0] > here[0]:
+                wrong.append(f"{module} imports {target}, which stands above it")
+            elif here[1] != there[1] and any({here[1], there[1]} <= group for group in STRANGERS):
+                wrong.append(f"{module} imports {target}, which stands beside it")
+    return wrong
+
+
+def test_no_arrow_runs_back():
+    assert wrong_arrows(ROOT) == []
+
+
+def test_there_is_no_circle():
+    files = sources(ROOT)
+    graph = {module: set(imports(module, file, set(files))) for module, file in files.items()}
+    try:
+        tuple(TopologicalSorter(graph).static_order())
+    except CycleError as error:
+        pytest.fail(" -> ".join(error.args[1]))
+
+
+def test_every_package_was_walked():
+    modules = sources(ROOT)
+    for package in PACKAGES:
+        assert sum(name.startswith(package + ".") for name in modules) >= 2, package
+    assert set(imports("rl.task.team", modules["rl.task.team"], set(modules))) >= {"taichi_sim.sensors", "rl.task.slots"}
+
+
+@pytest.mark.parametrize(
+    ("module", "statement"),
+    [
+        ("taichi_sim/world.py", "from rl.seeds import derive_seed"),
+        ("taichi_sim/sensors.py", "import rl"),
+        ("rl/task/team.py", "def late():\n    from rl import env"),
+        ("rl/task/team.py", "from ..env import FormationEnv"),
+        ("rl/task/team.py", "from .. import policy"),
+        ("taichi_sim/sea/waves.py", "import taichi_sim.usv.unity_boat as boat"),
+        ("taichi_sim/usv/unity_boat.py", "from taichi_sim.uav import unity_aircraft"),
+        ("rl/stages.py", "from tools import validate"),
+        ("taichi_sim/__init__.py", "from taichi_sim.world import World"),
+        ("rl/novelty.py", "import math"),
+    ],
+)
+def test_an_arrow_that_runs_back_is_found(tmp_path, module, statement):
+    for name in (
+        "taichi_sim/usv/unity_boat", "taichi_sim/uav/unity_aircraft", "rl/env", "rl/policy", "rl/seeds",
+        "taichi_sim/__init__", "rl/__init__", "tools/validate", "taichi_sim/world",
+    ):  # fmt: skip
+        file = tmp_path / f"{name}.py"
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.touch()
+    assert wrong_arrows(tmp_path) == []
+    file = tmp_path / module
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text(statement + "\n", encoding="utf-8")
+    assert len(wrong_arrows(tmp_path)) == 1
