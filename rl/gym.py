@@ -33,7 +33,7 @@ from torch import Tensor
 
 from rl.controllers import controllers
 from rl.policy import Policy, TrainedPolicy
-from rl.run_folder import CONFIG, RunError, load_config
+from rl.run_folder import CONFIG, load_config
 from rl.stages import load_policy
 from rl.task.formation import FormationTask, Step
 from rl.task.team import TeamTask
@@ -272,18 +272,15 @@ def _frozen_policy(other: str | Path, team: TeamTask, config: ScenarioConfig) ->
 
     Raises:
         ValueError: if `other` is none of OTHERS, or made for another vehicle.
-        CheckpointError: if its file is unusable, or made for other observations.
+        RunError: if the vehicle has no classical controller. CheckpointError: if a file is unusable, or its policy
+            made for other observations.
     """
     if other == "constant":
         return lambda team: torch.zeros_like(team.action)
     if other == "classical":
-        try:
-            return controllers("classical", Path(), config)[team.name]
-        except (RunError, KeyError) as error:
-            raise ValueError(
-                f"other = 'classical': there is none for the {team.name} team yet; allowed are {OTHERS}"
-            ) from error
-    policy = _trained_policy(Path(other), team.name, config)
+        policy: Policy = controllers("classical", Path(), config)[team.name]
+    else:
+        policy = _trained_policy(Path(other), team.name, config)
     given, taken = policy(team).shape[-1], len(team.action_names)
     if given != taken:
         raise ValueError(f"other = {str(other)!r}: it gives {given} actions, a {team.name} takes {taken}")

@@ -1,4 +1,4 @@
-"""Quantities that follow from a team's state, computed once per step for everybody who reads them.
+"""Quantities that follow from a team's state, written once per step by the vehicle's kernel for all who read them.
 
 `derived[env, vehicle, 14]` = R_nb (9, row-major), velocity_n (3, m/s), cosine and sine of the heading (2).
 """
@@ -12,17 +12,26 @@ VELOCITY_N = slice(9, 12)
 HEADING_COS, HEADING_SIN = 12, 13
 
 
+@ti.func
+def store(derived: ti.template(), e, i, R, v_n):
+    """Write what follows from attitude R = R_nb and velocity v_n of vehicle i in environment e."""
+    for a in ti.static(range(3)):
+        for b in ti.static(range(3)):
+            derived[e, i, 3 * a + b] = R[a, b]
+        derived[e, i, 9 + a] = v_n[a]
+    # straight up or down there is no heading: the small term keeps it finite, (0, 0)
+    inv = 1.0 / ti.sqrt(R[0, 0] * R[0, 0] + R[1, 0] * R[1, 0] + 1e-12)
+    derived[e, i, 12], derived[e, i, 13] = R[0, 0] * inv, R[1, 0] * inv
+
+
 @ti.kernel
-def derive(derived: ti.types.ndarray(ndim=3), state: ti.types.ndarray(ndim=3)):
-    """Fill `derived` from `state` (packed as in conventions.py)."""
-    for e, i in ti.ndrange(state.shape[0], state.shape[1]):
-        q = ti.Vector([state[e, i, 3], state[e, i, 4], state[e, i, 5], state[e, i, 6]])
-        R = rotation_matrix(q)
-        v_n = R @ ti.Vector([state[e, i, 7], state[e, i, 8], state[e, i, 9]])
-        for a in ti.static(range(3)):
-            for b in ti.static(range(3)):
-                derived[e, i, 3 * a + b] = R[a, b]
-            derived[e, i, 9 + a] = v_n[a]
-        # straight up or down there is no heading: the sum keeps it finite, (0, 0)
-        inv = 1.0 / ti.sqrt(R[0, 0] * R[0, 0] + R[1, 0] * R[1, 0] + 1e-12)
-        derived[e, i, 12], derived[e, i, 13] = R[0, 0] * inv, R[1, 0] * inv
+def derive(
+    derived: ti.types.ndarray(ndim=3),
+    state: ti.types.ndarray(ndim=3),
+    envs: ti.types.ndarray(dtype=ti.i64, ndim=1),
+):
+    """Fill `derived` of environments `envs` from `state` (packed as in conventions.py)."""
+    for row, i in ti.ndrange(envs.shape[0], state.shape[1]):
+        e = envs[row]
+        R = rotation_matrix(ti.Vector([state[e, i, 3], state[e, i, 4], state[e, i, 5], state[e, i, 6]]))
+        store(derived, e, i, R, R @ ti.Vector([state[e, i, 7], state[e, i, 8], state[e, i, 9]]))

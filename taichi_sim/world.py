@@ -36,11 +36,12 @@ class Team:
         self.aux = torch.zeros((num_envs, count, model.aux_size), **options)
         self.surface = torch.zeros((num_envs, count, 1), **options)
         self.derived = torch.zeros((num_envs, count, DERIVED_SIZE), **options)
+        self._all = torch.arange(num_envs, device=run.device)
         self.update()
 
-    def update(self) -> None:
-        """Refresh what follows from `state`; call it after writing to `state` by hand."""
-        derive(self.derived, self.state)
+    def update(self, envs: torch.Tensor | None = None) -> None:
+        """Refresh what follows from `state` in environments `envs` (default: all) after writing to it by hand."""
+        derive(self.derived, self.state, self._all if envs is None else envs)
 
     @property
     def position_n(self) -> torch.Tensor:
@@ -138,7 +139,6 @@ class World:
         self.sea.phases(self.env_sea, self.time, out=self._phase)
         for name, team in self.teams.items():
             team.model.step(team, checked[name], self.sea.table, self.env_sea, self._phase)
-            team.update()
         self.time += self.config.decision_interval
         return checked
 
@@ -157,7 +157,7 @@ class World:
         aux = torch.empty((*state.shape[:-1], team.aux.shape[-1]), dtype=state.dtype, device=state.device)
         team.model.reset_aux(aux, state)
         team.aux[envs] = aux
-        team.update()
+        team.update(envs)
 
     def elevation(self, envs: torch.Tensor, north: torch.Tensor, east: torch.Tensor) -> torch.Tensor:
         """Elevation (m, up) now in environments `envs` [n] at points [n, point]."""

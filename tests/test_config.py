@@ -59,7 +59,11 @@ def assert_says(message: str, *parts: object) -> None:
         ("", "[sensing]\ndetection_range = inf\n", ("sensing.detection_range = inf", "finite")),
         ("", "[obstacles]\nradius_min = 5\nradius_max = 4\n", ("obstacles", "radius_max = 4", "radius_min")),
         ("", "[stages.swim]\nteam = 'fish'\n", ("stages.swim.team = 'fish'", "'usv'", "'uav'")),
-        ("", "[stages.a]\nteam = 'usv'\n[stages.b]\nteam = 'usv'\n", ("stages", "'usv', 'usv'", "one stage only")),
+        (
+            "",
+            "[stages.a]\nteam = 'usv'\n[stages.b]\nteam = 'usv'\n",
+            ("stages", "'usv', 'usv'", "one stage only"),
+        ),
         (
             "area = 1000\n",
             "[[obstacles.fixed]]\nnorth = 0\neast = 495\nradius = 6\nheight = 9\n",
@@ -118,7 +122,9 @@ def test_a_file_that_is_not_text_is_refused(tmp_path):
     assert_says(refusal(file), file, "cannot be read")
 
 
-@pytest.mark.parametrize("name", ["atlantis", "atlantis.toml", "configs/atlantis.toml", "some/where/paper.toml", ""])
+@pytest.mark.parametrize(
+    "name", ["atlantis", "atlantis.toml", "configs/atlantis.toml", "some/where/paper.toml", ""]
+)
 def test_a_missing_scenario_lists_the_shipped_ones(name):
     shipped = sorted(p.stem for p in config_folder().glob("*.toml"))
     assert "paper" in shipped
@@ -139,7 +145,7 @@ def test_every_shipped_scenario_loads_with_its_vehicles():
             assert model.team == team
 
 
-# -- vehicles -----------------------------------------------------------------------------------------------------
+# -- vehicles --------------------------------------------------------------------------------------------
 
 
 def boat_file(folder: Path, old: str, new: str) -> Path:
@@ -195,7 +201,7 @@ def test_a_vehicle_beside_the_scenario_comes_before_the_shipped_one(scenario, tm
     assert load_vehicle(own, "usv", 0.02, 5).params.mass == 77.0
 
 
-# -- overrides ----------------------------------------------------------------------------------------------------
+# -- overrides -------------------------------------------------------------------------------------------
 
 
 def test_overrides_replace_values_of_every_type():
@@ -255,12 +261,19 @@ def test_numbers_are_not_read_from_other_types():
         assert_says(refusal("paper", text), key)
 
 
-# -- writing ------------------------------------------------------------------------------------------------------
+# -- writing ---------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
     "overrides",
-    [(), ("obstacles.fixed=[{north=1.5, east=-2, radius=3, height=4}]", "stages.uav.hidden_dims=[3]", "seed=2")],
+    [
+        (),
+        (
+            "obstacles.fixed=[{north=1.5, east=-2, radius=3, height=4}]",
+            "stages.uav.hidden_dims=[3]",
+            "seed=2",
+        ),
+    ],
 )
 def test_what_is_written_reads_the_same(tmp_path, overrides):
     config = load_scenario("paper", overrides)

@@ -8,6 +8,8 @@ import taichi as ti
 import taichi.math as tm
 import torch
 
+from taichi_sim.maths import fast
+
 
 @ti.func
 def rotation_matrix(q):
@@ -56,9 +58,9 @@ def quaternion_advance(q, omega_b, dt):
 @ti.func
 def quaternion_from_euler(phi, theta, psi):
     """Quaternion of roll phi, pitch theta, yaw psi (rad), z-y-x order."""
-    cr, sr = ti.cos(0.5 * phi), ti.sin(0.5 * phi)
-    cp, sp = ti.cos(0.5 * theta), ti.sin(0.5 * theta)
-    cy, sy = ti.cos(0.5 * psi), ti.sin(0.5 * psi)
+    sr, cr = fast.sincos(0.5 * phi)
+    sp, cp = fast.sincos(0.5 * theta)
+    sy, cy = fast.sincos(0.5 * psi)
     return ti.Vector(
         [
             cy * cp * cr + sy * sp * sr,

@@ -22,6 +22,8 @@ import torch
 from pydantic import Field
 
 from taichi_sim.config import Positive, Strict
+from taichi_sim.kinematics import store
+from taichi_sim.maths import fast
 from taichi_sim.maths.rotation import (
     quaternion_from_euler,
     rotation_matrix,
@@ -83,7 +85,7 @@ class UnityAircraft:
         """Advance one control step. `action` [env, vehicle, 3]: pitch and yaw in [-1, 1]; boost in [-1, 1] maps
         geometrically to [boost_min, boost_max], because cruise needs a small part of the range.
         """
-        self._step(team.state, team.aux, action)
+        self._step(team.state, team.derived, team.aux, action)
 
     def boost_action(self, boost: float) -> float:
         """The action in [-1, 1] that commands `boost`."""
@@ -100,6 +102,7 @@ class UnityAircraft:
     def _step(
         self,
         state: ti.types.ndarray(ndim=3),
+        derived: ti.types.ndarray(ndim=3),
         aux: ti.types.ndarray(ndim=3),
         action: ti.types.ndarray(ndim=3),
     ):
@@ -121,7 +124,9 @@ class UnityAircraft:
                 v = (v + force / self.p.mass * self.dt * nose) * ti.static(1 - self.p.drag * self.dt)
                 pos += v * ti.static(self.dt)
             q = quaternion_from_euler(angles[0], angles[1], angles[2])
-            v_b = rotation_matrix(q).transpose() @ v
+            R_nb = rotation_matrix(q)
+            store(derived, e, i, R_nb, v)
+            v_b = R_nb.transpose() @ v
             omega = self.body_rates(angles, rates)
             for k in ti.static(range(3)):
                 state[e, i, k], state[e, i, 7 + k], state[e, i, 10 + k] = pos[k], v_b[k], omega[k]
@@ -154,13 +159,15 @@ class UnityAircraft:
     @ti.func
     def nose(self, angles):
         """Unit vector of the nose in n."""
-        c = ti.cos(angles[1])
-        return ti.Vector([c * ti.cos(angles[2]), c * ti.sin(angles[2]), -ti.sin(angles[1])])
+        sp, cp = fast.sincos(angles[1])
+        sy, cy = fast.sincos(angles[2])
+        return ti.Vector([cp * cy, cp * sy, -sp])
 
     @ti.func
     def body_rates(self, angles, rates):
         """Angular velocity (rad/s) in b of Euler angles and their rates, z-y-x order (Fossen 2021, eq. 2.39)."""
-        cr, sr, cp, sp = ti.cos(angles[0]), ti.sin(angles[0]), ti.cos(angles[1]), ti.sin(angles[1])
+        sr, cr = fast.sincos(angles[0])
+        sp, cp = fast.sincos(angles[1])
         return ti.Vector(
             [
                 rates[0] - sp * rates[2],

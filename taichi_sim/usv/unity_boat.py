@@ -19,6 +19,7 @@ import torch
 
 from taichi_sim.config import Positive, Strict
 from taichi_sim.conventions import GRAVITY
+from taichi_sim.kinematics import store
 from taichi_sim.maths.rotation import quaternion_advance, rotation_matrix
 from taichi_sim.sea import waves
 
@@ -77,7 +78,7 @@ class UnityBoat:
 
     def step(self, team, action: torch.Tensor, sea: torch.Tensor, env_sea, phase) -> None:
         """Advance one control step. `action` [env, vehicle, 2] in [-1, 1] maps to I_v in [0, 1] and I_h."""
-        self._step(team.state, team.aux, team.surface, action, sea, env_sea, phase, sea.shape[2])
+        self._step(team.state, team.derived, team.aux, team.surface, action, sea, env_sea, phase, sea.shape[2])
 
     def reset_aux(self, aux: torch.Tensor, state: torch.Tensor) -> None:
         """Auxiliary state [.., 2] of vehicles put at `state` [.., 13]."""
@@ -87,6 +88,7 @@ class UnityBoat:
     def _step(
         self,
         state: ti.types.ndarray(ndim=3),
+        derived: ti.types.ndarray(ndim=3),
         aux: ti.types.ndarray(ndim=3),
         surface: ti.types.ndarray(ndim=3),
         action: ti.types.ndarray(ndim=3),
@@ -119,7 +121,9 @@ class UnityBoat:
                 pos += v * ti.static(self.dt)
                 q = quaternion_advance(q, omega, ti.static(self.dt))
                 level = 0.25 * heights.sum()
-            v_b = rotation_matrix(q).transpose() @ v
+            R_nb = rotation_matrix(q)
+            store(derived, e, i, R_nb, v)
+            v_b = R_nb.transpose() @ v
             for k in ti.static(range(3)):
                 state[e, i, k], state[e, i, 7 + k], state[e, i, 10 + k] = pos[k], v_b[k], omega[k]
             for k in ti.static(range(4)):

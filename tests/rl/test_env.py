@@ -9,6 +9,7 @@ from torch import Tensor
 from rl.env import FormationEnv
 from rl.policy import OBS_GROUPS, TrainedPolicy, actor_config
 from rl.task.formation import FormationTask
+from rl.task.team import TeamTask
 from taichi_sim import runtime
 from taichi_sim.config import StageConfig
 from taichi_sim.config_io import load_scenario
@@ -23,9 +24,9 @@ class Pilot:
     def __init__(self, value: float):
         self.value, self.seen, self.said = value, [], []
 
-    def __call__(self, observations: Tensor) -> Tensor:
-        self.seen.append(observations)
-        self.said.append(torch.full((*observations.shape[:2], 2), self.value))
+    def __call__(self, team: TeamTask) -> Tensor:
+        self.seen.append((team.name, team.observe()))
+        self.said.append(torch.full((ENVS, USVS, 2), self.value))
         return self.said[-1]
 
 
@@ -158,7 +159,9 @@ def test_the_other_team_acts_by_its_frozen_policy(env):
     expected = env.task.observe()["usv"]
     env.step(torch.ones(ENVS * UAVS, 3))
     assert len(pilot.seen) == 1
-    assert pilot.seen[0].equal(expected)  # what the boats observe, not what aircraft do
+    name, observations = pilot.seen[0]
+    assert name == "usv"
+    assert observations.equal(expected)  # as of before the step
     assert (env.task.teams["usv"].action == 0.25).all()
 
 
@@ -174,7 +177,7 @@ def test_what_a_frozen_policy_says_is_not_written_to(env, value):
 
 
 def test_a_trained_policy_does_not_learn_while_it_is_frozen(env):
-    """Its normaliser sees a thousand foreign observations; its answer to the first stays the same, bit for bit."""
+    """Its normaliser sees a thousand foreign observations; its first answer stays the same, bit for bit."""
     size = env.task.observe()["usv"].shape[-1]
     torch.manual_seed(0)
     options = actor_config(StageConfig(team="usv"))
@@ -182,13 +185,13 @@ def test_a_trained_policy_does_not_learn_while_it_is_frozen(env):
     example = TensorDict({"policy": torch.zeros(1, size)}, batch_size=[1])
     policy = TrainedPolicy(MLPModel(example, OBS_GROUPS, "actor", 2, **options))
     before = env.task.observe()["usv"].clone()
-    answer = policy(before).clone()
+    answer = policy.act(before).clone()
     env.frozen["usv"] = policy
     env.step(torch.ones(ENVS * UAVS, 3))
     env.step(torch.ones(ENVS * UAVS, 3))
-    policy(100.0 * torch.randn(250, 4, size))
+    policy.act(100.0 * torch.randn(250, 4, size))
     env.frozen["usv"] = Pilot(0.25)
-    assert policy(before).equal(answer)
+    assert policy.act(before).equal(answer)
     assert answer.shape == (ENVS, USVS, 2)
     assert answer.abs().max() <= 1.0
     assert not answer.requires_grad
@@ -210,4 +213,4 @@ def test_environments_do_not_all_run_out_of_time_together():
     env = FormationEnv(task, "uav")
     ages = env.episode_length_buf
     assert ages.unique().numel() > 32
-    assert 0 <= ages.min() and ages.max() < env.max_episode_length
+    assert ages.min() >= 0 and ages.max() < env.max_episode_length

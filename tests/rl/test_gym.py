@@ -102,7 +102,7 @@ def test_gymnasiums_vector_wrappers_work() -> None:
     env = wrappers.DictInfoToList(wrappers.RecordEpisodeStatistics(make_vec(IDS[0])))
     env.reset(seed=1)
     for _ in range(10):
-        *_, truncated, infos = env.step(env.action_space.sample())
+        *_, truncated, infos = env.step(np.zeros(env.action_space.shape, np.float32))
     assert truncated.all()
     assert [info["episode"]["l"] for info in infos] == [10, 10, 10]
     assert all(info["final_obs"].shape == env.single_observation_space.shape for info in infos)
@@ -266,8 +266,8 @@ def test_next_step_ignores_the_action_and_gives_nothing_where_an_episode_begins(
 def test_an_ended_episode_must_be_reset_where_autoreset_is_disabled(env_id: str) -> None:
     env = gymnasium.make(env_id, overrides=SHORT).unwrapped
     env.reset(seed=1)
-    for _ in range(10):
-        env.step(env.action_space.sample())
+    while not any(env.step(env.action_space.sample())[2:4]):
+        pass
     with pytest.raises(ResetNeeded, match="ended"):
         env.step(env.action_space.sample())
     env.reset()
@@ -326,6 +326,15 @@ def test_a_frozen_policy_acts_for_the_other_team(tmp_path) -> None:
     torch.testing.assert_close(env.task.teams["uav"].action, expected)
     with pytest.raises(CheckpointError, match="observations"):
         make_vec(IDS[0], other=tmp_path / "uav" / "model_1.pt", overrides=(*SMALL, "sensing.obstacles=1"))
+
+
+@both
+def test_a_classical_controller_acts_for_the_other_team(env_id: str) -> None:
+    env = make_vec(env_id, other="classical").unwrapped
+    env.reset(seed=1)
+    env.step(env.action_space.sample())
+    rival = next(team for name, team in env.task.teams.items() if name != env.team)
+    assert rival.action.any()
 
 
 def test_a_wrong_choice_of_the_other_team_names_the_choices() -> None:

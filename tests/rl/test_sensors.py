@@ -1,6 +1,7 @@
-"""Sensing against geometry: the distance to a cylinder, the nearest things in order, the gap and the range."""
+"""Sensing against geometry: distance to a cylinder, the nearest things in order, gap and range."""
 
 import math
+from types import SimpleNamespace
 
 import pytest
 import torch
@@ -8,6 +9,7 @@ from torch import Tensor
 
 from taichi_sim import runtime
 from taichi_sim.sensors import Sensor
+from taichi_sim.world import Team
 
 REACH = 40.0
 
@@ -17,15 +19,33 @@ def taichi():
     runtime.init()
 
 
-def sense(positions: list, obstacles: list, *, seen: int = 2, mates: int = 2, radius: float = 1.0) -> Sensor:
+def team(positions: Tensor, psi: float = 0.0) -> Team:
+    """Vehicles at `positions` [env, vehicle, 3], all heading `psi`."""
+    vehicles = Team("uav", SimpleNamespace(aux_size=1), *positions.shape[:2])
+    vehicles.state[..., :3] = positions
+    vehicles.state[..., 3], vehicles.state[..., 6] = math.cos(psi / 2), math.sin(psi / 2)
+    vehicles.update()
+    return vehicles
+
+
+def sense(
+    positions: list,
+    obstacles: list,
+    *,
+    seen: int = 2,
+    mates: int = 2,
+    radius: float = 1.0,
+    psi: float = 0.0,
+) -> Sensor:
     """One environment with vehicles at `positions` (NED) among `obstacles` (north, east, radius, height)."""
-    run = runtime.current()
-    state = torch.zeros((1, len(positions), 13), dtype=run.torch_dtype)
-    state[0, :, :3] = torch.tensor(positions)
-    sensor = Sensor(state, seen, mates, REACH, radius)
-    world = torch.tensor([obstacles], dtype=run.torch_dtype).reshape(1, -1, 4)
+    sensor = Sensor(team(torch.tensor([positions]), psi), seen, mates, REACH, radius)
+    world = torch.tensor([obstacles], dtype=runtime.current().torch_dtype).reshape(1, -1, 4)
     sensor.sense(world, torch.zeros(1, dtype=torch.int64))
     return sensor
+
+
+def assert_rows(sensed: Tensor, expected: list) -> None:
+    torch.testing.assert_close(sensed, torch.tensor(expected).to(sensed))
 
 
 def distance(position: tuple, obstacle: tuple) -> float:
@@ -71,7 +91,7 @@ def test_obstacles_come_nearest_first_with_unit_directions_to_their_axes():
     # surfaces at 23, 7, 12, 11 m; the last, at 59 m, is out of range
     sensor = sense([(0.0, 0.0, 0.0)], obstacles, seen=5, mates=0)
     expected = [[7, -1, 0], [11, 0, -1], [12, 1, 0], [23, 0, 1], [REACH, 0, 0]]
-    torch.testing.assert_close(sensor.obstacles[0, 0], torch.tensor(expected).to(sensor.state))
+    assert_rows(sensor.obstacles[0, 0, :, :3], expected)
 
 
 @pytest.mark.parametrize("seen", [1, 3])
@@ -82,9 +102,7 @@ def test_only_the_nearest_obstacles_are_seen_whatever_their_order(seen):
     for _ in range(5):
         order = torch.randperm(len(ranges), generator=generator).tolist()
         sensor = sense([(0.0, 0.0, 0.0)], [obstacles[i] for i in order], seen=seen, mates=0)
-        torch.testing.assert_close(
-            sensor.obstacles[0, 0, :, 0], torch.tensor([r - 1 for r in ranges[:seen]]).to(sensor.state)
-        )
+        assert_rows(sensor.obstacles[0, 0, :, 0], [r - 1 for r in ranges[:seen]])
         bearing = torch.atan2(sensor.obstacles[0, 0, :, 2], sensor.obstacles[0, 0, :, 1])
         for sensed, r in zip(bearing.tolist(), ranges, strict=False):
             assert math.cos(sensed - r) == pytest.approx(1.0, abs=1e-6)
@@ -95,15 +113,15 @@ def test_team_mates_come_nearest_first_in_three_dimensions():
     sensor = sense(positions, [], seen=0, mates=3)
     seven = (2 / 7, 3 / 7, -6 / 7)  # 4 + 9 + 36 = 49
     expected = [[7, *seven], [20, 0, 1, 0], [30, -1, 0, 0]]
-    torch.testing.assert_close(sensor.team_mates[0, 0], torch.tensor(expected).to(sensor.state))
-    back = torch.tensor([7.0, *(-x for x in seven)]).to(sensor.state)
-    torch.testing.assert_close(sensor.team_mates[0, 2, 0], back)  # seen from the other side
+    assert_rows(sensor.team_mates[0, 0][:, [0, 1, 2, 5]], expected)
+    back = [7, *(-x for x in seven)]  # seen from the other side
+    assert_rows(sensor.team_mates[0, 2, 0, [0, 1, 2, 5]], back)
 
 
 def test_what_is_not_in_range_reads_as_the_range_with_no_direction():
     sensor = sense([(0.0, 0.0, 0.0), (0.0, 50.0, 0.0)], [(100, 0, 5, 9)], seen=2, mates=2)
-    torch.testing.assert_close(sensor.obstacles[0, 0], torch.tensor([[REACH, 0, 0]] * 2).to(sensor.state))
-    torch.testing.assert_close(sensor.team_mates[0, 0], torch.tensor([[REACH, 0, 0, 0]] * 2).to(sensor.state))
+    assert_rows(sensor.obstacles[0, 0], [[REACH, 0, 0, 0, 0]] * 2)
+    assert_rows(sensor.team_mates[0, 0], [[REACH, 0, 0, 0, 0, 0]] * 2)
     assert sensor.gap.tolist() == [[REACH, REACH]]
 
 
@@ -146,12 +164,29 @@ def test_a_vehicle_over_an_obstacle_is_clear_of_it():
     assert high == pytest.approx(30 - 9 - 1)
 
 
+@pytest.mark.parametrize(
+    ("psi", "ahead", "starboard"),
+    [
+        (0.0, 0.0, 1.0),
+        (math.pi / 2, 1.0, 0.0),
+        (math.pi, 0.0, -1.0),
+        (math.pi / 4, math.sqrt(0.5), math.sqrt(0.5)),
+    ],
+)
+def test_directions_are_given_from_the_heading_too(psi, ahead, starboard):
+    """Something due east is to starboard of a northbound vehicle and ahead of an eastbound one."""
+    sensor = sense([(0.0, 0.0, 0.0), (0.0, 20.0, 0.0)], [(0, 30, 5, 9)], seen=1, mates=1, psi=psi)
+    for sensed in (sensor.obstacles[0, 0, 0], sensor.team_mates[0, 0, 0]):
+        torch.testing.assert_close(
+            sensed[3:5], torch.tensor([ahead, starboard]).to(sensed), atol=1e-5, rtol=0
+        )
+
+
 def test_environments_see_their_own_world_and_their_own_team():
-    run = runtime.current()
-    state = torch.zeros((3, 2, 13), dtype=run.torch_dtype)
-    state[:, 1, 1] = torch.tensor([11.0, 12.0, 13.0])
-    obstacles = torch.tensor([[[20.0, 0, 1, 9]], [[30.0, 0, 1, 9]]], dtype=run.torch_dtype)
-    sensor = Sensor(state, 1, 1, REACH, 1.0)
+    positions = torch.zeros((3, 2, 3))
+    positions[:, 1, 1] = torch.tensor([11.0, 12.0, 13.0])
+    obstacles = torch.tensor([[[20.0, 0, 1, 9]], [[30.0, 0, 1, 9]]], dtype=runtime.current().torch_dtype)
+    sensor = Sensor(team(positions), 1, 1, REACH, 1.0)
     sensor.sense(obstacles, torch.tensor([1, 0, 1]))
     assert column(sensor.obstacles) == [29.0, 19.0, 29.0]
     assert column(sensor.team_mates) == [11.0, 12.0, 13.0]

@@ -14,7 +14,8 @@ DOUBLE = torch.float64
 
 def target(position: Tensor, course: Tensor, course_rate: Tensor, speed: float) -> Target:
     """A target in each environment."""
-    return Target(position, course, course.cos(), course.sin(), course_rate, speed)
+    speeds = torch.full_like(course, speed)
+    return Target(position, course, course.cos(), course.sin(), course_rate, speeds)
 
 
 def place(course: float, formation: str, count: int, spacing: float = 15.0) -> Tensor:
@@ -26,7 +27,8 @@ def place(course: float, formation: str, count: int, spacing: float = 15.0) -> T
         12.0,
     )
     leader = torch.tensor([[100.0, 200.0, -5.0]], dtype=DOUBLE)
-    return slots(here, leader, torch.zeros_like(leader), formation_offsets(formation, count, spacing)).position[0]
+    offsets = formation_offsets(formation, count, spacing)
+    return slots(here, leader, torch.zeros_like(leader), offsets).position[0]
 
 
 NORTHBOUND = {  # (north, east) of the leader; starboard of a northbound vehicle is east
@@ -86,7 +88,8 @@ def test_slot_velocity_is_the_rate_of_the_slot_on_a_circle(formation):
 
     def at(t: Tensor):
         angle = speed / radius * t
-        position = torch.stack((radius * angle.sin(), -radius * angle.cos(), torch.full_like(t, -60.0)), dim=-1)
+        north, east = radius * angle.sin(), -radius * angle.cos()
+        position = torch.stack((north, east, torch.full_like(t, -60.0)), dim=-1)
         here = target(position, angle, torch.full_like(t, speed / radius), speed)
         leader = torch.stack((80 * (0.1 * t).sin(), 50 * (0.2 * t).cos(), -60 - 2 * t), dim=-1)
         rate = torch.stack((8 * (0.1 * t).cos(), -10 * (0.2 * t).sin(), torch.full_like(t, -2.0)), dim=-1)
@@ -109,8 +112,10 @@ def test_slot_velocity_is_the_rate_of_the_slot_along_a_track():
         here = tracks.at(world, s + speed * t)
         position = torch.cat((here.position, torch.zeros_like(here.course).unsqueeze(1)), dim=1)
         velocity = torch.tensor([5.0, -3.0, 0.0]).expand_as(position)
-        return slots(target(position, here.course, here.curvature * speed, speed), velocity * t, velocity, offsets)
+        moving = target(position, here.course, here.curvature * speed, speed)
+        return slots(moving, velocity * t, velocity, offsets)
 
     difference = (at(h).position - at(-h).position) / (2 * h)
-    assert (at(0).velocity[:, 3] - torch.tensor([5.0, -3.0, 0.0])).norm(dim=-1).max() > 1.0  # it swings outside
+    swing = (at(0).velocity[:, 3] - torch.tensor([5.0, -3.0, 0.0])).norm(dim=-1)
+    assert swing.max() > 1.0
     torch.testing.assert_close(at(0).velocity, difference, atol=0.05, rtol=0)
