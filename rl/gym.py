@@ -272,8 +272,8 @@ def _frozen_policy(other: str | Path, team: TeamTask, config: ScenarioConfig) ->
 
     Raises:
         ValueError: if `other` is none of OTHERS, or made for another vehicle.
-        RunError: if the vehicle has no classical controller. CheckpointError: if a file is unusable, or its policy
-            made for other observations.
+        RunError: if the vehicle has no classical controller, or the run folder no policy of the team.
+        CheckpointError: if a file is unusable, or its policy made for other observations.
     """
     if other == "constant":
         return lambda team: torch.zeros_like(team.action)

@@ -20,7 +20,7 @@ from taichi_sim.usv.unity_boat import UnityBoat
 
 BANDWIDTH = 2.0  # rad/s, of the position loop; tuned on seeds 7 and 8
 HEADING_BANDWIDTH = 6.0  # rad/s, of the heading loop; tuned likewise
-EVASION_SHARE = 0.5  # of the top thrust, to count on when avoiding; assumed
+EVASION_SHARE = 0.25  # of the top thrust, to count on when avoiding; tuned likewise
 LEAST_FORCE = 0.5  # m/s^2: a shorter force vector has no direction to follow; assumed
 
 

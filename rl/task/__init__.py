@@ -1,0 +1,1 @@
+"""The formation task in plain torch: tracks, slots, observations, rewards, endings, starts."""

@@ -2,7 +2,6 @@
 
 from typing import NamedTuple
 
-import torch
 from torch import Tensor
 
 CRASH_ALTITUDE = 0.0  # m above the wave-free sea: a UAV's origin below it has touched the water

@@ -1,0 +1,1 @@
+"""Mathematics that kernels share: vectorisable functions, rotations."""

@@ -8,7 +8,7 @@ A surface particle with label (X, Y) is, with theta_c = kx X + ky Y - omega t + 
 need the label first: `invert_label` solves x = X - sum b sin theta.
 
 `sea` is the table [sea, 8, component] of conventions.py, `s` the sea's index, and `phase[row, component]` holds
-each component's phase - omega t, reduced in f64 (`phase_at`): positions and times stay small in f32. `tau` (s) is
+each component's phase - omega t, reduced in f64 (`Sea.phases`): positions and times stay small in f32. `tau` (s) is
 a time since that phase. `count`, the number of components, is a constant of the compiled kernel: only a loop of known
 length is unrolled over whole vectors, which halves its time at 16 components.
 """

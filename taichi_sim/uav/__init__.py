@@ -1,0 +1,1 @@
+"""Aircraft: one module per model."""

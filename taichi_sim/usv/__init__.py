@@ -1,0 +1,1 @@
+"""Surface vessels: one module per model and per load."""

@@ -67,15 +67,16 @@ def test_gymnasiums_checker_passes_and_warns_of_unbounded_observations_only(env_
         assert "infinity" in str(warning.message)
 
 
-@both
-def test_an_environment_made_twice_is_the_same(env_id: str) -> None:
-    first = gymnasium.make(env_id, overrides=SHORT)
+def test_an_environment_made_twice_is_the_same() -> None:
+    first = gymnasium.make(IDS[1], overrides=SHORT)
+    assert isinstance(first.unwrapped, TeamEnv)
     assert first.spec is not None
     check_environments_match(first, first.spec.make(), 25, seed=3, skip_render=True)
 
 
-@both
-@pytest.mark.parametrize("mode", AutoresetMode)
+@pytest.mark.parametrize(
+    ("env_id", "mode"), [(IDS[1], AutoresetMode.SAME_STEP), *((IDS[0], mode) for mode in AutoresetMode)]
+)
 def test_one_environment_steps_as_in_gymnasiums_vector_environment(env_id: str, mode: AutoresetMode) -> None:
     """Over several episodes: observations, rewards, endings, final observations and infos."""
     ours = make_vec(env_id, 1, autoreset_mode=mode)
@@ -146,17 +147,6 @@ def test_vehicles_are_stacked(env_id: str, team: str, count: int) -> None:
     np.testing.assert_allclose(reward, infos["reward_vehicle"].mean(axis=1), rtol=1e-5, atol=1e-6)
 
 
-@both
-def test_the_single_environment_has_one_row_of_the_vector(env_id: str) -> None:
-    env = gymnasium.make(env_id, overrides=SHORT)
-    observed, infos = env.reset(seed=4)
-    rows, batched = make_vec(env_id, 1).reset(seed=4)
-    np.testing.assert_array_equal(observed, rows[0])
-    np.testing.assert_array_equal(infos["distance"], batched["distance"][0])
-    assert isinstance(env.unwrapped, TeamEnv)
-    assert env.unwrapped.task.num_envs == 1
-
-
 # -- seeds ---------------------------------------------------------------------------------------------------
 
 
@@ -167,7 +157,10 @@ def test_a_seed_fixes_every_bit_over_resets(env_id: str) -> None:
     assert same(first, rollout(env, 1))
     assert same(first, rollout(make_vec(env_id), 1))
     assert not same(first, rollout(env, 2))
-    assert not same(first, rollout(make_vec(env_id, seed=99), 1)), "the constructor's seed makes other worlds"
+
+
+def test_the_constructors_seed_makes_other_worlds() -> None:
+    assert not same(rollout(shared(IDS[0]), 1, 1), rollout(make_vec(IDS[0], seed=99), 1, 1))
 
 
 def test_without_a_seed_episodes_continue_one_sequence() -> None:
@@ -262,9 +255,8 @@ def test_next_step_ignores_the_action_and_gives_nothing_where_an_episode_begins(
         env.step(actions)
 
 
-@both
-def test_an_ended_episode_must_be_reset_where_autoreset_is_disabled(env_id: str) -> None:
-    env = gymnasium.make(env_id, overrides=SHORT).unwrapped
+def test_an_ended_episode_must_be_reset_where_autoreset_is_disabled() -> None:
+    env = gymnasium.make(IDS[1], overrides=SHORT).unwrapped
     env.reset(seed=1)
     while not any(env.step(env.action_space.sample())[2:4]):
         pass
