@@ -20,7 +20,7 @@ The vehicles of the team are stacked in one action and one observation, vehicle 
 import math
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import gymnasium
 import numpy as np
@@ -31,15 +31,15 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from torch import Tensor
 
-from rl.controllers import controllers
-from rl.policy import Policy, TrainedPolicy
-from rl.run_folder import CONFIG, load_config
-from rl.stages import load_policy
+from rl.run_folder import CONFIG, RunError, load_config
 from rl.task.formation import FormationTask, Step
 from rl.task.team import TeamTask
 from taichi_sim.config import ScenarioConfig
 from taichi_sim.config_io import find_config, load_scenario
 from taichi_sim.conventions import TEAMS
+
+if TYPE_CHECKING:  # rsl-rl doubles the time to import: only a frozen policy needs it
+    from rl.policy import Policy
 
 OTHERS = "'absent', 'constant', 'classical', or the path of a run folder or of a checkpoint in one"
 
@@ -126,9 +126,7 @@ class TeamVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self._restart(mask)
         return self._observe(), _masked({"distance": self._distance()}, mask)
 
-    def step(
-        self, actions: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+    def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """One decision in every environment; `actions` is [num_envs, vehicles * a].
 
         Raises:
@@ -182,12 +180,8 @@ class TeamVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         for env in ended.nonzero()[0]:
             final_obs[env] = rows[env].copy()
         final_info = _masked(self._happened(step) | {"distance": self._distance()}, ended)
-        return {
-            "final_obs": final_obs,
-            "_final_obs": ended.copy(),
-            "final_info": final_info,
-            "_final_info": ended.copy(),
-        }
+        masks = {"_final_obs": ended.copy(), "_final_info": ended.copy()}
+        return {"final_obs": final_obs, "final_info": final_info} | masks
 
     # -- between torch [env, vehicle, n] and NumPy [env, vehicle * n] --------------------------------------
 
@@ -267,7 +261,7 @@ def _alone(infos: dict[str, Any]) -> dict[str, Any]:
     return {key: value[0] for key, value in infos.items() if not key.startswith("_")}
 
 
-def _frozen_policy(other: str | Path, team: TeamTask, config: ScenarioConfig) -> Policy:
+def _frozen_policy(other: str | Path, team: TeamTask, config: ScenarioConfig) -> "Policy":
     """What `team` acts by, it being the one that does not learn.
 
     Raises:
@@ -278,7 +272,9 @@ def _frozen_policy(other: str | Path, team: TeamTask, config: ScenarioConfig) ->
     if other == "constant":
         return lambda team: torch.zeros_like(team.action)
     if other == "classical":
-        policy: Policy = controllers("classical", Path(), config)[team.name]
+        from rl.controllers import controllers
+
+        policy = controllers("classical", Path(), config)[team.name]
     else:
         policy = _trained_policy(Path(other), team.name, config)
     given, taken = policy(team).shape[-1], len(team.action_names)
@@ -287,24 +283,15 @@ def _frozen_policy(other: str | Path, team: TeamTask, config: ScenarioConfig) ->
     return policy
 
 
-def _trained_policy(path: Path, team: str, config: ScenarioConfig) -> TrainedPolicy:
+def _trained_policy(path: Path, team: str, config: ScenarioConfig) -> "Policy":
     """The newest policy of `team` in run folder `path`, or that of checkpoint `path`."""
-    if path.is_dir():
-        return load_policy(path, load_config(path)[0], team)
-    if not path.is_file():
+    from rl.policy import TrainedPolicy, checkpoints
+
+    if not path.exists():
         raise ValueError(f"other = {str(path)!r}: no such choice, folder or file; allowed are {OTHERS}")
-    run = path.resolve().parent.parent
-    trained = load_config(run)[0] if (run / CONFIG).is_file() else config
+    run, saved = (path, checkpoints(path / team)) if path.is_dir() else (path.resolve().parent.parent, [path])
+    trained = load_config(run)[0] if path.is_dir() or (run / CONFIG).is_file() else config
     stage = next((s for s in trained.stages.values() if s.team == team), None)
-    if stage is None:
-        raise ValueError(f"other = {str(path)!r}: no stage of {trained.name!r} describes its network")
-    return TrainedPolicy.load(path, stage)
-
-
-for _name, _team in (("UsvFormation", "usv"), ("UavFormation", "uav")):
-    gymnasium.register(
-        id=f"taichi_sim/{_name}-v0",
-        entry_point="rl.gym:TeamEnv",
-        vector_entry_point="rl.gym:TeamVectorEnv",
-        kwargs={"team": _team},
-    )
+    if stage is None or not saved:
+        raise RunError(f"{path}: no trained {team} policy (no {team}/model_N.pt, or no stage that describes it)")
+    return TrainedPolicy.load(saved[-1], stage)

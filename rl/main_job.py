@@ -7,9 +7,10 @@ from typing import Any
 from rl import run_folder
 from rl.evaluation import check_measurable, evaluate
 from rl.figures import read_history, write_figures
+from rl.policy import load_policy
 from rl.record import record_episode
 from rl.runner import HISTORY
-from rl.stages import load_policy, train_stages
+from rl.stages import train_stages
 from taichi_sim.config import ConfigError, ScenarioConfig
 from taichi_sim.recording import write_recording
 

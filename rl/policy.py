@@ -10,7 +10,7 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from rl.task.team import TeamTask
-from taichi_sim.config import StageConfig
+from taichi_sim.config import ScenarioConfig, StageConfig
 
 Policy = Callable[[TeamTask], Tensor]
 """What decides for a team: reads the team's task, returns actions [env, vehicle, action] in [-1, 1]."""
@@ -111,4 +111,14 @@ class TrainedPolicy:
         return actions.view(*observations.shape[:2], -1).clamp(-1.0, 1.0)
 
 
-__all__ = ["CheckpointError", "Policy", "TrainedPolicy", "checkpoints", "read_checkpoint"]
+def load_policy(run: Path, config: ScenarioConfig, team: str) -> TrainedPolicy:
+    """The newest policy of a team in a run folder.
+
+    Raises:
+        CheckpointError: if the team has not been trained there, or its checkpoint is unusable.
+    """
+    stage = next((s for s in config.stages.values() if s.team == team), None)
+    saved = checkpoints(run / team)
+    if stage is None or not saved:
+        raise CheckpointError(f"{run}: no trained {team} policy (no {team}/model_N.pt, or no stage that describes it)")
+    return TrainedPolicy.load(saved[-1], stage)

@@ -8,7 +8,7 @@ import torch
 from rl import run_folder
 from rl.env import FormationEnv
 from rl.export import export_policy
-from rl.policy import TrainedPolicy, checkpoints, read_checkpoint
+from rl.policy import TrainedPolicy, checkpoints, load_policy, read_checkpoint
 from rl.runner import HISTORY, StageRunner, history_seconds
 from rl.seeds import derive_seed
 from rl.task.formation import FormationTask
@@ -70,16 +70,3 @@ def stage_result(folder: Path, name: str, stage: StageConfig, rows: int) -> dict
         "wall_time_s": round(seconds, 3),
         "agent_steps_per_s": round(steps / max(seconds, 1e-9), 1),
     }
-
-
-def load_policy(out: Path, config: ScenarioConfig, team: str) -> TrainedPolicy:
-    """The newest policy of a team in a run folder.
-
-    Raises:
-        RunError: if the team has not been trained there. CheckpointError: if its checkpoint is unusable.
-    """
-    stage = next((s for s in config.stages.values() if s.team == team), None)
-    saved = checkpoints(out / team)
-    if stage is None or not saved:
-        raise run_folder.RunError(f"{out}: no trained {team} policy (no {team}/model_N.pt)")
-    return TrainedPolicy.load(saved[-1], stage)

@@ -4,10 +4,17 @@ An obstacle is a vertical cylinder standing on the sea: (north, east, radius, he
 origin is that to the nearest point of the cylinder's surface: horizontal beside it, vertical above its top.
 """
 
+from typing import Protocol
+
 import taichi as ti
 import torch
 
-from taichi_sim.world import Team
+
+class HasState(Protocol):
+    """A team: its state [env, vehicle, 13] and what follows from it [env, vehicle, 14] (kinematics.py)."""
+
+    state: torch.Tensor
+    derived: torch.Tensor
 
 
 @ti.func
@@ -109,7 +116,7 @@ class Sensor:
             starboard; down. Likewise.
     """
 
-    def __init__(self, team: Team, num_obstacles: int, num_mates: int, reach: float, radius: float):
+    def __init__(self, team: HasState, num_obstacles: int, num_mates: int, reach: float, radius: float):
         """Allocate for a team; `reach` and `radius` in m."""
         state = team.state
         env, vehicle = state.shape[:2]

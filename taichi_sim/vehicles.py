@@ -8,6 +8,9 @@ from taichi_sim.config_io import read_toml, validate
 from taichi_sim.uav.unity_aircraft import UnityAircraft
 from taichi_sim.usv.unity_boat import UnityBoat
 
+# Vehicles of the same numbers share one model, and so one compiled kernel: models hold no state.
+_models: dict[tuple, Any] = {}
+
 MODELS = {"unity_boat": UnityBoat, "unity_aircraft": UnityAircraft}
 
 
@@ -24,4 +27,8 @@ def load_vehicle(file: Path, team: str, dt: float, substeps: int) -> Any:
     model = MODELS[name]
     if model.team != team:
         raise ConfigError(f"{file}: model {name!r} is a {model.team.upper()} and cannot serve in {team}.vehicle")
-    return model(validate(model.Params, data, str(file)), dt, substeps)
+    params = validate(model.Params, data, str(file))
+    key = (name, params.model_dump_json(), dt, substeps)
+    if key not in _models:
+        _models[key] = model(params, dt, substeps)
+    return _models[key]

@@ -122,9 +122,7 @@ def test_a_file_that_is_not_text_is_refused(tmp_path):
     assert_says(refusal(file), file, "cannot be read")
 
 
-@pytest.mark.parametrize(
-    "name", ["atlantis", "atlantis.toml", "configs/atlantis.toml", "some/where/paper.toml", ""]
-)
+@pytest.mark.parametrize("name", ["atlantis", "atlantis.toml", "configs/atlantis.toml", "some/where/paper.toml", ""])
 def test_a_missing_scenario_lists_the_shipped_ones(name):
     shipped = sorted(p.stem for p in config_folder().glob("*.toml"))
     assert "paper" in shipped

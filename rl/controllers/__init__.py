@@ -10,9 +10,8 @@ from torch import Tensor
 
 from rl.controllers.unity_aircraft import UnityAircraftController
 from rl.controllers.unity_boat import UnityBoatController
-from rl.policy import Policy
+from rl.policy import Policy, load_policy
 from rl.run_folder import RunError
-from rl.stages import load_policy
 from rl.task.team import TeamTask
 from taichi_sim.config import ScenarioConfig
 from taichi_sim.conventions import TEAMS

@@ -5,8 +5,9 @@ Towards each sensed body, at a clearance h (m) beyond `MARGIN`, the closing spee
     sqrt(2 a h)        (to stop, or turn aside, in h with the acceleration a),   -h / TAU where h < 0.
 
 A desired velocity that closes faster loses the excess and is turned along the body's side at its old speed, to the
-side it already leans to. Obstacles stand still; a team mate is taken to move with the formation, and does half of
-the avoiding itself. A body is a place and a clearance: its radius is not sensed. Frame: NED.
+side it already leans to. Obstacles stand still. A team mate's velocity is not sensed: it is taken to be the slot's,
+but not to get away faster than oneself follows; half of the avoiding is the mate's. A body is a place and a
+clearance: its radius is not sensed. Frame: NED.
 """
 
 import torch
@@ -25,7 +26,7 @@ def avoid(team: TeamTask, velocity: Tensor, acceleration: float) -> Tensor:
 
     acceleration  a, m/s^2
     """
-    sensor, formation = team.sensor, team.now.slot_velocity[..., : team.axes]
+    sensor, own, slot = team.sensor, team.team.velocity_n[..., : team.axes], team.now.slot_velocity[..., : team.axes]
     for _ in range(PASSES):
         for k in range(sensor.num_obstacles):
             seen = sensor.obstacles[..., k, :]
@@ -36,7 +37,9 @@ def avoid(team: TeamTask, velocity: Tensor, acceleration: float) -> Tensor:
             seen = sensor.team_mates[..., k, :]
             toward = seen[..., MATE_DIRECTION[: team.axes]]
             clearance = seen[..., 0] - 2 * team.radius
-            velocity = formation + _turned(velocity - formation, toward, clearance, acceleration / 4)
+            lead = ((slot - own) * toward).sum(-1, keepdim=True).clamp(min=0.0)
+            mate = slot - lead * toward
+            velocity = mate + _turned(velocity - mate, toward, clearance, acceleration / 4)
     return velocity
 
 

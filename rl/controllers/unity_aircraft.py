@@ -20,7 +20,7 @@ from taichi_sim.uav.unity_aircraft import DEG, UnityAircraft
 
 BANDWIDTH = 2.0  # rad/s, of the position loop; tuned on seeds 7 and 8
 ATTITUDE_BANDWIDTH = 8.0  # rad/s, of pitch and yaw; tuned likewise
-EVASION = 10.0  # m/s^2 to count on when avoiding; assumed
+EVASION = 7.0  # m/s^2 to count on when avoiding, a third of top yaw rate x 12 m/s; tuned likewise
 MAX_CLIMB = math.radians(60.0)  # of the nose: yaw means little near the vertical; assumed
 LEAST_FORCE = 0.5  # m/s^2: a shorter force vector has no direction to follow; assumed
 
@@ -34,9 +34,7 @@ class UnityAircraftController:
         self.interval = model.dt * model.substeps
         self.per_boost = p.thrust_factor * p.thrust / p.mass  # m/s^2
         self.boost_min, self.boost_max = p.boost_min, p.boost_max
-        self.force = ForceVector(
-            model, thrust=self.per_boost * p.boost_max, bandwidth=BANDWIDTH, evasion=EVASION
-        )
+        self.force = ForceVector(model, thrust=self.per_boost * p.boost_max, bandwidth=BANDWIDTH, evasion=EVASION)
         self.k = (1 - math.exp(-ATTITUDE_BANDWIDTH * self.interval)) / self.interval
         self.top_rate = DEG * p.pitch_speed_deg, DEG * p.yaw_speed_deg
         self.smooth_rate = p.smooth_rate

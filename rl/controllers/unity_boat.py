@@ -32,9 +32,7 @@ class UnityBoatController:
         p = model.params
         self.thrust = p.force_factor / p.mass
         self.interval = model.dt * model.substeps
-        self.force = ForceVector(
-            model, thrust=self.thrust, bandwidth=BANDWIDTH, evasion=EVASION_SHARE * self.thrust
-        )
+        self.force = ForceVector(model, thrust=self.thrust, bandwidth=BANDWIDTH, evasion=EVASION_SHARE * self.thrust)
         yaw = held(model.dt, model.substeps, p.angular_drag)
         self.k_psi, self.k_r = place_poles(yaw, HEADING_BANDWIDTH, self.interval)
         self.damping = (1 - yaw.keep) / yaw.gain

@@ -67,7 +67,7 @@ class FormationTask:
             area_m=config.area,
             checkpoints=track.checkpoints,
             min_radius_m=track.min_radius,
-        ).to(run.device)
+        )
         generated = generate_obstacles(
             self.tracks,
             derive_seed(seed, "obstacles"),
@@ -85,7 +85,9 @@ class FormationTask:
         fixed = torch.tensor([[o.north, o.east, o.radius, o.height] for o in cylinders.fixed]).reshape(-1, 4)
         both = torch.cat((generated, fixed.expand(track.worlds, -1, 4)), dim=1)
         radii = {name: team.radius for name, team in self.teams.items()}
-        self.starts = draw_starts(config, self.tracks, both, radii, self.generator)
+        starts = draw_starts(config, self.tracks, both, radii, self.generator)
+        self.tracks = self.tracks.to(run.device)  # all was drawn on the CPU: the same worlds on every device
+        self.starts = starts.to(run.device)
         self.obstacles = both.to(run.device, run.torch_dtype).contiguous()
         if not self.obstacles.shape[1]:  # a kernel needs one row: put it out of every vehicle's reach
             self.obstacles = self.obstacles.new_tensor([1e6, 1e6, 1.0, 1.0]).expand(track.worlds, 1, 4).contiguous()

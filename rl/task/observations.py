@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 DISTANCE_SCALE = 10.0  # m, where squashed distances are half way to 1
-SPEED_SCALE = 10.0  # m/s
+SPEED_SCALE = 10.0  # m/s, likewise for speeds
 RATE_SCALE = 2.0  # rad/s, of own rotation
 TURN_SCALE = 0.1  # rad/s, of the target's course
 

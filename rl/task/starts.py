@@ -31,6 +31,10 @@ class Starts(NamedTuple):
     progress: Tensor
     states: dict[str, Tensor]
 
+    def to(self, device: torch.device) -> "Starts":
+        """The same starts on another device."""
+        return Starts(self.progress.to(device), {name: s.to(device) for name, s in self.states.items()})
+
 
 def draw_starts(
     config: ScenarioConfig,

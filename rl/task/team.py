@@ -39,17 +39,16 @@ class TeamTask:
         self.previous_action = self.action
         self.role = observations.role(count, envs, state)
         self.target: Target
-        self.now: Geometry
+        self.now: Geometry | None = None
         self.previous_sight: Tensor
 
     # -- measuring ------------------------------------------------------------------------------------------------
 
     def measure(self, target: Target) -> None:
         """Read the world after a step: slots and errors; what was seen becomes what was seen before."""
-        before = self.now.sight if hasattr(self, "now") else None
-        self.target = target
+        before, self.target = self.now, target
         self.now = geometry(self.team.position_n, self.team.derived, target, self.offsets, self.axes)
-        self.previous_sight = self.now.sight if before is None else before
+        self.previous_sight = (before or self.now).sight
 
     def restart(self, envs: Tensor, target: Target) -> None:
         """Environments `envs` [n] have begun anew, with `target` of those: forget their past."""
@@ -128,8 +127,8 @@ class TeamTask:
         turn = (target.course_rate * (1 / o.TURN_SCALE)).view(-1, 1, 1).expand(*c.shape, 1)
         return [
             o.squash(self.now.error_b, o.DISTANCE_SCALE),
-            self.now.error_rate_b * (1 / o.SPEED_SCALE),
-            team.velocity_b * (1 / o.SPEED_SCALE),
+            o.squash(self.now.error_rate_b, o.SPEED_SCALE),
+            o.squash(team.velocity_b, o.SPEED_SCALE),
             team.derived[..., 6:9],  # the world's down in b: roll and pitch without a jump
             team.angular_velocity_b * (1 / o.RATE_SCALE),
             course,

@@ -58,9 +58,7 @@ def wander(task: FormationTask, steps: int, seed: int = 0, size: float = 1.0) ->
     """Step with random actions; return the last step."""
     generator = torch.Generator().manual_seed(seed)
     for _ in range(steps):
-        step = task.step(
-            {n: size * (2 * torch.rand(s, generator=generator) - 1) for n, s in shapes(task).items()}
-        )
+        step = task.step({n: size * (2 * torch.rand(s, generator=generator) - 1) for n, s in shapes(task).items()})
     return step
 
 
@@ -127,13 +125,20 @@ def test_a_vehicle_is_lost_beyond_its_limit(shared, name, away, expected):
 
 
 @pytest.mark.parametrize(
-    ("roll_deg", "expected"), [(180.0, True), (110.0, True), (70.0, False), (-180.0, True)]
+    ("euler_deg", "expected"),
+    [
+        ((180, 0, 0), True),
+        ((-110, 0, 0), True),
+        ((0, 110, 0), True),  # bow over stern
+        ((70, 0, 0), False),
+        ((0, -70, 0), False),
+        ((10, 10, 170), False),  # heading south is no capsize
+    ],
 )
-def test_a_capsized_boat_has_crashed(shared, roll_deg, expected):
+def test_a_capsized_boat_has_crashed(shared, euler_deg, expected):
     begin(shared)
-    angle = torch.tensor(math.radians(roll_deg))
-    zero = torch.zeros(())
-    state(shared, "usv")[0, 1, 3:7] = torch_quaternion_from_euler(angle, zero, zero)
+    euler = torch.deg2rad(torch.tensor(euler_deg, dtype=torch.float32))
+    state(shared, "usv")[0, 1, 3:7] = torch_quaternion_from_euler(*euler)
     step = shared.step(still(shared))
     assert step.endings["usv"].crashed.equal(only(shared, 0, 1) & expected)
 
@@ -605,7 +610,7 @@ def test_the_paper_rewards_a_leader_by_where_it_points(paper, name, near, far):
 
 @pytest.mark.parametrize("name", TEAMS)
 def test_the_paper_takes_one_for_a_collision(paper, name):
-    """A follower with another on the same spot, or three metres clear of it: the rest of its reward is equal."""
+    """A follower with another on the same spot, or 3 m clear of it: the rest of its reward is equal."""
     begin(paper)
     team = paper.teams[name]
     arrange(paper, name, (-30.0, 0.0, 0.0), NORTH)

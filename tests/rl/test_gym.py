@@ -20,7 +20,9 @@ from gymnasium.wrappers import vector as wrappers
 
 from rl.gym import TeamEnv, TeamVectorEnv
 from rl.policy import OBS_GROUPS, CheckpointError, TrainedPolicy, actor_config
+from rl.run_folder import CONFIG, RunError
 from taichi_sim.config import StageConfig
+from taichi_sim.config_io import load_scenario, write_toml
 
 IDS = ("taichi_sim/UsvFormation-v0", "taichi_sim/UavFormation-v0")
 SMALL = ("track.worlds=4", "sea.realisations=4", "obstacles.count=4")
@@ -316,6 +318,13 @@ def test_a_frozen_policy_acts_for_the_other_team(tmp_path) -> None:
     expected = policy(env.task.teams["uav"])
     env.step(env.action_space.sample())
     torch.testing.assert_close(env.task.teams["uav"].action, expected)
+    write_toml(load_scenario(overrides=SMALL), tmp_path / CONFIG)
+    whole_run = make_vec(IDS[0], other=tmp_path).unwrapped
+    whole_run.reset(seed=1)
+    whole_run.step(env.action_space.sample())
+    torch.testing.assert_close(whole_run.task.teams["uav"].action, expected)
+    with pytest.raises(RunError, match="no trained usv policy"):
+        make_vec(IDS[1], other=tmp_path)
     with pytest.raises(CheckpointError, match="observations"):
         make_vec(IDS[0], other=tmp_path / "uav" / "model_1.pt", overrides=(*SMALL, "sensing.obstacles=1"))
 

@@ -38,7 +38,7 @@ def sense(
     psi: float = 0.0,
 ) -> Sensor:
     """One environment with vehicles at `positions` (NED) among `obstacles` (north, east, radius, height)."""
-    sensor = Sensor(team(torch.tensor([positions]), psi), seen, mates, REACH, radius)
+    sensor = Sensor(team(torch.tensor([positions], dtype=torch.float64), psi), seen, mates, REACH, radius)
     world = torch.tensor([obstacles], dtype=runtime.current().torch_dtype).reshape(1, -1, 4)
     sensor.sense(world, torch.zeros(1, dtype=torch.int64))
     return sensor
@@ -164,22 +164,14 @@ def test_a_vehicle_over_an_obstacle_is_clear_of_it():
     assert high == pytest.approx(30 - 9 - 1)
 
 
-@pytest.mark.parametrize(
-    ("psi", "ahead", "starboard"),
-    [
-        (0.0, 0.0, 1.0),
-        (math.pi / 2, 1.0, 0.0),
-        (math.pi, 0.0, -1.0),
-        (math.pi / 4, math.sqrt(0.5), math.sqrt(0.5)),
-    ],
-)
-def test_directions_are_given_from_the_heading_too(psi, ahead, starboard):
-    """Something due east is to starboard of a northbound vehicle and ahead of an eastbound one."""
-    sensor = sense([(0.0, 0.0, 0.0), (0.0, 20.0, 0.0)], [(0, 30, 5, 9)], seen=1, mates=1, psi=psi)
+@pytest.mark.parametrize("psi", [0.0, 1.0, math.pi / 2, -2.5])
+def test_directions_are_given_from_the_heading_too(psi):
+    """What bears 1 rad from north bears 1 - psi from the bow: ahead its cosine, to starboard its sine."""
+    c, s = math.cos(1.0), math.sin(1.0)
+    sensor = sense([(0, 0, 0), (20 * c, 20 * s, 0)], [(30 * c, 30 * s, 5, 9)], seen=1, mates=1, psi=psi)
     for sensed in (sensor.obstacles[0, 0, 0], sensor.team_mates[0, 0, 0]):
-        torch.testing.assert_close(
-            sensed[3:5], torch.tensor([ahead, starboard]).to(sensed), atol=1e-5, rtol=0
-        )
+        expected = torch.tensor([math.cos(1.0 - psi), math.sin(1.0 - psi)]).to(sensed)
+        torch.testing.assert_close(sensed[3:5], expected, atol=1e-5, rtol=0)
 
 
 def test_environments_see_their_own_world_and_their_own_team():

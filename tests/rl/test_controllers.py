@@ -1,0 +1,195 @@
+"""Classical controllers: gains against closed forms, and what the vehicles do under them."""
+
+import math
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from rl.controllers import CLASSICAL, ClassicalPolicy, avoidance, controllers, force_vector
+from rl.controllers.sampled import held, place_poles
+from rl.evaluation import evaluate
+from rl.run_folder import RunError
+from rl.task.formation import FormationTask
+from taichi_sim import runtime
+from taichi_sim.config_io import load_scenario
+from taichi_sim.conventions import TEAMS
+from taichi_sim.maths.rotation import torch_quaternion_from_euler
+
+SMALL = ("track.worlds=4", "sea.realisations=4")
+CALM = (*SMALL, "sea.hs=0", "obstacles.count=0")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def taichi():
+    runtime.init()
+
+
+def make(team: str, *overrides: str, envs: int = 4, seed: int = 3) -> FormationTask:
+    """Return a task with environment i in world i."""
+    task = FormationTask(load_scenario("paper", overrides), envs, seed=seed, teams=(team,))
+    task.reset(worlds=torch.arange(envs), starts=torch.zeros(envs, dtype=torch.int64))
+    return task
+
+
+def classical(team: str) -> ClassicalPolicy:
+    return controllers("classical", Path(), load_scenario("paper"))[team]
+
+
+def fly(task: FormationTask, team: str, seconds: float) -> tuple[Tensor, Tensor]:
+    """Run; return the smallest gap [env, vehicle] on the way and the actions [step, env, vehicle, action]."""
+    policy, gaps, actions = classical(team), [], []
+    for _ in range(round(seconds / task.config.decision_interval)):
+        actions.append(policy(task.teams[team]))
+        task.step({team: actions[-1]})
+        gaps.append(task.teams[team].sensor.gap.clone())
+    return torch.stack(gaps).amin(0), torch.stack(actions)
+
+
+def put(task: FormationTask, team: str, away: Tensor, heading: float = 0.0) -> None:
+    """Put vehicles `away` [env, vehicle, 2] (ahead, starboard, m) of undisturbed slots, `heading` off course."""
+    side = task.teams[team]
+    place = task.tracks.at(task.env_world, task.progress)
+    offset = side.offsets + away
+    c, s = place.course.cos()[:, None], place.course.sin()[:, None]
+    state = torch.zeros_like(side.team.state)
+    state[..., 0] = place.position[:, :1] + c * offset[..., 0] - s * offset[..., 1]
+    state[..., 1] = place.position[:, 1:] + s * offset[..., 0] + c * offset[..., 1]
+    state[..., 2] = 0.0 if team == "usv" else -task.config.track.flight_height
+    psi = (place.course + heading)[:, None].expand(state.shape[:2])
+    state[..., 3:7] = torch_quaternion_from_euler(torch.zeros_like(psi), torch.zeros_like(psi), psi)
+    state[..., 7] = task.config.track.target_speed
+    task.world.place(team, torch.arange(task.num_envs), state)
+    task.step({team: torch.zeros_like(side.action)})  # so that everything is measured anew
+
+
+# -- closed forms -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("damping", [0.0, 1.0, 5.0])
+def test_held_is_the_geometric_series(damping):
+    dt, n = 0.02, 5
+    plant, kappa = held(dt, n, damping), 1 - damping * dt
+    series = sum(kappa**i for i in range(1, n + 1))
+    assert plant.keep == pytest.approx(kappa**n)
+    assert plant.gain == pytest.approx(dt * series)
+    assert plant.reach == pytest.approx(dt * series)
+    assert plant.push == pytest.approx(dt**2 * sum((n + 1 - i) * kappa**i for i in range(1, n + 1)))
+
+
+@pytest.mark.parametrize("damping", [0.0, 1.0, 5.0])
+@pytest.mark.parametrize("bandwidth", [0.5, 2.0, 8.0])
+def test_both_poles_are_placed(damping, bandwidth):
+    plant = held(0.02, 5, damping)
+    k_x, k_rate = place_poles(plant, bandwidth, 0.1)
+    A = np.array([[1.0, plant.reach], [0.0, plant.keep]])
+    closed = A - np.outer([plant.push, plant.gain], [k_x, k_rate])
+    p = math.exp(-bandwidth * 0.1)
+    np.testing.assert_allclose(np.poly(closed), [1.0, -2 * p, p * p], atol=1e-12)
+
+
+def test_approach_can_be_stopped():
+    """From a rate sqrt(2 a |e|) a deceleration a stops exactly at zero error; near zero it is linear."""
+    rate = force_vector.approach(torch.tensor([-2.0, 0.001]), 4.0, 3.0)
+    torch.testing.assert_close(rate, torch.tensor([-math.sqrt(2 * 3.0 * 2.0), 0.004]))
+
+
+def test_turned_velocity_keeps_its_speed_and_leaves_room_to_stop():
+    velocity, toward = torch.tensor([[12.0, 0.0], [12.0, 0.0], [12.0, 0.0]]), torch.tensor([1.0, 0.0]).expand(3, 2)
+    clearance = avoidance.MARGIN + torch.tensor([100.0, 2.0, -1.0])
+    turned = avoidance._turned(velocity, toward, clearance, 4.0)
+    torch.testing.assert_close(turned[0], velocity[0])
+    torch.testing.assert_close(turned[1], torch.tensor([4.0, math.sqrt(144 - 16)]))
+    assert turned[2, 0] == pytest.approx(-1.0 / avoidance.TAU)
+
+
+# -- behaviour ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("team", TEAMS)
+def test_converges_from_20_m(team):
+    """Ahead, behind, to either side: after 20 s the whole team is on its slots, and nobody was hit."""
+    task = make(team, *CALM)
+    away = 20 * torch.tensor([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])[:, None].expand(4, 3, 2)
+    put(task, team, away)
+    assert task.teams[team].distance[:, 0].min() > 18
+    gap, _ = fly(task, team, 20.0)
+    assert gap.min() > 0
+    assert task.teams[team].distance.max() < 0.1
+
+
+@pytest.mark.parametrize("team", TEAMS)
+def test_turns_round_when_it_faces_backwards(team):
+    task = make(team, *CALM, f"{team}.count=1")
+    put(task, team, torch.zeros(4, 1, 2), heading=math.pi - 0.01)
+    fly(task, team, 15.0)
+    assert task.teams[team].distance.max() < 0.2
+
+
+@pytest.mark.parametrize("team", TEAMS)
+def test_avoids_an_obstacle_in_its_way(team, monkeypatch):
+    """A cylinder on the leader's track is passed and the slot found again; without avoidance it is hit."""
+
+    def smallest_gap() -> float:
+        task = make(team, *CALM, f"{team}.count=1")
+        put(task, team, torch.zeros(4, 1, 2))
+        ahead = task.tracks.at(task.env_world, task.progress + 80.0)
+        rest = torch.tensor([5.0, 90.0]).expand(4, 2)  # radius and height
+        task.obstacles = torch.cat((ahead.position, rest), dim=1).unsqueeze(1)
+        gap, _ = fly(task, team, 16.0)
+        assert task.teams[team].distance.max() < 0.3
+        return float(gap.min())
+
+    assert smallest_gap() > 0.5
+    monkeypatch.setattr(force_vector, "avoid", lambda team, velocity, acceleration: velocity)
+    assert smallest_gap() < 0.0
+
+
+@pytest.mark.parametrize("team", TEAMS)
+@pytest.mark.parametrize("count", [1, 3, 8])
+def test_actions_are_legal_and_repeatable(team, count):
+    def actions() -> Tensor:
+        return fly(make(team, *SMALL, f"{team}.count={count}", "sea.hs=1"), team, 2.0)[1]
+
+    first = actions()
+    assert first.shape == (20, 4, count, 2 if team == "usv" else 3)
+    assert torch.isfinite(first).all()
+    assert first.abs().max() <= 1
+    assert torch.equal(first, actions())
+
+
+@pytest.mark.parametrize("team", TEAMS)
+def test_decides_on_what_is_measured_now_alone(team):
+    """No memory: a new controller in the middle of an episode acts as the old one."""
+    task, policy = make(team, *SMALL), classical(team)
+    for _ in range(5):
+        task.step({team: policy(task.teams[team])})
+    assert torch.equal(policy(task.teams[team]), classical(team)(task.teams[team]))
+
+
+@pytest.mark.parametrize("team", TEAMS)
+def test_blind_teams_act_too(team):
+    task = make(team, *SMALL, "sensing.obstacles=0", "sensing.team_mates=0")
+    _, actions = fly(task, team, 1.0)
+    assert torch.isfinite(actions).all()
+
+
+def test_baseline_is_strong():
+    """Centimetres in the paper's scenario: the hull's own tilt tells the push of the waves."""
+    config = load_scenario("paper", ["episode_duration=20", "evaluation.settle=15"])
+    policies = controllers("classical", Path(), config)
+    teams = evaluate(config, policies, episodes=8, seed=7, show_progress=False)["teams"]
+    assert teams["usv"]["leader_error_rms_m"] < 0.05
+    assert teams["usv"]["follower_error_rms_m"] < 0.1
+    assert teams["uav"]["leader_error_rms_m"] < 0.01
+    assert teams["uav"]["follower_error_rms_m"] < 0.05
+    assert all(figures["collision_free_episodes"] > 0.9 for figures in teams.values())
+
+
+def test_unknown_vehicle_is_refused_by_name():
+    team = SimpleNamespace(name="usv", team=SimpleNamespace(model=object()))
+    with pytest.raises(RunError, match=f"usv: .*vehicle model object .*{', '.join(CLASSICAL)}"):
+        ClassicalPolicy()(team)

@@ -1,0 +1,114 @@
+"""The benchmark tool runs and writes every figure; how large they are is not tested."""
+
+import json
+import math
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+TOOL = ROOT / "tools" / "benchmark.py"
+sys.path.insert(0, str(ROOT / "tools"))
+
+from benchmarking.parts import Stopwatch  # noqa: E402
+from benchmarking.physics import shipped_vehicles  # noqa: E402
+from benchmarking.timing import Case, measure  # noqa: E402
+
+
+def positive(value) -> bool:
+    return isinstance(value, int | float) and math.isfinite(value) and value > 0
+
+
+@pytest.fixture(scope="module")
+def quick(tmp_path_factory):
+    """Return what `--quick --json` prints and writes."""
+    folder = tmp_path_factory.mktemp("benchmark")
+    command = [sys.executable, str(TOOL), "--quick", "--threads", "1", "--json", str(folder / "new" / "b.json")]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=folder, timeout=300)
+    assert done.returncode == 0, done.stderr
+    assert [p.name for p in (folder / "new").iterdir()] == ["b.json"]
+    return done.stdout, json.loads((folder / "new" / "b.json").read_text())
+
+
+@pytest.mark.parametrize("group", ["environment", "inference", "learning"])
+def test_agent_steps_are_measured(group, quick):
+    rows = quick[1][group]
+    assert rows
+    for row in rows:
+        assert set(row) == {"num_envs", "agent_steps_per_s", "real_time_factor"}
+        assert all(positive(value) for value in row.values())
+        agents = 3 if group == "learning" else 6
+        assert row["real_time_factor"] == pytest.approx(row["agent_steps_per_s"] / agents * 0.1)
+
+
+def test_every_vehicle_is_measured_alone_in_two_seas(quick):
+    rows = quick[1]["physics"]
+    found = {(row["vehicle"], row["components"]) for row in rows}
+    assert found == {(file.stem, n) for file in shipped_vehicles() for n in (16, 32)}
+    assert all(positive(row["vehicle_substeps_per_s"]) for row in rows)
+    assert all(row["panels"] is None or positive(row["panels"]) for row in rows)
+
+
+def test_the_parts_of_a_step_are_named(quick):
+    parts = quick[1]["parts"]
+    kernels = {"usv kernel", "uav kernel", "sea phases", "sensing"}
+    assert set(parts) >= kernels | {"geometry", "rewards", "observations", "endings", "resets"}
+    assert all(math.isfinite(ms) for ms in parts.values())
+    assert all(positive(parts[name]) for name in kernels)
+
+
+def test_machine_and_peers_are_described(quick):
+    result = quick[1]
+    assert set(result) == {
+        "environment", "inference", "learning", "physics", "parts", "peers", "machine", "method",
+    }  # fmt: skip
+    machine = result["machine"]
+    assert machine["cpu"] and positive(machine["cores"]) and machine["threads"] == 1
+    assert machine["python"] and machine["packages"]["taichi"]
+    for peer in result["peers"]:
+        assert set(peer) == {"name", "version", "step", "steps_per_s"} and positive(peer["steps_per_s"])
+    for slow, fast in result["method"]["spread"].values():
+        assert slow <= 1 <= fast
+
+
+def test_the_table_shows_every_group(quick):
+    text = quick[0]
+    for word in ("environment", "inference", "learning", "unity_boat", "sea phases", "resets", "peers", "slowest"):
+        assert word in text
+
+
+def test_repetitions_of_cases_take_turns():
+    order = []
+    cases = [Case("g", name, lambda name=name: order.append(name), work=1, calls=1) for name in "ab"]
+    measure(cases, seconds=1e-9, repetitions=3, show_progress=False)
+    assert "".join(order).endswith("ababab")
+    assert all(len(case.seconds) == 3 and positive(case.rate) for case in cases)
+
+
+def test_a_watched_method_inside_another_counts_for_the_outer_one():
+    class Body:
+        def inner(self):
+            return 1
+
+        def outer(self):
+            return self.inner() + 1
+
+    body, stopwatch = Body(), Stopwatch()
+    stopwatch.watch(body, "inner", "in")
+    stopwatch.watch(body, "outer", "out")
+    assert body.outer() == 2
+    spent = stopwatch.read()
+    assert spent["in"] == 0 and spent["out"] > 0
+    assert stopwatch.read() == {"in": 0, "out": 0}
+
+
+@pytest.mark.parametrize("arguments", [["--threads", "0"], ["--seconds", "-1"], ["--what"]])
+def test_bad_arguments_are_refused(arguments, capsys):
+    import benchmark
+
+    with pytest.raises(SystemExit) as ending:
+        benchmark.main(arguments)
+    assert ending.value.code == 2
+    assert arguments[0] in capsys.readouterr().err

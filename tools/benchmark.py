@@ -1,0 +1,155 @@
+"""Measure speed on this machine: agent steps per second without and with policies and learning, the parts of one
+step, each vehicle model alone, and peers that are installed.
+
+    python tools/benchmark.py [--json FILE] [--threads N] [--seconds S] [--quick]
+
+An agent step is one vehicle's decision. The real-time factor is the simulated time of all environments over wall
+time. Figures are medians over repetitions that are interleaved after warm-up; in brackets the slowest and the
+fastest repetition over the median (tools/benchmarking/timing.py).
+"""
+
+import argparse
+import os
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[1]
+if str(ROOT) not in sys.path:  # run as a script from anywhere
+    sys.path.insert(0, str(ROOT))
+
+from benchmarking.mission import environment_cases, learning_cases, rates  # noqa: E402
+from benchmarking.parts import measure_parts  # noqa: E402
+from benchmarking.peers import measure_peers  # noqa: E402
+from benchmarking.physics import physics_cases  # noqa: E402
+from benchmarking.timing import measure  # noqa: E402
+
+from rl import cli, run_folder  # noqa: E402
+from taichi_sim.config import ScenarioConfig  # noqa: E402
+from taichi_sim.config_io import load_scenario  # noqa: E402
+
+QUICK = ("track.worlds=4", "sea.realisations=4", "stages.usv.num_envs=8", "stages.usv.steps_per_iteration=8")
+SIZES, QUICK_SIZES = (1, 64, 1024, 4096, 16384), (1, 16)
+LEARNING_SIZES = (1024, 2048)  # beside the configured one
+PARTS_SIZE, QUICK_PARTS_SIZE = 4096, 16
+REPETITIONS, QUICK_REPETITIONS = 9, 2
+
+
+def parser() -> argparse.ArgumentParser:
+    """The arguments."""
+    p = argparse.ArgumentParser(
+        prog="benchmark.py", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    p.add_argument("--json", type=Path, metavar="FILE", help="also write the figures to FILE")
+    p.add_argument("--threads", type=cli.positive_int, default=0, help="CPU threads (default: all cores)")
+    p.add_argument("--seconds", type=cli.positive_float, default=None, help="of one repetition (default: 0.5)")
+    p.add_argument("--quick", action="store_true", help="tiny cases, to see that all of it runs; figures mean nothing")
+    p.add_argument("--quiet", action="store_true", help="no progress bars")
+    p.set_defaults(arch="cpu")
+    return p
+
+
+def benchmark(config: ScenarioConfig, *, quick: bool, seconds: float, show_progress: bool) -> dict[str, Any]:
+    """Every figure, as --json writes it."""
+    repetitions = QUICK_REPETITIONS if quick else REPETITIONS
+    stage = next(s for s in config.stages.values() if s.team == "usv")
+    learning_sizes = (stage.num_envs,) if quick else tuple(sorted({stage.num_envs, *LEARNING_SIZES}))
+    parts_size = QUICK_PARTS_SIZE if quick else PARTS_SIZE
+    with tempfile.TemporaryDirectory() as folder:
+        mission = environment_cases(config, QUICK_SIZES if quick else SIZES)
+        mission += learning_cases(config, learning_sizes, Path(folder))
+        models = physics_cases(config, parts_size)
+        cases = mission + [case for case, _ in models]
+        measure(cases, seconds=seconds, repetitions=repetitions, show_progress=show_progress)
+    parts = measure_parts(config, parts_size, seconds=seconds, repetitions=repetitions, show_progress=show_progress)
+    return {
+        **{group: rates(mission, group, config) for group in ("environment", "inference", "learning")},
+        "physics": [described | {"vehicle_substeps_per_s": case.rate} for case, described in models],
+        "parts": parts,
+        "peers": measure_peers(seconds=seconds, repetitions=repetitions),
+        "machine": describe_machine(),
+        "method": {
+            "scenario": config.name,
+            "repetitions": repetitions,
+            "seconds_per_repetition": seconds,
+            "parts_num_envs": parts_size,
+            "spread": {f"{case.group} {case.label}": case.spread for case in cases},
+        },
+    }
+
+
+def describe_machine() -> dict[str, Any]:
+    """CPU, cores, threads used, Python and packages."""
+    from taichi_sim import runtime
+
+    described = run_folder.describe_machine()
+    return {
+        "cpu": cpu_model(),
+        "cores": os.cpu_count(),
+        "threads": runtime.current().threads,
+        "load_average": os.getloadavg()[0],
+        "python": described["python"],
+        "packages": described["packages"],
+        "git_commit": described["git_commit"],
+    }
+
+
+def cpu_model() -> str:
+    """The processor's name."""
+    import platform
+
+    info = Path("/proc/cpuinfo")
+    lines = info.read_text(encoding="utf-8").splitlines() if info.is_file() else []
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.processor() or platform.machine()
+
+
+def table(result: dict[str, Any]) -> str:
+    """The figures to read."""
+    machine, spread = result["machine"], result["method"]["spread"]
+    lines = [f"{machine['cpu']}, {machine['cores']} cores, {machine['threads']} threads, "
+             f"load {machine['load_average']:.1f}, Python {machine['python']}"]  # fmt: skip
+
+    def brackets(key: str) -> str:
+        slow, fast = spread[key]
+        return f"[{slow:.2f} .. {fast:.2f}]"
+
+    lines += ["", f"{'':12}{'environments':>14}{'agent steps/s':>16}{'real-time factor':>18}   slowest .. fastest"]
+    for group in ("environment", "inference", "learning"):
+        lines += [
+            f"{group:12}{row['num_envs']:14,}{row['agent_steps_per_s']:16,.0f}{row['real_time_factor']:18,.0f}   "
+            + brackets(f"{group} {row['num_envs']}")
+            for row in result[group]
+        ]
+    lines += ["", f"{'vehicle alone':28}{'panels':>8}{'components':>12}{'vehicle substeps/s':>20}"]
+    for row in result["physics"]:
+        key = f"physics {row['vehicle']}, {row['components']} components"
+        lines.append(
+            f"{row['vehicle']:28}{row['panels'] or '-':>8}{row['components']:12}"
+            f"{row['vehicle_substeps_per_s']:20,.0f}   {brackets(key)}"
+        )
+    whole = sum(result["parts"].values())
+    lines += ["", f"one step of {result['method']['parts_num_envs']:,} environments, both teams: {whole:.3f} ms"]
+    ordered = sorted(result["parts"].items(), key=lambda item: -item[1])
+    lines += [f"  {part:20}{ms:10.3f} ms{100 * ms / whole:7.1f} %" for part, ms in ordered]
+    lines += ["", "peers: " + ("" if result["peers"] else "none installed")]
+    lines += [f"  {p['name']} {p['version']}: {p['steps_per_s']:,.0f} steps/s ({p['step']})" for p in result["peers"]]
+    return "\n".join(lines)
+
+
+def main(argv: list[str] | None = None) -> None:
+    """Run the command."""
+    args = parser().parse_args(argv)
+    seconds = args.seconds or (0.02 if args.quick else 0.5)
+    config = load_scenario("paper", QUICK if args.quick else ())
+    cli.start(args)
+    result = benchmark(config, quick=args.quick, seconds=seconds, show_progress=not args.quiet)
+    print(table(result))
+    if args.json:
+        args.json.parent.mkdir(parents=True, exist_ok=True)
+        run_folder.write_json(args.json, result)
+
+
+if __name__ == "__main__":
+    sys.exit(cli.run(main))

@@ -1,0 +1,1 @@
+"""Cases of tools/benchmark.py: what is timed, and how."""

@@ -1,0 +1,100 @@
+"""Where one step's time goes: real steps of the mission with a stopwatch around each part."""
+
+import statistics
+import time
+from collections import defaultdict
+from typing import Any
+
+from tqdm import tqdm
+
+from benchmarking.mission import begin_anywhere, random_decisions
+from rl.task.formation import FormationTask
+from taichi_sim.config import ScenarioConfig
+
+OTHER = "other"
+
+
+class Stopwatch:
+    """Times methods of chosen objects; a timed method called inside another counts for the outer one."""
+
+    def __init__(self):
+        """Start with nothing on the watch."""
+        self.seconds: dict[str, float] = defaultdict(float)
+        self._inside = False
+
+    def watch(self, owner: Any, method: str, part: str) -> None:
+        """Count the time of `owner.method` for `part`."""
+        original = getattr(owner, method)
+        self.seconds[part] = 0.0
+
+        def timed(*args, **options):
+            if self._inside:
+                return original(*args, **options)
+            self._inside = True
+            start = time.perf_counter()
+            try:
+                return original(*args, **options)
+            finally:
+                self.seconds[part] += time.perf_counter() - start
+                self._inside = False
+
+        setattr(owner, method, timed)
+
+    def read(self) -> dict[str, float]:
+        """Seconds of each part since the last reading."""
+        taken = dict(self.seconds)
+        for part in self.seconds:
+            self.seconds[part] = 0.0
+        return taken
+
+
+class WatchedTracks:
+    """Tracks whose look-up can be timed: tracks themselves are immutable."""
+
+    def __init__(self, tracks):
+        """Stand for `tracks`."""
+        self._tracks, self.at = tracks, tracks.at
+
+    def __getattr__(self, name: str):
+        """Everything else is the tracks' own."""
+        return getattr(self._tracks, name)
+
+
+def watch(task: FormationTask) -> Stopwatch:
+    """A stopwatch on every part of `task`."""
+    stopwatch = Stopwatch()
+    task.tracks = WatchedTracks(task.tracks)  # type: ignore[assignment]
+    stopwatch.watch(task.world.sea, "phases", "sea phases")
+    stopwatch.watch(task.world, "_checked", "action checks")
+    stopwatch.watch(task.tracks, "at", "targets")
+    for name, team in task.teams.items():
+        stopwatch.watch(team.team.model, "step", f"{name} kernel")
+        stopwatch.watch(team, "measure", "geometry")
+        stopwatch.watch(team, "sense", "sensing")
+        stopwatch.watch(team, "find_endings", "endings")
+        stopwatch.watch(team, "compute_reward", "rewards")
+        stopwatch.watch(team, "observe", "observations")
+    stopwatch.watch(task, "reset", "resets")
+    return stopwatch
+
+
+def measure_parts(
+    config: ScenarioConfig, num_envs: int, *, seconds: float, repetitions: int, show_progress: bool = True
+) -> dict[str, float]:
+    """Median milliseconds of each part of one decision of `num_envs` environments, both teams."""
+    task = begin_anywhere(FormationTask(config, num_envs, seed=config.seed))
+    call = random_decisions(task)
+    call()
+    stopwatch = watch(task)
+    readings: dict[str, list[float]] = defaultdict(list)
+    for _ in tqdm(range(repetitions), desc="parts", unit="round", disable=not show_progress):
+        stopwatch.read()
+        start, steps = time.perf_counter(), 0
+        while steps == 0 or time.perf_counter() - start < seconds:
+            call()
+            steps += 1
+        whole = (time.perf_counter() - start) / steps
+        parts = {part: spent / steps for part, spent in stopwatch.read().items()}
+        for part, spent in (parts | {OTHER: whole - sum(parts.values())}).items():
+            readings[part].append(1000 * spent)
+    return {part: statistics.median(values) for part, values in readings.items()}

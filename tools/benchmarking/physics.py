@@ -1,0 +1,53 @@
+"""Each vehicle model alone: its kernel over many environments, no mission around it."""
+
+from pathlib import Path
+
+from benchmarking.timing import Case
+from rl.task.formation import FormationTask
+from taichi_sim.config import ScenarioConfig
+from taichi_sim.config_io import config_folder, read_toml
+from taichi_sim.vehicles import MODELS
+
+COMPONENTS = (16, 32)
+
+
+def shipped_vehicles() -> list[Path]:
+    """The vehicle files, by name."""
+    return sorted((config_folder() / "vehicles").glob("*.toml"))
+
+
+def panel_count(model) -> int | None:
+    """Panels of the hull, or None if the model has none."""
+    panels = getattr(model, "panels", getattr(model.params, "panels", None))
+    return panels if panels is None or isinstance(panels, int) else len(panels)
+
+
+def physics_cases(config: ScenarioConfig, num_envs: int) -> list[tuple[Case, dict]]:
+    """A case and its description for each shipped vehicle in seas of 16 and of 32 components."""
+    return [
+        _case(config, file, components, num_envs) for file in shipped_vehicles() for components in COMPONENTS
+    ]
+
+
+def _case(config: ScenarioConfig, file: Path, components: int, num_envs: int) -> tuple[Case, dict]:
+    name = MODELS[read_toml(file)["model"]].team
+    section = config.team(name).model_copy(update={"vehicle": str(file)})
+    sea = config.sea.model_copy(update={"components": components})
+    task = FormationTask(
+        config.model_copy(update={name: section, "sea": sea}), num_envs, seed=config.seed, teams=(name,)
+    )
+    world, team = task.world, task.world.teams[name]
+    action = team.state.new_zeros(task.teams[name].action.shape)
+    memory = [(t, t.clone()) for t in (team.state, team.aux, team.derived, team.surface)]
+    world.sea.phases(world.env_sea, world.time, out=world._phase)
+
+    def begin() -> None:
+        for tensor, start in memory:
+            tensor.copy_(start)
+
+    def call() -> None:
+        team.model.step(team, action, world.sea.table, world.env_sea, world._phase)
+
+    work = num_envs * section.count * config.substeps
+    description = {"vehicle": file.stem, "panels": panel_count(team.model), "components": components}
+    return Case("physics", f"{file.stem}, {components} components", call, work, begin), description
