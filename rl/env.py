@@ -16,7 +16,7 @@ class FormationEnv(VecEnv):
 
     The learning team's vehicles act by the rows; every other team acts by its frozen policy. An environment starts
     anew, in the same step, when any vehicle's episode ends: rows whose own vehicle ended are terminated, the rest
-    (time is up, or a team mate ended) are truncated, which rsl-rl takes as `extras["time_outs"]`.
+    (time is up, or a team mate or the other team ended) are truncated, which rsl-rl takes as `extras["time_outs"]`.
     """
 
     def __init__(self, task: FormationTask, team: str, frozen: Mapping[str, Policy] | None = None):
@@ -57,9 +57,10 @@ class FormationEnv(VecEnv):
         done_env = step.terminated | step.truncated
         own = step.endings[self.team].any
         time_outs = done_env.unsqueeze(1) & ~own
+        log = self._log(step)  # before the reset: of the step, not of fresh starts
         self.task.reset(done_env.nonzero().squeeze(1))
         self._observations = self.task.teams[self.team].observe()
-        extras = {"time_outs": time_outs.flatten().float(), "log": self._log(step)}
+        extras = {"time_outs": time_outs.flatten().float(), "log": log}
         dones = done_env.repeat_interleave(self.vehicles)
         return self.get_observations(), step.reward[self.team].flatten(), dones.long(), extras
 

@@ -1,8 +1,9 @@
 """Judging controllers on episodes never trained on: other tracks, obstacles, seas and starts.
 
-Every environment runs one episode. Errors are measured after the first `settle` seconds; a vehicle that has ended
-is measured no further. All sums are NumPy's, in float64, and policies run on one thread, so that the result does
-not depend on the number of threads.
+Every environment runs one episode. Errors are measured after the first `settle` seconds; a team one of whose vehicles
+has ended is measured no further, while the other team goes on: the teams do not touch each other.
+All sums are NumPy's, in float64, and policies run on one thread, so that the result does not depend on the number of
+threads.
 """
 
 import contextlib
@@ -126,8 +127,7 @@ def one_thread():
 def run_episodes(task: FormationTask, policies: Mapping[str, Policy], bar: tqdm | None = None) -> dict[str, TeamRecord]:
     """One episode in every environment of `task`, freshly reset."""
     steps, config = task.config.episode_steps, task.config
-    running = np.ones(task.num_envs, dtype=bool)
-    lived = np.zeros(task.num_envs)
+    running = {name: np.ones(task.num_envs, dtype=bool) for name in task.teams}
     records = {
         name: TeamRecord(
             errors=np.full((steps, *team.distance.shape), np.nan),
@@ -139,18 +139,16 @@ def run_episodes(task: FormationTask, policies: Mapping[str, Policy], bar: tqdm 
     }
     for i in range(steps):
         step = task.step({name: policies[name](team) for name, team in task.teams.items()})
-        lived[running] += config.decision_interval
         for name, record in records.items():
+            alive, ended = running[name], step.endings[name]
+            record.hours += float(alive.sum()) * config.decision_interval / 3600
             if (i + 1) * config.decision_interval > config.evaluation.settle:
-                record.errors[i, running] = task.teams[name].distance.cpu().numpy()[running]
-            ended = step.endings[name]
-            record.collided[running] |= ended.collided.cpu().numpy()[running]
-            record.failed[running] |= ended.any.any(dim=1).cpu().numpy()[running]
-        running &= ~step.terminated.cpu().numpy()
+                record.errors[i, alive] = task.teams[name].distance.cpu().numpy()[alive]
+            record.collided[alive] |= ended.collided.cpu().numpy()[alive]
+            record.failed[alive] |= ended.any.any(dim=1).cpu().numpy()[alive]
+            alive &= ~record.failed
         if bar is not None:
             bar.update(1)
-    for record in records.values():
-        record.hours = float(lived.sum() / 3600)
     return records
 
 

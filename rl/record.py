@@ -19,6 +19,7 @@ EVENTS = {
     "lost": ("lost", "is too far from its slot"),
     "crashed": ("crashed", "has capsized or hit the water"),
     "left": ("left", "has left the area"),
+    "diverged": ("diverged", "has no finite state any more"),
 }
 
 

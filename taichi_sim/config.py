@@ -19,9 +19,9 @@ class ConfigError(ValueError):
 
 
 class Strict(BaseModel):
-    """Base of every section: unknown keys are errors, values cannot change after reading."""
+    """Base of every section: unknown keys and values of another type are errors; nothing changes after reading."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, validate_default=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
 
 class SeaConfig(Strict):
@@ -42,7 +42,7 @@ class TrackConfig(Strict):
     worlds: Annotated[int, Field(ge=1, le=8192)] = 256  # different tracks (and obstacle fields) in one run
     length: Annotated[float, Field(ge=400, le=50_000)] = 4000.0  # m
     checkpoints: Annotated[int, Field(ge=4, le=200)] = 22
-    min_radius: Annotated[float, Field(ge=10)] = 100.0  # smallest radius of curvature, m
+    min_radius: Annotated[float, Field(ge=10, le=10_000)] = 100.0  # smallest radius of curvature, m
     flight_height: Annotated[float, Field(gt=0, le=1000)] = 60.0  # of the UAV target above mean sea level, m
     target_speed: Annotated[float, Field(gt=0, le=100)] = 12.0  # of both targets along their tracks, m/s
 
@@ -87,7 +87,7 @@ class TrackingReward(Strict):
     action_rate: NonNegative = 0.02  # -|a - a_previous|^2
     clearance: NonNegative = 0.5  # -(1 - gap / clearance_range)^2 inside the range
     clearance_range: Positive = 4.0  # m, gap to the nearest obstacle or team mate
-    collision: NonNegative = 10.0  # -1 at a collision
+    ending: NonNegative = 10.0  # -1 at a collision, or any other early ending
 
 
 class TeamConfig(Strict):
@@ -100,6 +100,12 @@ class TeamConfig(Strict):
     start_distance: NonNegative = 30.0  # leaders start within this distance of the target, m
     lost_distance: Positive = 150.0  # a vehicle this far from its slot is lost and ends the episode, m
     tracking_reward: TrackingReward = TrackingReward()
+
+    @model_validator(mode="after")
+    def _start_within_reach(self):
+        if self.start_distance >= self.lost_distance:
+            raise ValueError(f"start_distance = {self.start_distance} must be below lost_distance")
+        return self
 
 
 class SensingConfig(Strict):

@@ -2,7 +2,7 @@
 
 import difflib
 import tomllib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -30,9 +30,10 @@ def find_config(path: str | Path) -> Path:
     path = Path(path)
     if path.is_file():
         return path
-    shipped = config_folder() / path.with_suffix(".toml").name
-    if shipped.is_file() and path.parent in (Path("."), Path("configs")):
-        return shipped
+    if path.name and path.parent in (Path("."), Path("configs")):
+        shipped = config_folder() / path.with_suffix(".toml").name
+        if shipped.is_file():
+            return shipped
     names = sorted(p.stem for p in config_folder().glob("*.toml"))
     raise ConfigError(f"{path}: no such configuration file; shipped scenarios: {', '.join(names)}")
 
@@ -45,11 +46,14 @@ def load_scenario(path: str | Path = "paper", overrides: Iterable[str] = ()) -> 
     """
     file = find_config(path)
     data = read_toml(file)
-    for text in overrides:
-        _override(data, text)
-    config = validate(ScenarioConfig, data, str(file))
+    sources = {_override(data, text): f"--set {text}" for text in overrides}
+    config = validate(ScenarioConfig, data, str(file), sources)
     for team in ("usv", "uav"):
-        vehicle_file(config.team(team), file)
+        try:
+            vehicle_file(config.team(team), file)
+        except ConfigError as error:
+            key = f"{team}.vehicle"
+            raise ConfigError(f"{sources.get(key, file)}: {team}.{error}") from None
     return config
 
 
@@ -62,7 +66,8 @@ def vehicle_file(team: TeamConfig, scenario_file: Path | None = None) -> Path:
     name = Path(team.vehicle)
     folders = [scenario_file.parent / "vehicles"] if scenario_file else []
     folders.append(config_folder() / "vehicles")
-    candidates = [name, *(folder / f"{team.vehicle}.toml" for folder in folders)]
+    beside = [scenario_file.parent / name] if scenario_file else []
+    candidates = [*beside, name, *(folder / f"{team.vehicle}.toml" for folder in folders)]
     for file in candidates:
         if file.suffix == ".toml" and file.is_file():
             return file
@@ -87,22 +92,37 @@ def write_toml(model: BaseModel, file: Path) -> None:
     file.write_text(tomli_w.dumps(model.model_dump(mode="json", exclude_none=True)), encoding="utf-8")
 
 
-def validate(model: type[Model], data: dict[str, Any], source: str) -> Model:
-    """`model` from data; a ConfigError names the source, each wrong key, its value and what is allowed."""
+def validate(
+    model: type[Model], data: dict[str, Any], source: str, sources: Mapping[str, str] | None = None
+) -> Model:
+    """`model` from data; a ConfigError names the source, each wrong key, its value and what is allowed.
+
+    `sources` names another source for single keys ("usv.count"), those that an override has set.
+    """
     try:
-        return model.model_validate(data)
+        return model.model_validate(_with_tuples(data))
     except ValidationError as error:
-        lines = [_explain(item, data, model) for item in error.errors()]
-        raise ConfigError("\n".join(f"{source}: {line}" for line in lines)) from None
+        lines = []
+        for item in error.errors():
+            key = ".".join(str(part) for part in item["loc"])
+            lines.append(f"{(sources or {}).get(key, source)}: {_explain(item, model)}")
+        raise ConfigError("\n".join(lines)) from None
 
 
-def _explain(item: Any, data: dict[str, Any], model: type[BaseModel]) -> str:
+def _with_tuples(value: Any) -> Any:
+    """TOML arrays as tuples, which is what strict models take."""
+    if isinstance(value, dict):
+        return {key: _with_tuples(item) for key, item in value.items()}
+    return tuple(_with_tuples(item) for item in value) if isinstance(value, list) else value
+
+
+def _explain(item: Any, model: type[BaseModel]) -> str:
     key = ".".join(str(part) for part in item["loc"])
     if item["type"] == "extra_forbidden":
         siblings = _keys_at(model, item["loc"][:-1])
         close = difflib.get_close_matches(str(item["loc"][-1]), siblings, n=1)
-        hint = f"; did you mean {close[0]!r}?" if close else ""
-        return f"{key}: unknown key{hint} Allowed here: {', '.join(siblings)}"
+        hint = f", did you mean {close[0]!r}?" if close else ""
+        return f"{key} = {item['input']!r}: unknown key{hint}; allowed here: {', '.join(siblings)}"
     if item["type"] == "missing":
         return f"{key}: missing, and it has no default"
     message = item["msg"].removeprefix("Value error, ")
@@ -121,8 +141,8 @@ def _keys_at(model: Any, loc: tuple) -> list[str]:
     return sorted(getattr(model, "model_fields", {}))
 
 
-def _override(data: dict[str, Any], text: str) -> None:
-    """Apply one `a.b.c=VALUE`; VALUE is TOML, or a bare string."""
+def _override(data: dict[str, Any], text: str) -> str:
+    """Apply one `a.b.c=VALUE` and return the key; VALUE is TOML, or a bare string."""
     key, equals, value = text.partition("=")
     parts = key.strip().split(".")
     if not equals or not all(parts):
@@ -133,6 +153,7 @@ def _override(data: dict[str, Any], text: str) -> None:
         if not isinstance(node, dict):
             raise ConfigError(f"--set {text}: {'.'.join(parts[: depth + 1])} is a value, not a section")
     node[parts[-1]] = _parse_value(value.strip())
+    return ".".join(parts)
 
 
 def _parse_value(text: str) -> Any:

@@ -4,7 +4,7 @@ An obstacle is a vertical cylinder standing on the sea: (north, east, radius, he
 origin is that to the nearest point of the cylinder's surface: horizontal beside it, vertical above its top.
 """
 
-from typing import Protocol
+from typing import Literal, Protocol
 
 import taichi as ti
 import torch
@@ -30,6 +30,21 @@ def cylinder_distance(dx, dy, altitude, radius, height):
     return distance
 
 
+@ti.func
+def store_seen(out: ti.template(), e, i, k, distance, n, derived: ti.template(), in_body: ti.template()):
+    """Write what vehicle i sees k-th: distance (m), unit vector in NED, and the same in its own frame."""
+    own = ti.Vector([n[0], n[1], n[2]])
+    if ti.static(in_body):
+        for a in ti.static(range(3)):
+            own[a] = derived[e, i, a] * n[0] + derived[e, i, 3 + a] * n[1] + derived[e, i, 6 + a] * n[2]
+    else:
+        c, s = derived[e, i, 12], derived[e, i, 13]
+        own = ti.Vector([c * n[0] + s * n[1], c * n[1] - s * n[0], n[2]])
+    out[e, i, k, 0] = distance
+    for a in ti.static(range(3)):
+        out[e, i, k, 1 + a], out[e, i, k, 4 + a] = n[a], own[a]
+
+
 @ti.kernel
 def _sense(
     gap: ti.types.ndarray(ndim=2),
@@ -45,12 +60,12 @@ def _sense(
     num_seen: ti.template(),
     num_mates: ti.template(),
     num_obstacles: ti.template(),
+    in_body: ti.template(),
 ):
     for row, i in ti.ndrange(envs.shape[0], state.shape[1]):
         e = envs[row]
         w = env_world[e]
         x, y, z = state[e, i, 0], state[e, i, 1], state[e, i, 2]
-        c, s = derived[e, i, 12], derived[e, i, 13]
         nearest = x * 0.0 + reach
         distance = ti.Vector([nearest] * ti.static(num_seen + 1))
         index = ti.Vector([-1] * ti.static(num_seen + 1))
@@ -70,13 +85,12 @@ def _sense(
                             d, distance[k] = distance[k], d
                             j, index[k] = index[k], j
         for k in ti.static(range(num_seen)):
-            north, east = x * 0.0, x * 0.0
+            direction = ti.Vector([x * 0.0, x * 0.0, x * 0.0])
             if index[k] >= 0:
                 dx, dy = obstacles[w, 0, index[k]] - x, obstacles[w, 1, index[k]] - y
                 inv = 1.0 / ti.max(ti.sqrt(dx * dx + dy * dy), 1e-6)
-                north, east = dx * inv, dy * inv
-            seen[e, i, k, 0], seen[e, i, k, 1], seen[e, i, k, 2] = distance[k], north, east
-            seen[e, i, k, 3], seen[e, i, k, 4] = c * north + s * east, c * east - s * north
+                direction = ti.Vector([dx * inv, dy * inv, 0.0])
+            store_seen(seen, e, i, k, distance[k], direction, derived, in_body)
 
         near = ti.Vector([x * 0.0 + reach] * ti.static(num_mates + 1))
         who = ti.Vector([-1] * ti.static(num_mates + 1))
@@ -96,10 +110,7 @@ def _sense(
                 m = who[k]
                 offset = ti.Vector([state[e, m, 0] - x, state[e, m, 1] - y, state[e, m, 2] - z])
                 direction = offset / ti.max(near[k], 1e-6)
-            north, east = direction[0], direction[1]
-            mates[e, i, k, 0], mates[e, i, k, 1], mates[e, i, k, 2] = near[k], north, east
-            mates[e, i, k, 3], mates[e, i, k, 4] = c * north + s * east, c * east - s * north
-            mates[e, i, k, 5] = direction[2]
+            store_seen(mates, e, i, k, near[k], direction, derived, in_body)
         gap[e, i] = nearest
 
 
@@ -109,22 +120,33 @@ class Sensor:
     Attributes:
         gap: [env, vehicle] smallest clearance (m) between this vehicle's sphere of `radius` and any obstacle or
             team mate's sphere, at most `reach`; negative means contact.
-        obstacles: [env, vehicle, k, 5] distance (m) to the k-th nearest obstacle's surface, the horizontal unit
-            vector to its axis (north, east), and the same in the heading frame (ahead, starboard); `reach` and
-            zeros where there is none in range.
-        team_mates: [env, vehicle, k, 6] distance (m) and unit vector to the k-th nearest: north, east; ahead,
-            starboard; down. Likewise.
+        obstacles: [env, vehicle, k, 7] distance (m) to the k-th nearest obstacle's surface, the horizontal unit
+            vector to its axis (north, east, 0), and the same vector in the vehicle's own frame; `reach` and zeros
+            where there is none in range.
+        team_mates: [env, vehicle, k, 7] likewise, of the k-th nearest team mate's origin.
     """
 
-    def __init__(self, team: HasState, num_obstacles: int, num_mates: int, reach: float, radius: float):
-        """Allocate for a team; `reach` and `radius` in m."""
+    def __init__(
+        self,
+        team: HasState,
+        num_obstacles: int,
+        num_mates: int,
+        reach: float,
+        radius: float,
+        frame: Literal["heading", "body"] = "heading",
+    ):
+        """Allocate for a team; `reach` and `radius` in m.
+
+        A vehicle's own frame is its body frame, or the heading frame (ahead, starboard, down), which stays level.
+        """
+        self.in_body = frame == "body"
         state = team.state
         env, vehicle = state.shape[:2]
         self.team, self.reach, self.radius = team, reach, radius
         self.num_obstacles, self.num_mates = num_obstacles, num_mates
         self.gap = state.new_zeros((env, vehicle))
-        self.obstacles = state.new_zeros((env, vehicle, max(num_obstacles, 1), 5))
-        self.team_mates = state.new_zeros((env, vehicle, max(num_mates, 1), 6))
+        self.obstacles = state.new_zeros((env, vehicle, max(num_obstacles, 1), 7))
+        self.team_mates = state.new_zeros((env, vehicle, max(num_mates, 1), 7))
         self._all = torch.arange(env, device=state.device)
         self._field: torch.Tensor | None = None
         self._columns = state
@@ -136,5 +158,5 @@ class Sensor:
         _sense(
             self.gap, self.obstacles, self.team_mates, self.team.state, self.team.derived, self._columns, env_world,
             self._all if envs is None else envs, self.reach, self.radius, self.num_obstacles, self.num_mates,
-            obstacles.shape[1],
+            obstacles.shape[1], self.in_body,
         )  # fmt: skip

@@ -22,11 +22,15 @@ def load_vehicle(file: Path, team: str, dt: float, substeps: int) -> Any:
     """
     data = read_toml(file)
     name = data.pop("model", None)
-    if name not in MODELS:
+    if not isinstance(name, str) or name not in MODELS:
         raise ConfigError(f"{file}: model = {name!r}: allowed are {', '.join(MODELS)}")
     model = MODELS[name]
     if model.team != team:
-        raise ConfigError(f"{file}: model {name!r} is a {model.team.upper()} and cannot serve in {team}.vehicle")
+        allowed = ", ".join(n for n, m in MODELS.items() if m.team == team)
+        raise ConfigError(
+            f"{file}: model = {name!r} is a {model.team.upper()} and cannot serve in {team}.vehicle: "
+            f"allowed are {allowed}"
+        )
     params = validate(model.Params, data, str(file))
     key = (name, params.model_dump_json(), dt, substeps)
     if key not in _models:

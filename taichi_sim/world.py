@@ -135,6 +135,8 @@ class World:
         Raises:
             ValueError: for a wrong shape, or an action that is not finite; nothing has moved then.
         """
+        if set(actions) != set(self.teams):
+            raise ValueError(f"actions are for {sorted(actions)}, expected one tensor for each of {sorted(self.teams)}")
         checked = {name: self._checked(team, actions[name]) for name, team in self.teams.items()}
         self.sea.phases(self.env_sea, self.time, out=self._phase)
         for name, team in self.teams.items():

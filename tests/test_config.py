@@ -52,7 +52,7 @@ def assert_says(message: str, *parts: object) -> None:
         ("dt = 0.02\ndecision_interval = 0.01\n", "", ("decision_interval = 0.01", "multiple of dt = 0.02")),
         ("seed = -1\n", "", ("seed = -1", "greater than or equal to 0")),
         ("reward = 'fame'\n", "", ("reward = 'fame'", "'paper'", "'tracking'")),
-        ("usv_count = 3\n", "", ("usv_count", "unknown key", "Allowed here: ", "decision_interval")),
+        ("usv_count = 3\n", "", ("usv_count", "unknown key", "allowed here: ", "decision_interval")),
         ("", "[sea]\ngamma_js = 0.5\n", ("sea.gamma_js = 0.5", "greater than or equal to 1")),
         ("", "[sea]\nhs = -1\n", ("sea.hs = -1", "greater than or equal to 0")),
         ("", "[sea]\nhs = nan\n", ("sea.hs = nan", "or equal to")),
@@ -99,8 +99,8 @@ def test_zero_vehicles_are_refused(tmp_path):
 def test_an_unknown_key_is_refused_with_the_one_meant(scenario, end, key, value, suggestion):
     file = scenario(end=end)
     line = next(text for text in refusal(file).splitlines() if key in text)
-    assert_says(line, file, key, value, "unknown key", f"did you mean {suggestion!r}", "Allowed here: ")
-    allowed = line.split("Allowed here: ")[1]
+    assert_says(line, file, key, value, "unknown key", f"did you mean {suggestion!r}", "allowed here: ")
+    allowed = line.split("allowed here: ")[1]
     assert suggestion in allowed.split(", ")
 
 

@@ -24,7 +24,8 @@ class ClassicalPolicy:
 
     def __init__(self):
         """Wait for the first call to see the vehicles."""
-        self.model, self.controller = None, None
+        self.model: Any = None
+        self.controller: Any = None
 
     def __call__(self, team: TeamTask) -> Tensor:
         """Actions [env, vehicle, action] in [-1, 1].

@@ -5,9 +5,8 @@ Towards each sensed body, at a clearance h (m) beyond `MARGIN`, the closing spee
     sqrt(2 a h)        (to stop, or turn aside, in h with the acceleration a),   -h / TAU where h < 0.
 
 A desired velocity that closes faster loses the excess and is turned along the body's side at its old speed, to the
-side it already leans to. Obstacles stand still. A team mate's velocity is not sensed: it is taken to be the slot's,
-but not to get away faster than oneself follows; half of the avoiding is the mate's. A body is a place and a
-clearance: its radius is not sensed. Frame: NED.
+side it already leans to. Obstacles stand still; a team mate is taken to move with the formation (its velocity is not
+sensed) and to do half of the avoiding. A body is a place and a clearance: its radius is not sensed. Frame: NED.
 """
 
 import torch
@@ -17,7 +16,7 @@ from rl.task.team import TeamTask
 
 MARGIN = 2.0  # m kept beyond contact; tuned on seeds 7 and 8
 TAU = 0.5  # s to leave the margin again; assumed
-MATE_DIRECTION = [1, 2, 5]  # columns of sensor.team_mates: north, east, down
+MATE_DIRECTION = [1, 2, 3]  # columns of sensor.team_mates: north, east, down
 PASSES = 2  # a second one, because avoiding one body may lead towards another
 
 
@@ -26,7 +25,7 @@ def avoid(team: TeamTask, velocity: Tensor, acceleration: float) -> Tensor:
 
     acceleration  a, m/s^2
     """
-    sensor, own, slot = team.sensor, team.team.velocity_n[..., : team.axes], team.now.slot_velocity[..., : team.axes]
+    sensor, formation = team.sensor, team.now.slot_velocity[..., : team.axes]
     for _ in range(PASSES):
         for k in range(sensor.num_obstacles):
             seen = sensor.obstacles[..., k, :]
@@ -37,9 +36,7 @@ def avoid(team: TeamTask, velocity: Tensor, acceleration: float) -> Tensor:
             seen = sensor.team_mates[..., k, :]
             toward = seen[..., MATE_DIRECTION[: team.axes]]
             clearance = seen[..., 0] - 2 * team.radius
-            lead = ((slot - own) * toward).sum(-1, keepdim=True).clamp(min=0.0)
-            mate = slot - lead * toward
-            velocity = mate + _turned(velocity - mate, toward, clearance, acceleration / 4)
+            velocity = formation + _turned(velocity - formation, toward, clearance, acceleration / 4)
     return velocity
 
 

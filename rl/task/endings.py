@@ -15,11 +15,12 @@ class Endings(NamedTuple):
     lost: Tensor  # too far from its slot
     crashed: Tensor  # USV capsized, UAV in the sea
     left: Tensor  # out of the area
+    diverged: Tensor  # its state is no longer finite
 
     @property
     def any(self) -> Tensor:
         """[env, vehicle]: this vehicle's episode has terminated."""
-        return self.collided | self.lost | self.crashed | self.left
+        return self.collided | self.lost | self.crashed | self.left | self.diverged
 
 
 def collided(gap: Tensor) -> Tensor:
@@ -46,3 +47,8 @@ def in_the_sea(position_n: Tensor) -> Tensor:
 def outside(position_n: Tensor, area: float) -> Tensor:
     """Horizontally outside the square of side `area` (m)."""
     return position_n[..., :2].abs().amax(-1) > area / 2
+
+
+def diverged(state: Tensor) -> Tensor:
+    """Not finite in some component: every other test is false then."""
+    return ~state.sum(-1).isfinite()

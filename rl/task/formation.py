@@ -10,12 +10,12 @@ from torch import Tensor
 from rl.seeds import derive_seed
 from rl.task.endings import Endings
 from rl.task.obstacles import generate_obstacles
-from rl.task.paths import TrackPoint, generate_tracks
+from rl.task.paths import TrackPoint, Tracks, generate_tracks
 from rl.task.slots import Target, lane_half_width
 from rl.task.starts import PER_WORLD, draw_starts
 from rl.task.team import TeamTask
 from taichi_sim import runtime
-from taichi_sim.config import ScenarioConfig
+from taichi_sim.config import ConfigError, ScenarioConfig
 from taichi_sim.conventions import TEAMS
 from taichi_sim.world import World
 
@@ -30,6 +30,44 @@ class Step(NamedTuple):
     endings: dict[str, Endings]  # [env, vehicle] flags
     terminated: Tensor  # [env]: some vehicle's episode ended by what happened
     truncated: Tensor  # [env]: time is up, and nothing happened
+
+
+def generate_worlds(config: ScenarioConfig, seed: int) -> tuple[Tracks, Tensor]:
+    """Tracks and generated obstacles [world, count, 4] of a scenario.
+
+    Raises:
+        ConfigError: if the scenario's sections track, obstacles and area leave no room for them.
+    """
+    track, cylinders = config.track, config.obstacles
+    try:
+        tracks = generate_tracks(
+            track.worlds,
+            derive_seed(seed, "tracks"),
+            length_m=track.length,
+            area_m=config.area,
+            checkpoints=track.checkpoints,
+            min_radius_m=track.min_radius,
+        )
+        obstacles = generate_obstacles(
+            tracks,
+            derive_seed(seed, "obstacles"),
+            count=cylinders.count,
+            lane_half_width_m=max(
+                lane_half_width(t.formation, t.count, t.spacing) for t in (config.usv, config.uav)
+            ),
+            clearance_m=(cylinders.clearance_min, cylinders.clearance_max),
+            radius_m=(cylinders.radius_min, cylinders.radius_max),
+            height_m=(5.0, max(TALLEST, track.flight_height + 30.0)),
+            tall_fraction=cylinders.tall_fraction,
+            flight_height_m=track.flight_height,
+            area_m=config.area,
+        )
+    except ValueError as error:
+        raise ConfigError(
+            f"scenario {config.name!r}: the tracks (track.length = {track.length}, track.min_radius = "
+            f"{track.min_radius}, area = {config.area}) or the obstacles do not fit: {error}"
+        ) from None
+    return tracks, obstacles
 
 
 class FormationTask:
@@ -59,38 +97,18 @@ class FormationTask:
         self.generator = torch.Generator().manual_seed(derive_seed(seed, "episodes"))
         self.teams = {name: TeamTask(config, self.world, name) for name in teams}
 
-        track, cylinders = config.track, config.obstacles
-        self.tracks = generate_tracks(
-            track.worlds,
-            derive_seed(seed, "tracks"),
-            length_m=track.length,
-            area_m=config.area,
-            checkpoints=track.checkpoints,
-            min_radius_m=track.min_radius,
-        )
-        generated = generate_obstacles(
-            self.tracks,
-            derive_seed(seed, "obstacles"),
-            count=cylinders.count,
-            lane_half_width_m=max(
-                lane_half_width(t.formation, t.count, t.spacing) for t in (config.usv, config.uav)
-            ),
-            clearance_m=(cylinders.clearance_min, cylinders.clearance_max),
-            radius_m=(cylinders.radius_min, cylinders.radius_max),
-            height_m=(5.0, max(TALLEST, track.flight_height + 30.0)),
-            tall_fraction=cylinders.tall_fraction,
-            flight_height_m=track.flight_height,
-            area_m=config.area,
-        )
-        fixed = torch.tensor([[o.north, o.east, o.radius, o.height] for o in cylinders.fixed]).reshape(-1, 4)
-        both = torch.cat((generated, fixed.expand(track.worlds, -1, 4)), dim=1)
+        self._check_spacing()
+        self.tracks, generated = generate_worlds(config, seed)
+        fixed = torch.tensor([[o.north, o.east, o.radius, o.height] for o in config.obstacles.fixed]).reshape(-1, 4)
+        both = torch.cat((generated, fixed.expand(self.tracks.worlds, -1, 4)), dim=1)
         radii = {name: team.radius for name, team in self.teams.items()}
         starts = draw_starts(config, self.tracks, both, radii, self.generator)
         self.tracks = self.tracks.to(run.device)  # all was drawn on the CPU: the same worlds on every device
         self.starts = starts.to(run.device)
         self.obstacles = both.to(run.device, run.torch_dtype).contiguous()
         if not self.obstacles.shape[1]:  # a kernel needs one row: put it out of every vehicle's reach
-            self.obstacles = self.obstacles.new_tensor([1e6, 1e6, 1.0, 1.0]).expand(track.worlds, 1, 4).contiguous()
+            far = self.obstacles.new_tensor([1e6, 1e6, 1.0, 1.0])
+            self.obstacles = far.expand(self.tracks.worlds, 1, 4).contiguous()
 
         self.env_world = torch.zeros(num_envs, dtype=torch.int64, device=run.device)
         self.progress = torch.zeros(num_envs, device=run.device)
@@ -99,6 +117,14 @@ class FormationTask:
         for name, team in self.teams.items():
             team.measure(self._target(name, place))
         self.reset()
+
+    def _check_spacing(self) -> None:
+        for name, team in self.teams.items():
+            if team.section.count > 1 and team.section.spacing <= 2 * team.radius:
+                raise ConfigError(
+                    f"{name}.spacing = {team.section.spacing}: must be above twice the vehicle's collision_radius, "
+                    f"{2 * team.radius} m: neighbours would touch in their slots"
+                )
 
     # -- one step, as a table of contents --------------------------------------------------------------------------
 

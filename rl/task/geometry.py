@@ -19,6 +19,7 @@ class Geometry(NamedTuple):
     distance: Tensor  # [..] norm of the error's first `axes` components, m
     error_b: Tensor  # [.., axes] in the body frame; for USVs in the heading frame, m
     error_rate_b: Tensor  # [.., axes] likewise, m/s
+    course_b: Tensor  # [.., axes] unit vector of the target's course, likewise
     sight: Tensor  # [.., 1 + axes] squashed distance and unit direction, as observed
 
 
@@ -28,12 +29,16 @@ def geometry(position: Tensor, derived: Tensor, target: Target, offsets: Tensor,
     place = slots(target, position[:, 0], velocity[:, 0], offsets)
     error = place.position - position
     rate = place.velocity - velocity
-    both = to_body(torch.stack((error, rate), dim=-2), derived, axes)
-    error_b = both[..., 0, :]
+    zero = torch.zeros_like(target.cos)
+    course = torch.stack((target.cos, target.sin, zero), dim=-1).unsqueeze(1).expand_as(error)
+    own = to_body(torch.stack((error, rate, course), dim=-2), derived, axes)
+    error_b = own[..., 0, :]
     distance = torch.linalg.vector_norm(error_b, dim=-1)
     direction = error_b / distance.clamp(min=1e-3).unsqueeze(-1)
     sight = range_and_direction(distance, direction)
-    return Geometry(place.position, place.velocity, error, rate, distance, error_b, both[..., 1, :], sight)
+    return Geometry(
+        place.position, place.velocity, error, rate, distance, error_b, own[..., 1, :], own[..., 2, :], sight
+    )
 
 
 def to_body(vectors: Tensor, derived: Tensor, axes: int) -> Tensor:

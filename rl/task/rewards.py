@@ -49,6 +49,6 @@ def clearance(gap: Tensor, reach: float) -> Tensor:
     return -(1 - gap * (1 / reach)).clamp(0.0, 1.5).square()
 
 
-def collision(collided: Tensor) -> Tensor:
-    """-1 at a collision."""
-    return -collided.to(torch.get_default_dtype())
+def penalty(happened: Tensor) -> Tensor:
+    """-1 where it happened: the paper's collision penalty (sec. 3.5), and that of an early ending."""
+    return -happened.to(torch.get_default_dtype())

@@ -1,7 +1,8 @@
 """Where episodes start: a pool of states per world, drawn once, so that a reset is a gather.
 
 The target is at a random place of the track; the leader within `start_distance` of it, near the slot's heading and
-speed; followers near their slots. A draw that touches an obstacle is pulled in towards the slots, which are clear.
+speed; followers near their slots. A team that touches an obstacle is pulled in towards its slots; where those are not
+clear either (an obstacle in the lanes, a long line astern in a bend) another place is drawn.
 """
 
 import math
@@ -12,15 +13,17 @@ from torch import Tensor
 
 from rl.task.paths import Tracks
 from rl.task.slots import formation_offsets
-from taichi_sim.config import ScenarioConfig
+from taichi_sim.config import ConfigError, ScenarioConfig
 from taichi_sim.conventions import STATE_SIZE
 from taichi_sim.maths.rotation import torch_quaternion_from_euler
 
 PER_WORLD = 32  # starts drawn for each world
-HEADING_SPREAD = 0.5  # rad, standard deviation about the course
-SPEED_RANGE = (0.6, 1.2)  # of the target's speed
+HEADING_SPREAD = 0.5, 0.15  # rad, standard deviations: of a team's heading about the course, of a vehicle's about that
+SPEED_RANGE = (0.6, 1.2)  # of the target's speed, one draw per team
 FOLLOWER_SPREAD = 0.2  # standard deviation of a follower's place, in spacings
-HEIGHT_SPREAD = 4.0  # m, standard deviation of UAV start heights
+HEIGHT_SPREAD = 0.07  # of the flight height, standard deviation of UAV start heights
+LARGEST_DROP = 0.3  # of the flight height
+MAX_DRAWS = 50  # of places for a start
 MARGIN = 3.0  # m from obstacles, beyond the collision radius
 PULLS = (1.0, 0.5, 0.25, 0.0)  # shares of the random offsets that are tried, in order
 
@@ -45,16 +48,31 @@ def draw_starts(
 ) -> Starts:
     """Draw `PER_WORLD` starts in each world for the teams named in `radii` (their collision radius, m)."""
     shape = (tracks.worlds, PER_WORLD)
-    progress = torch.rand(shape, generator=generator) * tracks.length_m.unsqueeze(1)
-    world = torch.arange(tracks.worlds).unsqueeze(1).expand(shape)
-    place = tracks.at(world.contiguous(), progress)
-    states = {}
-    for team, radius in radii.items():
-        states[team] = _team_states(config, team, place, obstacles, radius + MARGIN, generator)
-    return Starts(progress, states)
+    world = torch.arange(tracks.worlds).unsqueeze(1).expand(shape).contiguous()
+    progress = torch.zeros(shape)
+    states = {t: torch.zeros((*shape, config.team(t).count, STATE_SIZE)) for t in radii}
+    missing = torch.ones(shape, dtype=torch.bool)
+    for _ in range(MAX_DRAWS):
+        drawn = torch.rand(shape, generator=generator) * tracks.length_m.unsqueeze(1)
+        place = tracks.at(world, drawn)
+        clear, fresh = missing.clone(), {}
+        for team, radius in radii.items():
+            fresh[team], fits = _team_states(config, team, place, obstacles, radius + MARGIN, generator)
+            clear &= fits
+        progress = torch.where(clear, drawn, progress)
+        for team in radii:
+            states[team] = torch.where(clear[..., None, None], fresh[team], states[team])
+        missing &= ~clear
+        if not missing.any():
+            return Starts(progress, states)
+    raise ConfigError(
+        f"no room to start: {int(missing.sum())} of {missing.numel()} starts touch an obstacle after {MAX_DRAWS} "
+        "draws; lower obstacles.count or obstacles.fixed, raise obstacles.clearance_min, or shrink the formation"
+    )
 
 
-def _team_states(config, team, place, obstacles, margin, generator) -> Tensor:
+def _team_states(config, team, place, obstacles, margin, generator) -> tuple[Tensor, Tensor]:
+    """States [world, start, vehicle, 13] of a team, and whether they are clear of everything [world, start]."""
     section = config.team(team)
     shape = (*place.course.shape, section.count)
     course = place.course.unsqueeze(-1)
@@ -74,26 +92,29 @@ def _team_states(config, team, place, obstacles, margin, generator) -> Tensor:
     north = course.cos() * offsets[:, 0] - course.sin() * offsets[:, 1]
     east = course.sin() * offsets[:, 0] + course.cos() * offsets[:, 1]
     slot = place.position.unsqueeze(2) + torch.stack((north, east), dim=-1)
-    pull = _first_clear_pull(slot, scatter, obstacles, margin)
+    pull, clear = _first_clear_pull(slot, scatter, obstacles, margin)
 
     state = torch.zeros((*shape, STATE_SIZE))
     state[..., :2] = slot + pull * scatter
-    heading = course + HEADING_SPREAD * normal(*shape)
+    of_team, of_vehicle = HEADING_SPREAD  # neighbours on crossing courses could not miss each other
+    heading = course + of_team * normal(*shape[:2], 1) + of_vehicle * normal(*shape)
     if team == "uav":
-        state[..., 2] = -config.track.flight_height + HEIGHT_SPREAD * normal(*shape)
+        spread = (HEIGHT_SPREAD * normal(*shape)).clamp(-LARGEST_DROP, LARGEST_DROP)
+        state[..., 2] = -config.track.flight_height * (1 + spread)
     level = torch.zeros_like(heading)
     state[..., 3:7] = torch_quaternion_from_euler(level, level, heading)
     low, high = SPEED_RANGE
-    state[..., 7] = config.track.target_speed * (low + (high - low) * uniform(*shape))
-    return state
+    state[..., 7] = config.track.target_speed * (low + (high - low) * uniform(*shape[:2], 1))
+    return state, clear
 
 
-def _first_clear_pull(slot: Tensor, scatter: Tensor, obstacles: Tensor, margin: float) -> Tensor:
+def _first_clear_pull(slot: Tensor, scatter: Tensor, obstacles: Tensor, margin: float) -> tuple[Tensor, Tensor]:
     """Largest share [world, start, 1, 1] of `scatter` at which the whole team keeps `margin` (m) from obstacles and
-    team mates keep 2 `margin` from each other.
+    team mates, and whether there is any [world, start].
     """
     count = slot.shape[2]
     best = torch.zeros((*slot.shape[:2], 1, 1))
+    any_clear = torch.zeros(slot.shape[:2], dtype=torch.bool)
     for share in reversed(PULLS):
         place = slot + share * scatter
         if obstacles.shape[1]:
@@ -104,6 +125,7 @@ def _first_clear_pull(slot: Tensor, scatter: Tensor, obstacles: Tensor, margin: 
             clear = torch.ones(place.shape[:2], dtype=torch.bool)
         if count > 1:
             apart = torch.cdist(place, place) + 1e9 * torch.eye(count)
-            clear &= apart.amin(dim=(2, 3)) > 2 * margin
+            clear &= apart.amin(dim=(2, 3)) > 2 * (margin - MARGIN)
         best = torch.where(clear[..., None, None], torch.full_like(best, share), best)
-    return best
+        any_clear |= clear
+    return best, any_clear

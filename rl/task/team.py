@@ -33,25 +33,28 @@ class TeamTask:
         self.offsets = offsets.to(state)
         sensing = config.sensing
         mates = min(sensing.team_mates, self.section.count - 1)
-        self.sensor = Sensor(self.team, sensing.obstacles, mates, sensing.detection_range, self.radius)
+        frame = "body" if self.axes == 3 else "heading"
+        self.sensor = Sensor(self.team, sensing.obstacles, mates, sensing.detection_range, self.radius, frame)
         envs, count = state.shape[:2]
         self.action = state.new_zeros((envs, count, len(self.action_names)))
         self.previous_action = self.action
         self.role = observations.role(count, envs, state)
         self.target: Target
-        self.now: Geometry | None = None
+        self.now: Geometry
         self.previous_sight: Tensor
+        self._measured = False
 
     # -- measuring ------------------------------------------------------------------------------------------------
 
     def measure(self, target: Target) -> None:
         """Read the world after a step: slots and errors; what was seen becomes what was seen before."""
-        before, self.target = self.now, target
+        before = self.now.sight if self._measured else None
+        self.target, self._measured = target, True
         self.now = geometry(self.team.position_n, self.team.derived, target, self.offsets, self.axes)
-        self.previous_sight = (before or self.now).sight
+        self.previous_sight = self.now.sight if before is None else before
 
     def restart(self, envs: Tensor, target: Target) -> None:
-        """Environments `envs` [n] have begun anew, with `target` of those: forget their past."""
+        """Environments `envs` [n] have begun anew, with `target` of those: forget their past (written in place)."""
         fresh = geometry(self.team.position_n[envs], self.team.derived[envs], target, self.offsets, self.axes)
         for old, new in zip((*self.now, *self.target), (*fresh, *target), strict=True):
             old[envs] = new
@@ -78,12 +81,18 @@ class TeamTask:
             lost=endings.lost(self.distance, self.section.lost_distance),
             crashed=crash,
             left=endings.outside(team.position_n, self.config.area),
+            diverged=endings.diverged(team.state),
         )
 
     def compute_reward(self, ended: Endings) -> Tensor:
-        """Reward [env, vehicle] of the last step."""
+        """Reward [env, vehicle] of the last step; finite, whatever became of a vehicle."""
         if self.config.reward == "paper":
-            return self._paper_reward() + rewards.collision(ended.collided)
+            reward = self._paper_reward() + rewards.penalty(ended.collided)
+        else:
+            reward = self._tracking_reward(ended)
+        return reward.nan_to_num(nan=-1.0, posinf=-1.0, neginf=-1.0)
+
+    def _tracking_reward(self, ended: Endings) -> Tensor:
         w, d = self.section.tracking_reward, self.now.distance
         return (
             w.coarse * rewards.coarse(d, w.coarse_scale)
@@ -91,7 +100,7 @@ class TeamTask:
             + w.approach * rewards.approach(d)
             + w.action_rate * rewards.action_rate(self.action, self.previous_action)
             + w.clearance * rewards.clearance(self.sensor.gap, w.clearance_range)
-            + w.collision * rewards.collision(ended.any)
+            + w.ending * rewards.penalty(ended.any)
         )
 
     def _paper_reward(self) -> Tensor:
@@ -111,27 +120,24 @@ class TeamTask:
         parts = [self.now.sight, self.previous_sight]
         if sensor.num_obstacles:
             seen = sensor.obstacles
-            parts.append(closeness(seen[..., 0] - self.radius, seen[..., 3:5], sensor.reach))
+            parts.append(closeness(seen[..., 0], seen[..., 4 : 4 + self.axes], sensor.reach))
         if sensor.num_mates:
             seen = sensor.team_mates
-            parts.append(closeness(seen[..., 0] - self.radius, seen[..., 3 : 3 + self.axes], sensor.reach))
+            parts.append(closeness(seen[..., 0], seen[..., 4 : 4 + self.axes], sensor.reach))
         if self.config.observations == "full":
             parts += self._full_terms()
         return torch.cat(parts, dim=-1)
 
     def _full_terms(self) -> list[Tensor]:
         o, team, target = observations, self.team, self.target
-        c, s = team.heading
-        tc, ts = target.cos.unsqueeze(1), target.sin.unsqueeze(1)
-        course = torch.stack((c * tc + s * ts, c * ts - s * tc), dim=-1)
-        turn = (target.course_rate * (1 / o.TURN_SCALE)).view(-1, 1, 1).expand(*c.shape, 1)
+        turn = (target.course_rate * (1 / o.TURN_SCALE)).view(-1, 1, 1).expand(*self.distance.shape, 1)
         return [
             o.squash(self.now.error_b, o.DISTANCE_SCALE),
             o.squash(self.now.error_rate_b, o.SPEED_SCALE),
             o.squash(team.velocity_b, o.SPEED_SCALE),
             team.derived[..., 6:9],  # the world's down in b: roll and pitch without a jump
             team.angular_velocity_b * (1 / o.RATE_SCALE),
-            course,
+            self.now.course_b,
             turn,
             self.action,
             self.role,

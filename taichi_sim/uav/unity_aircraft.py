@@ -21,7 +21,7 @@ import taichi as ti
 import torch
 from pydantic import Field
 
-from taichi_sim.config import Positive, Strict
+from taichi_sim.config import NonNegative, Positive, Strict
 from taichi_sim.kinematics import store
 from taichi_sim.maths import fast
 from taichi_sim.maths.rotation import (
@@ -42,7 +42,7 @@ class UnityAircraftParams(Strict):
     thrust_factor: Positive  # 2.5 in the paper
     boost_min: Positive  # the action -1
     boost_max: Positive  # the action 1
-    drag: float  # 1/s
+    drag: NonNegative  # 1/s
     pitch_speed_deg: Positive  # deg/s
     yaw_speed_deg: Positive  # deg/s
     roll_speed_deg: Positive  # deg/s

@@ -17,7 +17,7 @@ pushes the boat down the slope of the plane through the four heights: waves shor
 import taichi as ti
 import torch
 
-from taichi_sim.config import Positive, Strict
+from taichi_sim.config import Finite, NonNegative, Positive, Strict
 from taichi_sim.conventions import GRAVITY
 from taichi_sim.kinematics import store
 from taichi_sim.maths.rotation import quaternion_advance, rotation_matrix
@@ -33,12 +33,12 @@ class UnityBoatParams(Strict):
     height: Positive  # m
     force_factor: Positive  # J, N
     yaw_factor: Positive  # K, N m
-    pitch_factor: float  # T_a, N m
-    roll_factor: float  # T_s, N m
-    drag: float  # 1/s
-    angular_drag: float  # 1/s
-    buoyancy_stiffness: float  # N/m per corner
-    buoyancy_damping: float  # N s/m per corner
+    pitch_factor: Finite  # T_a, N m
+    roll_factor: Finite  # T_s, N m
+    drag: NonNegative  # 1/s
+    angular_drag: NonNegative  # 1/s
+    buoyancy_stiffness: NonNegative  # N/m per corner
+    buoyancy_damping: NonNegative  # N s/m per corner
     collision_radius: Positive  # m
 
     @property

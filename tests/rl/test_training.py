@@ -1,0 +1,249 @@
+"""What a run leaves behind, and that training and evaluation are the same again for the same seed."""
+
+import csv
+import hashlib
+import json
+import math
+import shutil
+from pathlib import Path
+
+import numpy as np
+import onnxruntime
+import pytest
+import torch
+from rerun.chunk import RrdReader
+from test_commands import ITERATIONS, TEAMS, TINY, command, content, sets, tiny_config, tiny_run
+
+from rl import cli, run_folder
+from rl.controllers import controllers
+from rl.env import FormationEnv
+from rl.evaluation import DEFINITIONS, evaluate
+from rl.play import main as play
+from rl.runner import StageRunner
+from rl.stages import train_stages
+from rl.task.formation import FormationTask
+from taichi_sim import runtime
+from taichi_sim.config_io import config_folder, load_scenario
+
+ROWS = 3 * 8  # vehicles times environments
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _restore():
+    threads = torch.get_num_threads()
+    runtime.init(threads=1)
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(threads)
+    runtime.init()
+
+
+@pytest.fixture(scope="module")
+def trained() -> Path:
+    return tiny_run()
+
+
+def policies(run: Path):
+    return controllers("policy", run, run_folder.load_config(run)[0])
+
+
+def history(file: Path) -> list[dict[str, str]]:
+    """Return the rows of progress.csv without the times."""
+    with file.open(newline="") as stream:
+        return [{k: v for k, v in row.items() if k != "wall_time_s"} for row in csv.DictReader(stream)]
+
+
+# -- what is left behind ------------------------------------------------------------------------------------
+
+
+def test_the_summary_holds_times_stages_and_evaluation(trained):
+    summary = json.loads((trained / "summary.json").read_text())
+    assert {"wall_time_s", "stages", "evaluation"} <= set(summary)
+    assert summary["wall_time_s"] > 0
+    assert [stage["team"] for stage in summary["stages"]] == list(TEAMS)
+    for stage in summary["stages"]:
+        assert set(stage) == {"name", "team", "iterations", "agent_steps", "wall_time_s", "agent_steps_per_s"}
+        assert stage["iterations"] == ITERATIONS
+        assert stage["agent_steps"] == ITERATIONS * ROWS * 8
+        assert stage["agent_steps_per_s"] == pytest.approx(stage["agent_steps"] / stage["wall_time_s"], rel=0.01)
+    assert sum(stage["wall_time_s"] for stage in summary["stages"]) < summary["wall_time_s"]
+
+
+def test_the_evaluation_holds_every_figure_of_both_teams(trained):
+    evaluation = json.loads((trained / "summary.json").read_text())["evaluation"]
+    assert set(evaluation) == {"controller", "scenario", "seed", "episodes", "teams"}
+    assert evaluation["controller"] == "policy" and evaluation["scenario"] == "paper"
+    assert (evaluation["seed"], evaluation["episodes"]) == (1000, 4)
+    assert list(evaluation["teams"]) == list(TEAMS)
+    for figures in evaluation["teams"].values():
+        assert set(figures) == set(DEFINITIONS) == {
+            "leader_error_rms_m", "leader_error_p95_m", "follower_error_rms_m", "follower_error_p95_m",
+            "collisions_per_hour", "collision_free_episodes", "success_rate",
+        }  # fmt: skip
+        assert all(math.isfinite(value) for value in figures.values())
+        assert 0 <= figures["success_rate"] <= figures["collision_free_episodes"] <= 1
+
+
+def test_the_files_are_there(trained):
+    for team in TEAMS:
+        found = {p.name for p in (trained / team).iterdir()}
+        assert found >= {"policy.onnx", "policy.pt", "progress.csv", f"model_{ITERATIONS}.pt"}
+        assert any("tfevents" in name for name in found)
+        rows = history(trained / team / "progress.csv")
+        assert [row["iteration"] for row in rows] == [str(i) for i in range(ITERATIONS)]
+        assert [int(row["agent_steps"]) for row in rows] == [(i + 1) * ROWS * 8 for i in range(ITERATIONS)]
+    figures = list((trained / "figures").glob("*.png"))
+    assert len(figures) == 5 and all(p.read_bytes().startswith(b"\x89PNG") for p in figures)
+    assert not list(trained.rglob("*.part*"))
+
+
+def test_the_configuration_is_kept_with_its_vehicles(trained):
+    kept = load_scenario(trained / "config.toml")
+    assert kept == tiny_config()
+    for team in TEAMS:
+        name = f"{kept.team(team).vehicle}.toml"
+        assert (trained / "vehicles" / name).read_text() == (config_folder() / "vehicles" / name).read_text()
+
+
+def test_meta_says_what_a_result_depends_on(trained):
+    meta = json.loads((trained / "meta.json").read_text())
+    assert meta["seed"] == 1 and meta["scenario_file"] == "paper.toml"
+    assert all(meta["packages"][name] for name in ("taichi", "torch", "rsl-rl-lib", "numpy", "taichi-sim"))
+    assert meta["python"] and meta["machine"]["cpus"] >= 1
+    assert meta["git_commit"] is None or len(meta["git_commit"].removesuffix("+changes")) == 40
+
+
+def test_the_recordings_are_whole(trained, tmp_path):
+    out = tmp_path / "mine.rrd"
+    status = cli.run(play, [str(trained), "--out", str(out), "--duration", "2", "--quiet", "--threads", "1"])
+    assert status == 0
+    for file in (trained / "episode.rrd", out):
+        rows = sum(
+            chunk.to_record_batch().num_rows
+            for chunk in RrdReader(file).stream().filter(content="/world/usv0", is_static=False)
+        )
+        assert rows > 0
+
+
+# -- policies -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("team", TEAMS)
+def test_exported_networks_act_as_the_policy(team, trained):
+    policy = policies(trained)[team]
+    generator = torch.Generator().manual_seed(3)
+    seen = 3 * torch.randn((1000, policy.num_observations), generator=generator)
+    expected = policy.act(seen.unsqueeze(1)).squeeze(1)
+    assert expected.abs().max() <= 1 and expected.std() > 0
+    script = torch.jit.load(str(trained / team / "policy.pt"))
+    torch.testing.assert_close(script(seen), expected, rtol=0, atol=1e-5)
+    session = onnxruntime.InferenceSession(str(trained / team / "policy.onnx"))
+    (name,) = [i.name for i in session.get_inputs()]
+    for rows in (1, 7, 1000):
+        (actions,) = session.run(None, {name: seen[:rows].numpy()})
+        np.testing.assert_allclose(actions, expected[:rows], rtol=0, atol=1e-5)
+
+
+def fingerprint(policy) -> str:
+    digest = hashlib.sha256()
+    for key, tensor in sorted(policy.actor.state_dict().items()):
+        digest.update(key.encode() + tensor.numpy().tobytes())
+    return digest.hexdigest()
+
+
+def test_the_frozen_policy_does_not_change_while_the_other_team_learns(trained, tmp_path):
+    config = tiny_config()
+    usv = policies(trained)["usv"]
+    seen = torch.randn((50, 3, usv.num_observations), generator=torch.Generator().manual_seed(3))
+    weights, actions = fingerprint(usv), usv.act(seen)
+    env = FormationEnv(FormationTask(config, 8, seed=2), "uav", {"usv": usv})
+    learner = StageRunner(env, config.stages["uav"], tmp_path)
+    before = {k: v.clone() for k, v in learner.alg.get_policy().state_dict().items()}
+    learner.train(show_progress=False)
+    after = learner.alg.get_policy().state_dict()
+    assert any(not torch.equal(before[k], after[k]) for k in before)
+    assert fingerprint(usv) == weights
+    assert torch.equal(usv.act(seen), actions)
+
+
+# -- the same again -----------------------------------------------------------------------------------------
+
+
+def fresh(folder: Path, *overrides: str) -> Path:
+    config = load_scenario("paper", (*TINY, *overrides))
+    run_folder.create(folder, config, config_folder() / "paper.toml")
+    return folder
+
+
+def test_training_is_the_same_again_for_the_same_seed(trained, tmp_path):
+    run = fresh(tmp_path / "again")
+    train_stages(run_folder.load_config(run)[0], run, show_progress=False)
+    other = fresh(tmp_path / "other", "seed=2")
+    first = run_folder.load_config(other)[0]
+    first = first.model_copy(update={"stages": {"usv": first.stages["usv"]}})
+    train_stages(first, other, show_progress=False)
+    for team in TEAMS:
+        assert history(run / team / "progress.csv") == history(trained / team / "progress.csv")
+        assert fingerprint(policies(run)[team]) == fingerprint(policies(trained)[team])
+    assert history(other / "usv" / "progress.csv") != history(run / "usv" / "progress.csv")
+
+
+def test_evaluation_is_the_same_on_any_number_of_threads_and_again(trained, tmp_path):
+    wanted = ["--episodes", 40, "--seed", 5, "--set", "episode_duration=4"]
+    texts = []
+    for threads in (1, 2):
+        file = tmp_path / f"{threads}.json"
+        ending = command("rl.evaluate", trained, "--threads", threads, "--json", file, *wanted)
+        assert ending.status == 0, ending.err
+        assert json.loads(ending.out) == json.loads(file.read_text())
+        texts.append(file.read_text())
+    assert texts[0] == texts[1]
+    config, source = run_folder.load_config(trained, ["episode_duration=4"])
+    again = evaluate(config, policies(trained), episodes=40, seed=5, source=source, show_progress=False)
+    assert again == json.loads(texts[0])
+
+
+def test_evaluation_leaves_the_run_as_it_was(trained, tmp_path):
+    run = Path(shutil.copytree(trained, tmp_path / "run"))
+    before = content(run)
+    config, source = run_folder.load_config(run)
+    for kind in ("policy", "classical"):
+        result = evaluate(
+            config, controllers(kind, run, config), episodes=2, seed=1, controller=kind, source=source,
+            show_progress=False,
+        )  # fmt: skip
+        assert result["controller"] == kind and set(result["teams"]) == set(TEAMS)
+    assert content(run) == before
+
+
+# -- one team only ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("team", TEAMS)
+def test_one_team_alone_is_trained_judged_and_recorded(team, tmp_path):
+    paper = (config_folder() / "paper.toml").read_text()
+    head, _, rest = paper.partition("[stages.usv]")
+    tail = rest[rest.index("[evaluation]") :]
+    scenario = tmp_path / "one.toml"
+    scenario.write_text(f'{head}[stages.only]\nteam = "{team}"\n\n{tail}')
+    own = [text.replace(f"stages.{team}", "stages.only") for text in TINY]
+    own = [text for text in own if not text.startswith(("stages.usv", "stages.uav"))]
+    out = tmp_path / "run"
+    ending = command("rl.train", "--config", scenario, "--out", out, *sets(*own))
+    assert ending.status == 0, ending.err
+    summary = json.loads((out / "summary.json").read_text())
+    assert [(s["name"], s["team"]) for s in summary["stages"]] == [("only", team)]
+    assert list(summary["evaluation"]["teams"]) == [team]
+    assert (out / "episode.rrd").is_file() and (out / team / "policy.onnx").is_file()
+    assert not (out / ("uav" if team == "usv" else "usv")).exists()
+
+
+@pytest.mark.slow
+def test_one_vehicle_a_team_has_no_followers_to_judge(tmp_path):
+    out = tmp_path / "run"
+    ending = command("rl.train", "--out", out, *sets(*TINY, "usv.count=1", "uav.count=1"))
+    assert ending.status == 0, ending.err
+    for figures in json.loads((out / "summary.json").read_text())["evaluation"]["teams"].values():
+        assert figures["follower_error_rms_m"] is None and figures["follower_error_p95_m"] is None
+        assert figures["leader_error_rms_m"] > 0
