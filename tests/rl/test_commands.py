@@ -20,6 +20,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import traceback
 from pathlib import Path
 
 import pytest
@@ -148,6 +149,9 @@ def here(capsys):
             status = cli.run(main, [*map(str, arguments), "--quiet", "--threads", "1"])
         except SystemExit as ending:
             status = int(ending.code or 0)
+        except Exception:  # what a user would see of it
+            status = 1
+            traceback.print_exc()
         return Ending(status, *capsys.readouterr())
 
     return run
@@ -478,8 +482,8 @@ def test_a_policy_that_acts_nan_is_named(here, run):
 
 def test_training_that_diverges_is_named_and_keeps_its_checkpoints(here, tmp_path):
     out = tmp_path / "run"
-    ending = here("rl.train", "--out", out, *sets(*TINY, "stages.uav.initial_std=1e38"))
-    ending.fails()
+    ending = here("rl.train", "--out", out, *sets(*TINY, "uav.tracking_reward.collision=1e300"))
+    ending.fails(str(out))
     assert checkpoints(out / "usv")[-1].name == f"model_{ITERATIONS}.pt"
     assert iterations(out, "usv") == list(range(ITERATIONS))
 

@@ -80,7 +80,7 @@ def test_exactly_100_m_takes_the_near_branch(reward, factor):
 
 
 def test_a_collision_costs_one():
-    penalty = rewards.collision(torch.tensor([[True, False]]))
+    penalty = rewards.penalty(torch.tensor([[True, False]]))
     torch.testing.assert_close(penalty, torch.tensor([[-1.0, 0.0]]))
 
 
