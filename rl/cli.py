@@ -4,14 +4,6 @@ import argparse
 import sys
 from collections.abc import Callable
 
-from rl.policy import CheckpointError
-from rl.run_folder import RunError
-from taichi_sim import runtime
-from taichi_sim.config import ConfigError
-from taichi_sim.sea import SteepSeaError
-
-USER_ERRORS = (ConfigError, RunError, CheckpointError, SteepSeaError)
-
 
 def add_common(parser: argparse.ArgumentParser) -> None:
     """Add --set, --threads, --arch and --quiet."""
@@ -31,6 +23,8 @@ def add_common(parser: argparse.ArgumentParser) -> None:
 def start(args: argparse.Namespace) -> None:
     """Start Taichi and torch as the arguments say."""
     import torch
+
+    from taichi_sim import runtime
 
     runtime.init(arch=args.arch, threads=args.threads)
     if args.threads:
@@ -61,14 +55,23 @@ def seed(text: str) -> int:
     return value
 
 
+def user_errors() -> tuple[type[Exception], ...]:
+    """Exceptions that are a user's mistake: their message says all."""
+    from rl.policy import CheckpointError
+    from rl.run_folder import RunError
+    from rl.runner import DivergedError
+    from taichi_sim.config import ConfigError
+    from taichi_sim.sea import SteepSeaError
+    from taichi_sim.world import ActionError
+
+    return ConfigError, RunError, CheckpointError, SteepSeaError, ActionError, DivergedError
+
+
 def run(main: Callable[[list[str] | None], None], argv: list[str] | None = None) -> int:
     """Run an entry point; a user's mistake ends in one message and status 1, Ctrl-C in status 130."""
     try:
         main(argv)
         return 0
-    except USER_ERRORS as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 1
     except OSError as error:
         place = f"{error.filename}: " if error.filename else ""
         print(f"error: {place}{error.strerror or error}", file=sys.stderr)
@@ -76,3 +79,8 @@ def run(main: Callable[[list[str] | None], None], argv: list[str] | None = None)
     except KeyboardInterrupt as interrupt:
         print(f"\ninterrupted{': ' if str(interrupt) else ''}{interrupt}", file=sys.stderr)
         return 130
+    except Exception as error:
+        if not isinstance(error, user_errors()):
+            raise
+        print(f"error: {error}", file=sys.stderr)
+        return 1

@@ -12,7 +12,7 @@ if __package__ in (None, ""):  # run as a script: the packages are beside this f
 def parser() -> argparse.ArgumentParser:
     """The arguments."""
     from rl import cli
-    from rl.evaluation import DEFINITIONS
+    from rl.definitions import DEFINITIONS
 
     p = argparse.ArgumentParser(
         prog="evaluate.py",

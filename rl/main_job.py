@@ -9,7 +9,7 @@ from rl.evaluation import check_measurable, evaluate
 from rl.figures import read_history, write_figures
 from rl.policy import load_policy
 from rl.record import record_episode
-from rl.runner import HISTORY
+from rl.runner import HISTORY, history_seconds
 from rl.stages import train_stages
 from taichi_sim.config import ConfigError, ScenarioConfig
 from taichi_sim.recording import write_recording
@@ -30,7 +30,7 @@ def run_main_job(config: ScenarioConfig, out: Path, *, show_progress: bool = Tru
         check_measurable(config)
     except ValueError as error:
         raise ConfigError(str(error)) from None
-    start = time.perf_counter()
+    start = time.perf_counter() - sum(history_seconds(out / s.team / HISTORY) for s in config.stages.values())
     source = out / run_folder.CONFIG
     try:
         stages = train_stages(config, out, show_progress=show_progress)
@@ -66,11 +66,13 @@ def report(evaluation: dict[str, Any]) -> str:
     """An evaluation as lines to read."""
     lines = [f"{evaluation['episodes']} episodes of unseen worlds, {evaluation['controller']}:"]
     for team, figures in evaluation["teams"].items():
-        followers = figures["follower_error_rms_m"]
+        leader, followers = (
+            "not measured" if figures[f"{who}_error_rms_m"] is None else f"{figures[f'{who}_error_rms_m']:.2f} m rms"
+            for who in ("leader", "follower")
+        )
         lines.append(
-            f"  {team}: leader error {figures['leader_error_rms_m']:.2f} m rms, followers "
-            + (f"{followers:.2f} m rms" if followers is not None else "none")
-            + f", {100 * figures['collision_free_episodes']:.1f} % of episodes without collision, "
+            f"  {team}: leader error {leader}, followers {followers}"
+            f", {100 * figures['collision_free_episodes']:.1f} % of episodes without collision, "
             f"{100 * figures['success_rate']:.1f} % succeed"
         )
     return "\n".join(lines)

@@ -35,10 +35,15 @@ def create(out: Path, config: ScenarioConfig, source: Path) -> None:
     Raises:
         RunError: if it exists already or cannot be written.
     """
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise RunError(f"{out} exists already: give another --out, or continue it with --resume")
     try:
-        (out / "vehicles").mkdir(parents=True, exist_ok=True)
+        out.mkdir(parents=True)
+    except FileExistsError:
+        if not out.is_dir() or any(out.iterdir()):
+            raise RunError(f"{out} exists already: give another --out, or continue it with --resume") from None
+    except OSError as error:
+        raise RunError(f"{out}: cannot be made: {error.strerror or error}") from None
+    try:
+        (out / "vehicles").mkdir(exist_ok=True)
         saved = {}
         for team in ("usv", "uav"):
             file = vehicle_file(config.team(team), source)

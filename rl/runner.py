@@ -111,6 +111,16 @@ class ProgressLogger(Logger):
             writer.writerow({k: "" if v is None else v for k, v in row.items()})
 
 
+DIVERGED = (
+    "training has diverged to values that are not finite; lower the stage's learning_rate or the weights of its "
+    "rewards, and begin a new run. Iterations completed:"
+)
+
+
+class DivergedError(RuntimeError):
+    """Training produced values that are not finite."""
+
+
 class StageRunner(OnPolicyRunner):
     """OnPolicyRunner whose checkpoints are written beside and renamed, and read with `weights_only=True`."""
 
@@ -138,21 +148,33 @@ class StageRunner(OnPolicyRunner):
             if logger.completed > done:
                 self.save("")
             raise
+        except (ValueError, RuntimeError) as error:
+            if isinstance(error, DivergedError) or (isinstance(error, RuntimeError) and self.is_finite()):
+                raise
+            raise DivergedError(f"{self.folder}: {DIVERGED} {logger.completed} ({error})") from None
         finally:
             logger.bar.close()
             if logger.writer is not None:
                 logger.writer.close()  # type: ignore[attr-defined]
+
+    def is_finite(self) -> bool:
+        """Whether every weight of the actor is a number."""
+        return all(bool(torch.isfinite(p).all()) for p in self.alg.get_policy().parameters())
 
     def save(self, path: str, infos: dict | None = None) -> None:
         """Write `model_N.pt`, N the iterations completed, beside and rename it: a kill or a full disk leaves the
         earlier ones whole. (rsl-rl's own `path` numbers the last iteration instead and is not used.)
         """
         completed = self.logger.completed  # type: ignore[attr-defined]
+        if not self.is_finite():
+            raise DivergedError(f"{self.folder}: {DIVERGED} {completed}")
         content = self.alg.save() | {"iter": completed, "infos": infos}
         file = self.folder / f"model_{completed}.pt"
         beside = file.with_name(file.name + ".part")
         try:
-            torch.save(content, beside)
+            memory = io.BytesIO()  # torch's own writer reports a full disk without saying so
+            torch.save(content, memory)
+            beside.write_bytes(memory.getbuffer())
             os.replace(beside, file)
         finally:
             with contextlib.suppress(OSError):
@@ -182,7 +204,9 @@ def trim_history(file: Path, done: int) -> float:
 
 
 def history_seconds(file: Path) -> float:
-    """Seconds of training in progress.csv, over all interruptions."""
+    """Seconds of training in progress.csv, over all interruptions; 0 if there is none yet."""
+    if not file.is_file():
+        return 0.0
     with file.open(newline="", encoding="utf-8") as stream:
         rows = list(csv.DictReader(stream))
     return float(rows[-1]["wall_time_s"]) if rows else 0.0

@@ -7,7 +7,7 @@ import torch
 
 from rl import run_folder
 from rl.env import FormationEnv
-from rl.export import export_policy
+from rl.export import ONNX, TORCHSCRIPT, export_policy
 from rl.policy import TrainedPolicy, checkpoints, load_policy, read_checkpoint
 from rl.runner import HISTORY, StageRunner, history_seconds
 from rl.seeds import derive_seed
@@ -54,6 +54,7 @@ def train_stage(
         runner.load(str(saved[-1]))
     if done < stage.iterations:
         runner.train(show_progress=show_progress, label=label)
+    if done < stage.iterations or not all((folder / name).is_file() for name in (TORCHSCRIPT, ONNX)):
         export_policy(runner.alg.get_policy(), folder)
     return stage_result(folder, name, stage, env.num_envs)
 

@@ -4,6 +4,8 @@ Taichi holds one program per process. `init` starts it; a second call with the s
 with other arguments it starts afresh and every kernel is compiled again at its next launch.
 """
 
+import contextlib
+import io
 import os
 from dataclasses import dataclass
 from typing import Literal
@@ -54,15 +56,16 @@ def init(arch: str = "cpu", precision: Precision = "f32", threads: int = 0) -> R
         raise ValueError(f"precision = {precision!r}: allowed are 'f32' and 'f64'")
     wanted = Runtime(arch, precision, threads or len(os.sched_getaffinity(0)))
     if _current != wanted:
-        ti.init(
-            arch=getattr(ti, arch),
-            default_fp=ti.f64 if precision == "f64" else ti.f32,
-            cpu_max_num_threads=wanted.threads,
-            fast_math=True,
-            offline_cache=True,
-            log_level=ti.ERROR,
-            verbose=False,
-        )
+        with contextlib.redirect_stdout(io.StringIO()):  # its greeting; a command's stdout is its result
+            ti.init(
+                arch=getattr(ti, arch),
+                default_fp=ti.f64 if precision == "f64" else ti.f32,
+                cpu_max_num_threads=wanted.threads,
+                fast_math=True,
+                offline_cache=True,
+                log_level=ti.ERROR,
+                verbose=False,
+            )
         _current = wanted
     return wanted
 

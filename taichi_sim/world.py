@@ -84,6 +84,10 @@ class Team:
         return torch_euler_from_quaternion(self.quaternion_nb)
 
 
+class ActionError(ValueError):
+    """An action that is not finite."""
+
+
 class World:
     """A sea and two teams, in `num_envs` environments that share nothing but tables.
 
@@ -176,7 +180,7 @@ class World:
             raise ValueError(f"{team.name} actions have shape {tuple(action.shape)}, expected {shape}")
         if not math.isfinite(action.sum()) and not torch.isfinite(action).all():
             env, vehicle, index = (~torch.isfinite(action)).nonzero()[0].tolist()
-            raise ValueError(
+            raise ActionError(
                 f"{team.name} action {team.model.action_names[index]!r} of vehicle {vehicle} in environment {env} "
                 f"is {action[env, vehicle, index].item()}: actions must be finite"
             )

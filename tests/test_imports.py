@@ -26,7 +26,7 @@ LAYERS = (
     ("taichi_sim.recording",),
     ("rl.seeds", "rl.task"),
     (
-        "rl.policy", "rl.export", "rl.env", "rl.gym", "rl.runner", "rl.controllers", "rl.evaluation",
+        "rl.definitions", "rl.policy", "rl.export", "rl.env", "rl.gym", "rl.runner", "rl.controllers", "rl.evaluation",
         "rl.record", "rl.figures", "rl.run_folder",
     ),
     ("rl.stages",),

@@ -49,6 +49,6 @@ def outside(position_n: Tensor, area: float) -> Tensor:
     return position_n[..., :2].abs().amax(-1) > area / 2
 
 
-def diverged(state: Tensor) -> Tensor:
-    """Not finite in some component: every other test is false then."""
-    return ~state.sum(-1).isfinite()
+def diverged(state: Tensor, distance: Tensor) -> Tensor:
+    """The state, or the distance to a slot behind a diverged leader, is not finite: every other test is false then."""
+    return ~(state.sum(-1) + distance).isfinite()

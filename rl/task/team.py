@@ -81,16 +81,16 @@ class TeamTask:
             lost=endings.lost(self.distance, self.section.lost_distance),
             crashed=crash,
             left=endings.outside(team.position_n, self.config.area),
-            diverged=endings.diverged(team.state),
+            diverged=endings.diverged(team.state, self.distance),
         )
 
     def compute_reward(self, ended: Endings) -> Tensor:
-        """Reward [env, vehicle] of the last step; finite, whatever became of a vehicle."""
+        """Reward [env, vehicle] of the last step; -1 for a vehicle that has diverged."""
         if self.config.reward == "paper":
             reward = self._paper_reward() + rewards.penalty(ended.collided)
         else:
             reward = self._tracking_reward(ended)
-        return reward.nan_to_num(nan=-1.0, posinf=-1.0, neginf=-1.0)
+        return reward.masked_fill(ended.diverged, -1.0)
 
     def _tracking_reward(self, ended: Endings) -> Tensor:
         w, d = self.section.tracking_reward, self.now.distance

@@ -16,8 +16,8 @@ from test_commands import ITERATIONS, TEAMS, TINY, command, content, sets, tiny_
 
 from rl import cli, run_folder
 from rl.controllers import controllers
+from rl.definitions import DEFINITIONS, evaluate
 from rl.env import FormationEnv
-from rl.evaluation import DEFINITIONS, evaluate
 from rl.play import main as play
 from rl.runner import StageRunner
 from rl.stages import train_stages
