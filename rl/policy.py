@@ -27,7 +27,7 @@ def actor_config(stage: StageConfig) -> dict:
     return {
         "class_name": "MLPModel",
         "hidden_dims": list(stage.hidden_dims),
-        "activation": "elu",
+        "activation": stage.activation,
         "obs_normalization": True,
         "distribution_cfg": {"class_name": "GaussianDistribution", "init_std": stage.initial_std},
     }

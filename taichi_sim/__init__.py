@@ -9,7 +9,7 @@ _os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
 # OpenMP threads of torch spin while they wait for each other. On a machine that does anything else at the same time
 # that made PPO 10 to 20 times slower; sleeping after a short spin costs nothing when it is idle. Counts before torch
 # is imported.
-_os.environ.setdefault("GOMP_SPINCOUNT", "1000")
+_os.environ.setdefault("GOMP_SPINCOUNT", "30000")
 
 __version__ = "0.1.0"
 

@@ -124,9 +124,10 @@ class StageConfig(Strict):
     num_envs: Annotated[int, Field(ge=1, le=1_000_000)] = 512
     steps_per_iteration: Annotated[int, Field(ge=2, le=1000)] = 24
     hidden_dims: Annotated[tuple[Annotated[int, Field(ge=1, le=4096)], ...], Field(min_length=1)] = (64, 64)
+    activation: Literal["elu", "relu", "tanh"] = "elu"
     learning_rate: Positive = 1e-3
-    learning_epochs: Annotated[int, Field(ge=1, le=100)] = 4
-    mini_batches: Annotated[int, Field(ge=1, le=1000)] = 4
+    learning_epochs: Annotated[int, Field(ge=1, le=100)] = 2
+    mini_batches: Annotated[int, Field(ge=1, le=1000)] = 8
     discount: Annotated[float, Field(gt=0, lt=1)] = 0.97
     gae_lambda: Annotated[float, Field(ge=0, le=1)] = 0.95
     clip: Positive = 0.2
