@@ -31,18 +31,29 @@ def cylinder_distance(dx, dy, altitude, radius, height):
 
 
 @ti.func
-def store_seen(out: ti.template(), e, i, k, distance, n, derived: ti.template(), in_body: ti.template()):
-    """Write what vehicle i sees k-th: distance (m), unit vector in NED, and the same in its own frame."""
-    own = ti.Vector([n[0], n[1], n[2]])
-    if ti.static(in_body):
-        for a in ti.static(range(3)):
-            own[a] = derived[e, i, a] * n[0] + derived[e, i, 3 + a] * n[1] + derived[e, i, 6 + a] * n[2]
-    else:
-        c, s = derived[e, i, 12], derived[e, i, 13]
-        own = ti.Vector([c * n[0] + s * n[1], c * n[1] - s * n[0], n[2]])
+def store_seen(out: ti.template(), e, i, k, distance, n):
+    """Write what vehicle i sees k-th: distance (m) and unit vector n in NED."""
     out[e, i, k, 0] = distance
     for a in ti.static(range(3)):
-        out[e, i, k, 1 + a], out[e, i, k, 4 + a] = n[a], own[a]
+        out[e, i, k, 1 + a] = n[a]
+
+
+@ti.func
+def store_signal(
+    signals: ti.template(), e, i, k: ti.template(), distance, reach, n, derived: ti.template(), in_body: ti.template()
+):
+    """Write the k-th signal: closeness 1 - d / reach, and the direction in the vehicle's own frame times closeness."""
+    near = ti.max(1.0 - distance / reach, 0.0)
+    if ti.static(in_body):
+        signals[e, i, 4 * k] = near
+        for a in ti.static(range(3)):
+            own = derived[e, i, a] * n[0] + derived[e, i, 3 + a] * n[1] + derived[e, i, 6 + a] * n[2]
+            signals[e, i, 4 * k + 1 + a] = own * near
+    else:
+        c, s = derived[e, i, 12], derived[e, i, 13]
+        signals[e, i, 3 * k] = near
+        signals[e, i, 3 * k + 1] = (c * n[0] + s * n[1]) * near
+        signals[e, i, 3 * k + 2] = (c * n[1] - s * n[0]) * near
 
 
 @ti.kernel
@@ -50,6 +61,7 @@ def _sense(
     gap: ti.types.ndarray(ndim=2),
     seen: ti.types.ndarray(ndim=4),
     mates: ti.types.ndarray(ndim=4),
+    signals: ti.types.ndarray(ndim=3),
     state: ti.types.ndarray(ndim=3),
     derived: ti.types.ndarray(ndim=3),
     obstacles: ti.types.ndarray(ndim=3),
@@ -90,7 +102,8 @@ def _sense(
                 dx, dy = obstacles[w, 0, index[k]] - x, obstacles[w, 1, index[k]] - y
                 inv = 1.0 / ti.max(ti.sqrt(dx * dx + dy * dy), 1e-6)
                 direction = ti.Vector([dx * inv, dy * inv, 0.0])
-            store_seen(seen, e, i, k, distance[k], direction, derived, in_body)
+            store_seen(seen, e, i, k, distance[k], direction)
+            store_signal(signals, e, i, k, ti.max(distance[k], 0.0), reach, direction, derived, in_body)
 
         near = ti.Vector([x * 0.0 + reach] * ti.static(num_mates + 1))
         who = ti.Vector([-1] * ti.static(num_mates + 1))
@@ -110,7 +123,8 @@ def _sense(
                 m = who[k]
                 offset = ti.Vector([state[e, m, 0] - x, state[e, m, 1] - y, state[e, m, 2] - z])
                 direction = offset / ti.max(near[k], 1e-6)
-            store_seen(mates, e, i, k, near[k], direction, derived, in_body)
+            store_seen(mates, e, i, k, near[k], direction)
+            store_signal(signals, e, i, ti.static(num_seen + k), near[k], reach, direction, derived, in_body)
         gap[e, i] = nearest
 
 
@@ -120,10 +134,11 @@ class Sensor:
     Attributes:
         gap: [env, vehicle] smallest clearance (m) between this vehicle's sphere of `radius` and any obstacle or
             team mate's sphere, at most `reach`; negative means contact.
-        obstacles: [env, vehicle, k, 7] distance (m) to the k-th nearest obstacle's surface, the horizontal unit
-            vector to its axis (north, east, 0), and the same vector in the vehicle's own frame; `reach` and zeros
-            where there is none in range.
-        team_mates: [env, vehicle, k, 7] likewise, of the k-th nearest team mate's origin.
+        obstacles: [env, vehicle, k, 4] distance (m) to the k-th nearest obstacle's surface and the horizontal unit
+            vector to its axis (NED); `reach` and zeros where there is none in range.
+        team_mates: [env, vehicle, k, 4] likewise, of the k-th nearest team mate's origin.
+        signals: [env, vehicle, n] all of it as a policy observes it, obstacles first: closeness 1 - d / reach, and
+            the direction in the vehicle's own frame times closeness; zeros where there is nothing in range.
     """
 
     def __init__(
@@ -137,7 +152,7 @@ class Sensor:
     ):
         """Allocate for a team; `reach` and `radius` in m.
 
-        A vehicle's own frame is its body frame, or the heading frame (ahead, starboard, down), which stays level.
+        A vehicle's own frame is its body frame (3 axes), or the heading frame (ahead, starboard), which stays level.
         """
         self.in_body = frame == "body"
         state = team.state
@@ -145,8 +160,11 @@ class Sensor:
         self.team, self.reach, self.radius = team, reach, radius
         self.num_obstacles, self.num_mates = num_obstacles, num_mates
         self.gap = state.new_zeros((env, vehicle))
-        self.obstacles = state.new_zeros((env, vehicle, max(num_obstacles, 1), 7))
-        self.team_mates = state.new_zeros((env, vehicle, max(num_mates, 1), 7))
+        self.obstacles = state.new_zeros((env, vehicle, max(num_obstacles, 1), 4))
+        self.team_mates = state.new_zeros((env, vehicle, max(num_mates, 1), 4))
+        width = (num_obstacles + num_mates) * (4 if self.in_body else 3)
+        self.signals = state.new_zeros((env, vehicle, width))
+        self._signals = self.signals if width else state.new_zeros((env, vehicle, 1))  # kernels take no empty array
         self._all = torch.arange(env, device=state.device)
         self._field: torch.Tensor | None = None
         self._columns = state
@@ -156,7 +174,7 @@ class Sensor:
         if obstacles is not self._field:  # by column, so that the kernel reads whole vectors
             self._field, self._columns = obstacles, obstacles.transpose(1, 2).contiguous()
         _sense(
-            self.gap, self.obstacles, self.team_mates, self.team.state, self.team.derived, self._columns, env_world,
-            self._all if envs is None else envs, self.reach, self.radius, self.num_obstacles, self.num_mates,
-            obstacles.shape[1], self.in_body,
+            self.gap, self.obstacles, self.team_mates, self._signals, self.team.state, self.team.derived,
+            self._columns, env_world, self._all if envs is None else envs, self.reach, self.radius,
+            self.num_obstacles, self.num_mates, obstacles.shape[1], self.in_body,
         )  # fmt: skip

@@ -158,11 +158,11 @@ class World:
             state = state.clone()
             zeta = self.elevation(envs, state[..., 0], state[..., 1])
             state[..., 2] -= zeta
-            team.surface[envs, :, 0] = zeta
-        team.state[envs] = state
+            team.surface.index_copy_(0, envs, zeta.unsqueeze(-1))
+        team.state.index_copy_(0, envs, state)
         aux = torch.empty((*state.shape[:-1], team.aux.shape[-1]), dtype=state.dtype, device=state.device)
         team.model.reset_aux(aux, state)
-        team.aux[envs] = aux
+        team.aux.index_copy_(0, envs, aux)
         team.update(envs)
 
     def elevation(self, envs: torch.Tensor, north: torch.Tensor, east: torch.Tensor) -> torch.Tensor:

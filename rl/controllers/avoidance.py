@@ -16,7 +16,6 @@ from rl.task.team import TeamTask
 
 MARGIN = 2.0  # m kept beyond contact; tuned on seeds 7 and 8
 TAU = 0.5  # s to leave the margin again; assumed
-MATE_DIRECTION = [1, 2, 3]  # columns of sensor.team_mates: north, east, down
 PASSES = 2  # a second one, because avoiding one body may lead towards another
 
 
@@ -34,7 +33,7 @@ def avoid(team: TeamTask, velocity: Tensor, acceleration: float) -> Tensor:
             velocity = _turned(velocity, toward, seen[..., 0] - team.radius, acceleration)
         for k in range(sensor.num_mates):
             seen = sensor.team_mates[..., k, :]
-            toward = seen[..., MATE_DIRECTION[: team.axes]]
+            toward = seen[..., 1 : 1 + team.axes]
             clearance = seen[..., 0] - 2 * team.radius
             velocity = formation + _turned(velocity - formation, toward, clearance, acceleration / 4)
     return velocity

@@ -113,9 +113,9 @@ class FormationTask:
         self.env_world = torch.zeros(num_envs, dtype=torch.int64, device=run.device)
         self.progress = torch.zeros(num_envs, device=run.device)
         self.steps = torch.zeros(num_envs, dtype=torch.int64, device=run.device)
-        place = self.tracks.at(self.env_world, self.progress)
+        targets = self._targets(self.tracks.at(self.env_world, self.progress))
         for name, team in self.teams.items():
-            team.measure(self._target(name, place))
+            team.measure(targets[name])
         self.reset()
 
     def _check_spacing(self) -> None:
@@ -137,10 +137,10 @@ class FormationTask:
         taken = self.world.step(actions)
         self.progress += self.config.track.target_speed * self.config.decision_interval
         self.steps += 1
-        place = self.tracks.at(self.env_world, self.progress)
+        targets = self._targets(self.tracks.at(self.env_world, self.progress))
         for name, team in self.teams.items():
             team.previous_action, team.action = team.action, taken[name]
-            team.measure(self._target(name, place))
+            team.measure(targets[name])
             team.sense(self.obstacles, self.env_world)
         ended = {name: team.find_endings() for name, team in self.teams.items()}
         reward = {name: team.compute_reward(ended[name]) for name, team in self.teams.items()}
@@ -171,11 +171,11 @@ class FormationTask:
         self.world.env_sea[envs] = self._draw(self.world.sea.num_seas, n).to(torch.int32)
         begin = torch.rand(n, generator=self.generator, dtype=torch.float64) * TIME_SPAN
         self.world.time[envs] = begin.to(self.world.time.device)
-        place = self.tracks.at(worlds, self.progress[envs])
+        targets = self._targets(self.tracks.at(worlds, self.progress.index_select(0, envs)))
         for name, team in self.teams.items():
             state = self.starts.states[name][worlds, starts].to(team.team.state)
             self.world.place(name, envs, state)
-            team.restart(envs, self._target(name, place))
+            team.restart(envs, targets[name])
             team.sense(self.obstacles, self.env_world, envs)
 
     def reseed(self, seed: int) -> None:
@@ -185,15 +185,16 @@ class FormationTask:
     def _draw(self, limit: int, n: int) -> Tensor:
         return torch.randint(limit, (n,), generator=self.generator).to(self.env_world.device)
 
-    def _target(self, name: str, place: TrackPoint) -> Target:
+    def _targets(self, place: TrackPoint) -> dict[str, Target]:
+        """The target of each team at a place of the track: on the sea, and straight above at the flight height."""
         speed = self.config.track.target_speed
-        height = 0.0 if name == "usv" else self.config.track.flight_height
-        down = torch.full_like(place.course, -height).unsqueeze(1)
-        return Target(
-            position=torch.cat((place.position, down), dim=1),
+        ground = Target(
+            position=torch.nn.functional.pad(place.position, (0, 1)),
             course=place.course,
             cos=place.course.cos(),
             sin=place.course.sin(),
             course_rate=place.curvature * speed,
             speed=torch.full_like(place.course, speed),
         )
+        above = ground.position - ground.position.new_tensor([0.0, 0.0, self.config.track.flight_height])
+        return {"usv": ground, "uav": ground._replace(position=above)}

@@ -25,12 +25,6 @@ def range_and_direction(distance: Tensor, direction_b: Tensor) -> Tensor:
     return torch.cat((squash(distance, DISTANCE_SCALE).unsqueeze(-1), direction_b), dim=-1)
 
 
-def closeness(distance: Tensor, direction_b: Tensor, reach: float) -> Tensor:
-    """Of sensed things [env, vehicle, k]: closeness 1 - d / reach, and direction times closeness; 0 out of range."""
-    near = (1 - distance * (1 / reach)).clamp(0.0, 1.0).unsqueeze(-1)
-    return torch.cat((near, direction_b * near), dim=-1).flatten(-2)
-
-
 def role(count: int, envs: int, like: Tensor) -> Tensor:
     """1 for the leader, 0 for followers: [env, vehicle, 1]."""
     flag = torch.zeros((envs, count, 1), dtype=like.dtype, device=like.device)

@@ -54,11 +54,12 @@ class TeamTask:
         self.previous_sight = self.now.sight if before is None else before
 
     def restart(self, envs: Tensor, target: Target) -> None:
-        """Environments `envs` [n] have begun anew, with `target` of those: forget their past (written in place)."""
-        fresh = geometry(self.team.position_n[envs], self.team.derived[envs], target, self.offsets, self.axes)
-        for old, new in zip((*self.now, *self.target), (*fresh, *target), strict=True):
-            old[envs] = new
-        self.previous_sight[envs] = fresh.sight
+        """Environments `envs` [n] have begun anew, with `target` of those: forget their past."""
+        state, derived = self.team.state.index_select(0, envs), self.team.derived.index_select(0, envs)
+        fresh = geometry(state[..., :3], derived, target, self.offsets, self.axes)
+        self.now = Geometry(*(old.index_copy(0, envs, new) for old, new in zip(self.now, fresh, strict=True)))
+        self.target = Target(*(old.index_copy(0, envs, new) for old, new in zip(self.target, target, strict=True)))
+        self.previous_sight = self.previous_sight.index_copy(0, envs, fresh.sight)
         self.action = self.action.index_fill(0, envs, 0.0)  # not in place: it may be a caller's tensor
 
     def sense(self, obstacles: Tensor, env_world: Tensor, envs: Tensor | None = None) -> None:
@@ -116,14 +117,7 @@ class TeamTask:
 
     def observe(self) -> Tensor:
         """Observations [env, vehicle, n] for the next decision: a fresh tensor each time."""
-        sensor, closeness = self.sensor, observations.closeness
-        parts = [self.now.sight, self.previous_sight]
-        if sensor.num_obstacles:
-            seen = sensor.obstacles
-            parts.append(closeness(seen[..., 0], seen[..., 4 : 4 + self.axes], sensor.reach))
-        if sensor.num_mates:
-            seen = sensor.team_mates
-            parts.append(closeness(seen[..., 0], seen[..., 4 : 4 + self.axes], sensor.reach))
+        parts = [self.now.sight, self.previous_sight, self.sensor.signals]
         if self.config.observations == "full":
             parts += self._full_terms()
         return torch.cat(parts, dim=-1)

@@ -120,8 +120,8 @@ def test_team_mates_come_nearest_first_in_three_dimensions():
 
 def test_what_is_not_in_range_reads_as_the_range_with_no_direction():
     sensor = sense([(0.0, 0.0, 0.0), (0.0, 50.0, 0.0)], [(100, 0, 5, 9)], seen=2, mates=2)
-    assert_rows(sensor.obstacles[0, 0], [[REACH, 0, 0, 0, 0, 0, 0]] * 2)
-    assert_rows(sensor.team_mates[0, 0], [[REACH, 0, 0, 0, 0, 0, 0]] * 2)
+    assert_rows(sensor.obstacles[0, 0], [[REACH, 0, 0, 0]] * 2)
+    assert_rows(sensor.team_mates[0, 0], [[REACH, 0, 0, 0]] * 2)
     assert sensor.gap.tolist() == [[REACH, REACH]]
 
 
@@ -169,9 +169,10 @@ def test_directions_are_given_from_the_heading_too(psi):
     """What bears 1 rad from north bears 1 - psi from the bow: ahead its cosine, to starboard its sine."""
     c, s = math.cos(1.0), math.sin(1.0)
     sensor = sense([(0, 0, 0), (20 * c, 20 * s, 0)], [(30 * c, 30 * s, 5, 9)], seen=1, mates=1, psi=psi)
-    for sensed in (sensor.obstacles[0, 0, 0], sensor.team_mates[0, 0, 0]):
-        expected = torch.tensor([math.cos(1.0 - psi), math.sin(1.0 - psi)]).to(sensed)
-        torch.testing.assert_close(sensed[4:6], expected, atol=1e-5, rtol=0)
+    direction = torch.tensor([math.cos(1.0 - psi), math.sin(1.0 - psi)]).to(sensor.signals)
+    for signal, distance_m in zip(sensor.signals[0, 0].split(3), (25.0, 20.0), strict=True):
+        assert signal[0].item() == pytest.approx(1 - distance_m / REACH)
+        torch.testing.assert_close(signal[1:], signal[0] * direction, atol=1e-5, rtol=0)
 
 
 def test_environments_see_their_own_world_and_their_own_team():
