@@ -40,20 +40,22 @@ def store_seen(out: ti.template(), e, i, k, distance, n):
 
 @ti.func
 def store_signal(
-    signals: ti.template(), e, i, k: ti.template(), distance, reach, n, derived: ti.template(), in_body: ti.template()
+    signals: ti.template(), e, i, at, distance, reach, n, derived: ti.template(), axes: ti.template()
 ):
-    """Write the k-th signal: closeness 1 - d / reach, and the direction in the vehicle's own frame times closeness."""
+    """Write a signal from column `at` on: closeness 1 - d / reach, and the direction in the vehicle's own frame times
+    closeness.
+    """
     near = ti.max(1.0 - distance / reach, 0.0)
-    if ti.static(in_body):
-        signals[e, i, 4 * k] = near
+    if ti.static(axes == 3):
+        signals[e, i, at] = near
         for a in ti.static(range(3)):
             own = derived[e, i, a] * n[0] + derived[e, i, 3 + a] * n[1] + derived[e, i, 6 + a] * n[2]
-            signals[e, i, 4 * k + 1 + a] = own * near
+            signals[e, i, at + 1 + a] = own * near
     else:
         c, s = derived[e, i, 12], derived[e, i, 13]
-        signals[e, i, 3 * k] = near
-        signals[e, i, 3 * k + 1] = (c * n[0] + s * n[1]) * near
-        signals[e, i, 3 * k + 2] = (c * n[1] - s * n[0]) * near
+        signals[e, i, at] = near
+        signals[e, i, at + 1] = (c * n[0] + s * n[1]) * near
+        signals[e, i, at + 2] = (c * n[1] - s * n[0]) * near
 
 
 @ti.kernel
@@ -72,7 +74,7 @@ def _sense(
     num_seen: ti.template(),
     num_mates: ti.template(),
     num_obstacles: ti.template(),
-    in_body: ti.template(),
+    axes: ti.template(),
 ):
     for row, i in ti.ndrange(envs.shape[0], state.shape[1]):
         e = envs[row]
@@ -98,12 +100,16 @@ def _sense(
                             j, index[k] = index[k], j
         for k in ti.static(range(num_seen)):
             direction = ti.Vector([x * 0.0, x * 0.0, x * 0.0])
+            spread = x * 0.0
             if index[k] >= 0:
                 dx, dy = obstacles[w, 0, index[k]] - x, obstacles[w, 1, index[k]] - y
                 inv = 1.0 / ti.max(ti.sqrt(dx * dx + dy * dy), 1e-6)
                 direction = ti.Vector([dx * inv, dy * inv, 0.0])
+                spread = ti.min(obstacles[w, 2, index[k]] * inv, 1.0)
             store_seen(seen, e, i, k, distance[k], direction)
-            store_signal(signals, e, i, k, ti.max(distance[k], 0.0), reach, direction, derived, in_body)
+            at = k * (axes + 2)
+            store_signal(signals, e, i, at, ti.max(distance[k], 0.0), reach, direction, derived, axes)
+            signals[e, i, at + axes + 1] = spread
 
         near = ti.Vector([x * 0.0 + reach] * ti.static(num_mates + 1))
         who = ti.Vector([-1] * ti.static(num_mates + 1))
@@ -124,7 +130,8 @@ def _sense(
                 offset = ti.Vector([state[e, m, 0] - x, state[e, m, 1] - y, state[e, m, 2] - z])
                 direction = offset / ti.max(near[k], 1e-6)
             store_seen(mates, e, i, k, near[k], direction)
-            store_signal(signals, e, i, ti.static(num_seen + k), near[k], reach, direction, derived, in_body)
+            at = num_seen * (axes + 2) + k * (axes + 1)
+            store_signal(signals, e, i, at, near[k], reach, direction, derived, axes)
         gap[e, i] = nearest
 
 
@@ -138,7 +145,9 @@ class Sensor:
             vector to its axis (NED); `reach` and zeros where there is none in range.
         team_mates: [env, vehicle, k, 4] likewise, of the k-th nearest team mate's origin.
         signals: [env, vehicle, n] all of it as a policy observes it, obstacles first: closeness 1 - d / reach, and
-            the direction in the vehicle's own frame times closeness; zeros where there is nothing in range.
+            the direction in the vehicle's own frame times closeness; zeros where there is nothing in range. An
+            obstacle has one more, the sine of half the angle it fills: without its width nobody can tell whether a
+            course clears it.
     """
 
     def __init__(
@@ -154,7 +163,7 @@ class Sensor:
 
         A vehicle's own frame is its body frame (3 axes), or the heading frame (ahead, starboard), which stays level.
         """
-        self.in_body = frame == "body"
+        self.axes = 3 if frame == "body" else 2
         state = team.state
         env, vehicle = state.shape[:2]
         self.team, self.reach, self.radius = team, reach, radius
@@ -162,7 +171,7 @@ class Sensor:
         self.gap = state.new_zeros((env, vehicle))
         self.obstacles = state.new_zeros((env, vehicle, max(num_obstacles, 1), 4))
         self.team_mates = state.new_zeros((env, vehicle, max(num_mates, 1), 4))
-        width = (num_obstacles + num_mates) * (4 if self.in_body else 3)
+        width = num_obstacles * (self.axes + 2) + num_mates * (self.axes + 1)
         self.signals = state.new_zeros((env, vehicle, width))
         self._signals = self.signals if width else state.new_zeros((env, vehicle, 1))  # kernels take no empty array
         self._all = torch.arange(env, device=state.device)
@@ -176,5 +185,5 @@ class Sensor:
         _sense(
             self.gap, self.obstacles, self.team_mates, self._signals, self.team.state, self.team.derived,
             self._columns, env_world, self._all if envs is None else envs, self.reach, self.radius,
-            self.num_obstacles, self.num_mates, obstacles.shape[1], self.in_body,
+            self.num_obstacles, self.num_mates, obstacles.shape[1], self.axes,
         )  # fmt: skip

@@ -352,16 +352,16 @@ def past_and_present(rows: Tensor, axes: int) -> tuple[Tensor, Tensor]:
     return rows[..., :n], rows[..., n : 2 * n]
 
 
-# distance and direction, twice; 2 obstacles and the mates of (closeness, direction)
+# distance and direction, twice; 2 obstacles of (closeness, direction, width); mates of (closeness, direction)
 PAPER_SIZE = {
-    ("usv", 1): 2 * 3 + 2 * 3,
-    ("usv", 2): 2 * 3 + 2 * 3 + 3,
-    ("usv", 3): 2 * 3 + 2 * 3 + 2 * 3,
-    ("usv", 8): 2 * 3 + 2 * 3 + 2 * 3,
-    ("uav", 1): 2 * 4 + 2 * 4,
-    ("uav", 2): 2 * 4 + 2 * 4 + 4,
-    ("uav", 3): 2 * 4 + 2 * 4 + 2 * 4,
-    ("uav", 8): 2 * 4 + 2 * 4 + 2 * 4,
+    ("usv", 1): 2 * 3 + 2 * 4,
+    ("usv", 2): 2 * 3 + 2 * 4 + 3,
+    ("usv", 3): 2 * 3 + 2 * 4 + 2 * 3,
+    ("usv", 8): 2 * 3 + 2 * 4 + 2 * 3,
+    ("uav", 1): 2 * 4 + 2 * 5,
+    ("uav", 2): 2 * 4 + 2 * 5 + 4,
+    ("uav", 3): 2 * 4 + 2 * 5 + 2 * 4,
+    ("uav", 8): 2 * 4 + 2 * 5 + 2 * 4,
 }
 # error, its rate, velocity, down axis, rates, course, turn, action, role
 FULL_EXTRA = {"usv": 2 + 2 + 3 + 3 + 3 + 2 + 1 + 2 + 1, "uav": 3 + 3 + 3 + 3 + 3 + 3 + 1 + 3 + 1}
@@ -388,7 +388,7 @@ def test_sensing_sets_the_size_of_observations(seen):
     sensing = (f"sensing.obstacles={seen}", f"sensing.team_mates={seen}")
     task = make(*sensing, 'observations="paper"', teams=("uav",))
     mates = min(seen, 2)  # there are no more
-    assert task.observe()["uav"].shape == (4, 3, 2 * 4 + seen * 4 + mates * 4)
+    assert task.observe()["uav"].shape == (4, 3, 2 * 4 + seen * 5 + mates * 4)
 
 
 def test_paper_observations_have_their_size_and_bounds(paper):
@@ -568,7 +568,7 @@ def test_observations_do_not_depend_on_where_north_is():
     for states in task.starts.states.values():  # no two team mates at the same distance: rounding would order them
         states[..., :2] += 0.3 * torch.randn(states[..., :2].shape, generator=generator)
     before = watch()
-    sensed = before[0]["usv"][..., 6:12:3]
+    sensed = before[0]["usv"][..., 6:14:4]
     assert (sensed > 0.3).any()  # obstacles near enough to matter
     rotated(task, 2.0)
     for old, new in zip(before, watch(), strict=True):

@@ -170,7 +170,9 @@ def test_directions_are_given_from_the_heading_too(psi):
     c, s = math.cos(1.0), math.sin(1.0)
     sensor = sense([(0, 0, 0), (20 * c, 20 * s, 0)], [(30 * c, 30 * s, 5, 9)], seen=1, mates=1, psi=psi)
     direction = torch.tensor([math.cos(1.0 - psi), math.sin(1.0 - psi)]).to(sensor.signals)
-    for signal, distance_m in zip(sensor.signals[0, 0].split(3), (25.0, 20.0), strict=True):
+    obstacle, width, mate = sensor.signals[0, 0].split((3, 1, 3))
+    assert width.item() == pytest.approx(5 / 30)  # radius over distance to the axis: the sine of half the angle
+    for signal, distance_m in ((obstacle, 25.0), (mate, 20.0)):
         assert signal[0].item() == pytest.approx(1 - distance_m / REACH)
         torch.testing.assert_close(signal[1:], signal[0] * direction, atol=1e-5, rtol=0)
 
