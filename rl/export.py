@@ -1,4 +1,4 @@
-"""A policy for use outside: TorchScript and ONNX, observation normaliser included, actions clipped to [-1, 1]."""
+"""A policy for use outside: TorchScript and ONNX, actions clipped to [-1, 1]."""
 
 import logging
 import os

@@ -23,12 +23,17 @@ class CheckpointError(RuntimeError):
 
 
 def actor_config(stage: StageConfig) -> dict:
-    """rsl-rl's description of the actor network of a stage."""
+    """rsl-rl's description of the actor network of a stage.
+
+    No running normaliser: observations are of order one by themselves, and one would divide what is seldom seen (a
+    second obstacle in range) by its tiny spread. Policies then met such moments with inputs far outside all they had
+    learned from, and swerved: follower errors of 2-3 m rms became 0.1 m without it.
+    """
     return {
         "class_name": "MLPModel",
         "hidden_dims": list(stage.hidden_dims),
         "activation": stage.activation,
-        "obs_normalization": True,
+        "obs_normalization": False,
         "distribution_cfg": {"class_name": "GaussianDistribution", "init_std": stage.initial_std},
     }
 
@@ -73,7 +78,7 @@ class TrainedPolicy:
         """
         state = read_checkpoint(file)["actor_state_dict"]
         try:
-            size = state["obs_normalizer._mean"].shape[-1]
+            size = state["mlp.0.weight"].shape[-1]
             example = TensorDict({"policy": torch.zeros(1, size)}, batch_size=[1])
             options = actor_config(stage)
             options.pop("class_name")
