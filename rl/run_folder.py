@@ -41,7 +41,7 @@ def create(out: Path, config: ScenarioConfig, source: Path) -> None:
         if not out.is_dir() or any(out.iterdir()):
             raise RunError(f"{out} exists already: give another --out, or continue it with --resume") from None
     except OSError as error:
-        raise RunError(f"{out}: cannot be made: {error.strerror or error}") from None
+        raise RunError(f"{out}: cannot be written: {error.strerror or error}") from None
     try:
         (out / "vehicles").mkdir(exist_ok=True)
         saved = {}

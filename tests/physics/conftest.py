@@ -11,6 +11,7 @@ import torch
 from taichi_sim import runtime
 from taichi_sim.config_io import config_folder, read_toml
 from taichi_sim.conventions import GRAVITY, POSITION, QUATERNION, STATE_SIZE, VELOCITY
+from taichi_sim.kinematics import DERIVED_SIZE
 from taichi_sim.maths.rotation import (
     torch_euler_from_quaternion,
     torch_quaternion_from_euler,
@@ -35,6 +36,7 @@ class Bench:
         self.state[..., 3] = 1.0
         self.aux = torch.zeros((envs, count, model.aux_size), **options)
         self.surface = torch.zeros((envs, count, 1), **options)
+        self.derived = torch.zeros((envs, count, DERIVED_SIZE), **options)
 
     def put(self, position=(0.0, 0.0, 0.0), euler=(0.0, 0.0, 0.0), velocity_b=(0.0, 0.0, 0.0)):
         """Place every vehicle alike."""

@@ -16,8 +16,9 @@ from test_commands import ITERATIONS, TEAMS, TINY, command, content, sets, tiny_
 
 from rl import cli, run_folder
 from rl.controllers import controllers
-from rl.definitions import DEFINITIONS, evaluate
+from rl.definitions import DEFINITIONS
 from rl.env import FormationEnv
+from rl.evaluation import evaluate
 from rl.play import main as play
 from rl.runner import StageRunner
 from rl.stages import train_stages

@@ -9,12 +9,11 @@ water: buoyancy and the torques about level axes are off.
 import math
 import re
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import torch
 
-from taichi_sim.conventions import ANGULAR_VELOCITY, POSITION, QUATERNION, STATE_SIZE, VELOCITY
+from taichi_sim.conventions import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
 from taichi_sim.maths.rotation import (
     torch_euler_from_quaternion,
     torch_quaternion_from_euler,
@@ -24,6 +23,7 @@ from taichi_sim.sea import Sea
 from taichi_sim.sea.spectrum import Components
 from taichi_sim.uav.unity_aircraft import UnityAircraft, UnityAircraftParams
 from taichi_sim.usv.unity_boat import UnityBoat, UnityBoatParams
+from taichi_sim.world import Team
 from validation.case import Case
 from validation.tables import Table, TableError, number, read_csv, read_toml
 
@@ -54,11 +54,7 @@ class Runner:
         self.env_sea = torch.zeros(1, dtype=torch.int32)
         self.phase = self.sea.phases(self.env_sea, torch.zeros(1, dtype=torch.float64))
         self.model = model
-        self.team = SimpleNamespace(
-            state=torch.zeros((1, 1, STATE_SIZE), dtype=torch.float64),
-            aux=torch.zeros((1, 1, model.aux_size), dtype=torch.float64),
-            surface=torch.zeros((1, 1, 1), dtype=torch.float64),
-        )
+        self.team = Team(model.team, model, 1, 1)
         self.put((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
     def put(self, position, euler, velocity_n, rates=(0.0, 0.0, 0.0)) -> None:
