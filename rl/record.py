@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-import tomli_w
 import torch
 from tqdm import tqdm
 
@@ -12,6 +11,7 @@ from rl.evaluation import one_episode_each, one_thread
 from rl.policy import Policy
 from rl.task.formation import FormationTask, Step
 from taichi_sim.config import ScenarioConfig
+from taichi_sim.config_io import toml_text
 from taichi_sim.recording import Episode, Event, Scene, TeamTrack
 
 EVENTS = {
@@ -61,7 +61,7 @@ def record_episode(
         teams={name: _track(task, name, frames) for name, frames in rows.items()},
         scene=_scene(task),
         elevation=elevation,
-        config_text=f"# {config.name}, seed {seed}\n\n```toml\n{tomli_w.dumps(config.model_dump(mode='json'))}```\n",
+        config_text=f"# {config.name}, seed {seed}\n\n```toml\n{toml_text(config)}```\n",
         events=tuple(events),
     )
 

@@ -89,7 +89,12 @@ def read_toml(file: Path) -> dict[str, Any]:
 
 def write_toml(model: BaseModel, file: Path) -> None:
     """Write every key of a model, defaults included, as TOML."""
-    file.write_text(tomli_w.dumps(model.model_dump(mode="json", exclude_none=True)), encoding="utf-8")
+    file.write_text(toml_text(model), encoding="utf-8")
+
+
+def toml_text(model: BaseModel) -> str:
+    """Every key of a model, defaults included, as TOML."""
+    return tomli_w.dumps(model.model_dump(mode="json", exclude_none=True))
 
 
 def validate(

@@ -46,22 +46,24 @@ def blueprint(episode: Episode) -> rrb.Blueprint:
 
 
 def _follow(team: TeamTrack) -> rrb.Spatial3DView:
-    """From behind and above at the start, far enough to hold the formation; moves along, never turns."""
+    """From behind and above at the start, far enough to hold the formation; moves along with the leader, never turns.
+
+    It looks at the leader itself: the formation's middle is on another side of it after every bend.
+    """
     course = float(team.target_course[0])
     forward = np.array([np.sin(course), np.cos(course), 0.0])
     right = np.array([np.cos(course), -np.sin(course), 0.0])
     size = max(team.size_m[:2])
-    away = 0.9 * team.formation_radius_m + 2.8 * size
+    away = 1.4 * team.formation_radius_m + 2.8 * size
     rise = 0.5 if team.name == "usv" else 0.25
-    middle = (team.slot_n[0].mean(axis=0) - team.slot_n[0, 0])[[1, 0, 2]] * (1, 1, -1)
-    eye = middle + away * (-0.95 * forward + 0.45 * right + np.array([0.0, 0.0, rise]))
+    eye = away * (-0.95 * forward + 0.45 * right + np.array([0.0, 0.0, rise]))
     return rrb.Spatial3DView(
         origin=f"world/{team.name}/follow",
         contents="world/**",
         name=TITLES.get(team.name, team.name),
         background=tuple(int(part) for part in HAZE),
         line_grid=False,
-        eye_controls=rrb.EyeControls3D(position=eye, look_target=middle, eye_up=[0, 0, 1]),
+        eye_controls=rrb.EyeControls3D(position=eye, look_target=np.zeros(3), eye_up=[0, 0, 1]),
         time_ranges=rr.VisibleTimeRange(
             "sim_time",
             start=rr.TimeRangeBoundary.cursor_relative(seconds=-TRAIL_S),

@@ -5,6 +5,7 @@ import torch
 from taichi_sim import runtime
 from taichi_sim.config import SeaConfig
 from taichi_sim.conventions import GRAVITY
+from taichi_sim.maths.rotation import torch_rotation_matrix
 from taichi_sim.sea import Sea
 
 AHEAD, COAST = [1.0, 0.0], [-1.0, 0.0]  # actions: full force, none
@@ -22,6 +23,22 @@ class TestAlone:
             theirs = [getattr(table, c)[k] for c in ("z_fwd", "x", "vz", "vx", "yaw_rate_rad_s")]
             assert np.abs(np.array(ours) - theirs).max() < 1e-6
             team.step([2 * table.vertical_input[k] - 1, table.horizontal_input[k]])
+
+    def test_the_surface_followed_is_the_exact_one(self, bench, make_model):
+        """At speed on the paper's sea, the mean height under the corners is the exact inverse's to 5 % of hs."""
+        model = make_model("unity_boat", 0.02, 1)
+        sea = Sea.from_config(SeaConfig(hs=0.5, tp=4.0, components=16, realisations=1), seed=5)
+        team = bench(model, sea).step([0.2, 0.05], 50)  # the displacement is found within a few steps
+        signs = torch.tensor([[1, -1, 0], [1, 1, 0], [-1, -1, 0], [-1, 1, 0]], dtype=torch.float64)
+        corners_b = signs * torch.tensor([model.params.length / 2, model.params.beam / 2, 0.0])
+        worst = 0.0
+        for _ in range(200):
+            state, time = team.state[0, 0].clone(), float(team.time[0])
+            corners = state[:3] + corners_b @ torch_rotation_matrix(state[3:7]).T
+            exact = sea.elevation(corners[:, 0], corners[:, 1], time).mean()
+            team.step([0.2, 0.05])
+            worst = max(worst, abs(float(team.surface[0, 0, 0]) - float(exact)))
+        assert worst < 0.05 * 0.5
 
     def test_terminal_speed(self, bench, make_model):
         """v = J / (m drag) (1 - drag dt), the fixed point of v <- (v + J/m dt)(1 - drag dt)."""

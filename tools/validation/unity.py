@@ -79,7 +79,8 @@ class Runner:
         state = self.team.state[0, 0]
         velocity = torch_rotation_matrix(state[QUATERNION]) @ state[VELOCITY]
         euler = torch_euler_from_quaternion(state[QUATERNION])
-        return tuple(v.numpy().copy() for v in (state[POSITION], velocity, euler, state[ANGULAR_VELOCITY]))
+        position, rates = state[POSITION].numpy().copy(), state[ANGULAR_VELOCITY].numpy().copy()
+        return position, velocity.numpy(), euler.numpy(), rates
 
 
 def _steps(table: Table, dt: float) -> tuple[np.ndarray, int]:
