@@ -1,0 +1,16 @@
+"""What is packaged: every package of the tree and the shipped scenarios, so that an install works anywhere."""
+
+import tomllib
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+def test_every_package_is_listed():
+    listed = set(tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["packages"])
+    found = {
+        ".".join(file.parent.relative_to(ROOT).parts)
+        for top in ("taichi_sim", "rl")
+        for file in (ROOT / top).rglob("__init__.py")
+    }
+    assert listed == found | {"taichi_sim.configs", "taichi_sim.configs.vehicles"}
