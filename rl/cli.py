@@ -3,6 +3,7 @@
 import argparse
 import sys
 from collections.abc import Callable
+from pathlib import Path
 
 
 def add_common(parser: argparse.ArgumentParser) -> None:
@@ -18,6 +19,26 @@ def add_common(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--threads", type=positive_int, default=0, help="CPU threads (default: all cores)")
     parser.add_argument("--arch", choices=("cpu", "cuda"), default="cpu", help="where kernels run (default: cpu)")
     parser.add_argument("--quiet", action="store_true", help="no progress bars")
+
+
+def add_run(parser: argparse.ArgumentParser) -> None:
+    """Add what commands about a finished run share: RUN, --controller, --seed, --config, and the common ones."""
+    parser.add_argument("run", type=Path, metavar="RUN", help="run folder of rl/train.py")
+    parser.add_argument("--controller", choices=("policy", "classical"), default="policy")
+    parser.add_argument("--seed", type=seed, default=None, help="of the unseen worlds (default: the scenario's)")
+    parser.add_argument("--config", type=Path, default=None, help="another scenario for the run's policies")
+    add_common(parser)
+
+
+def open_run(args: argparse.Namespace):
+    """The scenario of `args.run`, its file, a controller for each team, and the seed; Taichi is running then."""
+    from rl import run_folder
+    from rl.controllers import controllers
+
+    config, source = run_folder.load_config(args.run, args.overrides, args.config)
+    start(args)
+    of_worlds = config.evaluation.seed if args.seed is None else args.seed
+    return config, source, controllers(args.controller, args.run, config), of_worlds
 
 
 def start(args: argparse.Namespace) -> None:

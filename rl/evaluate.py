@@ -21,13 +21,9 @@ def parser() -> argparse.ArgumentParser:
         epilog="figures, for each team, measured after the first evaluation.settle (20 s) of each episode:\n"
         + "\n".join(f"  {key}:\n      {text}" for key, text in DEFINITIONS.items()),
     )
-    p.add_argument("run", type=Path, metavar="RUN", help="run folder of rl/train.py")
-    p.add_argument("--controller", choices=("policy", "classical"), default="policy")
+    cli.add_run(p)
     p.add_argument("--episodes", type=cli.positive_int, default=None, help="default: the scenario's (256)")
-    p.add_argument("--seed", type=cli.seed, default=None, help="of the unseen worlds (default: the scenario's)")
-    p.add_argument("--config", type=Path, default=None, help="another scenario to evaluate the policies in")
     p.add_argument("--json", type=Path, default=None, metavar="FILE", help="also write the figures to FILE")
-    cli.add_common(p)
     return p
 
 
@@ -35,17 +31,15 @@ def main(argv: list[str] | None = None) -> None:
     """Run the command."""
     args = parser().parse_args(argv)
     from rl import cli, run_folder
-    from rl.controllers import controllers
     from rl.evaluation import evaluate
     from rl.main_job import report
 
-    config, source = run_folder.load_config(args.run, args.overrides, args.config)
-    cli.start(args)
+    config, source, policies, seed = cli.open_run(args)
     result = evaluate(
         config,
-        controllers(args.controller, args.run, config),
+        policies,
         episodes=args.episodes or config.evaluation.episodes,
-        seed=config.evaluation.seed if args.seed is None else args.seed,
+        seed=seed,
         controller=args.controller,
         source=source,
         show_progress=not args.quiet,

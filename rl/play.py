@@ -13,28 +13,20 @@ def parser() -> argparse.ArgumentParser:
     from rl import cli
 
     p = argparse.ArgumentParser(prog="play.py", description=__doc__)
-    p.add_argument("run", type=Path, metavar="RUN", help="run folder of rl/train.py")
-    p.add_argument("--controller", choices=("policy", "classical"), default="policy")
-    p.add_argument("--seed", type=cli.seed, default=None, help="of the unseen world (default: the scenario's)")
+    cli.add_run(p)
     p.add_argument("--out", type=Path, default=None, metavar="FILE.rrd", help="default: RUN/play-SEED.rrd")
     p.add_argument("--duration", type=cli.positive_float, default=None, metavar="S", help="default: an episode")
-    p.add_argument("--config", type=Path, default=None, help="another scenario to play the policies in")
-    cli.add_common(p)
     return p
 
 
 def main(argv: list[str] | None = None) -> None:
     """Run the command."""
     args = parser().parse_args(argv)
-    from rl import cli, run_folder
-    from rl.controllers import controllers
+    from rl import cli
     from rl.record import record_episode
     from taichi_sim.recording import write_recording
 
-    config, source = run_folder.load_config(args.run, args.overrides, args.config)
-    cli.start(args)
-    seed = config.evaluation.seed if args.seed is None else args.seed
-    policies = controllers(args.controller, args.run, config)
+    config, source, policies, seed = cli.open_run(args)
     episode = record_episode(
         config, policies, seed=seed, duration=args.duration, source=source, show_progress=not args.quiet
     )

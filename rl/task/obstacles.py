@@ -1,6 +1,6 @@
 """The obstacles of the mission: vertical cylinders standing on the sea beside the track.
 
-../shared/paper.md section 4 has multiple obstacles in the scene and gives no number; all numbers here are
+Section 4 of the seed paper has multiple obstacles in the scene and gives no number; all numbers here are
 assumed. Obstacles are spread over the whole lap, one drawn in each of `count` equal stretches of it, on
 either side. The tall ones cross the flight height of the aircraft with `HEIGHT_BAND_M` to spare, the others
 stay as far below it: an obstacle is in an aircraft's way or it is not.

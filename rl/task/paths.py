@@ -1,6 +1,6 @@
 """The tracks of the mission: smooth closed curves through unevenly spaced numbered checkpoints.
 
-../shared/paper.md section 4: a track about 4,000 m long, within an area about 3,000 m by 3,000 m, with 22
+Section 4 of the seed paper: a track about 4,000 m long, within an area about 3,000 m by 3,000 m, with 22
 checkpoints unevenly distributed on it. One track per world, drawn from a seed:
 
     course        chi(t) = +-2 pi t + sum_k a_k cos(2 pi k t + phi_k), k = 2..6: one turn a lap, and meanders
@@ -25,8 +25,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-Real = NDArray[np.float64]
-Complex = NDArray[np.complex128]  # north + i east
+from rl.task.closed_spline import ClosedSpline, Complex, Real, evaluate, nodes_per_gap
 
 # All assumed: the paper gives a length, an area and a number of checkpoints.
 HARMONICS = np.arange(2, 7)
@@ -40,9 +39,7 @@ BEND_SLACK = 1.03  # a bend may be a little tighter between the nodes that are c
 REACH_SLACK = 1.02  # so may a gap between two strands
 LENGTH_SHARE = 0.98  # largest length_m, as a share of the longest circle's
 RADIUS_SHARE = 0.5  # largest min_radius_m, as a share of the circle's radius
-NODES = 264, 8  # least per lap and per gap: of the drawn curve, of the checks and of the arc length
 REACH_STRIDE = 3  # nodes to each one that is measured for distance
-GAUSS_POINT, GAUSS_WEIGHT = np.polynomial.legendre.leggauss(3)
 
 TRACK_STREAM = 0  # and one stream after it per draw
 
@@ -163,10 +160,10 @@ def generate_tracks(
     for draw in range(MAX_DRAWS):
         uniform = world_uniform(seed, TRACK_STREAM + 1 + draw, num_worlds, numbers)
         point[pending] = _checkpoints(uniform[pending], SHRINK**draw, checkpoints)
-        pending = pending[~_acceptable(_Spline.through(point[pending]), length_m, min_radius_m, side_m)]
+        pending = pending[~_acceptable(ClosedSpline.through(point[pending]), length_m, min_radius_m, side_m)]
         if pending.size == 0:
             place = world_uniform(seed, TRACK_STREAM, num_worlds, 2)
-            return _tabulate(_Spline.through(point), place, length_m, side_m, samples)
+            return _tabulate(ClosedSpline.through(point), place, length_m, side_m, samples)
     raise ValueError(
         f"no track for {pending.size} of {num_worlds} worlds: min_radius_m = {min_radius_m:g} is too large "
         f"for length_m = {length_m:g} through {checkpoints} checkpoints"
@@ -201,7 +198,7 @@ def _checkpoints(uniform: Real, softness: float, count: int) -> Complex:
     """Checkpoints [world, count] on a random closed curve of length about 1; at `softness` 0, on a circle."""
     reverse, turn, start = uniform[:, 0:1], uniform[:, 1:2], uniform[:, 2:3]
     gap, swing, phase = np.split(uniform[:, 3:], (count, count + len(HARMONICS)), axis=1)
-    steps = _per_gap(count) * count
+    steps = nodes_per_gap(count) * count
     t = np.arange(steps) / steps
     swing = softness * SWING_RAD / HARMONICS * (SWING_LEAST + (1 - SWING_LEAST) * swing)
     phase = 2 * np.pi * phase
@@ -219,85 +216,13 @@ def _checkpoints(uniform: Real, softness: float, count: int) -> Complex:
     return curve[np.arange(len(curve))[:, None], step]
 
 
-class _Spline(NamedTuple):
-    """Periodic cubic splines: p(v) = sum_i coefficient_i v^i, v in [0, chord) on each gap.
-
-    coefficient complex [world, gap, 4], chord [world, gap].
-    """
-
-    coefficient: Complex
-    chord: Real
-
-    @staticmethod
-    def through(point: Complex) -> _Spline:
-        """Return the C2 curves through `point` [world, gap] with the chord length as parameter."""
-        worlds, gaps = point.shape
-        rise = np.roll(point, -1, axis=1) - point
-        chord = np.abs(rise)
-        after = 1 / chord
-        before = np.roll(after, 1, axis=1)
-        j = np.arange(gaps)
-        continuity = np.zeros((worlds, gaps, gaps))  # of the second derivative, in terms of the first
-        continuity[:, j, j - 1] = before
-        continuity[:, j, j] = 2 * (before + after)
-        continuity[:, j, (j + 1) % gaps] = after
-        pull = 3 * rise * after**2
-        pull = (pull + np.roll(pull, 1, axis=1)).view(np.float64).reshape(worlds, gaps, 2)
-        slope = np.ascontiguousarray(np.linalg.solve(continuity, pull)).view(np.complex128)[..., 0]
-        slope_end = np.roll(slope, -1, axis=1)
-        second = (3 * rise * after - 2 * slope - slope_end) * after
-        third = (slope + slope_end - 2 * rise * after) * after**2
-        return _Spline(np.stack((point, slope, second, third), axis=-1), chord)
-
-    def scaled(self, factor: Real) -> _Spline:
-        """Return the curves enlarged by `factor` [world]."""
-        power = factor[:, None] ** (1 - np.arange(4))
-        return _Spline(self.coefficient * power[:, None], self.chord * factor[:, None])
-
-    def nodes(self) -> tuple[_Jet, Real]:
-        """Evaluate the curves at nodes even on each gap [world, node], with arc length [world, node + 1]."""
-        worlds, gaps = self.chord.shape
-        per_gap = _per_gap(gaps)
-        v = self.chord[..., None] * (np.arange(per_gap) / per_gap)
-        jet = _Jet(*(x.reshape(worlds, -1) for x in _jet(self.coefficient[:, :, None], v)))
-        s = np.zeros((worlds, 1 + jet.position.shape[1]))
-        cell = self.chord[..., None] / per_gap
-        for point, weight in zip(GAUSS_POINT, GAUSS_WEIGHT, strict=True):
-            speed = np.abs(_jet(self.coefficient[:, :, None], v + cell * (point + 1) / 2).velocity)
-            s[:, 1:] += (weight / 2 * cell * speed).reshape(worlds, -1)
-        return jet, np.cumsum(s, axis=1)
-
-
-class _Jet(NamedTuple):
-    """Complex position, velocity and acceleration [..] with respect to the parameter of the spline."""
-
-    position: Complex
-    velocity: Complex
-    acceleration: Complex
-
-    def curvature(self) -> Real:
-        """Signed curvature [..], positive to starboard."""
-        return (self.velocity.conj() * self.acceleration).imag / np.abs(self.velocity) ** 3
-
-
-def _jet(c: Complex, v: Real) -> _Jet:
-    """Evaluate cubics `c` [.., 4] at `v` [..]."""
-    c0, c1, c2, c3 = (c[..., i] for i in range(4))
-    return _Jet(c0 + v * (c1 + v * (c2 + v * c3)), c1 + v * (2 * c2 + v * (3 * c3)), 2 * c2 + v * (6 * c3))
-
-
-def _per_gap(gaps: int) -> int:
-    """Nodes on each gap between checkpoints."""
-    return max(-(-NODES[0] // gaps), NODES[1])
-
-
 def _extent(position: Complex) -> tuple[Real, Real]:
     """Least and greatest (north, east) [world, 2] of `position` [world, node]."""
     parts = np.stack((position.real, position.imag), axis=1)
     return parts.min(axis=-1), parts.max(axis=-1)
 
 
-def _acceptable(spline: _Spline, length_m: float, min_radius_m: float, side_m: float) -> NDArray[np.bool_]:
+def _acceptable(spline: ClosedSpline, length_m: float, min_radius_m: float, side_m: float) -> NDArray[np.bool_]:
     """Whether each curve [world], at its final size, keeps to the radius and the distance, and fits."""
     jet, s = spline.nodes()
     scale = length_m / s[:, -1]
@@ -315,7 +240,7 @@ def _acceptable(spline: _Spline, length_m: float, min_radius_m: float, side_m: f
     return fits
 
 
-def _tabulate(spline: _Spline, place: Real, length_m: float, side_m: float, samples: int) -> Tracks:
+def _tabulate(spline: ClosedSpline, place: Real, length_m: float, side_m: float, samples: int) -> Tracks:
     """Scale to the length, sample at equal arc lengths, and place by `place` [world, 2] in [0, 1)."""
     spline = spline.scaled(length_m / spline.nodes()[1][:, -1])
     node, node_s = spline.nodes()
@@ -335,7 +260,7 @@ def _tabulate(spline: _Spline, place: Real, length_m: float, side_m: float, samp
     gap = cell // per_gap
     step_v = spline.chord[world, gap] / per_gap
     bend = 3 * step_v - 2 * start - end + f * (start + end - 2 * step_v)
-    jet = _jet(spline.coefficient[world, gap], (cell % per_gap) * step_v + f * (start + f * bend))
+    jet = evaluate(spline.coefficient[world, gap], (cell % per_gap) * step_v + f * (start + f * bend))
 
     low, high = _extent(jet.position)
     offset = (-side_m / 2 - low + place * (side_m - (high - low)))[:, None]
