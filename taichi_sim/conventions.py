@@ -8,6 +8,9 @@
 State of a team: `state[env, vehicle, 13]` =
 position_n (3, m), quaternion_nb (4), velocity_b (3, m/s), angular_velocity_b (3, rad/s).
 
+What the sea does to a team: `surface[env, vehicle, 2]` = elevation (m, up, the mean under the hull) and freeboard
+(m, of the lowest corner of the deck above the water; models without a deck leave NO_DECK).
+
 A sea is a table `[sea, 8, component]`, one row per quantity below, components contiguous.
 """
 
@@ -17,6 +20,11 @@ QUATERNION = slice(3, 7)
 VELOCITY = slice(7, 10)
 ANGULAR_VELOCITY = slice(10, 13)
 STATE_SIZE = 13
+
+# surface columns
+ELEVATION, FREEBOARD = 0, 1
+SURFACE_SIZE = 2
+NO_DECK = 1e3  # m
 
 # sea table rows
 AMPLITUDE = 0  # a, m

@@ -9,10 +9,22 @@ import torch
 from taichi_sim import runtime
 from taichi_sim.config import ScenarioConfig
 from taichi_sim.config_io import load_scenario, vehicle_file
-from taichi_sim.conventions import ANGULAR_VELOCITY, POSITION, QUATERNION, STATE_SIZE, TEAMS, VELOCITY
+from taichi_sim.conventions import (
+    ANGULAR_VELOCITY,
+    ELEVATION,
+    FREEBOARD,
+    NO_DECK,
+    POSITION,
+    QUATERNION,
+    STATE_SIZE,
+    SURFACE_SIZE,
+    TEAMS,
+    VELOCITY,
+)
 from taichi_sim.kinematics import DERIVED_SIZE, HEADING_COS, HEADING_SIN, VELOCITY_N, derive
 from taichi_sim.maths.rotation import torch_euler_from_quaternion
 from taichi_sim.sea import Sea
+from taichi_sim.surroundings import Surroundings
 from taichi_sim.vehicles import load_vehicle
 
 
@@ -22,7 +34,7 @@ class Team:
     Attributes:
         state: [env, vehicle, 13], packed as in conventions.py.
         aux: [env, vehicle, n], the model's own state.
-        surface: [env, vehicle, 1], elevation (m, up) of the sea under a USV, its hull's mean.
+        surface: [env, vehicle, 2], what the sea does to a USV: elevation under it and freeboard (conventions.py).
         derived: [env, vehicle, 14], what follows from the state (kinematics.py).
     """
 
@@ -34,7 +46,8 @@ class Team:
         self.state = torch.zeros((num_envs, count, STATE_SIZE), **options)
         self.state[..., 3] = 1.0
         self.aux = torch.zeros((num_envs, count, model.aux_size), **options)
-        self.surface = torch.zeros((num_envs, count, 1), **options)
+        self.surface = torch.zeros((num_envs, count, SURFACE_SIZE), **options)
+        self.surface[..., FREEBOARD] = NO_DECK
         self.derived = torch.zeros((num_envs, count, DERIVED_SIZE), **options)
         self._all = torch.arange(num_envs, device=run.device)
         self.update()
@@ -94,6 +107,7 @@ class World:
     Attributes:
         sea: the realisations. env_sea: int32 [env], which one each environment is on.
         time: float64 [env], s. teams: name -> Team, those simulated.
+        around: what the vehicles are told of sea, current and wind; as of the last step.
     """
 
     def __init__(
@@ -116,7 +130,7 @@ class World:
         self.sea = Sea.from_config(config.sea, config.seed if seed is None else seed)
         self.env_sea = (torch.arange(num_envs, device=run.device) % self.sea.num_seas).to(torch.int32)
         self.time = torch.zeros(num_envs, dtype=torch.float64, device=run.device)
-        self._phase = self.sea.phases(self.env_sea, self.time)
+        self.around = Surroundings.of(self.sea, self.env_sea, self.time)
         self.teams: dict[str, Team] = {}
         for name in teams:
             file = vehicle_file(config.team(name), source)
@@ -142,9 +156,9 @@ class World:
         if set(actions) != set(self.teams):
             raise ValueError(f"actions are for {sorted(actions)}, expected one tensor for each of {sorted(self.teams)}")
         checked = {name: self._checked(team, actions[name]) for name, team in self.teams.items()}
-        self.sea.phases(self.env_sea, self.time, out=self._phase)
+        self.sea.phases(self.env_sea, self.time, out=self.around.phase)
         for name, team in self.teams.items():
-            team.model.step(team, checked[name], self.sea.table, self.env_sea, self._phase)
+            team.model.step(team, checked[name], self.around)
         self.time += self.config.decision_interval
         return checked
 
@@ -158,7 +172,7 @@ class World:
             state = state.clone()
             zeta = self.elevation(envs, state[..., 0], state[..., 1])
             state[..., 2] -= zeta
-            team.surface.index_copy_(0, envs, zeta.unsqueeze(-1))
+            team.surface[envs, :, ELEVATION] = zeta
         team.state.index_copy_(0, envs, state)
         aux = torch.empty((*state.shape[:-1], team.aux.shape[-1]), dtype=state.dtype, device=state.device)
         team.model.reset_aux(aux, state)

@@ -30,6 +30,7 @@ from taichi_sim.maths.rotation import (
     torch_euler_from_quaternion,
     wrap_pi,
 )
+from taichi_sim.surroundings import Surroundings
 
 DEG = 0.017453292519943295
 
@@ -81,7 +82,7 @@ class UnityAircraft:
         self.p = params
         self.boost_ratio = params.boost_max / params.boost_min
 
-    def step(self, team, action: torch.Tensor, sea: torch.Tensor, env_sea, phase) -> None:
+    def step(self, team, action: torch.Tensor, around: Surroundings) -> None:
         """Advance one control step. `action` [env, vehicle, 3]: pitch and yaw in [-1, 1]; boost in [-1, 1] maps
         geometrically to [boost_min, boost_max], because cruise needs a small part of the range.
         """

@@ -22,6 +22,7 @@ from taichi_sim.conventions import GRAVITY
 from taichi_sim.kinematics import store
 from taichi_sim.maths.rotation import quaternion_advance, rotation_matrix
 from taichi_sim.sea import waves
+from taichi_sim.surroundings import Surroundings
 
 
 class UnityBoatParams(Strict):
@@ -78,9 +79,12 @@ class UnityBoat:
         self.Ix, self.Iy, self.Iz = params.inertia
         self.preload = params.mass * GRAVITY / 4
 
-    def step(self, team, action: torch.Tensor, sea: torch.Tensor, env_sea, phase) -> None:
+    def step(self, team, action: torch.Tensor, around: Surroundings) -> None:
         """Advance one control step. `action` [env, vehicle, 2] in [-1, 1] maps to I_v in [0, 1] and I_h."""
-        self._step(team.state, team.derived, team.aux, team.surface, action, sea, env_sea, phase, sea.shape[2])
+        sea = around.sea
+        self._step(
+            team.state, team.derived, team.aux, team.surface, action, sea, around.env_sea, around.phase, sea.shape[2]
+        )
 
     def reset_aux(self, aux: torch.Tensor, state: torch.Tensor) -> None:
         """Auxiliary state [.., 2] of vehicles put at `state` [.., 13]."""

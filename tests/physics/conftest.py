@@ -10,7 +10,7 @@ import torch
 
 from taichi_sim import runtime
 from taichi_sim.config_io import config_folder, read_toml
-from taichi_sim.conventions import GRAVITY, POSITION, QUATERNION, STATE_SIZE, VELOCITY
+from taichi_sim.conventions import GRAVITY, POSITION, QUATERNION, STATE_SIZE, SURFACE_SIZE, VELOCITY
 from taichi_sim.kinematics import DERIVED_SIZE
 from taichi_sim.maths.rotation import (
     torch_euler_from_quaternion,
@@ -19,6 +19,7 @@ from taichi_sim.maths.rotation import (
 )
 from taichi_sim.sea import Sea
 from taichi_sim.sea.spectrum import Components
+from taichi_sim.surroundings import Surroundings
 from taichi_sim.vehicles import MODELS
 
 REFERENCE = Path(__file__).parents[1] / "data" / "reference"
@@ -35,7 +36,7 @@ class Bench:
         self.state = torch.zeros((envs, count, STATE_SIZE), **options)
         self.state[..., 3] = 1.0
         self.aux = torch.zeros((envs, count, model.aux_size), **options)
-        self.surface = torch.zeros((envs, count, 1), **options)
+        self.surface = torch.zeros((envs, count, SURFACE_SIZE), **options)
         self.derived = torch.zeros((envs, count, DERIVED_SIZE), **options)
 
     def put(self, position=(0.0, 0.0, 0.0), euler=(0.0, 0.0, 0.0), velocity_b=(0.0, 0.0, 0.0)):
@@ -53,8 +54,7 @@ class Bench:
         envs, count = self.state.shape[:2]
         held = torch.as_tensor(action, dtype=self.state.dtype).expand(envs, count, -1).contiguous()
         for _ in range(times):
-            phase = self.sea.phases(self.env_sea, self.time)
-            self.model.step(self, held, self.sea.table, self.env_sea, phase)
+            self.model.step(self, held, Surroundings.of(self.sea, self.env_sea, self.time))
             self.time += self.model.dt * self.model.substeps
         return self
 

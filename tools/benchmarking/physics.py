@@ -39,14 +39,14 @@ def _case(config: ScenarioConfig, file: Path, components: int, num_envs: int) ->
     world, team = task.world, task.world.teams[name]
     action = team.state.new_zeros(task.teams[name].action.shape)
     memory = [(t, t.clone()) for t in (team.state, team.aux, team.derived, team.surface)]
-    world.sea.phases(world.env_sea, world.time, out=world._phase)
+    world.sea.phases(world.env_sea, world.time, out=world.around.phase)
 
     def begin() -> None:
         for tensor, start in memory:
             tensor.copy_(start)
 
     def call() -> None:
-        team.model.step(team, action, world.sea.table, world.env_sea, world._phase)
+        team.model.step(team, action, world.around)
 
     work = num_envs * section.count * config.substeps
     description = {"vehicle": file.stem, "panels": panel_count(team.model), "components": components}

@@ -21,6 +21,7 @@ from taichi_sim.maths.rotation import (
 )
 from taichi_sim.sea import Sea
 from taichi_sim.sea.spectrum import Components
+from taichi_sim.surroundings import Surroundings
 from taichi_sim.uav.unity_aircraft import UnityAircraft, UnityAircraftParams
 from taichi_sim.usv.unity_boat import UnityBoat, UnityBoatParams
 from taichi_sim.world import Team
@@ -52,7 +53,7 @@ class Runner:
         zero = np.zeros((1, 1))
         self.sea = Sea(Components(zero, zero + 1, zero + 1, zero, zero))
         self.env_sea = torch.zeros(1, dtype=torch.int32)
-        self.phase = self.sea.phases(self.env_sea, torch.zeros(1, dtype=torch.float64))
+        self.around = Surroundings.of(self.sea, self.env_sea, torch.zeros(1, dtype=torch.float64))
         self.model = model
         self.team = Team(model.team, model, 1, 1)
         self.put((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
@@ -72,7 +73,7 @@ class Runner:
         """Hold `action` for `times` control steps."""
         held = torch.tensor([[action]], dtype=torch.float64)
         for _ in range(times):
-            self.model.step(self.team, held, self.sea.table, self.env_sea, self.phase)
+            self.model.step(self.team, held, self.around)
 
     def read(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """NED position, NED velocity, roll-pitch-yaw, body rates."""
