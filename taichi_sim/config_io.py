@@ -13,6 +13,12 @@ from taichi_sim.config import ConfigError, ScenarioConfig, Strict, TeamConfig
 
 Model = TypeVar("Model", bound=Strict)
 
+# Sections whose size is given in one of several ways: an override of one way takes the file's other ways back.
+WAYS = {
+    "sea": (("hs", "tp"), ("sea_state",), ("wind_speed", "fetch"), ("follows_wind",)),
+    "air": (("speed",), ("beaufort",)),
+}
+
 
 def config_folder() -> Path:
     """The shipped configs: beside the packages in a checkout, inside the package when installed."""
@@ -46,6 +52,8 @@ def load_scenario(path: str | Path = "paper", overrides: Iterable[str] = ()) -> 
     """
     file = find_config(path)
     data = read_toml(file)
+    overrides = list(overrides)
+    _take_other_ways_back(data, [text.partition("=")[0].strip() for text in overrides])
     sources = {_override(data, text): f"--set {text}" for text in overrides}
     config = validate(ScenarioConfig, data, str(file), sources)
     for team in ("usv", "uav"):
@@ -97,9 +105,7 @@ def toml_text(model: BaseModel) -> str:
     return tomli_w.dumps(model.model_dump(mode="json", exclude_none=True))
 
 
-def validate(
-    model: type[Model], data: dict[str, Any], source: str, sources: Mapping[str, str] | None = None
-) -> Model:
+def validate(model: type[Model], data: dict[str, Any], source: str, sources: Mapping[str, str] | None = None) -> Model:
     """`model` from data; a ConfigError names the source, each wrong key, its value and what is allowed.
 
     `sources` names another source for single keys ("usv.count"), those that an override has set.
@@ -144,6 +150,15 @@ def _keys_at(model: Any, loc: tuple) -> list[str]:
         arguments = [a for a in getattr(annotation, "__args__", ()) if hasattr(a, "model_fields")]
         model = annotation if hasattr(annotation, "model_fields") else (arguments[0] if arguments else annotation)
     return sorted(getattr(model, "model_fields", {}))
+
+
+def _take_other_ways_back(data: dict[str, Any], keys: list[str]) -> None:
+    """Remove from the file's `data` the ways of sizing a section that none of the overridden `keys` belongs to."""
+    for section, ways in WAYS.items():
+        chosen = [way for way in ways if any(f"{section}.{name}" in keys for name in way)]
+        for name in [name for way in ways if chosen and way not in chosen for name in way]:
+            if isinstance(data.get(section), dict):
+                data[section].pop(name, None)
 
 
 def _override(data: dict[str, Any], text: str) -> str:

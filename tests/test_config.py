@@ -56,6 +56,33 @@ def assert_says(message: str, *parts: object) -> None:
         ("", "[sea]\ngamma_js = 0.5\n", ("sea.gamma_js = 0.5", "greater than or equal to 1")),
         ("", "[sea]\nhs = -1\n", ("sea.hs = -1", "greater than or equal to 0")),
         ("", "[sea]\nhs = nan\n", ("sea.hs = nan", "or equal to")),
+        ("", "[sea]\ntp = inf\nhs = 1\n", ("sea.tp = inf", "less than or equal to 30")),
+        ("", "[sea]\ndepth = 0\n", ("sea.depth = 0", "greater than 0")),
+        ("", "[sea]\nspreading_s = -1\n", ("sea.spreading_s = -1", "greater than 0")),
+        ("", "[sea]\ncomponents = 0\n", ("sea.components = 0", "greater than or equal to 1")),
+        ("", "[sea]\ncomponents = 10000\n", ("sea.components = 10000", "less than or equal to 64")),
+        ("", "[sea]\ndirection_deg = nan\n", ("sea.direction_deg = nan", "finite")),
+        ("", "[sea]\nspectrum = 'white'\n", ("sea.spectrum = 'white'", "'jonswap'", "'pierson_moskowitz'")),
+        ("", "[sea]\nsea_state = 9\n", ("sea.sea_state = 9", "less than or equal to 8")),
+        ("", "[sea]\nhs = 1\n", ("sea: hs is given without tp",)),
+        ("", "[sea]\ntp = 5\n", ("sea: tp is given without hs",)),
+        ("", "[sea]\nfetch = 1e4\n", ("sea: fetch is given without wind_speed",)),
+        ("", "[sea]\nhs = 1\ntp = 5\nsea_state = 3\n", ("sea", "2 times", "hs and tp", "sea_state", "keep one")),
+        ("", "[sea]\nsea_state = 3\nwind_speed = 9\n", ("sea", "2 times", "sea_state", "wind_speed")),
+        ("", "[sea]\nspectrum = 'jonswap'\nwind_speed = 9\n", ("needs a fetch", "'pierson_moskowitz'")),
+        (
+            "",
+            "[sea]\nspectrum = 'bretschneider'\nwind_speed = 9\nfetch = 1e4\n",
+            ("fetch", "must be 'jonswap'", "'bretschneider'"),
+        ),
+        ("", "[sea.swell]\nhs = 1\n", ("sea.swell.tp", "missing")),
+        (
+            "",
+            "[sea]\ncomponents = 40\n[sea.swell]\nhs = 1\ntp = 9\ncomponents = 25\n",
+            ("sea: components + swell.components = 65", "at most 64"),
+        ),
+        ("", "[sea.current]\nspeed = -1\n", ("sea.current.speed = -1", "greater than or equal to 0")),
+        ("", "[sea.current]\nprofile = 'power'\n", ("sea: current.profile = 'power'", "set depth")),
         ("", "[sensing]\ndetection_range = inf\n", ("sensing.detection_range = inf", "finite")),
         ("", "[obstacles]\nradius_min = 5\nradius_max = 4\n", ("obstacles", "radius_max = 4", "radius_min")),
         ("", "[stages.swim]\nteam = 'fish'\n", ("stages.swim.team = 'fish'", "'usv'", "'uav'")),
@@ -271,6 +298,7 @@ def test_numbers_are_not_read_from_other_types():
             "stages.uav.hidden_dims=[3]",
             "seed=2",
         ),
+        ("sea.depth=20", "sea.swell={hs=1, tp=9}", "sea.current={speed=0.5, profile='power', std=0.1}"),
     ],
 )
 def test_what_is_written_reads_the_same(tmp_path, overrides):
@@ -279,6 +307,21 @@ def test_what_is_written_reads_the_same(tmp_path, overrides):
     write_toml(config, file)
     assert load_scenario(file) == config
     assert set(read_toml(file)) == set(ScenarioConfig.model_fields)  # defaults are written too
+
+
+@pytest.mark.parametrize(
+    "sea", ["", "sea_state = 4", "wind_speed = 9", "wind_speed = 9\nfetch = 2e4", "spectrum = 'bretschneider'"]
+)
+def test_a_sea_written_reads_the_same_whichever_way_it_has_its_size(scenario, tmp_path, sea):
+    config = load_scenario(scenario(end=f"[sea]\n{sea}\n"))
+    file = tmp_path / "copy.toml"
+    write_toml(config, file)
+    assert load_scenario(file) == config
+
+
+def test_a_wind_alone_makes_a_fully_developed_sea(scenario):
+    assert load_scenario(scenario(end="[sea]\nwind_speed = 9\n")).sea.spectrum == "pierson_moskowitz"
+    assert load_scenario(scenario(end="[sea]\nwind_speed = 9\nfetch = 2e4\n")).sea.spectrum == "jonswap"
 
 
 def test_values_cannot_change_after_reading():

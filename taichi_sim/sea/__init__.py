@@ -1,5 +1,7 @@
-"""The sea: spectra, Gerstner waves, and queries of the surface."""
+"""The sea: spectra, Gerstner waves, queries of the surface and the water under it, current."""
 
-from taichi_sim.sea.sea import Sea, SteepSeaError, Surface
+from taichi_sim.sea.current import Current
+from taichi_sim.sea.sea import Kinematics, Sea, SteepSeaError, Surface
+from taichi_sim.sea.wind_sea import SeaSize, sea_size
 
-__all__ = ["Sea", "SteepSeaError", "Surface"]
+__all__ = ["Current", "Kinematics", "Sea", "SeaSize", "SteepSeaError", "Surface", "sea_size"]

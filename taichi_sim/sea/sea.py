@@ -1,19 +1,20 @@
 """The sea: a table of wave components and what may be asked of it anywhere, at any time."""
 
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-import taichi as ti
 import torch
 
 from taichi_sim import runtime
-from taichi_sim.config import SeaConfig
+from taichi_sim.config import SeaConfig, SwellConfig
 from taichi_sim.conventions import GRAVITY, OMEGA, PHASE, RHO_SEA, SEA_ROWS
-from taichi_sim.sea import waves
-from taichi_sim.sea.spectrum import Components, sample_components
+from taichi_sim.sea import queries
+from taichi_sim.sea.sampling import WaveSystem, sample_components
+from taichi_sim.sea.spectrum import Components, jonswap
+from taichi_sim.sea.wind_sea import sea_size
 
-NEWTON_ITERATIONS = 12  # queries are exact to rounding for seas, and for one wave of k a up to 0.99
-TWO_PI = 2 * np.pi
+DEEP = -1.0  # depth of deep water, to kernels
 
 
 class SteepSeaError(ValueError):
@@ -24,7 +25,8 @@ class Surface(NamedTuple):
     """The free surface at horizontal points, all tensors of the points' shape [...] plus the last axis given.
 
     elevation [...] m, up; normal [..., 3] unit, NED, pointing out of the water (down component < 0);
-    velocity [..., 3] of the surface particle, NED, m/s; label [..., 2] m; jacobian [...] of label -> position.
+    velocity [..., 3] and acceleration [..., 3] of the surface particle, NED, m/s and m/s^2;
+    label [..., 2] m; jacobian [...] of label -> position.
     """
 
     elevation: torch.Tensor
@@ -32,75 +34,30 @@ class Surface(NamedTuple):
     velocity: torch.Tensor
     label: torch.Tensor
     jacobian: torch.Tensor
+    acceleration: torch.Tensor
 
 
-@ti.kernel
-def _advance_phases(
-    phase: ti.types.ndarray(ndim=2),
-    omega64: ti.types.ndarray(dtype=ti.f64, ndim=2),
-    phase64: ti.types.ndarray(dtype=ti.f64, ndim=2),
-    env_sea: ti.types.ndarray(dtype=ti.i32, ndim=1),
-    time: ti.types.ndarray(dtype=ti.f64, ndim=1),
-):
-    for row in range(phase.shape[0]):
-        s = env_sea[row]
-        for c in range(phase.shape[1]):
-            turns = (phase64[s, c] - omega64[s, c] * time[row]) * ti.f64(1.0 / TWO_PI)
-            phase[row, c] = (turns - ti.floor(turns)) * ti.f64(TWO_PI)
+class Kinematics(NamedTuple):
+    """Orbital motion of the water at points [...]: velocity [..., 3] m/s, acceleration [..., 3] m/s^2, NED."""
+
+    velocity: torch.Tensor
+    acceleration: torch.Tensor
 
 
-@ti.kernel
-def _query(
-    out: ti.types.ndarray(ndim=2),
-    points: ti.types.ndarray(ndim=2),
-    phase: ti.types.ndarray(ndim=2),
-    sea: ti.types.ndarray(ndim=3),
-    env_sea: ti.types.ndarray(dtype=ti.i32, ndim=1),
-    count: ti.template(),
-):
-    for i in range(points.shape[0]):
-        s, zero = env_sea[i], points[i, 0] * 0.0
-        L = waves.invert_label(sea, phase, count, s, i, points[i, 0], points[i, 1], zero, NEWTON_ITERATIONS)
-        j = waves.jacobian(sea, phase, count, s, i, L[0], L[1], zero)
-        slope = waves.slope_at_label(sea, phase, count, s, i, L[0], L[1], zero)
-        v = waves.surface_velocity(sea, phase, count, s, i, L[0], L[1], zero)
-        out[i, 0] = waves.elevation_at_label(sea, phase, count, s, i, L[0], L[1], zero)
-        out[i, 1], out[i, 2] = L[0], L[1]
-        out[i, 3] = j[0] * j[2] - j[1] * j[1]
-        out[i, 4], out[i, 5] = slope[0], slope[1]
-        out[i, 6], out[i, 7], out[i, 8] = v[0], v[1], -v[2]
+def wave_systems(config: SeaConfig) -> list[WaveSystem]:
+    """The wind sea of a configuration, and its swell if there is one."""
+    size = sea_size(config)
+    gamma = config.gamma_js if config.spectrum == "jonswap" else 1.0
+    systems = [_system(config, size.hs, size.tp, gamma)]
+    if config.swell:
+        systems.append(_system(config.swell, config.swell.hs, config.swell.tp, config.swell.gamma_js))
+    return systems
 
 
-@ti.kernel
-def _elevation(
-    out: ti.types.ndarray(ndim=1),
-    points: ti.types.ndarray(ndim=2),
-    phase: ti.types.ndarray(ndim=2),
-    sea: ti.types.ndarray(ndim=3),
-    point_row: ti.types.ndarray(dtype=ti.i32, ndim=1),
-    env_sea: ti.types.ndarray(dtype=ti.i32, ndim=1),
-    count: ti.template(),
-):
-    for i in range(points.shape[0]):
-        row = point_row[i]
-        s, zero = env_sea[row], points[i, 0] * 0.0
-        L = waves.invert_label(sea, phase, count, s, row, points[i, 0], points[i, 1], zero, NEWTON_ITERATIONS)
-        out[i] = waves.elevation_at_label(sea, phase, count, s, row, L[0], L[1], zero)
-
-
-@ti.kernel
-def _airy(
-    out: ti.types.ndarray(ndim=2),
-    points: ti.types.ndarray(ndim=2),
-    phase: ti.types.ndarray(ndim=2),
-    sea: ti.types.ndarray(ndim=3),
-    depth: float,
-    count: ti.template(),
-):
-    for i in range(points.shape[0]):
-        zero = points[i, 0] * 0.0
-        r = waves.airy_at(sea, phase, count, 0, i, points[i, 0], points[i, 1], -points[i, 2], depth, GRAVITY, zero)
-        out[i, 0], out[i, 1], out[i, 2], out[i, 3] = r[0], r[1], -r[2], r[3]
+def _system(config: SeaConfig | SwellConfig, hs: float, tp: float, gamma_js: float) -> WaveSystem:
+    direction = float(np.deg2rad(config.direction_deg))
+    density = partial(jonswap, hs=1.0, tp=tp, gamma_js=gamma_js)  # its shape: a calm sea has one too
+    return WaveSystem(density, hs, tp, direction, config.spreading_s, config.components)
 
 
 class Sea:
@@ -127,11 +84,11 @@ class Sea:
         coth = 1.0 if depth is None else 1 / np.tanh(components.k * depth)
         b = components.amplitude * coth
         steepness = (components.k * b).sum(axis=1)
-        if steepness.max(initial=0.0) >= 1.0:
+        if not steepness.max(initial=0.0) < 1.0:
             raise SteepSeaError(
                 f"the sea is too steep to exist: sum of k a = {steepness.max():.2f} in realisation "
-                f"{steepness.argmax()}, allowed below 1 (the surface would loop); lower sea.hs, raise sea.tp, "
-                "or use fewer sea.components"
+                f"{steepness.argmax()}, allowed below 1 (the surface would loop). Lower sea.hs (or sea.sea_state, "
+                "sea.wind_speed, sea.swell.hs), raise sea.tp (or sea.fetch, sea.depth), or use fewer sea.components"
             )
         cos, sin = np.cos(components.direction), np.sin(components.direction)
         rows = np.stack(
@@ -147,18 +104,15 @@ class Sea:
 
     @classmethod
     def from_config(cls, config: SeaConfig, seed: int) -> "Sea":
-        """A sea from its configuration (a calm sea when hs is 0); `seed` draws the realisations."""
+        """A sea from its configuration (a calm sea when hs is 0); `seed` draws the realisations.
+
+        Raises:
+            SteepSeaError: if any realisation could loop.
+        """
         components = sample_components(
-            hs=config.hs,
-            tp=config.tp,
-            gamma_js=config.gamma_js,
-            direction=float(np.deg2rad(config.direction_deg)),
-            spreading_s=config.spreading_s,
-            components=config.components,
-            realisations=config.realisations,
-            seed=seed,
+            wave_systems(config), realisations=config.realisations, seed=seed, depth=config.depth
         )
-        return cls(components)
+        return cls(components, config.depth)
 
     @property
     def num_seas(self) -> int:
@@ -185,14 +139,14 @@ class Sea:
         """
         if out is None:
             out = self.table.new_empty((env_sea.shape[0], self.num_components))
-        _advance_phases(out, self._omega64, self._phase64, env_sea, time)
+        queries.advance_phases(out, self._omega64, self._phase64, env_sea, time)
         return out
 
     def surface(self, north, east, time, sea=0) -> Surface:
         """The surface at points [...] (m) and times (s); arguments broadcast, `sea` is the realisation."""
         points, env_sea, time64, shape = self._points((north, east), time, sea)
-        raw = self.table.new_empty((points.shape[0], 9))
-        _query(raw, points, self.phases(env_sea, time64), self.table, env_sea, self.num_components)
+        raw = self.table.new_empty((points.shape[0], queries.SURFACE_COLUMNS))
+        queries.surface(raw, points, self.phases(env_sea, time64), self.table, env_sea, self.num_components)
         slope = raw[:, 4:6]
         normal = torch.cat((-slope, -torch.ones_like(slope[:, :1])), dim=1)
         normal = normal / normal.norm(dim=1, keepdim=True)
@@ -202,6 +156,7 @@ class Sea:
             raw[:, 6:9].reshape(*shape, 3),
             raw[:, 1:3].reshape(*shape, 2),
             raw[:, 3].reshape(shape),
+            raw[:, 9:12].reshape(*shape, 3),
         )
 
     def elevation(self, north, east, time=0.0, sea=0) -> torch.Tensor:
@@ -213,11 +168,19 @@ class Sea:
     ) -> torch.Tensor:
         """Elevation [point] at points [point, 2] whose sea and phases are rows of `env_sea` and `phase`."""
         out = self.table.new_empty(points.shape[0])
-        _elevation(out, points.contiguous(), phase, self.table, point_row, env_sea, self.num_components)
+        queries.elevation(out, points.contiguous(), phase, self.table, point_row, env_sea, self.num_components)
         return out
 
     def elevation_grid(self, north, east, time: float = 0.0, sea: int = 0) -> np.ndarray:
-        """Elevation (m, up) on the grid of two axes: array [len(north), len(east)] to plot or to record."""
+        """The sea surface as an array: elevation (m, up) on a grid, to plot, to record, or to export.
+
+        Args:
+            north, east: the grid's axes, m, any sequences of numbers. time: s. sea: realisation.
+
+        Returns:
+            NumPy array [len(north), len(east)]; `heights[i, j]` is at (north[i], east[j]). For scattered points use
+            `elevation`, for normals, velocities and accelerations `surface`.
+        """
         run = runtime.current()
         axes = [torch.as_tensor(np.asarray(a), dtype=run.torch_dtype, device=run.device) for a in (north, east)]
         mesh = torch.meshgrid(*axes, indexing="ij")
@@ -233,10 +196,37 @@ class Sea:
         `down` (m) is the depth of the point below mean sea level (>= 0).
         """
         points, env_sea, time64, shape = self._points((north, east, down), time, 0)
-        raw = self.table.new_empty((points.shape[0], 4))
-        depth = -1.0 if self.depth is None else self.depth
-        _airy(raw, points, self.phases(env_sea, time64), self.table, depth, self.num_components)
+        raw = self.table.new_empty((points.shape[0], queries.AIRY_COLUMNS))
+        queries.airy(raw, points, self.phases(env_sea, time64), self.table, self._kernel_depth, self.num_components)
         return raw[:, :3].reshape(*shape, 3), RHO_SEA * raw[:, 3].reshape(shape)
+
+    def pressure(self, north, east, down, time, sea=0) -> torch.Tensor:
+        """Gauge pressure (Pa) [...], hydrostatic and dynamic; 0 at the instantaneous surface and above it.
+
+        Arguments broadcast: `down` (m) is below mean sea level (negative in a crest), `sea` the realisation.
+        Stretched linear theory (water_column.py); below the bottom the pressure goes on hydrostatically.
+        """
+        raw, shape = self._column(north, east, down, time, sea)
+        return RHO_SEA * GRAVITY * raw[:, 0].reshape(shape)
+
+    def kinematics(self, north, east, down, time, sea=0) -> Kinematics:
+        """Orbital velocity and acceleration of the water, from the instantaneous surface to the bottom.
+
+        Arguments as of `pressure`. At the surface they are those of the surface particle, above it too.
+        """
+        raw, shape = self._column(north, east, down, time, sea)
+        return Kinematics(raw[:, 1:4].reshape(*shape, 3), raw[:, 4:7].reshape(*shape, 3))
+
+    @property
+    def _kernel_depth(self) -> float:
+        return DEEP if self.depth is None else self.depth
+
+    def _column(self, north, east, down, time, sea) -> tuple[torch.Tensor, torch.Size]:
+        points, env_sea, time64, shape = self._points((north, east, down), time, sea)
+        raw = self.table.new_empty((points.shape[0], queries.COLUMN_COLUMNS))
+        phase = self.phases(env_sea, time64)
+        queries.column(raw, points, phase, self.table, env_sea, self._kernel_depth, self.num_components)
+        return raw, shape
 
     def _points(self, coordinates, time, sea):
         """Broadcast coordinates, time and sea to flat contiguous tensors, and their common shape."""

@@ -1,4 +1,4 @@
-"""Wave spectra and their sampling into components (NumPy, float64, once per run).
+"""Wave spectra, spreading and dispersion (NumPy, float64, once per run).
 
 JONSWAP in the normalisation of DNV-RP-C205 (2010), sec. 3.5.5:
 
@@ -16,10 +16,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from taichi_sim.conventions import GRAVITY
-
-# Frequency band that is sampled, in multiples of the peak: holds 98-99 % of the variance; the rest is given
-# back by scaling the amplitudes (the tail beyond 3 wp only adds steepness that hulls of metres do not feel).
-BAND = (0.6, 3.0)
 
 PM_ALPHA, PM_BETA = 8.1e-3, 0.74  # constants of Pierson & Moskowitz (1964)
 QUADRATURE_PANEL = 0.02  # width in ln(omega) of a quadrature panel; the peak is about 0.07 wide
@@ -141,60 +137,3 @@ def encounter_frequency(
     vessel overtakes the waves (Lewandowski 2004, The Dynamics of Marine Craft, ch. 5).
     """
     return np.asarray(omega) - wavenumber(omega, depth) * np.asarray(speed) * np.cos(angle)
-
-
-def realisation_seed(seed: int, realisation: int) -> np.random.Generator:
-    """The generator of one realisation: depends on nothing else, so more seas keep the earlier ones."""
-    return np.random.Generator(np.random.Philox(np.random.SeedSequence([seed, realisation])))
-
-
-def sample_components(
-    *,
-    hs: float,
-    tp: float,
-    gamma_js: float,
-    direction: float,
-    spreading_s: float,
-    components: int,
-    realisations: int,
-    seed: int,
-    depth: float | None = None,
-) -> Components:
-    """Draw sea realisations whose significant height is exactly `hs`.
-
-    The band 0.6-3 wp is cut into geometric bins; each component sits at a random place in its bin (jittered:
-    frequencies have no common divisor, so the sea does not repeat) and carries its bin's energy. Directions
-    are one stratified draw from cos^2s, shuffled over frequencies. Amplitudes are scaled by one factor so
-    that sum a^2 / 2 = hs^2 / 16.
-
-    Args:
-        hs: significant wave height, m. tp: peak period, s. gamma_js: peakedness. direction: rad.
-        spreading_s: exponent s of cos^2s. components: per realisation. realisations: how many seas.
-        seed: of the run. depth: m, None for deep water.
-    """
-    wp = 2 * math.pi / tp
-    edges = wp * np.geomspace(*BAND, components + 1)
-    energy = _bin_energy(edges, hs, tp, gamma_js)
-    amplitude = np.sqrt(2 * energy)
-    scale = hs / (4 * math.sqrt(np.sum(amplitude**2) / 2)) if hs > 0 else 0.0
-    grid = np.linspace(-math.pi, math.pi, 4097)
-    cdf = np.concatenate(([0.0], np.cumsum(spreading((grid[1:] + grid[:-1]) / 2, spreading_s))))
-    cdf /= cdf[-1]
-    omega = np.empty((realisations, components))
-    angle = np.empty_like(omega)
-    phase = np.empty_like(omega)
-    for i in range(realisations):
-        rng = realisation_seed(seed, i)
-        omega[i] = edges[:-1] + rng.random(components) * np.diff(edges)
-        strata = (rng.permutation(components) + rng.random(components)) / components
-        angle[i] = np.interp(strata, cdf, grid)
-        phase[i] = rng.random(components) * 2 * math.pi
-    k = wavenumber(omega, depth)
-    return Components(np.broadcast_to(amplitude * scale, omega.shape), k, omega, direction + angle, phase)
-
-
-def _bin_energy(edges: np.ndarray, hs: float, tp: float, gamma_js: float, points: int = 64) -> np.ndarray:
-    """Variance (m^2) in each bin, by the midpoint rule on a fine grid."""
-    u = (np.arange(points) + 0.5) / points
-    omega = edges[:-1, None] + u * np.diff(edges)[:, None]
-    return jonswap(omega, hs, tp, gamma_js).mean(axis=1) * np.diff(edges)

@@ -134,6 +134,20 @@ def surface_velocity(sea: ti.template(), phase: ti.template(), count: ti.templat
 
 
 @ti.func
+def surface_acceleration(sea: ti.template(), phase: ti.template(), count: ti.template(), s, row, X, Y, tau):
+    """Acceleration (north, east, up; m/s^2) of the surface particle with label (X, Y)."""
+    ax, ay, az = X * 0.0, X * 0.0, X * 0.0
+    for c in range(count):
+        omega = sea[s, OMEGA, c]
+        theta = sea[s, KX, c] * X + sea[s, KY, c] * Y + phase[row, c] - omega * tau
+        sine, cosine = fast.sincos(theta)
+        ax += sea[s, BX, c] * omega * omega * sine
+        ay += sea[s, BY, c] * omega * omega * sine
+        az -= sea[s, AMPLITUDE, c] * omega * omega * cosine
+    return ti.Vector([ax, ay, az])
+
+
+@ti.func
 def airy_at(sea: ti.template(), phase: ti.template(), count: ti.template(), s, row, x, y, z, depth, g, tau):
     """Linear (Airy) orbital velocity (north, east, up; m/s) and p_dyn / rho (m^2/s^2) at height z <= 0 (up, m).
 

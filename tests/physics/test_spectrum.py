@@ -1,3 +1,4 @@
+import json
 import math
 from functools import partial
 
@@ -9,11 +10,9 @@ from taichi_sim.sea import sea_state as wmo
 from taichi_sim.sea import spectrum
 
 
-def _sample(**changes):
-    numbers = {"hs": 2.0, "tp": 7.0, "gamma_js": 3.3, "direction": 0.5, "spreading_s": 10.0}
-    return spectrum.sample_components(
-        **(numbers | {"components": 16, "realisations": 4, "seed": 3} | changes)
-    )
+@pytest.fixture
+def read_json(reference):
+    return lambda name: json.loads((reference / name).read_text(encoding="utf-8"))
 
 
 def test_dispersion_against_brentq(columns):
@@ -86,32 +85,30 @@ def test_encounter_frequency_in_following_and_head_seas():
     assert spectrum.encounter_frequency(omega, 2 * c, 0.0) == pytest.approx(-omega)
 
 
-@pytest.mark.parametrize("components", [1, 5, 64])
-def test_realised_height_is_exact(components):
-    assert np.allclose(_sample(components=components).hs, 2.0, rtol=1e-12)
+def test_jonswap_density_against_the_table(columns):
+    table = columns("waves/jonswap_density_samples.csv")
+    rows = zip(table.omega, table.Hs, table.Tp, table.gamma, strict=True)
+    ours = np.array([float(spectrum.jonswap(*row)) for row in rows])
+    assert np.allclose(ours, table.S_m2s, rtol=1e-10)
 
 
-def test_realisations_differ_and_more_of_them_keep_the_first():
-    few, many = _sample(realisations=2), _sample(realisations=6)
-    for name in ("omega", "direction", "phase"):
-        assert np.array_equal(getattr(few, name), getattr(many, name)[:2])
-        assert np.unique(getattr(many, name)[:, 0]).size == 6
-    assert not np.array_equal(_sample(seed=4).phase, few.phase)
+def test_jonswap_moments_against_adaptive_quadrature(read_json):
+    for row in read_json("waves/jonswap_moments.json")["rows"]:
+        density = partial(spectrum.jonswap, hs=row["Hs"], tp=row["Tp"], gamma_js=row["gamma"])
+        for order, key in ((-1, "m_1"), (0, "m0"), (1, "m1"), (2, "m2")):
+            moment = spectrum.spectral_moment(density, order, 2 * math.pi / row["Tp"], (0.2, 200.0))
+            assert moment == pytest.approx(row[key], rel=1e-9)
 
 
-def test_components_obey_dispersion_and_the_band():
-    sea = _sample(depth=6.0)
-    wp = 2 * math.pi / 7.0
-    assert np.allclose(GRAVITY * sea.k * np.tanh(6.0 * sea.k), sea.omega**2, rtol=1e-12)
-    assert sea.omega.min() >= 0.6 * wp and sea.omega.max() <= 3.0 * wp
+def test_pierson_moskowitz_against_the_table(read_json):
+    for row in read_json("waves/pierson_moskowitz_by_wind.json")["rows"]:
+        assert spectrum.pierson_moskowitz_hs_tp(row["U19_5"]) == pytest.approx((row["Hs"], row["Tp"]), rel=1e-9)
 
 
-def test_directions_follow_the_spreading():
-    """Mean direction and mean resultant length s / (s + 1) over many realisations."""
-    sea = _sample(realisations=400, components=32)
-    mean = np.exp(1j * sea.direction).mean()
-    assert np.angle(mean) == pytest.approx(0.5, abs=0.01)
-    assert abs(mean) == pytest.approx(10 / 11, abs=0.005)
+def test_spreading_against_the_table(read_json):
+    for row in read_json("waves/spreading_cos2s.json")["rows"]:
+        peak = float(spectrum.spreading(0.0, row["s"]))
+        assert peak == pytest.approx(row["norm_cos2s_half_angle"], rel=1e-9)
 
 
 def test_sea_states():

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import torch
 
-from taichi_sim.config import SeaConfig
-from taichi_sim.conventions import GRAVITY
+from taichi_sim.config import SeaConfig, SwellConfig
+from taichi_sim.conventions import GRAVITY, RHO_SEA
 from taichi_sim.sea import Sea, SteepSeaError
 from taichi_sim.sea.spectrum import Components
 
@@ -32,9 +32,7 @@ def _points(n=60, span=80.0, seed=0):
 
 def _reference_sea(folder, name):
     data = json.loads((folder / "waves" / f"{name}.json").read_text())
-    parts = [
-        np.array([[c[key] for c in data["components"]]]) for key in ("a", "k", "omega", "dir_rad", "phase")
-    ]
+    parts = [np.array([[c[key] for c in data["components"]]]) for key in ("a", "k", "omega", "dir_rad", "phase")]
     return Sea(Components(*parts), data["depth_m"])
 
 
@@ -96,24 +94,59 @@ def test_crest_travels_at_the_phase_speed_in_its_direction(single_wave):
     assert float(crest) == pytest.approx(0.5, abs=1e-6)
 
 
-def test_particle_velocity_is_the_rate_of_its_position(sea, precision):
-    """Follow one particle: the surface velocity where it is equals the central difference of where it is."""
+def test_velocity_and_acceleration_are_the_rates_of_a_particle(sea, precision):
+    """Follow particles: central differences of where they are, and of the velocity the sea gives there."""
     step = 1e-3 if precision == "f64" else 5e-2
     x, y, t = _points(20)
-    label = sea.surface(x, y, t).label.double().numpy()
-    velocity = sea.surface(x, y, t).velocity.double().numpy()
+    here = sea.surface(x, y, t)
+    label = here.label.double().numpy()
     c = sea.components
     kx, ky = c.k[0] * np.cos(c.direction[0]), c.k[0] * np.sin(c.direction[0])
 
-    def position(time):
+    def follow(time):
         theta = label[:, :1] * kx + label[:, 1:] * ky - time[:, None] * c.omega[0] + c.phase[0]
         b = c.amplitude[0] * np.sin(theta)
         px = label[:, 0] - (b * np.cos(c.direction[0])).sum(1)
         py = label[:, 1] - (b * np.sin(c.direction[0])).sum(1)
-        return np.stack((px, py, -sea.elevation(px, py, time).double().numpy()), 1)
+        surface = sea.surface(px, py, time)
+        position = np.stack((px, py, -surface.elevation.double().numpy()), 1)
+        return position, surface.velocity.double().numpy()
 
-    rate = (position(t + step) - position(t - step)) / (2 * step)
-    assert np.abs(velocity - rate).max() < (1e-5 if precision == "f64" else 2e-2)
+    (x0, v0), (x1, v1) = follow(t - step), follow(t + step)
+    limit = 1e-5 if precision == "f64" else 2e-2
+    assert np.abs(here.velocity.double().numpy() - (x1 - x0) / (2 * step)).max() < limit
+    assert np.abs(here.acceleration.double().numpy() - (v1 - v0) / (2 * step)).max() < limit
+
+
+def test_the_column_meets_the_surface(sea, tolerance):
+    """At the instantaneous surface: no pressure, and the water moves as the surface particle does."""
+    x, y, t = _points()
+    surface = sea.surface(x, y, t, sea=1)
+    down = -surface.elevation
+    head = sea.pressure(x, y, down, t, sea=1) / (RHO_SEA * GRAVITY)
+    water = sea.kinematics(x, y, down, t, sea=1)
+    assert head.abs().max() < tolerance
+    assert (water.velocity - surface.velocity).abs().max() < tolerance
+    assert (water.acceleration - surface.acceleration).abs().max() < 2 * tolerance  # m/s^2: omega^2 larger
+    assert sea.pressure(x, y, down - 0.5, t, sea=1).max() == 0.0  # in the air
+
+
+def test_pressure_following_gerstners_particles(columns, single_wave):
+    """Gerstner's own pressure is constant along an orbit; ours is higher by up to rho g k a^2 / 2, far below.
+
+    There it counts from still water, but the mean of Gerstner's surface is k a^2 / 2 lower. For k a = 0.16 that is at
+    most 0.6 % of the pressure at any depth.
+    """
+    table = columns("hydrostatics/gerstner_exact_pressure_lambda20_a0.5.csv")
+    a, k = 0.5, 2 * np.pi / 20.0
+    sea, omega = single_wave(20.0, a), np.sqrt(GRAVITY * k)
+    t = np.linspace(0, 2 * np.pi / omega, 40)
+    for b, exact in zip(table.label_depth_b, table.gauge_pressure_Pa, strict=True):
+        radius = a * np.exp(k * b)
+        x, z = radius * np.sin(omega * t), b + radius * np.cos(omega * t)
+        error = np.abs(sea.pressure(x, 0.0, -z, t).double().numpy() - exact).max()
+        assert error < 0.5 * k * a**2 * RHO_SEA * GRAVITY
+        assert error < 6e-3 * exact + 0.5  # Pa: rounding of f32 at the surface
 
 
 def test_normal_is_orthogonal_to_the_surface(sea, precision):
@@ -150,9 +183,27 @@ def test_grid_equals_points(sea):
     assert np.abs(grid - points).max() < 1e-6
 
 
-def test_too_steep_a_sea_is_refused():
-    with pytest.raises(SteepSeaError, match=r"sum of k a = .* in realisation \d+.*sea\.hs"):
-        Sea.from_config(SeaConfig(hs=4.0, tp=3.0), seed=1)
+@pytest.mark.parametrize("config", [SeaConfig(hs=0.0, tp=4.0), SeaConfig(sea_state=0)])
+def test_a_calm_sea_is_flat_and_still(config):
+    """Elevation 0, hydrostatic pressure, no motion; finite everywhere."""
+    sea = Sea.from_config(config, seed=1)
+    surface = sea.surface([0.0, 7.0], 3.0, 5.0)
+    assert not surface.elevation.any() and not surface.velocity.any() and not surface.acceleration.any()
+    assert sea.pressure(1.0, 2.0, [-1.0, 2.0], 5.0).numpy() == pytest.approx([0.0, 2.0 * RHO_SEA * GRAVITY])
+
+
+@pytest.mark.parametrize(
+    "config",
+    [
+        SeaConfig(hs=3.0, tp=3.0),
+        SeaConfig(hs=1.2, tp=4.0, swell=SwellConfig(hs=1.0, tp=4.0)),
+        SeaConfig(hs=1.0, tp=10.0, depth=0.3),
+    ],
+    ids=["wind sea", "with swell", "shallow"],
+)
+def test_too_steep_a_sea_is_refused(config):
+    with pytest.raises(SteepSeaError, match=r"sum of k a = \d.* in realisation \d+.*sea\.hs.*sea\.tp.*sea\.components"):
+        Sea.from_config(config, seed=1)
 
 
 @pytest.mark.parametrize("a", [0.95, 0.99])

@@ -1,39 +1,12 @@
-"""What a scenario may say: strict pydantic models of configs/*.toml.
-
-Every key has a unit, a range and a default; unknown keys are refused. SI units and radians, except names that
-say so (`_deg`). Reading, overriding and writing TOML is in config_io.py.
-"""
+"""What a scenario may say: mission, teams, training, evaluation, and all sections together."""
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-Fraction = Annotated[float, Field(ge=0, le=1)]
-
-
-class ConfigError(ValueError):
-    """A mistake in a configuration: the message names file, key, value and what is allowed."""
-
-
-class Strict(BaseModel):
-    """Base of every section: unknown keys and values of another type are errors; nothing changes after reading."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
-
-
-class SeaConfig(Strict):
-    """A JONSWAP sea in deep water, sampled into Gerstner components."""
-
-    hs: Annotated[float, Field(ge=0, le=15)] = 0.5  # significant wave height, m; 0 is a calm sea
-    tp: Annotated[float, Field(gt=0, le=30)] = 4.0  # peak period, s
-    gamma_js: Annotated[float, Field(ge=1, le=10)] = 3.3  # JONSWAP peakedness (Hasselmann et al. 1973: 3.3)
-    direction_deg: Finite = 45.0  # mean direction the waves travel to, clockwise from north
-    spreading_s: Annotated[float, Field(gt=0, le=200)] = 10.0  # exponent s of cos^2s
-    components: Annotated[int, Field(ge=1, le=64)] = 16  # per realisation
-    realisations: Annotated[int, Field(ge=1, le=4096)] = 64  # different seas in one run
+from taichi_sim.config.air import AirConfig
+from taichi_sim.config.base import Finite, Fraction, NonNegative, Positive, Strict
+from taichi_sim.config.sea import SeaConfig
 
 
 class TrackConfig(Strict):
@@ -158,6 +131,7 @@ class ScenarioConfig(Strict):
     observations: Literal["paper", "full"] = "full"
     reward: Literal["paper", "tracking"] = "tracking"
     sea: SeaConfig = SeaConfig()
+    air: AirConfig = AirConfig()
     track: TrackConfig = TrackConfig()
     obstacles: ObstacleConfig = ObstacleConfig()
     sensing: SensingConfig = SensingConfig()
@@ -184,9 +158,7 @@ class ScenarioConfig(Strict):
     def _consistent(self):
         ratio = self.decision_interval / self.dt
         if ratio < 0.999 or abs(ratio - round(ratio)) > 1e-6:
-            raise ValueError(
-                f"decision_interval = {self.decision_interval} must be a whole multiple of dt = {self.dt}"
-            )
+            raise ValueError(f"decision_interval = {self.decision_interval} must be a whole multiple of dt = {self.dt}")
         half = self.area / 2
         for i, o in enumerate(self.obstacles.fixed):
             if max(abs(o.north), abs(o.east)) + o.radius > half:

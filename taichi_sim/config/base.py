@@ -1,0 +1,20 @@
+"""What every section of a configuration is made of: number types, the strict model, the error."""
+
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Fraction = Annotated[float, Field(ge=0, le=1)]
+
+
+class ConfigError(ValueError):
+    """A mistake in a configuration: the message names file, key, value and what is allowed."""
+
+
+class Strict(BaseModel):
+    """Base of every section: unknown keys and values of another type are errors; nothing changes after reading."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)

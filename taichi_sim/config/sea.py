@@ -1,0 +1,121 @@
+"""What a scenario may say about the sea."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from taichi_sim.config.base import Finite, Positive, Strict
+
+MAX_COMPONENTS = 64  # per realisation, of wind sea and swell together
+
+Height = Annotated[float, Field(ge=0, le=15)]  # significant wave height, m; 0 is a calm sea
+Period = Annotated[float, Field(gt=0, le=30)]  # peak period, s
+Peakedness = Annotated[float, Field(ge=1, le=10)]  # gamma of JONSWAP
+SpreadingExponent = Annotated[float, Field(gt=0, le=200)]  # s of cos^2s; larger is narrower
+ComponentCount = Annotated[int, Field(ge=1, le=MAX_COMPONENTS)]
+
+
+class SwellConfig(Strict):
+    """`[sea.swell]`: a second system of waves, from a distant storm, added to the wind sea; JONSWAP shape.
+
+    Swell is narrow in frequency and direction: gamma_js 5 and s 50 (17 degrees circular deviation) are assumed.
+    """
+
+    hs: Height
+    tp: Period
+    gamma_js: Peakedness = 5.0
+    direction_deg: Finite = 0.0  # mean direction the swell travels to, clockwise from north
+    spreading_s: SpreadingExponent = 50.0
+    components: ComponentCount = 8  # added to those of the wind sea; together at most 64
+
+
+class CurrentConfig(Strict):
+    """`[sea.current]`: the water's own velocity, one per environment."""
+
+    speed: Annotated[float, Field(ge=0, le=10)] = 0.0  # mean at the surface, m/s
+    direction_deg: Finite = 0.0  # the mean current flows to, clockwise from north
+    profile: Literal["uniform", "power"] = "uniform"  # over depth; power: (1 - d / depth)^(1/7), needs sea.depth
+    std: Annotated[float, Field(ge=0, le=5)] = 0.0  # of the fluctuation of each component (north, east), m/s
+    time_constant: Positive = 300.0  # of that fluctuation, s (assumed)
+
+
+class SeaConfig(Strict):
+    """`[sea]`: a directional sea of Gerstner components, its size given in exactly one way.
+
+    - `hs` and `tp`;
+    - `sea_state`, WMO code 0 to 8: middle of the code's heights, period of the fully developed sea;
+    - `wind_speed` and `fetch`: growing JONSWAP sea (`spectrum = "jonswap"`);
+    - `wind_speed` alone: fully developed sea (`spectrum = "pierson_moskowitz"`, which is then the default);
+    - `follows_wind`: the scenario's own wind (`[air]`) takes the place of wind_speed and of direction_deg.
+
+    With none of them: hs 0.5 m, tp 4 s. `taichi_sim.sea.sea_size(config)` says what hs and tp any of them means.
+    Bretschneider and Pierson-Moskowitz (DNV-RP-C205, sec. 3.5.5) have one shape, JONSWAP's with gamma 1: `gamma_js`
+    counts for JONSWAP only.
+    """
+
+    spectrum: Literal["jonswap", "bretschneider", "pierson_moskowitz"] = "jonswap"
+    hs: Height | None = None  # m
+    tp: Period | None = None  # s
+    sea_state: Annotated[int, Field(ge=0, le=8)] | None = None  # code of WMO table 3700; 9 has no upper end
+    wind_speed: Annotated[float, Field(gt=0, le=60)] | None = None  # 10 m above the sea, m/s
+    fetch: Annotated[float, Field(gt=0, le=1e7)] | None = None  # over which that wind blows, m
+    follows_wind: bool = False  # the sea is raised by the wind of [air] and travels with it
+    gamma_js: Peakedness = 3.3  # of a JONSWAP spectrum (Hasselmann et al. 1973: 3.3)
+    direction_deg: Finite = 45.0  # mean direction the waves travel to, clockwise from north
+    spreading_s: SpreadingExponent = 10.0
+    components: ComponentCount = 16  # per realisation, of the wind sea
+    realisations: Annotated[int, Field(ge=1, le=4096)] = 64  # different seas in one run
+    depth: Positive | None = None  # of the water, m; omitted: deep
+    swell: SwellConfig | None = None
+    current: CurrentConfig | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _defaults(cls, data):
+        """Without a size, the default one; a wind alone makes a fully developed sea."""
+        if not isinstance(data, dict):
+            return data
+        given = {key for key, value in data.items() if value is not None and value is not False}
+        if not given & {"hs", "tp", "sea_state", "wind_speed", "fetch", "follows_wind"}:
+            data = data | {"hs": 0.5, "tp": 4.0}
+        elif given & {"wind_speed", "follows_wind"} and not given & {"fetch", "spectrum"}:
+            data = data | {"spectrum": "pierson_moskowitz"}
+        return data
+
+    @model_validator(mode="after")
+    def _one_size(self):
+        ways = {
+            "hs and tp": (self.hs, self.tp),
+            "sea_state": (self.sea_state,),
+            "wind_speed (with fetch for a growing sea)": (self.wind_speed, None if self.follows_wind else self.fetch),
+            "follows_wind": (self.follows_wind or None,),
+        }
+        named = [way for way, values in ways.items() if any(v is not None for v in values)]
+        if len(named) > 1:
+            raise ValueError(
+                f"the size of the sea is given {len(named)} times, by {', by '.join(named)}: "
+                "keep one and remove the others"
+            )
+        if (self.hs is None) != (self.tp is None):
+            given, missing = ("hs", "tp") if self.tp is None else ("tp", "hs")
+            raise ValueError(f"{given} is given without {missing}: give both")
+        windy = self.wind_speed is not None or self.follows_wind
+        if self.fetch is not None and not windy:
+            raise ValueError("fetch is given without wind_speed: give both")
+        if self.fetch is not None and self.spectrum != "jonswap":
+            raise ValueError(f"fetch makes a growing sea: spectrum must be 'jonswap', not {self.spectrum!r}")
+        if windy and self.fetch is None and self.spectrum == "jonswap":
+            raise ValueError(
+                "spectrum = 'jonswap' needs a fetch beside wind_speed; for a fully developed sea "
+                "set spectrum = 'pierson_moskowitz'"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _parts_fit(self):
+        total = self.components + (self.swell.components if self.swell else 0)
+        if total > MAX_COMPONENTS:
+            raise ValueError(f"components + swell.components = {total}: together they must be at most {MAX_COMPONENTS}")
+        if self.current and self.current.profile == "power" and self.depth is None:
+            raise ValueError("current.profile = 'power' needs the depth of the water: set depth, in m")
+        return self

@@ -1,0 +1,86 @@
+"""Current: the water's mean velocity, a slow random part, and its profile over depth.
+
+Each horizontal component of the random part is a first-order Gauss-Markov process with standard deviation sigma and
+time constant T, stepped by its exact solution whatever the step (Gelb 1974, Applied Optimal Estimation, ch. 3):
+
+    v(t + dt) = phi v(t) + sigma sqrt(1 - phi^2) xi,   phi = exp(-dt / T),   xi standard normal.
+
+Below the surface the current is uniform or falls with depth d as (1 - d / depth)^(1/7), the tidal profile of
+DNV-RP-C205 (2010), sec. 4.1.4.
+"""
+
+import math
+
+import numpy as np
+import torch
+
+from taichi_sim import runtime
+from taichi_sim.config import ConfigError, CurrentConfig
+
+POWER = 1 / 7  # of the tidal profile
+STREAM = 0xC0  # keeps the current's random numbers apart from those of the waves of the same seed
+
+
+class Current:
+    """The current of every environment.
+
+    Attributes:
+        velocity: [env, 2], north and east, m/s, at the surface, run precision; written in place, never replaced.
+    """
+
+    def __init__(self, config: CurrentConfig | None, num_envs: int, seed: int, depth: float | None = None):
+        """Draw the current of each environment.
+
+        Args:
+            config: of the current, None for still water. num_envs: environments. seed: of the run.
+            depth: of the water in m, None for deep; a power profile needs it.
+
+        Raises:
+            ConfigError: for a power profile in deep water.
+        """
+        run = runtime.current()
+        self.config, self.depth = config or CurrentConfig(), depth
+        if self.config.profile == "power" and depth is None:
+            raise ConfigError("sea.current.profile = 'power' needs sea.depth, in m")
+        heading, speed = math.radians(self.config.direction_deg), self.config.speed
+        self._mean = torch.tensor(
+            [speed * math.cos(heading), speed * math.sin(heading)], dtype=run.torch_dtype, device=run.device
+        )
+        self._random = torch.zeros((num_envs, 2), dtype=run.torch_dtype, device=run.device)
+        self.velocity = self._mean.repeat(num_envs, 1)
+        self._generator = torch.Generator(device=run.device)
+        self._generator.manual_seed(int(np.random.SeedSequence([seed, STREAM]).generate_state(1)[0]))
+        self.reset(torch.arange(num_envs, device=run.device))
+
+    def reset(self, envs: torch.Tensor) -> None:
+        """Draw the current of environments `envs` (indices [n], int64) anew from its stationary distribution."""
+        if self.config.std > 0:
+            self._random[envs] = self.config.std * self._normal((envs.shape[0], 2))
+            self.velocity[envs] = self._mean + self._random[envs]
+
+    def advance(self, dt: float) -> None:
+        """Step the random part by dt (s), exactly; nothing to do for a steady current."""
+        if self.config.std > 0:
+            decay = -dt / self.config.time_constant
+            noise = self.config.std * math.sqrt(-math.expm1(2 * decay))
+            self._random.mul_(math.exp(decay)).add_(self._normal(self._random.shape), alpha=noise)
+            torch.add(self._mean, self._random, out=self.velocity)
+
+    def mean_factor(self, draft: float) -> float:
+        """Mean of the current over depths 0 to `draft` (m) as a fraction of the current at the surface.
+
+        Raises:
+            ConfigError: if the draft is deeper than the water of a power profile.
+        """
+        if self.config.profile == "uniform" or draft == 0:
+            return 1.0
+        assert self.depth is not None
+        x = draft / self.depth
+        if x > 1:
+            raise ConfigError(f"a draft of {draft:g} m does not float in water of sea.depth = {self.depth:g} m")
+        # (1 - (1 - x)^(8/7)) / (8/7 x), without cancellation at small x
+        power = 1 + POWER
+        return -math.expm1(power * math.log1p(-x)) / (power * x) if x < 1 else 1 / power
+
+    def _normal(self, shape: tuple[int, ...]) -> torch.Tensor:
+        return torch.randn(shape, generator=self._generator, dtype=self.velocity.dtype, device=self.velocity.device)

@@ -1,0 +1,112 @@
+"""Kernels of `Sea`: each asks waves.py or water_column.py about every row of a tensor of points.
+
+`sea` is the table of conventions.py, `phase` and `env_sea` have one row per point unless a kernel says otherwise.
+"""
+
+import math
+
+import taichi as ti
+
+from taichi_sim.conventions import GRAVITY
+from taichi_sim.sea import water_column, waves
+
+NEWTON_ITERATIONS = 12  # queries are exact to rounding for seas, and for one wave of k a up to 0.99
+TWO_PI = 2 * math.pi
+SURFACE_COLUMNS, COLUMN_COLUMNS, AIRY_COLUMNS = 12, 7, 4
+
+
+@ti.kernel
+def advance_phases(
+    phase: ti.types.ndarray(ndim=2),
+    omega64: ti.types.ndarray(dtype=ti.f64, ndim=2),
+    phase64: ti.types.ndarray(dtype=ti.f64, ndim=2),
+    env_sea: ti.types.ndarray(dtype=ti.i32, ndim=1),
+    time: ti.types.ndarray(dtype=ti.f64, ndim=1),
+):
+    """phase - omega t of every component of every row, in [0, 2 pi)."""
+    for row in range(phase.shape[0]):
+        s = env_sea[row]
+        for c in range(phase.shape[1]):
+            turns = (phase64[s, c] - omega64[s, c] * time[row]) * ti.f64(1.0 / TWO_PI)
+            phase[row, c] = (turns - ti.floor(turns)) * ti.f64(TWO_PI)
+
+
+@ti.kernel
+def surface(
+    out: ti.types.ndarray(ndim=2),
+    points: ti.types.ndarray(ndim=2),
+    phase: ti.types.ndarray(ndim=2),
+    sea: ti.types.ndarray(ndim=3),
+    env_sea: ti.types.ndarray(dtype=ti.i32, ndim=1),
+    count: ti.template(),
+):
+    """Elevation, label (2), Jacobian, slope (2), velocity (3, NED), acceleration (3, NED) at points [point, 2]."""
+    for i in range(points.shape[0]):
+        s, zero = env_sea[i], points[i, 0] * 0.0
+        L = waves.invert_label(sea, phase, count, s, i, points[i, 0], points[i, 1], zero, NEWTON_ITERATIONS)
+        j = waves.jacobian(sea, phase, count, s, i, L[0], L[1], zero)
+        slope = waves.slope_at_label(sea, phase, count, s, i, L[0], L[1], zero)
+        v = waves.surface_velocity(sea, phase, count, s, i, L[0], L[1], zero)
+        a = waves.surface_acceleration(sea, phase, count, s, i, L[0], L[1], zero)
+        out[i, 0] = waves.elevation_at_label(sea, phase, count, s, i, L[0], L[1], zero)
+        out[i, 1], out[i, 2] = L[0], L[1]
+        out[i, 3] = j[0] * j[2] - j[1] * j[1]
+        out[i, 4], out[i, 5] = slope[0], slope[1]
+        out[i, 6], out[i, 7], out[i, 8] = v[0], v[1], -v[2]
+        out[i, 9], out[i, 10], out[i, 11] = a[0], a[1], -a[2]
+
+
+@ti.kernel
+def elevation(
+    out: ti.types.ndarray(ndim=1),
+    points: ti.types.ndarray(ndim=2),
+    phase: ti.types.ndarray(ndim=2),
+    sea: ti.types.ndarray(ndim=3),
+    point_row: ti.types.ndarray(dtype=ti.i32, ndim=1),
+    env_sea: ti.types.ndarray(dtype=ti.i32, ndim=1),
+    count: ti.template(),
+):
+    """Elevation at points [point, 2]; point_row [point] is the row of `phase` and `env_sea` of each."""
+    for i in range(points.shape[0]):
+        row = point_row[i]
+        s, zero = env_sea[row], points[i, 0] * 0.0
+        L = waves.invert_label(sea, phase, count, s, row, points[i, 0], points[i, 1], zero, NEWTON_ITERATIONS)
+        out[i] = waves.elevation_at_label(sea, phase, count, s, row, L[0], L[1], zero)
+
+
+@ti.kernel
+def column(
+    out: ti.types.ndarray(ndim=2),
+    points: ti.types.ndarray(ndim=2),
+    phase: ti.types.ndarray(ndim=2),
+    sea: ti.types.ndarray(ndim=3),
+    env_sea: ti.types.ndarray(dtype=ti.i32, ndim=1),
+    depth: float,
+    count: ti.template(),
+):
+    """Gauge pressure over rho g (m), velocity (3), acceleration (3), NED, at points [point, 3] (down below)."""
+    for i in range(points.shape[0]):
+        s, zero, z = env_sea[i], points[i, 0] * 0.0, -points[i, 2]
+        L = waves.invert_label(sea, phase, count, s, i, points[i, 0], points[i, 1], zero, NEWTON_ITERATIONS)
+        zeta = waves.elevation_at_label(sea, phase, count, s, i, L[0], L[1], zero)
+        below = water_column.stretched(z, zeta, depth)
+        r = water_column.column_at_label(sea, phase, count, s, i, L[0], L[1], below, depth, zero)
+        out[i, 0] = ti.max(r[0] - z, 0.0) * ti.cast(z < zeta, float)
+        out[i, 1], out[i, 2], out[i, 3] = r[1], r[2], -r[3]
+        out[i, 4], out[i, 5], out[i, 6] = r[4], r[5], -r[6]
+
+
+@ti.kernel
+def airy(
+    out: ti.types.ndarray(ndim=2),
+    points: ti.types.ndarray(ndim=2),
+    phase: ti.types.ndarray(ndim=2),
+    sea: ti.types.ndarray(ndim=3),
+    depth: float,
+    count: ti.template(),
+):
+    """Linear velocity (3, NED) and dynamic pressure over rho of realisation 0 at points [point, 3]."""
+    for i in range(points.shape[0]):
+        zero = points[i, 0] * 0.0
+        r = waves.airy_at(sea, phase, count, 0, i, points[i, 0], points[i, 1], -points[i, 2], depth, GRAVITY, zero)
+        out[i, 0], out[i, 1], out[i, 2], out[i, 3] = r[0], r[1], -r[2], r[3]
