@@ -1,0 +1,202 @@
+"""Continuous turbulence: the Dryden model of MIL-F-8785C (1980), sec. 3.7, at low altitude.
+
+With the height h in feet, held to 10..1000 ft (below, and so at sea level, the air of 10 ft; above, that of 1000 ft),
+and W20 the mean wind at 20 ft:
+
+    L_w = h,          L_u = L_v = h / (0.177 + 0.000823 h)^1.2
+    sigma_w = 0.1 W20,  sigma_u = sigma_v = sigma_w / (0.177 + 0.000823 h)^0.4
+
+An aircraft of airspeed V meets gusts with one-sided spectra (per rad/s), T = L / V,
+
+    Phi_u = sigma^2 2 T / pi / (1 + (T omega)^2),
+    Phi_v, Phi_w = sigma^2 T / pi (1 + 3 (T omega)^2) / (1 + (T omega)^2)^2.
+
+Axes: u along the aircraft's horizontal velocity through the air (the horizontal relative mean wind, which MIL-F-8785C
+names at low altitude), v to its right, w down. Positive gusts are air moving that way. `gust_n` turns them into NED.
+
+State. u / sigma is an Ornstein-Uhlenbeck process x0. v / sigma = cos 15 deg x1 + sin 15 deg x2, with s = t / T and dW
+white,
+
+    dx1 = -x1 ds + sqrt 2 dW,   dx2 = -(2 x1 + x2) ds + sqrt 2 dW,
+
+which are Laguerre's functions: their covariance is the identity whatever V, L and sigma. The same with w: x3, x4. So
+the five states are independent standard normal numbers at any time (draw them so at a reset), a change of airspeed or
+height changes how fast they go on from where they are, and a gust changes at once only as sigma(h, W20) does.
+
+Steps are exact for any dt with V and h held: with tau = dt / T, a = e^-tau, x1, x2 go to F x + N z, z standard normal,
+
+    F = a [[1, 0], [-2 tau, 1]],   N N^T = 1 - F F^T,   N lower triangular.
+
+`dryden_filter` and `dryden_sigma` are most of the cost and change slowly: a kernel of many substeps calls them once,
+then `dryden_advance` and `dryden_output` in each. MIL-F-8785C's rotary gusts (p, q, r) are not here.
+"""
+
+import math
+
+import taichi as ti
+import torch
+
+from taichi_sim import runtime
+from taichi_sim.air.exponential import exp
+
+STATES = 5  # per vehicle: of u, of v (2), of w (2)
+
+FOOT = 0.3048  # m
+LOWEST, HIGHEST = 10 * FOOT, 1000 * FOOT  # m, ends of the low-altitude model
+RATIO_0, RATIO_1 = 0.177, 0.000823 / FOOT  # y = RATIO_0 + RATIO_1 h, h in m
+INTENSITY = 0.1  # sigma_w / W20
+
+# y^-0.4 on [0.185, 1]: least squares at Chebyshev nodes, relative error 7e-4, which one Newton step for
+# r^-5 = y^2 makes 1.3e-6 and two 5e-12
+SEED = (3.36590721, -12.67740378, 38.17499484, -70.05698598, 75.17589619, -43.32291445, 10.34080659)
+NEWTON_STEPS = {"f32": 2, "f64": 3}
+
+OUT_1, OUT_2 = math.cos(math.pi / 12), math.sin(math.pi / 12)  # v / sigma in x1 and x2
+
+SERIES_END = 0.5  # tau below which N comes from the series of (sinh tau - tau) / tau^3: differences would lose digits
+SERIES = tuple(1 / math.factorial(2 * k + 3) for k in range(7))
+SERIES_TERMS = {"f32": 4, "f64": 7}
+
+AT_REST = 0.01  # m/s, horizontal airspeed below which the gust's axes are north and east
+
+
+@ti.func
+def dryden_ratio(h):
+    """(h held to the model's range in m, y = 0.177 + 0.000823 h_ft, y^-0.4 = sigma_u / sigma_w)."""
+    held = ti.min(ti.max(h, LOWEST), HIGHEST)
+    y = RATIO_0 + RATIO_1 * held
+    r = y * 0.0 + SEED[6]
+    for k in ti.static(range(6)):
+        r = r * y + SEED[5 - k]
+    for _ in ti.static(range(NEWTON_STEPS[runtime.current().precision])):
+        square = y * r * r
+        r *= 1.2 - 0.2 * (square * square * r)
+    return held, y, r
+
+
+@ti.func
+def filter_step(tau):
+    """(a, 2 tau a, N11, N21, N22) of a step of tau >= 0 time constants."""
+    a = exp(-tau)
+    n11, n21, n22 = a, a, a
+    if tau < SERIES_END:
+        square = tau * tau
+        terms = ti.static(SERIES_TERMS[runtime.current().precision])
+        c = tau * 0.0 + SERIES[terms - 1]
+        for k in ti.static(range(1, terms)):
+            c = c * square + SERIES[terms - 1 - k]
+        sinhc = 1.0 + square * c
+        n11 = ti.sqrt(2.0 * a * tau * sinhc)
+        n21 = a * n11 / sinhc
+        n22 = n11 / sinhc * tau * ti.sqrt(c * (1.0 + sinhc))
+    else:
+        variance = 1.0 - a * a
+        n11 = ti.sqrt(variance)
+        m = 2.0 * tau * a / n11
+        n21, n22 = a * m, ti.sqrt(variance - m * m)
+    return ti.Vector([a, 2.0 * tau * a, n11, n21, n22])
+
+
+@ti.func
+def dryden_filter(V, h, dt):
+    """What a step of dt (s) at airspeed V (m/s, >= 0) and height h (m) does: `filter_step` of u and v, then of w."""
+    held, y, r = dryden_ratio(h)
+    tau_w = V * dt / held
+    f, g = filter_step(tau_w * (y * r) * (y * r)), filter_step(tau_w)  # y^1.2 = y^2 (y^-0.4)^2
+    return ti.Vector([f[0], f[1], f[2], f[3], f[4], g[0], g[1], g[2], g[3], g[4]])
+
+
+@ti.func
+def dryden_advance(x, f, z):
+    """State (5) after one step of the filter f (10) with five standard normal numbers z."""
+    return ti.Vector(
+        [
+            f[0] * x[0] + f[2] * z[0],
+            f[0] * x[1] + f[2] * z[1],
+            f[0] * x[2] - f[1] * x[1] + f[3] * z[1] + f[4] * z[2],
+            f[5] * x[3] + f[7] * z[3],
+            f[5] * x[4] - f[6] * x[3] + f[8] * z[3] + f[9] * z[4],
+        ]
+    )
+
+
+@ti.func
+def dryden_step(x, V, h, dt, z):
+    """State (5) after dt (s) at airspeed V (m/s, >= 0) and height h (m); z: five standard normal numbers."""
+    return dryden_advance(x, dryden_filter(V, h, dt), z)
+
+
+@ti.func
+def dryden_sigma(h, W20):
+    """(sigma_u = sigma_v, sigma_w; m/s) at height h (m) in a wind W20 (m/s) at 20 ft."""
+    _, _, r = dryden_ratio(h)
+    return ti.Vector([INTENSITY * W20 * r, INTENSITY * W20])
+
+
+@ti.func
+def dryden_output(x, sigma):
+    """Gust (u, v, w; m/s) in the turbulence's axes, of the state x (5) and `dryden_sigma`."""
+    v, w = OUT_1 * x[1] + OUT_2 * x[2], OUT_1 * x[3] + OUT_2 * x[4]
+    return ti.Vector([sigma[0] * x[0], sigma[0] * v, sigma[1] * w])
+
+
+@ti.func
+def dryden_gust(x, h, W20):
+    """Gust (u, v, w; m/s) in the turbulence's axes, of the state x (5) at height h (m) in a wind W20 (m/s) at 20 ft."""
+    return dryden_output(x, dryden_sigma(h, W20))
+
+
+@ti.func
+def gust_n(gust, v_air_n):
+    """A gust (u, v, w) in NED, for an aircraft whose velocity relative to the mean wind is v_air_n (NED, m/s)."""
+    square = v_air_n[0] * v_air_n[0] + v_air_n[1] * v_air_n[1]
+    c, s = square * 0.0 + 1.0, square * 0.0
+    if square > AT_REST * AT_REST:
+        scale = 1.0 / ti.sqrt(square)
+        c, s = v_air_n[0] * scale, v_air_n[1] * scale
+    return ti.Vector([c * gust[0] - s * gust[1], s * gust[0] + c * gust[1], gust[2]])
+
+
+@ti.kernel
+def _matrices(
+    out: ti.types.ndarray(ndim=3), V: ti.types.ndarray(ndim=1), h: ti.types.ndarray(ndim=1), W20: float, dt: float
+):
+    for row, k in ti.ndrange(out.shape[0], STATES):
+        unit, zero = ti.Vector([0.0] * STATES), ti.Vector([0.0] * STATES)
+        for i in ti.static(range(STATES)):
+            unit[i] = ti.select(i == k, 1.0, 0.0)
+        F = dryden_step(unit, V[row], h[row], dt, zero)
+        N = dryden_step(zero, V[row], h[row], dt, unit)
+        C = dryden_gust(unit, h[row], W20)
+        for i in ti.static(range(STATES)):
+            out[row, i, k], out[row, STATES + i, k] = F[i], N[i]
+        for i in ti.static(range(3)):
+            out[row, 2 * STATES + i, k] = C[i]
+
+
+def dryden_matrices(V, h, W20: float, dt: float) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    """What the kernels do, as matrices: x' = F x + N z and gust = C x.
+
+    Args:
+        V, h: airspeeds (m/s) and heights (m), [n] each. W20: wind at 20 ft, m/s. dt: step, s.
+
+    Returns:
+        F [n, 5, 5], N [n, 5, 5], C [n, 3, 5], run precision.
+    """
+    run = runtime.current()
+    V, h = (torch.as_tensor(v, dtype=run.torch_dtype, device=run.device).contiguous() for v in (V, h))
+    out = torch.zeros((h.shape[0], 2 * STATES + 3, STATES), dtype=run.torch_dtype, device=run.device)
+    _matrices(out, V, h, W20, dt)
+    return out[:, :STATES], out[:, STATES : 2 * STATES], out[:, 2 * STATES :]
+
+
+def dryden_scales(h) -> tuple[torch.Tensor, torch.Tensor]:
+    """Lengths (L_u = L_v, L_w; m) and intensities (sigma_u = sigma_v, sigma_w; over W20) at heights h (m, [n]).
+
+    [n, 2] each, read off the kernels' step at 1 m/s and their gust.
+    """
+    h = torch.as_tensor(h, dtype=runtime.current().torch_dtype)
+    F, _, C = dryden_matrices(torch.ones_like(h), h, 1.0, 1.0)
+    # F21 = -2 tau a, and tau = 1 m / L
+    lengths = torch.stack((-2 * F[:, 1, 1] / F[:, 2, 1], -2 * F[:, 3, 3] / F[:, 4, 3]), dim=1)
+    return lengths, torch.stack((C[:, 0, 0], (C[:, 2] ** 2).sum(dim=1).sqrt()), dim=1)
