@@ -1,0 +1,204 @@
+"""Checks of manoeuvring_3dof against tables of CyberShip II: right-hand sides, trajectories, steady motion.
+
+Parameters come from cybership2.toml (of the directory, or of the folder `params` beside it; else the shipped vehicle
+file), forces from the file's name ("turn_tau_1_0_0.3": X, Y, N; "surge_step_tau2": X; none: zero), and the initial
+state from the first row. Trajectories are held to metres and degrees, right-hand sides to the table's largest value.
+"""
+
+import re
+from functools import cache
+from typing import Any
+
+import numpy as np
+import torch
+
+from taichi_sim import runtime
+from taichi_sim.config_io import config_folder
+from taichi_sim.maths.rotation import torch_quaternion_from_euler
+from taichi_sim.sea import Sea
+from taichi_sim.sea.spectrum import Components
+from taichi_sim.surroundings import Surroundings
+from taichi_sim.usv.manoeuvring_3dof import Manoeuvring3dof
+from taichi_sim.usv.manoeuvring_loads import Manoeuvring3dofParams
+from taichi_sim.world import Team
+from validation.case import Case
+from validation.tables import TableError, number, read_csv, read_json, read_toml
+
+PARAMETERS = "cybership2.toml"
+LARGEST_DT = 0.02  # s; a table's interval is cut into whole steps of at most this
+RHS_TOLERANCE = {"f64": 1e-9, "f32": 2e-5}  # of each column's largest value
+TRACK_TOLERANCE = {"f64": 1e-3, "f32": 0.05}  # m
+HEADING_TOLERANCE = {"f64": 0.02, "f32": 0.5}  # degrees
+SPEED_TOLERANCE = {"f64": 1e-3, "f32": 1e-2}  # of the largest speed or rate
+STEADY_TOLERANCE = {"f64": 1e-5, "f32": 1e-3}  # of the largest value
+SETTLING_TIME = 600.0  # s, tens of time constants of the slowest mode
+ROUNDING = 1e-3  # of an interval, by which evenly spaced times may differ as printed
+ANY_SIZE = 1.0  # m, of a dimension that does not enter the check
+
+DAMPING = ("Xu", "Xuu", "Xuuu", "Yv", "Yvv", "Yrv", "Yr", "Yvr", "Yrr", "Nv", "Nvv", "Nrv", "Nr", "Nvr", "Nrr")
+ADDED_MASS = ("Xudot", "Yvdot", "Yrdot", "Nvdot", "Nrdot")
+
+
+def _parameters(case: Case) -> dict[str, Any]:
+    """Numbers of the vehicle by the names of Manoeuvring3dofParams."""
+    root = case.folder.root
+    found = (*sorted(root.rglob(PARAMETERS)), root.parent / "params" / PARAMETERS)
+    path = next((p for p in found if p.is_file()), config_folder() / "vehicles" / PARAMETERS)
+    data = read_toml(case.folder.use(path))
+    if "model" in data:  # a vehicle file
+        return {key: value for key, value in data.items() if key != "model"}
+    main = {"length": "length_m", "beam": "beam_m", "mass": "mass_kg", "I_z": "Iz_kgm2", "x_g": "xg_m"}
+    try:
+        values = {ours: number(data, "main", theirs) for ours, theirs in main.items()}
+        for section, names in (("damping", DAMPING), ("added_mass", ADDED_MASS)):
+            values |= {f"{name[0]}_{name[1:]}": number(data, section, name) for name in names}
+    except TableError as error:
+        raise TableError(f"{path.name}: {error}") from None
+    return values | {"height": ANY_SIZE, "collision_radius": ANY_SIZE}
+
+
+@cache
+def _model(params: Manoeuvring3dofParams, duration: float) -> Manoeuvring3dof:
+    """A model whose control step is `duration` (s); one compiled kernel for all that ask for the same."""
+    substeps = int(np.ceil(duration / LARGEST_DT - 1e-6))
+    return Manoeuvring3dof(params, duration / substeps, substeps)
+
+
+class Runner:
+    """One vessel under a constant force in calm water, and its state as plain numbers."""
+
+    def __init__(self, parameters: dict[str, Any], tau: tuple[float, float, float]):
+        """Put the vessel at rest at the origin under `tau` (N, N, N m), which are its actions."""
+        limits = dict.fromkeys(("surge_force_max", "sway_force_max", "yaw_moment_max"), 1.0)
+        options = limits | {"actions": "surge_sway_yaw", "time_constant": 0.0}
+        self.params = Manoeuvring3dofParams(**(parameters | options))
+        zero = np.zeros((1, 1))
+        env_sea = torch.zeros(1, dtype=torch.int32)
+        calm = Sea(Components(zero, zero + 1, zero + 1, zero, zero))
+        self.around = Surroundings.of(calm, env_sea, torch.zeros(1, dtype=torch.float64))
+        self.action = torch.tensor([[tau]], dtype=runtime.current().torch_dtype)
+        self.team = Team("usv", _model(self.params, LARGEST_DT), 1, 1)
+
+    def put(self, x: float, y: float, psi: float, u: float, v: float, r: float) -> None:
+        """Place the vessel (m, rad) with a body velocity (m/s, rad/s)."""
+        state = self.team.state[0, 0]
+        state.zero_()
+        state[3:7] = torch_quaternion_from_euler(*torch.tensor([0.0, 0.0, psi], dtype=torch.float64))
+        state[0], state[1], state[7], state[8], state[12] = x, y, u, v, r
+        self.team.model.reset_aux(self.team.aux, self.team.state)
+
+    def run(self, duration: float) -> None:
+        """Advance by `duration` (s), to the nearest nanosecond."""
+        _model(self.params, round(duration, 9)).step(self.team, self.action, self.around)
+
+    def read(self) -> tuple[float, ...]:
+        """x, y (m), psi (rad, in (-pi, pi]), u, v (m/s), r (rad/s)."""
+        s = self.team.state[0, 0].double().tolist()
+        return s[0], s[1], 2 * float(np.arctan2(s[6], s[3])), s[7], s[8], s[12]
+
+
+def _forces(name: str) -> tuple[float, float, float]:
+    """X, Y, N in a file's or case's name after "tau": one number is X; no "tau" is none."""
+    number_ = r"-?\d+(?:\.\d+)?"
+    found = re.search(rf"tau_?({number_}(?:_{number_})*)", name)
+    if found is None:
+        return 0.0, 0.0, 0.0
+    values = [float(text) for text in found[1].split("_")]
+    if len(values) == 1:
+        return values[0], 0.0, 0.0
+    if len(values) != 3:
+        raise TableError(f"{name}: forces after 'tau' must be X, or X_Y_N")
+    return values[0], values[1], values[2]
+
+
+def rhs_samples(case: Case) -> None:
+    """rhs_samples*.csv: eta_dot and nu_dot at random states and forces.
+
+    Only a table with a column tauX is of this vehicle: others have other inputs.
+    """
+    table = read_csv(case.path)
+    if "tauX" not in table:
+        return
+    inputs = (np.stack([table[c] for c in names], 1) for names in (("x", "y", "psi"), ("u", "v", "r")))
+    tau = np.stack([table[c] for c in ("tauX", "tauY", "tauN")], 1)
+    model = Runner(_parameters(case), (0.0, 0.0, 0.0)).team.model
+    ours = np.hstack(model.rhs(*inputs, tau)).T
+    for name, values in zip(("d_x", "d_y", "d_psi", "d_u", "d_v", "d_r"), ours, strict=True):
+        _scaled(case, name, values, table[name], RHS_TOLERANCE, table.resolution(name))
+
+
+def trajectory(case: Case) -> None:
+    """surge_decay*.csv, surge_step_tau*.csv, turn_tau*.csv, sway_yaw_decay*.csv: motion under constant forces."""
+    table = read_csv(case.path)
+    columns = {name: table[name] for name in ("x", "y", "psi", "u", "v", "r")}
+    runner = Runner(_parameters(case), _forces(case.path.stem))
+    intervals = _intervals(table["t"])
+    runner.put(*(values[0] for values in columns.values()))
+    rows = [runner.read()]
+    for interval in intervals:
+        runner.run(interval)
+        rows.append(runner.read())
+    ours = dict(zip(columns, np.array(rows).T, strict=True))
+    for name in ("x", "y"):
+        tolerance = TRACK_TOLERANCE[case.precision]
+        case.absolute(f"{name}, m", ours[name], columns[name], tolerance, table.resolution(name))
+    turned = (np.rad2deg(ours["psi"] - columns["psi"]) + 180) % 360 - 180
+    resolution = np.rad2deg(table.resolution("psi"))
+    case.absolute("psi, deg", turned, 0 * turned, HEADING_TOLERANCE[case.precision], resolution)
+    for name in ("u", "v", "r"):
+        _scaled(case, name, ours[name], columns[name], SPEED_TOLERANCE, table.resolution(name))
+
+
+def _intervals(t: np.ndarray) -> np.ndarray:
+    """Times (s) from row to row; all alike where they differ only by the rounding of the table."""
+    intervals = np.diff(t)
+    if intervals.size == 0 or intervals.min() <= 0:
+        raise TableError("column 't': times must increase")
+    return np.full_like(intervals, intervals.mean()) if np.ptp(intervals) < ROUNDING * intervals.mean() else intervals
+
+
+def summary(case: Case) -> None:
+    """summary*.json: speeds that forces in surge settle at, steady turns, speeds and distances of a surge decay.
+
+    Only a summary with `steady_surge`, speeds by force, is of this vehicle.
+    """
+    data = read_json(case.path)
+    speeds = data.get("steady_surge") if isinstance(data, dict) else None
+    if not isinstance(speeds, dict):
+        return
+    parameters = _parameters(case)
+    settled = [_settle(parameters, (float(force), 0.0, 0.0))[0] for force in speeds]
+    _scaled(case, "steady_surge", settled, [number(speeds, key) for key in speeds], STEADY_TOLERANCE)
+    for key, facts in data.items():
+        if key.startswith("turn_tau"):
+            u, v, r = _settle(parameters, _forces(key))
+            U = float(np.hypot(u, v))
+            for name, value in {"u": u, "v": v, "r": r, "U": U, "R": U / abs(r)}.items():
+                _scaled(case, f"{key}: {name}", [value], [number(facts, name)], STEADY_TOLERANCE)
+        elif found := re.fullmatch(r"surge_decay_u(\d+(?:\.\d+)?)", key):
+            _surge_decay(case, parameters, float(found[1]), key, facts)
+
+
+def _settle(parameters: dict[str, Any], tau: tuple[float, float, float]) -> tuple[float, ...]:
+    """u, v (m/s), r (rad/s) that constant forces end at, from rest."""
+    runner = Runner(parameters, tau)
+    runner.run(SETTLING_TIME)
+    return runner.read()[3:]
+
+
+def _surge_decay(case: Case, parameters: dict[str, Any], u: float, key: str, facts: dict[str, Any]) -> None:
+    """Speeds (u_at_10s) and distances (x_at_60s) of a run that starts at u (m/s) without force."""
+    runner = Runner(parameters, (0.0, 0.0, 0.0))
+    for name in facts:
+        if found := re.fullmatch(r"([ux])_at_(\d+(?:\.\d+)?)s", name):
+            runner.put(0.0, 0.0, 0.0, u, 0.0, 0.0)
+            runner.run(float(found[2]))
+            ours = runner.read()[{"x": 0, "u": 3}[found[1]]]
+            _scaled(case, f"{key}: {name}", [ours], [number(facts, name)], STEADY_TOLERANCE)
+
+
+def _scaled(case: Case, name: str, ours, table, tolerance: dict[str, float], resolution=0.0) -> None:
+    """Compare on the scale of the table's largest magnitude, or as it is where all the table is zero."""
+    scale = float(np.max(np.abs(table))) or 1.0
+    ours, table, resolution = (np.asarray(a, dtype=np.float64) / scale for a in (ours, table, resolution))
+    case.absolute(name, ours, table, tolerance[case.precision], resolution)
