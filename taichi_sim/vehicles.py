@@ -5,13 +5,22 @@ from typing import Any
 
 from taichi_sim.config import ConfigError
 from taichi_sim.config_io import read_toml, validate
+from taichi_sim.uav.fixed_wing_6dof import FixedWing6DOF
 from taichi_sim.uav.unity_aircraft import UnityAircraft
+from taichi_sim.usv.hull_6dof import Hull6Dof
+from taichi_sim.usv.manoeuvring_3dof import Manoeuvring3dof
 from taichi_sim.usv.unity_boat import UnityBoat
 
 # Vehicles of the same numbers share one model, and so one compiled kernel: models hold no state.
 _models: dict[tuple, Any] = {}
 
-MODELS = {"unity_boat": UnityBoat, "unity_aircraft": UnityAircraft}
+MODELS = {
+    "unity_boat": UnityBoat,
+    "manoeuvring_3dof": Manoeuvring3dof,
+    "hull_6dof": Hull6Dof,
+    "unity_aircraft": UnityAircraft,
+    "fixed_wing_6dof": FixedWing6DOF,
+}
 
 
 def load_vehicle(file: Path, team: str, dt: float, substeps: int) -> Any:
@@ -34,5 +43,8 @@ def load_vehicle(file: Path, team: str, dt: float, substeps: int) -> Any:
     params = validate(model.Params, data, str(file))
     key = (name, params.model_dump_json(), dt, substeps)
     if key not in _models:
-        _models[key] = model(params, dt, substeps)
+        try:
+            _models[key] = model(params, dt, substeps)
+        except ConfigError as error:
+            raise ConfigError(f"{file}: {error}") from None
     return _models[key]

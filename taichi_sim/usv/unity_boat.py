@@ -14,6 +14,8 @@ at that place (unclipped, as in the Unity script), preloaded to float with the b
 pushes the boat down the slope of the plane through the four heights: waves shorter than the hull do not push.
 """
 
+import math
+
 import taichi as ti
 import torch
 
@@ -68,6 +70,9 @@ class UnityBoat:
 
     team = "usv"
     aux_size = 4
+    capsize_cosine = 0.0  # the buoyancy of its corners rights it until it lies on its side
+    deck_height = math.inf  # it cannot be swamped
+    draft, wind_height = 0.0, 10.0  # m; it feels neither current nor wind
     action_names = ("acceleration", "yaw")
     Params = UnityBoatParams
 

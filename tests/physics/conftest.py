@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from taichi_sim import runtime
-from taichi_sim.config_io import config_folder, read_toml
+from taichi_sim.config_io import config_folder, read_toml, validate
 from taichi_sim.conventions import GRAVITY, POSITION, QUATERNION, STATE_SIZE, SURFACE_SIZE, VELOCITY
 from taichi_sim.kinematics import DERIVED_SIZE
 from taichi_sim.maths.rotation import (
@@ -38,6 +38,8 @@ class Bench:
         self.aux = torch.zeros((envs, count, model.aux_size), **options)
         self.surface = torch.zeros((envs, count, SURFACE_SIZE), **options)
         self.derived = torch.zeros((envs, count, DERIVED_SIZE), **options)
+        self.current = torch.zeros((envs, 2), **options)
+        self.wind = torch.zeros((envs, 3), **options)
 
     def put(self, position=(0.0, 0.0, 0.0), euler=(0.0, 0.0, 0.0), velocity_b=(0.0, 0.0, 0.0)):
         """Place every vehicle alike."""
@@ -54,9 +56,15 @@ class Bench:
         envs, count = self.state.shape[:2]
         held = torch.as_tensor(action, dtype=self.state.dtype).expand(envs, count, -1).contiguous()
         for _ in range(times):
-            self.model.step(self, held, Surroundings.of(self.sea, self.env_sea, self.time))
+            self.model.step(self, held, self.around)
             self.time += self.model.dt * self.model.substeps
         return self
+
+    @property
+    def around(self):
+        """The sea now, with the current and the wind that the test has set."""
+        calm = Surroundings.of(self.sea, self.env_sea, self.time)
+        return calm._replace(current=self.current, wind=self.wind)
 
     @property
     def position(self):
@@ -78,25 +86,24 @@ class Bench:
 def _single_wave(wavelength, amplitude, direction=0.0, phase=0.0, depth=None):
     """One deep-water wave."""
     one, k = np.ones((1, 1)), 2 * np.pi / wavelength
-    return Sea(
-        Components(amplitude * one, k * one, np.sqrt(GRAVITY * k) * one, direction * one, phase * one), depth
-    )
+    return Sea(Components(amplitude * one, k * one, np.sqrt(GRAVITY * k) * one, direction * one, phase * one), depth)
 
 
 def _make_model(name, dt=0.02, substeps=1, **overrides):
-    """The model of a shipped vehicle file, with some numbers changed."""
-    data = read_toml(config_folder() / "vehicles" / f"{name}.toml") | overrides
+    """The model of a shipped vehicle file, with some numbers changed; a section's other numbers stay."""
+    data = read_toml(config_folder() / "vehicles" / f"{name}.toml")
+    for key, value in overrides.items():
+        old = data.get(key)
+        data[key] = old | value if isinstance(value, dict) and isinstance(old, dict) else value
     model = MODELS[data.pop("model")]
-    return model(model.Params(**data), dt, substeps)
+    return model(validate(model.Params, data, name), dt, substeps)
 
 
 def _read_columns(name):
     """Columns of a table under tests/data/reference, by name up to any bracket."""
     with (REFERENCE / name).open() as file:
         header, *rows = csv.reader(file)
-    return SimpleNamespace(
-        **{h.split("(")[0]: np.array([float(r[i]) for r in rows]) for i, h in enumerate(header)}
-    )
+    return SimpleNamespace(**{h.split("(")[0]: np.array([float(r[i]) for r in rows]) for i, h in enumerate(header)})
 
 
 @pytest.fixture(scope="session")

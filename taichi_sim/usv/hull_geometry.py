@@ -1,0 +1,55 @@
+"""The tables of numbers that a hull's kernel reads: panels, wave lines, gauge, deck; from its mesh, once."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from taichi_sim.usv.hull_loads import ACROSS, AHEAD, PANEL_ROWS, WRENCH, WRENCH_ROWS
+from taichi_sim.usv.hull_mesh import HullShape, Panels, mesh
+from taichi_sim.usv.hull_waves import Gauge
+from taichi_sim.usv.hydrostatics import Hydrostatics, unit_wrenches
+from taichi_sim.usv.wave_lines import WaveLines, wave_lines
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class HullGeometry:
+    """A hull as its kernel sees it."""
+
+    panels: Panels
+    lines: WaveLines
+    gauge: Gauge
+    hydrostatics: Hydrostatics
+
+    @classmethod
+    def of(cls, shape: HullShape, mass: float, cg: tuple[float, float, float]) -> "HullGeometry":
+        """Mesh `shape` and prepare its tables; mass (kg) and cg (m, b) are those of the loaded hull."""
+        panels = mesh(shape)
+        return cls(panels, wave_lines(panels), _gauge(panels), Hydrostatics(panels, mass, cg))
+
+    @cached_property
+    def panel_table(self) -> Array:
+        """[PANEL_ROWS, N]: centre, along, up, twist, unit wrenches that are not zero, across, ahead (hull_loads.py)."""
+        p = self.panels
+        table = np.zeros((PANEL_ROWS, len(p)))
+        table[:WRENCH] = np.concatenate([p.centre, p.along, p.up, p.twist], axis=1).T
+        wrench = unit_wrenches(p)
+        for row, (moment, component) in enumerate(WRENCH_ROWS):
+            table[WRENCH + row] = wrench[:, moment, component]
+        table[ACROSS], table[AHEAD] = self.lines.across, self.lines.ahead
+        return table
+
+    @cached_property
+    def line_table(self) -> Array:
+        """[line, 6]: first point and step, m, b."""
+        return np.concatenate([self.lines.start, self.lines.step], axis=1)
+
+
+def _gauge(panels: Panels) -> Gauge:
+    """The waterplane as the panels that face down show it."""
+    facing = panels.area[:, 2] > 0
+    half_size = np.abs(panels.along) + np.abs(panels.up)
+    return Gauge.of(panels.centre[facing, :2], panels.area[facing, 2], half_size[facing, :2], float(panels.draft))

@@ -1,0 +1,276 @@
+"""Hull surfaces as a few quadrilateral panels in the body frame b (forward-right-down, origin CO).
+
+CO is midships, on the centreline, in the design waterline. A panel is the bilinear patch
+
+    x(s, t) = centre + s along + t up + s t twist,    s, t in [-1, 1],
+
+with the half-edge vectors `along` and `up`, of which `up` is the one closer to the vertical: a level water line cuts
+across it. `twist` is zero for a rectangle and carries taper and warp otherwise. The area vector of the patch is
+4 along x `up` up to sign, half the cross product of its diagonals. Decks are panels too, so that the hull is closed and
+floats on its own deck when it capsizes.
+
+Wigley's hull: Wigley (1942), y = +-B/2 (1 - (2x/L)^2) (1 - (z/T)^2).
+"""
+
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+
+from taichi_sim.config import Finite, NonNegative, Positive, Strict
+
+Array = NDArray[np.float64]
+Count = Annotated[int, Field(ge=1, le=400)]
+MIN_AREA = 1e-12  # m^2; panels below this are the closed ends of pointed hulls and are left out
+
+
+class BoxHull(Strict):
+    """A box: bottom `draft` below the design waterline, deck `freeboard` above it."""
+
+    shape: Literal["box"] = "box"
+    length: Positive  # m
+    beam: Positive  # m
+    draft: Positive  # m
+    freeboard: Positive  # m
+    panels_along: Count = 2
+    panels_across: Count = 2
+    panels_up: Count = 2  # rows of the sides; from 2 on, the last one is above the design waterline
+
+
+class WigleyHull(Strict):
+    """Wigley's parabolic hull below the design waterline, wall-sided above it."""
+
+    shape: Literal["wigley"] = "wigley"
+    length: Positive  # m
+    beam: Positive  # m
+    draft: Positive  # m
+    freeboard: Positive  # m
+    panels_along: Count = 10
+    panels_up: Annotated[int, Field(ge=2, le=400)] = 3  # the last row is above the design waterline
+
+
+class TwinPontoons(Strict):
+    """Two equal pontoons with straight lines between stations; ends of some beam are closed by transoms.
+
+    `section = "vee"` has flat sides from the keel to the deck edge. `"round"` is a half circle of the station's beam,
+    replaced by a polygon of `panels_girth` equal sides, of the same area and centre, wall-sided above the centre.
+    """
+
+    shape: Literal["twin_pontoons"] = "twin_pontoons"
+    y: Positive  # of the pontoon centrelines, m to either side
+    stations: Annotated[tuple[tuple[Finite, NonNegative, Finite], ...], Field(min_length=2, max_length=100)]
+    freeboard: Positive  # m
+    section: Literal["vee", "round"] = "vee"
+    panels_girth: Annotated[int, Field(ge=2, le=200)] = 3  # of a round section
+
+    @model_validator(mode="after")
+    def _sensible(self):
+        x, beam, keel = np.array(self.stations).T
+        if np.any(np.diff(x) <= 0):
+            raise ValueError("stations = [[x, beam, keel depth], ...] must run forward, from stern to bow")
+        if np.any(beam > 2 * self.y):
+            raise ValueError(f"a pontoon's beam {beam.max()} reaches over the centreline: at most 2 y = {2 * self.y}")
+        if np.any(keel <= -self.freeboard):
+            raise ValueError(f"a keel lies above the deck: every keel depth must be above {-self.freeboard}")
+        if self.section == "round" and np.any(beam / 2 - keel > self.freeboard + 1e-9):
+            raise ValueError(
+                f"freeboard = {self.freeboard} is below the centre of a round section: "
+                f"it must be at least {(beam / 2 - keel).max():.4g}"
+            )
+        return self
+
+
+HullShape = Annotated[BoxHull | WigleyHull | TwinPontoons, Field(discriminator="shape")]
+
+
+@dataclass(frozen=True)
+class Panels:
+    """N panels of a closed hull and the M corners of its deck edge; b, metres."""
+
+    centre: Array  # [N, 3] mean of the corners
+    along: Array  # [N, 3] half-edge vector e1
+    up: Array  # [N, 3] half-edge vector e2, the one closer to the vertical
+    twist: Array  # [N, 3] vector e3 of s t
+    area: Array  # [N, 3] area vector out of the hull, m^2
+    row: NDArray[np.int64]  # [N] panels of one number follow each other along the hull (or across it, at its ends)
+    deck: Array  # [M, 3]
+
+    @classmethod
+    def of(cls, patches: list[Array], deck: Array) -> "Panels":
+        """Panels of patches [n, m, 4, 3] of corners in order round each panel, clockwise seen from inside the hull.
+
+        The n panels of each of the m columns of a patch make a row.
+        """
+        corners = np.concatenate([patch.reshape(-1, 4, 3) for patch in patches])
+        first = np.cumsum([0, *(patch.shape[1] for patch in patches)])
+        columns = [np.tile(np.arange(p.shape[1]), p.shape[0]) + k for p, k in zip(patches, first[:-1], strict=True)]
+        row = np.concatenate(columns)
+        area = 0.5 * np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
+        keep = np.linalg.norm(area, axis=1) > MIN_AREA
+        a, b, c, d = np.moveaxis(corners[keep], 1, 0)
+        e1, e2, e3 = (b + c - a - d) / 4, (c + d - a - b) / 4, (a + c - b - d) / 4
+        swap = (_steepness(e1) > _steepness(e2))[:, None]
+        return cls(
+            (a + b + c + d) / 4,
+            np.where(swap, e2, e1),
+            np.where(swap, e1, e2),
+            e3,
+            area[keep],
+            row[keep],
+            np.unique(deck, axis=0),
+        )
+
+    def __len__(self) -> int:
+        """Number of panels."""
+        return len(self.area)
+
+    @property
+    def draft(self) -> float:
+        """Deepest point below the design waterline, m."""
+        e3 = self.twist[:, 2]
+        corners = [self.centre[:, 2] + i * self.along[:, 2] + j * self.up[:, 2] + i * j * e3 for i, j in _CORNERS]
+        return float(np.max(corners))
+
+    @property
+    def area_slopes(self) -> tuple[Array, Array]:
+        """Change of the area vector along s and along t [N, 3], m^2: dA = (area + s . + t .) ds dt / 4."""
+        sign = np.sign(np.sum(np.cross(self.along, self.up) * self.area, axis=1))[:, None]
+        return 4 * sign * np.cross(self.along, self.twist), 4 * sign * np.cross(self.twist, self.up)
+
+    def surface(self) -> tuple[Array, NDArray[np.int64]]:
+        """Vertices [4 N, 3] (m, b) and triangles [2 N, 3], counter-clockwise from outside, to draw the hull."""
+        corners = np.stack([self.centre + s * self.along + t * self.up + s * t * self.twist for s, t in _CORNERS], 1)
+        inward = np.sum(np.cross(self.along, self.up) * self.area, axis=1) < 0
+        corners[inward] = corners[inward, ::-1]
+        first = 4 * np.arange(len(self))[:, None, None]
+        return corners.reshape(-1, 3), (first + [[0, 1, 2], [0, 2, 3]]).reshape(-1, 3)
+
+    def closed_error(self) -> float:
+        """|sum of the area vectors|, m^2: zero for a closed body."""
+        return float(np.linalg.norm(self.area.sum(axis=0)))
+
+
+_CORNERS = ((-1, -1), (1, -1), (1, 1), (-1, 1))
+
+
+def _steepness(edge: Array) -> Array:
+    """How vertical edges [N, 3] are; of two level edges the transverse one wins, for heel is larger than trim."""
+    length = np.maximum(np.linalg.norm(edge, axis=1), 1e-300)
+    return (np.abs(edge[:, 2]) + 1e-6 * np.abs(edge[:, 1])) / length
+
+
+def mesh(hull: BoxHull | WigleyHull | TwinPontoons) -> Panels:
+    """Panels of a hull section of a vehicle file."""
+    if isinstance(hull, BoxHull):
+        return _box(hull)
+    if isinstance(hull, WigleyHull):
+        return _wigley(hull)
+    return _twin_pontoons(hull)
+
+
+def _patch(points: Array) -> Array:
+    """Corners [n, m, 4, 3] of a grid of points [n+1, m+1, 3], whose outward normal is d/di x d/dj."""
+    return np.stack([points[:-1, :-1], points[1:, :-1], points[1:, 1:], points[:-1, 1:]], axis=2)
+
+
+def _grid(x, y, z) -> Array:
+    """Points [n, m, 3] of coordinates that broadcast to [n, m]."""
+    return np.stack(np.broadcast_arrays(*(np.asarray(v, dtype=np.float64) for v in (x, y, z))), axis=-1)
+
+
+def _rows(draft: float, freeboard: float, rows: int) -> Array:
+    """Levels z [rows + 1] of a side, from the keel up: the last row is above the design waterline."""
+    if rows == 1:
+        return np.array([draft, -freeboard])
+    return np.append(np.linspace(draft, 0.0, rows), -freeboard)
+
+
+def _box(hull: BoxHull) -> Panels:
+    """The six faces, each a grid."""
+    x = np.linspace(-hull.length / 2, hull.length / 2, hull.panels_along + 1)
+    y = np.linspace(-hull.beam / 2, hull.beam / 2, hull.panels_across + 1)
+    z = _rows(hull.draft, hull.freeboard, hull.panels_up)
+    faces = [
+        _grid(x[:, None], y, hull.draft),  # bottom
+        _grid(x[:, None], y[::-1], -hull.freeboard),  # deck
+        _grid(x[:, None], hull.beam / 2, z),  # starboard
+        _grid(x[::-1, None], -hull.beam / 2, z),  # port
+        _grid(hull.length / 2, y[::-1, None], z),  # bow
+        _grid(-hull.length / 2, y[:, None], z),  # stern
+    ]
+    deck = _grid(x[:, None], y[[0, -1]], -hull.freeboard).reshape(-1, 3)
+    return Panels.of([_patch(f) for f in faces], deck)
+
+
+def _wigley(hull: WigleyHull) -> Panels:
+    """Both sides and the deck; the ends are sharp."""
+    x = np.linspace(-hull.length / 2, hull.length / 2, hull.panels_along + 1)
+    z = _rows(hull.draft, hull.freeboard, hull.panels_up)
+    below = np.maximum(z, 0.0) / hull.draft
+    y = hull.beam / 2 * (1 - (2 * x[:, None] / hull.length) ** 2) * (1 - below**2)
+    sections = np.concatenate(
+        [_grid(x[:, None], -y[:, ::-1], z[::-1]), _grid(x[:, None], y[:, 1:], z[1:])], axis=1
+    )  # from the port deck edge round the keel
+    return Panels.of(*_close(sections))
+
+
+def _twin_pontoons(hull: TwinPontoons) -> Panels:
+    """One pontoon about its centreline, set to port and starboard."""
+    x, beam, keel = np.array(hull.stations, dtype=np.float64).T
+    girth = _vee(beam, keel, hull.freeboard) if hull.section == "vee" else _round(beam, keel, hull)
+    patches, deck = _close(_grid(x[:, None], girth[..., 0], girth[..., 1]))
+    sides = [np.array([0.0, side * hull.y, 0.0]) for side in (-1, 1)]
+    return Panels.of([patch + s for s in sides for patch in patches], np.concatenate([deck + s for s in sides]))
+
+
+def _vee(beam: Array, keel: Array, freeboard: float) -> Array:
+    """Section points (y, z) [station, 3, 2]: port deck edge, keel, starboard deck edge."""
+    y = np.stack([-beam / 2, 0 * beam, beam / 2], axis=1)
+    z = np.stack([0 * keel - freeboard, keel, 0 * keel - freeboard], axis=1)
+    return np.stack([y, z], axis=-1)
+
+
+def _round(beam: Array, keel: Array, hull: TwinPontoons) -> Array:
+    """Section points (y, z) [station, girth + 1 or + 3, 2] from the port to the starboard deck edge."""
+    n = hull.panels_girth
+    angle = np.linspace(-np.pi / 2, np.pi / 2, n + 1)  # from the keel's direction
+    radius = beam / 2 * np.sqrt(np.pi / (n * np.sin(np.pi / n)))  # of the polygon of the half circle's area
+    centre = keel - beam / 2
+    girth = np.stack([radius[:, None] * np.sin(angle), centre[:, None] + radius[:, None] * np.cos(angle)], axis=-1)
+    if np.allclose(centre, -hull.freeboard):
+        return girth
+    port, starboard = girth[:, :1].copy(), girth[:, -1:].copy()
+    port[..., 1] = starboard[..., 1] = -hull.freeboard
+    return np.concatenate([port, girth, starboard], axis=1)
+
+
+def _close(sections: Array) -> tuple[list[Array], Array]:
+    """Patches [n, m, 4, 3] of a hull of symmetric sections [station, point, 3], and its deck edge [M, 3].
+
+    Sections run from the port to the starboard deck edge, round the keel, stations from stern to bow.
+    """
+    half = (sections.shape[1] + 1) // 2
+    # Transoms join port and starboard points of one level, down to a keel point (a triangle) or a flat bottom.
+    stern = np.stack([sections[0, :half], sections[0, ::-1][:half]], axis=1)
+    bow = np.stack([sections[-1, :half], sections[-1, ::-1][:half]], axis=0)
+    edge = sections[:, [0, -1]]
+    return [_patch(sections), _deck(edge), _patch(stern), _patch(bow)], edge.reshape(-1, 3)
+
+
+def _deck(edge: Array) -> Array:
+    """Patch [1, 1, 4, 3] of one rectangle that has area, centroid and longitudinal second moment of a flat deck.
+
+    edge [station, 2, 3]: port and starboard; straight between stations.
+    """
+    x, beam = edge[:, 0, 0], edge[:, 1, 1] - edge[:, 0, 1]
+    node = np.array([-1.0, 1.0]) / np.sqrt(3.0)  # Gauss points, exact for beam x^2
+    share = (1 + node[:, None]) / 2
+    at = x[:-1] + share * np.diff(x)
+    slice_area = (beam[:-1] + share * np.diff(beam)) * np.diff(x) / 2
+    area = slice_area.sum()
+    x_c = (slice_area * at).sum() / area
+    a = np.sqrt(3 * (slice_area * (at - x_c) ** 2).sum() / area)
+    b = area / (4 * a)
+    return _patch(_grid(x_c + a * np.array([[-1.0], [1.0]]), b * np.array([1.0, -1.0]), edge[0, 0, 2]))

@@ -1,0 +1,110 @@
+"""Water's load on a held `hull_6dof`: hydrostatics and Froude-Krylov against closed forms and NumPy."""
+
+import numpy as np
+import pytest
+import torch
+
+from taichi_sim.conventions import GRAVITY
+from taichi_sim.maths.rotation import torch_quaternion_from_euler, torch_rotation_matrix
+from taichi_sim.sea import Sea
+from taichi_sim.sea.spectrum import Components
+
+pytestmark = pytest.mark.usefixtures("precision")
+
+GM, BM = 19 / 60, 2 / 3  # m, metacentric height and radius of the barge
+
+
+def held(team, pose, heading=0.0):
+    """Hold vehicles at poses [env, 3] = heave (m), roll, pitch (rad)."""
+    heave, roll, pitch = torch.as_tensor(np.array(pose, dtype=np.float64), dtype=team.state.dtype).T
+    team.state[:, 0, 2] = heave
+    team.state[:, 0, 3:7] = torch_quaternion_from_euler(roll, pitch, torch.full_like(roll, heading))
+    return team
+
+
+def pressure_of(team):
+    """Load of the water [env, 6], N and N m, in b."""
+    return team.model.pressure_load(team.state, team.around)[:, 0].double().numpy()
+
+
+@pytest.fixture(scope="module")
+def barge(precision, make_model):
+    return make_model("barge")
+
+
+@pytest.mark.parametrize("name", ["otter", "wamv", "barge"])
+def test_the_kernel_sums_the_pressure_as_numpy_does(name, precision, make_model, bench):
+    """Random poses, awash and capsized ones too; the NumPy sum is proven against closed forms in test_hydrostatics."""
+    model = make_model(name)
+    poses = np.random.default_rng(0).uniform(-1, 1, (400, 3)) * [0.3, 3.1, 1.4]
+    load = pressure_of(held(bench(model, envs=400), poses, heading=0.6))
+    expected = model.geometry.hydrostatics.buoyancy(poses)
+    limit = model.params.weight * (1e-9 if precision == "f64" else 1e-5)
+    assert np.abs(load - expected).max() < limit
+    assert np.abs(expected).max() > model.params.weight  # some are deep
+
+
+def test_heeled_box_has_the_wall_sided_righting_arm(barge, bench):
+    """GZ = sin phi (GM + BM tan^2 phi / 2) of pressure and weight about CO, where they balance."""
+    heel = np.deg2rad(np.arange(5.0, 21.0, 5.0))
+    # CO stays in the surface: what one side gains the other loses
+    load = pressure_of(held(bench(barge, envs=4), np.stack([0 * heel, heel, 0 * heel], axis=1)))
+    weight = barge.params.weight
+    down = load[:, 1] * np.sin(heel) + load[:, 2] * np.cos(heel)
+    assert down == pytest.approx(-weight * np.ones(4), rel=1e-5)
+    cg = barge.params.rigid_body.cg[2]
+    moment = load[:, 3] - weight * cg * np.sin(heel)
+    wall_sided = np.sin(heel) * (GM + BM * np.tan(heel) ** 2 / 2)
+    assert -moment / weight == pytest.approx(wall_sided, rel=1e-4)
+
+
+@pytest.mark.parametrize("name", ["otter", "wamv", "barge"])
+def test_still_water_only_pushes_upwards(name, make_model, bench):
+    """Archimedes: no force along the surface and no moment about the vertical, at any attitude afloat up to 10 degrees.
+
+    Panels are cut where their middle line meets the water, so it holds to that error.
+    """
+    model = make_model(name)
+    rest = model.geometry.hydrostatics.equilibrium
+    poses = rest + np.random.default_rng(1).uniform(-1, 1, (200, 3)) * [0.02, 0.17, 0.08]
+    team = held(bench(model, envs=200), poses)
+    load = torch.as_tensor(pressure_of(team))
+    R = torch_rotation_matrix(team.state[:, 0, 3:7].double())
+    force, moment = ((R @ part[..., None])[..., 0] for part in load.split(3, dim=1))
+    assert force[:, :2].abs().max() < 6e-3 * model.params.weight
+    assert moment[:, 2].abs().max() < 2e-3 * model.params.weight * model.params.length
+
+
+def regular_waves(omega, amplitude, direction):
+    """Deep water, one wave a realisation: arrays [sea]; a crest at the origin at time 0."""
+    k = np.square(omega) / GRAVITY
+    rows = (amplitude * np.ones_like(k), k, omega, direction * np.ones_like(k), np.zeros_like(k))
+    return Sea(Components(*(np.asarray(r, dtype=np.float64)[:, None] for r in rows)))
+
+
+@pytest.fixture(scope="module")
+def fine(precision, make_model):
+    return make_model("barge", hull={"panels_along": 24, "panels_across": 8, "panels_up": 3})
+
+
+@pytest.mark.parametrize("heading_to", [0.0, 180.0])
+def test_froude_krylov_load_on_a_box_of_fine_panels(heading_to, fine, columns, bench):
+    """Surge, heave and pitch of the closed form, in and out of phase; heave is zero at L / lambda = 1.
+
+    The closed form is linear: crest minus trough of a wave of 2 mm, per metre. Its frame is z up, time as exp(-i w t).
+    """
+    table = columns("hydrostatics/froude_krylov_box.csv")
+    chosen = (table.beta_deg == heading_to) & (table.depth == -1) & (table.L_over_lambda < 1.4)
+    omega = table.omega[chosen]
+    amplitude = 2e-3
+    team = bench(fine, regular_waves(omega, amplitude, np.deg2rad(heading_to)), envs=len(omega))
+    loads = []
+    for quarter in range(4):
+        team.time = torch.as_tensor(quarter * np.pi / 2 / omega)
+        loads.append(pressure_of(team))
+    real, imaginary = (loads[0] - loads[2]) / (2 * amplitude), (loads[1] - loads[3]) / (2 * amplitude)
+    for row, sign, name, tolerance in ((0, 1, "F1", 0.01), (2, -1, "F3", 0.01), (4, -1, "F5", 0.02)):
+        re, im = getattr(table, f"{name}_re")[chosen], getattr(table, f"{name}_im")[chosen]
+        size = np.hypot(re, im).max()
+        assert sign * real[:, row] == pytest.approx(re, rel=tolerance, abs=tolerance * size)
+        assert sign * imaginary[:, row] == pytest.approx(im, rel=tolerance, abs=tolerance * size)

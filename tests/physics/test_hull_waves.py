@@ -1,0 +1,197 @@
+"""What waves do at a hull: pressure along its lines, its mean surface plane, the water's motion averaged over it."""
+
+import numpy as np
+import pytest
+import taichi as ti
+import torch
+
+from taichi_sim import runtime
+from taichi_sim.config_io import load_scenario
+from taichi_sim.conventions import GRAVITY, RHO_SEA
+from taichi_sim.maths.rotation import torch_quaternion_from_euler, torch_rotation_matrix
+from taichi_sim.sea import Sea
+from taichi_sim.sea.spectrum import Components, wavenumber
+from taichi_sim.usv import hull_waves
+from taichi_sim.usv.hull_waves import Gauge
+from taichi_sim.usv.wave_lines import wave_points
+
+pytestmark = pytest.mark.usefixtures("f64")
+
+
+def waves(amplitude, k, direction, phase, depth=None):
+    """A sea of arrays [sea, component]."""
+    amplitude, k, direction, phase = np.broadcast_arrays(amplitude, k, direction, phase)
+    omega = np.sqrt(GRAVITY * k * (1.0 if depth is None else np.tanh(k * depth)))
+    return Sea(Components(amplitude, k, omega, direction, phase), depth)
+
+
+@pytest.fixture(scope="module")
+def otter(make_model):
+    """Steps of 10 microseconds: waves and hull stand still while the label under the hull converges."""
+    return make_model("otter", 1e-5, 6)
+
+
+def heads_at(team, euler, heave):
+    """Hold hulls at attitudes [env, 3]: pressure heads (m) and their changes to starboard [env, point], and R_nb."""
+    team.state[:, 0, 2] = torch.as_tensor(heave)
+    team.state[:, 0, 3:7] = torch_quaternion_from_euler(*torch.as_tensor(euler).T)
+    R = torch_rotation_matrix(team.state[:, 0, 3:7]).numpy()
+    team.step([-1.0, 0.0])
+    nodes = team.model.nodes
+    heads = team.aux[:, 0, len(team.model.aux_names) :].numpy()
+    return heads[:, :nodes], heads[:, nodes : 2 * nodes], R
+
+
+def test_heads_are_the_linear_pressure_averaged_over_a_step_of_the_line(otter, bench):
+    """sum a exp(-k d) cos(k . x + phase), times sin(h)/h of half the turn h from point to point; tiny waves."""
+    rng = np.random.default_rng(2)
+    shape = (30, 3)
+    a, k = rng.uniform(0.5, 1.0, shape) * 1e-6, rng.uniform(0.02, 4.0, shape)
+    direction, phase = rng.uniform(-np.pi, np.pi, (2, *shape))
+    euler = rng.uniform(-1, 1, (30, 3)) * [0.2, 0.1, 3.0]
+    heave = 0.4  # m, deep enough that all points are wet
+    head, slope, R = heads_at(bench(otter, waves(a, k, direction, phase), envs=30), euler, heave)
+    points = otter.geometry.lines.position @ np.swapaxes(R, 1, 2) + [0.0, 0.0, heave]
+    steps = np.repeat(otter.geometry.lines.step, otter.points, axis=0) @ np.swapaxes(R, 1, 2)
+    assert points[..., 2].min() > 0
+    wave = np.stack([k * np.cos(direction), k * np.sin(direction), 0 * k])  # [axis, env, component]
+    theta = np.einsum("xec,epx->epc", wave, points) + phase[:, None]
+    half = np.einsum("xec,epx->epc", wave, steps) / 2
+    size = a[:, None] * np.exp(-k[:, None] * points[..., 2:]) * np.sinc(half / np.pi)
+    across = np.einsum("xec,ex->ec", wave, R[:, :, 1])[:, None]
+    limit = 5e-4 * a.max()  # short exponentials are polynomials
+    assert head == pytest.approx(np.sum(size * np.cos(theta), axis=2), abs=limit)
+    assert slope == pytest.approx(-np.sum(across * size * np.sin(theta), axis=2), abs=limit * k.max())
+
+
+def test_pressure_at_every_wet_wave_point_of_the_shipped_sea(otter, bench):
+    """The whole pressure where each panel wants it, against the sea's own, which inverts labels there; random poses."""
+    sea = Sea.from_config(load_scenario("paper").sea, seed=3)
+    envs, rng = sea.num_seas, np.random.default_rng(4)
+    index = np.arange(envs)
+    team = bench(otter, sea, envs=envs)
+    team.state[:, 0, :2] = torch.as_tensor(rng.uniform(-500, 500, (envs, 2)))
+    surface = sea.elevation(team.state[:, 0, 0], team.state[:, 0, 1], 0.0, index)
+    heads, slopes, R = heads_at(team, rng.uniform(-1, 1, (envs, 3)) * [0.1, 0.1, np.pi], -surface)
+    geometry = otter.geometry
+    wanted, node = wave_points(geometry.panels), geometry.lines.node
+    aside = wanted[:, 1] - geometry.lines.position[node, 1]
+    head = heads[:, node] + aside * slopes[:, node]
+    points = team.state[:, 0, None, :3].numpy() + wanted @ np.swapaxes(R, 1, 2)
+    exact = sea.pressure(*np.moveaxis(points, -1, 0), 0.0, index[:, None]).numpy() / (RHO_SEA * GRAVITY)
+    wet = exact > 0.02  # m
+    error = (head + points[..., 2] - exact)[wet]
+    assert wet.mean() > 0.4
+    assert np.sqrt(np.mean(error**2)) < 0.05 * np.sqrt(np.mean(head[wet] ** 2))
+
+
+def centre_of(gauge, sea, finite=False, heading=0.0, tau=0.0):
+    """hull_waves.at_centre [sea, 18] at the label (0, 0), all realisations at time 0."""
+    count = sea.num_components
+    cos_h, sin_h = float(np.cos(heading)), float(np.sin(heading))
+
+    @ti.kernel
+    def kernel(
+        out: ti.types.ndarray(ndim=2), table: ti.types.ndarray(ndim=3), phase: ti.types.ndarray(ndim=2), t: ti.f64
+    ):
+        for s in range(out.shape[0]):
+            zero = t * 0.0
+            r = hull_waves.at_centre(
+                table, phase, count, gauge, finite, s, s, zero, zero, t, zero + cos_h, zero + sin_h
+            )
+            for c in ti.static(range(18)):
+                out[s, c] = r[c]
+
+    rows = torch.arange(sea.num_seas, dtype=torch.int32)
+    phase = sea.phases(rows, torch.zeros(sea.num_seas, dtype=torch.float64))
+    out = torch.empty((sea.num_seas, 18), dtype=runtime.current().torch_dtype)
+    results = []
+    for t in np.atleast_1d(tau):
+        kernel(out, sea.table, phase, float(t))
+        results.append(out.numpy().copy())
+    return results[0] if np.ndim(tau) == 0 else results
+
+
+def rectangle(length, beam, depth=0.0, cells=8):
+    """Gauge of a rectangle from its cells."""
+    x = (np.arange(cells) + 0.5) / cells - 0.5
+    point = np.stack(np.meshgrid(x * length, x * beam, indexing="ij"), axis=-1).reshape(-1, 2)
+    half = np.full_like(point, 1.0) * [length / 2 / cells, beam / 2 / cells]
+    return Gauge.of(point, np.ones(len(point)), half, depth)
+
+
+def test_mean_and_slope_over_a_rectangle():
+    """A wave's mean over length 2 h is sin x / x and its least-squares slope 3 (sin x - x cos x) / x^3, x = k h."""
+    gauge = rectangle(4.0, 1.0)
+    assert gauge.along == pytest.approx(np.sqrt(0.6) * 2.0) and gauge.along_share == pytest.approx(5 / 9)
+    x = np.linspace(0.05, 2.5, 40)
+    k = x / 2.0
+    crest, flank = (centre_of(gauge, waves(1e-3, k[:, None], 0.0, phase)) for phase in (0.0, -np.pi / 2))
+    mean, slope = crest[:, 5] / 1e-3, flank[:, 6] / (1e-3 * k)
+    assert mean == pytest.approx(np.sin(x) / x, abs=0.02)
+    assert slope == pytest.approx(3 * (np.sin(x) - x * np.cos(x)) / x**3, abs=0.02)
+    # across a beam sea the same numbers hold for the beam
+    abeam = centre_of(gauge, waves(1e-3, 4 * k[:, None], np.pi / 2, 0.0))
+    assert abeam[:, 5] / 1e-3 == pytest.approx(np.sin(x) / x, abs=0.02)
+
+
+def test_mean_and_slope_over_two_thin_pontoons():
+    """Between pontoons at +-y: mean cos(k y), slope sin(k y) / (k y), whatever k y."""
+    y = 1.5
+    point = np.array([[x, side * y] for x in (-1.0, 1.0) for side in (-1, 1)])
+    gauge = Gauge.of(point, np.ones(4), np.array([[1.0, 1e-3]] * 4), 0.0)
+    ky = np.linspace(0.1, 3.0, 20)
+    crest, flank = (centre_of(gauge, waves(1e-3, ky[:, None] / y, np.pi / 2, phase)) for phase in (0.0, -np.pi / 2))
+    assert crest[:, 5] / 1e-3 == pytest.approx(np.cos(ky), abs=1e-5)
+    assert flank[:, 7] / (1e-3 * ky / y) == pytest.approx(np.sin(ky) / ky, abs=1e-5)
+
+
+def some_long_waves(depth=None):
+    """Three systems at once, 100 to 400 m long, in 20 realisations."""
+    rng = np.random.default_rng(6)
+    k = 2 * np.pi / rng.uniform(100, 400, (20, 3))
+    return waves(rng.uniform(5e-5, 1e-4, (20, 3)), k, *rng.uniform(-np.pi, np.pi, (2, 20, 3)), depth)
+
+
+@pytest.mark.parametrize("depth", [None, 6.0])
+def test_a_small_hull_in_long_waves_feels_the_sea_at_its_place(depth):
+    """Elevation, slopes, orbital velocity and acceleration at the gauge's depth, as Sea gives them."""
+    sea, heading, below = some_long_waves(depth), 0.9, 0.3
+    r = centre_of(rectangle(0.2, 0.1, below), sea, depth is not None, heading)
+    index = torch.arange(20)
+    surface = sea.surface(0.0, 0.0, 0.0, index)
+    label = surface.label.numpy()
+    assert r[:, :2] == pytest.approx(label, abs=1e-3 * np.abs(label).max())
+    assert r[:, 5] == pytest.approx(surface.elevation.numpy(), abs=1e-3 * 3e-4)
+    normal = surface.normal.numpy()
+    north, east = normal[:, 0] / normal[:, 2], normal[:, 1] / normal[:, 2]
+    slope = np.hypot(north, east).max()
+    assert r[:, 6] == pytest.approx(north * np.cos(heading) + east * np.sin(heading), abs=2e-3 * slope)
+    assert r[:, 7] == pytest.approx(east * np.cos(heading) - north * np.sin(heading), abs=2e-3 * slope)
+    water = sea.kinematics(0.0, 0.0, below, 0.0, index)
+    for columns, exact in ((r[:, 8:11], water.velocity.numpy()), (r[:, 11:14], water.acceleration.numpy())):
+        assert columns == pytest.approx(exact, abs=3e-3 * np.abs(exact).max())
+
+
+def test_accelerations_are_rates_of_velocities_and_the_plane_turns_with_its_slopes():
+    """Central differences in time at a fixed label; at the surface the plane's heave and turns are the water's."""
+    sea, h = some_long_waves(), 1e-3
+    for below in (0.0, 2.0):
+        before, now, after = centre_of(rectangle(30.0, 12.0, below), sea, False, 0.9, (-h, 0.0, h))
+        rate = (after - before) / (2 * h)
+        scale = np.abs(now).max(axis=0)
+        assert now[:, 11:14] == pytest.approx(rate[:, 8:11], abs=1e-5 * scale[11:14].max())
+        assert now[:, 16:18] == pytest.approx(rate[:, 14:16], abs=1e-4 * scale[16:18].max())
+        if below == 0.0:
+            assert now[:, 10] == pytest.approx(-rate[:, 5], abs=1e-5 * scale[10])  # down is positive
+            assert now[:, 14] == pytest.approx(-rate[:, 7], abs=1e-4 * scale[14])  # starboard rises: roll to port
+            assert now[:, 15] == pytest.approx(rate[:, 6], abs=1e-4 * scale[15])  # the bow rises
+
+
+def test_finite_depth_tends_to_deep_water():
+    rng = np.random.default_rng(8)
+    k = wavenumber(rng.uniform(1.0, 3.0, (10, 2)))
+    others = rng.uniform(-np.pi, np.pi, (2, 10, 2))
+    gauge = rectangle(4.0, 2.0, 0.5)
+    deep, far = centre_of(gauge, waves(0.05, k, *others)), centre_of(gauge, waves(0.05, k, *others, 500.0), True)
+    assert far == pytest.approx(deep, rel=1e-9, abs=1e-12)
