@@ -5,13 +5,14 @@ The vehicles of the team are stacked in one action and one observation, vehicle 
     action       float32 [vehicles * a] in [-1, 1]; clipped to that range; refused if not finite
     observation  float32 [vehicles * n], unbounded but of order one, as in rl/task/observations.py
     reward       mean over the team's vehicles
-    terminated   a vehicle of the team collided, was lost, crashed or left the area
+    terminated   an ending of a vehicle of the team (rl/task/endings.py)
     truncated    time is up, or the other team's mission ended: nothing that the action could have prevented
 
     info         each [vehicles]; of many environments [num_envs, vehicles], with a mask `_KEY` [num_envs]
       distance                        m, from the slot (the leader's: from the target), now
       reward_vehicle                  of this step
-      collided, lost, crashed, left   why vehicles ended in this step
+      collided, lost, ...             why vehicles ended in this step: the fields of rl.task.endings.UsvEndings
+                                      and UavEndings
 
 `gymnasium.make_vec` gives `TeamVectorEnv`, all environments in one simulation; `gymnasium.make` gives
 `TeamEnv`. Both end their episodes themselves (`episode_duration`), so no TimeLimit is registered.

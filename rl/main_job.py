@@ -42,7 +42,7 @@ def run_main_job(config: ScenarioConfig, out: Path, *, show_progress: bool = Tru
         episode = record_episode(config, policies, seed=judged.seed, source=source, show_progress=show_progress)
         write_recording(episode, out / RECORDING)
         histories = {team: read_history(out / team / HISTORY) for team in policies}
-        write_figures(out / FIGURES, histories, episode)
+        write_figures(out / FIGURES, histories, episode, judged.settle)
     except KeyboardInterrupt:
         raise KeyboardInterrupt(f"checkpoints are in {out}; continue with --out {out} --resume") from None
     summary = {

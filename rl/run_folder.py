@@ -1,8 +1,9 @@
 """A run's folder: what is in it, and how it is made and read.
 
-    config.toml          the resolved scenario, every key      vehicles/*.toml   the vehicle files it used
-    meta.json            seed, versions, commit, machine       progress.csv, model_N.pt, policy.onnx/.pt in TEAM/
-    summary.json         wall times, stages, evaluation        figures/*.png, episode.rrd
+config.toml          the resolved scenario, every key      vehicles/*.toml   the vehicle files it used
+meta.json            seed, versions, commit, machine       progress.csv, model_N.pt, policy.onnx/.pt in TEAM/
+summary.json         wall times, stages, evaluation        figures/*.png, episode.rrd
+dumps/*.dump         environments whose state stopped being finite (tools/replay.py), if any
 """
 
 import contextlib
@@ -20,7 +21,7 @@ from typing import Any
 from taichi_sim.config import ConfigError, ScenarioConfig
 from taichi_sim.config_io import find_config, load_scenario, vehicle_file, write_toml
 
-CONFIG, META, SUMMARY = "config.toml", "meta.json", "summary.json"
+CONFIG, META, SUMMARY, DUMPS = "config.toml", "meta.json", "summary.json", "dumps"
 LOCK = ".lock"
 PACKAGES = ("taichi-sim", "taichi", "torch", "numpy", "rsl-rl-lib", "gymnasium", "rerun-sdk", "pydantic")
 

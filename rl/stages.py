@@ -48,6 +48,7 @@ def train_stage(
         config, stage.num_envs, seed=derive_seed(config.seed, name), teams=teams, source=out / run_folder.CONFIG
     )
     task.reseed(seed)
+    task.world.dump_folder = out / run_folder.DUMPS
     env = FormationEnv(task, stage.team, {t: policies[t] for t in teams if t != stage.team})
     runner = StageRunner(env, stage, folder)
     if saved:

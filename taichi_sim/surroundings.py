@@ -5,9 +5,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from taichi_sim.sea import Sea
-
-DEEP = -1.0  # depth of deep water
+from taichi_sim.air import Wind
+from taichi_sim.sea.sea import DEEP, Sea
 
 
 class Surroundings(NamedTuple):
@@ -19,6 +18,9 @@ class Surroundings(NamedTuple):
     current: Tensor  # [env, 2], north and east velocity of the water at the surface, m/s
     wind: Tensor  # [env, 3], velocity of the air 10 m above the sea, NED, m/s (where it blows to)
     depth: float = DEEP  # of the water, m; negative is deep
+    air: Wind | None = None  # profile over height, turbulence and gusts; None is a steady, uniform wind
+    clock: int = 0  # control steps since the world was made, through all episodes: counts the random numbers
+    seed: int = 0  # of the random numbers
 
     @classmethod
     def of(cls, sea: Sea, env_sea: Tensor, time: Tensor) -> "Surroundings":

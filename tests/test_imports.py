@@ -23,6 +23,7 @@ LAYERS = (
      "taichi_sim.kinematics", "taichi_sim.rigid_body", "taichi_sim.integrators"),
     ("taichi_sim.usv", "taichi_sim.uav", "taichi_sim.sensors"),
     ("taichi_sim.vehicles",),
+    ("taichi_sim.dump",),
     ("taichi_sim.world",),
     ("taichi_sim.recording",),
     ("rl.seeds", "rl.task"),

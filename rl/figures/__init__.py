@@ -27,12 +27,15 @@ __all__ = [
 ]
 
 
-def write_figures(out: Path, histories: Histories, episode: Episode | None) -> list[Path]:
-    """Every figure there is something to draw for, into `out`; an old one stays until the new is whole."""
+def write_figures(out: Path, histories: Histories, episode: Episode | None, settle: float = 0.0) -> list[Path]:
+    """Every figure there is something to draw for, into `out`; an old one stays until the new is whole.
+
+    `settle` (s) at the start of an episode counts for no error.
+    """
     figures: dict[str, Figure] = {}
     if episode is not None:
         figures["scene"] = scene_figure(episode)
-        figures["tracking_error"] = tracking_error_figure(episode)
+        figures["tracking_error"] = tracking_error_figure(episode, settle)
         figures["formation"] = formation_figure(episode)
     if histories:
         figures["reward"] = reward_figure(histories)

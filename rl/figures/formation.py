@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 
 from rl.figures.page import INK, new_figure, rgb
 from taichi_sim.recording import Episode, TeamTrack
-from taichi_sim.recording.meshes import BODIES
-from taichi_sim.recording.palette import vehicle_colour
+from taichi_sim.recording.bodies import body_mesh
 
 VIEWS = (
     ("from behind", 20.0, 205.0, 1.25),
@@ -103,11 +102,9 @@ def _formation_panel(
         axes.set_zlabel("up (m)", fontsize=8)
 
 
-def _body(
-    axes: Axes3D, team: TeamTrack, step: int, vehicle: int, place: NDArray[np.floating], grow: float
-) -> None:
+def _body(axes: Axes3D, team: TeamTrack, step: int, vehicle: int, place: NDArray[np.floating], grow: float) -> None:
     """The body's triangles at `place` (north, east, down, m), `grow` times too large, lit from above."""
-    body = BODIES[team.name](team.size_m, vehicle_colour(team.name, vehicle))
+    body = body_mesh(team, vehicle)
     w, x, y, z = team.quaternion_nb[step, vehicle].tolist()
     R_nb = np.array(
         [

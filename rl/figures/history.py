@@ -47,9 +47,7 @@ def _history_figure(histories: Histories, column: str, title: str, y: str, zero:
         colour = TEAM_COLOUR.get(team, INK)
         if zero:
             axes.axhline(0.0, color=INK, linewidth=0.8)
-        axes.plot(
-            steps[known], values[known], color=colour, linewidth=0.9, alpha=0.35, label="each iteration"
-        )
+        axes.plot(steps[known], values[known], color=colour, linewidth=0.9, alpha=0.35, label="each iteration")
         axes.plot(steps[known], _smooth(values[known]), color=colour, linewidth=2.2, label="moving mean")
         if len(steps):
             axes.set_xlim(0.0, float(steps[-1]) or 1.0)

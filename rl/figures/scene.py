@@ -63,22 +63,14 @@ def _side_view(axes: Axes, episode: Episode) -> None:
     """Heights against east, looking north."""
     scene, half = episode.scene, _extent(episode)
     for _, east, radius, height in scene.obstacles:
-        axes.add_patch(
-            Rectangle((east - radius, 0.0), 2 * radius, height, color=OBSTACLE_COLOUR, alpha=0.75, zorder=2)
-        )
-    ceiling = max(
-        [30.0, *(-track[:, 2].min() for track in scene.tracks_n.values()), *scene.obstacles[:, 3:].ravel()]
-    )
+        axes.add_patch(Rectangle((east - radius, 0.0), 2 * radius, height, color=OBSTACLE_COLOUR, alpha=0.75, zorder=2))
+    ceiling = max([30.0, *(-track[:, 2].min() for track in scene.tracks_n.values()), *scene.obstacles[:, 3:].ravel()])
     for name, track in scene.tracks_n.items():
         up = -track[:, 2]
-        axes.plot(
-            track[:, 1], up, color=TEAM_COLOUR[name], linestyle=TEAM_STYLE[name], linewidth=2.2, zorder=4
-        )
+        axes.plot(track[:, 1], up, color=TEAM_COLOUR[name], linestyle=TEAM_STYLE[name], linewidth=2.2, zorder=4)
         edge = int(np.argmax(track[:, 1]))
         axes.annotate(
-            f"{name.upper()} track, {up.min():.0f} to {up.max():.0f} m"
-            if np.ptp(up) > 1
-            else f"{name.upper()} track",
+            f"{name.upper()} track, {up.min():.0f} to {up.max():.0f} m" if np.ptp(up) > 1 else f"{name.upper()} track",
             (track[edge, 1], up[edge]),
             xytext=(0.99, (up[edge] + 0.2 * ceiling) / (1.45 * ceiling)),
             textcoords="axes fraction",

@@ -52,9 +52,7 @@ def generate_worlds(config: ScenarioConfig, seed: int) -> tuple[Tracks, Tensor]:
             tracks,
             derive_seed(seed, "obstacles"),
             count=cylinders.count,
-            lane_half_width_m=max(
-                lane_half_width(t.formation, t.count, t.spacing) for t in (config.usv, config.uav)
-            ),
+            lane_half_width_m=max(lane_half_width(t.formation, t.count, t.spacing) for t in (config.usv, config.uav)),
             clearance_m=(cylinders.clearance_min, cylinders.clearance_max),
             radius_m=(cylinders.radius_min, cylinders.radius_max),
             height_m=(5.0, max(TALLEST, track.flight_height + 30.0)),
@@ -154,9 +152,7 @@ class FormationTask:
 
     # -- episodes --------------------------------------------------------------------------------------------------
 
-    def reset(
-        self, envs: Tensor | None = None, *, worlds: Tensor | None = None, starts: Tensor | None = None
-    ) -> None:
+    def reset(self, envs: Tensor | None = None, *, worlds: Tensor | None = None, starts: Tensor | None = None) -> None:
         """Begin new episodes in `envs` (default: all), on `worlds` from `starts` (default: random ones)."""
         if envs is None:
             envs = torch.arange(self.num_envs, device=self.env_world.device)
@@ -171,6 +167,7 @@ class FormationTask:
         self.world.env_sea[envs] = self._draw(self.world.sea.num_seas, n).to(torch.int32)
         begin = torch.rand(n, generator=self.generator, dtype=torch.float64) * TIME_SPAN
         self.world.time[envs] = begin.to(self.world.time.device)
+        self.world.renew(envs)
         targets = self._targets(self.tracks.at(worlds, self.progress.index_select(0, envs)))
         for name, team in self.teams.items():
             state = self.starts.states[name][worlds, starts].to(team.team.state)

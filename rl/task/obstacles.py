@@ -125,9 +125,7 @@ def _hits_earlier(obstacle: Tensor, candidate: Tensor, placed: Tensor) -> Tensor
     return ((apart < room) & rival).any(dim=-1)
 
 
-def _heights(
-    rank: Real, share: Real, height_m: tuple[float, float], tall_fraction: float, flight: float
-) -> Real:
+def _heights(rank: Real, share: Real, height_m: tuple[float, float], tall_fraction: float, flight: float) -> Real:
     """Heights [world, count] (m): those of lowest `rank` are tall; `share` is the place in the range."""
     count = rank.shape[1]
     tall = rank.argsort(axis=1).argsort(axis=1) < round(tall_fraction * count)

@@ -24,7 +24,7 @@ class TeamTask:
     def __init__(self, config: ScenarioConfig, world: World, name: str):
         """Prepare team `name` of `world`."""
         self.config, self.section, self.name = config, config.team(name), name
-        self.team = world.teams[name]
+        self.world, self.team = world, world.teams[name]
         state = self.team.state
         self.axes = 2 if name == "usv" else 3
         self.action_names = self.team.model.action_names
@@ -75,15 +75,30 @@ class TeamTask:
 
     def find_endings(self) -> Endings:
         """Which vehicles' episodes terminate, and why."""
-        team = self.team
-        crash = endings.capsized(team.quaternion_nb) if self.name == "usv" else endings.in_the_sea(team.position_n)
-        return Endings(
-            collided=endings.collided(self.sensor.gap),
-            lost=endings.lost(self.distance, self.section.lost_distance),
-            crashed=crash,
-            left=endings.outside(team.position_n, self.config.area),
-            diverged=endings.diverged(team.state, self.distance),
+        team, model = self.team, self.team.model
+        common = {
+            "collided": endings.collided(self.sensor.gap),
+            "lost": endings.lost(self.distance, self.section.lost_distance),
+            "left": endings.outside(team.position_n, self.config.area),
+            "diverged": endings.diverged(team.state, self.distance),
+        }
+        if self.name == "uav":
+            height = endings.lowest_point(team.position_n, team.derived, model.params.size[1])
+            crashed = endings.in_the_sea(height, self.world.elevation_below(team, height))
+            return endings.UavEndings(crashed=crashed, stalled=endings.stalled(self._stall_time()), **common)
+        return endings.UsvEndings(
+            capsized=endings.capsized(team.quaternion_nb, model.capsize_cosine),
+            swamped=endings.swamped(team.position_n, team.surface, model.deck_height),
+            grounded=endings.grounded(team.position_n, model.draft, self.config.sea.depth),
+            **common,
         )
+
+    def _stall_time(self) -> Tensor:
+        """Time (s) [env, vehicle] since each aircraft stalled; 0 of models that cannot stall."""
+        names = getattr(self.team.model, "aux_names", ())
+        if "stall_time" not in names:
+            return torch.zeros_like(self.distance)
+        return self.team.aux[..., names.index("stall_time")]
 
     def compute_reward(self, ended: Endings) -> Tensor:
         """Reward [env, vehicle] of the last step; -1 for a vehicle that has diverged."""

@@ -135,12 +135,12 @@ def test_a_vehicle_is_lost_beyond_its_limit(shared, name, away, expected):
         ((10, 10, 170), False),  # heading south is no capsize
     ],
 )
-def test_a_capsized_boat_has_crashed(shared, euler_deg, expected):
+def test_a_capsized_boat_is_found(shared, euler_deg, expected):
     begin(shared)
     euler = torch.deg2rad(torch.tensor(euler_deg, dtype=torch.float32))
     state(shared, "usv")[0, 1, 3:7] = torch_quaternion_from_euler(*euler)
     step = shared.step(still(shared))
-    assert step.endings["usv"].crashed.equal(only(shared, 0, 1) & expected)
+    assert step.endings["usv"].capsized.equal(only(shared, 0, 1) & expected)
 
 
 @pytest.mark.parametrize(("altitude", "expected"), [(-5.0, True), (5.0, False)])

@@ -21,13 +21,14 @@ from gymnasium.wrappers import vector as wrappers
 from rl.gym import TeamEnv, TeamVectorEnv
 from rl.policy import OBS_GROUPS, CheckpointError, TrainedPolicy, actor_config
 from rl.run_folder import CONFIG, RunError
+from rl.task.endings import UsvEndings
 from taichi_sim.config import StageConfig
 from taichi_sim.config_io import load_scenario, write_toml
 
 IDS = ("taichi_sim/UsvFormation-v0", "taichi_sim/UavFormation-v0")
 SMALL = ("track.worlds=4", "sea.realisations=4", "obstacles.count=4")
 SHORT = (*SMALL, "episode_duration=1.0")  # 10 decisions
-REASONS = ("collided", "lost", "crashed", "left")
+REASONS = ("collided", "lost", "left")
 both = pytest.mark.parametrize("env_id", IDS)
 
 
@@ -290,7 +291,7 @@ def test_an_ending_of_the_other_team_truncates() -> None:
     _, _, terminated, truncated, infos = env.step(env.action_space.sample())
     assert not terminated.any()
     assert truncated.tolist() == [False, True, False]
-    assert not infos["crashed"].any()
+    assert not any(infos[reason].any() for reason in UsvEndings._fields)
 
 
 def save_policy(folder, observations: int, actions: int) -> None:

@@ -1,0 +1,61 @@
+"""The last step of an environment that left the physical, as a file from which it can be run again.
+
+`World.dump_folder` turns dumps on; `taichi_sim.world.replay` runs one.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+from taichi_sim.config import ScenarioConfig
+from taichi_sim.config_io import validate
+
+MAX_DUMPS = 20  # in one folder: a fault that repeats needs no more
+
+
+@dataclass(frozen=True)
+class Dump:
+    """One environment before the step that went wrong; tensors have no environment axis."""
+
+    config: ScenarioConfig
+    seed: int  # of the world's seas
+    sea: int  # realisation
+    time: float  # s
+    current: Tensor  # [2], m/s
+    wind: Tensor  # [3], m/s
+    states: dict[str, Tensor]  # team -> [vehicle, 13]
+    aux: dict[str, Tensor]  # team -> [vehicle, n]
+    actions: dict[str, Tensor]  # team -> [vehicle, action]
+    fault: str
+
+
+def save_dump(dump: Dump, folder: Path) -> Path | None:
+    """Write `dump` to a new file of `folder`; None where that holds enough already or cannot be written."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        number = len(list(folder.glob("*.dump")))
+        if number >= MAX_DUMPS:
+            return None
+        path = folder / f"{number:03d}.dump"
+        torch.save(vars(dump) | {"config": dump.config.model_dump(mode="json", exclude_none=True)}, path)
+    except OSError:  # a full disk must not end a training run that is otherwise fine
+        return None
+    return path
+
+
+def load_dump(path: Path) -> Dump:
+    """Read a dump.
+
+    Raises:
+        ValueError: if the file is not one.
+    """
+    try:
+        data = torch.load(path, weights_only=True)
+        config = validate(ScenarioConfig, data.pop("config"), str(path))
+        return Dump(config=config, **data)
+    except (OSError, RuntimeError, KeyError, TypeError, AttributeError, EOFError) as error:
+        raise ValueError(f"{path}: not a dump of an environment: {error}") from None
+    except Exception as error:  # the unpickler has errors of its own
+        raise ValueError(f"{path}: not a dump of an environment: {error}") from None

@@ -1,0 +1,49 @@
+"""Run the last step of an environment that left the physical again, from its dump, and print what became of it.
+
+    python tools/replay.py runs/NAME/dumps/000.dump
+
+Training writes a dump when a vehicle's state stops being finite (taichi_sim/dump.py). Exit status: 0 the step was run,
+2 the file is not a dump.
+"""
+
+import argparse
+import sys
+from pathlib import Path
+
+import torch
+
+from taichi_sim import runtime
+from taichi_sim.config import ConfigError
+from taichi_sim.dump import load_dump
+from taichi_sim.world import replay
+
+
+def main() -> int:
+    """Parse, replay, print."""
+    parser = argparse.ArgumentParser(description="Run the last step of a broken environment again, from its dump.")
+    parser.add_argument("dump", type=Path, help="a file of runs/NAME/dumps")
+    parser.add_argument("--precision", choices=("f32", "f64"), default="f32", help="f64 tells rounding from physics")
+    arguments = parser.parse_args()
+    runtime.init(precision=arguments.precision)
+    try:
+        dump = load_dump(arguments.dump)
+        world = replay(dump, arguments.dump.resolve().parents[1] / "config.toml")
+    except (ValueError, ConfigError, IndexError) as error:
+        print(f"replay: {error}", file=sys.stderr)
+        return 2
+    print(f"{dump.fault}; scenario {dump.config.name}, sea {dump.sea}, t = {dump.time:.2f} s")
+    for name, team in world.teams.items():
+        for vehicle in range(team.count):
+            before, after = dump.states[name][vehicle], team.state[0, vehicle]
+            print(f"{name} {vehicle}: action {_row(dump.actions[name][vehicle])}")
+            print(f"  before {_row(before)}")
+            print(f"  after  {_row(after)}{'' if torch.isfinite(after).all() else '   <- not finite'}")
+    return 0
+
+
+def _row(values: torch.Tensor) -> str:
+    return " ".join(f"{value:.4g}" for value in values.tolist())
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
