@@ -12,15 +12,21 @@ from rl.policy import Policy
 from rl.task.formation import FormationTask, Step
 from taichi_sim.config import ScenarioConfig
 from taichi_sim.config_io import toml_text
-from taichi_sim.recording import Episode, Event, Scene, TeamTrack
+from taichi_sim.conventions import FREEBOARD, NO_DECK
+from taichi_sim.recording import Episode, Event, Scene, Signal, TeamTrack
+from taichi_sim.recording.model import body_of, columns_of, forces_of, signals_of
 
 EVENTS = {
     "collided": ("collision", "hit an obstacle or a team mate"),
     "lost": ("lost", "is too far from its slot"),
-    "crashed": ("crashed", "has capsized or hit the water"),
+    "crashed": ("crashed", "has hit the water"),
+    "capsized": ("capsized", "has turned over"),
+    "swamped": ("swamped", "has water on deck"),
+    "grounded": ("grounded", "has touched the ground"),
     "left": ("left", "has left the area"),
     "diverged": ("diverged", "has no finite state any more"),
 }
+"""Field of Endings -> kind of event and what is said of it; a field that is not here speaks for itself."""
 
 
 def record_episode(
@@ -34,22 +40,32 @@ def record_episode(
 ) -> Episode:
     """Run one episode of an unseen world (number 0 of evaluation seed `seed`) and keep all of it.
 
-    The episode goes on after a collision, so that one sees what follows. `duration` in s, default the scenario's.
+    The episode goes on after a collision, so that one sees what follows, but not after a state that is no longer
+    finite. `duration` in s, default the scenario's.
+
+    Raises:
+        ValueError: if there is nothing to record, for a state diverged in the first step.
     """
     duration = config.episode_duration if duration is None else duration
     steps = max(2, round(duration / config.decision_interval))
     task = one_episode_each(config, tuple(policies), 1, seed, source)
     rows: dict[str, list[dict[str, np.ndarray]]] = {name: [] for name in task.teams}
+    flows: list[list[np.ndarray]] = []
     seen: set[tuple[str, int, str]] = set()
     events: list[Event] = []
     begin = float(task.world.time[0])
     with one_thread():
         for i in tqdm(range(steps), desc="record", unit="step", disable=not show_progress):
             step = task.step({name: policies[name](team) for name, team in task.teams.items()})
+            events += _events(step, (i + 1) * config.decision_interval, seen)
+            if any(bool(ended.diverged.any()) for ended in step.endings.values()):
+                break  # what follows is no motion
             for name in task.teams:
                 rows[name].append(_row(task, name, step))
-            events += _events(step, (i + 1) * config.decision_interval, seen)
-    time = (np.arange(steps) + 1) * config.decision_interval
+            flows.append([flow[0].cpu().numpy().copy() for flow in (task.world.around.current, task.world.around.wind)])
+    if not flows:
+        raise ValueError(f"nothing to record: {events[0].text} in the first step")
+    time = (np.arange(len(flows)) + 1) * config.decision_interval
     sea, index = task.world.sea, int(task.world.env_sea[0])
 
     def elevation(north: np.ndarray, east: np.ndarray, time_s: float) -> np.ndarray:
@@ -63,6 +79,8 @@ def record_episode(
         elevation=elevation,
         config_text=f"# {config.name}, seed {seed}\n\n```toml\n{toml_text(config)}```\n",
         events=tuple(events),
+        current_n=np.stack([current for current, _ in flows]),
+        wind_n=np.stack([wind for _, wind in flows]),
     )
 
 
@@ -84,17 +102,27 @@ def _row(task: FormationTask, name: str, step: Step) -> dict[str, np.ndarray]:
         "reward": step.reward[name][0],
         "action": team.action[0],
         "wave_height": surface[0],
+        "aux": team.team.aux[0, :, : columns_of(team.team.model)],
+        "freeboard": team.team.surface[0, :, FREEBOARD],
     }
     return {key: value.detach().cpu().numpy().copy() for key, value in values.items()}
 
 
 def _track(task: FormationTask, name: str, frames: list[dict[str, np.ndarray]]) -> TeamTrack:
     model = task.world.teams[name].model
+    arrays = {key: np.stack([frame[key] for frame in frames]) for key in frames[0]}
+    aux, freeboard = arrays.pop("aux"), arrays.pop("freeboard")
+    signals = signals_of(model, aux)
+    if np.any(freeboard < NO_DECK):
+        signals["freeboard"] = Signal(("freeboard",), "m", freeboard[..., None])
     return TeamTrack(
         name=name,
         action_names=model.action_names,
         size_m=model.params.size,
-        **{key: np.stack([frame[key] for frame in frames]) for key in frames[0]},
+        body=body_of(model),
+        forces=forces_of(model, aux),
+        signals=signals,
+        **arrays,
     )
 
 
@@ -105,9 +133,7 @@ def _scene(task: FormationTask) -> Scene:
     half = task.config.area / 2
     return Scene(
         area_m=task.config.area,
-        tracks_n={
-            name: np.column_stack((track, np.full(len(track), -heights[name]))) for name in task.teams
-        },
+        tracks_n={name: np.column_stack((track, np.full(len(track), -heights[name]))) for name in task.teams},
         checkpoints_n=task.tracks.checkpoints[0].cpu().numpy(),
         obstacles=obstacles[np.abs(obstacles[:, :2]).max(axis=1) <= half],
     )
@@ -116,7 +142,8 @@ def _scene(task: FormationTask) -> Scene:
 def _events(step: Step, time: float, seen: set[tuple[str, int, str]]) -> list[Event]:
     found = []
     for team, ended in step.endings.items():
-        for field, (kind, text) in EVENTS.items():
+        for field in ended._fields:
+            kind, text = EVENTS.get(field, (field, f"has ended: {field.replace('_', ' ')}"))
             for vehicle in getattr(ended, field)[0].nonzero().flatten().tolist():
                 if (team, vehicle, kind) not in seen:
                     seen.add((team, vehicle, kind))

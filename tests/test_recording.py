@@ -34,9 +34,7 @@ def circling_team(name: str, vehicles: int, time: NDArray) -> TeamTrack:
     course = angle + 0.5 * np.pi
     roll, half = 0.05, 0.5 * course
     cos, sin = np.cos(roll), np.sin(roll)
-    quaternion = np.stack(
-        [np.cos(half) * cos, np.cos(half) * sin, np.sin(half) * sin, np.sin(half) * cos], axis=-1
-    )
+    quaternion = np.stack([np.cos(half) * cos, np.cos(half) * sin, np.sin(half) * sin, np.sin(half) * cos], axis=-1)
     error = np.linalg.norm(position - slot, axis=-1)
     names = ACTIONS[name]
     return TeamTrack(
@@ -56,9 +54,7 @@ def circling_team(name: str, vehicles: int, time: NDArray) -> TeamTrack:
     )
 
 
-def make_episode(
-    vehicles: int = 3, teams: Sequence[str] = ("usv", "uav"), steps: int = 40, dt: float = 0.1
-) -> Episode:
+def make_episode(vehicles: int = 3, teams: Sequence[str] = ("usv", "uav"), steps: int = 40, dt: float = 0.1) -> Episode:
     time = dt * np.arange(steps)
     angle = np.linspace(0.0, 2.0 * np.pi, 100)
     circle = RADIUS_M * np.stack([np.cos(angle), np.sin(angle), 0.0 * angle], axis=-1)
@@ -78,6 +74,12 @@ def make_episode(
 
 def column(path: Path, entity: str, component: str) -> tuple[NDArray, NDArray, NDArray]:
     """Times (ns), steps and values [rows, values of a row] of one component of one entity."""
+    times, steps, values = rows(path, entity, component)
+    return times, steps, np.array([np.ravel(row) for row in values])
+
+
+def rows(path: Path, entity: str, component: str) -> tuple[NDArray, NDArray, list]:
+    """Times (ns), steps and values of one component of one entity, row by row."""
     batches = [
         chunk.to_record_batch()
         for chunk in RrdReader(path).stream().filter(content=entity, is_static=False)
@@ -89,7 +91,7 @@ def column(path: Path, entity: str, component: str) -> tuple[NDArray, NDArray, N
         steps += batch.column("step").to_pylist()
         values += batch.column(component).to_pylist()
     order = np.argsort(steps, kind="stable")
-    return np.array(times)[order], np.array(steps)[order], np.array([np.ravel(values[row]) for row in order])
+    return np.array(times)[order], np.array(steps)[order], [values[row] for row in order]
 
 
 @pytest.fixture(scope="module")
@@ -145,7 +147,7 @@ def test_plots_and_events_hold_what_was_given(recorded: tuple[Episode, Path]) ->
     team = episode.teams["uav"]
     _, _, error = column(path, "/plots/formation_error/uav", "Scalars:scalars")
     np.testing.assert_array_equal(error, team.error_m[:, 1:])
-    _, _, attitude = column(path, "/plots/attitude/uav", "Scalars:scalars")
+    _, _, attitude = column(path, "/plots/attitude/uav/vehicle_0", "Scalars:scalars")
     np.testing.assert_allclose(attitude, np.degrees([[0.1, 0.0]] * len(error)), atol=1e-9)
     _, steps, texts = column(path, "/events", "TextLog:text")
     assert [text for (text,) in texts] == ["USV leader stall: alpha 0.4 rad", "USV 2 collision: obstacle 1"]
@@ -204,9 +206,7 @@ resource.setrlimit(resource.RLIMIT_FSIZE, ({room}, {room}))
 test_recording.write_recording(test_recording.make_episode(steps=200), pathlib.Path({str(path)!r}))
 """
     root = Path(__file__).parent.parent
-    failed = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, cwd=root, timeout=60
-    )
+    failed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=root, timeout=60)
     assert failed.returncode == 1
     assert f"[Errno {errno.EFBIG}] recording not written" in failed.stderr
     assert path.read_bytes() == b"old"
@@ -222,9 +222,7 @@ def test_arrays_of_the_wrong_shape_are_refused() -> None:
 def test_figures_are_pictures(tmp_path: Path) -> None:
     table = tmp_path / "progress.csv"
     rows = [f"{number},{1000 * number},{number},,{10 * number},0.01" for number in range(20)]
-    table.write_text(
-        "iteration,agent_steps,wall_time_s,reward_per_step,episode_reward,policy_loss\n" + "\n".join(rows)
-    )
+    table.write_text("iteration,agent_steps,wall_time_s,reward_per_step,episode_reward,policy_loss\n" + "\n".join(rows))
     history = read_history(table)
     assert np.isnan(history["reward_per_step"]).all()
     assert history["episode_reward"][-1] == 190.0

@@ -1,13 +1,17 @@
 """State to rerun: an `Episode` in the world frame n (north-east-down) becomes one `.rrd` file.
 
 episode.py    what an episode holds, with shape, unit and frame of each array
+model.py      what a vehicle model may say of itself: its hull, its loads, its instruments
 meshes.py     boat and airplane bodies, in the body frame b (forward-right-down)
+vessel.py     a body made of a hull's own panels
+bodies.py     which of these bodies a team has
 sea_patch.py  the piece of sea around the formation, with its light
+space.py      what stands in the world; vehicles.py: the teams in it; arrows.py: loads, current and wind
 rrd.py        the writer; the only place where NED becomes ENU
 blueprint.py  what the viewer shows when it opens the file
 """
 
-from taichi_sim.recording.episode import Episode, Event, Scene, TeamTrack
+from taichi_sim.recording.episode import Body, Episode, Event, Force, Scene, Signal, TeamTrack
 from taichi_sim.recording.rrd import write_recording
 
-__all__ = ["Episode", "Event", "Scene", "TeamTrack", "write_recording"]
+__all__ = ["Body", "Episode", "Event", "Force", "Scene", "Signal", "TeamTrack", "write_recording"]

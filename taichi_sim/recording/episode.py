@@ -3,8 +3,9 @@
 T control steps, V vehicles in a team (vehicle 0 leads), A actions, P points of a track, M obstacles.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,28 @@ from numpy.typing import NDArray
 Array = NDArray[np.floating]
 Elevation = Callable[[Array, Array, float], Array]
 """(north, east, time_s) -> surface elevation, up, m. north and east share one shape, in m."""
+
+
+class Body(NamedTuple):
+    """The surface of a vehicle, closed, in b; its origin is the vehicle's reference point."""
+
+    vertices_b: Array  # [N, 3] m
+    triangles: NDArray[np.integer]  # [F, 3] corners, counter-clockwise seen from outside
+
+
+class Force(NamedTuple):
+    """A force on each vehicle of a team, drawn as an arrow."""
+
+    origin_b: tuple[float, float, float]  # m, where it attacks
+    vector_b: Array  # [T, V, 3] N
+
+
+class Signal(NamedTuple):
+    """Numbers of each vehicle that share a plot. A plot shows rad in degrees."""
+
+    names: tuple[str, ...]  # S lines
+    unit: str  # SI; "" for a ratio
+    values: Array  # [T, V, S]
 
 
 @dataclass(frozen=True)
@@ -29,10 +52,11 @@ class TeamTrack:
     reward: Array  # [T, V] per step
     action: Array  # [T, V, A] as the policy gave it
     action_names: tuple[str, ...]  # A names
-    size_m: tuple[
-        float, float, float
-    ]  # m: length; beam (wing span); height (hull depth, or to the fin's top)
+    size_m: tuple[float, float, float]  # length; beam (wing span); height (hull depth, or to the fin's top), m
     wave_height: Array  # [T, V] m, surface elevation at the vehicle, up
+    body: Body | None = None  # what is drawn; None: a boat or an airplane of `size_m`
+    forces: Mapping[str, Force] = field(default_factory=dict)  # by name
+    signals: Mapping[str, Signal] = field(default_factory=dict)  # by the plot's name
 
     def __post_init__(self) -> None:
         """Refuse arrays that do not fit together."""
@@ -49,8 +73,15 @@ class TeamTrack:
             "action": (steps, vehicles, len(self.action_names)),
             "wave_height": (steps, vehicles),
         }.items():
-            if getattr(self, name).shape != shape:
-                raise ValueError(f"team {self.name}: {name} is {getattr(self, name).shape}, wanted {shape}")
+            self._check(name, getattr(self, name), shape)
+        for name, force in self.forces.items():
+            self._check(f"force {name}", force.vector_b, (steps, vehicles, 3))
+        for name, signal in self.signals.items():
+            self._check(f"signal {name}", signal.values, (steps, vehicles, len(signal.names)))
+
+    def _check(self, name: str, array: Array, shape: tuple[int, ...]) -> None:
+        if array.shape != shape:
+            raise ValueError(f"team {self.name}: {name} is {array.shape}, wanted {shape}")
 
     @property
     def vehicles(self) -> int:
@@ -96,6 +127,8 @@ class Episode:
     elevation: Elevation
     config_text: str  # shown as it stands, as markdown
     events: tuple[Event, ...] = ()
+    current_n: Array | None = None  # [T, 2] north and east velocity of the water, m/s; None: still
+    wind_n: Array | None = None  # [T, 3] velocity of the air 10 m above the sea (where it blows to), m/s; None: calm
 
     def __post_init__(self) -> None:
         """Refuse arrays that do not fit together."""
@@ -105,9 +138,10 @@ class Episode:
             if key != team.name:
                 raise ValueError(f"episode {self.name}: team {team.name} is filed under {key}")
             if len(team.position_n) != len(self.time_s):
-                raise ValueError(
-                    f"team {key}: {len(team.position_n)} steps, the clock has {len(self.time_s)}"
-                )
+                raise ValueError(f"team {key}: {len(team.position_n)} steps, the clock has {len(self.time_s)}")
+        for name, flow, axes in (("current_n", self.current_n, 2), ("wind_n", self.wind_n, 3)):
+            if flow is not None and flow.shape != (len(self.time_s), axes):
+                raise ValueError(f"{name} is {flow.shape}, wanted {(len(self.time_s), axes)}")
         for event in self.events:
             if event.team not in self.teams or not 0 <= event.vehicle < self.teams[event.team].vehicles:
                 raise ValueError(f"event {event.kind}: no vehicle {event.vehicle} in team {event.team}")

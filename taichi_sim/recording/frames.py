@@ -12,9 +12,7 @@ from taichi_sim.recording.episode import Array
 
 def enu(vector_n: Array) -> NDArray[np.float32]:
     """[..., 3] of n (north, east, down) as (east, north, up)."""
-    return np.ascontiguousarray(
-        np.stack([vector_n[..., 1], vector_n[..., 0], -vector_n[..., 2]], -1), np.float32
-    )
+    return np.ascontiguousarray(np.stack([vector_n[..., 1], vector_n[..., 0], -vector_n[..., 2]], -1), np.float32)
 
 
 def enu_quaternion(quaternion_nb: Array) -> NDArray[np.float32]:

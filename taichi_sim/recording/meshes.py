@@ -139,22 +139,16 @@ def airplane(size_m: tuple[float, float, float], colour: Colour) -> Mesh:
 
     def tube(x: list[float], r: list[float], shade: Colour) -> Mesh:
         """Round sections of radius r at stations x."""
-        sections = [
-            [(xi, ri * np.cos(a), ri * np.sin(a)) for a in angle] for xi, ri in zip(x, r, strict=True)
-        ]
+        sections = [[(xi, ri * np.cos(a), ri * np.sin(a)) for a in angle] for xi, ri in zip(x, r, strict=True)]
         return loft(np.array(sections), shade)
 
-    def wing(
-        stations: list[tuple[float, float, float, float]], thick: float, upright: bool, shade: Colour
-    ) -> Mesh:
+    def wing(stations: list[tuple[float, float, float, float]], thick: float, upright: bool, shade: Colour) -> Mesh:
         """Sections (spanwise, leading edge x, chord, offset) of a lens-shaped aerofoil."""
         sections = []
         for along, lead, chord, off in stations:
             profile = [(0.0, 0.0), (-0.3, -0.6), (-1.0, 0.0), (-0.3, 0.4)]
             points = [(lead + px * chord, pz * thick * chord) for px, pz in profile]
-            sections.append(
-                [(px, off + pz, -along) if upright else (px, along, off + pz) for px, pz in points]
-            )
+            sections.append([(px, off + pz, -along) if upright else (px, along, off + pz) for px, pz in points])
         return loft(np.array(sections), shade)
 
     chord, tail = 0.17 * length, 0.13 * length
@@ -209,17 +203,13 @@ def airplane(size_m: tuple[float, float, float], colour: Colour) -> Mesh:
             [0.2 * radius, 0.5 * radius, radius, radius, 0.7 * radius],
             HOUSE,
         ),
-        tube(
-            [nose, nose + 0.6 * radius, nose + radius], [0.7 * radius, 0.45 * radius, 0.06 * radius], colour
-        ),
+        tube([nose, nose + 0.6 * radius, nose + radius], [0.7 * radius, 0.45 * radius, 0.06 * radius], colour),
         box(
             (nose + 0.4 * radius, -0.25 * radius, -2.4 * radius),
             (nose + 0.5 * radius, 0.25 * radius, 2.4 * radius),
             METAL,
         ),
-        box(
-            (0.02 * length, -0.7 * radius, -1.2 * radius), (0.22 * length, 0.7 * radius, -0.7 * radius), GLASS
-        ),
+        box((0.02 * length, -0.7 * radius, -1.2 * radius), (0.22 * length, 0.7 * radius, -0.7 * radius), GLASS),
         *panels,
         *tips,
         tailplane,

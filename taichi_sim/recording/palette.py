@@ -19,6 +19,17 @@ ALARM = (224, 36, 36)
 CHECKPOINT = (255, 200, 60)
 OBSTACLE = (150, 84, 66)
 FRAME = (96, 120, 140)
+WATER = (150, 222, 226)  # lines that lie on the water
+CURRENT = (0, 150, 170)
+WIND = (250, 205, 70)
+LOADS: dict[str, Colour] = {
+    "blue": (60, 130, 246),
+    "green": (52, 199, 89),
+    "red": (235, 64, 52),
+    "yellow": (250, 205, 70),
+    "violet": (200, 110, 230),
+}
+"""Load arrows, in the order in which a model names its forces."""
 
 
 def vehicle_colour(team: str, vehicle: int) -> Colour:

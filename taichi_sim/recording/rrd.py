@@ -7,11 +7,13 @@ from pathlib import Path
 
 import rerun as rr
 
+from taichi_sim.recording.arrows import arrow_text, send_flow, send_forces
 from taichi_sim.recording.blueprint import blueprint
 from taichi_sim.recording.episode import Episode
 from taichi_sim.recording.plots import send_plots
-from taichi_sim.recording.space import send_events, send_scene, send_sea, send_team
+from taichi_sim.recording.space import send_events, send_scene, send_sea
 from taichi_sim.recording.stream import Stream
+from taichi_sim.recording.vehicles import send_team
 
 APPLICATION = "taichi_sim"
 FOOTER = b"RRF2FOOT"  # in the last bytes of a whole file
@@ -80,10 +82,13 @@ def _disk_fault(part: Path, reason: str) -> OSError:
 def _send(stream: Stream, episode: Episode) -> None:
     """The whole episode, part by part."""
     stream.static("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
-    stream.static("config", rr.TextDocument(episode.config_text, media_type="text/markdown"))
+    about = f"{arrow_text(episode)}{episode.config_text}"
+    stream.static("config", rr.TextDocument(about, media_type="text/markdown"))
     send_scene(stream, episode)
     send_sea(stream, episode)
     for team in episode.teams.values():
         send_team(stream, episode, team)
+        send_forces(stream, team)
         send_plots(stream, team)
+    send_flow(stream, episode)
     send_events(stream, episode)

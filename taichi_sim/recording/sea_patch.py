@@ -1,8 +1,9 @@
 """The piece of sea that follows the formation, east-north-up, with the light baked into its colours.
 
 A square of `CELLS` x `CELLS` cells, its grid held to whole cells of the world so that its points do not
-swim, and around it two rings that carry its border out to the horizon: the first lets the waves fade,
-the second is flat. Only the square is the simulated sea.
+swim; in its middle, where the vehicles are, a finer square, whose border keeps to the coarse edges so that
+no gap opens; and around both two rings that carry the border out to the horizon: the first lets the waves
+fade, the second is flat. Only the squares are the simulated sea.
 """
 
 from collections.abc import Iterator
@@ -16,10 +17,15 @@ from taichi_sim.recording.episode import Array, Episode
 CELLS = 40  # per side
 MIN_HALF_M = 30.0  # half the side of the smallest patch
 MAX_HALF_M = 160.0
+FINE_CELLS = 48  # per side of the finer square, at most
+FINE_LENGTHS = 3.0  # the finer square reaches this many vehicle lengths beyond the formation
+FINE_SHARE = 0.2  # of a vehicle's length: a finer cell's side, where the cells last
 FADE = 1.6  # the first ring, in half sides
-FRAME_S = 0.2  # one sea frame this often
+FADE_CELLS = 6  # inside the border the light of the waves fades over these
+FRAME_S = 0.1  # one sea frame this often: a hull heaves by half its draft in 0.2 s
+MAX_FRAMES = 1200  # fewer per second in a longer episode, for a frame takes up to 50 kB
 BATCH = 50  # frames sent at a time
-ROUND_M = 1.0 / 64.0  # heights are rounded to this, so that the file packs well
+ROUND_M = 1.0 / 128.0  # heights are rounded to this, so that the file packs well
 
 SUN_ENU = np.array([-0.45, -0.35, 0.82]) / np.linalg.norm([-0.45, -0.35, 0.82])
 DEEP = np.array([12.0, 62.0, 92.0])
@@ -38,28 +44,73 @@ class SeaFrames:
     colours: NDArray[np.uint8]  # [F, N, 3]
 
 
-def cell_size(episode: Episode) -> float:
-    """Side of a cell, m: the patch holds the formation with room to spare."""
-    half = np.clip(0.75 * episode.afloat.formation_radius_m + 16.0, MIN_HALF_M, MAX_HALF_M)
-    return float(np.ceil(2.0 * 2.0 * half / CELLS) / 2.0)
+@dataclass(frozen=True)
+class SeaGrid:
+    """The patch's cells: those of the coarse square, and the finer ones that take the place of its middle."""
+
+    cell: float  # m, side of a coarse cell
+    middle: int  # coarse cells per side that are replaced; even, so that the centre is a point of both
+    parts: int  # finer cells along a coarse one; 1: nothing is replaced
+
+    @classmethod
+    def of(cls, episode: Episode) -> "SeaGrid":
+        """Cells that hold the formation with room to spare, and resolve the waves along a hull where they can."""
+        team = episode.afloat
+        half = np.clip(0.75 * team.formation_radius_m + 16.0, MIN_HALF_M, MAX_HALF_M)
+        cell = float(np.ceil(2.0 * 2.0 * half / CELLS) / 2.0)
+        reach = team.formation_radius_m + FINE_LENGTHS * team.size_m[0]
+        middle = min(2 * int(np.ceil(reach / cell)), CELLS - 4)
+        wanted = int(np.ceil(cell / (FINE_SHARE * team.size_m[0])))
+        return cls(cell, middle, max(1, min(wanted, FINE_CELLS // middle)))
+
+    @property
+    def coarse_line(self) -> Array:
+        """Coordinates [CELLS + 1] from the centre, m."""
+        return self.cell * (np.arange(CELLS + 1) - CELLS / 2)
+
+    @property
+    def fine_line(self) -> Array:
+        """Coordinates of the finer points, m; none if nothing is replaced."""
+        count = self.middle * self.parts
+        return self.cell / self.parts * (np.arange(count + 1) - count / 2) if self.parts > 1 else np.zeros(0)
+
+    def triangles(self) -> NDArray[np.uint32]:
+        """[N, 3] corners. Coarse points come first, row by row from the south, then the finer ones, then the rings."""
+        first, fine = (CELLS + 1) ** 2, len(self.fine_line)
+        outside = np.ones((CELLS, CELLS), dtype=bool)
+        if fine:
+            edge = (CELLS - self.middle) // 2
+            outside[edge : CELLS - edge, edge : CELLS - edge] = False
+        cells = [_cells(CELLS)[np.tile(outside.ravel(), 2)]]
+        if fine:
+            cells.append(first + _cells(fine - 1))
+        inner = _rim()
+        for ring in range(2):
+            outer = first + fine**2 + ring * len(_rim()) + np.arange(len(_rim()))
+            after = np.roll(inner, -1), np.roll(outer, -1)
+            cells += [np.stack([inner, after[0], after[1]], axis=1), np.stack([inner, after[1], outer], axis=1)]
+            inner = outer
+        return np.concatenate(cells).astype(np.uint32)
+
+    def keep_to_edges(self, up: Array) -> Array:
+        """Heights `up` [finer points] with its border straight between coarse points."""
+        at, corners = np.arange(len(up)), np.arange(0, len(up), self.parts)
+        up = up.copy()
+        for side in (up[0], up[-1], up[:, 0], up[:, -1]):  # views
+            side[:] = np.interp(at, corners, side[corners])
+        return up
 
 
-def sea_triangles() -> NDArray[np.uint32]:
-    """[N, 3] corners, patch and rings. The grid's points come first, row by row from the south."""
-    side = CELLS + 1
-    corner = (np.arange(CELLS)[:, None] * side + np.arange(CELLS)).ravel()
-    cells = [(corner, corner + 1, corner + side + 1), (corner, corner + side + 1, corner + side)]
-    rim = _rim()
-    inner = rim
-    for ring in range(2):
-        outer = side * side + ring * len(rim) + np.arange(len(rim))
-        cells += [(inner, np.roll(inner, -1), np.roll(outer, -1)), (inner, np.roll(outer, -1), outer)]
-        inner = outer
-    return np.concatenate([np.stack(cell, axis=1) for cell in cells]).astype(np.uint32)
+def _cells(count: int) -> NDArray[np.int64]:
+    """Triangles [2 count^2, 3] of a square of cells: all the lower ones, then all the upper ones."""
+    side = count + 1
+    corner = (np.arange(count)[:, None] * side + np.arange(count)).ravel()
+    lower, upper = (corner, corner + 1, corner + side + 1), (corner, corner + side + 1, corner + side)
+    return np.concatenate([np.stack(lower, axis=1), np.stack(upper, axis=1)])
 
 
 def _rim() -> NDArray[np.int64]:
-    """Indices of the grid's border points, once around."""
+    """Indices of the coarse grid's border points, once around."""
     index = np.arange((CELLS + 1) ** 2).reshape(CELLS + 1, CELLS + 1)
     return np.concatenate([index[0, :-1], index[:-1, -1], index[-1, :0:-1], index[:0:-1, 0]])
 
@@ -76,35 +127,70 @@ def _light(up: Array, cell: float, scale: float) -> Array:
     return colour + 0.6 * foam * (FOAM - colour)
 
 
-def sea_frames(episode: Episode) -> Iterator[SeaFrames]:
+def sea_frames(episode: Episode, grid: SeaGrid) -> Iterator[SeaFrames]:
     """The patch over the episode, in batches."""
     time = np.asarray(episode.time_s, dtype=np.float64)
-    # midway between the leader and the middle of the slots, for the followers mostly trail
-    team = episode.afloat
-    middle = team.position_n[:, 0] + 0.5 * (team.slot_n.mean(axis=1) - team.slot_n[:, 0])
-    step = float(np.median(np.diff(time))) if len(time) > 1 else FRAME_S
-    steps = np.arange(0, len(time), max(1, round(FRAME_S / step)))
-    cell = cell_size(episode)
-    line = cell * (np.arange(CELLS + 1) - CELLS / 2)
-    north, east = np.meshgrid(line, line, indexing="ij")
+    steps = frame_steps(time)
+    centres = _centres(episode, grid)
+    squares = [line for line in (grid.coarse_line, grid.fine_line) if len(line)]
+    scale = _crest(episode, grid, time[steps[:8]])
     rim = _rim()
-    far = max(2.0 * episode.scene.area_m, 4000.0) / (0.5 * CELLS * cell)
-    heights = np.abs(np.stack([episode.elevation(north, east, float(t)) for t in time[steps[:8]]]))
-    scale = max(float(np.quantile(heights, 0.99)), 0.15)
+    far = max(2.0 * episode.scene.area_m, 4000.0) / (0.5 * CELLS * grid.cell)
     flat = DEEP + 0.5 * (CREST - DEEP)
+    fade = _fade()[:, None]
+    haze = [np.broadcast_to(shade, (len(rim), 3)) for shade in (flat, HAZE)]
     for start in range(0, len(steps), BATCH):
         index = steps[start : start + BATCH]
-        centre = np.round(middle[index, :2] / cell) * cell
-        vertices = np.empty((len(index), (CELLS + 1) ** 2 + 2 * len(rim), 3), np.float32)
-        colours = np.empty(vertices.shape, np.uint8)
-        for frame, (place, now) in enumerate(zip(centre, time[index], strict=True)):
-            up = np.asarray(episode.elevation(north + place[0], east + place[1], float(now)))
-            up = np.round(up.astype(np.float64) / ROUND_M) * ROUND_M
-            patch = np.stack([east, north, up], axis=-1).reshape(-1, 3)
-            light = _light(up, cell, scale).reshape(-1, 3)
-            border = patch[rim]
-            vertices[frame] = np.concatenate([patch, border * (FADE, FADE, 0.0), border * (far, far, 0.0)])
-            haze = [np.broadcast_to(shade, border.shape) for shade in (flat, HAZE)]
-            colours[frame] = np.clip(np.concatenate([light, *haze]), 0.0, 255.0).astype(np.uint8)
-        origin = np.stack([centre[:, 1], centre[:, 0], np.zeros(len(index))], axis=1).astype(np.float32)
-        yield SeaFrames(index, origin, vertices, colours)
+        vertices, colours = [], []
+        for place, now in zip(centres[index], time[index], strict=True):
+            points, shades = [], []
+            for line in squares:
+                square, light = _square(episode, grid, line, place, float(now), scale)
+                points.append(square)
+                shades.append(light)
+            shades[0] = flat + fade * (shades[0] - flat)
+            border = points[0][rim]
+            vertices.append(np.concatenate([*points, border * (FADE, FADE, 0.0), border * (far, far, 0.0)]))
+            colours.append(np.concatenate([*shades, *haze]))
+        origin = np.column_stack([centres[index, 1], centres[index, 0], np.zeros(len(index))])
+        shades = np.clip(np.stack(colours), 0.0, 255.0).astype(np.uint8)
+        yield SeaFrames(index, origin.astype(np.float32), np.stack(vertices).astype(np.float32), shades)
+
+
+def _fade() -> Array:
+    """[(CELLS + 1)^2] from 0 at the border of the coarse square to 1 a few cells inside: how much light shows there."""
+    inside = np.minimum(np.arange(CELLS + 1), np.arange(CELLS, -1, -1)) / FADE_CELLS
+    return np.clip(np.minimum(inside[:, None], inside), 0.0, 1.0).ravel()
+
+
+def frame_steps(time: Array) -> NDArray[np.int64]:
+    """Steps that have a frame of the sea, out of the clock `time` [T], s."""
+    step = float(np.median(np.diff(time))) if len(time) > 1 else FRAME_S
+    return np.arange(0, len(time), max(1, round(FRAME_S / step), -(-len(time) // MAX_FRAMES)))
+
+
+def _centres(episode: Episode, grid: SeaGrid) -> Array:
+    """[T, 2] north, east (m) on whole cells, between the leader and the middle of the slots: followers mostly trail."""
+    team = episode.afloat
+    middle = team.position_n[:, 0] + 0.5 * (team.slot_n.mean(axis=1) - team.slot_n[:, 0])
+    return np.round(np.asarray(middle[:, :2], dtype=np.float64) / grid.cell) * grid.cell
+
+
+def _crest(episode: Episode, grid: SeaGrid, times: Array) -> float:
+    """Height (m) of a tall crest at the first `times`."""
+    north, east = np.meshgrid(grid.coarse_line, grid.coarse_line, indexing="ij")
+    heights = np.abs(np.stack([episode.elevation(north, east, float(t)) for t in times]))
+    return max(float(np.quantile(heights, 0.99)), 0.15)
+
+
+def _square(
+    episode: Episode, grid: SeaGrid, line: Array, place: Array, time: float, scale: float
+) -> tuple[Array, Array]:
+    """Points [N, 3] (east, north, up, m, from the centre) and colours of the square of `line` about `place`."""
+    north, east = np.meshgrid(line, line, indexing="ij")
+    up = np.asarray(episode.elevation(north + place[0], east + place[1], time), dtype=np.float64)
+    up = np.round(up / ROUND_M) * ROUND_M
+    light = _light(up, line[1] - line[0], scale)
+    if len(line) == len(grid.fine_line):
+        up = grid.keep_to_edges(up)
+    return np.stack([east, north, up], axis=-1).reshape(-1, 3), light.reshape(-1, 3)

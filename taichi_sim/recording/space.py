@@ -1,32 +1,19 @@
-"""What the 3D views show (`world/...`, east-north-up, m) and the map (`map/...`, east and south, m)."""
+"""What stands in the 3D views (`world/...`, east-north-up, m) and on the map (`map/...`, east and south, m)."""
 
 import numpy as np
 import rerun as rr
-from numpy.typing import NDArray
 
-from taichi_sim.recording.episode import Array, Episode, TeamTrack
-from taichi_sim.recording.frames import enu, enu_quaternion, map_point
-from taichi_sim.recording.meshes import BODIES
-from taichi_sim.recording.palette import (
-    ALARM,
-    CHECKPOINT,
-    FRAME,
-    OBSTACLE,
-    TARGET,
-    TRACK,
-    Colour,
-    vehicle_colour,
-    vehicle_name,
-)
-from taichi_sim.recording.sea_patch import sea_frames, sea_triangles
+from taichi_sim.recording.episode import Episode
+from taichi_sim.recording.frames import enu, map_point
+from taichi_sim.recording.palette import ALARM, CHECKPOINT, FRAME, OBSTACLE, TRACK, vehicle_name
+from taichi_sim.recording.sea_patch import SeaGrid, sea_frames
 from taichi_sim.recording.stream import Stream
 
-ERRORS = {"collision", "capsized", "lost"}  # kinds of event that end a run; the others warn
-JUMP_M = 5.0  # a trail is broken where a vehicle moves farther than its speed allows by this much
+WARNINGS = {"stall"}  # kinds of event that end nothing
 SUNK_M = 6.0  # how far an obstacle reaches below mean sea level, so that no trough shows its foot
 CHECKPOINT_UP_M = 3.0  # height of a checkpoint's mark
 # radii below zero are in points of the screen, whatever the distance
-TRACK_POINTS, TRAIL_POINTS, MAP_POINTS = -1.2, -1.5, -1.5
+TRACK_POINTS, MAP_POINTS = -1.2, -1.5
 
 
 def line_lift(episode: Episode) -> float:
@@ -45,12 +32,10 @@ def send_scene(stream: Stream, episode: Episode) -> None:
         stream.static(f"map/track/{name}", flat)
     if len(scene.checkpoints_n):
         numbers = [str(number + 1) for number in range(len(scene.checkpoints_n))]
-        spot = map_point(scene.checkpoints_n)
+        spot, radius = map_point(scene.checkpoints_n), 0.2 * episode.afloat.size_m[0]
         place = np.column_stack([spot[:, 0], -spot[:, 1], np.full(len(spot), CHECKPOINT_UP_M)])
-        stream.static("world/checkpoints", rr.Points3D(place, labels=numbers, colors=CHECKPOINT, radii=0.8))
-        mark = rr.Points2D(
-            spot, labels=numbers, show_labels=True, colors=CHECKPOINT, radii=-4.0, draw_order=20.0
-        )
+        stream.static("world/checkpoints", rr.Points3D(place, labels=numbers, colors=CHECKPOINT, radii=radius))
+        mark = rr.Points2D(spot, labels=numbers, show_labels=True, colors=CHECKPOINT, radii=-4.0, draw_order=20.0)
         stream.static("map/checkpoints", mark)
     if len(scene.obstacles):
         radius, height = np.asarray(scene.obstacles[:, 2:], dtype=np.float32).T
@@ -68,101 +53,15 @@ def send_scene(stream: Stream, episode: Episode) -> None:
 
 def send_sea(stream: Stream, episode: Episode) -> None:
     """The patch of sea that follows the formation."""
-    stream.static("world/sea", rr.Mesh3D.from_fields(triangle_indices=sea_triangles()))
-    for frames in sea_frames(episode):
+    grid = SeaGrid.of(episode)
+    stream.static("world/sea", rr.Mesh3D.from_fields(triangle_indices=grid.triangles()))
+    for frames in sea_frames(episode, grid):
         count, points = frames.vertices.shape[:2]
         surface = rr.Mesh3D.columns(
             vertex_positions=frames.vertices.reshape(-1, 3), vertex_colors=frames.colours.reshape(-1, 3)
         ).partition([points] * count)
         stream.columns("world/sea", surface, frames.index)
         stream.columns("world/sea", rr.Transform3D.columns(translation=frames.origin_enu), frames.index)
-
-
-def send_team(stream: Stream, episode: Episode, team: TeamTrack) -> None:
-    """Bodies, trails, slots and the target of one team, and the frame that its view follows."""
-    root, position = f"world/{team.name}", enu(team.position_n)
-    eye = position[:, 0].copy()
-    eye[:, 2] = -team.target_n[:, 2].mean()
-    stream.columns(f"{root}/follow", rr.Transform3D.columns(translation=eye))
-    _send_target(stream, team)
-    _send_slots(stream, episode, team)
-    lift = np.array([0.0, 0.0, line_lift(episode) if team.name == "usv" else 0.0], np.float32)
-    for vehicle in range(team.vehicles):
-        place, colour = f"{root}/vehicle_{vehicle}", vehicle_colour(team.name, vehicle)
-        body = BODIES[team.name](team.size_m, colour)
-        mesh = rr.Mesh3D(
-            vertex_positions=body.vertices_b, vertex_normals=body.normals_b, vertex_colors=body.colours
-        )
-        stream.static(place, mesh)
-        pose = rr.Transform3D.columns(
-            translation=position[:, vehicle], quaternion=enu_quaternion(team.quaternion_nb[:, vehicle])
-        )
-        stream.columns(place, pose)
-        trail = position[:, vehicle] + lift
-        _send_trail(stream, f"{root}/trail_{vehicle}", trail, team.velocity_n[:, vehicle], colour)
-        dot = rr.Points2D.from_fields(
-            colors=colour,
-            radii=-6.0 if vehicle == 0 else -4.0,
-            draw_order=40.0,
-            labels=team.name.upper(),
-            show_labels=vehicle == 0,
-        )
-        stream.static(f"map/{team.name}/vehicle_{vehicle}", dot)
-        spot = rr.Points2D.columns(positions=map_point(team.position_n[:, vehicle]))
-        stream.columns(f"map/{team.name}/vehicle_{vehicle}", spot)
-
-
-def _send_trail(
-    stream: Stream, path: str, position: NDArray[np.float32], velocity_n: Array, colour: Colour
-) -> None:
-    """One segment per step [T, 2, 3]; the view shows the last seconds of them."""
-    segment = np.stack([np.concatenate([position[:1], position[:-1]]), position], axis=1)
-    seconds = np.diff(stream.ns, prepend=stream.ns[:1]) * 1e-9
-    reach = np.linalg.norm(velocity_n, axis=-1) * seconds
-    jump = np.linalg.norm(segment[:, 1] - segment[:, 0], axis=-1) > 2.0 * reach + JUMP_M
-    segment[jump, 0] = segment[jump, 1]
-    stream.static(path, rr.LineStrips3D.from_fields(colors=colour, radii=TRAIL_POINTS))
-    stream.columns(path, rr.LineStrips3D.columns(strips=list(segment)))
-
-
-def _course_quaternion(team: TeamTrack) -> NDArray[np.float32]:
-    """[T, 4] of a level frame that points along the target's course."""
-    half = 0.5 * np.asarray(team.target_course, dtype=np.float64)
-    return enu_quaternion(np.stack([np.cos(half), 0 * half, 0 * half, np.sin(half)], axis=-1))
-
-
-def _send_target(stream: Stream, team: TeamTrack) -> None:
-    """A ball with an arrow along the course."""
-    length, root = team.size_m[0], f"world/{team.name}/target"
-    arrow = rr.Arrows3D(vectors=[[1.2 * length, 0, 0]], colors=TARGET, radii=0.04 * length)
-    ball = rr.Ellipsoids3D(half_sizes=[[0.14 * length] * 3], colors=TARGET, fill_mode="solid")
-    stream.static(root, arrow)
-    stream.static(f"{root}/ball", ball)
-    pose = rr.Transform3D.columns(translation=enu(team.target_n), quaternion=_course_quaternion(team))
-    stream.columns(root, pose)
-    spot = f"map/{team.name}/target"
-    stream.static(spot, rr.Points2D.from_fields(colors=TARGET, radii=-3.0, draw_order=50.0))
-    stream.columns(spot, rr.Points2D.columns(positions=map_point(team.target_n)))
-
-
-def _send_slots(stream: Stream, episode: Episode, team: TeamTrack) -> None:
-    """A ring at each slot: lying on the water, or upright in the air and across the course."""
-    length, beam = team.size_m[:2]
-    angle = np.linspace(0.0, 2.0 * np.pi, 33)
-    ring = 0.75 * max(length, beam) * np.stack([np.cos(angle), np.sin(angle), 0.0 * angle], axis=-1)
-    slot = np.array(team.slot_n, dtype=np.float64)
-    if team.name == "uav":
-        ring = ring[:, [2, 0, 1]]
-    else:
-        for step, time in enumerate(episode.time_s):
-            up = episode.elevation(slot[step, :, 0], slot[step, :, 1], float(time))
-            slot[step, :, 2] = -up - 0.1 * length  # a little above the water, that it may be seen
-    place, turn = enu(slot), _course_quaternion(team)
-    for vehicle in range(team.vehicles):
-        colour = TARGET if vehicle == 0 else vehicle_colour(team.name, vehicle)
-        path = f"world/{team.name}/slot_{vehicle}"
-        stream.static(path, rr.LineStrips3D([ring], colors=colour, radii=0.025 * length))
-        stream.columns(path, rr.Transform3D.columns(translation=place[:, vehicle], quaternion=turn))
 
 
 def send_events(stream: Stream, episode: Episode) -> None:
@@ -173,11 +72,10 @@ def send_events(stream: Stream, episode: Episode) -> None:
     index = np.searchsorted(episode.time_s, [event.time_s - 1e-6 for event in happened])
     index = np.minimum(index, len(episode.time_s) - 1)
     texts = [f"{vehicle_name(event.team, event.vehicle)} {event.kind}: {event.text}" for event in happened]
-    levels = ["ERROR" if event.kind in ERRORS else "WARN" for event in happened]
+    levels = ["WARN" if event.kind in WARNINGS else "ERROR" for event in happened]
     stream.columns("events", rr.TextLog.columns(text=texts, level=levels), index)
     places = [
-        episode.teams[event.team].position_n[step, event.vehicle]
-        for event, step in zip(happened, index, strict=True)
+        episode.teams[event.team].position_n[step, event.vehicle] for event, step in zip(happened, index, strict=True)
     ]
     radius = 0.25 * max(team.size_m[0] for team in episode.teams.values())
     stream.static("world/events", rr.Points3D.from_fields(colors=ALARM, radii=radius))

@@ -1,0 +1,23 @@
+"""The body drawn for a vehicle: the model's own where it has one, else a boat or an airplane of its size."""
+
+import numpy as np
+
+from taichi_sim.recording.episode import Body, TeamTrack
+from taichi_sim.recording.meshes import BODIES, Mesh
+from taichi_sim.recording.palette import Colour, vehicle_colour
+from taichi_sim.recording.vessel import flat_shaded, vessel
+
+
+def body_mesh(team: TeamTrack, vehicle: int) -> Mesh:
+    """The body of a vehicle of `team`, in its colour."""
+    colour = vehicle_colour(team.name, vehicle)
+    if team.body is None:
+        return BODIES[team.name](team.size_m, colour)
+    if team.name == "usv":
+        return vessel(team.body, team.size_m, colour)
+    return _plain(team.body, colour)
+
+
+def _plain(body: Body, colour: Colour) -> Mesh:
+    """A surface as it is, in one colour."""
+    return flat_shaded(np.asarray(body.vertices_b, dtype=np.float64)[body.triangles], colour)

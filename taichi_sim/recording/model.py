@@ -1,0 +1,53 @@
+"""What a vehicle model may say of itself to a recording. Every attribute is optional; a model needs none.
+
+aux_names: tuple[str, ...]
+    Names of the first columns of its auxiliary state; the two attributes below refer to them.
+body(self) -> tuple[vertices, triangles]
+    Its surface: vertices [N, 3] (m, b) and the corners [F, 3] of triangles, counter-clockwise from outside.
+forces: dict[str, tuple[origin, columns]]
+    Load arrows: name -> where it attacks (m, b), and the columns of its x, y and z (N, b; None is zero).
+    Names that begin alike up to the first "_" share a colour: thrust_left, thrust_right.
+signals: dict[str, tuple[unit, columns]]
+    Plots: name -> SI unit ("" for a ratio) and the columns that share the plot.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from taichi_sim.recording.episode import Array, Body, Force, Signal
+
+
+def columns_of(model: Any) -> int:
+    """How many columns of the auxiliary state the model has named."""
+    return len(getattr(model, "aux_names", ()))
+
+
+def body_of(model: Any) -> Body | None:
+    """The model's own surface, or None."""
+    return Body(*model.body()) if hasattr(model, "body") else None
+
+
+def forces_of(model: Any, aux: Array) -> dict[str, Force]:
+    """Forces (N) out of the named columns `aux` [T, V, n]."""
+    return {
+        name: Force(origin, np.stack([_column(model, aux, column) for column in columns], axis=-1))
+        for name, (origin, columns) in getattr(model, "forces", {}).items()
+    }
+
+
+def signals_of(model: Any, aux: Array) -> dict[str, Signal]:
+    """Plots out of the named columns `aux` [T, V, n]."""
+    return {
+        name: Signal(columns, unit, np.stack([_column(model, aux, column) for column in columns], axis=-1))
+        for name, (unit, columns) in getattr(model, "signals", {}).items()
+    }
+
+
+def _column(model: Any, aux: Array, name: str | None) -> Array:
+    """[T, V] of one column; zeros for None."""
+    if name is None:
+        return np.zeros_like(aux[..., 0])
+    if name not in model.aux_names:
+        raise ValueError(f"{type(model).__name__}: no column {name!r} in aux_names {model.aux_names}")
+    return aux[..., model.aux_names.index(name)]

@@ -1,0 +1,159 @@
+"""The teams in the 3D views and on the map: bodies, trails, slots, targets, and the water under the boats."""
+
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
+
+from taichi_sim.recording.bodies import body_mesh
+from taichi_sim.recording.episode import Array, Episode, TeamTrack
+from taichi_sim.recording.frames import enu, enu_quaternion, map_point
+from taichi_sim.recording.palette import TARGET, WATER, Colour, vehicle_colour
+from taichi_sim.recording.stream import Stream
+
+TRAIL_S = 25.0  # how much of a trail is shown
+WAKE_S = 0.25  # between the points of a boat's trail
+JUMP_M = 5.0  # a trail is broken where a vehicle moves farther than its speed allows by this much
+TRAIL_POINTS = -1.5  # radius in points of the screen, whatever the distance
+RING = np.linspace(0.0, 2.0 * np.pi, 49)  # rad
+SLOT_RING, WATER_RING = 0.75, 0.9  # radii, of the longer of length and beam
+TARGET_UP = 0.2  # of the length: height of a boat's target over the water
+ABOVE_WATER = 0.02  # of the length: lines on the water are drawn this much higher, that it may not hide them
+
+
+def send_team(stream: Stream, episode: Episode, team: TeamTrack) -> None:
+    """Bodies, trails, slots and the target of one team, and the frame that its view follows."""
+    root, position = f"world/{team.name}", enu(team.position_n)
+    eye = position[:, 0].copy()
+    eye[:, 2] = -team.target_n[:, 2].mean()
+    stream.columns(f"{root}/follow", rr.Transform3D.columns(translation=eye))
+    _send_target(stream, episode, team)
+    if team.name == "usv":
+        _send_rings_on_water(stream, episode, team)
+    else:
+        _send_rings_in_air(stream, team)
+    if team.name == "usv":
+        _send_wakes(stream, episode, team)
+    else:
+        _send_trails(stream, team)
+    for vehicle in range(team.vehicles):
+        place, colour = f"{root}/vehicle_{vehicle}", vehicle_colour(team.name, vehicle)
+        body = body_mesh(team, vehicle)
+        mesh = rr.Mesh3D(vertex_positions=body.vertices_b, vertex_normals=body.normals_b, vertex_colors=body.colours)
+        stream.static(place, mesh)
+        pose = rr.Transform3D.columns(
+            translation=position[:, vehicle], quaternion=enu_quaternion(team.quaternion_nb[:, vehicle])
+        )
+        stream.columns(place, pose)
+        dot = rr.Points2D.from_fields(
+            colors=colour,
+            radii=-6.0 if vehicle == 0 else -4.0,
+            draw_order=40.0,
+            labels=team.name.upper(),
+            show_labels=vehicle == 0,
+        )
+        stream.static(f"map/{team.name}/vehicle_{vehicle}", dot)
+        spot = rr.Points2D.columns(positions=map_point(team.position_n[:, vehicle]))
+        stream.columns(f"map/{team.name}/vehicle_{vehicle}", spot)
+
+
+def jumps(stream: Stream, team: TeamTrack) -> NDArray[np.bool_]:
+    """[T, V]: a vehicle has been put elsewhere since the step before, for it moved farther than its speed allows."""
+    seconds = np.diff(stream.ns, prepend=stream.ns[:1])[:, None] * 1e-9
+    reach = np.linalg.norm(team.velocity_n, axis=-1) * seconds
+    moved = np.linalg.norm(np.diff(team.position_n, axis=0, prepend=team.position_n[:1]), axis=-1)
+    return moved > 2.0 * reach + JUMP_M
+
+
+def _send_trails(stream: Stream, team: TeamTrack) -> None:
+    """One segment per step and vehicle; the view shows the last seconds of them."""
+    position, jumped = enu(team.position_n), jumps(stream, team)
+    for vehicle in range(team.vehicles):
+        path, here = f"world/{team.name}/trail_{vehicle}", position[:, vehicle]
+        segment = np.stack([np.concatenate([here[:1], here[:-1]]), here], axis=1)
+        segment[jumped[:, vehicle], 0] = segment[jumped[:, vehicle], 1]
+        line = rr.LineStrips3D.from_fields(colors=vehicle_colour(team.name, vehicle), radii=TRAIL_POINTS)
+        stream.static(path, line)
+        stream.columns(path, rr.LineStrips3D.columns(strips=list(segment)))
+
+
+def _send_wakes(stream: Stream, episode: Episode, team: TeamTrack) -> None:
+    """The last seconds of each boat's way, on the water as it is now: a whole line per step."""
+    time = np.asarray(episode.time_s, dtype=np.float64)
+    stride = max(1, round(WAKE_S / float(np.median(np.diff(time))))) if len(time) > 1 else 1
+    jumped = jumps(stream, team)
+    strips: list[list[NDArray[np.float32]]] = [[] for _ in range(team.vehicles)]
+    for step, now in enumerate(time):
+        first = int(np.searchsorted(time, now - TRAIL_S))
+        way = np.append(np.arange(-(-first // stride) * stride, step, stride), step)  # the same points every step
+        place = np.asarray(team.position_n[way, :, :2], dtype=np.float64)
+        up = episode.elevation(place[..., 0], place[..., 1], float(now)) + ABOVE_WATER * team.size_m[0]
+        points = enu(np.concatenate([place, -up[..., None]], axis=-1))
+        for vehicle, strip in enumerate(strips):
+            breaks = np.flatnonzero(jumped[: step + 1, vehicle])
+            strip.append(points[way >= (breaks[-1] if len(breaks) else 0), vehicle])
+    for vehicle, strip in enumerate(strips):
+        path, colour = f"world/{team.name}/trail_{vehicle}", vehicle_colour(team.name, vehicle)
+        stream.static(path, rr.LineStrips3D.from_fields(colors=colour, radii=TRAIL_POINTS))
+        stream.columns(path, rr.LineStrips3D.columns(strips=strip))
+
+
+def _course_quaternion(team: TeamTrack) -> NDArray[np.float32]:
+    """[T, 4] of a level frame that points along the target's course."""
+    half = 0.5 * np.asarray(team.target_course, dtype=np.float64)
+    return enu_quaternion(np.stack([np.cos(half), 0 * half, 0 * half, np.sin(half)], axis=-1))
+
+
+def _send_target(stream: Stream, episode: Episode, team: TeamTrack) -> None:
+    """A ball with an arrow along the course; that of the boats rides on the waves."""
+    length, root = team.size_m[0], f"world/{team.name}/target"
+    arrow = rr.Arrows3D(vectors=[[1.2 * length, 0, 0]], colors=TARGET, radii=0.04 * length)
+    ball = rr.Ellipsoids3D(half_sizes=[[0.14 * length] * 3], colors=TARGET, fill_mode="solid")
+    stream.static(root, arrow)
+    stream.static(f"{root}/ball", ball)
+    place = enu(team.target_n)
+    if team.name == "usv":
+        place[:, 2] = _surface(episode, team.target_n[:, None, None, :2])[:, 0, 0] + TARGET_UP * length
+    pose = rr.Transform3D.columns(translation=place, quaternion=_course_quaternion(team))
+    stream.columns(root, pose)
+    spot = f"map/{team.name}/target"
+    stream.static(spot, rr.Points2D.from_fields(colors=TARGET, radii=-3.0, draw_order=50.0))
+    stream.columns(spot, rr.Points2D.columns(positions=map_point(team.target_n)))
+
+
+def _surface(episode: Episode, place_n: Array) -> Array:
+    """Elevation [T, ...] (m) at `place_n` [T, ..., 2] (north, east, m)."""
+    steps = zip(np.asarray(place_n, dtype=np.float64), episode.time_s, strict=True)
+    return np.stack([episode.elevation(at[..., 0], at[..., 1], float(time)) for at, time in steps])
+
+
+def _slot_colour(team: TeamTrack, vehicle: int) -> Colour:
+    return TARGET if vehicle == 0 else vehicle_colour(team.name, vehicle)
+
+
+def _send_rings_in_air(stream: Stream, team: TeamTrack) -> None:
+    """A ring at each slot, upright and across the course."""
+    length, beam = team.size_m[:2]
+    ring = SLOT_RING * max(length, beam) * np.stack([0.0 * RING, np.cos(RING), np.sin(RING)], axis=-1)
+    place, turn = enu(team.slot_n), _course_quaternion(team)
+    for vehicle in range(team.vehicles):
+        path = f"world/{team.name}/slot_{vehicle}"
+        stream.static(path, rr.LineStrips3D([ring], colors=_slot_colour(team, vehicle), radii=0.025 * length))
+        stream.columns(path, rr.Transform3D.columns(translation=place[:, vehicle], quaternion=turn))
+
+
+def _send_rings_on_water(stream: Stream, episode: Episode, team: TeamTrack) -> None:
+    """Rings that lie on the waves: one at each slot, and one around each boat that shows the water it floats in."""
+    length, beam = team.size_m[:2]
+    for name, middle, share, thick in (
+        ("slot", team.slot_n, SLOT_RING, 0.012),
+        ("water", team.position_n, WATER_RING, 0.006),
+    ):
+        ring = share * max(length, beam) * np.stack([np.cos(RING), np.sin(RING)], axis=-1)
+        place = middle[..., None, :2] + ring  # [T, V, 49, 2]
+        up = _surface(episode, place)
+        strips = enu(np.concatenate([place, -up[..., None] - ABOVE_WATER * length], axis=-1))
+        for vehicle in range(team.vehicles):
+            path = f"world/{team.name}/{name}_{vehicle}"
+            colour = _slot_colour(team, vehicle) if name == "slot" else WATER
+            stream.static(path, rr.LineStrips3D.from_fields(colors=colour, radii=thick * length))
+            stream.columns(path, rr.LineStrips3D.columns(strips=list(strips[:, vehicle])))
