@@ -1,14 +1,15 @@
 """Run this package against reference tables: published figures and results of independent codes.
 
-    python tools/validate.py --reference DIR [--json FILE]
+    python tools/validate.py --reference DIR [--json FILE] [--report PAGE.md]
 
 Tables are found by file name and columns, in DIR and its folders; the inputs of a case come from the columns,
 the name, and the JSON or TOML beside it. Prints check, largest error, tolerance, result, and the files that
-have no check.
+have no check. With --report also writes them as a page with pictures, which take another minute.
 
 Errors of signed quantities are relative to the table's largest magnitude of that quantity, those of positive
 ones relative to each value, those of lengths also in metres (tools/validation/case.py). Tolerances: 1e-6 in
-f64, 1e-4 in f32; Unity sequences 1e-4 (m, m/s, rad); to each is added half a unit of the table's last digit.
+f64, 1e-4 in f32; Unity sequences 1e-4 (m, m/s, rad); trajectories metres and degrees, and where a model is no closed
+form what its checker says (tools/validation/*.py). To each is added half a unit of the table's last digit.
 
 Exit status: 0 all passed, 1 a check failed, 2 nothing to check.
 """
@@ -17,6 +18,7 @@ import argparse
 import sys
 from pathlib import Path
 
+from validation.document import write
 from validation.report import NothingToCheckError, validate
 
 
@@ -25,6 +27,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description="Run this package against reference tables.")
     parser.add_argument("--reference", type=Path, required=True, help="directory of the tables")
     parser.add_argument("--json", type=Path, help="also write the report here, as JSON")
+    parser.add_argument("--report", type=Path, help="also write a page (Markdown), pictures in the folder of its name")
     arguments = parser.parse_args()
     try:
         report = validate(arguments.reference)
@@ -32,12 +35,15 @@ def main() -> int:
         print(f"validate: {error}", file=sys.stderr)
         return 2
     print(report.to_text())
-    if arguments.json:
-        try:
+    try:
+        if arguments.json:
             arguments.json.write_text(report.to_json() + "\n", encoding="utf-8")
-        except OSError as error:
-            print(f"validate: {arguments.json}: cannot be written: {error}", file=sys.stderr)
-            return 2
+        if arguments.report:
+            for problem in write(report, arguments.reference, arguments.report):
+                print(f"validate: no picture {problem}", file=sys.stderr)
+    except OSError as error:
+        print(f"validate: {error.filename}: cannot be written: {error.strerror}", file=sys.stderr)
+        return 2
     return 0 if report.passed else 1
 
 

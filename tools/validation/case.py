@@ -55,9 +55,7 @@ class Folder:
 
     def files(self) -> list[Path]:
         """Every table and parameter file."""
-        return sorted(
-            p for p in self.root.rglob("*") if p.suffix in (".csv", ".json", ".toml") and p.is_file()
-        )
+        return sorted(p for p in self.root.rglob("*") if p.suffix in (".csv", ".json", ".toml") and p.is_file())
 
 
 @dataclass

@@ -1,6 +1,7 @@
 """Which checker looks at which file: a pattern on the file's name, whose named groups become numbers.
 
-To add one: write a function (Case, numbers from the name) -> None that appends checks, and a line here.
+To add one: write a function (Case, numbers from the name) -> None that appends checks, and a line here. A function may
+decline a table of another form by appending none: several may look at files of one name.
 """
 
 import re
@@ -8,7 +9,20 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from validation import spectra, surface, unity
+from validation import (
+    aerosonde,
+    cybership2,
+    dryden,
+    froude_krylov,
+    hydrostatics,
+    otter,
+    otter_steady,
+    rao,
+    spectra,
+    surface,
+    unity,
+    wamv,
+)
 
 F64 = ("f64",)
 BOTH = ("f64", "f32")
@@ -49,4 +63,30 @@ CHECKERS = (
     Checker(r"boat_m<mass>_L<length>_B<beam>_.*dt<dt>(_.*)?\.csv", unity.boat_sequence),
     Checker(r"aircraft_.*dt<dt>(_.*)?\.csv", unity.aircraft_sequence),
     Checker(r"boat_steady_state_by_mass.*\.csv", unity.boat_steady_state),
+    Checker(r"rhs_samples.*\.csv", cybership2.rhs_samples, BOTH),
+    Checker(r"(surge_decay|surge_step_tau|turn_tau|sway_yaw_decay).*\.csv", cybership2.trajectory, BOTH),
+    Checker(r"summary.*\.json", cybership2.summary, BOTH),
+    Checker(r"rhs_samples.*\.csv", otter.rhs_samples, BOTH),
+    Checker(r".*_converged\.csv", otter.trajectory, BOTH),
+    Checker(r".*_euler_dt<dt>\.csv", otter.coarse_trajectory),
+    Checker(r"crossflow_drag_samples.*\.csv", otter.cross_flow, BOTH),
+    Checker(r"steady_straight_vs_n.*\.csv", otter_steady.straight),
+    Checker(r"summary.*\.json", otter_steady.summary),
+    Checker(r"buoyancy_per_point.*\.csv", wamv.buoyancy),
+    Checker(r"surge_step_<force>N_m<mass>(_.*)?\.csv", wamv.surge_step, BOTH),
+    Checker(r"box_<length>x<beam>x<draft>\.json", hydrostatics.closed_forms),
+    Checker(r"gz_wall_sided.*\.csv", hydrostatics.righting_arm),
+    Checker(r"gerstner_exact_pressure_lambda<wavelength>_a<amplitude>\.csv", hydrostatics.gerstner_pressure, BOTH),
+    Checker(r"froude_krylov_box.*\.csv", froude_krylov.closed_form),
+    Checker(r"box_.*_excitation\.csv", froude_krylov.excitation),
+    Checker(r"box_.*_rao\.csv", rao.rao, BOTH),
+    Checker(r"rhs_samples_[AB](_.*)?\.csv", aerosonde.rhs_samples, BOTH),
+    Checker(r"(?!rhs_samples).*_[AB]\.csv", aerosonde.trajectory, BOTH),
+    Checker(r"trim_and_modes.*\.json", aerosonde.trim_and_modes),
+    Checker(r"published_checks_chap3_chap4.*\.json", aerosonde.published_checks),
+    Checker(r"dryden_parameters.*\.json", dryden.parameters, BOTH),
+    Checker(r"dryden_autocorrelation.*\.csv", dryden.autocorrelation, BOTH),
+    Checker(r"dryden_discrete.*\.csv", dryden.discrete, BOTH),
+    Checker(r"dryden_psd_one_sided_rad_s.*\.csv", dryden.spectrum, BOTH),
+    Checker(r"mean_wind_profiles.*\.csv", dryden.mean_wind, BOTH),
 )

@@ -10,6 +10,8 @@ from validation.case import Case, Check, Folder
 from validation.registry import CHECKERS, Checker
 from validation.tables import TableError
 
+PRECISIONS = ("f64", "f32")
+
 
 class NothingToCheckError(ValueError):
     """The directory is missing or holds no table that a checker knows."""
@@ -36,9 +38,7 @@ class Report:
     def to_text(self) -> str:
         """As a table to read."""
         names = [f"{c.table}: {c.quantity}" for c in self.checks]
-        width = max(
-            (len(n) for n, c in zip(names, self.checks, strict=True) if c.error is not None), default=40
-        )
+        width = max((len(n) for n, c in zip(names, self.checks, strict=True) if c.error is not None), default=40)
         lines = [f"{'check':{width}}  prec  {'error':>9}  {'tolerance':>9}  result"]
         for name, c in zip(names, self.checks, strict=True):
             result = "pass" if c.passed else f"FAIL {c.problem}"
@@ -70,7 +70,7 @@ def validate(reference: Path, checkers: Sequence[Checker] = CHECKERS) -> Report:
     if not jobs:
         raise NothingToCheckError(f"{reference}: no table that a checker knows, {len(files)} other files")
     done: list[tuple[int, Check]] = []
-    for precision in ("f64", "f32"):
+    for precision in PRECISIONS:
         runtime.init(precision=precision, threads=1)
         for order, (path, checker, match) in enumerate(jobs):
             if precision in checker.precisions:
@@ -79,14 +79,13 @@ def validate(reference: Path, checkers: Sequence[Checker] = CHECKERS) -> Report:
     return Report(checks, [folder.name(path) for path in files if path not in folder.used])
 
 
-def _run(
-    folder: Folder, path: Path, checker: Checker, match: dict[str, float], precision: str
-) -> list[Check]:
-    """The checks of one table; one failed check that says why if it cannot be used."""
+def _run(folder: Folder, path: Path, checker: Checker, match: dict[str, float], precision: str) -> list[Check]:
+    """The checks of one table, none if the checker declines it; one failed check that says why if it cannot be used."""
     case = Case(folder, path, precision)
     try:
         checker.function(case, **match)
-        folder.use(path)
+        if case.checks:
+            folder.use(path)
     except Exception as error:  # whatever is wrong with one table must not hide the others
         folder.used.add(path)
         text = str(error) if isinstance(error, TableError) else f"{type(error).__name__}: {error}"

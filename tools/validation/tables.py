@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+UNEVEN = 1e-3  # of an interval, by which evenly spaced times may differ as printed
 FEWEST_DIGITS = 6  # printed by "%g": a table with fewer holds exact values
 
 
@@ -74,6 +75,18 @@ class Table:
         if not np.isfinite(value):
             raise TableError(f"column {name!r}, row {row + 2}: {cell!r} is not a finite number")
         return value
+
+
+def even_interval(t: np.ndarray) -> float:
+    """The one time (s) from row to row of a column of times.
+
+    Raises:
+        TableError: if rows are not evenly spaced in time, but for rounding.
+    """
+    intervals = np.diff(t)
+    if intervals.size == 0 or intervals.min() <= 0 or np.ptp(intervals) > UNEVEN * intervals.mean():
+        raise TableError("column 't': rows must be evenly spaced in time")
+    return float(intervals.mean())
 
 
 def read_csv(path: Path) -> Table:

@@ -145,9 +145,7 @@ def aircraft_sequence(case: Case, dt: float) -> None:
     names = ("x", "y_up", "z_fwd", "vx", "vy", "vz", "smooth_pitch", "smooth_yaw", "smooth_roll")
     columns = {c: table[c] for c in names}
     first = {c: values[0] for c, values in columns.items()}
-    start = [
-        sign * np.deg2rad(table[c][0]) for sign, c in ((-1, "roll_deg"), (-1, "pitch_deg"), (1, "yaw_deg"))
-    ]
+    start = [sign * np.deg2rad(table[c][0]) for sign, c in ((-1, "roll_deg"), (-1, "pitch_deg"), (1, "yaw_deg"))]
     runner.put(
         (first["z_fwd"], first["x"], -first["y_up"]),
         start,
@@ -155,9 +153,7 @@ def aircraft_sequence(case: Case, dt: float) -> None:
     )
     increments = [-first["smooth_roll"], -first["smooth_pitch"], first["smooth_yaw"]]
     runner.team.aux[0, 0, :3] = torch.tensor(increments, dtype=torch.float64)
-    boost = [
-        model.boost_action(model.p.boost_max if b > 0 else model.p.boost_min) for b in table["act_boost"]
-    ]
+    boost = [model.boost_action(model.p.boost_max if b > 0 else model.p.boost_min) for b in table["act_boost"]]
     actions = np.stack((-table["act_pitch"], table["act_yaw"], boost), axis=1)
     ours, angles = [], []
     for row in range(len(table)):

@@ -1,0 +1,253 @@
+"""Checks of the fixed-wing model against tables of an independent code for the Aerosonde.
+
+The numbers are in params/aerosonde.toml (of the directory, else the folder beside it, else the copy of the tests);
+the variant, A as published or B with parasitic drag, is a letter in the table's name (or the key's first letter).
+Trajectories bring their own controls, which are in force from their row to the next.
+"""
+
+import math
+import re
+from functools import cache
+
+import numpy as np
+import taichi as ti
+import torch
+
+from taichi_sim.conventions import ANGULAR_VELOCITY, GRAVITY, POSITION, QUATERNION, VELOCITY
+from taichi_sim.maths.rotation import torch_euler_from_quaternion, torch_quaternion_from_euler, torch_rotation_matrix
+from taichi_sim.sea import Sea
+from taichi_sim.sea.spectrum import Components
+from taichi_sim.surroundings import Surroundings
+from taichi_sim.uav import fixed_wing
+from taichi_sim.uav.evaluate import loads, rhs
+from taichi_sim.uav.fixed_wing import FixedWingParams
+from taichi_sim.uav.fixed_wing_6dof import FixedWing6DOF
+from taichi_sim.uav.modes import linear_modes
+from taichi_sim.uav.trim import Trim, trim
+from taichi_sim.world import Team
+from validation.aerosonde_numbers import parameters
+from validation.case import Case
+from validation.tables import Table, TableError, number, read_csv, read_json, records
+
+DT = 0.02  # s, of the trajectories we fly
+RHS_TOLERANCE = {"f64": 1e-9, "f32": 2e-5}  # of each column's largest magnitude
+POSITION_TOLERANCE = {"f64": 1e-3, "f32": 0.1}  # m
+ANGLE_TOLERANCE = {"f64": 0.01, "f32": 0.2}  # deg
+VELOCITY_TOLERANCE = {"f64": 1e-3, "f32": 0.1}  # m/s
+RATE_TOLERANCE = {"f64": 1e-3, "f32": 1e-2}  # rad/s
+TRIM_TOLERANCE = 1e-5  # rad, 1
+FREQUENCY_TOLERANCE, DAMPING_TOLERANCE = 1e-3, 5e-3  # of the value
+PRINTED_TOLERANCE = 1e-8  # of numbers printed with eight decimals, absolute
+STATE = ("n", "e", "d", "u", "v", "w", "e0", "e1", "e2", "e3", "p", "q", "r")
+CONTROLS = ("elevator", "aileron", "rudder", "throttle")
+SHORT_CONTROLS = ("elev", "ail", "rud", "thr")
+# Our order of the state (position, quaternion, velocity, rates) in theirs (position, velocity, quaternion, rates).
+ORDER = [0, 1, 2, 7, 8, 9, 3, 4, 5, 6, 10, 11, 12]
+
+
+def _variant(case: Case) -> str:
+    """The variant's letter, a word of its own in the table's name."""
+    found = re.findall(r"(?<=_)[AB](?=[_.])", case.path.name)
+    if len(found) != 1:
+        raise TableError("the name has no variant: _A or _B")
+    return found[0]
+
+
+def _wind(table: Table) -> np.ndarray:
+    """Steady velocity of the air (NED, m/s) [row, 3]; none without columns wn, we, wd."""
+    if "wn" not in table:
+        return np.zeros((len(table), 3))
+    return np.stack([table[c] for c in ("wn", "we", "wd")], axis=1)
+
+
+def rhs_samples(case: Case) -> None:
+    """rhs_samples_[AB]*.csv: random states and controls (and winds), and all derivatives."""
+    table = read_csv(case.path)
+    p = parameters(case, _variant(case))
+    dtype = np.float64 if case.precision == "f64" else np.float32
+    state = np.empty((len(table), len(STATE)), dtype)
+    state[:, ORDER] = np.stack([table[c] for c in STATE], axis=1)
+    controls = np.stack([table[c] for c in SHORT_CONTROLS], axis=1)
+    ours = rhs(p, state, controls, _wind(table))[:, ORDER]
+    for name, values in zip(STATE, ours.T, strict=True):
+        _scaled(case, f"d_{name}", values, table[f"d_{name}"], table.resolution(f"d_{name}"))
+
+
+def _scaled(case: Case, name: str, ours, theirs, resolution=0.0) -> None:
+    scale = float(np.abs(theirs).max()) or 1.0
+    tolerance = RHS_TOLERANCE[case.precision]
+    case.absolute(f"{name}, relative", ours / scale, theirs / scale, tolerance, resolution / scale)
+
+
+def trajectory(case: Case) -> None:
+    """*_[AB].csv with columns t, north ..: flight from the first row with each row's controls until the next."""
+    table = read_csv(case.path)
+    exact = np.diff(table["t"]) / DT
+    steps = np.rint(exact).astype(int)
+    if steps.size == 0 or steps.min() < 1 or np.abs(exact - steps).max() > 0.01:
+        raise TableError(f"column 't': rows are not a whole number of steps of {DT} s apart")
+    stride = math.gcd(*steps.tolist())
+    flight = _Flight(FixedWing6DOF(parameters(case, _variant(case)), DT, stride), table)
+    columns = flight.fly(steps // stride)
+    tolerances = (
+        (("north", "east", "down"), POSITION_TOLERANCE),
+        (("u", "v", "w", "Va"), VELOCITY_TOLERANCE),
+        (("p", "q", "r"), RATE_TOLERANCE),
+    )
+    for names, tolerance in tolerances:
+        for name in names:
+            case.absolute(name, columns[name], table[name], tolerance[case.precision], table.resolution(name))
+    for name in ("phi", "theta", "psi", "alpha", "beta"):
+        away = np.rad2deg((columns[name] - table[name] + np.pi) % (2 * np.pi) - np.pi)
+        resolution = np.rad2deg(table.resolution(name))
+        case.absolute(f"{name}, deg", away, np.zeros(len(table)), ANGLE_TOLERANCE[case.precision], resolution)
+
+
+class _Flight:
+    """One aircraft that begins at a table's first row."""
+
+    def __init__(self, model: FixedWing6DOF, table: Table):
+        self.model, self.table = model, table
+        self.team = Team("uav", model, 1, 1)
+        zero = np.zeros((1, 1))
+        sea = Sea(Components(zero, zero + 1, zero + 1, zero, zero))
+        around = Surroundings.of(sea, torch.zeros(1, dtype=torch.int32), torch.zeros(1, dtype=torch.float64))
+        self.air = torch.tensor(_wind(table)[0])
+        self.around = around._replace(wind=self.air.to(self.team.state.dtype).reshape(1, 3))
+        state = self.team.state[0, 0]
+
+        def row(*names: str) -> torch.Tensor:
+            return torch.tensor([table[c][0] for c in names], dtype=torch.float64)
+
+        state[POSITION] = row("north", "east", "down").to(state)
+        state[QUATERNION] = torch_quaternion_from_euler(*row("phi", "theta", "psi")).to(state)
+        state[VELOCITY] = row("u", "v", "w").to(state)
+        state[ANGULAR_VELOCITY] = row("p", "q", "r").to(state)
+        model.reset_aux(self.team.aux, self.team.state)
+
+    def fly(self, calls: np.ndarray) -> dict[str, np.ndarray]:
+        """Quantities at every row; `calls` [row - 1] control steps from each row to the next."""
+        controls = torch.tensor(np.stack([self.table[c] for c in CONTROLS], axis=1))
+        actions = self.model.action(controls).to(self.team.state.dtype)
+        rows = [self._read()]
+        for action, times in zip(actions, calls, strict=False):
+            for _ in range(times):
+                self.model.step(self.team, action.reshape(1, 1, 4).contiguous(), self.around)
+            rows.append(self._read())
+        return {name: np.array([row[name] for row in rows]) for name in rows[0]}
+
+    def _read(self) -> dict[str, float]:
+        state = self.team.state[0, 0].double()
+        v_r = state[VELOCITY] - torch_rotation_matrix(state[QUATERNION]).T @ self.air
+        u, v, w = v_r.tolist()
+        names = ("north", "east", "down", "u", "v", "w", "p", "q", "r", "phi", "theta", "psi")
+        euler = torch_euler_from_quaternion(state[QUATERNION])
+        values = torch.cat((state[POSITION], state[VELOCITY], state[ANGULAR_VELOCITY], euler)).tolist()
+        air = {"Va": float(v_r.norm()), "alpha": math.atan2(w, u), "beta": math.atan2(v, math.hypot(u, w))}
+        return dict(zip(names, values, strict=True)) | air
+
+
+def trim_and_modes(case: Case) -> None:
+    """trim_and_modes*.json: trims, linear models and modes of the variants; keys begin with A_ or B_."""
+    data = read_json(case.path)
+    keys = [key for key in data if re.match(r"[AB]_", key)] if isinstance(data, dict) else []
+    if not keys:
+        raise TableError("no key begins with A_ or B_")
+    for key in keys:
+        p = parameters(case, key[0])
+        given = data[key]["trim"]
+        gamma = math.radians(number(given, "gamma_deg"))
+        found = trim(p, number(given, "Va"), gamma, turn_radius=given["R_turn"])
+        _check_trim(case, key[0], found, given)
+        model = linear_modes(p, found)
+        for name, ours in (("A_lon_u_w_q_theta", model.A_lon), ("B_lon_elev_thr", model.B_lon),
+                           ("A_lat_v_p_r_phi", model.A_lat), ("B_lat_ail_rud", model.B_lat)):  # fmt: skip
+            case.relative(f"{key[0]} {name}", ours, np.array(data[key][name]))
+        for name, mode in data[key]["modes"].items():
+            _check_mode(case, f"{key[0]} {name}", model.modes[name], mode)
+
+
+def _check_trim(case: Case, label: str, found: Trim, given: dict) -> None:
+    pairs = {"alpha_rad": found.alpha, "phi_rad": found.phi, "theta_rad": found.theta, "elevator": found.elevator}
+    pairs |= {"aileron": found.aileron, "rudder": found.rudder, "throttle": found.throttle}
+    for name, value in pairs.items():
+        case.absolute(f"{label} trim {name}", value, number(given, name), TRIM_TOLERANCE)
+    for name, value in (("thrust_N", found.thrust), ("prop_torque_Nm", found.torque)):
+        case.elementwise(f"{label} trim {name}", value, number(given, name))
+
+
+def _check_mode(case: Case, label: str, mode, given: dict) -> None:
+    if isinstance(given["eig"], list):
+        case.absolute(f"{label} frequency, relative", mode.frequency / number(given, "wn"), 1.0, FREQUENCY_TOLERANCE)
+        case.absolute(f"{label} damping, relative", mode.damping / number(given, "zeta"), 1.0, DAMPING_TOLERANCE)
+    else:
+        ratio = mode.eigenvalues[0].real / number(given, "eig")
+        case.absolute(f"{label} eigenvalue, relative", ratio, 1.0, FREQUENCY_TOLERANCE)
+
+
+def published_checks(case: Case) -> None:
+    """published_checks_chap3_chap4*.json: numbers printed in mavsim_public's check files (variant A)."""
+    data = read_json(case.path)
+    p = parameters(case, "A")
+    for n, row in enumerate(records(data, "chap3"), 1):
+        state, load = _state(row["state"]), np.array(row["forces_moments"], dtype=np.float64)
+        ours = rigid_body(p, state, load[:3], load[3:])[ORDER]
+        # a quaternion that is not a unit one turns into a rotation in more than one way: not its position
+        unit = abs(np.linalg.norm(state[QUATERNION]) - 1) < PRINTED_TOLERANCE
+        first = 0 if unit else 3
+        case.absolute(f"chap3 case {n}", ours[first:], np.array(row["xdot"])[first:], PRINTED_TOLERANCE)
+    for row in records(data, "chap4"):
+        _published_loads(case, p, row, data)
+
+
+def _state(row: list[float]) -> np.ndarray:
+    """Our state of theirs."""
+    state = np.empty(len(ORDER))
+    state[ORDER] = row
+    return state
+
+
+def _published_loads(case: Case, p: FixedWingParams, row: dict, data: dict) -> None:
+    """Thrust and torque, forces and moments with gravity, or derivatives: whatever `row` has."""
+    name = row["name"]
+    if name == "prop":
+        T, Q = loads(p, [number(row, "Va"), 0.0, 0.0], 0.0, [0.0, 0.0, 0.0, number(row, "throttle")])[0, 6:]
+        case.elementwise("chap4 prop T, Q", np.array([T, Q]), np.array([row["T"], row["Q"]]))
+        return
+    same = next(r for r in data["chap4"] if r["name"] == "case2") if isinstance(row["state"], str) else row
+    state, delta = _state(same["state"]), np.array(same["delta"], dtype=np.float64)
+    v_r = state[VELOCITY] - np.array(row.get("gust_body", (0.0, 0.0, 0.0)))
+    if "air_data_override" in row:
+        v_r = np.array([number(row, "air_data_override", "Va"), 0.0, 0.0])
+    found = loads(p, v_r, state[ANGULAR_VELOCITY], delta)[0]
+    R = torch_rotation_matrix(torch.tensor(state[QUATERNION])).numpy()
+    weight = np.concatenate((p.physical.mass * GRAVITY * R[2], np.zeros(3)))
+    theirs = np.array(row.get("fm", row.get("fm_with_book_beta")), dtype=np.float64)
+    case.relative(f"chap4 {name} forces and moments", found[:6] + weight, theirs)
+    if "xdot_3_to_12" in row:
+        ours = rigid_body(p, state, found[:3] + weight[:3], found[3:6])[ORDER][3:]
+        case.relative(f"chap4 {name} derivative", ours, np.array(row["xdot_3_to_12"]))
+
+
+@cache
+def _rigid_body_kernel():
+    @ti.kernel
+    def kernel(p: ti.template(), y: ti.types.ndarray(ndim=1), load: ti.types.ndarray(ndim=1),
+               out: ti.types.ndarray(ndim=1)):  # fmt: skip
+        state = ti.Vector([y[k] for k in ti.static(range(13))])
+        R = fixed_wing.rotation_matrix(ti.Vector([y[3], y[4], y[5], y[6]]))
+        force, moment = ti.Vector([load[0], load[1], load[2]]), ti.Vector([load[3], load[4], load[5]])
+        d = fixed_wing.rigid_body(p, state, R, force, moment)
+        for k in ti.static(range(13)):
+            out[k] = d[k]
+
+    return kernel
+
+
+def rigid_body(p: FixedWingParams, state: np.ndarray, force: np.ndarray, moment: np.ndarray) -> np.ndarray:
+    """Derivative [13] under `force` (N, gravity included) and `moment` (N m), both in b."""
+    out = np.empty(len(state))
+    R = torch_rotation_matrix(torch.tensor(state[QUATERNION])).numpy()
+    without_weight = np.concatenate((force - p.physical.mass * GRAVITY * R[2], moment))
+    _rigid_body_kernel()(p.physical, state, without_weight, out)
+    return out

@@ -1,0 +1,40 @@
+"""Pictures of the validation report, one module each; to add one, write `draw(folder) -> Figure` and a line here."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from matplotlib.figure import Figure
+
+from validation.case import Folder
+from validation.plots import decay, response, righting, spectrum, turning, zigzag
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A picture of the section about the tables in folder `section`."""
+
+    section: str
+    name: str
+    draw: Callable[[Folder], Figure]
+    caption: str
+
+
+PICTURES = (
+    Picture("waves", "spectrum", spectrum.draw,
+            "Elevation records of 64 realisations at one point, by Welch's method, against the spectrum asked for."),
+    Picture("hydrostatics", "response", response.draw,
+            "A box with constant added mass and damping (those of the boundary-element code at the resonances) let go "
+            "in small regular waves until its motion is steady. Amplitudes follow the boundary-element code up to "
+            "resonance; above it heave falls off too fast, the price of constant coefficients."),
+    Picture("hydrostatics", "righting", righting.draw,
+            "Left: the box against the wall-sided formula, which holds until an edge enters or leaves the water. "
+            "Right: the shipped hulls."),
+    Picture("otter", "turning", turning.draw,
+            "The linear model under held shaft speeds over the converged integration of the published equations."),
+    Picture("otter", "decay", decay.draw,
+            "The linear model has the published stiffness, in which heave drives pitch (G35 = 1508 N). The hull of "
+            "panels has the stiffness of its shape, which hardly couples them: its heave and pitch ring longer."),
+    Picture("otter", "zigzag", zigzag.draw,
+            "The command changes sides when the heading passes 20 degrees: the differential thrust is the rudder. Our "
+            "two models; there is no table."),
+)  # fmt: skip

@@ -1,0 +1,66 @@
+"""Response amplitude operators of the box in regular waves, with points of the boundary-element code."""
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from rl.figures.page import INK, dress, new_figure
+from taichi_sim.sea.spectrum import wavenumber
+from validation.case import Case, Folder
+from validation.plots.style import FAINT, OTHER, OURS, THIRD, legend, points
+from validation.rao import COLUMN, JUDGED, measure, radiation_of
+from validation.tables import Table, TableError, read_csv
+
+FREQUENCIES = 30
+HEADINGS = {180.0: ("head sea", OURS), 135.0: ("bow sea, 45° off", THIRD), 90.0: ("beam sea", OTHER)}
+LEGEND = "lines: this package, let go in time;  circles: boundary elements;  grey: above the band that is judged"
+ROLL_RANGE = (0.02, 60.0)  # rad/rad
+SHOWN = {"heave": (180.0, 90.0), "pitch": (180.0, 135.0), "roll": (90.0, 135.0)}
+
+
+def draw(folder: Folder) -> Figure:
+    """Heave in m/m, pitch and roll over the wave's slope, against frequency."""
+    found = sorted(folder.root.rglob("box_*_rao.csv"))
+    if not found:
+        raise TableError("no box_*_rao.csv")
+    case = Case(folder, found[0], "f64")
+    table, radiation = read_csv(found[0]), radiation_of(case)
+    omega = np.linspace(table["omega"].min(), table["omega"].max(), FREQUENCIES)
+    # denser at the resonances, where curves bend
+    omega = np.unique(
+        np.concatenate([omega, *(r.omega + np.linspace(-0.2, 0.2, 5) for r in radiation.resonances.values())])
+    )
+    headings = [h for h in HEADINGS if (table["heading_deg"] == h).any()]
+    rows = [(w, h) for h in headings for w in omega]
+    ours = measure(radiation, *(np.array(v) for v in zip(*((w, np.deg2rad(h)) for w, h in rows), strict=True)))
+    figure = new_figure(12.5, 4.4, "A box in regular waves: motion per wave amplitude")
+    axes = figure.subplots(1, 3)
+    for chart, mode in zip(axes, SHOWN, strict=True):
+        w_n = radiation.resonances[mode].omega
+        chart.axvspan(JUDGED * w_n, omega[-1], color=FAINT, zorder=0)
+        chart.axvline(w_n, color="#9AA5B1", lw=0.9, ls=":", zorder=1)
+        for heading in SHOWN[mode]:
+            if heading in headings:
+                use = np.array([h == heading for _, h in rows])
+                label, colour = HEADINGS[heading]
+                line = ours[use, COLUMN[mode]]
+                scale = 1.0 if mode == "heave" else wavenumber(omega)
+                chart.plot(omega, line / scale, color=colour, lw=2, label=label)
+                _table_points(chart, table, mode, heading, colour)
+        unit = "heave amplitude / a (m/m)" if mode == "heave" else f"{mode} amplitude / k a (rad/rad)"
+        dress(chart, mode.capitalize(), "wave frequency (rad/s)", unit)
+        chart.set_xlim(omega[0], omega[-1])
+        if mode == "roll":  # hardly damped: over two decades
+            chart.set_yscale("log")
+            chart.set_ylim(*ROLL_RANGE)
+        else:
+            chart.set_ylim(0)
+        chart.text(w_n, 0.985, " resonance", transform=chart.get_xaxis_transform(), fontsize=8, color=INK, va="top")
+        legend(chart, loc="upper left" if mode == "pitch" else "upper right")
+    figure.supxlabel(LEGEND, fontsize=9, color=INK)
+    return figure
+
+
+def _table_points(chart, table: Table, mode: str, heading: float, colour: str) -> None:
+    rows = table.where(table["heading_deg"] == heading)
+    scale = 1.0 if mode == "heave" else wavenumber(rows["omega"])
+    points(chart, rows["omega"], rows[f"{mode}_abs"] / scale, colour)
