@@ -139,9 +139,7 @@ class StageRunner(OnPolicyRunner):
         logger: ProgressLogger = self.logger  # type: ignore[assignment]
         logger.completed = done
         logger.elapsed_before = trim_history(self.folder / HISTORY, done)
-        logger.bar = tqdm(
-            total=self.stage.iterations, initial=done, desc=label, unit="it", disable=not show_progress
-        )
+        logger.bar = tqdm(total=self.stage.iterations, initial=done, desc=label, unit="it", disable=not show_progress)
         try:
             self.learn(self.stage.iterations - done)
         except KeyboardInterrupt:

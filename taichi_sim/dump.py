@@ -23,6 +23,7 @@ class Dump:
     seed: int  # of the world's seas
     sea: int  # realisation
     time: float  # s
+    clock: int  # control steps that the world had made
     current: Tensor  # [2], m/s
     wind: Tensor  # [3], m/s
     states: dict[str, Tensor]  # team -> [vehicle, 13]

@@ -39,9 +39,7 @@ def store_seen(out: ti.template(), e, i, k, distance, n):
 
 
 @ti.func
-def store_signal(
-    signals: ti.template(), e, i, at, distance, reach, n, derived: ti.template(), axes: ti.template()
-):
+def store_signal(signals: ti.template(), e, i, at, distance, reach, n, derived: ti.template(), axes: ti.template()):
     """Write a signal from column `at` on: closeness 1 - d / reach, and the direction in the vehicle's own frame times
     closeness.
     """

@@ -209,6 +209,7 @@ class World:
                     seed=self.seed,
                     sea=int(self.env_sea[env]),
                     time=float(self.time[env]),
+                    clock=self.around.clock,
                     current=self.around.current[env].clone(),
                     wind=self.around.wind[env].clone(),
                     states={key: value[0][env].clone() for key, value in before.items()},
@@ -222,11 +223,11 @@ class World:
         """Put the vehicles of a team in environments `envs` [n] at `state` [n, vehicle, 13].
 
         USVs are lifted onto the wave under them: set `env_sea` and `time` of those environments first. Models that
-        have a `prepare` (state [n, vehicle, 13], wind [n, 3]) are given the chance to begin in equilibrium.
+        have a `prepare` (state [n, vehicle, 13], wind [n, 3], Wind) begin in equilibrium.
         """
         team = self.teams[name]
         if hasattr(team.model, "prepare"):
-            state = team.model.prepare(state, self.around.wind.index_select(0, envs))
+            state = team.model.prepare(state, self.wind.velocity.index_select(0, envs), self.wind)
         if name == "usv":
             state = state.clone()
             zeta = self.elevation(envs, state[..., 0], state[..., 1])
@@ -290,6 +291,7 @@ def replay(dump: Dump, source: Path | None = None) -> World:
     world = World(dump.config, 1, seed=dump.seed, teams=tuple(dump.states), source=source)
     world.env_sea[0], world.time[0] = dump.sea, dump.time
     world.around.current[0], world.around.wind[0] = dump.current, dump.wind
+    world.around = world.around._replace(clock=dump.clock)
     for name, team in world.teams.items():
         team.state[0], team.aux[0] = dump.states[name], dump.aux[name]
         team.update()

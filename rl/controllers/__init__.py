@@ -8,6 +8,8 @@ from typing import Any
 
 from torch import Tensor
 
+from rl.controllers.hull_6dof import Hull6DofController
+from rl.controllers.manoeuvring_3dof import Manoeuvring3dofController
 from rl.controllers.unity_aircraft import UnityAircraftController
 from rl.controllers.unity_boat import UnityBoatController
 from rl.policy import Policy, load_policy
@@ -16,7 +18,12 @@ from rl.task.team import TeamTask
 from taichi_sim.config import ScenarioConfig
 from taichi_sim.conventions import TEAMS
 
-CLASSICAL: dict[str, Any] = {"UnityBoat": UnityBoatController, "UnityAircraft": UnityAircraftController}
+CLASSICAL: dict[str, Any] = {
+    "UnityBoat": UnityBoatController,
+    "Hull6Dof": Hull6DofController,
+    "Manoeuvring3dof": Manoeuvring3dofController,
+    "UnityAircraft": UnityAircraftController,
+}
 
 
 class ClassicalPolicy:

@@ -37,3 +37,12 @@ def place_poles(plant: Held, bandwidth: float, interval: float) -> tuple[float, 
     p = math.exp(-bandwidth * interval)
     k_x = (1 - p) ** 2 / (plant.push * (1 - plant.keep) + plant.reach * plant.gain)
     return k_x, (1 + plant.keep - 2 * p - plant.push * k_x) / plant.gain
+
+
+def decaying(interval: float, damping: float) -> Held:
+    """The exact interval (s) of a rate that decays with `damping` (1/s): x'' = a - damping x'."""
+    if damping == 0.0:
+        return Held(1.0, interval, interval, interval**2 / 2)
+    keep = math.exp(-damping * interval)
+    gain = (1 - keep) / damping
+    return Held(keep, gain, gain, (interval - gain) / damping)

@@ -1,5 +1,6 @@
 """The formation mission over many environments: what VecEnv, Gymnasium, evaluation and recording share."""
 
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -96,6 +97,7 @@ class FormationTask:
         self.teams = {name: TeamTask(config, self.world, name) for name in teams}
 
         self._check_spacing()
+        self._check_flyable()
         self.tracks, generated = generate_worlds(config, seed)
         fixed = torch.tensor([[o.north, o.east, o.radius, o.height] for o in config.obstacles.fixed]).reshape(-1, 4)
         both = torch.cat((generated, fixed.expand(self.tracks.worlds, -1, 4)), dim=1)
@@ -122,6 +124,23 @@ class FormationTask:
                 raise ConfigError(
                     f"{name}.spacing = {team.section.spacing}: must be above twice the vehicle's collision_radius, "
                     f"{2 * team.radius} m: neighbours would touch in their slots"
+                )
+
+    def _check_flyable(self) -> None:
+        """Refuse a track that a vehicle with limits of speed and turning cannot follow."""
+        track = self.config.track
+        for name, team in self.teams.items():
+            low, _, high = getattr(team.team.model, "speed_range", (0.0, 0.0, math.inf))
+            if not low <= track.target_speed <= high:
+                raise ConfigError(
+                    f"track.target_speed = {track.target_speed}: {name}.vehicle = {team.section.vehicle!r} flies from "
+                    f"{low:.3g} to {high:.3g} m/s"
+                )
+            radius = getattr(team.team.model, "min_turn_radius", 0.0)
+            if track.min_radius < radius:
+                raise ConfigError(
+                    f"track.min_radius = {track.min_radius}: {name}.vehicle = {team.section.vehicle!r} cannot turn "
+                    f"tighter than {radius:.3g} m"
                 )
 
     # -- one step, as a table of contents --------------------------------------------------------------------------
@@ -156,7 +175,7 @@ class FormationTask:
         """Begin new episodes in `envs` (default: all), on `worlds` from `starts` (default: random ones)."""
         if envs is None:
             envs = torch.arange(self.num_envs, device=self.env_world.device)
-        n = envs.shape[0]
+        n = len(envs)
         if n == 0:
             return
         worlds = self._draw(self.tracks.worlds, n) if worlds is None else worlds

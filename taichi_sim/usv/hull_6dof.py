@@ -217,8 +217,8 @@ class Hull6Dof(HullMotion):
         for c in ti.static(range(3)):
             aux[e, i, PRESSURE + c], aux[e, i, DRAG + c], aux[e, i, WIND + c] = up[c], drag[c], wind[c]
         if ti.static(self.propelled):
-            aux[e, i, THRUST] = loads.thrust(self.p.thrusters, shaft[0])
-            aux[e, i, THRUST + 1] = loads.thrust(self.p.thrusters, shaft[1])
+            aux[e, i, THRUST] = loads.thrust(self.thrusters, shaft[0])
+            aux[e, i, THRUST + 1] = loads.thrust(self.thrusters, shaft[1])
 
     @ti.func
     def freeboard(self, deck: ti.template(), R, z, plane):

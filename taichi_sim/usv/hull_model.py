@@ -1,6 +1,7 @@
 """What a `hull_6dof` is before it moves: its tables, limits and the numbers that its kernels compile in."""
 
 import math
+from typing import Any
 
 import numpy as np
 import torch
@@ -49,6 +50,8 @@ class HullModel:
         self.nodes = len(self.geometry.lines.start) * self.points
         self.aux_size = HEAD + 2 * self.nodes
         self.by_panels, self.has_linear = params.restoring == "panels", params.linear is not None
+        self.thrusters: Any = params.thrusters  # None: no propellers
+        self.source: Any = params.linear  # None: no published restoring
         self.propelled = params.thrusters is not None
         self.lags = params.thrusters is not None and params.thrusters.lag > 0
         if self.by_panels:
@@ -115,7 +118,7 @@ class HullModel:
         if self.by_panels:
             G, step = self.geometry.hydrostatics.stiffness(), strang_step
         else:
-            g = p.linear
+            g = self.source
             G, step = np.array([[g.G33, 0, g.G35], [0, g.G44, 0], [g.G35, 0, g.G55]]), runge_kutta_step
         return largest_stable_dt(linear_motion(p.M_rb + p.M_a, D, G), step)
 

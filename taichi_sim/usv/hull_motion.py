@@ -91,12 +91,12 @@ class HullMotion(HullWater):
             heave = z + water[5]
             roll = ti.atan2(R[2, 1], R[2, 2]) + water[7]
             pitch = ti.asin(ti.max(ti.min(-R[2, 0], 1.0), -1.0)) - water[6]
-            Z = -self.p.linear.G33 * heave - self.p.linear.G35 * pitch
-            M = -self.p.linear.G55 * pitch - self.p.linear.G35 * heave
-            K = -self.p.linear.G44 * roll
+            Z = -self.source.G33 * heave - self.source.G35 * pitch
+            M = -self.source.G55 * pitch - self.source.G35 * heave
+            K = -self.source.G44 * roll
             load = ti.Vector([-self.weight * water[6], -self.weight * water[7], Z, K, M, 0.0])
             k = ti.Vector([R[2, 0], R[2, 1], R[2, 2]])
-            load += loads.weight_load(self.payload, self.p.linear.payload_position, k)
+            load += loads.weight_load(self.payload, self.source.payload_position, k)
         return load
 
     # -- actuators -------------------------------------------------------------------------------------------------
@@ -107,14 +107,14 @@ class HullMotion(HullWater):
         speeds = ti.Vector([first * 0.0, 0.0])
         if ti.static(self.propelled):
             if ti.static(self.p.actions == "left_right"):
-                speeds[0] = ti.select(first > 0, first * self.p.thrusters.n_max, -first * self.p.thrusters.n_min)
-                speeds[1] = ti.select(second > 0, second * self.p.thrusters.n_max, -second * self.p.thrusters.n_min)
+                speeds[0] = ti.select(first > 0, first * self.thrusters.n_max, -first * self.thrusters.n_min)
+                speeds[1] = ti.select(second > 0, second * self.thrusters.n_max, -second * self.thrusters.n_min)
             else:
-                low, high = ti.static(self.p.thrusters.thrust_min), ti.static(self.p.thrusters.thrust_max)
+                low, high = ti.static(self.thrusters.thrust_min), ti.static(self.thrusters.thrust_max)
                 surge = 0.5 * (first + 1.0) * high
                 yaw = 0.5 * second * (high - low)
-                speeds[0] = loads.shaft_speed(self.p.thrusters, ti.max(ti.min(surge + yaw, high), low))
-                speeds[1] = loads.shaft_speed(self.p.thrusters, ti.max(ti.min(surge - yaw, high), low))
+                speeds[0] = loads.shaft_speed(self.thrusters, ti.max(ti.min(surge + yaw, high), low))
+                speeds[1] = loads.shaft_speed(self.thrusters, ti.max(ti.min(surge - yaw, high), low))
         return speeds
 
     @ti.func
@@ -122,7 +122,7 @@ class HullMotion(HullWater):
         """Shaft speeds after `part` of a step."""
         n = command
         if ti.static(self.lags):
-            keep = ti.exp(-part * ti.static(self.dt / self.p.thrusters.lag))
+            keep = ti.exp(-part * ti.static(self.dt / self.thrusters.lag))
             n = command + (shaft - command) * keep
         return n
 
@@ -131,7 +131,7 @@ class HullMotion(HullWater):
         """Load of the propellers."""
         load = ti.Vector([shaft[0] * 0.0 for _ in range(6)])
         if ti.static(self.propelled):
-            load = loads.thruster_load(self.p.thrusters, shaft[0], shaft[1])
+            load = loads.thruster_load(self.thrusters, shaft[0], shaft[1])
         return load
 
     @ti.func

@@ -1,0 +1,39 @@
+"""What a team drifts by: the velocity over ground that must be added to the wanted one against current, wind and sway.
+
+It is the integral of the position error, z' = k_i e, in n, where a current is constant whatever way the hull turns. So
+that it does not wind up it waits while the hull cannot do as it is told, or is further off than a drift explains, and
+it is limited. A vehicle that has moved further than it can travel was put there by a new episode: it forgets its drift.
+"""
+
+import torch
+from torch import Tensor
+
+JUMP_SHARE = 3.0  # of the way at top speed in an interval: further is a jump; assumed
+DRIFT_SHARE = 0.2  # of the top speed, the most that is believed; assumed
+
+
+class Drift:
+    """The integral of each vehicle of a team; made anew where the team's shape changes."""
+
+    def __init__(self, k_i: float, top_speed: float, interval: float):
+        """`k_i` 1/s^2, `top_speed` m/s, `interval` s."""
+        self.step, self.most = k_i * interval, DRIFT_SHARE * top_speed
+        self.jump = JUMP_SHARE * top_speed * interval
+        self.place: Tensor | None = None
+        self.moved, self.value = torch.zeros(0), torch.zeros(0)
+
+    def at(self, position: Tensor) -> Tensor:
+        """The drift [env, vehicle, 2] (m/s) of vehicles now at `position` [env, vehicle, 2] (m)."""
+        if self.place is None or self.place.shape != position.shape:
+            self.place, self.value = position.clone(), torch.zeros_like(position)
+        moved = (position - self.place).norm(dim=-1, keepdim=True)
+        self.value = torch.where(moved < self.jump, self.value, 0.0)  # also where the place is not finite
+        self.moved = moved > 0  # else asked again about the same moment
+        self.place = position.clone()
+        return self.value
+
+    def learn(self, error: Tensor, able: Tensor) -> None:
+        """Integrate `error` [env, vehicle, 2] (m) of those who are `able` [env, vehicle, 1] to follow."""
+        value = self.value + self.step * error
+        value = value * (self.most / value.norm(dim=-1, keepdim=True).clamp(min=1e-6)).clamp(max=1.0)
+        self.value = torch.where(able & self.moved & value.isfinite(), value, self.value)

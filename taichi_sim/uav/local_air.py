@@ -1,0 +1,112 @@
+"""The air that an aircraft meets: mean wind at its height, Dryden turbulence, a discrete gust.
+
+Turbulence takes one exact step of its filter (air/turbulence.py) per substep, so that none of its variance is lost;
+the filter's coefficients, its intensity and its axes are those at the beginning of the control step. The air's velocity
+is held over a substep.
+
+Random numbers are counted by control step and substep through all episodes, so that no episode repeats another's: a
+control step of S substeps has S + 1 counts, one of the substeps each and the last for the stationary state with which
+a flight begins.
+"""
+
+from dataclasses import dataclass
+from functools import cache
+
+import taichi as ti
+
+from taichi_sim.air import Wind
+from taichi_sim.air.gusts import Gust, gust_velocity
+from taichi_sim.air.turbulence import dryden_advance, dryden_filter, dryden_output, dryden_sigma, gust_n
+from taichi_sim.air.wind import Profile, mean_wind_factor
+from taichi_sim.config import AirConfig
+from taichi_sim.maths.random import TURBULENCE, normal6
+
+
+@dataclass(frozen=True)
+class LocalAir:
+    """What of the air a kernel is compiled for."""
+
+    profile: Profile = "uniform"
+    turbulent: bool = False
+    gust: Gust | None = None
+
+    @property
+    def gusty(self) -> bool:
+        """Whether there is a discrete gust."""
+        return self.gust is not None
+
+    @property
+    def steady(self) -> bool:
+        """Whether an aircraft meets the same wind wherever and whenever it is."""
+        return self.profile == "uniform" and not self.turbulent and not self.gusty
+
+
+@cache
+def _shared(profile: Profile, turbulent: bool, gust: Gust | None) -> LocalAir:
+    """One object for one kind of air: a kernel is compiled for each."""
+    return LocalAir(profile, turbulent, gust)
+
+
+def local_air(air: Wind | None) -> LocalAir:
+    """The kind of air of a `Wind`; None is a steady, uniform one."""
+    config = AirConfig(profile="uniform") if air is None else air.config
+    gust = None if config.gust is None else Gust.of(config.gust)
+    return _shared(config.profile, config.turbulence == "dryden", gust)
+
+
+def wind_numbers(air: Wind | None) -> tuple[float, float, float]:
+    """The shear of the profile, and W20 of the turbulence: a fixed part (m/s) and a factor of the mean wind at 10 m."""
+    if air is None:
+        return 0.0, 0.0, 0.0
+    fixed = air.config.turbulence_w20
+    return air.shear, fixed or 0.0, air.w20_factor if fixed is None else 0.0
+
+
+@ti.func
+def initial_turbulence(air: ti.template(), seed, clock, substeps: ti.template(), e, i):
+    """State (5) of the turbulence around vehicle i of environment e, from its stationary distribution."""
+    z = ti.Vector([0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    if ti.static(air.turbulent):
+        z = normal6(seed, TURBULENCE, e, i, clock * ti.static(substeps + 1) + substeps)
+    return ti.Vector([z[0], z[1], z[2], z[3], z[4]])
+
+
+@ti.func
+def turbulence_filter(air: ti.template(), Va, h, W20, dt: ti.template()):
+    """Coefficients of a substep dt (s), (12): those of `dryden_filter`, and `dryden_sigma`; zero in smooth air."""
+    zero = Va * 0.0
+    f = ti.Vector([zero] * 12)
+    if ti.static(air.turbulent):
+        step, sigma = dryden_filter(Va, h, dt), dryden_sigma(h, W20)
+        for k in ti.static(range(10)):
+            f[k] = step[k]
+        f[10], f[11] = sigma[0], sigma[1]
+    return f
+
+
+@ti.func
+def turbulence_step(air: ti.template(), x, f, seed, count, e, i):
+    """State (5) of the turbulence one substep later; `count` numbers the substeps of all time."""
+    new = x
+    if ti.static(air.turbulent):
+        new = dryden_advance(x, f, normal6(seed, TURBULENCE, e, i, count))
+    return new
+
+
+@ti.func
+def mean_wind(air: ti.template(), wind, shear, position):
+    """Mean wind (NED, m/s) at `position` (NED, m), of `wind`, that 10 m above the sea."""
+    return wind * mean_wind_factor(air.profile, shear, -position[2])
+
+
+@ti.func
+def velocity_at(air: ti.template(), wind, shear, x, f, v_air, position, time):
+    """Velocity of the air (NED, m/s): the mean wind of `wind`, 10 m above the sea, at `position` (NED, m); turbulence
+    in state x with coefficients f, along the velocity v_air (NED) through the mean wind; the gust at `time` (s).
+    """
+    total = mean_wind(air, wind, shear, position)
+    if ti.static(air.turbulent):
+        total += gust_n(dryden_output(x, ti.Vector([f[10], f[11]])), v_air)
+    if ti.static(air.gusty):
+        total += gust_velocity(air.gust, position, time)
+    return total

@@ -1,0 +1,232 @@
+"""Aircraft in turbulence and gusts, through the kernel: what they feel, and what the autopilot makes of it."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+
+from taichi_sim import runtime
+from taichi_sim.air import Wind
+from taichi_sim.config import AirConfig
+from taichi_sim.conventions import GRAVITY, STATE_SIZE
+
+DT, SUBSTEPS = 0.02, 5
+KNOT = 1852 / 3600  # m/s
+W20, HEIGHT = 30 * KNOT, 50.0  # of the reference tables
+MODERATE = {"speed": W20, "direction_deg": 90.0, "turbulence": "dryden", "turbulence_w20": W20}
+FLIGHTS = 4000
+TOLD = {"f64": 1e-9, "f32": 1e-4}
+
+
+class Flight:
+    """`envs` aircraft, each alone in its own air, from cruise toward north."""
+
+    def __init__(self, bench, model, air, envs=1, height=HEIGHT, seed=5, clock=0):
+        self.team, self.model = bench(model, envs=envs), model
+        self.air, self.seed, self.clock = Wind(AirConfig(**air), envs, 1), seed, clock
+        placed = torch.zeros((envs, 1, STATE_SIZE), dtype=self.team.state.dtype)
+        placed[..., 2], placed[..., 3] = -height, 1.0
+        self.team.state[:] = model.prepare(placed, self.air.velocity, self.air)
+        model.reset_aux(self.team.aux, self.team.state)
+
+    def step(self, action=(0.0, 0.0, 0.0)):
+        """One control step; `action` of all, or [env, 1, action]."""
+        told = {"wind": self.air.velocity, "air": self.air, "clock": self.clock, "seed": self.seed}
+        action = torch.as_tensor(action, dtype=self.team.state.dtype)
+        action = action.expand(self.team.state.shape[0], 1, action.shape[-1]).contiguous()
+        self.model.step(self.team, action, self.team.around._replace(**told))
+        self.clock += 1
+        return self
+
+    def read(self, name):
+        """A column of the auxiliary state [env], in double precision."""
+        return self.team.aux[:, 0, self.model.aux_names.index(name)].double()
+
+    @property
+    def height(self):
+        """[env], m."""
+        return -self.team.state[:, 0, 2].double()
+
+    @property
+    def heading(self):
+        """[env], rad."""
+        return torch.atan2(self.team.derived[:, 0, 13].double(), self.team.derived[:, 0, 12].double())
+
+    def gusts(self):
+        """Turbulence along the aircraft's mean path through the air (north), to its right and down [env, 3], m/s."""
+        felt = torch.stack([self.read(f"wind_{axis}") for axis in ("north", "east", "down")], dim=1)
+        return felt - self.air.velocity.double()
+
+
+@pytest.fixture(scope="module")
+def model(precision, make_model):
+    """An Aerosonde that holds its height."""
+    return make_model("aerosonde", DT, SUBSTEPS, autopilot={"actions": "altitude"})
+
+
+# -- what is felt ------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def felt(model, bench):
+    """Gusts of many flights [flight, 3]: in the first step, and 8, 9 and 10 s later."""
+    flight = Flight(bench, model, MODERATE | {"profile": "uniform"}, FLIGHTS)
+    found = {}
+    for step in range(101):
+        flight.step()
+        if step in (0, 80, 90, 100):
+            found[step / 10] = flight.gusts()
+    return found
+
+
+@pytest.mark.parametrize("time", [0.0, 10.0])
+def test_intensity_is_the_tables(time, felt, reference):
+    """At 50 m in 30 kt, from the first step on: variances within 3 sampling errors, sqrt(2 / n). Means are zero at the
+    start; later that along the path is -sigma^2 / V: who holds an airspeed stays longer in head winds.
+    """
+    rows = np.genfromtxt(reference / "dryden" / "dryden_discrete.csv", delimiter=",", names=True, deletechars="")
+    row = next(r for r in rows if r["h_m"] == HEIGHT and r["W20_kt"] == 30)
+    expected = torch.tensor([row["sigma_u^2"], row["sigma_u^2"], row["sigma_w^2"]], dtype=torch.float64)
+    variance = (felt[time] ** 2).mean(dim=0)
+    assert (variance / expected - 1).abs().max() < 3 * math.sqrt(2 / FLIGHTS)
+    mean = torch.tensor([-float(expected[0]) / 25.0 if time else 0.0, 0.0, 0.0])
+    assert ((felt[time].mean(dim=0) - mean).abs() < 3 * (expected / FLIGHTS).sqrt()).all()
+
+
+def test_correlation_over_a_second_is_the_tables(felt, reference):
+    """R(1 s) / sigma^2 of u, v, w, within 3 errors sqrt((1 + rho^2) / n)."""
+    rows = np.genfromtxt(reference / "dryden" / "dryden_autocorrelation.csv", delimiter=",", names=True)
+    at = {
+        r["tau_s"]: np.array([r["R_u"], r["R_v"], r["R_w"]]) for r in rows if r["h_m"] == HEIGHT and r["W20_kt"] == 30
+    }
+    rho = torch.tensor(at[1.0] / at[0.0])
+    ours = (felt[9.0] * felt[10.0]).mean(dim=0) / (felt[9.0] ** 2).mean(dim=0)
+    assert ((ours - rho).abs() < 3 * ((1 + rho**2) / FLIGHTS).sqrt()).all()
+
+
+def test_the_mean_wind_is_that_of_the_height(model, bench):
+    """The log profile of Charnock's sea: 30 m over 10 m; and W20 that of the mean wind where none is given."""
+    flight = Flight(bench, model, {"speed": 12.0, "turbulence": "dryden"}, FLIGHTS, height=30.0).step()
+    expected = 12.0 * flight.air.speed_factor(30.0)
+    assert float(flight.read("wind_north").mean()) == pytest.approx(-expected, abs=3 * 2.0 / math.sqrt(FLIGHTS))
+    sigma = 0.1 * 12.0 * flight.air.w20_factor
+    assert float(flight.read("wind_down").std()) == pytest.approx(sigma, rel=3 / math.sqrt(2 * FLIGHTS))
+
+
+def test_noise_is_that_of_seed_env_and_time(model, bench):
+    """The same seed and clock repeat the flight to the bit; another seed, environment or clock does not."""
+    air = MODERATE | {"profile": "uniform"}
+    first, again = Flight(bench, model, air, 4), Flight(bench, model, air, 4)
+    other, later = Flight(bench, model, air, 4, seed=6), Flight(bench, model, air, 4, clock=1000)
+    for flight in (first, again, other, later):
+        for _ in range(5):
+            flight.step()
+    assert torch.equal(first.team.state, again.team.state) and torch.equal(first.team.aux, again.team.aux)
+    down = [first.read("wind_down"), other.read("wind_down"), later.read("wind_down")]
+    assert len({round(float(x), 6) for tensor in down for x in tensor}) == 12
+
+
+# -- what the autopilot makes of it ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("what", ["turn", "climb"])
+def test_steps_in_moderate_turbulence(what, model, bench):
+    """30 deg to the right, and 20 m up, in 30 kt with turbulence, 100 flights: from 5 s (8 s) on the errors' standard
+    deviation is below 2 deg and 1 m, none is above 10 deg or 4 m; no height lost above 5 m, no stall.
+    """
+    flight = Flight(bench, model, MODERATE, 100).step()
+    wanted, rise, start = (math.radians(30), 0.0, 50) if what == "turn" else (0.0, 20.0, 80)
+    flight.team.aux[..., model.aux_names.index("height_demand")] += rise
+    headings, heights, stalls = [], [], []
+    action = torch.zeros((100, 1, 3), dtype=torch.float64)
+    for _ in range(200):
+        action[:, 0, 1] = model.turn(wanted - flight.heading, flight.read("airspeed"))
+        flight.step(action)
+        headings.append(torch.rad2deg(flight.heading - wanted))
+        heights.append(flight.height - HEIGHT)
+        stalls.append(flight.read("stall_time"))
+    headings, heights = torch.stack(headings), torch.stack(heights)
+    assert headings[start:].std() < 2.0 and headings[start:].abs().max() < 10.0
+    assert abs(float(headings[start:].mean())) < 0.5
+    assert (heights[start:] - rise).std() < 1.0 and (heights[start:] - rise).abs().max() < 4.0
+    assert heights.min() > -5.0
+    assert torch.stack(stalls).max() == 0.0
+
+
+def test_no_stall_at_the_least_airspeed_in_turbulence(model, bench):
+    """The envelope: at boost -1 in moderate turbulence, 300 flights of 20 s."""
+    flight = Flight(bench, model, MODERATE, 300, height=100.0)
+    worst = 0.0
+    for _ in range(200):
+        flight.step([0.0, 0.0, -1.0])
+        worst = max(worst, float(flight.read("stall_time").max()))
+    assert worst == 0.0
+    assert float(flight.read("airspeed").mean()) == pytest.approx(model.speed_range[0], abs=0.5)
+
+
+def test_steady_wind_is_nothing_to_the_flight(model, bench, precision):
+    """Uniform profile: attitude, rates and air data as in still air, whatever the autopilot does."""
+    still = Flight(bench, model, {})
+    windy = Flight(bench, model, {"speed": 14.0, "direction_deg": 250.0, "profile": "uniform"})
+    for step in range(60):
+        action = [0.5 * math.sin(0.2 * step), math.cos(0.1 * step), math.sin(0.05 * step)]
+        still.step(action)
+        windy.step(action)
+    told = TOLD[precision]
+    assert torch.allclose(windy.team.state[..., 3:7], still.team.state[..., 3:7], atol=told, rtol=0)
+    assert torch.allclose(windy.team.state[..., 10:], still.team.state[..., 10:], atol=10 * told, rtol=0)
+    assert torch.allclose(windy.team.aux[..., :8], still.team.aux[..., :8], atol=100 * told, rtol=0)
+    assert float(still.read("alpha").abs().max()) > 0.01 and float(still.team.state[..., 10:].abs().max()) > 0.01
+
+
+def test_nan_in_one_aircraft_leaves_its_neighbours_bits(model, bench):
+    healthy, sick = Flight(bench, model, MODERATE, 3), Flight(bench, model, MODERATE, 3)
+    sick.team.state[1, 0, 8] = math.nan
+    for flight in (healthy, sick):
+        for _ in range(5):
+            flight.step([0.2, 0.5, 0.3])
+    assert torch.isnan(sick.team.state[1]).any()
+    for ours, theirs in ((sick.team.state, healthy.team.state), (sick.team.aux, healthy.team.aux)):
+        assert torch.equal(ours[[0, 2]], theirs[[0, 2]])
+
+
+# -- a discrete gust ---------------------------------------------------------------------------------------------
+
+
+def test_load_factor_of_a_rising_gust(precision, make_model, bench):
+    """An upward 1 - cosine gust of 3 m/s, reached in 0.06 s, controls fixed: n grows by K (U(t) - v), K = rho V S
+    C_L_alpha / (2 m g), where v is the wing's own rise, v' = K g (U - v), in closed form. Within 15 %: pitching and
+    q's lift are not in it.
+    """
+    T, U, dt = 0.06, 3.0, 0.01
+    fixed = make_model("aerosonde", dt, 1, autopilot={"actions": "surfaces", "protection": False})
+    gust = {"amplitude": (0.0, 0.0, -U), "shape": "ramp", "start_time": 0.0, "rise_time": T}
+    flight = Flight(bench, fixed, {"gust": gust, "profile": "uniform"})
+    n = []
+    for _ in range(6):
+        flight.step([0.0] * 4)
+        n.append(float(flight.read("load_factor")[0]))
+    p, g = fixed.p, GRAVITY
+    K = p.physical.rho * 25.0 * p.physical.S * p.longitudinal.C_L_alpha / (2 * p.physical.mass * g)
+    t, Z, w = dt * np.arange(1, 7), K * g, math.pi / T
+    rise = 1 - (Z**2 * np.cos(w * t) + Z * w * np.sin(w * t) + w**2 * np.exp(-Z * t)) / (Z**2 + w**2)
+    expected = K * (U * 0.5 * (1 - np.cos(w * t)) - 0.5 * U * rise)
+    assert np.array(n[2:]) - math.cos(fixed.cruise.theta) == pytest.approx(expected[2:], rel=0.15)
+
+
+# -- threads -----------------------------------------------------------------------------------------------------
+
+
+def test_bits_do_not_depend_on_the_number_of_threads(make_model, bench):
+    """64 flights in turbulence: the same state and air from one thread and from two."""
+    found = []
+    for threads in (1, 2):
+        runtime.init(precision="f32", threads=threads)
+        own = make_model("aerosonde", DT, SUBSTEPS, autopilot={"actions": "altitude"})
+        flight = Flight(bench, own, MODERATE, 64)
+        for _ in range(10):
+            flight.step([0.3, 0.5, -0.5])
+        found.append((flight.team.state, flight.team.aux))
+    runtime.init()
+    assert torch.equal(found[0][0], found[1][0]) and torch.equal(found[0][1], found[1][1])

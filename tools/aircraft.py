@@ -1,0 +1,227 @@
+"""Fly an aircraft file on paper: trim over its airspeeds, natural modes, V-n diagram.
+
+    python tools/aircraft.py AIRCRAFT [--airspeed V] [--climb DEG] [--radius R] [--set KEY=VALUE ...] [--out FILE]
+
+    python tools/aircraft.py aerosonde
+    python tools/aircraft.py aerosonde --set longitudinal.C_D_p=0 --set longitudinal.C_D_delta_e=0.0135
+    python tools/aircraft.py zagi --climb 3 --radius 80 --out zagi.png
+
+AIRCRAFT is a vehicle file, or the name of a shipped one. Trims are straight and level unless --climb (deg) or
+--radius (m, positive to the right) say otherwise; the modes are about the trim at --airspeed (m/s; default: cruise).
+The V-n diagram has the wing's largest load factor up to the limit ones of the file, and the airspeeds where they meet.
+
+Exit status: 0 done, 2 bad input, or no trim at the airspeed of the modes.
+"""
+
+import argparse
+import math
+import sys
+import tomllib
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[1]
+if str(ROOT) not in sys.path:  # run as a script from anywhere
+    sys.path.insert(0, str(ROOT))
+
+from taichi_sim import runtime  # noqa: E402
+from taichi_sim.config import ConfigError  # noqa: E402
+from taichi_sim.config_io import config_folder, read_toml, validate  # noqa: E402
+from taichi_sim.conventions import GRAVITY  # noqa: E402
+from taichi_sim.uav.evaluate import lift_curve, stall_angles  # noqa: E402
+from taichi_sim.uav.fixed_wing import FixedWingParams  # noqa: E402
+from taichi_sim.uav.modes import LinearModel, largest_stable_dt, linear_modes  # noqa: E402
+from taichi_sim.uav.trim import Trim, TrimError, trim  # noqa: E402
+
+MODEL = "fixed_wing_6dof"
+ROWS = 11  # airspeeds of the trim table and of the V-n table
+SLOWEST = 0.9  # of the stall's airspeed: where the trim table begins, to show what stops it there
+FORMATS = (".png", ".pdf", ".svg", ".jpg")
+CURVE, LIMIT, CRUISE = "#0072B2", "#D55E00", "#22313F"
+
+
+class FlightEnvelope(NamedTuple):
+    """Airspeeds (m/s) and load factors (1) that bound the flight."""
+
+    C_L_max: float
+    C_L_min: float
+    stall: float  # at n = 1
+    corner: float  # where the wing first reaches n_max
+    inverted_corner: float  # where it first reaches n_min
+    top: float
+    n_max: float
+    n_min: float
+
+    def largest(self, Va):
+        """Load factor at most, at Va."""
+        return np.minimum(self.n_max * (np.asarray(Va) / self.corner) ** 2, self.n_max)
+
+    def least(self, Va):
+        """Load factor at least, at Va."""
+        return np.maximum(self.n_min * (np.asarray(Va) / self.inverted_corner) ** 2, self.n_min)
+
+
+def flight_envelope(p: FixedWingParams) -> FlightEnvelope:
+    """The V-n diagram's bounds, elevator at zero: n = 0.5 rho Va^2 S C_L / (m g)."""
+    C_L_min, C_L_max = (float(x) for x in lift_curve(p, stall_angles(p)))
+    body, limits = p.physical, p.envelope
+
+    def airspeed(n: float, C_L: float) -> float:
+        return math.sqrt(2 * n * body.mass * GRAVITY / (body.rho * body.S * C_L))
+
+    return FlightEnvelope(
+        C_L_max,
+        C_L_min,
+        airspeed(1.0, C_L_max),
+        airspeed(limits.n_max, C_L_max),
+        airspeed(limits.n_min, C_L_min),
+        limits.max_airspeed,
+        limits.n_max,
+        limits.n_min,
+    )
+
+
+def load_aircraft(name: str, overrides: list[str]) -> FixedWingParams:
+    """The numbers of a vehicle file, or of a shipped one by name, with KEY=VALUE overrides.
+
+    Raises:
+        ConfigError: if there is no such file, it holds another model, or a key or value is wrong.
+    """
+    shipped = config_folder() / "vehicles" / f"{Path(name).stem}.toml"
+    file = Path(name) if Path(name).suffix == ".toml" and Path(name).is_file() else shipped
+    known = [f.stem for f in sorted(shipped.parent.glob("*.toml")) if read_toml(f).get("model") == MODEL]
+    if not file.is_file():
+        raise ConfigError(f"{name}: no such aircraft; shipped are {', '.join(known)}, or give a path to a .toml")
+    data = read_toml(file)
+    if data.pop("model", None) != MODEL:
+        raise ConfigError(f"{file}: not a {MODEL}; shipped ones are {', '.join(known)}")
+    for text in overrides:
+        section, dot, key = text.partition("=")[0].strip().partition(".")
+        try:
+            value = tomllib.loads(f"value = {text.partition('=')[2]}")["value"]
+        except tomllib.TOMLDecodeError:
+            value = None
+        if not dot or not key or value is None or not isinstance(data.setdefault(section, {}), dict):
+            raise ConfigError(f"--set {text}: expected SECTION.KEY=VALUE, for example --set longitudinal.C_D_p=0")
+        data[section][key] = value
+    return validate(FixedWingParams, data, str(file))
+
+
+def trim_table(p: FixedWingParams, bounds: FlightEnvelope, gamma: float, radius: float | None) -> str:
+    """Trims over the airspeeds of the envelope; a line says why where there is none."""
+    lines = [
+        f"{'m/s':>7}{'alpha':>9}{'theta':>9}{'bank':>9}{'slip':>9}{'elevator':>10}{'aileron':>9}{'rudder':>9}"
+        f"{'throttle':>10}{'thrust N':>10}   (deg)"
+    ]
+    for Va in np.linspace(SLOWEST * bounds.stall, bounds.top, ROWS):
+        try:
+            t = trim(p, float(Va), gamma, turn_radius=radius)
+        except TrimError as error:
+            lines.append(f"{Va:7.2f}   {str(error).split(': ', 1)[1]}")
+            continue
+        angles = np.degrees([t.alpha, t.theta, t.phi, t.beta, t.elevator, t.aileron, t.rudder]) + 0.0
+        alpha, theta, phi, beta, elevator, aileron, rudder = angles
+        lines.append(
+            f"{Va:7.2f}{alpha:9.3f}{theta:9.3f}{phi:9.3f}{beta:9.3f}{elevator:10.3f}{aileron:9.3f}{rudder:9.3f}"
+            f"{t.throttle:10.4f}{t.thrust:10.3f}"
+        )
+    return "\n".join(lines)
+
+
+def mode_table(p: FixedWingParams, at: Trim, model: LinearModel) -> str:
+    """Frequency, damping and time constant of each mode, and the step they allow."""
+    lines = [f"{'mode':14}{'rad/s':>10}{'damping':>10}{'period s':>10}{'time constant s':>17}"]
+    for mode in model.modes.values():
+        if mode.oscillates:
+            period = 2 * math.pi / abs(mode.eigenvalues[0].imag)
+            figures = f"{mode.frequency:10.4f}{mode.damping:10.4f}{period:10.3f}{mode.time_constant:17.3f}"
+        else:
+            figures = f"{'-':>10}{'-':>10}{'-':>10}{mode.time_constant:17.3f}"
+        lines.append(f"{mode.name:14}{figures}{'  grows' if mode.time_constant < 0 else ''}")
+    step = largest_stable_dt(p, at)
+    return "\n".join([*lines, f"largest stable step {step.dt:.4f} s: {step.reason}"])
+
+
+def envelope_table(bounds: FlightEnvelope) -> str:
+    """The V-n diagram in rows."""
+    lines = [
+        f"C_L from {bounds.C_L_min:.3f} to {bounds.C_L_max:.3f}; stall {bounds.stall:.2f} m/s, corner "
+        f"{bounds.corner:.2f} m/s, inverted corner {bounds.inverted_corner:.2f} m/s, at most {bounds.top:.2f} m/s",
+        f"{'m/s':>7}{'n least':>10}{'n largest':>11}",
+    ]
+    corners = (bounds.stall, bounds.corner, bounds.inverted_corner)
+    airspeeds = sorted({*np.linspace(0.0, bounds.top, ROWS).tolist(), *(v for v in corners if v < bounds.top)})
+    return "\n".join([*lines, *(f"{v:7.2f}{bounds.least(v) + 0.0:10.3f}{bounds.largest(v):11.3f}" for v in airspeeds)])
+
+
+def draw(bounds: FlightEnvelope, cruise: float, title: str, file: Path) -> None:
+    """The V-n diagram as a figure."""
+    from rl.figures.page import dress, new_figure
+
+    figure = new_figure(8.0, 5.0, title)
+    axes = figure.subplots()
+    Va = np.linspace(0.0, bounds.top, 400)
+    upper, lower = bounds.largest(Va), bounds.least(Va)
+    axes.fill_between(Va, lower, upper, color=CURVE, alpha=0.12)
+    axes.plot(Va, upper, color=CURVE, label="what the wing bears and may bear")
+    axes.plot(Va, lower, color=CURVE)
+    axes.plot([bounds.top] * 2, [lower[-1], upper[-1]], color=LIMIT, label=f"at most {bounds.top:g} m/s")
+    axes.plot([cruise], [1.0], "o", color=CRUISE, label=f"cruise {cruise:g} m/s")
+    for v, n, name in ((bounds.stall, 1.0, "stall"), (bounds.corner, bounds.n_max, "corner")):
+        axes.annotate(f"{name} {v:.1f} m/s", (v, n), (-4, 6), textcoords="offset points", ha="right", fontsize=9)
+    axes.axhline(0.0, color=CRUISE, linewidth=0.6)
+    dress(axes, "V-n diagram", "airspeed, m/s", "load factor n, 1")
+    axes.legend(loc="upper left", frameon=False)
+    figure.savefig(file, dpi=150)
+
+
+def parser() -> argparse.ArgumentParser:
+    """The arguments."""
+    p = argparse.ArgumentParser(
+        prog="aircraft.py", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    p.add_argument("aircraft", metavar="AIRCRAFT", help="vehicle file, or the name of a shipped one")
+    p.add_argument("--airspeed", type=float, help="where the modes are taken, m/s (default: cruise)")
+    p.add_argument("--climb", type=float, default=0.0, metavar="DEG", help="angle of climb of the trims")
+    p.add_argument("--radius", type=float, metavar="M", help="radius of the turn, positive to the right")
+    p.add_argument(
+        "--set", dest="overrides", action="append", default=[], metavar="KEY=VALUE", help="override SECTION.KEY"
+    )
+    p.add_argument("--out", type=Path, metavar="FILE", help=f"draw the V-n diagram here ({', '.join(FORMATS)})")
+    return p
+
+
+def report(args: argparse.Namespace) -> str:
+    """What is printed; also draws."""
+    p = load_aircraft(args.aircraft, args.overrides)
+    gamma, bounds = math.radians(args.climb), flight_envelope(p)
+    airspeed = p.envelope.airspeed if args.airspeed is None else args.airspeed
+    at = trim(p, airspeed, gamma, turn_radius=args.radius)
+    flight = f"climb {args.climb:g} deg" + (f", radius {args.radius:g} m" if args.radius else "")
+    parts = [f"{args.aircraft}: trim, {flight}", trim_table(p, bounds, gamma, args.radius)]
+    parts += [f"\nmodes at {at.airspeed:g} m/s, {flight}", mode_table(p, at, linear_modes(p, at))]
+    parts += ["\nV-n diagram", envelope_table(bounds)]
+    if args.out:
+        draw(bounds, p.envelope.airspeed, Path(args.aircraft).stem, args.out)
+    return "\n".join(parts)
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the command."""
+    arguments = parser()
+    args = arguments.parse_args(argv)
+    if args.out and args.out.suffix not in FORMATS:
+        arguments.error(f"--out {args.out}: must end in one of {', '.join(FORMATS)}")
+    runtime.init(precision="f64", threads=1)
+    try:
+        print(report(args))
+    except (ConfigError, ValueError, OSError) as error:
+        print(f"aircraft.py: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
