@@ -47,6 +47,13 @@ class HullGeometry:
         """[line, 6]: first point and step, m, b."""
         return np.concatenate([self.lines.start, self.lines.step], axis=1)
 
+    @cached_property
+    def deck_corners(self) -> Array:
+        """[corner, 3] points of the deck edge that reach farthest in one of eight directions: the lowest is one."""
+        deck, angle = self.panels.deck, np.arange(8) * np.pi / 4
+        reach = deck[:, :2] @ np.stack([np.cos(angle), np.sin(angle)])
+        return deck[np.unique(reach.argmax(axis=0))]
+
 
 def _gauge(panels: Panels) -> Gauge:
     """The waterplane as the panels that face down show it."""

@@ -144,7 +144,7 @@ class HullModel:
         key = (device, dtype)
         if key not in self._tables:
             geometry = self.geometry
-            floats = [geometry.panel_table, geometry.line_table, geometry.panels.deck]
+            floats = [geometry.panel_table, geometry.line_table, geometry.deck_corners]
             panels, lines, deck = (torch.as_tensor(np.ascontiguousarray(t), dtype=dtype, device=device) for t in floats)
             node = torch.as_tensor(geometry.lines.node + HEAD, dtype=torch.int32, device=device)
             self._tables[key] = (panels, node, lines, deck)

@@ -4,11 +4,12 @@ from pathlib import Path
 
 from benchmarking.timing import Case
 from rl.task.formation import FormationTask
-from taichi_sim.config import ScenarioConfig
+from taichi_sim.config import AirConfig, ScenarioConfig
 from taichi_sim.config_io import config_folder, read_toml
-from taichi_sim.vehicles import MODELS
+from taichi_sim.vehicles import MODELS, load_vehicle
 
 COMPONENTS = (16, 32)
+AIR = AirConfig(speed=7.72, turbulence="dryden")  # 15 kt; what does not feel it pays nothing
 
 
 def shipped_vehicles() -> list[Path]:
@@ -33,9 +34,10 @@ def _case(config: ScenarioConfig, file: Path, components: int, num_envs: int) ->
     name = MODELS[read_toml(file)["model"]].team
     section = config.team(name).model_copy(update={"vehicle": str(file)})
     sea = config.sea.model_copy(update={"components": components})
-    task = FormationTask(
-        config.model_copy(update={name: section, "sea": sea}), num_envs, seed=config.seed, teams=(name,)
-    )
+    model = load_vehicle(file, name, config.dt, config.substeps)
+    cruise = getattr(model, "speed_range", (0.0, config.track.target_speed, 0.0))[1]
+    changes = {name: section, "sea": sea, "track": config.track.model_copy(update={"target_speed": cruise}), "air": AIR}
+    task = FormationTask(config.model_copy(update=changes), num_envs, seed=config.seed, teams=(name,))
     world, team = task.world, task.world.teams[name]
     action = team.state.new_zeros(task.teams[name].action.shape)
     memory = [(t, t.clone()) for t in (team.state, team.aux, team.derived, team.surface)]
