@@ -13,8 +13,10 @@ TOOL = ROOT / "tools" / "benchmark.py"
 sys.path.insert(0, str(ROOT / "tools"))
 
 from benchmarking.parts import Stopwatch  # noqa: E402
-from benchmarking.physics import shipped_vehicles  # noqa: E402
+from benchmarking.physics import measured_vehicles, shipped_vehicles  # noqa: E402
 from benchmarking.timing import Case, measure  # noqa: E402
+
+from taichi_sim.vehicles import MODELS  # noqa: E402
 
 
 def positive(value) -> bool:
@@ -43,10 +45,17 @@ def test_agent_steps_are_measured(group, quick):
         assert row["real_time_factor"] == pytest.approx(row["agent_steps_per_s"] / agents * 0.1)
 
 
-def test_every_vehicle_is_measured_alone_in_two_seas(quick):
+def test_every_boat_is_to_be_measured_in_two_seas():
+    measured = measured_vehicles(quick=False)
+    assert {file for file, _ in measured} == set(shipped_vehicles())
+    assert {n for file, n in measured if file.stem == "otter"} == {16, 32}
+
+
+def test_a_vehicle_of_every_model_is_measured_alone(quick):
     rows = quick[1]["physics"]
     found = {(row["vehicle"], row["components"]) for row in rows}
-    assert found == {(file.stem, n) for file in shipped_vehicles() for n in (16, 32)}
+    assert found == {(file.stem, n) for file, n in measured_vehicles(quick=True)}
+    assert len(found) == len(MODELS)
     assert all(positive(row["vehicle_substeps_per_s"]) for row in rows)
     assert all(row["panels"] is None or positive(row["panels"]) for row in rows)
 

@@ -59,7 +59,7 @@ def benchmark(config: ScenarioConfig, *, quick: bool, seconds: float, show_progr
     with tempfile.TemporaryDirectory() as folder:
         mission = environment_cases(config, QUICK_SIZES if quick else SIZES)
         mission += learning_cases(config, learning_sizes, Path(folder))
-        models = physics_cases(config, parts_size)
+        models = physics_cases(config, parts_size, quick)
         cases = mission + [case for case, _ in models]
         measure(cases, seconds=seconds, repetitions=repetitions, show_progress=show_progress)
     parts = measure_parts(config, parts_size, seconds=seconds, repetitions=repetitions, show_progress=show_progress)

@@ -23,11 +23,22 @@ def panel_count(model) -> int | None:
     return panels if panels is None or isinstance(panels, int) else len(panels)
 
 
-def physics_cases(config: ScenarioConfig, num_envs: int) -> list[tuple[Case, dict]]:
-    """A case and its description for each shipped vehicle in seas of 16 and of 32 components."""
+def measured_vehicles(quick: bool) -> list[tuple[Path, int]]:
+    """Vehicle files and numbers of wave components to measure: an aircraft in one sea, `quick` one vehicle a model."""
+    files = shipped_vehicles()
+    model = {file: read_toml(file)["model"] for file in files}
+    if quick:
+        files = list({model[file]: file for file in files}.values())
     return [
-        _case(config, file, components, num_envs) for file in shipped_vehicles() for components in COMPONENTS
+        (file, components)
+        for file in files
+        for components in (COMPONENTS if MODELS[model[file]].team == "usv" and not quick else COMPONENTS[:1])
     ]
+
+
+def physics_cases(config: ScenarioConfig, num_envs: int, quick: bool) -> list[tuple[Case, dict]]:
+    """A case and its description for each of `measured_vehicles`."""
+    return [_case(config, file, components, num_envs) for file, components in measured_vehicles(quick)]
 
 
 def _case(config: ScenarioConfig, file: Path, components: int, num_envs: int) -> tuple[Case, dict]:
