@@ -20,6 +20,12 @@ def _sincos(x: ti.types.ndarray(ndim=1), out: ti.types.ndarray(ndim=2)):
 
 
 @ti.kernel
+def _decays(x: ti.types.ndarray(ndim=1), out: ti.types.ndarray(ndim=2)):
+    for i in x:
+        out[i, 0], out[i, 1], out[i, 2] = fast.exp_decay(x[i]), fast.exp_near_one(x[i]), fast.at_most(x[i], 1.0)
+
+
+@ti.kernel
 def _advance(q: ti.types.ndarray(ndim=2), omega: ti.types.ndarray(ndim=2), dt: float, steps: int):
     for i in range(q.shape[0]):
         p = ti.Vector([q[i, 0], q[i, 1], q[i, 2], q[i, 3]])
@@ -53,6 +59,36 @@ def _random_euler(n=200):
 
 def _quaternions(euler):
     return rotation.torch_quaternion_from_euler(*euler.unbind(-1))
+
+
+def _decay(low, high):
+    """x and the functions of `_decays` there, float64 [n] and [n, 3]."""
+    x = torch.linspace(low, high, 20_001, dtype=torch.float64).to(runtime.current().torch_dtype)
+    out = _zeros(len(x), 3)
+    _decays(x, out)
+    return x.double(), out.double()
+
+
+class TestDecay:
+    def test_near_the_surface_it_is_exact_to_a_share_of_its_value(self):
+        x, out = _decay(-2.0, 8.0)
+        assert (out[:, 0] * x.exp() - 1).abs().max() < 5e-4
+
+    def test_far_below_nothing_is_left(self):
+        x, out = _decay(8.0, 200.0)
+        assert (out[:, 0] - (-x).exp()).abs().max() < 8e-6
+        assert (out[:, 0] >= 0).all()
+
+    def test_of_a_small_step(self):
+        x, out = _decay(-0.3, 0.3)
+        assert (out[:, 1] * x.exp() - 1).abs().max() < 3.1e-4
+        x, out = _decay(-1.0, 1.0)
+        assert (out[:, 1] * x.exp() - 1).abs().max() < 1.3e-2
+        assert (_decay(-30.0, 30.0)[1][:, 1] > 0).all()
+
+    def test_at_most(self):
+        x, out = _decay(0.0, 2.0)
+        assert torch.equal(out[:, 2], x.clamp(max=1.0))
 
 
 @pytest.mark.parametrize(("largest", "bound"), [(math.pi, 1e-6), (100.0, 1e-6), (5000.0, 2e-6)])

@@ -90,7 +90,7 @@ def at_most(x, limit):
 
 @ti.func
 def exp_decay(x):
-    """exp(-x): in f32 the eighth power of a quartic, to 5e-4 of the value for x in [-2, 8] and to 2e-6 above."""
+    """exp(-x): in f32 the eighth power of a quartic, to 5e-4 of the value for x in [-2, 8] and to 8e-6 above."""
     y = x
     if ti.static(runtime.is_f64()):
         y = ti.exp(-x)
@@ -106,7 +106,7 @@ def exp_decay(x):
 
 @ti.func
 def exp_near_one(x):
-    """exp(-x) for |x| below 1, to 1.3e-2 in f32 (2e-4 below 0.3), and positive everywhere: a power of a quadratic."""
+    """exp(-x) for |x| below 1, to 1.3e-2 in f32 (3e-4 below 0.3), and positive everywhere: a power of a quadratic."""
     y = x
     if ti.static(runtime.is_f64()):
         y = ti.exp(-x)
