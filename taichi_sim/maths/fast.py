@@ -12,6 +12,7 @@ from taichi_sim import runtime
 
 TWO_PI_HI = 6.28125  # exact in 11 bits: n * TWO_PI_HI is exact in f32 for |n| < 8192
 TWO_PI_LO = 1.9353071795864769e-3
+TWO_PI = 6.283185307179586
 INV_TWO_PI = 0.15915494309189535
 DECAYED = 12.0  # exp(-x) stays at 6e-6 from here on
 
@@ -79,6 +80,38 @@ def sincos(x):
     else:
         r = wrap_two_pi(x)
         s, c = sin_reduced(r), cos_reduced(r)
+    return s, c
+
+
+@ti.func
+def sinc_short(r):
+    """sin(r) / r for r in [-pi, pi] to 4e-6."""
+    s = r * r
+    s2 = s * s
+    return (9.9999615200e-01 - 1.6664703189e-01 * s) + (
+        (8.3172454379e-03 - 1.9376590195e-04 * s) + 2.1981251567e-06 * s2
+    ) * s2
+
+
+@ti.func
+def cos_short(r):
+    """cos(r) for r in [-pi, pi] to 5e-5."""
+    s = r * r
+    s2 = s * s
+    return (9.9995902084e-01 - 4.9979060875e-01 * s) + (
+        (4.1494742104e-02 - 1.3390584762e-03 * s) + 1.8781329857e-05 * s2
+    ) * s2
+
+
+@ti.func
+def sincos_short(x):
+    """(sin x, cos x), x in rad: in f32 to 5e-5 and twice the rounding of x, for two thirds of the price of sincos."""
+    s, c = x, x
+    if ti.static(runtime.is_f64()):
+        s, c = ti.sin(x), ti.cos(x)
+    else:
+        r = x - ti.floor(x * INV_TWO_PI + 0.5) * TWO_PI
+        s, c = r * sinc_short(r), cos_short(r)
     return s, c
 
 

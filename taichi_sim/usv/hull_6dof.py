@@ -9,8 +9,8 @@ Sea Loads on Ships and Offshore Structures, ch. 3). tau is thrust, wind, and wha
 
 - `restoring = "panels"`: weight, and pressure on panels of the hull under the instantaneous surface, hydrostatic and
   Froude-Krylov (hydrostatics.py). A step drifts by half, evaluates waves and pressure once, changes the velocity by
-  the midpoint rule and drifts by half again (Strang 1968: second order, and symmetric in time: still water makes no
-  energy).
+  the midpoint rule, whose middle velocity the last step's nu_dot foretells, and drifts by half again (Strang 1968:
+  second order, and symmetric in time but for damping: still water makes no energy).
 - `restoring = "linear"`: -G eta of the source, relative to the hull's mean surface plane, and the component of the
   weight down its slope. Steps are classical Runge-Kutta of fourth order: for comparison with published codes.
 
@@ -24,18 +24,24 @@ import torch
 from taichi_sim import runtime
 from taichi_sim.conventions import ELEVATION, FREEBOARD
 from taichi_sim.kinematics import store
-from taichi_sim.maths.rotation import rotation_matrix
-from taichi_sim.rigid_body import linear, six
+from taichi_sim.maths.rotation import quaternion_advance, rotation_matrix
+from taichi_sim.rigid_body import angular, linear, six
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.usv import hull_loads as loads
 from taichi_sim.usv import hull_waves
-from taichi_sim.usv.hull_model import DRAG, PRESSURE, THRUST, WIND
-from taichi_sim.usv.hull_motion import HullMotion
+from taichi_sim.usv.hull_model import DRAG, NU_DOT, PRESSURE, THRUST, WIND
+from taichi_sim.usv.hull_motion import HullMotion, pack
 from taichi_sim.usv.hull_params import Hull6DofParams
 
 __all__ = ["Hull6Dof", "Hull6DofParams"]
 
 LABEL_STEPS = 4  # of Newton's method from no displacement, where there is no last step to predict from
+
+
+@ti.func
+def six_of(table: ti.template(), e, i, first: ti.template()):
+    """Six numbers in a row of a table."""
+    return ti.Vector([table[e, i, first + c] for c in range(6)])
 
 
 @ti.data_oriented
@@ -75,7 +81,7 @@ class Hull6Dof(HullMotion):
         phase: ti.types.ndarray(ndim=2),
         current: ti.types.ndarray(ndim=2),
         wind: ti.types.ndarray(ndim=2),
-        panels: ti.types.ndarray(ndim=2),
+        panels: ti.types.ndarray(ndim=1),
         node: ti.types.ndarray(dtype=ti.i32, ndim=1),
         lines: ti.types.ndarray(ndim=2),
         deck: ti.types.ndarray(ndim=2),
@@ -83,19 +89,24 @@ class Hull6Dof(HullMotion):
         finite: ti.template(),
     ):
         for e, i in ti.ndrange(state.shape[0], state.shape[1]):
-            y = ti.Vector([state[e, i, c] for c in range(13)])
+            pos = ti.Vector([state[e, i, 0], state[e, i, 1], state[e, i, 2]])
+            q = ti.Vector([state[e, i, 3], state[e, i, 4], state[e, i, 5], state[e, i, 6]])
+            nu, nu_dot = six_of(state, e, i, 7), six_of(aux, e, i, NU_DOT)
+            R = rotation_matrix(q)
             shaft = ti.Vector([aux[e, i, 0], aux[e, i, 1]])
             D, change = ti.Vector([aux[e, i, 2], aux[e, i, 3]]), ti.Vector([aux[e, i, 4], aux[e, i, 5]])
             command = self.command(action[e, i, 0], action[e, i, 1])
             V_c = ti.Vector([current[e, 0], current[e, 1], 0.0])
             air = ti.Vector([wind[e, 0], wind[e, 1], wind[e, 2]])
-            plane = ti.Vector([y[0] * 0.0, 0.0, 0.0])  # elevation, slopes north and east of the surface under the hull
-            water = ti.Vector([y[0] * 0.0 for _ in range(hull_waves.CENTRE_SIZE)])
+            plane = ti.Vector(
+                [pos[0] * 0.0, 0.0, 0.0]
+            )  # elevation, slopes north and east of the surface under the hull
+            water = ti.Vector([pos[0] * 0.0 for _ in range(hull_waves.CENTRE_SIZE)])
             up, wind_load = six(linear(water), linear(water)), six(linear(water), linear(water))
             for n in range(self.substeps):
                 tau = (n + 0.5) * ti.static(self.dt)
-                pos, q, nu = self.half_drift(y)
-                R = rotation_matrix(q)
+                if ti.static(self.by_panels):  # two halves of a turn, of this step and the last one, make one
+                    pos, q, R = self.drift(pos, q, nu, ti.select(n == 0, ti.static(0.5 * self.dt), ti.static(self.dt)))
                 water, L, J = self.water(sea, phase, count, finite, env_sea[e], e, tau, pos, R, D + change)
                 D_next = L - ti.Vector([pos[0], pos[1]])
                 fresh = D.norm_sqr() + change.norm_sqr() == 0.0  # no last step to tell a change from
@@ -113,20 +124,26 @@ class Hull6Dof(HullMotion):
                         panels, node, aux, self.nodes, ti.static(len(self.geometry.panels)), e, i, pos[2], k, g
                     )
                     up += loads.weight_load(self.weight, self.p.rigid_body.cg, k)
-                    load = up + self.thrust_load(self.lagged(shaft, command, 0.5)) + wind_load
-                    y = self.kick_and_drift(pos, q, nu, R, load, V_c, water)
+                    load = up + self.thrust_load(self.lagged(shaft, command, ti.static(self.keep[0]))) + wind_load
+                    pos, nu, nu_dot = self.kick(pos, nu, nu_dot, R, load, V_c, water)
                 else:
-                    y = self.runge_kutta(y, shaft, command, wind_load, V_c, water)
-                shaft = self.lagged(shaft, command, 1.0)
-            R_nb = rotation_matrix(ti.Vector([y[3], y[4], y[5], y[6]]))
-            store(derived, e, i, R_nb, R_nb @ ti.Vector([y[7], y[8], y[9]]))
+                    pos, q, nu = self.runge_kutta(pack(pos, q, nu), shaft, command, wind_load, V_c, water)
+                    R = rotation_matrix(q)
+                shaft = self.lagged(shaft, command, ti.static(self.keep[1]))
+            if ti.static(self.by_panels):
+                q = quaternion_advance(q, angular(nu), ti.static(0.5 * self.dt))
+                R = rotation_matrix(q)
+            store(derived, e, i, R, R @ linear(nu))
+            y = pack(pos, q, nu)
             for c in ti.static(range(13)):
                 state[e, i, c] = y[c]
             for c in ti.static(range(2)):
                 aux[e, i, c], aux[e, i, 2 + c], aux[e, i, 4 + c] = shaft[c], D[c], change[c]
-            self.note(aux, e, i, linear(up), linear(wind_load), shaft, self.drag_of(y, R_nb, V_c, water))
+            for c in ti.static(range(6)):
+                aux[e, i, NU_DOT + c] = nu_dot[c]
+            self.note(aux, e, i, linear(up), linear(wind_load), shaft, self.drag_force(nu, R, V_c, water))
             surface[e, i, ELEVATION] = plane[0]
-            surface[e, i, FREEBOARD] = self.freeboard(deck, R_nb, y[2], plane)
+            surface[e, i, FREEBOARD] = self.freeboard(deck, R, pos[2], plane)
 
     @ti.kernel
     def _acceleration(
@@ -171,7 +188,7 @@ class Hull6Dof(HullMotion):
         sea: ti.types.ndarray(ndim=3),
         env_sea: ti.types.ndarray(dtype=ti.i32, ndim=1),
         phase: ti.types.ndarray(ndim=2),
-        panels: ti.types.ndarray(ndim=2),
+        panels: ti.types.ndarray(ndim=1),
         node: ti.types.ndarray(dtype=ti.i32, ndim=1),
         lines: ti.types.ndarray(ndim=2),
         count: ti.template(),

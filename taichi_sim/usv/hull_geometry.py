@@ -6,10 +6,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from taichi_sim.usv.hull_loads import ACROSS, AHEAD, PANEL_ROWS, WRENCH, WRENCH_ROWS
+from taichi_sim.usv.hull_loads import ACROSS, AHEAD, PANEL_ROWS, STRIPS, WRENCH, WRENCH_ROWS
 from taichi_sim.usv.hull_mesh import HullShape, Panels, mesh
 from taichi_sim.usv.hull_waves import Gauge
-from taichi_sim.usv.hydrostatics import Hydrostatics, unit_wrenches
+from taichi_sim.usv.hydrostatics import Hydrostatics, Strips
 from taichi_sim.usv.wave_lines import WaveLines, wave_lines
 
 Array = NDArray[np.float64]
@@ -32,20 +32,20 @@ class HullGeometry:
 
     @cached_property
     def panel_table(self) -> Array:
-        """[PANEL_ROWS, N]: centre, along, up, twist, unit wrenches that are not zero, across, ahead (hull_loads.py)."""
-        p = self.panels
-        table = np.zeros((PANEL_ROWS, len(p)))
-        table[:WRENCH] = np.concatenate([p.centre, p.along, p.up, p.twist], axis=1).T
-        wrench = unit_wrenches(p)
-        for row, (moment, component) in enumerate(WRENCH_ROWS):
-            table[WRENCH + row] = wrench[:, moment, component]
+        """[PANEL_ROWS, N]: see hull_loads.py."""
+        strips = Strips.of(self.panels, STRIPS)
+        (c1, c2), (u1, u2) = strips.centre, strips.up
+        table = np.zeros((PANEL_ROWS, len(self.panels)))
+        table[:ACROSS] = np.concatenate([c1 + c2, c2 - c1, u1 + u2, u2 - u1], axis=1).T / 2
         table[ACROSS], table[AHEAD] = self.lines.across, self.lines.ahead
+        table[WRENCH:] = [strip[:, m, j] for strip in strips.wrench for m, j in WRENCH_ROWS]
         return table
 
     @cached_property
     def line_table(self) -> Array:
-        """[line, 6]: first point and step, m, b."""
-        return np.concatenate([self.lines.start, self.lines.step], axis=1)
+        """[pair, 9]: first point of either line of a pair, and their common step, m, b."""
+        a, b = self.lines.start[::2], self.lines.start[1::2]
+        return np.concatenate([a, b, self.lines.step[::2]], axis=1)
 
     @cached_property
     def deck_corners(self) -> Array:

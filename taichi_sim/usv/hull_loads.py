@@ -5,7 +5,7 @@ Damping and cross-flow act on the velocity relative to the water. Cross-flow dra
     Y = -1/2 rho T C_d sum |v + x r| (v + x r) dx,   N = -1/2 rho T C_d sum x |v + x r| (v + x r) dx
 
 with Hoerner's (1965) section coefficient (Faltinsen 1990; Fossen 2021, eqs. 6.91-6.92). Pressure on panels is
-hydrostatics.py's: averages of a clipped linear pressure times constant unit wrenches.
+hydrostatics.py's: averages of a clipped linear pressure on strips times constant unit wrenches.
 """
 
 import taichi as ti
@@ -16,13 +16,14 @@ from taichi_sim.rigid_body import cross, six
 RHO_AIR = 1.225  # kg/m^3, standard atmosphere at sea level
 STILL = 1e-9  # m^2/s^2, keeps the direction of no wind finite
 
-# Rows of the panel table [row, panel]: geometry, then the unit wrenches (hydrostatics.unit_wrenches).
-CENTRE, ALONG, UP, TWIST, WRENCH = 0, 3, 6, 9, 12
-# moment (m0, m1, ms, m2, mst) and component (X Y Z K M N) of the wrench rows that are not zero by construction
-WRENCH_ROWS = tuple((m, j) for m in range(5) for j in range(6) if m < 3 or j > 2)
-ACROSS = WRENCH + len(WRENCH_ROWS)  # how far to starboard of its wave point the panel looks, m
-AHEAD = ACROSS + 1  # how far ahead of it, m
-PANEL_ROWS = AHEAD + 1
+# Rows of the panel table [row, panel]: middle of the panel (m, b); half of the way between its two strips; half a
+# strip's length, mean of the two and half their difference; how far to starboard and ahead of its wave point it lies;
+# then the unit wrenches of either strip that are not zero (hydrostatics.Strips).
+STRIPS = 2
+CENTRE, ALONG, UP, TWIST, ACROSS, AHEAD, WRENCH = 0, 3, 6, 9, 12, 13, 14
+# moment (m0, m1, m2) and component (X Y Z K M N) of the wrench rows of a strip
+WRENCH_ROWS = tuple((m, j) for m in range(3) for j in range(6) if m < 2 or j > 2)
+PANEL_ROWS = WRENCH + STRIPS * len(WRENCH_ROWS)
 
 
 @ti.func
@@ -96,39 +97,73 @@ def weight_load(weight: ti.template(), position: ti.template(), k):
 
 
 @ti.func
+def strip_moments(p_c, d):
+    """hydrostatics.pressure_moments."""
+    size = ti.abs(d)
+    p_hi = ti.max(p_c + size, 0.0)
+    wet = p_c >= size
+    w = ti.select(wet, 1.0, p_hi / (2 * size + 1e-12))
+    m0 = ti.select(wet, p_c, 0.5 * p_hi * w)
+    sign = ti.select(d < 0, -1.0, 1.0)
+    m1 = ti.select(wet, d * (1.0 / 3), m0 * sign * (1 - w * (2.0 / 3)))
+    m2 = ti.select(wet, p_c * (1.0 / 3), m0 * (1 - w * (4.0 / 3 - w * (2.0 / 3))))
+    return m0, m1, m2
+
+
+@ti.func
 def panel_load(
     panels: ti.template(), node: ti.template(), head: ti.template(), slope: ti.template(), count: ti.template(),
     e, i, z, k, g
 ):  # fmt: skip
-    """Pressure load on `count` panels: hydrostatic, and the wave's pressure head[e, i, node] (m), whose change to
-    starboard is head[e, i, node + slope].
+    """Pressure load on `count` panels of two strips each: hydrostatic, and the wave's pressure head[e, i, node] (m),
+    whose change to starboard is head[e, i, node + slope].
 
     z (m, down) is CO's depth below mean sea level, k [3] the unit vector downwards in b, g [3] the slope of the mean
-    surface plane in b: over a panel the wave's pressure changes by it. The formulas are
-    hydrostatics.pressure_moments, in metres of water; sums over panels, contiguous, so that they vectorise.
+    surface plane in b: over a panel the wave's pressure changes by it. Heads are in metres of water; sums over panels,
+    contiguous, so that they vectorise.
     """
     X, Y, Z, K, M, N = z * 0.0, z * 0.0, z * 0.0, z * 0.0, z * 0.0, z * 0.0
     slope_b = k + g  # of the pressure head in space
     for p in range(count):
-        centre = k[0] * panels[0, p] + k[1] * panels[1, p] + k[2] * panels[2, p]
-        d1 = slope_b[0] * panels[3, p] + slope_b[1] * panels[4, p] + slope_b[2] * panels[5, p]
-        d2 = slope_b[0] * panels[6, p] + slope_b[1] * panels[7, p] + slope_b[2] * panels[8, p]
-        d3 = slope_b[0] * panels[9, p] + slope_b[1] * panels[10, p] + slope_b[2] * panels[11, p]
-        p_c = z + centre + head[e, i, node[p]] + panels[36, p] * head[e, i, node[p] + slope] + panels[37, p] * g[0]
-        size = ti.abs(d2)
-        p_hi = ti.max(p_c + size, 0.0)
-        wet = p_c >= size
-        w = ti.select(wet, 1.0, p_hi / (2 * size + 1e-12))
-        m0 = ti.select(wet, p_c, 0.5 * p_hi * w)
-        sign = ti.select(d2 < 0, -1.0, 1.0)
-        m1 = ti.select(wet, d2 * (1.0 / 3), m0 * sign * (1 - w * (2.0 / 3)))
-        m2 = ti.select(wet, p_c * (1.0 / 3), m0 * (1 - w * (4.0 / 3 - w * (2.0 / 3))))
-        ms = ti.max(ti.min(w * d1, m0), -m0) * (1.0 / 3)
-        mst = ti.max(ti.min(w * d3, m0), -m0) * (1.0 / 9)
-        X -= panels[12, p] * m0 + panels[18, p] * m1 + panels[24, p] * ms
-        Y -= panels[13, p] * m0 + panels[19, p] * m1 + panels[25, p] * ms
-        Z -= panels[14, p] * m0 + panels[20, p] * m1 + panels[26, p] * ms
-        K -= panels[15, p] * m0 + panels[21, p] * m1 + panels[27, p] * ms + panels[30, p] * m2 + panels[33, p] * mst
-        M -= panels[16, p] * m0 + panels[22, p] * m1 + panels[28, p] * ms + panels[31, p] * m2 + panels[34, p] * mst
-        N -= panels[17, p] * m0 + panels[23, p] * m1 + panels[29, p] * ms + panels[32, p] * m2 + panels[35, p] * mst
+        p_c = z + k[0] * panels[0 * count + p] + k[1] * panels[1 * count + p] + k[2] * panels[2 * count + p]
+        p_c += (
+            head[e, i, node[p]] + panels[12 * count + p] * head[e, i, node[p] + slope] + panels[13 * count + p] * g[0]
+        )
+        d1 = (
+            slope_b[0] * panels[3 * count + p] + slope_b[1] * panels[4 * count + p] + slope_b[2] * panels[5 * count + p]
+        )
+        d2 = (
+            slope_b[0] * panels[6 * count + p] + slope_b[1] * panels[7 * count + p] + slope_b[2] * panels[8 * count + p]
+        )
+        d3 = (
+            slope_b[0] * panels[9 * count + p]
+            + slope_b[1] * panels[10 * count + p]
+            + slope_b[2] * panels[11 * count + p]
+        )
+        a0, a1, a2 = strip_moments(p_c - d1, d2 - d3)
+        b0, b1, b2 = strip_moments(p_c + d1, d2 + d3)
+        X -= (
+            panels[14 * count + p] * a0
+            + panels[20 * count + p] * a1
+            + panels[29 * count + p] * b0
+            + panels[35 * count + p] * b1
+        )
+        Y -= (
+            panels[15 * count + p] * a0
+            + panels[21 * count + p] * a1
+            + panels[30 * count + p] * b0
+            + panels[36 * count + p] * b1
+        )
+        Z -= (
+            panels[16 * count + p] * a0
+            + panels[22 * count + p] * a1
+            + panels[31 * count + p] * b0
+            + panels[37 * count + p] * b1
+        )
+        K -= panels[17 * count + p] * a0 + panels[23 * count + p] * a1 + panels[26 * count + p] * a2
+        K -= panels[32 * count + p] * b0 + panels[38 * count + p] * b1 + panels[41 * count + p] * b2
+        M -= panels[18 * count + p] * a0 + panels[24 * count + p] * a1 + panels[27 * count + p] * a2
+        M -= panels[33 * count + p] * b0 + panels[39 * count + p] * b1 + panels[42 * count + p] * b2
+        N -= panels[19 * count + p] * a0 + panels[25 * count + p] * a1 + panels[28 * count + p] * a2
+        N -= panels[34 * count + p] * b0 + panels[40 * count + p] * b1 + panels[43 * count + p] * b2
     return ti.static(RHO_SEA * GRAVITY) * ti.Vector([X, Y, Z, K, M, N])

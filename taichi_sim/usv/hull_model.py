@@ -15,14 +15,15 @@ from taichi_sim.usv.hull_stability import largest_stable_dt, linear_motion, rung
 from taichi_sim.usv.hydrostatics import check_floats
 
 # Columns of the auxiliary state: shaft speeds (rad/s); displacement of the label under the hull and its change in a
-# step (m); forces of the last step in b (N); then the wave's pressure head (m) at each point of the wave lines, and its
-# change across them (m/m).
+# step (m); forces of the last step in b (N) and its nu_dot (m/s^2, rad/s^2); then the wave's pressure head (m) at each
+# point of the wave lines, and its change across them (m/m).
 AUX = (
     "shaft_left", "shaft_right", "label_north", "label_east", "label_change_north", "label_change_east",
     "pressure_x", "pressure_y", "pressure_z", "drag_x", "drag_y", "drag_z",
     "thrust_left", "thrust_right", "wind_x", "wind_y", "wind_z",
+    "u_dot", "v_dot", "w_dot", "p_dot", "q_dot", "r_dot",
 )  # fmt: skip
-PRESSURE, DRAG, THRUST, WIND, HEAD = 6, 9, 12, 14, len(AUX)
+PRESSURE, DRAG, THRUST, WIND, NU_DOT, HEAD = 6, 9, 12, 14, 17, len(AUX)
 
 
 class HullModel:
@@ -54,6 +55,8 @@ class HullModel:
         self.source: Any = params.linear  # None: no published restoring
         self.propelled = params.thrusters is not None
         self.lags = params.thrusters is not None and params.thrusters.lag > 0
+        lag = params.thrusters.lag if self.lags and params.thrusters else math.inf
+        self.keep = math.exp(-0.5 * dt / lag), math.exp(-dt / lag)  # of a propeller's lag after half a step, after one
         if self.by_panels:
             try:
                 check_floats(self.geometry.hydrostatics)
@@ -144,7 +147,7 @@ class HullModel:
         key = (device, dtype)
         if key not in self._tables:
             geometry = self.geometry
-            floats = [geometry.panel_table, geometry.line_table, geometry.deck_corners]
+            floats = [geometry.panel_table.ravel(), geometry.line_table, geometry.deck_corners]
             panels, lines, deck = (torch.as_tensor(np.ascontiguousarray(t), dtype=dtype, device=device) for t in floats)
             node = torch.as_tensor(geometry.lines.node + HEAD, dtype=torch.int32, device=device)
             self._tables[key] = (panels, node, lines, deck)

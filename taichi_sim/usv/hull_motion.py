@@ -28,9 +28,8 @@ class HullMotion(HullWater):
         return load
 
     @ti.func
-    def drag_of(self, y, R, V_c, water):
-        """Force (N, b) of damping and cross-flow in the state y."""
-        nu = ti.Vector([y[7 + c] for c in range(6)])
+    def drag_force(self, nu, R, V_c, water):
+        """Force (N, b) of damping and cross-flow."""
         nu_c, _, nu_o, _ = self.flow(R, angular(nu), V_c, water)
         return linear(self.drag(nu - nu_c - nu_o))
 
@@ -44,20 +43,20 @@ class HullMotion(HullWater):
         return nu_c_dot + times(self.M_inverse, load)
 
     @ti.func
-    def half_drift(self, y):
-        """Position, attitude and velocity half a step on, at constant velocity in b."""
-        nu = ti.Vector([y[7 + c] for c in range(6)])
-        q = quaternion_advance(ti.Vector([y[3], y[4], y[5], y[6]]), angular(nu), ti.static(0.5 * self.dt))
+    def drift(self, pos, q, nu, turn):
+        """Position, attitude and R_nb in the middle of a step: after turning for `turn` s and half a step's way."""
+        q = quaternion_advance(q, angular(nu), turn)
         R = rotation_matrix(q)
-        return ti.Vector([y[0], y[1], y[2]]) + ti.static(0.5 * self.dt) * (R @ linear(nu)), q, nu
+        return pos + ti.static(0.5 * self.dt) * (R @ linear(nu)), q, R
 
     @ti.func
-    def kick_and_drift(self, pos, q, nu, R, tau, V_c, water):
-        """The velocity by the midpoint rule under the load tau at the middle of the step, then the other half drift."""
-        middle = nu + ti.static(0.5 * self.dt) * self.nu_dot(nu, R, tau, V_c, water)
-        nu = nu + ti.static(self.dt) * self.nu_dot(middle, R, tau, V_c, water)
-        pos += ti.static(0.5 * self.dt) * (R @ linear(nu))
-        return pack(pos, quaternion_advance(q, angular(nu), ti.static(0.5 * self.dt)), nu)
+    def kick(self, pos, nu, nu_dot, R, tau, V_c, water):
+        """Position at the end of a step, nu there, and nu_dot, under the load tau in the middle of the step, whose
+        velocity, for damping and Coriolis, the last step's nu_dot foretells.
+        """
+        nu_dot = self.nu_dot(nu + ti.static(0.5 * self.dt) * nu_dot, R, tau, V_c, water)
+        nu = nu + ti.static(self.dt) * nu_dot
+        return pos + ti.static(0.5 * self.dt) * (R @ linear(nu)), nu, nu_dot
 
     @ti.func
     def derivative(self, y, shaft, load, V_c, water):
@@ -70,18 +69,17 @@ class HullMotion(HullWater):
 
     @ti.func
     def runge_kutta(self, y, shaft, command, load, V_c, water):
-        """y one step on, the water and `load` held."""
+        """Position, attitude and nu one step after y, the water and `load` held."""
         total, slope = y * 0.0, y * 0.0
         for stage in range(4):
             ahead = 0.5 * ((stage + 1) // 2)  # 0, 1/2, 1/2, 1 of the step
-            n = self.lagged(shaft, command, ahead)
+            keep = ti.select(ahead > 0.5, ti.static(self.keep[1]), ti.select(ahead > 0, ti.static(self.keep[0]), 1.0))
+            n = self.lagged(shaft, command, keep)
             slope = self.derivative(y + (ahead * ti.static(self.dt)) * slope, n, load, V_c, water)
             total += ti.select(stage % 3 == 0, 1.0, 2.0) * slope
         y = y + ti.static(self.dt / 6) * total
-        size = ti.sqrt(y[3] * y[3] + y[4] * y[4] + y[5] * y[5] + y[6] * y[6])
-        for c in ti.static(range(3, 7)):
-            y[c] /= size
-        return y
+        q = ti.Vector([y[3], y[4], y[5], y[6]])
+        return ti.Vector([y[0], y[1], y[2]]), q / q.norm(), ti.Vector([y[7 + c] for c in range(6)])
 
     @ti.func
     def linear_restoring(self, z, R, water):
@@ -118,11 +116,10 @@ class HullMotion(HullWater):
         return speeds
 
     @ti.func
-    def lagged(self, shaft, command, part):
-        """Shaft speeds after `part` of a step."""
+    def lagged(self, shaft, command, keep):
+        """Shaft speeds on the way to the command, of which the share `keep` is left to go."""
         n = command
         if ti.static(self.lags):
-            keep = ti.exp(-part * ti.static(self.dt / self.thrusters.lag))
             n = command + (shaft - command) * keep
         return n
 

@@ -30,13 +30,14 @@ def runge_kutta_step(A: Array, dt: float) -> Array:
 
 
 def strang_step(A: Array, dt: float) -> Array:
-    """The matrix by which drift, midpoint rule of the velocity and drift advance (pose, nu)' = A (pose, nu)."""
-    drift = np.eye(9)
-    drift[:3, 3:] = A[:3, 3:] * dt / 2
-    kick, B = np.eye(9), A[3:, 3:] * dt
-    held = np.eye(6) + B / 2  # the midpoint rule sees the velocity half a step on
-    kick[3:, 3:] = np.eye(6) + B @ held
-    kick[3:, :3] = held @ A[3:, :3] * dt
+    """The matrix by which drift, midpoint rule and drift advance (pose, nu, the last step's change of nu)."""
+    drift = np.eye(15)
+    drift[:3, 3:9] = A[:3, 3:] * dt / 2
+    change = dt * np.hstack([A[3:], A[3:, 3:] / 2])  # the middle's velocity is foretold by the last change
+    kick = np.zeros((15, 15))
+    kick[:9, :9] = np.eye(9)
+    kick[3:9] += change
+    kick[9:] = change
     return drift @ kick @ drift
 
 

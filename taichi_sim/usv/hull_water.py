@@ -48,23 +48,31 @@ class HullWater(HullModel):
         pos, R, L, J, plane, lines: ti.template(), aux: ti.template()
     ):  # fmt: skip
         """Write the wave's pressure head (m), and its change to starboard, at every point of the wave lines to aux."""
-        last = ti.static(max(self.points - 1, 1))
-        for line in range(lines.shape[0]):
-            r = R @ ti.Vector([lines[line, 0], lines[line, 1], lines[line, 2]])
-            h = R @ ti.Vector([lines[line, 3], lines[line, 4], lines[line, 5]])
-            # depth below the mean plane at both ends; a point in the air counts as on the surface
-            d = pos[2] + r[2] + plane[0] + plane[1] * r[0] + plane[2] * r[1]
-            end = d + last * (h[2] + plane[1] * h[0] + plane[2] * h[1])
-            d, end = ti.max(d, 0.0), ti.max(end, 0.0)
-            head, slope = hull_waves.along_line(
-                sea, phase, count, self.points, finite, s, e,
-                L[0] + J[0] * r[0] + J[1] * r[1], L[1] + J[1] * r[0] + J[2] * r[1], d,
-                J[0] * h[0] + J[1] * h[1], J[1] * h[0] + J[2] * h[1], (end - d) * ti.static(1.0 / last),
-                J[0] * R[0, 1] + J[1] * R[1, 1], J[1] * R[0, 1] + J[2] * R[1, 1], tau,
-            )  # fmt: skip
+        for pair in range(lines.shape[0]):
+            h = R @ ti.Vector([lines[pair, 6], lines[pair, 7], lines[pair, 8]])
+            step = ti.Vector([J[0] * h[0] + J[1] * h[1], J[1] * h[0] + J[2] * h[1]])
+            across = ti.Vector([J[0] * R[0, 1] + J[1] * R[1, 1], J[1] * R[0, 1] + J[2] * R[1, 1]])
+            a = self.line_start(R @ ti.Vector([lines[pair, 0], lines[pair, 1], lines[pair, 2]]), h, pos, L, J, plane)
+            b = self.line_start(R @ ti.Vector([lines[pair, 3], lines[pair, 4], lines[pair, 5]]), h, pos, L, J, plane)
+            head_a, head_b, slope_a, slope_b = hull_waves.along_pair(
+                sea, phase, count, self.points, finite, s, e, a, b, step, across, tau
+            )
+            first = HEAD + pair * ti.static(2 * self.points)
             for c in ti.static(range(self.points)):
-                aux[e, i, HEAD + line * ti.static(self.points) + c] = head[c]
-                aux[e, i, ti.static(HEAD + self.nodes) + line * ti.static(self.points) + c] = slope[c]
+                aux[e, i, first + c], aux[e, i, first + ti.static(self.points) + c] = head_a[c], head_b[c]
+                aux[e, i, first + ti.static(self.nodes) + c] = slope_a[c]
+                aux[e, i, first + ti.static(self.nodes + self.points) + c] = slope_b[c]
+
+    @ti.func
+    def line_start(self, r, h, pos, L, J, plane):
+        """Label of a line's first point, at r from CO (m, n), its depth below the mean plane, and the change of depth
+        with each step h (m, n). An end in the air counts as on the surface."""
+        last = ti.static(max(self.points - 1, 1))
+        d = pos[2] + r[2] + plane[0] + plane[1] * r[0] + plane[2] * r[1]
+        end = d + last * (h[2] + plane[1] * h[0] + plane[2] * h[1])
+        d, end = ti.max(d, 0.0), ti.max(end, 0.0)
+        X, Y = L[0] + J[0] * r[0] + J[1] * r[1], L[1] + J[1] * r[0] + J[2] * r[1]
+        return ti.Vector([X, Y, d, (end - d) * ti.static(1.0 / last)])
 
     @ti.func
     def flow(self, R, omega, V_c, water):

@@ -8,10 +8,10 @@ moment of the waterplane (`Gauge`): a component of wavenumber k along it counts
 
 exact to the sixth order for a rectangle (Gauss-Legendre, l = sqrt(3/5) L/2, q = 5/9), and for two thin pontoons.
 
-Decay with depth counts from the hull's mean surface plane (Wheeler 1970, OTC 1256, whose stretching counts from the
-elevation at the point: here that of the plane, so that one exponential serves a line). Hulls lie near the surface, so
-in finite depth the decay of the pressure is exp(-omega^2/g d), that of vertical motion exp(-g k^2/omega^2 d): equal to
-exp(-k d) in deep water, and equal to the exact factors to first order in k d.
+Decay with depth counts from the hull's mean surface plane (Wheeler 1970, J. Petrol. Technol. 22, 359, whose stretching
+counts from the elevation at the point: here that of the plane, so that one exponential serves a line). Hulls lie near
+the surface, so in finite depth the decay of the pressure is exp(-omega^2/g d), that of vertical motion
+exp(-g k^2/omega^2 d): equal to exp(-k d) in deep water, and equal to the exact factors to first order in k d.
 """
 
 from typing import NamedTuple
@@ -63,76 +63,94 @@ def at_centre(
     for c in range(count):
         a, kx, ky, k, omega = sea[s, AMPLITUDE, c], sea[s, KX, c], sea[s, KY, c], sea[s, K, c], sea[s, OMEGA, c]
         bx, by = sea[s, BX, c], sea[s, BY, c]
-        sine, cosine = fast.sincos(kx * X + ky * Y + phase[row, c] - omega * tau)
-        r[0] += bx * sine
-        r[1] += by * sine
-        r[2] += bx * kx * cosine
-        r[3] += bx * ky * cosine
-        r[4] += by * ky * cosine
+        sine, cosine = fast.sincos_short(kx * X + ky * Y + phase[row, c] - omega * tau)
         k_along, k_across = kx * cos_h + ky * sin_h, ky * cos_h - kx * sin_h
         u = fast.at_most(ti.abs(k_along * gauge.along), HALF_TURN)
         v = fast.at_most(ti.abs(k_across * gauge.across), HALF_TURN)
-        mean_u = 1 - gauge.along_share + gauge.along_share * fast.cos_reduced(u)
-        mean_v = 1 - gauge.across_share + gauge.across_share * fast.cos_reduced(v)
-        slope_u = k_along * mean_v * fast.sinc_reduced(u)
-        slope_v = k_across * mean_u * fast.sinc_reduced(v)
+        mean_u = 1 - gauge.along_share + gauge.along_share * fast.cos_short(u)
+        mean_v = 1 - gauge.across_share + gauge.across_share * fast.cos_short(v)
+        slope_u = k_along * mean_v * fast.sinc_short(u)
+        slope_v = k_across * mean_u * fast.sinc_short(v)
         mean = mean_u * mean_v
-        r[5] += mean * a * cosine
-        r[6] -= slope_u * a * sine
-        r[7] -= slope_v * a * sine
         decay = fast.exp_decay(k * gauge.depth)
         decay_h = decay
         if ti.static(finite):
             decay_h = fast.exp_decay(omega * omega * ti.static(gauge.depth / GRAVITY))
             decay = fast.exp_decay(k * k * ti.static(gauge.depth * GRAVITY) / (omega * omega))
-        speed_h = mean * decay_h * omega
-        r[8] += speed_h * bx * cosine
-        r[9] += speed_h * by * cosine
-        r[11] += speed_h * omega * bx * sine
-        r[12] += speed_h * omega * by * sine
-        speed = a * decay * omega
-        r[10] -= mean * speed * sine
-        r[13] += mean * speed * omega * cosine
-        r[14] -= slope_v * speed * cosine
-        r[15] += slope_u * speed * cosine
-        r[16] -= slope_v * speed * omega * sine
-        r[17] += slope_u * speed * omega * sine
+        speed_h, speed = mean * decay_h * omega, a * decay * omega
+        # all terms before the first sum: many live values keep LLVM from interleaving iterations, which would spill
+        a_sine, bx_cosine, by_cosine = a * sine, bx * cosine, by * cosine
+        bx_sine, by_sine = bx * sine, by * sine
+        up_sine, up_cosine = speed * sine, speed * cosine
+        r[0] += bx_sine
+        r[1] += by_sine
+        r[2] += kx * bx_cosine
+        r[3] += ky * bx_cosine
+        r[4] += ky * by_cosine
+        r[5] += mean * (a * cosine)
+        r[6] -= slope_u * a_sine
+        r[7] -= slope_v * a_sine
+        r[8] += speed_h * bx_cosine
+        r[9] += speed_h * by_cosine
+        r[10] -= mean * up_sine
+        r[11] += speed_h * omega * bx_sine
+        r[12] += speed_h * omega * by_sine
+        r[13] += mean * omega * up_cosine
+        r[14] -= slope_v * up_cosine
+        r[15] += slope_u * up_cosine
+        r[16] -= slope_v * omega * up_sine
+        r[17] += slope_u * omega * up_sine
     r[2], r[3], r[4] = 1 - r[2], -r[3], 1 - r[4]
     return r
 
 
 @ti.func
-def along_line(
+def along_pair(
     sea: ti.template(), phase: ti.template(), count: ti.template(), points: ti.template(), finite: ti.template(),
-    s, row, X, Y, d, dX, dY, dd, across_x, across_y, tau
+    s, row, a, b, step, across, tau
 ):  # fmt: skip
-    """Dynamic pressure head p / (rho g) (m) at `points` points from the label (X, Y) and depth d (m) below the mean
-    plane, by steps of dX, dY, dd, and its change (m/m) in the direction (across_x, across_y) of labels.
+    """Dynamic pressure head p / (rho g) (m) at `points` points on each of two parallel lines.
+
+    `a` and `b` give the label and the depth (m, below the mean plane) of either line's first point, and the change of
+    depth from one to the next; `step` is the change of label, shared. Returns the heads on a and on b, and their
+    changes (m/m) in the direction `across` of labels.
 
     Each is a mean over one step's length around the point, so that a row of panels adds up to the integral along it.
+    Two lines share what depends on their direction, and hide each other's latency.
     """
-    head, slope = ti.Vector([X * 0.0 for _ in range(points)]), ti.Vector([X * 0.0 for _ in range(points)])
+    head_a, slope_a = ti.Vector([tau * 0.0 for _ in range(points)]), ti.Vector([tau * 0.0 for _ in range(points)])
+    head_b, slope_b = ti.Vector([tau * 0.0 for _ in range(points)]), ti.Vector([tau * 0.0 for _ in range(points)])
     for c in range(count):
         kx, ky, k, omega = sea[s, KX, c], sea[s, KY, c], sea[s, K, c], sea[s, OMEGA, c]
         rate = k
         if ti.static(finite):
             rate = omega * omega * ti.static(1 / GRAVITY)
-        sine, cosine = fast.sincos(kx * X + ky * Y + phase[row, c] - omega * tau)
         # of half a turn, so that the mean over a step's length, its sinc, comes along; waves shorter than that cancel
-        turn, k_across = kx * dX + ky * dY, kx * across_x + ky * across_y
+        turn, k_across = kx * step[0] + ky * step[1], kx * across[0] + ky * across[1]
         half = fast.at_most(ti.abs(0.5 * turn), HALF_TURN)
-        sinc, half_cosine = fast.sinc_reduced(half), fast.cos_reduced(half)
+        sinc, half_cosine = fast.sinc_short(half), fast.cos_short(half)
         half_sine = half * sinc
-        a = sea[s, AMPLITUDE, c] * fast.exp_decay(rate * d) * sinc
-        real, imaginary = a * cosine, a * sine
-        m = 2 * fast.exp_near_one(rate * dd)
-        step_real = 0.5 * m - m * half_sine * half_sine
-        step_imaginary = ti.select(turn < 0, -m, m) * half_sine * half_cosine
+        cosine_step, sine_step = 1 - 2 * half_sine * half_sine, 2 * half_sine * half_cosine
+        sine_step = ti.select(turn < 0, -sine_step, sine_step)
+        amplitude, start = sea[s, AMPLITUDE, c] * sinc, phase[row, c] - omega * tau
+        sine_a, cosine_a = fast.sincos_short(kx * a[0] + ky * a[1] + start)
+        sine_b, cosine_b = fast.sincos_short(kx * b[0] + ky * b[1] + start)
+        decayed_a, decayed_b = amplitude * fast.exp_decay(rate * a[2]), amplitude * fast.exp_decay(rate * b[2])
+        m_a, m_b = fast.exp_near_one(rate * a[3]), fast.exp_near_one(rate * b[3])
+        re_a, im_a, re_b, im_b = decayed_a * cosine_a, decayed_a * sine_a, decayed_b * cosine_b, decayed_b * sine_b
+        step_re_a, step_im_a, step_re_b, step_im_b = (
+            m_a * cosine_step,
+            m_a * sine_step,
+            m_b * cosine_step,
+            m_b * sine_step,
+        )
         for i in ti.static(range(points)):
-            head[i] += real
-            slope[i] -= k_across * imaginary
+            head_a[i] += re_a
+            head_b[i] += re_b
+            slope_a[i] -= k_across * im_a
+            slope_b[i] -= k_across * im_b
             if ti.static(i < points - 1):
-                t = real * step_real - imaginary * step_imaginary
-                imaginary = real * step_imaginary + imaginary * step_real
-                real = t
-    return head, slope
+                t_a, t_b = re_a * step_re_a - im_a * step_im_a, re_b * step_re_b - im_b * step_im_b
+                im_a, im_b = re_a * step_im_a + im_a * step_re_a, re_b * step_im_b + im_b * step_re_b
+                re_a, re_b = t_a, t_b
+    return head_a, head_b, slope_a, slope_b

@@ -1,16 +1,22 @@
 """Hydrostatics of a panelled hull: pressure loads, restoring matrix, equilibrium, righting arm, and whether it floats.
 
-A pressure linear in space on the bilinear panel of hull_mesh.py, clipped at zero (the part out of the water), has
-averages over s, t in [-1, 1]
+A panel of hull_mesh.py counts as a few straight strips at the Gauss-Legendre points s_j of its length, along which
 
-    <p> = m0,  <p t> = m1,  <p s> = ms,  <p t^2> = m2,  <p s^2> = m0/3,  <p s t> = mst,
+    x(t) = c + t u,    dA = w_j (A + t A_t) dt / 2,    t in [-1, 1].
 
-and with dA = (A + s A_s + t A_t) ds dt / 4 the load on the hull is exactly linear in them:
+A pressure that is linear in space, clipped at zero (the part out of the water), has exact averages on a strip,
 
-    force = -(A m0 + A_s ms + A_t m1),    moment = -<x x dA p>  about CO.
+    m0 = <p>,  m1 = <p t>,  m2 = <p t^2>,
 
-Fully wet panels, warped ones too, are exact; so are panels with level edges cut by a level water line. Elsewhere the
-water line is taken to cut the panel where it cuts its middle line s = 0: an error of second order in its length.
+and the load on the hull is exactly linear in them:
+
+    force = -w_j (A m0 + A_t m1),    moment = -<x x dA p>  about CO.
+
+Two strips are exact for panels that are wholly wet, warped ones too, and for the force on flat ones that a water line
+crosses from side to side; elsewhere the error is of third order in the panel's length. So the kernel takes two: a hull
+in still water is pushed upwards only, and its load is the gradient of an energy, to five digits (a single strip a panel
+loses one in a hundred: an undamped hull would gain energy). `Hydrostatics` takes more, for heels at which decks and
+keels cross the surface.
 
 Attitude: heave z (m, down) of CO below the water, roll phi and pitch theta (rad); G as in Fossen (2011), sec. 4.2,
 with the weight of the hull included. GZ: dU/dphi / weight, with U the potential energy at free heave and trim.
@@ -27,6 +33,7 @@ from taichi_sim.usv.hull_mesh import Panels
 
 Array = NDArray[np.float64]
 
+FINE = 8  # strips of a panel: GZ of twin hulls to 1 mm at any heel
 STEP = 1e-3  # of numerical derivatives, m and rad: fourth order, so 1e-12 of the value
 MAX_STEP = 0.1  # of a Newton iteration, m and rad
 LEAST_CURVATURE = 1e-3  # of the energy over weight, so that a flat minimum still ends a Newton step
@@ -35,37 +42,42 @@ LARGEST_LIST = np.pi / 4  # rad; a hull that lies further over does not float up
 MAX_TRIM = 1.4  # rad, of a heeled hull
 RELAXATION = (1.0,) * 40 + (0.5,) * 40 + (0.25,) * 80  # of Newton's iterations; shorter steps settle on a kink
 TOLERANCE = 1e-6  # m and rad
+HEEL_STAGES = 24  # on the way to a heel
 HEEL_GRID = np.deg2rad(np.arange(1.0, 180.0, 1.0))
 
 
-def pressure_moments(p_c: Array, d1: Array, d2: Array, d3: Array) -> Array:
-    """Averages m0, m1, ms, m2, mst [..., 5] of a clipped linear pressure (Pa) over panels.
+@dataclass(frozen=True)
+class Strips:
+    """The strips of a hull's N panels."""
 
-    p_c [...] is the pressure at the centre, d1, d2, d3 [...] are its changes along `along`, `up` and `twist`.
-    """
-    size = np.abs(d2)
+    centre: Array  # [count, N, 3] c, m, b
+    up: Array  # [count, N, 3] u, m
+    wrench: Array  # [count, N, 3, 6] unit wrenches (force, moment about CO; b) of m0, m1, m2: m^2 and m^3
+
+    @classmethod
+    def of(cls, panels: Panels, count: int) -> "Strips":
+        """`count` strips of each of `panels`."""
+        A_s, A_t = panels.area_slopes
+        node, weight = (v[:, None, None] for v in np.polynomial.legendre.leggauss(count))
+        c, u = panels.centre + node * panels.along, panels.up + node * panels.twist
+        A, A_t = (panels.area + node * A_s) * (weight / 2), A_t * (weight / 2)
+        none, cross = np.zeros_like(A), np.cross
+        m0 = [A, cross(c, A)]
+        m1 = [A_t, cross(u, A) + cross(c, A_t)]
+        m2 = [none, cross(u, A_t)]
+        return cls(c, u, np.stack([np.concatenate(w, axis=-1) for w in (m0, m1, m2)], axis=-2))
+
+
+def pressure_moments(p_c: Array, d: Array) -> Array:
+    """Averages m0, m1, m2 [..., 3] on strips of a pressure p_c + t d that is clipped at zero."""
+    size = np.abs(d)
     p_hi = np.maximum(p_c + size, 0.0)
     wet = p_c >= size
-    w = np.where(wet, 1.0, p_hi / np.maximum(2 * size, 1e-300))  # fraction of the panel under water
+    w = np.where(wet, 1.0, p_hi / np.maximum(2 * size, 1e-300))  # fraction of the strip under water
     m0 = np.where(wet, p_c, p_hi * w / 2)
-    m1 = np.where(wet, d2 / 3, m0 * np.sign(d2) * (1 - 2 * w / 3))
+    m1 = np.where(wet, d / 3, m0 * np.sign(d) * (1 - 2 * w / 3))
     m2 = np.where(wet, p_c / 3, m0 * (1 - 4 * w / 3 + 2 * w * w / 3))
-    # A pressure that is nowhere negative has |ms| <= m0/3 while its line along s is wet: more would be suction.
-    ms = np.clip(w * d1, -m0, m0) / 3
-    return np.stack([m0, m1, ms, m2, np.clip(w * d3, -m0, m0) / 9], axis=-1)
-
-
-def unit_wrenches(panels: Panels) -> Array:
-    """Wrench (force, moment about CO; b) [N, 5, 6] of each pressure average: m^2 and m^3, to be summed with sign -."""
-    c, e1, e2, e3, A = panels.centre, panels.along, panels.up, panels.twist, panels.area
-    A_s, A_t = panels.area_slopes
-    cross, none = np.cross, np.zeros_like(A)
-    m0 = [A, cross(c, A) + cross(e1, A_s) / 3]
-    m1 = [A_t, cross(c, A_t) + cross(e2, A) + cross(e3, A_s) / 3]
-    ms = [A_s, cross(c, A_s) + cross(e1, A) + cross(e3, A_t) / 3]
-    m2 = [none, cross(e2, A_t)]
-    mst = [none, cross(e1, A_t) + cross(e2, A_s) + cross(e3, A)]
-    return np.stack([np.concatenate(w, axis=-1) for w in (m0, m1, ms, m2, mst)], axis=1)
+    return np.stack([m0, m1, m2], axis=-1)
 
 
 def down_in_body(phi: ArrayLike, theta: ArrayLike) -> Array:
@@ -83,10 +95,11 @@ class Hydrostatics:
     cg: tuple[float, float, float]
     rho: float = RHO_SEA
     g: float = GRAVITY
+    strips: int = FINE  # of a panel
 
     @cached_property
-    def _wrenches(self) -> Array:
-        return unit_wrenches(self.panels)
+    def _strips(self) -> Strips:
+        return Strips.of(self.panels, self.strips)
 
     @property
     def weight(self) -> float:
@@ -97,10 +110,10 @@ class Hydrostatics:
         """Wrench of the water [..., 6] (N, N m, about CO, b) at poses [..., 3] = heave, roll, pitch."""
         pose = np.asarray(pose, dtype=np.float64)
         k = down_in_body(pose[..., 1], pose[..., 2])
-        p = self.rho * self.g
-        depth = pose[..., :1] + k @ self.panels.centre.T
-        slopes = [p * (k @ e.T) for e in (self.panels.along, self.panels.up, self.panels.twist)]
-        return -np.tensordot(pressure_moments(p * depth, *slopes), self._wrenches, axes=([-2, -1], [0, 1]))
+        strips, p = self._strips, self.rho * self.g
+        depth = pose[..., None, :1] + np.einsum("...c,snc->...sn", k, strips.centre)
+        moments = pressure_moments(p * depth, p * np.einsum("...c,snc->...sn", k, strips.up))
+        return -np.tensordot(moments, strips.wrench, axes=3)
 
     def loads(self, pose: ArrayLike) -> Array:
         """Wrench of water and weight [..., 6] (N, N m, about CO, b) at poses [..., 3]."""
@@ -190,25 +203,31 @@ class Hydrostatics:
         return self.settle(np.zeros(3))
 
     def righting_arm(self, heel: ArrayLike) -> Array:
-        """GZ (m) [...] at heel angles (rad), heave and trim free; positive rights the hull."""
+        """GZ (m) [...] at heel angles (rad), heave and trim free; positive rights the hull.
+
+        Heave and trim follow the hull from upright: at a large heel a hull may float at two trims.
+        """
         heel = np.asarray(heel, dtype=np.float64)
         pose = np.zeros((*heel.shape, 3))
-        pose[..., 1] = heel
-        return self.energy_gradient(self.settle(pose, free=(True, False, True)))[..., 1] / self.weight
+        for share in np.linspace(0.0, 1.0, HEEL_STAGES + 1)[1:]:
+            pose[..., 1] = share * heel
+            pose = self.settle(pose, free=(True, False, True))
+        return self.energy_gradient(pose)[..., 1] / self.weight
 
     @cached_property
     def angle_of_vanishing_stability(self) -> float:
         """First heel (rad) to starboard beyond upright at which GZ falls to zero; pi if none."""
         listed = float(self.equilibrium[1])
-        heel = HEEL_GRID[listed < HEEL_GRID]
-        GZ = self.righting_arm(heel)
-        lost = np.flatnonzero(GZ <= 0)
-        if not lost.size:
-            return float(np.pi)
-        i = lost[0]
-        if i == 0:
-            return float(heel[0])
-        return float(heel[i - 1] + (heel[i] - heel[i - 1]) * GZ[i - 1] / (GZ[i - 1] - GZ[i]))
+        pose, before = np.zeros(3), (0.0, 0.0)
+        for heel in HEEL_GRID[listed < HEEL_GRID]:
+            pose[1] = heel
+            pose = self.settle(pose, free=(True, False, True))
+            GZ = float(self.energy_gradient(pose)[1])
+            if GZ <= 0:
+                last, GZ_last = before
+                return float(last + (heel - last) * GZ_last / (GZ_last - GZ)) if GZ_last > 0 else float(heel)
+            before = heel, GZ
+        return float(np.pi)
 
     def freeboard(self, pose: ArrayLike) -> Array:
         """Height (m) [...] of the lowest deck corner above the water at poses [..., 3]."""

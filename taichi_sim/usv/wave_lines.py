@@ -5,7 +5,8 @@ point of a line to the next it is multiplied by one complex number, so a line of
 (waves at the hull would otherwise be the whole cost of a step). Each row of panels (hull_mesh.py) wants a line through
 the points where its pressure is looked for: the middle of what is wet at the design waterline. Rows that run side by
 side closer than waves can tell, the two sides of a slender pontoon, share a line and take the pressure's change across
-it. Panels alone in their row, and rows that are dry at rest, take the nearest point of a line.
+it. Panels alone in their row, and rows that are dry at rest, take the nearest point of a line. Lines come in parallel
+pairs, port and starboard, which share their step; a line with no parallel is its own partner.
 """
 
 from dataclasses import dataclass
@@ -22,10 +23,10 @@ NEAR = 0.2, 0.5  # rows this close (m, and shares of their own step) share a lin
 
 @dataclass(frozen=True)
 class WaveLines:
-    """Lines of `points` points each, and which point each panel reads."""
+    """Pairs of lines of `points` points each, and which point each panel reads; a pair's lines follow each other."""
 
     start: Array  # [line, 3] first point, m, b
-    step: Array  # [line, 3] from one point to the next, m
+    step: Array  # [line, 3] from one point to the next, m; the same in a pair
     points: int
     node: NDArray[np.int32]  # [N] line * points + place of every panel
     across: Array  # [N] how far to starboard of its point a panel looks, m
@@ -58,10 +59,10 @@ def wave_lines(panels: Panels) -> WaveLines:
     point, dry = wave_points(panels), _dry(panels)
     rows = [np.flatnonzero(panels.row == r) for r in np.unique(panels.row)]
     pieces = [piece for row in rows if len(row) > 1 and not dry[row].all() for piece in _pieces(row)] or rows
+    pieces = [_forward(piece, point) for piece in pieces]
     bundles = _bundles(pieces, point)
     points = max(len(piece) for piece in pieces)
-    fits = [_fit(np.mean([point[piece] for piece in bundle], axis=0)) for bundle in bundles]
-    start, step = np.array([f[0] for f in fits]), np.array([f[1] for f in fits])
+    start, step, bundles = _pair([(bundle, *_fit(_middle(bundle, point))) for bundle in bundles], points)
     node = np.full(len(panels), -1, dtype=np.int32)
     for line, bundle in enumerate(bundles):
         for piece in bundle:
@@ -102,6 +103,33 @@ def _bundles(pieces: list[NDArray[np.int64]], point: Array) -> list[list[NDArray
         else:
             bundles.append([piece])
     return bundles
+
+
+def _forward(piece: NDArray[np.int64], point: Array) -> NDArray[np.int64]:
+    """The piece in the order that runs forward (or to starboard, or down, whichever it does most)."""
+    way = point[piece[-1]] - point[piece[0]]
+    return piece if way[np.abs(way).argmax()] >= 0 else piece[::-1]
+
+
+def _middle(bundle: list[NDArray[np.int64]], point: Array) -> Array:
+    """[n, 3] where the line of a bundle should pass."""
+    return np.mean([point[piece] for piece in bundle], axis=0)
+
+
+def _pair(lines: list[tuple], points: int) -> tuple[Array, Array, list]:
+    """Starts, steps and bundles of `lines` = (bundle, start, step) in pairs of nearly the same step."""
+    start, step, bundles, left = [], [], [], list(lines)
+    while left:
+        bundle, at, way = left.pop(0)
+        # with the mean step of both, the ends of a line stay as near to their places as those of a bundle
+        allowed = 4 * min(NEAR[0], NEAR[1] * float(np.linalg.norm(way))) / max(points - 1, 1)
+        other = next((n for n, line in enumerate(left) if np.linalg.norm(line[2] - way) < allowed), None)
+        bundle_b, at_b, way_b = (list[NDArray[np.int64]](), at, way) if other is None else left.pop(other)
+        mean, half = (way + way_b) / 2, (points - 1) / 2
+        start += [at + half * (way - mean), at_b + half * (way_b - mean)]
+        step += [mean, mean]
+        bundles += [bundle, bundle_b]
+    return np.array(start), np.array(step), bundles
 
 
 def _fit(points: Array) -> tuple[Array, Array]:

@@ -68,7 +68,7 @@ def test_inertia_given_twice_or_never(tmp_path, body):
 
 def test_a_step_too_long(tmp_path):
     message = refusal(tmp_path, dt=0.5)
-    must_name(message, "broken.toml", "dt = 0.5", "largest stable step", "0.17")
+    must_name(message, "broken.toml", "dt = 0.5", "largest stable step", "0.0866")
 
 
 def test_linear_restoring_without_its_numbers(tmp_path):

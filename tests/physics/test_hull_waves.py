@@ -142,8 +142,8 @@ def test_mean_and_slope_over_two_thin_pontoons():
     gauge = Gauge.of(point, np.ones(4), np.array([[1.0, 1e-3]] * 4), 0.0)
     ky = np.linspace(0.1, 3.0, 20)
     crest, flank = (centre_of(gauge, waves(1e-3, ky[:, None] / y, np.pi / 2, phase)) for phase in (0.0, -np.pi / 2))
-    assert crest[:, 5] / 1e-3 == pytest.approx(np.cos(ky), abs=1e-5)
-    assert flank[:, 7] / (1e-3 * ky / y) == pytest.approx(np.sin(ky) / ky, abs=1e-5)
+    assert crest[:, 5] / 1e-3 == pytest.approx(np.cos(ky), abs=1e-4)
+    assert flank[:, 7] / (1e-3 * ky / y) == pytest.approx(np.sin(ky) / ky, abs=1e-4)
 
 
 def some_long_waves(depth=None):
