@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -14,12 +15,13 @@ from taichi_sim.config import ScenarioConfig
 from taichi_sim.config_io import toml_text
 from taichi_sim.conventions import FREEBOARD, NO_DECK
 from taichi_sim.recording import Episode, Event, Scene, Signal, TeamTrack
-from taichi_sim.recording.model import body_of, columns_of, forces_of, signals_of
+from taichi_sim.recording.model import air_of, airframe_of, body_of, columns_of, forces_of, signals_of
 
 EVENTS = {
     "collided": ("collision", "hit an obstacle or a team mate"),
     "lost": ("lost", "is too far from its slot"),
-    "crashed": ("crashed", "has hit the water"),
+    "crashed": ("crashed", "has touched the water, with a wing tip or else"),
+    "stalled": ("stalled", "has not recovered from a stall"),
     "capsized": ("capsized", "has turned over"),
     "swamped": ("swamped", "has water on deck"),
     "grounded": ("grounded", "has touched the ground"),
@@ -27,6 +29,9 @@ EVENTS = {
     "diverged": ("diverged", "has no finite state any more"),
 }
 """Field of Endings -> kind of event and what is said of it; a field that is not here speaks for itself."""
+
+
+NEVER = torch.zeros(1, dtype=torch.bool)  # boats do not crash
 
 
 def record_episode(
@@ -41,7 +46,7 @@ def record_episode(
     """Run one episode of an unseen world (number 0 of evaluation seed `seed`) and keep all of it.
 
     The episode goes on after a collision, so that one sees what follows, but not after a state that is no longer
-    finite. `duration` in s, default the scenario's.
+    finite, nor when a whole team of aircraft is in the water. `duration` in s, default the scenario's.
 
     Raises:
         ValueError: if there is nothing to record, for a state diverged in the first step.
@@ -63,9 +68,14 @@ def record_episode(
             for name in task.teams:
                 rows[name].append(_row(task, name, step))
             flows.append([flow[0].cpu().numpy().copy() for flow in (task.world.around.current, task.world.around.wind)])
+            if any(bool(getattr(ended, "crashed", NEVER).all()) for ended in step.endings.values()):
+                break  # nobody flies under water
     if not flows:
         raise ValueError(f"nothing to record: {events[0].text} in the first step")
     time = (np.arange(len(flows)) + 1) * config.decision_interval
+    for name, frames in rows.items():
+        aux = np.stack([frame["aux"] for frame in frames])
+        events += _stalls(task.world.teams[name].model, name, aux, time)
     sea, index = task.world.sea, int(task.world.env_sea[0])
 
     def elevation(north: np.ndarray, east: np.ndarray, time_s: float) -> np.ndarray:
@@ -120,6 +130,8 @@ def _track(task: FormationTask, name: str, frames: list[dict[str, np.ndarray]]) 
         action_names=model.action_names,
         size_m=model.params.size,
         body=body_of(model),
+        airframe=airframe_of(model),
+        air_n=air_of(model, aux),
         forces=forces_of(model, aux),
         signals=signals,
         **arrays,
@@ -149,3 +161,15 @@ def _events(step: Step, time: float, seen: set[tuple[str, int, str]]) -> list[Ev
                     seen.add((team, vehicle, kind))
                     found.append(Event(time, team, vehicle, kind, f"{team}{vehicle} {text}"))
     return found
+
+
+def _stalls(model: Any, team: str, aux: np.ndarray, time: np.ndarray) -> list[Event]:
+    """Each moment a wing began to stall, if the model's `aux` [T, V, n] tells for how long it has been stalled."""
+    if "stall_time" not in getattr(model, "aux_names", ()):
+        return []
+    stalled = aux[..., model.aux_names.index("stall_time")] > 0
+    began = stalled & ~np.concatenate([np.zeros_like(stalled[:1]), stalled[:-1]])
+    return [
+        Event(float(time[step]), team, int(vehicle), "stall", f"{team}{vehicle}'s wing has stalled")
+        for step, vehicle in np.argwhere(began)
+    ]

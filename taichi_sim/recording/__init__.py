@@ -2,16 +2,16 @@
 
 episode.py    what an episode holds, with shape, unit and frame of each array
 model.py      what a vehicle model may say of itself: its hull, its loads, its instruments
-meshes.py     boat and airplane bodies, in the body frame b (forward-right-down)
-vessel.py     a body made of a hull's own panels
+meshes.py     a boat, in the body frame b (forward-right-down)
+aircraft.py   airplanes and flying wings; vessel.py: a body made of a hull's own panels
 bodies.py     which of these bodies a team has
 sea_patch.py  the piece of sea around the formation, with its light
-space.py      what stands in the world; vehicles.py: the teams in it; arrows.py: loads, current and wind
+space.py      what stands in the world; vehicles.py: the teams in it; arrows.py: loads, current, wind and air
 rrd.py        the writer; the only place where NED becomes ENU
 blueprint.py  what the viewer shows when it opens the file
 """
 
-from taichi_sim.recording.episode import Body, Episode, Event, Force, Scene, Signal, TeamTrack
+from taichi_sim.recording.episode import Airframe, Body, Episode, Event, Force, Scene, Signal, TeamTrack
 from taichi_sim.recording.rrd import write_recording
 
-__all__ = ["Body", "Episode", "Event", "Force", "Scene", "Signal", "TeamTrack", "write_recording"]
+__all__ = ["Airframe", "Body", "Episode", "Event", "Force", "Scene", "Signal", "TeamTrack", "write_recording"]

@@ -1,16 +1,18 @@
-"""Arrows: the loads on each vehicle, and current and wind at the formation. Their scales stand in the entities' names.
+"""Arrows: the loads on each vehicle, the velocities of aircraft, and current and wind at the formation.
 
-All loads of a team share one scale, so that their arrows compare. On a boat they are drawn above the deck, over the
-places where they attack, for under water nothing would be seen of them.
+Their scales stand in the entities' names. All loads of a team share one scale, so that their arrows compare. On a boat
+they are drawn above the deck, over the places where they attack, for under water nothing would be seen of them. An
+aircraft's velocities make the navigator's triangle: through the air, from its centre of mass; then the wind that it
+meets; their sum is the velocity over ground.
 """
 
 import numpy as np
 import rerun as rr
 
 from taichi_sim.recording.episode import Array, Episode, TeamTrack
-from taichi_sim.recording.frames import enu
-from taichi_sim.recording.palette import CURRENT, LOADS, WIND, Colour
-from taichi_sim.recording.space import line_lift
+from taichi_sim.recording.frames import enu, map_point
+from taichi_sim.recording.palette import AIRSPEED, BORESIGHT, CURRENT, GROUND_SPEED, LOADS, WIND, Colour, vehicle_name
+from taichi_sim.recording.space import line_lift, map_bounds
 from taichi_sim.recording.stream import Stream
 
 SHOWN = 0.95  # quantile over time of the greatest load of the team
@@ -19,6 +21,8 @@ RAISE = 0.14  # of the length: how far above the deck a load is drawn that attac
 THICK = 0.016  # radius of an arrow, of the length
 FLOW_LENGTHS = 1.5  # vehicle lengths that the strongest current or wind is long
 ASTERN = 1.6  # vehicle lengths behind the leader, by the course at the start, which is what the view keeps
+SPEED_SPANS = 2.5  # wing spans that an aircraft's greatest velocity is long
+MAP_SHARE = 0.12  # of the map's shorter side: the wind on the map
 STILL = 1e-3  # m/s; slower water or air is no flow
 
 
@@ -50,9 +54,15 @@ def arrow_text(episode: Episode) -> str:
         if scale is not None:
             names = ", ".join(f"{name.replace('_', ' ')} ({hue})" for name, hue in load_colours(team).items())
             lines.append(f"{team.name.upper()} load arrows, 1 m is {scale:g} N: {names}")
+        if team.air_n is not None:
+            scale, whose = metres_per_second_per_metre(team), team.name.upper()
+            lines.append(
+                f"{whose} velocity arrows, 1 m is {scale:g} m/s: airspeed (blue) and wind (yellow) make that over "
+                "ground (green); the thin red line is where the nose points"
+            )
     for name, flow, _ in _flows(episode):
         speed = np.linalg.norm(flow, axis=-1)
-        lines.append(f"{name} arrow: {speed.min():.1f} to {speed.max():.1f} m/s")
+        lines.append(f"{name}: {speed.min():.1f} to {speed.max():.1f} m/s")
     return "".join(f"- {line}\n" for line in lines) + ("\n" if lines else "")
 
 
@@ -83,6 +93,37 @@ def send_forces(stream: Stream, team: TeamTrack) -> None:
             stream.columns(path, rr.Arrows3D.columns(vectors=vector))
 
 
+def metres_per_second_per_metre(team: TeamTrack) -> float:
+    """Scale of the arrows of an aircraft's velocities."""
+    greatest = float(np.nanquantile(np.linalg.norm(team.velocity_n, axis=-1), SHOWN))
+    return round_scale(max(greatest, STILL) / (SPEED_SPANS * team.size_m[1]))
+
+
+def send_air(stream: Stream, team: TeamTrack) -> None:
+    """The triangle of velocities of each aircraft, and a line along its nose: the angle between is that of attack."""
+    if team.air_n is None:
+        return
+    scale, thick = metres_per_second_per_metre(team), THICK * team.size_m[0]
+    through_air = team.velocity_n - team.air_n
+    nose = float(np.nanmax(np.linalg.norm(through_air, axis=-1))) / scale
+    for vehicle in range(team.vehicles):
+        line = rr.LineStrips3D([[[0.0, 0.0, 0.0], [nose, 0.0, 0.0]]], colors=BORESIGHT, radii=0.4 * thick)
+        stream.static(f"world/{team.name}/vehicle_{vehicle}/nose", line)
+        start = team.position_n[:, vehicle]
+        tip = start + through_air[:, vehicle] / scale
+        for name, foot, vector, colour in (
+            ("airspeed", start, through_air, AIRSPEED),
+            ("wind", tip, team.air_n, WIND),
+            ("ground speed", start, team.velocity_n, GROUND_SPEED),
+        ):
+            speed = np.linalg.norm(vector[:, vehicle], axis=-1)
+            path = f"world/{team.name}/velocity_{vehicle}_1m_is_{scale:g}m_s/{name.replace(' ', '_')}"
+            stream.static(path, rr.Arrows3D.from_fields(colors=colour, radii=2.0 * thick, show_labels=False))
+            labels = [f"{vehicle_name(team.name, vehicle)}: {name} {value:.1f} m/s" for value in speed]
+            arrow = rr.Arrows3D.columns(vectors=enu(vector[:, vehicle] / scale), origins=enu(foot), labels=labels)
+            stream.columns(path, arrow)
+
+
 def _flows(episode: Episode) -> list[tuple[str, Array, Colour]]:
     """Name, velocity [T, 3] (m/s, n) and colour of what flows."""
     flows = []
@@ -93,7 +134,12 @@ def _flows(episode: Episode) -> list[tuple[str, Array, Colour]]:
 
 
 def send_flow(stream: Stream, episode: Episode) -> None:
-    """Current and wind beside the leader of the team afloat, each with its own scale and its speed as a label."""
+    """Current and wind 10 m up beside the leader of the boats, each with its own scale and its speed as a label; the
+    wind on the map.
+    """
+    _send_wind_on_map(stream, episode)
+    if "usv" not in episode.teams:
+        return  # what blows up there is each aircraft's own
     team = episode.afloat
     length, course = team.size_m[0], float(team.target_course[0])
     for name, flow, colour in _flows(episode):
@@ -107,3 +153,18 @@ def send_flow(stream: Stream, episode: Episode) -> None:
         origin = enu(-0.5 * vector + [-ASTERN * length * np.cos(course), -ASTERN * length * np.sin(course), -height])
         labels = [f"{name} {value:.1f} m/s" for value in speed]
         stream.columns(path, rr.Arrows3D.columns(vectors=enu(vector), origins=origin, labels=labels))
+
+
+def _send_wind_on_map(stream: Stream, episode: Episode) -> None:
+    """The wind 10 m up, in the map's north-west corner."""
+    low, high = map_bounds(episode)
+    side = float(np.min(high - low))
+    middle = map_point(np.array([high[0] - MAP_SHARE * side, low[1] + MAP_SHARE * side]))
+    for name, flow, colour in _flows(episode):
+        if name != "wind":
+            continue
+        speed = np.linalg.norm(flow, axis=-1)
+        vector = map_point(flow) * (MAP_SHARE * side / float(np.nanmax(speed)))
+        stream.static("map/wind", rr.Arrows2D.from_fields(colors=colour, radii=-2.5, show_labels=True, draw_order=60.0))
+        labels = [f"wind {value:.1f} m/s" for value in speed]
+        stream.columns("map/wind", rr.Arrows2D.columns(vectors=vector, origins=middle - 0.5 * vector, labels=labels))

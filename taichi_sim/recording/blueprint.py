@@ -6,26 +6,23 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from taichi_sim.recording.episode import Episode, TeamTrack
+from taichi_sim.recording.episode import Array, Episode, TeamTrack
 from taichi_sim.recording.plots import signal_path
 from taichi_sim.recording.sea_patch import HAZE
+from taichi_sim.recording.space import map_bounds
 from taichi_sim.recording.vehicles import TRAIL_S
 
-MAP_MARGIN_M = 120.0
+NEAR_EYE = (-2.2, 1.1, -0.65)  # wing spans forward, right, down of the leader
+NEAR_LOOK = (0.6, 0.0, 0.0)
+UP, DOWN = (0, 0, 1), (0, 0, -1)  # what is up on the screen, in the frame of boats and of aircraft
 TITLES = {"usv": "USV team", "uav": "UAV team"}
 
 
 def blueprint(episode: Episode) -> rrb.Blueprint:
     """Layout of one episode's file."""
     teams = list(episode.teams.values())
-    views = [_follow(team, teams) for team in teams]
-    places = np.concatenate(
-        [
-            *(track[:, :2] for track in episode.scene.tracks_n.values()),
-            *(team.position_n[:, 0, :2] for team in teams),
-        ]
-    )
-    low, high = places.min(axis=0) - MAP_MARGIN_M, places.max(axis=0) + MAP_MARGIN_M
+    views = [view for team in teams for view in _views(team, teams)]
+    low, high = map_bounds(episode)
     map_view = rrb.Spatial2DView(
         origin="map",
         name="Map (north up, m)",
@@ -47,32 +44,74 @@ def blueprint(episode: Episode) -> rrb.Blueprint:
     )
 
 
-def _follow(team: TeamTrack, teams: Sequence[TeamTrack]) -> rrb.Spatial3DView:
-    """From behind and above at the start, far enough to hold the formation; moves along with the leader, never turns.
+def _views(team: TeamTrack, teams: Sequence[TeamTrack]) -> list[rrb.Spatial3DView | rrb.Tabs]:
+    """A team as a whole; of aircraft also the leader from near, beside it where there is room."""
+    if team.name == "usv":
+        return [_follow(team, teams)]
+    views = [_follow(team, teams), _near(team, teams)]
+    return [*views] if len(teams) == 1 else [rrb.Tabs(*views)]
 
-    It looks at the leader itself: the formation's middle is on another side of it after every bend.
+
+def _follow(team: TeamTrack, teams: Sequence[TeamTrack]) -> rrb.Spatial3DView:
+    """From behind and above, far enough to hold the formation; moves along with the leader.
+
+    It looks at the leader itself: the formation's middle is on another side of it after every bend. The view of boats
+    keeps the direction of the start. That of aircraft turns with the course, but stays level: the horizon shows the
+    bank.
     """
+    name, size = TITLES.get(team.name, team.name), max(team.size_m[:2])
+    if team.name != "usv":
+        away = 2.0 * team.formation_radius_m + 2.2 * size
+        return _view(team, teams, name, away * np.array([-0.95, 0.1, -0.3]), np.zeros(3), DOWN)
     course = float(team.target_course[0])
     forward = np.array([np.sin(course), np.cos(course), 0.0])
     right = np.array([np.cos(course), -np.sin(course), 0.0])
-    size = max(team.size_m[:2])
     away = 1.15 * team.formation_radius_m + 2.2 * size
-    rise = 0.5 if team.name == "usv" else 0.25
-    eye = away * (-0.95 * forward + 0.45 * right + np.array([0.0, 0.0, rise]))
+    eye = away * (-0.95 * forward + 0.45 * right + np.array([0.0, 0.0, 0.5]))
+    return _view(team, teams, name, eye, np.zeros(3), UP)
+
+
+def _near(team: TeamTrack, teams: Sequence[TeamTrack]) -> rrb.Spatial3DView:
+    """The leader of aircraft alone, from behind."""
+    span = team.size_m[1]
+    return _view(
+        team, teams, f"{team.name.upper()} leader", span * np.array(NEAR_EYE), span * np.array(NEAR_LOOK), DOWN
+    )
+
+
+def _view(
+    team: TeamTrack, teams: Sequence[TeamTrack], name: str, eye: Array, look: Array, up: tuple[int, int, int]
+) -> rrb.Spatial3DView:
+    """A view in the frame that follows a team's leader: east, north, up of boats; forward, right, down of aircraft."""
     return rrb.Spatial3DView(
         origin=f"world/{team.name}/follow",
         contents="world/**",
-        name=TITLES.get(team.name, team.name),
+        name=name,
         background=tuple(int(part) for part in HAZE),
         line_grid=False,
-        eye_controls=rrb.EyeControls3D(position=eye, look_target=np.zeros(3), eye_up=[0, 0, 1]),
-        overrides={
-            f"world/{one.name}/trail_{vehicle}": _last_seconds()
-            for one in teams
-            if one.name != "usv"  # whose trails are whole lines
-            for vehicle in range(one.vehicles)
-        },
+        eye_controls=rrb.EyeControls3D(position=eye, look_target=look, eye_up=up),
+        overrides=_trails(teams) | _without_plumb_lines(team, teams),
     )
+
+
+def _trails(teams: Sequence[TeamTrack]) -> dict:
+    """What the views show of the trails that are segments; those of boats are whole lines."""
+    return {
+        f"world/{one.name}/trail_{vehicle}": _last_seconds()
+        for one in teams
+        if one.name != "usv"
+        for vehicle in range(one.vehicles)
+    }
+
+
+def _without_plumb_lines(team: TeamTrack, teams: Sequence[TeamTrack]) -> dict:
+    """Boats are seen without the lines of those above them."""
+    return {
+        f"world/{one.name}/plumb_{vehicle}": rrb.EntityBehavior(visible=False)
+        for one in teams
+        if team.name == "usv" != one.name
+        for vehicle in range(one.vehicles)
+    }
 
 
 def _last_seconds() -> rrb.VisibleTimeRanges:
@@ -117,6 +156,8 @@ def _plots(teams: list[TeamTrack]) -> rrb.Horizontal:
         motion.append(_leader_series(team, "roll, pitch (deg)", f"attitude/{team.name}"))
         if team.name == "usv":
             motion.append(_leader_series(team, "heave, wave (m)", f"heave/{team.name}"))
+        else:
+            motion.append(_leader_series(team, "altitude (m)", f"altitude/{team.name}"))
         motion.append(_series(f"{team.name.upper()} leader heading (deg)", f"heading/{team.name}"))
     signals = [_leader_series(team, name, signal_path(team, name)) for team in teams for name in team.signals]
     reward = [_series(f"{team.name.upper()} reward", f"reward/{team.name}") for team in teams]

@@ -1,9 +1,10 @@
-"""The body drawn for a vehicle: the model's own where it has one, else a boat or an airplane of its size."""
+"""The body drawn for a vehicle: the model's own where it has one, else a boat or an aircraft of its size."""
 
 import numpy as np
 
+from taichi_sim.recording.aircraft import aircraft
 from taichi_sim.recording.episode import Body, TeamTrack
-from taichi_sim.recording.meshes import BODIES, Mesh
+from taichi_sim.recording.meshes import Mesh, boat
 from taichi_sim.recording.palette import Colour, vehicle_colour
 from taichi_sim.recording.vessel import flat_shaded, vessel
 
@@ -12,7 +13,7 @@ def body_mesh(team: TeamTrack, vehicle: int) -> Mesh:
     """The body of a vehicle of `team`, in its colour."""
     colour = vehicle_colour(team.name, vehicle)
     if team.body is None:
-        return BODIES[team.name](team.size_m, colour)
+        return boat(team.size_m, colour) if team.name == "usv" else aircraft(team.size_m, team.airframe, colour)
     if team.name == "usv":
         return vessel(team.body, team.size_m, colour)
     return _plain(team.body, colour)

@@ -22,6 +22,13 @@ class Body(NamedTuple):
     triangles: NDArray[np.integer]  # [F, 3] corners, counter-clockwise seen from outside
 
 
+class Airframe(NamedTuple):
+    """What of an aircraft's shape its length, span and height do not tell."""
+
+    chord: float  # of the wing, mean, m
+    tail: bool  # or a flying wing
+
+
 class Force(NamedTuple):
     """A force on each vehicle of a team, drawn as an arrow."""
 
@@ -54,7 +61,9 @@ class TeamTrack:
     action_names: tuple[str, ...]  # A names
     size_m: tuple[float, float, float]  # length; beam (wing span); height (hull depth, or to the fin's top), m
     wave_height: Array  # [T, V] m, surface elevation at the vehicle, up
-    body: Body | None = None  # what is drawn; None: a boat or an airplane of `size_m`
+    body: Body | None = None  # what is drawn; None: a boat or an aircraft of `size_m`
+    airframe: Airframe | None = None  # of that aircraft; None: of ordinary proportions
+    air_n: Array | None = None  # [T, V, 3] m/s, velocity of the air that an aircraft meets; None: not known
     forces: Mapping[str, Force] = field(default_factory=dict)  # by name
     signals: Mapping[str, Signal] = field(default_factory=dict)  # by the plot's name
 
@@ -74,6 +83,8 @@ class TeamTrack:
             "wave_height": (steps, vehicles),
         }.items():
             self._check(name, getattr(self, name), shape)
+        if self.air_n is not None:
+            self._check("air_n", self.air_n, (steps, vehicles, 3))
         for name, force in self.forces.items():
             self._check(f"force {name}", force.vector_b, (steps, vehicles, 3))
         for name, signal in self.signals.items():
@@ -90,9 +101,10 @@ class TeamTrack:
 
     @property
     def formation_radius_m(self) -> float:
-        """Greatest distance of a slot from the leader's slot, median over time, m."""
-        spread = np.linalg.norm(self.slot_n - self.slot_n[:, :1], axis=-1)
-        return float(np.median(spread.max(axis=1)))
+        """Greatest distance of a slot from what it hangs on, the target or the leader; median over time, m."""
+        hangs_on = (self.slot_n[:, :1], self.position_n[:, :1])
+        spread = [np.linalg.norm(self.slot_n[:, 1:] - place, axis=-1) for place in hangs_on]
+        return float(min(np.median(distance.max(axis=1, initial=0.0)) for distance in spread))
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,11 @@
 """What a vehicle model may say of itself to a recording. Every attribute is optional; a model needs none.
 
 aux_names: tuple[str, ...]
-    Names of the first columns of its auxiliary state; the two attributes below refer to them.
+    Names of the first columns of its auxiliary state; the attributes below refer to them.
+airframe: tuple[chord, tail]
+    Of an aircraft: its wing's mean chord (m), and whether it has a tail.
+air: tuple[str, str, str]
+    Columns of the velocity of the air that it meets (north, east, down, m/s).
 body(self) -> tuple[vertices, triangles]
     Its surface: vertices [N, 3] (m, b) and the corners [F, 3] of triangles, counter-clockwise from outside.
 forces: dict[str, tuple[origin, columns]]
@@ -15,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from taichi_sim.recording.episode import Array, Body, Force, Signal
+from taichi_sim.recording.episode import Airframe, Array, Body, Force, Signal
 
 
 def columns_of(model: Any) -> int:
@@ -26,6 +30,17 @@ def columns_of(model: Any) -> int:
 def body_of(model: Any) -> Body | None:
     """The model's own surface, or None."""
     return Body(*model.body()) if hasattr(model, "body") else None
+
+
+def airframe_of(model: Any) -> Airframe | None:
+    """Proportions of an aircraft, or None."""
+    return Airframe(*model.airframe) if hasattr(model, "airframe") else None
+
+
+def air_of(model: Any, aux: Array) -> Array | None:
+    """[T, V, 3] velocity of the air met (m/s, n) out of the named columns `aux` [T, V, n], or None."""
+    columns = getattr(model, "air", None)
+    return None if columns is None else np.stack([_column(model, aux, column) for column in columns], axis=-1)
 
 
 def forces_of(model: Any, aux: Array) -> dict[str, Force]:

@@ -22,6 +22,10 @@ FRAME = (96, 120, 140)
 WATER = (150, 222, 226)  # lines that lie on the water
 CURRENT = (0, 150, 170)
 WIND = (250, 205, 70)
+AIRSPEED = (72, 196, 255)
+GROUND_SPEED = (120, 214, 96)
+BORESIGHT = (206, 64, 56)  # where the nose points
+PLUMB = (176, 204, 212)  # from an aircraft down to the sea
 LOADS: dict[str, Colour] = {
     "blue": (60, 130, 246),
     "green": (52, 199, 89),

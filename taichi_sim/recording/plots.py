@@ -51,6 +51,9 @@ def vehicle_plots(team: TeamTrack, vehicle: int) -> dict[str, tuple[list[str], A
     if team.name == "usv":
         heave = np.stack([-team.position_n[:, vehicle, 2], team.wave_height[:, vehicle]], axis=1)
         plots[f"heave/{team.name}"] = (["heave (m)", "wave (m)"], heave)
+    else:
+        height = np.stack([-team.position_n[:, vehicle, 2], -team.slot_n[:, vehicle, 2]], axis=1)
+        plots[f"altitude/{team.name}"] = (["altitude (m)", "slot (m)"], height)
     for name, signal in team.signals.items():
         unit, scale = DEGREES.get(signal.unit, (signal.unit, 1.0))
         labels = [f"{line.replace('_', ' ')} ({unit})" if unit else line.replace("_", " ") for line in signal.names]

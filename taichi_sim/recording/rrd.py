@@ -7,7 +7,7 @@ from pathlib import Path
 
 import rerun as rr
 
-from taichi_sim.recording.arrows import arrow_text, send_flow, send_forces
+from taichi_sim.recording.arrows import arrow_text, send_air, send_flow, send_forces
 from taichi_sim.recording.blueprint import blueprint
 from taichi_sim.recording.episode import Episode
 from taichi_sim.recording.plots import send_plots
@@ -89,6 +89,7 @@ def _send(stream: Stream, episode: Episode) -> None:
     for team in episode.teams.values():
         send_team(stream, episode, team)
         send_forces(stream, team)
+        send_air(stream, team)
         send_plots(stream, team)
     send_flow(stream, episode)
     send_events(stream, episode)

@@ -23,6 +23,7 @@ FINE_SHARE = 0.2  # of a vehicle's length: a finer cell's side, where the cells 
 FADE = 1.6  # the first ring, in half sides
 FADE_CELLS = 6  # inside the border the light of the waves fades over these
 FRAME_S = 0.1  # one sea frame this often: a hull heaves by half its draft in 0.2 s
+ALOFT_FRAME_S = 0.4  # the same where there are no boats: nothing rides on the waves
 MAX_FRAMES = 1200  # fewer per second in a longer episode, for a frame takes up to 50 kB
 BATCH = 50  # frames sent at a time
 ROUND_M = 1.0 / 128.0  # heights are rounded to this, so that the file packs well
@@ -56,12 +57,14 @@ class SeaGrid:
     def of(cls, episode: Episode) -> "SeaGrid":
         """Cells that hold the formation with room to spare, and resolve the waves along a hull where they can."""
         team = episode.afloat
-        half = np.clip(0.75 * team.formation_radius_m + 16.0, MIN_HALF_M, MAX_HALF_M)
+        aloft = team.name != "usv"
+        height = -float(np.median(team.slot_n[:, 0, 2])) if aloft else 0.0  # from where it is seen
+        half = np.clip(0.75 * team.formation_radius_m + 16.0 + height, MIN_HALF_M, MAX_HALF_M)
         cell = float(np.ceil(2.0 * 2.0 * half / CELLS) / 2.0)
         reach = team.formation_radius_m + FINE_LENGTHS * team.size_m[0]
         middle = min(2 * int(np.ceil(reach / cell)), CELLS - 4)
         wanted = int(np.ceil(cell / (FINE_SHARE * team.size_m[0])))
-        return cls(cell, middle, max(1, min(wanted, FINE_CELLS // middle)))
+        return cls(cell, middle, 1 if aloft else max(1, min(wanted, FINE_CELLS // middle)))
 
     @property
     def coarse_line(self) -> Array:
@@ -130,7 +133,7 @@ def _light(up: Array, cell: float, scale: float) -> Array:
 def sea_frames(episode: Episode, grid: SeaGrid) -> Iterator[SeaFrames]:
     """The patch over the episode, in batches."""
     time = np.asarray(episode.time_s, dtype=np.float64)
-    steps = frame_steps(time)
+    steps = frame_steps(time, FRAME_S if episode.afloat.name == "usv" else ALOFT_FRAME_S)
     centres = _centres(episode, grid)
     squares = [line for line in (grid.coarse_line, grid.fine_line) if len(line)]
     scale = _crest(episode, grid, time[steps[:8]])
@@ -163,10 +166,10 @@ def _fade() -> Array:
     return np.clip(np.minimum(inside[:, None], inside), 0.0, 1.0).ravel()
 
 
-def frame_steps(time: Array) -> NDArray[np.int64]:
-    """Steps that have a frame of the sea, out of the clock `time` [T], s."""
-    step = float(np.median(np.diff(time))) if len(time) > 1 else FRAME_S
-    return np.arange(0, len(time), max(1, round(FRAME_S / step), -(-len(time) // MAX_FRAMES)))
+def frame_steps(time: Array, frame_s: float = FRAME_S) -> NDArray[np.int64]:
+    """Steps that have a frame of the sea, about every `frame_s`, out of the clock `time` [T], s."""
+    step = float(np.median(np.diff(time))) if len(time) > 1 else frame_s
+    return np.arange(0, len(time), max(1, round(frame_s / step), -(-len(time) // MAX_FRAMES)))
 
 
 def _centres(episode: Episode, grid: SeaGrid) -> Array:

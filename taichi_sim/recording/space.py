@@ -3,7 +3,7 @@
 import numpy as np
 import rerun as rr
 
-from taichi_sim.recording.episode import Episode
+from taichi_sim.recording.episode import Array, Episode
 from taichi_sim.recording.frames import enu, map_point
 from taichi_sim.recording.palette import ALARM, CHECKPOINT, FRAME, OBSTACLE, TRACK, vehicle_name
 from taichi_sim.recording.sea_patch import SeaGrid, sea_frames
@@ -11,7 +11,8 @@ from taichi_sim.recording.stream import Stream
 
 WARNINGS = {"stall"}  # kinds of event that end nothing
 SUNK_M = 6.0  # how far an obstacle reaches below mean sea level, so that no trough shows its foot
-CHECKPOINT_UP_M = 3.0  # height of a checkpoint's mark
+CHECKPOINT_UP_M = 3.0  # height of a checkpoint's mark above the track
+MAP_MARGIN_M = 120.0
 # radii below zero are in points of the screen, whatever the distance
 TRACK_POINTS, MAP_POINTS = -1.2, -1.5
 
@@ -19,6 +20,19 @@ TRACK_POINTS, MAP_POINTS = -1.2, -1.5
 def line_lift(episode: Episode) -> float:
     """How much higher than they lie the lines on the sea are drawn, m: else the crests would hide them."""
     return max(float(np.quantile(np.abs(episode.afloat.wave_height), 0.9)), 0.1)
+
+
+def _flight_height(episode: Episode) -> float:
+    """Height (m) of the track of those whom the sea patch follows."""
+    track = episode.scene.tracks_n.get(episode.afloat.name)
+    return 0.0 if track is None else -float(np.mean(track[:, 2]))
+
+
+def map_bounds(episode: Episode) -> tuple[Array, Array]:
+    """South-west and north-east corner [2] (north, east, m) of what the map shows."""
+    tracks = [track[:, :2] for track in episode.scene.tracks_n.values()]
+    places = np.concatenate([*tracks, *(team.position_n[:, 0, :2] for team in episode.teams.values())])
+    return places.min(axis=0) - MAP_MARGIN_M, places.max(axis=0) + MAP_MARGIN_M
 
 
 def send_scene(stream: Stream, episode: Episode) -> None:
@@ -33,7 +47,8 @@ def send_scene(stream: Stream, episode: Episode) -> None:
     if len(scene.checkpoints_n):
         numbers = [str(number + 1) for number in range(len(scene.checkpoints_n))]
         spot, radius = map_point(scene.checkpoints_n), 0.2 * episode.afloat.size_m[0]
-        place = np.column_stack([spot[:, 0], -spot[:, 1], np.full(len(spot), CHECKPOINT_UP_M)])
+        up = np.full(len(spot), _flight_height(episode) + CHECKPOINT_UP_M)
+        place = np.column_stack([spot[:, 0], -spot[:, 1], up])
         stream.static("world/checkpoints", rr.Points3D(place, labels=numbers, colors=CHECKPOINT, radii=radius))
         mark = rr.Points2D(spot, labels=numbers, show_labels=True, colors=CHECKPOINT, radii=-4.0, draw_order=20.0)
         stream.static("map/checkpoints", mark)

@@ -7,16 +7,18 @@ from numpy.typing import NDArray
 from taichi_sim.recording.bodies import body_mesh
 from taichi_sim.recording.episode import Array, Episode, TeamTrack
 from taichi_sim.recording.frames import enu, enu_quaternion, map_point
-from taichi_sim.recording.palette import TARGET, WATER, Colour, vehicle_colour
+from taichi_sim.recording.palette import PLUMB, TARGET, WATER, Colour, vehicle_colour
 from taichi_sim.recording.stream import Stream
 
 TRAIL_S = 25.0  # how much of a trail is shown
 WAKE_S = 0.25  # between the points of a boat's trail
 JUMP_M = 5.0  # a trail is broken where a vehicle moves farther than its speed allows by this much
-TRAIL_POINTS = -1.5  # radius in points of the screen, whatever the distance
+TRAIL_POINTS, PLUMB_POINTS = -1.5, -0.5  # radius in points of the screen, whatever the distance
 RING = np.linspace(0.0, 2.0 * np.pi, 49)  # rad
 SLOT_RING, WATER_RING = 0.75, 0.9  # radii, of the longer of length and beam
+TARGET_BALL = {"usv": 0.14, "uav": 0.05}  # radius of the target, of the length: an aircraft flies in it
 TARGET_UP = 0.2  # of the length: height of a boat's target over the water
+COURSE_S = 1.5  # over which the course is averaged that the view of an aircraft turns with
 ABOVE_WATER = 0.02  # of the length: lines on the water are drawn this much higher, that it may not hide them
 
 
@@ -24,17 +26,18 @@ def send_team(stream: Stream, episode: Episode, team: TeamTrack) -> None:
     """Bodies, trails, slots and the target of one team, and the frame that its view follows."""
     root, position = f"world/{team.name}", enu(team.position_n)
     eye = position[:, 0].copy()
-    eye[:, 2] = -team.target_n[:, 2].mean()
-    stream.columns(f"{root}/follow", rr.Transform3D.columns(translation=eye))
-    _send_target(stream, episode, team)
     if team.name == "usv":
+        eye[:, 2] = -team.target_n[:, 2].mean()  # the view does not heave
+        frame = rr.Transform3D.columns(translation=eye)
         _send_rings_on_water(stream, episode, team)
-    else:
-        _send_rings_in_air(stream, team)
-    if team.name == "usv":
         _send_wakes(stream, episode, team)
     else:
+        frame = rr.Transform3D.columns(translation=eye, quaternion=_level_quaternion(smooth_course(episode, team)))
+        _send_rings_in_air(stream, team)
         _send_trails(stream, team)
+        _send_plumb_lines(stream, team)
+    stream.columns(f"{root}/follow", frame)
+    _send_target(stream, episode, team)
     for vehicle in range(team.vehicles):
         place, colour = f"{root}/vehicle_{vehicle}", vehicle_colour(team.name, vehicle)
         body = body_mesh(team, vehicle)
@@ -97,9 +100,27 @@ def _send_wakes(stream: Stream, episode: Episode, team: TeamTrack) -> None:
         stream.columns(path, rr.LineStrips3D.columns(strips=strip))
 
 
-def _course_quaternion(team: TeamTrack) -> NDArray[np.float32]:
-    """[T, 4] of a level frame that points along the target's course."""
-    half = 0.5 * np.asarray(team.target_course, dtype=np.float64)
+def smooth_course(episode: Episode, team: TeamTrack) -> Array:
+    """[T] course (rad) of the leader over ground, averaged over a short time, so that turbulence does not shake it."""
+    time = np.asarray(episode.time_s, dtype=np.float64)
+    near = np.abs(time[:, None] - time) <= 0.5 * COURSE_S
+    north, east = near @ np.asarray(team.velocity_n[:, 0, 0]), near @ np.asarray(team.velocity_n[:, 0, 1])
+    return np.arctan2(east, north)
+
+
+def _send_plumb_lines(stream: Stream, team: TeamTrack) -> None:
+    """From each aircraft down to the sea: how high it is, and over what."""
+    for vehicle in range(team.vehicles):
+        here = enu(team.position_n[:, vehicle])
+        foot = np.column_stack([here[:, :2], team.wave_height[:, vehicle].astype(np.float32)])
+        path = f"world/{team.name}/plumb_{vehicle}"
+        stream.static(path, rr.LineStrips3D.from_fields(colors=PLUMB, radii=PLUMB_POINTS))
+        stream.columns(path, rr.LineStrips3D.columns(strips=list(np.stack([here, foot], axis=1))))
+
+
+def _level_quaternion(course: Array) -> NDArray[np.float32]:
+    """[T, 4] of a level frame that points along a course (rad)."""
+    half = 0.5 * np.asarray(course, dtype=np.float64)
     return enu_quaternion(np.stack([np.cos(half), 0 * half, 0 * half, np.sin(half)], axis=-1))
 
 
@@ -107,13 +128,13 @@ def _send_target(stream: Stream, episode: Episode, team: TeamTrack) -> None:
     """A ball with an arrow along the course; that of the boats rides on the waves."""
     length, root = team.size_m[0], f"world/{team.name}/target"
     arrow = rr.Arrows3D(vectors=[[1.2 * length, 0, 0]], colors=TARGET, radii=0.04 * length)
-    ball = rr.Ellipsoids3D(half_sizes=[[0.14 * length] * 3], colors=TARGET, fill_mode="solid")
+    ball = rr.Ellipsoids3D(half_sizes=[[TARGET_BALL[team.name] * length] * 3], colors=TARGET, fill_mode="solid")
     stream.static(root, arrow)
     stream.static(f"{root}/ball", ball)
     place = enu(team.target_n)
     if team.name == "usv":
         place[:, 2] = _surface(episode, team.target_n[:, None, None, :2])[:, 0, 0] + TARGET_UP * length
-    pose = rr.Transform3D.columns(translation=place, quaternion=_course_quaternion(team))
+    pose = rr.Transform3D.columns(translation=place, quaternion=_level_quaternion(team.target_course))
     stream.columns(root, pose)
     spot = f"map/{team.name}/target"
     stream.static(spot, rr.Points2D.from_fields(colors=TARGET, radii=-3.0, draw_order=50.0))
@@ -134,7 +155,7 @@ def _send_rings_in_air(stream: Stream, team: TeamTrack) -> None:
     """A ring at each slot, upright and across the course."""
     length, beam = team.size_m[:2]
     ring = SLOT_RING * max(length, beam) * np.stack([0.0 * RING, np.cos(RING), np.sin(RING)], axis=-1)
-    place, turn = enu(team.slot_n), _course_quaternion(team)
+    place, turn = enu(team.slot_n), _level_quaternion(team.target_course)
     for vehicle in range(team.vehicles):
         path = f"world/{team.name}/slot_{vehicle}"
         stream.static(path, rr.LineStrips3D([ring], colors=_slot_colour(team, vehicle), radii=0.025 * length))

@@ -52,6 +52,15 @@ class FixedWing6DOF:
     team = "uav"
     aux_names = AUX
     aux_size = len(aux_names)
+    signals = {  # plots of a recording: unit and columns of aux_names
+        "airspeed": ("m/s", ("airspeed",)),
+        "air angles": ("rad", ("alpha", "beta")),
+        "load factor": ("", ("load_factor",)),
+        "deflections": ("rad", ("elevator", "aileron", "rudder")),
+        "throttle": ("", ("throttle",)),
+        "air met": ("m/s", ("wind_north", "wind_east", "wind_down")),
+    }
+    air = ("wind_north", "wind_east", "wind_down")  # what a recording draws as wind
     Params = FixedWingParams
 
     def __init__(self, params: FixedWingParams, dt: float, substeps: int):
@@ -77,6 +86,11 @@ class FixedWing6DOF:
         self.gains = gains(params, self.cruise, self.limits, dt)
         self.speed_range = self.limits.speeds
         self.min_turn_radius = self.cruise.airspeed**2 / (GRAVITY * self.limits.tan_bank)
+
+    @property
+    def airframe(self) -> tuple[float, bool]:
+        """What a recording draws: mean chord (m), and whether there is a tail: a flying wing is one without rudder."""
+        return self.p.physical.c, self.p.lateral.has_rudder
 
     def step(self, team, action: torch.Tensor, around: Surroundings) -> None:
         """Advance one control step. `action` [env, vehicle, 3] in [-1, 1] are the autopilot's demands (autopilot.py).
