@@ -1,7 +1,7 @@
 """Discrete gusts: one minus cosine, of an amplitude U (vector) and a length H from nothing to the peak.
 
     pulse (14 CFR 25.341(a)(2)):     U/2 (1 - cos(pi s / H)) for 0 <= s <= 2H, else 0
-    ramp (MIL-F-8785C, sec. 3.7.3):  U/2 (1 - cos(pi s / H)) for 0 <= s <= H, then U
+    ramp (MIL-F-8785C, 3.7.1.3):     U/2 (1 - cos(pi s / H)) for 0 <= s <= H, then U
 
 s is how far the aircraft has come into the gust, as a distance (m) or as a time (s); H is in the same unit.
 """

@@ -1,4 +1,4 @@
-"""Continuous turbulence: the Dryden model of MIL-F-8785C (1980), sec. 3.7, at low altitude.
+"""Continuous turbulence: the Dryden form of MIL-F-8785C (1980, sec. 3.7.1.2) at low altitude (3.7.3.4).
 
 With the height h in feet, held to 10..1000 ft (below, and so at sea level, the air of 10 ft; above, that of 1000 ft),
 and W20 the mean wind at 20 ft:

@@ -7,7 +7,7 @@ Neutral profiles U(h) = U10 f(h), one number, the shear s, in each:
     uniform  f = 1
 
 The sea's roughness grows with the wind, z0 = alpha u*^2 / g (Charnock 1955), u* = kappa U10 / ln(10 m / z0), with alpha
-0.011 on the open sea (Smith 1980), 0.0144 on the whole (Garratt 1977), 0.0185 near the coast (Wu 1980).
+0.011 on the open sea (Smith 1988), 0.0144 on the whole (Garratt 1977), 0.0185 near the coast (Wu 1980).
 """
 
 import math

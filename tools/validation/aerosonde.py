@@ -45,7 +45,7 @@ SHORT_CONTROLS = ("elev", "ail", "rud", "thr")
 ORDER = [0, 1, 2, 7, 8, 9, 3, 4, 5, 6, 10, 11, 12]
 
 
-def _variant(case: Case) -> str:
+def variant(case: Case) -> str:
     """The variant's letter, a word of its own in the table's name."""
     found = re.findall(r"(?<=_)[AB](?=[_.])", case.path.name)
     if len(found) != 1:
@@ -63,7 +63,7 @@ def _wind(table: Table) -> np.ndarray:
 def rhs_samples(case: Case) -> None:
     """rhs_samples_[AB]*.csv: random states and controls (and winds), and all derivatives."""
     table = read_csv(case.path)
-    p = parameters(case, _variant(case))
+    p = parameters(case, variant(case))
     dtype = np.float64 if case.precision == "f64" else np.float32
     state = np.empty((len(table), len(STATE)), dtype)
     state[:, ORDER] = np.stack([table[c] for c in STATE], axis=1)
@@ -87,7 +87,7 @@ def trajectory(case: Case) -> None:
     if steps.size == 0 or steps.min() < 1 or np.abs(exact - steps).max() > 0.01:
         raise TableError(f"column 't': rows are not a whole number of steps of {DT} s apart")
     stride = math.gcd(*steps.tolist())
-    flight = _Flight(FixedWing6DOF(parameters(case, _variant(case)), DT, stride), table)
+    flight = Flight(FixedWing6DOF(parameters(case, variant(case)), DT, stride), table)
     columns = flight.fly(steps // stride)
     tolerances = (
         (("north", "east", "down"), POSITION_TOLERANCE),
@@ -103,10 +103,11 @@ def trajectory(case: Case) -> None:
         case.absolute(f"{name}, deg", away, np.zeros(len(table)), ANGLE_TOLERANCE[case.precision], resolution)
 
 
-class _Flight:
+class Flight:
     """One aircraft that begins at a table's first row."""
 
     def __init__(self, model: FixedWing6DOF, table: Table):
+        """Put it there."""
         self.model, self.table = model, table
         self.team = Team("uav", model, 1, 1)
         zero = np.zeros((1, 1))

@@ -6,7 +6,19 @@ from dataclasses import dataclass
 from matplotlib.figure import Figure
 
 from validation.case import Folder
-from validation.plots import decay, response, righting, spectrum, turning, zigzag
+from validation.plots import (
+    decay,
+    flights,
+    load_factor,
+    modes,
+    response,
+    righting,
+    spectrum,
+    trim,
+    turbulence,
+    turning,
+    zigzag,
+)
 
 
 @dataclass(frozen=True)
@@ -37,4 +49,22 @@ PICTURES = (
     Picture("otter", "zigzag", zigzag.draw,
             "The command changes sides when the heading passes 20 degrees: the differential thrust is the rudder. Our "
             "two models; there is no table."),
+    Picture("aerosonde", "trim", trim.draw,
+            "Trims of both variants of the published numbers over the airspeeds at which there is one: from the stall "
+            "to full throttle or the aircraft's limit. Variant B flies in the scenarios."),
+    Picture("aerosonde", "modes", modes.draw,
+            "Eigenvalues of the linear models; conjugates are left out. The spiral grows, slowly, as published."),
+    Picture("aerosonde", "doublets", flights.doublets,
+            "A deflection of 0.05 rad one way from 1 to 1.5 s and the other way until 2 s, from the trim. Below each: "
+            "this package less the reference, at its rows."),
+    Picture("aerosonde", "phugoid", flights.phugoid,
+            "Let go 2 m/s above the trim's airspeed: height and speed are exchanged, until the spiral takes over."),
+    Picture("aerosonde", "load_factor", load_factor.draw,
+            "V-n diagrams of the shipped aircraft, elevator at zero. Lines: the limits of `tools/aircraft.py`; "
+            "circles: the most and the least lift that the loads of the stepping kernel reach."),
+    Picture("dryden", "turbulence", turbulence.spectra,
+            "Welch's method on records of the kernels' filters and random numbers, as an aircraft meets them, over the "
+            "closed form."),
+    Picture("dryden", "turbulence_variance", turbulence.variances,
+            "Low wide gusts last long: a ten-minute record holds few of them, and bars say how few."),
 )  # fmt: skip

@@ -11,9 +11,10 @@ from validation.rao import COLUMN, JUDGED, measure, radiation_of
 from validation.tables import Table, TableError, read_csv
 
 FREQUENCIES = 30
+MARGIN = 0.12  # rad/s, beyond the table
 HEADINGS = {180.0: ("head sea", OURS), 135.0: ("bow sea, 45° off", THIRD), 90.0: ("beam sea", OTHER)}
 LEGEND = "lines: this package, let go in time;  circles: boundary elements;  grey: above the band that is judged"
-ROLL_RANGE = (0.02, 60.0)  # rad/rad
+ROLL_RANGE = (0.02, 100.0)  # rad/rad
 SHOWN = {"heave": (180.0, 90.0), "pitch": (180.0, 135.0), "roll": (90.0, 135.0)}
 
 
@@ -27,7 +28,7 @@ def draw(folder: Folder) -> Figure:
     omega = np.linspace(table["omega"].min(), table["omega"].max(), FREQUENCIES)
     # denser at the resonances, where curves bend
     omega = np.unique(
-        np.concatenate([omega, *(r.omega + np.linspace(-0.2, 0.2, 5) for r in radiation.resonances.values())])
+        np.concatenate([omega, *(r.omega + np.linspace(-0.24, 0.24, 7) for r in radiation.resonances.values())])
     )
     headings = [h for h in HEADINGS if (table["heading_deg"] == h).any()]
     rows = [(w, h) for h in headings for w in omega]
@@ -36,7 +37,7 @@ def draw(folder: Folder) -> Figure:
     axes = figure.subplots(1, 3)
     for chart, mode in zip(axes, SHOWN, strict=True):
         w_n = radiation.resonances[mode].omega
-        chart.axvspan(JUDGED * w_n, omega[-1], color=FAINT, zorder=0)
+        chart.axvspan(JUDGED * w_n, omega[-1] + MARGIN, color=FAINT, zorder=0)
         chart.axvline(w_n, color="#9AA5B1", lw=0.9, ls=":", zorder=1)
         for heading in SHOWN[mode]:
             if heading in headings:
@@ -48,13 +49,13 @@ def draw(folder: Folder) -> Figure:
                 _table_points(chart, table, mode, heading, colour)
         unit = "heave amplitude / a (m/m)" if mode == "heave" else f"{mode} amplitude / k a (rad/rad)"
         dress(chart, mode.capitalize(), "wave frequency (rad/s)", unit)
-        chart.set_xlim(omega[0], omega[-1])
+        chart.set_xlim(omega[0] - MARGIN, omega[-1] + MARGIN)
         if mode == "roll":  # hardly damped: over two decades
             chart.set_yscale("log")
             chart.set_ylim(*ROLL_RANGE)
         else:
             chart.set_ylim(0)
-        chart.text(w_n, 0.985, " resonance", transform=chart.get_xaxis_transform(), fontsize=8, color=INK, va="top")
+        chart.text(w_n, 0.02, "resonance ", transform=chart.get_xaxis_transform(), fontsize=8, color=INK, ha="right")
         legend(chart, loc="upper left" if mode == "pitch" else "upper right")
     figure.supxlabel(LEGEND, fontsize=9, color=INK)
     return figure

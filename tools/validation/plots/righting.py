@@ -37,7 +37,7 @@ def draw(folder: Folder) -> Figure:
     GM = hull.metacentric_heights[0]
     small.plot(SMALL_DEG, hull.righting_arm(np.deg2rad(SMALL_DEG)), color=OURS, lw=2, label="this package")
     small.plot(SMALL_DEG, GM * np.sin(np.deg2rad(SMALL_DEG)), color="#9AA5B1", lw=1.2, ls="--", label="GM sin φ")
-    points(small, table["heel_deg"], table["GZ_m"], OTHER, "wall-sided formula")
+    points(small, table["heel_deg"], table["GZ_m"], OTHER, "wall-sided formula", clip=False)
     dress(small, f"Box {box.length:g} x {box.beam:g} x {box.draft:g} m draft, GM {GM:.3f} m", "heel (deg)", "GZ (m)")
     small.set(xlim=(0, SMALL_DEG[-1]), ylim=(0, None))
     legend(small, loc="upper left")

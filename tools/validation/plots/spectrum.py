@@ -31,8 +31,8 @@ def draw(folder: Folder) -> Figure:
     axes.plot(omega, target_density(system, omega), color=OTHER, lw=2, label=f"target, Hs {config.hs:.2f} m")
     inside = (measured.omega >= omega[0]) & (measured.omega <= omega[-1])
     label = f"records of {sea.num_seas} seas, Hs {measured.hs:.3f} m"
-    points(axes, measured.omega[inside], measured.density[inside], OURS, label)
-    dress(axes, f"γ = {config.gamma_js:g}, Tp = {config.tp:g} s", "frequency (rad/s)", "density (m² s)")
+    points(axes, measured.omega[inside], measured.density[inside], OURS, label, clip=False)
+    dress(axes, f"γ = {config.gamma_js:g}, Tp = {config.tp:g} s", "frequency (rad/s)", "density (m² s/rad)")
     axes.set(xlim=(omega[0], omega[-1]), ylim=(0, None))
     legend(axes, loc="upper right")
     return figure

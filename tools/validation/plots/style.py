@@ -13,9 +13,9 @@ DPI = 110
 POINTS = {"linestyle": "none", "marker": "o", "markersize": 5.0, "markerfacecolor": "white", "markeredgewidth": 1.3}
 
 
-def points(axes: Axes, x, y, colour: str, label: str | None = None, zorder: float = 4) -> None:
-    """Values of a table: open circles."""
-    axes.plot(x, y, color=colour, label=label, zorder=zorder, **POINTS)
+def points(axes: Axes, x, y, colour: str, label: str | None = None, zorder: float = 4, clip: bool = True) -> None:
+    """Values of a table: open circles; without `clip` whole ones on the edge of the chart."""
+    axes.plot(x, y, color=colour, label=label, zorder=zorder, clip_on=clip, **POINTS)
 
 
 def legend(axes: Axes, **where) -> None:

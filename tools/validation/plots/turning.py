@@ -7,10 +7,12 @@ from rl.figures.page import dress, new_figure
 from validation.case import Case, Folder
 from validation.otter import fly
 from validation.otter_numbers import shaft_command
+from validation.plots.finer import finer
 from validation.plots.style import OTHER, OURS, legend, points
 from validation.tables import TableError, read_csv
 
 SHOWN = 30.0  # s
+BETWEEN = 5  # points of our lines to a row of the table
 
 
 def draw(folder: Folder) -> Figure:
@@ -21,7 +23,8 @@ def draw(folder: Folder) -> Figure:
     path = found[0]
     table = read_csv(path)
     table = table.where(table["t"] <= SHOWN)
-    ours = fly(Case(folder, path, "f64"), table)
+    fine = finer(table, BETWEEN)
+    ours = fly(Case(folder, path, "f64"), fine)
     left, right = shaft_command(path.stem) or (0.0, 0.0)
     figure = new_figure(11.0, 5.2, f"Otter: turning circle from rest, shafts at {left:g} and {right:g} rad/s")
     grid = figure.add_gridspec(3, 2, width_ratios=(1.15, 1))
@@ -40,8 +43,8 @@ def draw(folder: Folder) -> Figure:
     t, shared = table["t"], None
     for row, (title, unit, value) in enumerate(series):
         axes = shared = figure.add_subplot(grid[row, 1], sharex=shared)
-        axes.plot(t, value(ours), color=OURS, lw=2)
-        points(axes, t[some], value(table)[some], OTHER)
+        axes.plot(fine["t"], value(ours), color=OURS, lw=2)
+        points(axes, t[some], value(table)[some], OTHER, clip=False)
         dress(axes, title, "time (s)" if row == 2 else "", unit)
         axes.tick_params(labelbottom=row == 2)
         axes.set_xlim(0, t[-1])
