@@ -38,7 +38,9 @@ def open_run(args: argparse.Namespace):
     config, source = run_folder.load_config(args.run, args.overrides, args.config)
     start(args)
     of_worlds = config.evaluation.seed if args.seed is None else args.seed
-    return config, source, controllers(args.controller, args.run, config), of_worlds
+    trained = {stage.team for stage in config.stages.values()}
+    policies = {name: of for name, of in controllers(args.controller, args.run, config).items() if name in trained}
+    return config, source, policies, of_worlds
 
 
 def start(args: argparse.Namespace) -> None:

@@ -8,6 +8,7 @@ from typing import Any
 
 from torch import Tensor
 
+from rl.controllers.fixed_wing_6dof import FixedWing6DofController
 from rl.controllers.hull_6dof import Hull6DofController
 from rl.controllers.manoeuvring_3dof import Manoeuvring3dofController
 from rl.controllers.unity_aircraft import UnityAircraftController
@@ -23,6 +24,7 @@ CLASSICAL: dict[str, Any] = {
     "Hull6Dof": Hull6DofController,
     "Manoeuvring3dof": Manoeuvring3dofController,
     "UnityAircraft": UnityAircraftController,
+    "FixedWing6DOF": FixedWing6DofController,
 }
 
 
