@@ -30,6 +30,7 @@ from taichi_sim.sea import Sea
 from taichi_sim.sea.current import Current
 from taichi_sim.sea.wind_sea import CALM_PERIOD
 from taichi_sim.surroundings import Surroundings
+from taichi_sim.uav.start import wind_at
 from taichi_sim.vehicles import load_vehicle
 
 
@@ -226,8 +227,10 @@ class World:
         have a `prepare` (state [n, vehicle, 13], wind [n, 3], Wind) begin in equilibrium.
         """
         team = self.teams[name]
-        if hasattr(team.model, "prepare"):
-            state = team.model.prepare(state, self.wind.velocity.index_select(0, envs), self.wind)
+        wind = self.wind.velocity.index_select(0, envs)
+        flies = hasattr(team.model, "prepare")
+        if flies:
+            state = team.model.prepare(state, wind, self.wind)
         if name == "usv":
             state = state.clone()
             zeta = self.elevation(envs, state[..., 0], state[..., 1])
@@ -236,6 +239,8 @@ class World:
         team.state.index_copy_(0, envs, state)
         aux = torch.empty((*state.shape[:-1], team.aux.shape[-1]), dtype=state.dtype, device=state.device)
         team.model.reset_aux(aux, state)
+        if flies:
+            team.model.measure_air(aux, state, wind_at(state, wind, self.wind))
         team.aux.index_copy_(0, envs, aux)
         team.update(envs)
 

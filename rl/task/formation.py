@@ -1,6 +1,5 @@
 """The formation mission over many environments: what VecEnv, Gymnasium, evaluation and recording share."""
 
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -10,11 +9,13 @@ from torch import Tensor
 
 from rl.seeds import derive_seed
 from rl.task.endings import Endings
+from rl.task.flyable import check_flyable, least_speed
 from rl.task.obstacles import generate_obstacles
 from rl.task.paths import TrackPoint, Tracks, generate_tracks
 from rl.task.slots import Target, lane_half_width
-from rl.task.starts import PER_WORLD, draw_starts
+from rl.task.starts import PER_WORLD, draw_starts, in_wind
 from rl.task.team import TeamTask
+from rl.task.wind_triangle import ground_speed
 from taichi_sim import runtime
 from taichi_sim.config import ConfigError, ScenarioConfig
 from taichi_sim.conventions import TEAMS
@@ -78,6 +79,7 @@ class FormationTask:
     Attributes:
         world: the simulated world. teams: name -> TeamTask, those simulated.
         env_world: int64 [env]. progress: [env] m along the track. steps: int64 [env] of the episode.
+        wind_factor: mean wind at the flight height over that at 10 m.
     """
 
     def __init__(
@@ -96,13 +98,15 @@ class FormationTask:
         self.generator = torch.Generator().manual_seed(derive_seed(seed, "episodes"))
         self.teams = {name: TeamTask(config, self.world, name) for name in teams}
 
+        self.wind_factor = self.world.wind.speed_factor(config.track.flight_height)
         self._check_spacing()
         self._check_flyable()
         self.tracks, generated = generate_worlds(config, seed)
         fixed = torch.tensor([[o.north, o.east, o.radius, o.height] for o in config.obstacles.fixed]).reshape(-1, 4)
         both = torch.cat((generated, fixed.expand(self.tracks.worlds, -1, 4)), dim=1)
         radii = {name: team.radius for name, team in self.teams.items()}
-        starts = draw_starts(config, self.tracks, both, radii, self.generator)
+        unstoppable = {name for name, team in self.teams.items() if least_speed(team.team.model) > 0}
+        starts = draw_starts(config, self.tracks, both, radii, self.generator, unstoppable)
         self.tracks = self.tracks.to(run.device)  # all was drawn on the CPU: the same worlds on every device
         self.starts = starts.to(run.device)
         self.obstacles = both.to(run.device, run.torch_dtype).contiguous()
@@ -113,7 +117,7 @@ class FormationTask:
         self.env_world = torch.zeros(num_envs, dtype=torch.int64, device=run.device)
         self.progress = torch.zeros(num_envs, device=run.device)
         self.steps = torch.zeros(num_envs, dtype=torch.int64, device=run.device)
-        targets = self._targets(self.tracks.at(self.env_world, self.progress))
+        targets = self._targets(self.tracks.at(self.env_world, self.progress), self.world.wind.velocity)
         for name, team in self.teams.items():
             team.measure(targets[name])
         self.reset()
@@ -127,21 +131,15 @@ class FormationTask:
                 )
 
     def _check_flyable(self) -> None:
-        """Refuse a track that a vehicle with limits of speed and turning cannot follow."""
-        track = self.config.track
+        """Refuse a track that a team cannot follow in the wind of the scenario."""
+        if self.config.track.speed_over == "air" and "uav" not in self.teams:
+            raise ConfigError(
+                f"track.speed_over = 'air': only {', '.join(self.teams)} is simulated, and nothing flies; it needs "
+                "'ground'"
+            )
         for name, team in self.teams.items():
-            low, _, high = getattr(team.team.model, "speed_range", (0.0, 0.0, math.inf))
-            if not low <= track.target_speed <= high:
-                raise ConfigError(
-                    f"track.target_speed = {track.target_speed}: {name}.vehicle = {team.section.vehicle!r} flies from "
-                    f"{low:.3g} to {high:.3g} m/s"
-                )
-            radius = getattr(team.team.model, "min_turn_radius", 0.0)
-            if track.min_radius < radius:
-                raise ConfigError(
-                    f"track.min_radius = {track.min_radius}: {name}.vehicle = {team.section.vehicle!r} cannot turn "
-                    f"tighter than {radius:.3g} m"
-                )
+            vehicle = f"{name}.vehicle = {team.section.vehicle!r}"
+            check_flyable(self.config.track, self.config.air, vehicle, team.team.model)
 
     # -- one step, as a table of contents --------------------------------------------------------------------------
 
@@ -152,9 +150,9 @@ class FormationTask:
             ValueError: for a wrong shape or an action that is not finite; nothing has moved then.
         """
         taken = self.world.step(actions)
-        self.progress += self.config.track.target_speed * self.config.decision_interval
+        self.progress += self._advance()
         self.steps += 1
-        targets = self._targets(self.tracks.at(self.env_world, self.progress))
+        targets = self._targets(self.tracks.at(self.env_world, self.progress), self.world.wind.velocity)
         for name, team in self.teams.items():
             team.previous_action, team.action = team.action, taken[name]
             team.measure(targets[name])
@@ -187,9 +185,14 @@ class FormationTask:
         begin = torch.rand(n, generator=self.generator, dtype=torch.float64) * TIME_SPAN
         self.world.time[envs] = begin.to(self.world.time.device)
         self.world.renew(envs)
-        targets = self._targets(self.tracks.at(worlds, self.progress.index_select(0, envs)))
+        wind = self.world.wind.velocity.index_select(0, envs)
+        targets = self._targets(self.tracks.at(worlds, self.progress.index_select(0, envs)), wind)
         for name, team in self.teams.items():
             state = self.starts.states[name][worlds, starts].to(team.team.state)
+            if self.config.track.speed_over == "air":
+                state = in_wind(
+                    state, self._aloft(wind), targets[name], self.config.track.target_speed, team.team.model
+                )
             self.world.place(name, envs, state)
             team.restart(envs, targets[name])
             team.sense(self.obstacles, self.env_world, envs)
@@ -201,16 +204,33 @@ class FormationTask:
     def _draw(self, limit: int, n: int) -> Tensor:
         return torch.randint(limit, (n,), generator=self.generator).to(self.env_world.device)
 
-    def _targets(self, place: TrackPoint) -> dict[str, Target]:
-        """The target of each team at a place of the track: on the sea, and straight above at the flight height."""
-        speed = self.config.track.target_speed
+    def _advance(self) -> Tensor | float:
+        """How far (m, [env]) the targets move along their tracks in the coming interval."""
+        if self.config.track.speed_over == "ground":
+            return self.config.track.target_speed * self.config.decision_interval
+        return next(iter(self.teams.values())).target.speed * self.config.decision_interval
+
+    def _aloft(self, wind: Tensor) -> Tensor:
+        """Wind [env, 2] at the flight height, of `wind` [env, 3] at 10 m, its slow variation included."""
+        return wind[:, :2] * self.wind_factor
+
+    def _targets(self, place: TrackPoint, wind: Tensor) -> dict[str, Target]:
+        """The target of each team at a place of the track in the wind [env, 3] (10 m above the sea): on the sea, and
+        straight above at the flight height.
+        """
+        track, cos, sin = self.config.track, place.course.cos(), place.course.sin()
+        if track.speed_over == "ground":
+            course_rate, speed = place.curvature * track.target_speed, torch.full_like(cos, track.target_speed)
+        else:
+            speed = ground_speed(track.target_speed, self._aloft(wind), cos, sin).to(cos)
+            course_rate = place.curvature * speed
         ground = Target(
             position=torch.nn.functional.pad(place.position, (0, 1)),
             course=place.course,
-            cos=place.course.cos(),
-            sin=place.course.sin(),
-            course_rate=place.curvature * speed,
-            speed=torch.full_like(place.course, speed),
+            cos=cos,
+            sin=sin,
+            course_rate=course_rate,
+            speed=speed,
         )
-        above = ground.position - ground.position.new_tensor([0.0, 0.0, self.config.track.flight_height])
+        above = ground.position - ground.position.new_tensor([0.0, 0.0, track.flight_height])
         return {"usv": ground, "uav": ground._replace(position=above)}

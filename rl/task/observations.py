@@ -3,7 +3,8 @@
 `observations = "paper"` is sec. 3.3 (current and previous distance and direction to the target) and what partial
 observability needs to avoid collisions: the nearest obstacles and team mates within the detection range. "full"
 adds the error and its rate as vectors, own velocity, attitude and rates, the target's course, the previous action
-and the role. Directions are in the body frame (of USVs: its horizontal part), so a policy needs no compass.
+and the role; of aircraft with air data, airspeed and wind too. Directions are in the body frame (of USVs: its
+horizontal part), so a policy needs no compass.
 """
 
 import torch

@@ -2,20 +2,23 @@
 
 The target is at a random place of the track; the leader within `start_distance` of it, near the slot's heading and
 speed; followers near their slots. A team that touches an obstacle is pulled in towards its slots; where those are not
-clear either (an obstacle in the lanes, a long line astern in a bend) another place is drawn.
+clear either (an obstacle in the lanes, a long line astern in a bend) another place is drawn. So is one where vehicles
+that cannot stop would meet before they have turned away.
 """
 
 import math
+from collections.abc import Collection
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
 from rl.task.paths import Tracks
-from rl.task.slots import formation_offsets
+from rl.task.slots import Target, formation_offsets
+from rl.task.wind_triangle import crab
 from taichi_sim.config import ConfigError, ScenarioConfig
-from taichi_sim.conventions import STATE_SIZE
-from taichi_sim.maths.rotation import torch_quaternion_from_euler
+from taichi_sim.conventions import QUATERNION, STATE_SIZE
+from taichi_sim.maths.rotation import torch_euler_from_quaternion, torch_quaternion_from_euler
 
 PER_WORLD = 32  # starts drawn for each world
 HEADING_SPREAD = 0.5, 0.15  # rad, standard deviations: of a team's heading about the course, of a vehicle's about that
@@ -26,6 +29,7 @@ LARGEST_DROP = 0.3  # of the flight height
 MAX_DRAWS = 50  # of places for a start
 MARGIN = 3.0  # m from obstacles, beyond the collision radius
 PULLS = (1.0, 0.5, 0.25, 0.0)  # shares of the random offsets that are tried, in order
+TURNING_TIME = 3.0  # s that vehicles which cannot stop are given to turn away from each other; assumed
 
 
 class Starts(NamedTuple):
@@ -45,8 +49,11 @@ def draw_starts(
     obstacles: Tensor,
     radii: dict[str, float],
     generator: torch.Generator,
+    unstoppable: Collection[str] = (),
 ) -> Starts:
-    """Draw `PER_WORLD` starts in each world for the teams named in `radii` (their collision radius, m)."""
+    """Draw `PER_WORLD` starts in each world for the teams named in `radii` (their collision radius, m); those of
+    `unstoppable` cannot stop.
+    """
     shape = (tracks.worlds, PER_WORLD)
     world = torch.arange(tracks.worlds).unsqueeze(1).expand(shape).contiguous()
     progress = torch.zeros(shape)
@@ -59,6 +66,8 @@ def draw_starts(
         for team, radius in radii.items():
             fresh[team], fits = _team_states(config, team, place, obstacles, radius + MARGIN, generator)
             clear &= fits
+            if team in unstoppable:
+                clear &= _pass_clear(fresh[team], 2 * (radius + MARGIN))
         progress = torch.where(clear, drawn, progress)
         for team in radii:
             states[team] = torch.where(clear[..., None, None], fresh[team], states[team])
@@ -69,6 +78,22 @@ def draw_starts(
         f"no room to start: {int(missing.sum())} of {missing.numel()} starts touch an obstacle after {MAX_DRAWS} "
         "draws; lower obstacles.count or obstacles.fixed, raise obstacles.clearance_min, or shrink the formation"
     )
+
+
+def in_wind(state: Tensor, wind: Tensor, target: Target, airspeed: float, model) -> Tensor:
+    """Starts [env, vehicle, 13] of a target that flies at `airspeed` (m/s) in the `wind` [env, 2] there.
+
+    Speeds are the same shares of the target's speed over ground. Where `model` begins in steady flight (`prepare`), at
+    its cruising airspeed, it is turned into the wind by the crab angle, so that what was its heading is its course.
+    """
+    state = state.clone()
+    state[..., 7] *= (target.speed * (1 / airspeed)).unsqueeze(1)
+    if hasattr(model, "prepare"):
+        course = torch_euler_from_quaternion(state[..., QUATERNION])[..., 2]
+        turn = crab(model.speed_range[1], wind.unsqueeze(1), course.cos(), course.sin())
+        level = torch.zeros_like(course)
+        state[..., QUATERNION] = torch_quaternion_from_euler(level, level, course + turn)
+    return state
 
 
 def _team_states(config, team, place, obstacles, margin, generator) -> tuple[Tensor, Tensor]:
@@ -106,6 +131,17 @@ def _team_states(config, team, place, obstacles, margin, generator) -> tuple[Ten
     low, high = SPEED_RANGE
     state[..., 7] = config.track.target_speed * (low + (high - low) * uniform(*shape[:2], 1))
     return state, clear
+
+
+def _pass_clear(state: Tensor, apart: float) -> Tensor:
+    """Whether vehicles [.., vehicle, 13] that go straight on for `TURNING_TIME` stay `apart` (m) in plan view [..]."""
+    heading = torch_euler_from_quaternion(state[..., QUATERNION])[..., 2:]
+    velocity = state[..., 7:8] * torch.cat((heading.cos(), heading.sin()), dim=-1)
+    place = state[..., :2]
+    gap, rate = (x.unsqueeze(-2) - x.unsqueeze(-3) for x in (place, velocity))
+    nearest = -(gap * rate).sum(-1, keepdim=True) / rate.square().sum(-1, keepdim=True).clamp(min=1e-9)
+    distance = (gap + rate * nearest.clamp(0.0, TURNING_TIME)).norm(dim=-1)
+    return (distance + 1e9 * torch.eye(distance.shape[-1])).amin(dim=(-2, -1)) > apart
 
 
 def _first_clear_pull(slot: Tensor, scatter: Tensor, obstacles: Tensor, margin: float) -> tuple[Tensor, Tensor]:

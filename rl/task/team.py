@@ -5,7 +5,7 @@ from torch import Tensor
 
 from rl.task import endings, observations, rewards
 from rl.task.endings import Endings
-from rl.task.geometry import Geometry, geometry
+from rl.task.geometry import Geometry, geometry, to_body
 from rl.task.slots import Target, formation_offsets
 from taichi_sim.config import ScenarioConfig
 from taichi_sim.sensors import Sensor
@@ -95,10 +95,15 @@ class TeamTask:
 
     def _stall_time(self) -> Tensor:
         """Time (s) [env, vehicle] since each aircraft stalled; 0 of models that cannot stall."""
-        names = getattr(self.team.model, "aux_names", ())
-        if "stall_time" not in names:
-            return torch.zeros_like(self.distance)
-        return self.team.aux[..., names.index("stall_time")]
+        return self._read("stall_time") if "stall_time" in self._readings() else torch.zeros_like(self.distance)
+
+    def _readings(self) -> tuple[str, ...]:
+        """What the vehicles' own instruments show; none of models without."""
+        return getattr(self.team.model, "aux_names", ())
+
+    def _read(self, name: str) -> Tensor:
+        """One of them [env, vehicle], as of the last step."""
+        return self.team.aux[..., self._readings().index(name)]
 
     def compute_reward(self, ended: Endings) -> Tensor:
         """Reward [env, vehicle] of the last step; -1 for a vehicle that has diverged."""
@@ -150,4 +155,15 @@ class TeamTask:
             turn,
             self.action,
             self.role,
+            *self._air_terms(),
         ]
+
+    def _air_terms(self) -> list[Tensor]:
+        """What an aircraft in wind steers by: its airspeed within the range it can fly, and the wind in b."""
+        if "airspeed" not in self._readings():
+            return []
+        low, cruise, high = self.team.model.speed_range
+        wind = torch.stack([self._read(f"wind_{axis}") for axis in ("north", "east", "down")], dim=-1)
+        wind_b = to_body(wind.unsqueeze(-2), self.team.derived, self.axes).squeeze(-2)
+        airspeed = (self._read("airspeed") - cruise) * (2 / (high - low))
+        return [airspeed.unsqueeze(-1), observations.squash(wind_b, observations.SPEED_SCALE)]

@@ -18,6 +18,7 @@ class TrackConfig(Strict):
     min_radius: Annotated[float, Field(ge=10, le=10_000)] = 100.0  # smallest radius of curvature, m
     flight_height: Annotated[float, Field(gt=0, le=1000)] = 60.0  # of the UAV target above mean sea level, m
     target_speed: Annotated[float, Field(gt=0, le=100)] = 12.0  # of both targets along their tracks, m/s
+    speed_over: Literal["ground", "air"] = "ground"  # target_speed is over ground, or through the air at flight height
 
 
 class FixedObstacle(Strict):
@@ -159,6 +160,10 @@ class ScenarioConfig(Strict):
         ratio = self.decision_interval / self.dt
         if ratio < 0.999 or abs(ratio - round(ratio)) > 1e-6:
             raise ValueError(f"decision_interval = {self.decision_interval} must be a whole multiple of dt = {self.dt}")
+        if self.track.speed_over == "air" and self.air.speed is None and self.air.beaufort is None:
+            raise ValueError(
+                "track.speed_over = 'air' needs a wind: [air] gives neither speed nor beaufort (speed = 0 is calm)"
+            )
         half = self.area / 2
         for i, o in enumerate(self.obstacles.fixed):
             if max(abs(o.north), abs(o.east)) + o.radius > half:

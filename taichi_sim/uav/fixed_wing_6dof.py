@@ -22,7 +22,7 @@ from taichi_sim.uav.fixed_wing import FixedWingParams, aerodynamic_force, air_da
 from taichi_sim.uav.gains import gains, limits
 from taichi_sim.uav.modes import largest_stable_dt
 from taichi_sim.uav.motion import attitude, rk4, velocity, with_velocity
-from taichi_sim.uav.start import trimmed
+from taichi_sim.uav.start import air_readings, trimmed
 from taichi_sim.uav.trim import trim
 
 AUX = (
@@ -129,16 +129,18 @@ class FixedWing6DOF:
         """
         return trimmed(state, self.cruise, wind, air)
 
+    def measure_air(self, aux: torch.Tensor, state: torch.Tensor, wind: torch.Tensor) -> None:
+        """Write what the instruments show before the first step in a mean wind [.., 3] (NED, m/s) where they are."""
+        aux[..., READINGS : READINGS + 3] = air_readings(state, wind)
+        aux[..., WIND : WIND + 3] = wind
+
     def reset_aux(self, aux: torch.Tensor, state: torch.Tensor) -> None:
         """Auxiliary state [.., 20] of vehicles put at `state` [.., 13]: deflections of cruise, still air, this height
         held. The turbulence around them is drawn in their first step.
         """
         aux.zero_()
         aux[..., :READINGS] = torch.tensor(self.neutral, dtype=aux.dtype, device=aux.device)
-        u, v, w = state[..., VELOCITY].unbind(-1)
-        aux[..., 4] = torch.sqrt(u * u + v * v + w * w)
-        aux[..., 5] = torch.atan2(w, u)
-        aux[..., 6] = torch.atan2(v, torch.hypot(u, w))
+        self.measure_air(aux, state, torch.zeros_like(state[..., :3]))
         aux[..., 7] = 1.0
         aux[..., PILOT + 1] = -state[..., 2]
 

@@ -9,6 +9,7 @@ from taichi_sim.config_io import config_folder, read_toml
 from taichi_sim.vehicles import MODELS, load_vehicle
 
 COMPONENTS = (16, 32)
+MIN_RADIUS = 150.0  # m, of the track: the fastest aircraft turns downwind
 AIR = AirConfig(speed=7.72, turbulence="dryden")  # 15 kt; what does not feel it pays nothing
 
 
@@ -47,7 +48,8 @@ def _case(config: ScenarioConfig, file: Path, components: int, num_envs: int) ->
     sea = config.sea.model_copy(update={"components": components})
     model = load_vehicle(file, name, config.dt, config.substeps)
     cruise = getattr(model, "speed_range", (0.0, config.track.target_speed, 0.0))[1]
-    changes = {name: section, "sea": sea, "track": config.track.model_copy(update={"target_speed": cruise}), "air": AIR}
+    track = {"target_speed": cruise, "speed_over": "air" if name == "uav" else "ground", "min_radius": MIN_RADIUS}
+    changes = {name: section, "sea": sea, "track": config.track.model_copy(update=track), "air": AIR}
     task = FormationTask(config.model_copy(update=changes), num_envs, seed=config.seed, teams=(name,))
     world, team = task.world, task.world.teams[name]
     action = team.state.new_zeros(task.teams[name].action.shape)

@@ -1,0 +1,40 @@
+"""The wind triangle: how fast something that flies at a constant airspeed moves along a course over ground.
+
+The velocity over ground is that through the air plus the wind's. On a course at the angle D from where the wind blows
+to, with airspeed V_a and wind w, the nose is turned into the wind by the crab angle c, and the speed over ground is v:
+
+    sin c = (w / V_a) sin D,    v = w cos D + V_a cos c       (so |v - w| = V_a; Beard & McLain 2012, sec. 2.4)
+
+On a path of curvature k the heading turns at v k v / (V_a cos c), hence the acceleration, normal to the velocity
+through the air, is v^2 k / cos c. That is largest straight downwind, where v = V_a + w and c = 0.
+"""
+
+import torch
+from torch import Tensor
+
+LEAST_SHARE = 0.2  # of the airspeed, the least speed over ground; assumed: the wind must leave that much
+
+
+def ground_speed(airspeed: float, wind: Tensor, cos: Tensor, sin: Tensor) -> Tensor:
+    """Speed over ground [env] (m/s) on a course.
+
+    It is held at `LEAST_SHARE` of the airspeed where the wind would leave less.
+
+    Args:
+        airspeed: m/s. wind: [env, 2], north and east velocity of the air, m/s. cos, sin: [env], of the course.
+    """
+    along, across = _parts(wind, cos, sin)
+    through = (airspeed**2 - across.square()).clamp(min=0.0).sqrt()
+    return (along + through).clamp(min=LEAST_SHARE * airspeed)
+
+
+def crab(airspeed: float, wind: Tensor, cos: Tensor, sin: Tensor) -> Tensor:
+    """Heading less course [..] (rad) that keeps to a course in the wind [.., 2] at an airspeed (m/s)."""
+    _, across = _parts(wind, cos, sin)
+    return -torch.asin((across * (1 / airspeed)).clamp(-1.0, 1.0))
+
+
+def _parts(wind: Tensor, cos: Tensor, sin: Tensor) -> tuple[Tensor, Tensor]:
+    """Wind along the course, and across it to starboard."""
+    north, east = wind[..., 0], wind[..., 1]
+    return cos * north + sin * east, cos * east - sin * north

@@ -1,0 +1,118 @@
+"""The classical controller of aircraft: arcs against closed forms, and how aircraft find and keep their slots."""
+
+import math
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+import torch
+from torch import Tensor
+
+from rl.controllers import CLASSICAL, ClassicalPolicy
+from rl.controllers.avoidance import passing
+from rl.controllers.fixed_wing_6dof import velocity_through_air
+from rl.run_folder import RunError
+from rl.task.formation import FormationTask
+from taichi_sim import runtime
+from taichi_sim.config_io import load_scenario
+
+VEHICLES = Path(__file__).parents[2] / "configs" / "vehicles"
+STEADY = (
+    "sea.follows_wind=false", "sea.sea_state=0", "air.std=0", 'air.turbulence="none"', "obstacles.count=0",
+    "track.worlds=4", "sea.realisations=1",
+)  # fmt: skip
+CALM = (*STEADY, "air.speed=0")
+BENDS = ("track.min_radius=150",)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def taichi():
+    runtime.init()
+
+
+@pytest.fixture(scope="module")
+def vehicle(tmp_path_factory):
+    """Return the Aerosonde with other actions, by their name."""
+
+    def of(actions: str) -> str:
+        file = tmp_path_factory.mktemp("vehicles") / f"{actions}.toml"
+        file.write_text((VEHICLES / "aerosonde.toml").read_text().replace('"guidance"', f'"{actions}"', 1))
+        return f'uav.vehicle="{file}"'
+
+    return of
+
+
+def make(*overrides: str, envs: int = 4, seed: int = 3) -> FormationTask:
+    """Return a task with environment i in world i."""
+    task = FormationTask(load_scenario("aerosonde", overrides), envs, seed=seed, teams=("uav",))
+    task.reset(worlds=torch.arange(envs), starts=torch.zeros(envs, dtype=torch.int64))
+    return task
+
+
+def fly(task: FormationTask, seconds: float) -> Tensor:
+    """Distances [step, env, vehicle] from the slots; no aircraft's episode may end."""
+    policy, team, distances = ClassicalPolicy(), task.teams["uav"], []
+    for _ in range(round(seconds / task.config.decision_interval)):
+        ended = task.step({"uav": policy(team)}).endings["uav"]
+        assert not ended.any.any(), ended
+        distances.append(team.distance.clone())
+    return torch.stack(distances)
+
+
+def rms(x: Tensor) -> float:
+    return float(x.square().mean().sqrt())
+
+
+# -- closed forms -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("bearing", [-2.0, -0.3, 0.0, 0.4, 1.5])
+def test_a_straight_way_passes_at_the_sine_of_the_bearing(bearing):
+    course = 0.7
+    velocity = 20.0 * torch.tensor([math.cos(course), math.sin(course), 0.1])
+    toward = torch.tensor([math.cos(course + bearing), math.sin(course + bearing), 0.0])
+    distance = passing(velocity, torch.zeros(()), toward, torch.tensor(80.0))
+    assert float(distance) == pytest.approx(80.0 * abs(math.sin(bearing)), abs=1e-4)
+
+
+@pytest.mark.parametrize("rate", [-0.2, 0.1])
+@pytest.mark.parametrize("out", [-100.0, -30.0, 0.0, 25.0])
+def test_an_arc_passes_a_place_at_its_distance_from_the_circle(rate, out):
+    speed, turned = 20.0, 0.6  # the place is beside the arc where it has turned by that much; -R is its centre
+    radius, side = speed / abs(rate), math.copysign(1.0, rate)
+    out = max(out, -radius)
+    north, east = (radius + out) * math.sin(turned), side * (radius - (radius + out) * math.cos(turned))
+    d = math.hypot(north, east)
+    toward = torch.tensor([north / d, east / d])
+    distance = passing(torch.tensor([speed, 0.0]), torch.tensor(rate), toward, torch.tensor(d))
+    assert float(distance) == pytest.approx(abs(out), abs=1e-3)
+
+
+def test_surfaces_are_refused():
+    with pytest.raises(RunError, match='autopilot.actions = "guidance" or "altitude"'):
+        CLASSICAL["FixedWing6DOF"](SimpleNamespace(actions="surfaces"))
+
+
+# -- flights ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("actions", ["guidance", "altitude"])
+def test_aircraft_find_their_slots_in_calm_air_and_keep_them_in_bends(vehicle, actions):
+    task = make(*CALM, *BENDS, vehicle(actions))
+    distance = fly(task, 35.0)
+    assert float(distance[0].max()) > 15.0  # starts are that far off
+    late = distance[-50:]
+    assert rms(late[..., 0]) < 0.3
+    assert rms(late[..., 1:]) < 0.7
+
+
+def test_aircraft_keep_their_slots_in_a_steady_wind_of_a_third_of_their_airspeed():
+    task = make(*STEADY, *BENDS)
+    distance = fly(task, 35.0)
+    late, team = distance[-50:], task.teams["uav"]
+    assert rms(late[..., 0]) < 0.5
+    assert rms(late[..., 1:]) < 1.0
+    wind = team.team.velocity_n - velocity_through_air(team)
+    met = team.team.aux[..., team.team.model.aux_names.index("wind_north") :][..., :3]
+    assert float(met.norm(dim=-1).min()) > 7.0
+    torch.testing.assert_close(wind, met, atol=1e-3, rtol=0)
