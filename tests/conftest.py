@@ -1,23 +1,55 @@
-"""Fixtures shared by all tests."""
+"""Fixtures shared by all tests, and their order: what Taichi has compiled serves as many tests as possible.
+
+Taichi compiles a kernel anew after every change of precision or threads, and in every worker. So a worker takes whole
+files (--dist loadfile), and their tests in double precision first.
+"""
+
+from pathlib import Path
 
 import pytest
+import torch
+from refusal import MINIMAL
 
 from taichi_sim import runtime
 
 
-def _run_in(precision):
-    runtime.init(precision=precision, threads=1)
-    yield precision
-    runtime.init()
+def _precision_of(item: pytest.Item) -> runtime.Precision:
+    """What a test runs in: the parameter of `precision`, double with `f64`, or else single."""
+    of_parameters = getattr(item, "callspec", None)
+    if of_parameters and "precision" in of_parameters.params:
+        return of_parameters.params["precision"]
+    return "f64" if "f64" in item.fixturenames else "f32"
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items):
+    items.sort(key=lambda item: _precision_of(item) == "f32")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item):
+    runtime.init(precision=_precision_of(item), threads=1)
+    torch.set_num_threads(1)  # as many workers run at once
 
 
 @pytest.fixture(scope="module")
 def f64():
-    """Taichi in double precision while a module's tests run."""
-    yield from _run_in("f64")
+    """Taichi in double precision."""
 
 
 @pytest.fixture(scope="module", params=["f64", "f32"])
 def precision(request):
-    """Taichi in double, then in single precision: each test of a module runs in both."""
-    yield from _run_in(request.param)
+    """Taichi in double, then in single precision: each test runs in both."""
+    return request.param
+
+
+@pytest.fixture
+def scenario(tmp_path: Path):
+    """Write a scenario: `top` before the sections of a minimal one, `end` after them."""
+
+    def write(top: str = "", end: str = "") -> Path:
+        file = tmp_path / "little.toml"
+        file.write_text(top + MINIMAL + end, encoding="utf-8")
+        return file
+
+    return write

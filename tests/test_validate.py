@@ -6,8 +6,6 @@ from pathlib import Path
 
 import pytest
 
-from taichi_sim import runtime
-
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "tools"))
 
@@ -34,12 +32,6 @@ EXPECTED = {
     "dryden": {("dryden_discrete.csv", "f64")},
     "aerosonde": {("rhs_samples_A.csv", "f32"), ("trim_and_modes_Va25.json", "f64")},
 }
-
-
-@pytest.fixture(scope="module", autouse=True)
-def _restore():
-    yield
-    runtime.init()
 
 
 @pytest.fixture
@@ -70,6 +62,7 @@ def _environment():
     return os.environ | {"PYTHONPATH": str(ROOT)}
 
 
+@pytest.mark.usefixtures("f64")  # each starts in double precision
 @pytest.mark.parametrize("section", SECTIONS)
 def test_reference_tables_pass_in_both_precisions(section):
     quick = [checker for checker in CHECKERS if checker.function not in SLOW]

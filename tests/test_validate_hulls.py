@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from taichi_sim import runtime
 from taichi_sim.conventions import GRAVITY, RHO_SEA
 
 ROOT = Path(__file__).parents[1]
@@ -20,12 +19,6 @@ from validation.parameters import refined  # noqa: E402
 from validation.report import validate  # noqa: E402
 
 REFERENCE = ROOT / "tests" / "data" / "reference"
-
-
-@pytest.fixture(scope="module", autouse=True)
-def _restore():
-    yield
-    runtime.init()
 
 
 @pytest.mark.parametrize(

@@ -7,8 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from taichi_sim import runtime
-
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "tools"))
 
@@ -21,11 +19,7 @@ TABLE = ROOT / "tests" / "data" / "reference" / "aerosonde" / "trim_and_modes_Va
 WITHOUT_TABLE = ("spectrum", "zigzag", "load_factor")
 
 
-@pytest.fixture(scope="module", autouse=True)
-def _double():
-    runtime.init(precision="f64", threads=1)
-    yield
-    runtime.init()
+pytestmark = pytest.mark.usefixtures("f64")
 
 
 @pytest.fixture

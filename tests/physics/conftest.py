@@ -23,6 +23,7 @@ from taichi_sim.surroundings import Surroundings
 from taichi_sim.vehicles import MODELS
 
 REFERENCE = Path(__file__).parents[1] / "data" / "reference"
+_models = {}
 
 
 class Bench:
@@ -90,13 +91,20 @@ def _single_wave(wavelength, amplitude, direction=0.0, phase=0.0, depth=None):
 
 
 def _make_model(name, dt=0.02, substeps=1, **overrides):
-    """The model of a shipped vehicle file, with some numbers changed; a section's other numbers stay."""
+    """The model of a shipped vehicle file, with some numbers changed; a section's other numbers stay.
+
+    Models hold no state: those of the same numbers and precision are one, and so is the kernel compiled for them.
+    """
     data = read_toml(config_folder() / "vehicles" / f"{name}.toml")
     for key, value in overrides.items():
         old = data.get(key)
         data[key] = old | value if isinstance(value, dict) and isinstance(old, dict) else value
     model = MODELS[data.pop("model")]
-    return model(validate(model.Params, data, name), dt, substeps)
+    params = validate(model.Params, data, name)
+    key = (name, params.model_dump_json(), dt, substeps, runtime.current().precision)
+    if key not in _models:
+        _models[key] = model(params, dt, substeps)
+    return _models[key]
 
 
 def _read_columns(name):

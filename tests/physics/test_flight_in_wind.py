@@ -228,5 +228,4 @@ def test_bits_do_not_depend_on_the_number_of_threads(make_model, bench):
         for _ in range(10):
             flight.step([0.3, 0.5, -0.5])
         found.append((flight.team.state, flight.team.aux))
-    runtime.init()
     assert torch.equal(found[0][0], found[1][0]) and torch.equal(found[0][1], found[1][1])

@@ -181,6 +181,15 @@ def test_a_twin_hull_keeps_righting_until_its_windward_pontoon_is_high():
     assert hull.righting_arm(hull.angle_of_vanishing_stability) == pytest.approx(0.0, abs=2e-3)
 
 
+def test_trim_follows_the_heel_and_never_jumps():
+    """Twin hulls find two trims at large heels; the arm of each side is the other's mirror image."""
+    hull = Hydrostatics(mesh(VEE), 80.0, (0.2, 0.0, -0.1))
+    heel = np.deg2rad(np.arange(20.0, 110.0, 3.0))
+    GZ = hull.righting_arm(heel)
+    assert np.abs(np.diff(GZ, 2)).max() < 0.01
+    assert hull.righting_arm(-heel[::5]) == pytest.approx(-GZ[::5], abs=1e-6)
+
+
 @pytest.mark.parametrize(
     "mass, cg, words",
     [

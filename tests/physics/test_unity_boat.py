@@ -142,6 +142,5 @@ def test_bits_do_not_depend_on_threads(bench, make_model):
     for threads in (1, 2):
         runtime.init(threads=threads)
         states.append(_fleet(bench, make_model))
-    runtime.init()
     assert torch.isfinite(states[0]).all()
     assert torch.equal(*states)

@@ -14,18 +14,12 @@ from rl.controllers.sampled import held, place_poles
 from rl.evaluation import evaluate
 from rl.run_folder import RunError
 from rl.task.formation import FormationTask
-from taichi_sim import runtime
 from taichi_sim.config_io import load_scenario
 from taichi_sim.conventions import TEAMS
 from taichi_sim.maths.rotation import torch_quaternion_from_euler
 
 SMALL = ("track.worlds=4", "sea.realisations=4")
 CALM = (*SMALL, "sea.hs=0", "obstacles.count=0")
-
-
-@pytest.fixture(scope="module", autouse=True)
-def taichi():
-    runtime.init()
 
 
 def make(team: str, *overrides: str, envs: int = 4, seed: int = 3) -> FormationTask:

@@ -10,7 +10,6 @@ from rl.env import FormationEnv
 from rl.policy import OBS_GROUPS, TrainedPolicy, actor_config
 from rl.task.formation import FormationTask
 from rl.task.team import TeamTask
-from taichi_sim import runtime
 from taichi_sim.config import StageConfig
 from taichi_sim.config_io import load_scenario
 
@@ -32,7 +31,6 @@ class Pilot:
 
 @pytest.fixture(scope="module")
 def shared() -> FormationEnv:
-    runtime.init()
     return build(Pilot(0.25))
 
 

@@ -14,11 +14,6 @@ from taichi_sim.world import Team
 REACH = 40.0
 
 
-@pytest.fixture(scope="module", autouse=True)
-def taichi():
-    runtime.init()
-
-
 def team(positions: Tensor, psi: float = 0.0) -> Team:
     """Vehicles at `positions` [env, vehicle, 3], all heading `psi`."""
     vehicles = Team("uav", SimpleNamespace(aux_size=1), *positions.shape[:2])

@@ -8,7 +8,6 @@ from torch import Tensor
 
 from rl.task.formation import FormationTask
 from rl.task.wind_triangle import crab, ground_speed
-from taichi_sim import runtime
 from taichi_sim.config import ConfigError
 from taichi_sim.config_io import load_scenario
 from taichi_sim.maths.rotation import torch_euler_from_quaternion
@@ -18,11 +17,6 @@ BREEZE = ("air.speed=7.72", "air.direction_deg=240", "air.std=0.5", "air.roughne
 ALOFT = math.log(60 / 0.001) / math.log(10 / 0.001)  # wind at 60 m, the paper's flight height, over that at 10 m
 AIRSPEED = 20.0
 UNIFORM = ('air.profile="uniform"', "air.std=0", 'air.turbulence="none"', "air.direction_deg=240")
-
-
-@pytest.fixture(scope="module", autouse=True)
-def taichi():
-    runtime.init()
 
 
 def make(*overrides: str, envs: int = 64, teams: tuple[str, ...] = ("uav",), scenario: str = "paper") -> FormationTask:

@@ -11,8 +11,8 @@ import numpy as np
 import onnxruntime
 import pytest
 import torch
+from command_line import ITERATIONS, TEAMS, TINY, command, content, sets, tiny_config, tiny_run
 from rerun.chunk import RrdReader
-from test_commands import ITERATIONS, TEAMS, TINY, command, content, sets, tiny_config, tiny_run
 
 from rl import cli, run_folder
 from rl.controllers import controllers
@@ -23,20 +23,9 @@ from rl.play import main as play
 from rl.runner import StageRunner
 from rl.stages import train_stages
 from rl.task.formation import FormationTask
-from taichi_sim import runtime
 from taichi_sim.config_io import config_folder, load_scenario
 
 ROWS = 3 * 8  # vehicles times environments
-
-
-@pytest.fixture(scope="module", autouse=True)
-def _restore():
-    threads = torch.get_num_threads()
-    runtime.init(threads=1)
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(threads)
-    runtime.init()
 
 
 @pytest.fixture(scope="module")

@@ -13,7 +13,6 @@ from rl.controllers.avoidance import passing
 from rl.controllers.fixed_wing_6dof import velocity_through_air
 from rl.run_folder import RunError
 from rl.task.formation import FormationTask
-from taichi_sim import runtime
 from taichi_sim.config_io import load_scenario
 
 VEHICLES = Path(__file__).parents[2] / "configs" / "vehicles"
@@ -23,11 +22,6 @@ STEADY = (
 )  # fmt: skip
 CALM = (*STEADY, "air.speed=0")
 BENDS = ("track.min_radius=150",)
-
-
-@pytest.fixture(scope="module", autouse=True)
-def taichi():
-    runtime.init()
 
 
 @pytest.fixture(scope="module")

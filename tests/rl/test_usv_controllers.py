@@ -14,7 +14,6 @@ from rl.controllers.hull_6dof import Hull6DofController, shaft, shares, vessel
 from rl.controllers.vessel import Resistance, gains
 from rl.evaluation import evaluate
 from rl.task.formation import FormationTask
-from taichi_sim import runtime
 from taichi_sim.config_io import load_scenario
 from taichi_sim.maths.rotation import torch_quaternion_from_euler
 
@@ -25,11 +24,6 @@ CALM = (
 )  # fmt: skip
 STRAIGHT = ("track.min_radius=150", "track.length=3000", "area=4000", "track.checkpoints=8")
 INTERVAL, SPEED = 0.2, 1.5  # of the scenario
-
-
-@pytest.fixture(scope="module", autouse=True)
-def taichi():
-    runtime.init()
 
 
 @pytest.fixture(scope="module")

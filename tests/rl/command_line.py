@@ -1,0 +1,170 @@
+"""Commands as a user runs them, and one tiny run.
+
+Commands run in processes of their own, forked from a server that has imported the packages; `tiny_run` is one real
+call of the script, shared by all tests of a process.
+"""
+
+import atexit
+import csv
+import dataclasses
+import functools
+import importlib
+import json
+import multiprocessing
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from rl import cli
+from rl.policy import checkpoints
+from taichi_sim.config import ScenarioConfig
+from taichi_sim.config_io import load_scenario
+
+ROOT = Path(__file__).resolve().parents[2]
+ITERATIONS = 4
+CHECKPOINT_INTERVAL = 2  # checkpoints after iterations 1, 3 and 4
+TINY = (
+    *(
+        f"stages.{team}.{setting}"
+        for team in ("usv", "uav")
+        for setting in (
+            f"iterations={ITERATIONS}",
+            "num_envs=8",
+            "steps_per_iteration=8",
+            f"checkpoint_interval={CHECKPOINT_INTERVAL}",
+        )
+    ),
+    "track.worlds=4",
+    "sea.realisations=4",
+    "episode_duration=3",
+    "evaluation.episodes=4",
+    "evaluation.settle=1",
+)
+TEAMS = ("usv", "uav")
+TIMEOUT = 180  # s
+
+
+def sets(*overrides: str) -> list[str]:
+    """Return `overrides` as --set arguments."""
+    return [word for text in overrides for word in ("--set", text)]
+
+
+@dataclasses.dataclass
+class Ending:
+    """How a command ended."""
+
+    status: int
+    out: str
+    err: str
+
+    def fails(self, *words: str, status: int = 1) -> None:
+        """Assert a clear failure whose message holds all `words`."""
+        assert self.status == status, (self.status, self.err)
+        assert "Traceback" not in self.err, self.err
+        assert "error: " in self.err or status == 130
+        for word in words:
+            assert word in self.err, self.err
+
+
+@functools.cache
+def server():
+    """Return the context whose processes begin with everything imported."""
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(["rl.main_job", "rl.train", "rl.evaluate", "rl.play", "rl.controllers"])
+    return context
+
+
+class Running:
+    """A command in a process of its own; `fault` = (team, iteration, signal) hits it right after that iteration."""
+
+    def __init__(self, module: str, *arguments: object, fault: tuple[str, int, int] | None = None):
+        self.folder = Path(tempfile.mkdtemp())
+        arguments = tuple(map(str, (*arguments, "--quiet")))
+        if "--threads" not in arguments:
+            arguments += ("--threads", "1")
+        self.process = server().Process(target=_child, args=(module, arguments, str(self.folder), fault))
+        self.process.start()
+
+    def wait(self) -> Ending:
+        self.process.join(TIMEOUT)
+        assert self.process.exitcode is not None, "the command hangs"
+        texts = [(self.folder / name).read_text() if (self.folder / name).exists() else "" for name in ("out", "err")]
+        shutil.rmtree(self.folder)
+        return Ending(self.process.exitcode, *texts)
+
+
+def _child(module: str, arguments: tuple[str, ...], folder: str, fault: tuple[str, int, int] | None) -> None:
+    for descriptor, name in ((1, "out"), (2, "err")):
+        os.dup2(os.open(Path(folder, name), os.O_WRONLY | os.O_CREAT, 0o600), descriptor)
+    if fault:
+        _plan(*fault)
+    sys.exit(cli.run(importlib.import_module(module).main, list(arguments)))
+
+
+def _plan(team: str, iteration: int, number: int) -> None:
+    from rl.runner import ProgressLogger
+
+    original = ProgressLogger.log
+
+    def log(self, it, *args, **values):
+        original(self, it, *args, **values)
+        if it == iteration and Path(self.log_dir).name == team:
+            os.kill(os.getpid(), number)
+
+    ProgressLogger.log = log
+
+
+def command(module: str, *arguments: object, fault=None) -> Ending:
+    """Run a command to its end."""
+    return Running(module, *arguments, fault=fault).wait()
+
+
+@functools.cache
+def tiny_run() -> Path:
+    """Return the folder of one whole tiny main job, run by the script; not to be changed."""
+    folder = Path(tempfile.mkdtemp())
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    script = [sys.executable, str(ROOT / "rl" / "train.py"), "--out", "run", "--threads", "1", *sets(*TINY)]
+    done = subprocess.run(script, cwd=folder, capture_output=True, text=True, timeout=TIMEOUT)
+    assert done.returncode == 0, done.stderr
+    assert "summary.json" in done.stdout and "episode.rrd" in done.stdout
+    assert "stage 2/2 uav" in done.stderr  # progress
+    return folder / "run"
+
+
+def tiny_config() -> ScenarioConfig:
+    return load_scenario("paper", TINY)
+
+
+def forget(run: Path, *teams: str) -> Path:
+    """Take a run back to before `teams` were trained."""
+    for name in (*teams, "figures"):
+        shutil.rmtree(run / name)
+    for name in ("summary.json", "episode.rrd"):
+        (run / name).unlink()
+    return run
+
+
+def content(folder: Path) -> dict[str, bytes]:
+    """Return every file but the lock, which any command may touch."""
+    return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file() and p.name != ".lock"}
+
+
+def iterations(run: Path, team: str) -> list[int]:
+    with (run / team / "progress.csv").open(newline="") as file:
+        return [int(row["iteration"]) for row in csv.DictReader(file)]
+
+
+def assert_whole(run: Path) -> None:
+    """Assert that a run is finished and has each iteration once."""
+    for team in TEAMS:
+        assert iterations(run, team) == list(range(ITERATIONS))
+        assert checkpoints(run / team)[-1].name == f"model_{ITERATIONS}.pt"
+        assert (run / team / "policy.onnx").is_file() and (run / team / "policy.pt").is_file()
+    summary = json.loads((run / "summary.json").read_text())
+    assert [stage["iterations"] for stage in summary["stages"]] == [ITERATIONS] * 2
+    assert (run / "episode.rrd").is_file() and list((run / "figures").glob("*.png"))
+    assert not list(run.rglob("*.part*"))

@@ -1,0 +1,50 @@
+"""Missions, and commands in this process, shared by the tests of training and task."""
+
+import importlib
+import shutil
+import traceback
+from pathlib import Path
+
+import pytest
+from command_line import Ending, tiny_run
+from mission import make
+
+from rl import cli
+from rl.task.formation import FormationTask
+
+
+@pytest.fixture(scope="module")
+def shared() -> FormationTask:
+    """Return one task for all tests that begin with `begin`."""
+    return make()
+
+
+@pytest.fixture(scope="module")
+def paper() -> FormationTask:
+    """Return a task with the observations and rewards of the paper on a calm sea without obstacles."""
+    return make('observations="paper"', 'reward="paper"', "sea.hs=0", "obstacles.count=0")
+
+
+@pytest.fixture
+def here(capsys):
+    """Return a function that runs a command in this process: enough for messages."""
+
+    def run(module: str, *arguments: object) -> Ending:
+        capsys.readouterr()
+        main = importlib.import_module(module).main
+        try:
+            status = cli.run(main, [*map(str, arguments), "--quiet", "--threads", "1"])
+        except SystemExit as ending:
+            status = int(ending.code or 0)
+        except Exception:  # what a user would see of it
+            status = 1
+            traceback.print_exc()
+        return Ending(status, *capsys.readouterr())
+
+    return run
+
+
+@pytest.fixture
+def run(tmp_path) -> Path:
+    """Return a copy of the tiny run."""
+    return Path(shutil.copytree(tiny_run(), tmp_path / "run"))

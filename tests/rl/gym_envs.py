@@ -1,0 +1,47 @@
+"""Small Gymnasium environments and what tests do with them."""
+
+from __future__ import annotations
+
+import functools
+
+import gymnasium
+import numpy as np
+import pytest
+
+import rl.gym  # noqa: F401  registers the environments
+
+IDS = ("taichi_sim/UsvFormation-v0", "taichi_sim/UavFormation-v0")
+SMALL = ("track.worlds=4", "sea.realisations=4", "obstacles.count=4")
+SHORT = (*SMALL, "episode_duration=1.0")  # 10 decisions
+REASONS = ("collided", "lost", "left")
+both = pytest.mark.parametrize("env_id", IDS)
+
+
+def make_vec(env_id: str, num_envs: int = 3, overrides=SHORT, **options):
+    return gymnasium.make_vec(env_id, num_envs=num_envs, overrides=overrides, **options)
+
+
+@functools.cache
+def shared(env_id: str):
+    """An environment that several tests use, each after a seeded reset: building one compiles its kernels."""
+    return make_vec(env_id)
+
+
+def rollout(env, seed: int | None, steps: int = 14) -> list[np.ndarray]:
+    """Observations, rewards and endings of `steps` steps after a reset, under seeded random actions."""
+    env.action_space.seed(5)
+    history = [env.reset(seed=seed)[0]]
+    for _ in range(steps):
+        history += env.step(env.action_space.sample())[:4]
+    return history
+
+
+def same(a: list[np.ndarray], b: list[np.ndarray]) -> bool:
+    return all(np.array_equal(x, y) for x, y in zip(a, b, strict=True))
+
+
+def place_on_an_obstacle(env, row: int) -> None:
+    """Put the leader of one environment of the USV team on its first obstacle."""
+    task = env.unwrapped.task
+    centre = task.obstacles[task.env_world[row], 0, :2]
+    task.teams["usv"].team.state[row, 0, :2] = centre

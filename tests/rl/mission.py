@@ -1,0 +1,109 @@
+"""Small missions, and how tests begin, drive and copy them."""
+
+import math
+
+import torch
+from torch import Tensor
+
+from rl.task.formation import FormationTask, Step
+from taichi_sim.config_io import load_scenario
+from taichi_sim.conventions import TEAMS
+from taichi_sim.maths.rotation import torch_quaternion_from_euler
+
+SMALL = ("track.worlds=4", "sea.realisations=4")
+AXES = {"usv": 2, "uav": 3}
+
+# distance and direction, twice; 2 obstacles of (closeness, direction, width); mates of (closeness, direction)
+PAPER_SIZE = {
+    ("usv", 1): 2 * 3 + 2 * 4,
+    ("usv", 2): 2 * 3 + 2 * 4 + 3,
+    ("usv", 3): 2 * 3 + 2 * 4 + 2 * 3,
+    ("usv", 8): 2 * 3 + 2 * 4 + 2 * 3,
+    ("uav", 1): 2 * 4 + 2 * 5,
+    ("uav", 2): 2 * 4 + 2 * 5 + 4,
+    ("uav", 3): 2 * 4 + 2 * 5 + 2 * 4,
+    ("uav", 8): 2 * 4 + 2 * 5 + 2 * 4,
+}
+NORTH, EAST, SOUTH = 0.0, math.pi / 2, math.pi
+
+
+def make(*overrides: str, envs: int = 4, seed: int = 1, teams: tuple[str, ...] = TEAMS) -> FormationTask:
+    return FormationTask(load_scenario("paper", (*SMALL, *overrides)), envs, seed=seed, teams=teams)
+
+
+def begin(task: FormationTask, seed: int = 5) -> FormationTask:
+    """Begin an episode in every environment, the same for the same seed."""
+    task.reseed(seed)
+    task.reset()
+    return task
+
+
+def shapes(task: FormationTask) -> dict[str, tuple[int, ...]]:
+    return {n: (task.num_envs, t.section.count, len(t.action_names)) for n, t in task.teams.items()}
+
+
+def still(task: FormationTask) -> dict[str, Tensor]:
+    return {name: torch.zeros(shape) for name, shape in shapes(task).items()}
+
+
+def wander(task: FormationTask, steps: int, seed: int = 0, size: float = 1.0) -> Step:
+    """Step with random actions; return the last step."""
+    generator = torch.Generator().manual_seed(seed)
+    for _ in range(steps):
+        step = task.step({n: size * (2 * torch.rand(s, generator=generator) - 1) for n, s in shapes(task).items()})
+    return step
+
+
+def state(task: FormationTask, name: str) -> Tensor:
+    return task.teams[name].team.state
+
+
+def only(task: FormationTask, env: int, vehicle: int) -> Tensor:
+    flags = torch.zeros((task.num_envs, 3), dtype=torch.bool)
+    flags[env, vehicle] = True
+    return flags
+
+
+def everything(task: FormationTask, envs: list[int]) -> dict[str, Tensor]:
+    """Copy all that an environment's future and observations depend on."""
+    world = task.world
+    parts = {
+        "time": world.time,
+        "sea": world.env_sea,
+        "world": task.env_world,
+        "progress": task.progress,
+        "steps": task.steps,
+    }
+    for name, team in task.teams.items():
+        parts[f"{name} state"], parts[f"{name} aux"] = team.team.state, team.team.aux
+        parts[f"{name} distance"], parts[f"{name} slot"] = team.distance, team.now.slot
+        parts[f"{name} gap"], parts[f"{name} target"] = team.sensor.gap, team.target.position
+        parts[f"{name} observations"] = task.observe()[name]
+    return {key: part[envs].clone() for key, part in parts.items()}
+
+
+def past_and_present(rows: Tensor, axes: int) -> tuple[Tensor, Tensor]:
+    """Current and previous distance and direction [.., 1 + axes], the first columns."""
+    n = 1 + axes
+    return rows[..., :n], rows[..., n : 2 * n]
+
+
+def arrange(
+    task: FormationTask,
+    name: str,
+    offset: tuple[float, float, float],
+    psi: float,
+    theta: float = 0.0,
+    phi: float = 0.0,
+) -> Tensor:
+    """Begin with the leader at `offset` (NED, m) from its target and an attitude; return its observation."""
+    place = task.tracks.at(torch.zeros(1, dtype=torch.int64), task.starts.progress[0, :1])
+    height = 0.0 if name == "usv" else 60.0
+    start = task.starts.states[name][0, 0]
+    start[:, :3] = torch.tensor([*place.position[0].tolist(), -height]) + torch.tensor(offset)
+    start[1:, 0] += torch.tensor([20.0, -20.0])  # followers out of the way
+    zero = torch.zeros(3)
+    start[:, 3:7] = torch_quaternion_from_euler(zero + phi, zero + theta, zero + psi)
+    zeros = torch.zeros(task.num_envs, dtype=torch.int64)
+    task.reset(worlds=zeros, starts=zeros)
+    return task.observe()[name][0, 0]

@@ -1,0 +1,160 @@
+"""What the mission shows: sizes, bounds, the past, and that north is nothing special."""
+
+import math
+
+import pytest
+import torch
+from mission import (
+    AXES,
+    PAPER_SIZE,
+    begin,
+    make,
+    past_and_present,
+    wander,
+)
+from torch import Tensor
+
+from rl.task.formation import FormationTask
+from rl.task.paths import Tracks
+from rl.task.starts import Starts
+from taichi_sim.conventions import TEAMS
+from taichi_sim.maths.rotation import torch_quaternion_from_euler
+
+# error, its rate, velocity, down axis, rates, course, turn, action, role
+FULL_EXTRA = {"usv": 2 + 2 + 3 + 3 + 3 + 2 + 1 + 2 + 1, "uav": 3 + 3 + 3 + 3 + 3 + 3 + 1 + 3 + 1}
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 8])
+@pytest.mark.parametrize("formation", ["abreast", "astern"])
+def test_every_team_size_and_formation_steps(count, formation):
+    sizes = [f"{n}.{key}" for n in TEAMS for key in (f"count={count}", f"formation={formation}")]
+    task = make(*sizes, envs=3)
+    step = wander(task, 2)
+    for name, rows in task.observe().items():
+        assert rows.shape == (3, count, PAPER_SIZE[name, count] + FULL_EXTRA[name])
+        assert rows.isfinite().all()
+        assert step.reward[name].shape == (3, count)
+        assert step.reward[name].isfinite().all()
+        roles = torch.zeros(3, count)
+        roles[:, 0] = 1.0
+        assert rows[..., -1].equal(roles)
+
+
+@pytest.mark.parametrize("seen", [0, 4])
+def test_sensing_sets_the_size_of_observations(seen):
+    sensing = (f"sensing.obstacles={seen}", f"sensing.team_mates={seen}")
+    task = make(*sensing, 'observations="paper"', teams=("uav",))
+    mates = min(seen, 2)  # there are no more
+    assert task.observe()["uav"].shape == (4, 3, 2 * 4 + seen * 5 + mates * 4)
+
+
+def test_paper_observations_have_their_size_and_bounds(paper):
+    begin(paper)
+    for i in range(10):
+        wander(paper, 3, seed=i)
+        for name, rows in paper.observe().items():
+            assert rows.shape == (4, 3, PAPER_SIZE[name, 3])
+            assert rows.isfinite().all()
+            assert rows.abs().max() <= 1.0 + 1e-5
+
+
+def test_full_observations_begin_with_those_of_the_paper(shared):
+    paper = make('observations="paper"')
+    for task in (shared, paper):
+        begin(task)
+        wander(task, 3)
+    for name, rows in paper.observe().items():
+        assert shared.observe()[name][..., : rows.shape[-1]].equal(rows)
+
+
+def test_full_observations_are_bounded_where_they_should_be(shared):
+    begin(shared)
+    for i in range(10):
+        wander(shared, 3, seed=i)
+        for name, rows in shared.observe().items():
+            n, axes = PAPER_SIZE[name, 3], AXES[name]
+            error, attitude = rows[..., n : n + axes], rows[..., n + 2 * axes + 3 : n + 2 * axes + 6]
+            course = rows[..., n + 2 * axes + 9 : n + 3 * axes + 9]
+            action = rows[..., n + 3 * axes + 10 : -1]
+            assert rows.isfinite().all()
+            assert error.abs().max() < 1.0
+            one = torch.ones(rows.shape[:2])
+            torch.testing.assert_close(attitude.norm(dim=-1), one, atol=1e-4, rtol=0)
+            assert course.abs().max() <= 1.0 + 1e-5
+            assert action.abs().max() <= 1.0
+
+
+def test_observations_are_a_fresh_tensor_each_time(shared):
+    begin(shared)
+    first = shared.observe()
+    copies = {name: rows.clone() for name, rows in first.items()}
+    assert all(rows.data_ptr() != first[name].data_ptr() for name, rows in shared.observe().items())
+    wander(shared, 2)
+    shared.reset(torch.tensor([0, 2]))
+    shared.observe()
+    for name, rows in first.items():
+        assert rows.equal(copies[name])
+
+
+@pytest.mark.parametrize("reset", [[], [1, 3]])
+def test_the_previous_distance_and_direction_are_those_of_the_last_step(shared, reset):
+    begin(shared)
+    wander(shared, 2)
+    last = {n: past_and_present(rows, AXES[n])[0] for n, rows in shared.observe().items()}
+    wander(shared, 1)
+    shared.reset(torch.tensor(reset, dtype=torch.int64))
+    going_on = [env for env in range(4) if env not in reset]
+    for name, rows in shared.observe().items():
+        now, previous = past_and_present(rows, AXES[name])
+        assert previous[going_on].equal(last[name][going_on])
+        assert not now[going_on].equal(previous[going_on])
+        assert now[reset].equal(previous[reset])
+        torch.testing.assert_close(
+            now[..., 1:].norm(dim=-1), torch.ones(now.shape[:2]), atol=1e-4, rtol=0
+        )  # a unit vector
+
+
+def rotated(task: FormationTask, angle: float) -> None:
+    """Turn the world about the vertical: tracks, obstacles, starts."""
+    c, s = math.cos(angle), math.sin(angle)
+    R = torch.tensor([[c, s], [-s, c]])  # rows: v @ R turns v clockwise
+    tracks = task.tracks
+    table = torch.cat((tracks.table[..., :2] @ R, tracks.table[..., 2:]), dim=-1)
+    table[..., 2] += angle
+    task.tracks = Tracks(table, tracks.length_m, tracks.checkpoints @ R, tracks.checkpoint_s)
+    task.obstacles = torch.cat((task.obstacles[..., :2] @ R, task.obstacles[..., 2:]), dim=-1).contiguous()
+    zero = torch.zeros(())
+    turn = torch_quaternion_from_euler(zero, zero, zero + angle)
+    states = {}
+    for name, old in task.starts.states.items():
+        w, x, y, z = old[..., 3:7].unbind(-1)
+        tw, tz = turn[0], turn[3]  # the product of a turn about the vertical with the attitude
+        q = torch.stack((tw * w - tz * z, tw * x - tz * y, tw * y + tz * x, tw * z + tz * w), dim=-1)
+        states[name] = torch.cat((old[..., :2] @ R, old[..., 2:3], q, old[..., 7:]), dim=-1)
+    task.starts = Starts(task.starts.progress, states)
+
+
+def test_observations_do_not_depend_on_where_north_is():
+    """On a calm sea the same situation, turned about the vertical, looks and goes on the same."""
+    crowded = ("obstacles.clearance_min=-20", "obstacles.count=120", "obstacles.radius_max=4", "area=4000")
+    task = make("sea.hs=0", *crowded, envs=16)
+    worlds, starts = torch.arange(16) % 4, torch.arange(16)
+
+    def watch() -> list[dict[str, Tensor]]:
+        task.reset(worlds=worlds, starts=starts)
+        seen = [task.observe()]
+        for i in range(4):
+            wander(task, 2, seed=i)
+            seen.append(task.observe())
+        return seen
+
+    generator = torch.Generator().manual_seed(0)
+    for states in task.starts.states.values():  # no two team mates at the same distance: rounding would order them
+        states[..., :2] += 0.3 * torch.randn(states[..., :2].shape, generator=generator)
+    before = watch()
+    sensed = before[0]["usv"][..., 6:14:4]
+    assert (sensed > 0.3).any()  # obstacles near enough to matter
+    rotated(task, 2.0)
+    for old, new in zip(before, watch(), strict=True):
+        for name in TEAMS:
+            torch.testing.assert_close(new[name], old[name], atol=3e-3, rtol=0)
