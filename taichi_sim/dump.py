@@ -21,6 +21,7 @@ class Dump:
 
     config: ScenarioConfig
     seed: int  # of the world's seas
+    env: int  # its number, which its random numbers are counted by
     sea: int  # realisation
     time: float  # s
     clock: int  # control steps that the world had made

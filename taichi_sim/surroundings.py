@@ -21,6 +21,7 @@ class Surroundings(NamedTuple):
     air: Wind | None = None  # profile over height, turbulence and gusts; None is a steady, uniform wind
     clock: int = 0  # control steps since the world was made, through all episodes: counts the random numbers
     seed: int = 0  # of the random numbers
+    first_env: int = 0  # number, among the random numbers, of the first environment: not 0 in a replay
 
     @classmethod
     def of(cls, sea: Sea, env_sea: Tensor, time: Tensor) -> "Surroundings":

@@ -208,6 +208,7 @@ class World:
                 dump = Dump(
                     config=self.config,
                     seed=self.seed,
+                    env=self.around.first_env + env,
                     sea=int(self.env_sea[env]),
                     time=float(self.time[env]),
                     clock=self.around.clock,
@@ -296,7 +297,7 @@ def replay(dump: Dump, source: Path | None = None) -> World:
     world = World(dump.config, 1, seed=dump.seed, teams=tuple(dump.states), source=source)
     world.env_sea[0], world.time[0] = dump.sea, dump.time
     world.around.current[0], world.around.wind[0] = dump.current, dump.wind
-    world.around = world.around._replace(clock=dump.clock)
+    world.around = world.around._replace(clock=dump.clock, first_env=dump.env)
     for name, team in world.teams.items():
         team.state[0], team.aux[0] = dump.states[name], dump.aux[name]
         team.update()

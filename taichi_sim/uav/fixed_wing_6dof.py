@@ -99,8 +99,8 @@ class FixedWing6DOF:
         """
         air = local_air.local_air(around.air)
         shear, w20, w20_factor = local_air.wind_numbers(around.air)
-        clock, seed = _as_i32(around.clock), _as_i32(around.seed)
-        self._step(air, team.state, team.derived, team.aux, action, around.wind, shear, w20, w20_factor, clock, seed)
+        count = _as_i32(around.clock), _as_i32(around.seed), around.first_env
+        self._step(air, team.state, team.derived, team.aux, action, around.wind, shear, w20, w20_factor, *count)
 
     def action(self, controls: torch.Tensor) -> torch.Tensor:
         """Actions [.., 4] that command `controls` [.., 4]: elevator, aileron, rudder (rad), throttle."""
@@ -158,12 +158,13 @@ class FixedWing6DOF:
         w20_factor: float,
         clock: int,
         seed: int,
+        first_env: int,
     ):
         for e, i in ti.ndrange(state.shape[0], state.shape[1]):
             y, delta, gust, pilot = self.load(state, aux, e, i)
             time, wind_10 = aux[e, i, TIME], ti.Vector([wind[e, 0], wind[e, 1], wind[e, 2]])
             if time == 0.0:
-                gust = local_air.initial_turbulence(air, seed, clock, self.substeps, e, i)
+                gust = local_air.initial_turbulence(air, seed, clock, self.substeps, first_env + e, i)
             W20 = w20 + w20_factor * ti.sqrt(wind_10[0] * wind_10[0] + wind_10[1] * wind_10[1])
             v_mean = attitude(y) @ velocity(y) - local_air.mean_wind(air, wind_10, shear, y)
             f = local_air.turbulence_filter(air, v_mean.norm(), -y[2], W20, self.dt)
@@ -180,7 +181,7 @@ class FixedWing6DOF:
                 time += self.dt
                 if ti.static(not air.steady):
                     count = clock * ti.static(self.substeps + 1) + n
-                    gust = local_air.turbulence_step(air, gust, f, seed, count, e, i)
+                    gust = local_air.turbulence_step(air, gust, f, seed, count, first_env + e, i)
                     new = local_air.velocity_at(air, wind_10, shear, gust, f, v_mean, y, time)
                     y = with_velocity(y, velocity(y) + attitude(y).transpose() @ (met - new))
                     met = new

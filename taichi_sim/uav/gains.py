@@ -45,12 +45,17 @@ def speed_range(p: FixedWingParams, pilot: AutopilotParams) -> tuple[float, floa
         ConfigError: if cruise is below the least airspeed, or that below the stall's.
     """
     stall, cruise = stall_airspeed(p), p.envelope.airspeed
-    least = pilot.min_airspeed or min(STALL_SPEED_FACTOR * stall, cruise)
+    slowest = min(STALL_SPEED_FACTOR * stall, cruise)
+    least = pilot.min_airspeed or -_largest(lambda x: trim(p, -x), -cruise, -slowest)
     if not stall < least <= cruise:
         raise ConfigError(
             f"autopilot.min_airspeed = {least:g}: must lie between the stall at {stall:.3g} m/s and cruise at "
             f"{cruise:g} m/s"
         )
+    try:
+        trim(p, least)
+    except TrimError as error:
+        raise ConfigError(f"autopilot.min_airspeed = {least:g}: {error}") from None
     return least, cruise, _largest(lambda V: trim(p, V), cruise, p.envelope.max_airspeed)
 
 
@@ -130,7 +135,13 @@ def gains(p: FixedWingParams, cruise: Trim, m: Limits, dt: float) -> Gains:
     roll = behind((1 + tau * a1) / damped)
 
     A, M_delta = model.A_lon, model.B_lon[2, 0]
-    Z, omega = -A[1, 1], math.sqrt(A[1, 1] * A[2, 2] - A[1, 2] * A[2, 1])
+    Z, stiffness = -A[1, 1], A[1, 1] * A[2, 2] - A[1, 2] * A[2, 1]
+    if stiffness <= 0:
+        raise ConfigError(
+            f"the aircraft is unstable in pitch at {V:g} m/s, and the autopilot needs one that is stable: "
+            f"C_m_alpha = {p.longitudinal.C_m_alpha:g} and C_m_q = {p.longitudinal.C_m_q:g}"
+        )
+    omega = math.sqrt(stiffness)
     added = max(2 * ZETA * omega + A[1, 1] + A[2, 2], 0.0)
     pitch_rate = added * (1 + (tau * omega) ** 2) / M_delta
     pitch = omega / PITCH_SEPARATION

@@ -83,8 +83,12 @@ def trim(
         raise ValueError("turn_radius and turn_rate: give one of them")
     if turn_radius == 0:
         raise ValueError("turn_radius = 0: must not be zero (None is straight flight)")
-    if not Va > 0:
-        raise ValueError(f"airspeed Va = {Va:g} m/s: must be positive")
+    if not 0 < Va < np.inf:
+        raise ValueError(f"airspeed Va = {Va:g} m/s: must be positive and finite")
+    if not abs(gamma) < np.pi / 2:
+        raise ValueError(f"climb gamma = {np.degrees(gamma):g} deg: must lie between -90 and 90 deg")
+    if np.isnan(turn_radius or 0.0) or not np.isfinite(turn_rate or 0.0):
+        raise ValueError(f"turn_radius = {turn_radius}, turn_rate = {turn_rate}: must be numbers")
     rate = float(turn_rate or 0.0) if turn_radius is None else Va * float(np.cos(gamma)) / turn_radius
 
     def unpack(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -22,6 +22,7 @@ Attitude: heave z (m, down) of CO below the water, roll phi and pitch theta (rad
 with the weight of the hull included. GZ: dU/dphi / weight, with U the potential energy at free heave and trim.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -42,7 +43,7 @@ LARGEST_LIST = np.pi / 4  # rad; a hull that lies further over does not float up
 MAX_TRIM = 1.4  # rad, of a heeled hull
 RELAXATION = (1.0,) * 40 + (0.5,) * 40 + (0.25,) * 80  # of Newton's iterations; shorter steps settle on a kink
 TOLERANCE = 1e-6  # m and rad
-HEEL_STAGES = 24  # on the way to a heel
+HEEL_STEP = np.deg2rad(1.0)  # the most from one heel to the next: the trim follows
 HEEL_GRID = np.deg2rad(np.arange(1.0, 180.0, 1.0))
 
 
@@ -208,25 +209,34 @@ class Hydrostatics:
         Heave and trim follow the hull from upright: at a large heel a hull may float at two trims.
         """
         heel = np.asarray(heel, dtype=np.float64)
-        pose = np.zeros((*heel.shape, 3))
-        for share in np.linspace(0.0, 1.0, HEEL_STAGES + 1)[1:]:
-            pose[..., 1] = share * heel
-            pose = self.settle(pose, free=(True, False, True))
-        return self.energy_gradient(pose)[..., 1] / self.weight
+        flat, GZ = heel.ravel(), np.zeros(heel.size)
+        for side in (1, -1):
+            to_side = np.flatnonzero(side * flat >= 0)
+            order = to_side[np.argsort(side * flat[to_side])]
+            for i, pose in zip(order, self._heeled(flat[order]), strict=True):
+                GZ[i] = self.energy_gradient(pose)[1] / self.weight
+        return GZ.reshape(heel.shape)
+
+    def _heeled(self, heels: Array) -> Iterator[Array]:
+        """Poses at `heels` (rad), each followed from the last, the first from upright."""
+        pose, last = np.zeros(3), 0.0
+        for heel in heels:
+            steps = max(int(np.ceil(abs(heel - last) / HEEL_STEP)), 1)
+            for pose[1] in np.linspace(last, heel, steps + 1)[1:]:
+                pose = self.settle(pose, free=(True, False, True))
+            last = heel
+            yield pose
 
     @cached_property
     def angle_of_vanishing_stability(self) -> float:
         """First heel (rad) to starboard beyond upright at which GZ falls to zero; pi if none."""
         listed = float(self.equilibrium[1])
-        pose, before = np.zeros(3), (0.0, 0.0)
-        for heel in HEEL_GRID[listed < HEEL_GRID]:
-            pose[1] = heel
-            pose = self.settle(pose, free=(True, False, True))
+        heels, last, GZ_last = HEEL_GRID[listed < HEEL_GRID], 0.0, 0.0
+        for heel, pose in zip(heels, self._heeled(heels), strict=True):
             GZ = float(self.energy_gradient(pose)[1])
             if GZ <= 0:
-                last, GZ_last = before
                 return float(last + (heel - last) * GZ_last / (GZ_last - GZ)) if GZ_last > 0 else float(heel)
-            before = heel, GZ
+            last, GZ_last = heel, GZ
         return float(np.pi)
 
     def freeboard(self, pose: ArrayLike) -> Array:
