@@ -37,6 +37,7 @@ from taichi_sim.uav.trim import Trim, TrimError, trim  # noqa: E402
 
 MODEL = "fixed_wing_6dof"
 ROWS = 11  # airspeeds of the trim table and of the V-n table
+BISECTIONS = 30  # of the airspeeds between which it trims
 SLOWEST = 0.9  # of the stall's airspeed: where the trim table begins, to show what stops it there
 FORMATS = (".png", ".pdf", ".svg", ".jpg")
 CURVE, LIMIT, CRUISE = "#0072B2", "#D55E00", "#22313F"
@@ -113,8 +114,9 @@ def trim_table(p: FixedWingParams, bounds: FlightEnvelope, gamma: float, radius:
     """Trims over the airspeeds of the envelope; a line says why where there is none."""
     lines = [
         f"{'m/s':>7}{'alpha':>9}{'theta':>9}{'bank':>9}{'slip':>9}{'elevator':>10}{'aileron':>9}{'rudder':>9}"
-        f"{'throttle':>10}{'thrust N':>10}   (deg)"
+        f"{'throttle':>10}{'thrust':>10}"
     ]
+    flown: list[float] = []
     for Va in np.linspace(SLOWEST * bounds.stall, bounds.top, ROWS):
         try:
             t = trim(p, float(Va), gamma, turn_radius=radius)
@@ -127,7 +129,32 @@ def trim_table(p: FixedWingParams, bounds: FlightEnvelope, gamma: float, radius:
             f"{Va:7.2f}{alpha:9.3f}{theta:9.3f}{phi:9.3f}{beta:9.3f}{elevator:10.3f}{aileron:9.3f}{rudder:9.3f}"
             f"{t.throttle:10.4f}{t.thrust:10.3f}"
         )
+        flown.append(float(Va))
+    if flown:
+        pitch = (bounds.top - SLOWEST * bounds.stall) / (ROWS - 1)  # from row to row
+        low, high = (
+            _edge(p, gamma, radius, speed, speed + step) for speed, step in ((flown[0], -pitch), (flown[-1], pitch))
+        )
+        lines.append(f"steady flight from {low:.2f} to {min(high, bounds.top):.2f} m/s")
     return "\n".join(lines)
+
+
+def _edge(p: FixedWingParams, gamma: float, radius: float | None, good: float, bad: float) -> float:
+    """The airspeed (m/s) between `good`, which trims, and `bad` where trims end; `bad` if it trims, too."""
+
+    def trims(speed: float) -> bool:
+        try:
+            trim(p, speed, gamma, turn_radius=radius)
+        except TrimError:
+            return False
+        return True
+
+    if trims(bad):
+        return bad
+    for _ in range(BISECTIONS):
+        middle = (good + bad) / 2
+        good, bad = (middle, bad) if trims(middle) else (good, middle)
+    return good
 
 
 def mode_table(p: FixedWingParams, at: Trim, model: LinearModel) -> str:
@@ -200,7 +227,7 @@ def report(args: argparse.Namespace) -> str:
     airspeed = p.envelope.airspeed if args.airspeed is None else args.airspeed
     at = trim(p, airspeed, gamma, turn_radius=args.radius)
     flight = f"climb {args.climb:g} deg" + (f", radius {args.radius:g} m" if args.radius else "")
-    parts = [f"{args.aircraft}: trim, {flight}", trim_table(p, bounds, gamma, args.radius)]
+    parts = [f"{args.aircraft}: trim, {flight}; angles in deg, thrust in N", trim_table(p, bounds, gamma, args.radius)]
     parts += [f"\nmodes at {at.airspeed:g} m/s, {flight}", mode_table(p, at, linear_modes(p, at))]
     parts += ["\nV-n diagram", envelope_table(bounds)]
     if args.out:

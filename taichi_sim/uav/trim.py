@@ -82,7 +82,7 @@ def trim(
     if turn_radius is not None and turn_rate is not None:
         raise ValueError("turn_radius and turn_rate: give one of them")
     if turn_radius == 0:
-        raise ValueError("turn_radius = 0: must not be zero (None is straight flight)")
+        raise ValueError("turn_radius = 0: must not be zero; leave it out for straight flight")
     if not 0 < Va < np.inf:
         raise ValueError(f"airspeed Va = {Va:g} m/s: must be positive and finite")
     if not abs(gamma) < np.pi / 2:

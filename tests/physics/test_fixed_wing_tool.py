@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from taichi_sim.conventions import GRAVITY
+from taichi_sim.uav.trim import TrimError, trim
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tools"))
 
@@ -22,6 +23,18 @@ def test_it_prints_trims_modes_and_envelope_and_draws(capsys, tmp_path):
                  "largest stable step", "corner"):  # fmt: skip
         assert part in text
     assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_it_says_between_which_airspeeds_there_is_steady_flight(capsys):
+    assert aircraft.main(["zagi", "--radius", "80"]) == 0
+    said = next(row for row in capsys.readouterr().out.splitlines() if row.startswith("steady flight"))
+    low, high = float(said.split()[3]), float(said.split()[5])
+    p = aircraft.load_aircraft("zagi", [])
+    for speed in (low + 0.01, high - 0.01):
+        trim(p, speed, turn_radius=80.0)
+    for speed in (low - 0.01, high + 0.01):
+        with pytest.raises(TrimError):
+            trim(p, speed, turn_radius=80.0)
 
 
 def test_overrides_reach_the_model(capsys):
