@@ -27,7 +27,7 @@ FOLLOWER_SPREAD = 0.2  # standard deviation of a follower's place, in spacings
 HEIGHT_SPREAD = 0.07  # of the flight height, standard deviation of UAV start heights
 LARGEST_DROP = 0.3  # of the flight height
 MAX_DRAWS = 50  # of places for a start
-MARGIN = 3.0  # m from obstacles, beyond the collision radius
+MARGIN = 3.0  # m from obstacles, beyond the collision radius; between mates too, or half the room of their slots
 PULLS = (1.0, 0.5, 0.25, 0.0)  # shares of the random offsets that are tried, in order
 TURNING_TIME = 3.0  # s that vehicles which cannot stop are given to turn away from each other; assumed
 
@@ -117,7 +117,8 @@ def _team_states(config, team, place, obstacles, margin, generator) -> tuple[Ten
     north = course.cos() * offsets[:, 0] - course.sin() * offsets[:, 1]
     east = course.sin() * offsets[:, 0] + course.cos() * offsets[:, 1]
     slot = place.position.unsqueeze(2) + torch.stack((north, east), dim=-1)
-    pull, clear = _first_clear_pull(slot, scatter, obstacles, margin)
+    room = section.spacing - 2 * (margin - MARGIN)  # between neighbours in their slots
+    pull, clear = _first_clear_pull(slot, scatter, obstacles, margin, section.spacing - max(room - MARGIN, room / 2))
 
     state = torch.zeros((*shape, STATE_SIZE))
     state[..., :2] = slot + pull * scatter
@@ -144,9 +145,11 @@ def _pass_clear(state: Tensor, apart: float) -> Tensor:
     return (distance + 1e9 * torch.eye(distance.shape[-1])).amin(dim=(-2, -1)) > apart
 
 
-def _first_clear_pull(slot: Tensor, scatter: Tensor, obstacles: Tensor, margin: float) -> tuple[Tensor, Tensor]:
+def _first_clear_pull(
+    slot: Tensor, scatter: Tensor, obstacles: Tensor, margin: float, apart: float
+) -> tuple[Tensor, Tensor]:
     """Largest share [world, start, 1, 1] of `scatter` at which the whole team keeps `margin` (m) from obstacles and
-    team mates, and whether there is any [world, start].
+    is `apart` (m), and whether there is any [world, start].
     """
     count = slot.shape[2]
     best = torch.zeros((*slot.shape[:2], 1, 1))
@@ -160,8 +163,8 @@ def _first_clear_pull(slot: Tensor, scatter: Tensor, obstacles: Tensor, margin: 
         else:
             clear = torch.ones(place.shape[:2], dtype=torch.bool)
         if count > 1:
-            apart = torch.cdist(place, place) + 1e9 * torch.eye(count)
-            clear &= apart.amin(dim=(2, 3)) > 2 * (margin - MARGIN)
+            gap = torch.cdist(place, place) + 1e9 * torch.eye(count)
+            clear &= gap.amin(dim=(2, 3)) > apart
         best = torch.where(clear[..., None, None], torch.full_like(best, share), best)
         any_clear |= clear
     return best, any_clear
