@@ -24,6 +24,7 @@ LAYERS = (
     ("taichi_sim.usv", "taichi_sim.uav", "taichi_sim.sensors"),
     ("taichi_sim.vehicles",),
     ("taichi_sim.dump",),
+    ("taichi_sim.team",),
     ("taichi_sim.world",),
     ("taichi_sim.recording",),
     ("rl.seeds", "rl.task"),

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from taichi_sim import runtime
 from taichi_sim.sensors import Sensor
-from taichi_sim.world import Team
+from taichi_sim.team import Team
 
 REACH = 40.0
 

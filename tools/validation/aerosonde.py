@@ -18,13 +18,13 @@ from taichi_sim.maths.rotation import torch_euler_from_quaternion, torch_quatern
 from taichi_sim.sea import Sea
 from taichi_sim.sea.spectrum import Components
 from taichi_sim.surroundings import Surroundings
+from taichi_sim.team import Team
 from taichi_sim.uav import fixed_wing
 from taichi_sim.uav.evaluate import loads, rhs
 from taichi_sim.uav.fixed_wing import FixedWingParams
 from taichi_sim.uav.fixed_wing_6dof import FixedWing6DOF
 from taichi_sim.uav.modes import linear_modes
 from taichi_sim.uav.trim import Trim, trim
-from taichi_sim.world import Team
 from validation.aerosonde_numbers import parameters
 from validation.case import Case
 from validation.tables import Table, TableError, number, read_csv, read_json, records

@@ -11,7 +11,7 @@ from taichi_sim.maths.rotation import torch_euler_from_quaternion, torch_quatern
 from taichi_sim.sea import Sea
 from taichi_sim.sea.spectrum import Components
 from taichi_sim.surroundings import Surroundings
-from taichi_sim.world import Team
+from taichi_sim.team import Team
 
 
 class Motion(NamedTuple):

@@ -18,9 +18,9 @@ from taichi_sim.maths.rotation import torch_quaternion_from_euler
 from taichi_sim.sea import Sea
 from taichi_sim.sea.spectrum import Components
 from taichi_sim.surroundings import Surroundings
+from taichi_sim.team import Team
 from taichi_sim.usv.manoeuvring_3dof import Manoeuvring3dof
 from taichi_sim.usv.manoeuvring_loads import Manoeuvring3dofParams
-from taichi_sim.world import Team
 from validation.case import Case
 from validation.tables import TableError, number, read_csv, read_json, read_toml
 

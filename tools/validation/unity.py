@@ -22,9 +22,9 @@ from taichi_sim.maths.rotation import (
 from taichi_sim.sea import Sea
 from taichi_sim.sea.spectrum import Components
 from taichi_sim.surroundings import Surroundings
+from taichi_sim.team import Team
 from taichi_sim.uav.unity_aircraft import UnityAircraft, UnityAircraftParams
 from taichi_sim.usv.unity_boat import UnityBoat, UnityBoatParams
-from taichi_sim.world import Team
 from validation.case import Case
 from validation.tables import Table, TableError, number, read_csv, read_toml
 
