@@ -23,7 +23,8 @@ STRIPS = 2
 CENTRE, ALONG, UP, TWIST, ACROSS, AHEAD, WRENCH = 0, 3, 6, 9, 12, 13, 14
 # moment (m0, m1, m2) and component (X Y Z K M N) of the wrench rows of a strip
 WRENCH_ROWS = tuple((m, j) for m in range(3) for j in range(6) if m < 2 or j > 2)
-PANEL_ROWS = WRENCH + STRIPS * len(WRENCH_ROWS)
+SECOND = len(WRENCH_ROWS)  # first row of the second strip's, from WRENCH on
+PANEL_ROWS = WRENCH + STRIPS * SECOND
 
 
 @ti.func
@@ -111,6 +112,18 @@ def strip_moments(p_c, d):
 
 
 @ti.func
+def along(panels: ti.template(), row: ti.template(), count: ti.template(), p, v):
+    """Dot product of v with the vector that begins at `row` of the panel table."""
+    return v[0] * panels[row * count + p] + v[1] * panels[(row + 1) * count + p] + v[2] * panels[(row + 2) * count + p]
+
+
+@ti.func
+def wrench(panels: ti.template(), row: ti.template(), count: ti.template(), p):
+    """One component of a unit wrench: `row` counts through WRENCH_ROWS, the second strip's from SECOND on."""
+    return panels[(WRENCH + row) * count + p]
+
+
+@ti.func
 def panel_load(
     panels: ti.template(), node: ti.template(), head: ti.template(), slope: ti.template(), count: ti.template(),
     e, i, z, k, g
@@ -125,45 +138,51 @@ def panel_load(
     X, Y, Z, K, M, N = z * 0.0, z * 0.0, z * 0.0, z * 0.0, z * 0.0, z * 0.0
     slope_b = k + g  # of the pressure head in space
     for p in range(count):
-        p_c = z + k[0] * panels[0 * count + p] + k[1] * panels[1 * count + p] + k[2] * panels[2 * count + p]
+        p_c = z + along(panels, CENTRE, count, p, k)
         p_c += (
-            head[e, i, node[p]] + panels[12 * count + p] * head[e, i, node[p] + slope] + panels[13 * count + p] * g[0]
+            head[e, i, node[p]]
+            + panels[ACROSS * count + p] * head[e, i, node[p] + slope]
+            + panels[AHEAD * count + p] * g[0]
         )
-        d1 = (
-            slope_b[0] * panels[3 * count + p] + slope_b[1] * panels[4 * count + p] + slope_b[2] * panels[5 * count + p]
-        )
-        d2 = (
-            slope_b[0] * panels[6 * count + p] + slope_b[1] * panels[7 * count + p] + slope_b[2] * panels[8 * count + p]
-        )
-        d3 = (
-            slope_b[0] * panels[9 * count + p]
-            + slope_b[1] * panels[10 * count + p]
-            + slope_b[2] * panels[11 * count + p]
-        )
+        d1 = along(panels, ALONG, count, p, slope_b)
+        d2 = along(panels, UP, count, p, slope_b)
+        d3 = along(panels, TWIST, count, p, slope_b)
         a0, a1, a2 = strip_moments(p_c - d1, d2 - d3)
         b0, b1, b2 = strip_moments(p_c + d1, d2 + d3)
         X -= (
-            panels[14 * count + p] * a0
-            + panels[20 * count + p] * a1
-            + panels[29 * count + p] * b0
-            + panels[35 * count + p] * b1
+            wrench(panels, 0, count, p) * a0
+            + wrench(panels, 6, count, p) * a1
+            + wrench(panels, SECOND + 0, count, p) * b0
+            + wrench(panels, SECOND + 6, count, p) * b1
         )
         Y -= (
-            panels[15 * count + p] * a0
-            + panels[21 * count + p] * a1
-            + panels[30 * count + p] * b0
-            + panels[36 * count + p] * b1
+            wrench(panels, 1, count, p) * a0
+            + wrench(panels, 7, count, p) * a1
+            + wrench(panels, SECOND + 1, count, p) * b0
+            + wrench(panels, SECOND + 7, count, p) * b1
         )
         Z -= (
-            panels[16 * count + p] * a0
-            + panels[22 * count + p] * a1
-            + panels[31 * count + p] * b0
-            + panels[37 * count + p] * b1
+            wrench(panels, 2, count, p) * a0
+            + wrench(panels, 8, count, p) * a1
+            + wrench(panels, SECOND + 2, count, p) * b0
+            + wrench(panels, SECOND + 8, count, p) * b1
         )
-        K -= panels[17 * count + p] * a0 + panels[23 * count + p] * a1 + panels[26 * count + p] * a2
-        K -= panels[32 * count + p] * b0 + panels[38 * count + p] * b1 + panels[41 * count + p] * b2
-        M -= panels[18 * count + p] * a0 + panels[24 * count + p] * a1 + panels[27 * count + p] * a2
-        M -= panels[33 * count + p] * b0 + panels[39 * count + p] * b1 + panels[42 * count + p] * b2
-        N -= panels[19 * count + p] * a0 + panels[25 * count + p] * a1 + panels[28 * count + p] * a2
-        N -= panels[34 * count + p] * b0 + panels[40 * count + p] * b1 + panels[43 * count + p] * b2
+        K -= wrench(panels, 3, count, p) * a0 + wrench(panels, 9, count, p) * a1 + wrench(panels, 12, count, p) * a2
+        K -= (
+            wrench(panels, SECOND + 3, count, p) * b0
+            + wrench(panels, SECOND + 9, count, p) * b1
+            + wrench(panels, SECOND + 12, count, p) * b2
+        )
+        M -= wrench(panels, 4, count, p) * a0 + wrench(panels, 10, count, p) * a1 + wrench(panels, 13, count, p) * a2
+        M -= (
+            wrench(panels, SECOND + 4, count, p) * b0
+            + wrench(panels, SECOND + 10, count, p) * b1
+            + wrench(panels, SECOND + 13, count, p) * b2
+        )
+        N -= wrench(panels, 5, count, p) * a0 + wrench(panels, 11, count, p) * a1 + wrench(panels, 14, count, p) * a2
+        N -= (
+            wrench(panels, SECOND + 5, count, p) * b0
+            + wrench(panels, SECOND + 11, count, p) * b1
+            + wrench(panels, SECOND + 14, count, p) * b2
+        )
     return ti.static(RHO_SEA * GRAVITY) * ti.Vector([X, Y, Z, K, M, N])
