@@ -32,8 +32,8 @@ def add_run(parser: argparse.ArgumentParser) -> None:
 
 def open_run(args: argparse.Namespace):
     """The scenario of `args.run`, its file, a controller for each team, and the seed; Taichi is running then."""
-    from rl import run_folder
-    from rl.controllers import controllers
+    from rl.missions.formation.controllers import controllers
+    from rl.runs import folder as run_folder
 
     config, source = run_folder.load_config(args.run, args.overrides, args.config)
     start(args)
@@ -80,9 +80,9 @@ def seed(text: str) -> int:
 
 def user_errors() -> tuple[type[Exception], ...]:
     """Exceptions that are a user's mistake: their message says all."""
-    from rl.policy import CheckpointError
-    from rl.run_folder import RunError
-    from rl.runner import DivergedError
+    from rl.learn.policy import CheckpointError
+    from rl.learn.runner import DivergedError
+    from rl.runs.folder import RunError
     from taichi_sim.config import ConfigError
     from taichi_sim.sea import SteepSeaError
     from taichi_sim.world import ActionError

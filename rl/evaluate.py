@@ -12,7 +12,7 @@ if __package__ in (None, ""):  # run as a script: the packages are beside this f
 def parser() -> argparse.ArgumentParser:
     """The arguments."""
     from rl import cli
-    from rl.definitions import DEFINITIONS
+    from rl.missions.formation.metrics import DEFINITIONS
 
     p = argparse.ArgumentParser(
         prog="evaluate.py",
@@ -30,9 +30,10 @@ def parser() -> argparse.ArgumentParser:
 def main(argv: list[str] | None = None) -> None:
     """Run the command."""
     args = parser().parse_args(argv)
-    from rl import cli, run_folder
-    from rl.evaluation import evaluate
-    from rl.main_job import report
+    from rl import cli
+    from rl.runs import folder as run_folder
+    from rl.runs.evaluation import evaluate
+    from rl.runs.main_job import report
 
     config, source, policies, seed = cli.open_run(args)
     result = evaluate(

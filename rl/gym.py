@@ -3,16 +3,16 @@
 The vehicles of the team are stacked in one action and one observation, vehicle 0 (the leader) first:
 
     action       float32 [vehicles * a] in [-1, 1]; clipped to that range; refused if not finite
-    observation  float32 [vehicles * n], unbounded but of order one, as in rl/task/observations.py
+    observation  float32 [vehicles * n], unbounded but of order one, as in rl/missions/formation/observations.py
     reward       mean over the team's vehicles
-    terminated   an ending of a vehicle of the team (rl/task/endings.py)
+    terminated   an ending of a vehicle of the team (rl/missions/formation/endings.py)
     truncated    time is up, or the other team's mission ended: nothing that the action could have prevented
 
     info         each [vehicles]; of many environments [num_envs, vehicles], with a mask `_KEY` [num_envs]
       distance                        m, from the slot (the leader's: from the target), now
       reward_vehicle                  of this step
-      collided, lost, ...             why vehicles ended in this step: the fields of rl.task.endings.UsvEndings
-                                      and UavEndings
+      collided, lost, ...             why vehicles ended in this step: the fields of UsvEndings and UavEndings
+                                      (rl/missions/formation/endings.py)
 
 `gymnasium.make_vec` gives `TeamVectorEnv`, all environments in one simulation; `gymnasium.make` gives
 `TeamEnv`. Both end their episodes themselves (`episode_duration`), so no TimeLimit is registered.
@@ -32,15 +32,15 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from torch import Tensor
 
-from rl.run_folder import CONFIG, RunError, load_config
-from rl.task.formation import FormationTask, Step
-from rl.task.team import TeamTask
+from rl.missions.formation.mission import FormationTask, Step
+from rl.missions.formation.team import TeamTask
+from rl.runs.folder import CONFIG, RunError, load_config
 from taichi_sim.config import ScenarioConfig
-from taichi_sim.config_io import find_config, load_scenario
+from taichi_sim.config.io import find_config, load_scenario
 from taichi_sim.conventions import TEAMS
 
 if TYPE_CHECKING:  # rsl-rl doubles the time to import: only a frozen policy needs it
-    from rl.policy import Policy
+    from rl.learn.policy import Policy
 
 OTHERS = "'absent', 'constant', 'classical', or the path of a run folder or of a checkpoint in one"
 
@@ -273,7 +273,7 @@ def _frozen_policy(other: str | Path, team: TeamTask, config: ScenarioConfig) ->
     if other == "constant":
         return lambda team: torch.zeros_like(team.action)
     if other == "classical":
-        from rl.controllers import controllers
+        from rl.missions.formation.controllers import controllers
 
         policy = controllers("classical", Path(), config)[team.name]
     else:
@@ -286,7 +286,7 @@ def _frozen_policy(other: str | Path, team: TeamTask, config: ScenarioConfig) ->
 
 def _trained_policy(path: Path, team: str, config: ScenarioConfig) -> "Policy":
     """The newest policy of `team` in run folder `path`, or that of checkpoint `path`."""
-    from rl.policy import TrainedPolicy, checkpoints
+    from rl.learn.policy import TrainedPolicy, checkpoints
 
     if not path.exists():
         raise ValueError(f"other = {str(path)!r}: no such choice, folder or file; allowed are {OTHERS}")

@@ -23,7 +23,7 @@ def main(argv: list[str] | None = None) -> None:
     """Run the command."""
     args = parser().parse_args(argv)
     from rl import cli
-    from rl.record import record_episode
+    from rl.runs.record import record_episode
     from taichi_sim.recording import write_recording
 
     config, source, policies, seed = cli.open_run(args)

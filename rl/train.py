@@ -30,9 +30,10 @@ def parser() -> argparse.ArgumentParser:
 def main(argv: list[str] | None = None) -> None:
     """Run the command."""
     args = parser().parse_args(argv)
-    from rl import cli, run_folder
-    from rl.main_job import report, run_main_job
-    from taichi_sim.config_io import find_config, load_scenario
+    from rl import cli
+    from rl.runs import folder as run_folder
+    from rl.runs.main_job import report, run_main_job
+    from taichi_sim.config.io import find_config, load_scenario
 
     overrides = args.overrides + ([f"seed={args.seed}"] if args.seed is not None else [])
     if args.resume:

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from taichi_sim.config import ScenarioConfig
-from taichi_sim.config_io import validate
+from taichi_sim.config.io import validate
 
 MAX_DUMPS = 20  # in one folder: a fault that repeats needs no more
 

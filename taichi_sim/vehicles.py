@@ -4,10 +4,10 @@ from pathlib import Path
 from typing import Any
 
 from taichi_sim.config import ConfigError
-from taichi_sim.config_io import read_toml, validate
-from taichi_sim.uav.fixed_wing_6dof import FixedWing6DOF
+from taichi_sim.config.io import read_toml, validate
+from taichi_sim.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
 from taichi_sim.uav.unity_aircraft import UnityAircraft
-from taichi_sim.usv.hull_6dof import Hull6Dof
+from taichi_sim.usv.hull.hull_6dof import Hull6Dof
 from taichi_sim.usv.manoeuvring_3dof import Manoeuvring3dof
 from taichi_sim.usv.unity_boat import UnityBoat
 

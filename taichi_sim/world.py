@@ -10,15 +10,15 @@ from taichi_sim import runtime
 from taichi_sim.air import Wind
 from taichi_sim.air.wind import wind_speed
 from taichi_sim.config import ScenarioConfig, SeaConfig
-from taichi_sim.config_io import load_scenario, vehicle_file
+from taichi_sim.config.io import load_scenario, vehicle_file
 from taichi_sim.conventions import ELEVATION, TEAMS
 from taichi_sim.dump import Dump, save_dump
+from taichi_sim.fleet import Team
 from taichi_sim.sea import Sea
 from taichi_sim.sea.current import Current
 from taichi_sim.sea.wind_sea import CALM_PERIOD
 from taichi_sim.surroundings import Surroundings
-from taichi_sim.team import Team
-from taichi_sim.uav.start import wind_at
+from taichi_sim.uav.fixed_wing.start import wind_at
 from taichi_sim.vehicles import load_vehicle
 
 
@@ -75,7 +75,7 @@ class World:
     @classmethod
     def from_scenario(cls, scenario: str | Path = "paper", num_envs: int = 1, overrides=(), **options) -> "World":
         """A world from a scenario's file or name, for example `World.from_scenario("paper", num_envs=16)`."""
-        from taichi_sim.config_io import find_config
+        from taichi_sim.config.io import find_config
 
         return cls(load_scenario(scenario, overrides), num_envs, source=find_config(scenario), **options)
 

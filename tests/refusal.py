@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from taichi_sim.config import ConfigError
-from taichi_sim.config_io import load_scenario
+from taichi_sim.config.io import load_scenario
 
 MINIMAL = """
 name = "little"

@@ -3,7 +3,7 @@
 import pytest
 from refusal import MINIMAL, assert_says, refusal
 
-from taichi_sim.config_io import config_folder, load_scenario, vehicle_file
+from taichi_sim.config.io import config_folder, load_scenario, vehicle_file
 from taichi_sim.vehicles import load_vehicle
 
 

@@ -6,7 +6,7 @@ import pytest
 from refusal import assert_says, refusal
 
 from taichi_sim.config import ConfigError, ScenarioConfig
-from taichi_sim.config_io import config_folder, load_scenario, read_toml, validate, vehicle_file, write_toml
+from taichi_sim.config.io import config_folder, load_scenario, read_toml, validate, vehicle_file, write_toml
 from taichi_sim.vehicles import load_vehicle
 
 # -- vehicles --------------------------------------------------------------------------------------------

@@ -11,36 +11,25 @@ ROOT = Path(__file__).resolve().parent.parent
 
 # From the bottom up; a name stands for the module or package and all inside it.
 LAYERS = (
-    (
-        "taichi_sim.conventions",
-        "taichi_sim.config",
-        "taichi_sim.config_io",
-        "taichi_sim.maths",
-        "taichi_sim.runtime",
-    ),
+    ("taichi_sim.conventions", "taichi_sim.config", "taichi_sim.maths", "taichi_sim.runtime"),
     ("taichi_sim.sea", "taichi_sim.air"),
-    ("taichi_sim.surroundings",
-     "taichi_sim.kinematics", "taichi_sim.rigid_body", "taichi_sim.integrators"),
-    ("taichi_sim.usv", "taichi_sim.uav", "taichi_sim.sensors"),
+    ("taichi_sim.surroundings", "taichi_sim.kinematics", "taichi_sim.rigid_body"),
+    ("taichi_sim.usv", "taichi_sim.uav"),
     ("taichi_sim.vehicles",),
     ("taichi_sim.dump",),
-    ("taichi_sim.team",),
+    ("taichi_sim.fleet",),
     ("taichi_sim.world",),
     ("taichi_sim.recording",),
-    ("rl.seeds", "rl.task"),
-    (
-        "rl.definitions", "rl.policy", "rl.export", "rl.env", "rl.gym", "rl.runner", "rl.controllers", "rl.evaluation",
-        "rl.record", "rl.figures", "rl.run_folder",
-    ),
-    ("rl.stages",),
-    ("rl.cli", "rl.main_job"),
+    ("rl.seeds", "rl.scene"),
+    ("rl.missions", "rl.learn", "rl.runs", "rl.gym"),
+    ("rl.cli",),
     ("rl.train", "rl.evaluate", "rl.play"),
     ("tools",),
-)  # fmt: skip
+)
 # Within a layer these know nothing of each other.
 STRANGERS = (
     {"taichi_sim.sea", "taichi_sim.air"},
-    {"taichi_sim.usv", "taichi_sim.uav", "taichi_sim.sensors"},
+    {"taichi_sim.usv", "taichi_sim.uav"},
     {"rl.train", "rl.evaluate", "rl.play"},
 )
 PACKAGES = ("taichi_sim", "rl", "tools")
@@ -122,28 +111,28 @@ def test_every_package_was_walked():
     modules = sources(ROOT)
     for package in PACKAGES:
         assert sum(name.startswith(package + ".") for name in modules) >= 2, package
-    team = set(imports("rl.task.team", modules["rl.task.team"], set(modules)))
-    assert team >= {"taichi_sim.sensors", "rl.task.slots", "rl.task.rewards"}
+    team = set(imports("rl.missions.formation.team", modules["rl.missions.formation.team"], set(modules)))
+    assert team >= {"rl.scene.sensors", "rl.missions.formation.slots", "rl.missions.formation.rewards"}
 
 
 @pytest.mark.parametrize(
     ("module", "statement"),
     [
         ("taichi_sim/world.py", "from rl.seeds import derive_seed"),
-        ("taichi_sim/sensors.py", "import rl"),
-        ("rl/task/team.py", "def late():\n    from rl import env"),
-        ("rl/task/team.py", "from ..env import FormationEnv"),
-        ("rl/task/team.py", "from .. import policy"),
+        ("rl/scene/sensors.py", "import tools"),
+        ("rl/missions/formation/team.py", "def late():\n    from rl import train"),
+        ("rl/missions/formation/team.py", "from ...train import main"),
+        ("rl/missions/formation/team.py", "from ... import play"),
         ("taichi_sim/sea/waves.py", "import taichi_sim.usv.unity_boat as boat"),
         ("taichi_sim/usv/unity_boat.py", "from taichi_sim.uav import unity_aircraft"),
-        ("rl/stages.py", "from tools import validate"),
+        ("rl/learn/stages.py", "from tools import validate"),
         ("taichi_sim/__init__.py", "from taichi_sim.world import World"),
         ("rl/novelty.py", "import math"),
     ],
 )
 def test_an_arrow_that_runs_back_is_found(tmp_path, module, statement):
     for name in (
-        "taichi_sim/usv/unity_boat", "taichi_sim/uav/unity_aircraft", "rl/env", "rl/policy", "rl/seeds",
+        "taichi_sim/usv/unity_boat", "taichi_sim/uav/unity_aircraft", "rl/train", "rl/play", "rl/seeds",
         "taichi_sim/__init__", "rl/__init__", "tools/validate", "taichi_sim/world",
     ):  # fmt: skip
         file = tmp_path / f"{name}.py"

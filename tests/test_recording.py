@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 from rerun.chunk import RrdReader
 
-from rl.figures import read_history, write_figures
+from rl.missions.formation.figures import read_history, write_figures
 from taichi_sim.recording import Episode, Event, Scene, TeamTrack, write_recording
 
 RADIUS_M, AMPLITUDE_M, WAVENUMBER = 80.0, 0.4, 0.3

@@ -10,11 +10,11 @@ import torch
 from numpy.typing import NDArray
 from test_recording import column, elevation, make_episode, rows
 
-from rl.record import EVENTS, _stalls, record_episode
-from rl.task.endings import UavEndings
-from rl.task.team import TeamTask
+from rl.missions.formation.endings import UavEndings
+from rl.missions.formation.team import TeamTask
+from rl.runs.record import EVENTS, _stalls, record_episode
 from taichi_sim import runtime
-from taichi_sim.config_io import config_folder, load_scenario
+from taichi_sim.config.io import config_folder, load_scenario
 from taichi_sim.maths.rotation import torch_rotation_matrix
 from taichi_sim.recording import Airframe, Episode, write_recording
 from taichi_sim.recording.aircraft import aircraft

@@ -11,14 +11,14 @@ import torch
 from numpy.typing import NDArray
 from test_recording import column, elevation, make_episode, rows
 
-from rl.record import _events
+from rl.runs.record import _events
 from taichi_sim.recording import Body, Episode, Force, Signal, write_recording
 from taichi_sim.recording.arrows import newtons_per_metre, round_scale
 from taichi_sim.recording.bodies import body_mesh
 from taichi_sim.recording.model import body_of, columns_of, forces_of, signals_of
 from taichi_sim.recording.sea_patch import CELLS, SeaGrid, frame_steps, sea_frames
 from taichi_sim.recording.vessel import above, below, lid, shell
-from taichi_sim.usv.hull_mesh import BoxHull, TwinPontoons, mesh
+from taichi_sim.usv.hull.mesh import BoxHull, TwinPontoons, mesh
 
 BOX = BoxHull(length=4.0, beam=2.0, draft=0.5, freeboard=0.25, panels_along=4)
 PONTOONS = TwinPontoons(y=0.4, freeboard=0.1, stations=((-1.0, 0.2, 0.1), (0.5, 0.3, 0.3), (1.0, 0.0, 0.2)))

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from taichi_sim.config_io import load_scenario
+from taichi_sim.config.io import load_scenario
 from taichi_sim.dump import load_dump
 from taichi_sim.world import World, replay
 

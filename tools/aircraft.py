@@ -28,12 +28,12 @@ if str(ROOT) not in sys.path:  # run as a script from anywhere
 
 from taichi_sim import runtime  # noqa: E402
 from taichi_sim.config import ConfigError  # noqa: E402
-from taichi_sim.config_io import config_folder, read_toml, validate  # noqa: E402
+from taichi_sim.config.io import config_folder, read_toml, validate  # noqa: E402
 from taichi_sim.conventions import GRAVITY  # noqa: E402
-from taichi_sim.uav.evaluate import lift_curve, stall_angles  # noqa: E402
-from taichi_sim.uav.fixed_wing import FixedWingParams  # noqa: E402
-from taichi_sim.uav.modes import LinearModel, largest_stable_dt, linear_modes  # noqa: E402
-from taichi_sim.uav.trim import Trim, TrimError, trim  # noqa: E402
+from taichi_sim.uav.fixed_wing.airframe import FixedWingParams  # noqa: E402
+from taichi_sim.uav.fixed_wing.equations import lift_curve, stall_angles  # noqa: E402
+from taichi_sim.uav.fixed_wing.modes import LinearModel, largest_stable_dt, linear_modes  # noqa: E402
+from taichi_sim.uav.fixed_wing.trim import Trim, TrimError, trim  # noqa: E402
 
 MODEL = "fixed_wing_6dof"
 ROWS = 11  # airspeeds of the trim table and of the V-n table
@@ -185,7 +185,7 @@ def envelope_table(bounds: FlightEnvelope) -> str:
 
 def draw(bounds: FlightEnvelope, cruise: float, title: str, file: Path) -> None:
     """The V-n diagram as a figure."""
-    from rl.figures.page import dress, new_figure
+    from rl.missions.formation.figures.page import dress, new_figure
 
     figure = new_figure(8.0, 5.0, title)
     axes = figure.subplots()

@@ -25,9 +25,10 @@ from benchmarking.peers import measure_peers  # noqa: E402
 from benchmarking.physics import physics_cases  # noqa: E402
 from benchmarking.timing import measure  # noqa: E402
 
-from rl import cli, run_folder  # noqa: E402
+from rl import cli  # noqa: E402
+from rl.runs import folder as run_folder  # noqa: E402
 from taichi_sim.config import ScenarioConfig  # noqa: E402
-from taichi_sim.config_io import load_scenario  # noqa: E402
+from taichi_sim.config.io import load_scenario  # noqa: E402
 
 QUICK = ("track.worlds=4", "sea.realisations=4", "stages.usv.num_envs=8", "stages.usv.steps_per_iteration=8")
 SIZES, QUICK_SIZES = (1, 64, 1024, 4096, 16384), (1, 16)

@@ -1,7 +1,7 @@
 """What a scenario may say: strict pydantic models of configs/*.toml.
 
 Every key has a unit, a range and a default; unknown keys are refused. SI units and radians, except names that
-say so (`_deg`). Reading, overriding and writing TOML is in config_io.py.
+say so (`_deg`). Reading, overriding and writing TOML is in config/io.py.
 """
 
 from taichi_sim.config.air import (

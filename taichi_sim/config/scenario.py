@@ -51,7 +51,7 @@ class ObstacleConfig(Strict):
 
 
 class TrackingReward(Strict):
-    """Weights and scales of `reward = "tracking"`; one function each in rl/task/rewards.py."""
+    """Weights and scales of `reward = "tracking"`; one function each in rl/missions/formation/rewards.py."""
 
     coarse: NonNegative = 1.0  # exp(-(d / coarse_scale)^2)
     coarse_scale: Positive = 8.0  # m

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from taichi_sim import runtime
-from taichi_sim.config_io import config_folder, read_toml, validate
+from taichi_sim.config.io import config_folder, read_toml, validate
 from taichi_sim.conventions import GRAVITY, POSITION, QUATERNION, STATE_SIZE, SURFACE_SIZE, VELOCITY
 from taichi_sim.kinematics import DERIVED_SIZE
 from taichi_sim.maths.rotation import (

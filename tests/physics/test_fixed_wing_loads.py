@@ -7,11 +7,11 @@ import pytest
 import taichi as ti
 
 from taichi_sim import runtime
-from taichi_sim.config_io import config_folder, read_toml, validate
+from taichi_sim.config.io import config_folder, read_toml, validate
 from taichi_sim.conventions import ANGULAR_VELOCITY, GRAVITY
-from taichi_sim.uav import angles
-from taichi_sim.uav.evaluate import lift_curve, loads, rhs, stall_angles
-from taichi_sim.uav.fixed_wing import FixedWingParams
+from taichi_sim.uav.fixed_wing import angles
+from taichi_sim.uav.fixed_wing.airframe import FixedWingParams
+from taichi_sim.uav.fixed_wing.equations import lift_curve, loads, rhs, stall_angles
 
 
 def aircraft(name, **sections):

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from taichi_sim.conventions import GRAVITY
-from taichi_sim.uav.trim import TrimError, trim
+from taichi_sim.uav.fixed_wing.trim import TrimError, trim
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tools"))
 

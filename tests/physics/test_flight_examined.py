@@ -11,12 +11,12 @@ import torch
 from taichi_sim import runtime
 from taichi_sim.air import Wind
 from taichi_sim.config import AirConfig, ConfigError
-from taichi_sim.config_io import load_scenario
+from taichi_sim.config.io import load_scenario
 from taichi_sim.conventions import ANGULAR_VELOCITY, GRAVITY, POSITION, QUATERNION, STATE_SIZE, VELOCITY
 from taichi_sim.dump import load_dump
 from taichi_sim.maths.rotation import torch_quaternion_from_euler, torch_rotation_matrix
-from taichi_sim.uav.evaluate import loads
-from taichi_sim.uav.trim import trim
+from taichi_sim.uav.fixed_wing.equations import loads
+from taichi_sim.uav.fixed_wing.trim import trim
 from taichi_sim.world import World, replay
 
 IDEAL = {"time_constant": 0.0, "rate_limit_deg": math.inf, "throttle_time_constant": 0.0}

@@ -6,7 +6,7 @@ import torch
 from taichi_sim import runtime
 from taichi_sim.air.gusts import Gust, gust_velocity
 from taichi_sim.config import ConfigError, GustConfig
-from taichi_sim.config_io import validate
+from taichi_sim.config.io import validate
 
 pytestmark = pytest.mark.usefixtures("precision")
 ROUNDING = {"f64": 1e-12, "f32": 1e-4}

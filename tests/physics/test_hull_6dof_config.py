@@ -4,9 +4,9 @@ import pytest
 import tomli_w
 
 from taichi_sim.config import ConfigError
-from taichi_sim.config_io import config_folder, read_toml
-from taichi_sim.usv.hull_mesh import mesh
-from taichi_sim.usv.hydrostatics import Hydrostatics
+from taichi_sim.config.io import config_folder, read_toml
+from taichi_sim.usv.hull.hydrostatics import Hydrostatics
+from taichi_sim.usv.hull.mesh import mesh
 from taichi_sim.vehicles import load_vehicle
 
 

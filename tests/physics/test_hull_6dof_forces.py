@@ -8,8 +8,8 @@ import taichi as ti
 import torch
 
 from taichi_sim.conventions import RHO_SEA
-from taichi_sim.usv import hull_loads
-from taichi_sim.usv.hull_params import Windage
+from taichi_sim.usv.hull import loads as hull_loads
+from taichi_sim.usv.hull.params import Windage
 
 pytestmark = pytest.mark.usefixtures("f64")
 

@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from taichi_sim import runtime
-from taichi_sim.config_io import load_scenario
+from taichi_sim.config.io import load_scenario
 from taichi_sim.sea import Sea
 
 ENVS, COUNT, STEPS = 6, 2, 25

@@ -6,14 +6,14 @@ import taichi as ti
 import torch
 
 from taichi_sim import runtime
-from taichi_sim.config_io import load_scenario
+from taichi_sim.config.io import load_scenario
 from taichi_sim.conventions import GRAVITY, RHO_SEA
 from taichi_sim.maths.rotation import torch_quaternion_from_euler, torch_rotation_matrix
 from taichi_sim.sea import Sea
 from taichi_sim.sea.spectrum import Components, wavenumber
-from taichi_sim.usv import hull_waves
-from taichi_sim.usv.hull_waves import Gauge
-from taichi_sim.usv.wave_lines import wave_points
+from taichi_sim.usv.hull import waves as hull_waves
+from taichi_sim.usv.hull.wave_lines import wave_points
+from taichi_sim.usv.hull.waves import Gauge
 
 pytestmark = pytest.mark.usefixtures("f64")
 

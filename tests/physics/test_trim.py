@@ -6,12 +6,12 @@ import math
 import numpy as np
 import pytest
 
-from taichi_sim.config_io import config_folder, read_toml, validate
+from taichi_sim.config.io import config_folder, read_toml, validate
 from taichi_sim.conventions import ANGULAR_VELOCITY, GRAVITY, QUATERNION, VELOCITY
-from taichi_sim.uav.evaluate import rhs
-from taichi_sim.uav.fixed_wing import FixedWingParams
-from taichi_sim.uav.modes import Mode, linear_modes, rk4_limit
-from taichi_sim.uav.trim import TrimError, trim
+from taichi_sim.uav.fixed_wing.airframe import FixedWingParams
+from taichi_sim.uav.fixed_wing.equations import rhs
+from taichi_sim.uav.fixed_wing.modes import Mode, linear_modes, rk4_limit
+from taichi_sim.uav.fixed_wing.trim import TrimError, trim
 
 pytestmark = pytest.mark.usefixtures("f64")
 DRAG = {"A_mavsim_verbatim_CDp0": {"C_D_p": 0.0, "C_D_delta_e": 0.0135}, "B_CDp0.043_CDde0": {}}

@@ -18,7 +18,7 @@ from taichi_sim.air.wind import (
     wind_speed,
 )
 from taichi_sim.config import AirConfig, ConfigError
-from taichi_sim.config_io import validate
+from taichi_sim.config.io import validate
 
 pytestmark = pytest.mark.usefixtures("precision")
 ROUNDING = {"f64": 1e-14, "f32": 2e-6}

@@ -19,9 +19,9 @@ import tempfile
 from pathlib import Path
 
 from rl import cli
-from rl.policy import checkpoints
+from rl.learn.policy import checkpoints
 from taichi_sim.config import ScenarioConfig
-from taichi_sim.config_io import load_scenario
+from taichi_sim.config.io import load_scenario
 
 ROOT = Path(__file__).resolve().parents[2]
 ITERATIONS = 4
@@ -73,7 +73,9 @@ class Ending:
 def server():
     """Return the context whose processes begin with everything imported."""
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["rl.main_job", "rl.train", "rl.evaluate", "rl.play", "rl.controllers"])
+    context.set_forkserver_preload(
+        ["rl.runs.main_job", "rl.train", "rl.evaluate", "rl.play", "rl.missions.formation.controllers"]
+    )
     return context
 
 
@@ -105,7 +107,7 @@ def _child(module: str, arguments: tuple[str, ...], folder: str, fault: tuple[st
 
 
 def _plan(team: str, iteration: int, number: int) -> None:
-    from rl.runner import ProgressLogger
+    from rl.learn.runner import ProgressLogger
 
     original = ProgressLogger.log
 

@@ -10,7 +10,7 @@ from command_line import Ending, tiny_run
 from mission import make
 
 from rl import cli
-from rl.task.formation import FormationTask
+from rl.missions.formation.mission import FormationTask
 
 
 @pytest.fixture(scope="module")

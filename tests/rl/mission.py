@@ -5,8 +5,8 @@ import math
 import torch
 from torch import Tensor
 
-from rl.task.formation import FormationTask, Step
-from taichi_sim.config_io import load_scenario
+from rl.missions.formation.mission import FormationTask, Step
+from taichi_sim.config.io import load_scenario
 from taichi_sim.conventions import TEAMS
 from taichi_sim.maths.rotation import torch_quaternion_from_euler
 

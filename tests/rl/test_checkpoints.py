@@ -8,7 +8,7 @@ import pytest
 import torch
 from command_line import content, forget
 
-from rl.policy import checkpoints
+from rl.learn.policy import checkpoints
 
 
 class Malice:

@@ -6,9 +6,9 @@ import sys
 import pytest
 from command_line import ROOT, TIMEOUT, TINY, Ending, sets
 
-from rl.definitions import DEFINITIONS
-from rl.main_job import report
-from taichi_sim.config_io import config_folder
+from rl.missions.formation.metrics import DEFINITIONS
+from rl.runs.main_job import report
+from taichi_sim.config.io import config_folder
 
 
 @pytest.mark.parametrize(

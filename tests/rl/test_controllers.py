@@ -9,12 +9,12 @@ import pytest
 import torch
 from torch import Tensor
 
-from rl.controllers import CLASSICAL, ClassicalPolicy, avoidance, controllers, force_vector
-from rl.controllers.sampled import held, place_poles
-from rl.evaluation import evaluate
-from rl.run_folder import RunError
-from rl.task.formation import FormationTask
-from taichi_sim.config_io import load_scenario
+from rl.missions.formation.controllers import CLASSICAL, ClassicalPolicy, avoidance, controllers, force_vector
+from rl.missions.formation.controllers.sampled import held, place_poles
+from rl.missions.formation.mission import FormationTask
+from rl.runs.evaluation import evaluate
+from rl.runs.folder import RunError
+from taichi_sim.config.io import load_scenario
 from taichi_sim.conventions import TEAMS
 from taichi_sim.maths.rotation import torch_quaternion_from_euler
 

@@ -6,12 +6,12 @@ from rsl_rl.models import MLPModel
 from tensordict import TensorDict
 from torch import Tensor
 
-from rl.env import FormationEnv
-from rl.policy import OBS_GROUPS, TrainedPolicy, actor_config
-from rl.task.formation import FormationTask
-from rl.task.team import TeamTask
+from rl.learn.env import FormationEnv
+from rl.learn.policy import OBS_GROUPS, TrainedPolicy, actor_config
+from rl.missions.formation.mission import FormationTask
+from rl.missions.formation.team import TeamTask
 from taichi_sim.config import StageConfig
-from taichi_sim.config_io import load_scenario
+from taichi_sim.config.io import load_scenario
 
 SMALL = ("track.worlds=4", "sea.realisations=4", "uav.count=2")
 ENVS, UAVS, USVS = 4, 2, 3

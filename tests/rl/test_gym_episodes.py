@@ -10,11 +10,11 @@ from gym_envs import IDS, REASONS, SHORT, SMALL, both, make_vec, place_on_an_obs
 from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode
 
-from rl.policy import OBS_GROUPS, CheckpointError, TrainedPolicy, actor_config
-from rl.run_folder import CONFIG, RunError
-from rl.task.endings import UsvEndings
+from rl.learn.policy import OBS_GROUPS, CheckpointError, TrainedPolicy, actor_config
+from rl.missions.formation.endings import UsvEndings
+from rl.runs.folder import CONFIG, RunError
 from taichi_sim.config import StageConfig
-from taichi_sim.config_io import load_scenario, write_toml
+from taichi_sim.config.io import load_scenario, write_toml
 
 # -- seeds ---------------------------------------------------------------------------------------------------
 

@@ -21,10 +21,10 @@ from command_line import (
     sets,
 )
 
-from rl import run_folder
-from rl.controllers import controllers
-from rl.policy import checkpoints
-from rl.stages import train_stages
+from rl.learn.policy import checkpoints
+from rl.learn.stages import train_stages
+from rl.missions.formation.controllers import controllers
+from rl.runs import folder as run_folder
 
 
 @pytest.mark.parametrize("team", TEAMS)

@@ -14,9 +14,9 @@ from mission import (
 )
 from torch import Tensor
 
-from rl.task.formation import FormationTask
-from rl.task.paths import Tracks
-from rl.task.starts import Starts
+from rl.missions.formation.mission import FormationTask
+from rl.missions.formation.starts import Starts
+from rl.scene.tracks import Tracks
 from taichi_sim.conventions import TEAMS
 from taichi_sim.maths.rotation import torch_quaternion_from_euler
 

@@ -5,7 +5,7 @@ import math
 import pytest
 import torch
 
-from rl.task import rewards
+from rl.missions.formation import rewards
 
 
 def tensor(*values: float) -> torch.Tensor:

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 from command_line import TEAMS, TINY, command, content, forget, sets
 
-from rl import run_folder
-from taichi_sim.config_io import config_folder
+from rl.runs import folder as run_folder
+from taichi_sim.config.io import config_folder
 
 
 def test_a_run_folder_that_exists_is_left_alone(here, run):

@@ -7,9 +7,9 @@ import pytest
 import torch
 from torch import Tensor
 
+from rl.scene.sensors import Sensor
 from taichi_sim import runtime
-from taichi_sim.sensors import Sensor
-from taichi_sim.team import Team
+from taichi_sim.fleet import Team
 
 REACH = 40.0
 

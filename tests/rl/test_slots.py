@@ -6,8 +6,8 @@ import pytest
 import torch
 from torch import Tensor
 
-from rl.task.paths import generate_tracks
-from rl.task.slots import Target, formation_offsets, lane_half_width, slots
+from rl.missions.formation.slots import Target, formation_offsets, lane_half_width, slots
+from rl.scene.tracks import generate_tracks
 
 DOUBLE = torch.float64
 

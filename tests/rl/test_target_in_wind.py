@@ -6,10 +6,10 @@ import pytest
 import torch
 from torch import Tensor
 
-from rl.task.formation import FormationTask
-from rl.task.wind_triangle import crab, ground_speed
+from rl.missions.formation.mission import FormationTask
+from rl.scene.wind_triangle import crab, ground_speed
 from taichi_sim.config import ConfigError
-from taichi_sim.config_io import load_scenario
+from taichi_sim.config.io import load_scenario
 from taichi_sim.maths.rotation import torch_euler_from_quaternion
 
 SMALL = ("track.worlds=4", "sea.realisations=4", "sea.components=4", "obstacles.count=0")

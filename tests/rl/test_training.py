@@ -14,16 +14,17 @@ import torch
 from command_line import ITERATIONS, TEAMS, TINY, command, content, sets, tiny_config, tiny_run
 from rerun.chunk import RrdReader
 
-from rl import cli, run_folder
-from rl.controllers import controllers
-from rl.definitions import DEFINITIONS
-from rl.env import FormationEnv
-from rl.evaluation import evaluate
+from rl import cli
+from rl.learn.env import FormationEnv
+from rl.learn.runner import StageRunner
+from rl.learn.stages import train_stages
+from rl.missions.formation.controllers import controllers
+from rl.missions.formation.metrics import DEFINITIONS
+from rl.missions.formation.mission import FormationTask
 from rl.play import main as play
-from rl.runner import StageRunner
-from rl.stages import train_stages
-from rl.task.formation import FormationTask
-from taichi_sim.config_io import config_folder, load_scenario
+from rl.runs import folder as run_folder
+from rl.runs.evaluation import evaluate
+from taichi_sim.config.io import config_folder, load_scenario
 
 ROWS = 3 * 8  # vehicles times environments
 

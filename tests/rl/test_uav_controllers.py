@@ -8,12 +8,12 @@ import pytest
 import torch
 from torch import Tensor
 
-from rl.controllers import CLASSICAL, ClassicalPolicy
-from rl.controllers.avoidance import passing
-from rl.controllers.fixed_wing_6dof import velocity_through_air
-from rl.run_folder import RunError
-from rl.task.formation import FormationTask
-from taichi_sim.config_io import load_scenario
+from rl.missions.formation.controllers import CLASSICAL, ClassicalPolicy
+from rl.missions.formation.controllers.avoidance import passing
+from rl.missions.formation.controllers.fixed_wing_6dof import velocity_through_air
+from rl.missions.formation.mission import FormationTask
+from rl.runs.folder import RunError
+from taichi_sim.config.io import load_scenario
 
 VEHICLES = Path(__file__).parents[2] / "configs" / "vehicles"
 STEADY = (

@@ -8,13 +8,13 @@ import pytest
 import torch
 from torch import Tensor
 
-from rl.controllers import ClassicalPolicy, avoidance
-from rl.controllers.course import Load
-from rl.controllers.hull_6dof import Hull6DofController, shaft, shares, vessel
-from rl.controllers.vessel import Resistance, gains
-from rl.evaluation import evaluate
-from rl.task.formation import FormationTask
-from taichi_sim.config_io import load_scenario
+from rl.missions.formation.controllers import ClassicalPolicy, avoidance
+from rl.missions.formation.controllers.course import Load
+from rl.missions.formation.controllers.hull_6dof import Hull6DofController, shaft, shares, vessel
+from rl.missions.formation.controllers.vessel import Resistance, gains
+from rl.missions.formation.mission import FormationTask
+from rl.runs.evaluation import evaluate
+from taichi_sim.config.io import load_scenario
 from taichi_sim.maths.rotation import torch_quaternion_from_euler
 
 VEHICLES = Path(__file__).parents[2] / "configs" / "vehicles"

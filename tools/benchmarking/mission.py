@@ -8,12 +8,12 @@ from rsl_rl.models import MLPModel
 from tensordict import TensorDict
 
 from benchmarking.timing import Case
-from rl.controllers import CLASSICAL
-from rl.env import FormationEnv
-from rl.policy import OBS_GROUPS, TrainedPolicy, actor_config
-from rl.runner import StageRunner
-from rl.task.formation import FormationTask
-from rl.task.team import TeamTask
+from rl.learn.env import FormationEnv
+from rl.learn.policy import OBS_GROUPS, TrainedPolicy, actor_config
+from rl.learn.runner import StageRunner
+from rl.missions.formation.controllers import CLASSICAL
+from rl.missions.formation.mission import FormationTask
+from rl.missions.formation.team import TeamTask
 from taichi_sim.config import ScenarioConfig, StageConfig
 
 ACTION_SPREAD = 0.2  # standard deviation of random actions about cruise

@@ -8,7 +8,7 @@ from typing import Any
 from tqdm import tqdm
 
 from benchmarking.mission import begin_anywhere, random_decisions
-from rl.task.formation import FormationTask
+from rl.missions.formation.mission import FormationTask
 from taichi_sim.config import ScenarioConfig
 
 OTHER = "other"

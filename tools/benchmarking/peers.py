@@ -88,9 +88,7 @@ def crazyflow_worlds() -> Peer:
         sim.step(steps)
         jax.block_until_ready(sim.data)
 
-    return Peer(
-        "crazyflow, 4096 worlds", _version("crazyflow"), "one 6-DOF quadrotor step", call, worlds * steps
-    )
+    return Peer("crazyflow, 4096 worlds", _version("crazyflow"), "one 6-DOF quadrotor step", call, worlds * steps)
 
 
 PEERS = (otter, jsbsim_c172p, crazyflow_worlds)

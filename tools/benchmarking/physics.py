@@ -3,9 +3,9 @@
 from pathlib import Path
 
 from benchmarking.timing import Case
-from rl.task.formation import FormationTask
+from rl.missions.formation.mission import FormationTask
 from taichi_sim.config import AirConfig, ScenarioConfig
-from taichi_sim.config_io import config_folder, read_toml
+from taichi_sim.config.io import config_folder, read_toml
 from taichi_sim.vehicles import MODELS, load_vehicle
 
 COMPONENTS = (16, 32)

@@ -14,17 +14,17 @@ import taichi as ti
 import torch
 
 from taichi_sim.conventions import ANGULAR_VELOCITY, GRAVITY, POSITION, QUATERNION, VELOCITY
+from taichi_sim.fleet import Team
 from taichi_sim.maths.rotation import torch_euler_from_quaternion, torch_quaternion_from_euler, torch_rotation_matrix
 from taichi_sim.sea import Sea
 from taichi_sim.sea.spectrum import Components
 from taichi_sim.surroundings import Surroundings
-from taichi_sim.team import Team
-from taichi_sim.uav import fixed_wing
-from taichi_sim.uav.evaluate import loads, rhs
-from taichi_sim.uav.fixed_wing import FixedWingParams
-from taichi_sim.uav.fixed_wing_6dof import FixedWing6DOF
-from taichi_sim.uav.modes import linear_modes
-from taichi_sim.uav.trim import Trim, trim
+from taichi_sim.uav.fixed_wing import airframe as fixed_wing
+from taichi_sim.uav.fixed_wing.airframe import FixedWingParams
+from taichi_sim.uav.fixed_wing.equations import loads, rhs
+from taichi_sim.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
+from taichi_sim.uav.fixed_wing.modes import linear_modes
+from taichi_sim.uav.fixed_wing.trim import Trim, trim
 from validation.aerosonde_numbers import parameters
 from validation.case import Case
 from validation.tables import Table, TableError, number, read_csv, read_json, records

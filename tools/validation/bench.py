@@ -7,11 +7,11 @@ import torch
 
 from taichi_sim import runtime
 from taichi_sim.conventions import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
+from taichi_sim.fleet import Team
 from taichi_sim.maths.rotation import torch_euler_from_quaternion, torch_quaternion_from_euler
 from taichi_sim.sea import Sea
 from taichi_sim.sea.spectrum import Components
 from taichi_sim.surroundings import Surroundings
-from taichi_sim.team import Team
 
 
 class Motion(NamedTuple):

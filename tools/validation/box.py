@@ -4,10 +4,10 @@ import re
 from dataclasses import dataclass
 from typing import Any
 
-from taichi_sim.config_io import validate
+from taichi_sim.config.io import validate
 from taichi_sim.conventions import RHO_SEA
-from taichi_sim.usv.hull_mesh import BoxHull
-from taichi_sim.usv.hull_params import Hull6DofParams
+from taichi_sim.usv.hull.mesh import BoxHull
+from taichi_sim.usv.hull.params import Hull6DofParams
 from validation.case import Case
 from validation.parameters import only, shipped
 from validation.tables import TableError, number, read_json

@@ -13,12 +13,12 @@ import numpy as np
 import torch
 
 from taichi_sim import runtime
-from taichi_sim.config_io import config_folder
+from taichi_sim.config.io import config_folder
+from taichi_sim.fleet import Team
 from taichi_sim.maths.rotation import torch_quaternion_from_euler
 from taichi_sim.sea import Sea
 from taichi_sim.sea.spectrum import Components
 from taichi_sim.surroundings import Surroundings
-from taichi_sim.team import Team
 from taichi_sim.usv.manoeuvring_3dof import Manoeuvring3dof
 from taichi_sim.usv.manoeuvring_loads import Manoeuvring3dofParams
 from validation.case import Case

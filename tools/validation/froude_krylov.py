@@ -11,7 +11,7 @@ import numpy as np
 
 from taichi_sim.sea import Sea
 from taichi_sim.sea.spectrum import Components, wavenumber
-from taichi_sim.usv.hull_6dof import Hull6Dof
+from taichi_sim.usv.hull.hull_6dof import Hull6Dof
 from validation.bench import Bench
 from validation.box import NO_LOADS, Box, box_of
 from validation.case import Case

@@ -6,8 +6,8 @@ from taichi_sim.conventions import GRAVITY, RHO_SEA
 from taichi_sim.rigid_body import rigid_body_mass
 from taichi_sim.sea import Sea
 from taichi_sim.sea.spectrum import Components
-from taichi_sim.usv.hull_mesh import mesh
-from taichi_sim.usv.hydrostatics import Hydrostatics
+from taichi_sim.usv.hull.hydrostatics import Hydrostatics
+from taichi_sim.usv.hull.mesh import mesh
 from validation.box import Box, box_of
 from validation.case import TOLERANCE, Case
 from validation.tables import number, read_csv, read_json

@@ -14,8 +14,8 @@ import torch
 
 from taichi_sim import runtime
 from taichi_sim.maths.rotation import torch_rotation_matrix
-from taichi_sim.usv import hull_loads
-from taichi_sim.usv.hull_params import Hull6DofParams
+from taichi_sim.usv.hull import loads as hull_loads
+from taichi_sim.usv.hull.params import Hull6DofParams
 from validation.bench import Bench, pack_state
 from validation.case import Case
 from validation.otter_numbers import current, model, parameters, shaft_command

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from taichi_sim.config_io import validate
-from taichi_sim.usv.hull_6dof import Hull6Dof, Hull6DofParams
+from taichi_sim.config.io import validate
+from taichi_sim.usv.hull.hull_6dof import Hull6Dof, Hull6DofParams
 from validation.case import Case
 from validation.parameters import published, refined, shipped
 from validation.tables import TableError, number

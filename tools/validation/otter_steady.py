@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from taichi_sim.usv.hull_params import Hull6DofParams
+from taichi_sim.usv.hull.params import Hull6DofParams
 from validation.bench import Bench
 from validation.case import Case
 from validation.otter import LARGEST_DT, accelerations, as_action, pose_rate, set_shafts

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from taichi_sim.config_io import config_folder
+from taichi_sim.config.io import config_folder
 from validation.case import Case
 from validation.tables import read_toml
 

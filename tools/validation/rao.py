@@ -16,8 +16,8 @@ import numpy as np
 
 from taichi_sim.sea import Sea
 from taichi_sim.sea.spectrum import Components, wavenumber
-from taichi_sim.usv.hull_6dof import Hull6Dof
-from taichi_sim.usv.hull_params import Hull6DofParams
+from taichi_sim.usv.hull.hull_6dof import Hull6Dof
+from taichi_sim.usv.hull.params import Hull6DofParams
 from validation.bench import Bench
 from validation.box import SIZE, Box, box_of
 from validation.case import Case

@@ -14,6 +14,7 @@ import numpy as np
 import torch
 
 from taichi_sim.conventions import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
+from taichi_sim.fleet import Team
 from taichi_sim.maths.rotation import (
     torch_euler_from_quaternion,
     torch_quaternion_from_euler,
@@ -22,7 +23,6 @@ from taichi_sim.maths.rotation import (
 from taichi_sim.sea import Sea
 from taichi_sim.sea.spectrum import Components
 from taichi_sim.surroundings import Surroundings
-from taichi_sim.team import Team
 from taichi_sim.uav.unity_aircraft import UnityAircraft, UnityAircraftParams
 from taichi_sim.usv.unity_boat import UnityBoat, UnityBoatParams
 from validation.case import Case

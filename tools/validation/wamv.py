@@ -5,10 +5,10 @@ Numbers come from wamv.toml of the reference directory, else from the shipped ve
 
 import numpy as np
 
-from taichi_sim.config_io import validate
-from taichi_sim.usv.hull_6dof import Hull6Dof, Hull6DofParams
-from taichi_sim.usv.hull_mesh import TwinPontoons, mesh
-from taichi_sim.usv.hydrostatics import Hydrostatics
+from taichi_sim.config.io import validate
+from taichi_sim.usv.hull.hull_6dof import Hull6Dof, Hull6DofParams
+from taichi_sim.usv.hull.hydrostatics import Hydrostatics
+from taichi_sim.usv.hull.mesh import TwinPontoons, mesh
 from validation.bench import Bench
 from validation.case import TOLERANCE, Case
 from validation.parameters import published, shipped

@@ -5,10 +5,10 @@ from aircraft import FlightEnvelope, flight_envelope, load_aircraft
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from rl.figures.page import INK, dress, new_figure
+from rl.missions.formation.figures.page import INK, dress, new_figure
 from taichi_sim.conventions import GRAVITY
-from taichi_sim.uav.evaluate import loads, stall_angles
-from taichi_sim.uav.fixed_wing import FixedWingParams
+from taichi_sim.uav.fixed_wing.airframe import FixedWingParams
+from taichi_sim.uav.fixed_wing.equations import loads, stall_angles
 from validation.case import Folder
 from validation.plots.style import OTHER, OURS, legend, points
 

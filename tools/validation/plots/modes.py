@@ -4,9 +4,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from rl.figures.page import INK, dress, new_figure
-from taichi_sim.uav.modes import linear_modes
-from taichi_sim.uav.trim import Trim
+from rl.missions.formation.figures.page import INK, dress, new_figure
+from taichi_sim.uav.fixed_wing.modes import linear_modes
+from taichi_sim.uav.fixed_wing.trim import Trim
 from validation.case import Folder
 from validation.plots.style import legend
 from validation.plots.trim_table import COLOURS, NAMES, Variant, variants

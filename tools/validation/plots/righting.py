@@ -3,12 +3,12 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from rl.figures.page import INK, dress, new_figure
-from taichi_sim.config_io import validate
-from taichi_sim.usv.hull_geometry import HullGeometry
-from taichi_sim.usv.hull_mesh import mesh
-from taichi_sim.usv.hull_params import Hull6DofParams
-from taichi_sim.usv.hydrostatics import Hydrostatics
+from rl.missions.formation.figures.page import INK, dress, new_figure
+from taichi_sim.config.io import validate
+from taichi_sim.usv.hull.geometry import HullGeometry
+from taichi_sim.usv.hull.hydrostatics import Hydrostatics
+from taichi_sim.usv.hull.mesh import mesh
+from taichi_sim.usv.hull.params import Hull6DofParams
 from validation.box import box_of
 from validation.case import Case, Folder
 from validation.hydrostatics import PANELS

@@ -4,8 +4,8 @@ import math
 import re
 from typing import Any, NamedTuple
 
-from taichi_sim.uav.fixed_wing import FixedWingParams
-from taichi_sim.uav.trim import Trim, TrimError, trim
+from taichi_sim.uav.fixed_wing.airframe import FixedWingParams
+from taichi_sim.uav.fixed_wing.trim import Trim, TrimError, trim
 from validation.aerosonde_numbers import parameters
 from validation.case import Case, Folder
 from validation.plots.style import OTHER, OURS

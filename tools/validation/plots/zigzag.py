@@ -5,9 +5,9 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
-from rl.figures.page import INK, dress, new_figure
-from taichi_sim.config_io import validate
-from taichi_sim.usv.hull_params import Hull6DofParams
+from rl.missions.formation.figures.page import INK, dress, new_figure
+from taichi_sim.config.io import validate
+from taichi_sim.usv.hull.params import Hull6DofParams
 from validation.bench import Bench
 from validation.case import Case, Folder
 from validation.otter import as_action

@@ -1,0 +1,1 @@
+"""Learning: rsl-rl's view of a mission, its runner, stages, policies."""

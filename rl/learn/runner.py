@@ -1,0 +1,210 @@
+"""rsl-rl's runner, made quiet, safe to interrupt, and resumable."""
+
+import contextlib
+import csv
+import io
+import os
+from pathlib import Path
+from typing import Any
+
+import torch
+from rsl_rl.runners import OnPolicyRunner
+from rsl_rl.utils.logger import Logger
+from tqdm import tqdm
+
+from rl.learn.env import FormationEnv
+from rl.learn.policy import OBS_GROUPS, actor_config, read_checkpoint
+from taichi_sim.config import StageConfig
+
+HISTORY = "progress.csv"
+COLUMNS = (
+    "iteration", "agent_steps", "wall_time_s", "reward_per_step", "episode_reward", "policy_loss", "value_loss",
+    "entropy", "action_std", "learning_rate", "leader_error_m", "follower_error_m", "collisions_per_hour",
+)  # fmt: skip
+
+
+def ppo_config(stage: StageConfig) -> dict[str, Any]:
+    """rsl-rl's configuration of a stage."""
+    network = actor_config(stage)
+    critic = {k: v for k, v in network.items() if k != "distribution_cfg"}
+    return {
+        "class_name": "OnPolicyRunner",
+        "num_steps_per_env": stage.steps_per_iteration,
+        "save_interval": stage.checkpoint_interval,
+        "obs_groups": OBS_GROUPS,
+        "actor": network,
+        "critic": critic,
+        "algorithm": {
+            "class_name": "PPO",
+            "learning_rate": stage.learning_rate,
+            "num_learning_epochs": stage.learning_epochs,
+            "num_mini_batches": stage.mini_batches,
+            "gamma": stage.discount,
+            "lam": stage.gae_lambda,
+            "clip_param": stage.clip,
+            "entropy_coef": stage.entropy,
+            "desired_kl": stage.desired_kl,
+            "schedule": "adaptive",
+            "value_loss_coef": 1.0,
+            "max_grad_norm": 1.0,
+            "use_clipped_value_loss": True,
+        },
+    }
+
+
+class ProgressLogger(Logger):
+    """Writes TensorBoard scalars and progress.csv, and moves a progress bar instead of printing pages."""
+
+    bar: tqdm | None = None
+    elapsed_before = 0.0  # s, of parts before an interruption
+    completed = 0  # iterations
+    seconds_per_step = 0.1
+
+    def _store_code_state(self) -> list[str]:
+        return []  # the run folder already holds the commit and the package versions
+
+    def log(self, it: int, start_it: int, total_it: int, *args: Any, **values: Any) -> None:
+        """Record one iteration; called by the runner with rsl-rl's arguments."""
+        means = self._means()
+        with contextlib.redirect_stdout(io.StringIO()):
+            super().log(it, start_it, total_it, *args, **values)
+        rate = self.cfg["num_steps_per_env"] * self.num_envs / (values["collect_time"] + values["learn_time"])
+        self._write_row(it, means, values)
+        self.completed = it + 1
+        if self.bar is not None:
+            shown = {"reward": f"{means.get('/reward', float('nan')):.2f}"}
+            for key, label in (("/leader_error_m", "leader"), ("/follower_error_m", "followers")):
+                if key in means:
+                    shown[label] = f"{means[key]:.2f} m"
+            shown["steps/s"] = f"{rate / 1000:.0f}k"
+            self.bar.set_postfix(shown, refresh=False)
+            self.bar.update(1)
+
+    def _means(self) -> dict[str, float]:
+        keys = {key for info in self.ep_extras for key in info}
+        return {key: float(torch.stack([i[key].mean() for i in self.ep_extras]).mean()) for key in sorted(keys)}
+
+    def _write_row(self, it: int, means: dict[str, float], values: dict[str, Any]) -> None:
+        losses, n = values["loss_dict"], self.cfg["num_steps_per_env"] * self.num_envs
+        env_hours = self.num_envs * self.seconds_per_step / 3600  # of vehicle time in one step
+        row = {
+            "iteration": it,
+            "agent_steps": (it + 1) * n,
+            "wall_time_s": round(self.elapsed_before + self.tot_time, 3),
+            "reward_per_step": means.get("/reward"),
+            "episode_reward": sum(self.rewbuffer) / len(self.rewbuffer) if self.rewbuffer else None,
+            "policy_loss": losses["surrogate"],
+            "value_loss": losses["value"],
+            "entropy": losses["entropy"],
+            "action_std": float(values["action_std"].detach().mean()),
+            "learning_rate": values["learning_rate"],
+            "leader_error_m": means.get("/leader_error_m"),
+            "follower_error_m": means.get("/follower_error_m"),
+            "collisions_per_hour": means.get("/collisions", 0.0) / env_hours,
+        }
+        path = Path(self.log_dir) / HISTORY  # type: ignore[arg-type]
+        new = not path.exists()
+        with path.open("a", newline="", encoding="utf-8") as file:
+            writer = csv.DictWriter(file, COLUMNS)
+            if new:
+                writer.writeheader()
+            writer.writerow({k: "" if v is None else v for k, v in row.items()})
+
+
+DIVERGED = (
+    "training has diverged to values that are not finite; lower the stage's learning_rate or the weights of its "
+    "rewards, and begin a new run. Iterations completed:"
+)
+
+
+class DivergedError(RuntimeError):
+    """Training produced values that are not finite."""
+
+
+class StageRunner(OnPolicyRunner):
+    """OnPolicyRunner whose checkpoints are written beside and renamed, and read with `weights_only=True`."""
+
+    def __init__(self, env: FormationEnv, stage: StageConfig, folder: Path):
+        """Prepare to train `env`; checkpoints, progress.csv and TensorBoard events go to `folder`."""
+        self.folder, self.stage = folder, stage
+        with contextlib.redirect_stdout(io.StringIO()):
+            super().__init__(env, ppo_config(stage), str(folder), env.device)
+        logger = self.logger
+        logger.__class__ = ProgressLogger
+        logger.seconds_per_step = env.task.config.decision_interval  # type: ignore[attr-defined]
+
+    def train(self, *, show_progress: bool = True, label: str = "") -> None:
+        """Run the remaining iterations of the stage; on KeyboardInterrupt save a checkpoint and raise it again."""
+        done = self.current_learning_iteration
+        logger: ProgressLogger = self.logger  # type: ignore[assignment]
+        logger.completed = done
+        logger.elapsed_before = trim_history(self.folder / HISTORY, done)
+        logger.bar = tqdm(total=self.stage.iterations, initial=done, desc=label, unit="it", disable=not show_progress)
+        try:
+            self.learn(self.stage.iterations - done)
+        except KeyboardInterrupt:
+            if logger.completed > done:
+                self.save("")
+            raise
+        except (ValueError, RuntimeError) as error:
+            if isinstance(error, DivergedError) or (isinstance(error, RuntimeError) and self.is_finite()):
+                raise
+            raise DivergedError(f"{self.folder}: {DIVERGED} {logger.completed} ({error})") from None
+        finally:
+            logger.bar.close()
+            if logger.writer is not None:
+                logger.writer.close()  # type: ignore[attr-defined]
+
+    def is_finite(self) -> bool:
+        """Whether every weight of the actor is a number."""
+        return all(bool(torch.isfinite(p).all()) for p in self.alg.get_policy().parameters())
+
+    def save(self, path: str, infos: dict | None = None) -> None:
+        """Write `model_N.pt`, N the iterations completed, beside and rename it: a kill or a full disk leaves the
+        earlier ones whole. (rsl-rl's own `path` numbers the last iteration instead and is not used.)
+        """
+        completed = self.logger.completed  # type: ignore[attr-defined]
+        if not self.is_finite():
+            raise DivergedError(f"{self.folder}: {DIVERGED} {completed}")
+        content = self.alg.save() | {"iter": completed, "infos": infos}
+        file = self.folder / f"model_{completed}.pt"
+        beside = file.with_name(file.name + ".part")
+        try:
+            memory = io.BytesIO()  # torch's own writer reports a full disk without saying so
+            torch.save(content, memory)
+            beside.write_bytes(memory.getbuffer())
+            os.replace(beside, file)
+        finally:
+            with contextlib.suppress(OSError):
+                beside.unlink(missing_ok=True)
+
+    def load(self, path: str, load_cfg: dict | None = None, strict: bool = True, map_location: str | None = None):
+        """Continue from a checkpoint: networks, optimiser, iterations completed."""
+        content = read_checkpoint(Path(path))
+        self.alg.load(content, load_cfg, strict)
+        self.current_learning_iteration = content["iter"]
+        return content.get("infos")
+
+
+def trim_history(file: Path, done: int) -> float:
+    """Drop rows of progress.csv after iteration `done` (they come after the checkpoint); seconds spent until then."""
+    if not file.is_file():
+        return 0.0
+    with file.open(newline="", encoding="utf-8") as stream:
+        rows = [r for r in csv.DictReader(stream) if r["iteration"].isdigit() and int(r["iteration"]) < done]
+    beside = file.with_name(file.name + ".part")
+    with beside.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.DictWriter(stream, COLUMNS)
+        writer.writeheader()
+        writer.writerows(rows)
+    os.replace(beside, file)
+    return float(rows[-1]["wall_time_s"]) if rows else 0.0
+
+
+def history_seconds(file: Path) -> float:
+    """Seconds of training in progress.csv, over all interruptions; 0 if there is none yet."""
+    if not file.is_file():
+        return 0.0
+    with file.open(newline="", encoding="utf-8") as stream:
+        rows = list(csv.DictReader(stream))
+    return float(rows[-1]["wall_time_s"]) if rows else 0.0

@@ -1,0 +1,1 @@
+"""The missions there are, a package each; the contract is rl/mission.py."""

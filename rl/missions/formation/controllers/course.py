@@ -1,0 +1,121 @@
+"""Track control of a displacement vessel that pushes along its nose and turns: the X and N that follow the slot.
+
+Over ground, with the error e = slot - position, the drift z (drift.py), and evasion (avoidance.py) of what is near:
+
+    v* = v_s + sat(k_e e) + z,   v*' = chi' x v_s + k_e (v_s - v).
+
+The slot's velocity v_s is that of the formation (target's, and swing about the leader): the leader's own also has the
+waves in it, which a follower would chase in vain. Speed, u* being the part of v* along the nose and a the waves' push:
+
+    X = m11 (v*'_x + k_u (u* - u) - a_x) + d_u(u*).
+
+The nose goes where v* points, chi*, and inwards by the angle beta at which the hull slides in a steady turn of the
+target's rate; more so (`lead`, vessel.py) where the course is slow to follow:
+
+    r* = (v*'_y - WAVE_SHARE a_y) / |v*| + approach(chi* + beta - psi + lead (chi* - chi)),
+    N = m33 k_r (r* - r) + d_r(r*).
+
+Waves: the hull floats on the water's slope, so its tilt measures a = -g (R_nb e_3)_{n,e}. Thrust cancels that along the
+nose. To starboard, only a turn can, and a turn in every wave costs the moment, and the thrust, that steering needs:
+hence heading and not the course over ground is fed back, in which the waves' sway is not seen, and WAVE_SHARE is small.
+"""
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from rl.missions.formation.controllers.avoidance import avoid
+from rl.missions.formation.controllers.drift import Drift
+from rl.missions.formation.controllers.force_vector import approach, turning, wrap
+from rl.missions.formation.controllers.vessel import Vessel, gains
+from rl.missions.formation.team import TeamTask
+from taichi_sim.conventions import GRAVITY
+
+WAVE_SHARE = 0.15  # of the waves' push to starboard that is turned against; tuned on seeds 7 and 8
+SPEED_SHARE = 0.95  # of the top speed, the most that is asked for; assumed
+CLOSING_SHARE = 0.35  # of that, the most that an error adds to the slot's velocity; assumed
+LEAST_SHARE = 0.1  # of the top speed: a shorter velocity has no direction to follow; assumed
+RATE_SHARE = 0.9  # of the top yaw rate, the most that is asked for; assumed
+EVASION_SHARE = 0.08  # of the full thrust's acceleration, to count on when avoiding; tuned likewise
+EVADING = 1e-3  # m/s: less of a change by avoidance is rounding
+
+
+class Load(NamedTuple):
+    """Asked of the actuators, each [env, vehicle]; not limited."""
+
+    X: Tensor  # N
+    Y: Tensor  # N, of those who can push to the side
+    N: Tensor  # N m
+
+
+class Course:
+    """Decides the loads for a team of one vessel; remembers the team's drift alone."""
+
+    def __init__(self, vessel: Vessel, interval: float):
+        """Compute gains for decisions every `interval` s."""
+        self.vessel, self.interval, self.gains = vessel, interval, gains(vessel, interval)
+        self.drift = Drift(self.gains.k_i, vessel.top_speed, interval)
+        self.top_speed, self.least_speed = SPEED_SHARE * vessel.top_speed, LEAST_SHARE * vessel.top_speed
+        self.top_rate = RATE_SHARE * vessel.top_rate
+        self.turn = vessel.moment / vessel.m33
+        self.evasion = EVASION_SHARE * vessel.thrust / vessel.m11
+
+    def __call__(self, team: TeamTask) -> Load:
+        """Loads that follow the team's slots."""
+        k, ship = self.gains, self.vessel
+        v = team.team.velocity_n[..., :2]
+        wanted, change = self._wanted(team, v)
+        heading = team.team.heading
+        u, sway = into(v, heading)
+        ahead, aside = into(wanted, heading)
+        change_x, change_y = into(change, heading)
+        push_x, push_y = into(self._push(team), heading)
+        X = ship.m11 * (change_x + k.k_u * (ahead - u) - push_x) + ship.surge.at(ahead)
+        Y = ship.m22 * (change_y + k.k_u * (aside - sway) - push_y) + ship.sway.at(aside)
+
+        speed = wanted.norm(dim=-1).clamp(min=self.least_speed)
+        slide = ship.slide(speed, team.target.course_rate.unsqueeze(1))
+        off = torch.atan2(aside, ahead)
+        slip = torch.atan2(sway, u.clamp(min=self.least_speed))
+        error = wrap(off + torch.atan(slide / speed) + k.lead * wrap(off - slip))
+        rate = (change_y - WAVE_SHARE * push_y) / speed + approach(error, k.k_psi, self.turn)
+        rate = rate.clamp(-self.top_rate, self.top_rate)
+        r = (team.team.R_nb[..., 2, :] * team.team.angular_velocity_b).sum(-1)
+        return Load(X, Y, ship.m33 * k.k_r * (rate - r) + ship.yaw.at(rate))
+
+    def _wanted(self, team: TeamTask, v: Tensor) -> tuple[Tensor, Tensor]:
+        """v* and v*' [env, vehicle, 2] (m/s, m/s^2)."""
+        slot, error = formation_velocity(team), team.now.error[..., :2]
+        limit = (self.top_speed - slot.norm(dim=-1, keepdim=True)).clamp(
+            self.least_speed, CLOSING_SHARE * self.top_speed
+        )
+        chase = self.gains.k_e * error
+        share = (limit / chase.norm(dim=-1, keepdim=True).clamp(min=1e-6)).clamp(max=1.0)
+        direct = slot + share * chase + self.drift.at(team.team.position_n[..., :2])
+        wanted = avoid(team, direct, self.evasion)
+        evading = (wanted - direct).norm(dim=-1, keepdim=True) > EVADING
+        able = (share >= 1) & ~evading
+        self.drift.learn(error, able & (chase.norm(dim=-1, keepdim=True) < self.drift.most))
+        return wanted, turning(team, slot) + torch.where(able, self.gains.k_e * (slot - v), 0.0)
+
+    def _push(self, team: TeamTask) -> Tensor:
+        """Acceleration [env, vehicle, 2] (m/s^2, NED) by the waves, half an interval ahead."""
+        R, omega = team.team.R_nb, team.team.angular_velocity_b
+        down_rate = R[..., :2, 0] * omega[..., 1:2] - R[..., :2, 1] * omega[..., 0:1]  # of R e_3: R (omega x e_3)
+        return -GRAVITY * (R[..., :2, 2] + 0.5 * self.interval * down_rate)
+
+
+def formation_velocity(team: TeamTask) -> Tensor:
+    """Velocity [env, vehicle, 2] (m/s, NED) of slots about a leader that keeps to its own."""
+    target = team.target
+    leader = (target.speed.unsqueeze(-1) * torch.stack((target.cos, target.sin), dim=-1)).unsqueeze(1)
+    arm = team.now.slot[..., :2] - team.team.position_n[:, :1, :2]
+    arm[:, 0] = 0.0
+    return leader + turning(team, arm)
+
+
+def into(vector: Tensor, heading: tuple[Tensor, Tensor]) -> tuple[Tensor, Tensor]:
+    """Parts of a `vector` [.., 2] (NED) along the nose and to starboard of it; `heading`: its cosine and sine."""
+    c, s = heading
+    return c * vector[..., 0] + s * vector[..., 1], c * vector[..., 1] - s * vector[..., 0]

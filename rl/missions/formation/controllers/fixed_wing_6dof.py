@@ -1,0 +1,140 @@
+"""Classical control of `fixed_wing_6dof`: a field of velocities about the slot, flown through the wind.
+
+Over ground (Beard & McLain 2012, ch. 10: a field that leads back to the path), with the error e = slot - position in
+axes along and aside of the way flown through the air, and evasion (avoidance.py) of what is near:
+
+    v* = v_s + sat(k e).
+
+What is flown is v_a = v - w (the wind triangle, ch. 2.4). The wind w is the velocity measured over ground less that
+measured through the air, gusts included: v* - w less v_a is then v* - v, whatever they are, and the airspeed demand
+
+    V* = |v* - w|
+
+holds the speed over ground and not that through the air. A coordinated turn, chi_a' = (g / V_a) tan phi of the course
+chi_a through the air (ch. 9.2), follows the turning of v* - w, of which v_s' is that of the target's course:
+
+    tan phi = (V_a / g) (chi_a*' + k_course (chi_a* - chi_a)).
+
+Followers must be able to turn with their leader: to get back to its slot it spends LEADER_SHARE of the bank alone.
+Height: the climb of the slot and k_height times the error; the pitch that climbs so, as in the autopilot's own loop.
+"""
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from rl.missions.formation.controllers.avoidance import avoid
+from rl.missions.formation.controllers.course import into
+from rl.missions.formation.controllers.force_vector import approach, turning
+from rl.missions.formation.team import TeamTask
+from rl.runs.folder import RunError
+from taichi_sim.conventions import GRAVITY
+from taichi_sim.uav.fixed_wing.fixed_wing_6dof import READINGS, FixedWing6DOF
+from taichi_sim.uav.fixed_wing.gains import ZETA, behind
+
+BANK_SHARE = 0.5  # of the largest bank's acceleration, with which an error aside is braked; assumed
+EVASION_SHARE = 0.25  # likewise, to count on when avoiding: half, for a turn begins with a roll; assumed
+LEADER_SHARE = 0.5  # of the largest bank, the most to turn back to its slot with, if ahead; tuned on seeds 7 and 8
+BRAKING = 1.0  # m/s^2 along, to count on: less than the drag at an idle throttle; assumed
+CLOSING_SHARE = 0.3  # of the range of airspeeds, the most that an error along adds to the slot's velocity; assumed
+INTERCEPT_SHARE = 0.7  # of cruise, the most that an error aside adds: an angle of 35 deg or so; assumed
+EVADING = 1e-3  # m/s: less of a change by avoidance is rounding
+
+
+class FixedWing6DofController:
+    """Acts for a team of aircraft with an autopilot; keeps no memory."""
+
+    def __init__(self, model: FixedWing6DOF):
+        """Compute gains from those of the autopilot: each loop waits for the one within it (gains.behind).
+
+        The course aside follows in 1 / `course`. The airspeed, under proportional and integral throttle, first follows
+        in 1 / (2 ZETA omega) of that loop's frequency omega.
+
+        Raises:
+            RunError: if the aircraft is flown by its surfaces.
+        """
+        if model.actions == "surfaces":
+            raise RunError(
+                "there is no classical controller for a fixed_wing_6dof that is flown by its surfaces: it needs "
+                'autopilot.actions = "guidance" or "altitude"'
+            )
+        self.actions, self.gains, self.limits = model.actions, model.gains, model.limits
+        self.k_aside = behind(1 / model.gains.course)
+        self.k_along = behind(1 / (2 * ZETA * GRAVITY * model.gains.pitch_airspeed))
+        self.side = GRAVITY * model.limits.tan_bank  # m/s^2 in the steepest bank
+        low, cruise, high = model.limits.speeds
+        self.closing, self.intercept = CLOSING_SHARE * (high - low), INTERCEPT_SHARE * cruise
+
+    def __call__(self, team: TeamTask) -> Tensor:
+        """Actions [env, vehicle, (pitch or climb, yaw, boost)] in [-1, 1]; none where the state is not finite."""
+        v = team.team.velocity_n
+        air = velocity_through_air(team)
+        flown = air[..., :2]
+        level = flown.norm(dim=-1).clamp(min=self.limits.floor)
+        nose = flown[..., 0] / level, flown[..., 1] / level
+
+        wanted = self._wanted(team, nose)
+        to_fly = wanted.velocity[..., :2] - (v[..., :2] - flown)
+        climb = (-wanted.velocity[..., 2]).clamp(-self.limits.climb, self.limits.climb)
+        if self.actions == "altitude":
+            pitch = climb / self.limits.climb
+        else:
+            through_air = climb + self.gains.climb * (climb + v[..., 2])
+            pitch = through_air / air.norm(dim=-1).clamp(min=self.limits.floor) / self.limits.sin_pitch
+        turn = level / self.side * self._turn_rate(team, wanted, into(to_fly, nose), nose, self.side / level)
+        action = torch.stack((pitch, turn, self._boost(to_fly.norm(dim=-1))), dim=-1)
+        return torch.nan_to_num(action).clamp(-1.0, 1.0)
+
+    def _wanted(self, team: TeamTask, nose: tuple[Tensor, Tensor]) -> "Wanted":
+        """v* where (cos, sin) `nose` is the way flown through the air."""
+        slot, now, climb = team.now.slot_velocity, team.now, self.limits.climb
+        (along, aside), (along_rate, aside_rate) = (into(x[..., :2], nose) for x in (now.error, now.error_rate))
+        x, x_rate = _chase(along, along_rate, self.k_along, BRAKING, self.closing)
+        y, y_rate = _chase(aside, aside_rate, self.k_aside, BANK_SHARE * self.side, self.intercept)
+        north, east = into(torch.stack((x, y), dim=-1), (nose[0], -nose[1]))
+        down = (self.gains.height * now.error[..., 2]).clamp(-climb, climb)
+        direct = slot + torch.stack((north, east, down), dim=-1)
+        velocity = avoid(team, direct, EVASION_SHARE * self.side, team.target.course_rate.unsqueeze(1))
+        return Wanted(velocity, (x_rate, y_rate), (velocity - direct).norm(dim=-1) > EVADING)
+
+    def _turn_rate(self, team: TeamTask, wanted: "Wanted", to_fly, nose, most: Tensor) -> Tensor:
+        """Rate (rad/s) of the course that follows `to_fly` (along, aside); `most` in the steepest turn."""
+        x, y = to_fly
+        square = (x * x + y * y).clamp(min=self.limits.floor**2)
+        slot_x, slot_y = into(turning(team, team.now.slot_velocity)[..., :2], nose)
+        steady = torch.where(wanted.evading, 0.0, (x * slot_y - y * slot_x) / square)
+        chasing = torch.where(wanted.evading, 0.0, (x * wanted.change[1] - y * wanted.change[0]) / square)
+        back = chasing + self.gains.course * torch.atan2(y, x)
+        limit = 2 * most  # from one bank to the other
+        limit[:, 0] = torch.where(wanted.evading | (x < 0), limit, LEADER_SHARE * most)[:, 0]
+        return steady + torch.minimum(torch.maximum(back, -limit), limit)
+
+    def _boost(self, airspeed: Tensor) -> Tensor:
+        """The action that demands `airspeed` (m/s)."""
+        low, cruise, high = self.limits.speeds
+        over = airspeed - cruise
+        return torch.where(over > 0, over / (high - cruise), over / (cruise - low))
+
+
+class Wanted(NamedTuple):
+    """Of each vehicle, [env, vehicle]."""
+
+    velocity: Tensor  # [.., 3] v*, NED, m/s
+    change: tuple[Tensor, Tensor]  # of what the error adds to it, along and aside, m/s^2
+    evading: Tensor  # bool: something near has changed it
+
+
+def velocity_through_air(team: TeamTask) -> Tensor:
+    """Velocity through the air [env, vehicle, 3] (m/s, NED), of the airspeed and the angles the aircraft measures."""
+    Va, alpha, beta = team.team.aux[..., READINGS : READINGS + 3].unbind(-1)
+    level = Va * beta.cos()
+    v_b = torch.stack((level * alpha.cos(), Va * beta.sin(), level * alpha.sin()), dim=-1)
+    return (team.team.R_nb @ v_b.unsqueeze(-1)).squeeze(-1)
+
+
+def _chase(error: Tensor, rate: Tensor, gain: float, acceleration: float, most: float) -> tuple[Tensor, Tensor]:
+    """Velocity (m/s) towards a zero of `error` (m), at most `most`, and how it changes where it is linear (m/s^2)."""
+    velocity = approach(error, gain, acceleration).clamp(-most, most)
+    linear = gain * error.abs() <= min(most, 2 * acceleration / gain)
+    return velocity, torch.where(linear, gain * rate, 0.0)

@@ -1,0 +1,76 @@
+"""Force-vector tracking: the force a vehicle needs to follow its slot, and how fast that vector turns.
+
+Both Unity vehicles push along the nose only, against an isotropic drag, v' = f - drag v + d, so a wanted
+acceleration is a wanted force vector: its direction is where the nose should point, its projection on the nose the
+thrust. With error e = slot - position and the slot's velocity and centripetal acceleration as feed-forward,
+
+    v* = v_s + sat(k_e / k_v e), turned aside by avoidance.py        velocity to have
+    a* = chi' x v_s + k_v (v* - v)                                    acceleration to have
+    f* = ((v + a* T) - keep v) / gain - d                             force per mass, exact over the interval T
+
+k_e and k_v place both poles of the double integrator e at exp(-bandwidth T). The turning of f*, which the attitude
+loop needs as feed-forward, follows from the acceleration a the vehicle is about to have:
+
+    f*' = ((1 - keep) a + T a*') / gain - d',   a*' = chi' x (chi' x v_s) + k_v (chi' x v_s - a) + k_e e'
+"""
+
+import torch
+from torch import Tensor
+
+from rl.missions.formation.controllers.avoidance import avoid
+from rl.missions.formation.controllers.sampled import held, place_poles
+from rl.missions.formation.team import TeamTask
+
+CLOSING_SPEED = 6.0  # m/s, the most that an error adds to the slot's velocity; assumed
+SPEED_SHARE = 0.95  # of the top speed, the most that is asked for; assumed
+
+
+class ForceVector:
+    """The outer loop of a vehicle with top acceleration `thrust` (m/s^2) and `drag` (1/s)."""
+
+    def __init__(self, model, *, thrust: float, bandwidth: float, evasion: float):
+        """Compute gains. `bandwidth` in rad/s; `evasion`: acceleration (m/s^2) to count on when avoiding."""
+        self.interval = model.dt * model.substeps
+        self.hold = held(model.dt, model.substeps, model.params.drag)
+        self.k_e, self.k_v = place_poles(held(model.dt, model.substeps), bandwidth, self.interval)
+        self.top_speed = SPEED_SHARE * thrust * self.hold.gain / max(1 - self.hold.keep, 1e-6)
+        self.evasion = evasion
+
+    def wanted(self, team: TeamTask, disturbance: Tensor | float = 0.0) -> Tensor:
+        """f* [env, vehicle, 2 or 3], m/s^2, against an acceleration `disturbance` d."""
+        n = team.axes
+        slot, v = team.now.slot_velocity[..., :n], team.team.velocity_n[..., :n]
+        chase = self.k_e / self.k_v * team.now.error[..., :n]
+        limit = (self.top_speed - slot.norm(dim=-1, keepdim=True)).clamp(0.1 * CLOSING_SPEED, CLOSING_SPEED)
+        chase = chase * (limit / chase.norm(dim=-1, keepdim=True).clamp(min=1e-6)).clamp(max=1.0)
+        velocity = avoid(team, slot + chase, self.evasion)
+        acceleration = turning(team, slot) + self.k_v * (velocity - v)
+        return ((1 - self.hold.keep) * v + self.interval * acceleration) / self.hold.gain - disturbance
+
+    def change(self, team: TeamTask, force: Tensor, disturbance_rate: Tensor | float = 0.0) -> Tensor:
+        """f*' [env, vehicle, 2 or 3], m/s^3, when `force` (m/s^2, disturbance included) acts now."""
+        n = team.axes
+        slot, v = team.now.slot_velocity[..., :n], team.team.velocity_n[..., :n]
+        a = (self.hold.gain * force - (1 - self.hold.keep) * v) / self.interval
+        slot_a = turning(team, slot)
+        a_rate = turning(team, slot_a) + self.k_v * (slot_a - a) + self.k_e * team.now.error_rate[..., :n]
+        return ((1 - self.hold.keep) * a + self.interval * a_rate) / self.hold.gain - disturbance_rate
+
+
+def turning(team: TeamTask, vector: Tensor) -> Tensor:
+    """Rate of change of a `vector` [env, vehicle, 2 or 3] that turns with the target's course."""
+    rate = team.target.course_rate.unsqueeze(1)
+    change = torch.zeros_like(vector)
+    change[..., 0], change[..., 1] = -rate * vector[..., 1], rate * vector[..., 0]
+    return change
+
+
+def approach(error: Tensor, gain: float, acceleration: float) -> Tensor:
+    """Rate towards a zero of `error` that can still be stopped: min(gain |e|, sqrt(2 acceleration |e|))."""
+    size = error.abs()
+    return error.sign() * torch.minimum(gain * size, torch.sqrt(2 * acceleration * size))
+
+
+def wrap(angle: Tensor) -> Tensor:
+    """`angle` (rad) in [-pi, pi)."""
+    return torch.remainder(angle + torch.pi, 2 * torch.pi) - torch.pi

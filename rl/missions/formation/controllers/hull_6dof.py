@@ -1,0 +1,81 @@
+"""Classical control of `hull_6dof`: track control (course.py), and its loads shared out to two propellers.
+
+Half the difference of the propellers' thrusts makes the moment, their mean the surge force. The moment comes first: the
+mean is kept where both propellers stay within their limits with the difference that was asked for.
+"""
+
+import torch
+from torch import Tensor
+
+from rl.missions.formation.controllers.course import Course, Load
+from rl.missions.formation.controllers.vessel import Resistance, Vessel
+from rl.missions.formation.team import TeamTask
+from rl.runs.folder import RunError
+from taichi_sim.usv.hull.hull_6dof import Hull6Dof
+from taichi_sim.usv.hull.params import Hull6DofParams, Thrusters
+
+
+class Hull6DofController:
+    """Acts for a team of hulls; remembers their drift alone (drift.py)."""
+
+    def __init__(self, model: Hull6Dof):
+        """Compute gains from the parameters of `model`.
+
+        Raises:
+            RunError: if it has no thrusters.
+        """
+        if model.params.thrusters is None:
+            raise RunError("there is no classical controller for a hull_6dof without thrusters")
+        self.thrusters, self.actions = model.params.thrusters, model.params.actions
+        self.course = Course(vessel(model.params, self.thrusters), model.dt * model.substeps)
+
+    def __call__(self, team: TeamTask) -> Tensor:
+        """Actions [env, vehicle, 2] in [-1, 1]; none for a vehicle whose state is not finite."""
+        left, right = shares(self.thrusters, self.course(team), astern=self.actions == "left_right")
+        if self.actions == "left_right":
+            action = torch.stack((shaft(self.thrusters, left), shaft(self.thrusters, right)), dim=-1)
+        else:
+            t = self.thrusters
+            action = torch.stack(
+                ((left + right) / t.thrust_max - 1, (left - right) / (t.thrust_max - t.thrust_min)), dim=-1
+            )
+        return torch.nan_to_num(action).clamp(-1.0, 1.0)
+
+
+def vessel(params: Hull6DofParams, thrusters: Thrusters) -> Vessel:
+    """The hull in the plane; cross-flow drag of a sway, or of a yaw, alone: L and L^4 / 32 of the strip integral."""
+    h, M = params.hydrodynamics, params.M_rb + params.M_a
+    section = 0.5 * h.cross_flow_density * h.cross_flow_draft * h.cross_flow_coefficient
+    L = h.cross_flow_length
+    return Vessel(
+        m11=float(M[0, 0]),
+        m22=float(M[1, 1]),
+        m33=float(M[5, 5]),
+        surge=Resistance(h.linear[0], h.quadratic[0]),
+        sway=Resistance(h.linear[1], h.quadratic[1] + section * L),
+        yaw=Resistance(h.linear[5], h.quadratic[5] + section * L**4 / 32),
+        thrust=2 * thrusters.thrust_max,
+        moment=_arm(thrusters) * (thrusters.thrust_max - thrusters.thrust_min),
+    )
+
+
+def shares(t: Thrusters, load: Load, *, astern: bool) -> tuple[Tensor, Tensor]:
+    """Thrusts (N) of the left and the right propeller; their mean is not negative unless `astern`."""
+    most = 0.5 * (t.thrust_max - t.thrust_min)
+    half = (0.5 * load.N / _arm(t)).clamp(-most, most)
+    mean = (0.5 * load.X).clamp(min=t.thrust_min if astern else 0.0)
+    mean = torch.minimum(torch.maximum(mean, t.thrust_min + half.abs()), t.thrust_max - half.abs())
+    return mean + half, mean - half
+
+
+def shaft(t: Thrusters, thrust: Tensor) -> Tensor:
+    """Shaft speed in [-1, 1], as a share of the greatest ahead or astern, whose thrust k |n| n is `thrust` (N)."""
+    ahead = (thrust.clamp(min=0.0) / t.thrust_max).sqrt()
+    if t.thrust_min == 0:
+        return ahead
+    return ahead - (thrust.clamp(max=0.0) / t.thrust_min).sqrt()
+
+
+def _arm(t: Thrusters) -> float:
+    """Half the distance (m) between the propellers."""
+    return 0.5 * (t.right[1] - t.left[1])

@@ -1,0 +1,45 @@
+"""Classical control of `manoeuvring_3dof`: track control (course.py), each load within its own limit."""
+
+import torch
+from torch import Tensor
+
+from rl.missions.formation.controllers.course import Course
+from rl.missions.formation.controllers.vessel import Resistance, Vessel
+from rl.missions.formation.team import TeamTask
+from taichi_sim.usv.manoeuvring_3dof import Manoeuvring3dof, Manoeuvring3dofParams
+
+
+class Manoeuvring3dofController:
+    """Acts for a team of vessels; remembers their drift alone (drift.py)."""
+
+    def __init__(self, model: Manoeuvring3dof):
+        """Compute gains from the parameters of `model`."""
+        self.params = model.params
+        self.course = Course(vessel(model.params), model.dt * model.substeps)
+
+    def __call__(self, team: TeamTask) -> Tensor:
+        """Actions [env, vehicle, 2 or 3] in [-1, 1]; none for a vehicle whose state is not finite."""
+        p, load = self.params, self.course(team)
+        X, N = load.X / p.surge_force_max, load.N / p.yaw_moment_max
+        if p.actions == "acceleration_yaw":
+            action = torch.stack((2 * X - 1, N), dim=-1)
+        else:
+            Y = load.Y / p.sway_force_max if p.sway_force_max else torch.zeros_like(X)
+            action = torch.stack((X, Y, N), dim=-1)
+        return torch.nan_to_num(action).clamp(-1.0, 1.0)
+
+
+def vessel(p: Manoeuvring3dofParams) -> Vessel:
+    """The vessel with the sway force of a yaw rate, and without the yaw moment of a sway."""
+    M = p.M
+    return Vessel(
+        m11=float(M[0, 0]),
+        m22=float(M[1, 1]),
+        m33=float(M[2, 2]),
+        surge=Resistance(-p.X_u, -p.X_uu, -p.X_uuu),
+        sway=Resistance(-p.Y_v, -p.Y_vv),
+        yaw=Resistance(-p.N_r, -p.N_rr),
+        thrust=p.surge_force_max,
+        moment=p.yaw_moment_max,
+        sway_yaw=-p.Y_r,
+    )

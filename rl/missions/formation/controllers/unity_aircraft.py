@@ -1,0 +1,70 @@
+"""Classical control of `unity_aircraft`: the nose along the wanted force, the boost its projection.
+
+The rates of pitch and yaw are commanded: a rate gets there at `smooth_rate` of its range per second, so an angle is
+a double integrator with a bounded acceleration, and within that bound a rate command is obeyed at once:
+
+    psi' = psi*' + approach(psi* - psi),   theta' likewise,   k = (1 - exp(-ATTITUDE_BANDWIDTH T)) / T.
+
+The boost inverts the drag exactly over the interval (force_vector.py), and the action the geometric boost mapping.
+The bank does not matter to the path.
+"""
+
+import math
+
+import torch
+from torch import Tensor
+
+from rl.missions.formation.controllers.force_vector import ForceVector, approach, wrap
+from rl.missions.formation.team import TeamTask
+from taichi_sim.uav.unity_aircraft import DEG, UnityAircraft
+
+BANDWIDTH = 2.0  # rad/s, of the position loop; tuned on seeds 7 and 8
+ATTITUDE_BANDWIDTH = 8.0  # rad/s, of pitch and yaw; tuned likewise
+EVASION = 7.0  # m/s^2 to count on when avoiding, a third of top yaw rate x 12 m/s; tuned likewise
+MAX_CLIMB = math.radians(60.0)  # of the nose: yaw means little near the vertical; assumed
+LEAST_FORCE = 0.5  # m/s^2: a shorter force vector has no direction to follow; assumed
+
+
+class UnityAircraftController:
+    """Acts for a team of aircraft; keeps no memory."""
+
+    def __init__(self, model: UnityAircraft):
+        """Compute gains from the parameters of `model`."""
+        p = model.params
+        self.interval = model.dt * model.substeps
+        self.per_boost = p.thrust_factor * p.thrust / p.mass  # m/s^2
+        self.boost_min, self.boost_max = p.boost_min, p.boost_max
+        self.force = ForceVector(model, thrust=self.per_boost * p.boost_max, bandwidth=BANDWIDTH, evasion=EVASION)
+        self.k = (1 - math.exp(-ATTITUDE_BANDWIDTH * self.interval)) / self.interval
+        self.top_rate = DEG * p.pitch_speed_deg, DEG * p.yaw_speed_deg
+        self.smooth_rate = p.smooth_rate
+        self.max_climb = min(MAX_CLIMB, DEG * p.max_pitch_deg)
+
+    def __call__(self, team: TeamTask) -> Tensor:
+        """Actions [env, vehicle, (pitch, yaw, boost)] in [-1, 1]."""
+        wanted, nose = self.force.wanted(team), team.team.R_nb[..., 0]
+        force = (wanted * nose).sum(-1).clamp(self.per_boost * self.boost_min, self.per_boost * self.boost_max)
+        climb_rate, turn_rate = _turn(wanted, self.force.change(team, force.unsqueeze(-1) * nose))
+
+        level = torch.hypot(wanted[..., 0], wanted[..., 1]).clamp(min=LEAST_FORCE)
+        climb = torch.atan2(-wanted[..., 2], level).clamp(-self.max_climb, self.max_climb)
+        course = torch.atan2(wanted[..., 1], wanted[..., 0])
+        _, theta, psi = team.team.euler.unbind(-1)
+        pitch = self._command(climb - theta, climb_rate, self.top_rate[0])
+        yaw = self._command(wrap(course - psi), turn_rate, self.top_rate[1])
+        boost = torch.log(force / (self.per_boost * self.boost_min)) / math.log(self.boost_max / self.boost_min)
+        return torch.stack((pitch, yaw, 2 * boost - 1), dim=-1).clamp(-1.0, 1.0)
+
+    def _command(self, error: Tensor, rate: Tensor, top_rate: float) -> Tensor:
+        """The action in [-1, 1] that turns by `error` (rad) towards a target that turns at `rate` (rad/s)."""
+        error = error - 0.5 * self.interval * rate
+        return ((rate + approach(error, self.k, self.smooth_rate * top_rate)) / top_rate).clamp(-1.0, 1.0)
+
+
+def _turn(vector: Tensor, change: Tensor) -> tuple[Tensor, Tensor]:
+    """Rates (rad/s) of the climb angle and of the course of `vector` (NED) that changes by `change` per second."""
+    level2 = vector[..., :2].square().sum(-1).clamp(min=LEAST_FORCE**2)
+    along = (vector[..., :2] * change[..., :2]).sum(-1) / level2  # relative growth of the level part
+    turn = (vector[..., 0] * change[..., 1] - vector[..., 1] * change[..., 0]) / level2
+    climb = level2.sqrt() * (vector[..., 2] * along - change[..., 2]) / (level2 + vector[..., 2].square())
+    return climb, turn

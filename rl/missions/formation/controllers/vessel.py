@@ -1,0 +1,122 @@
+"""What the control of a displacement vessel needs to know of it, and the gains that follow from that.
+
+    m11 (u' - v r) = X - d_u(u),   m33 r' = N - d_r(r),   d(x) = (a + b |x| + c x^2) x.
+
+How quickly a vessel can turn is set by its greatest moment: the heading loop has both poles at
+
+    w = sqrt(N_max / (m33 HEADING_ERROR)),
+
+so that it spends the whole moment on a heading error of HEADING_ERROR. The slower loops around it are shares of w.
+Sway dies out at s = d_v / m22, and with it the course chi follows the nose psi: chi' = s (psi - chi) + ... Where that
+is slower than COURSE_SHARE w, the nose is held ahead of the course by `lead` times the course error, which makes it so:
+chi' = s (1 + lead) (chi* - chi). Not where turning pushes the hull out of the turn first: there a lead would do harm.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from torch import Tensor
+
+from rl.missions.formation.controllers.sampled import decaying, place_poles
+
+HEADING_ERROR = 0.35  # rad; tuned on seeds 7 and 8
+SAMPLED_SHARE = 0.5  # w is at most this over the decision interval; assumed
+COURSE_SHARE = 0.3  # of w: how fast the course should follow; assumed
+MOST_LEAD = 3.0  # assumed
+POSITION_SHARE = 0.11  # of w: both poles of the position loop; tuned likewise
+LAG_SHARE = 0.25  # of s (1 + lead): likewise no more; assumed
+SPEED_BANDWIDTH = 2.0  # rad/s, of the speed loop; tuned likewise
+SWAY_SHARE = 0.05  # of the top speed: the sway at which its resistance is linearised; assumed
+
+
+class Resistance(NamedTuple):
+    """d(x) = (a + b |x| + c x^2) x (N, N m) against a motion x (m/s, rad/s) relative to the water."""
+
+    a: float
+    b: float = 0.0
+    c: float = 0.0
+
+    def at(self, x: Tensor) -> Tensor:
+        """d(x)."""
+        return (self.a + self.b * x.abs() + self.c * x * x) * x
+
+    def steady(self, load: float) -> float:
+        """The x > 0 with d(x) = `load` > 0; infinite without resistance."""
+        roots = np.roots([self.c, self.b, self.a, -load])
+        ahead = roots.real[(np.abs(roots.imag) < 1e-9 * np.abs(roots)) & (roots.real > 0)]
+        return float(ahead.min(initial=np.inf))
+
+
+class Vessel(NamedTuple):
+    """Inertia with added mass, resistance, and the most that the actuators give."""
+
+    m11: float  # kg
+    m22: float  # kg
+    m33: float  # kg m^2
+    surge: Resistance
+    sway: Resistance
+    yaw: Resistance
+    thrust: float  # N, ahead
+    moment: float  # N m, to either side
+    sway_yaw: float = 0.0  # d23, N s: sway force lost to a yaw rate
+
+    @property
+    def top_speed(self) -> float:
+        """Steady speed (m/s) under full thrust."""
+        return self.surge.steady(self.thrust)
+
+    @property
+    def top_rate(self) -> float:
+        """Steady yaw rate (rad/s) under the full moment."""
+        return self.yaw.steady(self.moment)
+
+    @property
+    def sway_decay(self) -> float:
+        """s (1/s)."""
+        v = SWAY_SHARE * self.top_speed
+        return (self.sway.a + self.sway.b * v + self.sway.c * v * v) / self.m22
+
+    @property
+    def turns_outward(self) -> bool:
+        """Whether a yaw rate first pushes the hull out of the turn: (1 - m11 / m22) u < d23 / m22 at half speed."""
+        return (self.m22 - self.m11) * self.top_speed / 2 < self.sway_yaw
+
+    def slide(self, u: Tensor, rate: Tensor) -> Tensor:
+        """Sway (m/s, to port positive) in a steady turn at `rate` (rad/s): d_v(slide) = (m11 u + d23) rate."""
+        load = (self.m11 * u + self.sway_yaw) * rate
+        a, b = self.sway.a, self.sway.b
+        return 2 * load / (a + (a * a + 4 * b * load.abs()).sqrt()).clamp(min=1e-6)
+
+
+class Gains(NamedTuple):
+    """Of the position loop e' = -k_e e - k_i (integral of e), the speed loop, and the heading loop; all 1/s."""
+
+    k_e: float
+    k_i: float  # 1/s^2
+    k_u: float
+    k_psi: float  # wanted yaw rate per heading error
+    k_r: float  # yaw acceleration per error of the yaw rate, besides the resistance to the wanted one
+    lead: float  # of the nose over the course, per course error; no unit
+
+
+def gains(vessel: Vessel, interval: float) -> Gains:
+    """Gains for decisions every `interval` s.
+
+    The heading loop, N = m33 k_r (r* - r) + d_r(r*) with r* = k_psi (psi* - psi), has both its poles at
+    exp(-w interval), with the resistance linear (k_r + d) k_psi = k of place_poles.
+    """
+    w = min(math.sqrt(vessel.moment / (vessel.m33 * HEADING_ERROR)), SAMPLED_SHARE / interval)
+    d = vessel.yaw.a / vessel.m33
+    k, k_r = place_poles(decaying(interval, d), w, interval)
+    s = max(vessel.sway_decay, 1e-6)
+    lead = 0.0 if vessel.turns_outward else min(max(COURSE_SHARE * w / s - 1, 0.0), MOST_LEAD)
+    p = min(POSITION_SHARE * w, LAG_SHARE * s * (1 + lead))
+    return Gains(
+        k_e=2 * p,
+        k_i=p * p,
+        k_u=(1 - math.exp(-SPEED_BANDWIDTH * interval)) / interval,
+        k_psi=k / (k_r + d),
+        k_r=k_r,
+        lead=lead,
+    )

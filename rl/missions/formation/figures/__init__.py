@@ -1,0 +1,56 @@
+"""The seed paper's figures 2 to 6 as PNG files: from a recorded episode, and from the training's history.
+
+Positions are drawn as on a map, east to the right and north up, heights up from mean sea level, in m.
+"""
+
+import os
+import uuid
+from pathlib import Path
+
+from matplotlib.figure import Figure
+
+from rl.missions.formation.figures.formation import formation_figure
+from rl.missions.formation.figures.history import Histories, policy_loss_figure, read_history, reward_figure
+from rl.missions.formation.figures.scene import scene_figure
+from rl.missions.formation.figures.tracking import tracking_error_figure
+from taichi_sim.recording import Episode
+
+__all__ = [
+    "Histories",
+    "formation_figure",
+    "policy_loss_figure",
+    "read_history",
+    "reward_figure",
+    "scene_figure",
+    "tracking_error_figure",
+    "write_figures",
+]
+
+
+def write_figures(out: Path, histories: Histories, episode: Episode | None, settle: float = 0.0) -> list[Path]:
+    """Every figure there is something to draw for, into `out`; an old one stays until the new is whole.
+
+    `settle` (s) at the start of an episode counts for no error.
+    """
+    figures: dict[str, Figure] = {}
+    if episode is not None:
+        figures["scene"] = scene_figure(episode)
+        figures["tracking_error"] = tracking_error_figure(episode, settle)
+        figures["formation"] = formation_figure(episode)
+    if histories:
+        figures["reward"] = reward_figure(histories)
+        figures["policy_loss"] = policy_loss_figure(histories)
+    out = Path(out)
+    out.mkdir(parents=True, exist_ok=True)
+    return [_save(figure, out / f"{name}.png") for name, figure in figures.items()]
+
+
+def _save(figure: Figure, path: Path) -> Path:
+    """Write beside, then rename."""
+    part = path.with_name(f".{path.stem}.{uuid.uuid4().hex[:8]}.part.png")
+    try:
+        figure.savefig(part, dpi=150)
+        os.replace(part, path)
+    finally:
+        part.unlink(missing_ok=True)
+    return path

@@ -1,0 +1,127 @@
+"""Fig. 6: the formation at three instants, each from another viewpoint, the USVs on their waves."""
+
+import numpy as np
+from matplotlib.figure import Figure
+from mpl_toolkits.mplot3d import Axes3D
+from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+from numpy.typing import NDArray
+
+from rl.missions.formation.figures.page import INK, new_figure, rgb
+from taichi_sim.recording import Episode, TeamTrack
+from taichi_sim.recording.bodies import body_mesh
+
+VIEWS = (
+    ("from behind", 20.0, 205.0, 1.25),
+    ("from the side", 14.0, 110.0, 1.25),
+    ("from above", 80.0, 180.0, 0.95),
+)
+"""Title; the eye's elevation (deg) and bearing (deg, clockwise from the target's course); zoom."""
+INSTANTS = (0.3, 0.6, 0.9)  # share of the episode
+SEA_POINTS = 70  # per side of the drawn wave surface
+
+
+def formation_figure(episode: Episode) -> Figure:
+    """The formation at three instants, each from elsewhere, the USVs on their waves (paper, Fig. 6)."""
+    teams = list(episode.teams.values())
+    figure = new_figure(13.5, 4.0 * len(teams) + 0.8, f"Formation from several viewpoints: {episode.name}\n")
+    figure.text(
+        0.5,
+        1.0 - 0.42 / figure.get_figheight(),
+        "rings are the slots, the leader's in magenta; distances from the formation's middle",
+        ha="center",
+        va="top",
+        fontsize=9,
+        color=INK,
+    )
+    for row, team in enumerate(teams):
+        for column, (share, view) in enumerate(zip(INSTANTS, VIEWS, strict=True)):
+            axes = figure.add_subplot(
+                len(teams), len(VIEWS), row * len(VIEWS) + column + 1, projection="3d", computed_zorder=False
+            )
+            _formation_panel(axes, episode, team, int(share * (len(episode.time_s) - 1)), view)
+    return figure
+
+
+def _formation_panel(
+    axes: Axes3D, episode: Episode, team: TeamTrack, step: int, view: tuple[str, float, float, float]
+) -> None:
+    """One team at one step; x east, y north, z up, from the middle of the formation, m."""
+    title, elevation, bearing, zoom = view
+    time = float(episode.time_s[step])
+    middle = team.slot_n[step].mean(axis=0)
+    spread = float(np.abs(team.slot_n[step, :, :2] - middle[:2]).max())
+    length = max(team.size_m[:2])
+    half = max(1.25 * spread, 2.0 * length) + length
+    grow = max(1.0, 0.22 * half / length)
+    if team.name == "usv":
+        line = np.linspace(-half, half, SEA_POINTS)
+        east, north = np.meshgrid(line, line)
+        up = episode.elevation(north + middle[0], east + middle[1], time)
+        crest = max(0.1, float(np.abs(up).max()))
+        axes.plot_surface(
+            east,
+            north,
+            up,
+            cmap="ocean",
+            vmin=-3.2 * crest,
+            vmax=2.2 * crest,
+            rcount=SEA_POINTS,
+            ccount=SEA_POINTS,
+            linewidth=0,
+            antialiased=False,
+            zorder=1,
+        )
+    axes.view_init(elev=elevation, azim=90.0 - bearing - float(np.degrees(team.target_course[step])))
+    base = 0.0 if team.name == "usv" else -middle[2]
+    for vehicle in range(team.vehicles):
+        place = team.position_n[step, vehicle] - (middle[0], middle[1], 0.0)
+        _body(axes, team, step, vehicle, place, grow)
+        slot = team.slot_n[step, vehicle] - (middle[0], middle[1], 0.0)
+        height = -slot[2] if team.name == "uav" else float(team.wave_height[step, vehicle])
+        angle = np.linspace(0.0, 2.0 * np.pi, 40)
+        ring = 0.75 * grow * length
+        axes.plot(
+            slot[1] + ring * np.cos(angle),
+            slot[0] + ring * np.sin(angle),
+            height + 0.0 * angle,
+            color="#D62778" if vehicle == 0 else rgb(team.name, vehicle),
+            linewidth=1.2,
+            zorder=3,
+        )
+    axes.set(xlim=(-half, half), ylim=(-half, half), zlim=(base - 0.4 * half, base + 0.4 * half))
+    axes.set_box_aspect((1.0, 1.0, 0.4), zoom=zoom)
+    drawn = f", bodies x{grow:.1f}" if grow > 1.05 else ""
+    axes.set_title(f"{team.name.upper()} team {title}, t = {time:.0f} s{drawn}", fontsize=10, color=INK)
+    axes.tick_params(labelsize=7, pad=0)
+    axes.set_xlabel("east (m)", fontsize=8)
+    axes.set_ylabel("north (m)", fontsize=8)
+    axes.locator_params(nbins=5)
+    if elevation > 60.0:
+        axes.set_zticks([])
+    else:
+        axes.set_zlabel("up (m)", fontsize=8)
+
+
+def _body(axes: Axes3D, team: TeamTrack, step: int, vehicle: int, place: NDArray[np.floating], grow: float) -> None:
+    """The body's triangles at `place` (north, east, down, m), `grow` times too large, lit from above."""
+    body = body_mesh(team, vehicle)
+    w, x, y, z = team.quaternion_nb[step, vehicle].tolist()
+    R_nb = np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+    corners = (grow * body.vertices_b @ R_nb.T + place)[:, [1, 0, 2]] * (1, 1, -1)
+    normals = body.normals_b[::3] @ R_nb.T
+    light = 0.62 - 0.38 * normals[:, 2:]
+    colours = np.clip(body.colours[::3] / 255.0 * light, 0.0, 1.0)
+    faces = corners.reshape(-1, 3, 3)
+    elev, azim = np.radians([axes.elev, axes.azim])
+    eye_n = np.array([np.cos(elev) * np.sin(azim), np.cos(elev) * np.cos(azim), -np.sin(elev)])
+    seen = normals @ eye_n > 0.0
+    if team.name == "usv":
+        seen &= faces[:, :, 2].max(axis=1) > team.wave_height[step, vehicle]
+    faces, colours = faces[seen], colours[seen]
+    axes.add_collection3d(Poly3DCollection(faces, facecolors=colours, zorder=4 + 0.01 * vehicle))

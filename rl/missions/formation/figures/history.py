@@ -1,0 +1,72 @@
+"""Figs. 3 and 4: reward and policy loss while training, from the stages' progress.csv."""
+
+import csv
+import math
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from rl.missions.formation.figures.page import INK, TEAM_COLOUR, dress, new_figure
+
+Histories = Mapping[str, Mapping[str, NDArray[np.float64]]]
+"""team -> column of progress.csv -> [iterations]."""
+
+SMOOTH = 0.05  # width of the smoothing window, as a share of a curve's length
+
+
+def read_history(path: Path) -> dict[str, NDArray[np.float64]]:
+    """A stage's progress.csv by column; a blank is NaN. Raises ValueError on what is not a number."""
+    with Path(path).open(newline="") as file:
+        reader = csv.DictReader(file, restval="")
+        rows = list(reader)
+        names = reader.fieldnames or []
+    return {name: np.array([float(row[name]) if row[name] else math.nan for row in rows]) for name in names}
+
+
+def _smooth(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Centred moving mean that steps over NaN."""
+    width = max(1, round(SMOOTH * len(values))) | 1
+    known = np.isfinite(values)
+    window = np.ones(width)
+    total = np.convolve(np.where(known, values, 0.0), window, mode="full")[width // 2 :][: len(values)]
+    count = np.convolve(known.astype(float), window, mode="full")[width // 2 :][: len(values)]
+    return np.where(count > 0, total / np.maximum(count, 1.0), np.nan)
+
+
+def _history_figure(histories: Histories, column: str, title: str, y: str, zero: bool) -> Figure:
+    """`column` of each team's history against the agent steps: as it was, and smoothed."""
+    figure = new_figure(5.6 * max(1, len(histories)), 4.3, title)
+    panels = figure.subplots(1, len(histories), squeeze=False)[0]
+    for axes, letter, (team, history) in zip(panels, "abcdefgh", histories.items(), strict=False):
+        steps = np.asarray(history["agent_steps"]) / 1e6
+        values = np.asarray(history[column])
+        known = np.isfinite(values)
+        colour = TEAM_COLOUR.get(team, INK)
+        if zero:
+            axes.axhline(0.0, color=INK, linewidth=0.8)
+        axes.plot(steps[known], values[known], color=colour, linewidth=0.9, alpha=0.35, label="each iteration")
+        axes.plot(steps[known], _smooth(values[known]), color=colour, linewidth=2.2, label="moving mean")
+        if len(steps):
+            axes.set_xlim(0.0, float(steps[-1]) or 1.0)
+        dress(axes, f"({letter}) {team.upper()} team", "agent steps (millions)", y)
+        axes.legend(loc="best", framealpha=0.9)
+    return figure
+
+
+def reward_figure(histories: Histories) -> Figure:
+    """Cumulative reward of an episode while training (paper, Fig. 3)."""
+    return _history_figure(
+        histories,
+        "episode_reward",
+        "Cumulative reward per episode during training",
+        "cumulative reward per episode",
+        zero=False,
+    )
+
+
+def policy_loss_figure(histories: Histories) -> Figure:
+    """PPO's policy loss while training (paper, Fig. 4)."""
+    return _history_figure(histories, "policy_loss", "Policy loss during training", "policy loss", zero=True)

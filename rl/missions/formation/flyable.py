@@ -1,0 +1,53 @@
+"""Whether a vehicle with limits of airspeed and bank can follow the track in the strongest wind of a scenario.
+
+Over ground, the target's speed v needs airspeeds from v - w to v + w. Through the air, its airspeed V_a makes speeds
+over ground up to V_a + w. Either way a bend of radius R needs the lateral acceleration v^2 / R at the largest speed
+over ground v (wind_triangle.py), so R must reach v^2 / (g tan(largest bank)).
+"""
+
+import math
+
+from rl.scene.wind_triangle import LEAST_SHARE
+from taichi_sim.air.wind import wind_factor, wind_shear, wind_speed
+from taichi_sim.config import AirConfig, ConfigError, TrackConfig
+
+SIGMAS = 3.0  # standard deviations of the slow variation in the strongest wind
+
+
+def strongest_wind(air: AirConfig, height: float) -> float:
+    """Mean wind plus `SIGMAS` of its slow variation (m/s) at `height` (m)."""
+    factor = float(wind_factor(air.profile, wind_shear(air), height))
+    return factor * (wind_speed(air) + SIGMAS * air.std)
+
+
+def least_speed(model) -> float:
+    """Least airspeed (m/s) of a vehicle model; 0 of one that can stop."""
+    return getattr(model, "speed_range", (0.0,))[0]
+
+
+def check_flyable(track: TrackConfig, air: AirConfig, vehicle: str, model) -> None:
+    """Refuse a track that `model`, of the vehicle file `vehicle`, cannot follow; one without limits follows any.
+
+    Raises:
+        ConfigError: naming the key, and the numbers.
+    """
+    low, cruise, high = getattr(model, "speed_range", (0.0, 0.0, math.inf))
+    if math.isinf(high):
+        return
+    speed, wind = track.target_speed, strongest_wind(air, track.flight_height)
+    most = speed + wind if track.speed_over == "air" else speed
+    needed = (speed, speed) if track.speed_over == "air" else (speed - wind, speed + wind)
+    told = f"track.target_speed = {speed} over {track.speed_over}"
+    blows = f"a wind of up to {wind:.3g} m/s at track.flight_height = {track.flight_height}"
+    if track.speed_over == "air" and wind > (1 - LEAST_SHARE) * speed:
+        raise ConfigError(f"{told}: {blows} leaves less than {LEAST_SHARE * speed:.3g} m/s over ground against it")
+    if not low <= needed[0] <= needed[1] <= high:
+        airspeeds = f"airspeeds from {needed[0]:.3g} to {needed[1]:.3g} m/s, in {blows}"
+        needs = f" needs {airspeeds} ('air' needs one)" if needed[0] < needed[1] else ""
+        raise ConfigError(f"{told}{needs}: {vehicle} flies from {low:.3g} to {high:.3g} m/s")
+    radius = model.min_turn_radius * (most / cruise) ** 2
+    if track.min_radius < radius:
+        raise ConfigError(
+            f"track.min_radius = {track.min_radius}: {vehicle} cannot turn tighter than {radius:.3g} m at "
+            f"{most:.3g} m/s over ground ({told}, {blows})"
+        )

@@ -1,0 +1,170 @@
+"""Where episodes start: a pool of states per world, drawn once, so that a reset is a gather.
+
+The target is at a random place of the track; the leader within `start_distance` of it, near the slot's heading and
+speed; followers near their slots. A team that touches an obstacle is pulled in towards its slots; where those are not
+clear either (an obstacle in the lanes, a long line astern in a bend) another place is drawn. So is one where vehicles
+that cannot stop would meet before they have turned away.
+"""
+
+import math
+from collections.abc import Collection
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from rl.missions.formation.slots import Target, formation_offsets
+from rl.scene.tracks import Tracks
+from rl.scene.wind_triangle import crab
+from taichi_sim.config import ConfigError, ScenarioConfig
+from taichi_sim.conventions import QUATERNION, STATE_SIZE
+from taichi_sim.maths.rotation import torch_euler_from_quaternion, torch_quaternion_from_euler
+
+PER_WORLD = 32  # starts drawn for each world
+HEADING_SPREAD = 0.5, 0.15  # rad, standard deviations: of a team's heading about the course, of a vehicle's about that
+SPEED_RANGE = (0.6, 1.2)  # of the target's speed, one draw per team
+FOLLOWER_SPREAD = 0.2  # standard deviation of a follower's place, in spacings
+HEIGHT_SPREAD = 0.07  # of the flight height, standard deviation of UAV start heights
+LARGEST_DROP = 0.3  # of the flight height
+MAX_DRAWS = 50  # of places for a start
+MARGIN = 3.0  # m from obstacles, beyond the collision radius; between mates too, or half the room of their slots
+PULLS = (1.0, 0.5, 0.25, 0.0)  # shares of the random offsets that are tried, in order
+TURNING_TIME = 3.0  # s that vehicles which cannot stop are given to turn away from each other; assumed
+
+
+class Starts(NamedTuple):
+    """Start `i` of world `w`: progress [world, i] m along the track; states[team] [world, i, vehicle, 13]."""
+
+    progress: Tensor
+    states: dict[str, Tensor]
+
+    def to(self, device: torch.device) -> "Starts":
+        """The same starts on another device."""
+        return Starts(self.progress.to(device), {name: s.to(device) for name, s in self.states.items()})
+
+
+def draw_starts(
+    config: ScenarioConfig,
+    tracks: Tracks,
+    obstacles: Tensor,
+    radii: dict[str, float],
+    generator: torch.Generator,
+    unstoppable: Collection[str] = (),
+) -> Starts:
+    """Draw `PER_WORLD` starts in each world for the teams named in `radii` (their collision radius, m); those of
+    `unstoppable` cannot stop.
+    """
+    shape = (tracks.worlds, PER_WORLD)
+    world = torch.arange(tracks.worlds).unsqueeze(1).expand(shape).contiguous()
+    progress = torch.zeros(shape)
+    states = {t: torch.zeros((*shape, config.team(t).count, STATE_SIZE)) for t in radii}
+    missing = torch.ones(shape, dtype=torch.bool)
+    for _ in range(MAX_DRAWS):
+        drawn = torch.rand(shape, generator=generator) * tracks.length_m.unsqueeze(1)
+        place = tracks.at(world, drawn)
+        clear, fresh = missing.clone(), {}
+        for team, radius in radii.items():
+            fresh[team], fits = _team_states(config, team, place, obstacles, radius + MARGIN, generator)
+            clear &= fits
+            if team in unstoppable:
+                clear &= _pass_clear(fresh[team], 2 * (radius + MARGIN))
+        progress = torch.where(clear, drawn, progress)
+        for team in radii:
+            states[team] = torch.where(clear[..., None, None], fresh[team], states[team])
+        missing &= ~clear
+        if not missing.any():
+            return Starts(progress, states)
+    raise ConfigError(
+        f"no room to start: {int(missing.sum())} of {missing.numel()} starts touch an obstacle after {MAX_DRAWS} "
+        "draws; lower obstacles.count or obstacles.fixed, raise obstacles.clearance_min, or shrink the formation"
+    )
+
+
+def in_wind(state: Tensor, wind: Tensor, target: Target, airspeed: float, model) -> Tensor:
+    """Starts [env, vehicle, 13] of a target that flies at `airspeed` (m/s) in the `wind` [env, 2] there.
+
+    Speeds are the same shares of the target's speed over ground. Where `model` begins in steady flight (`prepare`), at
+    its cruising airspeed, it is turned into the wind by the crab angle, so that what was its heading is its course.
+    """
+    state = state.clone()
+    state[..., 7] *= (target.speed * (1 / airspeed)).unsqueeze(1)
+    if hasattr(model, "prepare"):
+        course = torch_euler_from_quaternion(state[..., QUATERNION])[..., 2]
+        turn = crab(model.speed_range[1], wind.unsqueeze(1), course.cos(), course.sin())
+        level = torch.zeros_like(course)
+        state[..., QUATERNION] = torch_quaternion_from_euler(level, level, course + turn)
+    return state
+
+
+def _team_states(config, team, place, obstacles, margin, generator) -> tuple[Tensor, Tensor]:
+    """States [world, start, vehicle, 13] of a team, and whether they are clear of everything [world, start]."""
+    section = config.team(team)
+    shape = (*place.course.shape, section.count)
+    course = place.course.unsqueeze(-1)
+
+    def normal(*size: int) -> Tensor:
+        return torch.randn(size, generator=generator)
+
+    def uniform(*size: int) -> Tensor:
+        return torch.rand(size, generator=generator)
+
+    radius = section.start_distance * uniform(*shape[:2], 1).sqrt()
+    bearing = 2 * math.pi * uniform(*shape[:2], 1)
+    leader = torch.stack((radius * bearing.cos(), radius * bearing.sin()), dim=-1)
+    scatter = leader + FOLLOWER_SPREAD * section.spacing * normal(*shape, 2)
+    scatter[..., 0, :] = leader[..., 0, :]
+    offsets = formation_offsets(section.formation, section.count, section.spacing).float()
+    north = course.cos() * offsets[:, 0] - course.sin() * offsets[:, 1]
+    east = course.sin() * offsets[:, 0] + course.cos() * offsets[:, 1]
+    slot = place.position.unsqueeze(2) + torch.stack((north, east), dim=-1)
+    room = section.spacing - 2 * (margin - MARGIN)  # between neighbours in their slots
+    pull, clear = _first_clear_pull(slot, scatter, obstacles, margin, section.spacing - max(room - MARGIN, room / 2))
+
+    state = torch.zeros((*shape, STATE_SIZE))
+    state[..., :2] = slot + pull * scatter
+    of_team, of_vehicle = HEADING_SPREAD  # neighbours on crossing courses could not miss each other
+    heading = course + of_team * normal(*shape[:2], 1) + of_vehicle * normal(*shape)
+    if team == "uav":
+        spread = (HEIGHT_SPREAD * normal(*shape)).clamp(-LARGEST_DROP, LARGEST_DROP)
+        state[..., 2] = -config.track.flight_height * (1 + spread)
+    level = torch.zeros_like(heading)
+    state[..., 3:7] = torch_quaternion_from_euler(level, level, heading)
+    low, high = SPEED_RANGE
+    state[..., 7] = config.track.target_speed * (low + (high - low) * uniform(*shape[:2], 1))
+    return state, clear
+
+
+def _pass_clear(state: Tensor, apart: float) -> Tensor:
+    """Whether vehicles [.., vehicle, 13] that go straight on for `TURNING_TIME` stay `apart` (m) in plan view [..]."""
+    heading = torch_euler_from_quaternion(state[..., QUATERNION])[..., 2:]
+    velocity = state[..., 7:8] * torch.cat((heading.cos(), heading.sin()), dim=-1)
+    place = state[..., :2]
+    gap, rate = (x.unsqueeze(-2) - x.unsqueeze(-3) for x in (place, velocity))
+    nearest = -(gap * rate).sum(-1, keepdim=True) / rate.square().sum(-1, keepdim=True).clamp(min=1e-9)
+    distance = (gap + rate * nearest.clamp(0.0, TURNING_TIME)).norm(dim=-1)
+    return (distance + 1e9 * torch.eye(distance.shape[-1])).amin(dim=(-2, -1)) > apart
+
+
+def _first_clear_pull(
+    slot: Tensor, scatter: Tensor, obstacles: Tensor, margin: float, apart: float
+) -> tuple[Tensor, Tensor]:
+    """Largest share [world, start, 1, 1] of `scatter` at which the whole team keeps `margin` (m) from obstacles and
+    is `apart` (m), and whether there is any [world, start].
+    """
+    count = slot.shape[2]
+    best = torch.zeros((*slot.shape[:2], 1, 1))
+    any_clear = torch.zeros(slot.shape[:2], dtype=torch.bool)
+    for share in reversed(PULLS):
+        place = slot + share * scatter
+        if obstacles.shape[1]:
+            axis = obstacles[:, None, None, :, :2]
+            gap = (place.unsqueeze(3) - axis).norm(dim=-1) - obstacles[:, None, None, :, 2]
+            clear = gap.amin(dim=(2, 3)) > margin
+        else:
+            clear = torch.ones(place.shape[:2], dtype=torch.bool)
+        if count > 1:
+            gap = torch.cdist(place, place) + 1e9 * torch.eye(count)
+            clear &= gap.amin(dim=(2, 3)) > apart
+        best = torch.where(clear[..., None, None], torch.full_like(best, share), best)
+        any_clear |= clear
+    return best, any_clear

@@ -1,0 +1,1 @@
+"""Runs: their folders, evaluation, recording, and the main job."""

@@ -1,0 +1,170 @@
+"""A run's folder: what is in it, and how it is made and read.
+
+config.toml          the resolved scenario, every key      vehicles/*.toml   the vehicle files it used
+meta.json            seed, versions, commit, machine       progress.csv, model_N.pt, policy.onnx/.pt in TEAM/
+summary.json         wall times, stages, evaluation        figures/*.png, episode.rrd
+dumps/*.dump         environments whose state stopped being finite (tools/replay.py), if any
+"""
+
+import contextlib
+import fcntl
+import json
+import os
+import platform
+import shutil
+import subprocess
+import sys
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from taichi_sim.config import ConfigError, ScenarioConfig
+from taichi_sim.config.io import find_config, load_scenario, vehicle_file, write_toml
+
+CONFIG, META, SUMMARY, DUMPS = "config.toml", "meta.json", "summary.json", "dumps"
+LOCK = ".lock"
+PACKAGES = ("taichi-sim", "taichi", "torch", "numpy", "rsl-rl-lib", "gymnasium", "rerun-sdk", "pydantic")
+
+
+class RunError(RuntimeError):
+    """A run folder that cannot be used, with what to do about it."""
+
+
+def create(out: Path, config: ScenarioConfig, source: Path) -> None:
+    """Make a new run folder with its resolved configuration.
+
+    Raises:
+        RunError: if it exists already or cannot be written.
+    """
+    try:
+        out.mkdir(parents=True)
+    except FileExistsError:
+        if not out.is_dir() or any(out.iterdir()):
+            raise RunError(f"{out} exists already: give another --out, or continue it with --resume") from None
+    except OSError as error:
+        raise RunError(f"{out}: cannot be written: {error.strerror or error}") from None
+    try:
+        (out / "vehicles").mkdir(exist_ok=True)
+        saved = {}
+        for team in ("usv", "uav"):
+            file = vehicle_file(config.team(team), source)
+            shutil.copyfile(file, out / "vehicles" / file.name)
+            saved[team] = config.team(team).model_copy(update={"vehicle": file.stem})
+        write_toml(config.model_copy(update=saved), out / CONFIG)
+        write_json(out / META, describe_machine() | {"scenario_file": source.name, "seed": config.seed})
+    except OSError as error:
+        raise RunError(f"{out}: cannot be written: {error.strerror or error}") from None
+
+
+def load_config(run: Path, overrides=(), config: Path | None = None) -> tuple[ScenarioConfig, Path]:
+    """The scenario of a run (or `config` in its place) with overrides, and the file it came from.
+
+    Raises:
+        RunError: if the folder is not a run. ConfigError: if its configuration no longer parses.
+    """
+    if config is not None:
+        file = find_config(config)
+        return load_scenario(file, overrides), file
+    file = run / CONFIG
+    if not file.is_file():
+        raise RunError(f"{run}: not a run folder (no {CONFIG} in it)")
+    try:
+        return load_scenario(file, overrides), file
+    except ConfigError as error:
+        raise ConfigError(
+            f"{error}\nThe run's saved configuration does not fit this version; pass --config FILE to use another"
+        ) from None
+
+
+def newest(folder: Path) -> Path:
+    """The run in `folder` that was begun last.
+
+    Raises:
+        RunError: if there is none.
+    """
+    runs = [p for p in folder.glob("*") if (p / CONFIG).is_file()] if folder.is_dir() else []
+    if not runs:
+        raise RunError(f"{folder}: no run to continue; name one with --out")
+    return max(runs, key=lambda p: (p / CONFIG).stat().st_mtime)
+
+
+def refuse_changes(config: str | None, overrides: list[str]) -> None:
+    """Refuse a changed scenario when continuing: the saved one counts.
+
+    Raises:
+        RunError: if there is any change.
+    """
+    if config or overrides:
+        raise RunError(
+            "--resume continues a run with its saved configuration: leave out --config, --seed and --set, or "
+            "begin a new run"
+        )
+
+
+@contextlib.contextmanager
+def lock(out: Path):
+    """Hold a run folder, so that two commands do not write to it at once.
+
+    Raises:
+        RunError: if another process holds it.
+    """
+    with (out / LOCK).open("w") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            raise RunError(f"{out}: another process is writing to this run folder") from None
+        yield
+
+
+def write_json(file: Path, content: Any) -> None:
+    """Write JSON beside `file` and rename it."""
+    beside = file.with_name(file.name + ".part")
+    try:
+        beside.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+        os.replace(beside, file)
+    finally:
+        with contextlib.suppress(OSError):
+            beside.unlink(missing_ok=True)
+
+
+def read_json(file: Path) -> Any:
+    """The content of a JSON file.
+
+    Raises:
+        RunError: if it cannot be read.
+    """
+    try:
+        return json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise RunError(f"{file}: cannot be read: {error}") from None
+
+
+def describe_machine() -> dict[str, Any]:
+    """Package versions, git commit, Python and machine: what a result depends on beside config and seed."""
+    versions = {}
+    for name in PACKAGES:
+        try:
+            versions[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            versions[name] = None
+    return {
+        "packages": versions,
+        "git_commit": _git_commit(),
+        "python": sys.version.split()[0],
+        "machine": {"system": platform.platform(), "cpus": os.cpu_count(), "processor": platform.machine()},
+        "command": sys.argv,
+    }
+
+
+def _git_commit() -> str | None:
+    folder = Path(__file__).resolve().parent
+    try:
+        commit = subprocess.run(
+            ["git", "rev-parse", "HEAD"], cwd=folder, capture_output=True, text=True, timeout=5, check=True
+        ).stdout.strip()
+        dirty = subprocess.run(
+            ["git", "status", "--porcelain"], cwd=folder, capture_output=True, text=True, timeout=5, check=True
+        ).stdout.strip()
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return commit + ("+changes" if dirty else "")

@@ -1,0 +1,152 @@
+"""Small motions about steady flight: linear models, natural modes, and the longest step that RK4 bears."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from taichi_sim.uav.fixed_wing.airframe import FixedWingParams
+from taichi_sim.uav.fixed_wing.equations import rhs
+from taichi_sim.uav.fixed_wing.trim import Trim
+
+DIFFERENCE = 1e-5  # of central differences: m/s, rad, rad/s, 1
+LONGITUDINAL = ("u", "w", "q", "theta")
+LATERAL = ("v", "p", "r", "phi")
+RK4_REACH = 3.0  # |lambda dt| beyond which RK4 lets every mode grow
+RK4_GRID = 30001
+GROWTH = 1e-9  # per step, that rounding leaves in |R| of a mode without damping
+
+
+@dataclass(frozen=True)
+class Mode:
+    """One or two eigenvalues (1/s): a pair that oscillates, or real ones."""
+
+    name: str
+    eigenvalues: tuple[complex, ...]
+
+    @property
+    def oscillates(self) -> bool:
+        """Whether it is a conjugate pair."""
+        return abs(self.eigenvalues[0].imag) > 0
+
+    @property
+    def frequency(self) -> float:
+        """Natural frequency, rad/s."""
+        return abs(self.eigenvalues[0])
+
+    @property
+    def damping(self) -> float:
+        """Damping ratio of a pair; 1 or -1 of a real eigenvalue."""
+        return -self.eigenvalues[0].real / self.frequency if self.frequency else 0.0
+
+    @property
+    def time_constant(self) -> float:
+        """-1 / (real part), s: negative if it grows, infinite if it stays."""
+        real = self.eigenvalues[0].real
+        return -1.0 / real if real else float("inf")
+
+
+@dataclass(frozen=True)
+class LinearModel:
+    """x' = A x + B delta about a trim, and its modes by name.
+
+    Longitudinal: x = (u, w, q, theta), delta = (elevator, throttle). Lateral: x = (v, p, r, phi), delta = (aileron,
+    rudder). m/s, rad, rad/s.
+    """
+
+    A_lon: np.ndarray
+    B_lon: np.ndarray
+    A_lat: np.ndarray
+    B_lat: np.ndarray
+    modes: dict[str, Mode]
+
+
+def linear_modes(p: FixedWingParams, trim: Trim) -> LinearModel:
+    """The linear model about `trim` (in still air), by central differences, and its modes: short_period, phugoid,
+    dutch_roll, roll, spiral; where roll and spiral have become one oscillation, roll_spiral.
+    """
+    phi, theta = trim.phi, trim.theta
+    v = trim.airspeed * np.array(
+        [np.cos(trim.alpha) * np.cos(trim.beta), np.sin(trim.beta), np.sin(trim.alpha) * np.cos(trim.beta)]
+    )
+    x = np.concatenate((v, trim.state[10:], [phi, theta], trim.controls))
+    names = ("u", "v", "w", "p", "q", "r", "phi", "theta", "elevator", "aileron", "rudder", "throttle")
+    steps = DIFFERENCE * np.eye(len(x))
+    values = _euler_rhs(p, np.concatenate((x + steps, x - steps)))
+    jacobian = dict(zip(names, (values[: len(x)] - values[len(x) :]) / (2 * DIFFERENCE), strict=True))
+
+    def block(rows: tuple[str, ...], columns: tuple[str, ...]) -> np.ndarray:
+        return np.array([[jacobian[c][names.index(r)] for c in columns] for r in rows])
+
+    A_lon, A_lat = block(LONGITUDINAL, LONGITUDINAL), block(LATERAL, LATERAL)
+    modes = (*_longitudinal(np.linalg.eigvals(A_lon)), *_lateral(np.linalg.eigvals(A_lat)))
+    return LinearModel(
+        A_lon,
+        block(LONGITUDINAL, ("elevator", "throttle")),
+        A_lat,
+        block(LATERAL, ("aileron", "rudder")),
+        {mode.name: mode for mode in modes},
+    )
+
+
+def _euler_rhs(p: FixedWingParams, x: np.ndarray) -> np.ndarray:
+    """Derivatives [n, 8] of u, v, w, p, q, r, phi, theta at x [n, 12] (these and the controls), heading north."""
+    phi, theta = x[:, 6], x[:, 7]
+    cr, sr, cp, sp = np.cos(phi / 2), np.sin(phi / 2), np.cos(theta / 2), np.sin(theta / 2)
+    q = np.stack((cp * cr, cp * sr, sp * cr, -sp * sr), axis=1)
+    state = np.concatenate((np.zeros((len(x), 3)), q, x[:, :6]), axis=1)
+    turning = x[:, 4] * np.sin(phi) + x[:, 5] * np.cos(phi)
+    phi_dot = x[:, 3] + turning * np.tan(theta)
+    theta_dot = x[:, 4] * np.cos(phi) - x[:, 5] * np.sin(phi)
+    return np.concatenate((rhs(p, state, x[:, 8:])[:, 7:], np.stack((phi_dot, theta_dot), axis=1)), axis=1)
+
+
+def _longitudinal(eigenvalues: np.ndarray) -> tuple[Mode, Mode]:
+    """The fast pair and the slow one."""
+    fast_first = sorted(eigenvalues.tolist(), key=lambda x: (-abs(x), -x.imag))
+    return Mode("short_period", tuple(fast_first[:2])), Mode("phugoid", tuple(fast_first[2:]))
+
+
+def _lateral(eigenvalues: np.ndarray) -> tuple[Mode, ...]:
+    """Dutch roll: the (faster) pair that oscillates. Of the others, roll is the fast one, spiral the slow one."""
+    values = sorted(eigenvalues.tolist(), key=lambda x: (-abs(x), -x.imag))
+    pairs = [x for x in values if abs(x.imag) > 0]
+    real = [x for x in values if x.imag == 0]
+    if len(pairs) == 4:
+        return Mode("dutch_roll", tuple(pairs[:2])), Mode("roll_spiral", tuple(pairs[2:]))
+    if not pairs:
+        return Mode("roll", (real[0],)), Mode("dutch_roll", tuple(real[1:3])), Mode("spiral", (real[3],))
+    return Mode("dutch_roll", tuple(pairs)), Mode("roll", (real[0],)), Mode("spiral", (real[1],))
+
+
+@dataclass(frozen=True)
+class StableStep:
+    """The longest stable step, s, and the reason in words."""
+
+    dt: float
+    reason: str
+
+
+def rk4_limit(eigenvalue: complex) -> float:
+    """Longest step (s) at which the classical RK4 does not let a damped mode of this eigenvalue (1/s) grow."""
+    z = eigenvalue / abs(eigenvalue) * np.linspace(0.0, RK4_REACH, RK4_GRID)[1:]
+    growth = np.abs(1 + z * (1 + z / 2 * (1 + z / 3 * (1 + z / 4))))
+    return float(abs(z[np.argmax(growth > 1 + GROWTH)]) / abs(eigenvalue))
+
+
+def largest_stable_dt(p: FixedWingParams, trim: Trim) -> StableStep:
+    """The longest step of RK4 from the damped modes about `trim`, up to the aircraft's max_airspeed.
+
+    Aerodynamic rates grow in proportion to airspeed, so the limit at max_airspeed is that at the trim times the
+    ratio of the airspeeds.
+    """
+    modes = [m for m in linear_modes(p, trim).modes.values() if m.eigenvalues[0].real < 0]
+    limits = {m.name: min(rk4_limit(x) for x in m.eigenvalues if x.real < 0) for m in modes}
+    name = min(limits, key=lambda key: limits[key])
+    eigenvalue = next(m for m in modes if m.name == name).eigenvalues[0]
+    top = p.envelope.max_airspeed
+    dt = limits[name] * min(1.0, trim.airspeed / top)
+    reason = (
+        f"RK4 holds the mode {name} ({eigenvalue.real:.3g} 1/s at {trim.airspeed:g} m/s) up to {limits[name]:.3g} s "
+        f"there and up to {dt:.3g} s at max_airspeed = {top:g} m/s"
+    )
+    return StableStep(dt, reason)

@@ -1,0 +1,207 @@
+"""Steady flight of a fixed-wing aircraft: climbing, turning, at a given airspeed, by Newton's method in float64."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from taichi_sim.config import ConfigError
+from taichi_sim.conventions import ANGULAR_VELOCITY, GRAVITY, QUATERNION, STATE_SIZE, VELOCITY
+from taichi_sim.uav.fixed_wing.airframe import FixedWingParams
+from taichi_sim.uav.fixed_wing.equations import loads, rhs, stall_angles
+
+DIFFERENCE = 1e-6  # of the Jacobian's central differences, rad and 1
+RESIDUAL = 1e-9  # of a trim, m/s^2 and rad/s^2; rounding leaves 1e-13
+ITERATIONS = 100
+STEP_PARTS = 0.5 ** np.arange(12)  # of a step of the search, tried at once
+MAX_BANK = 1.45  # rad
+MAX_SIDESLIP = 0.5  # rad, where there is no rudder to hold it at zero
+AT_LIMIT = 1e-3  # part of the range within which a search counts as stopped by its end
+FIRST_THROTTLE = 0.6  # where the search begins
+
+
+class TrimError(ConfigError):
+    """No steady flight at what is asked for; the message says which limits stand in the way."""
+
+
+@dataclass(frozen=True)
+class Trim:
+    """Steady flight: angles in rad; `state` [13] at the origin, heading north; `controls` [4]."""
+
+    airspeed: float  # m/s
+    gamma: float  # climb relative to the air
+    turn_rate: float  # of the heading, rad/s, positive to the right
+    alpha: float
+    beta: float
+    phi: float
+    theta: float
+    controls: np.ndarray  # elevator, aileron, rudder (rad), throttle
+    state: np.ndarray
+    thrust: float  # N
+    torque: float  # that turns the propeller, N m
+
+    @property
+    def elevator(self) -> float:
+        """Deflection, rad."""
+        return float(self.controls[0])
+
+    @property
+    def aileron(self) -> float:
+        """Deflection, rad."""
+        return float(self.controls[1])
+
+    @property
+    def rudder(self) -> float:
+        """Deflection, rad."""
+        return float(self.controls[2])
+
+    @property
+    def throttle(self) -> float:
+        """Part of full throttle."""
+        return float(self.controls[3])
+
+
+def trim(
+    p: FixedWingParams,
+    Va: float,
+    gamma: float = 0.0,
+    turn_radius: float | None = None,
+    turn_rate: float | None = None,
+    wind=(0.0, 0.0, 0.0),
+) -> Trim:
+    """Steady flight at airspeed Va (m/s), climbing by gamma (rad), straight or turning (positive to the right: radius
+    in m or rate in rad/s, relative to the air), without sideslip; an aircraft without rudder slips as it must.
+    `wind` (NED, m/s) adds to the velocity over the ground in `state`.
+
+    Six accelerations are zero; the unknowns are alpha, phi, elevator, throttle, aileron, and rudder (or beta).
+
+    Raises:
+        TrimError: naming the limits reached, if there is no such flight inside them.
+        ValueError: for both a radius and a rate, a radius of zero, or an airspeed that is not positive.
+    """
+    if turn_radius is not None and turn_rate is not None:
+        raise ValueError("turn_radius and turn_rate: give one of them")
+    if turn_radius == 0:
+        raise ValueError("turn_radius = 0: must not be zero; leave it out for straight flight")
+    if not 0 < Va < np.inf:
+        raise ValueError(f"airspeed Va = {Va:g} m/s: must be positive and finite")
+    if not abs(gamma) < np.pi / 2:
+        raise ValueError(f"climb gamma = {np.degrees(gamma):g} deg: must lie between -90 and 90 deg")
+    if np.isnan(turn_radius or 0.0) or not np.isfinite(turn_rate or 0.0):
+        raise ValueError(f"turn_radius = {turn_radius}, turn_rate = {turn_rate}: must be numbers")
+    rate = float(turn_rate or 0.0) if turn_radius is None else Va * float(np.cos(gamma)) / turn_radius
+
+    def unpack(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        alpha, phi, elevator, throttle, aileron, last = x.T
+        rudder, beta = (last, 0 * last) if p.lateral.has_rudder else (0 * last, last)
+        return steady_state(Va, gamma, rate, alpha, beta, phi), np.stack((elevator, aileron, rudder, throttle), 1)
+
+    def residual(x: np.ndarray) -> np.ndarray:
+        return rhs(p, *unpack(x))[:, 7:]
+
+    low, high = _bounds(p)
+    x = _newton(residual, np.clip(_guess(p, Va, rate), low, high), low, high)
+    left = residual(x[None])[0]
+    if not np.abs(left).max() < RESIDUAL:
+        turning = f", turning at {rate:.3g} rad/s" if rate else ""
+        reached = _limits_reached(p, x, low, high) or _remaining(left)
+        raise TrimError(f"no steady flight at {Va:g} m/s, climbing at {np.degrees(gamma):.3g} deg{turning}: {reached}")
+    (state,), (controls,) = unpack(x[None])
+    beta = 0.0 if p.lateral.has_rudder else float(x[5])
+    theta = float(pitch_for_climb(x[0], beta, x[1], gamma))
+    thrust, torque = loads(p, state[VELOCITY], state[ANGULAR_VELOCITY], controls)[0, 6:]
+    state[VELOCITY] += _in_body(wind, state[QUATERNION])
+    return Trim(Va, gamma, rate, float(x[0]), beta, float(x[1]), theta, controls, state, float(thrust), float(torque))
+
+
+def pitch_for_climb(alpha, beta, phi, gamma):
+    """Pitch (rad) at which the path relative to the air climbs by gamma (Stevens & Lewis 2003, eq. 3.6-3)."""
+    a = np.cos(alpha) * np.cos(beta)
+    b = np.sin(phi) * np.sin(beta) + np.cos(phi) * np.sin(alpha) * np.cos(beta)
+    s = np.sin(gamma)
+    return np.arctan2(a * b + s * np.sqrt(np.maximum(a * a - s * s + b * b, 0.0)), a * a - s * s)
+
+
+def steady_state(Va: float, gamma: float, turn_rate: float, alpha, beta, phi) -> np.ndarray:
+    """States [n, 13] of steady turns in still air, heading north, at alpha, beta, phi [n] (rad)."""
+    theta = pitch_for_climb(alpha, beta, phi, gamma)
+    state = np.zeros((len(theta), STATE_SIZE))
+    cr, sr, cp, sp = np.cos(phi / 2), np.sin(phi / 2), np.cos(theta / 2), np.sin(theta / 2)
+    state[:, QUATERNION] = np.stack((cp * cr, cp * sr, sp * cr, -sp * sr), axis=1)
+    cb = np.cos(beta)
+    state[:, VELOCITY] = Va * np.stack((np.cos(alpha) * cb, np.sin(beta), np.sin(alpha) * cb), axis=1)
+    state[:, ANGULAR_VELOCITY] = turn_rate * np.stack(
+        (-np.sin(theta), np.sin(phi) * np.cos(theta), np.cos(phi) * np.cos(theta)), axis=1
+    )
+    return state
+
+
+def _bounds(p: FixedWingParams) -> tuple[np.ndarray, np.ndarray]:
+    """Least and largest alpha, phi, elevator, throttle, aileron, and rudder or beta."""
+    low, high = p.actuators.lower, p.actuators.upper
+    stall = stall_angles(p)
+    last = (low[2], high[2]) if p.lateral.has_rudder else (-MAX_SIDESLIP, MAX_SIDESLIP)
+    pairs = (stall, (-MAX_BANK, MAX_BANK), (low[0], high[0]), (low[3], high[3]), (low[1], high[1]), last)
+    return np.array([a for a, _ in pairs]), np.array([b for _, b in pairs])
+
+
+def _limits_reached(p: FixedWingParams, x: np.ndarray, low: np.ndarray, high: np.ndarray) -> str:
+    """Which of the bounds stopped the search, in words; empty if none did."""
+    last = "rudder" if p.lateral.has_rudder else "sideslip"
+    told = []
+    for name, value, a, b in zip(("alpha", "bank", "elevator", "throttle", "aileron", last), x, low, high, strict=True):
+        if min(value - a, b - value) < AT_LIMIT * (b - a):
+            end = "upper" if b - value < value - a else "lower"
+            if name == "alpha":
+                told.append(f"stall (the wing lifts no more beyond alpha = {np.degrees(value):.3g} deg)")
+            elif name == "throttle":
+                told.append(f"throttle at its {end} limit ({value:g})")
+            else:
+                told.append(f"{name} at its {end} limit ({np.degrees(value):.3g} deg)")
+    return ", ".join(told)
+
+
+def _remaining(left: np.ndarray) -> str:
+    """The largest acceleration that nothing balances, in words."""
+    names = ("forward", "sideways", "downward", "in roll", "in pitch", "in yaw")
+    worst = int(np.argmax(np.abs(left)))
+    unit = "m/s^2" if worst < 3 else "rad/s^2"
+    cause = "no throttle setting balances " if worst == 0 else "nothing balances "
+    return f"{cause}{left[worst]:.2g} {unit} {names[worst]}"
+
+
+def _guess(p: FixedWingParams, Va: float, turn_rate: float) -> np.ndarray:
+    """Where to begin: a coordinated turn, lift equal to weight times load factor, no pitching moment."""
+    lon, body = p.longitudinal, p.physical
+    phi = np.arctan(Va * turn_rate / GRAVITY)
+    C_L = body.mass * GRAVITY / (np.cos(phi) * 0.5 * body.rho * Va**2 * body.S)
+    alpha = (C_L - lon.C_L_0) / lon.C_L_alpha
+    elevator = -(lon.C_m_0 + lon.C_m_alpha * alpha) / lon.C_m_delta_e
+    return np.array([alpha, phi, elevator, FIRST_THROTTLE, 0.0, 0.0])
+
+
+def _newton(residual: Callable, x: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """A root of residual [n, 6] -> [n, 6] between the bounds, or the least residual that the search against them found:
+    Gauss-Newton with shorter steps where a whole one does not help; what would leave its bounds stays on them.
+    """
+    steps = DIFFERENCE * np.eye(len(x))
+    for _ in range(ITERATIONS):
+        values = residual(np.concatenate((x[None], x + steps, x - steps)))
+        jacobian = (values[1 : len(x) + 1] - values[len(x) + 1 :]).T / (2 * DIFFERENCE)
+        step = np.linalg.lstsq(jacobian, -values[0], rcond=None)[0]
+        stuck = (x <= low) & (step < 0) | (x >= high) & (step > 0)
+        step = np.where(stuck, 0.0, step)
+        step[~stuck] = np.linalg.lstsq(jacobian[:, ~stuck], -values[0], rcond=None)[0]
+        tried = np.clip(x + STEP_PARTS[:, None] * step, low, high)
+        errors = np.linalg.norm(residual(tried), axis=1)
+        if not errors.min() < np.linalg.norm(values[0]):
+            break
+        x = tried[errors.argmin()]
+    return x
+
+
+def _in_body(vector_n, q: np.ndarray) -> np.ndarray:
+    """vector_n turned into the body of attitude q (w, x, y, z): v + 2 w (v x r) + 2 (v x r) x r, r the vector part."""
+    v, w, r = np.asarray(vector_n, dtype=np.float64), q[0], q[1:]
+    t = 2 * np.cross(v, r)
+    return v + w * t + np.cross(t, r)

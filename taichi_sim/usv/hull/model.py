@@ -1,0 +1,154 @@
+"""What a `hull_6dof` is before it moves: its tables, limits and the numbers that its kernels compile in."""
+
+import math
+from typing import Any
+
+import numpy as np
+import torch
+
+from taichi_sim.config import ConfigError
+from taichi_sim.conventions import GRAVITY
+from taichi_sim.rigid_body import constant
+from taichi_sim.usv.hull.geometry import HullGeometry
+from taichi_sim.usv.hull.hydrostatics import check_floats
+from taichi_sim.usv.hull.params import Hull6DofParams
+from taichi_sim.usv.hull.stability import largest_stable_dt, linear_motion, runge_kutta_step, strang_step
+
+# Columns of the auxiliary state: shaft speeds (rad/s); displacement of the label under the hull and its change in a
+# step (m); forces of the last step in b (N) and its nu_dot (m/s^2, rad/s^2); then the wave's pressure head (m) at each
+# point of the wave lines, and its change across them (m/m).
+AUX = (
+    "shaft_left", "shaft_right", "label_north", "label_east", "label_change_north", "label_change_east",
+    "pressure_x", "pressure_y", "pressure_z", "drag_x", "drag_y", "drag_z",
+    "thrust_left", "thrust_right", "wind_x", "wind_y", "wind_z",
+    "u_dot", "v_dot", "w_dot", "p_dot", "q_dot", "r_dot",
+)  # fmt: skip
+PRESSURE, DRAG, THRUST, WIND, NU_DOT, HEAD = 6, 9, 12, 14, 17, len(AUX)
+
+
+class HullModel:
+    """Numbers of one hull at one step; holds no state of any vehicle."""
+
+    team = "usv"
+    aux_names = AUX
+    signals = {  # plots of a recording: unit and columns of aux_names
+        "shaft speed": ("rad/s", ("shaft_left", "shaft_right")),
+        "thrust": ("N", ("thrust_left", "thrust_right")),
+    }
+    Params = Hull6DofParams
+
+    def __init__(self, params: Hull6DofParams, dt: float, substeps: int):
+        """Mesh the hull, check that it floats and that dt (s) is stable, and bake the numbers into the kernel.
+
+        Raises:
+            ConfigError: if the hull does not float upright, or dt is too large.
+        """
+        self.params, self.p, self.dt, self.substeps = params, params, dt, substeps
+        self.action_names = ("acceleration", "yaw") if params.actions == "surge_yaw" else ("left", "right")
+        body = params.rigid_body
+        self.geometry = HullGeometry.of(params.hull, body.mass, body.cg)
+        self.gauge, self.points = self.geometry.gauge, self.geometry.lines.points
+        self.nodes = len(self.geometry.lines.start) * self.points
+        self.aux_size = HEAD + 2 * self.nodes
+        self.by_panels, self.has_linear = params.restoring == "panels", params.linear is not None
+        self.thrusters: Any = params.thrusters  # None: no propellers
+        self.source: Any = params.linear  # None: no published restoring
+        self.propelled = params.thrusters is not None
+        self.lags = params.thrusters is not None and params.thrusters.lag > 0
+        lag = params.thrusters.lag if self.lags and params.thrusters else math.inf
+        self.keep = math.exp(-0.5 * dt / lag), math.exp(-dt / lag)  # of a propeller's lag after half a step, after one
+        if self.by_panels:
+            try:
+                check_floats(self.geometry.hydrostatics)
+            except ValueError as error:
+                raise ConfigError(f"hull: {error}") from None
+        M = params.M_rb + params.M_a
+        self.M_rb, self.M_a = constant(params.M_rb), constant(params.M_a)
+        self.M_inverse, self.M = constant(np.linalg.inv(M)), constant(M)
+        self.weight = params.weight
+        self.payload = params.linear.payload_mass * GRAVITY if params.linear else 0.0
+        self._check_dt(dt)
+        self._tables: dict = {}
+
+    @property
+    def capsize_cosine(self) -> float:
+        """Cosine of the tilt from which the hull no longer rights itself."""
+        if not self.by_panels:
+            return 0.0
+        return math.cos(min(self.geometry.hydrostatics.angle_of_vanishing_stability, math.pi / 2))
+
+    @property
+    def draft(self) -> float:
+        """Deepest point of the hull below CO, m."""
+        return self.geometry.panels.draft
+
+    @property
+    def wind_height(self) -> float:
+        """Height above the sea at which the hull feels the wind, m."""
+        return self.params.windage.height
+
+    @property
+    def deck_height(self) -> float:
+        """Lowest height of the deck above CO, m."""
+        return -float(self.geometry.panels.deck[:, 2].max())
+
+    @property
+    def panels(self) -> int:
+        """Number of panels whose pressure is integrated."""
+        return len(self.geometry.panels) if self.by_panels else 0
+
+    @property
+    def forces(self) -> dict:
+        """Load arrows of a recording: name -> where it attacks (m, b), columns of its x, y, z (N, b)."""
+        origin = (0.0, 0.0, 0.0)
+        found: dict = {"pressure_less_weight": (origin, ("pressure_x", "pressure_y", "pressure_z"))}
+        if self.params.thrusters:
+            found["thrust_left"] = (self.params.thrusters.left, ("thrust_left", None, None))
+            found["thrust_right"] = (self.params.thrusters.right, ("thrust_right", None, None))
+        found["drag"] = (origin, ("drag_x", "drag_y", "drag_z"))
+        found["wind"] = ((0.0, 0.0, -self.params.windage.height), ("wind_x", "wind_y", "wind_z"))
+        return found
+
+    def body(self) -> tuple[np.ndarray, np.ndarray]:
+        """Vertices [4 N, 3] (m, b) and triangles [2 N, 3], counter-clockwise from outside, of the panels."""
+        return self.geometry.panels.surface()
+
+    def largest_dt(self) -> float:
+        """Largest stable step, s."""
+        p = self.params
+        h, speed = p.hydrodynamics, self.top_speed
+        D = np.diag(np.array(h.linear) + np.array(h.quadratic) * np.array([speed, speed, speed, 1.0, 1.0, 1.0]))
+        if self.by_panels:
+            G, step = self.geometry.hydrostatics.stiffness(), strang_step
+        else:
+            g = self.source
+            G, step = np.array([[g.G33, 0, g.G35], [0, g.G44, 0], [g.G35, 0, g.G55]]), runge_kutta_step
+        return largest_stable_dt(linear_motion(p.M_rb + p.M_a, D, G), step)
+
+    @property
+    def top_speed(self) -> float:
+        """Steady speed (m/s) under full thrust in calm water; 0 without thrusters."""
+        t, h = self.params.thrusters, self.params.hydrodynamics
+        if t is None:
+            return 0.0
+        a, b, force = h.quadratic[0], h.linear[0], 2 * t.thrust_max
+        return force / b if a == 0 else (math.sqrt(b * b + 4 * a * force) - b) / (2 * a)
+
+    def _check_dt(self, dt: float) -> None:
+        limit = self.largest_dt()
+        if dt > limit:
+            raise ConfigError(
+                f"dt = {dt} s is unstable for this hull: the largest stable step is {limit:.3g} s (its stiffest motion "
+                "in heave, roll or pitch, or its fastest decay); lower dt"
+            )
+
+    def tables(self, device: torch.device, dtype: torch.dtype) -> tuple[torch.Tensor, ...]:
+        """Panel table, panel nodes, line table and deck as tensors."""
+        key = (device, dtype)
+        if key not in self._tables:
+            geometry = self.geometry
+            floats = [geometry.panel_table.ravel(), geometry.line_table, geometry.deck_corners]
+            panels, lines, deck = (torch.as_tensor(np.ascontiguousarray(t), dtype=dtype, device=device) for t in floats)
+            node = torch.as_tensor(geometry.lines.node + HEAD, dtype=torch.int32, device=device)
+            self._tables[key] = (panels, node, lines, deck)
+        return self._tables[key]

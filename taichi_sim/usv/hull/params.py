@@ -1,0 +1,160 @@
+"""Numbers of a `hull_6dof` vehicle file: strict sections, and the matrices that follow from them.
+
+Frame b is forward-right-down with its origin CO midships, on the centreline, at the design waterline.
+"""
+
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from taichi_sim.config import Finite, NonNegative, Positive, Strict
+from taichi_sim.conventions import GRAVITY, RHO_SEA
+from taichi_sim.rigid_body import rigid_body_mass
+from taichi_sim.usv.hull.mesh import HullShape
+
+Vector3 = tuple[Finite, Finite, Finite]
+Diagonal = tuple[NonNegative, NonNegative, NonNegative, NonNegative, NonNegative, NonNegative]
+Row = tuple[Finite, Finite, Finite, Finite, Finite, Finite]
+Matrix = tuple[Row, Row, Row, Row, Row, Row]
+OVERHANG = 1.1  # a thruster may hang this far outside the hull: 1 is flush; assumed (outboard engines)
+
+
+class RigidBody(Strict):
+    """Mass and how it is spread: radii of gyration about the CG, or the whole matrix as published."""
+
+    mass: Positive  # kg, payload included
+    cg: Vector3  # m, of the whole
+    gyration: tuple[Positive, Positive, Positive] | None = None  # m, about the CG, for roll, pitch, yaw
+    M_rb: Matrix | None = None  # 6 x 6 about CO, where a source gives it
+
+    @model_validator(mode="after")
+    def _one_of(self):
+        if (self.gyration is None) == (self.M_rb is None):
+            raise ValueError("give either gyration or M_rb")
+        return self
+
+    @property
+    def matrix(self) -> np.ndarray:
+        """M_rb [6, 6]."""
+        if self.M_rb is not None:
+            return np.array(self.M_rb)
+        return rigid_body_mass(self.mass, self.cg, self.mass * np.diag(np.square(self.gyration)))
+
+
+class Hydrodynamics(Strict):
+    """Added mass and damping about CO, acting on the motion relative to the water."""
+
+    added_mass: Diagonal  # -X_udot, -Y_vdot, -Z_wdot (kg), -K_pdot, -M_qdot, -N_rdot (kg m^2)
+    linear: Diagonal  # -X_u ... (N s/m, N m s)
+    quadratic: Diagonal = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)  # -X_uu ... (N s^2/m^2, N m s^2): of |nu| nu
+    cross_flow_length: NonNegative = 0.0  # m, of the strip integral; 0 is none
+    cross_flow_draft: NonNegative = 0.0  # m
+    cross_flow_coefficient: NonNegative = 0.0  # 2-D drag coefficient of a section (Hoerner 1965)
+    cross_flow_strips: Annotated[int, Field(ge=2, le=101)] = 21  # both ends included, each length / (strips - 1)
+    cross_flow_density: Positive = RHO_SEA  # kg/m^3
+
+
+class LinearRestoring(Strict):
+    """`restoring = "linear"`: -G eta of the source, and the payload as a force (PythonVehicleSimulator's otter)."""
+
+    G33: Positive  # N/m
+    G44: Positive  # N m
+    G55: Positive  # N m
+    G35: Finite = 0.0  # N
+    payload_mass: NonNegative = 0.0  # kg, whose weight the source adds to -G eta
+    payload_position: Vector3 = (0.0, 0.0, 0.0)  # m
+
+
+class Thrusters(Strict):
+    """Two propellers that push along the hull: thrust k |n| n, first-order lag and limits of the shaft speed."""
+
+    left: Vector3  # m, position of the left one
+    right: Vector3  # m
+    k_positive: Positive  # N / (rad/s)^2, ahead
+    k_negative: Positive  # N / (rad/s)^2, astern
+    n_max: Positive  # rad/s
+    n_min: Annotated[float, Field(le=0, allow_inf_nan=False)]  # rad/s
+    lag: NonNegative  # s, time constant of the shaft speed
+
+    @property
+    def thrust_max(self) -> float:
+        """Of one thruster ahead, N."""
+        return self.k_positive * self.n_max**2
+
+    @property
+    def thrust_min(self) -> float:
+        """Of one thruster astern (negative), N."""
+        return -self.k_negative * self.n_min**2
+
+
+class Windage(Strict):
+    """Wind on the part above water: X = q C_X A_f, Y = q C_Y A_l, N = q C_N A_l L, q from the relative wind.
+
+    C_X = -c_x cos(gamma), C_Y = c_y sin(gamma), C_N = c_n sin(2 gamma) (Fossen 2021, eqs. 10.26-10.28).
+    """
+
+    frontal_area: NonNegative = 0.0  # A_f, m^2
+    lateral_area: NonNegative = 0.0  # A_l, m^2
+    c_x: NonNegative = 0.7  # Fossen (2021), sec. 10.1: 0.50-0.90
+    c_y: NonNegative = 0.85  # Fossen (2021), sec. 10.1: 0.70-0.95
+    c_n: NonNegative = 0.1  # Fossen (2021), sec. 10.1: 0.05-0.20
+    height: NonNegative = 0.0  # of the centre of the areas above CO, m
+
+
+class Hull6DofParams(Strict):
+    """A vehicle file of `hull_6dof`."""
+
+    length: Positive  # m, overall
+    beam: Positive  # m, overall
+    height: Positive  # m, keel to the highest part (for drawing)
+    collision_radius: Positive  # m
+    restoring: Literal["panels", "linear"] = "panels"
+    current_frame: Literal["body", "heading"] = "body"  # "heading": the source's own, level frame
+    actions: Literal["surge_yaw", "left_right"] = "surge_yaw"
+    rigid_body: RigidBody
+    hydrodynamics: Hydrodynamics
+    hull: HullShape
+    linear: LinearRestoring | None = None
+    thrusters: Thrusters | None = None
+    windage: Windage = Windage()
+
+    @model_validator(mode="after")
+    def _consistent(self):
+        if self.restoring == "linear" and self.linear is None:
+            raise ValueError('restoring = "linear" needs the section [linear]')
+        if self.thrusters:
+            self._check_inside(self.thrusters)
+        return self
+
+    def _check_inside(self, thrusters: Thrusters) -> None:
+        x_max, y_max = OVERHANG * self.length / 2, OVERHANG * self.beam / 2
+        for side in ("left", "right"):
+            x, y, _ = getattr(thrusters, side)
+            if abs(x) > x_max or abs(y) > y_max:
+                raise ValueError(
+                    f"thrusters.{side} = {getattr(thrusters, side)} is outside the hull: |x| must be at most "
+                    f"{x_max:.3g} m and |y| at most {y_max:.3g} m (length {self.length}, beam {self.beam})"
+                )
+        if thrusters.left[1] >= thrusters.right[1]:
+            raise ValueError("thrusters.left must be to port of thrusters.right: its y must be smaller")
+
+    @property
+    def size(self) -> tuple[float, float, float]:
+        """Length, beam, height, m."""
+        return self.length, self.beam, self.height
+
+    @property
+    def M_rb(self) -> np.ndarray:  # noqa: N802
+        """[6, 6]."""
+        return self.rigid_body.matrix
+
+    @property
+    def M_a(self) -> np.ndarray:  # noqa: N802
+        """[6, 6]."""
+        return np.diag(self.hydrodynamics.added_mass)
+
+    @property
+    def weight(self) -> float:
+        """N."""
+        return self.rigid_body.mass * GRAVITY

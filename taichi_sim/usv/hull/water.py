@@ -1,0 +1,96 @@
+"""The water at a hull, as methods that kernels inline: surface, pressure along the wave lines, motion of the water."""
+
+import taichi as ti
+
+from taichi_sim.rigid_body import cross, six
+from taichi_sim.usv.hull import waves as hull_waves
+from taichi_sim.usv.hull.model import HEAD, HullModel
+
+
+@ti.func
+def heading(R):
+    """Cosine and sine of the heading of R = R_nb."""
+    inverse = 1.0 / ti.sqrt(R[0, 0] * R[0, 0] + R[1, 0] * R[1, 0] + 1e-12)
+    return R[0, 0] * inverse, R[1, 0] * inverse
+
+
+class HullWater(HullModel):
+    """How waves and current reach the hull."""
+
+    @ti.func
+    def water(
+        self, sea: ti.template(), phase: ti.template(), count: ti.template(), finite: ti.template(),
+        s, e, tau, pos, R, D
+    ):  # fmt: skip
+        """Sums at the hull's centre (hull_waves.at_centre), its label, and the inverse Jacobian (xx, xy, yy) there.
+
+        D (m) is the predicted displacement of the label: one step of Newton's method makes it exact to second order.
+        """
+        cos_h, sin_h = heading(R)
+        X, Y = pos[0] + D[0], pos[1] + D[1]
+        r = hull_waves.at_centre(sea, phase, count, self.gauge, finite, s, e, X, Y, tau, cos_h, sin_h)
+        inverse = 1.0 / ti.max(r[2] * r[4] - r[3] * r[3], 0.01)
+        J = ti.Vector([r[4] * inverse, -r[3] * inverse, r[2] * inverse])
+        gap = ti.Vector([r[0] - D[0], r[1] - D[1]])
+        L = ti.Vector([X + J[0] * gap[0] + J[1] * gap[1], Y + J[1] * gap[0] + J[2] * gap[1]])
+        return r, L, J
+
+    @ti.func
+    def plane_n(self, water, R):
+        """Elevation (m) and slopes towards north and east of the mean surface plane."""
+        cos_h, sin_h = heading(R)
+        along, across = water[6], water[7]
+        return ti.Vector([water[5], along * cos_h - across * sin_h, along * sin_h + across * cos_h])
+
+    @ti.func
+    def pressure_heads(
+        self, sea: ti.template(), phase: ti.template(), count: ti.template(), finite: ti.template(), s, e, i, tau,
+        pos, R, L, J, plane, lines: ti.template(), aux: ti.template()
+    ):  # fmt: skip
+        """Write the wave's pressure head (m), and its change to starboard, at every point of the wave lines to aux."""
+        for pair in range(lines.shape[0]):
+            h = R @ ti.Vector([lines[pair, 6], lines[pair, 7], lines[pair, 8]])
+            step = ti.Vector([J[0] * h[0] + J[1] * h[1], J[1] * h[0] + J[2] * h[1]])
+            across = ti.Vector([J[0] * R[0, 1] + J[1] * R[1, 1], J[1] * R[0, 1] + J[2] * R[1, 1]])
+            a = self.line_start(R @ ti.Vector([lines[pair, 0], lines[pair, 1], lines[pair, 2]]), h, pos, L, J, plane)
+            b = self.line_start(R @ ti.Vector([lines[pair, 3], lines[pair, 4], lines[pair, 5]]), h, pos, L, J, plane)
+            head_a, head_b, slope_a, slope_b = hull_waves.along_pair(
+                sea, phase, count, self.points, finite, s, e, a, b, step, across, tau
+            )
+            first = HEAD + pair * ti.static(2 * self.points)
+            for c in ti.static(range(self.points)):
+                aux[e, i, first + c], aux[e, i, first + ti.static(self.points) + c] = head_a[c], head_b[c]
+                aux[e, i, first + ti.static(self.nodes) + c] = slope_a[c]
+                aux[e, i, first + ti.static(self.nodes + self.points) + c] = slope_b[c]
+
+    @ti.func
+    def line_start(self, r, h, pos, L, J, plane):
+        """Label of a line's first point, at r from CO (m, n), its depth below the mean plane, and the change of depth
+        with each step h (m, n). An end in the air counts as on the surface."""
+        last = ti.static(max(self.points - 1, 1))
+        d = pos[2] + r[2] + plane[0] + plane[1] * r[0] + plane[2] * r[1]
+        end = d + last * (h[2] + plane[1] * h[0] + plane[2] * h[1])
+        d, end = ti.max(d, 0.0), ti.max(end, 0.0)
+        X, Y = L[0] + J[0] * r[0] + J[1] * r[1], L[1] + J[1] * r[0] + J[2] * r[1]
+        return ti.Vector([X, Y, d, (end - d) * ti.static(1.0 / last)])
+
+    @ti.func
+    def flow(self, R, omega, V_c, water):
+        """nu_c, nu_c_dot, nu_o and nu_o_dot in b; V_c (m/s, n) is the current."""
+        v_c, v_c_dot = R.transpose() @ V_c, V_c * 0.0
+        if ti.static(self.p.current_frame == "heading"):
+            cos_h, sin_h = heading(R)
+            v_c = ti.Vector([cos_h * V_c[0] + sin_h * V_c[1], cos_h * V_c[1] - sin_h * V_c[0], 0.0])
+            v_c_dot = ti.Vector([omega[2] * v_c[1], -omega[2] * v_c[0], 0.0])
+        else:
+            v_c_dot = -cross(omega, v_c)
+        zero = v_c * 0.0
+        cos_h, sin_h = heading(R)
+        v_o = R.transpose() @ ti.Vector([water[8], water[9], water[10]])
+        a_o = R.transpose() @ ti.Vector([water[11], water[12], water[13]])
+        p, q = water[14], water[15]
+        w_o = R.transpose() @ ti.Vector([p * cos_h - q * sin_h, p * sin_h + q * cos_h, 0.0])
+        p, q = water[16], water[17]
+        alpha_o = R.transpose() @ ti.Vector([p * cos_h - q * sin_h, p * sin_h + q * cos_h, 0.0])
+        nu_o, nu_o_dot = six(v_o, w_o), six(a_o - cross(omega, v_o), alpha_o - cross(omega, w_o))
+        return six(v_c, zero), six(v_c_dot, zero), nu_o, nu_o_dot
