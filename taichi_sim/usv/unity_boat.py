@@ -9,6 +9,9 @@ which in forward-right-down axes is X = J I_v, K = T_s I_h (banks into the turn)
 N = K I_h. PhysX integrates v <- (v + F/m dt) (1 - drag dt), then x <- x + v dt, and the same for rates, with no
 gyroscopic torque: omega_b <- (omega_b + I^-1 tau_b dt) (1 - angular_drag dt).
 
+The script knows no current. Here the drag is the water's, which moves with the current V_c of its surface: PhysX's rule
+holds for the velocity relative to the water, v - V_c.
+
 Buoyancy acts at the four corners of the hull: a spring and a damper on the height of the corner over the surface
 at that place (unclipped, as in the Unity script), preloaded to float with the body origin on the surface. The sum
 pushes the boat down the slope of the plane through the four heights: waves shorter than the hull do not push.
@@ -72,7 +75,7 @@ class UnityBoat:
     aux_size = 4
     capsize_cosine = 0.0  # the buoyancy of its corners rights it until it lies on its side
     deck_height = math.inf  # it cannot be swamped
-    draft, wind_height = 0.0, 10.0  # m; it feels neither current nor wind
+    draft, wind_height = 0.0, 10.0  # m; it feels the current of the surface, and no wind
     action_names = ("acceleration", "yaw")
     Params = UnityBoatParams
 
@@ -86,10 +89,10 @@ class UnityBoat:
 
     def step(self, team, action: torch.Tensor, around: Surroundings) -> None:
         """Advance one control step. `action` [env, vehicle, 2] in [-1, 1] maps to I_v in [0, 1] and I_h."""
-        sea = around.sea
         self._step(
-            team.state, team.derived, team.aux, team.surface, action, sea, around.env_sea, around.phase, sea.shape[2]
-        )
+            team.state, team.derived, team.aux, team.surface, action, around.sea, around.env_sea, around.phase,
+            around.current, around.sea.shape[2],
+        )  # fmt: skip
 
     def reset_aux(self, aux: torch.Tensor, state: torch.Tensor) -> None:
         """Auxiliary state [.., 2] of vehicles put at `state` [.., 13]."""
@@ -106,6 +109,7 @@ class UnityBoat:
         sea: ti.types.ndarray(ndim=3),
         env_sea: ti.types.ndarray(dtype=ti.i32, ndim=1),
         phase: ti.types.ndarray(ndim=2),
+        current: ti.types.ndarray(ndim=2),
         count: ti.template(),
     ):
         for e, i in ti.ndrange(state.shape[0], state.shape[1]):
@@ -115,8 +119,9 @@ class UnityBoat:
             omega = ti.Vector([state[e, i, 10], state[e, i, 11], state[e, i, 12]])
             D = ti.Vector([aux[e, i, 0], aux[e, i, 1]])
             change = ti.Vector([aux[e, i, 2], aux[e, i, 3]])
+            V_c = ti.Vector([current[e, 0], current[e, 1], 0.0])
             I_v, I_h = 0.5 * (action[e, i, 0] + 1.0), action[e, i, 1]
-            v = rotation_matrix(q) @ v_b
+            v = rotation_matrix(q) @ v_b - V_c  # relative to the water
             level = pos[2] * 0.0
             s = env_sea[e]
             for n in range(self.substeps):
@@ -129,10 +134,11 @@ class UnityBoat:
                 force += R @ ti.Vector([self.p.force_factor * I_v, 0.0, 0.0])
                 torque = R.transpose() @ torque_n + self.control_torque(I_v, I_h)
                 v, omega = self.physx_velocities(v, omega, force, torque)
-                pos += v * ti.static(self.dt)
+                pos += v * ti.static(self.dt) + V_c * ti.static(self.dt)  # apart: without current, the same bits
                 q = quaternion_advance(q, omega, ti.static(self.dt))
                 level = 0.25 * heights.sum()
             R_nb = rotation_matrix(q)
+            v += V_c
             store(derived, e, i, R_nb, v)
             v_b = R_nb.transpose() @ v
             for k in ti.static(range(3)):
@@ -184,7 +190,7 @@ class UnityBoat:
 
     @ti.func
     def physx_velocities(self, v, omega, force, torque):
-        """Velocity in n and rate in b after one step of PhysX: impulse first, then drag."""
+        """Velocity relative to the water, in n, and rate in b after one step of PhysX: impulse first, then drag."""
         v_next = (v + force * ti.static(self.dt / self.p.mass)) * ti.static(1 - self.p.drag * self.dt)
         alpha = ti.Vector([torque[0] / self.Ix, torque[1] / self.Iy, torque[2] / self.Iz])
         omega_next = (omega + alpha * ti.static(self.dt)) * ti.static(1 - self.p.angular_drag * self.dt)

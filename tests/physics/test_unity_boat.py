@@ -47,6 +47,26 @@ class TestAlone:
         speed = bench(model).step(AHEAD, 30).velocity[0]
         assert speed == pytest.approx(p.force_factor / (p.mass * p.drag) * (1 - p.drag * 0.02), rel=1e-9)
 
+    def test_a_current_carries_it(self, bench, make_model):
+        """Galileo: begun with the current's velocity on calm water, a track is the still-water one plus V_c t; left
+        alone from rest, the boat takes up 1 - (1 - drag dt)^n of the current.
+        """
+        model = make_model("unity_boat", 0.02, 10)
+        V_c = torch.tensor([0.7, -1.2], dtype=torch.float64)
+        still, carried, left = bench(model), bench(model), bench(model)
+        for team in (carried, left):
+            team.current[:] = V_c
+        carried.put(velocity_b=(*V_c.tolist(), 0.0))  # heading north: b is n
+        for action in ([0.6, 0.4], [0.1, -0.7], [-1.0, 0.2]):
+            still.step(action, 10)
+            carried.step(action, 10)
+            way = [*(V_c * float(still.time[0])).tolist(), 0.0]
+            assert carried.position == pytest.approx(still.position + way, abs=1e-9)
+            assert carried.euler == pytest.approx(still.euler, abs=1e-9)
+        left.step(COAST, 5)
+        share = 1 - (1 - model.params.drag * 0.02) ** 50
+        assert left.velocity[:2] == pytest.approx(share * V_c.numpy(), rel=1e-9)
+
     def test_coasting_from_half_action_is_half_the_force(self, bench, make_model):
         model = make_model("unity_boat")
         full, half, none = (bench(model).step([a, 0.0]).velocity[0] for a in (1.0, 0.0, -1.0))
