@@ -9,7 +9,8 @@ import torch
 from taichi_sim import runtime
 from taichi_sim.air import Wind
 from taichi_sim.config import AirConfig
-from taichi_sim.conventions import GRAVITY, STATE_SIZE
+from taichi_sim.conventions import GRAVITY, QUATERNION, STATE_SIZE
+from taichi_sim.maths.rotation import torch_euler_from_quaternion
 
 DT, SUBSTEPS = 0.02, 5
 KNOT = 1852 / 3600  # m/s
@@ -213,6 +214,38 @@ def test_load_factor_of_a_rising_gust(precision, make_model, bench):
     rise = 1 - (Z**2 * np.cos(w * t) + Z * w * np.sin(w * t) + w**2 * np.exp(-Z * t)) / (Z**2 + w**2)
     expected = K * (U * 0.5 * (1 - np.cos(w * t)) - 0.5 * U * rise)
     assert np.array(n[2:]) - math.cos(fixed.cruise.theta) == pytest.approx(expected[2:], rel=0.15)
+
+
+def _pitch_through(gust, dt, make_model, bench):
+    """Pitch (deg) every 0.1 s through a gust, surfaces held, by steps of dt (s)."""
+    substeps = round(0.1 / dt)
+    fixed = make_model("aerosonde", dt, substeps, autopilot={"actions": "surfaces", "protection": False})
+    flight = Flight(bench, fixed, {"gust": {"amplitude": (0.0, 1.0, -3.0)} | gust, "profile": "uniform"})
+    pitch = []
+    for _ in range(15):
+        flight.step([0.0] * 4)
+        pitch.append(torch_euler_from_quaternion(flight.team.state[0, 0, QUATERNION])[1])
+    return torch.rad2deg(torch.stack(pitch))
+
+
+@pytest.mark.usefixtures("f64")
+@pytest.mark.parametrize(
+    "gust",
+    [
+        {"start_time": 0.3, "rise_time": 0.5},
+        {"start_north": 7.5, "start_east": 0.0, "direction_deg": 0.0, "length": 12.5},
+    ],
+    ids=["of a time", "at a place"],
+)
+def test_a_gust_of_a_second_is_met_to_second_order(gust, make_model, bench):
+    """Against an eighth of the step: 0.005 deg of pitch at 0.02 s, and the quarter at half the step,
+    (8^2 - 1) / (4^2 - 1) = 4.2 of what is left. Met half a step late it was 0.2 deg, and the half.
+    """
+    coarse, half, fine = (_pitch_through(gust, dt, make_model, bench) for dt in (0.02, 0.01, 0.0025))
+    assert float(fine.max() - fine.min()) > 3.0
+    error, of_half = ((x - fine).abs().max() for x in (coarse, half))
+    assert float(error) < 0.005
+    assert float(error / of_half) == pytest.approx(63 / 15, rel=0.05)
 
 
 # -- threads -----------------------------------------------------------------------------------------------------

@@ -1,8 +1,8 @@
 """`fixed_wing_6dof`: a team of Beard-McLain aircraft (fixed_wing.py) in wind, with actuators and an autopilot.
 
 One kernel launch per control step: each aircraft's state is loaded once, goes through RK4 substeps on local values,
-and is stored once. Deflections and the air's velocity (in n) are held over a substep, which is made in the frame of
-the air: so a steady wind is exact, the motion relative to the air is that in still air.
+and is stored once. Deflections and the air's velocity (in n: local_air.py) are held over a substep, which is made in
+the frame of the air: so a steady wind is exact, the motion relative to the air is that in still air.
 """
 
 import math
@@ -175,6 +175,9 @@ class FixedWing6DOF:
                 R = attitude(y)
                 command, pilot = self.commands(action, e, i, asked, R, y, met, pilot)
                 delta, held = actuators.advance(self.p.actuators, self.dt, delta, command)
+                if ti.static(air.gusty):
+                    ahead = local_air.gust_ahead(air, y, R @ velocity(y) + met, time, self.dt)
+                    y, met = with_velocity(y, velocity(y) - R.transpose() @ ahead), met + ahead
                 y = rk4(self.p, y, held, self.dt)
                 for k in ti.static(range(3)):
                     y[k] += self.dt * met[k]

@@ -2,7 +2,8 @@
 
 Turbulence takes one exact step of its filter (air/turbulence.py) per substep, so that none of its variance is lost;
 the filter's coefficients, its intensity and its axes are those at the beginning of the control step. The air's velocity
-is held over a substep.
+is held over a substep: mean wind and turbulence as at its beginning, a discrete gust as in its middle, which makes the
+flight through one right to second order.
 
 Random numbers are counted by control step and substep through all episodes, so that no episode repeats another's: a
 control step of S substeps has S + 1 counts, one of the substeps each and the last for the stationary state with which
@@ -110,3 +111,15 @@ def velocity_at(air: ti.template(), wind, shear, x, f, v_air, position, time):
     if ti.static(air.gusty):
         total += gust_velocity(air.gust, position, time)
     return total
+
+
+@ti.func
+def gust_ahead(air: ti.template(), position, v_n, time, dt: ti.template()):
+    """What the discrete gust (NED, m/s) adds from now to the middle of a substep dt (s), for an aircraft at `position`
+    (NED, m) and `time` (s) that moves over ground with v_n (NED, m/s).
+    """
+    ahead, half = v_n * 0.0, ti.static(0.5 * dt)
+    if ti.static(air.gusty):
+        there = ti.Vector([position[0] + half * v_n[0], position[1] + half * v_n[1]])
+        ahead = gust_velocity(air.gust, there, time + half) - gust_velocity(air.gust, position, time)
+    return ahead
