@@ -12,8 +12,10 @@ from taichi_sim.maths.rotation import torch_quaternion_from_euler, torch_rotatio
 from taichi_sim.sea import Sea
 from taichi_sim.sea.spectrum import Components, wavenumber
 from taichi_sim.usv.hull import waves as hull_waves
+from taichi_sim.usv.hull.gauge import Gauge
+from taichi_sim.usv.hull.geometry import HullGeometry
+from taichi_sim.usv.hull.mesh import WigleyHull
 from taichi_sim.usv.hull.wave_lines import wave_points
-from taichi_sim.usv.hull.waves import Gauge
 
 pytestmark = pytest.mark.usefixtures("f64")
 
@@ -120,30 +122,76 @@ def rectangle(length, beam, depth=0.0, cells=8):
     return Gauge.of(point, np.ones(len(point)), half, depth)
 
 
+def factors(gauge, k, direction):
+    """Shares [wavenumber] of waves of k (rad/m) that are left in the mean plane: of their height, and of their slope
+    along the hull (direction 0) or across it (pi / 2).
+    """
+    crest, flank = (centre_of(gauge, waves(1e-3, k[:, None], direction, phase)) for phase in (0.0, -np.pi / 2))
+    return crest[:, 5] / 1e-3, flank[:, 7 if direction else 6] / (1e-3 * k)
+
+
 def test_mean_and_slope_over_a_rectangle():
-    """A wave's mean over length 2 h is sin x / x and its least-squares slope 3 (sin x - x cos x) / x^3, x = k h."""
-    gauge = rectangle(4.0, 1.0)
-    assert gauge.along == pytest.approx(np.sqrt(0.6) * 2.0) and gauge.along_share == pytest.approx(5 / 9)
-    x = np.linspace(0.05, 2.5, 40)
-    k = x / 2.0
-    crest, flank = (centre_of(gauge, waves(1e-3, k[:, None], 0.0, phase)) for phase in (0.0, -np.pi / 2))
-    mean, slope = crest[:, 5] / 1e-3, flank[:, 6] / (1e-3 * k)
-    assert mean == pytest.approx(np.sin(x) / x, abs=0.02)
-    assert slope == pytest.approx(3 * (np.sin(x) - x * np.cos(x)) / x**3, abs=0.02)
-    # across a beam sea the same numbers hold for the beam
-    abeam = centre_of(gauge, waves(1e-3, 4 * k[:, None], np.pi / 2, 0.0))
-    assert abeam[:, 5] / 1e-3 == pytest.approx(np.sin(x) / x, abs=0.02)
+    """A wave's mean over length 2 h is sin x / x and its least-squares slope 3 (sin x - x cos x) / x^3, x = k h: from
+    10 lengths down to 0.3. Waves shorter than a quarter of the length leave nothing.
+    """
+    gauge, x = rectangle(4.0, 1.0), np.pi / np.geomspace(0.3, 10.0, 40)
+    mean, slope = np.sin(x) / x, 3 * (np.sin(x) - x * np.cos(x)) / x**3
+    for half, direction in ((2.0, 0.0), (0.5, np.pi / 2)):
+        ours = factors(gauge, x / half, direction)
+        assert ours[0] == pytest.approx(mean, abs=0.004)
+        assert ours[1] == pytest.approx(slope, abs=0.001)
+        assert np.abs(factors(gauge, np.array([4.0, 6.0]) * np.pi / half, direction)).max() < 1e-9
+
+
+def test_long_waves_leave_what_the_second_and_fourth_moment_say():
+    """1 - m2 k^2/2 + m4 k^4/24 of the height and 1 - m4/(6 m2) k^2 of the slope, the next terms left out."""
+    gauge, x = rectangle(4.0, 1.0), np.linspace(0.05, 0.3, 6)
+    mean, slope = factors(gauge, x / 2.0, 0.0)
+    assert np.abs(mean - (1 - x**2 / 6 + x**4 / 120)).max() < 0.3**6 / 5000
+    assert np.abs(slope - (1 - x**2 / 10)).max() < 0.3**4 / 250
 
 
 def test_mean_and_slope_over_two_thin_pontoons():
-    """Between pontoons at +-y: mean cos(k y), slope sin(k y) / (k y), whatever k y."""
+    """Between pontoons at +-y: mean cos(k y), slope sin(k y) / (k y), to waves of 0.3 of the beam."""
     y = 1.5
     point = np.array([[x, side * y] for x in (-1.0, 1.0) for side in (-1, 1)])
     gauge = Gauge.of(point, np.ones(4), np.array([[1.0, 1e-3]] * 4), 0.0)
-    ky = np.linspace(0.1, 3.0, 20)
-    crest, flank = (centre_of(gauge, waves(1e-3, ky[:, None] / y, np.pi / 2, phase)) for phase in (0.0, -np.pi / 2))
-    assert crest[:, 5] / 1e-3 == pytest.approx(np.cos(ky), abs=1e-4)
-    assert flank[:, 7] / (1e-3 * ky / y) == pytest.approx(np.sin(ky) / ky, abs=1e-4)
+    ky = np.linspace(0.1, 10.4, 60)
+    mean, slope = factors(gauge, ky / y, np.pi / 2)
+    assert mean == pytest.approx(np.cos(ky), abs=0.015)
+    assert slope == pytest.approx(np.sin(ky) / ky, abs=0.004)
+
+
+def direct(panels, axis, k):
+    """Mean [k] of cos(k x), and of x sin(k x) / (k x^2), over the panels that face down, x along `axis` from their
+    centre: sums over 60 x 60 pieces of each bilinear patch.
+    """
+    s, t = np.meshgrid(*[(np.arange(60) + 0.5) / 30 - 1] * 2)
+    facing = panels.area[:, 2] > 0
+    c, along, up, twist = (v[facing, None, None] for v in (panels.centre, panels.along, panels.up, panels.twist))
+    s, t = s[..., None], t[..., None]
+    point = c + s * along + t * up + s * t * twist
+    weight = np.abs(np.cross(along + t * twist, up + s * twist)[..., 2]).ravel()
+    x = point[..., axis].ravel()
+    x = x - weight @ x / weight.sum()
+    mean = np.array([weight @ np.cos(q * x) for q in k]) / weight.sum()
+    return mean, np.array([weight @ (x * np.sin(q * x)) for q in k]) / (k * (weight @ x**2))
+
+
+@pytest.mark.parametrize("name", ["otter", "wamv", "wigley"])
+def test_mean_and_slope_over_the_hulls_own_waterplane(name, make_model):
+    """Waves of 0.3 to 10 of its length along it, of its beam across it."""
+    if name == "wigley":
+        geometry = HullGeometry.of(WigleyHull(length=4.0, beam=0.8, draft=0.3, freeboard=0.3), 400.0, (0.0, 0.0, 0.0))
+    else:
+        geometry = make_model(name, 1e-5, 6).geometry
+    corners = geometry.panels.deck
+    for axis, direction in ((0, 0.0), (1, np.pi / 2)):
+        k = 2 * np.pi / (np.geomspace(0.3, 10.0, 30) * np.ptp(corners[:, axis]))
+        mean, slope = direct(geometry.panels, axis, k)
+        ours = factors(geometry.gauge, k, direction)
+        assert ours[0] == pytest.approx(mean, abs=0.015)
+        assert ours[1] == pytest.approx(slope, abs=0.002)
 
 
 def some_long_waves(depth=None):

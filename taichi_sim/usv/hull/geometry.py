@@ -6,13 +6,14 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from taichi_sim.usv.hull.gauge import Gauge
 from taichi_sim.usv.hull.hydrostatics import Hydrostatics, Strips
 from taichi_sim.usv.hull.loads import ACROSS, AHEAD, PANEL_ROWS, STRIPS, WRENCH, WRENCH_ROWS
 from taichi_sim.usv.hull.mesh import HullShape, Panels, mesh
 from taichi_sim.usv.hull.wave_lines import WaveLines, wave_lines
-from taichi_sim.usv.hull.waves import Gauge
 
 Array = NDArray[np.float64]
+PIECES = 8  # of a panel each way, as a waterplane
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,13 @@ class HullGeometry:
 
 
 def _gauge(panels: Panels) -> Gauge:
-    """The waterplane as the panels that face down show it."""
+    """The waterplane as the panels that face down show it, each cut into PIECES x PIECES."""
     facing = panels.area[:, 2] > 0
-    half_size = np.abs(panels.along) + np.abs(panels.up)
-    return Gauge.of(panels.centre[facing, :2], panels.area[facing, 2], half_size[facing, :2], float(panels.draft))
+    edges = panels.centre, panels.along, panels.up, panels.twist
+    centre, along, up, twist = (v[facing, None, None, :2] for v in edges)
+    middle = (2 * np.arange(PIECES) + 1) / PIECES - 1
+    s, t = middle[:, None, None], middle[None, :, None]
+    point, ds, dt = centre + s * along + t * up + s * t * twist, along + t * twist, up + s * twist
+    area = np.abs(ds[..., 0] * dt[..., 1] - ds[..., 1] * dt[..., 0])
+    half_size = (np.abs(ds) + np.abs(dt)) / PIECES
+    return Gauge.of(point.reshape(-1, 2), area.ravel(), half_size.reshape(-1, 2), float(panels.draft))

@@ -1,12 +1,7 @@
 """What waves do at a hull, as Taichi functions on values: its mean surface, the water's motion, the pressure.
 
 Components of waves.py are summed at the label of the hull's centre and, for the pressure, along lines of points
-(wave_lines.py). Means over the hull come from a three-point rule per direction, matched to second and fourth
-moment of the waterplane (`Gauge`): a component of wavenumber k along it counts
-
-    1 - q + q cos(k l)  in a mean,      sin(k l) / (k l)  in a slope,
-
-exact to the sixth order for a rectangle (Gauss-Legendre, l = sqrt(3/5) L/2, q = 5/9), and for two thin pontoons.
+(wave_lines.py). Means over the hull are those over its waterplane (gauge.py).
 
 Decay with depth counts from the hull's mean surface plane (Wheeler 1970, J. Petrol. Technol. 22, 359, whose stretching
 counts from the elevation at the point: here that of the plane, so that one exponential serves a line). Hulls lie near
@@ -14,37 +9,14 @@ the surface, so in finite depth the decay of the pressure is exp(-omega^2/g d), 
 exp(-g k^2/omega^2 d): equal to exp(-k d) in deep water, and equal to the exact factors to first order in k d.
 """
 
-from typing import NamedTuple
-
-import numpy as np
 import taichi as ti
 
 from taichi_sim.conventions import AMPLITUDE, BX, BY, GRAVITY, KX, KY, OMEGA, K
 from taichi_sim.maths import fast
+from taichi_sim.usv.hull.gauge import averages
 
 CENTRE_SIZE = 18
-HALF_TURN = 3.14159265  # the rule's angles stop here: shorter waves cancel over the hull anyway
-
-
-class Gauge(NamedTuple):
-    """The three-point rule of a hull's waterplane along and across it; see the module."""
-
-    along: float  # l, m
-    along_share: float  # q
-    across: float
-    across_share: float
-    depth: float  # m, where the water's motion is taken: the draft
-
-    @classmethod
-    def of(cls, point: np.ndarray, weight: np.ndarray, half_size: np.ndarray, depth: float) -> "Gauge":
-        """From waterplane elements at `point` [n, 2], of area `weight` [n], each 2 half_size [n, 2] long and wide."""
-        share = weight / weight.sum()
-        x = point - share @ point
-        second = share @ (x**2 + half_size**2 / 3)
-        fourth = share @ (x**4 + 2 * x**2 * half_size**2 + half_size**4 / 5)
-        arm = np.sqrt(fourth / second)
-        q = second / arm**2
-        return cls(float(arm[0]), float(q[0]), float(arm[1]), float(q[1]), depth)
+HALF_TURN = 3.14159265  # waves shorter than a line's step cancel over it
 
 
 @ti.func
@@ -60,17 +32,16 @@ def at_centre(
     axes (14, 15, rad/s) and their accelerations (16, 17).
     """
     r = ti.Vector([X * 0.0 for _ in range(CENTRE_SIZE)])
+    cos_u, sin_u = cos_h * gauge.along.scale, sin_h * gauge.along.scale
+    cos_v, sin_v = cos_h * gauge.across.scale, sin_h * gauge.across.scale
     for c in range(count):
         a, kx, ky, k, omega = sea[s, AMPLITUDE, c], sea[s, KX, c], sea[s, KY, c], sea[s, K, c], sea[s, OMEGA, c]
         bx, by = sea[s, BX, c], sea[s, BY, c]
         sine, cosine = fast.sincos_short(kx * X + ky * Y + phase[row, c] - omega * tau)
-        k_along, k_across = kx * cos_h + ky * sin_h, ky * cos_h - kx * sin_h
-        u = fast.at_most(ti.abs(k_along * gauge.along), HALF_TURN)
-        v = fast.at_most(ti.abs(k_across * gauge.across), HALF_TURN)
-        mean_u = 1 - gauge.along_share + gauge.along_share * fast.cos_short(u)
-        mean_v = 1 - gauge.across_share + gauge.across_share * fast.cos_short(v)
-        slope_u = k_along * mean_v * fast.sinc_short(u)
-        slope_v = k_across * mean_u * fast.sinc_short(v)
+        mean_u, slope_u = averages(gauge.along, kx * cos_u + ky * sin_u)
+        mean_v, slope_v = averages(gauge.across, ky * cos_v - kx * sin_v)
+        slope_u *= mean_v
+        slope_v *= mean_u
         mean = mean_u * mean_v
         decay = fast.exp_decay(k * gauge.depth)
         decay_h = decay
