@@ -94,7 +94,7 @@ class World:
         self.sea.phases(self.env_sea, self.time, out=self.around.phase)
         before = self._remember() if self.dump_folder else {}
         for name, team in self.teams.items():
-            team.model.step(team, checked[name], self._around(team))
+            team.model.step(team, checked[name], self._around(team, self.around))
         if self.dump_folder:
             self._dump_faults(before, checked, self.dump_folder)
         self.time += self.config.decision_interval
@@ -108,13 +108,22 @@ class World:
         self.current.reset(envs)
         self.wind.reset(envs)
 
-    def _around(self, team: Team) -> Surroundings:
-        """What `team` is told: a USV feels the current averaged over its draft, and the wind at its own height."""
+    def _around(self, team: Team, around: Surroundings) -> Surroundings:
+        """What `team` is told of `around`: a USV feels the current averaged over its draft, and the wind at its own
+        height.
+        """
         if team.name != "usv":
-            return self.around
+            return around
         water, air = self.current.mean_factor(team.model.draft), self.wind.speed_factor(team.model.wind_height)
-        current = self.around.current if water == 1.0 else self.around.current * water
-        return self.around._replace(current=current, wind=self.around.wind if air == 1.0 else self.around.wind * air)
+        current = around.current if water == 1.0 else around.current * water
+        return around._replace(current=current, wind=around.wind if air == 1.0 else around.wind * air)
+
+    def _at(self, envs: torch.Tensor) -> Surroundings:
+        """`around` of environments `envs` [n] alone, now."""
+        env_sea = self.env_sea.index_select(0, envs)
+        current, wind = (x.index_select(0, envs) for x in (self.around.current, self.around.wind))
+        phase = self.sea.phases(env_sea, self.time.index_select(0, envs))
+        return self.around._replace(env_sea=env_sea, phase=phase, current=current, wind=wind)
 
     def _remember(self) -> dict[str, tuple[torch.Tensor, torch.Tensor]]:
         return {name: (team.state.clone(), team.aux.clone()) for name, team in self.teams.items()}
@@ -144,23 +153,27 @@ class World:
         """Put the vehicles of a team in environments `envs` [n] at `state` [n, vehicle, 13].
 
         USVs are lifted onto the wave under them: set `env_sea` and `time` of those environments first. Models that
-        have a `prepare` (state [n, vehicle, 13], wind [n, 3], Wind) begin in equilibrium.
+        `settle` (state [n, vehicle, 13], Surroundings of these n) begin afloat, moving with the water; those that have
+        a `prepare` (state [n, vehicle, 13], wind [n, 3], Wind) begin in equilibrium.
         """
         team = self.teams[name]
         wind = self.wind.velocity.index_select(0, envs)
         flies = hasattr(team.model, "prepare")
         if flies:
             state = team.model.prepare(state, wind, self.wind)
-        if name == "usv":
-            state = state.clone()
-            zeta = self.elevation(envs, state[..., 0], state[..., 1])
-            state[..., 2] -= zeta
-            team.surface[envs, :, ELEVATION] = zeta
+        if hasattr(team.model, "settle"):
+            state, aux, team.surface[envs] = team.model.settle(state, self._around(team, self._at(envs)))
+        else:
+            if name == "usv":
+                state = state.clone()
+                zeta = self.elevation(envs, state[..., 0], state[..., 1])
+                state[..., 2] -= zeta
+                team.surface[envs, :, ELEVATION] = zeta
+            aux = torch.empty((*state.shape[:-1], team.aux.shape[-1]), dtype=state.dtype, device=state.device)
+            team.model.reset_aux(aux, state)
+            if flies:
+                team.model.measure_air(aux, state, wind_at(state, wind, self.wind))
         team.state.index_copy_(0, envs, state)
-        aux = torch.empty((*state.shape[:-1], team.aux.shape[-1]), dtype=state.dtype, device=state.device)
-        team.model.reset_aux(aux, state)
-        if flies:
-            team.model.measure_air(aux, state, wind_at(state, wind, self.wind))
         team.aux.index_copy_(0, envs, aux)
         team.update(envs)
 

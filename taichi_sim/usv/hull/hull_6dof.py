@@ -30,12 +30,11 @@ from taichi_sim.surroundings import Surroundings
 from taichi_sim.usv.hull import loads
 from taichi_sim.usv.hull import waves as hull_waves
 from taichi_sim.usv.hull.model import DRAG, NU_DOT, PRESSURE, THRUST, WIND
-from taichi_sim.usv.hull.motion import HullMotion, pack
+from taichi_sim.usv.hull.motion import pack
 from taichi_sim.usv.hull.params import Hull6DofParams
+from taichi_sim.usv.hull.start import LABEL_STEPS, HullStart
 
 __all__ = ["Hull6Dof", "Hull6DofParams"]
-
-LABEL_STEPS = 4  # of Newton's method from no displacement, where there is no last step to predict from
 
 
 @ti.func
@@ -45,10 +44,10 @@ def six_of(table: ti.template(), e, i, first: ti.template()):
 
 
 @ti.data_oriented
-class Hull6Dof(HullMotion):
+class Hull6Dof(HullStart):
     """Steps a team of hulls in place; see the module.
 
-    model.py holds its numbers, water.py and motion.py the functions that the kernels here inline.
+    model.py holds its numbers, water.py, motion.py and start.py the functions that the kernels here inline.
     """
 
     def step(self, team, action: torch.Tensor, around: Surroundings) -> None:
@@ -236,12 +235,3 @@ class Hull6Dof(HullMotion):
         if ti.static(self.propelled):
             aux[e, i, THRUST] = loads.thrust(self.thrusters, shaft[0])
             aux[e, i, THRUST + 1] = loads.thrust(self.thrusters, shaft[1])
-
-    @ti.func
-    def freeboard(self, deck: ti.template(), R, z, plane):
-        """Height (m) of the lowest corner of the deck above the surface plane."""
-        lowest = z * 0.0 + 1e3
-        for c in range(deck.shape[0]):
-            r = R @ ti.Vector([deck[c, 0], deck[c, 1], deck[c, 2]])
-            lowest = ti.min(lowest, -(z + r[2]) - plane[0] - plane[1] * r[0] - plane[2] * r[1])
-        return lowest

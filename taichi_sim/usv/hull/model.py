@@ -23,7 +23,7 @@ AUX = (
     "thrust_left", "thrust_right", "wind_x", "wind_y", "wind_z",
     "u_dot", "v_dot", "w_dot", "p_dot", "q_dot", "r_dot",
 )  # fmt: skip
-PRESSURE, DRAG, THRUST, WIND, NU_DOT, HEAD = 6, 9, 12, 14, 17, len(AUX)
+LABEL, PRESSURE, DRAG, THRUST, WIND, NU_DOT, HEAD = 2, 6, 9, 12, 14, 17, len(AUX)
 
 
 class HullModel:

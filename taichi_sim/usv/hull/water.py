@@ -1,4 +1,4 @@
-"""The water at a hull, as methods that kernels inline: surface, pressure along the wave lines, motion of the water."""
+"""The water at a hull, as methods that kernels inline: surface, freeboard, pressure on the wave lines, its motion."""
 
 import taichi as ti
 
@@ -94,3 +94,12 @@ class HullWater(HullModel):
         alpha_o = R.transpose() @ ti.Vector([p * cos_h - q * sin_h, p * sin_h + q * cos_h, 0.0])
         nu_o, nu_o_dot = six(v_o, w_o), six(a_o - cross(omega, v_o), alpha_o - cross(omega, w_o))
         return six(v_c, zero), six(v_c_dot, zero), nu_o, nu_o_dot
+
+    @ti.func
+    def freeboard(self, deck: ti.template(), R, z, plane):
+        """Height (m) of the lowest corner of the deck above the surface plane."""
+        lowest = z * 0.0 + 1e3
+        for c in range(deck.shape[0]):
+            r = R @ ti.Vector([deck[c, 0], deck[c, 1], deck[c, 2]])
+            lowest = ti.min(lowest, -(z + r[2]) - plane[0] - plane[1] * r[0] - plane[2] * r[1])
+        return lowest
