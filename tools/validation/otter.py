@@ -19,7 +19,6 @@ from taichi_sim.usv.hull.params import Hull6DofParams
 from validation.bench import Bench, pack_state
 from validation.case import Case
 from validation.otter_numbers import current, model, parameters, shaft_command
-from validation.parameters import LAST_DIGIT
 from validation.tables import Table, even_interval, read_csv
 
 POSE = ("x", "y", "z", "phi", "theta", "psi")
@@ -47,13 +46,10 @@ def rhs_samples(case: Case) -> None:
     eta, nu, shaft, command = (_stack(table, names) for names in (POSE, NU, SHAFTS, ("n1c", "n2c")))
     ours = np.hstack([pose_rate(eta, nu), accelerations(p, eta, nu, shaft, current(case.path.stem)),
                       shaft_rate(p, shaft, command)])  # fmt: skip
-    assert p.thrusters is not None
     for kind, values in zip((*POSE, *NU, *SHAFTS), ours.T, strict=True):
         name = f"d_{kind}"
         scale = float(np.abs(table[name]).max()) or 1.0
-        # the shafts' limits are printed to six decimals
-        resolution = table.resolution(name) + (LAST_DIGIT / p.thrusters.lag if kind in SHAFTS else 0.0)
-        tolerance = RHS_TOLERANCE[case.precision]
+        tolerance, resolution = RHS_TOLERANCE[case.precision], table.resolution(name)
         case.absolute(f"{name}, relative", values / scale, table[name] / scale, tolerance, resolution / scale)
 
 

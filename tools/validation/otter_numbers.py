@@ -37,7 +37,8 @@ def _sections(data: dict[str, Any], full: dict[str, Any]) -> dict[str, Any]:
     """Sections of a vehicle file from the published numbers, with the digits of `full` where it is the same number."""
     body, hydro = full["rigid_body"], full["hydrodynamics"]
     damping = refined([number(data, "damping", f"D{i}{i}") for i in range(1, 7)], hydro["linear"])
-    B, T = number(data, "pontoon", "beam_m"), number(data, "pontoon", "draft_m")
+    B = number(data, "pontoon", "beam_m")
+    T = refined(number(data, "pontoon", "draft_m"), hydro["cross_flow_draft"])
     sections = data["damping"]
     C_d = float(np.interp(B / (2 * T), sections["hoerner_B_over_2T"], sections["hoerner_Cd"]))
     restoring = {
