@@ -30,7 +30,11 @@ EXPECTED = {
     "wamv": {("surge_step_500N_m211.csv", "f32"), ("buoyancy_per_point.csv", "f64")},
     "cybership2": {("rhs_samples.csv", "f64"), ("summary.json", "f32")},
     "dryden": {("dryden_discrete.csv", "f64")},
-    "aerosonde": {("rhs_samples_A.csv", "f32"), ("trim_and_modes_Va25.json", "f64")},
+    "aerosonde": {
+        ("rhs_samples_A.csv", "f32"),
+        ("trim_and_modes_Va25.json", "f64"),
+        ("mavsim_solution_code_elevator_doublet_A_dt0.01.csv", "f64"),
+    },
 }
 
 

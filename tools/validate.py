@@ -10,8 +10,9 @@ Errors of signed quantities are relative to the table's largest magnitude of tha
 ones relative to each value, those of lengths also in metres (tools/validation/case.py). Tolerances: 1e-6 in
 f64, 1e-4 in f32; Unity sequences 1e-4 (m, m/s, rad); trajectories metres and degrees, and where a model is no closed
 form what its checker says (tools/validation/*.py). To each is added half a unit of the table's last digit.
+A table whose inputs are missing, or contradict its own columns, says nothing about the physics: it is reported as such.
 
-Exit status: 0 all passed, 1 a check failed, 2 nothing to check.
+Exit status: 0 all passed, 1 a check failed or lacks its inputs, 2 nothing to check.
 """
 
 import argparse

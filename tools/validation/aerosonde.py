@@ -27,6 +27,7 @@ from taichi_sim.uav.fixed_wing.modes import linear_modes
 from taichi_sim.uav.fixed_wing.trim import Trim, trim
 from validation.aerosonde_numbers import parameters
 from validation.case import Case
+from validation.inputs import check_air, check_start, check_way, wind_of
 from validation.tables import Table, TableError, number, read_csv, read_json, records
 
 DT = 0.02  # s, of the trajectories we fly
@@ -38,6 +39,7 @@ RATE_TOLERANCE = {"f64": 1e-3, "f32": 1e-2}  # rad/s
 TRIM_TOLERANCE = 1e-5  # rad, 1
 FREQUENCY_TOLERANCE, DAMPING_TOLERANCE = 1e-3, 5e-3  # of the value
 PRINTED_TOLERANCE = 1e-8  # of numbers printed with eight decimals, absolute
+EULER, AIR_DATA = ("phi", "theta", "psi"), ("Va", "alpha", "beta")
 STATE = ("n", "e", "d", "u", "v", "w", "e0", "e1", "e2", "e3", "p", "q", "r")
 CONTROLS = ("elevator", "aileron", "rudder", "throttle")
 SHORT_CONTROLS = ("elev", "ail", "rud", "thr")
@@ -53,13 +55,6 @@ def variant(case: Case) -> str:
     return found[0]
 
 
-def _wind(table: Table) -> np.ndarray:
-    """Steady velocity of the air (NED, m/s) [row, 3]; none without columns wn, we, wd."""
-    if "wn" not in table:
-        return np.zeros((len(table), 3))
-    return np.stack([table[c] for c in ("wn", "we", "wd")], axis=1)
-
-
 def rhs_samples(case: Case) -> None:
     """rhs_samples_[AB]*.csv: random states and controls (and winds), and all derivatives."""
     table = read_csv(case.path)
@@ -68,26 +63,35 @@ def rhs_samples(case: Case) -> None:
     state = np.empty((len(table), len(STATE)), dtype)
     state[:, ORDER] = np.stack([table[c] for c in STATE], axis=1)
     controls = np.stack([table[c] for c in SHORT_CONTROLS], axis=1)
-    ours = rhs(p, state, controls, _wind(table))[:, ORDER]
+    ours = rhs(p, state, controls, wind_of(case, table))[:, ORDER]
     for name, values in zip(STATE, ours.T, strict=True):
-        _scaled(case, f"d_{name}", values, table[f"d_{name}"], table.resolution(f"d_{name}"))
+        scaled(case, f"d_{name}", values, table[f"d_{name}"], table.resolution(f"d_{name}"))
 
 
-def _scaled(case: Case, name: str, ours, theirs, resolution=0.0) -> None:
+def scaled(case: Case, name: str, ours, theirs, resolution=0.0) -> None:
+    """Compare on the scale of the table's largest magnitude, as right-hand sides are."""
     scale = float(np.abs(theirs).max()) or 1.0
     tolerance = RHS_TOLERANCE[case.precision]
     case.absolute(f"{name}, relative", ours / scale, theirs / scale, tolerance, resolution / scale)
 
 
 def trajectory(case: Case) -> None:
-    """*_[AB].csv with columns t, north ..: flight from the first row with each row's controls until the next."""
+    """*_[AB].csv with columns t, north ..: flight from the first row with each row's controls (and wind: wn, we, wd)
+    until the next.
+    """
     table = read_csv(case.path)
+    check_start(case, table, ("north", "east", "down", "u", "v", "w", "phi", "theta", "psi", "p", "q", "r"))
+    wind = wind_of(case, table)
+    R, v = rotation(table), np.stack([table[c] for c in ("u", "v", "w")], axis=1)
+    check_air(table, v - np.einsum("nji,nj->ni", R, wind))
+    place = np.stack([table[c] for c in ("north", "east", "down")], axis=1)
+    check_way(table, place, np.einsum("nij,nj->ni", R, v))
     exact = np.diff(table["t"]) / DT
     steps = np.rint(exact).astype(int)
     if steps.size == 0 or steps.min() < 1 or np.abs(exact - steps).max() > 0.01:
         raise TableError(f"column 't': rows are not a whole number of steps of {DT} s apart")
     stride = math.gcd(*steps.tolist())
-    flight = Flight(FixedWing6DOF(parameters(case, variant(case)), DT, stride), table)
+    flight = Flight(FixedWing6DOF(parameters(case, variant(case)), DT, stride), table, wind)
     columns = flight.fly(steps // stride)
     tolerances = (
         (("north", "east", "down"), POSITION_TOLERANCE),
@@ -96,32 +100,37 @@ def trajectory(case: Case) -> None:
     )
     for names, tolerance in tolerances:
         for name in names:
-            case.absolute(name, columns[name], table[name], tolerance[case.precision], table.resolution(name))
-    for name in ("phi", "theta", "psi", "alpha", "beta"):
+            if name in table or name not in AIR_DATA:
+                case.absolute(name, columns[name], table[name], tolerance[case.precision], table.resolution(name))
+    for name in (*EULER, *(c for c in AIR_DATA[1:] if c in table)):
         away = np.rad2deg((columns[name] - table[name] + np.pi) % (2 * np.pi) - np.pi)
         resolution = np.rad2deg(table.resolution(name))
         case.absolute(f"{name}, deg", away, np.zeros(len(table)), ANGLE_TOLERANCE[case.precision], resolution)
 
 
+def rotation(table: Table) -> np.ndarray:
+    """R_nb [row, 3, 3] of columns phi, theta, psi."""
+    return torch_rotation_matrix(torch_quaternion_from_euler(*(torch.tensor(table[c]) for c in EULER))).numpy()
+
+
 class Flight:
     """One aircraft that begins at a table's first row."""
 
-    def __init__(self, model: FixedWing6DOF, table: Table):
-        """Put it there."""
+    def __init__(self, model: FixedWing6DOF, table: Table, wind: np.ndarray):
+        """Put it there, in a `wind` [row, 3] (NED, m/s) that blows from its row to the next."""
         self.model, self.table = model, table
         self.team = Team("uav", model, 1, 1)
         zero = np.zeros((1, 1))
         sea = Sea(Components(zero, zero + 1, zero + 1, zero, zero))
-        around = Surroundings.of(sea, torch.zeros(1, dtype=torch.int32), torch.zeros(1, dtype=torch.float64))
-        self.air = torch.tensor(_wind(table)[0])
-        self.around = around._replace(wind=self.air.to(self.team.state.dtype).reshape(1, 3))
+        self.around = Surroundings.of(sea, torch.zeros(1, dtype=torch.int32), torch.zeros(1, dtype=torch.float64))
+        self.wind = torch.tensor(wind)
         state = self.team.state[0, 0]
 
         def row(*names: str) -> torch.Tensor:
             return torch.tensor([table[c][0] for c in names], dtype=torch.float64)
 
         state[POSITION] = row("north", "east", "down").to(state)
-        state[QUATERNION] = torch_quaternion_from_euler(*row("phi", "theta", "psi")).to(state)
+        state[QUATERNION] = torch_quaternion_from_euler(*row(*EULER)).to(state)
         state[VELOCITY] = row("u", "v", "w").to(state)
         state[ANGULAR_VELOCITY] = row("p", "q", "r").to(state)
         model.reset_aux(self.team.aux, self.team.state)
@@ -130,16 +139,17 @@ class Flight:
         """Quantities at every row; `calls` [row - 1] control steps from each row to the next."""
         controls = torch.tensor(np.stack([self.table[c] for c in CONTROLS], axis=1))
         actions = self.model.action(controls).to(self.team.state.dtype)
-        rows = [self._read()]
-        for action, times in zip(actions, calls, strict=False):
+        rows = [self._read(self.wind[0])]
+        for row, times in enumerate(calls):
+            around = self.around._replace(wind=self.wind[row : row + 1].to(actions.dtype))
             for _ in range(times):
-                self.model.step(self.team, action.reshape(1, 1, 4).contiguous(), self.around)
-            rows.append(self._read())
+                self.model.step(self.team, actions[row].reshape(1, 1, 4).contiguous(), around)
+            rows.append(self._read(self.wind[row + 1]))
         return {name: np.array([row[name] for row in rows]) for name in rows[0]}
 
-    def _read(self) -> dict[str, float]:
+    def _read(self, wind: torch.Tensor) -> dict[str, float]:
         state = self.team.state[0, 0].double()
-        v_r = state[VELOCITY] - torch_rotation_matrix(state[QUATERNION]).T @ self.air
+        v_r = state[VELOCITY] - torch_rotation_matrix(state[QUATERNION]).T @ wind
         u, v, w = v_r.tolist()
         names = ("north", "east", "down", "u", "v", "w", "p", "q", "r", "phi", "theta", "psi")
         euler = torch_euler_from_quaternion(state[QUATERNION])

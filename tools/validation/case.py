@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from validation.tables import Table, TableError
+from validation.tables import InputsMissingError, Table, TableError
 
 TOLERANCE = {"f64": 1e-6, "f32": 1e-4}  # m for lengths, 1 for ratios
 
@@ -45,7 +45,7 @@ class Folder:
     def use(self, path: Path) -> Path:
         """`path`, noted as read."""
         if not path.is_file():
-            raise TableError(f"{self.name(path)} is missing, and its numbers are needed")
+            raise InputsMissingError(f"{self.name(path)} is missing, and its numbers are needed")
         self.used.add(path)
         return path
 

@@ -22,6 +22,7 @@ from taichi_sim.surroundings import Surroundings
 from taichi_sim.usv.manoeuvring_3dof import Manoeuvring3dof
 from taichi_sim.usv.manoeuvring_loads import Manoeuvring3dofParams
 from validation.case import Case
+from validation.inputs import check_start
 from validation.tables import TableError, number, read_csv, read_json, read_toml
 
 PARAMETERS = "cybership2.toml"
@@ -131,6 +132,7 @@ def trajectory(case: Case) -> None:
     """surge_decay*.csv, surge_step_tau*.csv, turn_tau*.csv, sway_yaw_decay*.csv: motion under constant forces."""
     table = read_csv(case.path)
     columns = {name: table[name] for name in ("x", "y", "psi", "u", "v", "r")}
+    check_start(case, table, tuple(columns))
     runner = Runner(_parameters(case), _forces(case.path.stem))
     intervals = _intervals(table["t"])
     runner.put(*(values[0] for values in columns.values()))

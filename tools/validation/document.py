@@ -101,7 +101,7 @@ def _nearest(checks: list[Check]) -> tuple[str, str]:
         return "", ""
     worst = max(checks, key=_use)
     if worst.error is None:
-        return f"**cannot be used: {worst.quantity}**", ""
+        return f"**{worst.problem}: {worst.quantity}**", ""
     text = f"{worst.quantity}: {worst.error:.1e}"
     return text if worst.passed else f"**{text}, failed**", f"{worst.tolerance:.1e}"
 

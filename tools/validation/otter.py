@@ -1,8 +1,8 @@
 """Checks of hull_6dof with linear restoring against tables of an independent code for the Otter.
 
 The name of a table says the current (current_0.5mps_30deg: towards 30 degrees) and the shaft speeds commanded
-(n100_n60: left and right, rad/s; n80: both); where it names no speeds, those of the last row are held. The initial
-state is the first row. Tolerances are metres and degrees for tracks, the largest magnitude of the column for
+(n100_n60: left and right, rad/s; n80: both); where its columns show others, they turn the propellers (shafts.py). The
+initial state is the first row. Tolerances are metres and degrees for tracks, the largest magnitude of the column for
 right-hand sides.
 """
 
@@ -18,13 +18,15 @@ from taichi_sim.usv.hull import loads as hull_loads
 from taichi_sim.usv.hull.params import Hull6DofParams
 from validation.bench import Bench, pack_state
 from validation.case import Case
+from validation.inputs import check_start
 from validation.otter_numbers import current, model, parameters, shaft_command
+from validation.shafts import SHAFTS, shaft_commands
 from validation.tables import Table, even_interval, read_csv
 
 POSE = ("x", "y", "z", "phi", "theta", "psi")
 NU = ("u", "v", "w", "p", "q", "r")
-SHAFTS = ("n1", "n2")
 LARGEST_DT = 0.02  # s; a table's interval is cut into whole steps of at most this
+DRIVEN_DT = 0.005  # s; of at most this where commands change between rows
 RHS_TOLERANCE = {"f64": 1e-9, "f32": 2e-5}  # of each column's largest magnitude
 TRACK_TOLERANCE = {"f64": 1e-3, "f32": 0.05}  # m
 ANGLE_TOLERANCE = {"f64": 0.02, "f32": 0.5}  # deg
@@ -129,13 +131,20 @@ def turned_deg(ours, table) -> np.ndarray:
 
 
 def fly(case: Case, table: Table, dt: float = LARGEST_DT) -> dict[str, np.ndarray]:
-    """The run of a table: our x .. r at its times, from its first row, by steps of at most `dt` (s)."""
+    """The run of a table: our x .. r at its times, from its first row, its shafts turning as in the table, by steps of
+    at most `dt` (s).
+    """
     interval = even_interval(table["t"])
     steps = int(np.ceil(interval / dt - 1e-6))
     p = parameters(case)
+    assert p.thrusters is not None
+    check_start(case, table, (*POSE, *NU, *SHAFTS))
     name = case.path.stem.split("_euler")[0].removesuffix("_converged")
-    command = shaft_command(name) or tuple(table[n][-1] for n in SHAFTS)
-    bench = Bench(model(p, round(interval / steps, 9), steps), current=current(name))
+    parts = int(np.ceil(interval / min(dt, DRIVEN_DT) - 1e-6))
+    commands = shaft_commands(table, shaft_command(name), p.thrusters.lag, parts)
+    calls = commands.shape[1]  # of the model, from row to row
+    steps = steps if calls == 1 else parts
+    bench = Bench(model(p, round(interval / steps, 9), steps // calls), current=current(name))
     bench.put([table[n][0] for n in POSE], [table[n][0] for n in NU])
     set_shafts(bench, [table[n][0] for n in SHAFTS])
     rows = []
@@ -143,7 +152,8 @@ def fly(case: Case, table: Table, dt: float = LARGEST_DT) -> dict[str, np.ndarra
         motion = bench.read()
         rows.append(np.concatenate((motion.position[0], motion.euler[0], motion.nu[0])))
         if row < len(table) - 1:
-            bench.step(as_action(p, command))
+            for command in commands[row]:
+                bench.step(as_action(p, command))
     return dict(zip((*POSE, *NU), np.array(rows).T, strict=True))
 
 

@@ -8,9 +8,10 @@ from pathlib import Path
 from taichi_sim import runtime
 from validation.case import Case, Check, Folder
 from validation.registry import CHECKERS, Checker
-from validation.tables import TableError
+from validation.tables import InputsMissingError, TableError
 
 PRECISIONS = ("f64", "f32")
+INPUTS = "inputs missing"  # a problem of the table: it says nothing about this package
 
 
 class NothingToCheckError(ValueError):
@@ -29,6 +30,14 @@ class Report:
         """Whether every check passed."""
         return all(check.passed for check in self.checks)
 
+    @property
+    def verdict(self) -> str:
+        """How many checks there are and how many failed; those without inputs have not failed, but are not made."""
+        without = sum(check.problem == INPUTS for check in self.checks)
+        failed = sum(not check.passed for check in self.checks) - without
+        more = f", {without} could not be made: inputs missing" if without else ""
+        return f"{len(self.checks)} checks, {failed} failed{more}"
+
     def to_json(self) -> str:
         """As JSON; an error that could not be computed is null."""
         keys = ("table", "quantity", "precision", "error", "tolerance", "passed")
@@ -41,11 +50,10 @@ class Report:
         width = max((len(n) for n, c in zip(names, self.checks, strict=True) if c.error is not None), default=40)
         lines = [f"{'check':{width}}  prec  {'error':>9}  {'tolerance':>9}  result"]
         for name, c in zip(names, self.checks, strict=True):
-            result = "pass" if c.passed else f"FAIL {c.problem}"
+            result = "pass" if c.passed else c.problem if c.problem == INPUTS else f"FAIL {c.problem}"
             figures = f"{c.precision}  {_short(c.error)}  {_short(c.tolerance)}"
             lines.append(f"{name:{width}}  {figures}  {result.rstrip()}")
-        failed = sum(not c.passed for c in self.checks)
-        lines.append(f"\n{len(self.checks)} checks, {failed} failed")
+        lines.append(f"\n{self.verdict}")
         if self.unchecked:
             lines.append(f"no check for {len(self.unchecked)} files:")
             lines.extend(f"  {name}" for name in self.unchecked)
@@ -89,5 +97,6 @@ def _run(folder: Folder, path: Path, checker: Checker, match: dict[str, float], 
     except Exception as error:  # whatever is wrong with one table must not hide the others
         folder.used.add(path)
         text = str(error) if isinstance(error, TableError) else f"{type(error).__name__}: {error}"
-        case.checks.append(Check(folder.name(path), text, precision, None, None, False, "cannot be used"))
+        problem = INPUTS if isinstance(error, InputsMissingError) else "cannot be used"
+        case.checks.append(Check(folder.name(path), text, precision, None, None, False, problem))
     return case.checks

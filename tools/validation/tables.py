@@ -18,6 +18,10 @@ class TableError(ValueError):
     """A table that cannot be used; the message says where and why."""
 
 
+class InputsMissingError(TableError):
+    """A table whose inputs are missing or contradict it: it says nothing about the physics."""
+
+
 @dataclass(frozen=True)
 class Table:
     """A CSV of numbers: header cells and the text of each row."""

@@ -169,7 +169,7 @@ class Hull6Dof(HullStart):
         """
         run = runtime.current()
         state = np.asarray(state, dtype=np.float64)
-        flow = np.broadcast_to(np.asarray(current, dtype=np.float64), (len(state), 2))
+        flow = np.broadcast_to(np.asarray(current, dtype=np.float64), (len(state), 2)).copy()
         y, n, V_c = (
             torch.as_tensor(np.ascontiguousarray(v), dtype=run.torch_dtype, device=run.device)
             for v in (state, shaft, flow)

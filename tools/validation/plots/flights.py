@@ -12,6 +12,7 @@ from taichi_sim.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
 from validation import aerosonde
 from validation.aerosonde_numbers import parameters
 from validation.case import Case, Folder
+from validation.inputs import wind_of
 from validation.plots.finer import finer
 from validation.plots.style import OTHER, OURS, legend, points
 from validation.tables import UNEVEN, Table, TableError, even_interval, read_csv
@@ -105,7 +106,7 @@ def _fly(case: Case, table: Table) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     try:
         runtime.init(before.arch, case.precision, before.threads)
         model = FixedWing6DOF(parameters(case, aerosonde.variant(case)), aerosonde.DT, 1)
-        flown = aerosonde.Flight(model, steps).fly(np.ones(len(steps) - 1, dtype=int))
+        flown = aerosonde.Flight(model, steps, wind_of(case, steps)).fly(np.ones(len(steps) - 1, dtype=int))
     finally:
         runtime.init(before.arch, before.precision, before.threads)
     return steps["t"], flown
