@@ -20,6 +20,7 @@ LAYERS = (
     ("taichi_sim.fleet",),
     ("taichi_sim.world",),
     ("taichi_sim.recording",),
+    ("taichi_sim.plotting",),
     ("rl.seeds", "rl.scene"),
     ("rl.missions", "rl.learn", "rl.runs", "rl.gym"),
     ("rl.cli",),

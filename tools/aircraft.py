@@ -185,7 +185,7 @@ def envelope_table(bounds: FlightEnvelope) -> str:
 
 def draw(bounds: FlightEnvelope, cruise: float, title: str, file: Path) -> None:
     """The V-n diagram as a figure."""
-    from rl.missions.formation.figures.page import dress, new_figure
+    from taichi_sim.plotting import dress, new_figure
 
     figure = new_figure(8.0, 5.0, title)
     axes = figure.subplots()

@@ -30,10 +30,10 @@ ROOT = Path(__file__).resolve().parents[1]
 if str(ROOT) not in sys.path:  # run as a script from anywhere
     sys.path.insert(0, str(ROOT))
 
-from rl.missions.formation.figures.page import INK, dress, new_figure  # noqa: E402
 from taichi_sim import runtime  # noqa: E402
 from taichi_sim.config import ConfigError, SeaConfig  # noqa: E402
 from taichi_sim.config.io import load_scenario  # noqa: E402
+from taichi_sim.plotting import INK, dress, new_figure  # noqa: E402
 from taichi_sim.sea import Sea, SteepSeaError  # noqa: E402
 from taichi_sim.sea.sampling import WaveSystem  # noqa: E402
 from taichi_sim.sea.sea import wave_systems  # noqa: E402

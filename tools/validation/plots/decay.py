@@ -3,8 +3,8 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from rl.missions.formation.figures.page import dress, new_figure
 from taichi_sim.config.io import validate
+from taichi_sim.plotting import dress, new_figure
 from taichi_sim.usv.hull.params import Hull6DofParams
 from validation.bench import Bench
 from validation.case import Case, Folder

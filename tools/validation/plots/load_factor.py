@@ -5,8 +5,8 @@ from aircraft import FlightEnvelope, flight_envelope, load_aircraft
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from rl.missions.formation.figures.page import INK, dress, new_figure
 from taichi_sim.conventions import GRAVITY
+from taichi_sim.plotting import INK, dress, new_figure
 from taichi_sim.uav.fixed_wing.airframe import FixedWingParams
 from taichi_sim.uav.fixed_wing.equations import loads, stall_angles
 from validation.case import Folder

@@ -3,7 +3,7 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from rl.missions.formation.figures.page import INK, dress, new_figure
+from taichi_sim.plotting import INK, dress, new_figure
 from taichi_sim.sea.spectrum import wavenumber
 from validation.case import Case, Folder
 from validation.plots.style import FAINT, OTHER, OURS, THIRD, legend, points

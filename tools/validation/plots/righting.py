@@ -3,8 +3,8 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from rl.missions.formation.figures.page import INK, dress, new_figure
 from taichi_sim.config.io import validate
+from taichi_sim.plotting import INK, dress, new_figure
 from taichi_sim.usv.hull.geometry import HullGeometry
 from taichi_sim.usv.hull.hydrostatics import Hydrostatics
 from taichi_sim.usv.hull.mesh import mesh

@@ -4,8 +4,8 @@ import numpy as np
 from draw_sea import measure, target_density
 from matplotlib.figure import Figure
 
-from rl.missions.formation.figures.page import dress, new_figure
 from taichi_sim.config import SeaConfig
+from taichi_sim.plotting import dress, new_figure
 from taichi_sim.sea import Sea
 from taichi_sim.sea.sea import wave_systems
 from validation.case import Folder

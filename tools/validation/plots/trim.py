@@ -7,7 +7,7 @@ from aircraft import flight_envelope, load_aircraft
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from rl.missions.formation.figures.page import INK, dress, new_figure
+from taichi_sim.plotting import INK, dress, new_figure
 from validation.case import Folder
 from validation.plots.style import FAINT, points
 from validation.plots.trim_table import COLOURS, NAMES, Variant, variants

@@ -6,7 +6,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.transforms import ScaledTranslation
 
-from rl.missions.formation.figures.page import INK, dress, new_figure
+from taichi_sim.plotting import INK, dress, new_figure
 from validation.case import Folder
 from validation.dryden import KNOT
 from validation.plots.dryden_records import records

@@ -3,7 +3,7 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from rl.missions.formation.figures.page import dress, new_figure
+from taichi_sim.plotting import dress, new_figure
 from validation.case import Case, Folder
 from validation.otter import fly
 from validation.otter_numbers import shaft_command

@@ -5,8 +5,8 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
-from rl.missions.formation.figures.page import INK, dress, new_figure
 from taichi_sim.config.io import validate
+from taichi_sim.plotting import INK, dress, new_figure
 from taichi_sim.usv.hull.params import Hull6DofParams
 from validation.bench import Bench
 from validation.case import Case, Folder

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from rl.missions.formation.figures.page import INK, TEAM_COLOUR, dress, new_figure
+from taichi_sim.plotting import INK, TEAM_COLOUR, dress, new_figure
 
 Histories = Mapping[str, Mapping[str, NDArray[np.float64]]]
 """team -> column of progress.csv -> [iterations]."""

@@ -5,7 +5,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 
-from rl.missions.formation.figures.page import INK, TEAM_COLOUR, dress, new_figure
+from taichi_sim.plotting import INK, TEAM_COLOUR, dress, new_figure
 from taichi_sim.recording import Episode
 
 TEAM_STYLE = {"usv": "-", "uav": (0, (4, 3))}
