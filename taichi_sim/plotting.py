@@ -1,12 +1,9 @@
-"""What the figures share: page, axes, colours (those of a recording)."""
+"""The style of plots: page, axes, colours (those of a recording)."""
 
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from taichi_sim.recording.palette import vehicle_colour
-
-TEAM_COLOUR = {"usv": "#D55E00", "uav": "#8C3CBE"}  # the leaders' colours in a recording
 INK = "#22313F"
 
 
@@ -18,9 +15,9 @@ def new_figure(width: float, height: float, title: str) -> Figure:
     return figure
 
 
-def rgb(team: str, vehicle: int) -> tuple[float, float, float]:
-    """A vehicle's colour, each part from 0 to 1."""
-    red, green, blue = vehicle_colour(team, vehicle)
+def rgb(colour: tuple[int, int, int]) -> tuple[float, float, float]:
+    """A colour of a recording, each part from 0 to 1."""
+    red, green, blue = colour
     return red / 255, green / 255, blue / 255
 
 

@@ -11,7 +11,7 @@ ROOT = Path(__file__).resolve().parent.parent
 
 # From the bottom up; a name stands for the module or package and all inside it.
 LAYERS = (
-    ("taichi_sim.conventions", "taichi_sim.config", "taichi_sim.maths", "taichi_sim.runtime"),
+    ("taichi_sim.conventions", "taichi_sim.config", "taichi_sim.maths", "taichi_sim.runtime", "taichi_sim.plotting"),
     ("taichi_sim.sea", "taichi_sim.air"),
     ("taichi_sim.surroundings", "taichi_sim.kinematics", "taichi_sim.rigid_body"),
     ("taichi_sim.usv", "taichi_sim.uav"),
@@ -20,7 +20,6 @@ LAYERS = (
     ("taichi_sim.fleet",),
     ("taichi_sim.world",),
     ("taichi_sim.recording",),
-    ("taichi_sim.plotting",),
     ("rl.seeds", "rl.scene"),
     ("rl.missions", "rl.learn", "rl.runs", "rl.gym"),
     ("rl.cli",),

@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 from rerun.chunk import RrdReader
 
 from rl.missions.formation.figures import read_history, write_figures
-from taichi_sim.recording import Episode, Event, Scene, TeamTrack, write_recording
+from taichi_sim.recording import Episode, Event, Medium, Scene, TeamTrack, write_recording
 
 RADIUS_M, AMPLITUDE_M, WAVENUMBER = 80.0, 0.4, 0.3
 ACTIONS = {"usv": ("thrust", "turn"), "uav": ("aileron", "elevator", "rudder", "throttle")}
 SIZES = {"usv": (2.0, 1.08, 0.5), "uav": (1.7, 2.9, 0.55)}
+MEDIA: dict[str, Medium] = {"usv": "water", "uav": "air"}
 HEIGHTS = {"usv": 0.0, "uav": 40.0}
 
 
@@ -39,6 +40,7 @@ def circling_team(name: str, vehicles: int, time: NDArray) -> TeamTrack:
     names = ACTIONS[name]
     return TeamTrack(
         name=name,
+        medium=MEDIA[name],
         position_n=position,
         quaternion_nb=quaternion,
         velocity_n=np.gradient(position, time, axis=0),
@@ -69,7 +71,7 @@ def make_episode(vehicles: int = 3, teams: Sequence[str] = ("usv", "uav"), steps
         Event(0.2 * time[-1], teams[0], 0, "stall", "alpha 0.4 rad"),
     )
     tracks = {name: circling_team(name, vehicles, time) for name in teams}
-    return Episode("circle", time, tracks, scene, elevation, "# Run\n\nsea: one wave", events)
+    return Episode("circle", time, tracks, elevation, scene, "# Run\n\nsea: one wave", events)
 
 
 def column(path: Path, entity: str, component: str) -> tuple[NDArray, NDArray, NDArray]:

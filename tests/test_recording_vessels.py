@@ -187,7 +187,7 @@ def test_a_trail_ends_at_the_boat_and_begins_where_it_was_put(recorded: tuple[Ep
 
 def test_the_body_is_the_hull_in_the_vehicles_own_frame() -> None:
     team = boats().teams["usv"]
-    body = body_mesh(team, 0)
+    body = body_mesh(team, (213, 94, 0))
     x, y, z = body.vertices_b.T
     assert x.max() == pytest.approx(1.0)
     assert z.max() == pytest.approx(0.3)  # the keel: down is positive

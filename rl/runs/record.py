@@ -15,7 +15,7 @@ from taichi_sim.config import ScenarioConfig
 from taichi_sim.config.io import toml_text
 from taichi_sim.conventions import FREEBOARD, NO_DECK
 from taichi_sim.recording import Episode, Event, Scene, Signal, TeamTrack
-from taichi_sim.recording.model import air_of, airframe_of, body_of, columns_of, forces_of, signals_of
+from taichi_sim.recording.model import air_of, airframe_of, body_of, columns_of, forces_of, medium_of, signals_of
 
 EVENTS = {
     "collided": ("collision", "hit an obstacle or a team mate"),
@@ -99,7 +99,7 @@ def _row(task: FormationTask, name: str, step: Step) -> dict[str, np.ndarray]:
     position = team.team.position_n[0]
     surface = task.world.elevation(torch.zeros(1, dtype=torch.int64), position[None, :, 0], position[None, :, 1])
     slot = team.now.slot[0].clone()
-    if name == "usv":
+    if medium_of(team.team.model) == "water":
         slot[:, 2] = 0.0
     values = {
         "position_n": position,
@@ -127,6 +127,7 @@ def _track(task: FormationTask, name: str, frames: list[dict[str, np.ndarray]]) 
         signals["freeboard"] = Signal(("freeboard",), "m", freeboard[..., None])
     return TeamTrack(
         name=name,
+        medium=medium_of(model),
         action_names=model.action_names,
         size_m=model.params.size,
         body=body_of(model),
@@ -140,7 +141,8 @@ def _track(task: FormationTask, name: str, frames: list[dict[str, np.ndarray]]) 
 
 def _scene(task: FormationTask) -> Scene:
     track = task.tracks.table[0, :, :2].cpu().numpy()
-    heights = {"usv": 0.0, "uav": task.config.track.flight_height}
+    flown = task.config.track.flight_height
+    heights = {name: 0.0 if medium_of(team.team.model) == "water" else flown for name, team in task.teams.items()}
     obstacles = task.obstacles[0].cpu().numpy()
     half = task.config.area / 2
     return Scene(

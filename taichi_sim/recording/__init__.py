@@ -1,7 +1,7 @@
 """State to rerun: an `Episode` in the world frame n (north-east-down) becomes one `.rrd` file.
 
 episode.py    what an episode holds, with shape, unit and frame of each array
-model.py      what a vehicle model may say of itself: its hull, its loads, its instruments
+model.py      what a vehicle model may say of itself: its medium, its hull, its loads, its instruments
 meshes.py     a boat, in the body frame b (forward-right-down)
 aircraft.py   airplanes and flying wings; vessel.py: a body made of a hull's own panels
 bodies.py     which of these bodies a team has
@@ -11,7 +11,7 @@ rrd.py        the writer; the only place where NED becomes ENU
 blueprint.py  what the viewer shows when it opens the file
 """
 
-from taichi_sim.recording.episode import Airframe, Body, Episode, Event, Force, Scene, Signal, TeamTrack
+from taichi_sim.recording.episode import Airframe, Body, Episode, Event, Force, Medium, Scene, Signal, TeamTrack
 from taichi_sim.recording.rrd import write_recording
 
-__all__ = ["Airframe", "Body", "Episode", "Event", "Force", "Scene", "Signal", "TeamTrack", "write_recording"]
+__all__ = ["Airframe", "Body", "Episode", "Event", "Force", "Medium", "Scene", "Signal", "TeamTrack", "write_recording"]

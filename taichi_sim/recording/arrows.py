@@ -11,7 +11,7 @@ import rerun as rr
 
 from taichi_sim.recording.episode import Array, Episode, TeamTrack
 from taichi_sim.recording.frames import enu, map_point
-from taichi_sim.recording.palette import AIRSPEED, BORESIGHT, CURRENT, GROUND_SPEED, LOADS, WIND, Colour, vehicle_name
+from taichi_sim.recording.palette import AIRSPEED, BORESIGHT, CURRENT, GROUND_SPEED, LOADS, WIND, Colour
 from taichi_sim.recording.space import line_lift, map_bounds
 from taichi_sim.recording.stream import Stream
 
@@ -20,7 +20,7 @@ LOAD_LENGTHS = 1.5  # vehicle lengths, at most, that it is drawn long
 RAISE = 0.14  # of the length: how far above the deck a load is drawn that attacks at the waterline
 THICK = 0.016  # radius of an arrow, of the length
 FLOW_LENGTHS = 1.5  # vehicle lengths that the strongest current or wind is long
-ASTERN = 1.6  # vehicle lengths behind the leader, by the course at the start, which is what the view keeps
+ASTERN = 1.6  # vehicle lengths behind the first vehicle, by the course at the start, which is what the view keeps
 SPEED_SPANS = 2.5  # wing spans that an aircraft's greatest velocity is long
 MAP_SHARE = 0.12  # of the map's shorter side: the wind on the map
 STILL = 1e-3  # m/s; slower water or air is no flow
@@ -77,7 +77,7 @@ def send_forces(stream: Stream, team: TeamTrack) -> None:
     if scale is None:
         return
     length, colours = team.size_m[0], load_colours(team)
-    up = _deck(team) + RAISE * length if team.name == "usv" else 0.0
+    up = _deck(team) + RAISE * length if team.on_water else 0.0
     for name, force in team.forces.items():
         if not np.any(force.vector_b):
             continue
@@ -119,7 +119,7 @@ def send_air(stream: Stream, team: TeamTrack) -> None:
             speed = np.linalg.norm(vector[:, vehicle], axis=-1)
             path = f"world/{team.name}/velocity_{vehicle}_1m_is_{scale:g}m_s/{name.replace(' ', '_')}"
             stream.static(path, rr.Arrows3D.from_fields(colors=colour, radii=2.0 * thick, show_labels=False))
-            labels = [f"{vehicle_name(team.name, vehicle)}: {name} {value:.1f} m/s" for value in speed]
+            labels = [f"{team.vehicle_name(vehicle)}: {name} {value:.1f} m/s" for value in speed]
             arrow = rr.Arrows3D.columns(vectors=enu(vector[:, vehicle] / scale), origins=enu(foot), labels=labels)
             stream.columns(path, arrow)
 
@@ -134,14 +134,14 @@ def _flows(episode: Episode) -> list[tuple[str, Array, Colour]]:
 
 
 def send_flow(stream: Stream, episode: Episode) -> None:
-    """Current and wind 10 m up beside the leader of the boats, each with its own scale and its speed as a label; the
+    """Current and wind 10 m up beside the first of the boats, each with its own scale and its speed as a label; the
     wind on the map.
     """
     _send_wind_on_map(stream, episode)
-    if "usv" not in episode.teams:
-        return  # what blows up there is each aircraft's own
     team = episode.afloat
-    length, course = team.size_m[0], float(team.target_course[0])
+    if not team.on_water:
+        return  # what blows up there is each aircraft's own
+    length, course = team.size_m[0], float(team.course[0])
     for name, flow, colour in _flows(episode):
         speed = np.linalg.norm(flow, axis=-1)
         scale = round_scale(float(np.nanmax(speed)) / (FLOW_LENGTHS * length))
@@ -149,7 +149,7 @@ def send_flow(stream: Stream, episode: Episode) -> None:
         vector = flow / scale
         path = f"world/{team.name}/follow/{name}_1m_is_{scale:g}m_s"
         stream.static(path, rr.Arrows3D.from_fields(colors=colour, radii=1.6 * THICK * length, show_labels=True))
-        # its middle is behind the leader, towards the eye: it passes by, it does not push
+        # its middle is behind the first vehicle, towards the eye: it passes by, it does not push
         origin = enu(-0.5 * vector + [-ASTERN * length * np.cos(course), -ASTERN * length * np.sin(course), -height])
         labels = [f"{name} {value:.1f} m/s" for value in speed]
         stream.columns(path, rr.Arrows3D.columns(vectors=enu(vector), origins=origin, labels=labels))

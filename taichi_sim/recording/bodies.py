@@ -5,18 +5,15 @@ import numpy as np
 from taichi_sim.recording.aircraft import aircraft
 from taichi_sim.recording.episode import Body, TeamTrack
 from taichi_sim.recording.meshes import Mesh, boat
-from taichi_sim.recording.palette import Colour, vehicle_colour
+from taichi_sim.recording.palette import Colour
 from taichi_sim.recording.vessel import flat_shaded, vessel
 
 
-def body_mesh(team: TeamTrack, vehicle: int) -> Mesh:
+def body_mesh(team: TeamTrack, colour: Colour) -> Mesh:
     """The body of a vehicle of `team`, in its colour."""
-    colour = vehicle_colour(team.name, vehicle)
     if team.body is None:
-        return boat(team.size_m, colour) if team.name == "usv" else aircraft(team.size_m, team.airframe, colour)
-    if team.name == "usv":
-        return vessel(team.body, team.size_m, colour)
-    return _plain(team.body, colour)
+        return boat(team.size_m, colour) if team.on_water else aircraft(team.size_m, team.airframe, colour)
+    return vessel(team.body, team.size_m, colour) if team.on_water else _plain(team.body, colour)
 
 
 def _plain(body: Body, colour: Colour) -> Mesh:

@@ -1,16 +1,22 @@
 """What one recorded episode holds. Frames: n is north-east-down, b is forward-right-down.
 
-T control steps, V vehicles in a team (vehicle 0 leads), A actions, P points of a track, M obstacles.
+T control steps, V vehicles in a team (vehicle 0 leads where there is a formation), A actions, P points of a track,
+M obstacles. What belongs to a mission may be missing: nothing of it is drawn or plotted then.
 """
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.floating]
+from taichi_sim.recording.frames import Array, euler
+from taichi_sim.recording.palette import Livery, liveries
+
+COMPANY_LENGTHS = 20.0  # without a formation, a view holds the vehicles this near to the first
+RESERVED = {"sea", "track", "checkpoints", "obstacles", "events", "wind", "area"}  # beside the teams in the tree
+Medium = Literal["water", "air"]
 Elevation = Callable[[Array, Array, float], Array]
 """(north, east, time_s) -> surface elevation, up, m. north and east share one shape, in m."""
 
@@ -48,19 +54,20 @@ class Signal(NamedTuple):
 class TeamTrack:
     """One team over one episode."""
 
-    name: str  # "usv" or "uav": chooses the body that is drawn
+    name: str  # as in titles
+    medium: Medium  # of all its vehicles: boats ride the water, aircraft fly
     position_n: Array  # [T, V, 3] m, of the body's reference point
     quaternion_nb: Array  # [T, V, 4] (w, x, y, z), body to world
     velocity_n: Array  # [T, V, 3] m/s, over ground
-    target_n: Array  # [T, 3] m, what the leader follows
-    target_course: Array  # [T] rad, clockwise from north
-    slot_n: Array  # [T, V, 3] m, each vehicle's place in the formation; the leader's is the target
-    error_m: Array  # [T, V] m, distance of a vehicle from its slot, as the task defines it
-    reward: Array  # [T, V] per step
-    action: Array  # [T, V, A] as the policy gave it
-    action_names: tuple[str, ...]  # A names
     size_m: tuple[float, float, float]  # length; beam (wing span); height (hull depth, or to the fin's top), m
     wave_height: Array  # [T, V] m, surface elevation at the vehicle, up
+    action: Array | None = None  # [T, V, A] as taken
+    action_names: tuple[str, ...] = ()  # A names
+    target_n: Array | None = None  # [T, 3] m, what vehicle 0 follows
+    target_course: Array | None = None  # [T] rad, clockwise from north
+    slot_n: Array | None = None  # [T, V, 3] m, each vehicle's place in the formation; the leader's is the target
+    error_m: Array | None = None  # [T, V] m, distance of a vehicle from where it should be, as the mission defines it
+    reward: Array | None = None  # [T, V] per step
     body: Body | None = None  # what is drawn; None: a boat or an aircraft of `size_m`
     airframe: Airframe | None = None  # of that aircraft; None: of ordinary proportions
     air_n: Array | None = None  # [T, V, 3] m/s, velocity of the air that an aircraft meets; None: not known
@@ -69,22 +76,25 @@ class TeamTrack:
 
     def __post_init__(self) -> None:
         """Refuse arrays that do not fit together."""
+        if self.name in RESERVED:
+            raise ValueError(f"team {self.name}: a recording has that name for something else")
         steps, vehicles = self.position_n.shape[:2]
         for name, shape in {
             "position_n": (steps, vehicles, 3),
             "quaternion_nb": (steps, vehicles, 4),
             "velocity_n": (steps, vehicles, 3),
+            "wave_height": (steps, vehicles),
+            "action": (steps, vehicles, len(self.action_names)),
             "target_n": (steps, 3),
             "target_course": (steps,),
             "slot_n": (steps, vehicles, 3),
             "error_m": (steps, vehicles),
             "reward": (steps, vehicles),
-            "action": (steps, vehicles, len(self.action_names)),
-            "wave_height": (steps, vehicles),
+            "air_n": (steps, vehicles, 3),
         }.items():
-            self._check(name, getattr(self, name), shape)
-        if self.air_n is not None:
-            self._check("air_n", self.air_n, (steps, vehicles, 3))
+            array = getattr(self, name)
+            if array is not None:
+                self._check(name, array, shape)
         for name, force in self.forces.items():
             self._check(f"force {name}", force.vector_b, (steps, vehicles, 3))
         for name, signal in self.signals.items():
@@ -95,15 +105,48 @@ class TeamTrack:
             raise ValueError(f"team {self.name}: {name} is {array.shape}, wanted {shape}")
 
     @property
+    def on_water(self) -> bool:
+        """Whether its vehicles are boats."""
+        return self.medium == "water"
+
+    @property
     def vehicles(self) -> int:
         """V, the leader included."""
         return self.position_n.shape[1]
 
+    def vehicle_name(self, vehicle: int) -> str:
+        """What a reader calls a vehicle: only a formation has a leader."""
+        team = self.name.upper()
+        if self.slot_n is not None:
+            return f"{team} leader" if vehicle == 0 else f"{team} {vehicle}"
+        return team if self.vehicles == 1 else f"{team} {vehicle}"
+
+    @property
+    def places_n(self) -> Array:
+        """[T, V, 3] m: where the vehicles should be, or else where they are."""
+        return self.position_n if self.slot_n is None else self.slot_n
+
+    @property
+    def course(self) -> Array:
+        """[T] rad, where the team is bound: its target's course, or else the heading of vehicle 0."""
+        return euler(self.quaternion_nb[:, 0])[2] if self.target_course is None else self.target_course
+
+    @property
+    def company(self) -> NDArray[np.bool_]:
+        """[V]: a view of the team holds this vehicle. Without a formation some may be anywhere."""
+        apart = np.linalg.norm(self.position_n - self.position_n[:, :1], axis=-1)
+        reach = COMPANY_LENGTHS * max(self.size_m[:2])
+        return np.ones(self.vehicles, dtype=bool) if self.slot_n is not None else np.median(apart, axis=0) <= reach
+
     @property
     def formation_radius_m(self) -> float:
-        """Greatest distance of a slot from what it hangs on, the target or the leader; median over time, m."""
-        hangs_on = (self.slot_n[:, :1], self.position_n[:, :1])
-        spread = [np.linalg.norm(self.slot_n[:, 1:] - place, axis=-1) for place in hangs_on]
+        """Greatest distance of a slot from what it hangs on, the target or the leader; median over time, m.
+
+        Without a formation, of a vehicle of the company from vehicle 0.
+        """
+        places = self.places_n[:, self.company]
+        hangs_on = (places[:, :1], self.position_n[:, :1])
+        spread = [np.linalg.norm(places[:, 1:] - place, axis=-1) for place in hangs_on]
         return float(min(np.median(distance.max(axis=1, initial=0.0)) for distance in spread))
 
 
@@ -122,10 +165,10 @@ class Event:
 class Scene:
     """What stands still."""
 
-    area_m: float  # side of the square, centred at the origin, m
-    tracks_n: dict[str, Array]  # team -> [P, 3] m, the path its target follows
-    checkpoints_n: Array  # [C, 2] north, east, m
-    obstacles: Array  # [M, 4] north, east, radius, height above mean sea level, m
+    area_m: float | None = None  # side of the square, centred at the origin, m; None: the open sea
+    tracks_n: Mapping[str, Array] = field(default_factory=dict)  # team -> [P, 3] m, the path its target follows
+    checkpoints_n: Array = field(default_factory=lambda: np.zeros((0, 2)))  # [C, 2] north, east, m
+    obstacles: Array = field(default_factory=lambda: np.zeros((0, 4)))  # [M, 4] north, east, radius, height (up), m
 
 
 @dataclass(frozen=True)
@@ -135,9 +178,9 @@ class Episode:
     name: str
     time_s: Array  # [T] s, rising
     teams: dict[str, TeamTrack]
-    scene: Scene
     elevation: Elevation
-    config_text: str  # shown as it stands, as markdown
+    scene: Scene = field(default_factory=Scene)
+    config_text: str = ""  # shown as it stands, as markdown
     events: tuple[Event, ...] = ()
     current_n: Array | None = None  # [T, 2] north and east velocity of the water, m/s; None: still
     wind_n: Array | None = None  # [T, 3] velocity of the air 10 m above the sea (where it blows to), m/s; None: calm
@@ -154,11 +197,20 @@ class Episode:
         for name, flow, axes in (("current_n", self.current_n, 2), ("wind_n", self.wind_n, 3)):
             if flow is not None and flow.shape != (len(self.time_s), axes):
                 raise ValueError(f"{name} is {flow.shape}, wanted {(len(self.time_s), axes)}")
+        for name in self.scene.tracks_n:
+            if name not in self.teams:
+                raise ValueError(f"episode {self.name}: a track for {name}, and no such team")
         for event in self.events:
             if event.team not in self.teams or not 0 <= event.vehicle < self.teams[event.team].vehicles:
                 raise ValueError(f"event {event.kind}: no vehicle {event.vehicle} in team {event.team}")
 
     @property
     def afloat(self) -> TeamTrack:
-        """The team whose leader the sea patch follows: the USVs, or whoever is there."""
-        return self.teams.get("usv", next(iter(self.teams.values())))
+        """The team whose first vehicle the sea patch follows: the first on the water, or whoever is there."""
+        teams = list(self.teams.values())
+        return next((team for team in teams if team.on_water), teams[0])
+
+    @property
+    def liveries(self) -> dict[str, Livery]:
+        """The colours of each team."""
+        return liveries({name: team.medium for name, team in self.teams.items()})

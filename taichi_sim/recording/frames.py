@@ -7,7 +7,7 @@ half turn about (1, 1, 0) that swaps the two worlds.
 import numpy as np
 from numpy.typing import NDArray
 
-from taichi_sim.recording.episode import Array
+Array = NDArray[np.floating]
 
 
 def enu(vector_n: Array) -> NDArray[np.float32]:
@@ -19,6 +19,12 @@ def enu_quaternion(quaternion_nb: Array) -> NDArray[np.float32]:
     """[..., 4] (w, x, y, z) body to NED as (x, y, z, w) body to ENU: P q, P = (0, 1, 1, 0) / sqrt 2."""
     w, x, y, z = np.moveaxis(np.asarray(quaternion_nb, dtype=np.float64), -1, 0)
     return np.ascontiguousarray(np.stack([w + z, w - z, y - x, -x - y], -1) * np.sqrt(0.5), np.float32)
+
+
+def level_quaternion(course: Array) -> NDArray[np.float32]:
+    """[..., 4] (x, y, z, w) of a level body that points along a course (rad), to ENU."""
+    half = 0.5 * np.asarray(course, dtype=np.float64)
+    return enu_quaternion(np.stack([np.cos(half), 0 * half, 0 * half, np.sin(half)], axis=-1))
 
 
 def map_point(vector_n: Array) -> NDArray[np.float32]:

@@ -1,5 +1,7 @@
 """What a vehicle model may say of itself to a recording. Every attribute is optional; a model needs none.
 
+medium: "water" or "air"
+    What it moves in: boats ride the water, aircraft fly.
 aux_names: tuple[str, ...]
     Names of the first columns of its auxiliary state; the attributes below refer to them.
 airframe: tuple[chord, tail]
@@ -19,7 +21,12 @@ from typing import Any
 
 import numpy as np
 
-from taichi_sim.recording.episode import Airframe, Array, Body, Force, Signal
+from taichi_sim.recording.episode import Airframe, Array, Body, Force, Medium, Signal
+
+
+def medium_of(model: Any) -> Medium:
+    """What the model moves in."""
+    return getattr(model, "medium", None) or ("water" if model.team == "usv" else "air")
 
 
 def columns_of(model: Any) -> int:

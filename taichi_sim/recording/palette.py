@@ -1,9 +1,33 @@
-"""Colours and names of vehicles, the same in a recording and in a figure. No line is white or black."""
+"""Colours, the same in a recording and in a figure. No line is white or black."""
+
+from collections.abc import Mapping
+from itertools import cycle
+from typing import NamedTuple
 
 Colour = tuple[int, int, int]
 
-LEADERS: dict[str, Colour] = {"usv": (213, 94, 0), "uav": (140, 60, 190)}
-FOLLOWERS = (
+
+class Livery(NamedTuple):
+    """The colours of one team."""
+
+    first: Colour  # of vehicle 0: body, trail, plots
+    track: Colour  # of the path that its target follows
+
+    def of(self, vehicle: int) -> Colour:
+        """RGB of a vehicle's body, trail, slot and plots."""
+        return self.first if vehicle == 0 else FOLLOWERS[(vehicle - 1) % len(FOLLOWERS)]
+
+
+FIRST = {"water": Livery((213, 94, 0), (250, 176, 84)), "air": Livery((140, 60, 190), (186, 140, 216))}
+"""Of the first team on the water and of the first in the air."""
+OTHERS = (
+    Livery((0, 104, 88), (116, 196, 178)),
+    Livery((150, 30, 60), (222, 134, 154)),
+    Livery((40, 70, 170), (144, 166, 232)),
+    Livery((110, 116, 20), (196, 200, 110)),
+)
+"""Of all other teams, which take turns."""
+FOLLOWERS: tuple[Colour, ...] = (
     (0, 114, 178),
     (230, 159, 0),
     (0, 158, 115),
@@ -12,9 +36,8 @@ FOLLOWERS = (
     (140, 109, 49),
     (128, 128, 128),
 )
-"""Colour-blind-safe (Okabe and Ito, but for the last two): each leader has its own, followers take turns."""
+"""Colour-blind-safe (Okabe and Ito, but for the last two): of the vehicles behind the first, which take turns."""
 TARGET = (214, 39, 120)
-TRACK = {"usv": (250, 176, 84), "uav": (186, 140, 216)}
 ALARM = (224, 36, 36)
 CHECKPOINT = (255, 200, 60)
 OBSTACLE = (150, 84, 66)
@@ -36,11 +59,7 @@ LOADS: dict[str, Colour] = {
 """Load arrows, in the order in which a model names its forces."""
 
 
-def vehicle_colour(team: str, vehicle: int) -> Colour:
-    """RGB of a vehicle's body, trail, slot and plots."""
-    return LEADERS[team] if vehicle == 0 else FOLLOWERS[(vehicle - 1) % len(FOLLOWERS)]
-
-
-def vehicle_name(team: str, vehicle: int) -> str:
-    """What a reader calls a vehicle."""
-    return f"{team.upper()} leader" if vehicle == 0 else f"{team.upper()} {vehicle}"
+def liveries(media: Mapping[str, str]) -> dict[str, Livery]:
+    """The colours of each team, by its place among the teams: `media` is name -> "water" or "air", in order."""
+    first, others = dict(FIRST), cycle(OTHERS)
+    return {name: first.pop(medium) if medium in first else next(others) for name, medium in media.items()}

@@ -1,11 +1,13 @@
 """The plots of one team: an entity per plot, its lines named and coloured."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import rerun as rr
 
-from taichi_sim.recording.episode import Array, TeamTrack
+from taichi_sim.recording.episode import Array, Episode, TeamTrack
 from taichi_sim.recording.frames import euler
-from taichi_sim.recording.palette import FOLLOWERS, LEADERS, TARGET, Colour, vehicle_colour, vehicle_name
+from taichi_sim.recording.palette import FOLLOWERS, TARGET, Colour
 from taichi_sim.recording.stream import Stream
 
 DEGREES = {"rad": ("deg", float(np.degrees(1.0)))}  # unit -> as shown, factor
@@ -19,21 +21,27 @@ def send_plot(stream: Stream, path: str, values: Array, names: list[str], colour
     stream.columns(path, rr.Scalars.columns(scalars=flat).partition([len(names)] * len(stream.ns)))
 
 
-def send_plots(stream: Stream, team: TeamTrack) -> None:
-    """Errors (m) and reward of the team; heading (deg) of the leader; what each vehicle does."""
+def as_shown(lines: Sequence[str], unit: str) -> tuple[list[str], float]:
+    """Names of lines with the unit in which they are plotted, and the factor to it from SI."""
+    unit, factor = DEGREES.get(unit, (unit, 1.0))
+    names = [line.replace("_", " ") for line in lines]
+    return [f"{name} ({unit})" for name in names] if unit else names, factor
+
+
+def send_plots(stream: Stream, episode: Episode, team: TeamTrack) -> None:
+    """Errors (m) and reward of the team, if it has a mission; heading (deg) of the first; what each vehicle does."""
     name, everyone = team.name, range(team.vehicles)
-    names = [vehicle_name(name, vehicle) for vehicle in everyone]
-    colours = [vehicle_colour(name, vehicle) for vehicle in everyone]
-    send_plot(stream, f"plots/tracking_error/{name}", team.error_m[:, :1], names[:1], colours[:1])
-    if team.vehicles > 1:
-        send_plot(stream, f"plots/formation_error/{name}", team.error_m[:, 1:], names[1:], colours[1:])
-    send_plot(stream, f"plots/reward/{name}", team.reward, names, colours)
-    heading = np.degrees(euler(team.quaternion_nb[:, 0])[2])
-    course = np.degrees(np.unwrap(team.target_course))
-    # heading on the turn nearest to the target's course, so that neither line jumps by 360 degrees
-    heading = course + (heading - course + 180.0) % 360.0 - 180.0
-    lines = ["heading (deg)", "target course (deg)"]
-    send_plot(stream, f"plots/heading/{name}", np.stack([heading, course], axis=1), lines, [LEADERS[name], TARGET])
+    names = [team.vehicle_name(vehicle) for vehicle in everyone]
+    livery = episode.liveries[name]
+    colours = [livery.of(vehicle) for vehicle in everyone]
+    for path, of in error_plots(team).items():
+        assert team.error_m is not None
+        send_plot(stream, f"plots/{path}/{name}", team.error_m[:, of], names[of], colours[of])
+    if team.reward is not None:
+        send_plot(stream, f"plots/reward/{name}", team.reward, names, colours)
+    headings = _headings(team)
+    values = np.stack([*headings.values()], axis=1)
+    send_plot(stream, f"plots/heading/{name}", values, [*headings], [livery.first, TARGET][: len(headings)])
     for vehicle in everyone:
         for path, (labels, values) in vehicle_plots(team, vehicle).items():
             whose = "" if vehicle == 0 else f", {names[vehicle]}"
@@ -44,21 +52,43 @@ def send_plots(stream: Stream, team: TeamTrack) -> None:
             )
 
 
+def error_plots(team: TeamTrack) -> dict[str, slice]:
+    """Plots of the team's errors -> of which vehicles: those of a formation's leader and followers differ in size."""
+    if team.error_m is None:
+        return {}
+    if team.slot_n is None or team.vehicles == 1:
+        return {"tracking_error": slice(None)}
+    return {"tracking_error": slice(0, 1), "formation_error": slice(1, None)}
+
+
+def _headings(team: TeamTrack) -> dict[str, Array]:
+    """Heading of the first vehicle, and the course of its target, deg, without jumps by 360."""
+    heading = np.degrees(euler(team.quaternion_nb[:, 0])[2])
+    if team.target_course is None:
+        return {"heading (deg)": np.unwrap(heading, period=360.0)}
+    course = np.degrees(np.unwrap(team.target_course))
+    heading = course + (heading - course + 180.0) % 360.0 - 180.0  # on the turn nearest to the target's course
+    return {"heading (deg)": heading, "target course (deg)": course}
+
+
 def vehicle_plots(team: TeamTrack, vehicle: int) -> dict[str, tuple[list[str], Array]]:
     """The plots that each vehicle has: path -> names of K lines with their units, values [T, K]."""
     roll, pitch, _ = (np.degrees(angle) for angle in euler(team.quaternion_nb[:, vehicle]))
     plots = {f"attitude/{team.name}": (["roll (deg)", "pitch (deg)"], np.stack([roll, pitch], axis=1))}
-    if team.name == "usv":
-        heave = np.stack([-team.position_n[:, vehicle, 2], team.wave_height[:, vehicle]], axis=1)
+    height = -team.position_n[:, vehicle, 2:]
+    if team.on_water:
+        heave = np.concatenate([height, team.wave_height[:, vehicle, None]], axis=1)
         plots[f"heave/{team.name}"] = (["heave (m)", "wave (m)"], heave)
+    elif team.slot_n is None:
+        plots[f"altitude/{team.name}"] = (["altitude (m)"], height)
     else:
-        height = np.stack([-team.position_n[:, vehicle, 2], -team.slot_n[:, vehicle, 2]], axis=1)
-        plots[f"altitude/{team.name}"] = (["altitude (m)", "slot (m)"], height)
+        altitude = np.concatenate([height, -team.slot_n[:, vehicle, 2:]], axis=1)
+        plots[f"altitude/{team.name}"] = (["altitude (m)", "slot (m)"], altitude)
     for name, signal in team.signals.items():
-        unit, scale = DEGREES.get(signal.unit, (signal.unit, 1.0))
-        labels = [f"{line.replace('_', ' ')} ({unit})" if unit else line.replace("_", " ") for line in signal.names]
-        plots[signal_path(team, name)] = (labels, scale * signal.values[:, vehicle])
-    plots[f"action/{team.name}"] = (list(team.action_names), team.action[:, vehicle])
+        labels, factor = as_shown(signal.names, signal.unit)
+        plots[signal_path(team, name)] = (labels, factor * signal.values[:, vehicle])
+    if team.action is not None:
+        plots[f"action/{team.name}"] = (list(team.action_names), team.action[:, vehicle])
     return plots
 
 

@@ -82,7 +82,7 @@ def _disk_fault(part: Path, reason: str) -> OSError:
 def _send(stream: Stream, episode: Episode) -> None:
     """The whole episode, part by part."""
     stream.static("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
-    about = f"{arrow_text(episode)}{episode.config_text}"
+    about = f"{arrow_text(episode)}{episode.config_text or f'# {episode.name}'}"
     stream.static("config", rr.TextDocument(about, media_type="text/markdown"))
     send_scene(stream, episode)
     send_sea(stream, episode)
@@ -90,6 +90,6 @@ def _send(stream: Stream, episode: Episode) -> None:
         send_team(stream, episode, team)
         send_forces(stream, team)
         send_air(stream, team)
-        send_plots(stream, team)
+        send_plots(stream, episode, team)
     send_flow(stream, episode)
     send_events(stream, episode)

@@ -57,8 +57,8 @@ class SeaGrid:
     def of(cls, episode: Episode) -> "SeaGrid":
         """Cells that hold the formation with room to spare, and resolve the waves along a hull where they can."""
         team = episode.afloat
-        aloft = team.name != "usv"
-        height = -float(np.median(team.slot_n[:, 0, 2])) if aloft else 0.0  # from where it is seen
+        aloft = not team.on_water
+        height = -float(np.median(team.places_n[:, 0, 2])) if aloft else 0.0  # from where it is seen
         half = np.clip(0.75 * team.formation_radius_m + 16.0 + height, MIN_HALF_M, MAX_HALF_M)
         cell = float(np.ceil(2.0 * 2.0 * half / CELLS) / 2.0)
         reach = team.formation_radius_m + FINE_LENGTHS * team.size_m[0]
@@ -133,12 +133,12 @@ def _light(up: Array, cell: float, scale: float) -> Array:
 def sea_frames(episode: Episode, grid: SeaGrid) -> Iterator[SeaFrames]:
     """The patch over the episode, in batches."""
     time = np.asarray(episode.time_s, dtype=np.float64)
-    steps = frame_steps(time, FRAME_S if episode.afloat.name == "usv" else ALOFT_FRAME_S)
+    steps = frame_steps(time, FRAME_S if episode.afloat.on_water else ALOFT_FRAME_S)
     centres = _centres(episode, grid)
     squares = [line for line in (grid.coarse_line, grid.fine_line) if len(line)]
     scale = _crest(episode, grid, time[steps[:8]])
     rim = _rim()
-    far = max(2.0 * episode.scene.area_m, 4000.0) / (0.5 * CELLS * grid.cell)
+    far = max(2.0 * (episode.scene.area_m or 0.0), 4000.0) / (0.5 * CELLS * grid.cell)
     flat = DEEP + 0.5 * (CREST - DEEP)
     fade = _fade()[:, None]
     haze = [np.broadcast_to(shade, (len(rim), 3)) for shade in (flat, HAZE)]
@@ -173,9 +173,10 @@ def frame_steps(time: Array, frame_s: float = FRAME_S) -> NDArray[np.int64]:
 
 
 def _centres(episode: Episode, grid: SeaGrid) -> Array:
-    """[T, 2] north, east (m) on whole cells, between the leader and the middle of the slots: followers mostly trail."""
+    """[T, 2] north, east (m) on whole cells, between the first and the middle of all: followers mostly trail."""
     team = episode.afloat
-    middle = team.position_n[:, 0] + 0.5 * (team.slot_n.mean(axis=1) - team.slot_n[:, 0])
+    places = team.places_n[:, team.company]
+    middle = team.position_n[:, 0] + 0.5 * (places.mean(axis=1) - places[:, 0])
     return np.round(np.asarray(middle[:, :2], dtype=np.float64) / grid.cell) * grid.cell
 
 

@@ -1,18 +1,21 @@
 """What stands in the 3D views (`world/...`, east-north-up, m) and on the map (`map/...`, east and south, m)."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import rerun as rr
+from numpy.typing import NDArray
 
 from taichi_sim.recording.episode import Array, Episode
 from taichi_sim.recording.frames import enu, map_point
-from taichi_sim.recording.palette import ALARM, CHECKPOINT, FRAME, OBSTACLE, TRACK, vehicle_name
+from taichi_sim.recording.palette import ALARM, CHECKPOINT, FRAME, OBSTACLE
 from taichi_sim.recording.sea_patch import SeaGrid, sea_frames
 from taichi_sim.recording.stream import Stream
 
-WARNINGS = {"stall"}  # kinds of event that end nothing
+LEVELS = {"stall": "WARN"}  # kinds of event that end nothing
 SUNK_M = 6.0  # how far an obstacle reaches below mean sea level, so that no trough shows its foot
 CHECKPOINT_UP_M = 3.0  # height of a checkpoint's mark above the track
-MAP_MARGIN_M = 120.0
+MAP_MARGIN_M, MAP_LEAST_M = 120.0, 20.0  # around what the map shows: no more than what it shows, but at least so much
 # radii below zero are in points of the screen, whatever the distance
 TRACK_POINTS, MAP_POINTS = -1.2, -1.5
 
@@ -31,18 +34,22 @@ def _flight_height(episode: Episode) -> float:
 def map_bounds(episode: Episode) -> tuple[Array, Array]:
     """South-west and north-east corner [2] (north, east, m) of what the map shows."""
     tracks = [track[:, :2] for track in episode.scene.tracks_n.values()]
-    places = np.concatenate([*tracks, *(team.position_n[:, 0, :2] for team in episode.teams.values())])
-    return places.min(axis=0) - MAP_MARGIN_M, places.max(axis=0) + MAP_MARGIN_M
+    ways = [team.position_n[..., :2].reshape(-1, 2) for team in episode.teams.values()]
+    places = np.concatenate([*tracks, *ways])
+    low, high = np.nanmin(places, axis=0), np.nanmax(places, axis=0)
+    margin = min(MAP_MARGIN_M, MAP_LEAST_M + float(np.max(high - low)))
+    return low - margin, high + margin
 
 
 def send_scene(stream: Stream, episode: Episode) -> None:
-    """Tracks, checkpoints, obstacles and the border of the area."""
+    """Tracks, checkpoints, obstacles and the border of the area, as far as there are any."""
     scene = episode.scene
     for name, track in scene.tracks_n.items():
         path = enu(track)
-        path[:, 2] += line_lift(episode) if name == "usv" else 0.0
-        stream.static(f"world/track/{name}", rr.LineStrips3D([path], colors=TRACK[name], radii=TRACK_POINTS))
-        flat = rr.LineStrips2D([map_point(track)], colors=TRACK[name], radii=MAP_POINTS)
+        path[:, 2] += line_lift(episode) if episode.teams[name].on_water else 0.0
+        colour = episode.liveries[name].track
+        stream.static(f"world/track/{name}", rr.LineStrips3D([path], colors=colour, radii=TRACK_POINTS))
+        flat = rr.LineStrips2D([map_point(track)], colors=colour, radii=MAP_POINTS)
         stream.static(f"map/track/{name}", flat)
     if len(scene.checkpoints_n):
         numbers = [str(number + 1) for number in range(len(scene.checkpoints_n))]
@@ -61,9 +68,10 @@ def send_scene(stream: Stream, episode: Episode) -> None:
         )
         stream.static("world/obstacles", pillar)
         stream.static("map/obstacles", rr.Points2D(spot, radii=radius, colors=OBSTACLE))
-    side = scene.area_m
-    border = rr.Boxes2D(mins=[-0.5 * side, -0.5 * side], sizes=[side, side], colors=FRAME)
-    stream.static("map/area", border)
+    if scene.area_m is not None:
+        side = scene.area_m
+        border = rr.Boxes2D(mins=[-0.5 * side, -0.5 * side], sizes=[side, side], colors=FRAME)
+        stream.static("map/area", border)
 
 
 def send_sea(stream: Stream, episode: Episode) -> None:
@@ -81,20 +89,33 @@ def send_sea(stream: Stream, episode: Episode) -> None:
 
 def send_events(stream: Stream, episode: Episode) -> None:
     """For each event a line in the log, and a mark in space that stays from then on."""
-    if not episode.events:
-        return
+    log = []
+    for event in episode.events:
+        whose = episode.teams[event.team].vehicle_name(event.vehicle)
+        log.append((event.time_s, f"{whose} {event.kind}: {event.text}", LEVELS.get(event.kind, "ERROR")))
+    if log:
+        times, texts, levels = zip(*sorted(log, key=lambda line: line[0]), strict=True)
+        stream.columns("events", rr.TextLog.columns(text=texts, level=levels), _steps(episode, times))
+    _mark_events(stream, episode)
+
+
+def _steps(episode: Episode, times: Sequence[float]) -> NDArray[np.int64]:
+    """The steps in which something happened at `times` (s)."""
+    index = np.searchsorted(episode.time_s, np.asarray(times) - 1e-6)
+    return np.minimum(index, len(episode.time_s) - 1)
+
+
+def _mark_events(stream: Stream, episode: Episode) -> None:
+    """Each row holds the events so far: the latest row is what the viewer draws."""
     happened = sorted(episode.events, key=lambda event: event.time_s)
-    index = np.searchsorted(episode.time_s, [event.time_s - 1e-6 for event in happened])
-    index = np.minimum(index, len(episode.time_s) - 1)
-    texts = [f"{vehicle_name(event.team, event.vehicle)} {event.kind}: {event.text}" for event in happened]
-    levels = ["WARN" if event.kind in WARNINGS else "ERROR" for event in happened]
-    stream.columns("events", rr.TextLog.columns(text=texts, level=levels), index)
+    if not happened:
+        return
+    index = _steps(episode, [event.time_s for event in happened])
     places = [
         episode.teams[event.team].position_n[step, event.vehicle] for event, step in zip(happened, index, strict=True)
     ]
     radius = 0.25 * max(team.size_m[0] for team in episode.teams.values())
     stream.static("world/events", rr.Points3D.from_fields(colors=ALARM, radii=radius))
-    # each row holds the events so far: the latest row is what the viewer draws
     counts = np.arange(1, len(happened) + 1)
     so_far = np.concatenate([np.arange(count) for count in counts])
     marks = rr.Points3D.columns(

@@ -6,8 +6,8 @@ from numpy.typing import NDArray
 
 from taichi_sim.recording.bodies import body_mesh
 from taichi_sim.recording.episode import Array, Episode, TeamTrack
-from taichi_sim.recording.frames import enu, enu_quaternion, map_point
-from taichi_sim.recording.palette import PLUMB, TARGET, WATER, Colour, vehicle_colour
+from taichi_sim.recording.frames import enu, enu_quaternion, level_quaternion, map_point
+from taichi_sim.recording.palette import PLUMB, TARGET, WATER, Colour
 from taichi_sim.recording.stream import Stream
 
 TRAIL_S = 25.0  # how much of a trail is shown
@@ -16,7 +16,7 @@ JUMP_M = 5.0  # a trail is broken where a vehicle moves farther than its speed a
 TRAIL_POINTS, PLUMB_POINTS = -1.5, -0.5  # radius in points of the screen, whatever the distance
 RING = np.linspace(0.0, 2.0 * np.pi, 49)  # rad
 SLOT_RING, WATER_RING = 0.75, 0.9  # radii, of the longer of length and beam
-TARGET_BALL = {"usv": 0.14, "uav": 0.05}  # radius of the target, of the length: an aircraft flies in it
+TARGET_BALL = {"water": 0.14, "air": 0.05}  # radius of the target, of the length: an aircraft flies in it
 TARGET_UP = 0.2  # of the length: height of a boat's target over the water
 COURSE_S = 1.5  # over which the course is averaged that the view of an aircraft turns with
 ABOVE_WATER = 0.02  # of the length: lines on the water are drawn this much higher, that it may not hide them
@@ -26,21 +26,21 @@ def send_team(stream: Stream, episode: Episode, team: TeamTrack) -> None:
     """Bodies, trails, slots and the target of one team, and the frame that its view follows."""
     root, position = f"world/{team.name}", enu(team.position_n)
     eye = position[:, 0].copy()
-    if team.name == "usv":
-        eye[:, 2] = -team.target_n[:, 2].mean()  # the view does not heave
+    if team.on_water:
+        eye[:, 2] = 0.0  # the view does not heave
         frame = rr.Transform3D.columns(translation=eye)
         _send_rings_on_water(stream, episode, team)
         _send_wakes(stream, episode, team)
     else:
-        frame = rr.Transform3D.columns(translation=eye, quaternion=_level_quaternion(smooth_course(episode, team)))
-        _send_rings_in_air(stream, team)
-        _send_trails(stream, team)
+        frame = rr.Transform3D.columns(translation=eye, quaternion=level_quaternion(smooth_course(episode, team)))
+        _send_rings_in_air(stream, episode, team)
+        _send_trails(stream, episode, team)
         _send_plumb_lines(stream, team)
     stream.columns(f"{root}/follow", frame)
     _send_target(stream, episode, team)
     for vehicle in range(team.vehicles):
-        place, colour = f"{root}/vehicle_{vehicle}", vehicle_colour(team.name, vehicle)
-        body = body_mesh(team, vehicle)
+        place, colour = f"{root}/vehicle_{vehicle}", episode.liveries[team.name].of(vehicle)
+        body = body_mesh(team, colour)
         mesh = rr.Mesh3D(vertex_positions=body.vertices_b, vertex_normals=body.normals_b, vertex_colors=body.colours)
         stream.static(place, mesh)
         pose = rr.Transform3D.columns(
@@ -67,14 +67,14 @@ def jumps(stream: Stream, team: TeamTrack) -> NDArray[np.bool_]:
     return moved > 2.0 * reach + JUMP_M
 
 
-def _send_trails(stream: Stream, team: TeamTrack) -> None:
+def _send_trails(stream: Stream, episode: Episode, team: TeamTrack) -> None:
     """One segment per step and vehicle; the view shows the last seconds of them."""
     position, jumped = enu(team.position_n), jumps(stream, team)
     for vehicle in range(team.vehicles):
         path, here = f"world/{team.name}/trail_{vehicle}", position[:, vehicle]
         segment = np.stack([np.concatenate([here[:1], here[:-1]]), here], axis=1)
         segment[jumped[:, vehicle], 0] = segment[jumped[:, vehicle], 1]
-        line = rr.LineStrips3D.from_fields(colors=vehicle_colour(team.name, vehicle), radii=TRAIL_POINTS)
+        line = rr.LineStrips3D.from_fields(colors=episode.liveries[team.name].of(vehicle), radii=TRAIL_POINTS)
         stream.static(path, line)
         stream.columns(path, rr.LineStrips3D.columns(strips=list(segment)))
 
@@ -95,13 +95,13 @@ def _send_wakes(stream: Stream, episode: Episode, team: TeamTrack) -> None:
             breaks = np.flatnonzero(jumped[: step + 1, vehicle])
             strip.append(points[way >= (breaks[-1] if len(breaks) else 0), vehicle])
     for vehicle, strip in enumerate(strips):
-        path, colour = f"world/{team.name}/trail_{vehicle}", vehicle_colour(team.name, vehicle)
+        path, colour = f"world/{team.name}/trail_{vehicle}", episode.liveries[team.name].of(vehicle)
         stream.static(path, rr.LineStrips3D.from_fields(colors=colour, radii=TRAIL_POINTS))
         stream.columns(path, rr.LineStrips3D.columns(strips=strip))
 
 
 def smooth_course(episode: Episode, team: TeamTrack) -> Array:
-    """[T] course (rad) of the leader over ground, averaged over a short time, so that turbulence does not shake it."""
+    """[T] course (rad) of the first over ground, averaged over a short time, so that turbulence does not shake it."""
     time = np.asarray(episode.time_s, dtype=np.float64)
     near = np.abs(time[:, None] - time) <= 0.5 * COURSE_S
     north, east = near @ np.asarray(team.velocity_n[:, 0, 0]), near @ np.asarray(team.velocity_n[:, 0, 1])
@@ -118,23 +118,19 @@ def _send_plumb_lines(stream: Stream, team: TeamTrack) -> None:
         stream.columns(path, rr.LineStrips3D.columns(strips=list(np.stack([here, foot], axis=1))))
 
 
-def _level_quaternion(course: Array) -> NDArray[np.float32]:
-    """[T, 4] of a level frame that points along a course (rad)."""
-    half = 0.5 * np.asarray(course, dtype=np.float64)
-    return enu_quaternion(np.stack([np.cos(half), 0 * half, 0 * half, np.sin(half)], axis=-1))
-
-
 def _send_target(stream: Stream, episode: Episode, team: TeamTrack) -> None:
     """A ball with an arrow along the course; that of the boats rides on the waves."""
+    if team.target_n is None:
+        return
     length, root = team.size_m[0], f"world/{team.name}/target"
-    arrow = rr.Arrows3D(vectors=[[1.2 * length, 0, 0]], colors=TARGET, radii=0.04 * length)
-    ball = rr.Ellipsoids3D(half_sizes=[[TARGET_BALL[team.name] * length] * 3], colors=TARGET, fill_mode="solid")
-    stream.static(root, arrow)
+    ball = rr.Ellipsoids3D(half_sizes=[[TARGET_BALL[team.medium] * length] * 3], colors=TARGET, fill_mode="solid")
+    if team.target_course is not None:
+        stream.static(root, rr.Arrows3D(vectors=[[1.2 * length, 0, 0]], colors=TARGET, radii=0.04 * length))
     stream.static(f"{root}/ball", ball)
     place = enu(team.target_n)
-    if team.name == "usv":
+    if team.on_water:
         place[:, 2] = _surface(episode, team.target_n[:, None, None, :2])[:, 0, 0] + TARGET_UP * length
-    pose = rr.Transform3D.columns(translation=place, quaternion=_level_quaternion(team.target_course))
+    pose = rr.Transform3D.columns(translation=place, quaternion=level_quaternion(team.course))
     stream.columns(root, pose)
     spot = f"map/{team.name}/target"
     stream.static(spot, rr.Points2D.from_fields(colors=TARGET, radii=-3.0, draw_order=50.0))
@@ -147,18 +143,20 @@ def _surface(episode: Episode, place_n: Array) -> Array:
     return np.stack([episode.elevation(at[..., 0], at[..., 1], float(time)) for at, time in steps])
 
 
-def _slot_colour(team: TeamTrack, vehicle: int) -> Colour:
-    return TARGET if vehicle == 0 else vehicle_colour(team.name, vehicle)
+def _slot_colour(episode: Episode, team: TeamTrack, vehicle: int) -> Colour:
+    return TARGET if vehicle == 0 else episode.liveries[team.name].of(vehicle)
 
 
-def _send_rings_in_air(stream: Stream, team: TeamTrack) -> None:
+def _send_rings_in_air(stream: Stream, episode: Episode, team: TeamTrack) -> None:
     """A ring at each slot, upright and across the course."""
+    if team.slot_n is None:
+        return
     length, beam = team.size_m[:2]
     ring = SLOT_RING * max(length, beam) * np.stack([0.0 * RING, np.cos(RING), np.sin(RING)], axis=-1)
-    place, turn = enu(team.slot_n), _level_quaternion(team.target_course)
+    place, turn = enu(team.slot_n), level_quaternion(team.course)
     for vehicle in range(team.vehicles):
         path = f"world/{team.name}/slot_{vehicle}"
-        stream.static(path, rr.LineStrips3D([ring], colors=_slot_colour(team, vehicle), radii=0.025 * length))
+        stream.static(path, rr.LineStrips3D([ring], colors=_slot_colour(episode, team, vehicle), radii=0.025 * length))
         stream.columns(path, rr.Transform3D.columns(translation=place[:, vehicle], quaternion=turn))
 
 
@@ -169,12 +167,14 @@ def _send_rings_on_water(stream: Stream, episode: Episode, team: TeamTrack) -> N
         ("slot", team.slot_n, SLOT_RING, 0.012),
         ("water", team.position_n, WATER_RING, 0.006),
     ):
+        if middle is None:
+            continue
         ring = share * max(length, beam) * np.stack([np.cos(RING), np.sin(RING)], axis=-1)
         place = middle[..., None, :2] + ring  # [T, V, 49, 2]
         up = _surface(episode, place)
         strips = enu(np.concatenate([place, -up[..., None] - ABOVE_WATER * length], axis=-1))
         for vehicle in range(team.vehicles):
             path = f"world/{team.name}/{name}_{vehicle}"
-            colour = _slot_colour(team, vehicle) if name == "slot" else WATER
+            colour = _slot_colour(episode, team, vehicle) if name == "slot" else WATER
             stream.static(path, rr.LineStrips3D.from_fields(colors=colour, radii=thick * length))
             stream.columns(path, rr.LineStrips3D.columns(strips=list(strips[:, vehicle])))

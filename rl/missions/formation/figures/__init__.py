@@ -38,8 +38,9 @@ def write_figures(out: Path, histories: Histories, episode: Episode | None, sett
         figures["tracking_error"] = tracking_error_figure(episode, settle)
         figures["formation"] = formation_figure(episode)
     if histories:
-        figures["reward"] = reward_figure(histories)
-        figures["policy_loss"] = policy_loss_figure(histories)
+        liveries = {} if episode is None else episode.liveries
+        figures["reward"] = reward_figure(histories, liveries)
+        figures["policy_loss"] = policy_loss_figure(histories, liveries)
     out = Path(out)
     out.mkdir(parents=True, exist_ok=True)
     return [_save(figure, out / f"{name}.png") for name, figure in figures.items()]

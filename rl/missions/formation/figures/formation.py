@@ -1,4 +1,4 @@
-"""Fig. 6: the formation at three instants, each from another viewpoint, the USVs on their waves."""
+"""Fig. 6: the formation at three instants, each from another viewpoint, the boats on their waves."""
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from taichi_sim.plotting import INK, new_figure, rgb
 from taichi_sim.recording import Episode, TeamTrack
 from taichi_sim.recording.bodies import body_mesh
+from taichi_sim.recording.palette import TARGET, Livery
 
 VIEWS = (
     ("from behind", 20.0, 205.0, 1.25),
@@ -21,8 +22,8 @@ SEA_POINTS = 70  # per side of the drawn wave surface
 
 
 def formation_figure(episode: Episode) -> Figure:
-    """The formation at three instants, each from elsewhere, the USVs on their waves (paper, Fig. 6)."""
-    teams = list(episode.teams.values())
+    """The formation at three instants, each from elsewhere, the boats on their waves (paper, Fig. 6)."""
+    teams = [team for team in episode.teams.values() if team.slot_n is not None]
     figure = new_figure(13.5, 4.0 * len(teams) + 0.8, f"Formation from several viewpoints: {episode.name}\n")
     figure.text(
         0.5,
@@ -48,12 +49,13 @@ def _formation_panel(
     """One team at one step; x east, y north, z up, from the middle of the formation, m."""
     title, elevation, bearing, zoom = view
     time = float(episode.time_s[step])
-    middle = team.slot_n[step].mean(axis=0)
-    spread = float(np.abs(team.slot_n[step, :, :2] - middle[:2]).max())
+    slots, livery = team.places_n[step], episode.liveries[team.name]
+    middle = slots.mean(axis=0)
+    spread = float(np.abs(slots[:, :2] - middle[:2]).max())
     length = max(team.size_m[:2])
     half = max(1.25 * spread, 2.0 * length) + length
     grow = max(1.0, 0.22 * half / length)
-    if team.name == "usv":
+    if team.on_water:
         line = np.linspace(-half, half, SEA_POINTS)
         east, north = np.meshgrid(line, line)
         up = episode.elevation(north + middle[0], east + middle[1], time)
@@ -71,20 +73,20 @@ def _formation_panel(
             antialiased=False,
             zorder=1,
         )
-    axes.view_init(elev=elevation, azim=90.0 - bearing - float(np.degrees(team.target_course[step])))
-    base = 0.0 if team.name == "usv" else -middle[2]
+    axes.view_init(elev=elevation, azim=90.0 - bearing - float(np.degrees(team.course[step])))
+    base = 0.0 if team.on_water else -middle[2]
     for vehicle in range(team.vehicles):
         place = team.position_n[step, vehicle] - (middle[0], middle[1], 0.0)
-        _body(axes, team, step, vehicle, place, grow)
-        slot = team.slot_n[step, vehicle] - (middle[0], middle[1], 0.0)
-        height = -slot[2] if team.name == "uav" else float(team.wave_height[step, vehicle])
+        _body(axes, team, step, vehicle, place, grow, livery)
+        slot = slots[vehicle] - (middle[0], middle[1], 0.0)
+        height = float(team.wave_height[step, vehicle]) if team.on_water else -slot[2]
         angle = np.linspace(0.0, 2.0 * np.pi, 40)
         ring = 0.75 * grow * length
         axes.plot(
             slot[1] + ring * np.cos(angle),
             slot[0] + ring * np.sin(angle),
             height + 0.0 * angle,
-            color="#D62778" if vehicle == 0 else rgb(team.name, vehicle),
+            color=rgb(TARGET if vehicle == 0 else livery.of(vehicle)),
             linewidth=1.2,
             zorder=3,
         )
@@ -102,9 +104,17 @@ def _formation_panel(
         axes.set_zlabel("up (m)", fontsize=8)
 
 
-def _body(axes: Axes3D, team: TeamTrack, step: int, vehicle: int, place: NDArray[np.floating], grow: float) -> None:
+def _body(
+    axes: Axes3D,
+    team: TeamTrack,
+    step: int,
+    vehicle: int,
+    place: NDArray[np.floating],
+    grow: float,
+    livery: Livery,
+) -> None:
     """The body's triangles at `place` (north, east, down, m), `grow` times too large, lit from above."""
-    body = body_mesh(team, vehicle)
+    body = body_mesh(team, livery.of(vehicle))
     w, x, y, z = team.quaternion_nb[step, vehicle].tolist()
     R_nb = np.array(
         [
@@ -121,7 +131,7 @@ def _body(axes: Axes3D, team: TeamTrack, step: int, vehicle: int, place: NDArray
     elev, azim = np.radians([axes.elev, axes.azim])
     eye_n = np.array([np.cos(elev) * np.sin(azim), np.cos(elev) * np.cos(azim), -np.sin(elev)])
     seen = normals @ eye_n > 0.0
-    if team.name == "usv":
+    if team.on_water:
         seen &= faces[:, :, 2].max(axis=1) > team.wave_height[step, vehicle]
     faces, colours = faces[seen], colours[seen]
     axes.add_collection3d(Poly3DCollection(faces, facecolors=colours, zorder=4 + 0.01 * vehicle))

@@ -4,15 +4,19 @@ import csv
 import math
 from collections.abc import Mapping
 from pathlib import Path
+from string import ascii_lowercase
 
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from taichi_sim.plotting import INK, TEAM_COLOUR, dress, new_figure
+from taichi_sim.plotting import INK, dress, new_figure, rgb
+from taichi_sim.recording.palette import Livery
 
 Histories = Mapping[str, Mapping[str, NDArray[np.float64]]]
 """team -> column of progress.csv -> [iterations]."""
+Liveries = Mapping[str, Livery]
+"""team -> its colours in a recording; a team that is not there is drawn in ink."""
 
 SMOOTH = 0.05  # width of the smoothing window, as a share of a curve's length
 
@@ -36,15 +40,15 @@ def _smooth(values: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.where(count > 0, total / np.maximum(count, 1.0), np.nan)
 
 
-def _history_figure(histories: Histories, column: str, title: str, y: str, zero: bool) -> Figure:
+def _history_figure(histories: Histories, liveries: Liveries, column: str, title: str, y: str, zero: bool) -> Figure:
     """`column` of each team's history against the agent steps: as it was, and smoothed."""
     figure = new_figure(5.6 * max(1, len(histories)), 4.3, title)
     panels = figure.subplots(1, len(histories), squeeze=False)[0]
-    for axes, letter, (team, history) in zip(panels, "abcdefgh", histories.items(), strict=False):
+    for axes, letter, (team, history) in zip(panels, ascii_lowercase, histories.items(), strict=False):
         steps = np.asarray(history["agent_steps"]) / 1e6
         values = np.asarray(history[column])
         known = np.isfinite(values)
-        colour = TEAM_COLOUR.get(team, INK)
+        colour = rgb(liveries[team].first) if team in liveries else INK
         if zero:
             axes.axhline(0.0, color=INK, linewidth=0.8)
         axes.plot(steps[known], values[known], color=colour, linewidth=0.9, alpha=0.35, label="each iteration")
@@ -56,10 +60,11 @@ def _history_figure(histories: Histories, column: str, title: str, y: str, zero:
     return figure
 
 
-def reward_figure(histories: Histories) -> Figure:
+def reward_figure(histories: Histories, liveries: Liveries) -> Figure:
     """Cumulative reward of an episode while training (paper, Fig. 3)."""
     return _history_figure(
         histories,
+        liveries,
         "episode_reward",
         "Cumulative reward per episode during training",
         "cumulative reward per episode",
@@ -67,6 +72,6 @@ def reward_figure(histories: Histories) -> Figure:
     )
 
 
-def policy_loss_figure(histories: Histories) -> Figure:
+def policy_loss_figure(histories: Histories, liveries: Liveries) -> Figure:
     """PPO's policy loss while training (paper, Fig. 4)."""
-    return _history_figure(histories, "policy_loss", "Policy loss during training", "policy loss", zero=True)
+    return _history_figure(histories, liveries, "policy_loss", "Policy loss during training", "policy loss", zero=True)

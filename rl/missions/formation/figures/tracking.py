@@ -1,13 +1,13 @@
 """Fig. 5: distance of each vehicle from its slot over one episode."""
 
 import math
+from string import ascii_lowercase
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from taichi_sim.plotting import INK, dress, new_figure, rgb
 from taichi_sim.recording import Episode
-from taichi_sim.recording.palette import vehicle_name
 
 NOT_MEASURED = "#C9CED3"
 
@@ -15,28 +15,28 @@ NOT_MEASURED = "#C9CED3"
 def tracking_error_figure(episode: Episode, settle: float = 0.0) -> Figure:
     """Distance of each vehicle from its slot over the episode (paper, Fig. 5); the first `settle` (s) do not count."""
     time = np.asarray(episode.time_s) - episode.time_s[0]
-    figure = new_figure(
-        10.0, 3.6 * len(episode.teams) + 0.5, f"Tracking error of leaders and followers: {episode.name}"
-    )
-    panels = figure.subplots(len(episode.teams), 1, sharex=True, squeeze=False)[:, 0]
+    errors = {name: team.error_m for name, team in episode.teams.items() if team.error_m is not None}
+    figure = new_figure(10.0, 3.6 * len(errors) + 0.5, f"Tracking error of leaders and followers: {episode.name}")
+    panels = figure.subplots(len(errors), 1, sharex=True, squeeze=False)[:, 0]
     measured = time >= settle if time[-1] > settle else np.ones(len(time), dtype=bool)
-    for axes, letter, team in zip(panels, "ab", episode.teams.values(), strict=False):
+    for axes, letter, (name, of_team) in zip(panels, ascii_lowercase, errors.items(), strict=False):
+        team, livery = episode.teams[name], episode.liveries[name]
         for vehicle in reversed(range(team.vehicles)):
-            error = team.error_m[:, vehicle]
+            error = of_team[:, vehicle]
             mean = np.nanmean(error[measured]) if np.isfinite(error[measured]).any() else math.nan
             axes.plot(
                 time,
                 error,
-                color=rgb(team.name, vehicle),
+                color=rgb(livery.of(vehicle)),
                 linewidth=2.0 if vehicle == 0 else 1.2,
-                label=f"{vehicle_name(team.name, vehicle)}: mean {mean:.2f} m",
+                label=f"{team.vehicle_name(vehicle)}: mean {mean:.2f} m",
                 zorder=5 if vehicle == 0 else 3,
             )
-        finite = team.error_m[measured][np.isfinite(team.error_m[measured])]
+        finite = of_team[measured][np.isfinite(of_team[measured])]
         ceiling = max(1.0, 1.35 * float(finite.max())) if len(finite) else 1.0
         if settle > 0:
             _shade_approach(axes, min(settle, time[-1]), ceiling)
-        dress(axes, f"({letter}) {team.name.upper()} team", "", "distance from slot (m)")
+        dress(axes, f"({letter}) {name.upper()} team", "", "distance from slot (m)")
         axes.set(xlim=(0.0, time[-1]), ylim=(0.0, ceiling))
         handles, labels = axes.get_legend_handles_labels()
         axes.legend(
