@@ -237,3 +237,10 @@ def test_figures_are_pictures(tmp_path: Path) -> None:
         width, height = (int.from_bytes(data[at : at + 4], "big") for at in (16, 20))
         assert width >= 800
         assert height >= 600
+
+
+def test_each_recording_opens_in_its_own_layout(tmp_path: Path) -> None:
+    """A viewer keeps one layout for each application."""
+    files = [write_recording(make_episode(1, ("usv",), steps=2), tmp_path / f"{i}.rrd") for i in range(2)]
+    names = {entry.application_id for file in files for entry in RrdReader(file).recordings()}
+    assert len(names) == 2

@@ -42,9 +42,11 @@ def write_recording(episode: Episode, path: Path) -> Path:
 
 def _write(episode: Episode, part: Path) -> None:
     """Fill `part`. rerun writes from its own thread and reports a failure there late, as a RuntimeError."""
-    logged = False
+    logged, recording = False, uuid.uuid4()
+    # a viewer keeps one layout for each application: under one name, an episode would open in that of another
+    application = f"{APPLICATION} {episode.name} {recording.hex[:6]}"
     try:
-        with rr.RecordingStream(APPLICATION, recording_id=str(uuid.uuid4())) as rec:
+        with rr.RecordingStream(application, recording_id=str(recording)) as rec:
             rec.save(part, default_blueprint=blueprint(episode))
             _send(Stream(rec, episode.time_s), episode)
             logged = True
