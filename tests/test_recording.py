@@ -14,6 +14,7 @@ from rerun.chunk import RrdReader
 
 from rl.missions.formation.figures import read_history, write_figures
 from taichi_sim.recording import Episode, Event, Medium, Scene, TeamTrack, write_recording
+from taichi_sim.recording.sea_grid import SeaGrid
 
 RADIUS_M, AMPLITUDE_M, WAVENUMBER = 80.0, 0.4, 0.3
 ACTIONS = {"usv": ("thrust", "turn"), "uav": ("aileron", "elevator", "rudder", "throttle")}
@@ -134,14 +135,33 @@ def test_both_timelines_count_every_step(recorded: tuple[Episode, Path]) -> None
 
 def test_sea_patch_is_the_elevation_around_the_leader(recorded: tuple[Episode, Path]) -> None:
     episode, path = recorded
-    _, steps, origin = column(path, "/world/sea", "Transform3D:translation")
-    _, _, vertices = column(path, "/world/sea", "Mesh3D:vertex_positions")
-    place = vertices[-1].reshape(-1, 3)[: 41 * 41] + origin[-1]
-    expected = elevation(place[:, 1], place[:, 0], episode.time_s[steps[-1]])
+    _, steps, origin = column(path, "/world/usv/sea", "Transform3D:translation")
+    _, _, vertices = column(path, "/world/usv/sea", "Mesh3D:vertex_positions")
+    grid = SeaGrid.of(episode.teams["usv"])
+    last = 2 * ((len(steps) - 1) // 2)  # all of the patch moves every 0.2 s
+    place = vertices[last].reshape(-1, 3)[: grid.shown.sum()] + origin[last]
+    expected = elevation(place[:, 1], place[:, 0], episode.time_s[steps[last]])
     np.testing.assert_allclose(place[:, 2], expected, atol=1.0 / 128.0 + 1e-4)
-    leader = episode.teams["usv"].position_n[steps[-1], 0]
+    leader = episode.teams["usv"].position_n[steps[last], 0]
     assert np.all(place[:, :2].min(axis=0) < leader[[1, 0]])
     assert np.all(place[:, :2].max(axis=0) > leader[[1, 0]])
+
+
+def test_water_at_a_hull_moves_in_every_frame(recorded: tuple[Episode, Path]) -> None:
+    episode, path = recorded
+    _, steps, origin = column(path, "/world/usv/sea", "Transform3D:translation")
+    _, _, vertices = column(path, "/world/usv/sea", "Mesh3D:vertex_positions")
+    team = episode.teams["usv"]
+    grid = SeaGrid.of(team)
+    fine = slice(int(grid.shown.sum()), int(grid.shown.sum()) + len(grid.fine_line) ** 2)
+    assert 2 * len(steps) > 10
+    for frame in range(10, 20):
+        place = vertices[frame].reshape(-1, 3)[fine] + origin[frame]
+        boats = team.position_n[steps[frame], :, [1, 0]].T
+        near = (np.linalg.norm(place[:, None, :2] - boats, axis=-1) < team.size_m[0]).any(axis=1)
+        expected = elevation(place[:, 1], place[:, 0], episode.time_s[steps[frame]])
+        np.testing.assert_allclose(place[near, 2], expected[near], atol=1.0 / 128.0 + 1e-4)
+        assert near.sum() > 10
 
 
 def test_plots_and_events_hold_what_was_given(recorded: tuple[Episode, Path]) -> None:

@@ -19,7 +19,7 @@ from taichi_sim.maths.rotation import torch_rotation_matrix
 from taichi_sim.recording import Airframe, Episode, write_recording
 from taichi_sim.recording.aircraft import aircraft
 from taichi_sim.recording.arrows import metres_per_second_per_metre
-from taichi_sim.recording.sea_patch import CELLS, SeaGrid
+from taichi_sim.recording.sea_grid import SeaGrid
 from taichi_sim.recording.vehicles import smooth_course
 from taichi_sim.vehicles import load_vehicle
 
@@ -136,8 +136,8 @@ def test_the_formation_is_no_larger_while_the_leader_is_far_from_its_target() ->
 
 
 def test_the_sea_under_aircraft_alone_is_as_wide_as_they_are_high() -> None:
-    grid = SeaGrid.of(aloft())
-    assert 0.5 * CELLS * grid.cell > 40.0
+    grid = SeaGrid.of(aloft().afloat)
+    assert grid.half_m > 40.0
     assert grid.parts == 1
 
 

@@ -16,8 +16,10 @@ from taichi_sim.recording import Body, Episode, Force, Signal, write_recording
 from taichi_sim.recording.arrows import newtons_per_metre, round_scale
 from taichi_sim.recording.bodies import body_mesh
 from taichi_sim.recording.model import body_of, columns_of, forces_of, signals_of
-from taichi_sim.recording.sea_patch import CELLS, SeaGrid, frame_steps, sea_frames
+from taichi_sim.recording.sea_grid import SeaGrid
+from taichi_sim.recording.sea_patch import frame_steps, sea_frames
 from taichi_sim.recording.vessel import above, below, lid, shell
+from taichi_sim.recording.water_lines import ABOVE_WATER, NEWEST, ROUND_M
 from taichi_sim.usv.hull.mesh import BoxHull, TwinPontoons, mesh
 
 BOX = BoxHull(length=4.0, beam=2.0, draft=0.5, freeboard=0.25, panels_along=4)
@@ -163,12 +165,16 @@ def test_plots_show_instruments_in_degrees_and_the_boat_beside_its_wave(recorded
 def test_trails_and_rings_lie_on_the_water_of_the_moment(recorded: tuple[Episode, Path]) -> None:
     episode, path = recorded
     for name in ("trail", "water", "slot"):
-        _, _, strips = rows(path, f"/world/usv/{name}_1", "LineStrips3D:strips")
+        entity = f"/world/usv/{name}_1"
+        _, _, strips = rows(path, entity, "LineStrips3D:strips")
+        place = np.zeros((60, 3)) if name == "trail" else column(path, entity, "Transform3D:translation")[2]
         for step in (0, 30, 59):
-            points = np.array(strips[step]).reshape(-1, 3)
+            points = np.array(strips[step]).reshape(-1, 3) + place[step]
+            if step == 59 and name == "trail":
+                points = points[-NEWEST:]  # the others move every 0.2 s
             above_wave = points[:, 2] - elevation(points[:, 1], points[:, 0], episode.time_s[step])
-            np.testing.assert_allclose(above_wave, 0.05, atol=0.05)  # a little, and everywhere the same
-            assert np.ptp(above_wave) < 1e-4
+            # a little, and everywhere the same
+            np.testing.assert_allclose(above_wave, ABOVE_WATER * 2.0, atol=0.5 * ROUND_M + 1e-4)
 
 
 def test_a_trail_ends_at_the_boat_and_begins_where_it_was_put(recorded: tuple[Episode, Path], tmp_path: Path) -> None:
@@ -200,8 +206,8 @@ def test_the_sea_has_neither_holes_nor_overlaps(length: float) -> None:
     episode = make_episode(2, ("usv",), steps=5)
     team = replace(episode.teams["usv"], size_m=(length, 0.5 * length, 0.3 * length))
     episode = replace(episode, teams={"usv": team})
-    grid = SeaGrid.of(episode)
-    (frames,) = sea_frames(episode, grid)
+    grid = SeaGrid.of(team)
+    (frames,) = sea_frames(episode, team, grid)
     corners = frames.vertices[-1][grid.triangles()].astype(np.float64)
     east, north = corners[..., 0], corners[..., 1]
     signed = 0.5 * ((east[:, 1] - east[:, 0]) * (north[:, 2] - north[:, 0]))
@@ -209,21 +215,24 @@ def test_the_sea_has_neither_holes_nor_overlaps(length: float) -> None:
     assert abs(signed).min() > 0.0
     side = np.ptp(frames.vertices[-1][:, 0].astype(np.float64))
     assert abs(signed).sum() == pytest.approx(side**2, rel=1e-5)
-    if grid.parts > 1:
-        fine = frames.vertices[-1][(CELLS + 1) ** 2 :][: len(grid.fine_line) ** 2, 2].reshape(len(grid.fine_line), -1)
-        coarse = frames.vertices[-1][: (CELLS + 1) ** 2, 2].reshape(CELLS + 1, -1)
-        edge = (CELLS - grid.middle) // 2
-        along = coarse[edge, edge : CELLS - edge + 1]
-        np.testing.assert_array_equal(fine[0, :: grid.parts], along)
-        share = 1.0 / grid.parts
-        np.testing.assert_allclose(fine[0, 1 :: grid.parts], along[:-1] + share * np.diff(along), atol=1e-6)
+    assert np.array_equal(np.unique(grid.triangles()), np.arange(len(frames.vertices[-1])))  # no point is idle
+    # where the squares meet, a finer point is on the line between the coarse ones beside it, in place and in light
+    coarse = {tuple(point[:2]): index for index, point in enumerate(frames.vertices[-1][: grid.shown.sum()])}
+    fine = grid.shown.sum() + np.arange(len(grid.fine_line))
+    for name, values in (("up", frames.vertices[-1][:, 2]), ("green", frames.colours[-1][:, 1].astype(float))):
+        here = [coarse[tuple(point[:2])] for point in frames.vertices[-1][fine[:: grid.parts]]]
+        expected = np.interp(np.arange(len(fine)), np.arange(0, len(fine), grid.parts), values[here])
+        np.testing.assert_allclose(values[fine], expected, atol=1e-6 if name == "up" else 2.0)
 
 
 def test_the_sea_keeps_up_with_the_boats() -> None:
-    np.testing.assert_array_equal(frame_steps(0.1 * np.arange(50)), np.arange(50))
-    np.testing.assert_array_equal(frame_steps(0.2 * np.arange(50)), np.arange(50))
-    np.testing.assert_array_equal(frame_steps(0.02 * np.arange(50)), np.arange(0, 50, 5))
-    assert len(frame_steps(0.1 * np.arange(36_000))) <= 1200
+    for step, stride, whole in ((0.1, 1, 2), (0.2, 1, 1), (0.02, 5, 2)):
+        index, every = frame_steps(step * np.arange(50))
+        np.testing.assert_array_equal(index, np.arange(0, 50, stride))
+        assert every == whole
+    index, every = frame_steps(0.1 * np.arange(36_000), most=1200)
+    assert len(index) <= 1200
+    assert every == 1
 
 
 @pytest.mark.parametrize("value", [0.013, 1.0, 1.9, 5.0, 5.1, 740.0])

@@ -5,7 +5,8 @@ model.py      what a vehicle model may say of itself: its medium, its hull, its 
 meshes.py     a boat, in the body frame b (forward-right-down)
 aircraft.py   airplanes and flying wings; vessel.py: a body made of a hull's own panels
 bodies.py     which of these bodies a team has
-sea_patch.py  the piece of sea around the formation, with its light
+sea_grid.py   points of the piece of sea around a team; sea_patch.py: its waves and light
+water_lines.py what lies on it: rings and wakes
 space.py      what stands in the world; vehicles.py: the teams in it; arrows.py: loads, current, wind and air
 rrd.py        the writer; the only place where NED becomes ENU
 blueprint.py  what the viewer shows when it opens the file

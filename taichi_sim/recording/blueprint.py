@@ -11,9 +11,9 @@ import rerun.blueprint as rrb
 
 from taichi_sim.recording.episode import Array, Episode, TeamTrack
 from taichi_sim.recording.plots import error_plots, signal_path
-from taichi_sim.recording.sea_patch import HAZE
+from taichi_sim.recording.sea_patch import HAZE, patch_of
 from taichi_sim.recording.space import map_bounds
-from taichi_sim.recording.vehicles import TRAIL_S
+from taichi_sim.recording.water_lines import TRAIL_S
 
 COLUMNS = 2  # views of teams side by side; if there are more teams, those of one medium share a place
 NEAR_EYE = (-2.2, 1.1, -0.65)  # wing spans forward, right, down of the first vehicle
@@ -113,9 +113,12 @@ def _trails(episode: Episode) -> dict:
 
 
 def _hidden(episode: Episode, team: TeamTrack) -> dict:
-    """What a team's view leaves out: of boats, the lines down from those above them."""
-    flying = (one for one in episode.teams.values() if team.on_water and not one.on_water)
-    paths = [f"world/{one.name}/plumb_{vehicle}" for one in flying for vehicle in range(one.vehicles)]
+    """What a team's view leaves out: the sea around others, and, of boats, the lines down from those above them."""
+    patches = patch_of(episode)
+    paths = [f"world/{name}/sea" for name in set(patches.values()) if name != patches[team.name]]
+    if team.on_water:
+        flying = (one for one in episode.teams.values() if not one.on_water)
+        paths += [f"world/{one.name}/plumb_{vehicle}" for one in flying for vehicle in range(one.vehicles)]
     return {path: rrb.EntityBehavior(visible=False) for path in paths}
 
 

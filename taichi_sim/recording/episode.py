@@ -15,7 +15,7 @@ from taichi_sim.recording.frames import Array, euler
 from taichi_sim.recording.palette import Livery, liveries
 
 COMPANY_LENGTHS = 20.0  # without a formation, a view holds the vehicles this near to the first
-RESERVED = {"sea", "track", "checkpoints", "obstacles", "events", "wind", "area"}  # beside the teams in the tree
+RESERVED = {"track", "checkpoints", "obstacles", "events", "wind", "area"}  # beside the teams in the tree
 Medium = Literal["water", "air"]
 Elevation = Callable[[Array, Array, float], Array]
 """(north, east, time_s) -> surface elevation, up, m. north and east share one shape, in m."""

@@ -1,9 +1,8 @@
-"""The piece of sea that follows the formation, east-north-up, with the light baked into its colours.
+"""The piece of sea that follows a team, east-north-up, with the light baked into its colours.
 
-A square of `CELLS` x `CELLS` cells, its grid held to whole cells of the world so that its points do not
-swim; in its middle, where the vehicles are, a finer square, whose border keeps to the coarse edges so that
-no gap opens; and around both two rings that carry the border out to the horizon: the first lets the waves
-fade, the second is flat. Only the squares are the simulated sea.
+Its grid (sea_grid.py) is held to whole cells of the world so that its points do not swim. Only the squares are the
+simulated sea, not the rings around them. Most of a recording's bytes are here, so the whole patch moves with the waves
+a few times a second, and in between only the water about each hull does.
 """
 
 from collections.abc import Iterator
@@ -12,21 +11,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from taichi_sim.recording.episode import Array, Episode
+from taichi_sim.recording.episode import Array, Episode, TeamTrack
+from taichi_sim.recording.sea_grid import FADE, SeaGrid
 
-CELLS = 40  # per side
-MIN_HALF_M = 30.0  # half the side of the smallest patch
-MAX_HALF_M = 160.0
-FINE_CELLS = 48  # per side of the finer square, at most
-FINE_LENGTHS = 3.0  # the finer square reaches this many vehicle lengths beyond the formation
-FINE_SHARE = 0.2  # of a vehicle's length: a finer cell's side, where the cells last
-FADE = 1.6  # the first ring, in half sides
-FADE_CELLS = 6  # inside the border the light of the waves fades over these
-FRAME_S = 0.1  # one sea frame this often: a hull heaves by half its draft in 0.2 s
-ALOFT_FRAME_S = 0.4  # the same where there are no boats: nothing rides on the waves
-MAX_FRAMES = 1200  # fewer per second in a longer episode, for a frame takes up to 50 kB
+FRAME_S = 0.1  # the water about a hull moves this often: a hull heaves by half its draft in 0.2 s
+WHOLE_S = 0.2  # the rest of it
+ALOFT_S = 0.4  # all of it where there are no boats: nothing rides on the waves
+INSIDE = 0.8  # of half its side: who stays within this much of a patch is on it
+HULL_LENGTHS = 1.25  # how far from a boat the water is about its hull
+MAX_FRAMES = 1200  # fewer per second in a longer episode
+HORIZON_M = 4000.0  # half the side of the outer ring, at least
 BATCH = 50  # frames sent at a time
-ROUND_M = 1.0 / 128.0  # heights are rounded to this, so that the file packs well
+ROUND_M, LEVEL = 1.0 / 64.0, 4.0  # heights and colours (of 255) are rounded to these, so that the file packs well
+FADE_SHARE = 0.15  # of the side, inside the border: the light of the waves fades there
 
 SUN_ENU = np.array([-0.45, -0.35, 0.82]) / np.linalg.norm([-0.45, -0.35, 0.82])
 DEEP = np.array([12.0, 62.0, 92.0])
@@ -45,77 +42,110 @@ class SeaFrames:
     colours: NDArray[np.uint8]  # [F, N, 3]
 
 
-@dataclass(frozen=True)
-class SeaGrid:
-    """The patch's cells: those of the coarse square, and the finer ones that take the place of its middle."""
+def frame_steps(time: Array, seconds: float = FRAME_S, most: int | None = None) -> tuple[NDArray[np.int64], int]:
+    """Steps that have a frame, about every `seconds`, out of the clock `time` [T] (s); and which frames are whole.
 
-    cell: float  # m, side of a coarse cell
-    middle: int  # coarse cells per side that are replaced; even, so that the centre is a point of both
-    parts: int  # finer cells along a coarse one; 1: nothing is replaced
-
-    @classmethod
-    def of(cls, episode: Episode) -> "SeaGrid":
-        """Cells that hold the formation with room to spare, and resolve the waves along a hull where they can."""
-        team = episode.afloat
-        aloft = not team.on_water
-        height = -float(np.median(team.places_n[:, 0, 2])) if aloft else 0.0  # from where it is seen
-        half = np.clip(0.75 * team.formation_radius_m + 16.0 + height, MIN_HALF_M, MAX_HALF_M)
-        cell = float(np.ceil(2.0 * 2.0 * half / CELLS) / 2.0)
-        reach = team.formation_radius_m + FINE_LENGTHS * team.size_m[0]
-        middle = min(2 * int(np.ceil(reach / cell)), CELLS - 4)
-        wanted = int(np.ceil(cell / (FINE_SHARE * team.size_m[0])))
-        return cls(cell, middle, 1 if aloft else max(1, min(wanted, FINE_CELLS // middle)))
-
-    @property
-    def coarse_line(self) -> Array:
-        """Coordinates [CELLS + 1] from the centre, m."""
-        return self.cell * (np.arange(CELLS + 1) - CELLS / 2)
-
-    @property
-    def fine_line(self) -> Array:
-        """Coordinates of the finer points, m; none if nothing is replaced."""
-        count = self.middle * self.parts
-        return self.cell / self.parts * (np.arange(count + 1) - count / 2) if self.parts > 1 else np.zeros(0)
-
-    def triangles(self) -> NDArray[np.uint32]:
-        """[N, 3] corners. Coarse points come first, row by row from the south, then the finer ones, then the rings."""
-        first, fine = (CELLS + 1) ** 2, len(self.fine_line)
-        outside = np.ones((CELLS, CELLS), dtype=bool)
-        if fine:
-            edge = (CELLS - self.middle) // 2
-            outside[edge : CELLS - edge, edge : CELLS - edge] = False
-        cells = [_cells(CELLS)[np.tile(outside.ravel(), 2)]]
-        if fine:
-            cells.append(first + _cells(fine - 1))
-        inner = _rim()
-        for ring in range(2):
-            outer = first + fine**2 + ring * len(_rim()) + np.arange(len(_rim()))
-            after = np.roll(inner, -1), np.roll(outer, -1)
-            cells += [np.stack([inner, after[0], after[1]], axis=1), np.stack([inner, after[1], outer], axis=1)]
-            inner = outer
-        return np.concatenate(cells).astype(np.uint32)
-
-    def keep_to_edges(self, up: Array) -> Array:
-        """Heights `up` [finer points] with its border straight between coarse points."""
-        at, corners = np.arange(len(up)), np.arange(0, len(up), self.parts)
-        up = up.copy()
-        for side in (up[0], up[-1], up[:, 0], up[:, -1]):  # views
-            side[:] = np.interp(at, corners, side[corners])
-        return up
+    At `most` so many frames; every n-th, where all that is water moves, is whole: n is the second value.
+    """
+    step = float(np.median(np.diff(time))) if len(time) > 1 else seconds
+    stride = max(1, round(seconds / step), 1 if most is None else -(-len(time) // most))
+    return np.arange(0, len(time), stride), max(1, round(WHOLE_S / (stride * step)))
 
 
-def _cells(count: int) -> NDArray[np.int64]:
-    """Triangles [2 count^2, 3] of a square of cells: all the lower ones, then all the upper ones."""
-    side = count + 1
-    corner = (np.arange(count)[:, None] * side + np.arange(count)).ravel()
-    lower, upper = (corner, corner + 1, corner + side + 1), (corner, corner + side + 1, corner + side)
-    return np.concatenate([np.stack(lower, axis=1), np.stack(upper, axis=1)])
+def patch_of(episode: Episode) -> dict[str, str]:
+    """Team -> the team whose patch of sea its view shows.
+
+    Boats that leave the patches of the teams before them have their own; aircraft see that of the first boats.
+    """
+    patches: dict[str, str] = {}
+    leads = episode.afloat.name
+    for team in sorted(episode.teams.values(), key=lambda team: team.name != leads):
+        around = (lead for lead in dict.fromkeys(patches.values()) if _stays_on_patch(team, episode.teams[lead]))
+        patches[team.name] = next(around, team.name) if team.on_water else leads
+    return patches
 
 
-def _rim() -> NDArray[np.int64]:
-    """Indices of the coarse grid's border points, once around."""
-    index = np.arange((CELLS + 1) ** 2).reshape(CELLS + 1, CELLS + 1)
-    return np.concatenate([index[0, :-1], index[:-1, -1], index[-1, :0:-1], index[:0:-1, 0]])
+def _stays_on_patch(team: TeamTrack, lead: TeamTrack) -> bool:
+    """Whether the first of `team` is all the time within the patch of `lead`."""
+    grid = SeaGrid.of(lead)
+    away = np.abs(team.position_n[:, 0, :2] - _centres(lead, grid)).max()
+    return bool(away <= INSIDE * grid.half_m)
+
+
+def sea_frames(episode: Episode, team: TeamTrack, grid: SeaGrid) -> Iterator[SeaFrames]:
+    """The patch that follows `team` over the episode, in batches."""
+    time = np.asarray(episode.time_s, dtype=np.float64)
+    steps, stride = frame_steps(time, FRAME_S if team.on_water else ALOFT_S, MAX_FRAMES)
+    whole = np.arange(len(steps)) // stride * stride  # the frame in which all of the patch was moved
+    centres = _centres(team, grid)[steps[whole]]
+    crest = _crest(episode, grid, time[steps[:8]])
+    squares = [_Square(episode, grid.coarse_line, crest, min(grid.parts, 2))]
+    if grid.parts > 1:
+        squares.append(_Square(episode, grid.fine_line, crest, 1))
+    for start in range(0, len(steps), BATCH):
+        frames = np.arange(start, min(start + BATCH, len(steps)))
+        vertices, colours = [], []
+        for frame in frames:
+            for square in squares:
+                square.move(centres[frame], int(steps[frame]), everywhere=bool(whole[frame] == frame))
+            vertices.append(_vertices(episode, grid, squares))
+            colours.append(_colours(grid, squares))
+        origin = np.column_stack([centres[frames, 1], centres[frames, 0], np.zeros(len(frames))])
+        shades = np.clip(np.stack(colours), 0.0, 255.0).astype(np.uint8)
+        yield SeaFrames(steps[frames], origin.astype(np.float32), np.stack(vertices).astype(np.float32), shades)
+
+
+class _Square:
+    """The water on the points of one square, as it was last drawn."""
+
+    def __init__(self, episode: Episode, line: Array, crest: float, between: int) -> None:
+        """Wait for the first move.
+
+        `crest` is a tall crest's height, m; slopes are taken over 2 / `between` cells.
+        """
+        self.episode, self.crest, self.between = episode, crest, between
+        self.line = np.linspace(line[0], line[-1], between * (len(line) - 1) + 1)
+        self.north, self.east = np.meshgrid(line, line, indexing="ij")
+        self.up, self.light = np.zeros_like(self.north), np.zeros((*self.north.shape, 3))
+
+    def move(self, centre: Array, step: int, *, everywhere: bool) -> None:
+        """Heights (m) and light at `step` with the square about `centre` (north, east, m)."""
+        north, east = np.meshgrid(self.line + centre[0], self.line + centre[1], indexing="ij")
+        up = np.asarray(self.episode.elevation(north, east, float(self.episode.time_s[step])), dtype=np.float64)
+        light = _light(up, self.line[1] - self.line[0], self.crest)
+        up, light = up[:: self.between, :: self.between], light[:: self.between, :: self.between]
+        moves = np.full(up.shape, everywhere)
+        if not everywhere:
+            for team in self.episode.teams.values():
+                for n, e in team.position_n[step, :, :2] - centre if team.on_water else ():
+                    moves |= np.hypot(self.north - n, self.east - e) < HULL_LENGTHS * team.size_m[0]
+        self.up = np.where(moves, np.round(up / ROUND_M) * ROUND_M, self.up)
+        self.light = np.where(moves[..., None], light, self.light)
+
+    def points(self, up: Array) -> Array:
+        """[N, 3] m, east, north and `up` [side, side] from the centre."""
+        return np.stack([self.east, self.north, up], axis=-1).reshape(-1, 3)
+
+
+def _vertices(episode: Episode, grid: SeaGrid, squares: list[_Square]) -> Array:
+    """[N, 3] m, in the order of the grid's triangles."""
+    coarse = squares[0].points(squares[0].up)
+    fine = [square.points(grid.keep_to_edges(square.up, squares[0].up)) for square in squares[1:]]
+    far = max(2.0 * (episode.scene.area_m or 0.0), HORIZON_M) / grid.half_m
+    rings = [coarse[grid.rim] * (share, share, 0.0) for share in (FADE, far)]
+    return np.concatenate([coarse[grid.shown], *fine, *rings])
+
+
+def _colours(grid: SeaGrid, squares: list[_Square]) -> Array:
+    """[N, 3] likewise: the light of the waves fades towards the border."""
+    flat = 0.5 * (DEEP + CREST)
+    inside = np.minimum(np.arange(grid.cells + 1), np.arange(grid.cells, -1, -1)) / (FADE_SHARE * grid.cells)
+    fade = np.clip(np.minimum(inside[:, None], inside), 0.0, 1.0)[..., None]
+    coarse = flat + fade * (squares[0].light - flat)
+    fine = [grid.keep_to_edges(square.light, coarse).reshape(-1, 3) for square in squares[1:]]
+    rings = [np.broadcast_to(shade, (len(grid.rim), 3)) for shade in (flat, HAZE)]
+    waves = np.concatenate([coarse.reshape(-1, 3)[grid.shown], *fine])
+    return np.concatenate([flat + np.round((waves - flat) / LEVEL) * LEVEL, *rings])
 
 
 def _light(up: Array, cell: float, scale: float) -> Array:
@@ -130,51 +160,8 @@ def _light(up: Array, cell: float, scale: float) -> Array:
     return colour + 0.6 * foam * (FOAM - colour)
 
 
-def sea_frames(episode: Episode, grid: SeaGrid) -> Iterator[SeaFrames]:
-    """The patch over the episode, in batches."""
-    time = np.asarray(episode.time_s, dtype=np.float64)
-    steps = frame_steps(time, FRAME_S if episode.afloat.on_water else ALOFT_FRAME_S)
-    centres = _centres(episode, grid)
-    squares = [line for line in (grid.coarse_line, grid.fine_line) if len(line)]
-    scale = _crest(episode, grid, time[steps[:8]])
-    rim = _rim()
-    far = max(2.0 * (episode.scene.area_m or 0.0), 4000.0) / (0.5 * CELLS * grid.cell)
-    flat = DEEP + 0.5 * (CREST - DEEP)
-    fade = _fade()[:, None]
-    haze = [np.broadcast_to(shade, (len(rim), 3)) for shade in (flat, HAZE)]
-    for start in range(0, len(steps), BATCH):
-        index = steps[start : start + BATCH]
-        vertices, colours = [], []
-        for place, now in zip(centres[index], time[index], strict=True):
-            points, shades = [], []
-            for line in squares:
-                square, light = _square(episode, grid, line, place, float(now), scale)
-                points.append(square)
-                shades.append(light)
-            shades[0] = flat + fade * (shades[0] - flat)
-            border = points[0][rim]
-            vertices.append(np.concatenate([*points, border * (FADE, FADE, 0.0), border * (far, far, 0.0)]))
-            colours.append(np.concatenate([*shades, *haze]))
-        origin = np.column_stack([centres[index, 1], centres[index, 0], np.zeros(len(index))])
-        shades = np.clip(np.stack(colours), 0.0, 255.0).astype(np.uint8)
-        yield SeaFrames(index, origin.astype(np.float32), np.stack(vertices).astype(np.float32), shades)
-
-
-def _fade() -> Array:
-    """[(CELLS + 1)^2] from 0 at the border of the coarse square to 1 a few cells inside: how much light shows there."""
-    inside = np.minimum(np.arange(CELLS + 1), np.arange(CELLS, -1, -1)) / FADE_CELLS
-    return np.clip(np.minimum(inside[:, None], inside), 0.0, 1.0).ravel()
-
-
-def frame_steps(time: Array, frame_s: float = FRAME_S) -> NDArray[np.int64]:
-    """Steps that have a frame of the sea, about every `frame_s`, out of the clock `time` [T], s."""
-    step = float(np.median(np.diff(time))) if len(time) > 1 else frame_s
-    return np.arange(0, len(time), max(1, round(frame_s / step), -(-len(time) // MAX_FRAMES)))
-
-
-def _centres(episode: Episode, grid: SeaGrid) -> Array:
+def _centres(team: TeamTrack, grid: SeaGrid) -> Array:
     """[T, 2] north, east (m) on whole cells, between the first and the middle of all: followers mostly trail."""
-    team = episode.afloat
     places = team.places_n[:, team.company]
     middle = team.position_n[:, 0] + 0.5 * (places.mean(axis=1) - places[:, 0])
     return np.round(np.asarray(middle[:, :2], dtype=np.float64) / grid.cell) * grid.cell
@@ -185,16 +172,3 @@ def _crest(episode: Episode, grid: SeaGrid, times: Array) -> float:
     north, east = np.meshgrid(grid.coarse_line, grid.coarse_line, indexing="ij")
     heights = np.abs(np.stack([episode.elevation(north, east, float(t)) for t in times]))
     return max(float(np.quantile(heights, 0.99)), 0.15)
-
-
-def _square(
-    episode: Episode, grid: SeaGrid, line: Array, place: Array, time: float, scale: float
-) -> tuple[Array, Array]:
-    """Points [N, 3] (east, north, up, m, from the centre) and colours of the square of `line` about `place`."""
-    north, east = np.meshgrid(line, line, indexing="ij")
-    up = np.asarray(episode.elevation(north + place[0], east + place[1], time), dtype=np.float64)
-    up = np.round(up / ROUND_M) * ROUND_M
-    light = _light(up, line[1] - line[0], scale)
-    if len(line) == len(grid.fine_line):
-        up = grid.keep_to_edges(up)
-    return np.stack([east, north, up], axis=-1).reshape(-1, 3), light.reshape(-1, 3)

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from taichi_sim.recording.episode import Array, Episode
 from taichi_sim.recording.frames import enu, map_point
 from taichi_sim.recording.palette import ALARM, CHECKPOINT, FRAME, OBSTACLE
-from taichi_sim.recording.sea_patch import SeaGrid, sea_frames
+from taichi_sim.recording.sea_grid import SeaGrid
+from taichi_sim.recording.sea_patch import patch_of, sea_frames
 from taichi_sim.recording.stream import Stream
 
 LEVELS = {"stall": "WARN"}  # kinds of event that end nothing
@@ -75,16 +76,18 @@ def send_scene(stream: Stream, episode: Episode) -> None:
 
 
 def send_sea(stream: Stream, episode: Episode) -> None:
-    """The patch of sea that follows the formation."""
-    grid = SeaGrid.of(episode)
-    stream.static("world/sea", rr.Mesh3D.from_fields(triangle_indices=grid.triangles()))
-    for frames in sea_frames(episode, grid):
-        count, points = frames.vertices.shape[:2]
-        surface = rr.Mesh3D.columns(
-            vertex_positions=frames.vertices.reshape(-1, 3), vertex_colors=frames.colours.reshape(-1, 3)
-        ).partition([points] * count)
-        stream.columns("world/sea", surface, frames.index)
-        stream.columns("world/sea", rr.Transform3D.columns(translation=frames.origin_enu), frames.index)
+    """The patches of sea that follow the teams."""
+    for name in dict.fromkeys(patch_of(episode).values()):
+        team = episode.teams[name]
+        grid, path = SeaGrid.of(team), f"world/{name}/sea"
+        stream.static(path, rr.Mesh3D.from_fields(triangle_indices=grid.triangles()))
+        for frames in sea_frames(episode, team, grid):
+            count, points = frames.vertices.shape[:2]
+            surface = rr.Mesh3D.columns(
+                vertex_positions=frames.vertices.reshape(-1, 3), vertex_colors=frames.colours.reshape(-1, 3)
+            ).partition([points] * count)
+            place = rr.Transform3D.columns(translation=frames.origin_enu)
+            stream.columns(path, [*surface, *place], frames.index)
 
 
 def send_events(stream: Stream, episode: Episode) -> None:

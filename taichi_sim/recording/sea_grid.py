@@ -1,0 +1,114 @@
+"""Points and triangles of the sea patch: a square of cells, finer ones in its middle, and two rings to the horizon.
+
+The finer square is where the vehicles are; its border keeps to the coarse edges so that no gap opens. The first ring
+lets the waves fade, the second is flat.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from taichi_sim.recording.episode import Array, TeamTrack
+
+CELLS, CELLS_ALOFT = 20, 40  # per side of the coarse square, about boats and under aircraft
+MIN_HALF_M = 30.0  # half the side of the smallest patch
+MAX_HALF_M = 160.0
+FINE_CELLS = 32  # per side of the finer square, at most; two of them always fit a coarse one
+FINE_LENGTHS, FINE_HALF_M = 0.5, 12.0  # the finer square reaches so far beyond the formation, and at least so far
+FINE_SHARE = 0.5  # of a vehicle's length: a finer cell's side, where the cells last
+FADE = 1.6  # the first ring, in half sides
+RINGS = 2
+
+
+@dataclass(frozen=True)
+class SeaGrid:
+    """The patch's cells: those of the coarse square, and the finer ones that take the place of its middle."""
+
+    cells: int  # coarse ones per side
+    cell: float  # m, side of a coarse cell
+    middle: int  # coarse cells per side that are replaced; even, so that the centre is a point of both
+    parts: int  # finer cells along a coarse one; 1: nothing is replaced
+
+    @classmethod
+    def of(cls, team: TeamTrack) -> "SeaGrid":
+        """Cells that hold the formation with room to spare, and resolve the waves along a hull where they can."""
+        cells = CELLS if team.on_water else CELLS_ALOFT
+        height = 0.0 if team.on_water else -float(np.median(team.places_n[:, 0, 2]))  # from where it is seen
+        half = np.clip(0.75 * team.formation_radius_m + 16.0 + height, MIN_HALF_M, MAX_HALF_M)
+        cell = float(np.ceil(2.0 * 2.0 * half / cells) / 2.0)
+        reach = max(team.formation_radius_m + FINE_LENGTHS * team.size_m[0], FINE_HALF_M)
+        middle = min(2 * int(np.ceil(reach / cell)), cells - 4)
+        wanted = int(np.ceil(cell / (FINE_SHARE * team.size_m[0])))
+        return cls(cells, cell, middle, max(2, min(wanted, FINE_CELLS // middle)) if team.on_water else 1)
+
+    @property
+    def half_m(self) -> float:
+        """Half the side of the square that moves with the waves, m."""
+        return 0.5 * self.cells * self.cell
+
+    @property
+    def coarse_line(self) -> Array:
+        """Coordinates [cells + 1] from the centre, m."""
+        return self.cell * (np.arange(self.cells + 1) - self.cells / 2)
+
+    @property
+    def fine_line(self) -> Array:
+        """Coordinates of the finer points, m; none if nothing is replaced."""
+        count = self.middle * self.parts
+        return self.cell / self.parts * (np.arange(count + 1) - count / 2) if self.parts > 1 else np.zeros(0)
+
+    @property
+    def shown(self) -> NDArray[np.bool_]:
+        """[(cells + 1)^2] coarse points that are in the mesh: all but those within the finer square."""
+        shown = np.ones((self.cells + 1, self.cells + 1), dtype=bool)
+        if self.parts > 1:
+            edge = (self.cells - self.middle) // 2
+            shown[edge + 1 : -edge - 1, edge + 1 : -edge - 1] = False
+        return shown.ravel()
+
+    @property
+    def rim(self) -> NDArray[np.int64]:
+        """Indices of the coarse square's border points, once around."""
+        index = np.arange((self.cells + 1) ** 2).reshape(self.cells + 1, self.cells + 1)
+        return np.concatenate([index[0, :-1], index[:-1, -1], index[-1, :0:-1], index[:0:-1, 0]])
+
+    def triangles(self) -> NDArray[np.uint32]:
+        """[N, 3] corners. The coarse points shown come first, row by row from the south, then the finer ones, then the
+        rings.
+        """
+        fine, shown = len(self.fine_line), self.shown
+        outside = np.ones((self.cells, self.cells), dtype=bool)
+        if fine:
+            edge = (self.cells - self.middle) // 2
+            outside[edge : self.cells - edge, edge : self.cells - edge] = False
+        number = np.cumsum(shown) - 1
+        first, inner = number[-1] + 1, number[self.rim]
+        cells = [number[_cells(self.cells)[np.tile(outside.ravel(), 2)]]]
+        if fine:
+            cells.append(first + _cells(fine - 1))
+        for ring in range(RINGS):
+            outer = first + fine**2 + ring * len(inner) + np.arange(len(inner))
+            after = np.roll(inner, -1), np.roll(outer, -1)
+            cells += [np.stack([inner, after[0], after[1]], axis=1), np.stack([inner, after[1], outer], axis=1)]
+            inner = outer
+        return np.concatenate(cells).astype(np.uint32)
+
+    def keep_to_edges(self, fine: Array, coarse: Array) -> Array:
+        """Values `fine` [side, side, ...] of the finer square with its border straight between those of `coarse`."""
+        edge = (self.cells - self.middle) // 2
+        block = coarse[edge : self.cells - edge + 1, edge : self.cells - edge + 1]
+        whole, part = np.divmod(np.arange(len(fine)), self.parts)
+        after, share = np.minimum(whole + 1, self.middle), (part / self.parts).reshape(-1, *[1] * (fine.ndim - 2))
+        fine = fine.copy()
+        for at in ((0,), (-1,), (slice(None), 0), (slice(None), -1)):
+            fine[at] = block[at][whole] * (1.0 - share) + block[at][after] * share
+        return fine
+
+
+def _cells(count: int) -> NDArray[np.int64]:
+    """Triangles [2 count^2, 3] of a square of cells: all the lower ones, then all the upper ones."""
+    side = count + 1
+    corner = (np.arange(count)[:, None] * side + np.arange(count)).ravel()
+    lower, upper = (corner, corner + 1, corner + side + 1), (corner, corner + side + 1, corner + side)
+    return np.concatenate([np.stack(lower, axis=1), np.stack(upper, axis=1)])
