@@ -1,6 +1,7 @@
 """State to rerun: an `Episode` in the world frame n (north-east-down) becomes one `.rrd` file.
 
 episode.py    what an episode holds, with shape, unit and frame of each array
+overlays.py   what a mission may draw and plot beside the vehicles; draw_overlays.py draws it
 model.py      what a vehicle model may say of itself: its medium, its hull, its loads, its instruments
 meshes.py     a boat, in the body frame b (forward-right-down)
 aircraft.py   airplanes and flying wings; vessel.py: a body made of a hull's own panels

@@ -10,6 +10,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from taichi_sim.recording.episode import Array, Episode, TeamTrack
+from taichi_sim.recording.overlays import Note, Plot, entity_name
 from taichi_sim.recording.plots import error_plots, signal_path
 from taichi_sim.recording.sea_patch import HAZE, patch_of
 from taichi_sim.recording.space import map_bounds
@@ -32,7 +33,7 @@ def blueprint(episode: Episode) -> rrb.Blueprint:
         visual_bounds=rrb.VisualBounds2D(x_range=[low[1], high[1]], y_range=[-high[0], -low[0]]),
     )
     about: list[rrb.View] = [rrb.TextDocumentView(origin="config", name="Run")]
-    if episode.events:
+    if episode.events or any(isinstance(overlay, Note) for overlay in episode.overlays):
         about.append(rrb.TextLogView(origin="events", name="Events"))
     beside = rrb.Vertical(map_view, rrb.Tabs(*about), row_shares=[3, 2])
     upper = rrb.Horizontal(*views, beside, column_shares=[4] * len(views) + [3])
@@ -153,7 +154,7 @@ def _each(team: TeamTrack, name: str, path: str) -> rrb.TimeSeriesView:
 
 
 def _plots(episode: Episode) -> list[Sequence[rrb.View]]:
-    """Errors at the left, then motion, instruments, and what the policy gets and gives."""
+    """Errors at the left, then what the mission adds, motion, instruments, and what the policy gets and gives."""
     teams = list(episode.teams.values())
     judged = [team for team in teams if team.error_m is not None]
     errors: list[rrb.View] = []
@@ -165,6 +166,7 @@ def _plots(episode: Episode) -> list[Sequence[rrb.View]]:
         for team in judged
         if "formation_error" in error_plots(team)
     ]
+    added = [_series(overlay.name, entity_name(overlay)) for overlay in episode.overlays if isinstance(overlay, Plot)]
     motion = []
     for team in teams:
         motion.append(_each(team, "roll, pitch (deg)", f"attitude/{team.name}"))
@@ -176,4 +178,4 @@ def _plots(episode: Episode) -> list[Sequence[rrb.View]]:
     signals = [_each(team, name, signal_path(team, name)) for team in teams for name in team.signals]
     gets = [_series(f"{team.name.upper()} reward", f"reward/{team.name}") for team in teams if team.reward is not None]
     gives = [_each(team, "actions", f"action/{team.name}") for team in teams if team.action is not None]
-    return [errors, motion, signals, [*gets, *gives]]
+    return [errors, added, motion, signals, [*gets, *gives]]

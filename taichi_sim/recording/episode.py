@@ -12,10 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taichi_sim.recording.frames import Array, euler
+from taichi_sim.recording.overlays import Note, Overlay, Plot
 from taichi_sim.recording.palette import Livery, liveries
 
 COMPANY_LENGTHS = 20.0  # without a formation, a view holds the vehicles this near to the first
-RESERVED = {"track", "checkpoints", "obstacles", "events", "wind", "area"}  # beside the teams in the tree
+RESERVED = {"track", "checkpoints", "obstacles", "events", "overlay", "wind", "area"}  # beside the teams in the tree
 Medium = Literal["water", "air"]
 Elevation = Callable[[Array, Array, float], Array]
 """(north, east, time_s) -> surface elevation, up, m. north and east share one shape, in m."""
@@ -182,6 +183,7 @@ class Episode:
     scene: Scene = field(default_factory=Scene)
     config_text: str = ""  # shown as it stands, as markdown
     events: tuple[Event, ...] = ()
+    overlays: tuple[Overlay, ...] = ()  # what a mission draws and plots beside the vehicles
     current_n: Array | None = None  # [T, 2] north and east velocity of the water, m/s; None: still
     wind_n: Array | None = None  # [T, 3] velocity of the air 10 m above the sea (where it blows to), m/s; None: calm
 
@@ -200,6 +202,11 @@ class Episode:
         for name in self.scene.tracks_n:
             if name not in self.teams:
                 raise ValueError(f"episode {self.name}: a track for {name}, and no such team")
+        drawn = [overlay for overlay in self.overlays if not isinstance(overlay, Note)]
+        for overlay in drawn:
+            overlay.check(len(self.time_s))
+        if len({(isinstance(overlay, Plot), overlay.name) for overlay in drawn}) < len(drawn):
+            raise ValueError(f"episode {self.name}: two overlays of one name")
         for event in self.events:
             if event.team not in self.teams or not 0 <= event.vehicle < self.teams[event.team].vehicles:
                 raise ValueError(f"event {event.kind}: no vehicle {event.vehicle} in team {event.team}")

@@ -9,6 +9,7 @@ import rerun as rr
 
 from taichi_sim.recording.arrows import arrow_text, send_air, send_flow, send_forces
 from taichi_sim.recording.blueprint import blueprint
+from taichi_sim.recording.draw_overlays import send_overlays
 from taichi_sim.recording.episode import Episode
 from taichi_sim.recording.plots import send_plots
 from taichi_sim.recording.space import send_events, send_scene, send_sea
@@ -94,4 +95,5 @@ def _send(stream: Stream, episode: Episode) -> None:
         send_air(stream, team)
         send_plots(stream, episode, team)
     send_flow(stream, episode)
+    send_overlays(stream, episode)
     send_events(stream, episode)

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from taichi_sim.recording.episode import Array, Episode
 from taichi_sim.recording.frames import enu, map_point
+from taichi_sim.recording.overlays import Note
 from taichi_sim.recording.palette import ALARM, CHECKPOINT, FRAME, OBSTACLE
 from taichi_sim.recording.sea_grid import SeaGrid
 from taichi_sim.recording.sea_patch import patch_of, sea_frames
@@ -91,8 +92,8 @@ def send_sea(stream: Stream, episode: Episode) -> None:
 
 
 def send_events(stream: Stream, episode: Episode) -> None:
-    """For each event a line in the log, and a mark in space that stays from then on."""
-    log = []
+    """For each event and note a line in the log; for each event a mark in space that stays from then on."""
+    log = [(note.time_s, note.text, note.level) for note in episode.overlays if isinstance(note, Note)]
     for event in episode.events:
         whose = episode.teams[event.team].vehicle_name(event.vehicle)
         log.append((event.time_s, f"{whose} {event.kind}: {event.text}", LEVELS.get(event.kind, "ERROR")))

@@ -1,0 +1,145 @@
+"""What a mission draws and plots beside the vehicles: lanes, contacts, safety domains, risks.
+
+Every geometric overlay holds arrays [F, N, ...]: N things in F frames, where F is 1 for what stands still or T, a frame
+for each step of the episode. A row with NaN is not drawn in that frame, so that N is the most there ever are. Positions
+are m in the world frame n (north, east, down); draw_overlays.py turns them, and nothing else does.
+
+An overlay's name is its place in the viewer's tree, "contacts/range": under `world/overlay` in 3D, `map/overlay` on the
+map, `plots/overlay` in the plots. Overlays of one kind and one look are one overlay; two names must not be the same.
+
+radius, for lines, points and arrows: m; below zero in points of the screen, whatever the distance.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from taichi_sim.recording.frames import Array
+from taichi_sim.recording.palette import Colour
+
+Where = Literal["world", "map", "both"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Geometry:
+    """What all things in space have."""
+
+    name: str
+    colour: Colour
+    labels: tuple[str, ...] = ()  # N, or none; they do not change
+    where: Where = "both"
+    on_water: bool = False  # in 3D, `down` counts from just above the waves instead of from mean sea level
+
+    def _check(self, steps: int, **arrays: tuple[Array, tuple[int | None, ...]]) -> None:
+        """Refuse arrays that are not [F, N, *shape], with one N; None is any size."""
+        count: int | None = len(self.labels) or None
+        for key, (array, shape) in arrays.items():
+            fits = array.ndim == 2 + len(shape) and len(array) in (1, steps) and count in (None, array.shape[1])
+            if not fits or any(size not in (None, n) for size, n in zip(shape, array.shape[2:], strict=True)):
+                raise ValueError(
+                    f"overlay {self.name}: {key} is {array.shape}, wanted (1 or {steps}, {count or 'N'}, "
+                    f"{', '.join('any' if size is None else str(size) for size in shape)})"
+                )
+            count = array.shape[1]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Lines(Geometry):
+    """N line strips of P points each; a point with NaN is left out."""
+
+    points_n: Array  # [F, N, P, 3] m
+    radius: float = -1.2
+
+    def check(self, steps: int) -> None:
+        """Refuse arrays that do not fit an episode of `steps` steps."""
+        self._check(steps, points_n=(self.points_n, (None, 3)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Points(Geometry):
+    """N points."""
+
+    position_n: Array  # [F, N, 3] m
+    radius: float = -4.0
+
+    def check(self, steps: int) -> None:
+        """Refuse arrays that do not fit an episode of `steps` steps."""
+        self._check(steps, position_n=(self.position_n, (3,)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cylinders(Geometry):
+    """N upright cylinders."""
+
+    position_n: Array  # [F, N, 3] m, the middle
+    size_m: Array  # [F, N, 2] radius and height, m
+
+    def check(self, steps: int) -> None:
+        """Refuse arrays that do not fit an episode of `steps` steps."""
+        self._check(steps, position_n=(self.position_n, (3,)), size_m=(self.size_m, (2,)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ellipsoids(Geometry):
+    """N upright ellipsoids, of lines in 3D, an ellipse on the map: a ship's domain, an uncertainty."""
+
+    position_n: Array  # [F, N, 3] m, the middle
+    half_axes_m: Array  # [F, N, 3] m: along the heading, to its right, vertical
+    heading: Array  # [F, N] rad, clockwise from north
+
+    def check(self, steps: int) -> None:
+        """Refuse arrays that do not fit an episode of `steps` steps."""
+        self._check(
+            steps,
+            position_n=(self.position_n, (3,)),
+            half_axes_m=(self.half_axes_m, (3,)),
+            heading=(self.heading, ()),
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Arrows(Geometry):
+    """N arrows: velocities, forces and the like, scaled by the mission to what can be seen; the name says the scale."""
+
+    origin_n: Array  # [F, N, 3] m
+    vector_n: Array  # [F, N, 3] m, as drawn
+    radius: float = -1.5
+
+    def check(self, steps: int) -> None:
+        """Refuse arrays that do not fit an episode of `steps` steps."""
+        self._check(steps, origin_n=(self.origin_n, (3,)), vector_n=(self.vector_n, (3,)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plot:
+    """K lines over the episode in a plot of their own."""
+
+    name: str
+    unit: str  # SI; "" for a ratio; rad is shown in degrees
+    lines: tuple[str, ...]  # K names
+    values: Array  # [T, K]
+    colours: tuple[Colour, ...] = ()  # K, or none
+
+    def check(self, steps: int) -> None:
+        """Refuse arrays that do not fit an episode of `steps` steps."""
+        wanted = (steps, len(self.lines))
+        if self.values.shape != wanted or len(self.colours) not in (0, len(self.lines)):
+            raise ValueError(
+                f"overlay {self.name}: values is {self.values.shape}, wanted {wanted}, and {len(self.colours)} colours"
+            )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Note:
+    """A line in the log of events, of no vehicle in particular."""
+
+    time_s: float
+    text: str
+    level: Literal["INFO", "WARN", "ERROR"] = "INFO"
+
+
+Overlay = Lines | Points | Cylinders | Ellipsoids | Arrows | Plot | Note
+
+
+def entity_name(overlay: Geometry | Plot) -> str:
+    """An overlay's place in the viewer's tree, under `world`, `map` or `plots`."""
+    return f"overlay/{overlay.name.replace(' ', '_')}"
