@@ -1,4 +1,4 @@
-"""One episode, written down: every state of both teams, for recordings and figures."""
+"""One episode, written down: every state of every team, for recordings and figures."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -10,12 +10,12 @@ from tqdm import tqdm
 
 from rl.learn.policy import Policy
 from rl.missions.formation.mission import FormationTask, Step
+from rl.missions.formation.team import TeamTask
 from rl.runs.evaluation import one_episode_each, one_thread
 from taichi_sim.config import ScenarioConfig
 from taichi_sim.config.io import toml_text
-from taichi_sim.conventions import FREEBOARD, NO_DECK
-from taichi_sim.recording import Episode, Event, Scene, Signal, TeamTrack
-from taichi_sim.recording.model import air_of, airframe_of, body_of, columns_of, forces_of, medium_of, signals_of
+from taichi_sim.recording import Episode, Event, Recorder, Scene
+from taichi_sim.recording.model import medium_of
 
 EVENTS = {
     "collided": ("collision", "hit an obstacle or a team mate"),
@@ -54,89 +54,51 @@ def record_episode(
     duration = config.episode_duration if duration is None else duration
     steps = max(2, round(duration / config.decision_interval))
     task = one_episode_each(config, tuple(policies), 1, seed, source)
+    recorder = Recorder(task.world)
     rows: dict[str, list[dict[str, np.ndarray]]] = {name: [] for name in task.teams}
-    flows: list[list[np.ndarray]] = []
     seen: set[tuple[str, int, str]] = set()
     events: list[Event] = []
-    begin = float(task.world.time[0])
     with one_thread():
         for i in tqdm(range(steps), desc="record", unit="step", disable=not show_progress):
             step = task.step({name: policies[name](team) for name, team in task.teams.items()})
             events += _events(step, (i + 1) * config.decision_interval, seen)
             if any(bool(ended.diverged.any()) for ended in step.endings.values()):
                 break  # what follows is no motion
-            for name in task.teams:
-                rows[name].append(_row(task, name, step))
-            flows.append([flow[0].cpu().numpy().copy() for flow in (task.world.around.current, task.world.around.wind)])
+            recorder.add({name: team.action for name, team in task.teams.items()})
+            for name, team in task.teams.items():
+                rows[name].append(_row(team, step.reward[name]))
             if any(bool(getattr(ended, "crashed", NEVER).all()) for ended in step.endings.values()):
                 break  # nobody flies under water
-    if not flows:
+    if not len(recorder):
         raise ValueError(f"nothing to record: {events[0].text} in the first step")
-    time = (np.arange(len(flows)) + 1) * config.decision_interval
-    for name, frames in rows.items():
-        aux = np.stack([frame["aux"] for frame in frames])
-        events += _stalls(task.world.teams[name].model, name, aux, time)
-    sea, index = task.world.sea, int(task.world.env_sea[0])
-
-    def elevation(north: np.ndarray, east: np.ndarray, time_s: float) -> np.ndarray:
-        return sea.elevation(north, east, begin + time_s, index).cpu().numpy()
-
-    return Episode(
-        name=config.name,
-        time_s=time,
-        teams={name: _track(task, name, frames) for name, frames in rows.items()},
+    for name, team in task.teams.items():
+        events += _stalls(team.team.model, name, recorder.aux(name), recorder.time_s)
+    return recorder.episode(
+        mission={name: _stacked(frames) for name, frames in rows.items()},
         scene=_scene(task),
-        elevation=elevation,
+        events=events,
         config_text=f"# {config.name}, seed {seed}\n\n```toml\n{toml_text(config)}```\n",
-        events=tuple(events),
-        current_n=np.stack([current for current, _ in flows]),
-        wind_n=np.stack([wind for _, wind in flows]),
     )
 
 
-def _row(task: FormationTask, name: str, step: Step) -> dict[str, np.ndarray]:
-    team = task.teams[name]
-    position = team.team.position_n[0]
-    surface = task.world.elevation(torch.zeros(1, dtype=torch.int64), position[None, :, 0], position[None, :, 1])
+def _row(team: TeamTask, reward: torch.Tensor) -> dict[str, np.ndarray]:
+    """What of a TeamTrack is the mission's, in one frame."""
     slot = team.now.slot[0].clone()
     if medium_of(team.team.model) == "water":
         slot[:, 2] = 0.0
     values = {
-        "position_n": position,
-        "quaternion_nb": team.team.quaternion_nb[0],
-        "velocity_n": team.team.velocity_n[0],
         "target_n": team.target.position[0],
         "target_course": team.target.course[0],
         "slot_n": slot,
         "error_m": team.distance[0],
-        "reward": step.reward[name][0],
-        "action": team.action[0],
-        "wave_height": surface[0],
-        "aux": team.team.aux[0, :, : columns_of(team.team.model)],
-        "freeboard": team.team.surface[0, :, FREEBOARD],
+        "reward": reward[0],
     }
     return {key: value.detach().cpu().numpy().copy() for key, value in values.items()}
 
 
-def _track(task: FormationTask, name: str, frames: list[dict[str, np.ndarray]]) -> TeamTrack:
-    model = task.world.teams[name].model
-    arrays = {key: np.stack([frame[key] for frame in frames]) for key in frames[0]}
-    aux, freeboard = arrays.pop("aux"), arrays.pop("freeboard")
-    signals = signals_of(model, aux)
-    if np.any(freeboard < NO_DECK):
-        signals["freeboard"] = Signal(("freeboard",), "m", freeboard[..., None])
-    return TeamTrack(
-        name=name,
-        medium=medium_of(model),
-        action_names=model.action_names,
-        size_m=model.params.size,
-        body=body_of(model),
-        airframe=airframe_of(model),
-        air_n=air_of(model, aux),
-        forces=forces_of(model, aux),
-        signals=signals,
-        **arrays,
-    )
+def _stacked(rows: list[dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
+    """Rows of arrays as arrays of rows."""
+    return {key: np.stack([row[key] for row in rows]) for key in rows[0]}
 
 
 def _scene(task: FormationTask) -> Scene:

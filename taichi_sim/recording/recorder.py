@@ -1,0 +1,170 @@
+"""A world's motion, kept frame by frame: of one environment, all teams, and what the models say of themselves."""
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from taichi_sim.config.io import toml_text
+from taichi_sim.conventions import FREEBOARD, NO_DECK
+from taichi_sim.fleet import Team
+from taichi_sim.recording.episode import Array, Episode, Event, Scene, Signal, TeamTrack
+from taichi_sim.recording.model import air_of, airframe_of, body_of, columns_of, forces_of, medium_of, signals_of
+from taichi_sim.recording.overlays import Overlay
+from taichi_sim.recording.rrd import write_recording
+from taichi_sim.world import World
+
+
+class Recorder:
+    """Keeps environment `env` of a world, a frame at each `add`, and makes an `Episode` of it.
+
+        recorder = Recorder(world)
+        for _ in range(600):
+            recorder.add(world.step(actions))
+        recorder.write(Path("world.rrd"))
+
+    Its clock begins where the world's is when it is made.
+    """
+
+    def __init__(self, world: World, env: int = 0) -> None:
+        """Begin a recording.
+
+        Raises:
+            ValueError: if there is no such environment.
+        """
+        if not 0 <= env < world.num_envs:
+            raise ValueError(f"environment {env}: there are {world.num_envs}")
+        self.world, self.env = world, env
+        self._begin, self._sea = float(world.time[env]), int(world.env_sea[env])
+        self._time: list[float] = []
+        self._flows: list[tuple[Array, Array]] = []
+        self._rows: dict[str, list[dict[str, Array]]] = {name: [] for name in world.teams}
+
+    def __len__(self) -> int:
+        """Frames so far."""
+        return len(self._time)
+
+    def add(self, actions: Mapping[str, torch.Tensor] | None = None) -> None:
+        """Keep a frame: the world as it is now, and `actions` (team -> [env, vehicle, action]) that led there.
+
+        Raises:
+            ValueError: if the world's clock does not go on, or its sea is another: an episode was begun anew, which
+                takes a recorder of its own.
+        """
+        now = float(self.world.time[self.env]) - self._begin
+        if int(self.world.env_sea[self.env]) != self._sea or (self._time and now <= self._time[-1]):
+            raise ValueError(f"environment {self.env} is not where it was recorded last: it was begun anew")
+        self._time.append(now)
+        around = self.world.around
+        self._flows.append((_copy(around.current[self.env]), _copy(around.wind[self.env])))
+        for name, team in self.world.teams.items():
+            self._rows[name].append(self._row(team, None if actions is None else actions.get(name)))
+
+    def _row(self, team: Team, action: torch.Tensor | None) -> dict[str, Array]:
+        env = torch.tensor([self.env], device=team.state.device)
+        place = team.position_n[env]
+        values = {
+            "position_n": place[0],
+            "quaternion_nb": team.quaternion_nb[self.env],
+            "velocity_n": team.velocity_n[self.env],
+            "wave_height": self.world.elevation(env, place[..., 0], place[..., 1])[0],
+            "aux": team.aux[self.env, :, : columns_of(team.model)],
+            "freeboard": team.surface[self.env, :, FREEBOARD],
+        }
+        if action is not None:
+            values["action"] = action[self.env]
+        return {key: _copy(value) for key, value in values.items()}
+
+    @property
+    def time_s(self) -> Array:
+        """[T] of the frames so far."""
+        return np.array(self._time)
+
+    def aux(self, team: str) -> Array:
+        """[T, V, n] the columns of a team's auxiliary state that its model has named."""
+        return np.stack([row["aux"] for row in self._rows[team]])
+
+    def track(self, name: str, **mission: Any) -> TeamTrack:
+        """One team so far; `mission` is what else of a TeamTrack there is: targets, slots, errors, rewards."""
+        model, rows = self.world.teams[name].model, self._rows[name]
+        keys = ("position_n", "quaternion_nb", "velocity_n", "wave_height")
+        aux, freeboard = self.aux(name), np.stack([row["freeboard"] for row in rows])
+        signals = signals_of(model, aux)
+        if np.any(freeboard < NO_DECK):
+            signals["freeboard"] = Signal(("freeboard",), "m", freeboard[..., None])
+        return TeamTrack(
+            name=name,
+            medium=medium_of(model),
+            size_m=model.params.size,
+            body=body_of(model),
+            airframe=airframe_of(model),
+            air_n=air_of(model, aux),
+            forces=forces_of(model, aux),
+            signals=signals,
+            **{key: np.stack([row[key] for row in rows]) for key in keys},
+            **_actions(model.action_names, [row.get("action") for row in rows]),
+            **mission,
+        )
+
+    def episode(
+        self,
+        name: str | None = None,
+        *,
+        mission: Mapping[str, Mapping[str, Any]] | None = None,
+        scene: Scene | None = None,
+        events: Iterable[Event] = (),
+        overlays: Iterable[Overlay] = (),
+        config_text: str | None = None,
+    ) -> Episode:
+        """All frames so far. What belongs to a mission comes from outside; a bare world has none of it.
+
+        Args:
+            name: default the scenario's.
+            mission: team -> what else of a TeamTrack there is, by name.
+            scene, events, overlays: see Episode.
+            config_text: markdown; default the world's configuration.
+
+        Raises:
+            ValueError: if there is no frame yet, or something does not fit the frames.
+        """
+        if not self._time:
+            raise ValueError("nothing to record: no frame was added")
+        config = self.world.config
+        name = config.name if name is None else name
+        sea, begin, index = self.world.sea, self._begin, self._sea
+
+        def elevation(north: NDArray, east: NDArray, time_s: float) -> NDArray:
+            return sea.elevation(north, east, begin + time_s, index).cpu().numpy()
+
+        return Episode(
+            name=name,
+            time_s=self.time_s,
+            teams={team: self.track(team, **(mission or {}).get(team, {})) for team in self.world.teams},
+            elevation=elevation,
+            scene=scene or Scene(),
+            config_text=f"# {name}\n\n```toml\n{toml_text(config)}```\n" if config_text is None else config_text,
+            events=tuple(events),
+            overlays=tuple(overlays),
+            current_n=np.stack([current for current, _ in self._flows]),
+            wind_n=np.stack([wind for _, wind in self._flows]),
+        )
+
+    def write(self, path: Path, **parts: Any) -> Path:
+        """Write `episode(**parts)` to an .rrd file; see write_recording."""
+        return write_recording(self.episode(**parts), path)
+
+
+def _copy(tensor: torch.Tensor) -> Array:
+    return tensor.detach().cpu().numpy().copy()
+
+
+def _actions(names: tuple[str, ...], rows: list[Array | None]) -> dict[str, Any]:
+    """The actions of a TeamTrack; NaN in a frame without, and nothing if there never were any."""
+    known = next((row for row in rows if row is not None), None)
+    if known is None:
+        return {}
+    blank = np.full_like(known, np.nan)
+    return {"action_names": names, "action": np.stack([blank if row is None else row for row in rows])}
