@@ -32,14 +32,14 @@ def add_run(parser: argparse.ArgumentParser) -> None:
 
 def open_run(args: argparse.Namespace):
     """The scenario of `args.run`, its file, a controller for each team, and the seed; Taichi is running then."""
-    from rl.missions.formation.controllers import controllers
+    from rl.learn.policy import policies_of
     from rl.runs import folder as run_folder
 
     config, source = run_folder.load_config(args.run, args.overrides, args.config)
     start(args)
     of_worlds = config.evaluation.seed if args.seed is None else args.seed
-    trained = {stage.team for stage in config.stages.values()}
-    policies = {name: of for name, of in controllers(args.controller, args.run, config).items() if name in trained}
+    found = policies_of(args.controller, args.run, config)
+    policies = {name: of for name, of in found.items() if name in config.trained}
     return config, source, policies, of_worlds
 
 
@@ -82,12 +82,13 @@ def user_errors() -> tuple[type[Exception], ...]:
     """Exceptions that are a user's mistake: their message says all."""
     from rl.learn.policy import CheckpointError
     from rl.learn.runner import DivergedError
+    from rl.mission import ControllerError
     from rl.runs.folder import RunError
     from taichi_sim.config import ConfigError
     from taichi_sim.sea import SteepSeaError
     from taichi_sim.world import ActionError
 
-    return ConfigError, RunError, CheckpointError, SteepSeaError, ActionError, DivergedError
+    return ConfigError, ControllerError, RunError, CheckpointError, SteepSeaError, ActionError, DivergedError
 
 
 def run(main: Callable[[list[str] | None], None], argv: list[str] | None = None) -> int:

@@ -12,14 +12,18 @@ if __package__ in (None, ""):  # run as a script: the packages are beside this f
 def parser() -> argparse.ArgumentParser:
     """The arguments."""
     from rl import cli
-    from rl.missions.formation.metrics import DEFINITIONS
+    from rl.missions import find_mission, shipped
 
     p = argparse.ArgumentParser(
         prog="evaluate.py",
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
-        epilog="figures, for each team, measured after the first evaluation.settle (20 s) of each episode:\n"
-        + "\n".join(f"  {key}:\n      {text}" for key, text in DEFINITIONS.items()),
+        epilog="figures, for each team, measured after the first evaluation.settle (20 s) of each episode\n"
+        + "\n".join(
+            f"of the mission {name!r}:\n"
+            + "\n".join(f"  {key}:\n      {text}" for key, text in find_mission(name).Judge.definitions.items())
+            for name in shipped()
+        ),
     )
     cli.add_run(p)
     p.add_argument("--episodes", type=cli.positive_int, default=None, help="default: the scenario's (256)")
@@ -45,7 +49,7 @@ def main(argv: list[str] | None = None) -> None:
         source=source,
         show_progress=not args.quiet,
     )
-    print(report(result), file=sys.stderr)
+    print(report(result, config, source), file=sys.stderr)
     print(json.dumps(result, indent=2))
     if args.json:
         args.json.parent.mkdir(parents=True, exist_ok=True)

@@ -3,16 +3,16 @@
 The vehicles of the team are stacked in one action and one observation, vehicle 0 (the leader) first:
 
     action       float32 [vehicles * a] in [-1, 1]; clipped to that range; refused if not finite
-    observation  float32 [vehicles * n], unbounded but of order one, as in rl/missions/formation/observations.py
+    observation  float32 [vehicles * n], unbounded but of order one: the mission's terms, named in order by
+                 task.teams[team].observation_names
     reward       mean over the team's vehicles
-    terminated   an ending of a vehicle of the team (rl/missions/formation/endings.py)
+    terminated   an ending of a vehicle of the team
     truncated    time is up, or the other team's mission ended: nothing that the action could have prevented
 
     info         each [vehicles]; of many environments [num_envs, vehicles], with a mask `_KEY` [num_envs]
       distance                        m, from the slot (the leader's: from the target), now
       reward_vehicle                  of this step
-      collided, lost, ...             why vehicles ended in this step: the fields of UsvEndings and UavEndings
-                                      (rl/missions/formation/endings.py)
+      collided, lost, ...             why vehicles ended in this step: the mission's endings and the vehicle's
 
 `gymnasium.make_vec` gives `TeamVectorEnv`, all environments in one simulation; `gymnasium.make` gives
 `TeamEnv`. Both end their episodes themselves (`episode_duration`), so no TimeLimit is registered.
@@ -32,12 +32,11 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from torch import Tensor
 
-from rl.missions.formation.mission import FormationTask, Step
-from rl.missions.formation.team import TeamTask
+from rl.mission import Mission, Step, Team
+from rl.missions import load_scenario, make_mission
 from rl.runs.folder import CONFIG, RunError, load_config
-from taichi_sim.config import ScenarioConfig
-from taichi_sim.config.io import find_config, load_scenario
-from taichi_sim.conventions import TEAMS
+from rl.scenario import Scenario
+from taichi_sim.config.io import find_config
 
 if TYPE_CHECKING:  # rsl-rl doubles the time to import: only a frozen policy needs it
     from rl.learn.policy import Policy
@@ -73,7 +72,7 @@ class TeamVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP,
         render_mode: None = None,
     ):
-        """Build the mission of `team`, "usv" or "uav".
+        """Build the mission of `team`, one of the scenario's.
 
         Args:
             team: the one that acts. num_envs: environments.
@@ -86,8 +85,6 @@ class TeamVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         Raises:
             ValueError: for a wrong argument; ConfigError, RunError, CheckpointError: for an unusable file.
         """
-        if team not in TEAMS:
-            raise ValueError(f"team = {team!r}: allowed are {', '.join(TEAMS)}")
         if num_envs < 1:
             raise ValueError(f"num_envs = {num_envs} must be at least 1")
         if render_mode is not None:
@@ -97,10 +94,13 @@ class TeamVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
 
         config, source = load_scenario(scenario, overrides), find_config(scenario)
-        teams = (team,) if other == "absent" else TEAMS
+        commanded = [name for name in config.teams if name not in config.scripted]
+        if team not in commanded:
+            raise ValueError(f"team = {team!r}: allowed are {', '.join(commanded)}")
+        teams = (team,) if other == "absent" else tuple(commanded)
         worlds_seed = config.seed if seed is None else seed
-        self.task = FormationTask(config, num_envs, seed=worlds_seed, teams=teams, source=source)
-        others = [self.task.teams[name] for name in teams if name != team]
+        self.task: Mission = make_mission(config, num_envs, seed=worlds_seed, teams=teams, source=source)
+        others = [rival for name, rival in self.task.teams.items() if name != team]
         self._frozen = {rival.name: _frozen_policy(other, rival, config) for rival in others}
         self._ended = np.zeros(num_envs, dtype=bool)  # and not yet begun anew
 
@@ -125,7 +125,7 @@ class TeamVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if seed is not None:
             self.task.reseed(seed)
         self._restart(mask)
-        return self._observe(), _masked({"distance": self._distance()}, mask)
+        return self._observe(), _masked(self._told(), mask)
 
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """One decision in every environment; `actions` is [num_envs, vehicles * a].
@@ -153,14 +153,14 @@ class TeamVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             self._restart(ended)
         else:
             self._restart(begins)
-        infos |= _masked({"distance": self._distance()}, np.ones(self.num_envs, dtype=bool))
+        infos |= _masked(self._told(), np.ones(self.num_envs, dtype=bool))
         return self._observe(), reward, terminated, truncated, infos
 
     # -- episodes --------------------------------------------------------------------------------------------
 
     def _restart(self, mask: np.ndarray) -> None:
         """Begin new episodes where `mask` is true."""
-        self.task.reset(torch.from_numpy(mask.nonzero()[0]).to(self.task.env_world.device))
+        self.task.reset(torch.from_numpy(mask.nonzero()[0]).to(self.task.device))
         self._ended = self._ended & ~mask
 
     def _reset_mask(self, options: dict[str, Any]) -> np.ndarray:
@@ -180,7 +180,7 @@ class TeamVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         rows, final_obs = self._observe(), np.full(self.num_envs, None, dtype=object)
         for env in ended.nonzero()[0]:
             final_obs[env] = rows[env].copy()
-        final_info = _masked(self._happened(step) | {"distance": self._distance()}, ended)
+        final_info = _masked(self._happened(step) | self._told(), ended)
         masks = {"_final_obs": ended.copy(), "_final_info": ended.copy()}
         return {"final_obs": final_obs, "final_info": final_info} | masks
 
@@ -195,14 +195,14 @@ class TeamVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if rows.shape != self.action_space.shape:
             raise ValueError(f"actions have shape {rows.shape}, expected {self.action_space.shape}")
         rows[ignored] = 0.0
-        return torch.from_numpy(rows.reshape(self._action_shape)).to(self.task.env_world.device)
+        return torch.from_numpy(rows.reshape(self._action_shape)).to(self.task.device)
 
     def _happened(self, step: Step) -> dict[str, np.ndarray]:
-        ends = {reason: _numpy(flags) for reason, flags in step.endings[self.team]._asdict().items()}
+        ends = {reason: _numpy(flags) for reason, flags in step.endings[self.team].items()}
         return {"reward_vehicle": _numpy(step.reward[self.team])} | ends
 
-    def _distance(self) -> np.ndarray:
-        return _numpy(self.task.teams[self.team].distance)
+    def _told(self) -> dict[str, np.ndarray]:
+        return {key: _numpy(value) for key, value in self.task.info(self.task.teams[self.team]).items()}
 
 
 class TeamEnv(gymnasium.Env[np.ndarray, np.ndarray]):
@@ -217,7 +217,7 @@ class TeamEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         self.observation_space = self._vector.single_observation_space
 
     @property
-    def task(self) -> FormationTask:
+    def task(self) -> Mission:
         """The simulated mission."""
         return self._vector.task
 
@@ -262,20 +262,20 @@ def _alone(infos: dict[str, Any]) -> dict[str, Any]:
     return {key: value[0] for key, value in infos.items() if not key.startswith("_")}
 
 
-def _frozen_policy(other: str | Path, team: TeamTask, config: ScenarioConfig) -> "Policy":
-    """What `team` acts by, it being the one that does not learn.
+def _frozen_policy(other: str | Path, team: Team, config: Scenario) -> "Policy":
+    """What `team` acts by, it being one that does not learn.
 
     Raises:
         ValueError: if `other` is none of OTHERS, or made for another vehicle.
-        RunError: if the vehicle has no classical controller, or the run folder no policy of the team.
+        ControllerError: if the vehicle has no classical controller. RunError: if the run folder has no policy of it.
         CheckpointError: if a file is unusable, or its policy made for other observations.
     """
     if other == "constant":
         return lambda team: torch.zeros_like(team.action)
     if other == "classical":
-        from rl.missions.formation.controllers import controllers
+        from rl.learn.policy import ClassicalPolicy
 
-        policy = controllers("classical", Path(), config)[team.name]
+        policy: Policy = ClassicalPolicy()
     else:
         policy = _trained_policy(Path(other), team.name, config)
     given, taken = policy(team).shape[-1], len(team.action_names)
@@ -284,7 +284,7 @@ def _frozen_policy(other: str | Path, team: TeamTask, config: ScenarioConfig) ->
     return policy
 
 
-def _trained_policy(path: Path, team: str, config: ScenarioConfig) -> "Policy":
+def _trained_policy(path: Path, team: str, config: Scenario) -> "Policy":
     """The newest policy of `team` in run folder `path`, or that of checkpoint `path`."""
     from rl.learn.policy import TrainedPolicy, checkpoints
 
@@ -292,7 +292,7 @@ def _trained_policy(path: Path, team: str, config: ScenarioConfig) -> "Policy":
         raise ValueError(f"other = {str(path)!r}: no such choice, folder or file; allowed are {OTHERS}")
     run, saved = (path, checkpoints(path / team)) if path.is_dir() else (path.resolve().parent.parent, [path])
     trained = load_config(run)[0] if path.is_dir() or (run / CONFIG).is_file() else config
-    stage = next((s for s in trained.stages.values() if s.team == team), None)
+    stage = trained.stage_of(team)
     if stage is None or not saved:
         raise RunError(f"{path}: no trained {team} policy (no {team}/model_N.pt, or no stage that describes it)")
     return TrainedPolicy.load(saved[-1], stage)

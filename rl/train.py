@@ -31,9 +31,10 @@ def main(argv: list[str] | None = None) -> None:
     """Run the command."""
     args = parser().parse_args(argv)
     from rl import cli
+    from rl.missions import load_scenario
     from rl.runs import folder as run_folder
     from rl.runs.main_job import report, run_main_job
-    from taichi_sim.config.io import find_config, load_scenario
+    from taichi_sim.config.io import find_config
 
     overrides = args.overrides + ([f"seed={args.seed}"] if args.seed is not None else [])
     if args.resume:
@@ -49,7 +50,7 @@ def main(argv: list[str] | None = None) -> None:
         cli.start(args)
         print(f"run folder: {out}")
         summary = run_main_job(config, out, show_progress=not args.quiet)
-    print(report(summary["evaluation"]))
+    print(report(summary["evaluation"], config, out / run_folder.CONFIG))
     print(f"summary:   {out / 'summary.json'}\nfigures:   {out / 'figures'}")
     print(f"recording: rerun {out / 'episode.rrd'}")
 

@@ -1,6 +1,11 @@
-"""taichi-sim: a sea and an atmosphere, and vehicles that feel them, for thousands of environments at once."""
+"""taichi-sim: a sea and an atmosphere, and vehicles that feel them, for thousands of environments at once.
 
+`import taichi_sim as ts` gives the names below; each is imported when it is first asked for.
+"""
+
+import importlib as _importlib
 import os as _os
+from typing import Any as _Any
 
 import gymnasium as _gymnasium
 
@@ -21,3 +26,42 @@ for _name, _team in (("UsvFormation", "usv"), ("UavFormation", "uav")):
         vector_entry_point="rl.gym:TeamVectorEnv",
         kwargs={"team": _team},
     )
+
+_PUBLIC = {
+    "taichi_sim.air": ("Wind",),
+    "taichi_sim.bench": ("Bench", "calm_sea"),
+    "taichi_sim.config": (
+        "AirConfig", "ConfigError", "CurrentConfig", "Finite", "Fraction", "GustConfig", "NonNegative", "Positive",
+        "SeaConfig", "Strict", "SwellConfig", "TeamConfig", "WorldConfig",
+    ),
+    "taichi_sim.config.io": ("load_world",),
+    "taichi_sim.fleet": ("Fleet",),
+    "taichi_sim.packs": ("AroundPack", "Build", "FleetPack", "load_at", "numbers_at"),
+    "taichi_sim.recording": ("Episode", "Recorder", "write_recording"),
+    "taichi_sim.runtime": ("init",),
+    "taichi_sim.script": ("Script",),
+    "taichi_sim.sea": ("Sea",),
+    "taichi_sim.sea.current": ("Current",),
+    "taichi_sim.surroundings": ("Surroundings",),
+    "taichi_sim.uav.aircraft": ("Aircraft",),
+    "taichi_sim.usv.vessel": ("Vessel",),
+    "taichi_sim.vehicle": ("Limits", "Vehicle"),
+    "taichi_sim.vehicles": ("load_vehicle", "shipped_vehicles"),
+    "taichi_sim.world": ("World", "replay"),
+}  # fmt: skip
+_HOME = {name: module for module, names in _PUBLIC.items() for name in names}
+__all__ = sorted(_HOME)  # pyright: ignore[reportUnsupportedDunderAll]
+
+
+def __getattr__(name: str) -> _Any:
+    """A public name, imported from its module."""
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}; public names are {', '.join(__all__)}")
+    value = getattr(_importlib.import_module(_HOME[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    """Public names, for completion."""
+    return sorted({*globals(), *__all__})

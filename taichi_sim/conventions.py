@@ -39,5 +39,3 @@ SEA_ROWS = 8
 
 GRAVITY = 9.81  # m/s^2, the value of every reference table (standard gravity is 9.80665)
 RHO_SEA = 1025.0  # kg/m^3, sea water
-
-TEAMS = ("usv", "uav")

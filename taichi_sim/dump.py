@@ -3,13 +3,13 @@
 `World.dump_folder` turns dumps on; `taichi_sim.world.replay` runs one.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import torch
 from torch import Tensor
 
-from taichi_sim.config import ScenarioConfig
+from taichi_sim.config import WorldConfig
 from taichi_sim.config.io import validate
 
 MAX_DUMPS = 20  # in one folder: a fault that repeats needs no more
@@ -19,7 +19,7 @@ MAX_DUMPS = 20  # in one folder: a fault that repeats needs no more
 class Dump:
     """One environment before the step that went wrong; tensors have no environment axis."""
 
-    config: ScenarioConfig
+    config: WorldConfig
     seed: int  # of the world's seas
     env: int  # its number, which its random numbers are counted by
     sea: int  # realisation
@@ -31,6 +31,8 @@ class Dump:
     aux: dict[str, Tensor]  # team -> [vehicle, n]
     actions: dict[str, Tensor]  # team -> [vehicle, action]
     fault: str
+    vary: dict[str, dict[str, Tensor]] = field(default_factory=dict)  # team -> key -> [vehicle], where numbers vary
+    loads: dict[str, Tensor] = field(default_factory=dict)  # team -> [vehicle, 6], where loads act from outside
 
 
 def save_dump(dump: Dump, folder: Path) -> Path | None:
@@ -41,7 +43,8 @@ def save_dump(dump: Dump, folder: Path) -> Path | None:
         if number >= MAX_DUMPS:
             return None
         path = folder / f"{number:03d}.dump"
-        torch.save(vars(dump) | {"config": dump.config.model_dump(mode="json", exclude_none=True)}, path)
+        config = dump.config.bare().model_dump(mode="json", exclude_none=True)
+        torch.save(vars(dump) | {"config": config}, path)
     except OSError:  # a full disk must not end a training run that is otherwise fine
         return None
     return path
@@ -55,7 +58,7 @@ def load_dump(path: Path) -> Dump:
     """
     try:
         data = torch.load(path, weights_only=True)
-        config = validate(ScenarioConfig, data.pop("config"), str(path))
+        config = validate(WorldConfig, data.pop("config"), str(path))
         return Dump(config=config, **data)
     except (OSError, RuntimeError, KeyError, TypeError, AttributeError, EOFError) as error:
         raise ValueError(f"{path}: not a dump of an environment: {error}") from None

@@ -1,8 +1,13 @@
 """One team: the state of its vehicles in every environment, and what follows from it."""
 
+from collections.abc import Mapping
+from typing import Any
+
 import torch
+from torch import Tensor
 
 from taichi_sim import runtime
+from taichi_sim.config import ConfigError
 from taichi_sim.conventions import (
     ANGULAR_VELOCITY,
     FREEBOARD,
@@ -13,74 +18,207 @@ from taichi_sim.conventions import (
     SURFACE_SIZE,
     VELOCITY,
 )
-from taichi_sim.kinematics import DERIVED_SIZE, HEADING_COS, HEADING_SIN, VELOCITY_N, derive
+from taichi_sim.kinematics import DERIVED_SIZE, DOWN, HEADING_COS, HEADING_SIN, ROTATION, VELOCITY_N, derive
 from taichi_sim.maths.rotation import torch_euler_from_quaternion
+from taichi_sim.packs import FleetPack
+from taichi_sim.runtime import Launcher
+from taichi_sim.vehicle import Vehicle
 
 
-class Team:
-    """State of one team in every environment; the views share memory with what kernels work on.
+class Fleet:
+    """Vehicles of one model in every environment; the views share memory with what kernels work on.
 
     Attributes:
         state: [env, vehicle, 13], packed as in conventions.py.
-        aux: [env, vehicle, n], the model's own state.
-        surface: [env, vehicle, 2], what the sea does to a USV: elevation under it and freeboard (conventions.py).
+        aux: [env, vehicle, n], the model's own state; `reading` names its columns.
+        surface: [env, vehicle, 2], what the sea does to a vessel: elevation under it and freeboard (conventions.py).
         derived: [env, vehicle, 14], what follows from the state (kinematics.py).
+        action: [env, vehicle, action], what is commanded in the coming or the last step.
+        never: bool [env, vehicle], false: of endings that cannot happen; not to be written to.
+        varied: whether numbers differ between environments (`set_numbers`). loaded: whether `load` has been asked for.
     """
 
-    def __init__(self, name: str, model, num_envs: int, count: int):
+    def __init__(self, name: str, model: Vehicle, num_envs: int, count: int):
         """Allocate `count` vehicles of `model` in each environment, at rest at the origin."""
         run = runtime.current()
-        options = {"dtype": run.torch_dtype, "device": run.device}
-        self.name, self.model, self.count = name, model, count
+        options: dict[str, Any] = {"dtype": run.torch_dtype, "device": run.device}
+        self.name, self.model, self.count, self.num_envs = name, model, count, num_envs
         self.state = torch.zeros((num_envs, count, STATE_SIZE), **options)
-        self.state[..., 3] = 1.0
-        self.aux = torch.zeros((num_envs, count, model.aux_size), **options)
+        self.state[..., QUATERNION.start] = 1.0
+        self.aux = torch.zeros((num_envs, count, max(model.aux_size, 1)), **options)
         self.surface = torch.zeros((num_envs, count, SURFACE_SIZE), **options)
         self.surface[..., FREEBOARD] = NO_DECK
         self.derived = torch.zeros((num_envs, count, DERIVED_SIZE), **options)
+        self.action = torch.zeros((num_envs, count, max(len(model.action_names), 1)), **options)
+        self.varied = False
+        self._vary: Tensor | None = None
+        self._numbers = self._load = torch.zeros((1, 1, 1), **options)
+        self._pack: Any = None
+        self._generation = -1
+        self._launchers: dict[tuple[int, int], Launcher] = {}
         self._all = torch.arange(num_envs, device=run.device)
+        self._which, self._derive = torch.zeros(num_envs, dtype=torch.int32, device=run.device), Launcher(derive)
+        self.never = torch.zeros((num_envs, count), dtype=torch.bool, device=run.device)
         self.update()
 
-    def update(self, envs: torch.Tensor | None = None) -> None:
-        """Refresh what follows from `state` in environments `envs` (default: all) after writing to it by hand."""
-        derive(self.derived, self.state, self._all if envs is None else envs)
+    # -- kernels ---------------------------------------------------------------------------------------------------
 
     @property
-    def position_n(self) -> torch.Tensor:
+    def pack(self) -> Any:
+        """What kernels take of it: a FleetPack, the same object until numbers or loads are first used."""
+        if self._pack is None or self._generation != runtime.generation():
+            self._generation = runtime.generation()
+            self._pack = runtime.pack(
+                FleetPack,
+                state=self.state,
+                derived=self.derived,
+                aux=self.aux,
+                surface=self.surface,
+                action=self.action,
+                numbers=self._numbers,
+                load=self._load,
+            )
+        return self._pack
+
+    def launch(self, kernel: Any, *args: Any) -> None:
+        """Call a kernel of the model; where the arguments are those of the last call, at a fraction of the cost."""
+        key = id(kernel._primal), id(getattr(kernel, "_kernel_owner", None))
+        if key not in self._launchers:
+            self._launchers[key] = Launcher(kernel)
+        self._launchers[key](*args)
+
+    def update(self, envs: Tensor | None = None) -> None:
+        """Refresh what follows from `state` in environments `envs` (default: all) after writing to it by hand."""
+        if envs is None:
+            self._which.fill_(1)
+        else:
+            self._which.zero_()
+            self._which[envs] = 1
+        self._derive(self.derived, self.state, self._which)
+
+    # -- outside loads and numbers of its own ----------------------------------------------------------------------
+
+    @property
+    def loaded(self) -> bool:
+        """Whether loads from outside count."""
+        return self._load.shape[-1] == 6
+
+    @property
+    def load(self) -> Tensor:
+        """[env, vehicle, 6] load from outside, N and N m about the origin, in b, held over a step; zero at first.
+
+        To be written in place. Until it is first asked for it costs nothing.
+        """
+        if not self.loaded:
+            self._load, self._pack = self.state.new_zeros((*self.state.shape[:2], 6)), None
+        return self._load
+
+    @property
+    def vary(self) -> dict[str, Tensor]:
+        """The numbers that may differ between environments, as they are: key -> [env, vehicle] (a copy)."""
+        values = self._nominal() if self._vary is None else self._vary
+        return {key: values[..., k].expand(self.state.shape[:2]).clone() for k, key in enumerate(self.model.varying)}
+
+    def set_numbers(self, values: Mapping[str, Any], envs: Tensor | None = None) -> None:
+        """Give vehicles numbers of their own, until set again; others keep theirs.
+
+        Args:
+            values: key of `model.varying` -> number, or what broadcasts to [n, vehicle]. envs: int64 [n], default all.
+
+        Raises:
+            ConfigError: for a key that does not vary, or a value that the vehicle file could not hold.
+            ValueError: for a value that is not finite, or of another shape.
+        """
+        rows = self._all if envs is None else envs
+        shape = (len(rows), self.count)
+        if self._vary is None:
+            self._vary = self._nominal().expand(*self.state.shape[:2], -1).clone()
+        fresh = self._vary[rows]
+        for key, value in values.items():
+            self.model.check_varies(key)
+            fresh[..., self.model.varying.index(key)] = self._checked(key, value, shape)
+        self._vary[rows] = fresh
+        numbers = self.model.numbers(fresh).to(self.state.dtype)
+        if not self.varied:
+            whole = self.model.numbers(self._vary).to(self.state.dtype)
+            self._numbers, self._pack, self.varied = whole.contiguous(), None, True
+        self._numbers[rows] = numbers
+
+    def _checked(self, key: str, value: Any, shape: tuple[int, int]) -> Tensor:
+        """Values [n, vehicle], float64, of a number; the least and the greatest are held to the file's own rules."""
+        given = torch.as_tensor(value, dtype=torch.float64, device=self.state.device)
+        if not bool(given.isfinite().all()):
+            raise ValueError(f"{self.name}: {key} = {value}: must be finite")
+        try:
+            full = given.expand(shape)
+        except RuntimeError:
+            raise ValueError(f"{self.name}: {key} has shape {tuple(given.shape)}, expected {list(shape)}") from None
+        for extreme in {float(given.min()), float(given.max())}:
+            try:
+                self.model.with_numbers({key: extreme})
+            except ValueError as error:  # pydantic's
+                reason = str(error).splitlines()[-2 if "\n" in str(error) else -1].strip()
+                raise ConfigError(f"{self.name}: {key} = {extreme:g} cannot be: {reason}") from None
+        return full
+
+    @property
+    def own(self) -> Any:
+        """What the model makes of its numbers (`Vehicle.own`): of floats, or tensors [env, vehicle] where they vary."""
+        if self._vary is None:
+            return self.model.constants
+        return self.model.own({key: self._vary[..., k].to(self.state) for k, key in enumerate(self.model.varying)})
+
+    def _nominal(self) -> Tensor:
+        """Values [varying] of the vehicle file, float64."""
+        return torch.tensor(list(self.model.nominal.values()), dtype=torch.float64, device=self.state.device)
+
+    # -- named views -----------------------------------------------------------------------------------------------
+
+    def reading(self, name: str) -> Tensor:
+        """One of the model's instruments [env, vehicle], as of the last step: a name of `model.aux_names`."""
+        return self.aux[..., self.model.aux_names.index(name)]
+
+    @property
+    def position_n(self) -> Tensor:
         """[env, vehicle, 3] north, east, down, m."""
         return self.state[..., POSITION]
 
     @property
-    def quaternion_nb(self) -> torch.Tensor:
+    def quaternion_nb(self) -> Tensor:
         """[env, vehicle, 4] w, x, y, z, body to world."""
         return self.state[..., QUATERNION]
 
     @property
-    def velocity_b(self) -> torch.Tensor:
+    def velocity_b(self) -> Tensor:
         """[env, vehicle, 3] forward, right, down, m/s."""
         return self.state[..., VELOCITY]
 
     @property
-    def angular_velocity_b(self) -> torch.Tensor:
+    def angular_velocity_b(self) -> Tensor:
         """[env, vehicle, 3] roll, pitch, yaw rate, rad/s."""
         return self.state[..., ANGULAR_VELOCITY]
 
     @property
-    def R_nb(self) -> torch.Tensor:  # noqa: N802
+    def R_nb(self) -> Tensor:  # noqa: N802
         """[env, vehicle, 3, 3] rotation of body vectors into the world, as of the last step."""
-        return self.derived[..., :9].unflatten(-1, (3, 3))
+        return self.derived[..., ROTATION].unflatten(-1, (3, 3))
 
     @property
-    def velocity_n(self) -> torch.Tensor:
+    def velocity_n(self) -> Tensor:
         """[env, vehicle, 3] north, east, down, m/s, as of the last step."""
         return self.derived[..., VELOCITY_N]
 
     @property
-    def heading(self) -> tuple[torch.Tensor, torch.Tensor]:
+    def heading(self) -> tuple[Tensor, Tensor]:
         """Cosine and sine [env, vehicle] of the heading, as of the last step."""
         return self.derived[..., HEADING_COS], self.derived[..., HEADING_SIN]
 
     @property
-    def euler(self) -> torch.Tensor:
+    def down_b(self) -> Tensor:
+        """[env, vehicle, 3] the world's down in b, as of the last step: roll and pitch without a jump."""
+        return self.derived[..., DOWN]
+
+    @property
+    def euler(self) -> Tensor:
         """[env, vehicle, 3] roll, pitch, heading, rad (a copy)."""
         return torch_euler_from_quaternion(self.quaternion_nb)

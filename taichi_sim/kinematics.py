@@ -3,11 +3,16 @@
 `derived[env, vehicle, 14]` = R_nb (9, row-major), velocity_n (3, m/s), cosine and sine of the heading (2).
 """
 
+# Kernels are another language inside Python syntax.
+# pyright: reportInvalidTypeForm=false
+
 import taichi as ti
 
 from taichi_sim.maths.rotation import rotation_matrix
 
 DERIVED_SIZE = 14
+ROTATION, DOWN = slice(0, 9), slice(6, 9)  # R_nb, and its third row: the world's down in b
+WING_TILT, UPRIGHT = 7, 8  # R_nb[2, 1], sine of the wings' tilt, and R_nb[2, 2], cosine of the whole tilt
 VELOCITY_N = slice(9, 12)
 HEADING_COS, HEADING_SIN = 12, 13
 
@@ -28,10 +33,10 @@ def store(derived: ti.template(), e, i, R, v_n):
 def derive(
     derived: ti.types.ndarray(ndim=3),
     state: ti.types.ndarray(ndim=3),
-    envs: ti.types.ndarray(dtype=ti.i64, ndim=1),
+    which: ti.types.ndarray(dtype=ti.i32, ndim=1),
 ):
-    """Fill `derived` of environments `envs` from `state` (packed as in conventions.py)."""
-    for row, i in ti.ndrange(envs.shape[0], state.shape[1]):
-        e = envs[row]
-        R = rotation_matrix(ti.Vector([state[e, i, 3], state[e, i, 4], state[e, i, 5], state[e, i, 6]]))
-        store(derived, e, i, R, R @ ti.Vector([state[e, i, 7], state[e, i, 8], state[e, i, 9]]))
+    """Fill `derived` from `state` (packed as in conventions.py) in environments whose `which` [env] is not 0."""
+    for e, i in ti.ndrange(state.shape[0], state.shape[1]):
+        if which[e] != 0:
+            R = rotation_matrix(ti.Vector([state[e, i, 3], state[e, i, 4], state[e, i, 5], state[e, i, 6]]))
+            store(derived, e, i, R, R @ ti.Vector([state[e, i, 7], state[e, i, 8], state[e, i, 9]]))

@@ -1,16 +1,24 @@
-"""What every vehicle kernel is told about the world around its team: sea, current and wind, one row per environment."""
+"""What every vehicle is told of the world around it: sea, current and wind, one row per environment."""
 
-from typing import NamedTuple
+from dataclasses import dataclass, field
+from typing import Any
 
 import torch
 from torch import Tensor
 
+from taichi_sim import runtime
 from taichi_sim.air import Wind
+from taichi_sim.packs import AroundPack
+from taichi_sim.sea.queries import elevation
 from taichi_sim.sea.sea import DEEP, Sea
 
 
-class Surroundings(NamedTuple):
-    """Tables and per-environment values of one control step; float tensors have the run's precision."""
+@dataclass(eq=False)
+class Surroundings:
+    """Tables and per-environment values of one control step; float tensors have the run's precision.
+
+    The tensors are written in place from step to step, never replaced: what a kernel has been bound to stays.
+    """
 
     sea: Tensor  # [sea, 8, component], rows as in conventions.py
     env_sea: Tensor  # int32 [env], the realisation of each environment
@@ -22,6 +30,16 @@ class Surroundings(NamedTuple):
     clock: int = 0  # control steps since the world was made, through all episodes: counts the random numbers
     seed: int = 0  # of the random numbers
     first_env: int = 0  # number, among the random numbers, of the first environment: not 0 in a replay
+    _count: Tensor = field(init=False, repr=False)
+    _elevation: Any = field(init=False, repr=False)
+    _pack: Any = field(init=False, repr=False, default=None)
+    _generation: int = field(init=False, repr=False, default=-1)
+
+    def __post_init__(self) -> None:
+        """Begin to count."""
+        self._elevation = runtime.Launcher(elevation)
+        self._count = torch.zeros(3, dtype=torch.int32, device=self.sea.device)
+        self.tick(0)
 
     @classmethod
     def of(cls, sea: Sea, env_sea: Tensor, time: Tensor) -> "Surroundings":
@@ -30,3 +48,43 @@ class Surroundings(NamedTuple):
         current, wind = calm[:, :2].contiguous(), calm[:, 2:].contiguous()
         depth = DEEP if sea.depth is None else sea.depth
         return cls(sea.table, env_sea, sea.phases(env_sea, time), current, wind, depth)
+
+    def tick(self, steps: int = 1) -> None:
+        """Count `steps` control steps."""
+        self.clock += steps
+        for i, number in enumerate((self.clock, self.seed, self.first_env)):
+            self._count[i] = as_i32(number)
+
+    @property
+    def pack(self) -> Any:
+        """What kernels take: an AroundPack, the same object from step to step."""
+        if self._generation != runtime.generation():
+            numbers = (0.0, 0.0, 0.0) if self.air is None else self.air.numbers
+            air = torch.tensor(numbers, dtype=self.sea.dtype, device=self.sea.device)
+            self._pack = runtime.pack(
+                AroundPack, sea=self.sea, env_sea=self.env_sea, phase=self.phase, current=self.current, wind=self.wind,
+                air=air, count=self._count,
+            )  # fmt: skip
+            self._generation = runtime.generation()
+        return self._pack
+
+    def rows(self, envs: Tensor) -> "Surroundings":
+        """Those of environments `envs` [n] alone: a copy as of now."""
+        return Surroundings(
+            self.sea, self.env_sea[envs], self.phase[envs], self.current[envs], self.wind[envs], self.depth, self.air,
+            self.clock, self.seed, self.first_env,
+        )  # fmt: skip
+
+    def elevation(self, points: Tensor) -> Tensor:
+        """Elevation of the sea (m, up) [env, point] at points [env, point, 2] (north, east, m), now."""
+        envs, each = points.shape[:2]
+        out = self.sea.new_empty(envs * each)
+        rows = torch.arange(envs, dtype=torch.int32, device=points.device).repeat_interleave(each)
+        flat = points.reshape(-1, 2).to(self.sea.dtype).contiguous()
+        self._elevation(out, flat, self.phase, self.sea, rows, self.env_sea, self.sea.shape[2])
+        return out.view(envs, each)
+
+
+def as_i32(x: int) -> int:
+    """x modulo 2^32, between -2^31 and 2^31: what random numbers make of it is the same."""
+    return (x + 2**31) % 2**32 - 2**31

@@ -1,20 +1,23 @@
-"""The vehicles there are: a TOML names its `model`, and this table knows the module that holds its physics."""
+"""The vehicles there are: a vehicle file names its `model`, one of this table or `module:Class` of somebody else's."""
 
 from pathlib import Path
 from typing import Any
 
-from taichi_sim.config import ConfigError
-from taichi_sim.config.io import read_toml, validate
+from taichi_sim import runtime
+from taichi_sim.config import ConfigError, TeamConfig
+from taichi_sim.config.io import config_folder, read_toml, validate, vehicle_file
+from taichi_sim.plugins import is_plugin, load_class
 from taichi_sim.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
 from taichi_sim.uav.unity_aircraft import UnityAircraft
 from taichi_sim.usv.hull.hull_6dof import Hull6Dof
 from taichi_sim.usv.manoeuvring_3dof import Manoeuvring3dof
 from taichi_sim.usv.unity_boat import UnityBoat
+from taichi_sim.vehicle import Vehicle
 
 # Vehicles of the same numbers share one model, and so one compiled kernel: models hold no state.
-_models: dict[tuple, Any] = {}
+_models: dict[tuple, Vehicle] = {}
 
-MODELS = {
+MODELS: dict[str, type[Vehicle]] = {
     "unity_boat": UnityBoat,
     "manoeuvring_3dof": Manoeuvring3dof,
     "hull_6dof": Hull6Dof,
@@ -23,28 +26,51 @@ MODELS = {
 }
 
 
-def load_vehicle(file: Path, team: str, dt: float, substeps: int) -> Any:
-    """The model of a vehicle file, ready to step.
+def find_model(name: Any, file: Path, source: Path | None = None) -> type[Vehicle]:
+    """The class that a vehicle file calls its model; somebody else's is looked for beside it and beside `source`.
 
     Raises:
-        ConfigError: for a missing or unknown model, a wrong key or value, or a vehicle of the other team.
+        ConfigError: if there is none of that name.
     """
-    data = read_toml(file)
-    name = data.pop("model", None)
+    if isinstance(name, str) and is_plugin(name):
+        try:
+            return load_class(name, Vehicle, [f.parent for f in (file, source) if f is not None])
+        except ConfigError as error:
+            raise ConfigError(f"{file}: model = {error}") from None
     if not isinstance(name, str) or name not in MODELS:
-        raise ConfigError(f"{file}: model = {name!r}: allowed are {', '.join(MODELS)}")
-    model = MODELS[name]
-    if model.team != team:
-        allowed = ", ".join(n for n, m in MODELS.items() if m.team == team)
-        raise ConfigError(
-            f"{file}: model = {name!r} is a {model.team.upper()} and cannot serve in {team}.vehicle: "
-            f"allowed are {allowed}"
-        )
+        raise ConfigError(f"{file}: model = {name!r}: allowed are {', '.join(MODELS)}, and module:Class of your own")
+    return MODELS[name]
+
+
+def load_vehicle(
+    file: str | Path, dt: float = 0.02, substeps: int = 1, *, source: Path | None = None, **changes: Any
+) -> Vehicle:
+    """The model of a vehicle file (or of a shipped one, by name), ready to step.
+
+    Args:
+        file: a path, or a name in configs/vehicles. dt: physics step, s. substeps: physics steps of a control step.
+        source: the scenario's file, beside which a model of somebody else's is looked for too.
+        changes: sections or numbers of the file that are to be others; a section's other numbers stay.
+
+    Raises:
+        ConfigError: for a missing or unknown model, or a wrong key or value.
+    """
+    file = vehicle_file(TeamConfig(vehicle=str(file)))
+    data = read_toml(file)
+    for key, value in changes.items():
+        old = data.get(key)
+        data[key] = old | value if isinstance(value, dict) and isinstance(old, dict) else value
+    model = find_model(data.pop("model", None), file, source)
     params = validate(model.Params, data, str(file))
-    key = (name, params.model_dump_json(), dt, substeps)
+    key = (model, params.model_dump_json(), dt, substeps, runtime.current().precision)
     if key not in _models:
         try:
             _models[key] = model(params, dt, substeps)
         except ConfigError as error:
             raise ConfigError(f"{file}: {error}") from None
     return _models[key]
+
+
+def shipped_vehicles() -> list[Path]:
+    """The vehicle files that come with the package, by name."""
+    return sorted((config_folder() / "vehicles").glob("*.toml"))

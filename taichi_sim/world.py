@@ -3,22 +3,23 @@
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import torch
 
 from taichi_sim import runtime
 from taichi_sim.air import Wind
 from taichi_sim.air.wind import wind_speed
-from taichi_sim.config import ScenarioConfig, SeaConfig
-from taichi_sim.config.io import load_scenario, vehicle_file
-from taichi_sim.conventions import ELEVATION, TEAMS
+from taichi_sim.config import ConfigError, SeaConfig, WorldConfig
+from taichi_sim.config.io import find_config, load_world, vehicle_file
 from taichi_sim.dump import Dump, save_dump
-from taichi_sim.fleet import Team
+from taichi_sim.fleet import Fleet
+from taichi_sim.plugins import load_class
+from taichi_sim.script import Script
 from taichi_sim.sea import Sea
 from taichi_sim.sea.current import Current
 from taichi_sim.sea.wind_sea import CALM_PERIOD
 from taichi_sim.surroundings import Surroundings
-from taichi_sim.uav.fixed_wing.start import wind_at
 from taichi_sim.vehicles import load_vehicle
 
 
@@ -27,30 +28,34 @@ class ActionError(ValueError):
 
 
 class World:
-    """A sea and two teams, in `num_envs` environments that share nothing but tables.
+    """A sea, an atmosphere, and teams of vehicles, in `num_envs` environments that share nothing but tables.
 
     Attributes:
         sea: the realisations. env_sea: int32 [env], which one each environment is on.
-        time: float64 [env], s. teams: name -> Team, those simulated.
-        current, wind: of each environment. around: what the vehicles are told of all three, as of the last step.
+        time: float64 [env], s. teams: name -> Fleet, those simulated.
+        scripts: name -> what acts for a team that nobody else commands (script.py).
+        current, wind: of each environment. around: what vehicles at the surface are told of all, as of the last step.
         dump_folder: where the last step of an environment whose state is no longer finite is written, to be replayed
             (dump.py); None is nowhere.
     """
 
     def __init__(
         self,
-        config: ScenarioConfig,
+        config: WorldConfig,
         num_envs: int = 1,
         *,
         seed: int | None = None,
-        teams: Sequence[str] = TEAMS,
+        teams: Sequence[str] | None = None,
         source: Path | None = None,
     ):
-        """Build a world from a scenario.
+        """Build a world from a configuration.
 
         Args:
-            config: the scenario. num_envs: environments. seed: of the seas; default config.seed.
-            teams: which teams to simulate. source: the scenario's file, beside which vehicles are looked for.
+            config: the world's, or a scenario's. num_envs: environments. seed: of the seas; default config.seed.
+            teams: which teams to simulate, default all. source: the file beside which vehicles are looked for.
+
+        Raises:
+            ConfigError: for a vehicle that cannot be used. ValueError: for a team that is not there.
         """
         run = runtime.current()
         self.config, self.num_envs = config, num_envs
@@ -62,77 +67,113 @@ class World:
         self.dump_folder: Path | None = None
         self.env_sea = (torch.arange(num_envs, device=run.device) % self.sea.num_seas).to(torch.int32)
         self.time = torch.zeros(num_envs, dtype=torch.float64, device=run.device)
-        still = Surroundings.of(self.sea, self.env_sea, self.time)
-        self.around = still._replace(
-            current=self.current.velocity, wind=self.wind.velocity, air=self.wind, seed=self.seed
-        )
-        self.teams: dict[str, Team] = {}
-        for name in teams:
-            file = vehicle_file(config.team(name), source)
-            model = load_vehicle(file, name, config.dt, config.substeps)
-            self.teams[name] = Team(name, model, num_envs, config.team(name).count)
+        self._phase = self.sea.phases(self.env_sea, self.time)
+        self.around = self._surroundings(self.current.velocity, self.wind.velocity)
+        self.teams: dict[str, Fleet] = {}
+        self.scripts: dict[str, Script] = {}
+        self._felt: dict[str, tuple[Surroundings, float, float]] = {}
+        for name in config.teams if teams is None else teams:
+            self._add_team(name, source)
+        for script in self.scripts.values():
+            script.begin(self, torch.arange(num_envs, device=run.device))
+
+    def _surroundings(self, current: torch.Tensor, wind: torch.Tensor) -> Surroundings:
+        table, depth = self.sea.table, self.sea.kernel_depth
+        return Surroundings(table, self.env_sea, self._phase, current, wind, depth, self.wind, seed=self.seed)
+
+    def _add_team(self, name: str, source: Path | None) -> None:
+        """Simulate the team of that name."""
+        if name not in self.config.teams:
+            raise ValueError(f"there is no team {name!r}: allowed are {', '.join(self.config.teams) or 'none'}")
+        section = self.config.teams[name]
+        file = vehicle_file(section, source)
+        model = load_vehicle(file, self.config.dt, self.config.substeps, source=source)
+        if section.medium not in (None, model.medium):
+            raise ConfigError(
+                f"{name}.vehicle = {section.vehicle!r} moves in {model.medium}, and {name}.medium = "
+                f"{section.medium!r}: name a vehicle of that medium"
+            )
+        self.teams[name] = Fleet(name, model, self.num_envs, section.count)
+        if section.script is not None:
+            try:
+                kind = load_class(section.script, Script, [source.parent] if source else [])
+            except ConfigError as error:
+                raise ConfigError(f"{name}.script = {error}") from None
+            self.scripts[name] = kind(self, name)
+        water, air = self.current.mean_factor(model.draft), self.wind.speed_factor(model.wind_height)
+        felt = self.around
+        if (water, air) != (1.0, 1.0):
+            felt = self._surroundings(
+                self.around.current if water == 1.0 else self.around.current * water,
+                self.around.wind if air == 1.0 else self.around.wind * air,
+            )
+        self._felt[name] = felt, water, air
 
     @classmethod
     def from_scenario(cls, scenario: str | Path = "paper", num_envs: int = 1, overrides=(), **options) -> "World":
-        """A world from a scenario's file or name, for example `World.from_scenario("paper", num_envs=16)`."""
-        from taichi_sim.config.io import find_config
+        """The world of a scenario's file or name, without its mission: `World.from_scenario("paper", num_envs=16)`."""
+        return cls(load_world(scenario, overrides), num_envs, source=find_config(scenario), **options)
 
-        return cls(load_scenario(scenario, overrides), num_envs, source=find_config(scenario), **options)
-
-    def step(self, actions: Mapping[str, torch.Tensor]) -> dict[str, torch.Tensor]:
+    def step(self, actions: Mapping[str, Any] | None = None) -> dict[str, torch.Tensor]:
         """Advance every environment by one decision interval; return the actions as taken (clipped).
 
         Args:
-            actions: team name -> [env, vehicle, action] in [-1, 1]; clipped to that range.
+            actions: team name -> [env, vehicle, action] in [-1, 1], a tensor or an array; clipped to that range. Of
+                every team that has no script; of one that has, they count instead of its script.
 
         Raises:
             ValueError: for a wrong shape, or an action that is not finite; nothing has moved then.
         """
-        if set(actions) != set(self.teams):
-            raise ValueError(f"actions are for {sorted(actions)}, expected one tensor for each of {sorted(self.teams)}")
-        checked = {name: self._checked(team, actions[name]) for name, team in self.teams.items()}
-        self.sea.phases(self.env_sea, self.time, out=self.around.phase)
+        given = dict(actions or {})
+        given |= {name: script(self) for name, script in self.scripts.items() if name not in given}
+        if set(given) != set(self.teams):
+            raise ValueError(f"actions are for {sorted(given)}, expected one tensor for each of {sorted(self.teams)}")
+        checked = {name: self._checked(fleet, given[name]) for name, fleet in self.teams.items()}
+        self.sea.phases(self.env_sea, self.time, out=self._phase)
         before = self._remember() if self.dump_folder else {}
-        for name, team in self.teams.items():
-            team.model.step(team, checked[name], self._around(team, self.around))
+        for name, fleet in self.teams.items():
+            fleet.action.copy_(checked[name])
+            fleet.model.step(fleet, self.felt(name))
         if self.dump_folder:
             self._dump_faults(before, checked, self.dump_folder)
-        self.time += self.config.decision_interval
-        self.around = self.around._replace(clock=self.around.clock + 1)
-        self.current.advance(self.config.decision_interval)
-        self.wind.advance(self.config.decision_interval)
+        self._pass_time()
         return checked
 
+    def _pass_time(self) -> None:
+        """The decision interval is over."""
+        self.time += self.config.decision_interval
+        for around in {id(a): a for a in (self.around, *(felt for felt, _, _ in self._felt.values()))}.values():
+            around.tick()
+        self.current.advance(self.config.decision_interval)
+        self.wind.advance(self.config.decision_interval)
+
     def renew(self, envs: torch.Tensor) -> None:
-        """Draw current and wind of environments `envs` [n] anew: an episode begins there."""
+        """Draw current and wind of environments `envs` [n] anew, and place scripted teams: an episode begins there."""
         self.current.reset(envs)
         self.wind.reset(envs)
+        for script in self.scripts.values():
+            script.begin(self, envs)
 
-    def _around(self, team: Team, around: Surroundings) -> Surroundings:
-        """What `team` is told of `around`: a USV feels the current averaged over its draft, and the wind at its own
-        height.
-        """
-        if team.name != "usv":
-            return around
-        water, air = self.current.mean_factor(team.model.draft), self.wind.speed_factor(team.model.wind_height)
-        current = around.current if water == 1.0 else around.current * water
-        return around._replace(current=current, wind=around.wind if air == 1.0 else around.wind * air)
-
-    def _at(self, envs: torch.Tensor) -> Surroundings:
-        """`around` of environments `envs` [n] alone, now."""
-        env_sea = self.env_sea.index_select(0, envs)
-        current, wind = (x.index_select(0, envs) for x in (self.around.current, self.around.wind))
-        phase = self.sea.phases(env_sea, self.time.index_select(0, envs))
-        return self.around._replace(env_sea=env_sea, phase=phase, current=current, wind=wind)
+    def felt(self, team: str) -> Surroundings:
+        """What `team` is told: the current averaged over its draft, and the wind at its own height."""
+        felt, water, air = self._felt[team]
+        if water != 1.0:
+            torch.mul(self.around.current, water, out=felt.current)
+        if air != 1.0:
+            torch.mul(self.around.wind, air, out=felt.wind)
+        return felt
 
     def _remember(self) -> dict[str, tuple[torch.Tensor, torch.Tensor]]:
-        return {name: (team.state.clone(), team.aux.clone()) for name, team in self.teams.items()}
+        return {name: (fleet.state.clone(), fleet.aux.clone()) for name, fleet in self.teams.items()}
 
     def _dump_faults(self, before, actions: Mapping[str, torch.Tensor], folder: Path) -> None:
         """Write a dump of every environment whose state has just stopped being finite."""
-        for name, team in self.teams.items():
+        for name, fleet in self.teams.items():
+            fine = fleet.state.sum(dim=(1, 2)).isfinite()
+            if bool(fine.all()):
+                continue
             fine_before = before[name][0].sum(dim=(1, 2)).isfinite()
-            for env in (fine_before & ~team.state.sum(dim=(1, 2)).isfinite()).nonzero().flatten().tolist():
+            for env in (fine_before & ~fine).nonzero().flatten().tolist():
                 dump = Dump(
                     config=self.config,
                     seed=self.seed,
@@ -145,6 +186,8 @@ class World:
                     states={key: value[0][env].clone() for key, value in before.items()},
                     aux={key: value[1][env].clone() for key, value in before.items()},
                     actions={key: value[env].clone() for key, value in actions.items()},
+                    vary={key: {k: v[env] for k, v in f.vary.items()} for key, f in self.teams.items() if f.varied},
+                    loads={key: f.load[env].clone() for key, f in self.teams.items() if f.loaded},
                     fault=f"{name}: the state is no longer finite",
                 )
                 save_dump(dump, folder)
@@ -152,30 +195,23 @@ class World:
     def place(self, name: str, envs: torch.Tensor, state: torch.Tensor) -> None:
         """Put the vehicles of a team in environments `envs` [n] at `state` [n, vehicle, 13].
 
-        USVs are lifted onto the wave under them: set `env_sea` and `time` of those environments first. Models that
-        `settle` (state [n, vehicle, 13], Surroundings of these n) begin afloat, moving with the water; those that have
-        a `prepare` (state [n, vehicle, 13], wind [n, 3], Wind) begin in equilibrium.
+        The model brings them to rest or into trim (`Vehicle.settle`) in the sea, current and wind of those
+        environments: set `env_sea` and `time` first.
         """
-        team = self.teams[name]
-        wind = self.wind.velocity.index_select(0, envs)
-        flies = hasattr(team.model, "prepare")
-        if flies:
-            state = team.model.prepare(state, wind, self.wind)
-        if hasattr(team.model, "settle"):
-            state, aux, team.surface[envs] = team.model.settle(state, self._around(team, self._at(envs)))
-        else:
-            if name == "usv":
-                state = state.clone()
-                zeta = self.elevation(envs, state[..., 0], state[..., 1])
-                state[..., 2] -= zeta
-                team.surface[envs, :, ELEVATION] = zeta
-            aux = torch.empty((*state.shape[:-1], team.aux.shape[-1]), dtype=state.dtype, device=state.device)
-            team.model.reset_aux(aux, state)
-            if flies:
-                team.model.measure_air(aux, state, wind_at(state, wind, self.wind))
-        team.state.index_copy_(0, envs, state)
-        team.aux.index_copy_(0, envs, aux)
-        team.update(envs)
+        fleet = self.teams[name]
+        felt = self.felt(name)
+        around = Surroundings(
+            felt.sea, self.env_sea[envs], self.sea.phases(self.env_sea[envs], self.time[envs]), felt.current[envs],
+            felt.wind[envs], felt.depth, felt.air, felt.clock, felt.seed, felt.first_env,
+        )  # fmt: skip
+        surface = fleet.surface[envs]
+        state = fleet.model.settle(state, surface, around)
+        aux = torch.empty((*state.shape[:-1], fleet.aux.shape[-1]), dtype=state.dtype, device=state.device)
+        fleet.model.reset_aux(aux, state, around)
+        fleet.surface.index_copy_(0, envs, surface)
+        fleet.state.index_copy_(0, envs, state)
+        fleet.aux.index_copy_(0, envs, aux)
+        fleet.update(envs)
 
     def elevation(self, envs: torch.Tensor, north: torch.Tensor, east: torch.Tensor) -> torch.Tensor:
         """Elevation (m, up) now in environments `envs` [n] at points [n, point]."""
@@ -186,7 +222,7 @@ class World:
         rows = rows.unsqueeze(1).expand(north.shape).reshape(-1).contiguous()
         return self.sea.elevation_at(points.reshape(-1, 2), rows, env_sea, phase).reshape(north.shape)
 
-    def elevation_below(self, team: Team, height: torch.Tensor) -> torch.Tensor:
+    def elevation_below(self, team: Fleet, height: torch.Tensor) -> torch.Tensor:
         """Elevation (m, up) now under each vehicle of `team` that flies at `height` [env, vehicle] (m).
 
         Of vehicles above any wave of this sea it is -inf, and costs nothing.
@@ -198,20 +234,21 @@ class World:
             elevation[env, vehicle] = self.elevation(env, place[:, :1], place[:, 1:2]).squeeze(1)
         return elevation
 
-    def _checked(self, team: Team, action: torch.Tensor) -> torch.Tensor:
-        shape = (self.num_envs, team.count, len(team.model.action_names))
+    def _checked(self, fleet: Fleet, action: Any) -> torch.Tensor:
+        shape = (self.num_envs, fleet.count, len(fleet.model.action_names))
+        action = torch.as_tensor(action, device=fleet.state.device)
         if tuple(action.shape) != shape:
-            raise ValueError(f"{team.name} actions have shape {tuple(action.shape)}, expected {shape}")
+            raise ValueError(f"{fleet.name} actions have shape {tuple(action.shape)}, expected {shape}")
         if not math.isfinite(action.sum()) and not torch.isfinite(action).all():
             env, vehicle, index = (~torch.isfinite(action)).nonzero()[0].tolist()
             raise ActionError(
-                f"{team.name} action {team.model.action_names[index]!r} of vehicle {vehicle} in environment {env} "
+                f"{fleet.name} action {fleet.model.action_names[index]!r} of vehicle {vehicle} in environment {env} "
                 f"is {action[env, vehicle, index].item()}: actions must be finite"
             )
-        return action.to(team.state.dtype).clamp(-1.0, 1.0).contiguous()
+        return action.to(fleet.state.dtype).clamp(-1.0, 1.0).contiguous()
 
 
-def resolved_sea(config: ScenarioConfig) -> SeaConfig:
+def resolved_sea(config: WorldConfig) -> SeaConfig:
     """The sea of a scenario, in which the wind has taken its place where the sea follows it."""
     sea = config.sea
     if not sea.follows_wind:
@@ -229,9 +266,15 @@ def replay(dump: Dump, source: Path | None = None) -> World:
     world = World(dump.config, 1, seed=dump.seed, teams=tuple(dump.states), source=source)
     world.env_sea[0], world.time[0] = dump.sea, dump.time
     world.around.current[0], world.around.wind[0] = dump.current, dump.wind
-    world.around = world.around._replace(clock=dump.clock, first_env=dump.env)
-    for name, team in world.teams.items():
-        team.state[0], team.aux[0] = dump.states[name], dump.aux[name]
-        team.update()
+    for around in {id(a): a for a in (world.around, *(world.felt(name) for name in world.teams))}.values():
+        around.first_env = dump.env
+        around.tick(dump.clock - around.clock)
+    for name, fleet in world.teams.items():
+        fleet.state[0], fleet.aux[0] = dump.states[name], dump.aux[name]
+        if name in dump.vary:
+            fleet.set_numbers({key: value.unsqueeze(0) for key, value in dump.vary[name].items()})
+        if name in dump.loads:
+            fleet.load[0] = dump.loads[name]
+        fleet.update()
     world.step({name: action.unsqueeze(0) for name, action in dump.actions.items()})
     return world

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
+from rl.missions import load_scenario
 from taichi_sim.config import ConfigError
-from taichi_sim.config.io import load_scenario
 
 MINIMAL = """
 name = "little"

@@ -3,7 +3,8 @@
 import pytest
 from refusal import MINIMAL, assert_says, refusal
 
-from taichi_sim.config.io import config_folder, load_scenario, vehicle_file
+from rl.missions import load_scenario
+from taichi_sim.config.io import config_folder, vehicle_file
 from taichi_sim.vehicles import load_vehicle
 
 
@@ -130,6 +131,7 @@ def test_a_shipped_scenario_is_found_from_anywhere(name, tmp_path, monkeypatch):
 def test_every_shipped_scenario_loads_with_its_vehicles():
     for file in config_folder().glob("*.toml"):
         config = load_scenario(file)
-        for team in ("usv", "uav"):
-            model = load_vehicle(vehicle_file(config.team(team), file), team, config.dt, config.substeps)
-            assert model.team == team
+        assert list(config.teams) == ["usv", "uav"]
+        for team in config.teams.values():
+            model = load_vehicle(vehicle_file(team, file), config.dt, config.substeps, source=file)
+            assert model.medium == team.medium

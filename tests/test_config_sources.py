@@ -5,9 +5,12 @@ from pathlib import Path
 import pytest
 from refusal import assert_says, refusal
 
-from taichi_sim.config import ConfigError, ScenarioConfig
-from taichi_sim.config.io import config_folder, load_scenario, read_toml, validate, vehicle_file, write_toml
+from rl.missions import load_scenario
+from rl.missions.formation.config import FormationScenario
+from taichi_sim.config import ConfigError
+from taichi_sim.config.io import config_folder, read_toml, validate, vehicle_file, write_toml
 from taichi_sim.vehicles import load_vehicle
+from taichi_sim.world import World
 
 # -- vehicles --------------------------------------------------------------------------------------------
 
@@ -38,16 +41,25 @@ def boat_file(folder: Path, old: str, new: str) -> Path:
 def test_a_wrong_vehicle_is_refused_by_name(tmp_path, old, new, parts):
     file = boat_file(tmp_path, old, new)
     with pytest.raises(ConfigError) as caught:
-        load_vehicle(file, "usv", 0.02, 5)
+        load_vehicle(file)
     assert_says(str(caught.value), file, *parts)
 
 
-def test_a_vehicle_of_the_other_team_is_refused():
-    file = config_folder() / "vehicles" / "unity_boat.toml"
+@pytest.mark.parametrize(
+    ("team", "vehicle", "moves", "meant"),
+    [("usv", "unity_aircraft", "air", "water"), ("uav", "unity_boat", "water", "air")],
+)
+@pytest.mark.parametrize("shipped", ["paper", "otter", "aerosonde"])
+def test_a_vehicle_of_another_medium_is_refused(shipped, team, vehicle, moves, meant):
+    config = load_scenario(shipped, [f"{team}.vehicle={vehicle}"])
     with pytest.raises(ConfigError) as caught:
-        load_vehicle(file, "uav", 0.02, 5)
-    # what is allowed: the models that fly
-    assert_says(str(caught.value), file, "'unity_boat'", "USV", "uav.vehicle", "unity_aircraft")
+        World(config, teams=(team,))
+    assert_says(str(caught.value), f"{team}.vehicle = {vehicle!r} moves in {moves}", f"{team}.medium = {meant!r}")
+
+
+def test_a_team_that_names_no_medium_takes_any_vehicle(scenario):
+    config = load_scenario(scenario(), ["usv.vehicle=unity_aircraft"])
+    assert World(config).teams["usv"].model.medium == "air"
 
 
 def test_a_missing_vehicle_file_lists_the_known_ones(scenario):
@@ -61,8 +73,8 @@ def test_a_vehicle_beside_the_scenario_comes_before_the_shipped_one(scenario, tm
     file = scenario()
     (tmp_path / "vehicles").mkdir()
     own = boat_file(tmp_path, "mass", "mass = 77.0").rename(tmp_path / "vehicles" / "unity_boat.toml")
-    assert vehicle_file(load_scenario(file).usv, file) == own
-    assert load_vehicle(own, "usv", 0.02, 5).params.mass == 77.0
+    assert vehicle_file(load_scenario(file).teams["usv"], file) == own
+    assert load_vehicle(own).params.mass == 77.0
 
 
 # -- overrides -------------------------------------------------------------------------------------------
@@ -83,16 +95,16 @@ def test_overrides_replace_values_of_every_type():
             "sea.hs=1.5",
         ],
     )
-    assert config.usv.count == 5
+    assert config.teams["usv"].count == 5
     assert config.sea.hs == 1.5  # the last one counts
-    assert config.uav.formation == "astern"
+    assert config.teams["uav"].formation == "astern"
     assert (config.name, config.reward) == ("a b", "paper")
     assert config.stages["usv"].hidden_dims == (8, 4)
-    assert config.usv.tracking_reward.coarse == 2.5
+    assert config.teams["usv"].tracking_reward.coarse == 2.5
     assert config.obstacles.fixed[0].height == 4.0
     untouched = load_scenario("paper")
-    assert config.uav.count == untouched.uav.count
-    assert config.usv.tracking_reward.fine == untouched.usv.tracking_reward.fine
+    assert config.teams["uav"].count == untouched.teams["uav"].count
+    assert config.teams["usv"].tracking_reward.fine == untouched.teams["usv"].tracking_reward.fine
 
 
 @pytest.mark.parametrize("text", ["usv.count", "=3", ".=3", "usv..count=3", ""])
@@ -145,7 +157,7 @@ def test_what_is_written_reads_the_same(tmp_path, overrides):
     file = tmp_path / "copy.toml"
     write_toml(config, file)
     assert load_scenario(file) == config
-    assert set(read_toml(file)) == set(ScenarioConfig.model_fields)  # defaults are written too
+    assert set(read_toml(file)) == {*FormationScenario.model_fields, *config.teams}  # defaults are written too
 
 
 @pytest.mark.parametrize(
@@ -164,7 +176,7 @@ def test_a_wind_alone_makes_a_fully_developed_sea(scenario):
 
 
 def test_values_cannot_change_after_reading():
-    config = validate(ScenarioConfig, load_scenario("paper").model_dump(), "memory")
+    config = validate(FormationScenario, load_scenario("paper").model_dump(), "memory")
     with pytest.raises(ValueError, match="frozen"):
         config.seed = 3
 

@@ -10,17 +10,18 @@ import torch
 from numpy.typing import NDArray
 from test_recording import column, elevation, make_episode, rows
 
-from rl.missions.formation.endings import UavEndings
+from rl.missions import load_scenario
 from rl.missions.formation.team import TeamTask
 from rl.runs.record import EVENTS, _stalls, record_episode
 from taichi_sim import runtime
-from taichi_sim.config.io import config_folder, load_scenario
 from taichi_sim.maths.rotation import torch_rotation_matrix
 from taichi_sim.recording import Airframe, Episode, write_recording
 from taichi_sim.recording.aircraft import aircraft
 from taichi_sim.recording.arrows import metres_per_second_per_metre
 from taichi_sim.recording.sea_grid import SeaGrid
 from taichi_sim.recording.vehicles import smooth_course
+from taichi_sim.uav.aircraft import Aircraft
+from taichi_sim.usv.vessel import Vessel
 from taichi_sim.vehicles import load_vehicle
 
 SIZE, CHORD = (1.7, 2.9, 0.6), 0.19
@@ -56,8 +57,8 @@ def taichi() -> None:
 @pytest.mark.usefixtures("taichi")
 @pytest.mark.parametrize(("name", "tail"), [("aerosonde", True), ("zagi", False)])
 def test_fixed_wings_say_what_they_look_like(name: str, tail: bool) -> None:
-    model = load_vehicle(config_folder() / "vehicles" / f"{name}.toml", "uav", 0.02, 10)
-    assert model.airframe == (model.p.physical.c, tail)
+    model = load_vehicle(name)
+    assert model.airframe == (model.params.physical.c, tail)
 
 
 def aloft() -> Episode:
@@ -142,7 +143,7 @@ def test_the_sea_under_aircraft_alone_is_as_wide_as_they_are_high() -> None:
 
 
 def test_every_way_a_flight_ends_has_words() -> None:
-    assert set(UavEndings._fields) <= set(EVENTS)
+    assert {*Aircraft.ending_names, *Vessel.ending_names} <= set(EVENTS)
 
 
 def test_a_stall_is_told_when_it_begins() -> None:
@@ -152,7 +153,7 @@ def test_a_stall_is_told_when_it_begins() -> None:
     aux[2:, 0, 1] = 0.2 * np.arange(1, 5)
     events = _stalls(model, "uav", aux, 0.2 * np.arange(1, 7))
     assert {(event.vehicle, round(event.time_s, 3)) for event in events} == {(1, 0.2), (0, 0.6), (1, 1.0)}
-    assert _stalls(SimpleNamespace(), "usv", aux, np.arange(6.0)) == []
+    assert _stalls(SimpleNamespace(aux_names=()), "usv", aux, np.arange(6.0)) == []
 
 
 @pytest.fixture(scope="module")
@@ -162,7 +163,7 @@ def dive(taichi: None) -> Episode:
 
     def turn_and_dive(team: TeamTask) -> torch.Tensor:
         action = torch.zeros_like(team.action)
-        action[..., 0] = -1.0 if float(team.team.aux[0, 0, 12]) > 5.0 else 0.0
+        action[..., 0] = -1.0 if float(team.fleet.aux[0, 0, 12]) > 5.0 else 0.0
         action[..., 1] = 0.7
         return action
 

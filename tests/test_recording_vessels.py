@@ -3,7 +3,6 @@
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
-from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -11,6 +10,7 @@ import torch
 from numpy.typing import NDArray
 from test_recording import column, elevation, make_episode, rows
 
+from rl.mission import Endings
 from rl.runs.record import _events
 from taichi_sim.recording import Body, Episode, Force, Signal, write_recording
 from taichi_sim.recording.arrows import newtons_per_metre, round_scale
@@ -21,6 +21,7 @@ from taichi_sim.recording.sea_patch import frame_steps, sea_frames
 from taichi_sim.recording.vessel import above, below, lid, shell
 from taichi_sim.recording.water_lines import ABOVE_WATER, NEWEST, ROUND_M
 from taichi_sim.usv.hull.mesh import BoxHull, TwinPontoons, mesh
+from taichi_sim.vehicle import Vehicle
 
 BOX = BoxHull(length=4.0, beam=2.0, draft=0.5, freeboard=0.25, panels_along=4)
 PONTOONS = TwinPontoons(y=0.4, freeboard=0.1, stations=((-1.0, 0.2, 0.1), (0.5, 0.3, 0.3), (1.0, 0.0, 0.2)))
@@ -101,7 +102,7 @@ def test_a_model_is_read_as_it_describes_itself() -> None:
 
 
 def test_a_model_need_not_describe_itself() -> None:
-    model, aux = SimpleNamespace(), np.zeros((4, 2, 0))
+    model, aux = Vehicle(None, 0.02, 1), np.zeros((4, 2, 0))
     assert (columns_of(model), body_of(model), forces_of(model, aux), signals_of(model, aux)) == (0, None, {}, {})
 
 
@@ -244,11 +245,7 @@ def test_scales_are_round_and_hold_the_arrow(value: float) -> None:
 
 
 def test_events_are_whatever_reasons_the_endings_have() -> None:
-    class Endings(NamedTuple):
-        swamped: torch.Tensor
-        out_of_fuel: torch.Tensor
-
-    ended = Endings(torch.tensor([[False, True]]), torch.tensor([[True, False]]))
+    ended = Endings({"swamped": torch.tensor([[False, True]]), "out_of_fuel": torch.tensor([[True, False]])})
     seen: set[tuple[str, int, str]] = set()
     step = SimpleNamespace(endings={"usv": ended})
     kinds = [(event.kind, event.vehicle, event.time_s) for event in _events(step, 0.1, seen)]  # pyright: ignore

@@ -10,7 +10,6 @@ import torch
 from recorded import assert_nothing_is_empty, entities, parts
 from test_recording import column, make_episode
 
-from taichi_sim.config.io import load_scenario
 from taichi_sim.maths.rotation import torch_quaternion_from_euler
 from taichi_sim.recording import Recorder, TeamTrack, write_recording
 from taichi_sim.recording.blueprint import blueprint
@@ -18,22 +17,23 @@ from taichi_sim.recording.palette import FIRST, OTHERS, liveries
 from taichi_sim.recording.sea_patch import patch_of
 from taichi_sim.world import World
 
-SMALL = ("sea.realisations=2", "sea.components=4", "usv.count=2", "uav.count=2", "air.speed=5")
+SMALL = (
+    "sea.realisations=2", "sea.components=4", "air.speed=5", "ferry.vehicle=unity_boat", "ferry.count=2",
+    "scout.vehicle=unity_aircraft", "scout.count=2",
+)  # fmt: skip
 STEPS, ENV = 12, 1
-NAMES = {"usv": "ferry", "uav": "scout"}
 
 
 def sail(teams: tuple[str, ...]) -> tuple[Recorder, dict[str, list[np.ndarray]]]:
     """A recorder of environment 1 of a world whose teams have names of their own, and the states it went through."""
-    world = World(load_scenario("paper", SMALL), 2, teams=teams)
+    world = World.from_scenario("paper", 2, overrides=SMALL, teams=teams)
     for team in teams:
         state = world.teams[team].state.clone()
         state[..., 0] = 20.0 * torch.arange(2) + 100.0 * torch.arange(2)[:, None]
-        state[..., 2] = 0.0 if team == "usv" else -30.0
+        state[..., 2] = 0.0 if team == "ferry" else -30.0
         state[..., 3:7] = torch_quaternion_from_euler(*torch.tensor([0.0, 0.0, 1.0]))
-        state[..., 7] = 5.0 if team == "usv" else 15.0
+        state[..., 7] = 5.0 if team == "ferry" else 15.0
         world.place(team, torch.arange(2), state)
-    world.teams = {NAMES[name]: world.teams[name] for name in teams}
     world.time += 7.0
     recorder = Recorder(world, ENV)
     states: dict[str, list[np.ndarray]] = {name: [] for name in world.teams}
@@ -46,7 +46,7 @@ def sail(teams: tuple[str, ...]) -> tuple[Recorder, dict[str, list[np.ndarray]]]
     return recorder, states
 
 
-@pytest.mark.parametrize("teams", [("usv", "uav"), ("usv",)])
+@pytest.mark.parametrize("teams", [("ferry", "scout"), ("ferry",)])
 def test_a_bare_world_is_recorded_as_it_moved(teams: tuple[str, ...], tmp_path: Path) -> None:
     recorder, states = sail(teams)
     path = recorder.write(tmp_path / "world.rrd", name="bare")
@@ -82,7 +82,7 @@ def test_a_bare_world_is_recorded_as_it_moved(teams: tuple[str, ...], tmp_path: 
 
 
 def test_a_recorder_refuses_what_is_not_one_motion() -> None:
-    recorder, _ = sail(("usv",))
+    recorder, _ = sail(("ferry",))
     with pytest.raises(ValueError, match="begun anew"):
         recorder.add()  # the clock stands still
     recorder.world.time[ENV] += 0.1

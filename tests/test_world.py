@@ -2,29 +2,146 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 
-from taichi_sim.config.io import load_scenario
+from taichi_sim.config import ConfigError
 from taichi_sim.dump import load_dump
-from taichi_sim.world import World, replay
+from taichi_sim.script import Script
+from taichi_sim.world import ActionError, World, replay
 
 ROOT = Path(__file__).resolve().parents[1]
 SMALL = ("sea.realisations=2", "sea.components=4", "usv.count=1", "uav.count=1")
+HARBOUR = """
+[sea]
+realisations = 2
+components = 4
+[ferry]
+vehicle = "unity_boat"
+count = 2
+medium = "water"
+[gulls]
+vehicle = "unity_aircraft"
+count = 1
+"""
+
+
+def make(*overrides, envs=3, teams=("usv",), **options):
+    return World.from_scenario("paper", envs, overrides=(*SMALL, *overrides), teams=teams, **options)
 
 
 def still(world):
-    return {name: torch.zeros((world.num_envs, 1, len(t.model.action_names))) for name, t in world.teams.items()}
+    return {name: torch.zeros((world.num_envs, t.count, len(t.model.action_names))) for name, t in world.teams.items()}
 
 
 @pytest.fixture
-def world(tmp_path):
-    world = World(load_scenario("paper", SMALL), 3, teams=("usv",))
-    world.dump_folder = tmp_path / "dumps"
-    return world
+def harbour(tmp_path):
+    """Write a world of teams of any name, with `more` at its end."""
+
+    def write(more=""):
+        file = tmp_path / "harbour.toml"
+        file.write_text(HARBOUR + more)
+        return file
+
+    return write
+
+
+class TestTeams:
+    def test_actions_are_tensors_or_arrays_and_are_clipped(self):
+        states = []
+        for kind, action in ((np.full, 2.0), (torch.full, 1.0)):
+            world = make()
+            taken = world.step({"usv": kind((3, 1, 2), action)})
+            assert torch.equal(taken["usv"], torch.ones((3, 1, 2)))
+            assert torch.equal(world.teams["usv"].action, taken["usv"])
+            states.append(world.teams["usv"].state)
+        assert torch.equal(*states)
+
+    @pytest.mark.parametrize(
+        ("actions", "error", "message"),
+        [
+            ({}, ValueError, r"expected one tensor for each of \['usv'\]"),
+            ({"usv": np.zeros((3, 1, 2)), "fish": np.zeros(1)}, ValueError, r"\['fish', 'usv'\]"),
+            ({"usv": np.zeros((3, 2))}, ValueError, r"shape \(3, 2\), expected \(3, 1, 2\)"),
+            (
+                {"usv": np.array([[[0, 0]], [[0, np.nan]], [[0, 0]]])},
+                ActionError,
+                "'yaw' of vehicle 0 in environment 1",
+            ),
+        ],
+    )
+    def test_other_actions_are_refused_and_nothing_moves(self, actions, error, message):
+        world = make()
+        before = world.teams["usv"].state.clone(), world.time.clone()
+        with pytest.raises(error, match=message):
+            world.step(actions)
+        assert torch.equal(world.teams["usv"].state, before[0]) and torch.equal(world.time, before[1])
+
+    def test_a_scripted_team_acts_by_itself_unless_it_is_told(self):
+        world, seen = make(teams=("usv", "uav")), []
+
+        class Ahead(Script):
+            def __call__(self, of):
+                seen.append(float(of.time[0]))
+                return np.ones((3, 1, 2))
+
+        world.scripts["usv"] = Ahead(world, "usv")
+        uav = {"uav": np.zeros((3, 1, 3))}
+        assert bool((world.step(uav)["usv"] == 1).all())
+        assert bool((world.step(uav | {"usv": np.zeros((3, 1, 2))})["usv"] == 0).all())
+        world.step(uav)
+        assert seen == pytest.approx([0.0, 0.2])
+
+    def test_a_script_is_named_in_the_team_s_section(self, harbour, tmp_path):
+        (tmp_path / "my_pilot.py").write_text(
+            "import taichi_sim as ts\n"
+            "class Pilot(ts.Script):\n"
+            "    def begin(self, world, envs):\n"
+            "        state = world.teams[self.name].state[envs].clone()\n"
+            "        state[..., 2] = -50.0\n"
+            "        world.place(self.name, envs, state)\n"
+            "    def __call__(self, world): return world.teams[self.name].action + 0.25\n"
+        )
+        world = World.from_scenario(harbour('script = "my_pilot:Pilot"\n'), 2)
+        gulls = world.teams["gulls"]
+        for step in (1, 2):
+            taken = world.step({"ferry": np.zeros((2, 2, 2))})
+            assert bool((taken["gulls"] == 0.25 * step).all())
+        assert bool((gulls.state[..., 2] != -50.0).all())
+        world.renew(torch.tensor([1]))
+        assert (gulls.state[:, 0, 2] == -50.0).tolist() == [False, True]
+
+    def test_a_team_that_is_not_there_is_refused(self):
+        with pytest.raises(ValueError, match="no team 'fish': allowed are usv, uav"):
+            make(teams=("fish",))
+
+    def test_a_vehicle_of_another_medium_is_refused(self, harbour):
+        file = harbour('medium = "water"\n')
+        with pytest.raises(
+            ConfigError, match="gulls.vehicle = 'unity_aircraft' moves in air, and gulls.medium = 'water'"
+        ):
+            World.from_scenario(file, 1)
+        assert World.from_scenario(file, 1, teams=("ferry",)).teams.keys() == {"ferry"}
+
+    def test_teams_of_one_vehicle_do_not_touch_each_other(self, harbour):
+        world = World.from_scenario(harbour('[tug]\nvehicle = "unity_boat"\ncount = 2\n'), 2)
+        ferry, tug = world.teams["ferry"], world.teams["tug"]
+        tug.set_numbers({"mass": 70.0})
+        before = world.teams["ferry"].state.clone()
+        world.step({"ferry": np.full((2, 2, 2), -1.0), "tug": np.full((2, 2, 2), 1.0), "gulls": np.zeros((2, 1, 3))})
+        assert ferry.model is tug.model and not ferry.varied
+        assert bool((tug.velocity_n[..., 0] > ferry.velocity_n[..., 0] + 1.0).all())
+        assert not torch.equal(before, ferry.state)
 
 
 class TestDumps:
+    @pytest.fixture
+    def world(self, tmp_path):
+        world = make()
+        world.dump_folder = tmp_path / "dumps"
+        return world
+
     def test_a_state_that_stops_being_finite_is_written_and_runs_again(self, world, tmp_path):
         world.teams["usv"].state[1, 0, 7] = 1e38  # a speed whose square no number holds
         before = world.teams["usv"].state[1].clone()
@@ -34,9 +151,31 @@ class TestDumps:
         assert not torch.isfinite(after[1]).all()
         (file,) = (tmp_path / "dumps").glob("*.dump")
         dump = load_dump(file)
-        assert dump.states["usv"].equal(before)
+        assert dump.states["usv"].equal(before) and not dump.vary and not dump.loads
         again = replay(dump).teams["usv"].state[0, 0]
         assert torch.equal(again.isnan(), after[1].isnan())
+
+    def test_numbers_and_loads_of_a_vehicle_are_dumped_with_it(self, tmp_path):
+        """One boat leaves the physical; the replay moves the other of its environment as it moved, to the last bit."""
+        world = make("usv.count=2", "sea.current.speed=0.3")
+        world.dump_folder = tmp_path / "dumps"
+        fleet = world.teams["usv"]
+        masses = torch.tensor([[45.0, 46.0], [60.0, 61.5], [75.0, 76.0]])
+        fleet.set_numbers({"mass": masses, "drag": 0.9})
+        fleet.load[1, 1, 0] = 300.0
+        for _ in range(3):
+            world.step(still(world))
+        fleet.state[1, 0, 7] = 1e38
+        world.step(still(world))
+        (file,) = (tmp_path / "dumps").glob("*.dump")
+        dump = load_dump(file)
+        assert {key: value.tolist() for key, value in dump.vary["usv"].items()} == {
+            **{key: [value] * 2 for key, value in fleet.model.nominal.items()}, "mass": [60.0, 61.5], "drag": [0.9] * 2
+        }  # fmt: skip
+        assert dump.loads["usv"][1].tolist() == [300.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+        again = replay(dump).teams["usv"]
+        assert torch.equal(again.state[0, 1], fleet.state[1, 1])
+        assert not torch.isfinite(again.state[0, 0]).all()
 
     def test_a_healthy_world_writes_nothing(self, world, tmp_path):
         for _ in range(3):
@@ -64,16 +203,15 @@ class TestDumps:
 
 class TestSurroundings:
     def test_current_and_wind_reach_the_vehicles(self):
-        config = load_scenario(
-            "paper", (*SMALL, "sea.hs=0", "sea.tp=4", "sea.current.speed=1", "air.speed=5", "air.direction_deg=90")
+        world = make(
+            "sea.hs=0", "sea.tp=4", "sea.current.speed=1", "air.speed=5", "air.direction_deg=90", teams=("usv", "uav")
         )
-        world = World(config, 2)
-        assert world.around.current.tolist() == [[1.0, 0.0]] * 2
+        assert world.around.current.tolist() == [[1.0, 0.0]] * 3
         assert torch.allclose(world.around.wind, torch.tensor([0.0, -5.0, 0.0]), atol=1e-5)
+        assert all(torch.equal(world.felt(team).current, world.around.current) for team in world.teams)
 
     def test_they_vary_from_step_to_step_and_from_environment_to_environment(self):
-        config = load_scenario("paper", (*SMALL, "sea.current.std=0.2", "air.std=1"))
-        world = World(config, 2, teams=("usv",))
+        world = make("sea.current.std=0.2", "air.std=1")
         first = world.around.current.clone(), world.around.wind.clone()
         world.step(still(world))
         for before, now in zip(first, (world.around.current, world.around.wind), strict=True):
@@ -81,7 +219,7 @@ class TestSurroundings:
             assert not torch.equal(now[0], now[1])
 
     def test_an_episode_begins_with_a_current_of_its_own(self):
-        world = World(load_scenario("paper", (*SMALL, "sea.current.std=0.2")), 2, teams=("usv",))
+        world = make("sea.current.std=0.2")
         before = world.around.current.clone()
         world.renew(torch.tensor([1]))
         assert torch.equal(world.around.current[0], before[0])
@@ -89,8 +227,8 @@ class TestSurroundings:
 
     def test_a_sea_that_follows_the_wind_is_its_developed_sea_and_travels_with_it(self):
         wind = ("air.speed=10", "air.direction_deg=90")
-        follows = World(load_scenario("paper", (*SMALL, *wind, "sea.follows_wind=true")), 1, teams=("usv",)).sea
-        given = World(load_scenario("paper", (*SMALL, "sea.wind_speed=10", "sea.direction_deg=270")), 1, teams=("usv",))
+        follows = make(*wind, "sea.follows_wind=true").sea
+        given = make("sea.wind_speed=10", "sea.direction_deg=270")
         assert torch.allclose(follows.table, given.sea.table, atol=1e-4)
-        calm = World(load_scenario("paper", (*SMALL, "sea.follows_wind=true")), 1, teams=("usv",)).sea
+        calm = make("sea.follows_wind=true").sea
         assert float(calm.components.hs.max()) == 0.0

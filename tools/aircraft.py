@@ -30,9 +30,9 @@ from taichi_sim import runtime  # noqa: E402
 from taichi_sim.config import ConfigError  # noqa: E402
 from taichi_sim.config.io import config_folder, read_toml, validate  # noqa: E402
 from taichi_sim.conventions import GRAVITY  # noqa: E402
-from taichi_sim.uav.fixed_wing.airframe import FixedWingParams  # noqa: E402
 from taichi_sim.uav.fixed_wing.equations import lift_curve, stall_angles  # noqa: E402
 from taichi_sim.uav.fixed_wing.modes import LinearModel, largest_stable_dt, linear_modes  # noqa: E402
+from taichi_sim.uav.fixed_wing.params import FixedWingParams  # noqa: E402
 from taichi_sim.uav.fixed_wing.trim import Trim, TrimError, trim  # noqa: E402
 
 MODEL = "fixed_wing_6dof"

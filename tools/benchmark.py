@@ -19,16 +19,16 @@ ROOT = Path(__file__).resolve().parents[1]
 if str(ROOT) not in sys.path:  # run as a script from anywhere
     sys.path.insert(0, str(ROOT))
 
-from benchmarking.mission import environment_cases, learning_cases, rates  # noqa: E402
+from benchmarking.mission import environment_cases, first_stage, learning_cases, rates  # noqa: E402
 from benchmarking.parts import measure_parts  # noqa: E402
 from benchmarking.peers import measure_peers  # noqa: E402
 from benchmarking.physics import physics_cases  # noqa: E402
 from benchmarking.timing import measure  # noqa: E402
 
 from rl import cli  # noqa: E402
+from rl.missions import load_scenario  # noqa: E402
+from rl.missions.formation.config import FormationScenario  # noqa: E402
 from rl.runs import folder as run_folder  # noqa: E402
-from taichi_sim.config import ScenarioConfig  # noqa: E402
-from taichi_sim.config.io import load_scenario  # noqa: E402
 
 QUICK = ("track.worlds=4", "sea.realisations=4", "stages.usv.num_envs=8", "stages.usv.steps_per_iteration=8")
 SIZES, QUICK_SIZES = (1, 64, 1024, 4096, 16384), (1, 16)
@@ -51,10 +51,10 @@ def parser() -> argparse.ArgumentParser:
     return p
 
 
-def benchmark(config: ScenarioConfig, *, quick: bool, seconds: float, show_progress: bool) -> dict[str, Any]:
+def benchmark(config: FormationScenario, *, quick: bool, seconds: float, show_progress: bool) -> dict[str, Any]:
     """Every figure, as --json writes it."""
     repetitions = QUICK_REPETITIONS if quick else REPETITIONS
-    stage = next(s for s in config.stages.values() if s.team == "usv")
+    stage = first_stage(config)
     learning_sizes = (stage.num_envs,) if quick else tuple(sorted({stage.num_envs, *LEARNING_SIZES}))
     parts_size = QUICK_PARTS_SIZE if quick else PARTS_SIZE
     with tempfile.TemporaryDirectory() as folder:
@@ -131,7 +131,7 @@ def table(result: dict[str, Any]) -> str:
             f"{row['vehicle_substeps_per_s']:20,.0f}   {brackets(key)}"
         )
     whole = sum(result["parts"].values())
-    lines += ["", f"one step of {result['method']['parts_num_envs']:,} environments, both teams: {whole:.3f} ms"]
+    lines += ["", f"one step of {result['method']['parts_num_envs']:,} environments, all teams: {whole:.3f} ms"]
     ordered = sorted(result["parts"].items(), key=lambda item: -item[1])
     lines += [f"  {part:20}{ms:10.3f} ms{100 * ms / whole:7.1f} %" for part, ms in ordered]
     lines += ["", "peers: " + ("" if result["peers"] else "none installed")]

@@ -32,7 +32,7 @@ if str(ROOT) not in sys.path:  # run as a script from anywhere
 
 from taichi_sim import runtime  # noqa: E402
 from taichi_sim.config import ConfigError, SeaConfig  # noqa: E402
-from taichi_sim.config.io import load_scenario  # noqa: E402
+from taichi_sim.config.io import load_world  # noqa: E402
 from taichi_sim.plotting import INK, dress, new_figure  # noqa: E402
 from taichi_sim.sea import Sea, SteepSeaError  # noqa: E402
 from taichi_sim.sea.sampling import WaveSystem  # noqa: E402
@@ -111,9 +111,9 @@ def draw(config: SeaConfig, seed: int, title: str) -> Figure:
     main = max(systems, key=lambda system: system.hs)
     measured = measure(sea, main.tp)
     figure = new_figure(12.0, 9.4, title)
-    figure.get_layout_engine().set(h_pad=0.12, w_pad=0.12)
-    top, bottom, foot = figure.subfigures(3, 1, height_ratios=(5.0, 4.0, 0.62))
-    left, right = top.subfigures(1, 2, width_ratios=(1.35, 1))
+    figure.set_layout_engine("constrained", h_pad=0.12, w_pad=0.12)
+    top, bottom, foot = np.ravel(figure.subfigures(3, 1, height_ratios=(5.0, 4.0, 0.62)))
+    left, right = np.ravel(top.subfigures(1, 2, width_ratios=(1.35, 1)))
     _surface(left, right, sea, systems, 2 * math.pi / float(wavenumber(2 * math.pi / main.tp, config.depth)), hs)
     panels = bottom.subfigures(1, 3, width_ratios=(1.15, 0.9, 1.15))
     _spectrum(panels[0].add_subplot(), sea, systems, measured)
@@ -282,10 +282,10 @@ def main(argv: list[str] | None = None) -> int:
     if arguments.seed is not None and arguments.seed < 0:
         parser.error(f"--seed {arguments.seed}: must be 0 or more")
     try:
-        scenario = load_scenario(arguments.scenario, arguments.set)
+        world = load_world(arguments.scenario, arguments.set)
         runtime.init()
-        seed = scenario.seed if arguments.seed is None else arguments.seed
-        draw(resolved_sea(scenario), seed, f"Sea of the scenario {scenario.name!r}").savefig(arguments.out, dpi=100)
+        seed = world.seed if arguments.seed is None else arguments.seed
+        draw(resolved_sea(world), seed, f"Sea of the scenario {world.name!r}").savefig(arguments.out, dpi=100)
     except (ConfigError, SteepSeaError) as error:
         print(f"draw_sea: {error}", file=sys.stderr)
         return 2

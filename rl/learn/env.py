@@ -1,6 +1,7 @@
 """rsl-rl's view of one team: each vehicle of each environment is one row, all sharing one policy."""
 
 from collections.abc import Mapping
+from typing import Any
 
 import torch
 from rsl_rl.env import VecEnv
@@ -8,10 +9,10 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from rl.learn.policy import Policy
-from rl.missions.formation.mission import FormationTask, Step
+from rl.mission import Step
 
 
-class FormationEnv(VecEnv):
+class MissionEnv(VecEnv):
     """Row `env * vehicles + vehicle`; actions and observations are [row, n].
 
     The learning team's vehicles act by the rows; every other team acts by its frozen policy. An environment starts
@@ -19,30 +20,36 @@ class FormationEnv(VecEnv):
     (time is up, or a team mate or the other team ended) are truncated, which rsl-rl takes as `extras["time_outs"]`.
     """
 
-    def __init__(self, task: FormationTask, team: str, frozen: Mapping[str, Policy] | None = None):
-        """Adapt `task` for `team`; `frozen` holds a policy for each other team in the task."""
-        self.task, self.team, self.frozen = task, team, dict(frozen or {})
-        missing = set(task.teams) - {team} - set(self.frozen)
+    def __init__(self, mission: Any, team: str, frozen: Mapping[str, Policy] | None = None):
+        """Adapt `mission` (rl/mission.py) for `team`; `frozen` holds a policy for each other team in it.
+
+        Raises:
+            ValueError: if a team has none.
+        """
+        self.mission, self.team, self.frozen = mission, team, dict(frozen or {})
+        missing = set(mission.teams) - {team} - set(self.frozen)
         if missing:
             raise ValueError(f"no policy for {sorted(missing)}: teams that do not learn act by frozen policies")
-        self.vehicles = task.teams[team].section.count
-        self.num_envs = task.num_envs * self.vehicles
-        self.num_actions = len(task.teams[team].action_names)
-        self.max_episode_length = task.config.episode_steps
-        self.device = str(task.env_world.device)
-        self.cfg = task.config.model_dump()
-        self._observations = task.teams[team].observe()
+        own = mission.teams[team]
+        self.vehicles = own.fleet.count
+        self.num_envs = mission.num_envs * self.vehicles
+        self.num_actions = len(own.action_names)
+        self.max_episode_length = mission.config.episode_steps
+        self.device = str(mission.device)
+        self.cfg = mission.config.model_dump()
+        self._observations = own.observe()
         self.last: Step | None = None
-        task.steps.copy_(torch.randint(task.config.episode_steps, (task.num_envs,), generator=task.generator))
+        steps = torch.randint(mission.config.episode_steps, (mission.num_envs,), generator=mission.generator)
+        mission.steps.copy_(steps)
 
     @property
     def episode_length_buf(self) -> Tensor:
         """Decisions since the episode began, [row]."""
-        return self.task.steps.repeat_interleave(self.vehicles)
+        return self.mission.steps.repeat_interleave(self.vehicles)
 
     @episode_length_buf.setter
     def episode_length_buf(self, value: Tensor) -> None:
-        self.task.steps.copy_(value[:: self.vehicles])
+        self.mission.steps.copy_(value[:: self.vehicles])
 
     def get_observations(self) -> TensorDict:
         """Current observations under the key "policy"."""
@@ -51,27 +58,16 @@ class FormationEnv(VecEnv):
 
     def step(self, actions: Tensor) -> tuple[TensorDict, Tensor, Tensor, dict]:
         """One decision of every row; see the class for endings."""
-        joint = {name: policy(self.task.teams[name]) for name, policy in self.frozen.items()}
+        mission, own = self.mission, self.mission.teams[self.team]
+        joint = {name: policy(mission.teams[name]) for name, policy in self.frozen.items()}
         joint[self.team] = actions.view(-1, self.vehicles, self.num_actions)
-        self.last = step = self.task.step(joint)
+        self.last = step = mission.step(joint)
         done_env = step.terminated | step.truncated
-        own = step.endings[self.team].any
-        time_outs = done_env.unsqueeze(1) & ~own
-        log = self._log(step)  # before the reset: of the step, not of fresh starts
-        self.task.reset(done_env.nonzero().squeeze(1))
-        self._observations = self.task.teams[self.team].observe()
-        extras = {"time_outs": time_outs.flatten().float(), "log": log}
+        time_outs = done_env.unsqueeze(1) & ~step.endings[self.team].any
+        reward = step.reward[self.team]
+        log = {f"/{key}": value.float() for key, value in mission.log(own, step).items()}  # before the reset
+        mission.reset(done_env.nonzero().squeeze(1))
+        self._observations = own.observe()
+        extras = {"time_outs": time_outs.flatten().float(), "log": {"/reward": reward.mean(), **log}}
         dones = done_env.repeat_interleave(self.vehicles)
-        return self.get_observations(), step.reward[self.team].flatten(), dones.long(), extras
-
-    def _log(self, step: Step) -> dict[str, Tensor]:
-        team, ended = self.task.teams[self.team], step.endings[self.team]
-        log = {
-            "/reward": step.reward[self.team].mean(),
-            "/leader_error_m": team.distance[:, 0].mean(),
-            "/collisions": ended.collided.float().sum(),
-            "/lost": ended.lost.float().sum(),
-        }
-        if self.vehicles > 1:
-            log["/follower_error_m"] = team.distance[:, 1:].mean()
-        return log
+        return self.get_observations(), reward.flatten(), dones.long(), extras

@@ -1,15 +1,19 @@
 """A policy for use outside: TorchScript and ONNX, actions clipped to [-1, 1]."""
 
+import json
 import logging
 import os
 import warnings
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import onnx
 import torch
 from rsl_rl.models import MLPModel
 from torch import Tensor, nn
 
 TORCHSCRIPT, ONNX = "policy.pt", "policy.onnx"
+SIGNATURE = "signature.json"
 
 
 class _Clipped(nn.Module):
@@ -24,12 +28,16 @@ class _Clipped(nn.Module):
         return self.network(obs).clamp(-1.0, 1.0)
 
 
-def export_policy(actor: MLPModel, folder: Path) -> None:
-    """Write `policy.pt` (TorchScript) and `policy.onnx` (any number of rows) into `folder`."""
+def export_policy(actor: MLPModel, folder: Path, signature: Mapping[str, Sequence[str]]) -> None:
+    """Write `policy.pt` (TorchScript) and `policy.onnx` (any number of rows) into `folder`.
+
+    Names of observations and actions, in order (`signature`), travel in both: TorchScript's extra file
+    `signature.json`, ONNX's metadata `observations` and `actions`, JSON lists.
+    """
     example = torch.zeros(2, actor.obs_dim)
     script = torch.jit.trace(_Clipped(actor.as_jit()).eval(), example)
     beside = folder / f"{TORCHSCRIPT}.part"
-    torch.jit.save(script, str(beside))
+    torch.jit.save(script, str(beside), _extra_files={SIGNATURE: json.dumps(dict(signature))})
     os.replace(beside, folder / TORCHSCRIPT)
     beside = folder / f"{ONNX}.part"
     logging.getLogger("torch.onnx").setLevel(logging.ERROR)
@@ -46,4 +54,7 @@ def export_policy(actor: MLPModel, folder: Path) -> None:
             dynamo=False,
             verbose=False,
         )
+    model = onnx.load(str(beside))
+    onnx.helper.set_model_props(model, {key: json.dumps(list(names)) for key, names in signature.items()})
+    onnx.save(model, str(beside))
     os.replace(beside, folder / ONNX)

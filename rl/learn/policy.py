@@ -1,19 +1,22 @@
 """A trained team's policy, read from a checkpoint without executing anything in it."""
 
 import pickle
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import torch
 from rsl_rl.models import MLPModel
 from tensordict import TensorDict
 from torch import Tensor
 
-from rl.missions.formation.team import TeamTask
-from taichi_sim.config import ScenarioConfig, StageConfig
+from rl.mission import ControllerError, Team
+from rl.scenario import Scenario, StageConfig
 
-Policy = Callable[[TeamTask], Tensor]
-"""What decides for a team: reads the team's task, returns actions [env, vehicle, action] in [-1, 1]."""
+Policy = Callable[[Any], Tensor]
+"""What decides for a team: reads the mission's view of it (rl.mission.Team), returns actions [env, vehicle, action] in
+[-1, 1]."""
 
 OBS_GROUPS = {"actor": ["policy"], "critic": ["policy"]}
 
@@ -65,9 +68,11 @@ def checkpoints(folder: Path) -> list[Path]:
 class TrainedPolicy:
     """The mean action of a trained actor: deterministic, its weights never change."""
 
-    def __init__(self, actor: MLPModel):
-        """Freeze `actor`."""
-        self.actor = actor.eval().requires_grad_(False)
+    def __init__(self, actor: MLPModel, signature: Mapping[str, Sequence[str]] | None = None, source: str = "policy"):
+        """Freeze `actor`; `signature` names what it observes and commands, `source` is where it comes from."""
+        self.actor, self.source = actor.eval().requires_grad_(False), source
+        self.signature = dict(signature or {})
+        self._fits: Any = None  # the team that it was last found to fit
 
     @classmethod
     def load(cls, file: Path, stage: StageConfig) -> "TrainedPolicy":
@@ -76,7 +81,8 @@ class TrainedPolicy:
         Raises:
             CheckpointError: if the file is unusable or its network is not the stage's.
         """
-        state = read_checkpoint(file)["actor_state_dict"]
+        content = read_checkpoint(file)
+        state, infos = content["actor_state_dict"], content.get("infos") or {}
         try:
             size = state["mlp.0.weight"].shape[-1]
             example = TensorDict({"policy": torch.zeros(1, size)}, batch_size=[1])
@@ -88,41 +94,115 @@ class TrainedPolicy:
         except (KeyError, RuntimeError, AttributeError) as error:
             first = str(error).splitlines()[0]
             raise CheckpointError(f"{file}: its network is not the one configured: {first}") from None
-        return cls(actor)
+        return cls(actor, {key: infos[key] for key in ("observations", "actions") if key in infos}, str(file))
 
     @property
     def num_observations(self) -> int:
         """Observations the network takes."""
         return self.actor.obs_dim
 
-    def __call__(self, team: TeamTask) -> Tensor:
+    def __call__(self, team: Team) -> Tensor:
         """Actions [env, vehicle, action] of a team now.
 
         Raises:
-            CheckpointError: if the team observes other things than the policy was trained on.
+            CheckpointError: naming what the policy was trained on and the team does not observe, or the reverse.
         """
+        if self._fits is not team:
+            self.check(team)
+            self._fits = team
         return self.act(team.observe())
 
+    def check(self, team: Team) -> None:
+        """Refuse a team that observes or commands other things than the policy was trained on.
+
+        Raises:
+            CheckpointError: naming them.
+        """
+        for what, names in (("observations", team.observation_names), ("actions", team.action_names)):
+            trained = self.signature.get(what)
+            if trained is not None and list(trained) != list(names):
+                raise CheckpointError(f"{self.source}: its {what} are others: {_difference(trained, names, team.name)}")
+
     def act(self, observations: Tensor) -> Tensor:
-        """Actions [env, vehicle, action] for observations [env, vehicle, n], clipped to [-1, 1]."""
+        """Actions [env, vehicle, action] for observations [env, vehicle, n], clipped to [-1, 1].
+
+        Raises:
+            CheckpointError: for another number of observations than the policy was trained on.
+        """
         if observations.shape[-1] != self.num_observations:
             raise CheckpointError(
-                f"this policy was trained on {self.num_observations} observations and the scenario gives "
-                f"{observations.shape[-1]}: observations, sensing and team sizes must be those of its training"
+                f"{self.source}: this policy was trained on {self.num_observations} observations and the scenario "
+                f"gives {observations.shape[-1]}: observations, sensing and team sizes must be those of its training"
             )
         with torch.no_grad():
             rows = observations.flatten(0, 1).float()
             actions = self.actor(TensorDict({"policy": rows}, batch_size=[rows.shape[0]]))
-        return actions.view(*observations.shape[:2], -1).clamp(-1.0, 1.0)
+            return actions.view(*observations.shape[:2], -1).clamp(-1.0, 1.0)
 
 
-def load_policy(run: Path, config: ScenarioConfig, team: str) -> TrainedPolicy:
+def _difference(trained: Sequence[str], names: Sequence[str], team: str) -> str:
+    """How the names of terms that a policy was trained on differ from those that a team has now."""
+    before, now = (Counter(name.partition(".")[0] for name in given) for given in (trained, names))
+    gone, new = (", ".join(repr(term) for term in a if term not in b) for a, b in ((before, now), (now, before)))
+    told = [f"it was trained on {gone}, which {team} has not"] if gone else []
+    told += [f"{team} has {new}, which it was not trained on"] if new else []
+    told += [
+        f"it was trained on {before[term]} numbers of {term!r}, {team} has {now[term]}"
+        for term in before
+        if 0 < now[term] != before[term]
+    ]
+    return "; ".join(told) or "their order differs"
+
+
+class ClassicalPolicy:
+    """Acts with the classical controller that a mission, or the vehicle, has for a team.
+
+    Attributes:
+        controller: of the team that it acted for last; None before the first call.
+    """
+
+    def __init__(self):
+        """Wait for the first call to see the team."""
+        self.controller: Any = None
+        self._model: Any = None
+
+    def __call__(self, team: Team) -> Tensor:
+        """Actions [env, vehicle, action] in [-1, 1].
+
+        Raises:
+            ControllerError: if there is no classical controller for the team's vehicles.
+        """
+        model = team.fleet.model
+        if model is not self._model:
+            self._model, self.controller = model, team.mission.controller(team)
+            if self.controller is None:
+                raise ControllerError(
+                    f"{team.name}: there is no classical controller for the vehicle model {type(model).__name__}"
+                )
+        return self.controller(team)
+
+
+def policies_of(kind: str, run: Path, config: Scenario) -> dict[str, Policy]:
+    """A policy for each team, by name: "policy" (those trained in `run`) or "classical" (of all that have no script).
+
+    Raises:
+        CheckpointError: if the run has no trained policy.
+    """
+    if kind == "classical":
+        return {team: ClassicalPolicy() for team in config.teams if team not in config.scripted}
+    teams = [team for team in config.trained if (run / team).is_dir()]
+    if not teams:
+        raise CheckpointError(f"{run}: no trained policy in it")
+    return {team: load_policy(run, config, team) for team in teams}
+
+
+def load_policy(run: Path, config: Scenario, team: str) -> TrainedPolicy:
     """The newest policy of a team in a run folder.
 
     Raises:
         CheckpointError: if the team has not been trained there, or its checkpoint is unusable.
     """
-    stage = next((s for s in config.stages.values() if s.team == team), None)
+    stage = config.stage_of(team)
     saved = checkpoints(run / team)
     if stage is None or not saved:
         raise CheckpointError(f"{run}: no trained {team} policy (no {team}/model_N.pt, or no stage that describes it)")

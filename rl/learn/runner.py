@@ -12,14 +12,14 @@ from rsl_rl.runners import OnPolicyRunner
 from rsl_rl.utils.logger import Logger
 from tqdm import tqdm
 
-from rl.learn.env import FormationEnv
+from rl.learn.env import MissionEnv
 from rl.learn.policy import OBS_GROUPS, actor_config, read_checkpoint
-from taichi_sim.config import StageConfig
+from rl.scenario import StageConfig
 
 HISTORY = "progress.csv"
-COLUMNS = (
+COLUMNS = (  # and after these, what the mission logs
     "iteration", "agent_steps", "wall_time_s", "reward_per_step", "episode_reward", "policy_loss", "value_loss",
-    "entropy", "action_std", "learning_rate", "leader_error_m", "follower_error_m", "collisions_per_hour",
+    "entropy", "action_std", "learning_rate",
 )  # fmt: skip
 
 
@@ -58,7 +58,7 @@ class ProgressLogger(Logger):
     bar: tqdm | None = None
     elapsed_before = 0.0  # s, of parts before an interruption
     completed = 0  # iterations
-    seconds_per_step = 0.1
+    columns: tuple[str, ...] = COLUMNS
 
     def _store_code_state(self) -> list[str]:
         return []  # the run folder already holds the commit and the package versions
@@ -73,20 +73,17 @@ class ProgressLogger(Logger):
         self.completed = it + 1
         if self.bar is not None:
             shown = {"reward": f"{means.get('/reward', float('nan')):.2f}"}
-            for key, label in (("/leader_error_m", "leader"), ("/follower_error_m", "followers")):
-                if key in means:
-                    shown[label] = f"{means[key]:.2f} m"
+            shown |= {key[1:]: f"{means[key]:.2f}" for key in list(means)[:SHOWN] if key != "/reward"}
             shown["steps/s"] = f"{rate / 1000:.0f}k"
             self.bar.set_postfix(shown, refresh=False)
             self.bar.update(1)
 
     def _means(self) -> dict[str, float]:
-        keys = {key for info in self.ep_extras for key in info}
-        return {key: float(torch.stack([i[key].mean() for i in self.ep_extras]).mean()) for key in sorted(keys)}
+        keys = dict.fromkeys(key for info in self.ep_extras for key in info)
+        return {key: float(torch.stack([i[key].mean() for i in self.ep_extras]).mean()) for key in keys}
 
     def _write_row(self, it: int, means: dict[str, float], values: dict[str, Any]) -> None:
         losses, n = values["loss_dict"], self.cfg["num_steps_per_env"] * self.num_envs
-        env_hours = self.num_envs * self.seconds_per_step / 3600  # of vehicle time in one step
         row = {
             "iteration": it,
             "agent_steps": (it + 1) * n,
@@ -98,18 +95,18 @@ class ProgressLogger(Logger):
             "entropy": losses["entropy"],
             "action_std": float(values["action_std"].detach().mean()),
             "learning_rate": values["learning_rate"],
-            "leader_error_m": means.get("/leader_error_m"),
-            "follower_error_m": means.get("/follower_error_m"),
-            "collisions_per_hour": means.get("/collisions", 0.0) / env_hours,
+            **{name: means.get(f"/{name}") for name in self.columns[len(COLUMNS) :]},
         }
         path = Path(self.log_dir) / HISTORY  # type: ignore[arg-type]
         new = not path.exists()
         with path.open("a", newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, COLUMNS)
+            writer = csv.DictWriter(file, self.columns)
             if new:
                 writer.writeheader()
             writer.writerow({k: "" if v is None else v for k, v in row.items()})
 
+
+SHOWN = 3  # of what is logged, beside the progress bar
 
 DIVERGED = (
     "training has diverged to values that are not finite; lower the stage's learning_rate or the weights of its "
@@ -122,21 +119,34 @@ class DivergedError(RuntimeError):
 
 
 class StageRunner(OnPolicyRunner):
-    """OnPolicyRunner whose checkpoints are written beside and renamed, and read with `weights_only=True`."""
+    """OnPolicyRunner whose checkpoints are written beside and renamed, and read with `weights_only=True`.
 
-    def __init__(self, env: FormationEnv, stage: StageConfig, folder: Path):
+    Attributes:
+        signature: names of what the policy observes and commands, in order; they travel in its checkpoints.
+    """
+
+    logger: ProgressLogger
+
+    def __init__(self, env: MissionEnv, stage: StageConfig, folder: Path):
         """Prepare to train `env`; checkpoints, progress.csv and TensorBoard events go to `folder`."""
         self.folder, self.stage = folder, stage
         with contextlib.redirect_stdout(io.StringIO()):
-            super().__init__(env, ppo_config(stage), str(folder), env.device)
-        logger = self.logger
-        logger.__class__ = ProgressLogger
-        logger.seconds_per_step = env.task.config.decision_interval  # type: ignore[attr-defined]
+            super().__init__(env, ppo_config(stage), str(folder), str(env.device))
+            self.logger = ProgressLogger(
+                log_dir=str(folder), cfg=self.cfg, env_cfg=env.cfg, num_envs=env.num_envs,
+                is_distributed=self.is_distributed, gpu_world_size=self.gpu_world_size,
+                gpu_global_rank=self.gpu_global_rank, device=str(self.device),
+            )  # fmt: skip
+        for group in self.alg.optimizer.param_groups:
+            group["fused"], group["foreach"] = True, False  # one kernel a tensor instead of a dozen
+        own = env.mission.teams[env.team]
+        self.logger.columns = (*COLUMNS, *env.mission.logged)
+        self.signature = {"observations": list(own.observation_names), "actions": list(own.action_names)}
 
     def train(self, *, show_progress: bool = True, label: str = "") -> None:
         """Run the remaining iterations of the stage; on KeyboardInterrupt save a checkpoint and raise it again."""
         done = self.current_learning_iteration
-        logger: ProgressLogger = self.logger  # type: ignore[assignment]
+        logger = self.logger
         logger.completed = done
         logger.elapsed_before = trim_history(self.folder / HISTORY, done)
         logger.bar = tqdm(total=self.stage.iterations, initial=done, desc=label, unit="it", disable=not show_progress)
@@ -153,7 +163,7 @@ class StageRunner(OnPolicyRunner):
         finally:
             logger.bar.close()
             if logger.writer is not None:
-                logger.writer.close()  # type: ignore[attr-defined]
+                logger.stop_logging_writer()
 
     def is_finite(self) -> bool:
         """Whether every weight of the actor is a number."""
@@ -163,10 +173,10 @@ class StageRunner(OnPolicyRunner):
         """Write `model_N.pt`, N the iterations completed, beside and rename it: a kill or a full disk leaves the
         earlier ones whole. (rsl-rl's own `path` numbers the last iteration instead and is not used.)
         """
-        completed = self.logger.completed  # type: ignore[attr-defined]
+        completed = self.logger.completed
         if not self.is_finite():
             raise DivergedError(f"{self.folder}: {DIVERGED} {completed}")
-        content = self.alg.save() | {"iter": completed, "infos": infos}
+        content = self.alg.save() | {"iter": completed, "infos": self.signature | (infos or {})}
         file = self.folder / f"model_{completed}.pt"
         beside = file.with_name(file.name + ".part")
         try:
@@ -191,10 +201,11 @@ def trim_history(file: Path, done: int) -> float:
     if not file.is_file():
         return 0.0
     with file.open(newline="", encoding="utf-8") as stream:
-        rows = [r for r in csv.DictReader(stream) if r["iteration"].isdigit() and int(r["iteration"]) < done]
+        reader = csv.DictReader(stream)
+        rows = [r for r in reader if r["iteration"].isdigit() and int(r["iteration"]) < done]
     beside = file.with_name(file.name + ".part")
     with beside.open("w", newline="", encoding="utf-8") as stream:
-        writer = csv.DictWriter(stream, COLUMNS)
+        writer = csv.DictWriter(stream, reader.fieldnames or COLUMNS)
         writer.writeheader()
         writer.writerows(rows)
     os.replace(beside, file)

@@ -1,1 +1,61 @@
-"""The missions there are, a package each; the contract is rl/mission.py."""
+"""The missions there are, a package each, and how a scenario file becomes one; the contract is rl/mission.py."""
+
+import importlib
+import pkgutil
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+from rl.mission import Mission
+from rl.scenario import Scenario
+from taichi_sim.config import ConfigError
+from taichi_sim.config.io import apply_overrides, find_config, read_toml, validate, vehicle_file
+from taichi_sim.plugins import is_plugin, load_class
+
+
+def shipped() -> tuple[str, ...]:
+    """Names of the missions that come with the package."""
+    return tuple(sorted(module.name for module in pkgutil.iter_modules(__path__) if module.ispkg))
+
+
+def find_mission(name: Any, beside: Sequence[Path] = ()) -> type[Mission]:
+    """The class of a mission: a package of rl/missions by name, or `module:Class`, looked for in `beside` first.
+
+    Raises:
+        ConfigError: if there is none of that name.
+    """
+    if isinstance(name, str) and is_plugin(name):
+        return load_class(name, Mission, beside)
+    if name not in shipped():
+        raise ConfigError(f"{name!r}: allowed are {', '.join(shipped())}, and module:Class of your own")
+    return importlib.import_module(f"{__name__}.{name}.mission").MISSION
+
+
+def load_scenario(path: str | Path = "paper", overrides: Iterable[str] = ()) -> Any:
+    """A scenario from a TOML file (or the name of a shipped one) and `KEY=VALUE` overrides: its mission's `Config`.
+
+    Raises:
+        ConfigError: naming file, key, value and what is allowed.
+    """
+    file = find_config(path)
+    data = read_toml(file)
+    sources = apply_overrides(data, overrides)
+    try:
+        kind = find_mission(data.get("mission", Scenario.model_fields["mission"].default), [file.parent])
+    except ConfigError as error:
+        raise ConfigError(f"{sources.get('mission', file)}: mission = {error}") from None
+    config = validate(kind.Config, data, str(file), sources)
+    for name, team in config.teams.items():
+        try:
+            vehicle_file(team, file)
+        except ConfigError as error:
+            raise ConfigError(f"{sources.get(f'{name}.vehicle', file)}: {name}.{error}") from None
+    return config
+
+
+def make_mission(
+    config: Scenario, num_envs: int, *, seed: int, teams: Sequence[str] | None = None, source: Path | None = None
+) -> Any:
+    """The mission of a scenario in `num_envs` environments; arguments as of `Mission`."""
+    kind = find_mission(config.mission, [source.parent] if source else [])
+    return kind(config, num_envs, seed=seed, teams=teams, source=source)

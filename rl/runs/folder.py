@@ -1,6 +1,7 @@
 """A run's folder: what is in it, and how it is made and read.
 
 config.toml          the resolved scenario, every key      vehicles/*.toml   the vehicle files it used
+*.py                 modules of your own that these name, unless they are installed
 meta.json            seed, versions, commit, machine       progress.csv, model_N.pt, policy.onnx/.pt in TEAM/
 summary.json         wall times, stages, evaluation        figures/*.png, episode.rrd
 dumps/*.dump         environments whose state stopped being finite (tools/replay.py), if any
@@ -18,8 +19,11 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from taichi_sim.config import ConfigError, ScenarioConfig
-from taichi_sim.config.io import find_config, load_scenario, vehicle_file, write_toml
+from rl.missions import load_scenario
+from rl.scenario import Scenario
+from taichi_sim.config import ConfigError
+from taichi_sim.config.io import find_config, read_toml, vehicle_file, write_toml
+from taichi_sim.plugins import is_plugin, plugin_source
 
 CONFIG, META, SUMMARY, DUMPS = "config.toml", "meta.json", "summary.json", "dumps"
 LOCK = ".lock"
@@ -30,7 +34,7 @@ class RunError(RuntimeError):
     """A run folder that cannot be used, with what to do about it."""
 
 
-def create(out: Path, config: ScenarioConfig, source: Path) -> None:
+def create(out: Path, config: Scenario, source: Path) -> None:
     """Make a new run folder with its resolved configuration.
 
     Raises:
@@ -46,17 +50,30 @@ def create(out: Path, config: ScenarioConfig, source: Path) -> None:
     try:
         (out / "vehicles").mkdir(exist_ok=True)
         saved = {}
-        for team in ("usv", "uav"):
-            file = vehicle_file(config.team(team), source)
+        for team, section in config.teams.items():
+            file = vehicle_file(section, source)
             shutil.copyfile(file, out / "vehicles" / file.name)
-            saved[team] = config.team(team).model_copy(update={"vehicle": file.stem})
+            saved[team] = section.model_copy(update={"vehicle": file.stem})
+            _keep_plugin(read_toml(file).get("model"), [file.parent, source.parent], out)
+            _keep_plugin(section.script, [source.parent], out)
+        _keep_plugin(config.mission, [source.parent], out)
         write_toml(config.model_copy(update=saved), out / CONFIG)
         write_json(out / META, describe_machine() | {"scenario_file": source.name, "seed": config.seed})
     except OSError as error:
         raise RunError(f"{out}: cannot be written: {error.strerror or error}") from None
 
 
-def load_config(run: Path, overrides=(), config: Path | None = None) -> tuple[ScenarioConfig, Path]:
+def _keep_plugin(name: Any, beside: list[Path], out: Path) -> None:
+    """Copy the module of a `module:Class` that is not installed into the run, so that it can be continued anywhere."""
+    if isinstance(name, str) and is_plugin(name):
+        place = plugin_source(name, beside)
+        if place is not None and place.is_dir():
+            shutil.copytree(place, out / place.name, dirs_exist_ok=True, ignore=shutil.ignore_patterns("__pycache__"))
+        elif place is not None:
+            shutil.copyfile(place, out / place.name)
+
+
+def load_config(run: Path, overrides=(), config: Path | None = None) -> tuple[Scenario, Path]:
     """The scenario of a run (or `config` in its place) with overrides, and the file it came from.
 
     Raises:

@@ -4,20 +4,21 @@ import time
 from pathlib import Path
 from typing import Any
 
+from rl.learn.history import read_history
 from rl.learn.policy import load_policy
 from rl.learn.runner import HISTORY, history_seconds
 from rl.learn.stages import train_stages
-from rl.missions.formation.figures import read_history, write_figures
 from rl.runs import folder as run_folder
-from rl.runs.evaluation import check_measurable, evaluate
+from rl.runs.evaluation import check_measurable, evaluate, mission_class
 from rl.runs.record import record_episode
-from taichi_sim.config import ConfigError, ScenarioConfig
+from rl.scenario import Scenario
+from taichi_sim.config import ConfigError
 from taichi_sim.recording import write_recording
 
 RECORDING, FIGURES = "episode.rrd", "figures"
 
 
-def run_main_job(config: ScenarioConfig, out: Path, *, show_progress: bool = True) -> dict[str, Any]:
+def run_main_job(config: Scenario, out: Path, *, show_progress: bool = True) -> dict[str, Any]:
     """Train, evaluate, record and draw into the run folder `out`; return what summary.json holds.
 
     Raises:
@@ -33,8 +34,8 @@ def run_main_job(config: ScenarioConfig, out: Path, *, show_progress: bool = Tru
     start = time.perf_counter() - sum(history_seconds(out / s.team / HISTORY) for s in config.stages.values())
     source = out / run_folder.CONFIG
     try:
-        stages = train_stages(config, out, show_progress=show_progress)
-        policies = {team: load_policy(out, config, team) for team in _trained_teams(config)}
+        stages = train_stages(config, out, source=source, dumps=out / run_folder.DUMPS, show_progress=show_progress)
+        policies = {team: load_policy(out, config, team) for team in config.trained}
         judged = config.evaluation
         evaluation = evaluate(
             config, policies, episodes=judged.episodes, seed=judged.seed, source=source, show_progress=show_progress
@@ -42,7 +43,7 @@ def run_main_job(config: ScenarioConfig, out: Path, *, show_progress: bool = Tru
         episode = record_episode(config, policies, seed=judged.seed, source=source, show_progress=show_progress)
         write_recording(episode, out / RECORDING)
         histories = {team: read_history(out / team / HISTORY) for team in policies}
-        write_figures(out / FIGURES, histories, episode, judged.settle)
+        mission_class(config, source).draw_figures(out / FIGURES, histories, episode, config)
     except KeyboardInterrupt:
         raise KeyboardInterrupt(f"checkpoints are in {out}; continue with --out {out} --resume") from None
     summary = {
@@ -56,23 +57,9 @@ def run_main_job(config: ScenarioConfig, out: Path, *, show_progress: bool = Tru
     return summary
 
 
-def _trained_teams(config: ScenarioConfig) -> list[str]:
-    """Teams that some stage trains, USVs first."""
-    trained = {stage.team for stage in config.stages.values()}
-    return [team for team in ("usv", "uav") if team in trained]
-
-
-def report(evaluation: dict[str, Any]) -> str:
+def report(evaluation: dict[str, Any], config: Scenario, source: Path | None = None) -> str:
     """An evaluation as lines to read."""
+    judge = mission_class(config, source).Judge
     lines = [f"{evaluation['episodes']} episodes of unseen worlds, {evaluation['controller']}:"]
-    for team, figures in evaluation["teams"].items():
-        leader, followers = (
-            "not measured" if figures[f"{who}_error_rms_m"] is None else f"{figures[f'{who}_error_rms_m']:.2f} m rms"
-            for who in ("leader", "follower")
-        )
-        lines.append(
-            f"  {team}: leader error {leader}, followers {followers}"
-            f", {100 * figures['collision_free_episodes']:.1f} % of episodes without collision, "
-            f"{100 * figures['success_rate']:.1f} % succeed"
-        )
+    lines += [f"  {team}: {judge.line(figures)}" for team, figures in evaluation["teams"].items()]
     return "\n".join(lines)

@@ -9,13 +9,11 @@ import torch
 from tqdm import tqdm
 
 from rl.learn.policy import Policy
-from rl.missions.formation.mission import FormationTask, Step
-from rl.missions.formation.team import TeamTask
+from rl.mission import Step
 from rl.runs.evaluation import one_episode_each, one_thread
-from taichi_sim.config import ScenarioConfig
+from rl.scenario import Scenario
 from taichi_sim.config.io import toml_text
-from taichi_sim.recording import Episode, Event, Recorder, Scene
-from taichi_sim.recording.model import medium_of
+from taichi_sim.recording import Episode, Event, Recorder
 
 EVENTS = {
     "collided": ("collision", "hit an obstacle or a team mate"),
@@ -35,7 +33,7 @@ NEVER = torch.zeros(1, dtype=torch.bool)  # boats do not crash
 
 
 def record_episode(
-    config: ScenarioConfig,
+    config: Scenario,
     policies: Mapping[str, Policy],
     *,
     seed: int,
@@ -62,37 +60,28 @@ def record_episode(
         for i in tqdm(range(steps), desc="record", unit="step", disable=not show_progress):
             step = task.step({name: policies[name](team) for name, team in task.teams.items()})
             events += _events(step, (i + 1) * config.decision_interval, seen)
-            if any(bool(ended.diverged.any()) for ended in step.endings.values()):
+            if any(bool(ended["diverged"].any()) for ended in step.endings.values()):
                 break  # what follows is no motion
             recorder.add({name: team.action for name, team in task.teams.items()})
             for name, team in task.teams.items():
-                rows[name].append(_row(team, step.reward[name]))
-            if any(bool(getattr(ended, "crashed", NEVER).all()) for ended in step.endings.values()):
+                rows[name].append(_row(task.frame(team) | {"reward": step.reward[name][0]}))
+            if any(bool(ended.get("crashed", NEVER).all()) for ended in step.endings.values()):
                 break  # nobody flies under water
     if not len(recorder):
         raise ValueError(f"nothing to record: {events[0].text} in the first step")
     for name, team in task.teams.items():
-        events += _stalls(team.team.model, name, recorder.aux(name), recorder.time_s)
+        events += _stalls(team.fleet.model, name, recorder.aux(name), recorder.time_s)
     return recorder.episode(
         mission={name: _stacked(frames) for name, frames in rows.items()},
-        scene=_scene(task),
+        scene=task.scene(),
+        overlays=task.overlays(),
         events=events,
         config_text=f"# {config.name}, seed {seed}\n\n```toml\n{toml_text(config)}```\n",
     )
 
 
-def _row(team: TeamTask, reward: torch.Tensor) -> dict[str, np.ndarray]:
-    """What of a TeamTrack is the mission's, in one frame."""
-    slot = team.now.slot[0].clone()
-    if medium_of(team.team.model) == "water":
-        slot[:, 2] = 0.0
-    values = {
-        "target_n": team.target.position[0],
-        "target_course": team.target.course[0],
-        "slot_n": slot,
-        "error_m": team.distance[0],
-        "reward": reward[0],
-    }
+def _row(values: Mapping[str, torch.Tensor]) -> dict[str, np.ndarray]:
+    """Copies of what a mission draws in one frame."""
     return {key: value.detach().cpu().numpy().copy() for key, value in values.items()}
 
 
@@ -101,26 +90,12 @@ def _stacked(rows: list[dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
     return {key: np.stack([row[key] for row in rows]) for key in rows[0]}
 
 
-def _scene(task: FormationTask) -> Scene:
-    track = task.tracks.table[0, :, :2].cpu().numpy()
-    flown = task.config.track.flight_height
-    heights = {name: 0.0 if medium_of(team.team.model) == "water" else flown for name, team in task.teams.items()}
-    obstacles = task.obstacles[0].cpu().numpy()
-    half = task.config.area / 2
-    return Scene(
-        area_m=task.config.area,
-        tracks_n={name: np.column_stack((track, np.full(len(track), -heights[name]))) for name in task.teams},
-        checkpoints_n=task.tracks.checkpoints[0].cpu().numpy(),
-        obstacles=obstacles[np.abs(obstacles[:, :2]).max(axis=1) <= half],
-    )
-
-
 def _events(step: Step, time: float, seen: set[tuple[str, int, str]]) -> list[Event]:
     found = []
     for team, ended in step.endings.items():
-        for field in ended._fields:
+        for field in ended:
             kind, text = EVENTS.get(field, (field, f"has ended: {field.replace('_', ' ')}"))
-            for vehicle in getattr(ended, field)[0].nonzero().flatten().tolist():
+            for vehicle in ended[field][0].nonzero().flatten().tolist():
                 if (team, vehicle, kind) not in seen:
                     seen.add((team, vehicle, kind))
                     found.append(Event(time, team, vehicle, kind, f"{team}{vehicle} {text}"))
@@ -129,7 +104,7 @@ def _events(step: Step, time: float, seen: set[tuple[str, int, str]]) -> list[Ev
 
 def _stalls(model: Any, team: str, aux: np.ndarray, time: np.ndarray) -> list[Event]:
     """Each moment a wing began to stall, if the model's `aux` [T, V, n] tells for how long it has been stalled."""
-    if "stall_time" not in getattr(model, "aux_names", ()):
+    if "stall_time" not in model.aux_names:
         return []
     stalled = aux[..., model.aux_names.index("stall_time")] > 0
     began = stalled & ~np.concatenate([np.zeros_like(stalled[:1]), stalled[:-1]])

@@ -4,17 +4,28 @@ An obstacle is a vertical cylinder standing on the sea: (north, east, radius, he
 origin is that to the nearest point of the cylinder's surface: horizontal beside it, vertical above its top.
 """
 
-from typing import Literal, Protocol
+# Kernels are another language inside Python syntax.
+# pyright: reportInvalidTypeForm=false
+
+from typing import Literal, NamedTuple
 
 import taichi as ti
 import torch
 
+from taichi_sim import runtime
+from taichi_sim.fleet import Fleet
+from taichi_sim.kinematics import HEADING_COS, HEADING_SIN
 
-class HasState(Protocol):
-    """A team: its state [env, vehicle, 13] and what follows from it [env, vehicle, 14] (kinematics.py)."""
+_array3, _array4 = (ti.types.ndarray(ndim=n) for n in (3, 4))
+SensedPack = ti.types.argpack(gap=ti.types.ndarray(ndim=2), obstacles=_array4, mates=_array4, signals=_array3)
 
-    state: torch.Tensor
-    derived: torch.Tensor
+
+class Sight(NamedTuple):
+    """How much is sensed; what the kernel is compiled for."""
+
+    obstacles: int  # nearest ones told apart
+    mates: int
+    axes: int  # of the vehicle's own frame
 
 
 @ti.func
@@ -44,93 +55,98 @@ def store_signal(signals: ti.template(), e, i, at, distance, reach, n, derived: 
     closeness.
     """
     near = ti.max(1.0 - distance / reach, 0.0)
+    signals[e, i, at] = near
     if ti.static(axes == 3):
-        signals[e, i, at] = near
         for a in ti.static(range(3)):
             own = derived[e, i, a] * n[0] + derived[e, i, 3 + a] * n[1] + derived[e, i, 6 + a] * n[2]
             signals[e, i, at + 1 + a] = own * near
     else:
-        c, s = derived[e, i, 12], derived[e, i, 13]
-        signals[e, i, at] = near
+        c, s = derived[e, i, HEADING_COS], derived[e, i, HEADING_SIN]
         signals[e, i, at + 1] = (c * n[0] + s * n[1]) * near
         signals[e, i, at + 2] = (c * n[1] - s * n[0]) * near
 
 
+@ti.func
+def insert(distance, index, d, j, count: ti.template()):
+    """The `count` least distances in order, and whose they are, with d of number j among them."""
+    for k in ti.static(range(count)):
+        if d < distance[k]:
+            d, distance[k] = distance[k], d
+            j, index[k] = index[k], j
+    return distance, index
+
+
+@ti.func
+def near_obstacles(field: ti.template(), w, place, reach, radius, count: ti.template()):
+    """Smallest clearance (m), at most `reach`, and the `count` nearest obstacles of world w: distances and numbers."""
+    x, y = place[0], place[1]
+    gap, margin = x * 0.0 + reach, x * 0.0
+    distance = ti.Vector([gap] * ti.static(count + 1))
+    index = ti.Vector([-1] * ti.static(count + 1))
+    for m in range(field.shape[2]):  # without branches: vectorised
+        dx, dy, r = field[w, 0, m] - x, field[w, 1, m] - y, field[w, 2, m] + reach
+        margin = ti.min(margin, dx * dx + dy * dy - r * r)
+    if margin < 0:  # something is in range, which is rare
+        for m in range(field.shape[2]):
+            dx, dy, r = field[w, 0, m] - x, field[w, 1, m] - y, field[w, 2, m]
+            if dx * dx + dy * dy < (reach + r) * (reach + r):
+                d = cylinder_distance(dx, dy, -place[2], r, field[w, 3, m])
+                gap = ti.min(gap, d - radius)
+                distance, index = insert(distance, index, d, m, count)
+    return gap, distance, index
+
+
+@ti.func
+def near_mates(state: ti.template(), e, i, place, reach, radius, count: ti.template()):
+    """The same of team mates, by their origins."""
+    gap = place[0] * 0.0 + reach
+    distance = ti.Vector([gap] * ti.static(count + 1))
+    index = ti.Vector([-1] * ti.static(count + 1))
+    for m in range(state.shape[1]):
+        if m != i:
+            d = (ti.Vector([state[e, m, 0], state[e, m, 1], state[e, m, 2]]) - place).norm()
+            gap = ti.min(gap, d - 2 * radius)
+            distance, index = insert(distance, index, d, m, count)
+    return gap, distance, index
+
+
 @ti.kernel
 def _sense(
-    gap: ti.types.ndarray(ndim=2),
-    seen: ti.types.ndarray(ndim=4),
-    mates: ti.types.ndarray(ndim=4),
-    signals: ti.types.ndarray(ndim=3),
+    out: SensedPack,
     state: ti.types.ndarray(ndim=3),
     derived: ti.types.ndarray(ndim=3),
-    obstacles: ti.types.ndarray(ndim=3),
+    field: ti.types.ndarray(ndim=3),
     env_world: ti.types.ndarray(dtype=ti.i64, ndim=1),
-    envs: ti.types.ndarray(dtype=ti.i64, ndim=1),
-    reach: float,
-    radius: float,
-    num_seen: ti.template(),
-    num_mates: ti.template(),
-    num_obstacles: ti.template(),
-    axes: ti.template(),
+    which: ti.types.ndarray(dtype=ti.i32, ndim=1),
+    numbers: ti.types.ndarray(ndim=1),
+    sight: ti.template(),
 ):
-    for row, i in ti.ndrange(envs.shape[0], state.shape[1]):
-        e = envs[row]
-        w = env_world[e]
-        x, y, z = state[e, i, 0], state[e, i, 1], state[e, i, 2]
-        nearest = x * 0.0 + reach
-        distance = ti.Vector([nearest] * ti.static(num_seen + 1))
-        index = ti.Vector([-1] * ti.static(num_seen + 1))
-        margin = x * 0.0
-        for m in range(num_obstacles):  # of fixed length and without branches: vectorised
-            dx, dy, r = obstacles[w, 0, m] - x, obstacles[w, 1, m] - y, obstacles[w, 2, m] + reach
-            margin = ti.min(margin, dx * dx + dy * dy - r * r)
-        if margin < 0:  # something is in range, which is rare
-            for m in range(num_obstacles):
-                dx, dy, r = obstacles[w, 0, m] - x, obstacles[w, 1, m] - y, obstacles[w, 2, m]
-                if dx * dx + dy * dy < (reach + r) * (reach + r):
-                    d = cylinder_distance(dx, dy, -z, r, obstacles[w, 3, m])
-                    nearest = ti.min(nearest, d - radius)
-                    j = m
-                    for k in ti.static(range(num_seen)):
-                        if d < distance[k]:
-                            d, distance[k] = distance[k], d
-                            j, index[k] = index[k], j
-        for k in ti.static(range(num_seen)):
-            direction = ti.Vector([x * 0.0, x * 0.0, x * 0.0])
-            spread = x * 0.0
-            if index[k] >= 0:
-                dx, dy = obstacles[w, 0, index[k]] - x, obstacles[w, 1, index[k]] - y
-                inv = 1.0 / ti.max(ti.sqrt(dx * dx + dy * dy), 1e-6)
-                direction = ti.Vector([dx * inv, dy * inv, 0.0])
-                spread = ti.min(obstacles[w, 2, index[k]] * inv, 1.0)
-            store_seen(seen, e, i, k, distance[k], direction)
-            at = k * (axes + 2)
-            store_signal(signals, e, i, at, ti.max(distance[k], 0.0), reach, direction, derived, axes)
-            signals[e, i, at + axes + 1] = spread
-
-        near = ti.Vector([x * 0.0 + reach] * ti.static(num_mates + 1))
-        who = ti.Vector([-1] * ti.static(num_mates + 1))
-        for m in range(state.shape[1]):
-            if m != i:
-                dx, dy, dz = state[e, m, 0] - x, state[e, m, 1] - y, state[e, m, 2] - z
-                d = ti.sqrt(dx * dx + dy * dy + dz * dz)
-                nearest = ti.min(nearest, d - 2 * radius)
-                j = m
-                for k in ti.static(range(num_mates)):
-                    if d < near[k]:
-                        d, near[k] = near[k], d
-                        j, who[k] = who[k], j
-        for k in ti.static(range(num_mates)):
-            direction = ti.Vector([x * 0.0, x * 0.0, x * 0.0])
-            if who[k] >= 0:
-                m = who[k]
-                offset = ti.Vector([state[e, m, 0] - x, state[e, m, 1] - y, state[e, m, 2] - z])
-                direction = offset / ti.max(near[k], 1e-6)
-            store_seen(mates, e, i, k, near[k], direction)
-            at = num_seen * (axes + 2) + k * (axes + 1)
-            store_signal(signals, e, i, at, near[k], reach, direction, derived, axes)
-        gap[e, i] = nearest
+    for e, i in ti.ndrange(state.shape[0], state.shape[1]):
+        if which[e] != 0:
+            w, reach, radius = env_world[e], numbers[0], numbers[1]
+            place = ti.Vector([state[e, i, 0], state[e, i, 1], state[e, i, 2]])
+            clear, far, index = near_obstacles(field, w, place, reach, radius, sight.obstacles)
+            apart, away, who = near_mates(state, e, i, place, reach, radius, sight.mates)
+            out.gap[e, i] = ti.min(clear, apart)
+            for k in ti.static(range(sight.obstacles)):
+                direction, spread = place * 0.0, reach * 0.0
+                if index[k] >= 0:
+                    dx, dy = field[w, 0, index[k]] - place[0], field[w, 1, index[k]] - place[1]
+                    inv = 1.0 / ti.max(ti.sqrt(dx * dx + dy * dy), 1e-6)
+                    direction = ti.Vector([dx * inv, dy * inv, 0.0])
+                    spread = ti.min(field[w, 2, index[k]] * inv, 1.0)
+                store_seen(out.obstacles, e, i, k, far[k], direction)
+                at = ti.static(k * (sight.axes + 2))
+                store_signal(out.signals, e, i, at, ti.max(far[k], 0.0), reach, direction, derived, sight.axes)
+                out.signals[e, i, at + ti.static(sight.axes + 1)] = spread
+            for k in ti.static(range(sight.mates)):
+                direction, m = place * 0.0, ti.max(who[k], 0)
+                if who[k] >= 0:
+                    there = ti.Vector([state[e, m, 0], state[e, m, 1], state[e, m, 2]])
+                    direction = (there - place) / ti.max(away[k], 1e-6)
+                store_seen(out.mates, e, i, k, away[k], direction)
+                at = ti.static(sight.obstacles * (sight.axes + 2) + k * (sight.axes + 1))
+                store_signal(out.signals, e, i, at, away[k], reach, direction, derived, sight.axes)
 
 
 class Sensor:
@@ -150,21 +166,21 @@ class Sensor:
 
     def __init__(
         self,
-        team: HasState,
+        fleet: Fleet,
         num_obstacles: int,
         num_mates: int,
         reach: float,
         radius: float,
         frame: Literal["heading", "body"] = "heading",
     ):
-        """Allocate for a team; `reach` and `radius` in m.
+        """Allocate for `fleet`; `reach` and `radius` in m.
 
         A vehicle's own frame is its body frame (3 axes), or the heading frame (ahead, starboard), which stays level.
         """
         self.axes = 3 if frame == "body" else 2
-        state = team.state
+        state = fleet.state
         env, vehicle = state.shape[:2]
-        self.team, self.reach, self.radius = team, reach, radius
+        self.fleet, self.reach, self.radius = fleet, reach, radius
         self.num_obstacles, self.num_mates = num_obstacles, num_mates
         self.gap = state.new_zeros((env, vehicle))
         self.obstacles = state.new_zeros((env, vehicle, max(num_obstacles, 1), 4))
@@ -172,16 +188,25 @@ class Sensor:
         width = num_obstacles * (self.axes + 2) + num_mates * (self.axes + 1)
         self.signals = state.new_zeros((env, vehicle, width))
         self._signals = self.signals if width else state.new_zeros((env, vehicle, 1))  # kernels take no empty array
-        self._all = torch.arange(env, device=state.device)
+        self._numbers = state.new_tensor([reach, radius])
+        self._all = torch.ones(env, dtype=torch.int32, device=state.device)
         self._field: torch.Tensor | None = None
         self._columns = state
+        self._sight, self._launch = Sight(num_obstacles, num_mates, self.axes), runtime.Launcher(_sense)
+        self._pack, self._generation = None, -1
 
-    def sense(self, obstacles: torch.Tensor, env_world: torch.Tensor, envs: torch.Tensor | None = None) -> None:
-        """Look around in environments `envs` (int64; default: all): `obstacles` [world, m, 4], `env_world` [env]."""
+    def look(self, obstacles: torch.Tensor, env_world: torch.Tensor, which: torch.Tensor | None = None) -> None:
+        """Look around for `obstacles` [world, m, 4] in environments that are not 0 in `which` [env] (default: all).
+
+        env_world: int64 [env].
+        """
         if obstacles is not self._field:  # by column, so that the kernel reads whole vectors
             self._field, self._columns = obstacles, obstacles.transpose(1, 2).contiguous()
-        _sense(
-            self.gap, self.obstacles, self.team_mates, self._signals, self.team.state, self.team.derived,
-            self._columns, env_world, self._all if envs is None else envs, self.reach, self.radius,
-            self.num_obstacles, self.num_mates, obstacles.shape[1], self.axes,
-        )  # fmt: skip
+        if self._generation != runtime.generation():
+            self._generation = runtime.generation()
+            self._pack = runtime.pack(
+                SensedPack, gap=self.gap, obstacles=self.obstacles, mates=self.team_mates, signals=self._signals
+            )
+        which = self._all if which is None else which
+        state, derived = self.fleet.state, self.fleet.derived
+        self._launch(self._pack, state, derived, self._columns, env_world, which, self._numbers, self._sight)

@@ -15,12 +15,15 @@ while a track is made. Course is clockwise from north (the argument of the veloc
 d(course)/ds, in 1/m, is positive when the track bends to starboard.
 """
 
-from __future__ import annotations
+# Kernels are another language inside Python syntax.
+# pyright: reportInvalidTypeForm=false
 
+import math
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
+import taichi as ti
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
@@ -41,6 +44,7 @@ LENGTH_SHARE = 0.98  # largest length_m, as a share of the longest circle's
 RADIUS_SHARE = 0.5  # largest min_radius_m, as a share of the circle's radius
 REACH_STRIDE = 3  # nodes to each one that is measured for distance
 
+PI = math.pi
 TRACK_STREAM = 0  # and one stream after it per draw
 
 
@@ -61,20 +65,21 @@ class Tracks:
     length_m      float32 [world]
     checkpoints   float32 [world, checkpoint, 2]: north, east (m)
     checkpoint_s  float32 [world, checkpoint]: arc length from checkpoint 1 (m), increasing from 0
+    columns       float32 [4, world * (sample + 1)]: the table by column, with the end of the lap, for kernels
     """
 
     table: Tensor
     length_m: Tensor
     checkpoints: Tensor
     checkpoint_s: Tensor
-    _columns: Tensor = field(init=False, repr=False, compare=False)
+    columns: Tensor = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         """Lay out the columns with the end of the lap after the last sample [4, world * (sample + 1)]."""
         end = self.table[:, :1].clone()
         end[..., 2] += 2 * torch.pi * torch.sign(self.table[:, -1:, 2] - end[..., 2])
         columns = torch.cat((self.table, end), dim=1).flatten(0, 1).T.contiguous()
-        object.__setattr__(self, "_columns", columns)
+        object.__setattr__(self, "columns", columns)
 
     @property
     def worlds(self) -> int:
@@ -86,7 +91,7 @@ class Tracks:
         """Number of samples per lap."""
         return self.table.shape[1]
 
-    def to(self, device: torch.device | str) -> Tracks:
+    def to(self, device: torch.device | str) -> "Tracks":
         """Return the same tracks on another device."""
         tensors = self.table, self.length_m, self.checkpoints, self.checkpoint_s
         return Tracks(*(tensor.to(device) for tensor in tensors))
@@ -99,27 +104,44 @@ class Tracks:
         chord, kappa h^2 f (f - 1) / 2 to starboard: at the usual spacing h of 3.9 m a bare chord is off by
         kappa h^2 / 8 = 19 mm in a bend of 100 m radius, and with the bow by less than 1 mm.
         """
-        world = world.flatten()  # one-dimensional index_select is several times faster than indexing
-        length = self.length_m.index_select(0, world)
-        lap = s.flatten() / length
-        x = (lap - lap.floor()) * self.samples
-        sample = x.floor().clamp_(max=self.samples - 1)  # the difference may round up to a whole lap
-        f = x - sample
-        row = torch.add(sample.long(), world, alpha=self.samples + 1)
-        north, east, course, curvature = (column.index_select(0, row) for column in self._columns)
-        row += 1
-        d_north, d_east, d_course, d_curvature = (
-            column.index_select(0, row) - here
-            for column, here in zip(self._columns, (north, east, course, curvature), strict=True)
-        )
-        curvature = curvature + f * d_curvature
-        bow = (f * f - f) * (0.5 / self.samples) * length * curvature
-        course = course + f * d_course
-        course = course - ((course + torch.pi) / (2 * torch.pi)).floor() * (2 * torch.pi)
-        north = north + f * d_north - bow * d_east
-        east = east + f * d_east + bow * d_north
-        position = torch.stack((north, east), dim=-1)
-        return TrackPoint(position.view(*s.shape, 2), course.view(s.shape), curvature.view(s.shape))
+        world, s_flat = world.to(self.table.device).flatten().contiguous(), s.to(self.length_m).flatten().contiguous()
+        found = self.table.new_empty((s_flat.shape[0], 4))
+        _look_up(found, self.columns, self.length_m, world, s_flat)
+        north, east, course, curvature = found.view(*s.shape, 4).unbind(-1)
+        return TrackPoint(torch.stack((north, east), dim=-1), course, curvature)
+
+
+@ti.func
+def track_point(columns: ti.template(), length: ti.template(), world, s):
+    """(north, east, course, curvature) at arc length s (m) on the track of `world`; see `Tracks.at`."""
+    samples = columns.shape[1] // length.shape[0] - 1
+    lap = s / length[world]
+    x = (lap - ti.floor(lap)) * samples
+    sample = ti.min(ti.cast(x, ti.i32), samples - 1)  # the difference may round up to a whole lap
+    f, row = x - sample, sample + world * (samples + 1)
+    here, step = ti.Vector([x * 0.0 for _ in range(4)]), ti.Vector([x * 0.0 for _ in range(4)])
+    for c in ti.static(range(4)):
+        here[c] = columns[c, row]
+        step[c] = columns[c, row + 1] - here[c]
+    curvature = here[3] + f * step[3]
+    bow = (f * f - f) * (0.5 * length[world] / samples) * curvature
+    course = here[2] + f * step[2]
+    course -= ti.floor((course + PI) * ti.static(0.5 / PI)) * ti.static(2 * PI)
+    return ti.Vector([here[0] + f * step[0] - bow * step[1], here[1] + f * step[1] + bow * step[0], course, curvature])
+
+
+@ti.kernel
+def _look_up(
+    out: ti.types.ndarray(ndim=2),
+    columns: ti.types.ndarray(ndim=2),
+    length: ti.types.ndarray(ndim=1),
+    world: ti.types.ndarray(dtype=ti.i64, ndim=1),
+    s: ti.types.ndarray(ndim=1),
+):
+    for n in range(s.shape[0]):
+        place = track_point(columns, length, ti.cast(world[n], ti.i32), s[n])
+        for c in ti.static(range(4)):
+            out[n, c] = place[c]
 
 
 def world_uniform(seed: int, stream: int, worlds: int, *shape: int) -> Real:

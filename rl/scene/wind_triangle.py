@@ -9,32 +9,25 @@ On a path of curvature k the heading turns at v k v / (V_a cos c), hence the acc
 through the air, is v^2 k / cos c. That is largest straight downwind, where v = V_a + w and c = 0.
 """
 
+import taichi as ti
 import torch
 from torch import Tensor
 
 LEAST_SHARE = 0.2  # of the airspeed, the least speed over ground; assumed: the wind must leave that much
 
 
-def ground_speed(airspeed: float, wind: Tensor, cos: Tensor, sin: Tensor) -> Tensor:
-    """Speed over ground [env] (m/s) on a course.
+@ti.func
+def speed_over_ground(airspeed, north, east, cos, sin):
+    """Speed over ground (m/s) on a course (cos, sin) at an airspeed in the wind (north, east), m/s.
 
     It is held at `LEAST_SHARE` of the airspeed where the wind would leave less.
-
-    Args:
-        airspeed: m/s. wind: [env, 2], north and east velocity of the air, m/s. cos, sin: [env], of the course.
     """
-    along, across = _parts(wind, cos, sin)
-    through = (airspeed**2 - across.square()).clamp(min=0.0).sqrt()
-    return (along + through).clamp(min=LEAST_SHARE * airspeed)
+    along, across = cos * north + sin * east, cos * east - sin * north
+    through = ti.sqrt(ti.max(airspeed * airspeed - across * across, 0.0))
+    return ti.max(along + through, LEAST_SHARE * airspeed)
 
 
 def crab(airspeed: float, wind: Tensor, cos: Tensor, sin: Tensor) -> Tensor:
     """Heading less course [..] (rad) that keeps to a course in the wind [.., 2] at an airspeed (m/s)."""
-    _, across = _parts(wind, cos, sin)
+    across = cos * wind[..., 1] - sin * wind[..., 0]  # to starboard
     return -torch.asin((across * (1 / airspeed)).clamp(-1.0, 1.0))
-
-
-def _parts(wind: Tensor, cos: Tensor, sin: Tensor) -> tuple[Tensor, Tensor]:
-    """Wind along the course, and across it to starboard."""
-    north, east = wind[..., 0], wind[..., 1]
-    return cos * north + sin * east, cos * east - sin * north

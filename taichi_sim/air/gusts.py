@@ -6,6 +6,9 @@
 s is how far the aircraft has come into the gust, as a distance (m) or as a time (s); H is in the same unit.
 """
 
+# Kernels are another language inside Python syntax.
+# pyright: reportInvalidTypeForm=false
+
 import math
 from typing import Literal, NamedTuple
 

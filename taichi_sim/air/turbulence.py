@@ -31,6 +31,9 @@ Steps are exact for any dt with V and h held: with tau = dt / T, a = e^-tau, x1,
 then `dryden_advance` and `dryden_output` in each. MIL-F-8785C's rotary gusts (p, q, r) are not here.
 """
 
+# Kernels are another language inside Python syntax.
+# pyright: reportInvalidTypeForm=false
+
 import math
 
 import taichi as ti

@@ -10,6 +10,9 @@ The sea's roughness grows with the wind, z0 = alpha u*^2 / g (Charnock 1955), u*
 0.011 on the open sea (Smith 1988), 0.0144 on the whole (Garratt 1977), 0.0185 near the coast (Wu 1980).
 """
 
+# Kernels are another language inside Python syntax.
+# pyright: reportInvalidTypeForm=false
+
 import math
 from typing import Literal
 
@@ -126,6 +129,14 @@ class Wind:
         self._generator = torch.Generator(device=run.device)
         self._generator.manual_seed(int(np.random.SeedSequence([seed, STREAM]).generate_state(1)[0]))
         self.reset(torch.arange(num_envs, device=run.device))
+
+    @property
+    def numbers(self) -> tuple[float, float, float]:
+        """What kernels are told of it: the shear of the profile, and W20 of the turbulence as a fixed part (m/s) and a
+        factor of the mean wind at 10 m.
+        """
+        fixed = self.config.turbulence_w20
+        return self.shear, fixed or 0.0, self.w20_factor if fixed is None else 0.0
 
     def speed_factor(self, height: float) -> float:
         """Mean wind at `height` (m above the mean sea) over that at 10 m."""

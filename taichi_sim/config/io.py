@@ -1,6 +1,5 @@
 """Reading, overriding, and writing configurations, with errors that name file, key, value and what is allowed."""
 
-import difflib
 import tomllib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -9,7 +8,9 @@ from typing import Any, TypeVar
 import tomli_w
 from pydantic import BaseModel, ValidationError
 
-from taichi_sim.config import ConfigError, ScenarioConfig, Strict, TeamConfig
+from taichi_sim.config.base import ConfigError, Strict
+from taichi_sim.config.explain import explain, nearly, source_of
+from taichi_sim.config.world import TeamConfig, WorldConfig
 
 Model = TypeVar("Model", bound=Strict)
 
@@ -44,25 +45,44 @@ def find_config(path: str | Path) -> Path:
     raise ConfigError(f"{path}: no such configuration file; shipped scenarios: {', '.join(names)}")
 
 
-def load_scenario(path: str | Path = "paper", overrides: Iterable[str] = ()) -> ScenarioConfig:
-    """A scenario from a TOML file (or the name of a shipped one) and `KEY=VALUE` overrides.
+def load_world(path: str | Path = "paper", overrides: Iterable[str] = ()) -> WorldConfig:
+    """The world of a scenario file (or of a shipped one, by name) and `KEY=VALUE` overrides.
+
+    What a world does not know (the keys of a mission, stages, evaluation) is left out, unless it looks like a slip of
+    the pen for what it does know.
 
     Raises:
         ConfigError: naming file, key, value and what is allowed.
     """
     file = find_config(path)
     data = read_toml(file)
-    overrides = list(overrides)
-    _take_other_ways_back(data, [text.partition("=")[0].strip() for text in overrides])
-    sources = {_override(data, text): f"--set {text}" for text in overrides}
-    config = validate(ScenarioConfig, data, str(file), sources)
-    for team in ("usv", "uav"):
+    sources = apply_overrides(data, overrides)
+    teams = {key: value for key, value in data.items() if isinstance(value, dict) and nearly("vehicle", value)}
+    kept = _known(data, set(WorldConfig.model_fields) | set(teams), str(file), sources)
+    for name, team in teams.items():
+        kept[name] = _known(team, set(TeamConfig.model_fields), str(file), sources, f"{name}.")
+    config = validate(WorldConfig, kept, str(file), sources)
+    for name, team in config.teams.items():
         try:
-            vehicle_file(config.team(team), file)
+            vehicle_file(team, file)
         except ConfigError as error:
-            key = f"{team}.vehicle"
-            raise ConfigError(f"{sources.get(key, file)}: {team}.{error}") from None
+            raise ConfigError(f"{sources.get(f'{name}.vehicle', file)}: {name}.{error}") from None
     return config
+
+
+def _known(data: dict, known: set[str], file: str, sources: Mapping[str, str], section: str = "") -> dict[str, Any]:
+    """Items of `data` whose keys are `known`.
+
+    Raises:
+        ConfigError: for another key that is nearly a known one.
+    """
+    for key in data.keys() - known:
+        if close := nearly(key, known):
+            raise ConfigError(
+                f"{source_of(section + key, file, sources)}: {section}{key} = {data[key]!r}: unknown key, did you mean "
+                f"{close!r}?"
+            )
+    return {key: value for key, value in data.items() if key in known}
 
 
 def vehicle_file(team: TeamConfig, scenario_file: Path | None = None) -> Path:
@@ -75,7 +95,11 @@ def vehicle_file(team: TeamConfig, scenario_file: Path | None = None) -> Path:
     folders = [scenario_file.parent / "vehicles"] if scenario_file else []
     folders.append(config_folder() / "vehicles")
     beside = [scenario_file.parent / name] if scenario_file else []
-    candidates = [*beside, name, *(folder / f"{team.vehicle}.toml" for folder in folders)]
+    candidates = [
+        *beside,
+        name,
+        *(folder / file for folder in folders for file in (team.vehicle, f"{team.vehicle}.toml")),
+    ]
     for file in candidates:
         if file.suffix == ".toml" and file.is_file():
             return file
@@ -113,11 +137,7 @@ def validate(model: type[Model], data: dict[str, Any], source: str, sources: Map
     try:
         return model.model_validate(_with_tuples(data))
     except ValidationError as error:
-        lines = []
-        for item in error.errors():
-            key = ".".join(str(part) for part in item["loc"])
-            lines.append(f"{(sources or {}).get(key, source)}: {_explain(item, model)}")
-        raise ConfigError("\n".join(lines)) from None
+        raise ConfigError(explain(error, model, source, sources or {})) from None
 
 
 def _with_tuples(value: Any) -> Any:
@@ -127,29 +147,15 @@ def _with_tuples(value: Any) -> Any:
     return tuple(_with_tuples(item) for item in value) if isinstance(value, list) else value
 
 
-def _explain(item: Any, model: type[BaseModel]) -> str:
-    key = ".".join(str(part) for part in item["loc"])
-    if item["type"] == "extra_forbidden":
-        siblings = _keys_at(model, item["loc"][:-1])
-        close = difflib.get_close_matches(str(item["loc"][-1]), siblings, n=1)
-        hint = f", did you mean {close[0]!r}?" if close else ""
-        return f"{key} = {item['input']!r}: unknown key{hint}; allowed here: {', '.join(siblings)}"
-    if item["type"] == "missing":
-        return f"{key}: missing, and it has no default"
-    message = item["msg"].removeprefix("Value error, ")
-    if not key or isinstance(item["input"], dict | BaseModel):
-        return f"{key}: {message}" if key else message
-    return f"{key} = {item['input']!r}: {message[0].lower()}{message[1:]}"
+def apply_overrides(data: dict[str, Any], overrides: Iterable[str]) -> dict[str, str]:
+    """Set each `KEY=VALUE` in a file's `data`; key -> what to call the source of its value in an error.
 
-
-def _keys_at(model: Any, loc: tuple) -> list[str]:
-    """Names of the fields where `loc` points, as far as it can be followed."""
-    for part in loc:
-        field = getattr(model, "model_fields", {}).get(part)
-        annotation = field.annotation if field else model
-        arguments = [a for a in getattr(annotation, "__args__", ()) if hasattr(a, "model_fields")]
-        model = annotation if hasattr(annotation, "model_fields") else (arguments[0] if arguments else annotation)
-    return sorted(getattr(model, "model_fields", {}))
+    Raises:
+        ConfigError: for an override that is not of that form.
+    """
+    overrides = list(overrides)
+    _take_other_ways_back(data, [text.partition("=")[0].strip() for text in overrides])
+    return {_override(data, text): f"--set {text}" for text in overrides}
 
 
 def _take_other_ways_back(data: dict[str, Any], keys: list[str]) -> None:

@@ -10,6 +10,9 @@ Normal numbers are Box & Muller's (1958). One call's 128 bits make six: three ra
 so that |z| <= sqrt(2 ln 2^24) = 5.77.
 """
 
+# Kernels are another language inside Python syntax.
+# pyright: reportInvalidTypeForm=false
+
 import taichi as ti
 
 from taichi_sim import runtime

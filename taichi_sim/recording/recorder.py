@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from taichi_sim.config.io import toml_text
 from taichi_sim.conventions import FREEBOARD, NO_DECK
-from taichi_sim.fleet import Team
+from taichi_sim.fleet import Fleet
 from taichi_sim.recording.episode import Array, Episode, Event, Scene, Signal, TeamTrack
-from taichi_sim.recording.model import air_of, airframe_of, body_of, columns_of, forces_of, medium_of, signals_of
+from taichi_sim.recording.model import air_of, airframe_of, body_of, columns_of, forces_of, signals_of
 from taichi_sim.recording.overlays import Overlay
 from taichi_sim.recording.rrd import write_recording
 from taichi_sim.world import World
@@ -24,7 +24,7 @@ class Recorder:
         recorder = Recorder(world)
         for _ in range(600):
             recorder.add(world.step(actions))
-        recorder.write(Path("world.rrd"))
+        recorder.write("world.rrd")
 
     Its clock begins where the world's is when it is made.
     """
@@ -63,7 +63,7 @@ class Recorder:
         for name, team in self.world.teams.items():
             self._rows[name].append(self._row(team, None if actions is None else actions.get(name)))
 
-    def _row(self, team: Team, action: torch.Tensor | None) -> dict[str, Array]:
+    def _row(self, team: Fleet, action: torch.Tensor | None) -> dict[str, Array]:
         env = torch.tensor([self.env], device=team.state.device)
         place = team.position_n[env]
         values = {
@@ -97,8 +97,8 @@ class Recorder:
             signals["freeboard"] = Signal(("freeboard",), "m", freeboard[..., None])
         return TeamTrack(
             name=name,
-            medium=medium_of(model),
-            size_m=model.params.size,
+            medium=model.medium,
+            size_m=model.size,
             body=body_of(model),
             airframe=airframe_of(model),
             air_n=air_of(model, aux),
@@ -152,9 +152,9 @@ class Recorder:
             wind_n=np.stack([wind for _, wind in self._flows]),
         )
 
-    def write(self, path: Path, **parts: Any) -> Path:
+    def write(self, path: str | Path, **parts: Any) -> Path:
         """Write `episode(**parts)` to an .rrd file; see write_recording."""
-        return write_recording(self.episode(**parts), path)
+        return write_recording(self.episode(**parts), Path(path))
 
 
 def _copy(tensor: torch.Tensor) -> Array:

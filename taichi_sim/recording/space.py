@@ -81,7 +81,9 @@ def send_sea(stream: Stream, episode: Episode) -> None:
     for name in dict.fromkeys(patch_of(episode).values()):
         team = episode.teams[name]
         grid, path = SeaGrid.of(team), f"world/{name}/sea"
-        stream.static(path, rr.Mesh3D.from_fields(triangle_indices=grid.triangles()))
+        triangles = grid.triangles()
+        # as the first row: rerun writes columns in order, and what is static at its leisure
+        stream.columns(path, rr.Mesh3D.columns(triangle_indices=triangles).partition([len(triangles)]), np.arange(1))
         for frames in sea_frames(episode, team, grid):
             count, points = frames.vertices.shape[:2]
             surface = rr.Mesh3D.columns(

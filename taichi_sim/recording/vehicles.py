@@ -60,8 +60,8 @@ def _send_dots(stream: Stream, episode: Episode, team: TeamTrack) -> None:
         ("others", np.arange(1, team.vehicles), {"radii": -4.0}),
     ):
         if len(vehicles):
-            path, colours = f"map/{team.name}/{name}", [livery.of(vehicle) for vehicle in vehicles]
-            stream.static(path, rr.Points2D.from_fields(colors=colours, draw_order=40.0, **look))
+            path, colours = f"map/{team.name}/{name}", [livery.of(vehicle) for vehicle in vehicles]  # pyright: ignore[reportArgumentType]
+            stream.static(path, rr.Points2D.from_fields(colors=colours, draw_order=40.0, **look))  # pyright: ignore[reportArgumentType]
             dots = rr.Points2D.columns(positions=spot[:, vehicles].reshape(-1, 2))
             stream.columns(path, dots.partition([len(vehicles)] * len(spot)))
 

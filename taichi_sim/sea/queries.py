@@ -3,6 +3,9 @@
 `sea` is the table of conventions.py, `phase` and `env_sea` have one row per point unless a kernel says otherwise.
 """
 
+# Kernels are another language inside Python syntax.
+# pyright: reportIndexIssue=false, reportInvalidTypeForm=false
+
 import math
 
 import taichi as ti

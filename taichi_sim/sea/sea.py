@@ -197,7 +197,7 @@ class Sea:
         """
         points, env_sea, time64, shape = self._points((north, east, down), time, 0)
         raw = self.table.new_empty((points.shape[0], queries.AIRY_COLUMNS))
-        queries.airy(raw, points, self.phases(env_sea, time64), self.table, self._kernel_depth, self.num_components)
+        queries.airy(raw, points, self.phases(env_sea, time64), self.table, self.kernel_depth, self.num_components)
         return raw[:, :3].reshape(*shape, 3), RHO_SEA * raw[:, 3].reshape(shape)
 
     def pressure(self, north, east, down, time, sea=0) -> torch.Tensor:
@@ -218,14 +218,15 @@ class Sea:
         return Kinematics(raw[:, 1:4].reshape(*shape, 3), raw[:, 4:7].reshape(*shape, 3))
 
     @property
-    def _kernel_depth(self) -> float:
+    def kernel_depth(self) -> float:
+        """Depth (m) as kernels take it: DEEP in deep water."""
         return DEEP if self.depth is None else self.depth
 
     def _column(self, north, east, down, time, sea) -> tuple[torch.Tensor, torch.Size]:
         points, env_sea, time64, shape = self._points((north, east, down), time, sea)
         raw = self.table.new_empty((points.shape[0], queries.COLUMN_COLUMNS))
         phase = self.phases(env_sea, time64)
-        queries.column(raw, points, phase, self.table, env_sea, self._kernel_depth, self.num_components)
+        queries.column(raw, points, phase, self.table, env_sea, self.kernel_depth, self.num_components)
         return raw, shape
 
     def _points(self, coordinates, time, sea):

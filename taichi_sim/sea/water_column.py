@@ -25,6 +25,9 @@ Written with exponentials of -2k(depth + z') and -2k depth, so that deep and fin
 overflows; depth < 0 means deep water.
 """
 
+# Kernels are another language inside Python syntax.
+# pyright: reportInvalidTypeForm=false
+
 import taichi as ti
 
 from taichi_sim.conventions import AMPLITUDE, BX, BY, KX, KY, OMEGA, K

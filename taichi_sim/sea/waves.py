@@ -13,6 +13,9 @@ a time since that phase. `count`, the number of components, is a constant of the
 length is unrolled over whole vectors, which halves its time at 16 components.
 """
 
+# Kernels are another language inside Python syntax.
+# pyright: reportIndexIssue=false, reportInvalidTypeForm=false
+
 import taichi as ti
 
 from taichi_sim.conventions import AMPLITUDE, BX, BY, KX, KY, OMEGA, K

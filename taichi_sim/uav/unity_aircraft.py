@@ -3,7 +3,7 @@
 Smoothed increments of pitch, yaw and roll move toward their commands by `smooth_rate` dt per step, and each angle
 advances by increment x dt x speed (eqs 7-9; speed 100 deg/s). Pitch and roll are clamped. The force
 thrust_factor T a acts along the nose as it was before the step's rotation; PhysX integrates
-v <- (v + F/m dt) (1 - drag dt), x <- x + v dt. No gravity, no lift: with these rules attitude is the control.
+v <- (v + F/m dt) (1 - drag dt), x <- x + v dt. No gravity, no lift, no wind: with these rules attitude is the control.
 
 The paper lists pitch, yaw and boost as actions, so roll follows from yaw, by one of two rules:
 - "script", the public one: the roll command is minus the yaw command, or levels (-roll / max_roll) when the yaw
@@ -15,13 +15,20 @@ Roll does not turn the nose, so the choice changes what one sees, not the path.
 Signs here are forward-right-down: pitch up, yaw right and bank right are positive (Unity: nose down, right, left).
 """
 
-from typing import Annotated, Literal
+# Kernels are another language inside Python syntax.
+# pyright: reportIndexIssue=false, reportInvalidTypeForm=false
+
+import math
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal, NamedTuple
 
 import taichi as ti
 import torch
 from pydantic import Field
+from torch import Tensor
 
 from taichi_sim.config import NonNegative, Positive, Strict
+from taichi_sim.conventions import QUATERNION
 from taichi_sim.kinematics import store
 from taichi_sim.maths import fast
 from taichi_sim.maths.rotation import (
@@ -30,9 +37,14 @@ from taichi_sim.maths.rotation import (
     torch_euler_from_quaternion,
     wrap_pi,
 )
+from taichi_sim.packs import FleetPack, load_at, numbers_at
+from taichi_sim.rigid_body import quaternion_rate
 from taichi_sim.surroundings import Surroundings
+from taichi_sim.uav.aircraft import Aircraft
 
 DEG = 0.017453292519943295
+AUX = ("roll_increment", "pitch_increment", "yaw_increment", "roll", "pitch", "yaw")  # in [-1, 1]; rad
+INCREMENT, ANGLE = AUX.index("roll_increment"), AUX.index("roll")  # first of three columns each
 
 
 class UnityAircraftParams(Strict):
@@ -62,107 +74,183 @@ class UnityAircraftParams(Strict):
         return self.length, self.span, self.height
 
 
-@ti.data_oriented
-class UnityAircraft:
-    """Steps a team of aircraft in place.
+class AircraftNumbers(NamedTuple):
+    """What the kernel works with."""
 
-    Auxiliary state [env, vehicle, 6]: smoothed increments of roll, pitch, yaw (in [-1, 1]) and the angles roll,
-    pitch, yaw (rad), which are state here: a quaternion cannot tell them apart at a pitch of 90 degrees.
+    inverse_mass: float  # 1/kg
+    acceleration: float  # of a boost of 1, m/s^2
+    drag: float  # 1/s
+    roll_speed: float  # of a whole increment, rad/s
+    pitch_speed: float
+    yaw_speed: float
+    smooth_rate: float  # 1/s
+
+
+@ti.data_oriented
+class UnityAircraft(Aircraft):
+    """Steps a team of aircraft in place. Actions pitch and yaw are in [-1, 1]; boost in [-1, 1] maps geometrically to
+    [boost_min, boost_max], because cruise needs a small part of the range. Controls are the increments and the boost.
+
+    The angles are state of their own (`aux_names`): a quaternion cannot tell roll from yaw at a pitch of 90 degrees.
+    A force from outside accelerates it. A moment cannot turn it, for its attitude is commanded.
     """
 
-    team = "uav"
-    aux_size = 6
-    action_names = ("pitch", "yaw", "boost")
     Params = UnityAircraftParams
+    action_names = ("pitch", "yaw", "boost")
+    control_names = ("roll", "pitch", "yaw", "boost")
+    aux_names = AUX
+    aux_size = len(AUX)
+    varying = ("mass", "thrust", "drag", "pitch_speed_deg", "yaw_speed_deg", "roll_speed_deg", "smooth_rate")
 
     def __init__(self, params: UnityAircraftParams, dt: float, substeps: int):
-        """Bake the numbers of `params`, the step dt (s) and the substeps of a control step into the kernel."""
-        self.params = params
-        self.dt, self.substeps = dt, substeps
+        """Take the numbers of `params`, the step dt (s) and the substeps of a control step."""
+        super().__init__(params, dt, substeps)
         self.p = params
         self.boost_ratio = params.boost_max / params.boost_min
 
-    def step(self, team, action: torch.Tensor, around: Surroundings) -> None:
-        """Advance one control step. `action` [env, vehicle, 3]: pitch and yaw in [-1, 1]; boost in [-1, 1] maps
-        geometrically to [boost_min, boost_max], because cruise needs a small part of the range.
-        """
-        self._step(team.state, team.derived, team.aux, action)
+    def own(self, values: Mapping[str, Any]) -> AircraftNumbers:
+        """What the kernel works with."""
+        return AircraftNumbers(
+            inverse_mass=1 / values["mass"],
+            acceleration=self.p.thrust_factor * values["thrust"] / values["mass"],
+            drag=values["drag"],
+            roll_speed=values["roll_speed_deg"] * DEG,
+            pitch_speed=values["pitch_speed_deg"] * DEG,
+            yaw_speed=values["yaw_speed_deg"] * DEG,
+            smooth_rate=values["smooth_rate"],
+        )
 
     def boost_action(self, boost: float) -> float:
         """The action in [-1, 1] that commands `boost`."""
-        import math
-
         return 2 * math.log(boost / self.p.boost_min) / math.log(self.boost_ratio) - 1
 
-    def reset_aux(self, aux: torch.Tensor, state: torch.Tensor) -> None:
-        """Auxiliary state [.., 6] of vehicles put at `state` [.., 13]."""
-        aux[..., :3] = 0.0
-        aux[..., 3:] = torch_euler_from_quaternion(state[..., 3:7])
+    def reset_aux(self, aux: Tensor, state: Tensor, around: Surroundings) -> None:
+        """No increments; the angles are those of `state`."""
+        aux[..., INCREMENT : INCREMENT + 3] = 0.0
+        aux[..., ANGLE : ANGLE + 3] = torch_euler_from_quaternion(state[..., QUATERNION])
+
+    def step(self, fleet: Any, around: Surroundings) -> None:
+        """Advance one control step."""
+        fleet.launch(self._step, fleet.pack, self.build(fleet, around))
+
+    def equations(self, state: Tensor, controls: Tensor, current: Tensor, wind: Tensor, load: Tensor) -> Tensor:
+        """d(state)/dt [n, 13] in the limit of short PhysX steps, while the increments are held; the wind does nothing.
+
+        The rates of `state` do not count: attitude turns by the increments, and its acceleration is that of their turn.
+        """
+        out = torch.empty_like(state)
+        angles = torch_euler_from_quaternion(state[:, QUATERNION]).contiguous()
+        self._rhs(out, state, angles, controls, load)
+        return out
 
     @ti.kernel
-    def _step(
-        self,
-        state: ti.types.ndarray(ndim=3),
-        derived: ti.types.ndarray(ndim=3),
-        aux: ti.types.ndarray(ndim=3),
-        action: ti.types.ndarray(ndim=3),
-    ):
-        for e, i in ti.ndrange(state.shape[0], state.shape[1]):
-            pos = ti.Vector([state[e, i, 0], state[e, i, 1], state[e, i, 2]])
-            q = ti.Vector([state[e, i, 3], state[e, i, 4], state[e, i, 5], state[e, i, 6]])
-            v = rotation_matrix(q) @ ti.Vector([state[e, i, 7], state[e, i, 8], state[e, i, 9]])
-            smooth = ti.Vector([aux[e, i, 0], aux[e, i, 1], aux[e, i, 2]])
-            angles = ti.Vector([aux[e, i, 3], aux[e, i, 4], aux[e, i, 5]])
-            boost = self.p.boost_min * ti.pow(self.boost_ratio, 0.5 * (action[e, i, 2] + 1.0))
-            force = ti.static(self.p.thrust_factor * self.p.thrust) * boost
+    def _rhs(self, out: ti.types.ndarray(ndim=2), state: ti.types.ndarray(ndim=2), angles: ti.types.ndarray(ndim=2),
+             controls: ti.types.ndarray(ndim=2), load: ti.types.ndarray(ndim=2)):  # fmt: skip
+        for n in range(state.shape[0]):
+            p = ti.static(self.constants)
+            q = ti.Vector([state[n, 3], state[n, 4], state[n, 5], state[n, 6]])
+            v_b = ti.Vector([state[n, 7], state[n, 8], state[n, 9]])
+            tau = ti.Vector([load[n, 0], load[n, 1], load[n, 2]])
+            angle = ti.Vector([angles[n, 0], angles[n, 1], angles[n, 2]])
+            increment = ti.Vector([controls[n, 0], controls[n, 1], controls[n, 2]])
+            rates = self.angle_rates(self.constants, angle, increment)
+            omega, alpha = self.body_rates(angle, rates), self.body_accelerations(angle, rates)
+            R = rotation_matrix(q)
+            a_n = self.acceleration(self.constants, True, angle, controls[n, 3], tau)
+            v_n, a_b = R @ v_b, R.transpose() @ a_n - p.drag * v_b - omega.cross(v_b)
+            turning = quaternion_rate(q, omega)
+            for k in ti.static(range(3)):
+                out[n, k], out[n, 7 + k], out[n, 10 + k] = v_n[k], a_b[k], alpha[k]
+            for k in ti.static(range(4)):
+                out[n, 3 + k] = turning[k]
+
+    @ti.kernel
+    def _step(self, fleet: FleetPack, build: ti.template()):
+        for e, i in ti.ndrange(fleet.state.shape[0], fleet.state.shape[1]):
+            y = ti.Vector([fleet.state[e, i, k] for k in ti.static(range(13))])
+            increment = ti.Vector([fleet.aux[e, i, INCREMENT + k] for k in ti.static(range(3))])
+            angles = ti.Vector([fleet.aux[e, i, ANGLE + k] for k in ti.static(range(3))])
+            command = ti.Vector([fleet.action[e, i, k] for k in ti.static(range(3))])
+            tau = load_at(build, fleet.load, e, i)
             rates = angles * 0.0
-            for _ in range(self.substeps):
-                nose = self.nose(angles)
-                smooth = self.smoothed(smooth, angles, action[e, i, 0], action[e, i, 1])
-                turned = self.turned(angles, smooth)
-                rates = (turned - angles) / self.dt
-                angles = turned
-                v = (v + force / self.p.mass * self.dt * nose) * ti.static(1 - self.p.drag * self.dt)
-                pos += v * ti.static(self.dt)
+            if ti.static(build.varied):
+                own = numbers_at(self.Own, fleet.numbers, e, i)
+                y, increment, angles, rates = self.advance(own, build, y, increment, angles, command, tau)
+            else:
+                y, increment, angles, rates = self.advance(self.constants, build, y, increment, angles, command, tau)
             q = quaternion_from_euler(angles[0], angles[1], angles[2])
             R_nb = rotation_matrix(q)
-            store(derived, e, i, R_nb, v)
-            v_b = R_nb.transpose() @ v
-            omega = self.body_rates(angles, rates)
+            v = ti.Vector([y[7], y[8], y[9]])
+            store(fleet.derived, e, i, R_nb, v)
+            v_b, omega = R_nb.transpose() @ v, self.body_rates(angles, rates)
+            angles[2] = wrap_pi(angles[2])
             for k in ti.static(range(3)):
-                state[e, i, k], state[e, i, 7 + k], state[e, i, 10 + k] = pos[k], v_b[k], omega[k]
-                aux[e, i, k], aux[e, i, 3 + k] = smooth[k], angles[k]
-            aux[e, i, 5] = wrap_pi(angles[2])
+                fleet.state[e, i, k], fleet.state[e, i, 7 + k], fleet.state[e, i, 10 + k] = y[k], v_b[k], omega[k]
+                fleet.aux[e, i, INCREMENT + k], fleet.aux[e, i, ANGLE + k] = increment[k], angles[k]
             for k in ti.static(range(4)):
-                state[e, i, 3 + k] = q[k]
+                fleet.state[e, i, 3 + k] = q[k]
 
     @ti.func
-    def smoothed(self, smooth, angles, pitch, yaw):
+    def advance(self, p: ti.template(), build: ti.template(), y, increment, angles, command, tau):
+        """State (position, and velocity in n), increments, angles and their rates one control step later."""
+        pos = ti.Vector([y[0], y[1], y[2]])
+        v = rotation_matrix(ti.Vector([y[3], y[4], y[5], y[6]])) @ ti.Vector([y[7], y[8], y[9]])
+        boost = self.p.boost_min * ti.pow(self.boost_ratio, 0.5 * (command[2] + 1.0))
+        rates = angles * 0.0
+        for _ in range(self.substeps):
+            a = self.acceleration(p, build.loaded, angles, boost, tau)
+            increment = self.smoothed(p, increment, angles, command[0], command[1])
+            turned = self.turned(p, angles, increment)
+            rates = (turned - angles) / self.dt
+            angles = turned
+            v = (v + a * self.dt) * (1 - p.drag * self.dt)
+            pos += v * ti.static(self.dt)
+        for k in ti.static(range(3)):
+            y[k], y[7 + k] = pos[k], v[k]
+        return y, increment, angles, rates
+
+    @ti.func
+    def acceleration(self, p: ti.template(), loaded: ti.template(), angles, boost, tau):
+        """Of the thrust along the nose and, where one counts, of the load tau from outside (b): m/s^2, n."""
+        ahead, right, down = p.acceleration * boost, angles[0] * 0.0, angles[0] * 0.0
+        if ti.static(loaded):
+            sr, cr = fast.sincos(angles[0])
+            ahead += tau[0] * p.inverse_mass
+            right = (cr * tau[1] - sr * tau[2]) * p.inverse_mass  # rolled back; then pitched, then turned
+            down = (sr * tau[1] + cr * tau[2]) * p.inverse_mass
+        sp, cp = fast.sincos(angles[1])
+        sy, cy = fast.sincos(angles[2])
+        level = cp * ahead + sp * down
+        return ti.Vector([cy * level - sy * right, sy * level + cy * right, cp * down - sp * ahead])
+
+    @ti.func
+    def smoothed(self, p: ti.template(), increment, angles, pitch, yaw):
         """Increments (roll, pitch, yaw) one step closer to the commands."""
-        step = ti.static(self.p.smooth_rate * self.dt)
+        step = p.smooth_rate * self.dt
         roll = yaw - angles[0] / ti.static(self.p.max_roll_deg * DEG)
         if ti.static(self.p.roll_rule == "script"):
             if yaw != 0.0:
                 roll = yaw
-        command = ti.Vector([roll, pitch, yaw])
-        return smooth + ti.max(ti.min(command - smooth, step), -step)
+        wanted = ti.Vector([roll, pitch, yaw])
+        return increment + ti.max(ti.min(wanted - increment, step), -step)
 
     @ti.func
-    def turned(self, angles, smooth):
+    def turned(self, p: ti.template(), angles, increment):
         """Angles after one step; pitch and roll clamped."""
-        step = ti.static(self.dt * DEG)
-        roll = angles[0] + smooth[0] * step * self.p.roll_speed_deg
-        pitch = angles[1] + smooth[1] * step * self.p.pitch_speed_deg
-        yaw = angles[2] + smooth[2] * step * self.p.yaw_speed_deg
+        roll = angles[0] + increment[0] * (p.roll_speed * self.dt)
+        pitch = angles[1] + increment[1] * (p.pitch_speed * self.dt)
+        yaw = angles[2] + increment[2] * (p.yaw_speed * self.dt)
         max_roll, max_pitch = ti.static(self.p.max_roll_deg * DEG), ti.static(self.p.max_pitch_deg * DEG)
         return ti.Vector([ti.max(ti.min(roll, max_roll), -max_roll), ti.max(ti.min(pitch, max_pitch), -max_pitch), yaw])
 
     @ti.func
-    def nose(self, angles):
-        """Unit vector of the nose in n."""
-        sp, cp = fast.sincos(angles[1])
-        sy, cy = fast.sincos(angles[2])
-        return ti.Vector([cp * cy, cp * sy, -sp])
+    def angle_rates(self, p: ti.template(), angles, increment):
+        """Rates (rad/s) of the angles; none beyond where pitch and roll are clamped."""
+        rates = ti.Vector([increment[0] * p.roll_speed, increment[1] * p.pitch_speed, increment[2] * p.yaw_speed])
+        for k, most in ti.static(enumerate((self.p.max_roll_deg * DEG, self.p.max_pitch_deg * DEG))):
+            if ti.abs(angles[k]) >= most and angles[k] * rates[k] > 0.0:
+                rates[k] = 0.0
+        return rates
 
     @ti.func
     def body_rates(self, angles, rates):
@@ -174,5 +262,19 @@ class UnityAircraft:
                 rates[0] - sp * rates[2],
                 cr * rates[1] + sr * cp * rates[2],
                 -sr * rates[1] + cr * cp * rates[2],
+            ]
+        )
+
+    @ti.func
+    def body_accelerations(self, angles, rates):
+        """Angular acceleration (rad/s^2) in b while the rates of the Euler angles are constant."""
+        sr, cr = fast.sincos(angles[0])
+        sp, cp = fast.sincos(angles[1])
+        cross = rates[1] * rates[2]
+        return ti.Vector(
+            [
+                -cp * cross,
+                rates[0] * (cr * cp * rates[2] - sr * rates[1]) - sr * sp * cross,
+                -rates[0] * (sr * cp * rates[2] + cr * rates[1]) - cr * sp * cross,
             ]
         )

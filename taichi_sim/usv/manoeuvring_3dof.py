@@ -9,182 +9,202 @@ terms act on nu, hydrodynamic ones on nu_r = nu - nu_c and its derivative. As M_
 C_rb(nu_r) nu_r = 0, this is the same equation in nu_r (Fossen 2021, Handbook of Marine Craft Hydrodynamics and Motion
 Control, sec. 10.3), which is what is integrated: eta_dot = R nu_r + V_c.
 
-Heave, roll and pitch follow the plane through the elevations under the four corners of the water plane.
+Heave, roll and pitch follow the plane through the elevations under the four corners of the water plane. A load from
+outside acts by its X, Y and N, as in a hull that floats upright; what of it lifts, heels or trims (Z, K, M) does
+nothing.
 """
 
-import math
+# Kernels are another language inside Python syntax.
+# pyright: reportIndexIssue=false, reportInvalidTypeForm=false
 
-import numpy as np
+from collections.abc import Mapping
+from typing import Any
+
 import taichi as ti
 import torch
+from torch import Tensor
 
-from taichi_sim import runtime
 from taichi_sim.config import ConfigError
+from taichi_sim.conventions import ELEVATION
 from taichi_sim.kinematics import store
 from taichi_sim.maths import fast
 from taichi_sim.maths.rotation import quaternion_product, rotation_matrix
+from taichi_sim.packs import AroundPack, FleetPack, load_at, numbers_at
 from taichi_sim.sea import waves
 from taichi_sim.surroundings import Surroundings
-from taichi_sim.usv.manoeuvring_loads import Manoeuvring3dofParams, ManoeuvringLoads
+from taichi_sim.usv.manoeuvring_loads import (
+    VARYING,
+    Manoeuvring3dofParams,
+    ManoeuvringNumbers,
+    acceleration,
+    numbers_of,
+    water_plane,
+    wave_load,
+)
+from taichi_sim.usv.vessel import Vessel
 
 ACTION_NAMES = {"acceleration_yaw": ("acceleration", "yaw"), "surge_sway_yaw": ("surge", "sway", "yaw")}
+AUX = (
+    "displacement_north", "displacement_east", "displacement_change_north", "displacement_change_east",  # m
+    "wave_X", "wave_Y", "wave_N", "X", "Y", "N",  # N, N m
+)  # fmt: skip
+LABEL, WAVE, DRIVE = (AUX.index(name) for name in ("displacement_north", "wave_X", "X"))  # first columns
 
 
 @ti.data_oriented
-class Manoeuvring3dof(ManoeuvringLoads):
+class Manoeuvring3dof(Vessel):
     """Steps a team of vessels in place: RK4 in (x, y, psi, u_r, v_r, r), waves and thrust held over a substep.
 
-    Auxiliary state [env, vehicle, 10]: displacement of the surface particle at the hull's centre (north, east, m) and
-    its change in the last substep (found as in unity_boat.py); wave load X, Y, N of the surface met at the end of the
-    last substep (none before the first); forces X, Y, N of the actuators.
+    Actions are in [-1, 1]: acceleration maps to X in [0, surge_force_max], yaw to N = yaw_moment_max yaw; with
+    actions = "surge_sway_yaw" all three are symmetric. Controls are the forces X, Y (N) and N (N m).
+
+    Auxiliary state (`aux_names`): displacement of the surface particle at the hull's centre and its change in the last
+    substep (found as in unity_boat.py); wave load of the surface met at the end of the last substep (none before the
+    first); forces of the actuators. It follows the surface: it cannot capsize or be swamped. It feels the current at
+    the surface, and no wind.
     """
 
-    team = "usv"
-    aux_size = 10
-    capsize_cosine, deck_height = 0.0, math.inf  # it follows the surface: it cannot capsize or be swamped
-    draft, wind_height = 0.0, 10.0  # m; it feels the current at the surface, and no wind
     Params = Manoeuvring3dofParams
+    control_names = ("X", "Y", "N")
+    aux_names = AUX
+    aux_size = len(AUX)
+    varying = VARYING
 
     def __init__(self, params: Manoeuvring3dofParams, dt: float, substeps: int):
-        """Bake the numbers of `params`, the step dt (s) and the substeps of a control step into the kernel.
+        """Take the numbers of `params`, the step dt (s) and the substeps of a control step.
 
         Raises:
             ConfigError: if dt is beyond the largest at which RK4 is stable.
         """
-        super().__init__(params)
+        super().__init__(params, dt, substeps)
         if not dt <= params.largest_dt:
             raise ConfigError(f"dt = {dt} s is unstable for this vehicle: allowed are up to {params.largest_dt:.4g} s")
-        self.params, self.dt, self.substeps = params, dt, substeps
+        self.p = params
         self.action_names = ACTION_NAMES[params.actions]
-        # Actuators close in on a command by exp(-dt / T) per step; the mean over the step is what the hull feels.
-        x = dt / params.time_constant if params.time_constant > 0 else np.inf
-        self.lag_end, self.lag_mean = float(np.exp(-x)), float(-np.expm1(-x) / x)
 
-    def step(self, team, action: torch.Tensor, around: Surroundings) -> None:
-        """Advance one control step.
+    def own(self, values: Mapping[str, Any]) -> ManoeuvringNumbers:
+        """What the kernel works with."""
+        return numbers_of(values, self.p.length, self.dt)
 
-        `action` [env, vehicle, action] in [-1, 1]: acceleration maps to X in [0, surge_force_max], yaw to
-        N = yaw_moment_max yaw; with actions = "surge_sway_yaw" all three are symmetric.
+    def step(self, fleet: Any, around: Surroundings) -> None:
+        """Advance one control step."""
+        fleet.launch(self._step, fleet.pack, around.pack, self.build(fleet, around))
+
+    def equations(self, state: Tensor, controls: Tensor, current: Tensor, wind: Tensor, load: Tensor) -> Tensor:
+        """d(state)/dt [n, 13] of motion in the plane: position, heading, u, v, r; the rest of the rates is zero.
+
+        What `state` heaves, rolls or pitches does not count, nor does the wind.
         """
-        sea = around.sea
-        self._step(
-            team.state, team.derived, team.aux, team.surface, action, sea, around.env_sea, around.phase, around.current,
-            sea.shape[2],
-        )  # fmt: skip
-
-    def reset_aux(self, aux: torch.Tensor, state: torch.Tensor) -> None:
-        """Auxiliary state [.., 10] of vehicles put at `state` [.., 13]: no thrust, no wave load yet."""
-        aux.zero_()
-
-    def rhs(self, eta, nu, tau, current=(0.0, 0.0)) -> tuple[np.ndarray, np.ndarray]:
-        """The right-hand side alone, without waves.
-
-        Args:
-            eta: [row, 3] x, y (m), psi (rad). nu: [row, 3] u, v (m/s), r (rad/s), over ground. tau: [row, 3] X, Y
-                (N), N (N m). current: [2] or [row, 2] north, east, m/s.
-
-        Returns:
-            eta_dot [row, 3] and nu_dot [row, 3], in b, over ground.
-        """
-        eta, nu, tau = (np.atleast_2d(np.asarray(a, dtype=np.float64)) for a in (eta, nu, tau))
-        V_c = np.broadcast_to(np.asarray(current, dtype=np.float64), (eta.shape[0], 2))
-        run = runtime.current()
-        rows = torch.as_tensor(np.hstack((eta, nu, tau, V_c)), dtype=run.torch_dtype, device=run.device)
-        out = rows.new_empty((eta.shape[0], 6))
-        self._rhs(out, rows)
-        result = out.double().cpu().numpy()
-        return result[:, :3], result[:, 3:]
+        out = torch.zeros_like(state)
+        self._rhs(out, state, controls, current, load)
+        return out
 
     @ti.kernel
-    def _rhs(self, out: ti.types.ndarray(ndim=2), rows: ti.types.ndarray(ndim=2)):
-        for i in range(rows.shape[0]):
-            V_c = ti.Vector([rows[i, 9], rows[i, 10]])
-            sine, cosine = fast.sincos(rows[i, 2])
+    def _rhs(self, out: ti.types.ndarray(ndim=2), state: ti.types.ndarray(ndim=2), controls: ti.types.ndarray(ndim=2),
+             current: ti.types.ndarray(ndim=2), load: ti.types.ndarray(ndim=2)):  # fmt: skip
+        for n in range(state.shape[0]):
+            y = ti.Vector([state[n, k] for k in ti.static(range(13))])
+            V_c = ti.Vector([current[n, 0], current[n, 1]])
+            tau = ti.Vector([controls[n, 0] + load[n, 0], controls[n, 1] + load[n, 1], controls[n, 2] + load[n, 5]])
+            s, _ = self.planar(y, V_c)
+            rate = self.derivatives(self.constants, s, tau, V_c)
+            sine, cosine = fast.sincos(s[2])
             u_c, v_c = cosine * V_c[0] + sine * V_c[1], cosine * V_c[1] - sine * V_c[0]
-            s = ti.Vector([rows[i, 0], rows[i, 1], rows[i, 2], rows[i, 3] - u_c, rows[i, 4] - v_c, rows[i, 5]])
-            rate = self.derivatives(s, ti.Vector([rows[i, 6], rows[i, 7], rows[i, 8]]), V_c)
-            rate[3] += rows[i, 5] * v_c
-            rate[4] -= rows[i, 5] * u_c
-            for k in ti.static(range(6)):
-                out[i, k] = rate[k]
+            turn = ti.Vector([y[3] * 0.0, y[3] * 0.0, y[3] * 0.0, 0.5 * s[5]])  # about the vertical
+            q_dot = quaternion_product(turn, ti.Vector([y[3], y[4], y[5], y[6]]))
+            out[n, 0], out[n, 1] = rate[0], rate[1]
+            for k in ti.static(range(4)):
+                out[n, 3 + k] = q_dot[k]
+            # over ground: nu_c turns in b
+            out[n, 7], out[n, 8], out[n, 12] = rate[3] + s[5] * v_c, rate[4] - s[5] * u_c, rate[5]
 
     @ti.kernel
-    def _step(
-        self,
-        state: ti.types.ndarray(ndim=3),
-        derived: ti.types.ndarray(ndim=3),
-        aux: ti.types.ndarray(ndim=3),
-        surface: ti.types.ndarray(ndim=3),
-        action: ti.types.ndarray(ndim=3),
-        sea: ti.types.ndarray(ndim=3),
-        env_sea: ti.types.ndarray(dtype=ti.i32, ndim=1),
-        phase: ti.types.ndarray(ndim=2),
-        current: ti.types.ndarray(ndim=2),
-        count: ti.template(),
-    ):
-        for e, i in ti.ndrange(state.shape[0], state.shape[1]):
-            V_c = ti.Vector([current[e, 0], current[e, 1]])
-            s, plane = self.load(state, e, i, V_c)
+    def _step(self, fleet: FleetPack, around: AroundPack, build: ti.template()):
+        for e, i in ti.ndrange(fleet.state.shape[0], fleet.state.shape[1]):
+            y = ti.Vector([fleet.state[e, i, k] for k in ti.static(range(13))])
+            memory = ti.Vector([fleet.aux[e, i, k] for k in ti.static(range(len(AUX)))])
+            command = ti.Vector([fleet.action[e, i, k] for k in ti.static(range(len(self.action_names)))])
+            V_c = ti.Vector([around.current[e, 0], around.current[e, 1]])
+            tau = load_at(build, fleet.load, e, i)
+            s, plane = self.planar(y, V_c)
             before = plane
-            D = ti.Vector([aux[e, i, 0], aux[e, i, 1]])
-            change = ti.Vector([aux[e, i, 2], aux[e, i, 3]])
-            wave = ti.Vector([aux[e, i, 4], aux[e, i, 5], aux[e, i, 6]])
-            drive = ti.Vector([aux[e, i, 7], aux[e, i, 8], aux[e, i, 9]])
-            command = self.command(action, e, i)
-            for n in range(self.substeps):
-                excess = drive - command
-                s = self.runge_kutta(s, command + self.lag_mean * excess + wave, V_c)
-                drive = command + self.lag_end * excess
-                D_next, heights = self.elevations(
-                    sea, phase, count, env_sea[e], e, (n + 1) * ti.static(self.dt), s, D + change
+            if ti.static(build.varied):
+                own = numbers_at(self.Own, fleet.numbers, e, i)
+                s, plane, before, memory = self.advance(own, build, around, e, s, plane, memory, command, tau, V_c)
+            else:
+                s, plane, before, memory = self.advance(
+                    self.constants, build, around, e, s, plane, memory, command, tau, V_c
                 )
-                change = D_next - D
-                D = D_next
-                before = plane
-                plane = self.water_plane(heights)
-                wave = self.wave_load(plane)
             q, omega = self.attitude(s[2], s[5], plane, (plane - before) / ti.static(self.dt))
             R_nb = rotation_matrix(q)
             c, sine = self.heading(R_nb)
             v_n = ti.Vector([c * s[3] - sine * s[4] + V_c[0], sine * s[3] + c * s[4] + V_c[1], 0.0])
             v_n[2] = (before[0] - plane[0]) / ti.static(self.dt)
-            store(derived, e, i, R_nb, v_n)
+            store(fleet.derived, e, i, R_nb, v_n)
             v_b = R_nb.transpose() @ v_n
-            state[e, i, 0], state[e, i, 1], state[e, i, 2] = s[0], s[1], -plane[0]
+            fleet.state[e, i, 0], fleet.state[e, i, 1], fleet.state[e, i, 2] = s[0], s[1], -plane[0]
             for k in ti.static(range(4)):
-                state[e, i, 3 + k] = q[k]
+                fleet.state[e, i, 3 + k] = q[k]
             for k in ti.static(range(3)):
-                state[e, i, 7 + k], state[e, i, 10 + k] = v_b[k], omega[k]
-                aux[e, i, 4 + k], aux[e, i, 7 + k] = wave[k], drive[k]
-            aux[e, i, 0], aux[e, i, 1], aux[e, i, 2], aux[e, i, 3] = D[0], D[1], change[0], change[1]
-            surface[e, i, 0] = plane[0]
+                fleet.state[e, i, 7 + k], fleet.state[e, i, 10 + k] = v_b[k], omega[k]
+            for k in ti.static(range(len(AUX))):
+                fleet.aux[e, i, k] = memory[k]
+            fleet.surface[e, i, ELEVATION] = plane[0]
 
     @ti.func
-    def command(self, action: ti.template(), e, i):
+    def advance(self, p: ti.template(), build: ti.template(), around: ti.template(), e, s, plane, memory, command, tau,
+                V_c):  # fmt: skip
+        """s, water plane now and one substep before, and auxiliary state, one control step later."""
+        before = plane
+        D = ti.Vector([memory[LABEL], memory[LABEL + 1]])
+        change = ti.Vector([memory[LABEL + 2], memory[LABEL + 3]])
+        wave = ti.Vector([memory[WAVE + k] for k in ti.static(range(3))])
+        drive = ti.Vector([memory[DRIVE + k] for k in ti.static(range(3))])
+        wanted = self.forces(p, command)
+        outside = ti.Vector([tau[0], tau[1], tau[5]])
+        for n in range(self.substeps):
+            excess = drive - wanted
+            s = self.runge_kutta(p, s, wanted + p.lag_mean * excess + wave + outside, V_c)
+            drive = wanted + p.lag_end * excess
+            D_next, heights = self.elevations(around, build, e, (n + 1) * ti.static(self.dt), s, D + change)
+            change = D_next - D
+            D = D_next
+            before = plane
+            plane = water_plane(ti.static(self.p.length), ti.static(self.p.beam), heights)
+            if ti.static(self.p.wave_response):
+                wave = wave_load(p, plane)
+        for k in ti.static(range(2)):
+            memory[LABEL + k], memory[LABEL + 2 + k] = D[k], change[k]
+        for k in ti.static(range(3)):
+            memory[WAVE + k], memory[DRIVE + k] = wave[k], drive[k]
+        return s, plane, before, memory
+
+    @ti.func
+    def forces(self, p: ti.template(), command):
         """Forces X, Y (N) and moment N (N m) that the actions ask for."""
-        X, Y, N = action[e, i, 0], action[e, i, 0] * 0.0, action[e, i, 1]
+        X, Y, N = command[0], command[0] * 0.0, command[1]
         if ti.static(self.p.actions == "surge_sway_yaw"):
-            Y, N = action[e, i, 1], action[e, i, 2]
+            Y, N = command[1], command[2]
         else:
             X = 0.5 * (X + 1.0)
-        return ti.Vector([self.p.surge_force_max * X, self.p.sway_force_max * Y, self.p.yaw_moment_max * N])
+        return ti.Vector([p.X_max * X, p.Y_max * Y, p.N_max * N])
 
     @ti.func
-    def derivatives(self, s, tau, V_c):
+    def derivatives(self, p: ti.template(), s, tau, V_c):
         """Rates of s = [x, y, psi, u_r, v_r, r] under tau = [X, Y, N], velocity relative to water that moves by V_c."""
         sine, cosine = fast.sincos(s[2])
-        a = self.acceleration(s[3], s[4], s[5], tau)
+        a = acceleration(p, s[3], s[4], s[5], tau)
         x_dot, y_dot = cosine * s[3] - sine * s[4] + V_c[0], sine * s[3] + cosine * s[4] + V_c[1]
         return ti.Vector([x_dot, y_dot, s[5], a[0], a[1], a[2]])
 
     @ti.func
-    def runge_kutta(self, s, tau, V_c):
+    def runge_kutta(self, p: ti.template(), s, tau, V_c):
         """s after one step of the classical fourth-order method."""
         h = ti.static(self.dt)
-        k1 = self.derivatives(s, tau, V_c)
-        k2 = self.derivatives(s + (0.5 * h) * k1, tau, V_c)
-        k3 = self.derivatives(s + (0.5 * h) * k2, tau, V_c)
-        k4 = self.derivatives(s + h * k3, tau, V_c)
+        k1 = self.derivatives(p, s, tau, V_c)
+        k2 = self.derivatives(p, s + (0.5 * h) * k1, tau, V_c)
+        k3 = self.derivatives(p, s + (0.5 * h) * k2, tau, V_c)
+        k4 = self.derivatives(p, s + h * k3, tau, V_c)
         return s + (h / 6.0) * (k1 + 2.0 * (k2 + k3) + k4)
 
     @ti.func
@@ -194,21 +214,21 @@ class Manoeuvring3dof(ManoeuvringLoads):
         return R[0, 0] * inv, R[1, 0] * inv
 
     @ti.func
-    def load(self, state: ti.template(), e, i, V_c):
-        """s = [x, y, psi, u_r, v_r, r] and the water plane (water_plane; its twist is not kept) of a packed state."""
-        R = rotation_matrix(ti.Vector([state[e, i, 3], state[e, i, 4], state[e, i, 5], state[e, i, 6]]))
-        v = R @ ti.Vector([state[e, i, 7], state[e, i, 8], state[e, i, 9]])
+    def planar(self, y, V_c):
+        """s = [x, y, psi, u_r, v_r, r] and the water plane (water_plane; its twist is not kept) of a state."""
+        R = rotation_matrix(ti.Vector([y[3], y[4], y[5], y[6]]))
+        v = R @ ti.Vector([y[7], y[8], y[9]])
         c, sine = self.heading(R)
         north, east = v[0] - V_c[0], v[1] - V_c[1]
-        r = (R[2, 1] * state[e, i, 11] + R[2, 2] * state[e, i, 12]) / (R[2, 1] * R[2, 1] + R[2, 2] * R[2, 2])
+        r = (R[2, 1] * y[11] + R[2, 2] * y[12]) / (R[2, 1] * R[2, 1] + R[2, 2] * R[2, 2])
         u_r, v_r = c * north + sine * east, c * east - sine * north
         slope_n, slope_e = R[0, 2] / R[2, 2], R[1, 2] / R[2, 2]
         ahead, right = c * slope_n + sine * slope_e, c * slope_e - sine * slope_n
-        s = ti.Vector([state[e, i, 0], state[e, i, 1], ti.atan2(R[1, 0], R[0, 0]), u_r, v_r, r])
-        return s, ti.Vector([-state[e, i, 2], ahead, right, ahead * 0.0])
+        s = ti.Vector([y[0], y[1], ti.atan2(R[1, 0], R[0, 0]), u_r, v_r, r])
+        return s, ti.Vector([-y[2], ahead, right, ahead * 0.0])
 
     @ti.func
-    def elevations(self, sea: ti.template(), phase: ti.template(), count: ti.template(), sea_index, e, tau, s, D):
+    def elevations(self, around: ti.template(), build: ti.template(), e, tau, s, D):
         """Displacement (m) at the centre, from its prediction D, and elevations (m, up) at the four corners."""
         sine, cosine = fast.sincos(s[2])
         x, y = s[0] + D[0], s[1] + D[1]
@@ -216,7 +236,8 @@ class Manoeuvring3dof(ManoeuvringLoads):
         gx, gy = -0.5 * self.p.beam * sine, 0.5 * self.p.beam * cosine
         X = ti.Vector([x, x + fx - gx, x + fx + gx, x - fx - gx, x - fx + gx])
         Y = ti.Vector([y, y + fy - gy, y + fy + gy, y - fy - gy, y - fy + gy])
-        h = waves.displacement_and_four_elevations(sea, phase, count, sea_index, e, X, Y, tau)
+        sea_index = around.env_sea[e]
+        h = waves.displacement_and_four_elevations(around.sea, around.phase, build.components, sea_index, e, X, Y, tau)
         return ti.Vector([h[0], h[1]]), ti.Vector([h[2], h[3], h[4], h[5]])
 
     @ti.func

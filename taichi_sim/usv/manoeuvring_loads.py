@@ -14,8 +14,12 @@ feels (mass displaced + added mass) times that (Taylor 1928): a wall-sided block
 the slope averaged over it. Its yaw moment is that of a transverse acceleration that changes along the hull.
 """
 
-from math import factorial
-from typing import Literal
+# Kernels are another language inside Python syntax.
+# pyright: reportAttributeAccessIssue=false, reportInvalidTypeForm=false
+
+import math
+from collections.abc import Mapping
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import taichi as ti
@@ -23,6 +27,8 @@ from pydantic import model_validator
 
 from taichi_sim.config import Finite, NonNegative, Positive, Strict
 from taichi_sim.conventions import GRAVITY
+
+AT_ONCE = 1e-300  # s, added to the time constant of an actuator: of one without lag nothing is left after any step
 
 
 class Manoeuvring3dofParams(Strict):
@@ -76,8 +82,7 @@ class Manoeuvring3dofParams(Strict):
     @property
     def M(self) -> np.ndarray:  # noqa: N802
         """Inertia matrix [3, 3] of eq. (4), rigid body and added mass."""
-        m23, m32 = self.mass * self.x_g - self.Y_rdot, self.mass * self.x_g - self.N_vdot
-        m11, m22, m33 = self.mass - self.X_udot, self.mass - self.Y_vdot, self.I_z - self.N_rdot
+        m11, m22, m23, m32, m33 = _inertia(self.model_dump())
         return np.array([[m11, 0.0, 0.0], [0.0, m22, m23], [0.0, m32, m33]])
 
     def steady_surge(self, force: float) -> float:
@@ -103,63 +108,123 @@ class Manoeuvring3dofParams(Strict):
         return min(_rk4_limit(value) for u in speeds for value in self.eigenvalues(u))
 
 
+def _inertia(values: Mapping[str, Any]) -> tuple[Any, Any, Any, Any, Any]:
+    """m11, m22, m23, m32, m33 (see the module)."""
+    mass, x_g = values["mass"], values["x_g"]
+    m23, m32 = mass * x_g - values["Y_rdot"], mass * x_g - values["N_vdot"]
+    return mass - values["X_udot"], mass - values["Y_vdot"], m23, m32, values["I_z"] - values["N_rdot"]
+
+
 def _rk4_limit(eigenvalue: complex) -> float:
     """Smallest dt > 0 with |1 + z + z^2/2 + z^3/6 + z^4/24| = 1 at z = eigenvalue dt; infinite if none decays."""
     if eigenvalue.real >= 0:
         return np.inf
-    growth = np.array([eigenvalue**k / factorial(k) for k in range(5)])
+    growth = np.array([eigenvalue**k / math.factorial(k) for k in range(5)])
     square_less_one = np.convolve(growth, growth.conj()).real[1:]  # over dt
     roots = np.roots(square_less_one[::-1])
     return float(roots.real[(np.abs(roots.imag) < 1e-9 * np.abs(roots)) & (roots.real > 0)].min())
 
 
-@ti.data_oriented
-class ManoeuvringLoads:
-    """Forces on one hull as functions of values; the numbers are constants of the compiled kernels."""
+class ManoeuvringNumbers(NamedTuple):
+    """What the kernel works with; the derivatives by their names in the vehicle file."""
 
-    def __init__(self, params: Manoeuvring3dofParams):
-        """Bake the numbers of `params`."""
-        self.p = params
-        M = params.M
-        self.m11, self.m22, self.m23, self.m32, self.m33 = (float(m) for m in M[[0, 1, 1, 2, 2], [0, 1, 2, 1, 2]])
-        self.c13_r = 0.5 * (self.m23 + self.m32)
-        self.det = self.m22 * self.m33 - self.m23 * self.m32
-        # Inertia in yaw of the water that a wall-sided block displaces, with the added one, kg m^2
-        self.block_yaw = params.mass * params.length**2 / 12 - params.N_rdot
-        self.slope_gain = GRAVITY if params.wave_response else 0.0
+    m11: float  # kg
+    m22: float  # kg
+    m23: float  # kg m
+    m32: float  # kg m
+    m33: float  # kg m^2
+    c13_r: float  # (m23 + m32) / 2, kg m
+    inverse_m11: float
+    inverse_det: float  # of m22 m33 - m23 m32
+    block_yaw: float  # inertia in yaw of the water that a wall-sided block displaces, with the added one, kg m^2
+    X_max: float  # N
+    Y_max: float  # N
+    N_max: float  # N m
+    lag_end: float  # of what an actuator lacks, left after a step
+    lag_mean: float  # the same, mean over the step
+    X_u: float
+    X_uu: float
+    X_uuu: float
+    Y_v: float
+    Y_vv: float
+    Y_rv: float
+    Y_r: float
+    Y_vr: float
+    Y_rr: float
+    N_v: float
+    N_vv: float
+    N_rv: float
+    N_r: float
+    N_vr: float
+    N_rr: float
 
-    @ti.func
-    def acceleration(self, u, v, r, tau):
-        """nu_dot (m/s^2, rad/s^2) of eq. (3) at velocity [u v r] relative to the water, under tau [X Y N]."""
-        au, av, ar = ti.abs(u), ti.abs(v), ti.abs(r)
-        c13, c23 = -self.m22 * v - self.c13_r * r, self.m11 * u
-        d11 = -(self.p.X_u + self.p.X_uu * au + self.p.X_uuu * u * u)
-        d22 = -(self.p.Y_v + self.p.Y_vv * av + self.p.Y_rv * ar)
-        d23 = -(self.p.Y_r + self.p.Y_vr * av + self.p.Y_rr * ar)
-        d32 = -(self.p.N_v + self.p.N_vv * av + self.p.N_rv * ar)
-        d33 = -(self.p.N_r + self.p.N_vr * av + self.p.N_rr * ar)
-        X = tau[0] - c13 * r - d11 * u
-        Y = tau[1] - c23 * r - d22 * v - d23 * r
-        N = tau[2] + c13 * u + c23 * v - d32 * v - d33 * r
-        v_dot = (self.m33 * Y - self.m23 * N) / ti.static(self.det)
-        r_dot = (self.m22 * N - self.m32 * Y) / ti.static(self.det)
-        return ti.Vector([X / ti.static(self.m11), v_dot, r_dot])
 
-    @ti.func
-    def water_plane(self, heights):
-        """Mean elevation (m), slopes ahead and to starboard, and the change of the latter per metre ahead (1/m).
+DAMPING = ManoeuvringNumbers._fields[ManoeuvringNumbers._fields.index("X_u") :]
+ADDED_MASS = ("X_udot", "Y_vdot", "Y_rdot", "N_vdot", "N_rdot")
+VARYING = (
+    "mass", "I_z", "x_g", *ADDED_MASS, *DAMPING, "surge_force_max", "sway_force_max", "yaw_moment_max", "time_constant",
+)  # fmt: skip
 
-        `heights` (m, up) are those of the bow port, bow starboard, stern port and stern starboard corners.
-        """
-        bow, stern = heights[1] - heights[0], heights[3] - heights[2]
-        ahead = (heights[0] + heights[1] - heights[2] - heights[3]) / ti.static(2.0 * self.p.length)
-        right = (bow + stern) / ti.static(2.0 * self.p.beam)
-        twist = (bow - stern) / ti.static(self.p.beam * self.p.length)
-        return ti.Vector([0.25 * heights.sum(), ahead, right, twist])
 
-    @ti.func
-    def wave_load(self, plane):
-        """Force X, Y (N) and moment N (N m) of the waves on the hull, from its water plane."""
-        a_x, a_y, a_yx = -self.slope_gain * plane[1], -self.slope_gain * plane[2], -self.slope_gain * plane[3]
-        Y = self.m22 * a_y + self.m23 * a_yx
-        return ti.Vector([self.m11 * a_x, Y, self.m32 * a_y + self.block_yaw * a_yx])
+def numbers_of(values: Mapping[str, Any], length: float, dt: float) -> ManoeuvringNumbers:
+    """What a kernel of step dt (s) works with, of a hull of `length` (m) and of `values` of all that varies."""
+    m11, m22, m23, m32, m33 = _inertia(values)
+    # Actuators close in on a command by exp(-dt / T) per step; the mean over the step is what the hull feels.
+    x = dt / (values["time_constant"] + AT_ONCE)
+    lag_end = math.e**-x
+    return ManoeuvringNumbers(
+        m11=m11,
+        m22=m22,
+        m23=m23,
+        m32=m32,
+        m33=m33,
+        c13_r=0.5 * (m23 + m32),
+        inverse_m11=1 / m11,
+        inverse_det=1 / (m22 * m33 - m23 * m32),
+        block_yaw=values["mass"] * length**2 / 12 - values["N_rdot"],
+        X_max=values["surge_force_max"],
+        Y_max=values["sway_force_max"],
+        N_max=values["yaw_moment_max"],
+        lag_end=lag_end,
+        lag_mean=(1 - lag_end) / x,
+        **{name: values[name] for name in DAMPING},
+    )
+
+
+@ti.func
+def acceleration(p: ti.template(), u, v, r, tau):
+    """nu_dot (m/s^2, rad/s^2) of eq. (3) at velocity [u v r] relative to the water, under tau [X Y N]."""
+    au, av, ar = ti.abs(u), ti.abs(v), ti.abs(r)
+    c13, c23 = -p.m22 * v - p.c13_r * r, p.m11 * u
+    d11 = -(p.X_u + p.X_uu * au + p.X_uuu * u * u)
+    d22 = -(p.Y_v + p.Y_vv * av + p.Y_rv * ar)
+    d23 = -(p.Y_r + p.Y_vr * av + p.Y_rr * ar)
+    d32 = -(p.N_v + p.N_vv * av + p.N_rv * ar)
+    d33 = -(p.N_r + p.N_vr * av + p.N_rr * ar)
+    X = tau[0] - c13 * r - d11 * u
+    Y = tau[1] - c23 * r - d22 * v - d23 * r
+    N = tau[2] + c13 * u + c23 * v - d32 * v - d33 * r
+    return ti.Vector(
+        [X * p.inverse_m11, (p.m33 * Y - p.m23 * N) * p.inverse_det, (p.m22 * N - p.m32 * Y) * p.inverse_det]
+    )
+
+
+@ti.func
+def water_plane(length, beam, heights):
+    """Mean elevation (m), slopes ahead and to starboard, and the change of the latter per metre ahead (1/m).
+
+    `heights` (m, up) are those of the bow port, bow starboard, stern port and stern starboard corners of a water plane
+    of `length` and `beam` (m).
+    """
+    bow, stern = heights[1] - heights[0], heights[3] - heights[2]
+    ahead = (heights[0] + heights[1] - heights[2] - heights[3]) / (2.0 * length)
+    right = (bow + stern) / (2.0 * beam)
+    twist = (bow - stern) / (beam * length)
+    return ti.Vector([0.25 * heights.sum(), ahead, right, twist])
+
+
+@ti.func
+def wave_load(p: ti.template(), plane):
+    """Force X, Y (N) and moment N (N m) of the waves on the hull, from its water plane."""
+    a_x, a_y, a_yx = -GRAVITY * plane[1], -GRAVITY * plane[2], -GRAVITY * plane[3]
+    return ti.Vector([p.m11 * a_x, p.m22 * a_y + p.m23 * a_yx, p.m32 * a_y + p.block_yaw * a_yx])

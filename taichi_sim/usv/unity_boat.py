@@ -17,17 +17,25 @@ at that place (unclipped, as in the Unity script), preloaded to float with the b
 pushes the boat down the slope of the plane through the four heights: waves shorter than the hull do not push.
 """
 
-import math
+# Kernels are another language inside Python syntax.
+# pyright: reportIndexIssue=false, reportInvalidTypeForm=false
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import taichi as ti
 import torch
+from torch import Tensor
 
 from taichi_sim.config import Finite, NonNegative, Positive, Strict
-from taichi_sim.conventions import GRAVITY
+from taichi_sim.conventions import ELEVATION, GRAVITY
 from taichi_sim.kinematics import store
 from taichi_sim.maths.rotation import quaternion_advance, rotation_matrix
+from taichi_sim.packs import AroundPack, FleetPack, load_at, numbers_at
+from taichi_sim.rigid_body import quaternion_rate
 from taichi_sim.sea import waves
 from taichi_sim.surroundings import Surroundings
+from taichi_sim.usv.vessel import Vessel
 
 
 class UnityBoatParams(Strict):
@@ -50,8 +58,14 @@ class UnityBoatParams(Strict):
     @property
     def inertia(self) -> tuple[float, float, float]:
         """Diagonal inertia of a solid box about forward, right, down, kg m^2."""
-        m, a, b, c = self.mass / 12, self.length, self.beam, self.height
-        return m * (b * b + c * c), m * (a * a + c * c), m * (a * a + b * b)
+        x, y, z = self.inertia_shares
+        return self.mass * x, self.mass * y, self.mass * z
+
+    @property
+    def inertia_shares(self) -> tuple[float, float, float]:
+        """The same over the mass, m^2."""
+        a, b, c = self.length, self.beam, self.height
+        return (b * b + c * c) / 12, (a * a + c * c) / 12, (a * a + b * b) / 12
 
     @property
     def size(self) -> tuple[float, float, float]:
@@ -59,97 +73,164 @@ class UnityBoatParams(Strict):
         return self.length, self.beam, self.height
 
 
+class BoatNumbers(NamedTuple):
+    """What the kernel works with."""
+
+    weight: float  # N
+    preload: float  # of a corner's spring, N
+    inverse_mass: float  # 1/kg
+    inverse_Ix: float  # 1/(kg m^2)  # noqa: N815
+    inverse_Iy: float  # noqa: N815
+    inverse_Iz: float  # noqa: N815
+    force: float  # J, N
+    roll: float  # T_s, N m
+    pitch: float  # T_a, N m
+    yaw: float  # K, N m
+    drag: float  # 1/s
+    angular_drag: float  # 1/s
+    stiffness: float  # N/m per corner
+    damping: float  # N s/m per corner
+
+
 @ti.data_oriented
-class UnityBoat:
-    """Steps a team of boats in place.
+class UnityBoat(Vessel):
+    """Steps a team of boats in place. Actions in [-1, 1] map to I_v in [0, 1] and to I_h; controls are I_v and I_h.
 
     The corners' labels (waves.py) are their places plus the horizontal displacement D of the surface particle at the
     hull's centre, one for all four. D follows the boat by one fixed-point step per physics step, from a linear
     prediction: auxiliary state [env, vehicle, 4] is D (north, east, m) and its change in the last step. The mean
     height under the hull is then within 5 % of hs of the exact inverse on the paper's sea, at speed
     (tests/physics/test_unity_boat.py): four inverses would cost four times the time and a boat whose mass is a guess
-    does not earn them.
+    does not earn them. The buoyancy of its corners rights it until it lies on its side, and it cannot be swamped. It
+    feels the current of the surface, and no wind.
     """
 
-    team = "usv"
-    aux_size = 4
-    capsize_cosine = 0.0  # the buoyancy of its corners rights it until it lies on its side
-    deck_height = math.inf  # it cannot be swamped
-    draft, wind_height = 0.0, 10.0  # m; it feels the current of the surface, and no wind
-    action_names = ("acceleration", "yaw")
     Params = UnityBoatParams
+    action_names = ("acceleration", "yaw")
+    control_names = ("I_v", "I_h")
+    aux_size = 4
+    varying = (
+        "mass", "force_factor", "yaw_factor", "pitch_factor", "roll_factor", "drag", "angular_drag",
+        "buoyancy_stiffness", "buoyancy_damping",
+    )  # fmt: skip
 
     def __init__(self, params: UnityBoatParams, dt: float, substeps: int):
-        """Bake the numbers of `params`, the step dt (s) and the substeps of a control step into the kernel."""
-        self.params = params
-        self.dt, self.substeps = dt, substeps
+        """Take the numbers of `params`, the step dt (s) and the substeps of a control step."""
+        super().__init__(params, dt, substeps)
         self.p = params
-        self.Ix, self.Iy, self.Iz = params.inertia
-        self.preload = params.mass * GRAVITY / 4
 
-    def step(self, team, action: torch.Tensor, around: Surroundings) -> None:
-        """Advance one control step. `action` [env, vehicle, 2] in [-1, 1] maps to I_v in [0, 1] and I_h."""
-        self._step(
-            team.state, team.derived, team.aux, team.surface, action, around.sea, around.env_sea, around.phase,
-            around.current, around.sea.shape[2],
-        )  # fmt: skip
+    def own(self, values: Mapping[str, Any]) -> BoatNumbers:
+        """What the kernel works with."""
+        mass = values["mass"]
+        Ix, Iy, Iz = (mass * share for share in self.p.inertia_shares)
+        return BoatNumbers(
+            weight=mass * GRAVITY,
+            preload=mass * GRAVITY / 4,
+            inverse_mass=1 / mass,
+            inverse_Ix=1 / Ix,
+            inverse_Iy=1 / Iy,
+            inverse_Iz=1 / Iz,
+            force=values["force_factor"],
+            roll=values["roll_factor"],
+            pitch=values["pitch_factor"],
+            yaw=values["yaw_factor"],
+            drag=values["drag"],
+            angular_drag=values["angular_drag"],
+            stiffness=values["buoyancy_stiffness"],
+            damping=values["buoyancy_damping"],
+        )
 
-    def reset_aux(self, aux: torch.Tensor, state: torch.Tensor) -> None:
-        """Auxiliary state [.., 2] of vehicles put at `state` [.., 13]."""
-        aux.zero_()
+    def step(self, fleet: Any, around: Surroundings) -> None:
+        """Advance one control step."""
+        fleet.launch(self._step, fleet.pack, around.pack, self.build(fleet, around))
+
+    def equations(self, state: Tensor, controls: Tensor, current: Tensor, wind: Tensor, load: Tensor) -> Tensor:
+        """d(state)/dt [n, 13] in the limit of short PhysX steps; the wind does nothing."""
+        out = torch.empty_like(state)
+        self._rhs(out, state, controls, current, load)
+        return out
 
     @ti.kernel
-    def _step(
-        self,
-        state: ti.types.ndarray(ndim=3),
-        derived: ti.types.ndarray(ndim=3),
-        aux: ti.types.ndarray(ndim=3),
-        surface: ti.types.ndarray(ndim=3),
-        action: ti.types.ndarray(ndim=3),
-        sea: ti.types.ndarray(ndim=3),
-        env_sea: ti.types.ndarray(dtype=ti.i32, ndim=1),
-        phase: ti.types.ndarray(ndim=2),
-        current: ti.types.ndarray(ndim=2),
-        count: ti.template(),
-    ):
-        for e, i in ti.ndrange(state.shape[0], state.shape[1]):
-            pos = ti.Vector([state[e, i, 0], state[e, i, 1], state[e, i, 2]])
-            q = ti.Vector([state[e, i, 3], state[e, i, 4], state[e, i, 5], state[e, i, 6]])
-            v_b = ti.Vector([state[e, i, 7], state[e, i, 8], state[e, i, 9]])
-            omega = ti.Vector([state[e, i, 10], state[e, i, 11], state[e, i, 12]])
-            D = ti.Vector([aux[e, i, 0], aux[e, i, 1]])
-            change = ti.Vector([aux[e, i, 2], aux[e, i, 3]])
-            V_c = ti.Vector([current[e, 0], current[e, 1], 0.0])
-            I_v, I_h = 0.5 * (action[e, i, 0] + 1.0), action[e, i, 1]
-            v = rotation_matrix(q) @ v_b - V_c  # relative to the water
-            level = pos[2] * 0.0
-            s = env_sea[e]
-            for n in range(self.substeps):
-                tau = n * ti.static(self.dt)
-                R = rotation_matrix(q)
-                D_next, heights = self.surface(sea, phase, count, s, e, tau, pos, R, D + change)
-                change = D_next - D
-                D = D_next
-                force, torque_n = self.buoyancy(pos, R, v, omega, heights)
-                force += R @ ti.Vector([self.p.force_factor * I_v, 0.0, 0.0])
-                torque = R.transpose() @ torque_n + self.control_torque(I_v, I_h)
-                v, omega = self.physx_velocities(v, omega, force, torque)
-                pos += v * ti.static(self.dt) + V_c * ti.static(self.dt)  # apart: without current, the same bits
-                q = quaternion_advance(q, omega, ti.static(self.dt))
-                level = 0.25 * heights.sum()
-            R_nb = rotation_matrix(q)
-            v += V_c
-            store(derived, e, i, R_nb, v)
-            v_b = R_nb.transpose() @ v
+    def _rhs(self, out: ti.types.ndarray(ndim=2), state: ti.types.ndarray(ndim=2), controls: ti.types.ndarray(ndim=2),
+             current: ti.types.ndarray(ndim=2), load: ti.types.ndarray(ndim=2)):  # fmt: skip
+        for n in range(state.shape[0]):
+            y = ti.Vector([state[n, k] for k in ti.static(range(13))])
+            V_c = ti.Vector([current[n, 0], current[n, 1], 0.0])
+            tau = ti.Vector([load[n, k] for k in ti.static(range(6))])
+            calm = ti.Vector([y[0] * 0.0 for _ in ti.static(range(4))])
+            R = rotation_matrix(ti.Vector([y[3], y[4], y[5], y[6]]))
+            v_b, omega = ti.Vector([y[7], y[8], y[9]]), ti.Vector([y[10], y[11], y[12]])
+            v = R @ v_b - V_c
+            force, torque = self.loads(
+                self.constants, ti.Vector([y[0], y[1], y[2]]), R, v, omega, calm, controls[n, 0], controls[n, 1], tau
+            )
+            p = ti.static(self.constants)
+            a_b = R.transpose() @ (force * p.inverse_mass - p.drag * v) - omega.cross(v_b)
+            alpha = self.angular_acceleration(self.constants, torque) - p.angular_drag * omega
+            v_n, rate = R @ v_b, quaternion_rate(ti.Vector([y[3], y[4], y[5], y[6]]), omega)
             for k in ti.static(range(3)):
-                state[e, i, k], state[e, i, 7 + k], state[e, i, 10 + k] = pos[k], v_b[k], omega[k]
+                out[n, k], out[n, 7 + k], out[n, 10 + k] = v_n[k], a_b[k], alpha[k]
             for k in ti.static(range(4)):
-                state[e, i, 3 + k] = q[k]
-            aux[e, i, 0], aux[e, i, 1], aux[e, i, 2], aux[e, i, 3] = D[0], D[1], change[0], change[1]
-            surface[e, i, 0] = level
+                out[n, 3 + k] = rate[k]
+
+    @ti.kernel
+    def _step(self, fleet: FleetPack, around: AroundPack, build: ti.template()):
+        for e, i in ti.ndrange(fleet.state.shape[0], fleet.state.shape[1]):
+            y = ti.Vector([fleet.state[e, i, k] for k in ti.static(range(13))])
+            label = ti.Vector([fleet.aux[e, i, k] for k in ti.static(range(4))])
+            V_c = ti.Vector([around.current[e, 0], around.current[e, 1], 0.0])
+            I_v, I_h = 0.5 * (fleet.action[e, i, 0] + 1.0), fleet.action[e, i, 1]
+            tau = load_at(build, fleet.load, e, i)
+            level = y[2] * 0.0
+            if ti.static(build.varied):
+                own = numbers_at(self.Own, fleet.numbers, e, i)
+                y, label, level = self.advance(own, build, around, e, y, label, V_c, I_v, I_h, tau)
+            else:
+                y, label, level = self.advance(self.constants, build, around, e, y, label, V_c, I_v, I_h, tau)
+            R = rotation_matrix(ti.Vector([y[3], y[4], y[5], y[6]]))
+            v = ti.Vector([y[7], y[8], y[9]])
+            store(fleet.derived, e, i, R, v)
+            v_b = R.transpose() @ v
+            for k in ti.static(range(13)):
+                fleet.state[e, i, k] = y[k]
+            for k in ti.static(range(3)):
+                fleet.state[e, i, 7 + k] = v_b[k]
+            for k in ti.static(range(4)):
+                fleet.aux[e, i, k] = label[k]
+            fleet.surface[e, i, ELEVATION] = level
 
     @ti.func
-    def surface(self, sea: ti.template(), phase: ti.template(), count: ti.template(), s, e, tau, pos, R, D):
+    def advance(self, p: ti.template(), build: ti.template(), around: ti.template(), e, y, label, V_c, I_v, I_h, tau):
+        """State (with the velocity in n), label (D and its change) and mean elevation one control step later."""
+        pos, omega = ti.Vector([y[0], y[1], y[2]]), ti.Vector([y[10], y[11], y[12]])
+        q = ti.Vector([y[3], y[4], y[5], y[6]])
+        D, change = ti.Vector([label[0], label[1]]), ti.Vector([label[2], label[3]])
+        v = rotation_matrix(q) @ ti.Vector([y[7], y[8], y[9]]) - V_c  # relative to the water
+        level = pos[2] * 0.0
+        for n in range(self.substeps):
+            R = rotation_matrix(q)
+            D_next, heights = self.surface(around, build, e, n * ti.static(self.dt), pos, R, D + change)
+            change = D_next - D
+            D = D_next
+            force, torque = self.loads(p, pos, R, v, omega, heights, I_v, I_h, tau)
+            v, omega = self.physx_velocities(p, v, omega, force, torque)
+            pos += v * ti.static(self.dt) + V_c * ti.static(self.dt)  # apart: without current, the same bits
+            q = quaternion_advance(q, omega, ti.static(self.dt))
+            level = 0.25 * heights.sum()
+        v += V_c
+        y = ti.Vector([pos[0], pos[1], pos[2], q[0], q[1], q[2], q[3], v[0], v[1], v[2], omega[0], omega[1], omega[2]])
+        return y, ti.Vector([D[0], D[1], change[0], change[1]]), level
+
+    @ti.func
+    def loads(self, p: ti.template(), pos, R, v, omega, heights, I_v, I_h, tau):
+        """Force (N, n) and torque (N m, b) of buoyancy, weight, the two signals and the load tau from outside."""
+        force, torque_n = self.buoyancy(p, pos, R, v, omega, heights)
+        force += R @ ti.Vector([p.force * I_v + tau[0], tau[1], tau[2]])
+        control = ti.Vector([p.roll * I_h, p.pitch * I_v, p.yaw * I_h])
+        return force, R.transpose() @ torque_n + control + ti.Vector([tau[3], tau[4], tau[5]])
+
+    @ti.func
+    def surface(self, around: ti.template(), build: ti.template(), e, tau, pos, R, D):
         """Displacement (m) at the centre, from its prediction D, and elevations (m, up) under the corners: bow port,
         bow starboard, stern port, stern starboard.
         """
@@ -158,11 +239,12 @@ class UnityBoat:
         gx, gy = 0.5 * self.p.beam * R[0, 1], 0.5 * self.p.beam * R[1, 1]
         X = ti.Vector([x, x + fx - gx, x + fx + gx, x - fx - gx, x - fx + gx])
         Y = ti.Vector([y, y + fy - gy, y + fy + gy, y - fy - gy, y - fy + gy])
-        r = waves.displacement_and_four_elevations(sea, phase, count, s, e, X, Y, tau)
+        s = around.env_sea[e]
+        r = waves.displacement_and_four_elevations(around.sea, around.phase, build.components, s, e, X, Y, tau)
         return ti.Vector([r[0], r[1]]), ti.Vector([r[2], r[3], r[4], r[5]])
 
     @ti.func
-    def buoyancy(self, pos, R, v, omega, heights):
+    def buoyancy(self, p: ti.template(), pos, R, v, omega, heights):
         """Force (N) and torque (N m) of the corner springs and of gravity, both in n, about the body origin."""
         a, b = 0.5 * ti.static(self.p.length), 0.5 * ti.static(self.p.beam)
         omega_n = R @ omega
@@ -172,26 +254,24 @@ class UnityBoat:
             r_b = ti.Vector([a * (1 - 2 * (c // 2)), b * (2 * (c % 2) - 1), 0.0])
             r = R @ r_b
             down_speed = v[2] + omega_n[0] * r[1] - omega_n[1] * r[0]
-            lift = self.preload + self.p.buoyancy_stiffness * (pos[2] + r[2] + heights[c])
-            lift += self.p.buoyancy_damping * down_speed
+            lift = p.preload + p.stiffness * (pos[2] + r[2] + heights[c])
+            lift += p.damping * down_speed
             total += lift
             torque += ti.Vector([-r[1] * lift, r[0] * lift, 0.0])
         bow = (heights[0] + heights[1] - heights[2] - heights[3]) / (2.0 * self.p.length)
         starboard = (heights[1] + heights[3] - heights[0] - heights[2]) / (2.0 * self.p.beam)
         slope_n = bow * R[0, 0] + starboard * R[0, 1]
         slope_e = bow * R[1, 0] + starboard * R[1, 1]
-        weight = ti.static(self.p.mass * GRAVITY)
-        return ti.Vector([-total * slope_n, -total * slope_e, weight - total]), torque
+        return ti.Vector([-total * slope_n, -total * slope_e, p.weight - total]), torque
 
     @ti.func
-    def control_torque(self, I_v, I_h):
-        """Torque (N m) of the two signals in b."""
-        return ti.Vector([self.p.roll_factor * I_h, self.p.pitch_factor * I_v, self.p.yaw_factor * I_h])
+    def angular_acceleration(self, p: ti.template(), torque):
+        """rad/s^2, b: PhysX knows no gyroscopic torque."""
+        return ti.Vector([torque[0] * p.inverse_Ix, torque[1] * p.inverse_Iy, torque[2] * p.inverse_Iz])
 
     @ti.func
-    def physx_velocities(self, v, omega, force, torque):
-        """Velocity relative to the water, in n, and rate in b after one step of PhysX: impulse first, then drag."""
-        v_next = (v + force * ti.static(self.dt / self.p.mass)) * ti.static(1 - self.p.drag * self.dt)
-        alpha = ti.Vector([torque[0] / self.Ix, torque[1] / self.Iy, torque[2] / self.Iz])
-        omega_next = (omega + alpha * ti.static(self.dt)) * ti.static(1 - self.p.angular_drag * self.dt)
-        return v_next, omega_next
+    def physx_velocities(self, p: ti.template(), v, omega, force, torque):
+        """Velocity in n and rate in b after one step of PhysX: impulse first, then drag."""
+        v_next = (v + force * (self.dt * p.inverse_mass)) * (1 - p.drag * self.dt)
+        omega_next = omega + self.angular_acceleration(p, torque) * ti.static(self.dt)
+        return v_next, omega_next * (1 - p.angular_drag * self.dt)

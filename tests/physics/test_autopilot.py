@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 import torch
 
+from taichi_sim.bench import Bench
 from taichi_sim.config import ConfigError
-from taichi_sim.conventions import GRAVITY, QUATERNION, STATE_SIZE
+from taichi_sim.conventions import GRAVITY
 from taichi_sim.uav.fixed_wing.modes import linear_modes
 
 pytestmark = pytest.mark.usefixtures("f64")
@@ -29,31 +30,28 @@ def aircraft(f64, make_model):
     return make
 
 
-class Flight:
+class Flight(Bench):
     """One aircraft, from cruise toward north; `rows` holds what it read at each control step."""
 
-    def __init__(self, bench, model):
-        self.team = bench(model)
-        placed = torch.zeros((1, 1, STATE_SIZE), dtype=self.team.state.dtype)
-        placed[..., 2], placed[..., 3] = -HEIGHT, 1.0
-        self.team.state[:] = model.prepare(placed, self.team.wind)
-        model.reset_aux(self.team.aux, self.team.state)
+    def __init__(self, model):
+        super().__init__(model)
+        self.put((0.0, 0.0, -HEIGHT), settle=True)
         self.rows: list[dict] = []
 
     def fly(self, seconds, action):
         """`action` is three (or four) numbers, or a function of this flight."""
         for _ in range(round(seconds / (DT * SUBSTEPS))):
-            self.team.step(action(self) if callable(action) else action)
-            phi, theta, psi = self.team.euler
-            readings = dict(zip(self.team.model.aux_names, self.team.aux[0, 0].tolist(), strict=True))
+            self.step(action(self) if callable(action) else action)
+            phi, theta, psi = self.euler
+            readings = dict(zip(self.model.aux_names, self.aux[0, 0].tolist(), strict=True))
             angles = {"phi": phi, "theta": theta, "psi": psi, "course": self.course}
-            self.rows.append(readings | angles | {"height": -self.team.position[2]})
+            self.rows.append(readings | angles | {"height": -self.position[2]})
         return self
 
     @property
     def course(self):
         """Direction of the velocity over the ground, rad."""
-        north, east, _ = self.team.velocity
+        north, east, _ = self.velocity
         return math.atan2(east, north)
 
     def column(self, name):
@@ -66,16 +64,16 @@ class Flight:
 
 
 @pytest.fixture
-def flight(bench, aircraft):
-    return lambda *args: Flight(bench, aircraft(*args))
+def flight(aircraft):
+    return lambda *args: Flight(aircraft(*args))
 
 
 def to_course(course):
     """Fly level on a course (rad)."""
 
     def action(flight):
-        speed = float(np.hypot(*flight.team.velocity[:2]))
-        return [0.0, float(flight.team.model.turn(torch.tensor(course - flight.course), speed)), 0.0]
+        speed = float(np.hypot(*flight.velocity[:2]))
+        return [0.0, float(flight.model.turn(torch.tensor(course - flight.course), speed)), 0.0]
 
     return action
 
@@ -110,7 +108,7 @@ def test_every_closed_loop_is_damped(name, aircraft):
 def test_zero_action_is_cruise(flight):
     flown = flight().fly(5.0, [0.0, 0.0, 0.0])
     assert flown.settles("height", HEIGHT, 1e-3, 0.0) and flown.settles("airspeed", 25.0, 1e-3, 0.0)
-    assert flown.settles("phi", flown.team.model.cruise.phi, 1e-3, 0.0)
+    assert flown.settles("phi", flown.model.cruise.phi, 1e-3, 0.0)
 
 
 def test_turn_of_30_degrees(flight):
@@ -126,7 +124,7 @@ def test_turn_of_30_degrees(flight):
 def test_climb_of_20_metres(flight):
     """Within 0.5 m from 7 s on, never below the start, at most 0.3 m too high, airspeed kept to 1 m/s."""
     flown = flight()
-    flown.team.aux[..., flown.team.model.aux_names.index("height_demand")] += 20.0
+    flown.fleet.reading("height_demand").add_(20.0)
     flown.fly(15.0, [0.0, 0.0, 0.0])
     assert flown.settles("height", HEIGHT + 20, 0.5, 7.0)
     assert flown.column("height").min() > HEIGHT - 0.01 and flown.column("height").max() < HEIGHT + 20.3
@@ -135,8 +133,8 @@ def test_climb_of_20_metres(flight):
 
 def test_climb_rate_is_as_demanded_and_then_the_height_is_held(flight):
     flown = flight().fly(10.0, [0.5, 0.0, 0.0])
-    climb = 0.5 * flown.team.model.limits.climb
-    assert -flown.team.velocity[2] == pytest.approx(climb, rel=0.01)
+    climb = 0.5 * flown.model.autopilot_limits.climb
+    assert -flown.velocity[2] == pytest.approx(climb, rel=0.01)
     flown.fly(10.0, [0.0, 0.0, 0.0])
     assert flown.column("height")[-1] == pytest.approx(HEIGHT + 10 * climb, abs=0.3)
 
@@ -144,7 +142,7 @@ def test_climb_rate_is_as_demanded_and_then_the_height_is_held(flight):
 def test_airspeed_step(flight):
     """To the middle between cruise and the largest: within 0.3 m/s from 6 s on, and height kept to 0.3 m."""
     flown = flight().fly(15.0, [0.0, 0.0, 0.5])
-    _, cruise, high = flown.team.model.speed_range
+    _, cruise, high = flown.model.limits.speeds
     assert flown.settles("airspeed", 0.5 * (cruise + high), 0.3, 6.0)
     assert flown.column("airspeed").max() < 0.5 * (cruise + high) + 0.7
     assert flown.settles("height", HEIGHT, 0.3, 0.0)
@@ -159,7 +157,7 @@ def test_steepest_turn_is_coordinated(flight, side):
     rate = (psi[-1] - psi[-21]) / 2.0
     assert flown.column("phi")[-1] == pytest.approx(side * math.radians(45), abs=0.01)
     assert rate == pytest.approx(side * GRAVITY / 25.0, rel=0.03)
-    assert 25.0 / abs(rate) == pytest.approx(flown.team.model.min_turn_radius, rel=0.03)
+    assert 25.0 / abs(rate) == pytest.approx(flown.model.limits.turn_radius, rel=0.03)
     assert np.abs(flown.column("beta")[-20:]).max() < math.radians(0.5)
     assert np.abs(flown.column("beta")).max() < math.radians(2.0)
     assert flown.settles("height", HEIGHT, 1.0, 0.0)
@@ -168,7 +166,7 @@ def test_steepest_turn_is_coordinated(flight, side):
 def test_pitch_is_as_demanded(flight):
     """sin theta above level flight's: 0.3 of that of max_pitch, 20 deg."""
     flown = flight("aerosonde", "guidance").fly(6.0, [0.3, 0.0, 0.0])
-    wanted = math.sin(flown.team.model.cruise.theta) + 0.3 * math.sin(math.radians(20))
+    wanted = math.sin(flown.model.cruise.theta) + 0.3 * math.sin(math.radians(20))
     assert flown.settles("theta", math.asin(wanted), math.radians(0.5), 3.0)
 
 
@@ -180,14 +178,14 @@ def test_full_aft_stick_stalls_only_without_protection(flight):
     free = flight("zagi", "surfaces", False).fly(10.0, [-1.0, 0.0, 0.0, 0.0])
     kept = flight("zagi", "surfaces", True).fly(10.0, [-1.0, 0.0, 0.0, 0.0])
     assert free.column("stall_time").max() > 1.0
-    assert free.column("alpha").max() > free.team.model.stall_angles[1]
+    assert free.column("alpha").max() > free.model.stall_angles[1]
     assert kept.column("stall_time").max() == 0.0
-    assert kept.column("alpha").max() < 0.9 * kept.team.model.stall_angles[1]
+    assert kept.column("alpha").max() < 0.9 * kept.model.stall_angles[1]
 
 
 def test_stall_time_counts_and_starts_again(flight):
     flown = flight("zagi", "surfaces", False).fly(10.0, [-1.0, 0.0, 0.0, 0.0])
-    beyond = flown.column("alpha") > flown.team.model.stall_angles[1]
+    beyond = flown.column("alpha") > flown.model.stall_angles[1]
     run = 0.0
     for stalled, told in zip(beyond, flown.column("stall_time"), strict=True):
         run = run + DT * SUBSTEPS if stalled else 0.0
@@ -202,11 +200,11 @@ def test_no_demand_leaves_the_envelope(name, demand, flight):
     and bank within limits, no airspeed above the largest.
     """
     flown = flight(name, "guidance")
-    flown.team.state[..., 2] = -1000.0
+    flown.state[..., 2] = -1000.0
     flown.fly(20.0, demand)
-    envelope = flown.team.model.p.envelope
+    envelope = flown.model.p.envelope
     assert flown.column("stall_time").max() == 0.0
-    assert flown.column("alpha").max() < 0.9 * flown.team.model.stall_angles[1]
+    assert flown.column("alpha").max() < 0.9 * flown.model.stall_angles[1]
     assert envelope.n_min < flown.column("load_factor").min() < flown.column("load_factor").max() < envelope.n_max
     assert np.abs(flown.column("phi")).max() < math.radians(60)
     assert flown.column("airspeed").max() < envelope.max_airspeed
@@ -221,7 +219,7 @@ def test_a_flying_wing_with_the_same_code(flight):
     assert turned.settles("course", math.radians(30), math.radians(2), 8.0)
     assert turned.settles("height", HEIGHT, 0.5, 0.0)
     climbed = flight("zagi")
-    climbed.team.aux[..., climbed.team.model.aux_names.index("height_demand")] += 20.0
+    climbed.fleet.reading("height_demand").add_(20.0)
     climbed.fly(15.0, [0.0, 0.0, 0.0])
     assert climbed.settles("height", HEIGHT + 20, 0.5, 10.0)
     assert max(turned.column("stall_time").max(), climbed.column("stall_time").max()) == 0.0
@@ -230,24 +228,23 @@ def test_a_flying_wing_with_the_same_code(flight):
 # -- starts and refusals -----------------------------------------------------------------------------------------
 
 
-def test_prepared_starts_are_steady_in_any_wind(bench, aircraft):
-    """A placed state keeps position and heading, and flies at cruising airspeed, level, in a wind."""
-    model = aircraft()
-    team = bench(model, envs=2)
-    placed = torch.zeros((2, 1, STATE_SIZE), dtype=team.state.dtype)
-    heading = torch.tensor([0.7, -2.5], dtype=team.state.dtype)
-    placed[:, 0, 3], placed[:, 0, 6] = torch.cos(heading / 2), torch.sin(heading / 2)
-    placed[:, 0, :3] = torch.tensor([[10.0, 20.0, -60.0], [-5.0, 3.0, -80.0]])
+def test_settled_starts_are_steady_in_any_wind(bench, aircraft):
+    """A placed aircraft keeps position and heading, and flies at cruising airspeed, level, in a wind; its instruments
+    show it from the beginning.
+    """
+    team, heading = bench(aircraft(), envs=2), np.array([0.7, -2.5])
     team.wind[:] = torch.tensor([[8.0, -3.0, 0.0], [-6.0, 12.0, 0.0]])
-    team.state[:] = model.prepare(placed, team.wind)
-    assert torch.equal(team.state[..., :3], placed[..., :3])
-    model.reset_aux(team.aux, team.state)
+    placed = np.array([[[10.0, 20.0, -60.0]], [[-5.0, 3.0, -80.0]]])
+    team.put(placed, np.stack([0 * heading, 0 * heading, heading], axis=-1)[:, None], settle=True)
+    assert torch.equal(team.state[..., :3], torch.tensor(placed))
+    shown = {name: team.fleet.reading(name).clone() for name in ("airspeed", "alpha", "beta", "wind_north")}
     team.step([0.0, 0.0, 0.0], times=30)
-    assert torch.allclose(team.state[..., 2], placed[..., 2], atol=1e-3)
-    assert torch.allclose(team.aux[..., model.aux_names.index("airspeed")], team.aux.new_tensor(25.0), atol=1e-3)
-    w, x, y, z = team.state[:, 0, QUATERNION].T
-    now = torch.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
-    assert torch.allclose(now, heading, atol=1e-2)
+    assert torch.allclose(team.state[..., 2], torch.tensor(placed[..., 2]), atol=1e-3)
+    for name, value in shown.items():
+        assert torch.allclose(team.fleet.reading(name), value, atol=1e-3)
+    assert torch.allclose(shown["airspeed"], torch.tensor(25.0, dtype=torch.float64), atol=1e-9)
+    cosine, sine = team.fleet.heading
+    assert torch.allclose(torch.atan2(sine, cosine)[:, 0], torch.tensor(heading), atol=1e-2)
 
 
 @pytest.mark.parametrize(

@@ -10,8 +10,9 @@ from taichi_sim import runtime
 from taichi_sim.config.io import config_folder, read_toml, validate
 from taichi_sim.conventions import ANGULAR_VELOCITY, GRAVITY
 from taichi_sim.uav.fixed_wing import angles
-from taichi_sim.uav.fixed_wing.airframe import FixedWingParams
-from taichi_sim.uav.fixed_wing.equations import lift_curve, loads, rhs, stall_angles
+from taichi_sim.uav.fixed_wing.equations import lift_curve, loads, stall_angles
+from taichi_sim.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
+from taichi_sim.uav.fixed_wing.params import FixedWingParams
 
 
 def aircraft(name, **sections):
@@ -96,17 +97,20 @@ def test_half_way_into_the_stall_the_blend_is_half(aerosonde):
 
 
 def test_a_mirrored_flight_has_mirrored_derivatives(f64):
-    """In the plane of symmetry, of the aircraft with a propeller that has no torque."""
-    zagi = aircraft("zagi")
-    p = aircraft("aerosonde").model_copy(update={"propeller": zagi.propeller})
+    """In the plane of symmetry, of the aircraft with a propeller that has no torque; loads from outside included."""
+    whole = aircraft("aerosonde")
+    p = whole.model_copy(update={"propeller": aircraft("zagi").propeller})
+    model = FixedWing6DOF(p, 0.02, 1, design=whole)
     rng = np.random.default_rng(3)
     state = rng.normal(size=(50, 13))
     state[:, 3:7] /= np.linalg.norm(state[:, 3:7], axis=1, keepdims=True)
     state[:, 7] += 20
-    controls, wind = rng.uniform(-0.4, 0.4, (50, 4)), rng.normal(size=(50, 3))
-    mirror = np.array([1, -1, 1, 1, -1, 1, -1, 1, -1, 1, -1, 1, -1])
-    ours = rhs(p, mirror * state, controls * [1, -1, -1, 1], wind * [1, -1, 1])
-    assert np.abs(ours - mirror * rhs(p, state, controls, wind)).max() < 1e-12
+    controls, wind, load = rng.uniform(-0.4, 0.4, (50, 4)), rng.normal(size=(50, 3)), rng.normal(size=(50, 6))
+    of_vector, of_axial = np.array([1, -1, 1]), np.array([-1, 1, -1])
+    mirror = np.concatenate((of_vector, [1], of_axial, of_vector, of_axial))
+    given = (mirror * state, controls * [1, -1, -1, 1])
+    ours = model.rhs(*given, wind=wind * of_vector, load=load * np.concatenate((of_vector, of_axial)))
+    assert np.abs(ours - mirror * model.rhs(state, controls, wind=wind, load=load)).max() < 1e-12
     assert np.abs(ours[:, ANGULAR_VELOCITY]).max() > 1
 
 

@@ -11,22 +11,26 @@ from taichi_sim.config import ConfigError
 from taichi_sim.config.io import config_folder, read_toml, validate
 from taichi_sim.conventions import ANGULAR_VELOCITY, GRAVITY, QUATERNION, VELOCITY
 from taichi_sim.maths.rotation import torch_rotation_matrix
-from taichi_sim.surroundings import Surroundings
 from taichi_sim.uav.fixed_wing import actuators
 from taichi_sim.uav.fixed_wing.equations import loads
 from taichi_sim.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
+from taichi_sim.uav.fixed_wing.numbers import aircraft_numbers
 
 pytestmark = pytest.mark.usefixtures("f64")
 DT, SUBSTEPS = 0.02, 5
 IDEAL = {"time_constant": 0.0, "rate_limit_deg": math.inf, "throttle_time_constant": 0.0}
 
 
-def model(name="aerosonde", dt=DT, substeps=SUBSTEPS, **sections):
+def params(name="aerosonde", **sections):
     data = read_toml(config_folder() / "vehicles" / f"{name}.toml")
     for key in ("model", "autopilot"):  # flown by its surfaces
         data.pop(key)
     data |= {key: data[key] | numbers for key, numbers in sections.items()}
-    return FixedWing6DOF(validate(FixedWing6DOF.Params, data, name), dt, substeps)
+    return validate(FixedWing6DOF.Params, data, name)
+
+
+def model(name="aerosonde", dt=DT, substeps=SUBSTEPS, **sections):
+    return FixedWing6DOF(params(name, **sections), dt, substeps)
 
 
 @pytest.fixture(scope="module")
@@ -42,24 +46,7 @@ def shipped(f64):
 @pytest.fixture(scope="module")
 def start(bench):
     """A team in cruise, 100 m up: start(model, **size)."""
-
-    def make(of, **size):
-        team = bench(of, **size)
-        team.state[:] = torch.tensor(of.cruise.state)
-        team.state[..., 2] = -100.0
-        of.reset_aux(team.aux, team.state)
-        return team
-
-    return make
-
-
-def fly(team, action, wind=(0.0, 0.0, 0.0)):
-    """One control step in a wind; `action` of every vehicle."""
-    envs, count = team.state.shape[:2]
-    around = Surroundings.of(team.sea, team.env_sea, team.time)
-    around = around._replace(wind=torch.tensor([wind] * envs, dtype=team.state.dtype))
-    held = torch.as_tensor(action, dtype=team.state.dtype).expand(envs, count, 4).contiguous()
-    team.model.step(team, held, around)
+    return lambda of, **size: bench(of, **size).put((0.0, 0.0, -100.0), settle=True)
 
 
 def wild(step):
@@ -68,9 +55,7 @@ def wild(step):
 
 
 def test_zero_action_is_cruise(shipped, start):
-    team = start(shipped)
-    for _ in range(50):
-        fly(team, [0.0] * 4)
+    team = start(shipped).step([0.0] * 4, 50)
     readings = dict(zip(shipped.aux_names, team.aux[0, 0].tolist(), strict=True))
     cruise = shipped.cruise
     assert readings["airspeed"] == pytest.approx(25.0, abs=1e-6)
@@ -89,9 +74,7 @@ def test_signs_of_the_controls(ideal, start):
     for k in range(4):
         action = [0.0] * 4
         action[k] = 0.1
-        team = start(ideal)
-        fly(team, action)
-        effects.append(team.state[0, 0].clone())
+        effects.append(start(ideal).step(action).state[0, 0])
     assert effects[0][11] < 0 < effects[1][10]
     assert effects[2][12] < 0
     assert effects[3][7] > ideal.cruise.state[7]
@@ -105,9 +88,10 @@ def test_steady_wind_carries_the_flight_along(ideal, start):
     still, windy = start(ideal), start(ideal)
     R = torch_rotation_matrix(windy.state[0, 0, QUATERNION])
     windy.state[..., VELOCITY] += R.T @ torch.tensor(wind)
+    windy.wind[:] = torch.tensor(wind)
     for step in range(60):
-        fly(still, wild(step))
-        fly(windy, wild(step), wind.tolist())
+        still.step(wild(step))
+        windy.step(wild(step))
     drift = wind * 60 * DT * SUBSTEPS
     assert windy.position - still.position == pytest.approx(drift, abs=1e-10)
     assert windy.velocity - still.velocity == pytest.approx(wind, abs=1e-11)
@@ -138,10 +122,10 @@ def test_energy_comes_from_thrust_and_goes_into_drag(throttle, bench, start):
         return load[:3] @ state[VELOCITY] + load[3:] @ state[ANGULAR_VELOCITY]
 
     action = [0.0, 0.0, 0.0, throttle]
-    fly(team, action)
+    team.step(action)
     before, height, powers = energy(), -team.position[2], [power()]
     for _ in range(600):
-        fly(team, action)
+        team.step(action)
         powers.append(power())
     powers = np.array(powers)
     work = 0.01 / 3 * (powers[0] + powers[-1] + 4 * powers[1:-1:2].sum() + 2 * powers[2:-1:2].sum())
@@ -152,21 +136,17 @@ def test_energy_comes_from_thrust_and_goes_into_drag(throttle, bench, start):
 
 def test_in_a_vacuum_it_falls_and_keeps_its_angular_momentum(bench):
     """No air: a parabola, and J omega constant in the world although the body tumbles (Jxz included)."""
-    fine = model(dt=0.002, substeps=50, actuators=IDEAL)
-    rarefied = fine.p.physical.model_copy(update={"rho": 1e-30})
-    fine.p = fine.params = fine.p.model_copy(update={"physical": rarefied})
+    fine = FixedWing6DOF(params(actuators=IDEAL, physical={"rho": 1e-30}), 0.002, 50, design=params())
     p = fine.p.physical
     J = torch.tensor([[p.Jx, 0, -p.Jxz], [0, p.Jy, 0], [-p.Jxz, 0, p.Jz]], dtype=torch.float64)
-    team = bench(fine).put((0.0, 0.0, -500.0), (0.3, -0.4, 1.0), (20.0, 3.0, -4.0))
-    team.state[0, 0, ANGULAR_VELOCITY] = torch.tensor([1.5, -2.0, 1.0], dtype=torch.float64)
+    team = bench(fine).put((0.0, 0.0, -500.0), (0.3, -0.4, 1.0), (20.0, 3.0, -4.0), (1.5, -2.0, 1.0))
 
     def momentum():
         return torch_rotation_matrix(team.state[0, 0, QUATERNION]) @ J @ team.state[0, 0, ANGULAR_VELOCITY]
 
     first, rates = momentum(), team.state[0, 0, ANGULAR_VELOCITY].clone()
     position, velocity = team.position.copy(), team.velocity.copy()
-    for _ in range(30):
-        fly(team, [0.0] * 4)
+    team.step([0.0] * 4, 30)
     t = 30 * 50 * 0.002
     assert torch.allclose(momentum(), first, atol=1e-8)
     assert float((team.state[0, 0, ANGULAR_VELOCITY] - rates).norm()) > 0.5
@@ -181,6 +161,7 @@ def test_in_a_vacuum_it_falls_and_keeps_its_angular_momentum(bench):
 def test_a_lag_is_that_of_its_time_constant_whatever_the_step(shipped, dt):
     """Deflections and their integral over 0.4 s: c + (x - c) exp(-t / tau), c t + (x - c) tau (1 - exp(-t / tau))."""
     p = shipped.p.actuators.model_copy(update={"rate_limit_deg": math.inf})
+    lags = aircraft_numbers(shipped.p, shipped.nominal, dt)
 
     @ti.kernel
     def respond(delta: ti.types.ndarray(), command: ti.types.ndarray(), integral: ti.types.ndarray(), steps: ti.i32):
@@ -189,7 +170,7 @@ def test_a_lag_is_that_of_its_time_constant_whatever_the_step(shipped, dt):
             c = ti.Vector([command[0], command[1], command[2], command[3]])
             total = x * 0.0
             for _ in range(steps):
-                x, mean = actuators.advance(p, dt, x, c)
+                x, mean = actuators.advance(p, lags, dt, x, c)
                 total += mean * dt
             for k in ti.static(range(4)):
                 delta[k], integral[k] = x[k], total[k]
@@ -206,10 +187,9 @@ def test_servos_are_limited_in_rate_and_travel(start):
     """Full aileron: 60 deg/s for 0.1 s, and in the end the limit."""
     slow = model(actuators={"time_constant": 0.0, "rate_limit_deg": 60.0, "aileron_limit_deg": 10.0})
     team = start(slow)
-    fly(team, [0.0, 1.0, 0.0, 0.0])
+    team.step([0.0, 1.0, 0.0, 0.0])
     assert team.aux[0, 0, 1].item() == pytest.approx(slow.neutral[1] + math.radians(6.0), rel=1e-12)
-    for _ in range(3):
-        fly(team, [0.0, 3.0, 0.0, 0.0])
+    team.step([0.0, 3.0, 0.0, 0.0], 3)
     assert team.aux[0, 0, 1].item() == pytest.approx(math.radians(10.0), rel=1e-12)
 
 
@@ -229,19 +209,19 @@ def test_nan_in_one_aircraft_leaves_its_neighbours_bits(shipped, start):
     healthy, sick = start(shipped, envs=3, count=2), start(shipped, envs=3, count=2)
     sick.state[1, 0, 8] = math.nan
     for step in range(5):
-        fly(healthy, wild(step))
-        fly(sick, wild(step))
+        healthy.step(wild(step))
+        sick.step(wild(step))
     assert torch.isnan(sick.state[1, 0]).any()
     others = torch.ones(3, 2, dtype=torch.bool)
     others[1, 0] = False
     assert torch.equal(sick.state[others], healthy.state[others])
     assert torch.equal(sick.aux[others], healthy.aux[others])
-    assert torch.equal(sick.derived[others], healthy.derived[others])
+    assert torch.equal(sick.fleet.derived[others], healthy.fleet.derived[others])
 
 
 def test_an_aircraft_at_rest_in_still_air_falls(shipped, bench):
     team = bench(shipped).put((0.0, 0.0, -100.0))
-    fly(team, [0.0] * 4)
+    team.step([0.0] * 4)
     assert torch.isfinite(team.state).all() and team.velocity[2] > 0.5
 
 
@@ -255,8 +235,7 @@ def test_another_aircraft_is_another_file(start):
     """The Zagi, a seventh of the mass: trims at its own speed and holds it."""
     zagi = model("zagi")
     team = start(zagi)
-    for _ in range(30):
-        fly(team, [0.0] * 4)
+    team.step([0.0] * 4, 30)
     assert zagi.p.physical.mass < model().p.physical.mass / 7
     assert team.velocity == pytest.approx([12.0, 0.0, 0.0], abs=1e-6)
     assert zagi.p.size == (0.7, 1.4224, 0.2) and zagi.p.collision_radius == 0.8

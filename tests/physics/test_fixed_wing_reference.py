@@ -7,7 +7,6 @@ import pytest
 import torch
 
 from taichi_sim.config.io import config_folder, read_toml, validate
-from taichi_sim.uav.fixed_wing.equations import rhs
 from taichi_sim.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
 
 ORDER = [0, 1, 2, 7, 8, 9, 3, 4, 5, 6, 10, 11, 12]  # ours in their order: position, velocity, quaternion, rates
@@ -29,14 +28,14 @@ def aircraft(**sections):
 @pytest.mark.parametrize(("name", "drag"), [("rhs_samples_A", AS_PUBLISHED), ("rhs_samples_B_wind", {})])
 def test_derivatives_at_random_states(name, drag, precision, columns):
     table = columns(f"aerosonde/{name}.csv")
-    dtype, tolerance = (np.float64, 1e-9) if precision == "f64" else (np.float32, 2e-5)
-    state = np.empty((len(table.n), 13), dtype)
+    state = np.empty((len(table.n), 13))
     state[:, ORDER] = np.stack([getattr(table, c) for c in STATE], axis=1)
     controls = np.stack([table.elev, table.ail, table.rud, table.thr], axis=1)
     wind = np.stack([table.wn, table.we, table.wd], axis=1)
-    ours = rhs(aircraft(longitudinal=drag), state, controls, wind)[:, ORDER]
+    model = FixedWing6DOF(aircraft(longitudinal=drag), 0.02, 1)
+    ours = model.rhs(state, controls, wind=wind)[:, ORDER]
     theirs = np.stack([getattr(table, f"d_{c}") for c in STATE], axis=1)
-    assert ours.dtype == dtype
+    tolerance = {"f64": 1e-9, "f32": 2e-5}[precision]
     assert np.abs((ours - theirs) / np.abs(theirs).max(axis=0)).max() < tolerance
 
 

@@ -9,12 +9,11 @@ import pytest
 import torch
 
 from taichi_sim import runtime
-from taichi_sim.air import Wind
+from taichi_sim.bench import Bench
 from taichi_sim.config import AirConfig, ConfigError
-from taichi_sim.config.io import load_scenario
 from taichi_sim.conventions import ANGULAR_VELOCITY, GRAVITY, POSITION, QUATERNION, STATE_SIZE, VELOCITY
 from taichi_sim.dump import load_dump
-from taichi_sim.maths.rotation import torch_quaternion_from_euler, torch_rotation_matrix
+from taichi_sim.maths.rotation import torch_rotation_matrix
 from taichi_sim.uav.fixed_wing.equations import loads
 from taichi_sim.uav.fixed_wing.trim import trim
 from taichi_sim.world import World, replay
@@ -24,32 +23,9 @@ SURFACES = {"actions": "surfaces", "protection": False}
 ROUGHNESS, WIND_10 = 2e-4, 15.0  # m, m/s at 10 m
 
 
-class Flight:
+def flight(model, air, envs=1, height=100.0):
     """`envs` aircraft of one model in an `[air]`, one each, from cruise toward north at a height (m)."""
-
-    def __init__(self, bench, model, air, envs=1, height=100.0):
-        self.team, self.model, self.clock = bench(model, envs=envs), model, 0
-        self.air = Wind(AirConfig(**air), envs, 1)
-        placed = torch.zeros((envs, 1, STATE_SIZE), dtype=self.team.state.dtype)
-        placed[..., 2], placed[..., 3] = -height, 1.0
-        self.put(model.prepare(placed, self.air.velocity, self.air))
-
-    def put(self, state):
-        """Begin at `state` [env, 1, 13]."""
-        self.team.state[:] = state
-        self.model.reset_aux(self.team.aux, self.team.state)
-
-    def step(self, action):
-        """One control step; `action` of all, or [env, 1, action]."""
-        action = torch.as_tensor(action, dtype=self.team.state.dtype)
-        action = action.expand(self.team.state.shape[0], 1, action.shape[-1]).contiguous()
-        told = {"wind": self.air.velocity, "air": self.air, "clock": self.clock, "seed": 3}
-        self.model.step(self.team, action, self.team.around._replace(**told))
-        self.clock += 1
-
-    def read(self, name):
-        """A column of the auxiliary state [env]."""
-        return self.team.aux[:, 0, self.model.aux_names.index(name)].double().numpy()
+    return Bench(model, air=AirConfig(**air), envs=envs, seed=3).put((0.0, 0.0, -height), settle=True)
 
 
 @pytest.fixture
@@ -60,7 +36,7 @@ def single():
     runtime.init()
 
 
-def test_in_sheared_wind_the_loads_do_the_work(f64, make_model, bench):
+def test_in_sheared_wind_the_loads_do_the_work(f64, make_model):
     """Climb against a wind that grows with the logarithm of height: the energy of the motion over ground,
     1/2 m v^2 + 1/2 omega J omega + m g h, changes by the work of the loads, which follow from the velocity relative to
     the air at each height, U10 ln(h / z0) / ln(10 m / z0). A wind of one height, or a velocity that the wind's change
@@ -69,13 +45,13 @@ def test_in_sheared_wind_the_loads_do_the_work(f64, make_model, bench):
     dt = 0.01
     model = make_model("aerosonde", dt, 1, actuators=IDEAL, autopilot=SURFACES)
     air = {"speed": WIND_10, "direction_deg": 0.0, "profile": "log", "roughness": ROUGHNESS}
-    flight, p = Flight(bench, model, air, height=12.0), model.p.physical
+    team, p = flight(model, air, height=12.0), model.p.physical
     J = np.array([[p.Jx, 0, -p.Jxz], [0, p.Jy, 0], [-p.Jxz, 0, p.Jz]])
     action = [-0.1, 0.0, 0.0, 1.0]
     energies, powers, heights = [], [], []
     for _ in range(500):
-        flight.step(action)
-        state, delta = flight.team.state[0, 0], flight.team.aux[0, 0, :4].numpy()
+        team.step(action)
+        state, delta = team.state[0, 0], team.aux[0, 0, :4].numpy()
         v, omega, height = state[VELOCITY].numpy(), state[ANGULAR_VELOCITY].numpy(), -float(state[2])
         wind = -WIND_10 * math.log(height / ROUGHNESS) / math.log(10.0 / ROUGHNESS)
         v_r = v - torch_rotation_matrix(state[QUATERNION]).numpy().T @ [wind, 0.0, 0.0]
@@ -91,13 +67,13 @@ def test_in_sheared_wind_the_loads_do_the_work(f64, make_model, bench):
 
 
 @pytest.mark.parametrize("name", ["aerosonde", "zagi"])
-def test_no_attitude_or_airspeed_is_a_nan(name, single, make_model, bench):
+def test_no_attitude_or_airspeed_is_a_nan(name, single, make_model):
     """10 s of reversed full deflections from rest, level and nose up, a tail slide, inverted flight, flight backward,
     edgewise and at an angle of attack of 135 deg, and spins of 6 rad/s; in a wind of the cruising airspeed.
     """
     model = make_model(name, 0.02, 5, autopilot=SURFACES)
     cruise = model.cruise.airspeed
-    begin = [  # roll, pitch, velocity through the air as parts of cruise, spin (rad/s)
+    begin = [  # roll, pitch, velocity over ground as parts of cruise, spin (rad/s)
         (0.0, 0.0, (0.0, 0.0, 0.0), 0.0),
         (0.0, math.pi / 2, (0.0, 0.0, 0.0), 0.0),
         (0.0, math.pi / 2, (-1.0, 0.0, 0.0), 0.0),
@@ -107,42 +83,35 @@ def test_no_attitude_or_airspeed_is_a_nan(name, single, make_model, bench):
         (0.0, 0.0, (-0.7, 0.0, 0.7), 0.0),
         (0.5, -1.2, (0.4, 0.0, 0.4), 6.0),
     ]
-    air = {"speed": cruise, "direction_deg": 90.0, "turbulence": "dryden"}
-    flight = Flight(bench, model, air, envs=len(begin), height=400.0)
-    state = torch.zeros_like(flight.team.state)
-    state[..., 2] = -400.0
-    for env, (roll, pitch, v, spin) in enumerate(begin):
-        angles = torch.tensor([roll, pitch, 0.0])
-        state[env, 0, QUATERNION] = torch_quaternion_from_euler(*angles)
-        state[env, 0, VELOCITY] = cruise * torch.tensor(v)
-        state[env, 0, ANGULAR_VELOCITY] = torch.tensor([spin, 0.0, spin])
-    flight.put(state)
+    angles = np.array([[(roll, pitch, 0.0)] for roll, pitch, _, _ in begin])
+    v, spins = (np.array([[x] for x in column]) for column in list(zip(*begin, strict=True))[2:])
+    team = flight(model, {"speed": cruise, "direction_deg": 90.0, "turbulence": "dryden"}, len(begin))
+    team.put((0.0, 0.0, -400.0), angles, cruise * v, spins[..., None] * [1.0, 0.0, 1.0])
     for k in range(100):
-        flight.step(torch.full((4,), 1.0 if k // 5 % 2 else -1.0))
-        assert torch.isfinite(flight.team.state).all() and torch.isfinite(flight.team.aux).all(), k
-    assert torch.allclose(flight.team.state[..., QUATERNION].norm(dim=-1), torch.ones(len(begin), 1), atol=1e-5)
+        team.step([1.0 if k // 5 % 2 else -1.0] * 4)
+        assert torch.isfinite(team.state).all() and torch.isfinite(team.aux).all(), k
+    assert torch.allclose(team.state[..., QUATERNION].norm(dim=-1), torch.ones(len(begin), 1), atol=1e-5)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("actions", ["guidance", "altitude"])
-def test_reversals_of_full_stick_leave_the_aerosonde_flying(actions, single, make_model, bench):
+def test_reversals_of_full_stick_leave_the_aerosonde_flying(actions, single, make_model):
     """100 flights of 60 s in 30 kt with turbulence, every demand at one of its ends and drawn anew each second: no
     stall, load factors within their limits but for 10 % of a gust's, no airspeed above the largest, never knife edge.
     """
     model = make_model("aerosonde", 0.02, 5, autopilot={"actions": actions, "protection": True})
-    flight = Flight(bench, model, {"speed": 15.4, "turbulence": "dryden"}, envs=100, height=300.0)
+    team = flight(model, {"speed": 15.4, "turbulence": "dryden"}, envs=100, height=300.0)
     draw, limits = torch.Generator().manual_seed(1), model.p.envelope
     for k in range(600):
         if k % 10 == 0:
             action = torch.randint(2, (100, 1, 3), generator=draw) * 2.0 - 1.0
-        flight.step(action)
-        flight.team.state[..., 2].clamp_(-400.0, -200.0)  # in the same turbulence throughout
-        assert flight.read("stall_time").max() == 0.0
-        n = flight.read("load_factor")
+        team.step(action)
+        team.state[..., 2].clamp_(-400.0, -200.0)  # in the same turbulence throughout
+        assert team.fleet.reading("stall_time").max() == 0.0
+        n = team.fleet.reading("load_factor")
         assert 1.2 * limits.n_min < n.min() and n.max() < 1.1 * limits.n_max
-        assert flight.read("airspeed").max() < limits.max_airspeed
-        upright = flight.team.derived[:, 0, 8]  # R_nb[2, 2], cos phi cos theta
-        assert upright.min() > 0.4
+        assert team.fleet.reading("airspeed").max() < limits.max_airspeed
+        assert team.fleet.down_b[..., 2].min() > 0.4  # cos phi cos theta
 
 
 @pytest.mark.slow
@@ -151,10 +120,10 @@ def test_single_precision_flies_like_double(make_model, bench):
     flown = {}
     for precision in ("f64", "f32"):
         runtime.init(precision=precision, threads=1)
-        flight = Flight(bench, make_model("aerosonde", 0.02, 5), {"speed": 8.0, "direction_deg": 200.0})
+        team = flight(make_model("aerosonde", 0.02, 5), {"speed": 8.0, "direction_deg": 200.0})
         for k in range(200):
-            flight.step([math.sin(0.05 * k), math.cos(0.03 * k), 0.5 * math.sin(0.02 * k)])
-        flown[precision] = flight.team.state[0, 0].double()
+            team.step([math.sin(0.05 * k), math.cos(0.03 * k), 0.5 * math.sin(0.02 * k)])
+        flown[precision] = team.state[0, 0].double()
     runtime.init()
     apart = (flown["f64"] - flown["f32"]).abs()
     assert (flown["f64"][POSITION] - torch.tensor([0.0, 0.0, -100.0])).norm() > 100.0
@@ -165,8 +134,7 @@ def test_single_precision_flies_like_double(make_model, bench):
 
 def test_a_dump_of_any_environment_replays_to_the_bit(single, tmp_path):
     """The turbulence around an aircraft is counted by its environment: a replay, alone, must meet the same."""
-    scenario = load_scenario("aerosonde", ("sea.realisations=1", "sea.components=2"))
-    world = World(scenario, 4, teams=("uav",))
+    world = World.from_scenario("aerosonde", 4, ("sea.realisations=1", "sea.components=2"), teams=("uav",))
     team, action = world.teams["uav"], torch.zeros(4, 3, 3)
     world.place("uav", torch.arange(4), cruising(4, 3))
     world.step({"uav": action})

@@ -7,57 +7,46 @@ import pytest
 import torch
 
 from taichi_sim import runtime
-from taichi_sim.air import Wind
+from taichi_sim.bench import Bench
 from taichi_sim.config import AirConfig
-from taichi_sim.conventions import GRAVITY, QUATERNION, STATE_SIZE
-from taichi_sim.maths.rotation import torch_euler_from_quaternion
+from taichi_sim.conventions import GRAVITY
 
 DT, SUBSTEPS = 0.02, 5
 KNOT = 1852 / 3600  # m/s
 W20, HEIGHT = 30 * KNOT, 50.0  # of the reference tables
 MODERATE = {"speed": W20, "direction_deg": 90.0, "turbulence": "dryden", "turbulence_w20": W20}
 FLIGHTS = 4000
+LEVEL = (0.0, 0.0, 0.0)  # no climb, no turn, cruise
 TOLD = {"f64": 1e-9, "f32": 1e-4}
 
 
-class Flight:
+class Flight(Bench):
     """`envs` aircraft, each alone in its own air, from cruise toward north."""
 
-    def __init__(self, bench, model, air, envs=1, height=HEIGHT, seed=5, clock=0):
-        self.team, self.model = bench(model, envs=envs), model
-        self.air, self.seed, self.clock = Wind(AirConfig(**air), envs, 1), seed, clock
-        placed = torch.zeros((envs, 1, STATE_SIZE), dtype=self.team.state.dtype)
-        placed[..., 2], placed[..., 3] = -height, 1.0
-        self.team.state[:] = model.prepare(placed, self.air.velocity, self.air)
-        model.reset_aux(self.team.aux, self.team.state)
-
-    def step(self, action=(0.0, 0.0, 0.0)):
-        """One control step; `action` of all, or [env, 1, action]."""
-        told = {"wind": self.air.velocity, "air": self.air, "clock": self.clock, "seed": self.seed}
-        action = torch.as_tensor(action, dtype=self.team.state.dtype)
-        action = action.expand(self.team.state.shape[0], 1, action.shape[-1]).contiguous()
-        self.model.step(self.team, action, self.team.around._replace(**told))
-        self.clock += 1
-        return self
+    def __init__(self, model, air, envs=1, height=HEIGHT, seed=5, clock=0):
+        super().__init__(model, air=AirConfig(**air), envs=envs, seed=seed)
+        self.around.tick(clock)
+        self.put((0.0, 0.0, -height), settle=True)
 
     def read(self, name):
         """A column of the auxiliary state [env], in double precision."""
-        return self.team.aux[:, 0, self.model.aux_names.index(name)].double()
+        return self.fleet.reading(name)[:, 0].double()
 
     @property
     def height(self):
         """[env], m."""
-        return -self.team.state[:, 0, 2].double()
+        return -self.state[:, 0, 2].double()
 
     @property
     def heading(self):
         """[env], rad."""
-        return torch.atan2(self.team.derived[:, 0, 13].double(), self.team.derived[:, 0, 12].double())
+        cosine, sine = self.fleet.heading
+        return torch.atan2(sine[:, 0].double(), cosine[:, 0].double())
 
     def gusts(self):
         """Turbulence along the aircraft's mean path through the air (north), to its right and down [env, 3], m/s."""
-        felt = torch.stack([self.read(f"wind_{axis}") for axis in ("north", "east", "down")], dim=1)
-        return felt - self.air.velocity.double()
+        felt = torch.stack([self.read(name) for name in self.model.air], dim=1)
+        return felt - self.wind.double()
 
 
 @pytest.fixture(scope="module")
@@ -70,12 +59,12 @@ def model(precision, make_model):
 
 
 @pytest.fixture(scope="module")
-def felt(model, bench):
+def felt(model):
     """Gusts of many flights [flight, 3]: in the first step, and 8, 9 and 10 s later."""
-    flight = Flight(bench, model, MODERATE | {"profile": "uniform"}, FLIGHTS)
+    flight = Flight(model, MODERATE | {"profile": "uniform"}, FLIGHTS)
     found = {}
     for step in range(101):
-        flight.step()
+        flight.step(LEVEL)
         if step in (0, 80, 90, 100):
             found[step / 10] = flight.gusts()
     return found
@@ -106,24 +95,23 @@ def test_correlation_over_a_second_is_the_tables(felt, reference):
     assert ((ours - rho).abs() < 3 * ((1 + rho**2) / FLIGHTS).sqrt()).all()
 
 
-def test_the_mean_wind_is_that_of_the_height(model, bench):
+def test_the_mean_wind_is_that_of_the_height(model):
     """The log profile of Charnock's sea: 30 m over 10 m; and W20 that of the mean wind where none is given."""
-    flight = Flight(bench, model, {"speed": 12.0, "turbulence": "dryden"}, FLIGHTS, height=30.0).step()
-    expected = 12.0 * flight.air.speed_factor(30.0)
+    flight = Flight(model, {"speed": 12.0, "turbulence": "dryden"}, FLIGHTS, height=30.0).step(LEVEL)
+    expected = 12.0 * flight.around.air.speed_factor(30.0)
     assert float(flight.read("wind_north").mean()) == pytest.approx(-expected, abs=3 * 2.0 / math.sqrt(FLIGHTS))
-    sigma = 0.1 * 12.0 * flight.air.w20_factor
+    sigma = 0.1 * 12.0 * flight.around.air.w20_factor
     assert float(flight.read("wind_down").std()) == pytest.approx(sigma, rel=3 / math.sqrt(2 * FLIGHTS))
 
 
-def test_noise_is_that_of_seed_env_and_time(model, bench):
+def test_noise_is_that_of_seed_env_and_time(model):
     """The same seed and clock repeat the flight to the bit; another seed, environment or clock does not."""
     air = MODERATE | {"profile": "uniform"}
-    first, again = Flight(bench, model, air, 4), Flight(bench, model, air, 4)
-    other, later = Flight(bench, model, air, 4, seed=6), Flight(bench, model, air, 4, clock=1000)
+    first, again = Flight(model, air, 4), Flight(model, air, 4)
+    other, later = Flight(model, air, 4, seed=6), Flight(model, air, 4, clock=1000)
     for flight in (first, again, other, later):
-        for _ in range(5):
-            flight.step()
-    assert torch.equal(first.team.state, again.team.state) and torch.equal(first.team.aux, again.team.aux)
+        flight.step(LEVEL, 5)
+    assert torch.equal(first.state, again.state) and torch.equal(first.aux, again.aux)
     down = [first.read("wind_down"), other.read("wind_down"), later.read("wind_down")]
     assert len({round(float(x), 6) for tensor in down for x in tensor}) == 12
 
@@ -132,13 +120,13 @@ def test_noise_is_that_of_seed_env_and_time(model, bench):
 
 
 @pytest.mark.parametrize("what", ["turn", "climb"])
-def test_steps_in_moderate_turbulence(what, model, bench):
+def test_steps_in_moderate_turbulence(what, model):
     """30 deg to the right, and 20 m up, in 30 kt with turbulence, 100 flights: from 5 s (8 s) on the errors' standard
     deviation is below 2 deg and 1 m, none is above 10 deg or 4 m; no height lost above 5 m, no stall.
     """
-    flight = Flight(bench, model, MODERATE, 100).step()
+    flight = Flight(model, MODERATE, 100).step(LEVEL)
     wanted, rise, start = (math.radians(30), 0.0, 50) if what == "turn" else (0.0, 20.0, 80)
-    flight.team.aux[..., model.aux_names.index("height_demand")] += rise
+    flight.fleet.reading("height_demand").add_(rise)
     headings, heights, stalls = [], [], []
     action = torch.zeros((100, 1, 3), dtype=torch.float64)
     for _ in range(200):
@@ -155,47 +143,46 @@ def test_steps_in_moderate_turbulence(what, model, bench):
     assert torch.stack(stalls).max() == 0.0
 
 
-def test_no_stall_at_the_least_airspeed_in_turbulence(model, bench):
+def test_no_stall_at_the_least_airspeed_in_turbulence(model):
     """The envelope: at boost -1 in moderate turbulence, 300 flights of 20 s."""
-    flight = Flight(bench, model, MODERATE, 300, height=100.0)
+    flight = Flight(model, MODERATE, 300, height=100.0)
     worst = 0.0
     for _ in range(200):
         flight.step([0.0, 0.0, -1.0])
         worst = max(worst, float(flight.read("stall_time").max()))
     assert worst == 0.0
-    assert float(flight.read("airspeed").mean()) == pytest.approx(model.speed_range[0], abs=0.5)
+    assert float(flight.read("airspeed").mean()) == pytest.approx(model.limits.speeds[0], abs=0.5)
 
 
-def test_steady_wind_is_nothing_to_the_flight(model, bench, precision):
+def test_steady_wind_is_nothing_to_the_flight(model, precision):
     """Uniform profile: attitude, rates and air data as in still air, whatever the autopilot does."""
-    still = Flight(bench, model, {})
-    windy = Flight(bench, model, {"speed": 14.0, "direction_deg": 250.0, "profile": "uniform"})
+    still = Flight(model, {})
+    windy = Flight(model, {"speed": 14.0, "direction_deg": 250.0, "profile": "uniform"})
     for step in range(60):
         action = [0.5 * math.sin(0.2 * step), math.cos(0.1 * step), math.sin(0.05 * step)]
         still.step(action)
         windy.step(action)
     told = TOLD[precision]
-    assert torch.allclose(windy.team.state[..., 3:7], still.team.state[..., 3:7], atol=told, rtol=0)
-    assert torch.allclose(windy.team.state[..., 10:], still.team.state[..., 10:], atol=10 * told, rtol=0)
-    assert torch.allclose(windy.team.aux[..., :8], still.team.aux[..., :8], atol=100 * told, rtol=0)
-    assert float(still.read("alpha").abs().max()) > 0.01 and float(still.team.state[..., 10:].abs().max()) > 0.01
+    assert torch.allclose(windy.state[..., 3:7], still.state[..., 3:7], atol=told, rtol=0)
+    assert torch.allclose(windy.state[..., 10:], still.state[..., 10:], atol=10 * told, rtol=0)
+    assert torch.allclose(windy.aux[..., :8], still.aux[..., :8], atol=100 * told, rtol=0)
+    assert float(still.read("alpha").abs().max()) > 0.01 and float(still.state[..., 10:].abs().max()) > 0.01
 
 
-def test_nan_in_one_aircraft_leaves_its_neighbours_bits(model, bench):
-    healthy, sick = Flight(bench, model, MODERATE, 3), Flight(bench, model, MODERATE, 3)
-    sick.team.state[1, 0, 8] = math.nan
+def test_nan_in_one_aircraft_leaves_its_neighbours_bits(model):
+    healthy, sick = Flight(model, MODERATE, 3), Flight(model, MODERATE, 3)
+    sick.state[1, 0, 8] = math.nan
     for flight in (healthy, sick):
-        for _ in range(5):
-            flight.step([0.2, 0.5, 0.3])
-    assert torch.isnan(sick.team.state[1]).any()
-    for ours, theirs in ((sick.team.state, healthy.team.state), (sick.team.aux, healthy.team.aux)):
+        flight.step([0.2, 0.5, 0.3], 5)
+    assert torch.isnan(sick.state[1]).any()
+    for ours, theirs in ((sick.state, healthy.state), (sick.aux, healthy.aux)):
         assert torch.equal(ours[[0, 2]], theirs[[0, 2]])
 
 
 # -- a discrete gust ---------------------------------------------------------------------------------------------
 
 
-def test_load_factor_of_a_rising_gust(precision, make_model, bench):
+def test_load_factor_of_a_rising_gust(precision, make_model):
     """An upward 1 - cosine gust of 3 m/s, reached in 0.06 s, controls fixed: n grows by K (U(t) - v), K = rho V S
     C_L_alpha / (2 m g), where v is the wing's own rise, v' = K g (U - v), in closed form. Within 15 %: pitching and
     q's lift are not in it.
@@ -203,7 +190,7 @@ def test_load_factor_of_a_rising_gust(precision, make_model, bench):
     T, U, dt = 0.06, 3.0, 0.01
     fixed = make_model("aerosonde", dt, 1, autopilot={"actions": "surfaces", "protection": False})
     gust = {"amplitude": (0.0, 0.0, -U), "shape": "ramp", "start_time": 0.0, "rise_time": T}
-    flight = Flight(bench, fixed, {"gust": gust, "profile": "uniform"})
+    flight = Flight(fixed, {"gust": gust, "profile": "uniform"})
     n = []
     for _ in range(6):
         flight.step([0.0] * 4)
@@ -216,16 +203,16 @@ def test_load_factor_of_a_rising_gust(precision, make_model, bench):
     assert np.array(n[2:]) - math.cos(fixed.cruise.theta) == pytest.approx(expected[2:], rel=0.15)
 
 
-def _pitch_through(gust, dt, make_model, bench):
+def _pitch_through(gust, dt, make_model):
     """Pitch (deg) every 0.1 s through a gust, surfaces held, by steps of dt (s)."""
     substeps = round(0.1 / dt)
     fixed = make_model("aerosonde", dt, substeps, autopilot={"actions": "surfaces", "protection": False})
-    flight = Flight(bench, fixed, {"gust": {"amplitude": (0.0, 1.0, -3.0)} | gust, "profile": "uniform"})
+    flight = Flight(fixed, {"gust": {"amplitude": (0.0, 1.0, -3.0)} | gust, "profile": "uniform"})
     pitch = []
     for _ in range(15):
         flight.step([0.0] * 4)
-        pitch.append(torch_euler_from_quaternion(flight.team.state[0, 0, QUATERNION])[1])
-    return torch.rad2deg(torch.stack(pitch))
+        pitch.append(flight.euler[1])
+    return np.rad2deg(pitch)
 
 
 @pytest.mark.usefixtures("f64")
@@ -237,28 +224,27 @@ def _pitch_through(gust, dt, make_model, bench):
     ],
     ids=["of a time", "at a place"],
 )
-def test_a_gust_of_a_second_is_met_to_second_order(gust, make_model, bench):
+def test_a_gust_of_a_second_is_met_to_second_order(gust, make_model):
     """Against an eighth of the step: 0.005 deg of pitch at 0.02 s, and the quarter at half the step,
     (8^2 - 1) / (4^2 - 1) = 4.2 of what is left. Met half a step late it was 0.2 deg, and the half.
     """
-    coarse, half, fine = (_pitch_through(gust, dt, make_model, bench) for dt in (0.02, 0.01, 0.0025))
-    assert float(fine.max() - fine.min()) > 3.0
-    error, of_half = ((x - fine).abs().max() for x in (coarse, half))
-    assert float(error) < 0.005
-    assert float(error / of_half) == pytest.approx(63 / 15, rel=0.05)
+    coarse, half, fine = (_pitch_through(gust, dt, make_model) for dt in (0.02, 0.01, 0.0025))
+    assert np.ptp(fine) > 3.0
+    error, of_half = (np.abs(x - fine).max() for x in (coarse, half))
+    assert error < 0.005
+    assert error / of_half == pytest.approx(63 / 15, rel=0.05)
 
 
 # -- threads -----------------------------------------------------------------------------------------------------
 
 
-def test_bits_do_not_depend_on_the_number_of_threads(make_model, bench):
+def test_bits_do_not_depend_on_the_number_of_threads(make_model):
     """64 flights in turbulence: the same state and air from one thread and from two."""
     found = []
     for threads in (1, 2):
         runtime.init(precision="f32", threads=threads)
         own = make_model("aerosonde", DT, SUBSTEPS, autopilot={"actions": "altitude"})
-        flight = Flight(bench, own, MODERATE, 64)
-        for _ in range(10):
-            flight.step([0.3, 0.5, -0.5])
-        found.append((flight.team.state, flight.team.aux))
+        flight = Flight(own, MODERATE, 64)
+        flight.step([0.3, 0.5, -0.5], 10)
+        found.append((flight.state, flight.aux))
     assert torch.equal(found[0][0], found[1][0]) and torch.equal(found[0][1], found[1][1])

@@ -20,7 +20,7 @@ def refusal(tmp_path, name="otter", dt=0.02, **changes):
     file = tmp_path / "broken.toml"
     file.write_text(tomli_w.dumps(data))
     with pytest.raises(ConfigError) as caught:
-        load_vehicle(file, "usv", dt, 1)
+        load_vehicle(file, dt)
     return str(caught.value)
 
 
@@ -62,8 +62,14 @@ def test_inertia_given_twice_or_never(tmp_path, body):
     whole = read_toml(config_folder() / "vehicles" / "otter.toml") | {"rigid_body": section}
     file.write_text(tomli_w.dumps(whole))
     with pytest.raises(ConfigError) as caught:
-        load_vehicle(file, "usv", 0.02, 1)
+        load_vehicle(file)
     must_name(str(caught.value), "broken.toml", "rigid_body", "gyration", "M_rb")
+
+
+def test_an_inertia_that_is_not_symmetric(tmp_path):
+    M_rb = [list(row) for row in load_vehicle("otter").params.rigid_body.M_rb]
+    M_rb[0][4] = 19.75
+    must_name(refusal(tmp_path, rigid_body={"M_rb": M_rb}), "broken.toml", "rigid_body", "M_rb", "symmetric")
 
 
 def test_a_step_too_long(tmp_path):
@@ -83,7 +89,7 @@ def test_a_misspelt_key_and_an_unknown_shape(tmp_path):
 @pytest.mark.parametrize("name", ["otter", "wamv", "barge"])
 def test_shipped_vehicles_float_level_at_their_waterline(name):
     """Within 5 mm and a quarter of a degree, the right way up."""
-    model = load_vehicle(config_folder() / "vehicles" / f"{name}.toml", "usv", 0.02, 1)
+    model = load_vehicle(name)
     body = model.params.rigid_body
     heave, roll, pitch = Hydrostatics(mesh(model.params.hull), body.mass, body.cg).equilibrium
     assert abs(heave) < 5e-3 and abs(roll) < 1e-6 and abs(pitch) < 5e-3

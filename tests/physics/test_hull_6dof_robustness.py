@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from taichi_sim import runtime
-from taichi_sim.config.io import load_scenario
+from taichi_sim.config.io import load_world
 from taichi_sim.sea import Sea
 
 ENVS, COUNT, STEPS = 6, 2, 25
@@ -28,7 +28,7 @@ def run(make_model, bench):
         runtime.init(precision="f32", threads=threads)
         if threads not in models:
             models.clear()
-            models[threads] = make_model("otter"), Sea.from_config(load_scenario("paper").sea, seed=1)
+            models[threads] = make_model("otter"), Sea.from_config(load_world("paper").sea, seed=1)
         model, sea = models[threads]
         team = bench(model, sea, envs=ENVS, count=COUNT)
         team.state[..., 0] = 30.0 * torch.arange(COUNT)
@@ -37,7 +37,7 @@ def run(make_model, bench):
             spoil(team.state)
         action = torch.linspace(-0.5, 0.8, ENVS * COUNT * 2).reshape(ENVS, COUNT, 2)
         team.step(action, STEPS)
-        return [t.clone() for t in (team.state, team.aux, team.surface, team.derived)]
+        return [t.clone() for t in (team.state, team.aux, team.surface, team.fleet.derived)]
 
     return start
 

@@ -6,7 +6,7 @@ import taichi as ti
 import torch
 
 from taichi_sim import runtime
-from taichi_sim.config.io import load_scenario
+from taichi_sim.config.io import load_world
 from taichi_sim.conventions import GRAVITY, RHO_SEA
 from taichi_sim.maths.rotation import torch_quaternion_from_euler, torch_rotation_matrix
 from taichi_sim.sea import Sea
@@ -68,7 +68,7 @@ def test_heads_are_the_linear_pressure_averaged_over_a_step_of_the_line(otter, b
 
 def test_pressure_at_every_wet_wave_point_of_the_shipped_sea(otter, bench):
     """The whole pressure where each panel wants it, against the sea's own, which inverts labels there; random poses."""
-    sea = Sea.from_config(load_scenario("paper").sea, seed=3)
+    sea = Sea.from_config(load_world("paper").sea, seed=3)
     envs, rng = sea.num_seas, np.random.default_rng(4)
     index = np.arange(envs)
     team = bench(otter, sea, envs=envs)

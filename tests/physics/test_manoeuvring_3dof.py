@@ -6,12 +6,12 @@ import pytest
 import torch
 
 from taichi_sim import runtime
+from taichi_sim.bench import pack_state
 from taichi_sim.config import ConfigError, SeaConfig
 from taichi_sim.config.io import config_folder, read_toml
 from taichi_sim.conventions import ANGULAR_VELOCITY, ELEVATION, GRAVITY, POSITION, QUATERNION
 from taichi_sim.maths.rotation import torch_euler_from_quaternion, torch_rotation_matrix
 from taichi_sim.sea import Sea
-from taichi_sim.surroundings import Surroundings
 from taichi_sim.usv.manoeuvring_3dof import Manoeuvring3dof
 
 RUNS = {
@@ -51,15 +51,15 @@ def _start(team, u=0.0, v=0.0, r=0.0):
     return team
 
 
-def _drift(team, action, current, times):
-    """Like Bench.step, in water that moves by `current` (north, east, m/s)."""
-    held = torch.tensor([[action]], dtype=team.state.dtype)
-    for _ in range(times):
-        around = Surroundings.of(team.sea, team.env_sea, team.time)
-        around.current[:] = torch.tensor(current)
-        team.model.step(team, held, around)
-        team.time += team.model.dt * team.model.substeps
-    return team
+def _plane(model, eta, nu, tau, current=(0.0, 0.0)):
+    """Rates [n, 6] of x, y, psi, u, v, r at eta = [x, y, psi] and nu = [u, v, r], each [n, 3] or [3]."""
+    eta, nu = np.atleast_2d(eta, nu)
+    nothing = np.zeros((len(eta), 3))
+    states = pack_state(np.hstack((eta[:, :2], nothing, eta[:, 2:])), np.hstack((nu[:, :2], nothing, nu[:, 2:])))
+    rates = model.rhs(states, tau, current)
+    psi_dot = 2 * (states[:, 3] * rates[:, 6] - states[:, 6] * rates[:, 3])
+    assert not rates[:, [2, 4, 5, 9, 10, 11]].any()
+    return np.column_stack((rates[:, :2], psi_dot, rates[:, [7, 8, 12]]))
 
 
 def _track_errors(bench, columns, name):
@@ -91,8 +91,10 @@ class TestSinglePrecision:
 class TestEquations:
     def test_right_hand_side_of_an_independent_code(self, columns):
         t = columns("cybership2/rhs_samples.csv")
-        rows = [np.stack([getattr(t, c) for c in names.split()], 1) for names in ("x y psi", "u v r", "tauX tauY tauN")]
-        ours = np.hstack(_model().rhs(*rows))
+        eta, nu, tau = (
+            np.stack([getattr(t, c) for c in names.split()], 1) for names in ("x y psi", "u v r", "tauX tauY tauN")
+        )
+        ours = _plane(_model(), eta, nu, tau)
         theirs = np.stack([getattr(t, f"d_{c}") for c in ("x", "y", "psi", "u", "v", "r")], 1)
         assert (np.abs(ours - theirs).max(0) / np.abs(theirs).max(0)).max() < 1e-9
 
@@ -140,7 +142,8 @@ class TestEquations:
         nu_c = np.array([[np.cos(psi), np.sin(psi)], [-np.sin(psi), np.cos(psi)]]) @ V_c
         still = _start(bench(model).put(euler=(0, 0, psi)), 0.5, 0.1, 0.2).step([0.2, 0.3], 300)
         moving = _start(bench(model).put(euler=(0, 0, psi)), 0.5 + nu_c[0], 0.1 + nu_c[1], 0.2)
-        _drift(moving, [0.2, 0.3], V_c, 300)
+        moving.current[:] = torch.from_numpy(V_c)
+        moving.step([0.2, 0.3], 300)
         assert moving.position[:2] - 60.0 * V_c == pytest.approx(still.position[:2], abs=1e-10)
         assert moving.euler == pytest.approx(still.euler, abs=1e-12)
         assert moving.velocity[:2] == pytest.approx(still.velocity[:2] + V_c, abs=1e-12)
@@ -151,10 +154,10 @@ class TestEquations:
         R = np.array([[np.cos(psi), -np.sin(psi)], [np.sin(psi), np.cos(psi)]])
         nu, V_c, tau = np.array([0.4, -0.1, r]), np.array([0.3, -0.5]), [1.0, 0.2, -0.1]
         over_ground = nu + [*(R.T @ V_c), 0.0]
-        still, moving = model.rhs([0, 0, psi], nu, tau), model.rhs([0, 0, psi], over_ground, tau, V_c)
-        assert moving[0][0] == pytest.approx(still[0][0] + [*V_c, 0.0], abs=1e-14)
+        still, moving = _plane(model, [0, 0, psi], nu, tau)[0], _plane(model, [0, 0, psi], over_ground, tau, V_c)[0]
+        assert moving[:3] == pytest.approx(still[:3] + [*V_c, 0.0], abs=1e-14)
         turn = r * np.array([[0.0, -1.0], [1.0, 0.0]])
-        accelerations = [R @ (dot[0, :2] + turn @ v[:2]) for dot, v in ((still[1], nu), (moving[1], over_ground))]
+        accelerations = [R @ (dot[3:5] + turn @ v[:2]) for dot, v in ((still, nu), (moving, over_ground))]
         assert accelerations[0] == pytest.approx(accelerations[1], abs=1e-14)
 
     def test_otter_cross_flow_is_the_strip_integral(self):
@@ -164,7 +167,7 @@ class TestEquations:
         w = v + x * r
         theirs = -0.1 * q * np.stack(((np.abs(w) * w).sum(1), (x * np.abs(w) * w).sum(1)), 1)
         nu = np.hstack((0 * v, v, r))
-        forces = _model("otter_3dof").rhs(0 * nu, nu, 0 * nu)[1] @ p.M.T
+        forces = _plane(_model("otter_3dof"), 0 * nu, nu, 0 * nu)[:, 3:] @ p.M.T
         linear_and_yaw = np.hstack((p.Y_v * v, p.N_r * (r + 10 * np.abs(r) * r)))
         ours = forces[:, 1:] - linear_and_yaw  # u = 0: no Coriolis force but in X
         assert (np.abs(ours - theirs).max(0) / np.abs(theirs).max(0)).max() < 0.15

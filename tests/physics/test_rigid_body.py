@@ -6,7 +6,7 @@ import taichi as ti
 import torch
 
 from taichi_sim.maths.rotation import torch_rotation_matrix
-from taichi_sim.rigid_body import constant, coriolis, quaternion_rate, rigid_body_mass
+from taichi_sim.rigid_body import changed_mass, constant, coriolis, quaternion_rate, rigid_body_mass
 
 pytestmark = pytest.mark.usefixtures("f64")
 
@@ -62,6 +62,19 @@ def test_mass_matrix_moves_every_point_mass(mass):
     assert mass == pytest.approx(mass.T, abs=1e-12)
     assert mass[3:, 3:] == pytest.approx(inertia(np.zeros(3)), abs=1e-10)
     assert np.linalg.eigvalsh(mass).min() > 0
+
+
+@pytest.mark.parametrize("kind", [float, lambda x: torch.tensor(x, dtype=torch.float64)])
+def test_changed_mass_is_that_of_the_points_made_heavier_and_moved(mass, kind):
+    """All points 1.3 times as heavy and moved together; what a published matrix has beside them stays."""
+    new_cg, beside = CG + [0.2, -0.1, 0.15], RNG.uniform(-1, 1, (6, 6))
+    beside[3:, 3:] = 0.0  # a share of the inertia is taken for one
+    beside += beside.T
+    heavier = rigid_body_mass(1.3 * MASSES.sum(), new_cg, 1.3 * inertia(CG)) + beside
+    new_mass, *new = (kind(x) for x in (1.3 * MASSES.sum(), *new_cg))
+    assert np.array(changed_mass(mass + beside, MASSES.sum(), CG, new_mass, new)) == pytest.approx(heavier, abs=1e-11)
+    same_mass, *same = (kind(x) for x in (MASSES.sum(), *CG))
+    assert np.array_equal(changed_mass(mass, MASSES.sum(), CG, same_mass, same), mass)
 
 
 def test_mass_and_coriolis_give_newtons_second_law_for_every_point_mass(mass, apply):

@@ -8,9 +8,9 @@ import pytest
 
 from taichi_sim.config.io import config_folder, read_toml, validate
 from taichi_sim.conventions import ANGULAR_VELOCITY, GRAVITY, QUATERNION, VELOCITY
-from taichi_sim.uav.fixed_wing.airframe import FixedWingParams
 from taichi_sim.uav.fixed_wing.equations import rhs
 from taichi_sim.uav.fixed_wing.modes import Mode, linear_modes, rk4_limit
+from taichi_sim.uav.fixed_wing.params import FixedWingParams
 from taichi_sim.uav.fixed_wing.trim import TrimError, trim
 
 pytestmark = pytest.mark.usefixtures("f64")

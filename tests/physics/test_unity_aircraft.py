@@ -23,7 +23,7 @@ class TestAlone:
         model = make_model("unity_aircraft", 0.02, 5, **SCRIPT)
         team = bench(model).put((table.z_fwd[0], table.x[0], -table.y_up[0]))
         for k in range(len(table.t)):
-            roll, pitch, yaw = np.rad2deg(team.aux[0, 0, 3:].numpy())
+            roll, pitch, yaw = (np.rad2deg(float(team.fleet.reading(name))) for name in ("roll", "pitch", "yaw"))
             assert np.abs(team.position - [table.z_fwd[k], table.x[k], -table.y_up[k]]).max() < 1e-5
             assert np.abs(team.velocity - [table.vz[k], table.vx[k], -table.vy[k]]).max() < 1e-5
             assert (roll, pitch) == pytest.approx((-table.roll_deg[k], -table.pitch_deg[k]), abs=1e-5)
@@ -80,12 +80,12 @@ class TestAlone:
         model = make_model("unity_aircraft", 0.02, 1)
         team = bench(model)
         for _ in range(25):
-            assert float(team.aux[0, 0, 2]) < 1.0
+            assert float(team.fleet.reading("yaw_increment")) < 1.0
             team.step([0.0, 1.0, -1.0])
-        assert float(team.aux[0, 0, 2]) == pytest.approx(1.0)
-        before = team.aux[0, 0, 5].item()
+        assert float(team.fleet.reading("yaw_increment")) == pytest.approx(1.0)
+        before = float(team.fleet.reading("yaw"))
         team.step([0.0, 1.0, -1.0], 10)
-        assert np.rad2deg(team.aux[0, 0, 5].item() - before) / 0.2 == pytest.approx(100.0)
+        assert np.rad2deg(float(team.fleet.reading("yaw")) - before) / 0.2 == pytest.approx(100.0)
 
     def test_body_rates_turn_the_attitude(self, bench, make_model):
         """The stored angular velocity, integrated by the exponential map, is the attitude's change."""

@@ -4,7 +4,7 @@ import torch
 
 from taichi_sim import runtime
 from taichi_sim.config import SeaConfig
-from taichi_sim.conventions import GRAVITY
+from taichi_sim.conventions import ELEVATION, GRAVITY
 from taichi_sim.maths.rotation import torch_rotation_matrix
 from taichi_sim.sea import Sea
 
@@ -37,7 +37,7 @@ class TestAlone:
             corners = state[:3] + corners_b @ torch_rotation_matrix(state[3:7]).T
             exact = sea.elevation(corners[:, 0], corners[:, 1], time).mean()
             team.step([0.2, 0.05])
-            worst = max(worst, abs(float(team.surface[0, 0, 0]) - float(exact)))
+            worst = max(worst, abs(float(team.surface[0, 0, ELEVATION]) - float(exact)))
         assert worst < 0.05 * 0.5
 
     def test_terminal_speed(self, bench, make_model):
@@ -115,7 +115,7 @@ class TestAlone:
             team.step(COAST)
             level = float(sea.elevation(*team.position[:2], float(team.time[0])))
             assert -team.position[2] == pytest.approx(level, abs=0.1)
-        assert float(team.surface[0, 0, 0]) == pytest.approx(level, abs=0.02)
+        assert float(team.surface[0, 0, ELEVATION]) == pytest.approx(level, abs=0.02)
 
     def test_signs(self, bench, make_model):
         """Yaw turns to starboard and banks into the turn; force raises the bow."""
@@ -145,7 +145,7 @@ def _fleet(bench, make_model, envs=24, count=3, only=None):
     if only:
         env, i = only
         alone = bench(team.model, sea)
-        alone.env_sea[:] = team.env_sea[env]
+        alone.around.env_sea[:] = team.around.env_sea[env]
         alone.state[0, 0] = team.state[env, i]
         return alone.step(action[env : env + 1, i : i + 1], 50).state[0, 0]
     return team.step(action, 50).state

@@ -20,8 +20,8 @@ from pathlib import Path
 
 from rl import cli
 from rl.learn.policy import checkpoints
-from taichi_sim.config import ScenarioConfig
-from taichi_sim.config.io import load_scenario
+from rl.missions import load_scenario
+from rl.missions.formation.config import FormationScenario
 
 ROOT = Path(__file__).resolve().parents[2]
 ITERATIONS = 4
@@ -137,7 +137,7 @@ def tiny_run() -> Path:
     return folder / "run"
 
 
-def tiny_config() -> ScenarioConfig:
+def tiny_config() -> FormationScenario:
     return load_scenario("paper", TINY)
 
 

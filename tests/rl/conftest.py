@@ -10,17 +10,17 @@ from command_line import Ending, tiny_run
 from mission import make
 
 from rl import cli
-from rl.missions.formation.mission import FormationTask
+from rl.missions.formation.mission import Formation
 
 
 @pytest.fixture(scope="module")
-def shared() -> FormationTask:
+def shared() -> Formation:
     """Return one task for all tests that begin with `begin`."""
     return make()
 
 
 @pytest.fixture(scope="module")
-def paper() -> FormationTask:
+def paper() -> Formation:
     """Return a task with the observations and rewards of the paper on a calm sea without obstacles."""
     return make('observations="paper"', 'reward="paper"', "sea.hs=0", "obstacles.count=0")
 

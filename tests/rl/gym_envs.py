@@ -44,4 +44,4 @@ def place_on_an_obstacle(env, row: int) -> None:
     """Put the leader of one environment of the USV team on its first obstacle."""
     task = env.unwrapped.task
     centre = task.obstacles[task.env_world[row], 0, :2]
-    task.teams["usv"].team.state[row, 0, :2] = centre
+    task.teams["usv"].fleet.state[row, 0, :2] = centre

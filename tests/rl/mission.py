@@ -5,11 +5,12 @@ import math
 import torch
 from torch import Tensor
 
-from rl.missions.formation.mission import FormationTask, Step
-from taichi_sim.config.io import load_scenario
-from taichi_sim.conventions import TEAMS
+from rl.mission import Step
+from rl.missions import load_scenario
+from rl.missions.formation.mission import Formation
 from taichi_sim.maths.rotation import torch_quaternion_from_euler
 
+TEAMS = ("usv", "uav")
 SMALL = ("track.worlds=4", "sea.realisations=4")
 AXES = {"usv": 2, "uav": 3}
 
@@ -27,26 +28,31 @@ PAPER_SIZE = {
 NORTH, EAST, SOUTH = 0.0, math.pi / 2, math.pi
 
 
-def make(*overrides: str, envs: int = 4, seed: int = 1, teams: tuple[str, ...] = TEAMS) -> FormationTask:
-    return FormationTask(load_scenario("paper", (*SMALL, *overrides)), envs, seed=seed, teams=teams)
+def make(*overrides: str, envs: int = 4, seed: int = 1, teams: tuple[str, ...] = TEAMS) -> Formation:
+    return Formation(load_scenario("paper", (*SMALL, *overrides)), envs, seed=seed, teams=teams)
 
 
-def begin(task: FormationTask, seed: int = 5) -> FormationTask:
+def begin(task: Formation, seed: int = 5) -> Formation:
     """Begin an episode in every environment, the same for the same seed."""
     task.reseed(seed)
     task.reset()
     return task
 
 
-def shapes(task: FormationTask) -> dict[str, tuple[int, ...]]:
+def shapes(task: Formation) -> dict[str, tuple[int, ...]]:
     return {n: (task.num_envs, t.section.count, len(t.action_names)) for n, t in task.teams.items()}
 
 
-def still(task: FormationTask) -> dict[str, Tensor]:
+def observed(task: Formation) -> dict[str, Tensor]:
+    """Observations [env, vehicle, n] of each team."""
+    return {name: team.observe() for name, team in task.teams.items()}
+
+
+def still(task: Formation) -> dict[str, Tensor]:
     return {name: torch.zeros(shape) for name, shape in shapes(task).items()}
 
 
-def wander(task: FormationTask, steps: int, seed: int = 0, size: float = 1.0) -> Step:
+def wander(task: Formation, steps: int, seed: int = 0, size: float = 1.0) -> Step:
     """Step with random actions; return the last step."""
     generator = torch.Generator().manual_seed(seed)
     for _ in range(steps):
@@ -54,17 +60,17 @@ def wander(task: FormationTask, steps: int, seed: int = 0, size: float = 1.0) ->
     return step
 
 
-def state(task: FormationTask, name: str) -> Tensor:
-    return task.teams[name].team.state
+def state(task: Formation, name: str) -> Tensor:
+    return task.teams[name].fleet.state
 
 
-def only(task: FormationTask, env: int, vehicle: int) -> Tensor:
+def only(task: Formation, env: int, vehicle: int) -> Tensor:
     flags = torch.zeros((task.num_envs, 3), dtype=torch.bool)
     flags[env, vehicle] = True
     return flags
 
 
-def everything(task: FormationTask, envs: list[int]) -> dict[str, Tensor]:
+def everything(task: Formation, envs: list[int]) -> dict[str, Tensor]:
     """Copy all that an environment's future and observations depend on."""
     world = task.world
     parts = {
@@ -75,10 +81,10 @@ def everything(task: FormationTask, envs: list[int]) -> dict[str, Tensor]:
         "steps": task.steps,
     }
     for name, team in task.teams.items():
-        parts[f"{name} state"], parts[f"{name} aux"] = team.team.state, team.team.aux
+        parts[f"{name} state"], parts[f"{name} aux"] = team.fleet.state, team.fleet.aux
         parts[f"{name} distance"], parts[f"{name} slot"] = team.distance, team.now.slot
         parts[f"{name} gap"], parts[f"{name} target"] = team.sensor.gap, team.target.position
-        parts[f"{name} observations"] = task.observe()[name]
+        parts[f"{name} observations"] = task.teams[name].observe()
     return {key: part[envs].clone() for key, part in parts.items()}
 
 
@@ -89,7 +95,7 @@ def past_and_present(rows: Tensor, axes: int) -> tuple[Tensor, Tensor]:
 
 
 def arrange(
-    task: FormationTask,
+    task: Formation,
     name: str,
     offset: tuple[float, float, float],
     psi: float,
@@ -106,4 +112,4 @@ def arrange(
     start[:, 3:7] = torch_quaternion_from_euler(zero + phi, zero + theta, zero + psi)
     zeros = torch.zeros(task.num_envs, dtype=torch.int64)
     task.reset(worlds=zeros, starts=zeros)
-    return task.observe()[name][0, 0]
+    return task.teams[name].observe()[0, 0]

@@ -6,7 +6,8 @@ import sys
 import pytest
 from command_line import ROOT, TIMEOUT, TINY, Ending, sets
 
-from rl.missions.formation.metrics import DEFINITIONS
+from rl.missions import load_scenario
+from rl.missions.formation.judge import FormationJudge
 from rl.runs.main_job import report
 from taichi_sim.config.io import config_folder
 
@@ -37,7 +38,7 @@ def test_a_wrong_key_or_value_is_named_and_nothing_is_made(override, words, here
     ("text", "words"),
     [
         ('name = "x"\n[usv\n', ("not valid TOML", "line 2")),
-        ('name = "x"\n', ("usv: missing", "uav: missing")),
+        ('name = "x"\n', ("there is no team", "has a vehicle")),
         ("\xff\xfe", ("cannot be read",)),
         ("", ("name: missing",)),
     ],
@@ -87,7 +88,7 @@ def test_evaluate_help_defines_every_figure():
     from rl.evaluate import parser
 
     text = parser().format_help()
-    for key, definition in DEFINITIONS.items():
+    for key, definition in FormationJudge.definitions.items():
         assert f"{key}:" in text and definition in text
 
 
@@ -107,6 +108,6 @@ def test_the_other_scripts_end_with_the_message_and_status(name, tmp_path):
 
 
 def test_a_team_without_measured_time_is_reported():
-    nothing = dict.fromkeys(DEFINITIONS, None) | {"collision_free_episodes": 0.5, "success_rate": 0.0}
-    text = report({"episodes": 2, "controller": "policy", "teams": {"usv": nothing}})
+    nothing = dict.fromkeys(FormationJudge.definitions, None) | {"collision_free_episodes": 0.5, "success_rate": 0.0}
+    text = report({"episodes": 2, "controller": "policy", "teams": {"usv": nothing}}, load_scenario("paper"))
     assert "usv" in text and "50.0 %" in text

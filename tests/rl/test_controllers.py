@@ -7,33 +7,34 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import torch
+from mission import TEAMS
 from torch import Tensor
 
-from rl.missions.formation.controllers import CLASSICAL, ClassicalPolicy, avoidance, controllers, force_vector
+from rl.learn.policy import ClassicalPolicy, policies_of
+from rl.mission import ControllerError
+from rl.missions import load_scenario
+from rl.missions.formation.controllers import avoidance, force_vector
 from rl.missions.formation.controllers.sampled import held, place_poles
-from rl.missions.formation.mission import FormationTask
+from rl.missions.formation.mission import Formation
 from rl.runs.evaluation import evaluate
-from rl.runs.folder import RunError
-from taichi_sim.config.io import load_scenario
-from taichi_sim.conventions import TEAMS
 from taichi_sim.maths.rotation import torch_quaternion_from_euler
 
 SMALL = ("track.worlds=4", "sea.realisations=4")
 CALM = (*SMALL, "sea.hs=0", "obstacles.count=0")
 
 
-def make(team: str, *overrides: str, envs: int = 4, seed: int = 3) -> FormationTask:
+def make(team: str, *overrides: str, envs: int = 4, seed: int = 3) -> Formation:
     """Return a task with environment i in world i."""
-    task = FormationTask(load_scenario("paper", overrides), envs, seed=seed, teams=(team,))
+    task = Formation(load_scenario("paper", overrides), envs, seed=seed, teams=(team,))
     task.reset(worlds=torch.arange(envs), starts=torch.zeros(envs, dtype=torch.int64))
     return task
 
 
 def classical(team: str) -> ClassicalPolicy:
-    return controllers("classical", Path(), load_scenario("paper"))[team]
+    return policies_of("classical", Path(), load_scenario("paper"))[team]
 
 
-def fly(task: FormationTask, team: str, seconds: float) -> tuple[Tensor, Tensor]:
+def fly(task: Formation, team: str, seconds: float) -> tuple[Tensor, Tensor]:
     """Run; return the smallest gap [env, vehicle] on the way and the actions [step, env, vehicle, action]."""
     policy, gaps, actions = classical(team), [], []
     for _ in range(round(seconds / task.config.decision_interval)):
@@ -43,13 +44,13 @@ def fly(task: FormationTask, team: str, seconds: float) -> tuple[Tensor, Tensor]
     return torch.stack(gaps).amin(0), torch.stack(actions)
 
 
-def put(task: FormationTask, team: str, away: Tensor, heading: float = 0.0) -> None:
+def put(task: Formation, team: str, away: Tensor, heading: float = 0.0) -> None:
     """Put vehicles `away` [env, vehicle, 2] (ahead, starboard, m) of undisturbed slots, `heading` off course."""
     side = task.teams[team]
     place = task.tracks.at(task.env_world, task.progress)
     offset = side.offsets + away
     c, s = place.course.cos()[:, None], place.course.sin()[:, None]
-    state = torch.zeros_like(side.team.state)
+    state = torch.zeros_like(side.fleet.state)
     state[..., 0] = place.position[:, :1] + c * offset[..., 0] - s * offset[..., 1]
     state[..., 1] = place.position[:, 1:] + s * offset[..., 0] + c * offset[..., 1]
     state[..., 2] = 0.0 if team == "usv" else -task.config.track.flight_height
@@ -174,7 +175,7 @@ def test_blind_teams_act_too(team):
 def test_baseline_is_strong():
     """Centimetres in the paper's scenario: the hull's own tilt tells the push of the waves."""
     config = load_scenario("paper", ["episode_duration=20", "evaluation.settle=15"])
-    policies = controllers("classical", Path(), config)
+    policies = policies_of("classical", Path(), config)
     teams = evaluate(config, policies, episodes=8, seed=7, show_progress=False)["teams"]
     assert teams["usv"]["leader_error_rms_m"] < 0.05
     assert teams["usv"]["follower_error_rms_m"] < 0.1
@@ -184,6 +185,7 @@ def test_baseline_is_strong():
 
 
 def test_unknown_vehicle_is_refused_by_name():
-    team = SimpleNamespace(name="usv", team=SimpleNamespace(model=object()))
-    with pytest.raises(RunError, match=f"usv: .*vehicle model object .*{', '.join(CLASSICAL)}"):
+    mission = SimpleNamespace(controller=lambda team: None)
+    team = SimpleNamespace(name="usv", mission=mission, fleet=SimpleNamespace(model=object()))
+    with pytest.raises(ControllerError, match="usv: .*vehicle model object"):
         ClassicalPolicy()(team)

@@ -121,7 +121,7 @@ def test_vehicles_are_stacked(env_id: str, team: str, count: int) -> None:
 def test_bad_actions_are_refused_and_move_nothing(env_id: str) -> None:
     env = shared(env_id).unwrapped
     env.reset(seed=1)
-    before = env.task.teams[env.team].team.state.clone()
+    before = env.task.teams[env.team].fleet.state.clone()
     action = env.action_space.sample()
     for value in (np.nan, np.inf, -np.inf):
         action[2, -1] = value
@@ -130,7 +130,7 @@ def test_bad_actions_are_refused_and_move_nothing(env_id: str) -> None:
     for shape in ((3, 1), (2, *env.single_action_space.shape), env.single_action_space.shape):
         with pytest.raises(ValueError, match=r"actions have shape .*, expected \(3, "):
             env.step(np.zeros(shape, np.float32))
-    assert torch.equal(env.task.teams[env.team].team.state, before)
+    assert torch.equal(env.task.teams[env.team].fleet.state, before)
     single = gymnasium.make(env_id, overrides=SHORT).unwrapped
     single.reset(seed=1)
     with pytest.raises(ValueError, match="the action has shape"):

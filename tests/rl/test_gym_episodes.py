@@ -11,10 +11,11 @@ from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode
 
 from rl.learn.policy import OBS_GROUPS, CheckpointError, TrainedPolicy, actor_config
-from rl.missions.formation.endings import UsvEndings
+from rl.missions import load_scenario
 from rl.runs.folder import CONFIG, RunError
-from taichi_sim.config import StageConfig
-from taichi_sim.config.io import load_scenario, write_toml
+from rl.scenario import StageConfig
+from taichi_sim.config.io import write_toml
+from taichi_sim.usv.vessel import Vessel
 
 # -- seeds ---------------------------------------------------------------------------------------------------
 
@@ -137,20 +138,20 @@ def test_an_absent_team_is_not_simulated_and_a_constant_one_is() -> None:
     task = together.unwrapped.task
     assert list(task.teams) == ["usv", "uav"]
     together.reset(seed=1)
-    before = task.teams["uav"].team.state.clone()
+    before = task.teams["uav"].fleet.state.clone()
     together.step(together.action_space.sample())
-    assert not torch.equal(task.teams["uav"].team.state, before)
+    assert not torch.equal(task.teams["uav"].fleet.state, before)
     assert not task.teams["uav"].action.any()
 
 
 def test_an_ending_of_the_other_team_truncates() -> None:
     env = make_vec(IDS[0], other="constant", overrides=(*SMALL, "episode_duration=100"))
     env.reset(seed=1)
-    env.unwrapped.task.teams["uav"].team.state[1, 0, 2] = 5.0  # in the sea
+    env.unwrapped.task.teams["uav"].fleet.state[1, 0, 2] = 5.0  # in the sea
     _, _, terminated, truncated, infos = env.step(env.action_space.sample())
     assert not terminated.any()
     assert truncated.tolist() == [False, True, False]
-    assert not any(infos[reason].any() for reason in UsvEndings._fields)
+    assert not any(infos[reason].any() for reason in (*REASONS, *Vessel.ending_names))
 
 
 def save_policy(folder, observations: int, actions: int) -> None:

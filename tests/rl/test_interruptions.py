@@ -21,9 +21,8 @@ from command_line import (
     sets,
 )
 
-from rl.learn.policy import checkpoints
+from rl.learn.policy import checkpoints, policies_of
 from rl.learn.stages import train_stages
-from rl.missions.formation.controllers import controllers
 from rl.runs import folder as run_folder
 
 
@@ -117,4 +116,4 @@ def test_two_runs_at_once_in_one_folder_one_is_refused(tmp_path):
 def test_evaluating_a_run_still_in_training_uses_what_there_is(run):
     forget(run, "uav")
     config, _ = run_folder.load_config(run)
-    assert set(controllers("policy", run, config)) == {"usv"}
+    assert set(policies_of("policy", run, config)) == {"usv"}

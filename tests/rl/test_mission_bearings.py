@@ -4,16 +4,7 @@ import math
 
 import pytest
 import torch
-from mission import (
-    AXES,
-    EAST,
-    NORTH,
-    SOUTH,
-    arrange,
-    begin,
-)
-
-from taichi_sim.conventions import TEAMS
+from mission import AXES, EAST, NORTH, SOUTH, TEAMS, arrange, begin, observed
 
 
 @pytest.mark.parametrize(
@@ -73,6 +64,6 @@ def test_what_is_out_of_range_is_observed_as_nothing(paper):
         start[:, 0] = start[0, 0] + torch.tensor([0.0, 50.0, -50.0])
     zeros = torch.zeros(4, dtype=torch.int64)
     paper.reset(worlds=zeros, starts=zeros)
-    for name, rows in paper.observe().items():
+    for name, rows in observed(paper).items():
         beyond = rows[..., 2 * (1 + AXES[name]) :]
         assert not beyond.any(), f"{name}: {beyond[0, 0].tolist()}"

@@ -5,6 +5,7 @@ import math
 import pytest
 import torch
 from mission import (
+    TEAMS,
     begin,
     make,
     only,
@@ -12,7 +13,6 @@ from mission import (
     still,
 )
 
-from taichi_sim.conventions import TEAMS
 from taichi_sim.maths.rotation import torch_quaternion_from_euler
 
 
@@ -29,7 +29,7 @@ def test_a_vehicle_in_an_obstacle_has_collided(shared, name):
     tall = obstacles[obstacles[:, 3].argmax()]
     state(shared, name)[1, 2, :2] = tall[:2]
     step = shared.step(still(shared))
-    assert step.endings[name].collided.equal(only(shared, 1, 2))
+    assert step.endings[name]["collided"].equal(only(shared, 1, 2))
     assert step.terminated.tolist() == [False, True, False, False]
     assert not step.truncated.any()
 
@@ -40,7 +40,7 @@ def test_an_aircraft_above_an_obstacle_has_not_collided(shared):
     low = obstacles[obstacles[:, 3].argmin()]
     state(shared, "uav")[1, 2, :2] = low[:2]
     state(shared, "uav")[1, 2, 2] = -low[3] - 10.0
-    assert not shared.step(still(shared)).endings["uav"].collided.any()
+    assert not shared.step(still(shared)).endings["uav"]["collided"].any()
 
 
 @pytest.mark.parametrize("name", TEAMS)
@@ -48,7 +48,7 @@ def test_two_vehicles_on_the_same_spot_have_both_collided(shared, name):
     begin(shared)
     state(shared, name)[2, 1] = state(shared, name)[2, 2]
     step = shared.step(still(shared))
-    assert step.endings[name].collided.equal(only(shared, 2, 1) | only(shared, 2, 2))
+    assert step.endings[name]["collided"].equal(only(shared, 2, 1) | only(shared, 2, 2))
     assert step.terminated.tolist() == [False, False, True, False]
 
 
@@ -62,7 +62,7 @@ def test_a_vehicle_is_lost_beyond_its_limit(shared, name, away, expected):
     place[0] -= away * torch.sign(slot[0])  # towards the centre of the area
     state(shared, name)[3, 1, :3] = place
     step = shared.step(still(shared))
-    assert step.endings[name].lost.equal(only(shared, 3, 1) & expected)
+    assert step.endings[name]["lost"].equal(only(shared, 3, 1) & expected)
 
 
 @pytest.mark.parametrize(
@@ -81,7 +81,7 @@ def test_a_capsized_boat_is_found(shared, euler_deg, expected):
     euler = torch.deg2rad(torch.tensor(euler_deg, dtype=torch.float32))
     state(shared, "usv")[0, 1, 3:7] = torch_quaternion_from_euler(*euler)
     step = shared.step(still(shared))
-    assert step.endings["usv"].capsized.equal(only(shared, 0, 1) & expected)
+    assert step.endings["usv"]["capsized"].equal(only(shared, 0, 1) & expected)
 
 
 @pytest.mark.parametrize(("altitude", "expected"), [(-5.0, True), (5.0, False)])
@@ -89,7 +89,7 @@ def test_an_aircraft_under_water_has_crashed(shared, altitude, expected):
     begin(shared)
     state(shared, "uav")[0, 1, 2] = -altitude
     step = shared.step(still(shared))
-    assert step.endings["uav"].crashed.equal(only(shared, 0, 1) & expected)
+    assert step.endings["uav"]["crashed"].equal(only(shared, 0, 1) & expected)
     assert step.terminated.tolist() == [expected, False, False, False]
 
 
@@ -101,7 +101,7 @@ def test_a_vehicle_outside_the_area_has_left(shared, axis, beyond, expected):
         state(shared, "usv")[0, 2, axis] = sign * (1500.0 + beyond)
         state(shared, "usv")[0, 2, 1 - axis] = 0.0
         step = shared.step(still(shared))
-        assert step.endings["usv"].left.equal(only(shared, 0, 2) & expected)
+        assert step.endings["usv"]["left"].equal(only(shared, 0, 2) & expected)
 
 
 def test_a_vehicle_whose_state_is_not_a_number_has_ended(shared):

@@ -4,20 +4,12 @@ import math
 
 import pytest
 import torch
-from mission import (
-    AXES,
-    PAPER_SIZE,
-    begin,
-    make,
-    past_and_present,
-    wander,
-)
+from mission import AXES, PAPER_SIZE, TEAMS, begin, make, observed, past_and_present, wander
 from torch import Tensor
 
-from rl.missions.formation.mission import FormationTask
+from rl.missions.formation.mission import Formation
 from rl.missions.formation.starts import Starts
 from rl.scene.tracks import Tracks
-from taichi_sim.conventions import TEAMS
 from taichi_sim.maths.rotation import torch_quaternion_from_euler
 
 # error, its rate, velocity, down axis, rates, course, turn, action, role
@@ -30,7 +22,7 @@ def test_every_team_size_and_formation_steps(count, formation):
     sizes = [f"{n}.{key}" for n in TEAMS for key in (f"count={count}", f"formation={formation}")]
     task = make(*sizes, envs=3)
     step = wander(task, 2)
-    for name, rows in task.observe().items():
+    for name, rows in observed(task).items():
         assert rows.shape == (3, count, PAPER_SIZE[name, count] + FULL_EXTRA[name])
         assert rows.isfinite().all()
         assert step.reward[name].shape == (3, count)
@@ -45,14 +37,14 @@ def test_sensing_sets_the_size_of_observations(seen):
     sensing = (f"sensing.obstacles={seen}", f"sensing.team_mates={seen}")
     task = make(*sensing, 'observations="paper"', teams=("uav",))
     mates = min(seen, 2)  # there are no more
-    assert task.observe()["uav"].shape == (4, 3, 2 * 4 + seen * 5 + mates * 4)
+    assert task.teams["uav"].observe().shape == (4, 3, 2 * 4 + seen * 5 + mates * 4)
 
 
 def test_paper_observations_have_their_size_and_bounds(paper):
     begin(paper)
     for i in range(10):
         wander(paper, 3, seed=i)
-        for name, rows in paper.observe().items():
+        for name, rows in observed(paper).items():
             assert rows.shape == (4, 3, PAPER_SIZE[name, 3])
             assert rows.isfinite().all()
             assert rows.abs().max() <= 1.0 + 1e-5
@@ -63,15 +55,15 @@ def test_full_observations_begin_with_those_of_the_paper(shared):
     for task in (shared, paper):
         begin(task)
         wander(task, 3)
-    for name, rows in paper.observe().items():
-        assert shared.observe()[name][..., : rows.shape[-1]].equal(rows)
+    for name, rows in observed(paper).items():
+        assert shared.teams[name].observe()[..., : rows.shape[-1]].equal(rows)
 
 
 def test_full_observations_are_bounded_where_they_should_be(shared):
     begin(shared)
     for i in range(10):
         wander(shared, 3, seed=i)
-        for name, rows in shared.observe().items():
+        for name, rows in observed(shared).items():
             n, axes = PAPER_SIZE[name, 3], AXES[name]
             error, attitude = rows[..., n : n + axes], rows[..., n + 2 * axes + 3 : n + 2 * axes + 6]
             course = rows[..., n + 2 * axes + 9 : n + 3 * axes + 9]
@@ -86,12 +78,12 @@ def test_full_observations_are_bounded_where_they_should_be(shared):
 
 def test_observations_are_a_fresh_tensor_each_time(shared):
     begin(shared)
-    first = shared.observe()
+    first = observed(shared)
     copies = {name: rows.clone() for name, rows in first.items()}
-    assert all(rows.data_ptr() != first[name].data_ptr() for name, rows in shared.observe().items())
+    assert all(rows.data_ptr() != first[name].data_ptr() for name, rows in observed(shared).items())
     wander(shared, 2)
     shared.reset(torch.tensor([0, 2]))
-    shared.observe()
+    observed(shared)
     for name, rows in first.items():
         assert rows.equal(copies[name])
 
@@ -100,11 +92,11 @@ def test_observations_are_a_fresh_tensor_each_time(shared):
 def test_the_previous_distance_and_direction_are_those_of_the_last_step(shared, reset):
     begin(shared)
     wander(shared, 2)
-    last = {n: past_and_present(rows, AXES[n])[0] for n, rows in shared.observe().items()}
+    last = {n: past_and_present(rows, AXES[n])[0] for n, rows in observed(shared).items()}
     wander(shared, 1)
     shared.reset(torch.tensor(reset, dtype=torch.int64))
     going_on = [env for env in range(4) if env not in reset]
-    for name, rows in shared.observe().items():
+    for name, rows in observed(shared).items():
         now, previous = past_and_present(rows, AXES[name])
         assert previous[going_on].equal(last[name][going_on])
         assert not now[going_on].equal(previous[going_on])
@@ -114,7 +106,7 @@ def test_the_previous_distance_and_direction_are_those_of_the_last_step(shared, 
         )  # a unit vector
 
 
-def rotated(task: FormationTask, angle: float) -> None:
+def rotated(task: Formation, angle: float) -> None:
     """Turn the world about the vertical: tracks, obstacles, starts."""
     c, s = math.cos(angle), math.sin(angle)
     R = torch.tensor([[c, s], [-s, c]])  # rows: v @ R turns v clockwise
@@ -122,6 +114,7 @@ def rotated(task: FormationTask, angle: float) -> None:
     table = torch.cat((tracks.table[..., :2] @ R, tracks.table[..., 2:]), dim=-1)
     table[..., 2] += angle
     task.tracks = Tracks(table, tracks.length_m, tracks.checkpoints @ R, tracks.checkpoint_s)
+    tracks.columns.copy_(task.tracks.columns)  # which targets move along
     task.obstacles = torch.cat((task.obstacles[..., :2] @ R, task.obstacles[..., 2:]), dim=-1).contiguous()
     zero = torch.zeros(())
     turn = torch_quaternion_from_euler(zero, zero, zero + angle)
@@ -142,10 +135,10 @@ def test_observations_do_not_depend_on_where_north_is():
 
     def watch() -> list[dict[str, Tensor]]:
         task.reset(worlds=worlds, starts=starts)
-        seen = [task.observe()]
+        seen = [observed(task)]
         for i in range(4):
             wander(task, 2, seed=i)
-            seen.append(task.observe())
+            seen.append(observed(task))
         return seen
 
     generator = torch.Generator().manual_seed(0)

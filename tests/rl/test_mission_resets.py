@@ -2,18 +2,8 @@
 
 import pytest
 import torch
-from mission import (
-    AXES,
-    begin,
-    everything,
-    make,
-    past_and_present,
-    state,
-    wander,
-)
+from mission import AXES, TEAMS, begin, everything, make, observed, past_and_present, state, wander
 from torch import Tensor
-
-from taichi_sim.conventions import TEAMS
 
 
 def test_a_reset_changes_only_the_given_environments(shared):
@@ -56,7 +46,7 @@ def test_an_episode_begins_without_a_past(shared):
     begin(shared)
     wander(shared, 3)
     shared.reset(torch.tensor([1]))
-    for name, rows in shared.observe().items():
+    for name, rows in observed(shared).items():
         now, before = past_and_present(rows[1], AXES[name])
         assert now.equal(before), name
         # the last entries of "full" are the previous action and the role

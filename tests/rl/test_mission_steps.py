@@ -4,10 +4,8 @@ import math
 
 import pytest
 import torch
-from mission import AXES, NORTH, arrange, begin, everything, make, shapes, state, still, wander
+from mission import AXES, NORTH, TEAMS, arrange, begin, everything, make, observed, shapes, state, still, wander
 from torch import Tensor
-
-from taichi_sim.conventions import TEAMS
 
 # -- rewards, as the mission gives them -------------------------------------------------------------------
 
@@ -44,7 +42,7 @@ def test_the_paper_takes_one_for_a_collision(paper, name):
         state(paper, name)[:, 2] = state(paper, name)[:, 1]
         state(paper, name)[:, 2, 1] += offset
         step = paper.step(still(paper))
-        return step.reward[name][:, 1], step.endings[name].collided[:, 1]
+        return step.reward[name][:, 1], step.endings[name]["collided"][:, 1]
 
     apart, hit = reward(2 * team.radius + 3.0), reward(0.0)
     assert hit[1].all() and not apart[1].any()
@@ -118,7 +116,7 @@ def test_a_step_does_not_write_to_the_actions_given(shared):
 def test_the_boats_alone_do_as_they_do_with_aircraft_above():
     """The teams share the target's track and the sea, and nothing else."""
     alone, both = make("sea.hs=0", teams=("usv",)), make("sea.hs=0")
-    assert list(alone.observe()) == ["usv"]
+    assert list(observed(alone)) == ["usv"]
     worlds, starts = torch.arange(4), torch.arange(4)
     for task in (alone, both):
         task.reset(worlds=worlds, starts=starts)
@@ -130,8 +128,8 @@ def test_the_boats_alone_do_as_they_do_with_aircraft_above():
 def test_without_obstacles_nothing_is_in_the_way(paper):
     begin(paper)
     step = wander(paper, 3)
-    assert not any(e.collided.any() for e in step.endings.values())
-    for name, rows in paper.observe().items():
+    assert not any(e["collided"].any() for e in step.endings.values())
+    for name, rows in observed(paper).items():
         first = 2 * (1 + AXES[name])
         directions = rows[..., first : first + 6].unflatten(-1, (2, 3))[..., 1:]
         assert not directions.any()

@@ -9,14 +9,14 @@ from torch import Tensor
 
 from rl.scene.sensors import Sensor
 from taichi_sim import runtime
-from taichi_sim.fleet import Team
+from taichi_sim.fleet import Fleet
 
 REACH = 40.0
 
 
-def team(positions: Tensor, psi: float = 0.0) -> Team:
+def team(positions: Tensor, psi: float = 0.0) -> Fleet:
     """Vehicles at `positions` [env, vehicle, 3], all heading `psi`."""
-    vehicles = Team("uav", SimpleNamespace(aux_size=1), *positions.shape[:2])
+    vehicles = Fleet("uav", SimpleNamespace(aux_size=1, action_names=()), *positions.shape[:2])
     vehicles.state[..., :3] = positions
     vehicles.state[..., 3], vehicles.state[..., 6] = math.cos(psi / 2), math.sin(psi / 2)
     vehicles.update()
@@ -35,7 +35,7 @@ def sense(
     """One environment with vehicles at `positions` (NED) among `obstacles` (north, east, radius, height)."""
     sensor = Sensor(team(torch.tensor([positions], dtype=torch.float64), psi), seen, mates, REACH, radius)
     world = torch.tensor([obstacles], dtype=runtime.current().torch_dtype).reshape(1, -1, 4)
-    sensor.sense(world, torch.zeros(1, dtype=torch.int64))
+    sensor.look(world, torch.zeros(1, dtype=torch.int64))
     return sensor
 
 
@@ -177,7 +177,7 @@ def test_environments_see_their_own_world_and_their_own_team():
     positions[:, 1, 1] = torch.tensor([11.0, 12.0, 13.0])
     obstacles = torch.tensor([[[20.0, 0, 1, 9]], [[30.0, 0, 1, 9]]], dtype=runtime.current().torch_dtype)
     sensor = Sensor(team(positions), 1, 1, REACH, 1.0)
-    sensor.sense(obstacles, torch.tensor([1, 0, 1]))
+    sensor.look(obstacles, torch.tensor([1, 0, 1]))
     assert column(sensor.obstacles) == [29.0, 19.0, 29.0]
     assert column(sensor.team_mates) == [11.0, 12.0, 13.0]
 

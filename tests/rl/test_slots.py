@@ -1,21 +1,38 @@
 """Slots: geometry of the two formations, rigidity, and a velocity that is the derivative of the position."""
 
 import math
+from types import SimpleNamespace
 
 import pytest
 import torch
 from torch import Tensor
 
-from rl.missions.formation.slots import Target, formation_offsets, lane_half_width, slots
+from rl.missions.formation.geometry import Geometry
+from rl.missions.formation.slots import formation_offsets, lane_half_width
 from rl.scene.tracks import generate_tracks
+from taichi_sim.conventions import POSITION, STATE_SIZE
+from taichi_sim.kinematics import DERIVED_SIZE, VELOCITY_N
 
 DOUBLE = torch.float64
+pytestmark = pytest.mark.usefixtures("f64")
 
 
-def target(position: Tensor, course: Tensor, course_rate: Tensor, speed: float) -> Target:
-    """A target in each environment."""
-    speeds = torch.full_like(course, speed)
-    return Target(position, course, course.cos(), course.sin(), course_rate, speeds)
+def target(position: Tensor, course: Tensor, course_rate: Tensor, speed: float) -> Tensor:
+    """The table of a target in each environment (targets.py)."""
+    others = course, course.cos(), course.sin(), course_rate, torch.full_like(course, speed)
+    return torch.cat((position, torch.stack(others, dim=1)), dim=1)
+
+
+def slots(target: Tensor, leader: Tensor, velocity: Tensor, offsets: Tensor) -> Geometry:
+    """Slots of teams whose leaders are at `leader` and move at `velocity`, each [env, 3]."""
+    shape = leader.shape[0], offsets.shape[0]
+    fleet = SimpleNamespace(
+        state=torch.zeros((*shape, STATE_SIZE), dtype=DOUBLE), derived=torch.zeros((*shape, DERIVED_SIZE), dtype=DOUBLE)
+    )
+    fleet.state[:, 0, POSITION], fleet.derived[:, 0, VELOCITY_N] = leader, velocity
+    geometry = Geometry(fleet, target, 0.0, offsets, 3)
+    geometry.measure(torch.ones(shape[0], dtype=torch.int32))
+    return geometry
 
 
 def place(course: float, formation: str, count: int, spacing: float = 15.0) -> Tensor:
@@ -28,7 +45,7 @@ def place(course: float, formation: str, count: int, spacing: float = 15.0) -> T
     )
     leader = torch.tensor([[100.0, 200.0, -5.0]], dtype=DOUBLE)
     offsets = formation_offsets(formation, count, spacing)
-    return slots(here, leader, torch.zeros_like(leader), offsets).position[0]
+    return slots(here, leader, torch.zeros_like(leader), offsets).slot[0]
 
 
 NORTHBOUND = {  # (north, east) of the leader; starboard of a northbound vehicle is east
@@ -96,8 +113,8 @@ def test_slot_velocity_is_the_rate_of_the_slot_on_a_circle(formation):
         return slots(here, leader, rate, offsets)
 
     t, h = torch.linspace(0, 60, 13, dtype=DOUBLE), 1e-4
-    difference = (at(t + h).position - at(t - h).position) / (2 * h)
-    torch.testing.assert_close(at(t).velocity, difference, atol=1e-6, rtol=0)
+    difference = (at(t + h).slot - at(t - h).slot) / (2 * h)
+    torch.testing.assert_close(at(t).slot_velocity, difference, atol=1e-6, rtol=0)
 
 
 def test_slot_velocity_is_the_rate_of_the_slot_along_a_track():
@@ -106,16 +123,16 @@ def test_slot_velocity_is_the_rate_of_the_slot_along_a_track():
     tracks = generate_tracks(worlds, 3)
     world = torch.arange(worlds).repeat(50)
     s = torch.arange(50).repeat_interleave(worlds) * 80.0 + 1.0
-    offsets = formation_offsets("abreast", 5, 15.0).float()
+    offsets = formation_offsets("abreast", 5, 15.0)
 
     def at(t: float):
         here = tracks.at(world, s + speed * t)
-        position = torch.cat((here.position, torch.zeros_like(here.course).unsqueeze(1)), dim=1)
-        velocity = torch.tensor([5.0, -3.0, 0.0]).expand_as(position)
-        moving = target(position, here.course, here.curvature * speed, speed)
+        position = torch.nn.functional.pad(here.position, (0, 1)).double()
+        velocity = torch.tensor([5.0, -3.0, 0.0], dtype=DOUBLE).expand_as(position)
+        moving = target(position, here.course.double(), here.curvature.double() * speed, speed)
         return slots(moving, velocity * t, velocity, offsets)
 
-    difference = (at(h).position - at(-h).position) / (2 * h)
-    swing = (at(0).velocity[:, 3] - torch.tensor([5.0, -3.0, 0.0])).norm(dim=-1)
+    difference = (at(h).slot - at(-h).slot) / (2 * h)
+    swing = (at(0).slot_velocity[:, 3] - torch.tensor([5.0, -3.0, 0.0])).norm(dim=-1)
     assert swing.max() > 1.0
-    torch.testing.assert_close(at(0).velocity, difference, atol=0.05, rtol=0)
+    torch.testing.assert_close(at(0).slot_velocity, difference, atol=0.05, rtol=0)

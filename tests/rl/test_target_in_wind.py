@@ -3,13 +3,15 @@
 import math
 
 import pytest
+import taichi as ti
 import torch
 from torch import Tensor
 
-from rl.missions.formation.mission import FormationTask
-from rl.scene.wind_triangle import crab, ground_speed
+from rl.missions import load_scenario
+from rl.missions.formation.mission import Formation
+from rl.missions.formation.targets import Target
+from rl.scene.wind_triangle import crab, speed_over_ground
 from taichi_sim.config import ConfigError
-from taichi_sim.config.io import load_scenario
 from taichi_sim.maths.rotation import torch_euler_from_quaternion
 
 SMALL = ("track.worlds=4", "sea.realisations=4", "sea.components=4", "obstacles.count=0")
@@ -19,12 +21,12 @@ AIRSPEED = 20.0
 UNIFORM = ('air.profile="uniform"', "air.std=0", 'air.turbulence="none"', "air.direction_deg=240")
 
 
-def make(*overrides: str, envs: int = 64, teams: tuple[str, ...] = ("uav",), scenario: str = "paper") -> FormationTask:
-    return FormationTask(load_scenario(scenario, (*SMALL, *overrides)), envs, seed=1, teams=teams)
+def make(*overrides: str, envs: int = 64, teams: tuple[str, ...] = ("uav",), scenario: str = "paper") -> Formation:
+    return Formation(load_scenario(scenario, (*SMALL, *overrides)), envs, seed=1, teams=teams)
 
 
 @pytest.fixture(scope="module")
-def windy() -> FormationTask:
+def windy() -> Formation:
     return make('track.speed_over="air"', f"track.target_speed={AIRSPEED}", *BREEZE, teams=("usv", "uav"))
 
 
@@ -34,13 +36,26 @@ def refusal(*overrides: str, scenario: str = "aerosonde", teams: tuple[str, ...]
     return str(error.value)
 
 
-def over_ground(task: FormationTask, name: str = "uav") -> Tensor:
+def over_ground(task: Formation, name: str = "uav") -> Tensor:
     target = task.teams[name].target
     return target.speed.unsqueeze(1) * torch.stack((target.course.cos(), target.course.sin()), dim=1)
 
 
-def still(task: FormationTask) -> dict[str, Tensor]:
+def still(task: Formation) -> dict[str, Tensor]:
     return {name: torch.zeros_like(team.action) for name, team in task.teams.items()}
+
+
+@ti.kernel
+def _ground_speeds(out: ti.types.ndarray(ndim=1), airspeed: float, wind: ti.types.ndarray(ndim=2), course: float):
+    for e in out:
+        out[e] = speed_over_ground(airspeed, wind[e, 0], wind[e, 1], ti.cos(course), ti.sin(course))
+
+
+def ground_speeds(airspeed: float, winds: list, course: float) -> list[float]:
+    """Speed over ground (m/s) on `course` (rad) in each of `winds` (north, east, m/s)."""
+    out = torch.zeros(len(winds))
+    _ground_speeds(out, airspeed, torch.tensor(winds), course)
+    return out.tolist()
 
 
 # -- the triangle -------------------------------------------------------------------------------------------------
@@ -49,9 +64,8 @@ def still(task: FormationTask) -> dict[str, Tensor]:
 @pytest.mark.parametrize(("course_deg", "speed"), [(0, 25 + 7), (180, 25 - 7), (90, 24), (-90, 24)])
 def test_ground_speed_along_and_across_the_wind(course_deg, speed):
     """7-24-25: in a crosswind of 7 m/s an airspeed of 25 m/s leaves 24."""
-    course = torch.tensor([math.radians(course_deg)])
-    wind = torch.tensor([[7.0, 0.0]])  # blows to the north
-    assert ground_speed(25.0, wind, course.cos(), course.sin()).item() == pytest.approx(speed, abs=1e-4)
+    wind = [[7.0, 0.0]]  # blows to the north
+    assert ground_speeds(25.0, wind, math.radians(course_deg)) == pytest.approx([speed], abs=1e-4)
 
 
 def test_the_nose_is_turned_into_a_crosswind():
@@ -61,9 +75,7 @@ def test_the_nose_is_turned_into_a_crosswind():
 
 
 def test_a_wind_that_leaves_too_little_is_met_at_the_least_speed():
-    wind = torch.tensor([[-24.0, 0.0], [0.0, 40.0]])
-    north = torch.ones(2), torch.zeros(2)
-    assert ground_speed(25.0, wind, *north).tolist() == [5.0, 5.0]
+    assert ground_speeds(25.0, [[-24.0, 0.0], [0.0, 40.0]], 0.0) == [5.0, 5.0]
 
 
 # -- the target ---------------------------------------------------------------------------------------------------
@@ -87,7 +99,7 @@ def test_the_target_moves_and_turns_as_it_says(windy):
     """Its place and course one interval later."""
     windy.reset()
     dt = windy.config.decision_interval
-    before, target = windy.progress.clone(), windy.teams["uav"].target
+    before, target = windy.progress.clone(), Target(*(x.clone() for x in windy.teams["uav"].target))
     windy.step(still(windy))
     later = windy.teams["uav"].target
     torch.testing.assert_close(windy.progress - before, target.speed * dt, atol=1e-3, rtol=0)
@@ -117,14 +129,14 @@ def test_in_a_calm_air_and_ground_are_one():
         for _ in range(3):
             task.step(still(task))
     torch.testing.assert_close(ground.progress, air.progress)
-    torch.testing.assert_close(ground.observe()["uav"], air.observe()["uav"], atol=1e-5, rtol=0)
+    torch.testing.assert_close(ground.teams["uav"].observe(), air.teams["uav"].observe(), atol=1e-5, rtol=0)
 
 
 # -- starts -------------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
-def aircraft() -> FormationTask:
+def aircraft() -> Formation:
     return make(*UNIFORM, scenario="aerosonde")
 
 
@@ -133,7 +145,7 @@ def test_aircraft_start_crabbed_and_trimmed(aircraft):
     worlds, starts = torch.arange(64) % 4, torch.arange(64) % 32
     aircraft.reset(worlds=worlds, starts=starts)
     drawn = torch_euler_from_quaternion(aircraft.starts.states["uav"][worlds, starts][..., 3:7])[..., 2]
-    team = aircraft.teams["uav"].team
+    team = aircraft.teams["uav"].fleet
     wind = 7.72 * torch.tensor([math.cos(math.radians(60)), math.sin(math.radians(60))])
     for _ in range(10):
         v = team.velocity_n
@@ -149,7 +161,7 @@ def test_boats_start_at_their_share_of_the_speed_over_ground(windy):
     worlds, starts = torch.arange(64) % 4, torch.arange(64) % 32
     windy.reset(worlds=worlds, starts=starts)
     drawn = windy.starts.states["usv"][worlds, starts][..., 7] / AIRSPEED
-    share = windy.teams["usv"].team.velocity_b[..., 0] / windy.teams["usv"].target.speed.unsqueeze(1)
+    share = windy.teams["usv"].fleet.velocity_b[..., 0] / windy.teams["usv"].target.speed.unsqueeze(1)
     torch.testing.assert_close(share, drawn)
 
 
@@ -204,7 +216,7 @@ def test_bends_must_be_wide_enough_for_the_largest_speed_over_ground(overrides, 
 
 def test_aircraft_start_on_courses_that_do_not_meet(aircraft):
     """Straight on for 3 s, each in its own steady flight, they keep more than the diameter of two, seen from above."""
-    team = aircraft.teams["uav"].team
+    team = aircraft.teams["uav"].fleet
     for start in range(8):
         aircraft.reset(worlds=torch.arange(64) % 4, starts=(start + 8 * (torch.arange(64) // 16)))
         place, velocity = team.position_n[..., :2], team.velocity_n[..., :2]
@@ -221,14 +233,14 @@ def test_aircraft_observe_airspeed_and_wind(aircraft):
     """The last four terms, unscaled: the wind in b is that of the scenario, and velocity less wind is the airspeed."""
     aircraft.reset()
     generator = torch.Generator().manual_seed(0)
-    team = aircraft.teams["uav"].team
+    team = aircraft.teams["uav"].fleet
     for _ in range(10):
         aircraft.step({"uav": 2 * torch.rand(64, 3, 3, generator=generator) - 1})
-    seen = aircraft.observe()["uav"][..., -4:]
+    seen = aircraft.teams["uav"].observe()[..., -4:]
     wind_b = 10.0 * seen[..., 1:] / (1 - seen[..., 1:].abs())
     blows = 7.72 * torch.tensor([math.cos(math.radians(60)), math.sin(math.radians(60)), 0.0])
     torch.testing.assert_close(wind_b, blows @ team.R_nb, atol=1e-3, rtol=0)
-    low, _, high = team.model.speed_range
+    low, _, high = team.model.limits.speeds
     airspeed = 25.0 + seen[..., 0] * (high - low) / 2
     torch.testing.assert_close(airspeed, (team.velocity_b - wind_b).norm(dim=-1), atol=2e-3, rtol=0)
     assert airspeed.std() > 0.1
@@ -237,7 +249,7 @@ def test_aircraft_observe_airspeed_and_wind(aircraft):
 def test_instruments_show_the_air_before_the_first_step(aircraft):
     """What a policy sees of a fresh episode is what it sees a step into it."""
     aircraft.reset()
-    team = aircraft.teams["uav"].team
+    team = aircraft.teams["uav"].fleet
     names = [team.model.aux_names.index(n) for n in ("airspeed", "alpha", "beta", "wind_north", "wind_east")]
     before = team.aux[..., names].clone()
     assert (before[..., 0] - 25.0).abs().max() < 0.01
@@ -248,7 +260,7 @@ def test_instruments_show_the_air_before_the_first_step(aircraft):
 def test_what_has_no_air_data_observes_none():
     """The paper's aircraft see the same in a wind as in a calm."""
     calm, windy = make(envs=4), make(*BREEZE, envs=4)
-    assert calm.observe()["uav"].shape == windy.observe()["uav"].shape
+    assert calm.teams["uav"].observe().shape == windy.teams["uav"].observe().shape
     for task in (calm, windy):
         task.reset(worlds=torch.arange(4), starts=torch.arange(4))
-    assert calm.observe()["uav"].equal(windy.observe()["uav"])
+    assert calm.teams["uav"].observe().equal(windy.teams["uav"].observe())

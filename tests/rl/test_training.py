@@ -15,16 +15,17 @@ from command_line import ITERATIONS, TEAMS, TINY, command, content, sets, tiny_c
 from rerun.chunk import RrdReader
 
 from rl import cli
-from rl.learn.env import FormationEnv
+from rl.learn.env import MissionEnv
+from rl.learn.policy import policies_of
 from rl.learn.runner import StageRunner
 from rl.learn.stages import train_stages
-from rl.missions.formation.controllers import controllers
-from rl.missions.formation.metrics import DEFINITIONS
-from rl.missions.formation.mission import FormationTask
+from rl.missions import load_scenario
+from rl.missions.formation.judge import FormationJudge
+from rl.missions.formation.mission import Formation
 from rl.play import main as play
 from rl.runs import folder as run_folder
 from rl.runs.evaluation import evaluate
-from taichi_sim.config.io import config_folder, load_scenario
+from taichi_sim.config.io import config_folder
 
 ROWS = 3 * 8  # vehicles times environments
 
@@ -35,7 +36,7 @@ def trained() -> Path:
 
 
 def policies(run: Path):
-    return controllers("policy", run, run_folder.load_config(run)[0])
+    return policies_of("policy", run, run_folder.load_config(run)[0])
 
 
 def history(file: Path) -> list[dict[str, str]]:
@@ -67,7 +68,7 @@ def test_the_evaluation_holds_every_figure_of_both_teams(trained):
     assert (evaluation["seed"], evaluation["episodes"]) == (1000, 4)
     assert list(evaluation["teams"]) == list(TEAMS)
     for figures in evaluation["teams"].values():
-        assert set(figures) == set(DEFINITIONS) == {
+        assert set(figures) == set(FormationJudge.definitions) == {
             "leader_error_rms_m", "leader_error_p95_m", "follower_error_rms_m", "follower_error_p95_m",
             "collisions_per_hour", "collision_free_episodes", "success_rate",
         }  # fmt: skip
@@ -92,7 +93,7 @@ def test_the_configuration_is_kept_with_its_vehicles(trained):
     kept = load_scenario(trained / "config.toml")
     assert kept == tiny_config()
     for team in TEAMS:
-        name = f"{kept.team(team).vehicle}.toml"
+        name = f"{kept.teams[team].vehicle}.toml"
         assert (trained / "vehicles" / name).read_text() == (config_folder() / "vehicles" / name).read_text()
 
 
@@ -146,7 +147,7 @@ def test_the_frozen_policy_does_not_change_while_the_other_team_learns(trained, 
     usv = policies(trained)["usv"]
     seen = torch.randn((50, 3, usv.num_observations), generator=torch.Generator().manual_seed(3))
     weights, actions = fingerprint(usv), usv.act(seen)
-    env = FormationEnv(FormationTask(config, 8, seed=2), "uav", {"usv": usv})
+    env = MissionEnv(Formation(config, 8, seed=2), "uav", {"usv": usv})
     learner = StageRunner(env, config.stages["uav"], tmp_path)
     before = {k: v.clone() for k, v in learner.alg.get_policy().state_dict().items()}
     learner.train(show_progress=False)
@@ -199,7 +200,7 @@ def test_evaluation_leaves_the_run_as_it_was(trained, tmp_path):
     config, source = run_folder.load_config(run)
     for kind in ("policy", "classical"):
         result = evaluate(
-            config, controllers(kind, run, config), episodes=2, seed=1, controller=kind, source=source,
+            config, policies_of(kind, run, config), episodes=2, seed=1, controller=kind, source=source,
             show_progress=False,
         )  # fmt: skip
         assert result["controller"] == kind and set(result["teams"]) == set(TEAMS)

@@ -8,12 +8,12 @@ import pytest
 import torch
 from torch import Tensor
 
-from rl.missions.formation.controllers import CLASSICAL, ClassicalPolicy
+from rl.learn.policy import ClassicalPolicy
+from rl.mission import ControllerError
+from rl.missions import load_scenario
 from rl.missions.formation.controllers.avoidance import passing
-from rl.missions.formation.controllers.fixed_wing_6dof import velocity_through_air
-from rl.missions.formation.mission import FormationTask
-from rl.runs.folder import RunError
-from taichi_sim.config.io import load_scenario
+from rl.missions.formation.controllers.fixed_wing_6dof import FixedWing6DofController, velocity_through_air
+from rl.missions.formation.mission import Formation
 
 VEHICLES = Path(__file__).parents[2] / "configs" / "vehicles"
 STEADY = (
@@ -36,14 +36,14 @@ def vehicle(tmp_path_factory):
     return of
 
 
-def make(*overrides: str, envs: int = 4, seed: int = 3) -> FormationTask:
+def make(*overrides: str, envs: int = 4, seed: int = 3) -> Formation:
     """Return a task with environment i in world i."""
-    task = FormationTask(load_scenario("aerosonde", overrides), envs, seed=seed, teams=("uav",))
+    task = Formation(load_scenario("aerosonde", overrides), envs, seed=seed, teams=("uav",))
     task.reset(worlds=torch.arange(envs), starts=torch.zeros(envs, dtype=torch.int64))
     return task
 
 
-def fly(task: FormationTask, seconds: float) -> Tensor:
+def fly(task: Formation, seconds: float) -> Tensor:
     """Distances [step, env, vehicle] from the slots; no aircraft's episode may end."""
     policy, team, distances = ClassicalPolicy(), task.teams["uav"], []
     for _ in range(round(seconds / task.config.decision_interval)):
@@ -83,8 +83,8 @@ def test_an_arc_passes_a_place_at_its_distance_from_the_circle(rate, out):
 
 
 def test_surfaces_are_refused():
-    with pytest.raises(RunError, match='autopilot.actions = "guidance" or "altitude"'):
-        CLASSICAL["FixedWing6DOF"](SimpleNamespace(actions="surfaces"))
+    with pytest.raises(ControllerError, match='autopilot.actions = "guidance" or "altitude"'):
+        FixedWing6DofController(SimpleNamespace(actions="surfaces"))
 
 
 # -- flights ------------------------------------------------------------------------------------------------------
@@ -106,7 +106,7 @@ def test_aircraft_keep_their_slots_in_a_steady_wind_of_a_third_of_their_airspeed
     late, team = distance[-50:], task.teams["uav"]
     assert rms(late[..., 0]) < 0.5
     assert rms(late[..., 1:]) < 1.0
-    wind = team.team.velocity_n - velocity_through_air(team)
-    met = team.team.aux[..., team.team.model.aux_names.index("wind_north") :][..., :3]
+    wind = team.fleet.velocity_n - velocity_through_air(team)
+    met = team.fleet.aux[..., team.fleet.model.aux_names.index("wind_north") :][..., :3]
     assert float(met.norm(dim=-1).min()) > 7.0
     torch.testing.assert_close(wind, met, atol=1e-3, rtol=0)

@@ -8,13 +8,14 @@ import pytest
 import torch
 from torch import Tensor
 
-from rl.missions.formation.controllers import ClassicalPolicy, avoidance
+from rl.learn.policy import ClassicalPolicy
+from rl.missions import load_scenario
+from rl.missions.formation.controllers import avoidance
 from rl.missions.formation.controllers.course import Load
 from rl.missions.formation.controllers.hull_6dof import Hull6DofController, shaft, shares, vessel
 from rl.missions.formation.controllers.vessel import Resistance, gains
-from rl.missions.formation.mission import FormationTask
+from rl.missions.formation.mission import Formation
 from rl.runs.evaluation import evaluate
-from taichi_sim.config.io import load_scenario
 from taichi_sim.maths.rotation import torch_quaternion_from_euler
 
 VEHICLES = Path(__file__).parents[2] / "configs" / "vehicles"
@@ -34,15 +35,15 @@ def left_right(tmp_path_factory) -> str:
     return str(file)
 
 
-def make(*overrides: str, vehicle: str = "otter", envs: int = 4, seed: int = 3) -> FormationTask:
+def make(*overrides: str, vehicle: str = "otter", envs: int = 4, seed: int = 3) -> Formation:
     """Return a task with environment i in world i."""
     config = load_scenario("otter", [f'usv.vehicle="{vehicle}"', *overrides])
-    task = FormationTask(config, envs, seed=seed, teams=("usv",))
+    task = Formation(config, envs, seed=seed, teams=("usv",))
     task.reset(worlds=torch.arange(envs), starts=torch.zeros(envs, dtype=torch.int64))
     return task
 
 
-def sail(task: FormationTask, seconds: float, policy: ClassicalPolicy | None = None) -> tuple[Tensor, Tensor]:
+def sail(task: Formation, seconds: float, policy: ClassicalPolicy | None = None) -> tuple[Tensor, Tensor]:
     """Distances [step, env, vehicle] from the slots, and gaps likewise."""
     policy, team = policy or ClassicalPolicy(), task.teams["usv"]
     distances, gaps = [], []
@@ -53,12 +54,12 @@ def sail(task: FormationTask, seconds: float, policy: ClassicalPolicy | None = N
     return torch.stack(distances), torch.stack(gaps)
 
 
-def put(task: FormationTask, speed: float = SPEED, heading: float = 0.0) -> None:
+def put(task: Formation, speed: float = SPEED, heading: float = 0.0) -> None:
     """Put vehicles in undisturbed slots at `speed`, `heading` off course."""
     team = task.teams["usv"]
     place = task.tracks.at(task.env_world, task.progress)
     c, s = place.course.cos()[:, None], place.course.sin()[:, None]
-    state = torch.zeros_like(team.team.state)
+    state = torch.zeros_like(team.fleet.state)
     state[..., 0] = place.position[:, :1] + c * team.offsets[:, 0] - s * team.offsets[:, 1]
     state[..., 1] = place.position[:, 1:] + s * team.offsets[:, 0] + c * team.offsets[:, 1]
     psi = (place.course + heading)[:, None].expand(state.shape[:2])
@@ -80,7 +81,7 @@ def test_steady_motion_meets_the_resistance():
 
 
 def otter():
-    model = make(*CALM).teams["usv"].team.model
+    model = make(*CALM).teams["usv"].fleet.model
     return model, vessel(model.params, model.params.thrusters)
 
 
@@ -161,8 +162,8 @@ def test_shaft_speeds_do_as_surge_and_yaw(left_right):
     """Under way, either kind of action asks for the same thrusts, by the meaning that Hull6Dof.step gives them."""
     task = make(*CALM)
     sail(task, 10.0)
-    team, other = task.teams["usv"], make(*CALM, vehicle=left_right).teams["usv"].team.model
-    t = team.team.model.params.thrusters
+    team, other = task.teams["usv"], make(*CALM, vehicle=left_right).teams["usv"].fleet.model
+    t = team.fleet.model.params.thrusters
     surge, yaw = ClassicalPolicy()(team).unbind(-1)
     mean, half = 0.5 * (surge + 1) * t.thrust_max, 0.5 * yaw * (t.thrust_max - t.thrust_min)
     share = Hull6DofController(other)(team)
@@ -219,8 +220,8 @@ def test_state_that_is_not_finite_stays_alone(vehicle):
     sail(task, 1.0, policy)
     team = task.teams["usv"]
     sound = ClassicalPolicy()(team)
-    team.team.state[2, 1], team.team.derived[2, 1] = math.nan, math.nan
-    team.measure(team.target)
+    team.fleet.state[2, 1], team.fleet.derived[2, 1] = math.nan, math.nan
+    team.now.measure(torch.ones(task.num_envs, dtype=torch.int32))
     broken = ClassicalPolicy()(team)
     assert (broken[2, 1] == 0).all()
     others = torch.ones(4, 3, dtype=torch.bool)
@@ -233,8 +234,8 @@ def test_drift_survives_what_is_not_finite():
     task, policy = make(*CALM), ClassicalPolicy()
     sail(task, 1.0, policy)
     team = task.teams["usv"]
-    team.team.state[2, 1], team.team.derived[2, 1] = math.nan, math.nan
-    team.measure(team.target)
+    team.fleet.state[2, 1], team.fleet.derived[2, 1] = math.nan, math.nan
+    team.now.measure(torch.ones(task.num_envs, dtype=torch.int32))
     policy(team)
     task.reset(torch.tensor([2]))
     assert torch.equal(policy(team)[2], ClassicalPolicy()(team)[2])

@@ -1,4 +1,4 @@
-"""The formation mission under the clock: the environment alone, with policies that act, with learning."""
+"""A mission under the clock: the environment alone, with policies that act, with learning."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -8,43 +8,41 @@ from rsl_rl.models import MLPModel
 from tensordict import TensorDict
 
 from benchmarking.timing import Case
-from rl.learn.env import FormationEnv
+from rl.learn.env import MissionEnv
 from rl.learn.policy import OBS_GROUPS, TrainedPolicy, actor_config
 from rl.learn.runner import StageRunner
-from rl.missions.formation.controllers import CLASSICAL
-from rl.missions.formation.mission import FormationTask
-from rl.missions.formation.team import TeamTask
-from taichi_sim.config import ScenarioConfig, StageConfig
+from rl.mission import Mission, Team
+from rl.missions import make_mission
+from rl.scenario import Scenario, StageConfig
 
 ACTION_SPREAD = 0.2  # standard deviation of random actions about cruise
 ACTION_SETS = 8  # drawn beforehand and taken in turn, so that drawing is not timed
 STAGGER_SEED = 7
 
 
-def begin_anywhere(task: FormationTask) -> FormationTask:
+def begin_anywhere(task: Mission) -> Mission:
     """Spread the environments over the episode, so that they do not all run out of time in one step."""
     generator = torch.Generator().manual_seed(STAGGER_SEED)
     task.steps.copy_(torch.randint(task.config.episode_steps, (task.num_envs,), generator=generator))
     return task
 
 
-def decide(task: FormationTask, actions: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
+def decide(task: Mission, actions: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
     """One decision of every vehicle: step, reset what ended, observe."""
     step = task.step(actions)
     task.reset((step.terminated | step.truncated).nonzero().squeeze(1))
-    return task.observe()
+    return {name: team.observe() for name, team in task.teams.items()}
 
 
-def cruise(team: TeamTask) -> torch.Tensor:
+def cruise(team: Team) -> torch.Tensor:
     """Mean action [action] of the classical controller at the start of an episode: straight on, near cruise."""
-    model = team.team.model
-    kind = CLASSICAL.get(type(model).__name__)
-    if kind is None:
+    controller = team.mission.controller(team)
+    if controller is None:
         return torch.zeros(len(team.action_names))
-    return kind(model)(team).mean(dim=(0, 1))
+    return controller(team).mean(dim=(0, 1))
 
 
-def random_decisions(task: FormationTask) -> Callable[[], object]:
+def random_decisions(task: Mission) -> Callable[[], object]:
     """A function that takes one decision with random actions near cruise."""
     generator = torch.Generator().manual_seed(STAGGER_SEED)
     sets = [
@@ -58,7 +56,7 @@ def random_decisions(task: FormationTask) -> Callable[[], object]:
     return lambda: decide(task, sets[next(turn) % ACTION_SETS])
 
 
-def untrained_policy(team: TeamTask, stage: StageConfig) -> TrainedPolicy:
+def untrained_policy(team: Team, stage: StageConfig) -> TrainedPolicy:
     """A network of the configured size with the weights it would begin training with."""
     example = TensorDict({"policy": team.observe().flatten(0, 1)[:1]}, batch_size=[1])
     options = actor_config(stage)
@@ -66,10 +64,10 @@ def untrained_policy(team: TeamTask, stage: StageConfig) -> TrainedPolicy:
     return TrainedPolicy(MLPModel(example, OBS_GROUPS, "actor", len(team.action_names), **options))
 
 
-def policy_decisions(task: FormationTask, stages: dict[str, StageConfig]) -> Callable[[], object]:
-    """A function that takes one decision of both teams' networks."""
+def policy_decisions(task: Mission, stages: dict[str, StageConfig]) -> Callable[[], object]:
+    """A function that takes one decision of every team's network."""
     policies = {name: untrained_policy(team, stages[name]) for name, team in task.teams.items()}
-    observed = task.observe()
+    observed = {name: team.observe() for name, team in task.teams.items()}
 
     def decide_by_policy() -> None:
         nonlocal observed
@@ -78,43 +76,51 @@ def policy_decisions(task: FormationTask, stages: dict[str, StageConfig]) -> Cal
     return decide_by_policy
 
 
-def environment_cases(config: ScenarioConfig, sizes: tuple[int, ...]) -> list[Case]:
-    """Both teams without and with policies, for each number of environments."""
-    stages = {name: next((s for s in config.stages.values() if s.team == name), StageConfig(team=name))
-              for name in ("usv", "uav")}  # fmt: skip
-    agents = config.usv.count + config.uav.count
+def first_stage(config: Scenario) -> StageConfig:
+    """The stage whose learning is timed."""
+    return next(iter(config.stages.values()))
+
+
+def agents(config: Scenario) -> int:
+    """Vehicles of all teams in one environment."""
+    return sum(team.count for team in config.teams.values())
+
+
+def environment_cases(config: Scenario, sizes: tuple[int, ...]) -> list[Case]:
+    """All teams without and with policies, for each number of environments."""
+    stages = {name: config.stage_of(name) or StageConfig(team=name) for name in config.teams}
     cases = []
     for size in sizes:
         for group in ("environment", "inference"):
-            task = begin_anywhere(FormationTask(config, size, seed=config.seed))
+            task = begin_anywhere(make_mission(config, size, seed=config.seed))
             call = random_decisions(task) if group == "environment" else policy_decisions(task, stages)
-            cases.append(Case(group, str(size), call, size * agents))
+            cases.append(Case(group, str(size), call, size * agents(config)))
     return cases
 
 
-def learning_cases(config: ScenarioConfig, sizes: tuple[int, ...], folder: Path) -> list[Case]:
-    """Whole iterations of the USV stage (rollout, PPO update, log, checkpoint) for each number of environments."""
-    configured = next(s for s in config.stages.values() if s.team == "usv")
+def learning_cases(config: Scenario, sizes: tuple[int, ...], folder: Path) -> list[Case]:
+    """Whole iterations of the first stage (rollout, PPO update, log, checkpoint) for each number of environments."""
+    configured = first_stage(config)
     cases = []
     for size in sizes:
         stage = configured.model_copy(update={"num_envs": size})
-        task = FormationTask(config, size, seed=config.seed, teams=("usv",))
+        task = make_mission(config, size, seed=config.seed, teams=(stage.team,))
         place = folder / f"learning-{size}"
         place.mkdir()
-        runner = StageRunner(FormationEnv(task, "usv"), stage, place)
-        work = size * config.usv.count * stage.steps_per_iteration
+        runner = StageRunner(MissionEnv(task, stage.team), stage, place)
+        work = size * config.teams[stage.team].count * stage.steps_per_iteration
         cases.append(Case("learning", str(size), lambda runner=runner: runner.learn(1), work))
     return cases
 
 
-def rates(cases: list[Case], group: str, config: ScenarioConfig) -> list[dict[str, float]]:
+def rates(cases: list[Case], group: str, config: Scenario) -> list[dict[str, float]]:
     """The JSON of one group of cases: an agent step is one vehicle's decision."""
-    agents = config.usv.count + (config.uav.count if group != "learning" else 0)
+    vehicles = config.teams[first_stage(config).team].count if group == "learning" else agents(config)
     return [
         {
             "num_envs": int(case.label),
             "agent_steps_per_s": case.rate,
-            "real_time_factor": case.rate / agents * config.decision_interval,
+            "real_time_factor": case.rate / vehicles * config.decision_interval,
         }
         for case in cases
         if case.group == group

@@ -8,8 +8,8 @@ from typing import Any
 from tqdm import tqdm
 
 from benchmarking.mission import begin_anywhere, random_decisions
-from rl.missions.formation.mission import FormationTask
-from taichi_sim.config import ScenarioConfig
+from rl.missions.formation.config import FormationScenario
+from rl.missions.formation.mission import Formation
 
 OTHER = "other"
 
@@ -48,41 +48,28 @@ class Stopwatch:
         return taken
 
 
-class WatchedTracks:
-    """Tracks whose look-up can be timed: tracks themselves are immutable."""
-
-    def __init__(self, tracks):
-        """Stand for `tracks`."""
-        self._tracks, self.at = tracks, tracks.at
-
-    def __getattr__(self, name: str):
-        """Everything else is the tracks' own."""
-        return getattr(self._tracks, name)
-
-
-def watch(task: FormationTask) -> Stopwatch:
+def watch(task: Formation) -> Stopwatch:
     """A stopwatch on every part of `task`."""
     stopwatch = Stopwatch()
-    task.tracks = WatchedTracks(task.tracks)  # type: ignore[assignment]
     stopwatch.watch(task.world.sea, "phases", "sea phases")
     stopwatch.watch(task.world, "_checked", "action checks")
-    stopwatch.watch(task.tracks, "at", "targets")
+    stopwatch.watch(task.targets, "move", "targets")
+    stopwatch.watch(task, "_ended", "endings")
+    stopwatch.watch(task, "_paid", "rewards")
     for name, team in task.teams.items():
-        stopwatch.watch(team.team.model, "step", f"{name} kernel")
-        stopwatch.watch(team, "measure", "geometry")
-        stopwatch.watch(team, "sense", "sensing")
-        stopwatch.watch(team, "find_endings", "endings")
-        stopwatch.watch(team, "compute_reward", "rewards")
+        stopwatch.watch(team.fleet.model, "step", f"{name} kernel")
+        stopwatch.watch(team.now, "measure", "geometry")
+        stopwatch.watch(team.sensor, "look", "sensing")
         stopwatch.watch(team, "observe", "observations")
     stopwatch.watch(task, "reset", "resets")
     return stopwatch
 
 
 def measure_parts(
-    config: ScenarioConfig, num_envs: int, *, seconds: float, repetitions: int, show_progress: bool = True
+    config: FormationScenario, num_envs: int, *, seconds: float, repetitions: int, show_progress: bool = True
 ) -> dict[str, float]:
     """Median milliseconds of each part of one decision of `num_envs` environments, both teams."""
-    task = begin_anywhere(FormationTask(config, num_envs, seed=config.seed))
+    task = begin_anywhere(Formation(config, num_envs, seed=config.seed))
     call = random_decisions(task)
     call()
     stopwatch = watch(task)

@@ -1,68 +1,72 @@
 """Each vehicle model alone: its kernel over many environments, no mission around it."""
 
+import math
 from pathlib import Path
 
+import torch
+
 from benchmarking.timing import Case
-from rl.missions.formation.mission import FormationTask
-from taichi_sim.config import AirConfig, ScenarioConfig
-from taichi_sim.config.io import config_folder, read_toml
-from taichi_sim.vehicles import MODELS, load_vehicle
+from taichi_sim.bench import Bench
+from taichi_sim.config import AirConfig, WorldConfig
+from taichi_sim.config.io import read_toml
+from taichi_sim.usv.hull.model import HullModel
+from taichi_sim.vehicle import Vehicle
+from taichi_sim.vehicles import find_model, load_vehicle, shipped_vehicles
 
 COMPONENTS = (16, 32)
-MIN_RADIUS = 150.0  # m, of the track: the fastest aircraft turns downwind
+COUNT = 3  # vehicles in an environment
+SPREAD, HEIGHT = 1000.0, 60.0  # m: half the side of the square where they start, and the height of aircraft
 AIR = AirConfig(speed=7.72, turbulence="dryden")  # 15 kt; what does not feel it pays nothing
+SEED = 7
 
 
-def shipped_vehicles() -> list[Path]:
-    """The vehicle files, by name."""
-    return sorted((config_folder() / "vehicles").glob("*.toml"))
-
-
-def panel_count(model) -> int | None:
+def panel_count(model: Vehicle) -> int | None:
     """Panels of the hull, or None if the model has none."""
-    panels = getattr(model, "panels", getattr(model.params, "panels", None))
-    return panels if panels is None or isinstance(panels, int) else len(panels)
+    return model.panels if isinstance(model, HullModel) else None
 
 
 def measured_vehicles(quick: bool) -> list[tuple[Path, int]]:
     """Vehicle files and numbers of wave components to measure: an aircraft in one sea, `quick` one vehicle a model."""
     files = shipped_vehicles()
-    model = {file: read_toml(file)["model"] for file in files}
+    kind = {file: find_model(read_toml(file)["model"], file) for file in files}
     if quick:
-        files = list({model[file]: file for file in files}.values())
+        files = list({kind[file]: file for file in files}.values())
     return [
         (file, components)
         for file in files
-        for components in (COMPONENTS if MODELS[model[file]].team == "usv" and not quick else COMPONENTS[:1])
+        for components in (COMPONENTS if kind[file].medium == "water" and not quick else COMPONENTS[:1])
     ]
 
 
-def physics_cases(config: ScenarioConfig, num_envs: int, quick: bool) -> list[tuple[Case, dict]]:
-    """A case and its description for each of `measured_vehicles`."""
+def physics_cases(config: WorldConfig, num_envs: int, quick: bool) -> list[tuple[Case, dict]]:
+    """A case and its description for each of `measured_vehicles`, in the sea of `config` and at its times."""
     return [_case(config, file, components, num_envs) for file, components in measured_vehicles(quick)]
 
 
-def _case(config: ScenarioConfig, file: Path, components: int, num_envs: int) -> tuple[Case, dict]:
-    name = MODELS[read_toml(file)["model"]].team
-    section = config.team(name).model_copy(update={"vehicle": str(file)})
+def _case(config: WorldConfig, file: Path, components: int, num_envs: int) -> tuple[Case, dict]:
+    model = load_vehicle(file, config.dt, config.substeps)
     sea = config.sea.model_copy(update={"components": components})
-    model = load_vehicle(file, name, config.dt, config.substeps)
-    cruise = getattr(model, "speed_range", (0.0, config.track.target_speed, 0.0))[1]
-    track = {"target_speed": cruise, "speed_over": "air" if name == "uav" else "ground", "min_radius": MIN_RADIUS}
-    changes = {name: section, "sea": sea, "track": config.track.model_copy(update=track), "air": AIR}
-    task = FormationTask(config.model_copy(update=changes), num_envs, seed=config.seed, teams=(name,))
-    world, team = task.world, task.world.teams[name]
-    action = team.state.new_zeros(task.teams[name].action.shape)
-    memory = [(t, t.clone()) for t in (team.state, team.aux, team.derived, team.surface)]
-    world.sea.phases(world.env_sea, world.time, out=world.around.phase)
+    bench = Bench(model, sea=sea, air=AIR, envs=num_envs, count=COUNT, seed=SEED, name=file.stem)
+    _spread(bench)
+    memory = [(tensor, tensor.clone()) for tensor in (bench.state, bench.aux, bench.fleet.derived, bench.surface)]
 
     def begin() -> None:
         for tensor, start in memory:
             tensor.copy_(start)
 
     def call() -> None:
-        team.model.step(team, action, world.around)
+        model.step(bench.fleet, bench.around)
 
-    work = num_envs * section.count * config.substeps
-    description = {"vehicle": file.stem, "panels": panel_count(team.model), "components": components}
+    work = num_envs * COUNT * config.substeps
+    description = {"vehicle": file.stem, "panels": panel_count(model), "components": components}
     return Case("physics", f"{file.stem}, {components} components", call, work, begin), description
+
+
+def _spread(bench: Bench) -> None:
+    """Put vehicles anywhere, in trim at cruise, or afloat."""
+    generator = torch.Generator().manual_seed(SEED)
+    where, psi = (torch.rand((*bench.state.shape[:2], n), generator=generator) for n in (3, 1))
+    position = SPREAD * (2 * where - 1)
+    position[..., 2] = -HEIGHT if bench.model.medium == "air" else 0.0
+    euler = torch.nn.functional.pad(2 * math.pi * psi, (2, 0))
+    bench.put(position, euler, (bench.model.limits.speeds[1], 0.0, 0.0), settle=True)

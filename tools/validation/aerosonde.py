@@ -7,23 +7,17 @@ Trajectories bring their own controls, which are in force from their row to the 
 
 import math
 import re
-from functools import cache
 
 import numpy as np
-import taichi as ti
 import torch
 
+from taichi_sim.bench import Bench
 from taichi_sim.conventions import ANGULAR_VELOCITY, GRAVITY, POSITION, QUATERNION, VELOCITY
-from taichi_sim.fleet import Team
-from taichi_sim.maths.rotation import torch_euler_from_quaternion, torch_quaternion_from_euler, torch_rotation_matrix
-from taichi_sim.sea import Sea
-from taichi_sim.sea.spectrum import Components
-from taichi_sim.surroundings import Surroundings
-from taichi_sim.uav.fixed_wing import airframe as fixed_wing
-from taichi_sim.uav.fixed_wing.airframe import FixedWingParams
-from taichi_sim.uav.fixed_wing.equations import loads, rhs
+from taichi_sim.maths.rotation import torch_quaternion_from_euler, torch_rotation_matrix
+from taichi_sim.uav.fixed_wing.equations import loads
 from taichi_sim.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
 from taichi_sim.uav.fixed_wing.modes import linear_modes
+from taichi_sim.uav.fixed_wing.params import FixedWingParams
 from taichi_sim.uav.fixed_wing.trim import Trim, trim
 from validation.aerosonde_numbers import parameters
 from validation.case import Case
@@ -38,6 +32,7 @@ VELOCITY_TOLERANCE = {"f64": 1e-3, "f32": 0.1}  # m/s
 RATE_TOLERANCE = {"f64": 1e-3, "f32": 1e-2}  # rad/s
 TRIM_TOLERANCE = 1e-5  # rad, 1
 FREQUENCY_TOLERANCE, DAMPING_TOLERANCE = 1e-3, 5e-3  # of the value
+VACUUM = 1e-30  # density of the air, kg/m^3, in which nothing but a load from outside is felt
 PRINTED_TOLERANCE = 1e-8  # of numbers printed with eight decimals, absolute
 EULER, AIR_DATA = ("phi", "theta", "psi"), ("Va", "alpha", "beta")
 STATE = ("n", "e", "d", "u", "v", "w", "e0", "e1", "e2", "e3", "p", "q", "r")
@@ -58,12 +53,10 @@ def variant(case: Case) -> str:
 def rhs_samples(case: Case) -> None:
     """rhs_samples_[AB]*.csv: random states and controls (and winds), and all derivatives."""
     table = read_csv(case.path)
-    p = parameters(case, variant(case))
-    dtype = np.float64 if case.precision == "f64" else np.float32
-    state = np.empty((len(table), len(STATE)), dtype)
-    state[:, ORDER] = np.stack([table[c] for c in STATE], axis=1)
+    state = _states(np.stack([table[c] for c in STATE], axis=1))
     controls = np.stack([table[c] for c in SHORT_CONTROLS], axis=1)
-    ours = rhs(p, state, controls, wind_of(case, table))[:, ORDER]
+    model = FixedWing6DOF(parameters(case, variant(case)), DT, 1)
+    ours = model.rhs(state, controls, wind=wind_of(case, table))[:, ORDER]
     for name, values in zip(STATE, ours.T, strict=True):
         scaled(case, f"d_{name}", values, table[f"d_{name}"], table.resolution(f"d_{name}"))
 
@@ -118,44 +111,33 @@ class Flight:
 
     def __init__(self, model: FixedWing6DOF, table: Table, wind: np.ndarray):
         """Put it there, in a `wind` [row, 3] (NED, m/s) that blows from its row to the next."""
-        self.model, self.table = model, table
-        self.team = Team("uav", model, 1, 1)
-        zero = np.zeros((1, 1))
-        sea = Sea(Components(zero, zero + 1, zero + 1, zero, zero))
-        self.around = Surroundings.of(sea, torch.zeros(1, dtype=torch.int32), torch.zeros(1, dtype=torch.float64))
-        self.wind = torch.tensor(wind)
-        state = self.team.state[0, 0]
-
-        def row(*names: str) -> torch.Tensor:
-            return torch.tensor([table[c][0] for c in names], dtype=torch.float64)
-
-        state[POSITION] = row("north", "east", "down").to(state)
-        state[QUATERNION] = torch_quaternion_from_euler(*row(*EULER)).to(state)
-        state[VELOCITY] = row("u", "v", "w").to(state)
-        state[ANGULAR_VELOCITY] = row("p", "q", "r").to(state)
-        model.reset_aux(self.team.aux, self.team.state)
+        self.model, self.table, self.wind = model, table, torch.tensor(wind)
+        self.bench = Bench(model)
+        self.bench.wind[:] = self.wind[0]
+        place, angles, v, omega = (
+            [table[c][0] for c in names]
+            for names in (("north", "east", "down"), EULER, ("u", "v", "w"), ("p", "q", "r"))
+        )
+        self.bench.put(place, angles, v, omega)
 
     def fly(self, calls: np.ndarray) -> dict[str, np.ndarray]:
         """Quantities at every row; `calls` [row - 1] control steps from each row to the next."""
-        controls = torch.tensor(np.stack([self.table[c] for c in CONTROLS], axis=1))
-        actions = self.model.action(controls).to(self.team.state.dtype)
+        actions = self.model.action(torch.tensor(np.stack([self.table[c] for c in CONTROLS], axis=1)))
         rows = [self._read(self.wind[0])]
         for row, times in enumerate(calls):
-            around = self.around._replace(wind=self.wind[row : row + 1].to(actions.dtype))
-            for _ in range(times):
-                self.model.step(self.team, actions[row].reshape(1, 1, 4).contiguous(), around)
+            self.bench.wind[:] = self.wind[row]
+            self.bench.step(actions[row], int(times))
             rows.append(self._read(self.wind[row + 1]))
         return {name: np.array([row[name] for row in rows]) for name in rows[0]}
 
     def _read(self, wind: torch.Tensor) -> dict[str, float]:
-        state = self.team.state[0, 0].double()
+        state = self.bench.state[0, 0].double().cpu()
         v_r = state[VELOCITY] - torch_rotation_matrix(state[QUATERNION]).T @ wind
         u, v, w = v_r.tolist()
         names = ("north", "east", "down", "u", "v", "w", "p", "q", "r", "phi", "theta", "psi")
-        euler = torch_euler_from_quaternion(state[QUATERNION])
-        values = torch.cat((state[POSITION], state[VELOCITY], state[ANGULAR_VELOCITY], euler)).tolist()
+        motion = torch.cat((state[POSITION], state[VELOCITY], state[ANGULAR_VELOCITY])).tolist()
         air = {"Va": float(v_r.norm()), "alpha": math.atan2(w, u), "beta": math.atan2(v, math.hypot(u, w))}
-        return dict(zip(names, values, strict=True)) | air
+        return dict(zip(names, (*motion, *self.bench.euler), strict=True)) | air
 
 
 def trim_and_modes(case: Case) -> None:
@@ -200,25 +182,27 @@ def published_checks(case: Case) -> None:
     """published_checks_chap3_chap4*.json: numbers printed in mavsim_public's check files (variant A)."""
     data = read_json(case.path)
     p = parameters(case, "A")
+    airless = in_a_vacuum(p)
     for n, row in enumerate(records(data, "chap3"), 1):
-        state, load = _state(row["state"]), np.array(row["forces_moments"], dtype=np.float64)
-        ours = rigid_body(p, state, load[:3], load[3:])[ORDER]
+        state = _states(row["state"])
+        ours = rigid_body(airless, state, np.array(row["forces_moments"], dtype=np.float64))[ORDER]
         # a quaternion that is not a unit one turns into a rotation in more than one way: not its position
         unit = abs(np.linalg.norm(state[QUATERNION]) - 1) < PRINTED_TOLERANCE
         first = 0 if unit else 3
         case.absolute(f"chap3 case {n}", ours[first:], np.array(row["xdot"])[first:], PRINTED_TOLERANCE)
     for row in records(data, "chap4"):
-        _published_loads(case, p, row, data)
+        _published_loads(case, airless, p, row, data)
 
 
-def _state(row: list[float]) -> np.ndarray:
-    """Our state of theirs."""
-    state = np.empty(len(ORDER))
-    state[ORDER] = row
-    return state
+def _states(theirs) -> np.ndarray:
+    """Our states [.., 13] of theirs."""
+    theirs = np.asarray(theirs, dtype=np.float64)
+    ours = np.empty_like(theirs)
+    ours[..., ORDER] = theirs
+    return ours
 
 
-def _published_loads(case: Case, p: FixedWingParams, row: dict, data: dict) -> None:
+def _published_loads(case: Case, airless: FixedWing6DOF, p: FixedWingParams, row: dict, data: dict) -> None:
     """Thrust and torque, forces and moments with gravity, or derivatives: whatever `row` has."""
     name = row["name"]
     if name == "prop":
@@ -226,7 +210,7 @@ def _published_loads(case: Case, p: FixedWingParams, row: dict, data: dict) -> N
         case.elementwise("chap4 prop T, Q", np.array([T, Q]), np.array([row["T"], row["Q"]]))
         return
     same = next(r for r in data["chap4"] if r["name"] == "case2") if isinstance(row["state"], str) else row
-    state, delta = _state(same["state"]), np.array(same["delta"], dtype=np.float64)
+    state, delta = _states(same["state"]), np.array(same["delta"], dtype=np.float64)
     v_r = state[VELOCITY] - np.array(row.get("gust_body", (0.0, 0.0, 0.0)))
     if "air_data_override" in row:
         v_r = np.array([number(row, "air_data_override", "Va"), 0.0, 0.0])
@@ -236,29 +220,20 @@ def _published_loads(case: Case, p: FixedWingParams, row: dict, data: dict) -> N
     theirs = np.array(row.get("fm", row.get("fm_with_book_beta")), dtype=np.float64)
     case.relative(f"chap4 {name} forces and moments", found[:6] + weight, theirs)
     if "xdot_3_to_12" in row:
-        ours = rigid_body(p, state, found[:3] + weight[:3], found[3:6])[ORDER][3:]
+        ours = rigid_body(airless, state, found[:6] + weight)[ORDER][3:]
         case.relative(f"chap4 {name} derivative", ours, np.array(row["xdot_3_to_12"]))
 
 
-@cache
-def _rigid_body_kernel():
-    @ti.kernel
-    def kernel(p: ti.template(), y: ti.types.ndarray(ndim=1), load: ti.types.ndarray(ndim=1),
-               out: ti.types.ndarray(ndim=1)):  # fmt: skip
-        state = ti.Vector([y[k] for k in ti.static(range(13))])
-        R = fixed_wing.rotation_matrix(ti.Vector([y[3], y[4], y[5], y[6]]))
-        force, moment = ti.Vector([load[0], load[1], load[2]]), ti.Vector([load[3], load[4], load[5]])
-        d = fixed_wing.rigid_body(p, state, R, force, moment)
-        for k in ti.static(range(13)):
-            out[k] = d[k]
-
-    return kernel
+def in_a_vacuum(p: FixedWingParams) -> FixedWing6DOF:
+    """The aircraft where it feels nothing but its weight and a load from outside."""
+    rarefied = p.model_copy(update={"physical": p.physical.model_copy(update={"rho": VACUUM})})
+    return FixedWing6DOF(rarefied, DT, 1, design=p)
 
 
-def rigid_body(p: FixedWingParams, state: np.ndarray, force: np.ndarray, moment: np.ndarray) -> np.ndarray:
-    """Derivative [13] under `force` (N, gravity included) and `moment` (N m), both in b."""
-    out = np.empty(len(state))
+def rigid_body(airless: FixedWing6DOF, state: np.ndarray, load: np.ndarray) -> np.ndarray:
+    """Derivative [13] of the aircraft in a vacuum under `load` [6], force (N, gravity included) and moment (N m), in
+    b.
+    """
     R = torch_rotation_matrix(torch.tensor(state[QUATERNION])).numpy()
-    without_weight = np.concatenate((force - p.physical.mass * GRAVITY * R[2], moment))
-    _rigid_body_kernel()(p.physical, state, without_weight, out)
-    return out
+    weight = np.concatenate((airless.p.physical.mass * GRAVITY * R[2], np.zeros(3)))
+    return airless.rhs(state, np.zeros(len(CONTROLS)), load=load - weight)[0]

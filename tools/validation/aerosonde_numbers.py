@@ -5,7 +5,7 @@ from pathlib import Path
 
 from taichi_sim.config.io import validate
 from taichi_sim.conventions import GRAVITY
-from taichi_sim.uav.fixed_wing.airframe import FixedWingParams
+from taichi_sim.uav.fixed_wing.params import FixedWingParams
 from validation.case import Case
 from validation.tables import TableError, number, read_toml
 

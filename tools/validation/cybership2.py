@@ -12,13 +12,8 @@ from typing import Any
 import numpy as np
 import torch
 
-from taichi_sim import runtime
+from taichi_sim.bench import Bench, pack_state
 from taichi_sim.config.io import config_folder
-from taichi_sim.fleet import Team
-from taichi_sim.maths.rotation import torch_quaternion_from_euler
-from taichi_sim.sea import Sea
-from taichi_sim.sea.spectrum import Components
-from taichi_sim.surroundings import Surroundings
 from taichi_sim.usv.manoeuvring_3dof import Manoeuvring3dof
 from taichi_sim.usv.manoeuvring_loads import Manoeuvring3dofParams
 from validation.case import Case
@@ -73,28 +68,26 @@ class Runner:
         limits = dict.fromkeys(("surge_force_max", "sway_force_max", "yaw_moment_max"), 1.0)
         options = limits | {"actions": "surge_sway_yaw", "time_constant": 0.0}
         self.params = Manoeuvring3dofParams(**(parameters | options))
-        zero = np.zeros((1, 1))
-        env_sea = torch.zeros(1, dtype=torch.int32)
-        calm = Sea(Components(zero, zero + 1, zero + 1, zero, zero))
-        self.around = Surroundings.of(calm, env_sea, torch.zeros(1, dtype=torch.float64))
-        self.action = torch.tensor([[tau]], dtype=runtime.current().torch_dtype)
-        self.team = Team("usv", _model(self.params, LARGEST_DT), 1, 1)
+        self.tau = tau
+        self.benches: dict[float, Bench] = {}  # by the length of their control step, s
+        self.put(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
     def put(self, x: float, y: float, psi: float, u: float, v: float, r: float) -> None:
         """Place the vessel (m, rad) with a body velocity (m/s, rad/s)."""
-        state = self.team.state[0, 0]
-        state.zero_()
-        state[3:7] = torch_quaternion_from_euler(*torch.tensor([0.0, 0.0, psi], dtype=torch.float64))
-        state[0], state[1], state[7], state[8], state[12] = x, y, u, v, r
-        self.team.model.reset_aux(self.team.aux, self.team.state)
+        self.state = torch.from_numpy(pack_state([x, y, 0, 0, 0, psi], [u, v, 0, 0, 0, r]))[:, None]
 
     def run(self, duration: float) -> None:
-        """Advance by `duration` (s), to the nearest nanosecond."""
-        _model(self.params, round(duration, 9)).step(self.team, self.action, self.around)
+        """Advance by `duration` (s), to the nearest nanosecond, in one control step."""
+        duration = round(duration, 9)
+        if duration not in self.benches:
+            self.benches[duration] = Bench(_model(self.params, duration))
+        bench = self.benches[duration]
+        bench.state.copy_(self.state)  # actuators without lag, in calm water: the state is all there is
+        self.state = bench.step(self.tau).state.clone()
 
     def read(self) -> tuple[float, ...]:
         """x, y (m), psi (rad, in (-pi, pi]), u, v (m/s), r (rad/s)."""
-        s = self.team.state[0, 0].double().tolist()
+        s = self.state[0, 0].double().tolist()
         return s[0], s[1], 2 * float(np.arctan2(s[6], s[3])), s[7], s[8], s[12]
 
 
@@ -120,10 +113,14 @@ def rhs_samples(case: Case) -> None:
     table = read_csv(case.path)
     if "tauX" not in table:
         return
-    inputs = (np.stack([table[c] for c in names], 1) for names in (("x", "y", "psi"), ("u", "v", "r")))
-    tau = np.stack([table[c] for c in ("tauX", "tauY", "tauN")], 1)
-    model = Runner(_parameters(case), (0.0, 0.0, 0.0)).team.model
-    ours = np.hstack(model.rhs(*inputs, tau)).T
+    eta, nu = np.zeros((2, len(table), 6))
+    for k, pose, velocity in zip((0, 1, 5), ("x", "y", "psi"), ("u", "v", "r"), strict=True):
+        eta[:, k], nu[:, k] = table[pose], table[velocity]
+    tau = np.column_stack([table[c] for c in ("tauX", "tauY", "tauN")])
+    states = pack_state(eta, nu)
+    rates = _model(Runner(_parameters(case), (0.0, 0.0, 0.0)).params, LARGEST_DT).rhs(states, tau)
+    psi_dot = 2 * (states[:, 3] * rates[:, 6] - states[:, 6] * rates[:, 3])
+    ours = (rates[:, 0], rates[:, 1], psi_dot, rates[:, 7], rates[:, 8], rates[:, 12])
     for name, values in zip(("d_x", "d_y", "d_psi", "d_u", "d_v", "d_r"), ours, strict=True):
         _scaled(case, name, values, table[name], RHS_TOLERANCE, table.resolution(name))
 

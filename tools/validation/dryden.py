@@ -1,5 +1,8 @@
 """Checks of taichi_sim.air: Dryden turbulence, through the matrices of the kernels' own step, and the mean wind."""
 
+# Kernels are another language inside Python syntax.
+# pyright: reportInvalidTypeForm=false
+
 import re
 
 import numpy as np

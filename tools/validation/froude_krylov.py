@@ -9,10 +9,10 @@ the origin (real part) and once a quarter period later (imaginary part); what a 
 
 import numpy as np
 
+from taichi_sim.bench import Bench
 from taichi_sim.sea import Sea
 from taichi_sim.sea.spectrum import Components, wavenumber
 from taichi_sim.usv.hull.hull_6dof import Hull6Dof
-from validation.bench import Bench
 from validation.box import NO_LOADS, Box, box_of
 from validation.case import Case
 from validation.tables import TableError, read_csv
@@ -41,7 +41,7 @@ def load(box: Box, omega: np.ndarray, direction: np.ndarray, depth: float | None
     columns = [np.tile(v, 3)[:, None] for v in (k, omega, -direction)]
     sea = Sea(Components(amplitude, *columns, phase), depth)
     params = box.params(box.shape(*PANELS), GYRATION, NO_LOADS)
-    bench = Bench(Hull6Dof(params, INSTANT, 1), sea, envs=3 * rows)
+    bench = Bench(Hull6Dof(params, INSTANT, 1), sea=sea, envs=3 * rows)
     bench.step([0.0, 0.0])
     wrench = bench.read().nu @ params.M_rb / INSTANT  # M_rb is symmetric
     real, imaginary, still = wrench.reshape(3, rows, 6)

@@ -15,9 +15,10 @@ import torch
 
 from taichi_sim.conventions import ANGULAR_VELOCITY, GRAVITY, POSITION, QUATERNION, VELOCITY
 from taichi_sim.maths.rotation import torch_euler_from_quaternion, torch_quaternion_from_euler, torch_rotation_matrix
-from taichi_sim.uav.fixed_wing.airframe import FixedWingParams
-from taichi_sim.uav.fixed_wing.equations import loads, rhs
-from validation.aerosonde import CONTROLS, EULER, ORDER, rigid_body, scaled, variant
+from taichi_sim.uav.fixed_wing.equations import loads
+from taichi_sim.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
+from taichi_sim.uav.fixed_wing.params import FixedWingParams
+from validation.aerosonde import CONTROLS, DT, EULER, ORDER, in_a_vacuum, rigid_body, scaled, variant
 from validation.aerosonde_numbers import parameters
 from validation.case import Case
 from validation.inputs import check_air, check_start, check_way, wind_of
@@ -57,10 +58,10 @@ def flight(case: Case, table: Table, p: FixedWingParams) -> None:
     steps = round(interval / dt)
     if steps < 1 or abs(interval / dt - steps) > UNEVEN:
         raise TableError(f"column 't': rows are not a whole number of steps of {dt} s apart")
-    y, ours = states[0], [states[0]]
+    airless, y, ours = in_a_vacuum(p), states[0], [states[0]]
     for row in range(len(table) - 1):
         for _ in range(steps):
-            y = _held_step(p, y, controls[row], wind[row], dt)
+            y = _held_step(airless, y, _loads(p, y[None], controls[row : row + 1], wind[row : row + 1])[0], dt)
         ours.append(y)
     _compare(case, table, np.array(ours))
 
@@ -70,7 +71,7 @@ def samples(case: Case, table: Table, p: FixedWingParams) -> None:
     states, controls, wind = _states(table), _controls(case, table), wind_of(case, table)
     check_air(table, _relative(states, wind))
     names = (*PLACE, *SPEED, *TURN, *RATES)
-    slopes = dict(zip(names, rhs(p, states, controls, wind)[:, ORDER].T, strict=True))
+    slopes = dict(zip(names, FixedWing6DOF(p, DT, 1).rhs(states, controls, wind=wind)[:, ORDER].T, strict=True))
     forces = dict(zip(LOADS, _loads(p, states, controls, wind).T, strict=True))
     ours = {f"d_{name}": values for name, values in slopes.items()} | forces
     there = [name for name in ours if name in table]
@@ -130,13 +131,12 @@ def _loads(p: FixedWingParams, states: np.ndarray, controls: np.ndarray, wind: n
     return found
 
 
-def _held_step(p: FixedWingParams, y: np.ndarray, controls: np.ndarray, wind: np.ndarray, dt: float) -> np.ndarray:
-    """State [13] after a Runge-Kutta step under the forces and moments at its beginning."""
-    load = _loads(p, y[None], controls[None], wind[None])[0]
-    k1 = rigid_body(p, y, load[:3], load[3:])
-    k2 = rigid_body(p, y + dt / 2 * k1, load[:3], load[3:])
-    k3 = rigid_body(p, y + dt / 2 * k2, load[:3], load[3:])
-    k4 = rigid_body(p, y + dt * k3, load[:3], load[3:])
+def _held_step(airless: FixedWing6DOF, y: np.ndarray, load: np.ndarray, dt: float) -> np.ndarray:
+    """State [13] after a Runge-Kutta step under a `load` [6] that is held, force (N), weight included, and moment."""
+    k1 = rigid_body(airless, y, load)
+    k2 = rigid_body(airless, y + dt / 2 * k1, load)
+    k3 = rigid_body(airless, y + dt / 2 * k2, load)
+    k4 = rigid_body(airless, y + dt * k3, load)
     new = y + dt / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
     new[QUATERNION] /= np.linalg.norm(new[QUATERNION])
     return new

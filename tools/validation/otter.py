@@ -6,6 +6,9 @@ initial state is the first row. Tolerances are metres and degrees for tracks, th
 right-hand sides.
 """
 
+# Kernels are another language inside Python syntax.
+# pyright: reportArgumentType=false, reportInvalidTypeForm=false
+
 from functools import cache
 
 import numpy as np
@@ -13,10 +16,11 @@ import taichi as ti
 import torch
 
 from taichi_sim import runtime
+from taichi_sim.bench import Bench, pack_state
 from taichi_sim.maths.rotation import torch_rotation_matrix
 from taichi_sim.usv.hull import loads as hull_loads
+from taichi_sim.usv.hull.model import SHAFT
 from taichi_sim.usv.hull.params import Hull6DofParams
-from validation.bench import Bench, pack_state
 from validation.case import Case
 from validation.inputs import check_start
 from validation.otter_numbers import current, model, parameters, shaft_command
@@ -57,12 +61,12 @@ def rhs_samples(case: Case) -> None:
 
 def accelerations(p: Hull6DofParams, eta: np.ndarray, nu: np.ndarray, shaft: np.ndarray, flow=(0.0, 0.0)) -> np.ndarray:
     """nu_dot [n, 6] of the model at poses and velocities [n, 6] and shaft speeds [n, 2]; `flow`: current, m/s."""
-    return model(p, LARGEST_DT).acceleration(pack_state(eta, nu).numpy(), shaft, flow)
+    return model(p, LARGEST_DT).rhs(pack_state(eta, nu), shaft, flow)[:, 7:]
 
 
 def pose_rate(eta: np.ndarray, nu: np.ndarray) -> np.ndarray:
     """Rates [n, 6] of position (m/s) and roll, pitch, yaw (rad/s): R_nb v and T(phi, theta) omega."""
-    R = torch_rotation_matrix(pack_state(eta, nu)[:, 3:7]).numpy()
+    R = torch_rotation_matrix(torch.from_numpy(pack_state(eta, nu)[:, 3:7])).numpy()
     s, c, t = np.sin(eta[:, 3]), np.cos(eta[:, 3]), np.tan(eta[:, 4])
     p, q, r = nu[:, 3:].T
     level = s * q + c * r
@@ -144,8 +148,9 @@ def fly(case: Case, table: Table, dt: float = LARGEST_DT) -> dict[str, np.ndarra
     commands = shaft_commands(table, shaft_command(name), p.thrusters.lag, parts)
     calls = commands.shape[1]  # of the model, from row to row
     steps = steps if calls == 1 else parts
-    bench = Bench(model(p, round(interval / steps, 9), steps // calls), current=current(name))
-    bench.put([table[n][0] for n in POSE], [table[n][0] for n in NU])
+    bench = Bench(model(p, round(interval / steps, 9), steps // calls))
+    bench.current[:] = torch.tensor(current(name))
+    place(bench, [table[n][0] for n in POSE], [table[n][0] for n in NU])
     set_shafts(bench, [table[n][0] for n in SHAFTS])
     rows = []
     for row in range(len(table)):
@@ -157,9 +162,14 @@ def fly(case: Case, table: Table, dt: float = LARGEST_DT) -> dict[str, np.ndarra
     return dict(zip((*POSE, *NU), np.array(rows).T, strict=True))
 
 
+def place(bench: Bench, eta, nu=(0.0,) * 6) -> None:
+    """Put the vessels at a pose eta [6] (m, rad) with a velocity nu [6]."""
+    bench.put(eta[:3], eta[3:], nu[:3], nu[3:])
+
+
 def set_shafts(bench: Bench, speeds) -> None:
     """Start with these shaft speeds (rad/s)."""
-    bench.team.aux[:, 0, :2] = torch.as_tensor(speeds, dtype=bench.team.aux.dtype)
+    bench.aux[:, 0, SHAFT : SHAFT + 2] = torch.tensor(speeds)
 
 
 def as_action(p: Hull6DofParams, command) -> np.ndarray:

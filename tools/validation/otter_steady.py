@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
+from taichi_sim.bench import Bench
 from taichi_sim.usv.hull.params import Hull6DofParams
-from validation.bench import Bench
 from validation.case import Case
-from validation.otter import LARGEST_DT, accelerations, as_action, pose_rate, set_shafts
+from validation.otter import LARGEST_DT, accelerations, as_action, place, pose_rate, set_shafts
 from validation.otter_numbers import model, parameters, shaft_command
 from validation.tables import number, numbers, read_csv, read_json, records
 
@@ -175,7 +175,8 @@ def _modes(case: Case, p: Hull6DofParams, key: str, given: list[list[float]]) ->
 def _turn(case: Case, p: Hull6DofParams, key: str, given: dict[str, float]) -> None:
     """A turn from rest under held shaft speeds, when it has become steady."""
     steps = 500
-    bench = Bench(model(p, LARGEST_DT, steps)).put(_pose(*rest(p)))
+    bench = Bench(model(p, LARGEST_DT, steps))
+    place(bench, _pose(*rest(p)))
     bench.step(as_action(p, shaft_command(key)), round(SETTLING_TIME / LARGEST_DT / steps))
     motion = bench.read()
     u, v, _, _, _, r = motion.nu[0]
@@ -209,7 +210,8 @@ def _tactical(case: Case, p: Hull6DofParams, key: str, given: dict[str, float]) 
 
 def turn_from(p: Hull6DofParams, n: float, command: tuple[float, float]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Times [k], track [k, 2] (m) and heading [k] (rad, unwrapped) of a turn out of a straight run at n (rad/s)."""
-    bench = Bench(model(p, LARGEST_DT, 2)).put(_pose(*rest(p)), [closed_form_speed(p, n), 0, 0, 0, 0, 0])
+    bench = Bench(model(p, LARGEST_DT, 2))
+    place(bench, _pose(*rest(p)), [closed_form_speed(p, n), 0, 0, 0, 0, 0])
     set_shafts(bench, [n, n])
     rows = []
     steps = round(TACTICAL_TIME / (2 * LARGEST_DT))

@@ -14,11 +14,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from taichi_sim.bench import Bench
 from taichi_sim.sea import Sea
 from taichi_sim.sea.spectrum import Components, wavenumber
 from taichi_sim.usv.hull.hull_6dof import Hull6Dof
 from taichi_sim.usv.hull.params import Hull6DofParams
-from validation.bench import Bench
 from validation.box import SIZE, Box, box_of
 from validation.case import Case
 from validation.tables import Table, TableError, number, read_csv, read_json
@@ -104,7 +104,7 @@ def measure(radiation: Radiation, omega: np.ndarray, heading: np.ndarray) -> np.
     k = wavenumber(omega)
     amplitude = STEEPNESS / k
     columns = [v[:, None] for v in (amplitude, k, omega, heading, 0 * omega)]
-    bench = Bench(_model(radiation.params()), Sea(Components(*columns)), envs=len(omega))
+    bench = Bench(_model(radiation.params()), sea=Sea(Components(*columns)), envs=len(omega))
     settle = radiation.settling_time
     bench.step([0.0, 0.0], round(settle / (DT * SAMPLE)))
     rows, times = [], []

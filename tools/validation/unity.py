@@ -13,17 +13,10 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from taichi_sim.conventions import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
-from taichi_sim.fleet import Team
-from taichi_sim.maths.rotation import (
-    torch_euler_from_quaternion,
-    torch_quaternion_from_euler,
-    torch_rotation_matrix,
-)
-from taichi_sim.sea import Sea
-from taichi_sim.sea.spectrum import Components
-from taichi_sim.surroundings import Surroundings
-from taichi_sim.uav.unity_aircraft import UnityAircraft, UnityAircraftParams
+from taichi_sim.bench import Bench
+from taichi_sim.conventions import QUATERNION
+from taichi_sim.maths.rotation import torch_rotation_matrix
+from taichi_sim.uav.unity_aircraft import INCREMENT, UnityAircraft, UnityAircraftParams
 from taichi_sim.usv.unity_boat import UnityBoat, UnityBoatParams
 from validation.case import Case
 from validation.tables import Table, TableError, number, read_csv, read_toml
@@ -45,43 +38,10 @@ def _parameters(case: Case) -> dict:
         raise TableError(f"{path.name}: {error}") from None
 
 
-class Runner:
-    """One vehicle, alone on flat ground, and its state as plain numbers."""
-
-    def __init__(self, model):
-        """Put `model` at rest at the origin."""
-        zero = np.zeros((1, 1))
-        self.sea = Sea(Components(zero, zero + 1, zero + 1, zero, zero))
-        self.env_sea = torch.zeros(1, dtype=torch.int32)
-        self.around = Surroundings.of(self.sea, self.env_sea, torch.zeros(1, dtype=torch.float64))
-        self.model = model
-        self.team = Team(model.team, model, 1, 1)
-        self.put((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-
-    def put(self, position, euler, velocity_n, rates=(0.0, 0.0, 0.0)) -> None:
-        """Place the vehicle: position (m) and velocity (m/s) NED; roll, pitch, yaw (rad); body rates."""
-        state = self.team.state[0, 0]
-        angles = torch.tensor(euler, dtype=torch.float64)
-        state[POSITION] = torch.tensor(position, dtype=torch.float64)
-        state[QUATERNION] = torch_quaternion_from_euler(*angles)
-        R_nb = torch_rotation_matrix(state[QUATERNION])
-        state[VELOCITY] = R_nb.T @ torch.tensor(velocity_n, dtype=torch.float64)
-        state[ANGULAR_VELOCITY] = torch.tensor(rates, dtype=torch.float64)
-        self.model.reset_aux(self.team.aux, self.team.state)
-
-    def step(self, action: list[float], times: int = 1) -> None:
-        """Hold `action` for `times` control steps."""
-        held = torch.tensor([[action]], dtype=torch.float64)
-        for _ in range(times):
-            self.model.step(self.team, held, self.around)
-
-    def read(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """NED position, NED velocity, roll-pitch-yaw, body rates."""
-        state = self.team.state[0, 0]
-        velocity = torch_rotation_matrix(state[QUATERNION]) @ state[VELOCITY]
-        euler = torch_euler_from_quaternion(state[QUATERNION])
-        position, rates = state[POSITION].numpy().copy(), state[ANGULAR_VELOCITY].numpy().copy()
-        return position, velocity.numpy(), euler.numpy(), rates
+def _put(bench: Bench, position, euler, velocity_n, rates=(0.0, 0.0, 0.0)) -> None:
+    """Place the vehicle: position (m) and velocity (m/s) NED; roll, pitch, yaw (rad); body rates."""
+    R_nb = torch_rotation_matrix(bench.put(euler=euler).state[0, 0, QUATERNION]).numpy()
+    bench.put(position, euler, R_nb.T @ np.asarray(velocity_n), rates)
 
 
 def _steps(table: Table, dt: float) -> tuple[np.ndarray, int]:
@@ -114,11 +74,12 @@ def boat_sequence(case: Case, mass: float, length: float, beam: float, dt: float
     """boat_m*_L*_B*_script_dt*.csv: position, velocity, heading, yaw rate along a sequence of inputs."""
     table = read_csv(case.path)
     steps, stride = _steps(table, dt)
-    runner = Runner(_boat(_parameters(case), dt, stride, mass=mass, length=length, beam=beam))
+    bench = Bench(_boat(_parameters(case), dt, stride, mass=mass, length=length, beam=beam))
     columns = {c: table[c] for c in ("x", "z_fwd", "vx", "vz", "yaw_rate_rad_s")}
     yaw = np.deg2rad(table["yaw_deg"])
     v_in, h_in = table["vertical_input"], table["horizontal_input"]
-    runner.put(
+    _put(
+        bench,
         (columns["z_fwd"][0], columns["x"][0], 0.0),
         (0.0, 0.0, yaw[0]),
         (columns["vz"][0], columns["vx"][0], 0.0),
@@ -126,10 +87,10 @@ def boat_sequence(case: Case, mass: float, length: float, beam: float, dt: float
     )
     ours = []
     for row in range(len(table)):
-        p, v, euler, rates = runner.read()
-        ours.append((p[1], p[0], v[1], v[0], rates[2], euler[2]))
+        p, v = bench.position, bench.velocity
+        ours.append((p[1], p[0], v[1], v[0], bench.read().nu[0, 5], bench.euler[2]))
         if row < len(steps):
-            runner.step([2 * v_in[row] - 1, h_in[row]], steps[row] // stride)
+            bench.step([2 * v_in[row] - 1, h_in[row]], steps[row] // stride)
     *motion, heading = np.array(ours).T
     for name, values in zip(columns, motion, strict=True):
         case.absolute(name, values, columns[name], SEQUENCE_TOLERANCE, table.resolution(name))
@@ -141,28 +102,25 @@ def aircraft_sequence(case: Case, dt: float) -> None:
     table = read_csv(case.path)
     steps, stride = _steps(table, dt)
     model = _aircraft(_parameters(case), dt, stride)
-    runner = Runner(model)
+    bench = Bench(model)
     names = ("x", "y_up", "z_fwd", "vx", "vy", "vz", "smooth_pitch", "smooth_yaw", "smooth_roll")
     columns = {c: table[c] for c in names}
     first = {c: values[0] for c, values in columns.items()}
     start = [sign * np.deg2rad(table[c][0]) for sign, c in ((-1, "roll_deg"), (-1, "pitch_deg"), (1, "yaw_deg"))]
-    runner.put(
-        (first["z_fwd"], first["x"], -first["y_up"]),
-        start,
-        (first["vz"], first["vx"], -first["vy"]),
-    )
+    _put(bench, (first["z_fwd"], first["x"], -first["y_up"]), start, (first["vz"], first["vx"], -first["vy"]))
     increments = [-first["smooth_roll"], -first["smooth_pitch"], first["smooth_yaw"]]
-    runner.team.aux[0, 0, :3] = torch.tensor(increments, dtype=torch.float64)
+    bench.aux[0, 0, INCREMENT : INCREMENT + 3] = torch.tensor(increments, dtype=torch.float64)
     boost = [model.boost_action(model.p.boost_max if b > 0 else model.p.boost_min) for b in table["act_boost"]]
     actions = np.stack((-table["act_pitch"], table["act_yaw"], boost), axis=1)
     ours, angles = [], []
     for row in range(len(table)):
-        p, v, _, _ = runner.read()
-        s = runner.team.aux[0, 0].numpy().copy()
-        ours.append((p[1], -p[2], p[0], v[1], -v[2], v[0], -s[1], s[2], -s[0]))
-        angles.append((-s[4], s[5], -s[3]))
+        p, v = bench.position, bench.velocity
+        s = {name: float(bench.fleet.reading(name)) for name in model.aux_names}
+        increments = (-s["pitch_increment"], s["yaw_increment"], -s["roll_increment"])
+        ours.append((p[1], -p[2], p[0], v[1], -v[2], v[0], *increments))
+        angles.append((-s["pitch"], s["yaw"], -s["roll"]))
         if row < len(steps):
-            runner.step(actions[row].tolist(), steps[row] // stride)
+            bench.step(actions[row].tolist(), steps[row] // stride)
     for name, values in zip(columns, np.array(ours).T, strict=True):
         case.absolute(name, values, columns[name], SEQUENCE_TOLERANCE, table.resolution(name))
     for name, values in zip(("pitch_deg", "yaw_deg", "roll_deg"), np.array(angles).T, strict=True):
@@ -227,12 +185,8 @@ def _terminal(factors: dict, dt: float, J: float, K: float, row: tuple[float, ..
     mass, length, beam, drag, angular_drag = row
     given = {"mass": mass, "length": length, "beam": beam, "drag": drag, "angular_drag": angular_drag}
     steps = math.ceil(STEADY_TIME_CONSTANTS / min(drag, angular_drag) / dt)
-    first = Runner(_boat(factors, dt, 1, force_factor=J, yaw_factor=K, **given))
-    first.step([1.0, 0.0])
-    acceleration = first.read()[1][0] / dt
-    straight = Runner(_boat(factors, dt, steps, force_factor=J, yaw_factor=K, **given))
-    straight.step([1.0, 0.0])
-    turning = Runner(straight.model)
-    turning.step([-1.0, 1.0])
-    speed = straight.read()[1][0]
-    return speed, turning.read()[3][2], speed / acceleration, straight.model.Iz
+    first = Bench(_boat(factors, dt, 1, force_factor=J, yaw_factor=K, **given)).step([1.0, 0.0])
+    acceleration = first.velocity[0] / dt
+    whole = _boat(factors, dt, steps, force_factor=J, yaw_factor=K, **given)
+    speed, turning = Bench(whole).step([1.0, 0.0]).velocity[0], Bench(whole).step([-1.0, 1.0])
+    return speed, turning.read().nu[0, 5], speed / acceleration, whole.params.inertia[2]

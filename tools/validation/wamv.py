@@ -5,11 +5,11 @@ Numbers come from wamv.toml of the reference directory, else from the shipped ve
 
 import numpy as np
 
+from taichi_sim.bench import Bench
 from taichi_sim.config.io import validate
 from taichi_sim.usv.hull.hull_6dof import Hull6Dof, Hull6DofParams
 from taichi_sim.usv.hull.hydrostatics import Hydrostatics
 from taichi_sim.usv.hull.mesh import TwinPontoons, mesh
-from validation.bench import Bench
 from validation.case import TOLERANCE, Case
 from validation.parameters import published, shipped
 from validation.tables import even_interval, number, read_csv
@@ -47,7 +47,7 @@ def surge_step(case: Case, force: float, mass: float) -> None:
     interval = even_interval(table["t"])
     steps = int(np.ceil(interval / LARGEST_DT - 1e-6))
     bench = Bench(Hull6Dof(_surge_hull(case, force, mass), interval / steps, steps))
-    bench.put(np.zeros(6), [table["u"][0], 0, 0, 0, 0, 0])
+    bench.put(velocity_b=(table["u"][0], 0.0, 0.0))
     ours = [bench.read().nu[0, 0]]
     for _ in range(len(table) - 1):
         bench.step([1.0, 1.0])

@@ -7,9 +7,11 @@ over ground v (wind_triangle.py), so R must reach v^2 / (g tan(largest bank)).
 
 import math
 
+from rl.missions.formation.config import TrackConfig
 from rl.scene.wind_triangle import LEAST_SHARE
 from taichi_sim.air.wind import wind_factor, wind_shear, wind_speed
-from taichi_sim.config import AirConfig, ConfigError, TrackConfig
+from taichi_sim.config import AirConfig, ConfigError
+from taichi_sim.vehicle import Vehicle
 
 SIGMAS = 3.0  # standard deviations of the slow variation in the strongest wind
 
@@ -20,18 +22,13 @@ def strongest_wind(air: AirConfig, height: float) -> float:
     return factor * (wind_speed(air) + SIGMAS * air.std)
 
 
-def least_speed(model) -> float:
-    """Least airspeed (m/s) of a vehicle model; 0 of one that can stop."""
-    return getattr(model, "speed_range", (0.0,))[0]
-
-
-def check_flyable(track: TrackConfig, air: AirConfig, vehicle: str, model) -> None:
+def check_flyable(track: TrackConfig, air: AirConfig, vehicle: str, model: Vehicle) -> None:
     """Refuse a track that `model`, of the vehicle file `vehicle`, cannot follow; one without limits follows any.
 
     Raises:
         ConfigError: naming the key, and the numbers.
     """
-    low, cruise, high = getattr(model, "speed_range", (0.0, 0.0, math.inf))
+    low, cruise, high = model.limits.speeds
     if math.isinf(high):
         return
     speed, wind = track.target_speed, strongest_wind(air, track.flight_height)
@@ -45,7 +42,7 @@ def check_flyable(track: TrackConfig, air: AirConfig, vehicle: str, model) -> No
         airspeeds = f"airspeeds from {needed[0]:.3g} to {needed[1]:.3g} m/s, in {blows}"
         needs = f" needs {airspeeds} ('air' needs one)" if needed[0] < needed[1] else ""
         raise ConfigError(f"{told}{needs}: {vehicle} flies from {low:.3g} to {high:.3g} m/s")
-    radius = model.min_turn_radius * (most / cruise) ** 2
+    radius = model.limits.turn_radius * (most / cruise) ** 2
     if track.min_radius < radius:
         raise ConfigError(
             f"track.min_radius = {track.min_radius}: {vehicle} cannot turn tighter than {radius:.3g} m at "

@@ -1,40 +1,37 @@
-"""The formation mission over many environments: what VecEnv, Gymnasium, evaluation and recording share."""
+"""The formation mission: every team holds formation behind a target that moves along a track.
 
-from collections.abc import Mapping, Sequence
+Each environment is on one of the scenario's worlds (a track with obstacles) and one of its seas; an episode draws both
+anew. Targets of vessels move on the sea, those of aircraft straight above them at the flight height.
+"""
+
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
-from rl.missions.formation.endings import Endings
-from rl.missions.formation.flyable import check_flyable, least_speed
-from rl.missions.formation.slots import Target, lane_half_width
+from rl.mission import Endings, Mission, Step
+from rl.missions.formation import observations, rewards
+from rl.missions.formation.config import FormationScenario
+from rl.missions.formation.controllers import CONTROLLERS
+from rl.missions.formation.flyable import check_flyable
+from rl.missions.formation.judge import FormationJudge
+from rl.missions.formation.slots import lane_half_width
 from rl.missions.formation.starts import PER_WORLD, draw_starts, in_wind
+from rl.missions.formation.targets import Targets
 from rl.missions.formation.team import TeamTask
 from rl.scene.obstacles import generate_obstacles
-from rl.scene.tracks import TrackPoint, Tracks, generate_tracks
-from rl.scene.wind_triangle import ground_speed
+from rl.scene.tracks import Tracks, generate_tracks
 from rl.seeds import derive_seed
 from taichi_sim import runtime
-from taichi_sim.config import ConfigError, ScenarioConfig
-from taichi_sim.conventions import TEAMS
-from taichi_sim.world import World
+from taichi_sim.config import ConfigError
+from taichi_sim.recording.episode import Scene
 
-TIME_SPAN = 3600.0  # s: an episode begins at a random time of its sea
 TALLEST = 90.0  # m, of generated obstacles
 
 
-class Step(NamedTuple):
-    """What one decision brought; dictionaries are by team."""
-
-    reward: dict[str, Tensor]  # [env, vehicle]
-    endings: dict[str, Endings]  # [env, vehicle] flags
-    terminated: Tensor  # [env]: some vehicle's episode ended by what happened
-    truncated: Tensor  # [env]: time is up, and nothing happened
-
-
-def generate_worlds(config: ScenarioConfig, seed: int) -> tuple[Tracks, Tensor]:
+def generate_worlds(config: FormationScenario, seed: int) -> tuple[Tracks, Tensor]:
     """Tracks and generated obstacles [world, count, 4] of a scenario.
 
     Raises:
@@ -54,7 +51,7 @@ def generate_worlds(config: ScenarioConfig, seed: int) -> tuple[Tracks, Tensor]:
             tracks,
             derive_seed(seed, "obstacles"),
             count=cylinders.count,
-            lane_half_width_m=max(lane_half_width(t.formation, t.count, t.spacing) for t in (config.usv, config.uav)),
+            lane_half_width_m=max(lane_half_width(t.formation, t.count, t.spacing) for t in config.formations.values()),
             clearance_m=(cylinders.clearance_min, cylinders.clearance_max),
             radius_m=(cylinders.radius_min, cylinders.radius_max),
             height_m=(5.0, max(TALLEST, track.flight_height + 30.0)),
@@ -70,57 +67,61 @@ def generate_worlds(config: ScenarioConfig, seed: int) -> tuple[Tracks, Tensor]:
     return tracks, obstacles
 
 
-class FormationTask:
-    """Both teams' mission in `num_envs` environments.
-
-    Each environment is on one of the scenario's worlds (a track with obstacles) and one of its seas; `reset` draws
-    both anew. `step` does not reset: the adapters decide when.
+class Formation(Mission):
+    """Teams in formation; see the module.
 
     Attributes:
-        world: the simulated world. teams: name -> TeamTask, those simulated.
-        env_world: int64 [env]. progress: [env] m along the track. steps: int64 [env] of the episode.
+        tracks, obstacles, starts: of every world; obstacles [world, n, 4] north, east, radius, height, m.
+        env_world: int64 [env]. targets: what leaders follow.
         wind_factor: mean wind at the flight height over that at 10 m.
     """
 
-    def __init__(
-        self,
-        config: ScenarioConfig,
-        num_envs: int,
-        *,
-        seed: int,
-        teams: Sequence[str] = TEAMS,
-        source: Path | None = None,
-    ):
-        """Generate worlds, seas and starts from `seed`, and reset every environment."""
-        run = runtime.current()
-        self.config, self.num_envs = config, num_envs
-        self.world = World(config, num_envs, seed=derive_seed(seed, "sea"), teams=teams, source=source)
-        self.generator = torch.Generator().manual_seed(derive_seed(seed, "episodes"))
-        self.teams = {name: TeamTask(config, self.world, name) for name in teams}
+    Config = FormationScenario
+    logged = ("leader_error_m", "follower_error_m", "collisions_per_hour", "lost")
+    Team = TeamTask
+    Judge = FormationJudge
+    config: FormationScenario
+    teams: dict[str, TeamTask]
 
+    def prepare(self) -> None:
+        """Generate worlds and starts.
+
+        Raises:
+            ConfigError: where they do not fit, or a team could not follow the track.
+        """
+        run, config = runtime.current(), self.config
         self.wind_factor = self.world.wind.speed_factor(config.track.flight_height)
         self._check_spacing()
         self._check_flyable()
-        self.tracks, generated = generate_worlds(config, seed)
+        self.tracks, generated = generate_worlds(config, self.seed)
         fixed = torch.tensor([[o.north, o.east, o.radius, o.height] for o in config.obstacles.fixed]).reshape(-1, 4)
         both = torch.cat((generated, fixed.expand(self.tracks.worlds, -1, 4)), dim=1)
-        radii = {name: team.radius for name, team in self.teams.items()}
-        unstoppable = {name for name, team in self.teams.items() if least_speed(team.team.model) > 0}
-        starts = draw_starts(config, self.tracks, both, radii, self.generator, unstoppable)
+        models = {name: team.fleet.model for name, team in self.teams.items()}
+        starts = draw_starts(config, self.tracks, both, models, self.generator)
         self.tracks = self.tracks.to(run.device)  # all was drawn on the CPU: the same worlds on every device
         self.starts = starts.to(run.device)
         self.obstacles = both.to(run.device, run.torch_dtype).contiguous()
         if not self.obstacles.shape[1]:  # a kernel needs one row: put it out of every vehicle's reach
             far = self.obstacles.new_tensor([1e6, 1e6, 1.0, 1.0])
             self.obstacles = far.expand(self.tracks.worlds, 1, 4).contiguous()
+        self.env_world = torch.zeros(self.num_envs, dtype=torch.int64, device=run.device)
+        self.targets = Targets(
+            self.tracks,
+            self.env_world,
+            self.world.wind.velocity,
+            speed=config.track.target_speed,
+            interval=config.decision_interval,
+            wind_factor=self.wind_factor,
+            over_air=config.track.speed_over == "air",
+        )
+        self._which = torch.zeros(self.num_envs, dtype=torch.int32, device=run.device)
+        for team in self.teams.values():
+            team.follow(self.targets, config.track.flight_height)
 
-        self.env_world = torch.zeros(num_envs, dtype=torch.int64, device=run.device)
-        self.progress = torch.zeros(num_envs, device=run.device)
-        self.steps = torch.zeros(num_envs, dtype=torch.int64, device=run.device)
-        targets = self._targets(self.tracks.at(self.env_world, self.progress), self.world.wind.velocity)
-        for name, team in self.teams.items():
-            team.measure(targets[name])
-        self.reset()
+    @property
+    def progress(self) -> Tensor:
+        """[env] m of the targets along their tracks."""
+        return self.targets.progress
 
     def _check_spacing(self) -> None:
         for name, team in self.teams.items():
@@ -132,105 +133,142 @@ class FormationTask:
 
     def _check_flyable(self) -> None:
         """Refuse a track that a team cannot follow in the wind of the scenario."""
-        if self.config.track.speed_over == "air" and "uav" not in self.teams:
+        flies = any(team.fleet.model.medium == "air" for team in self.teams.values())
+        if self.config.track.speed_over == "air" and not flies:
             raise ConfigError(
                 f"track.speed_over = 'air': only {', '.join(self.teams)} is simulated, and nothing flies; it needs "
                 "'ground'"
             )
         for name, team in self.teams.items():
             vehicle = f"{name}.vehicle = {team.section.vehicle!r}"
-            check_flyable(self.config.track, self.config.air, vehicle, team.team.model)
+            check_flyable(self.config.track, self.config.air, vehicle, team.fleet.model)
 
-    # -- one step, as a table of contents --------------------------------------------------------------------------
+    # -- one step --------------------------------------------------------------------------------------------------
 
-    def step(self, actions: Mapping[str, Tensor]) -> Step:
-        """Advance one decision interval; `actions[team]` is [env, vehicle, action] in [-1, 1].
+    def measure(self) -> None:
+        """Move the targets, then errors and surroundings of every vehicle."""
+        self._which.fill_(1)
+        self.targets.move(self._which)
+        self._look()
 
-        Raises:
-            ValueError: for a wrong shape or an action that is not finite; nothing has moved then.
-        """
-        taken = self.world.step(actions)
-        self.progress += self._advance()
-        self.steps += 1
-        targets = self._targets(self.tracks.at(self.env_world, self.progress), self.world.wind.velocity)
-        for name, team in self.teams.items():
-            team.previous_action, team.action = team.action, taken[name]
-            team.measure(targets[name])
-            team.sense(self.obstacles, self.env_world)
-        ended = {name: team.find_endings() for name, team in self.teams.items()}
-        reward = {name: team.compute_reward(ended[name]) for name, team in self.teams.items()}
-        terminated = torch.stack([e.any.any(dim=1) for e in ended.values()]).any(dim=0)
-        truncated = (self.steps >= self.config.episode_steps) & ~terminated
-        return Step(reward, ended, terminated, truncated)
+    def _look(self) -> None:
+        for team in self.teams.values():
+            team.measure(self.obstacles, self.env_world, self._which)
 
-    def observe(self) -> dict[str, Tensor]:
-        """Observations [env, vehicle, n] by team, for the next decision."""
-        return {name: team.observe() for name, team in self.teams.items()}
+    def observe(self, team: TeamTask) -> dict[str, Tensor]:
+        """See observations.py."""
+        return observations.terms(team, self.config.observations)
+
+    def reward(self, team: TeamTask, ended: Endings) -> Tensor:
+        """See rewards.py."""
+        if self.config.reward == "paper":
+            return rewards.paper(team, ended)
+        return rewards.tracking(team, ended)
+
+    def endings(self, team: TeamTask) -> dict[str, Tensor]:
+        """Contact with an obstacle or a team mate, too far from the slot, out of the area, or no finite state."""
+        fleet = team.fleet
+        return {
+            "collided": team.sensor.gap < 0.0,
+            "lost": team.distance > team.section.lost_distance,
+            "left": fleet.position_n[..., :2].abs().amax(-1) > self.config.area / 2,
+            "diverged": ~(fleet.state.sum(-1) + team.distance).isfinite(),  # a slot behind a leader that has
+        }
 
     # -- episodes --------------------------------------------------------------------------------------------------
 
-    def reset(self, envs: Tensor | None = None, *, worlds: Tensor | None = None, starts: Tensor | None = None) -> None:
-        """Begin new episodes in `envs` (default: all), on `worlds` from `starts` (default: random ones)."""
-        if envs is None:
-            envs = torch.arange(self.num_envs, device=self.env_world.device)
+    def begin(self, envs: Tensor, *, worlds: Tensor | None = None, starts: Tensor | None = None) -> None:
+        """Place teams in environments `envs` on `worlds` from `starts`, each int64 [n] (default: random ones)."""
         n = len(envs)
-        if n == 0:
-            return
-        worlds = self._draw(self.tracks.worlds, n) if worlds is None else worlds
-        starts = self._draw(PER_WORLD, n) if starts is None else starts
+        worlds = self.draw(self.tracks.worlds, n) if worlds is None else worlds
+        starts = self.draw(PER_WORLD, n) if starts is None else starts
         self.env_world[envs] = worlds
         self.progress[envs] = self.starts.progress[worlds, starts]
-        self.steps[envs] = 0
-        self.world.env_sea[envs] = self._draw(self.world.sea.num_seas, n).to(torch.int32)
-        begin = torch.rand(n, generator=self.generator, dtype=torch.float64) * TIME_SPAN
-        self.world.time[envs] = begin.to(self.world.time.device)
-        self.world.renew(envs)
+        self._which.zero_()
+        self._which[envs] = 2
+        self.targets.move(self._which)
         wind = self.world.wind.velocity.index_select(0, envs)
-        targets = self._targets(self.tracks.at(worlds, self.progress.index_select(0, envs)), wind)
         for name, team in self.teams.items():
-            state = self.starts.states[name][worlds, starts].to(team.team.state)
+            state = self.starts.states[name][worlds, starts].to(team.fleet.state)
             if self.config.track.speed_over == "air":
-                state = in_wind(
-                    state, self._aloft(wind), targets[name], self.config.track.target_speed, team.team.model
-                )
+                over_ground, airspeed = team.target.speed[envs], self.config.track.target_speed
+                state = in_wind(state, self._aloft(wind), over_ground, airspeed, team.fleet.model)
             self.world.place(name, envs, state)
-            team.restart(envs, targets[name])
-            team.sense(self.obstacles, self.env_world, envs)
 
-    def reseed(self, seed: int) -> None:
-        """Make the draws of later resets depend on `seed` alone; worlds, seas and starts stay."""
-        self.generator.manual_seed(derive_seed(seed, "episodes"))
+    def measure_again(self, envs: Tensor) -> None:
+        """Measure where `begin` has placed vehicles."""
+        self._look()
 
-    def _draw(self, limit: int, n: int) -> Tensor:
-        return torch.randint(limit, (n,), generator=self.generator).to(self.env_world.device)
+    @classmethod
+    def one_each(cls, config: FormationScenario, episodes: int) -> FormationScenario:
+        """One world and one sea for each episode."""
+        config = super().one_each(config, episodes)
+        return config.model_copy(update={"track": config.track.model_copy(update={"worlds": episodes})})
 
-    def _advance(self) -> Tensor | float:
-        """How far (m, [env]) the targets move along their tracks in the coming interval."""
-        if self.config.track.speed_over == "ground":
-            return self.config.track.target_speed * self.config.decision_interval
-        return next(iter(self.teams.values())).target.speed * self.config.decision_interval
+    def begin_each(self) -> None:
+        """Environment e begins on world e."""
+        numbers = torch.arange(self.num_envs, device=self.device)
+        self.reset(worlds=numbers, starts=torch.zeros_like(numbers))
 
     def _aloft(self, wind: Tensor) -> Tensor:
         """Wind [env, 2] at the flight height, of `wind` [env, 3] at 10 m, its slow variation included."""
         return wind[:, :2] * self.wind_factor
 
-    def _targets(self, place: TrackPoint, wind: Tensor) -> dict[str, Target]:
-        """The target of each team at a place of the track in the wind [env, 3] (10 m above the sea): on the sea, and
-        straight above at the flight height.
-        """
-        track, cos, sin = self.config.track, place.course.cos(), place.course.sin()
-        if track.speed_over == "ground":
-            course_rate, speed = place.curvature * track.target_speed, torch.full_like(cos, track.target_speed)
-        else:
-            speed = ground_speed(track.target_speed, self._aloft(wind), cos, sin).to(cos)
-            course_rate = place.curvature * speed
-        ground = Target(
-            position=torch.nn.functional.pad(place.position, (0, 1)),
-            course=place.course,
-            cos=cos,
-            sin=sin,
-            course_rate=course_rate,
-            speed=speed,
+    # -- what others ask -------------------------------------------------------------------------------------------
+
+    def log(self, team: TeamTask, step: Step) -> dict[str, Tensor]:
+        """Errors now, collisions per hour of vehicle time, and vehicles lost in this step."""
+        ended, rows = step.endings[team.name], team.distance.numel()
+        hours = rows * self.config.decision_interval / 3600
+        followers = {"follower_error_m": team.distance[:, 1:].mean()} if team.fleet.count > 1 else {}
+        return {
+            "leader_error_m": team.distance[:, 0].mean(),
+            **followers,
+            "collisions_per_hour": ended["collided"].sum() / hours,
+            "lost": ended["lost"].sum(),
+        }
+
+    def info(self, team: TeamTask) -> dict[str, Tensor]:
+        """distance: m, from the slot (the leader's: from the target)."""
+        return {"distance": team.distance}
+
+    def frame(self, team: TeamTask) -> dict[str, Tensor]:
+        """Target, slots and errors; slots of vessels lie on the mean level of the sea."""
+        slot = team.now.slot[0].clone()
+        if team.fleet.model.medium == "water":
+            slot[:, 2] = 0.0
+        target = {"target_n": team.target.position[0], "target_course": team.target.course[0]}
+        return target | {"slot_n": slot, "error_m": team.distance[0]}
+
+    def scene(self) -> Scene:
+        """The track at the heights of the teams, its checkpoints, and the obstacles inside the area."""
+        track = self.tracks.table[0, :, :2].cpu().numpy()
+        flown = self.config.track.flight_height
+        heights = {name: flown if team.fleet.model.medium == "air" else 0.0 for name, team in self.teams.items()}
+        obstacles = self.obstacles[0].cpu().numpy()
+        half = self.config.area / 2
+        return Scene(
+            area_m=self.config.area,
+            tracks_n={name: np.column_stack((track, np.full(len(track), -heights[name]))) for name in self.teams},
+            checkpoints_n=self.tracks.checkpoints[0].cpu().numpy(),
+            obstacles=obstacles[np.abs(obstacles[:, :2]).max(axis=1) <= half],
         )
-        above = ground.position - ground.position.new_tensor([0.0, 0.0, track.flight_height])
-        return {"usv": ground, "uav": ground._replace(position=above)}
+
+    @classmethod
+    def draw_figures(cls, out: Path, histories: Any, episode: Any, config: FormationScenario) -> None:
+        """The seed paper's figures."""
+        from rl.missions.formation.figures import write_figures  # matplotlib takes a second
+
+        write_figures(out, histories, episode, config.evaluation.settle)
+
+    def controller(self, team: TeamTask) -> Any:
+        """What the vehicle brings, else what this mission has for its model (controllers/)."""
+        own = super().controller(team)
+        if own is not None:
+            return own
+        model = team.fleet.model
+        kind = next((CONTROLLERS[base] for base in type(model).__mro__ if base in CONTROLLERS), None)
+        return None if kind is None else kind(model)
+
+
+MISSION = Formation

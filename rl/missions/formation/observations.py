@@ -7,23 +7,16 @@ and the role; of aircraft with air data, airspeed and wind too. Directions are i
 horizontal part), so a policy needs no compass.
 """
 
+from typing import Any
+
 import torch
 from torch import Tensor
 
-DISTANCE_SCALE = 10.0  # m, where squashed distances are half way to 1
+from rl.missions.formation.geometry import DISTANCE_SCALE, squash, to_body
+
 SPEED_SCALE = 10.0  # m/s, likewise for speeds
 RATE_SCALE = 2.0  # rad/s, of own rotation
 TURN_SCALE = 0.1  # rad/s, of the target's course
-
-
-def squash(x: Tensor, scale: float) -> Tensor:
-    """x / (|x| + scale): linear near zero, bounded by 1."""
-    return x / (x.abs() + scale)
-
-
-def range_and_direction(distance: Tensor, direction_b: Tensor) -> Tensor:
-    """Squashed distance (m, [env, vehicle]) and unit direction [env, vehicle, 2 or 3]."""
-    return torch.cat((squash(distance, DISTANCE_SCALE).unsqueeze(-1), direction_b), dim=-1)
 
 
 def role(count: int, envs: int, like: Tensor) -> Tensor:
@@ -31,3 +24,39 @@ def role(count: int, envs: int, like: Tensor) -> Tensor:
     flag = torch.zeros((envs, count, 1), dtype=like.dtype, device=like.device)
     flag[:, 0] = 1.0
     return flag
+
+
+def terms(team: Any, kind: str) -> dict[str, Tensor]:
+    """Named terms of a team (team.py), in order; `kind` is "paper" or "full"."""
+    found = {"sight": team.now.sight, "previous_sight": team.now.previous_sight, "surroundings": team.sensor.signals}
+    return found | full_terms(team) if kind == "full" else found
+
+
+def full_terms(team: Any) -> dict[str, Tensor]:
+    """What "full" adds."""
+    fleet, target, now = team.fleet, team.target, team.now
+    turn = (target.course_rate * (1 / TURN_SCALE)).view(-1, 1, 1).expand(*team.distance.shape, 1)
+    return {
+        "error": squash(now.error_b, DISTANCE_SCALE),
+        "error_rate": squash(now.error_rate_b, SPEED_SCALE),
+        "velocity": squash(fleet.velocity_b, SPEED_SCALE),
+        "down": fleet.down_b,  # roll and pitch without a jump
+        "rates": fleet.angular_velocity_b * (1 / RATE_SCALE),
+        "target_course": now.course_b,
+        "target_turn": turn,
+        "previous_action": team.action,
+        "role": team.role,
+        **air_terms(team),
+    }
+
+
+def air_terms(team: Any) -> dict[str, Tensor]:
+    """What an aircraft in wind steers by: its airspeed within the range it can fly, and the wind in b."""
+    fleet = team.fleet
+    if "airspeed" not in fleet.model.aux_names or fleet.model.air is None:
+        return {}
+    low, cruise, high = fleet.model.limits.speeds
+    wind = torch.stack([fleet.reading(name) for name in fleet.model.air], dim=-1)
+    wind_b = to_body(wind.unsqueeze(-2), fleet.derived, team.axes).squeeze(-2)
+    airspeed = (fleet.reading("airspeed") - cruise) * (2 / (high - low))
+    return {"airspeed": airspeed.unsqueeze(-1), "wind": squash(wind_b, SPEED_SCALE)}

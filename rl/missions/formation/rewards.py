@@ -1,10 +1,30 @@
-"""Rewards, one function per term; errors and gaps [env, vehicle] in, reward [env, vehicle] out.
+"""Rewards: the weights, one function per term, and the terms that make a reward.
 
-`d` is a vehicle's distance (m) to what it tracks: the target for a leader, its slot for a follower.
+`d` is a vehicle's distance (m) to what it tracks: the target for a leader, its slot for a follower. Every term is
+[env, vehicle]. To add one to the tracking reward: its weight in `TrackingReward`, its function, its line in `TERMS`.
 """
+
+from collections.abc import Callable
+from typing import Any
 
 import torch
 from torch import Tensor
+
+from taichi_sim.config import NonNegative, Positive, Strict
+
+
+class TrackingReward(Strict):
+    """Weights and scales of `reward = "tracking"`; a function each, below."""
+
+    coarse: NonNegative = 1.0  # exp(-(d / coarse_scale)^2)
+    coarse_scale: Positive = 8.0  # m
+    fine: NonNegative = 1.0  # 1 / (1 + (d / fine_scale)^2)
+    fine_scale: Positive = 0.5  # m
+    approach: NonNegative = 0.02  # -d per metre
+    action_rate: NonNegative = 0.02  # -|a - a_previous|^2
+    clearance: NonNegative = 0.5  # -(1 - gap / clearance_range)^2 inside the range
+    clearance_range: Positive = 4.0  # m, gap to the nearest obstacle or team mate
+    ending: NonNegative = 10.0  # -1 at a collision, or any other early ending
 
 
 def paper_usv(d: Tensor, toward: Tensor, along: Tensor) -> Tensor:
@@ -52,3 +72,36 @@ def clearance(gap: Tensor, reach: float) -> Tensor:
 def penalty(happened: Tensor) -> Tensor:
     """-1 where it happened: the paper's collision penalty (sec. 3.5), and that of an early ending."""
     return -happened.to(torch.get_default_dtype())
+
+
+TERMS: dict[str, Callable[[Any, Any, TrackingReward], Tensor]] = {
+    "coarse": lambda team, ended, w: coarse(team.distance, w.coarse_scale),
+    "fine": lambda team, ended, w: fine(team.distance, w.fine_scale),
+    "approach": lambda team, ended, w: approach(team.distance),
+    "action_rate": lambda team, ended, w: action_rate(team.action, team.previous_action),
+    "clearance": lambda team, ended, w: clearance(team.sensor.gap, w.clearance_range),
+    "ending": lambda team, ended, w: penalty(ended.any),
+}
+"""Of `reward = "tracking"`: a weight's name -> its term, of a team (team.py), its endings, and the weights."""
+
+
+def tracking(team: Any, ended: Any) -> Tensor:
+    """`reward = "tracking"`: the weighted sum of `TERMS`; a weight of 0 costs nothing."""
+    w = team.section.tracking_reward
+    parts = [getattr(w, name) * term(team, ended, w) for name, term in TERMS.items() if getattr(w, name) != 0]
+    return sum(parts, torch.zeros_like(team.distance))
+
+
+def paper(team: Any, ended: Any) -> Tensor:
+    """`reward = "paper"`: eqs (10) and (11), and the penalty of a collision."""
+    d, derived = team.distance, team.fleet.derived
+    forward = derived[..., 0:9:3][..., : team.axes]  # the nose, in n
+    direction = team.now.error[..., : team.axes] / d.clamp(min=1e-3).unsqueeze(-1)
+    toward = (forward * direction).sum(-1)
+    along = forward[..., 0] * team.target.cos.unsqueeze(1) + forward[..., 1] * team.target.sin.unsqueeze(1)
+    if team.fleet.model.medium == "water":
+        reward = paper_usv(d, toward, along)
+    else:
+        leader = paper_uav_leader(d[:, :1], toward[:, :1], along[:, :1])
+        reward = torch.cat((leader, paper_uav_follower(d[:, 1:])), dim=1)
+    return reward + penalty(ended["collided"])

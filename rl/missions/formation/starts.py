@@ -7,18 +7,20 @@ that cannot stop would meet before they have turned away.
 """
 
 import math
-from collections.abc import Collection
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
-from rl.missions.formation.slots import Target, formation_offsets
+from rl.missions.formation.config import FormationScenario
+from rl.missions.formation.slots import formation_offsets
 from rl.scene.tracks import Tracks
 from rl.scene.wind_triangle import crab
-from taichi_sim.config import ConfigError, ScenarioConfig
+from taichi_sim.config import ConfigError
 from taichi_sim.conventions import QUATERNION, STATE_SIZE
 from taichi_sim.maths.rotation import torch_euler_from_quaternion, torch_quaternion_from_euler
+from taichi_sim.vehicle import Vehicle
 
 PER_WORLD = 32  # starts drawn for each world
 HEADING_SPREAD = 0.5, 0.15  # rad, standard deviations: of a team's heading about the course, of a vehicle's about that
@@ -44,32 +46,29 @@ class Starts(NamedTuple):
 
 
 def draw_starts(
-    config: ScenarioConfig,
+    config: FormationScenario,
     tracks: Tracks,
     obstacles: Tensor,
-    radii: dict[str, float],
+    models: Mapping[str, Vehicle],
     generator: torch.Generator,
-    unstoppable: Collection[str] = (),
 ) -> Starts:
-    """Draw `PER_WORLD` starts in each world for the teams named in `radii` (their collision radius, m); those of
-    `unstoppable` cannot stop.
-    """
+    """Draw `PER_WORLD` starts in each world for the teams named in `models`."""
     shape = (tracks.worlds, PER_WORLD)
     world = torch.arange(tracks.worlds).unsqueeze(1).expand(shape).contiguous()
     progress = torch.zeros(shape)
-    states = {t: torch.zeros((*shape, config.team(t).count, STATE_SIZE)) for t in radii}
+    states = {t: torch.zeros((*shape, config.teams[t].count, STATE_SIZE)) for t in models}
     missing = torch.ones(shape, dtype=torch.bool)
     for _ in range(MAX_DRAWS):
         drawn = torch.rand(shape, generator=generator) * tracks.length_m.unsqueeze(1)
         place = tracks.at(world, drawn)
         clear, fresh = missing.clone(), {}
-        for team, radius in radii.items():
-            fresh[team], fits = _team_states(config, team, place, obstacles, radius + MARGIN, generator)
+        for team, model in models.items():
+            fresh[team], fits = _team_states(config, team, model, place, obstacles, generator)
             clear &= fits
-            if team in unstoppable:
-                clear &= _pass_clear(fresh[team], 2 * (radius + MARGIN))
+            if not model.limits.stops:
+                clear &= _pass_clear(fresh[team], 2 * (model.collision_radius + MARGIN))
         progress = torch.where(clear, drawn, progress)
-        for team in radii:
+        for team in models:
             states[team] = torch.where(clear[..., None, None], fresh[team], states[team])
         missing &= ~clear
         if not missing.any():
@@ -80,25 +79,25 @@ def draw_starts(
     )
 
 
-def in_wind(state: Tensor, wind: Tensor, target: Target, airspeed: float, model) -> Tensor:
-    """Starts [env, vehicle, 13] of a target that flies at `airspeed` (m/s) in the `wind` [env, 2] there.
+def in_wind(state: Tensor, wind: Tensor, over_ground: Tensor, airspeed: float, model: Vehicle) -> Tensor:
+    """Starts [env, vehicle, 13] of a target that flies at `airspeed`, `over_ground` [env], in a `wind` [env, 2], m/s.
 
-    Speeds are the same shares of the target's speed over ground. Where `model` begins in steady flight (`prepare`), at
-    its cruising airspeed, it is turned into the wind by the crab angle, so that what was its heading is its course.
+    Speeds are the same shares of the target's speed over ground. A `model` that cannot stop begins in steady flight,
+    at its cruising airspeed: it is turned into the wind by the crab angle, so that what was its heading is its course.
     """
     state = state.clone()
-    state[..., 7] *= (target.speed * (1 / airspeed)).unsqueeze(1)
-    if hasattr(model, "prepare"):
+    state[..., 7] *= (over_ground * (1 / airspeed)).unsqueeze(1)
+    if not model.limits.stops:
         course = torch_euler_from_quaternion(state[..., QUATERNION])[..., 2]
-        turn = crab(model.speed_range[1], wind.unsqueeze(1), course.cos(), course.sin())
+        turn = crab(model.limits.speeds[1], wind.unsqueeze(1), course.cos(), course.sin())
         level = torch.zeros_like(course)
         state[..., QUATERNION] = torch_quaternion_from_euler(level, level, course + turn)
     return state
 
 
-def _team_states(config, team, place, obstacles, margin, generator) -> tuple[Tensor, Tensor]:
+def _team_states(config, team, model, place, obstacles, generator) -> tuple[Tensor, Tensor]:
     """States [world, start, vehicle, 13] of a team, and whether they are clear of everything [world, start]."""
-    section = config.team(team)
+    section, margin = config.teams[team], model.collision_radius + MARGIN
     shape = (*place.course.shape, section.count)
     course = place.course.unsqueeze(-1)
 
@@ -124,7 +123,7 @@ def _team_states(config, team, place, obstacles, margin, generator) -> tuple[Ten
     state[..., :2] = slot + pull * scatter
     of_team, of_vehicle = HEADING_SPREAD  # neighbours on crossing courses could not miss each other
     heading = course + of_team * normal(*shape[:2], 1) + of_vehicle * normal(*shape)
-    if team == "uav":
+    if model.medium == "air":
         spread = (HEIGHT_SPREAD * normal(*shape)).clamp(-LARGEST_DROP, LARGEST_DROP)
         state[..., 2] = -config.track.flight_height * (1 + spread)
     level = torch.zeros_like(heading)

@@ -3,10 +3,14 @@
 Deflections are packed as delta = (elevator, aileron, rudder, throttle): rad, and a fraction of full throttle.
 """
 
+# Kernels are another language inside Python syntax.
+# pyright: reportInvalidTypeForm=false
+
 import math
-from typing import Annotated
+from typing import Annotated, Any
 
 import taichi as ti
+import torch
 from pydantic import Field
 
 from taichi_sim.config import NonNegative, Strict
@@ -35,33 +39,36 @@ class Actuators(Strict):
         """Largest delta (rad, rad, rad, 1)."""
         return self.elevator_limit_deg * DEG, self.aileron_limit_deg * DEG, self.rudder_limit_deg * DEG, 1.0
 
-    def lag(self, k: int, dt: float) -> tuple[float, float]:
-        """Of actuator k over a step dt (s): the part of the way to its command that it goes, 1 - exp(-dt/tau), and
-        the weight of the old deflection in the mean over the step (0 for an ideal one).
-        """
-        tau = self.throttle_time_constant if k == 3 else self.time_constant
-        if tau == 0:
-            return 1.0, 0.0
-        gone = -math.expm1(-dt / tau)
-        return gone, tau / dt - (1.0 - gone) / gone
-
     def max_change(self, k: int, dt: float) -> float:
         """Largest change of actuator k in a step dt (s); inf for the throttle."""
         return math.inf if k == 3 else self.rate_limit_deg * DEG * dt
 
 
+def lag(tau, dt: float) -> tuple[Any, Any]:
+    """Of an actuator of time constant tau (s; 0 is ideal) over a step dt (s): the part of the way to its command that
+    it goes, 1 - exp(-dt/tau), and the part of that change which is missing in the mean over the step. Floats, or
+    tensors of the shape of tau.
+    """
+    t = torch.as_tensor(tau, dtype=torch.float64)
+    gone = -torch.expm1(-dt / t)
+    kept = t / dt - (1.0 - gone) / gone
+    return (gone, kept) if isinstance(tau, torch.Tensor) else (float(gone), float(kept))
+
+
 @ti.func
-def advance(p: ti.template(), dt: ti.template(), delta, command):
+def advance(servos: ti.template(), p: ti.template(), dt: ti.template(), delta, command):
     """Deflections after a step dt (s) toward `command`, and their means over the step: exact for a lag whose command
-    is held, so that what the step feels is right to second order in dt.
+    is held, so that what the step feels is right to second order in dt. Limits are those of `servos` (Actuators), lags
+    those of p (AircraftNumbers).
     """
     new, mean = delta, delta
+    gone = ti.Vector([p.servo_gone, p.servo_gone, p.servo_gone, p.motor_gone])
+    kept = ti.Vector([p.servo_kept, p.servo_kept, p.servo_kept, p.motor_kept])
     for k in ti.static(range(4)):
-        gone, old_part = ti.static(p.lag(k, dt))
-        wanted = ti.max(ti.min(command[k], ti.static(p.upper[k])), ti.static(p.lower[k]))
-        change = (wanted - delta[k]) * gone
-        if ti.static(math.isfinite(p.max_change(k, dt))):
-            change = ti.max(ti.min(change, ti.static(p.max_change(k, dt))), ti.static(-p.max_change(k, dt)))
+        wanted = ti.max(ti.min(command[k], ti.static(servos.upper[k])), ti.static(servos.lower[k]))
+        change = (wanted - delta[k]) * gone[k]
+        if ti.static(math.isfinite(servos.max_change(k, dt))):
+            change = ti.max(ti.min(change, ti.static(servos.max_change(k, dt))), ti.static(-servos.max_change(k, dt)))
         new[k] = delta[k] + change
-        mean[k] = new[k] - old_part * change
+        mean[k] = new[k] - kept[k] * change
     return new, mean

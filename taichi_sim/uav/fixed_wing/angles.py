@@ -4,6 +4,9 @@ The arctangent is a polynomial in t^2 on [0, 1]: least-squares fit at Chebyshev 
 and of 1 rad (tests/physics/test_fixed_wing_loads.py measures it).
 """
 
+# Kernels are another language inside Python syntax.
+# pyright: reportInvalidTypeForm=false
+
 import math
 
 import taichi as ti

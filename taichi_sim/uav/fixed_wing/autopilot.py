@@ -22,6 +22,9 @@ reverses every second takes the Aerosonde to 11.8 m/s (floor 15.3, stall 11.3), 
 ailerons without a rudder drive its Dutch roll, stalls for up to half a second in two flights of five.
 """
 
+# Kernels are another language inside Python syntax.
+# pyright: reportInvalidTypeForm=false
+
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
@@ -81,7 +84,7 @@ class Gains:
 
 
 @dataclass(frozen=True)
-class Limits:
+class AutopilotLimits:
     """Where the autopilot keeps the aircraft."""
 
     speeds: tuple[float, float, float]  # least, cruise, largest demand, m/s

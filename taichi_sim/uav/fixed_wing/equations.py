@@ -1,63 +1,58 @@
-"""A fixed-wing aircraft's equations (fixed_wing.py) as NumPy functions over many states at once.
+"""A fixed-wing aircraft's equations (airframe.py) over many states at once, of its vehicle file alone.
 
-In an f32 run the kernels use f32's constants and polynomials whatever the arrays are, so that what is found here is
-true of the model that is flown.
+What trims, gains and modes are found with, before there is a model to step. In an f32 run the kernels use f32's
+constants and polynomials whatever the arrays are, so that what is found here is true of the model that is flown.
 """
+
+# Kernels are another language inside Python syntax.
+# pyright: reportIndexIssue=false, reportInvalidTypeForm=false
+
+from typing import Any
 
 import numpy as np
 import taichi as ti
 
 from taichi_sim.conventions import STATE_SIZE
-from taichi_sim.uav.fixed_wing import airframe as fixed_wing
-from taichi_sim.uav.fixed_wing.airframe import FixedWingParams
+from taichi_sim.uav.fixed_wing import airframe
+from taichi_sim.uav.fixed_wing.numbers import nominal_numbers
+from taichi_sim.uav.fixed_wing.params import FixedWingParams
 
 STALL_GRID = 2001  # angles of attack at which the lift curve is looked through
+_array2: Any = ti.types.ndarray(ndim=2)
 
 
 @ti.kernel
-def _rhs(
-    p: ti.template(),
-    state: ti.types.ndarray(ndim=2),
-    controls: ti.types.ndarray(ndim=2),
-    wind: ti.types.ndarray(ndim=2),
-    out: ti.types.ndarray(ndim=2),
-):
+def derivatives(craft: ti.template(), state: _array2, controls: _array2, wind: _array2, load: _array2, out: _array2):
+    """Write derivatives [n, 13] of states [n, 13] of `craft`: `Vehicle.rhs`, with the vehicle file's numbers."""
     for n in range(state.shape[0]):
         y = ti.Vector([state[n, k] for k in ti.static(range(STATE_SIZE))])
         delta = ti.Vector([controls[n, k] for k in ti.static(range(4))])
-        d = fixed_wing.derivative(p, y, ti.Vector([wind[n, 0], wind[n, 1], wind[n, 2]]), delta)
+        air_n = ti.Vector([wind[n, k] for k in ti.static(range(3))])
+        tau = ti.Vector([load[n, k] for k in ti.static(range(6))])
+        d = airframe.derivative(craft, ti.static(nominal_numbers(craft)), y, air_n, delta, tau)
         for k in ti.static(range(STATE_SIZE)):
             out[n, k] = d[k]
 
 
-def rhs(p: FixedWingParams, state, controls, wind=(0.0, 0.0, 0.0)) -> np.ndarray:
-    """Derivative [n, 13] of states [n, 13] (packed as in conventions.py), with elevator, aileron, rudder (rad) and
-    throttle at controls [n, 4], in air that moves with wind [n, 3] (NED, m/s); in the dtype of `state`.
+def rhs(p: FixedWingParams, state, controls) -> np.ndarray:
+    """Derivative [n, 13] float64 of states [n, 13] (packed as in conventions.py) in still air, with elevator, aileron,
+    rudder (rad) and throttle at controls [n, 4].
     """
-    state = np.ascontiguousarray(state)
-    controls, wind = (
-        np.ascontiguousarray(np.broadcast_to(np.asarray(x, state.dtype), (len(state), size)))
-        for x, size in ((controls, 4), (wind, 3))
-    )
-    out = np.empty_like(state)
-    _rhs(p, state, controls, wind, out)
+    state, controls = (np.ascontiguousarray(x, dtype=np.float64) for x in (state, controls))
+    out, none = np.empty_like(state), np.zeros((len(state), 6))
+    derivatives(p, state, controls, none, none, out)
     return out
 
 
 @ti.kernel
-def _loads(
-    p: ti.template(),
-    v_r: ti.types.ndarray(ndim=2),
-    omega: ti.types.ndarray(ndim=2),
-    controls: ti.types.ndarray(ndim=2),
-    out: ti.types.ndarray(ndim=2),
-):
+def _loads(craft: ti.template(), v_r: _array2, omega: _array2, controls: _array2, out: _array2):
     for n in range(v_r.shape[0]):
-        air = fixed_wing.air_data(ti.Vector([v_r[n, 0], v_r[n, 1], v_r[n, 2]]))
+        p = ti.static(nominal_numbers(craft))
+        air = airframe.air_data(ti.Vector([v_r[n, 0], v_r[n, 1], v_r[n, 2]]))
         rates = ti.Vector([omega[n, 0], omega[n, 1], omega[n, 2]])
         delta = ti.Vector([controls[n, k] for k in ti.static(range(4))])
-        force, moment = fixed_wing.loads(p, air, rates, delta)
-        T, Q = fixed_wing.thrust_torque(p.propeller, p.physical.rho, air[0], delta[3])
+        force, moment = airframe.loads(craft, p, air, rates, delta)
+        T, Q = airframe.thrust_torque(craft.propeller, p, air[0], delta[3])
         for k in ti.static(range(3)):
             out[n, k], out[n, 3 + k] = force[k], moment[k]
         out[n, 6], out[n, 7] = T, Q
@@ -78,9 +73,10 @@ def loads(p: FixedWingParams, v_r, omega, controls) -> np.ndarray:
 
 
 @ti.kernel
-def _lift_curve(p: ti.template(), alpha: ti.types.ndarray(ndim=1), out: ti.types.ndarray(ndim=1)):
+def _lift_curve(craft: ti.template(), alpha: ti.types.ndarray(ndim=1), out: ti.types.ndarray(ndim=1)):
     for n in range(alpha.shape[0]):
-        out[n] = fixed_wing.lift_coefficient(p.longitudinal, alpha[n], ti.cos(alpha[n]), ti.sin(alpha[n]))
+        p = ti.static(nominal_numbers(craft))
+        out[n] = airframe.lift_coefficient(craft, p, alpha[n], ti.cos(alpha[n]), ti.sin(alpha[n]))
 
 
 def lift_curve(p: FixedWingParams, alpha) -> np.ndarray:

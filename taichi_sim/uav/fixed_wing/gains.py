@@ -16,15 +16,16 @@ with all loops and servos together is in tests/physics/test_autopilot.py: the sh
 
 import math
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
 
 from taichi_sim.config import ConfigError
 from taichi_sim.conventions import GRAVITY
-from taichi_sim.uav.fixed_wing.airframe import FixedWingParams
-from taichi_sim.uav.fixed_wing.autopilot import AutopilotParams, Gains, Limits
+from taichi_sim.uav.fixed_wing.autopilot import AutopilotLimits, AutopilotParams, Gains
 from taichi_sim.uav.fixed_wing.equations import lift_curve, stall_angles
 from taichi_sim.uav.fixed_wing.modes import linear_modes
+from taichi_sim.uav.fixed_wing.params import FixedWingParams
 from taichi_sim.uav.fixed_wing.trim import Trim, TrimError, trim
 
 ZETA = 0.8  # of every loop but the innermost of roll: overshoot of 1.5 %
@@ -65,7 +66,7 @@ def stall_airspeed(p: FixedWingParams) -> float:
     return math.sqrt(2 * body.mass * GRAVITY / (body.rho * body.S * C_L))
 
 
-def limits(p: FixedWingParams, pilot: AutopilotParams) -> Limits:
+def limits(p: FixedWingParams, pilot: AutopilotParams) -> AutopilotLimits:
     """Where the autopilot keeps the aircraft.
 
     Raises:
@@ -82,7 +83,7 @@ def limits(p: FixedWingParams, pilot: AutopilotParams) -> Limits:
     climb = _largest(lambda gamma: trim(p, speeds[1], gamma), 0.0, max_pitch)
     low, high = stall_angles(p)
     pressure = 0.5 * body.rho * speeds[1] ** 2 * body.S
-    return Limits(
+    return AutopilotLimits(
         speeds=speeds,
         stall=stall_airspeed(p),
         floor=FLOOR * speeds[0],
@@ -124,7 +125,7 @@ def behind(lag: float) -> float:
     return 1 / (4 * ZETA**2 * lag)
 
 
-def gains(p: FixedWingParams, cruise: Trim, m: Limits, dt: float) -> Gains:
+def gains(p: FixedWingParams, cruise: Trim, m: AutopilotLimits, dt: float) -> Gains:
     """The autopilot of an aircraft stepped by dt (s), from its linear model in `cruise` and its trims within m."""
     model, V = linear_modes(p, cruise), cruise.airspeed
     tau, motor = p.actuators.time_constant + dt / 2, p.actuators.throttle_time_constant + dt / 2
@@ -169,13 +170,12 @@ def gains(p: FixedWingParams, cruise: Trim, m: Limits, dt: float) -> Gains:
         "course": behind(1 / roll),
         "pitch_airspeed": speed / GRAVITY,
     }
-    return Gains(
-        **{name: float(value) for name, value in loops.items()},
-        **_fits([cruise, *_trims(p, m)], V),
-    )
+    numbers: dict[str, Any] = {name: float(value) for name, value in loops.items()}
+    numbers.update(_fits([cruise, *_trims(p, m)], V))
+    return Gains(**numbers)
 
 
-def _trims(p: FixedWingParams, m: Limits) -> Iterator[Trim]:
+def _trims(p: FixedWingParams, m: AutopilotLimits) -> Iterator[Trim]:
     """Steady flights within the limits; those for which the throttle does not reach are left out."""
     for V in np.linspace(m.speeds[0], m.speeds[2], SPEEDS):
         turns = [GRAVITY / V * part * m.tan_bank * side for part in BANKS for side in (-1, 1)]

@@ -10,8 +10,10 @@ control step of S substeps has S + 1 counts, one of the substeps each and the la
 a flight begins.
 """
 
+# Kernels are another language inside Python syntax.
+# pyright: reportInvalidTypeForm=false
+
 from dataclasses import dataclass
-from functools import cache
 
 import taichi as ti
 
@@ -42,25 +44,11 @@ class LocalAir:
         return self.profile == "uniform" and not self.turbulent and not self.gusty
 
 
-@cache
-def _shared(profile: Profile, turbulent: bool, gust: Gust | None) -> LocalAir:
-    """One object for one kind of air: a kernel is compiled for each."""
-    return LocalAir(profile, turbulent, gust)
-
-
 def local_air(air: Wind | None) -> LocalAir:
     """The kind of air of a `Wind`; None is a steady, uniform one."""
     config = AirConfig(profile="uniform") if air is None else air.config
     gust = None if config.gust is None else Gust.of(config.gust)
-    return _shared(config.profile, config.turbulence == "dryden", gust)
-
-
-def wind_numbers(air: Wind | None) -> tuple[float, float, float]:
-    """The shear of the profile, and W20 of the turbulence: a fixed part (m/s) and a factor of the mean wind at 10 m."""
-    if air is None:
-        return 0.0, 0.0, 0.0
-    fixed = air.config.turbulence_w20
-    return air.shear, fixed or 0.0, air.w20_factor if fixed is None else 0.0
+    return LocalAir(config.profile, config.turbulence == "dryden", gust)
 
 
 @ti.func

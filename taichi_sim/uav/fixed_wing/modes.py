@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from taichi_sim.uav.fixed_wing.airframe import FixedWingParams
 from taichi_sim.uav.fixed_wing.equations import rhs
+from taichi_sim.uav.fixed_wing.params import FixedWingParams
 from taichi_sim.uav.fixed_wing.trim import Trim
 
 DIFFERENCE = 1e-5  # of central differences: m/s, rad, rad/s, 1
@@ -69,10 +69,14 @@ def linear_modes(p: FixedWingParams, trim: Trim) -> LinearModel:
         [np.cos(trim.alpha) * np.cos(trim.beta), np.sin(trim.beta), np.sin(trim.alpha) * np.cos(trim.beta)]
     )
     x = np.concatenate((v, trim.state[10:], [phi, theta], trim.controls))
-    names = ("u", "v", "w", "p", "q", "r", "phi", "theta", "elevator", "aileron", "rudder", "throttle")
+    names: tuple[str, ...] = (
+        "u", "v", "w", "p", "q", "r", "phi", "theta", "elevator", "aileron", "rudder", "throttle",
+    )  # fmt: skip
     steps = DIFFERENCE * np.eye(len(x))
     values = _euler_rhs(p, np.concatenate((x + steps, x - steps)))
-    jacobian = dict(zip(names, (values[: len(x)] - values[len(x) :]) / (2 * DIFFERENCE), strict=True))
+    jacobian: dict[str, np.ndarray] = dict(
+        zip(names, (values[: len(x)] - values[len(x) :]) / (2 * DIFFERENCE), strict=True)
+    )
 
     def block(rows: tuple[str, ...], columns: tuple[str, ...]) -> np.ndarray:
         return np.array([[jacobian[c][names.index(r)] for c in columns] for r in rows])

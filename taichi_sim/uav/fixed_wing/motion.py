@@ -1,5 +1,8 @@
 """One step of an aircraft's equations of motion by the classical Runge-Kutta method, in the frame of the air."""
 
+# Kernels are another language inside Python syntax.
+# pyright: reportInvalidTypeForm=false
+
 import taichi as ti
 
 from taichi_sim.maths.rotation import rotation_matrix
@@ -7,14 +10,14 @@ from taichi_sim.uav.fixed_wing.airframe import derivative
 
 
 @ti.func
-def rk4(p: ti.template(), y, delta, dt: ti.template()):
-    """State in still air after a step dt (s); deflections are held."""
+def rk4(craft: ti.template(), p: ti.template(), y, delta, tau, dt: ti.template()):
+    """State in still air after a step dt (s); deflections delta and load tau are held (airframe.derivative)."""
     still = ti.Vector([0.0, 0.0, 0.0])
     k, new = 0.0 * y, y
     for stage in range(4):  # a loop, not four copies: as fast within 5 %, and compiled in a quarter of the time
         ahead = ti.select(stage == 0, 0.0, ti.select(stage == 3, dt, ti.static(0.5 * dt)))
         weight = ti.select(stage == 0 or stage == 3, ti.static(dt / 6.0), ti.static(dt / 3.0))
-        k = derivative(p, y + ahead * k, still, delta)
+        k = derivative(craft, p, y + ahead * k, still, delta, tau)
         new += weight * k
     # one Newton step of 1/|q|: |q| - 1 is of the method's error per step, so its square is nothing
     norm2 = new[3] * new[3] + new[4] * new[4] + new[5] * new[5] + new[6] * new[6]

@@ -8,8 +8,12 @@
   T = 0.5 rho S_prop C_prop ((k_motor delta_t)^2 - Va^2), Q = k_T_p (k_Omega delta_t)^2 (Beard & McLain 2012,
   sec. 4.3).
 
-Q is the torque that turns the propeller, N m: the airframe feels -Q about its nose.
+Q is the torque that turns the propeller, N m: the airframe feels -Q about its nose. Either law's T and Q are times
+`gain`: of a worn propeller, or a battery run down.
 """
+
+# Kernels are another language inside Python syntax.
+# pyright: reportInvalidTypeForm=false
 
 import math
 from typing import Literal
@@ -37,21 +41,24 @@ class ElectricPropeller(Strict):
     C_Q0: Positive
     C_Q1: Finite
     C_Q2: Finite
+    gain: NonNegative = 1.0  # of thrust and torque
 
     @property
     def K(self) -> float:  # noqa: N802
         """K_V = K_Q, V s/rad or N m/A."""
         return SECONDS_PER_MINUTE / (TURN * self.KV_rpm_per_volt)
 
-    def thrust_polynomial(self, rho: float) -> tuple[float, float, float]:
-        """Factors of Omega^2, Omega Va, Va^2 in the thrust (N)."""
+    @property
+    def thrust_polynomial(self) -> tuple[float, float, float]:
+        """Factors of Omega^2, Omega Va, Va^2 in the thrust over the density of the air (N m^3/kg)."""
         D = self.D
-        return self.C_T0 * rho * D**4 / TURN**2, self.C_T1 * rho * D**3 / TURN, self.C_T2 * rho * D**2
+        return self.C_T0 * D**4 / TURN**2, self.C_T1 * D**3 / TURN, self.C_T2 * D**2
 
-    def torque_polynomial(self, rho: float) -> tuple[float, float, float]:
-        """Factors of Omega^2, Omega Va, Va^2 in the torque (N m)."""
+    @property
+    def torque_polynomial(self) -> tuple[float, float, float]:
+        """Factors of Omega^2, Omega Va, Va^2 in the torque over the density of the air (N m m^3/kg)."""
         D = self.D
-        return self.C_Q0 * rho * D**5 / TURN**2, self.C_Q1 * rho * D**4 / TURN, self.C_Q2 * rho * D**3
+        return self.C_Q0 * D**5 / TURN**2, self.C_Q1 * D**4 / TURN, self.C_Q2 * D**3
 
 
 class DiscPropeller(Strict):
@@ -63,37 +70,39 @@ class DiscPropeller(Strict):
     k_motor: Positive  # speed of the air behind the disc at full throttle, m/s
     k_T_p: NonNegative  # N m s^2  # noqa: N815
     k_Omega: NonNegative  # rad/s  # noqa: N815
+    gain: NonNegative = 1.0  # of thrust and torque
 
 
 @ti.func
-def electric_thrust_torque(p: ti.template(), rho: ti.template(), Va, delta_t):
-    """(T, N; Q, N m) of an ElectricPropeller p at airspeed Va (m/s) and throttle delta_t."""
-    t0, t1, t2 = ti.static(p.thrust_polynomial(rho))
-    q0, q1, q2 = ti.static(p.torque_polynomial(rho))
-    Va2 = Va * Va
-    b = q1 * Va + ti.static(p.K**2 / p.R_motor)
-    c = q2 * Va2 + ti.static(p.K * p.i0) - ti.static(p.K * p.V_max / p.R_motor) * delta_t
+def electric_thrust_torque(propeller: ti.template(), rho, Va, delta_t):
+    """(T, N; Q, N m) of an ElectricPropeller in air of density rho (kg/m^3) at airspeed Va (m/s), throttle delta_t."""
+    t0, t1, t2 = ti.static(propeller.thrust_polynomial)
+    q0, q1, q2 = ti.static(propeller.torque_polynomial)
+    K, R = ti.static(propeller.K, propeller.R_motor)
+    a, Va2 = rho * q0, Va * Va
+    b = rho * q1 * Va + ti.static(K**2 / R)
+    c = rho * q2 * Va2 + ti.static(K * propeller.i0) - ti.static(K * propeller.V_max / R) * delta_t
     # the root (-b + sqrt(b^2 - 4 a c)) / (2 a), in the form that loses no digits where b > 0; no-load current
     # cannot drive the motor backward
-    root = ti.sqrt(ti.max(b * b - ti.static(4.0 * q0) * c, 0.0))
+    root = ti.sqrt(ti.max(b * b - 4.0 * a * c, 0.0))
     Omega = ti.max(-2.0 * c / (b + root), 0.0)
-    return (t0 * Omega + t1 * Va) * Omega + t2 * Va2, (q0 * Omega + q1 * Va) * Omega + q2 * Va2
+    return rho * ((t0 * Omega + t1 * Va) * Omega + t2 * Va2), rho * ((q0 * Omega + q1 * Va) * Omega + q2 * Va2)
 
 
 @ti.func
-def disc_thrust_torque(p: ti.template(), rho: ti.template(), Va, delta_t):
-    """(T, N; Q, N m) of a DiscPropeller p at airspeed Va (m/s) and throttle delta_t."""
-    factor = ti.static(0.5 * rho * p.S_prop * p.C_prop)
-    jet = p.k_motor * delta_t
-    return factor * (jet * jet - Va * Va), ti.static(p.k_T_p * p.k_Omega**2) * delta_t * delta_t
+def disc_thrust_torque(propeller: ti.template(), rho, Va, delta_t):
+    """(T, N; Q, N m) of a DiscPropeller in air of density rho (kg/m^3) at airspeed Va (m/s) and throttle delta_t."""
+    jet = propeller.k_motor * delta_t
+    thrust = ti.static(0.5 * propeller.S_prop * propeller.C_prop) * rho * (jet * jet - Va * Va)
+    return thrust, ti.static(propeller.k_T_p * propeller.k_Omega**2) * delta_t * delta_t
 
 
 @ti.func
-def thrust_torque(p: ti.template(), rho: ti.template(), Va, delta_t):
-    """(T, N; Q, N m) of propeller p in air of density rho (kg/m^3) at airspeed Va (m/s) and throttle delta_t."""
+def thrust_torque(propeller: ti.template(), p: ti.template(), Va, delta_t):
+    """(T, N; Q, N m) of a propeller at airspeed Va (m/s) and throttle delta_t, in the air of p (AircraftNumbers)."""
     T, Q = Va, Va
-    if ti.static(p.law == "electric"):
-        T, Q = electric_thrust_torque(p, rho, Va, delta_t)
+    if ti.static(propeller.law == "electric"):
+        T, Q = electric_thrust_torque(propeller, p.rho, Va, delta_t)
     else:
-        T, Q = disc_thrust_torque(p, rho, Va, delta_t)
-    return T, Q
+        T, Q = disc_thrust_torque(propeller, p.rho, Va, delta_t)
+    return p.gain * T, p.gain * Q

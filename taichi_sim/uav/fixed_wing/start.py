@@ -3,7 +3,6 @@
 import torch
 from torch import Tensor
 
-from taichi_sim.air import Wind
 from taichi_sim.air.wind import wind_factor
 from taichi_sim.conventions import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
 from taichi_sim.maths.rotation import (
@@ -11,12 +10,14 @@ from taichi_sim.maths.rotation import (
     torch_quaternion_from_euler,
     torch_rotation_matrix,
 )
+from taichi_sim.surroundings import Surroundings
+from taichi_sim.uav.fixed_wing.instruments import DEFLECTIONS, HEIGHT_DEMAND, LOAD_FACTOR, READINGS, WIND
 from taichi_sim.uav.fixed_wing.trim import Trim
 
 
-def trimmed(state: Tensor, at: Trim, wind: Tensor, air: Wind | None = None) -> Tensor:
+def trimmed(state: Tensor, at: Trim, around: Surroundings) -> Tensor:
     """States [n, vehicle, 13] at the positions and headings of `state`, otherwise in the straight flight `at`, in the
-    mean `wind` [n, 3] (NED, m/s, 10 m above the sea) with the profile of `air` (None: the same at any height).
+    mean wind there.
     """
     heading = torch_euler_from_quaternion(state[..., QUATERNION])[..., 2]
     phi, theta = (torch.full_like(heading, angle) for angle in (at.phi, at.theta))
@@ -24,17 +25,33 @@ def trimmed(state: Tensor, at: Trim, wind: Tensor, air: Wind | None = None) -> T
     new = torch.zeros_like(state)
     new[..., POSITION], new[..., QUATERNION] = state[..., POSITION], q
     through_air = torch.tensor(at.state[VELOCITY], dtype=state.dtype, device=state.device)
-    new[..., VELOCITY] = through_air + _to_body(wind_at(state, wind, air), q)
+    new[..., VELOCITY] = through_air + _to_body(wind_at(state, around), q)
     new[..., ANGULAR_VELOCITY] = 0.0
     return new
 
 
-def wind_at(state: Tensor, wind: Tensor, air: Wind | None = None) -> Tensor:
-    """Mean wind [n, vehicle, 3] (NED, m/s) at the heights of `state` [n, vehicle, 13]; see trimmed."""
-    here = wind.to(state).unsqueeze(1).expand(*state.shape[:2], 3)
-    if air is None:
+def show(aux: Tensor, state: Tensor, around: Surroundings, delta: tuple[float, ...]) -> None:
+    """Write what the instruments (aux [n, vehicle, ..]) show before the first step of aircraft that begin at `state`
+    [n, vehicle, 13], with the actuators at `delta` [4], in the mean wind there; this height is the one to hold.
+
+    The turbulence around them is drawn in their first step.
+    """
+    aux.zero_()
+    wind = wind_at(state, around)
+    aux[..., DEFLECTIONS : DEFLECTIONS + 4] = torch.tensor(delta, dtype=aux.dtype, device=aux.device)
+    aux[..., READINGS : READINGS + 3] = air_readings(state, wind)
+    aux[..., WIND : WIND + 3] = wind
+    aux[..., LOAD_FACTOR] = 1.0
+    aux[..., HEIGHT_DEMAND] = -state[..., POSITION][..., 2]
+
+
+def wind_at(state: Tensor, around: Surroundings) -> Tensor:
+    """Mean wind [n, vehicle, 3] (NED, m/s) at the heights of `state` [n, vehicle, 13]."""
+    here = around.wind.to(state).unsqueeze(1).expand(*state.shape[:2], 3)
+    if around.air is None:
         return here
-    factor = wind_factor(air.profile, air.shear, (-state[..., 2]).double().cpu().numpy())
+    height = (-state[..., POSITION][..., 2]).double().cpu().numpy()
+    factor = wind_factor(around.air.profile, around.air.shear, height)
     return here * torch.from_numpy(factor).to(state).unsqueeze(-1)
 
 

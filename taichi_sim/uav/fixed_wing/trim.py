@@ -7,8 +7,8 @@ import numpy as np
 
 from taichi_sim.config import ConfigError
 from taichi_sim.conventions import ANGULAR_VELOCITY, GRAVITY, QUATERNION, STATE_SIZE, VELOCITY
-from taichi_sim.uav.fixed_wing.airframe import FixedWingParams
 from taichi_sim.uav.fixed_wing.equations import loads, rhs, stall_angles
+from taichi_sim.uav.fixed_wing.params import FixedWingParams
 
 DIFFERENCE = 1e-6  # of the Jacobian's central differences, rad and 1
 RESIDUAL = 1e-9  # of a trim, m/s^2 and rad/s^2; rounding leaves 1e-13

@@ -14,6 +14,9 @@ with these first terms exact. Shorter waves cancel. Along and across are taken a
 both, exact where every part of the hull has the same section.
 """
 
+# Kernels are another language inside Python syntax.
+# pyright: reportInvalidTypeForm=false
+
 from typing import NamedTuple
 
 import numpy as np

@@ -8,6 +8,9 @@ with Hoerner's (1965) section coefficient (Faltinsen 1990; Fossen 2021, eqs. 6.9
 hydrostatics.py's: averages of a clipped linear pressure on strips times constant unit wrenches.
 """
 
+# Kernels are another language inside Python syntax.
+# pyright: reportInvalidTypeForm=false
+
 import taichi as ti
 
 from taichi_sim.conventions import GRAVITY, RHO_SEA
@@ -29,7 +32,7 @@ PANEL_ROWS = WRENCH + STRIPS * SECOND
 
 @ti.func
 def diagonal_damping(linear: ti.template(), quadratic: ti.template(), nu_r):
-    """-D nu_r with diagonal linear and quadratic coefficients."""
+    """-D nu_r with diagonal linear and quadratic coefficients, six numbers each."""
     load = nu_r * 0.0
     for i in ti.static(range(6)):
         load[i] = -(linear[i] + quadratic[i] * ti.abs(nu_r[i])) * nu_r[i]
@@ -53,29 +56,31 @@ def cross_flow(h: ti.template(), v, r):
 
 
 @ti.func
-def windage(w: ti.template(), length: ti.template(), air_b):
-    """Wind load of the air's velocity relative to the hull, air_b (m/s, b)."""
+def windage(p: ti.template(), height: ti.template(), air_b):
+    """Wind load of the air's velocity relative to the hull, air_b (m/s, b), on areas whose centre is `height` (m) up.
+
+    `p` has wind_x = rho c_x A_f / 2, wind_y = rho c_y A_l / 2 and wind_n = rho c_n A_l L (params.Windage).
+    """
     u, v = air_b[0], air_b[1]
     speed = ti.sqrt(u * u + v * v + STILL)
-    X = ti.static(0.5 * RHO_AIR * w.c_x * w.frontal_area) * speed * u
-    Y = ti.static(0.5 * RHO_AIR * w.c_y * w.lateral_area) * speed * v
+    X = p.wind_x * speed * u
+    Y = p.wind_y * speed * v
     # sin(2 gamma) V^2 = -2 u v: the force acts towards the end that the wind meets first
-    N = -ti.static(RHO_AIR * w.c_n * w.lateral_area * length) * u * v
-    return ti.Vector([X, Y, 0.0, w.height * Y, -w.height * X, N])
+    N = -p.wind_n * u * v
+    return ti.Vector([X, Y, 0.0, height * Y, -height * X, N])
 
 
 @ti.func
 def thrust(t: ti.template(), n):
-    """Thrust (N) of one propeller at shaft speed n (rad/s), limited to its range."""
+    """Thrust (N) of one propeller, of gain 1, at shaft speed n (rad/s), limited to its range."""
     n = ti.max(ti.min(n, t.n_max), t.n_min)
     k = ti.select(n > 0, t.k_positive, t.k_negative)
     return k * ti.abs(n) * n
 
 
 @ti.func
-def thruster_load(t: ti.template(), n_left, n_right):
-    """Load of both propellers, which push along the hull."""
-    left, right = thrust(t, n_left), thrust(t, n_right)
+def thruster_load(t: ti.template(), left, right):
+    """Load of both propellers, which push along the hull with `left` and `right` (N)."""
     total = left + right
     pitch = left * t.left[2] + right * t.right[2]
     yaw = -(left * t.left[1] + right * t.right[1])
@@ -92,7 +97,7 @@ def shaft_speed(t: ti.template(), force):
 
 @ti.func
 def weight_load(weight: ti.template(), position: ti.template(), k):
-    """Load of a weight (N) at `position` (m, b); k is the unit vector downwards in b."""
+    """Load of a weight (N) at `position` (three numbers, m, b); k is the unit vector downwards in b."""
     force = weight * k
     return six(force, cross(ti.Vector([position[0], position[1], position[2]]), force))
 

@@ -1,18 +1,22 @@
 """What a `hull_6dof` is before it moves: its tables, limits and the numbers that its kernels compile in."""
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+import taichi as ti
 import torch
 
+from taichi_sim import runtime
 from taichi_sim.config import ConfigError
 from taichi_sim.conventions import GRAVITY
-from taichi_sim.rigid_body import constant
 from taichi_sim.usv.hull.geometry import HullGeometry
 from taichi_sim.usv.hull.hydrostatics import check_floats
+from taichi_sim.usv.hull.numbers import HullNumbers, hull_numbers, varying_keys
 from taichi_sim.usv.hull.params import Hull6DofParams
 from taichi_sim.usv.hull.stability import largest_stable_dt, linear_motion, runge_kutta_step, strang_step
+from taichi_sim.usv.vessel import Vessel
 
 # Columns of the auxiliary state: shaft speeds (rad/s); displacement of the label under the hull and its change in a
 # step (m); forces of the last step in b (N) and its nu_dot (m/s^2, rad/s^2); then the wave's pressure head (m) at each
@@ -23,28 +27,41 @@ AUX = (
     "thrust_left", "thrust_right", "wind_x", "wind_y", "wind_z",
     "u_dot", "v_dot", "w_dot", "p_dot", "q_dot", "r_dot",
 )  # fmt: skip
-LABEL, PRESSURE, DRAG, THRUST, WIND, NU_DOT, HEAD = 2, 6, 9, 12, 14, 17, len(AUX)
+SHAFT, LABEL, LABEL_CHANGE, PRESSURE, DRAG, THRUST, WIND, NU_DOT = map(  # where each begins
+    AUX.index,
+    ("shaft_left", "label_north", "label_change_north", "pressure_x", "drag_x", "thrust_left", "wind_x", "u_dot"),
+)
+HEAD = len(AUX)
+
+TablesPack = ti.types.argpack(
+    panels=ti.types.ndarray(ndim=1),
+    node=ti.types.ndarray(dtype=ti.i32, ndim=1),
+    lines=ti.types.ndarray(ndim=2),
+    deck=ti.types.ndarray(ndim=2),
+)
+"""A hull's tables (geometry.py): panels (flat), the column of each panel's head in aux, pairs of wave lines, deck."""
 
 
-class HullModel:
+class HullModel(Vessel):
     """Numbers of one hull at one step; holds no state of any vehicle."""
 
-    team = "usv"
+    Params = Hull6DofParams
+    control_names = ("shaft_left", "shaft_right")
     aux_names = AUX
-    signals = {  # plots of a recording: unit and columns of aux_names
+    signals = {
         "shaft speed": ("rad/s", ("shaft_left", "shaft_right")),
         "thrust": ("N", ("thrust_left", "thrust_right")),
     }
-    Params = Hull6DofParams
 
     def __init__(self, params: Hull6DofParams, dt: float, substeps: int):
-        """Mesh the hull, check that it floats and that dt (s) is stable, and bake the numbers into the kernel.
+        """Mesh the hull, check that it floats and that dt (s) is stable.
 
         Raises:
             ConfigError: if the hull does not float upright, or dt is too large.
         """
-        self.params, self.p, self.dt, self.substeps = params, params, dt, substeps
+        super().__init__(params, dt, substeps)
         self.action_names = ("acceleration", "yaw") if params.actions == "surge_yaw" else ("left", "right")
+        self.varying = varying_keys(params)
         body = params.rigid_body
         self.geometry = HullGeometry.of(params.hull, body.mass, body.cg)
         self.gauge, self.points = self.geometry.gauge, self.geometry.lines.points
@@ -54,21 +71,33 @@ class HullModel:
         self.thrusters: Any = params.thrusters  # None: no propellers
         self.source: Any = params.linear  # None: no published restoring
         self.propelled = params.thrusters is not None
-        self.lags = params.thrusters is not None and params.thrusters.lag > 0
-        lag = params.thrusters.lag if self.lags and params.thrusters else math.inf
-        self.keep = math.exp(-0.5 * dt / lag), math.exp(-dt / lag)  # of a propeller's lag after half a step, after one
         if self.by_panels:
             try:
                 check_floats(self.geometry.hydrostatics)
             except ValueError as error:
                 raise ConfigError(f"hull: {error}") from None
-        M = params.M_rb + params.M_a
-        self.M_rb, self.M_a = constant(params.M_rb), constant(params.M_a)
-        self.M_inverse, self.M = constant(np.linalg.inv(M)), constant(M)
-        self.weight = params.weight
         self.payload = params.linear.payload_mass * GRAVITY if params.linear else 0.0
         self._check_dt(dt)
-        self._tables: dict = {}
+        self._tables: Any = None
+        self._generation = -1
+
+    # -- numbers that vary -----------------------------------------------------------------------------------------
+
+    def own(self, values: Mapping[str, Any]) -> HullNumbers:
+        """What the kernel works with (numbers.py)."""
+        return hull_numbers(self.params, self.dt, values)
+
+    def with_numbers(self, values: Mapping[str, float]) -> Hull6DofParams:
+        """The `Params` of a vehicle file that differs from this one in `values`; a published M_rb follows mass and CG
+        (rigid_body.changed_mass).
+
+        Raises:
+            ValueError: for a key that does not vary, or a value that the file could not hold.
+        """
+        params = super().with_numbers(values)
+        return params.model_copy(update={"rigid_body": self.params.rigid_body.changed(params.rigid_body)})
+
+    # -- what it is ------------------------------------------------------------------------------------------------
 
     @property
     def capsize_cosine(self) -> float:
@@ -98,10 +127,10 @@ class HullModel:
         return len(self.geometry.panels) if self.by_panels else 0
 
     @property
-    def forces(self) -> dict:
+    def forces(self) -> Mapping[str, tuple[tuple[float, float, float], tuple[str | None, str | None, str | None]]]:
         """Load arrows of a recording: name -> where it attacks (m, b), columns of its x, y, z (N, b)."""
         origin = (0.0, 0.0, 0.0)
-        found: dict = {"pressure_less_weight": (origin, ("pressure_x", "pressure_y", "pressure_z"))}
+        found: dict[str, Any] = {"pressure_less_weight": (origin, ("pressure_x", "pressure_y", "pressure_z"))}
         if self.params.thrusters:
             found["thrust_left"] = (self.params.thrusters.left, ("thrust_left", None, None))
             found["thrust_right"] = (self.params.thrusters.right, ("thrust_right", None, None))
@@ -112,6 +141,8 @@ class HullModel:
     def body(self) -> tuple[np.ndarray, np.ndarray]:
         """Vertices [4 N, 3] (m, b) and triangles [2 N, 3], counter-clockwise from outside, of the panels."""
         return self.geometry.panels.surface()
+
+    # -- steps -----------------------------------------------------------------------------------------------------
 
     def largest_dt(self) -> float:
         """Largest stable step, s."""
@@ -131,7 +162,7 @@ class HullModel:
         t, h = self.params.thrusters, self.params.hydrodynamics
         if t is None:
             return 0.0
-        a, b, force = h.quadratic[0], h.linear[0], 2 * t.thrust_max
+        a, b, force = h.quadratic[0], h.linear[0], (t.gain_left + t.gain_right) * t.thrust_max
         return force / b if a == 0 else (math.sqrt(b * b + 4 * a * force) - b) / (2 * a)
 
     def _check_dt(self, dt: float) -> None:
@@ -142,13 +173,21 @@ class HullModel:
                 "in heave, roll or pitch, or its fastest decay); lower dt"
             )
 
-    def tables(self, device: torch.device, dtype: torch.dtype) -> tuple[torch.Tensor, ...]:
-        """Panel table, panel nodes, line table and deck as tensors."""
-        key = (device, dtype)
-        if key not in self._tables:
-            geometry = self.geometry
-            floats = [geometry.panel_table.ravel(), geometry.line_table, geometry.deck_corners]
-            panels, lines, deck = (torch.as_tensor(np.ascontiguousarray(t), dtype=dtype, device=device) for t in floats)
-            node = torch.as_tensor(geometry.lines.node + HEAD, dtype=torch.int32, device=device)
-            self._tables[key] = (panels, node, lines, deck)
-        return self._tables[key]
+    @property
+    def tables(self) -> Any:
+        """What kernels take of the hull: a TablesPack, the same object from step to step."""
+        if self._generation != runtime.generation():
+            run, geometry = runtime.current(), self.geometry
+
+            def table(values: np.ndarray) -> torch.Tensor:
+                return torch.as_tensor(np.ascontiguousarray(values), dtype=run.torch_dtype, device=run.device)
+
+            self._tables = runtime.pack(
+                TablesPack,
+                panels=table(geometry.panel_table.ravel()),
+                node=torch.as_tensor(geometry.lines.node + HEAD, dtype=torch.int32, device=run.device),
+                lines=table(geometry.line_table),
+                deck=table(geometry.deck_corners),
+            )
+            self._generation = runtime.generation()
+        return self._tables

@@ -1,10 +1,18 @@
-"""The motion of a hull, as methods that kernels inline: equations of motion, integrators, propellers and wind."""
+"""The motion of a hull, as methods that kernels inline: equations of motion, integrators, propellers and wind.
+
+`p` is what the kernel works with (numbers.py): numbers compiled in, or those of one vehicle.
+"""
+
+# Kernels are another language inside Python syntax.
+# pyright: reportInvalidTypeForm=false
 
 import taichi as ti
 
 from taichi_sim.maths.rotation import quaternion_advance, rotation_matrix
-from taichi_sim.rigid_body import angular, coriolis, linear, quaternion_rate, times
+from taichi_sim.rigid_body import angular, coriolis, is_nothing, linear, quaternion_rate, times
 from taichi_sim.usv.hull import loads
+from taichi_sim.usv.hull import waves as w
+from taichi_sim.usv.hull.numbers import diagonal, symmetric, vector
 from taichi_sim.usv.hull.water import HullWater
 
 
@@ -18,29 +26,30 @@ class HullMotion(HullWater):
     """How loads move the hull."""
 
     @ti.func
-    def drag(self, nu_r):
+    def drag(self, p: ti.template(), nu_r):
         """Load of damping and cross-flow on the motion relative to the water."""
-        load = loads.diagonal_damping(self.p.hydrodynamics.linear, self.p.hydrodynamics.quadratic, nu_r)
-        if ti.static(self.p.hydrodynamics.cross_flow_length > 0):
-            YN = loads.cross_flow(self.p.hydrodynamics, nu_r[1], nu_r[5])
+        load = loads.diagonal_damping(ti.static(vector(p, "linear", 6)), ti.static(vector(p, "quadratic", 6)), nu_r)
+        if ti.static(self.params.hydrodynamics.cross_flow_length > 0):
+            YN = loads.cross_flow(self.params.hydrodynamics, nu_r[1], nu_r[5])
             load[1] += YN[0]
             load[5] += YN[1]
         return load
 
     @ti.func
-    def drag_force(self, nu, R, V_c, water):
+    def drag_force(self, p: ti.template(), nu, R, V_c, water):
         """Force (N, b) of damping and cross-flow."""
         nu_c, _, nu_o, _ = self.flow(R, angular(nu), V_c, water)
-        return linear(self.drag(nu - nu_c - nu_o))
+        return linear(self.drag(p, nu - nu_c - nu_o))
 
     @ti.func
-    def nu_dot(self, nu, R, tau, V_c, water):
+    def nu_dot(self, p: ti.template(), nu, R, tau, V_c, water):
         """nu_dot under the load tau (N, N m) of all that does not depend on the velocity relative to the water."""
+        M_rb, M_a, M_inverse = ti.static(symmetric(p, "M_rb"), diagonal(p, "added"), symmetric(p, "inverse"))
         nu_c, nu_c_dot, nu_o, nu_o_dot = self.flow(R, angular(nu), V_c, water)
         nu_r = nu - nu_c - nu_o
-        load = tau + times(self.M_a, nu_o_dot) + self.drag(nu_r)
-        load -= coriolis(self.M_rb, nu - nu_c) + coriolis(self.M_a, nu_r)
-        return nu_c_dot + times(self.M_inverse, load)
+        load = tau + times(M_a, nu_o_dot) + self.drag(p, nu_r)
+        load -= coriolis(M_rb, nu - nu_c) + coriolis(M_a, nu_r)
+        return nu_c_dot + times(M_inverse, load)
 
     @ti.func
     def drift(self, pos, q, nu, turn):
@@ -50,49 +59,59 @@ class HullMotion(HullWater):
         return pos + ti.static(0.5 * self.dt) * (R @ linear(nu)), q, R
 
     @ti.func
-    def kick(self, pos, nu, nu_dot, R, tau, V_c, water):
+    def kick(self, p: ti.template(), pos, nu, nu_dot, R, tau, V_c, water):
         """Position at the end of a step, nu there, and nu_dot, under the load tau in the middle of the step, whose
         velocity, for damping and Coriolis, the last step's nu_dot foretells.
         """
-        nu_dot = self.nu_dot(nu + ti.static(0.5 * self.dt) * nu_dot, R, tau, V_c, water)
+        nu_dot = self.nu_dot(p, nu + ti.static(0.5 * self.dt) * nu_dot, R, tau, V_c, water)
         nu = nu + ti.static(self.dt) * nu_dot
         return pos + ti.static(0.5 * self.dt) * (R @ linear(nu)), nu, nu_dot
 
     @ti.func
-    def derivative(self, y, shaft, load, V_c, water):
-        """dy/dt of the linear hull; `load` acts besides restoring and thrust."""
+    def derivative(self, p: ti.template(), y, R, tau, V_c, water):
+        """dy/dt at attitude R = R_nb under the load tau of all that does not depend on the velocity in the water."""
         q = ti.Vector([y[3], y[4], y[5], y[6]])
         nu = ti.Vector([y[7 + c] for c in range(6)])
-        R = rotation_matrix(q)
-        tau = load + self.linear_restoring(y[2], R, water) + self.thrust_load(shaft)
-        return pack(R @ linear(nu), quaternion_rate(q, angular(nu)), self.nu_dot(nu, R, tau, V_c, water))
+        return pack(R @ linear(nu), quaternion_rate(q, angular(nu)), self.nu_dot(p, nu, R, tau, V_c, water))
 
     @ti.func
-    def runge_kutta(self, y, shaft, command, load, V_c, water):
-        """Position, attitude and nu one step after y, the water and `load` held."""
+    def runge_kutta(self, p: ti.template(), y, shaft, command, load, V_c, water):
+        """Position, attitude and nu of the linear hull one step after y, the water and `load` held, which acts besides
+        restoring and thrust.
+        """
         total, slope = y * 0.0, y * 0.0
+        begin = ti.select(p.keep > 0, 1.0, 0.0)  # without a lag a command acts at once
         for stage in range(4):
             ahead = 0.5 * ((stage + 1) // 2)  # 0, 1/2, 1/2, 1 of the step
-            keep = ti.select(ahead > 0.5, ti.static(self.keep[1]), ti.select(ahead > 0, ti.static(self.keep[0]), 1.0))
+            keep = ti.select(ahead > 0.5, p.keep, ti.select(ahead > 0, p.keep_half, begin))
             n = self.lagged(shaft, command, keep)
-            slope = self.derivative(y + (ahead * ti.static(self.dt)) * slope, n, load, V_c, water)
+            y_s = y + (ahead * ti.static(self.dt)) * slope
+            R = rotation_matrix(ti.Vector([y_s[3], y_s[4], y_s[5], y_s[6]]))
+            tau = load + self.linear_restoring(p, y_s[2], R, water) + self.thrust_load(p, n)
+            slope = self.derivative(p, y_s, R, tau, V_c, water)
             total += ti.select(stage % 3 == 0, 1.0, 2.0) * slope
         y = y + ti.static(self.dt / 6) * total
         q = ti.Vector([y[3], y[4], y[5], y[6]])
         return ti.Vector([y[0], y[1], y[2]]), q / q.norm(), ti.Vector([y[7 + c] for c in range(6)])
 
     @ti.func
-    def linear_restoring(self, z, R, water):
+    def weight_load(self, p: ti.template(), k):
+        """Load of the hull's weight; k is the unit vector downwards in b."""
+        return loads.weight_load(p.weight, ti.static(vector(p, "cg", 3)), k)
+
+    @ti.func
+    def linear_restoring(self, p: ti.template(), z, R, water):
         """-G eta relative to the surface plane, the payload's weight, and the hull's own down the slope."""
         load = ti.Vector([z * 0.0 for _ in range(6)])
         if ti.static(self.has_linear):
-            heave = z + water[5]
-            roll = ti.atan2(R[2, 1], R[2, 2]) + water[7]
-            pitch = ti.asin(ti.max(ti.min(-R[2, 0], 1.0), -1.0)) - water[6]
+            along, across = water[w.ALONG], water[w.ACROSS]
+            heave = z + water[w.ELEVATION]
+            roll = ti.atan2(R[2, 1], R[2, 2]) + across
+            pitch = ti.asin(ti.max(ti.min(-R[2, 0], 1.0), -1.0)) - along
             Z = -self.source.G33 * heave - self.source.G35 * pitch
             M = -self.source.G55 * pitch - self.source.G35 * heave
             K = -self.source.G44 * roll
-            load = ti.Vector([-self.weight * water[6], -self.weight * water[7], Z, K, M, 0.0])
+            load = ti.Vector([-p.weight * along, -p.weight * across, Z, K, M, 0.0])
             k = ti.Vector([R[2, 0], R[2, 1], R[2, 2]])
             load += loads.weight_load(self.payload, self.source.payload_position, k)
         return load
@@ -104,7 +123,7 @@ class HullMotion(HullWater):
         """Commanded shaft speeds (rad/s) of an action; see step."""
         speeds = ti.Vector([first * 0.0, 0.0])
         if ti.static(self.propelled):
-            if ti.static(self.p.actions == "left_right"):
+            if ti.static(self.params.actions == "left_right"):
                 speeds[0] = ti.select(first > 0, first * self.thrusters.n_max, -first * self.thrusters.n_min)
                 speeds[1] = ti.select(second > 0, second * self.thrusters.n_max, -second * self.thrusters.n_min)
             else:
@@ -118,23 +137,30 @@ class HullMotion(HullWater):
     @ti.func
     def lagged(self, shaft, command, keep):
         """Shaft speeds on the way to the command, of which the share `keep` is left to go."""
-        n = command
-        if ti.static(self.lags):
-            n = command + (shaft - command) * keep
-        return n
+        return command + (shaft - command) * keep
 
     @ti.func
-    def thrust_load(self, shaft):
+    def thrusts(self, p: ti.template(), shaft):
+        """Thrusts (N) of the left and the right propeller."""
+        left, right = shaft[0] * 0.0, shaft[1] * 0.0
+        if ti.static(self.propelled):
+            left = p.gain_left * loads.thrust(self.thrusters, shaft[0])
+            right = p.gain_right * loads.thrust(self.thrusters, shaft[1])
+        return left, right
+
+    @ti.func
+    def thrust_load(self, p: ti.template(), shaft):
         """Load of the propellers."""
         load = ti.Vector([shaft[0] * 0.0 for _ in range(6)])
         if ti.static(self.propelled):
-            load = loads.thruster_load(self.thrusters, shaft[0], shaft[1])
+            left, right = self.thrusts(p, shaft)
+            load = loads.thruster_load(self.thrusters, left, right)
         return load
 
     @ti.func
-    def wind_load(self, R, nu, air):
+    def wind_load(self, p: ti.template(), R, nu, air):
         """Load of the wind `air` (m/s, n)."""
         load = nu * 0.0
-        if ti.static(self.p.windage.frontal_area > 0 or self.p.windage.lateral_area > 0):
-            load = loads.windage(self.p.windage, self.p.length, R.transpose() @ air - linear(nu))
+        if ti.static(not (is_nothing(p.wind_x) and is_nothing(p.wind_y))):
+            load = loads.windage(p, self.params.windage.height, R.transpose() @ air - linear(nu))
         return load

@@ -10,13 +10,14 @@ from pydantic import Field, model_validator
 
 from taichi_sim.config import Finite, NonNegative, Positive, Strict
 from taichi_sim.conventions import GRAVITY, RHO_SEA
-from taichi_sim.rigid_body import rigid_body_mass
+from taichi_sim.rigid_body import changed_mass, constant, rigid_body_mass
 from taichi_sim.usv.hull.mesh import HullShape
 
 Vector3 = tuple[Finite, Finite, Finite]
 Diagonal = tuple[NonNegative, NonNegative, NonNegative, NonNegative, NonNegative, NonNegative]
 Row = tuple[Finite, Finite, Finite, Finite, Finite, Finite]
 Matrix = tuple[Row, Row, Row, Row, Row, Row]
+ASYMMETRY = 1e-6  # of a published M_rb, over its largest entry: its digits
 OVERHANG = 1.1  # a thruster may hang this far outside the hull: 1 is flush; assumed (outboard engines)
 
 
@@ -26,12 +27,16 @@ class RigidBody(Strict):
     mass: Positive  # kg, payload included
     cg: Vector3  # m, of the whole
     gyration: tuple[Positive, Positive, Positive] | None = None  # m, about the CG, for roll, pitch, yaw
-    M_rb: Matrix | None = None  # 6 x 6 about CO, where a source gives it
+    M_rb: Matrix | None = None  # 6 x 6 about CO, symmetric, where a source gives it
 
     @model_validator(mode="after")
     def _one_of(self):
         if (self.gyration is None) == (self.M_rb is None):
             raise ValueError("give either gyration or M_rb")
+        if self.M_rb is not None:
+            M = np.array(self.M_rb)
+            if np.abs(M - M.T).max() > ASYMMETRY * np.abs(M).max():
+                raise ValueError("M_rb must be symmetric: row i, column j as row j, column i")
         return self
 
     @property
@@ -39,7 +44,14 @@ class RigidBody(Strict):
         """M_rb [6, 6]."""
         if self.M_rb is not None:
             return np.array(self.M_rb)
-        return rigid_body_mass(self.mass, self.cg, self.mass * np.diag(np.square(self.gyration)))
+        return rigid_body_mass(self.mass, self.cg, self.mass * np.diag(np.square(np.array(self.gyration))))
+
+    def changed(self, other: "RigidBody") -> "RigidBody":
+        """`other`, which is this with another mass or CG: a published M_rb follows them (`changed_mass`)."""
+        if self.M_rb is None:
+            return other
+        M_rb = changed_mass(self.M_rb, self.mass, self.cg, other.mass, other.cg)
+        return other.model_copy(update={"M_rb": constant(M_rb)})
 
 
 class Hydrodynamics(Strict):
@@ -67,7 +79,10 @@ class LinearRestoring(Strict):
 
 
 class Thrusters(Strict):
-    """Two propellers that push along the hull: thrust k |n| n, first-order lag and limits of the shaft speed."""
+    """Two propellers that push along the hull: thrust gain k |n| n, first-order lag and limits of the shaft speed.
+
+    The gains are what nobody at the controls knows: commands (`actions`) are made as if they were 1.
+    """
 
     left: Vector3  # m, position of the left one
     right: Vector3  # m
@@ -76,15 +91,17 @@ class Thrusters(Strict):
     n_max: Positive  # rad/s
     n_min: Annotated[float, Field(le=0, allow_inf_nan=False)]  # rad/s
     lag: NonNegative  # s, time constant of the shaft speed
+    gain_left: NonNegative = 1.0  # of its thrust at a shaft speed: below 1, it is fouled or damaged
+    gain_right: NonNegative = 1.0
 
     @property
     def thrust_max(self) -> float:
-        """Of one thruster ahead, N."""
+        """Of one thruster ahead whose gain is 1, N."""
         return self.k_positive * self.n_max**2
 
     @property
     def thrust_min(self) -> float:
-        """Of one thruster astern (negative), N."""
+        """Of one thruster astern whose gain is 1 (negative), N."""
         return -self.k_negative * self.n_min**2
 
 

@@ -1,16 +1,20 @@
 """How a hull begins: afloat, moving with the water around it."""
 
+# Kernels are another language inside Python syntax.
+# pyright: reportIndexIssue=false, reportInvalidTypeForm=false
+
 import taichi as ti
 import torch
+from torch import Tensor
 
-from taichi_sim.conventions import ELEVATION, FREEBOARD, SURFACE_SIZE
+from taichi_sim.conventions import ELEVATION, FREEBOARD
 from taichi_sim.maths.rotation import quaternion_product, rotation_matrix
+from taichi_sim.packs import AroundPack
 from taichi_sim.surroundings import Surroundings
-from taichi_sim.usv.hull.model import LABEL
+from taichi_sim.usv.hull import waves as w
+from taichi_sim.usv.hull.model import LABEL, TablesPack
 from taichi_sim.usv.hull.motion import HullMotion, pack
 from taichi_sim.usv.hull.water import heading
-
-LABEL_STEPS = 4  # of Newton's method from no displacement, where there is no last step to predict from
 
 
 @ti.func
@@ -30,63 +34,60 @@ def tilted(q, R, along, across):
 class HullStart(HullMotion):
     """How a hull is put on the water."""
 
-    def settle(self, state: torch.Tensor, around: Surroundings) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """Hulls afloat on the waves of `around`, so that their first step is calm.
+    def settle(self, state: Tensor, surface: Tensor, around: Surroundings) -> Tensor:
+        """States [n, vehicle, 13] of hulls afloat on the waves of `around`, so that their first step is calm.
 
-        Args:
-            state: [n, vehicle, 13] as placed on level, still water: heights are over it, velocities through it.
-            around: of these n environments, at the time of the start.
-
-        Returns:
-            states [n, vehicle, 13]: raised and tilted with the mean surface plane under the hull, with the current and
-            the orbital motion of the water averaged over the hull on top of their own velocity; auxiliary states
-            [n, vehicle, k], propellers at rest; what the sea does to them [n, vehicle, 2], as in conventions.py.
+        `state` is as placed on level, still water: heights are over it, velocities through it. The hulls are raised and
+        tilted with the mean surface plane under them, with the current and the orbital motion of the water, averaged
+        over the hull, on top of their own velocity. `surface` [n, vehicle, 2] is written.
         """
         state = state.contiguous()
-        rows = state.shape[:2]
-        out, surface = torch.empty_like(state), state.new_empty((*rows, SURFACE_SIZE))
-        aux = state.new_zeros((*rows, self.aux_size))
-        deck = self.tables(state.device, state.dtype)[-1]
-        self._settle(
-            out, aux, surface, state, around.sea, around.env_sea, around.phase, around.current, deck,
-            around.sea.shape[2], around.depth > 0,
-        )  # fmt: skip
-        return out, aux, surface
+        out = torch.empty_like(state)
+        self._settle(out, surface, state, around.pack, self.tables, self.water_build(around))
+        return out
+
+    def reset_aux(self, aux: Tensor, state: Tensor, around: Surroundings) -> None:
+        """Propellers at rest, and the label of the water under the hull."""
+        aux.zero_()
+        self._find_label(aux, state.contiguous(), around.pack, self.water_build(around))
 
     @ti.kernel
     def _settle(
         self,
         out: ti.types.ndarray(ndim=3),
-        aux: ti.types.ndarray(ndim=3),
         surface: ti.types.ndarray(ndim=3),
         state: ti.types.ndarray(ndim=3),
-        sea: ti.types.ndarray(ndim=3),
-        env_sea: ti.types.ndarray(dtype=ti.i32, ndim=1),
-        phase: ti.types.ndarray(ndim=2),
-        current: ti.types.ndarray(ndim=2),
-        deck: ti.types.ndarray(ndim=2),
-        count: ti.template(),
-        finite: ti.template(),
+        around: AroundPack,
+        tables: TablesPack,
+        build: ti.template(),
     ):
         for e, i in ti.ndrange(state.shape[0], state.shape[1]):
             y = ti.Vector([state[e, i, c] for c in range(13)])
             pos, q = ti.Vector([y[0], y[1], y[2]]), ti.Vector([y[3], y[4], y[5], y[6]])
-            R, zero = rotation_matrix(q), pos[0] * 0.0
-            D = ti.Vector([zero, zero])
-            for _ in range(LABEL_STEPS):
-                _water, L, _J = self.water(sea, phase, count, finite, env_sea[e], e, zero, pos, R, D)
-                D = L - ti.Vector([pos[0], pos[1]])
-            water, _L, _J = self.water(sea, phase, count, finite, env_sea[e], e, zero, pos, R, D)
+            R, now = rotation_matrix(q), pos[0] * 0.0
+            water, _L, _J = self.water_at(build, around, e, now, pos, R, self.label(build, around, e, pos, R))
             plane = self.plane_n(water, R)
-            q = tilted(q, R, water[6], water[7])
+            q = tilted(q, R, water[w.ALONG], water[w.ACROSS])
             R = rotation_matrix(q)
             pos[2] -= plane[0]
-            still = ti.Vector([zero, zero, zero])
-            nu_c, _, nu_o, _ = self.flow(R, still, ti.Vector([current[e, 0], current[e, 1], 0.0]), water)
-            nu = ti.Vector([y[7 + c] for c in range(6)]) + nu_c + nu_o
-            y = pack(pos, q, nu)
+            V_c, still = ti.Vector([around.current[e, 0], around.current[e, 1], 0.0]), ti.Vector([now, now, now])
+            nu_c, _, nu_o, _ = self.flow(R, still, V_c, water)
+            y = pack(pos, q, ti.Vector([y[7 + c] for c in range(6)]) + nu_c + nu_o)
             for c in ti.static(range(13)):
                 out[e, i, c] = y[c]
-            aux[e, i, LABEL], aux[e, i, LABEL + 1] = D[0], D[1]
             surface[e, i, ELEVATION] = plane[0]
-            surface[e, i, FREEBOARD] = self.freeboard(deck, R, pos[2], plane)
+            surface[e, i, FREEBOARD] = self.freeboard(tables.deck, R, pos[2], plane)
+
+    @ti.kernel
+    def _find_label(
+        self,
+        aux: ti.types.ndarray(ndim=3),
+        state: ti.types.ndarray(ndim=3),
+        around: AroundPack,
+        build: ti.template(),
+    ):
+        for e, i in ti.ndrange(state.shape[0], state.shape[1]):
+            pos = ti.Vector([state[e, i, 0], state[e, i, 1], state[e, i, 2]])
+            R = rotation_matrix(ti.Vector([state[e, i, 3], state[e, i, 4], state[e, i, 5], state[e, i, 6]]))
+            D = self.label(build, around, e, pos, R)
+            aux[e, i, LABEL], aux[e, i, LABEL + 1] = D[0], D[1]

@@ -1,10 +1,18 @@
 """The water at a hull, as methods that kernels inline: surface, freeboard, pressure on the wave lines, its motion."""
 
+# Kernels are another language inside Python syntax.
+# pyright: reportInvalidTypeForm=false
+
 import taichi as ti
 
+from taichi_sim.packs import Build
 from taichi_sim.rigid_body import cross, six
-from taichi_sim.usv.hull import waves as hull_waves
+from taichi_sim.surroundings import Surroundings
+from taichi_sim.usv.hull import loads
+from taichi_sim.usv.hull import waves as w
 from taichi_sim.usv.hull.model import HEAD, HullModel
+
+LABEL_STEPS = 4  # of Newton's method from no displacement
 
 
 @ti.func
@@ -17,30 +25,72 @@ def heading(R):
 class HullWater(HullModel):
     """How waves and current reach the hull."""
 
+    def water_build(self, around: Surroundings) -> Build:
+        """What a kernel is compiled for that asks for the water alone."""
+        return Build(around.sea.shape[2], around.depth > 0)
+
     @ti.func
     def water(
         self, sea: ti.template(), phase: ti.template(), count: ti.template(), finite: ti.template(),
         s, e, tau, pos, R, D
     ):  # fmt: skip
-        """Sums at the hull's centre (hull_waves.at_centre), its label, and the inverse Jacobian (xx, xy, yy) there.
+        """Sums at the hull's centre (w.at_centre), its label, and the inverse Jacobian (xx, xy, yy) there.
 
         D (m) is the predicted displacement of the label: one step of Newton's method makes it exact to second order.
         """
         cos_h, sin_h = heading(R)
         X, Y = pos[0] + D[0], pos[1] + D[1]
-        r = hull_waves.at_centre(sea, phase, count, self.gauge, finite, s, e, X, Y, tau, cos_h, sin_h)
-        inverse = 1.0 / ti.max(r[2] * r[4] - r[3] * r[3], 0.01)
-        J = ti.Vector([r[4] * inverse, -r[3] * inverse, r[2] * inverse])
-        gap = ti.Vector([r[0] - D[0], r[1] - D[1]])
+        r = w.at_centre(sea, phase, count, self.gauge, finite, s, e, X, Y, tau, cos_h, sin_h)
+        xx, xy, yy = r[w.J_XX], r[w.J_XY], r[w.J_YY]
+        inverse = 1.0 / ti.max(xx * yy - xy * xy, 0.01)
+        J = ti.Vector([yy * inverse, -xy * inverse, xx * inverse])
+        gap = ti.Vector([r[w.D_N] - D[0], r[w.D_E] - D[1]])
         L = ti.Vector([X + J[0] * gap[0] + J[1] * gap[1], Y + J[1] * gap[0] + J[2] * gap[1]])
         return r, L, J
+
+    @ti.func
+    def water_at(self, build: ti.template(), around: ti.template(), e, tau, pos, R, D):
+        """`water` in the surroundings of environment e."""
+        return self.water(
+            around.sea, around.phase, build.components, build.finite, around.env_sea[e], e, tau, pos, R, D
+        )
+
+    @ti.func
+    def label(self, build: ti.template(), around: ti.template(), e, pos, R):
+        """Displacement (m) of the label under the hull at the beginning of a step, with none to predict it from."""
+        now = pos[0] * 0.0
+        D = ti.Vector([now, now])
+        for _ in range(LABEL_STEPS):
+            _water, L, _J = self.water_at(build, around, e, now, pos, R, D)
+            D = L - ti.Vector([pos[0], pos[1]])
+        return D
 
     @ti.func
     def plane_n(self, water, R):
         """Elevation (m) and slopes towards north and east of the mean surface plane."""
         cos_h, sin_h = heading(R)
-        along, across = water[6], water[7]
-        return ti.Vector([water[5], along * cos_h - across * sin_h, along * sin_h + across * cos_h])
+        along, across = water[w.ALONG], water[w.ACROSS]
+        return ti.Vector([water[w.ELEVATION], along * cos_h - across * sin_h, along * sin_h + across * cos_h])
+
+    @ti.func
+    def pressure(
+        self, build: ti.template(), around: ti.template(), tables: ti.template(), aux: ti.template(), e, i, tau,
+        pos, R, L, J, plane,
+    ):  # fmt: skip
+        """Load (N, N m, about CO, b) of the water's pressure; writes the wave's part of it to aux."""
+        self.pressure_heads(
+            around.sea, around.phase, build.components, build.finite, around.env_sea[e], e, i, tau, pos, R, L, J, plane,
+            tables.lines, aux,
+        )  # fmt: skip
+        return self.panel_load(tables, aux, e, i, pos[2], R, plane)
+
+    @ti.func
+    def panel_load(self, tables: ti.template(), aux: ti.template(), e, i, z, R, plane):
+        """Load (N, N m, about CO, b) of the pressure on the panels, whose wave's part is in aux."""
+        k = ti.Vector([R[2, 0], R[2, 1], R[2, 2]])
+        g = R.transpose() @ ti.Vector([plane[1], plane[2], 0.0])
+        count = ti.static(len(self.geometry.panels))
+        return loads.panel_load(tables.panels, tables.node, aux, self.nodes, count, e, i, z, k, g)
 
     @ti.func
     def pressure_heads(
@@ -54,7 +104,7 @@ class HullWater(HullModel):
             across = ti.Vector([J[0] * R[0, 1] + J[1] * R[1, 1], J[1] * R[0, 1] + J[2] * R[1, 1]])
             a = self.line_start(R @ ti.Vector([lines[pair, 0], lines[pair, 1], lines[pair, 2]]), h, pos, L, J, plane)
             b = self.line_start(R @ ti.Vector([lines[pair, 3], lines[pair, 4], lines[pair, 5]]), h, pos, L, J, plane)
-            head_a, head_b, slope_a, slope_b = hull_waves.along_pair(
+            head_a, head_b, slope_a, slope_b = w.along_pair(
                 sea, phase, count, self.points, finite, s, e, a, b, step, across, tau
             )
             first = HEAD + pair * ti.static(2 * self.points)
@@ -78,7 +128,7 @@ class HullWater(HullModel):
     def flow(self, R, omega, V_c, water):
         """nu_c, nu_c_dot, nu_o and nu_o_dot in b; V_c (m/s, n) is the current."""
         v_c, v_c_dot = R.transpose() @ V_c, V_c * 0.0
-        if ti.static(self.p.current_frame == "heading"):
+        if ti.static(self.params.current_frame == "heading"):
             cos_h, sin_h = heading(R)
             v_c = ti.Vector([cos_h * V_c[0] + sin_h * V_c[1], cos_h * V_c[1] - sin_h * V_c[0], 0.0])
             v_c_dot = ti.Vector([omega[2] * v_c[1], -omega[2] * v_c[0], 0.0])
@@ -86,11 +136,11 @@ class HullWater(HullModel):
             v_c_dot = -cross(omega, v_c)
         zero = v_c * 0.0
         cos_h, sin_h = heading(R)
-        v_o = R.transpose() @ ti.Vector([water[8], water[9], water[10]])
-        a_o = R.transpose() @ ti.Vector([water[11], water[12], water[13]])
-        p, q = water[14], water[15]
+        v_o = R.transpose() @ ti.Vector([water[w.V_N], water[w.V_E], water[w.V_D]])
+        a_o = R.transpose() @ ti.Vector([water[w.A_N], water[w.A_E], water[w.A_D]])
+        p, q = water[w.P], water[w.Q]
         w_o = R.transpose() @ ti.Vector([p * cos_h - q * sin_h, p * sin_h + q * cos_h, 0.0])
-        p, q = water[16], water[17]
+        p, q = water[w.P_DOT], water[w.Q_DOT]
         alpha_o = R.transpose() @ ti.Vector([p * cos_h - q * sin_h, p * sin_h + q * cos_h, 0.0])
         nu_o, nu_o_dot = six(v_o, w_o), six(a_o - cross(omega, v_o), alpha_o - cross(omega, w_o))
         return six(v_c, zero), six(v_c_dot, zero), nu_o, nu_o_dot

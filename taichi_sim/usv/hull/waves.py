@@ -9,6 +9,9 @@ the surface, so in finite depth the decay of the pressure is exp(-omega^2/g d), 
 exp(-g k^2/omega^2 d): equal to exp(-k d) in deep water, and equal to the exact factors to first order in k d.
 """
 
+# Kernels are another language inside Python syntax.
+# pyright: reportInvalidTypeForm=false
+
 import taichi as ti
 
 from taichi_sim.conventions import AMPLITUDE, BX, BY, GRAVITY, KX, KY, OMEGA, K
@@ -16,6 +19,8 @@ from taichi_sim.maths import fast
 from taichi_sim.usv.hull.gauge import averages
 
 CENTRE_SIZE = 18
+D_N, D_E, J_XX, J_XY, J_YY, ELEVATION, ALONG, ACROSS, *_motion = range(CENTRE_SIZE)  # what `at_centre` returns
+V_N, V_E, V_D, A_N, A_E, A_D, P, Q, P_DOT, Q_DOT = _motion
 HALF_TURN = 3.14159265  # waves shorter than a line's step cancel over it
 
 
@@ -26,10 +31,10 @@ def at_centre(
 ):  # fmt: skip
     """Sums at the label (X, Y) of the hull's centre; (cos_h, sin_h) is its heading.
 
-    Returns 18 numbers: displacement x, y (0, 1) and Jacobian xx, xy, yy (2-4) of the label; elevation (5, m, up) and
-    slopes along and across the heading (6, 7) of the mean plane; the water's motion averaged over the hull at
-    gauge.depth: north, east, down velocity (8-10, m/s) and acceleration (11-13), roll and pitch rate about the heading
-    axes (14, 15, rad/s) and their accelerations (16, 17).
+    Returns 18 numbers: displacement (D_N, D_E) and Jacobian (J_XX, J_XY, J_YY) of the label; elevation (ELEVATION, m,
+    up) and slopes along and across the heading (ALONG, ACROSS) of the mean plane; the water's motion averaged over the
+    hull at gauge.depth: velocity (V_N, V_E, V_D, m/s, n) and acceleration (A_N, A_E, A_D), roll and pitch rate about
+    the heading axes (P, Q, rad/s) and their accelerations (P_DOT, Q_DOT).
     """
     r = ti.Vector([X * 0.0 for _ in range(CENTRE_SIZE)])
     cos_u, sin_u = cos_h * gauge.along.scale, sin_h * gauge.along.scale
@@ -53,25 +58,25 @@ def at_centre(
         a_sine, bx_cosine, by_cosine = a * sine, bx * cosine, by * cosine
         bx_sine, by_sine = bx * sine, by * sine
         up_sine, up_cosine = speed * sine, speed * cosine
-        r[0] += bx_sine
-        r[1] += by_sine
-        r[2] += kx * bx_cosine
-        r[3] += ky * bx_cosine
-        r[4] += ky * by_cosine
-        r[5] += mean * (a * cosine)
-        r[6] -= slope_u * a_sine
-        r[7] -= slope_v * a_sine
-        r[8] += speed_h * bx_cosine
-        r[9] += speed_h * by_cosine
-        r[10] -= mean * up_sine
-        r[11] += speed_h * omega * bx_sine
-        r[12] += speed_h * omega * by_sine
-        r[13] += mean * omega * up_cosine
-        r[14] -= slope_v * up_cosine
-        r[15] += slope_u * up_cosine
-        r[16] -= slope_v * omega * up_sine
-        r[17] += slope_u * omega * up_sine
-    r[2], r[3], r[4] = 1 - r[2], -r[3], 1 - r[4]
+        r[D_N] += bx_sine
+        r[D_E] += by_sine
+        r[J_XX] += kx * bx_cosine
+        r[J_XY] += ky * bx_cosine
+        r[J_YY] += ky * by_cosine
+        r[ELEVATION] += mean * (a * cosine)
+        r[ALONG] -= slope_u * a_sine
+        r[ACROSS] -= slope_v * a_sine
+        r[V_N] += speed_h * bx_cosine
+        r[V_E] += speed_h * by_cosine
+        r[V_D] -= mean * up_sine
+        r[A_N] += speed_h * omega * bx_sine
+        r[A_E] += speed_h * omega * by_sine
+        r[A_D] += mean * omega * up_cosine
+        r[P] -= slope_v * up_cosine
+        r[Q] += slope_u * up_cosine
+        r[P_DOT] -= slope_v * omega * up_sine
+        r[Q_DOT] += slope_u * omega * up_sine
+    r[J_XX], r[J_XY], r[J_YY] = 1 - r[J_XX], -r[J_XY], 1 - r[J_YY]
     return r
 
 

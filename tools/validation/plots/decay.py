@@ -3,12 +3,12 @@
 import numpy as np
 from matplotlib.figure import Figure
 
+from taichi_sim.bench import Bench
 from taichi_sim.config.io import validate
 from taichi_sim.plotting import dress, new_figure
 from taichi_sim.usv.hull.params import Hull6DofParams
-from validation.bench import Bench
 from validation.case import Case, Folder
-from validation.otter import POSE, fly
+from validation.otter import POSE, fly, place
 from validation.otter_numbers import FILE, model, parameters
 from validation.otter_steady import rest
 from validation.parameters import shipped
@@ -52,13 +52,14 @@ def _panels(name: str, push: float, t: np.ndarray) -> np.ndarray:
     hull = model(validate(Hull6DofParams, numbers, FILE), DT, round((t[1] - t[0]) / DT))
     z, phi, theta = hull.geometry.hydrostatics.equilibrium
     eta = np.array([0.0, 0.0, z, phi, theta, 0.0])
-    place = POSE.index(name)
-    level = eta[place]
-    eta[place] += push
-    bench = Bench(hull).put(eta)
+    column = POSE.index(name)
+    level = eta[column]
+    eta[column] += push
+    bench = Bench(hull)
+    place(bench, eta)
     values = []
     for _ in t:
         motion = bench.read()
-        values.append(np.concatenate((motion.position[0], motion.euler[0]))[place])
+        values.append(np.concatenate((motion.position[0], motion.euler[0]))[column])
         bench.step([0.0, 0.0])
     return np.array(values) - level

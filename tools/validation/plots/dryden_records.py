@@ -1,5 +1,8 @@
 """Records of turbulence as a flight has it: the kernels' own steps and random numbers, height and airspeed held."""
 
+# Kernels are another language inside Python syntax.
+# pyright: reportInvalidTypeForm=false
+
 from functools import cache
 
 import numpy as np

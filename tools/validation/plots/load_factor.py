@@ -7,8 +7,8 @@ from matplotlib.figure import Figure
 
 from taichi_sim.conventions import GRAVITY
 from taichi_sim.plotting import INK, dress, new_figure
-from taichi_sim.uav.fixed_wing.airframe import FixedWingParams
 from taichi_sim.uav.fixed_wing.equations import loads, stall_angles
+from taichi_sim.uav.fixed_wing.params import FixedWingParams
 from validation.case import Folder
 from validation.plots.style import OTHER, OURS, legend, points
 

@@ -4,7 +4,7 @@ import math
 import re
 from typing import Any, NamedTuple
 
-from taichi_sim.uav.fixed_wing.airframe import FixedWingParams
+from taichi_sim.uav.fixed_wing.params import FixedWingParams
 from taichi_sim.uav.fixed_wing.trim import Trim, TrimError, trim
 from validation.aerosonde_numbers import parameters
 from validation.case import Case, Folder

@@ -5,10 +5,10 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
+from taichi_sim.bench import Bench
 from taichi_sim.config.io import validate
 from taichi_sim.plotting import INK, dress, new_figure
 from taichi_sim.usv.hull.params import Hull6DofParams
-from validation.bench import Bench
 from validation.case import Case, Folder
 from validation.otter import as_action
 from validation.otter_numbers import FILE, model, parameters
@@ -38,7 +38,7 @@ class ZigZag(NamedTuple):
 
 def run(params: Hull6DofParams) -> ZigZag:
     """The manoeuvre: to starboard until the heading is 20 deg, then to port until it is -20 deg, and so on."""
-    bench = Bench(model(params, DT, round(SAMPLE / DT))).put(np.zeros(6))
+    bench = Bench(model(params, DT, round(SAMPLE / DT)))
     bench.step(as_action(params, (MEAN, MEAN)), round(APPROACH / SAMPLE))
     rows, side = [], 1.0
     for i in range(round(DURATION / SAMPLE) + 1):

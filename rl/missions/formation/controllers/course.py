@@ -64,9 +64,9 @@ class Course:
     def __call__(self, team: TeamTask) -> Load:
         """Loads that follow the team's slots."""
         k, ship = self.gains, self.vessel
-        v = team.team.velocity_n[..., :2]
+        v = team.fleet.velocity_n[..., :2]
         wanted, change = self._wanted(team, v)
-        heading = team.team.heading
+        heading = team.fleet.heading
         u, sway = into(v, heading)
         ahead, aside = into(wanted, heading)
         change_x, change_y = into(change, heading)
@@ -81,7 +81,7 @@ class Course:
         error = wrap(off + torch.atan(slide / speed) + k.lead * wrap(off - slip))
         rate = (change_y - WAVE_SHARE * push_y) / speed + approach(error, k.k_psi, self.turn)
         rate = rate.clamp(-self.top_rate, self.top_rate)
-        r = (team.team.R_nb[..., 2, :] * team.team.angular_velocity_b).sum(-1)
+        r = (team.fleet.R_nb[..., 2, :] * team.fleet.angular_velocity_b).sum(-1)
         return Load(X, Y, ship.m33 * k.k_r * (rate - r) + ship.yaw.at(rate))
 
     def _wanted(self, team: TeamTask, v: Tensor) -> tuple[Tensor, Tensor]:
@@ -92,7 +92,7 @@ class Course:
         )
         chase = self.gains.k_e * error
         share = (limit / chase.norm(dim=-1, keepdim=True).clamp(min=1e-6)).clamp(max=1.0)
-        direct = slot + share * chase + self.drift.at(team.team.position_n[..., :2])
+        direct = slot + share * chase + self.drift.at(team.fleet.position_n[..., :2])
         wanted = avoid(team, direct, self.evasion)
         evading = (wanted - direct).norm(dim=-1, keepdim=True) > EVADING
         able = (share >= 1) & ~evading
@@ -101,7 +101,7 @@ class Course:
 
     def _push(self, team: TeamTask) -> Tensor:
         """Acceleration [env, vehicle, 2] (m/s^2, NED) by the waves, half an interval ahead."""
-        R, omega = team.team.R_nb, team.team.angular_velocity_b
+        R, omega = team.fleet.R_nb, team.fleet.angular_velocity_b
         down_rate = R[..., :2, 0] * omega[..., 1:2] - R[..., :2, 1] * omega[..., 0:1]  # of R e_3: R (omega x e_3)
         return -GRAVITY * (R[..., :2, 2] + 0.5 * self.interval * down_rate)
 
@@ -110,7 +110,7 @@ def formation_velocity(team: TeamTask) -> Tensor:
     """Velocity [env, vehicle, 2] (m/s, NED) of slots about a leader that keeps to its own."""
     target = team.target
     leader = (target.speed.unsqueeze(-1) * torch.stack((target.cos, target.sin), dim=-1)).unsqueeze(1)
-    arm = team.now.slot[..., :2] - team.team.position_n[:, :1, :2]
+    arm = team.now.slot[..., :2] - team.fleet.position_n[:, :1, :2]
     arm[:, 0] = 0.0
     return leader + turning(team, arm)
 

@@ -24,14 +24,15 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from rl.mission import ControllerError
 from rl.missions.formation.controllers.avoidance import avoid
 from rl.missions.formation.controllers.course import into
 from rl.missions.formation.controllers.force_vector import approach, turning
 from rl.missions.formation.team import TeamTask
-from rl.runs.folder import RunError
 from taichi_sim.conventions import GRAVITY
-from taichi_sim.uav.fixed_wing.fixed_wing_6dof import READINGS, FixedWing6DOF
+from taichi_sim.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
 from taichi_sim.uav.fixed_wing.gains import ZETA, behind
+from taichi_sim.uav.fixed_wing.instruments import READINGS
 
 BANK_SHARE = 0.5  # of the largest bank's acceleration, with which an error aside is braked; assumed
 EVASION_SHARE = 0.25  # likewise, to count on when avoiding: half, for a turn begins with a roll; assumed
@@ -52,23 +53,23 @@ class FixedWing6DofController:
         in 1 / (2 ZETA omega) of that loop's frequency omega.
 
         Raises:
-            RunError: if the aircraft is flown by its surfaces.
+            ControllerError: if the aircraft is flown by its surfaces.
         """
         if model.actions == "surfaces":
-            raise RunError(
+            raise ControllerError(
                 "there is no classical controller for a fixed_wing_6dof that is flown by its surfaces: it needs "
                 'autopilot.actions = "guidance" or "altitude"'
             )
-        self.actions, self.gains, self.limits = model.actions, model.gains, model.limits
+        self.actions, self.gains, self.limits = model.actions, model.gains, model.autopilot_limits
         self.k_aside = behind(1 / model.gains.course)
         self.k_along = behind(1 / (2 * ZETA * GRAVITY * model.gains.pitch_airspeed))
-        self.side = GRAVITY * model.limits.tan_bank  # m/s^2 in the steepest bank
-        low, cruise, high = model.limits.speeds
+        self.side = GRAVITY * self.limits.tan_bank  # m/s^2 in the steepest bank
+        low, cruise, high = self.limits.speeds
         self.closing, self.intercept = CLOSING_SHARE * (high - low), INTERCEPT_SHARE * cruise
 
     def __call__(self, team: TeamTask) -> Tensor:
         """Actions [env, vehicle, (pitch or climb, yaw, boost)] in [-1, 1]; none where the state is not finite."""
-        v = team.team.velocity_n
+        v = team.fleet.velocity_n
         air = velocity_through_air(team)
         flown = air[..., :2]
         level = flown.norm(dim=-1).clamp(min=self.limits.floor)
@@ -127,10 +128,10 @@ class Wanted(NamedTuple):
 
 def velocity_through_air(team: TeamTask) -> Tensor:
     """Velocity through the air [env, vehicle, 3] (m/s, NED), of the airspeed and the angles the aircraft measures."""
-    Va, alpha, beta = team.team.aux[..., READINGS : READINGS + 3].unbind(-1)
+    Va, alpha, beta = team.fleet.aux[..., READINGS : READINGS + 3].unbind(-1)
     level = Va * beta.cos()
     v_b = torch.stack((level * alpha.cos(), Va * beta.sin(), level * alpha.sin()), dim=-1)
-    return (team.team.R_nb @ v_b.unsqueeze(-1)).squeeze(-1)
+    return (team.fleet.R_nb @ v_b.unsqueeze(-1)).squeeze(-1)
 
 
 def _chase(error: Tensor, rate: Tensor, gain: float, acceleration: float, most: float) -> tuple[Tensor, Tensor]:

@@ -39,7 +39,7 @@ class ForceVector:
     def wanted(self, team: TeamTask, disturbance: Tensor | float = 0.0) -> Tensor:
         """f* [env, vehicle, 2 or 3], m/s^2, against an acceleration `disturbance` d."""
         n = team.axes
-        slot, v = team.now.slot_velocity[..., :n], team.team.velocity_n[..., :n]
+        slot, v = team.now.slot_velocity[..., :n], team.fleet.velocity_n[..., :n]
         chase = self.k_e / self.k_v * team.now.error[..., :n]
         limit = (self.top_speed - slot.norm(dim=-1, keepdim=True)).clamp(0.1 * CLOSING_SPEED, CLOSING_SPEED)
         chase = chase * (limit / chase.norm(dim=-1, keepdim=True).clamp(min=1e-6)).clamp(max=1.0)
@@ -50,7 +50,7 @@ class ForceVector:
     def change(self, team: TeamTask, force: Tensor, disturbance_rate: Tensor | float = 0.0) -> Tensor:
         """f*' [env, vehicle, 2 or 3], m/s^3, when `force` (m/s^2, disturbance included) acts now."""
         n = team.axes
-        slot, v = team.now.slot_velocity[..., :n], team.team.velocity_n[..., :n]
+        slot, v = team.now.slot_velocity[..., :n], team.fleet.velocity_n[..., :n]
         a = (self.hold.gain * force - (1 - self.hold.keep) * v) / self.interval
         slot_a = turning(team, slot)
         a_rate = turning(team, slot_a) + self.k_v * (slot_a - a) + self.k_e * team.now.error_rate[..., :n]

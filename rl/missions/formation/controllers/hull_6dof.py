@@ -7,10 +7,10 @@ mean is kept where both propellers stay within their limits with the difference 
 import torch
 from torch import Tensor
 
+from rl.mission import ControllerError
 from rl.missions.formation.controllers.course import Course, Load
 from rl.missions.formation.controllers.vessel import Resistance, Vessel
 from rl.missions.formation.team import TeamTask
-from rl.runs.folder import RunError
 from taichi_sim.usv.hull.hull_6dof import Hull6Dof
 from taichi_sim.usv.hull.params import Hull6DofParams, Thrusters
 
@@ -22,10 +22,10 @@ class Hull6DofController:
         """Compute gains from the parameters of `model`.
 
         Raises:
-            RunError: if it has no thrusters.
+            ControllerError: if it has no thrusters.
         """
         if model.params.thrusters is None:
-            raise RunError("there is no classical controller for a hull_6dof without thrusters")
+            raise ControllerError("there is no classical controller for a hull_6dof without thrusters")
         self.thrusters, self.actions = model.params.thrusters, model.params.actions
         self.course = Course(vessel(model.params, self.thrusters), model.dt * model.substeps)
 

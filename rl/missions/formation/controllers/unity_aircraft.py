@@ -42,14 +42,14 @@ class UnityAircraftController:
 
     def __call__(self, team: TeamTask) -> Tensor:
         """Actions [env, vehicle, (pitch, yaw, boost)] in [-1, 1]."""
-        wanted, nose = self.force.wanted(team), team.team.R_nb[..., 0]
+        wanted, nose = self.force.wanted(team), team.fleet.R_nb[..., 0]
         force = (wanted * nose).sum(-1).clamp(self.per_boost * self.boost_min, self.per_boost * self.boost_max)
         climb_rate, turn_rate = _turn(wanted, self.force.change(team, force.unsqueeze(-1) * nose))
 
         level = torch.hypot(wanted[..., 0], wanted[..., 1]).clamp(min=LEAST_FORCE)
         climb = torch.atan2(-wanted[..., 2], level).clamp(-self.max_climb, self.max_climb)
         course = torch.atan2(wanted[..., 1], wanted[..., 0])
-        _, theta, psi = team.team.euler.unbind(-1)
+        _, theta, psi = team.fleet.euler.unbind(-1)
         pitch = self._command(climb - theta, climb_rate, self.top_rate[0])
         yaw = self._command(wrap(course - psi), turn_rate, self.top_rate[1])
         boost = torch.log(force / (self.per_boost * self.boost_min)) / math.log(self.boost_max / self.boost_min)

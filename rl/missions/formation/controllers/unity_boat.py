@@ -40,13 +40,13 @@ class UnityBoatController:
 
     def __call__(self, team: TeamTask) -> Tensor:
         """Actions [env, vehicle, (acceleration, yaw)] in [-1, 1]."""
-        R, omega = team.team.R_nb, team.team.angular_velocity_b
+        R, omega = team.fleet.R_nb, team.fleet.angular_velocity_b
         down_rate = R[..., :2, 0] * omega[..., 1:2] - R[..., :2, 1] * omega[..., 0:1]  # of R e_3: R (omega x e_3)
         push_rate = -GRAVITY * down_rate
         push = -GRAVITY * R[..., :2, 2] + 0.5 * self.interval * push_rate
         wanted = self.force.wanted(team, push)
 
-        nose = torch.stack(team.team.heading, dim=-1)
+        nose = torch.stack(team.fleet.heading, dim=-1)
         thrust = (wanted * nose).sum(-1).clamp(0.0, self.thrust)
         change = self.force.change(team, thrust.unsqueeze(-1) * nose + push, push_rate)
         square = wanted.square().sum(-1).clamp(min=LEAST_FORCE**2)

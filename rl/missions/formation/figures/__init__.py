@@ -9,8 +9,9 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
+from rl.mission import Histories
 from rl.missions.formation.figures.formation import formation_figure
-from rl.missions.formation.figures.history import Histories, policy_loss_figure, read_history, reward_figure
+from rl.missions.formation.figures.history import policy_loss_figure, reward_figure
 from rl.missions.formation.figures.scene import scene_figure
 from rl.missions.formation.figures.tracking import tracking_error_figure
 from taichi_sim.recording import Episode
@@ -19,7 +20,6 @@ __all__ = [
     "Histories",
     "formation_figure",
     "policy_loss_figure",
-    "read_history",
     "reward_figure",
     "scene_figure",
     "tracking_error_figure",

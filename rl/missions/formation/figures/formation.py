@@ -91,7 +91,7 @@ def _formation_panel(
             zorder=3,
         )
     axes.set(xlim=(-half, half), ylim=(-half, half), zlim=(base - 0.4 * half, base + 0.4 * half))
-    axes.set_box_aspect((1.0, 1.0, 0.4), zoom=zoom)
+    axes.set_box_aspect((1.0, 1.0, 0.4), zoom=zoom)  # pyright: ignore[reportArgumentType]
     drawn = f", bodies x{grow:.1f}" if grow > 1.05 else ""
     axes.set_title(f"{team.name.upper()} team {title}, t = {time:.0f} s{drawn}", fontsize=10, color=INK)
     axes.tick_params(labelsize=7, pad=0)
@@ -99,7 +99,7 @@ def _formation_panel(
     axes.set_ylabel("north (m)", fontsize=8)
     axes.locator_params(nbins=5)
     if elevation > 60.0:
-        axes.set_zticks([])
+        axes.set_zticks([])  # pyright: ignore[reportCallIssue]
     else:
         axes.set_zlabel("up (m)", fontsize=8)
 

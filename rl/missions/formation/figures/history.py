@@ -1,33 +1,20 @@
 """Figs. 3 and 4: reward and policy loss while training, from the stages' progress.csv."""
 
-import csv
-import math
 from collections.abc import Mapping
-from pathlib import Path
 from string import ascii_lowercase
 
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from rl.mission import Histories
 from taichi_sim.plotting import INK, dress, new_figure, rgb
 from taichi_sim.recording.palette import Livery
 
-Histories = Mapping[str, Mapping[str, NDArray[np.float64]]]
-"""team -> column of progress.csv -> [iterations]."""
 Liveries = Mapping[str, Livery]
 """team -> its colours in a recording; a team that is not there is drawn in ink."""
 
 SMOOTH = 0.05  # width of the smoothing window, as a share of a curve's length
-
-
-def read_history(path: Path) -> dict[str, NDArray[np.float64]]:
-    """A stage's progress.csv by column; a blank is NaN. Raises ValueError on what is not a number."""
-    with Path(path).open(newline="") as file:
-        reader = csv.DictReader(file, restval="")
-        rows = list(reader)
-        names = reader.fieldnames or []
-    return {name: np.array([float(row[name]) if row[name] else math.nan for row in rows]) for name in names}
 
 
 def _smooth(values: NDArray[np.float64]) -> NDArray[np.float64]:

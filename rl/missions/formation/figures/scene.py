@@ -82,6 +82,6 @@ def _side_view(axes: Axes, episode: Episode) -> None:
             color=colour,
             arrowprops={"arrowstyle": "->", "color": colour},
         )
-    axes.axhspan(-0.1 * ceiling, 0.0, color=SEA_COLOUR, zorder=1)
+    axes.axhspan(-0.1 * ceiling, 0.0, color=SEA_COLOUR, zorder=1)  # pyright: ignore[reportArgumentType]
     dress(axes, "(b) from the side, looking north (heights stretched)", "east (m)", "height (m)")
     axes.set(xlim=(-half, half), ylim=(-0.1 * ceiling, 1.35 * ceiling))

@@ -1,12 +1,12 @@
-"""What a scenario may say: mission, teams, training, evaluation, and all sections together."""
+"""What a scenario of the formation mission may say beside its world, stages and evaluation."""
 
 from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from taichi_sim.config.air import AirConfig
-from taichi_sim.config.base import Finite, Fraction, NonNegative, Positive, Strict
-from taichi_sim.config.sea import SeaConfig
+from rl.missions.formation.rewards import TrackingReward
+from rl.scenario import Evaluation, Scenario
+from taichi_sim.config import Finite, Fraction, NonNegative, Positive, Strict, TeamConfig
 
 
 class TrackConfig(Strict):
@@ -50,25 +50,9 @@ class ObstacleConfig(Strict):
         return self
 
 
-class TrackingReward(Strict):
-    """Weights and scales of `reward = "tracking"`; one function each in rl/missions/formation/rewards.py."""
+class FormationTeam(TeamConfig):
+    """One team: its vehicle and size (TeamConfig), formation and rewards; vehicle 0 leads."""
 
-    coarse: NonNegative = 1.0  # exp(-(d / coarse_scale)^2)
-    coarse_scale: Positive = 8.0  # m
-    fine: NonNegative = 1.0  # 1 / (1 + (d / fine_scale)^2)
-    fine_scale: Positive = 0.5  # m
-    approach: NonNegative = 0.02  # -d per metre
-    action_rate: NonNegative = 0.02  # -|a - a_previous|^2
-    clearance: NonNegative = 0.5  # -(1 - gap / clearance_range)^2 inside the range
-    clearance_range: Positive = 4.0  # m, gap to the nearest obstacle or team mate
-    ending: NonNegative = 10.0  # -1 at a collision, or any other early ending
-
-
-class TeamConfig(Strict):
-    """One team: its vehicle, size, formation and rewards."""
-
-    vehicle: Annotated[str, Field(min_length=1)]  # a file of configs/vehicles, without .toml, or a path
-    count: Annotated[int, Field(ge=1, le=64)] = 3  # vehicle 0 leads
     formation: Literal["abreast", "astern"] = "abreast"  # line abreast or line astern of the leader
     spacing: Annotated[float, Field(gt=0, le=200)] = 15.0  # between neighbours, m
     start_distance: NonNegative = 30.0  # leaders start within this distance of the target, m
@@ -90,76 +74,32 @@ class SensingConfig(Strict):
     team_mates: Annotated[int, Field(ge=0, le=8)] = 2  # nearest ones observed
 
 
-class StageConfig(Strict):
-    """One training stage: which team learns (the other acts from frozen weights), and PPO's numbers."""
+class FormationEvaluation(Evaluation):
+    """Episodes never trained on, and what is a success there."""
 
-    team: Literal["usv", "uav"]
-    iterations: Annotated[int, Field(ge=1, le=1_000_000)] = 200
-    num_envs: Annotated[int, Field(ge=1, le=1_000_000)] = 512
-    steps_per_iteration: Annotated[int, Field(ge=2, le=1000)] = 24
-    hidden_dims: Annotated[tuple[Annotated[int, Field(ge=1, le=4096)], ...], Field(min_length=1)] = (64, 64)
-    activation: Literal["elu", "relu", "tanh"] = "elu"
-    learning_rate: Positive = 1e-3
-    learning_epochs: Annotated[int, Field(ge=1, le=100)] = 2
-    mini_batches: Annotated[int, Field(ge=1, le=1000)] = 8
-    discount: Annotated[float, Field(gt=0, lt=1)] = 0.97
-    gae_lambda: Annotated[float, Field(ge=0, le=1)] = 0.95
-    clip: Positive = 0.2
-    entropy: NonNegative = 0.0
-    desired_kl: Positive = 0.01
-    initial_std: Positive = 0.6
-    checkpoint_interval: Annotated[int, Field(ge=1)] = 25  # iterations
-
-
-class EvaluationConfig(Strict):
-    """Episodes never trained on."""
-
-    episodes: Annotated[int, Field(ge=1, le=100_000)] = 256
-    seed: Annotated[int, Field(ge=0)] = 1000
-    settle: NonNegative = 20.0  # s at the start of an episode that are not measured
     success_error: Positive = 5.0  # rms of the leader and of every follower below this is a success, m
 
 
-class ScenarioConfig(Strict):
-    """A whole scenario: physics, mission, training, evaluation."""
+class FormationScenario(Scenario):
+    """A scenario of the formation mission: every team holds formation behind a target of its own medium."""
 
-    name: Annotated[str, Field(min_length=1)]
-    seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
-    dt: Annotated[float, Field(gt=0, le=0.1)] = 0.02  # physics step, s
-    decision_interval: Annotated[float, Field(gt=0, le=5)] = 0.1  # a policy acts this often, s
-    episode_duration: Annotated[float, Field(gt=0, le=100_000)] = 60.0  # s
+    __pydantic_extra__: dict[str, FormationTeam] = Field(init=False)
+
     area: Annotated[float, Field(ge=100, le=100_000)] = 3000.0  # side of the square centred at the origin, m
     observations: Literal["paper", "full"] = "full"
     reward: Literal["paper", "tracking"] = "tracking"
-    sea: SeaConfig = SeaConfig()
-    air: AirConfig = AirConfig()
     track: TrackConfig = TrackConfig()
     obstacles: ObstacleConfig = ObstacleConfig()
     sensing: SensingConfig = SensingConfig()
-    usv: TeamConfig
-    uav: TeamConfig
-    stages: dict[str, StageConfig] = {}
-    evaluation: EvaluationConfig = EvaluationConfig()
+    evaluation: FormationEvaluation = FormationEvaluation()
 
     @property
-    def substeps(self) -> int:
-        """Physics steps per decision."""
-        return round(self.decision_interval / self.dt)
-
-    @property
-    def episode_steps(self) -> int:
-        """Decisions per episode."""
-        return max(1, round(self.episode_duration / self.decision_interval))
-
-    def team(self, name: str) -> TeamConfig:
-        """The section of team "usv" or "uav"."""
-        return {"usv": self.usv, "uav": self.uav}[name]
+    def formations(self) -> dict[str, FormationTeam]:
+        """Sections of the teams."""
+        return dict(self.__pydantic_extra__ or {})
 
     @model_validator(mode="after")
-    def _consistent(self):
-        ratio = self.decision_interval / self.dt
-        if ratio < 0.999 or abs(ratio - round(ratio)) > 1e-6:
-            raise ValueError(f"decision_interval = {self.decision_interval} must be a whole multiple of dt = {self.dt}")
+    def _fits(self):
         if self.track.speed_over == "air" and self.air.speed is None and self.air.beaufort is None:
             raise ValueError(
                 "track.speed_over = 'air' needs a wind: [air] gives neither speed nor beaufort (speed = 0 is calm)"
@@ -171,7 +111,4 @@ class ScenarioConfig(Strict):
                     f"obstacles.fixed[{i}] at ({o.north}, {o.east}) with radius {o.radius} reaches outside the "
                     f"area: |north| and |east| plus radius must be at most area / 2 = {half}"
                 )
-        teams = [s.team for s in self.stages.values()]
-        if len(set(teams)) != len(teams):
-            raise ValueError(f"stages train {teams}: each team may be trained by one stage only")
         return self

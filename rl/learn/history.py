@@ -1,0 +1,17 @@
+"""A stage's training history, progress.csv, as it is read."""
+
+import csv
+import math
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def read_history(path: Path) -> dict[str, NDArray[np.float64]]:
+    """A stage's progress.csv by column; a blank is NaN. Raises ValueError on what is not a number."""
+    with Path(path).open(newline="") as file:
+        reader = csv.DictReader(file, restval="")
+        rows = list(reader)
+        names = reader.fieldnames or []
+    return {name: np.array([float(row[name]) if row[name] else math.nan for row in rows]) for name in names}

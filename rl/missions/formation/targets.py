@@ -1,0 +1,98 @@
+"""The moving target of each environment: a place that goes along its world's track, at a speed over ground or through
+the air.
+
+`target[env, 8]` = position (north, east, down, m), course (rad), its cosine and sine, its rate (rad/s), and the speed
+over ground (m/s). It moves on the sea; above it, at the flight height, that of aircraft (geometry.py).
+"""
+
+# Kernels are another language inside Python syntax.
+# pyright: reportInvalidTypeForm=false
+
+from typing import NamedTuple
+
+import taichi as ti
+from torch import Tensor
+
+from rl.scene.tracks import Tracks, track_point
+from rl.scene.wind_triangle import speed_over_ground
+from taichi_sim.runtime import Launcher
+
+NORTH, EAST, DOWN, COURSE, COS, SIN, COURSE_RATE, SPEED, SIZE = range(9)
+TARGET_SPEED, INTERVAL, WIND_FACTOR, OVER_AIR = range(4)  # of the numbers that the kernel is told
+
+
+class Target(NamedTuple):
+    """A team's target: live views, overwritten by the next step."""
+
+    position: Tensor  # [env, 3] NED, m
+    course: Tensor  # [env] rad
+    cos: Tensor  # [env] of the course
+    sin: Tensor  # [env]
+    course_rate: Tensor  # [env] rad/s
+    speed: Tensor  # [env] over ground, m/s
+
+
+@ti.kernel
+def _follow(
+    target: ti.types.ndarray(ndim=2),
+    progress: ti.types.ndarray(ndim=1),
+    env_world: ti.types.ndarray(dtype=ti.i64, ndim=1),
+    columns: ti.types.ndarray(ndim=2),
+    length: ti.types.ndarray(ndim=1),
+    wind: ti.types.ndarray(ndim=2),
+    numbers: ti.types.ndarray(ndim=1),
+    which: ti.types.ndarray(dtype=ti.i32, ndim=1),
+):
+    for e in range(target.shape[0]):
+        if which[e] != 0:
+            if which[e] == 1:
+                progress[e] += target[e, SPEED] * numbers[INTERVAL]
+            place = track_point(columns, length, ti.cast(env_world[e], ti.i32), progress[e])
+            c, s, speed = ti.cos(place[2]), ti.sin(place[2]), numbers[TARGET_SPEED]
+            if numbers[OVER_AIR] > 0:
+                north, east = wind[e, 0] * numbers[WIND_FACTOR], wind[e, 1] * numbers[WIND_FACTOR]
+                speed = speed_over_ground(speed, north, east, c, s)
+            target[e, NORTH], target[e, EAST], target[e, DOWN] = place[0], place[1], 0.0
+            target[e, COURSE], target[e, COS], target[e, SIN] = place[2], c, s
+            target[e, COURSE_RATE], target[e, SPEED] = place[3] * speed, speed
+
+
+class Targets:
+    """Targets of all environments.
+
+    Attributes:
+        table: [env, 8]; see the module. progress: float32 [env], m along the track; to be written at a reset.
+    """
+
+    def __init__(
+        self,
+        tracks: Tracks,
+        env_world: Tensor,
+        wind: Tensor,
+        *,
+        speed: float,
+        interval: float,
+        wind_factor: float,
+        over_air: bool,
+    ):
+        """Let targets move along `tracks`.
+
+        Args:
+            env_world: int64 [env], whose track. wind: [env, 3], 10 m above the sea, m/s; both read in place.
+            speed: m/s, over ground or through the air. interval: of a decision, s. wind_factor: wind at the flight
+                height over that at 10 m. over_air: whether `speed` is through the air.
+        """
+        self.table = wind.new_zeros((wind.shape[0], SIZE))
+        self.progress = tracks.length_m.new_zeros(wind.shape[0])
+        numbers = wind.new_tensor([speed, interval, wind_factor, float(over_air)])
+        self._args = env_world, tracks.columns, tracks.length_m, wind, numbers
+        self._launch = Launcher(_follow)
+
+    def move(self, which: Tensor) -> None:
+        """Move those of environments [env] int32: 0 not at all, 1 by an interval, 2 to where `progress` is."""
+        self._launch(self.table, self.progress, *self._args, which)
+
+    def seen_at(self, position: Tensor) -> Target:
+        """What a team is told of it whose own target is at `position` [env, 3], a live view."""
+        t = self.table
+        return Target(position, t[:, COURSE], t[:, COS], t[:, SIN], t[:, COURSE_RATE], t[:, SPEED])

@@ -1,0 +1,212 @@
+"""One fleet in a sea and a wind, without a scenario: what tests, tools and notebooks drive.
+
+    import taichi_sim as ts
+
+    bench = ts.Bench("otter", sea=ts.SeaConfig(hs=0.5, tp=4.0), envs=64)
+    bench.put(velocity_b=(1.0, 0.0, 0.0), settle=True)      # afloat, moving with the water
+    bench.step((0.5, 0.1), times=500)                       # ten seconds of steps of 0.02 s
+    print(bench.position, bench.euler)                      # of the first vehicle, arrays
+
+What is read off it is float64, whatever the precision of the run.
+"""
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import ArrayLike, NDArray
+from torch import Tensor
+
+from taichi_sim import runtime
+from taichi_sim.air import Wind
+from taichi_sim.config import AirConfig, SeaConfig
+from taichi_sim.conventions import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
+from taichi_sim.fleet import Fleet
+from taichi_sim.maths.rotation import (
+    torch_euler_from_quaternion,
+    torch_quaternion_from_euler,
+    torch_rotation_matrix,
+)
+from taichi_sim.sea import Sea
+from taichi_sim.sea.spectrum import Components
+from taichi_sim.surroundings import Surroundings
+from taichi_sim.vehicle import Vehicle
+from taichi_sim.vehicles import load_vehicle
+
+Array = NDArray[np.float64]
+
+
+class Motion(NamedTuple):
+    """Of the first vehicle in each environment: position [env, 3] (NED, m), euler [env, 3] (roll, pitch, heading, rad)
+    and nu [env, 6] (u, v, w, p, q, r, over ground; m/s, rad/s).
+    """
+
+    position: Array
+    euler: Array
+    nu: Array
+
+
+def pack_state(eta: ArrayLike, nu: ArrayLike = (0.0,) * 6) -> Array:
+    """States [n, 13] (conventions.py) of poses eta [n, 6] (NED m; roll, pitch, heading, rad) and velocities nu [n, 6].
+
+    Either may be [6]: one, or the same for all.
+    """
+    eta, nu = np.broadcast_arrays(*(np.atleast_2d(np.asarray(x, dtype=np.float64)) for x in (eta, nu)))
+    quaternion = torch_quaternion_from_euler(*torch.from_numpy(eta[:, 3:].copy()).unbind(-1)).numpy()
+    return np.hstack((eta[:, :3], quaternion, nu))
+
+
+def calm_sea(depth: float | None = None) -> Sea:
+    """One realisation without waves; depth in m, None is deep."""
+    zero = np.zeros((1, 1))
+    return Sea(Components(zero, zero + 1, zero + 1, zero, zero), depth)
+
+
+class Bench:
+    """`envs` x `count` vehicles of one model; environment e is on realisation e of the sea (modulo their number).
+
+    Attributes:
+        fleet: the vehicles, their state, loads and numbers (fleet.py). model: theirs. sea: the realisations.
+        time: float64 [env], s. around: what the vehicles are told of sea, current and wind.
+    """
+
+    def __init__(
+        self,
+        vehicle: str | Path | Vehicle,
+        *,
+        sea: Sea | SeaConfig | None = None,
+        air: AirConfig | None = None,
+        envs: int = 1,
+        count: int = 1,
+        dt: float = 0.02,
+        substeps: int = 1,
+        seed: int = 0,
+        name: str = "fleet",
+    ):
+        """At rest at the origin.
+
+        Args:
+            vehicle: a model, or the file or name of one, stepped by `dt` (s), `substeps` to a control step. sea: calm
+                by default. air: calm by default; a configuration's mean wind, turbulence and gusts. envs, count:
+                environments, and vehicles in each. seed: of the sea's realisations and the turbulence.
+
+        Raises:
+            ConfigError: for a vehicle that cannot be used.
+        """
+        run = runtime.current()
+        self.model = vehicle if isinstance(vehicle, Vehicle) else load_vehicle(vehicle, dt, substeps)
+        self.sea = Sea.from_config(sea, seed) if isinstance(sea, SeaConfig) else sea or calm_sea()
+        self.fleet = Fleet(name, self.model, envs, count)
+        self.time = torch.zeros(envs, dtype=torch.float64, device=run.device)
+        env_sea = (torch.arange(envs, device=run.device) % self.sea.num_seas).to(torch.int32)
+        weather = None if air is None else Wind(air, envs, seed)
+        calm = torch.zeros((envs, 3), dtype=run.torch_dtype, device=run.device)
+        self.around = Surroundings(
+            self.sea.table,
+            env_sea,
+            self.sea.phases(env_sea, self.time),
+            calm[:, :2].clone(),
+            calm if weather is None else weather.velocity,
+            self.sea.kernel_depth,
+            weather,
+            seed=seed,
+        )
+
+    # -- placing ---------------------------------------------------------------------------------------------------
+
+    def put(
+        self,
+        position: ArrayLike = (0.0, 0.0, 0.0),
+        euler: ArrayLike = (0.0, 0.0, 0.0),
+        velocity_b: ArrayLike = (0.0, 0.0, 0.0),
+        angular_velocity_b: ArrayLike = (0.0, 0.0, 0.0),
+        *,
+        settle: bool = False,
+    ) -> "Bench":
+        """Place every vehicle; each argument [3] or what broadcasts to [env, vehicle, 3]: NED m, rad, m/s, rad/s.
+
+        `settle` brings them to rest, or into trim, where they are (`Vehicle.settle`).
+        """
+        shape = (*self.state.shape[:2], 3)
+        place, angles, v, omega = (
+            torch.as_tensor(np.asarray(x, dtype=np.float64)).expand(shape).to(self.state)
+            for x in (position, euler, velocity_b, angular_velocity_b)
+        )
+        self.state[..., POSITION], self.state[..., VELOCITY] = place, v
+        self.state[..., QUATERNION] = torch_quaternion_from_euler(*angles.unbind(-1))
+        self.state[..., ANGULAR_VELOCITY] = omega
+        self.refresh()
+        if settle:
+            self.state.copy_(self.model.settle(self.state.clone(), self.fleet.surface, self.around))
+        self.model.reset_aux(self.fleet.aux, self.state, self.around)
+        self.fleet.update()
+        return self
+
+    def refresh(self) -> None:
+        """Tell `around` the time, after setting it by hand."""
+        self.sea.phases(self.around.env_sea, self.time, out=self.around.phase)
+
+    # -- moving ----------------------------------------------------------------------------------------------------
+
+    def step(self, action: ArrayLike | Tensor, times: int = 1) -> "Bench":
+        """Hold `action` [action], or what broadcasts to [env, vehicle, action], for `times` control steps."""
+        given = torch.as_tensor(action, dtype=self.state.dtype, device=self.state.device)
+        self.fleet.action.copy_(given.expand_as(self.fleet.action))
+        for _ in range(times):
+            self.refresh()
+            self.model.step(self.fleet, self.around)
+            self.time += self.model.dt * self.model.substeps
+            self.around.tick()
+        return self
+
+    # -- reading ---------------------------------------------------------------------------------------------------
+
+    @property
+    def state(self) -> Tensor:
+        """[env, vehicle, 13], packed as in conventions.py; to be written in place."""
+        return self.fleet.state
+
+    @property
+    def aux(self) -> Tensor:
+        """[env, vehicle, n] the model's own state."""
+        return self.fleet.aux
+
+    @property
+    def surface(self) -> Tensor:
+        """[env, vehicle, 2] elevation and freeboard, m."""
+        return self.fleet.surface
+
+    @property
+    def current(self) -> Tensor:
+        """[env, 2] velocity of the water, north and east, m/s; to be written in place."""
+        return self.around.current
+
+    @property
+    def wind(self) -> Tensor:
+        """[env, 3] velocity of the air 10 m above the sea, NED, m/s; to be written in place."""
+        return self.around.wind
+
+    def read(self) -> Motion:
+        """How the vehicles move now (copies)."""
+        state = self.state[:, 0].double().cpu()
+        nu = torch.cat((state[:, VELOCITY], state[:, ANGULAR_VELOCITY]), dim=1)
+        return Motion(
+            state[:, POSITION].numpy().copy(), torch_euler_from_quaternion(state[:, QUATERNION]).numpy(), nu.numpy()
+        )
+
+    @property
+    def position(self) -> Array:
+        """[3] of the first vehicle, NED, m."""
+        return self.state[0, 0, POSITION].double().cpu().numpy().copy()
+
+    @property
+    def velocity(self) -> Array:
+        """[3] of the first vehicle, NED, m/s."""
+        state = self.state[0, 0].double().cpu()
+        return (torch_rotation_matrix(state[QUATERNION]) @ state[VELOCITY]).numpy()
+
+    @property
+    def euler(self) -> Array:
+        """[3] roll, pitch, heading of the first vehicle, rad."""
+        return torch_euler_from_quaternion(self.state[0, 0, QUATERNION].double().cpu()).numpy()

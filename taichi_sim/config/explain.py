@@ -1,0 +1,112 @@
+"""What is wrong with a configuration, in words: source, key, value, what is allowed, and what was probably meant."""
+
+import difflib
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from pydantic import BaseModel, ValidationError
+
+from taichi_sim.config.world import TeamConfig, WorldConfig
+
+SLIP = 0.75  # likeness (difflib) to a known key from which another counts as a slip of the pen
+
+
+def nearly(name: str, known: Iterable[str]) -> str | None:
+    """The one of `known` that `name` is, or is a slip of the pen for."""
+    return next(iter(difflib.get_close_matches(name, known, n=1, cutoff=SLIP)), None)
+
+
+def source_of(key: str, file: str, sources: Mapping[str, str]) -> str:
+    """What an error calls the source of a key of `file`: `sources` has those that overrides have set.
+
+    Of a section, the file with what has been set in it.
+    """
+    parts = key.split(".")
+    for depth in range(len(parts), 0, -1):  # itself, or a section around it that was set as a whole
+        if ".".join(parts[:depth]) in sources:
+            return sources[".".join(parts[:depth])]
+    inside = [name for other, name in sources.items() if key and other.startswith(f"{key}.")]
+    return f"{file} with {', '.join(inside)}" if inside else file
+
+
+def explain(error: ValidationError, model: type[BaseModel], file: str, sources: Mapping[str, str]) -> str:
+    """A line for each mistake in the data of a `model`."""
+    lines = []
+    for item in _telling(error.errors(), model):
+        parts = item["loc"][:1] if _is_no_team(item, model) else item["loc"]
+        key = ".".join(map(str, parts))
+        lines.append(f"{source_of(key, file, sources)}: {_in_words(item, key, model)}")
+    return "\n".join(lines)
+
+
+def _telling(errors: Iterable[Any], model: type[BaseModel]) -> list[Any]:
+    """Those of `errors` that say what is wrong.
+
+    Of a section that is no team that is either that it is none, or the slip (`vehicle` misspelt) that makes it none.
+    """
+    inside: dict[Any, list[Any]] = {}
+    for item in errors:
+        inside.setdefault(item["loc"][:1], []).append(item)
+    told = []
+    for items in inside.values():
+        none = [item for item in items if _is_no_team(item, model)]
+        slips = [x for x in items if x["type"] == "extra_forbidden" and nearly("vehicle", map(str, x["loc"][1:]))]
+        told += (slips or none) if none else items
+    return told
+
+
+def _in_words(item: Any, key: str, model: type[BaseModel]) -> str:
+    if _is_no_team(item, model):
+        fields = _keys_at(model, ())
+        value = "" if item["type"] == "missing" else f" = {item['input']!r}"
+        hint = _meant(key, fields) or " (a team has a vehicle)"
+        return f"{key}{value}: unknown key{hint}; allowed here: {', '.join(fields)}, and teams"
+    if item["type"] == "extra_forbidden":
+        fields = _keys_at(model, item["loc"][:-1])
+        hint = _meant(item["loc"][-1], fields)
+        return f"{key} = {item['input']!r}: unknown key{hint}; allowed here: {', '.join(fields)}"
+    if item["type"] == "missing":
+        return f"{key}: missing, and it has no default"
+    message = item["msg"].removeprefix("Value error, ")
+    if not key or isinstance(item["input"], dict | BaseModel):
+        return f"{key}: {message}" if key else message
+    return f"{key} = {item['input']!r}: {message[0].lower()}{message[1:]}"
+
+
+def _meant(name: Any, fields: list[str]) -> str:
+    close = difflib.get_close_matches(str(name), fields, n=1)
+    return f", did you mean {close[0]!r}?" if close else ""
+
+
+def _is_no_team(item: Any, model: type[BaseModel]) -> bool:
+    """Whether an error is about a key that was taken for a team only because no other key has its name."""
+    loc = item["loc"]
+    if not issubclass(model, WorldConfig) or not loc or loc[0] in model.model_fields:
+        return False
+    return item["type"] == "model_type" or (item["type"] == "missing" and loc[1:] == ("vehicle",))
+
+
+def _keys_at(model: Any, loc: tuple) -> list[str]:
+    """Names of the fields where `loc` points, as far as it can be followed."""
+    for part in loc:
+        field = model.model_fields.get(part) if _is_model(model) else None
+        if field is None and _is_model(model) and issubclass(model, WorldConfig):
+            model = _team_model(model)
+            continue
+        annotation = field.annotation if field else model
+        inner = [kind for kind in getattr(annotation, "__args__", ()) if _is_model(kind)]
+        model = annotation if _is_model(annotation) or not inner else inner[0]
+    return sorted(model.model_fields) if _is_model(model) else []
+
+
+def _is_model(kind: Any) -> bool:
+    return isinstance(kind, type) and issubclass(kind, BaseModel)
+
+
+def _team_model(model: type[WorldConfig]) -> type[TeamConfig]:
+    """What sections of teams are validated by."""
+    for kind in model.__mro__:
+        annotation = kind.__dict__.get("__annotations__", {}).get("__pydantic_extra__")
+        if annotation is not None:
+            return annotation.__args__[1]
+    raise TypeError(f"{model.__name__} has no teams")

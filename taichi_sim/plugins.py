@@ -1,0 +1,104 @@
+"""Classes of somebody else's that a configuration names as `module:Class`.
+
+The module is looked for beside the file that names it, in the working folder, and among what is installed. Naming one
+runs its code: a configuration from a stranger is a program from a stranger.
+"""
+
+import importlib
+import importlib.util
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from taichi_sim.config import ConfigError
+
+
+def plugin_source(name: str, beside: Sequence[Path] = ()) -> Path | None:
+    """The file, or the folder of the package, that holds `module:Class`; None of one that is installed or missing."""
+    top = name.partition(":")[0].partition(".")[0]
+    for folder in (*beside, Path.cwd()):
+        for place in ((folder / top).with_suffix(".py"), folder / top):
+            if place.is_file() or (place / "__init__.py").is_file():
+                return place
+    return None
+
+
+def is_plugin(name: str) -> bool:
+    """Whether `name` is written as `module:Class`."""
+    return ":" in name
+
+
+def load_class(name: str, base: type | None = None, beside: Sequence[Path] = ()) -> Any:
+    """The class (or function) that `name`, `module:Class`, stands for.
+
+    Args:
+        name: `package.module:Class`. base: what it must derive from. beside: folders to look in first, those of the
+            files that name it.
+
+    Raises:
+        ConfigError: if the module cannot be found or imported, or has no such class.
+    """
+    module_name, _, attribute = name.partition(":")
+    if not module_name or not attribute:
+        raise ConfigError(f"{name!r}: expected module:Class")
+    module = _import(name, module_name, [*beside, Path.cwd()])
+    found: Any = module
+    for part in attribute.split("."):
+        found = getattr(found, part, None)
+        if found is None:
+            raise ConfigError(f"{name!r}: {module.__file__ or module_name} has no {attribute!r}")
+    if base is not None and not (isinstance(found, type) and issubclass(found, base)):
+        raise ConfigError(f"{name!r}: {attribute} is not a class that derives from {base.__module__}.{base.__name__}")
+    return found
+
+
+_origins: dict[str, Path] = {}  # top-level names imported here from a folder -> that folder
+
+
+def _import(name: str, module_name: str, folders: list[Path]) -> Any:
+    """The module, from the first of `folders` that holds it, else from what is installed."""
+    top = module_name.partition(".")[0]
+    folder = next((folder.resolve() for folder in folders if _holds(folder, module_name)), None)
+    if top in sys.modules and top in _origins and _origins[top] != folder:  # of the same name, from another folder
+        for key in [key for key in sys.modules if key.partition(".")[0] == top]:
+            del sys.modules[key]
+    if folder is None:
+        return _imported(name, module_name)
+    if top not in sys.modules:
+        _origins[top] = folder
+    elif not _lies_in(sys.modules[top], folder):
+        raise ConfigError(
+            f"{name!r}: another {top} is in use already, of {getattr(sys.modules[top], '__file__', None)}: rename that "
+            f"of {folder}"
+        )
+    sys.path.insert(0, str(folder))
+    try:
+        return _imported(name, module_name)
+    finally:
+        sys.path.remove(str(folder))
+
+
+def _lies_in(top: Any, folder: Path) -> bool:
+    """Whether a loaded top-level module or package is the one in `folder`."""
+    places = getattr(top, "__path__", None) or [getattr(top, "__file__", None) or ""]
+    return any(Path(place).resolve().parent == folder for place in places)
+
+
+def _imported(name: str, module_name: str) -> Any:
+    try:
+        return importlib.import_module(module_name)
+    except ModuleNotFoundError as error:
+        if error.name is not None and (module_name == error.name or module_name.startswith(f"{error.name}.")):
+            raise ConfigError(
+                f"{name!r}: no module {module_name!r} beside the file, in the working folder, or installed"
+            ) from None
+        raise ConfigError(f"{name!r}: importing {module_name} failed: {error}") from error
+    except Exception as error:  # whatever is wrong in it
+        raise ConfigError(f"{name!r}: importing {module_name} failed: {type(error).__name__}: {error}") from error
+
+
+def _holds(folder: Path, module_name: str) -> bool:
+    """Whether a module or package of that name lies in `folder`."""
+    place = folder.joinpath(*module_name.split("."))
+    return place.with_suffix(".py").is_file() or (place / "__init__.py").is_file()

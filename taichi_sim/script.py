@@ -1,0 +1,27 @@
+"""The contract of what acts for a team that nobody else commands: traffic, a ferry, something adrift.
+
+A team's section names it, `script = "module:Class"`; the module is looked for as those of plug-ins are (plugins.py). A
+mission simulates scripted teams, and neither trains nor judges them.
+"""
+
+from typing import Any
+
+from torch import Tensor
+
+
+class Script:
+    """Acts for the team `name` of a world (world.py)."""
+
+    def __init__(self, world: Any, name: str):
+        """Act for a team that `world` has just been given; teams after it are not there yet."""
+        self.name = name
+
+    def begin(self, world: Any, envs: Tensor) -> None:
+        """Place the team's vehicles in environments `envs` [n], where an episode begins (`world.place`).
+
+        Their sea, time, current and wind have been drawn. Default: they stay where the last episode left them.
+        """
+
+    def __call__(self, world: Any) -> Any:
+        """Actions [env, vehicle, action] in [-1, 1] for the coming step."""
+        raise NotImplementedError

@@ -1,0 +1,142 @@
+"""Numbers of a fixed-wing vehicle file, named as R. Beard and T. McLain name them.
+
+Small Unmanned Aircraft, Princeton University Press 2012, chapters 3 and 4; configs/vehicles/*.toml hold the numbers.
+"""
+
+import math
+from typing import Annotated
+
+from pydantic import Field, model_validator
+
+from taichi_sim.config import Finite, Positive, Strict
+from taichi_sim.uav.fixed_wing.actuators import Actuators
+from taichi_sim.uav.fixed_wing.autopilot import AutopilotParams
+from taichi_sim.uav.fixed_wing.propeller import DiscPropeller, ElectricPropeller
+
+
+class Physical(Strict):
+    """Mass, inertia [[Jx, 0, -Jxz], [0, Jy, 0], [-Jxz, 0, Jz]], wing, air."""
+
+    mass: Positive  # kg
+    Jx: Positive  # kg m^2
+    Jy: Positive  # kg m^2
+    Jz: Positive  # kg m^2
+    Jxz: Finite  # kg m^2
+    S: Positive  # wing area, m^2
+    b: Positive  # span, m
+    c: Positive  # mean chord, m
+    rho: Positive  # density of the air, kg/m^3
+    e_oswald: Annotated[float, Field(gt=0, le=1)]  # efficiency of the span, 1
+
+    @property
+    def aspect_ratio(self) -> float:
+        """b^2 / S."""
+        return self.b**2 / self.S
+
+    @property
+    def induced_drag(self) -> float:
+        """C_D per C_L^2: 1 / (pi e AR)."""
+        return 1 / (math.pi * self.e_oswald * self.aspect_ratio)
+
+    @property
+    def determinant(self) -> float:
+        """Jx Jz - Jxz^2 (Gamma of the book)."""
+        return self.Jx * self.Jz - self.Jxz**2
+
+    @model_validator(mode="after")
+    def _inertia_of_a_body(self):
+        if self.determinant <= 0:
+            raise ValueError(f"Jxz = {self.Jxz}: no body has Jxz^2 >= Jx Jz = {self.Jx * self.Jz:.6g}")
+        return self
+
+
+class Longitudinal(Strict):
+    """Lift, drag, and pitching moment; per rad, and rates as q c / (2 Va)."""
+
+    C_L_0: Finite
+    C_L_alpha: Finite
+    C_L_q: Finite
+    C_L_delta_e: Finite
+    C_D_p: Finite  # parasitic; the rest of the polar is (C_L_0 + C_L_alpha alpha)^2 / (pi e AR)
+    C_D_q: Finite
+    C_D_delta_e: Finite  # times the signed elevator, as the book has it
+    C_m_0: Finite
+    C_m_alpha: Finite
+    C_m_q: Finite
+    C_m_delta_e: Finite
+    M_blend: Annotated[float, Field(gt=0, le=500)]  # sharpness of the stall, 1/rad
+    alpha0: Annotated[float, Field(gt=0, lt=math.pi / 2)]  # angle of attack half way into the stall, rad
+
+
+class Lateral(Strict):
+    """Side force, rolling (ell) and yawing (n) moment; per rad, and rates as p b / (2 Va), r b / (2 Va)."""
+
+    C_Y_0: Finite
+    C_Y_beta: Finite
+    C_Y_p: Finite
+    C_Y_r: Finite
+    C_Y_delta_a: Finite
+    C_Y_delta_r: Finite
+    C_ell_0: Finite
+    C_ell_beta: Finite
+    C_ell_p: Finite
+    C_ell_r: Finite
+    C_ell_delta_a: Finite
+    C_ell_delta_r: Finite
+    C_n_0: Finite
+    C_n_beta: Finite
+    C_n_p: Finite
+    C_n_r: Finite
+    C_n_delta_a: Finite
+    C_n_delta_r: Finite
+
+    @property
+    def has_rudder(self) -> bool:
+        """Whether the rudder does anything."""
+        return self.C_Y_delta_r != 0 or self.C_n_delta_r != 0
+
+
+class Envelope(Strict):
+    """Where the aircraft is meant to fly."""
+
+    airspeed: Positive  # of cruise: what a zero action trims for, m/s
+    max_airspeed: Positive  # never to be passed, m/s
+    n_max: Annotated[float, Field(gt=1)]  # limit load factors, 1
+    n_min: Annotated[float, Field(lt=0)]
+
+    @model_validator(mode="after")
+    def _cruise_inside(self):
+        if self.airspeed > self.max_airspeed:
+            raise ValueError(f"airspeed = {self.airspeed}: above max_airspeed = {self.max_airspeed}")
+        return self
+
+
+class Body(Strict):
+    """What others see of it and collide with."""
+
+    length: Positive  # m
+    height: Positive  # m
+    collision_radius: Positive  # m
+
+
+class FixedWingParams(Strict):
+    """Numbers of a fixed-wing vehicle file."""
+
+    physical: Physical
+    longitudinal: Longitudinal
+    lateral: Lateral
+    propeller: Annotated[ElectricPropeller | DiscPropeller, Field(discriminator="law")]
+    actuators: Actuators
+    envelope: Envelope
+    body: Body
+    autopilot: AutopilotParams | None = None
+
+    @property
+    def collision_radius(self) -> float:
+        """Of the sphere around the aircraft, m."""
+        return self.body.collision_radius
+
+    @property
+    def size(self) -> tuple[float, float, float]:
+        """Length, span, height, m."""
+        return self.body.length, self.physical.b, self.body.height

@@ -1,0 +1,102 @@
+"""The numbers that a hull's kernels work with: compiled in, or read for each vehicle where they vary.
+
+Mass and CG reach everything that they are part of: M_rb (rigid_body.changed_mass), the weight, and with it the draught,
+list and trim of a hull on panels. `restoring = "linear"` keeps the published G, so there the mass changes no draught.
+"""
+
+import math
+from collections import namedtuple
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from taichi_sim.conventions import GRAVITY
+from taichi_sim.rigid_body import changed_mass
+from taichi_sim.usv.hull.loads import RHO_AIR
+from taichi_sim.usv.hull.params import Hull6DofParams
+
+MASS, LAG = "rigid_body.mass", "thrusters.lag"
+CG = tuple(f"rigid_body.cg.{i}" for i in range(3))
+ADDED_MASS, LINEAR, QUADRATIC = (
+    tuple(f"hydrodynamics.{name}.{i}" for i in range(6)) for name in ("added_mass", "linear", "quadratic")
+)
+GAINS = ("thrusters.gain_left", "thrusters.gain_right")
+AREAS = ("windage.frontal_area", "windage.lateral_area")
+UPPER = tuple((i, j) for i in range(6) for j in range(i, 6))  # entries of a symmetric 6 x 6 matrix
+
+FIELDS = (
+    "weight",  # N
+    *(f"cg_{i}" for i in range(3)),  # m, b
+    *(f"added_{i}" for i in range(6)),  # diagonal of M_a, kg, kg m^2
+    *(f"linear_{i}" for i in range(6)),  # damping, N s/m, N m s
+    *(f"quadratic_{i}" for i in range(6)),  # N s^2/m^2, N m s^2
+    "keep_half", "keep",  # of a propeller's way to its command, what is left after half a step, and after one
+    "gain_left", "gain_right",  # factors on the thrusts
+    "wind_x", "wind_y", "wind_n",  # of the products of relative wind speeds (loads.windage), N s^2/m^2, N s^2/m
+    *(f"M_rb_{i}{j}" for i, j in UPPER),
+    *(f"inverse_{i}{j}" for i, j in UPPER),  # of M_rb + M_a
+)  # fmt: skip
+HullNumbers = namedtuple("HullNumbers", FIELDS)
+"""See `FIELDS`: floats, or tensors of one shape."""
+
+
+def varying_keys(p: Hull6DofParams) -> tuple[str, ...]:
+    """Keys of the vehicle file that may differ between environments."""
+    thrusters = (*GAINS, LAG) if p.thrusters else ()
+    return (MASS, *CG, *ADDED_MASS, *LINEAR, *QUADRATIC, *thrusters, *AREAS)
+
+
+def hull_numbers(p: Hull6DofParams, dt: float, values: Mapping[str, Any]) -> HullNumbers:
+    """Of a hull with `values` for `varying_keys`, floats or float64 tensors, stepped by `dt` (s)."""
+    mass, cg = values[MASS], [values[key] for key in CG]
+    added, linear, quadratic = ([values[key] for key in keys] for keys in (ADDED_MASS, LINEAR, QUADRATIC))
+    M_rb = changed_mass(p.M_rb, p.rigid_body.mass, p.rigid_body.cg, mass, cg)
+    M = [[M_rb[i][j] + added[i] if i == j else M_rb[i][j] for j in range(6)] for i in range(6)]
+    inverse = _inverse(M)
+    lag, w, (frontal, lateral) = values.get(LAG, 0.0), p.windage, (values[key] for key in AREAS)
+    return HullNumbers(
+        mass * GRAVITY, *cg, *added, *linear, *quadratic,
+        _left(0.5 * dt, lag), _left(dt, lag),
+        *(values.get(key, 1.0) for key in GAINS),
+        0.5 * RHO_AIR * w.c_x * frontal, 0.5 * RHO_AIR * w.c_y * lateral, RHO_AIR * w.c_n * lateral * p.length,
+        *(M_rb[i][j] for i, j in UPPER), *(inverse[i][j] for i, j in UPPER),
+    )  # fmt: skip
+
+
+def _left(time: float, lag: Any) -> Any:
+    """exp(-time / lag): the share of a first-order lag (s) that is left after `time` (s); none without a lag."""
+    if isinstance(lag, Tensor):
+        return torch.exp(-time / lag)
+    return math.exp(-time / lag) if lag > 0 else 0.0
+
+
+def _inverse(rows: list[list[Any]]) -> Sequence[Sequence[Any]]:
+    """Inverse of a 6 x 6 matrix of floats, or of tensors of one shape and floats, in the same kind."""
+    entries = [x for row in rows for x in row]
+    given = next((x for x in entries if isinstance(x, Tensor)), None)
+    if given is None:
+        return np.linalg.inv(np.array(rows)).tolist()
+    whole = torch.stack([torch.as_tensor(x, dtype=given.dtype, device=given.device).expand_as(given) for x in entries])
+    inverse = torch.linalg.inv(whole.movedim(0, -1).unflatten(-1, (6, 6)))
+    return [row.unbind(-1) for row in inverse.unbind(-2)]
+
+
+# -- inside `ti.static`: `p` is a HullNumbers, or the struct of one vehicle's -------------------------------------
+
+
+def vector(p: Any, name: str, size: int) -> tuple[Any, ...]:
+    """The numbers `name`_0, `name`_1, ..."""
+    return tuple(getattr(p, f"{name}_{i}") for i in range(size))
+
+
+def diagonal(p: Any, name: str) -> tuple[tuple[Any, ...], ...]:
+    """Rows of the 6 x 6 matrix of which `name`_i are the diagonal."""
+    return tuple(tuple(x if i == j else 0.0 for j in range(6)) for i, x in enumerate(vector(p, name, 6)))
+
+
+def symmetric(p: Any, name: str) -> tuple[tuple[Any, ...], ...]:
+    """Rows of the symmetric 6 x 6 matrix `name`_ij."""
+    return tuple(tuple(getattr(p, f"{name}_{min(i, j)}{max(i, j)}") for j in range(6)) for i in range(6))

@@ -1,0 +1,292 @@
+"""The contract of a vehicle model: what World, missions, recordings and tools may ask of one, and nothing else.
+
+A vehicle file (configs/vehicles/*.toml) names its model: one of ours (vehicles.py), or `module:Class` of anybody's. The
+class derives from `Vehicle`, says what it is in class attributes, and gives at least `step` and `equations`. What it
+leaves out has the default written here. A model holds numbers and kernels, never the state of a vehicle: one model
+serves any number of fleets (fleet.py), which own the tensors that it steps in place.
+
+Frames and units: NED world n, forward-right-down body b, SI, radians (conventions.py).
+
+A model's kernels take packs, not lists of tensors:
+
+    fleet    FleetPack: state, derived, aux, surface, action, numbers, load of one team (fleet.py)
+    around   AroundPack: sea, phases, current, wind of one step (surroundings.py)
+    build    Build: what the kernel is compiled for; read inside `ti.static` (packs.py)
+
+Numbers that differ between environments: `varying` names keys of the vehicle file, and `own` makes of their values what
+the kernel works with, a NamedTuple: of floats, compiled in, while nobody has varied the fleet; of tensors, whose rows
+the kernel reads by `numbers_at(self.Own, ...)`, once somebody has (`build.varied`). The physics takes either as `p`.
+Loads from outside (`build.loaded`) are `load_at(...)`: N and N m about the origin, b, held over a step.
+"""
+
+import math
+from collections import namedtuple
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+import torch
+from numpy.typing import ArrayLike
+from torch import Tensor
+
+from taichi_sim import runtime
+from taichi_sim.config import ConfigError, Strict
+from taichi_sim.conventions import ELEVATION, STATE_SIZE
+from taichi_sim.packs import Build, struct_of
+from taichi_sim.surroundings import Surroundings
+
+Medium = Literal["water", "air"]
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a vehicle can do, for who plans its way: it is asked for nothing beyond."""
+
+    speeds: tuple[float, float, float] = (0.0, 0.0, math.inf)  # through its medium: least, cruise, greatest, m/s
+    turn_radius: float = 0.0  # smallest, at cruise, m
+
+    @property
+    def stops(self) -> bool:
+        """Whether it can stop."""
+        return self.speeds[0] == 0.0
+
+
+class Vehicle:
+    """A vehicle model; see the module.
+
+    Class attributes, to be given: `Params`, the strict pydantic model of the vehicle file's numbers; `medium`;
+    `action_names`, what is commanded, each in [-1, 1] (an instance may set its own); `control_names`, its actuators'
+    settings, in the order in which `equations` takes them.
+
+    Optional: `aux_names`, the first columns of the auxiliary state, which are its instruments; `aux_size`, all of its
+    columns; `varying`, keys of the vehicle file that may differ between environments, dotted, a number of a list by
+    its place ("rigid_body.cg.0"); `ending_names`, what `endings` may find; `signals`, `forces`, `air` and `airframe`
+    for recordings.
+
+    Attributes:
+        params: the vehicle file's numbers. dt: physics step, s. substeps: physics steps of a control step.
+    """
+
+    Params: ClassVar[type[Strict]]
+    medium: ClassVar[Medium] = "water"
+    action_names: tuple[str, ...] = ()
+    control_names: tuple[str, ...] = ()
+    aux_names: tuple[str, ...] = ()
+    aux_size: int = 0
+    varying: tuple[str, ...] = ()
+    ending_names: tuple[str, ...] = ()
+    controller: ClassVar[Any] = None
+    """A classical controller of this vehicle, for missions that know none: a class built from the model."""
+
+    signals: Mapping[str, tuple[str, tuple[str, ...]]] = {}
+    """Plots of a recording: name -> SI unit ("" for a ratio) and the columns of `aux_names` that share the plot."""
+    air: tuple[str, str, str] | None = None
+    """Columns of `aux_names` with the velocity of the air that it meets (north, east, down, m/s)."""
+    airframe: tuple[float, bool] | None = None
+    """Of an aircraft, as a recording draws it: mean chord (m), and whether it has a tail."""
+
+    def __init__(self, params: Any, dt: float, substeps: int):
+        """Take the numbers of a vehicle file, the physics step (s) and the substeps of a control step.
+
+        Raises:
+            ConfigError: where a model refuses its numbers, or dt.
+        """
+        self.params, self.dt, self.substeps = params, dt, substeps
+
+    # -- what it is ------------------------------------------------------------------------------------------------
+
+    @property
+    def size(self) -> tuple[float, float, float]:
+        """Length, width, height, m."""
+        return self.params.size
+
+    @property
+    def collision_radius(self) -> float:
+        """Of the sphere around it that others collide with, m."""
+        return self.params.collision_radius
+
+    @property
+    def limits(self) -> Limits:
+        """What it can do."""
+        return Limits()
+
+    @property
+    def draft(self) -> float:
+        """Depth below the origin over which it feels the current, m; 0 is at the surface."""
+        return 0.0
+
+    @property
+    def wind_height(self) -> float:
+        """Height above the sea at which the wind is told to it, m."""
+        return 10.0
+
+    @property
+    def forces(self) -> Mapping[str, tuple[tuple[float, float, float], tuple[str | None, str | None, str | None]]]:
+        """Load arrows of a recording: name -> where it attacks (m, b), columns of its x, y, z (N, b; None is zero).
+
+        Names that begin alike up to the first "_" share a colour.
+        """
+        return {}
+
+    def body(self) -> tuple[np.ndarray, np.ndarray] | None:
+        """Its surface: vertices [N, 3] (m, b) and corners [F, 3] of triangles, counter-clockwise from outside."""
+        return None
+
+    # -- beginning -------------------------------------------------------------------------------------------------
+
+    def settle(self, state: Tensor, surface: Tensor, around: Surroundings) -> Tensor:
+        """Placed states [n, vehicle, 13] brought to rest, or into trim, in their surroundings (a row for each of n).
+
+        Position (of a vessel, its horizontal part) and heading count, and the velocity through the medium where the
+        model can begin with it. `surface` [n, vehicle, 2] is to be written where the sea is felt (conventions.py).
+        Default: a vessel is lifted onto the wave under it, an aircraft stays as placed.
+        """
+        if self.medium == "air":
+            return state
+        state = state.clone()
+        surface[..., ELEVATION] = around.elevation(state[..., :2])
+        state[..., 2] -= surface[..., ELEVATION]
+        return state
+
+    def reset_aux(self, aux: Tensor, state: Tensor, around: Surroundings) -> None:
+        """Write the auxiliary state [n, vehicle, aux_size] of vehicles that begin at `state` [n, vehicle, 13]."""
+        aux.zero_()
+
+    # -- moving ----------------------------------------------------------------------------------------------------
+
+    def step(self, fleet: Any, around: Surroundings) -> None:
+        """Advance `fleet` (fleet.py) by one control step, in place: state, derived, aux, surface.
+
+        `fleet.action` [env, vehicle, action] holds the actions, finite and within [-1, 1]. Launch a kernel with
+        `fleet.launch(self.kernel, fleet.pack, around.pack, ..., build)`, which costs less than calling it. A model in
+        plain torch writes `fleet.state`, and `fleet.surface` if the sea is felt, and calls `fleet.update()`, which
+        writes `derived`; `fleet.own` are its numbers, `around.current.unsqueeze(1)` is [env, 1, 2].
+        """
+        raise NotImplementedError(f"{type(self).__name__} has no step (taichi_sim/vehicle.py)")
+
+    def build(self, fleet: Any, around: Surroundings) -> Build:
+        """What a kernel for `fleet` in these surroundings is compiled for."""
+        return Build(around.sea.shape[2], around.depth > 0, fleet.varied, fleet.loaded)
+
+    def equations(self, state: Tensor, controls: Tensor, current: Tensor, wind: Tensor, load: Tensor) -> Tensor:
+        """The right-hand side alone: `rhs` with checked, contiguous tensors of the run's precision and device."""
+        raise NotImplementedError(f"{type(self).__name__} has no equations (taichi_sim/vehicle.py)")
+
+    def rhs(
+        self,
+        state: ArrayLike,
+        controls: ArrayLike,
+        current: ArrayLike = (0.0, 0.0),
+        wind: ArrayLike = (0.0, 0.0, 0.0),
+        load: ArrayLike = (0.0,) * 6,
+    ) -> np.ndarray:
+        """d(state)/dt in calm water and in air that moves steadily.
+
+        Args:
+            state: [n, 13], packed as in conventions.py. controls: [n, control] settings of the actuators, in the order
+                and units of `control_names`, as they are, not as they are commanded.
+            current: [2] or [n, 2], velocity of the water, north and east, m/s. wind: [3] or [n, 3], velocity of the
+                air, NED, m/s. load: [6] or [n, 6], from outside, N and N m about the origin, b.
+
+        Returns:
+            [n, 13] float64: velocity in n, quaternion's rate, accelerations in b.
+
+        Raises:
+            ValueError: for a wrong shape.
+        """
+        run, rows = runtime.current(), np.atleast_2d(np.asarray(state, dtype=np.float64))
+        sizes = (STATE_SIZE, len(self.control_names), 2, 3, 6)
+        names = ("state", "controls", "current", "wind", "load")
+        given = []
+        for name, size, value in zip(names, sizes, (rows, controls, current, wind, load), strict=True):
+            array = np.asarray(value, dtype=np.float64)
+            try:
+                full = np.broadcast_to(array, (len(rows), size))
+            except ValueError:
+                raise ValueError(f"{name} has shape {array.shape}, expected [{len(rows)}, {size}]") from None
+            tensor = torch.from_numpy(np.array(full))
+            given.append(tensor.to(run.device, run.torch_dtype).contiguous())
+        return self.equations(*given).double().cpu().numpy()
+
+    # -- ending ----------------------------------------------------------------------------------------------------
+
+    def endings(self, fleet: Any, world: Any) -> dict[str, Tensor]:
+        """What has ended vehicles of `fleet` in `world`, in any mission: `ending_names` -> bool [env, vehicle]."""
+        return {}
+
+    # -- numbers that vary -----------------------------------------------------------------------------------------
+
+    @property
+    def nominal(self) -> dict[str, float]:
+        """The value in the vehicle file of each key in `varying`."""
+        data = self.params.model_dump()
+        return {key: float(_at(data, key)) for key in self.varying}
+
+    def own(self, values: Mapping[str, Any]) -> Any:
+        """What the kernel works with, a NamedTuple of numbers, by arithmetic that floats and tensors both know.
+
+        `values` has each key of `varying`. Other numbers are those of the vehicle file. Default: the values themselves,
+        their keys' dots as underscores.
+        """
+        names = [key.replace(".", "_") for key in self.varying]
+        return namedtuple(f"{type(self).__name__}Numbers", names)(*(values[key] for key in self.varying))
+
+    @cached_property
+    def constants(self) -> Any:
+        """`own` of the vehicle file's numbers: floats, which kernels compile in."""
+        return self.own(self.nominal)
+
+    @property
+    def Own(self) -> Any:  # noqa: N802
+        """The struct in which a kernel compiled now holds `own` of one vehicle."""
+        return struct_of(self.constants._fields, runtime.current().precision)
+
+    def numbers(self, vary: Tensor) -> Tensor:
+        """`own` [.., n], float64, of the varied values [.., len(varying)], float64."""
+        found = self.own({key: vary[..., k] for k, key in enumerate(self.varying)})
+        shape = vary.shape[:-1]
+        return torch.stack([torch.as_tensor(x, dtype=vary.dtype, device=vary.device).expand(shape) for x in found], -1)
+
+    def with_numbers(self, values: Mapping[str, float]) -> Any:
+        """The `Params` of a vehicle file that differs from this one in `values`, by keys of `varying`.
+
+        Raises:
+            ValueError: for a key that does not vary, or a value that the file could not hold.
+        """
+        data = self.params.model_dump()
+        for key, value in values.items():
+            self.check_varies(key)
+            *parents, last = key.split(".")
+            node = data
+            for part in parents:
+                node = node[int(part)] if part.isdigit() else node[part]
+            if last.isdigit():  # a tuple: rebuilt with the one number changed
+                holder = _at(data, ".".join(parents[:-1])) if len(parents) > 1 else data
+                holder[parents[-1]] = tuple(value if i == int(last) else x for i, x in enumerate(node))
+            else:
+                node[last] = value
+        return type(self.params).model_validate(data)
+
+    def check_varies(self, key: str) -> None:
+        """Refuse a key that does not vary, naming the nearest that does.
+
+        Raises:
+            ConfigError: for such a key.
+        """
+        if key not in self.varying:
+            import difflib
+
+            close = difflib.get_close_matches(key, self.varying, n=1)
+            hint = f", did you mean {close[0]!r}?" if close else ""
+            raise ConfigError(
+                f"{type(self).__name__}: {key!r} cannot vary{hint}; allowed are {', '.join(self.varying) or 'none'}"
+            )
+
+
+def _at(data: Any, key: str) -> Any:
+    """The value at a dotted key."""
+    for part in key.split("."):
+        data = data[int(part)] if part.isdigit() else data[part]
+    return data

@@ -1,0 +1,63 @@
+"""What an evaluation measures, of episodes made by hand."""
+
+from types import SimpleNamespace
+
+import pytest
+import torch
+
+from rl.judge import Judge
+from rl.mission import Endings
+from rl.missions.formation.judge import FormationJudge
+
+STEPS, INTERVAL, SETTLE = 10, 0.1, 0.5  # s; measured from the sixth decision on
+ENVS, VEHICLES = 3, 2
+REWARD = torch.tensor([[1.0, 3.0], [5.0, 7.0], [-1.0, -1.0]])
+DISTANCE = torch.tensor([[3.0, 4.0], [6.0, 1.0], [2.0, 0.5]])
+CONFIG = SimpleNamespace(
+    decision_interval=INTERVAL, episode_steps=STEPS, evaluation=SimpleNamespace(settle=SETTLE, success_error=5.0)
+)
+
+
+def judged(kind: type[Judge], collides_at: int, lost_at: int) -> dict:
+    """Figures of three environments: vehicle 0 of the second collides, vehicle 1 of the third is lost."""
+    team = SimpleNamespace(fleet=SimpleNamespace(count=VEHICLES), distance=DISTANCE)
+    mission = SimpleNamespace(num_envs=ENVS, teams={"boats": team}, config=CONFIG)
+    judge = kind(mission, "boats")
+    for number in range(1, STEPS + 1):
+        ended = {name: torch.zeros((ENVS, VEHICLES), dtype=torch.bool) for name in ("collided", "lost")}
+        ended["collided"][1, 0] = number >= collides_at
+        ended["lost"][2, 1] = number >= lost_at
+        judge.see(SimpleNamespace(reward={"boats": REWARD}, endings={"boats": Endings(ended)}), number)
+    return kind.figures([judge], CONFIG)
+
+
+def test_a_team_is_measured_until_one_of_it_has_ended():
+    """Ten decisions in the first environment, four in the second, seven in the third; one collision in them."""
+    figures = judged(Judge, 4, 7)
+    assert set(figures) == set(Judge.definitions)
+    assert figures["collisions_per_hour"] == pytest.approx(1 / ((10 + 4 + 7) * INTERVAL / 3600))
+    assert figures["reward_per_step"] == pytest.approx((10 * 2.0 + 4 * 6.0 + 7 * -1.0) / (10 + 4 + 7))
+    assert figures["collision_free_episodes"] == pytest.approx(2 / 3)
+    assert figures["success_rate"] == pytest.approx(1 / 3)
+
+
+def test_errors_of_a_formation_count_after_the_start_has_settled():
+    """Of the second environment none is left, of the third two; in all, seven leaders' and seven followers'."""
+    figures = judged(FormationJudge, 4, 7)
+    assert set(figures) == set(FormationJudge.definitions)
+    assert figures["leader_error_rms_m"] == pytest.approx(((5 * 9.0 + 2 * 4.0) / 7) ** 0.5)
+    assert figures["follower_error_rms_m"] == pytest.approx(((5 * 16.0 + 2 * 0.25) / 7) ** 0.5)
+    assert figures["success_rate"] == pytest.approx(1 / 3)
+
+
+def test_errors_too_large_are_no_success():
+    """The second environment's leader is 6 m off throughout: a success needs less than 5 m."""
+    figures = judged(FormationJudge, STEPS + 1, STEPS + 1)
+    assert figures["success_rate"] == pytest.approx(2 / 3) and figures["collisions_per_hour"] == 0.0
+
+
+def test_a_line_to_read_says_what_was_not_measured():
+    figures = judged(FormationJudge, 1, 1)
+    nothing = figures | dict.fromkeys(("leader_error_rms_m", "follower_error_rms_m"))
+    assert "leader error not measured, followers not measured" in FormationJudge.line(nothing)
+    assert "reward_per_step" in Judge.line(judged(Judge, 4, 7))

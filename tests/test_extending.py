@@ -1,0 +1,55 @@
+"""docs/extending.md: its examples, run as they are written, from a folder outside the repository."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGE = ROOT / "docs" / "extending.md"
+BLOCK = re.compile(r"^```\w+ file=(\S+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+FEW = ("--set", "stages.first.iterations=2", "--set", "evaluation.episodes=2", "--set", "episode_duration=5")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    """Return a folder with every file of the page."""
+    place = tmp_path_factory.mktemp("extending")
+    for name, text in BLOCK.findall(PAGE.read_text(encoding="utf-8")):
+        (place / name).write_text(text, encoding="utf-8")
+    return place
+
+
+def run(folder: Path, *command: str) -> str:
+    """Output of a command in `folder`, which must end well."""
+    done = subprocess.run([sys.executable, *command], cwd=folder, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+def test_the_vehicle_is_driven_alone(folder):
+    text = run(folder, "try_ferry.py")
+    light, laden = map(float, re.search(r"\[(.*)\]", text).group(1).split(","))
+    # u = (F / d) (1 - exp(-d t / m)): 4.82 and 4.05 m/s after ten seconds; Euler's method at 0.1 s is 1 % off
+    assert light == pytest.approx(5.0 * (1 - 2.718281828 ** (-300 * 10 / 900)), rel=0.01)
+    assert laden == pytest.approx(5.0 * (1 - 2.718281828 ** (-300 * 10 / 1800)), rel=0.01)
+    assert "1.666" in text
+
+
+def test_the_mission_is_trained_evaluated_recorded_and_judged_by_its_own_figures(folder):
+    """Nothing of the repository is touched: the files of the mission are its own."""
+    run(folder, str(ROOT / "rl" / "train.py"), "--config", "rendezvous.toml", "--out", "run", "--quiet", *FEW)
+    told = run(folder, str(ROOT / "rl" / "evaluate.py"), "run", "--quiet", "--episodes", "2")
+    assert "final_distance_m" in told
+    assert {"ferry.py", "rendezvous.py"} <= {file.name for file in (folder / "run").rglob("*.py")}
+    assert (folder / "run" / "episode.rrd").is_file()
+
+
+@pytest.mark.slow
+def test_the_mission_learns(folder):
+    """Vehicles that begin 50 m away on average end within 25 m."""
+    run(folder, str(ROOT / "rl" / "train.py"), "--config", "rendezvous.toml", "--out", "long", "--quiet")
+    told = run(folder, str(ROOT / "rl" / "evaluate.py"), "long", "--quiet")
+    assert float(re.search(r'"final_distance_m": ([\d.]+)', told).group(1)) < 25.0

@@ -1,0 +1,196 @@
+"""Vehicles of somebody else's: where their modules are found, what is said of those that are not, how they move."""
+
+import shutil
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from refusal import assert_says
+
+from taichi_sim.bench import Bench, pack_state
+from taichi_sim.config import ConfigError
+from taichi_sim.plugins import load_class, plugin_source
+from taichi_sim.vehicle import Vehicle
+from taichi_sim.vehicles import load_vehicle
+from taichi_sim.world import World
+
+MODULE = Path(__file__).with_name("example_boat.py")
+NUMBERS = "mass = 100.0\ndrag = 50.0\nforce_max = 200.0\nsize = [4.0, 2.0, 1.0]\ncollision_radius = 2.2\n"
+SCENARIO = """
+name = "harbour"
+[sea]
+hs = 0.3
+tp = 4.0
+components = 4
+realisations = 2
+current = { speed = 0.5, direction_deg = 90.0 }
+[ferry]
+vehicle = "mine"
+count = 1
+[tug]
+vehicle = "unity_boat"
+count = 2
+"""
+
+
+@pytest.fixture(autouse=True)
+def forgotten():
+    """What a test imports is nobody else's."""
+    before, path = set(sys.modules), list(sys.path)
+    yield
+    assert sys.path == path
+    for name in set(sys.modules) - before:
+        if name.startswith("my_"):
+            del sys.modules[name]
+
+
+@pytest.fixture
+def write(tmp_path):
+    """Write a vehicle file, in a folder of its own, and its module where the test wants it."""
+
+    def make(model="my_boat:MyBoat", module=None, text=None):
+        file = tmp_path / "vehicles" / "mine.toml"
+        file.parent.mkdir(exist_ok=True)
+        file.write_text(f'model = "{model}"\n{NUMBERS}')
+        if module is not None:
+            module.mkdir(exist_ok=True)
+            (module / "my_boat.py").write_text(MODULE.read_text() if text is None else text)
+        return file
+
+    return make
+
+
+def refusal(file, source=None):
+    with pytest.raises(ConfigError) as caught:
+        load_vehicle(file, source=source)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize("place", ["vehicle", "scenario", "working"])
+def test_a_module_is_found_beside_its_vehicle_beside_the_scenario_and_in_the_working_folder(
+    place, write, tmp_path, monkeypatch
+):
+    folder = {"vehicle": tmp_path / "vehicles", "scenario": tmp_path, "working": tmp_path / "working"}[place]
+    file = write(module=folder)
+    if place == "working":
+        monkeypatch.chdir(folder)
+    model = load_vehicle(file, source=tmp_path / "harbour.toml")
+    assert isinstance(model, Vehicle) and type(model).__name__ == "MyBoat"
+    assert sys.modules["my_boat"].__file__ == str(folder / "my_boat.py")
+    assert model.size == (4.0, 2.0, 1.0)
+
+
+def test_the_nearest_of_several_modules_counts(write, tmp_path, monkeypatch):
+    file = write(module=tmp_path / "vehicles")
+    write(module=tmp_path / "working", text="raise RuntimeError('not this one')")
+    monkeypatch.chdir(tmp_path / "working")
+    assert load_vehicle(file).action_names == ("ahead", "right")
+
+
+def test_each_vehicle_has_the_module_beside_it_whatever_was_loaded_before(write, tmp_path):
+    """Above the other, below it, or of a name that goes on."""
+    file = write(module=tmp_path / "vehicles")
+    for turn in range(2):  # the second time all have been loaded
+        for name in (".", "vehicles", "vehicles/old", "vehicles_2"):
+            folder = tmp_path / name
+            folder.mkdir(exist_ok=True)
+            (folder / "my_boat.py").write_text(MODULE.read_text().replace('"ahead", "right"', f'"X{name}", "Y"'))
+            if name != "vehicles":
+                shutil.copy(file, folder / "mine.toml")
+            assert load_vehicle(folder / "mine.toml").action_names[0] == f"X{name}", turn
+
+
+def test_packages_of_one_name_are_told_apart(tmp_path):
+    for name in ("one", "two", "one"):
+        package = tmp_path / name / "my_fleet"
+        package.mkdir(parents=True, exist_ok=True)
+        (package / "__init__.py").touch()
+        (package / "boat.py").write_text(MODULE.read_text().replace('"mass", "drag"', f'"{name}",'))
+        assert load_class("my_fleet.boat:MyBoat", Vehicle, [tmp_path / name]).varying == (name,)
+        assert plugin_source("my_fleet.boat:MyBoat", [tmp_path / name]) == package
+    assert plugin_source("my_nothing:MyBoat", [tmp_path]) is None
+
+
+def test_a_module_that_is_in_use_already_is_not_replaced(write, tmp_path):
+    """Classes of two modules of one name would not know each other."""
+    used, package = sys.modules["taichi_sim"], tmp_path / "vehicles" / "taichi_sim"
+    package.mkdir(parents=True)
+    for name in ("__init__.py", "boat.py"):
+        (package / name).touch()
+    message = refusal(write("taichi_sim.boat:MyBoat"))
+    assert_says(
+        message, f"another taichi_sim is in use already, of {used.__file__}", f"rename that of {package.parent}"
+    )
+    assert sys.modules["taichi_sim"] is used
+
+
+def test_a_module_that_only_another_vehicle_has_beside_it_is_missing(write, tmp_path):
+    file, other = write(module=tmp_path / "vehicles"), tmp_path / "others" / "theirs.toml"
+    load_vehicle(file)
+    other.parent.mkdir()
+    shutil.copy(file, other)
+    assert_says(refusal(other), str(other), "no module 'my_boat'")
+
+
+@pytest.mark.parametrize(
+    ("model", "text", "reasons"),
+    [
+        ("my_missing:MyBoat", None, ("no module 'my_missing' beside the file, in the working folder, or installed",)),
+        ("my_boat:YourBoat", None, ("my_boat.py has no 'YourBoat'",)),
+        ("my_boat:", None, ("expected module:Class",)),
+        ("my_boat:MyBoatParams", None, ("MyBoatParams is not a class that derives from taichi_sim.vehicle.Vehicle",)),
+        ("my_boat:MyBoat", "import my_other_thing", ("importing my_boat failed", "my_other_thing")),
+        ("my_boat:MyBoat", "def f(:", ("importing my_boat failed", "SyntaxError")),
+        ("my_boat:MyBoat", "1 / 0", ("importing my_boat failed", "ZeroDivisionError")),
+        ("my_boat", None, ("'my_boat': allowed are unity_boat", "module:Class of your own")),
+    ],
+)
+def test_what_cannot_be_a_vehicle_is_refused_by_file_and_reason(model, text, reasons, write, tmp_path):
+    file = write(model, tmp_path / "vehicles", text)
+    assert_says(refusal(file), str(file), "model = ", model, *reasons)
+
+
+def test_wrong_numbers_are_refused_by_file_and_key(write, tmp_path):
+    file = write(module=tmp_path / "vehicles")
+    file.write_text(file.read_text().replace("drag = 50.0", "drag = -1.0"))
+    assert_says(refusal(file), str(file), "drag = -1.0")
+
+
+class TestMoving:
+    @pytest.fixture
+    def world(self, write, tmp_path):
+        write(module=tmp_path)
+        scenario = tmp_path / "harbour.toml"
+        scenario.write_text(SCENARIO)
+        return World.from_scenario(scenario, 2)
+
+    def test_teams_of_any_name_share_a_world(self, world, f64):
+        """The ferry, in a current: v_n - V_c = F / d (1 - (1 - d dt / m)^n), exactly; others as they are alone."""
+        ferry, tug = world.teams["ferry"], world.teams["tug"]
+        state = torch.zeros((2, 1, 13), dtype=torch.float64)
+        state[..., 3] = 1.0
+        world.place("ferry", torch.arange(2), state)
+        ferry.set_numbers({"mass": 200.0}, torch.tensor([1]))
+        for _ in range(20):
+            world.step({"ferry": np.tile([0.5, 0.0], (2, 1, 1)), "tug": np.zeros((2, 2, 2))})
+        steps, dt = 20 * world.config.substeps, world.config.dt
+        for env, mass in enumerate((100.0, 200.0)):
+            decay = (1 - 50.0 * dt / mass) ** steps
+            assert ferry.velocity_n[env, 0, :2].tolist() == pytest.approx([100 / 50 * (1 - decay), 0.5 * (1 - decay)])
+        assert tug.state.isfinite().all() and bool((tug.state[..., 0] > 0).all())
+        for fleet in (ferry, tug):
+            found = fleet.model.endings(fleet, world)
+            assert tuple(found) == fleet.model.ending_names and not any(bool(x.any()) for x in found.values())
+        level = world.elevation(torch.arange(2), *ferry.state[..., :2].unbind(-1))
+        assert ferry.state[..., 2] == pytest.approx(-level, abs=0.05)
+
+    def test_its_equations_and_loads_are_those_of_any_vehicle(self, write, tmp_path, f64):
+        model = load_vehicle(write(module=tmp_path / "vehicles"))
+        rates = model.rhs(pack_state(np.zeros(6), [1.0, 0, 0, 0, 0, 0]), [200.0, 0.0], load=[100.0, 50.0, 0, 0, 0, 0])
+        assert rates[0, :3].tolist() == [1.0, 0.0, 0.0]
+        assert rates[0, 7:10] == pytest.approx([(200.0 + 100.0 - 50.0) / 100.0, 50.0 / 100.0, 0.0])
+        team = Bench(model)
+        team.fleet.load[..., 0] = 10.0
+        assert team.step((0.0, 0.0)).state[0, 0, 7].item() == pytest.approx(10.0 / 100.0 * 0.02)

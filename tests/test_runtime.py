@@ -1,0 +1,184 @@
+"""Launching a kernel again is calling it, whatever has changed; packs outlive the Taichi program they were made for."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+import taichi as ti
+import torch
+
+from taichi_sim import runtime
+from taichi_sim.bench import Bench
+from taichi_sim.runtime import Launcher
+from taichi_sim.vehicles import load_vehicle
+
+HERE = Path(__file__).resolve().parent
+PATHS = os.environ | {"PYTHONPATH": f"{HERE.parent}{os.pathsep}{HERE}"}
+array = ti.types.ndarray(ndim=1)
+Given = ti.types.argpack(a=array, b=array)
+Made = ti.types.argpack(c=array, d=array)
+
+
+class Options(NamedTuple):
+    factor: float = 1.0
+    shifted: bool = False
+
+
+@ti.kernel
+def mix(given: Given, plain: ti.types.ndarray(ndim=1), made: Made, options: ti.template()):
+    for i in plain:
+        shift = 0.0
+        if ti.static(options.shifted):
+            shift = 100.0
+        plain[i] += options.factor * given.a[i] + 10 * given.b[i] + shift
+        made.c[i], made.d[i] = plain[i], 2 * made.d[i]
+
+
+@ti.kernel
+def scale(x: ti.types.ndarray(ndim=1), by: float):
+    for i in x:
+        x[i] *= by
+
+
+@ti.data_oriented
+class Gain:
+    def __init__(self, gain):
+        self.gain = gain
+
+    @ti.kernel
+    def apply(self, out: ti.types.ndarray(ndim=1), x: ti.types.ndarray(ndim=1)):
+        for i in x:
+            out[i] = self.gain * x[i]
+
+
+def tensors():
+    """Five tensors."""
+    random = torch.Generator().manual_seed(1)
+    return torch.randn((5, 4), dtype=runtime.current().torch_dtype, generator=random).unbind()
+
+
+def both(launcher, options):
+    """What the launcher and a plain call make of the same numbers."""
+    results = []
+    for call in (launcher, mix):
+        a, b, plain, c, d = tensors()
+        packs = runtime.pack(Given, a=a, b=b), runtime.pack(Made, c=c, d=d)
+        call(packs[0], plain, packs[1], options)
+        results.append(torch.stack((a, b, plain, c, d)))
+    return results
+
+
+def test_a_launch_does_what_a_call_does_and_reads_what_was_written_since(f64):
+    launcher = Launcher(mix)
+    assert torch.equal(*both(launcher, Options()))
+    a, b, plain, c, d = tensors()
+    first, second = runtime.pack(Given, a=a, b=b), runtime.pack(Made, c=c, d=d)
+    for k in range(3):
+        a.fill_(k)
+        b.fill_(2.0)
+        plain.zero_()
+        launcher(first, plain, second, Options())
+        assert torch.equal(plain, torch.full_like(plain, k + 20.0))
+        assert torch.equal(c, plain)
+
+
+def test_a_launch_follows_its_tensors_and_its_templates(f64):
+    launcher = Launcher(mix)
+    for options in (Options(), Options(3.0), Options(3.0), Options(3.0, True), Options()):
+        assert torch.equal(*both(launcher, options))
+
+
+def test_a_launch_belongs_to_the_object_whose_kernel_it_is_in_any_program(f64):
+    x, out = torch.ones(3, dtype=torch.float64), torch.zeros(3, dtype=torch.float64)
+    launchers = [Launcher(Gain(gain).apply) for gain in (2.0, 5.0)]
+    for gain, launcher in zip((2.0, 5.0), launchers, strict=True):
+        launcher(out, x)
+        assert out.tolist() == [gain] * 3
+    runtime.init(precision="f64", threads=2)  # what was compiled for the same tensors is gone
+    for gain, launcher in zip((2.0, 5.0), launchers, strict=True):
+        launcher(out, x)
+        assert out.tolist() == [gain] * 3
+
+
+def test_a_launch_survives_another_taichi_program():
+    launcher = Launcher(mix)
+    for precision in ("f32", "f64", "f32"):
+        runtime.init(precision=precision, threads=1)
+        ours, theirs = both(launcher, Options(2.0))
+        assert ours.dtype == runtime.current().torch_dtype
+        assert torch.equal(ours, theirs)
+
+
+def test_what_cannot_be_launched_is_refused(f64):
+    a, b, plain, c, d = tensors()
+    gappy = torch.zeros(10, dtype=torch.float64)[::2]
+    launcher, gain = Launcher(mix), Launcher(Gain(2.0).apply)
+    with pytest.raises(TypeError, match="takes packs, tensors and templates, not float"):
+        Launcher(scale)(plain, 2.0)
+    with pytest.raises(ValueError, match="contiguous"):
+        gain(gappy, plain)
+    with pytest.raises(ValueError, match="contiguous"):
+        launcher(runtime.pack(Given, a=gappy, b=b), plain, runtime.pack(Made, c=c, d=d), Options())
+
+
+AGAIN = """
+import gc
+from test_runtime import Given, Launcher, Made, Options, mix, runtime, tensors
+
+def launch(packs):
+    for given, plain, made, c in packs:
+        Launcher(mix)(given, plain, made, Options())
+        assert (c == plain).all()
+
+kept = []
+for program, precision in enumerate(("f32", "f64", "f32", "f64")):
+    runtime.init(precision=precision, threads=1)
+    packs = []
+    for _ in range(100):
+        a, b, plain, c, d = tensors()
+        packs.append((runtime.pack(Given, a=a, b=b), plain, runtime.pack(Made, c=c, d=d), c))
+    launch(packs)
+    kept.append(packs)
+    if program:
+        del kept[0]  # of the program before: some have the addresses of the new ones
+        gc.collect()
+    launch(packs)
+print("done")
+"""
+
+
+def test_packs_of_an_ended_program_are_freed_without_harm():
+    """In a process of its own: without care the last launch fails, or Python crashes at its end."""
+    done = subprocess.run([sys.executable, "-c", AGAIN], capture_output=True, text=True, env=PATHS, timeout=120)
+    assert (done.returncode, done.stdout) == (0, "done\n"), done.stderr
+
+
+def test_a_fleet_goes_on_in_another_program():
+    """Packs and launches are made anew: more threads, the same bits."""
+    states = []
+    for threads in ((1, 1), (1, 2)):
+        runtime.init(threads=threads[0])
+        bench = Bench("unity_aircraft", envs=8).step((0.2, 0.1, 0.0), 3)
+        runtime.init(threads=threads[1])
+        states.append(bench.step((-0.2, 0.4, 0.0), 3).state)
+    assert torch.equal(*states)
+
+
+def test_varied_numbers_have_the_precision_of_the_run():
+    """A model that has served a run in double precision serves one in single precision like a new one."""
+
+    def run(model):
+        bench = Bench(model)
+        bench.fleet.set_numbers({"mass": 333.3, "yaw_speed_deg": 77.7})
+        return bench.step((0.3, 0.2, 0.1), 20).state
+
+    runtime.init(precision="f32", threads=1)
+    new = run(load_vehicle("unity_aircraft", 0.02, 5))
+    runtime.init(precision="f64", threads=1)
+    model = load_vehicle("unity_aircraft", 0.02, 5)
+    assert run(model).numpy() == pytest.approx(new.numpy(), abs=1e-3)
+    runtime.init(precision="f32", threads=1)
+    assert torch.equal(run(model), new)
