@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from command_line import Ending, tiny_run
-from mission import make
+from small_missions import make
 
 from rl import cli
 from rl.missions.formation.mission import Formation

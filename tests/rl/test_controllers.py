@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import torch
-from mission import TEAMS
+from small_missions import TEAMS
 from torch import Tensor
 
 from rl.learn.policy import ClassicalPolicy, policies_of

@@ -4,7 +4,7 @@ import math
 
 import pytest
 import torch
-from mission import AXES, EAST, NORTH, SOUTH, TEAMS, arrange, begin, observed
+from small_missions import AXES, EAST, NORTH, SOUTH, TEAMS, arrange, begin, observed
 
 
 @pytest.mark.parametrize(

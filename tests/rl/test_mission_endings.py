@@ -4,7 +4,7 @@ import math
 
 import pytest
 import torch
-from mission import (
+from small_missions import (
     TEAMS,
     begin,
     make,

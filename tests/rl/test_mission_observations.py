@@ -4,7 +4,7 @@ import math
 
 import pytest
 import torch
-from mission import AXES, PAPER_SIZE, TEAMS, begin, make, observed, past_and_present, wander
+from small_missions import AXES, PAPER_SIZE, TEAMS, begin, make, observed, past_and_present, wander
 from torch import Tensor
 
 from rl.missions.formation.mission import Formation

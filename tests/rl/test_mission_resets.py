@@ -2,7 +2,7 @@
 
 import pytest
 import torch
-from mission import AXES, TEAMS, begin, everything, make, observed, past_and_present, state, wander
+from small_missions import AXES, TEAMS, begin, everything, make, observed, past_and_present, state, wander
 from torch import Tensor
 
 

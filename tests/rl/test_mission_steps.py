@@ -4,7 +4,7 @@ import math
 
 import pytest
 import torch
-from mission import AXES, NORTH, TEAMS, arrange, begin, everything, make, observed, shapes, state, still, wander
+from small_missions import AXES, NORTH, TEAMS, arrange, begin, everything, make, observed, shapes, state, still, wander
 from torch import Tensor
 
 # -- rewards, as the mission gives them -------------------------------------------------------------------
