@@ -1,7 +1,6 @@
 """Points and triangles of the sea patch: a square of cells, finer ones in its middle, and two rings to the horizon.
 
-The finer square is where the vehicles are; its border keeps to the coarse edges so that no gap opens. The first ring
-lets the waves fade, the second is flat.
+The finer square is where the vehicles are. The first ring lets the waves fade, the second is flat.
 """
 
 from dataclasses import dataclass
@@ -60,12 +59,16 @@ class SeaGrid:
 
     @property
     def shown(self) -> NDArray[np.bool_]:
-        """[(cells + 1)^2] coarse points that are in the mesh: all but those within the finer square."""
+        """[(cells + 1)^2] coarse points that are in the mesh: all but those in the finer square."""
         shown = np.ones((self.cells + 1, self.cells + 1), dtype=bool)
         if self.parts > 1:
-            edge = (self.cells - self.middle) // 2
-            shown[edge + 1 : -edge - 1, edge + 1 : -edge - 1] = False
+            shown[self._edge : self.cells - self._edge + 1, self._edge : self.cells - self._edge + 1] = False
         return shown.ravel()
+
+    @property
+    def _edge(self) -> int:
+        """Coarse cells between the border and the finer square."""
+        return (self.cells - self.middle) // 2
 
     @property
     def rim(self) -> NDArray[np.int64]:
@@ -74,36 +77,38 @@ class SeaGrid:
         return np.concatenate([index[0, :-1], index[:-1, -1], index[-1, :0:-1], index[:0:-1, 0]])
 
     def triangles(self) -> NDArray[np.uint32]:
-        """[N, 3] corners. The coarse points shown come first, row by row from the south, then the finer ones, then the
-        rings.
-        """
-        fine, shown = len(self.fine_line), self.shown
-        outside = np.ones((self.cells, self.cells), dtype=bool)
-        if fine:
-            edge = (self.cells - self.middle) // 2
-            outside[edge : self.cells - edge, edge : self.cells - edge] = False
-        number = np.cumsum(shown) - 1
-        first, inner = number[-1] + 1, number[self.rim]
-        cells = [number[_cells(self.cells)[np.tile(outside.ravel(), 2)]]]
-        if fine:
-            cells.append(first + _cells(fine - 1))
-        for ring in range(RINGS):
-            outer = first + fine**2 + ring * len(inner) + np.arange(len(inner))
-            after = np.roll(inner, -1), np.roll(outer, -1)
-            cells += [np.stack([inner, after[0], after[1]], axis=1), np.stack([inner, after[1], outer], axis=1)]
-            inner = outer
-        return np.concatenate(cells).astype(np.uint32)
+        """[N, 3] corners, counter-clockwise from above.
 
-    def keep_to_edges(self, fine: Array, coarse: Array) -> Array:
-        """Values `fine` [side, side, ...] of the finer square with its border straight between those of `coarse`."""
-        edge = (self.cells - self.middle) // 2
-        block = coarse[edge : self.cells - edge + 1, edge : self.cells - edge + 1]
-        whole, part = np.divmod(np.arange(len(fine)), self.parts)
-        after, share = np.minimum(whole + 1, self.middle), (part / self.parts).reshape(-1, *[1] * (fine.ndim - 2))
-        fine = fine.copy()
-        for at in ((0,), (-1,), (slice(None), 0), (slice(None), -1)):
-            fine[at] = block[at][whole] * (1.0 - share) + block[at][after] * share
-        return fine
+        The coarse points shown come first, row by row from the south, then the finer ones, then the rings.
+        """
+        number = np.cumsum(self.shown) - 1
+        first, side = number[-1] + 1, len(self.fine_line)
+        square = number.reshape(self.cells + 1, self.cells + 1)
+        outside = np.ones((self.cells, self.cells), dtype=bool)
+        parts = []
+        if side:
+            fine, edge = first + np.arange(side**2).reshape(side, side), self._edge
+            square[edge : self.cells - edge + 1, edge : self.cells - edge + 1] = fine[:: self.parts, :: self.parts]
+            outside[edge - 1 : self.cells - edge + 1, edge - 1 : self.cells - edge + 1] = False
+            for corner in (edge - 1, self.cells - edge):
+                outside[corner, [edge - 1, self.cells - edge]] = True
+            parts += [first + _cells(side - 1), *(self._seam(np.rot90(square, k), np.rot90(fine, k)) for k in range(4))]
+        parts.append(number[_cells(self.cells)[np.tile(outside.ravel(), 2)]])
+        inner = number[self.rim]
+        for ring in range(RINGS):
+            outer = first + side**2 + ring * len(inner) + np.arange(len(inner))
+            after = np.roll(inner, -1), np.roll(outer, -1)
+            parts += [np.stack([inner, after[1], after[0]], axis=1), np.stack([inner, outer, after[1]], axis=1)]
+            inner = outer
+        return np.concatenate(parts).astype(np.uint32)
+
+    def _seam(self, square: NDArray[np.int64], fine: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Triangles [N, 3] of the coarse cells south of the finer square, out of the points' numbers: fans to all the
+        points on its border, so that no crack shows.
+        """
+        far, near = square[self._edge - 1, self._edge : self.cells - self._edge + 1], fine[0]
+        fans = np.stack([np.repeat(far[:-1], self.parts), near[1:], near[:-1]], axis=1)
+        return np.concatenate([fans, np.stack([far[:-1], far[1:], near[self.parts :: self.parts]], axis=1)])
 
 
 def _cells(count: int) -> NDArray[np.int64]:

@@ -130,7 +130,7 @@ class _Square:
 def _vertices(episode: Episode, grid: SeaGrid, squares: list[_Square]) -> Array:
     """[N, 3] m, in the order of the grid's triangles."""
     coarse = squares[0].points(squares[0].up)
-    fine = [square.points(grid.keep_to_edges(square.up, squares[0].up)) for square in squares[1:]]
+    fine = [square.points(square.up) for square in squares[1:]]
     far = max(2.0 * (episode.scene.area_m or 0.0), HORIZON_M) / grid.half_m
     rings = [coarse[grid.rim] * (share, share, 0.0) for share in (FADE, far)]
     return np.concatenate([coarse[grid.shown], *fine, *rings])
@@ -142,7 +142,7 @@ def _colours(grid: SeaGrid, squares: list[_Square]) -> Array:
     inside = np.minimum(np.arange(grid.cells + 1), np.arange(grid.cells, -1, -1)) / (FADE_SHARE * grid.cells)
     fade = np.clip(np.minimum(inside[:, None], inside), 0.0, 1.0)[..., None]
     coarse = flat + fade * (squares[0].light - flat)
-    fine = [grid.keep_to_edges(square.light, coarse).reshape(-1, 3) for square in squares[1:]]
+    fine = [square.light.reshape(-1, 3) for square in squares[1:]]
     rings = [np.broadcast_to(shade, (len(grid.rim), 3)) for shade in (flat, HAZE)]
     waves = np.concatenate([coarse.reshape(-1, 3)[grid.shown], *fine])
     return np.concatenate([flat + np.round((waves - flat) / LEVEL) * LEVEL, *rings])
