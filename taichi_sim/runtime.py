@@ -45,7 +45,7 @@ class Runtime:
 
 _current: Runtime | None = None
 _generation = 0  # of Taichi programs: what an older one compiled is gone
-_packs: list[weakref.ref] = []
+_packs: weakref.WeakValueDictionary[int, Any] = weakref.WeakValueDictionary()  # alive, by identity
 
 
 def init(arch: str = "cpu", precision: Precision = "f32", threads: int = 0) -> Runtime:
@@ -101,7 +101,7 @@ def generation() -> int:
 def pack(kind: Any, **members: torch.Tensor) -> Any:
     """An argument pack of `kind` (`ti.types.argpack`): several tensors as one argument of a kernel."""
     made = kind(**members)
-    _packs.append(weakref.ref(made))
+    _packs[id(made)] = made
     return made
 
 
@@ -112,10 +112,8 @@ class _Void:
 @atexit.register
 def _forget_packs() -> None:
     """Packs went with their Taichi program: Python must not free them a second time, or a newer one of that address."""
-    for reference in _packs:
-        old = reference()
-        if old is not None:
-            old.__class__ = _Void
+    for old in list(_packs.values()):
+        old.__class__ = _Void
     _packs.clear()
 
 

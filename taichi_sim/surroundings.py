@@ -68,13 +68,6 @@ class Surroundings:
             self._generation = runtime.generation()
         return self._pack
 
-    def rows(self, envs: Tensor) -> "Surroundings":
-        """Those of environments `envs` [n] alone: a copy as of now."""
-        return Surroundings(
-            self.sea, self.env_sea[envs], self.phase[envs], self.current[envs], self.wind[envs], self.depth, self.air,
-            self.clock, self.seed, self.first_env,
-        )  # fmt: skip
-
     def elevation(self, points: Tensor) -> Tensor:
         """Elevation of the sea (m, up) [env, point] at points [env, point, 2] (north, east, m), now."""
         envs, each = points.shape[:2]
