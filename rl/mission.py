@@ -235,6 +235,10 @@ class Mission:
         Raises:
             ValueError: for a wrong shape or an action that is not finite; nothing has moved then.
         """
+        with runtime.torch_at_rest():
+            return self._step(actions)
+
+    def _step(self, actions: Mapping[str, Any]) -> Step:
         taken = self.world.step(actions)
         self.steps += 1
         for name, team in self.teams.items():
@@ -259,9 +263,12 @@ class Mission:
     def reset(self, envs: Tensor | None = None, **where: Any) -> None:
         """Begin new episodes in environments `envs` [n] (default: all); `where` goes to `begin`."""
         envs = self._all if envs is None else envs
+        if len(envs):
+            with runtime.torch_at_rest():
+                self._reset(envs, where)
+
+    def _reset(self, envs: Tensor, where: dict[str, Any]) -> None:
         n = len(envs)
-        if n == 0:
-            return
         self.steps[envs] = 0
         self.world.env_sea[envs] = self.draw(self.world.sea.num_seas, n).to(torch.int32)
         begin = torch.rand(n, generator=self.generator, dtype=torch.float64) * TIME_SPAN

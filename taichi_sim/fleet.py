@@ -24,6 +24,8 @@ from taichi_sim.packs import FleetPack
 from taichi_sim.runtime import Launcher
 from taichi_sim.vehicle import Vehicle
 
+VEHICLE_STEP = 4e3  # ns of a control step of one vehicle, about: hulls take more, other models less
+
 
 class Fleet:
     """Vehicles of one model in every environment; the views share memory with what kernels work on.
@@ -36,6 +38,7 @@ class Fleet:
         action: [env, vehicle, action], what is commanded in the coming or the last step.
         never: bool [env, vehicle], false: of endings that cannot happen; not to be written to.
         varied: whether numbers differ between environments (`set_numbers`). loaded: whether `load` has been asked for.
+        few: whether there are so few vehicles that kernels run on the calling thread alone.
     """
 
     def __init__(self, name: str, model: Vehicle, num_envs: int, count: int):
@@ -50,11 +53,10 @@ class Fleet:
         self.surface[..., FREEBOARD] = NO_DECK
         self.derived = torch.zeros((num_envs, count, DERIVED_SIZE), **options)
         self.action = torch.zeros((num_envs, count, max(len(model.action_names), 1)), **options)
-        self.varied = False
+        self.varied, self.few = False, runtime.few(num_envs * count, VEHICLE_STEP)
         self._vary: Tensor | None = None
         self._numbers = self._load = torch.zeros((1, 1, 1), **options)
-        self._pack: Any = None
-        self._generation = -1
+        self._pack = self._packed()
         self._launchers: dict[tuple[int, int], Launcher] = {}
         self._all = torch.arange(num_envs, device=run.device)
         self._which, self._derive = torch.zeros(num_envs, dtype=torch.int32, device=run.device), Launcher(derive)
@@ -66,19 +68,19 @@ class Fleet:
     @property
     def pack(self) -> Any:
         """What kernels take of it: a FleetPack, the same object until numbers or loads are first used."""
-        if self._pack is None or self._generation != runtime.generation():
-            self._generation = runtime.generation()
-            self._pack = runtime.pack(
-                FleetPack,
-                state=self.state,
-                derived=self.derived,
-                aux=self.aux,
-                surface=self.surface,
-                action=self.action,
-                numbers=self._numbers,
-                load=self._load,
-            )
-        return self._pack
+        return self._pack()
+
+    def _packed(self) -> runtime.Packed:
+        return runtime.Packed(
+            FleetPack,
+            state=self.state,
+            derived=self.derived,
+            aux=self.aux,
+            surface=self.surface,
+            action=self.action,
+            numbers=self._numbers,
+            load=self._load,
+        )
 
     def launch(self, kernel: Any, *args: Any) -> None:
         """Call a kernel of the model; where the arguments are those of the last call, at a fraction of the cost."""
@@ -94,7 +96,8 @@ class Fleet:
         else:
             self._which.zero_()
             self._which[envs] = 1
-        self._derive(self.derived, self.state, self._which)
+        rows = self.num_envs if envs is None else len(envs)
+        self._derive(self.derived, self.state, self._which, runtime.few(rows * self.count))
 
     # -- outside loads and numbers of its own ----------------------------------------------------------------------
 
@@ -110,7 +113,8 @@ class Fleet:
         To be written in place. Until it is first asked for it costs nothing.
         """
         if not self.loaded:
-            self._load, self._pack = self.state.new_zeros((*self.state.shape[:2], 6)), None
+            self._load = self.state.new_zeros((*self.state.shape[:2], 6))
+            self._pack = self._packed()
         return self._load
 
     @property
@@ -141,7 +145,8 @@ class Fleet:
         numbers = self.model.numbers(fresh).to(self.state.dtype)
         if not self.varied:
             whole = self.model.numbers(self._vary).to(self.state.dtype)
-            self._numbers, self._pack, self.varied = whole.contiguous(), None, True
+            self._numbers, self.varied = whole.contiguous(), True
+            self._pack = self._packed()
         self._numbers[rows] = numbers
 
     def _checked(self, key: str, value: Any, shape: tuple[int, int]) -> Tensor:

@@ -34,8 +34,10 @@ def derive(
     derived: ti.types.ndarray(ndim=3),
     state: ti.types.ndarray(ndim=3),
     which: ti.types.ndarray(dtype=ti.i32, ndim=1),
+    serial: ti.template(),
 ):
     """Fill `derived` from `state` (packed as in conventions.py) in environments whose `which` [env] is not 0."""
+    ti.loop_config(serialize=serial)
     for e, i in ti.ndrange(state.shape[0], state.shape[1]):
         if which[e] != 0:
             R = rotation_matrix(ti.Vector([state[e, i, 3], state[e, i, 4], state[e, i, 5], state[e, i, 6]]))

@@ -33,6 +33,7 @@ class Build(NamedTuple):
     varied: bool = False  # numbers differ between environments: `fleet.numbers` counts
     loaded: bool = False  # `fleet.load` counts
     air: Any = None  # kind of air (uav/fixed_wing/local_air.py), of models that ask
+    serial: bool = False  # on the calling thread: so few vehicles that waking others would cost more
 
 
 @cache

@@ -12,8 +12,9 @@ import contextlib
 import io
 import os
 import weakref
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import taichi as ti
 import torch
@@ -105,6 +106,26 @@ def pack(kind: Any, **members: torch.Tensor) -> Any:
     return made
 
 
+class Packed:
+    """Tensors that kernels take as one argument, whatever Taichi program runs.
+
+    Attributes:
+        members: name -> tensor.
+    """
+
+    def __init__(self, kind: Any, **members: torch.Tensor):
+        """Of `kind` (`ti.types.argpack`)."""
+        self.members, self._kind = members, kind
+        self._made: Any = None
+        self._generation = -1
+
+    def __call__(self) -> Any:
+        """The pack, the same object for as long as the Taichi program runs."""
+        if self._generation != generation():
+            self._made, self._generation = pack(self._kind, **self.members), _generation
+        return self._made
+
+
 class _Void:
     """What is left of a pack whose Taichi program has ended."""
 
@@ -117,59 +138,127 @@ def _forget_packs() -> None:
     _packs.clear()
 
 
+WAKE_UP = 70e3  # ns that a launch takes to wake the threads and to wait for them
+
+
+def few(items: int, each: float = 100.0) -> bool:
+    """Whether a loop over `items` of `each` ns is sooner done on the calling thread (`ti.loop_config(serialize=...)`).
+
+    On a GPU nothing is: what is written there stays there.
+    """
+    run = current()
+    return run.arch == "cpu" and (run.threads == 1 or items * each < 2 * WAKE_UP)
+
+
+@contextlib.contextmanager
+def torch_at_rest() -> Iterator[None]:
+    """Torch works on the calling thread alone.
+
+    Its own threads spin for milliseconds after a parallel operation, in case there is another one. Between Taichi's
+    kernels, which then have to share their cores with them, that costs more than it gives: kernels took up to twice
+    the time.
+    """
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
+
+
+class _Bound(NamedTuple):
+    """Arguments of a launch, and what Taichi has made of them."""
+
+    args: tuple[Any, ...]
+    compiled: Any
+    context: Any
+
+
 class Launcher:
-    """Calls a kernel again with the arguments of the last time at a fifth of the cost of a plain call.
+    """Calls a kernel again with the arguments of a time before at a fifth of the cost of a plain call.
 
     A call from Python checks and converts every argument: 0.4 ms for a dozen tensors, which is nothing at thousands of
     environments and nearly everything at one. A vehicle's kernel gets the same tensors, written in place, step after
-    step; so what Taichi has made of them is kept and launched again. Arguments count as the same if they are the same
-    objects (values without identity, such as numbers and tuples, if they are equal).
+    step; so what Taichi has made of them is kept and launched again, for the last two sets of arguments. Arguments
+    count as the same if they are the same objects (values without identity, such as numbers and tuples, if they are
+    equal). Other tensors of the same types are bound anew without compiling, for a third of a call's price.
 
     It reaches into Taichi 1.7 below its public interface. pyproject.toml keeps Taichi there.
     """
+
+    KEPT = 2
 
     def __init__(self, kernel: Any):
         """`kernel` is a kernel, or a kernel of an object: `model.step_kernel`."""
         self._kernel, self._primal = kernel, kernel._primal
         self._owner = (kernel._kernel_owner,) if hasattr(kernel, "_kernel_owner") else ()
-        self._args: tuple[Any, ...] = ()
+        self._wanted = self._primal.arguments[len(self._owner) :]
+        self._templates = [isinstance(wanted.annotation, template) for wanted in self._wanted]
+        self._bound: list[_Bound] = []
+        self._compiled: dict[tuple[Any, ...], tuple[Any, Any]] = {}  # by types of arguments: as declared, and compiled
         self._generation = -1
-        self._compiled: Any = None
-        self._context: Any = None
 
     def __call__(self, *args: Any) -> None:
-        """Launch it."""
-        if self._generation != _generation or not _same(args, self._args):
-            self._bind(args)
-        program = impl.get_runtime().prog
-        program.launch_kernel(self._compiled, self._context)
+        """Launch it, and keep what a launch with these arguments needs."""
+        self._renew()
+        bound = next((bound for bound in self._bound if _same(args, bound.args)), None)
+        if bound is None:
+            bound = self._bind(args)
+            self._bound = [bound, *self._bound[: self.KEPT - 1]]
+        impl.get_runtime().prog.launch_kernel(bound.compiled, bound.context)
 
-    def _bind(self, args: tuple[Any, ...]) -> None:
-        """Compile for `args`, and keep what a launch with them needs."""
-        key = self._primal.ensure_compiled(*self._owner, *args)
-        kernel, program = self._primal.compiled_kernels[key], impl.get_runtime().prog
-        self._compiled = program.compile_kernel(program.config(), program.get_device_caps(), kernel)
-        self._context = kernel.make_launch_context()
-        self._args, self._generation = args, _generation
-        wanted = self._primal.arguments[len(self._owner) :]
-        given = [value for value, form in zip(args, wanted, strict=True) if not isinstance(form.annotation, template)]
+    def once(self, *args: Any) -> None:
+        """Launch it with tensors that will not come again."""
+        self._renew()
+        bound = self._bind(args)
+        impl.get_runtime().prog.launch_kernel(bound.compiled, bound.context)
+
+    def _renew(self) -> None:
+        current()
+        if self._generation != _generation:
+            self._generation, self._bound, self._compiled = _generation, [], {}
+
+    def _bind(self, args: tuple[Any, ...]) -> _Bound:
+        """Compile for `args` unless that has been done, and make what a launch with them needs."""
+        if len(args) != len(self._wanted):
+            raise TypeError(f"{self._primal.func.__name__} takes {len(self._wanted)} arguments, not {len(args)}")
+        form = tuple(map(_form, args, self._templates))
+        if form not in self._compiled:
+            key = self._primal.ensure_compiled(*self._owner, *args)
+            kernel, program = self._primal.compiled_kernels[key], impl.get_runtime().prog
+            compiled = program.compile_kernel(program.config(), program.get_device_caps(), kernel)
+            self._compiled[form] = kernel, compiled
+        kernel, compiled = self._compiled[form]
+        context = kernel.make_launch_context()
+        given = [value for value, fixed in zip(args, self._templates, strict=True) if not fixed]
         slots, inside = len(given), []
         for slot, value in enumerate(given):
             if isinstance(value, ArgPack):
-                self._context.set_arg_argpack((slot,), value._ArgPack__argpack)  # type: ignore[attr-defined]
+                context.set_arg_argpack((slot,), value._ArgPack__argpack)  # type: ignore[attr-defined]
                 inside += [member for _, member in value.items]
-            elif isinstance(value, torch.Tensor):
-                self._set_tensor(slot, value)
             else:
-                raise TypeError(f"a launched kernel takes packs, tensors and templates, not {type(value).__name__}")
+                _set_tensor(context, slot, value)
         for k, value in enumerate(inside):
-            self._set_tensor(slots + k, value)
+            _set_tensor(context, slots + k, value)
+        return _Bound(args, compiled, context)
 
-    def _set_tensor(self, slot: int, value: torch.Tensor) -> None:
-        if not value.is_contiguous():
-            raise ValueError("a launched kernel takes contiguous tensors")
-        size = value.element_size() * value.nelement()
-        self._context.set_arg_external_array_with_shape((slot,), value.data_ptr(), size, tuple(value.shape), 0)
+
+def _form(value: Any, fixed: bool) -> Any:
+    """What a kernel is compiled for: a template's value, the types of tensors."""
+    if fixed:
+        return value
+    if isinstance(value, ArgPack):
+        return tuple((member.dtype, member.ndim) for _, member in value.items)
+    if isinstance(value, torch.Tensor):
+        return value.dtype, value.ndim
+    raise TypeError(f"a launched kernel takes packs, tensors and templates, not {type(value).__name__}")
+
+
+def _set_tensor(context: Any, slot: int, value: torch.Tensor) -> None:
+    if not value.is_contiguous():
+        raise ValueError("a launched kernel takes contiguous tensors")
+    size = value.element_size() * value.nelement()
+    context.set_arg_external_array_with_shape((slot,), value.data_ptr(), size, tuple(value.shape), 0)
 
 
 def _same(args: tuple[Any, ...], before: tuple[Any, ...]) -> bool:

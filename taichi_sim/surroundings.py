@@ -9,7 +9,7 @@ from torch import Tensor
 from taichi_sim import runtime
 from taichi_sim.air import Wind
 from taichi_sim.packs import AroundPack
-from taichi_sim.sea.queries import elevation
+from taichi_sim.sea.queries import elevations
 from taichi_sim.sea.sea import DEEP, Sea
 
 
@@ -31,14 +31,17 @@ class Surroundings:
     seed: int = 0  # of the random numbers
     first_env: int = 0  # number, among the random numbers, of the first environment: not 0 in a replay
     _count: Tensor = field(init=False, repr=False)
-    _elevation: Any = field(init=False, repr=False)
-    _pack: Any = field(init=False, repr=False, default=None)
-    _generation: int = field(init=False, repr=False, default=-1)
+    _pack: runtime.Packed = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         """Begin to count."""
-        self._elevation = runtime.Launcher(elevation)
         self._count = torch.zeros(3, dtype=torch.int32, device=self.sea.device)
+        numbers = (0.0, 0.0, 0.0) if self.air is None else self.air.numbers
+        air = torch.tensor(numbers, dtype=self.sea.dtype, device=self.sea.device)
+        self._pack = runtime.Packed(
+            AroundPack, sea=self.sea, env_sea=self.env_sea, phase=self.phase, current=self.current, wind=self.wind,
+            air=air, count=self._count,
+        )  # fmt: skip
         self.tick(0)
 
     @classmethod
@@ -58,24 +61,14 @@ class Surroundings:
     @property
     def pack(self) -> Any:
         """What kernels take: an AroundPack, the same object from step to step."""
-        if self._generation != runtime.generation():
-            numbers = (0.0, 0.0, 0.0) if self.air is None else self.air.numbers
-            air = torch.tensor(numbers, dtype=self.sea.dtype, device=self.sea.device)
-            self._pack = runtime.pack(
-                AroundPack, sea=self.sea, env_sea=self.env_sea, phase=self.phase, current=self.current, wind=self.wind,
-                air=air, count=self._count,
-            )  # fmt: skip
-            self._generation = runtime.generation()
-        return self._pack
+        return self._pack()
 
     def elevation(self, points: Tensor) -> Tensor:
         """Elevation of the sea (m, up) [env, point] at points [env, point, 2] (north, east, m), now."""
         envs, each = points.shape[:2]
-        out = self.sea.new_empty(envs * each)
         rows = torch.arange(envs, dtype=torch.int32, device=points.device).repeat_interleave(each)
         flat = points.reshape(-1, 2).to(self.sea.dtype).contiguous()
-        self._elevation(out, flat, self.phase, self.sea, rows, self.env_sea, self.sea.shape[2])
-        return out.view(envs, each)
+        return elevations(self.sea, flat, rows, self.env_sea, self.phase).view(envs, each)
 
 
 def as_i32(x: int) -> int:

@@ -168,7 +168,7 @@ class Vehicle:
 
     def build(self, fleet: Any, around: Surroundings) -> Build:
         """What a kernel for `fleet` in these surroundings is compiled for."""
-        return Build(around.sea.shape[2], around.depth > 0, fleet.varied, fleet.loaded)
+        return Build(around.sea.shape[2], around.depth > 0, fleet.varied, fleet.loaded, serial=fleet.few)
 
     def equations(self, state: Tensor, controls: Tensor, current: Tensor, wind: Tensor, load: Tensor) -> Tensor:
         """The right-hand side alone: `rhs` with checked, contiguous tensors of the run's precision and device."""

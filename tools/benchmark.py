@@ -2,10 +2,14 @@
 step, each vehicle model alone, and peers that are installed.
 
     python tools/benchmark.py [--json FILE] [--threads N] [--seconds S] [--quick]
+    python tools/benchmark.py --against CHECKOUT [--only GROUP ...] [--json FILE] [--seconds S] [--repetitions N]
 
 An agent step is one vehicle's decision. The real-time factor is the simulated time of all environments over wall
 time. Figures are medians over repetitions that are interleaved after warm-up; in brackets the slowest and the
 fastest repetition over the median (tools/benchmarking/timing.py).
+
+--against measures another checkout of this project (from ff093b3 on) and this one in alternation, case by case, and
+gives the medians of the ratios.
 """
 
 import argparse
@@ -19,6 +23,8 @@ ROOT = Path(__file__).resolve().parents[1]
 if str(ROOT) not in sys.path:  # run as a script from anywhere
     sys.path.insert(0, str(ROOT))
 
+from benchmarking.against import GROUPS, compare  # noqa: E402
+from benchmarking.against import table as ratios_table  # noqa: E402
 from benchmarking.mission import environment_cases, first_stage, learning_cases, rates  # noqa: E402
 from benchmarking.parts import measure_parts  # noqa: E402
 from benchmarking.peers import measure_peers  # noqa: E402
@@ -35,6 +41,7 @@ SIZES, QUICK_SIZES = (1, 64, 1024, 4096, 16384), (1, 16)
 LEARNING_SIZES = (1024, 2048)  # beside the configured one
 PARTS_SIZE, QUICK_PARTS_SIZE = 4096, 16
 REPETITIONS, QUICK_REPETITIONS = 9, 2
+AGAINST_SIZES = (1, 512, 4096)  # environments
 
 
 def parser() -> argparse.ArgumentParser:
@@ -47,6 +54,9 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--seconds", type=cli.positive_float, default=None, help="of one repetition (default: 0.5)")
     p.add_argument("--quick", action="store_true", help="tiny cases, to see that all of it runs; figures mean nothing")
     p.add_argument("--quiet", action="store_true", help="no progress bars")
+    p.add_argument("--against", type=Path, metavar="CHECKOUT", help="compare with another checkout, both alternated")
+    p.add_argument("--only", nargs="+", choices=GROUPS, default=GROUPS, help="what to compare (default: everything)")
+    p.add_argument("--repetitions", type=cli.positive_int, default=REPETITIONS, help="of --against (default: %(default)s)")
     p.set_defaults(arch="cpu")
     return p
 
@@ -143,13 +153,42 @@ def main(argv: list[str] | None = None) -> None:
     """Run the command."""
     args = parser().parse_args(argv)
     seconds = args.seconds or (0.02 if args.quick else 0.5)
+    if args.against:
+        result: Any = against(args, seconds)
+    else:
+        result = alone(args, seconds)
+    if args.json:
+        args.json.parent.mkdir(parents=True, exist_ok=True)
+        run_folder.write_json(args.json, result)
+
+
+def against(args: argparse.Namespace, seconds: float) -> list[dict[str, Any]]:
+    """Compare with another checkout, and print the ratios.
+
+    Raises:
+        FileNotFoundError: if there is none.
+    """
+    if not (args.against / "tools" / "benchmark.py").is_file():
+        raise FileNotFoundError(f"{args.against / 'tools' / 'benchmark.py'}: --against takes a checkout of this project")
+    rows = compare(
+        args.against,
+        ROOT,
+        groups=args.only,
+        sizes=QUICK_SIZES if args.quick else AGAINST_SIZES,
+        seconds=seconds,
+        repetitions=QUICK_REPETITIONS if args.quick else args.repetitions,
+    )
+    print(ratios_table(rows))
+    return rows
+
+
+def alone(args: argparse.Namespace, seconds: float) -> dict[str, Any]:
+    """Measure this checkout, and print the figures."""
     config = load_scenario("paper", QUICK if args.quick else ())
     cli.start(args)
     result = benchmark(config, quick=args.quick, seconds=seconds, show_progress=not args.quiet)
     print(table(result))
-    if args.json:
-        args.json.parent.mkdir(parents=True, exist_ok=True)
-        run_folder.write_json(args.json, result)
+    return result
 
 
 if __name__ == "__main__":

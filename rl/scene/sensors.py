@@ -19,6 +19,8 @@ from taichi_sim.kinematics import HEADING_COS, HEADING_SIN
 _array3, _array4 = (ti.types.ndarray(ndim=n) for n in (3, 4))
 SensedPack = ti.types.argpack(gap=ti.types.ndarray(ndim=2), obstacles=_array4, mates=_array4, signals=_array3)
 
+LOOK = 150.0  # ns of one vehicle, about
+
 
 class Sight(NamedTuple):
     """How much is sensed; what the kernel is compiled for."""
@@ -26,6 +28,8 @@ class Sight(NamedTuple):
     obstacles: int  # nearest ones told apart
     mates: int
     axes: int  # of the vehicle's own frame
+    field: int = 1  # obstacles in a world: a loop of known length is unrolled over whole vectors
+    serial: bool = False  # on the calling thread
 
 
 @ti.func
@@ -77,17 +81,18 @@ def insert(distance, index, d, j, count: ti.template()):
 
 
 @ti.func
-def near_obstacles(field: ti.template(), w, place, reach, radius, count: ti.template()):
-    """Smallest clearance (m), at most `reach`, and the `count` nearest obstacles of world w: distances and numbers."""
+def near_obstacles(field: ti.template(), w, place, reach, radius, sight: ti.template()):
+    """Smallest clearance (m), at most `reach`, and the nearest obstacles of world w: distances and numbers."""
+    count = ti.static(sight.obstacles)
     x, y = place[0], place[1]
     gap, margin = x * 0.0 + reach, x * 0.0
     distance = ti.Vector([gap] * ti.static(count + 1))
     index = ti.Vector([-1] * ti.static(count + 1))
-    for m in range(field.shape[2]):  # without branches: vectorised
+    for m in range(sight.field):  # without branches: vectorised
         dx, dy, r = field[w, 0, m] - x, field[w, 1, m] - y, field[w, 2, m] + reach
         margin = ti.min(margin, dx * dx + dy * dy - r * r)
     if margin < 0:  # something is in range, which is rare
-        for m in range(field.shape[2]):
+        for m in range(sight.field):
             dx, dy, r = field[w, 0, m] - x, field[w, 1, m] - y, field[w, 2, m]
             if dx * dx + dy * dy < (reach + r) * (reach + r):
                 d = cylinder_distance(dx, dy, -place[2], r, field[w, 3, m])
@@ -121,11 +126,12 @@ def _sense(
     numbers: ti.types.ndarray(ndim=1),
     sight: ti.template(),
 ):
+    ti.loop_config(serialize=sight.serial)
     for e, i in ti.ndrange(state.shape[0], state.shape[1]):
         if which[e] != 0:
             w, reach, radius = env_world[e], numbers[0], numbers[1]
             place = ti.Vector([state[e, i, 0], state[e, i, 1], state[e, i, 2]])
-            clear, far, index = near_obstacles(field, w, place, reach, radius, sight.obstacles)
+            clear, far, index = near_obstacles(field, w, place, reach, radius, sight)
             apart, away, who = near_mates(state, e, i, place, reach, radius, sight.mates)
             out.gap[e, i] = ti.min(clear, apart)
             for k in ti.static(range(sight.obstacles)):
@@ -162,6 +168,7 @@ class Sensor:
             the direction in the vehicle's own frame times closeness; zeros where there is nothing in range. An
             obstacle has one more, the sine of half the angle it fills: without its width nobody can tell whether a
             course clears it.
+        written: the same, or one column where there are none, as kernels take it.
     """
 
     def __init__(
@@ -187,26 +194,27 @@ class Sensor:
         self.team_mates = state.new_zeros((env, vehicle, max(num_mates, 1), 4))
         width = num_obstacles * (self.axes + 2) + num_mates * (self.axes + 1)
         self.signals = state.new_zeros((env, vehicle, width))
-        self._signals = self.signals if width else state.new_zeros((env, vehicle, 1))  # kernels take no empty array
+        self.written = self.signals if width else state.new_zeros((env, vehicle, 1))  # kernels take no empty array
         self._numbers = state.new_tensor([reach, radius])
         self._all = torch.ones(env, dtype=torch.int32, device=state.device)
         self._field: torch.Tensor | None = None
         self._columns = state
         self._sight, self._launch = Sight(num_obstacles, num_mates, self.axes), runtime.Launcher(_sense)
-        self._pack, self._generation = None, -1
+        self._pack = runtime.Packed(
+            SensedPack, gap=self.gap, obstacles=self.obstacles, mates=self.team_mates, signals=self.written
+        )
 
-    def look(self, obstacles: torch.Tensor, env_world: torch.Tensor, which: torch.Tensor | None = None) -> None:
-        """Look around for `obstacles` [world, m, 4] in environments that are not 0 in `which` [env] (default: all).
+    def look(
+        self, obstacles: torch.Tensor, env_world: torch.Tensor, which: torch.Tensor | None = None, count: int = 0
+    ) -> None:
+        """Look around for `obstacles` [world, m, 4]; env_world is int64 [env].
 
-        env_world: int64 [env].
+        It does so in environments that are not 0 in `which` [env], `count` of them (default: in all).
         """
         if obstacles is not self._field:  # by column, so that the kernel reads whole vectors
             self._field, self._columns = obstacles, obstacles.transpose(1, 2).contiguous()
-        if self._generation != runtime.generation():
-            self._generation = runtime.generation()
-            self._pack = runtime.pack(
-                SensedPack, gap=self.gap, obstacles=self.obstacles, mates=self.team_mates, signals=self._signals
-            )
-        which = self._all if which is None else which
+        if which is None:
+            which, count = self._all, len(self._all)
         state, derived = self.fleet.state, self.fleet.derived
-        self._launch(self._pack, state, derived, self._columns, env_world, which, self._numbers, self._sight)
+        sight = self._sight._replace(field=obstacles.shape[1], serial=runtime.few(count * state.shape[1], LOOK))
+        self._launch(self._pack(), state, derived, self._columns, env_world, which, self._numbers, sight)

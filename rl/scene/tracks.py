@@ -65,21 +65,20 @@ class Tracks:
     length_m      float32 [world]
     checkpoints   float32 [world, checkpoint, 2]: north, east (m)
     checkpoint_s  float32 [world, checkpoint]: arc length from checkpoint 1 (m), increasing from 0
-    columns       float32 [4, world * (sample + 1)]: the table by column, with the end of the lap, for kernels
+    rows          float32 [world * (sample + 1), 4]: the table with the end of the lap, one after the other, for kernels
     """
 
     table: Tensor
     length_m: Tensor
     checkpoints: Tensor
     checkpoint_s: Tensor
-    columns: Tensor = field(init=False, repr=False, compare=False)
+    rows: Tensor = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        """Lay out the columns with the end of the lap after the last sample [4, world * (sample + 1)]."""
+        """Lay out the rows with the end of the lap after the last sample [world * (sample + 1), 4]."""
         end = self.table[:, :1].clone()
         end[..., 2] += 2 * torch.pi * torch.sign(self.table[:, -1:, 2] - end[..., 2])
-        columns = torch.cat((self.table, end), dim=1).flatten(0, 1).T.contiguous()
-        object.__setattr__(self, "columns", columns)
+        object.__setattr__(self, "rows", torch.cat((self.table, end), dim=1).flatten(0, 1).contiguous())
 
     @property
     def worlds(self) -> int:
@@ -106,23 +105,23 @@ class Tracks:
         """
         world, s_flat = world.to(self.table.device).flatten().contiguous(), s.to(self.length_m).flatten().contiguous()
         found = self.table.new_empty((s_flat.shape[0], 4))
-        _look_up(found, self.columns, self.length_m, world, s_flat)
+        _look_up(found, self.rows, self.length_m, world, s_flat)
         north, east, course, curvature = found.view(*s.shape, 4).unbind(-1)
         return TrackPoint(torch.stack((north, east), dim=-1), course, curvature)
 
 
 @ti.func
-def track_point(columns: ti.template(), length: ti.template(), world, s):
+def track_point(rows: ti.template(), length: ti.template(), world, s):
     """(north, east, course, curvature) at arc length s (m) on the track of `world`; see `Tracks.at`."""
-    samples = columns.shape[1] // length.shape[0] - 1
+    samples = rows.shape[0] // length.shape[0] - 1
     lap = s / length[world]
     x = (lap - ti.floor(lap)) * samples
     sample = ti.min(ti.cast(x, ti.i32), samples - 1)  # the difference may round up to a whole lap
     f, row = x - sample, sample + world * (samples + 1)
     here, step = ti.Vector([x * 0.0 for _ in range(4)]), ti.Vector([x * 0.0 for _ in range(4)])
     for c in ti.static(range(4)):
-        here[c] = columns[c, row]
-        step[c] = columns[c, row + 1] - here[c]
+        here[c] = rows[row, c]
+        step[c] = rows[row + 1, c] - here[c]
     curvature = here[3] + f * step[3]
     bow = (f * f - f) * (0.5 * length[world] / samples) * curvature
     course = here[2] + f * step[2]
@@ -133,13 +132,13 @@ def track_point(columns: ti.template(), length: ti.template(), world, s):
 @ti.kernel
 def _look_up(
     out: ti.types.ndarray(ndim=2),
-    columns: ti.types.ndarray(ndim=2),
+    rows: ti.types.ndarray(ndim=2),
     length: ti.types.ndarray(ndim=1),
     world: ti.types.ndarray(dtype=ti.i64, ndim=1),
     s: ti.types.ndarray(ndim=1),
 ):
     for n in range(s.shape[0]):
-        place = track_point(columns, length, ti.cast(world[n], ti.i32), s[n])
+        place = track_point(rows, length, ti.cast(world[n], ti.i32), s[n])
         for c in ti.static(range(4)):
             out[n, c] = place[c]
 

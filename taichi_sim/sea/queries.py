@@ -9,12 +9,15 @@
 import math
 
 import taichi as ti
+from torch import Tensor
 
+from taichi_sim import runtime
 from taichi_sim.conventions import GRAVITY
 from taichi_sim.sea import water_column, waves
 
 NEWTON_ITERATIONS = 12  # queries are exact to rounding for seas, and for one wave of k a up to 0.99
 TWO_PI = 2 * math.pi
+PHASE, ELEVATION = 5.0, 100.0  # ns of one component, about: reduced, and inverted
 SURFACE_COLUMNS, COLUMN_COLUMNS, AIRY_COLUMNS = 12, 7, 4
 
 
@@ -25,11 +28,14 @@ def advance_phases(
     phase64: ti.types.ndarray(dtype=ti.f64, ndim=2),
     env_sea: ti.types.ndarray(dtype=ti.i32, ndim=1),
     time: ti.types.ndarray(dtype=ti.f64, ndim=1),
+    count: ti.template(),
+    serial: ti.template(),
 ):
     """phase - omega t of every component of every row, in [0, 2 pi)."""
+    ti.loop_config(serialize=serial)
     for row in range(phase.shape[0]):
         s = env_sea[row]
-        for c in range(phase.shape[1]):
+        for c in range(count):
             turns = (phase64[s, c] - omega64[s, c] * time[row]) * ti.f64(1.0 / TWO_PI)
             phase[row, c] = (turns - ti.floor(turns)) * ti.f64(TWO_PI)
 
@@ -68,13 +74,26 @@ def elevation(
     point_row: ti.types.ndarray(dtype=ti.i32, ndim=1),
     env_sea: ti.types.ndarray(dtype=ti.i32, ndim=1),
     count: ti.template(),
+    serial: ti.template(),
 ):
     """Elevation at points [point, 2]; point_row [point] is the row of `phase` and `env_sea` of each."""
+    ti.loop_config(serialize=serial)
     for i in range(points.shape[0]):
         row = point_row[i]
         s, zero = env_sea[row], points[i, 0] * 0.0
         L = waves.invert_label(sea, phase, count, s, row, points[i, 0], points[i, 1], zero, NEWTON_ITERATIONS)
         out[i] = waves.elevation_at_label(sea, phase, count, s, row, L[0], L[1], zero)
+
+
+_elevation = runtime.Launcher(elevation)
+
+
+def elevations(sea: Tensor, points: Tensor, point_row: Tensor, env_sea: Tensor, phase: Tensor) -> Tensor:
+    """Elevation [point] (m, up) at points [point, 2] of the seas and phases in rows `point_row` [point] int32."""
+    out, components = sea.new_empty(points.shape[0]), sea.shape[2]
+    serial = runtime.few(points.shape[0], ELEVATION * components)
+    _elevation.once(out, points.contiguous(), phase, sea, point_row, env_sea, components, serial)
+    return out
 
 
 @ti.kernel

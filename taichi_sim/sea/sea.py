@@ -100,6 +100,7 @@ class Sea:
         self.table = torch.as_tensor(rows, dtype=run.torch_dtype, device=run.device).contiguous()
         # The frequencies that kernels use, in f64, so that phases agree with the table over any length of time.
         self._omega64 = self.table[:, OMEGA].double().contiguous()
+        self._advance = runtime.Launcher(queries.advance_phases)
         self._phase64 = torch.as_tensor(rows[:, PHASE], dtype=torch.float64, device=run.device).contiguous()
 
     @classmethod
@@ -139,7 +140,9 @@ class Sea:
         """
         if out is None:
             out = self.table.new_empty((env_sea.shape[0], self.num_components))
-        queries.advance_phases(out, self._omega64, self._phase64, env_sea, time)
+        components = self.num_components
+        serial = runtime.few(env_sea.shape[0], queries.PHASE * components)
+        self._advance(out, self._omega64, self._phase64, env_sea, time, components, serial)
         return out
 
     def surface(self, north, east, time, sea=0) -> Surface:
@@ -167,9 +170,7 @@ class Sea:
         self, points: torch.Tensor, point_row: torch.Tensor, env_sea: torch.Tensor, phase: torch.Tensor
     ) -> torch.Tensor:
         """Elevation [point] at points [point, 2] whose sea and phases are rows of `env_sea` and `phase`."""
-        out = self.table.new_empty(points.shape[0])
-        queries.elevation(out, points.contiguous(), phase, self.table, point_row, env_sea, self.num_components)
-        return out
+        return queries.elevations(self.table, points, point_row, env_sea, phase)
 
     def elevation_grid(self, north, east, time: float = 0.0, sea: int = 0) -> np.ndarray:
         """The sea surface as an array: elevation (m, up) on a grid, to plot, to record, or to export.

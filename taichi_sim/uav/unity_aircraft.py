@@ -166,6 +166,7 @@ class UnityAircraft(Aircraft):
 
     @ti.kernel
     def _step(self, fleet: FleetPack, build: ti.template()):
+        ti.loop_config(serialize=build.serial)
         for e, i in ti.ndrange(fleet.state.shape[0], fleet.state.shape[1]):
             y = ti.Vector([fleet.state[e, i, k] for k in ti.static(range(13))])
             increment = ti.Vector([fleet.aux[e, i, INCREMENT + k] for k in ti.static(range(3))])

@@ -120,6 +120,7 @@ class Manoeuvring3dof(Vessel):
 
     @ti.kernel
     def _step(self, fleet: FleetPack, around: AroundPack, build: ti.template()):
+        ti.loop_config(serialize=build.serial)
         for e, i in ti.ndrange(fleet.state.shape[0], fleet.state.shape[1]):
             y = ti.Vector([fleet.state[e, i, k] for k in ti.static(range(13))])
             memory = ti.Vector([fleet.aux[e, i, k] for k in ti.static(range(len(AUX)))])

@@ -114,7 +114,7 @@ def rotated(task: Formation, angle: float) -> None:
     table = torch.cat((tracks.table[..., :2] @ R, tracks.table[..., 2:]), dim=-1)
     table[..., 2] += angle
     task.tracks = Tracks(table, tracks.length_m, tracks.checkpoints @ R, tracks.checkpoint_s)
-    tracks.columns.copy_(task.tracks.columns)  # which targets move along
+    tracks.rows.copy_(task.tracks.rows)  # which targets move along
     task.obstacles = torch.cat((task.obstacles[..., :2] @ R, task.obstacles[..., 2:]), dim=-1).contiguous()
     zero = torch.zeros(())
     turn = torch_quaternion_from_euler(zero, zero, zero + angle)

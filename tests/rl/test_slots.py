@@ -31,7 +31,7 @@ def slots(target: Tensor, leader: Tensor, velocity: Tensor, offsets: Tensor) -> 
     )
     fleet.state[:, 0, POSITION], fleet.derived[:, 0, VELOCITY_N] = leader, velocity
     geometry = Geometry(fleet, target, 0.0, offsets, 3)
-    geometry.measure(torch.ones(shape[0], dtype=torch.int32))
+    geometry.measure(torch.ones(shape[0], dtype=torch.int32), shape[0])
     return geometry
 
 

@@ -221,7 +221,7 @@ def test_state_that_is_not_finite_stays_alone(vehicle):
     team = task.teams["usv"]
     sound = ClassicalPolicy()(team)
     team.fleet.state[2, 1], team.fleet.derived[2, 1] = math.nan, math.nan
-    team.now.measure(torch.ones(task.num_envs, dtype=torch.int32))
+    team.now.measure(torch.ones(task.num_envs, dtype=torch.int32), task.num_envs)
     broken = ClassicalPolicy()(team)
     assert (broken[2, 1] == 0).all()
     others = torch.ones(4, 3, dtype=torch.bool)
@@ -235,7 +235,7 @@ def test_drift_survives_what_is_not_finite():
     sail(task, 1.0, policy)
     team = task.teams["usv"]
     team.fleet.state[2, 1], team.fleet.derived[2, 1] = math.nan, math.nan
-    team.now.measure(torch.ones(task.num_envs, dtype=torch.int32))
+    team.now.measure(torch.ones(task.num_envs, dtype=torch.int32), task.num_envs)
     policy(team)
     task.reset(torch.tensor([2]))
     assert torch.equal(policy(team)[2], ClassicalPolicy()(team)[2])

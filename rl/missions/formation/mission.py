@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from rl.mission import Endings, Mission, Step
-from rl.missions.formation import observations, rewards
+from rl.missions.formation import rewards
 from rl.missions.formation.config import FormationScenario
 from rl.missions.formation.controllers import CONTROLLERS
 from rl.missions.formation.flyable import check_flyable
@@ -148,16 +148,16 @@ class Formation(Mission):
     def measure(self) -> None:
         """Move the targets, then errors and surroundings of every vehicle."""
         self._which.fill_(1)
-        self.targets.move(self._which)
-        self._look()
+        self.targets.move(self._which, self.num_envs)
+        self._look(self.num_envs)
 
-    def _look(self) -> None:
+    def _look(self, count: int) -> None:
         for team in self.teams.values():
-            team.measure(self.obstacles, self.env_world, self._which)
+            team.measure(self.obstacles, self.env_world, self._which, count)
 
     def observe(self, team: TeamTask) -> dict[str, Tensor]:
         """See observations.py."""
-        return observations.terms(team, self.config.observations)
+        return dict(zip(team.seen.widths, team.observe().split(list(team.seen.widths.values()), dim=-1), strict=True))
 
     def reward(self, team: TeamTask, ended: Endings) -> Tensor:
         """See rewards.py."""
@@ -167,12 +167,11 @@ class Formation(Mission):
 
     def endings(self, team: TeamTask) -> dict[str, Tensor]:
         """Contact with an obstacle or a team mate, too far from the slot, out of the area, or no finite state."""
-        fleet = team.fleet
         return {
             "collided": team.sensor.gap < 0.0,
             "lost": team.distance > team.section.lost_distance,
-            "left": fleet.position_n[..., :2].abs().amax(-1) > self.config.area / 2,
-            "diverged": ~(fleet.state.sum(-1) + team.distance).isfinite(),  # a slot behind a leader that has
+            "left": team.now.reach > self.config.area / 2,
+            "diverged": ~team.now.total.isfinite(),  # a slot behind a leader that has, too
         }
 
     # -- episodes --------------------------------------------------------------------------------------------------
@@ -186,7 +185,7 @@ class Formation(Mission):
         self.progress[envs] = self.starts.progress[worlds, starts]
         self._which.zero_()
         self._which[envs] = 2
-        self.targets.move(self._which)
+        self.targets.move(self._which, n)
         wind = self.world.wind.velocity.index_select(0, envs)
         for name, team in self.teams.items():
             state = self.starts.states[name][worlds, starts].to(team.fleet.state)
@@ -197,7 +196,7 @@ class Formation(Mission):
 
     def measure_again(self, envs: Tensor) -> None:
         """Measure where `begin` has placed vehicles."""
-        self._look()
+        self._look(len(envs))
 
     @classmethod
     def one_each(cls, config: FormationScenario, episodes: int) -> FormationScenario:

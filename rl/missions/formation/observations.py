@@ -3,60 +3,166 @@
 `observations = "paper"` is sec. 3.3 (current and previous distance and direction to the target) and what partial
 observability needs to avoid collisions: the nearest obstacles and team mates within the detection range. "full"
 adds the error and its rate as vectors, own velocity, attitude and rates, the target's course, the previous action
-and the role; of aircraft with air data, airspeed and wind too. Directions are in the body frame (of USVs: its
-horizontal part), so a policy needs no compass.
+and the role (1 of the leader, 0 of followers); of aircraft with air data, airspeed and wind too. Directions are in the
+body frame (of USVs: its horizontal part), so a policy needs no compass.
+
+One kernel writes all of them, in the order of `widths`.
 """
 
-from typing import Any
+# Kernels are another language inside Python syntax.
+# pyright: reportInvalidTypeForm=false
 
-import torch
+from collections import namedtuple
+from typing import Any, NamedTuple
+
+import taichi as ti
 from torch import Tensor
 
-from rl.missions.formation.geometry import DISTANCE_SCALE, squash, to_body
+from rl.missions.formation.geometry import (
+    COURSE_B,
+    DISTANCE_SCALE,
+    ERROR_B,
+    ERROR_RATE_B,
+    PREVIOUS_SIGHT,
+    SIGHT,
+    own_frame,
+)
+from rl.missions.formation.targets import COURSE_RATE
+from taichi_sim import runtime
+from taichi_sim.kinematics import DOWN
 
-SPEED_SCALE = 10.0  # m/s, likewise for speeds
+SPEED_SCALE = 10.0  # m/s, where squashed speeds are half way to 1
 RATE_SCALE = 2.0  # rad/s, of own rotation
 TURN_SCALE = 0.1  # rad/s, of the target's course
+OBSERVE = 80.0  # ns of one vehicle, about
+
+_array2, _array3 = (ti.types.ndarray(ndim=n) for n in (2, 3))
+SeenPack = ti.types.argpack(
+    table=_array3, signals=_array3, state=_array3, derived=_array3, aux=_array3, target=_array2
+)
 
 
-def role(count: int, envs: int, like: Tensor) -> Tensor:
-    """1 for the leader, 0 for followers: [env, vehicle, 1]."""
-    flag = torch.zeros((envs, count, 1), dtype=like.dtype, device=like.device)
-    flag[:, 0] = 1.0
-    return flag
+class Form(NamedTuple):
+    """What the kernel is compiled for."""
+
+    axes: int  # of the vehicle's own frame
+    signals: int  # of its surroundings
+    actions: int
+    full: bool
+    air: tuple[int, ...] = ()  # columns of `aux`: airspeed, and the air's velocity, north, east, down
+    speeds: tuple[float, ...] = ()  # airspeeds: lowest, cruise, highest, m/s
+    serial: bool = False  # on the calling thread
+    at: Any = None  # the column in which each term begins (`columns`)
 
 
-def terms(team: Any, kind: str) -> dict[str, Tensor]:
-    """Named terms of a team (team.py), in order; `kind` is "paper" or "full"."""
-    found = {"sight": team.now.sight, "previous_sight": team.now.previous_sight, "surroundings": team.sensor.signals}
-    return found | full_terms(team) if kind == "full" else found
+def widths(form: Form) -> dict[str, int]:
+    """How many numbers each term has, in order."""
+    n = form.axes
+    terms = {"sight": 1 + n, "previous_sight": 1 + n, "surroundings": form.signals}
+    if form.full:
+        terms |= {"error": n, "error_rate": n, "velocity": 3, "down": 3, "rates": 3, "target_course": n}
+        terms |= {"target_turn": 1, "previous_action": form.actions, "role": 1}
+    if form.full and form.air:
+        terms |= {"airspeed": 1, "wind": n}
+    return terms
 
 
-def full_terms(team: Any) -> dict[str, Tensor]:
-    """What "full" adds."""
-    fleet, target, now = team.fleet, team.target, team.now
-    turn = (target.course_rate * (1 / TURN_SCALE)).view(-1, 1, 1).expand(*team.distance.shape, 1)
-    return {
-        "error": squash(now.error_b, DISTANCE_SCALE),
-        "error_rate": squash(now.error_rate_b, SPEED_SCALE),
-        "velocity": squash(fleet.velocity_b, SPEED_SCALE),
-        "down": fleet.down_b,  # roll and pitch without a jump
-        "rates": fleet.angular_velocity_b * (1 / RATE_SCALE),
-        "target_course": now.course_b,
-        "target_turn": turn,
-        "previous_action": team.action,
-        "role": team.role,
-        **air_terms(team),
-    }
+def columns(form: Form) -> Any:
+    """The column in which each term begins, a named tuple."""
+    sizes = list(widths(form).values())
+    return namedtuple("Columns", widths(form))(*(sum(sizes[:k]) for k in range(len(sizes))))
 
 
-def air_terms(team: Any) -> dict[str, Tensor]:
-    """What an aircraft in wind steers by: its airspeed within the range it can fly, and the wind in b."""
-    fleet = team.fleet
-    if "airspeed" not in fleet.model.aux_names or fleet.model.air is None:
-        return {}
-    low, cruise, high = fleet.model.limits.speeds
-    wind = torch.stack([fleet.reading(name) for name in fleet.model.air], dim=-1)
-    wind_b = to_body(wind.unsqueeze(-2), fleet.derived, team.axes).squeeze(-2)
-    airspeed = (fleet.reading("airspeed") - cruise) * (2 / (high - low))
-    return {"airspeed": airspeed.unsqueeze(-1), "wind": squash(wind_b, SPEED_SCALE)}
+@ti.func
+def squash(x, scale):
+    """x / (|x| + scale): linear near zero, bounded by 1."""
+    return x / (abs(x) + scale)
+
+
+@ti.func
+def put(out: ti.template(), e, i, at: ti.template(), width: ti.template(), values: ti.template(), first: ti.template()):
+    """Write `width` columns of `values` [env, vehicle, n] from `first` on to columns from `at` on."""
+    for k in ti.static(range(width)):
+        out[e, i, at + k] = values[e, i, first + k]
+
+
+@ti.func
+def put_squashed(out: ti.template(), e, i, at: ti.template(), width: ti.template(), values: ti.template(),
+                 first: ti.template(), scale: ti.template()):  # fmt: skip
+    """The same, squashed."""
+    for k in ti.static(range(width)):
+        out[e, i, at + k] = squash(values[e, i, first + k], scale)
+
+
+@ti.func
+def put_own(out: ti.template(), e, i, seen: ti.template(), action: ti.template(), form: ti.template()):
+    """Own motion, errors as vectors, the target's motion, the last action and the role."""
+    n = ti.static(form.axes)
+    put_squashed(out, e, i, form.at.error, n, seen.table, ERROR_B, DISTANCE_SCALE)
+    put_squashed(out, e, i, form.at.error_rate, n, seen.table, ERROR_RATE_B, SPEED_SCALE)
+    put_squashed(out, e, i, form.at.velocity, 3, seen.state, 7, SPEED_SCALE)
+    put(out, e, i, form.at.down, 3, seen.derived, DOWN.start)
+    for k in ti.static(range(3)):
+        out[e, i, form.at.rates + k] = seen.state[e, i, 10 + k] * ti.static(1 / RATE_SCALE)
+    put(out, e, i, form.at.target_course, n, seen.table, COURSE_B)
+    out[e, i, form.at.target_turn] = seen.target[e, COURSE_RATE] * ti.static(1 / TURN_SCALE)
+    put(out, e, i, form.at.previous_action, form.actions, action, 0)
+    out[e, i, form.at.role] = ti.select(i == 0, 1.0, 0.0)
+
+
+@ti.func
+def put_air(out: ti.template(), e, i, seen: ti.template(), form: ti.template()):
+    """What an aircraft in wind steers by: its airspeed within the range it can fly, and the wind."""
+    ahead = seen.aux[e, i, form.air[0]] - form.speeds[1]
+    out[e, i, form.at.airspeed] = ahead * ti.static(2 / (form.speeds[2] - form.speeds[0]))
+    wind = ti.Vector([seen.aux[e, i, form.air[1 + a]] for a in ti.static(range(3))])
+    wind_b = own_frame(seen.derived, e, i, form.axes, wind)
+    for k in ti.static(range(form.axes)):
+        out[e, i, form.at.wind + k] = squash(wind_b[k], SPEED_SCALE)
+
+
+@ti.kernel
+def _observe(out: ti.types.ndarray(ndim=3), seen: SeenPack, action: ti.types.ndarray(ndim=3), form: ti.template()):
+    ti.loop_config(serialize=form.serial)
+    for e, i in ti.ndrange(out.shape[0], out.shape[1]):
+        n = ti.static(1 + form.axes)
+        put(out, e, i, form.at.sight, n, seen.table, SIGHT)
+        put(out, e, i, form.at.previous_sight, n, seen.table, PREVIOUS_SIGHT)
+        put(out, e, i, form.at.surroundings, form.signals, seen.signals, 0)
+        if ti.static(form.full):
+            put_own(out, e, i, seen, action, form)
+            if ti.static(len(form.air) > 0):
+                put_air(out, e, i, seen, form)
+
+
+class Observer:
+    """Writes what a team (team.py) observes.
+
+    Attributes:
+        widths: term -> how many numbers it has, in order.
+    """
+
+    def __init__(self, team: Any, kind: str):
+        """Observe `team`; `kind` is "paper" or "full"."""
+        fleet, model, signals = team.fleet, team.fleet.model, team.sensor.signals
+        air, speeds = (), ()
+        if "airspeed" in model.aux_names and model.air is not None:
+            air = tuple(model.aux_names.index(name) for name in ("airspeed", *model.air))
+            speeds = model.limits.speeds
+        serial = runtime.few(fleet.num_envs * fleet.count, OBSERVE)
+        actions = len(team.action_names)
+        form = Form(team.axes, signals.shape[-1], actions, kind == "full", air, speeds, serial)
+        self._form = form._replace(at=columns(form))
+        self._shape = fleet.num_envs, fleet.count, sum(widths(self._form).values())
+        self._launch = runtime.Launcher(_observe)
+        self._seen = runtime.Packed(
+            SeenPack, table=team.now.table, signals=team.sensor.written, state=fleet.state, derived=fleet.derived,
+            aux=fleet.aux, target=team.targets.table,
+        )  # fmt: skip
+        self.widths = widths(self._form)
+
+    def __call__(self, action: Tensor) -> Tensor:
+        """All terms [env, vehicle, n], side by side in a fresh tensor; `action` [env, vehicle, a] is the last one."""
+        out = action.new_empty(self._shape)
+        self._launch(out, self._seen(), action.contiguous(), self._form)
+        return out

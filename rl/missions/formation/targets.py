@@ -15,10 +15,12 @@ from torch import Tensor
 
 from rl.scene.tracks import Tracks, track_point
 from rl.scene.wind_triangle import speed_over_ground
-from taichi_sim.runtime import Launcher
+from taichi_sim import runtime
 
 NORTH, EAST, DOWN, COURSE, COS, SIN, COURSE_RATE, SPEED, SIZE = range(9)
 TARGET_SPEED, INTERVAL, WIND_FACTOR, OVER_AIR = range(4)  # of the numbers that the kernel is told
+
+POINT = 60.0  # ns of one target, about
 
 
 class Target(NamedTuple):
@@ -32,25 +34,29 @@ class Target(NamedTuple):
     speed: Tensor  # [env] over ground, m/s
 
 
+_array1, _array2 = (ti.types.ndarray(ndim=n) for n in (1, 2))
+TrackPack = ti.types.argpack(rows=_array2, length=_array1, wind=_array2, numbers=_array1)
+
+
 @ti.kernel
 def _follow(
     target: ti.types.ndarray(ndim=2),
     progress: ti.types.ndarray(ndim=1),
     env_world: ti.types.ndarray(dtype=ti.i64, ndim=1),
-    columns: ti.types.ndarray(ndim=2),
-    length: ti.types.ndarray(ndim=1),
-    wind: ti.types.ndarray(ndim=2),
-    numbers: ti.types.ndarray(ndim=1),
+    track: TrackPack,
     which: ti.types.ndarray(dtype=ti.i32, ndim=1),
+    serial: ti.template(),
 ):
+    ti.loop_config(serialize=serial)
     for e in range(target.shape[0]):
         if which[e] != 0:
             if which[e] == 1:
-                progress[e] += target[e, SPEED] * numbers[INTERVAL]
-            place = track_point(columns, length, ti.cast(env_world[e], ti.i32), progress[e])
-            c, s, speed = ti.cos(place[2]), ti.sin(place[2]), numbers[TARGET_SPEED]
-            if numbers[OVER_AIR] > 0:
-                north, east = wind[e, 0] * numbers[WIND_FACTOR], wind[e, 1] * numbers[WIND_FACTOR]
+                progress[e] += target[e, SPEED] * track.numbers[INTERVAL]
+            place = track_point(track.rows, track.length, ti.cast(env_world[e], ti.i32), progress[e])
+            c, s, speed = ti.cos(place[2]), ti.sin(place[2]), track.numbers[TARGET_SPEED]
+            if track.numbers[OVER_AIR] > 0:
+                factor = track.numbers[WIND_FACTOR]
+                north, east = track.wind[e, 0] * factor, track.wind[e, 1] * factor
                 speed = speed_over_ground(speed, north, east, c, s)
             target[e, NORTH], target[e, EAST], target[e, DOWN] = place[0], place[1], 0.0
             target[e, COURSE], target[e, COS], target[e, SIN] = place[2], c, s
@@ -85,12 +91,17 @@ class Targets:
         self.table = wind.new_zeros((wind.shape[0], SIZE))
         self.progress = tracks.length_m.new_zeros(wind.shape[0])
         numbers = wind.new_tensor([speed, interval, wind_factor, float(over_air)])
-        self._args = env_world, tracks.columns, tracks.length_m, wind, numbers
-        self._launch = Launcher(_follow)
+        self._env_world = env_world
+        self._track = runtime.Packed(TrackPack, rows=tracks.rows, length=tracks.length_m, wind=wind, numbers=numbers)
+        self._launch = runtime.Launcher(_follow)
 
-    def move(self, which: Tensor) -> None:
-        """Move those of environments [env] int32: 0 not at all, 1 by an interval, 2 to where `progress` is."""
-        self._launch(self.table, self.progress, *self._args, which)
+    def move(self, which: Tensor, count: int) -> None:
+        """Move those of environments [env] int32: 0 not at all, 1 by an interval, 2 to where `progress` is.
+
+        `count` of them are not 0: a few move on the calling thread.
+        """
+        serial = runtime.few(count, each=POINT)
+        self._launch(self.table, self.progress, self._env_world, self._track(), which, serial)
 
     def seen_at(self, position: Tensor) -> Target:
         """What a team is told of it whose own target is at `position` [env, 3], a live view."""

@@ -147,7 +147,9 @@ class FixedWing6DOF(Aircraft):
 
     def build(self, fleet: Any, around: Surroundings) -> Build:
         """What the kernel is compiled for: the kind of air; the sea does not matter."""
-        return Build(varied=fleet.varied, loaded=fleet.loaded, air=local_air.local_air(around.air))
+        return Build(
+            varied=fleet.varied, loaded=fleet.loaded, air=local_air.local_air(around.air), serial=fleet.few
+        )
 
     def step(self, fleet: Any, around: Surroundings) -> None:
         """Advance one control step."""
@@ -161,6 +163,7 @@ class FixedWing6DOF(Aircraft):
 
     @ti.kernel
     def _step(self, fleet: FleetPack, around: AroundPack, build: ti.template()):
+        ti.loop_config(serialize=build.serial)
         for e, i in ti.ndrange(fleet.state.shape[0], fleet.state.shape[1]):
             if ti.static(build.varied):
                 own = numbers_at(self.Own, fleet.numbers, e, i)

@@ -65,6 +65,7 @@ class Hull6Dof(HullStart):
 
     @ti.kernel
     def _step(self, fleet: FleetPack, around: AroundPack, tables: TablesPack, build: ti.template()):
+        ti.loop_config(serialize=build.serial)
         for e, i in ti.ndrange(fleet.state.shape[0], fleet.state.shape[1]):
             if ti.static(build.varied):
                 own = numbers_at(self.Own, fleet.numbers, e, i)

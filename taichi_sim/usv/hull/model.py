@@ -78,7 +78,7 @@ class HullModel(Vessel):
                 raise ConfigError(f"hull: {error}") from None
         self.payload = params.linear.payload_mass * GRAVITY if params.linear else 0.0
         self._check_dt(dt)
-        self._tables: Any = None
+        self._tables: Any = None  # a pack of the running Taichi program
         self._generation = -1
 
     # -- numbers that vary -----------------------------------------------------------------------------------------

@@ -1,0 +1,84 @@
+"""One checkout under the clock: a process that repeats the cases it is asked for.
+
+    python worker.py CHECKOUT GROUP[,GROUP ...] SIZE[,SIZE ...]
+
+Whatever is imported comes from CHECKOUT, its own benchmark cases too; this file alone is the measuring one's. It reads
+orders from stdin and answers each on a line of JSON: `cases` (the names), `warm INDEX SECONDS` (how many calls fill
+that time), `run INDEX CALLS` (seconds per call).
+"""
+
+import argparse
+import json
+import os
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+ONE = "one environment"
+
+
+def gymnasium_cases(kind: Any) -> list[Any]:
+    """A step of Gymnasium's environment of each team of `paper`, alone, reset where its episode ends; `kind` is Case."""
+    import numpy as np
+    from rl.gym import TeamEnv
+
+    cases = []
+    for team in ("usv", "uav"):
+        env = TeamEnv(team, scenario="paper", seed=1)
+        env.reset(seed=2)
+        still = np.zeros(env.action_space.shape, dtype=np.float32)
+
+        def call(env=env, still=still) -> None:
+            _, _, terminated, truncated, _ = env.step(still)
+            if terminated or truncated:
+                env.reset()
+
+        cases.append(kind(ONE, f"Gymnasium, {team}", call, 1))
+    return cases
+
+
+def build(checkout: Path, groups: list[str], sizes: tuple[int, ...], folder: Path) -> list[Any]:
+    """The cases of `groups` as `checkout` has them."""
+    sys.path[:0] = [str(checkout), str(checkout / "tools")]
+    import benchmark  # the checkout's
+    from benchmarking.timing import Case
+
+    benchmark.cli.start(argparse.Namespace(arch="cpu", threads=0))
+    config = benchmark.load_scenario("paper", ())
+    cases = []
+    if "environment" in groups or "inference" in groups:
+        cases += [case for case in benchmark.environment_cases(config, sizes) if case.group in groups]
+    if ONE in groups:
+        cases += gymnasium_cases(Case)
+    if "learning" in groups:
+        cases += benchmark.learning_cases(config, (512,), folder)
+    if "physics" in groups:
+        cases += [case for case, _ in benchmark.physics_cases(config, 4096, False)]
+    return cases
+
+
+def main() -> None:
+    """Answer orders until stdin closes."""
+    answers = os.fdopen(os.dup(1), "w")
+    os.dup2(2, 1)  # whatever the checkout prints
+    checkout, groups, sizes = Path(sys.argv[1]).resolve(), sys.argv[2].split(","), sys.argv[3].split(",")
+    with tempfile.TemporaryDirectory() as folder:
+        cases = build(checkout, groups, tuple(map(int, sizes)), Path(folder))
+        for line in sys.stdin:
+            order, *numbers = line.split()
+            answer: Any = [f"{case.group}, {case.label}" for case in cases]
+            if order != "cases":
+                case = cases[int(numbers[0])]
+                if order == "warm":
+                    case.calls = 2
+                    case.repeat()
+                    answer = max(1, round(float(numbers[1]) / max(case.repeat(), 1e-9)))
+                else:
+                    case.calls = int(numbers[1])
+                    answer = case.repeat()
+            print(json.dumps(answer), file=answers, flush=True)
+
+
+if __name__ == "__main__":
+    main()
