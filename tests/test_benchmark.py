@@ -121,3 +121,24 @@ def test_bad_arguments_are_refused(arguments, capsys):
         benchmark.main(arguments)
     assert ending.value.code == 2
     assert arguments[0] in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_two_checkouts_are_compared_case_by_case(tmp_path):
+    """With itself: the same cases, and ratios about one."""
+    out = tmp_path / "ratios.json"
+    command = [sys.executable, TOOL, "--against", ROOT, "--quick", "--json", out]
+    result = subprocess.run([*command, "--only", "environment", "one environment"], capture_output=True, text=True)
+    assert result.returncode == 0, result.stderr
+    rows = json.loads(out.read_text())
+    assert [row["case"] for row in rows] == [
+        "environment, 1", "environment, 16", "one environment, Gymnasium, usv", "one environment, Gymnasium, uav",
+    ]  # fmt: skip
+    assert all(0.1 < row["ratio"] < 10 for row in rows)
+    assert "times as fast" in result.stdout
+
+
+def test_a_folder_without_a_benchmark_cannot_be_compared(tmp_path):
+    result = subprocess.run([sys.executable, TOOL, "--against", tmp_path], capture_output=True, text=True)
+    assert result.returncode == 1
+    assert result.stderr.startswith(f"error: {tmp_path / 'tools' / 'benchmark.py'}: there is none")

@@ -112,6 +112,44 @@ def test_a_launch_survives_another_taichi_program():
         assert torch.equal(ours, theirs)
 
 
+def test_a_launch_goes_from_one_set_of_tensors_to_another_and_back(f64):
+    """What is bound is found again; what is launched once leaves nothing behind."""
+    launcher, sets = Launcher(Gain(2.0).apply), [(torch.zeros(n).double(), torch.ones(n).double()) for n in (2, 3, 4)]
+    for _ in range(2):
+        for k, (out, x) in enumerate(sets):
+            x += k
+            launcher(out, x)
+            assert torch.equal(out, 2 * x)
+    kept = list(launcher._bound)
+    out, x = torch.zeros(7).double(), torch.ones(7).double()
+    launcher.once(out, x)
+    assert torch.equal(out, 2 * x)
+    assert launcher._bound == kept
+    with pytest.raises(TypeError, match="takes 2 arguments, not 1"):
+        launcher(out)
+
+
+def test_a_few_vehicles_on_the_calling_thread_move_as_many_do():
+    """To rounding: the two are compiled apart."""
+    runtime.init(precision="f64", threads=2)
+    assert runtime.few(10, 100.0)
+    assert not runtime.few(10_000, 100.0)
+    for vehicle in ("unity_boat", "unity_aircraft"):
+        few, many = Bench(vehicle, envs=2, seed=3), Bench(vehicle, envs=200, seed=3)
+        assert few.fleet.few
+        assert not many.fleet.few
+        action = (0.5, 0.2, 0.1)[: len(few.model.action_names)]
+        torch.testing.assert_close(few.step(action, 20).state, many.step(action, 20).state[:2], rtol=0, atol=1e-11)
+
+
+def test_torch_has_its_threads_back_after_a_rest():
+    before = torch.get_num_threads()
+    with pytest.raises(KeyError), runtime.torch_at_rest():
+        assert torch.get_num_threads() == 1
+        raise KeyError
+    assert torch.get_num_threads() == before
+
+
 def test_what_cannot_be_launched_is_refused(f64):
     a, b, plain, c, d = tensors()
     gappy = torch.zeros(10, dtype=torch.float64)[::2]

@@ -84,6 +84,7 @@ def test_a_table_that_every_checker_declines_has_no_check(tmp_path):
     assert report.unchecked == ["rhs_samples_other.csv", "summary_other.json"]
 
 
+@pytest.mark.slow
 def test_froude_krylov_heave_in_finite_depth(f64):
     depth = 3.0
     box = Box(4.0, 2.0, 0.5, KG=0.6, mass=4100.0)

@@ -56,7 +56,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--quiet", action="store_true", help="no progress bars")
     p.add_argument("--against", type=Path, metavar="CHECKOUT", help="compare with another checkout, both alternated")
     p.add_argument("--only", nargs="+", choices=GROUPS, default=GROUPS, help="what to compare (default: everything)")
-    p.add_argument("--repetitions", type=cli.positive_int, default=REPETITIONS, help="of --against (default: %(default)s)")
+    p.add_argument("--repetitions", type=cli.positive_int, default=REPETITIONS, help="of --against (%(default)s)")
     p.set_defaults(arch="cpu")
     return p
 
@@ -168,8 +168,9 @@ def against(args: argparse.Namespace, seconds: float) -> list[dict[str, Any]]:
     Raises:
         FileNotFoundError: if there is none.
     """
-    if not (args.against / "tools" / "benchmark.py").is_file():
-        raise FileNotFoundError(f"{args.against / 'tools' / 'benchmark.py'}: --against takes a checkout of this project")
+    script = args.against / "tools" / "benchmark.py"
+    if not script.is_file():
+        raise FileNotFoundError(f"{script}: there is none; --against takes a checkout of this project")
     rows = compare(
         args.against,
         ROOT,

@@ -219,7 +219,7 @@ def _pitch_through(gust, dt, make_model):
 @pytest.mark.parametrize(
     "gust",
     [
-        {"start_time": 0.3, "rise_time": 0.5},
+        pytest.param({"start_time": 0.3, "rise_time": 0.5}, marks=pytest.mark.slow),
         {"start_north": 7.5, "start_east": 0.0, "direction_deg": 0.0, "length": 12.5},
     ],
     ids=["of a time", "at a place"],

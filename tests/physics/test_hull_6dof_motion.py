@@ -63,9 +63,10 @@ def potential_energy(hydrostatics, pose):
     )
 
 
-@pytest.mark.parametrize(
-    ("vehicle", "dt", "reach"), [("barge", 0.02, (0.2, 0.25, 0.1)), ("otter", 0.01, (0.05, 0.15, 0.08))]
-)
+BARGE_FREELY = pytest.param("barge", 0.02, (0.2, 0.25, 0.1), marks=pytest.mark.slow)
+
+
+@pytest.mark.parametrize(("vehicle", "dt", "reach"), [BARGE_FREELY, ("otter", 0.01, (0.05, 0.15, 0.08))])
 def test_an_undamped_hull_keeps_its_energy(make_model, bench, vehicle, dt, reach):
     """Sixty seconds of heave, roll and pitch together, with some speed: bounded error of the step, no drift."""
     free = UNDAMPED | {"cross_flow_length": 0.0}
@@ -110,7 +111,7 @@ def motion_matrix(model):
     return A
 
 
-@pytest.mark.parametrize("name", ["otter", "barge"])
+@pytest.mark.parametrize("name", ["otter", pytest.param("barge", marks=pytest.mark.slow)])
 def test_heave_roll_and_pitch_decay_at_their_eigenvalues(name, bench, request):
     """Each coupled damped mode, started alone at up to 3 cm or 3 degrees: its period, and all of its motion."""
     model = request.getfixturevalue(name)

@@ -59,7 +59,7 @@ def at_frequency(time, signal, omega):
     return np.array(result)
 
 
-@pytest.mark.parametrize("name", ["otter", "barge"])
+@pytest.mark.parametrize("name", ["otter", pytest.param("barge", marks=pytest.mark.slow)])
 def test_long_waves_lift_and_tilt_the_hull_as_they_do_the_surface(name, bench, request):
     """Sixty hull lengths: heave over elevation, pitch over slope ahead, roll over slope abeam are 1, in phase."""
     model = request.getfixturevalue(name)

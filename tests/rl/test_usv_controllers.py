@@ -146,7 +146,7 @@ def test_shaft_speed_gives_the_thrust():
 
 
 @pytest.mark.parametrize("overrides", [(), STRAIGHT], ids=["curved", "straight"])
-@pytest.mark.parametrize("vehicle", ["otter", "left_right", "otter_3dof"])
+@pytest.mark.parametrize("vehicle", ["otter", pytest.param("left_right", marks=pytest.mark.slow), "otter_3dof"])
 def test_tracks_in_calm_water(vehicle, overrides, left_right):
     """Within 15 cm of every slot after 60 s, 5 cm on a gentle track; the thrust is then that of the speed."""
     task = make(*CALM, *overrides, vehicle=left_right if vehicle == "left_right" else vehicle)

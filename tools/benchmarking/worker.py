@@ -19,8 +19,9 @@ ONE = "one environment"
 
 
 def gymnasium_cases(kind: Any) -> list[Any]:
-    """A step of Gymnasium's environment of each team of `paper`, alone, reset where its episode ends; `kind` is Case."""
+    """A step of Gymnasium's environment of each team of `paper`, reset where its episode ends; `kind` is `Case`."""
     import numpy as np
+
     from rl.gym import TeamEnv
 
     cases = []
@@ -42,6 +43,7 @@ def build(checkout: Path, groups: list[str], sizes: tuple[int, ...], folder: Pat
     """The cases of `groups` as `checkout` has them."""
     sys.path[:0] = [str(checkout), str(checkout / "tools")]
     import benchmark  # the checkout's
+
     from benchmarking.timing import Case
 
     benchmark.cli.start(argparse.Namespace(arch="cpu", threads=0))

@@ -37,9 +37,7 @@ TURN_SCALE = 0.1  # rad/s, of the target's course
 OBSERVE = 80.0  # ns of one vehicle, about
 
 _array2, _array3 = (ti.types.ndarray(ndim=n) for n in (2, 3))
-SeenPack = ti.types.argpack(
-    table=_array3, signals=_array3, state=_array3, derived=_array3, aux=_array3, target=_array2
-)
+SeenPack = ti.types.argpack(table=_array3, signals=_array3, state=_array3, derived=_array3, aux=_array3, target=_array2)
 
 
 class Form(NamedTuple):

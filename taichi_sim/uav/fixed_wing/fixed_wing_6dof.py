@@ -147,9 +147,7 @@ class FixedWing6DOF(Aircraft):
 
     def build(self, fleet: Any, around: Surroundings) -> Build:
         """What the kernel is compiled for: the kind of air; the sea does not matter."""
-        return Build(
-            varied=fleet.varied, loaded=fleet.loaded, air=local_air.local_air(around.air), serial=fleet.few
-        )
+        return Build(varied=fleet.varied, loaded=fleet.loaded, air=local_air.local_air(around.air), serial=fleet.few)
 
     def step(self, fleet: Any, around: Surroundings) -> None:
         """Advance one control step."""
