@@ -139,7 +139,7 @@ class TeamVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             raise ResetNeeded(f"the episodes of environments {ended} ended: reset them")
         begins = self._ended  # in this step, whatever the action
         joint = {name: policy(self.task.teams[name]) for name, policy in self._frozen.items()}
-        joint[self.team] = self._unstacked(actions, begins)
+        joint[self.team] = self.task.teams[self.team].command(self._unstacked(actions, begins))
         step = self.task.step(joint)
 
         terminated = _numpy(step.endings[self.team].any.any(dim=1)) & ~begins

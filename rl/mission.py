@@ -91,6 +91,13 @@ class Team:
         """What its policy commands, each in [-1, 1]."""
         return self.fleet.model.action_names
 
+    def command(self, action: Tensor) -> Tensor:
+        """Actions of the vehicles [env, vehicle, a] for those of the policy [env, vehicle, `action_names`].
+
+        Default: the same. Whoever acts by a policy asks this before `Mission.step`.
+        """
+        return action
+
     def observe(self) -> Tensor:
         """Observations [env, vehicle, n] for the next decision: a fresh tensor each time."""
         return torch.cat(list(self.mission.observe(self).values()), dim=-1)
@@ -230,7 +237,7 @@ class Mission:
     # -- what every mission has ------------------------------------------------------------------------------------
 
     def step(self, actions: Mapping[str, Any]) -> Step:
-        """Advance one decision interval; `actions[team]` is [env, vehicle, action] in [-1, 1].
+        """Advance one decision interval; `actions[team]` is [env, vehicle, action] in [-1, 1], the vehicles' own.
 
         Raises:
             ValueError: for a wrong shape or an action that is not finite; nothing has moved then.

@@ -60,7 +60,7 @@ class MissionEnv(VecEnv):
         """One decision of every row; see the class for endings."""
         mission, own = self.mission, self.mission.teams[self.team]
         joint = {name: policy(mission.teams[name]) for name, policy in self.frozen.items()}
-        joint[self.team] = actions.view(-1, self.vehicles, self.num_actions)
+        joint[self.team] = own.command(actions.view(-1, self.vehicles, self.num_actions))
         self.last = step = mission.step(joint)
         done_env = step.terminated | step.truncated
         time_outs = done_env.unsqueeze(1) & ~step.endings[self.team].any

@@ -102,7 +102,7 @@ class TrainedPolicy:
         return self.actor.obs_dim
 
     def __call__(self, team: Team) -> Tensor:
-        """Actions [env, vehicle, action] of a team now.
+        """Actions [env, vehicle, action] of a team's vehicles now.
 
         Raises:
             CheckpointError: naming what the policy was trained on and the team does not observe, or the reverse.
@@ -110,7 +110,7 @@ class TrainedPolicy:
         if self._fits is not team:
             self.check(team)
             self._fits = team
-        return self.act(team.observe())
+        return team.command(self.act(team.observe()))
 
     def check(self, team: Team) -> None:
         """Refuse a team that observes or commands other things than the policy was trained on.

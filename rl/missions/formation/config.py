@@ -50,6 +50,17 @@ class ObstacleConfig(Strict):
         return self
 
 
+class ResidualConfig(Strict):
+    """A policy that corrects the classical controller instead of acting alone: classical + share x gate x policy.
+
+    With a `gate`, the correction fades in where the gap to an obstacle or a team mate falls from `gate` to half of it,
+    and is zero, exactly, where nothing is that near.
+    """
+
+    share: Annotated[float, Field(gt=0, le=2)] = 0.3  # of the range of actions
+    gate: Positive | None = None  # m
+
+
 class FormationTeam(TeamConfig):
     """One team: its vehicle and size (TeamConfig), formation and rewards; vehicle 0 leads."""
 
@@ -57,6 +68,7 @@ class FormationTeam(TeamConfig):
     spacing: Annotated[float, Field(gt=0, le=200)] = 15.0  # between neighbours, m
     start_distance: NonNegative = 30.0  # leaders start within this distance of the target, m
     lost_distance: Positive = 150.0  # a vehicle this far from its slot is lost and ends the episode, m
+    residual: ResidualConfig | None = None
     tracking_reward: TrackingReward = TrackingReward()
 
     @model_validator(mode="after")

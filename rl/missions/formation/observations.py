@@ -3,7 +3,8 @@
 `observations = "paper"` is sec. 3.3 (current and previous distance and direction to the target) and what partial
 observability needs to avoid collisions: the nearest obstacles and team mates within the detection range. "full"
 adds the error and its rate as vectors, own velocity, attitude and rates, the target's course, the previous action
-and the role (1 of the leader, 0 of followers); of aircraft with air data, airspeed and wind too. Directions are in the
+and the role (1 of the leader, 0 of followers); of aircraft with air data, airspeed and wind too. A policy that corrects
+the classical controller observes its action besides, "reference". Directions are in the
 body frame (of USVs: its horizontal part), so a policy needs no compass.
 
 One kernel writes all of them, in the order of `widths`.
@@ -47,6 +48,7 @@ class Form(NamedTuple):
     signals: int  # of its surroundings
     actions: int
     full: bool
+    residual: bool = False
     air: tuple[int, ...] = ()  # columns of `aux`: airspeed, and the air's velocity, north, east, down
     speeds: tuple[float, ...] = ()  # airspeeds: lowest, cruise, highest, m/s
     serial: bool = False  # on the calling thread
@@ -62,6 +64,8 @@ def widths(form: Form) -> dict[str, int]:
         terms |= {"target_turn": 1, "previous_action": form.actions, "role": 1}
     if form.full and form.air:
         terms |= {"airspeed": 1, "wind": n}
+    if form.residual:
+        terms |= {"reference": form.actions}
     return terms
 
 
@@ -120,7 +124,13 @@ def put_air(out: ti.template(), e, i, seen: ti.template(), form: ti.template()):
 
 
 @ti.kernel
-def _observe(out: ti.types.ndarray(ndim=3), seen: SeenPack, action: ti.types.ndarray(ndim=3), form: ti.template()):
+def _observe(
+    out: ti.types.ndarray(ndim=3),
+    seen: SeenPack,
+    action: ti.types.ndarray(ndim=3),
+    reference: ti.types.ndarray(ndim=3),
+    form: ti.template(),
+):
     ti.loop_config(serialize=form.serial)
     for e, i in ti.ndrange(out.shape[0], out.shape[1]):
         n = ti.static(1 + form.axes)
@@ -131,6 +141,8 @@ def _observe(out: ti.types.ndarray(ndim=3), seen: SeenPack, action: ti.types.nda
             put_own(out, e, i, seen, action, form)
             if ti.static(len(form.air) > 0):
                 put_air(out, e, i, seen, form)
+        if ti.static(form.residual):
+            put(out, e, i, form.at.reference, form.actions, reference, 0)
 
 
 class Observer:
@@ -149,7 +161,8 @@ class Observer:
             speeds = model.limits.speeds
         serial = runtime.few(fleet.num_envs * fleet.count, OBSERVE)
         actions = len(team.action_names)
-        form = Form(team.axes, signals.shape[-1], actions, kind == "full", air, speeds, serial)
+        residual = team.residual is not None
+        form = Form(team.axes, signals.shape[-1], actions, kind == "full", residual, air, speeds, serial)
         self._form = form._replace(at=columns(form))
         self._shape = fleet.num_envs, fleet.count, sum(widths(self._form).values())
         self._launch = runtime.Launcher(_observe)
@@ -159,8 +172,11 @@ class Observer:
         )  # fmt: skip
         self.widths = widths(self._form)
 
-    def __call__(self, action: Tensor) -> Tensor:
-        """All terms [env, vehicle, n], side by side in a fresh tensor; `action` [env, vehicle, a] is the last one."""
+    def __call__(self, action: Tensor, reference: Tensor) -> Tensor:
+        """All terms [env, vehicle, n], side by side in a fresh tensor.
+
+        `action` [env, vehicle, a] is the last one; `reference` is the classical one, if it is to be corrected.
+        """
         out = action.new_empty(self._shape)
-        self._launch(out, self._seen(), action.contiguous(), self._form)
+        self._launch.once(out, self._seen(), action.contiguous(), reference.contiguous(), self._form)
         return out

@@ -8,6 +8,8 @@ from rl.missions.formation.observations import Observer
 from rl.missions.formation.slots import formation_offsets
 from rl.missions.formation.targets import Target, Targets
 from rl.scene.sensors import Sensor
+from taichi_sim import runtime
+from taichi_sim.config import ConfigError
 
 
 class TeamTask(Team):
@@ -32,6 +34,7 @@ class TeamTask(Team):
         mates = min(sensing.team_mates, self.section.count - 1)
         frame = "body" if self.axes == 3 else "heading"
         self.sensor = Sensor(self.fleet, sensing.obstacles, mates, sensing.detection_range, self.radius, frame)
+        self.residual, self._controller, self._reference = self.section.residual, None, None
         self.targets: Targets
         self.target: Target
         self.now: Geometry
@@ -44,12 +47,43 @@ class TeamTask(Team):
         self.targets, self.target = targets, targets.seen_at(self.now.slot[:, 0])
         self.seen = Observer(self, self.mission.config.observations)
 
+    @property
+    def action_names(self) -> tuple[str, ...]:
+        """What its policy commands, each in [-1, 1]: the vehicle's actions, or corrections of them."""
+        names = super().action_names
+        return names if self.section.residual is None else tuple(f"{name} (correction)" for name in names)
+
+    def command(self, action: Tensor) -> Tensor:
+        """The vehicles' actions: the policy's, or the classical ones that they correct (config.ResidualConfig)."""
+        if self.residual is None:
+            return action
+        correction = self.residual.share * action.clamp(-1.0, 1.0)
+        if self.residual.gate is not None:
+            near = (2 - self.sensor.gap * (2 / self.residual.gate)).clamp(0.0, 1.0)
+            correction = correction * near.unsqueeze(-1)
+        return (self.reference() + correction).clamp(-1.0, 1.0)
+
+    def reference(self) -> Tensor:
+        """Actions of the classical controller now [env, vehicle, action]."""
+        if self._reference is None:
+            if self._controller is None:
+                self._controller = self.mission.controller(self)
+                if self._controller is None:
+                    raise ConfigError(
+                        f"{self.name}.residual: there is no classical controller to correct for "
+                        f"{self.name}.vehicle = {self.section.vehicle!r}"
+                    )
+            self._reference = self._controller(self)
+        return self._reference
+
     def observe(self) -> Tensor:
         """Observations [env, vehicle, n] (observations.py), a fresh tensor each time."""
-        return self.seen(self.action)
+        with runtime.torch_at_rest():
+            return self.seen(self.action, self.action if self.residual is None else self.reference())
 
     def measure(self, obstacles: Tensor, env_world: Tensor, which: Tensor, count: int) -> None:
         """Errors and surroundings, obstacles [world, m, 4] among them, of environments `which` (geometry.py)."""
+        self._reference = None
         self.now.measure(which, count)
         self.sensor.look(obstacles, env_world, which, count)
 
