@@ -24,7 +24,7 @@ ROUNDS = 48
 STRETCH_GROWTH = 0.25  # per round, of the stretch of track in which an obstacle is drawn
 PATIENCE = 16  # rounds before an obstacle may stand further out than asked
 OUTWARD_GROWTH = 0.1  # per later round, of the widest clearance
-TRACK_CLEARANCE_M = 12.0  # from the surface of an obstacle to the track itself, at the least
+TRACK_CLEARANCE_M = 12.0  # from the surface of an obstacle to the track itself, unless asked for less
 PASSAGE_M = 10.0  # between the surfaces of two obstacles, at the least
 HEIGHT_BAND_M = 10.0  # either side of the flight height, in which no obstacle ends
 CHUNK = 128  # obstacles measured at once: the working set stays in cache
@@ -38,6 +38,7 @@ def generate_obstacles(
     count: int = 24,
     lane_half_width_m: float,
     clearance_m: tuple[float, float] = (6.0, 60.0),
+    track_clearance_m: float = TRACK_CLEARANCE_M,
     radius_m: tuple[float, float] = (3.0, 10.0),
     height_m: tuple[float, float] = (5.0, 90.0),
     tall_fraction: float = 0.4,
@@ -50,7 +51,8 @@ def generate_obstacles(
 
     lane_half_width_m  from the track to the outer edge of the widest formation's lanes
     clearance_m        least and, where possible, greatest distance from a surface to the lanes' edge; if
-                       negative, obstacles may stand in followers' lanes, never within 12 m of the track
+                       negative, obstacles may stand in followers' lanes
+    track_clearance_m  least distance from a surface to the track itself
     tall_fraction      share, rounded, that reach above flight_height_m + 10; the others stay below
                        flight_height_m - 10, or at height_m[0] if that is higher
     """
@@ -62,7 +64,7 @@ def generate_obstacles(
     obstacle = torch.zeros(worlds, count, 4)
     obstacle[..., 2:] = torch.from_numpy(np.stack((radius, height), axis=-1))
 
-    nearest = max(lane_half_width_m + clearance_m[0], TRACK_CLEARANCE_M)
+    nearest = max(lane_half_width_m + clearance_m[0], track_clearance_m)
     furthest = max(lane_half_width_m + clearance_m[1], nearest)
     placed = torch.zeros(worlds, count, dtype=torch.bool)
     for round_ in range(ROUNDS):

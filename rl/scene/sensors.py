@@ -1,7 +1,8 @@
 """What a vehicle senses within its detection range: the nearest obstacles and the nearest team mates.
 
-An obstacle is a vertical cylinder standing on the sea: (north, east, radius, height). Its distance to a vehicle's
-origin is that to the nearest point of the cylinder's surface: horizontal beside it, vertical above its top.
+An obstacle is a vertical cylinder: one that stands on the sea, (north, east, radius, height), or a body that moves and
+lies between two heights (traffic.py). Its distance to a vehicle's origin is that to the nearest point of its surface:
+horizontal beside it, vertical above its top and below its bottom.
 """
 
 # Kernels are another language inside Python syntax.
@@ -12,12 +13,16 @@ from typing import Literal, NamedTuple
 import taichi as ti
 import torch
 
+from rl.scene.traffic import BOTTOM, EAST, NORTH, RADIUS, ROWS, TOP, V_EAST, V_NORTH, Bodies
 from taichi_sim import runtime
 from taichi_sim.fleet import Fleet
 from taichi_sim.kinematics import HEADING_COS, HEADING_SIN
 
 _array3, _array4 = (ti.types.ndarray(ndim=n) for n in (3, 4))
 SensedPack = ti.types.argpack(gap=ti.types.ndarray(ndim=2), obstacles=_array4, mates=_array4, signals=_array3)
+SensingPack = ti.types.argpack(state=_array3, derived=_array3, numbers=ti.types.ndarray(ndim=1))
+FAR = 1e9  # m: below any bottom
+SPEED_SCALE = 10.0  # m/s, where an obstacle's squashed speed is half way to 1
 
 LOOK = 150.0  # ns of one vehicle, about
 
@@ -29,14 +34,18 @@ class Sight(NamedTuple):
     mates: int
     axes: int  # of the vehicle's own frame
     field: int = 1  # obstacles in a world: a loop of known length is unrolled over whole vectors
+    bodies: int = 0  # that move, in an environment
     serial: bool = False  # on the calling thread
 
 
 @ti.func
-def cylinder_distance(dx, dy, altitude, radius, height):
-    """Distance (m) from a point to a vertical cylinder whose axis is (dx, dy) away; negative inside."""
+def cylinder_distance(dx, dy, altitude, radius, bottom, top):
+    """Distance (m) from a point to a vertical cylinder whose axis is (dx, dy) away; negative inside.
+
+    One that stands on the sea reaches down without end: `bottom` -inf.
+    """
     beside = ti.sqrt(dx * dx + dy * dy) - radius
-    above = altitude - height
+    above = ti.max(altitude - top, bottom - altitude)
     distance = beside
     if above > 0:
         distance = above
@@ -95,10 +104,34 @@ def near_obstacles(field: ti.template(), w, place, reach, radius, sight: ti.temp
         for m in range(sight.field):
             dx, dy, r = field[w, 0, m] - x, field[w, 1, m] - y, field[w, 2, m]
             if dx * dx + dy * dy < (reach + r) * (reach + r):
-                d = cylinder_distance(dx, dy, -place[2], r, field[w, 3, m])
+                d = cylinder_distance(dx, dy, -place[2], r, -FAR, field[w, 3, m])
                 gap = ti.min(gap, d - radius)
                 distance, index = insert(distance, index, d, m, count)
     return gap, distance, index
+
+
+@ti.func
+def near_bodies(bodies: ti.template(), e, place, radius, sight: ti.template(), gap, distance, index):
+    """The same with the bodies of environment e among them, numbered on from the obstacles that stand."""
+    for m in range(sight.bodies):
+        dx, dy = bodies[e, NORTH, m] - place[0], bodies[e, EAST, m] - place[1]
+        d = cylinder_distance(dx, dy, -place[2], bodies[e, RADIUS, m], bodies[e, BOTTOM, m], bodies[e, TOP, m])
+        gap = ti.min(gap, d - radius)
+        distance, index = insert(distance, index, d, m + ti.static(sight.field), sight.obstacles)
+    return gap, distance, index
+
+
+@ti.func
+def numbered(field: ti.template(), bodies: ti.template(), w, e, number, sight: ti.template()):
+    """Of an obstacle or a body, by its number: north, east, radius (m), and its velocity, north and east (m/s)."""
+    found = ti.Vector([field[w, 0, 0] * 0.0 for _ in ti.static(range(5))])
+    if number < ti.static(sight.field):
+        found[0], found[1], found[2] = field[w, 0, number], field[w, 1, number], field[w, 2, number]
+    else:
+        m = number - ti.static(sight.field)
+        found[0], found[1], found[2] = bodies[e, NORTH, m], bodies[e, EAST, m], bodies[e, RADIUS, m]
+        found[3], found[4] = bodies[e, V_NORTH, m], bodies[e, V_EAST, m]
+    return found
 
 
 @ti.func
@@ -115,44 +148,56 @@ def near_mates(state: ti.template(), e, i, place, reach, radius, count: ti.templ
     return gap, distance, index
 
 
+@ti.func
+def store_obstacle(out: ti.template(), derived: ti.template(), sight: ti.template(), e, i, k: ti.template(), distance,
+                   number, place, there, reach):  # fmt: skip
+    """Write the k-th nearest obstacle, number -1 if there is none, `there` as in `numbered`."""
+    direction, spread, moves = place * 0.0, reach * 0.0, ti.Vector([reach * 0.0, reach * 0.0])
+    if number >= 0:
+        dx, dy = there[0] - place[0], there[1] - place[1]
+        inv = 1.0 / ti.max(ti.sqrt(dx * dx + dy * dy), 1e-6)
+        direction, moves = ti.Vector([dx * inv, dy * inv, 0.0]), ti.Vector([there[3], there[4]])
+        spread = ti.min(there[2] * inv, 1.0)
+    store_seen(out.obstacles, e, i, k, distance, direction)
+    out.obstacles[e, i, k, 4], out.obstacles[e, i, k, 5] = moves[0], moves[1]
+    at = ti.static(k * (sight.axes + 4))
+    store_signal(out.signals, e, i, at, ti.max(distance, 0.0), reach, direction, derived, sight.axes)
+    c, s, speed = derived[e, i, HEADING_COS], derived[e, i, HEADING_SIN], moves.norm() + SPEED_SCALE
+    out.signals[e, i, at + ti.static(sight.axes + 1)] = spread
+    out.signals[e, i, at + ti.static(sight.axes + 2)] = (c * moves[0] + s * moves[1]) / speed
+    out.signals[e, i, at + ti.static(sight.axes + 3)] = (c * moves[1] - s * moves[0]) / speed
+
+
 @ti.kernel
 def _sense(
     out: SensedPack,
-    state: ti.types.ndarray(ndim=3),
-    derived: ti.types.ndarray(ndim=3),
+    team: SensingPack,
     field: ti.types.ndarray(ndim=3),
+    bodies: ti.types.ndarray(ndim=3),
     env_world: ti.types.ndarray(dtype=ti.i64, ndim=1),
     which: ti.types.ndarray(dtype=ti.i32, ndim=1),
-    numbers: ti.types.ndarray(ndim=1),
     sight: ti.template(),
 ):
     ti.loop_config(serialize=sight.serial)
-    for e, i in ti.ndrange(state.shape[0], state.shape[1]):
+    for e, i in ti.ndrange(team.state.shape[0], team.state.shape[1]):
         if which[e] != 0:
-            w, reach, radius = env_world[e], numbers[0], numbers[1]
-            place = ti.Vector([state[e, i, 0], state[e, i, 1], state[e, i, 2]])
+            w, reach, radius = env_world[e], team.numbers[0], team.numbers[1]
+            place = ti.Vector([team.state[e, i, 0], team.state[e, i, 1], team.state[e, i, 2]])
             clear, far, index = near_obstacles(field, w, place, reach, radius, sight)
-            apart, away, who = near_mates(state, e, i, place, reach, radius, sight.mates)
+            clear, far, index = near_bodies(bodies, e, place, radius, sight, clear, far, index)
+            apart, away, who = near_mates(team.state, e, i, place, reach, radius, sight.mates)
             out.gap[e, i] = ti.min(clear, apart)
             for k in ti.static(range(sight.obstacles)):
-                direction, spread = place * 0.0, reach * 0.0
-                if index[k] >= 0:
-                    dx, dy = field[w, 0, index[k]] - place[0], field[w, 1, index[k]] - place[1]
-                    inv = 1.0 / ti.max(ti.sqrt(dx * dx + dy * dy), 1e-6)
-                    direction = ti.Vector([dx * inv, dy * inv, 0.0])
-                    spread = ti.min(field[w, 2, index[k]] * inv, 1.0)
-                store_seen(out.obstacles, e, i, k, far[k], direction)
-                at = ti.static(k * (sight.axes + 2))
-                store_signal(out.signals, e, i, at, ti.max(far[k], 0.0), reach, direction, derived, sight.axes)
-                out.signals[e, i, at + ti.static(sight.axes + 1)] = spread
+                there = numbered(field, bodies, w, e, ti.max(index[k], 0), sight)
+                store_obstacle(out, team.derived, sight, e, i, k, far[k], index[k], place, there, reach)
             for k in ti.static(range(sight.mates)):
                 direction, m = place * 0.0, ti.max(who[k], 0)
                 if who[k] >= 0:
-                    there = ti.Vector([state[e, m, 0], state[e, m, 1], state[e, m, 2]])
+                    there = ti.Vector([team.state[e, m, 0], team.state[e, m, 1], team.state[e, m, 2]])
                     direction = (there - place) / ti.max(away[k], 1e-6)
                 store_seen(out.mates, e, i, k, away[k], direction)
-                at = ti.static(sight.obstacles * (sight.axes + 2) + k * (sight.axes + 1))
-                store_signal(out.signals, e, i, at, away[k], reach, direction, derived, sight.axes)
+                at = ti.static(sight.obstacles * (sight.axes + 4) + k * (sight.axes + 1))
+                store_signal(out.signals, e, i, at, away[k], reach, direction, team.derived, sight.axes)
 
 
 class Sensor:
@@ -161,13 +206,14 @@ class Sensor:
     Attributes:
         gap: [env, vehicle] smallest clearance (m) between this vehicle's sphere of `radius` and any obstacle or
             team mate's sphere, at most `reach`; negative means contact.
-        obstacles: [env, vehicle, k, 4] distance (m) to the k-th nearest obstacle's surface and the horizontal unit
-            vector to its axis (NED); `reach` and zeros where there is none in range.
-        team_mates: [env, vehicle, k, 4] likewise, of the k-th nearest team mate's origin.
+        obstacles: [env, vehicle, k, 6] distance (m) to the k-th nearest obstacle's surface, the horizontal unit
+            vector to its axis (NED), and its velocity, north and east (m/s); `reach` and zeros where there is none in
+            range.
+        team_mates: [env, vehicle, k, 4] likewise, of the k-th nearest team mate's origin, without a velocity.
         signals: [env, vehicle, n] all of it as a policy observes it, obstacles first: closeness 1 - d / reach, and
             the direction in the vehicle's own frame times closeness; zeros where there is nothing in range. An
-            obstacle has one more, the sine of half the angle it fills: without its width nobody can tell whether a
-            course clears it.
+            obstacle has three more: the sine of half the angle it fills, without which nobody can tell whether a
+            course clears it, and its velocity, ahead and to starboard, squashed.
         written: the same, or one column where there are none, as kernels take it.
     """
 
@@ -190,24 +236,31 @@ class Sensor:
         self.fleet, self.reach, self.radius = fleet, reach, radius
         self.num_obstacles, self.num_mates = num_obstacles, num_mates
         self.gap = state.new_zeros((env, vehicle))
-        self.obstacles = state.new_zeros((env, vehicle, max(num_obstacles, 1), 4))
+        self.obstacles = state.new_zeros((env, vehicle, max(num_obstacles, 1), 6))
         self.team_mates = state.new_zeros((env, vehicle, max(num_mates, 1), 4))
-        width = num_obstacles * (self.axes + 2) + num_mates * (self.axes + 1)
+        width = num_obstacles * (self.axes + 4) + num_mates * (self.axes + 1)
         self.signals = state.new_zeros((env, vehicle, width))
         self.written = self.signals if width else state.new_zeros((env, vehicle, 1))  # kernels take no empty array
-        self._numbers = state.new_tensor([reach, radius])
+        numbers = state.new_tensor([reach, radius])
+        self._team = runtime.Packed(SensingPack, state=state, derived=fleet.derived, numbers=numbers)
+        self._nobody = state.new_zeros((1, ROWS, 1))
         self._all = torch.ones(env, dtype=torch.int32, device=state.device)
         self._field: torch.Tensor | None = None
         self._columns = state
         self._sight, self._launch = Sight(num_obstacles, num_mates, self.axes), runtime.Launcher(_sense)
-        self._pack = runtime.Packed(
+        self._sensed = runtime.Packed(
             SensedPack, gap=self.gap, obstacles=self.obstacles, mates=self.team_mates, signals=self.written
         )
 
     def look(
-        self, obstacles: torch.Tensor, env_world: torch.Tensor, which: torch.Tensor | None = None, count: int = 0
+        self,
+        obstacles: torch.Tensor,
+        env_world: torch.Tensor,
+        which: torch.Tensor | None = None,
+        count: int = 0,
+        bodies: Bodies | None = None,
     ) -> None:
-        """Look around for `obstacles` [world, m, 4]; env_world is int64 [env].
+        """Look around for `obstacles` [world, m, 4], env_world int64 [env] says of which world, and for `bodies`.
 
         It does so in environments that are not 0 in `which` [env], `count` of them (default: in all).
         """
@@ -215,6 +268,9 @@ class Sensor:
             self._field, self._columns = obstacles, obstacles.transpose(1, 2).contiguous()
         if which is None:
             which, count = self._all, len(self._all)
-        state, derived = self.fleet.state, self.fleet.derived
-        sight = self._sight._replace(field=obstacles.shape[1], serial=runtime.few(count * state.shape[1], LOOK))
-        self._launch(self._pack(), state, derived, self._columns, env_world, which, self._numbers, sight)
+        moving, number = self._nobody, 0
+        if bodies is not None and bodies.present:
+            moving, number = bodies.table, bodies.table.shape[-1]
+        serial = runtime.few(count * self.fleet.state.shape[1], LOOK)
+        sight = self._sight._replace(field=obstacles.shape[1], bodies=number, serial=serial)
+        self._launch(self._sensed(), self._team(), self._columns, moving, env_world, which, sight)

@@ -41,6 +41,7 @@ from taichi_sim.packs import FleetPack, load_at, numbers_at
 from taichi_sim.rigid_body import quaternion_rate
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.uav.aircraft import Aircraft
+from taichi_sim.vehicle import Limits
 
 DEG = 0.017453292519943295
 AUX = ("roll_increment", "pitch_increment", "yaw_increment", "roll", "pitch", "yaw")  # in [-1, 1]; rad
@@ -107,6 +108,13 @@ class UnityAircraft(Aircraft):
         super().__init__(params, dt, substeps)
         self.p = params
         self.boost_ratio = params.boost_max / params.boost_min
+
+    @property
+    def limits(self) -> Limits:
+        """Its top speed is where drag takes all the thrust."""
+        p = self.p
+        top = p.thrust_factor * p.thrust * p.boost_max / p.mass
+        return Limits((0.0, 0.0, top / p.drag if p.drag else math.inf))
 
     def own(self, values: Mapping[str, Any]) -> AircraftNumbers:
         """What the kernel works with."""

@@ -41,7 +41,8 @@ from taichi_sim.usv.manoeuvring_loads import (
     water_plane,
     wave_load,
 )
-from taichi_sim.usv.vessel import Vessel
+from taichi_sim.usv.vessel import Vessel, steady_speed
+from taichi_sim.vehicle import Limits
 
 ACTION_NAMES = {"acceleration_yaw": ("acceleration", "yaw"), "surge_sway_yaw": ("surge", "sway", "yaw")}
 AUX = (
@@ -81,6 +82,12 @@ class Manoeuvring3dof(Vessel):
             raise ConfigError(f"dt = {dt} s is unstable for this vehicle: allowed are up to {params.largest_dt:.4g} s")
         self.p = params
         self.action_names = ACTION_NAMES[params.actions]
+
+    @property
+    def limits(self) -> Limits:
+        """Its top speed is where damping takes all the thrust."""
+        p = self.params
+        return Limits((0.0, 0.0, steady_speed(p.surge_force_max, -p.X_u, -p.X_uu, -p.X_uuu)))
 
     def own(self, values: Mapping[str, Any]) -> ManoeuvringNumbers:
         """What the kernel works with."""

@@ -35,7 +35,8 @@ from taichi_sim.packs import AroundPack, FleetPack, load_at, numbers_at
 from taichi_sim.rigid_body import quaternion_rate
 from taichi_sim.sea import waves
 from taichi_sim.surroundings import Surroundings
-from taichi_sim.usv.vessel import Vessel
+from taichi_sim.usv.vessel import Vessel, steady_speed
+from taichi_sim.vehicle import Limits
 
 
 class UnityBoatParams(Strict):
@@ -118,6 +119,11 @@ class UnityBoat(Vessel):
         """Take the numbers of `params`, the step dt (s) and the substeps of a control step."""
         super().__init__(params, dt, substeps)
         self.p = params
+
+    @property
+    def limits(self) -> Limits:
+        """Its top speed is where drag takes all the thrust."""
+        return Limits((0.0, 0.0, steady_speed(self.p.force_factor, self.p.mass * self.p.drag)))
 
     def own(self, values: Mapping[str, Any]) -> BoatNumbers:
         """What the kernel works with."""

@@ -3,11 +3,19 @@
 import math
 from typing import Any
 
+import numpy as np
 from torch import Tensor
 
 from taichi_sim.conventions import ELEVATION
 from taichi_sim.kinematics import UPRIGHT
 from taichi_sim.vehicle import Vehicle
+
+
+def steady_speed(load: float, a: float, b: float = 0.0, c: float = 0.0) -> float:
+    """The x > 0 with (a + b |x| + c x^2) x = `load` > 0; infinite without resistance."""
+    roots = np.roots([c, b, a, -load])
+    ahead = roots.real[(np.abs(roots.imag) < 1e-9 * np.abs(roots)) & (roots.real > 0)]
+    return float(ahead.min(initial=np.inf))
 
 
 class Vessel(Vehicle):

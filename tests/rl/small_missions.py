@@ -14,16 +14,16 @@ TEAMS = ("usv", "uav")
 SMALL = ("track.worlds=4", "sea.realisations=4")
 AXES = {"usv": 2, "uav": 3}
 
-# distance and direction, twice; 2 obstacles of (closeness, direction, width); mates of (closeness, direction)
+# distance and direction, twice; 2 obstacles of (closeness, direction, width, velocity); mates of (closeness, direction)
 PAPER_SIZE = {
-    ("usv", 1): 2 * 3 + 2 * 4,
-    ("usv", 2): 2 * 3 + 2 * 4 + 3,
-    ("usv", 3): 2 * 3 + 2 * 4 + 2 * 3,
-    ("usv", 8): 2 * 3 + 2 * 4 + 2 * 3,
-    ("uav", 1): 2 * 4 + 2 * 5,
-    ("uav", 2): 2 * 4 + 2 * 5 + 4,
-    ("uav", 3): 2 * 4 + 2 * 5 + 2 * 4,
-    ("uav", 8): 2 * 4 + 2 * 5 + 2 * 4,
+    ("usv", 1): 2 * 3 + 2 * 6,
+    ("usv", 2): 2 * 3 + 2 * 6 + 3,
+    ("usv", 3): 2 * 3 + 2 * 6 + 2 * 3,
+    ("usv", 8): 2 * 3 + 2 * 6 + 2 * 3,
+    ("uav", 1): 2 * 4 + 2 * 7,
+    ("uav", 2): 2 * 4 + 2 * 7 + 4,
+    ("uav", 3): 2 * 4 + 2 * 7 + 2 * 4,
+    ("uav", 8): 2 * 4 + 2 * 7 + 2 * 4,
 }
 NORTH, EAST, SOUTH = 0.0, math.pi / 2, math.pi
 

@@ -37,7 +37,7 @@ def test_sensing_sets_the_size_of_observations(seen):
     sensing = (f"sensing.obstacles={seen}", f"sensing.team_mates={seen}")
     task = make(*sensing, 'observations="paper"', teams=("uav",))
     mates = min(seen, 2)  # there are no more
-    assert task.teams["uav"].observe().shape == (4, 3, 2 * 4 + seen * 5 + mates * 4)
+    assert task.teams["uav"].observe().shape == (4, 3, 2 * 4 + seen * 7 + mates * 4)
 
 
 def test_paper_observations_have_their_size_and_bounds(paper):

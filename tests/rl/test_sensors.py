@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from rl.scene.sensors import Sensor
+from rl.scene.traffic import ROWS, Bodies
 from taichi_sim import runtime
 from taichi_sim.fleet import Fleet
 
@@ -115,7 +116,7 @@ def test_team_mates_come_nearest_first_in_three_dimensions():
 
 def test_what_is_not_in_range_reads_as_the_range_with_no_direction():
     sensor = sense([(0.0, 0.0, 0.0), (0.0, 50.0, 0.0)], [(100, 0, 5, 9)], seen=2, mates=2)
-    assert_rows(sensor.obstacles[0, 0], [[REACH, 0, 0, 0]] * 2)
+    assert_rows(sensor.obstacles[0, 0], [[REACH, 0, 0, 0, 0, 0]] * 2)
     assert_rows(sensor.team_mates[0, 0], [[REACH, 0, 0, 0]] * 2)
     assert sensor.gap.tolist() == [[REACH, REACH]]
 
@@ -165,11 +166,36 @@ def test_directions_are_given_from_the_heading_too(psi):
     c, s = math.cos(1.0), math.sin(1.0)
     sensor = sense([(0, 0, 0), (20 * c, 20 * s, 0)], [(30 * c, 30 * s, 5, 9)], seen=1, mates=1, psi=psi)
     direction = torch.tensor([math.cos(1.0 - psi), math.sin(1.0 - psi)]).to(sensor.signals)
-    obstacle, width, mate = sensor.signals[0, 0].split((3, 1, 3))
+    obstacle, width, still, mate = sensor.signals[0, 0].split((3, 1, 2, 3))
+    assert not still.any()
     assert width.item() == pytest.approx(5 / 30)  # radius over distance to the axis: the sine of half the angle
     for signal, distance_m in ((obstacle, 25.0), (mate, 20.0)):
         assert signal[0].item() == pytest.approx(1 - distance_m / REACH)
         torch.testing.assert_close(signal[1:], signal[0] * direction, atol=1e-5, rtol=0)
+
+
+def test_a_body_that_moves_is_seen_with_its_velocity_among_what_stands():
+    """Between two heights: under it, it is out of the way; its velocity is told in n, and ahead and to starboard."""
+    psi, vehicle = 0.7, team(torch.tensor([[[0.0, 0.0, -50.0]]]), 0.7)
+    bodies = Bodies(1, torch.zeros((1, 1, ROWS, 1), dtype=vehicle.state.dtype))
+    bodies.table[0, :, 0] = torch.tensor([30.0, 0.0, 4.0, 40.0, 60.0, 3.0, -4.0, 0.0])
+    sensor = Sensor(vehicle, 2, 0, REACH, 1.0)
+    stands = torch.tensor([[[0.0, 35.0, 5.0, 90.0]]], dtype=vehicle.state.dtype)
+
+    def look():
+        sensor.look(stands, torch.zeros(1, dtype=torch.int64), bodies=bodies)
+        return sensor.obstacles[0, 0]
+
+    assert_rows(look(), [[26, 1, 0, 0, 3, -4], [30, 0, 1, 0, 0, 0]])
+    c, s = math.cos(psi), math.sin(psi)
+    moves = torch.tensor([3 * c - 4 * s, -4 * c - 3 * s]) / (5.0 + 10.0)
+    assert_rows(sensor.signals[0, 0, 4:6], moves.tolist())
+    assert sensor.gap.item() == pytest.approx(25.0)
+    bodies.move(5.0, torch.zeros((1, 2), dtype=vehicle.state.dtype))
+    assert look()[0, 0].item() == pytest.approx(30.0)  # 45 m ahead and 20 to port by now: beyond what stands
+    vehicle.state[0, 0, 2] = -20.0
+    bodies.table[0, :2] = 0.0
+    assert look()[0, 0].item() == pytest.approx(20.0)  # straight above, from 40 m on
 
 
 def test_environments_see_their_own_world_and_their_own_team():

@@ -31,14 +31,20 @@ class FixedObstacle(Strict):
 
 
 class ObstacleConfig(Strict):
-    """Vertical cylinders beside the track."""
+    """Vertical cylinders beside the track and in the lanes, some of which move (rl/scene/traffic.py)."""
 
-    count: Annotated[int, Field(ge=0, le=500)] = 24  # generated, per world
-    clearance_min: Annotated[float, Field(ge=-30, le=500)] = 6.0  # from the outermost lane, m; < 0: in the lanes
-    clearance_max: Annotated[float, Field(ge=0, le=1000)] = 60.0  # m
+    count: Annotated[int, Field(ge=0, le=500)] = 24  # generated, per lap
+    clearance_min: Annotated[float, Field(ge=-500, le=500)] = 6.0  # from the outermost lane, m; < 0: in the lanes
+    track_clearance: Annotated[float, Field(ge=0, le=500)] = 12.0  # from the track itself, m, whatever the lanes
+    clearance_max: Annotated[float, Field(ge=-500, le=1000)] = 60.0  # m
     radius_min: Positive = 3.0  # m
     radius_max: Positive = 10.0  # m
     tall_fraction: Fraction = 0.4  # that reach above the flight height
+    moving_fraction: Fraction = 0.0  # of those that a team would meet, that move
+    drifting_fraction: Fraction = 0.25  # of what moves, that the current carries
+    overtaking_fraction: Fraction = 0.25  # of what moves, that goes along with the team; the rest crosses
+    speed_min: NonNegative = 2.0  # of what moves, m/s
+    speed_max: Positive = 6.0  # m/s
     fixed: tuple[FixedObstacle, ...] = ()
 
     @model_validator(mode="after")
@@ -47,6 +53,13 @@ class ObstacleConfig(Strict):
             raise ValueError(f"clearance_max = {self.clearance_max} must not be below clearance_min")
         if self.radius_max < self.radius_min:
             raise ValueError(f"radius_max = {self.radius_max} must not be below radius_min")
+        if self.speed_max < self.speed_min:
+            raise ValueError(f"speed_max = {self.speed_max} must not be below speed_min = {self.speed_min}")
+        if self.drifting_fraction + self.overtaking_fraction > 1:
+            raise ValueError(
+                f"drifting_fraction = {self.drifting_fraction} and overtaking_fraction = {self.overtaking_fraction} "
+                "must not be above 1 together"
+            )
         return self
 
 

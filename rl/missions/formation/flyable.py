@@ -23,13 +23,13 @@ def strongest_wind(air: AirConfig, height: float) -> float:
 
 
 def check_flyable(track: TrackConfig, air: AirConfig, vehicle: str, model: Vehicle) -> None:
-    """Refuse a track that `model`, of the vehicle file `vehicle`, cannot follow; one without limits follows any.
+    """Refuse a track that `model`, of the vehicle file `vehicle`, cannot follow; one that can stop follows any, late.
 
     Raises:
         ConfigError: naming the key, and the numbers.
     """
     low, cruise, high = model.limits.speeds
-    if math.isinf(high):
+    if model.limits.stops or math.isinf(high):
         return
     speed, wind = track.target_speed, strongest_wind(air, track.flight_height)
     most = speed + wind if track.speed_over == "air" else speed

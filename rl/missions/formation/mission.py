@@ -4,6 +4,7 @@ Each environment is on one of the scenario's worlds (a track with obstacles) and
 anew. Targets of vessels move on the sea, those of aircraft straight above them at the flight height.
 """
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -18,17 +19,20 @@ from rl.missions.formation.controllers import CONTROLLERS
 from rl.missions.formation.flyable import check_flyable
 from rl.missions.formation.judge import FormationJudge
 from rl.missions.formation.slots import lane_half_width
-from rl.missions.formation.starts import PER_WORLD, draw_starts, in_wind
+from rl.missions.formation.starts import PER_WORLD, Starts, draw_starts, in_wind
 from rl.missions.formation.targets import Targets
 from rl.missions.formation.team import TeamTask
 from rl.scene.obstacles import generate_obstacles
 from rl.scene.tracks import Tracks, generate_tracks
+from rl.scene.traffic import ROWS, Bodies, Span, Traffic
 from rl.seeds import derive_seed
 from taichi_sim import runtime
 from taichi_sim.config import ConfigError
 from taichi_sim.recording.episode import Scene
 
 TALLEST = 90.0  # m, of generated obstacles
+VESSEL_TOPS = 4.0, 15.0  # m, of traffic on the sea; assumed
+FLYING_SPAN = 15.0  # m, below and above the flight height, of traffic in the air; assumed
 
 
 def generate_worlds(config: FormationScenario, seed: int) -> tuple[Tracks, Tensor]:
@@ -50,9 +54,10 @@ def generate_worlds(config: FormationScenario, seed: int) -> tuple[Tracks, Tenso
         obstacles = generate_obstacles(
             tracks,
             derive_seed(seed, "obstacles"),
-            count=cylinders.count,
-            lane_half_width_m=max(lane_half_width(t.formation, t.count, t.spacing) for t in config.formations.values()),
+            count=cylinders.count - round(cylinders.moving_fraction * cylinders.count),
+            lane_half_width_m=widest_lane(config),
             clearance_m=(cylinders.clearance_min, cylinders.clearance_max),
+            track_clearance_m=cylinders.track_clearance,
             radius_m=(cylinders.radius_min, cylinders.radius_max),
             height_m=(5.0, max(TALLEST, track.flight_height + 30.0)),
             tall_fraction=cylinders.tall_fraction,
@@ -67,11 +72,39 @@ def generate_worlds(config: FormationScenario, seed: int) -> tuple[Tracks, Tenso
     return tracks, obstacles
 
 
+def widest_lane(config: FormationScenario) -> float:
+    """From the track to the outermost slot of any team, m."""
+    return max(lane_half_width(t.formation, t.count, t.spacing) for t in config.formations.values())
+
+
+def traffic_of(config: FormationScenario, media: set[str]) -> Traffic:
+    """The traffic of a scenario with teams in `media`: in each, the share that moves of what a team would meet."""
+    track, cylinders = config.track, config.obstacles
+    met = cylinders.count * config.episode_duration * track.target_speed / track.length
+    radius = cylinders.radius_min, cylinders.radius_max
+    afloat = Span(0.0, VESSEL_TOPS, radius)
+    flying = Span(track.flight_height - FLYING_SPAN, (track.flight_height + FLYING_SPAN,) * 2, radius)
+    water = config.sea.current
+    heading, speed = (math.radians(water.direction_deg), water.speed) if water else (0.0, 0.0)
+    return Traffic(
+        count=math.ceil(cylinders.moving_fraction * met),
+        spans=tuple(span for medium, span in (("water", afloat), ("air", flying)) if medium in media),
+        drifting=cylinders.drifting_fraction,
+        overtaking=cylinders.overtaking_fraction,
+        speed=(cylinders.speed_min, cylinders.speed_max),
+        current=(speed * math.cos(heading), speed * math.sin(heading)),
+        duration=config.episode_duration,
+        team_speed=track.target_speed,
+        lane_half_width=widest_lane(config),
+    )
+
+
 class Formation(Mission):
     """Teams in formation; see the module.
 
     Attributes:
         tracks, obstacles, starts: of every world; obstacles [world, n, 4] north, east, radius, height, m.
+        bodies: what moves (rl/scene/traffic.py).
         env_world: int64 [env]. targets: what leaders follow.
         wind_factor: mean wind at the flight height over that at 10 m.
     """
@@ -98,8 +131,10 @@ class Formation(Mission):
         both = torch.cat((generated, fixed.expand(self.tracks.worlds, -1, 4)), dim=1)
         models = {name: team.fleet.model for name, team in self.teams.items()}
         starts = draw_starts(config, self.tracks, both, models, self.generator)
+        pool = self._draw_traffic(starts, both)
         self.tracks = self.tracks.to(run.device)  # all was drawn on the CPU: the same worlds on every device
         self.starts = starts.to(run.device)
+        self.bodies = Bodies(self.num_envs, pool.to(run.device, run.torch_dtype))
         self.obstacles = both.to(run.device, run.torch_dtype).contiguous()
         if not self.obstacles.shape[1]:  # a kernel needs one row: put it out of every vehicle's reach
             far = self.obstacles.new_tensor([1e6, 1e6, 1.0, 1.0])
@@ -117,6 +152,29 @@ class Formation(Mission):
         self._which = torch.zeros(self.num_envs, dtype=torch.int32, device=run.device)
         for team in self.teams.values():
             team.follow(self.targets, config.track.flight_height)
+
+    def _draw_traffic(self, starts: Starts, obstacles: Tensor) -> Tensor:
+        """What moves, for each start (rl/scene/traffic.py).
+
+        Raises:
+            ConfigError: where it is faster than the vehicles, or finds no way.
+        """
+        config = self.config
+        traffic = traffic_of(config, {team.fleet.model.medium for team in self.teams.values()})
+        if not traffic.bodies:
+            return starts.progress.new_zeros((*starts.progress.shape, ROWS, 0))
+        for name, team in self.teams.items():
+            top = team.fleet.model.limits.speeds[2]
+            if config.obstacles.speed_max > top:
+                raise ConfigError(
+                    f"obstacles.speed_max = {config.obstacles.speed_max} m/s: traffic must not be faster than {name}'s "
+                    f"vehicles can go, {top:.3g} m/s: nobody could keep clear of it"
+                )
+        places = torch.cat([state[..., :2] for state in starts.states.values()], dim=2)
+        try:
+            return traffic.draw(self.tracks, starts.progress, places, obstacles, self.generator)
+        except ValueError as error:
+            raise ConfigError(f"scenario {config.name!r}: {error}") from None
 
     @property
     def progress(self) -> Tensor:
@@ -149,11 +207,12 @@ class Formation(Mission):
         """Move the targets, then errors and surroundings of every vehicle."""
         self._which.fill_(1)
         self.targets.move(self._which, self.num_envs)
+        self.bodies.move(self.config.decision_interval, self.world.current.velocity)
         self._look(self.num_envs)
 
     def _look(self, count: int) -> None:
         for team in self.teams.values():
-            team.measure(self.obstacles, self.env_world, self._which, count)
+            team.measure(self.obstacles, self.bodies, self.env_world, self._which, count)
 
     def observe(self, team: TeamTask) -> dict[str, Tensor]:
         """See observations.py."""
@@ -183,6 +242,7 @@ class Formation(Mission):
         starts = self.draw(PER_WORLD, n) if starts is None else starts
         self.env_world[envs] = worlds
         self.progress[envs] = self.starts.progress[worlds, starts]
+        self.bodies.begin(envs, worlds, starts, self.world.current.velocity)
         self._which.zero_()
         self._which[envs] = 2
         self.targets.move(self._which, n)

@@ -84,7 +84,7 @@ def squash(x, scale):
 @ti.func
 def put(out: ti.template(), e, i, at: ti.template(), width: ti.template(), values: ti.template(), first: ti.template()):
     """Write `width` columns of `values` [env, vehicle, n] from `first` on to columns from `at` on."""
-    for k in ti.static(range(width)):
+    for k in range(width):
         out[e, i, at + k] = values[e, i, first + k]
 
 

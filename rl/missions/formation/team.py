@@ -8,6 +8,7 @@ from rl.missions.formation.observations import Observer
 from rl.missions.formation.slots import formation_offsets
 from rl.missions.formation.targets import Target, Targets
 from rl.scene.sensors import Sensor
+from rl.scene.traffic import Bodies
 from taichi_sim import runtime
 from taichi_sim.config import ConfigError
 
@@ -81,11 +82,13 @@ class TeamTask(Team):
         with runtime.torch_at_rest():
             return self.seen(self.action, self.action if self.residual is None else self.reference())
 
-    def measure(self, obstacles: Tensor, env_world: Tensor, which: Tensor, count: int) -> None:
-        """Errors and surroundings, obstacles [world, m, 4] among them, of environments `which` (geometry.py)."""
+    def measure(self, obstacles: Tensor, bodies: Bodies, env_world: Tensor, which: Tensor, count: int) -> None:
+        """Errors and surroundings, obstacles [world, m, 4] and `bodies` among them, of environments `which`
+        (geometry.py), `count` of them.
+        """
         self._reference = None
         self.now.measure(which, count)
-        self.sensor.look(obstacles, env_world, which, count)
+        self.sensor.look(obstacles, env_world, which, count, bodies)
 
     @property
     def distance(self) -> Tensor:

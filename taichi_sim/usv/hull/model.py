@@ -16,7 +16,8 @@ from taichi_sim.usv.hull.hydrostatics import check_floats
 from taichi_sim.usv.hull.numbers import HullNumbers, hull_numbers, varying_keys
 from taichi_sim.usv.hull.params import Hull6DofParams
 from taichi_sim.usv.hull.stability import largest_stable_dt, linear_motion, runge_kutta_step, strang_step
-from taichi_sim.usv.vessel import Vessel
+from taichi_sim.usv.vessel import Vessel, steady_speed
+from taichi_sim.vehicle import Limits
 
 # Columns of the auxiliary state: shaft speeds (rad/s); displacement of the label under the hull and its change in a
 # step (m); forces of the last step in b (N) and its nu_dot (m/s^2, rad/s^2); then the wave's pressure head (m) at each
@@ -105,6 +106,14 @@ class HullModel(Vessel):
         if not self.by_panels:
             return 0.0
         return math.cos(min(self.geometry.hydrostatics.angle_of_vanishing_stability, math.pi / 2))
+
+    @property
+    def limits(self) -> Limits:
+        """Its top speed is where damping takes all the thrust, if it has thrusters."""
+        thrusters, h = self.params.thrusters, self.params.hydrodynamics
+        if thrusters is None:
+            return Limits()
+        return Limits((0.0, 0.0, steady_speed(2 * thrusters.thrust_max, h.linear[0], h.quadratic[0])))
 
     @property
     def draft(self) -> float:

@@ -5,8 +5,9 @@ Towards each sensed body, at a clearance h (m) beyond `MARGIN`, the closing spee
     sqrt(2 a h)        (to stop, or turn aside, in h with the acceleration a),   -h / TAU where h < 0.
 
 A desired velocity that closes faster loses the excess and is turned along the body's side at its old speed, to the
-side it already leans to. Obstacles stand still; a team mate is taken to move with the formation (its velocity is not
-sensed) and to do half of the avoiding. A body is a place and a clearance: its radius is not sensed. Frame: NED.
+side it already leans to: all that as seen from the body, which moves at its own velocity. A team mate is taken to move
+with the formation (its velocity is not sensed) and to do half of the avoiding. A body is a place and a clearance: its
+radius is not sensed. Frame: NED.
 """
 
 import torch
@@ -32,13 +33,13 @@ def avoid(team: TeamTask, velocity: Tensor, acceleration: float, turn_rate: Tens
     for _ in range(PASSES):
         for k in range(sensor.num_obstacles):
             seen = sensor.obstacles[..., k, :]
-            toward = torch.zeros_like(velocity)
-            toward[..., :2] = seen[..., 1:3]
+            toward, its = torch.zeros_like(velocity), torch.zeros_like(velocity)
+            toward[..., :2], its[..., :2] = seen[..., 1:3], seen[..., 4:6]
             clear = seen[..., 0] - team.radius
             if turn_rate is not None:
-                passed = passing(given, turn_rate, toward, clear) > ROOM
+                passed = passing(given - its, turn_rate, toward, clear) > ROOM
                 toward = torch.where(passed.unsqueeze(-1), 0.0, toward)
-            velocity = _turned(velocity, toward, clear, acceleration)
+            velocity = its + _turned(velocity - its, toward, clear, acceleration)
         for k in range(sensor.num_mates):
             seen = sensor.team_mates[..., k, :]
             toward = seen[..., 1 : 1 + team.axes]

@@ -15,10 +15,10 @@ chi' = s (1 + lead) (chi* - chi). Not where turning pushes the hull out of the t
 import math
 from typing import NamedTuple
 
-import numpy as np
 from torch import Tensor
 
 from rl.missions.formation.controllers.sampled import decaying, place_poles
+from taichi_sim.usv.vessel import steady_speed
 
 HEADING_ERROR = 0.35  # rad; tuned on seeds 7 and 8
 SAMPLED_SHARE = 0.5  # w is at most this over the decision interval; assumed
@@ -43,9 +43,7 @@ class Resistance(NamedTuple):
 
     def steady(self, load: float) -> float:
         """The x > 0 with d(x) = `load` > 0; infinite without resistance."""
-        roots = np.roots([self.c, self.b, self.a, -load])
-        ahead = roots.real[(np.abs(roots.imag) < 1e-9 * np.abs(roots)) & (roots.real > 0)]
-        return float(ahead.min(initial=np.inf))
+        return steady_speed(load, self.a, self.b, self.c)
 
 
 class Vessel(NamedTuple):
