@@ -153,13 +153,15 @@ def store_obstacle(out: ti.template(), derived: ti.template(), sight: ti.templat
                    number, place, there, reach):  # fmt: skip
     """Write the k-th nearest obstacle, number -1 if there is none, `there` as in `numbered`."""
     direction, spread, moves = place * 0.0, reach * 0.0, ti.Vector([reach * 0.0, reach * 0.0])
+    level, radius = reach, reach * 0.0
     if number >= 0:
         dx, dy = there[0] - place[0], there[1] - place[1]
-        inv = 1.0 / ti.max(ti.sqrt(dx * dx + dy * dy), 1e-6)
-        direction, moves = ti.Vector([dx * inv, dy * inv, 0.0]), ti.Vector([there[3], there[4]])
-        spread = ti.min(there[2] * inv, 1.0)
+        axis = ti.max(ti.sqrt(dx * dx + dy * dy), 1e-6)
+        direction, moves = ti.Vector([dx / axis, dy / axis, 0.0]), ti.Vector([there[3], there[4]])
+        level, radius, spread = axis - there[2], there[2], ti.min(there[2] / axis, 1.0)
     store_seen(out.obstacles, e, i, k, distance, direction)
     out.obstacles[e, i, k, 4], out.obstacles[e, i, k, 5] = moves[0], moves[1]
+    out.obstacles[e, i, k, 6], out.obstacles[e, i, k, 7] = radius, level
     at = ti.static(k * (sight.axes + 4))
     store_signal(out.signals, e, i, at, ti.max(distance, 0.0), reach, direction, derived, sight.axes)
     c, s, speed = derived[e, i, HEADING_COS], derived[e, i, HEADING_SIN], moves.norm() + SPEED_SCALE
@@ -206,9 +208,9 @@ class Sensor:
     Attributes:
         gap: [env, vehicle] smallest clearance (m) between this vehicle's sphere of `radius` and any obstacle or
             team mate's sphere, at most `reach`; negative means contact.
-        obstacles: [env, vehicle, k, 6] distance (m) to the k-th nearest obstacle's surface, the horizontal unit
-            vector to its axis (NED), and its velocity, north and east (m/s); `reach` and zeros where there is none in
-            range.
+        obstacles: [env, vehicle, k, 8] distance (m) to the k-th nearest obstacle's surface, the horizontal unit
+            vector to its axis (NED), its velocity, north and east (m/s), its radius (m), and the horizontal distance
+            to its surface (m), negative above or below it; `reach` and zeros where there is none in range.
         team_mates: [env, vehicle, k, 4] likewise, of the k-th nearest team mate's origin, without a velocity.
         signals: [env, vehicle, n] all of it as a policy observes it, obstacles first: closeness 1 - d / reach, and
             the direction in the vehicle's own frame times closeness; zeros where there is nothing in range. An
@@ -236,7 +238,7 @@ class Sensor:
         self.fleet, self.reach, self.radius = fleet, reach, radius
         self.num_obstacles, self.num_mates = num_obstacles, num_mates
         self.gap = state.new_zeros((env, vehicle))
-        self.obstacles = state.new_zeros((env, vehicle, max(num_obstacles, 1), 6))
+        self.obstacles = state.new_zeros((env, vehicle, max(num_obstacles, 1), 8))
         self.team_mates = state.new_zeros((env, vehicle, max(num_mates, 1), 4))
         width = num_obstacles * (self.axes + 4) + num_mates * (self.axes + 1)
         self.signals = state.new_zeros((env, vehicle, width))

@@ -32,6 +32,7 @@ MAX_DRAWS = 50  # of places for a start
 MARGIN = 3.0  # m from obstacles, beyond the collision radius; between mates too, or half the room of their slots
 PULLS = (1.0, 0.5, 0.25, 0.0)  # shares of the random offsets that are tried, in order
 TURNING_TIME = 3.0  # s that vehicles which cannot stop are given to turn away from each other; assumed
+CLEAR_TIME = 3.0  # s for which a vehicle that goes straight on meets no obstacle: room for an evasion; assumed
 
 
 class Starts(NamedTuple):
@@ -130,7 +131,17 @@ def _team_states(config, team, model, place, obstacles, generator) -> tuple[Tens
     state[..., 3:7] = torch_quaternion_from_euler(level, level, heading)
     low, high = SPEED_RANGE
     state[..., 7] = config.track.target_speed * (low + (high - low) * uniform(*shape[:2], 1))
-    return state, clear
+    return state, clear & _way_clear(state, obstacles, margin)
+
+
+def _way_clear(state: Tensor, obstacles: Tensor, margin: float) -> Tensor:
+    """Whether vehicles [world, start, vehicle, 13] keep `margin` (m) from obstacles for `CLEAR_TIME` [world, start]."""
+    heading = torch_euler_from_quaternion(state[..., QUATERNION])[..., 2:]
+    way = (CLEAR_TIME * state[..., 7:8] * torch.cat((heading.cos(), heading.sin()), dim=-1)).unsqueeze(3)
+    to = obstacles[:, None, None, :, :2] - state[..., None, :2]
+    share = (to * way).sum(-1, keepdim=True) / way.square().sum(-1, keepdim=True).clamp(min=1e-6)
+    apart = (to - share.clamp(0.0, 1.0) * way).norm(dim=-1) - obstacles[:, None, None, :, 2]
+    return (apart > margin).flatten(2).all(-1)
 
 
 def _pass_clear(state: Tensor, apart: float) -> Tensor:

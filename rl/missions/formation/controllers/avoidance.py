@@ -1,13 +1,19 @@
-"""Velocities that leave room to stop: a barrier on how fast a vehicle nears what it senses.
+"""Velocities that keep clear: past obstacles on a tangent, and with room to stop before team mates.
 
-Towards each sensed body, at a clearance h (m) beyond `MARGIN`, the closing speed is at most
+An obstacle of radius r at rest or in steady motion, at a horizontal distance D, is passed at the distance
+R = r + own radius + `MARGIN`. A velocity u relative to it that would come nearer (a velocity obstacle, Fiorini and
+Shiller 1998) is turned, at its speed, to the nearer of the two tangents of that circle,
 
-    sqrt(2 a h)        (to stop, or turn aside, in h with the acceleration a),   -h / TAU where h < 0.
+    |angle(u, p)| >= asin(R / D);   inside the circle away from it at (R - D) / TAU at least.
 
-A desired velocity that closes faster loses the excess and is turned along the body's side at its old speed, to the
-side it already leans to: all that as seen from the body, which moves at its own velocity. A team mate is taken to move
-with the formation (its velocity is not sensed) and to do half of the avoiding. A body is a place and a clearance: its
-radius is not sensed. Frame: NED.
+What is turned goes no faster than its slot: a vehicle that catches up at top speed has no thrust left to turn with.
+
+It counts from when there is no more time than is needed to move aside by R with the acceleration a, `EARLY` times that.
+What lies above or below by more than the own radius and `MARGIN` is not in the way.
+
+A team mate is taken to move with the formation (its velocity is not sensed) and to do half of the avoiding: the closing
+speed is at most sqrt(2 a/4 h), to stop in the clearance h (m) beyond `MARGIN`, -h / TAU where h < 0. A velocity that
+closes faster loses the excess and is turned along the mate's side at its old speed. Frame: NED.
 """
 
 import torch
@@ -17,6 +23,8 @@ from rl.missions.formation.team import TeamTask
 
 MARGIN = 2.0  # m kept beyond contact; tuned on seeds 7 and 8
 TAU = 0.5  # s to leave the margin again; assumed
+EARLY = 2.0  # assumed
+LEAN = 0.3  # weight of the wanted velocity beside the actual one in the choice of a side; assumed
 ROOM = 25.0  # m: an arc that passes what is seen of an obstacle with that much passes the rest of it too; assumed
 PASSES = 2  # a second one, because avoiding one body may lead towards another
 
@@ -28,24 +36,53 @@ def avoid(team: TeamTask, velocity: Tensor, acceleration: float, turn_rate: Tens
     turn_rate     [env, vehicle] or [env, 1], rad/s: how `velocity` turns. Obstacles that its arc passes by are left
                   alone; without it all that are near count.
     """
-    given = velocity
+    given, actual = velocity, team.fleet.velocity_n[..., :2]
     sensor, formation = team.sensor, team.now.slot_velocity[..., : team.axes]
     for _ in range(PASSES):
         for k in range(sensor.num_obstacles):
             seen = sensor.obstacles[..., k, :]
-            toward, its = torch.zeros_like(velocity), torch.zeros_like(velocity)
-            toward[..., :2], its[..., :2] = seen[..., 1:3], seen[..., 4:6]
-            clear = seen[..., 0] - team.radius
+            toward, its, own = seen[..., 1:3], seen[..., 4:6], velocity[..., :2]
+            level = seen[..., 0] - seen[..., 7].clamp(min=0.0) < team.radius + MARGIN
+            near = level & (toward.abs().sum(-1) > 0)
             if turn_rate is not None:
-                passed = passing(given - its, turn_rate, toward, clear) > ROOM
-                toward = torch.where(passed.unsqueeze(-1), 0.0, toward)
-            velocity = its + _turned(velocity - its, toward, clear, acceleration)
+                past = passing(given[..., :2] - its, turn_rate, toward, seen[..., 0] - team.radius) > ROOM
+                near &= ~past
+            turned = its + tangent(own - its, actual - its, toward, seen[..., 7] + seen[..., 6],
+                                   seen[..., 6] + team.radius + MARGIN, acceleration)  # fmt: skip
+            pace = formation[..., :2].norm(dim=-1, keepdim=True) / turned.norm(dim=-1, keepdim=True).clamp(min=1e-3)
+            turned = torch.where((turned - own).norm(dim=-1, keepdim=True) > 1e-3, turned * pace.clamp(max=1.0), own)
+            turned = torch.where(near.unsqueeze(-1), turned, own)
+            velocity = torch.cat((turned, velocity[..., 2:]), dim=-1)
         for k in range(sensor.num_mates):
             seen = sensor.team_mates[..., k, :]
             toward = seen[..., 1 : 1 + team.axes]
             clearance = seen[..., 0] - 2 * team.radius
             velocity = formation + _turned(velocity - formation, toward, clearance, acceleration / 4)
     return velocity
+
+
+def tangent(
+    velocity: Tensor, actual: Tensor, toward: Tensor, distance: Tensor, radius: Tensor, acceleration: float
+) -> Tensor:
+    """A horizontal `velocity` [.., 2] relative to a circle, turned so that it passes by.
+
+    toward: unit vector to its centre. distance: to its centre, m. radius: of the circle, m.
+    """
+    speed = velocity.norm(dim=-1).clamp(min=1e-3)
+    along = (velocity * toward).sum(-1)
+    lean = LEAN * velocity + actual
+    aside = toward[..., 0] * lean[..., 1] - toward[..., 1] * lean[..., 0]  # to starboard of the centre
+    side = torch.where(aside < 0, -1.0, 1.0)
+    sine = (radius / distance.clamp(min=1e-3)).clamp(max=1.0)
+    cosine = (1 - sine * sine).sqrt()
+    hits = (along > 0) & (along > cosine * speed)
+    needed = EARLY * torch.sqrt(2 * radius / acceleration)
+    soon = distance - radius < along * needed
+    starboard = torch.stack((-toward[..., 1], toward[..., 0]), dim=-1)
+    past = speed.unsqueeze(-1) * (cosine.unsqueeze(-1) * toward + (side * sine).unsqueeze(-1) * starboard)
+    out = (radius - distance).clamp(min=0.0) / TAU  # inside the circle
+    past = torch.where((distance < radius).unsqueeze(-1), past - out.unsqueeze(-1) * toward, past)
+    return torch.where((hits & soon).unsqueeze(-1) | (distance < radius).unsqueeze(-1), past, velocity)
 
 
 def passing(velocity: Tensor, turn_rate: Tensor, toward: Tensor, distance: Tensor) -> Tensor:
