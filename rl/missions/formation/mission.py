@@ -4,7 +4,6 @@ Each environment is on one of the scenario's worlds (a track with obstacles) and
 anew. Targets of vessels move on the sea, those of aircraft straight above them at the flight height.
 """
 
-import math
 from pathlib import Path
 from typing import Any
 
@@ -18,85 +17,17 @@ from rl.missions.formation.config import FormationScenario
 from rl.missions.formation.controllers import CONTROLLERS
 from rl.missions.formation.flyable import check_flyable
 from rl.missions.formation.judge import FormationJudge
-from rl.missions.formation.slots import lane_half_width
-from rl.missions.formation.starts import PER_WORLD, Starts, draw_starts, in_wind
+from rl.missions.formation.starts import PER_WORLD, draw_starts, in_wind
 from rl.missions.formation.targets import Targets
 from rl.missions.formation.team import TeamTask
-from rl.scene.obstacles import generate_obstacles
-from rl.scene.tracks import Tracks, generate_tracks
-from rl.scene.traffic import ROWS, Bodies, Span, Traffic
-from rl.seeds import derive_seed
+from rl.missions.formation.worlds import draw_traffic, generate_worlds
+from rl.scene.traffic import BOTTOM, EAST, NORTH, RADIUS, TOP, Bodies
 from taichi_sim import runtime
 from taichi_sim.config import ConfigError
 from taichi_sim.recording.episode import Scene
+from taichi_sim.recording.overlays import Cylinders
 
-TALLEST = 90.0  # m, of generated obstacles
-VESSEL_TOPS = 4.0, 15.0  # m, of traffic on the sea; assumed
-FLYING_SPAN = 15.0  # m, below and above the flight height, of traffic in the air; assumed
-
-
-def generate_worlds(config: FormationScenario, seed: int) -> tuple[Tracks, Tensor]:
-    """Tracks and generated obstacles [world, count, 4] of a scenario.
-
-    Raises:
-        ConfigError: if the scenario's sections track, obstacles and area leave no room for them.
-    """
-    track, cylinders = config.track, config.obstacles
-    try:
-        tracks = generate_tracks(
-            track.worlds,
-            derive_seed(seed, "tracks"),
-            length_m=track.length,
-            area_m=config.area,
-            checkpoints=track.checkpoints,
-            min_radius_m=track.min_radius,
-        )
-        obstacles = generate_obstacles(
-            tracks,
-            derive_seed(seed, "obstacles"),
-            count=cylinders.count - round(cylinders.moving_fraction * cylinders.count),
-            lane_half_width_m=widest_lane(config),
-            clearance_m=(cylinders.clearance_min, cylinders.clearance_max),
-            track_clearance_m=cylinders.track_clearance,
-            radius_m=(cylinders.radius_min, cylinders.radius_max),
-            height_m=(5.0, max(TALLEST, track.flight_height + 30.0)),
-            tall_fraction=cylinders.tall_fraction,
-            flight_height_m=track.flight_height,
-            area_m=config.area,
-        )
-    except ValueError as error:
-        raise ConfigError(
-            f"scenario {config.name!r}: the tracks (track.length = {track.length}, track.min_radius = "
-            f"{track.min_radius}, area = {config.area}) or the obstacles do not fit: {error}"
-        ) from None
-    return tracks, obstacles
-
-
-def widest_lane(config: FormationScenario) -> float:
-    """From the track to the outermost slot of any team, m."""
-    return max(lane_half_width(t.formation, t.count, t.spacing) for t in config.formations.values())
-
-
-def traffic_of(config: FormationScenario, media: set[str]) -> Traffic:
-    """The traffic of a scenario with teams in `media`: in each, the share that moves of what a team would meet."""
-    track, cylinders = config.track, config.obstacles
-    met = cylinders.count * config.episode_duration * track.target_speed / track.length
-    radius = cylinders.radius_min, cylinders.radius_max
-    afloat = Span(0.0, VESSEL_TOPS, radius)
-    flying = Span(track.flight_height - FLYING_SPAN, (track.flight_height + FLYING_SPAN,) * 2, radius)
-    water = config.sea.current
-    heading, speed = (math.radians(water.direction_deg), water.speed) if water else (0.0, 0.0)
-    return Traffic(
-        count=math.ceil(cylinders.moving_fraction * met),
-        spans=tuple(span for medium, span in (("water", afloat), ("air", flying)) if medium in media),
-        drifting=cylinders.drifting_fraction,
-        overtaking=cylinders.overtaking_fraction,
-        speed=(cylinders.speed_min, cylinders.speed_max),
-        current=(speed * math.cos(heading), speed * math.sin(heading)),
-        duration=config.episode_duration,
-        team_speed=track.target_speed,
-        lane_half_width=widest_lane(config),
-    )
+TRAFFIC = (196, 120, 40)  # colour of what moves, in recordings
 
 
 class Formation(Mission):
@@ -131,7 +62,7 @@ class Formation(Mission):
         both = torch.cat((generated, fixed.expand(self.tracks.worlds, -1, 4)), dim=1)
         models = {name: team.fleet.model for name, team in self.teams.items()}
         starts = draw_starts(config, self.tracks, both, models, self.generator)
-        pool = self._draw_traffic(starts, both)
+        pool = draw_traffic(config, self.tracks, starts, both, models, self.generator)
         self.tracks = self.tracks.to(run.device)  # all was drawn on the CPU: the same worlds on every device
         self.starts = starts.to(run.device)
         self.bodies = Bodies(self.num_envs, pool.to(run.device, run.torch_dtype))
@@ -150,31 +81,9 @@ class Formation(Mission):
             over_air=config.track.speed_over == "air",
         )
         self._which = torch.zeros(self.num_envs, dtype=torch.int32, device=run.device)
+        self._film: list[np.ndarray] = []  # bodies of environment 0, of a recording
         for team in self.teams.values():
             team.follow(self.targets, config.track.flight_height)
-
-    def _draw_traffic(self, starts: Starts, obstacles: Tensor) -> Tensor:
-        """What moves, for each start (rl/scene/traffic.py).
-
-        Raises:
-            ConfigError: where it is faster than the vehicles, or finds no way.
-        """
-        config = self.config
-        traffic = traffic_of(config, {team.fleet.model.medium for team in self.teams.values()})
-        if not traffic.bodies:
-            return starts.progress.new_zeros((*starts.progress.shape, ROWS, 0))
-        for name, team in self.teams.items():
-            top = team.fleet.model.limits.speeds[2]
-            if config.obstacles.speed_max > top:
-                raise ConfigError(
-                    f"obstacles.speed_max = {config.obstacles.speed_max} m/s: traffic must not be faster than {name}'s "
-                    f"vehicles can go, {top:.3g} m/s: nobody could keep clear of it"
-                )
-        places = torch.cat([state[..., :2] for state in starts.states.values()], dim=2)
-        try:
-            return traffic.draw(self.tracks, starts.progress, places, obstacles, self.generator)
-        except ValueError as error:
-            raise ConfigError(f"scenario {config.name!r}: {error}") from None
 
     @property
     def progress(self) -> Tensor:
@@ -293,6 +202,8 @@ class Formation(Mission):
 
     def frame(self, team: TeamTask) -> dict[str, Tensor]:
         """Target, slots and errors; slots of vessels lie on the mean level of the sea."""
+        if team is next(iter(self.teams.values())):  # once a step
+            self._film.append(self.bodies.table[0].cpu().numpy().copy())
         slot = team.now.slot[0].clone()
         if team.fleet.model.medium == "water":
             slot[:, 2] = 0.0
@@ -312,6 +223,17 @@ class Formation(Mission):
             checkpoints_n=self.tracks.checkpoints[0].cpu().numpy(),
             obstacles=obstacles[np.abs(obstacles[:, :2]).max(axis=1) <= half],
         )
+
+    def overlays(self) -> tuple[Any, ...]:
+        """What moves, as cylinders, where it has been in the steps that `frame` was asked about."""
+        if not self.bodies.present or not self._film:
+            return ()
+        film = np.stack(self._film)  # [frame, row, body]
+        there = np.abs(film[:, NORTH]) < self.config.area
+        place = np.stack((film[:, NORTH], film[:, EAST], -0.5 * (film[:, BOTTOM] + film[:, TOP])), axis=-1)
+        place[~there] = np.nan
+        size = np.stack((film[:, RADIUS], film[:, TOP] - film[:, BOTTOM]), axis=-1)
+        return (Cylinders(name="traffic", colour=TRAFFIC, position_n=place, size_m=size),)
 
     @classmethod
     def draw_figures(cls, out: Path, histories: Any, episode: Any, config: FormationScenario) -> None:

@@ -1,0 +1,115 @@
+"""The worlds of a scenario: tracks, the obstacles that stand beside them and in the lanes, and what moves."""
+
+import math
+from collections.abc import Mapping
+
+import torch
+from torch import Tensor
+
+from rl.missions.formation.config import FormationScenario
+from rl.missions.formation.slots import lane_half_width
+from rl.missions.formation.starts import Starts
+from rl.scene.obstacles import generate_obstacles
+from rl.scene.tracks import Tracks, generate_tracks
+from rl.scene.traffic import ROWS, Span, Traffic
+from rl.seeds import derive_seed
+from taichi_sim.config import ConfigError
+from taichi_sim.vehicle import Vehicle
+
+TALLEST = 90.0  # m, of generated obstacles
+VESSEL_TOPS = 4.0, 15.0  # m, of traffic on the sea; assumed
+FLYING_SPAN = 15.0  # m, below and above the flight height, of traffic in the air; assumed
+
+
+def generate_worlds(config: FormationScenario, seed: int) -> tuple[Tracks, Tensor]:
+    """Tracks and generated obstacles [world, count, 4] of a scenario.
+
+    Raises:
+        ConfigError: if the scenario's sections track, obstacles and area leave no room for them.
+    """
+    track, cylinders = config.track, config.obstacles
+    try:
+        tracks = generate_tracks(
+            track.worlds,
+            derive_seed(seed, "tracks"),
+            length_m=track.length,
+            area_m=config.area,
+            checkpoints=track.checkpoints,
+            min_radius_m=track.min_radius,
+        )
+        obstacles = generate_obstacles(
+            tracks,
+            derive_seed(seed, "obstacles"),
+            count=cylinders.count - round(cylinders.moving_fraction * cylinders.count),
+            lane_half_width_m=widest_lane(config),
+            clearance_m=(cylinders.clearance_min, cylinders.clearance_max),
+            track_clearance_m=cylinders.track_clearance,
+            radius_m=(cylinders.radius_min, cylinders.radius_max),
+            height_m=(5.0, max(TALLEST, track.flight_height + 30.0)),
+            tall_fraction=cylinders.tall_fraction,
+            flight_height_m=track.flight_height,
+            area_m=config.area,
+        )
+    except ValueError as error:
+        raise ConfigError(
+            f"scenario {config.name!r}: the tracks (track.length = {track.length}, track.min_radius = "
+            f"{track.min_radius}, area = {config.area}) or the obstacles do not fit: {error}"
+        ) from None
+    return tracks, obstacles
+
+
+def widest_lane(config: FormationScenario) -> float:
+    """From the track to the outermost slot of any team, m."""
+    return max(lane_half_width(t.formation, t.count, t.spacing) for t in config.formations.values())
+
+
+def traffic_of(config: FormationScenario, media: set[str]) -> Traffic:
+    """The traffic of a scenario with teams in `media`: in each, the share that moves of what a team would meet."""
+    track, cylinders = config.track, config.obstacles
+    met = cylinders.count * config.episode_duration * track.target_speed / track.length
+    radius = cylinders.radius_min, cylinders.radius_max
+    afloat = Span(0.0, VESSEL_TOPS, radius)
+    flying = Span(track.flight_height - FLYING_SPAN, (track.flight_height + FLYING_SPAN,) * 2, radius)
+    water = config.sea.current
+    heading, speed = (math.radians(water.direction_deg), water.speed) if water else (0.0, 0.0)
+    return Traffic(
+        count=math.ceil(cylinders.moving_fraction * met),
+        spans=tuple(span for medium, span in (("water", afloat), ("air", flying)) if medium in media),
+        drifting=cylinders.drifting_fraction,
+        overtaking=cylinders.overtaking_fraction,
+        speed=(cylinders.speed_min, cylinders.speed_max),
+        current=(speed * math.cos(heading), speed * math.sin(heading)),
+        duration=config.episode_duration,
+        team_speed=track.target_speed,
+        lane_half_width=widest_lane(config),
+    )
+
+
+def draw_traffic(
+    config: FormationScenario,
+    tracks: Tracks,
+    starts: Starts,
+    obstacles: Tensor,
+    models: Mapping[str, Vehicle],
+    generator: torch.Generator,
+) -> Tensor:
+    """What moves, for each start [world, start, 8, body] (rl/scene/traffic.py), among `obstacles` [world, n, 4].
+
+    Raises:
+        ConfigError: where it is faster than the vehicles, or finds no way.
+    """
+    traffic = traffic_of(config, {model.medium for model in models.values()})
+    if not traffic.bodies:
+        return torch.zeros((*starts.progress.shape, ROWS, 0))
+    for name, model in models.items():
+        top = model.limits.speeds[2]
+        if config.obstacles.speed_max > top:
+            raise ConfigError(
+                f"obstacles.speed_max = {config.obstacles.speed_max} m/s: traffic must not be faster than {name}'s "
+                f"vehicles can go, {top:.3g} m/s: nobody could keep clear of it"
+            )
+    places = torch.cat([state[..., :2] for state in starts.states.values()], dim=2)
+    try:
+        return traffic.draw(tracks, starts.progress, places, obstacles, generator)
+    except ValueError as error:
+        raise ConfigError(f"scenario {config.name!r}: {error}") from None
