@@ -10,8 +10,8 @@ before and g after the change, x . g >= 0: two that do not meet this swap their 
 squared ways, until all do. Then they are never nearer than |x| |g| / sqrt(x^2 + g^2) on the way: spacing / sqrt(2)
 between two formations of one spacing (as in Turpin, Michael & Kumar 2014, CAPT, Int. J. Robotics Research 33(1)). A
 change that comes while slots are still on their way begins with as little between them as there is then. The leader
-keeps its place, so there is no such bound on how near a follower's slot passes it: 0.38 spacings were the least found in
-teams of up to 16, from an echelon to a line abreast or back. All of this is about slots, not about who is in them.
+keeps its place, so there is no such bound on how near a follower's slot passes it: 0.38 spacings were the least found
+in teams of up to 16, from an echelon to a line abreast or back. All of this is about slots, not about who is in them.
 """
 
 # Kernels are another language inside Python syntax.
