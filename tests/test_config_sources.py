@@ -97,7 +97,7 @@ def test_overrides_replace_values_of_every_type():
     )
     assert config.teams["usv"].count == 5
     assert config.sea.hs == 1.5  # the last one counts
-    assert config.teams["uav"].formation == "astern"
+    assert config.teams["uav"].formation.shape == "astern"
     assert (config.name, config.reward) == ("a b", "paper")
     assert config.stages["usv"].hidden_dims == (8, 4)
     assert config.teams["usv"].tracking_reward.coarse == 2.5

@@ -132,7 +132,7 @@ class TrainedPolicy:
         if observations.shape[-1] != self.num_observations:
             raise CheckpointError(
                 f"{self.source}: this policy was trained on {self.num_observations} observations and the scenario "
-                f"gives {observations.shape[-1]}: observations, sensing and team sizes must be those of its training"
+                f"gives {observations.shape[-1]}: observations and sensing must be those of its training"
             )
         with torch.no_grad():
             rows = observations.flatten(0, 1).float()

@@ -9,7 +9,7 @@ from typing import Any
 from rl.mission import Mission
 from rl.scenario import Scenario
 from taichi_sim.config import ConfigError
-from taichi_sim.config.io import apply_overrides, find_config, read_toml, validate, vehicle_file
+from taichi_sim.config.io import apply_overrides, find_config, key_of, read_toml, validate, vehicle_file
 from taichi_sim.plugins import is_plugin, load_class
 
 
@@ -38,12 +38,13 @@ def load_scenario(path: str | Path = "paper", overrides: Iterable[str] = ()) -> 
         ConfigError: naming file, key, value and what is allowed.
     """
     file = find_config(path)
-    data = read_toml(file)
-    sources = apply_overrides(data, overrides)
+    data, overrides = read_toml(file), list(overrides)
+    sources = apply_overrides(data, [text for text in overrides if key_of(text) == "mission"])
     try:
         kind = find_mission(data.get("mission", Scenario.model_fields["mission"].default), [file.parent])
     except ConfigError as error:
         raise ConfigError(f"{sources.get('mission', file)}: mission = {error}") from None
+    sources = apply_overrides(data, overrides, kind.Config)
     config = validate(kind.Config, data, str(file), sources)
     for name, team in config.teams.items():
         try:

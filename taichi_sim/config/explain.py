@@ -1,6 +1,7 @@
 """What is wrong with a configuration, in words: source, key, value, what is allowed, and what was probably meant."""
 
 import difflib
+import re
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -68,6 +69,8 @@ def _in_words(item: Any, key: str, model: type[BaseModel]) -> str:
     if item["type"] == "missing":
         return f"{key}: missing, and it has no default"
     message = item["msg"].removeprefix("Value error, ")
+    if item["type"] == "literal_error":
+        message += _meant(item["input"], re.findall("'(.*?)'", item["ctx"]["expected"]))
     if not key or isinstance(item["input"], dict | BaseModel):
         return f"{key}: {message}" if key else message
     return f"{key} = {item['input']!r}: {message[0].lower()}{message[1:]}"
@@ -83,7 +86,7 @@ def _is_no_team(item: Any, model: type[BaseModel]) -> bool:
     loc = item["loc"]
     if not issubclass(model, WorldConfig) or not loc or loc[0] in model.model_fields:
         return False
-    return item["type"] == "model_type" or (item["type"] == "missing" and loc[1:] == ("vehicle",))
+    return (item["type"], loc[1:]) in (("model_type", ()), ("missing", ("vehicle",)))
 
 
 def _keys_at(model: Any, loc: tuple) -> list[str]:

@@ -14,12 +14,6 @@ from taichi_sim.config.world import TeamConfig, WorldConfig
 
 Model = TypeVar("Model", bound=Strict)
 
-# Sections whose size is given in one of several ways: an override of one way takes the file's other ways back.
-WAYS = {
-    "sea": (("hs", "tp"), ("sea_state",), ("wind_speed", "fetch"), ("follows_wind",)),
-    "air": (("speed",), ("beaufort",)),
-}
-
 
 def config_folder() -> Path:
     """The shipped configs: beside the packages in a checkout, inside the package when installed."""
@@ -147,39 +141,53 @@ def _with_tuples(value: Any) -> Any:
     return tuple(_with_tuples(item) for item in value) if isinstance(value, list) else value
 
 
-def apply_overrides(data: dict[str, Any], overrides: Iterable[str]) -> dict[str, str]:
-    """Set each `KEY=VALUE` in a file's `data`; key -> what to call the source of its value in an error.
+def apply_overrides(
+    data: dict[str, Any], overrides: Iterable[str], kind: type[WorldConfig] = WorldConfig
+) -> dict[str, str]:
+    """Set each `KEY=VALUE` in a file's `data`, which is of `kind`; key -> what to call its source in an error.
 
     Raises:
         ConfigError: for an override that is not of that form.
     """
     overrides = list(overrides)
-    _take_other_ways_back(data, [text.partition("=")[0].strip() for text in overrides])
-    return {_override(data, text): f"--set {text}" for text in overrides}
+    keys = [key_of(text) for text in overrides]
+    for section in dict.fromkeys(key.rpartition(".")[0] for key in keys):
+        _take_other_ways_back(data, section, keys, kind)
+    return {_override(data, text, kind): f"--set {text}" for text in overrides}
 
 
-def _take_other_ways_back(data: dict[str, Any], keys: list[str]) -> None:
-    """Remove from the file's `data` the ways of sizing a section that none of the overridden `keys` belongs to."""
-    for section, ways in WAYS.items():
-        chosen = [way for way in ways if any(f"{section}.{name}" in keys for name in way)]
-        for name in [name for way in ways if chosen and way not in chosen for name in way]:
-            if isinstance(data.get(section), dict):
-                data[section].pop(name, None)
+def key_of(override: str) -> str:
+    """KEY of a `KEY=VALUE`."""
+    return override.partition("=")[0].strip()
 
 
-def _override(data: dict[str, Any], text: str) -> str:
+def _take_other_ways_back(data: dict[str, Any], section: str, keys: list[str], kind: type[WorldConfig]) -> None:
+    """Remove from the file's `data` the ways of saying what `section` says that none of the overridden `keys` is of."""
+    ways, node = kind.ways.get(section.rpartition(".")[2], ()), data
+    for part in section.split("."):
+        node = node.get(part) if isinstance(node, dict) else None
+    chosen = [way for way in ways if any(f"{section}.{name}" in keys for name in way)]
+    for name in [name for way in ways if chosen and way not in chosen for name in way]:
+        if isinstance(node, dict):
+            node.pop(name, None)
+
+
+def _override(data: dict[str, Any], text: str, kind: type[WorldConfig]) -> str:
     """Apply one `a.b.c=VALUE` and return the key; VALUE is TOML, or a bare string."""
-    key, equals, value = text.partition("=")
-    parts = key.strip().split(".")
+    key, equals, value = key_of(text), *text.partition("=")[1:]
+    parts = key.split(".")
     if not equals or not all(parts):
         raise ConfigError(f"--set {text}: expected KEY=VALUE, for example --set usv.count=5")
     node = data
     for depth, part in enumerate(parts[:-1]):
-        node = node.setdefault(part, {})
-        if not isinstance(node, dict):
+        inner = node.setdefault(part, {})
+        if not isinstance(inner, dict) and part in kind.plain:
+            inner = node[part] = {kind.plain[part]: inner}
+        if not isinstance(inner, dict):
             raise ConfigError(f"--set {text}: {'.'.join(parts[: depth + 1])} is a value, not a section")
+        node = inner
     node[parts[-1]] = _parse_value(value.strip())
-    return ".".join(parts)
+    return key
 
 
 def _parse_value(text: str) -> Any:

@@ -1,6 +1,7 @@
 """What a world is made of: times, sea, air, and teams of vehicles. A mission's scenario adds its own keys to these."""
 
-from typing import Annotated, Literal
+from collections.abc import Mapping
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import ConfigDict, Field, model_validator
 
@@ -19,7 +20,18 @@ class TeamConfig(Strict):
 
 
 class WorldConfig(Strict):
-    """Seed, times, sea, air, teams. Every section that is not a key of the model is a team."""
+    """Seed, times, sea, air, teams. Every section that is not a key of the model is a team.
+
+    Class attributes, for overrides of a file:
+        ways: section -> ways of saying what it says, each some keys: an override of one takes the file's others back.
+        plain: section that a file may also give as a plain value -> the key that the value is of.
+    """
+
+    ways: ClassVar[Mapping[str, tuple[tuple[str, ...], ...]]] = {
+        "sea": (("hs", "tp"), ("sea_state",), ("wind_speed", "fetch"), ("follows_wind",)),
+        "air": (("speed",), ("beaufort",)),
+    }
+    plain: ClassVar[Mapping[str, str]] = {}
 
     model_config = ConfigDict(extra="allow")
     __pydantic_extra__: dict[str, TeamConfig] = Field(init=False)

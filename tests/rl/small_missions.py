@@ -15,16 +15,7 @@ SMALL = ("track.worlds=4", "sea.realisations=4")
 AXES = {"usv": 2, "uav": 3}
 
 # distance and direction, twice; 2 obstacles of (closeness, direction, width, velocity); mates of (closeness, direction)
-PAPER_SIZE = {
-    ("usv", 1): 2 * 3 + 2 * 6,
-    ("usv", 2): 2 * 3 + 2 * 6 + 3,
-    ("usv", 3): 2 * 3 + 2 * 6 + 2 * 3,
-    ("usv", 8): 2 * 3 + 2 * 6 + 2 * 3,
-    ("uav", 1): 2 * 4 + 2 * 7,
-    ("uav", 2): 2 * 4 + 2 * 7 + 4,
-    ("uav", 3): 2 * 4 + 2 * 7 + 2 * 4,
-    ("uav", 8): 2 * 4 + 2 * 7 + 2 * 4,
-}
+PAPER_SIZE = {"usv": 2 * 3 + 2 * 6 + 2 * 3, "uav": 2 * 4 + 2 * 7 + 2 * 4}
 NORTH, EAST, SOUTH = 0.0, math.pi / 2, math.pi
 
 
@@ -83,6 +74,7 @@ def everything(task: Formation, envs: list[int]) -> dict[str, Tensor]:
     for name, team in task.teams.items():
         parts[f"{name} state"], parts[f"{name} aux"] = team.fleet.state, team.fleet.aux
         parts[f"{name} distance"], parts[f"{name} slot"] = team.distance, team.now.slot
+        parts[f"{name} offsets"] = team.slots.table
         parts[f"{name} gap"], parts[f"{name} target"] = team.sensor.gap, team.target.position
         parts[f"{name} observations"] = task.teams[name].observe()
     return {key: part[envs].clone() for key, part in parts.items()}

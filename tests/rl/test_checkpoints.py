@@ -1,12 +1,13 @@
 """Checkpoints that are broken, malicious or of another network: named, never executed, and nothing is lost."""
 
+import json
 import os
 import pickle
 from pathlib import Path
 
 import pytest
 import torch
-from command_line import content, forget
+from command_line import content, forget, sets
 
 from rl.learn.policy import checkpoints
 
@@ -58,6 +59,15 @@ def test_a_checkpoint_of_another_network_is_named(here, run):
 
 def test_policies_of_other_observations_are_refused(here, run):
     here("rl.evaluate", run, "--set", "sensing.obstacles=5").fails("observations", "trained on")
+
+
+@pytest.mark.parametrize("count", [1, 8, 16])
+def test_policies_fly_teams_of_another_size_and_shape(here, run, count):
+    """Trained with three abreast; 16 wedges are 85 m wide to a side, and bends 100 m."""
+    others = (f"usv.count={count}", f"uav.count={count}", "usv.formation=wedge", "uav.formation=wedge")
+    ending = here("rl.evaluate", run, *sets(*others, "usv.formation.change_every=1"))
+    assert ending.status == 0, ending.err
+    assert set(json.loads(ending.out)["teams"]) == {"usv", "uav"}
 
 
 def spoil(checkpoint: Path) -> None:

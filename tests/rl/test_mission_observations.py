@@ -8,12 +8,11 @@ from small_missions import AXES, PAPER_SIZE, TEAMS, begin, make, observed, past_
 from torch import Tensor
 
 from rl.missions.formation.mission import Formation
-from rl.missions.formation.starts import Starts
 from rl.scene.tracks import Tracks
 from taichi_sim.maths.rotation import torch_quaternion_from_euler
 
-# error, its rate, velocity, down axis, rates, course, turn, action, role
-FULL_EXTRA = {"usv": 2 + 2 + 3 + 3 + 3 + 2 + 1 + 2 + 1, "uav": 3 + 3 + 3 + 3 + 3 + 3 + 1 + 3 + 1}
+# error, its rate, velocity, down axis, rates, course, turn, action, role, offset
+FULL_EXTRA = {"usv": 2 + 2 + 3 + 3 + 3 + 2 + 1 + 2 + 1 + 2, "uav": 3 + 3 + 3 + 3 + 3 + 3 + 1 + 3 + 1 + 2}
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 8])
@@ -23,21 +22,22 @@ def test_every_team_size_and_formation_steps(count, formation):
     task = make(*sizes, envs=3)
     step = wander(task, 2)
     for name, rows in observed(task).items():
-        assert rows.shape == (3, count, PAPER_SIZE[name, count] + FULL_EXTRA[name])
+        assert rows.shape == (3, count, PAPER_SIZE[name] + FULL_EXTRA[name])
         assert rows.isfinite().all()
         assert step.reward[name].shape == (3, count)
         assert step.reward[name].isfinite().all()
         roles = torch.zeros(3, count)
         roles[:, 0] = 1.0
-        assert rows[..., -1].equal(roles)
+        assert rows[..., -3].equal(roles)
+        held = task.teams[name].offsets
+        torch.testing.assert_close(rows[..., -2:], held / (held.abs() + 10.0))
 
 
 @pytest.mark.parametrize("seen", [0, 4])
 def test_sensing_sets_the_size_of_observations(seen):
     sensing = (f"sensing.obstacles={seen}", f"sensing.team_mates={seen}")
     task = make(*sensing, 'observations="paper"', teams=("uav",))
-    mates = min(seen, 2)  # there are no more
-    assert task.teams["uav"].observe().shape == (4, 3, 2 * 4 + seen * 7 + mates * 4)
+    assert task.teams["uav"].observe().shape == (4, 3, 2 * 4 + seen * 7 + seen * 4)
 
 
 def test_paper_observations_have_their_size_and_bounds(paper):
@@ -45,7 +45,7 @@ def test_paper_observations_have_their_size_and_bounds(paper):
     for i in range(10):
         wander(paper, 3, seed=i)
         for name, rows in observed(paper).items():
-            assert rows.shape == (4, 3, PAPER_SIZE[name, 3])
+            assert rows.shape == (4, 3, PAPER_SIZE[name])
             assert rows.isfinite().all()
             assert rows.abs().max() <= 1.0 + 1e-5
 
@@ -64,10 +64,10 @@ def test_full_observations_are_bounded_where_they_should_be(shared):
     for i in range(10):
         wander(shared, 3, seed=i)
         for name, rows in observed(shared).items():
-            n, axes = PAPER_SIZE[name, 3], AXES[name]
+            n, axes = PAPER_SIZE[name], AXES[name]
             error, attitude = rows[..., n : n + axes], rows[..., n + 2 * axes + 3 : n + 2 * axes + 6]
             course = rows[..., n + 2 * axes + 9 : n + 3 * axes + 9]
-            action = rows[..., n + 3 * axes + 10 : -1]
+            action = rows[..., n + 3 * axes + 10 : -3]
             assert rows.isfinite().all()
             assert error.abs().max() < 1.0
             one = torch.ones(rows.shape[:2])
@@ -124,7 +124,7 @@ def rotated(task: Formation, angle: float) -> None:
         tw, tz = turn[0], turn[3]  # the product of a turn about the vertical with the attitude
         q = torch.stack((tw * w - tz * z, tw * x - tz * y, tw * y + tz * x, tw * z + tz * w), dim=-1)
         states[name] = torch.cat((old[..., :2] @ R, old[..., 2:3], q, old[..., 7:]), dim=-1)
-    task.starts = Starts(task.starts.progress, states)
+    task.starts = task.starts._replace(states=states)
 
 
 def test_observations_do_not_depend_on_where_north_is():

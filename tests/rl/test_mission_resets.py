@@ -49,10 +49,10 @@ def test_an_episode_begins_without_a_past(shared):
     for name, rows in observed(shared).items():
         now, before = past_and_present(rows[1], AXES[name])
         assert now.equal(before), name
-        # the last entries of "full" are the previous action and the role
+        # the last entries of "full" are the previous action, the role and the offset
         actions = len(shared.teams[name].action_names)
-        assert not rows[1, :, -1 - actions : -1].any(), name
-        assert rows[0, :, -1 - actions : -1].any(), name
+        assert not rows[1, :, -3 - actions : -3].any(), name
+        assert rows[0, :, -3 - actions : -3].any(), name
 
 
 CROWDS = {
@@ -64,6 +64,11 @@ CROWDS = {
         "uav.count=8",
         'usv.formation="astern"',
         'uav.formation="astern"',
+    ),
+    "any shape": (
+        "usv.count=6",
+        'usv.formation.shapes=["wedge", "echelon", "pairs", "circle", "astern"]',
+        "usv.formation.spacing_range=[10.0, 20.0]",
     ),
     "obstacles in the lanes": ("obstacles.clearance_min=-15", "obstacles.count=60"),
 }
@@ -80,7 +85,7 @@ def test_starts_are_clear_of_obstacles_and_team_mates(crowd):
         assert hit == 0, f"{name}: {hit:.1%} of starts are in an obstacle"
         apart = (states[:, :, :, None, :3] - states[:, :, None, :, :3]).norm(dim=-1)
         apart = apart + 1e3 * torch.eye(apart.shape[-1])
-        touching, spacing = 2 * task.teams[name].radius, task.teams[name].section.spacing
+        touching, spacing = 2 * task.teams[name].radius, task.teams[name].section.spacings[0]
         assert apart.min() > min(touching + 2.9, (touching + spacing) / 2 - 0.01), name  # room to steer away in
 
 

@@ -1,4 +1,4 @@
-"""Slots: geometry of the two formations, rigidity, and a velocity that is the derivative of the position."""
+"""Slots: where they are in the world, rigidity, and a velocity that is the derivative of the position."""
 
 import math
 from types import SimpleNamespace
@@ -8,7 +8,8 @@ import torch
 from torch import Tensor
 
 from rl.missions.formation.geometry import Geometry
-from rl.missions.formation.slots import formation_offsets, lane_half_width
+from rl.missions.formation.shapes import SHAPES, formation_offsets, lane_half_width
+from rl.missions.formation.slots import OFFSET, RATE, SIZE
 from rl.scene.tracks import generate_tracks
 from taichi_sim.conventions import POSITION, STATE_SIZE
 from taichi_sim.kinematics import DERIVED_SIZE, VELOCITY_N
@@ -24,13 +25,20 @@ def target(position: Tensor, course: Tensor, course_rate: Tensor, speed: float) 
 
 
 def slots(target: Tensor, leader: Tensor, velocity: Tensor, offsets: Tensor) -> Geometry:
-    """Slots of teams whose leaders are at `leader` and move at `velocity`, each [env, 3]."""
-    shape = leader.shape[0], offsets.shape[0]
+    """Slots of teams whose leaders are at `leader` and move at `velocity`, each [env, 3]; they do not glide."""
+    table = torch.zeros((leader.shape[0], offsets.shape[0], SIZE), dtype=DOUBLE)
+    table[..., OFFSET:RATE] = offsets
+    return measured(target, leader, velocity, table)
+
+
+def measured(target: Tensor, leader: Tensor, velocity: Tensor, table: Tensor) -> Geometry:
+    """The same with a `table` of slots (slots.py)."""
+    shape = table.shape[:2]
     fleet = SimpleNamespace(
         state=torch.zeros((*shape, STATE_SIZE), dtype=DOUBLE), derived=torch.zeros((*shape, DERIVED_SIZE), dtype=DOUBLE)
     )
     fleet.state[:, 0, POSITION], fleet.derived[:, 0, VELOCITY_N] = leader, velocity
-    geometry = Geometry(fleet, target, 0.0, offsets, 3)
+    geometry = Geometry(fleet, target, 0.0, table, 3)
     geometry.measure(torch.ones(shape[0], dtype=torch.int32), shape[0])
     return geometry
 
@@ -76,7 +84,7 @@ def test_eastbound_formation(formation, first):
     torch.testing.assert_close(slot, torch.tensor(first, dtype=DOUBLE), atol=1e-12, rtol=0)
 
 
-@pytest.mark.parametrize("formation", ["abreast", "astern"])
+@pytest.mark.parametrize("formation", SHAPES)
 def test_the_formation_is_rigid_when_the_course_turns(formation):
     """Distances and orientation between follower slots and the leader do not depend on the course."""
     leader = torch.tensor([100.0, 200.0, -5.0], dtype=DOUBLE)
@@ -94,7 +102,7 @@ def test_the_formation_is_rigid_when_the_course_turns(formation):
 @pytest.mark.parametrize("count", [1, 2, 3, 8])
 def test_lane_holds_every_slot(count):
     widest = max((abs(east) for _, east in NORTHBOUND["abreast", count]), default=0)
-    assert lane_half_width("abreast", count, 15.0) == widest
+    assert lane_half_width(("astern", "abreast"), count, 15.0) == widest
 
 
 @pytest.mark.parametrize("formation", ["abreast", "astern"])

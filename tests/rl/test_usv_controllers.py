@@ -60,8 +60,8 @@ def put(task: Formation, speed: float = SPEED, heading: float = 0.0) -> None:
     place = task.tracks.at(task.env_world, task.progress)
     c, s = place.course.cos()[:, None], place.course.sin()[:, None]
     state = torch.zeros_like(team.fleet.state)
-    state[..., 0] = place.position[:, :1] + c * team.offsets[:, 0] - s * team.offsets[:, 1]
-    state[..., 1] = place.position[:, 1:] + s * team.offsets[:, 0] + c * team.offsets[:, 1]
+    state[..., 0] = place.position[:, :1] + c * team.offsets[..., 0] - s * team.offsets[..., 1]
+    state[..., 1] = place.position[:, 1:] + s * team.offsets[..., 0] + c * team.offsets[..., 1]
     psi = (place.course + heading)[:, None].expand(state.shape[:2])
     state[..., 3:7] = torch_quaternion_from_euler(torch.zeros_like(psi), torch.zeros_like(psi), psi)
     state[..., 7] = speed

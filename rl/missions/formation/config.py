@@ -1,10 +1,12 @@
 """What a scenario of the formation mission may say beside its world, stages and evaluation."""
 
-from typing import Annotated, Literal
+from collections.abc import Mapping
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
 from rl.missions.formation.rewards import TrackingReward
+from rl.missions.formation.shapes import Shape
 from rl.scenario import Evaluation, Scenario
 from taichi_sim.config import Finite, Fraction, NonNegative, Positive, Strict, TeamConfig
 
@@ -74,15 +76,51 @@ class ResidualConfig(Strict):
     gate: Positive | None = None  # m
 
 
+Spacing = Annotated[float, Field(gt=0, le=200)]
+
+
+class FormationConfig(Strict):
+    """The shape of a team (shapes.py), and what changes it; a plain string is the shape of one that keeps it."""
+
+    shape: Shape = "abreast"
+    shapes: Annotated[tuple[Shape, ...], Field(min_length=1)] | None = (
+        None  # instead: drawn for each episode and change
+    )
+    spacing_range: tuple[Spacing, Spacing] | None = None  # m, that spacings are drawn from likewise; default: spacing
+    change_every: Positive | None = None  # s from the start of an episode; default: the formation lasts for an episode
+    glide: Positive | None = None  # m/s of a slot to its new place; default: 15 % of track.target_speed, assumed
+
+    @model_validator(mode="before")
+    @classmethod
+    def _plain(cls, given: Any) -> Any:
+        return {"shape": given} if isinstance(given, str) else given
+
+    @model_validator(mode="after")
+    def _ordered(self):
+        if self.spacing_range and self.spacing_range[0] > self.spacing_range[1]:
+            raise ValueError(f"spacing_range = {list(self.spacing_range)}: the first must not be above the second")
+        return self
+
+
 class FormationTeam(TeamConfig):
     """One team: its vehicle and size (TeamConfig), formation and rewards; vehicle 0 leads."""
 
-    formation: Literal["abreast", "astern"] = "abreast"  # line abreast or line astern of the leader
-    spacing: Annotated[float, Field(gt=0, le=200)] = 15.0  # between neighbours, m
+    formation: FormationConfig = FormationConfig()
+    spacing: Spacing = 15.0  # between neighbours, m
     start_distance: NonNegative = 30.0  # leaders start within this distance of the target, m
     lost_distance: Positive = 150.0  # a vehicle this far from its slot is lost and ends the episode, m
     residual: ResidualConfig | None = None
     tracking_reward: TrackingReward = TrackingReward()
+
+    @property
+    def shapes(self) -> tuple[Shape, ...]:
+        """Those that its formation takes."""
+        return self.formation.shapes or (self.formation.shape,)
+
+    @property
+    def spacings(self) -> tuple[float, float]:
+        """The least and the greatest that its formation takes, m."""
+        return self.formation.spacing_range or (self.spacing, self.spacing)
 
     @model_validator(mode="after")
     def _start_within_reach(self):
@@ -109,6 +147,9 @@ class FormationScenario(Scenario):
     """A scenario of the formation mission: every team holds formation behind a target of its own medium."""
 
     __pydantic_extra__: dict[str, FormationTeam] = Field(init=False)
+
+    ways: ClassVar = {**Scenario.ways, "formation": (("shape",), ("shapes",))}
+    plain: ClassVar[Mapping[str, str]] = {"formation": "shape"}
 
     area: Annotated[float, Field(ge=100, le=100_000)] = 3000.0  # side of the square centred at the origin, m
     observations: Literal["paper", "full"] = "full"

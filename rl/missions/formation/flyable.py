@@ -1,4 +1,7 @@
-"""Whether a vehicle with limits of airspeed and bank can follow the track in the strongest wind of a scenario.
+"""Whether a team can follow the track: its slots keep going ahead in every bend, and so do vehicles with limits of
+airspeed and bank in the strongest wind of a scenario.
+
+A slot at y to starboard of a leader on a bend of radius R to starboard goes at v (1 - y / R): backwards where y > R.
 
 Over ground, the target's speed v needs airspeeds from v - w to v + w. Through the air, its airspeed V_a makes speeds
 over ground up to V_a + w. Either way a bend of radius R needs the lateral acceleration v^2 / R at the largest speed
@@ -7,7 +10,8 @@ over ground v (wind_triangle.py), so R must reach v^2 / (g tan(largest bank)).
 
 import math
 
-from rl.missions.formation.config import TrackConfig
+from rl.missions.formation.config import FormationTeam, TrackConfig
+from rl.missions.formation.shapes import lane_half_width
 from rl.scene.wind_triangle import LEAST_SHARE
 from taichi_sim.air.wind import wind_factor, wind_shear, wind_speed
 from taichi_sim.config import AirConfig, ConfigError
@@ -20,6 +24,23 @@ def strongest_wind(air: AirConfig, height: float) -> float:
     """Mean wind plus `SIGMAS` of its slow variation (m/s) at `height` (m)."""
     factor = float(wind_factor(air.profile, wind_shear(air), height))
     return factor * (wind_speed(air) + SIGMAS * air.std)
+
+
+def check_lanes(track: TrackConfig, name: str, team: FormationTeam) -> None:
+    """Refuse a formation of the team `name` that is wider than the tightest bend.
+
+    Raises:
+        ConfigError: naming the keys, and the numbers.
+    """
+    spacing = team.spacings[1]
+    for shape in team.shapes:
+        width = lane_half_width((shape,), team.count, spacing)
+        if width >= track.min_radius:
+            raise ConfigError(
+                f"track.min_radius = {track.min_radius}: {name}'s formation {shape!r} ({name}.count = {team.count}, "
+                f"{spacing:g} m apart) reaches {width:.3g} m to the side of its leader: slots on the inside of the "
+                "tightest bends would stand still or go backwards"
+            )
 
 
 def check_flyable(track: TrackConfig, air: AirConfig, vehicle: str, model: Vehicle) -> None:

@@ -1,7 +1,8 @@
 """Where a team's vehicles are relative to their slots: one kernel from state to errors.
 
 The leader's slot is the target. A follower's is the leader's position plus an offset in the path frame, whose first
-axis is the target's course (slots.py); it moves with the leader, and swings about it as the course turns.
+axis is the target's course (slots.py); it moves with the leader, swings about it as the course turns, and glides where
+the formation changes.
 
 Errors are vectors in n, and in the vehicle's own frame: its body frame (3 axes), or the heading frame (2: ahead,
 starboard), which stays level.
@@ -15,6 +16,7 @@ from typing import NamedTuple
 import taichi as ti
 from torch import Tensor
 
+from rl.missions.formation.slots import OFFSET, RATE
 from rl.missions.formation.targets import COS, COURSE_RATE, DOWN, EAST, NORTH, SIN, SPEED
 from taichi_sim import runtime
 from taichi_sim.fleet import Fleet
@@ -32,7 +34,7 @@ DISTANCE, REACH, TOTAL = range(3)  # of the plain numbers
 
 _array1, _array2, _array3 = (ti.types.ndarray(ndim=n) for n in (1, 2, 3))
 ErrorsPack = ti.types.argpack(table=_array3, plain=_array3)
-TeamPack = ti.types.argpack(target=_array2, down=_array1, offsets=_array2, state=_array3, derived=_array3)
+TeamPack = ti.types.argpack(target=_array2, down=_array1, slots=_array3, state=_array3, derived=_array3)
 
 
 class Form(NamedTuple):
@@ -43,11 +45,14 @@ class Form(NamedTuple):
 
 
 @ti.func
-def slot_of(target: ti.template(), e, ahead, starboard):
-    """Offset in n (m) from the leader of a slot so far ahead and to starboard, and its velocity (m/s) about it."""
-    c, s, rate = target[e, COS], target[e, SIN], target[e, COURSE_RATE]
-    north, east = c * ahead - s * starboard, s * ahead + c * starboard
-    return ti.Vector([north, east, 0.0]), ti.Vector([-rate * east, rate * north, 0.0])
+def slot_of(target: ti.template(), slots: ti.template(), e, i):
+    """Offset in n (m) of slot i from the leader, and its velocity (m/s) about it: it swings, and glides."""
+    c, s, turn = target[e, COS], target[e, SIN], target[e, COURSE_RATE]
+    x, y = slots[e, i, OFFSET], slots[e, i, OFFSET + 1]
+    north, east = c * x - s * y, s * x + c * y
+    x_rate, y_rate = slots[e, i, RATE], slots[e, i, RATE + 1]
+    north_rate, east_rate = c * x_rate - s * y_rate, s * x_rate + c * y_rate
+    return ti.Vector([north, east, 0.0]), ti.Vector([north_rate - turn * east, east_rate + turn * north, 0.0])
 
 
 @ti.func
@@ -69,12 +74,12 @@ def _measure(out: ErrorsPack, team: TeamPack, which: ti.types.ndarray(dtype=ti.i
     for e, i in ti.ndrange(team.state.shape[0], team.state.shape[1]):
         if which[e] != 0:
             c, s, speed = team.target[e, COS], team.target[e, SIN], team.target[e, SPEED]
-            offset, swing = slot_of(team.target, e, team.offsets[i, 0], team.offsets[i, 1])
+            offset, moving = slot_of(team.target, team.slots, e, i)
             slot = ti.Vector([team.target[e, NORTH], team.target[e, EAST], team.target[e, DOWN] + team.down[0]])
             moves = ti.Vector([speed * c, speed * s, 0.0])
             if i > 0:
                 for a in ti.static(range(3)):
-                    slot[a], moves[a] = team.state[e, 0, a] + offset[a], team.derived[e, 0, V + a] + swing[a]
+                    slot[a], moves[a] = team.state[e, 0, a] + offset[a], team.derived[e, 0, V + a] + moving[a]
             error, rate = slot, moves
             for a in ti.static(range(3)):
                 error[a], rate[a] = slot[a] - team.state[e, i, a], moves[a] - team.derived[e, i, V + a]
@@ -119,8 +124,8 @@ class Geometry:
             of the state, which is finite if they are.
     """
 
-    def __init__(self, fleet: Fleet, target: Tensor, down: float, offsets: Tensor, axes: int):
-        """Measure `fleet` against `target` (targets.py) at `down` (m), slots at `offsets` [vehicle, 2] from it."""
+    def __init__(self, fleet: Fleet, target: Tensor, down: float, slots: Tensor, axes: int):
+        """Measure `fleet` against `target` (targets.py) at `down` (m) and the table of `slots` (slots.py)."""
         state = fleet.state
         self.table = state.new_zeros((*state.shape[:2], SIZE))
         plain = state.new_zeros((3, *state.shape[:2]))
@@ -131,7 +136,7 @@ class Geometry:
             TeamPack,
             target=target,
             down=state.new_tensor([down]),
-            offsets=offsets.to(state).contiguous(),
+            slots=slots,
             state=state,
             derived=fleet.derived,
         )

@@ -15,7 +15,7 @@ from rl.mission import Endings, Mission, Step
 from rl.missions.formation import rewards
 from rl.missions.formation.config import FormationScenario
 from rl.missions.formation.controllers import CONTROLLERS
-from rl.missions.formation.flyable import check_flyable
+from rl.missions.formation.flyable import check_flyable, check_lanes
 from rl.missions.formation.judge import FormationJudge
 from rl.missions.formation.starts import PER_WORLD, draw_starts, in_wind
 from rl.missions.formation.targets import Targets
@@ -92,14 +92,16 @@ class Formation(Mission):
 
     def _check_spacing(self) -> None:
         for name, team in self.teams.items():
-            if team.section.count > 1 and team.section.spacing <= 2 * team.radius:
+            least, drawn = team.section.spacings[0], team.section.formation.spacing_range
+            if team.section.count > 1 and least <= 2 * team.radius:
+                told = f"formation.spacing_range = {list(drawn)}" if drawn else f"spacing = {least}"
                 raise ConfigError(
-                    f"{name}.spacing = {team.section.spacing}: must be above twice the vehicle's collision_radius, "
-                    f"{2 * team.radius} m: neighbours would touch in their slots"
+                    f"{name}.{told}: must be above twice the vehicle's collision_radius, {2 * team.radius} m: "
+                    "neighbours would touch in their slots"
                 )
 
     def _check_flyable(self) -> None:
-        """Refuse a track that a team cannot follow in the wind of the scenario."""
+        """Refuse a track that a team cannot follow in its formation, or in the wind of the scenario."""
         flies = any(team.fleet.model.medium == "air" for team in self.teams.values())
         if self.config.track.speed_over == "air" and not flies:
             raise ConfigError(
@@ -107,16 +109,19 @@ class Formation(Mission):
                 "'ground'"
             )
         for name, team in self.teams.items():
+            check_lanes(self.config.track, name, team.section)
             vehicle = f"{name}.vehicle = {team.section.vehicle!r}"
             check_flyable(self.config.track, self.config.air, vehicle, team.fleet.model)
 
     # -- one step --------------------------------------------------------------------------------------------------
 
     def measure(self) -> None:
-        """Move the targets, then errors and surroundings of every vehicle."""
+        """Move the targets and the slots, then errors and surroundings of every vehicle."""
         self._which.fill_(1)
         self.targets.move(self._which, self.num_envs)
         self.bodies.move(self.config.decision_interval, self.world.current.velocity)
+        for team in self.teams.values():
+            team.slots.advance(self.steps)
         self._look(self.num_envs)
 
     def _look(self, count: int) -> None:
@@ -162,6 +167,7 @@ class Formation(Mission):
                 over_ground, airspeed = team.target.speed[envs], self.config.track.target_speed
                 state = in_wind(state, self._aloft(wind), over_ground, airspeed, team.fleet.model)
             self.world.place(name, envs, state)
+            team.slots.begin(envs, self.starts.formations[name].at(worlds, starts), self.generator)
 
     def measure_again(self, envs: Tensor) -> None:
         """Measure where `begin` has placed vehicles."""

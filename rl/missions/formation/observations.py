@@ -2,10 +2,11 @@
 
 `observations = "paper"` is sec. 3.3 (current and previous distance and direction to the target) and what partial
 observability needs to avoid collisions: the nearest obstacles and team mates within the detection range. "full"
-adds the error and its rate as vectors, own velocity, attitude and rates, the target's course, the previous action
-and the role (1 of the leader, 0 of followers); of aircraft with air data, airspeed and wind too. A policy that corrects
-the classical controller observes its action besides, "reference". Directions are in the
-body frame (of USVs: its horizontal part), so a policy needs no compass.
+adds the error and its rate as vectors, own velocity, attitude and rates, the target's course, the previous action,
+the role (1 of the leader, 0 of followers) and the offset to hold (of the own slot from the leader now, ahead and to
+starboard in the path frame): not the name of a formation; of aircraft with air data, airspeed and wind too. A policy
+that corrects the classical controller observes its action besides, "reference". Directions are in the body frame (of
+USVs: its horizontal part), so a policy needs no compass. No width depends on the size of the team.
 
 One kernel writes all of them, in the order of `widths`.
 """
@@ -28,6 +29,7 @@ from rl.missions.formation.geometry import (
     SIGHT,
     own_frame,
 )
+from rl.missions.formation.slots import OFFSET
 from rl.missions.formation.targets import COURSE_RATE
 from taichi_sim import runtime
 from taichi_sim.kinematics import DOWN
@@ -38,7 +40,9 @@ TURN_SCALE = 0.1  # rad/s, of the target's course
 OBSERVE = 80.0  # ns of one vehicle, about
 
 _array2, _array3 = (ti.types.ndarray(ndim=n) for n in (2, 3))
-SeenPack = ti.types.argpack(table=_array3, signals=_array3, state=_array3, derived=_array3, aux=_array3, target=_array2)
+SeenPack = ti.types.argpack(
+    table=_array3, signals=_array3, state=_array3, derived=_array3, aux=_array3, target=_array2, slots=_array3
+)
 
 
 class Form(NamedTuple):
@@ -61,7 +65,7 @@ def widths(form: Form) -> dict[str, int]:
     terms = {"sight": 1 + n, "previous_sight": 1 + n, "surroundings": form.signals}
     if form.full:
         terms |= {"error": n, "error_rate": n, "velocity": 3, "down": 3, "rates": 3, "target_course": n}
-        terms |= {"target_turn": 1, "previous_action": form.actions, "role": 1}
+        terms |= {"target_turn": 1, "previous_action": form.actions, "role": 1, "offset": 2}
     if form.full and form.air:
         terms |= {"airspeed": 1, "wind": n}
     if form.residual:
@@ -98,7 +102,7 @@ def put_squashed(out: ti.template(), e, i, at: ti.template(), width: ti.template
 
 @ti.func
 def put_own(out: ti.template(), e, i, seen: ti.template(), action: ti.template(), form: ti.template()):
-    """Own motion, errors as vectors, the target's motion, the last action and the role."""
+    """Own motion, errors as vectors, the target's motion, the last action, the role and the offset."""
     n = ti.static(form.axes)
     put_squashed(out, e, i, form.at.error, n, seen.table, ERROR_B, DISTANCE_SCALE)
     put_squashed(out, e, i, form.at.error_rate, n, seen.table, ERROR_RATE_B, SPEED_SCALE)
@@ -110,6 +114,7 @@ def put_own(out: ti.template(), e, i, seen: ti.template(), action: ti.template()
     out[e, i, form.at.target_turn] = seen.target[e, COURSE_RATE] * ti.static(1 / TURN_SCALE)
     put(out, e, i, form.at.previous_action, form.actions, action, 0)
     out[e, i, form.at.role] = ti.select(i == 0, 1.0, 0.0)
+    put_squashed(out, e, i, form.at.offset, 2, seen.slots, OFFSET, DISTANCE_SCALE)
 
 
 @ti.func
@@ -168,7 +173,7 @@ class Observer:
         self._launch = runtime.Launcher(_observe)
         self._seen = runtime.Packed(
             SeenPack, table=team.now.table, signals=team.sensor.written, state=fleet.state, derived=fleet.derived,
-            aux=fleet.aux, target=team.targets.table,
+            aux=fleet.aux, target=team.targets.table, slots=team.slots.table,
         )  # fmt: skip
         self.widths = widths(self._form)
 

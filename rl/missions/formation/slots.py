@@ -1,23 +1,200 @@
-"""Slots: where each vehicle of a line formation should be, as offsets from the leader in the path frame.
+"""Slots: where each vehicle should be about its leader now, in every environment, and how that changes.
 
-Its first axis is the target's course: (0, +-j spacing) in a line abreast, starboard first; (-i spacing, 0) astern. How
-slots move is in geometry.py.
+An episode begins with the shape (shapes.py) and the spacing that its start was drawn with. Where the formation changes
+during an episode, every `change_every` seconds of it, both are drawn anew, and all slots of an environment set out
+for their new places in straight lines of the path frame, to arrive together: the one with the longest way at `glide`,
+the others slower.
+
+Which follower takes which new slot is settled so that for any two of them, with the vector x from one to the other
+before and g after the change, x . g >= 0: two that do not meet this swap their slots, which shortens the sum of their
+squared ways, until all do. Then they are never nearer than |x| |g| / sqrt(x^2 + g^2) on the way: spacing / sqrt(2)
+between two formations of one spacing (as in Turpin, Michael & Kumar 2014, CAPT, Int. J. Robotics Research 33(1)). A
+change that comes while slots are still on their way begins with as little between them as there is then. The leader
+keeps its place, so there is no such bound on how near a follower's slot passes it: 0.38 spacings were the least found
+in teams of up to 16, from an echelon to a line abreast or back. All of this is about slots, not about who is in them.
 """
 
+# Kernels are another language inside Python syntax.
+# pyright: reportInvalidTypeForm=false
+
+from typing import NamedTuple
+
+import taichi as ti
 import torch
 from torch import Tensor
 
+from rl.missions.formation.config import FormationTeam
+from rl.missions.formation.shapes import formation_offsets
+from taichi_sim import runtime
 
-def formation_offsets(formation: str, count: int, spacing: float) -> Tensor:
-    """Offsets [vehicle, 2] (m) ahead and to starboard of the leader; the leader's is zero."""
-    i = torch.arange(count, dtype=torch.float64)
-    zero = torch.zeros_like(i)
-    if formation == "astern":
-        return torch.stack((-i * spacing, zero), dim=1)
-    side = torch.where(i % 2 == 1, 1.0, -1.0)
-    return torch.stack((zero, side * torch.ceil(i / 2) * spacing), dim=1)
+# Columns of the table of slots, two each (ahead, starboard): offset (m), its rate (m/s), where it is going (m).
+OFFSET, RATE, GOAL, SIZE = range(0, 8, 2)
+INTERVAL, GLIDE = range(2)  # of the numbers that the kernel is told
+SHAPE, SPACING = range(2)  # of a change
+
+CLOSE = 1e-4  # of a squared spacing: less of a gain is rounding
+SWEEPS = 64  # over all pairs, at most; up to 16 vehicles need 5
+ADVANCE = 200.0  # ns of one environment, about
+
+_array1, _array3 = (ti.types.ndarray(ndim=n) for n in (1, 3))
+SlotsPack = ti.types.argpack(table=_array3, left=_array1, changes=_array3, units=_array3, numbers=_array1)
 
 
-def lane_half_width(formation: str, count: int, spacing: float) -> float:
-    """Largest distance (m) of a slot from the leader, sideways."""
-    return float(formation_offsets(formation, count, spacing)[:, 1].abs().max())
+class Drawn(NamedTuple):
+    """Formations drawn: the number of the shape (int64) among a team's, and the spacing (float64, m), any shape."""
+
+    shape: Tensor
+    spacing: Tensor
+
+    def at(self, *index: Tensor) -> "Drawn":
+        """Those at an index."""
+        return Drawn(self.shape[index], self.spacing[index])
+
+    def to(self, device: torch.device) -> "Drawn":
+        """The same on another device."""
+        return Drawn(self.shape.to(device), self.spacing.to(device))
+
+
+def draw_formations(section: FormationTeam, size: tuple[int, ...], generator: torch.Generator) -> Drawn:
+    """Formations of a team; draws nothing where there is no choice."""
+    shape, (low, high) = torch.zeros(size, dtype=torch.int64), section.spacings
+    spacing = torch.full(size, low, dtype=torch.float64)
+    if len(section.shapes) > 1:
+        shape = torch.randint(len(section.shapes), size, generator=generator)
+    if low < high:
+        spacing = low + (high - low) * torch.rand(size, generator=generator, dtype=torch.float64)
+    return Drawn(shape, spacing)
+
+
+def unit_offsets(section: FormationTeam) -> Tensor:
+    """Offsets [shape, vehicle, 2] (float64) of a team's shapes with a spacing of 1."""
+    return torch.stack([formation_offsets(shape, section.count, 1.0) for shape in section.shapes])
+
+
+def offsets_of(units: Tensor, drawn: Drawn) -> Tensor:
+    """Offsets [.., vehicle, 2] (m, float64) of formations `drawn` [..], of a team's `unit_offsets`."""
+    return units[drawn.shape] * drawn.spacing[..., None, None]
+
+
+class Form(NamedTuple):
+    """What the kernel is compiled for."""
+
+    every: int  # decisions between two changes
+    serial: bool  # on the calling thread
+
+
+@ti.func
+def untangle(table: ti.template(), e, least):
+    """Swap goals of followers until x . g >= 0 for any two; see the module. `least` m^2 of a gain is worth it."""
+    sweep, swapped = 0, True
+    while swapped and sweep < SWEEPS:
+        sweep, swapped = sweep + 1, False
+        for i in range(1, table.shape[1]):
+            for j in range(i + 1, table.shape[1]):
+                gain = table[e, i, 0] * 0.0
+                for a in ti.static(range(2)):
+                    x = table[e, j, OFFSET + a] - table[e, i, OFFSET + a]
+                    gain -= x * (table[e, j, GOAL + a] - table[e, i, GOAL + a])
+                if gain > least:
+                    swapped = True
+                    for a in ti.static(range(2)):
+                        goal = table[e, i, GOAL + a]
+                        table[e, i, GOAL + a] = table[e, j, GOAL + a]
+                        table[e, j, GOAL + a] = goal
+
+
+@ti.func
+def set_out(table: ti.template(), e, glide):
+    """Give every slot the rate at which all arrive together, and return how long that takes (s)."""
+    longest = table[e, 0, 0] * 0.0
+    for i in range(1, table.shape[1]):
+        square = longest * 0.0
+        for a in ti.static(range(2)):
+            way = table[e, i, GOAL + a] - table[e, i, OFFSET + a]
+            square += way * way
+        longest = ti.max(longest, ti.sqrt(square))
+    left = longest / glide
+    for i in range(1, table.shape[1]):
+        for a in ti.static(range(2)):
+            way = table[e, i, GOAL + a] - table[e, i, OFFSET + a]
+            table[e, i, RATE + a] = ti.select(left > 0, way / ti.max(left, 1e-9), 0.0)
+    return left
+
+
+@ti.kernel
+def _advance(slots: SlotsPack, steps: ti.types.ndarray(dtype=ti.i64, ndim=1), form: ti.template()):
+    ti.loop_config(serialize=form.serial)
+    for e in range(slots.table.shape[0]):
+        if slots.left[e] > 0:
+            step = ti.min(slots.left[e], slots.numbers[INTERVAL])
+            slots.left[e] -= step
+            arrived = slots.left[e] <= 0
+            for i in range(1, slots.table.shape[1]):
+                for a in ti.static(range(2)):
+                    there = slots.table[e, i, OFFSET + a] + slots.table[e, i, RATE + a] * step
+                    slots.table[e, i, OFFSET + a] = ti.select(arrived, slots.table[e, i, GOAL + a], there)
+                    slots.table[e, i, RATE + a] = ti.select(arrived, 0.0, slots.table[e, i, RATE + a])
+        step = ti.cast(steps[e], ti.i32)
+        if step > 0 and step % form.every == 0:
+            k = (step // form.every - 1) % slots.changes.shape[1]
+            shape, spacing = ti.cast(slots.changes[e, k, SHAPE], ti.i32), slots.changes[e, k, SPACING]
+            for i in range(1, slots.table.shape[1]):
+                for a in ti.static(range(2)):
+                    slots.table[e, i, GOAL + a] = spacing * slots.units[shape, i, a]
+            untangle(slots.table, e, ti.static(CLOSE) * spacing * spacing)
+            slots.left[e] = set_out(slots.table, e, slots.numbers[GLIDE])
+
+
+class Slots:
+    """Slots of a team; a formation without a choice is written once and costs nothing afterwards.
+
+    Attributes:
+        table: [env, vehicle, 6]; see the columns. offsets, rates: [env, vehicle, 2] views of it, ahead and to starboard
+            of the leader: a slot (m), and how fast it glides (m/s).
+    """
+
+    def __init__(self, section: FormationTeam, state: Tensor, *, interval: float, glide: float, steps: int):
+        """Hold the slots of a team whose state is `state` [env, vehicle, 13].
+
+        `interval` is of a decision (s), `glide` in m/s, `steps` the decisions in an episode.
+        """
+        envs, every = state.shape[0], section.formation.change_every
+        self._section, self._units = section, unit_offsets(section).to(state.device)
+        self.table = state.new_zeros((envs, section.count, SIZE))
+        self.offsets, self.rates = self.table[..., OFFSET:RATE], self.table[..., RATE:GOAL]
+        self._choice = len(section.shapes) > 1 or section.spacings[0] < section.spacings[1]
+        self._every = max(1, round(every / interval)) if every and self._choice else 0
+        if self._every:
+            self._left = state.new_zeros(envs)
+            self._changes = state.new_zeros((envs, max(1, (steps - 1) // self._every), 2))
+            self._pack = runtime.Packed(
+                SlotsPack,
+                table=self.table,
+                left=self._left,
+                changes=self._changes,
+                units=self._units.to(state),
+                numbers=state.new_tensor([interval, glide]),
+            )
+            self._form = Form(self._every, runtime.few(envs, ADVANCE))
+            self._launch = runtime.Launcher(_advance)
+        everywhere = torch.zeros(envs, dtype=torch.int64, device=state.device)
+        self._place(slice(None), Drawn(everywhere, everywhere + torch.tensor(section.spacings[0], dtype=torch.float64)))
+
+    def begin(self, envs: Tensor, drawn: Drawn, generator: torch.Generator) -> None:
+        """Put slots of environments `envs` [n] where formations `drawn` [n] have them, and draw what will follow."""
+        if not self._choice:
+            return
+        self._place(envs, drawn)
+        if self._every:
+            self._left[envs] = 0.0
+            later = draw_formations(self._section, (len(envs), self._changes.shape[1]), generator)
+            self._changes[envs] = torch.stack(later, dim=-1).to(self._changes)
+
+    def advance(self, steps: Tensor) -> None:
+        """Glide for a decision; change the formation where it is time. `steps` int64 [env] have gone by."""
+        if self._every:
+            self._launch(self._pack(), steps, self._form)
+
+    def _place(self, envs: Tensor | slice, drawn: Drawn) -> None:
+        offsets = offsets_of(self._units, drawn)
+        self.table[envs] = torch.cat((offsets, torch.zeros_like(offsets), offsets), dim=-1).to(self.table)

@@ -1,9 +1,9 @@
 """Where episodes start: a pool of states per world, drawn once, so that a reset is a gather.
 
 The target is at a random place of the track; the leader within `start_distance` of it, near the slot's heading and
-speed; followers near their slots. A team that touches an obstacle is pulled in towards its slots; where those are not
-clear either (an obstacle in the lanes, a long line astern in a bend) another place is drawn. So is one where vehicles
-that cannot stop would meet before they have turned away.
+speed; followers near their slots, of a formation that is drawn with the start. A team that touches an obstacle is
+pulled in towards its slots; where those are not clear either (an obstacle in the lanes, a long line astern in a bend)
+another place is drawn. So is one where vehicles that cannot stop would meet before they have turned away.
 """
 
 import math
@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from rl.missions.formation.config import FormationScenario
-from rl.missions.formation.slots import formation_offsets
+from rl.missions.formation.slots import Drawn, draw_formations, offsets_of, unit_offsets
 from rl.scene.tracks import Tracks
 from rl.scene.wind_triangle import crab
 from taichi_sim.config import ConfigError
@@ -36,14 +36,19 @@ CLEAR_TIME = 3.0  # s for which a vehicle that goes straight on meets no obstacl
 
 
 class Starts(NamedTuple):
-    """Start `i` of world `w`: progress [world, i] m along the track; states[team] [world, i, vehicle, 13]."""
+    """Start `i` of world `w`: progress [world, i] m along the track; states[team] [world, i, vehicle, 13], and the
+    formation [world, i] that the team begins in.
+    """
 
     progress: Tensor
     states: dict[str, Tensor]
+    formations: dict[str, Drawn]
 
     def to(self, device: torch.device) -> "Starts":
         """The same starts on another device."""
-        return Starts(self.progress.to(device), {name: s.to(device) for name, s in self.states.items()})
+        states = {name: s.to(device) for name, s in self.states.items()}
+        formations = {name: f.to(device) for name, f in self.formations.items()}
+        return Starts(self.progress.to(device), states, formations)
 
 
 def draw_starts(
@@ -58,13 +63,15 @@ def draw_starts(
     world = torch.arange(tracks.worlds).unsqueeze(1).expand(shape).contiguous()
     progress = torch.zeros(shape)
     states = {t: torch.zeros((*shape, config.teams[t].count, STATE_SIZE)) for t in models}
+    # Once: drawn again with the place, shapes that seldom fit would be taken seldom.
+    formations = {t: draw_formations(config.formations[t], shape, generator) for t in models}
     missing = torch.ones(shape, dtype=torch.bool)
     for _ in range(MAX_DRAWS):
         drawn = torch.rand(shape, generator=generator) * tracks.length_m.unsqueeze(1)
         place = tracks.at(world, drawn)
         clear, fresh = missing.clone(), {}
         for team, model in models.items():
-            fresh[team], fits = _team_states(config, team, model, place, obstacles, generator)
+            fresh[team], fits = _team_states(config, team, model, formations[team], place, obstacles, generator)
             clear &= fits
             if not model.limits.stops:
                 clear &= _pass_clear(fresh[team], 2 * (model.collision_radius + MARGIN))
@@ -73,7 +80,7 @@ def draw_starts(
             states[team] = torch.where(clear[..., None, None], fresh[team], states[team])
         missing &= ~clear
         if not missing.any():
-            return Starts(progress, states)
+            return Starts(progress, states, formations)
     raise ConfigError(
         f"no room to start: {int(missing.sum())} of {missing.numel()} starts touch an obstacle after {MAX_DRAWS} "
         "draws; lower obstacles.count or obstacles.fixed, raise obstacles.clearance_min, or shrink the formation"
@@ -96,9 +103,9 @@ def in_wind(state: Tensor, wind: Tensor, over_ground: Tensor, airspeed: float, m
     return state
 
 
-def _team_states(config, team, model, place, obstacles, generator) -> tuple[Tensor, Tensor]:
+def _team_states(config, team, model, formation: Drawn, place, obstacles, generator) -> tuple[Tensor, Tensor]:
     """States [world, start, vehicle, 13] of a team, and whether they are clear of everything [world, start]."""
-    section, margin = config.teams[team], model.collision_radius + MARGIN
+    section, margin, spacing = config.teams[team], model.collision_radius + MARGIN, formation.spacing
     shape = (*place.course.shape, section.count)
     course = place.course.unsqueeze(-1)
 
@@ -111,14 +118,15 @@ def _team_states(config, team, model, place, obstacles, generator) -> tuple[Tens
     radius = section.start_distance * uniform(*shape[:2], 1).sqrt()
     bearing = 2 * math.pi * uniform(*shape[:2], 1)
     leader = torch.stack((radius * bearing.cos(), radius * bearing.sin()), dim=-1)
-    scatter = leader + FOLLOWER_SPREAD * section.spacing * normal(*shape, 2)
+    scatter = leader + (FOLLOWER_SPREAD * spacing).float()[..., None, None] * normal(*shape, 2)
     scatter[..., 0, :] = leader[..., 0, :]
-    offsets = formation_offsets(section.formation, section.count, section.spacing).float()
-    north = course.cos() * offsets[:, 0] - course.sin() * offsets[:, 1]
-    east = course.sin() * offsets[:, 0] + course.cos() * offsets[:, 1]
+    ahead, starboard = offsets_of(unit_offsets(section), formation).float().unbind(-1)
+    north = course.cos() * ahead - course.sin() * starboard
+    east = course.sin() * ahead + course.cos() * starboard
     slot = place.position.unsqueeze(2) + torch.stack((north, east), dim=-1)
-    room = section.spacing - 2 * (margin - MARGIN)  # between neighbours in their slots
-    pull, clear = _first_clear_pull(slot, scatter, obstacles, margin, section.spacing - max(room - MARGIN, room / 2))
+    room = spacing - 2 * (margin - MARGIN)  # between neighbours in their slots
+    apart = spacing - torch.maximum(room - MARGIN, room / 2)
+    pull, clear = _first_clear_pull(slot, scatter, obstacles, margin, apart)
 
     state = torch.zeros((*shape, STATE_SIZE))
     state[..., :2] = slot + pull * scatter
@@ -156,10 +164,10 @@ def _pass_clear(state: Tensor, apart: float) -> Tensor:
 
 
 def _first_clear_pull(
-    slot: Tensor, scatter: Tensor, obstacles: Tensor, margin: float, apart: float
+    slot: Tensor, scatter: Tensor, obstacles: Tensor, margin: float, apart: Tensor
 ) -> tuple[Tensor, Tensor]:
     """Largest share [world, start, 1, 1] of `scatter` at which the whole team keeps `margin` (m) from obstacles and
-    is `apart` (m), and whether there is any [world, start].
+    is `apart` [world, start] (m), and whether there is any [world, start].
     """
     count = slot.shape[2]
     best = torch.zeros((*slot.shape[:2], 1, 1))

@@ -5,12 +5,14 @@ from torch import Tensor
 from rl.mission import Mission, Team
 from rl.missions.formation.geometry import Geometry
 from rl.missions.formation.observations import Observer
-from rl.missions.formation.slots import formation_offsets
+from rl.missions.formation.slots import Slots
 from rl.missions.formation.targets import Target, Targets
 from rl.scene.sensors import Sensor
 from rl.scene.traffic import Bodies
 from taichi_sim import runtime
 from taichi_sim.config import ConfigError
+
+GLIDE_SHARE = 0.15  # of the target's speed, with which slots glide to a new formation; assumed
 
 
 class TeamTask(Team):
@@ -20,7 +22,8 @@ class TeamTask(Team):
         target: what its leader tracks. now: errors as of the last step or reset (geometry.py).
         seen: what writes its observations (observations.py).
         sensor: obstacles and team mates.
-        axes: 2 of vessels, whose errors are level, 3 of aircraft. offsets: [vehicle, 2], slots about the leader, m.
+        axes: 2 of vessels, whose errors are level, 3 of aircraft.
+        slots: about the leader (slots.py). offsets: [env, vehicle, 2] of them, a live view, m.
     """
 
     def __init__(self, mission: Mission, name: str):
@@ -29,12 +32,15 @@ class TeamTask(Team):
         state, model = self.fleet.state, self.fleet.model
         self.axes = 2 if model.medium == "water" else 3
         self.radius = model.collision_radius
-        offsets = formation_offsets(self.section.formation, self.section.count, self.section.spacing)
-        self.offsets = offsets.to(state)
-        sensing = mission.config.sensing
-        mates = min(sensing.team_mates, self.section.count - 1)
-        frame = "body" if self.axes == 3 else "heading"
-        self.sensor = Sensor(self.fleet, sensing.obstacles, mates, sensing.detection_range, self.radius, frame)
+        config = mission.config
+        glide = self.section.formation.glide or GLIDE_SHARE * config.track.target_speed
+        interval, steps = config.decision_interval, config.episode_steps
+        self.slots = Slots(self.section, state, interval=interval, glide=glide, steps=steps)
+        self.offsets = self.slots.offsets
+        sensing, frame = config.sensing, "body" if self.axes == 3 else "heading"
+        reach = sensing.detection_range
+        # As many team mates in a team of one as in one of sixteen: what is not there is out of range.
+        self.sensor = Sensor(self.fleet, sensing.obstacles, sensing.team_mates, reach, self.radius, frame)
         self.residual, self._controller, self._reference = self.section.residual, None, None
         self.targets: Targets
         self.target: Target
@@ -44,7 +50,7 @@ class TeamTask(Team):
     def follow(self, targets: Targets, height: float) -> None:
         """Hold formation behind `targets`; those of aircraft fly at `height` (m)."""
         down = -height if self.fleet.model.medium == "air" else 0.0
-        self.now = Geometry(self.fleet, targets.table, down, self.offsets, self.axes)
+        self.now = Geometry(self.fleet, targets.table, down, self.slots.table, self.axes)
         self.targets, self.target = targets, targets.seen_at(self.now.slot[:, 0])
         self.seen = Observer(self, self.mission.config.observations)
 

@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from rl.missions.formation.config import FormationScenario
-from rl.missions.formation.slots import lane_half_width
+from rl.missions.formation.shapes import lane_half_width
 from rl.missions.formation.starts import Starts
 from rl.scene.obstacles import generate_obstacles
 from rl.scene.tracks import Tracks, generate_tracks
@@ -60,7 +60,7 @@ def generate_worlds(config: FormationScenario, seed: int) -> tuple[Tracks, Tenso
 
 def widest_lane(config: FormationScenario) -> float:
     """From the track to the outermost slot of any team, m."""
-    return max(lane_half_width(t.formation, t.count, t.spacing) for t in config.formations.values())
+    return max(lane_half_width(t.shapes, t.count, t.spacings[1]) for t in config.formations.values())
 
 
 def traffic_of(config: FormationScenario, media: set[str]) -> Traffic:

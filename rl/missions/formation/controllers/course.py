@@ -110,9 +110,9 @@ def formation_velocity(team: TeamTask) -> Tensor:
     """Velocity [env, vehicle, 2] (m/s, NED) of slots about a leader that keeps to its own."""
     target = team.target
     leader = (target.speed.unsqueeze(-1) * torch.stack((target.cos, target.sin), dim=-1)).unsqueeze(1)
-    arm = team.now.slot[..., :2] - team.fleet.position_n[:, :1, :2]
-    arm[:, 0] = 0.0
-    return leader + turning(team, arm)
+    about = team.now.slot_velocity[..., :2] - team.fleet.velocity_n[:, :1, :2]
+    about[:, 0] = 0.0
+    return leader + about
 
 
 def into(vector: Tensor, heading: tuple[Tensor, Tensor]) -> tuple[Tensor, Tensor]:

@@ -1,0 +1,78 @@
+"""Shapes of a formation: where vehicles are about their leader, in the path frame.
+
+Its first axis is the target's course, the second is to starboard of it. Vehicle 0 leads and is at (0, 0). Where a shape
+has two sides, odd numbers are to starboard and even ones to port, the nearest first; vehicle i is in rank
+j = ceil(i / 2), on the side sigma = +1 of odd and -1 of even i. With a spacing of 1:
+
+    abreast    (0, sigma j)
+    astern     (-i, 0)
+    wedge      (-j, sigma j) / sqrt(2): a V behind the leader, whose arms are at right angles
+    echelon    (-i, i) / sqrt(2)
+    pairs      (-floor(i / 2), i mod 2): a column of pairs, in which the leader has the first place to port
+    circle     (R cos(theta) - R, R sin(theta)), theta = sigma j 2 pi / n, R = 1 / (2 sin(pi / n)): the leader foremost
+
+No two vehicles are nearer than the spacing.
+"""
+
+import math
+from collections.abc import Callable, Iterable
+from typing import Literal
+
+import torch
+from torch import Tensor
+
+Shape = Literal["abreast", "astern", "wedge", "echelon", "pairs", "circle"]
+
+
+def _sides(i: Tensor) -> tuple[Tensor, Tensor]:
+    """Rank, and rank times side, of vehicles `i`."""
+    rank = torch.ceil(i / 2)
+    return rank, torch.where(i % 2 == 1, rank, -rank)
+
+
+def _abreast(i: Tensor) -> tuple[Tensor, Tensor]:
+    return torch.zeros_like(i), _sides(i)[1]
+
+
+def _astern(i: Tensor) -> tuple[Tensor, Tensor]:
+    return -i, torch.zeros_like(i)
+
+
+def _wedge(i: Tensor) -> tuple[Tensor, Tensor]:
+    rank, aside = _sides(i)
+    return -rank * math.sqrt(0.5), aside * math.sqrt(0.5)
+
+
+def _echelon(i: Tensor) -> tuple[Tensor, Tensor]:
+    return -i * math.sqrt(0.5), i * math.sqrt(0.5)
+
+
+def _pairs(i: Tensor) -> tuple[Tensor, Tensor]:
+    return -torch.floor(i / 2), i % 2
+
+
+def _circle(i: Tensor) -> tuple[Tensor, Tensor]:
+    radius = 0.5 / math.sin(math.pi / len(i)) if len(i) > 1 else 0.0
+    angle = _sides(i)[1] * (2 * math.pi / len(i))
+    return radius * (angle.cos() - 1), radius * angle.sin()
+
+
+SHAPES: dict[Shape, Callable[[Tensor], tuple[Tensor, Tensor]]] = {
+    "abreast": _abreast,
+    "astern": _astern,
+    "wedge": _wedge,
+    "echelon": _echelon,
+    "pairs": _pairs,
+    "circle": _circle,
+}
+"""name -> ahead and to starboard, each [vehicle], of vehicles numbered 0, 1, .. with a spacing of 1."""
+
+
+def formation_offsets(shape: Shape, count: int, spacing: float) -> Tensor:
+    """Offsets [vehicle, 2] (m, float64) ahead and to starboard of the leader; the leader's is zero."""
+    return spacing * torch.stack(SHAPES[shape](torch.arange(count, dtype=torch.float64)), dim=1)
+
+
+def lane_half_width(shapes: Iterable[Shape], count: int, spacing: float) -> float:
+    """Largest distance (m) of a slot from the leader, sideways, in any of `shapes`."""
+    return max(float(formation_offsets(shape, count, spacing)[:, 1].abs().max()) for shape in shapes)
