@@ -1,7 +1,7 @@
 """Velocities that keep clear: past obstacles on a tangent, and with room to stop before team mates.
 
 An obstacle of radius r at rest or in steady motion, at a horizontal distance D, is passed at the distance
-R = r + own radius + `MARGIN`. A velocity u relative to it that would come nearer (a velocity obstacle, Fiorini and
+R = r + own radius + `BERTH`. A velocity u relative to it that would come nearer (a velocity obstacle, Fiorini and
 Shiller 1998) is turned, at its speed, to the nearer of the two tangents of that circle,
 
     |angle(u, p)| >= asin(R / D);   inside the circle away from it at (R - D) / TAU at least.
@@ -9,7 +9,7 @@ Shiller 1998) is turned, at its speed, to the nearer of the two tangents of that
 What is turned goes no faster than its slot: a vehicle that catches up at top speed has no thrust left to turn with.
 
 It counts from when there is no more time than is needed to move aside by R with the acceleration a, `EARLY` times that.
-What lies above or below by more than the own radius and `MARGIN` is not in the way.
+What lies above or below by more than the own radius and `BERTH` is not in the way.
 
 A team mate is taken to move with the formation (its velocity is not sensed) and to do half of the avoiding: the closing
 speed is at most sqrt(2 a/4 h), to stop in the clearance h (m) beyond `MARGIN`, -h / TAU where h < 0. A velocity that
@@ -21,9 +21,13 @@ from torch import Tensor
 
 from rl.missions.formation.team import TeamTask
 
-MARGIN = 2.0  # m kept beyond contact; tuned on seeds 7 and 8
+MARGIN = 2.0  # m kept beyond contact with a team mate; tuned on seeds 7 and 8
+BERTH = 2.0  # m likewise, of obstacles
 TAU = 0.5  # s to leave the margin again; assumed
 EARLY = 2.0  # assumed
+CHANGE = 1e-3  # m/s: less of a change is rounding
+LEAST_PACE = 0.3  # of a relative velocity, that is kept; assumed
+ASTERN = 1.0  # weight of passing astern of what moves; chosen on seed 7
 LEAN = 0.3  # weight of the wanted velocity beside the actual one in the choice of a side; assumed
 ROOM = 25.0  # m: an arc that passes what is seen of an obstacle with that much passes the rest of it too; assumed
 PASSES = 2  # a second one, because avoiding one body may lead towards another
@@ -42,17 +46,17 @@ def avoid(team: TeamTask, velocity: Tensor, acceleration: float, turn_rate: Tens
         for k in range(sensor.num_obstacles):
             seen = sensor.obstacles[..., k, :]
             toward, its, own = seen[..., 1:3], seen[..., 4:6], velocity[..., :2]
-            level = seen[..., 0] - seen[..., 7].clamp(min=0.0) < team.radius + MARGIN
+            level = seen[..., 0] - seen[..., 7].clamp(min=0.0) < team.radius + BERTH
             near = level & (toward.abs().sum(-1) > 0)
             if turn_rate is not None:
                 past = passing(given[..., :2] - its, turn_rate, toward, seen[..., 0] - team.radius) > ROOM
                 near &= ~past
-            turned = its + tangent(own - its, actual - its, toward, seen[..., 7] + seen[..., 6],
-                                   seen[..., 6] + team.radius + MARGIN, acceleration)  # fmt: skip
-            pace = formation[..., :2].norm(dim=-1, keepdim=True) / turned.norm(dim=-1, keepdim=True).clamp(min=1e-3)
-            turned = torch.where((turned - own).norm(dim=-1, keepdim=True) > 1e-3, turned * pace.clamp(max=1.0), own)
-            turned = torch.where(near.unsqueeze(-1), turned, own)
-            velocity = torch.cat((turned, velocity[..., 2:]), dim=-1)
+            lean = actual - its + LEAN * (own - its) - ASTERN * its
+            radius = seen[..., 6] + team.radius + BERTH
+            past = tangent(own - its, lean, toward, seen[..., 7] + seen[..., 6], radius, acceleration)
+            changed = near & ((past - (own - its)).norm(dim=-1) > CHANGE)
+            turned = its + _paced(past, its, formation[..., :2].norm(dim=-1))
+            velocity = torch.cat((torch.where(changed.unsqueeze(-1), turned, own), velocity[..., 2:]), dim=-1)
         for k in range(sensor.num_mates):
             seen = sensor.team_mates[..., k, :]
             toward = seen[..., 1 : 1 + team.axes]
@@ -62,7 +66,7 @@ def avoid(team: TeamTask, velocity: Tensor, acceleration: float, turn_rate: Tens
 
 
 def tangent(
-    velocity: Tensor, actual: Tensor, toward: Tensor, distance: Tensor, radius: Tensor, acceleration: float
+    velocity: Tensor, lean: Tensor, toward: Tensor, distance: Tensor, radius: Tensor, acceleration: float
 ) -> Tensor:
     """A horizontal `velocity` [.., 2] relative to a circle, turned so that it passes by.
 
@@ -70,7 +74,6 @@ def tangent(
     """
     speed = velocity.norm(dim=-1).clamp(min=1e-3)
     along = (velocity * toward).sum(-1)
-    lean = LEAN * velocity + actual
     aside = toward[..., 0] * lean[..., 1] - toward[..., 1] * lean[..., 0]  # to starboard of the centre
     side = torch.where(aside < 0, -1.0, 1.0)
     sine = (radius / distance.clamp(min=1e-3)).clamp(max=1.0)
@@ -83,6 +86,14 @@ def tangent(
     out = (radius - distance).clamp(min=0.0) / TAU  # inside the circle
     past = torch.where((distance < radius).unsqueeze(-1), past - out.unsqueeze(-1) * toward, past)
     return torch.where((hits & soon).unsqueeze(-1) | (distance < radius).unsqueeze(-1), past, velocity)
+
+
+def _paced(relative: Tensor, its: Tensor, most: Tensor) -> Tensor:
+    """`relative` [.., 2], shortened so that with the obstacle's velocity `its` it is at most `most` [..], m/s."""
+    square, along = relative.square().sum(-1).clamp(min=1e-6), (relative * its).sum(-1)
+    room = (most.square() - its.square().sum(-1)).clamp(min=0.0)
+    share = (torch.sqrt(along.square() + room * square) - along) / square
+    return relative * share.clamp(LEAST_PACE, 1.0).unsqueeze(-1)
 
 
 def passing(velocity: Tensor, turn_rate: Tensor, toward: Tensor, distance: Tensor) -> Tensor:
