@@ -128,15 +128,16 @@ class World:
         given |= {name: script(self) for name, script in self.scripts.items() if name not in given}
         if set(given) != set(self.teams):
             raise ValueError(f"actions are for {sorted(given)}, expected one tensor for each of {sorted(self.teams)}")
-        checked = {name: self._checked(fleet, given[name]) for name, fleet in self.teams.items()}
-        self.sea.phases(self.env_sea, self.time, out=self._phase)
-        before = self._remember() if self.dump_folder else {}
-        for name, fleet in self.teams.items():
-            fleet.action.copy_(checked[name])
-            fleet.model.step(fleet, self.felt(name))
-        if self.dump_folder:
-            self._dump_faults(before, checked, self.dump_folder)
-        self._pass_time()
+        with runtime.torch_at_rest():
+            checked = {name: self._checked(fleet, given[name]) for name, fleet in self.teams.items()}
+            self.sea.phases(self.env_sea, self.time, out=self._phase)
+            before = self._remember() if self.dump_folder else {}
+            for name, fleet in self.teams.items():
+                fleet.action.copy_(checked[name])
+                fleet.model.step(fleet, self.felt(name))
+            if self.dump_folder:
+                self._dump_faults(before, checked, self.dump_folder)
+            self._pass_time()
         return checked
 
     def _pass_time(self) -> None:
