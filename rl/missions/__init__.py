@@ -31,8 +31,10 @@ def find_mission(name: Any, beside: Sequence[Path] = ()) -> type[Mission]:
     return importlib.import_module(f"{__name__}.{name}.mission").MISSION
 
 
-def load_scenario(path: str | Path = "paper", overrides: Iterable[str] = ()) -> Any:
+def load_scenario(path: str | Path = "paper", overrides: Iterable[str] = (), then: Iterable[str] = ()) -> Any:
     """A scenario from a TOML file (or the name of a shipped one) and `KEY=VALUE` overrides: its mission's `Config`.
+
+    Overrides in `then` take the place of earlier ones (of another way to size a sea, too).
 
     Raises:
         ConfigError: naming file, key, value and what is allowed.
@@ -40,6 +42,7 @@ def load_scenario(path: str | Path = "paper", overrides: Iterable[str] = ()) -> 
     file = find_config(path)
     data = read_toml(file)
     sources = apply_overrides(data, overrides)
+    sources |= apply_overrides(data, then)
     try:
         kind = find_mission(data.get("mission", Scenario.model_fields["mission"].default), [file.parent])
     except ConfigError as error:

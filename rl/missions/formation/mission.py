@@ -233,23 +233,25 @@ class Formation(Mission):
 
     def frame(self, team: TeamTask) -> dict[str, Tensor]:
         """Target, slots and errors; slots of vessels lie on the mean level of the sea."""
-        slot = team.now.slot[0].clone()
+        env = self.shown
+        slot = team.now.slot[env].clone()
         if team.fleet.model.medium == "water":
             slot[:, 2] = 0.0
-        target = {"target_n": team.target.position[0], "target_course": team.target.course[0]}
-        return target | {"slot_n": slot, "error_m": team.distance[0]}
+        target = {"target_n": team.target.position[env], "target_course": team.target.course[env]}
+        return target | {"slot_n": slot, "error_m": team.distance[env]}
 
     def scene(self) -> Scene:
         """The track at the heights of the teams, its checkpoints, and the obstacles inside the area."""
-        track = self.tracks.table[0, :, :2].cpu().numpy()
+        world = int(self.env_world[self.shown])
+        track = self.tracks.table[world, :, :2].cpu().numpy()
         flown = self.config.track.flight_height
         heights = {name: flown if team.fleet.model.medium == "air" else 0.0 for name, team in self.teams.items()}
-        obstacles = self.obstacles[0].cpu().numpy()
+        obstacles = self.obstacles[world].cpu().numpy()
         half = self.config.area / 2
         return Scene(
             area_m=self.config.area,
             tracks_n={name: np.column_stack((track, np.full(len(track), -heights[name]))) for name in self.teams},
-            checkpoints_n=self.tracks.checkpoints[0].cpu().numpy(),
+            checkpoints_n=self.tracks.checkpoints[world].cpu().numpy(),
             obstacles=obstacles[np.abs(obstacles[:, :2]).max(axis=1) <= half],
         )
 
