@@ -4,6 +4,7 @@ import argparse
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 
 def add_common(parser: argparse.ArgumentParser) -> None:
@@ -41,6 +42,57 @@ def open_run(args: argparse.Namespace):
     found = policies_of(args.controller, args.run, config)
     policies = {name: of for name, of in found.items() if name in config.trained}
     return config, source, policies, of_worlds
+
+
+def open_both(args: argparse.Namespace) -> dict[str, Any]:
+    """What a sweep needs of `args.run`: scenario, file, how to change it, both controllers; Taichi is running then."""
+    from rl.learn.policy import policies_of
+    from rl.missions import load_scenario
+    from rl.runs import folder as run_folder
+
+    config, source = run_folder.load_config(args.run, args.overrides, args.config)
+    start(args)
+    found = {kind: policies_of(kind, args.run, config) for kind in ("policy", "classical")}
+    controllers = {kind: {t: p for t, p in of.items() if t in config.trained} for kind, of in found.items()}
+
+    def load(overrides: tuple[str, ...]):
+        return load_scenario(source, args.overrides, overrides)
+
+    return {"config": config, "source": source, "load": load, "controllers": controllers}
+
+
+def add_shown(parser: argparse.ArgumentParser) -> None:
+    """Add --worst and --median: an episode of the last evaluation, run again."""
+    again = parser.add_mutually_exclusive_group()
+    for name in ("worst", "median"):
+        again.add_argument(
+            f"--{name}",
+            dest="shown",
+            action="store_const",
+            const=name,
+            help=f"the {name} episode of the last evaluation, run again (default out: RUN/{name}.rrd)",
+        )
+
+
+def recall(args: argparse.Namespace) -> tuple[int, int] | None:
+    """Set the conditions of the evaluation that `args.shown` is of; number of that episode, and of all.
+
+    Raises:
+        RunError: if there was no evaluation, or other conditions are given.
+    """
+    from rl.runs.folder import RunError
+    from rl.runs.kept import shown_episode
+
+    if args.shown is None:
+        return None
+    if args.overrides or args.config or args.seed is not None:
+        raise RunError(
+            f"--{args.shown} runs an episode again as it was evaluated: leave out --config, --seed and --set"
+        )
+    found, number = shown_episode(args.run, args.controller, args.shown)
+    args.config = None if found.conditions.config is None else Path(found.conditions.config)
+    args.overrides, args.seed = list(found.conditions.overrides), found.result["seed"]
+    return number, found.result["episodes"]
 
 
 def start(args: argparse.Namespace) -> None:
