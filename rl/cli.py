@@ -4,7 +4,6 @@ import argparse
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 
 def add_common(parser: argparse.ArgumentParser) -> None:
@@ -44,11 +43,12 @@ def open_run(args: argparse.Namespace):
     return config, source, policies, of_worlds
 
 
-def open_both(args: argparse.Namespace) -> dict[str, Any]:
-    """What a sweep needs of `args.run`: scenario, file, how to change it, both controllers; Taichi is running then."""
+def open_both(args: argparse.Namespace):
+    """What a sweep compares of `args.run` (rl.runs.sweep.run.Contest); Taichi is running then."""
     from rl.learn.policy import policies_of
     from rl.missions import load_scenario
     from rl.runs import folder as run_folder
+    from rl.runs.sweep.run import Contest
 
     config, source = run_folder.load_config(args.run, args.overrides, args.config)
     start(args)
@@ -58,7 +58,7 @@ def open_both(args: argparse.Namespace) -> dict[str, Any]:
     def load(overrides: tuple[str, ...]):
         return load_scenario(source, args.overrides, overrides)
 
-    return {"config": config, "source": source, "load": load, "controllers": controllers}
+    return Contest(args.run, config, source, load, controllers)
 
 
 def add_shown(parser: argparse.ArgumentParser) -> None:

@@ -86,7 +86,7 @@ def sweep(args: argparse.Namespace) -> None:
         )
     file = find_sweep(args.sweep)
     wanted = load_sweep(file, episodes=args.episodes, seed=args.seed)
-    out = run_sweep(wanted, file, args.run, **cli.open_both(args), show_progress=not args.quiet)
+    out = run_sweep(wanted, file, cli.open_both(args), show_progress=not args.quiet)
     print(f"sweep:  {out}\nreport: {write_report([args.run])}")
 
 

@@ -41,17 +41,8 @@ def swept(run: Path, file: Path, kinds=("policy", "classical"), **options) -> Pa
     found = {
         f"{name}": policies_of(kind, run, config) for name, kind in zip(("policy", "classical"), kinds, strict=True)
     }
-    return sweeping.run_sweep(
-        load_sweep(file),
-        file,
-        run,
-        config,
-        source,
-        lambda overrides: load_scenario(source, (), overrides),
-        found,
-        show_progress=False,
-        **options,
-    )
+    contest = sweeping.Contest(run, config, source, lambda overrides: load_scenario(source, (), overrides), found)
+    return sweeping.run_sweep(load_sweep(file), file, contest, show_progress=False, **options)
 
 
 # -- files --------------------------------------------------------------------------------------------------

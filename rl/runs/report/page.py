@@ -37,6 +37,7 @@ table { border-collapse: collapse; font-size: .9rem } .wide { overflow-x: auto }
 th, td { text-align: left; padding: .2rem .9rem .2rem 0; border-bottom: 1px solid var(--line); vertical-align: top }
 .wide td:first-child { white-space: nowrap }
 td.n { font-variant-numeric: tabular-nums; white-space: nowrap }
+.why { white-space: normal; display: inline-block; max-width: 24rem }
 .faint, td i { color: var(--faint); font-style: normal }
 .missing { background: var(--card); border-left: 4px solid var(--faint); padding: .5rem .9rem; margin: .6rem 0 }
 code, pre { font: .85rem ui-monospace, monospace } pre { overflow-x: auto; background: var(--card); padding: .8rem }
@@ -114,14 +115,14 @@ def svg(figure: Figure, name: str) -> str:
     drawn = file.getvalue()
     drawn = re.sub(r"<metadata>.*?</metadata>", "", drawn[drawn.index("<svg") :], flags=re.DOTALL)
     drawn = re.sub(r' xmlns(:\w+)?="[^"]*"', "", drawn)
-    drawn = re.sub(r'(?<= )d="[^"]*"', _shorter, drawn)
+    drawn = re.sub(r'(?<= )(d|x|y|transform)="[^"]*"', _shorter, drawn)
     drawn = re.sub(f"{INK}|#000000", "currentColor", drawn, flags=re.IGNORECASE)
     return drawn.replace("<svg", f'<svg role="img" aria-label="{text(name)}"', 1)
 
 
-def _shorter(path: re.Match[str]) -> str:
-    """A path to a hundredth of a point."""
-    return re.sub(r"(\d+\.\d\d)\d+", r"\1", path[0])
+def _shorter(attribute: re.Match[str]) -> str:
+    """An attribute to a hundredth of a point."""
+    return re.sub(r"(\d+\.\d\d)\d+", r"\1", attribute[0])
 
 
 def page(title: str, lead: str, sections: Iterable[str]) -> str:

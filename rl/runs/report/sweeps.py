@@ -13,6 +13,7 @@ from rl.runs.report.sources import Run
 from rl.runs.sweep.tables import WHO, value_text
 
 Row = Mapping[str, Any]
+FEW = 8  # values that are marked on a panel one by one
 SPAN = 20.0  # from the largest to the least value of a panel, above which its scale is logarithmic
 
 
@@ -87,7 +88,7 @@ def _band(axes: Axes, axis: Row, rows: Sequence[Row], team: str, who: str, key: 
     y, low, high = np.array(found, dtype=float).T
     axes.fill_between(x, low, high, color=colour, alpha=0.2, linewidth=0)
     axes.plot(x, y, "o-", color=colour, markersize=3.0, linewidth=1.3, label=label)
-    if not numeric:
+    if not numeric or len(x) <= FEW:
         axes.set_xticks(x, [value_text(value) for value in values])
 
 
@@ -118,7 +119,10 @@ def _table(run: Run, content: Row) -> str:
     for row in content["cells"]:
         condition = ", ".join(f"{name} {value_text(value)}{units[name]}" for name, value in row["values"].items())
         condition = condition or "as in the run"
-        rows += [[text(condition), "", text(who), f"cannot be: {text(why)}"] for who, why in row["cannot_be"].items()]
+        rows += [
+            [text(condition), "", text(who), f'<span class="why">cannot be: {text(why)}</span>']
+            for who, why in row["cannot_be"].items()
+        ]
         for team, of_team in row["teams"].items():
             for who, of in of_team.items():
                 numbers = [number(Interval(*of[key]), who == "difference") for key in keys]

@@ -4,13 +4,15 @@ RUN/sweeps/NAME/cells.jsonl     a line for each cell that is done, with a key of
 RUN/sweeps/NAME/sweep.json, .csv     all cells, when all are done
 """
 
+import functools
 import hashlib
 import json
+import sys
 import time
 from collections.abc import Callable, Mapping
 from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from tqdm import tqdm
 
@@ -34,42 +36,43 @@ CANNOT = (ConfigError, SteepSeaError, ControllerError, CheckpointError, ActionEr
 """Why a cell cannot be: a scenario or a sea refused, no controller, a policy that does not fit, a motion not finite."""
 TOLD_AFTER = 3  # cells, by which the time for the rest is estimated
 SIGNIFICANT = 6  # digits kept of each figure
+TELL = functools.partial(tqdm.write, file=sys.stderr)  # beside the progress bar
 
-Load = Callable[[tuple[str, ...]], Scenario]
-"""The run's scenario with a cell's overrides."""
+
+class Contest(NamedTuple):
+    """What is compared."""
+
+    run: Path  # the run's folder
+    config: Scenario  # its own scenario
+    source: Path  # the file of that
+    load: Callable[[tuple[str, ...]], Scenario]  # the scenario with a cell's overrides
+    controllers: Mapping[str, Mapping[str, Policy]]  # "policy", "classical" -> team -> its policy
 
 
 def run_sweep(
     sweep: Sweep,
     file: Path,
-    run: Path,
-    config: Scenario,
-    source: Path,
-    load: Load,
-    controllers: Mapping[str, Mapping[str, Policy]],
+    contest: Contest,
     *,
     show_progress: bool = True,
-    tell: Callable[[str], None] = print,
+    tell: Callable[[str], None] = TELL,
 ) -> Path:
-    """Run the sweep of a `file` on a run's `controllers` ("policy", "classical"); the folder of its tables.
-
-    Args:
-        sweep: the content of `file`. config: the run's own scenario, read from `source`. load: with overrides.
-        tell: told how long it will take.
+    """Run a sweep, the content of `file`; return the folder of its tables. `tell` is told how long it will take.
 
     Raises:
         ConfigError: if the sweep is of the evaluation's or the training's seed, or names a key that no scenario has.
         KeyboardInterrupt: saying how to go on.
     """
+    config = contest.config
     for whose, other in (("the evaluation's", config.evaluation.seed), ("the training's", config.seed)):
         if sweep.seed == other:
             raise ConfigError(f"{file}: seed = {other} is {whose}: a sweep's is another")
-    out = run / FOLDER / file.stem
+    out = contest.run / FOLDER / file.stem
     todo = cells(sweep, config, file)
     first = next(todo)  # names keys that no scenario has, before anything is made
     out.mkdir(parents=True, exist_ok=True)
-    judge, total = mission_class(config, source).Judge, count_cells(sweep)
-    common = _key(toml_text(config), _files(run, config, source), sweep.episodes, sweep.seed)
+    judge, total = mission_class(config, contest.source).Judge, count_cells(sweep)
+    common = _key(toml_text(config), _files(contest), sweep.episodes, sweep.seed)
     rows: list[dict[str, Any]] = []
     with run_folder.lock(out), (out / CELLS).open("a+", encoding="utf-8") as lines:
         done = _read(lines)
@@ -80,7 +83,7 @@ def run_sweep(
                 key = _key(common, cell.overrides, cell.missing)
                 if key not in done:
                     start = time.perf_counter()
-                    done[key] = _measure(cell, sweep, source, load, controllers, judge)
+                    done[key] = _measure(cell, sweep, contest, judge)
                     lines.write(json.dumps({"key": key} | done[key]) + "\n")
                     lines.flush()
                     taken.append(time.perf_counter() - start)
@@ -98,25 +101,18 @@ def run_sweep(
     return out
 
 
-def _measure(
-    cell: Cell,
-    sweep: Sweep,
-    source: Path,
-    load: Load,
-    controllers: Mapping[str, Mapping[str, Policy]],
-    judge: type[Judge],
-) -> dict[str, Any]:
+def _measure(cell: Cell, sweep: Sweep, contest: Contest, judge: type[Judge]) -> dict[str, Any]:
     """Both controllers on the cell's episodes: team -> controller or "difference" -> figure -> value, low, high."""
     cannot: dict[str, str] = {}
     found: dict[str, dict[str, Any]] = {}
-    for who, policies in controllers.items():
+    for who, policies in contest.controllers.items():
         if cell.missing:
             cannot[who] = cell.missing
             continue
         try:
-            config = load(cell.overrides)
+            config = contest.load(cell.overrides)
             outcome = judge_episodes(
-                config, policies, episodes=sweep.episodes, seed=sweep.seed, source=source, show_progress=False
+                config, policies, episodes=sweep.episodes, seed=sweep.seed, source=contest.source, show_progress=False
             )
             found[who] = outcome.episodes
         except CANNOT as error:
@@ -150,10 +146,11 @@ def _estimate(left: int, taken: list[float]) -> str:
     )
 
 
-def _files(run: Path, config: Scenario, source: Path) -> list[str]:
+def _files(contest: Contest) -> list[str]:
     """Digests of the policies and of the vehicles."""
-    files = [checkpoints(run / team)[-1] for team in config.trained if checkpoints(run / team)]
-    files += [vehicle_file(section, source) for section in config.teams.values()]
+    config = contest.config
+    files = [checkpoints(contest.run / team)[-1] for team in config.trained if checkpoints(contest.run / team)]
+    files += [vehicle_file(section, contest.source) for section in config.teams.values()]
     return [hashlib.sha256(file.read_bytes()).hexdigest() for file in files]
 
 
