@@ -73,10 +73,13 @@ def test_a_report_says_what_is_missing_and_how_to_make_it(run, here):
 
 def test_two_runs_stand_side_by_side(run, tmp_path, here):
     other = shutil.copytree(run, tmp_path / "other")
+    config = other / "config.toml"
+    config.write_text(config.read_text().replace("hs = 0.5", "hs = 0.6"))
     ending = here("rl.report", run, other)
     assert ending.status == 0, ending.err
     page = (run / "report-and-other.html").read_text()
     assert "run: policy - other: policy" in page and "Collisions: other" in page
+    assert "The scenarios differ in sea:" in page
     assert "+0</b>" not in page and "+0 <i>(0 to 0)</i>" in page  # a run differs from its copy by nothing
 
 

@@ -50,6 +50,9 @@ def figures(run: Run, other: Run | None) -> str:
     if other is not None and "policy" in other.evaluations:
         columns[f"{other.name}: policy"] = other.evaluations["policy"]
     parts += [paragraph(f"{who}: {_told(of)}", "faint") for who, of in columns.items()]
+    if other is not None and (differing := _differing(run, other)):
+        told = f"The scenarios differ in {', '.join(differing)}: differences between the runs are of that too."
+        parts.append(paragraph(told))
     teams = list(dict.fromkeys(team for of in columns.values() for team in of.episodes))
     parts += [_of_team(run, team, columns) for team in teams]
     if columns:
@@ -64,6 +67,12 @@ def figures(run: Run, other: Run | None) -> str:
         )
         parts.append(folded("what each figure means", table(("figure", "definition"), told, numbers=False)))
     return "\n".join(parts)
+
+
+def _differing(run: Run, other: Run) -> list[str]:
+    """Sections of the scenario in which two runs differ, beside how they were trained."""
+    one, two = (r.config.model_dump(exclude={"name", "seed", "stages"}) for r in (run, other))
+    return [key for key in {**one, **two} if one.get(key) != two.get(key)]
 
 
 def _what_is_missing(run: Run) -> str:

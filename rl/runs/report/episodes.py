@@ -142,7 +142,8 @@ def _crash(crash: Crash) -> str:
 
 def _legend(axes: Axes) -> None:
     """Above the panel, beside its title."""
-    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.97), ncols=4, borderaxespad=0.0, borderpad=0.2)
+    place = {"loc": "lower right", "bbox_to_anchor": (1.0, 0.97), "borderaxespad": 0.0, "borderpad": 0.2}
+    axes.legend(**place, ncols=4, handlelength=1.2, columnspacing=0.9)
 
 
 def _actions(axes: Axes, time: np.ndarray, log: TeamLog, crash: Crash) -> None:
