@@ -43,6 +43,58 @@ def open_run(args: argparse.Namespace):
     return config, source, policies, of_worlds
 
 
+def open_both(args: argparse.Namespace):
+    """What a sweep compares of `args.run` (rl.runs.sweep.run.Contest); Taichi is running then."""
+    from rl.learn.policy import policies_of
+    from rl.missions import load_scenario
+    from rl.runs import folder as run_folder
+    from rl.runs.sweep.run import Contest
+
+    config, source = run_folder.load_config(args.run, args.overrides, args.config)
+    start(args)
+    found = {kind: policies_of(kind, args.run, config) for kind in ("policy", "classical")}
+    controllers = {kind: {t: p for t, p in of.items() if t in config.trained} for kind, of in found.items()}
+
+    def load(overrides: tuple[str, ...]):
+        return load_scenario(source, args.overrides, overrides)
+
+    return Contest(args.run, config, source, load, controllers)
+
+
+def add_shown(parser: argparse.ArgumentParser) -> None:
+    """Add --worst and --median: an episode of the last evaluation, run again."""
+    again = parser.add_mutually_exclusive_group()
+    for name in ("worst", "median"):
+        again.add_argument(
+            f"--{name}",
+            dest="shown",
+            action="store_const",
+            const=name,
+            help=f"the {name} episode of the last evaluation, run again (default out: RUN/{name}.rrd)",
+        )
+
+
+def recall(args: argparse.Namespace) -> tuple[int, int] | None:
+    """Set the conditions of the evaluation that `args.shown` is of; number of that episode, and of all.
+
+    Raises:
+        RunError: if there was no evaluation, or other conditions are given.
+    """
+    from rl.runs.folder import RunError
+    from rl.runs.kept import shown_episode
+
+    if args.shown is None:
+        return None
+    if args.overrides or args.config or args.seed is not None:
+        raise RunError(
+            f"--{args.shown} runs an episode again as it was evaluated: leave out --config, --seed and --set"
+        )
+    found, number = shown_episode(args.run, args.controller, args.shown)
+    args.config = None if found.conditions.config is None else Path(found.conditions.config)
+    args.overrides, args.seed = list(found.conditions.overrides), found.result["seed"]
+    return number, found.result["episodes"]
+
+
 def start(args: argparse.Namespace) -> None:
     """Start Taichi and torch as the arguments say."""
     import torch

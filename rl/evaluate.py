@@ -28,6 +28,13 @@ def parser() -> argparse.ArgumentParser:
     cli.add_run(p)
     p.add_argument("--episodes", type=cli.positive_int, default=None, help="default: the scenario's (256)")
     p.add_argument("--json", type=Path, default=None, metavar="FILE", help="also write the figures to FILE")
+    p.add_argument(
+        "--sweep",
+        default=None,
+        metavar="FILE",
+        help="policy and classical controller on the same episodes under each condition of a sweep "
+        "(configs/sweeps/*.toml, by name: default); an interrupted one goes on",
+    )
     return p
 
 
@@ -36,11 +43,15 @@ def main(argv: list[str] | None = None) -> None:
     args = parser().parse_args(argv)
     from rl import cli
     from rl.runs import folder as run_folder
-    from rl.runs.evaluation import evaluate
+    from rl.runs.evaluation import judge_episodes
+    from rl.runs.kept import keep
     from rl.runs.main_job import report
 
+    if args.sweep:
+        sweep(args)
+        return
     config, source, policies, seed = cli.open_run(args)
-    result = evaluate(
+    outcome = judge_episodes(
         config,
         policies,
         episodes=args.episodes or config.evaluation.episodes,
@@ -48,12 +59,35 @@ def main(argv: list[str] | None = None) -> None:
         controller=args.controller,
         source=source,
         show_progress=not args.quiet,
+        look=True,
     )
-    print(report(result, config, source), file=sys.stderr)
-    print(json.dumps(result, indent=2))
+    print(report(outcome.result, config, source), file=sys.stderr)
+    print(json.dumps(outcome.result, indent=2))
     if args.json:
         args.json.parent.mkdir(parents=True, exist_ok=True)
-        run_folder.write_json(args.json, result)
+        run_folder.write_json(args.json, outcome.result)
+    try:
+        keep(args.run, outcome, args.config, args.overrides)
+    except OSError as error:  # somebody else's run may be read-only
+        print(f"not kept for a report or --worst: {error}", file=sys.stderr)
+
+
+def sweep(args: argparse.Namespace) -> None:
+    """Run --sweep, and write the run's report anew."""
+    from rl import cli
+    from rl.runs.folder import RunError
+    from rl.runs.report import write_report
+    from rl.runs.sweep.config import find_sweep, load_sweep
+    from rl.runs.sweep.run import run_sweep
+
+    if args.controller != "policy" or args.json:
+        raise RunError(
+            "--sweep compares both controllers, and writes its own tables: leave out --controller and --json"
+        )
+    file = find_sweep(args.sweep)
+    wanted = load_sweep(file, episodes=args.episodes, seed=args.seed)
+    out = run_sweep(wanted, file, cli.open_both(args), show_progress=not args.quiet)
+    print(f"sweep:  {out}\nreport: {write_report([args.run])}")
 
 
 if __name__ == "__main__":

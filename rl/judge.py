@@ -2,23 +2,34 @@
 
 Every environment runs one episode. A team one of whose vehicles has ended is measured no further, while the others go
 on. All sums are NumPy's, in float64, so that the result does not depend on the number of threads.
+
+    see (each decision) -> episodes: numbers of each episode -> pooled: figures of any set of episodes -> figures
+
+Intervals come from `pooled` over episodes drawn again and again (rl/runs/intervals.py), so that what a mission's judge
+adds to `episodes` and `pooled` has an interval by itself, in evaluations, sweeps and reports.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
+from torch import Tensor
 
 COMMON = {
     "collisions_per_hour": "vehicles that hit an obstacle or a team mate, per hour of the team's operation",
     "collision_free_episodes": "fraction of episodes in which no vehicle of the team collided",
 }
 
+Episodes = Mapping[str, NDArray[np.float64]]
+"""Numbers of single episodes by name, [episode], or of many sets of them, [..., episode]; NaN: not measured."""
+
 
 class Judge:
     """Watches one team through a chunk of episodes; a mission derives its own and adds figures.
 
-    Class attributes: `definitions`, figure -> what it means, in the order in which they are told.
+    Class attributes: `definitions`, figure -> what it means, in the order in which they are told; `plotted`, those of
+    them that a sweep is drawn by.
     """
 
     definitions: ClassVar[dict[str, str]] = {
@@ -26,6 +37,7 @@ class Judge:
         **COMMON,
         "success_rate": "fraction of episodes that ran their full time with no vehicle of the team ended",
     }
+    plotted: ClassVar[tuple[str, ...]] = ("reward_per_step", "collision_free_episodes", "success_rate")
 
     def __init__(self, mission: Any, team: str):
         """Watch `team` of a mission at the start of an episode in every environment."""
@@ -35,33 +47,63 @@ class Judge:
         self.failed = np.zeros(envs, dtype=bool)
         self.reward = np.zeros(envs)
         self.measured = np.zeros(envs)
-        self.hours = 0.0
 
     def see(self, step: Any, number: int) -> None:
         """Take decision `number` (from 1) into account."""
         alive, ended = ~self.failed, step.endings[self.name]
-        self.hours += float(alive.sum()) * self.mission.config.decision_interval / 3600
         self.reward[alive] += step.reward[self.name].double().mean(dim=1).cpu().numpy()[alive]
         self.measured[alive] += 1
         if "collided" in ended:
             self.collided[alive] |= ended["collided"].cpu().numpy()[alive]
         self.failed |= ended.any.any(dim=1).cpu().numpy() & alive
 
+    def series(self) -> dict[str, Tensor]:
+        """What a report plots over time, of every vehicle now: a label with its unit -> [env, vehicle]."""
+        return {}
+
     @classmethod
-    def figures(cls, seen: Sequence[Any], config: Any) -> dict[str, float | None]:
-        """The figures of `definitions` over all chunks of one team."""
-        collided, failed = np.concatenate([j.collided for j in seen]), np.concatenate([j.failed for j in seen])
-        reward = np.concatenate([j.reward for j in seen]).sum() / max(
-            np.concatenate([j.measured for j in seen]).sum(), 1
+    def episodes(cls, seen: Sequence[Any], config: Any) -> dict[str, NDArray[np.float64]]:
+        """Numbers of each episode of all chunks of one team, [episode]: what `pooled` needs."""
+        collided, failed, reward, measured = (
+            np.concatenate([getattr(judge, name) for judge in seen])
+            for name in ("collided", "failed", "reward", "measured")
         )
         return {
-            "reward_per_step": float(reward),
-            "collisions_per_hour": float(collided.sum() / sum(j.hours for j in seen)),
-            "collision_free_episodes": float(1 - collided.any(axis=1).mean()),
-            "success_rate": float(1 - failed.mean()),
+            "collided": collided.sum(axis=1).astype(float),  # vehicles
+            "failed": failed.astype(float),
+            "succeeded": (~failed).astype(float),
+            "reward": reward,  # mean of the vehicles, sum of the decisions
+            "decisions": measured,
+            "hours": measured * config.decision_interval / 3600,
         }
+
+    @classmethod
+    def pooled(cls, episodes: Episodes) -> dict[str, NDArray[np.float64]]:
+        """Figures [...] of sets of episodes, given as `episodes` gives them, [..., episode]."""
+        return {
+            "reward_per_step": episodes["reward"].sum(-1) / np.maximum(episodes["decisions"].sum(-1), 1),
+            "collisions_per_hour": episodes["collided"].sum(-1) / episodes["hours"].sum(-1),
+            "collision_free_episodes": (episodes["collided"] == 0).mean(-1),
+            "success_rate": episodes["succeeded"].mean(-1),
+        }
+
+    @classmethod
+    def badness(cls, episodes: Episodes) -> NDArray[np.float64]:
+        """[criterion, episode], the first criterion first: by them the worst episode is found. Larger is worse."""
+        collided, paid = (episodes["collided"] > 0).astype(np.float64), episodes["reward"] / episodes["decisions"]
+        return np.stack((collided, episodes["failed"], -paid))
+
+    @classmethod
+    def figures(cls, seen: Sequence[Any], config: Any) -> dict[str, float | None]:
+        """The figures of `definitions` over all chunks of one team; None where nothing was measured."""
+        return {key: known(value) for key, value in cls.pooled(cls.episodes(seen, config)).items()}
 
     @classmethod
     def line(cls, figures: dict[str, float | None]) -> str:
         """The figures of one team as a line to read."""
         return ", ".join(f"{key} {value:.3g}" for key, value in figures.items() if value is not None)
+
+
+def known(value: Any) -> float | None:
+    """A number, or None for one that is not finite."""
+    return float(value) if np.isfinite(value) else None

@@ -121,13 +121,14 @@ class Mission:
     Attributes:
         config: the scenario. world: the simulated world. teams: name -> Team, those that take part.
         steps: int64 [env], decisions since the episode began. generator: of all random draws of episodes.
-        device: where tensors live.
+        device: where tensors live. shown: the environment that `frame`, `scene` and `overlays` are asked about.
     """
 
     Config: ClassVar[type[Scenario]] = Scenario
     logged: ClassVar[tuple[str, ...]] = ()
     Team: ClassVar[Any] = Team
     Judge: ClassVar[Any] = Judge
+    shown: int = 0
 
     def __init__(
         self,
@@ -221,13 +222,13 @@ class Mission:
         """Write pictures of a training and of an episode into `out`."""
 
     def frame(self, team: Any) -> dict[str, Tensor]:
-        """What a recording shows of a team beside its vehicles, in environment 0 now: fields of a `TeamTrack`
+        """What a recording shows of a team beside its vehicles, in environment `shown` now: fields of a `TeamTrack`
         (taichi_sim/recording/episode.py), without the time axis: target_n, target_course, slot_n, error_m.
         """
         return {}
 
     def scene(self) -> Any:
-        """What stands in environment 0, a recording's `Scene`; None is nothing."""
+        """What stands in environment `shown`, a recording's `Scene`; None is nothing."""
         return None
 
     def overlays(self) -> tuple[Any, ...]:

@@ -14,6 +14,7 @@ def parser() -> argparse.ArgumentParser:
 
     p = argparse.ArgumentParser(prog="play.py", description=__doc__)
     cli.add_run(p)
+    cli.add_shown(p)
     p.add_argument("--out", type=Path, default=None, metavar="FILE.rrd", help="default: RUN/play-SEED.rrd")
     p.add_argument("--duration", type=cli.positive_float, default=None, metavar="S", help="default: an episode")
     return p
@@ -23,14 +24,17 @@ def main(argv: list[str] | None = None) -> None:
     """Run the command."""
     args = parser().parse_args(argv)
     from rl import cli
+    from rl.runs.kept import recording_name
     from rl.runs.record import record_episode
     from taichi_sim.recording import write_recording
 
+    number = cli.recall(args)
     config, source, policies, seed = cli.open_run(args)
     episode = record_episode(
-        config, policies, seed=seed, duration=args.duration, source=source, show_progress=not args.quiet
+        config, policies, seed=seed, number=number, duration=args.duration, source=source, show_progress=not args.quiet
     )
-    path = write_recording(episode, args.out or args.run / f"play-{seed}.rrd")
+    default = f"play-{seed}.rrd" if number is None else recording_name(args.controller, args.shown)
+    path = write_recording(episode, args.out or args.run / default)
     for event in episode.events:
         print(f"{event.time_s:7.1f} s  {event.text}")
     print(f"recording: rerun {path}")

@@ -52,7 +52,7 @@ def main(argv: list[str] | None = None) -> None:
         summary = run_main_job(config, out, show_progress=not args.quiet)
     print(report(summary["evaluation"], config, out / run_folder.CONFIG))
     print(f"summary:   {out / 'summary.json'}\nfigures:   {out / 'figures'}")
-    print(f"recording: rerun {out / 'episode.rrd'}")
+    print(f"report:    {out / 'report.html'}\nrecording: rerun {out / 'episode.rrd'}")
 
 
 if __name__ == "__main__":

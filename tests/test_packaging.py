@@ -13,4 +13,8 @@ def test_every_package_is_listed():
         for top in ("taichi_sim", "rl")
         for file in (ROOT / top).rglob("__init__.py")
     }
-    assert listed == found | {"taichi_sim.configs", "taichi_sim.configs.vehicles"}
+    assert listed == found | {
+        "taichi_sim.configs",
+        "taichi_sim.configs.sweeps",
+        "taichi_sim.configs.vehicles",
+    }

@@ -12,7 +12,8 @@ from test_recording import column, elevation, make_episode, rows
 
 from rl.missions import load_scenario
 from rl.missions.formation.team import TeamTask
-from rl.runs.record import EVENTS, _stalls, record_episode
+from rl.runs.events import EVENTS
+from rl.runs.record import _stalls, record_episode
 from taichi_sim import runtime
 from taichi_sim.maths.rotation import torch_rotation_matrix
 from taichi_sim.recording import Airframe, Episode, write_recording

@@ -31,20 +31,23 @@ def find_mission(name: Any, beside: Sequence[Path] = ()) -> type[Mission]:
     return importlib.import_module(f"{__name__}.{name}.mission").MISSION
 
 
-def load_scenario(path: str | Path = "paper", overrides: Iterable[str] = ()) -> Any:
+def load_scenario(path: str | Path = "paper", overrides: Iterable[str] = (), then: Iterable[str] = ()) -> Any:
     """A scenario from a TOML file (or the name of a shipped one) and `KEY=VALUE` overrides: its mission's `Config`.
+
+    Overrides in `then` take the place of earlier ones (of another way to size a sea, too).
 
     Raises:
         ConfigError: naming file, key, value and what is allowed.
     """
     file = find_config(path)
-    data, overrides = read_toml(file), list(overrides)
-    sources = apply_overrides(data, [text for text in overrides if key_of(text) == "mission"])
+    data, overrides, then = read_toml(file), list(overrides), list(then)
+    sources = apply_overrides(data, [text for text in overrides + then if key_of(text) == "mission"])
     try:
         kind = find_mission(data.get("mission", Scenario.model_fields["mission"].default), [file.parent])
     except ConfigError as error:
         raise ConfigError(f"{sources.get('mission', file)}: mission = {error}") from None
     sources = apply_overrides(data, overrides, kind.Config)
+    sources |= apply_overrides(data, then, kind.Config)
     config = validate(kind.Config, data, str(file), sources)
     for name, team in config.teams.items():
         try:

@@ -1,19 +1,25 @@
 """The main job: train the stages of a scenario, evaluate them on unseen worlds, record and draw an episode."""
 
+import contextlib
 import time
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from rl.learn.history import read_history
-from rl.learn.policy import load_policy
+from rl.learn.policy import Policy, load_policy, policies_of
 from rl.learn.runner import HISTORY, history_seconds
 from rl.learn.stages import train_stages
+from rl.mission import ControllerError
 from rl.runs import folder as run_folder
-from rl.runs.evaluation import check_measurable, evaluate, mission_class
+from rl.runs.evaluation import check_measurable, judge_episodes, mission_class
+from rl.runs.kept import keep
 from rl.runs.record import record_episode
+from rl.runs.report import write_report
 from rl.scenario import Scenario
 from taichi_sim.config import ConfigError
 from taichi_sim.recording import write_recording
+from taichi_sim.world import ActionError
 
 RECORDING, FIGURES = "episode.rrd", "figures"
 
@@ -27,19 +33,16 @@ def run_main_job(config: Scenario, out: Path, *, show_progress: bool = True) -> 
     """
     if not config.stages:
         raise ConfigError("stages: the scenario has none, so there is nothing to train")
-    try:
-        check_measurable(config)
-    except ValueError as error:
-        raise ConfigError(str(error)) from None
+    check_measurable(config)
     start = time.perf_counter() - sum(history_seconds(out / s.team / HISTORY) for s in config.stages.values())
     source = out / run_folder.CONFIG
     try:
         stages = train_stages(config, out, source=source, dumps=out / run_folder.DUMPS, show_progress=show_progress)
         policies = {team: load_policy(out, config, team) for team in config.trained}
         judged = config.evaluation
-        evaluation = evaluate(
-            config, policies, episodes=judged.episodes, seed=judged.seed, source=source, show_progress=show_progress
-        )
+        evaluation = _evaluate(config, policies, out, show_progress)
+        with contextlib.suppress(ControllerError, ActionError):  # not every vehicle has one that can
+            _evaluate(config, policies_of("classical", out, config), out, show_progress, "classical")
         episode = record_episode(config, policies, seed=judged.seed, source=source, show_progress=show_progress)
         write_recording(episode, out / RECORDING)
         histories = {team: read_history(out / team / HISTORY) for team in policies}
@@ -54,7 +57,26 @@ def run_main_job(config: Scenario, out: Path, *, show_progress: bool = True) -> 
         "evaluation": evaluation,
     }
     run_folder.write_json(out / run_folder.SUMMARY, summary)
+    write_report([out])
     return summary
+
+
+def _evaluate(
+    config: Scenario, policies: Mapping[str, Policy], out: Path, show_progress: bool, controller: str = "policy"
+) -> dict[str, Any]:
+    """The scenario's own evaluation, kept in the run's folder."""
+    outcome = judge_episodes(
+        config,
+        {team: policies[team] for team in config.trained},
+        episodes=config.evaluation.episodes,
+        seed=config.evaluation.seed,
+        controller=controller,
+        source=out / run_folder.CONFIG,
+        show_progress=show_progress,
+        look=True,
+    )
+    keep(out, outcome)
+    return outcome.result
 
 
 def report(evaluation: dict[str, Any], config: Scenario, source: Path | None = None) -> str:

@@ -10,26 +10,11 @@ from tqdm import tqdm
 
 from rl.learn.policy import Policy
 from rl.mission import Step
-from rl.runs.evaluation import one_episode_each, one_thread
+from rl.runs.evaluation import chunk_with, one_episode_each, one_thread
+from rl.runs.events import event_of
 from rl.scenario import Scenario
 from taichi_sim.config.io import toml_text
 from taichi_sim.recording import Episode, Event, Recorder
-
-EVENTS = {
-    "collided": ("collision", "hit an obstacle or a team mate"),
-    "lost": ("lost", "is too far from its slot"),
-    "crashed": ("crashed", "has touched the water, with a wing tip or else"),
-    "stalled": ("stalled", "has not recovered from a stall"),
-    "capsized": ("capsized", "has turned over"),
-    "swamped": ("swamped", "has water on deck"),
-    "grounded": ("grounded", "has touched the ground"),
-    "left": ("left", "has left the area"),
-    "diverged": ("diverged", "has no finite state any more"),
-}
-"""Field of Endings -> kind of event and what is said of it; a field that is not here speaks for itself."""
-
-
-NEVER = torch.zeros(1, dtype=torch.bool)  # boats do not crash
 
 
 def record_episode(
@@ -37,11 +22,14 @@ def record_episode(
     policies: Mapping[str, Policy],
     *,
     seed: int,
+    number: tuple[int, int] | None = None,
     duration: float | None = None,
     source: Path | None = None,
     show_progress: bool = False,
 ) -> Episode:
     """Run one episode of an unseen world (number 0 of evaluation seed `seed`) and keep all of it.
+
+    With `number` = (i, n) it is the very episode i of an evaluation of n, run again with its chunk.
 
     The episode goes on after a collision, so that one sees what follows, but not after a state that is no longer
     finite, nor when a whole team of aircraft is in the water. `duration` in s, default the scenario's.
@@ -51,32 +39,38 @@ def record_episode(
     """
     duration = config.episode_duration if duration is None else duration
     steps = max(2, round(duration / config.decision_interval))
-    task = one_episode_each(config, tuple(policies), 1, seed, source)
-    recorder = Recorder(task.world)
+    if number is None:
+        task, env = one_episode_each(config, tuple(policies), 1, seed, source), 0
+    else:
+        task, first = chunk_with(config, tuple(policies), number[1], seed, source, number[0])
+        env = number[0] - first
+    task.shown = env
+    recorder = Recorder(task.world, env)
     rows: dict[str, list[dict[str, np.ndarray]]] = {name: [] for name in task.teams}
     seen: set[tuple[str, int, str]] = set()
     events: list[Event] = []
     with one_thread():
         for i in tqdm(range(steps), desc="record", unit="step", disable=not show_progress):
             step = task.step({name: policies[name](team) for name, team in task.teams.items()})
-            events += _events(step, (i + 1) * config.decision_interval, seen)
-            if any(bool(ended["diverged"].any()) for ended in step.endings.values()):
+            events += _events(step, (i + 1) * config.decision_interval, seen, env)
+            if any(bool(ended["diverged"][env].any()) for ended in step.endings.values()):
                 break  # what follows is no motion
             recorder.add({name: team.action for name, team in task.teams.items()})
             for name, team in task.teams.items():
-                rows[name].append(_row(task.frame(team) | {"reward": step.reward[name][0]}))
-            if any(bool(ended.get("crashed", NEVER).all()) for ended in step.endings.values()):
+                rows[name].append(_row(task.frame(team) | {"reward": step.reward[name][env]}))
+            if any("crashed" in ended and bool(ended["crashed"][env].all()) for ended in step.endings.values()):
                 break  # nobody flies under water
     if not len(recorder):
         raise ValueError(f"nothing to record: {events[0].text} in the first step")
     for name, team in task.teams.items():
         events += _stalls(team.fleet.model, name, recorder.aux(name), recorder.time_s)
+    told = "" if number is None else f", episode {number[0]} of {number[1]}"
     return recorder.episode(
         mission={name: _stacked(frames) for name, frames in rows.items()},
         scene=task.scene(),
         overlays=task.overlays(),
         events=events,
-        config_text=f"# {config.name}, seed {seed}\n\n```toml\n{toml_text(config)}```\n",
+        config_text=f"# {config.name}, seed {seed}{told}\n\n```toml\n{toml_text(config)}```\n",
     )
 
 
@@ -90,12 +84,12 @@ def _stacked(rows: list[dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
     return {key: np.stack([row[key] for row in rows]) for key in rows[0]}
 
 
-def _events(step: Step, time: float, seen: set[tuple[str, int, str]]) -> list[Event]:
+def _events(step: Step, time: float, seen: set[tuple[str, int, str]], env: int = 0) -> list[Event]:
     found = []
     for team, ended in step.endings.items():
         for field in ended:
-            kind, text = EVENTS.get(field, (field, f"has ended: {field.replace('_', ' ')}"))
-            for vehicle in ended[field][0].nonzero().flatten().tolist():
+            kind, text = event_of(field)
+            for vehicle in ended[field][env].nonzero().flatten().tolist():
                 if (team, vehicle, kind) not in seen:
                     seen.add((team, vehicle, kind))
                     found.append(Event(time, team, vehicle, kind, f"{team}{vehicle} {text}"))

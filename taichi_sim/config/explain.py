@@ -58,26 +58,27 @@ def _telling(errors: Iterable[Any], model: type[BaseModel]) -> list[Any]:
 
 def _in_words(item: Any, key: str, model: type[BaseModel]) -> str:
     if _is_no_team(item, model):
-        fields = _keys_at(model, ())
+        fields = keys_at(model, ())
         value = "" if item["type"] == "missing" else f" = {item['input']!r}"
-        hint = _meant(key, fields) or " (a team has a vehicle)"
+        hint = meant(key, fields) or " (a team has a vehicle)"
         return f"{key}{value}: unknown key{hint}; allowed here: {', '.join(fields)}, and teams"
     if item["type"] == "extra_forbidden":
-        fields = _keys_at(model, item["loc"][:-1])
-        hint = _meant(item["loc"][-1], fields)
+        fields = keys_at(model, item["loc"][:-1])
+        hint = meant(item["loc"][-1], fields)
         return f"{key} = {item['input']!r}: unknown key{hint}; allowed here: {', '.join(fields)}"
     if item["type"] == "missing":
         return f"{key}: missing, and it has no default"
     message = item["msg"].removeprefix("Value error, ")
     if item["type"] == "literal_error":
-        message += _meant(item["input"], re.findall("'(.*?)'", item["ctx"]["expected"]))
+        message += meant(item["input"], re.findall("'(.*?)'", item["ctx"]["expected"]))
     if not key or isinstance(item["input"], dict | BaseModel):
         return f"{key}: {message}" if key else message
     return f"{key} = {item['input']!r}: {message[0].lower()}{message[1:]}"
 
 
-def _meant(name: Any, fields: list[str]) -> str:
-    close = difflib.get_close_matches(str(name), fields, n=1)
+def meant(name: Any, fields: Iterable[str]) -> str:
+    """What to add to "unknown key", if `name` resembles one of `fields`."""
+    close = difflib.get_close_matches(str(name), list(fields), n=1)
     return f", did you mean {close[0]!r}?" if close else ""
 
 
@@ -89,7 +90,7 @@ def _is_no_team(item: Any, model: type[BaseModel]) -> bool:
     return (item["type"], loc[1:]) in (("model_type", ()), ("missing", ("vehicle",)))
 
 
-def _keys_at(model: Any, loc: tuple) -> list[str]:
+def keys_at(model: Any, loc: tuple) -> list[str]:
     """Names of the fields where `loc` points, as far as it can be followed."""
     for part in loc:
         field = model.model_fields.get(part) if _is_model(model) else None

@@ -74,7 +74,14 @@ def server():
     """Return the context whose processes begin with everything imported."""
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(
-        ["rl.runs.main_job", "rl.train", "rl.evaluate", "rl.play", "rl.missions.formation.controllers"]
+        [
+            "rl.runs.main_job",
+            "rl.train",
+            "rl.evaluate",
+            "rl.play",
+            "rl.runs.report.page",
+            "rl.missions.formation.controllers",
+        ]
     )
     return context
 
@@ -143,9 +150,9 @@ def tiny_config() -> FormationScenario:
 
 def forget(run: Path, *teams: str) -> Path:
     """Take a run back to before `teams` were trained."""
-    for name in (*teams, "figures"):
+    for name in (*teams, "figures", "evaluation"):
         shutil.rmtree(run / name)
-    for name in ("summary.json", "episode.rrd"):
+    for name in ("summary.json", "episode.rrd", "report.html"):
         (run / name).unlink()
     return run
 
@@ -168,5 +175,5 @@ def assert_whole(run: Path) -> None:
         assert (run / team / "policy.onnx").is_file() and (run / team / "policy.pt").is_file()
     summary = json.loads((run / "summary.json").read_text())
     assert [stage["iterations"] for stage in summary["stages"]] == [ITERATIONS] * 2
-    assert (run / "episode.rrd").is_file() and list((run / "figures").glob("*.png"))
+    assert (run / "report.html").is_file() and (run / "episode.rrd").is_file() and list((run / "figures").glob("*.png"))
     assert not list(run.rglob("*.part*"))

@@ -78,7 +78,7 @@ def test_bad_arguments_are_refused(arguments, here):
     assert arguments[0] in ending.err
 
 
-@pytest.mark.parametrize("module", ["rl.evaluate", "rl.play"])
+@pytest.mark.parametrize("module", ["rl.evaluate", "rl.play", "rl.report"])
 def test_what_is_not_a_run_is_named(module, here, tmp_path):
     here(module, tmp_path / "gone").fails("gone", "not a run folder")
     here(module, tmp_path).fails(str(tmp_path), "not a run folder")

@@ -13,6 +13,7 @@ STEPS, INTERVAL, SETTLE = 10, 0.1, 0.5  # s; measured from the sixth decision on
 ENVS, VEHICLES = 3, 2
 REWARD = torch.tensor([[1.0, 3.0], [5.0, 7.0], [-1.0, -1.0]])
 DISTANCE = torch.tensor([[3.0, 4.0], [6.0, 1.0], [2.0, 0.5]])
+GAP = torch.tensor([[9.0, 8.0], [-0.5, 8.0], [4.0, 2.0]])
 CONFIG = SimpleNamespace(
     decision_interval=INTERVAL, episode_steps=STEPS, evaluation=SimpleNamespace(settle=SETTLE, success_error=5.0)
 )
@@ -20,7 +21,7 @@ CONFIG = SimpleNamespace(
 
 def judged(kind: type[Judge], collides_at: int, lost_at: int) -> dict:
     """Figures of three environments: vehicle 0 of the second collides, vehicle 1 of the third is lost."""
-    team = SimpleNamespace(fleet=SimpleNamespace(count=VEHICLES), distance=DISTANCE)
+    team = SimpleNamespace(fleet=SimpleNamespace(count=VEHICLES), distance=DISTANCE, sensor=SimpleNamespace(gap=GAP))
     mission = SimpleNamespace(num_envs=ENVS, teams={"boats": team}, config=CONFIG)
     judge = kind(mission, "boats")
     for number in range(1, STEPS + 1):
@@ -47,6 +48,7 @@ def test_errors_of_a_formation_count_after_the_start_has_settled():
     assert set(figures) == set(FormationJudge.definitions)
     assert figures["leader_error_rms_m"] == pytest.approx(((5 * 9.0 + 2 * 4.0) / 7) ** 0.5)
     assert figures["follower_error_rms_m"] == pytest.approx(((5 * 16.0 + 2 * 0.25) / 7) ** 0.5)
+    assert figures["least_gap_m"] == pytest.approx((8.0 + 2.0) / 2)  # the second ended before it was measured
     assert figures["success_rate"] == pytest.approx(1 / 3)
 
 

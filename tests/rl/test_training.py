@@ -63,13 +63,15 @@ def test_the_summary_holds_times_stages_and_evaluation(trained):
 
 def test_the_evaluation_holds_every_figure_of_both_teams(trained):
     evaluation = json.loads((trained / "summary.json").read_text())["evaluation"]
-    assert set(evaluation) == {"controller", "scenario", "seed", "episodes", "teams"}
+    assert set(evaluation) == {
+        "controller", "scenario", "seed", "episodes", "teams", "worst_episode", "median_episode",
+    }  # fmt: skip
     assert evaluation["controller"] == "policy" and evaluation["scenario"] == "paper"
     assert (evaluation["seed"], evaluation["episodes"]) == (1000, 4)
     assert list(evaluation["teams"]) == list(TEAMS)
     for figures in evaluation["teams"].values():
         assert set(figures) == set(FormationJudge.definitions) == {
-            "leader_error_rms_m", "leader_error_p95_m", "follower_error_rms_m", "follower_error_p95_m",
+            "leader_error_rms_m", "leader_error_p95_m", "follower_error_rms_m", "follower_error_p95_m", "least_gap_m",
             "collisions_per_hour", "collision_free_episodes", "success_rate",
         }  # fmt: skip
         assert all(math.isfinite(value) for value in figures.values())

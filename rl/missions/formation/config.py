@@ -72,7 +72,7 @@ class ResidualConfig(Strict):
     and is zero, exactly, where nothing is that near.
     """
 
-    share: Annotated[float, Field(gt=0, le=2)] = 0.3  # of the range of actions
+    share: Annotated[float, Field(ge=0, le=2)] = 0.3  # of the range of actions; 0: it acts alone
     gate: Positive | None = None  # m
 
 

@@ -1,58 +1,99 @@
-"""What an evaluation measures of a formation: errors after the start has settled, collisions, success."""
+"""What an evaluation measures of a formation: errors after the start has settled, gaps, collisions, success."""
 
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+from torch import Tensor
 
-from rl.judge import COMMON, Judge
+from rl.judge import COMMON, Episodes, Judge, known
 
 
 class FormationJudge(Judge):
-    """Keeps the distance of every vehicle from its slot: errors [step, env, vehicle] in m, NaN where not measured."""
+    """Keeps the distance of every vehicle from its slot: errors [step, env, vehicle] in m, NaN where not measured.
+
+    And `gap` [env], m: the least clearance of any vehicle of the team to anything in the measured time, inf before.
+    """
 
     definitions = {
         "leader_error_rms_m": "root mean square distance of the leader from its target, over time and episodes",
         "leader_error_p95_m": "95th percentile of the same distance",
         "follower_error_rms_m": "root mean square distance of followers from their slots (null without followers)",
         "follower_error_p95_m": "95th percentile of the same distance",
+        "least_gap_m": "least clearance of any vehicle to an obstacle or a team mate in an episode, median over "
+        "episodes; at most sensing.detection_range, negative in contact",
         **COMMON,
         "success_rate": "fraction of episodes that ran their full time with no vehicle of the team lost, crashed, "
         "collided or out of the area, and in which the rms error of every vehicle stayed below "
         "evaluation.success_error",
     }
+    plotted = ("leader_error_rms_m", "follower_error_rms_m", "collision_free_episodes", "success_rate")
 
     def __init__(self, mission: Any, team: str):
         """Watch `team`."""
         super().__init__(mission, team)
         self.errors = np.full((mission.config.episode_steps, *self.collided.shape), np.nan)
+        self.gap = np.full(len(self.failed), np.inf)
 
     def see(self, step: Any, number: int) -> None:
-        """Errors count until a vehicle of the team has ended, and in the step in which it did."""
-        alive, config = ~self.failed, self.mission.config
+        """Errors and gaps count until a vehicle of the team has ended, and in the step in which it did."""
+        alive, config, team = ~self.failed, self.mission.config, self.mission.teams[self.name]
         if number * config.decision_interval > config.evaluation.settle:
-            self.errors[number - 1, alive] = self.mission.teams[self.name].distance.cpu().numpy()[alive]
+            self.errors[number - 1, alive] = team.distance.cpu().numpy()[alive]
+            gap = team.sensor.gap.amin(dim=1).double().cpu().numpy()
+            self.gap[alive] = np.fmin(self.gap, gap)[alive]
         super().see(step, number)
+
+    def series(self) -> dict[str, Tensor]:
+        """Distance from the slot and clearance."""
+        team = self.mission.teams[self.name]
+        return {"distance from slot (m)": team.distance, "gap to anything (m)": team.sensor.gap}
+
+    @classmethod
+    def episodes(cls, seen: Sequence[Any], config: Any) -> dict[str, NDArray[np.float64]]:
+        """Also rms errors (m), for how long they were measured (vehicle-seconds), and the least gap (m)."""
+        errors = _errors(seen)
+        measured = np.isfinite(errors)
+        rms = _rms(errors, (0,))
+        failed = np.concatenate([j.failed for j in seen])
+        success = ~failed & measured[-1].all(axis=1) & (rms < config.evaluation.success_error).all(axis=1)
+        gap = np.concatenate([j.gap for j in seen])
+        time = measured.sum(axis=0) * config.decision_interval
+        return super().episodes(seen, config) | {
+            "succeeded": success.astype(float),
+            "leader_error_rms_m": rms[:, 0],
+            "follower_error_rms_m": _rms(errors[:, :, 1:], (0, 2)),
+            "leader_s": time[:, 0],
+            "follower_s": time[:, 1:].sum(axis=1),
+            "least_gap_m": np.where(np.isfinite(gap), gap, np.nan),
+        }
+
+    @classmethod
+    def pooled(cls, episodes: Episodes) -> dict[str, NDArray[np.float64]]:
+        """Errors over several episodes: the root of the mean of squares, weighted by time."""
+        common = super().pooled(episodes)
+        errors = {f"{who}_error_rms_m": _over_time(episodes, who) for who in ("leader", "follower")}
+        return {
+            **errors,
+            "least_gap_m": _median(episodes["least_gap_m"]),
+            **{key: common[key] for key in (*COMMON, "success_rate")},
+        }
+
+    @classmethod
+    def badness(cls, episodes: Episodes) -> NDArray[np.float64]:
+        """Collided, failed, the larger of the two errors; one that could not even be measured is the largest."""
+        error = np.fmax(episodes["leader_error_rms_m"], episodes["follower_error_rms_m"])
+        error = np.where(np.isnan(error), np.inf, error)
+        return np.stack(((episodes["collided"] > 0).astype(np.float64), episodes["failed"], error))
 
     @classmethod
     def figures(cls, seen: Sequence[Any], config: Any) -> dict[str, float | None]:
-        """The figures of `definitions`."""
-        errors = np.concatenate([j.errors for j in seen], axis=1)
-        failed = np.concatenate([j.failed for j in seen])
-        common = super().figures(seen, config)
-        measured = np.isfinite(errors)
-        squares = np.where(measured, errors, 0.0) ** 2
-        rms = np.sqrt(squares.sum(axis=0) / np.maximum(measured.sum(axis=0), 1))
-        success = ~failed & measured[-1].all(axis=1) & (rms < config.evaluation.success_error).all(axis=1)
-        leader, followers = errors[:, :, 0], errors[:, :, 1:]
-        return {
-            "leader_error_rms_m": _rms(leader),
-            "leader_error_p95_m": _p95(leader),
-            "follower_error_rms_m": _rms(followers),
-            "follower_error_p95_m": _p95(followers),
-            **{key: common[key] for key in COMMON},
-            "success_rate": float(success.mean()),
-        }
+        """The figures of `definitions`; percentiles need every single error, so they have no interval."""
+        errors, pooled = _errors(seen), super().figures(seen, config)
+        both = {"leader": errors[:, :, 0], "follower": errors[:, :, 1:]}
+        pooled |= {f"{who}_error_p95_m": _p95(of) for who, of in both.items()}
+        return {key: pooled[key] for key in cls.definitions}
 
     @classmethod
     def line(cls, figures: dict[str, float | None]) -> str:
@@ -68,11 +109,36 @@ class FormationJudge(Judge):
         )
 
 
-def _rms(errors: np.ndarray) -> float | None:
-    values = errors[np.isfinite(errors)]
-    return float(np.sqrt(np.mean(values**2))) if values.size else None
+def _errors(seen: Sequence[Any]) -> NDArray[np.float64]:
+    """[step, episode, vehicle] of all chunks."""
+    return np.concatenate([j.errors for j in seen], axis=1)
 
 
-def _p95(errors: np.ndarray) -> float | None:
+def _rms(errors: NDArray[np.float64], axes: tuple[int, ...]) -> NDArray[np.float64]:
+    """Over what is finite; NaN where nothing is."""
+    finite = np.isfinite(errors)
+    count = finite.sum(axis=axes)
+    squares = (np.where(finite, errors, 0.0) ** 2).sum(axis=axes)
+    return np.sqrt(np.where(count > 0, squares / np.maximum(count, 1), np.nan))
+
+
+def _over_time(episodes: Episodes, who: str) -> NDArray[np.float64]:
+    """Rms [...] of episodes [..., episode] of different length; NaN where none was measured."""
+    time = episodes[f"{who}_s"]
+    squares = (np.where(time > 0, episodes[f"{who}_error_rms_m"], 0.0) ** 2 * time).sum(-1)
+    total = time.sum(-1)
+    return np.sqrt(np.where(total > 0, squares / np.maximum(total, 1e-300), np.nan))
+
+
+def _median(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Over the last axis, of what is not NaN; NaN where nothing is."""
+    count = np.isfinite(values).sum(-1, keepdims=True)
+    ordered = np.sort(values, axis=-1)  # NaN come last
+    low, high = (np.maximum(count - 1, 0) // 2, np.maximum(count, 1) // 2)
+    middle = [np.take_along_axis(ordered, np.minimum(k, values.shape[-1] - 1), -1)[..., 0] for k in (low, high)]
+    return np.where(count[..., 0] > 0, 0.5 * (middle[0] + middle[1]), np.nan)
+
+
+def _p95(errors: NDArray[np.float64]) -> float | None:
     values = errors[np.isfinite(errors)]
-    return float(np.percentile(values, 95)) if values.size else None
+    return known(np.percentile(values, 95)) if values.size else None

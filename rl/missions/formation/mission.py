@@ -81,7 +81,7 @@ class Formation(Mission):
             over_air=config.track.speed_over == "air",
         )
         self._which = torch.zeros(self.num_envs, dtype=torch.int32, device=run.device)
-        self._film: list[np.ndarray] = []  # bodies of environment 0, of a recording
+        self._film: list[np.ndarray] = []  # bodies of the environment that is shown, of a recording
         for team in self.teams.values():
             team.follow(self.targets, config.track.flight_height)
 
@@ -157,6 +157,8 @@ class Formation(Mission):
         self.env_world[envs] = worlds
         self.progress[envs] = self.starts.progress[worlds, starts]
         self.bodies.begin(envs, worlds, starts, self.world.current.velocity)
+        if self._film and bool((envs == self.shown).any()):
+            self._film = []
         self._which.zero_()
         self._which[envs] = 2
         self.targets.move(self._which, n)
@@ -208,25 +210,27 @@ class Formation(Mission):
 
     def frame(self, team: TeamTask) -> dict[str, Tensor]:
         """Target, slots and errors; slots of vessels lie on the mean level of the sea."""
+        env = self.shown
         if team is next(iter(self.teams.values())):  # once a step
-            self._film.append(self.bodies.table[0].cpu().numpy().copy())
-        slot = team.now.slot[0].clone()
+            self._film.append(self.bodies.table[env].cpu().numpy().copy())
+        slot = team.now.slot[env].clone()
         if team.fleet.model.medium == "water":
             slot[:, 2] = 0.0
-        target = {"target_n": team.target.position[0], "target_course": team.target.course[0]}
-        return target | {"slot_n": slot, "error_m": team.distance[0]}
+        target = {"target_n": team.target.position[env], "target_course": team.target.course[env]}
+        return target | {"slot_n": slot, "error_m": team.distance[env]}
 
     def scene(self) -> Scene:
         """The track at the heights of the teams, its checkpoints, and the obstacles inside the area."""
-        track = self.tracks.table[0, :, :2].cpu().numpy()
+        world = int(self.env_world[self.shown])
+        track = self.tracks.table[world, :, :2].cpu().numpy()
         flown = self.config.track.flight_height
         heights = {name: flown if team.fleet.model.medium == "air" else 0.0 for name, team in self.teams.items()}
-        obstacles = self.obstacles[0].cpu().numpy()
+        obstacles = self.obstacles[world].cpu().numpy()
         half = self.config.area / 2
         return Scene(
             area_m=self.config.area,
             tracks_n={name: np.column_stack((track, np.full(len(track), -heights[name]))) for name in self.teams},
-            checkpoints_n=self.tracks.checkpoints[0].cpu().numpy(),
+            checkpoints_n=self.tracks.checkpoints[world].cpu().numpy(),
             obstacles=obstacles[np.abs(obstacles[:, :2]).max(axis=1) <= half],
         )
 

@@ -3,6 +3,7 @@
 from torch import Tensor
 
 from rl.mission import Mission, Team
+from rl.missions.formation.config import ResidualConfig
 from rl.missions.formation.geometry import Geometry
 from rl.missions.formation.observations import Observer
 from rl.missions.formation.slots import Slots
@@ -41,7 +42,7 @@ class TeamTask(Team):
         reach = sensing.detection_range
         # As many team mates in a team of one as in one of sixteen: what is not there is out of range.
         self.sensor = Sensor(self.fleet, sensing.obstacles, sensing.team_mates, reach, self.radius, frame)
-        self.residual, self._controller, self._reference = self.section.residual, None, None
+        self._controller, self._reference = None, None
         self.targets: Targets
         self.target: Target
         self.now: Geometry
@@ -55,10 +56,16 @@ class TeamTask(Team):
         self.seen = Observer(self, self.mission.config.observations)
 
     @property
+    def residual(self) -> ResidualConfig | None:
+        """How its policy corrects the classical controller; None if it acts alone."""
+        residual = self.section.residual
+        return residual if residual is not None and residual.share > 0 else None
+
+    @property
     def action_names(self) -> tuple[str, ...]:
         """What its policy commands, each in [-1, 1]: the vehicle's actions, or corrections of them."""
         names = super().action_names
-        return names if self.section.residual is None else tuple(f"{name} (correction)" for name in names)
+        return names if self.residual is None else tuple(f"{name} (correction)" for name in names)
 
     def command(self, action: Tensor) -> Tensor:
         """The vehicles' actions: the policy's, or the classical ones that they correct (config.ResidualConfig)."""

@@ -1,0 +1,31 @@
+"""Write one HTML page that tells a run, or two runs side by side, from what their folders hold."""
+
+import argparse
+import sys
+from pathlib import Path
+
+if __package__ in (None, ""):  # run as a script: the packages are beside this file's folder
+    sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+
+def parser() -> argparse.ArgumentParser:
+    """The arguments."""
+    p = argparse.ArgumentParser(prog="report.py", description=__doc__)
+    p.add_argument("run", type=Path, metavar="RUN", help="run folder of rl/train.py")
+    p.add_argument("other", type=Path, metavar="OTHER", nargs="?", help="another run, to be shown beside it")
+    p.add_argument("--out", type=Path, default=None, metavar="FILE.html", help="default: RUN/report.html")
+    return p
+
+
+def main(argv: list[str] | None = None) -> None:
+    """Run the command."""
+    args = parser().parse_args(argv)
+    from rl.runs.report import write_report
+
+    print(write_report([args.run, args.other] if args.other else [args.run], args.out))
+
+
+if __name__ == "__main__":
+    from rl.cli import run
+
+    sys.exit(run(main))

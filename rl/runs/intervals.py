@@ -1,0 +1,68 @@
+"""95 % intervals of figures, by the bootstrap over episodes.
+
+Episodes are independent of each other, the moments within one are not: so whole episodes are drawn again, with
+replacement, and the figures computed of each draw. An interval is from the 2.5th to the 97.5th percentile of those (the
+percentile method, Efron & Tibshirani 1993, ch. 13). Of two controllers on the same episodes the same draws are taken of
+both, so that what makes an episode hard for both cancels in the difference.
+"""
+
+from collections.abc import Iterator, Mapping
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rl.judge import Episodes, Judge, known
+
+RESAMPLES = 2000
+LEVEL = 0.95
+AT_ONCE = 1_000_000  # numbers drawn at once
+
+
+class Interval(NamedTuple):
+    """A figure of all episodes, and its interval; None where it was not measured."""
+
+    value: float | None
+    low: float | None
+    high: float | None
+
+
+def intervals(kind: type[Judge], episodes: Episodes) -> dict[str, Interval]:
+    """Of each figure that `kind.pooled` gives of one team's episodes, as Judge.episodes gives them."""
+    return _of(kind.pooled(episodes), [kind.pooled(drawn) for (drawn,) in _draws(episodes)])
+
+
+def differences(kind: type[Judge], one: Episodes, other: Episodes) -> dict[str, Interval]:
+    """Of the differences, one less the other, on the same episodes."""
+    if _count(one) != _count(other):
+        raise ValueError(f"{_count(one)} episodes and {_count(other)}: pairs are of the same episodes")
+    draws = [_less(kind.pooled(a), kind.pooled(b)) for a, b in _draws(one, other)]
+    return _of(_less(kind.pooled(one), kind.pooled(other)), draws)
+
+
+def _less(one: Mapping[str, NDArray], other: Mapping[str, NDArray]) -> dict[str, NDArray[np.float64]]:
+    return {key: np.asarray(one[key] - other[key]) for key in one}
+
+
+def _count(episodes: Episodes) -> int:
+    return len(next(iter(episodes.values())))
+
+
+def _draws(*of: Episodes) -> Iterator[list[dict[str, NDArray[np.float64]]]]:
+    """The same episodes of each, drawn again and again: [draw, episode]."""
+    count, generator = _count(of[0]), np.random.default_rng(0)
+    rows = max(1, min(RESAMPLES, AT_ONCE // count))
+    for begin in range(0, RESAMPLES, rows):
+        picks = generator.integers(count, size=(min(rows, RESAMPLES - begin), count))
+        yield [{name: values[picks] for name, values in episodes.items()} for episodes in of]
+
+
+def _of(value: Mapping[str, NDArray], draws: list[dict[str, NDArray[np.float64]]]) -> dict[str, Interval]:
+    found = {}
+    for key in value:
+        drawn = np.concatenate([np.atleast_1d(draw[key]) for draw in draws])
+        drawn = drawn[np.isfinite(drawn)]
+        edge = 50 * (1 - LEVEL)
+        low, high = np.percentile(drawn, [edge, 100 - edge]) if len(drawn) else (np.nan, np.nan)
+        found[key] = Interval(known(value[key]), known(low), known(high))
+    return found

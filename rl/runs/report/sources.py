@@ -1,0 +1,67 @@
+"""What a report is made of: all that a run's folder holds, as far as it is there."""
+
+import shlex
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from rl.judge import Judge
+from rl.learn.history import read_history
+from rl.learn.runner import HISTORY
+from rl.mission import Histories
+from rl.runs import folder as run_folder
+from rl.runs.evaluation import mission_class
+from rl.runs.kept import CONTROLLERS, Kept, kept, log_file
+from rl.runs.log import Crash, Excerpt, load_log
+from rl.runs.sweep.config import FOLDER
+from rl.runs.sweep.tables import JSON
+from rl.scenario import Scenario
+
+
+class Run(NamedTuple):
+    """One run."""
+
+    folder: Path
+    config: Scenario
+    judge: type[Judge]
+    meta: dict[str, Any]
+    summary: dict[str, Any] | None  # None: not finished
+    histories: Histories
+    evaluations: dict[str, Kept]  # by controller
+    shown: dict[str, Excerpt]  # of the policy
+    crashes: list[Crash]  # of the policy
+    sweeps: dict[str, dict[str, Any] | None]  # name -> sweep.json, None: not finished
+
+    @property
+    def name(self) -> str:
+        """What the run is called."""
+        return self.folder.resolve().name
+
+    def command(self, script: str, *arguments: str) -> str:
+        """A command about this run."""
+        return " ".join(("python", f"rl/{script}.py", shlex.quote(str(self.folder)), *arguments))
+
+
+def read_run(folder: Path) -> Run:
+    """All of a run that is there.
+
+    Raises:
+        RunError: if the folder is not a run, or a file in it is broken.
+    """
+    config, source = run_folder.load_config(folder)
+    summary, meta = folder / run_folder.SUMMARY, folder / run_folder.META
+    found = {controller: kept(folder, controller) for controller in CONTROLLERS}
+    shown, crashes = load_log(log_file(folder, "policy"))
+    teams = [team for team in config.trained if (folder / team / HISTORY).is_file()]
+    sweeps = sorted((folder / FOLDER).iterdir()) if (folder / FOLDER).is_dir() else []
+    return Run(
+        folder=folder,
+        config=config,
+        judge=mission_class(config, source).Judge,
+        meta=run_folder.read_json(meta) if meta.is_file() else {},
+        summary=run_folder.read_json(summary) if summary.is_file() else None,
+        histories={team: read_history(folder / team / HISTORY) for team in teams},
+        evaluations={controller: of for controller, of in found.items() if of is not None},
+        shown=shown,
+        crashes=crashes,
+        sweeps={s.name: run_folder.read_json(s / JSON) if (s / JSON).is_file() else None for s in sweeps if s.is_dir()},
+    )

@@ -1,0 +1,43 @@
+"""A finished sweep as JSON and CSV in the run's folder, the same bytes however often it was interrupted."""
+
+import csv
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from rl.runs import folder as run_folder
+
+JSON, CSV = "sweep.json", "sweep.csv"
+WHO = {"policy": "policy", "classical": "classical", "difference": "policy - classical"}
+
+
+def write_tables(out: Path, about: Mapping[str, Any], rows: Sequence[Mapping[str, Any]]) -> None:
+    """Write `sweep.json`, which holds `about` and the cells' `rows` (run.py), and the same as `sweep.csv`."""
+    run_folder.write_json(out / JSON, {**about, "cells": list(rows)})
+    part = out / f"{CSV}.part"
+    with part.open("w", newline="", encoding="utf-8") as file:
+        names = [axis["name"] for axis in about["axes"]]
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow([*names, "team", "controller", "figure", "value", "low", "high", "cannot be"])
+        for row in rows:
+            values = [value_text(row["values"].get(name, "")) for name in names]
+            writer.writerows([*values, *line] for line in _lines(row))
+    os.replace(part, out / CSV)
+
+
+def value_text(value: Any) -> str:
+    """The value of an axis, as it is printed."""
+    if isinstance(value, list | tuple):
+        return ", ".join(map(value_text, value))
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _lines(row: Mapping[str, Any]) -> Iterator[list[Any]]:
+    """A line for each figure of a cell, and for each controller that cannot be."""
+    for who, reason in row["cannot_be"].items():
+        yield ["", WHO[who], "", "", "", "", " ".join(reason.split())]
+    for team, of_team in row["teams"].items():
+        for who, figures in of_team.items():
+            for figure, numbers in figures.items():
+                yield [team, WHO[who], figure, *("" if x is None else x for x in numbers), ""]

@@ -1,0 +1,154 @@
+"""The report of a run, and the episodes that it shows, run again."""
+
+import re
+import shutil
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from command_line import TEAMS, forget, tiny_run
+
+from rl.learn.policy import policies_of
+from rl.runs import evaluation
+from rl.runs import folder as run_folder
+from rl.runs.kept import kept
+from rl.runs.log import load_log, save_log
+from rl.runs.record import record_episode
+from rl.runs.report import write_report
+
+
+class Links(HTMLParser):
+    """Everything that a page asks for, and whether its elements are closed in order."""
+
+    VOID = ("meta", "link", "img", "br")
+
+    def __init__(self, page: str):
+        super().__init__()
+        self.found, self.open = [], []
+        self.feed(page)
+
+    def handle_starttag(self, tag, attrs):
+        self.found += [value for name, value in attrs if name in ("src", "href", "xlink:href", "action")]
+        self.found += [tag] if tag in ("script", "link", "iframe", "object") else []
+        if tag not in self.VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        self.handle_starttag(tag, attrs)
+        if tag not in self.VOID:
+            self.open.pop()
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag, (tag, self.getpos())
+
+
+def test_the_main_jobs_report_is_one_file_that_asks_for_nothing():
+    page = (tiny_run() / "report.html").read_text()
+    links = Links(page)
+    assert not links.open and page.count("<svg") >= 4
+    assert all(link.startswith("#") for link in links.found)
+    assert "http" not in page and "url(" not in re.sub(r"url\(#\w+\)", "", page)
+    assert len(page) < 2_000_000
+    for words in ("policy - classical", "leader_error_rms_m", "4 iterations", "worst episode", "No vehicle collided"):
+        assert words in page, words
+    assert "currentColor" in page and "#22313F" not in page.split("</style>")[1]  # is read on dark too
+
+
+def test_a_recording_is_linked_where_there_is_one(run, here):
+    assert f"python rl/play.py {run} --worst" in write_report([run]).read_text()
+    assert here("rl.play", run, "--worst").status == 0
+    links = Links(write_report([run]).read_text())
+    assert [link for link in links.found if not link.startswith("#")] == ["worst.rrd"]
+    assert (run / "worst.rrd").is_file()
+
+
+def test_a_report_says_what_is_missing_and_how_to_make_it(run, here):
+    forget(run, "uav")
+    ending = here("rl.report", run)
+    assert ending.status == 0, ending.err
+    page = (run / "report.html").read_text()
+    for words in ("training is not finished", f"python rl/evaluate.py {run}", "--sweep default", "--resume"):
+        assert words in page, words
+
+
+def test_two_runs_stand_side_by_side(run, tmp_path, here):
+    other = shutil.copytree(run, tmp_path / "other")
+    config = other / "config.toml"
+    config.write_text(config.read_text().replace("hs = 0.5", "hs = 0.6"))
+    ending = here("rl.report", run, other)
+    assert ending.status == 0, ending.err
+    page = (run / "report-and-other.html").read_text()
+    assert "run: policy - other: policy" in page and "Collisions: other" in page
+    assert "The scenarios differ in sea:" in page
+    assert "+0</b>" not in page and "+0 <i>(0 to 0)</i>" in page  # a run differs from its copy by nothing
+
+
+@pytest.mark.parametrize("name", ["worst", "median"])
+def test_an_episode_that_was_judged_is_run_again(name, run, monkeypatch):
+    """In whichever chunk it was: the same distances from the slots at every moment."""
+    monkeypatch.setattr(evaluation, "CHUNK", 3)
+    config, source = run_folder.load_config(run)
+    policies = policies_of("policy", run, config)
+    options = {"seed": 7, "source": source, "show_progress": False}
+    outcome = evaluation.judge_episodes(config, policies, episodes=7, look=True, **options)
+    number = outcome.result[f"{name}_episode"]
+    episode = record_episode(config, policies, number=(number, 7), **options)
+    time = episode.time_s > config.evaluation.settle + 1e-6
+    for team in TEAMS:
+        shown = outcome.shown[name].teams[team].series["distance from slot (m)"]
+        np.testing.assert_allclose(episode.teams[team].error_m, shown, rtol=0, atol=1e-4)
+        rms = np.sqrt((episode.teams[team].error_m[time, 0] ** 2).mean())
+        assert rms == pytest.approx(outcome.episodes[team]["leader_error_rms_m"][number], abs=1e-4)
+    errors = [np.fmax(of["leader_error_rms_m"], of["follower_error_rms_m"]) for of in outcome.episodes.values()]
+    assert (np.argsort(np.maximum(*errors))[{"worst": -1, "median": 3}[name]]) == number  # none collided or failed
+
+
+def test_the_worst_is_of_the_last_evaluation_and_under_its_conditions(run, here):
+    here("rl.play", run, "--worst", "--set", "sea.hs=1").fails("leave out")
+    here("rl.play", run, "--worst", "--median").fails("not allowed", status=2)
+    assert here("rl.evaluate", run, "--set", "sea.hs=0.8", "--episodes", "3").status == 0
+    found = kept(run, "policy")
+    assert found is not None and str(found.conditions) == "--set sea.hs=0.8" and found.result["episodes"] == 3
+    assert here("rl.play", run, "--worst").status == 0
+    assert (run / "worst.rrd").is_file()
+    shutil.rmtree(run / "evaluation")
+    here("rl.play", run, "--worst").fails("no evaluation of 'policy'", "python rl/evaluate.py")
+
+
+def test_collided_comes_before_failed_and_failed_before_a_large_error():
+    kind = evaluation.find_mission("formation").Judge
+    errors = {f"{who}_error_rms_m": np.array([0.1, 9.0, 0.2, np.nan, 0.3]) for who in ("leader", "follower")}
+    of_team = errors | {"collided": np.array([0, 0, 2, 0, 0.0]), "failed": np.array([0, 0, 1, 1, 0.0])}
+    assert evaluation.choose(kind, {"boats": of_team}) == {"worst": 2, "median": 1}
+    calm = of_team | {"collided": np.zeros(5), "failed": np.zeros(5)}
+    assert evaluation.choose(kind, {"boats": calm, "others": calm})["worst"] == 3  # it could not even be measured
+
+
+def test_five_seconds_before_a_collision_are_kept(run, tmp_path):
+    """Boats that go round at full speed meet each other."""
+    import torch
+
+    config, source = run_folder.load_config(run, ["episode_duration=20", "usv.spacing=6.5", "usv.start_distance=5"])
+
+    def turns(team):
+        action = torch.ones((team.mission.num_envs, team.fleet.count, len(team.action_names)))
+        action[:, ::2, -1] = -1.0
+        return action
+
+    outcome = evaluation.judge_episodes(
+        config, {"usv": turns}, episodes=6, seed=3, source=source, show_progress=False, look=True
+    )
+    assert 0 < len(outcome.crashes) <= 12
+    for crash in outcome.crashes:
+        assert outcome.episodes["usv"]["collided"][crash.before.episode] >= len(crash.vehicles)
+        gap = crash.before.teams["usv"].series["gap to anything (m)"]
+        assert crash.before.time_s[-1] == pytest.approx(crash.time_s)
+        assert crash.before.time_s[0] > max(0.0, crash.time_s - 5.0)
+        assert (gap[-1, list(crash.vehicles)] < 0).all() and (gap[:-1, list(crash.vehicles)] >= 0).all()
+    save_log(tmp_path / "log.npz", outcome.shown, outcome.crashes)
+    shown, crashes = load_log(tmp_path / "log.npz")
+    assert [(c.team, c.vehicles, c.time_s) for c in crashes] == [
+        (c.team, c.vehicles, c.time_s) for c in outcome.crashes
+    ]
+    assert shown["worst"].events == outcome.shown["worst"].events
+    np.testing.assert_array_equal(shown["worst"].teams["usv"].place_n, outcome.shown["worst"].teams["usv"].place_n)
