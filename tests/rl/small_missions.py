@@ -11,7 +11,7 @@ from rl.missions.formation.mission import Formation
 from taichi_sim.maths.rotation import torch_quaternion_from_euler
 
 TEAMS = ("usv", "uav")
-SMALL = ("track.worlds=4", "sea.realisations=4")
+SMALL = ("track.worlds=4", "sea.realisations=4", "usv.residual.share=0", "uav.residual.share=0")
 AXES = {"usv": 2, "uav": 3}
 
 # distance and direction, twice; 2 obstacles of (closeness, direction, width, velocity); mates of (closeness, direction)

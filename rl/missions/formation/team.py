@@ -71,7 +71,7 @@ class TeamTask(Team):
         """The vehicles' actions: the policy's, or the classical ones that they correct (config.ResidualConfig)."""
         if self.residual is None:
             return action
-        correction = self.residual.share * action.clamp(-1.0, 1.0)
+        correction = self.residual.share * (action.clamp(-1.0, 1.0) + 0.0 * action)  # what is not finite stays so
         if self.residual.gate is not None:
             near = (2 - self.sensor.gap * (2 / self.residual.gate)).clamp(0.0, 1.0)
             correction = correction * near.unsqueeze(-1)

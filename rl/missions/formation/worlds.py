@@ -68,8 +68,9 @@ def traffic_of(config: FormationScenario, media: set[str]) -> Traffic:
     track, cylinders = config.track, config.obstacles
     met = cylinders.count * config.episode_duration * track.target_speed / track.length
     radius = cylinders.radius_min, cylinders.radius_max
+    top = track.flight_height + FLYING_SPAN
     afloat = Span(0.0, VESSEL_TOPS, radius)
-    flying = Span(track.flight_height - FLYING_SPAN, (track.flight_height + FLYING_SPAN,) * 2, radius)
+    flying = Span(track.flight_height - FLYING_SPAN, (top, top), radius)
     water = config.sea.current
     heading, speed = (math.radians(water.direction_deg), water.speed) if water else (0.0, 0.0)
     return Traffic(
