@@ -17,7 +17,7 @@ from validation.tables import read_csv  # noqa: E402
 REFERENCE = ROOT / "tests" / "data" / "reference"
 DISPERSION = "dispersion_g9.81.csv"
 SECTIONS = sorted(p.name for p in REFERENCE.iterdir() if p.name != "params")
-LONG = ("cybership2", "hydrostatics", "wamv")  # compile a model each: among the slow tests only
+LONG = ("cybership2", "hydrostatics", "otter", "wamv")  # compile a model each: among the slow tests only
 SLOW = (rao.rao, aerosonde.trajectory)  # checkers that run long
 BESIDE_LATER = {"box_4x2x0.5_meta.json", "box_4x2x0.5_added_mass_damping.csv"}  # which only rao.rao reads
 EXPECTED = {

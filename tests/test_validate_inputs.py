@@ -134,6 +134,7 @@ def test_shafts_turn_as_in_the_table(command, error, tmp_path):
     assert worst < error
 
 
+@pytest.mark.slow
 def test_a_run_follows_the_shaft_speeds_of_its_columns(tmp_path, f64):
     """A hull whose propellers turn by 80 + 15 sin and 70 + 10 cos, stepped by our right-hand side in 20 ms."""
     p = parameters(Case(Folder(tmp_path), tmp_path / "any_converged.csv", "f64"))

@@ -44,6 +44,7 @@ def heads_at(team, euler, heave):
     return heads[:, :nodes], heads[:, nodes : 2 * nodes], R
 
 
+@pytest.mark.slow
 def test_heads_are_the_linear_pressure_averaged_over_a_step_of_the_line(otter, bench):
     """sum a exp(-k d) cos(k . x + phase), times sin(h)/h of half the turn h from point to point; tiny waves."""
     rng = np.random.default_rng(2)

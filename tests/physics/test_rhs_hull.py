@@ -11,7 +11,7 @@ pytestmark = pytest.mark.usefixtures("f64")
 DT, ENVS = 1e-8, 12  # s
 
 
-@pytest.mark.parametrize(("restoring", "lag"), [("panels", 0.1), ("linear", 0.0)])
+@pytest.mark.parametrize(("restoring", "lag"), [("panels", 0.1), pytest.param("linear", 0.0, marks=pytest.mark.slow)])
 def test_short_steps_tend_to_the_right_hand_side(restoring, lag, make_model, bench):
     """From random attitudes afloat, velocities and shaft speeds, which without a lag are there at once; an error of the
     order of dt, and rounding over dt.

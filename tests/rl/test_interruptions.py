@@ -26,7 +26,7 @@ from rl.learn.stages import train_stages
 from rl.runs import folder as run_folder
 
 
-@pytest.mark.parametrize("team", TEAMS)
+@pytest.mark.parametrize("team", [pytest.param("usv", marks=pytest.mark.slow), "uav"])
 def test_ctrl_c_in_a_stage_saves_and_the_run_can_go_on(team, run):
     forget(run, *(TEAMS if team == "usv" else ("uav",)))
     ending = command("rl.train", "--out", run, "--resume", fault=(team, 1, signal.SIGINT))

@@ -42,6 +42,7 @@ class Links(HTMLParser):
         assert self.open.pop() == tag, (tag, self.getpos())
 
 
+@pytest.mark.slow
 def test_the_main_jobs_report_is_one_file_that_asks_for_nothing():
     page = (tiny_run() / "report.html").read_text()
     links = Links(page)
@@ -54,6 +55,7 @@ def test_the_main_jobs_report_is_one_file_that_asks_for_nothing():
     assert "currentColor" in page and "#22313F" not in page.split("</style>")[1]  # is read on dark too
 
 
+@pytest.mark.slow
 def test_a_recording_is_linked_where_there_is_one(run, here):
     assert f"python rl/play.py {run} --worst" in write_report([run]).read_text()
     assert here("rl.play", run, "--worst").status == 0

@@ -181,6 +181,7 @@ def test_training_is_the_same_again_for_the_same_seed(trained, tmp_path):
     assert history(other / "usv" / "progress.csv") != history(run / "usv" / "progress.csv")
 
 
+@pytest.mark.slow
 def test_evaluation_is_the_same_on_any_number_of_threads_and_again(trained, tmp_path):
     wanted = ["--episodes", 40, "--seed", 5, "--set", "episode_duration=4"]
     texts = []
