@@ -99,6 +99,7 @@ def test_froude_krylov_heave_in_finite_depth(f64):
     assert np.abs(F[:, 2].imag).max() < 1e-3 * heave.max()
 
 
+@pytest.mark.slow
 def test_page_has_sections_figures_and_pictures(tmp_path, monkeypatch):
     tables = tmp_path / "reference" / "hydrostatics"
     tables.mkdir(parents=True)

@@ -57,6 +57,7 @@ def report_of(folder, *functions):
 # -- contradictions ---------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_wind_in_columns_is_flown_in(tmp_path):
     flight = in_wind(columns_of("aerosonde/elevator_doublet_A.csv"))
     told = {c: np.full(len(flight["t"]), w) for c, w in zip(("wn", "we", "wd"), WIND, strict=True)}
@@ -81,7 +82,7 @@ def test_a_wind_that_is_not_told_is_a_missing_input(without, named, tmp_path):
     assert "FAIL" not in report.to_text()
 
 
-@pytest.mark.parametrize(("u", "same"), [(2.0, True), (1.5, False)])
+@pytest.mark.parametrize(("u", "same"), [pytest.param(2.0, True, marks=pytest.mark.slow), (1.5, False)])
 def test_the_state_beside_a_table_is_its_first_row(u, same, tmp_path):
     shutil.copy(REFERENCE / "otter" / "decay_surge_converged.csv", tmp_path)
     start = {"initial_state": {"u": u, "v": 0.0}}

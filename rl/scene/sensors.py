@@ -13,7 +13,7 @@ from typing import Literal, NamedTuple
 import taichi as ti
 import torch
 
-from rl.scene.traffic import BOTTOM, EAST, NORTH, RADIUS, ROWS, TOP, V_EAST, V_NORTH, Bodies
+from rl.scene.traffic import AWAY, BOTTOM, EAST, NORTH, RADIUS, ROWS, TOP, V_EAST, V_NORTH, Bodies
 from taichi_sim import runtime
 from taichi_sim.fleet import Fleet
 from taichi_sim.kinematics import HEADING_COS, HEADING_SIN
@@ -21,6 +21,7 @@ from taichi_sim.kinematics import HEADING_COS, HEADING_SIN
 _array3, _array4 = (ti.types.ndarray(ndim=n) for n in (3, 4))
 SensedPack = ti.types.argpack(gap=ti.types.ndarray(ndim=2), obstacles=_array4, mates=_array4, signals=_array3)
 SensingPack = ti.types.argpack(state=_array3, derived=_array3, numbers=ti.types.ndarray(ndim=1))
+WIDTH = 8  # obstacles in a vector
 FAR = 1e9  # m: below any bottom
 SPEED_SCALE = 10.0  # m/s, where an obstacle's squashed speed is half way to 1
 
@@ -34,7 +35,7 @@ class Sight(NamedTuple):
     mates: int
     axes: int  # of the vehicle's own frame
     field: int = 1  # obstacles in a world: a loop of known length is unrolled over whole vectors
-    bodies: int = 0  # that move, in an environment
+    moving: bool = False  # whether there are bodies that move
     serial: bool = False  # on the calling thread
 
 
@@ -113,11 +114,12 @@ def near_obstacles(field: ti.template(), w, place, reach, radius, sight: ti.temp
 @ti.func
 def near_bodies(bodies: ti.template(), e, place, radius, sight: ti.template(), gap, distance, index):
     """The same with the bodies of environment e among them, numbered on from the obstacles that stand."""
-    for m in range(sight.bodies):
-        dx, dy = bodies[e, NORTH, m] - place[0], bodies[e, EAST, m] - place[1]
-        d = cylinder_distance(dx, dy, -place[2], bodies[e, RADIUS, m], bodies[e, BOTTOM, m], bodies[e, TOP, m])
-        gap = ti.min(gap, d - radius)
-        distance, index = insert(distance, index, d, m + ti.static(sight.field), sight.obstacles)
+    if ti.static(sight.moving):
+        for m in range(bodies.shape[2]):
+            dx, dy = bodies[e, NORTH, m] - place[0], bodies[e, EAST, m] - place[1]
+            d = cylinder_distance(dx, dy, -place[2], bodies[e, RADIUS, m], bodies[e, BOTTOM, m], bodies[e, TOP, m])
+            gap = ti.min(gap, d - radius)
+            distance, index = insert(distance, index, d, m + ti.static(sight.field), sight.obstacles)
     return gap, distance, index
 
 
@@ -267,12 +269,18 @@ class Sensor:
         It does so in environments that are not 0 in `which` [env], `count` of them (default: in all).
         """
         if obstacles is not self._field:  # by column, so that the kernel reads whole vectors
-            self._field, self._columns = obstacles, obstacles.transpose(1, 2).contiguous()
+            self._field, self._columns = obstacles, _padded(obstacles.transpose(1, 2))
         if which is None:
             which, count = self._all, len(self._all)
-        moving, number = self._nobody, 0
-        if bodies is not None and bodies.present:
-            moving, number = bodies.table, bodies.table.shape[-1]
+        moving = bodies is not None and bodies.present
+        table = bodies.table if bodies is not None and moving else self._nobody
         serial = runtime.few(count * self.fleet.state.shape[1], LOOK)
-        sight = self._sight._replace(field=obstacles.shape[1], bodies=number, serial=serial)
-        self._launch(self._sensed(), self._team(), self._columns, moving, env_world, which, sight)
+        sight = self._sight._replace(field=self._columns.shape[2], moving=moving, serial=serial)
+        self._launch(self._sensed(), self._team(), self._columns, table, env_world, which, sight)
+
+
+def _padded(columns: torch.Tensor) -> torch.Tensor:
+    """Obstacles [world, 4, m], with others out of all reach up to a multiple of `WIDTH`: fewer kernels to compile."""
+    missing = -columns.shape[2] % WIDTH
+    far = columns.new_tensor([AWAY, AWAY, 0.0, 0.0]).view(1, 4, 1).expand(columns.shape[0], 4, missing)
+    return torch.cat((columns, far), dim=2).contiguous()

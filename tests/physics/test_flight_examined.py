@@ -66,7 +66,8 @@ def test_in_sheared_wind_the_loads_do_the_work(f64, make_model):
     assert np.abs(left).max() < 2e-3 * np.abs(work).max()
 
 
-@pytest.mark.parametrize("name", [pytest.param("aerosonde", marks=pytest.mark.slow), "zagi"])
+@pytest.mark.parametrize("name", ["aerosonde", "zagi"])
+@pytest.mark.slow
 def test_no_attitude_or_airspeed_is_a_nan(name, single, make_model):
     """10 s of reversed full deflections from rest, level and nose up, a tail slide, inverted flight, flight backward,
     edgewise and at an angle of attack of 135 deg, and spins of 6 rad/s; in a wind of the cruising airspeed.
@@ -132,6 +133,7 @@ def test_single_precision_flies_like_double(make_model, bench):
     assert apart[QUATERNION].max() < 1e-4
 
 
+@pytest.mark.slow
 def test_a_dump_of_any_environment_replays_to_the_bit(single, tmp_path):
     """The turbulence around an aircraft is counted by its environment: a replay, alone, must meet the same."""
     world = World.from_scenario("aerosonde", 4, ("sea.realisations=1", "sea.components=2"), teams=("uav",))

@@ -238,6 +238,7 @@ def test_a_gust_of_a_second_is_met_to_second_order(gust, make_model):
 # -- threads -----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_bits_do_not_depend_on_the_number_of_threads(make_model):
     """64 flights in turbulence: the same state and air from one thread and from two."""
     found = []

@@ -49,6 +49,7 @@ def same_but(first, second, env, vehicle):
     return all(torch.equal(a[keep], b[keep]) for a, b in zip(first, second, strict=True))
 
 
+@pytest.mark.slow
 def test_a_vehicle_of_nan_changes_no_bit_of_the_others(run):
     def spoil(state):
         state[2, 1] = torch.nan
@@ -79,6 +80,7 @@ def test_extreme_places_and_speeds_harm_nobody_else(case, run):
         assert float(extreme[3][3, 0, 11]) < -0.5  # and floats up
 
 
+@pytest.mark.slow
 def test_two_threads_make_the_same_bits_as_one(run):
     one = run(threads=1)
     again = run(threads=1)

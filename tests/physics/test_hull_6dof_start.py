@@ -109,6 +109,7 @@ def first_seconds():
     return found
 
 
+@pytest.mark.slow
 def test_no_otter_is_swamped_in_its_first_second(first_seconds):
     """Of 512 in sea state 4, where at rest on the surface some are."""
     for how, (depth, _) in first_seconds.items():

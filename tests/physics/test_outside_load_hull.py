@@ -67,6 +67,7 @@ def test_a_force_through_the_centre_of_gravity_is_its_momentum(free, bench):
     assert nu == pytest.approx(np.array([[F * time / body.mass, 0, 0, 0, 0, 0], [0] * 5 + [N * time / I_z]]), abs=1e-9)
 
 
+@pytest.mark.slow
 def test_a_load_of_zero_is_no_load(free, bench):
     without, zero = bench(free), pushed(free, bench, [NONE])
     for team in (without, zero):
