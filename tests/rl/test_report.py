@@ -90,7 +90,7 @@ def test_an_episode_that_was_judged_is_run_again(name, run, monkeypatch):
     """In whichever chunk it was: the same distances from the slots at every moment."""
     monkeypatch.setattr(evaluation, "CHUNK", 3)
     config, source = run_folder.load_config(run)
-    policies = policies_of("policy", run, config)
+    policies = policies_of("classical", run, config)  # none of whose vehicles ends early
     options = {"seed": 7, "source": source, "show_progress": False}
     outcome = evaluation.judge_episodes(config, policies, episodes=7, look=True, **options)
     number = outcome.result[f"{name}_episode"]
