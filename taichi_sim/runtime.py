@@ -156,7 +156,7 @@ def torch_at_rest() -> Iterator[None]:
 
     Its own threads spin for milliseconds after a parallel operation, in case there is another one. Between Taichi's
     kernels, which then have to share their cores with them, that costs more than it gives: kernels took up to twice
-    the time.
+    the time. On one thread matrix products are the same bits, too, whatever the machine's setting.
     """
     threads = torch.get_num_threads()
     torch.set_num_threads(1)

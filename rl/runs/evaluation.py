@@ -5,13 +5,11 @@ the result does not depend on the number of threads. What an episode is depends 
 again by running its whole chunk again.
 """
 
-import contextlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 from tqdm import tqdm
 
@@ -22,6 +20,7 @@ from rl.missions import find_mission
 from rl.runs.log import Crash, Excerpt, Log
 from rl.scenario import Scenario
 from rl.seeds import derive_seed
+from taichi_sim import runtime
 from taichi_sim.config import ConfigError
 
 CHUNK = 256  # episodes simulated at once
@@ -81,7 +80,7 @@ def judge_episodes(
     crashes: list[Crash] = []
     log: Log | None = None
     total = -(-episodes // CHUNK) * config.episode_steps
-    with one_thread(), tqdm(total=total, desc="evaluate", unit="step", disable=not show_progress) as bar:
+    with runtime.torch_at_rest(), tqdm(total=total, desc="evaluate", unit="step", disable=not show_progress) as bar:
         for first in range(0, episodes, CHUNK):
             mission = one_episode_each(config, tuple(policies), min(CHUNK, episodes - first), seed, source, first)
             log = Log(mission, first) if look else None
@@ -140,7 +139,7 @@ def chunk_with(
 def _log_again(
     config: Scenario, policies: Mapping[str, Policy], episodes: int, seed: int, source: Path | None, episode: int
 ) -> Log:
-    with one_thread():
+    with runtime.torch_at_rest():
         mission, first = chunk_with(config, tuple(policies), episodes, seed, source, episode)
         log = Log(mission, first)
         run_episodes(mission, policies, log=log)
@@ -158,17 +157,6 @@ def check_measurable(config: Scenario) -> None:
             f"episode_duration = {config.episode_duration} s must exceed evaluation.settle = "
             f"{config.evaluation.settle} s: errors are measured only after it"
         )
-
-
-@contextlib.contextmanager
-def one_thread():
-    """Run torch on one thread: matrix products are then the same bits whatever the machine's setting."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)
 
 
 def run_episodes(

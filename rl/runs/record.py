@@ -10,9 +10,10 @@ from tqdm import tqdm
 
 from rl.learn.policy import Policy
 from rl.mission import Step
-from rl.runs.evaluation import chunk_with, one_episode_each, one_thread
+from rl.runs.evaluation import chunk_with, one_episode_each
 from rl.runs.events import event_of
 from rl.scenario import Scenario
+from taichi_sim import runtime
 from taichi_sim.config.io import toml_text
 from taichi_sim.recording import Episode, Event, Recorder
 
@@ -49,7 +50,7 @@ def record_episode(
     rows: dict[str, list[dict[str, np.ndarray]]] = {name: [] for name in task.teams}
     seen: set[tuple[str, int, str]] = set()
     events: list[Event] = []
-    with one_thread():
+    with runtime.torch_at_rest():
         for i in tqdm(range(steps), desc="record", unit="step", disable=not show_progress):
             step = task.step({name: policies[name](team) for name, team in task.teams.items()})
             events += _events(step, (i + 1) * config.decision_interval, seen, env)
