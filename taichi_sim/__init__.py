@@ -32,7 +32,7 @@ _PUBLIC = {
     "taichi_sim.bench": ("Bench", "calm_sea"),
     "taichi_sim.config": (
         "AirConfig", "ConfigError", "CurrentConfig", "Finite", "Fraction", "GustConfig", "NonNegative", "Positive",
-        "SeaConfig", "Strict", "SwellConfig", "TeamConfig", "WorldConfig",
+        "Range", "SeaConfig", "Strict", "SwellConfig", "TeamConfig", "WorldConfig",
     ),
     "taichi_sim.config.io": ("load_world",),
     "taichi_sim.fleet": ("Fleet",),

@@ -28,6 +28,9 @@ from taichi_sim.config import (
     Positive as Positive,
 )
 from taichi_sim.config import (
+    Range as Range,
+)
+from taichi_sim.config import (
     SeaConfig as SeaConfig,
 )
 from taichi_sim.config import (

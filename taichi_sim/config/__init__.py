@@ -7,6 +7,7 @@ say so (`_deg`). Reading, overriding and writing TOML is in config/io.py.
 from taichi_sim.config.air import AirConfig, GustConfig
 from taichi_sim.config.base import ConfigError, Finite, Fraction, NonNegative, Positive, Strict
 from taichi_sim.config.sea import CurrentConfig, SeaConfig, SwellConfig
+from taichi_sim.config.vary import Range
 from taichi_sim.config.world import TeamConfig, WorldConfig
 
 __all__ = [
@@ -18,6 +19,7 @@ __all__ = [
     "GustConfig",
     "NonNegative",
     "Positive",
+    "Range",
     "SeaConfig",
     "Strict",
     "SwellConfig",

@@ -10,6 +10,7 @@ from pydantic import BaseModel, ValidationError
 
 from taichi_sim.config.base import ConfigError, Strict
 from taichi_sim.config.explain import explain, nearly, source_of
+from taichi_sim.config.vary import FIXED_BY, flattened, with_range
 from taichi_sim.config.world import TeamConfig, WorldConfig
 
 Model = TypeVar("Model", bound=Strict)
@@ -153,12 +154,14 @@ def apply_overrides(
     keys = [key_of(text) for text in overrides]
     for section in dict.fromkeys(key.rpartition(".")[0] for key in keys):
         _take_other_ways_back(data, section, keys, kind)
+    for key in keys:
+        _take_variation_back(data, key)
     return {_override(data, text, kind): f"--set {text}" for text in overrides}
 
 
 def key_of(override: str) -> str:
-    """KEY of a `KEY=VALUE`."""
-    return override.partition("=")[0].strip()
+    """KEY of a `KEY=VALUE`; quotes around dotted keys of a table of ranges do not count."""
+    return override.partition("=")[0].strip().replace('"', "")
 
 
 def _take_other_ways_back(data: dict[str, Any], section: str, keys: list[str], kind: type[WorldConfig]) -> None:
@@ -172,21 +175,34 @@ def _take_other_ways_back(data: dict[str, Any], section: str, keys: list[str], k
             node.pop(name, None)
 
 
+def _take_variation_back(data: dict[str, Any], key: str) -> None:
+    """What an override gives no longer varies: a condition of the sea or the air, or the numbers of another vehicle."""
+    fixed, (section, _, name) = {key, *FIXED_BY.get(key, ())}, key.partition(".")
+    if isinstance(data.get("vary"), dict):
+        kept = flattened(data["vary"]).items()
+        data["vary"] = {k: v for k, v in kept if k not in fixed and not k.startswith(f"{key}.")}
+    if name == "vehicle" and isinstance(data.get(section), dict):
+        data[section].pop("vary", None)
+
+
 def _override(data: dict[str, Any], text: str, kind: type[WorldConfig]) -> str:
     """Apply one `a.b.c=VALUE` and return the key; VALUE is TOML, or a bare string."""
     key, equals, value = key_of(text), *text.partition("=")[1:]
     parts = key.split(".")
     if not equals or not all(parts):
         raise ConfigError(f"--set {text}: expected KEY=VALUE, for example --set usv.count=5")
-    node = data
+    node, value = data, _parse_value(value.strip())
     for depth, part in enumerate(parts[:-1]):
+        if part == "vary" and depth < 2 and isinstance(node.get("vary", {}), dict):
+            node["vary"] = with_range(node.get("vary", {}), ".".join(parts[depth + 1 :]), value)
+            return key
         inner = node.setdefault(part, {})
         if not isinstance(inner, dict) and part in kind.plain:
             inner = node[part] = {kind.plain[part]: inner}
         if not isinstance(inner, dict):
             raise ConfigError(f"--set {text}: {'.'.join(parts[: depth + 1])} is a value, not a section")
         node = inner
-    node[parts[-1]] = _parse_value(value.strip())
+    node[parts[-1]] = value
     return key
 
 

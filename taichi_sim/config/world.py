@@ -1,13 +1,15 @@
 """What a world is made of: times, sea, air, and teams of vehicles. A mission's scenario adds its own keys to these."""
 
+import difflib
 from collections.abc import Mapping
 from typing import Annotated, ClassVar, Literal
 
 from pydantic import ConfigDict, Field, model_validator
 
 from taichi_sim.config.air import AirConfig
-from taichi_sim.config.base import Strict
+from taichi_sim.config.base import NonNegative, Strict
 from taichi_sim.config.sea import SeaConfig
+from taichi_sim.config.vary import CONDITIONS, SIZE, Ranges
 
 
 class TeamConfig(Strict):
@@ -17,6 +19,7 @@ class TeamConfig(Strict):
     count: Annotated[int, Field(ge=1, le=64)] = 3  # vehicles; number 0 leads, where a mission has a leader
     medium: Literal["water", "air"] | None = None  # what the team is meant to move in: other vehicles are refused
     script: Annotated[str, Field(min_length=1)] | None = None  # module:Class that acts for it (script.py)
+    vary: Ranges = {}  # key of the vehicle's `varying` -> range; drawn for each vehicle and episode (vary.py)
 
 
 class WorldConfig(Strict):
@@ -42,6 +45,8 @@ class WorldConfig(Strict):
     decision_interval: Annotated[float, Field(gt=0, le=5)] = 0.1  # actions are held this long, s
     sea: SeaConfig = SeaConfig()
     air: AirConfig = AirConfig()
+    vary: Ranges = {}  # key of `CONDITIONS` -> range; drawn for each realisation of the sea (vary.py, conditions.py)
+    variation: NonNegative = 1.0  # width of all ranges, the teams' too, over that given; 0: nothing varies
 
     @property
     def teams(self) -> dict[str, TeamConfig]:
@@ -63,6 +68,25 @@ class WorldConfig(Strict):
         ratio = self.decision_interval / self.dt
         if ratio < 0.999 or abs(ratio - round(ratio)) > 1e-6:
             raise ValueError(f"decision_interval = {self.decision_interval} must be a whole multiple of dt = {self.dt}")
+        return self
+
+    @model_validator(mode="after")
+    def _can_vary(self):
+        for key, given in self.vary.items():
+            if key not in CONDITIONS:
+                close = difflib.get_close_matches(key, CONDITIONS, n=1)
+                hint = f", did you mean {close[0]!r}?" if close else ""
+                raise ValueError(f"vary.{key} = {given}: unknown key{hint}; allowed here: {', '.join(CONDITIONS)}")
+        size = [key for key in SIZE if key in self.vary]
+        if "sea.sea_state" in size and len(size) > 1:
+            raise ValueError(f"vary: {' and '.join(size)}: a sea state is a height and a period: vary it, or these")
+        if self.sea.follows_wind:
+            size += [key for key in self.vary if key == "sea.direction_deg"]
+            told = "the sea follows the wind: vary air.speed and air.direction_deg"
+        else:
+            told = "the size of the sea is given by sea.wind_speed: give hs and tp, or sea_state,"
+        if size and (self.sea.follows_wind or self.sea.wind_speed is not None):
+            raise ValueError(f"vary.{size[0]} = {self.vary[size[0]]}: {told} instead")
         return self
 
     def bare(self) -> "WorldConfig":

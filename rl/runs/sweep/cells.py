@@ -108,6 +108,8 @@ def _unknown(kind: type[Scenario], parts: list[str], teams: Mapping[str, Any]) -
     """The place in a key at which a scenario has no such name, and the names it has there; None if it has the key."""
     for depth, part in enumerate(parts):
         allowed = keys_at(kind, tuple(parts[:depth])) + (list(teams) if depth == 0 else [])
+        if parts[depth - 1 : depth] == ["vary"]:
+            return None  # keys of a table of ranges, which say themselves what they are of
         if part not in allowed:
             return depth, allowed
     return None

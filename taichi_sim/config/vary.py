@@ -1,0 +1,135 @@
+"""What differs from environment to environment: ranges that numbers are drawn from, and tables of them by key.
+
+    [usv.vary]                                      # of each vehicle of a team, drawn anew for every episode
+    "rigid_body.mass" = { factor = [0.9, 1.2] }
+
+    [vary]                                          # of sea and air, one draw for each realisation of the sea
+    "sea.hs" = [0.2, 1.0]                           # the same as { range = [0.2, 1.0] }
+    "air.direction_deg" = { add = [-30, 30], distribution = "normal" }
+
+Keys are dotted; TOML may as well nest them (`rigid_body.mass = ...`), which is the same.
+"""
+
+import difflib
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, model_validator
+
+from taichi_sim.config.base import Finite, Strict
+
+WAYS = ("range", "factor", "add")  # of giving a range
+
+SIZE = ("sea.hs", "sea.tp", "sea.sea_state")
+CONDITIONS: Mapping[str, tuple[float, float]] = {
+    "sea.hs": (0.0, 15.0),  # m
+    "sea.tp": (0.5, 30.0),  # s
+    "sea.sea_state": (0.0, 6.0),  # between the middles of WMO's codes
+    "sea.direction_deg": (-3600.0, 3600.0),
+    "sea.current.speed": (0.0, 10.0),  # m/s
+    "sea.current.direction_deg": (-3600.0, 3600.0),
+    "air.speed": (0.0, 60.0),  # m/s
+    "air.direction_deg": (-3600.0, 3600.0),
+    "air.turbulence": (0.0, 10.0),  # of its intensity, 1
+}
+"""What may vary of sea and air, and between what (conditions.py)."""
+
+FIXED_BY: Mapping[str, tuple[str, ...]] = {
+    **{f"sea.{key}": SIZE for key in ("hs", "tp", "sea_state", "wind_speed", "fetch")},
+    "sea.follows_wind": (*SIZE, "sea.direction_deg"),
+    "air.beaufort": ("air.speed",),
+}
+"""Key of a scenario -> other conditions than itself that are given with it, and then no longer drawn (io.py)."""
+
+Pair = tuple[Finite, Finite]
+
+
+class Range(Strict):
+    """Where a number is drawn from, given in exactly one way; a plain list is a `range`.
+
+    About the value that the file itself gives, its nominal one, a range is as wide as the world's `variation` says:
+    at 1 as given, at 0 it is the nominal value alone, between and beyond, both ends move in proportion from there
+    (whether the range contains the nominal value or not).
+    """
+
+    range: Pair | None = None  # the lowest and the highest value
+    factor: Pair | None = None  # times the nominal value
+    add: Pair | None = None  # to the nominal value
+    distribution: Literal["uniform", "normal"] = "uniform"  # normal: the ends are 2 standard deviations from the middle
+
+    @model_validator(mode="before")
+    @classmethod
+    def _plain(cls, given: Any) -> Any:
+        return {"range": tuple(given)} if isinstance(given, list | tuple) else given
+
+    @model_validator(mode="after")
+    def _one_way(self):
+        given = [way for way in WAYS if getattr(self, way) is not None]
+        if len(given) != 1:
+            raise ValueError(f"give exactly one of {', '.join(WAYS)}; given: {', '.join(given) or 'none'}")
+        low, high = getattr(self, given[0])
+        if low > high:
+            raise ValueError(f"{given[0]} = [{low:g}, {high:g}]: the first must not be above the second")
+        return self
+
+    @property
+    def way(self) -> str:
+        """The one of `WAYS` that it is given in."""
+        return next(way for way in WAYS if getattr(self, way) is not None)
+
+    def ends(self, nominal: float, variation: float = 1.0) -> tuple[float, float]:
+        """The lowest and the highest value, about a nominal one.
+
+        Raises:
+            ValueError: for a factor of zero, which changes nothing.
+        """
+        pair = getattr(self, self.way)
+        if self.way == "factor" and nominal == 0.0:
+            raise ValueError(f"factor = {list(pair)} changes nothing, for the nominal value is 0: use add or range")
+        given = {"range": pair, "factor": [nominal * x for x in pair], "add": [nominal + x for x in pair]}[self.way]
+        low, high = sorted(given if variation == 1.0 else [nominal + variation * (x - nominal) for x in given])
+        return low, high
+
+    def __str__(self) -> str:
+        """As a file has it."""
+        shape = "" if self.distribution == "uniform" else f', distribution = "{self.distribution}"'
+        return f"{{ {self.way} = {list(getattr(self, self.way))}{shape} }}"
+
+
+def flattened(table: Any) -> Any:
+    """A table of ranges with nested keys made dotted ones; anything else as it is."""
+    if not isinstance(table, dict):
+        return table
+    flat: dict[str, Any] = {}
+    for key, value in table.items():
+        if isinstance(value, dict) and not _is_range(value):
+            flat |= {f"{key}.{inner}": item for inner, item in flattened(value).items()}
+        else:
+            flat[key] = value
+    return flat
+
+
+def _is_range(table: dict) -> bool:
+    """Whether a table is one range, or meant to be: some key is a range's, or nearly so."""
+    return not table or any(difflib.get_close_matches(str(key), Range.model_fields, n=1, cutoff=0.7) for key in table)
+
+
+def with_range(table: Any, key: str, value: Any) -> dict[str, Any]:
+    """A table of ranges in which `key` is `value`; "KEY.factor" (range, add, distribution) is one number of a range.
+
+    As an override has it: another way of giving that range is taken back, and another size of the sea.
+    """
+    flat = dict(flattened(table))
+    head, _, last = key.rpartition(".")
+    if head and last in Range.model_fields:
+        old = flat.get(head, {})
+        kept = dict(old) if isinstance(old, dict) else {"range": old}
+        if last in WAYS:
+            kept = {name: item for name, item in kept.items() if name not in WAYS}
+        key, value = head, {**kept, last: value}
+    taken_back = {"sea.sea_state": SIZE[:2], "sea.hs": SIZE[2:], "sea.tp": SIZE[2:]}.get(key, ())
+    return {name: item for name, item in flat.items() if name not in taken_back} | {key: value}
+
+
+Ranges = Annotated[dict[str, Range], BeforeValidator(flattened)]
+"""Key, dotted -> what its value is drawn from."""
