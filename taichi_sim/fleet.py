@@ -120,11 +120,11 @@ class Fleet:
     @property
     def vary(self) -> dict[str, Tensor]:
         """The numbers that may differ between environments, as they are: key -> [env, vehicle] (a copy)."""
-        values = self._nominal() if self._vary is None else self._vary
+        values = self.nominal if self._vary is None else self._vary
         return {key: values[..., k].expand(self.state.shape[:2]).clone() for k, key in enumerate(self.model.varying)}
 
     def set_numbers(self, values: Mapping[str, Any], envs: Tensor | None = None) -> None:
-        """Give vehicles numbers of their own, until set again; others keep theirs.
+        """Give vehicles numbers of their own, until set again (or drawn: draws.py); others keep theirs.
 
         Args:
             values: key of `model.varying` -> number, or what broadcasts to [n, vehicle]. envs: int64 [n], default all.
@@ -135,19 +135,27 @@ class Fleet:
         """
         rows = self._all if envs is None else envs
         shape = (len(rows), self.count)
-        if self._vary is None:
-            self._vary = self._nominal().expand(*self.state.shape[:2], -1).clone()
-        fresh = self._vary[rows]
+        fresh = self.nominal if self._vary is None else self._vary[rows]
+        fresh = fresh.expand(*shape, -1).clone()
         for key, value in values.items():
             self.model.check_varies(key)
             fresh[..., self.model.varying.index(key)] = self._checked(key, value, shape)
-        self._vary[rows] = fresh
-        numbers = self.model.numbers(fresh).to(self.state.dtype)
-        if not self.varied:
-            whole = self.model.numbers(self._vary).to(self.state.dtype)
-            self._numbers, self.varied = whole.contiguous(), True
+        self.give_numbers(fresh, self.model.numbers(fresh), rows)
+
+    def give_numbers(self, vary: Tensor, numbers: Tensor, envs: Tensor) -> None:
+        """Unchecked, all numbers of the vehicles of environments `envs` [n], int64.
+
+        Args:
+            vary: [n, vehicle, len(model.varying)], float64. numbers: [n, vehicle, m], what the model makes of them
+                (`Vehicle.numbers`).
+        """
+        if self._vary is None:
+            whole = self.nominal.expand(*self.state.shape[:2], -1).clone()
+            self._vary, self.varied = whole, True
+            self._numbers = self.model.numbers(whole).to(self.state.dtype).contiguous()
             self._pack = self._packed()
-        self._numbers[rows] = numbers
+        self._vary[envs] = vary
+        self._numbers[envs] = numbers.to(self.state.dtype)
 
     def _checked(self, key: str, value: Any, shape: tuple[int, int]) -> Tensor:
         """Values [n, vehicle], float64, of a number; the least and the greatest are held to the file's own rules."""
@@ -159,12 +167,17 @@ class Fleet:
         except RuntimeError:
             raise ValueError(f"{self.name}: {key} has shape {tuple(given.shape)}, expected {list(shape)}") from None
         for extreme in {float(given.min()), float(given.max())}:
-            try:
-                self.model.with_numbers({key: extreme})
-            except ValueError as error:  # pydantic's
-                reason = str(error).splitlines()[-2 if "\n" in str(error) else -1].strip()
-                raise ConfigError(f"{self.name}: {key} = {extreme:g} cannot be: {reason}") from None
+            if reason := self.refusal(key, extreme):
+                raise ConfigError(f"{self.name}: {key} = {extreme:g} cannot be: {reason}")
         return full
+
+    def refusal(self, key: str, value: float) -> str | None:
+        """Why the vehicle file could not hold a value of a number that varies; None if it could."""
+        try:
+            self.model.with_numbers({key: value})
+        except ValueError as error:  # pydantic's
+            return str(error).splitlines()[-2 if "\n" in str(error) else -1].strip()
+        return None
 
     @property
     def own(self) -> Any:
@@ -173,8 +186,9 @@ class Fleet:
             return self.model.constants
         return self.model.own({key: self._vary[..., k].to(self.state) for k, key in enumerate(self.model.varying)})
 
-    def _nominal(self) -> Tensor:
-        """Values [varying] of the vehicle file, float64."""
+    @property
+    def nominal(self) -> Tensor:
+        """Values [len(model.varying)] of the vehicle file, float64."""
         return torch.tensor(list(self.model.nominal.values()), dtype=torch.float64, device=self.state.device)
 
     # -- named views -----------------------------------------------------------------------------------------------

@@ -19,10 +19,12 @@ FleetPack = ti.types.argpack(
 """A team, each [env, vehicle, n] (fleet.py); `numbers` and `load` are [1, 1, 1] where they are not used."""
 
 AroundPack = ti.types.argpack(
-    sea=_array3, env_sea=_whole1, phase=_array2, current=_array2, wind=_array2, air=_array1, count=_whole1
-)
-"""The surroundings (surroundings.py); `air` = (shear, w20, w20_factor) is of the wind (`Wind.numbers`), `count` =
-(clock, seed, first_env) of the random numbers, each modulo 2^32."""
+    sea=_array3, env_sea=_whole1, phase=_array2, current=_array2, wind=_array2, air=_array1,
+    turbulence=_array1, count=_whole1,
+)  # fmt: skip
+"""The surroundings (surroundings.py); `air` = (shear, w20, w20_factor) is of the wind (`Wind.numbers`), `turbulence`
+[env] the factor of its intensity where that differs (else not to be read), `count` = (clock, seed, first_env) of the
+random numbers, each modulo 2^32."""
 
 
 class Build(NamedTuple):

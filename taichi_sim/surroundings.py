@@ -30,6 +30,7 @@ class Surroundings:
     clock: int = 0  # control steps since the world was made, through all episodes: counts the random numbers
     seed: int = 0  # of the random numbers
     first_env: int = 0  # number, among the random numbers, of the first environment: not 0 in a replay
+    turbulence: Tensor | None = None  # [env], factor of the turbulence's intensity; None is 1 everywhere
     _count: Tensor = field(init=False, repr=False)
     _pack: runtime.Packed = field(init=False, repr=False)
 
@@ -40,7 +41,7 @@ class Surroundings:
         air = torch.tensor(numbers, dtype=self.sea.dtype, device=self.sea.device)
         self._pack = runtime.Packed(
             AroundPack, sea=self.sea, env_sea=self.env_sea, phase=self.phase, current=self.current, wind=self.wind,
-            air=air, count=self._count,
+            air=air, turbulence=air if self.turbulence is None else self.turbulence, count=self._count,
         )  # fmt: skip
         self.tick(0)
 

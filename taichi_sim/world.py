@@ -9,16 +9,15 @@ import torch
 
 from taichi_sim import runtime
 from taichi_sim.air import Wind
-from taichi_sim.air.wind import wind_speed
-from taichi_sim.config import ConfigError, SeaConfig, WorldConfig
+from taichi_sim.conditions import TOLD, realise, varied
+from taichi_sim.config import ConfigError, WorldConfig
 from taichi_sim.config.io import find_config, load_world, vehicle_file
+from taichi_sim.draws import NumberDraws
 from taichi_sim.dump import Dump, save_dump
 from taichi_sim.fleet import Fleet
 from taichi_sim.plugins import load_class
 from taichi_sim.script import Script
-from taichi_sim.sea import Sea
 from taichi_sim.sea.current import Current
-from taichi_sim.sea.wind_sea import CALM_PERIOD
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.vehicles import load_vehicle
 
@@ -34,7 +33,11 @@ class World:
         sea: the realisations. env_sea: int32 [env], which one each environment is on.
         time: float64 [env], s. teams: name -> Fleet, those simulated.
         scripts: name -> what acts for a team that nobody else commands (script.py).
+        conditions: of each realisation (conditions.py); an environment gets those of its realisation in `renew`.
         current, wind: of each environment. around: what vehicles at the surface are told of all, as of the last step.
+        truth: team -> [env, vehicle, n], run precision, of order one: numbers of the vehicles and conditions as drawn
+            for the episode, for who may be told what no vehicle knows (a critic). Written in place by `renew`; as wide
+            in a scenario whatever its `variation`. truth_names: team -> n names.
         dump_folder: where the last step of an environment whose state is no longer finite is written, to be replayed
             (dump.py); None is nowhere.
     """
@@ -60,7 +63,7 @@ class World:
         run = runtime.current()
         self.config, self.num_envs = config, num_envs
         self.seed = config.seed if seed is None else seed
-        self.sea = Sea.from_config(resolved_sea(config), self.seed)
+        self.sea, self.conditions = realise(config, self.seed)
         self._highest_crest = float(self.sea.components.amplitude.sum(axis=1).max())
         self.current = Current(config.sea.current, num_envs, self.seed, config.sea.depth)
         self.wind = Wind(config.air, num_envs, self.seed)
@@ -68,18 +71,28 @@ class World:
         self.env_sea = (torch.arange(num_envs, device=run.device) % self.sea.num_seas).to(torch.int32)
         self.time = torch.zeros(num_envs, dtype=torch.float64, device=run.device)
         self._phase = self.sea.phases(self.env_sea, self.time)
+        self._varied, self._of_sea = varied(config), self.conditions.tables()
+        uneven = "air.turbulence" in self._varied
+        self._turbulence = torch.ones_like(self.wind.velocity[:, 0]).contiguous() if uneven else None
         self.around = self._surroundings(self.current.velocity, self.wind.velocity)
         self.teams: dict[str, Fleet] = {}
         self.scripts: dict[str, Script] = {}
         self._felt: dict[str, tuple[Surroundings, float, float]] = {}
+        self._draws: dict[str, NumberDraws] = {}
+        self.truth: dict[str, torch.Tensor] = {}
+        self.truth_names: dict[str, tuple[str, ...]] = {}
         for name in config.teams if teams is None else teams:
             self._add_team(name, source)
+        self._draw(torch.arange(num_envs, device=run.device))
         for script in self.scripts.values():
             script.begin(self, torch.arange(num_envs, device=run.device))
 
     def _surroundings(self, current: torch.Tensor, wind: torch.Tensor) -> Surroundings:
         table, depth = self.sea.table, self.sea.kernel_depth
-        return Surroundings(table, self.env_sea, self._phase, current, wind, depth, self.wind, seed=self.seed)
+        return Surroundings(
+            table, self.env_sea, self._phase, current, wind, depth, self.wind, seed=self.seed,
+            turbulence=self._turbulence,
+        )  # fmt: skip
 
     def _add_team(self, name: str, source: Path | None) -> None:
         """Simulate the team of that name."""
@@ -93,7 +106,10 @@ class World:
                 f"{name}.vehicle = {section.vehicle!r} moves in {model.medium}, and {name}.medium = "
                 f"{section.medium!r}: name a vehicle of that medium"
             )
-        self.teams[name] = Fleet(name, model, self.num_envs, section.count)
+        self.teams[name] = fleet = Fleet(name, model, self.num_envs, section.count)
+        self._draws[name] = draws = NumberDraws(fleet, section.vary, self.config.variation, self.seed)
+        self.truth_names[name] = (*draws.names, *TOLD)
+        self.truth[name] = fleet.state.new_zeros((self.num_envs, fleet.count, len(self.truth_names[name])))
         if section.script is not None:
             try:
                 kind = load_class(section.script, Script, [source.parent] if source else [])
@@ -143,17 +159,55 @@ class World:
     def _pass_time(self) -> None:
         """The decision interval is over."""
         self.time += self.config.decision_interval
-        for around in {id(a): a for a in (self.around, *(felt for felt, _, _ in self._felt.values()))}.values():
-            around.tick()
+        self._tick()
         self.current.advance(self.config.decision_interval)
         self.wind.advance(self.config.decision_interval)
 
     def renew(self, envs: torch.Tensor) -> None:
-        """Draw current and wind of environments `envs` [n] anew, and place scripted teams: an episode begins there."""
+        """An episode begins in environments `envs` [n], whose realisation of the sea (`env_sea`) has been drawn: they
+        get its conditions, currents and winds about their means, vehicles with numbers of their own; scripted teams are
+        placed.
+        """
+        self._draw(envs)
         self.current.reset(envs)
         self.wind.reset(envs)
         for script in self.scripts.values():
             script.begin(self, envs)
+
+    def _draw(self, envs: torch.Tensor) -> None:
+        """Give environments `envs` [n] what differs between them: conditions, and numbers of the vehicles."""
+        self._set_conditions(envs)
+        for name, draws in self._draws.items():
+            draws.draw(envs)
+            self.truth[name][envs, :, : len(draws.names)] = draws.told[envs]
+
+    def _set_conditions(self, envs: torch.Tensor) -> None:
+        """Give environments `envs` [n] the conditions of their realisations; slow variations are yet to be drawn."""
+        seas = self.env_sea[envs]
+        if self._varied & {"sea.current.speed", "sea.current.direction_deg"}:
+            self.current.set_mean(envs, self._of_sea.current[seas])
+        if self._varied & {"air.speed", "air.direction_deg"}:
+            self.wind.set_mean(envs, self._of_sea.wind[seas])
+        if self._turbulence is not None:
+            self._turbulence[envs] = self._of_sea.turbulence[seas]
+        for truth in self.truth.values():
+            truth[envs, :, -len(TOLD) :] = self._of_sea.told[seas].unsqueeze(1)
+
+    def reseed(self, seed: int) -> None:
+        """Make what is drawn from now on depend on `seed` alone: slow variations and turbulence, numbers of vehicles.
+
+        The realisations of the sea and their conditions stay.
+        """
+        self.current.reseed(seed)
+        self.wind.reseed(seed)
+        for draws in self._draws.values():
+            draws.reseed(seed)
+        self._tick(seed - self.around.clock)
+
+    def _tick(self, steps: int = 1) -> None:
+        """Count `steps` control steps."""
+        for around in {id(a): a for a in (self.around, *(felt for felt, _, _ in self._felt.values()))}.values():
+            around.tick(steps)
 
     def felt(self, team: str) -> Surroundings:
         """What `team` is told: the current averaged over its draft, and the wind at its own height."""
@@ -204,6 +258,7 @@ class World:
         around = Surroundings(
             felt.sea, self.env_sea[envs], self.sea.phases(self.env_sea[envs], self.time[envs]), felt.current[envs],
             felt.wind[envs], felt.depth, felt.air, felt.clock, felt.seed, felt.first_env,
+            None if felt.turbulence is None else felt.turbulence[envs],
         )  # fmt: skip
         surface = fleet.surface[envs]
         state = fleet.model.settle(state, surface, around)
@@ -249,16 +304,6 @@ class World:
         return action.to(fleet.state.dtype).clamp(-1.0, 1.0).contiguous()
 
 
-def resolved_sea(config: WorldConfig) -> SeaConfig:
-    """The sea of a scenario, in which the wind has taken its place where the sea follows it."""
-    sea = config.sea
-    if not sea.follows_wind:
-        return sea
-    speed = wind_speed(config.air)
-    size = {"wind_speed": speed} if speed > 0 else {"hs": 0.0, "tp": CALM_PERIOD, "fetch": None}
-    return sea.model_copy(update=size | {"follows_wind": False, "direction_deg": config.air.direction_deg + 180.0})
-
-
 def replay(dump: Dump, source: Path | None = None) -> World:
     """Run the step of a dump again, alone: the world after it, whose teams show what became of the vehicles.
 
@@ -266,6 +311,7 @@ def replay(dump: Dump, source: Path | None = None) -> World:
     """
     world = World(dump.config, 1, seed=dump.seed, teams=tuple(dump.states), source=source)
     world.env_sea[0], world.time[0] = dump.sea, dump.time
+    world._set_conditions(torch.zeros(1, dtype=torch.int64, device=world.env_sea.device))
     world.around.current[0], world.around.wind[0] = dump.current, dump.wind
     for around in {id(a): a for a in (world.around, *(world.felt(name) for name in world.teams))}.values():
         around.first_env = dump.env

@@ -31,6 +31,7 @@ if str(ROOT) not in sys.path:  # run as a script from anywhere
     sys.path.insert(0, str(ROOT))
 
 from taichi_sim import runtime  # noqa: E402
+from taichi_sim.conditions import resolved_sea  # noqa: E402
 from taichi_sim.config import ConfigError, SeaConfig  # noqa: E402
 from taichi_sim.config.io import load_world  # noqa: E402
 from taichi_sim.plotting import INK, dress, new_figure  # noqa: E402
@@ -38,7 +39,6 @@ from taichi_sim.sea import Sea, SteepSeaError  # noqa: E402
 from taichi_sim.sea.sampling import WaveSystem  # noqa: E402
 from taichi_sim.sea.sea import wave_systems  # noqa: E402
 from taichi_sim.sea.spectrum import spectral_moment, spreading, wavenumber  # noqa: E402
-from taichi_sim.world import resolved_sea  # noqa: E402
 
 SEAS = 64  # realisations measured, at most
 RECORD, SAMPLES_PER_PERIOD = 1200.0, 20  # s of each record; samples per peak period

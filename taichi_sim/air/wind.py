@@ -124,10 +124,10 @@ class Wind:
         self.w20_factor = self.speed_factor(TWENTY_FEET)
         speed, start = wind_speed(self.config), math.radians(self.config.direction_deg)
         mean = [-speed * math.cos(start), -speed * math.sin(start), 0.0]
-        self._mean = torch.tensor(mean, dtype=run.torch_dtype, device=run.device)
-        self.velocity = self._mean.repeat(num_envs, 1)
+        self._mean = torch.tensor(mean, dtype=run.torch_dtype, device=run.device).repeat(num_envs, 1)
+        self.velocity = self._mean.clone()
         self._generator = torch.Generator(device=run.device)
-        self._generator.manual_seed(int(np.random.SeedSequence([seed, STREAM]).generate_state(1)[0]))
+        self.reseed(seed)
         self.reset(torch.arange(num_envs, device=run.device))
 
     @property
@@ -142,18 +142,30 @@ class Wind:
         """Mean wind at `height` (m above the mean sea) over that at 10 m."""
         return float(wind_factor(self.profile, self.shear, height))
 
+    def reseed(self, seed: int) -> None:
+        """Make later draws depend on `seed` alone."""
+        self._generator.manual_seed(int(np.random.SeedSequence([seed, STREAM]).generate_state(1)[0]))
+
+    def set_mean(self, envs: torch.Tensor, mean: torch.Tensor) -> None:
+        """From now on environments `envs` [n] have the means `mean` [n, 3] (NED, m/s); what varies slowly stays.
+
+        The profile over height and the turbulence's W20 over the mean wind stay those of the configuration.
+        """
+        self.velocity[envs] = mean + (self.velocity[envs] - self._mean[envs])
+        self._mean[envs] = mean
+
     def reset(self, envs: torch.Tensor) -> None:
         """Draw the wind of environments `envs` (indices [n], int64) anew from its stationary distribution."""
         if self.config.std > 0:
-            self.velocity[envs, :2] = self._mean[:2] + self.config.std * self._normal((envs.shape[0], 2))
+            self.velocity[envs, :2] = self._mean[envs, :2] + self.config.std * self._normal((envs.shape[0], 2))
 
     def advance(self, dt: float) -> None:
         """Step the slow variation by dt (s), exactly; nothing to do for a steady wind."""
         if self.config.std > 0:
             decay = -dt / self.config.time_constant
             noise = self.config.std * math.sqrt(-math.expm1(2 * decay))
-            variation = (self.velocity[:, :2] - self._mean[:2]) * math.exp(decay)
-            self.velocity[:, :2] = self._mean[:2] + variation.add_(self._normal(variation.shape), alpha=noise)
+            variation = (self.velocity[:, :2] - self._mean[:, :2]) * math.exp(decay)
+            self.velocity[:, :2] = self._mean[:, :2] + variation.add_(self._normal(variation.shape), alpha=noise)
 
     def _normal(self, shape: tuple[int, ...]) -> torch.Tensor:
         return torch.randn(shape, generator=self._generator, dtype=self.velocity.dtype, device=self.velocity.device)

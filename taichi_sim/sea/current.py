@@ -43,20 +43,28 @@ class Current:
         if self.config.profile == "power" and depth is None:
             raise ConfigError("sea.current.profile = 'power' needs sea.depth, in m")
         heading, speed = math.radians(self.config.direction_deg), self.config.speed
-        self._mean = torch.tensor(
-            [speed * math.cos(heading), speed * math.sin(heading)], dtype=run.torch_dtype, device=run.device
-        )
+        mean = [speed * math.cos(heading), speed * math.sin(heading)]
+        self._mean = torch.tensor(mean, dtype=run.torch_dtype, device=run.device).repeat(num_envs, 1)
         self._random = torch.zeros((num_envs, 2), dtype=run.torch_dtype, device=run.device)
-        self.velocity = self._mean.repeat(num_envs, 1)
+        self.velocity = self._mean.clone()
         self._generator = torch.Generator(device=run.device)
-        self._generator.manual_seed(int(np.random.SeedSequence([seed, STREAM]).generate_state(1)[0]))
+        self.reseed(seed)
         self.reset(torch.arange(num_envs, device=run.device))
+
+    def reseed(self, seed: int) -> None:
+        """Make later draws depend on `seed` alone."""
+        self._generator.manual_seed(int(np.random.SeedSequence([seed, STREAM]).generate_state(1)[0]))
+
+    def set_mean(self, envs: torch.Tensor, mean: torch.Tensor) -> None:
+        """From now on environments `envs` [n] have the means `mean` [n, 2] (m/s); what the random part is stays."""
+        self._mean[envs] = mean
+        self.velocity[envs] = mean + self._random[envs]
 
     def reset(self, envs: torch.Tensor) -> None:
         """Draw the current of environments `envs` (indices [n], int64) anew from its stationary distribution."""
         if self.config.std > 0:
             self._random[envs] = self.config.std * self._normal((envs.shape[0], 2))
-            self.velocity[envs] = self._mean + self._random[envs]
+            self.velocity[envs] = self._mean[envs] + self._random[envs]
 
     def advance(self, dt: float) -> None:
         """Step the random part by dt (s), exactly; nothing to do for a steady current."""

@@ -15,6 +15,7 @@ autocorrelation never comes back above 0.88 within 600 s; with 32 components 0.7
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache, cached_property
 
 import numpy as np
 
@@ -38,12 +39,12 @@ class WaveSystem:
     spreading_s: float  # exponent s of cos^2s
     components: int  # per realisation
 
-    @property
+    @cached_property
     def bins(self) -> np.ndarray:
         """Edges of the frequency bins, [components + 1], rad/s."""
         return 2 * math.pi / self.tp * np.geomspace(*BAND, self.components + 1)
 
-    @property
+    @cached_property
     def amplitudes(self) -> np.ndarray:
         """Amplitude of the component of each bin, m: each bin's share of the variance hs^2 / 16."""
         edges = self.bins
@@ -71,27 +72,33 @@ def sample_components(
         systems: their components stand one after the other along the last axis of the result.
         realisations: how many seas. seed: of the run. depth: m, None for deep water.
     """
-    omega, direction, phase = np.concatenate(
-        [_draw(system, n, realisations, seed) for n, system in enumerate(systems)], axis=2
-    )
-    amplitude = np.concatenate([system.amplitudes for system in systems])
-    k = wavenumber(omega, depth)
-    return Components(np.broadcast_to(amplitude, omega.shape), k, omega, direction, phase)
+    return draw_components([systems] * realisations, seed=seed, depth=depth)
 
 
-def _draw(system: WaveSystem, index: int, realisations: int, seed: int) -> np.ndarray:
-    """Frequency, direction and phase [3, sea, component] of the components of a system.
+def draw_components(systems: Sequence[Sequence[WaveSystem]], *, seed: int, depth: float | None = None) -> Components:
+    """The same, of realisations that each have `systems` of their own, of as many components."""
+    each = [[_draw(system, n, r, seed) for n, system in enumerate(own)] for r, own in enumerate(systems)]
+    omega, direction, phase = np.stack([np.concatenate(own, axis=1) for own in each], axis=1)
+    amplitude = np.stack([np.concatenate([system.amplitudes for system in own]) for own in systems])
+    return Components(amplitude, wavenumber(omega, depth), omega, direction, phase)
+
+
+def _draw(system: WaveSystem, index: int, realisation: int, seed: int) -> np.ndarray:
+    """Frequency, direction and phase [3, component] of the components of a system in a realisation.
 
     Frequencies are jittered in their bins; directions are one stratified draw from cos^2s, shuffled over frequencies.
     """
     edges, n = system.bins, system.components
+    rng = realisation_seed(seed, realisation, index)
+    omega = edges[:-1] + rng.random(n) * np.diff(edges)
+    strata = (rng.permutation(n) + rng.random(n)) / n
+    direction = system.direction + np.interp(strata, *_cumulative(system.spreading_s))
+    return np.stack((omega, direction, rng.random(n) * 2 * math.pi))
+
+
+@cache
+def _cumulative(spreading_s: float) -> tuple[np.ndarray, np.ndarray]:
+    """Share of the energy below an angle from the mean direction, and the angles (rad)."""
     grid = np.linspace(-math.pi, math.pi, ANGLE_POINTS)
-    cdf = np.concatenate(([0.0], np.cumsum(spreading((grid[1:] + grid[:-1]) / 2, system.spreading_s))))
-    drawn = np.empty((3, realisations, n))
-    for i in range(realisations):
-        rng = realisation_seed(seed, i, index)
-        drawn[0, i] = edges[:-1] + rng.random(n) * np.diff(edges)
-        strata = (rng.permutation(n) + rng.random(n)) / n
-        drawn[1, i] = system.direction + np.interp(strata, cdf / cdf[-1], grid)
-        drawn[2, i] = rng.random(n) * 2 * math.pi
-    return drawn
+    cdf = np.concatenate(([0.0], np.cumsum(spreading((grid[1:] + grid[:-1]) / 2, spreading_s))))
+    return cdf / cdf[-1], grid

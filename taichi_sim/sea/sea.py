@@ -12,7 +12,7 @@ from taichi_sim.conventions import GRAVITY, OMEGA, PHASE, RHO_SEA, SEA_ROWS
 from taichi_sim.sea import queries
 from taichi_sim.sea.sampling import WaveSystem, sample_components
 from taichi_sim.sea.spectrum import Components, jonswap
-from taichi_sim.sea.wind_sea import sea_size
+from taichi_sim.sea.wind_sea import SeaSize, sea_size
 
 DEEP = -1.0  # depth of deep water, to kernels
 
@@ -44,20 +44,25 @@ class Kinematics(NamedTuple):
     acceleration: torch.Tensor
 
 
-def wave_systems(config: SeaConfig) -> list[WaveSystem]:
-    """The wind sea of a configuration, and its swell if there is one."""
-    size = sea_size(config)
+def wave_systems(
+    config: SeaConfig, size: SeaSize | None = None, direction_deg: float | None = None
+) -> list[WaveSystem]:
+    """The wind sea of a configuration, and its swell if there is one.
+
+    `size` and `direction_deg` are the wind sea's; default those of the configuration.
+    """
     gamma = config.gamma_js if config.spectrum == "jonswap" else 1.0
-    systems = [_system(config, size.hs, size.tp, gamma)]
-    if config.swell:
-        systems.append(_system(config.swell, config.swell.hs, config.swell.tp, config.swell.gamma_js))
+    heading = config.direction_deg if direction_deg is None else direction_deg
+    systems = [_system(config, size or sea_size(config), heading, gamma)]
+    if swell := config.swell:
+        systems.append(_system(swell, SeaSize(swell.hs, swell.tp), swell.direction_deg, swell.gamma_js))
     return systems
 
 
-def _system(config: SeaConfig | SwellConfig, hs: float, tp: float, gamma_js: float) -> WaveSystem:
-    direction = float(np.deg2rad(config.direction_deg))
-    density = partial(jonswap, hs=1.0, tp=tp, gamma_js=gamma_js)  # its shape: a calm sea has one too
-    return WaveSystem(density, hs, tp, direction, config.spreading_s, config.components)
+def _system(config: SeaConfig | SwellConfig, size: SeaSize, direction_deg: float, gamma_js: float) -> WaveSystem:
+    direction = float(np.deg2rad(direction_deg))
+    density = partial(jonswap, hs=1.0, tp=size.tp, gamma_js=gamma_js)  # its shape: a calm sea has one too
+    return WaveSystem(density, size.hs, size.tp, direction, config.spreading_s, config.components)
 
 
 class Sea:
@@ -81,9 +86,7 @@ class Sea:
         run = runtime.current()
         self.depth = depth
         self.components = components
-        coth = 1.0 if depth is None else 1 / np.tanh(components.k * depth)
-        b = components.amplitude * coth
-        steepness = (components.k * b).sum(axis=1)
+        b, steepness = components.semi_axis(depth), components.steepness(depth)
         if not steepness.max(initial=0.0) < 1.0:
             raise SteepSeaError(
                 f"the sea is too steep to exist: sum of k a = {steepness.max():.2f} in realisation "

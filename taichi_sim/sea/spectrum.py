@@ -41,6 +41,14 @@ class Components:
         """Largest possible slope of each realisation's linear surface; Gerstner waves may loop from 1 on."""
         return np.sum(self.k * self.amplitude, axis=1)
 
+    def steepness(self, depth: float | None = None) -> np.ndarray:
+        """sum of k a coth(k depth) of each realisation: at 1 its Gerstner surface could loop; depth in m, None deep."""
+        return (self.k * self.semi_axis(depth)).sum(axis=1)
+
+    def semi_axis(self, depth: float | None = None) -> np.ndarray:
+        """a coth(k depth): horizontal semi-axis of the particles' paths at the surface, m."""
+        return self.amplitude * (1.0 if depth is None else 1 / np.tanh(self.k * depth))
+
     @property
     def rms_slope(self) -> np.ndarray:
         """Root-mean-square slope sqrt(sum (k a)^2 / 2) of each realisation's linear surface."""

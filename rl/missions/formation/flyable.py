@@ -10,20 +10,22 @@ over ground v (wind_triangle.py), so R must reach v^2 / (g tan(largest bank)).
 
 import math
 
-from rl.missions.formation.config import FormationTeam, TrackConfig
+from rl.missions.formation.config import FormationScenario, FormationTeam, TrackConfig
 from rl.missions.formation.shapes import lane_half_width
 from rl.scene.wind_triangle import LEAST_SHARE
-from taichi_sim.air.wind import wind_factor, wind_shear, wind_speed
-from taichi_sim.config import AirConfig, ConfigError
+from taichi_sim.air.wind import wind_factor, wind_shear
+from taichi_sim.conditions import bounds
+from taichi_sim.config import ConfigError, WorldConfig
 from taichi_sim.vehicle import Vehicle
 
 SIGMAS = 3.0  # standard deviations of the slow variation in the strongest wind
 
 
-def strongest_wind(air: AirConfig, height: float) -> float:
-    """Mean wind plus `SIGMAS` of its slow variation (m/s) at `height` (m)."""
+def strongest_wind(config: WorldConfig, height: float) -> float:
+    """The strongest mean wind of any realisation plus `SIGMAS` of its slow variation (m/s) at `height` (m)."""
+    air = config.air
     factor = float(wind_factor(air.profile, wind_shear(air), height))
-    return factor * (wind_speed(air) + SIGMAS * air.std)
+    return factor * (bounds(config, "air.speed")[1] + SIGMAS * air.std)
 
 
 def check_lanes(track: TrackConfig, name: str, team: FormationTeam) -> None:
@@ -43,7 +45,7 @@ def check_lanes(track: TrackConfig, name: str, team: FormationTeam) -> None:
             )
 
 
-def check_flyable(track: TrackConfig, air: AirConfig, vehicle: str, model: Vehicle) -> None:
+def check_flyable(config: FormationScenario, vehicle: str, model: Vehicle) -> None:
     """Refuse a track that `model`, of the vehicle file `vehicle`, cannot follow; one that can stop follows any, late.
 
     Raises:
@@ -52,7 +54,8 @@ def check_flyable(track: TrackConfig, air: AirConfig, vehicle: str, model: Vehic
     low, cruise, high = model.limits.speeds
     if model.limits.stops or math.isinf(high):
         return
-    speed, wind = track.target_speed, strongest_wind(air, track.flight_height)
+    track = config.track
+    speed, wind = track.target_speed, strongest_wind(config, track.flight_height)
     most = speed + wind if track.speed_over == "air" else speed
     needed = (speed, speed) if track.speed_over == "air" else (speed - wind, speed + wind)
     told = f"track.target_speed = {speed} over {track.speed_over}"

@@ -111,7 +111,7 @@ class Formation(Mission):
         for name, team in self.teams.items():
             check_lanes(self.config.track, name, team.section)
             vehicle = f"{name}.vehicle = {team.section.vehicle!r}"
-            check_flyable(self.config.track, self.config.air, vehicle, team.fleet.model)
+            check_flyable(self.config, vehicle, team.fleet.model)
 
     # -- one step --------------------------------------------------------------------------------------------------
 

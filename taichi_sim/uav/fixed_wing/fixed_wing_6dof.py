@@ -147,7 +147,8 @@ class FixedWing6DOF(Aircraft):
 
     def build(self, fleet: Any, around: Surroundings) -> Build:
         """What the kernel is compiled for: the kind of air; the sea does not matter."""
-        return Build(varied=fleet.varied, loaded=fleet.loaded, air=local_air.local_air(around.air), serial=fleet.few)
+        air = local_air.local_air(around.air, uneven=around.turbulence is not None)
+        return Build(varied=fleet.varied, loaded=fleet.loaded, air=air, serial=fleet.few)
 
     def step(self, fleet: Any, around: Surroundings) -> None:
         """Advance one control step."""
@@ -178,7 +179,7 @@ class FixedWing6DOF(Aircraft):
         time, wind_10 = fleet.aux[e, i, TIME], ti.Vector([around.wind[e, k] for k in ti.static(range(3))])
         if time == 0.0:
             gust = local_air.initial_turbulence(build.air, seed, clock, self.substeps, env, i)
-        shear, W20 = around.air[0], around.air[1] + around.air[2] * wind_10.xy.norm()
+        shear, W20 = around.air[0], local_air.wind_at_20_feet(build.air, around, wind_10, e)
         v_mean = attitude(y) @ velocity(y) - local_air.mean_wind(build.air, wind_10, shear, y)
         f = local_air.turbulence_filter(build.air, v_mean.norm(), -y[2], W20, self.dt)
         met = local_air.velocity_at(build.air, wind_10, shear, gust, f, v_mean, y, time)

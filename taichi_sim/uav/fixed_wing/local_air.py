@@ -32,6 +32,7 @@ class LocalAir:
     profile: Profile = "uniform"
     turbulent: bool = False
     gust: Gust | None = None
+    uneven: bool = False  # turbulence differs in intensity between environments
 
     @property
     def gusty(self) -> bool:
@@ -44,11 +45,12 @@ class LocalAir:
         return self.profile == "uniform" and not self.turbulent and not self.gusty
 
 
-def local_air(air: Wind | None) -> LocalAir:
-    """The kind of air of a `Wind`; None is a steady, uniform one."""
+def local_air(air: Wind | None, uneven: bool = False) -> LocalAir:
+    """The kind of air of a `Wind`; None is a steady, uniform one. `uneven`: its turbulence differs in intensity."""
     config = AirConfig(profile="uniform") if air is None else air.config
     gust = None if config.gust is None else Gust.of(config.gust)
-    return LocalAir(config.profile, config.turbulence == "dryden", gust)
+    turbulent = config.turbulence == "dryden"
+    return LocalAir(config.profile, turbulent, gust, turbulent and uneven)
 
 
 @ti.func
@@ -58,6 +60,15 @@ def initial_turbulence(air: ti.template(), seed, clock, substeps: ti.template(),
     if ti.static(air.turbulent):
         z = normal6(seed, TURBULENCE, e, i, clock * ti.static(substeps + 1) + substeps)
     return ti.Vector([z[0], z[1], z[2], z[3], z[4]])
+
+
+@ti.func
+def wind_at_20_feet(air: ti.template(), around: ti.template(), wind, e):
+    """W20 (m/s), which sets the intensity of the turbulence in environment e, in a mean wind of `wind` at 10 m."""
+    W20 = around.air[1] + around.air[2] * wind.xy.norm()
+    if ti.static(air.uneven):
+        W20 *= around.turbulence[e]
+    return W20
 
 
 @ti.func

@@ -1,0 +1,209 @@
+"""Conditions: the size and direction of the sea, the mean wind and the mean current that belong to a realisation.
+
+Realisation r has its own of each that `[vary]` names (config/vary.py), drawn once from the world's seed and r alone:
+more realisations keep the earlier ones. An environment that draws a realisation has all of them. Others are the
+scenario's own, the nominal ones.
+
+What follows from what:
+
+- A drawn height without a drawn period keeps the nominal steepness: tp grows as sqrt(hs). A drawn sea state, a number
+  between those of WMO's codes, is the height between the middles of the codes' heights, and the period of its developed
+  sea. A sea that follows the wind is that of its own realisation's wind. Swell stays as it is.
+- A drawn sea that could not be is lengthened until it can (sea/varied.py).
+- A range of directions is at most the whole circle. Ends beyond what a condition can be (`CONDITIONS`) are refused
+  where the scenario gives them, and moved inside where only `variation` > 1 has brought them there.
+- The profile of the wind over height, its roughness, and W20 over the mean wind are those of the nominal wind; the slow
+  variations of wind and current are about the realisation's own means.
+"""
+
+import math
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+import torch
+
+from taichi_sim import runtime
+from taichi_sim.air.wind import wind_speed
+from taichi_sim.config import ConfigError, CurrentConfig, SeaConfig, WorldConfig
+from taichi_sim.config.vary import CONDITIONS, SIZE
+from taichi_sim.draws import spread
+from taichi_sim.sea.sampling import realisation_seed
+from taichi_sim.sea.sea import Sea
+from taichi_sim.sea.sea_state import sea_state_range
+from taichi_sim.sea.varied import varied_components
+from taichi_sim.sea.wind_sea import CALM_PERIOD, SeaSize, developed_period, sea_size
+
+STREAM = 0xD0  # keeps these random numbers apart from those of the waves of the same seed
+CIRCLE = 360.0  # deg
+STATES = np.arange(7.0)
+MIDDLES = np.array([sum(sea_state_range(code)) / 2 for code in range(7)])  # m
+Values = Mapping[str, np.ndarray]  # by the keys of `CONDITIONS`, [realisation]
+TOLD_PERIOD, TOLD_WIND = 10.0, 10.0  # s and m/s that count as 1 in `told`
+
+
+class Conditions(NamedTuple):
+    """Of each realisation, float64 [realisation]."""
+
+    hs: np.ndarray  # of the wind sea, m
+    tp: np.ndarray  # s
+    wave_direction_deg: np.ndarray  # travels to
+    current_speed: np.ndarray  # m/s
+    current_direction_deg: np.ndarray  # flows to
+    wind_speed: np.ndarray  # 10 m above the sea, m/s
+    wind_direction_deg: np.ndarray  # blows from
+    turbulence: np.ndarray  # its intensity over that of the scenario
+
+    def tables(self) -> "Tables":
+        """The same for kernels and critics."""
+        run, waves = runtime.current(), np.deg2rad(self.wave_direction_deg)
+        current = _vector(self.current_speed, self.current_direction_deg)
+        wind = -_vector(self.wind_speed, self.wind_direction_deg)
+        sea = self.hs, self.tp / TOLD_PERIOD, np.cos(waves), np.sin(waves)
+        told = np.column_stack((*sea, current, wind / TOLD_WIND, self.turbulence))
+        tables = current, np.pad(wind, ((0, 0), (0, 1))), self.turbulence, told
+        return Tables(*(torch.as_tensor(x, dtype=run.torch_dtype, device=run.device) for x in tables))
+
+
+class Tables(NamedTuple):
+    """Of each realisation, run precision."""
+
+    current: torch.Tensor  # [sea, 2], mean velocity of the water at the surface, north and east, m/s
+    wind: torch.Tensor  # [sea, 3], mean velocity of the air 10 m above the sea, NED, m/s
+    turbulence: torch.Tensor  # [sea], factor of its intensity
+    told: torch.Tensor  # [sea, TOLD], all conditions, of order one
+
+
+TOLD = (
+    "sea.hs", "sea.tp", "sea.direction.cos", "sea.direction.sin", "sea.current.north", "sea.current.east",
+    "air.north", "air.east", "air.turbulence",
+)  # fmt: skip
+"""Names of the columns of `Tables.told`: m, 10 s, where waves travel to, m/s, 10 m/s (where the wind blows to), 1."""
+
+
+def realise(config: WorldConfig, seed: int) -> tuple[Sea, Conditions]:
+    """The sea realisations of a world, and the conditions that belong to them.
+
+    Raises:
+        ConfigError: for a range of what cannot be. SteepSeaError: if a realisation could loop.
+    """
+    found = _drawn(config, seed)
+    if not (varied(config) & {*SIZE, "sea.direction_deg"}) and not (config.sea.follows_wind and _windy(config)):
+        return Sea.from_config(resolved_sea(config), seed), found
+    sea = resolved_sea(config)
+    components, tp = varied_components(sea, found.hs, found.tp, found.wave_direction_deg, seed)
+    return Sea(components, sea.depth), found._replace(tp=tp)
+
+
+def varied(config: WorldConfig) -> set[str]:
+    """Keys of the conditions that differ between realisations."""
+    return set(config.vary) if config.variation > 0 else set()
+
+
+def _windy(config: WorldConfig) -> bool:
+    return bool(varied(config) & {"air.speed", "air.direction_deg"})
+
+
+def bounds(config: WorldConfig, key: str) -> tuple[float, float]:
+    """The lowest and the highest value that a condition takes; its nominal one twice, where it does not vary.
+
+    Raises:
+        ConfigError: if the scenario's range goes beyond what the condition can be.
+    """
+    return _bounds(config, key, nominal_conditions(config)[key])
+
+
+def nominal_conditions(config: WorldConfig) -> dict[str, float]:
+    """Those of a scenario in which nothing varies, by the keys of `CONDITIONS`."""
+    sea, current = resolved_sea(config), config.sea.current or CurrentConfig()
+    size = sea_size(sea)
+    return {
+        "sea.hs": size.hs,
+        "sea.tp": size.tp,
+        "sea.sea_state": float(np.interp(size.hs, MIDDLES, STATES)),
+        "sea.direction_deg": sea.direction_deg,
+        "sea.current.speed": current.speed,
+        "sea.current.direction_deg": current.direction_deg,
+        "air.speed": wind_speed(config.air),
+        "air.direction_deg": config.air.direction_deg,
+        "air.turbulence": 1.0,
+    }
+
+
+def resolved_sea(config: WorldConfig, wind: tuple[float, float] | None = None) -> SeaConfig:
+    """The sea of a scenario, in which the wind has taken its place where the sea follows it.
+
+    `wind` is its speed (m/s) and direction (deg, blows from); default the scenario's own.
+    """
+    sea = config.sea
+    if not sea.follows_wind:
+        return sea
+    speed, direction_deg = wind or (wind_speed(config.air), config.air.direction_deg)
+    size = {"wind_speed": speed} if speed > 0 else {"hs": 0.0, "tp": CALM_PERIOD, "fetch": None}
+    return sea.model_copy(update=size | {"follows_wind": False, "direction_deg": direction_deg + 180.0})
+
+
+def _drawn(config: WorldConfig, seed: int) -> Conditions:
+    """The conditions of each realisation, before waves that cannot be have been lengthened."""
+    nominal, varying, n = nominal_conditions(config), varied(config), config.sea.realisations
+    values = {key: np.full(n, value) for key, value in nominal.items()}
+    ends = {key: _bounds(config, key, nominal[key]) for key in config.vary}
+    if varying:  # each key has its own column: what is drawn of it does not depend on what else varies
+        chance = np.array([realisation_seed(seed, r, STREAM).random(len(CONDITIONS)) for r in range(n)])
+        for column, key in enumerate(CONDITIONS):
+            if key in varying:
+                normal = torch.tensor(config.vary[key].distribution == "normal")
+                values[key] = spread(torch.from_numpy(chance[:, column]), *ends[key], normal).numpy()
+    values |= _sizes(config, nominal, values)
+    return Conditions(*(values[key] for key in CONDITIONS if key != "sea.sea_state"))
+
+
+def _sizes(config: WorldConfig, nominal: Mapping[str, float], values: Values) -> dict[str, np.ndarray]:
+    """Height, period and direction of the waves of each realisation, where they follow from what was drawn."""
+    varying, least = varied(config), CONDITIONS["sea.tp"][0]
+    if config.sea.follows_wind and _windy(config):
+        winds = zip(values["air.speed"], values["air.direction_deg"], strict=True)
+        seas = [resolved_sea(config, (float(speed), float(direction))) for speed, direction in winds]
+        sizes, directions = [sea_size(sea) for sea in seas], [sea.direction_deg for sea in seas]
+    elif "sea.sea_state" in varying:
+        sizes = [_developed(hs, least) for hs in np.interp(values["sea.sea_state"], STATES, MIDDLES)]
+        directions = values["sea.direction_deg"]
+    elif "sea.hs" in varying and "sea.tp" not in varying:
+        hs, tp = nominal["sea.hs"], nominal["sea.tp"]
+        sizes = [SeaSize(x, tp * math.sqrt(x / hs)) if hs > 0 else _developed(x, least) for x in values["sea.hs"]]
+        directions = values["sea.direction_deg"]
+    else:
+        return {}
+    hs, tp = np.array(sizes).T
+    tp = np.clip(tp, *CONDITIONS["sea.tp"])
+    return {"sea.hs": hs, "sea.tp": tp, "sea.direction_deg": np.asarray(directions)}
+
+
+def _developed(hs: float, least: float) -> SeaSize:
+    return SeaSize(hs, developed_period(hs) if hs > 0 else least)
+
+
+def _bounds(config: WorldConfig, key: str, nominal: float) -> tuple[float, float]:
+    if key not in config.vary:
+        return nominal, nominal
+    given, (least, most) = config.vary[key], CONDITIONS[key]
+    try:
+        low, high = given.ends(nominal)
+    except ValueError as error:
+        raise ConfigError(f"vary.{key}: {error}") from None
+    if not least <= low <= high <= most:
+        raise ConfigError(
+            f"vary.{key} = {given}: goes from {low:g} to {high:g}, allowed are {least:g} to {most:g} "
+            f"(the scenario's own is {nominal:g})"
+        )
+    low, high = (min(max(end, least), most) for end in given.ends(nominal, config.variation))
+    if key.endswith("direction_deg") and high - low > CIRCLE:
+        middle = (low + high) / 2
+        low, high = middle - CIRCLE / 2, middle + CIRCLE / 2
+    return low, high
+
+
+def _vector(speed: np.ndarray, direction_deg: np.ndarray) -> np.ndarray:
+    """North and east [.., 2]."""
+    angle = np.deg2rad(direction_deg)
+    return np.stack((speed * np.cos(angle), speed * np.sin(angle)), axis=-1)

@@ -1,0 +1,47 @@
+"""Seas of many sizes in one table: realisations that each have a height, a period and a direction of their own.
+
+Not every pair of height and period can be. A drawn period is raised, for that realisation alone, until
+
+    hs / (g tp^2 / 2 pi) <= 1/15   the steepest sea of DNV-RP-C205 (2010), sec. 3.5.4, for tp up to 8 s, and
+    sum of k a < 0.98              with room below 1, where a surface of Gerstner waves could loop.
+"""
+
+import math
+
+import numpy as np
+
+from taichi_sim.config import SeaConfig
+from taichi_sim.conventions import GRAVITY
+from taichi_sim.sea.sampling import draw_components
+from taichi_sim.sea.sea import wave_systems
+from taichi_sim.sea.spectrum import Components
+from taichi_sim.sea.wind_sea import SeaSize
+
+STEEPEST = 1 / 15  # significant steepness
+ROOM = 0.98  # of the sum of k a at which the surface could loop
+TRIES = 8  # of longer periods; in deep water without swell the first one does
+
+
+def shortest_period(hs: np.ndarray) -> np.ndarray:
+    """The least peak period (s) of seas of significant height hs (m)."""
+    return np.sqrt(2 * math.pi * hs / (GRAVITY * STEEPEST))
+
+
+def varied_components(
+    config: SeaConfig, hs: np.ndarray, tp: np.ndarray, direction_deg: np.ndarray, seed: int
+) -> tuple[Components, np.ndarray]:
+    """Components of realisations like `config` whose wind sea has hs (m), tp (s) and direction_deg [realisation], and
+    their periods, of which those that could not be have been raised.
+
+    Realisation r depends on `seed`, its own numbers and r alone.
+    """
+    tp = np.maximum(tp, shortest_period(hs))
+    for _ in range(TRIES):
+        sizes = [SeaSize(float(height), float(period)) for height, period in zip(hs, tp, strict=True)]
+        systems = [wave_systems(config, *each) for each in zip(sizes, map(float, direction_deg), strict=True)]
+        components = draw_components(systems, seed=seed, depth=config.depth)
+        over = components.steepness(config.depth) / ROOM
+        if not (over >= 1).any():
+            break
+        tp = np.where(over >= 1, tp * np.sqrt(over) * (1 + 1e-9), tp)
+    return components, tp
