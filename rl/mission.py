@@ -288,8 +288,9 @@ class Mission:
         self.measure_again(envs)
 
     def reseed(self, seed: int) -> None:
-        """Make the draws of later resets depend on `seed` alone; what `prepare` made stays."""
+        """Make the draws of later resets depend on `seed` alone; the seas and what `prepare` made stay."""
         self.generator.manual_seed(derive_seed(seed, "episodes"))
+        self.world.reseed(derive_seed(seed, "world"))
 
     def draw(self, limit: int, n: int) -> Tensor:
         """Whole numbers below `limit`, int64 [n]."""
