@@ -215,7 +215,7 @@ class Mission:
 
     def begin_each(self) -> None:
         """Begin an episode in every environment, number e on sea e (and whatever else `one_each` provides)."""
-        self.reset()
+        self.reset(seas=self._all % self.world.sea.num_seas)
 
     @classmethod
     def draw_figures(cls, out: Path, histories: Histories, episode: Any, config: Any) -> None:
@@ -268,17 +268,20 @@ class Mission:
         """The reward; -1 for a vehicle whose state is not finite, of which nothing can be said."""
         return self.reward(team, ended).masked_fill(ended[DIVERGED], -1.0)
 
-    def reset(self, envs: Tensor | None = None, **where: Any) -> None:
-        """Begin new episodes in environments `envs` [n] (default: all); `where` goes to `begin`."""
+    def reset(self, envs: Tensor | None = None, *, seas: Tensor | None = None, **where: Any) -> None:
+        """Begin new episodes in environments `envs` [n] (default: all), on `seas` [n] (default: random ones); `where`
+        goes to `begin`.
+        """
         envs = self._all if envs is None else envs
         if len(envs):
             with runtime.torch_at_rest():
-                self._reset(envs, where)
+                self._reset(envs, seas, where)
 
-    def _reset(self, envs: Tensor, where: dict[str, Any]) -> None:
+    def _reset(self, envs: Tensor, seas: Tensor | None, where: dict[str, Any]) -> None:
         n = len(envs)
         self.steps[envs] = 0
-        self.world.env_sea[envs] = self.draw(self.world.sea.num_seas, n).to(torch.int32)
+        drawn = self.draw(self.world.sea.num_seas, n)
+        self.world.env_sea[envs] = (drawn if seas is None else seas).to(torch.int32)
         begin = torch.rand(n, generator=self.generator, dtype=torch.float64) * TIME_SPAN
         self.world.time[envs] = begin.to(self.device)
         self.world.renew(envs)

@@ -182,9 +182,10 @@ class Formation(Mission):
         return config.model_copy(update={"track": config.track.model_copy(update={"worlds": episodes})})
 
     def begin_each(self) -> None:
-        """Environment e begins on world e."""
+        """Environment e begins on world e and sea e."""
         numbers = torch.arange(self.num_envs, device=self.device)
-        self.reset(worlds=numbers, starts=torch.zeros_like(numbers))
+        seas = numbers % self.world.sea.num_seas
+        self.reset(seas=seas, worlds=numbers, starts=torch.zeros_like(numbers))
 
     def _aloft(self, wind: Tensor) -> Tensor:
         """Wind [env, 2] at the flight height, of `wind` [env, 3] at 10 m, its slow variation included."""
