@@ -1,5 +1,6 @@
 """Aircraft in turbulence and gusts, through the kernel: what they feel, and what the autopilot makes of it."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -102,6 +103,17 @@ def test_the_mean_wind_is_that_of_the_height(model):
     assert float(flight.read("wind_north").mean()) == pytest.approx(-expected, abs=3 * 2.0 / math.sqrt(FLIGHTS))
     sigma = 0.1 * 12.0 * flight.around.air.w20_factor
     assert float(flight.read("wind_down").std()) == pytest.approx(sigma, rel=3 / math.sqrt(2 * FLIGHTS))
+
+
+def test_turbulence_may_differ_in_intensity_from_environment_to_environment(make_model):
+    """The same gusts, in the first step, times each environment's factor."""
+    model = make_model("aerosonde", DT, SUBSTEPS, autopilot={"actions": "altitude"})
+    factor = torch.tensor([0.5, 1.0, 2.0, 0.0])
+    even, uneven = (Flight(model, MODERATE | {"profile": "uniform"}, 4) for _ in range(2))
+    uneven.around = dataclasses.replace(uneven.around, turbulence=factor)
+    one, own = (flight.step(LEVEL).gusts() for flight in (even, uneven))
+    assert one.abs().min() > 0.01
+    assert own.numpy() == pytest.approx((factor[:, None] * one).numpy(), abs=1e-4)
 
 
 def test_noise_is_that_of_seed_env_and_time(model):

@@ -109,6 +109,15 @@ def test_the_shipped_sweep_fits_the_shipped_scenarios(name):
     assert len(refused) <= 1 and not any("unknown key" in text for text in refused)
 
 
+def test_an_axis_may_be_the_variation_or_a_range(file):
+    for key, value in (("variation", "2.0"), ("vary.sea.hs", "[[0.2, 0.8]]"), ("*.vary.mass", "[[40, 60]]")):
+        file.write_text(f'[[axis]]\nname = "vary"\nkeys = ["{key}"]\nvalues = [{value}]\n')
+        *_, last = cells(load_sweep(file), tiny_config(), file)
+        assert last.missing is None
+        config = load_scenario("paper", (), last.overrides)
+        assert (config.variation, len(config.vary), len(config.teams["usv"].vary)) in {(2, 0, 0), (1, 1, 0), (1, 0, 1)}
+
+
 def test_what_a_scenario_has_not_is_no_mistake(file):
     config = load_scenario(Path(__file__).parents[1] / "data" / "plugins" / "buoys.toml")
     for key, words in (("uav.count", "no team 'uav'"), ("obstacles.count", "mission 'buoys:Buoys' has no such key")):

@@ -18,7 +18,7 @@ SMALL = ("track.worlds=4", "sea.realisations=4", "sea.components=4", "obstacles.
 BREEZE = ("air.speed=7.72", "air.direction_deg=240", "air.std=0.5", "air.roughness=0.001")
 ALOFT = math.log(60 / 0.001) / math.log(10 / 0.001)  # wind at 60 m, the paper's flight height, over that at 10 m
 AIRSPEED = 20.0
-UNIFORM = ('air.profile="uniform"', "air.std=0", 'air.turbulence="none"', "air.direction_deg=240")
+UNIFORM = ("variation=0", 'air.profile="uniform"', "air.std=0", 'air.turbulence="none"', "air.direction_deg=240")
 
 
 def make(*overrides: str, envs: int = 64, teams: tuple[str, ...] = ("uav",), scenario: str = "paper") -> Formation:
@@ -197,6 +197,13 @@ def test_what_cannot_be_flown_is_refused_with_its_numbers(overrides, parts):
 def test_the_wind_that_is_allowed_for_is_three_deviations_above_the_mean():
     """10 m/s and 3 x 3 m/s: 19 m/s."""
     assert "up to 19 m/s" in refusal(*UNIFORM, "air.speed=10", "air.std=3")
+
+
+def test_a_wind_that_varies_counts_as_the_strongest_of_its_range():
+    vary = ("air.speed=5", "vary.air.speed=[0, 9.5]")
+    told = refusal(*UNIFORM, "air.std=3", *vary, "variation=1.2")
+    assert "up to 19.4 m/s" in told  # 5 + 1.2 * 4.5 + 3 * 3 m/s
+    make(*UNIFORM, *vary, envs=1, scenario="aerosonde")  # which sets variation = 0
 
 
 @pytest.mark.parametrize(

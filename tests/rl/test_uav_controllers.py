@@ -18,7 +18,7 @@ from rl.missions.formation.mission import Formation
 VEHICLES = Path(__file__).parents[2] / "configs" / "vehicles"
 STEADY = (
     "sea.follows_wind=false", "sea.sea_state=0", "air.std=0", 'air.turbulence="none"', "obstacles.count=0",
-    "track.worlds=4", "sea.realisations=1",
+    "track.worlds=4", "sea.realisations=1", "variation=0",
 )  # fmt: skip
 CALM = (*STEADY, "air.speed=0")
 BENDS = ("track.min_radius=150",)
