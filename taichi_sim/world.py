@@ -9,16 +9,16 @@ import torch
 
 from taichi_sim import runtime
 from taichi_sim.air import Wind
-from taichi_sim.conditions import TOLD, realise, varied
+from taichi_sim.conditions import realise
 from taichi_sim.config import ConfigError, WorldConfig
 from taichi_sim.config.io import find_config, load_world, vehicle_file
-from taichi_sim.draws import NumberDraws
 from taichi_sim.dump import Dump, save_dump
 from taichi_sim.fleet import Fleet
 from taichi_sim.plugins import load_class
 from taichi_sim.script import Script
 from taichi_sim.sea.current import Current
 from taichi_sim.surroundings import Surroundings
+from taichi_sim.variation import Variation
 from taichi_sim.vehicles import load_vehicle
 
 
@@ -71,27 +71,24 @@ class World:
         self.env_sea = (torch.arange(num_envs, device=run.device) % self.sea.num_seas).to(torch.int32)
         self.time = torch.zeros(num_envs, dtype=torch.float64, device=run.device)
         self._phase = self.sea.phases(self.env_sea, self.time)
-        self._varied, self._of_sea = varied(config), self.conditions.tables()
-        uneven = "air.turbulence" in self._varied
-        self._turbulence = torch.ones_like(self.wind.velocity[:, 0]).contiguous() if uneven else None
+        self._variation = Variation(config, self.conditions, num_envs, self.seed)
         self.around = self._surroundings(self.current.velocity, self.wind.velocity)
         self.teams: dict[str, Fleet] = {}
         self.scripts: dict[str, Script] = {}
         self._felt: dict[str, tuple[Surroundings, float, float]] = {}
-        self._draws: dict[str, NumberDraws] = {}
-        self.truth: dict[str, torch.Tensor] = {}
-        self.truth_names: dict[str, tuple[str, ...]] = {}
+        self.truth, self.truth_names = self._variation.truth, self._variation.names
         for name in config.teams if teams is None else teams:
             self._add_team(name, source)
-        self._draw(torch.arange(num_envs, device=run.device))
+        everywhere = torch.arange(num_envs, device=run.device)
+        self._variation.begin(everywhere, self.env_sea, self.current, self.wind)
         for script in self.scripts.values():
-            script.begin(self, torch.arange(num_envs, device=run.device))
+            script.begin(self, everywhere)
 
     def _surroundings(self, current: torch.Tensor, wind: torch.Tensor) -> Surroundings:
         table, depth = self.sea.table, self.sea.kernel_depth
         return Surroundings(
             table, self.env_sea, self._phase, current, wind, depth, self.wind, seed=self.seed,
-            turbulence=self._turbulence,
+            turbulence=self._variation.turbulence,
         )  # fmt: skip
 
     def _add_team(self, name: str, source: Path | None) -> None:
@@ -107,9 +104,7 @@ class World:
                 f"{section.medium!r}: name a vehicle of that medium"
             )
         self.teams[name] = fleet = Fleet(name, model, self.num_envs, section.count)
-        self._draws[name] = draws = NumberDraws(fleet, section.vary, self.config.variation, self.seed)
-        self.truth_names[name] = (*draws.names, *TOLD)
-        self.truth[name] = fleet.state.new_zeros((self.num_envs, fleet.count, len(self.truth_names[name])))
+        self._variation.add(fleet)
         if section.script is not None:
             try:
                 kind = load_class(section.script, Script, [source.parent] if source else [])
@@ -168,30 +163,11 @@ class World:
         get its conditions, currents and winds about their means, vehicles with numbers of their own; scripted teams are
         placed.
         """
-        self._draw(envs)
+        self._variation.begin(envs, self.env_sea[envs], self.current, self.wind)
         self.current.reset(envs)
         self.wind.reset(envs)
         for script in self.scripts.values():
             script.begin(self, envs)
-
-    def _draw(self, envs: torch.Tensor) -> None:
-        """Give environments `envs` [n] what differs between them: conditions, and numbers of the vehicles."""
-        self._set_conditions(envs)
-        for name, draws in self._draws.items():
-            draws.draw(envs)
-            self.truth[name][envs, :, : len(draws.names)] = draws.told[envs]
-
-    def _set_conditions(self, envs: torch.Tensor) -> None:
-        """Give environments `envs` [n] the conditions of their realisations; slow variations are yet to be drawn."""
-        seas = self.env_sea[envs]
-        if self._varied & {"sea.current.speed", "sea.current.direction_deg"}:
-            self.current.set_mean(envs, self._of_sea.current[seas])
-        if self._varied & {"air.speed", "air.direction_deg"}:
-            self.wind.set_mean(envs, self._of_sea.wind[seas])
-        if self._turbulence is not None:
-            self._turbulence[envs] = self._of_sea.turbulence[seas]
-        for truth in self.truth.values():
-            truth[envs, :, -len(TOLD) :] = self._of_sea.told[seas].unsqueeze(1)
 
     def reseed(self, seed: int) -> None:
         """Make what is drawn from now on depend on `seed` alone: slow variations and turbulence, numbers of vehicles.
@@ -200,8 +176,7 @@ class World:
         """
         self.current.reseed(seed)
         self.wind.reseed(seed)
-        for draws in self._draws.values():
-            draws.reseed(seed)
+        self._variation.reseed(seed)
         self._tick(seed - self.around.clock)
 
     def _tick(self, steps: int = 1) -> None:
@@ -311,7 +286,8 @@ def replay(dump: Dump, source: Path | None = None) -> World:
     """
     world = World(dump.config, 1, seed=dump.seed, teams=tuple(dump.states), source=source)
     world.env_sea[0], world.time[0] = dump.sea, dump.time
-    world._set_conditions(torch.zeros(1, dtype=torch.int64, device=world.env_sea.device))
+    only = torch.zeros(1, dtype=torch.int64, device=world.env_sea.device)
+    world._variation.set_conditions(only, world.env_sea, world.current, world.wind)
     world.around.current[0], world.around.wind[0] = dump.current, dump.wind
     for around in {id(a): a for a in (world.around, *(world.felt(name) for name in world.teams))}.values():
         around.first_env = dump.env

@@ -27,6 +27,7 @@ LAYERS = (
     ("taichi_sim.usv", "taichi_sim.uav"),
     ("taichi_sim.vehicles",),
     ("taichi_sim.dump", "taichi_sim.script", "taichi_sim.conditions"),
+    ("taichi_sim.variation",),
     ("taichi_sim.world",),
     ("taichi_sim.bench", "taichi_sim.recording"),
     ("rl.seeds", "rl.scene"),

@@ -1,0 +1,71 @@
+"""What differs between the environments of a world: who has which when an episode begins, and what a critic is told."""
+
+import torch
+from torch import Tensor
+
+from taichi_sim import runtime
+from taichi_sim.air import Wind
+from taichi_sim.conditions import TOLD, Conditions, varied
+from taichi_sim.config import WorldConfig
+from taichi_sim.draws import NumberDraws
+from taichi_sim.fleet import Fleet
+from taichi_sim.sea.current import Current
+
+
+class Variation:
+    """Conditions of the realisations (conditions.py) and numbers of the vehicles (draws.py), and who has which.
+
+    Attributes:
+        turbulence: [env], factor of the turbulence's intensity; None where it does not vary.
+        truth: team -> [env, vehicle, n], run precision, of order one: numbers and conditions as drawn for the episode,
+            in this order, as many whatever the `variation`. Written in place. names: team -> n names.
+    """
+
+    def __init__(self, config: WorldConfig, conditions: Conditions, num_envs: int, seed: int):
+        """Of a world of that configuration and seed; its teams are to be added."""
+        run = runtime.current()
+        self.config, self.seed = config, seed
+        self.turbulence: Tensor | None = None
+        self._keys, self._tables = varied(config), conditions.tables()
+        if "air.turbulence" in self._keys:
+            self.turbulence = torch.ones(num_envs, dtype=run.torch_dtype, device=run.device)
+        self.truth: dict[str, Tensor] = {}
+        self.names: dict[str, tuple[str, ...]] = {}
+        self._draws: dict[str, NumberDraws] = {}
+
+    def add(self, fleet: Fleet) -> None:
+        """Draw numbers for the vehicles of a team, too.
+
+        Raises:
+            ConfigError: for a range that its section must not have.
+        """
+        ranges = self.config.teams[fleet.name].vary
+        self._draws[fleet.name] = draws = NumberDraws(fleet, ranges, self.config.variation, self.seed)
+        self.names[fleet.name] = (*draws.names, *TOLD)
+        self.truth[fleet.name] = fleet.state.new_zeros((*fleet.state.shape[:2], len(self.names[fleet.name])))
+
+    def begin(self, envs: Tensor, seas: Tensor, current: Current, wind: Wind) -> None:
+        """Give environments `envs` [n], on the realisations `seas` [n], their conditions, and vehicles their numbers.
+
+        `current` and `wind` get their means; their slow variations are still to be drawn about these.
+        """
+        self.set_conditions(envs, seas, current, wind)
+        for name, draws in self._draws.items():
+            draws.draw(envs)
+            self.truth[name][envs, :, : len(draws.names)] = draws.told[envs]
+
+    def set_conditions(self, envs: Tensor, seas: Tensor, current: Current, wind: Wind) -> None:
+        """The same without the vehicles."""
+        if self._keys & {"sea.current.speed", "sea.current.direction_deg"}:
+            current.set_mean(envs, self._tables.current[seas])
+        if self._keys & {"air.speed", "air.direction_deg"}:
+            wind.set_mean(envs, self._tables.wind[seas])
+        if self.turbulence is not None:
+            self.turbulence[envs] = self._tables.turbulence[seas]
+        for truth in self.truth.values():
+            truth[envs, :, -len(TOLD) :] = self._tables.told[seas].unsqueeze(1)
+
+    def reseed(self, seed: int) -> None:
+        """Make numbers of vehicles that are yet to be drawn depend on `seed` alone; conditions stay."""
+        for draws in self._draws.values():
+            draws.reseed(seed)
