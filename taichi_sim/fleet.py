@@ -27,14 +27,74 @@ from taichi_sim.vehicle import Vehicle
 VEHICLE_STEP = 4e3  # ns of a control step of one vehicle, about: hulls take more, other models less
 
 
-class Fleet:
-    """Vehicles of one model in every environment; the views share memory with what kernels work on.
+class Views:
+    """Named views of a team's state, and of what follows from it: they share memory with the tensors.
 
     Attributes:
-        state: [env, vehicle, 13], packed as in conventions.py.
-        aux: [env, vehicle, n], the model's own state; `reading` names its columns.
+        model: the vehicles'. state: [env, vehicle, 13], packed as in conventions.py. derived: [env, vehicle, 14], what
+            follows from the state (kinematics.py). aux: [env, vehicle, n], the model's own state; `reading` names its
+            columns.
+    """
+
+    def __init__(self, model: Vehicle, state: Tensor, derived: Tensor, aux: Tensor):
+        """View these."""
+        self.model, self.state, self.derived, self.aux = model, state, derived, aux
+
+    def reading(self, name: str) -> Tensor:
+        """One of the model's instruments [env, vehicle], as of the last step: a name of `model.aux_names`."""
+        return self.aux[..., self.model.aux_names.index(name)]
+
+    @property
+    def position_n(self) -> Tensor:
+        """[env, vehicle, 3] north, east, down, m."""
+        return self.state[..., POSITION]
+
+    @property
+    def quaternion_nb(self) -> Tensor:
+        """[env, vehicle, 4] w, x, y, z, body to world."""
+        return self.state[..., QUATERNION]
+
+    @property
+    def velocity_b(self) -> Tensor:
+        """[env, vehicle, 3] forward, right, down, m/s."""
+        return self.state[..., VELOCITY]
+
+    @property
+    def angular_velocity_b(self) -> Tensor:
+        """[env, vehicle, 3] roll, pitch, yaw rate, rad/s."""
+        return self.state[..., ANGULAR_VELOCITY]
+
+    @property
+    def R_nb(self) -> Tensor:  # noqa: N802
+        """[env, vehicle, 3, 3] rotation of body vectors into the world, as of the last step."""
+        return self.derived[..., ROTATION].unflatten(-1, (3, 3))
+
+    @property
+    def velocity_n(self) -> Tensor:
+        """[env, vehicle, 3] north, east, down, m/s, as of the last step."""
+        return self.derived[..., VELOCITY_N]
+
+    @property
+    def heading(self) -> tuple[Tensor, Tensor]:
+        """Cosine and sine [env, vehicle] of the heading, as of the last step."""
+        return self.derived[..., HEADING_COS], self.derived[..., HEADING_SIN]
+
+    @property
+    def down_b(self) -> Tensor:
+        """[env, vehicle, 3] the world's down in b, as of the last step: roll and pitch without a jump."""
+        return self.derived[..., DOWN]
+
+    @property
+    def euler(self) -> Tensor:
+        """[env, vehicle, 3] roll, pitch, heading, rad (a copy)."""
+        return torch_euler_from_quaternion(self.quaternion_nb)
+
+
+class Fleet(Views):
+    """Vehicles of one model in every environment; the views share memory with what kernels work on.
+
+    Attributes, besides those of `Views`:
         surface: [env, vehicle, 2], what the sea does to a vessel: elevation under it and freeboard (conventions.py).
-        derived: [env, vehicle, 14], what follows from the state (kinematics.py).
         action: [env, vehicle, action], what is commanded in the coming or the last step.
         never: bool [env, vehicle], false: of endings that cannot happen; not to be written to.
         varied: whether numbers differ between environments (`set_numbers`). loaded: whether `load` has been asked for.
@@ -45,13 +105,12 @@ class Fleet:
         """Allocate `count` vehicles of `model` in each environment, at rest at the origin."""
         run = runtime.current()
         options: dict[str, Any] = {"dtype": run.torch_dtype, "device": run.device}
-        self.name, self.model, self.count, self.num_envs = name, model, count, num_envs
-        self.state = torch.zeros((num_envs, count, STATE_SIZE), **options)
+        self.name, self.count, self.num_envs = name, count, num_envs
+        sizes = STATE_SIZE, DERIVED_SIZE, max(model.aux_size, 1)
+        super().__init__(model, *(torch.zeros((num_envs, count, size), **options) for size in sizes))
         self.state[..., QUATERNION.start] = 1.0
-        self.aux = torch.zeros((num_envs, count, max(model.aux_size, 1)), **options)
         self.surface = torch.zeros((num_envs, count, SURFACE_SIZE), **options)
         self.surface[..., FREEBOARD] = NO_DECK
-        self.derived = torch.zeros((num_envs, count, DERIVED_SIZE), **options)
         self.action = torch.zeros((num_envs, count, max(len(model.action_names), 1)), **options)
         self.varied, self.few = False, runtime.few(num_envs * count, VEHICLE_STEP)
         self._vary: Tensor | None = None
@@ -190,54 +249,3 @@ class Fleet:
     def nominal(self) -> Tensor:
         """Values [len(model.varying)] of the vehicle file, float64."""
         return torch.tensor(list(self.model.nominal.values()), dtype=torch.float64, device=self.state.device)
-
-    # -- named views -----------------------------------------------------------------------------------------------
-
-    def reading(self, name: str) -> Tensor:
-        """One of the model's instruments [env, vehicle], as of the last step: a name of `model.aux_names`."""
-        return self.aux[..., self.model.aux_names.index(name)]
-
-    @property
-    def position_n(self) -> Tensor:
-        """[env, vehicle, 3] north, east, down, m."""
-        return self.state[..., POSITION]
-
-    @property
-    def quaternion_nb(self) -> Tensor:
-        """[env, vehicle, 4] w, x, y, z, body to world."""
-        return self.state[..., QUATERNION]
-
-    @property
-    def velocity_b(self) -> Tensor:
-        """[env, vehicle, 3] forward, right, down, m/s."""
-        return self.state[..., VELOCITY]
-
-    @property
-    def angular_velocity_b(self) -> Tensor:
-        """[env, vehicle, 3] roll, pitch, yaw rate, rad/s."""
-        return self.state[..., ANGULAR_VELOCITY]
-
-    @property
-    def R_nb(self) -> Tensor:  # noqa: N802
-        """[env, vehicle, 3, 3] rotation of body vectors into the world, as of the last step."""
-        return self.derived[..., ROTATION].unflatten(-1, (3, 3))
-
-    @property
-    def velocity_n(self) -> Tensor:
-        """[env, vehicle, 3] north, east, down, m/s, as of the last step."""
-        return self.derived[..., VELOCITY_N]
-
-    @property
-    def heading(self) -> tuple[Tensor, Tensor]:
-        """Cosine and sine [env, vehicle] of the heading, as of the last step."""
-        return self.derived[..., HEADING_COS], self.derived[..., HEADING_SIN]
-
-    @property
-    def down_b(self) -> Tensor:
-        """[env, vehicle, 3] the world's down in b, as of the last step: roll and pitch without a jump."""
-        return self.derived[..., DOWN]
-
-    @property
-    def euler(self) -> Tensor:
-        """[env, vehicle, 3] roll, pitch, heading, rad (a copy)."""
-        return torch_euler_from_quaternion(self.quaternion_nb)

@@ -52,6 +52,12 @@ def numbers_at(kind: ti.template(), numbers: ti.template(), e, i):
 
 
 @ti.func
+def values_at(kind: ti.template(), values: ti.template()):
+    """The first of `values` [n], as a struct of the type `kind`."""
+    return kind(*[values[k] for k in ti.static(range(len(kind.members)))])
+
+
+@ti.func
 def load_at(build: ti.template(), load: ti.template(), e, i):
     """Load from outside on vehicle i in environment e: six numbers (N, N m, b), zero where none is built in."""
     tau = ti.Vector([0.0 for _ in ti.static(range(6))])
