@@ -104,7 +104,8 @@ class TeamVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self._frozen = {rival.name: _frozen_policy(other, rival, config) for rival in others}
         self._ended = np.zeros(num_envs, dtype=bool)  # and not yet begun anew
 
-        self._action_shape = tuple(self.task.teams[team].action.shape)
+        own = self.task.teams[team]
+        self._action_shape = (num_envs, own.fleet.count, len(own.action_names))
         self.single_action_space = Box(-1.0, 1.0, (math.prod(self._action_shape[1:]),), np.float32)
         self.single_observation_space = Box(-np.inf, np.inf, self._observe().shape[1:], np.float32)
         self.action_space = batch_space(self.single_action_space, num_envs)
@@ -278,7 +279,7 @@ def _frozen_policy(other: str | Path, team: Team, config: Scenario) -> "Policy":
         policy: Policy = ClassicalPolicy()
     else:
         policy = _trained_policy(Path(other), team.name, config)
-    given, taken = policy(team).shape[-1], len(team.action_names)
+    given, taken = policy(team).shape[-1], len(team.fleet.model.action_names)
     if given != taken:
         raise ValueError(f"other = {str(other)!r}: it gives {given} actions, a {team.name} takes {taken}")
     return policy

@@ -25,6 +25,9 @@ Episodes = Mapping[str, NDArray[np.float64]]
 """Numbers of single episodes by name, [episode], or of many sets of them, [..., episode]; NaN: not measured."""
 
 
+COLLISION_LOSS = 20.0  # of an episode with a collision; assumed
+
+
 class Judge:
     """Watches one team through a chunk of episodes; a mission derives its own and adds figures.
 
@@ -92,6 +95,12 @@ class Judge:
         """[criterion, episode], the first criterion first: by them the worst episode is found. Larger is worse."""
         collided, paid = (episodes["collided"] > 0).astype(np.float64), episodes["reward"] / episodes["decisions"]
         return np.stack((collided, episodes["failed"], -paid))
+
+    @classmethod
+    def loss(cls, episodes: Episodes, config: Any) -> NDArray[np.float64]:
+        """[episode], what tuning a controller (rl/runs/tune.py) makes small."""
+        paid = episodes["reward"] / np.maximum(episodes["decisions"], 1)
+        return COLLISION_LOSS * (episodes["collided"] > 0) + (1 - episodes["succeeded"]) - paid
 
     @classmethod
     def figures(cls, seen: Sequence[Any], config: Any) -> dict[str, float | None]:

@@ -76,6 +76,8 @@ class Team:
     Attributes:
         mission, name, section: whose it is, what it is called, its section of the scenario. fleet: the vehicles.
         action, previous_action: [env, vehicle, action] of the last two steps, zero at the start of an episode.
+        known: what classical controllers are handed, with the attributes of a team: what its vehicles know. Default:
+            the team itself.
     """
 
     def __init__(self, mission: "Mission", name: str):
@@ -83,8 +85,11 @@ class Team:
         self.mission, self.name = mission, name
         self.section: Any = mission.config.teams[name]
         self.fleet: Fleet = mission.world.teams[name]
-        self.action = self.fleet.state.new_zeros((mission.num_envs, self.fleet.count, len(self.action_names)))
+        self.action = self.fleet.state.new_zeros(
+            (mission.num_envs, self.fleet.count, len(self.fleet.model.action_names))
+        )
         self.previous_action = self.action
+        self.known: Any = self
 
     @property
     def action_names(self) -> tuple[str, ...]:
@@ -101,6 +106,11 @@ class Team:
     def observe(self) -> Tensor:
         """Observations [env, vehicle, n] for the next decision: a fresh tensor each time."""
         return torch.cat(list(self.mission.observe(self).values()), dim=-1)
+
+    @property
+    def privileged(self) -> Tensor | None:
+        """What a critic is told besides, in training alone [env, vehicle, n], a fresh tensor; None is nothing."""
+        return None
 
     @property
     def observation_names(self) -> tuple[str, ...]:

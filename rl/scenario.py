@@ -29,6 +29,7 @@ class StageConfig(Strict):
     entropy: NonNegative = 0.0
     desired_kl: Positive = 0.01
     initial_std: Positive = 0.6
+    critic: Literal["truth", "policy"] = "truth"  # what the critic is told: also the truth that vehicles do not know
     checkpoint_interval: Annotated[int, Field(ge=1)] = 25  # iterations
 
 

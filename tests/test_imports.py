@@ -38,7 +38,7 @@ LAYERS = (
     ("rl.learn",),
     ("rl.runs", "rl.gym"),
     ("rl.cli",),
-    ("rl.train", "rl.evaluate", "rl.play", "rl.report"),
+    ("rl.train", "rl.evaluate", "rl.tune", "rl.play", "rl.report"),
     ("tools",),
 )
 # Within a layer these know nothing of each other.
@@ -46,7 +46,7 @@ STRANGERS = (
     {"taichi_sim.sea", "taichi_sim.air"},
     {"taichi_sim.usv", "taichi_sim.uav"},
     {"taichi_sim.bench", "taichi_sim.recording"},
-    {"rl.train", "rl.evaluate", "rl.play", "rl.report"},
+    {"rl.train", "rl.evaluate", "rl.tune", "rl.play", "rl.report"},
 )
 PACKAGES = ("taichi_sim", "rl", "tools")
 

@@ -18,15 +18,18 @@ class MissionEnv(VecEnv):
     The learning team's vehicles act by the rows; every other team acts by its frozen policy. An environment starts
     anew, in the same step, when any vehicle's episode ends: rows whose own vehicle ended are terminated, the rest
     (time is up, or a team mate or the other team ended) are truncated, which rsl-rl takes as `extras["time_outs"]`.
+
+    Rewards are told to the learner `scale` times as large: with 1 - discount, returns are of the size of one reward,
+    which a value network learns at once (what is logged is not scaled).
     """
 
-    def __init__(self, mission: Any, team: str, frozen: Mapping[str, Policy] | None = None):
+    def __init__(self, mission: Any, team: str, frozen: Mapping[str, Policy] | None = None, *, scale: float = 1.0):
         """Adapt `mission` (rl/mission.py) for `team`; `frozen` holds a policy for each other team in it.
 
         Raises:
             ValueError: if a team has none.
         """
-        self.mission, self.team, self.frozen = mission, team, dict(frozen or {})
+        self.mission, self.team, self.frozen, self.scale = mission, team, dict(frozen or {}), scale
         missing = set(mission.teams) - {team} - set(self.frozen)
         if missing:
             raise ValueError(f"no policy for {sorted(missing)}: teams that do not learn act by frozen policies")
@@ -37,7 +40,7 @@ class MissionEnv(VecEnv):
         self.max_episode_length = mission.config.episode_steps
         self.device = str(mission.device)
         self.cfg = mission.config.model_dump()
-        self._observations = own.observe()
+        self._observations, self._truth = own.observe(), own.privileged
         self.last: Step | None = None
         steps = torch.randint(mission.config.episode_steps, (mission.num_envs,), generator=mission.generator)
         mission.steps.copy_(steps)
@@ -52,9 +55,11 @@ class MissionEnv(VecEnv):
         self.mission.steps.copy_(value[:: self.vehicles])
 
     def get_observations(self) -> TensorDict:
-        """Current observations under the key "policy"."""
-        rows = self._observations.flatten(0, 1)
-        return TensorDict({"policy": rows}, batch_size=[self.num_envs], device=self.device)
+        """Current observations under the key "policy"; what a critic alone is told under "truth", if there is such."""
+        groups = {"policy": self._observations.flatten(0, 1)}
+        if self._truth is not None:
+            groups["truth"] = self._truth.flatten(0, 1)
+        return TensorDict(groups, batch_size=[self.num_envs], device=self.device)
 
     def step(self, actions: Tensor) -> tuple[TensorDict, Tensor, Tensor, dict]:
         """One decision of every row; see the class for endings."""
@@ -67,7 +72,7 @@ class MissionEnv(VecEnv):
         reward = step.reward[self.team]
         log = {f"/{key}": value.float() for key, value in mission.log(own, step).items()}  # before the reset
         mission.reset(done_env.nonzero().squeeze(1))
-        self._observations = own.observe()
+        self._observations, self._truth = own.observe(), own.privileged
         extras = {"time_outs": time_outs.flatten().float(), "log": {"/reward": reward.mean(), **log}}
         dones = done_env.repeat_interleave(self.vehicles)
-        return self.get_observations(), reward.flatten(), dones.long(), extras
+        return self.get_observations(), self.scale * reward.flatten(), dones.long(), extras

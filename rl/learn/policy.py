@@ -179,7 +179,7 @@ class ClassicalPolicy:
                 raise ControllerError(
                     f"{team.name}: there is no classical controller for the vehicle model {type(model).__name__}"
                 )
-        return self.controller(team)
+        return self.controller(team.known)
 
 
 def policies_of(kind: str, run: Path, config: Scenario) -> dict[str, Policy]:

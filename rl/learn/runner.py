@@ -23,15 +23,15 @@ COLUMNS = (  # and after these, what the mission logs
 )  # fmt: skip
 
 
-def ppo_config(stage: StageConfig) -> dict[str, Any]:
-    """rsl-rl's configuration of a stage."""
+def ppo_config(stage: StageConfig, privileged: bool = False) -> dict[str, Any]:
+    """rsl-rl's configuration of a stage; with `privileged`, its critic is told the truth too (asymmetric)."""
     network = actor_config(stage)
     critic = {k: v for k, v in network.items() if k != "distribution_cfg"}
     return {
         "class_name": "OnPolicyRunner",
         "num_steps_per_env": stage.steps_per_iteration,
         "save_interval": stage.checkpoint_interval,
-        "obs_groups": OBS_GROUPS,
+        "obs_groups": OBS_GROUPS | ({"critic": ["policy", "truth"]} if privileged else {}),
         "actor": network,
         "critic": critic,
         "algorithm": {
@@ -59,6 +59,7 @@ class ProgressLogger(Logger):
     elapsed_before = 0.0  # s, of parts before an interruption
     completed = 0  # iterations
     columns: tuple[str, ...] = COLUMNS
+    scale = 1.0  # of rewards, as the learner is told them
 
     def _store_code_state(self) -> list[str]:
         return []  # the run folder already holds the commit and the package versions
@@ -89,7 +90,7 @@ class ProgressLogger(Logger):
             "agent_steps": (it + 1) * n,
             "wall_time_s": round(self.elapsed_before + self.tot_time, 3),
             "reward_per_step": means.get("/reward"),
-            "episode_reward": sum(self.rewbuffer) / len(self.rewbuffer) if self.rewbuffer else None,
+            "episode_reward": sum(self.rewbuffer) / len(self.rewbuffer) / self.scale if self.rewbuffer else None,
             "policy_loss": losses["surrogate"],
             "value_loss": losses["value"],
             "entropy": losses["entropy"],
@@ -131,7 +132,8 @@ class StageRunner(OnPolicyRunner):
         """Prepare to train `env`; checkpoints, progress.csv and TensorBoard events go to `folder`."""
         self.folder, self.stage = folder, stage
         with contextlib.redirect_stdout(io.StringIO()):
-            super().__init__(env, ppo_config(stage), str(folder), str(env.device))
+            privileged = stage.critic == "truth" and "truth" in set(env.get_observations().keys())
+            super().__init__(env, ppo_config(stage, privileged), str(folder), str(env.device))
             self.logger = ProgressLogger(
                 log_dir=str(folder), cfg=self.cfg, env_cfg=env.cfg, num_envs=env.num_envs,
                 is_distributed=self.is_distributed, gpu_world_size=self.gpu_world_size,
@@ -140,6 +142,7 @@ class StageRunner(OnPolicyRunner):
         for group in self.alg.optimizer.param_groups:
             group["fused"], group["foreach"] = True, False  # one kernel a tensor instead of a dozen
         own = env.mission.teams[env.team]
+        self.logger.scale = env.scale
         self.logger.columns = (*COLUMNS, *env.mission.logged)
         self.signature = {"observations": list(own.observation_names), "actions": list(own.action_names)}
 

@@ -56,7 +56,8 @@ def train_stage(
     mission = make_mission(config, stage.num_envs, seed=derive_seed(config.seed, name), teams=teams, source=source)
     mission.reseed(seed)
     mission.world.dump_folder = dumps
-    env = MissionEnv(mission, stage.team, {t: policies[t] for t in mission.teams if t != stage.team})
+    frozen = {t: policies[t] for t in mission.teams if t != stage.team}
+    env = MissionEnv(mission, stage.team, frozen, scale=1 - stage.discount)
     runner = StageRunner(env, stage, folder)
     if saved:
         runner.load(str(saved[-1]))

@@ -25,6 +25,7 @@ STRETCH_GROWTH = 0.25  # per round, of the stretch of track in which an obstacle
 PATIENCE = 16  # rounds before an obstacle may stand further out than asked
 OUTWARD_GROWTH = 0.1  # per later round, of the widest clearance
 TRACK_CLEARANCE_M = 12.0  # from the surface of an obstacle to the track itself, unless asked for less
+LEAST_SPREAD_M = 2.0  # of distances: at one alone there would be no room
 PASSAGE_M = 10.0  # between the surfaces of two obstacles, at the least
 HEIGHT_BAND_M = 10.0  # either side of the flight height, in which no obstacle ends
 CHUNK = 128  # obstacles measured at once: the working set stays in cache
@@ -65,7 +66,7 @@ def generate_obstacles(
     obstacle[..., 2:] = torch.from_numpy(np.stack((radius, height), axis=-1))
 
     nearest = max(lane_half_width_m + clearance_m[0], track_clearance_m)
-    furthest = max(lane_half_width_m + clearance_m[1], nearest)
+    furthest = max(lane_half_width_m + clearance_m[1], nearest + LEAST_SPREAD_M)
     placed = torch.zeros(worlds, count, dtype=torch.bool)
     for round_ in range(ROUNDS):
         world, number = (~placed).nonzero(as_tuple=True)

@@ -16,7 +16,7 @@ import torch
 from rl.scene.traffic import AWAY, BOTTOM, EAST, NORTH, RADIUS, ROWS, TOP, V_EAST, V_NORTH, Bodies
 from taichi_sim import runtime
 from taichi_sim.fleet import Fleet
-from taichi_sim.kinematics import HEADING_COS, HEADING_SIN
+from taichi_sim.kinematics import HEADING_COS, HEADING_SIN, VELOCITY_N
 
 _array3, _array4 = (ti.types.ndarray(ndim=n) for n in (3, 4))
 SensedPack = ti.types.argpack(gap=ti.types.ndarray(ndim=2), obstacles=_array4, mates=_array4, signals=_array3)
@@ -25,6 +25,7 @@ WIDTH = 8  # obstacles in a vector
 FAR = 1e9  # m: below any bottom
 SPEED_SCALE = 10.0  # m/s, where an obstacle's squashed speed is half way to 1
 
+V = VELOCITY_N.start
 LOOK = 150.0  # ns of one vehicle, about
 
 
@@ -164,12 +165,25 @@ def store_obstacle(out: ti.template(), derived: ti.template(), sight: ti.templat
     store_seen(out.obstacles, e, i, k, distance, direction)
     out.obstacles[e, i, k, 4], out.obstacles[e, i, k, 5] = moves[0], moves[1]
     out.obstacles[e, i, k, 6], out.obstacles[e, i, k, 7] = radius, level
+    out.obstacles[e, i, k, 8] = number
     at = ti.static(k * (sight.axes + 4))
     store_signal(out.signals, e, i, at, ti.max(distance, 0.0), reach, direction, derived, sight.axes)
     c, s, speed = derived[e, i, HEADING_COS], derived[e, i, HEADING_SIN], moves.norm() + SPEED_SCALE
     out.signals[e, i, at + ti.static(sight.axes + 1)] = spread
     out.signals[e, i, at + ti.static(sight.axes + 2)] = (c * moves[0] + s * moves[1]) / speed
     out.signals[e, i, at + ti.static(sight.axes + 3)] = (c * moves[1] - s * moves[0]) / speed
+
+
+@ti.func
+def store_mate(out: ti.template(), derived: ti.template(), sight: ti.template(), e, i, k: ti.template(), distance,
+               number, direction, moves, reach):  # fmt: skip
+    """Write the k-th nearest team mate, number -1 if there is none, in `direction` (unit vector, NED); `moves` is its
+    velocity, north and east, m/s.
+    """
+    store_seen(out.mates, e, i, k, distance, direction)
+    out.mates[e, i, k, 4], out.mates[e, i, k, 5], out.mates[e, i, k, 6] = number, moves[0], moves[1]
+    at = ti.static(sight.obstacles * (sight.axes + 4) + k * (sight.axes + 1))
+    store_signal(out.signals, e, i, at, distance, reach, direction, derived, sight.axes)
 
 
 @ti.kernel
@@ -195,13 +209,12 @@ def _sense(
                 there = numbered(field, bodies, w, e, ti.max(index[k], 0), sight)
                 store_obstacle(out, team.derived, sight, e, i, k, far[k], index[k], place, there, reach)
             for k in ti.static(range(sight.mates)):
-                direction, m = place * 0.0, ti.max(who[k], 0)
+                direction, moves, m = place * 0.0, ti.Vector([0.0, 0.0]), ti.max(who[k], 0)
                 if who[k] >= 0:
                     there = ti.Vector([team.state[e, m, 0], team.state[e, m, 1], team.state[e, m, 2]])
                     direction = (there - place) / ti.max(away[k], 1e-6)
-                store_seen(out.mates, e, i, k, away[k], direction)
-                at = ti.static(sight.obstacles * (sight.axes + 4) + k * (sight.axes + 1))
-                store_signal(out.signals, e, i, at, away[k], reach, direction, team.derived, sight.axes)
+                    moves = ti.Vector([team.derived[e, m, V], team.derived[e, m, V + 1]])
+                store_mate(out, team.derived, sight, e, i, k, away[k], who[k], direction, moves, reach)
 
 
 class Sensor:
@@ -210,10 +223,12 @@ class Sensor:
     Attributes:
         gap: [env, vehicle] smallest clearance (m) between this vehicle's sphere of `radius` and any obstacle or
             team mate's sphere, at most `reach`; negative means contact.
-        obstacles: [env, vehicle, k, 8] distance (m) to the k-th nearest obstacle's surface, the horizontal unit
+        obstacles: [env, vehicle, k, 9] distance (m) to the k-th nearest obstacle's surface, the horizontal unit
             vector to its axis (NED), its velocity, north and east (m/s), its radius (m), and the horizontal distance
-            to its surface (m), negative above or below it; `reach` and zeros where there is none in range.
-        team_mates: [env, vehicle, k, 4] likewise, of the k-th nearest team mate's origin, without a velocity.
+            to its surface (m), negative above or below it, and its number, of obstacles that stand and bodies on from
+            them; `reach`, zeros and the number -1 where there is none in range.
+        team_mates: [env, vehicle, k, 7] likewise, of the k-th nearest mate's origin: distance, unit vector, number,
+            velocity north and east (m/s).
         signals: [env, vehicle, n] all of it as a policy observes it, obstacles first: closeness 1 - d / reach, and
             the direction in the vehicle's own frame times closeness; zeros where there is nothing in range. An
             obstacle has three more: the sine of half the angle it fills, without which nobody can tell whether a
@@ -240,8 +255,8 @@ class Sensor:
         self.fleet, self.reach, self.radius = fleet, reach, radius
         self.num_obstacles, self.num_mates = num_obstacles, num_mates
         self.gap = state.new_zeros((env, vehicle))
-        self.obstacles = state.new_zeros((env, vehicle, max(num_obstacles, 1), 8))
-        self.team_mates = state.new_zeros((env, vehicle, max(num_mates, 1), 4))
+        self.obstacles = state.new_zeros((env, vehicle, max(num_obstacles, 1), 9))
+        self.team_mates = state.new_zeros((env, vehicle, max(num_mates, 1), 7))
         width = num_obstacles * (self.axes + 4) + num_mates * (self.axes + 1)
         self.signals = state.new_zeros((env, vehicle, width))
         self.written = self.signals if width else state.new_zeros((env, vehicle, 1))  # kernels take no empty array

@@ -1,7 +1,8 @@
 """Traffic: bodies that move through the lanes, at constant course and speed, or as the current carries them.
 
 A body is a vertical cylinder between two heights above the sea. Each start of each world (missions say where those are)
-has bodies of its own, timed so that they meet the team on its way; how many, how large and how fast, all assumed:
+has bodies of its own, timed so that each would meet one of the team's vehicles in its place, were that to keep to it;
+how many, how large and how fast, all assumed:
 
     crossing    at 50 to 130 degrees to the track, either way
     overtaking  along the track to 15 degrees, slower than the team, which comes up from behind
@@ -26,6 +27,7 @@ CROSSING_ANGLE = math.radians(50.0), math.radians(130.0)
 OVERTAKING_ANGLE = math.radians(15.0)
 MEETING = 0.2, 0.9  # of an episode's duration: between these a body meets the team
 DRAWS = 40  # of a body, until it is in nobody's way
+AIM = 0.8  # of its radius, the most by which a body's axis would pass beside the vehicle that it meets
 ROOM_M = 10.0  # between the surfaces of a body and of an obstacle, or of another body, at the least
 HEAD_START = 3.0  # s that a body and a team on collision course are apart when an episode begins, at the least
 INSTANTS = 24  # of an episode at which a body's path is checked
@@ -33,11 +35,14 @@ AWAY = 1e6  # m: where what is not there is put
 
 
 class Span(NamedTuple):
-    """Heights (m) above the sea between which bodies lie, and their radii (m)."""
+    """Heights (m) above the sea between which bodies lie, their radii (m), and the places in the team that they meet:
+    [world, start, vehicle, 2], ahead and to starboard of the target (m).
+    """
 
     bottom: float
     top: tuple[float, float]
     radius: tuple[float, float]
+    places: Tensor
 
 
 @dataclass(frozen=True)
@@ -46,7 +51,7 @@ class Traffic:
 
     count: bodies of each span and start. spans: one for what sails, one for what flies. drifting, overtaking: shares of
     all bodies; the rest crosses. speed: least and greatest over ground, m/s. current: mean velocity of the water, north
-    and east, m/s. duration: of an episode, s. team_speed: along the track, m/s. lane_half_width: m.
+    and east, m/s. duration: of an episode, s. team_speed: along the track, m/s.
     """
 
     count: int
@@ -57,7 +62,6 @@ class Traffic:
     current: tuple[float, float]
     duration: float
     team_speed: float
-    lane_half_width: float
 
     @property
     def bodies(self) -> int:
@@ -106,9 +110,11 @@ class Traffic:
             return low + (high - low) * torch.rand(progress.shape, generator=generator)
 
         world = torch.arange(progress.shape[0]).unsqueeze(1).expand(progress.shape).contiguous()
-        when = self.duration * uniform(*MEETING)
+        when, radius = self.duration * uniform(*MEETING), uniform(*span.radius)
+        whose = torch.randint(span.places.shape[2], progress.shape, generator=generator)
+        ahead, aside = span.places.gather(2, whose[..., None, None].expand(*whose.shape, 1, 2))[:, :, 0].unbind(-1)
         place = tracks.at(world, progress + self.team_speed * when)
-        aside = uniform(-self.lane_half_width, self.lane_half_width)
+        ahead, aside = (x + AIM * radius * uniform(-1.0, 1.0) / math.sqrt(2) for x in (ahead, aside))
         kind, side = uniform(0.0, 1.0), torch.where(uniform(-1.0, 1.0) < 0, -1.0, 1.0)
         turn = torch.where(
             kind < self.drifting + self.overtaking, uniform(-OVERTAKING_ANGLE, OVERTAKING_ANGLE),
@@ -122,9 +128,11 @@ class Traffic:
         velocity = (1 - carried).unsqueeze(-1) * speed.unsqueeze(-1) * torch.stack((course.cos(), course.sin()), -1)
         water = carried.unsqueeze(-1) * torch.tensor(self.current)
         starboard = torch.stack((-place.course.sin(), place.course.cos()), dim=-1)
-        begin = place.position + aside.unsqueeze(-1) * starboard - (velocity + water) * when.unsqueeze(-1)
+        forward = torch.stack((place.course.cos(), place.course.sin()), dim=-1)
+        meeting = place.position + ahead.unsqueeze(-1) * forward + aside.unsqueeze(-1) * starboard
+        begin = meeting - (velocity + water) * when.unsqueeze(-1)
         heights = torch.full_like(when, span.bottom), uniform(*span.top)
-        return torch.stack((*begin.unbind(-1), uniform(*span.radius), *heights, *velocity.unbind(-1), carried), dim=-1)
+        return torch.stack((*begin.unbind(-1), radius, *heights, *velocity.unbind(-1), carried), dim=-1)
 
     def _free(self, body: Tensor, starts: Tensor, obstacles: Tensor, others: Tensor) -> Tensor:
         """Whether its way is free of what stands, of the other bodies, and of where vehicles start [world, start]."""

@@ -54,6 +54,11 @@ class WorldConfig(Strict):
         return dict(self.__pydantic_extra__ or {})
 
     @property
+    def varies(self) -> bool:
+        """Whether environments differ in anything but their seas' waves."""
+        return self.variation > 0 and bool(self.vary or any(team.vary for team in self.teams.values()))
+
+    @property
     def scripted(self) -> tuple[str, ...]:
         """Teams that a script acts for."""
         return tuple(name for name, team in self.teams.items() if team.script is not None)

@@ -13,7 +13,7 @@ from rl.missions import load_scenario
 from rl.missions.formation.mission import Formation
 from rl.scenario import StageConfig
 
-SMALL = ("track.worlds=4", "sea.realisations=4", "uav.count=2", "usv.residual.share=0", "uav.residual.share=0")
+SMALL = ("track.worlds=4", "sea.realisations=4", "uav.count=2", "usv.residual.velocity=0", "uav.residual.velocity=0")
 ENVS, UAVS, USVS = 4, 2, 3
 
 

@@ -57,8 +57,11 @@ def test_errors_are_pooled_over_time_and_an_episode_without_any_counts_for_nothi
         "follower_error_rms_m": np.full(3, np.nan),
         "follower_s": np.zeros(3),
         "least_gap_m": np.array([2.0, 5.0, np.nan]),
+        "evasions": np.array([1.0, 2.0, 0.0]),
+        "vehicle_hours": np.full(3, 2.0),
     }
     found = intervals(FormationJudge, episodes)
+    assert found["evasions_per_hour"].value == pytest.approx(0.5)
     assert found["leader_error_rms_m"].value == pytest.approx(7.0**0.5)
     assert (found["leader_error_rms_m"].low, found["leader_error_rms_m"].high) == pytest.approx((1.0, 3.0))
     assert found["follower_error_rms_m"] == (None, None, None)

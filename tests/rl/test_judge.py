@@ -14,6 +14,8 @@ ENVS, VEHICLES = 3, 2
 REWARD = torch.tensor([[1.0, 3.0], [5.0, 7.0], [-1.0, -1.0]])
 DISTANCE = torch.tensor([[3.0, 4.0], [6.0, 1.0], [2.0, 0.5]])
 GAP = torch.tensor([[9.0, 8.0], [-0.5, 8.0], [4.0, 2.0]])
+SLOT_CLEARANCE = torch.ones(STEPS + 1, ENVS, VEHICLES)
+SLOT_CLEARANCE[2:5, 0, 1] = SLOT_CLEARANCE[7, 0, 1] = SLOT_CLEARANCE[8:, 2, 0] = -1.0  # twice, and after its end
 CONFIG = SimpleNamespace(
     decision_interval=INTERVAL, episode_steps=STEPS, evaluation=SimpleNamespace(settle=SETTLE, success_error=5.0)
 )
@@ -22,7 +24,10 @@ CONFIG = SimpleNamespace(
 def judged(kind: type[Judge], collides_at: int, lost_at: int) -> dict:
     """Figures of three environments: vehicle 0 of the second collides, vehicle 1 of the third is lost."""
     team = SimpleNamespace(fleet=SimpleNamespace(count=VEHICLES), distance=DISTANCE, sensor=SimpleNamespace(gap=GAP))
-    mission = SimpleNamespace(num_envs=ENVS, teams={"boats": team}, config=CONFIG)
+    clearance = iter(SLOT_CLEARANCE)
+    mission = SimpleNamespace(
+        num_envs=ENVS, teams={"boats": team}, config=CONFIG, slot_clearance=lambda team: next(clearance)
+    )
     judge = kind(mission, "boats")
     for number in range(1, STEPS + 1):
         ended = {name: torch.zeros((ENVS, VEHICLES), dtype=torch.bool) for name in ("collided", "lost")}
@@ -50,6 +55,7 @@ def test_errors_of_a_formation_count_after_the_start_has_settled():
     assert figures["follower_error_rms_m"] == pytest.approx(((5 * 16.0 + 2 * 0.25) / 7) ** 0.5)
     assert figures["least_gap_m"] == pytest.approx((8.0 + 2.0) / 2)  # the second ended before it was measured
     assert figures["success_rate"] == pytest.approx(1 / 3)
+    assert figures["evasions_per_hour"] == pytest.approx(2 / (2 * (10 + 4 + 7) * INTERVAL / 3600))
 
 
 def test_errors_too_large_are_no_success():

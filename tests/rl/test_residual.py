@@ -9,8 +9,8 @@ from taichi_sim.config import ConfigError
 
 
 def corrected(*overrides: str):
-    """A mission whose boats correct the classical controller by three tenths at most."""
-    return make("usv.residual.share=0.3", *overrides, teams=("usv",))
+    """A mission whose boats correct the classical controller's actions by three tenths at most."""
+    return make("usv.residual={share=0.3}", *overrides, teams=("usv",))
 
 
 def test_a_silent_policy_is_the_classical_controller_and_a_loud_one_is_limited():
@@ -36,14 +36,33 @@ def test_the_classical_action_of_now_is_observed():
     assert team.observe()[1, :, -2:].equal(ClassicalPolicy()(team)[1])
 
 
-def test_a_gate_opens_where_something_is_near():
-    task = corrected("usv.residual.gate=20.0")
+def test_a_gate_opens_where_an_obstacle_is_near():
+    task = corrected("usv.residual.gate=20.0", "sea.hs=0")
     begin(task)
     team = task.teams["usv"]
-    team.sensor.gap.copy_(torch.tensor([40.0, 20.0, 15.0]).expand(task.num_envs, 3))
-    team._reference = torch.zeros(task.num_envs, 3, 2)
-    pushed = team.command(torch.ones(task.num_envs, 3, 2))
-    torch.testing.assert_close(pushed[0, :, 0], torch.tensor([0.0, 0.0, 0.15]))
+    near = torch.tensor([40.0, 20.0, 15.0]) + team.radius
+    team.sensor.obstacles[..., 0, 0] = near.expand(task.num_envs, 3)
+    silent = torch.zeros(task.num_envs, 3, 2)
+    added = team.command(silent + 1.0) - team.command(silent)
+    room = (1.0 - team.command(silent)).clamp(max=1.0)[0, :, 1]
+    torch.testing.assert_close(added[0, :, 1], torch.minimum(torch.tensor([0.0, 0.0, 0.15]), room))
+
+
+@pytest.mark.parametrize("team", ["usv", "uav"])
+def test_a_corrected_velocity_is_flown(team):
+    """A policy that always asks for 2 m/s to port is that much to port of a formation that goes straight on."""
+    straight = ("sea.hs=0", "obstacles.count=0", "track.min_radius=300", "track.checkpoints=6")
+    task = make(*straight, f"{team}.residual.velocity=2.0", f"{team}.count=1", teams=(team,))
+    begin(task)
+    side = task.teams[team]
+    assert side.action_names == ("velocity ahead (correction)", "velocity to starboard (correction)")
+    port = torch.tensor([0.0, -1.0]).expand(task.num_envs, 1, 2)
+    for _ in range(80):
+        task.step({team: side.command(port)})
+    off = side.now.error[:, 0, :2]
+    aside = off[:, 1] * side.target.cos - off[:, 0] * side.target.sin
+    assert (aside > 1.0).all()  # where the controller's own 2 m/s back balance it
+    assert side.observe().shape[-1] == len(side.observation_names)
 
 
 def test_its_policy_is_another_than_one_that_acts_alone():
@@ -65,6 +84,6 @@ def test_what_has_no_classical_controller_cannot_be_corrected(monkeypatch):
     task = corrected()
     monkeypatch.setattr(type(task), "controller", lambda self, team: None)
     team = task.teams["usv"]
-    team._controller = team._reference = None
+    team._controller = team._wanted = None
     with pytest.raises(ConfigError, match="usv.residual: there is no classical controller to correct"):
         team.observe()

@@ -116,8 +116,8 @@ def test_team_mates_come_nearest_first_in_three_dimensions():
 
 def test_what_is_not_in_range_reads_as_the_range_with_no_direction():
     sensor = sense([(0.0, 0.0, 0.0), (0.0, 50.0, 0.0)], [(100, 0, 5, 9)], seen=2, mates=2)
-    assert_rows(sensor.obstacles[0, 0], [[REACH, 0, 0, 0, 0, 0, 0, REACH]] * 2)
-    assert_rows(sensor.team_mates[0, 0], [[REACH, 0, 0, 0]] * 2)
+    assert_rows(sensor.obstacles[0, 0], [[REACH, 0, 0, 0, 0, 0, 0, REACH, -1]] * 2)
+    assert_rows(sensor.team_mates[0, 0], [[REACH, 0, 0, 0, -1, 0, 0]] * 2)
     assert sensor.gap.tolist() == [[REACH, REACH]]
 
 
@@ -186,7 +186,7 @@ def test_a_body_that_moves_is_seen_with_its_velocity_among_what_stands():
         sensor.look(stands, torch.zeros(1, dtype=torch.int64), bodies=bodies)
         return sensor.obstacles[0, 0]
 
-    assert_rows(look(), [[26, 1, 0, 0, 3, -4, 4, 26], [30, 0, 1, 0, 0, 0, 5, 30]])
+    assert_rows(look(), [[26, 1, 0, 0, 3, -4, 4, 26, 8], [30, 0, 1, 0, 0, 0, 5, 30, 0]])
     c, s = math.cos(psi), math.sin(psi)
     moves = torch.tensor([3 * c - 4 * s, -4 * c - 3 * s]) / (5.0 + 10.0)
     assert_rows(sensor.signals[0, 0, 4:6], moves.tolist())

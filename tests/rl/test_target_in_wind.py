@@ -14,11 +14,19 @@ from rl.scene.wind_triangle import crab, speed_over_ground
 from taichi_sim.config import ConfigError
 from taichi_sim.maths.rotation import torch_euler_from_quaternion
 
-SMALL = ("track.worlds=4", "sea.realisations=4", "sea.components=4", "obstacles.count=0", "uav.residual.share=0")
+SMALL = ("track.worlds=4", "sea.realisations=4", "sea.components=4", "obstacles.count=0", "uav.residual.velocity=0")
 BREEZE = ("air.speed=7.72", "air.direction_deg=240", "air.std=0.5", "air.roughness=0.001")
 ALOFT = math.log(60 / 0.001) / math.log(10 / 0.001)  # wind at 60 m, the paper's flight height, over that at 10 m
 AIRSPEED = 20.0
-UNIFORM = ("variation=0", 'air.profile="uniform"', "air.std=0", 'air.turbulence="none"', "air.direction_deg=240")
+UNIFORM = (
+    "variation=0",
+    "sensors.errors=0",
+    "radio={}",
+    'air.profile="uniform"',
+    "air.std=0",
+    'air.turbulence="none"',
+    "air.direction_deg=240",
+)
 
 
 def make(*overrides: str, envs: int = 64, teams: tuple[str, ...] = ("uav",), scenario: str = "paper") -> Formation:
@@ -237,13 +245,16 @@ def test_aircraft_start_on_courses_that_do_not_meet(aircraft):
 
 
 def test_aircraft_observe_airspeed_and_wind(aircraft):
-    """The last four terms, unscaled: the wind in b is that of the scenario, and velocity less wind is the airspeed."""
+    """The terms, unscaled: the wind in b is that of the scenario, and velocity less wind is the airspeed."""
     aircraft.reset()
     generator = torch.Generator().manual_seed(0)
     team = aircraft.teams["uav"].fleet
     for _ in range(10):
         aircraft.step({"uav": 2 * torch.rand(64, 3, 3, generator=generator) - 1})
-    seen = aircraft.teams["uav"].observe()[..., -4:]
+    names = aircraft.teams["uav"].observation_names
+    first = names.index("airspeed")
+    seen = aircraft.teams["uav"].observe()[..., first : first + 4]
+    assert names[first + 1 : first + 4] == ("wind.0", "wind.1", "wind.2")
     wind_b = 10.0 * seen[..., 1:] / (1 - seen[..., 1:].abs())
     blows = 7.72 * torch.tensor([math.cos(math.radians(60)), math.sin(math.radians(60)), 0.0])
     torch.testing.assert_close(wind_b, blows @ team.R_nb, atol=1e-3, rtol=0)

@@ -28,7 +28,7 @@ def bodies(task):
 
 
 def test_every_episode_meets_traffic_of_each_medium(busy):
-    """Each body comes into the lanes of the teams, at the time at which they are there."""
+    """Each body would hit a vehicle of a team in its slot, the line abreast 15 m apart."""
     pool, config = bodies(busy), busy.config
     met = 24 * config.episode_duration * config.track.target_speed / config.track.length
     assert pool.shape[-1] == 2 * math.ceil(0.4 * met)
@@ -37,11 +37,13 @@ def test_every_episode_meets_traffic_of_each_medium(busy):
     velocity = pool[..., V_NORTH : V_EAST + 1, :] + pool[..., CARRIED : CARRIED + 1, :] * water.unsqueeze(-1)
     place = pool[..., :2, :].unsqueeze(-1) + velocity.unsqueeze(-1) * time
     world = torch.arange(pool.shape[0]).view(-1, 1, 1).expand(*pool.shape[:2], len(time))
-    target = busy.tracks.at(world, busy.starts.progress.unsqueeze(-1) + config.track.target_speed * time).position
-    nearest = (place.permute(0, 1, 3, 4, 2) - target.unsqueeze(2)).norm(dim=-1).amin(-1)
+    target = busy.tracks.at(world, busy.starts.progress.unsqueeze(-1) + config.track.target_speed * time)
+    starboard = torch.stack((-target.course.sin(), target.course.cos()), dim=-1)
+    slots = target.position.unsqueeze(2) + torch.tensor([-15.0, 0.0, 15.0]).view(3, 1, 1) * starboard.unsqueeze(2)
+    nearest = (place.permute(0, 1, 3, 4, 2).unsqueeze(3) - slots.unsqueeze(2)).norm(dim=-1).amin((-1, -2))
     there = pool[..., 0, :] < 1e5
     assert there.float().mean() > 0.9
-    assert nearest[there].max() < 15.0 + 1.0  # the lane's half width, and the steps of `time`
+    assert (nearest - pool[..., RADIUS, :])[there].max() < 0.0
     spans = pool[..., BOTTOM, :], pool[..., TOP, :]
     flies = torch.arange(pool.shape[-1]) % 2 == 1
     assert (spans[1][there & ~flies] <= 15.0).all()

@@ -1,6 +1,5 @@
 """The classical controller of aircraft: arcs against closed forms, and how aircraft find and keep their slots."""
 
-import math
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -11,14 +10,13 @@ from torch import Tensor
 from rl.learn.policy import ClassicalPolicy
 from rl.mission import ControllerError
 from rl.missions import load_scenario
-from rl.missions.formation.controllers.avoidance import passing
 from rl.missions.formation.controllers.fixed_wing_6dof import FixedWing6DofController, velocity_through_air
 from rl.missions.formation.mission import Formation
 
 VEHICLES = Path(__file__).parents[2] / "configs" / "vehicles"
 STEADY = (
     "sea.follows_wind=false", "sea.sea_state=0", "air.std=0", 'air.turbulence="none"', "obstacles.count=0",
-    "track.worlds=4", "sea.realisations=1", "variation=0",
+    "track.worlds=4", "sea.realisations=1", "variation=0", "sensors.errors=0", "radio={}",
 )  # fmt: skip
 CALM = (*STEADY, "air.speed=0")
 BENDS = ("track.min_radius=150",)
@@ -58,28 +56,6 @@ def rms(x: Tensor) -> float:
 
 
 # -- closed forms -------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("bearing", [-2.0, -0.3, 0.0, 0.4, 1.5])
-def test_a_straight_way_passes_at_the_sine_of_the_bearing(bearing):
-    course = 0.7
-    velocity = 20.0 * torch.tensor([math.cos(course), math.sin(course), 0.1])
-    toward = torch.tensor([math.cos(course + bearing), math.sin(course + bearing), 0.0])
-    distance = passing(velocity, torch.zeros(()), toward, torch.tensor(80.0))
-    assert float(distance) == pytest.approx(80.0 * abs(math.sin(bearing)), abs=1e-4)
-
-
-@pytest.mark.parametrize("rate", [-0.2, 0.1])
-@pytest.mark.parametrize("out", [-100.0, -30.0, 0.0, 25.0])
-def test_an_arc_passes_a_place_at_its_distance_from_the_circle(rate, out):
-    speed, turned = 20.0, 0.6  # the place is beside the arc where it has turned by that much; -R is its centre
-    radius, side = speed / abs(rate), math.copysign(1.0, rate)
-    out = max(out, -radius)
-    north, east = (radius + out) * math.sin(turned), side * (radius - (radius + out) * math.cos(turned))
-    d = math.hypot(north, east)
-    toward = torch.tensor([north / d, east / d])
-    distance = passing(torch.tensor([speed, 0.0]), torch.tensor(rate), toward, torch.tensor(d))
-    assert float(distance) == pytest.approx(abs(out), abs=1e-3)
 
 
 def test_surfaces_are_refused():

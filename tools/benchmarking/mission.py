@@ -38,8 +38,8 @@ def cruise(team: Team) -> torch.Tensor:
     """Mean action [action] of the classical controller at the start of an episode: straight on, near cruise."""
     controller = team.mission.controller(team)
     if controller is None:
-        return torch.zeros(len(team.action_names))
-    return controller(team).mean(dim=(0, 1))
+        return torch.zeros(team.action.shape[-1])
+    return controller(team.known).mean(dim=(0, 1))
 
 
 def random_decisions(task: Mission) -> Callable[[], object]:
@@ -71,7 +71,8 @@ def policy_decisions(task: Mission, stages: dict[str, StageConfig]) -> Callable[
 
     def decide_by_policy() -> None:
         nonlocal observed
-        observed = decide(task, {name: policies[name].act(seen) for name, seen in observed.items()})
+        actions = {name: task.teams[name].command(policies[name].act(seen)) for name, seen in observed.items()}
+        observed = decide(task, actions)
 
     return decide_by_policy
 

@@ -8,6 +8,9 @@ from pydantic import Field, model_validator
 from rl.missions.formation.rewards import TrackingReward
 from rl.missions.formation.shapes import Shape
 from rl.scenario import Evaluation, Scenario
+from rl.scene.contacts import ContactsConfig
+from rl.scene.instruments import InstrumentsConfig
+from rl.scene.radio import RadioConfig
 from taichi_sim.config import Finite, Fraction, NonNegative, Positive, Strict, TeamConfig
 
 
@@ -66,15 +69,21 @@ class ObstacleConfig(Strict):
 
 
 class ResidualConfig(Strict):
-    """A policy that corrects the classical controller instead of acting alone: classical + share x gate x policy.
+    """A policy that corrects the classical controller instead of acting alone.
 
-    With a `gate`, the correction fades in where the gap to an obstacle or a team mate falls from `gate` to half of it,
-    and is zero, exactly, where nothing is that near.
+    It corrects the velocity that the controller wants, ahead and to starboard along the target's course, after evasion,
+    or its actions, or both. With a `shield`, the corrected velocity is made to keep clear again, of what is that near
+    in time: no correction leads into an obstacle that is seen. With a `gate`, corrections fade in where the gap to an
+    obstacle falls from `gate` to half of it, and are zero, exactly, where none is that near.
     """
 
-    share: Annotated[float, Field(ge=0, le=2)] = 0.3  # of the range of actions; 0: it acts alone
+    velocity: NonNegative = 0.0  # m/s, the most of each component
+    shield: NonNegative = 0.0  # s; 0: the policy is trusted
+    share: Annotated[float, Field(ge=0, le=2)] = 0.0  # of the range of actions
     gate: Positive | None = None  # m
 
+
+MOST_DROPOUT = 0.99  # of measurements, however much errors are scaled
 
 Spacing = Annotated[float, Field(gt=0, le=200)]
 
@@ -110,6 +119,7 @@ class FormationTeam(TeamConfig):
     start_distance: NonNegative = 30.0  # leaders start within this distance of the target, m
     lost_distance: Positive = 150.0  # a vehicle this far from its slot is lost and ends the episode, m
     residual: ResidualConfig | None = None
+    control: dict[str, float] = {}  # numbers of its classical controller (controllers/); what is left out: its own
     tracking_reward: TrackingReward = TrackingReward()
 
     @property
@@ -137,6 +147,20 @@ class SensingConfig(Strict):
     team_mates: Annotated[int, Field(ge=0, le=8)] = 2  # nearest ones observed
 
 
+class SensorsConfig(InstrumentsConfig):
+    """`[sensors]`: how instruments err; what is left out is exact."""
+
+    contacts: ContactsConfig = ContactsConfig()
+
+    @property
+    def scaled_contacts(self) -> ContactsConfig:
+        """Contacts with their errors times `errors`; in time as they are, unless there are none."""
+        c, e = self.contacts, self.errors
+        noise = {"range_noise": e * c.range_noise, "bearing_noise_deg": e * c.bearing_noise_deg}
+        rest = {"dropout": min(e * c.dropout, MOST_DROPOUT), "late": c.late if e > 0 else 0}
+        return c.model_copy(update=noise | rest)
+
+
 class FormationEvaluation(Evaluation):
     """Episodes never trained on, and what is a success there."""
 
@@ -157,6 +181,8 @@ class FormationScenario(Scenario):
     track: TrackConfig = TrackConfig()
     obstacles: ObstacleConfig = ObstacleConfig()
     sensing: SensingConfig = SensingConfig()
+    sensors: SensorsConfig = SensorsConfig()
+    radio: RadioConfig | None = None  # omitted: followers know all about their leader at once
     evaluation: FormationEvaluation = FormationEvaluation()
 
     @property

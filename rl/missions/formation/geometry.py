@@ -18,8 +18,9 @@ from torch import Tensor
 
 from rl.missions.formation.slots import OFFSET, RATE
 from rl.missions.formation.targets import COS, COURSE_RATE, DOWN, EAST, NORTH, SIN, SPEED
+from rl.scene.radio import AGE
 from taichi_sim import runtime
-from taichi_sim.fleet import Fleet
+from taichi_sim.fleet import Views
 from taichi_sim.kinematics import HEADING_COS, HEADING_SIN, VELOCITY_N
 
 DISTANCE_SCALE = 10.0  # m, where squashed distances are half way to 1
@@ -32,16 +33,32 @@ SLOT, SLOT_VELOCITY, ERROR, ERROR_RATE, ERROR_B, ERROR_RATE_B, COURSE_B = range(
 SIGHT, PREVIOUS_SIGHT, SIZE = 21, 25, 29
 DISTANCE, REACH, TOTAL = range(3)  # of the plain numbers
 
-_array1, _array2, _array3 = (ti.types.ndarray(ndim=n) for n in (1, 2, 3))
+_array1, _array2, _array3, _array4 = (ti.types.ndarray(ndim=n) for n in (1, 2, 3, 4))
 ErrorsPack = ti.types.argpack(table=_array3, plain=_array3)
-TeamPack = ti.types.argpack(target=_array2, down=_array1, slots=_array3, state=_array3, derived=_array3)
+TeamPack = ti.types.argpack(target=_array2, down=_array1, slots=_array3, state=_array3, derived=_array3, heard=_array4)
 
 
 class Form(NamedTuple):
     """What the kernel is compiled for."""
 
     axes: int  # of the vehicle's own frame
+    heard: bool  # followers know of their leader by radio (rl/scene/radio.py)
     serial: bool  # on the calling thread
+
+
+@ti.func
+def leader_of(team: ti.template(), e, i, form: ti.template()):
+    """Place and velocity (NED) of vehicle i's leader, as it was last heard and has gone on along the target's bend."""
+    place = ti.Vector([team.state[e, 0, a] for a in ti.static(range(3))])
+    moves = ti.Vector([team.derived[e, 0, V + a] for a in ti.static(range(3))])
+    if ti.static(form.heard):
+        age, turn = team.heard[e, i, 0, AGE], team.target[e, COURSE_RATE]
+        c, s, half = ti.cos(turn * age), ti.sin(turn * age), 0.5 * turn * age
+        v = ti.Vector([team.heard[e, i, 0, 3 + a] for a in ti.static(range(3))])
+        moves = ti.Vector([c * v[0] - s * v[1], s * v[0] + c * v[1], v[2]])
+        chord = ti.Vector([v[0] - half * v[1], v[1] + half * v[0], v[2]])
+        place = ti.Vector([team.heard[e, i, 0, a] for a in ti.static(range(3))]) + age * chord
+    return place, moves
 
 
 @ti.func
@@ -78,9 +95,10 @@ def _measure(out: ErrorsPack, team: TeamPack, which: ti.types.ndarray(dtype=ti.i
             slot = ti.Vector([team.target[e, NORTH], team.target[e, EAST], team.target[e, DOWN] + team.down[0]])
             moves = ti.Vector([speed * c, speed * s, 0.0])
             if i > 0:
+                place, velocity = leader_of(team, e, i, form)
                 for a in ti.static(range(3)):
-                    slot[a], moves[a] = team.state[e, 0, a] + offset[a], team.derived[e, 0, V + a] + moving[a]
-            error, rate = slot, moves
+                    slot[a], moves[a] = place[a] + offset[a], velocity[a] + moving[a]
+            error, rate = ti.Vector([0.0, 0.0, 0.0]), ti.Vector([0.0, 0.0, 0.0])
             for a in ti.static(range(3)):
                 error[a], rate[a] = slot[a] - team.state[e, i, a], moves[a] - team.derived[e, i, V + a]
             error_b = own_frame(team.derived, e, i, form.axes, error)
@@ -124,8 +142,13 @@ class Geometry:
             of the state, which is finite if they are.
     """
 
-    def __init__(self, fleet: Fleet, target: Tensor, down: float, slots: Tensor, axes: int):
-        """Measure `fleet` against `target` (targets.py) at `down` (m) and the table of `slots` (slots.py)."""
+    def __init__(
+        self, fleet: Views, target: Tensor, down: float, slots: Tensor, axes: int, heard: Tensor | None = None
+    ):
+        """Measure `fleet` against `target` (targets.py) at `down` (m) and the table of `slots` (slots.py).
+
+        Followers know of their leader what they have `heard` (rl/scene/radio.py), or all.
+        """
         state = fleet.state
         self.table = state.new_zeros((*state.shape[:2], SIZE))
         plain = state.new_zeros((3, *state.shape[:2]))
@@ -139,7 +162,9 @@ class Geometry:
             slots=slots,
             state=state,
             derived=fleet.derived,
+            heard=state.new_zeros((1, 1, 1, 1)) if heard is None else heard,
         )
+        self._heard = heard is not None
         self.slot, self.slot_velocity = self._view(SLOT, 3), self._view(SLOT_VELOCITY, 3)
         self.error, self.error_rate = self._view(ERROR, 3), self._view(ERROR_RATE, 3)
         self.error_b, self.error_rate_b = self._view(ERROR_B, axes), self._view(ERROR_RATE_B, axes)
@@ -154,5 +179,5 @@ class Geometry:
 
         `count` of them are not 0.
         """
-        form = Form(self.axes, runtime.few(count * self._rows, MEASURE))
+        form = Form(self.axes, self._heard, runtime.few(count * self._rows, MEASURE))
         self._launch(self._errors(), self._team(), which, form)

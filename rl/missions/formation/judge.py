@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
-from rl.judge import COMMON, Episodes, Judge, known
+from rl.judge import COLLISION_LOSS, COMMON, Episodes, Judge, known
 
 
 class FormationJudge(Judge):
@@ -21,6 +21,8 @@ class FormationJudge(Judge):
         "leader_error_p95_m": "95th percentile of the same distance",
         "follower_error_rms_m": "root mean square distance of followers from their slots (null without followers)",
         "follower_error_p95_m": "95th percentile of the same distance",
+        "evasions_per_hour": "times that a vehicle's slot went through an obstacle, so that it had to be left, per "
+        "hour of vehicle time",
         "least_gap_m": "least clearance of any vehicle to an obstacle or a team mate in an episode, median over "
         "episodes; at most sensing.detection_range, negative in contact",
         **COMMON,
@@ -35,6 +37,12 @@ class FormationJudge(Judge):
         super().__init__(mission, team)
         self.errors = np.full((mission.config.episode_steps, *self.collided.shape), np.nan)
         self.gap = np.full(len(self.failed), np.inf)
+        self.evasions = np.zeros(len(self.failed))
+        self._blocked = self._blocked_now()
+
+    def _blocked_now(self) -> NDArray[np.bool_]:
+        """Whether the slot of each vehicle is in an obstacle [env, vehicle]."""
+        return (self.mission.slot_clearance(self.mission.teams[self.name]) < 0).cpu().numpy()
 
     def see(self, step: Any, number: int) -> None:
         """Errors and gaps count until a vehicle of the team has ended, and in the step in which it did."""
@@ -43,6 +51,9 @@ class FormationJudge(Judge):
             self.errors[number - 1, alive] = team.distance.cpu().numpy()[alive]
             gap = team.sensor.gap.amin(dim=1).double().cpu().numpy()
             self.gap[alive] = np.fmin(self.gap, gap)[alive]
+        blocked = self._blocked_now()
+        self.evasions[alive] += (blocked & ~self._blocked).sum(axis=1)[alive]
+        self._blocked = blocked
         super().see(step, number)
 
     def series(self) -> dict[str, Tensor]:
@@ -67,6 +78,9 @@ class FormationJudge(Judge):
             "leader_s": time[:, 0],
             "follower_s": time[:, 1:].sum(axis=1),
             "least_gap_m": np.where(np.isfinite(gap), gap, np.nan),
+            "evasions": np.concatenate([j.evasions for j in seen]),
+            "vehicle_hours": np.concatenate([j.measured * j.collided.shape[1] for j in seen])
+            * (config.decision_interval / 3600),
         }
 
     @classmethod
@@ -76,6 +90,7 @@ class FormationJudge(Judge):
         errors = {f"{who}_error_rms_m": _over_time(episodes, who) for who in ("leader", "follower")}
         return {
             **errors,
+            "evasions_per_hour": episodes["evasions"].sum(-1) / np.maximum(episodes["vehicle_hours"].sum(-1), 1e-12),
             "least_gap_m": _median(episodes["least_gap_m"]),
             **{key: common[key] for key in (*COMMON, "success_rate")},
         }
@@ -86,6 +101,14 @@ class FormationJudge(Judge):
         error = np.fmax(episodes["leader_error_rms_m"], episodes["follower_error_rms_m"])
         error = np.where(np.isnan(error), np.inf, error)
         return np.stack(((episodes["collided"] > 0).astype(np.float64), episodes["failed"], error))
+
+    @classmethod
+    def loss(cls, episodes: Episodes, config: Any) -> NDArray[np.float64]:
+        """Collided, failed, and both errors as shares of evaluation.success_error, each at most four times that."""
+        most = 4 * config.evaluation.success_error
+        errors = (np.nan_to_num(episodes[f"{who}_error_rms_m"], nan=0.0) for who in ("leader", "follower"))
+        shares = sum(np.fmin(error, most) for error in errors) / config.evaluation.success_error
+        return COLLISION_LOSS * (episodes["collided"] > 0) + 2 * (1 - episodes["succeeded"]) + 2 * shares
 
     @classmethod
     def figures(cls, seen: Sequence[Any], config: Any) -> dict[str, float | None]:

@@ -4,6 +4,7 @@ Each environment is on one of the scenario's worlds (a track with obstacles) and
 anew. Targets of vessels move on the sea, those of aircraft straight above them at the flight height.
 """
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -22,10 +23,13 @@ from rl.missions.formation.targets import Targets
 from rl.missions.formation.team import TeamTask
 from rl.missions.formation.worlds import draw_traffic, generate_worlds
 from rl.scene.traffic import BOTTOM, EAST, NORTH, RADIUS, TOP, Bodies
+from rl.seeds import derive_seed
 from taichi_sim import runtime
 from taichi_sim.config import ConfigError
+from taichi_sim.config.io import validate
 from taichi_sim.recording.episode import Scene
 from taichi_sim.recording.overlays import Cylinders
+from taichi_sim.surroundings import as_i32
 
 TRAFFIC = (196, 120, 40)  # colour of what moves, in recordings
 
@@ -38,6 +42,7 @@ class Formation(Mission):
         bodies: what moves (rl/scene/traffic.py).
         env_world: int64 [env]. targets: what leaders follow.
         wind_factor: mean wind at the flight height over that at 10 m.
+        count: int32 [3], of the random numbers of sensors and radio: decisions in all, seed, first environment.
     """
 
     Config = FormationScenario
@@ -81,9 +86,19 @@ class Formation(Mission):
             over_air=config.track.speed_over == "air",
         )
         self._which = torch.zeros(self.num_envs, dtype=torch.int32, device=run.device)
+        self.count = torch.zeros(3, dtype=torch.int32, device=run.device)
+        self._count_from(self.seed)
         self._film: list[np.ndarray] = []  # bodies of the environment that is shown, of a recording
         for team in self.teams.values():
             team.follow(self.targets, config.track.flight_height)
+
+    def reseed(self, seed: int) -> None:
+        """Also sensors and radio."""
+        super().reseed(seed)
+        self._count_from(seed)
+
+    def _count_from(self, seed: int) -> None:
+        self.count[0], self.count[1] = 0, as_i32(derive_seed(seed, "sensors"))
 
     @property
     def progress(self) -> Tensor:
@@ -118,6 +133,7 @@ class Formation(Mission):
     def measure(self) -> None:
         """Move the targets and the slots, then errors and surroundings of every vehicle."""
         self._which.fill_(1)
+        self.count[0] += 1
         self.targets.move(self._which, self.num_envs)
         self.bodies.move(self.config.decision_interval, self.world.current.velocity)
         for team in self.teams.values():
@@ -209,6 +225,24 @@ class Formation(Mission):
         """distance: m, from the slot (the leader's: from the target)."""
         return {"distance": team.distance}
 
+    def slot_clearance(self, team: TeamTask) -> Tensor:
+        """Distance (m) [env, vehicle] from each vehicle's sphere, were it in its slot, to the nearest obstacle's side.
+
+        What it would pass above or below does not count.
+        """
+        slot, radius = team.now.slot, team.radius
+        height = -slot[..., 2:] if team.axes == 3 else torch.zeros_like(slot[..., 2:])
+        stands, moves = self.obstacles[self.env_world].unsqueeze(1), self.bodies.table.unsqueeze(1)
+        bodies: list[tuple[Any, ...]] = [(stands[..., 0], stands[..., 1], stands[..., 2], -math.inf, stands[..., 3])]
+        if self.bodies.present:
+            bodies.append(tuple(moves[..., row, :] for row in (NORTH, EAST, RADIUS, BOTTOM, TOP)))
+        nearest = torch.full_like(slot[..., 0], math.inf)
+        for north, east, size, bottom, top in bodies:
+            beside = torch.hypot(north - slot[..., :1], east - slot[..., 1:2]) - size - radius
+            passed = (height - radius > top) | (height + radius < bottom)
+            nearest = torch.minimum(nearest, beside.masked_fill(passed, math.inf).amin(-1))
+        return nearest
+
     def frame(self, team: TeamTask) -> dict[str, Tensor]:
         """Target, slots and errors; slots of vessels lie on the mean level of the sea."""
         env = self.shown
@@ -260,7 +294,9 @@ class Formation(Mission):
             return own
         model = team.fleet.model
         kind = next((CONTROLLERS[base] for base in type(model).__mro__ if base in CONTROLLERS), None)
-        return None if kind is None else kind(model)
+        if kind is None:
+            return None
+        return kind(model, validate(kind.Gains, dict(team.section.control), f"{team.name}.control"))
 
 
 MISSION = Formation

@@ -4,8 +4,9 @@
 observability needs to avoid collisions: the nearest obstacles and team mates within the detection range. "full"
 adds the error and its rate as vectors, own velocity, attitude and rates, the target's course, the previous action,
 the role (1 of the leader, 0 of followers) and the offset to hold (of the own slot from the leader now, ahead and to
-starboard in the path frame): not the name of a formation; of aircraft with air data, airspeed and wind too. A policy
-that corrects the classical controller observes its action besides, "reference". Directions are in the body frame (of
+starboard in the path frame): not the name of a formation; of aircraft with air data, airspeed and wind too; where there
+is a radio, the age of what the leader was last heard to say. All of it is as the vehicle knows it (known.py). A policy
+that corrects the classical controller observes what it wants besides, "reference". Directions are in the body frame (of
 USVs: its horizontal part), so a policy needs no compass. No width depends on the size of the team.
 
 One kernel writes all of them, in the order of `widths`.
@@ -31,17 +32,26 @@ from rl.missions.formation.geometry import (
 )
 from rl.missions.formation.slots import OFFSET
 from rl.missions.formation.targets import COURSE_RATE
+from rl.scene.radio import AGE
 from taichi_sim import runtime
 from taichi_sim.kinematics import DOWN
 
 SPEED_SCALE = 10.0  # m/s, where squashed speeds are half way to 1
 RATE_SCALE = 2.0  # rad/s, of own rotation
 TURN_SCALE = 0.1  # rad/s, of the target's course
+AGE_SCALE = 1.0  # s, of the last message
 OBSERVE = 80.0  # ns of one vehicle, about
 
-_array2, _array3 = (ti.types.ndarray(ndim=n) for n in (2, 3))
+_array2, _array3, _array4 = (ti.types.ndarray(ndim=n) for n in (2, 3, 4))
 SeenPack = ti.types.argpack(
-    table=_array3, signals=_array3, state=_array3, derived=_array3, aux=_array3, target=_array2, slots=_array3
+    table=_array3,
+    signals=_array3,
+    state=_array3,
+    derived=_array3,
+    aux=_array3,
+    target=_array2,
+    slots=_array3,
+    heard=_array4,
 )
 
 
@@ -52,7 +62,8 @@ class Form(NamedTuple):
     signals: int  # of its surroundings
     actions: int
     full: bool
-    residual: bool = False
+    residual: int = 0  # numbers of what is corrected
+    radio: bool = False
     air: tuple[int, ...] = ()  # columns of `aux`: airspeed, and the air's velocity, north, east, down
     speeds: tuple[float, ...] = ()  # airspeeds: lowest, cruise, highest, m/s
     serial: bool = False  # on the calling thread
@@ -68,8 +79,10 @@ def widths(form: Form) -> dict[str, int]:
         terms |= {"target_turn": 1, "previous_action": form.actions, "role": 1, "offset": 2}
     if form.full and form.air:
         terms |= {"airspeed": 1, "wind": n}
-    if form.residual:
-        terms |= {"reference": form.actions}
+    if form.full and form.radio:
+        terms |= {"age": 1}
+    if form.residual > 0:
+        terms |= {"reference": form.residual}
     return terms
 
 
@@ -146,8 +159,10 @@ def _observe(
             put_own(out, e, i, seen, action, form)
             if ti.static(len(form.air) > 0):
                 put_air(out, e, i, seen, form)
-        if ti.static(form.residual):
-            put(out, e, i, form.at.reference, form.actions, reference, 0)
+            if ti.static(form.radio):
+                out[e, i, form.at.age] = squash(seen.heard[e, i, 0, AGE], AGE_SCALE)
+        if ti.static(form.residual > 0):
+            put(out, e, i, form.at.reference, form.residual, reference, 0)
 
 
 class Observer:
@@ -165,15 +180,19 @@ class Observer:
             air = tuple(model.aux_names.index(name) for name in ("airspeed", *model.air))
             speeds = model.limits.speeds
         serial = runtime.few(fleet.num_envs * fleet.count, OBSERVE)
-        actions = len(team.action_names)
-        residual = team.residual is not None
-        form = Form(team.axes, signals.shape[-1], actions, kind == "full", residual, air, speeds, serial)
+        actions = len(model.action_names)
+        residual = 0 if team.residual is None else team.axes if team.residual.velocity else actions
+        radio = getattr(team, "radio", None)
+        form = Form(
+            team.axes, signals.shape[-1], actions, kind == "full", residual, radio is not None, air, speeds, serial
+        )
         self._form = form._replace(at=columns(form))
         self._shape = fleet.num_envs, fleet.count, sum(widths(self._form).values())
         self._launch = runtime.Launcher(_observe)
         self._seen = runtime.Packed(
             SeenPack, table=team.now.table, signals=team.sensor.written, state=fleet.state, derived=fleet.derived,
             aux=fleet.aux, target=team.targets.table, slots=team.slots.table,
+            heard=fleet.state.new_zeros((1, 1, 1, 1)) if radio is None else radio.heard,
         )  # fmt: skip
         self.widths = widths(self._form)
 

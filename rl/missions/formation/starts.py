@@ -14,6 +14,7 @@ import torch
 from torch import Tensor
 
 from rl.missions.formation.config import FormationScenario
+from rl.missions.formation.flyable import strongest_wind
 from rl.missions.formation.slots import Drawn, draw_formations, offsets_of, unit_offsets
 from rl.scene.tracks import Tracks
 from rl.scene.wind_triangle import crab
@@ -33,6 +34,7 @@ MARGIN = 3.0  # m from obstacles, beyond the collision radius; between mates too
 PULLS = (1.0, 0.5, 0.25, 0.0)  # shares of the random offsets that are tried, in order
 TURNING_TIME = 3.0  # s that vehicles which cannot stop are given to turn away from each other; assumed
 CLEAR_TIME = 3.0  # s for which a vehicle that goes straight on meets no obstacle: room for an evasion; assumed
+FREE_TIME = 7.0  # s to any obstacle ahead with the wind, of vehicles that cannot stop: room for a turn; assumed
 
 
 class Starts(NamedTuple):
@@ -66,6 +68,9 @@ def draw_starts(
     # Once: drawn again with the place, shapes that seldom fit would be taken seldom.
     formations = {t: draw_formations(config.formations[t], shape, generator) for t in models}
     missing = torch.ones(shape, dtype=torch.bool)
+    fastest = config.track.target_speed
+    if config.track.speed_over == "air":
+        fastest += strongest_wind(config, config.track.flight_height)
     for _ in range(MAX_DRAWS):
         drawn = torch.rand(shape, generator=generator) * tracks.length_m.unsqueeze(1)
         place = tracks.at(world, drawn)
@@ -75,6 +80,7 @@ def draw_starts(
             clear &= fits
             if not model.limits.stops:
                 clear &= _pass_clear(fresh[team], 2 * (model.collision_radius + MARGIN))
+                clear &= _free(fresh[team], obstacles, fastest)
         progress = torch.where(clear, drawn, progress)
         for team in models:
             states[team] = torch.where(clear[..., None, None], fresh[team], states[team])
@@ -150,6 +156,15 @@ def _way_clear(state: Tensor, obstacles: Tensor, margin: float) -> Tensor:
     share = (to * way).sum(-1, keepdim=True) / way.square().sum(-1, keepdim=True).clamp(min=1e-6)
     apart = (to - share.clamp(0.0, 1.0) * way).norm(dim=-1) - obstacles[:, None, None, :, 2]
     return (apart > margin).flatten(2).all(-1)
+
+
+def _free(state: Tensor, obstacles: Tensor, speed: float) -> Tensor:
+    """Whether vehicles [world, start, vehicle, 13] of a `speed` are `FREE_TIME` from obstacles ahead [world, start]."""
+    heading = torch_euler_from_quaternion(state[..., QUATERNION])[..., 2:]
+    to, radius = obstacles[:, None, None, :, :2] - state[..., None, :2], obstacles[:, None, None, :, 2]
+    ahead = to[..., 0] * heading.cos() + to[..., 1] * heading.sin() > -radius
+    near = to.norm(dim=-1) - radius < FREE_TIME * speed
+    return ~(ahead & near).flatten(2).any(-1)
 
 
 def _pass_clear(state: Tensor, apart: float) -> Tensor:

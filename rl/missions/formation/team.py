@@ -1,10 +1,15 @@
 """One team's side of the formation mission: errors and surroundings of its vehicles."""
 
+from typing import Any
+
+import torch
 from torch import Tensor
 
 from rl.mission import Mission, Team
+from rl.missions.formation.avoidance import Avoider
 from rl.missions.formation.config import ResidualConfig
 from rl.missions.formation.geometry import Geometry
+from rl.missions.formation.known import Known
 from rl.missions.formation.observations import Observer
 from rl.missions.formation.slots import Slots
 from rl.missions.formation.targets import Target, Targets
@@ -13,6 +18,7 @@ from rl.scene.traffic import Bodies
 from taichi_sim import runtime
 from taichi_sim.config import ConfigError
 
+CHANGE_SCALE = 3.0  # m/s, where a squashed change of velocity is half way to 1
 GLIDE_SHARE = 0.15  # of the target's speed, with which slots glide to a new formation; assumed
 
 
@@ -21,6 +27,7 @@ class TeamTask(Team):
 
     Attributes:
         target: what its leader tracks. now: errors as of the last step or reset (geometry.py).
+        known: what its vehicles know of all this, which policies and controllers act by (known.py).
         seen: what writes its observations (observations.py).
         sensor: obstacles and team mates.
         axes: 2 of vessels, whose errors are level, 3 of aircraft.
@@ -42,66 +49,130 @@ class TeamTask(Team):
         reach = sensing.detection_range
         # As many team mates in a team of one as in one of sixteen: what is not there is out of range.
         self.sensor = Sensor(self.fleet, sensing.obstacles, sensing.team_mates, reach, self.radius, frame)
-        self._controller, self._reference = None, None
+        self._controller, self._wanted = None, None
+        self._shield: Any = None
         self.targets: Targets
         self.target: Target
         self.now: Geometry
+        self.known: Any
         self.seen: Observer
+        self._true: Observer | None = None
 
     def follow(self, targets: Targets, height: float) -> None:
         """Hold formation behind `targets`; those of aircraft fly at `height` (m)."""
-        down = -height if self.fleet.model.medium == "air" else 0.0
-        self.now = Geometry(self.fleet, targets.table, down, self.slots.table, self.axes)
+        self.down = -height if self.fleet.model.medium == "air" else 0.0
+        self.now = Geometry(self.fleet, targets.table, self.down, self.slots.table, self.axes)
         self.targets, self.target = targets, targets.seen_at(self.now.slot[:, 0])
-        self.seen = Observer(self, self.mission.config.observations)
+        config = self.mission.config
+        exact = config.radio is None and config.sensors.exact and config.sensors.scaled_contacts.exact
+        self.known = self if exact else Known(self, list(config.teams).index(self.name))
+        self.seen = Observer(self.known, config.observations)
 
     @property
     def residual(self) -> ResidualConfig | None:
         """How its policy corrects the classical controller; None if it acts alone."""
         residual = self.section.residual
-        return residual if residual is not None and residual.share > 0 else None
+        return residual if residual is not None and (residual.share > 0 or residual.velocity > 0) else None
 
     @property
     def action_names(self) -> tuple[str, ...]:
-        """What its policy commands, each in [-1, 1]: the vehicle's actions, or corrections of them."""
+        """What its policy commands, each in [-1, 1]: the vehicle's actions, or corrections."""
         names = super().action_names
-        return names if self.residual is None else tuple(f"{name} (correction)" for name in names)
+        if self.residual is None:
+            return names
+        velocity = ("velocity ahead (correction)", "velocity to starboard (correction)")
+        actions = tuple(f"{name} (correction)" for name in names)
+        return (velocity if self.residual.velocity else ()) + (actions if self.residual.share else ())
 
     def command(self, action: Tensor) -> Tensor:
         """The vehicles' actions: the policy's, or the classical ones that they correct (config.ResidualConfig)."""
-        if self.residual is None:
+        residual = self.residual
+        if residual is None:
             return action
-        correction = self.residual.share * (action.clamp(-1.0, 1.0) + 0.0 * action)  # what is not finite stays so
-        if self.residual.gate is not None:
-            near = (2 - self.sensor.gap * (2 / self.residual.gate)).clamp(0.0, 1.0)
-            correction = correction * near.unsqueeze(-1)
-        return (self.reference() + correction).clamp(-1.0, 1.0)
+        correction = action.clamp(-1.0, 1.0) + 0.0 * action  # what is not finite stays so
+        if residual.gate is not None:
+            gap = self.known.sensor.obstacles[..., 0, 0] - self.radius
+            correction = correction * (2 - gap * (2 / residual.gate)).clamp(0.0, 1.0).unsqueeze(-1)
+        wanted = self.wanted
+        if residual.velocity:
+            velocity = wanted.velocity + self._pushed(residual.velocity * correction[..., :2])
+            if residual.shield:
+                velocity = self._shield(self.known, velocity)
+            wanted, correction = wanted._replace(velocity=velocity), correction[..., 2:]
+        actions = self.controller.act(self.known, wanted)
+        return (actions + residual.share * correction if residual.share else actions).clamp(-1.0, 1.0)
+
+    def _pushed(self, along: Tensor) -> Tensor:
+        """A velocity [env, vehicle, axes] (m/s, NED) of one [env, vehicle, 2] along and to starboard of the course."""
+        c, s = self.target.cos.unsqueeze(1), self.target.sin.unsqueeze(1)
+        ahead, aside = along.unbind(-1)
+        level = (torch.zeros_like(ahead),) * (self.axes - 2)
+        return torch.stack((c * ahead - s * aside, s * ahead + c * aside, *level), dim=-1)
+
+    @property
+    def controller(self) -> Any:
+        """The classical controller that its policy corrects."""
+        if self._controller is None:
+            self._controller = self.mission.controller(self)
+            if not hasattr(self._controller, "wanted"):
+                raise ConfigError(
+                    f"{self.name}.residual: there is no classical controller to correct for "
+                    f"{self.name}.vehicle = {self.section.vehicle!r}"
+                )
+            if self.section.residual.shield:
+                soon = {"horizon": self.section.residual.shield}
+                self._shield = Avoider(self._controller.gains.model_copy(update=soon))
+        return self._controller
+
+    @property
+    def wanted(self) -> Any:
+        """What the classical controller wants to be done now."""
+        if self._wanted is None:
+            self._wanted = self.controller.wanted(self.known)
+        return self._wanted
 
     def reference(self) -> Tensor:
-        """Actions of the classical controller now [env, vehicle, action]."""
-        if self._reference is None:
-            if self._controller is None:
-                self._controller = self.mission.controller(self)
-                if self._controller is None:
-                    raise ConfigError(
-                        f"{self.name}.residual: there is no classical controller to correct for "
-                        f"{self.name}.vehicle = {self.section.vehicle!r}"
-                    )
-            self._reference = self._controller(self)
-        return self._reference
+        """What is corrected, as it is observed: the change of velocity that is wanted in the own frame [env, vehicle,
+        axes], squashed; or the classical actions, where they alone are corrected.
+        """
+        assert self.residual is not None
+        if not self.residual.velocity:
+            return self.controller.act(self.known, self.wanted)
+        fleet, change = self.known.fleet, self.wanted.velocity - self.known.fleet.velocity_n[..., : self.axes]
+        if self.axes == 3:
+            own = (change.unsqueeze(-2) @ fleet.R_nb).squeeze(-2)
+        else:
+            c, s = fleet.heading
+            north, east = change.unbind(-1)
+            own = torch.stack((c * north + s * east, c * east - s * north), dim=-1)
+        return own / (own.abs() + CHANGE_SCALE)
 
     def observe(self) -> Tensor:
         """Observations [env, vehicle, n] (observations.py), a fresh tensor each time."""
         with runtime.torch_at_rest():
             return self.seen(self.action, self.action if self.residual is None else self.reference())
 
+    @property
+    def privileged(self) -> Tensor | None:
+        """The truth [env, vehicle, n], where its vehicles do not know it: errors and surroundings, and what varies."""
+        told = []
+        if self.known is not self:
+            if self._true is None:
+                self._true = Observer(self, self.mission.config.observations)
+            told.append(self._true(self.action, self.action if self.residual is None else self.reference()))
+        if self.mission.config.varies:
+            told.append(self.mission.world.truth[self.name])
+        return torch.cat(told, dim=-1) if told else None
+
     def measure(self, obstacles: Tensor, bodies: Bodies, env_world: Tensor, which: Tensor, count: int) -> None:
         """Errors and surroundings, obstacles [world, m, 4] and `bodies` among them, of environments `which`
         (geometry.py), `count` of them.
         """
-        self._reference = None
+        self._wanted = None
         self.now.measure(which, count)
         self.sensor.look(obstacles, env_world, which, count, bodies)
+        if self.known is not self:
+            self.known.measure(which, count, self.mission.steps)
 
     @property
     def distance(self) -> Tensor:

@@ -8,6 +8,7 @@ from torch import Tensor
 
 from rl.missions.formation.config import FormationScenario
 from rl.missions.formation.shapes import lane_half_width
+from rl.missions.formation.slots import offsets_of, unit_offsets
 from rl.missions.formation.starts import Starts
 from rl.scene.obstacles import generate_obstacles
 from rl.scene.tracks import Tracks, generate_tracks
@@ -18,6 +19,7 @@ from taichi_sim.vehicle import Vehicle
 
 TALLEST = 90.0  # m, of generated obstacles
 VESSEL_TOPS = 4.0, 15.0  # m, of traffic on the sea; assumed
+SHORTEST = 15.0  # s: in shorter episodes nothing could move that is not too near at the start
 FLYING_SPAN = 15.0  # m, below and above the flight height, of traffic in the air; assumed
 
 
@@ -63,26 +65,27 @@ def widest_lane(config: FormationScenario) -> float:
     return max(lane_half_width(t.shapes, t.count, t.spacings[1]) for t in config.formations.values())
 
 
-def traffic_of(config: FormationScenario, media: set[str]) -> Traffic:
-    """The traffic of a scenario with teams in `media`: in each, the share that moves of what a team would meet."""
+def traffic_of(config: FormationScenario, places: Mapping[str, Tensor]) -> Traffic:
+    """The traffic of a scenario: in each medium, the share that moves of what a team would meet.
+
+    `places`: medium -> [world, start, vehicle, 2], those of a team there (m).
+    """
     track, cylinders = config.track, config.obstacles
     met = cylinders.count * config.episode_duration * track.target_speed / track.length
     radius = cylinders.radius_min, cylinders.radius_max
     top = track.flight_height + FLYING_SPAN
-    afloat = Span(0.0, VESSEL_TOPS, radius)
-    flying = Span(track.flight_height - FLYING_SPAN, (top, top), radius)
+    heights = {"water": (0.0, VESSEL_TOPS), "air": (track.flight_height - FLYING_SPAN, (top, top))}
     water = config.sea.current
     heading, speed = (math.radians(water.direction_deg), water.speed) if water else (0.0, 0.0)
     return Traffic(
-        count=math.ceil(cylinders.moving_fraction * met),
-        spans=tuple(span for medium, span in (("water", afloat), ("air", flying)) if medium in media),
+        count=math.ceil(cylinders.moving_fraction * met) if config.episode_duration > SHORTEST else 0,
+        spans=tuple(Span(*heights[medium], radius, there) for medium, there in places.items()),
         drifting=cylinders.drifting_fraction,
         overtaking=cylinders.overtaking_fraction,
         speed=(cylinders.speed_min, cylinders.speed_max),
         current=(speed * math.cos(heading), speed * math.sin(heading)),
         duration=config.episode_duration,
         team_speed=track.target_speed,
-        lane_half_width=widest_lane(config),
     )
 
 
@@ -99,7 +102,11 @@ def draw_traffic(
     Raises:
         ConfigError: where it is faster than the vehicles, or finds no way.
     """
-    traffic = traffic_of(config, {model.medium for model in models.values()})
+    places: dict[str, Tensor] = {}
+    for name, model in models.items():
+        offsets = offsets_of(unit_offsets(config.formations[name]), starts.formations[name])
+        places.setdefault(model.medium, offsets.float())
+    traffic = traffic_of(config, places)
     if not traffic.bodies:
         return torch.zeros((*starts.progress.shape, ROWS, 0))
     for name, model in models.items():
@@ -109,8 +116,8 @@ def draw_traffic(
                 f"obstacles.speed_max = {config.obstacles.speed_max} m/s: traffic must not be faster than {name}'s "
                 f"vehicles can go, {top:.3g} m/s: nobody could keep clear of it"
             )
-    places = torch.cat([state[..., :2] for state in starts.states.values()], dim=2)
+    where = torch.cat([state[..., :2] for state in starts.states.values()], dim=2)
     try:
-        return traffic.draw(tracks, starts.progress, places, obstacles, generator)
+        return traffic.draw(tracks, starts.progress, where, obstacles, generator)
     except ValueError as error:
         raise ConfigError(f"scenario {config.name!r}: {error}") from None

@@ -1,7 +1,9 @@
 """Classical controllers of the formation mission, by the class of the vehicle model they are made for.
 
-A controller is a class: built from the model, it acts for a team (team.py). A vehicle may bring its own
-(`Vehicle.controller`), which comes first.
+A controller is a class: built from the model and its `Gains`, it acts for a team (team.py) in two steps, between which
+a policy may correct it: `wanted(team)` says what is to be flown, a tuple of which `velocity` is v* [env, vehicle, 2 or
+3] (m/s, NED), and `act(team, wanted)` the actions that do so. Its `gains` are those that it was built from. A vehicle
+may bring its own (`Vehicle.controller`), which comes first.
 """
 
 from typing import Any

@@ -1,6 +1,6 @@
 """Track control of a displacement vessel that pushes along its nose and turns: the X and N that follow the slot.
 
-Over ground, with the error e = slot - position, the drift z (drift.py), and evasion (avoidance.py) of what is near:
+Over ground, with the error e = slot - position, the drift z (drift.py), and evasion (../avoidance.py) of what is near:
 
     v* = v_s + sat(k_e e) + z,   v*' = chi' x v_s + k_e (v_s - v).
 
@@ -12,12 +12,12 @@ waves in it, which a follower would chase in vain. Speed, u* being the part of v
 The nose goes where v* points, chi*, and inwards by the angle beta at which the hull slides in a steady turn of the
 target's rate; more so (`lead`, vessel.py) where the course is slow to follow:
 
-    r* = (v*'_y - WAVE_SHARE a_y) / |v*| + approach(chi* + beta - psi + lead (chi* - chi)),
+    r* = (v*'_y - wave_share a_y) / |v*| + approach(chi* + beta - psi + lead (chi* - chi)),
     N = m33 k_r (r* - r) + d_r(r*).
 
 Waves: the hull floats on the water's slope, so its tilt measures a = -g (R_nb e_3)_{n,e}. Thrust cancels that along the
 nose. To starboard, only a turn can, and a turn in every wave costs the moment, and the thrust, that steering needs:
-hence heading and not the course over ground is fed back, in which the waves' sway is not seen, and WAVE_SHARE is small.
+hence heading and not the course over ground is fed back, in which the waves' sway is not seen, and wave_share is small.
 """
 
 from typing import NamedTuple
@@ -25,19 +25,16 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from rl.missions.formation.controllers.avoidance import avoid
+from rl.missions.formation.avoidance import Avoider
 from rl.missions.formation.controllers.drift import Drift
 from rl.missions.formation.controllers.force_vector import approach, turning, wrap
-from rl.missions.formation.controllers.vessel import Vessel, gains
+from rl.missions.formation.controllers.vessel import CourseGains, Vessel, loops
 from rl.missions.formation.team import TeamTask
 from taichi_sim.conventions import GRAVITY
 
-WAVE_SHARE = 0.15  # of the waves' push to starboard that is turned against; tuned on seeds 7 and 8
 SPEED_SHARE = 0.95  # of the top speed, the most that is asked for; assumed
-CLOSING_SHARE = 0.35  # of that, the most that an error adds to the slot's velocity; assumed
 LEAST_SHARE = 0.1  # of the top speed: a shorter velocity has no direction to follow; assumed
 RATE_SHARE = 0.9  # of the top yaw rate, the most that is asked for; assumed
-EVASION_SHARE = 0.08  # of the full thrust's acceleration, to count on when avoiding; tuned likewise
 EVADING = 1e-3  # m/s: less of a change by avoidance is rounding
 
 
@@ -49,55 +46,61 @@ class Load(NamedTuple):
     N: Tensor  # N m
 
 
+class Way(NamedTuple):
+    """What is wanted, each [env, vehicle, 2], NED."""
+
+    velocity: Tensor  # v*, m/s
+    change: Tensor  # v*', m/s^2
+
+
 class Course:
     """Decides the loads for a team of one vessel; remembers the team's drift alone."""
 
-    def __init__(self, vessel: Vessel, interval: float):
-        """Compute gains for decisions every `interval` s."""
-        self.vessel, self.interval, self.gains = vessel, interval, gains(vessel, interval)
-        self.drift = Drift(self.gains.k_i, vessel.top_speed, interval)
+    def __init__(self, vessel: Vessel, gains: CourseGains, interval: float):
+        """Compute what follows from the `gains` for decisions every `interval` s."""
+        self.vessel, self.interval, self.gains = vessel, interval, gains
+        self.loops, self.avoid = loops(vessel, gains, interval), Avoider(gains)
+        self.drift = Drift(self.loops.k_i, vessel.top_speed, interval)
         self.top_speed, self.least_speed = SPEED_SHARE * vessel.top_speed, LEAST_SHARE * vessel.top_speed
         self.top_rate = RATE_SHARE * vessel.top_rate
         self.turn = vessel.moment / vessel.m33
-        self.evasion = EVASION_SHARE * vessel.thrust / vessel.m11
 
-    def __call__(self, team: TeamTask) -> Load:
-        """Loads that follow the team's slots."""
-        k, ship = self.gains, self.vessel
-        v = team.fleet.velocity_n[..., :2]
-        wanted, change = self._wanted(team, v)
+    def load(self, team: TeamTask, wanted: "Way") -> Load:
+        """Loads that follow what is wanted."""
+        k, ship = self.loops, self.vessel
         heading = team.fleet.heading
-        u, sway = into(v, heading)
-        ahead, aside = into(wanted, heading)
-        change_x, change_y = into(change, heading)
+        u, sway = into(team.fleet.velocity_n[..., :2], heading)
+        ahead, aside = into(wanted.velocity, heading)
+        change_x, change_y = into(wanted.change, heading)
         push_x, push_y = into(self._push(team), heading)
         X = ship.m11 * (change_x + k.k_u * (ahead - u) - push_x) + ship.surge.at(ahead)
         Y = ship.m22 * (change_y + k.k_u * (aside - sway) - push_y) + ship.sway.at(aside)
 
-        speed = wanted.norm(dim=-1).clamp(min=self.least_speed)
+        speed = wanted.velocity.norm(dim=-1).clamp(min=self.least_speed)
         slide = ship.slide(speed, team.target.course_rate.unsqueeze(1))
         off = torch.atan2(aside, ahead)
         slip = torch.atan2(sway, u.clamp(min=self.least_speed))
         error = wrap(off + torch.atan(slide / speed) + k.lead * wrap(off - slip))
-        rate = (change_y - WAVE_SHARE * push_y) / speed + approach(error, k.k_psi, self.turn)
+        rate = (change_y - self.gains.wave_share * push_y) / speed + approach(error, k.k_psi, self.turn)
         rate = rate.clamp(-self.top_rate, self.top_rate)
         r = (team.fleet.R_nb[..., 2, :] * team.fleet.angular_velocity_b).sum(-1)
         return Load(X, Y, ship.m33 * k.k_r * (rate - r) + ship.yaw.at(rate))
 
-    def _wanted(self, team: TeamTask, v: Tensor) -> tuple[Tensor, Tensor]:
-        """v* and v*' [env, vehicle, 2] (m/s, m/s^2)."""
-        slot, error = formation_velocity(team), team.now.error[..., :2]
+    def wanted(self, team: TeamTask) -> "Way":
+        """v* and v*' that lead to the team's slots."""
+        slot, error, v = formation_velocity(team), team.now.error[..., :2], team.fleet.velocity_n[..., :2]
         limit = (self.top_speed - slot.norm(dim=-1, keepdim=True)).clamp(
-            self.least_speed, CLOSING_SHARE * self.top_speed
+            self.least_speed, self.gains.closing_share * self.top_speed
         )
-        chase = self.gains.k_e * error
+        chase = self.loops.k_e * error
         share = (limit / chase.norm(dim=-1, keepdim=True).clamp(min=1e-6)).clamp(max=1.0)
-        direct = slot + share * chase + self.drift.at(team.fleet.position_n[..., :2])
-        wanted = avoid(team, direct, self.evasion)
+        direct, drift = slot + share * chase, self.drift.at(team.fleet.position_n[..., :2])
+        wanted = self.avoid(team, direct)  # without the drift, which goes nowhere
         evading = (wanted - direct).norm(dim=-1, keepdim=True) > EVADING
         able = (share >= 1) & ~evading
         self.drift.learn(error, able & (chase.norm(dim=-1, keepdim=True) < self.drift.most))
-        return wanted, turning(team, slot) + torch.where(able, self.gains.k_e * (slot - v), 0.0)
+        change = turning(team, slot) + torch.where(able, self.loops.k_e * (slot - v), 0.0)
+        return Way(wanted + drift, change)
 
     def _push(self, team: TeamTask) -> Tensor:
         """Acceleration [env, vehicle, 2] (m/s^2, NED) by the waves, half an interval ahead."""

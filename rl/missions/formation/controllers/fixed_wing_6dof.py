@@ -1,7 +1,7 @@
 """Classical control of `fixed_wing_6dof`: a field of velocities about the slot, flown through the wind.
 
 Over ground (Beard & McLain 2012, ch. 10: a field that leads back to the path), with the error e = slot - position in
-axes along and aside of the way flown through the air, and evasion (avoidance.py) of what is near:
+axes along and aside of the way flown through the air, and evasion (../avoidance.py) of what is near:
 
     v* = v_s + sat(k e).
 
@@ -15,7 +15,7 @@ chi_a through the air (ch. 9.2), follows the turning of v* - w, of which v_s' is
 
     tan phi = (V_a / g) (chi_a*' + k_course (chi_a* - chi_a)).
 
-Followers must be able to turn with their leader: to get back to its slot it spends LEADER_SHARE of the bank alone.
+Followers must be able to turn with their leader: to get back to its slot it spends leader_share of the bank alone.
 Height: the climb of the slot and k_height times the error; the pitch that climbs so, as in the autopilot's own loop.
 """
 
@@ -25,28 +25,36 @@ import torch
 from torch import Tensor
 
 from rl.mission import ControllerError
-from rl.missions.formation.controllers.avoidance import avoid
+from rl.missions.formation.avoidance import Avoider, Gains
 from rl.missions.formation.controllers.course import into
 from rl.missions.formation.controllers.force_vector import approach, turning
 from rl.missions.formation.team import TeamTask
+from taichi_sim.config import Positive
 from taichi_sim.conventions import GRAVITY
 from taichi_sim.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
 from taichi_sim.uav.fixed_wing.gains import ZETA, behind
 from taichi_sim.uav.fixed_wing.instruments import READINGS
 
-BANK_SHARE = 0.5  # of the largest bank's acceleration, with which an error aside is braked; assumed
-EVASION_SHARE = 0.25  # likewise, to count on when avoiding: half, for a turn begins with a roll; assumed
-LEADER_SHARE = 0.5  # of the largest bank, the most to turn back to its slot with, if ahead; tuned on seeds 7 and 8
 BRAKING = 1.0  # m/s^2 along, to count on: less than the drag at an idle throttle; assumed
-CLOSING_SHARE = 0.3  # of the range of airspeeds, the most that an error along adds to the slot's velocity; assumed
-INTERCEPT_SHARE = 0.7  # of cruise, the most that an error aside adds: an angle of 35 deg or so; assumed
 EVADING = 1e-3  # m/s: less of a change by avoidance is rounding
+
+
+class FixedWing6DofGains(Gains):
+    """Tuned by tools/tune.py on `aerosonde`."""
+
+    acceleration: Positive = 3.0
+    bank_share: Positive = 0.5  # of the largest bank's acceleration, with which an error aside is braked
+    leader_share: Positive = 0.5  # of the largest bank, the most to turn back to its slot with, if ahead
+    closing_share: Positive = 0.3  # of the range of airspeeds, the most that an error along adds to the slot's velocity
+    intercept_share: Positive = 0.7  # of cruise, the most that an error aside adds: an angle of 35 deg or so
 
 
 class FixedWing6DofController:
     """Acts for a team of aircraft with an autopilot; keeps no memory."""
 
-    def __init__(self, model: FixedWing6DOF):
+    Gains = FixedWing6DofGains
+
+    def __init__(self, model: FixedWing6DOF, gains: FixedWing6DofGains | None = None):
         """Compute gains from those of the autopilot: each loop waits for the one within it (gains.behind).
 
         The course aside follows in 1 / `course`. The airspeed, under proportional and integral throttle, first follows
@@ -60,55 +68,66 @@ class FixedWing6DofController:
                 "there is no classical controller for a fixed_wing_6dof that is flown by its surfaces: it needs "
                 'autopilot.actions = "guidance" or "altitude"'
             )
-        self.actions, self.gains, self.limits = model.actions, model.gains, model.autopilot_limits
+        self.gains = gains or self.Gains()
+        self.avoid = Avoider(self.gains)
+        self.actions, self.loops, self.limits = model.actions, model.gains, model.autopilot_limits
         self.k_aside = behind(1 / model.gains.course)
         self.k_along = behind(1 / (2 * ZETA * GRAVITY * model.gains.pitch_airspeed))
         self.side = GRAVITY * self.limits.tan_bank  # m/s^2 in the steepest bank
         low, cruise, high = self.limits.speeds
-        self.closing, self.intercept = CLOSING_SHARE * (high - low), INTERCEPT_SHARE * cruise
+        self.closing, self.intercept = self.gains.closing_share * (high - low), self.gains.intercept_share * cruise
 
     def __call__(self, team: TeamTask) -> Tensor:
         """Actions [env, vehicle, (pitch or climb, yaw, boost)] in [-1, 1]; none where the state is not finite."""
-        v = team.fleet.velocity_n
-        air = velocity_through_air(team)
-        flown = air[..., :2]
-        level = flown.norm(dim=-1).clamp(min=self.limits.floor)
-        nose = flown[..., 0] / level, flown[..., 1] / level
+        return self.act(team, self.wanted(team))
 
-        wanted = self._wanted(team, nose)
+    def wanted(self, team: TeamTask) -> "Way":
+        """Towards the slots."""
+        return self._wanted(team, self._way_flown(velocity_through_air(team))[1])
+
+    def act(self, team: TeamTask, wanted: "Way") -> Tensor:
+        """Actions that fly what is wanted."""
+        v, air = team.fleet.velocity_n, velocity_through_air(team)
+        flown = air[..., :2]
+        level, nose = self._way_flown(air)
         to_fly = wanted.velocity[..., :2] - (v[..., :2] - flown)
         climb = (-wanted.velocity[..., 2]).clamp(-self.limits.climb, self.limits.climb)
         if self.actions == "altitude":
             pitch = climb / self.limits.climb
         else:
-            through_air = climb + self.gains.climb * (climb + v[..., 2])
+            through_air = climb + self.loops.climb * (climb + v[..., 2])
             pitch = through_air / air.norm(dim=-1).clamp(min=self.limits.floor) / self.limits.sin_pitch
         turn = level / self.side * self._turn_rate(team, wanted, into(to_fly, nose), nose, self.side / level)
         action = torch.stack((pitch, turn, self._boost(to_fly.norm(dim=-1))), dim=-1)
         return torch.nan_to_num(action).clamp(-1.0, 1.0)
 
-    def _wanted(self, team: TeamTask, nose: tuple[Tensor, Tensor]) -> "Wanted":
+    def _way_flown(self, air: Tensor) -> tuple[Tensor, tuple[Tensor, Tensor]]:
+        """Level speed (m/s) and (cos, sin) of the course of a velocity `air` [.., 3]."""
+        level = air[..., :2].norm(dim=-1).clamp(min=self.limits.floor)
+        return level, (air[..., 0] / level, air[..., 1] / level)
+
+    def _wanted(self, team: TeamTask, nose: tuple[Tensor, Tensor]) -> "Way":
         """v* where (cos, sin) `nose` is the way flown through the air."""
         slot, now, climb = team.now.slot_velocity, team.now, self.limits.climb
         (along, aside), (along_rate, aside_rate) = (into(x[..., :2], nose) for x in (now.error, now.error_rate))
         x, x_rate = _chase(along, along_rate, self.k_along, BRAKING, self.closing)
-        y, y_rate = _chase(aside, aside_rate, self.k_aside, BANK_SHARE * self.side, self.intercept)
+        y, y_rate = _chase(aside, aside_rate, self.k_aside, self.gains.bank_share * self.side, self.intercept)
         north, east = into(torch.stack((x, y), dim=-1), (nose[0], -nose[1]))
-        down = (self.gains.height * now.error[..., 2]).clamp(-climb, climb)
+        down = (self.loops.height * now.error[..., 2]).clamp(-climb, climb)
         direct = slot + torch.stack((north, east, down), dim=-1)
-        velocity = avoid(team, direct, EVASION_SHARE * self.side, team.target.course_rate.unsqueeze(1))
-        return Wanted(velocity, (x_rate, y_rate), (velocity - direct).norm(dim=-1) > EVADING)
+        velocity = self.avoid(team, direct)
+        return Way(velocity, (x_rate, y_rate), (velocity - direct).norm(dim=-1) > EVADING)
 
-    def _turn_rate(self, team: TeamTask, wanted: "Wanted", to_fly, nose, most: Tensor) -> Tensor:
+    def _turn_rate(self, team: TeamTask, wanted: "Way", to_fly, nose, most: Tensor) -> Tensor:
         """Rate (rad/s) of the course that follows `to_fly` (along, aside); `most` in the steepest turn."""
         x, y = to_fly
         square = (x * x + y * y).clamp(min=self.limits.floor**2)
         slot_x, slot_y = into(turning(team, team.now.slot_velocity)[..., :2], nose)
         steady = torch.where(wanted.evading, 0.0, (x * slot_y - y * slot_x) / square)
         chasing = torch.where(wanted.evading, 0.0, (x * wanted.change[1] - y * wanted.change[0]) / square)
-        back = chasing + self.gains.course * torch.atan2(y, x)
+        back = chasing + self.loops.course * torch.atan2(y, x)
         limit = 2 * most  # from one bank to the other
-        limit[:, 0] = torch.where(wanted.evading | (x < 0), limit, LEADER_SHARE * most)[:, 0]
+        limit[:, 0] = torch.where(wanted.evading | (x < 0), limit, self.gains.leader_share * most)[:, 0]
         return steady + torch.minimum(torch.maximum(back, -limit), limit)
 
     def _boost(self, airspeed: Tensor) -> Tensor:
@@ -118,7 +137,7 @@ class FixedWing6DofController:
         return torch.where(over > 0, over / (high - cruise), over / (cruise - low))
 
 
-class Wanted(NamedTuple):
+class Way(NamedTuple):
     """Of each vehicle, [env, vehicle]."""
 
     velocity: Tensor  # [.., 3] v*, NED, m/s

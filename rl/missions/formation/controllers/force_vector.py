@@ -4,7 +4,7 @@ Both Unity vehicles push along the nose only, against an isotropic drag, v' = f 
 acceleration is a wanted force vector: its direction is where the nose should point, its projection on the nose the
 thrust. With error e = slot - position and the slot's velocity and centripetal acceleration as feed-forward,
 
-    v* = v_s + sat(k_e / k_v e), turned aside by avoidance.py        velocity to have
+    v* = v_s + sat(k_e / k_v e), kept clear by ../avoidance.py       velocity to have
     a* = chi' x v_s + k_v (v* - v)                                    acceleration to have
     f* = ((v + a* T) - keep v) / gain - d                             force per mass, exact over the interval T
 
@@ -17,33 +17,48 @@ loop needs as feed-forward, follows from the acceleration a the vehicle is about
 import torch
 from torch import Tensor
 
-from rl.missions.formation.controllers.avoidance import avoid
+from rl.missions.formation.avoidance import Avoider, Gains
 from rl.missions.formation.controllers.sampled import held, place_poles
 from rl.missions.formation.team import TeamTask
+from taichi_sim.config import Positive
 
-CLOSING_SPEED = 6.0  # m/s, the most that an error adds to the slot's velocity; assumed
 SPEED_SHARE = 0.95  # of the top speed, the most that is asked for; assumed
+
+
+class ForceGains(Gains):
+    """Also of the position loop."""
+
+    bandwidth: Positive = 2.0  # rad/s
+    closing: Positive = 6.0  # m/s, the most that an error adds to the slot's velocity
+    braking: Positive = 3.0  # m/s^2, with which that is braked again: sqrt(2 braking |e|) is the most, too
 
 
 class ForceVector:
     """The outer loop of a vehicle with top acceleration `thrust` (m/s^2) and `drag` (1/s)."""
 
-    def __init__(self, model, *, thrust: float, bandwidth: float, evasion: float):
-        """Compute gains. `bandwidth` in rad/s; `evasion`: acceleration (m/s^2) to count on when avoiding."""
+    def __init__(self, model, gains: "ForceGains", *, thrust: float):
+        """Compute what follows from the `gains`."""
         self.interval = model.dt * model.substeps
         self.hold = held(model.dt, model.substeps, model.params.drag)
-        self.k_e, self.k_v = place_poles(held(model.dt, model.substeps), bandwidth, self.interval)
+        self.k_e, self.k_v = place_poles(held(model.dt, model.substeps), gains.bandwidth, self.interval)
         self.top_speed = SPEED_SHARE * thrust * self.hold.gain / max(1 - self.hold.keep, 1e-6)
-        self.evasion = evasion
+        self.closing, self.braking, self.avoid = gains.closing, gains.braking, Avoider(gains)
 
-    def wanted(self, team: TeamTask, disturbance: Tensor | float = 0.0) -> Tensor:
-        """f* [env, vehicle, 2 or 3], m/s^2, against an acceleration `disturbance` d."""
+    def velocity(self, team: TeamTask) -> Tensor:
+        """v* [env, vehicle, 2 or 3], m/s."""
+        n = team.axes
+        slot = team.now.slot_velocity[..., :n]
+        chase = self.k_e / self.k_v * team.now.error[..., :n]
+        limit = (self.top_speed - slot.norm(dim=-1, keepdim=True)).clamp(0.1 * self.closing, self.closing)
+        distance = team.now.error[..., :n].norm(dim=-1, keepdim=True)
+        limit = torch.minimum(limit, torch.sqrt(2 * self.braking * distance))
+        chase = chase * (limit / chase.norm(dim=-1, keepdim=True).clamp(min=1e-6)).clamp(max=1.0)
+        return self.avoid(team, slot + chase)
+
+    def wanted(self, team: TeamTask, velocity: Tensor, disturbance: Tensor | float = 0.0) -> Tensor:
+        """f* [env, vehicle, 2 or 3], m/s^2, towards v* = `velocity`, against an acceleration `disturbance` d."""
         n = team.axes
         slot, v = team.now.slot_velocity[..., :n], team.fleet.velocity_n[..., :n]
-        chase = self.k_e / self.k_v * team.now.error[..., :n]
-        limit = (self.top_speed - slot.norm(dim=-1, keepdim=True)).clamp(0.1 * CLOSING_SPEED, CLOSING_SPEED)
-        chase = chase * (limit / chase.norm(dim=-1, keepdim=True).clamp(min=1e-6)).clamp(max=1.0)
-        velocity = avoid(team, slot + chase, self.evasion)
         acceleration = turning(team, slot) + self.k_v * (velocity - v)
         return ((1 - self.hold.keep) * v + self.interval * acceleration) / self.hold.gain - disturbance
 

@@ -8,18 +8,32 @@ import torch
 from torch import Tensor
 
 from rl.mission import ControllerError
-from rl.missions.formation.controllers.course import Course, Load
-from rl.missions.formation.controllers.vessel import Resistance, Vessel
+from rl.missions.formation.controllers.course import Course, Load, Way
+from rl.missions.formation.controllers.vessel import CourseGains, Resistance, Vessel
 from rl.missions.formation.team import TeamTask
+from taichi_sim.config import Positive
 from taichi_sim.usv.hull.hull_6dof import Hull6Dof
 from taichi_sim.usv.hull.params import Hull6DofParams, Thrusters
+
+
+class Hull6DofGains(CourseGains):
+    """Tuned by tools/tune.py on `otter`."""
+
+    acceleration: Positive = 0.94
+    horizon: Positive = 26.0
+    berth: Positive = 0.6
+    margin: Positive = 0.4
+    hard: Positive = 84.0
+    lean: Positive = 0.16
 
 
 class Hull6DofController:
     """Acts for a team of hulls; remembers their drift alone (drift.py)."""
 
-    def __init__(self, model: Hull6Dof):
-        """Compute gains from the parameters of `model`.
+    Gains = Hull6DofGains
+
+    def __init__(self, model: Hull6Dof, gains: Hull6DofGains | None = None):
+        """Compute what follows from the parameters of `model` and the `gains`.
 
         Raises:
             ControllerError: if it has no thrusters.
@@ -27,11 +41,21 @@ class Hull6DofController:
         if model.params.thrusters is None:
             raise ControllerError("there is no classical controller for a hull_6dof without thrusters")
         self.thrusters, self.actions = model.params.thrusters, model.params.actions
-        self.course = Course(vessel(model.params, self.thrusters), model.dt * model.substeps)
+        craft = vessel(model.params, self.thrusters)
+        self.gains = gains or self.Gains()
+        self.course = Course(craft, self.gains, model.dt * model.substeps)
 
     def __call__(self, team: TeamTask) -> Tensor:
         """Actions [env, vehicle, 2] in [-1, 1]; none for a vehicle whose state is not finite."""
-        left, right = shares(self.thrusters, self.course(team), astern=self.actions == "left_right")
+        return self.act(team, self.wanted(team))
+
+    def wanted(self, team: TeamTask) -> Way:
+        """Towards the slots."""
+        return self.course.wanted(team)
+
+    def act(self, team: TeamTask, wanted: Way) -> Tensor:
+        """Actions that sail what is wanted."""
+        left, right = shares(self.thrusters, self.course.load(team, wanted), astern=self.actions == "left_right")
         if self.actions == "left_right":
             action = torch.stack((shaft(self.thrusters, left), shaft(self.thrusters, right)), dim=-1)
         else:

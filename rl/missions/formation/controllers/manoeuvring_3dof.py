@@ -3,23 +3,44 @@
 import torch
 from torch import Tensor
 
-from rl.missions.formation.controllers.course import Course
-from rl.missions.formation.controllers.vessel import Resistance, Vessel
+from rl.missions.formation.controllers.course import Course, Way
+from rl.missions.formation.controllers.vessel import CourseGains, Resistance, Vessel
 from rl.missions.formation.team import TeamTask
+from taichi_sim.config import Positive
 from taichi_sim.usv.manoeuvring_3dof import Manoeuvring3dof, Manoeuvring3dofParams
+
+
+class Manoeuvring3dofGains(CourseGains):
+    """As of `hull_6dof`; not tuned."""
+
+    acceleration: Positive = 0.3
+    horizon: Positive = 25.0
+    berth: Positive = 0.6
+    margin: Positive = 0.4
 
 
 class Manoeuvring3dofController:
     """Acts for a team of vessels; remembers their drift alone (drift.py)."""
 
-    def __init__(self, model: Manoeuvring3dof):
-        """Compute gains from the parameters of `model`."""
+    Gains = Manoeuvring3dofGains
+
+    def __init__(self, model: Manoeuvring3dof, gains: Manoeuvring3dofGains | None = None):
+        """Compute what follows from the parameters of `model` and the `gains`."""
         self.params = model.params
-        self.course = Course(vessel(model.params), model.dt * model.substeps)
+        self.gains = gains or self.Gains()
+        self.course = Course(vessel(model.params), self.gains, model.dt * model.substeps)
 
     def __call__(self, team: TeamTask) -> Tensor:
         """Actions [env, vehicle, 2 or 3] in [-1, 1]; none for a vehicle whose state is not finite."""
-        p, load = self.params, self.course(team)
+        return self.act(team, self.wanted(team))
+
+    def wanted(self, team: TeamTask) -> Way:
+        """Towards the slots."""
+        return self.course.wanted(team)
+
+    def act(self, team: TeamTask, wanted: Way) -> Tensor:
+        """Actions that sail what is wanted."""
+        p, load = self.params, self.course.load(team, wanted)
         X, N = load.X / p.surge_force_max, load.N / p.yaw_moment_max
         if p.actions == "acceleration_yaw":
             action = torch.stack((2 * X - 1, N), dim=-1)

@@ -3,7 +3,7 @@
 The rates of pitch and yaw are commanded: a rate gets there at `smooth_rate` of its range per second, so an angle is
 a double integrator with a bounded acceleration, and within that bound a rate command is obeyed at once:
 
-    psi' = psi*' + approach(psi* - psi),   theta' likewise,   k = (1 - exp(-ATTITUDE_BANDWIDTH T)) / T.
+    psi' = psi*' + approach(psi* - psi),   theta' likewise,   k = (1 - exp(-attitude_bandwidth T)) / T.
 
 The boost inverts the drag exactly over the interval (force_vector.py), and the action the geometric boost mapping.
 The bank does not matter to the path.
@@ -14,41 +14,62 @@ import math
 import torch
 from torch import Tensor
 
-from rl.missions.formation.controllers.force_vector import ForceVector, approach, wrap
+from rl.missions.formation.avoidance import Wanted
+from rl.missions.formation.controllers.force_vector import ForceGains, ForceVector, approach, wrap
 from rl.missions.formation.team import TeamTask
+from taichi_sim.config import Positive
 from taichi_sim.uav.unity_aircraft import DEG, UnityAircraft
 
-BANDWIDTH = 2.0  # rad/s, of the position loop; tuned on seeds 7 and 8
-ATTITUDE_BANDWIDTH = 8.0  # rad/s, of pitch and yaw; tuned likewise
-EVASION = 7.0  # m/s^2 to count on when avoiding, a third of top yaw rate x 12 m/s; tuned likewise
 MAX_CLIMB = math.radians(60.0)  # of the nose: yaw means little near the vertical; assumed
 LEAST_FORCE = 0.5  # m/s^2: a shorter force vector has no direction to follow; assumed
+
+
+class UnityAircraftGains(ForceGains):
+    """Tuned by tools/tune.py on `paper`."""
+
+    acceleration: Positive = 5.1
+    horizon: Positive = 5.2
+    berth: Positive = 0.7
+    margin: Positive = 1.3
+    soft: Positive = 4.3
+    attitude_bandwidth: Positive = 8.0  # rad/s, of pitch and yaw
 
 
 class UnityAircraftController:
     """Acts for a team of aircraft; keeps no memory."""
 
-    def __init__(self, model: UnityAircraft):
-        """Compute gains from the parameters of `model`."""
-        p = model.params
+    Gains = UnityAircraftGains
+
+    def __init__(self, model: UnityAircraft, gains: UnityAircraftGains | None = None):
+        """Compute what follows from the parameters of `model` and the `gains`."""
+        p, gains = model.params, gains or self.Gains()
+        self.gains = gains
         self.interval = model.dt * model.substeps
         self.per_boost = p.thrust_factor * p.thrust / p.mass  # m/s^2
         self.boost_min, self.boost_max = p.boost_min, p.boost_max
-        self.force = ForceVector(model, thrust=self.per_boost * p.boost_max, bandwidth=BANDWIDTH, evasion=EVASION)
-        self.k = (1 - math.exp(-ATTITUDE_BANDWIDTH * self.interval)) / self.interval
+        self.force = ForceVector(model, gains, thrust=self.per_boost * p.boost_max)
+        self.k = (1 - math.exp(-gains.attitude_bandwidth * self.interval)) / self.interval
         self.top_rate = DEG * p.pitch_speed_deg, DEG * p.yaw_speed_deg
         self.smooth_rate = p.smooth_rate
         self.max_climb = min(MAX_CLIMB, DEG * p.max_pitch_deg)
 
     def __call__(self, team: TeamTask) -> Tensor:
         """Actions [env, vehicle, (pitch, yaw, boost)] in [-1, 1]."""
-        wanted, nose = self.force.wanted(team), team.fleet.R_nb[..., 0]
-        force = (wanted * nose).sum(-1).clamp(self.per_boost * self.boost_min, self.per_boost * self.boost_max)
-        climb_rate, turn_rate = _turn(wanted, self.force.change(team, force.unsqueeze(-1) * nose))
+        return self.act(team, self.wanted(team))
 
-        level = torch.hypot(wanted[..., 0], wanted[..., 1]).clamp(min=LEAST_FORCE)
-        climb = torch.atan2(-wanted[..., 2], level).clamp(-self.max_climb, self.max_climb)
-        course = torch.atan2(wanted[..., 1], wanted[..., 0])
+    def wanted(self, team: TeamTask) -> Wanted:
+        """Towards the slots."""
+        return Wanted(self.force.velocity(team))
+
+    def act(self, team: TeamTask, wanted: Wanted) -> Tensor:
+        """Actions that fly what is wanted."""
+        pull, nose = self.force.wanted(team, wanted.velocity), team.fleet.R_nb[..., 0]
+        force = (pull * nose).sum(-1).clamp(self.per_boost * self.boost_min, self.per_boost * self.boost_max)
+        climb_rate, turn_rate = _turn(pull, self.force.change(team, force.unsqueeze(-1) * nose))
+
+        level = torch.hypot(pull[..., 0], pull[..., 1]).clamp(min=LEAST_FORCE)
+        climb = torch.atan2(-pull[..., 2], level).clamp(-self.max_climb, self.max_climb)
+        course = torch.atan2(pull[..., 1], pull[..., 0])
         _, theta, psi = team.fleet.euler.unbind(-1)
         pitch = self._command(climb - theta, climb_rate, self.top_rate[0])
         yaw = self._command(wrap(course - psi), turn_rate, self.top_rate[1])

@@ -6,54 +6,76 @@ command is held. The heading loop, with the turning of the wanted force as feed-
 
     r* = psi*' + approach(psi* - psi),   N = I_z (k_r (r* - r) + damping r*),
 
-its poles at exp(-HEADING_BANDWIDTH T) under the yaw inertia and angular drag of the vehicle.
+its poles at exp(-heading_bandwidth T) under the yaw inertia and angular drag of the vehicle.
 """
 
 import torch
 from torch import Tensor
 
-from rl.missions.formation.controllers.force_vector import ForceVector, approach, wrap
+from rl.missions.formation.avoidance import Wanted
+from rl.missions.formation.controllers.force_vector import ForceGains, ForceVector, approach, wrap
 from rl.missions.formation.controllers.sampled import held, place_poles
 from rl.missions.formation.team import TeamTask
+from taichi_sim.config import Positive
 from taichi_sim.conventions import GRAVITY
 from taichi_sim.usv.unity_boat import UnityBoat
 
-BANDWIDTH = 2.0  # rad/s, of the position loop; tuned on seeds 7 and 8
-HEADING_BANDWIDTH = 6.0  # rad/s, of the heading loop; tuned likewise
-EVASION_SHARE = 0.25  # of the top thrust, to count on when avoiding; tuned likewise
 LEAST_FORCE = 0.5  # m/s^2: a shorter force vector has no direction to follow; assumed
+
+
+class UnityBoatGains(ForceGains):
+    """Tuned by tools/tune.py on `paper`."""
+
+    acceleration: Positive = 9.5
+    horizon: Positive = 5.3
+    berth: Positive = 1.1
+    margin: Positive = 2.4
+    soft: Positive = 3.8
+    hard: Positive = 10.5
+    heading_bandwidth: Positive = 6.0  # rad/s
 
 
 class UnityBoatController:
     """Acts for a team of boats; keeps no memory."""
 
-    def __init__(self, model: UnityBoat):
-        """Compute gains from the parameters of `model`."""
-        p = model.params
+    Gains = UnityBoatGains
+
+    def __init__(self, model: UnityBoat, gains: UnityBoatGains | None = None):
+        """Compute what follows from the parameters of `model` and the `gains`."""
+        p, gains = model.params, gains or self.Gains()
+        self.gains = gains
         self.thrust = p.force_factor / p.mass
         self.interval = model.dt * model.substeps
-        self.force = ForceVector(model, thrust=self.thrust, bandwidth=BANDWIDTH, evasion=EVASION_SHARE * self.thrust)
+        self.force = ForceVector(model, gains, thrust=self.thrust)
         yaw = held(model.dt, model.substeps, p.angular_drag)
-        self.k_psi, self.k_r = place_poles(yaw, HEADING_BANDWIDTH, self.interval)
+        self.k_psi, self.k_r = place_poles(yaw, gains.heading_bandwidth, self.interval)
         self.damping = (1 - yaw.keep) / yaw.gain
         self.yaw_acceleration = p.yaw_factor / p.inertia[2]
 
     def __call__(self, team: TeamTask) -> Tensor:
         """Actions [env, vehicle, (acceleration, yaw)] in [-1, 1]."""
+        return self.act(team, self.wanted(team))
+
+    def wanted(self, team: TeamTask) -> Wanted:
+        """Towards the slots."""
+        return Wanted(self.force.velocity(team))
+
+    def act(self, team: TeamTask, wanted: Wanted) -> Tensor:
+        """Actions that fly what is wanted."""
         R, omega = team.fleet.R_nb, team.fleet.angular_velocity_b
         down_rate = R[..., :2, 0] * omega[..., 1:2] - R[..., :2, 1] * omega[..., 0:1]  # of R e_3: R (omega x e_3)
         push_rate = -GRAVITY * down_rate
         push = -GRAVITY * R[..., :2, 2] + 0.5 * self.interval * push_rate
-        wanted = self.force.wanted(team, push)
+        force = self.force.wanted(team, wanted.velocity, push)
 
         nose = torch.stack(team.fleet.heading, dim=-1)
-        thrust = (wanted * nose).sum(-1).clamp(0.0, self.thrust)
+        thrust = (force * nose).sum(-1).clamp(0.0, self.thrust)
         change = self.force.change(team, thrust.unsqueeze(-1) * nose + push, push_rate)
-        square = wanted.square().sum(-1).clamp(min=LEAST_FORCE**2)
-        rate = (wanted[..., 0] * change[..., 1] - wanted[..., 1] * change[..., 0]) / square
+        square = force.square().sum(-1).clamp(min=LEAST_FORCE**2)
+        rate = (force[..., 0] * change[..., 1] - force[..., 1] * change[..., 0]) / square
 
         heading = torch.atan2(nose[..., 1], nose[..., 0])
-        error = wrap(torch.atan2(wanted[..., 1], wanted[..., 0]) - heading) - 0.5 * self.interval * rate
+        error = wrap(torch.atan2(force[..., 1], force[..., 0]) - heading) - 0.5 * self.interval * rate
         r = (R[..., 2, :] * omega).sum(-1)
         r_wanted = rate + approach(error, self.k_psi / self.k_r, self.yaw_acceleration)
         torque = (self.k_r * (r_wanted - r) + self.damping * r_wanted) / self.yaw_acceleration

@@ -4,9 +4,9 @@
 
 How quickly a vessel can turn is set by its greatest moment: the heading loop has both poles at
 
-    w = sqrt(N_max / (m33 HEADING_ERROR)),
+    w = sqrt(N_max / (m33 heading_error)),
 
-so that it spends the whole moment on a heading error of HEADING_ERROR. The slower loops around it are shares of w.
+so that it spends the whole moment on a heading error of heading_error. The slower loops around it are shares of w.
 Sway dies out at s = d_v / m22, and with it the course chi follows the nose psi: chi' = s (psi - chi) + ... Where that
 is slower than COURSE_SHARE w, the nose is held ahead of the course by `lead` times the course error, which makes it so:
 chi' = s (1 + lead) (chi* - chi). Not where turning pushes the hull out of the turn first: there a lead would do harm.
@@ -17,17 +17,26 @@ from typing import NamedTuple
 
 from torch import Tensor
 
+from rl.missions.formation.avoidance import Gains
 from rl.missions.formation.controllers.sampled import decaying, place_poles
+from taichi_sim.config import NonNegative, Positive
 from taichi_sim.usv.vessel import steady_speed
 
-HEADING_ERROR = 0.35  # rad; tuned on seeds 7 and 8
 SAMPLED_SHARE = 0.5  # w is at most this over the decision interval; assumed
 COURSE_SHARE = 0.3  # of w: how fast the course should follow; assumed
 MOST_LEAD = 3.0  # assumed
-POSITION_SHARE = 0.11  # of w: both poles of the position loop; tuned likewise
-LAG_SHARE = 0.25  # of s (1 + lead): likewise no more; assumed
-SPEED_BANDWIDTH = 2.0  # rad/s, of the speed loop; tuned likewise
+LAG_SHARE = 0.25  # of s (1 + lead): the poles of the position loop are no more; assumed
 SWAY_SHARE = 0.05  # of the top speed: the sway at which its resistance is linearised; assumed
+
+
+class CourseGains(Gains):
+    """Numbers of track control that may be tuned (course.py), besides those of avoidance."""
+
+    heading_error: Positive = 0.35  # rad
+    position_share: Positive = 0.11  # of w: both poles of the position loop
+    speed_bandwidth: Positive = 2.0  # rad/s, of the speed loop
+    closing_share: Positive = 0.35  # of the top speed, the most that an error adds to the slot's velocity
+    wave_share: NonNegative = 0.15  # of the waves' push to starboard that is turned against
 
 
 class Resistance(NamedTuple):
@@ -87,8 +96,8 @@ class Vessel(NamedTuple):
         return 2 * load / (a + (a * a + 4 * b * load.abs()).sqrt()).clamp(min=1e-6)
 
 
-class Gains(NamedTuple):
-    """Of the position loop e' = -k_e e - k_i (integral of e), the speed loop, and the heading loop; all 1/s."""
+class Loops(NamedTuple):
+    """Gains of the position loop e' = -k_e e - k_i (integral of e), the speed loop, and the heading loop; all 1/s."""
 
     k_e: float
     k_i: float  # 1/s^2
@@ -98,22 +107,22 @@ class Gains(NamedTuple):
     lead: float  # of the nose over the course, per course error; no unit
 
 
-def gains(vessel: Vessel, interval: float) -> Gains:
-    """Gains for decisions every `interval` s.
+def loops(vessel: Vessel, gains: CourseGains, interval: float) -> Loops:
+    """Gains of the loops for decisions every `interval` s.
 
     The heading loop, N = m33 k_r (r* - r) + d_r(r*) with r* = k_psi (psi* - psi), has both its poles at
     exp(-w interval), with the resistance linear (k_r + d) k_psi = k of place_poles.
     """
-    w = min(math.sqrt(vessel.moment / (vessel.m33 * HEADING_ERROR)), SAMPLED_SHARE / interval)
+    w = min(math.sqrt(vessel.moment / (vessel.m33 * gains.heading_error)), SAMPLED_SHARE / interval)
     d = vessel.yaw.a / vessel.m33
     k, k_r = place_poles(decaying(interval, d), w, interval)
     s = max(vessel.sway_decay, 1e-6)
     lead = 0.0 if vessel.turns_outward else min(max(COURSE_SHARE * w / s - 1, 0.0), MOST_LEAD)
-    p = min(POSITION_SHARE * w, LAG_SHARE * s * (1 + lead))
-    return Gains(
+    p = min(gains.position_share * w, LAG_SHARE * s * (1 + lead))
+    return Loops(
         k_e=2 * p,
         k_i=p * p,
-        k_u=(1 - math.exp(-SPEED_BANDWIDTH * interval)) / interval,
+        k_u=(1 - math.exp(-gains.speed_bandwidth * interval)) / interval,
         k_psi=k / (k_r + d),
         k_r=k_r,
         lead=lead,

@@ -1,0 +1,121 @@
+"""Tuning classical controllers: a search for the numbers that do best on training worlds.
+
+The cross-entropy method (Rubinstein 1999) on the logarithms of the numbers: each round draws candidates about the best
+so far, runs the same episodes with each, and moves to the mean of the best quarter. Every round has episodes of its
+own, so that no candidate wins by luck with one set; the result is the mean after the last round, compared with the
+beginning on episodes of neither. What counts is the mission's (`Judge.loss`).
+"""
+
+import math
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import tomli_w
+from tqdm import tqdm
+
+from rl.mission import ControllerError
+from rl.missions import make_mission
+from rl.runs.evaluation import mission_class, run_episodes
+from rl.scenario import Scenario
+from rl.seeds import derive_seed
+from taichi_sim import runtime
+from taichi_sim.config import ConfigError
+
+SPREAD = 0.3  # of the logarithms, at first
+LEAST_SPREAD = 0.03
+ELITE = 0.25  # of a round's candidates
+KEEP = 0.5  # of the spread of the round before
+
+
+class Tuned(NamedTuple):
+    """What a search found."""
+
+    numbers: dict[str, float]
+    loss: float
+    loss_before: float
+    figures: dict[str, float | None]  # of the judge, with them
+    figures_before: dict[str, float | None]
+
+
+def tune(
+    config: Scenario,
+    team: str,
+    *,
+    source: Path | None = None,
+    names: tuple[str, ...] = (),
+    rounds: int = 12,
+    candidates: int = 12,
+    episodes: int = 128,
+    seed: int = 0,
+    show_progress: bool = True,
+) -> Tuned:
+    """Search for numbers of a team's classical controller, those in `names` (default: all of them).
+
+    Raises:
+        ConfigError: for a name that it does not have. ControllerError: if there is nothing to tune.
+    """
+    mission = make_mission(config, episodes, seed=derive_seed(seed, "tune"), teams=(team,), source=source)
+    model, judge = mission.teams[team].fleet.model, mission_class(config, source).Judge
+    kind = type(mission.controller(mission.teams[team]))
+    if not hasattr(kind, "Gains"):
+        raise ControllerError(f"{team}: its classical controller has no numbers to tune")
+    given = {**kind.Gains().model_dump(), **mission.teams[team].section.control}
+    wrong = [name for name in names if name not in given]
+    if wrong:
+        raise ConfigError(f"{team}.control has no {', '.join(wrong)}; allowed are {', '.join(given)}")
+    searched = [name for name in given if (not names or name in names) and given[name] > 0]
+
+    def run(numbers: Mapping[str, float], episode: int) -> tuple[float, dict[str, float | None]]:
+        controller = kind(model, kind.Gains(**{**given, **numbers}))
+        mission.reseed(derive_seed(seed, "tune", episode))
+        mission.reset()
+        seen = run_episodes(mission, {team: lambda t: controller(t.known)})[team]
+        return float(judge.loss(judge.episodes([seen], config), config).mean()), judge.figures([seen], config)
+
+    rng = np.random.default_rng(derive_seed(seed, "candidates"))
+    mean = np.log([given[name] for name in searched])
+    spread = np.full(len(searched), SPREAD)
+    with runtime.torch_at_rest(), tqdm(total=rounds * candidates, unit="run", disable=not show_progress) as bar:
+        for number in range(rounds):
+            drawn = [mean, *(mean + spread * rng.standard_normal(len(mean)) for _ in range(candidates - 1))]
+            losses = []
+            for x in drawn:
+                losses.append(run(_numbers(searched, x), number)[0])
+                bar.update(1)
+            best = np.argsort(losses)[: max(2, math.ceil(ELITE * candidates))]
+            elite = np.stack([drawn[k] for k in best])
+            mean = elite.mean(axis=0)
+            spread = np.maximum(KEEP * spread + (1 - KEEP) * elite.std(axis=0), LEAST_SPREAD)
+            bar.set_postfix(loss=f"{losses[0]:.3f}", best=f"{min(losses):.3f}")
+        found = _numbers(searched, mean)
+        after, figures = run(found, rounds)
+        before, figures_before = run({}, rounds)
+    return Tuned(found, after, before, figures, figures_before)
+
+
+def _numbers(names: list[str], logarithms: np.ndarray) -> dict[str, float]:
+    return {name: float(f"{math.exp(x):.3g}") for name, x in zip(names, logarithms, strict=True)}
+
+
+def write_numbers(file: Path, team: str, numbers: Mapping[str, float], comment: str) -> None:
+    """Put `[TEAM.control]` into a scenario's file, in the place of the one there; all else stays as it is."""
+    text = file.read_text(encoding="utf-8")
+    head = f"[{team}.control]"
+    section = f"{head}  # {comment}\n{tomli_w.dumps(dict(numbers))}"
+    old = re.compile(rf"^\[{re.escape(team)}\.control\][^\n]*\n(?:(?!\[)[^\n]*\n?)*", re.MULTILINE)
+    if old.search(text):
+        text = old.sub(lambda _: section + "\n", text, count=1).rstrip("\n") + "\n"
+    else:
+        text = text.rstrip("\n") + "\n\n" + section
+    file.write_text(text, encoding="utf-8")
+
+
+def told(tuned: Tuned, line: Any) -> str:
+    """What a search brought, to read; `line` tells figures (Judge.line)."""
+    return (
+        f"before: loss {tuned.loss_before:.3f}: {line(tuned.figures_before)}\n"
+        f"after:  loss {tuned.loss:.3f}: {line(tuned.figures)}"
+    )

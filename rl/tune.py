@@ -1,0 +1,69 @@
+"""Tune a team's classical controller by a search over training worlds; print its numbers, or write them into the file.
+
+The numbers are those of [TEAM.control] of a scenario (see its controller in rl/missions/formation/controllers).
+"""
+
+import argparse
+import sys
+from pathlib import Path
+
+if __package__ in (None, ""):  # run as a script: the packages are beside this file's folder
+    sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+
+def parser() -> argparse.ArgumentParser:
+    """The arguments."""
+    from rl import cli
+
+    p = argparse.ArgumentParser(prog="tune.py", description=__doc__)
+    p.add_argument("config", metavar="SCENARIO", help="a file, or the name of a shipped one")
+    p.add_argument("--team", required=True, help="whose controller")
+    p.add_argument("--only", default="", metavar="NAME,...", help="numbers to search for (default: all)")
+    p.add_argument("--rounds", type=cli.positive_int, default=12, help="default: 12")
+    p.add_argument("--candidates", type=cli.positive_int, default=12, help="in each round (default: 12)")
+    p.add_argument("--episodes", type=cli.positive_int, default=128, help="with each candidate (default: 128)")
+    p.add_argument("--seed", type=cli.seed, default=0, help="of worlds, episodes and candidates (default: 0)")
+    p.add_argument("--write", action="store_true", help="put the numbers into the scenario's file")
+    cli.add_common(p)
+    return p
+
+
+def main(argv: list[str] | None = None) -> None:
+    """Run the command."""
+    args = parser().parse_args(argv)
+    import tomli_w
+
+    from rl import cli
+    from rl.missions import load_scenario
+    from rl.runs.evaluation import mission_class
+    from rl.runs.tune import told, tune, write_numbers
+    from taichi_sim.config import ConfigError
+    from taichi_sim.config.io import find_config
+
+    source = find_config(args.config)
+    config = load_scenario(source, args.overrides)
+    if args.team not in config.teams:
+        raise ConfigError(f"--team {args.team}: there is no such team; allowed are {', '.join(config.teams)}")
+    cli.start(args)
+    tuned = tune(
+        config,
+        args.team,
+        source=source,
+        names=tuple(name for name in args.only.split(",") if name),
+        rounds=args.rounds,
+        candidates=args.candidates,
+        episodes=args.episodes,
+        seed=args.seed,
+        show_progress=not args.quiet,
+    )
+    print(told(tuned, mission_class(config, source).Judge.line), file=sys.stderr)
+    print(f"[{args.team}.control]\n{tomli_w.dumps(tuned.numbers)}", end="")
+    if args.write:
+        runs = f"{args.rounds} rounds of {args.candidates} x {args.episodes} episodes, seed {args.seed}"
+        write_numbers(source, args.team, tuned.numbers, f"found by rl/tune.py: {runs}")
+
+
+if __name__ == "__main__":
+    from rl.cli import run
+
+    sys.exit(run(main))

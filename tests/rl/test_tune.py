@@ -1,0 +1,42 @@
+"""Tuning classical controllers: what is found is better than a bad beginning, and goes into the file."""
+
+import tomllib
+
+import pytest
+
+from rl.missions import load_scenario
+from rl.missions.formation.controllers.unity_boat import UnityBoatGains
+from rl.runs.tune import tune, write_numbers
+from taichi_sim.config import ConfigError
+
+TINY = (
+    "track.worlds=8", "sea.realisations=4", "obstacles.count=0", "episode_duration=12", "evaluation.settle=6",
+    "usv.count=1", "usv.control.bandwidth=0.3",
+)  # fmt: skip
+
+
+def test_a_bad_number_is_found_again():
+    """A position loop of 0.3 rad/s is too slow to be in place within 6 s."""
+    config = load_scenario("paper", TINY)
+    found = tune(config, "usv", names=("bandwidth",), rounds=4, candidates=6, episodes=8, show_progress=False)
+    assert found.numbers["bandwidth"] > 0.5
+    assert found.loss < found.loss_before
+
+
+def test_unknown_numbers_are_refused():
+    with pytest.raises(ConfigError, match="usv.control has no bandwith; allowed are acceleration"):
+        tune(load_scenario("paper", TINY), "usv", names=("bandwith",), episodes=4)
+
+
+def test_numbers_go_into_the_file_and_nothing_else_changes(tmp_path):
+    file = tmp_path / "mine.toml"
+    file.write_text('# mine\nname = "mine"\n\n[usv]\nvehicle = "unity_boat"\n\n[stages.usv]\nteam = "usv"\n')
+    write_numbers(file, "usv", {"horizon": 4.5}, "found")
+    first = file.read_text()
+    write_numbers(file, "usv", {"horizon": 5.5, "lean": 0.1}, "found again")
+    text = file.read_text()
+    assert text.startswith("# mine\n")
+    assert text.count("[usv.control]") == 1
+    assert len(first.splitlines()) + 1 == len(text.splitlines())
+    assert tomllib.loads(text)["usv"]["control"] == {"horizon": 5.5, "lean": 0.1}
+    assert UnityBoatGains(**tomllib.loads(text)["usv"]["control"]).horizon == 5.5
