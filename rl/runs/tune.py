@@ -33,7 +33,7 @@ KEEP = 0.5  # of the spread of the round before
 class Tuned(NamedTuple):
     """What a search found."""
 
-    numbers: dict[str, float]
+    numbers: dict[str, float]  # of the controller: those found, and the others that the scenario gives
     loss: float
     loss_before: float
     figures: dict[str, float | None]  # of the judge, with them
@@ -93,7 +93,8 @@ def tune(
         found = _numbers(searched, mean)
         after, figures = run(found, rounds)
         before, figures_before = run({}, rounds)
-    return Tuned(found, after, before, figures, figures_before)
+    kept = {**mission.teams[team].section.control, **found}
+    return Tuned(kept, after, before, figures, figures_before)
 
 
 def _numbers(names: list[str], logarithms: np.ndarray) -> dict[str, float]:

@@ -31,7 +31,7 @@ class RadioConfig(Strict):
     """`[radio]` between the vehicles of a team."""
 
     range: Positive = 1000.0  # m, assumed
-    delay: Annotated[float, Field(ge=0, le=10)] = 0.0  # s, to the next whole decision
+    delay: Annotated[float, Field(ge=0, le=10)] = 0.0  # s, rounded to whole decisions
     loss: Fraction = 0.0  # of all messages
     rate: Positive | None = None  # messages of each vehicle per second; default: one each decision
 

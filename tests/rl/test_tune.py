@@ -11,7 +11,7 @@ from taichi_sim.config import ConfigError
 
 TINY = (
     "track.worlds=8", "sea.realisations=4", "obstacles.count=0", "episode_duration=12", "evaluation.settle=6",
-    "usv.count=1", "usv.control.bandwidth=0.3",
+    "usv.count=1", "usv.control={bandwidth=0.3, closing=4.0}",
 )  # fmt: skip
 
 
@@ -21,6 +21,7 @@ def test_a_bad_number_is_found_again():
     found = tune(config, "usv", names=("bandwidth",), rounds=4, candidates=6, episodes=8, show_progress=False)
     assert found.numbers["bandwidth"] > 0.5
     assert found.loss < found.loss_before
+    assert found.numbers["closing"] == 4.0  # given by the file, and not searched for
 
 
 def test_unknown_numbers_are_refused():
