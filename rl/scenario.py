@@ -4,17 +4,27 @@ A mission's scenario class derives from `Scenario` and adds the keys of its own 
 """
 
 import difflib
-from typing import Annotated, Literal
+import itertools
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
-from taichi_sim.config import NonNegative, Positive, Strict, WorldConfig
+from taichi_sim.config import ConfigError, NonNegative, Positive, Strict, WorldConfig
+from taichi_sim.config.io import set_values, validate
+from taichi_sim.config.vary import flattened
+
+WHOLE = ("name", "seed", "mission", "stages", "evaluation")  # sections that are the same in all stages
 
 
 class StageConfig(Strict):
-    """One training stage: which team learns (others act from frozen weights), and PPO's numbers."""
+    """One training stage: which team learns (others act from frozen weights), on what, and PPO's numbers.
+
+    A team may be trained by several stages: a later one goes on from where the one before it ended.
+    """
 
     team: Annotated[str, Field(min_length=1)]  # that learns
+    start_from: Annotated[str, Field(min_length=1)] | None = None  # a run's folder, or a checkpoint: its weights
+    set: Annotated[dict[str, Any], BeforeValidator(flattened)] = {}  # what differs in it from the scenario, by key
     iterations: Annotated[int, Field(ge=1, le=1_000_000)] = 200
     num_envs: Annotated[int, Field(ge=1, le=1_000_000)] = 512
     steps_per_iteration: Annotated[int, Field(ge=2, le=1000)] = 24
@@ -62,8 +72,13 @@ class Scenario(WorldConfig):
         return tuple(name for name in self.teams if name in learning)
 
     def stage_of(self, team: str) -> StageConfig | None:
-        """The stage that trains a team, if there is one."""
-        return next((stage for stage in self.stages.values() if stage.team == team), None)
+        """The stage that trains a team last, if there is one."""
+        return next((stage for stage in reversed(self.stages.values()) if stage.team == team), None)
+
+    def iterations_before(self, name: str) -> int:
+        """Iterations that the team of stage `name` has behind it when that begins."""
+        earlier = itertools.takewhile(lambda item: item[0] != name, self.stages.items())
+        return sum(stage.iterations for _, stage in earlier if stage.team == self.stages[name].team)
 
     @model_validator(mode="after")
     def _has_teams(self):
@@ -73,7 +88,7 @@ class Scenario(WorldConfig):
 
     @model_validator(mode="after")
     def _stages_fit(self):
-        teams = [s.team for s in self.stages.values()]
+        first: dict[str, tuple[str, StageConfig]] = {}
         for name, stage in self.stages.items():
             if stage.team not in self.teams:
                 close = difflib.get_close_matches(stage.team, self.teams, n=1)
@@ -84,6 +99,35 @@ class Scenario(WorldConfig):
                 )
             if stage.team in self.scripted:
                 raise ValueError(f"stages.{name}.team = {stage.team!r}: a script acts for it, nothing is to be learnt")
-        if len(set(teams)) != len(teams):
-            raise ValueError(f"stages train {teams}: each team may be trained by one stage only")
+            earlier, begun = first.setdefault(stage.team, (name, stage))
+            for key in ("hidden_dims", "activation", "critic"):
+                before, now = getattr(begun, key), getattr(stage, key)
+                if before != now:
+                    raise ValueError(
+                        f"stages.{name}.{key} = {now!r}: it goes on with the networks of stages.{earlier}, where that "
+                        f"is {before!r}"
+                    )
+            if stage.start_from is not None and begun is not stage:
+                raise ValueError(
+                    f"stages.{name}.start_from = {stage.start_from!r}: it goes on from stages.{earlier}, the same "
+                    "team's; only the first of a team may start from elsewhere"
+                )
         return self
+
+
+def at_stage(config: Any, name: str) -> Any:
+    """The scenario as it is while the stage `name` trains: with what `stages.NAME.set` says.
+
+    Raises:
+        ConfigError: naming the stage's key, value and what is allowed.
+    """
+    changes = config.stages[name].set
+    if not changes:
+        return config
+    sources = {key: f"stages.{name}.set" for key in changes}
+    if fixed := next((key for key in changes if key.split(".")[0] in WHOLE), None):
+        whole = ", ".join(WHOLE)
+        raise ConfigError(f"stages.{name}.set: {fixed} cannot differ in a stage: {whole} are of the whole run")
+    data = config.model_dump(mode="json", exclude_none=True)
+    set_values(data, changes, type(config), sources)
+    return validate(type(config), data, config.name, sources)

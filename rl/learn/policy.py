@@ -1,5 +1,8 @@
 """A trained team's policy, read from a checkpoint without executing anything in it."""
 
+import contextlib
+import io
+import os
 import pickle
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
@@ -57,6 +60,19 @@ def read_checkpoint(file: Path) -> dict:
     if not isinstance(content, dict) or not {"actor_state_dict", "iter"} <= content.keys():
         raise CheckpointError(f"{file}: not a checkpoint of this project")
     return content
+
+
+def write_checkpoint(content: dict, file: Path) -> None:
+    """Write a checkpoint beside `file` and rename it: a kill or a full disk leaves the earlier ones whole."""
+    beside = file.with_name(file.name + ".part")
+    try:
+        memory = io.BytesIO()  # torch's own writer reports a full disk without saying so
+        torch.save(content, memory)
+        beside.write_bytes(memory.getbuffer())
+        os.replace(beside, file)
+    finally:
+        with contextlib.suppress(OSError):
+            beside.unlink(missing_ok=True)
 
 
 def checkpoints(folder: Path) -> list[Path]:
@@ -118,10 +134,7 @@ class TrainedPolicy:
         Raises:
             CheckpointError: naming them.
         """
-        for what, names in (("observations", team.observation_names), ("actions", team.action_names)):
-            trained = self.signature.get(what)
-            if trained is not None and list(trained) != list(names):
-                raise CheckpointError(f"{self.source}: its {what} are others: {_difference(trained, names, team.name)}")
+        check_signature(self.signature, team, self.source)
 
     def act(self, observations: Tensor) -> Tensor:
         """Actions [env, vehicle, action] for observations [env, vehicle, n], clipped to [-1, 1].
@@ -138,6 +151,18 @@ class TrainedPolicy:
             rows = observations.flatten(0, 1).float()
             actions = self.actor(TensorDict({"policy": rows}, batch_size=[rows.shape[0]]))
             return actions.view(*observations.shape[:2], -1).clamp(-1.0, 1.0)
+
+
+def check_signature(signature: Mapping[str, Any], team: Team, source: str) -> None:
+    """Refuse a team that observes or commands other things than `signature` names, which comes from `source`.
+
+    Raises:
+        CheckpointError: naming them.
+    """
+    for what, names in (("observations", team.observation_names), ("actions", team.action_names)):
+        trained = signature.get(what)
+        if trained is not None and list(trained) != list(names):
+            raise CheckpointError(f"{source}: its {what} are others: {_difference(trained, names, team.name)}")
 
 
 def _difference(trained: Sequence[str], names: Sequence[str], team: str) -> str:
@@ -196,13 +221,15 @@ def policies_of(kind: str, run: Path, config: Scenario) -> dict[str, Policy]:
     return {team: load_policy(run, config, team) for team in teams}
 
 
-def load_policy(run: Path, config: Scenario, team: str) -> TrainedPolicy:
-    """The newest policy of a team in a run folder.
+def load_policy(run: Path, config: Scenario, team: str, iterations: int | None = None) -> TrainedPolicy:
+    """The newest policy of a team in a run folder, or that after so many iterations.
 
     Raises:
         CheckpointError: if the team has not been trained there, or its checkpoint is unusable.
     """
     stage = config.stage_of(team)
+    if stage is not None and iterations is not None:
+        return TrainedPolicy.load(run / team / f"model_{iterations}.pt", stage)
     saved = checkpoints(run / team)
     if stage is None or not saved:
         raise CheckpointError(f"{run}: no trained {team} policy (no {team}/model_N.pt, or no stage that describes it)")

@@ -5,7 +5,7 @@ import csv
 import io
 import os
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch
 from rsl_rl.runners import OnPolicyRunner
@@ -13,7 +13,14 @@ from rsl_rl.utils.logger import Logger
 from tqdm import tqdm
 
 from rl.learn.env import MissionEnv
-from rl.learn.policy import OBS_GROUPS, actor_config, read_checkpoint
+from rl.learn.policy import (
+    OBS_GROUPS,
+    CheckpointError,
+    actor_config,
+    check_signature,
+    read_checkpoint,
+    write_checkpoint,
+)
 from rl.scenario import StageConfig
 
 HISTORY = "progress.csv"
@@ -56,7 +63,8 @@ class ProgressLogger(Logger):
     """Writes TensorBoard scalars and progress.csv, and moves a progress bar instead of printing pages."""
 
     bar: tqdm | None = None
-    elapsed_before = 0.0  # s, of parts before an interruption
+    elapsed_before = 0.0  # s, of parts before an interruption, and of the team's earlier stages
+    steps_before, iterations_before = 0, 0  # of the team's earlier stages
     completed = 0  # iterations
     columns: tuple[str, ...] = COLUMNS
     scale = 1.0  # of rewards, as the learner is told them
@@ -87,7 +95,7 @@ class ProgressLogger(Logger):
         losses, n = values["loss_dict"], self.cfg["num_steps_per_env"] * self.num_envs
         row = {
             "iteration": it,
-            "agent_steps": (it + 1) * n,
+            "agent_steps": self.steps_before + (it + 1 - self.iterations_before) * n,
             "wall_time_s": round(self.elapsed_before + self.tot_time, 3),
             "reward_per_step": means.get("/reward"),
             "episode_reward": sum(self.rewbuffer) / len(self.rewbuffer) / self.scale if self.rewbuffer else None,
@@ -122,15 +130,19 @@ class DivergedError(RuntimeError):
 class StageRunner(OnPolicyRunner):
     """OnPolicyRunner whose checkpoints are written beside and renamed, and read with `weights_only=True`.
 
+    Iterations are counted over all stages of a team: one that goes on from another begins where that ended.
+
     Attributes:
         signature: names of what the policy observes and commands, in order; they travel in its checkpoints.
+        first, last: iterations when the stage begins and ends.
     """
 
     logger: ProgressLogger
 
-    def __init__(self, env: MissionEnv, stage: StageConfig, folder: Path):
+    def __init__(self, env: MissionEnv, stage: StageConfig, folder: Path, first: int = 0):
         """Prepare to train `env`; checkpoints, progress.csv and TensorBoard events go to `folder`."""
         self.folder, self.stage = folder, stage
+        self.first, self.last = first, first + stage.iterations
         with contextlib.redirect_stdout(io.StringIO()):
             privileged = stage.critic == "truth" and "truth" in set(env.get_observations().keys())
             super().__init__(env, ppo_config(stage, privileged), str(folder), str(env.device))
@@ -141,7 +153,7 @@ class StageRunner(OnPolicyRunner):
             )  # fmt: skip
         for group in self.alg.optimizer.param_groups:
             group["fused"], group["foreach"] = True, False  # one kernel a tensor instead of a dozen
-        own = env.mission.teams[env.team]
+        self._own = own = env.mission.teams[env.team]
         self.logger.scale = env.scale
         self.logger.columns = (*COLUMNS, *env.mission.logged)
         self.signature = {"observations": list(own.observation_names), "actions": list(own.action_names)}
@@ -150,11 +162,13 @@ class StageRunner(OnPolicyRunner):
         """Run the remaining iterations of the stage; on KeyboardInterrupt save a checkpoint and raise it again."""
         done = self.current_learning_iteration
         logger = self.logger
-        logger.completed = done
+        logger.completed, logger.iterations_before = done, self.first
         logger.elapsed_before = trim_history(self.folder / HISTORY, done)
-        logger.bar = tqdm(total=self.stage.iterations, initial=done, desc=label, unit="it", disable=not show_progress)
+        logger.steps_before = spent(self.folder / HISTORY, self.first).agent_steps
+        total = self.stage.iterations
+        logger.bar = tqdm(total=total, initial=done - self.first, desc=label, unit="it", disable=not show_progress)
         try:
-            self.learn(self.stage.iterations - done)
+            self.learn(self.last - done)
         except KeyboardInterrupt:
             if logger.completed > done:
                 self.save("")
@@ -173,28 +187,34 @@ class StageRunner(OnPolicyRunner):
         return all(bool(torch.isfinite(p).all()) for p in self.alg.get_policy().parameters())
 
     def save(self, path: str, infos: dict | None = None) -> None:
-        """Write `model_N.pt`, N the iterations completed, beside and rename it: a kill or a full disk leaves the
-        earlier ones whole. (rsl-rl's own `path` numbers the last iteration instead and is not used.)
-        """
+        """Write `model_N.pt`, N the iterations completed (rsl-rl's own `path` numbers the last one: not used)."""
         completed = self.logger.completed
         if not self.is_finite():
             raise DivergedError(f"{self.folder}: {DIVERGED} {completed}")
         content = self.alg.save() | {"iter": completed, "infos": self.signature | (infos or {})}
-        file = self.folder / f"model_{completed}.pt"
-        beside = file.with_name(file.name + ".part")
-        try:
-            memory = io.BytesIO()  # torch's own writer reports a full disk without saying so
-            torch.save(content, memory)
-            beside.write_bytes(memory.getbuffer())
-            os.replace(beside, file)
-        finally:
-            with contextlib.suppress(OSError):
-                beside.unlink(missing_ok=True)
+        write_checkpoint(content, self.folder / f"model_{completed}.pt")
 
     def load(self, path: str, load_cfg: dict | None = None, strict: bool = True, map_location: str | None = None):
-        """Continue from a checkpoint: networks, optimiser, iterations completed."""
+        """Continue from a checkpoint: networks, optimiser, iterations completed.
+
+        From where an earlier stage ended, networks alone, and exploration begins anew.
+
+        Raises:
+            CheckpointError: if its networks are not the stage's, or it was trained on other observations.
+        """
         content = read_checkpoint(Path(path))
-        self.alg.load(content, load_cfg, strict)
+        begins = content["iter"] == self.first
+        check_signature(content.get("infos") or {}, self._own, path)
+        if begins:
+            load_cfg = {"actor": True, "critic": True}
+        try:
+            self.alg.load(content, load_cfg, strict)
+        except (RuntimeError, KeyError, ValueError) as error:
+            first = str(error).splitlines()[0]
+            raise CheckpointError(f"{path}: its networks are not those of the stage: {first}") from None
+        if begins:
+            explored = self.alg.get_policy().state_dict()
+            explored["distribution.std_param"].fill_(self.stage.initial_std)
         self.current_learning_iteration = content["iter"]
         return content.get("infos")
 
@@ -215,10 +235,17 @@ def trim_history(file: Path, done: int) -> float:
     return float(rows[-1]["wall_time_s"]) if rows else 0.0
 
 
-def history_seconds(file: Path) -> float:
-    """Seconds of training in progress.csv, over all interruptions; 0 if there is none yet."""
-    if not file.is_file():
-        return 0.0
+class Spent(NamedTuple):
+    """What a team's training took so far."""
+
+    seconds: float
+    agent_steps: int
+
+
+def spent(file: Path, iterations: int | None = None) -> Spent:
+    """What its first `iterations` (default: all) took, by progress.csv, over all interruptions; 0 if there are none."""
+    if iterations == 0 or not file.is_file():
+        return Spent(0.0, 0)
     with file.open(newline="", encoding="utf-8") as stream:
-        rows = list(csv.DictReader(stream))
-    return float(rows[-1]["wall_time_s"]) if rows else 0.0
+        rows = list(csv.DictReader(stream))[:iterations]
+    return Spent(float(rows[-1]["wall_time_s"]), int(rows[-1]["agent_steps"])) if rows else Spent(0.0, 0)

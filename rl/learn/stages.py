@@ -1,4 +1,8 @@
-"""Training stage by stage: each team learns while the teams of earlier stages act from their frozen policies."""
+"""Training stage by stage: each team learns while the teams of earlier stages act from their frozen policies.
+
+A team may be trained by several stages. Its folder holds one history: iterations, progress.csv and checkpoints of a
+later stage go on from the earlier one's.
+"""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -8,10 +12,10 @@ import torch
 
 from rl.learn.env import MissionEnv
 from rl.learn.export import ONNX, TORCHSCRIPT, export_policy
-from rl.learn.policy import TrainedPolicy, checkpoints, load_policy, read_checkpoint
-from rl.learn.runner import HISTORY, StageRunner, history_seconds
+from rl.learn.policy import CheckpointError, TrainedPolicy, checkpoints, load_policy, read_checkpoint
+from rl.learn.runner import HISTORY, StageRunner, spent
 from rl.missions import make_mission
-from rl.scenario import Scenario, StageConfig
+from rl.scenario import Scenario, at_stage
 from rl.seeds import derive_seed
 
 
@@ -32,7 +36,8 @@ def train_stages(
     for name, stage in config.stages.items():
         (out / stage.team).mkdir(parents=True, exist_ok=True)
         results.append(train_stage(config, out, name, policies, source, dumps, show_progress))
-        policies[stage.team] = load_policy(out, config, stage.team)
+        ended = config.iterations_before(name) + stage.iterations
+        policies[stage.team] = load_policy(out, config, stage.team, ended)
     return results
 
 
@@ -46,33 +51,64 @@ def train_stage(
     show_progress: bool,
 ) -> dict[str, Any]:
     """Train the stage `name` to its last iteration and export its policy; return its line of summary.json."""
-    stage = config.stages[name]
-    folder = out / stage.team
+    stage, first = config.stages[name], config.iterations_before(name)
+    folder, last = out / stage.team, first + stage.iterations
     saved = checkpoints(folder)
     done = read_checkpoint(saved[-1])["iter"] if saved else 0
+    if done >= last and exported(folder):
+        return stage_result(folder, name, config)
     seed = derive_seed(config.seed, name, done)
     torch.manual_seed(seed)
     teams = tuple(t for t in config.teams if t == stage.team or t in policies)
-    mission = make_mission(config, stage.num_envs, seed=derive_seed(config.seed, name), teams=teams, source=source)
+    here = at_stage(config, name)
+    mission = make_mission(here, stage.num_envs, seed=derive_seed(config.seed, name), teams=teams, source=source)
     mission.reseed(seed)
     mission.world.dump_folder = dumps
     frozen = {t: policies[t] for t in mission.teams if t != stage.team}
     env = MissionEnv(mission, stage.team, frozen, scale=1 - stage.discount)
-    runner = StageRunner(env, stage, folder)
+    runner = StageRunner(env, stage, folder, first)
     if saved:
         runner.load(str(saved[-1]))
-    if done < stage.iterations:
+    if done < last:
         number = list(config.stages).index(name) + 1
         runner.train(show_progress=show_progress, label=f"stage {number}/{len(config.stages)} {name}")
-    if done < stage.iterations or not all((folder / name).is_file() for name in (TORCHSCRIPT, ONNX)):
-        export_policy(runner.alg.get_policy(), folder, runner.signature)
-    return stage_result(folder, name, stage, env.num_envs)
+    export_policy(runner.alg.get_policy(), folder, runner.signature)
+    return stage_result(folder, name, config)
 
 
-def stage_result(folder: Path, name: str, stage: StageConfig, rows: int) -> dict[str, Any]:
+def exported(folder: Path) -> bool:
+    """Whether the policy in a team's folder has been exported."""
+    return all((folder / name).is_file() for name in (TORCHSCRIPT, ONNX))
+
+
+def starting_weights(config: Scenario, beside: Path) -> dict[str, dict[str, Any]]:
+    """Checkpoints that the training of teams begins with, by team: of stages whose `start_from` names one.
+
+    It is a run's folder (the team's newest) or a checkpoint, from here or from the folder `beside`.
+
+    Raises:
+        CheckpointError: if there is none, or it is unusable.
+    """
+    weights = {}
+    for name, stage in config.stages.items():
+        if stage.start_from is None:
+            continue
+        told = f"stages.{name}.start_from = {stage.start_from!r}"
+        place = next((p for p in (Path(stage.start_from), beside / stage.start_from) if p.exists()), None)
+        if place is None:
+            raise CheckpointError(f"{told}: no such run or checkpoint")
+        saved = checkpoints(place / stage.team) if place.is_dir() else [place]
+        if not saved:
+            raise CheckpointError(f"{told}: no trained {stage.team} policy (no {stage.team}/model_N.pt)")
+        weights[stage.team] = read_checkpoint(saved[-1]) | {"iter": 0}
+    return weights
+
+
+def stage_result(folder: Path, name: str, config: Scenario) -> dict[str, Any]:
     """This stage's line of summary.json; its time is that of all its iterations, interruptions left out."""
-    steps = stage.iterations * rows * stage.steps_per_iteration
-    seconds = history_seconds(folder / HISTORY)
+    stage, first = config.stages[name], config.iterations_before(name)
+    before, after = spent(folder / HISTORY, first), spent(folder / HISTORY, first + stage.iterations)
+    seconds, steps = after.seconds - before.seconds, after.agent_steps - before.agent_steps
     return {
         "name": name,
         "team": stage.team,

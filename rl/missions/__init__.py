@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from rl.mission import Mission
-from rl.scenario import Scenario
+from rl.scenario import Scenario, at_stage
 from taichi_sim.config import ConfigError
 from taichi_sim.config.io import apply_overrides, find_config, key_of, read_toml, validate, vehicle_file
 from taichi_sim.plugins import is_plugin, load_class
@@ -54,6 +54,11 @@ def load_scenario(path: str | Path = "paper", overrides: Iterable[str] = (), the
             vehicle_file(team, file)
         except ConfigError as error:
             raise ConfigError(f"{sources.get(f'{name}.vehicle', file)}: {name}.{error}") from None
+    for name in config.stages:
+        try:
+            at_stage(config, name)
+        except ConfigError as error:
+            raise ConfigError(f"{file}: {error}") from None
     return config
 
 

@@ -39,8 +39,13 @@ def create(out: Path, config: Scenario, source: Path) -> None:
     """Make a new run folder with its resolved configuration.
 
     Raises:
-        RunError: if it exists already or cannot be written.
+        RunError: if it exists already or cannot be written. CheckpointError: if a stage is to start from what is not
+            there.
     """
+    from rl.learn.policy import write_checkpoint
+    from rl.learn.stages import starting_weights
+
+    weights = starting_weights(config, source.parent)
     try:
         out.mkdir(parents=True)
     except FileExistsError:
@@ -59,6 +64,9 @@ def create(out: Path, config: Scenario, source: Path) -> None:
             _keep_plugin(section.script, [source.parent], out)
         _keep_plugin(config.mission, [source.parent], out)
         write_toml(config.model_copy(update=saved), out / CONFIG)
+        for team, content in weights.items():
+            (out / team).mkdir()
+            write_checkpoint(content, out / team / "model_0.pt")
         write_json(out / META, describe_machine() | {"scenario_file": source.name, "seed": config.seed})
     except OSError as error:
         raise RunError(f"{out}: cannot be written: {error.strerror or error}") from None

@@ -8,7 +8,7 @@ from typing import Any
 
 from rl.learn.history import read_history
 from rl.learn.policy import Policy, load_policy, policies_of
-from rl.learn.runner import HISTORY, history_seconds
+from rl.learn.runner import HISTORY, spent
 from rl.learn.stages import train_stages
 from rl.mission import ControllerError
 from rl.runs import folder as run_folder
@@ -34,7 +34,7 @@ def run_main_job(config: Scenario, out: Path, *, show_progress: bool = True) -> 
     if not config.stages:
         raise ConfigError("stages: the scenario has none, so there is nothing to train")
     check_measurable(config)
-    start = time.perf_counter() - sum(history_seconds(out / s.team / HISTORY) for s in config.stages.values())
+    start = time.perf_counter() - sum(spent(out / team / HISTORY).seconds for team in config.trained)
     source = out / run_folder.CONFIG
     try:
         stages = train_stages(config, out, source=source, dumps=out / run_folder.DUMPS, show_progress=show_progress)

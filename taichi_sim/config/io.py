@@ -150,13 +150,33 @@ def apply_overrides(
     Raises:
         ConfigError: for an override that is not of that form.
     """
-    overrides = list(overrides)
-    keys = [key_of(text) for text in overrides]
+    values, sources = {}, {}
+    for text in overrides:
+        key, (_, equals, value) = key_of(text), text.partition("=")
+        if not equals or not all(key.split(".")):
+            raise ConfigError(f"--set {text}: expected KEY=VALUE, for example --set usv.count=5")
+        values[key], sources[key] = _parse_value(value.strip()), f"--set {text}"
+    set_values(data, values, kind, sources)
+    return sources
+
+
+def set_values(
+    data: dict[str, Any], values: Mapping[str, Any], kind: type[WorldConfig], sources: Mapping[str, str]
+) -> None:
+    """Set dotted keys to `values` in a file's `data`, which is of `kind`, and take back what else they replace.
+
+    `sources` says where each comes from, for an error.
+
+    Raises:
+        ConfigError: for a key that leads through a value.
+    """
+    keys = list(values)
     for section in dict.fromkeys(key.rpartition(".")[0] for key in keys):
         _take_other_ways_back(data, section, keys, kind)
     for key in keys:
         _take_variation_back(data, key)
-    return {_override(data, text, kind): f"--set {text}" for text in overrides}
+    for key, value in values.items():
+        _set_value(data, key, value, kind, sources[key])
 
 
 def key_of(override: str) -> str:
@@ -185,25 +205,20 @@ def _take_variation_back(data: dict[str, Any], key: str) -> None:
         data[section].pop("vary", None)
 
 
-def _override(data: dict[str, Any], text: str, kind: type[WorldConfig]) -> str:
-    """Apply one `a.b.c=VALUE` and return the key; VALUE is TOML, or a bare string."""
-    key, equals, value = key_of(text), *text.partition("=")[1:]
-    parts = key.split(".")
-    if not equals or not all(parts):
-        raise ConfigError(f"--set {text}: expected KEY=VALUE, for example --set usv.count=5")
-    node, value = data, _parse_value(value.strip())
+def _set_value(data: dict[str, Any], key: str, value: Any, kind: type[WorldConfig], source: str) -> None:
+    """Set one dotted key."""
+    parts, node = key.split("."), data
     for depth, part in enumerate(parts[:-1]):
         if part == "vary" and depth < 2 and isinstance(node.get("vary", {}), dict):
             node["vary"] = with_range(node.get("vary", {}), ".".join(parts[depth + 1 :]), value)
-            return key
+            return
         inner = node.setdefault(part, {})
         if not isinstance(inner, dict) and part in kind.plain:
             inner = node[part] = {kind.plain[part]: inner}
         if not isinstance(inner, dict):
-            raise ConfigError(f"--set {text}: {'.'.join(parts[: depth + 1])} is a value, not a section")
+            raise ConfigError(f"{source}: {'.'.join(parts[: depth + 1])} is a value, not a section")
         node = inner
     node[parts[-1]] = value
-    return key
 
 
 def _parse_value(text: str) -> Any:

@@ -1,0 +1,119 @@
+"""Stages that go on from others: a team trained again, on other conditions, or from the weights of another run."""
+
+import json
+from pathlib import Path
+
+import pytest
+import torch
+from command_line import ITERATIONS, TINY, forget, iterations, sets
+
+from rl.learn.policy import checkpoints, read_checkpoint
+from rl.learn.stages import train_stages
+from rl.missions import load_scenario
+from rl.runs import folder as run_folder
+from rl.scenario import at_stage
+from taichi_sim.config import ConfigError
+from taichi_sim.config.io import config_folder
+
+AGAIN = (
+    'stages.again.team="usv"', "stages.again.iterations=3", "stages.again.num_envs=4",
+    "stages.again.steps_per_iteration=8", "stages.again.checkpoint_interval=1", "stages.again.initial_std=0.25", "stages.again.set.sea.hs=1.0",
+    "stages.again.set.usv.count=2",
+)  # fmt: skip
+
+
+def begun(folder: Path, *overrides: str) -> Path:
+    run_folder.create(folder, load_scenario("paper", (*TINY, *overrides)), config_folder() / "paper.toml")
+    return folder
+
+
+def weights(file: Path) -> dict[str, torch.Tensor]:
+    return read_checkpoint(file)["actor_state_dict"]
+
+
+def same(one: dict[str, torch.Tensor], other: dict[str, torch.Tensor], *but: str) -> bool:
+    return all(torch.equal(one[key], other[key]) for key in one if key not in but)
+
+
+def test_a_team_is_trained_again_after_another_and_its_history_goes_on(run, tmp_path):
+    """The first two stages are those of the shared tiny run, whose files they begin with."""
+    out = begun(tmp_path / "out", *AGAIN)
+    for team in ("usv", "uav"):
+        (run / team).rename(out / team)
+    config, source = run_folder.load_config(out)
+    first = {team: weights(out / team / f"model_{ITERATIONS}.pt") for team in ("usv", "uav")}
+    results = train_stages(config, out, source=source, show_progress=False)
+    assert [(r["name"], r["team"], r["iterations"]) for r in results] == [
+        ("usv", "usv", ITERATIONS), ("uav", "uav", ITERATIONS), ("again", "usv", 3),
+    ]  # fmt: skip
+    assert [r["agent_steps"] for r in results] == [ITERATIONS * 8 * 24, ITERATIONS * 8 * 24, 3 * 8 * 4 * 2]
+    assert iterations(out, "usv") == list(range(ITERATIONS + 3))
+    assert checkpoints(out / "usv")[-1].name == f"model_{ITERATIONS + 3}.pt"
+    assert same(weights(out / "uav" / f"model_{ITERATIONS}.pt"), first["uav"])  # it acted, frozen
+    assert not same(weights(checkpoints(out / "usv")[-1]), first["usv"])
+    usv = weights(out / "usv" / "model_5.pt")  # after one iteration more: near where it began, exploring anew
+    assert same(weights(out / "usv" / f"model_{ITERATIONS}.pt"), first["usv"])
+    assert abs(usv["distribution.std_param"] - 0.25).max() < 0.02
+    assert max((usv[key] - first["usv"][key]).abs().max() for key in usv if key.startswith("mlp")) < 0.02
+    again = train_stages(config, out, source=source, show_progress=False)  # all is done: nothing is trained
+    assert again == results and iterations(out, "usv") == list(range(ITERATIONS + 3))
+
+
+def test_a_stage_in_which_a_team_is_trained_again_is_killed_and_goes_on(run, tmp_path):
+    out = begun(tmp_path / "out", *AGAIN)
+    for team in ("usv", "uav"):
+        (run / team).rename(out / team)
+    config, source = run_folder.load_config(out)
+    train_stages(config, out, source=source, show_progress=False)
+    whole = weights(out / "usv" / "model_5.pt")
+    for number in (6, 7):
+        (out / "usv" / f"model_{number}.pt").unlink(missing_ok=True)
+    train_stages(config, out, source=source, show_progress=False)
+    assert iterations(out, "usv") == list(range(ITERATIONS + 3))
+    assert same(weights(out / "usv" / "model_5.pt"), whole)
+    assert json.dumps(train_stages(config, out, source=source, show_progress=False)).count('"usv"') == 3
+
+
+def test_a_stage_trains_on_what_it_sets():
+    config = load_scenario("paper", (*TINY, *AGAIN))
+    assert at_stage(config, "usv") is config
+    there = at_stage(config, "again")
+    assert (there.sea.hs, there.usv.count, there.uav.count) == (1.0, 2, 3)
+    assert config.sea.hs == 0.5 and there.stages == config.stages
+
+
+def test_training_starts_from_the_weights_of_another_run(run, tmp_path):
+    forget(run, "uav")
+    out = begun(tmp_path / "out", f'stages.usv.start_from="{run}"')
+    assert same(weights(out / "usv" / "model_0.pt"), weights(run / "usv" / f"model_{ITERATIONS}.pt"))
+    config, source = run_folder.load_config(out)
+    one = config.model_copy(update={"stages": {"usv": config.stages["usv"]}})
+    train_stages(one, out, source=source, show_progress=False)
+    assert iterations(out, "usv") == list(range(ITERATIONS))
+    begin, later = weights(out / "usv" / "model_0.pt"), weights(out / "usv" / "model_1.pt")
+    assert 0 < max((later[key] - begin[key]).abs().max() for key in begin if key.startswith("mlp")) < 0.02
+
+
+@pytest.mark.parametrize(
+    ("overrides", "words"),
+    [
+        (['stages.again.team="usv"', "stages.again.hidden_dims=[32]"], ["stages.again.hidden_dims", "stages.usv"]),
+        (['stages.again.team="usv"', 'stages.again.start_from="x"'], ["start_from", "stages.usv"]),
+        (["stages.usv.set.sea.hss=1"], ["stages.usv.set", "did you mean 'hs'"]),
+        (["stages.usv.set.variation=-1"], ["stages.usv.set", "variation", "0"]),
+        (["stages.usv.set.evaluation.episodes=1"], ["stages.usv.set", "evaluation", "whole run"]),
+    ],
+)
+def test_stages_that_cannot_be_are_refused(overrides, words):
+    with pytest.raises(ConfigError) as refused:
+        load_scenario("paper", overrides)
+    for word in words:
+        assert word in str(refused.value)
+
+
+def test_a_start_that_is_not_there_is_named_before_anything_is_made(here, tmp_path):
+    out = tmp_path / "out"
+    for place, word in (("nowhere", "no such run"), (tmp_path, "no trained usv policy")):
+        ending = here("rl.train", "--out", out, *sets(*TINY, f'stages.usv.start_from="{place}"'))
+        ending.fails("stages.usv.start_from", word)
+        assert not out.exists()
