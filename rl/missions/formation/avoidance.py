@@ -4,7 +4,9 @@ A wanted velocity that passes all that is sensed with room to spare is left as i
 turned from the wanted one by up to `FAN` to either side and slowed down (velocity obstacles, Fiorini & Shiller 1998,
 Int. J. Robotics Research 17(7), sampled), and the one v' of the least cost is taken, v being the one there is:
 
-    J = |v' - v*| / |v*| + lean |v' - v| / |v*| + the risks of all bodies.
+    J = |v' - v*| / |v*| + lean |v' - v| / |v*| + slowing (1 - |v'| / |v*|) + the risks of all bodies.
+
+Without its third term a vehicle that comes up from behind would rather stay there, slowly, than pass.
 
 A vehicle does not change its velocity at once: with an acceleration a it takes T = |v' - v| / a, and is then where it
 would be if it had begun (v - v') T / 2 further on (acceleration-velocity obstacles, van den Berg, Snape, Guy & Manocha
@@ -32,13 +34,12 @@ from rl.missions.formation.geometry import SLOT_VELOCITY
 from rl.missions.formation.geometry import V as VELOCITY
 from rl.missions.formation.targets import COURSE_RATE
 from taichi_sim import runtime
-from taichi_sim.config import Positive, Strict
+from taichi_sim.config import NonNegative, Positive, Strict
 from taichi_sim.packs import struct_of, values_at
 
 FAN, RAYS = math.radians(100.0), 20  # to either side, and how many
 PACES = (1.0, 0.75, 0.5)  # of the wanted speed, or of the slot's, if that is less; of who can stop, else the first
 SLOWEST = 0.1  # m/s: less has no direction
-FOLLOWER, LEADER = 6.0, 2.0  # s that a follower looks ahead for its mates, who do likewise, and a leader; assumed
 SOONEST = 0.5  # s: t is at least that, so that out of a berth is better than along it
 AVOID = 1500.0  # ns of one vehicle, about: few have something in their way
 
@@ -55,9 +56,12 @@ class Gains(Strict):
     horizon: Positive = 8.0  # s
     berth: Positive = 3.0  # m, beyond contact with an obstacle
     margin: Positive = 2.0  # m, likewise, with a team mate
+    follower_horizon: Positive = 6.0  # s that a follower looks ahead for its mates, who do likewise
+    leader_horizon: Positive = 2.0  # s that a leader does
     soft: Positive = 4.0
     hard: Positive = 20.0
     lean: Positive = 0.2
+    slowing: NonNegative = 0.6
 
 
 class Numbers(NamedTuple):
@@ -67,9 +71,12 @@ class Numbers(NamedTuple):
     horizon: float
     berth: float
     margin: float
+    follower_horizon: float
+    leader_horizon: float
     soft: float
     hard: float
     lean: float
+    slowing: float
     radius: float
 
 
@@ -132,7 +139,7 @@ def risks(v, now, around: ti.template(), e, i, g: ti.template(), form: ti.templa
         its = ti.Vector([around.mates[e, i, k, 5], around.mates[e, i, k, 6]])
         away = around.mates[e, i, k, 0]
         if n.dot(n) > 0 and away * ti.abs(around.mates[e, i, k, 3]) < 2 * g.radius + g.margin:
-            horizon = ti.min(g.horizon, ti.select(i > 0, FOLLOWER, LEADER))
+            horizon = ti.min(g.horizon, ti.select(i > 0, g.follower_horizon, g.leader_horizon))
             total += risk(away * n, v, its, 0.0, shift, 2 * g.radius, g.margin, horizon, g)
     return total
 
@@ -164,6 +171,7 @@ def _avoid(velocity: ti.types.ndarray(ndim=3), around: AroundPack, kind: ti.temp
                 for p in ti.static(range(len(form.paces))):
                     v = ti.static(form.paces[p]) * along
                     cost = (apart(v, straight) + g.lean * apart(v, now)) / speed
+                    cost += g.slowing * ti.static(1.0 - form.paces[p])
                     if cost < least:
                         cost += risks(v, now, around, e, i, g, form)
                         if cost < least:
