@@ -38,6 +38,7 @@ _PUBLIC = {
     "taichi_sim.fleet": ("Fleet",),
     "taichi_sim.packs": ("AroundPack", "Build", "FleetPack", "load_at", "numbers_at"),
     "taichi_sim.recording": ("Episode", "Recorder", "write_recording"),
+    "taichi_sim.replay": ("replay",),
     "taichi_sim.runtime": ("init",),
     "taichi_sim.script": ("Script",),
     "taichi_sim.sea": ("Sea",),
@@ -47,7 +48,7 @@ _PUBLIC = {
     "taichi_sim.usv.vessel": ("Vessel",),
     "taichi_sim.vehicle": ("Limits", "Vehicle"),
     "taichi_sim.vehicles": ("load_vehicle", "shipped_vehicles"),
-    "taichi_sim.world": ("World", "replay"),
+    "taichi_sim.world": ("World",),
 }  # fmt: skip
 _HOME = {name: module for module, names in _PUBLIC.items() for name in names}
 __all__ = sorted(_HOME)  # pyright: ignore[reportUnsupportedDunderAll]

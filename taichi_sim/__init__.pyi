@@ -65,6 +65,7 @@ from taichi_sim.packs import (
 from taichi_sim.recording import Episode as Episode
 from taichi_sim.recording import Recorder as Recorder
 from taichi_sim.recording import write_recording as write_recording
+from taichi_sim.replay import replay as replay
 from taichi_sim.runtime import init as init
 from taichi_sim.script import Script as Script
 from taichi_sim.sea import Sea as Sea
@@ -77,7 +78,6 @@ from taichi_sim.vehicle import Vehicle as Vehicle
 from taichi_sim.vehicles import load_vehicle as load_vehicle
 from taichi_sim.vehicles import shipped_vehicles as shipped_vehicles
 from taichi_sim.world import World as World
-from taichi_sim.world import replay as replay
 
 __version__: str
 __all__: list[str]

@@ -1,6 +1,6 @@
 """The last step of an environment that left the physical, as a file from which it can be run again.
 
-`World.dump_folder` turns dumps on; `taichi_sim.world.replay` runs one.
+`World.dump_folder` turns dumps on; taichi_sim/replay.py runs one again.
 """
 
 from dataclasses import dataclass, field

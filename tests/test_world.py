@@ -8,8 +8,9 @@ import torch
 
 from taichi_sim.config import ConfigError
 from taichi_sim.dump import load_dump
+from taichi_sim.replay import replay
 from taichi_sim.script import Script
-from taichi_sim.world import ActionError, World, replay
+from taichi_sim.world import ActionError, World
 
 ROOT = Path(__file__).resolve().parents[1]
 SMALL = ("sea.realisations=2", "sea.components=4", "usv.count=1", "uav.count=1")

@@ -15,7 +15,7 @@ import torch
 from taichi_sim import runtime
 from taichi_sim.config import ConfigError
 from taichi_sim.dump import load_dump
-from taichi_sim.world import replay
+from taichi_sim.replay import replay
 
 
 def main() -> int:

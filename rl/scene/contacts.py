@@ -20,7 +20,8 @@ import taichi as ti
 from pydantic import Field
 from torch import Tensor
 
-from rl.scene.sensors import Sensor, Sight, store_mate, store_obstacle
+from rl.scene.sensors import Sensor, Sight
+from rl.scene.told import store_mate, store_obstacle
 from taichi_sim import runtime
 from taichi_sim.config import NonNegative, Positive, Strict
 from taichi_sim.fleet import Views

@@ -14,9 +14,10 @@ from taichi_sim.config import AirConfig, ConfigError
 from taichi_sim.conventions import ANGULAR_VELOCITY, GRAVITY, POSITION, QUATERNION, STATE_SIZE, VELOCITY
 from taichi_sim.dump import load_dump
 from taichi_sim.maths.rotation import torch_rotation_matrix
+from taichi_sim.replay import replay
 from taichi_sim.uav.fixed_wing.equations import loads
 from taichi_sim.uav.fixed_wing.trim import trim
-from taichi_sim.world import World, replay
+from taichi_sim.world import World
 
 IDEAL = {"time_constant": 0.0, "rate_limit_deg": math.inf, "throttle_time_constant": 0.0}
 SURFACES = {"actions": "surfaces", "protection": False}

@@ -21,13 +21,12 @@ CONFIG = SimpleNamespace(
 )
 
 
-def judged(kind: type[Judge], collides_at: int, lost_at: int) -> dict:
+def judged(patch: pytest.MonkeyPatch, kind: type[Judge], collides_at: int, lost_at: int) -> dict:
     """Figures of three environments: vehicle 0 of the second collides, vehicle 1 of the third is lost."""
     team = SimpleNamespace(fleet=SimpleNamespace(count=VEHICLES), distance=DISTANCE, sensor=SimpleNamespace(gap=GAP))
     clearance = iter(SLOT_CLEARANCE)
-    mission = SimpleNamespace(
-        num_envs=ENVS, teams={"boats": team}, config=CONFIG, slot_clearance=lambda team: next(clearance)
-    )
+    mission = SimpleNamespace(num_envs=ENVS, teams={"boats": team}, config=CONFIG)
+    patch.setattr("rl.missions.formation.judge.slot_clearance", lambda *_: next(clearance))
     judge = kind(mission, "boats")
     for number in range(1, STEPS + 1):
         ended = {name: torch.zeros((ENVS, VEHICLES), dtype=torch.bool) for name in ("collided", "lost")}
@@ -37,9 +36,9 @@ def judged(kind: type[Judge], collides_at: int, lost_at: int) -> dict:
     return kind.figures([judge], CONFIG)
 
 
-def test_a_team_is_measured_until_one_of_it_has_ended():
+def test_a_team_is_measured_until_one_of_it_has_ended(monkeypatch):
     """Ten decisions in the first environment, four in the second, seven in the third; one collision in them."""
-    figures = judged(Judge, 4, 7)
+    figures = judged(monkeypatch, Judge, 4, 7)
     assert set(figures) == set(Judge.definitions)
     assert figures["collisions_per_hour"] == pytest.approx(1 / ((10 + 4 + 7) * INTERVAL / 3600))
     assert figures["reward_per_step"] == pytest.approx((10 * 2.0 + 4 * 6.0 + 7 * -1.0) / (10 + 4 + 7))
@@ -47,9 +46,9 @@ def test_a_team_is_measured_until_one_of_it_has_ended():
     assert figures["success_rate"] == pytest.approx(1 / 3)
 
 
-def test_errors_of_a_formation_count_after_the_start_has_settled():
+def test_errors_of_a_formation_count_after_the_start_has_settled(monkeypatch):
     """Of the second environment none is left, of the third two; in all, seven leaders' and seven followers'."""
-    figures = judged(FormationJudge, 4, 7)
+    figures = judged(monkeypatch, FormationJudge, 4, 7)
     assert set(figures) == set(FormationJudge.definitions)
     assert figures["leader_error_rms_m"] == pytest.approx(((5 * 9.0 + 2 * 4.0) / 7) ** 0.5)
     assert figures["follower_error_rms_m"] == pytest.approx(((5 * 16.0 + 2 * 0.25) / 7) ** 0.5)
@@ -58,14 +57,14 @@ def test_errors_of_a_formation_count_after_the_start_has_settled():
     assert figures["evasions_per_hour"] == pytest.approx(2 / (2 * (10 + 4 + 7) * INTERVAL / 3600))
 
 
-def test_errors_too_large_are_no_success():
+def test_errors_too_large_are_no_success(monkeypatch):
     """The second environment's leader is 6 m off throughout: a success needs less than 5 m."""
-    figures = judged(FormationJudge, STEPS + 1, STEPS + 1)
+    figures = judged(monkeypatch, FormationJudge, STEPS + 1, STEPS + 1)
     assert figures["success_rate"] == pytest.approx(2 / 3) and figures["collisions_per_hour"] == 0.0
 
 
-def test_a_line_to_read_says_what_was_not_measured():
-    figures = judged(FormationJudge, 1, 1)
+def test_a_line_to_read_says_what_was_not_measured(monkeypatch):
+    figures = judged(monkeypatch, FormationJudge, 1, 1)
     nothing = figures | dict.fromkeys(("leader_error_rms_m", "follower_error_rms_m"))
     assert "leader error not measured, followers not measured" in FormationJudge.line(nothing)
-    assert "reward_per_step" in Judge.line(judged(Judge, 4, 7))
+    assert "reward_per_step" in Judge.line(judged(monkeypatch, Judge, 4, 7))

@@ -17,7 +17,8 @@ from taichi_sim.config.io import config_folder
 
 AGAIN = (
     'stages.again.team="usv"', "stages.again.iterations=3", "stages.again.num_envs=4",
-    "stages.again.steps_per_iteration=8", "stages.again.checkpoint_interval=1", "stages.again.initial_std=0.25", "stages.again.set.sea.hs=1.0",
+    "stages.again.steps_per_iteration=8", "stages.again.checkpoint_interval=1",
+    "stages.again.initial_std=0.25", "stages.again.set.sea.hs=1.0",
     "stages.again.set.usv.count=2",
 )  # fmt: skip
 

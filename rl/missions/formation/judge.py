@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from rl.judge import COLLISION_LOSS, COMMON, Episodes, Judge, known
+from rl.missions.formation.evasions import slot_clearance
 
 
 class FormationJudge(Judge):
@@ -42,7 +43,7 @@ class FormationJudge(Judge):
 
     def _blocked_now(self) -> NDArray[np.bool_]:
         """Whether the slot of each vehicle is in an obstacle [env, vehicle]."""
-        return (self.mission.slot_clearance(self.mission.teams[self.name]) < 0).cpu().numpy()
+        return (slot_clearance(self.mission, self.mission.teams[self.name]) < 0).cpu().numpy()
 
     def see(self, step: Any, number: int) -> None:
         """Errors and gaps count until a vehicle of the team has ended, and in the step in which it did."""

@@ -4,7 +4,6 @@ Each environment is on one of the scenario's worlds (a track with obstacles) and
 anew. Targets of vessels move on the sea, those of aircraft straight above them at the flight height.
 """
 
-import math
 from pathlib import Path
 from typing import Any
 
@@ -224,24 +223,6 @@ class Formation(Mission):
     def info(self, team: TeamTask) -> dict[str, Tensor]:
         """distance: m, from the slot (the leader's: from the target)."""
         return {"distance": team.distance}
-
-    def slot_clearance(self, team: TeamTask) -> Tensor:
-        """Distance (m) [env, vehicle] from each vehicle's sphere, were it in its slot, to the nearest obstacle's side.
-
-        What it would pass above or below does not count.
-        """
-        slot, radius = team.now.slot, team.radius
-        height = -slot[..., 2:] if team.axes == 3 else torch.zeros_like(slot[..., 2:])
-        stands, moves = self.obstacles[self.env_world].unsqueeze(1), self.bodies.table.unsqueeze(1)
-        bodies: list[tuple[Any, ...]] = [(stands[..., 0], stands[..., 1], stands[..., 2], -math.inf, stands[..., 3])]
-        if self.bodies.present:
-            bodies.append(tuple(moves[..., row, :] for row in (NORTH, EAST, RADIUS, BOTTOM, TOP)))
-        nearest = torch.full_like(slot[..., 0], math.inf)
-        for north, east, size, bottom, top in bodies:
-            beside = torch.hypot(north - slot[..., :1], east - slot[..., 1:2]) - size - radius
-            passed = (height - radius > top) | (height + radius < bottom)
-            nearest = torch.minimum(nearest, beside.masked_fill(passed, math.inf).amin(-1))
-        return nearest
 
     def frame(self, team: TeamTask) -> dict[str, Tensor]:
         """Target, slots and errors; slots of vessels lie on the mean level of the sea."""

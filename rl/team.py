@@ -1,0 +1,60 @@
+"""What stages, Gymnasium, evaluation and controllers may ask of one team of a mission (mission.py)."""
+
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from taichi_sim.fleet import Fleet
+
+
+class Team:
+    """One team of a mission, as its policy sees it; a mission may use a class of its own that derives from this.
+
+    Attributes:
+        mission, name, section: whose it is, what it is called, its section of the scenario. fleet: the vehicles.
+        action, previous_action: [env, vehicle, action] of the last two steps, zero at the start of an episode.
+        known: what classical controllers are handed, with the attributes of a team: what its vehicles know. Default:
+            the team itself.
+    """
+
+    def __init__(self, mission: Any, name: str):
+        """See team `name` of a mission whose world exists."""
+        self.mission, self.name = mission, name
+        self.section: Any = mission.config.teams[name]
+        self.fleet: Fleet = mission.world.teams[name]
+        self.action = self.fleet.state.new_zeros(
+            (mission.num_envs, self.fleet.count, len(self.fleet.model.action_names))
+        )
+        self.previous_action = self.action
+        self.known: Any = self
+
+    @property
+    def action_names(self) -> tuple[str, ...]:
+        """What its policy commands, each in [-1, 1]."""
+        return self.fleet.model.action_names
+
+    def command(self, action: Tensor) -> Tensor:
+        """Actions of the vehicles [env, vehicle, a] for those of the policy [env, vehicle, `action_names`].
+
+        Default: the same. Whoever acts by a policy asks this before `Mission.step`.
+        """
+        return action
+
+    def observe(self) -> Tensor:
+        """Observations [env, vehicle, n] for the next decision: a fresh tensor each time."""
+        return torch.cat(list(self.mission.observe(self).values()), dim=-1)
+
+    @property
+    def privileged(self) -> Tensor | None:
+        """What a critic is told besides, in training alone [env, vehicle, n], a fresh tensor; None is nothing."""
+        return None
+
+    @property
+    def observation_names(self) -> tuple[str, ...]:
+        """A name for each of the n observations: the term's, with a number where it has several ("error.1")."""
+        names: list[str] = []
+        for term, value in self.mission.observe(self).items():
+            width = value.shape[-1]
+            names += [term] if width == 1 else [f"{term}.{k}" for k in range(width)]
+        return tuple(names)
