@@ -7,7 +7,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from rl.missions.formation.avoidance import Avoider, Gains
+from rl.missions.formation.avoidance import Avoider, Gains, Shield
 from rl.missions.formation.geometry import SIZE, SLOT_VELOCITY, V
 from rl.missions.formation.targets import COURSE_RATE
 from rl.missions.formation.targets import SIZE as TARGET_SIZE
@@ -113,3 +113,25 @@ def test_out_of_contact_is_the_way_that_is_taken():
     """Inside the berth it goes outwards."""
     velocity = steered(scene([(2.0, 7.5, 5.0, 0.0, 0.0, 0.0)]), (SPEED, 1.0))[1]
     assert velocity[1] < 0
+
+
+def shielded(team, correction: tuple[float, float], own=(SPEED, 0.0)) -> Tensor:
+    """Velocities [vehicle, 2] of a team that goes with `own` and wants to be corrected."""
+    own, change = (torch.tensor(x, dtype=runtime.current().torch_dtype).expand(1, 2, 2) for x in (own, correction))
+    return Shield(GAINS).corrected(team, own, change)[0]
+
+
+def test_a_correction_is_taken_back_as_far_as_it_leads_into_an_obstacle():
+    """An obstacle is passed with room on the own way, and hit on the corrected one; on the other side is nothing."""
+    team = scene([(25.0, 14.0, 5.0, 0.0, 0.0, 0.0)])
+    into, away = shielded(team, (0.0, 5.0)), shielded(team, (0.0, -5.0))
+    assert passes(torch.tensor([SPEED, 5.0]), 25.0, 14.0) < 5.0 + RADIUS
+    assert (into[:, 1] < 3.5).all() and (into[:, 1] >= 0).all() and (into[:, 0] == SPEED).all()
+    assert passes(into[0], 25.0, 14.0) > 5.0 + RADIUS
+    assert away.equal(torch.tensor([[SPEED, -5.0]]).to(away).expand(2, 2))
+
+
+def test_a_correction_that_leads_out_of_danger_stays():
+    """Straight into an obstacle on the own way, clear of it on the corrected one."""
+    team = scene([(30.0, 1.0, 4.0, 0.0, 0.0, 0.0)], own=(SPEED, -6.0))
+    assert shielded(team, (0.0, -6.0)).equal(torch.tensor([[SPEED, -6.0]]).to(team.fleet.state).expand(2, 2))

@@ -87,3 +87,16 @@ def test_what_has_no_classical_controller_cannot_be_corrected(monkeypatch):
     team._controller = team._wanted = None
     with pytest.raises(ConfigError, match="usv.residual: there is no classical controller to correct"):
         team.observe()
+
+
+@pytest.mark.parametrize("team", ["usv", "uav"])
+def test_a_silent_policy_that_corrects_velocities_is_the_classical_controller_in_lanes_full_of_obstacles(team):
+    lanes = ("obstacles.clearance_min=-15", "obstacles.clearance_max=0", "obstacles.count=60")
+    task = make(f"{team}.residual={{velocity=3.0, shield=4.0}}", *lanes, teams=(team,))
+    begin(task)
+    side, classical = task.teams[team], ClassicalPolicy()
+    silent = torch.zeros(task.num_envs, 3, 2)
+    for _ in range(40):
+        expected = classical(side)
+        assert side.command(silent).equal(expected.clamp(-1.0, 1.0))
+        task.step({team: expected})

@@ -40,6 +40,7 @@ from taichi_sim.packs import struct_of, values_at
 FAN, RAYS = math.radians(100.0), 20  # to either side, and how many
 PACES = (1.0, 0.75, 0.5)  # of the wanted speed, or of the slot's, if that is less; of who can stop, else the first
 SLOWEST = 0.1  # m/s: less has no direction
+STEPS = 5  # in which a correction is taken back
 SOONEST = 0.5  # s: t is at least that, so that out of a berth is better than along it
 AVOID = 1500.0  # ns of one vehicle, about: few have something in their way
 
@@ -179,6 +180,29 @@ def _avoid(velocity: ti.types.ndarray(ndim=3), around: AroundPack, kind: ti.temp
             velocity[e, i, 0], velocity[e, i, 1] = best[0], best[1]
 
 
+@ti.kernel
+def _shield(velocity: ti.types.ndarray(ndim=3), correction: ti.types.ndarray(ndim=3), around: AroundPack,
+            kind: ti.template(), form: ti.template()):  # fmt: skip
+    ti.loop_config(serialize=form.serial)
+    for e, i in ti.ndrange(velocity.shape[0], velocity.shape[1]):
+        g = values_at(kind, around.numbers)
+        own = ti.Vector([velocity[e, i, 0], velocity[e, i, 1]])
+        change = ti.Vector([correction[e, i, 0], correction[e, i, 1]])
+        now = ti.Vector([around.derived[e, i, VELOCITY], around.derived[e, i, VELOCITY + 1]])
+        speed = ti.max(own.norm(), SLOWEST)
+        best = ti.Vector([own[0] + change[0], own[1] + change[1]])
+        least = risks(best, now, around, e, i, g, form)
+        if least > 0:
+            for k in range(1, ti.static(STEPS + 1)):
+                back = k * ti.static(1.0 / STEPS)
+                cost = back * change.norm() / speed
+                if cost < least:
+                    cost += risks(own + (1.0 - back) * change, now, around, e, i, g, form)
+                    if cost < least:
+                        least, best = cost, own + (1.0 - back) * change
+        velocity[e, i, 0], velocity[e, i, 1] = best[0], best[1]
+
+
 class Avoider:
     """Keeps a team clear."""
 
@@ -207,3 +231,24 @@ class Avoider:
         few = runtime.few(team.fleet.num_envs * team.fleet.count, AVOID)
         paces = PACES if team.fleet.model.limits.stops else PACES[:1]
         self._form = Form(sensor.num_obstacles, sensor.num_mates, paces, few)
+
+
+class Shield(Avoider):
+    """Takes corrections of velocities back as far as they lead where the risks are greater than they are worth.
+
+    What is left of one is the share s of the least  (1 - s) |c| / |v| + the risks of all bodies with v + s c.
+    """
+
+    def __init__(self, gains: Gains):
+        """By these numbers."""
+        super().__init__(gains)
+        self._launch = runtime.Launcher(_shield)
+
+    def corrected(self, team: Any, velocity: Tensor, correction: Tensor) -> Tensor:
+        """`velocity` [env, vehicle, 2 or 3] (m/s) with what is safe of `correction`, of the same shape, level."""
+        if self._team is not team:
+            self._see(team)
+        kept = velocity.clone(memory_format=torch.contiguous_format)
+        kind = struct_of(Numbers._fields, runtime.current().precision)
+        self._launch.once(kept, correction.contiguous(), self._around(), kind, self._form)
+        return kept

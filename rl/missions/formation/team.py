@@ -1,12 +1,13 @@
 """One team's side of the formation mission: errors and surroundings of its vehicles."""
 
+import math
 from typing import Any
 
 import torch
 from torch import Tensor
 
 from rl.mission import Mission, Team
-from rl.missions.formation.avoidance import Avoider
+from rl.missions.formation.avoidance import Shield
 from rl.missions.formation.config import ResidualConfig
 from rl.missions.formation.geometry import Geometry
 from rl.missions.formation.known import Known
@@ -50,6 +51,8 @@ class TeamTask(Team):
         # As many team mates in a team of one as in one of sixteen: what is not there is out of range.
         self.sensor = Sensor(self.fleet, sensing.obstacles, sensing.team_mates, reach, self.radius, frame)
         self._controller, self._wanted = None, None
+        self._lag = state.new_zeros((*state.shape[:2], 2))  # m/s, ahead and to starboard of the course
+        self._lag_of = -1  # the decision that it is of
         self._shield: Any = None
         self.targets: Targets
         self.target: Target
@@ -95,9 +98,10 @@ class TeamTask(Team):
             correction = correction * (2 - gap * (2 / residual.gate)).clamp(0.0, 1.0).unsqueeze(-1)
         wanted = self.wanted
         if residual.velocity:
-            velocity = wanted.velocity + self._pushed(residual.velocity * correction[..., :2])
+            pushed = self._pushed(residual.velocity * correction[..., :2])
+            velocity = wanted.velocity + pushed
             if residual.shield:
-                velocity = self._shield(self.known, velocity)
+                velocity = self._shield.corrected(self.known, wanted.velocity, pushed)
             wanted, correction = wanted._replace(velocity=velocity), correction[..., 2:]
         actions = self.controller.act(self.known, wanted)
         return (actions + residual.share * correction if residual.share else actions).clamp(-1.0, 1.0)
@@ -121,19 +125,32 @@ class TeamTask(Team):
                 )
             if self.section.residual.shield:
                 soon = {"horizon": self.section.residual.shield}
-                self._shield = Avoider(self._controller.gains.model_copy(update=soon))
+                self._shield = Shield(self._controller.gains.model_copy(update=soon))
         return self._controller
 
     @property
     def wanted(self) -> Any:
         """What the classical controller wants to be done now."""
         if self._wanted is None:
-            self._wanted = self.controller.wanted(self.known)
+            self._wanted = wanted = self.controller.wanted(self.known)
+            if self.residual is not None and self.residual.memory:
+                self._remember(wanted.velocity, self.residual.memory)
         return self._wanted
+
+    def _remember(self, wanted: Tensor, memory: float) -> None:
+        """Take how far the velocity is from what is wanted into the mean; an episode that begins has none."""
+        now = int(self.mission.count[0])
+        if now != self._lag_of:
+            c, s = self.target.cos.unsqueeze(1), self.target.sin.unsqueeze(1)
+            north, east = (wanted[..., :2] - self.known.fleet.velocity_n[..., :2]).unbind(-1)
+            short = torch.stack((c * north + s * east, c * east - s * north), dim=-1)
+            self._lag = self._lag + (short - self._lag) * -math.expm1(-self.mission.config.decision_interval / memory)
+            self._lag_of = now
+        self._lag = self._lag * (self.mission.steps > 0).view(-1, 1, 1)
 
     def reference(self) -> Tensor:
         """What is corrected, as it is observed: the change of velocity that is wanted in the own frame [env, vehicle,
-        axes], squashed; or the classical actions, where they alone are corrected.
+        axes], squashed, and the lag, if it is remembered; or the classical actions, where they alone are corrected.
         """
         assert self.residual is not None
         if not self.residual.velocity:
@@ -145,6 +162,8 @@ class TeamTask(Team):
             c, s = fleet.heading
             north, east = change.unbind(-1)
             own = torch.stack((c * north + s * east, c * east - s * north), dim=-1)
+        if self.residual.memory:
+            own = torch.cat((own, self._lag), dim=-1)
         return own / (own.abs() + CHANGE_SCALE)
 
     def observe(self) -> Tensor:
