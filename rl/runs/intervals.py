@@ -34,14 +34,24 @@ def intervals(kind: type[Judge], episodes: Episodes) -> dict[str, Interval]:
 
 def differences(kind: type[Judge], one: Episodes, other: Episodes) -> dict[str, Interval]:
     """Of the differences, one less the other, on the same episodes."""
+    return _paired(np.subtract, kind, one, other)
+
+
+def ratios(kind: type[Judge], one: Episodes, other: Episodes) -> dict[str, Interval]:
+    """Of the ratios, one over the other, on the same episodes."""
+    with np.errstate(divide="ignore", invalid="ignore"):  # what is not finite is not known
+        return _paired(np.divide, kind, one, other)
+
+
+def _paired(how: np.ufunc, kind: type[Judge], one: Episodes, other: Episodes) -> dict[str, Interval]:
     if _count(one) != _count(other):
         raise ValueError(f"{_count(one)} episodes and {_count(other)}: pairs are of the same episodes")
-    draws = [_less(kind.pooled(a), kind.pooled(b)) for a, b in _draws(one, other)]
-    return _of(_less(kind.pooled(one), kind.pooled(other)), draws)
 
+    def both(a: Episodes, b: Episodes) -> dict[str, NDArray[np.float64]]:
+        first, second = kind.pooled(a), kind.pooled(b)
+        return {key: np.asarray(how(first[key], second[key])) for key in first}
 
-def _less(one: Mapping[str, NDArray], other: Mapping[str, NDArray]) -> dict[str, NDArray[np.float64]]:
-    return {key: np.asarray(one[key] - other[key]) for key in one}
+    return _of(both(one, other), [both(a, b) for a, b in _draws(one, other)])
 
 
 def _count(episodes: Episodes) -> int:

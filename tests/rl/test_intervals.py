@@ -5,7 +5,7 @@ import pytest
 
 from rl.judge import Judge
 from rl.missions.formation.judge import FormationJudge
-from rl.runs.intervals import differences, intervals
+from rl.runs.intervals import differences, intervals, ratios
 
 
 class Mean(Judge):
@@ -40,6 +40,14 @@ def test_what_makes_an_episode_hard_for_both_cancels_in_the_difference():
     assert value == pytest.approx(0.5, abs=0.03) and high - low < 0.06
     assert intervals(Mean, {"x": hard + b})["mean"].high > 1.0
     assert differences(Mean, {"x": hard}, {"x": hard})["mean"] == (0.0, 0.0, 0.0)
+
+
+def test_what_makes_an_episode_hard_for_both_cancels_in_the_ratio():
+    generator = np.random.default_rng(4)
+    hard = generator.exponential(5.0, 200)
+    value, low, high = ratios(Mean, {"x": 0.8 * hard + generator.normal(0.0, 0.1, 200)}, {"x": hard})["mean"]
+    assert value == pytest.approx(0.8, abs=0.01) and high - low < 0.02
+    assert ratios(Mean, {"x": hard}, {"x": 0.0 * hard})["mean"] == (None, None, None)
 
 
 def test_pairs_are_of_the_same_episodes():

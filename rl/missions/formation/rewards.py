@@ -21,9 +21,6 @@ class TrackingReward(Strict):
     fine: NonNegative = 1.0  # 1 / (1 + (d / fine_scale)^2)
     fine_scale: Positive = 0.5  # m
     approach: NonNegative = 0.02  # -d per metre
-    square: NonNegative = 0.0  # -(d / square_scale)^2, as the rms error counts it; at most that of square_reach
-    square_scale: Positive = 5.0  # m
-    square_reach: Positive = 20.0  # m
     action_rate: NonNegative = 0.02  # -|a - a_previous|^2
     clearance: NonNegative = 0.5  # -(1 - gap / clearance_range)^2 inside the range
     clearance_range: Positive = 4.0  # m, gap to the nearest obstacle or team mate
@@ -62,12 +59,6 @@ def approach(d: Tensor) -> Tensor:
     return -d
 
 
-def square(d: Tensor, scale: float, reach: float) -> Tensor:
-    """-(d / scale)^2, d at most `reach`: far excursions count as they do in the rms error."""
-    near = d.clamp(max=reach)
-    return near * near * (-1 / scale**2)
-
-
 def action_rate(action: Tensor, previous: Tensor) -> Tensor:
     """Minus the squared change of the action [env, vehicle, action]."""
     return -(action - previous).square().sum(-1)
@@ -87,7 +78,6 @@ TERMS: dict[str, Callable[[Any, Any, TrackingReward], Tensor]] = {
     "coarse": lambda team, ended, w: coarse(team.distance, w.coarse_scale),
     "fine": lambda team, ended, w: fine(team.distance, w.fine_scale),
     "approach": lambda team, ended, w: approach(team.distance),
-    "square": lambda team, ended, w: square(team.distance, w.square_scale, w.square_reach),
     "action_rate": lambda team, ended, w: action_rate(team.action, team.previous_action),
     "clearance": lambda team, ended, w: clearance(team.sensor.gap, w.clearance_range),
     "ending": lambda team, ended, w: penalty(ended.any),

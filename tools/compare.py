@@ -1,0 +1,115 @@
+"""Runs against the classical controller on the same unseen episodes, with 95 % intervals: a table to paste into a page.
+
+Several runs of one scenario, trained with different seeds, are also judged together: the last row of a team.
+"""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+if __package__ in (None, ""):  # run as a script: the packages are beside this file's folder
+    sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+import numpy as np
+
+SHARES = ("collision_free_episodes", "success_rate")  # told in %
+
+
+def parser() -> argparse.ArgumentParser:
+    """The arguments."""
+    from rl import cli
+
+    p = argparse.ArgumentParser(prog="compare.py", description=__doc__)
+    p.add_argument("runs", nargs="+", type=Path, metavar="RUN", help="run folders of rl/train.py")
+    p.add_argument("--seed", type=cli.seed, default=None, help="of the unseen worlds (default: the scenario's)")
+    p.add_argument("--episodes", type=cli.positive_int, default=None, help="of each run (default: the scenario's, 256)")
+    cli.add_common(p)
+    return p
+
+
+def main(argv: list[str] | None = None) -> None:
+    """Run the command."""
+    args = parser().parse_args(argv)
+    from rl import cli
+
+    cli.start(args)
+    found: dict[tuple[str, str], list[tuple[str, Any, Any]]] = {}
+    classical: dict[str, Any] = {}
+    kinds: dict[str, Any] = {}
+    for run in args.runs:
+        config, judge, learned, opponent = contest(run, args, classical)
+        kinds[config.name] = judge
+        for team, episodes in learned.items():
+            found.setdefault((config.name, team), []).append((run.name, episodes, opponent[team]))
+    print(table(found, kinds))
+
+
+def contest(run: Path, args: argparse.Namespace, classical: dict[str, Any]) -> tuple[Any, Any, Any, Any]:
+    """A run's scenario and judge, and the episodes of its policies and of the classical controller, by team.
+
+    The latter are kept in `classical`, for runs that differ in their training alone.
+    """
+    from rl.learn.policy import policies_of
+    from rl.runs.evaluation import judge_episodes, mission_class
+    from rl.runs.folder import load_config
+    from taichi_sim.config.io import toml_text
+
+    config, source = load_config(run, args.overrides)
+    key = toml_text(config.model_copy(update={"seed": 0, "stages": {}}))
+
+    def judged(controller: str) -> Any:
+        policies = policies_of(controller, run, config)
+        return judge_episodes(
+            config, {team: policies[team] for team in config.trained},
+            episodes=args.episodes or config.evaluation.episodes,
+            seed=config.evaluation.seed if args.seed is None else args.seed,
+            controller=controller, source=source, show_progress=not args.quiet,
+        ).episodes  # fmt: skip
+
+    learned = judged("policy")
+    if key not in classical:
+        classical[key] = judged("classical")
+    return config, mission_class(config, source).Judge, learned, classical[key]
+
+
+def table(found: dict[tuple[str, str], list[tuple[str, Any, Any]]], kinds: dict[str, Any]) -> str:
+    """Markdown: a row for each run's team, and one for all of them together."""
+    lines = []
+    for (name, team), rows in found.items():
+        judge = kinds[name]
+        if not lines:
+            lines = [
+                "| run, team | " + " | ".join(f"{key}: learned / classical" for key in judge.plotted) + " |",
+                "|---" * (1 + len(judge.plotted)) + "|",
+            ]
+        together = [("all", *(joined([row[k] for row in rows]) for k in (1, 2)))] if len(rows) > 1 else []
+        for run, learned, opponent in rows + together:
+            told = [cell(key, judge, learned, opponent) for key in judge.plotted]
+            lines.append(f"| `{name}`, {team}, {run} | " + " | ".join(told) + " |")
+    return "\n".join(lines)
+
+
+def joined(parts: list[Any]) -> dict[str, Any]:
+    """Episodes of several runs as one set."""
+    return {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
+
+
+def cell(key: str, judge: Any, learned: Any, opponent: Any) -> str:
+    """One figure of both: the difference of shares in points, the ratio of anything else, with its interval."""
+    from rl.runs.intervals import differences, intervals, ratios
+
+    one, other = intervals(judge, learned)[key].value, intervals(judge, opponent)[key].value
+    if one is None or other is None:
+        return "-"
+    if key in SHARES:
+        middle, low, high = (100 * (x or 0.0) for x in differences(judge, learned, opponent)[key])
+        return f"{100 * one:.1f} / {100 * other:.1f} %: {middle:+.1f} ({low:+.1f} to {high:+.1f})"
+    middle, low, high = (x or 0.0 for x in ratios(judge, learned, opponent)[key])
+    return f"{one:.3f} / {other:.3f}: {middle:.2f} ({low:.2f} to {high:.2f})"
+
+
+if __name__ == "__main__":
+    from rl.cli import run
+
+    sys.exit(run(main))
