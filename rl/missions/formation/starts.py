@@ -3,7 +3,8 @@
 The target is at a random place of the track; the leader within `start_distance` of it, near the slot's heading and
 speed; followers near their slots, of a formation that is drawn with the start. A team that touches an obstacle is
 pulled in towards its slots; where those are not clear either (an obstacle in the lanes, a long line astern in a bend)
-another place is drawn. So is one where vehicles that cannot stop would meet before they have turned away.
+another place is drawn. So is one where vehicles that cannot stop would meet before they have turned away. Where no
+place is found, the world's other starts are taken instead.
 """
 
 import math
@@ -86,11 +87,24 @@ def draw_starts(
             states[team] = torch.where(clear[..., None, None], fresh[team], states[team])
         missing &= ~clear
         if not missing.any():
-            return Starts(progress, states, formations)
-    raise ConfigError(
-        f"no room to start: {int(missing.sum())} of {missing.numel()} starts touch an obstacle after {MAX_DRAWS} "
-        "draws; lower obstacles.count or obstacles.fixed, raise obstacles.clearance_min, or shrink the formation"
-    )
+            break
+    without = int(missing.all(dim=1).sum())
+    if without:
+        raise ConfigError(
+            f"no room to start: in {without} of {tracks.worlds} worlds all starts touch an obstacle after {MAX_DRAWS} "
+            "draws; lower obstacles.count or obstacles.fixed, raise obstacles.clearance_min, or shrink the formation"
+        )
+    return _others_for(missing, Starts(progress, states, formations))
+
+
+def _others_for(missing: Tensor, starts: Starts) -> Starts:
+    """The starts with those that are `missing` [world, start] replaced by others of the same world, in turn."""
+    there = missing.argsort(dim=1, stable=True)  # first those that there are
+    turn = torch.arange(missing.shape[1]) % (~missing).sum(dim=1, keepdim=True)
+    taken = torch.where(missing, there.gather(1, turn), torch.arange(missing.shape[1]))
+    rows = torch.arange(missing.shape[0]).unsqueeze(1)
+    states = {name: of[rows, taken] for name, of in starts.states.items()}
+    return Starts(starts.progress[rows, taken], states, {n: f.at(rows, taken) for n, f in starts.formations.items()})
 
 
 def in_wind(state: Tensor, wind: Tensor, over_ground: Tensor, airspeed: float, model: Vehicle) -> Tensor:
