@@ -54,6 +54,7 @@ def swept(run: Path, file: Path, kinds=("policy", "classical"), **options) -> Pa
         ("values = [2, 3]", "values = []", ("axis 'team' has no values",)),
         ('["*.count"]', "[]", ("axis 'team' has no keys",)),
         ("[9.0, 4.0]", "[9.0]", ("axis 'sea'", "1 values for 2 keys")),
+        ("values = [2, 3]", "values = [2, 3]\nlabels = ['pair']", ("axis 'team' has 1 labels for 2 values",)),
         ('name = "team"', 'name = "sea"', ("two axes of one name",)),
         ("episodes", "episdoes", ("episdoes", "did you mean 'episodes'")),
         ('"sea.hs"', '"sea.hss"', ("axis 'sea': sea.hss: unknown key", "did you mean 'hs'")),
@@ -87,6 +88,18 @@ def test_axes_are_varied_alone_or_against_each_other(file):
     product = [cell.values for cell in cells(grid, config, file)]
     assert product[1] == {"sea": (0.2, 4.0), "team": 3}
     assert (len(alone), len(product)) == (count_cells(sweep), count_cells(grid)) == (5, 4)
+
+
+def test_values_may_have_labels():
+    """A wedge of 8, told as 8; all six formations in turn, told as the seconds between."""
+    file = find_sweep("teams")
+    told = [(cell.values, cell.overrides) for cell in cells(load_sweep(file), tiny_config(), file)]
+    assert (
+        {"size of a wedge": 8},
+        ("usv.formation=wedge", "uav.formation=wedge", "usv.count=8", "uav.count=8"),
+    ) in told
+    values, overrides = told[-1]
+    assert values == {"formation changes every": 20} and "usv.formation.change_every=20.0" in overrides
 
 
 def test_a_value_may_be_a_share_of_what_the_scenario_has():

@@ -45,7 +45,7 @@ def cells(sweep: Sweep, config: Scenario, file: Path) -> Iterator[Cell]:
     for given in chosen:
         reason = next((missing[axis.name] for axis, _ in given if missing[axis.name]), None)
         overrides = () if reason else tuple(text for axis, value in given for text in _set(axis, value, config))
-        yield Cell({axis.name: value for axis, value in given}, overrides, reason)
+        yield Cell({axis.name: axis.label(value) for axis, value in given}, overrides, reason)
 
 
 def _set(axis: Axis, value: Any, config: Scenario) -> Iterator[str]:

@@ -15,12 +15,14 @@ class Axis(Strict):
     """One thing that is varied: `[[axis]]`.
 
     Each of `values` goes to all `keys`, or is a list with one value for each of them. `*` in a key stands for every
-    trained team. A number is multiplied by `scale`, and by what the run's scenario has for the key `times`.
+    trained team. A number is multiplied by `scale`, and by what the run's scenario has for the key `times`. Tables and
+    plots name a value by its one of `labels`, if there are such.
     """
 
     name: Annotated[str, Field(min_length=1)]
     keys: tuple[Annotated[str, Field(min_length=1)], ...]
     values: tuple[Any, ...]
+    labels: tuple[str | int | float, ...] | None = None
     unit: str = ""  # of `values`, as it is printed
     scale: Positive = 1.0  # from `unit` to the unit of the keys
     times: str | None = None
@@ -38,7 +40,13 @@ class Axis(Strict):
             scaled = self.scale != 1.0 or self.times is not None
             if scaled and not all(isinstance(v, int | float) for v in self.of_keys(value)):
                 raise ValueError(f"axis {self.name!r}: {value!r} is no number, which scale and times need")
+        if self.labels is not None and len(self.labels) != len(self.values):
+            raise ValueError(f"axis {self.name!r} has {len(self.labels)} labels for {len(self.values)} values")
         return self
+
+    def label(self, value: Any) -> Any:
+        """What one of `values` is called."""
+        return value if self.labels is None else self.labels[self.values.index(value)]
 
     def of_keys(self, value: Any) -> tuple[Any, ...]:
         """One value for each key."""

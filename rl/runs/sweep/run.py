@@ -95,7 +95,7 @@ def run_sweep(
             raise KeyboardInterrupt(f"{len(rows)} of {total} cells are in {out}; the same command goes on") from None
         finally:
             bar.close()
-    axes = [{"name": axis.name, "unit": axis.unit, "values": axis.values} for axis in sweep.axis]
+    axes = [{"name": a.name, "unit": a.unit, "values": [a.label(value) for value in a.values]} for a in sweep.axis]
     about = {"sweep": file.stem, "scenario": config.name, "seed": sweep.seed, "episodes": sweep.episodes}
     write_tables(out, about | {"grid": sweep.grid, "axes": axes}, rows)
     return out

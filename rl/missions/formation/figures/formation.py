@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from taichi_sim.plotting import INK, new_figure, rgb
 from taichi_sim.recording import Episode, TeamTrack
 from taichi_sim.recording.bodies import body_mesh
-from taichi_sim.recording.palette import TARGET, Livery
+from taichi_sim.recording.overlays import Cylinders
+from taichi_sim.recording.palette import OBSTACLE, TARGET, Livery
 
 VIEWS = (
     ("from behind", 20.0, 205.0, 1.25),
@@ -28,7 +29,7 @@ def formation_figure(episode: Episode) -> Figure:
     figure.text(
         0.5,
         1.0 - 0.42 / figure.get_figheight(),
-        "rings are the slots, the leader's in magenta; distances from the formation's middle",
+        "rings are the slots, the leader's in magenta; what is in the way is brown; distances from the middle",
         ha="center",
         va="top",
         fontsize=9,
@@ -51,7 +52,8 @@ def _formation_panel(
     time = float(episode.time_s[step])
     slots, livery = team.places_n[step], episode.liveries[team.name]
     middle = slots.mean(axis=0)
-    spread = float(np.abs(slots[:, :2] - middle[:2]).max())
+    there = np.concatenate((slots, team.position_n[step]))[:, :2]
+    spread = float(np.abs(there - middle[:2]).max())
     length = max(team.size_m[:2])
     half = max(1.25 * spread, 2.0 * length) + length
     grow = max(1.0, 0.22 * half / length)
@@ -90,6 +92,8 @@ def _formation_panel(
             linewidth=1.2,
             zorder=3,
         )
+    for cylinder in cylinders(episode, step):
+        _outline(axes, cylinder - np.array([middle[0], middle[1], 0.0, 0.0, 0.0]), half, base)
     axes.set(xlim=(-half, half), ylim=(-half, half), zlim=(base - 0.4 * half, base + 0.4 * half))
     axes.set_box_aspect((1.0, 1.0, 0.4), zoom=zoom)  # pyright: ignore[reportArgumentType]
     drawn = f", bodies x{grow:.1f}" if grow > 1.05 else ""
@@ -102,6 +106,35 @@ def _formation_panel(
         axes.set_zticks([])  # pyright: ignore[reportCallIssue]
     else:
         axes.set_zlabel("up (m)", fontsize=8)
+
+
+def cylinders(episode: Episode, step: int) -> NDArray[np.floating]:
+    """What stands and what moves at one step [n, 5]: north, east, radius, bottom, top, m."""
+    stands = np.asarray(episode.scene.obstacles, dtype=float).reshape(-1, 4)
+    rows = [np.column_stack((stands[:, :3], np.zeros(len(stands)), stands[:, 3]))]
+    for overlay in episode.overlays:
+        if isinstance(overlay, Cylinders):
+            place, (radius, height) = overlay.position_n[step], overlay.size_m[step].T
+            top = -place[:, 2] + 0.5 * height
+            rows.append(np.column_stack((place[:, :2], radius, top - height, top)))
+    found = np.concatenate(rows)
+    return found[np.isfinite(found).all(axis=1)]
+
+
+def _outline(axes: Axes3D, cylinder: NDArray[np.floating], half: float, base: float) -> None:
+    """The rings of a cylinder, about the middle, as far as they are in a panel `half` (m) wide about `base` (m)."""
+    north, east, radius, bottom, top = cylinder
+    low, high = max(bottom, base - 0.4 * half), min(top, base + 0.4 * half)
+    angle = np.linspace(0.0, 2.0 * np.pi, 60)
+    x, y = east + radius * np.cos(angle), north + radius * np.sin(angle)
+    seen = (np.abs(x) < half) & (np.abs(y) < half)
+    if high < low or not seen.any():
+        return
+    x, y = np.where(seen, x, np.nan), np.where(seen, y, np.nan)
+    for height in (low, high):
+        axes.plot(x, y, height + 0.0 * angle, color=rgb(OBSTACLE), linewidth=1.4, zorder=3)
+    for k in range(0, len(angle), 6):
+        axes.plot([x[k]] * 2, [y[k]] * 2, [low, high], color=rgb(OBSTACLE), linewidth=0.7, zorder=3)
 
 
 def _body(
