@@ -1,6 +1,7 @@
 """Runs against the classical controller on the same unseen episodes, with 95 % intervals: a table to paste into a page.
 
-Several runs of one scenario, trained with different seeds, are also judged together: the last row of a team.
+Several runs of one scenario, trained with different seeds, are also judged together: the last row of a team. Its
+intervals are of the episodes that there are, each with what all the runs made of it.
 """
 
 import argparse
@@ -85,7 +86,8 @@ def table(found: dict[tuple[str, str], list[tuple[str, Any, Any]]], kinds: dict[
             ]
         together = [("all", *(joined([row[k] for row in rows]) for k in (1, 2)))] if len(rows) > 1 else []
         for run, learned, opponent in rows + together:
-            told = [cell(key, judge, learned, opponent) for key in judge.plotted]
+            times = len(rows) if run == "all" else 1
+            told = [cell(key, judge, learned, opponent, times) for key in judge.plotted]
             lines.append(f"| `{name}`, {team}, {run} | " + " | ".join(told) + " |")
     return "\n".join(lines)
 
@@ -95,7 +97,7 @@ def joined(parts: list[Any]) -> dict[str, Any]:
     return {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
 
 
-def cell(key: str, judge: Any, learned: Any, opponent: Any) -> str:
+def cell(key: str, judge: Any, learned: Any, opponent: Any, times: int) -> str:
     """One figure of both: the difference of shares in points, the ratio of anything else, with its interval."""
     from rl.runs.intervals import differences, intervals, ratios
 
@@ -103,9 +105,9 @@ def cell(key: str, judge: Any, learned: Any, opponent: Any) -> str:
     if one is None or other is None:
         return "-"
     if key in SHARES:
-        middle, low, high = (100 * (x or 0.0) for x in differences(judge, learned, opponent)[key])
+        middle, low, high = (100 * (x or 0.0) for x in differences(judge, learned, opponent, times)[key])
         return f"{100 * one:.1f} / {100 * other:.1f} %: {middle:+.1f} ({low:+.1f} to {high:+.1f})"
-    middle, low, high = (x or 0.0 for x in ratios(judge, learned, opponent)[key])
+    middle, low, high = (x or 0.0 for x in ratios(judge, learned, opponent, times)[key])
     return f"{one:.3f} / {other:.3f}: {middle:.2f} ({low:.2f} to {high:.2f})"
 
 

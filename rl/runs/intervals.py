@@ -32,18 +32,21 @@ def intervals(kind: type[Judge], episodes: Episodes) -> dict[str, Interval]:
     return _of(kind.pooled(episodes), [kind.pooled(drawn) for (drawn,) in _draws(episodes)])
 
 
-def differences(kind: type[Judge], one: Episodes, other: Episodes) -> dict[str, Interval]:
-    """Of the differences, one less the other, on the same episodes."""
-    return _paired(np.subtract, kind, one, other)
+def differences(kind: type[Judge], one: Episodes, other: Episodes, times: int = 1) -> dict[str, Interval]:
+    """Of the differences, one less the other, on the same episodes.
+
+    Each may hold the same episodes several `times`, one after the other (by several policies): such are drawn together.
+    """
+    return _paired(np.subtract, kind, one, other, times)
 
 
-def ratios(kind: type[Judge], one: Episodes, other: Episodes) -> dict[str, Interval]:
-    """Of the ratios, one over the other, on the same episodes."""
+def ratios(kind: type[Judge], one: Episodes, other: Episodes, times: int = 1) -> dict[str, Interval]:
+    """Of the ratios, one over the other, likewise."""
     with np.errstate(divide="ignore", invalid="ignore"):  # what is not finite is not known
-        return _paired(np.divide, kind, one, other)
+        return _paired(np.divide, kind, one, other, times)
 
 
-def _paired(how: np.ufunc, kind: type[Judge], one: Episodes, other: Episodes) -> dict[str, Interval]:
+def _paired(how: np.ufunc, kind: type[Judge], one: Episodes, other: Episodes, times: int) -> dict[str, Interval]:
     if _count(one) != _count(other):
         raise ValueError(f"{_count(one)} episodes and {_count(other)}: pairs are of the same episodes")
 
@@ -51,19 +54,20 @@ def _paired(how: np.ufunc, kind: type[Judge], one: Episodes, other: Episodes) ->
         first, second = kind.pooled(a), kind.pooled(b)
         return {key: np.asarray(how(first[key], second[key])) for key in first}
 
-    return _of(both(one, other), [both(a, b) for a, b in _draws(one, other)])
+    return _of(both(one, other), [both(a, b) for a, b in _draws(one, other, times=times)])
 
 
 def _count(episodes: Episodes) -> int:
     return len(next(iter(episodes.values())))
 
 
-def _draws(*of: Episodes) -> Iterator[list[dict[str, NDArray[np.float64]]]]:
-    """The same episodes of each, drawn again and again: [draw, episode]."""
-    count, generator = _count(of[0]), np.random.default_rng(0)
+def _draws(*of: Episodes, times: int = 1) -> Iterator[list[dict[str, NDArray[np.float64]]]]:
+    """The same episodes of each, drawn again and again: [draw, episode]; they are there `times`."""
+    count, generator = _count(of[0]) // times, np.random.default_rng(0)
     rows = max(1, min(RESAMPLES, AT_ONCE // count))
     for begin in range(0, RESAMPLES, rows):
-        picks = generator.integers(count, size=(min(rows, RESAMPLES - begin), count))
+        drawn = generator.integers(count, size=(min(rows, RESAMPLES - begin), count))
+        picks = np.concatenate([drawn + k * count for k in range(times)], axis=1)
         yield [{name: values[picks] for name, values in episodes.items()} for episodes in of]
 
 

@@ -50,6 +50,13 @@ def test_what_makes_an_episode_hard_for_both_cancels_in_the_ratio():
     assert ratios(Mean, {"x": hard}, {"x": 0.0 * hard})["mean"] == (None, None, None)
 
 
+def test_the_same_episodes_by_several_policies_are_no_more_episodes():
+    x = np.random.default_rng(5).normal(0.0, 1.0, 300)
+    once = differences(Mean, {"x": x}, {"x": 0.0 * x})["mean"]
+    thrice = differences(Mean, {"x": np.tile(x, 3)}, {"x": np.zeros(900)}, times=3)["mean"]
+    assert thrice == pytest.approx(once)
+
+
 def test_pairs_are_of_the_same_episodes():
     with pytest.raises(ValueError, match="3 episodes and 4"):
         differences(Mean, {"x": np.zeros(3)}, {"x": np.zeros(4)})

@@ -81,6 +81,7 @@ class ResidualConfig(Strict):
 
     velocity: NonNegative = 0.0  # m/s, the most of each component
     shield: NonNegative = 0.0  # s; 0: the policy is trusted
+    caution: Positive = 1.0  # how much the shield makes of risks, over what the controller does
     share: Annotated[float, Field(ge=0, le=2)] = 0.0  # of the range of actions
     gate: Positive | None = None  # m
     memory: NonNegative = 0.0  # s; of corrections of the velocity

@@ -124,9 +124,14 @@ class TeamTask(Team):
                     f"{self.name}.vehicle = {self.section.vehicle!r}"
                 )
             if self.section.residual.shield:
-                soon = {"horizon": self.section.residual.shield}
-                self._shield = Shield(self._controller.gains.model_copy(update=soon))
+                self._shield = Shield(self._cautious(self._controller.gains, self.section.residual))
         return self._controller
+
+    @staticmethod
+    def _cautious(gains: Any, residual: ResidualConfig) -> Any:
+        """The numbers that the shield judges by."""
+        risks = {"soft": residual.caution * gains.soft, "hard": residual.caution * gains.hard}
+        return gains.model_copy(update={"horizon": residual.shield} | risks)
 
     @property
     def wanted(self) -> Any:
