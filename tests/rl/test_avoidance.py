@@ -39,7 +39,7 @@ def scene(obstacles=(), mates=(), *, rate: float = 0.0, own: tuple[float, float]
     table, derived = torch.zeros((1, 2, SIZE), dtype=dtype), torch.zeros((1, 2, 14), dtype=dtype)
     table[..., SLOT_VELOCITY] = SPEED
     derived[..., V], derived[..., V + 1] = own
-    target = torch.zeros((1, TARGET_SIZE), dtype=dtype)
+    target = torch.zeros((1, 1, TARGET_SIZE), dtype=dtype)
     target[..., COURSE_RATE] = rate
     model = SimpleNamespace(limits=Limits())
     fleet = SimpleNamespace(derived=derived, state=derived, num_envs=1, count=2, model=model)

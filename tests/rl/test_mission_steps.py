@@ -139,7 +139,7 @@ def test_followers_astern_have_slots_behind_the_leader():
     task = make('usv.formation="astern"', "usv.spacing=20", "sea.hs=0", teams=("usv",))
     wander(task, 2)
     team = task.teams["usv"]
-    course = torch.stack((team.target.course.cos(), team.target.course.sin()), dim=-1)
+    course = torch.cat((team.target.course.cos(), team.target.course.sin()), dim=-1)
     leader = state(task, "usv")[:, 0, :2]
     for i in (1, 2):
         torch.testing.assert_close(team.now.slot[:, i, :2], leader - 20.0 * i * course, atol=1e-3, rtol=0)

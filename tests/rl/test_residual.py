@@ -60,7 +60,7 @@ def test_a_corrected_velocity_is_flown(team):
     for _ in range(80):
         task.step({team: side.command(port)})
     off = side.now.error[:, 0, :2]
-    aside = off[:, 1] * side.target.cos - off[:, 0] * side.target.sin
+    aside = off[:, 1] * side.target.cos[:, 0] - off[:, 0] * side.target.sin[:, 0]
     assert (aside > 1.0).all()  # where the controller's own 2 m/s back balance it
     assert side.observe().shape[-1] == len(side.observation_names)
 

@@ -19,9 +19,9 @@ pytestmark = pytest.mark.usefixtures("f64")
 
 
 def target(position: Tensor, course: Tensor, course_rate: Tensor, speed: float) -> Tensor:
-    """The table of a target in each environment (targets.py)."""
+    """The table of one target in each environment (targets.py)."""
     others = course, course.cos(), course.sin(), course_rate, torch.full_like(course, speed)
-    return torch.cat((position, torch.stack(others, dim=1)), dim=1)
+    return torch.cat((position, torch.stack(others, dim=1)), dim=1).unsqueeze(1)
 
 
 def slots(target: Tensor, leader: Tensor, velocity: Tensor, offsets: Tensor) -> Geometry:

@@ -46,7 +46,7 @@ def refusal(*overrides: str, scenario: str = "aerosonde", teams: tuple[str, ...]
 
 def over_ground(task: Formation, name: str = "uav") -> Tensor:
     target = task.teams[name].target
-    return target.speed.unsqueeze(1) * torch.stack((target.course.cos(), target.course.sin()), dim=1)
+    return target.speed * torch.cat((target.course.cos(), target.course.sin()), dim=1)
 
 
 def still(task: Formation) -> dict[str, Tensor]:
@@ -110,9 +110,9 @@ def test_the_target_moves_and_turns_as_it_says(windy):
     before, target = windy.progress.clone(), Target(*(x.clone() for x in windy.teams["uav"].target))
     windy.step(still(windy))
     later = windy.teams["uav"].target
-    torch.testing.assert_close(windy.progress - before, target.speed * dt, atol=1e-3, rtol=0)
+    torch.testing.assert_close(windy.progress - before, target.speed[:, 0] * dt, atol=1e-3, rtol=0)
     moved = (later.position - target.position)[:, :2].norm(dim=1)
-    torch.testing.assert_close(moved, target.speed * dt, atol=0.02, rtol=0)
+    torch.testing.assert_close(moved, target.speed[:, 0] * dt, atol=0.02, rtol=0)
     turned = torch.remainder(later.course - target.course + math.pi, 2 * math.pi) - math.pi
     mean_rate = (target.course_rate + later.course_rate) / 2
     torch.testing.assert_close(turned, mean_rate * dt, atol=3e-4, rtol=0)
@@ -169,7 +169,7 @@ def test_boats_start_at_their_share_of_the_speed_over_ground(windy):
     worlds, starts = torch.arange(64) % 4, torch.arange(64) % 32
     windy.reset(worlds=worlds, starts=starts)
     drawn = windy.starts.states["usv"][worlds, starts][..., 7] / AIRSPEED
-    share = windy.teams["usv"].fleet.velocity_b[..., 0] / windy.teams["usv"].target.speed.unsqueeze(1)
+    share = windy.teams["usv"].fleet.velocity_b[..., 0] / windy.teams["usv"].target.speed
     torch.testing.assert_close(share, drawn)
 
 

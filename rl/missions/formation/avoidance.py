@@ -30,7 +30,7 @@ import taichi as ti
 import torch
 from torch import Tensor
 
-from rl.missions.formation.geometry import SLOT_VELOCITY
+from rl.missions.formation.geometry import SLOT_VELOCITY, row_of
 from rl.missions.formation.geometry import V as VELOCITY
 from rl.missions.formation.targets import COURSE_RATE
 from taichi_sim import runtime
@@ -46,7 +46,7 @@ AVOID = 1500.0  # ns of one vehicle, about: few have something in their way
 
 _array1, _array2, _array3, _array4 = (ti.types.ndarray(ndim=n) for n in (1, 2, 3, 4))
 AroundPack = ti.types.argpack(
-    obstacles=_array4, mates=_array4, table=_array3, derived=_array3, target=_array2, numbers=_array1
+    obstacles=_array4, mates=_array4, table=_array3, derived=_array3, target=_array3, numbers=_array1
 )
 
 
@@ -124,7 +124,7 @@ def risk(place, v, its, turn, shift, R, berth, horizon, g: ti.template()):
 @ti.func
 def risks(v, now, around: ti.template(), e, i, g: ti.template(), form: ti.template()):
     """Of all bodies near vehicle i, if it went on with v instead of `now` (m/s)."""
-    change, turn = v - now, around.target[e, COURSE_RATE]
+    change, turn = v - now, around.target[e, row_of(around.target, i), COURSE_RATE]
     shift = change * (-0.5 * change.norm() / g.acceleration)
     total = g.radius * 0.0
     for k in ti.static(range(form.obstacles)):

@@ -35,7 +35,7 @@ DISTANCE, REACH, TOTAL = range(3)  # of the plain numbers
 
 _array1, _array2, _array3, _array4 = (ti.types.ndarray(ndim=n) for n in (1, 2, 3, 4))
 ErrorsPack = ti.types.argpack(table=_array3, plain=_array3)
-TeamPack = ti.types.argpack(target=_array2, down=_array1, slots=_array3, state=_array3, derived=_array3, heard=_array4)
+TeamPack = ti.types.argpack(target=_array3, down=_array1, slots=_array3, state=_array3, derived=_array3, heard=_array4)
 
 
 class Form(NamedTuple):
@@ -47,12 +47,18 @@ class Form(NamedTuple):
 
 
 @ti.func
+def row_of(target: ti.template(), i):
+    """The row of a table of targets that is vehicle i's (targets.py)."""
+    return ti.min(i, target.shape[1] - 1)
+
+
+@ti.func
 def leader_of(team: ti.template(), e, i, form: ti.template()):
     """Place and velocity (NED) of vehicle i's leader, as it was last heard and has gone on along the target's bend."""
     place = ti.Vector([team.state[e, 0, a] for a in ti.static(range(3))])
     moves = ti.Vector([team.derived[e, 0, V + a] for a in ti.static(range(3))])
     if ti.static(form.heard):
-        age, turn = team.heard[e, i, 0, AGE], team.target[e, COURSE_RATE]
+        age, turn = team.heard[e, i, 0, AGE], team.target[e, row_of(team.target, i), COURSE_RATE]
         c, s, half = ti.cos(turn * age), ti.sin(turn * age), 0.5 * turn * age
         v = ti.Vector([team.heard[e, i, 0, 3 + a] for a in ti.static(range(3))])
         moves = ti.Vector([c * v[0] - s * v[1], s * v[0] + c * v[1], v[2]])
@@ -64,7 +70,8 @@ def leader_of(team: ti.template(), e, i, form: ti.template()):
 @ti.func
 def slot_of(target: ti.template(), slots: ti.template(), e, i):
     """Offset in n (m) of slot i from the leader, and its velocity (m/s) about it: it swings, and glides."""
-    c, s, turn = target[e, COS], target[e, SIN], target[e, COURSE_RATE]
+    r = row_of(target, i)
+    c, s, turn = target[e, r, COS], target[e, r, SIN], target[e, r, COURSE_RATE]
     x, y = slots[e, i, OFFSET], slots[e, i, OFFSET + 1]
     north, east = c * x - s * y, s * x + c * y
     x_rate, y_rate = slots[e, i, RATE], slots[e, i, RATE + 1]
@@ -90,9 +97,11 @@ def _measure(out: ErrorsPack, team: TeamPack, which: ti.types.ndarray(dtype=ti.i
     ti.loop_config(serialize=form.serial)
     for e, i in ti.ndrange(team.state.shape[0], team.state.shape[1]):
         if which[e] != 0:
-            c, s, speed = team.target[e, COS], team.target[e, SIN], team.target[e, SPEED]
+            r = row_of(team.target, i)
+            c, s, speed = team.target[e, r, COS], team.target[e, r, SIN], team.target[e, r, SPEED]
             offset, moving = slot_of(team.target, team.slots, e, i)
-            slot = ti.Vector([team.target[e, NORTH], team.target[e, EAST], team.target[e, DOWN] + team.down[0]])
+            height = team.target[e, r, DOWN] + team.down[0]
+            slot = ti.Vector([team.target[e, r, NORTH], team.target[e, r, EAST], height])
             moves = ti.Vector([speed * c, speed * s, 0.0])
             if i > 0:
                 place, velocity = leader_of(team, e, i, form)

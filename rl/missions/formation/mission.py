@@ -181,7 +181,7 @@ class Formation(Mission):
         for name, team in self.teams.items():
             state = self.starts.states[name][worlds, starts].to(team.fleet.state)
             if self.config.track.speed_over == "air":
-                over_ground, airspeed = team.target.speed[envs], self.config.track.target_speed
+                over_ground, airspeed = team.target.speed[envs, 0], self.config.track.target_speed
                 state = in_wind(state, self._aloft(wind), over_ground, airspeed, team.fleet.model)
             self.world.place(name, envs, state)
             team.slots.begin(envs, self.starts.formations[name].at(worlds, starts), self.generator)
@@ -232,7 +232,7 @@ class Formation(Mission):
         slot = team.now.slot[env].clone()
         if team.fleet.model.medium == "water":
             slot[:, 2] = 0.0
-        target = {"target_n": team.target.position[env], "target_course": team.target.course[env]}
+        target = {"target_n": team.target.position[env], "target_course": team.target.course[env, 0]}
         return target | {"slot_n": slot, "error_m": team.distance[env]}
 
     def scene(self) -> Scene:

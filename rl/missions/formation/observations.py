@@ -30,6 +30,7 @@ from rl.missions.formation.geometry import (
     PREVIOUS_SIGHT,
     SIGHT,
     own_frame,
+    row_of,
 )
 from rl.missions.formation.slots import OFFSET
 from rl.missions.formation.targets import COURSE_RATE
@@ -50,7 +51,7 @@ SeenPack = ti.types.argpack(
     state=_array3,
     derived=_array3,
     aux=_array3,
-    target=_array2,
+    target=_array3,
     slots=_array3,
     heard=_array4,
 )
@@ -128,7 +129,7 @@ def put_own(out: ti.template(), e, i, seen: ti.template(), action: ti.template()
     for k in ti.static(range(3)):
         out[e, i, form.at.rates + k] = seen.state[e, i, 10 + k] * ti.static(1 / RATE_SCALE)
     put(out, e, i, form.at.target_course, n, seen.table, COURSE_B)
-    out[e, i, form.at.target_turn] = seen.target[e, COURSE_RATE] * ti.static(1 / TURN_SCALE)
+    out[e, i, form.at.target_turn] = seen.target[e, row_of(seen.target, i), COURSE_RATE] * ti.static(1 / TURN_SCALE)
     put(out, e, i, form.at.previous_action, form.actions, action, 0)
     out[e, i, form.at.role] = ti.select(i == 0, 1.0, 0.0)
     put_squashed(out, e, i, form.at.offset, 2, seen.slots, OFFSET, DISTANCE_SCALE)

@@ -98,7 +98,7 @@ def paper(team: Any, ended: Any) -> Tensor:
     forward = derived[..., 0:9:3][..., : team.axes]  # the nose, in n
     direction = team.now.error[..., : team.axes] / d.clamp(min=1e-3).unsqueeze(-1)
     toward = (forward * direction).sum(-1)
-    along = forward[..., 0] * team.target.cos.unsqueeze(1) + forward[..., 1] * team.target.sin.unsqueeze(1)
+    along = forward[..., 0] * team.target.cos + forward[..., 1] * team.target.sin
     if team.fleet.model.medium == "water":
         reward = paper_usv(d, toward, along)
     else:

@@ -1,8 +1,9 @@
 """The moving target of each environment: a place that goes along its world's track, at a speed over ground or through
 the air.
 
-`target[env, 8]` = position (north, east, down, m), course (rad), its cosine and sine, its rate (rad/s), and the speed
-over ground (m/s). It moves on the sea; above it, at the flight height, that of aircraft (geometry.py).
+`target[env, row, 8]` = position (north, east, down, m), course (rad), its cosine and sine, its rate (rad/s), and the
+speed over ground (m/s). Here there is one row, of all vehicles; where each has a target of its own, there are as many
+as vehicles. It moves on the sea; above it, at the flight height, that of aircraft (geometry.py).
 """
 
 # Kernels are another language inside Python syntax.
@@ -26,12 +27,12 @@ POINT = 60.0  # ns of one target, about
 class Target(NamedTuple):
     """A team's target: live views, overwritten by the next step."""
 
-    position: Tensor  # [env, 3] NED, m
-    course: Tensor  # [env] rad
-    cos: Tensor  # [env] of the course
-    sin: Tensor  # [env]
-    course_rate: Tensor  # [env] rad/s
-    speed: Tensor  # [env] over ground, m/s
+    position: Tensor  # [env, 3] NED, m, the leader's
+    course: Tensor  # [env, row] rad; one row for all vehicles, or one for each
+    cos: Tensor  # [env, row] of the course
+    sin: Tensor  # [env, row]
+    course_rate: Tensor  # [env, row] rad/s
+    speed: Tensor  # [env, row] over ground, m/s
 
 
 _array1, _array2 = (ti.types.ndarray(ndim=n) for n in (1, 2))
@@ -40,7 +41,7 @@ TrackPack = ti.types.argpack(rows=_array2, length=_array1, wind=_array2, numbers
 
 @ti.kernel
 def _follow(
-    target: ti.types.ndarray(ndim=2),
+    target: ti.types.ndarray(ndim=3),
     progress: ti.types.ndarray(ndim=1),
     env_world: ti.types.ndarray(dtype=ti.i64, ndim=1),
     track: TrackPack,
@@ -51,23 +52,23 @@ def _follow(
     for e in range(target.shape[0]):
         if which[e] != 0:
             if which[e] == 1:
-                progress[e] += target[e, SPEED] * track.numbers[INTERVAL]
+                progress[e] += target[e, 0, SPEED] * track.numbers[INTERVAL]
             place = track_point(track.rows, track.length, ti.cast(env_world[e], ti.i32), progress[e])
             c, s, speed = ti.cos(place[2]), ti.sin(place[2]), track.numbers[TARGET_SPEED]
             if track.numbers[OVER_AIR] > 0:
                 factor = track.numbers[WIND_FACTOR]
                 north, east = track.wind[e, 0] * factor, track.wind[e, 1] * factor
                 speed = speed_over_ground(speed, north, east, c, s)
-            target[e, NORTH], target[e, EAST], target[e, DOWN] = place[0], place[1], 0.0
-            target[e, COURSE], target[e, COS], target[e, SIN] = place[2], c, s
-            target[e, COURSE_RATE], target[e, SPEED] = place[3] * speed, speed
+            target[e, 0, NORTH], target[e, 0, EAST], target[e, 0, DOWN] = place[0], place[1], 0.0
+            target[e, 0, COURSE], target[e, 0, COS], target[e, 0, SIN] = place[2], c, s
+            target[e, 0, COURSE_RATE], target[e, 0, SPEED] = place[3] * speed, speed
 
 
 class Targets:
     """Targets of all environments.
 
     Attributes:
-        table: [env, 8]; see the module. progress: float32 [env], m along the track; to be written at a reset.
+        table: [env, 1, 8]; see the module. progress: float32 [env], m along the track; to be written at a reset.
     """
 
     def __init__(
@@ -88,7 +89,7 @@ class Targets:
             speed: m/s, over ground or through the air. interval: of a decision, s. wind_factor: wind at the flight
                 height over that at 10 m. over_air: whether `speed` is through the air.
         """
-        self.table = wind.new_zeros((wind.shape[0], SIZE))
+        self.table = wind.new_zeros((wind.shape[0], 1, SIZE))
         self.progress = tracks.length_m.new_zeros(wind.shape[0])
         numbers = wind.new_tensor([speed, interval, wind_factor, float(over_air)])
         self._env_world = env_world
@@ -105,5 +106,9 @@ class Targets:
 
     def seen_at(self, position: Tensor) -> Target:
         """What a team is told of it whose own target is at `position` [env, 3], a live view."""
-        t = self.table
-        return Target(position, t[:, COURSE], t[:, COS], t[:, SIN], t[:, COURSE_RATE], t[:, SPEED])
+        return seen_at(self.table, position)
+
+
+def seen_at(table: Tensor, position: Tensor) -> Target:
+    """Live views of a table [env, row, 8]; the leader's target is at `position` [env, 3]."""
+    return Target(position, *(table[..., k] for k in (COURSE, COS, SIN, COURSE_RATE, SPEED)))

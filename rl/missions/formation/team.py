@@ -108,7 +108,7 @@ class TeamTask(Team):
 
     def _pushed(self, along: Tensor) -> Tensor:
         """A velocity [env, vehicle, axes] (m/s, NED) of one [env, vehicle, 2] along and to starboard of the course."""
-        c, s = self.target.cos.unsqueeze(1), self.target.sin.unsqueeze(1)
+        c, s = self.target.cos, self.target.sin
         ahead, aside = along.unbind(-1)
         level = (torch.zeros_like(ahead),) * (self.axes - 2)
         return torch.stack((c * ahead - s * aside, s * ahead + c * aside, *level), dim=-1)
@@ -146,7 +146,7 @@ class TeamTask(Team):
         """Take how far the velocity is from what is wanted into the mean; an episode that begins has none."""
         now = int(self.mission.count[0])
         if now != self._lag_of:
-            c, s = self.target.cos.unsqueeze(1), self.target.sin.unsqueeze(1)
+            c, s = self.target.cos, self.target.sin
             north, east = (wanted[..., :2] - self.known.fleet.velocity_n[..., :2]).unbind(-1)
             short = torch.stack((c * north + s * east, c * east - s * north), dim=-1)
             self._lag = self._lag + (short - self._lag) * -math.expm1(-self.mission.config.decision_interval / memory)

@@ -77,7 +77,7 @@ class Course:
         Y = ship.m22 * (change_y + k.k_u * (aside - sway) - push_y) + ship.sway.at(aside)
 
         speed = wanted.velocity.norm(dim=-1).clamp(min=self.least_speed)
-        slide = ship.slide(speed, team.target.course_rate.unsqueeze(1))
+        slide = ship.slide(speed, team.target.course_rate)
         off = torch.atan2(aside, ahead)
         slip = torch.atan2(sway, u.clamp(min=self.least_speed))
         error = wrap(off + torch.atan(slide / speed) + k.lead * wrap(off - slip))
@@ -112,7 +112,7 @@ class Course:
 def formation_velocity(team: TeamTask) -> Tensor:
     """Velocity [env, vehicle, 2] (m/s, NED) of slots about a leader that keeps to its own."""
     target = team.target
-    leader = (target.speed.unsqueeze(-1) * torch.stack((target.cos, target.sin), dim=-1)).unsqueeze(1)
+    leader = target.speed.unsqueeze(-1) * torch.stack((target.cos, target.sin), dim=-1)
     about = team.now.slot_velocity[..., :2] - team.fleet.velocity_n[:, :1, :2]
     about[:, 0] = 0.0
     return leader + about

@@ -74,7 +74,7 @@ class ForceVector:
 
 def turning(team: TeamTask, vector: Tensor) -> Tensor:
     """Rate of change of a `vector` [env, vehicle, 2 or 3] that turns with the target's course."""
-    rate = team.target.course_rate.unsqueeze(1)
+    rate = team.target.course_rate
     change = torch.zeros_like(vector)
     change[..., 0], change[..., 1] = -rate * vector[..., 1], rate * vector[..., 0]
     return change
