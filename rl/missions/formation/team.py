@@ -1,14 +1,12 @@
 """One team's side of the formation mission: errors and surroundings of its vehicles."""
 
-import math
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from rl.mission import Mission, Team
-from rl.missions.formation.avoidance import Shield
-from rl.missions.formation.config import ResidualConfig
+from rl.mission import Mission
+from rl.missions.formation.corrected import Corrected
 from rl.missions.formation.geometry import Geometry
 from rl.missions.formation.known import Known
 from rl.missions.formation.observations import Observer
@@ -17,13 +15,11 @@ from rl.missions.formation.targets import Target, Targets
 from rl.scene.sensors import Sensor
 from rl.scene.traffic import Bodies
 from taichi_sim import runtime
-from taichi_sim.config import ConfigError
 
-CHANGE_SCALE = 3.0  # m/s, where a squashed change of velocity is half way to 1
 GLIDE_SHARE = 0.15  # of the target's speed, with which slots glide to a new formation; assumed
 
 
-class TeamTask(Team):
+class TeamTask(Corrected):
     """Measures one team after each step; everything is [env, vehicle, ...].
 
     Attributes:
@@ -50,10 +46,6 @@ class TeamTask(Team):
         reach = sensing.detection_range
         # As many team mates in a team of one as in one of sixteen: what is not there is out of range.
         self.sensor = Sensor(self.fleet, sensing.obstacles, sensing.team_mates, reach, self.radius, frame)
-        self._controller, self._wanted = None, None
-        self._lag = state.new_zeros((*state.shape[:2], 2))  # m/s, ahead and to starboard of the course
-        self._lag_of = -1  # the decision that it is of
-        self._shield: Any = None
         self.targets: Targets
         self.target: Target
         self.now: Geometry
@@ -70,106 +62,6 @@ class TeamTask(Team):
         exact = config.radio is None and config.sensors.exact and config.sensors.scaled_contacts.exact
         self.known = self if exact else Known(self, list(config.teams).index(self.name))
         self.seen = Observer(self.known, config.observations)
-
-    @property
-    def residual(self) -> ResidualConfig | None:
-        """How its policy corrects the classical controller; None if it acts alone."""
-        residual = self.section.residual
-        return residual if residual is not None and (residual.share > 0 or residual.velocity > 0) else None
-
-    @property
-    def action_names(self) -> tuple[str, ...]:
-        """What its policy commands, each in [-1, 1]: the vehicle's actions, or corrections."""
-        names = super().action_names
-        if self.residual is None:
-            return names
-        velocity = ("velocity ahead (correction)", "velocity to starboard (correction)")
-        actions = tuple(f"{name} (correction)" for name in names)
-        return (velocity if self.residual.velocity else ()) + (actions if self.residual.share else ())
-
-    def command(self, action: Tensor) -> Tensor:
-        """The vehicles' actions: the policy's, or the classical ones that they correct (config.ResidualConfig)."""
-        residual = self.residual
-        if residual is None:
-            return action
-        correction = action.clamp(-1.0, 1.0) + 0.0 * action  # what is not finite stays so
-        if residual.gate is not None:
-            gap = self.known.sensor.obstacles[..., 0, 0] - self.radius
-            correction = correction * (2 - gap * (2 / residual.gate)).clamp(0.0, 1.0).unsqueeze(-1)
-        wanted = self.wanted
-        if residual.velocity:
-            pushed = self._pushed(residual.velocity * correction[..., :2])
-            velocity = wanted.velocity + pushed
-            if residual.shield:
-                velocity = self._shield.corrected(self.known, wanted.velocity, pushed)
-            wanted, correction = wanted._replace(velocity=velocity), correction[..., 2:]
-        actions = self.controller.act(self.known, wanted)
-        return (actions + residual.share * correction if residual.share else actions).clamp(-1.0, 1.0)
-
-    def _pushed(self, along: Tensor) -> Tensor:
-        """A velocity [env, vehicle, axes] (m/s, NED) of one [env, vehicle, 2] along and to starboard of the course."""
-        c, s = self.target.cos, self.target.sin
-        ahead, aside = along.unbind(-1)
-        level = (torch.zeros_like(ahead),) * (self.axes - 2)
-        return torch.stack((c * ahead - s * aside, s * ahead + c * aside, *level), dim=-1)
-
-    @property
-    def controller(self) -> Any:
-        """The classical controller that its policy corrects."""
-        if self._controller is None:
-            self._controller = self.mission.controller(self)
-            if not hasattr(self._controller, "wanted"):
-                raise ConfigError(
-                    f"{self.name}.residual: there is no classical controller to correct for "
-                    f"{self.name}.vehicle = {self.section.vehicle!r}"
-                )
-            if self.section.residual.shield:
-                self._shield = Shield(self._cautious(self._controller.gains, self.section.residual))
-        return self._controller
-
-    @staticmethod
-    def _cautious(gains: Any, residual: ResidualConfig) -> Any:
-        """The numbers that the shield judges by."""
-        risks = {"soft": residual.caution * gains.soft, "hard": residual.caution * gains.hard}
-        return gains.model_copy(update={"horizon": residual.shield} | risks)
-
-    @property
-    def wanted(self) -> Any:
-        """What the classical controller wants to be done now."""
-        if self._wanted is None:
-            self._wanted = wanted = self.controller.wanted(self.known)
-            if self.residual is not None and self.residual.memory:
-                self._remember(wanted.velocity, self.residual.memory)
-        return self._wanted
-
-    def _remember(self, wanted: Tensor, memory: float) -> None:
-        """Take how far the velocity is from what is wanted into the mean; an episode that begins has none."""
-        now = int(self.mission.count[0])
-        if now != self._lag_of:
-            c, s = self.target.cos, self.target.sin
-            north, east = (wanted[..., :2] - self.known.fleet.velocity_n[..., :2]).unbind(-1)
-            short = torch.stack((c * north + s * east, c * east - s * north), dim=-1)
-            self._lag = self._lag + (short - self._lag) * -math.expm1(-self.mission.config.decision_interval / memory)
-            self._lag_of = now
-        self._lag = self._lag * (self.mission.steps > 0).view(-1, 1, 1)
-
-    def reference(self) -> Tensor:
-        """What is corrected, as it is observed: the change of velocity that is wanted in the own frame [env, vehicle,
-        axes], squashed, and the lag, if it is remembered; or the classical actions, where they alone are corrected.
-        """
-        assert self.residual is not None
-        if not self.residual.velocity:
-            return self.controller.act(self.known, self.wanted)
-        fleet, change = self.known.fleet, self.wanted.velocity - self.known.fleet.velocity_n[..., : self.axes]
-        if self.axes == 3:
-            own = (change.unsqueeze(-2) @ fleet.R_nb).squeeze(-2)
-        else:
-            c, s = fleet.heading
-            north, east = change.unbind(-1)
-            own = torch.stack((c * north + s * east, c * east - s * north), dim=-1)
-        if self.residual.memory:
-            own = torch.cat((own, self._lag), dim=-1)
-        return own / (own.abs() + CHANGE_SCALE)
 
     def observe(self) -> Tensor:
         """Observations [env, vehicle, n] (observations.py), a fresh tensor each time."""
@@ -192,7 +84,7 @@ class TeamTask(Team):
         """Errors and surroundings, obstacles [world, m, 4] and `bodies` among them, of environments `which`
         (geometry.py), `count` of them.
         """
-        self._wanted = None
+        self.forget()
         self.now.measure(which, count)
         self.sensor.look(obstacles, env_world, which, count, bodies)
         if self.known is not self:
