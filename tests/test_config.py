@@ -54,8 +54,8 @@ from taichi_sim.vehicles import load_vehicle
         ("", "[stages.swim]\nteam = 'fish'\n", ("stages.swim.team = 'fish'", "'usv'", "'uav'")),
         (
             "",
-            "[stages.a]\nteam = 'usv'\n[stages.b]\nteam = 'usv'\n",
-            ("stages", "'usv', 'usv'", "one stage only"),
+            "[stages.a]\nteam = 'usv'\n[stages.b]\nteam = 'usv'\nactivation = 'relu'\n",
+            ("stages.b.activation", "'relu'", "stages.a", "'elu'"),
         ),
         (
             "area = 1000\n",
