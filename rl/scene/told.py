@@ -10,6 +10,7 @@ import taichi as ti
 
 from taichi_sim.kinematics import HEADING_COS, HEADING_SIN
 
+NUMBER = 8  # the column of an obstacle's number; -1: there is none
 SPEED_SCALE = 10.0  # m/s, where an obstacle's squashed speed is half way to 1
 
 
@@ -52,7 +53,7 @@ def store_obstacle(out: ti.template(), derived: ti.template(), sight: ti.templat
     store_seen(out.obstacles, e, i, k, distance, direction)
     out.obstacles[e, i, k, 4], out.obstacles[e, i, k, 5] = moves[0], moves[1]
     out.obstacles[e, i, k, 6], out.obstacles[e, i, k, 7] = radius, level
-    out.obstacles[e, i, k, 8] = number
+    out.obstacles[e, i, k, NUMBER] = number
     at = ti.static(k * (sight.axes + 4))
     store_signal(out.signals, e, i, at, ti.max(distance, 0.0), reach, direction, derived, sight.axes)
     c, s, speed = derived[e, i, HEADING_COS], derived[e, i, HEADING_SIN], moves.norm() + SPEED_SCALE

@@ -5,6 +5,7 @@ import torch
 from small_missions import begin, make, wander
 
 from rl.learn.policy import CheckpointError, ClassicalPolicy, TrainedPolicy
+from rl.scene.told import NUMBER
 from taichi_sim.config import ConfigError
 
 
@@ -42,17 +43,20 @@ def test_a_gate_opens_where_an_obstacle_is_near():
     team = task.teams["usv"]
     near = torch.tensor([40.0, 20.0, 15.0]) + team.radius
     team.sensor.obstacles[..., 0, 0] = near.expand(task.num_envs, 3)
+    team.sensor.obstacles[..., 0, NUMBER] = 0.0
     silent = torch.zeros(task.num_envs, 3, 2)
     added = team.command(silent + 1.0) - team.command(silent)
     room = (1.0 - team.command(silent)).clamp(max=1.0)[0, :, 1]
     torch.testing.assert_close(added[0, :, 1], torch.minimum(torch.tensor([0.0, 0.0, 0.15]), room))
+    team.sensor.obstacles[..., 0, NUMBER] = -1.0  # there is nothing: what stands in the table is the range
+    assert team.command(silent + 1.0).equal(team.command(silent))
 
 
 @pytest.mark.parametrize("team", ["usv", "uav"])
 def test_a_corrected_velocity_is_flown(team):
     """A policy that always asks for 2 m/s to port is that much to port of a formation that goes straight on."""
     straight = ("sea.hs=0", "obstacles.count=0", "track.min_radius=300", "track.checkpoints=6")
-    task = make(*straight, f"{team}.residual.velocity=2.0", f"{team}.count=1", teams=(team,))
+    task = make(*straight, f"{team}.residual={{velocity=2.0}}", f"{team}.count=1", teams=(team,))
     begin(task)
     side = task.teams[team]
     assert side.action_names == ("velocity ahead (correction)", "velocity to starboard (correction)")

@@ -10,6 +10,7 @@ from rl.mission import Mission, Team
 from rl.missions.formation.avoidance import Shield
 from rl.missions.formation.config import ResidualConfig
 from rl.missions.formation.targets import Target
+from rl.scene.told import NUMBER
 from taichi_sim.config import ConfigError
 
 CHANGE_SCALE = 3.0  # m/s, where a squashed change of velocity is half way to 1
@@ -62,8 +63,9 @@ class Corrected(Team):
             return action
         correction = action.clamp(-1.0, 1.0) + 0.0 * action  # what is not finite stays so
         if residual.gate is not None:
-            gap = self.known.sensor.obstacles[..., 0, 0] - self.radius
-            correction = correction * (2 - gap * (2 / residual.gate)).clamp(0.0, 1.0).unsqueeze(-1)
+            nearest = self.known.sensor.obstacles[..., 0, :]
+            opened = (2 - (nearest[..., 0] - self.radius) * (2 / residual.gate)).clamp(0.0, 1.0)
+            correction = correction * (opened * (nearest[..., NUMBER] >= 0)).unsqueeze(-1)  # none is seen: none is near
         wanted = self.wanted
         if residual.velocity:
             pushed = self._pushed(residual.velocity * correction[..., :2])
