@@ -5,6 +5,9 @@ import torch
 from small_missions import AXES, TEAMS, begin, everything, make, observed, past_and_present, state, wander
 from torch import Tensor
 
+from rl.missions.formation.slots import Drawn
+from rl.missions.formation.starts import Starts, _others_for
+
 
 def test_a_reset_changes_only_the_given_environments(shared):
     begin(shared)
@@ -147,3 +150,13 @@ def test_reseeding_replays_the_same_episodes(shared):
     for key, part in first.items():
         assert part.equal(again[key]), key
     assert not first["usv state"].equal(other["usv state"])
+
+
+def test_starts_without_room_are_taken_from_others_of_their_world():
+    place = torch.tensor([[1.0, 2.0, 3.0, 4.0], [5.0, 6.0, 7.0, 8.0]])
+    missing = torch.tensor([[False, True, False, True], [False, False, False, False]])
+    formation = Drawn(place.long(), place)
+    found = _others_for(missing, Starts(place, {"usv": place[..., None, None]}, {"usv": formation}))
+    expected = torch.tensor([[1.0, 3.0, 3.0, 3.0], [5.0, 6.0, 7.0, 8.0]])
+    assert found.progress.equal(expected) and found.states["usv"][..., 0, 0].equal(expected)
+    assert found.formations["usv"].spacing.equal(expected)

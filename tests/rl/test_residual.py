@@ -1,5 +1,7 @@
 """A policy that corrects the classical controller: nothing is added where it is silent, or where nothing is near."""
 
+import math
+
 import pytest
 import torch
 from small_missions import begin, make, wander
@@ -67,6 +69,25 @@ def test_a_corrected_velocity_is_flown(team):
     aside = off[:, 1] * side.target.cos[:, 0] - off[:, 0] * side.target.sin[:, 0]
     assert (aside > 1.0).all()  # where the controller's own 2 m/s back balance it
     assert side.observe().shape[-1] == len(side.observation_names)
+
+
+def test_what_is_remembered_is_the_mean_of_what_was_missing_and_begins_with_the_episode():
+    task = make("usv.residual={velocity=3.0, memory=0.5}", teams=("usv",))
+    begin(task)
+    team, silent = task.teams["usv"], torch.zeros(task.num_envs, 3, 2)
+    assert team.observation_names[-2:] == ("lag.0", "lag.1")
+    mean, share = torch.zeros(task.num_envs, 3, 2), 1 - math.exp(-0.1 / 0.5)
+    assert not team.observe()[..., -2:].any()
+    for _ in range(5):
+        task.step({"usv": team.command(silent)})
+        lag = team.observe()[..., -2:]
+        c, s = team.target.cos, team.target.sin
+        north, east = (team.wanted.velocity - team.fleet.velocity_n[..., :2]).unbind(-1)
+        mean += share * (torch.stack((c * north + s * east, c * east - s * north), dim=-1) - mean)
+        torch.testing.assert_close(lag, mean / (mean.abs() + 3.0), atol=1e-5, rtol=1e-4)
+    task.reset(torch.tensor([1]))
+    again = team.observe()[..., -2:]
+    assert not again[1].any() and again[[0, 2, 3]].equal(lag[[0, 2, 3]])
 
 
 def test_its_policy_is_another_than_one_that_acts_alone():

@@ -40,7 +40,7 @@ EVADING = 1e-3  # m/s: less of a change by avoidance is rounding
 
 
 class FixedWing6DofGains(Gains):
-    """Tuned by tools/tune.py on `aerosonde`."""
+    """Tuned by rl/tune.py on `aerosonde`."""
 
     acceleration: Positive = 3.0
     bank_share: Positive = 0.5  # of the largest bank's acceleration, with which an error aside is braked

@@ -17,7 +17,7 @@ from taichi_sim.usv.hull.params import Hull6DofParams, Thrusters
 
 
 class Hull6DofGains(CourseGains):
-    """Tuned by tools/tune.py on `otter`."""
+    """Tuned by rl/tune.py on `otter`."""
 
     acceleration: Positive = 0.94
     horizon: Positive = 26.0
