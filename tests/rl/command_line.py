@@ -13,6 +13,7 @@ import json
 import multiprocessing
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -108,6 +109,7 @@ class Running:
 def _child(module: str, arguments: tuple[str, ...], folder: str, fault: tuple[str, int, int] | None) -> None:
     for descriptor, name in ((1, "out"), (2, "err")):
         os.dup2(os.open(Path(folder, name), os.O_WRONLY | os.O_CREAT, 0o600), descriptor)
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell has it ignored by what runs in the background
     if fault:
         _plan(*fault)
     sys.exit(cli.run(importlib.import_module(module).main, list(arguments)))
