@@ -2,7 +2,7 @@
 
 The leader's slot is the target. A follower's is the leader's position plus an offset in the path frame, whose first
 axis is the target's course (slots.py); it moves with the leader, swings about it as the course turns, and glides where
-the formation changes.
+the formation changes. Or all slots, the leader's too, are offsets from the target in that way.
 
 Errors are vectors in n, and in the vehicle's own frame: its body frame (3 axes), or the heading frame (2: ahead,
 starboard), which stays level.
@@ -18,7 +18,7 @@ from torch import Tensor
 
 from rl.missions.formation.slots import OFFSET, RATE
 from rl.missions.formation.targets import COS, COURSE_RATE, DOWN, EAST, NORTH, SIN, SPEED
-from rl.scene.radio import AGE
+from rl.scene.radio import PLACE_AND_VELOCITY as AGE
 from taichi_sim import runtime
 from taichi_sim.fleet import Views
 from taichi_sim.kinematics import HEADING_COS, HEADING_SIN, VELOCITY_N
@@ -43,6 +43,7 @@ class Form(NamedTuple):
 
     axes: int  # of the vehicle's own frame
     heard: bool  # followers know of their leader by radio (rl/scene/radio.py)
+    about: bool  # slots are about the target, not about the leader
     serial: bool  # on the calling thread
 
 
@@ -103,7 +104,10 @@ def _measure(out: ErrorsPack, team: TeamPack, which: ti.types.ndarray(dtype=ti.i
             height = team.target[e, r, DOWN] + team.down[0]
             slot = ti.Vector([team.target[e, r, NORTH], team.target[e, r, EAST], height])
             moves = ti.Vector([speed * c, speed * s, 0.0])
-            if i > 0:
+            if ti.static(form.about):
+                for a in ti.static(range(3)):
+                    slot[a], moves[a] = slot[a] + offset[a], moves[a] + moving[a]
+            elif i > 0:
                 place, velocity = leader_of(team, e, i, form)
                 for a in ti.static(range(3)):
                     slot[a], moves[a] = place[a] + offset[a], velocity[a] + moving[a]
@@ -148,15 +152,24 @@ class Geometry:
         sight, previous_sight: [.., 1 + axes] squashed distance and unit direction in its own frame, as of the last
             step and of the one before.
         reach: [..] m, the greater of |north| and |east| of the vehicle. total: [..] a sum of all that is measured and
-            of the state, which is finite if they are.
+            of the state, which is finite if they are. about: whether slots are about the target.
     """
 
     def __init__(
-        self, fleet: Views, target: Tensor, down: float, slots: Tensor, axes: int, heard: Tensor | None = None
+        self,
+        fleet: Views,
+        target: Tensor,
+        down: float,
+        slots: Tensor,
+        axes: int,
+        heard: Tensor | None = None,
+        *,
+        about: bool = False,
     ):
         """Measure `fleet` against `target` (targets.py) at `down` (m) and the table of `slots` (slots.py).
 
-        Followers know of their leader what they have `heard` (rl/scene/radio.py), or all.
+        Followers know of their leader what they have `heard` (rl/scene/radio.py), or all. With `about`, slots are
+        about the target.
         """
         state = fleet.state
         self.table = state.new_zeros((*state.shape[:2], SIZE))
@@ -173,7 +186,7 @@ class Geometry:
             derived=fleet.derived,
             heard=state.new_zeros((1, 1, 1, 1)) if heard is None else heard,
         )
-        self._heard = heard is not None
+        self._heard, self.about = heard is not None, about
         self.slot, self.slot_velocity = self._view(SLOT, 3), self._view(SLOT_VELOCITY, 3)
         self.error, self.error_rate = self._view(ERROR, 3), self._view(ERROR_RATE, 3)
         self.error_b, self.error_rate_b = self._view(ERROR_B, axes), self._view(ERROR_RATE_B, axes)
@@ -188,5 +201,5 @@ class Geometry:
 
         `count` of them are not 0.
         """
-        form = Form(self.axes, self._heard, runtime.few(count * self._rows, MEASURE))
+        form = Form(self.axes, self._heard, self.about, runtime.few(count * self._rows, MEASURE))
         self._launch(self._errors(), self._team(), which, form)

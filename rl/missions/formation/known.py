@@ -6,6 +6,7 @@ truth always. Everybody knows the target and the formation: they are the plan.
 
 from typing import Any
 
+import torch
 from torch import Tensor
 
 from rl.missions.formation.geometry import Geometry
@@ -33,7 +34,7 @@ class Known:
         self.fleet = team.fleet if exact else Readings(team.fleet, config.sensors, interval, own)
         self.radio = None
         if config.radio is not None:
-            self.radio = Radio(config.radio, self.fleet, team.fleet.state, interval, own)
+            self.radio = Radio(config.radio, team.fleet.state, interval, vehicles=own)
         heard = None if self.radio is None else self.radio.heard
         down, slots = team.down, team.slots.table
         self.now: Geometry = team.now
@@ -53,6 +54,7 @@ class Known:
         if isinstance(self.fleet, Readings):
             self.fleet.read(which, rows, self._count)
         if self.radio is not None:
+            torch.cat((self.fleet.position_n, self.fleet.velocity_n), dim=-1, out=self.radio.said)
             self.radio.talk(which, rows, steps, self._count)
         if self.now is not self._team.now:
             self.now.measure(which, rows)

@@ -34,7 +34,7 @@ from rl.missions.formation.geometry import (
 )
 from rl.missions.formation.slots import OFFSET
 from rl.missions.formation.targets import COURSE_RATE
-from rl.scene.radio import AGE
+from rl.scene.radio import PLACE_AND_VELOCITY as AGE
 from taichi_sim import runtime
 from taichi_sim.kinematics import DOWN
 
