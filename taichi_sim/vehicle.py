@@ -216,6 +216,12 @@ class Vehicle:
         """What has ended vehicles of `fleet` in `world`, in any mission: `ending_names` -> bool [env, vehicle]."""
         return {}
 
+    def power(self, fleet: Any) -> Tensor | None:
+        """Propulsive power of each vehicle of `fleet` in the last step [env, vehicle], W: thrust times the speed
+        through its medium or, of a vessel, ahead. None: the model does not tell.
+        """
+        return None
+
     # -- numbers that vary -----------------------------------------------------------------------------------------
 
     @property

@@ -168,7 +168,7 @@ class Manoeuvring3dof(Vessel):
         change = ti.Vector([memory[LABEL + 2], memory[LABEL + 3]])
         wave = ti.Vector([memory[WAVE + k] for k in ti.static(range(3))])
         drive = ti.Vector([memory[DRIVE + k] for k in ti.static(range(3))])
-        wanted = self.forces(p, command)
+        wanted = self.commanded(p, command)
         outside = ti.Vector([tau[0], tau[1], tau[5]])
         for n in range(self.substeps):
             excess = drive - wanted
@@ -188,7 +188,7 @@ class Manoeuvring3dof(Vessel):
         return s, plane, before, memory
 
     @ti.func
-    def forces(self, p: ti.template(), command):
+    def commanded(self, p: ti.template(), command):
         """Forces X, Y (N) and moment N (N m) that the actions ask for."""
         X, Y, N = command[0], command[0] * 0.0, command[1]
         if ti.static(self.p.actions == "surge_sway_yaw"):

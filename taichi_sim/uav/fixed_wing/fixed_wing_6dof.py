@@ -45,6 +45,7 @@ from taichi_sim.uav.fixed_wing.modes import largest_stable_dt
 from taichi_sim.uav.fixed_wing.motion import attitude, rk4, velocity, with_velocity
 from taichi_sim.uav.fixed_wing.numbers import VARYING, AircraftNumbers, aircraft_numbers
 from taichi_sim.uav.fixed_wing.params import FixedWingParams
+from taichi_sim.uav.fixed_wing.propeller import propeller_power
 from taichi_sim.uav.fixed_wing.trim import trim
 from taichi_sim.vehicle import Limits
 
@@ -100,6 +101,17 @@ class FixedWing6DOF(Aircraft):
         """Airspeeds at boost -1, 0, 1, and the radius at cruise in the steepest bank."""
         radius = self.cruise.airspeed**2 / (GRAVITY * self.autopilot_limits.tan_bank)
         return Limits(self.autopilot_limits.speeds, radius)
+
+    def power(self, fleet: Any) -> Tensor | None:
+        """Thrust times airspeed [env, vehicle], W, in the air and with the propeller of the vehicle file, times `gain`
+        where that varies.
+        """
+        Va, delta = fleet.reading("airspeed").contiguous(), fleet.reading("throttle").contiguous()
+        out = torch.empty_like(Va)
+        propeller_power(out, Va, delta, self.p.propeller, self.constants.rho)
+        if fleet.varied:
+            return out * fleet.vary.get("propeller.gain", self.p.propeller.gain)
+        return out * self.p.propeller.gain
 
     @property
     def airframe(self) -> tuple[float, bool]:

@@ -106,3 +106,21 @@ def thrust_torque(propeller: ti.template(), p: ti.template(), Va, delta_t):
     else:
         T, Q = disc_thrust_torque(propeller, p.rho, Va, delta_t)
     return p.gain * T, p.gain * Q
+
+
+@ti.kernel
+def propeller_power(
+    out: ti.types.ndarray(ndim=2),
+    airspeed: ti.types.ndarray(ndim=2),
+    throttle: ti.types.ndarray(ndim=2),
+    propeller: ti.template(),
+    rho: float,
+):
+    """Thrust times airspeed (W) of propellers whose gain is 1, in air of density `rho` (kg/m^3)."""
+    for e, i in ti.ndrange(out.shape[0], out.shape[1]):
+        T, Q = airspeed[e, i], airspeed[e, i]
+        if ti.static(propeller.law == "electric"):
+            T, Q = electric_thrust_torque(propeller, rho, airspeed[e, i], throttle[e, i])
+        else:
+            T, Q = disc_thrust_torque(propeller, rho, airspeed[e, i], throttle[e, i])
+        out[e, i] = T * airspeed[e, i]

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import taichi as ti
 import torch
+from torch import Tensor
 
 from taichi_sim import runtime
 from taichi_sim.config import ConfigError
@@ -114,6 +115,12 @@ class HullModel(Vessel):
         if thrusters is None:
             return Limits()
         return Limits((0.0, 0.0, steady_speed(2 * thrusters.thrust_max, h.linear[0], h.quadratic[0])))
+
+    def power(self, fleet: Any) -> Tensor | None:
+        """Thrust of both propellers times the speed ahead [env, vehicle], W; None without propellers."""
+        if not self.propelled:
+            return None
+        return fleet.aux[..., THRUST : THRUST + 2].sum(-1) * fleet.velocity_b[..., 0]
 
     @property
     def draft(self) -> float:
