@@ -59,6 +59,8 @@ def _views(episode: Episode) -> list[rrb.View | rrb.Tabs]:
     if len(teams) > COLUMNS:
         places = [[team for team in teams if team.on_water == on_water] for on_water in (True, False)]
     groups = [[view for team in place for view in of_team[team.name]] for place in places if place]
+    if episode.scene.overview:
+        groups[0].insert(0, _overview(episode, *episode.scene.overview))
     return [rrb.Tabs(*group) if len(group) > 1 else group[0] for group in groups]
 
 
@@ -79,6 +81,12 @@ def _follow(episode: Episode, team: TeamTrack) -> rrb.Spatial3DView:
     away = 1.15 * team.formation_radius_m + 2.2 * size
     eye = away * (-0.95 * forward + 0.45 * right + np.array([0.0, 0.0, 0.5]))
     return _view(episode, team, name, eye, np.zeros(3), UP)
+
+
+def _overview(episode: Episode, name: str, reach: float) -> rrb.Spatial3DView:
+    """All within `reach` (m) of the first vehicle of the team `name`, from the side where its team began to go."""
+    eye = reach * np.array([-0.9, -1.3, 0.95])
+    return _view(episode, episode.teams[name], "Overview", eye, np.zeros(3), UP)
 
 
 def _near(episode: Episode, team: TeamTrack) -> rrb.Spatial3DView:

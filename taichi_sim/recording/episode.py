@@ -170,6 +170,7 @@ class Scene:
     tracks_n: Mapping[str, Array] = field(default_factory=dict)  # team -> [P, 3] m, the path its target follows
     checkpoints_n: Array = field(default_factory=lambda: np.zeros((0, 2)))  # [C, 2] north, east, m
     obstacles: Array = field(default_factory=lambda: np.zeros((0, 4)))  # [M, 4] north, east, radius, height (up), m
+    overview: tuple[str, float] | None = None  # a team, and how far about it (m) a view from afar shows everything
 
 
 @dataclass(frozen=True)
