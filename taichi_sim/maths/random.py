@@ -21,6 +21,7 @@ from taichi_sim.maths import fast
 # Streams: one for each use of random numbers, so that no two uses share them.
 TURBULENCE = 1
 INSTRUMENTS, RADIO, CONTACTS = 16, 32, 48  # and up to 15 after each; 31 after the last
+CAMERA, LOOKOUT = 80, 96  # and up to 15 after each
 
 ROUNDS = 7
 MULTIPLIER_0, MULTIPLIER_1 = 0xD2511F53, 0xCD9E8D57  # Philox's
