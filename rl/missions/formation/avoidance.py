@@ -6,7 +6,10 @@ Int. J. Robotics Research 17(7), sampled), and the one v' of the least cost is t
 
     J = |v' - v*| / |v*| + lean |v' - v| / |v*| + slowing (1 - |v'| / |v*|) + the risks of all bodies.
 
-Without its third term a vehicle that comes up from behind would rather stay there, slowly, than pass.
+Without its third term a vehicle that comes up from behind would rather stay there, slowly, than pass. Whose slot is
+about a target that is itself to be kept clear of also tries to go there with a share of the chase: at full speed it
+would not stop in time, as far as the risks know; and evades at its own speed, not at the slot's, from which it may be
+far.
 
 A vehicle does not change its velocity at once: with an acceleration a it takes T = |v' - v| / a, and is then where it
 would be if it had begun (v - v') T / 2 further on (acceleration-velocity obstacles, van den Berg, Snape, Guy & Manocha
@@ -39,6 +42,7 @@ from taichi_sim.packs import struct_of, values_at
 
 FAN, RAYS = math.radians(100.0), 20  # to either side, and how many
 PACES = (1.0, 0.75, 0.5)  # of the wanted speed, or of the slot's, if that is less; of who can stop, else the first
+CHASES, CALM = (0.7, 0.45, 0.25, 0.1), 0.5  # of the way to a slot about a target; the cost of not going all of it
 SLOWEST = 0.1  # m/s: less has no direction
 STEPS = 5  # in which a correction is taken back
 SOONEST = 0.5  # s: t is at least that, so that out of a berth is better than along it
@@ -93,6 +97,7 @@ class Form(NamedTuple):
     obstacles: int
     mates: int
     paces: tuple[float, ...]
+    chases: tuple[float, ...]  # shares of the chase of a slot that is about a target
     serial: bool  # on the calling thread
 
 
@@ -165,6 +170,17 @@ def _avoid(velocity: ti.types.ndarray(ndim=3), around: AroundPack, kind: ti.temp
             share, best = ti.min(ti.max(slot.norm(), SLOWEST) / speed, 1.0), direct
             straight = ti.Vector([share * direct[0], share * direct[1]])
             least += g.lean * apart(direct, now) / speed
+            stay = least * 0.0  # the cost of no chase at all
+            if ti.static(len(form.chases) > 0):
+                stay = CALM * apart(direct, slot) / speed
+                straight = direct
+            for k in ti.static(range(len(form.chases))):
+                v = slot + ti.static(form.chases[k]) * (direct - slot)
+                cost = stay * ti.static(1.0 - form.chases[k]) + g.lean * apart(v, now) / speed
+                if cost < least:
+                    cost += risks(v, now, around, e, i, g, form)
+                    if cost < least:
+                        least, best = cost, v
             for j in range(2 * RAYS + 1):
                 angle = (j - RAYS) * ti.static(FAN / RAYS)
                 c, s = ti.cos(angle), ti.sin(angle)
@@ -230,7 +246,8 @@ class Avoider:
         )  # fmt: skip
         few = runtime.few(team.fleet.num_envs * team.fleet.count, AVOID)
         paces = PACES if team.fleet.model.limits.stops else PACES[:1]
-        self._form = Form(sensor.num_obstacles, sensor.num_mates, paces, few)
+        chases = CHASES if getattr(team.now, "about", False) else ()
+        self._form = Form(sensor.num_obstacles, sensor.num_mates, paces, chases, few)
 
 
 class Shield(Avoider):

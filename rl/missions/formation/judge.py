@@ -67,7 +67,7 @@ class FormationJudge(Judge):
         """Also rms errors (m), for how long they were measured (vehicle-seconds), and the least gap (m)."""
         errors = _errors(seen)
         measured = np.isfinite(errors)
-        rms = _rms(errors, (0,))
+        rms = rms_of(errors, (0,))
         failed = np.concatenate([j.failed for j in seen])
         success = ~failed & measured[-1].all(axis=1) & (rms < config.evaluation.success_error).all(axis=1)
         gap = np.concatenate([j.gap for j in seen])
@@ -75,7 +75,7 @@ class FormationJudge(Judge):
         return super().episodes(seen, config) | {
             "succeeded": success.astype(float),
             "leader_error_rms_m": rms[:, 0],
-            "follower_error_rms_m": _rms(errors[:, :, 1:], (0, 2)),
+            "follower_error_rms_m": rms_of(errors[:, :, 1:], (0, 2)),
             "leader_s": time[:, 0],
             "follower_s": time[:, 1:].sum(axis=1),
             "least_gap_m": np.where(np.isfinite(gap), gap, np.nan),
@@ -88,11 +88,11 @@ class FormationJudge(Judge):
     def pooled(cls, episodes: Episodes) -> dict[str, NDArray[np.float64]]:
         """Errors over several episodes: the root of the mean of squares, weighted by time."""
         common = super().pooled(episodes)
-        errors = {f"{who}_error_rms_m": _over_time(episodes, who) for who in ("leader", "follower")}
+        errors = {f"{who}_error_rms_m": over_time(episodes, who) for who in ("leader", "follower")}
         return {
             **errors,
             "evasions_per_hour": episodes["evasions"].sum(-1) / np.maximum(episodes["vehicle_hours"].sum(-1), 1e-12),
-            "least_gap_m": _median(episodes["least_gap_m"]),
+            "least_gap_m": median_of(episodes["least_gap_m"]),
             **{key: common[key] for key in (*COMMON, "success_rate")},
         }
 
@@ -116,7 +116,7 @@ class FormationJudge(Judge):
         """The figures of `definitions`; percentiles need every single error, so they have no interval."""
         errors, pooled = _errors(seen), super().figures(seen, config)
         both = {"leader": errors[:, :, 0], "follower": errors[:, :, 1:]}
-        pooled |= {f"{who}_error_p95_m": _p95(of) for who, of in both.items()}
+        pooled |= {f"{who}_error_p95_m": p95(of) for who, of in both.items()}
         return {key: pooled[key] for key in cls.definitions}
 
     @classmethod
@@ -138,7 +138,7 @@ def _errors(seen: Sequence[Any]) -> NDArray[np.float64]:
     return np.concatenate([j.errors for j in seen], axis=1)
 
 
-def _rms(errors: NDArray[np.float64], axes: tuple[int, ...]) -> NDArray[np.float64]:
+def rms_of(errors: NDArray[np.float64], axes: tuple[int, ...]) -> NDArray[np.float64]:
     """Over what is finite; NaN where nothing is."""
     finite = np.isfinite(errors)
     count = finite.sum(axis=axes)
@@ -146,7 +146,7 @@ def _rms(errors: NDArray[np.float64], axes: tuple[int, ...]) -> NDArray[np.float
     return np.sqrt(np.where(count > 0, squares / np.maximum(count, 1), np.nan))
 
 
-def _over_time(episodes: Episodes, who: str) -> NDArray[np.float64]:
+def over_time(episodes: Episodes, who: str) -> NDArray[np.float64]:
     """Rms [...] of episodes [..., episode] of different length; NaN where none was measured."""
     time = episodes[f"{who}_s"]
     squares = (np.where(time > 0, episodes[f"{who}_error_rms_m"], 0.0) ** 2 * time).sum(-1)
@@ -154,7 +154,7 @@ def _over_time(episodes: Episodes, who: str) -> NDArray[np.float64]:
     return np.sqrt(np.where(total > 0, squares / np.maximum(total, 1e-300), np.nan))
 
 
-def _median(values: NDArray[np.float64]) -> NDArray[np.float64]:
+def median_of(values: NDArray[np.float64]) -> NDArray[np.float64]:
     """Over the last axis, of what is not NaN; NaN where nothing is."""
     count = np.isfinite(values).sum(-1, keepdims=True)
     ordered = np.sort(values, axis=-1)  # NaN come last
@@ -163,6 +163,7 @@ def _median(values: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.where(count[..., 0] > 0, 0.5 * (middle[0] + middle[1]), np.nan)
 
 
-def _p95(errors: NDArray[np.float64]) -> float | None:
+def p95(errors: NDArray[np.float64]) -> float | None:
+    """Of what is finite; None if nothing is."""
     values = errors[np.isfinite(errors)]
     return known(np.percentile(values, 95)) if values.size else None

@@ -20,7 +20,7 @@ nose. To starboard, only a turn can, and a turn in every wave costs the moment, 
 hence heading and not the course over ground is fed back, in which the waves' sway is not seen, and wave_share is small.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -89,18 +89,31 @@ class Course:
     def wanted(self, team: TeamTask) -> "Way":
         """v* and v*' that lead to the team's slots."""
         slot, error, v = formation_velocity(team), team.now.error[..., :2], team.fleet.velocity_n[..., :2]
-        limit = (self.top_speed - slot.norm(dim=-1, keepdim=True)).clamp(
+        chase = self.loops.k_e * error
+        limit = self._fastest(slot, chase, team.now.about).clamp(
             self.least_speed, self.gains.closing_share * self.top_speed
         )
-        chase = self.loops.k_e * error
         share = (limit / chase.norm(dim=-1, keepdim=True).clamp(min=1e-6)).clamp(max=1.0)
         direct, drift = slot + share * chase, self.drift.at(team.fleet.position_n[..., :2])
         wanted = self.avoid(team, direct)  # without the drift, which goes nowhere
         evading = (wanted - direct).norm(dim=-1, keepdim=True) > EVADING
         able = (share >= 1) & ~evading
         self.drift.learn(error, able & (chase.norm(dim=-1, keepdim=True) < self.drift.most))
+        if team.now.about:
+            self.drift.correct(wanted, v, share < 1)
         change = turning(team, slot) + torch.where(able, self.loops.k_e * (slot - v), 0.0)
         return Way(wanted + drift, change)
+
+    def _fastest(self, slot: Tensor, chase: Tensor, about: bool) -> Tensor:
+        """The speed [env, vehicle, 1] (m/s) that may be added to the slot's velocity, so that their sum stays below the
+        top speed: in any direction; or, of slots `about` a target that may be far, in that of the `chase` (constant
+        bearing guidance: Breivik & Fossen 2009, Guidance laws for autonomous underwater vehicles, sec. 5.2).
+        """
+        own = slot.norm(dim=-1, keepdim=True)
+        if not about:
+            return self.top_speed - own
+        toward = (slot * chase).sum(-1, keepdim=True) / chase.norm(dim=-1, keepdim=True).clamp(min=1e-6)
+        return (self.top_speed**2 - own * own + toward * toward).clamp(min=0.0).sqrt() - toward
 
     def _push(self, team: TeamTask) -> Tensor:
         """Acceleration [env, vehicle, 2] (m/s^2, NED) by the waves, half an interval ahead."""
@@ -109,8 +122,10 @@ class Course:
         return -GRAVITY * (R[..., :2, 2] + 0.5 * self.interval * down_rate)
 
 
-def formation_velocity(team: TeamTask) -> Tensor:
-    """Velocity [env, vehicle, 2] (m/s, NED) of slots about a leader that keeps to its own."""
+def formation_velocity(team: Any) -> Tensor:
+    """Velocity [env, vehicle, 2] (m/s, NED) of slots: about a leader that keeps to its own, or about the target."""
+    if team.now.about:
+        return team.now.slot_velocity[..., :2]
     target = team.target
     leader = target.speed.unsqueeze(-1) * torch.stack((target.cos, target.sin), dim=-1)
     about = team.now.slot_velocity[..., :2] - team.fleet.velocity_n[:, :1, :2]

@@ -2,12 +2,17 @@
 
 It is the integral of the position error, z' = k_i e, in n, where a current is constant whatever way the hull turns. So
 that it does not wind up it waits while the hull cannot do as it is told, or is further off than a drift explains, and
-it is limited. A vehicle that has moved further than it can travel was put there by a new episode: it forgets its drift.
+it is limited. Far from a slot that itself may be anywhere, the course over ground is held instead: the integral of the
+velocity's error to the side of what is wanted, the integral action of line-of-sight guidance (Børhaug, Pavlov &
+Pettersen 2008, IEEE CDC, eq. 7, in terms of velocities). A vehicle that has moved further than it can travel was put
+there by a new episode: it forgets its drift.
 """
 
 import torch
 from torch import Tensor
 
+COURSE_TIME = 8.0  # s of the integral of the course error; assumed
+COURSE_ERROR = 0.5  # its sine: greater ones are turns; assumed
 JUMP_SHARE = 3.0  # of the way at top speed in an interval: further is a jump; assumed
 DRIFT_SHARE = 0.2  # of the top speed, the most that is believed; assumed
 
@@ -17,7 +22,7 @@ class Drift:
 
     def __init__(self, k_i: float, top_speed: float, interval: float):
         """`k_i` 1/s^2, `top_speed` m/s, `interval` s."""
-        self.step, self.most = k_i * interval, DRIFT_SHARE * top_speed
+        self.interval, self.step, self.most = interval, k_i * interval, DRIFT_SHARE * top_speed
         self.jump = JUMP_SHARE * top_speed * interval
         self.place: Tensor | None = None
         self.moved, self.value = torch.zeros(0), torch.zeros(0)
@@ -37,3 +42,15 @@ class Drift:
         value = self.value + self.step * error
         value = value * (self.most / value.norm(dim=-1, keepdim=True).clamp(min=1e-6)).clamp(max=1.0)
         self.value = torch.where(able & self.moved & value.isfinite(), value, self.value)
+
+    def correct(self, wanted: Tensor, velocity: Tensor, able: Tensor) -> None:
+        """Integrate what of `velocity` [env, vehicle, 2] (m/s) is to the side of what is `wanted` of those who are
+        `able` [env, vehicle, 1] to make way.
+        """
+        speed = wanted.norm(dim=-1, keepdim=True).clamp(min=1e-6)
+        side = torch.stack((-wanted[..., 1], wanted[..., 0]), dim=-1) / speed
+        off = (velocity * side).sum(-1, keepdim=True)
+        steady = off.abs() < COURSE_ERROR * velocity.norm(dim=-1, keepdim=True)
+        value = self.value - self.interval / COURSE_TIME * off * side
+        value = value * (self.most / value.norm(dim=-1, keepdim=True).clamp(min=1e-6)).clamp(max=1.0)
+        self.value = torch.where(able & steady & self.moved & value.isfinite(), value, self.value)
