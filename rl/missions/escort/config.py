@@ -1,0 +1,173 @@
+"""What a scenario of the escort mission may say beside its world, stages and evaluation."""
+
+from collections.abc import Mapping
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import Field, model_validator
+
+from rl.missions.escort.rewards import AircraftReward, BoatReward
+from rl.missions.escort.shapes import Shape
+from rl.missions.formation.config import ResidualConfig, SensorsConfig
+from rl.scenario import Evaluation, Scenario
+from rl.scene.camera import CameraConfig
+from rl.scene.lookout import LookoutConfig
+from rl.scene.radio import RadioConfig
+from taichi_sim.config import Fraction, NonNegative, Positive, Strict, TeamConfig
+
+Span = tuple[NonNegative, NonNegative]  # the least and the greatest of a draw
+
+
+class EscortConfig(Strict):
+    """`[escort]`: who is who, and how an episode begins."""
+
+    vessel: Annotated[str, Field(min_length=1)] = "vessel"  # the scripted team that is escorted; its first vehicle
+    boats: Annotated[str, Field(min_length=1)] = "usv"
+    aircraft: Annotated[str, Field(min_length=1)] = "uav"
+    worlds: Annotated[int, Field(ge=1, le=8192)] = 256  # different beginnings (and obstacle fields) in one run
+    start_distance: Span = (200.0, 500.0)  # of boats from the vessel, m
+    near_fraction: Fraction = 0.0  # of episodes, that begin near the vessel instead: for training
+    cue_error: NonNegative = (
+        30.0  # standard deviation of the place of the vessel that is told at the start, each way, m
+    )
+    cue_age: NonNegative = 60.0  # s that this place is old
+    arrival: Positive = 15.0  # m: nearer than this to the vessel the leader has arrived
+    stale: Positive = 5.0  # s: who has not heard of the vessel for longer does not know of it
+    lost: Positive = 20.0  # s without a look or a message after which the vessel is searched for; assumed
+    reports: Literal["all", "none", "others"] = "all"  # messages: as they are; none; those of another environment
+    relay: bool = False  # aircraft pass on what did not arrive
+
+    @model_validator(mode="after")
+    def _ordered(self):
+        if self.start_distance[0] > self.start_distance[1]:
+            raise ValueError(f"start_distance = {list(self.start_distance)}: the first must not be above the second")
+        if len({self.vessel, self.boats, self.aircraft}) < 3:
+            raise ValueError(
+                f"vessel = {self.vessel!r}, boats = {self.boats!r}, aircraft = {self.aircraft!r}: must be three teams"
+            )
+        return self
+
+
+class CourseConfig(Strict):
+    """`[course]` of the vessel: it changes course and speed at random times."""
+
+    speed: Span = (0.8, 2.0)  # m/s
+    every: Positive = 40.0  # s between two changes, on average (exponentially distributed); assumed
+    turn_deg: Annotated[float, Field(ge=0, le=180)] = 120.0  # the most of a change of course, either way; assumed
+    turn_rate_deg: Positive = 4.0  # deg/s, of the course that is steered; assumed
+    evasive: bool = False  # whether it runs from boats that come near
+    evasive_range: Positive = 40.0  # m
+
+    @model_validator(mode="after")
+    def _ordered(self):
+        if self.speed[0] > self.speed[1]:
+            raise ValueError(f"speed = {list(self.speed)}: the first must not be above the second")
+        return self
+
+
+class ObstaclesConfig(Strict):
+    """`[obstacles]`: vertical cylinders between the boats and the vessel and about it, some of which move; assumed."""
+
+    count: Annotated[int, Field(ge=0, le=64)] = 10  # that stand
+    moving: Annotated[int, Field(ge=0, le=16)] = 2  # that cross the way of the boats
+    radius: Span = (1.0, 5.0)  # m
+    speed: Span = (0.3, 1.0)  # of what moves, m/s
+    spread: Positive = 60.0  # m to either side of the boats' way, and about where the vessel goes
+
+    @model_validator(mode="after")
+    def _ordered(self):
+        for key in ("radius", "speed"):
+            low, high = getattr(self, key)
+            if low > high:
+                raise ValueError(f"{key} = [{low}, {high}]: the first must not be above the second")
+        if self.radius[0] <= 0:
+            raise ValueError(f"radius = {list(self.radius)}: must be above 0")
+        return self
+
+
+class SensingConfig(Strict):
+    """What a vehicle observes of what is around it."""
+
+    detection_range: Positive = 60.0  # m: further things are no concern of who avoids them
+    obstacles: Annotated[int, Field(ge=0, le=8)] = 3  # nearest ones observed
+    team_mates: Annotated[int, Field(ge=0, le=8)] = 2
+
+
+class OrbitConfig(Strict):
+    """`[TEAM.orbit]`: the circle about the vessel that aircraft fly at even phases."""
+
+    radius: Positive = 150.0  # m
+    height: Positive = 100.0  # m above the sea
+    height_step: NonNegative = 15.0  # m that each flies above the one before
+    direction: Literal["clockwise", "anticlockwise"] = "clockwise"
+
+    @property
+    def turn(self) -> float:
+        """1 clockwise, seen from above, or -1."""
+        return 1.0 if self.direction == "clockwise" else -1.0
+
+
+class EscortTeam(TeamConfig):
+    """One team: its vehicle and size (TeamConfig), and what its part needs."""
+
+    formation: Shape = "astern"  # of boats about the vessel (shapes.py)
+    spacing: Annotated[float, Field(gt=0, le=100)] = 10.0  # between neighbours, m
+    sensors: SensorsConfig = SensorsConfig()
+    lookout: LookoutConfig = LookoutConfig()  # of boats
+    camera: CameraConfig = CameraConfig()  # of aircraft
+    orbit: OrbitConfig = OrbitConfig()
+    residual: ResidualConfig | None = None
+    control: dict[str, float] = {}  # numbers of its classical controller; what is left out: its own
+    boat_reward: BoatReward = BoatReward()
+    aircraft_reward: AircraftReward = AircraftReward()
+
+
+class EscortEvaluation(Evaluation):
+    """Episodes never trained on, and what is a success there."""
+
+    settle: NonNegative = 0.0  # s; errors are measured after the arrival, whenever that is
+    success_error: Positive = 5.0  # rms of every boat after the arrival below this is a success, m
+    settle_after: NonNegative = 40.0  # s after the arrival at which errors begin to be measured
+
+
+class EscortScenario(Scenario):
+    """A scenario of the escort mission."""
+
+    __pydantic_extra__: dict[str, EscortTeam] = Field(init=False)
+
+    plain: ClassVar[Mapping[str, str]] = {}
+
+    area: Annotated[float, Field(ge=500, le=100_000)] = 4000.0  # side of the square centred at the origin, m
+    escort: EscortConfig = EscortConfig()
+    course: CourseConfig = CourseConfig()
+    obstacles: ObstaclesConfig = ObstaclesConfig()
+    sensing: SensingConfig = SensingConfig()
+    radio: RadioConfig = RadioConfig()
+    evaluation: EscortEvaluation = EscortEvaluation()
+
+    @property
+    def parts(self) -> dict[str, EscortTeam]:
+        """Sections of the teams."""
+        return dict(self.__pydantic_extra__ or {})
+
+    @model_validator(mode="after")
+    def _fits(self):
+        for key in ("vessel", "boats"):
+            name = getattr(self.escort, key)
+            if name not in self.teams:
+                raise ValueError(
+                    f"escort.{key} = {name!r}: there is no such team; there are {', '.join(map(repr, self.teams))}"
+                )
+        if self.teams[self.escort.vessel].script is None:
+            raise ValueError(
+                f"{self.escort.vessel}.script: the vessel that is escorted needs one, such as "
+                '"rl.missions.escort.vessel:Wanderer"'
+            )
+        reach = self.escort.start_distance[1] + self.episode_duration * self.course.speed[1]
+        if reach > self.area:  # it turns back at the edge; boats must not begin outside
+            pass
+        if self.escort.start_distance[1] > self.area / 2:
+            raise ValueError(
+                f"escort.start_distance = {list(self.escort.start_distance)}: must be at most area / 2 = "
+                f"{self.area / 2}"
+            )
+        return self

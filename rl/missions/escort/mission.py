@@ -1,0 +1,411 @@
+"""The escort mission: boats hold formation about a vessel that manoeuvres as it likes and that only aircraft can see.
+
+The vessel is a scripted team (vessel.py). Boats see it, and obstacles, from near; aircraft circle it, and see it and
+the obstacles from afar; all tell each other what they see, by radio (picture.py). An episode begins with the boats some
+hundred metres off, with a word of where the vessel was.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from rl.mission import Endings, Mission, Step
+from rl.missions.escort import rewards
+from rl.missions.escort.aircraft import Aircraft
+from rl.missions.escort.boats import Boats
+from rl.missions.escort.config import EscortScenario
+from rl.missions.escort.film import Film
+from rl.missions.escort.judge import EscortJudge
+from rl.missions.escort.orbit import OrbitController
+from rl.missions.escort.picture import Picture
+from rl.missions.escort.scouts import Scouts
+from rl.missions.escort.shapes import escort_offsets
+from rl.missions.escort.vessel import Wanderer
+from rl.missions.escort.worlds import draw_worlds
+from rl.missions.formation.controllers import CONTROLLERS
+from rl.missions.formation.flyable import strongest_wind
+from rl.scene.traffic import EAST, NORTH, RADIUS, TOP, V_EAST, V_NORTH, Bodies
+from rl.seeds import derive_seed
+from taichi_sim import runtime
+from taichi_sim.config import ConfigError
+from taichi_sim.config.io import validate
+from taichi_sim.conventions import STATE_SIZE
+from taichi_sim.maths.rotation import torch_quaternion_from_euler
+from taichi_sim.recording.episode import Scene
+from taichi_sim.surroundings import as_i32
+from taichi_sim.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
+
+VESSEL_TOP = 4.0  # m above the sea: aircraft pass above; assumed
+BOAT_SPEED = (0.5, 1.5)  # m/s at which boats begin
+SEEN_FROM_AFAR = 150.0  # m about the vessel, in recordings without aircraft
+APART = 40.0  # m between aircraft that begin
+
+
+class Escort(Mission):
+    """Boats and aircraft about a vessel; see the module.
+
+    Attributes:
+        worlds: the pool of beginnings (worlds.py). obstacles: [world, n, 4] of them, as sensors take them.
+        bodies: what moves, the vessel first; traffic: the rest of it. env_world: int64 [env].
+        vessel_place, vessel_velocity: [env, 2] NED, m, m/s; the velocity is averaged (vessel.py).
+        hs: [env] significant wave height, m. picture: what boats and aircraft know (picture.py).
+        count: int32 [3], of the random numbers of sensors and radio: decisions in all, seed, first environment.
+    """
+
+    Config = EscortScenario
+    logged = ("error_m", "arrived", "seen", "collisions_per_hour")
+    Judge = EscortJudge
+    config: EscortScenario
+
+    @staticmethod
+    def Team(mission: Any, name: str) -> Any:  # noqa: N802
+        """A team by its part."""
+        return (Boats if name == mission.config.escort.boats else Aircraft)(mission, name)
+
+    def prepare(self) -> None:
+        """Draw the worlds, and connect everybody.
+
+        Raises:
+            ConfigError: where parts do not fit their vehicles, the wind or each other.
+        """
+        run, config = runtime.current(), self.config
+        self._check_parts()
+        boats, vessel = self.teams.get(config.escort.boats), config.escort.vessel
+        self._script: Wanderer = self.world.scripts[vessel]  # pyright: ignore[reportAttributeAccessIssue]
+        self._vessel = self.world.teams[vessel]
+        radius = self._vessel.model.collision_radius
+        if boats is None:
+            section = config.parts[config.escort.boats]
+            count, offsets = section.count, escort_offsets(section.formation, section.count, section.spacing)
+        else:
+            count, offsets = boats.fleet.count, boats.offsets.cpu().double()
+            self._check_slots(boats, radius)
+        worlds = draw_worlds(config, count, offsets, radius, self.generator)
+        self.worlds = worlds.to(run.device)
+        self.obstacles = self.worlds.obstacles.to(run.torch_dtype).contiguous()
+        if not self.obstacles.shape[1]:  # a kernel needs one row: put it out of every vehicle's reach
+            far = self.obstacles.new_tensor([1e6, 1e6, 1.0, 1.0])
+            self.obstacles = far.expand(config.escort.worlds, 1, 4).contiguous()
+        pool = self.worlds.bodies.to(run.torch_dtype).unsqueeze(1)
+        self.bodies, self.traffic = Bodies(self.num_envs, pool), Bodies(self.num_envs, pool[..., 1:])
+        self.bodies.table[:, RADIUS, 0], self.bodies.table[:, TOP, 0] = radius, VESSEL_TOP
+        self.env_world = torch.zeros(self.num_envs, dtype=torch.int64, device=run.device)
+        amplitude = torch.as_tensor(self.world.sea.components.amplitude)
+        self._hs = (4 * (amplitude.double().square().sum(1) / 2).sqrt()).to(run.device, run.torch_dtype)
+        self.hs = torch.zeros(self.num_envs, device=run.device, dtype=run.torch_dtype)
+        self.vessel_place, self.vessel_velocity = self.hs.new_zeros((self.num_envs, 2)), self._script.velocity
+        self.arrived = torch.zeros(self.num_envs, dtype=torch.bool, device=run.device)
+        self._which = torch.zeros(self.num_envs, dtype=torch.int32, device=run.device)
+        self.count = torch.zeros(3, dtype=torch.int32, device=run.device)
+        self._count_from(self.seed)
+        self._connect()
+        self._script.attach(self)
+        self._film = Film(self)
+
+    def _connect(self) -> None:
+        """Make the common picture of all who look."""
+        config, groups, first = self.config, {}, 0
+        self.scouts: Scouts | None = None
+        for part in (config.escort.boats, config.escort.aircraft):
+            if part in self.teams:
+                groups[part] = self.teams[part].group(first, list(config.teams).index(part))
+            elif part == config.escort.aircraft and part in config.teams:
+                self.scouts = Scouts(self, part, config.parts[part])
+                groups[part] = self.scouts.group(first)
+            if part in groups:
+                first += groups[part].own.state.shape[1]
+        things = self.bodies.table.shape[2] + self.obstacles.shape[1]
+        self.picture = Picture(self, groups, things)
+        for member in (*self.teams.values(), *((self.scouts,) if self.scouts else ())):
+            member.join(self.picture)
+
+    def _check_parts(self) -> None:
+        parts = self.config.escort
+        for name, medium in ((parts.boats, "water"), (parts.aircraft, "air")):
+            team = self.teams.get(name)
+            if team is not None and team.fleet.model.medium != medium:
+                raise ConfigError(
+                    f"{name}.vehicle = {team.section.vehicle!r} moves in {team.fleet.model.medium}: "
+                    f"escort.{'boats' if medium == 'water' else 'aircraft'} need one that moves in {medium}"
+                )
+        for name in self.teams:
+            if name not in (parts.boats, parts.aircraft):
+                raise ConfigError(
+                    f"{name}: escort.boats = {parts.boats!r} and escort.aircraft = {parts.aircraft!r} name the teams "
+                    "of the escort; give any other a script"
+                )
+        team = self.teams.get(parts.aircraft)
+        if team is not None:
+            self._check_orbit(team)
+
+    def _check_orbit(self, team: Any) -> None:
+        """Refuse a circle that cannot be flown in the wind, or that is too small for so many."""
+        config, orbit, limits, name = self.config, team.orbit, team.fleet.model.limits, team.name
+        around = 2 * math.pi * orbit.radius / team.fleet.count
+        if team.fleet.count > 1 and orbit.height_step <= 2 * team.radius and around <= 4 * team.radius:
+            raise ConfigError(
+                f"{name}.orbit.radius = {orbit.radius} m: {team.fleet.count} aircraft at even phases would be "
+                f"{around:.3g} m apart, and each needs {2 * team.radius} m (twice its collision_radius) and as much "
+                f"again: give a greater radius, or orbit.height_step above {2 * team.radius} m"
+            )
+        low, cruise, _ = limits.speeds
+        wind = strongest_wind(config, orbit.height)
+        if cruise > 0 and wind >= 0.8 * cruise:
+            raise ConfigError(
+                f"air.speed: up to {wind:.3g} m/s at {orbit.height} m, where {name}'s vehicles cruise at {cruise:.3g} "
+                f"m/s (no slower than {low:.3g}): they could not circle; it must stay below {0.8 * cruise:.3g} m/s"
+            )
+        if limits.turn_radius > 0:
+            least = limits.turn_radius * ((cruise + wind) / cruise) ** 2
+            if orbit.radius < least:
+                raise ConfigError(
+                    f"{name}.orbit.radius = {orbit.radius} m: in a wind of {wind:.3g} m/s they cannot turn downwind in "
+                    f"less than {least:.0f} m"
+                )
+
+    def _check_slots(self, boats: Any, radius: float) -> None:
+        near = float(boats.offsets.norm(dim=-1).min())
+        if near <= boats.radius + radius:
+            raise ConfigError(
+                f"{boats.name}.spacing = {boats.section.spacing} m: a slot is {near:.3g} m from the vessel: boats "
+                f"would touch it (collision radii {boats.radius} and {radius} m)"
+            )
+        if boats.fleet.count > 1 and float(torch.pdist(boats.offsets).min()) <= 2 * boats.radius:
+            raise ConfigError(
+                f"{boats.name}.spacing = {boats.section.spacing} m: neighbours would touch in their slots"
+            )
+
+    def reseed(self, seed: int) -> None:
+        """Also sensors and radio."""
+        super().reseed(seed)
+        self._count_from(seed)
+
+    def _count_from(self, seed: int) -> None:
+        self.count[0], self.count[1] = 0, as_i32(derive_seed(seed, "sensors"))
+
+    # -- one step --------------------------------------------------------------------------------------------------
+
+    def measure(self) -> None:
+        """What moves; what everybody sees, says and hears; errors."""
+        self._which.fill_(1)
+        self.count[0] += 1
+        self.traffic.move(self.config.decision_interval, self.world.current.velocity)
+        self._look(self.num_envs)
+
+    def measure_again(self, envs: Tensor) -> None:
+        """Look where `begin` has placed everybody."""
+        self._which.zero_()
+        self._which[envs] = 2
+        self._look(len(envs), envs)
+
+    def _look(self, rows: int, envs: Tensor | None = None) -> None:
+        which = self._which
+        self._see_vessel()
+        for team in self.teams.values():
+            team.measure(which, rows)
+        if self.scouts:
+            self.scouts.measure(which)
+        if envs is not None:
+            self.picture.begin(envs, self._cue[envs])
+        self.picture.update(which, rows)
+        for team in self.teams.values():
+            team.conclude(which, rows)
+        boats = self.teams.get(self.config.escort.boats)
+        if boats is not None:
+            to = boats.fleet.position_n[:, 0, :2] - self.vessel_place
+            here = to.norm(dim=-1) < self.config.escort.arrival
+            self.arrived = torch.where(which == 2, here, self.arrived | here)
+
+    def _see_vessel(self) -> None:
+        """Put the vessel among what moves, and all of that among the things."""
+        place, velocity = self._vessel.position_n[:, 0, :2], self._vessel.velocity_n[:, 0, :2]
+        self.vessel_place = place.clone()
+        table = self.bodies.table
+        table[:, : EAST + 1, 0], table[:, V_NORTH : V_EAST + 1, 0] = place, velocity
+        if self.traffic.present:
+            table[..., 1:] = self.traffic.table
+        things = self.picture.things
+        n = table.shape[2]
+        things[:, :n, 0], things[:, :n, 1] = table[:, NORTH], table[:, EAST]
+        things[:, :n, 3], things[:, :n, 4], things[:, :n, 5] = table[:, V_NORTH], table[:, V_EAST], table[:, RADIUS]
+        stands = self.obstacles[self.env_world]
+        things[:, n:, :2], things[:, n:, 5] = stands[..., :2], stands[..., 2]
+        if self._floats:
+            heights = self.world.elevation(self._all, things[..., 0].contiguous(), things[..., 1].contiguous())
+            things[..., 2] = torch.where(things[..., 0].abs() < self.config.area, -heights, 0.0)
+        boats = self.teams.get(self.config.escort.boats)
+        if boats is not None:
+            course = self.vessel_velocity
+            speed = course.norm(dim=-1)
+            angle = torch.atan2(course[:, 1], course[:, 0])
+            target = torch.stack(
+                (place[:, 0], place[:, 1], 0 * speed, angle, angle.cos(), angle.sin(), 0 * speed, speed)
+            )
+            boats.targets.table[:, 0] = target.T
+
+    @property
+    def _floats(self) -> bool:
+        part = self.config.parts.get(self.config.escort.aircraft)
+        return part is not None and part.camera.surface == "waves"
+
+    def elevation(self, points: Tensor) -> Tensor:
+        """Of the sea (m, up) now at points [env, n, 2]."""
+        return self.world.elevation(self._all, points[..., 0].contiguous(), points[..., 1].contiguous())
+
+    def observe(self, team: Any) -> dict[str, Tensor]:
+        """See boats.py and aircraft.py."""
+        return team.terms()
+
+    def reward(self, team: Any, ended: Endings) -> Tensor:
+        """See rewards.py."""
+        if isinstance(team, Boats):
+            return rewards.paid(rewards.BOAT_TERMS, team.section.boat_reward, team, ended)
+        return rewards.paid(rewards.AIRCRAFT_TERMS, team.section.aircraft_reward, team, ended)
+
+    def endings(self, team: Any) -> dict[str, Tensor]:
+        """Contact with an obstacle, the vessel or a team mate; out of the area."""
+        place = team.fleet.position_n[..., :2]
+        return {"collided": team.sensor.gap < 0.0, "left": place.abs().amax(-1) > self.config.area / 2}
+
+    def boats_fleet(self) -> Any:
+        """The boats' fleet, or None."""
+        boats = self.teams.get(self.config.escort.boats)
+        return None if boats is None else boats.fleet
+
+    def boats_place(self) -> Tensor | None:
+        """[env, boat, 2] m, or None if there are none."""
+        boats = self.teams.get(self.config.escort.boats)
+        return None if boats is None else boats.fleet.position_n[..., :2]
+
+    def boats_result(self) -> Tensor:
+        """[env] mean of 1 / (1 + (d / 8 m)^2) of the boats' distances d from their slots; 0 without boats."""
+        boats = self.teams.get(self.config.escort.boats)
+        if boats is None:
+            return torch.zeros_like(self.hs)
+        return (1 / (1 + (boats.distance * (1 / 8.0)).square())).mean(-1)
+
+    # -- episodes --------------------------------------------------------------------------------------------------
+
+    def begin(self, envs: Tensor, *, worlds: Tensor | None = None) -> None:
+        """Place everybody in environments `envs` on `worlds`, int64 [n] (default: random ones)."""
+        n, config = len(envs), self.config
+        worlds = self.draw(config.escort.worlds, n) if worlds is None else worlds
+        self.env_world[envs] = worlds
+        self.hs[envs] = self._hs[self.world.env_sea[envs].long()]
+        course, speed = self.worlds.course[worlds], self.worlds.speed[worlds]
+        self.world.place(config.escort.vessel, envs, self._script.start(envs, course, speed, self.generator))
+        self.traffic.begin(envs, worlds, torch.zeros_like(worlds), self.world.current.velocity)
+        noise = torch.randn((n, 2), generator=self.generator).to(self.hs)
+        before = config.escort.cue_age * speed.unsqueeze(-1) * torch.stack((course.cos(), course.sin()), dim=-1)
+        if not hasattr(self, "_cue"):
+            self._cue = self.hs.new_zeros((self.num_envs, 2))
+        self._cue[envs] = config.escort.cue_error * noise - before.to(noise)
+        boats, aircraft = (self.teams.get(part) for part in (config.escort.boats, config.escort.aircraft))
+        if boats is not None:
+            state = boats.fleet.state.new_zeros((n, boats.fleet.count, STATE_SIZE))
+            heading = self.worlds.heading[worlds].to(state)
+            state[..., :2] = self.worlds.place[worlds].to(state)
+            state[..., 3:7] = torch_quaternion_from_euler(0 * heading, 0 * heading, heading)
+            low, high = BOAT_SPEED
+            state[..., 7] = low + (high - low) * torch.rand((n, 1), generator=self.generator).to(state)
+            self.world.place(boats.name, envs, state)
+        aloft = self.worlds.aloft[worlds]
+        if self.scouts:
+            self.scouts.begin(envs, aloft)
+        if aircraft is not None:
+            self._launch(aircraft, envs, aloft)
+
+    def _launch(self, team: Any, envs: Tensor, aloft: Tensor) -> None:
+        """Aircraft begin in steady flight over `aloft` [n, 2], side by side and one above the other, any way."""
+        n, count = len(envs), team.fleet.count
+        state = team.fleet.state.new_zeros((n, count, STATE_SIZE))
+        heading = (2 * math.pi * torch.rand((n, 1), generator=self.generator)).to(state).expand(-1, count)
+        rank = (torch.arange(count, device=state.device) - (count - 1) / 2) * APART
+        side = torch.stack((-heading.sin(), heading.cos()), dim=-1)
+        state[..., :2] = aloft.unsqueeze(1).to(state) + rank.view(1, -1, 1) * side
+        state[..., 2] = team.down
+        state[..., 3:7] = torch_quaternion_from_euler(0 * heading, 0 * heading, heading)
+        state[..., 7] = team.fleet.model.limits.speeds[1]
+        self.world.place(team.name, envs, state)
+
+    @classmethod
+    def one_each(cls, config: EscortScenario, episodes: int) -> EscortScenario:
+        """One world and one sea for each episode, and all begin far."""
+        config = super().one_each(config, episodes)
+        return config.model_copy(update={"escort": config.escort.model_copy(update={"worlds": episodes})})
+
+    def begin_each(self) -> None:
+        """Environment e begins on world e and sea e."""
+        numbers = torch.arange(self.num_envs, device=self.device)
+        self.reset(seas=numbers % self.world.sea.num_seas, worlds=numbers)
+
+    # -- what others ask -------------------------------------------------------------------------------------------
+
+    def log(self, team: Any, step: Step) -> dict[str, Tensor]:
+        """Errors now; shares of episodes in which the leader has arrived, and a camera has the vessel; collisions."""
+        hours = team.distance.numel() * self.config.decision_interval / 3600
+        sees = self.picture.looks[..., 0, 2] > 0
+        return {
+            "error_m": team.distance.mean(),
+            "arrived": self.arrived.float().mean(),
+            "seen": sees.any(-1).float().mean(),
+            "collisions_per_hour": step.endings[team.name]["collided"].sum() / hours,
+        }
+
+    def info(self, team: Any) -> dict[str, Tensor]:
+        """distance: m, from the slot, of boats; from the circle, of aircraft."""
+        return {"distance": team.distance}
+
+    @property
+    def flying(self) -> Any:
+        """The aircraft, or the scouts in their place; None without either."""
+        return self.teams.get(self.config.escort.aircraft, self.scouts)
+
+    def frame(self, team: Any) -> dict[str, Tensor]:
+        """Of boats, their slots, and the vessel as their target; of aircraft, how far they are from the circle."""
+        env = self.shown
+        if team is next(iter(self.teams.values())):  # once a step
+            if int(self.steps[env]) <= 1:
+                self._film = Film(self)
+            self._film.take()
+        shown = {"error_m": team.distance[env]}
+        if isinstance(team, Boats):
+            slot = team.now.slot[env].clone()
+            slot[:, 2] = 0.0
+            shown |= {"slot_n": slot}
+        return shown
+
+    def scene(self) -> Scene:
+        """The obstacles inside the area."""
+        obstacles = self.obstacles[int(self.env_world[self.shown])].cpu().numpy()
+        half = self.config.area / 2
+        reach = SEEN_FROM_AFAR if self.flying is None else 1.6 * self.flying.orbit.radius
+        return Scene(
+            area_m=self.config.area,
+            obstacles=obstacles[np.abs(obstacles[:, :2]).max(axis=1) <= half],
+            overview=(self.config.escort.vessel, reach),
+        )
+
+    def overlays(self) -> tuple[Any, ...]:
+        """Who sees and tells what (film.py), in the steps that `frame` was asked about."""
+        return self._film.overlays()
+
+    def controller(self, team: Any) -> Any:
+        """What the vehicle brings, else for boats that of formations, for aircraft the orbit (orbit.py)."""
+        own = super().controller(team)
+        if own is not None:
+            return own
+        model = team.fleet.model
+        if isinstance(team, Boats):
+            kind = next((CONTROLLERS[base] for base in type(model).__mro__ if base in CONTROLLERS), None)
+        else:
+            kind = OrbitController if isinstance(model, FixedWing6DOF) else None
+        if kind is None:
+            return None
+        return kind(model, validate(kind.Gains, dict(team.section.control), f"{team.name}.control"))
+
+
+MISSION = Escort

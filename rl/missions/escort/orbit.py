@@ -1,0 +1,95 @@
+"""Classical control of aircraft that circle a moving place: a Lyapunov guidance vector field through the wind.
+
+With x = position - centre, of length r, the field of the direction to fly, relative to the centre, on a circle of
+radius R (Frew, Lawrence & Morris 2008, J. Guidance, Control, and Dynamics 31(2), eq. 7; turned by sigma = 1 clockwise):
+
+    d = -(r^2 - R^2) / (r^2 + R^2) e_r + 2 r R / (r^2 + R^2) sigma e_theta.
+
+Whoever follows it gets to the circle from anywhere, and goes round. The centre moves with v_c, the air with w: the
+velocity over ground v* = v_c + s d is the one with |v* - w| = V (the wind triangle). The field turns as
+
+    chi' = theta' + 2 sigma R r' / (r^2 + R^2),
+
+which is fed forward to the bank. Phases: each flies so fast that it gets midway between those ahead and behind,
+V = cruise + sat(k_phase R (gap ahead - gap behind) / 2) (loc. cit., sec. IV, by speed). What flies it, and evades what
+is near, is the controller of formations (../formation/controllers/fixed_wing_6dof.py).
+"""
+
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from rl.missions.formation.controllers.fixed_wing_6dof import (
+    EVADING,
+    FixedWing6DofController,
+    FixedWing6DofGains,
+    Way,
+    velocity_through_air,
+)
+from rl.missions.formation.geometry import SLOT_VELOCITY
+from taichi_sim.config import Positive
+from taichi_sim.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
+
+LEAST_SHARE = 0.2  # of the airspeed, the least speed relative to the centre; assumed
+
+
+class OrbitGains(FixedWing6DofGains):
+    """Numbers of the orbit that may be tuned, besides those of flight and avoidance."""
+
+    leader_share: Positive = 2.0  # nobody leads
+    phase_gain: Positive = 0.05  # 1/s
+    phase_speed: Positive = 4.0  # m/s, the most that phases change the airspeed by
+    field_radius: Positive = 1.0  # of the circle's: above 1 the field turns in later
+
+
+class OrbitController:
+    """Acts for aircraft that circle; keeps no memory."""
+
+    Gains = OrbitGains
+
+    def __init__(self, model: FixedWing6DOF, gains: OrbitGains | None = None):
+        """Compute gains from those of the autopilot."""
+        self.gains = gains or self.Gains()
+        self.flight = FixedWing6DofController(model, self.gains)
+
+    def __call__(self, team: Any) -> Tensor:
+        """Actions [env, aircraft, action] in [-1, 1]; none where the state is not finite."""
+        return self.act(team, self.wanted(team))
+
+    def act(self, team: Any, wanted: Way) -> Tensor:
+        """Actions that fly what is wanted."""
+        return self.flight.act(team, wanted)
+
+    def wanted(self, team: Any) -> Way:
+        """v* of `team` (aircraft.py), and how it turns."""
+        loops, limits = self.flight.loops, self.flight.limits
+        v, air, R = team.fleet.velocity_n, velocity_through_air(team), team.orbit.radius
+        low, cruise, high = limits.speeds
+        faster = (self.gains.phase_gain * R * team.gap_error).clamp(-self.gains.phase_speed, self.gains.phase_speed)
+        airspeed = (cruise + faster).clamp(low, high)
+        x = team.fleet.position_n[..., :2] - team.centre
+        r = x.norm(dim=-1).clamp(min=1.0)
+        sigma, square = team.orbit.turn, r * r + R * R
+        out, along = -(r * r - R * R) / square, 2 * r * R / square * sigma
+        e = x / r.unsqueeze(-1)
+        e_theta = torch.stack((-e[..., 1], e[..., 0]), dim=-1)
+        d = out.unsqueeze(-1) * e + along.unsqueeze(-1) * e_theta
+        against = v[..., :2] - air[..., :2] - team.centre_velocity
+        ahead = (against * d).sum(-1)
+        across = against[..., 1] * d[..., 0] - against[..., 0] * d[..., 1]
+        through = (airspeed * airspeed - across * across).clamp(min=0.0).sqrt()
+        s = torch.maximum(ahead + through, LEAST_SHARE * airspeed)
+        down = (loops.height * team.height_error).clamp(-limits.climb, limits.climb)
+        level = team.centre_velocity + s.unsqueeze(-1) * d
+        direct = torch.cat((level, down.unsqueeze(-1)), dim=-1)
+        team.now.table[..., SLOT_VELOCITY : SLOT_VELOCITY + 3] = direct
+        velocity = self.flight.avoid(team, direct)
+        moves = v[..., :2] - team.centre_velocity
+        turn = (moves * e_theta).sum(-1) / r + 2 * sigma * R / square * (moves * e).sum(-1)
+        change = (s * turn).unsqueeze(-1) * torch.stack((-d[..., 1], d[..., 0]), dim=-1)
+        speed = air[..., :2].norm(dim=-1).clamp(min=limits.floor)
+        nose = air[..., :2] / speed.unsqueeze(-1)
+        aside = change[..., 1] * nose[..., 0] - change[..., 0] * nose[..., 1]
+        evading = (velocity - direct).norm(dim=-1) > EVADING
+        return Way(velocity, ((change * nose).sum(-1), aside), evading)

@@ -1,0 +1,160 @@
+"""What boats and aircraft know together: looks, messages, charts, and what each makes of the vessel by them.
+
+Lookers are the boats, then the aircraft; things are the vessel, then what moves, then what stands. Each decision: they
+look, say what they have seen, hear what arrives, and keep their charts (rl/scene/chart.py).
+
+A looker that has had nothing new of the vessel for `escort.lost`, and is where the vessel should be by then, searches:
+the place that it goes to (a boat) or circles about (an aircraft) moves out from there along an Archimedean spiral, each
+looker's turned by its share of a full turn. At a speed U along a spiral with the pitch b it is at r = sqrt(b U s / pi)
+after s seconds, at the angle 2 pi r / b.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import torch
+from torch import Tensor
+
+from rl.missions.formation.targets import COS, COURSE, EAST, NORTH, SIN, SIZE, SPEED
+from rl.scene.camera import LOOK_SIZE, LOOK_VARIANCE, UNSEEN
+from rl.scene.chart import AGE, P_PP, P_PV, P_VV, V_EAST, V_NORTH, Chart, width_of
+from rl.scene.radio import PLACE_AND_VELOCITY, Radio
+from taichi_sim.fleet import Views
+
+SLOWEST = 0.3  # m/s: a slower vessel keeps the course that it was last known to have
+CUE_SPEED = 1.5  # m/s, standard deviation of what the vessel's velocity may be, each way, at first; assumed
+THING = 6  # numbers of a thing: place (3), velocity, north and east, radius
+
+
+class Search(NamedTuple):
+    """How a team searches: the pitch of its spiral (m), its speed along it (m/s), how near to the place where the
+    vessel should be it begins (m).
+    """
+
+    pitch: float
+    speed: float
+    begins: float
+
+
+class Group(NamedTuple):
+    """Some of the lookers: the number of the first, how they measure themselves, and how they search."""
+
+    first: int
+    own: Views
+    true: Views
+    search: Search
+
+
+class Picture:
+    """The common picture of all lookers of a mission.
+
+    Attributes:
+        things: [env, thing, 6], the truth. looks: [env, looker, thing, 3]. radio, chart: see there.
+        targets: [env, looker, 8] the vessel as each knows it, as tables of targets have it
+            (../formation/targets.py); the rate of its course is 0: estimated, it did more harm than good.
+        age, sigma: [env, looker] of that, s and m (standard deviation, each way).
+    """
+
+    def __init__(self, mission: Any, groups: dict[str, Group], things: int):
+        """Of the lookers of `mission` in `groups`, by team, in order; there is one at least."""
+        config, self._mission = mission.config, mission
+        state = next(iter(groups.values())).own.state
+        envs, lookers = state.shape[0], sum(g.own.state.shape[1] for g in groups.values())
+        self.groups, self.things = groups, state.new_zeros((envs, things, THING))
+        self.looks = state.new_full((envs, lookers, things, LOOK_SIZE), UNSEEN)
+        self.place = state.new_zeros((envs, lookers, 3))
+        radio, escort = config.radio, config.escort
+        if escort.reports == "none":
+            radio = radio.model_copy(update={"loss": 1.0})
+        flying = [g for name, g in groups.items() if name == escort.aircraft]
+        relays = (0, 0)
+        if escort.relay and flying:
+            relays = flying[0].first, flying[0].first + flying[0].own.state.shape[1]
+        self.radio = Radio(
+            radio, self.place, config.decision_interval, width=width_of(things), known=False, relays=relays,
+            shift=1 if escort.reports == "others" else 0,
+        )  # fmt: skip
+        self.chart = Chart(self.looks, self.radio.said, self.radio.heard, config.decision_interval)
+        self.targets = state.new_zeros((envs, lookers, SIZE))
+        self.age, self.sigma = state.new_zeros((envs, lookers)), state.new_zeros((envs, lookers))
+        self._course, self._searching = state.new_zeros((envs, lookers)), state.new_zeros((envs, lookers))
+        self.lookers: list[Any] = []  # cameras and lookouts (rl/scene)
+
+    def begin(self, envs: Tensor, cue: Tensor) -> None:
+        """Episodes begin in environments `envs` [n]: all have been told of the place `cue` [n, 2] (m)."""
+        config = self._mission.config.escort
+        self.chart.begin(envs)
+        track = self.chart.tracks[envs]
+        track[..., 0, :2] = cue.unsqueeze(1).to(track)
+        variance, age = CUE_SPEED**2, config.cue_age
+        track[..., 0, P_VV], track[..., 0, P_PV] = variance, age * variance
+        track[..., 0, P_PP], track[..., 0, AGE] = max(config.cue_error, 1.0) ** 2 + age * age * variance, age
+        self.chart.tracks[envs] = track
+        self._searching[envs] = 0.0
+        here = torch.cat([g.own.position_n[envs, :, :2] for g in self.groups.values()], dim=1)
+        way = cue.unsqueeze(1).to(here) - here
+        self._course[envs] = torch.atan2(way[..., 1], way[..., 0])
+
+    def update(self, which: Tensor, rows: int) -> None:
+        """Look, talk, and make something of it, in environments [env] int32: 0 not at all, 1 after a step, 2 at the
+        beginning of an episode; `rows` of them are not 0.
+        """
+        mission = self._mission
+        for looker in self.lookers:
+            looker.see(which, rows, mission.count)
+        groups = self.groups.values()
+        torch.cat([g.true.position_n for g in groups], dim=1, out=self.place)
+        own = [torch.cat((g.own.position_n, g.own.velocity_n), dim=-1) for g in groups]
+        self.radio.said[..., :PLACE_AND_VELOCITY] = torch.cat(own, dim=1)
+        self.chart.say(which, rows)
+        self.radio.talk(which, rows, mission.steps, mission.count)
+        self.chart.keep(which, rows)
+        self._conclude()
+
+    def _conclude(self) -> None:
+        """Where the vessel is, and is bound, for each looker."""
+        track = self.chart.tracks[:, :, 0]
+        speed = torch.hypot(track[..., V_NORTH], track[..., V_EAST])
+        course = torch.atan2(track[..., V_EAST], track[..., V_NORTH])
+        self._course = torch.where(speed > SLOWEST, course, self._course)
+        c, s = self._course.cos(), self._course.sin()
+        self.age, self.sigma = track[..., AGE], track[..., P_PP].clamp(min=0.0).sqrt()
+        place = track[..., :2] + self._offset(track)
+        t = self.targets
+        t[..., NORTH], t[..., EAST] = place[..., 0], place[..., 1]
+        t[..., COURSE], t[..., COS], t[..., SIN], t[..., SPEED] = self._course, c, s, speed
+
+    def _offset(self, track: Tensor) -> Tensor:
+        """Of the place to search at from where the vessel should be [env, looker, 2], m."""
+        lost, dt = self._mission.config.escort.lost, self._mission.config.decision_interval
+        away, pitches, speeds, turned, begins = [], [], [], [], []
+        for g in self.groups.values():
+            n = g.own.state.shape[1]
+            here = g.own.position_n[..., :2] - track[:, g.first : g.first + n, :2]
+            away.append(here.norm(dim=-1))
+            begins += [g.search.begins] * n
+            pitches += [g.search.pitch] * n
+            speeds += [g.search.speed] * n
+            turned += [2 * math.pi * k / n for k in range(n)]
+        blind = track[..., AGE] > lost
+        near = torch.cat(away, dim=1) < track.new_tensor(begins)
+        on = blind & (near | (self._searching > 0))
+        self._searching = torch.where(on, self._searching + dt, 0.0)
+        pitch, speed = track.new_tensor(pitches), track.new_tensor(speeds)
+        r = (pitch * speed * self._searching / math.pi).sqrt()
+        angle = 2 * math.pi * r / pitch + track.new_tensor(turned)
+        return r.unsqueeze(-1) * torch.stack((angle.cos(), angle.sin()), dim=-1)
+
+    def rows(self, name: str) -> Tensor:
+        """What the lookers of a team know of the vessel: a contiguous copy is made by whoever needs one."""
+        g = self.groups[name]
+        return self.targets[:, g.first : g.first + g.own.state.shape[1]]
+
+    def of(self, name: str, values: Tensor) -> Tensor:
+        """The part of a team of `values` [env, looker, ...]."""
+        g = self.groups[name]
+        return values[:, g.first : g.first + g.own.state.shape[1]]
+
+    def sees(self, name: str) -> Tensor:
+        """Whether each looker of a team has the vessel in its last look [env, looker]."""
+        return self.of(name, self.looks)[..., 0, LOOK_VARIANCE] > 0

@@ -1,0 +1,79 @@
+"""Rewards: the weights, one function per term, and the terms of each part. Every term is [env, vehicle]."""
+
+from collections.abc import Callable
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from rl.missions.formation.rewards import action_rate, clearance, coarse, fine, penalty
+from taichi_sim.config import NonNegative, Positive, Strict
+
+
+class BoatReward(Strict):
+    """Weights and scales of a boat's terms; d is its distance from its slot about the vessel, m."""
+
+    closing: NonNegative = 1.0  # how fast d falls, over closing_scale
+    closing_scale: Positive = 2.0  # m/s
+    coarse: NonNegative = 1.0  # exp(-(d / coarse_scale)^2)
+    coarse_scale: Positive = 8.0  # m
+    fine: NonNegative = 1.0  # 1 / (1 + (d / fine_scale)^2)
+    fine_scale: Positive = 1.0  # m
+    action_rate: NonNegative = 0.02  # -|a - a_previous|^2
+    clearance: NonNegative = 0.5  # -(1 - gap / clearance_range)^2 inside the range
+    clearance_range: Positive = 2.0  # m
+    ending: NonNegative = 200.0  # -1 at a collision, or any other early ending
+
+
+class AircraftReward(Strict):
+    """Weights and scales of an aircraft's terms."""
+
+    view: NonNegative = 1.0  # its own camera sees the vessel
+    any_view: NonNegative = 1.0  # some camera of the team does
+    radio: NonNegative = 0.5  # share of boats within radio range
+    phases: NonNegative = 0.5  # exp(-(gap error / phase_scale)^2) to those ahead and behind on the circle
+    phase_scale: Positive = 0.5  # rad
+    circle: NonNegative = 0.5  # 1 / (1 + (e / circle_scale)^2), e from the circle and its height
+    circle_scale: Positive = 20.0  # m
+    boats: NonNegative = 0.5  # share in the boats' result: mean of 1 / (1 + (d / 8 m)^2)
+    action_rate: NonNegative = 0.02
+    clearance: NonNegative = 0.5
+    clearance_range: Positive = 15.0  # m
+    ending: NonNegative = 200.0
+
+
+def closing(before: Tensor, now: Tensor, interval: float) -> Tensor:
+    """How fast a distance falls, m/s."""
+    return (before - now) / interval
+
+
+BOAT_TERMS: dict[str, Callable[[Any, Any, BoatReward], Tensor]] = {
+    "closing": lambda team, ended, w: closing(team.before, team.distance, team.interval) * (1 / w.closing_scale),
+    "coarse": lambda team, ended, w: coarse(team.distance, w.coarse_scale),
+    "fine": lambda team, ended, w: fine(team.distance, w.fine_scale),
+    "action_rate": lambda team, ended, w: action_rate(team.action, team.previous_action),
+    "clearance": lambda team, ended, w: clearance(team.sensor.gap, w.clearance_range),
+    "ending": lambda team, ended, w: penalty(ended.any),
+}
+"""A weight's name -> its term, of boats (boats.py), their endings, and the weights."""
+
+AIRCRAFT_TERMS: dict[str, Callable[[Any, Any, AircraftReward], Tensor]] = {
+    "view": lambda team, ended, w: team.sees.to(team.distance.dtype),
+    "any_view": lambda team, ended, w: team.sees.any(-1, keepdim=True).to(team.distance.dtype).expand_as(team.distance),
+    "radio": lambda team, ended, w: team.in_range,
+    "phases": lambda team, ended, w: coarse(team.gap_error, w.phase_scale),
+    "circle": lambda team, ended, w: fine(team.distance, w.circle_scale),
+    "boats": lambda team, ended, w: team.mission.boats_result().unsqueeze(-1).expand_as(team.distance),
+    "action_rate": lambda team, ended, w: action_rate(team.action, team.previous_action),
+    "clearance": lambda team, ended, w: clearance(team.sensor.gap, w.clearance_range),
+    "ending": lambda team, ended, w: penalty(ended.any),
+}
+"""A weight's name -> its term, of aircraft (aircraft.py), their endings, and the weights."""
+
+
+def paid(terms: dict[str, Any], weights: Any, team: Any, ended: Any) -> Tensor:
+    """The weighted sum of `terms`; a weight of 0 costs nothing."""
+    parts = [
+        getattr(weights, name) * term(team, ended, weights) for name, term in terms.items() if getattr(weights, name)
+    ]
+    return sum(parts, torch.zeros_like(team.distance))

@@ -1,0 +1,80 @@
+"""Scripted scouts: what messages boats live on while there are no aircraft to train or to fly.
+
+As many as the scenario has aircraft, points that fly level at a cruising speed along the field of orbit.py about the
+vessel as it is, from over the boats; each has a camera on a gimbal that looks at the vessel, and the radio of all. They
+have no instruments that err: their cameras' pixels, the radio's range, delay and loss are what they suffer from.
+"""
+
+import math
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from rl.missions.escort.picture import Group, Search
+from rl.scene.camera import Camera
+from rl.scene.instruments import InstrumentsConfig
+from taichi_sim.conventions import STATE_SIZE
+from taichi_sim.fleet import Views
+from taichi_sim.kinematics import DERIVED_SIZE, HEADING_COS, HEADING_SIN, ROTATION, VELOCITY_N
+
+SPEED = 25.0  # m/s; assumed
+
+
+class Scouts:
+    """In the place of the aircraft of `section`."""
+
+    def __init__(self, mission: Any, name: str, section: Any):
+        """As many as that team has vehicles."""
+        self.mission, self.name, self.section, self.orbit = mission, name, section, section.orbit
+        like = mission.hs
+        rows = mission.num_envs, section.count
+        self.views = Views(
+            None,  # pyright: ignore[reportArgumentType] (there is no model: nothing is simulated)
+            like.new_zeros((*rows, STATE_SIZE)), like.new_zeros((*rows, DERIVED_SIZE)), like.new_zeros((*rows, 1)),
+        )  # fmt: skip
+        self.views.state[..., 3] = 1.0
+        steps = torch.arange(section.count, device=like.device, dtype=like.dtype)
+        self._height = self.orbit.height + self.orbit.height_step * steps
+
+    def group(self, first: int) -> Group:
+        """As lookers, the first of which has that number."""
+        return Group(first, self.views, self.views, Search(self.orbit.radius, SPEED, self.orbit.radius))
+
+    def join(self, picture: Any) -> None:
+        """Look down."""
+        number = list(self.mission.config.teams).index(self.name) * 64
+        camera = self.section.camera.model_copy(update={"mount": "gimbal"})
+        self.camera = Camera(
+            camera, InstrumentsConfig(), picture.looks, picture.things, self.mission.hs, self.views, self.views,
+            first=picture.groups[self.name].first, vehicles=number,
+        )  # fmt: skip
+        picture.lookers.append(self.camera)
+
+    def begin(self, envs: Tensor, place: Tensor) -> None:
+        """Episodes begin in environments `envs` [n], scouts near `place` [n, 2] (m)."""
+        state = self.views.state
+        turn = 2 * math.pi / self.section.count * torch.arange(self.section.count, device=state.device)
+        about = 20.0 * torch.stack((turn.cos(), turn.sin()), dim=-1)
+        row = state[envs]
+        row[..., :2] = place.unsqueeze(1).to(row) + about.to(row)
+        row[..., 2] = -self._height
+        state[envs] = row
+
+    def measure(self, which: Tensor) -> None:
+        """Fly on in environments [env] int32 that are 1."""
+        state, derived = self.views.state, self.views.derived
+        R, sigma, dt = self.orbit.radius, self.orbit.turn, self.mission.config.decision_interval
+        x = state[..., :2] - self.mission.vessel_place.unsqueeze(1)
+        r = x.norm(dim=-1, keepdim=True).clamp(min=1.0)
+        e = x / r
+        e_theta = torch.stack((-e[..., 1], e[..., 0]), dim=-1)
+        d = (-(r * r - R * R) * e + 2 * sigma * r * R * e_theta) / (r * r + R * R)
+        step = (which == 1).to(d).view(-1, 1, 1)
+        state[..., :2] += SPEED * dt * step * d
+        derived[..., ROTATION] = 0.0
+        derived[..., 0], derived[..., 1], derived[..., 3], derived[..., 4] = d[..., 0], -d[..., 1], d[..., 1], d[..., 0]
+        derived[..., 8] = 1.0
+        derived[..., VELOCITY_N] = torch.cat((SPEED * d, torch.zeros_like(r)), dim=-1)
+        derived[..., HEADING_COS], derived[..., HEADING_SIN] = d[..., 0], d[..., 1]
+        self.camera.aim(self.mission.vessel_place.unsqueeze(1).expand_as(x))

@@ -1,0 +1,184 @@
+"""The vessel that is escorted: a script that changes course and speed at random times, or runs from boats.
+
+What it will do is drawn as an episode begins, so that whoever escorts it meets the same. It sails by the classical
+controller of its model, keeps clear of obstacles, of which it knows all, and turns back at the edge of the area. Boats
+have to keep clear of it; it does what it can in the last moment (`leader_horizon` of its control), as rule 17 of the
+COLREGs asks.
+"""
+
+import math
+from types import SimpleNamespace
+from typing import Any, NamedTuple
+
+import torch
+from torch import Tensor
+
+from rl.missions.formation.avoidance import Avoider
+from rl.missions.formation.controllers import CONTROLLERS
+from rl.missions.formation.controllers.course import Way
+from rl.missions.formation.controllers.force_vector import wrap
+from rl.missions.formation.geometry import SIZE as ERRORS
+from rl.missions.formation.geometry import SLOT_VELOCITY
+from rl.missions.formation.targets import SIZE as TARGET
+from rl.missions.formation.targets import seen_at
+from rl.scene.sensors import Sensor
+from taichi_sim.config import ConfigError
+from taichi_sim.config.io import validate
+from taichi_sim.conventions import STATE_SIZE
+from taichi_sim.maths.rotation import torch_quaternion_from_euler
+from taichi_sim.script import Script
+
+EDGE = 0.4  # of the area's side: further out it turns back
+SEEN, BOATS = 3, 2  # obstacles and boats that it keeps clear of at once
+REACH = 40.0  # m
+SMOOTH = 5.0  # s: its course over ground is that of its velocity, averaged so
+
+
+class Near(NamedTuple):
+    """What the vessel keeps clear of, as a `Sensor` has it."""
+
+    obstacles: Tensor
+    team_mates: Tensor
+    num_obstacles: int
+    num_mates: int
+
+
+class Wanderer(Script):
+    """See the module.
+
+    Attributes:
+        velocity: [env, 2] over ground, averaged over `SMOOTH`, NED, m/s: its course is this one's direction.
+    """
+
+    def __init__(self, world: Any, name: str):
+        """Act for the team `name`, of any vessel that has a classical controller for a velocity to sail."""
+        super().__init__(world, name)
+        self.config, self.fleet = world.config, world.teams[name]
+        model, state = self.fleet.model, self.fleet.state
+        kind = next((CONTROLLERS[base] for base in type(model).__mro__ if base in CONTROLLERS), None)
+        section = world.config.teams[name]
+        if kind is None or model.medium != "water":
+            raise ConfigError(f"{name}.vehicle = {section.vehicle!r}: no vessel that a script could sail")
+        self.controller = kind(model, validate(kind.Gains, dict(section.control), f"{name}.control"))
+        if not hasattr(self.controller, "course"):
+            raise ConfigError(
+                f"{name}.vehicle = {section.vehicle!r}: a script cannot sail it, but manoeuvring_3dof and hull_6dof"
+            )
+        top = model.limits.speeds[2]
+        if world.config.course.speed[1] > top:
+            raise ConfigError(
+                f"course.speed = {list(world.config.course.speed)}: {name}'s vehicle can go {top:.3g} m/s"
+            )
+        envs = state.shape[0]
+        changes = 4 + math.ceil(2 * world.config.episode_duration / world.config.course.every)
+        self._sensor = Sensor(self.fleet, SEEN, 0, REACH, model.collision_radius)
+        table, errors = state.new_zeros((envs, 1, TARGET)), state.new_zeros((envs, self.fleet.count, ERRORS))
+        near = Near(
+            self._sensor.obstacles, state.new_zeros((envs, self.fleet.count, BOATS, 7)), SEEN, BOATS
+        )  # what is near: boats as mates of its own
+        self._near = near
+        self._view = SimpleNamespace(
+            fleet=self.fleet, sensor=near, radius=model.collision_radius, axes=2,
+            targets=SimpleNamespace(table=table), target=seen_at(table, state[:, 0, :3]),
+            now=SimpleNamespace(table=errors),
+        )  # fmt: skip
+        self._avoid = Avoider(self.controller.gains)
+        self._time, self._next = state.new_zeros(envs), torch.zeros(envs, dtype=torch.int64, device=state.device)
+        self._plan = state.new_zeros((envs, changes, 3))  # when (s), to what course (rad) and speed (m/s)
+        self._steered, self._course = state.new_zeros(envs), state.new_zeros(envs)
+        self._speed, self.velocity = state.new_zeros(envs), state.new_zeros((envs, 2))
+        self._mission: Any = None
+
+    def attach(self, mission: Any) -> None:
+        """Know the obstacles of `mission`, and its boats."""
+        self._mission = mission
+
+    def start(self, envs: Tensor, course: Tensor, speed: Tensor, generator: torch.Generator) -> Tensor:
+        """Episodes begin in environments `envs` [n] on `course` [n] (rad) at `speed` [n] (m/s); the states [n, 1, 13]
+        that the vessel begins in.
+        """
+        way, n = self.config.course, len(envs)
+        draws = torch.rand((n, self._plan.shape[1], 3), generator=generator, dtype=torch.float64)
+        wait = -way.every * (1 - draws[..., 0]).log()
+        turn = (2 * draws[..., 1] - 1) * math.radians(way.turn_deg)
+        speeds = way.speed[0] + (way.speed[1] - way.speed[0]) * draws[..., 2]
+        courses = course.double().cpu().unsqueeze(-1) + turn.cumsum(-1)
+        self._plan[envs] = torch.stack((wait.cumsum(-1), courses, speeds), dim=-1).to(self._plan)
+        self._time[envs], self._next[envs] = 0.0, 0
+        course, speed = course.to(self._course), speed.to(self._speed)
+        self._steered[envs] = self._course[envs] = course
+        self._speed[envs] = speed
+        self.velocity[envs] = speed.unsqueeze(-1) * torch.stack((course.cos(), course.sin()), dim=-1)
+        state = self._plan.new_zeros((n, self.fleet.count, STATE_SIZE))
+        level = torch.zeros_like(course)
+        state[..., 3:7] = torch_quaternion_from_euler(level, level, course).unsqueeze(1)
+        state[..., 7] = speed.unsqueeze(-1)
+        if self.fleet.count > 1:  # others of its kind follow in line, unescorted
+            state[..., 1:, :2] = (
+                -20.0
+                * torch.arange(1, self.fleet.count).view(1, -1, 1)
+                * torch.stack((course.cos(), course.sin()), dim=-1).unsqueeze(1).to(state)
+            )
+        return state
+
+    def __call__(self, world: Any) -> Tensor:
+        """Steer and sail."""
+        way, dt = self.config.course, self.config.decision_interval
+        self._time += dt
+        rows = torch.arange(len(self._time), device=self._time.device)
+        due = self._plan[rows, self._next.clamp(max=self._plan.shape[1] - 1)]
+        now = (self._time >= due[:, 0]) & (self._next < self._plan.shape[1])
+        self._course = torch.where(now, due[:, 1], self._course)
+        self._speed = torch.where(now, due[:, 2], self._speed)
+        self._next += now
+        place = self.fleet.position_n[:, 0, :2]
+        course, speed = self._course, self._speed
+        if way.evasive:
+            course, speed = self._run(place, course, speed)
+        outside = place.abs().amax(-1) > EDGE * self.config.area
+        home = torch.atan2(-place[:, 1], -place[:, 0])
+        self._course = course = torch.where(outside, home, course)
+        most = math.radians(way.turn_rate_deg) * dt
+        self._steered = self._steered + wrap(course - self._steered).clamp(-most, most)
+        heading = torch.stack((self._steered.cos(), self._steered.sin()), dim=-1)
+        wanted = (speed.unsqueeze(-1) * heading).unsqueeze(1).expand(-1, self.fleet.count, -1).contiguous()
+        if self._mission is not None:
+            self._sensor.look(self._mission.obstacles, self._mission.env_world, bodies=self._mission.traffic)
+            self._see_boats()
+            self._view.now.table[..., SLOT_VELOCITY : SLOT_VELOCITY + 2] = wanted
+            wanted = self._avoid(self._view, wanted)
+        share = dt / (SMOOTH + dt)
+        self.velocity += share * (self.fleet.velocity_n[:, 0, :2] - self.velocity)
+        return self.controller.act(self._view, Way(wanted, torch.zeros_like(wanted)))
+
+    def _see_boats(self) -> None:
+        """The nearest boats, as mates."""
+        boats = self._mission.boats_fleet()
+        mates = self._near.team_mates
+        mates.zero_()
+        mates[..., 0], mates[..., 4] = REACH, -1.0
+        if boats is None:
+            return
+        to = boats.position_n[:, None, :, :2] - self.fleet.position_n[:, :, None, :2]
+        far, which = to.norm(dim=-1).topk(min(BOATS, boats.count), dim=-1, largest=False)
+        k = far.shape[-1]
+        place = to.gather(2, which.unsqueeze(-1).expand(*which.shape, 2))
+        velocity = boats.velocity_n[:, None, :, :2].expand(-1, self.fleet.count, -1, -1)
+        velocity = velocity.gather(2, which.unsqueeze(-1).expand(*which.shape, 2))
+        near = (far < REACH).unsqueeze(-1)
+        mates[:, :, :k, 0] = far.clamp(max=REACH)
+        mates[:, :, :k, 1:3] = torch.where(near, place / far.unsqueeze(-1).clamp(min=1e-6), 0.0)
+        mates[:, :, :k, 5:7] = velocity
+
+    def _run(self, place: Tensor, course: Tensor, speed: Tensor) -> tuple[Tensor, Tensor]:
+        """Away from the nearest boat within range, as fast as it goes."""
+        fleet = self._mission.boats_fleet() if self._mission is not None else None
+        boats = None if fleet is None else fleet.position_n[..., :2]
+        if boats is None:
+            return course, speed
+        away = place.unsqueeze(1) - boats
+        near, which = away.norm(dim=-1).min(dim=-1)
+        least = away.gather(1, which.view(-1, 1, 1).expand(-1, 1, 2)).squeeze(1)
+        hunted = near < self.config.course.evasive_range
+        course = torch.where(hunted, torch.atan2(least[:, 1], least[:, 0]), course)
+        return course, torch.where(hunted, torch.full_like(speed, self.config.course.speed[1]), speed)

@@ -1,0 +1,145 @@
+"""Where episodes of the escort begin: a pool of worlds, each with obstacles, places and courses of its own.
+
+The vessel is at the centre of the area and sails its first course; the boats are at some distance from it, on any side,
+side by side, and head for it roughly. Obstacles stand about the boats' way to it, the first right in it, and where the
+vessel is bound; what moves crosses the boats' way when they would be there. Nobody begins nearer than `ROOM` to an
+obstacle. All is drawn on the CPU: the same worlds on every device. Frame: NED, m from the centre.
+"""
+
+import math
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from rl.missions.escort.config import EscortScenario
+from rl.scene.traffic import AWAY, BOTTOM, CARRIED, EAST, NORTH, RADIUS, ROWS, TOP, V_EAST, V_NORTH
+
+ROOM = 12.0  # m from an obstacle's surface to where a vehicle begins; assumed
+PASSAGE = 12.0  # m between the surfaces of two obstacles; assumed
+TRIES = 30  # draws of an obstacle; one that finds no room is left out
+AIM = 3.0  # m, the most by which the first obstacle's middle is beside the boats' way
+ABREAST = 12.0  # m between boats that begin; assumed
+TALLEST, LOWEST = 15.0, 4.0  # m, of obstacles: aircraft pass above; assumed
+CLOSING = 1.0  # m/s, about, at which boats get to where something crosses; assumed
+CROSSING = math.radians(50.0), math.radians(130.0)
+NEAR = 12.0  # m, standard deviation of where boats begin that begin near, about their slots; assumed
+
+
+class Worlds(NamedTuple):
+    """A pool of beginnings: [world, ...], m, rad, m/s."""
+
+    course: Tensor  # of the vessel
+    speed: Tensor
+    obstacles: Tensor  # [world, n, 4] north, east, radius, height
+    bodies: Tensor  # [world, 8, n] what moves (rl/scene/traffic.py); the first is the vessel
+    place: Tensor  # [world, boat, 2]
+    heading: Tensor  # [world, boat]
+    aloft: Tensor  # [world, 2] where aircraft begin, about
+    near: Tensor  # bool: boats begin near the vessel
+
+    def to(self, device: torch.device) -> "Worlds":
+        """The same on another device."""
+        return Worlds(*(x.to(device) for x in self))
+
+
+def draw_worlds(
+    config: EscortScenario, boats: int, offsets: Tensor, radius: float, generator: torch.Generator
+) -> Worlds:
+    """Draw `config.escort.worlds` beginnings for so many boats, whose slots about the vessel are `offsets` [boat, 2]
+    (m); `radius` (m) is the vessel's.
+    """
+    n, ways = config.escort.worlds, config.escort
+
+    def uniform(low: float, high: float, *size: int) -> Tensor:
+        return low + (high - low) * torch.rand((n, *size), generator=generator)
+
+    def normal(*size: int) -> Tensor:
+        return torch.randn((n, *size), generator=generator)
+
+    course, speed = uniform(-math.pi, math.pi), uniform(*config.course.speed)
+    bearing, far = uniform(-math.pi, math.pi), uniform(*ways.start_distance)
+    near = uniform(0.0, 1.0) < ways.near_fraction
+    out = torch.stack((bearing.cos(), bearing.sin()), dim=-1)  # from the vessel to the boats
+    side = torch.stack((-bearing.sin(), bearing.cos()), dim=-1)
+    middle = far.unsqueeze(-1) * out
+    rank = (torch.arange(boats) - (boats - 1) / 2) * ABREAST
+    place = middle.unsqueeze(1) + rank.view(1, -1, 1) * side.unsqueeze(1) + 1.5 * normal(boats, 2).clamp(-2, 2)
+    heading = (bearing + math.pi).unsqueeze(-1) + 0.4 * normal(1) + 0.15 * normal(boats)
+    if boats:
+        ahead, starboard = offsets.float().unbind(-1)
+        c, s = course.cos().unsqueeze(-1), course.sin().unsqueeze(-1)
+        scatter = NEAR * normal(1, 2) + 2.0 * normal(boats, 2).clamp(-1, 1)
+        slots = torch.stack((c * ahead - s * starboard, s * ahead + c * starboard), dim=-1)
+        pushed = slots + scatter
+        clear = (pushed.norm(dim=-1) > 2 * radius + 4.0).all(-1) & (_apart(pushed) > 2 * radius + 2.0)
+        by_slots = torch.where(clear[:, None, None], pushed, slots)
+        place = torch.where(near[:, None, None], by_slots, place)
+        heading = torch.where(near[:, None], course.unsqueeze(-1) + 0.3 * normal(boats), heading)
+    aloft = torch.where(near.unsqueeze(-1), 30.0 * normal(2), middle)
+    taken = torch.cat((place, torch.zeros(n, 1, 2)), dim=1)  # where somebody begins
+    forward = torch.stack((course.cos(), course.sin()), dim=-1)
+    obstacles = _standing(config, taken, middle, side, forward, near, uniform)
+    bodies = _moving(config, taken, middle, side, bearing, far, near, uniform)
+    return Worlds(course, speed, obstacles, bodies, place, heading, aloft, near)
+
+
+def _apart(place: Tensor) -> Tensor:
+    """The least distance between two places [world, n, 2]: [world]; inf of one."""
+    gap = torch.cdist(place, place) + 1e9 * torch.eye(place.shape[1])
+    return gap.amin(dim=(1, 2))
+
+
+def _standing(config, taken, middle, side, forward, near, uniform) -> Tensor:
+    """Obstacles [world, n, 4]; every other one about the boats' way, the others where the vessel is bound."""
+    count, spread, n = config.obstacles.count, config.obstacles.spread, len(middle)
+    found = torch.zeros(n, count, 4)
+    found[..., :2] = AWAY
+    for k in range(count):
+        radius, height = uniform(*config.obstacles.radius), uniform(LOWEST, TALLEST)
+        missing = torch.ones(n, dtype=torch.bool)
+        for _ in range(TRIES):
+            if k % 2 == 0:
+                aside = uniform(-AIM, AIM) if k == 0 else uniform(-spread, spread)
+                at = uniform(0.1, 0.9).unsqueeze(-1) * middle + aside.unsqueeze(-1) * side
+            else:
+                at = uniform(0.0, 6 * spread).unsqueeze(-1) * forward + torch.stack(
+                    (uniform(-2 * spread, 2 * spread), uniform(-2 * spread, 2 * spread)), dim=-1
+                )
+            clear = ((taken - at.unsqueeze(1)).norm(dim=-1) > (radius + ROOM).unsqueeze(-1)).all(-1)
+            apart = (found[..., :2] - at.unsqueeze(1)).norm(dim=-1) - found[..., 2] - radius.unsqueeze(-1)
+            fits = missing & clear & (apart > PASSAGE).all(-1)
+            rows = torch.cat((at, radius.unsqueeze(-1), height.unsqueeze(-1)), dim=-1)
+            found[:, k] = torch.where(fits.unsqueeze(-1), rows, found[:, k])
+            missing &= ~fits
+            if not missing.any():
+                break
+    return found
+
+
+def _moving(config, taken, middle, side, bearing, far, near, uniform) -> Tensor:
+    """Bodies [world, 8, n] that cross the boats' way; the first is kept for the vessel."""
+    count, n = config.obstacles.moving, len(middle)
+    found = torch.zeros(n, ROWS, 1 + count)
+    found[:, NORTH] = AWAY
+    for k in range(1, 1 + count):
+        radius, speed = uniform(*config.obstacles.radius), uniform(*config.obstacles.speed)
+        missing = torch.ones(n, dtype=torch.bool)
+        for _ in range(TRIES):
+            share = uniform(0.2, 0.8)
+            when = share * far / CLOSING
+            turn = torch.where(uniform(-1.0, 1.0) < 0, uniform(*CROSSING), -uniform(*CROSSING))
+            course = bearing + math.pi + turn
+            velocity = speed.unsqueeze(-1) * torch.stack((course.cos(), course.sin()), dim=-1)
+            begin = (1 - share).unsqueeze(-1) * middle - when.unsqueeze(-1) * velocity
+            clear = ((taken - begin.unsqueeze(1)).norm(dim=-1) > (radius + 2 * ROOM).unsqueeze(-1)).all(-1)
+            fits = missing & clear & ~near
+            body = torch.zeros(n, ROWS)
+            body[:, NORTH], body[:, EAST], body[:, RADIUS] = begin[:, 0], begin[:, 1], radius
+            body[:, BOTTOM], body[:, TOP] = 0.0, LOWEST
+            body[:, V_NORTH], body[:, V_EAST], body[:, CARRIED] = velocity[:, 0], velocity[:, 1], 0.0
+            found[..., k] = torch.where(fits.unsqueeze(-1), body, found[..., k])
+            missing &= ~fits
+            if not missing.any():
+                break
+    return found

@@ -1,0 +1,254 @@
+"""The escort: who knows what by whom, what is refused, and that whoever escorts meets the same vessel."""
+
+import functools
+import math
+
+import pytest
+import torch
+from refusal import assert_says, refusal
+
+from rl.learn.policy import ClassicalPolicy
+from rl.missions import load_scenario, make_mission
+from rl.missions.escort.aircraft import gap_errors
+from rl.missions.escort.mission import Escort
+from rl.missions.escort.shapes import escort_offsets
+from rl.runs.evaluation import evaluate
+from rl.scene.camera import LOOK_VARIANCE
+from rl.scene.chart import AGE
+from rl.scene.radio import NEVER
+from taichi_sim.config import ConfigError
+
+SMALL = ("escort.worlds=8", "sea.realisations=4", "sea.components=6", "episode_duration=40")
+CALM = ("variation=0", "sea.sea_state=1", 'air.turbulence="none"', "obstacles.count=0", "obstacles.moving=0")
+
+
+def escort(*overrides: str, envs: int = 4, seed: int = 3, teams=None) -> Escort:
+    return make_mission(load_scenario("escort", (*SMALL, *overrides)), envs, seed=seed, teams=teams)
+
+
+@functools.cache
+def whole() -> Escort:
+    """One escort for all tests that begin with `reset`."""
+    return escort()
+
+
+def sail(mission: Escort, steps: int, each=None) -> None:
+    policies = {name: ClassicalPolicy() for name in mission.teams}
+    for _ in range(steps):
+        step = mission.step({name: policies[name](team) for name, team in mission.teams.items()})
+        if each:
+            each(step)
+
+
+def test_the_vessel_does_the_same_whoever_escorts_it():
+    """With other boats, none, scouts, or no messages: its way is drawn, not made."""
+    ways = []
+    for overrides, teams in (((), None), (("usv.count=2", 'usv.formation="ring"'), ("usv",)), ((), ("uav",))):
+        mission = escort(*CALM, "course.every=4", *overrides, teams=teams)
+        mission.reseed(5)
+        mission.begin_each()
+        courses = []
+        sail(mission, 60, lambda step, m=mission, c=courses: c.append(m._script._steered.clone()))
+        ways.append(torch.stack(courses))
+    assert float((ways[0][-1] - ways[0][0]).abs().max()) > 0.3  # it does turn
+    torch.testing.assert_close(ways[0][0], ways[1][0])
+    torch.testing.assert_close(ways[0][0], ways[2][0])
+
+
+def test_a_seed_repeats_an_episode():
+    mission, ends = whole(), []
+    for _ in range(2):
+        mission.reseed(11)
+        mission.begin_each()
+        sail(mission, 15)
+        ends.append([team.observe().clone() for team in mission.teams.values()])
+    for first, second in zip(*ends, strict=True):
+        assert torch.equal(first, second)
+        assert bool(first.isfinite().all()) and float(first.abs().max()) < 20
+
+
+def test_names_fit_what_is_observed():
+    for team in whole().teams.values():
+        assert len(team.observation_names) == team.observe().shape[-1]
+        assert team.privileged is not None
+
+
+def test_who_sees_what():
+    """At first nobody sees the vessel; aircraft find it, boats hear of it and know better than the cue said."""
+    mission = escort("obstacles.moving=0")
+    mission.begin_each()
+    picture = mission.picture
+    assert not bool(picture.sees("usv").any())
+    cue = (picture.targets[:, 0, :2] - mission.vessel_place).norm(dim=-1)
+    sail(mission, 125)
+    assert bool(picture.sees("uav").any(-1).all())
+    assert not bool(picture.sees("usv").any())
+    assert float(picture.age.max()) <= mission.config.escort.stale
+    off = (picture.targets[..., :2] - mission.vessel_place.unsqueeze(1)).norm(dim=-1)
+    assert float(off.max()) < 8.0 < float(cue.mean())
+    assert float(picture.sigma.max()) < 5.0
+
+
+def test_without_messages_boats_keep_to_the_cue():
+    mission = escort('escort.reports="none"', "course.turn_deg=0")
+    mission.begin_each()
+    sail(mission, 100)
+    picture = mission.picture
+    boats = picture.of("usv", picture.age)
+    assert float(boats.min()) == pytest.approx(60.0 + 20.0, abs=0.3)  # nothing but the cue, and that has aged
+    assert float(picture.of("uav", picture.age).min()) < 1.0
+    assert float(picture.radio.heard[..., -1].min()) >= NEVER
+
+
+def test_scouts_tell_while_there_are_no_aircraft():
+    mission = escort(teams=("usv",))
+    mission.begin_each()
+    assert mission.scouts is not None and set(mission.teams) == {"usv"}
+    sail(mission, 190)
+    place = mission.scouts.views.position_n
+    apart = (place[..., :2] - mission.vessel_place.unsqueeze(1)).norm(dim=-1)
+    torch.testing.assert_close(apart, torch.full_like(apart, mission.scouts.orbit.radius), atol=15.0, rtol=0)
+    assert float(mission.picture.of("usv", mission.picture.age).max()) < 3.0
+
+
+def test_boats_close_in_and_errors_are_of_the_truth():
+    mission = escort(*CALM, "escort.start_distance=[30,40]", "course.speed=[1.0,1.0]", "course.turn_deg=0")
+    mission.begin_each()
+    boats = mission.teams["usv"]
+    sail(mission, 350)
+    slot = torch.atan2(mission.vessel_velocity[:, 1], mission.vessel_velocity[:, 0])
+    c, s = slot.cos().unsqueeze(-1), slot.sin().unsqueeze(-1)
+    ahead, starboard = boats.offsets.unbind(-1)
+    place = torch.stack((c * ahead - s * starboard, s * ahead + c * starboard), dim=-1)
+    off = (boats.fleet.position_n[..., :2] - mission.vessel_place.unsqueeze(1) - place).norm(dim=-1)
+    torch.testing.assert_close(off, boats.distance, atol=0.02, rtol=0)
+    assert float(boats.distance.median()) < 5.0
+    assert bool(mission.arrived.all())
+
+
+def test_charted_obstacles_are_evaded_before_they_are_seen():
+    """What stands beyond the lookouts' range is on the boats' list because aircraft have told them."""
+    mission = escort("obstacles.moving=0", "usv.lookout.obstacle_range=1.0", "usv.lookout.vessel_range=1.0")
+    mission.begin_each()
+    found = []
+
+    def keep(step):
+        known = mission.teams["usv"].known.sensor.obstacles
+        found.append(known[known[..., 8] >= 0])
+
+    sail(mission, 100, keep)
+    rows = torch.cat(found)
+    assert len(rows) > 20
+    looks = mission.picture.of("usv", mission.picture.looks)[..., LOOK_VARIANCE]
+    assert not bool((looks > 0).any())
+
+
+@pytest.mark.parametrize("turn", [1.0, -1.0])
+def test_gaps_are_even_at_even_phases_and_push_towards_them(turn):
+    angle = turn * torch.tensor([0.0, 2 * math.pi / 3, 4 * math.pi / 3])
+    seen = torch.ones(3, 3, dtype=torch.bool)
+    torch.testing.assert_close(gap_errors(angle.expand(3, 3), seen, turn), torch.zeros(3), atol=1e-6, rtol=0)
+    late = angle.clone()
+    late[1] -= turn * 0.3  # behind its place: it has to speed up, the others to wait or to go on
+    error = gap_errors(late.expand(3, 3), seen, turn)
+    assert float(error[1]) == pytest.approx(0.3, abs=1e-5)
+    assert float(error[0]) == pytest.approx(-0.15, abs=1e-5) and float(error[2]) == pytest.approx(-0.15, abs=1e-5)
+    two = gap_errors(late[:2].expand(2, 2), torch.ones(2, 2, dtype=torch.bool), turn)
+    assert float(two.sum()) == pytest.approx(0.0, abs=1e-5)
+    assert float(gap_errors(late[:1].expand(1, 1), torch.ones(1, 1, dtype=torch.bool), turn)[0]) == 0.0
+    alone = gap_errors(late.expand(3, 3), torch.eye(3, dtype=torch.bool), turn)  # nobody else has been heard
+    assert torch.equal(alone, torch.zeros(3))
+
+
+@pytest.mark.parametrize("shape", ["abreast", "astern", "wedge", "echelon", "ring"])
+@pytest.mark.parametrize("count", [1, 3, 8])
+def test_slots_keep_their_distance_from_the_vessel_and_each_other(shape, count):
+    offsets = torch.cat((torch.zeros(1, 2, dtype=torch.float64), escort_offsets(shape, count, 10.0)))
+    assert float(torch.pdist(offsets).min()) >= 10.0 - 1e-9
+
+
+def test_the_judge_counts_arrivals_and_views():
+    config = load_scenario("escort", (*SMALL, *CALM, "escort.start_distance=[30,60]", "evaluation.settle_after=5"))
+    result = evaluate(config, {n: ClassicalPolicy() for n in ("usv", "uav")}, episodes=6, seed=2, show_progress=False)
+    boats, aircraft = result["teams"]["usv"], result["teams"]["uav"]
+    assert boats["never_arrives"] == 0.0 and 2.0 < boats["time_to_arrive_s"] <= boats["time_to_arrive_p90_s"] < 40.0
+    assert boats["in_camera"] is None and aircraft["time_to_arrive_s"] is None
+    assert 0.5 < aircraft["in_camera_always"] <= 1.0 and aircraft["energy_per_metre_J"] > 3.0
+    assert boats["energy_per_metre_J"] > 10.0 and boats["leader_error_rms_m"] < 15.0
+
+
+def test_episodes_that_never_arrive_count_in_full():
+    config = load_scenario("escort", (*SMALL, "escort.start_distance=[400,500]", "episode_duration=5"))
+    result = evaluate(config, {"usv": ClassicalPolicy()}, episodes=4, seed=2, show_progress=False)
+    boats = result["teams"]["usv"]
+    assert boats["never_arrives"] == 1.0 and boats["mean_time_to_arrive_s"] == pytest.approx(5.0)
+    assert boats["time_to_arrive_s"] is None and boats["leader_error_rms_m"] is None
+
+
+def made(*overrides: str) -> str:
+    with pytest.raises(ConfigError) as caught:
+        escort(*overrides, envs=1)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("override", "words"),
+    [
+        ("uav.camera.field_of_view_deg=0", ["uav.camera.field_of_view_deg", "greater than 1"]),
+        ("uav.camera.field_of_view_deg=180", ["uav.camera.field_of_view_deg", "less than 179"]),
+        ("radio.range=0", ["radio.range"]),
+        ("course.speed=[2.0,0.8]", ["speed", "must not be above"]),
+        ('escort.boats="tug"', ["escort.boats", "'tug'", "no such team"]),
+        ("escort.start_distance=[500,200]", ["start_distance", "must not be above"]),
+        ("escort.start_distance=[200,5000]", ["start_distance", "area / 2"]),
+        ('stages.extra={team="ghost"}', ["stages.extra.team", "no such team"]),
+        ('stages.extra={team="vessel"}', ["stages.extra.team", "script"]),
+        ('escort.reports="some"', ["reports", "'all'"]),
+    ],
+)
+def test_a_wrong_scenario_is_refused_by_name(override, words):
+    assert_says(refusal("escort", override), *words)
+
+
+@pytest.mark.parametrize(
+    ("overrides", "words"),
+    [
+        (("vary={}", "air.speed=24.0"), ["air.speed", "m/s", "circle"]),
+        (("uav.orbit.radius=60",), ["uav.orbit.radius", "downwind"]),
+        (("uav.count=8", "uav.orbit.radius=3", "uav.orbit.height_step=0"), ["uav.orbit.radius", "8 aircraft"]),
+        (("usv.spacing=2.0",), ["usv.spacing", "touch"]),
+        (('usv.vehicle="aerosonde"', 'usv.medium="air"'), ["usv.vehicle", "water"]),
+        (('vessel.vehicle="unity_boat"',), ["vessel.vehicle", "script"]),
+        (("course.speed=[0.8,9.0]",), ["course.speed", "can go"]),
+    ],
+)
+def test_what_cannot_be_is_refused_with_its_numbers(overrides, words):
+    assert_says(made(*overrides), *words)
+
+
+OTHERS = (
+    ("uav.count=1",), ("uav.count=5", "usv.count=8"), ("course.evasive=true",), ("radio.range=1.0",),
+    ('uav.camera.mount="fixed"', 'uav.camera.surface="waves"'), ("usv.lookout.crests=true", "escort.relay=true"),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("overrides", OTHERS)
+def test_other_escorts_sail(overrides):
+    mission = escort(*overrides, envs=2)
+    mission.begin_each()
+    sail(mission, 4)
+    for team in mission.teams.values():
+        assert bool(team.observe().isfinite().all())
+    assert bool((mission.picture.chart.tracks[..., 0, AGE] < NEVER).all())
+
+
+def test_an_evasive_vessel_runs_from_boats():
+    mission = escort(*CALM, "course.evasive=true", "escort.start_distance=[25,30]", teams=("usv",))
+    mission.begin_each()
+    sail(mission, 200)
+    away = mission.vessel_place.unsqueeze(1) - mission.boats_place()
+    near, which = away.norm(dim=-1).min(dim=-1)
+    away = away[torch.arange(4), which] / near.unsqueeze(-1)
+    sailed = mission.vessel_velocity / mission.vessel_velocity.norm(dim=-1, keepdim=True)
+    assert float((away * sailed).sum(-1).median()) > 0.7
+    assert float(mission.vessel_velocity.norm(dim=-1).median()) > 1.5  # as fast as it may
