@@ -1,0 +1,183 @@
+"""Whether two teams need each other: an escort's runs under conditions that take something away, on the same episodes.
+
+Each run's policies are judged together; without messages, with those of another environment, with many lost or late
+ones; beside a classical partner, or one of another training seed; and in teams of other sizes. Classical controllers of
+both are judged with and without messages. A table to paste into a page: shares and errors, and the mean time to arrive
+over that of classical controllers without messages and over that with them, with 95 % intervals (several runs together:
+of the episodes that there are, each with what all runs made of it). What has been judged is kept in RUN/cooperation, so
+that an interrupted command goes on.
+"""
+
+import argparse
+import hashlib
+import sys
+from pathlib import Path
+from typing import Any, NamedTuple
+
+if __package__ in (None, ""):  # run as a script: the packages are beside this file's folder
+    sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+import numpy as np
+
+POLICY, CLASSICAL, NEXT, ALONE = "policy", "classical", "of the next run", "trained alone"
+NONE = 'escort.reports="none"'
+STEADY = ("course.speed=[1.2,1.2]", "sea.sea_state=3", "air.speed=7.72")  # 15 kt
+
+
+class Case(NamedTuple):
+    """One condition: what differs from the scenario, and who acts."""
+
+    name: str
+    overrides: tuple[str, ...] = ()
+    boats: str = POLICY
+    aircraft: str = POLICY
+
+
+ALONE_BOTH = Case("classical both, no messages", (NONE,), CLASSICAL, CLASSICAL)
+TOGETHER_BOTH = Case("classical both, cooperating", (), CLASSICAL, CLASSICAL)
+CASES = (
+    ALONE_BOTH,
+    TOGETHER_BOTH,
+    Case("learned, together"),
+    Case("the same, no messages", (NONE,)),
+    Case("the same, messages of another environment", ('escort.reports="others"',)),
+    Case("the same, half of all messages lost", ("radio.loss=0.5",)),
+    Case("the same, 90 % lost", ("radio.loss=0.9",)),
+    Case("the same, 2 s late", ("radio.delay=2.0",)),
+    Case("boats trained without messages, and sailing so", (NONE,), ALONE),
+    Case("boats learned, aircraft classical", (), POLICY, CLASSICAL),
+    Case("boats classical, aircraft learned", (), CLASSICAL, POLICY),
+    Case("partners of another training seed", (), POLICY, NEXT),
+    Case("5 boats, 2 aircraft", ("{boats}.count=5", "{aircraft}.count=2")),
+    Case("8 boats, 8 aircraft", ("{boats}.count=8", "{aircraft}.count=8")),
+    Case("steady: classical both", STEADY, CLASSICAL, CLASSICAL),
+    Case("steady: learned, together", STEADY),
+)
+FIGURES = (  # part, figure, heading, factor, digits
+    ("boats", "mean_time_to_arrive_s", "mean time to arrive, s", 1, 0),
+    ("boats", "time_to_arrive_s", "median, s", 1, 0),
+    ("boats", "never_arrives", "never, %", 100, 1),
+    ("boats", "leader_error_rms_m", "leader, m", 1, 2),
+    ("boats", "follower_error_rms_m", "followers, m", 1, 2),
+    ("boats", "aware", "aware, %", 100, 1),
+    ("aircraft", "in_camera", "in a camera, %", 100, 1),
+    ("boats", "collision_free_episodes", "free: boats, %", 100, 1),
+    ("aircraft", "collision_free_episodes", "free: aircraft, %", 100, 1),
+    ("boats", "success_rate", "success, %", 100, 1),
+)
+
+
+def parser() -> argparse.ArgumentParser:
+    """The arguments."""
+    from rl import cli
+
+    p = argparse.ArgumentParser(prog="cooperation.py", description=__doc__)
+    p.add_argument("runs", nargs="+", type=Path, metavar="RUN", help="run folders of rl/train.py --config escort")
+    p.add_argument("--alone", nargs="*", type=Path, default=[], metavar="RUN", help="runs trained without messages")
+    p.add_argument("--seed", type=cli.seed, default=None, help="of the unseen worlds (default: the scenario's)")
+    p.add_argument("--episodes", type=cli.positive_int, default=None, help="of each (default: the scenario's, 256)")
+    p.add_argument("--only", default="", metavar="WORDS", help="cases whose name has these words in it")
+    cli.add_common(p)
+    return p
+
+
+def main(argv: list[str] | None = None) -> None:
+    """Run the command."""
+    args = parser().parse_args(argv)
+    from rl import cli
+
+    cli.start(args)
+    found: dict[Case, list[Any]] = {}
+    judge: Any = None
+    for case in CASES:
+        if args.only not in case.name or (case.boats == ALONE and not args.alone):
+            continue
+        runs = args.runs[:1] if CLASSICAL == case.boats == case.aircraft else args.runs
+        if case.boats == ALONE:
+            runs = args.alone
+        for number, run in enumerate(runs):
+            if NEXT in (case.boats, case.aircraft) and len(args.runs) < 2:
+                continue
+            if not args.quiet:
+                print(f"{case.name}: {run}", file=sys.stderr)
+            judge, episodes = judged(case, run, args.runs[(number + 1) % len(args.runs)], args)
+            found.setdefault(case, []).append(episodes)
+    print(table(found, judge))
+
+
+def judged(case: Case, run: Path, partner: Path, args: argparse.Namespace) -> tuple[Any, dict[str, Any]]:
+    """The mission's judge, and the episodes of both parts under one condition: kept ones, if there are."""
+    from rl.learn.policy import ClassicalPolicy, load_policy
+    from rl.runs.evaluation import judge_episodes, mission_class
+    from rl.runs.folder import load_config
+    from taichi_sim.config.io import toml_text
+
+    plain, _ = load_config(run, args.overrides)
+    parts = {"boats": plain.escort.boats, "aircraft": plain.escort.aircraft}
+    config, source = load_config(run, [*args.overrides, *(text.format(**parts) for text in case.overrides)])
+    seed = config.evaluation.seed if args.seed is None else args.seed
+    count = args.episodes or config.evaluation.episodes
+    kind = mission_class(config, source).Judge
+    newest = [sorted((folder / name).glob("model_*.pt"))[-1:] for folder in (run, partner) for name in parts.values()]
+    told = f"{toml_text(config)}{seed} {count} {case} {newest}"
+    kept = run / "cooperation" / f"{hashlib.sha256(told.encode()).hexdigest()[:16]}.npz"
+    if kept.is_file():
+        with np.load(kept) as file:
+            flat = {key: file[key] for key in file.files}
+        return kind, {
+            part: {key.split("/", 1)[1]: v for key, v in flat.items() if key.split("/", 1)[0] == part} for part in parts
+        }
+    policies: dict[str, Any] = {}
+    for part, who in (("boats", case.boats), ("aircraft", case.aircraft)):
+        name = parts[part]
+        folder = partner if who == NEXT else run
+        if who == CLASSICAL or (case.boats == ALONE and part == "aircraft"):
+            policies[name] = ClassicalPolicy()
+        else:
+            policies[name] = load_policy(folder, config, name)
+    outcome = judge_episodes(config, policies, episodes=count, seed=seed, source=source, show_progress=not args.quiet)
+    episodes = {part: outcome.episodes[name] for part, name in parts.items()}
+    kept.parent.mkdir(exist_ok=True)
+    np.savez(kept, **{f"{part}/{key}": value for part, of in episodes.items() for key, value in of.items()})
+    return kind, episodes
+
+
+def table(found: dict[Case, list[Any]], judge: Any) -> str:
+    """Markdown: a row for each condition."""
+    head = [heading for _, _, heading, _, _ in FIGURES]
+    lines = [
+        "| | " + " | ".join(head) + " | time over classical without messages | over classical cooperating |",
+        "|---" * (3 + len(head)) + "|",
+    ]
+    for case, runs in found.items():
+        together = {part: joined([run[part] for run in runs]) for part in ("boats", "aircraft")}
+        cells = []
+        for part, key, _, factor, digits in FIGURES:
+            value = float(judge.pooled(together[part])[key])
+            cells.append(f"{factor * value:.{digits}f}" if np.isfinite(value) else "-")
+        steady = case.name.startswith("steady")
+        for other in (ALONE_BOTH, TOGETHER_BOTH):
+            same = other in found and not steady and not any("count" in text for text in case.overrides)
+            cells.append(ratio(together, found[other], len(runs), judge) if same and other != case else "-")
+        lines.append(f"| {case.name} | " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def ratio(together: dict[str, Any], other: list[Any], times: int, judge: Any) -> str:
+    """Of the mean times to arrive, with its interval."""
+    from rl.runs.intervals import ratios
+
+    repeated = joined([other[0]["boats"]] * times)
+    middle, low, high = (x or 0.0 for x in ratios(judge, together["boats"], repeated, times)["mean_time_to_arrive_s"])
+    return f"{middle:.2f} ({low:.2f} to {high:.2f})"
+
+
+def joined(parts: list[Any]) -> dict[str, Any]:
+    """Episodes of several runs as one set."""
+    return {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
+
+
+if __name__ == "__main__":
+    from rl.cli import run
+
+    sys.exit(run(main))
