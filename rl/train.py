@@ -16,10 +16,10 @@ def parser() -> argparse.ArgumentParser:
     p = argparse.ArgumentParser(
         prog="train.py",
         description=__doc__,
-        epilog="With no argument it runs the main job: configs/paper.toml. Ctrl-C saves a checkpoint; --resume "
+        epilog="With no argument it runs the main job: configs/escort.toml. Ctrl-C saves a checkpoint; --resume "
         "continues. Watch the curves with: tensorboard --logdir runs",
     )
-    p.add_argument("--config", default=None, metavar="FILE", help="scenario (default: configs/paper.toml)")
+    p.add_argument("--config", default=None, metavar="FILE", help="scenario (default: configs/escort.toml)")
     p.add_argument("--out", type=Path, default=None, help="run folder (default: runs/SCENARIO-DATE-TIME)")
     p.add_argument("--seed", type=cli.seed, default=None, help="seed of the run (default: the scenario's)")
     p.add_argument("--resume", action="store_true", help="continue the run in --out (default: the newest in runs/)")
@@ -42,7 +42,7 @@ def main(argv: list[str] | None = None) -> None:
         run_folder.refuse_changes(args.config, overrides)
         config, _ = run_folder.load_config(out)
     else:
-        source = find_config(args.config or "configs/paper.toml")
+        source = find_config(args.config or "configs/escort.toml")
         config = load_scenario(source, overrides)
         out = args.out or Path("runs") / f"{config.name}-{time.strftime('%Y%m%d-%H%M%S')}"
         run_folder.create(out, config, source)

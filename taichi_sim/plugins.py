@@ -13,10 +13,14 @@ from typing import Any
 
 from taichi_sim.config import ConfigError
 
+OURS = ("taichi_sim", "rl")  # packages that are never anybody else's, wherever a folder of that name lies
+
 
 def plugin_source(name: str, beside: Sequence[Path] = ()) -> Path | None:
-    """The file, or the folder of the package, that holds `module:Class`; None of one that is installed or missing."""
+    """The file, or the folder of the package, that holds `module:Class`; None of one of ours, installed, or missing."""
     top = name.partition(":")[0].partition(".")[0]
+    if top in OURS:
+        return None
     for folder in (*beside, Path.cwd()):
         for place in ((folder / top).with_suffix(".py"), folder / top):
             if place.is_file() or (place / "__init__.py").is_file():
@@ -59,7 +63,7 @@ _origins: dict[str, Path] = {}  # top-level names imported here from a folder ->
 def _import(name: str, module_name: str, folders: list[Path]) -> Any:
     """The module, from the first of `folders` that holds it, else from what is installed."""
     top = module_name.partition(".")[0]
-    folder = next((folder.resolve() for folder in folders if _holds(folder, module_name)), None)
+    folder = next((folder.resolve() for folder in folders if top not in OURS and _holds(folder, module_name)), None)
     if top in sys.modules and top in _origins and _origins[top] != folder:  # of the same name, from another folder
         for key in [key for key in sys.modules if key.partition(".")[0] == top]:
             del sys.modules[key]

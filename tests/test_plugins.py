@@ -115,15 +115,13 @@ def test_packages_of_one_name_are_told_apart(tmp_path):
 
 def test_a_module_that_is_in_use_already_is_not_replaced(write, tmp_path):
     """Classes of two modules of one name would not know each other."""
-    used, package = sys.modules["taichi_sim"], tmp_path / "vehicles" / "taichi_sim"
+    used, package = sys.modules["pydantic"], tmp_path / "vehicles" / "pydantic"
     package.mkdir(parents=True)
     for name in ("__init__.py", "boat.py"):
         (package / name).touch()
-    message = refusal(write("taichi_sim.boat:MyBoat"))
-    assert_says(
-        message, f"another taichi_sim is in use already, of {used.__file__}", f"rename that of {package.parent}"
-    )
-    assert sys.modules["taichi_sim"] is used
+    message = refusal(write("pydantic.boat:MyBoat"))
+    assert_says(message, f"another pydantic is in use already, of {used.__file__}", f"rename that of {package.parent}")
+    assert sys.modules["pydantic"] is used
 
 
 def test_a_module_that_only_another_vehicle_has_beside_it_is_missing(write, tmp_path):
@@ -194,3 +192,12 @@ class TestMoving:
         team = Bench(model)
         team.fleet.load[..., 0] = 10.0
         assert team.step((0.0, 0.0)).state[0, 0, 7].item() == pytest.approx(10.0 / 100.0 * 0.02)
+
+
+def test_our_own_packages_are_nobody_elses(tmp_path, monkeypatch):
+    """In a checkout a folder `rl` lies in the working folder: it is neither copied nor taken for another one."""
+    (tmp_path / "rl").mkdir()
+    (tmp_path / "rl" / "__init__.py").write_text("raise RuntimeError\n")
+    monkeypatch.chdir(tmp_path)
+    assert plugin_source("rl.missions.escort.vessel:Wanderer", [tmp_path]) is None
+    assert load_class("rl.missions.escort.vessel:Wanderer", beside=[tmp_path]).__name__ == "Wanderer"

@@ -138,7 +138,17 @@ def tiny_run() -> Path:
     """Return the folder of one whole tiny main job, run by the script; not to be changed."""
     folder = Path(tempfile.mkdtemp())
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
-    script = [sys.executable, str(ROOT / "rl" / "train.py"), "--out", "run", "--threads", "1", *sets(*TINY)]
+    script = [
+        sys.executable,
+        str(ROOT / "rl" / "train.py"),
+        "--config",
+        "paper",
+        "--out",
+        "run",
+        "--threads",
+        "1",
+        *sets(*TINY),
+    ]
     done = subprocess.run(script, cwd=folder, capture_output=True, text=True, timeout=TIMEOUT)
     assert done.returncode == 0, done.stderr
     assert "summary.json" in done.stdout and "episode.rrd" in done.stdout

@@ -30,7 +30,7 @@ from taichi_sim.config.io import config_folder
     ],
 )
 def test_a_wrong_key_or_value_is_named_and_nothing_is_made(override, words, here, tmp_path):
-    here("rl.train", "--out", tmp_path / "new", "--set", override).fails(*words)
+    here("rl.train", "--config", "paper", "--out", tmp_path / "new", "--set", override).fails(*words)
     assert not (tmp_path / "new").exists()
 
 
@@ -55,7 +55,7 @@ def test_a_missing_scenario_is_named_with_those_there_are(here, tmp_path):
 
 
 def test_an_episode_too_short_to_judge_is_refused_before_training(here, tmp_path):
-    ending = here("rl.train", "--out", tmp_path / "new", *sets(*TINY, "evaluation.settle=3"))
+    ending = here("rl.train", "--config", "paper", "--out", tmp_path / "new", *sets(*TINY, "evaluation.settle=3"))
     ending.fails("episode_duration", "evaluation.settle")
     assert not list(tmp_path.rglob("*.pt"))
 
@@ -67,7 +67,7 @@ def test_a_scenario_without_stages_is_refused(here, tmp_path):
 
 
 def test_a_sea_too_steep_is_refused(here, tmp_path):
-    ending = here("rl.train", "--out", tmp_path / "new", *sets(*TINY, "sea.hs=10"))
+    ending = here("rl.train", "--config", "paper", "--out", tmp_path / "new", *sets(*TINY, "sea.hs=10"))
     ending.fails("too steep", "sea.hs")
 
 

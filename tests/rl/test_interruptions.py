@@ -77,7 +77,7 @@ def wait_for(run: Path, team: str, rows: int) -> None:
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
 def test_signals_from_outside_in_both_stages(number, tmp_path):
     out = tmp_path / "run"
-    arguments = sets(*TINY, "stages.usv.iterations=30", "stages.uav.iterations=30")
+    arguments = ["--config", "paper", *sets(*TINY, "stages.usv.iterations=30", "stages.uav.iterations=30")]
     for team in TEAMS:
         running = Running("rl.train", "--out", out, *arguments)
         arguments = ["--resume"]
@@ -97,7 +97,7 @@ def test_signals_from_outside_in_both_stages(number, tmp_path):
 
 @pytest.mark.slow
 def test_two_runs_at_once_in_two_folders_finish(tmp_path):
-    both = [Running("rl.train", "--out", tmp_path / name, *sets(*TINY)) for name in "ab"]
+    both = [Running("rl.train", "--config", "paper", "--out", tmp_path / name, *sets(*TINY)) for name in "ab"]
     for running, name in zip(both, "ab", strict=True):
         ending = running.wait()
         assert ending.status == 0, ending.err
@@ -106,7 +106,7 @@ def test_two_runs_at_once_in_two_folders_finish(tmp_path):
 
 @pytest.mark.slow
 def test_two_runs_at_once_in_one_folder_one_is_refused(tmp_path):
-    both = [Running("rl.train", "--out", tmp_path / "run", *sets(*TINY)) for _ in range(2)]
+    both = [Running("rl.train", "--config", "paper", "--out", tmp_path / "run", *sets(*TINY)) for _ in range(2)]
     endings = sorted((running.wait() for running in both), key=lambda ending: ending.status)
     assert endings[0].status == 0, endings[0].err
     endings[1].fails(str(tmp_path / "run"))

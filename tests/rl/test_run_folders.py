@@ -21,8 +21,8 @@ def test_a_run_folder_that_exists_is_left_alone(here, run):
 
 def test_a_file_in_the_folders_place_is_left_alone(here, tmp_path):
     (tmp_path / "run").write_text("mine")
-    here("rl.train", "--out", tmp_path / "run", *sets(*TINY)).fails("exists already")
-    here("rl.train", "--out", tmp_path / "run" / "below", *sets(*TINY)).fails("cannot be written")
+    here("rl.train", "--config", "paper", "--out", tmp_path / "run", *sets(*TINY)).fails("exists already")
+    here("rl.train", "--config", "paper", "--out", tmp_path / "run" / "below", *sets(*TINY)).fails("cannot be written")
     assert (tmp_path / "run").read_text() == "mine"
 
 
@@ -73,12 +73,12 @@ def mounted(folder: Path, options: str):
 
 def test_a_read_only_folder_is_named(here, tmp_path):
     with mounted(tmp_path / "disk", "size=64k,ro") as disk:
-        here("rl.train", "--out", disk / "run", *sets(*TINY)).fails(str(disk), "cannot be written")
+        here("rl.train", "--config", "paper", "--out", disk / "run", *sets(*TINY)).fails(str(disk), "cannot be written")
 
 
 def test_a_full_disk_is_named(tmp_path):
     with mounted(tmp_path / "disk", "size=48k") as disk:
-        command("rl.train", "--out", disk / "run", *sets(*TINY)).fails("No space left on device")
+        command("rl.train", "--config", "paper", "--out", disk / "run", *sets(*TINY)).fails("No space left on device")
         assert (disk / "run" / "config.toml").stat().st_size
 
 

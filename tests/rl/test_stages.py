@@ -115,6 +115,6 @@ def test_stages_that_cannot_be_are_refused(overrides, words):
 def test_a_start_that_is_not_there_is_named_before_anything_is_made(here, tmp_path):
     out = tmp_path / "out"
     for place, word in (("nowhere", "no such run"), (tmp_path, "no trained usv policy")):
-        ending = here("rl.train", "--out", out, *sets(*TINY, f'stages.usv.start_from="{place}"'))
+        ending = here("rl.train", "--config", "paper", "--out", out, *sets(*TINY, f'stages.usv.start_from="{place}"'))
         ending.fails("stages.usv.start_from", word)
         assert not out.exists()

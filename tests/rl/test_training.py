@@ -236,7 +236,7 @@ def test_one_team_alone_is_trained_judged_and_recorded(team, tmp_path):
 @pytest.mark.slow
 def test_one_vehicle_a_team_has_no_followers_to_judge(tmp_path):
     out = tmp_path / "run"
-    ending = command("rl.train", "--out", out, *sets(*TINY, "usv.count=1", "uav.count=1"))
+    ending = command("rl.train", "--config", "paper", "--out", out, *sets(*TINY, "usv.count=1", "uav.count=1"))
     assert ending.status == 0, ending.err
     for figures in json.loads((out / "summary.json").read_text())["evaluation"]["teams"].values():
         assert figures["follower_error_rms_m"] is None and figures["follower_error_p95_m"] is None

@@ -22,7 +22,6 @@ RAYS = 32  # corners of a footprint
 FLATTEST = 0.05  # slope of a ray, below which it meets the sea nowhere near
 FARTHEST = 1500.0  # m, of a footprint's corner from the aircraft
 ARC, HIGH = 9, 0.18  # points of an arc; its height over its length
-SHOWN = 3  # decisions for which a message is drawn: at five a second it would flicker
 ROUND = np.linspace(0.0, 2 * math.pi, 49)
 
 
@@ -94,10 +93,7 @@ class Film:
         points = np.stack(arcs, axis=1)
         found = []
         for name, colour in (("arrived", MESSAGE), ("lost", LOST)):
-            flag = np.stack(flags[name], axis=1)
-            shown = _held(flag)
-            if name == "arrived":
-                shown &= ~_held(np.stack(flags["lost"], axis=1))
+            shown = np.stack(flags[name], axis=1)
             drawn = np.where(shown[:, :, None, None], points, np.nan)
             found.append(Lines(name=f"messages/{name}", colour=colour, points_n=drawn, radius=-1.0, where="world"))
         return found
@@ -156,11 +152,3 @@ class Film:
         points[..., 1] = vessel[:, None, None, 1] + orbit.radius * np.sin(ROUND)
         points[..., 2] = -orbit.height
         return Lines(name="circle", colour=CIRCLE, points_n=points, radius=-0.6)
-
-
-def _held(flag: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Whether a flag [frame, ...] has been set in one of the last `SHOWN` frames."""
-    held = flag.copy()
-    for later in range(1, SHOWN):
-        held[later:] |= flag[:-later]
-    return held

@@ -129,7 +129,6 @@ class EscortJudge(Judge):
         has_work = any(j.has_work for j in seen)
         return common | {
             "succeeded": success.astype(float),
-            "arrival_s": np.where(np.isnan(arrival), np.inf, arrival) if boats else none,
             "arrival_counted_s": np.where(np.isnan(arrival), length, arrival) if boats else none,
             "never": np.isnan(arrival).astype(float) if boats else none,
             "leader_error_rms_m": rms[:, 0],
@@ -150,7 +149,8 @@ class EscortJudge(Judge):
     def pooled(cls, episodes: Episodes) -> dict[str, NDArray[np.float64]]:
         """Figures of sets of episodes."""
         common = super().pooled(episodes)
-        arrival, time = episodes["arrival_s"], np.maximum(episodes["decisions"].sum(-1), 1)
+        time = np.maximum(episodes["decisions"].sum(-1), 1)
+        arrival = np.where(episodes["never"] == 1, np.inf, episodes["arrival_counted_s"])
         after = np.maximum(episodes["after"].sum(-1), 1e-9)
         return {
             "time_to_arrive_s": _finite(_quantile(arrival, 0.5)),

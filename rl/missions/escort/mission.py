@@ -6,6 +6,7 @@ hundred metres off, with a word of where the vessel was.
 """
 
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -388,6 +389,13 @@ class Escort(Mission):
             obstacles=obstacles[np.abs(obstacles[:, :2]).max(axis=1) <= half],
             overview=(self.config.escort.vessel, reach),
         )
+
+    @classmethod
+    def draw_figures(cls, out: Path, histories: Any, episode: Any, config: EscortScenario) -> None:
+        """See figures.py."""
+        from rl.missions.escort.figures import write_escort_figures  # matplotlib takes a second
+
+        write_escort_figures(out, histories, episode, config)
 
     def overlays(self) -> tuple[Any, ...]:
         """Who sees and tells what (film.py), in the steps that `frame` was asked about."""

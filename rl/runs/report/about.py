@@ -1,6 +1,6 @@
 """What was trained, on what, how long; and the figures against the classical controller."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rl.runs.intervals import Interval, differences, intervals
@@ -15,11 +15,12 @@ NOTHING = "-"
 def about(run: Run) -> str:
     """A run's scenario, teams, times and origin."""
     config, machine = run.config, run.meta.get("machine", {})
-    stages = {} if run.summary is None else {stage["team"]: stage for stage in run.summary["stages"]}
+    stages = [] if run.summary is None else run.summary["stages"]
     rows = [("scenario", f"{config.name}, mission {config.mission}, seed {config.seed}")]
     for name, team in config.teams.items():
         if name in config.trained:
-            rows.append((f"team {name}", f"{team.count} x {team.vehicle}{_learned(stages.get(name))}"))
+            learned = _learned([stage for stage in stages if stage["team"] == name])
+            rows.append((f"team {name}", f"{team.count} x {team.vehicle}{learned}"))
     if run.summary is not None:
         rows.append(("all of it", f"{_duration(run.summary['wall_time_s'])}, with evaluation and recording"))
     rows.append(
@@ -32,11 +33,13 @@ def about(run: Run) -> str:
     return told + folded("every key of the scenario", f"<pre>{text(toml_text(config))}</pre>")
 
 
-def _learned(stage: Mapping[str, Any] | None) -> str:
-    if stage is None:
+def _learned(stages: Sequence[Mapping[str, Any]]) -> str:
+    """What all stages of a team have been."""
+    if not stages:
         return ", not trained yet"
-    steps = f"{stage['agent_steps'] / 1e6:.3g} million agent-steps"
-    return f": {stage['iterations']} iterations, {steps}, {_duration(stage['wall_time_s'])}"
+    steps = f"{sum(stage['agent_steps'] for stage in stages) / 1e6:.3g} million agent-steps"
+    iterations = " + ".join(str(stage["iterations"]) for stage in stages)
+    return f": {iterations} iterations, {steps}, {_duration(sum(stage['wall_time_s'] for stage in stages))}"
 
 
 def _duration(seconds: float) -> str:
@@ -106,6 +109,8 @@ def _of_team(run: Run, team: str, columns: Mapping[str, Kept]) -> str:
         for who, of in having.items():
             alone = Interval(of.result["teams"][team].get(key), None, None)
             row.append(number(found[who].get(key, alone)))
+        if all(cell == NOTHING for cell in row[1:]):
+            continue  # another part's
         row += [number(of[key], against_zero=True) if key in of else NOTHING for of in compared.values()]
         rows.append(row)
     return f"<h3>{text(team)}</h3>" + table(("", *having, *compared), rows)

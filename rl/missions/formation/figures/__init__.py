@@ -5,6 +5,7 @@ Positions are drawn as on a map, east to the right and north up, heights up from
 
 import os
 import uuid
+from collections.abc import Mapping
 from pathlib import Path
 
 from matplotlib.figure import Figure
@@ -21,6 +22,7 @@ __all__ = [
     "formation_figure",
     "policy_loss_figure",
     "reward_figure",
+    "save_figures",
     "scene_figure",
     "tracking_error_figure",
     "write_figures",
@@ -41,6 +43,11 @@ def write_figures(out: Path, histories: Histories, episode: Episode | None, sett
         liveries = {} if episode is None else episode.liveries
         figures["reward"] = reward_figure(histories, liveries)
         figures["policy_loss"] = policy_loss_figure(histories, liveries)
+    return save_figures(out, figures)
+
+
+def save_figures(out: Path, figures: Mapping[str, Figure]) -> list[Path]:
+    """Each as NAME.png into the folder `out`; an old one stays until the new is whole."""
     out = Path(out)
     out.mkdir(parents=True, exist_ok=True)
     return [_save(figure, out / f"{name}.png") for name, figure in figures.items()]

@@ -1,0 +1,102 @@
+"""Pictures of an escort: who went where, how the boats came in and what was known, and the training."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from rl.mission import Histories
+from rl.missions.formation.figures import policy_loss_figure, reward_figure, save_figures
+from taichi_sim.plotting import INK, dress, new_figure, rgb
+from taichi_sim.recording import Episode
+from taichi_sim.recording.overlays import Cylinders, Plot
+from taichi_sim.recording.palette import FOLLOWERS
+
+EVERY = 60.0  # s between the marks on tracks
+
+
+def write_escort_figures(out: Path, histories: Histories, episode: Episode | None, config: Any) -> list[Path]:
+    """Every figure there is something to draw for, into `out`; an old one stays until the new is whole."""
+    figures: dict[str, Figure] = {}
+    if episode is not None:
+        figures["scene"] = scene_figure(episode, config)
+        figures["approach"] = approach_figure(episode, config)
+    if histories:
+        colours = {} if episode is None else episode.liveries
+        figures["reward"] = reward_figure(histories, colours)
+        figures["policy_loss"] = policy_loss_figure(histories, colours)
+    return save_figures(out, figures)
+
+
+def scene_figure(episode: Episode, config: Any) -> Figure:
+    """From above: tracks of the vessel, the boats and the aircraft, with marks each minute, and obstacles."""
+    figure = new_figure(7.6, 7.2, "An escort from above")
+    axes = figure.subplots()
+    parts = config.escort
+    step = max(1, round(EVERY / float(episode.time_s[1] - episode.time_s[0])))
+    for name, team in episode.teams.items():
+        flies, width = name == parts.aircraft, 2.6 if name == parts.vessel else 1.4
+        for vehicle in range(team.vehicles):
+            north, east = team.position_n[:, vehicle, 0], team.position_n[:, vehicle, 1]
+            colour = INK if name == parts.vessel else rgb(episode.liveries[name].of(vehicle))
+            label = name if vehicle == 0 else None
+            axes.plot(
+                east, north, color=colour, linewidth=0.7 if flies else width, alpha=0.35 if flies else 1.0, label=label
+            )
+            if not flies:
+                axes.plot(east[::step], north[::step], "o", color=colour, markersize=5 if name == parts.vessel else 3)
+    for north, east, radius, _ in episode.scene.obstacles:
+        axes.add_patch(_disc(east, north, radius))
+    for overlay in episode.overlays:
+        if isinstance(overlay, Cylinders):
+            axes.plot(overlay.position_n[..., 1], overlay.position_n[..., 0], color="#C47828", linewidth=0.8)
+    low, high = _reach(episode, parts.aircraft)
+    axes.set_xlim(low[1], high[1])
+    axes.set_ylim(low[0], high[0])
+    axes.set_aspect("equal")
+    dress(axes, f"marks each {EVERY:.0f} s", "east (m)", "north (m)")
+    axes.legend(loc="best", framealpha=0.9)
+    return figure
+
+
+def _disc(east: float, north: float, radius: float) -> Any:
+    from matplotlib.patches import Circle
+
+    return Circle((east, north), radius, color="#8C4A3A")
+
+
+def _reach(episode: Episode, flying: str) -> tuple[Any, Any]:
+    """The least and the greatest north and east of what sails, with a margin."""
+    places = np.concatenate([t.position_n[..., :2].reshape(-1, 2) for n, t in episode.teams.items() if n != flying])
+    places = places[np.isfinite(places).all(axis=1)]
+    margin = 60.0
+    return places.min(axis=0) - margin, places.max(axis=0) + margin
+
+
+def approach_figure(episode: Episode, config: Any) -> Figure:
+    """Distance of the boats from the vessel and from their slots, and the age of what everybody knows, over time."""
+    parts = config.escort
+    figure = new_figure(8.4, 8.0, "How the boats come in, and what is known of the vessel")
+    rows = figure.subplots(3, 1, sharex=True)
+    boats, vessel, time = episode.teams.get(parts.boats), episode.teams[parts.vessel], episode.time_s
+    if boats is not None:
+        apart = np.linalg.norm(boats.position_n[..., :2] - vessel.position_n[:, :1, :2], axis=-1)
+        for vehicle in range(boats.vehicles):
+            colour = rgb(episode.liveries[parts.boats].of(vehicle))
+            label = "leader" if vehicle == 0 else f"boat {vehicle}"
+            rows[0].plot(time, apart[:, vehicle], color=colour, label=label)
+            if boats.error_m is not None:
+                rows[1].plot(time, boats.error_m[:, vehicle], color=colour, label=label)
+        rows[0].axhline(parts.arrival, color=INK, linewidth=0.8, linestyle="--")
+        rows[0].legend(loc="best", framealpha=0.9)
+    dress(rows[0], f"(a) distance from the vessel; arrived below {parts.arrival:g} m", "", "m")
+    rows[1].set_yscale("symlog", linthresh=1.0)
+    dress(rows[1], "(b) distance from the slot about it", "", "m")
+    for overlay in episode.overlays:
+        if isinstance(overlay, Plot):
+            for line, name in enumerate(overlay.lines):
+                rows[2].plot(time, overlay.values[:, line], color=rgb(FOLLOWERS[line % len(FOLLOWERS)]), label=name)
+            rows[2].legend(loc="best", ncols=2, framealpha=0.9)
+    dress(rows[2], "(c) age of the newest look at the vessel that each knows of", "time (s)", "s")
+    return figure
