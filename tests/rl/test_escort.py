@@ -17,6 +17,7 @@ from rl.scene.camera import LOOK_VARIANCE
 from rl.scene.chart import AGE
 from rl.scene.radio import NEVER
 from taichi_sim.config import ConfigError
+from taichi_sim.config.io import config_folder
 
 SMALL = ("escort.worlds=8", "sea.realisations=4", "sea.components=6", "episode_duration=40")
 CALM = ("variation=0", "sea.sea_state=1", 'air.turbulence="none"', "obstacles.count=0", "obstacles.moving=0")
@@ -204,10 +205,14 @@ def made(*overrides: str) -> str:
         ('stages.extra={team="ghost"}', ["stages.extra.team", "no such team"]),
         ('stages.extra={team="vessel"}', ["stages.extra.team", "script"]),
         ('escort.reports="some"', ["reports", "'all'"]),
+        ("obstacles.fixed=[{north=5,east=0,radius=8,height=5}]", ["obstacles.fixed[0]", "the vessel begins"]),
     ],
 )
 def test_a_wrong_scenario_is_refused_by_name(override, words):
     assert_says(refusal("escort", override), *words)
+
+
+TWO_ISLANDS = "obstacles.fixed=[{north=300,east=0,radius=280,height=5},{north=-300,east=0,radius=280,height=5}]"
 
 
 @pytest.mark.parametrize(
@@ -220,6 +225,7 @@ def test_a_wrong_scenario_is_refused_by_name(override, words):
         (('usv.vehicle="aerosonde"', 'usv.medium="air"'), ["usv.vehicle", "water"]),
         (('vessel.vehicle="unity_boat"',), ["vessel.vehicle", "script"]),
         (("course.speed=[0.8,9.0]",), ["course.speed", "can go"]),
+        ((TWO_ISLANDS,), ["obstacles.fixed", "boats would begin"]),
     ],
 )
 def test_what_cannot_be_is_refused_with_its_numbers(overrides, words):
@@ -252,3 +258,20 @@ def test_an_evasive_vessel_runs_from_boats():
     sailed = mission.vessel_velocity / mission.vessel_velocity.norm(dim=-1, keepdim=True)
     assert float((away * sailed).sum(-1).median()) > 0.7
     assert float(mission.vessel_velocity.norm(dim=-1).median()) > 1.5  # as fast as it may
+
+
+def test_a_vessel_that_outruns_the_boats_is_allowed_and_said():
+    with pytest.warns(UserWarning, match="arrive only while"):
+        escort('usv.vehicle="wamv"', "course.speed=[1.0,2.8]", envs=1, teams=("usv",))
+
+
+def test_an_escort_without_aircraft(tmp_path):
+    """Nobody flies, and nobody stands in for them."""
+    text = (config_folder() / "escort.toml").read_text()
+    begin, end = text.index("[uav]"), text.index("[stages.boats]")
+    again = text.index("[stages.aircraft]"), text.index("[stages.boats_again]")
+    (tmp_path / "alone.toml").write_text(text[:begin] + text[end : again[0]] + text[again[1] :])
+    mission = make_mission(load_scenario(tmp_path / "alone.toml", SMALL), 2, seed=1, source=tmp_path / "alone.toml")
+    mission.begin_each()
+    sail(mission, 5)
+    assert mission.scouts is None and set(mission.teams) == {"usv"}

@@ -1,5 +1,6 @@
 """What a scenario of the escort mission may say beside its world, stages and evaluation."""
 
+import math
 from collections.abc import Mapping
 from typing import Annotated, ClassVar, Literal
 
@@ -7,12 +8,14 @@ from pydantic import Field, model_validator
 
 from rl.missions.escort.rewards import AircraftReward, BoatReward
 from rl.missions.escort.shapes import Shape
-from rl.missions.formation.config import ResidualConfig, SensorsConfig
+from rl.missions.formation.config import FixedObstacle, ResidualConfig, SensorsConfig
 from rl.scenario import Evaluation, Scenario
 from rl.scene.camera import CameraConfig
 from rl.scene.lookout import LookoutConfig
 from rl.scene.radio import RadioConfig
 from taichi_sim.config import Fraction, NonNegative, Positive, Strict, TeamConfig
+
+ROOM = 12.0  # m from an obstacle's surface to where a vehicle begins; assumed
 
 Span = tuple[NonNegative, NonNegative]  # the least and the greatest of a draw
 
@@ -72,6 +75,7 @@ class ObstaclesConfig(Strict):
     radius: Span = (1.0, 5.0)  # m
     speed: Span = (0.3, 1.0)  # of what moves, m/s
     spread: Positive = 60.0  # m to either side of the boats' way, and about where the vessel goes
+    fixed: tuple[FixedObstacle, ...] = ()  # in every world, m from where the vessel begins
 
     @model_validator(mode="after")
     def _ordered(self):
@@ -162,9 +166,12 @@ class EscortScenario(Scenario):
                 f"{self.escort.vessel}.script: the vessel that is escorted needs one, such as "
                 '"rl.missions.escort.vessel:Wanderer"'
             )
-        reach = self.escort.start_distance[1] + self.episode_duration * self.course.speed[1]
-        if reach > self.area:  # it turns back at the edge; boats must not begin outside
-            pass
+        for i, o in enumerate(self.obstacles.fixed):
+            if math.hypot(o.north, o.east) < o.radius + ROOM:
+                raise ValueError(
+                    f"obstacles.fixed[{i}] at ({o.north}, {o.east}) with radius {o.radius}: the vessel begins at "
+                    f"(0, 0), and needs {ROOM} m of room"
+                )
         if self.escort.start_distance[1] > self.area / 2:
             raise ValueError(
                 f"escort.start_distance = {list(self.escort.start_distance)}: must be at most area / 2 = "

@@ -6,6 +6,7 @@ hundred metres off, with a word of where the vessel was.
 """
 
 import math
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -84,6 +85,7 @@ class Escort(Mission):
         else:
             count, offsets = boats.fleet.count, boats.offsets.cpu().double()
             self._check_slots(boats, radius)
+            self._tell_speeds(boats)
         worlds = draw_worlds(config, count, offsets, radius, self.generator)
         self.worlds = worlds.to(run.device)
         self.obstacles = self.worlds.obstacles.to(run.torch_dtype).contiguous()
@@ -166,6 +168,16 @@ class Escort(Mission):
                     f"{name}.orbit.radius = {orbit.radius} m: in a wind of {wind:.3g} m/s they cannot turn downwind in "
                     f"less than {least:.0f} m"
                 )
+
+    def _tell_speeds(self, boats: Any) -> None:
+        """Say what follows where the vessel may outrun the boats: it is allowed."""
+        top, fastest = boats.fleet.model.limits.speeds[2], self.config.course.speed[1]
+        if fastest >= top:
+            warnings.warn(
+                f"course.speed = {list(self.config.course.speed)}: {boats.name}'s vehicles go {top:.3g} m/s at most: "
+                "boats arrive only while the vessel is slower, or comes towards them",
+                stacklevel=2,
+            )
 
     def _check_slots(self, boats: Any, radius: float) -> None:
         near = float(boats.offsets.norm(dim=-1).min())

@@ -12,10 +12,10 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from rl.missions.escort.config import EscortScenario
+from rl.missions.escort.config import ROOM, EscortScenario
 from rl.scene.traffic import AWAY, BOTTOM, CARRIED, EAST, NORTH, RADIUS, ROWS, TOP, V_EAST, V_NORTH
+from taichi_sim.config import ConfigError
 
-ROOM = 12.0  # m from an obstacle's surface to where a vehicle begins; assumed
 PASSAGE = 12.0  # m between the surfaces of two obstacles; assumed
 TRIES = 30  # draws of an obstacle; one that finds no room is left out
 AIM = 3.0  # m, the most by which the first obstacle's middle is beside the boats' way
@@ -80,6 +80,16 @@ def draw_worlds(
     taken = torch.cat((place, torch.zeros(n, 1, 2)), dim=1)  # where somebody begins
     forward = torch.stack((course.cos(), course.sin()), dim=-1)
     obstacles = _standing(config, taken, middle, side, forward, near, uniform)
+    fixed = torch.tensor([[o.north, o.east, o.radius, o.height] for o in config.obstacles.fixed]).reshape(-1, 4)
+    if len(fixed):
+        gap = (place.unsqueeze(2) - fixed[:, :2]).norm(dim=-1) - fixed[:, 2]
+        if bool((gap < radius).any()):
+            raise ConfigError(
+                f"obstacles.fixed: boats would begin in one of them in {int((gap < radius).flatten(1).any(1).sum())} "
+                f"of {n} worlds: they begin {list(ways.start_distance)} m (escort.start_distance) from (0, 0), on any "
+                "side"
+            )
+        obstacles = torch.cat((fixed.expand(n, -1, 4), obstacles), dim=1)
     bodies = _moving(config, taken, middle, side, bearing, far, near, uniform)
     return Worlds(course, speed, obstacles, bodies, place, heading, aloft, near)
 
