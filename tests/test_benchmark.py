@@ -45,6 +45,12 @@ def test_agent_steps_are_measured(group, quick):
         assert row["real_time_factor"] == pytest.approx(row["agent_steps_per_s"] / agents * 0.1)
 
 
+def test_high_fidelity_scenarios_are_measured(quick):
+    rows = {row["scenario"]: row["agent_steps_per_s"] for row in quick[1]["scenarios"]}
+    assert list(rows) == ["otter", "aerosonde", "escort", "escort, crests"]
+    assert all(positive(value) for value in rows.values())
+
+
 def test_every_boat_is_to_be_measured_in_two_seas():
     measured = measured_vehicles(quick=False)
     assert {file for file, _ in measured} == set(shipped_vehicles())
@@ -71,7 +77,7 @@ def test_the_parts_of_a_step_are_named(quick):
 def test_machine_and_peers_are_described(quick):
     result = quick[1]
     assert set(result) == {
-        "environment", "inference", "learning", "physics", "parts", "peers", "machine", "method",
+        "environment", "inference", "learning", "scenarios", "physics", "parts", "peers", "machine", "method",
     }  # fmt: skip
     machine = result["machine"]
     assert machine["cpu"] and positive(machine["cores"]) and machine["threads"] == 1

@@ -25,7 +25,7 @@ if str(ROOT) not in sys.path:  # run as a script from anywhere
 
 from benchmarking.against import GROUPS, compare  # noqa: E402
 from benchmarking.against import table as ratios_table  # noqa: E402
-from benchmarking.mission import environment_cases, first_stage, learning_cases, rates  # noqa: E402
+from benchmarking.mission import environment_cases, first_stage, learning_cases, rates, scenario_cases  # noqa: E402
 from benchmarking.parts import measure_parts  # noqa: E402
 from benchmarking.peers import measure_peers  # noqa: E402
 from benchmarking.physics import physics_cases  # noqa: E402
@@ -39,6 +39,7 @@ from rl.runs import folder as run_folder  # noqa: E402
 QUICK = ("track.worlds=4", "sea.realisations=4", "stages.usv.num_envs=8", "stages.usv.steps_per_iteration=8")
 SIZES, QUICK_SIZES = (1, 64, 1024, 4096, 16384), (1, 16)
 LEARNING_SIZES = (1024, 2048)  # beside the configured one
+SCENARIO_SIZE, QUICK_SCENARIO_SIZE = 512, 4
 PARTS_SIZE, QUICK_PARTS_SIZE = 4096, 16
 REPETITIONS, QUICK_REPETITIONS = 9, 2
 AGAINST_SIZES = (1, 512, 4096)  # environments
@@ -71,11 +72,13 @@ def benchmark(config: FormationScenario, *, quick: bool, seconds: float, show_pr
         mission = environment_cases(config, QUICK_SIZES if quick else SIZES)
         mission += learning_cases(config, learning_sizes, Path(folder))
         models = physics_cases(config, parts_size, quick)
-        cases = mission + [case for case, _ in models]
+        scenarios = scenario_cases(QUICK_SCENARIO_SIZE if quick else SCENARIO_SIZE, quick)
+        cases = mission + scenarios + [case for case, _ in models]
         measure(cases, seconds=seconds, repetitions=repetitions, show_progress=show_progress)
     parts = measure_parts(config, parts_size, seconds=seconds, repetitions=repetitions, show_progress=show_progress)
     return {
         **{group: rates(mission, group, config) for group in ("environment", "inference", "learning")},
+        "scenarios": [{"scenario": case.label, "agent_steps_per_s": case.rate} for case in scenarios],
         "physics": [described | {"vehicle_substeps_per_s": case.rate} for case, described in models],
         "parts": parts,
         "peers": measure_peers(seconds=seconds, repetitions=repetitions),
@@ -133,6 +136,11 @@ def table(result: dict[str, Any]) -> str:
             + brackets(f"{group} {row['num_envs']}")
             for row in result[group]
         ]
+    lines += ["", f"{'scenario':28}{'agent steps/s':>28}"]
+    lines += [
+        f"{row['scenario']:28}{row['agent_steps_per_s']:28,.0f}   " + brackets(f"scenarios {row['scenario']}")
+        for row in result["scenarios"]
+    ]
     lines += ["", f"{'vehicle alone':28}{'panels':>8}{'components':>12}{'vehicle substeps/s':>20}"]
     for row in result["physics"]:
         key = f"physics {row['vehicle']}, {row['components']} components"

@@ -12,7 +12,7 @@ from rl.learn.env import MissionEnv
 from rl.learn.policy import OBS_GROUPS, TrainedPolicy, actor_config
 from rl.learn.runner import StageRunner
 from rl.mission import Mission, Team
-from rl.missions import make_mission
+from rl.missions import load_scenario, make_mission
 from rl.scenario import Scenario, StageConfig
 
 ACTION_SPREAD = 0.2  # standard deviation of random actions about cruise
@@ -96,6 +96,25 @@ def environment_cases(config: Scenario, sizes: tuple[int, ...]) -> list[Case]:
             task = begin_anywhere(make_mission(config, size, seed=config.seed))
             call = random_decisions(task) if group == "environment" else policy_decisions(task, stages)
             cases.append(Case(group, str(size), call, size * agents(config)))
+    return cases
+
+
+def scenario_cases(size: int, quick: bool) -> list[Case]:
+    """Each high-fidelity scenario without policies: the team that it trains, or the whole escort, also with wave
+    crests in the way of its lookouts.
+    """
+    few = ("sea.realisations=4", "track.worlds=4"), ("sea.realisations=4", "escort.worlds=4")
+    cases = []
+    for label, name, teams, overrides in (
+        ("otter", "otter", ("usv",), few[0] if quick else ()),
+        ("aerosonde", "aerosonde", ("uav",), few[0] if quick else ()),
+        ("escort", "escort", ("usv", "uav"), few[1] if quick else ()),
+        ("escort, crests", "escort", ("usv", "uav"), (*(few[1] if quick else ()), "usv.lookout.crests=true")),
+    ):
+        config = load_scenario(name, overrides)
+        task = begin_anywhere(make_mission(config, size, seed=config.seed, teams=teams))
+        work = size * sum(config.teams[team].count for team in teams)
+        cases.append(Case("scenarios", label, random_decisions(task), work))
     return cases
 
 
