@@ -13,6 +13,7 @@ from taichi_sim.recording import Episode
 from taichi_sim.recording.overlays import Cylinders, Plot
 from taichi_sim.recording.palette import FOLLOWERS
 
+WIDE = 7.6  # inches
 EVERY = 60.0  # s between the marks on tracks
 
 
@@ -31,9 +32,11 @@ def write_escort_figures(out: Path, histories: Histories, episode: Episode | Non
 
 def scene_figure(episode: Episode, config: Any) -> Figure:
     """From above: tracks of the vessel, the boats and the aircraft, with marks each minute, and obstacles."""
-    figure = new_figure(7.6, 7.2, "An escort from above")
-    axes = figure.subplots()
     parts = config.escort
+    low, high = _reach(episode, parts.aircraft)
+    tall = (high[0] - low[0]) / (high[1] - low[1])
+    figure = new_figure(WIDE, min(max(WIDE * tall + 1.0, 0.5 * WIDE), 1.5 * WIDE), "An escort from above")
+    axes = figure.subplots()
     step = max(1, round(EVERY / float(episode.time_s[1] - episode.time_s[0])))
     for name, team in episode.teams.items():
         flies, width = name == parts.aircraft, 2.6 if name == parts.vessel else 1.4
@@ -51,7 +54,6 @@ def scene_figure(episode: Episode, config: Any) -> Figure:
     for overlay in episode.overlays:
         if isinstance(overlay, Cylinders):
             axes.plot(overlay.position_n[..., 1], overlay.position_n[..., 0], color="#C47828", linewidth=0.8)
-    low, high = _reach(episode, parts.aircraft)
     axes.set_xlim(low[1], high[1])
     axes.set_ylim(low[0], high[0])
     axes.set_aspect("equal")
@@ -91,7 +93,8 @@ def approach_figure(episode: Episode, config: Any) -> Figure:
         rows[0].axhline(parts.arrival, color=INK, linewidth=0.8, linestyle="--")
         rows[0].legend(loc="best", framealpha=0.9)
     dress(rows[0], f"(a) distance from the vessel; arrived below {parts.arrival:g} m", "", "m")
-    rows[1].set_yscale("symlog", linthresh=1.0)
+    rows[1].set_yscale("log")
+    rows[1].set_ylim(bottom=0.1)
     dress(rows[1], "(b) distance from the slot about it", "", "m")
     for overlay in episode.overlays:
         if isinstance(overlay, Plot):
