@@ -15,7 +15,7 @@ from taichi_sim.config.io import config_folder
 
 def test_a_run_folder_that_exists_is_left_alone(here, run):
     before = content(run)
-    here("rl.train", "--out", run, *sets(*TINY)).fails(str(run), "exists already", "--resume")
+    here("rl.train", "--config", "paper", "--out", run, *sets(*TINY)).fails(str(run), "exists already", "--resume")
     assert content(run) == before
 
 
