@@ -118,7 +118,8 @@ def judged(case: Case, run: Path, partner: Path, args: argparse.Namespace) -> tu
     seed = config.evaluation.seed if args.seed is None else args.seed
     count = args.episodes or config.evaluation.episodes
     kind = mission_class(config, source).Judge
-    newest = [sorted((folder / name).glob("model_*.pt"))[-1:] for folder in (run, partner) for name in parts.values()]
+    acting = (run, partner) if NEXT in (case.boats, case.aircraft) else (run,)
+    newest = [sorted((folder / name).glob("model_*.pt"))[-1:] for folder in acting for name in parts.values()]
     told = f"{toml_text(config)}{seed} {count} {case} {newest}"
     kept = run / "cooperation" / f"{hashlib.sha256(told.encode()).hexdigest()[:16]}.npz"
     if kept.is_file():

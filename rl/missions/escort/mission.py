@@ -6,7 +6,6 @@ hundred metres off, with a word of where the vessel was.
 """
 
 import math
-import warnings
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +17,7 @@ from rl.mission import Endings, Mission, Step
 from rl.missions.escort import rewards
 from rl.missions.escort.aircraft import Aircraft
 from rl.missions.escort.boats import Boats
+from rl.missions.escort.checks import check_parts, check_slots, tell_speeds
 from rl.missions.escort.config import EscortScenario
 from rl.missions.escort.film import Film
 from rl.missions.escort.judge import EscortJudge
@@ -28,11 +28,9 @@ from rl.missions.escort.shapes import escort_offsets
 from rl.missions.escort.vessel import Wanderer
 from rl.missions.escort.worlds import draw_worlds
 from rl.missions.formation.controllers import CONTROLLERS
-from rl.missions.formation.flyable import strongest_wind
 from rl.scene.traffic import EAST, NORTH, RADIUS, TOP, V_EAST, V_NORTH, Bodies
 from rl.seeds import derive_seed
 from taichi_sim import runtime
-from taichi_sim.config import ConfigError
 from taichi_sim.config.io import validate
 from taichi_sim.conventions import STATE_SIZE
 from taichi_sim.maths.rotation import torch_quaternion_from_euler
@@ -74,7 +72,7 @@ class Escort(Mission):
             ConfigError: where parts do not fit their vehicles, the wind or each other.
         """
         run, config = runtime.current(), self.config
-        self._check_parts()
+        check_parts(config, self.teams)
         boats, vessel = self.teams.get(config.escort.boats), config.escort.vessel
         self._script: Wanderer = self.world.scripts[vessel]  # pyright: ignore[reportAttributeAccessIssue]
         self._vessel = self.world.teams[vessel]
@@ -84,8 +82,8 @@ class Escort(Mission):
             count, offsets = section.count, escort_offsets(section.formation, section.count, section.spacing)
         else:
             count, offsets = boats.fleet.count, boats.offsets.cpu().double()
-            self._check_slots(boats, radius)
-            self._tell_speeds(boats)
+            check_slots(boats, radius)
+            tell_speeds(config, boats)
         worlds = draw_worlds(config, count, offsets, radius, self.generator)
         self.worlds = worlds.to(run.device)
         self.obstacles = self.worlds.obstacles.to(run.torch_dtype).contiguous()
@@ -100,6 +98,7 @@ class Escort(Mission):
         self._hs = (4 * (amplitude.double().square().sum(1) / 2).sqrt()).to(run.device, run.torch_dtype)
         self.hs = torch.zeros(self.num_envs, device=run.device, dtype=run.torch_dtype)
         self.vessel_place, self.vessel_velocity = self.hs.new_zeros((self.num_envs, 2)), self._script.velocity
+        self._cue = self.hs.new_zeros((self.num_envs, 2))  # the place of the vessel that was told, m
         self.arrived = torch.zeros(self.num_envs, dtype=torch.bool, device=run.device)
         self._which = torch.zeros(self.num_envs, dtype=torch.int32, device=run.device)
         self.count = torch.zeros(3, dtype=torch.int32, device=run.device)
@@ -124,72 +123,6 @@ class Escort(Mission):
         self.picture = Picture(self, groups, things)
         for member in (*self.teams.values(), *((self.scouts,) if self.scouts else ())):
             member.join(self.picture)
-
-    def _check_parts(self) -> None:
-        parts = self.config.escort
-        for name, medium in ((parts.boats, "water"), (parts.aircraft, "air")):
-            team = self.teams.get(name)
-            if team is not None and team.fleet.model.medium != medium:
-                raise ConfigError(
-                    f"{name}.vehicle = {team.section.vehicle!r} moves in {team.fleet.model.medium}: "
-                    f"escort.{'boats' if medium == 'water' else 'aircraft'} need one that moves in {medium}"
-                )
-        for name in self.teams:
-            if name not in (parts.boats, parts.aircraft):
-                raise ConfigError(
-                    f"{name}: escort.boats = {parts.boats!r} and escort.aircraft = {parts.aircraft!r} name the teams "
-                    "of the escort; give any other a script"
-                )
-        team = self.teams.get(parts.aircraft)
-        if team is not None:
-            self._check_orbit(team)
-
-    def _check_orbit(self, team: Any) -> None:
-        """Refuse a circle that cannot be flown in the wind, or that is too small for so many."""
-        config, orbit, limits, name = self.config, team.orbit, team.fleet.model.limits, team.name
-        around = 2 * math.pi * orbit.radius / team.fleet.count
-        if team.fleet.count > 1 and orbit.height_step <= 2 * team.radius and around <= 4 * team.radius:
-            raise ConfigError(
-                f"{name}.orbit.radius = {orbit.radius} m: {team.fleet.count} aircraft at even phases would be "
-                f"{around:.3g} m apart, and each needs {2 * team.radius} m (twice its collision_radius) and as much "
-                f"again: give a greater radius, or orbit.height_step above {2 * team.radius} m"
-            )
-        low, cruise, _ = limits.speeds
-        wind = strongest_wind(config, orbit.height)
-        if cruise > 0 and wind >= 0.8 * cruise:
-            raise ConfigError(
-                f"air.speed: up to {wind:.3g} m/s at {orbit.height} m, where {name}'s vehicles cruise at {cruise:.3g} "
-                f"m/s (no slower than {low:.3g}): they could not circle; it must stay below {0.8 * cruise:.3g} m/s"
-            )
-        if limits.turn_radius > 0:
-            least = limits.turn_radius * ((cruise + wind) / cruise) ** 2
-            if orbit.radius < least:
-                raise ConfigError(
-                    f"{name}.orbit.radius = {orbit.radius} m: in a wind of {wind:.3g} m/s they cannot turn downwind in "
-                    f"less than {least:.0f} m"
-                )
-
-    def _tell_speeds(self, boats: Any) -> None:
-        """Say what follows where the vessel may outrun the boats: it is allowed."""
-        top, fastest = boats.fleet.model.limits.speeds[2], self.config.course.speed[1]
-        if fastest >= top:
-            warnings.warn(
-                f"course.speed = {list(self.config.course.speed)}: {boats.name}'s vehicles go {top:.3g} m/s at most: "
-                "boats arrive only while the vessel is slower, or comes towards them",
-                stacklevel=2,
-            )
-
-    def _check_slots(self, boats: Any, radius: float) -> None:
-        near = float(boats.offsets.norm(dim=-1).min())
-        if near <= boats.radius + radius:
-            raise ConfigError(
-                f"{boats.name}.spacing = {boats.section.spacing} m: a slot is {near:.3g} m from the vessel: boats "
-                f"would touch it (collision radii {boats.radius} and {radius} m)"
-            )
-        if boats.fleet.count > 1 and float(torch.pdist(boats.offsets).min()) <= 2 * boats.radius:
-            raise ConfigError(
-                f"{boats.name}.spacing = {boats.section.spacing} m: neighbours would touch in their slots"
-            )
 
     def reseed(self, seed: int) -> None:
         """Also sensors and radio."""
@@ -313,8 +246,6 @@ class Escort(Mission):
         self.traffic.begin(envs, worlds, torch.zeros_like(worlds), self.world.current.velocity)
         noise = torch.randn((n, 2), generator=self.generator).to(self.hs)
         before = config.escort.cue_age * speed.unsqueeze(-1) * torch.stack((course.cos(), course.sin()), dim=-1)
-        if not hasattr(self, "_cue"):
-            self._cue = self.hs.new_zeros((self.num_envs, 2))
         self._cue[envs] = config.escort.cue_error * noise - before.to(noise)
         boats, aircraft = (self.teams.get(part) for part in (config.escort.boats, config.escort.aircraft))
         if boats is not None:
