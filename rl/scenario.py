@@ -19,10 +19,14 @@ WHOLE = ("name", "seed", "mission", "stages", "evaluation")  # sections that are
 class StageConfig(Strict):
     """One training stage: which team learns (others act from frozen weights), on what, and PPO's numbers.
 
-    A team may be trained by several stages: a later one goes on from where the one before it ended.
+    A team may be trained by several stages: a later one goes on from where the one before it ended. Teams that neither
+    learn nor are frozen are not there.
     """
 
     team: Annotated[str, Field(min_length=1)]  # that learns
+    joint: tuple[Annotated[str, Field(min_length=1)], ...] = ()  # other teams that learn at the same time
+    frozen: tuple[Annotated[str, Field(min_length=1)], ...] | None = None  # that act; default: all trained before
+    keep: Literal["last", "better"] = "last"  # better: if it then does worse than before, the stage is dropped
     start_from: Annotated[str, Field(min_length=1)] | None = None  # a run's folder, or a checkpoint: its weights
     set: Annotated[dict[str, Any], BeforeValidator(flattened)] = {}  # what differs in it from the scenario, by key
     iterations: Annotated[int, Field(ge=1, le=1_000_000)] = 200
@@ -41,6 +45,11 @@ class StageConfig(Strict):
     initial_std: Positive = 0.6
     critic: Literal["truth", "policy"] = "truth"  # what the critic is told: also the truth that vehicles do not know
     checkpoint_interval: Annotated[int, Field(ge=1)] = 25  # iterations
+
+    @property
+    def learners(self) -> tuple[str, ...]:
+        """All teams that learn in it."""
+        return (self.team, *self.joint)
 
 
 class Evaluation(Strict):
@@ -68,17 +77,18 @@ class Scenario(WorldConfig):
     @property
     def trained(self) -> tuple[str, ...]:
         """Teams that some stage trains, in the order of the file."""
-        learning = {stage.team for stage in self.stages.values()}
+        learning = {team for stage in self.stages.values() for team in stage.learners}
         return tuple(name for name in self.teams if name in learning)
 
     def stage_of(self, team: str) -> StageConfig | None:
         """The stage that trains a team last, if there is one."""
-        return next((stage for stage in reversed(self.stages.values()) if stage.team == team), None)
+        return next((stage for stage in reversed(self.stages.values()) if team in stage.learners), None)
 
-    def iterations_before(self, name: str) -> int:
-        """Iterations that the team of stage `name` has behind it when that begins."""
+    def iterations_before(self, name: str, team: str | None = None) -> int:
+        """Iterations that `team` (default: that of the stage) has behind it when stage `name` begins."""
+        team = team or self.stages[name].team
         earlier = itertools.takewhile(lambda item: item[0] != name, self.stages.items())
-        return sum(stage.iterations for _, stage in earlier if stage.team == self.stages[name].team)
+        return sum(stage.iterations for _, stage in earlier if team in stage.learners)
 
     @model_validator(mode="after")
     def _has_teams(self):
@@ -86,31 +96,52 @@ class Scenario(WorldConfig):
             raise ValueError("there is no team: a team is a section of any name that has a vehicle")
         return self
 
+    def _check_learner(self, told: str, team: str) -> None:
+        if team not in self.teams:
+            close = difflib.get_close_matches(team, self.teams, n=1)
+            hint = f", did you mean {close[0]!r}?" if close else ""
+            raise ValueError(
+                f"{told}: there is no such team{hint}; allowed are {', '.join(map(repr, self.teams)) or 'none'}"
+            )
+        if team in self.scripted:
+            raise ValueError(f"{told}: a script acts for it, nothing is to be learnt")
+
     @model_validator(mode="after")
     def _stages_fit(self):
         first: dict[str, tuple[str, StageConfig]] = {}
         for name, stage in self.stages.items():
-            if stage.team not in self.teams:
-                close = difflib.get_close_matches(stage.team, self.teams, n=1)
-                hint = f", did you mean {close[0]!r}?" if close else ""
-                raise ValueError(
-                    f"stages.{name}.team = {stage.team!r}: there is no such team{hint}; allowed are "
-                    f"{', '.join(map(repr, self.teams)) or 'none'}"
-                )
-            if stage.team in self.scripted:
-                raise ValueError(f"stages.{name}.team = {stage.team!r}: a script acts for it, nothing is to be learnt")
-            earlier, begun = first.setdefault(stage.team, (name, stage))
-            for key in ("hidden_dims", "activation", "critic"):
-                before, now = getattr(begun, key), getattr(stage, key)
-                if before != now:
+            for key, team in (("team", stage.team), *((f"joint[{k}]", team) for k, team in enumerate(stage.joint))):
+                self._check_learner(f"stages.{name}.{key} = {team!r}", team)
+                earlier, begun = first.setdefault(team, (name, stage))
+                for own in ("hidden_dims", "activation", "critic"):
+                    before, now = getattr(begun, own), getattr(stage, own)
+                    if before != now:
+                        raise ValueError(
+                            f"stages.{name}.{own} = {now!r}: {team} goes on with the networks of stages.{earlier}, "
+                            f"where that is {before!r}"
+                        )
+                if stage.start_from is not None and begun is not stage:
                     raise ValueError(
-                        f"stages.{name}.{key} = {now!r}: it goes on with the networks of stages.{earlier}, where that "
-                        f"is {before!r}"
+                        f"stages.{name}.start_from = {stage.start_from!r}: {team} goes on from stages.{earlier}; only "
+                        "the first stage of a team may start from elsewhere"
                     )
-            if stage.start_from is not None and begun is not stage:
+                if stage.keep == "better" and stage.start_from is None and begun is stage:
+                    raise ValueError(
+                        f"stages.{name}.keep = 'better': {team} has learnt nothing before, so there is nothing to "
+                        "compare with; train it in an earlier stage, or give start_from"
+                    )
+            for team in stage.frozen or ():
+                self._check_learner(f"stages.{name}.frozen = {list(stage.frozen or ())}", team)
+                if team in stage.learners:
+                    raise ValueError(f"stages.{name}.frozen = {list(stage.frozen or ())}: {team} learns in this stage")
+                if team not in first:
+                    raise ValueError(
+                        f"stages.{name}.frozen = {list(stage.frozen or ())}: no stage before this one trains {team}; "
+                        "put one there, or leave it out"
+                    )
+            if len(set(stage.learners)) < len(stage.learners):
                 raise ValueError(
-                    f"stages.{name}.start_from = {stage.start_from!r}: it goes on from stages.{earlier}, the same "
-                    "team's; only the first of a team may start from elsewhere"
+                    f"stages.{name}.joint = {list(stage.joint)}: names a team twice, or stages.{name}.team"
                 )
         return self
 

@@ -4,6 +4,7 @@ import contextlib
 import csv
 import io
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -66,6 +67,7 @@ class ProgressLogger(Logger):
     elapsed_before = 0.0  # s, of parts before an interruption, and of the team's earlier stages
     steps_before, iterations_before = 0, 0  # of the team's earlier stages
     completed = 0  # iterations
+    companions: Sequence[Any] = ()  # that learn in the same steps (joint.py)
     columns: tuple[str, ...] = COLUMNS
     scale = 1.0  # of rewards, as the learner is told them
 
@@ -74,6 +76,8 @@ class ProgressLogger(Logger):
 
     def log(self, it: int, start_it: int, total_it: int, *args: Any, **values: Any) -> None:
         """Record one iteration; called by the runner with rsl-rl's arguments."""
+        for companion in self.companions:
+            companion.update()
         means = self._means()
         with contextlib.redirect_stdout(io.StringIO()):
             super().log(it, start_it, total_it, *args, **values)
@@ -138,6 +142,7 @@ class StageRunner(OnPolicyRunner):
     """
 
     logger: ProgressLogger
+    env: MissionEnv
 
     def __init__(self, env: MissionEnv, stage: StageConfig, folder: Path, first: int = 0):
         """Prepare to train `env`; checkpoints, progress.csv and TensorBoard events go to `folder`."""
@@ -158,15 +163,21 @@ class StageRunner(OnPolicyRunner):
         self.logger.columns = (*COLUMNS, *env.mission.logged)
         self.signature = {"observations": list(own.observation_names), "actions": list(own.action_names)}
 
-    def train(self, *, show_progress: bool = True, label: str = "") -> None:
-        """Run the remaining iterations of the stage; on KeyboardInterrupt save a checkpoint and raise it again."""
-        done = self.current_learning_iteration
-        logger = self.logger
+    def go_on(self) -> int:
+        """Prepare to write the history from where it is; return the iterations behind it."""
+        done, logger = self.current_learning_iteration, self.logger
         logger.completed, logger.iterations_before = done, self.first
         logger.elapsed_before = trim_history(self.folder / HISTORY, done)
         logger.steps_before = spent(self.folder / HISTORY, self.first).agent_steps
+        return done
+
+    def train(self, *, show_progress: bool = True, label: str = "") -> None:
+        """Run the remaining iterations of the stage; on KeyboardInterrupt save a checkpoint and raise it again."""
+        logger, done = self.logger, self.go_on()
         total = self.stage.iterations
         logger.bar = tqdm(total=total, initial=done - self.first, desc=label, unit="it", disable=not show_progress)
+        for companion in logger.companions:
+            companion.begin()
         try:
             self.learn(self.last - done)
         except KeyboardInterrupt:
@@ -179,6 +190,8 @@ class StageRunner(OnPolicyRunner):
             raise DivergedError(f"{self.folder}: {DIVERGED} {logger.completed} ({error})") from None
         finally:
             logger.bar.close()
+            for companion in logger.companions:
+                companion.end()
             if logger.writer is not None:
                 logger.stop_logging_writer()
 
@@ -187,8 +200,12 @@ class StageRunner(OnPolicyRunner):
         return all(bool(torch.isfinite(p).all()) for p in self.alg.get_policy().parameters())
 
     def save(self, path: str, infos: dict | None = None) -> None:
-        """Write `model_N.pt`, N the iterations completed (rsl-rl's own `path` numbers the last one: not used)."""
+        """Write `model_N.pt`, N the iterations completed (rsl-rl's own `path` numbers the last one: not used), after
+        those of the companions, so that theirs are there.
+        """
         completed = self.logger.completed
+        for companion in self.logger.companions:
+            companion.save(completed - self.first)
         if not self.is_finite():
             raise DivergedError(f"{self.folder}: {DIVERGED} {completed}")
         content = self.alg.save() | {"iter": completed, "infos": self.signature | (infos or {})}

@@ -1,22 +1,35 @@
 """Training stage by stage: each team learns while the teams of earlier stages act from their frozen policies.
 
 A team may be trained by several stages. Its folder holds one history: iterations, progress.csv and checkpoints of a
-later stage go on from the earlier one's.
+later stage go on from the earlier one's. Several may learn in one stage (joint.py); a stage that is to be kept only if
+it is better is judged beside what was there before it.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import torch
 
 from rl.learn.env import MissionEnv
-from rl.learn.export import ONNX, TORCHSCRIPT, export_policy
-from rl.learn.policy import CheckpointError, TrainedPolicy, checkpoints, load_policy, read_checkpoint
+from rl.learn.export import export_policy
+from rl.learn.joint import Companion
+from rl.learn.policy import (
+    CheckpointError,
+    Policy,
+    TrainedPolicy,
+    checkpoints,
+    load_policy,
+    read_checkpoint,
+    write_checkpoint,
+)
 from rl.learn.runner import HISTORY, StageRunner, spent
 from rl.missions import make_mission
-from rl.scenario import Scenario, at_stage
+from rl.scenario import Scenario, StageConfig, at_stage
 from rl.seeds import derive_seed
+
+Judged = Callable[[Mapping[str, TrainedPolicy]], float]
+"""How badly teams do together; a stage that is kept if it is better is judged by it."""
 
 
 def train_stages(
@@ -25,19 +38,27 @@ def train_stages(
     *,
     source: Path | None = None,
     dumps: Path | None = None,
+    judged: Judged | None = None,
     show_progress: bool = True,
 ) -> list[dict[str, Any]]:
     """Train every stage that `out` does not hold finished, continuing from checkpoints; return their results.
 
     `source` is the scenario's file, beside which its vehicles are looked for; environments that leave the physical are
-    written to the folder `dumps` (taichi_sim/dump.py).
+    written to the folder `dumps` (taichi_sim/dump.py). Without `judged` every stage is kept.
     """
     results, policies = [], {}
     for name, stage in config.stages.items():
-        (out / stage.team).mkdir(parents=True, exist_ok=True)
-        results.append(train_stage(config, out, name, policies, source, dumps, show_progress))
-        ended = config.iterations_before(name) + stage.iterations
-        policies[stage.team] = load_policy(out, config, stage.team, ended)
+        for team in stage.learners:
+            (out / team).mkdir(parents=True, exist_ok=True)
+        train_stage(config, out, name, policies, source, dumps, show_progress)
+        ended = {team: config.iterations_before(name, team) + stage.iterations for team in stage.learners}
+        now = {team: load_policy(out, config, team, ended[team]) for team in stage.learners}
+        if stage.keep == "better" and judged is not None and _verdict(out, stage, ended) is None:
+            now = _better(config, out, name, policies, now, judged)
+        for team in stage.learners:
+            export_policy(now[team].actor, out / team, now[team].signature)
+        policies |= now
+        results.append(stage_result(out, name, config))
     return results
 
 
@@ -49,36 +70,73 @@ def train_stage(
     source: Path | None,
     dumps: Path | None,
     show_progress: bool,
-) -> dict[str, Any]:
-    """Train the stage `name` to its last iteration and export its policy; return its line of summary.json."""
+) -> None:
+    """Train the stage `name` to its last iteration."""
     stage, first = config.stages[name], config.iterations_before(name)
-    folder, last = out / stage.team, first + stage.iterations
-    saved = checkpoints(folder)
+    saved = checkpoints(out / stage.team)
     done = read_checkpoint(saved[-1])["iter"] if saved else 0
-    if done >= last and exported(folder):
-        return stage_result(folder, name, config)
+    if done >= first + stage.iterations:
+        return
     seed = derive_seed(config.seed, name, done)
     torch.manual_seed(seed)
-    teams = tuple(t for t in config.teams if t == stage.team or t in policies)
+    acting = policies if stage.frozen is None else stage.frozen
+    teams = tuple(t for t in config.teams if t in stage.learners or t in acting)
     here = at_stage(config, name)
     mission = make_mission(here, stage.num_envs, seed=derive_seed(config.seed, name), teams=teams, source=source)
     mission.reseed(seed)
     mission.world.dump_folder = dumps
-    frozen = {t: policies[t] for t in mission.teams if t != stage.team}
-    env = MissionEnv(mission, stage.team, frozen, scale=1 - stage.discount)
-    runner = StageRunner(env, stage, folder, first)
-    if saved:
-        runner.load(str(saved[-1]))
-    if done < last:
-        number = list(config.stages).index(name) + 1
-        runner.train(show_progress=show_progress, label=f"stage {number}/{len(config.stages)} {name}")
-    export_policy(runner.alg.get_policy(), folder, runner.signature)
-    return stage_result(folder, name, config)
+
+    def runner_of(team: str, others: Mapping[str, Policy | None]) -> StageRunner:
+        env = MissionEnv(mission, team, others, scale=1 - stage.discount)
+        begun = config.iterations_before(name, team)
+        runner = StageRunner(env, stage, out / team, begun)
+        begins = out / team / f"model_{done - first + begun}.pt"
+        if done - first + begun or begins.is_file():
+            runner.load(str(begins))
+        return runner
+
+    others: dict[str, Policy | None] = {t: policies.get(t) for t in teams}
+    companions = [Companion(runner_of(t, {o: others[o] for o in teams if o != t})) for t in stage.joint]
+    others |= {companion.env.team: companion for companion in companions}
+    runner = runner_of(stage.team, {o: others[o] for o in teams if o != stage.team})
+    runner.env.companions, runner.logger.companions = companions, companions
+    number = list(config.stages).index(name) + 1
+    runner.train(show_progress=show_progress, label=f"stage {number}/{len(config.stages)} {name}")
 
 
-def exported(folder: Path) -> bool:
-    """Whether the policy in a team's folder has been exported."""
-    return all((folder / name).is_file() for name in (TORCHSCRIPT, ONNX))
+def _verdict(out: Path, stage: StageConfig, ended: Mapping[str, int]) -> dict[str, Any] | None:
+    """Whether the stage was kept, if that has been decided."""
+    return (read_checkpoint(out / stage.team / f"model_{ended[stage.team]}.pt").get("infos") or {}).get("verdict")
+
+
+def _better(
+    config: Scenario,
+    out: Path,
+    name: str,
+    others: Mapping[str, TrainedPolicy],
+    now: Mapping[str, TrainedPolicy],
+    judged: Judged,
+) -> dict[str, TrainedPolicy]:
+    """The policies of the stage's teams: those it has trained, or those before if they do better.
+
+    What is decided is written into the stage's last checkpoints, which hold the weights that are kept.
+    """
+    stage, kept = config.stages[name], dict(now)
+    first = {team: config.iterations_before(name, team) for team in now}
+    before = {team: load_policy(out, config, team, first[team]) for team in now}
+    losses = judged({**others, **before}), judged({**others, **now})
+    better = losses[1] < losses[0]
+    for team in (*stage.joint, stage.team):  # the leader's last: once it says so, all do
+        last = out / team / f"model_{first[team] + stage.iterations}.pt"
+        content = read_checkpoint(last)
+        if not better:
+            earlier = read_checkpoint(out / team / f"model_{first[team]}.pt")
+            content |= {key: value for key, value in earlier.items() if key not in ("iter", "infos")}
+            kept[team] = before[team]
+        verdict = {"kept": better, "loss_before": losses[0], "loss": losses[1]}
+        content["infos"] = {**(content.get("infos") or {}), "verdict": verdict}
+        write_checkpoint(content, last)
+    return kept
 
 
 def starting_weights(config: Scenario, beside: Path) -> dict[str, dict[str, Any]]:
@@ -97,19 +155,25 @@ def starting_weights(config: Scenario, beside: Path) -> dict[str, dict[str, Any]
         place = next((p for p in (Path(stage.start_from), beside / stage.start_from) if p.exists()), None)
         if place is None:
             raise CheckpointError(f"{told}: no such run or checkpoint")
-        saved = checkpoints(place / stage.team) if place.is_dir() else [place]
-        if not saved:
-            raise CheckpointError(f"{told}: no trained {stage.team} policy (no {stage.team}/model_N.pt)")
-        weights[stage.team] = read_checkpoint(saved[-1]) | {"iter": 0}
+        for team in stage.learners:
+            saved = checkpoints(place / team) if place.is_dir() else [place]
+            if not saved:
+                raise CheckpointError(f"{told}: no trained {team} policy (no {team}/model_N.pt)")
+            weights[team] = read_checkpoint(saved[-1]) | {"iter": 0}
     return weights
 
 
-def stage_result(folder: Path, name: str, config: Scenario) -> dict[str, Any]:
+def stage_result(out: Path, name: str, config: Scenario) -> dict[str, Any]:
     """This stage's line of summary.json; its time is that of all its iterations, interruptions left out."""
     stage, first = config.stages[name], config.iterations_before(name)
-    before, after = spent(folder / HISTORY, first), spent(folder / HISTORY, first + stage.iterations)
+    history, last = out / stage.team / HISTORY, first + stage.iterations
+    before, after = spent(history, first), spent(history, last)
     seconds, steps = after.seconds - before.seconds, after.agent_steps - before.agent_steps
-    return {
+    for team in stage.joint:
+        begun = config.iterations_before(name, team)
+        file = out / team / HISTORY
+        steps += spent(file, begun + stage.iterations).agent_steps - spent(file, begun).agent_steps
+    result = {
         "name": name,
         "team": stage.team,
         "iterations": stage.iterations,
@@ -117,3 +181,5 @@ def stage_result(folder: Path, name: str, config: Scenario) -> dict[str, Any]:
         "wall_time_s": round(seconds, 3),
         "agent_steps_per_s": round(steps / max(seconds, 1e-9), 1),
     }
+    verdict = _verdict(out, stage, {stage.team: last})
+    return result | ({"joint": list(stage.joint)} if stage.joint else {}) | ({"verdict": verdict} if verdict else {})

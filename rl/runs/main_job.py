@@ -3,6 +3,7 @@
 import contextlib
 import time
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +13,20 @@ from rl.learn.runner import HISTORY, spent
 from rl.learn.stages import train_stages
 from rl.mission import ControllerError
 from rl.runs import folder as run_folder
-from rl.runs.evaluation import check_measurable, judge_episodes, mission_class
+from rl.runs.evaluation import (
+    CHUNK,
+    check_measurable,
+    judge_episodes,
+    mission_class,
+    one_episode_each,
+    run_episodes,
+)
 from rl.runs.kept import keep
 from rl.runs.record import record_episode
 from rl.runs.report import write_report
 from rl.scenario import Scenario
+from rl.seeds import derive_seed
+from taichi_sim import runtime
 from taichi_sim.config import ConfigError
 from taichi_sim.recording import write_recording
 from taichi_sim.world import ActionError
@@ -37,7 +47,10 @@ def run_main_job(config: Scenario, out: Path, *, show_progress: bool = True) -> 
     start = time.perf_counter() - sum(spent(out / team / HISTORY).seconds for team in config.trained)
     source = out / run_folder.CONFIG
     try:
-        stages = train_stages(config, out, source=source, dumps=out / run_folder.DUMPS, show_progress=show_progress)
+        stages = train_stages(
+            config, out, source=source, dumps=out / run_folder.DUMPS, judged=partial(_loss, config, source),
+            show_progress=show_progress,
+        )  # fmt: skip
         policies = {team: load_policy(out, config, team) for team in config.trained}
         judged = config.evaluation
         evaluation = _evaluate(config, policies, out, show_progress)
@@ -59,6 +72,16 @@ def run_main_job(config: Scenario, out: Path, *, show_progress: bool = True) -> 
     run_folder.write_json(out / run_folder.SUMMARY, summary)
     write_report([out])
     return summary
+
+
+def _loss(config: Scenario, source: Path, policies: Mapping[str, Policy]) -> float:
+    """How badly teams do together (Judge.loss), on episodes that no policy is trained on and no evaluation is of."""
+    judge, seed = mission_class(config, source).Judge, derive_seed(config.seed, "better")
+    with runtime.torch_at_rest():
+        teams = {name: policies[name] for name in config.teams if name in policies}
+        mission = one_episode_each(config, tuple(teams), min(config.evaluation.episodes, CHUNK), seed, source)
+        seen = run_episodes(mission, teams)
+    return float(sum(judge.loss(judge.episodes([of], config), config).mean() for of in seen.values()))
 
 
 def _evaluate(

@@ -103,6 +103,12 @@ def test_training_starts_from_the_weights_of_another_run(run, tmp_path):
         (["stages.usv.set.sea.hss=1"], ["stages.usv.set", "did you mean 'hs'"]),
         (["stages.usv.set.variation=-1"], ["stages.usv.set", "variation", "0"]),
         (["stages.usv.set.evaluation.episodes=1"], ["stages.usv.set", "evaluation", "whole run"]),
+        (['stages.usv.joint=["usw"]'], ["stages.usv.joint[0]", "did you mean 'usv'"]),
+        (['stages.usv.joint=["usv"]'], ["stages.usv.joint", "twice"]),
+        (['stages.usv.joint=["uav"]', "stages.uav.hidden_dims=[9]"], ["stages.uav.hidden_dims", "stages.usv"]),
+        (['stages.usv.keep="better"'], ["stages.usv.keep", "nothing to compare", "start_from"]),
+        (['stages.usv.frozen=["uav"]'], ["stages.usv.frozen", "uav", "no stage before"]),
+        (['stages.uav.frozen=["uav"]'], ["stages.uav.frozen", "learns"]),
     ],
 )
 def test_stages_that_cannot_be_are_refused(overrides, words):
@@ -118,3 +124,41 @@ def test_a_start_that_is_not_there_is_named_before_anything_is_made(here, tmp_pa
         ending = here("rl.train", "--config", "paper", "--out", out, *sets(*TINY, f'stages.usv.start_from="{place}"'))
         ending.fails("stages.usv.start_from", word)
         assert not out.exists()
+
+
+JOINT = (
+    'stages.together.team="uav"', 'stages.together.joint=["usv"]', "stages.together.iterations=2",
+    "stages.together.num_envs=4", "stages.together.steps_per_iteration=8", "stages.together.checkpoint_interval=1",
+    'stages.together.keep="better"',
+)  # fmt: skip
+
+
+def test_teams_learn_at_the_same_time_and_the_stage_is_dropped_where_it_made_them_worse(run, tmp_path):
+    out = begun(tmp_path / "out", *JOINT)
+    for team in ("usv", "uav"):
+        (run / team).rename(out / team)
+    config, source = run_folder.load_config(out)
+    last = {team: out / team / f"model_{ITERATIONS + 2}.pt" for team in ("usv", "uav")}
+    before = {team: weights(out / team / f"model_{ITERATIONS}.pt") for team in last}
+    results = train_stages(config, out, source=source, show_progress=False)  # nobody judges: kept
+    joint = {team: weights(file) for team, file in last.items()}
+    assert all(not same(joint[team], before[team]) for team in last)
+    assert results[-1]["agent_steps"] == 2 * 2 * 8 * 4 * 3 and "verdict" not in results[-1]
+    assert iterations(out, "usv") == iterations(out, "uav") == list(range(ITERATIONS + 2))
+
+    for team in last:  # killed when the leader's had not been written, and its mate's had
+        (out / team / f"model_{ITERATIONS + 2}.pt").unlink()
+    (out / "uav" / f"model_{ITERATIONS + 1}.pt").unlink()
+    judged = []
+
+    def worse(policies):
+        judged.append(policies)
+        return float(len(judged))
+
+    results = train_stages(config, out, source=source, judged=worse, show_progress=False)
+    assert [iterations(out, team) for team in last] == 2 * [list(range(ITERATIONS + 2))]
+    assert results[-1]["verdict"] == {"kept": False, "loss_before": 1.0, "loss": 2.0}
+    assert all(same(weights(last[team]), before[team]) for team in last)
+    assert not same(judged[1]["usv"].actor.state_dict(), before["usv"])
+    again = train_stages(config, out, source=source, judged=worse, show_progress=False)
+    assert again == results and len(judged) == 2

@@ -1,6 +1,6 @@
 """What was trained, on what, how long; and the figures against the classical controller."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 from rl.runs.intervals import Interval, differences, intervals
@@ -19,8 +19,9 @@ def about(run: Run) -> str:
     rows = [("scenario", f"{config.name}, mission {config.mission}, seed {config.seed}")]
     for name, team in config.teams.items():
         if name in config.trained:
-            learned = _learned([stage for stage in stages if stage["team"] == name])
-            rows.append((f"team {name}", f"{team.count} x {team.vehicle}{learned}"))
+            untrained = "" if stages else ", not trained yet"
+            rows.append((f"team {name}", f"{team.count} x {team.vehicle}{untrained}"))
+    rows += [(f"stage {stage['name']}", _learned(stage)) for stage in stages]
     if run.summary is not None:
         rows.append(("all of it", f"{_duration(run.summary['wall_time_s'])}, with evaluation and recording"))
     rows.append(
@@ -33,13 +34,15 @@ def about(run: Run) -> str:
     return told + folded("every key of the scenario", f"<pre>{text(toml_text(config))}</pre>")
 
 
-def _learned(stages: Sequence[Mapping[str, Any]]) -> str:
-    """What all stages of a team have been."""
-    if not stages:
-        return ", not trained yet"
-    steps = f"{sum(stage['agent_steps'] for stage in stages) / 1e6:.3g} million agent-steps"
-    iterations = " + ".join(str(stage["iterations"]) for stage in stages)
-    return f": {iterations} iterations, {steps}, {_duration(sum(stage['wall_time_s'] for stage in stages))}"
+def _learned(stage: Mapping[str, Any]) -> str:
+    """What a stage has been."""
+    teams = " and ".join((stage["team"], *stage.get("joint", ())))
+    told = f"{teams}: {stage['iterations']} iterations, {stage['agent_steps'] / 1e6:.3g} million agent-steps"
+    told += f", {_duration(stage['wall_time_s'])}"
+    if verdict := stage.get("verdict"):
+        kept = "kept" if verdict["kept"] else "dropped"
+        told += f"; {kept}: its loss was {verdict['loss']:.3f}, before it {verdict['loss_before']:.3f}"
+    return told
 
 
 def _duration(seconds: float) -> str:
