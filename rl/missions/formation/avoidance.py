@@ -67,6 +67,7 @@ class Gains(Strict):
     hard: Positive = 20.0
     lean: Positive = 0.2
     slowing: NonNegative = 0.6
+    parting: NonNegative = 0.0  # s from now at which a gap to a team mate inside the margin counts too; 0: at the least
 
 
 class Numbers(NamedTuple):
@@ -82,6 +83,7 @@ class Numbers(NamedTuple):
     hard: float
     lean: float
     slowing: float
+    parting: float
     radius: float
 
 
@@ -115,14 +117,20 @@ def nearest(place, v, its, turn, horizon):
 
 
 @ti.func
+def danger(d, R, berth, part, g: ti.template()):
+    """Of being d (m) away from a body when that part of the horizon has passed."""
+    soft = ti.min(ti.max(1.0 - (d - R) / berth, 0.0), 1.0)
+    share = ti.max(1.0 - part, 0.0)
+    return share * share * (g.soft * soft + g.hard * ti.max(1.0 - d / R, 0.0))
+
+
+@ti.func
 def risk(place, v, its, turn, shift, R, berth, horizon, g: ti.template()):
     """Of a body at `place` (m, relative) for a vehicle that will have begun from `shift` (m)."""
     worst = R * 0.0
     for k in ti.static(range(2)):
         t, d = nearest(place - k * shift, v, its, turn, horizon)
-        soft = ti.min(ti.max(1.0 - (d - R) / berth, 0.0), 1.0)
-        share = 1.0 - t / horizon
-        worst = ti.max(worst, share * share * (g.soft * soft + g.hard * ti.max(1.0 - d / R, 0.0)))
+        worst = ti.max(worst, danger(d, R, berth, t / horizon, g))
     return worst
 
 
@@ -146,7 +154,13 @@ def risks(v, now, around: ti.template(), e, i, g: ti.template(), form: ti.templa
         away = around.mates[e, i, k, 0]
         if n.dot(n) > 0 and away * ti.abs(around.mates[e, i, k, 3]) < 2 * g.radius + g.margin:
             horizon = ti.min(g.horizon, ti.select(i > 0, g.follower_horizon, g.leader_horizon))
-            total += risk(away * n, v, its, 0.0, shift, 2 * g.radius, g.margin, horizon, g)
+            R, place = 2 * g.radius, away * n
+            worst = risk(place, v, its, 0.0, shift, R, g.margin, horizon, g)
+            if g.parting > 0:
+                worst = ti.max(
+                    worst, danger((place - g.parting * (v - its)).norm(), R, g.margin, g.parting / horizon, g)
+                )
+            total += worst
     return total
 
 

@@ -20,7 +20,8 @@ class Corrected(Team):
     """What a controller wants, and what of it the policy changes. A mission's own team derives from it, and gives:
 
     axes: of velocities, 2 of vessels or 3. radius: of a vehicle, m. target: its target, as it is (targets.Target).
-    known: what controllers act by; its `sensor.obstacles` are those that a gate is about.
+    known: what controllers act by; its `sensor.obstacles` are those that a gate is about, its `sensor.team_mates` those
+        that room is kept for.
     """
 
     axes: int
@@ -66,6 +67,10 @@ class Corrected(Team):
             nearest = self.known.sensor.obstacles[..., 0, :]
             opened = (2 - (nearest[..., 0] - self.radius) * (2 / residual.gate)).clamp(0.0, 1.0)
             correction = correction * (opened * (nearest[..., NUMBER] >= 0)).unsqueeze(-1)  # none is seen: none is near
+        mates = self.known.sensor
+        if residual.room and mates.num_mates:
+            nearest = mates.team_mates[..., 0].amin(-1, keepdim=True)
+            correction = correction * (nearest * (2 / residual.room) - 1).clamp(0.0, 1.0)
         wanted = self.wanted
         if residual.velocity:
             pushed = self._pushed(residual.velocity * correction[..., :2])
