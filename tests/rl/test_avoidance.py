@@ -49,10 +49,10 @@ def scene(obstacles=(), mates=(), *, rate: float = 0.0, own: tuple[float, float]
     return SimpleNamespace(fleet=fleet, sensor=sensor, now=now, targets=targets, radius=RADIUS, axes=axes)
 
 
-def steered(team, wanted=(SPEED, 0.0)) -> Tensor:
+def steered(team, wanted=(SPEED, 0.0), gains: Gains = GAINS) -> Tensor:
     """Velocities [vehicle, 2] that the team is given."""
     velocity = torch.tensor(wanted, dtype=runtime.current().torch_dtype).expand(1, 2, len(wanted))
-    return Avoider(GAINS)(team, velocity)[0]
+    return Avoider(gains)(team, velocity)[0]
 
 
 def passes(velocity: Tensor, north: float, east: float, v=(0.0, 0.0)) -> float:
@@ -107,6 +107,15 @@ def test_followers_keep_clear_of_the_leader_and_not_it_of_them():
     leader, follower = steered(scene(mates=[(0.0, -12.0, 0.0)]), (SPEED, -3.0))
     assert leader.tolist() == [SPEED, -3.0]
     assert follower[1] > -2.5
+
+
+def test_slowly_nearing_a_mate_inside_the_margin_is_left_if_that_counts():
+    """It would be nearest after the horizon: without `parting` nothing is done until it is late."""
+    wanted = (SPEED, 0.1)
+    team = scene(mates=[(0.0, 2 * RADIUS + 0.8, 0.0)], own=wanted)
+    assert steered(team, wanted)[1].tolist() == pytest.approx(wanted)
+    apart = steered(team, wanted, GAINS.model_copy(update={"parting": 1.0}))[1]
+    assert float(apart[1]) < -0.2 and float(apart[0]) > 0.7 * SPEED
 
 
 def test_out_of_contact_is_the_way_that_is_taken():

@@ -54,6 +54,17 @@ def test_a_gate_opens_where_an_obstacle_is_near():
     assert team.command(silent + 1.0).equal(team.command(silent))
 
 
+def test_corrections_fade_out_where_a_team_mate_is_near():
+    task = corrected("usv.residual.room=20.0", "sea.hs=0")
+    begin(task)
+    team = task.teams["usv"]
+    team.sensor.team_mates[..., 0] = torch.tensor([25.0, 16.0, 9.0]).expand(task.num_envs, 3).unsqueeze(-1)
+    silent = torch.zeros(task.num_envs, 3, 2)
+    added = team.command(silent + 1.0) - team.command(silent)
+    room = (1.0 - team.command(silent)).clamp(max=1.0)[0, :, 1]
+    torch.testing.assert_close(added[0, :, 1], torch.minimum(torch.tensor([0.3, 0.18, 0.0]), room))
+
+
 @pytest.mark.parametrize("team", ["usv", "uav"])
 def test_a_corrected_velocity_is_flown(team):
     """A policy that always asks for 2 m/s to port is that much to port of a formation that goes straight on."""
