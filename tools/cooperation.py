@@ -107,7 +107,7 @@ def main(argv: list[str] | None = None) -> None:
 
 def judged(case: Case, run: Path, partner: Path, args: argparse.Namespace) -> tuple[Any, dict[str, Any]]:
     """The mission's judge, and the episodes of both parts under one condition: kept ones, if there are."""
-    from rl.learn.policy import ClassicalPolicy, load_policy
+    from rl.learn.policy import ClassicalPolicy, checkpoints, load_policy
     from rl.runs.evaluation import judge_episodes, mission_class
     from rl.runs.folder import load_config
     from taichi_sim.config.io import toml_text
@@ -119,7 +119,7 @@ def judged(case: Case, run: Path, partner: Path, args: argparse.Namespace) -> tu
     count = args.episodes or config.evaluation.episodes
     kind = mission_class(config, source).Judge
     acting = (run, partner) if NEXT in (case.boats, case.aircraft) else (run,)
-    newest = [sorted((folder / name).glob("model_*.pt"))[-1:] for folder in acting for name in parts.values()]
+    newest = [checkpoints(folder / name)[-1:] for folder in acting for name in parts.values()]
     told = f"{toml_text(config)}{seed} {count} {case} {newest}"
     kept = run / "cooperation" / f"{hashlib.sha256(told.encode()).hexdigest()[:16]}.npz"
     if kept.is_file():
