@@ -116,3 +116,39 @@ class Judge:
 def known(value: Any) -> float | None:
     """A number, or None for one that is not finite."""
     return float(value) if np.isfinite(value) else None
+
+
+def errors_of(seen: Sequence[Any]) -> NDArray[np.float64]:
+    """[step, episode, vehicle] of all chunks."""
+    return np.concatenate([j.errors for j in seen], axis=1)
+
+
+def rms_of(errors: NDArray[np.float64], axes: tuple[int, ...]) -> NDArray[np.float64]:
+    """Over what is finite; NaN where nothing is."""
+    finite = np.isfinite(errors)
+    count = finite.sum(axis=axes)
+    squares = (np.where(finite, errors, 0.0) ** 2).sum(axis=axes)
+    return np.sqrt(np.where(count > 0, squares / np.maximum(count, 1), np.nan))
+
+
+def over_time(episodes: Episodes, who: str) -> NDArray[np.float64]:
+    """Rms [...] of episodes [..., episode] of different length; NaN where none was measured."""
+    time = episodes[f"{who}_s"]
+    squares = (np.where(time > 0, episodes[f"{who}_error_rms_m"], 0.0) ** 2 * time).sum(-1)
+    total = time.sum(-1)
+    return np.sqrt(np.where(total > 0, squares / np.maximum(total, 1e-300), np.nan))
+
+
+def median_of(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Over the last axis, of what is not NaN; NaN where nothing is."""
+    count = np.isfinite(values).sum(-1, keepdims=True)
+    ordered = np.sort(values, axis=-1)  # NaN come last
+    low, high = (np.maximum(count - 1, 0) // 2, np.maximum(count, 1) // 2)
+    middle = [np.take_along_axis(ordered, np.minimum(k, values.shape[-1] - 1), -1)[..., 0] for k in (low, high)]
+    return np.where(count[..., 0] > 0, 0.5 * (middle[0] + middle[1]), np.nan)
+
+
+def p95(errors: NDArray[np.float64]) -> float | None:
+    """Of what is finite; None if nothing is."""
+    values = errors[np.isfinite(errors)]
+    return known(np.percentile(values, 95)) if values.size else None

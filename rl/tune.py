@@ -1,6 +1,6 @@
 """Tune a team's classical controller by a search over training worlds; print its numbers, or write them into the file.
 
-The numbers are those of [TEAM.control] of a scenario (see its controller in rl/missions/formation/controllers).
+The numbers are those of [TEAM.control] of a scenario (see its controller in rl/guidance/controllers).
 """
 
 import argparse

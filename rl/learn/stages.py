@@ -12,7 +12,7 @@ from typing import Any
 import torch
 
 from rl.learn.env import MissionEnv
-from rl.learn.export import export_policy
+from rl.learn.export import ONNX, TORCHSCRIPT, export_policy
 from rl.learn.joint import Companion
 from rl.learn.policy import (
     CheckpointError,
@@ -50,13 +50,14 @@ def train_stages(
     for name, stage in config.stages.items():
         for team in stage.learners:
             (out / team).mkdir(parents=True, exist_ok=True)
-        train_stage(config, out, name, policies, source, dumps, show_progress)
+        changed = train_stage(config, out, name, policies, source, dumps, show_progress)
         ended = {team: config.iterations_before(name, team) + stage.iterations for team in stage.learners}
         now = {team: load_policy(out, config, team, ended[team]) for team in stage.learners}
         if stage.keep == "better" and judged is not None and _verdict(out, stage, ended) is None:
-            now = _better(config, out, name, policies, now, judged)
+            now, changed = _better(config, out, name, policies, now, judged), True
         for team in stage.learners:
-            export_policy(now[team].actor, out / team, now[team].signature)
+            if changed or not exported(out / team):
+                export_policy(now[team].actor, out / team, now[team].signature)
         policies |= now
         results.append(stage_result(out, name, config))
     return results
@@ -70,13 +71,13 @@ def train_stage(
     source: Path | None,
     dumps: Path | None,
     show_progress: bool,
-) -> None:
-    """Train the stage `name` to its last iteration."""
+) -> bool:
+    """Train the stage `name` to its last iteration; return whether there was anything to do."""
     stage, first = config.stages[name], config.iterations_before(name)
     saved = checkpoints(out / stage.team)
     done = read_checkpoint(saved[-1])["iter"] if saved else 0
     if done >= first + stage.iterations:
-        return
+        return False
     seed = derive_seed(config.seed, name, done)
     torch.manual_seed(seed)
     acting = policies if stage.frozen is None else stage.frozen
@@ -102,6 +103,12 @@ def train_stage(
     runner.env.companions, runner.logger.companions = companions, companions
     number = list(config.stages).index(name) + 1
     runner.train(show_progress=show_progress, label=f"stage {number}/{len(config.stages)} {name}")
+    return True
+
+
+def exported(folder: Path) -> bool:
+    """Whether the policy in a team's folder has been exported."""
+    return all((folder / name).is_file() for name in (TORCHSCRIPT, ONNX))
 
 
 def _verdict(out: Path, stage: StageConfig, ended: Mapping[str, int]) -> dict[str, Any] | None:

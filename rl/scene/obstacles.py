@@ -18,6 +18,7 @@ import torch
 from torch import Tensor
 
 from rl.scene.tracks import Real, Tracks, world_uniform
+from taichi_sim.config import Finite, Positive, Strict
 
 OBSTACLE_STREAM = 1 << 16  # and one stream after it per round
 ROUNDS = 48
@@ -30,6 +31,15 @@ PASSAGE_M = 10.0  # between the surfaces of two obstacles, at the least
 HEIGHT_BAND_M = 10.0  # either side of the flight height, in which no obstacle ends
 CHUNK = 128  # obstacles measured at once: the working set stays in cache
 ROUNDING_M = 1e-3  # float32 at 1.5 km
+
+
+class FixedObstacle(Strict):
+    """One vertical cylinder that stands in every world."""
+
+    north: Finite  # m
+    east: Finite  # m
+    radius: Positive  # m
+    height: Positive  # above mean sea level, m
 
 
 def generate_obstacles(

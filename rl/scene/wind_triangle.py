@@ -13,6 +13,11 @@ import taichi as ti
 import torch
 from torch import Tensor
 
+from taichi_sim.air.wind import wind_factor, wind_shear
+from taichi_sim.conditions import bounds
+from taichi_sim.config import WorldConfig
+
+SIGMAS = 3.0  # standard deviations of the slow variation in the strongest wind
 LEAST_SHARE = 0.2  # of the airspeed, the least speed over ground; assumed: the wind must leave that much
 
 
@@ -31,3 +36,10 @@ def crab(airspeed: float, wind: Tensor, cos: Tensor, sin: Tensor) -> Tensor:
     """Heading less course [..] (rad) that keeps to a course in the wind [.., 2] at an airspeed (m/s)."""
     across = cos * wind[..., 1] - sin * wind[..., 0]  # to starboard
     return -torch.asin((across * (1 / airspeed)).clamp(-1.0, 1.0))
+
+
+def strongest_wind(config: WorldConfig, height: float) -> float:
+    """The strongest mean wind of any realisation plus `SIGMAS` of its slow variation (m/s) at `height` (m)."""
+    air = config.air
+    factor = float(wind_factor(air.profile, wind_shear(air), height))
+    return factor * (bounds(config, "air.speed")[1] + SIGMAS * air.std)

@@ -81,7 +81,7 @@ def server():
             "rl.evaluate",
             "rl.play",
             "rl.runs.report.page",
-            "rl.missions.formation.controllers",
+            "rl.guidance.controllers",
         ]
     )
     return context

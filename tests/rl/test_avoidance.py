@@ -7,10 +7,10 @@ import pytest
 import torch
 from torch import Tensor
 
-from rl.missions.formation.avoidance import Avoider, Gains, Shield
-from rl.missions.formation.geometry import SIZE, SLOT_VELOCITY, V
-from rl.missions.formation.targets import COURSE_RATE
-from rl.missions.formation.targets import SIZE as TARGET_SIZE
+from rl.guidance.avoidance import Avoider, Gains, Shield
+from rl.guidance.geometry import SIZE, SLOT_VELOCITY, V
+from rl.guidance.targets import COURSE_RATE
+from rl.guidance.targets import SIZE as TARGET_SIZE
 from taichi_sim import runtime
 from taichi_sim.vehicle import Limits
 

@@ -10,12 +10,12 @@ import torch
 from small_missions import TEAMS
 from torch import Tensor
 
+from rl.guidance import avoidance
+from rl.guidance.controllers import force_vector
+from rl.guidance.controllers.sampled import held, place_poles
 from rl.learn.policy import ClassicalPolicy, policies_of
 from rl.mission import ControllerError
 from rl.missions import load_scenario
-from rl.missions.formation import avoidance
-from rl.missions.formation.controllers import force_vector
-from rl.missions.formation.controllers.sampled import held, place_poles
 from rl.missions.formation.mission import Formation
 from rl.runs.evaluation import evaluate
 from taichi_sim.maths.rotation import torch_quaternion_from_euler

@@ -8,9 +8,10 @@ from small_missions import begin, everything, make, wander
 from test_slots import DOUBLE, measured, target
 from torch import Tensor
 
+from rl.guidance.geometry import GOAL
+from rl.guidance.shapes import SHAPES, formation_offsets
 from rl.missions.formation.config import FormationTeam
-from rl.missions.formation.shapes import SHAPES, formation_offsets
-from rl.missions.formation.slots import GOAL, Drawn, Slots
+from rl.missions.formation.slots import Drawn, Slots
 from rl.scene.sensors import Sensor
 from taichi_sim.conventions import STATE_SIZE
 

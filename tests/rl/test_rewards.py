@@ -5,6 +5,7 @@ import math
 import pytest
 import torch
 
+from rl import rewards as terms
 from rl.missions.formation import rewards
 
 
@@ -80,7 +81,7 @@ def test_exactly_100_m_takes_the_near_branch(reward, factor):
 
 
 def test_a_collision_costs_one():
-    penalty = rewards.penalty(torch.tensor([[True, False]]))
+    penalty = terms.penalty(torch.tensor([[True, False]]))
     torch.testing.assert_close(penalty, torch.tensor([[-1.0, 0.0]]))
 
 
@@ -89,7 +90,7 @@ def test_a_collision_costs_one():
 
 @pytest.mark.parametrize(
     ("term", "at_scale"),
-    [(rewards.coarse, math.exp(-1)), (rewards.fine, 0.5)],
+    [(terms.coarse, math.exp(-1)), (terms.fine, 0.5)],
 )
 @pytest.mark.parametrize("scale", [0.5, 8.0])
 def test_bells_peak_at_one_on_the_slot_and_fall(term, at_scale, scale):
@@ -102,7 +103,7 @@ def test_bells_peak_at_one_on_the_slot_and_fall(term, at_scale, scale):
 def test_far_away_only_the_approach_still_pulls():
     """At 100 m the bells are flat: the gradient is that of -d."""
     d = torch.tensor([100.0], dtype=torch.float64, requires_grad=True)
-    total = rewards.coarse(d, 8.0) + rewards.fine(d, 0.5)
+    total = terms.coarse(d, 8.0) + terms.fine(d, 0.5)
     flat = torch.autograd.grad(total.sum(), d)[0]
     assert abs(flat.item()) < 1e-5
     slope = torch.autograd.grad(rewards.approach(d).sum(), d)[0]
@@ -113,14 +114,14 @@ def test_action_rate_is_minus_the_square_of_the_change():
     action = torch.tensor([[[0.3, 0.4], [1.0, -1.0], [0.2, 0.2]]])
     previous = torch.tensor([[[0.0, 0.0], [-1.0, 1.0], [0.2, 0.2]]])
     # 0.09 + 0.16; 2^2 + 2^2; nothing
-    torch.testing.assert_close(rewards.action_rate(action, previous), torch.tensor([[-0.25, -8.0, 0.0]]))
+    torch.testing.assert_close(terms.action_rate(action, previous), torch.tensor([[-0.25, -8.0, 0.0]]))
 
 
 def test_clearance_is_quadratic_inside_its_range_and_zero_outside():
     reach = 4.0
-    close(rewards.clearance(tensor(10.0, 4.0, 2.0, 1.0, 0.0), reach), 0.0, 0.0, -0.25, -0.5625, -1.0)
+    close(terms.clearance(tensor(10.0, 4.0, 2.0, 1.0, 0.0), reach), 0.0, 0.0, -0.25, -0.5625, -1.0)
     gap = torch.linspace(-8.0, 8.0, 400, dtype=torch.float64)
-    penalty = rewards.clearance(gap, reach)
+    penalty = terms.clearance(gap, reach)
     assert (penalty.diff() >= 0).all()  # more room is never worse
     assert penalty.diff().max() < 0.1  # no jump
     assert penalty.min() >= -2.25  # deep inside an obstacle: bounded

@@ -6,7 +6,7 @@ from typing import get_args
 import pytest
 import torch
 
-from rl.missions.formation.shapes import SHAPES, Shape, formation_offsets, lane_half_width
+from rl.guidance.shapes import SHAPES, Shape, formation_offsets, lane_half_width
 
 H = 10 * math.sqrt(0.5)
 FIVE = {  # ahead and to starboard, 10 m apart

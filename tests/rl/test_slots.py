@@ -7,9 +7,9 @@ import pytest
 import torch
 from torch import Tensor
 
-from rl.missions.formation.geometry import Geometry
-from rl.missions.formation.shapes import SHAPES, formation_offsets, lane_half_width
-from rl.missions.formation.slots import OFFSET, RATE, SIZE
+from rl.guidance.geometry import OFFSET, RATE, Geometry
+from rl.guidance.geometry import SLOT_SIZE as SIZE
+from rl.guidance.shapes import SHAPES, formation_offsets, lane_half_width
 from rl.scene.tracks import generate_tracks
 from taichi_sim.conventions import POSITION, STATE_SIZE
 from taichi_sim.kinematics import DERIVED_SIZE, VELOCITY_N

@@ -4,8 +4,8 @@ import tomllib
 
 import pytest
 
+from rl.guidance.controllers.unity_boat import UnityBoatGains
 from rl.missions import load_scenario
-from rl.missions.formation.controllers.unity_boat import UnityBoatGains
 from rl.runs.tune import tune, write_numbers
 from taichi_sim.config import ConfigError
 

@@ -7,10 +7,10 @@ import pytest
 import torch
 from torch import Tensor
 
+from rl.guidance.controllers.fixed_wing_6dof import FixedWing6DofController, velocity_through_air
 from rl.learn.policy import ClassicalPolicy
 from rl.mission import ControllerError
 from rl.missions import load_scenario
-from rl.missions.formation.controllers.fixed_wing_6dof import FixedWing6DofController, velocity_through_air
 from rl.missions.formation.mission import Formation
 
 VEHICLES = Path(__file__).parents[2] / "configs" / "vehicles"

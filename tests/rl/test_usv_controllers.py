@@ -8,12 +8,12 @@ import pytest
 import torch
 from torch import Tensor
 
+from rl.guidance import avoidance
+from rl.guidance.controllers.course import Load
+from rl.guidance.controllers.hull_6dof import Hull6DofController, shaft, shares, vessel
+from rl.guidance.controllers.vessel import Resistance, loops
 from rl.learn.policy import ClassicalPolicy
 from rl.missions import load_scenario
-from rl.missions.formation import avoidance
-from rl.missions.formation.controllers.course import Load
-from rl.missions.formation.controllers.hull_6dof import Hull6DofController, shaft, shares, vessel
-from rl.missions.formation.controllers.vessel import Resistance, loops
 from rl.missions.formation.mission import Formation
 from rl.runs.evaluation import evaluate
 from taichi_sim.maths.rotation import torch_quaternion_from_euler

@@ -7,13 +7,13 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from rl.guidance.corrected import Corrected
+from rl.guidance.geometry import SIZE as ERRORS
+from rl.guidance.geometry import SLOT_VELOCITY
+from rl.guidance.observations import RATE_SCALE, SPEED_SCALE
+from rl.guidance.targets import COS, COURSE, EAST, NORTH, SIN, SIZE, SPEED, seen_at
 from rl.missions.escort.boats import AGE_SCALE, SIGMA_SCALE, squashed
 from rl.missions.escort.picture import Group, Search
-from rl.missions.formation.corrected import Corrected
-from rl.missions.formation.geometry import SIZE as ERRORS
-from rl.missions.formation.geometry import SLOT_VELOCITY
-from rl.missions.formation.observations import RATE_SCALE, SPEED_SCALE
-from rl.missions.formation.targets import COS, COURSE, EAST, NORTH, SIN, SIZE, SPEED, seen_at
 from rl.scene.camera import Camera
 from rl.scene.contacts import Contacts
 from rl.scene.instruments import Readings

@@ -6,14 +6,13 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from rl.guidance.corrected import Corrected
+from rl.guidance.geometry import SLOT_SIZE, Geometry
+from rl.guidance.observations import Observer
+from rl.guidance.targets import SIZE as TARGET
+from rl.guidance.targets import seen_at
 from rl.missions.escort.picture import Group, Search
 from rl.missions.escort.shapes import escort_offsets
-from rl.missions.formation.corrected import Corrected
-from rl.missions.formation.geometry import Geometry
-from rl.missions.formation.observations import Observer
-from rl.missions.formation.slots import SIZE as SLOT
-from rl.missions.formation.targets import SIZE as TARGET
-from rl.missions.formation.targets import seen_at
 from rl.scene.chart import Charted
 from rl.scene.contacts import Contacts
 from rl.scene.instruments import Readings
@@ -49,7 +48,7 @@ class Boats(Corrected):
         self.sensor = Sensor(
             self.fleet, sensing.obstacles, sensing.team_mates, sensing.detection_range, self.radius, "heading"
         )
-        slots = torch.zeros((mission.num_envs, self.fleet.count, SLOT), dtype=state.dtype, device=state.device)
+        slots = torch.zeros((mission.num_envs, self.fleet.count, SLOT_SIZE), dtype=state.dtype, device=state.device)
         slots[..., :2] = self.offsets
         self.slots = SimpleNamespace(table=slots, offsets=slots[..., :2])
         self.targets = SimpleNamespace(table=state.new_zeros((mission.num_envs, 1, TARGET)))

@@ -6,12 +6,14 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
+from rl.guidance.config import ResidualConfig
 from rl.missions.escort.rewards import AircraftReward, BoatReward
 from rl.missions.escort.shapes import Shape
-from rl.missions.formation.config import FixedObstacle, ResidualConfig, SensorsConfig
 from rl.scenario import Evaluation, Scenario
 from rl.scene.camera import CameraConfig
+from rl.scene.errors import SensorsConfig
 from rl.scene.lookout import LookoutConfig
+from rl.scene.obstacles import FixedObstacle
 from rl.scene.radio import RadioConfig
 from taichi_sim.config import Fraction, NonNegative, Positive, Strict, TeamConfig
 

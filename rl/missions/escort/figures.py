@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from rl.figures import policy_loss_figure, reward_figure, save_figures
 from rl.mission import Histories
-from rl.missions.formation.figures import policy_loss_figure, reward_figure, save_figures
 from taichi_sim.plotting import INK, dress, new_figure, rgb
 from taichi_sim.recording import Episode
 from taichi_sim.recording.overlays import Cylinders, Plot

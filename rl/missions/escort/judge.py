@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
-from rl.judge import COLLISION_LOSS, COMMON, Episodes, Judge, known
-from rl.missions.formation.judge import median_of, over_time, p95, rms_of
+from rl.judge import COLLISION_LOSS, COMMON, Episodes, Judge, errors_of, known, median_of, over_time, p95, rms_of
 
 SEEN_SHARE = 0.9  # of the time after the vessel was first seen, that it must be in some camera: success of aircraft
 
@@ -109,7 +108,7 @@ class EscortJudge(Judge):
     def episodes(cls, seen: Sequence[Any], config: Any) -> dict[str, NDArray[np.float64]]:
         """Also times, errors, shares of time, work and way of each episode."""
         common = super().episodes(seen, config)
-        errors = _errors(seen)
+        errors = errors_of(seen)
         rms = rms_of(errors, (0,))
         get = {
             key: np.concatenate([getattr(j, key) for j in seen])
@@ -191,7 +190,7 @@ class EscortJudge(Judge):
     @classmethod
     def figures(cls, seen: Sequence[Any], config: Any) -> dict[str, float | None]:
         """The figures of `definitions`; percentiles of errors need every single one, so they have no interval."""
-        errors, pooled = _errors(seen), super().figures(seen, config)
+        errors, pooled = errors_of(seen), super().figures(seen, config)
         both = {"leader": errors[:, :, 0], "follower": errors[:, :, 1:]}
         pooled |= {f"{who}_error_p95_m": p95(of) for who, of in both.items()}
         return {key: known(pooled[key]) if pooled[key] is not None else None for key in cls.definitions}
@@ -211,11 +210,6 @@ class EscortJudge(Judge):
         elif figures["in_camera"] is not None:
             told.append(f"vessel in some camera {100 * figures['in_camera']:.1f} % of the time after arrival")
         return ", ".join((*told, f"{free:.1f} % of episodes without collision", f"{success:.1f} % succeed"))
-
-
-def _errors(seen: Sequence[Any]) -> NDArray[np.float64]:
-    """[step, episode, vehicle] of all chunks."""
-    return np.concatenate([j.errors for j in seen], axis=1)
 
 
 def _quantile(values: NDArray[np.float64], share: float) -> NDArray[np.float64]:

@@ -13,6 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from rl.guidance.controllers import CONTROLLERS
 from rl.mission import Endings, Mission, Step
 from rl.missions.escort import rewards
 from rl.missions.escort.aircraft import Aircraft
@@ -27,7 +28,7 @@ from rl.missions.escort.scouts import Scouts
 from rl.missions.escort.shapes import escort_offsets
 from rl.missions.escort.vessel import Wanderer
 from rl.missions.escort.worlds import draw_worlds
-from rl.missions.formation.controllers import CONTROLLERS
+from rl.rewards import paid
 from rl.scene.traffic import EAST, NORTH, RADIUS, TOP, V_EAST, V_NORTH, Bodies
 from rl.seeds import derive_seed
 from taichi_sim import runtime
@@ -208,8 +209,8 @@ class Escort(Mission):
     def reward(self, team: Any, ended: Endings) -> Tensor:
         """See rewards.py."""
         if isinstance(team, Boats):
-            return rewards.paid(rewards.BOAT_TERMS, team.section.boat_reward, team, ended)
-        return rewards.paid(rewards.AIRCRAFT_TERMS, team.section.aircraft_reward, team, ended)
+            return paid(rewards.BOAT_TERMS, team.section.boat_reward, team, ended)
+        return paid(rewards.AIRCRAFT_TERMS, team.section.aircraft_reward, team, ended)
 
     def endings(self, team: Any) -> dict[str, Tensor]:
         """Contact with an obstacle, the vessel or a team mate; out of the area."""

@@ -20,14 +20,14 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from rl.missions.formation.controllers.fixed_wing_6dof import (
+from rl.guidance.controllers.fixed_wing_6dof import (
     EVADING,
     FixedWing6DofController,
     FixedWing6DofGains,
     Way,
     velocity_through_air,
 )
-from rl.missions.formation.geometry import SLOT_VELOCITY
+from rl.guidance.geometry import SLOT_VELOCITY
 from taichi_sim.config import Positive
 from taichi_sim.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
 

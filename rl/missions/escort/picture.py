@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
-from rl.missions.formation.targets import COS, COURSE, EAST, NORTH, SIN, SIZE, SPEED
+from rl.guidance.targets import COS, COURSE, EAST, NORTH, SIN, SIZE, SPEED
 from rl.scene.camera import LOOK_SIZE, LOOK_VARIANCE, UNSEEN
 from rl.scene.chart import AGE, P_PP, P_PV, P_VV, V_EAST, V_NORTH, Chart, width_of
 from rl.scene.radio import PLACE_AND_VELOCITY, Radio

@@ -3,10 +3,9 @@
 from collections.abc import Callable
 from typing import Any
 
-import torch
 from torch import Tensor
 
-from rl.missions.formation.rewards import action_rate, clearance, coarse, fine, penalty
+from rl.rewards import action_rate, clearance, coarse, fine, penalty
 from taichi_sim.config import NonNegative, Positive, Strict
 
 
@@ -69,11 +68,3 @@ AIRCRAFT_TERMS: dict[str, Callable[[Any, Any, AircraftReward], Tensor]] = {
     "ending": lambda team, ended, w: penalty(ended.any),
 }
 """A weight's name -> its term, of aircraft (aircraft.py), their endings, and the weights."""
-
-
-def paid(terms: dict[str, Any], weights: Any, team: Any, ended: Any) -> Tensor:
-    """The weighted sum of `terms`; a weight of 0 costs nothing."""
-    parts = [
-        getattr(weights, name) * term(team, ended, weights) for name, term in terms.items() if getattr(weights, name)
-    ]
-    return sum(parts, torch.zeros_like(team.distance))

@@ -11,7 +11,7 @@ from typing import Literal
 import torch
 from torch import Tensor
 
-from rl.missions.formation.shapes import formation_offsets
+from rl.guidance.shapes import formation_offsets
 
 Shape = Literal["abreast", "astern", "wedge", "echelon", "ring"]
 

@@ -13,14 +13,14 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
-from rl.missions.formation.avoidance import Avoider
-from rl.missions.formation.controllers import CONTROLLERS
-from rl.missions.formation.controllers.course import Way
-from rl.missions.formation.controllers.force_vector import wrap
-from rl.missions.formation.geometry import SIZE as ERRORS
-from rl.missions.formation.geometry import SLOT_VELOCITY
-from rl.missions.formation.targets import SIZE as TARGET
-from rl.missions.formation.targets import seen_at
+from rl.guidance.avoidance import Avoider
+from rl.guidance.controllers import CONTROLLERS
+from rl.guidance.controllers.course import Way
+from rl.guidance.controllers.force_vector import wrap
+from rl.guidance.geometry import SIZE as ERRORS
+from rl.guidance.geometry import SLOT_VELOCITY
+from rl.guidance.targets import SIZE as TARGET
+from rl.guidance.targets import seen_at
 from rl.scene.sensors import Sensor
 from taichi_sim.config import ConfigError
 from taichi_sim.config.io import validate

@@ -5,13 +5,14 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
+from rl.guidance.config import ResidualConfig
+from rl.guidance.shapes import Shape
 from rl.missions.formation.rewards import TrackingReward
-from rl.missions.formation.shapes import Shape
 from rl.scenario import Evaluation, Scenario
-from rl.scene.contacts import ContactsConfig
-from rl.scene.instruments import InstrumentsConfig
+from rl.scene.errors import SensorsConfig
+from rl.scene.obstacles import FixedObstacle
 from rl.scene.radio import RadioConfig
-from taichi_sim.config import Finite, Fraction, NonNegative, Positive, Strict, TeamConfig
+from taichi_sim.config import Fraction, NonNegative, Positive, Strict, TeamConfig
 
 
 class TrackConfig(Strict):
@@ -24,15 +25,6 @@ class TrackConfig(Strict):
     flight_height: Annotated[float, Field(gt=0, le=1000)] = 60.0  # of the UAV target above mean sea level, m
     target_speed: Annotated[float, Field(gt=0, le=100)] = 12.0  # of both targets along their tracks, m/s
     speed_over: Literal["ground", "air"] = "ground"  # target_speed is over ground, or through the air at flight height
-
-
-class FixedObstacle(Strict):
-    """One vertical cylinder that stands in every world."""
-
-    north: Finite  # m
-    east: Finite  # m
-    radius: Positive  # m
-    height: Positive  # above mean sea level, m
 
 
 class ObstacleConfig(Strict):
@@ -67,32 +59,6 @@ class ObstacleConfig(Strict):
             )
         return self
 
-
-class ResidualConfig(Strict):
-    """A policy that corrects the classical controller instead of acting alone.
-
-    It corrects the velocity that the controller wants, ahead and to starboard along the target's course, after evasion,
-    or its actions, or both. With a `shield`, corrections are taken back as far as they lead where the risks of what is
-    that near in time are greater than they are worth (avoidance.py): none leads into an obstacle that is seen. Where a
-    team mate is nearer than `room` they fade out: two that both correct, each counting on the other to go straight on,
-    met more often than two that do not. With a `gate`, corrections fade in where the gap to an obstacle falls from
-    `gate` to half of it, and are zero, exactly, where none is that near. With a `memory`, the policy observes the mean
-    of how the vehicle fell short of the wanted velocity over about that time: it shows in which craft, and in what sea
-    and wind, it is.
-    """
-
-    velocity: NonNegative = 0.0  # m/s, the most of each component
-    shield: NonNegative = 0.0  # s; 0: the policy is trusted
-    caution: Positive = 1.0  # how much the shield makes of risks, over what the controller does
-    room: NonNegative = (
-        0.0  # m from a team mate's origin from which on it is corrected fully; not at all within half of it
-    )
-    share: Annotated[float, Field(ge=0, le=2)] = 0.0  # of the range of actions
-    gate: Positive | None = None  # m
-    memory: NonNegative = 0.0  # s; of corrections of the velocity
-
-
-MOST_DROPOUT = 0.99  # of measurements, however much errors are scaled
 
 Spacing = Annotated[float, Field(gt=0, le=200)]
 
@@ -154,20 +120,6 @@ class SensingConfig(Strict):
     detection_range: Positive = 40.0  # m
     obstacles: Annotated[int, Field(ge=0, le=8)] = 2  # nearest ones observed
     team_mates: Annotated[int, Field(ge=0, le=8)] = 2  # nearest ones observed
-
-
-class SensorsConfig(InstrumentsConfig):
-    """`[sensors]`: how instruments err; what is left out is exact."""
-
-    contacts: ContactsConfig = ContactsConfig()
-
-    @property
-    def scaled_contacts(self) -> ContactsConfig:
-        """Contacts with their errors times `errors`; in time as they are, unless there are none."""
-        c, e = self.contacts, self.errors
-        noise = {"range_noise": e * c.range_noise, "bearing_noise_deg": e * c.bearing_noise_deg}
-        rest = {"dropout": min(e * c.dropout, MOST_DROPOUT), "late": c.late if e > 0 else 0}
-        return c.model_copy(update=noise | rest)
 
 
 class FormationEvaluation(Evaluation):

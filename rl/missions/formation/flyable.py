@@ -10,22 +10,11 @@ over ground v (wind_triangle.py), so R must reach v^2 / (g tan(largest bank)).
 
 import math
 
+from rl.guidance.shapes import lane_half_width
 from rl.missions.formation.config import FormationScenario, FormationTeam, TrackConfig
-from rl.missions.formation.shapes import lane_half_width
-from rl.scene.wind_triangle import LEAST_SHARE
-from taichi_sim.air.wind import wind_factor, wind_shear
-from taichi_sim.conditions import bounds
-from taichi_sim.config import ConfigError, WorldConfig
+from rl.scene.wind_triangle import LEAST_SHARE, strongest_wind
+from taichi_sim.config import ConfigError
 from taichi_sim.vehicle import Vehicle
-
-SIGMAS = 3.0  # standard deviations of the slow variation in the strongest wind
-
-
-def strongest_wind(config: WorldConfig, height: float) -> float:
-    """The strongest mean wind of any realisation plus `SIGMAS` of its slow variation (m/s) at `height` (m)."""
-    air = config.air
-    factor = float(wind_factor(air.profile, wind_shear(air), height))
-    return factor * (bounds(config, "air.speed")[1] + SIGMAS * air.std)
 
 
 def check_lanes(track: TrackConfig, name: str, team: FormationTeam) -> None:

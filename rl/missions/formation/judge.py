@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
-from rl.judge import COLLISION_LOSS, COMMON, Episodes, Judge, known
+from rl.judge import COLLISION_LOSS, COMMON, Episodes, Judge, errors_of, median_of, over_time, p95, rms_of
 from rl.missions.formation.evasions import slot_clearance
 
 
@@ -65,7 +65,7 @@ class FormationJudge(Judge):
     @classmethod
     def episodes(cls, seen: Sequence[Any], config: Any) -> dict[str, NDArray[np.float64]]:
         """Also rms errors (m), for how long they were measured (vehicle-seconds), and the least gap (m)."""
-        errors = _errors(seen)
+        errors = errors_of(seen)
         measured = np.isfinite(errors)
         rms = rms_of(errors, (0,))
         failed = np.concatenate([j.failed for j in seen])
@@ -114,7 +114,7 @@ class FormationJudge(Judge):
     @classmethod
     def figures(cls, seen: Sequence[Any], config: Any) -> dict[str, float | None]:
         """The figures of `definitions`; percentiles need every single error, so they have no interval."""
-        errors, pooled = _errors(seen), super().figures(seen, config)
+        errors, pooled = errors_of(seen), super().figures(seen, config)
         both = {"leader": errors[:, :, 0], "follower": errors[:, :, 1:]}
         pooled |= {f"{who}_error_p95_m": p95(of) for who, of in both.items()}
         return {key: pooled[key] for key in cls.definitions}
@@ -131,39 +131,3 @@ class FormationJudge(Judge):
             f"leader error {leader}, followers {followers}, {free:.1f} % of episodes without collision, "
             f"{success:.1f} % succeed"
         )
-
-
-def _errors(seen: Sequence[Any]) -> NDArray[np.float64]:
-    """[step, episode, vehicle] of all chunks."""
-    return np.concatenate([j.errors for j in seen], axis=1)
-
-
-def rms_of(errors: NDArray[np.float64], axes: tuple[int, ...]) -> NDArray[np.float64]:
-    """Over what is finite; NaN where nothing is."""
-    finite = np.isfinite(errors)
-    count = finite.sum(axis=axes)
-    squares = (np.where(finite, errors, 0.0) ** 2).sum(axis=axes)
-    return np.sqrt(np.where(count > 0, squares / np.maximum(count, 1), np.nan))
-
-
-def over_time(episodes: Episodes, who: str) -> NDArray[np.float64]:
-    """Rms [...] of episodes [..., episode] of different length; NaN where none was measured."""
-    time = episodes[f"{who}_s"]
-    squares = (np.where(time > 0, episodes[f"{who}_error_rms_m"], 0.0) ** 2 * time).sum(-1)
-    total = time.sum(-1)
-    return np.sqrt(np.where(total > 0, squares / np.maximum(total, 1e-300), np.nan))
-
-
-def median_of(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Over the last axis, of what is not NaN; NaN where nothing is."""
-    count = np.isfinite(values).sum(-1, keepdims=True)
-    ordered = np.sort(values, axis=-1)  # NaN come last
-    low, high = (np.maximum(count - 1, 0) // 2, np.maximum(count, 1) // 2)
-    middle = [np.take_along_axis(ordered, np.minimum(k, values.shape[-1] - 1), -1)[..., 0] for k in (low, high)]
-    return np.where(count[..., 0] > 0, 0.5 * (middle[0] + middle[1]), np.nan)
-
-
-def p95(errors: NDArray[np.float64]) -> float | None:
-    """Of what is finite; None if nothing is."""
-    values = errors[np.isfinite(errors)]
-    return known(np.percentile(values, 95)) if values.size else None

@@ -9,7 +9,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from rl.missions.formation.geometry import Geometry
+from rl.guidance.geometry import Geometry
 from rl.scene.contacts import Contacts
 from rl.scene.instruments import Readings
 from rl.scene.radio import Radio

@@ -11,14 +11,14 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from rl.guidance.controllers import CONTROLLERS
+from rl.guidance.targets import Targets
 from rl.mission import Endings, Mission, Step
 from rl.missions.formation import rewards
 from rl.missions.formation.config import FormationScenario
-from rl.missions.formation.controllers import CONTROLLERS
 from rl.missions.formation.flyable import check_flyable, check_lanes
 from rl.missions.formation.judge import FormationJudge
 from rl.missions.formation.starts import PER_WORLD, draw_starts, in_wind
-from rl.missions.formation.targets import Targets
 from rl.missions.formation.team import TeamTask
 from rl.missions.formation.worlds import draw_traffic, generate_worlds
 from rl.scene.traffic import BOTTOM, EAST, NORTH, RADIUS, TOP, Bodies

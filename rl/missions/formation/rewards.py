@@ -10,6 +10,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from rl.rewards import action_rate, clearance, coarse, fine, paid, penalty
 from taichi_sim.config import NonNegative, Positive, Strict
 
 
@@ -44,34 +45,9 @@ def paper_uav_follower(d: Tensor) -> Tensor:
     return torch.where(d < 100.0, 1 - 0.025 * d, torch.zeros_like(d))
 
 
-def coarse(d: Tensor, scale: float) -> Tensor:
-    """A wide bell, exp(-(d / scale)^2): which way is home."""
-    return torch.exp(-(d * d) * (1 / scale**2))
-
-
-def fine(d: Tensor, scale: float) -> Tensor:
-    """A sharp peak, 1 / (1 + (d / scale)^2): the last metre."""
-    return 1 / (1 + (d * d) * (1 / scale**2))
-
-
 def approach(d: Tensor) -> Tensor:
     """-d, so that far away closer is better."""
     return -d
-
-
-def action_rate(action: Tensor, previous: Tensor) -> Tensor:
-    """Minus the squared change of the action [env, vehicle, action]."""
-    return -(action - previous).square().sum(-1)
-
-
-def clearance(gap: Tensor, reach: float) -> Tensor:
-    """-(1 - gap / reach)^2 where the gap (m) to obstacles and team mates is below `reach`, else 0."""
-    return -(1 - gap * (1 / reach)).clamp(0.0, 1.5).square()
-
-
-def penalty(happened: Tensor) -> Tensor:
-    """-1 where it happened: the paper's collision penalty (sec. 3.5), and that of an early ending."""
-    return -happened.to(torch.get_default_dtype())
 
 
 TERMS: dict[str, Callable[[Any, Any, TrackingReward], Tensor]] = {
@@ -86,10 +62,8 @@ TERMS: dict[str, Callable[[Any, Any, TrackingReward], Tensor]] = {
 
 
 def tracking(team: Any, ended: Any) -> Tensor:
-    """`reward = "tracking"`: the weighted sum of `TERMS`; a weight of 0 costs nothing."""
-    w = team.section.tracking_reward
-    parts = [getattr(w, name) * term(team, ended, w) for name, term in TERMS.items() if getattr(w, name) != 0]
-    return sum(parts, torch.zeros_like(team.distance))
+    """`reward = "tracking"`: the weighted sum of `TERMS`."""
+    return paid(TERMS, team.section.tracking_reward, team, ended)
 
 
 def paper(team: Any, ended: Any) -> Tensor:

@@ -23,12 +23,11 @@ import taichi as ti
 import torch
 from torch import Tensor
 
+from rl.guidance.geometry import GOAL, OFFSET, RATE, SLOT_SIZE
+from rl.guidance.shapes import formation_offsets
 from rl.missions.formation.config import FormationTeam
-from rl.missions.formation.shapes import formation_offsets
 from taichi_sim import runtime
 
-# Columns of the table of slots, two each (ahead, starboard): offset (m), its rate (m/s), where it is going (m).
-OFFSET, RATE, GOAL, SIZE = range(0, 8, 2)
 INTERVAL, GLIDE = range(2)  # of the numbers that the kernel is told
 SHAPE, SPACING = range(2)  # of a change
 
@@ -160,7 +159,7 @@ class Slots:
         """
         envs, every = state.shape[0], section.formation.change_every
         self._section, self._units = section, unit_offsets(section).to(state.device)
-        self.table = state.new_zeros((envs, section.count, SIZE))
+        self.table = state.new_zeros((envs, section.count, SLOT_SIZE))
         self.offsets, self.rates = self.table[..., OFFSET:RATE], self.table[..., RATE:GOAL]
         self._choice = len(section.shapes) > 1 or section.spacings[0] < section.spacings[1]
         self._every = max(1, round(every / interval)) if every and self._choice else 0

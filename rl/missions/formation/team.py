@@ -5,13 +5,13 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from rl.guidance.corrected import Corrected
+from rl.guidance.geometry import Geometry
+from rl.guidance.observations import Observer
+from rl.guidance.targets import Target, Targets
 from rl.mission import Mission
-from rl.missions.formation.corrected import Corrected
-from rl.missions.formation.geometry import Geometry
 from rl.missions.formation.known import Known
-from rl.missions.formation.observations import Observer
 from rl.missions.formation.slots import Slots
-from rl.missions.formation.targets import Target, Targets
 from rl.scene.sensors import Sensor
 from rl.scene.traffic import Bodies
 from taichi_sim import runtime

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 import torch
 from torch import Tensor
 
+from rl.guidance.shapes import lane_half_width
 from rl.missions.formation.config import FormationScenario
-from rl.missions.formation.shapes import lane_half_width
 from rl.missions.formation.slots import offsets_of, unit_offsets
 from rl.missions.formation.starts import Starts
 from rl.scene.obstacles import generate_obstacles

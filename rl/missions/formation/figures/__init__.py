@@ -3,26 +3,19 @@
 Positions are drawn as on a map, east to the right and north up, heights up from mean sea level, in m.
 """
 
-import os
-import uuid
-from collections.abc import Mapping
 from pathlib import Path
 
 from matplotlib.figure import Figure
 
+from rl.figures import policy_loss_figure, reward_figure, save_figures
 from rl.mission import Histories
 from rl.missions.formation.figures.formation import formation_figure
-from rl.missions.formation.figures.history import policy_loss_figure, reward_figure
 from rl.missions.formation.figures.scene import scene_figure
 from rl.missions.formation.figures.tracking import tracking_error_figure
 from taichi_sim.recording import Episode
 
 __all__ = [
-    "Histories",
     "formation_figure",
-    "policy_loss_figure",
-    "reward_figure",
-    "save_figures",
     "scene_figure",
     "tracking_error_figure",
     "write_figures",
@@ -44,21 +37,3 @@ def write_figures(out: Path, histories: Histories, episode: Episode | None, sett
         figures["reward"] = reward_figure(histories, liveries)
         figures["policy_loss"] = policy_loss_figure(histories, liveries)
     return save_figures(out, figures)
-
-
-def save_figures(out: Path, figures: Mapping[str, Figure]) -> list[Path]:
-    """Each as NAME.png into the folder `out`; an old one stays until the new is whole."""
-    out = Path(out)
-    out.mkdir(parents=True, exist_ok=True)
-    return [_save(figure, out / f"{name}.png") for name, figure in figures.items()]
-
-
-def _save(figure: Figure, path: Path) -> Path:
-    """Write beside, then rename."""
-    part = path.with_name(f".{path.stem}.{uuid.uuid4().hex[:8]}.part.png")
-    try:
-        figure.savefig(part, dpi=150)
-        os.replace(part, path)
-    finally:
-        part.unlink(missing_ok=True)
-    return path

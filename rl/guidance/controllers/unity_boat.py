@@ -12,10 +12,10 @@ its poles at exp(-heading_bandwidth T) under the yaw inertia and angular drag of
 import torch
 from torch import Tensor
 
-from rl.missions.formation.avoidance import Wanted
-from rl.missions.formation.controllers.force_vector import ForceGains, ForceVector, approach, wrap
-from rl.missions.formation.controllers.sampled import held, place_poles
-from rl.missions.formation.team import TeamTask
+from rl.guidance.avoidance import Wanted
+from rl.guidance.controllers.force_vector import ForceGains, ForceVector, approach, wrap
+from rl.guidance.controllers.sampled import held, place_poles
+from rl.guidance.steered import Steered
 from taichi_sim.config import Positive
 from taichi_sim.conventions import GRAVITY
 from taichi_sim.usv.unity_boat import UnityBoat
@@ -52,15 +52,15 @@ class UnityBoatController:
         self.damping = (1 - yaw.keep) / yaw.gain
         self.yaw_acceleration = p.yaw_factor / p.inertia[2]
 
-    def __call__(self, team: TeamTask) -> Tensor:
+    def __call__(self, team: Steered) -> Tensor:
         """Actions [env, vehicle, (acceleration, yaw)] in [-1, 1]."""
         return self.act(team, self.wanted(team))
 
-    def wanted(self, team: TeamTask) -> Wanted:
+    def wanted(self, team: Steered) -> Wanted:
         """Towards the slots."""
         return Wanted(self.force.velocity(team))
 
-    def act(self, team: TeamTask, wanted: Wanted) -> Tensor:
+    def act(self, team: Steered, wanted: Wanted) -> Tensor:
         """Actions that fly what is wanted."""
         R, omega = team.fleet.R_nb, team.fleet.angular_velocity_b
         down_rate = R[..., :2, 0] * omega[..., 1:2] - R[..., :2, 1] * omega[..., 0:1]  # of R e_3: R (omega x e_3)

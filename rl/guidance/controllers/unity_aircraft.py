@@ -14,9 +14,9 @@ import math
 import torch
 from torch import Tensor
 
-from rl.missions.formation.avoidance import Wanted
-from rl.missions.formation.controllers.force_vector import ForceGains, ForceVector, approach, wrap
-from rl.missions.formation.team import TeamTask
+from rl.guidance.avoidance import Wanted
+from rl.guidance.controllers.force_vector import ForceGains, ForceVector, approach, wrap
+from rl.guidance.steered import Steered
 from taichi_sim.config import Positive
 from taichi_sim.uav.unity_aircraft import DEG, UnityAircraft
 
@@ -53,15 +53,15 @@ class UnityAircraftController:
         self.smooth_rate = p.smooth_rate
         self.max_climb = min(MAX_CLIMB, DEG * p.max_pitch_deg)
 
-    def __call__(self, team: TeamTask) -> Tensor:
+    def __call__(self, team: Steered) -> Tensor:
         """Actions [env, vehicle, (pitch, yaw, boost)] in [-1, 1]."""
         return self.act(team, self.wanted(team))
 
-    def wanted(self, team: TeamTask) -> Wanted:
+    def wanted(self, team: Steered) -> Wanted:
         """Towards the slots."""
         return Wanted(self.force.velocity(team))
 
-    def act(self, team: TeamTask, wanted: Wanted) -> Tensor:
+    def act(self, team: Steered, wanted: Wanted) -> Tensor:
         """Actions that fly what is wanted."""
         pull, nose = self.force.wanted(team, wanted.velocity), team.fleet.R_nb[..., 0]
         force = (pull * nose).sum(-1).clamp(self.per_boost * self.boost_min, self.per_boost * self.boost_max)

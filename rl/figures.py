@@ -1,6 +1,9 @@
-"""Figs. 3 and 4: reward and policy loss while training, from the stages' progress.csv."""
+"""Figures of any mission: reward and policy loss while training (paper, figs. 3 and 4), from progress.csv."""
 
+import os
+import uuid
 from collections.abc import Mapping
+from pathlib import Path
 from string import ascii_lowercase
 
 import numpy as np
@@ -62,3 +65,21 @@ def reward_figure(histories: Histories, liveries: Liveries) -> Figure:
 def policy_loss_figure(histories: Histories, liveries: Liveries) -> Figure:
     """PPO's policy loss while training (paper, Fig. 4)."""
     return _history_figure(histories, liveries, "policy_loss", "Policy loss during training", "policy loss", zero=True)
+
+
+def save_figures(out: Path, figures: Mapping[str, Figure]) -> list[Path]:
+    """Each as NAME.png into the folder `out`; an old one stays until the new is whole."""
+    out = Path(out)
+    out.mkdir(parents=True, exist_ok=True)
+    return [_save(figure, out / f"{name}.png") for name, figure in figures.items()]
+
+
+def _save(figure: Figure, path: Path) -> Path:
+    """Write beside, then rename."""
+    part = path.with_name(f".{path.stem}.{uuid.uuid4().hex[:8]}.part.png")
+    try:
+        figure.savefig(part, dpi=150)
+        os.replace(part, path)
+    finally:
+        part.unlink(missing_ok=True)
+    return path

@@ -1,7 +1,7 @@
 """Where a team's vehicles are relative to their slots: one kernel from state to errors.
 
 The leader's slot is the target. A follower's is the leader's position plus an offset in the path frame, whose first
-axis is the target's course (slots.py); it moves with the leader, swings about it as the course turns, and glides where
+axis is the target's course; it moves with the leader, swings about it as the course turns, and glides where
 the formation changes. Or all slots, the leader's too, are offsets from the target in that way.
 
 Errors are vectors in n, and in the vehicle's own frame: its body frame (3 axes), or the heading frame (2: ahead,
@@ -16,8 +16,7 @@ from typing import NamedTuple
 import taichi as ti
 from torch import Tensor
 
-from rl.missions.formation.slots import OFFSET, RATE
-from rl.missions.formation.targets import COS, COURSE_RATE, DOWN, EAST, NORTH, SIN, SPEED
+from rl.guidance.targets import COS, COURSE_RATE, DOWN, EAST, NORTH, SIN, SPEED
 from rl.scene.radio import PLACE_AND_VELOCITY as AGE
 from taichi_sim import runtime
 from taichi_sim.fleet import Views
@@ -32,6 +31,9 @@ MEASURE = 60.0  # ns of one vehicle, about
 SLOT, SLOT_VELOCITY, ERROR, ERROR_RATE, ERROR_B, ERROR_RATE_B, COURSE_B = range(0, 21, 3)
 SIGHT, PREVIOUS_SIGHT, SIZE = 21, 25, 29
 DISTANCE, REACH, TOTAL = range(3)  # of the plain numbers
+
+# Columns of the table of slots, two each (ahead, starboard): offset (m), its rate (m/s), where it is going (m).
+OFFSET, RATE, GOAL, SLOT_SIZE = range(0, 8, 2)
 
 _array1, _array2, _array3, _array4 = (ti.types.ndarray(ndim=n) for n in (1, 2, 3, 4))
 ErrorsPack = ti.types.argpack(table=_array3, plain=_array3)
@@ -166,7 +168,7 @@ class Geometry:
         *,
         about: bool = False,
     ):
-        """Measure `fleet` against `target` (targets.py) at `down` (m) and the table of `slots` (slots.py).
+        """Measure `fleet` against `target` (targets.py) at `down` (m) and the table of `slots`.
 
         Followers know of their leader what they have `heard` (rl/scene/radio.py), or all. With `about`, slots are
         about the target.

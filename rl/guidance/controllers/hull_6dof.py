@@ -7,10 +7,10 @@ mean is kept where both propellers stay within their limits with the difference 
 import torch
 from torch import Tensor
 
+from rl.guidance.controllers.course import Course, Load, Way
+from rl.guidance.controllers.vessel import CourseGains, Resistance, Vessel
+from rl.guidance.steered import Steered
 from rl.mission import ControllerError
-from rl.missions.formation.controllers.course import Course, Load, Way
-from rl.missions.formation.controllers.vessel import CourseGains, Resistance, Vessel
-from rl.missions.formation.team import TeamTask
 from taichi_sim.config import Positive
 from taichi_sim.usv.hull.hull_6dof import Hull6Dof
 from taichi_sim.usv.hull.params import Hull6DofParams, Thrusters
@@ -45,15 +45,15 @@ class Hull6DofController:
         self.gains = gains or self.Gains()
         self.course = Course(craft, self.gains, model.dt * model.substeps)
 
-    def __call__(self, team: TeamTask) -> Tensor:
+    def __call__(self, team: Steered) -> Tensor:
         """Actions [env, vehicle, 2] in [-1, 1]; none for a vehicle whose state is not finite."""
         return self.act(team, self.wanted(team))
 
-    def wanted(self, team: TeamTask) -> Way:
+    def wanted(self, team: Steered) -> Way:
         """Towards the slots."""
         return self.course.wanted(team)
 
-    def act(self, team: TeamTask, wanted: Way) -> Tensor:
+    def act(self, team: Steered, wanted: Way) -> Tensor:
         """Actions that sail what is wanted."""
         left, right = shares(self.thrusters, self.course.load(team, wanted), astern=self.actions == "left_right")
         if self.actions == "left_right":

@@ -33,9 +33,9 @@ import taichi as ti
 import torch
 from torch import Tensor
 
-from rl.missions.formation.geometry import SLOT_VELOCITY, row_of
-from rl.missions.formation.geometry import V as VELOCITY
-from rl.missions.formation.targets import COURSE_RATE
+from rl.guidance.geometry import SLOT_VELOCITY, row_of
+from rl.guidance.geometry import V as VELOCITY
+from rl.guidance.targets import COURSE_RATE
 from taichi_sim import runtime
 from taichi_sim.config import NonNegative, Positive, Strict
 from taichi_sim.packs import struct_of, values_at

@@ -17,8 +17,8 @@ from typing import NamedTuple
 
 from torch import Tensor
 
-from rl.missions.formation.avoidance import Gains
-from rl.missions.formation.controllers.sampled import decaying, place_poles
+from rl.guidance.avoidance import Gains
+from rl.guidance.controllers.sampled import decaying, place_poles
 from taichi_sim.config import NonNegative, Positive
 from taichi_sim.usv.vessel import steady_speed
 

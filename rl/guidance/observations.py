@@ -22,18 +22,18 @@ from typing import Any, NamedTuple
 import taichi as ti
 from torch import Tensor
 
-from rl.missions.formation.geometry import (
+from rl.guidance.geometry import (
     COURSE_B,
     DISTANCE_SCALE,
     ERROR_B,
     ERROR_RATE_B,
+    OFFSET,
     PREVIOUS_SIGHT,
     SIGHT,
     own_frame,
     row_of,
 )
-from rl.missions.formation.slots import OFFSET
-from rl.missions.formation.targets import COURSE_RATE
+from rl.guidance.targets import COURSE_RATE
 from rl.scene.radio import PLACE_AND_VELOCITY as AGE
 from taichi_sim import runtime
 from taichi_sim.kinematics import DOWN
@@ -173,7 +173,7 @@ def _observe(
 
 
 class Observer:
-    """Writes what a team (team.py) observes.
+    """Writes what a team observes.
 
     Attributes:
         widths: term -> how many numbers it has, in order.
@@ -207,7 +207,7 @@ class Observer:
     def __call__(self, action: Tensor, reference: Tensor) -> Tensor:
         """All terms [env, vehicle, n], side by side in a fresh tensor.
 
-        `action` [env, vehicle, a] is the last one; `reference` is what is to be corrected, and the lag (team.py).
+        `action` [env, vehicle, a] is the last one; `reference` is what is to be corrected, and the lag (corrected.py).
         """
         out = action.new_empty(self._shape)
         self._launch.once(out, self._seen(), action.contiguous(), reference.contiguous(), self._form)

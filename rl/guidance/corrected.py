@@ -6,10 +6,10 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from rl.guidance.avoidance import Shield
+from rl.guidance.config import ResidualConfig
+from rl.guidance.targets import Target
 from rl.mission import Mission, Team
-from rl.missions.formation.avoidance import Shield
-from rl.missions.formation.config import ResidualConfig
-from rl.missions.formation.targets import Target
 from rl.scene.told import NUMBER
 from taichi_sim.config import ConfigError
 

@@ -1,0 +1,29 @@
+"""Classical controllers that hold slots, by the class of the vehicle model they are made for.
+
+A controller is a class: built from the model and its `Gains`, it acts for a team (rl/guidance/steered.py) in two steps,
+between which a policy may correct it: `wanted(team)` says what is to be flown, a tuple of which `velocity` is v* [env,
+vehicle, 2 or 3] (m/s, NED), and `act(team, wanted)` the actions that do so. Its `gains` are those that it was built
+from. A vehicle may bring its own (`Vehicle.controller`), which comes first.
+"""
+
+from typing import Any
+
+from rl.guidance.controllers.fixed_wing_6dof import FixedWing6DofController
+from rl.guidance.controllers.hull_6dof import Hull6DofController
+from rl.guidance.controllers.manoeuvring_3dof import Manoeuvring3dofController
+from rl.guidance.controllers.unity_aircraft import UnityAircraftController
+from rl.guidance.controllers.unity_boat import UnityBoatController
+from taichi_sim.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
+from taichi_sim.uav.unity_aircraft import UnityAircraft
+from taichi_sim.usv.hull.hull_6dof import Hull6Dof
+from taichi_sim.usv.manoeuvring_3dof import Manoeuvring3dof
+from taichi_sim.usv.unity_boat import UnityBoat
+from taichi_sim.vehicle import Vehicle
+
+CONTROLLERS: dict[type[Vehicle], Any] = {
+    UnityBoat: UnityBoatController,
+    Hull6Dof: Hull6DofController,
+    Manoeuvring3dof: Manoeuvring3dofController,
+    UnityAircraft: UnityAircraftController,
+    FixedWing6DOF: FixedWing6DofController,
+}

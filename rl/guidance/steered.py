@@ -1,0 +1,25 @@
+"""What classical controllers act by: a team as a mission lets it be known."""
+
+from typing import Any, Protocol
+
+from rl.guidance.geometry import Geometry
+from rl.guidance.targets import Target
+
+
+class Steered(Protocol):
+    """A team, as it is or as its vehicles know it; everything is [env, vehicle, ...].
+
+    Attributes:
+        fleet: the vehicles (taichi_sim/fleet.py), or what their instruments say (rl/scene/instruments.py).
+        now: errors from their slots (geometry.py). target: what their leader tracks; targets: its table (targets.py).
+        sensor: obstacles and team mates near them (rl/scene/sensors.py, contacts.py).
+        axes: of their velocities, 2 of vessels or 3. radius: of a vehicle, m.
+    """
+
+    fleet: Any
+    now: Geometry
+    target: Target
+    targets: Any
+    sensor: Any
+    axes: int
+    radius: float
