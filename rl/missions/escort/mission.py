@@ -5,7 +5,6 @@ the obstacles from afar; all tell each other what they see, by radio (picture.py
 hundred metres off, with a word of where the vessel was.
 """
 
-import math
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +25,7 @@ from rl.missions.escort.orbit import OrbitController
 from rl.missions.escort.picture import Picture
 from rl.missions.escort.scouts import Scouts
 from rl.missions.escort.shapes import escort_offsets
+from rl.missions.escort.starts import afloat, aloft
 from rl.missions.escort.vessel import Wanderer
 from rl.missions.escort.worlds import draw_worlds
 from rl.rewards import paid
@@ -33,16 +33,12 @@ from rl.scene.traffic import EAST, NORTH, RADIUS, TOP, V_EAST, V_NORTH, Bodies
 from rl.seeds import derive_seed
 from taichi_sim import runtime
 from taichi_sim.config.io import validate
-from taichi_sim.conventions import STATE_SIZE
-from taichi_sim.maths.rotation import torch_quaternion_from_euler
 from taichi_sim.recording.episode import Scene
 from taichi_sim.surroundings import as_i32
 from taichi_sim.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
 
 VESSEL_TOP = 4.0  # m above the sea: aircraft pass above; assumed
-BOAT_SPEED = (0.5, 1.5)  # m/s at which boats begin
 SEEN_FROM_AFAR = 150.0  # m about the vessel, in recordings without aircraft
-APART = 40.0  # m between aircraft that begin
 
 
 class Escort(Mission):
@@ -250,31 +246,13 @@ class Escort(Mission):
         self._cue[envs] = config.escort.cue_error * noise - before.to(noise)
         boats, aircraft = (self.teams.get(part) for part in (config.escort.boats, config.escort.aircraft))
         if boats is not None:
-            state = boats.fleet.state.new_zeros((n, boats.fleet.count, STATE_SIZE))
-            heading = self.worlds.heading[worlds].to(state)
-            state[..., :2] = self.worlds.place[worlds].to(state)
-            state[..., 3:7] = torch_quaternion_from_euler(0 * heading, 0 * heading, heading)
-            low, high = BOAT_SPEED
-            state[..., 7] = low + (high - low) * torch.rand((n, 1), generator=self.generator).to(state)
-            self.world.place(boats.name, envs, state)
-        aloft = self.worlds.aloft[worlds]
+            place, heading = self.worlds.place[worlds], self.worlds.heading[worlds]
+            self.world.place(boats.name, envs, afloat(boats, place, heading, self.generator))
+        over = self.worlds.aloft[worlds]
         if self.scouts:
-            self.scouts.begin(envs, aloft)
+            self.scouts.begin(envs, over)
         if aircraft is not None:
-            self._launch(aircraft, envs, aloft)
-
-    def _launch(self, team: Any, envs: Tensor, aloft: Tensor) -> None:
-        """Aircraft begin in steady flight over `aloft` [n, 2], side by side and one above the other, any way."""
-        n, count = len(envs), team.fleet.count
-        state = team.fleet.state.new_zeros((n, count, STATE_SIZE))
-        heading = (2 * math.pi * torch.rand((n, 1), generator=self.generator)).to(state).expand(-1, count)
-        rank = (torch.arange(count, device=state.device) - (count - 1) / 2) * APART
-        side = torch.stack((-heading.sin(), heading.cos()), dim=-1)
-        state[..., :2] = aloft.unsqueeze(1).to(state) + rank.view(1, -1, 1) * side
-        state[..., 2] = team.down
-        state[..., 3:7] = torch_quaternion_from_euler(0 * heading, 0 * heading, heading)
-        state[..., 7] = team.fleet.model.limits.speeds[1]
-        self.world.place(team.name, envs, state)
+            self.world.place(aircraft.name, envs, aloft(aircraft, over, self.generator))
 
     @classmethod
     def one_each(cls, config: EscortScenario, episodes: int) -> EscortScenario:
