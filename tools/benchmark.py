@@ -39,7 +39,7 @@ from rl.runs import folder as run_folder  # noqa: E402
 QUICK = ("track.worlds=4", "sea.realisations=4", "stages.usv.num_envs=8", "stages.usv.steps_per_iteration=8")
 SIZES, QUICK_SIZES = (1, 64, 1024, 4096, 16384), (1, 16)
 LEARNING_SIZES = (1024, 2048)  # beside the configured one
-SCENARIO_SIZE, QUICK_SCENARIO_SIZE = 512, 4
+SCENARIO_SIZE = 512
 PARTS_SIZE, QUICK_PARTS_SIZE = 4096, 16
 REPETITIONS, QUICK_REPETITIONS = 9, 2
 AGAINST_SIZES = (1, 512, 4096)  # environments
@@ -53,7 +53,11 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--json", type=Path, metavar="FILE", help="also write the figures to FILE")
     p.add_argument("--threads", type=cli.positive_int, default=0, help="CPU threads (default: all cores)")
     p.add_argument("--seconds", type=cli.positive_float, default=None, help="of one repetition (default: 0.5)")
-    p.add_argument("--quick", action="store_true", help="tiny cases, to see that all of it runs; figures mean nothing")
+    p.add_argument(
+        "--quick",
+        action="store_true",
+        help="tiny cases without the high-fidelity scenarios, to see that it runs; figures mean nothing",
+    )
     p.add_argument("--quiet", action="store_true", help="no progress bars")
     p.add_argument("--against", type=Path, metavar="CHECKOUT", help="compare with another checkout, both alternated")
     p.add_argument("--only", nargs="+", choices=GROUPS, default=GROUPS, help="what to compare (default: everything)")
@@ -72,7 +76,7 @@ def benchmark(config: FormationScenario, *, quick: bool, seconds: float, show_pr
         mission = environment_cases(config, QUICK_SIZES if quick else SIZES)
         mission += learning_cases(config, learning_sizes, Path(folder))
         models = physics_cases(config, parts_size, quick)
-        scenarios = scenario_cases(QUICK_SCENARIO_SIZE if quick else SCENARIO_SIZE, quick)
+        scenarios = [] if quick else scenario_cases(SCENARIO_SIZE)  # their kernels take minutes to compile
         cases = mission + scenarios + [case for case, _ in models]
         measure(cases, seconds=seconds, repetitions=repetitions, show_progress=show_progress)
     parts = measure_parts(config, parts_size, seconds=seconds, repetitions=repetitions, show_progress=show_progress)

@@ -3,6 +3,7 @@
 import functools
 import math
 
+import numpy as np
 import pytest
 import torch
 from refusal import assert_says, refusal
@@ -13,11 +14,13 @@ from rl.missions.escort.aircraft import gap_errors
 from rl.missions.escort.mission import Escort
 from rl.missions.escort.shapes import escort_offsets
 from rl.runs.evaluation import evaluate
+from rl.runs.record import record_episode
 from rl.scene.camera import LOOK_VARIANCE
 from rl.scene.chart import AGE
 from rl.scene.radio import NEVER
 from taichi_sim.config import ConfigError
 from taichi_sim.config.io import config_folder
+from taichi_sim.recording.overlays import Lines, Plot
 
 SMALL = ("escort.worlds=8", "sea.realisations=4", "sea.components=6", "episode_duration=40")
 CALM = ("variation=0", "sea.sea_state=1", 'air.turbulence="none"', "obstacles.count=0", "obstacles.moving=0")
@@ -275,3 +278,26 @@ def test_an_escort_without_aircraft(tmp_path):
     mission.begin_each()
     sail(mission, 5)
     assert mission.scouts is None and set(mission.teams) == {"usv"}
+
+
+def test_a_recording_shows_who_sees_and_tells_what():
+    """Every aircraft's messages to every boat are drawn, arrived or lost, and end there."""
+    config = load_scenario("escort", SMALL)
+    policies = {name: ClassicalPolicy() for name in ("usv", "uav")}
+    episode = record_episode(config, policies, seed=3, duration=6.0)
+    assert set(episode.teams) == {"usv", "uav", "vessel"}
+    drawn = {overlay.name: overlay for overlay in episode.overlays}
+    arrived, lost = drawn["messages/arrived"], drawn["messages/lost"]
+    assert isinstance(arrived, Lines) and isinstance(lost, Lines)
+    there = [np.isfinite(lines.points_n[..., 0, 0]) for lines in (arrived, lost)]
+    assert there[0].shape[1] == 9 and not (there[0] & there[1]).any()
+    assert (there[0] | there[1])[2:].all()  # each is one or the other, from the first that could be there on
+    assert 0.02 < there[1][2:].mean() < 0.25  # a tenth is lost
+    boats = episode.teams["usv"].position_n
+    ends = arrived.points_n[:, ::3, -1]  # of the first aircraft's, at each boat
+    seen = np.isfinite(ends[..., 0])
+    np.testing.assert_allclose(ends[seen], boats[seen], atol=1e-3)
+    prints = drawn["footprints"]
+    assert isinstance(prints, Lines) and np.nanmax(np.abs(prints.points_n[..., 2])) == 0.0
+    ages = drawn["age of what is known of the vessel"]
+    assert isinstance(ages, Plot) and ages.lines == ("usv0", "usv1", "usv2", "uav0", "uav1", "uav2")

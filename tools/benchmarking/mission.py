@@ -99,19 +99,18 @@ def environment_cases(config: Scenario, sizes: tuple[int, ...]) -> list[Case]:
     return cases
 
 
-def scenario_cases(size: int, quick: bool) -> list[Case]:
+def scenario_cases(size: int, *overrides: str) -> list[Case]:
     """Each high-fidelity scenario without policies: the team that it trains, or the whole escort, also with wave
     crests in the way of its lookouts.
     """
-    few = ("sea.realisations=4", "track.worlds=4"), ("sea.realisations=4", "escort.worlds=4")
     cases = []
-    for label, name, teams, overrides in (
-        ("otter", "otter", ("usv",), few[0] if quick else ()),
-        ("aerosonde", "aerosonde", ("uav",), few[0] if quick else ()),
-        ("escort", "escort", ("usv", "uav"), few[1] if quick else ()),
-        ("escort, crests", "escort", ("usv", "uav"), (*(few[1] if quick else ()), "usv.lookout.crests=true")),
+    for label, name, teams, own in (
+        ("otter", "otter", ("usv",), ()),
+        ("aerosonde", "aerosonde", ("uav",), ()),
+        ("escort", "escort", ("usv", "uav"), ()),
+        ("escort, crests", "escort", ("usv", "uav"), ("usv.lookout.crests=true",)),
     ):
-        config = load_scenario(name, overrides)
+        config = load_scenario(name, (*overrides, *own))
         task = begin_anywhere(make_mission(config, size, seed=config.seed, teams=teams))
         work = size * sum(config.teams[team].count for team in teams)
         cases.append(Case("scenarios", label, random_decisions(task), work))
