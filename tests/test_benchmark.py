@@ -35,6 +35,7 @@ def quick(tmp_path_factory):
     return done.stdout, json.loads((folder / "new" / "b.json").read_text())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("group", ["environment", "inference", "learning"])
 def test_agent_steps_are_measured(group, quick):
     rows = quick[1][group]
@@ -60,6 +61,7 @@ def test_every_boat_is_to_be_measured_in_two_seas():
     assert {n for file, n in measured if file.stem == "otter"} == {16, 32}
 
 
+@pytest.mark.slow
 def test_a_vehicle_of_every_model_is_measured_alone(quick):
     rows = quick[1]["physics"]
     found = {(row["vehicle"], row["components"]) for row in rows}
@@ -69,6 +71,7 @@ def test_a_vehicle_of_every_model_is_measured_alone(quick):
     assert all(row["panels"] is None or positive(row["panels"]) for row in rows)
 
 
+@pytest.mark.slow
 def test_the_parts_of_a_step_are_named(quick):
     parts = quick[1]["parts"]
     kernels = {"usv kernel", "uav kernel", "sea phases", "sensing"}
@@ -77,6 +80,7 @@ def test_the_parts_of_a_step_are_named(quick):
     assert all(positive(parts[name]) for name in kernels)
 
 
+@pytest.mark.slow
 def test_machine_and_peers_are_described(quick):
     result = quick[1]
     assert set(result) == {
@@ -91,6 +95,7 @@ def test_machine_and_peers_are_described(quick):
         assert slow <= 1 <= fast
 
 
+@pytest.mark.slow
 def test_the_table_shows_every_group(quick):
     text = quick[0]
     for word in ("environment", "inference", "learning", "unity_boat", "sea phases", "resets", "peers", "slowest"):

@@ -61,7 +61,7 @@ def test_policies_of_other_observations_are_refused(here, run):
     here("rl.evaluate", run, "--set", "sensing.obstacles=5").fails("observations", "trained on")
 
 
-@pytest.mark.parametrize("count", [1, 8, 16])
+@pytest.mark.parametrize("count", [*(pytest.param(n, marks=pytest.mark.slow) for n in (1, 8)), 16])
 def test_policies_fly_teams_of_another_size_and_shape(here, run, count):
     """Trained with three abreast; 16 wedges are 85 m wide to a side, and bends 100 m."""
     others = (f"usv.count={count}", f"uav.count={count}", "usv.formation=wedge", "uav.formation=wedge")

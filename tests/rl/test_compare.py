@@ -2,9 +2,11 @@
 
 import shutil
 
+import pytest
 from command_line import sets
 
 
+@pytest.mark.slow
 def test_runs_are_compared_with_the_classical_controller_alone_and_together(here, run, tmp_path):
     other = shutil.copytree(run, tmp_path / "other")
     ending = here("tools.compare", run, other, "--episodes", 6, "--seed", 5, *sets("evaluation.settle=0"))

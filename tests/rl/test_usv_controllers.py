@@ -194,6 +194,7 @@ def test_learns_the_current():
     assert sail(task, 90.0, ignorant)[0][300:].max() > 3 * learnt.max()
 
 
+@pytest.mark.slow
 def test_forgets_the_drift_in_a_new_episode():
     task, policy = make("sea.current.speed=0.3"), ClassicalPolicy()
     sail(task, 20.0, policy)
