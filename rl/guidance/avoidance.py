@@ -18,7 +18,9 @@ vehicle turning as its formation does, to the least distance d between them, t s
 
     risk = (1 - t / horizon)^2 (soft sat(1 - (d - R) / berth) + hard (1 - d / R) where d < R),
 
-R being the sum of the radii. Above or below by more than the own radius and the berth nothing is in the way.
+R being the sum of the radii. Of team mates the same at t = `parting`, if that is given, counts where it is more: one
+that comes nearer so slowly that it will be nearest after the horizon is left in time. Above or below by more than the
+own radius and the berth nothing is in the way.
 
 Followers keep clear of their leader, and it of them in the last moment alone: their slots go where it goes. Frame: NED.
 """

@@ -98,9 +98,10 @@ class Aircraft(Corrected):
         self.distance = torch.hypot(x.norm(dim=-1) - self.orbit.radius, high)
         angle = torch.atan2(x[..., 1], x[..., 0]).unsqueeze(-2).expand(-1, self.fleet.count, -1)
         self.gap_error = gap_errors(angle, torch.ones_like(angle, dtype=torch.bool), self.orbit.turn)
-        boats = mission.boats_place()
+        boats = mission.boats
         if boats is not None:
-            far = torch.cdist(self.fleet.position_n[..., :2].contiguous(), boats.contiguous())
+            place = boats.fleet.position_n[..., :2].contiguous()
+            far = torch.cdist(self.fleet.position_n[..., :2].contiguous(), place)
             far = torch.hypot(far, self.fleet.position_n[..., 2:])
             self.in_range = (far < mission.config.radio.range).to(far).mean(-1)
         self.camera.aim(self.known.believed)

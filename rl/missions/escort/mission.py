@@ -26,10 +26,11 @@ from rl.missions.escort.picture import Picture
 from rl.missions.escort.scouts import Scouts
 from rl.missions.escort.shapes import escort_offsets
 from rl.missions.escort.starts import afloat, aloft
+from rl.missions.escort.things import write_things
 from rl.missions.escort.vessel import Wanderer
 from rl.missions.escort.worlds import draw_worlds
-from rl.rewards import paid
-from rl.scene.traffic import EAST, NORTH, RADIUS, TOP, V_EAST, V_NORTH, Bodies
+from rl.rewards import fine, paid
+from rl.scene.traffic import RADIUS, TOP, Bodies
 from rl.seeds import derive_seed
 from taichi_sim import runtime
 from taichi_sim.config.io import validate
@@ -38,6 +39,7 @@ from taichi_sim.surroundings import as_i32
 from taichi_sim.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
 
 VESSEL_TOP = 4.0  # m above the sea: aircraft pass above; assumed
+RESULT_SCALE = 8.0  # m from its slot, at which a boat's result is a half; assumed
 SEEN_FROM_AFAR = 150.0  # m about the vessel, in recordings without aircraft
 
 
@@ -146,7 +148,7 @@ class Escort(Mission):
 
     def _look(self, rows: int, envs: Tensor | None = None) -> None:
         which = self._which
-        self._see_vessel()
+        self.vessel_place = write_things(self, self._vessel)
         for team in self.teams.values():
             team.measure(which, rows)
         if self.scouts:
@@ -156,43 +158,10 @@ class Escort(Mission):
         self.picture.update(which, rows)
         for team in self.teams.values():
             team.conclude(which, rows)
-        boats = self.teams.get(self.config.escort.boats)
-        if boats is not None:
-            to = boats.fleet.position_n[:, 0, :2] - self.vessel_place
+        if self.boats is not None:
+            to = self.boats.fleet.position_n[:, 0, :2] - self.vessel_place
             here = to.norm(dim=-1) < self.config.escort.arrival
             self.arrived = torch.where(which == 2, here, self.arrived | here)
-
-    def _see_vessel(self) -> None:
-        """Put the vessel among what moves, and all of that among the things."""
-        place, velocity = self._vessel.position_n[:, 0, :2], self._vessel.velocity_n[:, 0, :2]
-        self.vessel_place = place.clone()
-        table = self.bodies.table
-        table[:, : EAST + 1, 0], table[:, V_NORTH : V_EAST + 1, 0] = place, velocity
-        if self.traffic.present:
-            table[..., 1:] = self.traffic.table
-        things = self.picture.things
-        n = table.shape[2]
-        things[:, :n, 0], things[:, :n, 1] = table[:, NORTH], table[:, EAST]
-        things[:, :n, 3], things[:, :n, 4], things[:, :n, 5] = table[:, V_NORTH], table[:, V_EAST], table[:, RADIUS]
-        stands = self.obstacles[self.env_world]
-        things[:, n:, :2], things[:, n:, 5] = stands[..., :2], stands[..., 2]
-        if self._floats:
-            heights = self.world.elevation(self._all, things[..., 0].contiguous(), things[..., 1].contiguous())
-            things[..., 2] = torch.where(things[..., 0].abs() < self.config.area, -heights, 0.0)
-        boats = self.teams.get(self.config.escort.boats)
-        if boats is not None:
-            course = self.vessel_velocity
-            speed = course.norm(dim=-1)
-            angle = torch.atan2(course[:, 1], course[:, 0])
-            target = torch.stack(
-                (place[:, 0], place[:, 1], 0 * speed, angle, angle.cos(), angle.sin(), 0 * speed, speed)
-            )
-            boats.targets.table[:, 0] = target.T
-
-    @property
-    def _floats(self) -> bool:
-        part = self.config.parts.get(self.config.escort.aircraft)
-        return part is not None and part.camera.surface == "waves"
 
     def elevation(self, points: Tensor) -> Tensor:
         """Of the sea (m, up) now at points [env, n, 2]."""
@@ -213,22 +182,14 @@ class Escort(Mission):
         place = team.fleet.position_n[..., :2]
         return {"collided": team.sensor.gap < 0.0, "left": place.abs().amax(-1) > self.config.area / 2}
 
-    def boats_fleet(self) -> Any:
-        """The boats' fleet, or None."""
-        boats = self.teams.get(self.config.escort.boats)
-        return None if boats is None else boats.fleet
-
-    def boats_place(self) -> Tensor | None:
-        """[env, boat, 2] m, or None if there are none."""
-        boats = self.teams.get(self.config.escort.boats)
-        return None if boats is None else boats.fleet.position_n[..., :2]
+    @property
+    def boats(self) -> Any:
+        """The team of boats (boats.py), or None."""
+        return self.teams.get(self.config.escort.boats)
 
     def boats_result(self) -> Tensor:
-        """[env] mean of 1 / (1 + (d / 8 m)^2) of the boats' distances d from their slots; 0 without boats."""
-        boats = self.teams.get(self.config.escort.boats)
-        if boats is None:
-            return torch.zeros_like(self.hs)
-        return (1 / (1 + (boats.distance * (1 / 8.0)).square())).mean(-1)
+        """[env] mean of 1 / (1 + (d / RESULT_SCALE)^2), d from the boats' slots (m); 0 without boats."""
+        return torch.zeros_like(self.hs) if self.boats is None else fine(self.boats.distance, RESULT_SCALE).mean(-1)
 
     # -- episodes --------------------------------------------------------------------------------------------------
 

@@ -153,12 +153,13 @@ class Wanderer(Script):
 
     def _see_boats(self) -> None:
         """The nearest boats, as mates."""
-        boats = self._mission.boats_fleet()
+        team = self._mission.boats
         mates = self._near.team_mates
         mates.zero_()
         mates[..., 0], mates[..., 4] = REACH, -1.0
-        if boats is None:
+        if team is None:
             return
+        boats = team.fleet
         to = boats.position_n[:, None, :, :2] - self.fleet.position_n[:, :, None, :2]
         far, which = to.norm(dim=-1).topk(min(BOATS, boats.count), dim=-1, largest=False)
         k = far.shape[-1]
@@ -172,11 +173,10 @@ class Wanderer(Script):
 
     def _run(self, place: Tensor, course: Tensor, speed: Tensor) -> tuple[Tensor, Tensor]:
         """Away from the nearest boat within range, as fast as it goes."""
-        fleet = self._mission.boats_fleet() if self._mission is not None else None
-        boats = None if fleet is None else fleet.position_n[..., :2]
+        boats = self._mission.boats if self._mission is not None else None
         if boats is None:
             return course, speed
-        away = place.unsqueeze(1) - boats
+        away = place.unsqueeze(1) - boats.fleet.position_n[..., :2]
         near, which = away.norm(dim=-1).min(dim=-1)
         least = away.gather(1, which.view(-1, 1, 1).expand(-1, 1, 2)).squeeze(1)
         hunted = near < self.config.course.evasive_range
