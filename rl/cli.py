@@ -1,6 +1,7 @@
 """What the entry points share: arguments, clear endings, and where Taichi is started."""
 
 import argparse
+import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -16,9 +17,53 @@ def add_common(parser: argparse.ArgumentParser) -> None:
         default=[],
         help="override a key of the scenario, for example --set usv.count=5; may be given several times",
     )
-    parser.add_argument("--threads", type=positive_int, default=0, help="CPU threads (default: all cores)")
+    parser.add_argument(
+        "--threads", type=positive_int, default=0, help="CPU threads of each process (default: all cores, shared out)"
+    )
     parser.add_argument("--arch", choices=("cpu", "cuda"), default="cpu", help="where kernels run (default: cpu)")
     parser.add_argument("--quiet", action="store_true", help="no progress bars")
+
+
+def add_processes(parser: argparse.ArgumentParser, shared: str) -> None:
+    """Add --processes, which `shared` are shared out over."""
+    parser.add_argument(
+        "--processes",
+        type=positive_int,
+        default=None,
+        metavar="N",
+        help=f"run as so many processes, over which the {shared} are shared out, by torchrun's engine (default: one a "
+        "core, where that is faster; 1 with --threads)",
+    )
+
+
+def agree(config, source: Path) -> None:
+    """Refuse to go on where processes were started with different scenarios or versions.
+
+    Raises:
+        RunError: naming the process and what differs.
+    """
+    from rl import processes
+    from rl.runs import folder as run_folder
+
+    if processes.here().count > 1:
+        told = processes.of_all(lambda: (run_folder.digest(config, source), config, run_folder.versions()))
+        processes.told(lambda: _refuse_differences(told))
+
+
+def _refuse_differences(told: list) -> None:
+    from rl.runs.folder import RunError
+
+    first, config, versions = told[0]
+    for rank, (digest, other, theirs) in enumerate(told):
+        who = f"process {rank} of {len(told)}"
+        for name, version in versions.items():
+            if theirs[name] != version:
+                raise RunError(f"{who} has {name} {theirs[name]}, process 0 has {version}: all need the same")
+        if digest != first:
+            ours, of_it = config.model_dump(mode="json"), other.model_dump(mode="json")
+            keys = sorted(key for key in ours.keys() | of_it.keys() if ours.get(key) != of_it.get(key))
+            differ = ", ".join(keys) or "a vehicle"
+            raise RunError(f"{who} has another scenario than process 0: they differ in {differ}")
 
 
 def add_run(parser: argparse.ArgumentParser) -> None:
@@ -99,11 +144,16 @@ def start(args: argparse.Namespace) -> None:
     """Start Taichi and torch as the arguments say."""
     import torch
 
+    from rl import processes
     from taichi_sim import runtime
 
-    runtime.init(arch=args.arch, threads=args.threads)
-    if args.threads:
-        torch.set_num_threads(args.threads)
+    place = processes.here()
+    if args.arch == "cuda" and place.local_count > 1:
+        os.environ.setdefault("CUDA_VISIBLE_DEVICES", str(place.local_rank))  # before anybody looks for one
+    threads = args.threads or (processes.cores() if place.local_count > 1 else 0)
+    runtime.init(arch=args.arch, threads=threads)
+    if threads:
+        torch.set_num_threads(threads)
 
 
 def positive_int(text: str) -> int:
@@ -144,19 +194,35 @@ def user_errors() -> tuple[type[Exception], ...]:
 
 
 def run(main: Callable[[list[str] | None], None], argv: list[str] | None = None) -> int:
-    """Run an entry point; a user's mistake ends in one message and status 1, Ctrl-C in status 130."""
-    try:
-        main(argv)
-        return 0
-    except OSError as error:
-        place = f"{error.filename}: " if error.filename else ""
-        print(f"error: {place}{error.strerror or error}", file=sys.stderr)
-        return 1
-    except KeyboardInterrupt as interrupt:
-        print(f"\ninterrupted{': ' if str(interrupt) else ''}{interrupt}", file=sys.stderr)
-        return 130
-    except Exception as error:
-        if not isinstance(error, user_errors()):
-            raise
-        print(f"error: {error}", file=sys.stderr)
-        return 1
+    """Run an entry point and return its exit status: 0; 1 after a user's mistake, told in one message; 130 after
+    Ctrl-C, 143 after SIGTERM.
+
+    One that torchrun has started also leaves word of how it ended (rl/runs/launch.py).
+    """
+    from rl import signals
+
+    if "TORCHELASTIC_RUN_ID" in os.environ:
+        from rl.runs import launch
+
+        return launch.run_worker(main, argv, mistake)
+    with signals.heeded():
+        try:
+            main(argv)
+            return 0
+        except KeyboardInterrupt as interrupt:
+            print(f"\ninterrupted{': ' * bool(str(interrupt))}{interrupt}", file=sys.stderr)
+            return signals.status(interrupt)
+        except Exception as error:
+            text = mistake(error)
+            if text is None:
+                raise
+            print(f"error: {text}", file=sys.stderr)
+            return 1
+
+
+def mistake(error: Exception) -> str | None:
+    """What a user is told of an error that is a user's, or the machine's; None for any other."""
+    if isinstance(error, OSError):
+        return f"{f'{error.filename}: ' if error.filename else ''}{error.strerror or error}"
+    notes = "".join(f" ({note})" for note in getattr(error, "__notes__", ()))
+    return f"{error}{notes}" if isinstance(error, user_errors()) else None

@@ -35,59 +35,81 @@ def parser() -> argparse.ArgumentParser:
         help="policy and classical controller on the same episodes under each condition of a sweep "
         "(configs/sweeps/*.toml, by name: default); an interrupted one goes on",
     )
+    cli.add_processes(p, "episodes (by 256), or the conditions of a sweep,")
     return p
 
 
 def main(argv: list[str] | None = None) -> None:
     """Run the command."""
     args = parser().parse_args(argv)
+    from rl import processes
+    from rl.runs import launch
+
+    if (number := launch.wanted(args.processes, args.threads, units(args), args.arch, enough=1)) > 1:
+        launch.run(Path(__file__), sys.argv[1:] if argv is None else argv, number)
+        return
+    with processes.joined(args.arch):
+        (sweep if args.sweep else evaluate)(args)
+
+
+def units(args: argparse.Namespace) -> int:
+    """How many parts the work has that processes can share.
+
+    Raises:
+        ConfigError, RunError: if it cannot be done at all.
+    """
+    from rl.runs import folder as run_folder
+    from rl.runs.evaluation import CHUNK
+    from rl.runs.sweep.cells import count_cells
+    from rl.runs.sweep.config import find_sweep, load_sweep
+
+    config, _ = run_folder.load_config(args.run, args.overrides, args.config)
+    if not args.sweep:
+        return -(-(args.episodes or config.evaluation.episodes) // CHUNK)
+    if args.controller != "policy" or args.json:
+        raise run_folder.RunError(
+            "--sweep compares both controllers, and writes its own tables: leave out --controller and --json"
+        )
+    return count_cells(load_sweep(find_sweep(args.sweep), episodes=args.episodes, seed=args.seed))
+
+
+def evaluate(args: argparse.Namespace) -> None:
+    """Evaluate; rank 0 prints the figures, writes them to --json, and keeps them in the run's folder."""
     from rl import cli
     from rl.runs import folder as run_folder
-    from rl.runs.evaluation import judge_episodes
+    from rl.runs.evaluation import Outcome, Trial, judge_trials
     from rl.runs.kept import keep
     from rl.runs.main_job import report
 
-    if args.sweep:
-        sweep(args)
-        return
     config, source, policies, seed = cli.open_run(args)
-    outcome = judge_episodes(
-        config,
-        policies,
-        episodes=args.episodes or config.evaluation.episodes,
-        seed=seed,
-        controller=args.controller,
-        source=source,
-        show_progress=not args.quiet,
-        look=True,
-    )
-    print(report(outcome.result, config, source), file=sys.stderr)
-    print(json.dumps(outcome.result, indent=2))
-    if args.json:
-        args.json.parent.mkdir(parents=True, exist_ok=True)
-        run_folder.write_json(args.json, outcome.result)
-    try:
-        keep(args.run, outcome, args.config, args.overrides)
-    except OSError as error:  # somebody else's run may be read-only
-        print(f"not kept for a report or --worst: {error}", file=sys.stderr)
+    cli.agree(config, source)
+    trial = Trial(config, policies, args.episodes or config.evaluation.episodes, seed, args.controller, source)
+    for outcome in judge_trials([trial], show_progress=not args.quiet, look=True):
+        assert isinstance(outcome, Outcome)  # no error is taken as one
+        print(report(outcome.result, config, source), file=sys.stderr)
+        print(json.dumps(outcome.result, indent=2))
+        if args.json:
+            args.json.parent.mkdir(parents=True, exist_ok=True)
+            run_folder.write_json(args.json, outcome.result)
+        try:
+            keep(args.run, outcome, args.config, args.overrides)
+        except OSError as error:  # somebody else's run may be read-only
+            print(f"not kept for a report or --worst: {error}", file=sys.stderr)
 
 
 def sweep(args: argparse.Namespace) -> None:
     """Run --sweep, and write the run's report anew."""
-    from rl import cli
-    from rl.runs.folder import RunError
+    from rl import cli, processes
     from rl.runs.report import write_report
     from rl.runs.sweep.config import find_sweep, load_sweep
     from rl.runs.sweep.run import run_sweep
 
-    if args.controller != "policy" or args.json:
-        raise RunError(
-            "--sweep compares both controllers, and writes its own tables: leave out --controller and --json"
-        )
     file = find_sweep(args.sweep)
-    wanted = load_sweep(file, episodes=args.episodes, seed=args.seed)
-    out = run_sweep(wanted, file, cli.open_both(args), show_progress=not args.quiet)
-    print(f"sweep:  {out}\nreport: {write_report([args.run])}")
+    wanted, contest = load_sweep(file, episodes=args.episodes, seed=args.seed), cli.open_both(args)
+    cli.agree(contest.config, contest.source)
+    out = run_sweep(wanted, file, contest, show_progress=not args.quiet)
+    if processes.here().first:
+        print(f"sweep:  {out}\nreport: {write_report([args.run])}")
 
 
 if __name__ == "__main__":

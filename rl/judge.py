@@ -51,6 +51,10 @@ class Judge:
         self.reward = np.zeros(envs)
         self.measured = np.zeros(envs)
 
+    def __getstate__(self) -> dict[str, Any]:
+        """What was seen, to be told another process: the mission stays here."""
+        return {key: value for key, value in self.__dict__.items() if key != "mission"}
+
     def see(self, step: Any, number: int) -> None:
         """Take decision `number` (from 1) into account."""
         alive, ended = ~self.failed, step.endings[self.name]

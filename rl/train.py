@@ -1,9 +1,14 @@
 """Train the teams of a scenario stage by stage, evaluate them on unseen worlds, record and draw an episode."""
 
 import argparse
+import contextlib
 import sys
 import time
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rl.scenario import Scenario
 
 if __package__ in (None, ""):  # run as a script: the packages are beside this file's folder
     sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
@@ -17,42 +22,71 @@ def parser() -> argparse.ArgumentParser:
         prog="train.py",
         description=__doc__,
         epilog="With no argument it runs the main job: configs/escort.toml. Ctrl-C saves a checkpoint; --resume "
-        "continues. Watch the curves with: tensorboard --logdir runs",
+        "continues. Watch the curves with: tensorboard --logdir runs. It runs as several processes (--processes); over "
+        "machines: torchrun --nnodes=2 --nproc-per-node=8 --rdzv-backend=c10d --rdzv-endpoint=HOST:PORT --rdzv-id=NAME "
+        "rl/train.py ..., whose machines may come and go (--nnodes=1:2).",
     )
     p.add_argument("--config", default=None, metavar="FILE", help="scenario (default: configs/escort.toml)")
     p.add_argument("--out", type=Path, default=None, help="run folder (default: runs/SCENARIO-DATE-TIME)")
     p.add_argument("--seed", type=cli.seed, default=None, help="seed of the run (default: the scenario's)")
     p.add_argument("--resume", action="store_true", help="continue the run in --out (default: the newest in runs/)")
     cli.add_common(p)
+    cli.add_processes(p, "stages' environments")
     return p
 
 
 def main(argv: list[str] | None = None) -> None:
     """Run the command."""
     args = parser().parse_args(argv)
-    from rl import cli
+    from rl import cli, processes
+    from rl.runs import folder as run_folder
+    from rl.runs import launch
+    from rl.runs.main_job import report, run_main_job
+
+    config, source, out = run_of(args)
+    fewest = min((stage.num_envs for stage in config.stages.values()), default=1)
+    if (number := launch.wanted(args.processes, args.threads, fewest, args.arch)) > 1:
+        if not args.resume:
+            run_folder.refuse_existing(out)
+        launch.run(Path(__file__), [*(sys.argv[1:] if argv is None else argv), "--out", str(out)], number)
+        return
+    with processes.joined(args.arch) as place:
+        cli.agree(config, source)
+        processes.told(lambda: None if args.resume else run_folder.begin(out, config, source))
+        with run_folder.lock(out) if place.first else contextlib.nullcontext():
+            cli.start(args)
+            if place.first:
+                print(f"run folder: {out}")
+            summary = run_main_job(config, out, source=source, show_progress=not args.quiet)
+    if summary is None:
+        return
+    print(report(summary["evaluation"], config, out / run_folder.CONFIG))
+    print(f"summary:   {out / 'summary.json'}\nfigures:   {out / 'figures'}")
+    print(f"report:    {out / 'report.html'}\nrecording: rerun {out / 'episode.rrd'}")
+
+
+def run_of(args: argparse.Namespace) -> tuple["Scenario", Path, Path]:
+    """The scenario that is asked for, its file, and the run's folder.
+
+    Raises:
+        RunError: if there is no such run, or no name for one that all processes agree on.
+    """
+    from rl import processes
     from rl.missions import load_scenario
     from rl.runs import folder as run_folder
-    from rl.runs.main_job import report, run_main_job
     from taichi_sim.config.io import find_config
 
     overrides = args.overrides + ([f"seed={args.seed}"] if args.seed is not None else [])
     if args.resume:
         out = args.out or run_folder.newest(Path("runs"))
         run_folder.refuse_changes(args.config, overrides)
-        config, _ = run_folder.load_config(out)
-    else:
-        source = find_config(args.config or "configs/escort.toml")
-        config = load_scenario(source, overrides)
-        out = args.out or Path("runs") / f"{config.name}-{time.strftime('%Y%m%d-%H%M%S')}"
-        run_folder.create(out, config, source)
-    with run_folder.lock(out):
-        cli.start(args)
-        print(f"run folder: {out}")
-        summary = run_main_job(config, out, show_progress=not args.quiet)
-    print(report(summary["evaluation"], config, out / run_folder.CONFIG))
-    print(f"summary:   {out / 'summary.json'}\nfigures:   {out / 'figures'}")
-    print(f"report:    {out / 'report.html'}\nrecording: rerun {out / 'episode.rrd'}")
+        return *run_folder.load_config(out), out
+    source = find_config(args.config or "configs/escort.toml")
+    config = load_scenario(source, overrides)
+    name = processes.engine() or time.strftime("%Y%m%d-%H%M%S")
+    if args.out is None and name == "none":  # torchrun's, if nothing is said
+        raise run_folder.RunError("several machines need one run folder: give --out, or torchrun's --rdzv-id")
+    return config, source, args.out or Path("runs") / f"{config.name}-{name}"
 
 
 if __name__ == "__main__":

@@ -30,7 +30,7 @@ LAYERS = (
     ("taichi_sim.variation",),
     ("taichi_sim.world",),
     ("taichi_sim.replay", "taichi_sim.bench", "taichi_sim.recording"),
-    ("rl.seeds", "rl.scene"),
+    ("rl.seeds", "rl.processes", "rl.signals", "rl.scene"),
     ("rl.scenario",),
     ("rl.judge", "rl.rewards"),
     ("rl.team",),

@@ -13,6 +13,7 @@ from rsl_rl.runners import OnPolicyRunner
 from rsl_rl.utils.logger import Logger
 from tqdm import tqdm
 
+from rl import processes, signals
 from rl.learn.env import MissionEnv
 from rl.learn.policy import (
     OBS_GROUPS,
@@ -71,32 +72,59 @@ class ProgressLogger(Logger):
     columns: tuple[str, ...] = COLUMNS
     scale = 1.0  # of rewards, as the learner is told them
 
+    def __init__(self, *args: Any, **options: Any):
+        """Take rsl-rl's arguments."""
+        super().__init__(*args, **options)
+        self._told: list[dict[str, torch.Tensor]] = []  # what the mission logged in this iteration, on every rank
+
     def _store_code_state(self) -> list[str]:
         return []  # the run folder already holds the commit and the package versions
 
+    def process_env_step(self, rewards: Any, dones: Any, extras: dict, intrinsic_rewards: Any) -> None:
+        """Take a step into account."""
+        self._told.append(extras["log"])
+        super().process_env_step(rewards, dones, extras | {"log": {}}, intrinsic_rewards)
+
     def log(self, it: int, start_it: int, total_it: int, *args: Any, **values: Any) -> None:
-        """Record one iteration; called by the runner with rsl-rl's arguments."""
+        """Record one iteration; called by the runner with rsl-rl's arguments.
+
+        Raises:
+            KeyboardInterrupt: if a signal has been noted on any rank, on all of them after the same iteration.
+        """
         for companion in self.companions:
             companion.update()
         means = self._means()
-        with contextlib.redirect_stdout(io.StringIO()):
-            super().log(it, start_it, total_it, *args, **values)
-        rate = self.cfg["num_steps_per_env"] * self.num_envs / (values["collect_time"] + values["learn_time"])
-        self._write_row(it, means, values)
         self.completed = it + 1
-        if self.bar is not None:
+        if self.writer is not None:
+            self.ep_extras = [{key: torch.tensor([value]) for key, value in means.items()}]
+            with contextlib.redirect_stdout(io.StringIO()):
+                super().log(it, start_it, total_it, *args, **values)
+            self._write_row(it, means, values)
+        if self.bar is None:
+            return  # of a companion: its leader shows, and asks whether to go on
+        self._show(self.bar, means, values)
+        if number := processes.greatest(signals.asked()):
+            raise signals.interruption(number)
+
+    def _show(self, bar: tqdm, means: dict[str, float], values: dict[str, Any]) -> None:
+        """Move the progress bar."""
+        if not bar.disable:
+            steps = self.cfg["num_steps_per_env"] * self.num_envs * self.gpu_world_size
+            rate = steps / (values["collect_time"] + values["learn_time"])
             shown = {"reward": f"{means.get('/reward', float('nan')):.2f}"}
             shown |= {key[1:]: f"{means[key]:.2f}" for key in list(means)[:SHOWN] if key != "/reward"}
             shown["steps/s"] = f"{rate / 1000:.0f}k"
-            self.bar.set_postfix(shown, refresh=False)
-            self.bar.update(1)
+            bar.set_postfix(shown, refresh=False)
+            bar.update(1)
 
     def _means(self) -> dict[str, float]:
-        keys = dict.fromkeys(key for info in self.ep_extras for key in info)
-        return {key: float(torch.stack([i[key].mean() for i in self.ep_extras]).mean()) for key in keys}
+        """Of what the mission logged, over the iteration and all ranks."""
+        told, self._told = self._told, []
+        keys = dict.fromkeys(key for info in told for key in info)
+        return processes.mean({key: float(torch.stack([i[key].mean() for i in told]).mean()) for key in keys})
 
     def _write_row(self, it: int, means: dict[str, float], values: dict[str, Any]) -> None:
-        losses, n = values["loss_dict"], self.cfg["num_steps_per_env"] * self.num_envs
+        losses, n = values["loss_dict"], self.cfg["num_steps_per_env"] * self.num_envs * self.gpu_world_size
         row = {
             "iteration": it,
             "agent_steps": self.steps_before + (it + 1 - self.iterations_before) * n,
@@ -139,6 +167,7 @@ class StageRunner(OnPolicyRunner):
     Attributes:
         signature: names of what the policy observes and commands, in order; they travel in its checkpoints.
         first, last: iterations when the stage begins and ends.
+        batches: how many processes and environments the stage has had, since which iteration; a resumed one may change.
     """
 
     logger: ProgressLogger
@@ -162,26 +191,48 @@ class StageRunner(OnPolicyRunner):
         self.logger.scale = env.scale
         self.logger.columns = (*COLUMNS, *env.mission.logged)
         self.signature = {"observations": list(own.observation_names), "actions": list(own.action_names)}
+        self.batches: list[dict[str, int]] = []
+
+    def _configure_multi_gpu(self) -> None:
+        """Say which of how many processes this is: rsl-rl's own asks for nccl and `cuda:RANK`; here they are joined by
+        whoever has started them (rl/processes.py).
+        """
+        place = processes.here()
+        self.gpu_world_size, self.gpu_global_rank, self.gpu_local_rank = place.count, place.rank, place.local_rank
+        self.is_distributed = place.count > 1
+        told = {"global_rank": place.rank, "local_rank": place.local_rank, "world_size": place.count}
+        self.cfg["multi_gpu"] = told if self.is_distributed else None
 
     def go_on(self) -> int:
         """Prepare to write the history from where it is; return the iterations behind it."""
         done, logger = self.current_learning_iteration, self.logger
         logger.completed, logger.iterations_before = done, self.first
-        logger.elapsed_before = trim_history(self.folder / HISTORY, done)
-        logger.steps_before = spent(self.folder / HISTORY, self.first).agent_steps
+        if processes.here().first:
+            logger.elapsed_before = trim_history(self.folder / HISTORY, done)
+            logger.steps_before = spent(self.folder / HISTORY, self.first).agent_steps
+        if self.is_distributed:
+            self.alg.broadcast_parameters()
+        now = {"processes": self.gpu_world_size, "environments": self.env.mission.num_envs * self.gpu_world_size}
+        if not self.batches or self.batches[-1] != self.batches[-1] | now:
+            self.batches.append({"since_iteration": done - self.first} | now)
         return done
 
     def train(self, *, show_progress: bool = True, label: str = "") -> None:
-        """Run the remaining iterations of the stage; on KeyboardInterrupt save a checkpoint and raise it again."""
-        logger, done = self.logger, self.go_on()
+        """Run the remaining iterations of the stage; on KeyboardInterrupt save a checkpoint and raise it again.
+
+        With other processes, all end after the same iteration, and rank 0 saves.
+        """
+        logger, done, together = self.logger, self.go_on(), self.is_distributed
+        self.is_distributed = False  # rsl-rl's loop would tell all the weights once more, and print that it does
         total = self.stage.iterations
         logger.bar = tqdm(total=total, initial=done - self.first, desc=label, unit="it", disable=not show_progress)
         for companion in logger.companions:
             companion.begin()
         try:
-            self.learn(self.last - done)
+            with signals.noted(together):
+                self.learn(self.last - done)
         except KeyboardInterrupt:
-            if logger.completed > done:
+            if logger.completed > done and processes.here().first:
                 self.save("")
             raise
         except (ValueError, RuntimeError) as error:
@@ -189,6 +240,7 @@ class StageRunner(OnPolicyRunner):
                 raise
             raise DivergedError(f"{self.folder}: {DIVERGED} {logger.completed} ({error})") from None
         finally:
+            self.is_distributed = together
             logger.bar.close()
             for companion in logger.companions:
                 companion.end()
@@ -208,7 +260,8 @@ class StageRunner(OnPolicyRunner):
             companion.save(completed - self.first)
         if not self.is_finite():
             raise DivergedError(f"{self.folder}: {DIVERGED} {completed}")
-        content = self.alg.save() | {"iter": completed, "infos": self.signature | (infos or {})}
+        told = self.signature | {"batches": self.batches} | (infos or {})
+        content = self.alg.save() | {"iter": completed, "infos": told}
         write_checkpoint(content, self.folder / f"model_{completed}.pt")
 
     def load(self, path: str, load_cfg: dict | None = None, strict: bool = True, map_location: str | None = None):
@@ -219,7 +272,7 @@ class StageRunner(OnPolicyRunner):
         Raises:
             CheckpointError: if its networks are not the stage's, or it was trained on other observations.
         """
-        content = read_checkpoint(Path(path))
+        content = processes.told(lambda: read_checkpoint(Path(path)))
         begins = content["iter"] == self.first
         check_signature(content.get("infos") or {}, self._own, path)
         if begins:
@@ -232,6 +285,8 @@ class StageRunner(OnPolicyRunner):
         if begins:
             explored = self.alg.get_policy().state_dict()
             explored["distribution.std_param"].fill_(self.stage.initial_std)
+        else:
+            self.batches = list((content.get("infos") or {}).get("batches", ()))
         self.current_learning_iteration = content["iter"]
         return content.get("infos")
 

@@ -6,11 +6,13 @@ it is better is judged beside what was there before it.
 """
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import torch
 
+from rl import processes
 from rl.learn.env import MissionEnv
 from rl.learn.export import ONNX, TORCHSCRIPT, export_policy
 from rl.learn.joint import Companion
@@ -43,24 +45,37 @@ def train_stages(
 ) -> list[dict[str, Any]]:
     """Train every stage that `out` does not hold finished, continuing from checkpoints; return their results.
 
+    Of several processes (rl/processes.py) each has its share of a stage's environments; rank 0 alone reads and writes
+    `out`, and tells the others.
+
     `source` is the scenario's file, beside which its vehicles are looked for; environments that leave the physical are
     written to the folder `dumps` (taichi_sim/dump.py). Without `judged` every stage is kept.
     """
-    results, policies = [], {}
-    for name, stage in config.stages.items():
-        for team in stage.learners:
-            (out / team).mkdir(parents=True, exist_ok=True)
+    policies: dict[str, TrainedPolicy] = {}
+    for name in config.stages:
         changed = train_stage(config, out, name, policies, source, dumps, show_progress)
-        ended = {team: config.iterations_before(name, team) + stage.iterations for team in stage.learners}
-        now = {team: load_policy(out, config, team, ended[team]) for team in stage.learners}
-        if stage.keep == "better" and judged is not None and _verdict(out, stage, ended) is None:
-            now, changed = _better(config, out, name, policies, now, judged), True
-        for team in stage.learners:
-            if changed or not exported(out / team):
-                export_policy(now[team].actor, out / team, now[team].signature)
-        policies |= now
-        results.append(stage_result(out, name, config))
-    return results
+        policies |= processes.told(partial(_ended, config, out, name, policies, judged, changed))
+    return processes.told(lambda: [stage_result(out, name, config) for name in config.stages])
+
+
+def _ended(
+    config: Scenario,
+    out: Path,
+    name: str,
+    others: Mapping[str, TrainedPolicy],
+    judged: Judged | None,
+    changed: bool,
+) -> dict[str, TrainedPolicy]:
+    """The policies of a stage that has been trained: those that are kept, exported."""
+    stage = config.stages[name]
+    ended = {team: config.iterations_before(name, team) + stage.iterations for team in stage.learners}
+    now = {team: load_policy(out, config, team, ended[team]) for team in stage.learners}
+    if stage.keep == "better" and judged is not None and _verdict(out, stage, ended) is None:
+        now, changed = _better(config, out, name, others, now, judged), True
+    for team in stage.learners:
+        if changed or not exported(out / team):
+            export_policy(now[team].actor, out / team, now[team].signature)
+    return now
 
 
 def train_stage(
@@ -73,17 +88,18 @@ def train_stage(
     show_progress: bool,
 ) -> bool:
     """Train the stage `name` to its last iteration; return whether there was anything to do."""
-    stage, first = config.stages[name], config.iterations_before(name)
-    saved = checkpoints(out / stage.team)
-    done = read_checkpoint(saved[-1])["iter"] if saved else 0
+    stage, first, place = config.stages[name], config.iterations_before(name), processes.here()
+    done = processes.told(partial(_completed, out, stage))
     if done >= first + stage.iterations:
         return False
-    seed = derive_seed(config.seed, name, done)
+    rank = (place.rank,) if place.rank else ()  # other worlds, seas, starts and exploration on each
+    seed = derive_seed(config.seed, name, done, *rank)
     torch.manual_seed(seed)
     acting = policies if stage.frozen is None else stage.frozen
     teams = tuple(t for t in config.teams if t in stage.learners or t in acting)
     here = at_stage(config, name)
-    mission = make_mission(here, stage.num_envs, seed=derive_seed(config.seed, name), teams=teams, source=source)
+    envs, worlds = processes.of_each(stage.num_envs), derive_seed(config.seed, name, *rank)
+    mission = make_mission(here, envs, seed=worlds, teams=teams, source=source)
     mission.reseed(seed)
     mission.world.dump_folder = dumps
 
@@ -92,7 +108,7 @@ def train_stage(
         begun = config.iterations_before(name, team)
         runner = StageRunner(env, stage, out / team, begun)
         begins = out / team / f"model_{done - first + begun}.pt"
-        if done - first + begun or begins.is_file():
+        if done - first + begun or processes.told(begins.is_file):
             runner.load(str(begins))
         return runner
 
@@ -102,8 +118,16 @@ def train_stage(
     runner = runner_of(stage.team, {o: others[o] for o in teams if o != stage.team})
     runner.env.companions, runner.logger.companions = companions, companions
     number = list(config.stages).index(name) + 1
-    runner.train(show_progress=show_progress, label=f"stage {number}/{len(config.stages)} {name}")
+    runner.train(show_progress=show_progress and place.first, label=f"stage {number}/{len(config.stages)} {name}")
     return True
+
+
+def _completed(out: Path, stage: StageConfig) -> int:
+    """Iterations behind the newest checkpoint of a stage's team."""
+    for team in stage.learners:
+        (out / team).mkdir(parents=True, exist_ok=True)
+    saved = checkpoints(out / stage.team)
+    return read_checkpoint(saved[-1])["iter"] if saved else 0
 
 
 def exported(folder: Path) -> bool:
@@ -188,5 +212,9 @@ def stage_result(out: Path, name: str, config: Scenario) -> dict[str, Any]:
         "wall_time_s": round(seconds, 3),
         "agent_steps_per_s": round(steps / max(seconds, 1e-9), 1),
     }
-    verdict = _verdict(out, stage, {stage.team: last})
+    infos = read_checkpoint(out / stage.team / f"model_{last}.pt").get("infos") or {}
+    verdict, batches = infos.get("verdict"), infos.get("batches") or [{}]
+    result |= {key: value for key, value in batches[-1].items() if key != "since_iteration"}
+    if len(batches) > 1:
+        result["batches"] = batches  # it was resumed with another number of processes, and so of environments
     return result | ({"joint": list(stage.joint)} if stage.joint else {}) | ({"verdict": verdict} if verdict else {})

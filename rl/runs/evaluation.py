@@ -13,18 +13,41 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
+from rl import processes
 from rl.judge import Judge
 from rl.learn.policy import Policy
 from rl.mission import Mission
 from rl.missions import find_mission
-from rl.runs.log import Crash, Excerpt, Log
+from rl.runs.log import MOST, Crash, Excerpt, Log
 from rl.scenario import Scenario
 from rl.seeds import derive_seed
 from taichi_sim import runtime
 from taichi_sim.config import ConfigError
 
 CHUNK = 256  # episodes simulated at once
+LOGS = 2  # chunks whose log is kept, should an episode of theirs be shown
 SHOWN = ("worst", "median")  # the episodes that a report shows and that can be recorded
+
+
+class Trial(NamedTuple):
+    """Episodes of one seed under one controller."""
+
+    config: Scenario
+    policies: Mapping[str, Policy]  # of the teams that are judged
+    episodes: int
+    seed: int
+    controller: str = "policy"
+    source: Path | None = None
+
+    @property
+    def chunks(self) -> range:
+        """Numbers of the first episode of each chunk."""
+        return range(0, self.episodes, CHUNK)
+
+    def mission(self, first: int) -> Any:
+        """The mission of a chunk, at its start."""
+        count = min(CHUNK, self.episodes - first)
+        return one_episode_each(self.config, tuple(self.policies), count, self.seed, self.source, first)
 
 
 class Outcome(NamedTuple):
@@ -52,14 +75,9 @@ def evaluate(
         ConfigError: if an episode is too short for anything to be measured.
     """
     return judge_episodes(
-        config,
-        policies,
-        episodes=episodes,
-        seed=seed,
-        controller=controller,
-        source=source,
+        config, policies, episodes=episodes, seed=seed, controller=controller, source=source,
         show_progress=show_progress,
-    ).result
+    ).result  # fmt: skip
 
 
 def judge_episodes(
@@ -73,36 +91,119 @@ def judge_episodes(
     show_progress: bool = True,
     look: bool = False,
 ) -> Outcome:
-    """The same, with the numbers of each episode; with `look`, also what a report shows of some of them."""
-    check_measurable(config)
-    kind = mission_class(config, source).Judge
-    seen: dict[str, list[Any]] = {name: [] for name in policies}
-    crashes: list[Crash] = []
-    log: Log | None = None
-    total = -(-episodes // CHUNK) * config.episode_steps
-    with runtime.torch_at_rest(), tqdm(total=total, desc="evaluate", unit="step", disable=not show_progress) as bar:
-        for first in range(0, episodes, CHUNK):
-            mission = one_episode_each(config, tuple(policies), min(CHUNK, episodes - first), seed, source, first)
-            log = Log(mission, first) if look else None
-            for name, judge in run_episodes(mission, policies, bar, log).items():
-                seen[name].append(judge)
-            crashes += log.crashes(len(crashes)) if log else []
-    of_each = {name: kind.episodes(chunks, config) for name, chunks in seen.items()}
-    chosen = choose(kind, of_each)
-    shown = {}
-    if log:  # of the last chunk; an episode of another is run again
-        for name, episode in chosen.items():
-            there = log if episode >= log.first else _log_again(config, policies, episodes, seed, source, episode)
-            shown[name] = there.excerpt(episode - there.first)
+    """The same, with the numbers of each episode; with `look`, also what a report shows of some of them.
+
+    In a process alone; for several see `judge_trials`.
+    """
+    trial = Trial(config, policies, episodes, seed, controller, source)
+    outcome = judge_trials([trial], show_progress=show_progress, look=look)[0]
+    if isinstance(outcome, Exception):
+        raise outcome
+    return outcome
+
+
+class _Part(NamedTuple):
+    """What a chunk of a trial brought."""
+
+    judges: dict[str, Judge]
+    crashes: list[Crash]
+    cannot: Exception | None = None
+
+
+def judge_trials(
+    trials: Sequence[Trial],
+    *,
+    cannot: tuple[type[Exception], ...] = (),
+    show_progress: bool = True,
+    look: bool = False,
+) -> list[Outcome | Exception]:
+    """Outcomes of several trials, in their order; in the place of one that cannot be, the error, if `cannot` names it.
+
+    Chunks of episodes are shared out over processes (rl/processes.py): the outcomes are known to rank 0, the same to
+    the bit as of a process alone, and the others get an empty list.
+    """
+    for trial in trials:
+        check_measurable(trial.config)
+    place = processes.here()
+    units = [(number, first) for number, trial in enumerate(trials) for first in trial.chunks]
+    own = units[place.rank :: place.count]
+    total = sum(trials[number].config.episode_steps for number, _ in own)
+    logs: dict[tuple[int, int], Log] = {}
+    shown = show_progress and place.first
+    with runtime.torch_at_rest(), tqdm(total=total, desc="evaluate", unit="step", disable=not shown) as bar:
+
+        def run_all() -> dict[tuple[int, int], _Part]:
+            return {unit: _run_part(trials[unit[0]], unit, cannot, bar, logs if look else None) for unit in own}
+
+        parts = {unit: part for of_rank in processes.of_all(run_all) for unit, part in of_rank.items()}
+    found = [_pool(trial, [parts[n, first] for first in trial.chunks]) for n, trial in enumerate(trials) if parts]
+    if look:
+        chosen = processes.told(lambda: [{} if isinstance(of, Exception) else _chosen(of) for of in found])
+        wanted = [(n, name, episode) for n, of_it in enumerate(chosen) for name, episode in of_it.items()]
+        mine = [of for of in wanted if (of[0], of[2] - of[2] % CHUNK) in own]
+        seen = processes.of_all(lambda: [(n, name, _excerpt(trials[n], n, at, logs)) for n, name, at in mine])
+        for n, name, excerpt in (of for of_rank in seen for of in of_rank):
+            of_it = found[n]
+            assert isinstance(of_it, Outcome)
+            of_it.shown[name] = excerpt
+    return found
+
+
+def _run_part(
+    trial: Trial,
+    unit: tuple[int, int],
+    cannot: tuple[type[Exception], ...],
+    bar: tqdm,
+    logs: dict[tuple[int, int], Log] | None,
+) -> _Part:
+    """Run a chunk; the logs of the last few are kept."""
+    try:
+        mission = trial.mission(unit[1])
+        log = None if logs is None else Log(mission, unit[1])
+        judges = run_episodes(mission, trial.policies, bar, log)
+    except cannot as error:
+        return _Part({}, [], error)
+    if log is None or logs is None:
+        return _Part(judges, [])
+    logs[unit] = log
+    while len(logs) > LOGS:
+        del logs[next(iter(logs))]
+    return _Part(judges, log.crashes())
+
+
+def _pool(trial: Trial, parts: Sequence[_Part]) -> Outcome | Exception:
+    """The outcome of a trial from those of its chunks; as yet without what is shown."""
+    if wrong := next((part.cannot for part in parts if part.cannot is not None), None):
+        return wrong
+    kind = mission_class(trial.config, trial.source).Judge
+    seen = {name: [part.judges[name] for part in parts] for name in trial.policies}
+    of_each = {name: kind.episodes(chunks, trial.config) for name, chunks in seen.items()}
     result = {
-        "controller": controller,
-        "scenario": config.name,
-        "seed": seed,
-        "episodes": episodes,
-        "teams": {name: kind.figures(chunks, config) for name, chunks in seen.items()},
-        **{f"{name}_episode": episode for name, episode in chosen.items()},
+        "controller": trial.controller,
+        "scenario": trial.config.name,
+        "seed": trial.seed,
+        "episodes": trial.episodes,
+        "teams": {name: kind.figures(chunks, trial.config) for name, chunks in seen.items()},
+        **{f"{name}_episode": episode for name, episode in choose(kind, of_each).items()},
     }
-    return Outcome(result, of_each, shown, crashes)
+    return Outcome(result, of_each, {}, [crash for part in parts for crash in part.crashes][:MOST])
+
+
+def _chosen(outcome: Outcome) -> dict[str, int]:
+    """Numbers of the episodes that a report shows."""
+    return {name: outcome.result[f"{name}_episode"] for name in SHOWN}
+
+
+def _excerpt(trial: Trial, number: int, episode: int, logs: Mapping[tuple[int, int], Log]) -> Excerpt:
+    """An episode of trial `number`, from the log of its chunk, which is run again if that is not kept."""
+    first = episode - episode % CHUNK
+    log = logs.get((number, first))
+    if log is None:
+        with runtime.torch_at_rest():
+            mission = trial.mission(first)
+            log = Log(mission, first)
+            run_episodes(mission, trial.policies, log=log)
+    return log.excerpt(episode - first)
 
 
 def choose(kind: type[Judge], episodes: Mapping[str, Any]) -> dict[str, int]:
@@ -134,16 +235,6 @@ def chunk_with(
     """The mission in which an evaluation of `episodes` ran number `episode`, at its start; the number of its first."""
     first = episode - episode % CHUNK
     return one_episode_each(config, teams, min(CHUNK, episodes - first), seed, source, first), first
-
-
-def _log_again(
-    config: Scenario, policies: Mapping[str, Policy], episodes: int, seed: int, source: Path | None, episode: int
-) -> Log:
-    with runtime.torch_at_rest():
-        mission, first = chunk_with(config, tuple(policies), episodes, seed, source, episode)
-        log = Log(mission, first)
-        run_episodes(mission, policies, log=log)
-    return log
 
 
 def check_measurable(config: Scenario) -> None:

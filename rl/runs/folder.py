@@ -10,6 +10,7 @@ dumps/*.dump         environments whose state stopped being finite (tools/replay
 
 import contextlib
 import fcntl
+import hashlib
 import json
 import os
 import platform
@@ -20,10 +21,11 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+from rl import processes
 from rl.missions import load_scenario
 from rl.scenario import Scenario
 from taichi_sim.config import ConfigError
-from taichi_sim.config.io import find_config, read_toml, vehicle_file, write_toml
+from taichi_sim.config.io import find_config, read_toml, toml_text, vehicle_file, write_toml
 from taichi_sim.plugins import is_plugin, plugin_source
 
 CONFIG, META, SUMMARY, DUMPS = "config.toml", "meta.json", "summary.json", "dumps"
@@ -46,15 +48,11 @@ def create(out: Path, config: Scenario, source: Path) -> None:
     from rl.learn.stages import starting_weights
 
     weights = starting_weights(config, source.parent)
+    refuse_existing(out)
+    made, out = out, out.with_name(out.name + ".part")  # a kill leaves no half of a run
     try:
-        out.mkdir(parents=True)
-    except FileExistsError:
-        if not out.is_dir() or any(out.iterdir()):
-            raise RunError(f"{out} exists already: give another --out, or continue it with --resume") from None
-    except OSError as error:
-        raise RunError(f"{out}: cannot be written: {error.strerror or error}") from None
-    try:
-        (out / "vehicles").mkdir(exist_ok=True)
+        shutil.rmtree(out, ignore_errors=True)
+        (out / "vehicles").mkdir(parents=True)
         saved = {}
         for team, section in config.teams.items():
             file = vehicle_file(section, source)
@@ -67,9 +65,44 @@ def create(out: Path, config: Scenario, source: Path) -> None:
         for team, content in weights.items():
             (out / team).mkdir()
             write_checkpoint(content, out / team / "model_0.pt")
-        write_json(out / META, describe_machine() | {"scenario_file": source.name, "seed": config.seed})
+        about = {"scenario_file": source.name, "seed": config.seed, "scenario_digest": digest(config, source)}
+        write_json(out / META, describe_machine() | about)
+        out.replace(made)
     except OSError as error:
-        raise RunError(f"{out}: cannot be written: {error.strerror or error}") from None
+        raise RunError(f"{made}: cannot be written: {error.strerror or error}") from None
+    finally:
+        shutil.rmtree(out, ignore_errors=True)
+
+
+def begin(out: Path, config: Scenario, source: Path) -> None:
+    """Make a new run folder, or, under torchrun, which starts its processes anew when one was lost, go on with it.
+
+    Raises:
+        RunError: if it exists already, and is not that of the same scenario.
+    """
+    if processes.engine() is not None and (out / META).is_file():
+        if read_json(out / META).get("scenario_digest") == digest(config, source):
+            return
+        raise RunError(f"{out} exists already, of another scenario: give another --out, or torchrun another --rdzv-id")
+    create(out, config, source)
+
+
+def digest(config: Scenario, source: Path) -> str:
+    """What two processes of one run have in common: the scenario, and the files of its vehicles."""
+    told = hashlib.sha256(toml_text(config).encode())
+    for section in config.teams.values():
+        told.update(vehicle_file(section, source).read_bytes())
+    return told.hexdigest()[:16]
+
+
+def refuse_existing(out: Path) -> None:
+    """Refuse a folder that is there and not empty.
+
+    Raises:
+        RunError: if it is.
+    """
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise RunError(f"{out} exists already: give another --out, or continue it with --resume")
 
 
 def _keep_plugin(name: Any, beside: list[Path], out: Path) -> None:
@@ -97,9 +130,18 @@ def load_config(run: Path, overrides=(), config: Path | None = None) -> tuple[Sc
     try:
         return load_scenario(file, overrides), file
     except ConfigError as error:
+        if overrides and _loads(file):
+            raise  # what is wrong is the overrides
         raise ConfigError(
             f"{error}\nThe run's saved configuration does not fit this version; pass --config FILE to use another"
         ) from None
+
+
+def _loads(file: Path) -> bool:
+    try:
+        return bool(load_scenario(file))
+    except ConfigError:
+        return False
 
 
 def newest(folder: Path) -> Path:
@@ -165,16 +207,21 @@ def read_json(file: Path) -> Any:
         raise RunError(f"{file}: cannot be read: {error}") from None
 
 
-def describe_machine() -> dict[str, Any]:
-    """Package versions, git commit, Python and machine: what a result depends on beside config and seed."""
-    versions = {}
+def versions() -> dict[str, str | None]:
+    """Of the packages that a result depends on; None for one that is not installed."""
+    found: dict[str, str | None] = {}
     for name in PACKAGES:
         try:
-            versions[name] = metadata.version(name)
+            found[name] = metadata.version(name)
         except metadata.PackageNotFoundError:
-            versions[name] = None
+            found[name] = None
+    return found
+
+
+def describe_machine() -> dict[str, Any]:
+    """Package versions, git commit, Python and machine: what a result depends on beside config and seed."""
     return {
-        "packages": versions,
+        "packages": versions(),
         "git_commit": _git_commit(),
         "python": sys.version.split()[0],
         "machine": {"system": platform.platform(), "cpus": os.cpu_count(), "processor": platform.machine()},

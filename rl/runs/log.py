@@ -94,12 +94,12 @@ class Log:
         """The episode of an environment."""
         return self._excerpt(env, np.ones(len(self._time), dtype=bool), tuple(self._rows))
 
-    def crashes(self, shown: int = 0) -> list[Crash]:
-        """Collisions that the judges counted, by episode and time; at most `MOST` with those `shown` already."""
+    def crashes(self) -> list[Crash]:
+        """The first `MOST` collisions that the judges counted, by episode and time."""
         found: list[Crash] = []
         for env, ends in sorted(self._ends.items()):
             moments = sorted({(time, team) for time, team, kind, _ in ends if kind == "collided"})
-            for time, team in moments[: max(0, MOST - shown - len(found))]:
+            for time, team in moments[: max(0, MOST - len(found))]:
                 who = tuple(v for t, name, kind, v in ends if (t, name, kind) == (time, team, "collided"))
                 times = np.array(self._time)
                 before = self._excerpt(env, (times > time - BEFORE) & (times <= time), (team,))

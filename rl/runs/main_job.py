@@ -1,12 +1,12 @@
 """The main job: train the stages of a scenario, evaluate them on unseen worlds, record and draw an episode."""
 
-import contextlib
 import time
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+from rl import processes
 from rl.learn.history import read_history
 from rl.learn.policy import Policy, load_policy, policies_of
 from rl.learn.runner import HISTORY, spent
@@ -15,8 +15,9 @@ from rl.mission import ControllerError
 from rl.runs import folder as run_folder
 from rl.runs.evaluation import (
     CHUNK,
+    Trial,
     check_measurable,
-    judge_episodes,
+    judge_trials,
     mission_class,
     one_episode_each,
     run_episodes,
@@ -34,8 +35,13 @@ from taichi_sim.world import ActionError
 RECORDING, FIGURES = "episode.rrd", "figures"
 
 
-def run_main_job(config: Scenario, out: Path, *, show_progress: bool = True) -> dict[str, Any]:
+def run_main_job(
+    config: Scenario, out: Path, *, source: Path | None = None, show_progress: bool = True
+) -> dict[str, Any] | None:
     """Train, evaluate, record and draw into the run folder `out`; return what summary.json holds.
+
+    Of several processes (rl/processes.py) rank 0 alone works with `out`, and the others, whose scenario comes from the
+    file `source`, return None.
 
     Raises:
         ConfigError: if the scenario has nothing to train or its episodes cannot be measured.
@@ -44,37 +50,46 @@ def run_main_job(config: Scenario, out: Path, *, show_progress: bool = True) -> 
     if not config.stages:
         raise ConfigError("stages: the scenario has none, so there is nothing to train")
     check_measurable(config)
+    first = processes.here().first
+    source = out / run_folder.CONFIG if first else source
     start = time.perf_counter() - sum(spent(out / team / HISTORY).seconds for team in config.trained)
-    source = out / run_folder.CONFIG
     try:
         stages = train_stages(
             config, out, source=source, dumps=out / run_folder.DUMPS, judged=partial(_loss, config, source),
             show_progress=show_progress,
         )  # fmt: skip
-        policies = {team: load_policy(out, config, team) for team in config.trained}
-        judged = config.evaluation
-        evaluation = _evaluate(config, policies, out, show_progress)
-        with contextlib.suppress(ControllerError, ActionError):  # not every vehicle has one that can
-            _evaluate(config, policies_of("classical", out, config), out, show_progress, "classical")
-        episode = record_episode(config, policies, seed=judged.seed, source=source, show_progress=show_progress)
-        write_recording(episode, out / RECORDING)
-        histories = {team: read_history(out / team / HISTORY) for team in policies}
-        mission_class(config, source).draw_figures(out / FIGURES, histories, episode, config)
-    except KeyboardInterrupt:
-        raise KeyboardInterrupt(f"checkpoints are in {out}; continue with --out {out} --resume") from None
-    summary = {
-        "scenario": config.name,
-        "seed": config.seed,
-        "wall_time_s": round(time.perf_counter() - start, 3),
-        "stages": stages,
-        "evaluation": evaluation,
-    }
-    run_folder.write_json(out / run_folder.SUMMARY, summary)
-    write_report([out])
+        policies: dict[str, Policy] = processes.told(lambda: {t: load_policy(out, config, t) for t in config.trained})
+        evaluation = _evaluate(config, policies, out, source, show_progress)
+        if not first:
+            return None
+        _picture(config, policies, out, show_progress)
+        summary = {
+            "scenario": config.name,
+            "seed": config.seed,
+            "wall_time_s": round(time.perf_counter() - start, 3),
+            "processes": processes.here().count,
+            "stages": stages,
+            "evaluation": evaluation,
+        }
+        run_folder.write_json(out / run_folder.SUMMARY, summary)
+        write_report([out])
+    except KeyboardInterrupt as interrupt:
+        told = f"checkpoints are in {out}; continue with --out {out} --resume"
+        raise type(interrupt)(told) from None
     return summary
 
 
-def _loss(config: Scenario, source: Path, policies: Mapping[str, Policy]) -> float:
+def _picture(config: Scenario, policies: Mapping[str, Policy], out: Path, show_progress: bool) -> None:
+    """Record an episode, and draw figures of it and of the training."""
+    source = out / run_folder.CONFIG
+    seed = config.evaluation.seed
+    episode = record_episode(config, policies, seed=seed, source=source, show_progress=show_progress)
+    write_recording(episode, out / RECORDING)
+    histories = {team: read_history(out / team / HISTORY) for team in policies}
+    mission_class(config, source).draw_figures(out / FIGURES, histories, episode, config)
+
+
+def _loss(config: Scenario, source: Path | None, policies: Mapping[str, Policy]) -> float:
     """How badly teams do together (Judge.loss), on episodes that no policy is trained on and no evaluation is of."""
     judge, seed = mission_class(config, source).Judge, derive_seed(config.seed, "better")
     with runtime.torch_at_rest():
@@ -85,21 +100,24 @@ def _loss(config: Scenario, source: Path, policies: Mapping[str, Policy]) -> flo
 
 
 def _evaluate(
-    config: Scenario, policies: Mapping[str, Policy], out: Path, show_progress: bool, controller: str = "policy"
+    config: Scenario, policies: Mapping[str, Policy], out: Path, source: Path | None, show_progress: bool
 ) -> dict[str, Any]:
-    """The scenario's own evaluation, kept in the run's folder."""
-    outcome = judge_episodes(
-        config,
-        {team: policies[team] for team in config.trained},
-        episodes=config.evaluation.episodes,
-        seed=config.evaluation.seed,
-        controller=controller,
-        source=out / run_folder.CONFIG,
-        show_progress=show_progress,
-        look=True,
-    )
-    keep(out, outcome)
-    return outcome.result
+    """The scenario's own evaluation of policies and of classical controllers, kept in the run's folder; the former."""
+    rivals = policies_of("classical", out, config)
+    trials = [
+        Trial(config, {team: of[team] for team in config.trained}, config.evaluation.episodes, config.evaluation.seed,
+              controller, source)
+        for controller, of in (("policy", policies), ("classical", rivals))
+    ]  # fmt: skip
+    cannot = (ControllerError, ActionError)  # not every vehicle has a classical controller that can
+    outcomes = judge_trials(trials, cannot=cannot, show_progress=show_progress, look=True)
+    for outcome in outcomes:
+        if not isinstance(outcome, Exception):
+            keep(out, outcome)
+    learned = outcomes[0] if outcomes else None
+    if isinstance(learned, Exception):
+        raise learned
+    return {} if learned is None else learned.result
 
 
 def report(evaluation: dict[str, Any], config: Scenario, source: Path | None = None) -> str:

@@ -205,7 +205,7 @@ def test_a_hundred_thousand_cells_are_told_of_and_begun(run, file, monkeypatch):
         return {"cannot_be": {}, "teams": {}}
 
     monkeypatch.setattr(sweeping, "_measure", measure)
-    monkeypatch.setattr(sweeping.time, "perf_counter", iter(range(0, 1_000_000, 2)).__next__)
+    monkeypatch.setattr(sweeping.time, "perf_counter", iter((0.0, 6.0)).__next__)
     with pytest.raises(KeyboardInterrupt, match="10 of 100001 cells"):
         swept(run, file, tell=told.append)
     assert told == [

@@ -54,7 +54,10 @@ def test_the_summary_holds_times_stages_and_evaluation(trained):
     assert summary["wall_time_s"] > 0
     assert [stage["team"] for stage in summary["stages"]] == list(TEAMS)
     for stage in summary["stages"]:
-        assert set(stage) == {"name", "team", "iterations", "agent_steps", "wall_time_s", "agent_steps_per_s"}
+        assert set(stage) == {
+            "name", "team", "iterations", "agent_steps", "wall_time_s", "agent_steps_per_s", "processes", "environments",
+        }  # fmt: skip
+        assert (stage["processes"], stage["environments"]) == (1, 8)
         assert stage["iterations"] == ITERATIONS
         assert stage["agent_steps"] == ITERATIONS * ROWS * 8
         assert stage["agent_steps_per_s"] == pytest.approx(stage["agent_steps"] / stage["wall_time_s"], rel=0.01)

@@ -4,6 +4,7 @@ RUN/sweeps/NAME/cells.jsonl     a line for each cell that is done, with a key of
 RUN/sweeps/NAME/sweep.json, .csv     all cells, when all are done
 """
 
+import contextlib
 import functools
 import hashlib
 import json
@@ -16,6 +17,7 @@ from typing import Any, NamedTuple
 
 from tqdm import tqdm
 
+from rl import processes
 from rl.judge import Judge
 from rl.learn.policy import CheckpointError, Policy, checkpoints
 from rl.mission import ControllerError
@@ -59,6 +61,8 @@ def run_sweep(
 ) -> Path:
     """Run a sweep, the content of `file`; return the folder of its tables. `tell` is told how long it will take.
 
+    Processes (rl/processes.py) share its cells, and rank 0 alone writes.
+
     Raises:
         ConfigError: if the sweep is of the evaluation's or the training's seed, or names a key that no scenario has.
         KeyboardInterrupt: saying how to go on.
@@ -67,42 +71,54 @@ def run_sweep(
     for whose, other in (("the evaluation's", config.evaluation.seed), ("the training's", config.seed)):
         if sweep.seed == other:
             raise ConfigError(f"{file}: seed = {other} is {whose}: a sweep's is another")
-    out = contest.run / FOLDER / file.stem
+    out, place = contest.run / FOLDER / file.stem, processes.here()
     todo = cells(sweep, config, file)
     first = next(todo)  # names keys that no scenario has, before anything is made
-    out.mkdir(parents=True, exist_ok=True)
     judge, total = mission_class(config, contest.source).Judge, count_cells(sweep)
     common = _key(toml_text(config), _files(contest), sweep.episodes, sweep.seed)
-    rows: list[dict[str, Any]] = []
-    with run_folder.lock(out), (out / CELLS).open("a+", encoding="utf-8") as lines:
-        done = _read(lines)
-        bar = tqdm(total=total, desc=f"sweep {file.stem}", unit="cell", disable=not show_progress)
-        taken: list[float] = []
+    keyed = [(_key(common, cell.overrides, cell.missing), cell) for cell in chain([first], todo)]
+    with contextlib.ExitStack() as stack:
+        if place.first:
+            out.mkdir(parents=True, exist_ok=True)
+            stack.enter_context(run_folder.lock(out))
+            lines = stack.enter_context((out / CELLS).open("a+", encoding="utf-8"))
+        done: dict[str, dict[str, Any]] = processes.told(lambda: _read(lines))
+        left = [(key, cell) for key, cell in keyed if key not in done]
+        begun = total - len(left)
+        shown = show_progress and place.first
+        bar = stack.enter_context(
+            tqdm(total=total, initial=begun, desc=f"sweep {file.stem}", unit="cell", disable=not shown)
+        )
+        start = time.perf_counter()
         try:
-            for cell in chain([first], todo):
-                key = _key(common, cell.overrides, cell.missing)
-                if key not in done:
-                    start = time.perf_counter()
-                    done[key] = _measure(cell, sweep, contest, judge)
-                    lines.write(json.dumps({"key": key} | done[key]) + "\n")
+            for turn in range(0, len(left), place.count):
+                batch = left[turn : turn + place.count]
+                mine = batch[place.rank][1] if place.rank < len(batch) else None
+                measure = functools.partial(_measure, mine, sweep, contest, judge)
+                for (key, _), found in zip(batch, processes.of_all(measure), strict=False):
+                    done[key] = found
+                    lines.write(json.dumps({"key": key} | found) + "\n")
                     lines.flush()
-                    taken.append(time.perf_counter() - start)
-                    if len(taken) == TOLD_AFTER and len(rows) + 1 < total:
-                        tell(_estimate(total - len(rows) - 1, taken))
-                rows.append({"values": cell.values, "set": list(cell.overrides)} | done[key])
-                bar.update(1)
-        except KeyboardInterrupt:
-            raise KeyboardInterrupt(f"{len(rows)} of {total} cells are in {out}; the same command goes on") from None
-        finally:
-            bar.close()
-    axes = [{"name": a.name, "unit": a.unit, "values": [a.label(value) for value in a.values]} for a in sweep.axis]
-    about = {"sweep": file.stem, "scenario": config.name, "seed": sweep.seed, "episodes": sweep.episodes}
-    write_tables(out, about | {"grid": sweep.grid, "axes": axes}, rows)
+                    bar.update(1)
+                now = turn + len(batch)
+                if place.first and turn < TOLD_AFTER <= now < len(left):
+                    tell(_estimate(len(left) - now, now, time.perf_counter() - start))
+        except KeyboardInterrupt as interrupt:
+            kept = sum(key in done for key, _ in keyed)
+            text = f"{kept} of {total} cells are in {out}; the same command goes on"
+            raise type(interrupt)(text) from None
+    if place.first:
+        rows = [{"values": cell.values, "set": list(cell.overrides)} | done[key] for key, cell in keyed]
+        axes = [{"name": a.name, "unit": a.unit, "values": [a.label(value) for value in a.values]} for a in sweep.axis]
+        about = {"sweep": file.stem, "scenario": config.name, "seed": sweep.seed, "episodes": sweep.episodes}
+        write_tables(out, about | {"grid": sweep.grid, "axes": axes}, rows)
     return out
 
 
-def _measure(cell: Cell, sweep: Sweep, contest: Contest, judge: type[Judge]) -> dict[str, Any]:
+def _measure(cell: Cell | None, sweep: Sweep, contest: Contest, judge: type[Judge]) -> dict[str, Any]:
     """Both controllers on the cell's episodes: team -> controller or "difference" -> figure -> value, low, high."""
+    if cell is None:
+        return {}  # there are fewer than processes
     cannot: dict[str, str] = {}
     found: dict[str, dict[str, Any]] = {}
     for who, policies in contest.controllers.items():
@@ -135,13 +151,12 @@ def _rounded(figures: Mapping[str, Any]) -> dict[str, list[float | None]]:
     }
 
 
-def _estimate(left: int, taken: list[float]) -> str:
-    each = sum(taken) / len(taken)
-    seconds = left * each
+def _estimate(left: int, done: int, taken: float) -> str:
+    seconds = left * taken / done
     units = ((86400, "days"), (3600, "h"), (60, "min"), (1, "s"))
     size, unit = next((s, u) for s, u in units if seconds >= s or s == 1)
     return (
-        f"{left} cells more, about {seconds / size:.1f} {unit} at the {each:.2g} s of the first {len(taken)}; "
+        f"{left} cells more, about {seconds / size:.1f} {unit} at the {taken / done:.2g} s of the first {done}; "
         "Ctrl-C keeps those that are done, and the same command goes on"
     )
 
