@@ -19,9 +19,8 @@ from torch import Tensor
 COMMON = {
     "collisions_per_hour": "vehicles that hit an obstacle or a team mate, per hour of the team's operation",
     "collision_free_episodes": "fraction of episodes in which no vehicle of the team collided",
-    "action_change_rms": "root mean square change of an action from one decision to the next, as a share of the action's "
-    "range (0: all are held, 1: each goes from one end to the other every time), over actions, vehicles, time and "
-    "episodes",
+    "action_change_rms": "root mean square change of a vehicle's action from one decision to the next, as a share of "
+    "its range (0: all are held, 1: each goes from end to end every time), over actions, vehicles, time and episodes",
 }
 
 Episodes = Mapping[str, NDArray[np.float64]]
