@@ -154,7 +154,7 @@ def test_the_imu_feels_weight_and_the_turn(bag) -> None:
 
 
 def test_a_level_vehicle_at_rest_that_points_north_is_turned_by_90_degrees_and_feels_weight_alone(tmp_path) -> None:
-    episode = make_episode(1, ("usv",), steps=3)
+    episode = make_episode(1, ("usv",), steps=3, dt=1.001)  # s: in ns less than a whole number
     usv, still = episode.teams["usv"], np.zeros((3, 1, 3))
     level = np.zeros((3, 1, 4)) + (1.0, 0.0, 0.0, 0.0)
     rates = still + (0.1, 0.2, 0.3)
@@ -165,6 +165,7 @@ def test_a_level_vehicle_at_rest_that_points_north_is_turned_by_90_degrees_and_f
     np.testing.assert_allclose(turn, [[0.0, 0.0, np.sin(half), np.cos(half)]] * 3, atol=1e-12)
     np.testing.assert_allclose(numbers(found["/usv_0/imu"], "linear_acceleration"), [[0, 0, GRAVITY]] * 3, atol=1e-12)
     np.testing.assert_allclose(numbers(found["/usv_0/imu"], "angular_velocity"), [[0.1, -0.2, -0.3]] * 3, atol=1e-12)
+    assert [message.clock.nanosec for _, message in found["/clock"]] == [0, 1_000_000, 2_000_000]
     for _, message in found["/usv_0/fix"]:
         assert (message.latitude, message.longitude, message.altitude) == pytest.approx((*FJORD, 0.0), abs=1e-9)
 
