@@ -187,10 +187,11 @@ def user_errors() -> tuple[type[Exception], ...]:
     from rl.mission import ControllerError
     from rl.runs.folder import RunError
     from taichi_sim.config import ConfigError
+    from taichi_sim.recording.ros import BagError
     from taichi_sim.sea import SteepSeaError
     from taichi_sim.world import ActionError
 
-    return ConfigError, ControllerError, RunError, CheckpointError, SteepSeaError, ActionError, DivergedError
+    return ConfigError, ControllerError, RunError, CheckpointError, SteepSeaError, ActionError, DivergedError, BagError
 
 
 def run(main: Callable[[list[str] | None], None], argv: list[str] | None = None) -> int:

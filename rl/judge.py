@@ -19,6 +19,8 @@ from torch import Tensor
 COMMON = {
     "collisions_per_hour": "vehicles that hit an obstacle or a team mate, per hour of the team's operation",
     "collision_free_episodes": "fraction of episodes in which no vehicle of the team collided",
+    "action_change_rms": "root mean square change of a vehicle's action from one decision to the next, as a share of "
+    "its range (0: all are held, 1: each goes from end to end every time), over actions, vehicles, time and episodes",
 }
 
 Episodes = Mapping[str, NDArray[np.float64]]
@@ -26,6 +28,7 @@ Episodes = Mapping[str, NDArray[np.float64]]
 
 
 COLLISION_LOSS = 20.0  # of an episode with a collision; assumed
+ACTION_RANGE = 2.0  # of an action, from -1 to 1
 
 
 class Judge:
@@ -50,6 +53,7 @@ class Judge:
         self.failed = np.zeros(envs, dtype=bool)
         self.reward = np.zeros(envs)
         self.measured = np.zeros(envs)
+        self.action_changes = np.zeros(envs)
 
     def __getstate__(self) -> dict[str, Any]:
         """What was seen, to be told another process: the mission stays here."""
@@ -60,6 +64,10 @@ class Judge:
         alive, ended = ~self.failed, step.endings[self.name]
         self.reward[alive] += step.reward[self.name].double().mean(dim=1).cpu().numpy()[alive]
         self.measured[alive] += 1
+        if number > 1:  # the first decision changes nothing: before it there was none
+            team = self.mission.teams[self.name]
+            change = (team.action - team.previous_action).double() / ACTION_RANGE
+            self.action_changes[alive] += change.square().mean(dim=(1, 2)).cpu().numpy()[alive]
         if "collided" in ended:
             self.collided[alive] |= ended["collided"].cpu().numpy()[alive]
         self.failed |= ended.any.any(dim=1).cpu().numpy() & alive
@@ -71,9 +79,9 @@ class Judge:
     @classmethod
     def episodes(cls, seen: Sequence[Any], config: Any) -> dict[str, NDArray[np.float64]]:
         """Numbers of each episode of all chunks of one team, [episode]: what `pooled` needs."""
-        collided, failed, reward, measured = (
+        collided, failed, reward, measured, changes = (
             np.concatenate([getattr(judge, name) for judge in seen])
-            for name in ("collided", "failed", "reward", "measured")
+            for name in ("collided", "failed", "reward", "measured", "action_changes")
         )
         return {
             "collided": collided.sum(axis=1).astype(float),  # vehicles
@@ -82,6 +90,7 @@ class Judge:
             "reward": reward,  # mean of the vehicles, sum of the decisions
             "decisions": measured,
             "hours": measured * config.decision_interval / 3600,
+            "action_changes": changes,  # squared shares of the range: mean of the vehicles, sum of the changes
         }
 
     @classmethod
@@ -91,6 +100,7 @@ class Judge:
             "reward_per_step": episodes["reward"].sum(-1) / np.maximum(episodes["decisions"].sum(-1), 1),
             "collisions_per_hour": episodes["collided"].sum(-1) / episodes["hours"].sum(-1),
             "collision_free_episodes": (episodes["collided"] == 0).mean(-1),
+            "action_change_rms": _change_of(episodes),
             "success_rate": episodes["succeeded"].mean(-1),
         }
 
@@ -115,6 +125,15 @@ class Judge:
     def line(cls, figures: dict[str, float | None]) -> str:
         """The figures of one team as a line to read."""
         return ", ".join(f"{key} {value:.3g}" for key, value in figures.items() if value is not None)
+
+
+def _change_of(episodes: Episodes) -> NDArray[np.float64]:
+    """Rms [...] change of an action; NaN for evaluations kept from before it was measured, and of single decisions."""
+    if "action_changes" not in episodes:
+        return np.full(episodes["collided"].shape[:-1], np.nan)
+    changes = np.maximum(episodes["decisions"] - 1, 0).sum(-1)
+    squares = episodes["action_changes"].sum(-1) / np.maximum(changes, 1)
+    return np.sqrt(np.where(changes > 0, squares, np.nan))
 
 
 def known(value: Any) -> float | None:

@@ -1,4 +1,4 @@
-"""Record one episode of a run's policies on an unseen world, to open in rerun."""
+"""Record one episode of a run's policies on an unseen world: to open in rerun, or as a bag of ROS 2 (docs/ros.md)."""
 
 import argparse
 import sys
@@ -15,7 +15,21 @@ def parser() -> argparse.ArgumentParser:
     p = argparse.ArgumentParser(prog="play.py", description=__doc__)
     cli.add_run(p)
     cli.add_shown(p)
-    p.add_argument("--out", type=Path, default=None, metavar="FILE.rrd", help="default: RUN/play-SEED.rrd")
+    p.add_argument(
+        "--out",
+        default=None,
+        metavar="PLACE",
+        help="FILE.rrd for rerun, FILE.mcap for ROS 2 and Foxglove, FOLDER/ for a rosbag2 folder (a name without a "
+        "suffix, or one that ends with a slash); default: RUN/play-SEED.rrd",
+    )
+    p.add_argument(
+        "--origin",
+        type=float,
+        nargs=2,
+        default=None,
+        metavar=("LAT", "LON"),
+        help="of a bag: latitude and longitude of the world's origin, degrees (default: 63.48 10.40)",
+    )
     p.add_argument("--duration", type=cli.positive_float, default=None, metavar="S", help="default: an episode")
     return p
 
@@ -25,19 +39,20 @@ def main(argv: list[str] | None = None) -> None:
     args = parser().parse_args(argv)
     from rl import cli
     from rl.runs.kept import recording_name
+    from rl.runs.outputs import output_of
     from rl.runs.record import record_episode
-    from taichi_sim.recording import write_recording
 
+    output = output_of(args.out, args.origin, show_progress=not args.quiet)
     number = cli.recall(args)
     config, source, policies, seed = cli.open_run(args)
     episode = record_episode(
         config, policies, seed=seed, number=number, duration=args.duration, source=source, show_progress=not args.quiet
     )
     default = f"play-{seed}.rrd" if number is None else recording_name(args.controller, args.shown)
-    path = write_recording(episode, args.out or args.run / default)
+    path = output.write(episode, output.place or args.run / default)
     for event in episode.events:
         print(f"{event.time_s:7.1f} s  {event.text}")
-    print(f"recording: rerun {path}")
+    print(f"recording: {output.reader} {path}")
 
 
 if __name__ == "__main__":

@@ -57,6 +57,9 @@ def test_a_bare_world_is_recorded_as_it_moved(teams: tuple[str, ...], tmp_path: 
             times, _, place = column(path, entity, "Transform3D:translation")
             np.testing.assert_array_equal(place, state[:, [1, 0, 2]] * np.float32([1, 1, -1]))
             np.testing.assert_array_equal(times, 100_000_000 * np.arange(1, STEPS + 1))
+            rates = recorder.track(name).angular_velocity_b
+            assert rates is not None
+            np.testing.assert_array_equal(rates[:, vehicle], state[:, 10:13])
             _, _, turn = column(path, entity, "Transform3D:quaternion")
             w, x, y, z = state[:, 3:7].astype(np.float64).T  # half a turn about east and north together, then q
             expected = np.sqrt(0.5) * np.stack([w + z, w - z, y - x, -x - y], axis=1)

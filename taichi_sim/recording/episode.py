@@ -62,6 +62,7 @@ class TeamTrack:
     velocity_n: Array  # [T, V, 3] m/s, over ground
     size_m: tuple[float, float, float]  # length; beam (wing span); height (hull depth, or to the fin's top), m
     wave_height: Array  # [T, V] m, surface elevation at the vehicle, up
+    angular_velocity_b: Array | None = None  # [T, V, 3] rad/s, about forward, right, down; None: not recorded
     action: Array | None = None  # [T, V, A] as taken
     action_names: tuple[str, ...] = ()  # A names
     target_n: Array | None = None  # [T, 3] m, what vehicle 0 follows
@@ -85,6 +86,7 @@ class TeamTrack:
             "quaternion_nb": (steps, vehicles, 4),
             "velocity_n": (steps, vehicles, 3),
             "wave_height": (steps, vehicles),
+            "angular_velocity_b": (steps, vehicles, 3),
             "action": (steps, vehicles, len(self.action_names)),
             "target_n": (steps, 3),
             "target_course": (steps,),

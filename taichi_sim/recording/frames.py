@@ -1,27 +1,39 @@
-"""From the world frame n (north-east-down) to rerun's (east, north, up) = (y, x, -z). Nowhere else.
+"""From the world frame n (north-east-down) to the (east, north, up) = (y, x, -z) of recordings. Nowhere else.
 
-Bodies keep their own frame b (forward-right-down), so the attitude logged is R_enu,b = P R_nb, with P the
-half turn about (1, 1, 0) that swaps the two worlds.
+In rerun bodies keep their own frame b (forward-right-down), so the attitude logged is R_enu,b = P R_nb, with P the
+half turn about (1, 1, 0) that swaps the two worlds. In bags (ros/) bodies are forward-left-up: b turned by half about
+its own forward axis, R_enu,flu = P R_nb F, F = diag(1, -1, -1).
 """
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 Array = NDArray[np.floating]
 
 
-def enu(vector_n: Array) -> NDArray[np.float32]:
+def enu(vector_n: Array, dtype: DTypeLike = np.float32) -> Array:
     """[..., 3] of n (north, east, down) as (east, north, up)."""
-    return np.ascontiguousarray(np.stack([vector_n[..., 1], vector_n[..., 0], -vector_n[..., 2]], -1), np.float32)
+    return np.ascontiguousarray(np.stack([vector_n[..., 1], vector_n[..., 0], -vector_n[..., 2]], -1), dtype)
 
 
-def enu_quaternion(quaternion_nb: Array) -> NDArray[np.float32]:
+def enu_quaternion(quaternion_nb: Array, dtype: DTypeLike = np.float32) -> Array:
     """[..., 4] (w, x, y, z) body to NED as (x, y, z, w) body to ENU: P q, P = (0, 1, 1, 0) / sqrt 2."""
     w, x, y, z = np.moveaxis(np.asarray(quaternion_nb, dtype=np.float64), -1, 0)
-    return np.ascontiguousarray(np.stack([w + z, w - z, y - x, -x - y], -1) * np.sqrt(0.5), np.float32)
+    return np.ascontiguousarray(np.stack([w + z, w - z, y - x, -x - y], -1) * np.sqrt(0.5), dtype)
 
 
-def level_quaternion(course: Array) -> NDArray[np.float32]:
+def flu(vector_b: Array) -> Array:
+    """[..., 3] of b (forward, right, down) as (forward, left, up), float64."""
+    return np.asarray(vector_b, dtype=np.float64) * (1.0, -1.0, -1.0)
+
+
+def enu_flu_quaternion(quaternion_nb: Array) -> Array:
+    """[..., 4] (w, x, y, z) b to NED as (x, y, z, w) forward-left-up to ENU, float64: -P q F, F = (0, 1, 0, 0)."""
+    x, y, z, w = np.moveaxis(enu_quaternion(quaternion_nb, np.float64), -1, 0)
+    return np.stack([-w, -z, y, x], -1)
+
+
+def level_quaternion(course: Array) -> Array:
     """[..., 4] (x, y, z, w) of a level body that points along a course (rad), to ENU."""
     half = 0.5 * np.asarray(course, dtype=np.float64)
     return enu_quaternion(np.stack([np.cos(half), 0 * half, 0 * half, np.sin(half)], axis=-1))

@@ -70,6 +70,7 @@ class Recorder:
             "position_n": place[0],
             "quaternion_nb": team.quaternion_nb[self.env],
             "velocity_n": team.velocity_n[self.env],
+            "angular_velocity_b": team.angular_velocity_b[self.env],
             "wave_height": self.world.elevation(env, place[..., 0], place[..., 1])[0],
             "aux": team.aux[self.env, :, : columns_of(team.model)],
             "freeboard": team.surface[self.env, :, FREEBOARD],
@@ -90,7 +91,7 @@ class Recorder:
     def track(self, name: str, **mission: Any) -> TeamTrack:
         """One team so far; `mission` is what else of a TeamTrack there is: targets, slots, errors, rewards."""
         model, rows = self.world.teams[name].model, self._rows[name]
-        keys = ("position_n", "quaternion_nb", "velocity_n", "wave_height")
+        keys = ("position_n", "quaternion_nb", "velocity_n", "angular_velocity_b", "wave_height")
         aux, freeboard = self.aux(name), np.stack([row["freeboard"] for row in rows])
         signals = signals_of(model, aux)
         if np.any(freeboard < NO_DECK):

@@ -2,12 +2,14 @@
 
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 import torch
 
 from rl.judge import Judge
 from rl.mission import Endings
 from rl.missions.formation.judge import FormationJudge
+from rl.runs.intervals import intervals
 
 STEPS, INTERVAL, SETTLE = 10, 0.1, 0.5  # s; measured from the sixth decision on
 ENVS, VEHICLES = 3, 2
@@ -16,6 +18,11 @@ DISTANCE = torch.tensor([[3.0, 4.0], [6.0, 1.0], [2.0, 0.5]])
 GAP = torch.tensor([[9.0, 8.0], [-0.5, 8.0], [4.0, 2.0]])
 SLOT_CLEARANCE = torch.ones(STEPS + 1, ENVS, VEHICLES)
 SLOT_CLEARANCE[2:5, 0, 1] = SLOT_CLEARANCE[7, 0, 1] = SLOT_CLEARANCE[8:, 2, 0] = -1.0  # twice, and after its end
+ACTIONS = torch.full((STEPS + 1, ENVS, VEHICLES, 2), 0.5)  # two actions, held; before the first decision there is none
+ACTIONS[0] = 0.0
+ACTIONS[1::2, 0, 0, 1] = -1.0  # one of the first environment goes from end to end every time
+ACTIONS[2::2, 0, 0, 1] = 1.0
+ACTIONS[8:, 2] = -1.0  # after its end
 CONFIG = SimpleNamespace(
     decision_interval=INTERVAL, episode_steps=STEPS, evaluation=SimpleNamespace(settle=SETTLE, success_error=5.0)
 )
@@ -24,12 +31,14 @@ CONFIG = SimpleNamespace(
 def judged(patch: pytest.MonkeyPatch, kind: type[Judge], collides_at: int, lost_at: int) -> dict:
     """Figures of three environments: vehicle 0 of the second collides, vehicle 1 of the third is lost."""
     team = SimpleNamespace(fleet=SimpleNamespace(count=VEHICLES), distance=DISTANCE, sensor=SimpleNamespace(gap=GAP))
+    team.action = ACTIONS[0]
     clearance = iter(SLOT_CLEARANCE)
     mission = SimpleNamespace(num_envs=ENVS, teams={"boats": team}, config=CONFIG)
     patch.setattr("rl.missions.formation.judge.slot_clearance", lambda *_: next(clearance))
     judge = kind(mission, "boats")
     for number in range(1, STEPS + 1):
         ended = {name: torch.zeros((ENVS, VEHICLES), dtype=torch.bool) for name in ("collided", "lost")}
+        team.previous_action, team.action = team.action, ACTIONS[number]
         ended["collided"][1, 0] = number >= collides_at
         ended["lost"][2, 1] = number >= lost_at
         judge.see(SimpleNamespace(reward={"boats": REWARD}, endings={"boats": Endings(ended)}), number)
@@ -44,6 +53,20 @@ def test_a_team_is_measured_until_one_of_it_has_ended(monkeypatch):
     assert figures["reward_per_step"] == pytest.approx((10 * 2.0 + 4 * 6.0 + 7 * -1.0) / (10 + 4 + 7))
     assert figures["collision_free_episodes"] == pytest.approx(2 / 3)
     assert figures["success_rate"] == pytest.approx(1 / 3)
+
+
+@pytest.mark.parametrize("kind", [Judge, FormationJudge])
+def test_changes_of_actions_are_shares_of_their_range(monkeypatch, kind):
+    """Of two vehicles' four actions one goes through its whole range, nine times in the first environment; none changes
+    three times in the second and six times in the third."""
+    figures = judged(monkeypatch, kind, 4, 7)
+    assert figures["action_change_rms"] == pytest.approx((9 * 0.25 / (9 + 3 + 6)) ** 0.5)
+    assert judged(monkeypatch, kind, 1, 1)["action_change_rms"] == pytest.approx(0.5)  # of the first alone
+
+
+def test_an_evaluation_kept_from_before_actions_were_measured_is_read():
+    numbers = dict.fromkeys(("collided", "failed", "succeeded", "reward", "decisions", "hours"), np.ones(4))
+    assert intervals(Judge, numbers)["action_change_rms"] == (None, None, None)
 
 
 def test_errors_of_a_formation_count_after_the_start_has_settled(monkeypatch):

@@ -13,6 +13,7 @@ import pytest
 import torch
 from command_line import ITERATIONS, TEAMS, TINY, command, content, sets, tiny_config, tiny_run
 from rerun.chunk import RrdReader
+from rosbags.highlevel import AnyReader
 
 from rl import cli
 from rl.learn.env import MissionEnv
@@ -75,7 +76,8 @@ def test_the_evaluation_holds_every_figure_of_both_teams(trained):
     for figures in evaluation["teams"].values():
         assert set(figures) == set(FormationJudge.definitions) == {
             "leader_error_rms_m", "leader_error_p95_m", "follower_error_rms_m", "follower_error_p95_m",
-            "evasions_per_hour", "least_gap_m", "collisions_per_hour", "collision_free_episodes", "success_rate",
+            "evasions_per_hour", "least_gap_m", "collisions_per_hour", "collision_free_episodes",
+            "action_change_rms", "success_rate",
         }  # fmt: skip
         assert all(math.isfinite(value) for value in figures.values())
         assert 0 <= figures["success_rate"] <= figures["collision_free_episodes"] <= 1
@@ -119,6 +121,17 @@ def test_the_recordings_are_whole(trained, tmp_path):
             chunks = RrdReader(file).stream().filter(content=f"/world/{team}/vehicle_0", is_static=False)
             taken = {step for chunk in chunks for step in chunk.to_record_batch().column("step").to_pylist()}
             assert len(taken) == steps
+
+
+def test_an_episode_is_a_bag_of_ros_2(trained, tmp_path):
+    out = tmp_path / "mine.mcap"
+    common = ["--duration", "1", "--quiet", "--threads", "1"]
+    assert cli.run(play, [str(trained), "--out", str(out), "--origin", "-33.8", "151.2", *common]) == 0
+    with AnyReader([out]) as reader:
+        told = {topic: of.msgcount for topic, of in reader.topics.items() if topic.endswith("/fix")}
+        connection, _, data = next(m for m in reader.messages() if m[0].topic == "/usv_0/fix")
+        assert reader.deserialize(data, connection.msgtype).latitude == pytest.approx(-33.8, abs=0.02)
+    assert told == {f"/{team}_{vehicle}/fix": 10 for team in TEAMS for vehicle in range(3)}
 
 
 # -- policies -----------------------------------------------------------------------------------------------

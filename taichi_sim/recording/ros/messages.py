@@ -1,0 +1,147 @@
+"""An episode as messages in the order of time. All of it is the truth: covariances are zero, "unknown" to ROS."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from taichi_sim.recording.episode import Episode, Force, TeamTrack
+from taichi_sim.recording.frames import flu
+from taichi_sim.recording.ros.build import Builder
+from taichi_sim.recording.ros.geodesy import Origin, geodetic
+from taichi_sim.recording.ros.motion import motion_of
+from taichi_sim.recording.ros.topics import BODY, CLOCK, MAP, TF, TF_STATIC, Sent, Topic, ros_name, stamps_ns
+
+LEVEL = (0.0, 0.0, 0.0, 1.0)
+NO_TORQUE = (0.0, 0.0, 0.0)
+NO_COVARIANCE_3, NO_COVARIANCE_6 = np.zeros(9), np.zeros(36)
+STATUS_FIX, SERVICE_GPS, COVARIANCE_UNKNOWN = 0, 1, 0  # of NavSatStatus and NavSatFix
+
+
+class Messages:
+    """The messages of an episode, frame by frame."""
+
+    def __init__(self, episode: Episode, origin: Origin, build: Builder):
+        """Of `episode`, whose world's origin lies at `origin`.
+
+        Raises:
+            ValueError: if two topics would have one name.
+        """
+        self.build, self.stamps = build, stamps_ns(episode.time_s)
+        self.teams = [_Team(team, episode, origin, build) for team in episode.teams.values()]
+        names = [topic.name for topic in self.topics]
+        if twice := {name for name in names if names.count(name) > 1}:
+            raise ValueError(f"episode {episode.name}: two teams would share the topic {min(twice)}")
+
+    @property
+    def topics(self) -> list[Topic]:
+        """All topics, in the order in which they are first sent."""
+        fixed = [TF_STATIC] if any(team.arrows for team in self.teams) else []
+        return [CLOCK, *fixed, TF, *(topic for team in self.teams for topic in team.topics)]
+
+    def frame(self, step: int) -> Iterator[Sent]:
+        """What is sent in one frame."""
+        stamp, build = self.stamps[step], self.build
+        time = build.time(stamp)
+        yield Sent(CLOCK, stamp, build.make(CLOCK.type, time))
+        if step == 0 and (fixed := [one for team in self.teams for one in team.fixed(time)]):
+            yield Sent(TF_STATIC, stamp, build.make(TF_STATIC.type, fixed))
+        yield Sent(TF, stamp, build.make(TF.type, [one for team in self.teams for one in team.moving(step, time)]))
+        for team in self.teams:
+            for topic, message in team.messages(step, time):
+                yield Sent(topic, stamp, message)
+
+
+class _Team:
+    """One team's part."""
+
+    def __init__(self, team: TeamTrack, episode: Episode, origin: Origin, build: Builder):
+        motion = motion_of(team, episode.time_s)
+        self.build, self.names = build, [ros_name(f"{team.name}_{vehicle}") for vehicle in range(team.vehicles)]
+        self.place, self.turn = motion.position.tolist(), motion.orientation.tolist()
+        self.velocity, self.rates = motion.velocity.tolist(), motion.angular_velocity.tolist()
+        self.felt, self.fix = motion.specific_force.tolist(), geodetic(motion.position, origin).tolist()
+        self.slot = None if motion.slot is None else motion.slot.tolist()
+        self.target = None if motion.target is None else motion.target.tolist()
+        self.course = motion.course.tolist()
+        self.arrows = {ros_name(name): _arrow(force) for name, force in team.forces.items()}
+        self.target_topic = Topic(f"/{ros_name(team.name)}/target", "geometry_msgs/msg/PoseStamped")
+        self.of_vehicles = [self._topics(name) for name in self.names]
+
+    def _topics(self, name: str) -> dict[str, Topic]:
+        types = {"odom": "nav_msgs/msg/Odometry", "imu": "sensor_msgs/msg/Imu", "fix": "sensor_msgs/msg/NavSatFix"}
+        if self.slot is not None:
+            types["slot"] = "geometry_msgs/msg/PoseStamped"
+        types |= {f"wrench/{arrow}": "geometry_msgs/msg/WrenchStamped" for arrow in self.arrows}
+        return {last: Topic(f"/{name}/{last}", kind) for last, kind in types.items()}
+
+    @property
+    def topics(self) -> list[Topic]:
+        """Of all its vehicles, and its target's."""
+        own = [topic for topics in self.of_vehicles for topic in topics.values()]
+        return own if self.target is None else [*own, self.target_topic]
+
+    def fixed(self, time: Any) -> Iterator[Any]:
+        """Where its forces attack: frames in the bodies, which never move."""
+        for name in self.names:
+            for arrow, (place, _) in self.arrows.items():
+                header = self.build.header(time, f"{name}/{BODY}")
+                yield self.build.transform(header, f"{name}/wrench/{arrow}", place, LEVEL)
+
+    def moving(self, step: int, time: Any) -> Iterator[Any]:
+        """Where its vehicles are."""
+        for vehicle, name in enumerate(self.names):
+            header, child = self.build.header(time, MAP), f"{name}/{BODY}"
+            yield self.build.transform(header, child, self.place[step][vehicle], self.turn[step][vehicle])
+
+    def messages(self, step: int, time: Any) -> Iterator[tuple[Topic, Any]]:
+        """Of all its vehicles, and its target's."""
+        world = self.build.header(time, MAP)
+        for vehicle, topics in enumerate(self.of_vehicles):
+            frame = f"{self.names[vehicle]}/{BODY}"
+            yield topics["odom"], self._odometry(step, vehicle, world, frame)
+            own = self.build.header(time, frame)
+            yield topics["imu"], self._imu(step, vehicle, own)
+            yield topics["fix"], self._fix(step, vehicle, own)
+            if self.slot is not None:
+                slot = self.build.pose_stamped(world, self.slot[step][vehicle], self.course[step])
+                yield topics["slot"], slot
+            for arrow, (_, force) in self.arrows.items():
+                topic = topics[f"wrench/{arrow}"]
+                yield topic, self._wrench(time, topic.name.removeprefix("/"), force[step][vehicle])
+        if self.target is not None:
+            yield self.target_topic, self.build.pose_stamped(world, self.target[step], self.course[step])
+
+    def _odometry(self, step: int, vehicle: int, header: Any, frame: str) -> Any:
+        make = self.build.make
+        pose = self.build.pose(self.place[step][vehicle], self.turn[step][vehicle])
+        twist = self.build.twist(self.velocity[step][vehicle], self.rates[step][vehicle])
+        return make(
+            "nav_msgs/msg/Odometry",
+            header,
+            frame,
+            make("geometry_msgs/msg/PoseWithCovariance", pose, NO_COVARIANCE_6),
+            make("geometry_msgs/msg/TwistWithCovariance", twist, NO_COVARIANCE_6),
+        )
+
+    def _imu(self, step: int, vehicle: int, header: Any) -> Any:
+        turn = self.build.quaternion(self.turn[step][vehicle])
+        rates, felt = (self.build.vector(of[step][vehicle]) for of in (self.rates, self.felt))
+        none = NO_COVARIANCE_3
+        return self.build.make("sensor_msgs/msg/Imu", header, turn, none, rates, none, felt, none)
+
+    def _fix(self, step: int, vehicle: int, header: Any) -> Any:
+        status = self.build.make("sensor_msgs/msg/NavSatStatus", STATUS_FIX, SERVICE_GPS)
+        place = self.fix[step][vehicle]
+        return self.build.make(
+            "sensor_msgs/msg/NavSatFix", header, status, *place, NO_COVARIANCE_3, COVARIANCE_UNKNOWN
+        )
+
+    def _wrench(self, time: Any, frame: str, force: list[float]) -> Any:
+        wrench = self.build.make("geometry_msgs/msg/Wrench", self.build.vector(force), self.build.vector(NO_TORQUE))
+        return self.build.make("geometry_msgs/msg/WrenchStamped", self.build.header(time, frame), wrench)
+
+
+def _arrow(force: Force) -> tuple[list[float], list[list[list[float]]]]:
+    """Where a force attacks (m) and what it is [T, V, 3] (N), in base_link."""
+    return flu(np.asarray(force.origin_b)).tolist(), flu(force.vector_b).tolist()
