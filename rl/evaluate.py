@@ -15,7 +15,6 @@ def parser() -> argparse.ArgumentParser:
     from rl.missions import find_mission, shipped
 
     p = argparse.ArgumentParser(
-        prog="evaluate.py",
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
         epilog="figures, for each team, measured after the first evaluation.settle (20 s) of each episode\n"

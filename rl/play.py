@@ -12,7 +12,7 @@ def parser() -> argparse.ArgumentParser:
     """The arguments."""
     from rl import cli
 
-    p = argparse.ArgumentParser(prog="play.py", description=__doc__)
+    p = argparse.ArgumentParser(description=__doc__)
     cli.add_run(p)
     cli.add_shown(p)
     p.add_argument(

@@ -10,7 +10,7 @@ if __package__ in (None, ""):  # run as a script: the packages are beside this f
 
 def parser() -> argparse.ArgumentParser:
     """The arguments."""
-    p = argparse.ArgumentParser(prog="report.py", description=__doc__)
+    p = argparse.ArgumentParser(description=__doc__)
     p.add_argument("run", type=Path, metavar="RUN", help="run folder of rl/train.py")
     p.add_argument("other", type=Path, metavar="OTHER", nargs="?", help="another run, to be shown beside it")
     p.add_argument("--out", type=Path, default=None, metavar="FILE.html", help="default: RUN/report.html")

@@ -19,7 +19,6 @@ def parser() -> argparse.ArgumentParser:
     from rl import cli
 
     p = argparse.ArgumentParser(
-        prog="train.py",
         description=__doc__,
         epilog="With no argument it runs the main job: configs/escort.toml. Ctrl-C saves a checkpoint; --resume "
         "continues. Watch the curves with: tensorboard --logdir runs. It runs as several processes (--processes); over "

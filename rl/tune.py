@@ -15,7 +15,7 @@ def parser() -> argparse.ArgumentParser:
     """The arguments."""
     from rl import cli
 
-    p = argparse.ArgumentParser(prog="tune.py", description=__doc__)
+    p = argparse.ArgumentParser(description=__doc__)
     p.add_argument("config", metavar="SCENARIO", help="a file, or the name of a shipped one")
     p.add_argument("--team", required=True, help="whose controller")
     p.add_argument("--only", default="", metavar="NAME,...", help="numbers to search for (default: all)")

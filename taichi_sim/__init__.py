@@ -9,6 +9,9 @@ from typing import Any as _Any
 
 import gymnasium as _gymnasium
 
+from taichi_sim.beside import find_rl as _find_rl
+
+_find_rl()
 # Taichi prints a banner on import; a library does not.
 _os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
 # OpenMP threads of torch spin while they wait for each other. On a machine that does anything else at the same time

@@ -9,11 +9,13 @@ ROOT = Path(__file__).resolve().parents[1]
 def test_every_package_is_listed():
     listed = set(tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["packages"])
     found = {
-        ".".join(file.parent.relative_to(ROOT).parts)
-        for top in ("taichi_sim", "rl")
+        ("" if top == "taichi_sim" else "taichi_sim._bundle.") + ".".join(file.parent.relative_to(ROOT).parts)
+        for top in ("taichi_sim", "rl", "tools")
         for file in (ROOT / top).rglob("__init__.py")
     }
     assert listed == found | {
+        "taichi_sim._bundle.docs",
+        "taichi_sim._bundle.tools",
         "taichi_sim.configs",
         "taichi_sim.configs.sweeps",
         "taichi_sim.configs.vehicles",

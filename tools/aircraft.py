@@ -207,7 +207,7 @@ def draw(bounds: FlightEnvelope, cruise: float, title: str, file: Path) -> None:
 def parser() -> argparse.ArgumentParser:
     """The arguments."""
     p = argparse.ArgumentParser(
-        prog="aircraft.py", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     p.add_argument("aircraft", metavar="AIRCRAFT", help="vehicle file, or the name of a shipped one")
     p.add_argument("--airspeed", type=float, help="where the modes are taken, m/s (default: cruise)")

@@ -48,7 +48,7 @@ AGAINST_SIZES = (1, 512, 4096)  # environments
 def parser() -> argparse.ArgumentParser:
     """The arguments."""
     p = argparse.ArgumentParser(
-        prog="benchmark.py", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     p.add_argument("--json", type=Path, metavar="FILE", help="also write the figures to FILE")
     p.add_argument("--threads", type=cli.positive_int, default=0, help="CPU threads (default: all cores)")

@@ -21,7 +21,7 @@ def parser() -> argparse.ArgumentParser:
     """The arguments."""
     from rl import cli
 
-    p = argparse.ArgumentParser(prog="compare.py", description=__doc__)
+    p = argparse.ArgumentParser(description=__doc__)
     p.add_argument("runs", nargs="+", type=Path, metavar="RUN", help="run folders of rl/train.py")
     p.add_argument("--seed", type=cli.seed, default=None, help="of the unseen worlds (default: the scenario's)")
     p.add_argument("--episodes", type=cli.positive_int, default=None, help="of each run (default: the scenario's, 256)")

@@ -71,7 +71,7 @@ def parser() -> argparse.ArgumentParser:
     """The arguments."""
     from rl import cli
 
-    p = argparse.ArgumentParser(prog="cooperation.py", description=__doc__)
+    p = argparse.ArgumentParser(description=__doc__)
     p.add_argument("runs", nargs="+", type=Path, metavar="RUN", help="run folders of rl/train.py --config escort")
     p.add_argument("--alone", nargs="*", type=Path, default=[], metavar="RUN", help="runs trained without messages")
     p.add_argument("--seed", type=cli.seed, default=None, help="of the unseen worlds (default: the scenario's)")

@@ -268,7 +268,7 @@ def main(argv: list[str] | None = None) -> int:
     """Parse, draw, write."""
     summary, _, rest = (__doc__ or "").partition("\n\n")
     parser = argparse.ArgumentParser(
-        prog="draw_sea.py", description=summary, epilog=rest, formatter_class=argparse.RawDescriptionHelpFormatter
+        description=summary, epilog=rest, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("scenario", nargs="?", default="paper", help="a scenario's TOML, or a shipped name [paper]")
     parser.add_argument(

@@ -56,7 +56,8 @@ def test_the_summary_holds_times_stages_and_evaluation(trained):
     assert [stage["team"] for stage in summary["stages"]] == list(TEAMS)
     for stage in summary["stages"]:
         assert set(stage) == {
-            "name", "team", "iterations", "agent_steps", "wall_time_s", "agent_steps_per_s", "processes", "environments",
+            "name", "team", "iterations", "agent_steps", "wall_time_s", "agent_steps_per_s", "processes",
+            "environments",
         }  # fmt: skip
         assert (stage["processes"], stage["environments"]) == (1, 8)
         assert stage["iterations"] == ITERATIONS

@@ -1,0 +1,100 @@
+"""The command `taichi-sim`: everything that the scripts of a checkout do, from any folder, after `pip install`."""
+
+import argparse
+import importlib
+import runpy
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from taichi_sim.beside import bundle, find_rl
+
+SCRIPTS = {  # name -> file, arguments given beside, and what it does
+    "train": ("rl/train.py", (), "train the teams of a scenario, evaluate, record, report"),
+    "evaluate": ("rl/evaluate.py", (), "judge a run's policies on unseen episodes"),
+    "sweep": ("rl/evaluate.py", ("--sweep",), "the same under many conditions, beside the classical controller"),
+    "play": ("rl/play.py", (), "record, film or watch an episode"),
+    "report": ("rl/report.py", (), "write a run's report.html anew, or of two runs"),
+    "tune": ("rl/tune.py", (), "search for the numbers of a classical controller"),
+    "compare": ("tools/compare.py", (), "several training seeds against classical control, with intervals"),
+    "benchmark": ("tools/benchmark.py", (), "measure speed on this machine"),
+    "draw-sea": ("tools/draw_sea.py", (), "a picture of a scenario's sea"),
+    "aircraft": ("tools/aircraft.py", (), "trim, modes and V-n diagram of an aircraft"),
+    "hydrodynamics": ("tools/hydrodynamics.py", (), "a hull's added mass, damping and wave loads from its mesh"),
+}
+STARTERS = {
+    "new-scenario": "write NAME.toml, a scenario to change",
+    "new-vehicle": "write NAME.toml and NAME.py, a vehicle of your own",
+    "new-mission": "write NAME.toml and NAME.py, a mission of your own",
+}
+
+
+def scripts() -> dict[str, Path]:
+    """Files of the commands that there are."""
+    files = {name: bundle() / file for name, (file, _, _) in SCRIPTS.items()}
+    return {name: file for name, file in files.items() if file.is_file()}
+
+
+def parser() -> argparse.ArgumentParser:
+    """What `taichi-sim --help` says."""
+    told = {name: SCRIPTS[name][2] for name in scripts()} | STARTERS
+    wide = max(map(len, told))
+    p = argparse.ArgumentParser(
+        prog="taichi-sim",
+        description="Simulation and reinforcement learning for teams of vessels on a real sea and aircraft above it.",
+        epilog="commands:\n" + "\n".join(f"  {name:{wide}}  {text}" for name, text in told.items())
+        + "\n\ntaichi-sim COMMAND --help tells more of each; taichi-sim train, alone, does the main job.",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )  # fmt: skip
+    p.add_argument("command", choices=told, metavar="COMMAND", help="one of those below")
+    p.add_argument("arguments", nargs=argparse.REMAINDER, metavar="...", help="of the command")
+    return p
+
+
+def starter_parser(name: str) -> argparse.ArgumentParser:
+    """The arguments of a command that writes files to begin with."""
+    p = argparse.ArgumentParser(prog=f"taichi-sim {name}", description=f"{STARTERS[name]}.".capitalize())
+    p.add_argument("name", metavar="NAME")
+    if name == "new-scenario":
+        p.add_argument("--like", default="paper", metavar="SCENARIO", help="the one to copy (default: paper)")
+    return p
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run it; return the exit status."""
+    args = parser().parse_args(argv)
+    find_rl(first=True)
+    if args.command in STARTERS:
+        return _start(args.command, args.arguments)
+    _, beside, _ = SCRIPTS[args.command]
+    given = list(args.arguments)
+    if beside and not set(beside) & set(given) and not {"-h", "--help"} & set(given):
+        given += [*beside, "default"]
+    sys.argv = [f"taichi-sim {args.command}", *given]
+    file = scripts()[args.command]
+    if file.parent.name == "rl":
+        return importlib.import_module("rl.cli").run(importlib.import_module(f"rl.{file.stem}").main)
+    sys.path.insert(0, str(file.parent))  # as Python does for a script
+    try:
+        runpy.run_path(str(file), run_name="__main__")
+    except SystemExit as ended:
+        if ended.code is not None and not isinstance(ended.code, int):
+            raise
+        return ended.code or 0
+    return 0
+
+
+def _start(name: str, arguments: Sequence[str]) -> int:
+    """Write files to begin with, and say which."""
+    given = vars(starter_parser(name).parse_args(arguments))
+
+    def write(_: list[str] | None) -> None:
+        make = getattr(importlib.import_module("taichi_sim.starters"), name.replace("-", "_"))
+        for file in make(given.pop("name"), Path(), **given):
+            print(file)
+
+    return importlib.import_module("rl.cli").run(write, [])
+
+
+if __name__ == "__main__":
+    sys.exit(main())
