@@ -73,7 +73,7 @@ class Corrected(Team):
             correction = correction * (nearest * (2 / residual.room) - 1).clamp(0.0, 1.0)
         wanted = self.wanted
         if residual.velocity:
-            pushed = self._pushed(residual.velocity * correction[..., :2])
+            pushed = self._pushed(_shrunk(residual.velocity * correction[..., :2], residual.dead))
             velocity = wanted.velocity + pushed
             if residual.shield:
                 velocity = self._shield.corrected(self.known, wanted.velocity, pushed)
@@ -145,3 +145,11 @@ class Corrected(Team):
         if self.residual.memory:
             own = torch.cat((own, self._lag), dim=-1)
         return own / (own.abs() + CHANGE_SCALE)
+
+
+def _shrunk(along: Tensor, dead: float) -> Tensor:
+    """Velocities [env, vehicle, 2] (m/s), each shorter by `dead`, in the same direction; zero if it is no longer."""
+    if not dead:
+        return along
+    length = along.norm(dim=-1, keepdim=True)
+    return along * ((length - dead) / length.clamp(min=1e-6)).clamp(min=0.0)

@@ -54,6 +54,22 @@ def test_a_gate_opens_where_an_obstacle_is_near():
     assert team.command(silent + 1.0).equal(team.command(silent))
 
 
+def test_corrections_are_shorter_by_what_is_dead():
+    """Of (0.6, 0.8) of 2 m/s, 2 m/s long, 0.5 m/s are left out: as (0.45, 0.6) without; of one shorter, all."""
+    velocities = []
+    for overrides, action in (((), (0.45, 0.6)), (("usv.residual.dead=0.5",), (0.6, 0.8))):
+        task = make("usv.residual={velocity=2.0}", *overrides, "sea.hs=0", teams=("usv",))
+        begin(task)
+        team = task.teams["usv"]
+        silent = torch.zeros(task.num_envs, 3, 2)
+        velocities.append(team.command(silent + torch.tensor(action)))
+        if overrides:
+            assert team.command(silent + 0.17).equal(team.command(silent))
+    torch.testing.assert_close(*velocities)
+    with pytest.raises(ConfigError, match=r"dead = 2.0 m/s leaves nothing"):
+        make("usv.residual={velocity=2.0}", "usv.residual.dead=2.0", teams=("usv",))
+
+
 def test_corrections_fade_out_where_a_team_mate_is_near():
     task = corrected("usv.residual.room=20.0", "sea.hs=0")
     begin(task)

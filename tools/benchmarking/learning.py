@@ -1,0 +1,115 @@
+"""Where the time of learning goes: one of the processes that learn together, with a stopwatch on every part.
+
+    learning.py SCENARIO ENVIRONMENTS ITERATIONS THREADS FILE      as many times as there are processes, by torchrun
+
+It trains the first stage of a scenario with so many environments in all, warms up, times so many iterations, and rank 0
+writes what one took to FILE (JSON).
+"""
+
+import argparse
+import json
+import statistics
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[2]
+WARM_UP = 3  # iterations
+INFERENCE, ENVIRONMENT, RETURNS, UPDATE, TALK = "inference", "environment", "returns", "update", "synchronisation"
+
+
+class Traffic:
+    """Collective operations, of gradients, divergence and learning rate: their number, bytes and time."""
+
+    def __init__(self):
+        """Nothing yet."""
+        self.calls, self.bytes, self.seconds = 0, 0, 0.0
+
+    def watch(self, owner: Any, name: str) -> None:
+        """Count calls of a function of torch.distributed, whose first argument is what is told."""
+        original = getattr(owner, name)
+
+        def counted(tensor: Any, *args: Any, **options: Any) -> Any:
+            start = time.perf_counter()
+            try:
+                return original(tensor, *args, **options)
+            finally:
+                self.seconds += time.perf_counter() - start
+                self.calls += 1
+                self.bytes += tensor.numel() * tensor.element_size()
+
+        setattr(owner, name, counted)
+
+
+def train(scenario: str, envs: int, iterations: int) -> dict[str, Any]:
+    """What one iteration takes: seconds in all and of its parts, medians; collectives and bytes."""
+    import torch.distributed as dist
+
+    from benchmarking.mission import first_stage
+    from benchmarking.parts import Stopwatch
+    from rl import processes
+    from rl.learn.env import MissionEnv
+    from rl.learn.runner import StageRunner
+    from rl.missions import load_scenario, make_mission
+    from taichi_sim.config.io import find_config
+
+    config = load_scenario(scenario)
+    stage = first_stage(config).model_copy(update={"num_envs": envs, "checkpoint_interval": 10**6})
+    own, rank = processes.of_each(envs), processes.here().rank
+    task = make_mission(config, own, seed=rank, teams=(stage.team,), source=find_config(scenario))
+    seconds, parts, talk = [], [], []
+    with tempfile.TemporaryDirectory() as folder:
+        runner = StageRunner(MissionEnv(task, stage.team), stage, Path(folder))
+        runner.go_on()
+        together, runner.is_distributed = runner.is_distributed, False
+        traffic, stopwatch = Traffic(), Stopwatch()
+        for name in ("all_reduce", "broadcast"):
+            traffic.watch(dist, name)
+        for owner, method, part in (
+            (runner.alg, "act", INFERENCE),
+            (runner.env, "step", ENVIRONMENT),
+            (runner.alg, "compute_returns", RETURNS),
+            (runner.alg, "update", UPDATE),
+        ):
+            stopwatch.watch(owner, method, part)
+        for number in range(WARM_UP + iterations):
+            if together:
+                dist.barrier()
+            stopwatch.read()
+            start, before, calls, told = time.perf_counter(), traffic.seconds, traffic.calls, traffic.bytes
+            runner.learn(1)
+            if number >= WARM_UP:
+                seconds.append(time.perf_counter() - start)
+                waited = traffic.seconds - before
+                read = stopwatch.read()
+                parts.append(read | {UPDATE: read[UPDATE] - waited, TALK: waited})
+                talk.append((traffic.calls - calls, traffic.bytes - told))
+        weights = sum(p.numel() * p.element_size() for p in runner.alg.get_policy().parameters())
+    return {
+        "seconds": statistics.median(seconds),
+        "spread": statistics.pstdev(seconds) / statistics.mean(seconds),
+        "parts": {part: statistics.median(of[part] for of in parts) for part in parts[0]},
+        "calls": talk[-1][0],
+        "bytes": talk[-1][1],
+        "actor_bytes": weights,
+        "agent_steps": own * processes.here().count * task.teams[stage.team].fleet.count * stage.steps_per_iteration,
+    }
+
+
+def main() -> None:
+    """Train, time, and tell."""
+    sys.path[:0] = [str(ROOT), str(ROOT / "tools")]
+    from rl import cli, processes
+
+    scenario, envs, iterations, threads, file = sys.argv[1:]
+    with processes.joined() as place:
+        cli.start(argparse.Namespace(arch="cpu", threads=int(threads)))
+        told = train(scenario, int(envs), int(iterations))
+        if place.first:
+            Path(file).write_text(json.dumps(told), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,200 @@
+"""Measure learning on one process and on several, where its time goes, and what more processes would bring.
+
+    python tools/scaling.py [--scenario NAME] [--environments N ...] [--repetitions N] [--json FILE]
+    python tools/scaling.py --against CHECKOUT     # each setting beside another checkout at 512 environments
+
+Settings are measured in turn, so that a slow minute of the machine hits all alike, each with processes of its own;
+figures are medians, ratios medians of the ratios in one round. The model is in tools/benchmarking/cost.py.
+"""
+
+import argparse
+import json
+import os
+import statistics
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any, NamedTuple
+
+ROOT = Path(__file__).resolve().parents[1]
+if str(ROOT) not in sys.path:  # run as a script from anywhere
+    sys.path.insert(0, str(ROOT))
+
+from benchmarking.against import Worker  # noqa: E402
+from benchmarking.cost import LINKS, fitted  # noqa: E402
+from tqdm import tqdm  # noqa: E402
+
+from rl import cli  # noqa: E402
+from rl.runs import folder as run_folder  # noqa: E402
+from rl.runs import launch  # noqa: E402
+
+WORKER = Path(__file__).with_name("benchmarking") / "learning.py"
+ITERATIONS = 8
+PREDICTED = (1, 2, 8, 64, 1000)  # cores
+MANY = 100_000  # environments
+
+
+class Setting(NamedTuple):
+    """How a stage is trained."""
+
+    processes: int
+    threads: int  # of each
+    envs: int  # of all together
+
+    def __str__(self) -> str:
+        """As in a table."""
+        return f"{self.processes} x {self.threads}, {self.envs} environments"
+
+
+def parser() -> argparse.ArgumentParser:
+    """The arguments."""
+    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    p.add_argument("--scenario", default="paper", help="its first stage is trained (default: paper)")
+    p.add_argument("--environments", type=cli.positive_int, nargs="+", default=[512, 2048], metavar="N")
+    p.add_argument("--repetitions", type=cli.positive_int, default=5, metavar="N", help="rounds (default: 5)")
+    p.add_argument("--against", type=Path, metavar="CHECKOUT", help="another checkout of this project, from ff093b3 on")
+    p.add_argument("--json", type=Path, metavar="FILE", help="also write the figures to FILE")
+    p.add_argument("--quiet", action="store_true", help="no progress bar")
+    return p
+
+
+def measure(scenario: str, setting: Setting) -> dict[str, Any]:
+    """What an iteration takes (benchmarking/learning.py), in processes of its own."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "told.json"
+        words = [scenario, str(setting.envs), str(ITERATIONS), str(setting.threads), str(file)]
+        launch.run(WORKER, words, setting.processes)
+        return json.loads(file.read_text(encoding="utf-8"))
+
+
+def settings(envs: list[int]) -> list[Setting]:
+    """One process with all cores, one with a core, and one a core, for each number of environments; and one process with
+    a core for other numbers, which the model needs.
+    """
+    cores = len(os.sched_getaffinity(0))
+    found = [Setting(p, t, n) for n in envs for p, t in ((1, cores), (1, 1), (cores, 1))]
+    share = {max(1, n // cores) for n in envs} | {64, 4 * max(envs)}
+    return list(dict.fromkeys(found + [Setting(1, 1, n) for n in sorted(share)]))
+
+
+def main(argv: list[str] | None = None) -> None:
+    """Run the command."""
+    args = parser().parse_args(argv)
+    tried = settings(args.environments)
+    other = Worker(args.against, ("learning",), (1,)) if args.against else None
+    told: dict[Setting, list[dict[str, Any]]] = {setting: [] for setting in tried}
+    before: list[float] = []
+    if other:
+        other.ask("run 0 2")
+    for _ in tqdm(range(args.repetitions), desc="measure", unit="round", disable=args.quiet):
+        for setting in tried:
+            told[setting].append(measure(args.scenario, setting))
+            if other:
+                before.append(other.ask(f"run 0 {ITERATIONS}"))
+    result = summary(tried, told, before)
+    print(table(result))
+    if args.json:
+        run_folder.write_json(args.json, result)
+
+
+def summary(tried: list[Setting], told: dict[Setting, list[dict[str, Any]]], before: list[float]) -> dict[str, Any]:
+    """Every figure, as --json writes it."""
+    rates = {setting: [of["agent_steps"] / of["seconds"] for of in found] for setting, found in told.items()}
+    rows = []
+    for number, (setting, found) in enumerate(told.items()):
+        base = next(s for s in tried if s.envs == setting.envs and s.processes == 1)
+        row = setting._asdict() | {
+            "agent_steps_per_s": statistics.median(rates[setting]),
+            "over_one_process": statistics.median(a / b for a, b in zip(rates[setting], rates[base], strict=True)),
+            "seconds": statistics.median(of["seconds"] for of in found),
+            "parts": {part: statistics.median(of["parts"][part] for of in found) for part in found[0]["parts"]},
+            "calls": found[0]["calls"],
+            "bytes": found[0]["bytes"],
+        }
+        if before:
+            near = before[number :: len(tried)]
+            steps = 512 * found[0]["agent_steps"] / setting.envs
+            row["over_other"] = statistics.median(r * t / steps for r, t in zip(rates[setting], near, strict=True))
+        rows.append(row)
+    return {"settings": rows, "model": model(tried, told)}
+
+
+def model(tried: list[Setting], told: dict[Setting, list[dict[str, Any]]]) -> dict[str, Any]:
+    """The model of cost, fitted to one process of one thread; what it says of the measured, and of more."""
+    alone = {s.envs: statistics.median(of["seconds"] for of in told[s]) for s in tried if s.processes == s.threads == 1}
+    several = [s for s in tried if s.processes > 1]
+    first = told[several[0]][0] if several else {"calls": 0, "bytes": 0}
+    spread = statistics.median(of["spread"] for s in tried for of in told[s])
+    some = told[tried[0]][0]
+    each = first["bytes"] / max(first["calls"], 1)
+    cost = fitted(alone, spread, first["calls"], each, some["agent_steps"] / tried[0].envs)
+    checked = [
+        {
+            "processes": s.processes,
+            "envs": s.envs,
+            "predicted_s": cost.seconds(s.envs, s.processes, LINKS[0]),
+            "measured_s": statistics.median(of["seconds"] for of in told[s]),
+        }
+        for s in several
+    ]
+    return cost._asdict() | {
+        "fitted_to": alone,
+        "checked": checked,
+        "predicted": [
+            {"processes": p, "envs": n, "link": link.name, "agent_steps_per_s": cost.rate(n, p, link)}
+            for n in (4096, MANY)
+            for link in LINKS
+            for p in PREDICTED
+        ],
+        "worth": [
+            {"envs": n, "link": link.name, "processes": cost.worth(n, link)} for n in (4096, MANY) for link in LINKS
+        ],
+    }
+
+
+def table(result: dict[str, Any]) -> str:
+    """Markdown, as in docs/scaling.md."""
+    rows = result["settings"]
+    parts = list(rows[0]["parts"])
+    against = any("over_other" in row for row in rows)
+    head = ["processes x threads", "environments", "agent-steps/s", "over one process", "s an iteration", *parts]
+    head += ["over the other checkout at 512"] if against else []
+    lines = ["| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
+    for row in rows:
+        rate = row["agent_steps_per_s"]
+        cells = [f"{row['processes']} x {row['threads']}", f"{row['envs']:,}", f"{rate / 1000:.0f} thousand"]
+        cells += [f"{row['over_one_process']:.2f}", f"{row['seconds']:.3f}"]
+        cells += [f"{row['parts'][part]:.3f}" for part in parts]
+        cells += [f"{row['over_other']:.2f}"] if against else []
+        lines.append("| " + " | ".join(cells) + " |")
+    found = result["model"]
+    lines += [
+        "",
+        f"An iteration of one process on a core: {found['fixed']:.3f} s and {1000 * found['each']:.3f} ms an environment; "
+        f"spread {100 * found['spread']:.1f} %; {found['calls']} synchronisations of {found['bytes']:.0f} bytes in mean.",
+        "",
+        "| processes | environments | predicted, s | measured, s |",
+        "|---|---|---|---|",
+        *(
+            f"| {row['processes']} | {row['envs']:,} | {row['predicted_s']:.3f} | {row['measured_s']:.3f} |"
+            for row in found["checked"]
+        ),
+        "",
+        "| environments | link | " + " | ".join(f"{p:,} cores" for p in PREDICTED) + " | half as efficient at |",
+        "|---" * (3 + len(PREDICTED)) + "|",
+    ]
+    for envs in dict.fromkeys(row["envs"] for row in found["predicted"]):
+        for link in LINKS:
+            rates = [
+                row["agent_steps_per_s"]
+                for row in found["predicted"]
+                if row["envs"] == envs and row["link"] == link.name
+            ]
+            worth = next(w["processes"] for w in found["worth"] if w["envs"] == envs and w["link"] == link.name)
+            shown = " | ".join(f"{rate / 1e6:.2f}M" for rate in rates)
+            lines.append(f"| {envs:,} | {link.name} | {shown} | {worth:,} |")
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    sys.exit(cli.run(main))
