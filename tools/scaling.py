@@ -68,8 +68,8 @@ def measure(scenario: str, setting: Setting) -> dict[str, Any]:
 
 
 def settings(envs: list[int]) -> list[Setting]:
-    """One process with all cores, one with a core, and one a core, for each number of environments; and one process with
-    a core for other numbers, which the model needs.
+    """One process with all cores, one with a core, and one a core, for each number of environments; and one process
+    with a core for other numbers, which the model needs.
     """
     cores = len(os.sched_getaffinity(0))
     found = [Setting(p, t, n) for n in envs for p, t in ((1, cores), (1, 1), (cores, 1))]
@@ -168,10 +168,11 @@ def table(result: dict[str, Any]) -> str:
         cells += [f"{row['over_other']:.2f}"] if against else []
         lines.append("| " + " | ".join(cells) + " |")
     found = result["model"]
+    fixed, each, spread = found["fixed"], 1000 * found["each"], 100 * found["spread"]
     lines += [
         "",
-        f"An iteration of one process on a core: {found['fixed']:.3f} s and {1000 * found['each']:.3f} ms an environment; "
-        f"spread {100 * found['spread']:.1f} %; {found['calls']} synchronisations of {found['bytes']:.0f} bytes in mean.",
+        f"An iteration of one process on a core: {fixed:.3f} s and {each:.3f} ms an environment; spread "
+        f"{spread:.1f} %; {found['calls']} synchronisations of {found['bytes']:.0f} bytes in mean.",
         "",
         "| processes | environments | predicted, s | measured, s |",
         "|---|---|---|---|",
