@@ -25,6 +25,7 @@ if str(ROOT) not in sys.path:  # run as a script from anywhere
 
 from benchmarking.against import GROUPS, compare  # noqa: E402
 from benchmarking.against import table as ratios_table  # noqa: E402
+from benchmarking.learning import train  # noqa: E402
 from benchmarking.mission import environment_cases, first_stage, learning_cases, rates, scenario_cases  # noqa: E402
 from benchmarking.parts import measure_parts  # noqa: E402
 from benchmarking.peers import measure_peers  # noqa: E402
@@ -39,6 +40,7 @@ from rl.runs import folder as run_folder  # noqa: E402
 QUICK = ("track.worlds=4", "sea.realisations=4", "stages.usv.num_envs=8", "stages.usv.steps_per_iteration=8")
 SIZES, QUICK_SIZES = (1, 64, 1024, 4096, 16384), (1, 16)
 LEARNING_SIZES = (1024, 2048)  # beside the configured one
+LEARNING_ITERATIONS = 20  # by which one is taken to pieces
 SCENARIO_SIZE = 512
 PARTS_SIZE, QUICK_PARTS_SIZE = 4096, 16
 REPETITIONS, QUICK_REPETITIONS = 9, 2
@@ -79,12 +81,14 @@ def benchmark(config: FormationScenario, *, quick: bool, seconds: float, show_pr
         scenarios = [] if quick else scenario_cases(SCENARIO_SIZE)  # their kernels take minutes to compile
         cases = mission + scenarios + [case for case, _ in models]
         measure(cases, seconds=seconds, repetitions=repetitions, show_progress=show_progress)
+    learning = train(config, learning_sizes[0], 2 if quick else LEARNING_ITERATIONS)
     parts = measure_parts(config, parts_size, seconds=seconds, repetitions=repetitions, show_progress=show_progress)
     return {
         **{group: rates(mission, group, config) for group in ("environment", "inference", "learning")},
         "scenarios": [{"scenario": case.label, "agent_steps_per_s": case.rate} for case in scenarios],
         "physics": [described | {"vehicle_substeps_per_s": case.rate} for case, described in models],
         "parts": parts,
+        "learning_parts": {"num_envs": learning_sizes[0], "seconds": learning["seconds"]} | learning["parts"],
         "peers": measure_peers(seconds=seconds, repetitions=repetitions),
         "machine": describe_machine(),
         "method": {
@@ -156,6 +160,10 @@ def table(result: dict[str, Any]) -> str:
     lines += ["", f"one step of {result['method']['parts_num_envs']:,} environments, all teams: {whole:.3f} ms"]
     ordered = sorted(result["parts"].items(), key=lambda item: -item[1])
     lines += [f"  {part:20}{ms:10.3f} ms{100 * ms / whole:7.1f} %" for part, ms in ordered]
+    taken = dict(result["learning_parts"])
+    size, seconds = taken.pop("num_envs"), taken.pop("seconds")
+    lines += ["", f"one iteration of learning, {size:,} environments, one process: {1000 * seconds:.1f} ms"]
+    lines += [f"  {part:20}{1000 * s:10.3f} ms{100 * s / seconds:7.1f} %" for part, s in taken.items()]
     lines += ["", "peers: " + ("" if result["peers"] else "none installed")]
     lines += [f"  {p['name']} {p['version']}: {p['steps_per_s']:,.0f} steps/s ({p['step']})" for p in result["peers"]]
     return "\n".join(lines)

@@ -26,10 +26,12 @@ class Traffic:
     def __init__(self):
         """Nothing yet."""
         self.calls, self.bytes, self.seconds = 0, 0, 0.0
+        self._originals: list[tuple[Any, str, Any]] = []
 
     def watch(self, owner: Any, name: str) -> None:
         """Count calls of a function of torch.distributed, whose first argument is what is told."""
         original = getattr(owner, name)
+        self._originals.append((owner, name, original))
 
         def counted(tensor: Any, *args: Any, **options: Any) -> Any:
             start = time.perf_counter()
@@ -42,9 +44,16 @@ class Traffic:
 
         setattr(owner, name, counted)
 
+    def stop(self) -> None:
+        """Watch no more."""
+        for owner, name, original in self._originals:
+            setattr(owner, name, original)
 
-def train(scenario: str, envs: int, iterations: int) -> dict[str, Any]:
-    """What one iteration takes: seconds in all and of its parts, medians; collectives and bytes."""
+
+def train(config: Any, envs: int, iterations: int) -> dict[str, Any]:
+    """What one iteration of a scenario's first stage takes, with `envs` environments on all processes together: seconds
+    in all and of its parts, medians; collectives and their bytes.
+    """
     import torch.distributed as dist
 
     from benchmarking.mission import first_stage
@@ -52,13 +61,11 @@ def train(scenario: str, envs: int, iterations: int) -> dict[str, Any]:
     from rl import processes
     from rl.learn.env import MissionEnv
     from rl.learn.runner import StageRunner
-    from rl.missions import load_scenario, make_mission
-    from taichi_sim.config.io import find_config
+    from rl.missions import make_mission
 
-    config = load_scenario(scenario)
     stage = first_stage(config).model_copy(update={"num_envs": envs, "checkpoint_interval": 10**6})
     own, rank = processes.of_each(envs), processes.here().rank
-    task = make_mission(config, own, seed=rank, teams=(stage.team,), source=find_config(scenario))
+    task = make_mission(config, own, seed=rank, teams=(stage.team,))
     seconds, parts, talk = [], [], []
     with tempfile.TemporaryDirectory() as folder:
         runner = StageRunner(MissionEnv(task, stage.team), stage, Path(folder))
@@ -86,6 +93,7 @@ def train(scenario: str, envs: int, iterations: int) -> dict[str, Any]:
                 read = stopwatch.read()
                 parts.append(read | {UPDATE: read[UPDATE] - waited, TALK: waited})
                 talk.append((traffic.calls - calls, traffic.bytes - told))
+        traffic.stop()
         weights = sum(p.numel() * p.element_size() for p in runner.alg.get_policy().parameters())
     return {
         "seconds": statistics.median(seconds),
@@ -102,11 +110,12 @@ def main() -> None:
     """Train, time, and tell."""
     sys.path[:0] = [str(ROOT), str(ROOT / "tools")]
     from rl import cli, processes
+    from rl.missions import load_scenario
 
     scenario, envs, iterations, threads, file = sys.argv[1:]
     with processes.joined() as place:
         cli.start(argparse.Namespace(arch="cpu", threads=int(threads)))
-        told = train(scenario, int(envs), int(iterations))
+        told = train(load_scenario(scenario), int(envs), int(iterations))
         if place.first:
             Path(file).write_text(json.dumps(told), encoding="utf-8")
 
