@@ -1,4 +1,4 @@
-"""Record one episode of a run's policies on an unseen world, to open in rerun."""
+"""Record one episode of a run's policies on an unseen world, to open in rerun, or as a film."""
 
 import argparse
 import sys
@@ -16,6 +16,7 @@ def parser() -> argparse.ArgumentParser:
     cli.add_run(p)
     cli.add_shown(p)
     p.add_argument("--out", type=Path, default=None, metavar="FILE.rrd", help="default: RUN/play-SEED.rrd")
+    cli.add_film(p)
     p.add_argument("--duration", type=cli.positive_float, default=None, metavar="S", help="default: an episode")
     return p
 
@@ -26,17 +27,25 @@ def main(argv: list[str] | None = None) -> None:
     from rl import cli
     from rl.runs.kept import recording_name
     from rl.runs.record import record_episode
+    from taichi_sim.film.files import check_film, write_film
     from taichi_sim.recording import write_recording
 
     number = cli.recall(args)
     config, source, policies, seed = cli.open_run(args)
+    how = {"size": args.film_size, "fps": args.film_fps, "speed": args.film_speed, "view": args.film_view}
+    if args.film:
+        check_film(args.film, **how, teams=config.teams)
     episode = record_episode(
         config, policies, seed=seed, number=number, duration=args.duration, source=source, show_progress=not args.quiet
     )
-    default = f"play-{seed}.rrd" if number is None else recording_name(args.controller, args.shown)
-    path = write_recording(episode, args.out or args.run / default)
     for event in episode.events:
         print(f"{event.time_s:7.1f} s  {event.text}")
+    if args.film:
+        print(f"film: {write_film(episode, args.film, **how, show_progress=not args.quiet)}")
+        if args.out is None:
+            return
+    default = f"play-{seed}.rrd" if number is None else recording_name(args.controller, args.shown)
+    path = write_recording(episode, args.out or args.run / default)
     print(f"recording: rerun {path}")
 
 

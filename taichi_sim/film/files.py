@@ -1,0 +1,169 @@
+"""Films of an episode: mp4 by imageio-ffmpeg (the extra `film`), animated PNG, GIF and WebP by Pillow.
+
+A film is written beside its name and then renamed, so that what is there under its name is whole. What cannot be written
+is refused before the first picture is drawn; `check_film` does so before there is an episode.
+"""
+
+import errno
+import os
+from collections.abc import Callable, Collection, Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from tqdm import tqdm
+
+from taichi_sim.film.moment import moment_of
+from taichi_sim.film.picture import Picture, check_picture
+from taichi_sim.recording.episode import Episode
+
+SIZE, FPS = (640, 480), 25.0
+CRF = 26  # of x264: lower is larger and better
+COLOURS = 128  # of an animated PNG or GIF
+KINDS = (".mp4", ".png", ".gif", ".webp")
+
+
+class FilmError(ValueError):
+    """A film that cannot be written: its message says why."""
+
+
+def check_film(
+    path: str | Path,
+    *,
+    size: tuple[int, int] = SIZE,
+    fps: float = FPS,
+    speed: float = 1.0,
+    view: str = "auto",
+    teams: Collection[str] | None = None,
+) -> Path:
+    """The path of a film that can be written; arguments are those of `write_film`, `teams` who is in it, if known.
+
+    Raises:
+        FilmError: for an unknown suffix or view, numbers that cannot be, or an extra that is missing.
+        OSError: if its folder does not exist.
+    """
+    path = Path(path)
+    kind = path.suffix.lower()
+    if kind not in KINDS:
+        raise FilmError(f"{path}: a film's suffix is one of {', '.join(KINDS)}")
+    if not path.parent.is_dir():
+        raise FileNotFoundError(errno.ENOENT, "no such folder for the film", str(path.parent))
+    if path.is_dir():
+        raise IsADirectoryError(errno.EISDIR, "the film's name is that of a folder", str(path))
+    if kind == ".mp4":
+        _ffmpeg()
+        if size[0] % 2 or size[1] % 2:
+            raise FilmError(f"an mp4 of {size[0]}x{size[1]}: width and height must be even")
+    if not 0.1 <= fps <= 240 or not 0.01 <= speed <= 1000:
+        raise FilmError(f"a film with fps = {fps:g} and speed = {speed:g}: allowed are 0.1 to 240 and 0.01 to 1000")
+    try:
+        check_picture(size, view, teams)
+    except ValueError as fault:
+        raise FilmError(str(fault)) from fault
+    return path
+
+
+def write_film(
+    episode: Episode,
+    path: str | Path,
+    *,
+    size: tuple[int, int] = SIZE,
+    fps: float = FPS,
+    speed: float = 1.0,
+    view: str = "auto",
+    show_progress: bool = False,
+) -> Path:
+    """Write a film of `episode`; return its path.
+
+    Args:
+        episode: what is shown. path: .mp4, .png, .gif or .webp.
+        size: width and height, px. fps: pictures per second of film. speed: seconds of the episode in one of the film.
+        view: "auto" (picture.py), or one alone: "overview", "map", or a team's name.
+
+    Raises:
+        FilmError: for an unknown suffix or view, numbers that cannot be, or a missing extra; OSError: for a folder that
+            does not exist or a disk that is full. Nothing is written then.
+    """
+    path = check_film(path, size=size, fps=fps, speed=speed, view=view, teams=episode.teams)
+    times = film_times(episode, fps, speed)
+    picture = Picture(moment_of(episode, times[0]), size, view)
+    note = "" if speed == 1.0 else f"   {speed:g}x"
+    shown = tqdm(times, desc="film", unit="frame", disable=not show_progress)
+    frames = (picture.paint(moment_of(episode, time), note) for time in shown)
+    part = path.with_name(f"{path.name}.part")
+    try:
+        (_write_mp4 if path.suffix.lower() == ".mp4" else _write_animation)(frames, part, path.suffix.lower(), size, fps)
+        os.replace(part, path)
+    finally:
+        part.unlink(missing_ok=True)
+    return path
+
+
+def film_times(episode: Episode, fps: float, speed: float) -> NDArray[np.floating]:
+    """Times (s, on the episode's clock) of the pictures of a film: at least one."""
+    first, last = float(episode.time_s[0]), float(episode.time_s[-1])
+    return np.arange(first, last + 1e-6, speed / fps)
+
+
+def _ffmpeg() -> Any:
+    try:
+        import imageio_ffmpeg
+    except ImportError as fault:
+        raise FilmError(
+            'an .mp4 takes imageio-ffmpeg: pip install "taichi-sim[film]"; .png, .gif and .webp are written without'
+        ) from fault
+    return imageio_ffmpeg
+
+
+def _write_mp4(
+    frames: Iterable[NDArray[np.uint8]], part: Path, _: str, size: tuple[int, int], fps: float
+) -> None:
+    """H.264 that every player and browser shows."""
+    options = ["-crf", str(CRF), "-preset", "veryfast", "-movflags", "+faststart", "-f", "mp4"]
+    file = _ffmpeg().write_frames(
+        str(part), size, fps=fps, codec="libx264", quality=None, macro_block_size=2, output_params=options,
+        pix_fmt_in="rgb24", ffmpeg_log_level="error",
+    )  # fmt: skip
+    file.send(None)
+    try:
+        for frame in frames:
+            file.send(np.ascontiguousarray(frame))
+    finally:
+        file.close()
+    if not part.is_file() or not part.stat().st_size:
+        raise OSError(errno.EIO, "the film was not written", str(part))
+
+
+def _write_animation(
+    frames: Iterable[NDArray[np.uint8]], part: Path, kind: str, _: tuple[int, int], fps: float
+) -> None:
+    """A picture that moves, over and over."""
+    pages = _pages(frames, (lambda page: page) if kind == ".webp" else _few_colours())
+    first = next(pages)
+    how: dict[str, Any] = {"format": {".png": "PNG", ".gif": "GIF", ".webp": "WEBP"}[kind]}
+    if kind == ".webp":
+        how |= {"quality": 60, "method": 3}
+    elif kind == ".gif":
+        how |= {"optimize": False, "disposal": 1}
+    with part.open("wb") as file:
+        first.save(file, save_all=True, append_images=pages, duration=round(1000.0 / fps), loop=0, **how)
+
+
+def _pages(frames: Iterable[NDArray[np.uint8]], reduced: Callable[[Any], Any]) -> Iterator[Any]:
+    from PIL import Image
+
+    for frame in frames:
+        yield reduced(Image.fromarray(frame))
+
+
+def _few_colours() -> Callable[[Any], Any]:
+    """Takes pages to the colours of the first few, without grain: still water then packs well."""
+    palette: list[Any] = []
+
+    def reduced(page: Any) -> Any:
+        if not palette:
+            palette.append(page.quantize(COLOURS))
+        return page.quantize(palette=palette[0], dither=0)
+
+    return reduced
