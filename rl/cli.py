@@ -81,7 +81,7 @@ def add_film(parser: argparse.ArgumentParser) -> None:
     film.add_argument("--film-size", type=picture_size, default=(640, 480), metavar="WxH", help="px (default: 640x480)")
     film.add_argument("--film-speed", type=positive_float, default=1.0, metavar="X", help="times as fast (default: 1)")
     film.add_argument("--film-fps", type=positive_float, default=25.0, metavar="N", help="frames/s (default: 25)")
-    film.add_argument("--film-view", default="auto", metavar="VIEW", help="'overview', 'map', or a team: that view alone")
+    film.add_argument("--film-view", default="auto", metavar="VIEW", help="'overview', 'map', or a team, alone")
 
 
 def picture_size(text: str) -> tuple[int, int]:

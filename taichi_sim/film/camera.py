@@ -59,7 +59,7 @@ def heading(course: float, pitch: float) -> Array:
 
 
 def eye_that_holds(places_n: Array, forward_n: Array, focal: float, aspect: float, filled: float) -> Array:
-    """[3] the nearest place from which a camera that looks along `forward_n` has all of `places_n` [N, 3] in its picture.
+    """[3] the nearest place from which a camera that looks along `forward_n` has all of `places_n` [N, 3] in view.
 
     aspect: of the picture, wide over high. filled: the share of its sides that they may take.
     """

@@ -1,7 +1,7 @@
 """Films of an episode: mp4 by imageio-ffmpeg (the extra `film`), animated PNG, GIF and WebP by Pillow.
 
-A film is written beside its name and then renamed, so that what is there under its name is whole. What cannot be written
-is refused before the first picture is drawn; `check_film` does so before there is an episode.
+A film is written beside its name and then renamed, so that what is there under its name is whole. What cannot be
+written is refused before the first picture is drawn; `check_film` does so before there is an episode.
 """
 
 import errno
@@ -93,7 +93,11 @@ def write_film(
     frames = (picture.paint(moment_of(episode, time), note) for time in shown)
     part = path.with_name(f"{path.name}.part")
     try:
-        (_write_mp4 if path.suffix.lower() == ".mp4" else _write_animation)(frames, part, path.suffix.lower(), size, fps)
+        kind = path.suffix.lower()
+        if kind == ".mp4":
+            _write_mp4(frames, part, size, fps)
+        else:
+            _write_animation(frames, part, kind, fps)
         os.replace(part, path)
     finally:
         part.unlink(missing_ok=True)
@@ -116,9 +120,7 @@ def _ffmpeg() -> Any:
     return imageio_ffmpeg
 
 
-def _write_mp4(
-    frames: Iterable[NDArray[np.uint8]], part: Path, _: str, size: tuple[int, int], fps: float
-) -> None:
+def _write_mp4(frames: Iterable[NDArray[np.uint8]], part: Path, size: tuple[int, int], fps: float) -> None:
     """H.264 that every player and browser shows."""
     options = ["-crf", str(CRF), "-preset", "veryfast", "-movflags", "+faststart", "-f", "mp4"]
     file = _ffmpeg().write_frames(
@@ -135,9 +137,7 @@ def _write_mp4(
         raise OSError(errno.EIO, "the film was not written", str(part))
 
 
-def _write_animation(
-    frames: Iterable[NDArray[np.uint8]], part: Path, kind: str, _: tuple[int, int], fps: float
-) -> None:
+def _write_animation(frames: Iterable[NDArray[np.uint8]], part: Path, kind: str, fps: float) -> None:
     """A picture that moves, over and over."""
     pages = _pages(frames, (lambda page: page) if kind == ".webp" else _few_colours())
     first = next(pages)

@@ -1,7 +1,7 @@
 """One moment of an episode: where everything is, and what is drawn beside it, between two recorded steps.
 
-Motion is interpolated, attitudes on the shorter way; things that a mission draws are where they were in the step before,
-moved towards the next where they are in both. What lives outside a recording (rl/render.py) is an episode of one step.
+Motion is interpolated, attitudes on the shorter way; things that a mission draws are where they were in the step
+before, moved towards the next where they are in both. What is not recorded (rl/render.py) is an episode of one step.
 """
 
 from collections.abc import Callable

@@ -4,11 +4,11 @@ Lengths are m, places in n (north-east-down); widths are px of a picture 480 px 
 """
 
 from collections.abc import Sequence
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from taichi_sim.film.raster import NO_SOLIDS, NO_STROKES, Solids, Strokes
+from taichi_sim.film.shapes import NO_SOLIDS, NO_STROKES, Solids, Strokes
 from taichi_sim.recording.episode import Array
 from taichi_sim.recording.meshes import Mesh
 from taichi_sim.recording.palette import Colour
@@ -138,7 +138,7 @@ def _in_one_colour(corners: Array, normals: Array, colour: Colour) -> Solids:
     return Solids(corners, normals, np.broadcast_to(np.array(colour, np.uint8), normals.shape))
 
 
-def _joined(parts: Sequence[tuple]) -> list[Array]:
+def _joined(parts: Sequence[tuple]) -> list[Any]:
     return [np.concatenate(columns) for columns in zip(*parts, strict=True)]
 
 

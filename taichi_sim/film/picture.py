@@ -16,8 +16,9 @@ from taichi_sim.film.draw import Cast, draw_moment
 from taichi_sim.film.glyphs import lines_of, write
 from taichi_sim.film.moment import Moment
 from taichi_sim.film.pen import Drawing, Pen, joined
-from taichi_sim.film.raster import Raster, Solids
+from taichi_sim.film.raster import Raster
 from taichi_sim.film.rigs import Follow, Map, Overview, Rig
+from taichi_sim.film.shapes import Solids
 from taichi_sim.film.water import NO_WATER, water_seen
 from taichi_sim.recording.palette import Colour
 
@@ -134,9 +135,12 @@ def _arranged(moment: Moment, size: tuple[int, int], view: str) -> list[View]:
         if name == "map":
             return View(left, top, raster, Map(), "map", "", {})
         if name == "overview":
-            return View(left, top, raster, Overview(overview[0] if overview else first), "far", "", dict.fromkeys(teams, FAR_PX))
-        title, flies = f"{name} team" if len(teams) > 1 else "", name not in wet
-        return View(left, top, raster, Follow(name), "far" if flies else "near", title, {name: NEAR_PX} if flies else {})
+            rig = Overview(overview[0] if overview else first)
+            return View(left, top, raster, rig, "far", "", dict.fromkeys(teams, FAR_PX))
+        title = f"{name} team" if len(teams) > 1 else ""
+        if name in wet:
+            return View(left, top, raster, Follow(name), "near", title, {})
+        return View(left, top, raster, Follow(name), "far", title, {name: NEAR_PX})
 
     large = ("overview" if overview else first) if view == "auto" else view
     if min(wide / 4 * 3, high) < 0.75 * SMALL or view in ("map", "overview"):

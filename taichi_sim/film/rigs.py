@@ -129,7 +129,8 @@ class Map:
         reach = np.array([max(high[0] - low[0], (high[1] - low[1]) / aspect, AMID)])
         middle = self._middle.towards(0.5 * (low + high), moment.time_s, LEAP * float(reach[0]))
         metres = float(self._reach.towards(reach, moment.time_s, LEAP * float(reach[0]))[0]) / MAP_FILLED
-        return look(np.array([*middle, -MAP_EYE_M]), np.array([0.0, 0.0, 1.0]), MAP_EYE_M / metres)._replace(haze_m=CLEAR_M)
+        eye, down = np.array([*middle, -MAP_EYE_M]), np.array([0.0, 0.0, 1.0])
+        return look(eye, down, MAP_EYE_M / metres)._replace(haze_m=CLEAR_M)
 
 
 def _company(team: TeamMoment) -> Array:

@@ -122,7 +122,8 @@ def water_seen(camera: Camera, size: tuple[int, int], moment: Moment) -> Water:
     points = np.empty((len(rows) * len(columns), COLUMNS), np.float32)
     at_eye = np.concatenate([waves, _ripples(moment.time_s)], axis=1)
     at_eye[PHASE] = np.mod(at_eye[PHASE] + at_eye[KX] * camera.eye_n[0] + at_eye[KY] * camera.eye_n[1], 2.0 * np.pi)
-    _place(points, *(np.ascontiguousarray(a, np.float32) for a in (columns, rows, rays, at_eye)), height, crest)
+    given = [np.ascontiguousarray(array, np.float32) for array in (columns, rows, rays, at_eye)]
+    _place(points, *given, height, crest)  # pyright: ignore[reportCallIssue]
     water = Water(points, len(columns))
     if moment.waves is None:
         _sample(water, camera.eye_n, moment.elevation)
@@ -139,7 +140,7 @@ def _ripples(time_s: float) -> Array:
 
 
 def _rows(camera: Camera, high: int, height: float, crest: float) -> Array:
-    """Rows (px below the middle) of the grid: from where the sea is far to below the picture, for crests rise into it."""
+    """Rows (px below the middle) of the grid: from where the sea is far to below the picture: crests rise into it."""
     focal, (_, down, forward) = camera.focal * high, camera.axes
     top = max(-0.5 * high - MARGIN_PX, focal * (height / FARTHEST_M - forward[2]) / down[2] if down[2] > 1e-6 else -1e9)
     low = 0.5 * high
