@@ -8,8 +8,8 @@ raster.py    triangles to pixels      glyphs.py    small text
 picture.py   views side by side       files.py     films
 """
 
-from taichi_sim.film.files import FilmError, check_film, write_film
+from taichi_sim.film.files import FilmError, check_film, write_film, write_strip
 from taichi_sim.film.moment import Moment, moment_of
 from taichi_sim.film.picture import Picture
 
-__all__ = ["FilmError", "Moment", "Picture", "check_film", "moment_of", "write_film"]
+__all__ = ["FilmError", "Moment", "Picture", "check_film", "moment_of", "write_film", "write_strip"]

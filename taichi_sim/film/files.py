@@ -21,6 +21,8 @@ from taichi_sim.recording.episode import Episode
 SIZE, FPS = (640, 480), 25.0
 CRF = 26  # of x264: lower is larger and better
 COLOURS = 128  # of an animated PNG or GIF
+SAMPLED, BINS, RARE = 8, 2, 0.45  # pictures that they are of; bits of a colour left out; power of how often it is there
+Samples = Callable[[], Iterable[NDArray[np.uint8]]]
 KINDS = (".mp4", ".png", ".gif", ".webp")
 
 
@@ -91,13 +93,37 @@ def write_film(
     note = "" if speed == 1.0 else f"   {speed:g}x"
     shown = tqdm(times, desc="film", unit="frame", disable=not show_progress)
     frames = (picture.paint(moment_of(episode, time), note) for time in shown)
+
+    def samples() -> Iterator[NDArray[np.uint8]]:
+        other = Picture(moment_of(episode, times[0]), size, view)
+        return (other.paint(moment_of(episode, time), note) for time in times[:: -(-len(times) // SAMPLED)])
+
     part = path.with_name(f"{path.name}.part")
     try:
         kind = path.suffix.lower()
         if kind == ".mp4":
             _write_mp4(frames, part, size, fps)
         else:
-            _write_animation(frames, part, kind, fps)
+            _write_animation(frames, part, kind, fps, samples)
+        os.replace(part, path)
+    finally:
+        part.unlink(missing_ok=True)
+    return path
+
+
+def write_strip(episode: Episode, path: Path, *, count: int = 4, size: tuple[int, int] = (560, 400)) -> Path:
+    """Write `count` moments of an episode, evenly spread, as one picture of two columns; the suffix says the format."""
+    from PIL import Image
+
+    first, last = float(episode.time_s[0]), float(episode.time_s[-1])
+    picture = Picture(moment_of(episode, first), size)
+    page = Image.new("RGB", (2 * size[0], -(-count // 2) * size[1]))
+    for k, share in enumerate((np.arange(count) + 0.5) / count):
+        frame = picture.paint(moment_of(episode, first + share * (last - first)))
+        page.paste(Image.fromarray(frame), (k % 2 * size[0], k // 2 * size[1]))
+    part = path.with_name(f"{path.stem}.part{path.suffix}")
+    try:
+        page.save(part, quality=70)
         os.replace(part, path)
     finally:
         part.unlink(missing_ok=True)
@@ -137,33 +163,27 @@ def _write_mp4(frames: Iterable[NDArray[np.uint8]], part: Path, size: tuple[int,
         raise OSError(errno.EIO, "the film was not written", str(part))
 
 
-def _write_animation(frames: Iterable[NDArray[np.uint8]], part: Path, kind: str, fps: float) -> None:
+def _write_animation(frames: Iterable[NDArray[np.uint8]], part: Path, kind: str, fps: float, samples: Samples) -> None:
     """A picture that moves, over and over."""
-    pages = _pages(frames, (lambda page: page) if kind == ".webp" else _few_colours())
-    first = next(pages)
+    from PIL import Image
+
+    palette = None if kind == ".webp" else _palette(samples())
+    first, *pages = (
+        page if palette is None else page.quantize(palette=palette, dither=0)  # without grain: it would not pack
+        for page in map(Image.fromarray, frames)
+    )
     how: dict[str, Any] = {"format": {".png": "PNG", ".gif": "GIF", ".webp": "WEBP"}[kind]}
-    if kind == ".webp":
-        how |= {"quality": 60, "method": 3}
-    elif kind == ".gif":
-        how |= {"optimize": False, "disposal": 1}
+    how |= {".webp": {"quality": 60, "method": 3}, ".gif": {"optimize": False}, ".png": {}}[kind]
     with part.open("wb") as file:
         first.save(file, save_all=True, append_images=pages, duration=round(1000.0 / fps), loop=0, **how)
 
 
-def _pages(frames: Iterable[NDArray[np.uint8]], reduced: Callable[[Any], Any]) -> Iterator[Any]:
+def _palette(samples: Iterable[NDArray[np.uint8]]) -> Any:
+    """COLOURS out of some pictures; rare ones count more than there is of them: of a boat there are few pixels."""
     from PIL import Image
 
-    for frame in frames:
-        yield reduced(Image.fromarray(frame))
-
-
-def _few_colours() -> Callable[[Any], Any]:
-    """Takes pages to the colours of the first few, without grain: still water then packs well."""
-    palette: list[Any] = []
-
-    def reduced(page: Any) -> Any:
-        if not palette:
-            palette.append(page.quantize(COLOURS))
-        return page.quantize(palette=palette[0], dither=0)
-
-    return reduced
+    pixels = np.concatenate([sample.reshape(-1, 3) for sample in samples])
+    kinds, counts = np.unique(pixels >> BINS, axis=0, return_counts=True)
+    often = np.repeat(kinds, np.ceil(counts**RARE).astype(int), axis=0)
+    colours = ((often << BINS) + (1 << BINS >> 1)).astype(np.uint8)
+    return Image.fromarray(colours[None]).quantize(COLOURS)

@@ -74,10 +74,10 @@ class Follow:
         radius = float(self._reach.towards(np.array([radius]), moment.time_s)[0])
         course = _bound(team)
         way = self._course.towards(np.array([np.cos(course), np.sin(course)]), moment.time_s)
-        away = (1.25 * radius + 4.5 * size) if wet else (2.0 * radius + 2.6 * size)
+        away = 2.2 * radius / aspect + 4.5 * size if wet else 2.6 * radius / aspect + 2.6 * size
         bearing = float(np.arctan2(way[1], way[0])) + (0.3 if wet else 0.12)
         forward = heading(bearing, FOLLOW_PITCH if wet else CHASE_PITCH)
-        eye = middle - away * max(1.0, 1.2 / aspect) * forward
+        eye = middle - away * forward
         eye[2] = min(eye[2], -3.0)
         return look_at(eye, middle + ((0, 0, 0) if wet else 0.1 * size * forward), FOCAL)
 

@@ -18,7 +18,7 @@ HORIZON, ZENITH = vec3(*(HAZE / 255.0)), vec3(0.30, 0.50, 0.74)
 WARM = vec3(1.0, 0.95, 0.82)  # of sunlight
 ABYSS, SHALLOW, WHITE = (vec3(*(colour / 255.0)) for colour in (DEEP, CREST, FOAM))
 F0 = 0.02  # reflectance of water at normal incidence
-SHINE = 6  # doublings: the exponent of the sun's glitter is 2 ** SHINE
+SHINE = 7  # doublings: the exponent of the sun's glitter is 2 ** SHINE
 FOAM_FROM = 0.9  # of a tall crest's height
 
 
@@ -57,7 +57,7 @@ def water(ray: vec3, normal: vec3, rough, height):
     own = ti.math.mix(ABYSS, SHALLOW, ti.math.clamp(0.32 + 0.3 * height, 0.0, 1.0)) * (0.25 + 0.95 * lit * lit)
     foam = 0.3 * ti.math.clamp((height - FOAM_FROM) / 0.8, 0.0, 1.0)
     own = ti.math.mix(own, WHITE, foam)
-    return ti.math.mix(own, sky(bounced), mirror) + 0.5 * glitter * WARM
+    return ti.math.mix(own, sky(bounced), mirror) + 0.25 * glitter * WARM
 
 
 @ti.func
