@@ -1,4 +1,4 @@
-"""The rasteriser against closed forms: which pixels, what is in front, where the horizon is, what the sea looks like."""
+"""The rasteriser against closed forms: which pixels, what is in front, where the horizon is, where the sea."""
 
 import math
 from types import SimpleNamespace

@@ -29,6 +29,7 @@ from benchmarking.mission import environment_cases, first_stage, learning_cases,
 from benchmarking.parts import measure_parts  # noqa: E402
 from benchmarking.peers import measure_peers  # noqa: E402
 from benchmarking.physics import physics_cases  # noqa: E402
+from benchmarking.pictures import measure_pictures  # noqa: E402
 from benchmarking.timing import measure  # noqa: E402
 
 from rl import cli  # noqa: E402
@@ -85,6 +86,7 @@ def benchmark(config: FormationScenario, *, quick: bool, seconds: float, show_pr
         "scenarios": [{"scenario": case.label, "agent_steps_per_s": case.rate} for case in scenarios],
         "physics": [described | {"vehicle_substeps_per_s": case.rate} for case, described in models],
         "parts": parts,
+        "picture_ms": measure_pictures(seconds=seconds, repetitions=repetitions),
         "peers": measure_peers(seconds=seconds, repetitions=repetitions),
         "machine": describe_machine(),
         "method": {
@@ -156,6 +158,7 @@ def table(result: dict[str, Any]) -> str:
     lines += ["", f"one step of {result['method']['parts_num_envs']:,} environments, all teams: {whole:.3f} ms"]
     ordered = sorted(result["parts"].items(), key=lambda item: -item[1])
     lines += [f"  {part:20}{ms:10.3f} ms{100 * ms / whole:7.1f} %" for part, ms in ordered]
+    lines += ["", *(f"a picture of {name}, 640x480: {ms:.1f} ms" for name, ms in result["picture_ms"].items())]
     lines += ["", "peers: " + ("" if result["peers"] else "none installed")]
     lines += [f"  {p['name']} {p['version']}: {p['steps_per_s']:,.0f} steps/s ({p['step']})" for p in result["peers"]]
     return "\n".join(lines)

@@ -169,7 +169,7 @@ def _write_animation(frames: Iterable[NDArray[np.uint8]], part: Path, kind: str,
 
     palette = None if kind == ".webp" else _palette(samples())
     first, *pages = (
-        page if palette is None else page.quantize(palette=palette, dither=0)  # without grain: it would not pack
+        page if palette is None else page.quantize(palette=palette, dither=Image.Dither.NONE)  # without grain: it would not pack
         for page in map(Image.fromarray, frames)
     )
     how: dict[str, Any] = {"format": {".png": "PNG", ".gif": "GIF", ".webp": "WEBP"}[kind]}
