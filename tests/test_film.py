@@ -76,6 +76,14 @@ def test_a_picture_shows_every_teams_colours_waves_and_a_horizon():
     assert picture[4, 200, 2] > 180  # the sky
 
 
+def test_a_state_that_is_not_finite_leaves_the_last_picture():
+    moment = moment_of(make_episode(steps=5), 0.2)
+    lost = moment.teams["uav"]._replace(position_n=np.full((3, 3), np.nan))
+    picture = Picture(moment, (64, 48))
+    seen = picture.paint(moment)
+    assert np.array_equal(picture.paint(moment._replace(teams={**moment.teams, "uav": lost})), seen)
+
+
 def test_a_film_holds_its_frames_and_nothing_else_is_left(tmp_path):
     episode = make_episode(steps=9)  # 0.8 s
     assert len(film_times(episode, 10.0, 1.0)) == 9 and len(film_times(episode, 10.0, 2.0)) == 5

@@ -89,7 +89,7 @@ def test_a_picture_is_the_same_bits_on_any_number_of_threads(monkeypatch):
     solids = shining(rng.normal((30, 0, 0), (9, 12, 9), (400, 3, 3)), *rng.integers(0, 255, (400, 3)))
     pictures = []
     for threads in (1, 3, 64):
-        monkeypatch.setattr(raster.runtime, "current", lambda threads=threads: SimpleNamespace(threads=threads))
+        monkeypatch.setattr(raster.runtime, "current", lambda n=threads: SimpleNamespace(arch="cpu", threads=n))
         pictures.append(draw(solids))
     assert len(np.unique(pictures[0].reshape(-1, 3), axis=0)) > 300
     assert all(np.array_equal(pictures[0], other) for other in pictures)

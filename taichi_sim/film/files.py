@@ -168,8 +168,9 @@ def _write_animation(frames: Iterable[NDArray[np.uint8]], part: Path, kind: str,
     from PIL import Image
 
     palette = None if kind == ".webp" else _palette(samples())
+    plain = Image.Dither.NONE  # grain would not pack
     first, *pages = (
-        page if palette is None else page.quantize(palette=palette, dither=Image.Dither.NONE)  # without grain: it would not pack
+        page if palette is None else page.quantize(palette=palette, dither=plain)
         for page in map(Image.fromarray, frames)
     )
     how: dict[str, Any] = {"format": {".png": "PNG", ".gif": "GIF", ".webp": "WEBP"}[kind]}

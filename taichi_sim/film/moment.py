@@ -63,7 +63,8 @@ class Moment(NamedTuple):
 
     def finite(self) -> bool:
         """Whether everybody is somewhere."""
-        return all(np.isfinite(team.position_n).all() for team in self.teams.values())
+        states = (part for team in self.teams.values() for part in (team.position_n, team.quaternion_nb))
+        return all(np.isfinite(state).all() for state in states)
 
 
 def moment_of(episode: Episode, time_s: float) -> Moment:

@@ -76,10 +76,13 @@ class Picture:
         """
         check_picture(size, view, moment.teams)
         self.size = size
+        self._last: Pixels = np.full((size[1], size[0], 3), 128, np.uint8)
         self._cast, self._views = cast or Cast(), _arranged(moment, size, view)
 
     def paint(self, moment: Moment, note: str = "") -> Pixels:
-        """A picture [high, wide, 3]; `note` stands beside the time."""
+        """A picture [high, wide, 3]; `note` stands beside the time. Where a state is not finite it is the last one."""
+        if not moment.finite():
+            return self._last.copy()
         wide, high = self.size
         picture = np.full((high, wide, 3), 255, np.uint8)
         with_words = min(wide, high) >= SMALL or (wide >= SMALL and high >= 0.7 * SMALL)
@@ -90,7 +93,8 @@ class Picture:
             picture[view.top : view.top + part.shape[0], view.left : view.left + part.shape[1]] = part
         if with_words:
             self._words(picture, moment, note)
-        return picture
+        self._last = picture
+        return picture.copy()
 
     def _view(self, moment: Moment, view: View, pen: Pen, with_words: bool) -> Pixels:
         """One part of the picture."""

@@ -190,7 +190,8 @@ class Raster:
     def draw(self, camera: Camera, solids: Solids, strokes: Strokes, water: Water = NO_WATER) -> NDArray[np.uint8]:
         """A picture [high, wide, 3] of what is given, in front of the sky."""
         wide, high = self.size
-        workers = max(1, min(runtime.current().threads, high * SAMPLES // BAND))
+        run, bands = runtime.current(), len(self._starts) - 2
+        workers = min(run.threads, bands) if run.arch == "cpu" else bands
         samples = np.empty(workers * BAND * SAMPLES * wide, np.int64)
         triangles = 2 * (len(solids.colours) + len(strokes.colours))
         triangles += 2 * max(water.rows - 1, 0) * (water.across - 1)
