@@ -119,6 +119,24 @@ def add_shown(parser: argparse.ArgumentParser) -> None:
         )
 
 
+def add_film(parser: argparse.ArgumentParser) -> None:
+    """Add --film and how it is made."""
+    film = parser.add_argument_group("film", "drawn without a display or a GPU; alone, it takes the recording's place")
+    film.add_argument("--film", type=Path, metavar="FILE", help=".mp4 (extra `film`), or animated .png, .gif, .webp")
+    film.add_argument("--film-size", type=picture_size, default=(640, 480), metavar="WxH", help="px (default: 640x480)")
+    film.add_argument("--film-speed", type=positive_float, default=1.0, metavar="X", help="times as fast (default: 1)")
+    film.add_argument("--film-fps", type=positive_float, default=25.0, metavar="N", help="frames/s (default: 25)")
+    film.add_argument("--film-view", default="auto", metavar="VIEW", help="'overview', 'map', or a team, alone")
+
+
+def picture_size(text: str) -> tuple[int, int]:
+    """An argparse type: width and height of a picture, px, as in 640x480."""
+    wide, _, high = text.lower().partition("x")
+    if not (wide.isdecimal() and high.isdecimal() and 64 <= int(wide) <= 4096 and 48 <= int(high) <= 4096):
+        raise argparse.ArgumentTypeError(f"{text}: wanted WIDTHxHEIGHT from 64x48 to 4096x4096, for example 1280x720")
+    return int(wide), int(high)
+
+
 def recall(args: argparse.Namespace) -> tuple[int, int] | None:
     """Set the conditions of the evaluation that `args.shown` is of; number of that episode, and of all.
 
@@ -187,11 +205,13 @@ def user_errors() -> tuple[type[Exception], ...]:
     from rl.mission import ControllerError
     from rl.runs.folder import RunError
     from taichi_sim.config import ConfigError
+    from taichi_sim.film.files import FilmError
     from taichi_sim.recording.ros import BagError
     from taichi_sim.sea import SteepSeaError
     from taichi_sim.world import ActionError
 
-    return ConfigError, ControllerError, RunError, CheckpointError, SteepSeaError, ActionError, DivergedError, BagError
+    of_files = ConfigError, RunError, CheckpointError, FilmError, BagError
+    return *of_files, ControllerError, SteepSeaError, ActionError, DivergedError
 
 
 def run(main: Callable[[list[str] | None], None], argv: list[str] | None = None) -> int:

@@ -26,6 +26,7 @@ from typing import TYPE_CHECKING, Any
 import gymnasium
 import numpy as np
 import torch
+from gymnasium import logger
 from gymnasium.error import ResetNeeded
 from gymnasium.spaces import Box
 from gymnasium.vector import AutoresetMode, VectorEnv
@@ -34,6 +35,7 @@ from torch import Tensor
 
 from rl.mission import Mission, Step, Team
 from rl.missions import load_scenario, make_mission
+from rl.render import MODES, Pictures, frames_per_second
 from rl.runs.folder import CONFIG, RunError, load_config
 from rl.scenario import Scenario
 from taichi_sim.config.io import find_config
@@ -58,7 +60,9 @@ class TeamVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         task: the simulated mission.
     """
 
-    metadata: dict[str, Any] = {"render_modes": [], "autoreset_mode": AutoresetMode.SAME_STEP}
+    metadata: dict[str, Any] = {
+        "render_modes": MODES, "render_fps": 10, "autoreset_mode": AutoresetMode.SAME_STEP
+    }  # fmt: skip
 
     def __init__(
         self,
@@ -70,7 +74,8 @@ class TeamVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         seed: int | None = None,
         other: str | Path = "absent",
         autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP,
-        render_mode: None = None,
+        render_mode: str | None = None,
+        render_size: tuple[int, int] | None = None,
     ):
         """Build the mission of `team`, one of the scenario's.
 
@@ -80,15 +85,16 @@ class TeamVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             seed: of the worlds; default the scenario's.
             other: what the other team does: "absent" (not simulated), "constant" (every command 0),
                 "classical", or the path of a run folder or of a checkpoint in one, whose frozen policy acts.
-            autoreset_mode: see the class. render_mode: None, there is no rendering.
+            autoreset_mode: see the class.
+            render_mode: None, "rgb_array" (`render` gives a picture of each environment), or "human" (a window).
+            render_size: width and height of each environment's picture, px; default 640x480 of one environment, less
+                of many (rl/render.py).
 
         Raises:
             ValueError: for a wrong argument; ConfigError, RunError, CheckpointError: for an unusable file.
         """
         if num_envs < 1:
             raise ValueError(f"num_envs = {num_envs} must be at least 1")
-        if render_mode is not None:
-            raise ValueError(f"render_mode = {render_mode!r}: only None is allowed")
         self.num_envs, self.team = num_envs, team
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
@@ -103,6 +109,10 @@ class TeamVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         others = [rival for name, rival in self.task.teams.items() if name != team]
         self._frozen = {rival.name: _frozen_policy(other, rival, config) for rival in others}
         self._ended = np.zeros(num_envs, dtype=bool)  # and not yet begun anew
+
+        self.render_mode = render_mode
+        self.metadata["render_fps"] = frames_per_second(config.decision_interval)
+        self._pictures = None if render_mode is None else Pictures(self.task, render_size, render_mode)
 
         own = self.task.teams[team]
         self._action_shape = (num_envs, own.fleet.count, len(own.action_names))
@@ -126,6 +136,7 @@ class TeamVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if seed is not None:
             self.task.reseed(seed)
         self._restart(mask)
+        self._look()
         return self._observe(), _masked(self._told(), mask)
 
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
@@ -154,8 +165,24 @@ class TeamVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             self._restart(ended)
         else:
             self._restart(begins)
+        self._look()
         infos |= _masked(self._told(), np.ones(self.num_envs, dtype=bool))
         return self._observe(), reward, terminated, truncated, infos
+
+    def render(self) -> tuple[np.ndarray, ...] | None:
+        """In mode "rgb_array" a picture of each environment as it is now, uint8 [high, wide, 3]."""
+        if self._pictures is None:
+            logger.warn("render() without a render_mode: there is none, so there is nothing to see")
+        return self._pictures.draw() if self._pictures is not None and self.render_mode == "rgb_array" else None
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Close the window, if there is one."""
+        if self._pictures is not None:
+            self._pictures.close()
+
+    def _look(self) -> None:
+        if self._pictures is not None:
+            self._pictures.keep()
 
     # -- episodes --------------------------------------------------------------------------------------------
 
@@ -209,13 +236,24 @@ class TeamVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 class TeamEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     """One team in one environment, without autoreset; options are those of `TeamVectorEnv`."""
 
-    metadata: dict[str, Any] = {"render_modes": []}
+    metadata: dict[str, Any] = {"render_modes": MODES, "render_fps": 10}
 
     def __init__(self, team: str, **options: Any):
-        """Build the mission of `team`; `options` are scenario, overrides, seed and other."""
+        """Build the mission of `team`; `options` are scenario, overrides, seed, other, render_mode and render_size."""
         self._vector = TeamVectorEnv(team, 1, autoreset_mode=AutoresetMode.DISABLED, **options)
         self.action_space = self._vector.single_action_space
         self.observation_space = self._vector.single_observation_space
+        self.render_mode = self._vector.render_mode
+        self.metadata = {**self.metadata, "render_fps": self._vector.metadata["render_fps"]}
+
+    def render(self) -> np.ndarray | None:  # pyright: ignore[reportIncompatibleMethodOverride]
+        """In mode "rgb_array" a picture as it is now, uint8 [high, wide, 3]."""
+        frames = self._vector.render()
+        return None if frames is None else frames[0]
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        self._vector.close()
 
     @property
     def task(self) -> Mission:

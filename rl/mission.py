@@ -193,6 +193,9 @@ class Mission:
         """What a recording draws besides (taichi_sim/recording/overlays.py), asked for at the end of the episode."""
         return ()
 
+    def forget_frames(self) -> None:
+        """Forget what `frame` has kept for `overlays`, of which then there is one frame: before a single picture."""
+
     # -- what every mission has ------------------------------------------------------------------------------------
 
     def step(self, actions: Mapping[str, Any]) -> Step:

@@ -1,4 +1,4 @@
-"""Record one episode of a run's policies on an unseen world: to open in rerun, or as a bag of ROS 2 (docs/ros.md)."""
+"""Record one episode of a run's policies on an unseen world: to open in rerun, as a film, or as a bag of ROS 2."""
 
 import argparse
 import sys
@@ -30,6 +30,7 @@ def parser() -> argparse.ArgumentParser:
         metavar=("LAT", "LON"),
         help="of a bag: latitude and longitude of the world's origin, degrees (default: 63.48 10.40)",
     )
+    cli.add_film(p)
     p.add_argument("--duration", type=cli.positive_float, default=None, metavar="S", help="default: an episode")
     return p
 
@@ -41,17 +42,25 @@ def main(argv: list[str] | None = None) -> None:
     from rl.runs.kept import recording_name
     from rl.runs.outputs import output_of
     from rl.runs.record import record_episode
+    from taichi_sim.film.files import check_film, write_film
 
     output = output_of(args.out, args.origin, show_progress=not args.quiet)
     number = cli.recall(args)
     config, source, policies, seed = cli.open_run(args)
+    how = {"size": args.film_size, "fps": args.film_fps, "speed": args.film_speed, "view": args.film_view}
+    if args.film:
+        check_film(args.film, **how, teams=config.teams)
     episode = record_episode(
         config, policies, seed=seed, number=number, duration=args.duration, source=source, show_progress=not args.quiet
     )
-    default = f"play-{seed}.rrd" if number is None else recording_name(args.controller, args.shown)
-    path = output.write(episode, output.place or args.run / default)
     for event in episode.events:
         print(f"{event.time_s:7.1f} s  {event.text}")
+    if args.film:
+        print(f"film: {write_film(episode, args.film, **how, show_progress=not args.quiet)}")
+        if args.out is None:
+            return
+    default = f"play-{seed}.rrd" if number is None else recording_name(args.controller, args.shown)
+    path = output.write(episode, output.place or args.run / default)
     print(f"recording: {output.reader} {path}")
 
 

@@ -30,6 +30,7 @@ from benchmarking.mission import environment_cases, first_stage, learning_cases,
 from benchmarking.parts import measure_parts  # noqa: E402
 from benchmarking.peers import measure_peers  # noqa: E402
 from benchmarking.physics import physics_cases  # noqa: E402
+from benchmarking.pictures import measure_pictures  # noqa: E402
 from benchmarking.timing import measure  # noqa: E402
 
 from rl import cli  # noqa: E402
@@ -89,6 +90,7 @@ def benchmark(config: FormationScenario, *, quick: bool, seconds: float, show_pr
         "physics": [described | {"vehicle_substeps_per_s": case.rate} for case, described in models],
         "parts": parts,
         "learning_parts": {"num_envs": learning_sizes[0], "seconds": learning["seconds"]} | learning["parts"],
+        "picture_ms": measure_pictures(seconds=seconds, repetitions=repetitions),
         "peers": measure_peers(seconds=seconds, repetitions=repetitions),
         "machine": describe_machine(),
         "method": {
@@ -164,6 +166,7 @@ def table(result: dict[str, Any]) -> str:
     size, seconds = taken.pop("num_envs"), taken.pop("seconds")
     lines += ["", f"one iteration of learning, {size:,} environments, one process: {1000 * seconds:.1f} ms"]
     lines += [f"  {part:20}{1000 * s:10.3f} ms{100 * s / seconds:7.1f} %" for part, s in taken.items()]
+    lines += ["", *(f"a picture of {name}, 640x480: {ms:.1f} ms" for name, ms in result["picture_ms"].items())]
     lines += ["", "peers: " + ("" if result["peers"] else "none installed")]
     lines += [f"  {p['name']} {p['version']}: {p['steps_per_s']:,.0f} steps/s ({p['step']})" for p in result["peers"]]
     return "\n".join(lines)

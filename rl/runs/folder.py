@@ -3,7 +3,7 @@
 config.toml          the resolved scenario, every key      vehicles/*.toml   the vehicle files it used
 *.py                 modules of your own that these name, unless they are installed
 meta.json            seed, versions, commit, machine       progress.csv, model_N.pt, policy.onnx/.pt in TEAM/
-summary.json         wall times, stages, evaluation        figures/*.png, episode.rrd, report.html
+summary.json         wall times, stages, evaluation        figures/*.png, episode.rrd, .webp, report.html
 evaluation/*         the last of each controller (kept.py) sweeps/NAME/*    what each sweep found (sweep/)
 dumps/*.dump         environments whose state stopped being finite (tools/replay.py), if any
 """

@@ -25,10 +25,12 @@ from rl.runs.evaluation import (
 from rl.runs.kept import keep
 from rl.runs.record import record_episode
 from rl.runs.report import write_report
+from rl.runs.report.sources import STRIP
 from rl.scenario import Scenario
 from rl.seeds import derive_seed
 from taichi_sim import runtime
 from taichi_sim.config import ConfigError
+from taichi_sim.film.files import write_strip
 from taichi_sim.recording import write_recording
 from taichi_sim.world import ActionError
 
@@ -85,6 +87,7 @@ def _picture(config: Scenario, policies: Mapping[str, Policy], out: Path, show_p
     seed = config.evaluation.seed
     episode = record_episode(config, policies, seed=seed, source=source, show_progress=show_progress)
     write_recording(episode, out / RECORDING)
+    write_strip(episode, out / STRIP)
     histories = {team: read_history(out / team / HISTORY) for team in policies}
     mission_class(config, source).draw_figures(out / FIGURES, histories, episode, config)
 

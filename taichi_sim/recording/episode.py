@@ -20,6 +20,8 @@ RESERVED = {"track", "checkpoints", "obstacles", "events", "overlay", "wind", "a
 Medium = Literal["water", "air"]
 Elevation = Callable[[Array, Array, float], Array]
 """(north, east, time_s) -> surface elevation, up, m. north and east share one shape, in m."""
+Waves = Callable[[float], Array]
+"""time_s -> [6, component] of the sea then, as `Sea.waves_at` has it."""
 
 
 class Body(NamedTuple):
@@ -189,6 +191,7 @@ class Episode:
     overlays: tuple[Overlay, ...] = ()  # what a mission draws and plots beside the vehicles
     current_n: Array | None = None  # [T, 2] north and east velocity of the water, m/s; None: still
     wind_n: Array | None = None  # [T, 3] velocity of the air 10 m above the sea (where it blows to), m/s; None: calm
+    waves: Waves | None = None  # what `elevation` is the sum of; None: not known, or not of waves
 
     def __post_init__(self) -> None:
         """Refuse arrays that do not fit together."""

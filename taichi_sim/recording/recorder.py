@@ -140,6 +140,9 @@ class Recorder:
         def elevation(north: NDArray, east: NDArray, time_s: float) -> NDArray:
             return sea.elevation(north, east, begin + time_s, index).cpu().numpy()
 
+        def waves(time_s: float) -> Array:
+            return sea.waves_at(begin + time_s, index)
+
         return Episode(
             name=name,
             time_s=self.time_s,
@@ -151,6 +154,7 @@ class Recorder:
             overlays=tuple(overlays),
             current_n=np.stack([current for current, _ in self._flows]),
             wind_n=np.stack([wind for _, wind in self._flows]),
+            waves=waves,
         )
 
     def write(self, path: str | Path, **parts: Any) -> Path:

@@ -8,7 +8,7 @@ import torch
 
 from taichi_sim import runtime
 from taichi_sim.config import SeaConfig, SwellConfig
-from taichi_sim.conventions import GRAVITY, OMEGA, PHASE, RHO_SEA, SEA_ROWS
+from taichi_sim.conventions import AMPLITUDE, BX, BY, GRAVITY, KX, KY, OMEGA, PHASE, RHO_SEA, SEA_ROWS
 from taichi_sim.sea import queries
 from taichi_sim.sea.sampling import WaveSystem, sample_components
 from taichi_sim.sea.spectrum import Components, jonswap
@@ -147,6 +147,16 @@ class Sea:
         serial = runtime.few(env_sea.shape[0], queries.PHASE * components)
         self._advance(out, self._omega64, self._phase64, env_sea, time, components, serial)
         return out
+
+    def waves_at(self, time: float, sea: int = 0) -> np.ndarray:
+        """The waves of a realisation at `time` (s), all that a picture of it takes: [6, component] amplitude (m), k_x,
+        k_y (rad/m), phase now (rad, in [0, 2 pi)), b_x, b_y (m), as in waves.py.
+        """
+        device = self.table.device
+        which = torch.tensor([sea], dtype=torch.int32, device=device)
+        phase = self.phases(which, torch.tensor([time], dtype=torch.float64, device=device))
+        a, kx, ky, bx, by = self.table[sea, [AMPLITUDE, KX, KY, BX, BY]]
+        return torch.stack((a, kx, ky, phase[0], bx, by)).double().cpu().numpy()
 
     def surface(self, north, east, time, sea=0) -> Surface:
         """The surface at points [...] (m) and times (s); arguments broadcast, `sea` is the realisation."""

@@ -20,7 +20,7 @@ def write_report(folders: Sequence[Path], out: Path | None = None) -> Path:
     from rl.runs.report.about import about, figures  # matplotlib takes a second
     from rl.runs.report.curves import curves
     from rl.runs.report.episodes import collisions, shown_episodes
-    from rl.runs.report.page import beside, page, paragraph, section, style
+    from rl.runs.report.page import beside, page, paragraph, photograph, section, style
     from rl.runs.report.sources import read_run
     from rl.runs.report.sweeps import sweeps
 
@@ -33,6 +33,7 @@ def write_report(folders: Sequence[Path], out: Path | None = None) -> Path:
             section("Learning", curves(runs)),
             section("Figures", figures(runs[0], other)),
             *(section(_of("Conditions", run, other), sweeps(run, other if run is runs[0] else None)) for run in runs),
+            *(section(_of("The recorded episode", run, other), photograph(run.strip)) for run in runs if run.strip),
             *(section(_of("Two episodes", run, other), shown_episodes(run)) for run in runs),
             *(section(_of("Collisions", run, other), collisions(run)) for run in runs),
         ]

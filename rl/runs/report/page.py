@@ -1,10 +1,12 @@
 """A page of HTML: its pieces, and figures as SVG inside it, in the page's own ink so that they are read on dark too."""
 
+import base64
 import html
 import io
 import re
 from collections.abc import Iterable, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 
 import matplotlib
 from matplotlib.axes import Axes
@@ -42,7 +44,7 @@ td.n { font-variant-numeric: tabular-nums; white-space: nowrap }
 .missing { background: var(--card); border-left: 4px solid var(--faint); padding: .5rem .9rem; margin: .6rem 0 }
 code, pre { font: .85rem ui-monospace, monospace } pre { overflow-x: auto; background: var(--card); padding: .8rem }
 .beside { display: grid; grid-template-columns: repeat(auto-fit, minmax(26rem, 1fr)); gap: 0 1.5rem }
-svg { max-width: 100%; height: auto; display: block; margin: .4rem 0 }
+svg, img { max-width: 100%; height: auto; display: block; margin: .4rem 0 }
 """
 
 
@@ -118,6 +120,13 @@ def svg(figure: Figure, name: str) -> str:
     drawn = re.sub(r'(?<= )(d|x|y|transform)="[^"]*"', _shorter, drawn)
     drawn = re.sub(f"{INK}|#000000", "currentColor", drawn, flags=re.IGNORECASE)
     return drawn.replace("<svg", f'<svg role="img" aria-label="{text(name)}"', 1)
+
+
+def photograph(file: Path) -> str:
+    """A picture out of a file, inside the page."""
+    kind = file.suffix.removeprefix(".").lower()
+    inside = base64.b64encode(file.read_bytes()).decode("ascii")
+    return f'<img alt="moments of an episode" src="data:image/{kind};base64,{inside}">'
 
 
 def _shorter(attribute: re.Match[str]) -> str:

@@ -16,6 +16,8 @@ from rl.runs.sweep.config import FOLDER
 from rl.runs.sweep.tables import JSON
 from rl.scenario import Scenario
 
+STRIP = "episode.webp"  # moments of the recorded episode
+
 
 class Run(NamedTuple):
     """One run."""
@@ -30,6 +32,11 @@ class Run(NamedTuple):
     shown: dict[str, Excerpt]  # of the policy
     crashes: list[Crash]  # of the policy
     sweeps: dict[str, dict[str, Any] | None]  # name -> sweep.json, None: not finished
+
+    @property
+    def strip(self) -> Path | None:
+        """A picture of the recorded episode, if there is one."""
+        return file if (file := self.folder / STRIP).is_file() else None
 
     @property
     def name(self) -> str:

@@ -1,0 +1,179 @@
+"""Pictures of a mission while it runs: what Gymnasium's `render` gives.
+
+Each picture is drawn (taichi_sim/film/) from an episode of one frame; only the vehicles' trails are kept from step to
+step, of all environments at once. Nothing is drawn at random and nothing of the mission changes: a rollout has the same
+bits with and without pictures.
+
+A picture of 640x480 takes about 20 ms on two cores, and a few ms go to each environment however small its picture is.
+"""
+
+from collections import deque
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from rl.mission import Mission
+from taichi_sim.film.draw import Cast
+from taichi_sim.film.moment import TRAIL_POINTS, TRAIL_S, Moment, moment_of
+from taichi_sim.film.picture import Picture, check_picture
+from taichi_sim.recording import Recorder, Scene
+
+MODES = ["rgb_array", "human"]
+SIZES = ((1, (640, 480)), (4, (320, 240)), (16, (240, 180)))  # px, for up to so many environments
+SMALLEST = (160, 120)
+NO_WINDOWS = ("agg", "cairo", "pdf", "pgf", "ps", "svg", "template")  # backends of matplotlib
+
+
+def frames_per_second(decision_interval: float) -> int:
+    """How many pictures, one a decision, make a second."""
+    return max(1, round(1.0 / decision_interval))
+
+
+def picture_size(num_envs: int) -> tuple[int, int]:
+    """Width and height (px) of each environment's picture, where nothing else is asked for."""
+    return next((size for most, size in SIZES if num_envs <= most), SMALLEST)
+
+
+class Pictures:
+    """Pictures of each environment of a mission."""
+
+    def __init__(self, task: Mission, size: tuple[int, int] | None = None, mode: str = "rgb_array") -> None:
+        """Of `task`, whose vehicles are where an episode begins.
+
+        Args:
+            task: the mission. size: width and height of each environment's picture, px; default by their number.
+            mode: "rgb_array", or "human": `show` is wanted.
+
+        Raises:
+            ValueError: for an unknown mode, a size that cannot be, or "human" without a display.
+        """
+        if mode not in MODES:
+            raise ValueError(f"render_mode = {mode!r}: allowed are None, {', '.join(map(repr, MODES))}")
+        self.task, self.size, self.mode = task, size or picture_size(task.num_envs), mode
+        check_picture(self.size, "auto", None)
+        self._window = _Window() if mode == "human" else None
+        self._cast, self._pictures = Cast(), {}
+        interval = task.config.decision_interval
+        self._every = max(1, round(TRAIL_S / interval / TRAIL_POINTS))  # decisions between the points of a trail
+        self._trails: deque[tuple[torch.Tensor, dict[str, torch.Tensor]]] = deque(maxlen=TRAIL_POINTS)
+        self._kept = 0
+
+    def keep(self) -> None:
+        """Remember where everybody is: after each step and reset. What a person looks at is drawn, too."""
+        if self._kept % self._every == 0:
+            teams = {name: fleet.position_n.clone() for name, fleet in self.task.world.teams.items()}
+            self._trails.append((self.task.steps.clone(), teams))
+        self._kept += 1
+        if self._window is not None:
+            self._window.show(tiled(self.draw()))
+
+    def draw(self) -> tuple[NDArray[np.uint8], ...]:
+        """A picture [high, wide, 3] of each environment as it is now."""
+        shown = self.task.shown
+        try:
+            return tuple(self._picture(env) for env in range(self.task.num_envs))
+        finally:
+            self.task.shown = shown
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self._window is not None:
+            self._window.close()
+
+    def _picture(self, env: int) -> NDArray[np.uint8]:
+        moment = self._moment(env)
+        if env not in self._pictures:
+            self._pictures[env] = Picture(moment, self.size, cast=self._cast)
+        return self._pictures[env].paint(moment)
+
+    def _moment(self, env: int) -> Moment:
+        """What there is to see in an environment now."""
+        task = self.task
+        task.shown = env
+        task.forget_frames()
+        beside = {name: task.frame(team) for name, team in task.teams.items()}
+        mission = {name: {k: v.detach().cpu().numpy()[None] for k, v in of.items()} for name, of in beside.items()}
+        recorder = Recorder(task.world, env)
+        recorder.add()
+        episode = recorder.episode(
+            mission=mission, scene=task.scene() or Scene(), overlays=task.overlays(), config_text=""
+        )
+        moment = moment_of(episode, 0.0)
+        trails = self._trail(env)
+        teams = {
+            name: team._replace(trail_n=np.concatenate([trails[name], team.position_n[None]]))
+            for name, team in moment.teams.items()
+        }
+        return moment._replace(teams=teams, time_s=float(task.steps[env]) * task.config.decision_interval)
+
+    def _trail(self, env: int) -> dict[str, NDArray[np.floating]]:
+        """Team -> [n, V, 3] m, where it has been since its episode began, oldest first."""
+        past, later = [], int(self.task.steps[env])
+        for steps, teams in reversed(self._trails):
+            if (then := int(steps[env])) > later:
+                break
+            later = then
+            past.append(teams)
+        return {
+            name: np.stack([teams[name][env].cpu().numpy() for teams in reversed(past)]).astype(np.float64)
+            if past
+            else np.zeros((0, fleet.count, 3))
+            for name, fleet in self.task.world.teams.items()
+        }
+
+
+def tiled(frames: tuple[NDArray[np.uint8], ...]) -> NDArray[np.uint8]:
+    """Pictures of one size as one, in about as many rows as columns."""
+    high, wide, _ = frames[0].shape
+    across = int(np.ceil(np.sqrt(len(frames))))
+    down = -(-len(frames) // across)
+    page = np.zeros((down * high, across * wide, 3), np.uint8)
+    for k, frame in enumerate(frames):
+        row, column = k // across * high, k % across * wide
+        page[row : row + high, column : column + wide] = frame
+    return page
+
+
+class _Window:
+    """A window of matplotlib's."""
+
+    def __init__(self) -> None:
+        """It opens with the first picture.
+
+        Raises:
+            ValueError: if there is no display, or no toolkit to draw windows.
+        """
+        import matplotlib
+        from matplotlib import pyplot  # chooses a backend by what there is
+
+        pyplot.get_fignums()
+        backend = matplotlib.get_backend().lower()
+        if backend in NO_WINDOWS:
+            raise ValueError(
+                f"render_mode = 'human': no window can be opened here (matplotlib has {backend}, for want of a display "
+                "or of a toolkit); use 'rgb_array', whose pictures RecordVideo makes films of"
+            )
+        self._figure = self._image = None
+
+    def show(self, picture: NDArray[np.uint8]) -> None:
+        """Show a picture, until the next one."""
+        from matplotlib import pyplot
+
+        if self._figure is None or self._image is None:
+            high, wide, _ = picture.shape
+            self._figure = pyplot.figure("taichi-sim", figsize=(wide / 100, high / 100), dpi=100)
+            axes = self._figure.add_axes((0.0, 0.0, 1.0, 1.0))
+            axes.set_axis_off()
+            self._image = axes.imshow(picture)
+        self._image.set_data(picture)
+        self._figure.canvas.draw_idle()
+        pyplot.pause(0.001)
+
+    def close(self) -> None:
+        """Close it."""
+        from matplotlib import pyplot
+
+        if self._figure is not None:
+            pyplot.close(self._figure)
+            self._figure = self._image = None

@@ -1,0 +1,74 @@
+"""A pinhole camera in the world frame n (north-east-down), and where to put one.
+
+Rows of `axes` are right, down and forward of the picture, unit vectors in n. `focal` is the focal length in heights of
+the picture: a thing of height s at distance d is s / d * focal pictures high. A pixel's middle is at half numbers.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.floating]
+DOWN_N = np.array([0.0, 0.0, 1.0])
+HAZE_M = 3500.0
+LEVEL = 1e-6  # sine of the angle to the vertical below which a direction has no heading
+
+
+class Camera(NamedTuple):
+    """Where one looks from, and whereto."""
+
+    eye_n: Array  # [3] m
+    axes: Array  # [3, 3] rows right, down, forward, in n
+    focal: float  # focal length, in picture heights
+    haze_m: float = HAZE_M  # distance at which half of what is seen is haze
+
+    def pixels(self, place_n: Array, size: tuple[int, int]) -> Array:
+        """[..., 3]: column and row (px) and distance ahead (m) of places [..., 3] in a picture of `size` (wide, high).
+
+        Column and row mean nothing where the distance is not above 0.
+        """
+        seen = (np.asarray(place_n, dtype=np.float64) - self.eye_n) @ self.axes.T
+        ahead = np.where(seen[..., 2:] > 0.0, seen[..., 2:], 1.0)
+        spot = np.array(size) / 2 + self.focal * size[1] * seen[..., :2] / ahead
+        return np.concatenate([spot, seen[..., 2:]], axis=-1)
+
+    def horizon_row(self, high: int) -> float:
+        """Row (px) of the horizon of a flat earth at the middle column, of a camera without roll."""
+        _, down, forward = self.axes
+        return high / 2 - self.focal * high * float(forward[2] / down[2])
+
+
+def look(eye_n: Array, forward_n: Array, focal: float) -> Camera:
+    """A camera at `eye_n` that looks along `forward_n`, without roll; straight down, north is up."""
+    forward = np.asarray(forward_n, dtype=np.float64) / np.linalg.norm(forward_n)
+    right = np.cross(DOWN_N, forward)
+    length = float(np.linalg.norm(right))
+    right = right / length if length > LEVEL else np.array([0.0, 1.0, 0.0])
+    return Camera(np.asarray(eye_n, dtype=np.float64), np.stack([right, np.cross(forward, right), forward]), focal)
+
+
+def look_at(eye_n: Array, target_n: Array, focal: float) -> Camera:
+    """A camera at `eye_n` with `target_n` in its middle."""
+    return look(eye_n, np.asarray(target_n, dtype=np.float64) - np.asarray(eye_n, dtype=np.float64), focal)
+
+
+def heading(course: float, pitch: float) -> Array:
+    """[3] direction in n along `course` (rad, clockwise from north), `pitch` (rad) below level."""
+    return np.array([np.cos(pitch) * np.cos(course), np.cos(pitch) * np.sin(course), np.sin(pitch)])
+
+
+def eye_that_holds(places_n: Array, forward_n: Array, focal: float, aspect: float, filled: float) -> Array:
+    """[3] the nearest place from which a camera that looks along `forward_n` has all of `places_n` [N, 3] in view.
+
+    aspect: of the picture, wide over high. filled: the share of its sides that they may take.
+    """
+    axes = look(np.zeros(3), forward_n, focal).axes
+    seen = np.asarray(places_n, dtype=np.float64) @ axes.T
+    across, ahead = [], []
+    for axis, half in ((0, 0.5 * aspect), (1, 0.5)):
+        reach = filled * half / focal  # tangent of half the angle they may take
+        more, less = (float(np.max(sign * seen[:, axis] - reach * seen[:, 2])) for sign in (1.0, -1.0))
+        across.append(0.5 * (more - less))
+        ahead.append(-0.5 * (more + less) / reach)
+    return np.array([*across, min(ahead)]) @ axes

@@ -1,0 +1,190 @@
+"""Films of an episode: mp4 by imageio-ffmpeg (the extra `film`), animated PNG, GIF and WebP by Pillow.
+
+A film is written beside its name and then renamed, so that what is there under its name is whole. What cannot be
+written is refused before the first picture is drawn; `check_film` does so before there is an episode.
+"""
+
+import errno
+import os
+from collections.abc import Callable, Collection, Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from tqdm import tqdm
+
+from taichi_sim.film.moment import moment_of
+from taichi_sim.film.picture import Picture, check_picture
+from taichi_sim.recording.episode import Episode
+
+SIZE, FPS = (640, 480), 25.0
+CRF = 26  # of x264: lower is larger and better
+COLOURS = 128  # of an animated PNG or GIF
+SAMPLED, BINS, RARE = 8, 2, 0.45  # pictures that they are of; bits of a colour left out; power of how often it is there
+Samples = Callable[[], Iterable[NDArray[np.uint8]]]
+KINDS = (".mp4", ".png", ".gif", ".webp")
+
+
+class FilmError(ValueError):
+    """A film that cannot be written: its message says why."""
+
+
+def check_film(
+    path: str | Path,
+    *,
+    size: tuple[int, int] = SIZE,
+    fps: float = FPS,
+    speed: float = 1.0,
+    view: str = "auto",
+    teams: Collection[str] | None = None,
+) -> Path:
+    """The path of a film that can be written; arguments are those of `write_film`, `teams` who is in it, if known.
+
+    Raises:
+        FilmError: for an unknown suffix or view, numbers that cannot be, or an extra that is missing.
+        OSError: if its folder does not exist.
+    """
+    path = Path(path)
+    kind = path.suffix.lower()
+    if kind not in KINDS:
+        raise FilmError(f"{path}: a film's suffix is one of {', '.join(KINDS)}")
+    if not path.parent.is_dir():
+        raise FileNotFoundError(errno.ENOENT, "no such folder for the film", str(path.parent))
+    if path.is_dir():
+        raise IsADirectoryError(errno.EISDIR, "the film's name is that of a folder", str(path))
+    if kind == ".mp4":
+        _ffmpeg()
+        if size[0] % 2 or size[1] % 2:
+            raise FilmError(f"an mp4 of {size[0]}x{size[1]}: width and height must be even")
+    if not 0.1 <= fps <= 240 or not 0.01 <= speed <= 1000:
+        raise FilmError(f"a film with fps = {fps:g} and speed = {speed:g}: allowed are 0.1 to 240 and 0.01 to 1000")
+    try:
+        check_picture(size, view, teams)
+    except ValueError as fault:
+        raise FilmError(str(fault)) from fault
+    return path
+
+
+def write_film(
+    episode: Episode,
+    path: str | Path,
+    *,
+    size: tuple[int, int] = SIZE,
+    fps: float = FPS,
+    speed: float = 1.0,
+    view: str = "auto",
+    show_progress: bool = False,
+) -> Path:
+    """Write a film of `episode`; return its path.
+
+    Args:
+        episode: what is shown. path: .mp4, .png, .gif or .webp.
+        size: width and height, px. fps: pictures per second of film. speed: seconds of the episode in one of the film.
+        view: "auto" (picture.py), or one alone: "overview", "map", or a team's name.
+
+    Raises:
+        FilmError: for an unknown suffix or view, numbers that cannot be, or a missing extra; OSError: for a folder that
+            does not exist or a disk that is full. Nothing is written then.
+    """
+    path = check_film(path, size=size, fps=fps, speed=speed, view=view, teams=episode.teams)
+    times = film_times(episode, fps, speed)
+    picture = Picture(moment_of(episode, times[0]), size, view)
+    note = "" if speed == 1.0 else f"   {speed:g}x"
+    shown = tqdm(times, desc="film", unit="frame", disable=not show_progress)
+    frames = (picture.paint(moment_of(episode, time), note) for time in shown)
+
+    def samples() -> Iterator[NDArray[np.uint8]]:
+        other = Picture(moment_of(episode, times[0]), size, view)
+        return (other.paint(moment_of(episode, time), note) for time in times[:: -(-len(times) // SAMPLED)])
+
+    part = path.with_name(f"{path.name}.part")
+    try:
+        kind = path.suffix.lower()
+        if kind == ".mp4":
+            _write_mp4(frames, part, size, fps)
+        else:
+            _write_animation(frames, part, kind, fps, samples)
+        os.replace(part, path)
+    finally:
+        part.unlink(missing_ok=True)
+    return path
+
+
+def write_strip(episode: Episode, path: Path, *, count: int = 4, size: tuple[int, int] = (560, 400)) -> Path:
+    """Write `count` moments of an episode, evenly spread, as one picture of two columns; the suffix says the format."""
+    from PIL import Image
+
+    first, last = float(episode.time_s[0]), float(episode.time_s[-1])
+    picture = Picture(moment_of(episode, first), size)
+    page = Image.new("RGB", (2 * size[0], -(-count // 2) * size[1]))
+    for k, share in enumerate((np.arange(count) + 0.5) / count):
+        frame = picture.paint(moment_of(episode, first + share * (last - first)))
+        page.paste(Image.fromarray(frame), (k % 2 * size[0], k // 2 * size[1]))
+    part = path.with_name(f"{path.stem}.part{path.suffix}")
+    try:
+        page.save(part, quality=70)
+        os.replace(part, path)
+    finally:
+        part.unlink(missing_ok=True)
+    return path
+
+
+def film_times(episode: Episode, fps: float, speed: float) -> NDArray[np.floating]:
+    """Times (s, on the episode's clock) of the pictures of a film: at least one."""
+    first, last = float(episode.time_s[0]), float(episode.time_s[-1])
+    return np.arange(first, last + 1e-6, speed / fps)
+
+
+def _ffmpeg() -> Any:
+    try:
+        import imageio_ffmpeg
+    except ImportError as fault:
+        raise FilmError(
+            'an .mp4 takes imageio-ffmpeg: pip install "taichi-sim[film]"; .png, .gif and .webp are written without'
+        ) from fault
+    return imageio_ffmpeg
+
+
+def _write_mp4(frames: Iterable[NDArray[np.uint8]], part: Path, size: tuple[int, int], fps: float) -> None:
+    """H.264 that every player and browser shows."""
+    options = ["-crf", str(CRF), "-preset", "veryfast", "-movflags", "+faststart", "-f", "mp4"]
+    file = _ffmpeg().write_frames(
+        str(part), size, fps=fps, codec="libx264", quality=None, macro_block_size=2, output_params=options,
+        pix_fmt_in="rgb24", ffmpeg_log_level="error",
+    )  # fmt: skip
+    file.send(None)
+    try:
+        for frame in frames:
+            file.send(np.ascontiguousarray(frame))
+    finally:
+        file.close()
+    if not part.is_file() or not part.stat().st_size:
+        raise OSError(errno.EIO, "the film was not written", str(part))
+
+
+def _write_animation(frames: Iterable[NDArray[np.uint8]], part: Path, kind: str, fps: float, samples: Samples) -> None:
+    """A picture that moves, over and over."""
+    from PIL import Image
+
+    palette = None if kind == ".webp" else _palette(samples())
+    plain = Image.Dither.NONE  # grain would not pack
+    first, *pages = (
+        page if palette is None else page.quantize(palette=palette, dither=plain)
+        for page in map(Image.fromarray, frames)
+    )
+    how: dict[str, Any] = {"format": {".png": "PNG", ".gif": "GIF", ".webp": "WEBP"}[kind]}
+    how |= {".webp": {"quality": 60, "method": 3}, ".gif": {"optimize": False}, ".png": {}}[kind]
+    with part.open("wb") as file:
+        first.save(file, save_all=True, append_images=pages, duration=round(1000.0 / fps), loop=0, **how)
+
+
+def _palette(samples: Iterable[NDArray[np.uint8]]) -> Any:
+    """COLOURS out of some pictures; rare ones count more than there is of them: of a boat there are few pixels."""
+    from PIL import Image
+
+    pixels = np.concatenate([sample.reshape(-1, 3) for sample in samples])
+    kinds, counts = np.unique(pixels >> BINS, axis=0, return_counts=True)
+    often = np.repeat(kinds, np.ceil(counts**RARE).astype(int), axis=0)
+    colours = ((often << BINS) + (1 << BINS >> 1)).astype(np.uint8)
+    return Image.fromarray(colours[None]).quantize(COLOURS)

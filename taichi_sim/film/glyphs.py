@@ -1,0 +1,65 @@
+"""Small text on pictures: words are set once by Pillow in matplotlib's own sans serif, and laid over pixels."""
+
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from taichi_sim.recording.palette import Colour
+
+INK, PAPER = (248, 250, 252), (10, 24, 36)
+
+
+@lru_cache(maxsize=8)
+def _font(size: int):
+    import matplotlib
+    from PIL import ImageFont
+
+    return ImageFont.truetype(str(Path(matplotlib.get_data_path()) / "fonts/ttf/DejaVuSans.ttf"), size)
+
+
+@lru_cache(maxsize=512)
+def _words(text: str, size: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Cover [high, wide, 1] of the letters, from 0 to 1, and of what is round them."""
+    from PIL import Image, ImageDraw
+
+    font, edge = _font(size), max(1, size // 9)
+    left, top, right, bottom = (int(number) for number in font.getbbox(text, stroke_width=edge))
+    covers = []
+    for stroke in (0, edge):
+        page = Image.new("L", (right - left + 2, bottom - top + 2))
+        ImageDraw.Draw(page).text((1 - left, 1 - top), text, fill=255, font=font, stroke_width=stroke)
+        covers.append(np.asarray(page, np.float32)[..., None] / 255.0)
+    return covers[0], covers[1]
+
+
+def write(
+    picture: NDArray[np.uint8],
+    text: str,
+    at: tuple[float, float],
+    *,
+    size: int,
+    colour: Colour = INK,
+    anchor: tuple[float, float] = (0.0, 0.0),
+) -> None:
+    """Write `text` into a picture [high, wide, 3], its letters `size` px, edged in dark (or light, if it is dark).
+
+    at: column and row. anchor: which point of the text lies there, in its widths and heights from the upper left; the
+    text is moved to be inside the picture.
+    """
+    letters, around = _words(text, size)
+    high, wide = letters.shape[:2]
+    if high > picture.shape[0] or wide > picture.shape[1]:
+        return
+    x = int(np.clip(round(at[0] - anchor[0] * wide), 0, picture.shape[1] - wide))
+    y = int(np.clip(round(at[1] - anchor[1] * high), 0, picture.shape[0] - high))
+    part = picture[y : y + high, x : x + wide]
+    edge = PAPER if np.dot(colour, (0.3, 0.6, 0.1)) > 90 else INK
+    mixed = part + 0.75 * around * (np.array(edge, np.float32) - part)
+    part[:] = np.rint(mixed + letters * (np.array(colour, np.float32) - mixed)).astype(np.uint8)
+
+
+def lines_of(text: str, size: int, wide: int) -> bool:
+    """Whether `text` fits into `wide` px."""
+    return _words(text, size)[0].shape[1] <= wide

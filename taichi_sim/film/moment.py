@@ -1,0 +1,149 @@
+"""One moment of an episode: where everything is, and what is drawn beside it, between two recorded steps.
+
+Motion is interpolated, attitudes on the shorter way; things that a mission draws are where they were in the step
+before, moved towards the next where they are in both. What is not recorded (rl/render.py) is an episode of one step.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from taichi_sim.recording.episode import Array, Episode, Event, Scene, TeamTrack
+from taichi_sim.recording.frames import euler
+from taichi_sim.recording.overlays import Geometry
+from taichi_sim.recording.palette import Livery
+
+TRAIL_S = 25.0  # how much of a vehicle's way is shown
+TRAIL_POINTS = 80  # of it, at most
+JUMP_M = 5.0  # a trail is broken where a vehicle moves farther than its speed allows by this much
+OVERLAY_ARRAYS = ("points_n", "position_n", "size_m", "half_axes_m", "heading", "origin_n", "vector_n")
+ANGLES = ("heading",)
+
+
+class TeamMoment(NamedTuple):
+    """One team at one moment; frames and units as in TeamTrack, without the time axis."""
+
+    track: TeamTrack  # what does not change
+    livery: Livery
+    position_n: Array  # [V, 3]
+    quaternion_nb: Array  # [V, 4]
+    velocity_n: Array  # [V, 3]
+    course: float  # rad, where the team is bound
+    target_n: Array | None  # [3]
+    slot_n: Array | None  # [V, 3]
+    trail_n: Array  # [n, V, 3] the way here, oldest first; NaN where a vehicle was put elsewhere
+
+    @property
+    def heading(self) -> Array:
+        """[V] rad, where the bows point."""
+        return euler(self.quaternion_nb)[2]
+
+
+class Happened(NamedTuple):
+    """An event, and where."""
+
+    event: Event
+    place_n: Array  # [3] m
+
+
+class Moment(NamedTuple):
+    """All that a picture shows."""
+
+    name: str
+    time_s: float
+    teams: dict[str, TeamMoment]
+    scene: Scene
+    overlays: tuple[Geometry, ...]  # of one frame each
+    waves: Array | None  # [6, component] now; None: only `elevation` is known
+    elevation: Callable[[Array, Array], Array]  # (north, east) -> m, up
+    events: tuple[Happened, ...]  # so far
+    wind_n: Array | None  # [3] m/s, where it blows to
+
+    def finite(self) -> bool:
+        """Whether everybody is somewhere."""
+        states = (part for team in self.teams.values() for part in (team.position_n, team.quaternion_nb))
+        return all(np.isfinite(state).all() for state in states)
+
+
+def moment_of(episode: Episode, time_s: float) -> Moment:
+    """The moment `time_s` (s) on the episode's clock; before its beginning or after its end, that."""
+    clock = np.asarray(episode.time_s, dtype=np.float64)
+    now = float(np.clip(time_s, clock[0], clock[-1]))
+    step = int(np.clip(np.searchsorted(clock, now, side="right") - 1, 0, max(len(clock) - 2, 0)))
+    after = min(step + 1, len(clock) - 1)
+    share = (now - clock[step]) / (clock[after] - clock[step]) if after > step else 0.0
+
+    def between(array: Any) -> Any:
+        return None if array is None else _between(array[step], array[after], share)
+
+    liveries, teams = episode.liveries, {}
+    for name, track in episode.teams.items():
+        quaternion = _turned(track.quaternion_nb[step], track.quaternion_nb[after], share)
+        turn = track.target_course
+        course = euler(quaternion)[2][0] if turn is None else _angle(turn[step], turn[after], share)
+        teams[name] = TeamMoment(
+            track, liveries[name], between(track.position_n), quaternion, between(track.velocity_n), float(course),
+            between(track.target_n), between(track.slot_n), _trail(track, clock, step, now, between(track.position_n)),
+        )  # fmt: skip
+    return Moment(
+        name=episode.name,
+        time_s=now,
+        teams=teams,
+        scene=episode.scene,
+        overlays=tuple(_still(one, step, after, share) for one in episode.overlays if isinstance(one, Geometry)),
+        waves=None if episode.waves is None else episode.waves(now),
+        elevation=lambda north, east: episode.elevation(north, east, now),
+        events=tuple(_happened(episode, event) for event in episode.events if event.time_s <= now + 1e-6),
+        wind_n=between(episode.wind_n),
+    )
+
+
+def _happened(episode: Episode, event: Event) -> Happened:
+    step = min(int(np.searchsorted(episode.time_s, event.time_s - 1e-6)), len(episode.time_s) - 1)
+    return Happened(event, episode.teams[event.team].position_n[step, event.vehicle])
+
+
+def _between(one: Array, other: Array, share: float) -> Array:
+    """Between two arrays; what is not in the other stays where it was."""
+    one, other = np.asarray(one, dtype=np.float64), np.asarray(other, dtype=np.float64)
+    return one + share * np.where(np.isfinite(other), other - one, 0.0)
+
+
+def _angle(one: Array, other: Array, share: float) -> Array:
+    return one + share * np.nan_to_num(np.mod(other - one + np.pi, 2.0 * np.pi) - np.pi)
+
+
+def _turned(one: Array, other: Array, share: float) -> Array:
+    """Between two quaternions [V, 4], on the shorter way."""
+    one, other = np.asarray(one, dtype=np.float64), np.asarray(other, dtype=np.float64)
+    other = np.where((one * other).sum(axis=-1, keepdims=True) < 0.0, -other, other)
+    found = _between(one, other, share)
+    return found / np.maximum(np.linalg.norm(found, axis=-1, keepdims=True), 1e-12)
+
+
+def _trail(track: TeamTrack, clock: Array, step: int, now: float, here: Array) -> Array:
+    """The last seconds, the same points in every picture but for the newest, which is `here`."""
+    first = int(np.searchsorted(clock, now - TRAIL_S))
+    apart = max(1, -(-int(np.searchsorted(clock, clock[first] + TRAIL_S) - first) // TRAIL_POINTS))
+    steps = np.arange(-(-first // apart) * apart, step + 1, apart)
+    way = np.concatenate([track.position_n[steps], here[None]]).astype(np.float64)
+    if len(steps):
+        seconds = np.diff(np.append(clock[steps], now))[:, None]
+        reach = np.linalg.norm(track.velocity_n[steps], axis=-1) * seconds
+        jumped = np.linalg.norm(np.diff(way, axis=0), axis=-1) > 2.0 * reach + JUMP_M
+        way[:-1][jumped] = np.nan
+    return way
+
+
+def _still(overlay: Any, step: int, after: int, share: float) -> Any:
+    """An overlay of one frame."""
+    found = {}
+    for name in OVERLAY_ARRAYS:
+        array = getattr(overlay, name, None)
+        if array is not None:
+            last = len(array) - 1  # what stands still has one frame
+            one, other = array[min(step, last)], array[min(after, last)]
+            found[name] = (_angle if name in ANGLES else _between)(one, other, share)[None]
+    return replace(overlay, **found)

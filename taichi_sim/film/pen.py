@@ -1,0 +1,158 @@
+"""A pen that draws lines and bodies, each for some of the views.
+
+Lengths are m, places in n (north-east-down); widths are px of a picture 480 px high.
+"""
+
+from collections.abc import Sequence
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+
+from taichi_sim.film.shapes import NO_SOLIDS, NO_STROKES, Solids, Strokes
+from taichi_sim.recording.episode import Array
+from taichi_sim.recording.meshes import Mesh
+from taichi_sim.recording.palette import Colour
+
+Where = Literal["world", "map", "both", "aloft"]
+"""In the 3D views, on the map, in both, in all 3D views but those that follow boats."""
+SHOWN = {"near": ("world", "both"), "far": ("world", "both", "aloft"), "map": ("map", "both")}
+"""Kind of view -> what is seen there."""
+SIDES = 20  # of a cylinder
+ROUND = np.linspace(0.0, 2.0 * np.pi, SIDES + 1)
+HEAD = 0.22  # length of an arrow's head, of the arrow's
+
+
+class Label(NamedTuple):
+    """Words at a place."""
+
+    place_n: Array  # [3] m
+    text: str
+    colour: Colour
+
+
+class Drawing(NamedTuple):
+    """What was drawn for one kind of view."""
+
+    solids: Solids
+    strokes: Strokes  # widths are px of a picture 480 px high
+    labels: tuple[Label, ...]
+
+
+class Pen:
+    """Collects what is drawn."""
+
+    def __init__(self) -> None:
+        """Nothing is drawn yet."""
+        self._strokes: list[tuple[Where, Strokes]] = []
+        self._solids: list[tuple[Where, Solids]] = []
+        self._labels: list[tuple[Where, Label]] = []
+
+    def lines(self, points_n: Array, colour: Colour, width: float = 1.5, lift: float = 0.0, where: Where = "both"):
+        """Line strips [..., P, 3]; they are broken where a point is not finite."""
+        points = np.asarray(points_n, dtype=np.float64)
+        ends = np.stack([points[..., :-1, :], points[..., 1:, :]], axis=-2).reshape(-1, 2, 3)
+        self._add(ends[np.isfinite(ends).all(axis=(1, 2))], colour, width, lift, where)
+
+    def dots(self, places_n: Array, colour: Colour, width: float = 4.0, lift: float = 0.0, where: Where = "both"):
+        """Square dots at [..., 3]."""
+        places = np.asarray(places_n, dtype=np.float64).reshape(-1, 1, 3)
+        ends = places[np.isfinite(places).all(axis=(1, 2))].repeat(2, axis=1)
+        self._add(ends, colour, width, lift, where)
+
+    def _add(self, ends: Array, colour: Colour, width: float, lift: float, where: Where) -> None:
+        n = len(ends)
+        if n:
+            shade = np.broadcast_to(np.array(colour, np.uint8), (n, 3))
+            self._strokes.append((where, Strokes(ends, shade, np.full(n, width), np.full(n, lift))))
+
+    def arrows(self, origin_n: Array, vector_n: Array, colour: Colour, width: float = 1.5, where: Where = "both"):
+        """Arrows [N, 3] with heads that lie level, or upright where the arrow does not."""
+        tip = origin_n + vector_n
+        aside = np.cross(vector_n, (0.0, 0.0, 1.0))
+        level = np.linalg.norm(aside, axis=-1, keepdims=True)
+        size = np.linalg.norm(vector_n, axis=-1, keepdims=True)
+        aside = np.where(level > 0.1 * size, aside * size / np.maximum(level, 1e-9), (0.0, 1.0, 0.0) * size)
+        barbs = [tip - HEAD * vector_n + sign * 0.5 * HEAD * aside for sign in (-1.0, 1.0)]
+        self.lines(np.stack([origin_n, tip], axis=1), colour, width, where=where)
+        self.lines(np.stack([barbs[0], tip, barbs[1]], axis=1), colour, width, where=where)
+
+    def solids(self, solids: Solids, where: Where = "both") -> None:
+        """Triangles as they are."""
+        self._solids.append((where, solids))
+
+    def cylinders(self, middle_n: Array, radius: Array, height: Array, colour: Colour, where: Where = "both") -> None:
+        """Upright cylinders about [N, 3]."""
+        known = np.isfinite(middle_n).all(axis=-1)
+        middle, radius, height = middle_n[known], radius[known, None], height[known, None]
+        if not len(middle):
+            return
+        ring = np.stack([np.cos(ROUND), np.sin(ROUND)], axis=-1)  # clockwise from above
+        rim = np.empty((len(middle), SIDES + 1, 3))
+        rim[..., :2] = middle[:, None, :2] + radius[..., None] * ring
+        rim[..., 2] = middle[:, 2:] - 0.5 * height
+        foot = rim + (0.0, 0.0, 1.0) * height[..., None]
+        hub = np.broadcast_to(middle[:, None] - 0.5 * height[..., None] * (0.0, 0.0, 1.0), rim.shape)
+        a, b, c, d = rim[:, :-1], rim[:, 1:], foot[:, 1:], foot[:, :-1]
+        corners = np.concatenate([np.stack(t, axis=2) for t in ((a, b, c), (a, c, d), (hub[:, 1:], a, b))], axis=1)
+        half = 0.5 * (ROUND[:-1] + ROUND[1:])
+        side = np.stack([np.cos(half), np.sin(half), 0.0 * half], axis=-1)
+        normals = np.concatenate([side, side, np.broadcast_to((0.0, 0.0, -1.0), side.shape)])
+        normals = np.broadcast_to(normals, (len(middle), *normals.shape)).reshape(-1, 3)
+        self.solids(_in_one_colour(corners.reshape(-1, 3, 3), normals, colour), where)
+
+    def ball(self, middle_n: Array, radius: float, colour: Colour, where: Where = "both") -> None:
+        """A ball about [3]."""
+        self.solids(_in_one_colour(middle_n + radius * BALL, BALL_NORMALS, colour), where)
+
+    def label(self, place_n: Array, text: str, colour: Colour, where: Where = "both") -> None:
+        """Words at [3]."""
+        if np.isfinite(place_n).all():
+            self._labels.append((where, Label(np.asarray(place_n, dtype=np.float64), text, colour)))
+
+    def drawing(self, kind: str) -> Drawing:
+        """What was drawn for a `kind` of view (SHOWN)."""
+        seen = SHOWN[kind]
+        strokes = [one for where, one in self._strokes if where in seen] or [NO_STROKES]
+        solids = [one for where, one in self._solids if where in seen] or [NO_SOLIDS]
+        labels = tuple(label for where, label in self._labels if where in seen)
+        return Drawing(Solids(*_joined(solids)), Strokes(*_joined(strokes)), labels)
+
+
+def faces_of(mesh: Mesh) -> Solids:
+    """The faces of a mesh, in its own frame b."""
+    corners = mesh.vertices_b.reshape(-1, 3, 3).astype(np.float64)
+    return Solids(corners, mesh.normals_b[::3].astype(np.float64), mesh.colours[::3])
+
+
+def moved(body: Solids, position_n: Array, R_nb: Array, scale: float = 1.0) -> Solids:
+    """A body in n, `scale` times its size."""
+    return Solids(position_n + scale * (body.corners_n @ R_nb.T), body.normals_n @ R_nb.T, body.colours)
+
+
+def joined(*solids: Solids) -> Solids:
+    """Several as one."""
+    return Solids(*_joined(solids))
+
+
+def _in_one_colour(corners: Array, normals: Array, colour: Colour) -> Solids:
+    return Solids(corners, normals, np.broadcast_to(np.array(colour, np.uint8), normals.shape))
+
+
+def _joined(parts: Sequence[tuple]) -> list[Any]:
+    return [np.concatenate(columns) for columns in zip(*parts, strict=True)]
+
+
+def _ball() -> Array:
+    """An octahedron whose faces are parted twice: [128, 3, 3], on the unit sphere."""
+    signs = [(x, y, z) for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)]
+    faces = np.array([[(x, 0.0, 0.0), (0.0, y, 0.0), (0.0, 0.0, z)] for x, y, z in signs])
+    for _ in range(2):
+        a, b, c = faces[:, 0], faces[:, 1], faces[:, 2]
+        ab, bc, ca = a + b, b + c, c + a
+        ab, bc, ca = (m / np.linalg.norm(m, axis=-1, keepdims=True) for m in (ab, bc, ca))
+        faces = np.concatenate([np.stack(t, axis=1) for t in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))])
+    return faces
+
+
+BALL = _ball()
+BALL_NORMALS = BALL.mean(axis=1) / np.linalg.norm(BALL.mean(axis=1), axis=-1, keepdims=True)

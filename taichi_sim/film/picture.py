@@ -1,0 +1,255 @@
+"""One picture of a moment: its views side by side, with their words.
+
+With one team the picture follows it, with a small map in the corner. With several there is a large view (the overview,
+where the recording has one, else the first team), and beside it one of another team over the map. A picture that is
+small is one view without words.
+"""
+
+from collections.abc import Collection
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from taichi_sim.film.camera import Array, Camera
+from taichi_sim.film.draw import Cast, draw_moment
+from taichi_sim.film.glyphs import lines_of, write
+from taichi_sim.film.moment import Moment
+from taichi_sim.film.pen import Drawing, Pen, joined
+from taichi_sim.film.raster import Raster
+from taichi_sim.film.rigs import Follow, Map, Overview, Rig
+from taichi_sim.film.shapes import Solids
+from taichi_sim.film.water import NO_WATER, water_seen
+from taichi_sim.recording.palette import Colour
+
+Pixels = NDArray[np.uint8]
+LEAST, MOST_PX = (64, 48), 4096  # px of a picture
+SMALL = 300  # px: pictures that are lower or less wide show one view
+MAIN = 0.62  # width of the large view
+INSET, GAP = 0.3, 2  # height of a map in the corner; px between views
+FAR_PX, NEAR_PX = 36.0, 50.0  # how long bodies are drawn in an overview, and behind aircraft, if mates leave room
+MOST = 25.0  # times their size, at most
+ROOM = 0.8  # of the distance to the nearest mate, that a body may fill
+ARROW = np.array([(0.7, 0.0, 0.0), (-0.5, 0.4, 0.0), (-0.3, 0.0, 0.0), (-0.5, -0.4, 0.0), (0.7, 0.0, 0.0)])
+MARK_PX = 8.0  # length of a vehicle's mark on the map
+EVENT_S = 4.0  # how long the words of an event are shown
+DARK = (30, 52, 70)
+
+
+class View(NamedTuple):
+    """A part of the picture."""
+
+    left: int
+    top: int
+    raster: Raster
+    rig: Rig
+    kind: str  # "near", "far" or "map" (pen.SHOWN)
+    title: str
+    teams: dict[str, float]  # whose bodies are drawn so long, px of a picture 480 px high, at least
+
+
+def check_picture(size: tuple[int, int], view: str, teams: Collection[str] | None) -> None:
+    """Refuse a picture that cannot be, of `teams`, if they are known.
+
+    Raises:
+        ValueError: for a size out of range or an unknown view.
+    """
+    if not (LEAST[0] <= size[0] <= MOST_PX and LEAST[1] <= size[1] <= MOST_PX):
+        raise ValueError(f"a picture of {size[0]}x{size[1]}: allowed is {LEAST[0]}x{LEAST[1]} to {MOST_PX}x{MOST_PX}")
+    if teams is not None and view not in (allowed := ("auto", "overview", "map", *teams)):
+        raise ValueError(f"view {view!r}: allowed are {', '.join(allowed)}")
+
+
+class Picture:
+    """Draws pictures of one size, of moments that come in order."""
+
+    def __init__(self, moment: Moment, size: tuple[int, int], view: str = "auto", cast: Cast | None = None) -> None:
+        """Arrange the views for what there is in `moment`.
+
+        Args:
+            moment: who takes part, and in what. size: width and height, px.
+            view: "auto"; or one view alone: "overview", "map", or a team's name.
+            cast: bodies that several pictures of one mission share.
+
+        Raises:
+            ValueError: for a size or a view that cannot be.
+        """
+        check_picture(size, view, moment.teams)
+        self.size = size
+        self._last: Pixels = np.full((size[1], size[0], 3), 128, np.uint8)
+        self._cast, self._views = cast or Cast(), _arranged(moment, size, view)
+
+    def paint(self, moment: Moment, note: str = "") -> Pixels:
+        """A picture [high, wide, 3]; `note` stands beside the time. Where a state is not finite it is the last one."""
+        if not moment.finite():
+            return self._last.copy()
+        wide, high = self.size
+        picture = np.full((high, wide, 3), 255, np.uint8)
+        with_words = min(wide, high) >= SMALL or (wide >= SMALL and high >= 0.7 * SMALL)
+        pen = Pen()
+        draw_moment(pen, moment)
+        for view in self._views:
+            part = self._view(moment, view, pen, with_words)
+            picture[view.top : view.top + part.shape[0], view.left : view.left + part.shape[1]] = part
+        if with_words:
+            self._words(picture, moment, note)
+        self._last = picture
+        return picture.copy()
+
+    def _view(self, moment: Moment, view: View, pen: Pen, with_words: bool) -> Pixels:
+        """One part of the picture."""
+        size = view.raster.size
+        camera = view.rig.camera(moment, size[0] / size[1])
+        own, scales, water = Pen(), {}, NO_WATER
+        if view.kind == "map":
+            _mark(own, moment, MARK_PX * _metres(camera, size))
+        else:
+            scales = _scales(moment, camera, view)
+            self._cast.bodies(own, moment, scales)
+            water = water_seen(camera, size, moment)
+        drawing = pen.drawing(view.kind)
+        solids = joined(drawing.solids, own.drawing(view.kind).solids)
+        strokes = drawing.strokes._replace(width_px=np.maximum(drawing.strokes.width_px * _thick(size), 1.0))
+        part = view.raster.draw(camera, solids, strokes, water)
+        if with_words:
+            _label(part, moment, view, camera, drawing, scales)
+            _caption(part, view, camera, scales)
+        return part
+
+    def _words(self, picture: Pixels, moment: Moment, note: str) -> None:
+        """The clock, and what has just happened."""
+        size = _letters(self.size[1])
+        clock = f"{moment.name}   {int(moment.time_s // 60)}:{moment.time_s % 60:04.1f}{note}"
+        write(picture, clock, (size * 0.6, size * 0.5), size=size)
+        fresh = [event for event, _ in moment.events if moment.time_s - event.time_s < EVENT_S]
+        for line, event in enumerate(fresh[-3:]):
+            write(picture, event.text, (size * 0.6, size * (2.0 + 1.4 * line)), size=size, colour=(255, 140, 120))
+
+
+def _arranged(moment: Moment, size: tuple[int, int], view: str) -> list[View]:
+    """Which views there are, and where."""
+    wide, high = size
+    teams = list(moment.teams)
+    wet = [name for name, team in moment.teams.items() if team.track.on_water]
+    first = wet[0] if wet else teams[0]
+    overview = moment.scene.overview
+
+    def of(name: str, left: int, top: int, right: int, bottom: int) -> View:
+        raster = Raster(right - left, bottom - top)
+        if name == "map":
+            return View(left, top, raster, Map(), "map", "", {})
+        if name == "overview":
+            rig = Overview(overview[0] if overview else first)
+            return View(left, top, raster, rig, "far", "", dict.fromkeys(teams, FAR_PX))
+        title = f"{name} team" if len(teams) > 1 else ""
+        if name in wet:
+            return View(left, top, raster, Follow(name), "near", title, {})
+        return View(left, top, raster, Follow(name), "far", title, {name: NEAR_PX})
+
+    large = ("overview" if overview else first) if view == "auto" else view
+    if min(wide / 4 * 3, high) < 0.75 * SMALL or view in ("map", "overview"):
+        return [of(large, 0, 0, wide, high)]
+    if len(teams) == 1 or view != "auto":
+        side = int(INSET * high)
+        return [of(large, 0, 0, wide, high), of("map", wide - side - 3 * GAP, 3 * GAP, wide - 3 * GAP, side + 3 * GAP)]
+    across, down = int(MAIN * wide) // 2 * 2, high // 2
+    other = first if overview else next(name for name in teams if name != first)
+    return [
+        of(large, 0, 0, across, high),
+        of(other, across + GAP, 0, wide, down),
+        of("map", across + GAP, down + GAP, wide, high),
+    ]
+
+
+def _metres(camera: Camera, size: tuple[int, int]) -> float:
+    """m that a px of the map is wide."""
+    return -float(camera.eye_n[2]) / (camera.focal * size[1])
+
+
+def _thick(size: tuple[int, int]) -> float:
+    """Factor of widths: small views have thinner lines."""
+    return float(np.clip(min(size[1], 0.75 * size[0]) / 480.0, 0.62, 3.0))
+
+
+def _letters(high: int) -> int:
+    """px of letters in a picture so high."""
+    return int(np.clip(round(0.029 * high), 10, 40))
+
+
+def _scales(moment: Moment, camera: Camera, view: View) -> dict[str, float]:
+    """How many times their size the bodies of teams are drawn, so that they are seen from afar: all boats alike."""
+    found, size = {}, view.raster.size
+    for name, least in view.teams.items():
+        team = moment.teams[name]
+        length = max(team.track.size_m[:2])
+        away = float(np.mean(camera.pixels(team.position_n, size)[..., 2]))
+        wanted = least * _thick(size) * max(away, 1.0) / (camera.focal * size[1] * length)
+        if len(team.position_n) > 1:
+            apart = np.linalg.norm(team.position_n[:, None] - team.position_n, axis=-1)
+            apart[np.diag_indices(len(apart))] = np.inf
+            wanted = min(wanted, ROOM * float(np.median(apart.min(axis=1))) / length)
+        found[name] = float(np.clip(wanted, 1.0, MOST))
+    media = {name: moment.teams[name].track.medium for name in found}
+    return {name: min(found[other] for other in found if media[other] == media[name]) for name in found}
+
+
+def _mark(pen: Pen, moment: Moment, metres: float) -> None:
+    """An arrowhead for each vehicle on the map, `metres` long."""
+    for team in moment.teams.values():
+        for vehicle, (place, turn) in enumerate(zip(team.position_n, team.heading, strict=True)):
+            for grow, down, colour in ((1.5, 0.0, (255, 255, 255)), (1.0, -1.0, team.livery.of(vehicle))):
+                cos, sin = np.cos(turn), np.sin(turn)
+                shape = grow * metres * ARROW @ np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
+                shape = shape + place * (1, 1, 0) + (0.0, 0.0, -200.0 + 50.0 * down)
+                corners = np.stack([shape[[0, 1, 2]], shape[[0, 2, 3]]])
+                shade = np.broadcast_to(np.array(colour, np.uint8), (2, 3))
+                pen.solids(Solids(corners, np.zeros((2, 3)), shade), "map")
+
+
+def _label(
+    part: Pixels, moment: Moment, view: View, camera: Camera, drawing: Drawing, scales: dict[str, float]
+) -> None:
+    """Names of the teams above their first vehicles, and of what a mission labels, none over another."""
+    letters = _letters(max(view.raster.size[1], 360))
+    marks: list[tuple[Array, str, Colour, float]] = []
+    if len(moment.teams) > 1 and not view.title:
+        for name, team in moment.teams.items():
+            rise = 0.5 * scales.get(name, 0.0) * max(team.track.size_m)
+            marks.append((team.position_n[0], name.upper(), team.livery.first, rise))
+    marks += [(label.place_n, label.text, label.colour, 0.0) for label in drawing.labels]
+    taken: list[tuple[float, float, float]] = []
+    for place, text, colour, rise in marks:
+        column, row, ahead = camera.pixels(place, view.raster.size)
+        if ahead > 0.0 and 0.0 <= column < part.shape[1] and 0.0 <= row < part.shape[0]:
+            row -= 0.6 * letters + rise / ahead * camera.focal * view.raster.size[1]
+            wide = 0.75 * letters * len(text)
+            while any(abs(row - r) < 1.2 * letters and abs(column - c) < 0.5 * (wide + w) for c, r, w in taken):
+                row -= 0.5 * letters
+            taken.append((column, row, wide))
+            tint = _light(colour) if view.kind != "map" else colour
+            write(part, text, (column, row), size=letters, colour=tint, anchor=(0.5, 1.0))
+
+
+def _light(colour: Colour) -> Colour:
+    """A colour that is read on the sea."""
+    red, green, blue = (int(0.45 * part + 0.55 * 255) for part in colour)
+    return red, green, blue
+
+
+def _caption(part: Pixels, view: View, camera: Camera, scales: dict[str, float]) -> None:
+    """What a view is, below at the left: of an overview how much larger bodies are drawn, of the map its scale."""
+    letters = _letters(max(view.raster.size[1], 360))
+    high, wide = part.shape[:2]
+    if view.kind == "map":
+        metres = _metres(camera, view.raster.size)
+        power = 10.0 ** np.floor(np.log10(0.4 * wide * metres))
+        length = max(step * power for step in (1.0, 2.0, 5.0) if step * power <= 0.4 * wide * metres)
+        row, left = high - 6, 8
+        part[row - 1 : row + 1, left : left + int(length / metres)] = DARK
+        write(part, f"{length:g} m", (left, row - 3), size=letters, colour=DARK, anchor=(0.0, 1.0))
+        part[[0, -1]], part[:, [0, -1]] = 250, 250
+        return
+    larger = ", ".join(f"{name} {scale:.0f}x" for name, scale in scales.items() if scale >= 1.5)
+    text = "; ".join(words for words in (view.title, f"drawn larger: {larger}" if larger else "") if words)
+    if text and lines_of(text, letters, wide - 12):
+        write(part, text, (6, high - 5), size=letters, anchor=(0.0, 1.0))
