@@ -22,7 +22,7 @@ class Drift:
         """`k_i` 1/s^2, `top_speed` m/s, `interval` s."""
         self.interval, self.step, self.most = interval, k_i * interval, DRIFT_SHARE * top_speed
         self.place: Tensor | None = None
-        self.moved, self.value = torch.zeros(0), torch.zeros(0)
+        self.moved, self.value, self.given = torch.zeros(0), torch.zeros(0), torch.zeros(0)
 
     def at(self, position: Tensor, begins: Tensor) -> Tensor:
         """The drift [env, vehicle, 2] (m/s) of vehicles now at `position` [env, vehicle, 2] (m), in environments where
@@ -30,11 +30,13 @@ class Drift:
         """
         if self.place is None or self.place.shape != position.shape:
             self.place, self.value = position.clone(), torch.zeros_like(position)
+            self.given = self.value
         fresh = begins.view(-1, 1, 1)
         self.value = torch.where(fresh, 0.0, self.value)
-        self.moved = ~fresh & (position != self.place).any(-1, keepdim=True)  # else asked again about the same moment
+        self.moved = ~fresh & (position != self.place).any(-1, keepdim=True)
+        self.given = torch.where(self.moved | fresh, self.value, self.given)  # or asked again about the same moment
         self.place = position.clone()
-        return self.value
+        return self.given
 
     def learn(self, error: Tensor, able: Tensor) -> None:
         """Integrate `error` [env, vehicle, 2] (m) of those who are `able` [env, vehicle, 1] to follow."""
