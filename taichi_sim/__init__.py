@@ -19,12 +19,19 @@ _os.environ.setdefault("GOMP_SPINCOUNT", "30000")
 __version__ = "0.1.0"
 
 # Names only: Gymnasium imports the adapters when an environment is made.
-for _name, _team in (("UsvFormation", "usv"), ("UavFormation", "uav")):
+for _name, _scenario, _team, _other in (
+    ("UsvFormation", "paper", "usv", "absent"),
+    ("UavFormation", "paper", "uav", "absent"),
+    ("OtterFormation", "otter", "usv", "absent"),
+    ("AerosondeFormation", "aerosonde", "uav", "absent"),
+    ("EscortUsv", "escort", "usv", "absent"),  # scripted scouts fly in the place of the aircraft
+    ("EscortUav", "escort", "uav", "classical"),  # aircraft are paid for what the boats make of their messages
+):
     _gymnasium.register(
         id=f"taichi_sim/{_name}-v0",
         entry_point="rl.gym:TeamEnv",
         vector_entry_point="rl.gym:TeamVectorEnv",
-        kwargs={"team": _team},
+        kwargs={"team": _team, "scenario": _scenario, "other": _other},
     )
 
 _PUBLIC = {
