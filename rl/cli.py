@@ -137,10 +137,12 @@ def user_errors() -> tuple[type[Exception], ...]:
     from rl.mission import ControllerError
     from rl.runs.folder import RunError
     from taichi_sim.config import ConfigError
+    from taichi_sim.extras import MissingExtraError
     from taichi_sim.sea import SteepSeaError
     from taichi_sim.world import ActionError
 
-    return ConfigError, ControllerError, RunError, CheckpointError, SteepSeaError, ActionError, DivergedError
+    wrong_input = ConfigError, ActionError, SteepSeaError
+    return *wrong_input, ControllerError, RunError, CheckpointError, DivergedError, MissingExtraError
 
 
 def run(main: Callable[[list[str] | None], None], argv: list[str] | None = None) -> int:

@@ -34,7 +34,10 @@ for _name, _scenario, _team, _other in (
         kwargs={"team": _team, "scenario": _scenario, "other": _other},
     )
 
+# Also of rl, by name only: nothing of it is imported before it is asked for.
 _PUBLIC = {
+    "rl.batched": ("BatchedEnv",),
+    "rl.marl": ("batched_env", "parallel_env"),
     "taichi_sim.air": ("Wind",),
     "taichi_sim.bench": ("Bench", "calm_sea"),
     "taichi_sim.config": (
@@ -55,7 +58,7 @@ _PUBLIC = {
     "taichi_sim.usv.vessel": ("Vessel",),
     "taichi_sim.vehicle": ("Limits", "Vehicle"),
     "taichi_sim.vehicles": ("load_vehicle", "shipped_vehicles"),
-    "taichi_sim.world": ("World",),
+    "taichi_sim.world": ("ActionError", "World"),
 }  # fmt: skip
 _HOME = {name: module for module, names in _PUBLIC.items() for name in names}
 __all__ = sorted(_HOME)  # pyright: ignore[reportUnsupportedDunderAll]
@@ -72,4 +75,4 @@ def __getattr__(name: str) -> _Any:
 
 def __dir__() -> list[str]:
     """Public names, for completion."""
-    return sorted({*globals(), *__all__})
+    return sorted({name for name in {*globals(), *__all__} if name.startswith("__") or not name.startswith("_")})
