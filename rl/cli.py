@@ -205,12 +205,13 @@ def user_errors() -> tuple[type[Exception], ...]:
     from rl.mission import ControllerError
     from rl.runs.folder import RunError
     from taichi_sim.config import ConfigError
+    from taichi_sim.extras import MissingExtraError
     from taichi_sim.film.files import FilmError
     from taichi_sim.recording.ros import BagError
     from taichi_sim.sea import SteepSeaError
     from taichi_sim.world import ActionError
 
-    of_files = ConfigError, RunError, CheckpointError, FilmError, BagError
+    of_files = ConfigError, RunError, CheckpointError, FilmError, BagError, MissingExtraError
     return *of_files, ControllerError, SteepSeaError, ActionError, DivergedError
 
 

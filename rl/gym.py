@@ -1,4 +1,4 @@
-"""Gymnasium's view of one team: `taichi_sim/UsvFormation-v0` and `taichi_sim/UavFormation-v0`.
+"""Gymnasium's view of one team, `taichi_sim/UsvFormation-v0` and others (registered in taichi_sim/__init__.py).
 
 The vehicles of the team are stacked in one action and one observation, vehicle 0 (the leader) first:
 
@@ -21,7 +21,7 @@ The vehicles of the team are stacked in one action and one observation, vehicle 
 import math
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -33,17 +33,11 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from torch import Tensor
 
-from rl.mission import Mission, Step, Team
+from rl.mission import Mission, Step
 from rl.missions import load_scenario, make_mission
+from rl.others import policy_of_other
 from rl.render import MODES, Pictures, frames_per_second
-from rl.runs.folder import CONFIG, RunError, load_config
-from rl.scenario import Scenario
 from taichi_sim.config.io import find_config
-
-if TYPE_CHECKING:  # rsl-rl doubles the time to import: only a frozen policy needs it
-    from rl.learn.policy import Policy
-
-OTHERS = "'absent', 'constant', 'classical', or the path of a run folder or of a checkpoint in one"
 
 
 class TeamVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
@@ -107,7 +101,7 @@ class TeamVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         worlds_seed = config.seed if seed is None else seed
         self.task: Mission = make_mission(config, num_envs, seed=worlds_seed, teams=teams, source=source)
         others = [rival for name, rival in self.task.teams.items() if name != team]
-        self._frozen = {rival.name: _frozen_policy(other, rival, config) for rival in others}
+        self._frozen = {rival.name: policy_of_other(other, rival, config) for rival in others}
         self._ended = np.zeros(num_envs, dtype=bool)  # and not yet begun anew
 
         self.render_mode = render_mode
@@ -299,39 +293,3 @@ def _masked(values: dict[str, np.ndarray], mask: np.ndarray) -> dict[str, Any]:
 
 def _alone(infos: dict[str, Any]) -> dict[str, Any]:
     return {key: value[0] for key, value in infos.items() if not key.startswith("_")}
-
-
-def _frozen_policy(other: str | Path, team: Team, config: Scenario) -> "Policy":
-    """What `team` acts by, it being one that does not learn.
-
-    Raises:
-        ValueError: if `other` is none of OTHERS, or made for another vehicle.
-        ControllerError: if the vehicle has no classical controller. RunError: if the run folder has no policy of it.
-        CheckpointError: if a file is unusable, or its policy made for other observations.
-    """
-    if other == "constant":
-        return lambda team: torch.zeros_like(team.action)
-    if other == "classical":
-        from rl.learn.policy import ClassicalPolicy
-
-        policy: Policy = ClassicalPolicy()
-    else:
-        policy = _trained_policy(Path(other), team.name, config)
-    given, taken = policy(team).shape[-1], len(team.fleet.model.action_names)
-    if given != taken:
-        raise ValueError(f"other = {str(other)!r}: it gives {given} actions, a {team.name} takes {taken}")
-    return policy
-
-
-def _trained_policy(path: Path, team: str, config: Scenario) -> "Policy":
-    """The newest policy of `team` in run folder `path`, or that of checkpoint `path`."""
-    from rl.learn.policy import TrainedPolicy, checkpoints
-
-    if not path.exists():
-        raise ValueError(f"other = {str(path)!r}: no such choice, folder or file; allowed are {OTHERS}")
-    run, saved = (path, checkpoints(path / team)) if path.is_dir() else (path.resolve().parent.parent, [path])
-    trained = load_config(run)[0] if path.is_dir() or (run / CONFIG).is_file() else config
-    stage = trained.stage_of(team)
-    if stage is None or not saved:
-        raise RunError(f"{path}: no trained {team} policy (no {team}/model_N.pt, or no stage that describes it)")
-    return TrainedPolicy.load(saved[-1], stage)

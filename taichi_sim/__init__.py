@@ -22,15 +22,25 @@ _os.environ.setdefault("GOMP_SPINCOUNT", "30000")
 __version__ = "0.1.0"
 
 # Names only: Gymnasium imports the adapters when an environment is made.
-for _name, _team in (("UsvFormation", "usv"), ("UavFormation", "uav")):
+for _name, _scenario, _team, _other in (
+    ("UsvFormation", "paper", "usv", "absent"),
+    ("UavFormation", "paper", "uav", "absent"),
+    ("OtterFormation", "otter", "usv", "absent"),
+    ("AerosondeFormation", "aerosonde", "uav", "absent"),
+    ("EscortUsv", "escort", "usv", "absent"),  # scripted scouts fly in the place of the aircraft
+    ("EscortUav", "escort", "uav", "classical"),  # aircraft are paid for what the boats make of their messages
+):
     _gymnasium.register(
         id=f"taichi_sim/{_name}-v0",
         entry_point="rl.gym:TeamEnv",
         vector_entry_point="rl.gym:TeamVectorEnv",
-        kwargs={"team": _team},
+        kwargs={"team": _team, "scenario": _scenario, "other": _other},
     )
 
+# Also of rl, by name only: nothing of it is imported before it is asked for.
 _PUBLIC = {
+    "rl.batched": ("BatchedEnv",),
+    "rl.marl": ("batched_env", "parallel_env"),
     "taichi_sim.air": ("Wind",),
     "taichi_sim.bench": ("Bench", "calm_sea"),
     "taichi_sim.config": (
@@ -51,7 +61,7 @@ _PUBLIC = {
     "taichi_sim.usv.vessel": ("Vessel",),
     "taichi_sim.vehicle": ("Limits", "Vehicle"),
     "taichi_sim.vehicles": ("load_vehicle", "shipped_vehicles"),
-    "taichi_sim.world": ("World",),
+    "taichi_sim.world": ("ActionError", "World"),
 }  # fmt: skip
 _HOME = {name: module for module, names in _PUBLIC.items() for name in names}
 __all__ = sorted(_HOME)  # pyright: ignore[reportUnsupportedDunderAll]
@@ -68,4 +78,4 @@ def __getattr__(name: str) -> _Any:
 
 def __dir__() -> list[str]:
     """Public names, for completion."""
-    return sorted({*globals(), *__all__})
+    return sorted({name for name in {*globals(), *__all__} if name.startswith("__") or not name.startswith("_")})

@@ -1,5 +1,8 @@
 """What type checkers see of taichi_sim/__init__.py: the public names."""
 
+from rl.batched import BatchedEnv as BatchedEnv
+from rl.marl import batched_env as batched_env
+from rl.marl import parallel_env as parallel_env
 from taichi_sim.air import Wind as Wind
 from taichi_sim.bench import Bench as Bench
 from taichi_sim.bench import calm_sea as calm_sea
@@ -77,6 +80,7 @@ from taichi_sim.vehicle import Limits as Limits
 from taichi_sim.vehicle import Vehicle as Vehicle
 from taichi_sim.vehicles import load_vehicle as load_vehicle
 from taichi_sim.vehicles import shipped_vehicles as shipped_vehicles
+from taichi_sim.world import ActionError as ActionError
 from taichi_sim.world import World as World
 
 __version__: str

@@ -13,10 +13,12 @@ class Steered(Protocol):
         fleet: the vehicles (taichi_sim/fleet.py), or what their instruments say (rl/scene/instruments.py).
         now: errors from their slots (geometry.py). target: what their leader tracks; targets: its table (targets.py).
         sensor: obstacles and team mates near them (rl/scene/sensors.py, contacts.py).
+        mission: its `steps` [env], decisions since the episode began.
         axes: of their velocities, 2 of vessels or 3. radius: of a vehicle, m.
     """
 
     fleet: Any
+    mission: Any
     now: Geometry
     target: Target
     targets: Any

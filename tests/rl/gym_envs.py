@@ -3,22 +3,42 @@
 from __future__ import annotations
 
 import functools
+import warnings
 
 import gymnasium
 import numpy as np
 import pytest
+from gymnasium.utils.env_checker import check_env
 
 import rl.gym  # noqa: F401  registers the environments
 
 IDS = ("taichi_sim/UsvFormation-v0", "taichi_sim/UavFormation-v0")
+MORE = tuple(f"taichi_sim/{name}-v0" for name in ("OtterFormation", "AerosondeFormation", "EscortUsv", "EscortUav"))
 SMALL = ("track.worlds=4", "sea.realisations=4", "obstacles.count=4")
 SHORT = (*SMALL, "episode_duration=1.0")  # 10 decisions
+ESCORT = ("escort.worlds=8", "sea.realisations=4", "sea.components=6", "episode_duration=2.0")  # the same
 REASONS = ("collided", "lost", "left")
 both = pytest.mark.parametrize("env_id", IDS)
 
 
-def make_vec(env_id: str, num_envs: int = 3, overrides=SHORT, **options):
-    return gymnasium.make_vec(env_id, num_envs=num_envs, overrides=overrides, **options)
+def short(env_id: str) -> tuple[str, ...]:
+    return ESCORT if "Escort" in env_id else SHORT
+
+
+def make_vec(env_id: str, num_envs: int = 3, overrides=None, **options):
+    return gymnasium.make_vec(env_id, num_envs=num_envs, overrides=overrides or short(env_id), **options)
+
+
+def gymnasium_accepts(env_id: str) -> None:
+    """Gymnasium's checker passes, and warns of unbounded observations only."""
+    env = gymnasium.make(env_id, overrides=short(env_id))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        check_env(env.unwrapped, skip_render_check=True)  # it opens a window: tests/rl/test_render.py draws
+    assert len(caught) == 2
+    for warning in caught:
+        assert "A Box observation space m" in str(warning.message)
+        assert "infinity" in str(warning.message)
 
 
 @functools.cache

@@ -4,34 +4,35 @@ from __future__ import annotations
 
 import subprocess
 import sys
-import warnings
 
 import gymnasium
 import numpy as np
 import pytest
 import torch
-from gym_envs import IDS, REASONS, SHORT, both, make_vec, rollout, same, shared
-from gymnasium.utils.env_checker import check_env, data_equivalence
+from gym_envs import IDS, MORE, REASONS, SHORT, both, gymnasium_accepts, make_vec, rollout, same, shared, short
+from gymnasium.utils.env_checker import data_equivalence
 from gymnasium.utils.env_match import check_environments_match
 from gymnasium.utils.passive_env_checker import data_shares_objects
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.wrappers import vector as wrappers
 
 from rl.gym import TeamEnv, TeamVectorEnv
+from rl.missions import load_scenario
+from taichi_sim.config.io import config_folder
 
 # -- Gymnasium's checks --------------------------------------------------------------------------------------
 
 
-@both
+@pytest.mark.parametrize("env_id", [*IDS, *(pytest.param(other, marks=pytest.mark.slow) for other in MORE)])
 def test_gymnasiums_checker_passes_and_warns_of_unbounded_observations_only(env_id: str) -> None:
-    env = gymnasium.make(env_id, overrides=SHORT)
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        check_env(env.unwrapped, skip_render_check=True)  # it opens a window (tests/rl/test_render.py draws)
-    assert len(caught) == 2
-    for warning in caught:
-        assert "A Box observation space m" in str(warning.message)
-        assert "infinity" in str(warning.message)
+    gymnasium_accepts(env_id)
+
+
+def test_every_team_that_a_shipped_scenario_trains_has_an_id() -> None:
+    ours = [spec.kwargs for spec in gymnasium.registry.values() if spec.namespace == "taichi_sim"]
+    scenarios = {file.stem: load_scenario(file) for file in config_folder().glob("*.toml")}
+    teams = {(name, team) for name, config in scenarios.items() for team in config.trained}
+    assert {(given["scenario"], given["team"]) for given in ours} == teams
 
 
 def test_an_environment_made_twice_is_the_same() -> None:
@@ -42,12 +43,17 @@ def test_an_environment_made_twice_is_the_same() -> None:
 
 
 @pytest.mark.parametrize(
-    ("env_id", "mode"), [(IDS[1], AutoresetMode.SAME_STEP), *((IDS[0], mode) for mode in AutoresetMode)]
+    ("env_id", "mode"),
+    [
+        (IDS[1], AutoresetMode.SAME_STEP),
+        *((IDS[0], mode) for mode in AutoresetMode),
+        *(pytest.param(other, AutoresetMode.SAME_STEP, marks=pytest.mark.slow) for other in MORE),
+    ],
 )
 def test_one_environment_steps_as_in_gymnasiums_vector_environment(env_id: str, mode: AutoresetMode) -> None:
     """Over several episodes: observations, rewards, endings, final observations and infos."""
     ours = make_vec(env_id, 1, autoreset_mode=mode)
-    reference = SyncVectorEnv([lambda: gymnasium.make(env_id, overrides=SHORT)], autoreset_mode=mode)
+    reference = SyncVectorEnv([lambda: gymnasium.make(env_id, overrides=short(env_id))], autoreset_mode=mode)
     assert ours.metadata["autoreset_mode"] is reference.metadata["autoreset_mode"] is mode
     for space in ("action_space", "observation_space", "single_action_space", "single_observation_space"):
         assert getattr(ours, space) == getattr(reference, space)
@@ -80,7 +86,7 @@ def test_gymnasiums_vector_wrappers_work() -> None:
 def test_a_module_in_the_id_is_all_that_needs_importing() -> None:
     """And no TimeLimit is wrapped around: the environment truncates itself."""
     code = (
-        "import gymnasium; id = 'rl.gym:taichi_sim/UsvFormation-v0';"
+        "import gymnasium; id = 'taichi_sim:taichi_sim/UsvFormation-v0';"
         "v = gymnasium.make_vec(id, num_envs=2, overrides=['track.worlds=2', 'sea.realisations=2']);"
         "print(v.reset(seed=1)[0].shape, v.spec.id, gymnasium.spec(id.partition(':')[2]).max_episode_steps)"
     )

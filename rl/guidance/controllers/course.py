@@ -94,7 +94,7 @@ class Course:
             self.least_speed, self.gains.closing_share * self.top_speed
         )
         share = (limit / chase.norm(dim=-1, keepdim=True).clamp(min=1e-6)).clamp(max=1.0)
-        direct, drift = slot + share * chase, self.drift.at(team.fleet.position_n[..., :2])
+        direct, drift = slot + share * chase, self.drift.at(team.fleet.position_n[..., :2], team.mission.steps == 0)
         wanted = self.avoid(team, direct)  # without the drift, which goes nowhere
         evading = (wanted - direct).norm(dim=-1, keepdim=True) > EVADING
         able = (share >= 1) & ~evading

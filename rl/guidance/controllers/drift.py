@@ -4,8 +4,7 @@ It is the integral of the position error, z' = k_i e, in n, where a current is c
 that it does not wind up it waits while the hull cannot do as it is told, or is further off than a drift explains, and
 it is limited. Far from a slot that itself may be anywhere, the course over ground is held instead: the integral of the
 velocity's error to the side of what is wanted, the integral action of line-of-sight guidance (Børhaug, Pavlov &
-Pettersen 2008, IEEE CDC, eq. 7, in terms of velocities). A vehicle that has moved further than it can travel was put
-there by a new episode: it forgets its drift.
+Pettersen 2008, IEEE CDC, eq. 7, in terms of velocities). An episode begins without a drift, whatever was before it.
 """
 
 import torch
@@ -13,7 +12,6 @@ from torch import Tensor
 
 COURSE_TIME = 8.0  # s of the integral of the course error; assumed
 COURSE_ERROR = 0.5  # its sine: greater ones are turns; assumed
-JUMP_SHARE = 3.0  # of the way at top speed in an interval: further is a jump; assumed
 DRIFT_SHARE = 0.2  # of the top speed, the most that is believed; assumed
 
 
@@ -23,19 +21,22 @@ class Drift:
     def __init__(self, k_i: float, top_speed: float, interval: float):
         """`k_i` 1/s^2, `top_speed` m/s, `interval` s."""
         self.interval, self.step, self.most = interval, k_i * interval, DRIFT_SHARE * top_speed
-        self.jump = JUMP_SHARE * top_speed * interval
         self.place: Tensor | None = None
-        self.moved, self.value = torch.zeros(0), torch.zeros(0)
+        self.moved, self.value, self.given = torch.zeros(0), torch.zeros(0), torch.zeros(0)
 
-    def at(self, position: Tensor) -> Tensor:
-        """The drift [env, vehicle, 2] (m/s) of vehicles now at `position` [env, vehicle, 2] (m)."""
+    def at(self, position: Tensor, begins: Tensor) -> Tensor:
+        """The drift [env, vehicle, 2] (m/s) of vehicles now at `position` [env, vehicle, 2] (m), in environments where
+        no episode `begins` [env].
+        """
         if self.place is None or self.place.shape != position.shape:
             self.place, self.value = position.clone(), torch.zeros_like(position)
-        moved = (position - self.place).norm(dim=-1, keepdim=True)
-        self.value = torch.where(moved < self.jump, self.value, 0.0)  # also where the place is not finite
-        self.moved = moved > 0  # else asked again about the same moment
+            self.given = self.value
+        fresh = begins.view(-1, 1, 1)
+        self.value = torch.where(fresh, 0.0, self.value)
+        self.moved = ~fresh & (position != self.place).any(-1, keepdim=True)
+        self.given = torch.where(self.moved | fresh, self.value, self.given)  # or asked again about the same moment
         self.place = position.clone()
-        return self.value
+        return self.given
 
     def learn(self, error: Tensor, able: Tensor) -> None:
         """Integrate `error` [env, vehicle, 2] (m) of those who are `able` [env, vehicle, 1] to follow."""

@@ -83,7 +83,7 @@ class Aircraft(Corrected):
             self.section.camera, self.section.sensors, picture.looks, picture.things, mission.hs, self.fleet, self.own,
             first=picture.groups[self.name].first, vehicles=number,
         )  # fmt: skip
-        picture.lookers.append(self.camera)
+        picture.lookers.append(self)
         self.known = KnownAircraft(self, picture, number)
         self.target = self.known.target
 
@@ -104,7 +104,11 @@ class Aircraft(Corrected):
             far = torch.cdist(self.fleet.position_n[..., :2].contiguous(), place)
             far = torch.hypot(far, self.fleet.position_n[..., 2:])
             self.in_range = (far < mission.config.radio.range).to(far).mean(-1)
+
+    def see(self, which: Tensor, rows: int, count: Tensor) -> None:
+        """Look where the vessel was believed to be when the last look was over, or was said to be at the beginning."""
         self.camera.aim(self.known.believed)
+        self.camera.see(which, rows, count)
 
     def conclude(self, which: Tensor, count: int) -> None:
         """What they know, once the picture is up to date."""
@@ -202,7 +206,7 @@ class KnownAircraft:
             team.section.sensors.scaled_contacts, team.sensor, team.fleet, self.fleet, team.interval, number
         )
         self.centre, self.centre_velocity = (
-            state.new_zeros((*state.shape[:2], 2)),
+            picture.rows(team.name)[..., NORTH : EAST + 1],  # a live view
             state.new_zeros((*state.shape[:2], 2)),
         )
         self.believed = self.centre

@@ -94,6 +94,7 @@ class Picture:
         here = torch.cat([g.own.position_n[envs, :, :2] for g in self.groups.values()], dim=1)
         way = cue.unsqueeze(1).to(here) - here
         self._course[envs] = torch.atan2(way[..., 1], way[..., 0])
+        self.targets[envs, :, NORTH : EAST + 1] = cue.unsqueeze(1).to(here)
 
     def update(self, which: Tensor, rows: int) -> None:
         """Look, talk, and make something of it, in environments [env] int32: 0 not at all, 1 after a step, 2 at the
@@ -109,9 +110,9 @@ class Picture:
         self.chart.say(which, rows)
         self.radio.talk(which, rows, mission.steps, mission.count)
         self.chart.keep(which, rows)
-        self._conclude()
+        self._conclude(which)
 
-    def _conclude(self) -> None:
+    def _conclude(self, which: Tensor) -> None:
         """Where the vessel is, and is bound, for each looker."""
         track = self.chart.tracks[:, :, 0]
         speed = torch.hypot(track[..., V_NORTH], track[..., V_EAST])
@@ -119,12 +120,12 @@ class Picture:
         self._course = torch.where(speed > SLOWEST, course, self._course)
         c, s = self._course.cos(), self._course.sin()
         self.age, self.sigma = track[..., AGE], track[..., P_PP].clamp(min=0.0).sqrt()
-        place = track[..., :2] + self._offset(track)
+        place = track[..., :2] + self._offset(track, which)
         t = self.targets
         t[..., NORTH], t[..., EAST] = place[..., 0], place[..., 1]
         t[..., COURSE], t[..., COS], t[..., SIN], t[..., SPEED] = self._course, c, s, speed
 
-    def _offset(self, track: Tensor) -> Tensor:
+    def _offset(self, track: Tensor, which: Tensor) -> Tensor:
         """Of the place to search at from where the vessel should be [env, looker, 2], m."""
         lost, dt = self._mission.config.escort.lost, self._mission.config.decision_interval
         away, pitches, speeds, turned, begins = [], [], [], [], []
@@ -139,7 +140,8 @@ class Picture:
         blind = track[..., AGE] > lost
         near = torch.cat(away, dim=1) < track.new_tensor(begins)
         on = blind & (near | (self._searching > 0))
-        self._searching = torch.where(on, self._searching + dt, 0.0)
+        searching = torch.where(on, self._searching + dt, 0.0)
+        self._searching = torch.where((which != 0).unsqueeze(-1), searching, self._searching)
         pitch, speed = track.new_tensor(pitches), track.new_tensor(speeds)
         r = (pitch * speed * self._searching / math.pi).sqrt()
         angle = 2 * math.pi * r / pitch + track.new_tensor(turned)
