@@ -14,7 +14,8 @@ from pathlib import Path
 import pytest
 from command_line import ROOT, TEAMS, command, content, iterations, server, sets
 
-from rl import processes, signals
+from rl import cli, processes, signals
+from rl.missions import load_scenario
 from rl.runs import launch
 from rl.runs.folder import RunError
 
@@ -244,3 +245,14 @@ def test_machines_with_different_scenarios_are_refused_before_training(tmp_path)
         if running.poll() is None:
             kill(running)
     assert not out.exists()
+
+
+def test_a_process_that_differs_is_named_with_what_differs():
+    config = load_scenario("paper")
+    other = load_scenario("paper", ["sea.hs=0.9", "usv.count=4"])
+    same = ("abc", config, {"torch": "2.13.0", "taichi": "1.7.4"})
+    cli._refuse_differences([same, same])
+    with pytest.raises(RunError, match="process 1 of 2 has another scenario than process 0: they differ in sea, usv"):
+        cli._refuse_differences([same, ("abd", other, same[2])])
+    with pytest.raises(RunError, match="process 2 of 3 has torch 2.12.0, process 0 has 2.13.0: all need the same"):
+        cli._refuse_differences([same, same, ("abc", config, same[2] | {"torch": "2.12.0"})])
