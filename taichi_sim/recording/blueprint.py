@@ -11,8 +11,9 @@ import rerun.blueprint as rrb
 
 from taichi_sim.recording.episode import Array, Episode, TeamTrack
 from taichi_sim.recording.overlays import Note, Plot, entity_name
-from taichi_sim.recording.plots import error_plots, signal_path
-from taichi_sim.recording.sea_patch import HAZE, patch_of
+from taichi_sim.recording.plots import OTHERS, error_plots, signal_path
+from taichi_sim.recording.sea_light import HAZE
+from taichi_sim.recording.sea_patch import patch_of
 from taichi_sim.recording.space import map_bounds
 from taichi_sim.recording.water_lines import TRAIL_S
 
@@ -113,12 +114,7 @@ def _view(
 
 def _trails(episode: Episode) -> dict:
     """What the views show of the trails that are segments; those of boats are whole lines."""
-    return {
-        f"world/{one.name}/trail_{vehicle}": _last_seconds()
-        for one in episode.teams.values()
-        if not one.on_water
-        for vehicle in range(one.vehicles)
-    }
+    return {f"world/{one.name}/trails": _last_seconds() for one in episode.teams.values() if not one.on_water}
 
 
 def _hidden(episode: Episode, team: TeamTrack) -> dict:
@@ -126,8 +122,7 @@ def _hidden(episode: Episode, team: TeamTrack) -> dict:
     patches = patch_of(episode)
     paths = [f"world/{name}/sea" for name in set(patches.values()) if name != patches[team.name]]
     if team.on_water:
-        flying = (one for one in episode.teams.values() if not one.on_water)
-        paths += [f"world/{one.name}/plumb_{vehicle}" for one in flying for vehicle in range(one.vehicles)]
+        paths += [f"world/{one.name}/plumb_lines" for one in episode.teams.values() if not one.on_water]
     return {path: rrb.EntityBehavior(visible=False) for path in paths}
 
 
@@ -157,8 +152,8 @@ def _series(name: str, *contents: str, hidden: Sequence[str] = ()) -> rrb.TimeSe
 
 def _each(team: TeamTrack, name: str, path: str) -> rrb.TimeSeriesView:
     """A plot that each vehicle has: the first's is shown, the others' are a click away."""
-    others = [f"{path}/vehicle_{vehicle}" for vehicle in range(1, team.vehicles)]
-    return _series(f"{team.vehicle_name(0)} {name}", f"{path}/**", hidden=others)
+    hidden = [f"{path}/{OTHERS}"] if team.vehicles > 1 else []
+    return _series(f"{team.vehicle_name(0)} {name}", f"{path}/**", hidden=hidden)
 
 
 def _plots(episode: Episode) -> list[Sequence[rrb.View]]:
