@@ -193,6 +193,9 @@ class Mission:
         """What a recording draws besides (taichi_sim/recording/overlays.py), asked for at the end of the episode."""
         return ()
 
+    def cut(self) -> None:
+        """Forget what `overlays` has drawn: what is filmed goes on in another part."""
+
     # -- what every mission has ------------------------------------------------------------------------------------
 
     def step(self, actions: Mapping[str, Any]) -> Step:

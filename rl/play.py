@@ -16,6 +16,9 @@ def parser() -> argparse.ArgumentParser:
     cli.add_run(p)
     cli.add_shown(p)
     p.add_argument("--out", type=Path, default=None, metavar="FILE.rrd", help="default: RUN/play-SEED.rrd")
+    p.add_argument("--live", action="store_true", help="show it in a rerun viewer while it is simulated")
+    p.add_argument("--speed", type=cli.positive_float, default=1.0, help="of --live, in real time (default: 1)")
+    p.add_argument("--port", type=cli.positive_int, default=9876, help="of --live (default: %(default)s)")
     p.add_argument("--duration", type=cli.positive_float, default=None, metavar="S", help="default: an episode")
     return p
 
@@ -26,13 +29,18 @@ def main(argv: list[str] | None = None) -> None:
     from rl import cli
     from rl.runs.kept import recording_name
     from rl.runs.record import record_episode
+    from rl.runs.watch import following, refuse_used
     from taichi_sim.recording import write_recording
 
+    if args.live:
+        refuse_used(args.port)
     number = cli.recall(args)
     config, source, policies, seed = cli.open_run(args)
-    episode = record_episode(
-        config, policies, seed=seed, number=number, duration=args.duration, source=source, show_progress=not args.quiet
-    )
+    with following(args.live, args.port, args.speed) as seen:
+        episode = record_episode(
+            config, policies, seed=seed, number=number, duration=args.duration, source=source,
+            show_progress=not args.quiet, seen=seen,
+        )  # fmt: skip
     default = f"play-{seed}.rrd" if number is None else recording_name(args.controller, args.shown)
     path = write_recording(episode, args.out or args.run / default)
     for event in episode.events:

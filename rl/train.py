@@ -23,6 +23,8 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--out", type=Path, default=None, help="run folder (default: runs/SCENARIO-DATE-TIME)")
     p.add_argument("--seed", type=cli.seed, default=None, help="seed of the run (default: the scenario's)")
     p.add_argument("--resume", action="store_true", help="continue the run in --out (default: the newest in runs/)")
+    p.add_argument("--watch", action="store_true", help="show the training in a rerun viewer, on this machine alone")
+    p.add_argument("--port", type=cli.positive_int, default=9876, help="of --watch (default: %(default)s)")
     cli.add_common(p)
     return p
 
@@ -34,8 +36,11 @@ def main(argv: list[str] | None = None) -> None:
     from rl.missions import load_scenario
     from rl.runs import folder as run_folder
     from rl.runs.main_job import report, run_main_job
+    from rl.runs.watch import refuse_used, watching
     from taichi_sim.config.io import find_config
 
+    if args.watch:
+        refuse_used(args.port)
     overrides = args.overrides + ([f"seed={args.seed}"] if args.seed is not None else [])
     if args.resume:
         out = args.out or run_folder.newest(Path("runs"))
@@ -46,10 +51,10 @@ def main(argv: list[str] | None = None) -> None:
         config = load_scenario(source, overrides)
         out = args.out or Path("runs") / f"{config.name}-{time.strftime('%Y%m%d-%H%M%S')}"
         run_folder.create(out, config, source)
-    with run_folder.lock(out):
+    with run_folder.lock(out), watching(args.watch, args.port) as watch:
         cli.start(args)
         print(f"run folder: {out}")
-        summary = run_main_job(config, out, show_progress=not args.quiet)
+        summary = run_main_job(config, out, show_progress=not args.quiet, watch=watch)
     print(report(summary["evaluation"], config, out / run_folder.CONFIG))
     print(f"summary:   {out / 'summary.json'}\nfigures:   {out / 'figures'}")
     print(f"report:    {out / 'report.html'}\nrecording: rerun {out / 'episode.rrd'}")

@@ -11,7 +11,7 @@ from typing import Any
 
 import torch
 
-from rl.learn.env import MissionEnv
+from rl.learn.env import MissionEnv, Watch
 from rl.learn.export import ONNX, TORCHSCRIPT, export_policy
 from rl.learn.joint import Companion
 from rl.learn.policy import (
@@ -40,17 +40,19 @@ def train_stages(
     dumps: Path | None = None,
     judged: Judged | None = None,
     show_progress: bool = True,
+    watch: Watch | None = None,
 ) -> list[dict[str, Any]]:
     """Train every stage that `out` does not hold finished, continuing from checkpoints; return their results.
 
     `source` is the scenario's file, beside which its vehicles are looked for; environments that leave the physical are
-    written to the folder `dumps` (taichi_sim/dump.py). Without `judged` every stage is kept.
+    written to the folder `dumps` (taichi_sim/dump.py). Without `judged` every stage is kept. `watch` is told of each
+    step.
     """
     results, policies = [], {}
     for name, stage in config.stages.items():
         for team in stage.learners:
             (out / team).mkdir(parents=True, exist_ok=True)
-        changed = train_stage(config, out, name, policies, source, dumps, show_progress)
+        changed = train_stage(config, out, name, policies, source, dumps, show_progress, watch)
         ended = {team: config.iterations_before(name, team) + stage.iterations for team in stage.learners}
         now = {team: load_policy(out, config, team, ended[team]) for team in stage.learners}
         if stage.keep == "better" and judged is not None and _verdict(out, stage, ended) is None:
@@ -71,6 +73,7 @@ def train_stage(
     source: Path | None,
     dumps: Path | None,
     show_progress: bool,
+    watch: Watch | None = None,
 ) -> bool:
     """Train the stage `name` to its last iteration; return whether there was anything to do."""
     stage, first = config.stages[name], config.iterations_before(name)
@@ -101,6 +104,7 @@ def train_stage(
     others |= {companion.env.team: companion for companion in companions}
     runner = runner_of(stage.team, {o: others[o] for o in teams if o != stage.team})
     runner.env.companions, runner.logger.companions = companions, companions
+    runner.env.watch = watch
     number = list(config.stages).index(name) + 1
     runner.train(show_progress=show_progress, label=f"stage {number}/{len(config.stages)} {name}")
     return True

@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from rl.learn.env import Watch
 from rl.learn.history import read_history
 from rl.learn.policy import Policy, load_policy, policies_of
 from rl.learn.runner import HISTORY, spent
@@ -34,8 +35,11 @@ from taichi_sim.world import ActionError
 RECORDING, FIGURES = "episode.rrd", "figures"
 
 
-def run_main_job(config: Scenario, out: Path, *, show_progress: bool = True) -> dict[str, Any]:
-    """Train, evaluate, record and draw into the run folder `out`; return what summary.json holds.
+def run_main_job(
+    config: Scenario, out: Path, *, show_progress: bool = True, watch: Watch | None = None
+) -> dict[str, Any]:
+    """Train, evaluate, record and draw into the run folder `out`; return what summary.json holds. `watch` is told of
+    each step of the training.
 
     Raises:
         ConfigError: if the scenario has nothing to train or its episodes cannot be measured.
@@ -49,7 +53,7 @@ def run_main_job(config: Scenario, out: Path, *, show_progress: bool = True) -> 
     try:
         stages = train_stages(
             config, out, source=source, dumps=out / run_folder.DUMPS, judged=partial(_loss, config, source),
-            show_progress=show_progress,
+            show_progress=show_progress, watch=watch,
         )  # fmt: skip
         policies = {team: load_policy(out, config, team) for team in config.trained}
         judged = config.evaluation

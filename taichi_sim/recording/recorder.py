@@ -29,8 +29,8 @@ class Recorder:
     Its clock begins where the world's is when it is made.
     """
 
-    def __init__(self, world: World, env: int = 0) -> None:
-        """Begin a recording.
+    def __init__(self, world: World, env: int = 0, after: float = 0.0) -> None:
+        """Begin a recording, whose clock says `after` (s) by now.
 
         Raises:
             ValueError: if there is no such environment.
@@ -38,7 +38,7 @@ class Recorder:
         if not 0 <= env < world.num_envs:
             raise ValueError(f"environment {env}: there are {world.num_envs}")
         self.world, self.env = world, env
-        self._begin, self._sea = float(world.time[env]), int(world.env_sea[env])
+        self._begin, self._sea = float(world.time[env]) - after, int(world.env_sea[env])
         self._time: list[float] = []
         self._last = -np.inf  # s, of the newest frame
         self._flows: list[tuple[Array, Array]] = []
@@ -55,7 +55,7 @@ class Recorder:
             ValueError: if the world's clock does not go on, or its sea is another: an episode was begun anew, which
                 takes a recorder of its own.
         """
-        now = float(self.world.time[self.env]) - self._begin
+        now = self.now
         if int(self.world.env_sea[self.env]) != self._sea or now <= self._last:
             raise ValueError(f"environment {self.env} is not where it was recorded last: it was begun anew")
         self._time.append(now)
@@ -79,6 +79,11 @@ class Recorder:
         if action is not None:
             values["action"] = action[self.env]
         return {key: _copy(value) for key, value in values.items()}
+
+    @property
+    def now(self) -> float:
+        """The clock, s."""
+        return float(self.world.time[self.env]) - self._begin
 
     @property
     def time_s(self) -> Array:

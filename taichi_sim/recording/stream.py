@@ -18,12 +18,15 @@ class Stream:
     """Sends what never changes, and what changes by whole columns.
 
     Attributes:
-        ns: [T] clock of the part, ns. first: number of the part's first step. memory: what drawing goes on from.
+        ns: [T] clock of the part, ns. first: number of the part's first step. after_s: what is added to the clock of
+        the next part. memory: what drawing goes on from.
     """
 
-    def __init__(self, rec: rr.RecordingStream, *, after_s: float = 0.0, first: int = 0) -> None:
-        """Begin an episode whose clock counts from `after_s` and whose steps count from `first`, on `rec`."""
-        self.rec, self.first, self._after = rec, first, after_s
+    def __init__(self, rec: Any, *, after_s: float = 0.0, first: int = 0) -> None:
+        """Begin an episode whose clock counts from `after_s` and whose steps count from `first`, on `rec`, a
+        rr.RecordingStream or what takes its place.
+        """
+        self.rec, self.first, self.after_s = rec, first, after_s
         self.ns = np.zeros(0, dtype=np.int64)
         self.memory: dict[str, Any] = {}
         self.begins = True  # nothing was drawn before this part
@@ -33,7 +36,7 @@ class Stream:
         """Go on to the next part, whose steps are at `time_s` [T] (s since the episode began)."""
         self.begins = not len(self.ns)
         self.first += len(self.ns)
-        self.ns = np.rint((np.asarray(time_s, dtype=np.float64) + self._after) * 1e9).astype(np.int64)
+        self.ns = np.rint((np.asarray(time_s, dtype=np.float64) + self.after_s) * 1e9).astype(np.int64)
 
     def has(self, path: str) -> bool:
         """Whether there is something static at `path`."""

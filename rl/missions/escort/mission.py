@@ -284,6 +284,10 @@ class Escort(Mission):
         """Who sees and tells what (film.py), in the steps that `frame` was asked about."""
         return self._film.overlays()
 
+    def cut(self) -> None:
+        """Begin another film."""
+        self._film = Film(self)
+
     def controller(self, team: Any) -> Any:
         """What the vehicle brings, else for boats that of formations, for aircraft the orbit (orbit.py)."""
         own = super().controller(team)

@@ -261,6 +261,10 @@ class Formation(Mission):
         size = np.stack((film[:, RADIUS], film[:, TOP] - film[:, BOTTOM]), axis=-1)
         return (Cylinders(name="traffic", colour=TRAFFIC, position_n=place, size_m=size),)
 
+    def cut(self) -> None:
+        """Begin another film."""
+        self._film = []
+
     @classmethod
     def draw_figures(cls, out: Path, histories: Any, episode: Any, config: FormationScenario) -> None:
         """The seed paper's figures."""
