@@ -194,7 +194,7 @@ class Mission:
         return ()
 
     def forget_frames(self) -> None:
-        """Forget what `frame` has kept for `overlays`, of which then there is one frame: before a single picture."""
+        """Forget what `frame` has kept for `overlays`: before a single picture, or another part of what is filmed."""
 
     # -- what every mission has ------------------------------------------------------------------------------------
 

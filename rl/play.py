@@ -31,6 +31,9 @@ def parser() -> argparse.ArgumentParser:
         help="of a bag: latitude and longitude of the world's origin, degrees (default: 63.48 10.40)",
     )
     cli.add_film(p)
+    p.add_argument("--live", action="store_true", help="show it in a rerun viewer while it is simulated")
+    p.add_argument("--speed", type=cli.positive_float, default=1.0, help="of --live, in real time (default: 1)")
+    p.add_argument("--port", type=cli.positive_int, default=9876, help="of --live (default: %(default)s)")
     p.add_argument("--duration", type=cli.positive_float, default=None, metavar="S", help="default: an episode")
     return p
 
@@ -42,17 +45,22 @@ def main(argv: list[str] | None = None) -> None:
     from rl.runs.kept import recording_name
     from rl.runs.outputs import output_of
     from rl.runs.record import record_episode
+    from rl.runs.watch import following, refuse_used
     from taichi_sim.film.files import check_film, write_film
 
     output = output_of(args.out, args.origin, show_progress=not args.quiet)
+    if args.live:
+        refuse_used(args.port)
     number = cli.recall(args)
     config, source, policies, seed = cli.open_run(args)
     how = {"size": args.film_size, "fps": args.film_fps, "speed": args.film_speed, "view": args.film_view}
     if args.film:
         check_film(args.film, **how, teams=config.teams)
-    episode = record_episode(
-        config, policies, seed=seed, number=number, duration=args.duration, source=source, show_progress=not args.quiet
-    )
+    with following(args.live, args.port, args.speed) as seen:
+        episode = record_episode(
+            config, policies, seed=seed, number=number, duration=args.duration, source=source,
+            show_progress=not args.quiet, seen=seen,
+        )  # fmt: skip
     for event in episode.events:
         print(f"{event.time_s:7.1f} s  {event.text}")
     if args.film:

@@ -29,6 +29,8 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--out", type=Path, default=None, help="run folder (default: runs/SCENARIO-DATE-TIME)")
     p.add_argument("--seed", type=cli.seed, default=None, help="seed of the run (default: the scenario's)")
     p.add_argument("--resume", action="store_true", help="continue the run in --out (default: the newest in runs/)")
+    p.add_argument("--watch", action="store_true", help="show the training in a rerun viewer, on this machine alone")
+    p.add_argument("--port", type=cli.positive_int, default=9876, help="of --watch (default: %(default)s)")
     cli.add_common(p)
     cli.add_processes(p, "stages' environments")
     return p
@@ -41,7 +43,10 @@ def main(argv: list[str] | None = None) -> None:
     from rl.runs import folder as run_folder
     from rl.runs import launch
     from rl.runs.main_job import report, run_main_job
+    from rl.runs.watch import refuse_used, watching
 
+    if args.watch and processes.here().first and not launch.launched():
+        refuse_used(args.port)
     config, source, out = run_of(args)
     fewest = min((stage.num_envs for stage in config.stages.values()), default=1)
     if (number := launch.wanted(args.processes, args.threads, fewest, args.arch)) > 1:
@@ -52,11 +57,14 @@ def main(argv: list[str] | None = None) -> None:
     with processes.joined(args.arch) as place:
         cli.agree(config, source)
         processes.told(lambda: None if args.resume else run_folder.begin(out, config, source))
-        with run_folder.lock(out) if place.first else contextlib.nullcontext():
+        with contextlib.ExitStack() as held:
+            if place.first:
+                held.enter_context(run_folder.lock(out))
+            watch = held.enter_context(watching(args.watch and place.first, args.port))
             cli.start(args)
             if place.first:
                 print(f"run folder: {out}")
-            summary = run_main_job(config, out, source=source, show_progress=not args.quiet)
+            summary = run_main_job(config, out, source=source, show_progress=not args.quiet, watch=watch)
     if summary is None:
         return
     print(report(summary["evaluation"], config, out / run_folder.CONFIG))

@@ -80,15 +80,15 @@ def test_the_wind_closes_the_triangle_of_velocities(recorded: tuple[Episode, Pat
     episode, path = recorded
     team = episode.teams["uav"]
     scale = metres_per_second_per_metre(team)
-    root = f"/world/uav/velocity_1_1m_is_{scale:g}m_s"
+    root = f"/world/uav/velocity_1m_is_{scale:g}m_s"
     tip = {}
     for name in ("airspeed", "wind", "ground_speed"):
-        vector = column(path, f"{root}/{name}", "Arrows3D:vectors")[2]
-        tip[name] = column(path, f"{root}/{name}", "Arrows3D:origins")[2] + vector
+        vector = column(path, f"{root}/{name}", "Arrows3D:vectors")[2][:, 3:]  # of the second
+        tip[name] = column(path, f"{root}/{name}", "Arrows3D:origins")[2][:, 3:] + vector
     np.testing.assert_allclose(tip["wind"], tip["ground_speed"], atol=1e-5)
     north, east, down = (team.position_n + team.velocity_n / scale)[:, 1].T
     np.testing.assert_allclose(tip["ground_speed"], np.stack([east, north, -down], axis=1), atol=1e-4)
-    foot = column(path, f"{root}/wind", "Arrows3D:origins")[2]
+    foot = column(path, f"{root}/wind", "Arrows3D:origins")[2][:, 3:]
     np.testing.assert_allclose(foot, tip["airspeed"], atol=1e-5)
     blows = (tip["wind"] - foot) * scale
     assert team.air_n is not None
@@ -105,8 +105,8 @@ def test_wind_on_the_map_points_where_it_blows_to(recorded: tuple[Episode, Path]
 
 def test_plumb_lines_reach_from_the_aircraft_to_the_sea(recorded: tuple[Episode, Path]) -> None:
     episode, path = recorded
-    _, _, strips = rows(path, "/world/uav/plumb_1", "LineStrips3D:strips")
-    top, foot = np.array(strips[17]).reshape(2, 3)
+    _, _, strips = rows(path, "/world/uav/plumb_lines", "LineStrips3D:strips")
+    top, foot = np.array(strips[17][1])
     north, east, down = episode.teams["uav"].position_n[17, 1]
     np.testing.assert_allclose(top, [east, north, -down], rtol=1e-6)
     np.testing.assert_allclose(foot, [east, north, elevation(north, east, episode.time_s[17])], atol=1e-5)
@@ -120,8 +120,7 @@ def test_the_view_turns_with_the_course_and_not_with_its_noise() -> None:
         velocity = 25.0 * np.stack([np.cos(course), np.sin(course), 0.0 * course], axis=-1)
         velocity[:, 0] += noise
         velocity[:, 1] += noise[::-1]
-        flight = SimpleNamespace(time_s=time), SimpleNamespace(velocity_n=velocity[:, None])
-        return smooth_course(*flight)  # pyright: ignore
+        return smooth_course(time, velocity)
 
     turning = 3.0 + 0.3 * time  # through south
     error = np.angle(np.exp(1j * (chased(turning) - turning)))[5:-5]

@@ -68,15 +68,15 @@ def test_a_bare_world_is_recorded_as_it_moved(teams: tuple[str, ...], tmp_path: 
     mission = ("target", "slot", "error", "reward", "/track", "checkpoints", "obstacles", "/map/area", "/events")
     assert not [entity for entity in there for word in mission if word in entity]
     assert {entity for entity in there if entity.startswith("/plots/a")} == {
-        f"/plots/{plot}/{name}/vehicle_{vehicle}"
+        f"/plots/{plot}/{name}/{whose}"
         for name in states
         for plot in ("action", "attitude", *(["altitude"] if name == "scout" else []))
-        for vehicle in range(2)
+        for whose in ("first", "others")
     }
     assert_nothing_is_empty(recorder.episode(), path)
     sea = {entity for entity in there if entity.endswith("/sea")}
     assert sea == {"/world/ferry/sea"}
-    _, _, heave = column(path, "/plots/heave/ferry/vehicle_0", "Scalars:scalars")
+    _, _, heave = column(path, "/plots/heave/ferry/first", "Scalars:scalars")
     wave = [
         float(recorder.episode().elevation(*frame[:1, :2].T, 0.1 * (i + 1))[0])
         for i, frame in enumerate(states["ferry"])

@@ -1,6 +1,6 @@
 """rsl-rl's view of one team: each vehicle of each environment is one row, all sharing one policy."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import torch
@@ -10,6 +10,9 @@ from torch import Tensor
 
 from rl.learn.policy import Policy
 from rl.mission import Step
+
+Watch = Callable[[Any, Step, Mapping[str, Mapping[str, Tensor]]], None]
+"""Told of each step before what has ended begins anew: the mission, the step, what each learning team logs of it."""
 
 
 class Told(NamedTuple):
@@ -55,6 +58,7 @@ class MissionEnv(VecEnv):
         self.cfg = mission.config.model_dump()
         self.look()
         self.last: Step | None = None
+        self.watch: Watch | None = None
         self.companions: list[Any] = []
         steps = torch.randint(mission.config.episode_steps, (mission.num_envs,), generator=mission.generator)
         mission.steps.copy_(steps)
@@ -87,6 +91,9 @@ class MissionEnv(VecEnv):
         self.last = step = mission.step(joint)
         told = self.told(step)
         others = [(companion, companion.env.told(step)) for companion in self.companions]
+        if self.watch is not None:
+            logs = {companion.env.team: of_it.extras["log"] for companion, of_it in others}
+            self.watch(mission, step, {self.team: told.extras["log"], **logs})
         mission.reset((step.terminated | step.truncated).nonzero().squeeze(1))
         self.look()
         for companion, of_it in others:

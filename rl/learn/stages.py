@@ -13,7 +13,7 @@ from typing import Any
 import torch
 
 from rl import processes
-from rl.learn.env import MissionEnv
+from rl.learn.env import MissionEnv, Watch
 from rl.learn.export import ONNX, TORCHSCRIPT, export_policy
 from rl.learn.joint import Companion
 from rl.learn.policy import (
@@ -42,6 +42,7 @@ def train_stages(
     dumps: Path | None = None,
     judged: Judged | None = None,
     show_progress: bool = True,
+    watch: Watch | None = None,
 ) -> list[dict[str, Any]]:
     """Train every stage that `out` does not hold finished, continuing from checkpoints; return their results.
 
@@ -49,11 +50,12 @@ def train_stages(
     `out`, and tells the others.
 
     `source` is the scenario's file, beside which its vehicles are looked for; environments that leave the physical are
-    written to the folder `dumps` (taichi_sim/dump.py). Without `judged` every stage is kept.
+    written to the folder `dumps` (taichi_sim/dump.py). Without `judged` every stage is kept. `watch` is told of each
+    step.
     """
     policies: dict[str, TrainedPolicy] = {}
     for name in config.stages:
-        changed = train_stage(config, out, name, policies, source, dumps, show_progress)
+        changed = train_stage(config, out, name, policies, source, dumps, show_progress, watch)
         policies |= processes.told(partial(_ended, config, out, name, policies, judged, changed))
     return processes.told(lambda: [stage_result(out, name, config) for name in config.stages])
 
@@ -86,6 +88,7 @@ def train_stage(
     source: Path | None,
     dumps: Path | None,
     show_progress: bool,
+    watch: Watch | None = None,
 ) -> bool:
     """Train the stage `name` to its last iteration; return whether there was anything to do."""
     stage, first, place = config.stages[name], config.iterations_before(name), processes.here()
@@ -117,6 +120,7 @@ def train_stage(
     others |= {companion.env.team: companion for companion in companions}
     runner = runner_of(stage.team, {o: others[o] for o in teams if o != stage.team})
     runner.env.companions, runner.logger.companions = companions, companions
+    runner.env.watch = watch
     number = list(config.stages).index(name) + 1
     runner.train(show_progress=show_progress and place.first, label=f"stage {number}/{len(config.stages)} {name}")
     return True

@@ -38,6 +38,11 @@ class Failure(NamedTuple):
     time: float
 
 
+def launched() -> bool:
+    """Whether this process is one of those that `run` has started."""
+    return LAUNCHED in os.environ and processes.engine() is not None
+
+
 def wanted(given: int | None, threads: int, share: int, arch: str = "cpu", enough: int = ENOUGH) -> int:
     """How many processes to start to do `share` environments, episodes or cells: `given`, or by default one a core.
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from rl import processes
+from rl.learn.env import Watch
 from rl.learn.history import read_history
 from rl.learn.policy import Policy, load_policy, policies_of
 from rl.learn.runner import HISTORY, spent
@@ -38,9 +39,15 @@ RECORDING, FIGURES = "episode.rrd", "figures"
 
 
 def run_main_job(
-    config: Scenario, out: Path, *, source: Path | None = None, show_progress: bool = True
+    config: Scenario,
+    out: Path,
+    *,
+    source: Path | None = None,
+    show_progress: bool = True,
+    watch: Watch | None = None,
 ) -> dict[str, Any] | None:
-    """Train, evaluate, record and draw into the run folder `out`; return what summary.json holds.
+    """Train, evaluate, record and draw into the run folder `out`; return what summary.json holds. `watch` is told of
+    each step of the training.
 
     Of several processes (rl/processes.py) rank 0 alone works with `out`, and the others, whose scenario comes from the
     file `source`, return None.
@@ -58,7 +65,7 @@ def run_main_job(
     try:
         stages = train_stages(
             config, out, source=source, dumps=out / run_folder.DUMPS, judged=partial(_loss, config, source),
-            show_progress=show_progress,
+            show_progress=show_progress, watch=watch,
         )  # fmt: skip
         policies: dict[str, Policy] = processes.told(lambda: {t: load_policy(out, config, t) for t in config.trained})
         evaluation = _evaluate(config, policies, out, source, show_progress)

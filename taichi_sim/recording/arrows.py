@@ -60,7 +60,7 @@ def arrow_text(episode: Episode) -> str:
                 f"{whose} velocity arrows, 1 m is {scale:g} m/s: airspeed (blue) and wind (yellow) make that over "
                 "ground (green); the thin red line is where the nose points"
             )
-    for name, flow, _ in _flows(episode):
+    for name, flow, *_ in _flows(episode):
         speed = np.linalg.norm(flow, axis=-1)
         lines.append(f"{name}: {speed.min():.1f} to {speed.max():.1f} m/s")
     return "".join(f"- {line}\n" for line in lines) + ("\n" if lines else "")
@@ -71,15 +71,16 @@ def _deck(team: TeamTrack) -> float:
     return 0.5 * team.size_m[2] if team.body is None else -float(np.min(team.body.vertices_b[:, 2]))
 
 
-def send_forces(stream: Stream, team: TeamTrack) -> None:
+def send_forces(stream: Stream, episode: Episode, team: TeamTrack) -> None:
     """An arrow for each force on each vehicle, in the vehicle's frame. A force that never acts has none."""
-    scale = newtons_per_metre(team)
+    scale = newtons_per_metre(episode.whole.teams[team.name])
     if scale is None:
         return
     length, colours = team.size_m[0], load_colours(team)
     up = _deck(team) + RAISE * length if team.on_water else 0.0
     for name, force in team.forces.items():
-        if not np.any(force.vector_b):
+        root = f"world/{team.name}/vehicle_{{}}/forces_1m_is_{scale:g}N/{name}"
+        if not (stream.has(root.format(0)) or np.any(force.vector_b)):
             continue
         x, y, z = force.origin_b
         arrow = rr.Arrows3D.from_fields(
@@ -87,7 +88,7 @@ def send_forces(stream: Stream, team: TeamTrack) -> None:
             show_labels=False,
         )  # fmt: skip
         for vehicle in range(team.vehicles):
-            path = f"world/{team.name}/vehicle_{vehicle}/forces_1m_is_{scale:g}N/{name}"
+            path = root.format(vehicle)
             stream.static(path, arrow)
             vector = np.ascontiguousarray(force.vector_b[:, vehicle] / scale, np.float32)
             stream.columns(path, rr.Arrows3D.columns(vectors=vector))
@@ -99,37 +100,42 @@ def metres_per_second_per_metre(team: TeamTrack) -> float:
     return round_scale(max(greatest, STILL) / (SPEED_SPANS * team.size_m[1]))
 
 
-def send_air(stream: Stream, team: TeamTrack) -> None:
+def send_air(stream: Stream, episode: Episode, team: TeamTrack) -> None:
     """The triangle of velocities of each aircraft, and a line along its nose: the angle between is that of attack."""
     if team.air_n is None:
         return
-    scale, thick = metres_per_second_per_metre(team), THICK * team.size_m[0]
+    whole = episode.whole.teams[team.name]
+    scale, thick = metres_per_second_per_metre(whole), THICK * team.size_m[0]
     through_air = team.velocity_n - team.air_n
-    nose = float(np.nanmax(np.linalg.norm(through_air, axis=-1))) / scale
+    fastest = through_air if whole.air_n is None else whole.velocity_n - whole.air_n
+    nose = float(np.nanmax(np.linalg.norm(fastest, axis=-1))) / scale
     for vehicle in range(team.vehicles):
         line = rr.LineStrips3D([[[0.0, 0.0, 0.0], [nose, 0.0, 0.0]]], colors=BORESIGHT, radii=0.4 * thick)
         stream.static(f"world/{team.name}/vehicle_{vehicle}/nose", line)
-        start = team.position_n[:, vehicle]
-        tip = start + through_air[:, vehicle] / scale
-        for name, foot, vector, colour in (
-            ("airspeed", start, through_air, AIRSPEED),
-            ("wind", tip, team.air_n, WIND),
-            ("ground speed", start, team.velocity_n, GROUND_SPEED),
-        ):
-            speed = np.linalg.norm(vector[:, vehicle], axis=-1)
-            path = f"world/{team.name}/velocity_{vehicle}_1m_is_{scale:g}m_s/{name.replace(' ', '_')}"
-            stream.static(path, rr.Arrows3D.from_fields(colors=colour, radii=2.0 * thick, show_labels=False))
-            labels = [f"{team.vehicle_name(vehicle)}: {name} {value:.1f} m/s" for value in speed]
-            arrow = rr.Arrows3D.columns(vectors=enu(vector[:, vehicle] / scale), origins=enu(foot), labels=labels)
-            stream.columns(path, arrow)
+    start, names = team.position_n, [team.vehicle_name(vehicle) for vehicle in range(team.vehicles)]
+    for name, foot, vector, colour in (
+        ("airspeed", start, through_air, AIRSPEED),
+        ("wind", start + through_air / scale, team.air_n, WIND),
+        ("ground speed", start, team.velocity_n, GROUND_SPEED),
+    ):
+        path = f"world/{team.name}/velocity_1m_is_{scale:g}m_s/{name.replace(' ', '_')}"
+        stream.static(path, rr.Arrows3D.from_fields(colors=colour, radii=2.0 * thick, show_labels=False))
+        speeds = np.linalg.norm(vector, axis=-1)
+        labels = [f"{who}: {name} {speed:.1f} m/s" for step in speeds for who, speed in zip(names, step, strict=True)]
+        arrow = rr.Arrows3D.columns(
+            vectors=enu(vector / scale).reshape(-1, 3), origins=enu(foot).reshape(-1, 3), labels=labels
+        )
+        stream.columns(path, arrow.partition([team.vehicles] * len(start)))
 
 
-def _flows(episode: Episode) -> list[tuple[str, Array, Colour]]:
-    """Name, velocity [T, 3] (m/s, n) and colour of what flows."""
+def _flows(episode: Episode) -> list[tuple[str, Array, Colour, float]]:
+    """Name, velocity [T, 3] (m/s, n), colour and greatest speed (m/s) of what flows."""
     flows = []
-    for name, flow, colour in (("current", episode.current_n, CURRENT), ("wind", episode.wind_n, WIND)):
-        if flow is not None and np.nanmax(np.linalg.norm(flow, axis=-1)) > STILL:
-            flows.append((name, np.pad(flow, ((0, 0), (0, 3 - flow.shape[1]))), colour))
+    for name, field, colour in (("current", "current_n", CURRENT), ("wind", "wind_n", WIND)):
+        flow, whole = getattr(episode, field), getattr(episode.whole, field)
+        strongest = 0.0 if whole is None else float(np.nanmax(np.linalg.norm(whole, axis=-1)))
+        if flow is not None and strongest > STILL:
+            flows.append((name, np.pad(flow, ((0, 0), (0, 3 - flow.shape[1]))), colour, strongest))
     return flows
 
 
@@ -138,13 +144,13 @@ def send_flow(stream: Stream, episode: Episode) -> None:
     wind on the map.
     """
     _send_wind_on_map(stream, episode)
-    team = episode.afloat
+    team = episode.whole.afloat
     if not team.on_water:
         return  # what blows up there is each aircraft's own
     length, course = team.size_m[0], float(team.course[0])
-    for name, flow, colour in _flows(episode):
+    for name, flow, colour, strongest in _flows(episode):
         speed = np.linalg.norm(flow, axis=-1)
-        scale = round_scale(float(np.nanmax(speed)) / (FLOW_LENGTHS * length))
+        scale = round_scale(strongest / (FLOW_LENGTHS * length))
         height = length if name == "wind" else 0.1 * length + line_lift(episode)
         vector = flow / scale
         path = f"world/{team.name}/follow/{name}_1m_is_{scale:g}m_s"
@@ -160,11 +166,11 @@ def _send_wind_on_map(stream: Stream, episode: Episode) -> None:
     low, high = map_bounds(episode)
     side = float(np.min(high - low))
     middle = map_point(np.array([high[0] - MAP_SHARE * side, low[1] + MAP_SHARE * side]))
-    for name, flow, colour in _flows(episode):
+    for name, flow, colour, strongest in _flows(episode):
         if name != "wind":
             continue
         speed = np.linalg.norm(flow, axis=-1)
-        vector = map_point(flow) * (MAP_SHARE * side / float(np.nanmax(speed)))
+        vector = map_point(flow) * (MAP_SHARE * side / strongest)
         stream.static("map/wind", rr.Arrows2D.from_fields(colors=colour, radii=-2.5, show_labels=True, draw_order=60.0))
         labels = [f"wind {value:.1f} m/s" for value in speed]
         stream.columns("map/wind", rr.Arrows2D.columns(vectors=vector, origins=middle - 0.5 * vector, labels=labels))

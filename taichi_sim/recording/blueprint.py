@@ -4,6 +4,7 @@ Only of what there is: a view of nothing carries an error mark, a plot of nothin
 """
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 import rerun as rr
@@ -11,21 +12,36 @@ import rerun.blueprint as rrb
 
 from taichi_sim.recording.episode import Array, Episode, TeamTrack
 from taichi_sim.recording.overlays import Note, Plot, entity_name
-from taichi_sim.recording.plots import error_plots, signal_path
-from taichi_sim.recording.sea_patch import HAZE, patch_of
+from taichi_sim.recording.plots import OTHERS, error_plots, signal_path
+from taichi_sim.recording.sea_light import HAZE
+from taichi_sim.recording.sea_patch import patch_of
 from taichi_sim.recording.space import map_bounds
 from taichi_sim.recording.water_lines import TRAIL_S
 
+MAP_ROOM = 0.2  # of its sides, that the map of a live view has more about it
+CURVES = "curves"  # where a live view has plots that are of no episode
 COLUMNS = 2  # views of teams side by side; if there are more teams, those of one medium share a place
 NEAR_EYE = (-2.2, 1.1, -0.65)  # wing spans forward, right, down of the first vehicle
 NEAR_LOOK = (0.6, 0.0, 0.0)
 UP, DOWN = (0, 0, 1), (0, 0, -1)  # what is up on the screen, in the frame of boats and of aircraft
 
 
-def blueprint(episode: Episode) -> rrb.Blueprint:
-    """Layout of one episode's file."""
+class LiveLayout(NamedTuple):
+    """What is special to the layout of a live view."""
+
+    curves: tuple[str, ...] = ()  # plots under plots/curves
+    everywhere: bool = False  # the map shows the whole area, for there will be other episodes
+
+
+def blueprint(episode: Episode, live: LiveLayout | None = None) -> rrb.Blueprint:
+    """Layout of one episode's file, or of a live view that begins with it."""
     views = _views(episode)
     low, high = map_bounds(episode)
+    if live and live.everywhere and episode.scene.area_m is not None:
+        high = np.full(2, 0.5 * episode.scene.area_m)
+        low = -high
+    elif live:  # it has only begun
+        low, high = low - MAP_ROOM * (high - low), high + MAP_ROOM * (high - low)
     map_view = rrb.Spatial2DView(
         origin="map",
         name="Map (north up, m)",
@@ -33,16 +49,17 @@ def blueprint(episode: Episode) -> rrb.Blueprint:
         visual_bounds=rrb.VisualBounds2D(x_range=[low[1], high[1]], y_range=[-high[0], -low[0]]),
     )
     about: list[rrb.View] = [rrb.TextDocumentView(origin="config", name="Run")]
-    if episode.events or any(isinstance(overlay, Note) for overlay in episode.overlays):
+    if live or episode.events or any(isinstance(overlay, Note) for overlay in episode.overlays):
         about.append(rrb.TextLogView(origin="events", name="Events"))
     beside = rrb.Vertical(map_view, rrb.Tabs(*about), row_shares=[3, 2])
     upper = rrb.Horizontal(*views, beside, column_shares=[4] * len(views) + [3])
-    plots = rrb.Horizontal(*(rrb.Tabs(*group) for group in _plots(episode) if group))
+    curves = [_series(name, f"{CURVES}/{name}") for name in live.curves] if live else []
+    plots = rrb.Horizontal(*(rrb.Tabs(*group) for group in [curves, *_plots(episode)] if group))
     return rrb.Blueprint(
         rrb.Vertical(upper, plots, row_shares=[7, 3]),
         rrb.SelectionPanel(state="collapsed"),
         rrb.BlueprintPanel(state="collapsed"),
-        rrb.TimePanel(timeline="sim_time", play_state="paused", state="collapsed"),
+        rrb.TimePanel(timeline="sim_time", play_state="following" if live else "paused", state="collapsed"),
     )
 
 
@@ -113,12 +130,7 @@ def _view(
 
 def _trails(episode: Episode) -> dict:
     """What the views show of the trails that are segments; those of boats are whole lines."""
-    return {
-        f"world/{one.name}/trail_{vehicle}": _last_seconds()
-        for one in episode.teams.values()
-        if not one.on_water
-        for vehicle in range(one.vehicles)
-    }
+    return {f"world/{one.name}/trails": _last_seconds() for one in episode.teams.values() if not one.on_water}
 
 
 def _hidden(episode: Episode, team: TeamTrack) -> dict:
@@ -126,8 +138,7 @@ def _hidden(episode: Episode, team: TeamTrack) -> dict:
     patches = patch_of(episode)
     paths = [f"world/{name}/sea" for name in set(patches.values()) if name != patches[team.name]]
     if team.on_water:
-        flying = (one for one in episode.teams.values() if not one.on_water)
-        paths += [f"world/{one.name}/plumb_{vehicle}" for one in flying for vehicle in range(one.vehicles)]
+        paths += [f"world/{one.name}/plumb_lines" for one in episode.teams.values() if not one.on_water]
     return {path: rrb.EntityBehavior(visible=False) for path in paths}
 
 
@@ -157,8 +168,8 @@ def _series(name: str, *contents: str, hidden: Sequence[str] = ()) -> rrb.TimeSe
 
 def _each(team: TeamTrack, name: str, path: str) -> rrb.TimeSeriesView:
     """A plot that each vehicle has: the first's is shown, the others' are a click away."""
-    others = [f"{path}/vehicle_{vehicle}" for vehicle in range(1, team.vehicles)]
-    return _series(f"{team.vehicle_name(0)} {name}", f"{path}/**", hidden=others)
+    hidden = [f"{path}/{OTHERS}"] if team.vehicles > 1 else []
+    return _series(f"{team.vehicle_name(0)} {name}", f"{path}/**", hidden=hidden)
 
 
 def _plots(episode: Episode) -> list[Sequence[rrb.View]]:

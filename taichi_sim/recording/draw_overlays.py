@@ -15,6 +15,7 @@ from taichi_sim.recording.plots import as_shown, send_plot
 from taichi_sim.recording.space import line_lift
 from taichi_sim.recording.stream import Stream
 
+RIGID_M = 2e-3  # a line whose points keep their places among each other to this moves as one piece
 ROUND = np.linspace(0.0, 2.0 * np.pi, 33)  # rad, an ellipse on the map
 
 
@@ -29,17 +30,20 @@ class Look(NamedTuple):
 def send_overlays(stream: Stream, episode: Episode) -> None:
     """Everything in `episode.overlays` but the notes, which are events."""
     lift = line_lift(episode)
+    drawn = {overlay.name: overlay for overlay in episode.whole.overlays if not isinstance(overlay, Plot | Note)}
     for overlay in episode.overlays:
         if isinstance(overlay, Plot):
             labels, factor = as_shown(overlay.lines, overlay.unit)
             colours = list(overlay.colours) or [FOLLOWERS[line % len(FOLLOWERS)] for line in range(len(labels))]
             send_plot(stream, f"plots/{entity_name(overlay)}", factor * overlay.values, labels, colours)
         elif not isinstance(overlay, Note):
-            _send_geometry(stream, overlay, lift if overlay.on_water else 0.0)
+            _send_geometry(stream, overlay, drawn.get(overlay.name, overlay), lift if overlay.on_water else 0.0)
 
 
-def _send_geometry(stream: Stream, overlay: Any, lift: float) -> None:
+def _send_geometry(stream: Stream, overlay: Any, like: Any, lift: float) -> None:
+    """An overlay, in the way in which that of the whole episode, `like`, is drawn."""
     arrays, world, flat = KINDS[type(overlay)]
+    moves = max(len(getattr(one, name)) for one in (overlay, like) for name in arrays) > 1
     given = [getattr(overlay, name) for name in arrays]
     frames, count = max(len(array) for array in given), given[0].shape[1]
     values = [np.broadcast_to(array, (frames, *array.shape[1:])).astype(np.float64) for array in given]
@@ -47,8 +51,8 @@ def _send_geometry(stream: Stream, overlay: Any, lift: float) -> None:
     labels = np.broadcast_to(overlay.labels, (frames, count))[seen].tolist() if overlay.labels else []
     for root, draw in (("world", world), ("map", flat)):
         if overlay.where in (root, "both"):
-            look = draw(overlay, lift, *(array[seen] for array in values))
-            _send(stream, f"{root}/{entity_name(overlay)}", look, overlay, labels, seen.sum(axis=1))
+            look = draw(like, lift, *(array[seen] for array in values))
+            _send(stream, f"{root}/{entity_name(overlay)}", look, overlay, labels, seen.sum(axis=1) if moves else None)
 
 
 def _known(name: str, array: Array) -> NDArray[np.bool_]:
@@ -60,15 +64,41 @@ def _known(name: str, array: Array) -> NDArray[np.bool_]:
 
 
 def _send(
-    stream: Stream, path: str, look: Look, overlay: Any, labels: Sequence[str], counts: NDArray[np.integer]
+    stream: Stream, path: str, look: Look, overlay: Any, labels: Sequence[str], counts: NDArray[np.integer] | None
 ) -> None:
+    """With `counts` things in each step, or None for what stands still."""
     rows = look.rows | ({"labels": labels} if labels else {})
     whole = {"colors": overlay.colour} | ({"show_labels": True} if labels else {}) | look.look
-    if len(counts) == 1:
+    if counts is None:
         stream.static(path, look.kind.from_fields(**rows, **whole))
-    else:
-        stream.static(path, look.kind.from_fields(**whole))
-        stream.columns(path, look.kind.columns(**rows).partition(counts))
+        return
+    stream.static(path, look.kind.from_fields(**whole))
+    columns, still = look.kind.columns(**rows).partition(counts), None
+    if "strips" in rows and not labels and (counts == 1).all():
+        still = _send_if_rigid(stream, path, look)
+    if still is None:
+        if stream.memory.get(path) is not None:  # what moved as one piece does so no more
+            stream.columns(path, rr.Transform3D.columns(translation=np.zeros((1, 3))), np.arange(1))
+        stream.columns(path, columns)
+    stream.memory[path] = still
+
+
+def _send_if_rigid(stream: Stream, path: str, look: Look) -> Array | None:
+    """One line in each step that keeps its shape, as that shape and where it is: the shape, or None if it changes."""
+    strips = look.rows["strips"]
+    if any(strip.shape != strips[0].shape for strip in strips):
+        return None
+    lines = np.stack(strips)
+    place, shape = lines[:, 0], lines[0] - lines[0, 0]
+    if np.abs(lines - place[:, None] - shape).max() > RIGID_M:
+        return None
+    known = stream.memory.get(path)
+    if known is None or known.shape != shape.shape or np.abs(known - shape).max() > RIGID_M:
+        stream.columns(path, look.kind.columns(strips=[shape]), np.arange(1))
+        known = shape
+    place = np.pad(place, ((0, 0), (0, 3 - place.shape[1])))
+    stream.columns(path, rr.Transform3D.columns(translation=place))
+    return known
 
 
 def _raised(place_n: Array, lift: float) -> Array:
@@ -110,7 +140,10 @@ def _ellipsoids(_: Ellipsoids, lift: float, place: Array, half_axes: Array, head
     return Look(rr.Ellipsoids3D, rows, {"fill_mode": "majorwireframe"})
 
 
-def _flat_ellipsoids(_: Ellipsoids, __: float, place: Array, half_axes: Array, heading: Array) -> Look:
+def _flat_ellipsoids(overlay: Ellipsoids, _: float, place: Array, half_axes: Array, heading: Array) -> Look:
+    if np.array_equal(overlay.half_axes_m[..., 0], overlay.half_axes_m[..., 1]):  # takes a tenth of the bytes
+        round_about = {"centers": map_point(place), "half_sizes": half_axes[:, [0, 0]]}
+        return Look(rr.Ellipses2D, round_about, {"line_radii": -1.2})
     along, right = half_axes[:, :1] * np.cos(ROUND), half_axes[:, 1:2] * np.sin(ROUND)
     cos, sin = np.cos(heading)[:, None], np.sin(heading)[:, None]
     outline = place[:, None, :2] + np.stack([cos * along - sin * right, sin * along + cos * right], axis=-1)

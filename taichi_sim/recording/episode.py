@@ -192,6 +192,7 @@ class Episode:
     current_n: Array | None = None  # [T, 2] north and east velocity of the water, m/s; None: still
     wind_n: Array | None = None  # [T, 3] velocity of the air 10 m above the sea (where it blows to), m/s; None: calm
     waves: Waves | None = None  # what `elevation` is the sum of; None: not known, or not of waves
+    like: "Episode | None" = None  # of a part of an episode: what its scales and its layout are taken from
 
     def __post_init__(self) -> None:
         """Refuse arrays that do not fit together."""
@@ -216,6 +217,11 @@ class Episode:
         for event in self.events:
             if event.team not in self.teams or not 0 <= event.vehicle < self.teams[event.team].vehicles:
                 raise ValueError(f"event {event.kind}: no vehicle {event.vehicle} in team {event.team}")
+
+    @property
+    def whole(self) -> "Episode":
+        """What decides scales, grids and layout: itself, or for a part what it is drawn like."""
+        return self.like or self
 
     @property
     def afloat(self) -> TeamTrack:

@@ -10,6 +10,7 @@ from taichi_sim.recording.frames import euler
 from taichi_sim.recording.palette import FOLLOWERS, TARGET, Colour
 from taichi_sim.recording.stream import Stream
 
+OTHERS = "others"  # where a plot has the lines of all vehicles but the first
 DEGREES = {"rad": ("deg", float(np.degrees(1.0)))}  # unit -> as shown, factor
 
 
@@ -39,17 +40,23 @@ def send_plots(stream: Stream, episode: Episode, team: TeamTrack) -> None:
         send_plot(stream, f"plots/{path}/{name}", team.error_m[:, of], names[of], colours[of])
     if team.reward is not None:
         send_plot(stream, f"plots/reward/{name}", team.reward, names, colours)
-    headings = _headings(team)
+    headings = _headings(stream, team)
     values = np.stack([*headings.values()], axis=1)
     send_plot(stream, f"plots/heading/{name}", values, [*headings], [livery.first, TARGET][: len(headings)])
-    for vehicle in everyone:
-        for path, (labels, values) in vehicle_plots(team, vehicle).items():
-            whose = "" if vehicle == 0 else f", {names[vehicle]}"
-            shades = [colours[vehicle], *(shade for shade in FOLLOWERS if shade != colours[vehicle])]
-            shades = [shades[line % len(shades)] for line in range(len(labels))]
-            send_plot(
-                stream, f"plots/{path}/vehicle_{vehicle}", values, [f"{label}{whose}" for label in labels], shades
-            )
+    of_each = [vehicle_plots(team, vehicle) for vehicle in everyone]
+    for path, (labels, first) in of_each[0].items():
+        send_plot(stream, f"plots/{path}/first", first, labels, _shades(colours[0], len(labels)))
+        if team.vehicles > 1:
+            lines = [f"{label}, {who}" for who in names[1:] for label in labels]
+            shades = [shade for colour in colours[1:] for shade in _shades(colour, len(labels))]
+            values = np.concatenate([plots[path][1] for plots in of_each[1:]], axis=1)
+            send_plot(stream, f"plots/{path}/{OTHERS}", values, lines, shades)
+
+
+def _shades(colour: Colour, lines: int) -> list[Colour]:
+    """Colours of the lines of a vehicle that is of `colour`."""
+    shades = [colour, *(shade for shade in FOLLOWERS if shade != colour)]
+    return [shades[line % len(shades)] for line in range(lines)]
 
 
 def error_plots(team: TeamTrack) -> dict[str, slice]:
@@ -61,18 +68,27 @@ def error_plots(team: TeamTrack) -> dict[str, slice]:
     return {"tracking_error": slice(0, 1), "formation_error": slice(1, None)}
 
 
-def _headings(team: TeamTrack) -> dict[str, Array]:
+def _headings(stream: Stream, team: TeamTrack) -> dict[str, Array]:
     """Heading of the first vehicle, and the course of its target, deg, without jumps by 360."""
     heading = np.degrees(euler(team.quaternion_nb[:, 0])[2])
     if team.target_course is None:
-        return {"heading (deg)": np.unwrap(heading, period=360.0)}
-    course = np.degrees(np.unwrap(team.target_course))
+        return {"heading (deg)": _unwrapped(stream, team, heading)}
+    course = _unwrapped(stream, team, np.degrees(team.target_course))
     heading = course + (heading - course + 180.0) % 360.0 - 180.0  # on the turn nearest to the target's course
     return {"heading (deg)": heading, "target course (deg)": course}
 
 
+def _unwrapped(stream: Stream, team: TeamTrack, angle: Array) -> Array:
+    """Angles [T] (deg) without jumps by 360, on from the part before."""
+    key = f"plots/heading/{team.name}"
+    begin = stream.memory.get(key, angle[0])
+    on = np.unwrap(np.append(begin, angle), period=360.0)[1:]
+    stream.memory[key] = on[-1]
+    return np.asarray(on, dtype=np.float64)
+
+
 def vehicle_plots(team: TeamTrack, vehicle: int) -> dict[str, tuple[list[str], Array]]:
-    """The plots that each vehicle has: path -> names of K lines with their units, values [T, K]."""
+    """What plots show of each vehicle: path -> names of K lines with their units, values [T, K]."""
     roll, pitch, _ = (np.degrees(angle) for angle in euler(team.quaternion_nb[:, vehicle]))
     plots = {f"attitude/{team.name}": (["roll (deg)", "pitch (deg)"], np.stack([roll, pitch], axis=1))}
     height = -team.position_n[:, vehicle, 2:]

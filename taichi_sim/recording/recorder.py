@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from taichi_sim.config.io import toml_text
 from taichi_sim.conventions import FREEBOARD, NO_DECK
 from taichi_sim.fleet import Fleet
-from taichi_sim.recording.episode import Array, Episode, Event, Scene, Signal, TeamTrack
+from taichi_sim.recording.episode import Array, Elevation, Episode, Event, Scene, Signal, TeamTrack
 from taichi_sim.recording.model import air_of, airframe_of, body_of, columns_of, forces_of, signals_of
 from taichi_sim.recording.overlays import Overlay
 from taichi_sim.recording.rrd import write_recording
@@ -29,8 +29,8 @@ class Recorder:
     Its clock begins where the world's is when it is made.
     """
 
-    def __init__(self, world: World, env: int = 0) -> None:
-        """Begin a recording.
+    def __init__(self, world: World, env: int = 0, after: float = 0.0) -> None:
+        """Begin a recording, whose clock says `after` (s) by now.
 
         Raises:
             ValueError: if there is no such environment.
@@ -38,8 +38,9 @@ class Recorder:
         if not 0 <= env < world.num_envs:
             raise ValueError(f"environment {env}: there are {world.num_envs}")
         self.world, self.env = world, env
-        self._begin, self._sea = float(world.time[env]), int(world.env_sea[env])
+        self._begin, self._sea = float(world.time[env]) - after, int(world.env_sea[env])
         self._time: list[float] = []
+        self._last = -np.inf  # s, of the newest frame
         self._flows: list[tuple[Array, Array]] = []
         self._rows: dict[str, list[dict[str, Array]]] = {name: [] for name in world.teams}
 
@@ -54,10 +55,11 @@ class Recorder:
             ValueError: if the world's clock does not go on, or its sea is another: an episode was begun anew, which
                 takes a recorder of its own.
         """
-        now = float(self.world.time[self.env]) - self._begin
-        if int(self.world.env_sea[self.env]) != self._sea or (self._time and now <= self._time[-1]):
+        now = self.now
+        if int(self.world.env_sea[self.env]) != self._sea or now <= self._last:
             raise ValueError(f"environment {self.env} is not where it was recorded last: it was begun anew")
         self._time.append(now)
+        self._last = now
         around = self.world.around
         self._flows.append((_copy(around.current[self.env]), _copy(around.wind[self.env])))
         for name, team in self.world.teams.items():
@@ -78,6 +80,11 @@ class Recorder:
         if action is not None:
             values["action"] = action[self.env]
         return {key: _copy(value) for key, value in values.items()}
+
+    @property
+    def now(self) -> float:
+        """The clock, s."""
+        return float(self.world.time[self.env]) - self._begin
 
     @property
     def time_s(self) -> Array:
@@ -119,6 +126,7 @@ class Recorder:
         events: Iterable[Event] = (),
         overlays: Iterable[Overlay] = (),
         config_text: str | None = None,
+        like: Episode | None = None,
     ) -> Episode:
         """All frames so far. What belongs to a mission comes from outside; a bare world has none of it.
 
@@ -127,6 +135,7 @@ class Recorder:
             mission: team -> what else of a TeamTrack there is, by name.
             scene, events, overlays: see Episode.
             config_text: markdown; default the world's configuration.
+            like: of a part, see Episode.
 
         Raises:
             ValueError: if there is no frame yet, or something does not fit the frames.
@@ -137,9 +146,6 @@ class Recorder:
         name = config.name if name is None else name
         sea, begin, index = self.world.sea, self._begin, self._sea
 
-        def elevation(north: NDArray, east: NDArray, time_s: float) -> NDArray:
-            return sea.elevation(north, east, begin + time_s, index).cpu().numpy()
-
         def waves(time_s: float) -> Array:
             return sea.waves_at(begin + time_s, index)
 
@@ -147,7 +153,7 @@ class Recorder:
             name=name,
             time_s=self.time_s,
             teams={team: self.track(team, **(mission or {}).get(team, {})) for team in self.world.teams},
-            elevation=elevation,
+            elevation=self._elevation(),
             scene=scene or Scene(),
             config_text=f"# {name}\n\n```toml\n{toml_text(config)}```\n" if config_text is None else config_text,
             events=tuple(events),
@@ -155,7 +161,29 @@ class Recorder:
             current_n=np.stack([current for current, _ in self._flows]),
             wind_n=np.stack([wind for _, wind in self._flows]),
             waves=waves,
+            like=like,
         )
+
+    def part(self, **parts: Any) -> Episode:
+        """An episode of the frames since the last part, which are forgotten; see `episode`."""
+        part = self.episode(**parts)
+        self._time, self._flows = [], []
+        self._rows = {name: [] for name in self._rows}
+        return part
+
+    def _elevation(self) -> Elevation:
+        """Of the environment's sea, by the time of the recording; waves are moved on once for all points of a time."""
+        sea, begin = self.world.sea, self._begin
+        like, env_sea = self.world.time, torch.tensor([self._sea], dtype=torch.int32, device=self.world.time.device)
+
+        def elevation(north: NDArray, east: NDArray, time_s: float) -> NDArray:
+            place = np.stack(np.broadcast_arrays(north, east), axis=-1)
+            points = torch.from_numpy(place.reshape(-1, 2)).to(sea.table)
+            phase = sea.phases(env_sea, like.new_tensor([begin + time_s]))
+            rows = env_sea.new_zeros(len(points))
+            return sea.elevation_at(points, rows, env_sea, phase).cpu().numpy().reshape(place.shape[:-1])
+
+        return elevation
 
     def write(self, path: str | Path, **parts: Any) -> Path:
         """Write `episode(**parts)` to an .rrd file; see write_recording."""

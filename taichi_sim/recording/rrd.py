@@ -7,14 +7,10 @@ from pathlib import Path
 
 import rerun as rr
 
-from taichi_sim.recording.arrows import arrow_text, send_air, send_flow, send_forces
 from taichi_sim.recording.blueprint import blueprint
-from taichi_sim.recording.draw_overlays import send_overlays
+from taichi_sim.recording.draw import draw
 from taichi_sim.recording.episode import Episode
-from taichi_sim.recording.plots import send_plots
-from taichi_sim.recording.space import send_events, send_scene, send_sea
 from taichi_sim.recording.stream import Stream
-from taichi_sim.recording.vehicles import send_team
 
 APPLICATION = "taichi_sim"
 FOOTER = b"RRF2FOOT"  # in the last bytes of a whole file
@@ -49,7 +45,7 @@ def _write(episode: Episode, part: Path) -> None:
     try:
         with rr.RecordingStream(application, recording_id=str(recording)) as rec:
             rec.save(part, default_blueprint=blueprint(episode))
-            _send(Stream(rec, episode.time_s), episode)
+            draw(Stream(rec), episode)
             logged = True
     except RuntimeError as fault:
         if logged:
@@ -80,20 +76,3 @@ def _disk_fault(part: Path, reason: str) -> OSError:
     except OSError as fault:
         return fault
     return OSError(errno.EIO, f"recording not written: {reason}", str(part))
-
-
-def _send(stream: Stream, episode: Episode) -> None:
-    """The whole episode, part by part."""
-    stream.static("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
-    about = f"{arrow_text(episode)}{episode.config_text or f'# {episode.name}'}"
-    stream.static("config", rr.TextDocument(about, media_type="text/markdown"))
-    send_scene(stream, episode)
-    send_sea(stream, episode)
-    for team in episode.teams.values():
-        send_team(stream, episode, team)
-        send_forces(stream, team)
-        send_air(stream, team)
-        send_plots(stream, episode, team)
-    send_flow(stream, episode)
-    send_overlays(stream, episode)
-    send_events(stream, episode)

@@ -1,35 +1,56 @@
-"""The piece of sea that follows a team, east-north-up, with the light baked into its colours.
+"""The piece of sea that follows a team, east-north-up.
 
 Its grid (sea_grid.py) is held to whole cells of the world so that its points do not swim. Only the squares are the
-simulated sea, not the rings around them. Most of a recording's bytes are here, so the whole patch moves with the waves
-a few times a second, and in between only the water about each hull does.
+simulated sea, not the rings around them. Most of a recording's bytes are here, so a point is drawn anew only when it is
+off by what could be seen: by a little more the farther it is from the boats, and its colour by a few levels. The whole
+patch is looked at a few times a second, and in between only the water about each hull.
 """
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from taichi_sim.recording.episode import Array, Episode, TeamTrack
 from taichi_sim.recording.sea_grid import FADE, SeaGrid
+from taichi_sim.recording.sea_light import light, patch_colours
+from taichi_sim.recording.stream import Stream
 
 FRAME_S = 0.1  # the water about a hull moves this often: a hull heaves by half its draft in 0.2 s
-WHOLE_S = 0.2  # the rest of it
 ALOFT_S = 0.4  # all of it where there are no boats: nothing rides on the waves
 INSIDE = 0.8  # of half its side: who stays within this much of a patch is on it
-HULL_LENGTHS = 1.25  # how far from a boat the water is about its hull
+HULL_LENGTHS = 1.25  # how far from a boat the water is about its hull, and drawn to the rounding
 MAX_FRAMES = 1200  # fewer per second in a longer episode
 HORIZON_M = 4000.0  # half the side of the outer ring, at least
-BATCH = 50  # frames sent at a time
-ROUND_M, LEVEL = 1.0 / 64.0, 4.0  # heights and colours (of 255) are rounded to these, so that the file packs well
-FADE_SHARE = 0.15  # of the side, inside the border: the light of the waves fades there
+BATCH = 100  # frames sent at a time
+ROUND_M = 1.0 / 64.0  # heights are rounded to this, so that the file packs well
+OFF, OFF_CRESTS = 0.02, 0.35  # what a height may be off, of the distance to the nearest hull; at most, of a tall crest
+OFF_SHADE = 10.0  # what a colour may be off, of 255
+SLACK = 1.0  # cells that a team may leave the middle of its patch before this moves: with it every point is sent anew
 
-SUN_ENU = np.array([-0.45, -0.35, 0.82]) / np.linalg.norm([-0.45, -0.35, 0.82])
-DEEP = np.array([12.0, 62.0, 92.0])
-CREST = np.array([58.0, 142.0, 158.0])
-FOAM = np.array([222.0, 234.0, 236.0])
-HAZE = np.array([168.0, 196.0, 214.0])  # the horizon, and the sky behind it
+
+class Cadence(NamedTuple):
+    """Which steps have a frame: every `stride`-th; and every `whole`-th frame all that is water is looked at."""
+
+    stride: int
+    whole: int
+
+    @classmethod
+    def of(cls, time: Array, seconds: float = FRAME_S, most: int | None = None) -> "Cadence":
+        """A frame about every `seconds` of the clock `time` [T] (s), at `most` so many."""
+        step = float(np.median(np.diff(time))) if len(time) > 1 else seconds
+        stride = max(1, round(seconds / step), 1 if most is None else -(-len(time) // most))
+        return cls(stride, 2 if stride * step < 0.75 * ALOFT_S else 1)
+
+    def steps(self, stream: Stream) -> NDArray[np.int64]:
+        """Steps of the stream's part that have a frame."""
+        return np.arange(-stream.first % self.stride, len(stream.ns), self.stride)
+
+    def is_whole(self, stream: Stream, step: int) -> bool:
+        """Whether the frame at `step` of the part is a whole one."""
+        return (stream.first + step) // self.stride % self.whole == 0
 
 
 @dataclass(frozen=True)
@@ -37,19 +58,16 @@ class SeaFrames:
     """Some frames of the patch."""
 
     index: NDArray[np.int64]  # [F] step of each frame
-    origin_enu: NDArray[np.float32]  # [F, 3] m, centre of the patch, on whole cells
-    vertices: NDArray[np.float32]  # [F, N, 3] m, east, north, up from the centre
+    origin_enu: NDArray[np.float32]  # [F, 3] m, the patch's origin, on whole cells, far below
+    vertices: NDArray[np.float32]  # [F, N, 3] m, east, north, up from the origin
     colours: NDArray[np.uint8]  # [F, N, 3]
 
 
-def frame_steps(time: Array, seconds: float = FRAME_S, most: int | None = None) -> tuple[NDArray[np.int64], int]:
-    """Steps that have a frame, about every `seconds`, out of the clock `time` [T] (s); and which frames are whole.
-
-    At `most` so many frames; every n-th, where all that is water moves, is whole: n is the second value.
+def bias(height: float) -> float:
+    """Height (m) to count others from that are up to `height`: as float32 they differ in their last bytes alone then,
+    which packs better.
     """
-    step = float(np.median(np.diff(time))) if len(time) > 1 else seconds
-    stride = max(1, round(seconds / step), 1 if most is None else -(-len(time) // most))
-    return np.arange(0, len(time), stride), max(1, round(WHOLE_S / (stride * step)))
+    return 1.5 * 2.0 ** float(np.ceil(np.log2(4.0 * height)))
 
 
 def patch_of(episode: Episode) -> dict[str, str]:
@@ -68,103 +86,122 @@ def patch_of(episode: Episode) -> dict[str, str]:
 def _stays_on_patch(team: TeamTrack, lead: TeamTrack) -> bool:
     """Whether the first of `team` is all the time within the patch of `lead`."""
     grid = SeaGrid.of(lead)
-    away = np.abs(team.position_n[:, 0, :2] - _centres(lead, grid)).max()
+    away = np.abs(team.position_n[:, 0, :2] - _middle(lead)).max()
     return bool(away <= INSIDE * grid.half_m)
 
 
-def sea_frames(episode: Episode, team: TeamTrack, grid: SeaGrid) -> Iterator[SeaFrames]:
-    """The patch that follows `team` over the episode, in batches."""
-    time = np.asarray(episode.time_s, dtype=np.float64)
-    steps, stride = frame_steps(time, FRAME_S if team.on_water else ALOFT_S, MAX_FRAMES)
-    whole = np.arange(len(steps)) // stride * stride  # the frame in which all of the patch was moved
-    centres = _centres(team, grid)[steps[whole]]
-    crest = _crest(episode, grid, time[steps[:8]])
-    squares = [_Square(episode, grid.coarse_line, crest, min(grid.parts, 2))]
-    if grid.parts > 1:
-        squares.append(_Square(episode, grid.fine_line, crest, 1))
-    for start in range(0, len(steps), BATCH):
-        frames = np.arange(start, min(start + BATCH, len(steps)))
-        vertices, colours = [], []
-        for frame in frames:
-            for square in squares:
-                square.move(centres[frame], int(steps[frame]), everywhere=bool(whole[frame] == frame))
-            vertices.append(_vertices(episode, grid, squares))
-            colours.append(_colours(grid, squares))
-        origin = np.column_stack([centres[frames, 1], centres[frames, 0], np.zeros(len(frames))])
-        shades = np.clip(np.stack(colours), 0.0, 255.0).astype(np.uint8)
-        yield SeaFrames(steps[frames], origin.astype(np.float32), np.stack(vertices).astype(np.float32), shades)
+def _middle(team: TeamTrack) -> Array:
+    """[T, 2] north, east (m): between the first and the middle of all, for followers mostly trail."""
+    places = team.places_n[:, team.company]
+    middle = team.position_n[:, 0] + 0.5 * (places.mean(axis=1) - places[:, 0])
+    return np.asarray(middle[:, :2], dtype=np.float64)
+
+
+class SeaPatch:
+    """The patch that follows a team, as it was drawn last."""
+
+    def __init__(self, episode: Episode, team: TeamTrack) -> None:
+        """Of the team `team` of an episode, or of its first part."""
+        self.grid = grid = SeaGrid.of(episode.whole.teams[team.name])
+        self.cadence = Cadence.of(episode.whole.time_s, FRAME_S if team.on_water else ALOFT_S, MAX_FRAMES)
+        crest = _crest(episode, grid, episode.time_s[:: self.cadence.stride][:8])
+        self._squares = [_Square(grid.coarse_line, crest, min(grid.parts, 2))]
+        if grid.parts > 1:
+            self._squares.append(_Square(grid.fine_line, crest, 1))
+        self._far = max(2.0 * (episode.scene.area_m or 0.0), HORIZON_M) / grid.half_m
+        self._bias = bias(crest)
+        self._centre = np.full(2, np.nan)  # north, east, m; nowhere yet
+
+    def frames(self, stream: Stream, episode: Episode, team: TeamTrack) -> Iterator[SeaFrames]:
+        """Those of the stream's part of the episode, in batches."""
+        steps, middle = self.cadence.steps(stream), _middle(team)
+        for start in range(0, len(steps), BATCH):
+            index = steps[start : start + BATCH]
+            vertices, colours, origin = [], [], []
+            for step in index:
+                whole = bool(np.isnan(self._centre[0])) or self.cadence.is_whole(stream, int(step))
+                moved = whole and self._follow(middle[step])
+                boats = [boat for one in episode.teams.values() if one.on_water for boat in _boats(one, step)]
+                for square in self._squares:
+                    square.draw(episode, int(step), self._centre, np.array(boats), whole=whole, anew=moved)
+                vertices.append(self._vertices())
+                colours.append(patch_colours(self.grid, [square.light for square in self._squares]))
+                origin.append((self._centre[1], self._centre[0], -self._bias))
+            shades = np.clip(np.stack(colours), 0.0, 255.0).astype(np.uint8)
+            yield SeaFrames(index, np.array(origin, np.float32), np.stack(vertices).astype(np.float32), shades)
+
+    def _follow(self, middle: Array) -> bool:
+        """Move the centre if the team's `middle` (north, east, m) has left it; whether it did.
+
+        It gets ahead of the team then, so that it rarely moves.
+        """
+        cell, old = self.grid.cell, self._centre
+        begins, away = np.isnan(old), np.nan_to_num(middle - old)
+        ahead = np.round((middle + np.sign(away) * SLACK * cell) / cell) * cell
+        self._centre = np.where(begins | (np.abs(away) > SLACK * cell), ahead, old)
+        return bool(np.any(self._centre != old))
+
+    def _vertices(self) -> Array:
+        """[N, 3] m, in the order of the grid's triangles."""
+        coarse, *fine = (square.points(self._bias) for square in self._squares)
+        rings = [
+            np.column_stack([coarse[self.grid.rim, :2] * share, np.full(len(self.grid.rim), self._bias)])
+            for share in (FADE, self._far)
+        ]
+        return np.concatenate([coarse[self.grid.shown], *fine, *rings])
+
+
+def _boats(team: TeamTrack, step: int) -> Array:
+    """[V, 3] north, east, length (m) of a team of boats."""
+    return np.column_stack([team.position_n[step, :, :2], np.full(team.vehicles, team.size_m[0])])
 
 
 class _Square:
-    """The water on the points of one square, as it was last drawn."""
+    """The water on the points of one square, as it was drawn last."""
 
-    def __init__(self, episode: Episode, line: Array, crest: float, between: int) -> None:
-        """Wait for the first move.
+    def __init__(self, line: Array, crest: float, between: int) -> None:
+        """Wait to be drawn.
 
         `crest` is a tall crest's height, m; slopes are taken over 2 / `between` cells.
         """
-        self.episode, self.crest, self.between = episode, crest, between
+        self.crest, self.between = crest, between
         self.line = np.linspace(line[0], line[-1], between * (len(line) - 1) + 1)
         self.north, self.east = np.meshgrid(line, line, indexing="ij")
         self.up, self.light = np.zeros_like(self.north), np.zeros((*self.north.shape, 3))
 
-    def move(self, centre: Array, step: int, *, everywhere: bool) -> None:
-        """Heights (m) and light at `step` with the square about `centre` (north, east, m)."""
+    def draw(self, episode: Episode, step: int, centre: Array, boats: Array, *, whole: bool, anew: bool) -> None:
+        """Heights (m) and light at `step` with the square about `centre` (north, east, m) among `boats` [B, 3].
+
+        If not `whole` only the water about hulls is looked at, if `anew` there is nothing that may stay.
+        """
+        time = float(episode.time_s[step])
+        off = self._off(centre, boats)
+        if not whole:
+            at = off == 0.0
+            if at.any():
+                up = episode.elevation(self.north[at] + centre[0], self.east[at] + centre[1], time)
+                self.up[at] = np.round(np.asarray(up, np.float64) / ROUND_M) * ROUND_M
+            return
         north, east = np.meshgrid(self.line + centre[0], self.line + centre[1], indexing="ij")
-        up = np.asarray(self.episode.elevation(north, east, float(self.episode.time_s[step])), dtype=np.float64)
-        light = _light(up, self.line[1] - self.line[0], self.crest)
-        up, light = up[:: self.between, :: self.between], light[:: self.between, :: self.between]
-        moves = np.full(up.shape, everywhere)
-        if not everywhere:
-            for team in self.episode.teams.values():
-                for n, e in team.position_n[step, :, :2] - centre if team.on_water else ():
-                    moves |= np.hypot(self.north - n, self.east - e) < HULL_LENGTHS * team.size_m[0]
-        self.up = np.where(moves, np.round(up / ROUND_M) * ROUND_M, self.up)
-        self.light = np.where(moves[..., None], light, self.light)
+        up = np.asarray(episode.elevation(north, east, time), dtype=np.float64)
+        shade = light(up, self.line[1] - self.line[0], self.crest)[:: self.between, :: self.between]
+        up = np.round(up[:: self.between, :: self.between] / ROUND_M) * ROUND_M
+        self.up = np.where(anew | (np.abs(up - self.up) > off), up, self.up)
+        changed = anew | (np.abs(shade - self.light).max(axis=-1) > OFF_SHADE)
+        self.light = np.where(changed[..., None], shade, self.light)
 
-    def points(self, up: Array) -> Array:
-        """[N, 3] m, east, north and `up` [side, side] from the centre."""
-        return np.stack([self.east, self.north, up], axis=-1).reshape(-1, 3)
+    def _off(self, centre: Array, boats: Array) -> Array:
+        """[side, side] m: what a height may be off; nothing at a hull."""
+        most = OFF_CRESTS * self.crest
+        if not len(boats):
+            return np.full(self.north.shape, most)
+        n, e, length = np.moveaxis(boats[:, None, None], -1, 0)
+        away = np.hypot(self.north + centre[0] - n, self.east + centre[1] - e) - HULL_LENGTHS * length
+        return np.clip(OFF * away.min(axis=0), 0.0, most)
 
-
-def _vertices(episode: Episode, grid: SeaGrid, squares: list[_Square]) -> Array:
-    """[N, 3] m, in the order of the grid's triangles."""
-    coarse = squares[0].points(squares[0].up)
-    fine = [square.points(square.up) for square in squares[1:]]
-    far = max(2.0 * (episode.scene.area_m or 0.0), HORIZON_M) / grid.half_m
-    rings = [coarse[grid.rim] * (share, share, 0.0) for share in (FADE, far)]
-    return np.concatenate([coarse[grid.shown], *fine, *rings])
-
-
-def _colours(grid: SeaGrid, squares: list[_Square]) -> Array:
-    """[N, 3] likewise: the light of the waves fades towards the border."""
-    flat = 0.5 * (DEEP + CREST)
-    inside = np.minimum(np.arange(grid.cells + 1), np.arange(grid.cells, -1, -1)) / (FADE_SHARE * grid.cells)
-    fade = np.clip(np.minimum(inside[:, None], inside), 0.0, 1.0)[..., None]
-    coarse = flat + fade * (squares[0].light - flat)
-    fine = [square.light.reshape(-1, 3) for square in squares[1:]]
-    rings = [np.broadcast_to(shade, (len(grid.rim), 3)) for shade in (flat, HAZE)]
-    waves = np.concatenate([coarse.reshape(-1, 3)[grid.shown], *fine])
-    return np.concatenate([flat + np.round((waves - flat) / LEVEL) * LEVEL, *rings])
-
-
-def _light(up: Array, cell: float, scale: float) -> Array:
-    """Colours [side, side, 3] of elevations `up` [north, east], m; `scale` is a tall crest's height, m."""
-    slope_n, slope_e = np.gradient(up, cell)
-    normal = np.stack([-slope_e, -slope_n, np.ones_like(up)], axis=-1)
-    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
-    diffuse = np.clip(normal @ SUN_ENU, 0.0, 1.0) / SUN_ENU[2]
-    height = np.clip(0.5 + 0.5 * up / scale, 0.0, 1.0)[..., None]
-    colour = (DEEP + height * (CREST - DEEP)) * (0.2 + 0.8 * diffuse[..., None] ** 3)
-    foam = np.clip(up / scale - 0.85, 0.0, 0.3)[..., None] / 0.3
-    return colour + 0.6 * foam * (FOAM - colour)
-
-
-def _centres(team: TeamTrack, grid: SeaGrid) -> Array:
-    """[T, 2] north, east (m) on whole cells, between the first and the middle of all: followers mostly trail."""
-    places = team.places_n[:, team.company]
-    middle = team.position_n[:, 0] + 0.5 * (places.mean(axis=1) - places[:, 0])
-    return np.round(np.asarray(middle[:, :2], dtype=np.float64) / grid.cell) * grid.cell
+    def points(self, bias: float) -> Array:
+        """[N, 3] m, east, north and up from the centre, `bias` below mean sea level."""
+        return np.stack([self.east, self.north, self.up + bias], axis=-1).reshape(-1, 3)
 
 
 def _crest(episode: Episode, grid: SeaGrid, times: Array) -> float:

@@ -10,8 +10,7 @@ from taichi_sim.recording.episode import Array, Episode
 from taichi_sim.recording.frames import enu, map_point
 from taichi_sim.recording.overlays import Note
 from taichi_sim.recording.palette import ALARM, CHECKPOINT, FRAME, OBSTACLE
-from taichi_sim.recording.sea_grid import SeaGrid
-from taichi_sim.recording.sea_patch import patch_of, sea_frames
+from taichi_sim.recording.sea_patch import SeaPatch, patch_of
 from taichi_sim.recording.stream import Stream
 
 LEVELS = {"stall": "WARN"}  # kinds of event that end nothing
@@ -24,7 +23,7 @@ TRACK_POINTS, MAP_POINTS = -1.2, -1.5
 
 def line_lift(episode: Episode) -> float:
     """How much higher than they lie the lines on the sea are drawn, m: else the crests would hide them."""
-    return max(float(np.quantile(np.abs(episode.afloat.wave_height), 0.9)), 0.1)
+    return max(float(np.quantile(np.abs(episode.whole.afloat.wave_height), 0.9)), 0.1)
 
 
 def _flight_height(episode: Episode) -> float:
@@ -35,6 +34,7 @@ def _flight_height(episode: Episode) -> float:
 
 def map_bounds(episode: Episode) -> tuple[Array, Array]:
     """South-west and north-east corner [2] (north, east, m) of what the map shows."""
+    episode = episode.whole
     tracks = [track[:, :2] for track in episode.scene.tracks_n.values()]
     ways = [team.position_n[..., :2].reshape(-1, 2) for team in episode.teams.values()]
     places = np.concatenate([*tracks, *ways])
@@ -78,13 +78,15 @@ def send_scene(stream: Stream, episode: Episode) -> None:
 
 def send_sea(stream: Stream, episode: Episode) -> None:
     """The patches of sea that follow the teams."""
-    for name in dict.fromkeys(patch_of(episode).values()):
-        team = episode.teams[name]
-        grid, path = SeaGrid.of(team), f"world/{name}/sea"
-        triangles = grid.triangles()
-        # as the first row: rerun writes columns in order, and what is static at its leisure
-        stream.columns(path, rr.Mesh3D.columns(triangle_indices=triangles).partition([len(triangles)]), np.arange(1))
-        for frames in sea_frames(episode, team, grid):
+    for name in dict.fromkeys(patch_of(episode.whole).values()):
+        team, path = episode.teams[name], f"world/{name}/sea"
+        if path not in stream.memory:
+            stream.memory[path] = SeaPatch(episode, team)
+            triangles = stream.memory[path].grid.triangles()
+            corners = rr.Mesh3D.columns(triangle_indices=triangles).partition([len(triangles)])
+            # as the first row: rerun writes columns in order, and what is static at its leisure
+            stream.columns(path, corners, np.arange(1))
+        for frames in stream.memory[path].frames(stream, episode, team):
             count, points = frames.vertices.shape[:2]
             surface = rr.Mesh3D.columns(
                 vertex_positions=frames.vertices.reshape(-1, 3), vertex_colors=frames.colours.reshape(-1, 3)
@@ -117,14 +119,13 @@ def _mark_events(stream: Stream, episode: Episode) -> None:
     if not happened:
         return
     index = _steps(episode, [event.time_s for event in happened])
-    places = [
-        episode.teams[event.team].position_n[step, event.vehicle] for event, step in zip(happened, index, strict=True)
-    ]
+    marked: list[tuple[Array, str]] = stream.memory.setdefault("world/events", [])
+    counts = np.arange(1, len(happened) + 1) + len(marked)
+    for event, step in zip(happened, index, strict=True):
+        marked.append((episode.teams[event.team].position_n[step, event.vehicle], event.kind))
     radius = 0.25 * max(team.size_m[0] for team in episode.teams.values())
     stream.static("world/events", rr.Points3D.from_fields(colors=ALARM, radii=radius))
-    counts = np.arange(1, len(happened) + 1)
     so_far = np.concatenate([np.arange(count) for count in counts])
-    marks = rr.Points3D.columns(
-        positions=enu(np.stack(places))[so_far], labels=[happened[number].kind for number in so_far]
-    )
+    places = enu(np.stack([place for place, _ in marked]))
+    marks = rr.Points3D.columns(positions=places[so_far], labels=[marked[number][1] for number in so_far])
     stream.columns("world/events", marks.partition(counts), index)

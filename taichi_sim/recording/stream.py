@@ -1,6 +1,11 @@
-"""One rerun stream on two timelines: `sim_time` (s, rounded to whole ns) and `step`."""
+"""One rerun stream on two timelines: `sim_time` (s, rounded to whole ns) and `step`.
+
+An episode may come in parts, one after the other, each with its own clock: what is drawn goes on from part to part, for
+what it needs of the parts before is kept in `memory`. A file is one part; a live view has many.
+"""
 
 from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 import rerun as rr
@@ -10,22 +15,52 @@ from taichi_sim.recording.episode import Array
 
 
 class Stream:
-    """Sends what never changes, and what changes by whole columns."""
+    """Sends what never changes, and what changes by whole columns.
 
-    def __init__(self, rec: rr.RecordingStream, time_s: Array) -> None:
-        """`time_s` [T] is the clock that the columns' steps refer to."""
-        self.rec = rec
-        self.ns = np.rint(np.asarray(time_s, dtype=np.float64) * 1e9).astype(np.int64)
+    Attributes:
+        ns: [T] clock of the part, ns. first: number of the part's first step. after_s: what is added to the clock of
+        the next part. memory: what drawing goes on from.
+    """
+
+    def __init__(self, rec: Any, *, after_s: float = 0.0, first: int = 0) -> None:
+        """Begin an episode whose clock counts from `after_s` and whose steps count from `first`, on `rec`, a
+        rr.RecordingStream or what takes its place.
+        """
+        self.rec, self.first, self.after_s = rec, first, after_s
+        self.ns = np.zeros(0, dtype=np.int64)
+        self.memory: dict[str, Any] = {}
+        self.begins = True  # nothing was drawn before this part
+        self._said: set[str] = set()
+
+    def part(self, time_s: Array) -> None:
+        """Go on to the next part, whose steps are at `time_s` [T] (s since the episode began)."""
+        self.begins = not len(self.ns)
+        self.first += len(self.ns)
+        self.ns = np.rint((np.asarray(time_s, dtype=np.float64) + self.after_s) * 1e9).astype(np.int64)
+
+    def has(self, path: str) -> bool:
+        """Whether there is something static at `path`."""
+        return path in self._said
 
     def static(self, path: str, thing: rr.AsComponents) -> None:
-        """Log what holds for the whole recording."""
-        self.rec.log(path, thing, static=True)
+        """Log what holds for the whole recording; a second time nothing happens."""
+        if path not in self._said:
+            self._said.add(path)
+            self.rec.log(path, thing, static=True)
 
     def columns(self, path: str, columns: Iterable, index: NDArray[np.int64] | None = None) -> None:
-        """Send one row for each step in `index`, by default for every step. The arrays must not be reused."""
+        """Send one row for each step of the part in `index`, by default for all. The arrays must not be reused."""
         index = np.arange(len(self.ns)) if index is None else index
+        if not len(index):
+            return
         clock = [
             rr.TimeColumn("sim_time", duration=self.ns[index].astype("timedelta64[ns]")),
-            rr.TimeColumn("step", sequence=index),
+            rr.TimeColumn("step", sequence=self.first + index),
         ]
         self.rec.send_columns(path, clock, columns)
+
+    def before(self, key: str, rows: Array) -> Array:
+        """The last of `rows` [T, ...] in the part before, or else the first of them; those of this part are kept."""
+        last = self.memory.get(key, rows[0])
+        self.memory[key] = rows[-1]
+        return last

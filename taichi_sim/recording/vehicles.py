@@ -6,11 +6,12 @@ import rerun as rr
 from taichi_sim.recording.bodies import body_mesh
 from taichi_sim.recording.episode import Array, Episode, TeamTrack
 from taichi_sim.recording.frames import enu, enu_quaternion, level_quaternion, map_point
-from taichi_sim.recording.palette import PLUMB, TARGET
+from taichi_sim.recording.palette import PLUMB, TARGET, Colour
 from taichi_sim.recording.stream import Stream
-from taichi_sim.recording.water_lines import RING, SLOT_RING, TRAIL_POINTS, jumps, send_rings, send_wakes, surface
+from taichi_sim.recording.water_lines import SLOT_RING, TRAIL_POINTS, jumps, send_rings, send_wakes, surface
 
 PLUMB_POINTS = -0.5  # radius in points of the screen, whatever the distance
+RING = np.linspace(0.0, 2.0 * np.pi, 41)  # rad, of an upright ring
 TARGET_BALL = {"water": 0.14, "air": 0.05}  # radius of the target, of the length: an aircraft flies in it
 TARGET_UP = 0.2  # of the length: height of a boat's target over the water
 COURSE_S = 1.5  # over which the course is averaged that the view of an aircraft turns with
@@ -25,19 +26,25 @@ def send_team(stream: Stream, episode: Episode, team: TeamTrack) -> None:
         _send_rings_in_air(stream, episode, team)
         _send_trails(stream, episode, team)
         _send_plumb_lines(stream, team)
-    stream.columns(f"world/{team.name}/follow", _followed(episode, team))
+    stream.columns(f"world/{team.name}/follow", _followed(stream, episode, team))
     _send_target(stream, episode, team)
     _send_bodies(stream, episode, team)
     _send_dots(stream, episode, team)
 
 
-def _followed(episode: Episode, team: TeamTrack) -> rr.ComponentColumnList:
+def _followed(stream: Stream, episode: Episode, team: TeamTrack) -> rr.ComponentColumnList:
     """The frame of the team's view, at its first vehicle: upright; of aircraft along their course."""
     eye = enu(team.position_n[:, 0])
     if team.on_water:
         eye[:, 2] = 0.0  # the view does not heave
         return rr.Transform3D.columns(translation=eye)
-    return rr.Transform3D.columns(translation=eye, quaternion=level_quaternion(smooth_course(episode, team)))
+    time, velocity = np.asarray(episode.time_s, dtype=np.float64), np.asarray(team.velocity_n[:, 0], dtype=np.float64)
+    key = f"{team.name}/course"
+    then, was = stream.memory.get(key, (time[:0], velocity[:0]))
+    then, was = np.concatenate([then, time]), np.concatenate([was, velocity])
+    stream.memory[key] = then[then > time[-1] - COURSE_S], was[then > time[-1] - COURSE_S]
+    turn = level_quaternion(smooth_course(then, was)[-len(time) :])
+    return rr.Transform3D.columns(translation=eye, quaternion=turn)
 
 
 def _send_bodies(stream: Stream, episode: Episode, team: TeamTrack) -> None:
@@ -45,9 +52,11 @@ def _send_bodies(stream: Stream, episode: Episode, team: TeamTrack) -> None:
     position, turn = enu(team.position_n), enu_quaternion(team.quaternion_nb)
     for vehicle in range(team.vehicles):
         path = f"world/{team.name}/vehicle_{vehicle}"
-        body = body_mesh(team, episode.liveries[team.name].of(vehicle))
-        mesh = rr.Mesh3D(vertex_positions=body.vertices_b, vertex_normals=body.normals_b, vertex_colors=body.colours)
-        stream.static(path, mesh)
+        if not stream.has(path):
+            body = body_mesh(team, episode.liveries[team.name].of(vehicle))
+            normals, colours = body.normals_b, body.colours
+            mesh = rr.Mesh3D(vertex_positions=body.vertices_b, vertex_normals=normals, vertex_colors=colours)
+            stream.static(path, mesh)
         stream.columns(path, rr.Transform3D.columns(translation=position[:, vehicle], quaternion=turn[:, vehicle]))
 
 
@@ -69,31 +78,31 @@ def _send_dots(stream: Stream, episode: Episode, team: TeamTrack) -> None:
 def _send_trails(stream: Stream, episode: Episode, team: TeamTrack) -> None:
     """One segment per step and vehicle; the view shows the last seconds of them."""
     position, jumped = enu(team.position_n), jumps(stream, team)
-    for vehicle in range(team.vehicles):
-        path, here = f"world/{team.name}/trail_{vehicle}", position[:, vehicle]
-        segment = np.stack([np.concatenate([here[:1], here[:-1]]), here], axis=1)
-        segment[jumped[:, vehicle], 0] = segment[jumped[:, vehicle], 1]
-        line = rr.LineStrips3D.from_fields(colors=episode.liveries[team.name].of(vehicle), radii=TRAIL_POINTS)
-        stream.static(path, line)
-        stream.columns(path, rr.LineStrips3D.columns(strips=list(segment)))
+    before = stream.before(f"{team.name}/trails", position)
+    segment = np.stack([np.concatenate([before[None], position[:-1]]), position], axis=2)  # [T, V, 2, 3]
+    segment[jumped, 0] = segment[jumped, 1]
+    colours = [episode.liveries[team.name].of(vehicle) for vehicle in range(team.vehicles)]
+    _send_lines(stream, f"world/{team.name}/trails", segment, colours, TRAIL_POINTS)
 
 
-def smooth_course(episode: Episode, team: TeamTrack) -> Array:
-    """[T] course (rad) of the first over ground, averaged over a short time, so that turbulence does not shake it."""
-    time = np.asarray(episode.time_s, dtype=np.float64)
+def _send_lines(stream: Stream, path: str, points: Array, colours: Colour | list[Colour], radius: float) -> None:
+    """A line of P points for each vehicle and step, [T, V, P, 3] (m, ENU)."""
+    stream.static(path, rr.LineStrips3D.from_fields(colors=colours, radii=radius))
+    strips = rr.LineStrips3D.columns(strips=list(points.reshape(-1, *points.shape[2:])))
+    stream.columns(path, strips.partition([points.shape[1]] * len(points)))
+
+
+def smooth_course(time: Array, velocity_n: Array) -> Array:
+    """[T] course (rad) by velocities [T, 3] at `time` (s), averaged over a short time: turbulence does not shake it."""
     near = np.abs(time[:, None] - time) <= 0.5 * COURSE_S
-    north, east = near @ np.asarray(team.velocity_n[:, 0, 0]), near @ np.asarray(team.velocity_n[:, 0, 1])
-    return np.arctan2(east, north)
+    return np.arctan2(near @ velocity_n[:, 1], near @ velocity_n[:, 0])
 
 
 def _send_plumb_lines(stream: Stream, team: TeamTrack) -> None:
     """From each aircraft down to the sea: how high it is, and over what."""
-    for vehicle in range(team.vehicles):
-        here = enu(team.position_n[:, vehicle])
-        foot = np.column_stack([here[:, :2], team.wave_height[:, vehicle].astype(np.float32)])
-        path = f"world/{team.name}/plumb_{vehicle}"
-        stream.static(path, rr.LineStrips3D.from_fields(colors=PLUMB, radii=PLUMB_POINTS))
-        stream.columns(path, rr.LineStrips3D.columns(strips=list(np.stack([here, foot], axis=1))))
+    here = enu(team.position_n)
+    foot = np.concatenate([here[..., :2], team.wave_height[..., None].astype(np.float32)], axis=-1)
+    _send_lines(stream, f"world/{team.name}/plumb_lines", np.stack([here, foot], axis=2), PLUMB, PLUMB_POINTS)
 
 
 def _send_target(stream: Stream, episode: Episode, team: TeamTrack) -> None:

@@ -3,6 +3,8 @@
 They move as often as the water about a hull does (sea_patch.py), and like it are rounded so that a file packs well.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
@@ -10,7 +12,7 @@ from numpy.typing import NDArray
 from taichi_sim.recording.episode import Array, Episode, TeamTrack
 from taichi_sim.recording.frames import enu
 from taichi_sim.recording.palette import TARGET, WATER
-from taichi_sim.recording.sea_patch import frame_steps
+from taichi_sim.recording.sea_patch import OFF, Cadence, bias
 from taichi_sim.recording.stream import Stream
 
 TRAIL_S = 25.0  # how much of a wake is shown
@@ -18,7 +20,8 @@ TRAIL_POINTS = -1.5  # radius of a trail in points of the screen, whatever the d
 WAKE_S, WAKE_LENGTHS = 0.25, 0.25  # between the points of a wake, at least: time, and vehicle lengths
 WAKE_MOST_S = 2.5  # the same, at most
 NEWEST = 3  # points of a wake, those at the hull, that move as often as the water there
-RING = np.linspace(0.0, 2.0 * np.pi, 41)  # rad
+WAKE_OFF = 0.1  # m: a point of a wake is never off by more than this, and drawn so much higher
+RING = np.linspace(0.0, 2.0 * np.pi, 25)  # rad
 SLOT_RING, WATER_RING = 0.75, 0.9  # radii, of the longer of length and beam
 ABOVE_WATER = 0.02  # of the length: lines on the water are drawn this much higher, that it may not hide them
 ROUND_M = 1.0 / 128.0  # heights are rounded to this
@@ -27,28 +30,32 @@ JUMP_M = 5.0  # a trail is broken where a vehicle moves farther than its speed a
 
 def surface(episode: Episode, place_n: Array, index: NDArray[np.int64]) -> Array:
     """Elevation [F, ...] (m) at `place_n` [F, ..., 2] (north, east, m) in the steps `index` [F]."""
+    if not len(index):
+        return np.zeros(place_n.shape[:-1])
     steps = zip(np.asarray(place_n, dtype=np.float64), np.asarray(episode.time_s)[index], strict=True)
     return np.stack([episode.elevation(at[..., 0], at[..., 1], float(time)) for at, time in steps])
 
 
 def jumps(stream: Stream, team: TeamTrack) -> NDArray[np.bool_]:
     """[T, V]: a vehicle has been put elsewhere since the step before, for it moved farther than its speed allows."""
-    seconds = np.diff(stream.ns, prepend=stream.ns[:1])[:, None] * 1e-9
-    reach = np.linalg.norm(team.velocity_n, axis=-1) * seconds
-    moved = np.linalg.norm(np.diff(team.position_n, axis=0, prepend=team.position_n[:1]), axis=-1)
-    return moved > 2.0 * reach + JUMP_M
+    now, key = stream.ns * 1e-9, f"{team.name}/jumps"
+    seconds = np.diff(now, prepend=stream.before(f"{key}/time", now))[:, None]
+    place = np.asarray(team.position_n, dtype=np.float64)
+    before = stream.before(f"{key}/place", place)
+    moved = np.linalg.norm(np.diff(place, axis=0, prepend=before[None]), axis=-1)
+    return moved > 2.0 * np.linalg.norm(team.velocity_n, axis=-1) * seconds + JUMP_M
 
 
-def _lifted(up: Array, team: TeamTrack) -> Array:
-    """Heights (m) at which lines are drawn where the water is at `up`."""
-    return np.round((up + ABOVE_WATER * team.size_m[0]) / ROUND_M) * ROUND_M
+def _rounded(up: Array) -> Array:
+    return np.round(up / ROUND_M) * ROUND_M
 
 
 def send_rings(stream: Stream, episode: Episode, team: TeamTrack) -> None:
     """One at each slot, if there are any, and one around each boat that shows the water it floats in."""
     length, beam = team.size_m[:2]
-    index, _ = frame_steps(episode.time_s)
+    index = Cadence.of(episode.whole.time_s).steps(stream)
     livery = episode.liveries[team.name]
+    above, below = ABOVE_WATER * length, bias(max(float(np.abs(episode.whole.teams[team.name].wave_height).max()), 0.1))
     for name, middle, share, thick in (
         ("slot", team.slot_n, SLOT_RING, 0.012),
         ("water", team.position_n, WATER_RING, 0.006),
@@ -57,9 +64,9 @@ def send_rings(stream: Stream, episode: Episode, team: TeamTrack) -> None:
             continue
         ring = share * max(length, beam) * np.stack([np.cos(RING), np.sin(RING)], axis=-1)
         middle = np.asarray(middle[index, :, :2], dtype=np.float64)
-        down = -_lifted(surface(episode, middle[:, :, None] + ring, index), team)  # [F, V, 41]
-        strips = enu(np.concatenate([np.broadcast_to(ring, (*down.shape, 2)), down[..., None]], axis=-1))
-        place = enu(np.concatenate([middle, 0.0 * middle[..., :1]], axis=-1))
+        up = _rounded(surface(episode, middle[:, :, None] + ring, index) + above)  # [F, V, 25]
+        strips = enu(np.concatenate([np.broadcast_to(ring, (*up.shape, 2)), -(up + below)[..., None]], axis=-1))
+        place = enu(np.concatenate([middle, np.full_like(middle[..., :1], below)], axis=-1))
         for vehicle in range(team.vehicles):
             path = f"world/{team.name}/{name}_{vehicle}"
             own = TARGET if vehicle == 0 else livery.of(vehicle)
@@ -69,29 +76,63 @@ def send_rings(stream: Stream, episode: Episode, team: TeamTrack) -> None:
             stream.columns(path, [*shape, *rr.Transform3D.columns(translation=place[:, vehicle])], index)
 
 
+@dataclass
+class _Way:
+    """What a team's wakes are drawn of: the last seconds of its way, step by step."""
+
+    first: int  # number of its first step
+    time: Array  # [n] s
+    place: Array  # [n, V, 3] m
+    broken: NDArray[np.bool_]  # [n, V]: put there from elsewhere
+    up: Array  # [n, V] m, where each point was drawn last
+
+    def longer(self, time: Array, place: Array, broken: NDArray[np.bool_]) -> "_Way":
+        """With the steps of another part, without those that no wake shows any more."""
+        gone = int(np.searchsorted(self.time, time[0] - TRAIL_S))
+        new = (time, place, broken, np.full(broken.shape, np.nan))
+        old = (self.time, self.place, self.broken, self.up)
+        return _Way(self.first + gone, *(np.concatenate([a[gone:], b]) for a, b in zip(old, new, strict=True)))
+
+
 def send_wakes(stream: Stream, episode: Episode, team: TeamTrack) -> None:
     """The last seconds of each boat's way, on the water as it is now: a whole line per frame."""
-    time = np.asarray(episode.time_s, dtype=np.float64)
-    index, whole = frame_steps(time)
-    apart = _steps_between_points(team, time)
-    jumped = jumps(stream, team)
-    up = np.zeros((len(time), team.vehicles))  # where each point was drawn last
-    strips: list[list[NDArray[np.float32]]] = [[] for _ in range(team.vehicles)]
-    for frame, step in enumerate(index):
-        now = float(time[step])
-        first = int(np.searchsorted(time, now - TRAIL_S))
-        way = np.append(np.arange(-(-first // apart) * apart, step, apart), step)  # the same points every time
-        moving = way if frame % whole == 0 else way[-NEWEST:]
-        place = np.asarray(team.position_n[moving, :, :2], dtype=np.float64)
-        up[moving] = _lifted(episode.elevation(place[..., 0], place[..., 1], now), team)
-        points = enu(np.concatenate([team.position_n[way, :, :2], -up[way, :, None]], axis=-1))
-        for vehicle, strip in enumerate(strips):
-            breaks = np.flatnonzero(jumped[: step + 1, vehicle])
-            strip.append(points[way >= (breaks[-1] if len(breaks) else 0), vehicle])
-    for vehicle, strip in enumerate(strips):
-        path, colour = f"world/{team.name}/trail_{vehicle}", episode.liveries[team.name].of(vehicle)
-        stream.static(path, rr.LineStrips3D.from_fields(colors=colour, radii=TRAIL_POINTS))
-        stream.columns(path, rr.LineStrips3D.columns(strips=strip), index)
+    key, whole, livery = f"{team.name}/wakes", episode.whole, episode.liveries[team.name]
+    cadence = Cadence.of(whole.time_s)
+    apart = _steps_between_points(whole.teams[team.name], np.asarray(whole.time_s, dtype=np.float64))
+    empty = _Way(
+        stream.first, np.zeros(0), np.zeros((0, team.vehicles, 3)), np.zeros((0, team.vehicles), bool),
+        np.zeros((0, team.vehicles)),
+    )  # fmt: skip
+    way: _Way = stream.memory.get(key, empty).longer(
+        np.asarray(episode.time_s, np.float64), np.asarray(team.position_n, np.float64), jumps(stream, team)
+    )
+    stream.memory[key] = way
+    index = cadence.steps(stream)
+    strips: list[NDArray[np.float32]] = []
+    for step in index + (stream.first - way.first):
+        number, now = int(step) + way.first, float(way.time[step])
+        begin = int(np.searchsorted(way.time, now - TRAIL_S))
+        points = np.append(np.arange(begin + -(begin + way.first) % apart, step, apart), step)  # the same every time
+        _draw(episode, team, way, points if number // cadence.stride % cadence.whole == 0 else points[-NEWEST:], now)
+        line = enu(np.concatenate([way.place[points, :, :2], -way.up[points, :, None]], axis=-1))
+        for vehicle in range(team.vehicles):
+            breaks = np.flatnonzero(way.broken[: step + 1, vehicle])
+            strips.append(line[points >= (breaks[-1] if len(breaks) else 0), vehicle])
+    path, colours = f"world/{team.name}/trails", [livery.of(vehicle) for vehicle in range(team.vehicles)]
+    stream.static(path, rr.LineStrips3D.from_fields(colors=colours, radii=TRAIL_POINTS))
+    stream.columns(path, rr.LineStrips3D.columns(strips=strips).partition([team.vehicles] * len(index)), index)
+
+
+def _draw(episode: Episode, team: TeamTrack, way: _Way, points: NDArray[np.int64], now: float) -> None:
+    """Put the points (the last is the boat's own place) on the water at `now`, those that are off it so that it shows:
+    the more the farther they are behind.
+    """
+    place = way.place[points]
+    up = np.asarray(episode.elevation(place[..., 0], place[..., 1], now), dtype=np.float64)
+    off = np.clip(OFF * (np.linalg.norm(place - place[-1], axis=-1) - team.size_m[0]), 0.0, WAKE_OFF)
+    up = _rounded(up + ABOVE_WATER * team.size_m[0] + off)
+    stays = np.abs(up - way.up[points]) <= off  # never where there was no height yet
+    way.up[points] = np.where(stays, way.up[points], up)
 
 
 def _steps_between_points(team: TeamTrack, time: Array) -> int:

@@ -18,7 +18,7 @@ from taichi_sim.recording.overlays import Cylinders, Ellipsoids, Lines, Plot
 TRAFFIC, FOOTPRINT, SIGHT, MESSAGE, LOST, BELIEVED, CIRCLE = (
     (196, 120, 40), (255, 214, 90), (255, 230, 140), (90, 200, 120), (225, 60, 60), (250, 120, 220), (150, 170, 190)
 )  # fmt: skip
-RAYS = 32  # corners of a footprint
+RAYS, CROWDED = 20, 0.6  # corners of a footprint, and how much they crowd where it is far away, and so most stretched
 FLATTEST = 0.05  # slope of a ray, below which it meets the sea nowhere near
 FARTHEST = 1500.0  # m, of a footprint's corner from the aircraft
 ARC, HIGH = 9, 0.18  # points of an arc; its height over its length
@@ -125,6 +125,7 @@ class Film:
         aside = np.where(small > 1e-3, aside / np.maximum(small, 1e-3), np.array([1.0, 0.0, 0.0]))
         up = np.cross(aside, axis)
         turn = np.linspace(0.0, 2 * math.pi, RAYS + 1)
+        turn -= CROWDED * np.cos(turn)
         around = np.cos(turn)[:, None] * aside[..., None, :] + np.sin(turn)[:, None] * up[..., None, :]
         rays = math.cos(half) * axis[..., None, :] + math.sin(half) * around
         far = -place[..., None, 2] / np.maximum(rays[..., 2], FLATTEST)

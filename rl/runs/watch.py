@@ -1,0 +1,178 @@
+"""Live views (taichi_sim/recording/live.py) of an episode while it is played, and of a training.
+
+Neither changes what is simulated: they read the environment that is shown, between its steps. A training is watched
+for some seconds of motion at a time, as real time goes, and then left alone, so that no more than a set share of its
+time is spent on it. The clock of its view is that of the wall, from when the training began: its curves grow there too.
+"""
+
+import contextlib
+import sys
+import time
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import torch
+
+from rl.mission import Step
+from rl.runs.reel import Reel, Rows, rows_of
+from taichi_sim.recording import Event
+from taichi_sim.recording.live import PORT, Live, refuse_used
+
+__all__ = ["Follow", "Watch", "following", "refuse_used", "watching"]
+
+STAGE_S = 4.0  # motion that scales and layout are taken from; it is shown at once
+PIECE_S = 0.2  # motion that is sent at a time, about
+LATE_S = 0.5  # a view that is later than this goes on from where it is
+SHARE = 0.05  # of a training's time that watching it may take
+POINT_S = 1.0  # between points of a training's curves, at least
+
+
+class Follow:
+    """Shows an episode while it is simulated, at `speed` times real time, or slower if the simulation is."""
+
+    def __init__(self, live: Live, speed: float = 1.0) -> None:
+        """Wait for the first frame."""
+        self.live, self.speed = live, speed
+        self._reel: Reel | None = None
+        self._events: list[Event] = []
+        self._zero = 0.0  # of time.monotonic, when the episode's clock was 0
+        self._shown = 0.0  # s of the episode
+
+    def __call__(self, mission: Any, rows: Rows, events: list[Event]) -> None:
+        """A frame of the episode."""
+        dt = mission.config.decision_interval
+        if self._reel is None:
+            self._reel = Reel(mission, after=dt)
+        reel, now = self._reel, self._reel.now
+        reel.add(rows)
+        self._events += events
+        if self.live.like is None:
+            if now - self._shown < STAGE_S:
+                return
+            self._zero = time.monotonic() - now / self.speed
+        due, late = self._zero + now / self.speed, time.monotonic() - LATE_S
+        if due < late:
+            self._zero, due = self._zero + late - due, late
+        time.sleep(max(0.0, due - time.monotonic()))
+        if now - self._shown >= self.speed * PIECE_S - 0.5 * dt:
+            self.finish()
+
+    def finish(self) -> None:
+        """Show what there is."""
+        if self._reel is not None and len(self._reel):
+            self._shown = self._reel.now
+            self.live.show(self._reel.part(events=self._events, like=self.live.like))
+            self._events = []
+
+
+class Watch:
+    """Shows environment 0 of a training, which calls it after each step, before what has ended begins anew."""
+
+    def __init__(self, live: Live) -> None:
+        """Wait for the first step."""
+        self.live, self._off = live, False
+        self._begun, self._steps = time.monotonic(), 0
+        self._mission: Any = None
+        self._reel: Reel | None = None
+        self._rolling = False
+        self._next = 0.0  # s of time.monotonic, when motion is shown again
+        self._at, self._from, self._cost = 0.0, 0.0, 0.0  # of the motion shown: monotonic, simulated time, time taken
+        self._sums: dict[str, dict[str, tuple[torch.Tensor, int]]] = {}
+        self._point = self._begun
+
+    def __call__(self, mission: Any, step: Step, logs: Mapping[str, Mapping[str, torch.Tensor]]) -> None:
+        """A step of the training; `logs` is what it logs of each team. A fault ends the watching and nothing else."""
+        if self._off:
+            return
+        begin = time.perf_counter()
+        try:
+            self._plot(logs)
+            self._look(mission, step)
+        except Exception as error:  # whatever it is, the training goes on
+            print(f"--watch has stopped: {type(error).__name__}: {error}", file=sys.stderr)
+            self._off = True
+        self._cost += time.perf_counter() - begin
+
+    def _look(self, mission: Any, step: Step) -> None:
+        if mission is not self._mission:  # another stage, of other teams maybe
+            if self._mission is not None:
+                self.live.begin(anew=True)
+            self._mission, self._reel, self._rolling = mission, None, False
+        dt, env = mission.config.decision_interval, mission.shown
+        ended = bool((step.terminated | step.truncated)[env])
+        if not self._rolling and time.monotonic() >= self._next:
+            self._roll(mission, dt)
+        if self._rolling and self._reel is not None:
+            reel = self._reel
+            reel.add(rows_of(mission, step))
+            over = ended or reel.now - self._from >= STAGE_S
+            if over or (self.live.like is not None and len(reel) * dt >= PIECE_S - 0.5 * dt):
+                self._show(reel, mission)
+            if over:
+                self._rolling = False
+                self._next = max(self._at + reel.now - self._from, time.monotonic() + self._cost / SHARE)
+        if ended:
+            self._reel = None
+
+    def _roll(self, mission: Any, dt: float) -> None:
+        """Begin to show motion, of an episode that was shown before or of another one."""
+        if self._reel is None:
+            self.live.begin()
+            self._reel = Reel(mission, after=dt)
+        self._rolling, self._cost = True, 0.0
+        self._at, self._from = time.monotonic(), self._reel.now
+
+    def _show(self, reel: Reel, mission: Any) -> None:
+        part = reel.part(like=self.live.like)
+        mission.forget_frames()
+        at = 0.0 if self.live.like is None else self._at + float(part.time_s[0]) - self._from
+        self.live.show(part, after_s=self._at - self._begun - self._from, at=at)
+
+    def _plot(self, logs: Mapping[str, Mapping[str, torch.Tensor]]) -> None:
+        """Means since the last point of what is logged: a plot for each name, a line for each team."""
+        self._steps += 1
+        for team, log in logs.items():
+            for key, value in log.items():
+                lines = self._sums.setdefault(key.lstrip("/"), {})
+                total, count = lines.get(team, (torch.zeros_like(value), 0))
+                lines[team] = (total + value, count + 1)
+        now = time.monotonic()
+        if now - self._point < POINT_S and self._steps > 1:
+            return
+        self._point = now
+        for name, lines in self._sums.items():
+            means = {team: float(total.mean()) / count for team, (total, count) in lines.items()}
+            self.live.plot(name, means, now - self._begun, ("decision", self._steps))
+        self._sums = {}
+
+
+@contextlib.contextmanager
+def following(wanted: bool, port: int = PORT, speed: float = 1.0) -> Iterator[Follow | None]:
+    """What `play --live` tells of each frame, or None.
+
+    Raises:
+        OSError: if the port is in use.
+    """
+    if not wanted:
+        yield None
+        return
+    with Live("play", port=port) as live:
+        print(live.told, flush=True)
+        follow = Follow(live, speed)
+        yield follow
+        follow.finish()
+
+
+@contextlib.contextmanager
+def watching(wanted: bool, port: int = PORT) -> Iterator[Watch | None]:
+    """What `train --watch` tells of each step, or None.
+
+    Raises:
+        OSError: if the port is in use.
+    """
+    if not wanted:
+        yield None
+        return
+    with Live("training", port=port, everywhere=True) as live:
+        print(live.told, flush=True)
+        yield Watch(live)
