@@ -22,6 +22,8 @@ SMOOTH = 0.05  # width of the smoothing window, as a share of a curve's length
 
 def _smooth(values: NDArray[np.float64]) -> NDArray[np.float64]:
     """Centred moving mean that steps over NaN."""
+    if not len(values):
+        return values  # no episode has ended as yet
     width = max(1, round(SMOOTH * len(values))) | 1
     known = np.isfinite(values)
     window = np.ones(width)
