@@ -7,10 +7,11 @@ model.py        what a vehicle model may say of itself: its medium, its hull, it
 meshes.py       a boat, in the body frame b (forward-right-down)
 aircraft.py     airplanes and flying wings; vessel.py: a body made of a hull's own panels
 bodies.py       which of these bodies a team has
-sea_grid.py     points of the piece of sea around a team; sea_patch.py: its waves and light
+sea_grid.py     points of the piece of sea around a team; sea_patch.py: its waves; sea_light.py: its colours
 water_lines.py  what lies on it: rings and wakes
 space.py        what stands in the world; vehicles.py: the teams in it; arrows.py: loads, current, wind and air
-rrd.py          the writer; frames.py: the only place where NED becomes ENU
+draw.py         all of these, of an episode or of its next part; stream.py: what goes on from part to part
+rrd.py          the writer of files; live.py: views of what goes on; frames.py: the only place where NED becomes ENU
 blueprint.py    what the viewer shows when it opens the file
 """
 

@@ -24,9 +24,9 @@ INSIDE = 0.8  # of half its side: who stays within this much of a patch is on it
 HULL_LENGTHS = 1.25  # how far from a boat the water is about its hull, and drawn to the rounding
 MAX_FRAMES = 1200  # fewer per second in a longer episode
 HORIZON_M = 4000.0  # half the side of the outer ring, at least
-BATCH = 100  # frames sent at a time
+BATCH = 150  # frames sent at a time
 ROUND_M = 1.0 / 64.0  # heights are rounded to this, so that the file packs well
-OFF, OFF_CRESTS = 0.02, 0.35  # what a height may be off, of the distance to the nearest hull; at most, of a tall crest
+OFF, OFF_CRESTS = 0.025, 0.35  # what a height may be off, of the distance to the nearest hull; at most, of a tall crest
 OFF_SHADE = 10.0  # what a colour may be off, of 255
 SLACK = 1.0  # cells that a team may leave the middle of its patch before this moves: with it every point is sent anew
 

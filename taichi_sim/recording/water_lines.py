@@ -21,10 +21,10 @@ WAKE_S, WAKE_LENGTHS = 0.25, 0.25  # between the points of a wake, at least: tim
 WAKE_MOST_S = 2.5  # the same, at most
 NEWEST = 3  # points of a wake, those at the hull, that move as often as the water there
 WAKE_OFF = 0.1  # m: a point of a wake is never off by more than this, and drawn so much higher
-RING = np.linspace(0.0, 2.0 * np.pi, 25)  # rad
+RING = np.linspace(0.0, 2.0 * np.pi, 29)  # rad
 SLOT_RING, WATER_RING = 0.75, 0.9  # radii, of the longer of length and beam
 ABOVE_WATER = 0.02  # of the length: lines on the water are drawn this much higher, that it may not hide them
-ROUND_M = 1.0 / 128.0  # heights are rounded to this
+ROUND_M = 1.0 / 64.0  # heights are rounded to this
 JUMP_M = 5.0  # a trail is broken where a vehicle moves farther than its speed allows by this much
 
 
@@ -64,7 +64,7 @@ def send_rings(stream: Stream, episode: Episode, team: TeamTrack) -> None:
             continue
         ring = share * max(length, beam) * np.stack([np.cos(RING), np.sin(RING)], axis=-1)
         middle = np.asarray(middle[index, :, :2], dtype=np.float64)
-        up = _rounded(surface(episode, middle[:, :, None] + ring, index) + above)  # [F, V, 25]
+        up = _rounded(surface(episode, middle[:, :, None] + ring, index) + above)  # [F, V, 29]
         strips = enu(np.concatenate([np.broadcast_to(ring, (*up.shape, 2)), -(up + below)[..., None]], axis=-1))
         place = enu(np.concatenate([middle, np.full_like(middle[..., :1], below)], axis=-1))
         for vehicle in range(team.vehicles):

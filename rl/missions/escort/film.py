@@ -21,7 +21,7 @@ TRAFFIC, FOOTPRINT, SIGHT, MESSAGE, LOST, BELIEVED, CIRCLE = (
 RAYS, CROWDED = 20, 0.6  # corners of a footprint, and how much they crowd where it is far away, and so most stretched
 FLATTEST = 0.05  # slope of a ray, below which it meets the sea nowhere near
 FARTHEST = 1500.0  # m, of a footprint's corner from the aircraft
-ARC, HIGH = 9, 0.18  # points of an arc; its height over its length
+ARC, HIGH = 7, 0.18  # points of an arc; its height over its length
 ROUND = np.linspace(0.0, 2 * math.pi, 49)
 
 
