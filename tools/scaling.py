@@ -73,7 +73,7 @@ def settings(envs: list[int]) -> list[Setting]:
     """
     cores = len(os.sched_getaffinity(0))
     found = [Setting(p, t, n) for n in envs for p, t in ((1, cores), (1, 1), (cores, 1))]
-    share = {max(1, n // cores) for n in envs} | {64, 4 * max(envs)}
+    share = {max(1, n // cores) for n in envs} | {64, 2 * max(envs)}
     return list(dict.fromkeys(found + [Setting(1, 1, n) for n in sorted(share)]))
 
 
