@@ -242,6 +242,15 @@ def run(main: Callable[[list[str] | None], None], argv: list[str] | None = None)
             return 1
 
 
+def script(main: Callable[[list[str] | None], None]) -> None:
+    """Run an entry point as a script, and exit; a signal that comes when all is done changes nothing any more."""
+    from rl import signals
+
+    status = run(main)
+    signals.ignore()
+    sys.exit(status)
+
+
 def mistake(error: Exception) -> str | None:
     """What a user is told of an error that is a user's, or the machine's; None for any other."""
     if isinstance(error, OSError):

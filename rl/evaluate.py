@@ -112,6 +112,6 @@ def sweep(args: argparse.Namespace) -> None:
 
 
 if __name__ == "__main__":
-    from rl.cli import run
+    from rl.cli import script
 
-    sys.exit(run(main))
+    script(main)

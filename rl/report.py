@@ -26,6 +26,6 @@ def main(argv: list[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    from rl.cli import run
+    from rl.cli import script
 
-    sys.exit(run(main))
+    script(main)

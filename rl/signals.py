@@ -49,7 +49,7 @@ def asked() -> int:
 
 @contextlib.contextmanager
 def heeded() -> Iterator[None]:
-    """SIGTERM interrupts as Ctrl-C does; once the work is done, both are ignored: what is left is to exit."""
+    """SIGTERM interrupts as Ctrl-C does."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -58,6 +58,12 @@ def heeded() -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGTERM, before)
+
+
+def ignore() -> None:
+    """Ignore both from now on: the work is done, what is left is to exit."""
+    for number in ENDING:
+        signal.signal(number, signal.SIG_IGN)
 
 
 @contextlib.contextmanager

@@ -87,6 +87,8 @@ def run_of(args: argparse.Namespace) -> tuple["Scenario", Path, Path]:
     if args.resume:
         out = args.out or run_folder.newest(Path("runs"))
         run_folder.refuse_changes(args.config, overrides)
+        if not processes.engine() and (other := run_folder.other_versions(out)):
+            print(f"warning: {other}: it goes on, but not to the same figures", file=sys.stderr)
         return *run_folder.load_config(out), out
     source = find_config(args.config or "configs/escort.toml")
     config = load_scenario(source, overrides)
@@ -97,6 +99,6 @@ def run_of(args: argparse.Namespace) -> tuple["Scenario", Path, Path]:
 
 
 if __name__ == "__main__":
-    from rl.cli import run
+    from rl.cli import script
 
-    sys.exit(run(main))
+    script(main)

@@ -144,6 +144,15 @@ def _loads(file: Path) -> bool:
         return False
 
 
+def other_versions(run: Path) -> str:
+    """What a run was begun with that is another version now, as a sentence; empty if nothing is."""
+    if not (run / META).is_file():
+        return ""
+    before, now = read_json(run / META).get("packages", {}), versions()
+    changed = [f"{name} {before[name]} (now {now[name]})" for name in before if before[name] != now.get(name)]
+    return f"this run was begun with {', '.join(changed)}" if changed else ""
+
+
 def newest(folder: Path) -> Path:
     """The run in `folder` that was begun last.
 

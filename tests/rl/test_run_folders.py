@@ -39,6 +39,21 @@ def test_nothing_to_continue_is_named(here, tmp_path, monkeypatch):
     here("rl.train", "--resume", "--out", "gone").fails("gone", "not a run folder")
 
 
+def test_what_was_begun_with_other_versions_is_told_of(run):
+    assert run_folder.other_versions(run) == ""
+    meta = json.loads((run / run_folder.META).read_text())
+    meta["packages"]["torch"] = "1.0"
+    (run / run_folder.META).write_text(json.dumps(meta))
+    assert run_folder.other_versions(run).startswith("this run was begun with torch 1.0 (now ")
+
+
+def test_wrong_overrides_are_not_the_saved_files_fault(here, run):
+    ending = here("rl.evaluate", run, "--set", "sea.swell.tp=7")
+    ending.fails("sea.swell.hs: missing")
+    assert "does not fit this version" not in ending.err
+    here("rl.evaluate", run, "--set", "evaluation.settle=3", "--set", "episode_duration=3").fails("must exceed")
+
+
 def test_a_folder_in_use_is_refused(here, run):
     before = content(run)
     with run_folder.lock(run):
