@@ -28,11 +28,11 @@ class ResidualConfig(Strict):
     room: NonNegative = 0.0  # m from a team mate's origin: nearer than half of it nothing is corrected
     share: Annotated[float, Field(ge=0, le=2)] = 0.0  # of the range of actions
     gate: Positive | None = None  # m
-    dead: NonNegative = 0.0  # m/s, less than `velocity`
+    dead: NonNegative = 0.0  # m/s, less than `velocity`, unless that is 0
     memory: NonNegative = 0.0  # s; of corrections of the velocity
 
     @model_validator(mode="after")
     def _leaves_something(self):
-        if self.dead and self.dead >= self.velocity:
+        if self.velocity and self.dead >= self.velocity:
             raise ValueError(f"dead = {self.dead} m/s leaves nothing of corrections of {self.velocity} m/s (velocity)")
         return self

@@ -55,7 +55,7 @@ def test_a_team_is_trained_again_after_another_and_its_history_goes_on(run, tmp_
     usv = weights(out / "usv" / "model_5.pt")  # after one iteration more: near where it began, exploring anew
     assert same(weights(out / "usv" / f"model_{ITERATIONS}.pt"), first["usv"])
     assert abs(usv["distribution.std_param"] - 0.25).max() < 0.02
-    assert max((usv[key] - first["usv"][key]).abs().max() for key in usv if key.startswith("mlp")) < 0.02
+    assert max((usv[key] - first["usv"][key]).abs().max() for key in usv if key.startswith("mlp")) < 0.05
     again = train_stages(config, out, source=source, show_progress=False)  # all is done: nothing is trained
     assert again == results and iterations(out, "usv") == list(range(ITERATIONS + 3))
 
@@ -92,7 +92,7 @@ def test_training_starts_from_the_weights_of_another_run(run, tmp_path):
     train_stages(one, out, source=source, show_progress=False)
     assert iterations(out, "usv") == list(range(ITERATIONS))
     begin, later = weights(out / "usv" / "model_0.pt"), weights(out / "usv" / "model_1.pt")
-    assert 0 < max((later[key] - begin[key]).abs().max() for key in begin if key.startswith("mlp")) < 0.02
+    assert 0 < max((later[key] - begin[key]).abs().max() for key in begin if key.startswith("mlp")) < 0.05
 
 
 @pytest.mark.parametrize(
