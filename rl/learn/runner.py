@@ -1,16 +1,12 @@
 """rsl-rl's runner, made quiet, safe to interrupt, and resumable."""
 
 import contextlib
-import csv
 import io
-import os
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import torch
 from rsl_rl.runners import OnPolicyRunner
-from rsl_rl.utils.logger import Logger
 from tqdm import tqdm
 
 from rl import processes, signals
@@ -23,13 +19,8 @@ from rl.learn.policy import (
     read_checkpoint,
     write_checkpoint,
 )
+from rl.learn.progress import COLUMNS, HISTORY, ProgressLogger, spent, trim_history
 from rl.scenario import StageConfig
-
-HISTORY = "progress.csv"
-COLUMNS = (  # and after these, what the mission logs
-    "iteration", "agent_steps", "wall_time_s", "reward_per_step", "episode_reward", "policy_loss", "value_loss",
-    "entropy", "action_std", "learning_rate",
-)  # fmt: skip
 
 
 def ppo_config(stage: StageConfig, privileged: bool = False) -> dict[str, Any]:
@@ -60,94 +51,6 @@ def ppo_config(stage: StageConfig, privileged: bool = False) -> dict[str, Any]:
         },
     }
 
-
-class ProgressLogger(Logger):
-    """Writes TensorBoard scalars and progress.csv, and moves a progress bar instead of printing pages."""
-
-    bar: tqdm | None = None
-    elapsed_before = 0.0  # s, of parts before an interruption, and of the team's earlier stages
-    steps_before, iterations_before = 0, 0  # of the team's earlier stages
-    completed = 0  # iterations
-    companions: Sequence[Any] = ()  # that learn in the same steps (joint.py)
-    columns: tuple[str, ...] = COLUMNS
-    scale = 1.0  # of rewards, as the learner is told them
-
-    def __init__(self, *args: Any, **options: Any):
-        """Take rsl-rl's arguments."""
-        super().__init__(*args, **options)
-        self._told: list[dict[str, torch.Tensor]] = []  # what the mission logged in this iteration, on every rank
-
-    def _store_code_state(self) -> list[str]:
-        return []  # the run folder already holds the commit and the package versions
-
-    def process_env_step(self, rewards: Any, dones: Any, extras: dict, intrinsic_rewards: Any) -> None:
-        """Take a step into account."""
-        self._told.append(extras["log"])
-        super().process_env_step(rewards, dones, extras | {"log": {}}, intrinsic_rewards)
-
-    def log(self, it: int, start_it: int, total_it: int, *args: Any, **values: Any) -> None:
-        """Record one iteration; called by the runner with rsl-rl's arguments.
-
-        Raises:
-            KeyboardInterrupt: if a signal has been noted on any rank, on all of them after the same iteration.
-        """
-        for companion in self.companions:
-            companion.update()
-        means = self._means()
-        self.completed = it + 1
-        if self.writer is not None:
-            self.ep_extras = [{key: torch.tensor([value]) for key, value in means.items()}]
-            with contextlib.redirect_stdout(io.StringIO()):
-                super().log(it, start_it, total_it, *args, **values)
-            self._write_row(it, means, values)
-        if self.bar is None:
-            return  # of a companion: its leader shows, and asks whether to go on
-        self._show(self.bar, means, values)
-        if number := processes.greatest(signals.asked()):
-            raise signals.interruption(number)
-
-    def _show(self, bar: tqdm, means: dict[str, float], values: dict[str, Any]) -> None:
-        """Move the progress bar."""
-        if not bar.disable:
-            steps = self.cfg["num_steps_per_env"] * self.num_envs * self.gpu_world_size
-            rate = steps / (values["collect_time"] + values["learn_time"])
-            shown = {"reward": f"{means.get('/reward', float('nan')):.2f}"}
-            shown |= {key[1:]: f"{means[key]:.2f}" for key in list(means)[:SHOWN] if key != "/reward"}
-            shown["steps/s"] = f"{rate / 1000:.0f}k"
-            bar.set_postfix(shown, refresh=False)
-            bar.update(1)
-
-    def _means(self) -> dict[str, float]:
-        """Of what the mission logged, over the iteration and all ranks."""
-        told, self._told = self._told, []
-        keys = dict.fromkeys(key for info in told for key in info)
-        return processes.mean({key: float(torch.stack([i[key].mean() for i in told]).mean()) for key in keys})
-
-    def _write_row(self, it: int, means: dict[str, float], values: dict[str, Any]) -> None:
-        losses, n = values["loss_dict"], self.cfg["num_steps_per_env"] * self.num_envs * self.gpu_world_size
-        row = {
-            "iteration": it,
-            "agent_steps": self.steps_before + (it + 1 - self.iterations_before) * n,
-            "wall_time_s": round(self.elapsed_before + self.tot_time, 3),
-            "reward_per_step": means.get("/reward"),
-            "episode_reward": sum(self.rewbuffer) / len(self.rewbuffer) / self.scale if self.rewbuffer else None,
-            "policy_loss": losses["surrogate"],
-            "value_loss": losses["value"],
-            "entropy": losses["entropy"],
-            "action_std": float(values["action_std"].detach().mean()),
-            "learning_rate": values["learning_rate"],
-            **{name: means.get(f"/{name}") for name in self.columns[len(COLUMNS) :]},
-        }
-        path = Path(self.log_dir) / HISTORY  # type: ignore[arg-type]
-        new = not path.exists()
-        with path.open("a", newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, self.columns)
-            if new:
-                writer.writeheader()
-            writer.writerow({k: "" if v is None else v for k, v in row.items()})
-
-
-SHOWN = 3  # of what is logged, beside the progress bar
 
 DIVERGED = (
     "training has diverged to values that are not finite; lower the stage's learning_rate or the weights of its "
@@ -289,35 +192,3 @@ class StageRunner(OnPolicyRunner):
             self.batches = list((content.get("infos") or {}).get("batches", ()))
         self.current_learning_iteration = content["iter"]
         return content.get("infos")
-
-
-def trim_history(file: Path, done: int) -> float:
-    """Drop rows of progress.csv after iteration `done` (they come after the checkpoint); seconds spent until then."""
-    if not file.is_file():
-        return 0.0
-    with file.open(newline="", encoding="utf-8") as stream:
-        reader = csv.DictReader(stream)
-        rows = [r for r in reader if r["iteration"].isdigit() and int(r["iteration"]) < done]
-    beside = file.with_name(file.name + ".part")
-    with beside.open("w", newline="", encoding="utf-8") as stream:
-        writer = csv.DictWriter(stream, reader.fieldnames or COLUMNS)
-        writer.writeheader()
-        writer.writerows(rows)
-    os.replace(beside, file)
-    return float(rows[-1]["wall_time_s"]) if rows else 0.0
-
-
-class Spent(NamedTuple):
-    """What a team's training took so far."""
-
-    seconds: float
-    agent_steps: int
-
-
-def spent(file: Path, iterations: int | None = None) -> Spent:
-    """What its first `iterations` (default: all) took, by progress.csv, over all interruptions; 0 if there are none."""
-    if iterations == 0 or not file.is_file():
-        return Spent(0.0, 0)
-    with file.open(newline="", encoding="utf-8") as stream:
-        rows = list(csv.DictReader(stream))[:iterations]
-    return Spent(float(rows[-1]["wall_time_s"]), int(rows[-1]["agent_steps"])) if rows else Spent(0.0, 0)

@@ -25,7 +25,8 @@ from rl.learn.policy import (
     read_checkpoint,
     write_checkpoint,
 )
-from rl.learn.runner import HISTORY, StageRunner, spent
+from rl.learn.progress import HISTORY, spent
+from rl.learn.runner import StageRunner
 from rl.missions import make_mission
 from rl.scenario import Scenario, StageConfig, at_stage
 from rl.seeds import derive_seed

@@ -10,7 +10,7 @@ from rl import processes
 from rl.learn.env import Watch
 from rl.learn.history import read_history
 from rl.learn.policy import Policy, load_policy, policies_of
-from rl.learn.runner import HISTORY, spent
+from rl.learn.progress import HISTORY, spent
 from rl.learn.stages import train_stages
 from rl.mission import ControllerError
 from rl.runs import folder as run_folder

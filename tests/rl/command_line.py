@@ -116,7 +116,7 @@ def _child(module: str, arguments: tuple[str, ...], folder: str, fault: tuple[st
 
 
 def _plan(team: str, iteration: int, number: int) -> None:
-    from rl.learn.runner import ProgressLogger
+    from rl.learn.progress import ProgressLogger
 
     original = ProgressLogger.log
 

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 from rl.judge import Judge
 from rl.learn.history import read_history
-from rl.learn.runner import HISTORY
+from rl.learn.progress import HISTORY
 from rl.mission import Histories
 from rl.runs import folder as run_folder
 from rl.runs.evaluation import mission_class
