@@ -16,7 +16,10 @@ from typing import Any, NamedTuple, TypeVar
 import torch
 import torch.distributed as dist
 
+from rl import wires
+
 T = TypeVar("T")
+_wires: dict[int, Any] = {}  # to other ranks of this machine (wires.py)
 PATIENCE = timedelta(hours=2)  # that ranks wait for each other: rank 0 evaluates and draws alone
 
 
@@ -71,8 +74,11 @@ def joined(arch: str = "cpu") -> Iterator[Place]:
         return
     dist.init_process_group("cpu:gloo,cuda:nccl" if arch == "cuda" else "gloo", timeout=PATIENCE)
     try:
-        yield place
+        with wires.connected(place.rank, place.count) as near:
+            _wires.update(near)
+            yield place
     finally:
+        _wires.clear()
         dist.destroy_process_group()
 
 
@@ -126,14 +132,40 @@ def mean(values: Mapping[str, float]) -> dict[str, float]:
     if here().count == 1 or not values:
         return dict(values)
     numbers = torch.tensor(list(values.values()), dtype=torch.float64)
-    dist.all_reduce(numbers)
-    return dict(zip(values, (numbers / here().count).tolist(), strict=True))
+    average_(numbers)
+    return dict(zip(values, numbers.tolist(), strict=True))
+
+
+def average_(numbers: torch.Tensor) -> None:
+    """Put the mean over ranks in the place of numbers [n] that all have, the same bits on each."""
+    if here().count > 1:
+        _reduce_(numbers, torch.add, dist.ReduceOp.SUM)
+        numbers /= here().count
+
+
+def _reduce_(numbers: torch.Tensor, combine: Callable[..., Any], operation: Any) -> None:
+    """Put in the place of `numbers` what `combine` makes of those of all ranks: 2^n exchange with one other at a time
+    (recursive doubling), over wires where there are.
+    """
+    place = here()
+    if place.count & (place.count - 1) or numbers.is_cuda:
+        dist.all_reduce(numbers, op=operation)
+        return
+    theirs = torch.empty_like(numbers)
+    for other in wires.partners(place.rank, place.count):
+        if other in _wires:
+            wires.swap(_wires[other], numbers, theirs, place.rank < other)
+        else:
+            for work in (dist.isend(numbers, other), dist.irecv(theirs, other)):
+                if work is not None:
+                    work.wait()
+        combine(numbers, theirs, out=numbers)
 
 
 def greatest(value: int) -> int:
     """The greatest of the numbers that the ranks give."""
     if here().count == 1:
         return value
-    number = torch.tensor(value)
-    dist.all_reduce(number, op=dist.ReduceOp.MAX)
+    number = torch.tensor([value])
+    _reduce_(number, torch.maximum, dist.ReduceOp.MAX)
     return int(number)

@@ -19,6 +19,7 @@ from rl.learn.policy import (
     read_checkpoint,
     write_checkpoint,
 )
+from rl.learn.ppo import LeanPPO
 from rl.learn.progress import COLUMNS, HISTORY, ProgressLogger, spent, trim_history
 from rl.scenario import StageConfig
 
@@ -35,7 +36,7 @@ def ppo_config(stage: StageConfig, privileged: bool = False) -> dict[str, Any]:
         "actor": network,
         "critic": critic,
         "algorithm": {
-            "class_name": "PPO",
+            "class_name": LeanPPO,
             "learning_rate": stage.learning_rate,
             "num_learning_epochs": stage.learning_epochs,
             "num_mini_batches": stage.mini_batches,

@@ -12,6 +12,7 @@ import time
 from pathlib import Path
 
 import pytest
+import torch
 from command_line import ROOT, TEAMS, command, content, iterations, server, sets
 
 from rl import cli, processes, signals
@@ -86,6 +87,9 @@ def talk(rank: int, count: int, port: int, pipe) -> None:
         said.append(processes.of_all(lambda: rank * 10))
         said.append(processes.mean({"a": float(rank), "b": 1.0}))
         said.append(processes.greatest(rank))
+        numbers = torch.arange(40_000.0) * (rank + 1)
+        processes.average_(numbers)
+        said.append(numbers[[0, 1, 39_999]].tolist())
         for call, of in ((processes.told, 0), (processes.of_all, 1)):
             try:
                 call(lambda of=of: fails(of))
@@ -94,23 +98,26 @@ def talk(rank: int, count: int, port: int, pipe) -> None:
     pipe.send(said)
 
 
-def test_what_ranks_tell_each_other_and_what_one_raises_all_raise():
+@pytest.mark.parametrize("count", [2, 3, 4])
+def test_what_ranks_tell_each_other_and_what_one_raises_all_raise(count):
     import socket
 
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
     context = server()
-    pipes = [context.Pipe(duplex=False) for _ in range(2)]
-    running = [context.Process(target=talk, args=(rank, 2, port, pipes[rank][1])) for rank in range(2)]
+    pipes = [context.Pipe(duplex=False) for _ in range(count)]
+    running = [context.Process(target=talk, args=(rank, count, port, pipes[rank][1])) for rank in range(count)]
     for process in running:
         process.start()
     for process in running:
         process.join(60)
-    first, second = (pipe[0].recv() for pipe in pipes)
-    failed = [["wrong on 0"], ["wrong on 1", "on rank 1 of 2"]]
-    assert first == [3, "from 0", [0, 10], {"a": 0.5, "b": 1.0}, 1, *failed]
-    assert second == [3, "from 0", [], {"a": 0.5, "b": 1.0}, 1, *failed]
+    first, *others = (pipe[0].recv() for pipe in pipes)
+    half = (count - 1) / 2
+    same = [{"a": half, "b": 1.0}, count - 1, [0.0, half + 1, 39_999 * (half + 1)]]
+    same += [["wrong on 0"], ["wrong on 1", f"on rank 1 of {count}"]]
+    assert first == [-(-5 // count), "from 0", [10 * rank for rank in range(count)], *same]
+    assert others == [[-(-5 // count), "from 0", [], *same]] * (count - 1)
 
 
 def test_how_many_processes_there_are(monkeypatch, capsys):

@@ -21,7 +21,7 @@ INFERENCE, ENVIRONMENT, RETURNS, UPDATE, TALK = "inference", "environment", "ret
 
 
 class Traffic:
-    """Collective operations, of gradients, divergence and learning rate: their number, bytes and time."""
+    """What processes tell each other while they learn: its number, bytes and time."""
 
     def __init__(self):
         """Nothing yet."""
@@ -29,7 +29,7 @@ class Traffic:
         self._originals: list[tuple[Any, str, Any]] = []
 
     def watch(self, owner: Any, name: str) -> None:
-        """Count calls of a function of torch.distributed, whose first argument is what is told."""
+        """Count calls of a function whose first argument is what is told."""
         original = getattr(owner, name)
         self._originals.append((owner, name, original))
 
@@ -72,8 +72,7 @@ def train(config: Any, envs: int, iterations: int) -> dict[str, Any]:
         runner.go_on()
         together, runner.is_distributed = runner.is_distributed, False
         traffic, stopwatch = Traffic(), Stopwatch()
-        for name in ("all_reduce", "broadcast"):
-            traffic.watch(dist, name)
+        traffic.watch(processes, "_reduce_")  # gradients and divergence, what is logged, whether to go on
         for owner, method, part in (
             (runner.alg, "act", INFERENCE),
             (runner.env, "step", ENVIRONMENT),

@@ -1,0 +1,185 @@
+"""rsl-rl's PPO with the same mathematics in fewer and faster operations (tests/rl/test_ppo.py compares the two).
+
+What differs: the gradient is written out instead of traced (perceptron.py); a rollout is put in order once instead of
+once an epoch (rsl-rl draws one order for all of them); a mini-batch is worked through in pieces that stay in a core's
+cache; gradients lie in one tensor, so that clipping and telling them to other processes is one operation each, and the
+divergence travels with them.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import torch
+from rsl_rl.algorithms import PPO
+from rsl_rl.modules.distribution import GaussianDistribution
+from torch import Tensor
+
+from rl import processes
+from rl.learn.perceptron import Perceptron, gradient
+
+SLOWER, FASTER, STEP = 1e-5, 1e-2, 1.5  # rsl-rl's limits of an adaptive learning rate, and its factor
+PIECE = 6144  # samples at a time: more fall out of the cache, fewer are all overhead
+LOG_SQRT_2PI = 0.5 * math.log(2 * math.pi)
+
+
+class Piece(NamedTuple):
+    """Of a mini-batch, features first: [feature, sample] or [sample]."""
+
+    actor_input: Tensor
+    critic_input: Tensor
+    actions: Tensor
+    mean: Tensor  # of the policy that acted
+    log_prob: Tensor  # of the actions, by that policy
+    values: Tensor  # by the critic of then
+    returns: Tensor
+    advantages: Tensor
+
+
+class LeanPPO(PPO):
+    """PPO (Schulman et al. 2017, arXiv:1707.06347) with a Gaussian policy whose deviations do not depend on the state,
+    clipped value loss and adaptive learning rate, as rl.learn.runner.ppo_config asks for.
+
+    With other processes every update uses the mean of all gradients, and all adapt the learning rate by the mean
+    divergence.
+    """
+
+    def __init__(self, *args: Any, **options: Any):
+        """Take rsl-rl's arguments."""
+        super().__init__(*args, **options)
+        self._actor, self._critic = Perceptron(self.actor), Perceptron(self.critic)
+        policy = self.actor.distribution
+        if type(policy) is not GaussianDistribution or policy.std_type != "scalar":
+            raise TypeError(f"no update for {policy}: allowed is a Gaussian whose deviations are weights themselves")
+        self._policy, self._std_param = policy, policy.get_parameter("std_param")
+        owned = [list(self.actor.parameters()), list(self.critic.parameters())]
+        sizes = [sum(p.numel() for p in part) for part in owned]
+        self._told = torch.zeros(sum(sizes) + 1, device=self.device)  # gradients, and the divergence
+        self._gradients = self._told[:-1].split(sizes)
+        begin = 0
+        for p in [*owned[0], *owned[1]]:
+            p.grad = self._told[begin : begin + p.numel()].view_as(p)
+            begin += p.numel()
+        self._by_std = gradient(self._std_param)
+
+    @torch.no_grad()
+    def act(self, obs: Any) -> Tensor:
+        """Sample actions [row, action] and note what the update needs."""
+        now = self.transition
+        mean = self._actor.rows(self.actor.get_latent(obs))
+        self._policy.update(mean)
+        std = self._policy.std
+        noise = torch.randn_like(mean)
+        now.hidden_states = (None, None)
+        actions = torch.addcmul(mean, std, noise)
+        now.actions = actions
+        now.values = self._critic.rows(self.critic.get_latent(obs))
+        now.actions_log_prob = noise.square_().sum(-1).mul_(-0.5).sub_(self._log_scale(std[0]))
+        now.distribution_params = (mean, std)
+        now.observations = obs
+        return actions
+
+    @staticmethod
+    def _log_scale(std: Tensor) -> Tensor:
+        """Logarithm of what a Gaussian's exponential is divided by, for deviations [action]."""
+        return std.log().sum() + len(std) * LOG_SQRT_2PI
+
+    @torch.no_grad()
+    def update(self) -> dict[str, float]:
+        """Learn from the rollout; return mean losses."""
+        batches, old_std = self._ordered()
+        losses = torch.zeros(3, device=self.device)
+        for _ in range(self.num_learning_epochs):
+            for batch in batches:
+                losses += self._learn(batch, old_std)
+        self.storage.clear()
+        mean = (losses / (self.num_learning_epochs * len(batches))).tolist()
+        return dict(zip(("value", "surrogate", "entropy"), mean, strict=True))
+
+    def _ordered(self) -> tuple[list[list[Piece]], Tensor]:
+        """The rollout's mini-batches in random order, and the deviations [action] that it was made with."""
+        st = self.storage
+        samples = st.num_envs * st.num_transitions_per_env
+        size = max(1, samples // self.num_mini_batches)
+        order = torch.randperm(min(samples, self.num_mini_batches * size), device=self.device)
+        rows = st.observations.flatten(0, 1)
+        inputs = [self.actor.get_latent(rows)]
+        if self.critic.obs_groups != self.actor.obs_groups:
+            inputs.append(self.critic.get_latent(rows))
+        assert st.distribution_params is not None, "there is a rollout"
+        mean, std = st.distribution_params
+        single = (st.actions_log_prob, st.values, st.returns, st.advantages)
+        rest = torch.cat([part.flatten(0, 1) for part in (st.actions, mean, *single)], 1)
+        actions = st.actions.shape[-1]
+
+        def piece(of_it: Tensor) -> Piece:
+            taken = [x.index_select(0, of_it).t().contiguous() for x in (*inputs, rest)]
+            own = taken.pop()
+            return Piece(taken[0], taken[-1], own[:actions], own[actions : 2 * actions], *own[2 * actions :])
+
+        pieces = -(-size // PIECE)
+        return [[piece(part) for part in whole.chunk(pieces)] for whole in order.split(size)], std[0, 0]
+
+    def _learn(self, batch: list[Piece], old_std: Tensor) -> Tensor:
+        """One step of the optimiser; return losses of value, surrogate, entropy [3]."""
+        low, high = self._policy.std_range
+        std = self._std_param.clamp(low, high)
+        count = sum(len(piece.returns) for piece in batch)
+        self._told.zero_()
+        losses = torch.stack([self._trace(piece, std, count) for piece in batch]).sum(0)
+        value, surrogate, moved = losses[0], losses[1], losses[2:]
+        within = (self._std_param >= low) & (self._std_param <= high)
+        self._by_std.sub_(self.entropy_coef / std).mul_(within)
+        self._told[-1] = ((std / old_std).log() + (old_std.square() + moved) / (2 * std.square()) - 0.5).sum()
+        if self.is_multi_gpu:
+            processes.average_(self._told)
+        self._adapt(float(self._told[-1]))
+        for of_network in self._gradients:
+            of_network.mul_((self.max_grad_norm / (of_network.norm() + 1e-6)).clamp_(max=1.0))
+        self.optimizer.step()
+        return torch.stack([value, surrogate, self._log_scale(std) + 0.5 * len(std)])
+
+    def _trace(self, piece: Piece, std: Tensor, count: int) -> Tensor:
+        """Add a piece's part to the gradients of a mini-batch with `count` samples; return its part of the losses of
+        value and surrogate, and of the mean square by which the policy's mean has moved [2 + action].
+        """
+        mean = self._actor.forward(piece.actor_input)
+        error = (piece.actions - mean).div_(std.unsqueeze(1))
+        squared = error.square()
+        log_prob = squared.sum(0).mul_(-0.5).sub_(self._log_scale(std))
+        moved = (piece.mean - mean).square_().sum(1)
+        surrogate, by_log_prob = self._surrogate(log_prob, piece)
+        by_log_prob.div_(count)
+        self._actor.backward(error.mul_(by_log_prob).div_(std.unsqueeze(1)))
+        self._by_std.add_(squared.sub_(1).mul_(by_log_prob).sum(1) / std)
+        value, by_value = self._value(self._critic.forward(piece.critic_input)[0], piece)
+        self._critic.backward(by_value.mul_(self.value_loss_coef / count).unsqueeze(0))
+        return torch.cat([torch.stack([value, surrogate]), moved]) / count
+
+    def _surrogate(self, log_prob: Tensor, piece: Piece) -> tuple[Tensor, Tensor]:
+        """The sum of the clipped surrogate loss, and its gradient by the logarithm of the actions' probability,
+        [sample].
+        """
+        ratio = (log_prob - piece.log_prob).exp_()
+        free = ratio * piece.advantages
+        clipped = ratio.clamp_(1 - self.clip_param, 1 + self.clip_param).mul_(piece.advantages)
+        loss = torch.minimum(free, clipped).sum().neg_()
+        return loss, free.mul_(free <= clipped).neg_()
+
+    def _value(self, values: Tensor, piece: Piece) -> tuple[Tensor, Tensor]:
+        """The sum of the clipped value loss, and its gradient by the values, [sample]."""
+        moved = values - piece.values
+        near = moved.abs() <= self.clip_param
+        error = values - piece.returns
+        clipped = moved.clamp_(-self.clip_param, self.clip_param).add_(piece.values).sub_(piece.returns)
+        free, clipped = error.square(), clipped.square_()
+        counts = near.logical_or_(free >= clipped)
+        return torch.maximum(free, clipped).sum(), error.mul_(counts).mul_(2)
+
+    def _adapt(self, divergence: float) -> None:
+        """The learning rate, so that the divergence stays near what is desired."""
+        if divergence > 2 * self.desired_kl:
+            self.learning_rate = max(SLOWER, self.learning_rate / STEP)
+        elif 0 < divergence < self.desired_kl / 2:
+            self.learning_rate = min(FASTER, self.learning_rate * STEP)
+        for group in self.optimizer.param_groups:
+            group["lr"] = self.learning_rate
