@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taichi_sim.config import ConfigError
+from taichi_sim.usv.hull.memory import Memory
 from taichi_sim.usv.hull.mesh import Panels
 
 Array = NDArray[np.float64]
@@ -66,6 +67,9 @@ class HydroDatabase:
     volume: float  # displaced, m^3
     stiffness: Array  # [6, 6] C of water and weight: N/m, N, N m
     drift: Array | None = None  # [n, m, 3] mean surge, sway, yaw load of the free hull per squared amplitude: N/m^2, N/m
+    by_panels: Complex | None = None  # [n, m, 6] froude_krylov as the simulator's own panels have it: N/m, N
+    memory: Memory | None = None  # fitted to added_mass, damping and added_mass_inf
+    memory_inf: Array | None = None  # [6, 6] added_mass_inf as it agrees with the memory
     settings: Mapping[str, Any] = field(default_factory=dict)  # panels, lids, versions, command
 
     @property
@@ -107,6 +111,11 @@ class HydroDatabase:
         }  # fmt: skip
         if self.drift is not None:
             tables["drift"] = self.drift
+        if self.by_panels is not None:
+            tables |= {"by_panels_re": self.by_panels.real, "by_panels_im": self.by_panels.imag}
+        if self.memory is not None:
+            tables |= {f"memory_{name}": getattr(self.memory, name) for name in ("frequency", "damping", "shape")}
+            tables["memory_inf"] = self.added_mass_inf if self.memory_inf is None else self.memory_inf
         texts: dict[str, Any] = {"format": FORMAT, "hull": self.hull, "code": self.code, "settings": dict(self.settings)}
         lines = [f'"{key}": {json.dumps(value)}' for key, value in texts.items()]
         lines += [f'"{key}": {_text(value)}' for key, value in tables.items()]
@@ -141,14 +150,30 @@ def _parsed(data: Any) -> HydroDatabase:
         return _numbers(data, f"{name}_re", waves) + 1j * _numbers(data, f"{name}_im", waves)
 
     drift = _numbers(data, "drift", (*waves[:2], 3)) if data.get("drift") is not None else None
+    memory_inf = _numbers(data, "memory_inf", (6, 6)) if data.get("memory_inf") is not None else None
+    by_panels = waves_of("by_panels") if data.get("by_panels_re") is not None else None
     depth = None if data.get("depth") is None else _positive(data, "depth")
     return HydroDatabase(
         _string(data, "hull"), _string(data, "code"),
         _positive(data, "rho"), _positive(data, "g"), depth, omega, heading,
         _numbers(data, "added_mass", by_omega), _numbers(data, "damping", by_omega),
         _numbers(data, "added_mass_inf", (6, 6)), waves_of("excitation"), waves_of("froude_krylov"),
-        _positive(data, "volume"), _numbers(data, "stiffness", (6, 6)), drift, settings,
+        _positive(data, "volume"), _numbers(data, "stiffness", (6, 6)), drift, by_panels, _memory(data), memory_inf, settings,
     )  # fmt: skip
+
+
+def _memory(data: Mapping[str, Any]) -> Memory | None:
+    if data.get("memory_frequency") is None:
+        return None
+    count = len(_numbers(data, "memory_frequency", None))
+    frequency = _numbers(data, "memory_frequency", (count,))
+    damping, shape = _numbers(data, "memory_damping", (count, count)), _numbers(data, "memory_shape", (count, 6))
+    if np.any(frequency <= 0):
+        raise ValueError("key 'memory_frequency' must be above 0")
+    try:
+        return Memory(frequency, damping, shape)
+    except ValueError as error:
+        raise ValueError(f"key 'memory_damping': {error}") from None
 
 
 def _entry(data: Mapping[str, Any], key: str) -> Any:
