@@ -1,6 +1,6 @@
 """A run's folder: what is in it, and how it is made and read.
 
-config.toml          the resolved scenario, every key      vehicles/*        the vehicle files it used, and what they name
+config.toml          the resolved scenario, every key      vehicles/*   vehicle files, and what they name
 *.py                 modules of your own that these name, unless they are installed
 meta.json            seed, versions, commit, machine       progress.csv, model_N.pt, policy.onnx/.pt in TEAM/
 summary.json         wall times, stages, evaluation        figures/*.png, episode.rrd, .webp, report.html

@@ -4,14 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from hydro.fit import ENERGY, Pair, fit_memory
+from numpy.typing import NDArray
 
 from taichi_sim.sea import Sea
 from taichi_sim.sea.spectrum import Components, wavenumber
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.usv.hull.database import HydroDatabase
 from taichi_sim.usv.hull.hull_6dof import Hull6Dof
+from taichi_sim.usv.hull.radiation import OSCILLATING, natural_frequency
 
 SMALL = 1e-4  # of the draught: amplitude of the waves, so that what is nonlinear does not count
 
@@ -26,10 +27,19 @@ def completed(
     """
     fit = fit_memory(
         database.omega, database.added_mass, database.damping, database.added_mass_inf, energy,
-        symmetric=database.symmetric, quiet=quiet,
+        resonances=resonances(database, hull), symmetric=database.symmetric, quiet=quiet,
     )  # fmt: skip
     own = by_panels(database, hull)
     return replace(database, by_panels=own, memory=fit.memory, memory_inf=fit.added_mass_inf), fit.pairs
+
+
+def resonances(database: HydroDatabase, hull: Hull6Dof) -> list[float | None]:
+    """Natural frequencies (rad/s) of uncoupled heave, roll and pitch, at the place of their modes."""
+    found: list[float | None] = [None] * 6
+    stiffness = hull.geometry.hydrostatics.stiffness()
+    for place, mode in enumerate(OSCILLATING):
+        found[mode] = natural_frequency(database, mode, hull.params.M_rb[mode, mode], stiffness[place, place])
+    return found
 
 
 def by_panels(database: HydroDatabase, hull: Hull6Dof) -> NDArray[np.complex128]:

@@ -7,7 +7,8 @@ Motions that symmetry does not couple are fitted apart: surge, heave and pitch; 
 until every kernel misses less than the wanted share of its energy, int (K - K_fit)^2 dt / int K^2 dt, by Parseval of B.
 """
 
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +28,7 @@ INERTIA = 0.3  # weight of an error of A against one of B
 STIFF = 1.0  # weight of a change of A_inf against one of A
 COUPLED = 0.1  # of the two kernels' own: what a pair's energy is at least compared with
 NEGATIVE = 0.02  # of the largest eigenvalue of B: so much less than nothing may be numerical
+NEAR, LIGHTEST = 0.1, 20.0  # of a resonance: width in ln(omega), most of its weight
 BAND = 0.3, 1.5  # times the lowest and the highest frequency of a table: where masses may resonate
 
 
@@ -68,9 +70,12 @@ def check_passive(omega: Array, B: Array) -> None:
 
 
 def fit_memory(
-    omega: Array, A: Array, B: Array, A_inf: Array, energy: float = ENERGY, *, symmetric: bool = True, quiet: bool = True
-) -> Fit:
+    omega: Array, A: Array, B: Array, A_inf: Array, energy: float = ENERGY, *,
+    resonances: Sequence[float | None] = (None,) * 6, symmetric: bool = True, quiet: bool = True,
+) -> Fit:  # fmt: skip
     """A memory for A, B [n, 6, 6] at omega [n] (rad/s, rising, > 0) and A_inf [6, 6], about CO, b.
+
+    `resonances` (rad/s) of modes that have one: there damping alone limits the response, and counts so much more.
 
     Raises:
         FitError: if the damping is not passive, or `energy` is not reached with MOST masses.
@@ -82,7 +87,8 @@ def fit_memory(
     with tqdm(total=len(groups) * MOST, desc="memory", unit="mass", disable=quiet) as bar:
         for group in groups:
             rows, block = np.ix_(range(len(omega)), group, group), np.ix_(group, group)
-            part, inf[block], found = _Search(omega, A[rows], B[rows], A_inf[block], group).run(energy, bar)
+            at = [resonances[mode] for mode in group]
+            part, inf[block], found = _Search(omega, A[rows], B[rows], A_inf[block], group, at).run(energy, bar)
             parts.append(part)
             pairs += found
     size = [len(part) for part in parts]
@@ -99,13 +105,21 @@ def fit_memory(
 class _Search:
     """The masses of one group of g modes."""
 
-    def __init__(self, omega: Array, A: Array, B: Array, A_inf: Array, group: tuple[int, ...]):
+    def __init__(
+        self, omega: Array, A: Array, B: Array, A_inf: Array, group: tuple[int, ...], at: Sequence[float | None]
+    ):
         self.omega, self.A, self.B, self.A_inf, self.group = omega, A, B, A_inf, group
         self.size = np.sqrt(np.maximum(np.einsum("nii->ni", B).max(axis=0), 1e-12 * max(np.abs(B).max(), 1e-300)))
         inertia = np.sqrt(np.maximum(np.einsum("nii->ni", A).max(axis=0), 1e-12 * max(np.abs(A).max(), 1e-300)))
         self.of_B, self.of_A = self.size[:, None] * self.size, INERTIA * inertia[:, None] * inertia
         self.upper = np.triu_indices(len(group))
         self.weight = np.sqrt(np.gradient(omega) / np.gradient(omega).mean())[:, None]
+        more = np.ones((len(omega), len(group)))
+        for n, peak in enumerate(at):
+            if peak is not None and self.size[n] > 0:
+                ratio = self.size[n] ** 2 / max(float(np.interp(peak, omega, B[:, n, n])), 1e-300)
+                more[:, n] += min(ratio, LIGHTEST) * np.exp(-0.5 * (np.log(omega / peak) / NEAR) ** 2)
+        self.own = np.sqrt(more[:, self.upper[0]] * more[:, self.upper[1]])
 
     def run(self, energy: float, bar: tqdm) -> tuple[Memory, Array, list[Pair]]:
         """Memory, A_inf and pairs with the fewest masses that miss at most `energy`."""
@@ -122,8 +136,8 @@ class _Search:
                 return memory, self.A_inf + added, pairs
         worst = max(pairs, key=lambda pair: pair.missing)
         raise FitError(
-            f"{worst.modes[0]} and {worst.modes[1]}: {100 * worst.missing:.2g} % of the kernel's energy is missing with "
-            f"{MOST} masses (wanted: {100 * energy:.2g} %): are the frequencies enough, and close enough?"
+            f"{worst.modes[0]} and {worst.modes[1]}: {100 * worst.missing:.2g} % of the kernel's energy is missing "
+            f"with {MOST} masses (wanted: {100 * energy:.2g} %): are the frequencies enough, and close enough?"
         )
 
     def _found(self, masses: int, start: int) -> tuple[float, Array]:
@@ -141,7 +155,7 @@ class _Search:
         ends = np.full((2, len(x)), [[-np.inf], [np.inf]])
         ends[:, :masses] = [[low], [high]]
         found = least_squares(
-            self._residual, x, bounds=tuple(ends), x_scale="jac", max_nfev=EVALUATIONS, args=(masses,)
+            self._residual, x, self._jacobian, tuple(ends), x_scale="jac", max_nfev=EVALUATIONS, args=(masses,)
         )
         return float(found.cost), found.x
 
@@ -153,16 +167,41 @@ class _Search:
         change[self.upper] = x[masses + n + masses * g :]
         return np.exp(x[:masses]), L, x[masses + n : masses + n + masses * g].reshape(masses, g), change
 
+    def _response(self, x: Array, masses: int) -> tuple[NDArray[np.complex128], ...]:
+        """i w [n, 1, 1], H = (s^2 + s R + W^2)^-1 G [n, M, g], and K over `of_B` [n, g, g]."""
+        frequency, L, G, _change = self._parts(x, masses)
+        s = 1j * self.omega[:, None, None]
+        Z = s * (L @ L.T) + np.diag(frequency**2) + s**2 * np.eye(masses)
+        H = np.linalg.solve(Z, np.broadcast_to(G.astype(np.complex128), (len(s), *G.shape)))
+        return s, H, s * (G.T @ H)
+
+    def _weighed(self, K: NDArray[np.complex128], A: Any, B: Any, change: Array) -> Array:
+        """Errors [..., 2 n u + u] of K [..., n, g, g] against B and A, and of the change of A_inf, u pairs."""
+        rows, lead = (..., *self.upper), K.shape[:-3]
+        damping = (K.real - B)[rows] * self.weight * self.own
+        added = (K.imag * self.of_B / self.omega[:, None, None] / self.of_A - A)[rows] + change[..., None, :]
+        parts = damping.reshape(*lead, -1), (added * self.weight).reshape(*lead, -1), STIFF * change
+        return np.concatenate(parts, axis=-1)
+
     def _residual(self, x: Array, masses: int) -> Array:
-        frequency, L, G, change = self._parts(x, masses)
-        w = self.omega[:, None, None]
-        Z = 1j * w * (L @ L.T) + np.diag(frequency**2) - w**2 * np.eye(masses)
-        K = 1j * w * (G.T @ np.linalg.solve(Z, np.broadcast_to(G.astype(np.complex128), (len(w), *G.shape))))
-        damping = K.real - self.B / self.of_B
-        added = (self.A_inf + K.imag * self.of_B / w - self.A) / self.of_A + change
-        rows = (slice(None), *self.upper)
-        errors = [(damping[rows] * self.weight).ravel(), (added[rows] * self.weight).ravel()]
-        return np.concatenate([*errors, STIFF * change[self.upper]])
+        change = x[len(x) - len(self.upper[0]) :]
+        K = self._response(x, masses)[2]
+        return self._weighed(K, (self.A - self.A_inf) / self.of_A, self.B / self.of_B, change)
+
+    def _jacobian(self, x: Array, masses: int) -> Array:
+        """Of `_residual`, [error, number]."""
+        g, u = len(self.group), len(self.upper[0])
+        frequency, L, _G, _change = self._parts(x, masses)
+        s, H, _K = self._response(x, masses)
+        P, one = L.T @ H, np.eye(g)
+        by_frequency = -2 * frequency[:, None, None, None] ** 2 * s * np.einsum("nai,naj->anij", H, H)
+        by_L = -(s**2) * np.einsum("nai,nbj->abnij", H, P)
+        by_L = (by_L + by_L.swapaxes(-1, -2))[np.tril_indices(masses)]
+        by_G = s * np.einsum("ki,naj->aknij", one, H)
+        by_G = (by_G + by_G.swapaxes(-1, -2)).reshape(masses * g, *s.shape[:1], g, g)
+        K = np.concatenate([by_frequency, by_L, by_G, np.zeros((u, len(self.omega), g, g))])
+        change = np.concatenate([np.zeros((len(K) - u, u)), np.eye(u)])
+        return self._weighed(K, 0.0, 0.0, change).T
 
     def _made(self, x: Array, masses: int) -> tuple[Memory, Array]:
         """The memory, and the change of A_inf [g, g]."""

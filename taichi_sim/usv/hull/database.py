@@ -2,8 +2,8 @@
 
 `NAME.hydro.json` is written by tools/hydrodynamics.py (docs/hydrodynamics.md). All in the body frame b
 (forward-right-down), moments about CO, SI units; time factor exp(-i omega t): with the elevation
-Re(a exp(i (k.x - omega t))) of a wave whose crest is at CO at t = 0, a load is Re(X a exp(-i omega t)). A heading is the
-direction the waves travel to, relative to the bow, clockwise seen from above: 0 is following, 90 to starboard.
+Re(a exp(i (k.x - omega t))) of a wave whose crest is at CO at t = 0, a load is Re(X a exp(-i omega t)). A heading is
+the direction the waves travel to, relative to the bow, clockwise seen from above: 0 is following, 90 to starboard.
 The hull is held at zero speed; added mass and damping are those of harmonic motion at omega.
 
 The file names its hull by `hull_hash`, so that a database of another hull is found out.
@@ -66,7 +66,7 @@ class HydroDatabase:
     froude_krylov: Complex  # [n, m, 6] of the undisturbed wave's pressure
     volume: float  # displaced, m^3
     stiffness: Array  # [6, 6] C of water and weight: N/m, N, N m
-    drift: Array | None = None  # [n, m, 3] mean surge, sway, yaw load of the free hull per squared amplitude: N/m^2, N/m
+    drift: Array | None = None  # [n, m, 3] mean surge, sway, yaw load of the free hull over amplitude^2: N/m^2, N/m
     by_panels: Complex | None = None  # [n, m, 6] froude_krylov as the simulator's own panels have it: N/m, N
     memory: Memory | None = None  # fitted to added_mass, damping and added_mass_inf
     memory_inf: Array | None = None  # [6, 6] added_mass_inf as it agrees with the memory
@@ -116,7 +116,8 @@ class HydroDatabase:
         if self.memory is not None:
             tables |= {f"memory_{name}": getattr(self.memory, name) for name in ("frequency", "damping", "shape")}
             tables["memory_inf"] = self.added_mass_inf if self.memory_inf is None else self.memory_inf
-        texts: dict[str, Any] = {"format": FORMAT, "hull": self.hull, "code": self.code, "settings": dict(self.settings)}
+        texts: dict[str, Any] = {"format": FORMAT, "hull": self.hull, "code": self.code}
+        texts["settings"] = dict(self.settings)
         lines = [f'"{key}": {json.dumps(value)}' for key, value in texts.items()]
         lines += [f'"{key}": {_text(value)}' for key, value in tables.items()]
         Path(path).write_text("{\n" + ",\n".join(lines) + "\n}\n", encoding="utf-8")
@@ -158,7 +159,8 @@ def _parsed(data: Any) -> HydroDatabase:
         _positive(data, "rho"), _positive(data, "g"), depth, omega, heading,
         _numbers(data, "added_mass", by_omega), _numbers(data, "damping", by_omega),
         _numbers(data, "added_mass_inf", (6, 6)), waves_of("excitation"), waves_of("froude_krylov"),
-        _positive(data, "volume"), _numbers(data, "stiffness", (6, 6)), drift, by_panels, _memory(data), memory_inf, settings,
+        _positive(data, "volume"), _numbers(data, "stiffness", (6, 6)), drift, by_panels, _memory(data), memory_inf,
+        settings,
     )  # fmt: skip
 
 

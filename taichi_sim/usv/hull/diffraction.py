@@ -15,7 +15,9 @@ In a step it is summed once for every STRETCH of phase of the fastest waves, wit
 
 Mean drift, an option, is Newman's (1974) approximation: of the slowly varying load by pairs of components i and j,
 
-    sum_ij a_i a_j (D_i + D_j) / 2 cos(theta_i - theta_j) = C Sum(a D cos) + S Sum(a D sin),   C + i S = Sum a exp(i theta)
+    sum_ij a_i a_j (D_i + D_j) / 2 cos(theta_i - theta_j) = C sum(a D cos theta) + S sum(a D sin theta),
+
+    C + i S = sum(a exp(i theta)),
 
 whose mean is sum a_i^2 D_i, D(omega, beta) the mean surge, sway and yaw load per squared amplitude.
 """
@@ -96,7 +98,8 @@ def around(database: HydroDatabase, loads: NDArray) -> NDArray[np.complex128]:
     elif heading[-1] >= 360:
         heading, whole = heading[:-1], whole[:, :-1]
     beta, orders = np.deg2rad(heading), np.arange(-((len(heading) - 1) // 2), (len(heading) - 1) // 2 + 1)
-    series = np.linalg.lstsq(np.exp(1j * np.outer(beta, orders)), whole.swapaxes(0, 1).reshape(len(beta), -1), rcond=None)
+    by_heading = whole.swapaxes(0, 1).reshape(len(beta), -1)
+    series = np.linalg.lstsq(np.exp(1j * np.outer(beta, orders)), by_heading, rcond=None)
     course = np.arange(HEADINGS) * (math.tau / HEADINGS)
     values = np.exp(1j * np.outer(course, orders)) @ series[0]
     return values.reshape(HEADINGS, len(whole), 6).swapaxes(0, 1)
@@ -115,8 +118,8 @@ def diffracted(
     drifts: ti.template(), s, row, label, velocity, tau, psi
 ):  # fmt: skip
     """Load (N, N m, about CO, b) on a hull at the label `label` [2] (m), which moves with `velocity` [2] (m/s), with
-    heading psi (rad), tau s after the beginning of a step; and its first and second rate of change. `table` and `course`
-    are Diffraction.of; `drifts` says whether the table has drift, which counts as steady.
+    heading psi (rad), tau s after the beginning of a step; and its first and second rate of change. `table` and
+    `course` are Diffraction.of; `drifts` says whether the table has drift, which counts as steady.
     """
     load = ti.Vector([tau * 0.0 for _ in range(6)])
     rate, bend = load * 0.0, load * 0.0

@@ -40,8 +40,8 @@ class Modes(NamedTuple):
     leaves: Complex  # [F, 6] c
 
     def constants(self, dt: float) -> tuple[Any, ...]:
-        """What a kernel compiles in for steps of dt (s), of each filter: real and imaginary part of 1 / (1 - p dt/2), of
-        b dt/2, and of c.
+        """What a kernel compiles in for steps of dt (s), of each filter: real and imaginary part of 1 / (1 - p dt/2),
+        of b dt/2, and of c.
         """
         gain, enters = 1 / (1 - self.pole * dt / 2), self.enters * dt / 2
 
@@ -123,7 +123,7 @@ class Memory:
 
 
 def _cleaned(values: Complex) -> Complex:
-    """Rounding errors of motions that symmetry does not couple, taken out of each mode's row, by scale of the column."""
+    """`values` [F, 6] without the rounding errors of motions that symmetry does not couple, by scale of the column."""
     size = np.abs(values) / np.maximum(np.abs(values).max(axis=0), 1e-300)
     return np.where(size < 1e-9 * np.maximum(size.max(axis=1, keepdims=True), 1e-300), 0.0, values)
 

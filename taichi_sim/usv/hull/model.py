@@ -149,8 +149,8 @@ class HullModel(Vessel):
         of_data = "deep water" if ours is None else f"water of {ours:g} m"
         raise ConfigError(
             f"sea.depth: the water is {of_water}, the hydrodynamic database of the hull is of {of_data} (deep counts "
-            f"from {DEEP_ENOUGH:g} draughts, {DEEP_ENOUGH * self.draft:.3g} m, on; another depth within 25 %): make one "
-            'with tools/hydrodynamics.py --depth, or set hydrodynamics.radiation = "constant"'
+            f"from {DEEP_ENOUGH:g} draughts, {DEEP_ENOUGH * self.draft:.3g} m, on; another depth within 25 %): make "
+            'one with tools/hydrodynamics.py --depth, or set hydrodynamics.radiation = "constant"'
         )
 
     # -- numbers that vary -----------------------------------------------------------------------------------------

@@ -77,11 +77,11 @@ class HullMotion(HullWater):
     def thrown_back(
         self, build: ti.template(), around: ti.template(), tables: ti.template(), e, tau, ahead, L, velocity, R
     ):  # fmt: skip
-        """Load of diffraction and its rates of change, `ahead` s after tau, where the label is L, moving at `velocity`."""
+        """Load of diffraction and its rates of change `ahead` s after tau, where the label is L and has `velocity`."""
+        label, psi = L + ahead * velocity, ti.atan2(R[1, 0], R[0, 0])
         return diffracted(
             around.sea, around.phase, build.components, tables.thrown, tables.course,
-            ti.static(self.params.hydrodynamics.drift), around.env_sea[e], e, L + ahead * velocity, velocity, tau + ahead,
-            ti.atan2(R[1, 0], R[0, 0]),
+            ti.static(self.params.hydrodynamics.drift), around.env_sea[e], e, label, velocity, tau + ahead, psi,
         )  # fmt: skip
 
     @ti.func
