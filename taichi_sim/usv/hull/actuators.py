@@ -1,7 +1,7 @@
 """What a hull's thrusters do, as methods that kernels inline: commands, lags, turning, thrusts, load.
 
-`setting` is a vector: the speed of each unit, then the angle (rad) of each that turns. `p` is what the kernel works with
-(numbers.py). All is unrolled over the units.
+`setting` is a vector: the speed of each unit, then the angle (rad) of each that turns. `p` is what the kernel works
+with (numbers.py). All is unrolled over the units.
 """
 
 # Kernels are another language inside Python syntax.
@@ -12,8 +12,8 @@ import math
 import taichi as ti
 
 from taichi_sim.usv.hull import loads
-from taichi_sim.usv.hull.numbers import vector
 from taichi_sim.usv.hull.model import SHAFT
+from taichi_sim.usv.hull.numbers import vector
 from taichi_sim.usv.hull.water import HullWater
 
 IDLE = 1e-3  # of its greatest thrust: for less, a unit does not turn; assumed (rounding has no direction)
@@ -111,7 +111,10 @@ class HullActuators(HullWater):
 
     @ti.func
     def lagged(self, p: ti.template(), setting, command, ahead):
-        """Settings on the way to the command, `ahead` of a step later: 0, 1/2 or 1. Without a lag a command acts at once."""
+        """Settings on the way to the command, `ahead` of a step later: 0, 1/2 or 1.
+
+        Without a lag a command acts at once.
+        """
         found = setting
         if ti.static(self.propelled):
             halves, wholes = ti.static(vector(p, "keep_half", len(self.units)), vector(p, "keep", len(self.units)))

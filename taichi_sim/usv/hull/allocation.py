@@ -1,8 +1,8 @@
 """Which thruster makes what of a wanted wrench (X, Y, N): a weighted pseudo-inverse, computed once.
 
-A fixed unit has one component, its thrust; one that turns has two, its push ahead and to starboard, from which angle and
-thrust follow (extended thrust: Sordalen 1997, Optimal thrust allocation for marine vessels, Control Engineering Practice
-5 (9); Fossen 2021, sec. 11.2). Of all the components f with B f = tau, the one with the least sum of (f_i / f_max,i)^2,
+A fixed unit has one component, its thrust; one that turns has two, its push ahead and to starboard, from which angle
+and thrust follow (extended thrust: Sordalen 1997, Optimal thrust allocation for marine vessels, Control Engineering
+Practice 5 (9); Fossen 2021, sec. 11.2). Of all f with B f = tau, that with the least sum of (f_i / f_max,i)^2,
 
     f = W^-1 B^T (B W^-1 B^T)^-1 tau,   W = diag(1 / f_max^2),
 

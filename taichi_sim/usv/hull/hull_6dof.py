@@ -56,11 +56,13 @@ class Hull6Dof(HullStart):
     - "left_right", of two propellers: shaft speed of each, from n_min to n_max;
     - "wrench" (surge, sway, yaw): force and moment as shares of the largest of each alone, shared out to the thrusters
       (allocation.py); more than they can make is less of the same direction;
-    - "units": speed of each thruster, from n_min to n_max, then the angle of each that turns, from one end of its range to
-      the other.
+    - "units": speed of each thruster, from n_min to n_max, then the angle of each that turns, from one end of its range
+      to the other.
 
-    Controls are the speeds of the thrusters, rad/s, then the angles of those that turn, rad. model.py holds what a hull is and numbers.py what its kernels work with;
-    water.py and motion.py the functions that the kernels here inline; start.py how a hull begins.
+    Controls are the speeds of the thrusters, rad/s, then the angles of those that turn, rad.
+
+    model.py and propulsion.py hold what a hull is, numbers.py what its kernels work with; water.py, actuators.py and
+    motion.py the functions that the kernels here inline; start.py how a hull begins.
     """
 
     def step(self, fleet: Any, around: Surroundings) -> None:
@@ -166,7 +168,8 @@ class Hull6Dof(HullStart):
             V_c, air = ti.Vector([current[n, 0], current[n, 1], 0.0]), ti.Vector([wind[n, c] for c in range(3)])
             calm = ti.Vector([y[0] * 0.0 for _ in range(CENTRE_SIZE)])
             tau = ti.Vector([load[n, c] for c in range(6)]) + self.wind_load(self.constants, R, nu, air)
-            tau += self.thrust_load(self.constants, ti.Vector([controls[n, c] for c in ti.static(range(self.settings))]))
+            setting = ti.Vector([controls[n, c] for c in ti.static(range(self.settings))])
+            tau += self.thrust_load(self.constants, setting)
             if ti.static(self.by_panels):
                 tau += self.panel_load(tables, no_waves, n, 0, y[2], R, linear(calm))
                 tau += self.weight_load(self.constants, ti.Vector([R[2, 0], R[2, 1], R[2, 2]]))

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import taichi as ti
 import torch
-from torch import Tensor
 
 from taichi_sim import runtime
 from taichi_sim.config import ConfigError
@@ -19,9 +18,9 @@ from taichi_sim.usv.hull.params import Hull6DofParams
 from taichi_sim.usv.hull.propulsion import Propelled
 from taichi_sim.usv.hull.stability import largest_stable_dt, linear_motion, runge_kutta_step, strang_step
 
-# Columns of the auxiliary state: displacement of the label under the hull and its change in a step (m); forces of the last
-# step in b (N) and its nu_dot (m/s^2, rad/s^2); then what the thrusters do (propulsion.py); then the wave's pressure head
-# (m) at each point of the wave lines, and its change across them (m/m).
+# Columns of the auxiliary state: displacement of the label under the hull and its change in a step (m); forces of the
+# last step in b (N) and its nu_dot (m/s^2, rad/s^2); then what the thrusters do (propulsion.py); then the wave's
+# pressure head (m) at each point of the wave lines, and its change across them (m/m).
 AUX = (
     "label_north", "label_east", "label_change_north", "label_change_east",
     "pressure_x", "pressure_y", "pressure_z", "drag_x", "drag_y", "drag_z",

@@ -52,7 +52,8 @@ def numbers_of(units: int) -> Any:
 
 def varying_keys(p: Hull6DofParams) -> tuple[str, ...]:
     """Keys of the vehicle file that may differ between environments."""
-    thrusters = (*GAINS, LAG) if p.thrusters else tuple(key for keys in zip(*thruster_keys(p)) for key in keys)
+    gains, lags = thruster_keys(p)
+    thrusters = (*gains, *dict.fromkeys(lags))
     return (MASS, *CG, *ADDED_MASS, *LINEAR, *QUADRATIC, *thrusters, *AREAS)
 
 

@@ -19,12 +19,12 @@ class Propelled(Vessel):
     """A hull's thrusters, which are `units`; without any it has the columns of two propellers, at rest.
 
     Attributes:
-        settings: number of actuator settings: a speed of each unit, then an angle of each that turns. turning: those units.
+        settings: number of actuator settings: a speed of each unit, then an angle of each that turns. turning: those.
         first_thrust: column of the auxiliary state where thrusts begin. push_of: of each unit, the column of its push
             ahead, its push to starboard being the next; -1 where its thrust says it. angle_of: of each unit, the
             setting that is its angle; -1 of one that does not turn.
-        shares: pseudo-inverse (allocation.py), rows of components; first_component: of each unit. wrench_max, wrench_min: X, Y, N
-            (N, N m) of the actions 1 and -1 of `actions = "wrench"`.
+        shares: pseudo-inverse (allocation.py), rows of components; first_component: of each unit. wrench_max,
+            wrench_min: X, Y, N (N, N m) of the actions 1 and -1. All of `actions = "wrench"` alone.
     """
 
     def fit_out(self, params: Hull6DofParams, first: int) -> int:
@@ -43,9 +43,7 @@ class Propelled(Vessel):
             push_of.append(-1 if plain else first + len(columns))
             columns += [] if plain else [f"ahead_{unit.name}", f"starboard_{unit.name}"]
         self.push_of, self.thruster_columns = tuple(push_of), tuple(columns)
-        self.angle_of = tuple(
-            len(names) + self.turning.index(unit) if unit.azimuth else -1 for unit in self.units
-        )
+        self.angle_of = tuple(len(names) + self.turning.index(unit) if unit.azimuth else -1 for unit in self.units)
         self._prepare(params)
         rated = params.thrusters is not None or all(one.n_max is not None for one in params.actuators.values())
         self.signals = {

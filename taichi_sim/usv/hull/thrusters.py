@@ -4,9 +4,9 @@
     [actuators.NAME]   up to eight, each by itself: a propeller (direction_deg = 0), a tunnel thruster (90), or one that
                        turns (turn_rate_deg)
 
-Either way a unit's thrust is k |n| n at the speed n, which follows its command with a first-order lag; an azimuth thruster
-turns to the commanded angle at no more than its rate. Not modelled: what a thruster loses to inflow, to the wake of another,
-along the hull (Coanda), or when a wave lays it bare.
+Either way a unit's thrust is k |n| n at the speed n, which follows its command with a first-order lag; one that turns
+does so at no more than its rate. Not modelled: what a thruster loses to inflow, to the wake of another, along the hull
+(Coanda), or when a wave lays it bare.
 """
 
 from typing import Annotated, NamedTuple
@@ -23,8 +23,8 @@ DIGITS = 12  # to which cosines and sines of directions are rounded, so that 90 
 
 
 class Unit(NamedTuple):
-    """One thruster; `direction` is the cosine and sine of where it pushes when it is not turned, `turn_rate` (rad/s) is 0
-    where it cannot turn, and `turns` the lowest and greatest angle (rad) from there, None of one that turns all round.
+    """One thruster; `direction` is the cosine and sine of where it pushes when it is not turned, `turn_rate` (rad/s) is
+    0 where it cannot turn, `turns` the lowest and greatest angle (rad) from there, None of one that turns all round.
     """
 
     name: str
@@ -142,7 +142,7 @@ class Actuator(Strict):
     n_min: NonPositive | None = None  # rad/s, default -n_max
     lag: NonNegative  # s, time constant of the speed
     turn_rate_deg: NonNegative = 0.0  # deg/s, the fastest that it turns; 0: it does not
-    range_deg: tuple[NonPositive, NonNegative] | None = None  # of its turning, clockwise from above; without it all round
+    range_deg: tuple[NonPositive, NonNegative] | None = None  # that it turns in, clockwise from above; None: all round
     gain: NonNegative = 1.0  # of its thrust at a speed: below 1, it is fouled or damaged
 
     @model_validator(mode="after")
