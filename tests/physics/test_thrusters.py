@@ -152,7 +152,7 @@ def test_a_wrench_is_made_as_it_is_asked_for(bench):
 
 
 def test_more_than_they_can_make_is_less_of_the_same_direction(bench):
-    """Where a corner of the box of actions is too much, some unit is at its limit; the greatest of each alone is made."""
+    """Where a corner of the box of actions is too much, some unit is at its limit; the most of each alone is made."""
     model = barge("wrench", SET)
     corners = np.array(np.meshgrid([-1, 0, 1], [-1, 0, 1], [-1, 0, 1])).reshape(3, -1).T
     corners = corners[np.abs(corners).sum(axis=1) > 0].astype(float)
