@@ -119,6 +119,10 @@ class Hull6DofParams(Strict):
         self._check_thrusters()
         return self
 
+    def __hash__(self) -> int:
+        """As of every frozen model, with the actuators as pairs, for a dict has none."""
+        return hash(tuple(tuple(x.items()) if isinstance(x, dict) else x for x in self.__dict__.values()))
+
     def _check_thrusters(self) -> None:
         """Refuse what no hull has, and actions that its thrusters cannot take."""
         if self.thrusters and self.actuators:
