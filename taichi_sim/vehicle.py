@@ -62,8 +62,8 @@ class Vehicle:
 
     Optional: `aux_names`, the first columns of the auxiliary state, which are its instruments; `aux_size`, all of its
     columns; `varying`, keys of the vehicle file that may differ between environments, dotted, a number of a list by
-    its place ("rigid_body.cg.0"); `ending_names`, what `endings` may find; `signals`, `forces`, `air` and `airframe`
-    for recordings.
+    its place ("rigid_body.cg.0"); `file_keys`, those that name files beside the vehicle file; `ending_names`, what
+    `endings` may find; `signals`, `forces`, `air` and `airframe` for recordings.
 
     Attributes:
         params: the vehicle file's numbers. dt: physics step, s. substeps: physics steps of a control step.
@@ -76,6 +76,7 @@ class Vehicle:
     aux_names: tuple[str, ...] = ()
     aux_size: int = 0
     varying: tuple[str, ...] = ()
+    file_keys: ClassVar[tuple[str, ...]] = ()
     ending_names: tuple[str, ...] = ()
     controller: ClassVar[Any] = None
     """A classical controller of this vehicle, for missions that know none: a class built from the model."""

@@ -61,6 +61,7 @@ def load_vehicle(
         old = data.get(key)
         data[key] = old | value if isinstance(value, dict) and isinstance(old, dict) else value
     model = find_model(data.pop("model", None), file, source)
+    _resolve_files(data, model.file_keys, file.parent)
     params = validate(model.Params, data, str(file))
     key = (model, params.model_dump_json(), dt, substeps, runtime.current().precision)
     if key not in _models:
@@ -69,6 +70,34 @@ def load_vehicle(
         except ConfigError as error:
             raise ConfigError(f"{file}: {error}") from None
     return _models[key]
+
+
+def vehicle_files(file: Path, source: Path | None = None) -> list[Path]:
+    """A vehicle file and the files that it names, all that it takes to load it elsewhere.
+
+    Raises:
+        ConfigError: for an unknown model, or a file that is not there.
+    """
+    data = read_toml(file)
+    found = [file, *_resolve_files(data, find_model(data.get("model"), file, source).file_keys, file.parent)]
+    for named in found:
+        if not named.is_file():
+            raise ConfigError(f"{file}: {named.name!r} is not beside it")
+    return found
+
+
+def _resolve_files(data: dict[str, Any], keys: tuple[str, ...], folder: Path) -> list[Path]:
+    """Make the values of `keys` ("section.key") that name files in a vehicle's own folder paths; return these."""
+    found = []
+    for key in keys:
+        *sections, last = key.split(".")
+        section: Any = data
+        for name in sections:
+            section = section.get(name) if isinstance(section, dict) else None
+        if isinstance(section, dict) and isinstance(section.get(last), str):
+            found.append(folder / section[last])
+            section[last] = str(found[-1])
+    return found
 
 
 def shipped_vehicles() -> list[Path]:

@@ -1,6 +1,6 @@
 """A run's folder: what is in it, and how it is made and read.
 
-config.toml          the resolved scenario, every key      vehicles/*.toml   the vehicle files it used
+config.toml          the resolved scenario, every key      vehicles/*   vehicle files, and what they name
 *.py                 modules of your own that these name, unless they are installed
 meta.json            seed, versions, commit, machine       progress.csv, model_N.pt, policy.onnx/.pt in TEAM/
 summary.json         wall times, stages, evaluation        figures/*.png, episode.rrd, .webp, report.html
@@ -27,6 +27,7 @@ from rl.scenario import Scenario
 from taichi_sim.config import ConfigError
 from taichi_sim.config.io import find_config, read_toml, toml_text, vehicle_file, write_toml
 from taichi_sim.plugins import is_plugin, plugin_source
+from taichi_sim.vehicles import vehicle_files
 
 CONFIG, META, SUMMARY, DUMPS = "config.toml", "meta.json", "summary.json", "dumps"
 LOCK = ".lock"
@@ -56,7 +57,8 @@ def create(out: Path, config: Scenario, source: Path) -> None:
         saved = {}
         for team, section in config.teams.items():
             file = vehicle_file(section, source)
-            shutil.copyfile(file, out / "vehicles" / file.name)
+            for own in vehicle_files(file, source):
+                shutil.copyfile(own, out / "vehicles" / own.name)
             saved[team] = section.model_copy(update={"vehicle": file.stem})
             _keep_plugin(read_toml(file).get("model"), [file.parent, source.parent], out)
             _keep_plugin(section.script, [source.parent], out)
@@ -91,7 +93,8 @@ def digest(config: Scenario, source: Path) -> str:
     """What two processes of one run have in common: the scenario, and the files of its vehicles."""
     told = hashlib.sha256(toml_text(config).encode())
     for section in config.teams.values():
-        told.update(vehicle_file(section, source).read_bytes())
+        for file in vehicle_files(vehicle_file(section, source), source):
+            told.update(file.read_bytes())
     return told.hexdigest()[:16]
 
 

@@ -11,6 +11,7 @@ Sea Loads on Ships and Offshore Structures, ch. 3). tau is thrust, wind, and wha
   Froude-Krylov (hydrostatics.py). A step drifts by half, evaluates waves and pressure once, changes the velocity by
   the midpoint rule, whose middle velocity the last step's nu_dot foretells, and drifts by half again (Strang 1968:
   second order, and symmetric in time but for damping: still water makes no energy).
+  With `hydrodynamics.radiation = "memory"` what the hull's own waves do is a boundary-element code's: radiation.py.
 - `restoring = "linear"`: -G eta of the source, relative to the hull's mean surface plane, and the component of the
   weight down its slope. Steps are classical Runge-Kutta of fourth order: for comparison with published codes.
 
@@ -67,7 +68,7 @@ class Hull6Dof(HullStart):
 
     def step(self, fleet: Any, around: Surroundings) -> None:
         """Advance one control step."""
-        fleet.launch(self._step, fleet.pack, around.pack, self.tables, self.build(fleet, around))
+        fleet.launch(self._step, fleet.pack, around.pack, self.tables(around), self.build(fleet, around))
 
     @ti.kernel
     def _step(self, fleet: FleetPack, around: AroundPack, tables: TablesPack, build: ti.template()):
@@ -99,6 +100,7 @@ class Hull6Dof(HullStart):
         plane = ti.Vector([pos[0] * 0.0, 0.0, 0.0])  # elevation, slopes north and east of the surface under the hull
         water = ti.Vector([pos[0] * 0.0 for _ in range(CENTRE_SIZE)])
         up, wind = nu * 0.0, nu * 0.0
+        thrown, thrown_rate, thrown_bend = nu * 0.0, nu * 0.0, nu * 0.0  # load of diffraction and its rates of change
         for n in range(self.substeps):
             tau = (n + 0.5) * ti.static(self.dt)
             if ti.static(self.by_panels):  # two halves of a turn, of this step and the last one, make one
@@ -114,6 +116,16 @@ class Hull6Dof(HullStart):
                 up = self.pressure(build, around, tables, aux, e, i, tau, pos, R, L, J, plane)
                 up += self.weight_load(p, ti.Vector([R[2, 0], R[2, 1], R[2, 2]]))
                 thrust = self.thrust_load(p, self.lagged(p, shaft, command, 0.5))
+                if ti.static(self.remembers):
+                    if n % ti.static(self.stretch) == 0:
+                        ahead = ti.static(0.5 * (self.stretch - 1) * self.dt)
+                        drift = (R @ linear(nu))[:2] + change * ti.static(1 / self.dt)
+                        thrown, thrown_rate, thrown_bend = self.thrown_back(
+                            build, around, tables, e, tau, ahead, L, drift, R
+                        )
+                    since = (n % ti.static(self.stretch) - ti.static(0.5 * (self.stretch - 1))) * ti.static(self.dt)
+                    thrust += thrown + since * (thrown_rate + 0.5 * since * thrown_bend)
+                    thrust += self.radiated(aux, e, i, R, nu, nu_dot, V_c)
                 pos, nu, nu_dot = self.kick(p, pos, nu, nu_dot, R, up + thrust + wind + outside, V_c, water)
             else:
                 pos, q, nu = self.runge_kutta(p, pack(pos, q, nu), shaft, command, wind + outside, V_c, water)
@@ -147,7 +159,7 @@ class Hull6Dof(HullStart):
         """d(state)/dt [n, 13]; the wind is that at `wind_height`."""
         out = torch.empty_like(state)
         no_waves = state.new_zeros((len(state), 1, self.aux_size))
-        self._rhs(out, state, controls, current, wind, load, no_waves, self.tables)
+        self._rhs(out, state, controls, current, wind, load, no_waves, self.tables())
         return out
 
     @ti.kernel
@@ -187,7 +199,7 @@ class Hull6Dof(HullStart):
         state = state.contiguous()
         out = state.new_empty((*state.shape[:2], 6))
         aux = state.new_zeros((*state.shape[:2], self.aux_size))
-        self._pressure_load(out, state, aux, around.pack, self.tables, self.water_build(around))
+        self._pressure_load(out, state, aux, around.pack, self.tables(), self.water_build(around))
         return out
 
     @ti.kernel

@@ -2,25 +2,33 @@
 
 import math
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import taichi as ti
 import torch
+from torch import Tensor
 
 from taichi_sim import runtime
 from taichi_sim.config import ConfigError
 from taichi_sim.conventions import GRAVITY
+from taichi_sim.surroundings import Surroundings
+from taichi_sim.usv.hull.database import HydroDatabase, hull_hash
+from taichi_sim.usv.hull.diffraction import Diffraction
 from taichi_sim.usv.hull.geometry import HullGeometry
 from taichi_sim.usv.hull.hydrostatics import check_floats
+from taichi_sim.usv.hull.memory import Memory
 from taichi_sim.usv.hull.numbers import hull_numbers, varying_keys
 from taichi_sim.usv.hull.params import Hull6DofParams
 from taichi_sim.usv.hull.propulsion import Propelled
+from taichi_sim.usv.hull.radiation import Radiation
 from taichi_sim.usv.hull.stability import largest_stable_dt, linear_motion, runge_kutta_step, strang_step
 
 # Columns of the auxiliary state: displacement of the label under the hull and its change in a step (m); forces of the
 # last step in b (N) and its nu_dot (m/s^2, rad/s^2); then what the thrusters do (propulsion.py); then the wave's
-# pressure head (m) at each point of the wave lines, and its change across them (m/m).
+# pressure head (m) at each point of the wave lines, and its change across them (m/m); then the states of the
+# radiation's memory.
 AUX = (
     "label_north", "label_east", "label_change_north", "label_change_east",
     "pressure_x", "pressure_y", "pressure_z", "drag_x", "drag_y", "drag_z",
@@ -37,14 +45,28 @@ TablesPack = ti.types.argpack(
     node=ti.types.ndarray(dtype=ti.i32, ndim=1),
     lines=ti.types.ndarray(ndim=2),
     deck=ti.types.ndarray(ndim=2),
+    thrown=ti.types.ndarray(ndim=3),
+    course=ti.types.ndarray(ndim=2),
 )
-"""A hull's tables (geometry.py): panels (flat), the column of each panel's head in aux, pairs of wave lines, deck."""
+"""A hull's tables (geometry.py): panels (flat), the column of each panel's head in aux, pairs of wave lines, deck; for
+one sea, the loads of diffraction and the directions that they are looked up by (diffraction.py)."""
+DEEP_ENOUGH = 4.0  # draughts: shallower water than this is not deep to a hull; assumed
+DEPTH_RATIO = 1.25  # of the water to a database's own depth, either way; assumed
+SEAS = 4  # for which a model keeps tables
+
+
+def _largest_damping(memory: Memory) -> np.ndarray:
+    """B [6, 6] where the memory takes most: a step that is stable with it at all frequencies is stable."""
+    if not len(memory):
+        return np.zeros((6, 6))
+    return memory.damps(memory.frequency).sum(axis=0)
 
 
 class HullModel(Propelled):
     """Numbers of one hull at one step; holds no state of any vehicle."""
 
     Params = Hull6DofParams
+    file_keys = ("hydrodynamics.database",)
 
     def __init__(self, params: Hull6DofParams, dt: float, substeps: int):
         """Mesh the hull, check that it floats and that dt (s) is stable.
@@ -60,7 +82,9 @@ class HullModel(Propelled):
         self.geometry = HullGeometry.of(params.hull, body.mass, body.cg)
         self.gauge, self.points = self.geometry.gauge, self.geometry.lines.points
         self.nodes = len(self.geometry.lines.start) * self.points
-        self.aux_size = self.head + 2 * self.nodes
+        self.database: HydroDatabase | None = None
+        self.stretch = 1  # steps for which diffraction is summed once
+        self.radiation = Radiation.constant(params.hydrodynamics.added_mass)
         self.by_panels, self.has_linear = params.restoring == "panels", params.linear is not None
         self.source: Any = params.linear  # None: no published restoring
         if self.by_panels:
@@ -68,16 +92,64 @@ class HullModel(Propelled):
                 check_floats(self.geometry.hydrostatics)
             except ValueError as error:
                 raise ConfigError(f"hull: {error}") from None
+        if params.hydrodynamics.radiation == "memory":
+            self._take_database(Path(str(params.hydrodynamics.database)))
+        self.filters = self.radiation.memory.modes.constants(dt)
+        self.aux_size = self.head + 2 * self.nodes + 2 * len(self.filters)
         self.payload = params.linear.payload_mass * GRAVITY if params.linear else 0.0
         self._check_dt(dt)
-        self._tables: Any = None  # a pack of the running Taichi program
+        self._tables: dict[Any, Any] = {}  # packs of the running Taichi program, by sea
         self._generation = -1
+
+    def _take_database(self, file: Path) -> None:
+        """Radiation and diffraction of a boundary-element database.
+
+        Raises:
+            ConfigError: if it is not this hull's, or lacks what is asked for.
+        """
+        database, own = HydroDatabase.read(file), hull_hash(self.geometry.panels)
+        if database.hull != own:
+            raise ConfigError(
+                f"hydrodynamics.database = {file.name!r} is of another hull (its hash is {database.hull}, this hull's "
+                f"{own}): make it anew with tools/hydrodynamics.py"
+            )
+        if database.by_panels is None or (self.params.hydrodynamics.drift and database.drift is None):
+            lacks = "the panels' own excitation" if database.by_panels is None else "mean drift"
+            raise ConfigError(f"{file}: has no table of {lacks}: make it anew with tools/hydrodynamics.py")
+        stiffness = self.geometry.hydrostatics.stiffness()
+        try:
+            self.radiation = Radiation.of(database, self.params.M_rb, stiffness)
+        except ConfigError as error:
+            raise ConfigError(f"{file}: {error}") from None
+        self.database, self._diffraction = database, Diffraction(database, self.params.hydrodynamics.drift)
+        self.stretch = self._diffraction.stretch(self.dt)
+
+    @property
+    def remembers(self) -> bool:
+        """Whether radiation and diffraction are those of a database."""
+        return self.database is not None
+
+    def _check_depth(self, around: Surroundings) -> None:
+        """Refuse water that the database is not of."""
+        assert self.database is not None
+        ours, water = self.database.depth, around.depth if around.depth > 0 else None
+        if ours is None and (water is None or water >= DEEP_ENOUGH * self.draft):
+            return
+        if ours is not None and water is not None and 1 / DEPTH_RATIO <= water / ours <= DEPTH_RATIO:
+            return
+        of_water = "deep" if water is None else f"{water:g} m deep"
+        of_data = "deep water" if ours is None else f"water of {ours:g} m"
+        raise ConfigError(
+            f"sea.depth: the water is {of_water}, the hydrodynamic database of the hull is of {of_data} (deep counts "
+            f"from {DEEP_ENOUGH:g} draughts, {DEEP_ENOUGH * self.draft:.3g} m, on; another depth within 25 %): make "
+            'one with tools/hydrodynamics.py --depth, or set hydrodynamics.radiation = "constant"'
+        )
 
     # -- numbers that vary -----------------------------------------------------------------------------------------
 
     def own(self, values: Mapping[str, Any]) -> Any:
         """What the kernel works with (numbers.py)."""
-        return hull_numbers(self.params, self.dt, values)
+        return hull_numbers(self.params, self.radiation, self.dt, values)
 
     def with_numbers(self, values: Mapping[str, float]) -> Hull6DofParams:
         """The `Params` of a vehicle file that differs from this one in `values`; a published M_rb follows mass and CG
@@ -141,10 +213,12 @@ class HullModel(Propelled):
         D = np.diag(np.array(h.linear) + np.array(h.quadratic) * np.array([speed, speed, speed, 1.0, 1.0, 1.0]))
         if self.by_panels:
             G, step = self.geometry.hydrostatics.stiffness(), strang_step
+            D = D - np.diag(self.radiation.counted)
+            D = np.maximum(D, 0.0) + _largest_damping(self.radiation.memory)
         else:
             g = self.source
             G, step = np.array([[g.G33, 0, g.G35], [0, g.G44, 0], [g.G35, 0, g.G55]]), runge_kutta_step
-        return largest_stable_dt(linear_motion(p.M_rb + p.M_a, D, G), step)
+        return largest_stable_dt(linear_motion(p.M_rb + self.radiation.inertia, D, G), step)
 
     @property
     def top_speed(self) -> float:
@@ -163,21 +237,40 @@ class HullModel(Propelled):
                 "in heave, roll or pitch, or its fastest decay); lower dt"
             )
 
-    @property
-    def tables(self) -> Any:
-        """What kernels take of the hull: a TablesPack, the same object from step to step."""
+    def tables(self, around: Surroundings | None = None) -> Any:
+        """What kernels take of the hull: a TablesPack, the same object from step to step in the sea of `around`; for no
+        sea, without diffraction.
+
+        Raises:
+            ConfigError: for water that the hydrodynamic database is not of.
+        """
         if self._generation != runtime.generation():
-            run, geometry = runtime.current(), self.geometry
+            self._tables, self._generation = {}, runtime.generation()
+        sea = around.sea if around is not None and self.remembers else None
+        key = None if sea is None else (sea.data_ptr(), sea._version, tuple(sea.shape))
+        if key not in self._tables:
+            if around is not None and sea is not None:
+                self._check_depth(around)
+            if len(self._tables) >= SEAS:
+                self._tables.pop(next(iter(self._tables)))
+            self._tables[key] = self._made_tables(sea)
+        return self._tables[key]
 
-            def table(values: np.ndarray) -> torch.Tensor:
-                return torch.as_tensor(np.ascontiguousarray(values), dtype=run.torch_dtype, device=run.device)
+    def _made_tables(self, sea: Tensor | None) -> Any:
+        run, geometry = runtime.current(), self.geometry
 
-            self._tables = runtime.pack(
-                TablesPack,
-                panels=table(geometry.panel_table.ravel()),
-                node=torch.as_tensor(geometry.lines.node + self.head, dtype=torch.int32, device=run.device),
-                lines=table(geometry.line_table),
-                deck=table(geometry.deck_corners),
-            )
-            self._generation = runtime.generation()
-        return self._tables
+        def table(values: np.ndarray) -> torch.Tensor:
+            return torch.as_tensor(np.ascontiguousarray(values), dtype=run.torch_dtype, device=run.device)
+
+        thrown, course = table(np.zeros((1, 1, 1))), table(np.zeros((1, 1)))
+        if sea is not None:
+            thrown, course = self._diffraction.of(sea)
+        return runtime.pack(
+            TablesPack,
+            panels=table(geometry.panel_table.ravel()),
+            node=torch.as_tensor(geometry.lines.node + self.head, dtype=torch.int32, device=run.device),
+            lines=table(geometry.line_table),
+            deck=table(geometry.deck_corners),
+            thrown=thrown,
+            course=course,
+        )

@@ -9,10 +9,12 @@
 import taichi as ti
 
 from taichi_sim.maths.rotation import quaternion_advance, rotation_matrix
-from taichi_sim.rigid_body import angular, coriolis, is_nothing, linear, quaternion_rate, times
+from taichi_sim.rigid_body import angular, coriolis, is_nothing, linear, quaternion_rate, six, times
 from taichi_sim.usv.hull import loads
 from taichi_sim.usv.hull import waves as w
 from taichi_sim.usv.hull.actuators import HullActuators
+from taichi_sim.usv.hull.diffraction import diffracted
+from taichi_sim.usv.hull.memory import radiate
 from taichi_sim.usv.hull.numbers import diagonal, symmetric, vector
 
 
@@ -47,7 +49,9 @@ class HullMotion(HullActuators):
         M_rb, M_a, M_inverse = ti.static(symmetric(p, "M_rb"), diagonal(p, "added"), symmetric(p, "inverse"))
         nu_c, nu_c_dot, nu_o, nu_o_dot = self.flow(R, angular(nu), V_c, water)
         nu_r = nu - nu_c - nu_o
-        load = tau + times(M_a, nu_o_dot) + self.drag(p, nu_r)
+        load = tau + self.drag(p, nu_r)
+        if ti.static(not self.remembers):  # else diffraction has come with tau
+            load += times(M_a, nu_o_dot)
         load -= coriolis(M_rb, nu - nu_c) + coriolis(M_a, nu_r)
         return nu_c_dot + times(M_inverse, load)
 
@@ -57,6 +61,27 @@ class HullMotion(HullActuators):
         q = quaternion_advance(q, angular(nu), turn)
         R = rotation_matrix(q)
         return pos + ti.static(0.5 * self.dt) * (R @ linear(nu)), q, R
+
+    @ti.func
+    def radiated(self, aux: ti.template(), e, i, R, nu, nu_dot, V_c):
+        """Load of the waves that the hull has made, in the middle of a step (as `kick` has it)."""
+        load = nu * 0.0
+        if ti.static(self.remembers):
+            still = R.transpose() @ V_c
+            middle = nu + ti.static(0.5 * self.dt) * nu_dot - six(still, still * 0.0)
+            load = radiate(self.filters, aux, e, i, ti.static(self.head + 2 * self.nodes), middle)
+        return load
+
+    @ti.func
+    def thrown_back(
+        self, build: ti.template(), around: ti.template(), tables: ti.template(), e, tau, ahead, L, velocity, R
+    ):  # fmt: skip
+        """Load of diffraction and its rates of change `ahead` s after tau, where the label is L and has `velocity`."""
+        label, psi = L + ahead * velocity, ti.atan2(R[1, 0], R[0, 0])
+        return diffracted(
+            around.sea, around.phase, build.components, tables.thrown, tables.course,
+            ti.static(self.params.hydrodynamics.drift), around.env_sea[e], e, label, velocity, tau + ahead, psi,
+        )  # fmt: skip
 
     @ti.func
     def kick(self, p: ti.template(), pos, nu, nu_dot, R, tau, V_c, water):

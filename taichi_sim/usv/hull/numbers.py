@@ -18,6 +18,7 @@ from taichi_sim.conventions import GRAVITY
 from taichi_sim.rigid_body import changed_mass
 from taichi_sim.usv.hull.loads import RHO_AIR
 from taichi_sim.usv.hull.params import Hull6DofParams
+from taichi_sim.usv.hull.radiation import Radiation
 
 MASS, LAG = "rigid_body.mass", "thrusters.lag"
 CG = tuple(f"rigid_body.cg.{i}" for i in range(3))
@@ -64,12 +65,18 @@ def thruster_keys(p: Hull6DofParams) -> tuple[tuple[str, ...], tuple[str, ...]]:
     return tuple(f"actuators.{name}.gain" for name in p.actuators), tuple(f"actuators.{n}.lag" for n in p.actuators)
 
 
-def hull_numbers(p: Hull6DofParams, dt: float, values: Mapping[str, Any]) -> Any:
-    """Of a hull with `values` for `varying_keys`, floats or float64 tensors, stepped by `dt` (s)."""
+def hull_numbers(p: Hull6DofParams, radiation: Radiation, dt: float, values: Mapping[str, Any]) -> Any:
+    """Of a hull with `values` for `varying_keys`, floats or float64 tensors, stepped by `dt` (s).
+
+    An added mass that varies adds to what counts as inertia as it adds to the file's own.
+    """
     mass, cg = values[MASS], [values[key] for key in CG]
     added, linear, quadratic = ([values[key] for key in keys] for keys in (ADDED_MASS, LINEAR, QUADRATIC))
     M_rb = changed_mass(p.M_rb, p.rigid_body.mass, p.rigid_body.cg, mass, cg)
-    M = [[M_rb[i][j] + added[i] if i == j else M_rb[i][j] for j in range(6)] for i in range(6)]
+    M = [[M_rb[i][j] + float(radiation.inertia[i, j]) for j in range(6)] for i in range(6)]
+    for i, nominal in enumerate(p.hydrodynamics.added_mass):
+        M[i][i] = M[i][i] + (added[i] - nominal)
+    linear = [_beyond(value, float(counted)) for value, counted in zip(linear, radiation.counted, strict=True)]
     inverse = _inverse(M)
     w, (frontal, lateral) = p.windage, (values[key] for key in AREAS)
     gains, lags = ([values[key] for key in keys] for keys in thruster_keys(p))
@@ -79,6 +86,13 @@ def hull_numbers(p: Hull6DofParams, dt: float, values: Mapping[str, Any]) -> Any
         *(M_rb[i][j] for i, j in UPPER), *(inverse[i][j] for i, j in UPPER),
         *(_left(0.5 * dt, lag) for lag in lags), *(_left(dt, lag) for lag in lags), *gains,
     )  # fmt: skip
+
+
+def _beyond(value: Any, counted: float) -> Any:
+    """What of a damping is not counted already."""
+    if counted == 0.0:
+        return value
+    return (value - counted).clamp(min=0.0) if isinstance(value, Tensor) else max(value - counted, 0.0)
 
 
 def _left(time: float, lag: Any) -> Any:

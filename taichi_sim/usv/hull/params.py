@@ -57,8 +57,18 @@ class RigidBody(Strict):
 
 
 class Hydrodynamics(Strict):
-    """Added mass and damping about CO, acting on the motion relative to the water."""
+    """Added mass and damping about CO, acting on the motion relative to the water.
 
+    `radiation = "constant"`: added mass and damping are the same at every frequency, and stand for radiation and
+    diffraction. `radiation = "memory"`: both come from a boundary-element `database` (radiation.py), and what is here
+    counts for the rest: `added_mass` for Coriolis and Munk loads, `linear` in surge, sway and yaw (where slow motion
+    radiates nothing), in heave, roll and pitch as far as it exceeds the radiation at the natural frequency, for a
+    published linear damping includes that; `quadratic` and cross-flow in full.
+    """
+
+    radiation: Literal["constant", "memory"] = "constant"
+    database: str | None = None  # NAME.hydro.json, beside the vehicle file (tools/hydrodynamics.py)
+    drift: bool = False  # mean and slowly varying wave drift by Newman's approximation; of the database
     added_mass: Diagonal  # -X_udot, -Y_vdot, -Z_wdot (kg), -K_pdot, -M_qdot, -N_rdot (kg m^2)
     linear: Diagonal  # -X_u ... (N s/m, N m s)
     quadratic: Diagonal = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)  # -X_uu ... (N s^2/m^2, N m s^2): of |nu| nu
@@ -67,6 +77,15 @@ class Hydrodynamics(Strict):
     cross_flow_coefficient: NonNegative = 0.0  # 2-D drag coefficient of a section (Hoerner 1965)
     cross_flow_strips: Annotated[int, Field(ge=2, le=101)] = 21  # both ends included, each length / (strips - 1)
     cross_flow_density: Positive = RHO_SEA  # kg/m^3
+
+
+    @model_validator(mode="after")
+    def _has_database(self):
+        if self.radiation == "memory" and self.database is None:
+            raise ValueError('radiation = "memory" needs a database: NAME.hydro.json, made by tools/hydrodynamics.py')
+        if self.drift and self.radiation != "memory":
+            raise ValueError('drift = true needs radiation = "memory"')
+        return self
 
 
 class LinearRestoring(Strict):
@@ -116,6 +135,8 @@ class Hull6DofParams(Strict):
     def _consistent(self):
         if self.restoring == "linear" and self.linear is None:
             raise ValueError('restoring = "linear" needs the section [linear]')
+        if self.restoring == "linear" and self.hydrodynamics.radiation == "memory":
+            raise ValueError('restoring = "linear" goes with hydrodynamics.radiation = "constant" alone')
         self._check_thrusters()
         return self
 

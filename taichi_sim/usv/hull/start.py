@@ -43,7 +43,7 @@ class HullStart(HullMotion):
         """
         state = state.contiguous()
         out = torch.empty_like(state)
-        self._settle(out, surface, state, around.pack, self.tables, self.water_build(around))
+        self._settle(out, surface, state, around.pack, self.tables(), self.water_build(around))
         return out
 
     def reset_aux(self, aux: Tensor, state: Tensor, around: Surroundings) -> None:

@@ -1,0 +1,156 @@
+"""Waves that a hull throws back: the load of diffraction, by component of the sea.
+
+What a boundary-element database has of the whole excitation of a held hull, less what the simulator's panels take of
+the undisturbed wave (`by_panels`), is a load per unit amplitude X(omega, heading), complex, about CO in b. It is
+applied on top of the pressure on the panels: for small waves the sum is the database's excitation, however few panels
+there are, and what is nonlinear in the undisturbed wave's pressure stays. A component of amplitude a loads the hull by
+
+    Re(a X(omega, beta) exp(i theta)),   theta: its phase at the hull's label, beta: its direction from the bow,
+
+with X at the component's own frequency (that of encounter counts in radiation alone), linear in omega and in heading
+between HEADINGS courses, to which the database is resampled by its Fourier series. Slower waves than the database has
+are thrown back as omega^2, faster ones less and less up to FADED times its highest frequency.
+
+In a step it is summed once for every STRETCH of phase of the fastest waves, with its first and second rates of change.
+
+Mean drift, an option, is Newman's (1974) approximation: of the slowly varying load by pairs of components i and j,
+
+    sum_ij a_i a_j (D_i + D_j) / 2 cos(theta_i - theta_j) = C sum(a D cos theta) + S sum(a D sin theta),
+
+    C + i S = sum(a exp(i theta)),
+
+whose mean is sum a_i^2 D_i, D(omega, beta) the mean surge, sway and yaw load per squared amplitude.
+"""
+
+# Kernels are another language inside Python syntax.
+# pyright: reportInvalidTypeForm=false
+
+import math
+
+import numpy as np
+import taichi as ti
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from taichi_sim.conventions import AMPLITUDE, KX, KY, OMEGA
+from taichi_sim.maths import fast
+from taichi_sim.usv.hull.database import HydroDatabase
+
+HEADINGS = 96  # courses of a table; between them is linear: 0.1 % of a harmonic of order 3, 1 % of order 8
+FADED = 1.3  # times the highest frequency of a database: from there on nothing is thrown back
+STRETCH = 1.0  # rad: half of it, cubed, over six is 2 % of the fastest waves' load, which is small
+WAVE, DRIFT = 12, 3  # numbers of an entry: real and imaginary parts of six loads, and, with drift, three more
+
+
+class Diffraction:
+    """Tables of one hull, for whatever sea."""
+
+    def __init__(self, database: HydroDatabase, drift: bool):
+        """Resample a database, which has `by_panels`, and `drift` if that is wanted."""
+        assert database.by_panels is not None
+        left = around(database, database.excitation - database.by_panels)
+        parts = [left.real, left.imag]
+        if drift:
+            assert database.drift is not None
+            parts.append(around(database, _six(database.drift)).real[..., [0, 1, 5]])
+        table = np.concatenate(parts, axis=-1)
+        self.omega = torch.from_numpy(database.omega)
+        # of every frequency HEADINGS + 1 courses: the last is the first again
+        self.table = torch.from_numpy(np.concatenate([table, table[:, :1]], axis=1))
+
+    def stretch(self, dt: float) -> int:
+        """Steps of dt (s) for which the load is summed once."""
+        return max(1, int(STRETCH / (float(self.omega[-1]) * dt)))
+
+    @property
+    def size(self) -> int:
+        """Numbers of an entry."""
+        return int(self.table.shape[-1])
+
+    def of(self, sea: Tensor) -> tuple[Tensor, Tensor]:
+        """For components sea [sea, 8, component] (conventions.py): loads of the amplitudes they have (drift: per
+        amplitude) [sea * component, HEADINGS + 1, size], and direction [sea, component] in steps of the table.
+        """
+        rows = sea.detach().to("cpu", torch.float64)
+        omega = rows[:, OMEGA].flatten().contiguous()
+        last = len(self.omega) - 1
+        after = torch.searchsorted(self.omega, omega).clamp(1, last)
+        low, high = self.omega[after - 1], self.omega[after]
+        share = ((omega - low) / (high - low)).clamp(0.0, 1.0)[:, None, None]
+        found = self.table[after - 1] * (1 - share) + self.table[after] * share
+        slow = (omega / self.omega[0]).clamp(max=1.0) ** 2
+        fade = ((FADED - omega / self.omega[-1]) / (FADED - 1)).clamp(0.0, 1.0)
+        found = found * (slow * fade * rows[:, AMPLITUDE].flatten())[:, None, None]
+        place = torch.atan2(rows[:, KY], rows[:, KX]) * (HEADINGS / math.tau)
+        return found.to(sea.dtype).to(sea.device).contiguous(), place.to(sea.dtype).to(sea.device).contiguous()
+
+
+def around(database: HydroDatabase, loads: NDArray) -> NDArray[np.complex128]:
+    """Loads [n, m, 6] of a database's headings at HEADINGS equal courses of the whole circle, [n, HEADINGS, 6]."""
+    heading = database.heading_deg
+    whole = np.asarray(loads, dtype=np.complex128)
+    if database.symmetric:
+        inner = (heading > 0) & (heading < 180)
+        mirrored = whole[:, inner][:, ::-1] * np.array([1, -1, 1, -1, 1, -1])
+        heading = np.concatenate([heading, 360 - heading[inner][::-1]])
+        whole = np.concatenate([whole, mirrored], axis=1)
+    elif heading[-1] >= 360:
+        heading, whole = heading[:-1], whole[:, :-1]
+    beta, orders = np.deg2rad(heading), np.arange(-((len(heading) - 1) // 2), (len(heading) - 1) // 2 + 1)
+    by_heading = whole.swapaxes(0, 1).reshape(len(beta), -1)
+    series = np.linalg.lstsq(np.exp(1j * np.outer(beta, orders)), by_heading, rcond=None)
+    course = np.arange(HEADINGS) * (math.tau / HEADINGS)
+    values = np.exp(1j * np.outer(course, orders)) @ series[0]
+    return values.reshape(HEADINGS, len(whole), 6).swapaxes(0, 1)
+
+
+def _six(drift: NDArray) -> NDArray:
+    """Surge, sway and yaw [n, m, 3] as six loads."""
+    whole = np.zeros((*drift.shape[:2], 6))
+    whole[..., [0, 1, 5]] = drift
+    return whole
+
+
+@ti.func
+def diffracted(
+    sea: ti.template(), phase: ti.template(), count: ti.template(), table: ti.template(), course: ti.template(),
+    drifts: ti.template(), s, row, label, velocity, tau, psi
+):  # fmt: skip
+    """Load (N, N m, about CO, b) on a hull at the label `label` [2] (m), which moves with `velocity` [2] (m/s), with
+    heading psi (rad), tau s after the beginning of a step; and its first and second rate of change. `table` and
+    `course` are Diffraction.of; `drifts` says whether the table has drift, which counts as steady.
+    """
+    load = ti.Vector([tau * 0.0 for _ in range(6)])
+    rate, bend = load * 0.0, load * 0.0
+    cosines, sines = tau * 0.0, tau * 0.0
+    of_cosine, of_sine = ti.Vector([tau * 0.0 for _ in range(DRIFT)]), ti.Vector([tau * 0.0 for _ in range(DRIFT)])
+    ahead = psi * ti.static(HEADINGS / math.tau)
+    for c in range(count):
+        kx, ky, omega = sea[s, KX, c], sea[s, KY, c], sea[s, OMEGA, c]
+        sine, cosine = fast.sincos_short(kx * label[0] + ky * label[1] + phase[row, c] - omega * tau)
+        turn = kx * velocity[0] + ky * velocity[1] - omega  # of the phase, rad/s
+        place = course[s, c] - ahead
+        place -= ti.floor(place * ti.static(1 / HEADINGS)) * HEADINGS
+        first = ti.min(ti.cast(place, ti.i32), HEADINGS - 1)
+        share = place - first
+        n = s * count + c
+        for j in ti.static(range(6)):
+            real = table[n, first, j] + share * (table[n, first + 1, j] - table[n, first, j])
+            imaginary = table[n, first, 6 + j] + share * (table[n, first + 1, 6 + j] - table[n, first, 6 + j])
+            now = real * cosine - imaginary * sine
+            load[j] += now
+            rate[j] -= turn * (real * sine + imaginary * cosine)
+            bend[j] -= turn * turn * now
+        if ti.static(drifts):
+            amplitude = sea[s, AMPLITUDE, c]
+            cosines += amplitude * cosine
+            sines += amplitude * sine
+            for j in ti.static(range(DRIFT)):
+                mean = table[n, first, WAVE + j] + share * (table[n, first + 1, WAVE + j] - table[n, first, WAVE + j])
+                of_cosine[j] += mean * cosine
+                of_sine[j] += mean * sine
+    if ti.static(drifts):
+        for j in ti.static(range(DRIFT)):
+            load[ti.static((0, 1, 5)[j])] += cosines * of_cosine[j] + sines * of_sine[j]
+    return load, rate, bend

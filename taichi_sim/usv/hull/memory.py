@@ -1,0 +1,150 @@
+"""Radiation memory: the load of the waves that a hull has made before.
+
+Cummins (1962) splits radiation into added mass at infinite frequency, A_inf, and a convolution with the past velocity,
+
+    tau_rad = -A_inf nu_dot - mu,   mu(t) = int_0^t K(t - s) nu(s) ds,   K(i w) = B(w) + i w (A(w) - A_inf).
+
+Here the convolution is made by a mechanical system of M unit masses on springs, with dampers on and between them, that
+the hull shakes, about CO in b:
+
+    y_ddot + R y_dot + W^2 y = G nu,   mu = G^T y_dot,      K(s) = s G^T (s^2 + s R + W^2)^-1 G,
+
+W diagonal, R symmetric and not negative. By its form K has what radiation has (Perez and Fossen 2009, Modeling,
+Identification and Control 30, 1): stable, K(0) = 0, strictly proper, symmetric and passive: no fit can make energy. The
+system is stepped in its modes, x_f' = p_f x_f + b_f nu, mu = Re sum_f c_f x_f, by the implicit midpoint rule, which
+keeps passivity: over a step h the masses and springs store h (mu nu - y_dot^T R y_dot), all at the step's middle.
+"""
+
+# Kernels are another language inside Python syntax.
+# pyright: reportInvalidTypeForm=false
+
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+import taichi as ti
+from numpy.typing import ArrayLike, NDArray
+
+from taichi_sim.rigid_body import is_nothing
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+REAL = 1e-9  # imaginary part of a real pole, over its size
+
+
+class Modes(NamedTuple):
+    """A bank of first-order filters with complex poles, of conjugate pairs one each."""
+
+    pole: Complex  # [F], rad/s
+    enters: Complex  # [F, 6] b
+    leaves: Complex  # [F, 6] c
+
+    def constants(self, dt: float) -> tuple[Any, ...]:
+        """What a kernel compiles in for steps of dt (s), of each filter: real and imaginary part of 1 / (1 - p dt/2),
+        of b dt/2, and of c.
+        """
+        gain, enters = 1 / (1 - self.pole * dt / 2), self.enters * dt / 2
+
+        def numbers(values: Complex) -> tuple[tuple[float, ...], tuple[float, ...]]:
+            return tuple(values.real.tolist()), tuple(values.imag.tolist())
+
+        return tuple(
+            ((float(g.real), float(g.imag)), numbers(b), numbers(c))
+            for g, b, c in zip(gain, enters, self.leaves, strict=True)
+        )
+
+
+class Memory:
+    """M masses; see the module. None is a hull without memory.
+
+    Attributes:
+        frequency: [M], diagonal of W, rad/s. damping: [M, M], R, 1/s. shape: [M, 6], G: shape^T shape is in N s/m, N s
+            and N m s per second.
+    """
+
+    def __init__(self, frequency: ArrayLike, damping: ArrayLike, shape: ArrayLike):
+        """Take the numbers.
+
+        Raises:
+            ValueError: if the dampers would make energy.
+        """
+        self.frequency = np.asarray(frequency, dtype=np.float64)
+        self.damping = np.asarray(damping, dtype=np.float64).reshape(len(self.frequency), len(self.frequency))
+        self.shape = np.asarray(shape, dtype=np.float64).reshape(len(self.frequency), 6)
+        if len(self) and np.linalg.eigvalsh(self.damping)[0] < -1e-5 * np.abs(self.damping).max():
+            raise ValueError("the memory's damping is not positive: it would make energy")
+
+    @classmethod
+    def none(cls) -> "Memory":
+        """No mass."""
+        return cls(np.zeros(0), np.zeros((0, 0)), np.zeros((0, 6)))
+
+    def __len__(self) -> int:
+        """Number of masses."""
+        return len(self.frequency)
+
+    def transfer(self, omega: ArrayLike) -> Complex:
+        """K(i w) [n, 6, 6] at omega [n] (rad/s)."""
+        w = np.atleast_1d(np.asarray(omega, dtype=np.float64))[:, None, None]
+        Z = 1j * w * self.damping + np.diag(self.frequency**2) - w**2 * np.eye(len(self))
+        G = np.broadcast_to(self.shape.astype(np.complex128), (len(w), *self.shape.shape))
+        return 1j * w * (self.shape.T @ np.linalg.solve(Z, G))
+
+    def damps(self, omega: ArrayLike) -> Array:
+        """B [n, 6, 6] at omega [n] (rad/s)."""
+        return self.transfer(omega).real
+
+    def adds(self, omega: ArrayLike) -> Array:
+        """A - A_inf [n, 6, 6] at omega [n] (rad/s, > 0)."""
+        return self.transfer(omega).imag / np.atleast_1d(omega)[:, None, None]
+
+    def kernel(self, time: ArrayLike) -> Array:
+        """K(t) [n, 6, 6] at time [n] (s, >= 0)."""
+        t, (pole, enters, leaves) = np.atleast_1d(np.asarray(time, dtype=np.float64)), self.modes
+        return np.einsum("nf,fi,fj->nij", np.exp(np.outer(t, pole)), leaves, enters).real
+
+    @cached_property
+    def modes(self) -> Modes:
+        """The same system in its modes."""
+        n = len(self)
+        if not n:
+            return Modes(np.zeros(0, complex), np.zeros((0, 6), complex), np.zeros((0, 6), complex))
+        A = np.block([[np.zeros((n, n)), np.eye(n)], [-np.diag(self.frequency**2), -self.damping]])
+        pole, vectors = np.linalg.eig(A)
+        inverse = np.linalg.inv(vectors)
+        enters, leaves = inverse[:, n:] @ self.shape, (self.shape.T @ vectors[n:]).T
+        size = np.sqrt(np.linalg.norm(leaves, axis=1) / np.maximum(np.linalg.norm(enters, axis=1), 1e-300))[:, None]
+        real = np.abs(pole.imag) < REAL * np.abs(pole)
+        keep = real | (pole.imag > 0)
+        enters, leaves = enters * size, leaves / size * np.where(real, 1.0, 2.0)[:, None]
+        scale = np.abs(self.shape).max(axis=0)  # what is nothing by symmetry is nothing to the kernel, too
+        enters, leaves = (np.where(scale > 0, values, 0.0) for values in (enters, leaves))
+        return Modes(pole[keep], _cleaned(enters[keep]), _cleaned(leaves[keep]))
+
+
+def _cleaned(values: Complex) -> Complex:
+    """`values` [F, 6] without the rounding errors of motions that symmetry does not couple, by scale of the column."""
+    size = np.abs(values) / np.maximum(np.abs(values).max(axis=0), 1e-300)
+    return np.where(size < 1e-9 * np.maximum(size.max(axis=1, keepdims=True), 1e-300), 0.0, values)
+
+
+@ti.func
+def radiate(filters: ti.template(), aux: ti.template(), e, i, first: ti.template(), nu):
+    """Load -mu (N, N m, about CO, b) in the middle of a step, where the velocity through the water is `nu`; the states
+    of the filters, in aux from column `first` on, are taken to the end of the step. `filters` are Modes.constants.
+    """
+    load = nu * 0.0
+    for f in ti.static(range(len(filters))):
+        gain, enters, leaves = ti.static(filters[f][0], filters[f][1], filters[f][2])
+        x, y = aux[e, i, first + 2 * f], aux[e, i, first + 2 * f + 1]
+        a, b = x, y
+        for c in ti.static(range(6)):
+            if ti.static(not (is_nothing(enters[0][c]) and is_nothing(enters[1][c]))):
+                a += enters[0][c] * nu[c]
+                b += enters[1][c] * nu[c]
+        x_m, y_m = gain[0] * a - gain[1] * b, gain[0] * b + gain[1] * a
+        for c in ti.static(range(6)):
+            if ti.static(not (is_nothing(leaves[0][c]) and is_nothing(leaves[1][c]))):
+                load[c] -= leaves[0][c] * x_m - leaves[1][c] * y_m
+        aux[e, i, first + 2 * f], aux[e, i, first + 2 * f + 1] = 2 * x_m - x, 2 * y_m - y
+    return load

@@ -1,0 +1,224 @@
+"""From added mass and damping at frequencies to a memory (taichi_sim/usv/hull/memory.py).
+
+Nonlinear least squares (scipy, trust region) over frequencies, dampers and shapes of the masses, of B(w) and A(w)
+together, each pair of modes over the geometric mean of its two largest values. A_inf is free within what a panel code
+errs by: only one A_inf agrees with A and B at all other frequencies (Ogilvie 1964), and a mesh has it a little wrong.
+Motions that symmetry does not couple are fitted apart: surge, heave and pitch; sway, roll and yaw. Masses are added
+until every kernel misses less than the wanted share of its energy, int (K - K_fit)^2 dt / int K^2 dt, by Parseval of B.
+"""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from tqdm import tqdm
+
+from taichi_sim.usv.hull.memory import Memory
+
+Array = NDArray[np.float64]
+MODES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
+GROUPS = ((0, 2, 4), (1, 3, 5))  # of a hull with two sides alike
+WHOLE = ((0, 1, 2, 3, 4, 5),)  # of any other
+ENERGY = 0.01  # share of a kernel's energy that may be missing
+MOST = 10  # masses of a group
+STARTS = 3  # of the search, at random
+EVALUATIONS = 400  # of a search
+INERTIA = 0.3  # weight of an error of A against one of B
+STIFF = 1.0  # weight of a change of A_inf against one of A
+COUPLED = 0.1  # of the two kernels' own: what a pair's energy is at least compared with
+NEGATIVE = 0.02  # of the largest eigenvalue of B: so much less than nothing may be numerical
+NEAR, LIGHTEST = 0.1, 20.0  # of a resonance: width in ln(omega), most of its weight
+BAND = 0.3, 1.5  # times the lowest and the highest frequency of a table: where masses may resonate
+
+
+class FitError(ValueError):
+    """Added mass and damping of which no passive memory can be made."""
+
+
+class Pair(NamedTuple):
+    """How well the kernel of two modes is fitted."""
+
+    modes: tuple[str, str]
+    missing: float  # share of its energy
+
+
+class Fit(NamedTuple):
+    """A memory, the A_inf [6, 6] that goes with it, and how well it fits."""
+
+    memory: Memory
+    added_mass_inf: Array
+    pairs: tuple[Pair, ...]
+
+
+def check_passive(omega: Array, B: Array) -> None:
+    """Refuse damping [n, 6, 6] that gives energy.
+
+    Raises:
+        FitError: naming frequency and the pair of modes.
+    """
+    size = np.sqrt(np.maximum(np.einsum("nii->ni", B).max(axis=0), 1e-12 * np.abs(B).max()))
+    normal = B / size[:, None] / size
+    values, vectors = np.linalg.eigh((normal + normal.transpose(0, 2, 1)) / 2)
+    worst = int(values[:, 0].argmin())
+    if values[worst, 0] < -NEGATIVE * values[:, -1].max():
+        one, two = sorted(np.argsort(-np.abs(vectors[worst, :, 0]))[:2])
+        raise FitError(
+            f"damping of {MODES[one]} and {MODES[two]} is negative at {omega[worst]:.4g} rad/s ({values[worst, 0]:.2g} "
+            "of the largest): an irregular frequency, or too coarse a mesh for it"
+        )
+
+
+def fit_memory(
+    omega: Array, A: Array, B: Array, A_inf: Array, energy: float = ENERGY, *,
+    resonances: Sequence[float | None] = (None,) * 6, symmetric: bool = True, quiet: bool = True,
+) -> Fit:  # fmt: skip
+    """A memory for A, B [n, 6, 6] at omega [n] (rad/s, rising, > 0) and A_inf [6, 6], about CO, b.
+
+    `resonances` (rad/s) of modes that have one: there damping alone limits the response, and counts so much more.
+
+    Raises:
+        FitError: if the damping is not passive, or `energy` is not reached with MOST masses.
+    """
+    A, B, A_inf = ((x + x.swapaxes(-1, -2)) / 2 for x in (A, B, A_inf))
+    check_passive(omega, B)
+    groups = GROUPS if symmetric else WHOLE
+    inf, parts, pairs = A_inf.copy(), [], []
+    with tqdm(total=len(groups) * MOST, desc="memory", unit="mass", disable=quiet) as bar:
+        for group in groups:
+            rows, block = np.ix_(range(len(omega)), group, group), np.ix_(group, group)
+            at = [resonances[mode] for mode in group]
+            part, inf[block], found = _Search(omega, A[rows], B[rows], A_inf[block], group, at).run(energy, bar)
+            parts.append(part)
+            pairs += found
+    size = [len(part) for part in parts]
+    damping, begin = np.zeros((sum(size), sum(size))), 0
+    for part in parts:
+        damping[begin : begin + len(part), begin : begin + len(part)] = part.damping
+        begin += len(part)
+    memory = Memory(
+        np.concatenate([part.frequency for part in parts]), damping, np.concatenate([part.shape for part in parts])
+    )
+    return Fit(memory, inf, tuple(pairs))
+
+
+class _Search:
+    """The masses of one group of g modes."""
+
+    def __init__(
+        self, omega: Array, A: Array, B: Array, A_inf: Array, group: tuple[int, ...], at: Sequence[float | None]
+    ):
+        self.omega, self.A, self.B, self.A_inf, self.group = omega, A, B, A_inf, group
+        self.size = np.sqrt(np.maximum(np.einsum("nii->ni", B).max(axis=0), 1e-12 * max(np.abs(B).max(), 1e-300)))
+        inertia = np.sqrt(np.maximum(np.einsum("nii->ni", A).max(axis=0), 1e-12 * max(np.abs(A).max(), 1e-300)))
+        self.of_B, self.of_A = self.size[:, None] * self.size, INERTIA * inertia[:, None] * inertia
+        self.upper = np.triu_indices(len(group))
+        self.weight = np.sqrt(np.gradient(omega) / np.gradient(omega).mean())[:, None]
+        more = np.ones((len(omega), len(group)))
+        for n, peak in enumerate(at):
+            if peak is not None and self.size[n] > 0:
+                ratio = self.size[n] ** 2 / max(float(np.interp(peak, omega, B[:, n, n])), 1e-300)
+                more[:, n] += min(ratio, LIGHTEST) * np.exp(-0.5 * (np.log(omega / peak) / NEAR) ** 2)
+        self.own = np.sqrt(more[:, self.upper[0]] * more[:, self.upper[1]])
+
+    def run(self, energy: float, bar: tqdm) -> tuple[Memory, Array, list[Pair]]:
+        """Memory, A_inf and pairs with the fewest masses that miss at most `energy`."""
+        if not self.B.any():
+            return Memory.none(), self.A_inf, []
+        pairs: list[Pair] = []
+        for masses in range(1, MOST + 1):
+            bar.update()
+            x = min((self._found(masses, start) for start in range(STARTS)), key=lambda of: of[0])[1]
+            memory, added = self._made(x, masses)
+            pairs = self._pairs(memory)
+            if all(pair.missing <= energy for pair in pairs):
+                bar.total -= MOST - masses
+                return memory, self.A_inf + added, pairs
+        worst = max(pairs, key=lambda pair: pair.missing)
+        raise FitError(
+            f"{worst.modes[0]} and {worst.modes[1]}: {100 * worst.missing:.2g} % of the kernel's energy is missing "
+            f"with {MOST} masses (wanted: {100 * energy:.2g} %): are the frequencies enough, and close enough?"
+        )
+
+    def _found(self, masses: int, start: int) -> tuple[float, Array]:
+        """Cost and numbers of a search from a random start."""
+        from scipy.optimize import least_squares
+
+        draw, g = np.random.default_rng([masses, start]), len(self.group)
+        peak = self.omega[np.argmax(np.einsum("nii->n", self.B / self.of_B))]
+        low, high = np.log(BAND[0] * self.omega[0]), np.log(BAND[1] * self.omega[-1])
+        spread = np.log(peak) + np.linspace(-0.5, 0.6, masses) + 0.1 * draw.standard_normal(masses)
+        spread = np.clip(spread, low + 1e-3, high - 1e-3)
+        L = np.diag(np.sqrt(0.6 * np.exp(spread))) + 0.1 * np.tril(draw.standard_normal((masses, masses)), -1)
+        G = np.sqrt(peak) * 0.5 * draw.standard_normal((masses, g))
+        x = np.concatenate([spread, L[np.tril_indices(masses)], G.ravel(), np.zeros(len(self.upper[0]))])
+        ends = np.full((2, len(x)), [[-np.inf], [np.inf]])
+        ends[:, :masses] = [[low], [high]]
+        found = least_squares(
+            self._residual, x, self._jacobian, tuple(ends), x_scale="jac", max_nfev=EVALUATIONS, args=(masses,)
+        )
+        return float(found.cost), found.x
+
+    def _parts(self, x: Array, masses: int) -> tuple[Array, Array, Array, Array]:
+        """Frequency, L of R = L L^T, shape over `size`, change of A_inf over `of_A`."""
+        g, n = len(self.group), masses * (masses + 1) // 2
+        L, change = np.zeros((masses, masses)), np.zeros((g, g))
+        L[np.tril_indices(masses)] = x[masses : masses + n]
+        change[self.upper] = x[masses + n + masses * g :]
+        return np.exp(x[:masses]), L, x[masses + n : masses + n + masses * g].reshape(masses, g), change
+
+    def _response(self, x: Array, masses: int) -> tuple[NDArray[np.complex128], ...]:
+        """i w [n, 1, 1], H = (s^2 + s R + W^2)^-1 G [n, M, g], and K over `of_B` [n, g, g]."""
+        frequency, L, G, _change = self._parts(x, masses)
+        s = 1j * self.omega[:, None, None]
+        Z = s * (L @ L.T) + np.diag(frequency**2) + s**2 * np.eye(masses)
+        H = np.linalg.solve(Z, np.broadcast_to(G.astype(np.complex128), (len(s), *G.shape)))
+        return s, H, s * (G.T @ H)
+
+    def _weighed(self, K: NDArray[np.complex128], A: Any, B: Any, change: Array) -> Array:
+        """Errors [..., 2 n u + u] of K [..., n, g, g] against B and A, and of the change of A_inf, u pairs."""
+        rows, lead = (..., *self.upper), K.shape[:-3]
+        damping = (K.real - B)[rows] * self.weight * self.own
+        added = (K.imag * self.of_B / self.omega[:, None, None] / self.of_A - A)[rows] + change[..., None, :]
+        parts = damping.reshape(*lead, -1), (added * self.weight).reshape(*lead, -1), STIFF * change
+        return np.concatenate(parts, axis=-1)
+
+    def _residual(self, x: Array, masses: int) -> Array:
+        change = x[len(x) - len(self.upper[0]) :]
+        K = self._response(x, masses)[2]
+        return self._weighed(K, (self.A - self.A_inf) / self.of_A, self.B / self.of_B, change)
+
+    def _jacobian(self, x: Array, masses: int) -> Array:
+        """Of `_residual`, [error, number]."""
+        g, u = len(self.group), len(self.upper[0])
+        frequency, L, _G, _change = self._parts(x, masses)
+        s, H, _K = self._response(x, masses)
+        P, one = L.T @ H, np.eye(g)
+        by_frequency = -2 * frequency[:, None, None, None] ** 2 * s * np.einsum("nai,naj->anij", H, H)
+        by_L = -(s**2) * np.einsum("nai,nbj->abnij", H, P)
+        by_L = (by_L + by_L.swapaxes(-1, -2))[np.tril_indices(masses)]
+        by_G = s * np.einsum("ki,naj->aknij", one, H)
+        by_G = (by_G + by_G.swapaxes(-1, -2)).reshape(masses * g, *s.shape[:1], g, g)
+        K = np.concatenate([by_frequency, by_L, by_G, np.zeros((u, len(self.omega), g, g))])
+        change = np.concatenate([np.zeros((len(K) - u, u)), np.eye(u)])
+        return self._weighed(K, 0.0, 0.0, change).T
+
+    def _made(self, x: Array, masses: int) -> tuple[Memory, Array]:
+        """The memory, and the change of A_inf [g, g]."""
+        frequency, L, G, change = self._parts(x, masses)
+        order = np.argsort(frequency)
+        shape = np.zeros((masses, 6))
+        shape[:, self.group] = G * self.size
+        change = change + np.triu(change, 1).T
+        return Memory(frequency[order], (L @ L.T)[np.ix_(order, order)], shape[order]), change * self.of_A
+
+    def _pairs(self, memory: Memory) -> list[Pair]:
+        """Of every two modes of the group."""
+        rows = np.ix_(range(len(self.omega)), self.group, self.group)
+        energy = np.trapezoid(self.B**2, self.omega, axis=0)
+        short = np.trapezoid((self.B - memory.damps(self.omega)[rows]) ** 2, self.omega, axis=0)
+        found = []
+        for i, j in zip(*self.upper, strict=True):
+            whole = max(energy[i, j], COUPLED * np.sqrt(energy[i, i] * energy[j, j]))
+            found.append(Pair((MODES[self.group[i]], MODES[self.group[j]]), float(short[i, j] / whole)))
+        return found
