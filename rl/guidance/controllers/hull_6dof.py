@@ -13,7 +13,8 @@ from rl.guidance.steered import Steered
 from rl.mission import ControllerError
 from taichi_sim.config import Positive
 from taichi_sim.usv.hull.hull_6dof import Hull6Dof
-from taichi_sim.usv.hull.params import Hull6DofParams, Thrusters
+from taichi_sim.usv.hull.params import Hull6DofParams
+from taichi_sim.usv.hull.thrusters import Thrusters
 
 
 class Hull6DofGains(CourseGains):
@@ -36,10 +37,13 @@ class Hull6DofController:
         """Compute what follows from the parameters of `model` and the `gains`.
 
         Raises:
-            ControllerError: if it has no thrusters.
+            ControllerError: if it has no propellers, or is not commanded by them.
         """
-        if model.params.thrusters is None:
-            raise ControllerError("there is no classical controller for a hull_6dof without thrusters")
+        if model.params.thrusters is None or model.params.actions not in ("surge_yaw", "left_right"):
+            raise ControllerError(
+                "there is no classical controller for a hull_6dof but of two propellers, [thrusters], with "
+                'actions = "surge_yaw" or "left_right"'
+            )
         self.thrusters, self.actions = model.params.thrusters, model.params.actions
         craft = vessel(model.params, self.thrusters)
         self.gains = gains or self.Gains()

@@ -15,7 +15,7 @@ Sea Loads on Ships and Offshore Structures, ch. 3). tau is thrust, wind, and wha
 - `restoring = "linear"`: -G eta of the source, relative to the hull's mean surface plane, and the component of the
   weight down its slope. Steps are classical Runge-Kutta of fourth order: for comparison with published codes.
 
-Propellers have a first-order lag, exact for a held command.
+Thrusters (thrusters.py) have a first-order lag, exact for a held command, and turn at a limited rate.
 """
 
 # Kernels are another language inside Python syntax.
@@ -33,7 +33,7 @@ from taichi_sim.maths.rotation import quaternion_advance, rotation_matrix
 from taichi_sim.packs import AroundPack, FleetPack, load_at, numbers_at
 from taichi_sim.rigid_body import angular, linear
 from taichi_sim.surroundings import Surroundings
-from taichi_sim.usv.hull.model import DRAG, LABEL, LABEL_CHANGE, NU_DOT, PRESSURE, SHAFT, THRUST, WIND, TablesPack
+from taichi_sim.usv.hull.model import DRAG, LABEL, LABEL_CHANGE, NU_DOT, PRESSURE, SHAFT, WIND, TablesPack
 from taichi_sim.usv.hull.motion import pack
 from taichi_sim.usv.hull.params import Hull6DofParams
 from taichi_sim.usv.hull.start import HullStart
@@ -50,14 +50,20 @@ def six_of(table: ti.template(), e, i, first: ti.template()):
 
 @ti.data_oriented
 class Hull6Dof(HullStart):
-    """Steps a team of hulls in place; see the module. Actions [env, vehicle, 2] in [-1, 1] are, by `actions`,
+    """Steps a team of hulls in place; see the module. Actions [env, vehicle, action] in [-1, 1] are, by `actions`,
 
-    - "surge_yaw" (acceleration, yaw): surge force from 0 to full thrust, as in the paper; yaw moment to either side by
-      differential thrust, which changes the surge force where a propeller is at its limit;
-    - "left_right": shaft speed of each propeller, from n_min to n_max.
+    - "surge_yaw" (acceleration, yaw), of two propellers: surge force from 0 to full thrust, as in the paper; yaw moment
+      to either side by differential thrust, which changes the surge force where a propeller is at its limit;
+    - "left_right", of two propellers: shaft speed of each, from n_min to n_max;
+    - "wrench" (surge, sway, yaw): force and moment as shares of the largest of each alone, shared out to the thrusters
+      (allocation.py); more than they can make is less of the same direction;
+    - "units": speed of each thruster, from n_min to n_max, then the angle of each that turns, from one end of its range
+      to the other.
 
-    Controls are the shaft speeds, rad/s. model.py holds what a hull is and numbers.py what its kernels work with;
-    water.py and motion.py the functions that the kernels here inline; start.py how a hull begins.
+    Controls are the speeds of the thrusters, rad/s, then the angles of those that turn, rad.
+
+    model.py and propulsion.py hold what a hull is, numbers.py what its kernels work with; water.py, actuators.py and
+    motion.py the functions that the kernels here inline; start.py how a hull begins.
     """
 
     def step(self, fleet: Any, around: Surroundings) -> None:
@@ -84,10 +90,10 @@ class Hull6Dof(HullStart):
         pos = ti.Vector([state[e, i, 0], state[e, i, 1], state[e, i, 2]])
         q = ti.Vector([state[e, i, 3], state[e, i, 4], state[e, i, 5], state[e, i, 6]])
         nu, nu_dot, R = six_of(state, e, i, 7), six_of(aux, e, i, NU_DOT), rotation_matrix(q)
-        shaft = ti.Vector([aux[e, i, SHAFT], aux[e, i, SHAFT + 1]])
+        shaft = self.settings_of(aux, e, i, SHAFT)
         D = ti.Vector([aux[e, i, LABEL], aux[e, i, LABEL + 1]])
         change = ti.Vector([aux[e, i, LABEL_CHANGE], aux[e, i, LABEL_CHANGE + 1]])
-        command = self.command(fleet.action[e, i, 0], fleet.action[e, i, 1])
+        command = self.command(fleet.action, e, i, shaft)
         V_c = ti.Vector([around.current[e, 0], around.current[e, 1], 0.0])
         air = ti.Vector([around.wind[e, 0], around.wind[e, 1], around.wind[e, 2]])
         outside = load_at(build, fleet.load, e, i)
@@ -109,7 +115,7 @@ class Hull6Dof(HullStart):
             if ti.static(self.by_panels):
                 up = self.pressure(build, around, tables, aux, e, i, tau, pos, R, L, J, plane)
                 up += self.weight_load(p, ti.Vector([R[2, 0], R[2, 1], R[2, 2]]))
-                thrust = self.thrust_load(p, self.lagged(shaft, command, p.keep_half))
+                thrust = self.thrust_load(p, self.lagged(p, shaft, command, 0.5))
                 if ti.static(self.remembers):
                     if n % ti.static(self.stretch) == 0:
                         ahead = ti.static(0.5 * (self.stretch - 1) * self.dt)
@@ -124,7 +130,7 @@ class Hull6Dof(HullStart):
             else:
                 pos, q, nu = self.runge_kutta(p, pack(pos, q, nu), shaft, command, wind + outside, V_c, water)
                 R = rotation_matrix(q)
-            shaft = self.lagged(shaft, command, p.keep)
+            shaft = self.lagged(p, shaft, command, 1.0)
         if ti.static(self.by_panels):
             q = quaternion_advance(q, angular(nu), ti.static(0.5 * self.dt))
             R = rotation_matrix(q)
@@ -133,21 +139,19 @@ class Hull6Dof(HullStart):
         for c in ti.static(range(13)):
             state[e, i, c] = y[c]
         for c in ti.static(range(2)):
-            aux[e, i, SHAFT + c], aux[e, i, LABEL + c], aux[e, i, LABEL_CHANGE + c] = shaft[c], D[c], change[c]
+            aux[e, i, LABEL + c], aux[e, i, LABEL_CHANGE + c] = D[c], change[c]
         for c in ti.static(range(6)):
             aux[e, i, NU_DOT + c] = nu_dot[c]
-        self.note(p, aux, e, i, linear(up), linear(wind), shaft, self.drag_force(p, nu, R, V_c, water))
+        self.note_thrusts(p, aux, e, i, shaft)
+        self.note(aux, e, i, linear(up), linear(wind), self.drag_force(p, nu, R, V_c, water))
         fleet.surface[e, i, ELEVATION] = plane[0]
         fleet.surface[e, i, FREEBOARD] = self.freeboard(tables.deck, R, pos[2], plane)
 
     @ti.func
-    def note(self, p: ti.template(), aux: ti.template(), e, i, up, wind, shaft, drag):
-        """Write the forces (N, b) at the end of the step to aux: pressure and weight, drag, thrust, wind."""
+    def note(self, aux: ti.template(), e, i, up, wind, drag):
+        """Write the forces (N, b) at the end of the step to aux: pressure and weight, drag, wind."""
         for c in ti.static(range(3)):
             aux[e, i, PRESSURE + c], aux[e, i, DRAG + c], aux[e, i, WIND + c] = up[c], drag[c], wind[c]
-        if ti.static(self.propelled):
-            left, right = self.thrusts(p, shaft)
-            aux[e, i, THRUST], aux[e, i, THRUST + 1] = left, right
 
     # -- loads and accelerations without a step ----------------------------------------------------------------------
 
@@ -176,7 +180,8 @@ class Hull6Dof(HullStart):
             V_c, air = ti.Vector([current[n, 0], current[n, 1], 0.0]), ti.Vector([wind[n, c] for c in range(3)])
             calm = ti.Vector([y[0] * 0.0 for _ in range(CENTRE_SIZE)])
             tau = ti.Vector([load[n, c] for c in range(6)]) + self.wind_load(self.constants, R, nu, air)
-            tau += self.thrust_load(self.constants, ti.Vector([controls[n, 0], controls[n, 1]]))
+            setting = ti.Vector([controls[n, c] for c in ti.static(range(self.settings))])
+            tau += self.thrust_load(self.constants, setting)
             if ti.static(self.by_panels):
                 tau += self.panel_load(tables, no_waves, n, 0, y[2], R, linear(calm))
                 tau += self.weight_load(self.constants, ti.Vector([R[2, 0], R[2, 1], R[2, 2]]))

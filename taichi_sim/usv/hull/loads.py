@@ -72,24 +72,15 @@ def windage(p: ti.template(), height: ti.template(), air_b):
 
 @ti.func
 def thrust(t: ti.template(), n):
-    """Thrust (N) of one propeller, of gain 1, at shaft speed n (rad/s), limited to its range."""
+    """Thrust (N) of one thruster, of gain 1, at the speed n (rad/s), limited to its range."""
     n = ti.max(ti.min(n, t.n_max), t.n_min)
     k = ti.select(n > 0, t.k_positive, t.k_negative)
     return k * ti.abs(n) * n
 
 
 @ti.func
-def thruster_load(t: ti.template(), left, right):
-    """Load of both propellers, which push along the hull with `left` and `right` (N)."""
-    total = left + right
-    pitch = left * t.left[2] + right * t.right[2]
-    yaw = -(left * t.left[1] + right * t.right[1])
-    return ti.Vector([total, 0.0, 0.0, 0.0, pitch, yaw])
-
-
-@ti.func
 def shaft_speed(t: ti.template(), force):
-    """Shaft speed (rad/s) whose thrust is `force` (N)."""
+    """Speed (rad/s) at which the thrust is `force` (N)."""
     k = ti.select(force > 0, t.k_positive, t.k_negative)
     n = ti.sqrt(ti.abs(force) / k)
     return ti.select(force > 0, n, -n)

@@ -19,27 +19,26 @@ from taichi_sim.usv.hull.diffraction import Diffraction
 from taichi_sim.usv.hull.geometry import HullGeometry
 from taichi_sim.usv.hull.hydrostatics import check_floats
 from taichi_sim.usv.hull.memory import Memory
-from taichi_sim.usv.hull.numbers import HullNumbers, hull_numbers, varying_keys
+from taichi_sim.usv.hull.numbers import hull_numbers, varying_keys
 from taichi_sim.usv.hull.params import Hull6DofParams
+from taichi_sim.usv.hull.propulsion import Propelled
 from taichi_sim.usv.hull.radiation import Radiation
 from taichi_sim.usv.hull.stability import largest_stable_dt, linear_motion, runge_kutta_step, strang_step
-from taichi_sim.usv.vessel import Vessel, steady_speed
-from taichi_sim.vehicle import Limits
 
-# Columns of the auxiliary state: shaft speeds (rad/s); displacement of the label under the hull and its change in a
-# step (m); forces of the last step in b (N) and its nu_dot (m/s^2, rad/s^2); then the wave's pressure head (m) at each
-# point of the wave lines, and its change across them (m/m); then the states of the radiation's memory.
+# Columns of the auxiliary state: displacement of the label under the hull and its change in a step (m); forces of the
+# last step in b (N) and its nu_dot (m/s^2, rad/s^2); then what the thrusters do (propulsion.py); then the wave's
+# pressure head (m) at each point of the wave lines, and its change across them (m/m); then the states of the
+# radiation's memory.
 AUX = (
-    "shaft_left", "shaft_right", "label_north", "label_east", "label_change_north", "label_change_east",
+    "label_north", "label_east", "label_change_north", "label_change_east",
     "pressure_x", "pressure_y", "pressure_z", "drag_x", "drag_y", "drag_z",
-    "thrust_left", "thrust_right", "wind_x", "wind_y", "wind_z",
+    "wind_x", "wind_y", "wind_z",
     "u_dot", "v_dot", "w_dot", "p_dot", "q_dot", "r_dot",
 )  # fmt: skip
-SHAFT, LABEL, LABEL_CHANGE, PRESSURE, DRAG, THRUST, WIND, NU_DOT = map(  # where each begins
-    AUX.index,
-    ("shaft_left", "label_north", "label_change_north", "pressure_x", "drag_x", "thrust_left", "wind_x", "u_dot"),
+LABEL, LABEL_CHANGE, PRESSURE, DRAG, WIND, NU_DOT = map(  # where each begins
+    AUX.index, ("label_north", "label_change_north", "pressure_x", "drag_x", "wind_x", "u_dot")
 )
-HEAD = len(AUX)
+SHAFT = len(AUX)  # the thrusters' first column
 
 TablesPack = ti.types.argpack(
     panels=ti.types.ndarray(ndim=1),
@@ -63,17 +62,11 @@ def _largest_damping(memory: Memory) -> np.ndarray:
     return memory.damps(memory.frequency).sum(axis=0)
 
 
-class HullModel(Vessel):
+class HullModel(Propelled):
     """Numbers of one hull at one step; holds no state of any vehicle."""
 
     Params = Hull6DofParams
     file_keys = ("hydrodynamics.database",)
-    control_names = ("shaft_left", "shaft_right")
-    aux_names = AUX
-    signals = {
-        "shaft speed": ("rad/s", ("shaft_left", "shaft_right")),
-        "thrust": ("N", ("thrust_left", "thrust_right")),
-    }
 
     def __init__(self, params: Hull6DofParams, dt: float, substeps: int):
         """Mesh the hull, check that it floats and that dt (s) is stable.
@@ -82,7 +75,8 @@ class HullModel(Vessel):
             ConfigError: if the hull does not float upright, or dt is too large.
         """
         super().__init__(params, dt, substeps)
-        self.action_names = ("acceleration", "yaw") if params.actions == "surge_yaw" else ("left", "right")
+        self.head = self.fit_out(params, SHAFT)  # columns before those of the pressure heads
+        self.aux_names = (*AUX, *self.thruster_columns)
         self.varying = varying_keys(params)
         body = params.rigid_body
         self.geometry = HullGeometry.of(params.hull, body.mass, body.cg)
@@ -92,9 +86,7 @@ class HullModel(Vessel):
         self.stretch = 1  # steps for which diffraction is summed once
         self.radiation = Radiation.constant(params.hydrodynamics.added_mass)
         self.by_panels, self.has_linear = params.restoring == "panels", params.linear is not None
-        self.thrusters: Any = params.thrusters  # None: no propellers
         self.source: Any = params.linear  # None: no published restoring
-        self.propelled = params.thrusters is not None
         if self.by_panels:
             try:
                 check_floats(self.geometry.hydrostatics)
@@ -103,7 +95,7 @@ class HullModel(Vessel):
         if params.hydrodynamics.radiation == "memory":
             self._take_database(Path(str(params.hydrodynamics.database)))
         self.filters = self.radiation.memory.modes.constants(dt)
-        self.aux_size = HEAD + 2 * self.nodes + 2 * len(self.filters)
+        self.aux_size = self.head + 2 * self.nodes + 2 * len(self.filters)
         self.payload = params.linear.payload_mass * GRAVITY if params.linear else 0.0
         self._check_dt(dt)
         self._tables: dict[Any, Any] = {}  # packs of the running Taichi program, by sea
@@ -155,7 +147,7 @@ class HullModel(Vessel):
 
     # -- numbers that vary -----------------------------------------------------------------------------------------
 
-    def own(self, values: Mapping[str, Any]) -> HullNumbers:
+    def own(self, values: Mapping[str, Any]) -> Any:
         """What the kernel works with (numbers.py)."""
         return hull_numbers(self.params, self.radiation, self.dt, values)
 
@@ -177,20 +169,6 @@ class HullModel(Vessel):
         if not self.by_panels:
             return 0.0
         return math.cos(min(self.geometry.hydrostatics.angle_of_vanishing_stability, math.pi / 2))
-
-    @property
-    def limits(self) -> Limits:
-        """Its top speed is where damping takes all the thrust, if it has thrusters."""
-        thrusters, h = self.params.thrusters, self.params.hydrodynamics
-        if thrusters is None:
-            return Limits()
-        return Limits((0.0, 0.0, steady_speed(2 * thrusters.thrust_max, h.linear[0], h.quadratic[0])))
-
-    def power(self, fleet: Any) -> Tensor | None:
-        """Thrust of both propellers times the speed ahead [env, vehicle], W; None without propellers."""
-        if not self.propelled:
-            return None
-        return fleet.aux[..., THRUST : THRUST + 2].sum(-1) * fleet.velocity_b[..., 0]
 
     @property
     def draft(self) -> float:
@@ -217,9 +195,7 @@ class HullModel(Vessel):
         """Load arrows of a recording: name -> where it attacks (m, b), columns of its x, y, z (N, b)."""
         origin = (0.0, 0.0, 0.0)
         found: dict[str, Any] = {"pressure_less_weight": (origin, ("pressure_x", "pressure_y", "pressure_z"))}
-        if self.params.thrusters:
-            found["thrust_left"] = (self.params.thrusters.left, ("thrust_left", None, None))
-            found["thrust_right"] = (self.params.thrusters.right, ("thrust_right", None, None))
+        found |= self.thrust_arrows
         found["drag"] = (origin, ("drag_x", "drag_y", "drag_z"))
         found["wind"] = ((0.0, 0.0, -self.params.windage.height), ("wind_x", "wind_y", "wind_z"))
         return found
@@ -247,10 +223,10 @@ class HullModel(Vessel):
     @property
     def top_speed(self) -> float:
         """Steady speed (m/s) under full thrust in calm water; 0 without thrusters."""
-        t, h = self.params.thrusters, self.params.hydrodynamics
-        if t is None:
+        h = self.params.hydrodynamics
+        if not self.propelled:
             return 0.0
-        a, b, force = h.quadratic[0], h.linear[0], (t.gain_left + t.gain_right) * t.thrust_max
+        a, b, force = h.quadratic[0], h.linear[0], self.push_ahead
         return force / b if a == 0 else (math.sqrt(b * b + 4 * a * force) - b) / (2 * a)
 
     def _check_dt(self, dt: float) -> None:
@@ -292,7 +268,7 @@ class HullModel(Vessel):
         return runtime.pack(
             TablesPack,
             panels=table(geometry.panel_table.ravel()),
-            node=torch.as_tensor(geometry.lines.node + HEAD, dtype=torch.int32, device=run.device),
+            node=torch.as_tensor(geometry.lines.node + self.head, dtype=torch.int32, device=run.device),
             lines=table(geometry.line_table),
             deck=table(geometry.deck_corners),
             thrown=thrown,

@@ -1,4 +1,4 @@
-"""The motion of a hull, as methods that kernels inline: equations of motion, integrators, propellers and wind.
+"""The motion of a hull, as methods that kernels inline: equations of motion, integrators and wind.
 
 `p` is what the kernel works with (numbers.py): numbers compiled in, or those of one vehicle.
 """
@@ -12,11 +12,10 @@ from taichi_sim.maths.rotation import quaternion_advance, rotation_matrix
 from taichi_sim.rigid_body import angular, coriolis, is_nothing, linear, quaternion_rate, six, times
 from taichi_sim.usv.hull import loads
 from taichi_sim.usv.hull import waves as w
+from taichi_sim.usv.hull.actuators import HullActuators
 from taichi_sim.usv.hull.diffraction import diffracted
 from taichi_sim.usv.hull.memory import radiate
-from taichi_sim.usv.hull.model import HEAD
 from taichi_sim.usv.hull.numbers import diagonal, symmetric, vector
-from taichi_sim.usv.hull.water import HullWater
 
 
 @ti.func
@@ -25,7 +24,7 @@ def pack(pos, q, nu):
     return ti.Vector([pos[0], pos[1], pos[2], q[0], q[1], q[2], q[3], nu[0], nu[1], nu[2], nu[3], nu[4], nu[5]])
 
 
-class HullMotion(HullWater):
+class HullMotion(HullActuators):
     """How loads move the hull."""
 
     @ti.func
@@ -70,7 +69,7 @@ class HullMotion(HullWater):
         if ti.static(self.remembers):
             still = R.transpose() @ V_c
             middle = nu + ti.static(0.5 * self.dt) * nu_dot - six(still, still * 0.0)
-            load = radiate(self.filters, aux, e, i, ti.static(HEAD + 2 * self.nodes), middle)
+            load = radiate(self.filters, aux, e, i, ti.static(self.head + 2 * self.nodes), middle)
         return load
 
     @ti.func
@@ -106,11 +105,9 @@ class HullMotion(HullWater):
         restoring and thrust.
         """
         total, slope = y * 0.0, y * 0.0
-        begin = ti.select(p.keep > 0, 1.0, 0.0)  # without a lag a command acts at once
         for stage in range(4):
             ahead = 0.5 * ((stage + 1) // 2)  # 0, 1/2, 1/2, 1 of the step
-            keep = ti.select(ahead > 0.5, p.keep, ti.select(ahead > 0, p.keep_half, begin))
-            n = self.lagged(shaft, command, keep)
+            n = self.lagged(p, shaft, command, ahead)
             y_s = y + (ahead * ti.static(self.dt)) * slope
             R = rotation_matrix(ti.Vector([y_s[3], y_s[4], y_s[5], y_s[6]]))
             tau = load + self.linear_restoring(p, y_s[2], R, water) + self.thrust_load(p, n)
@@ -140,47 +137,6 @@ class HullMotion(HullWater):
             load = ti.Vector([-p.weight * along, -p.weight * across, Z, K, M, 0.0])
             k = ti.Vector([R[2, 0], R[2, 1], R[2, 2]])
             load += loads.weight_load(self.payload, self.source.payload_position, k)
-        return load
-
-    # -- actuators -------------------------------------------------------------------------------------------------
-
-    @ti.func
-    def command(self, first, second):
-        """Commanded shaft speeds (rad/s) of an action; see step."""
-        speeds = ti.Vector([first * 0.0, 0.0])
-        if ti.static(self.propelled):
-            if ti.static(self.params.actions == "left_right"):
-                speeds[0] = ti.select(first > 0, first * self.thrusters.n_max, -first * self.thrusters.n_min)
-                speeds[1] = ti.select(second > 0, second * self.thrusters.n_max, -second * self.thrusters.n_min)
-            else:
-                low, high = ti.static(self.thrusters.thrust_min), ti.static(self.thrusters.thrust_max)
-                surge = 0.5 * (first + 1.0) * high
-                yaw = 0.5 * second * (high - low)
-                speeds[0] = loads.shaft_speed(self.thrusters, ti.max(ti.min(surge + yaw, high), low))
-                speeds[1] = loads.shaft_speed(self.thrusters, ti.max(ti.min(surge - yaw, high), low))
-        return speeds
-
-    @ti.func
-    def lagged(self, shaft, command, keep):
-        """Shaft speeds on the way to the command, of which the share `keep` is left to go."""
-        return command + (shaft - command) * keep
-
-    @ti.func
-    def thrusts(self, p: ti.template(), shaft):
-        """Thrusts (N) of the left and the right propeller."""
-        left, right = shaft[0] * 0.0, shaft[1] * 0.0
-        if ti.static(self.propelled):
-            left = p.gain_left * loads.thrust(self.thrusters, shaft[0])
-            right = p.gain_right * loads.thrust(self.thrusters, shaft[1])
-        return left, right
-
-    @ti.func
-    def thrust_load(self, p: ti.template(), shaft):
-        """Load of the propellers."""
-        load = ti.Vector([shaft[0] * 0.0 for _ in range(6)])
-        if ti.static(self.propelled):
-            left, right = self.thrusts(p, shaft)
-            load = loads.thruster_load(self.thrusters, left, right)
         return load
 
     @ti.func

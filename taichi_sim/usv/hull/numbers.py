@@ -7,6 +7,7 @@ list and trim of a hull on panels. `restoring = "linear"` keeps the published G,
 import math
 from collections import namedtuple
 from collections.abc import Mapping, Sequence
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -34,23 +35,37 @@ FIELDS = (
     *(f"added_{i}" for i in range(6)),  # diagonal of M_a, kg, kg m^2
     *(f"linear_{i}" for i in range(6)),  # damping, N s/m, N m s
     *(f"quadratic_{i}" for i in range(6)),  # N s^2/m^2, N m s^2
-    "keep_half", "keep",  # of a propeller's way to its command, what is left after half a step, and after one
-    "gain_left", "gain_right",  # factors on the thrusts
     "wind_x", "wind_y", "wind_n",  # of the products of relative wind speeds (loads.windage), N s^2/m^2, N s^2/m
     *(f"M_rb_{i}{j}" for i, j in UPPER),
     *(f"inverse_{i}{j}" for i, j in UPPER),  # of M_rb + M_a
 )  # fmt: skip
-HullNumbers = namedtuple("HullNumbers", FIELDS)
-"""See `FIELDS`: floats, or tensors of one shape."""
+THRUSTER_FIELDS = (  # of each thruster (`THRUSTER_FIELDS`_k), after FIELDS
+    "keep_half", "keep",  # of its speed's way to its command, what is left after half a step, and after one
+    "gain",  # factor on its thrust
+)  # fmt: skip
+
+
+@cache
+def numbers_of(units: int) -> Any:
+    """The NamedTuple of a hull of so many thrusters, see `FIELDS`: floats, or tensors of one shape."""
+    return namedtuple("HullNumbers", (*FIELDS, *(f"{name}_{k}" for name in THRUSTER_FIELDS for k in range(units))))
 
 
 def varying_keys(p: Hull6DofParams) -> tuple[str, ...]:
     """Keys of the vehicle file that may differ between environments."""
-    thrusters = (*GAINS, LAG) if p.thrusters else ()
+    gains, lags = thruster_keys(p)
+    thrusters = (*gains, *dict.fromkeys(lags))
     return (MASS, *CG, *ADDED_MASS, *LINEAR, *QUADRATIC, *thrusters, *AREAS)
 
 
-def hull_numbers(p: Hull6DofParams, radiation: Radiation, dt: float, values: Mapping[str, Any]) -> HullNumbers:
+def thruster_keys(p: Hull6DofParams) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Keys of the gains, and of the lags, of its thrusters."""
+    if p.thrusters:
+        return GAINS, (LAG, LAG)
+    return tuple(f"actuators.{name}.gain" for name in p.actuators), tuple(f"actuators.{n}.lag" for n in p.actuators)
+
+
+def hull_numbers(p: Hull6DofParams, radiation: Radiation, dt: float, values: Mapping[str, Any]) -> Any:
     """Of a hull with `values` for `varying_keys`, floats or float64 tensors, stepped by `dt` (s).
 
     An added mass that varies adds to what counts as inertia as it adds to the file's own.
@@ -63,13 +78,13 @@ def hull_numbers(p: Hull6DofParams, radiation: Radiation, dt: float, values: Map
         M[i][i] = M[i][i] + (added[i] - nominal)
     linear = [_beyond(value, float(counted)) for value, counted in zip(linear, radiation.counted, strict=True)]
     inverse = _inverse(M)
-    lag, w, (frontal, lateral) = values.get(LAG, 0.0), p.windage, (values[key] for key in AREAS)
-    return HullNumbers(
+    w, (frontal, lateral) = p.windage, (values[key] for key in AREAS)
+    gains, lags = ([values[key] for key in keys] for keys in thruster_keys(p))
+    return numbers_of(len(gains))(
         mass * GRAVITY, *cg, *added, *linear, *quadratic,
-        _left(0.5 * dt, lag), _left(dt, lag),
-        *(values.get(key, 1.0) for key in GAINS),
         0.5 * RHO_AIR * w.c_x * frontal, 0.5 * RHO_AIR * w.c_y * lateral, RHO_AIR * w.c_n * lateral * p.length,
         *(M_rb[i][j] for i, j in UPPER), *(inverse[i][j] for i, j in UPPER),
+        *(_left(0.5 * dt, lag) for lag in lags), *(_left(dt, lag) for lag in lags), *gains,
     )  # fmt: skip
 
 

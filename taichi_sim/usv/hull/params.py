@@ -11,12 +11,14 @@ from pydantic import Field, model_validator
 from taichi_sim.config import Finite, NonNegative, Positive, Strict
 from taichi_sim.conventions import GRAVITY, RHO_SEA
 from taichi_sim.rigid_body import changed_mass, constant, rigid_body_mass
+from taichi_sim.usv.hull.allocation import reaches_round
 from taichi_sim.usv.hull.mesh import HullShape
+from taichi_sim.usv.hull.thrusters import MOST, Actuator, Thrusters, Unit, Vector3
 
-Vector3 = tuple[Finite, Finite, Finite]
 Diagonal = tuple[NonNegative, NonNegative, NonNegative, NonNegative, NonNegative, NonNegative]
 Row = tuple[Finite, Finite, Finite, Finite, Finite, Finite]
 Matrix = tuple[Row, Row, Row, Row, Row, Row]
+Name = Annotated[str, Field(pattern="^[a-z][a-z0-9_]*$")]
 ASYMMETRY = 1e-6  # of a published M_rb, over its largest entry: its digits
 OVERHANG = 1.1  # a thruster may hang this far outside the hull: 1 is flush; assumed (outboard engines)
 
@@ -97,33 +99,6 @@ class LinearRestoring(Strict):
     payload_position: Vector3 = (0.0, 0.0, 0.0)  # m
 
 
-class Thrusters(Strict):
-    """Two propellers that push along the hull: thrust gain k |n| n, first-order lag and limits of the shaft speed.
-
-    The gains are what nobody at the controls knows: commands (`actions`) are made as if they were 1.
-    """
-
-    left: Vector3  # m, position of the left one
-    right: Vector3  # m
-    k_positive: Positive  # N / (rad/s)^2, ahead
-    k_negative: Positive  # N / (rad/s)^2, astern
-    n_max: Positive  # rad/s
-    n_min: Annotated[float, Field(le=0, allow_inf_nan=False)]  # rad/s
-    lag: NonNegative  # s, time constant of the shaft speed
-    gain_left: NonNegative = 1.0  # of its thrust at a shaft speed: below 1, it is fouled or damaged
-    gain_right: NonNegative = 1.0
-
-    @property
-    def thrust_max(self) -> float:
-        """Of one thruster ahead whose gain is 1, N."""
-        return self.k_positive * self.n_max**2
-
-    @property
-    def thrust_min(self) -> float:
-        """Of one thruster astern whose gain is 1 (negative), N."""
-        return -self.k_negative * self.n_min**2
-
-
 class Windage(Strict):
     """Wind on the part above water: X = q C_X A_f, Y = q C_Y A_l, N = q C_N A_l L, q from the relative wind.
 
@@ -147,12 +122,13 @@ class Hull6DofParams(Strict):
     collision_radius: Positive  # m
     restoring: Literal["panels", "linear"] = "panels"
     current_frame: Literal["body", "heading"] = "body"  # "heading": the source's own, level frame
-    actions: Literal["surge_yaw", "left_right"] = "surge_yaw"
+    actions: Literal["surge_yaw", "left_right", "wrench", "units"] = "surge_yaw"
     rigid_body: RigidBody
     hydrodynamics: Hydrodynamics
     hull: HullShape
     linear: LinearRestoring | None = None
     thrusters: Thrusters | None = None
+    actuators: Annotated[dict[Name, Actuator], Field(max_length=MOST)] = {}
     windage: Windage = Windage()
 
     @model_validator(mode="after")
@@ -161,21 +137,53 @@ class Hull6DofParams(Strict):
             raise ValueError('restoring = "linear" needs the section [linear]')
         if self.restoring == "linear" and self.hydrodynamics.radiation == "memory":
             raise ValueError('restoring = "linear" goes with hydrodynamics.radiation = "constant" alone')
-        if self.thrusters:
-            self._check_inside(self.thrusters)
+        self._check_thrusters()
         return self
 
-    def _check_inside(self, thrusters: Thrusters) -> None:
+    def __hash__(self) -> int:
+        """As of every frozen model, with the actuators as pairs, for a dict has none."""
+        return hash(tuple(tuple(x.items()) if isinstance(x, dict) else x for x in self.__dict__.values()))
+
+    def _check_thrusters(self) -> None:
+        """Refuse what no hull has, and actions that its thrusters cannot take."""
+        if self.thrusters and self.actuators:
+            raise ValueError("give either [thrusters], two propellers, or [actuators.NAME], each by itself")
         x_max, y_max = OVERHANG * self.length / 2, OVERHANG * self.beam / 2
-        for side in ("left", "right"):
-            x, y, _ = getattr(thrusters, side)
+        for unit in self.units:
+            x, y, _ = unit.position
             if abs(x) > x_max or abs(y) > y_max:
+                name = f"actuators.{unit.name}.position" if self.actuators else f"thrusters.{unit.name}"
                 raise ValueError(
-                    f"thrusters.{side} = {getattr(thrusters, side)} is outside the hull: |x| must be at most "
+                    f"{name} = {unit.position} is outside the hull: |x| must be at most "
                     f"{x_max:.3g} m and |y| at most {y_max:.3g} m (length {self.length}, beam {self.beam})"
                 )
-        if thrusters.left[1] >= thrusters.right[1]:
+        if self.thrusters and self.thrusters.left[1] >= self.thrusters.right[1]:
             raise ValueError("thrusters.left must be to port of thrusters.right: its y must be smaller")
+        if self.actuators and self.actions in ("surge_yaw", "left_right"):
+            raise ValueError(
+                f'actions = "{self.actions}" is for the two propellers of [thrusters]; for [actuators] write '
+                'actions = "wrench" (surge, sway, yaw) or "units" (each by itself)'
+            )
+        for unit in self.units:
+            if self.actions == "wrench" and unit.azimuth and not reaches_round(unit):
+                raise ValueError(
+                    f'actions = "wrench" needs an actuators.{unit.name} that pushes every way: a range_deg of 180 '
+                    'degrees or more and a thrust_min below 0, or no range_deg; or write actions = "units"'
+                )
+
+    @property
+    def units(self) -> tuple[Unit, ...]:
+        """Its thrusters, whichever way they are given."""
+        if self.thrusters:
+            return self.thrusters.units
+        return tuple(actuator.unit(name) for name, actuator in self.actuators.items())
+
+    @property
+    def gains(self) -> tuple[float, ...]:
+        """Of `units`."""
+        if self.thrusters:
+            return self.thrusters.gain_left, self.thrusters.gain_right
+        return tuple(actuator.gain for actuator in self.actuators.values())
 
     @property
     def size(self) -> tuple[float, float, float]:

@@ -10,7 +10,7 @@ from taichi_sim.rigid_body import cross, six
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.usv.hull import loads
 from taichi_sim.usv.hull import waves as w
-from taichi_sim.usv.hull.model import HEAD, HullModel
+from taichi_sim.usv.hull.model import HullModel
 
 LABEL_STEPS = 4  # of Newton's method from no displacement
 
@@ -107,7 +107,7 @@ class HullWater(HullModel):
             head_a, head_b, slope_a, slope_b = w.along_pair(
                 sea, phase, count, self.points, finite, s, e, a, b, step, across, tau
             )
-            first = HEAD + pair * ti.static(2 * self.points)
+            first = ti.static(self.head) + pair * ti.static(2 * self.points)
             for c in ti.static(range(self.points)):
                 aux[e, i, first + c], aux[e, i, first + ti.static(self.points) + c] = head_a[c], head_b[c]
                 aux[e, i, first + ti.static(self.nodes) + c] = slope_a[c]
