@@ -135,7 +135,7 @@ def _kept(value: Any) -> Array:
 def save_log(file: Path, shown: Mapping[str, Excerpt], crashes: list[Crash]) -> None:
     """Write what a report shows into one .npz file."""
     arrays: dict[str, Array] = {}
-    told = {name: _packed(excerpt, name, arrays) for name, excerpt in shown.items()}
+    told = {name: _packed(shown[name], name, arrays) for name in sorted(shown)}  # whoever found them first
     crashed = [
         {"team": c.team, "vehicles": c.vehicles, "time": c.time_s, "before": _packed(c.before, f"crash{i}", arrays)}
         for i, c in enumerate(crashes)

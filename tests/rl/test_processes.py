@@ -6,6 +6,7 @@ import os
 import random
 import re
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -100,8 +101,6 @@ def talk(rank: int, count: int, port: int, pipe) -> None:
 
 @pytest.mark.parametrize("count", [2, 3, 4])
 def test_what_ranks_tell_each_other_and_what_one_raises_all_raise(count):
-    import socket
-
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
@@ -213,6 +212,16 @@ def node(out: Path, log: Path, port: int, *arguments: object) -> subprocess.Pope
         return subprocess.Popen(words, stdout=file, stderr=file, env=environment, start_new_session=True)
 
 
+def until_it_listens(port: int) -> None:
+    begin = time.monotonic()
+    while time.monotonic() - begin < PATIENCE:
+        with socket.socket() as attempt:
+            if attempt.connect_ex(("127.0.0.1", port)) == 0:
+                return
+        time.sleep(0.1)
+    raise AssertionError(f"nobody listens at {port}")
+
+
 def kill(running: subprocess.Popen) -> None:
     for pid in (*children(running.pid), running.pid):
         os.kill(pid, signal.SIGKILL)
@@ -222,7 +231,9 @@ def kill(running: subprocess.Popen) -> None:
 @pytest.mark.slow
 def test_of_two_machines_one_may_go_and_come_again(tmp_path):
     out, count = tmp_path / "run", 60
-    nodes = [node(out, tmp_path / f"{k}.log", 29533, *both(count)) for k in range(2)]
+    nodes = [node(out, tmp_path / "0.log", 29533, *both(count))]
+    until_it_listens(29533)  # who comes first has what both agree on: the other one may go
+    nodes.append(node(out, tmp_path / "1.log", 29533, *both(count)))
     try:
         wait_for(out, "usv", 5, nodes[0])
         kill(nodes[1])

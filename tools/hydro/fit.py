@@ -167,7 +167,7 @@ class _Search:
         change[self.upper] = x[masses + n + masses * g :]
         return np.exp(x[:masses]), L, x[masses + n : masses + n + masses * g].reshape(masses, g), change
 
-    def _response(self, x: Array, masses: int) -> tuple[NDArray[np.complex128], ...]:
+    def _response(self, x: Array, masses: int) -> tuple[Any, Any, Any]:
         """i w [n, 1, 1], H = (s^2 + s R + W^2)^-1 G [n, M, g], and K over `of_B` [n, g, g]."""
         frequency, L, G, _change = self._parts(x, masses)
         s = 1j * self.omega[:, None, None]
@@ -215,8 +215,8 @@ class _Search:
     def _pairs(self, memory: Memory) -> list[Pair]:
         """Of every two modes of the group."""
         rows = np.ix_(range(len(self.omega)), self.group, self.group)
-        energy = np.trapezoid(self.B**2, self.omega, axis=0)
-        short = np.trapezoid((self.B - memory.damps(self.omega)[rows]) ** 2, self.omega, axis=0)
+        energy = np.asarray(np.trapezoid(self.B**2, self.omega, axis=0))
+        short = np.asarray(np.trapezoid((self.B - memory.damps(self.omega)[rows]) ** 2, self.omega, axis=0))
         found = []
         for i, j in zip(*self.upper, strict=True):
             whole = max(energy[i, j], COUPLED * np.sqrt(energy[i, i] * energy[j, j]))

@@ -23,7 +23,7 @@ whose mean is sum a_i^2 D_i, D(omega, beta) the mean surge, sway and yaw load pe
 """
 
 # Kernels are another language inside Python syntax.
-# pyright: reportInvalidTypeForm=false
+# pyright: reportIndexIssue=false, reportInvalidTypeForm=false
 
 import math
 
@@ -101,7 +101,7 @@ def around(database: HydroDatabase, loads: NDArray) -> NDArray[np.complex128]:
     by_heading = whole.swapaxes(0, 1).reshape(len(beta), -1)
     series = np.linalg.lstsq(np.exp(1j * np.outer(beta, orders)), by_heading, rcond=None)
     course = np.arange(HEADINGS) * (math.tau / HEADINGS)
-    values = np.exp(1j * np.outer(course, orders)) @ series[0]
+    values = np.asarray(np.exp(1j * np.outer(course, orders)) @ series[0], dtype=np.complex128)
     return values.reshape(HEADINGS, len(whole), 6).swapaxes(0, 1)
 
 

@@ -110,7 +110,7 @@ class Memory:
         if not n:
             return Modes(np.zeros(0, complex), np.zeros((0, 6), complex), np.zeros((0, 6), complex))
         A = np.block([[np.zeros((n, n)), np.eye(n)], [-np.diag(self.frequency**2), -self.damping]])
-        pole, vectors = np.linalg.eig(A)
+        pole, vectors = (np.asarray(x, dtype=np.complex128) for x in np.linalg.eig(A))
         inverse = np.linalg.inv(vectors)
         enters, leaves = inverse[:, n:] @ self.shape, (self.shape.T @ vectors[n:]).T
         size = np.sqrt(np.linalg.norm(leaves, axis=1) / np.maximum(np.linalg.norm(enters, axis=1), 1e-300))[:, None]

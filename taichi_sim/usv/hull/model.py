@@ -122,7 +122,7 @@ class HullModel(Propelled):
         except ConfigError as error:
             raise ConfigError(f"{file}: {error}") from None
         self.database, self._diffraction = database, Diffraction(database, self.params.hydrodynamics.drift)
-        self.stretch = self._diffraction.stretch(self.dt)
+        self.stretch = min(self._diffraction.stretch(self.dt), self.substeps)
 
     @property
     def remembers(self) -> bool:

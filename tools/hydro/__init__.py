@@ -1,0 +1,1 @@
+"""From a hull to its hydrodynamic database."""
