@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import torch
-from hydro.fit import ENERGY, Pair, fit_memory
 from numpy.typing import NDArray
 
+from hydro.fit import ENERGY, Pair, fit_memory
 from taichi_sim.sea import Sea
 from taichi_sim.sea.spectrum import Components, wavenumber
 from taichi_sim.surroundings import Surroundings
