@@ -1,0 +1,72 @@
+"""Which frequencies to compute: from well below to well above the hull's resonances, and a tail for the memory of waves.
+
+The resonances of heave, roll and pitch come from a coarse pass: with added mass A(omega) known at a few frequencies, each
+natural frequency is where omega^2 is an eigenvalue of (M + A(omega))^-1 C.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+BELOW, ABOVE = 0.2, 2.5  # of the lowest and of the highest resonance: what motions in waves need
+TAIL = 4.5  # of the highest resonance: damping has died away there, and the kernel's beginning depends on it
+DEFAULT = 40
+IN_TAIL = 0.25  # of the frequencies
+VERTICAL = [2, 3, 4]
+NAMES = ("heave", "roll", "pitch")
+
+
+class Resonances(NamedTuple):
+    """Natural frequencies, rad/s."""
+
+    heave: float
+    roll: float
+    pitch: float
+
+
+def resonances(omega: Array, added_mass: Array, M: Array, C: Array) -> Resonances:
+    """From A [n, 6, 6] at omega [n], rigid-body M and stiffness C [6, 6], of heave, roll and pitch coupled.
+
+    Each mode is followed by its largest share of the eigenvector.
+    """
+    found = []
+    V = np.ix_(VERTICAL, VERTICAL)
+    for mode in range(3):
+        w = float(omega[len(omega) // 2])
+        for _ in range(60):
+            A = np.array([[np.interp(w, omega, added_mass[:, i, j]) for j in VERTICAL] for i in VERTICAL])
+            value, vector = np.linalg.eig(np.linalg.solve(M[V] + A, C[V]))
+            size = np.sqrt(np.diag(M[V] + A))[:, None] * np.abs(vector)
+            own = int(np.argmax(size[mode] / np.linalg.norm(size, axis=0)))
+            new = float(np.sqrt(max(value[own].real, 0.0)))
+            if abs(new - w) < 1e-6 * w:
+                break
+            w = (w + new) / 2
+        found.append(w)
+    return Resonances(*found)
+
+
+def trial(C: Array, M: Array) -> Array:
+    """Frequencies [8] for the coarse pass: from a quarter to 1.5 times the resonances without added mass."""
+    w = np.sqrt(np.diag(C)[VERTICAL] / np.diag(M)[VERTICAL])
+    return np.geomspace(0.25 * w.min(), 1.5 * w.max(), 8)
+
+
+def chosen(of: Resonances, count: int = DEFAULT) -> Array:
+    """Frequencies [count], rad/s, of six digits: even over the resonances, then wider apart to the end of the tail."""
+    low, high = BELOW * min(of), ABOVE * max(of)
+    tail = round(IN_TAIL * count)
+    even = np.linspace(low, high, count - tail)
+    wide = np.geomspace(high, TAIL / ABOVE * high, tail + 1)[1:]
+    return np.array([float(f"{w:.6g}") for w in (*even, *wide)])
+
+
+def missed(omega: Array, of: Resonances) -> list[str]:
+    """What a range of frequencies leaves out, in words."""
+    return [
+        f"the frequencies {omega[0]:.3g} to {omega[-1]:.3g} rad/s miss the {name} resonance of {w:.3g} rad/s"
+        for name, w in zip(NAMES, of, strict=True)
+        if not omega[0] < w < omega[-1]
+    ]
