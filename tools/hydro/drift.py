@@ -1,8 +1,8 @@
 """Mean drift of the freely floating hull in regular waves, from the waves it sends far away.
 
-Momentum over a distant cylinder (Maruo 1960; Newman 1967): with Kochin's function of all sources
+Momentum over a distant cylinder (Maruo 1960; Newman 1967): with Kochin's function
 
-    H(theta) = 1/(4 pi) sum sigma dS f(z) exp(-i k (x cos theta + y sin theta)),
+    H(theta) = 1/(4 pi) integral (phi_n e - phi e_n) dS,    e = f(z) exp(-i k (x cos theta + y sin theta)),
 
 of waves scattered by the held hull and of those of its motions, per metre of amplitude a of waves to beta, in deep water
 
@@ -32,12 +32,19 @@ def response(solution: Solution, M: Array, C: Array, omega: float) -> Complex:
 
 
 def kochin(solution: Solution, k: float, depth: float, angle: Array) -> tuple[Complex, Complex]:
-    """H [angle, 6 + heading] of the sources, and its derivative by the angle."""
+    """H [angle, 6 + heading] of unit velocities and of scattered waves, and its derivative by the angle."""
     x, y, z = solution.points.T
+    n_x, n_y, n_z = solution.area.T
     c, s = np.cos(angle)[:, None], np.sin(angle)[:, None]
-    wave = attenuation(k, z, depth)[0] * np.exp(-1j * k * (x * c + y * s))
-    turned = -1j * k * (y * c - x * s)
-    return wave @ solution.sources / (4 * np.pi), (wave * turned) @ solution.sources / (4 * np.pi)
+    cosh, sinh = attenuation(k, z, depth)
+    wave = np.exp(-1j * k * (x * c + y * s))
+    turn, normal, normal_turn = -1j * k * (y * c - x * s), n_x * c + n_y * s, n_y * c - n_x * s
+    e = cosh * wave
+    e_n = (-1j * k * cosh * normal + k * sinh * n_z) * wave
+    e_n_turned = turn * e_n - 1j * k * cosh * normal_turn * wave
+    H = e @ solution.flow - e_n @ solution.potential
+    H_turned = (turn * e) @ solution.flow - e_n_turned @ solution.potential
+    return H / (4 * np.pi), H_turned / (4 * np.pi)
 
 
 def mean_drift(tank: Tank, solution: Solution, motion: Complex, omega: float, heading_deg: Array) -> Array:
@@ -46,7 +53,7 @@ def mean_drift(tank: Tank, solution: Solution, motion: Complex, omega: float, he
     radius = np.linalg.norm(solution.points[:, :2], axis=1).max()
     n = max(FEWEST_ANGLES, int(np.ceil(ANGLES_PER_PHASE * k * radius)))
     around = 2 * np.pi * np.arange(n) / n
-    velocity = -1j * omega * motion.T  # [6, heading]; the sources of motions are of unit velocity
+    velocity = -1j * omega * motion.T  # [6, heading]; potentials of motions are of unit velocity
 
     def total(angle: Array) -> tuple[Complex, Complex]:
         """H and its derivative [angle, heading] of the waves that the free hull sends out."""

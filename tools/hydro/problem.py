@@ -1,19 +1,21 @@
 """The boundary-element problem of one hull at one frequency: linear potential flow at zero speed.
 
-Sources of strength sigma on the hull and its lids, and capytaine's Green function of the water's surface:
+Green's theorem with capytaine's Green function of the water's surface: the potential phi on the hull follows from its
+normal velocity v_n (normal out of the hull, into the water),
 
-    potential phi = S sigma,    normal velocity = K sigma  (normal out of the hull, into the water),
+    D phi = S v_n,    waves exp(-i omega t);
 
-for waves exp(-i omega t). Right-hand sides are the six motions of unit velocity and the scattering of the waves of each
-heading. Planes of symmetry divide sources into even and odd ones, whose matrices are sums and differences over the
-images: half the unknowns twice, or a quarter four times.
+the "direct" method of capytaine, and of WAMIT. (Sources, capytaine's default, err four times as much on one mesh: box
+and FPSO, docs/hydrodynamics.md.) Right-hand sides are the six motions of unit velocity and the scattering of the waves of
+each heading. Planes of symmetry divide potentials into even and odd ones, whose matrices are sums and differences over
+the images: half the unknowns twice, or a quarter four times.
 
-Lids are lids.py's: the inner one is rigid (no normal velocity). On the damping lid the surface's condition is
+Lids are lids.py's: the inner one is rigid. On the damping lid the surface's condition is
 
     phi_z = K (1 + i epsilon) phi,    K = omega^2 / g,
 
-in place of phi_z = K phi (Chen 2004, "fairly perfect fluid"; Rayleigh's friction mu = epsilon omega on the vertical
-motion of the surface). As S has the undamped condition built in, the lid's sources are sigma = -i epsilon K phi.
+in place of phi_z = K phi (Chen 2004, "fairly perfect fluid"), epsilon = mu / omega, mu Rayleigh's friction on the
+vertical motion of the surface. Green's theorem has the undamped condition built in: the lid adds i epsilon K S phi.
 """
 
 from dataclasses import dataclass
@@ -68,8 +70,10 @@ class Solution(NamedTuple):
     damping: Array  # [6, 6]
     froude_krylov: Complex  # [n, 6] per metre of amplitude
     diffraction: Complex  # [n, 6]
-    sources: Complex  # [panel, 6 + n] strength times area of all panels and images: motions of unit velocity, waves
+    potential: Complex  # [panel, 6 + n] of unit velocities and of the scattered waves, at all panels and images
+    flow: Complex  # [panel, 6 + n] normal velocity times area, and what a damping lid sends out
     points: Array  # [panel, 3] where they are
+    area: Array  # [panel, 3] area vectors, zero on lids
 
 
 def dispersion(omega: float, depth: float, g: float) -> float:
@@ -110,70 +114,94 @@ def incident(tank: Tank, omega: float, k: float, heading_deg: Array, points: Arr
 
 
 def solve(tank: Tank, omega: float, heading_deg: Array, green: Any = None) -> Solution:
-    """Loads and sources at `omega` (rad/s); at infinity only the added mass has a meaning, and lids are left out."""
+    """Loads and potentials at `omega` (rad/s); at infinity only the added mass has a meaning, and lids are left out."""
     import scipy.linalg
     from capytaine import Delhommeau  # heavy, and optional
 
-    green = green or Delhommeau()
     endless = not np.isfinite(omega)
-    none = np.empty((0, 4, 3))
-    inner, gap = (none, none) if endless else (tank.inner_lid, tank.gap_lid if tank.friction else none)
-    panels = np.concatenate([tank.hull.panels, inner, gap])
-    n_hull, n_gap = len(tank.hull), len(gap)
-    in_gap = slice(len(panels) - n_gap, len(panels))
+    layout = _layout(tank, lids=not endless)
     k = np.inf if endless else dispersion(omega, tank.depth, tank.g)
-    mesh, sides = _mesh(panels), [_mesh(_image(panels, image)) for image in tank.images]
-    blocks = [
-        green.evaluate(side, mesh, free_surface=0.0, water_depth=tank.depth, wavenumber=k,
-                       diagonal_term_in_double_layer=not image)
-        for side, image in zip(sides, tank.images, strict=True)
-    ]  # fmt: skip
-    centre, area = mesh.faces_centers, area_vectors(panels)
-    unit = area / np.linalg.norm(area, axis=1)[:, None]
-    motions = generalised_normals(centre, unit)
-    motions[n_hull:] = 0.0
-    headings = np.empty(0) if endless else np.asarray(heading_deg, dtype=float)
-    waves = [incident(tank, omega, k, headings, side.faces_centers) for side in sides] if len(headings) else []
     damping = 0.0 if endless else tank.friction * omega / tank.g  # epsilon K
+    blocks = _blocks(tank, layout, k, green or Delhommeau())
+    n, gap, area = layout.hull, layout.gap, np.linalg.norm(layout.area, axis=1)[:, None]
+    unit = layout.area / area
+    headings = np.empty(0) if endless else np.asarray(heading_deg, dtype=float)
+    waves = [incident(tank, omega, k, headings, points) for points in layout.centres] if len(headings) else []
+    motions = generalised_normals(layout.centres[0], unit)[:n]
     radiation, diffraction = np.zeros((6, 6), dtype=complex), np.zeros((len(headings), 6), dtype=complex)
-    sources = np.zeros((len(tank.images), len(panels), 6 + len(headings)), dtype=complex)
-    weights = generalised_normals(centre, area)[:n_hull]
+    potential = np.zeros((len(tank.images), len(area), 6 + len(headings)), dtype=complex)
+    flow = np.zeros_like(potential)
+    weights = motions * area[:n] * len(tank.images)  # the images' loads are the same
     for character in tank.characters:
         signs = [image_sign(character, image) for image in tank.images]
-        S, K = (sum(sign * block[i] for sign, block in zip(signs, blocks, strict=True)) for i in (0, 1))
+        S, D = (sum(sign * block[i] for sign, block in zip(signs, blocks, strict=True)) for i in (0, 1))
         modes = [m for m in range(6) if all(PARITY[a][m] == sign for a, sign in character.items())]
-        right = np.concatenate([motions[:, modes].astype(complex), np.zeros((len(panels), len(headings)))], axis=1)
-        if waves:
-            right[:, len(modes):] = _scattering(waves, signs, tank.images, unit, n_hull, in_gap, damping)
-        K = K.astype(complex)
-        if n_gap:
-            K[in_gap] = 1j * damping * S[in_gap]
-            K[in_gap, in_gap] += np.eye(n_gap)
-        sigma = scipy.linalg.lu_solve(scipy.linalg.lu_factor(K, overwrite_a=True, check_finite=False), right)
-        phi = S[:n_hull] @ sigma
-        own = weights[:, modes].T * len(tank.images)  # the images' loads are the same
-        radiation[np.ix_(modes, modes)] = -tank.rho * own @ phi[:, : len(modes)]
-        diffraction[:, modes] = (-1j * omega * tank.rho * own @ phi[:, len(modes):]).T if waves else 0.0
         columns = [*modes, *range(6, 6 + len(headings))]
+        v = np.zeros((len(area), len(columns)), dtype=complex)  # normal velocity, on the gap lid that of the damping
+        v[:n, : len(modes)] = motions[:, modes]
+        if waves:
+            v[:, len(modes) :] = _scattering(waves, signs, tank.images, unit, n, gap, damping)
+        D = D.astype(complex)
+        D[:, gap] = 1j * damping * S[:, gap]
+        D[gap, gap] += np.eye(gap.stop - gap.start)
+        phi = scipy.linalg.lu_solve(scipy.linalg.lu_factor(D, overwrite_a=True, check_finite=False), S @ v)
+        radiation[np.ix_(modes, modes)] = -tank.rho * weights[:, modes].T @ phi[:n, : len(modes)]
+        if waves:
+            diffraction[:, modes] = (-1j * omega * tank.rho * weights[:, modes].T @ phi[:n, len(modes) :]).T
+        v[gap] -= 1j * damping * phi[gap]
         for image, sign in enumerate(signs):
-            sources[image][:, columns] += sign * sigma * np.linalg.norm(area, axis=1)[:, None]
-    every_point = np.concatenate([side.faces_centers for side in sides])
+            potential[image][:, columns] += sign * phi
+            flow[image][:, columns] += sign * v * area
+    areas = np.concatenate([layout.area * [-1.0 if a in image else 1.0 for a in range(3)] for image in tank.images])
+    on_hull = np.tile(np.arange(len(area)) < n, len(tank.images))
     return Solution(
         radiation.real, np.zeros((6, 6)) if endless else omega * radiation.imag,
         _froude_krylov(tank, omega, k, headings), diffraction,
-        sources.reshape(-1, sources.shape[-1]), every_point,
+        potential.reshape(-1, potential.shape[-1]), flow.reshape(-1, flow.shape[-1]),
+        np.concatenate(layout.centres), areas * on_hull[:, None],
     )  # fmt: skip
 
 
-def _scattering(waves, signs, images, unit: Array, n_hull: int, in_gap: slice, damping: float) -> Complex:
-    """Right-hand sides [panel, heading] of one symmetry: what the hull and the damping lid do to the waves."""
+class _Layout(NamedTuple):
+    """Panels of the hull's positive sides, then of the inner lid, then of the gap lid."""
+
+    panels: Array  # [n, 4, 3]
+    hull: int  # how many are the hull's
+    gap: slice  # which are the gap lid's
+    area: Array  # [n, 3]
+    centres: list[Array]  # [n, 3] of the panels, and of each image of them
+
+
+def _layout(tank: Tank, lids: bool) -> _Layout:
+    none = np.empty((0, 4, 3))
+    inner, gap = (tank.inner_lid, tank.gap_lid if tank.friction else none) if lids else (none, none)
+    panels = np.concatenate([tank.hull.panels, inner, gap])
+    centres = [as_mesh(_image(panels, image)).faces_centers for image in tank.images]
+    last = slice(len(panels) - len(gap), len(panels))
+    return _Layout(panels, len(tank.hull), last, area_vectors(panels), centres)
+
+
+def _blocks(tank: Tank, layout: _Layout, k: float, green: Any) -> list[tuple[Any, Any]]:
+    """S and D of the panels, at the panels themselves and at each image."""
+    mesh = as_mesh(layout.panels)
+    return [
+        green.evaluate(
+            as_mesh(_image(layout.panels, image)), mesh, free_surface=0.0, water_depth=tank.depth, wavenumber=k,
+            adjoint_double_layer=False, diagonal_term_in_double_layer=not image,
+        )
+        for image in tank.images
+    ]  # fmt: skip
+
+
+def _scattering(waves, signs, images, unit: Array, n_hull: int, gap: slice, damping: float) -> Complex:
+    """Normal velocities [panel, heading] of one symmetry with which hull and damping lid answer the waves."""
     total = np.zeros((len(unit), waves[0][0].shape[1]), dtype=complex)
     for (phi, velocity), sign, image in zip(waves, signs, images, strict=True):
         normal = unit.copy()
         normal[:, list(image)] *= -1
         part = -np.einsum("phc,pc->ph", velocity, normal)
-        part[n_hull : in_gap.start] = 0.0
-        part[in_gap] = -1j * damping * phi[in_gap]
+        part[n_hull : gap.start] = 0.0
+        part[gap] = -1j * damping * phi[gap]
         total += sign * part
     return total / len(images)
 
@@ -182,7 +210,7 @@ def _froude_krylov(tank: Tank, omega: float, k: float, headings: Array) -> Compl
     """Loads [heading, 6] of the undisturbed waves' pressure on all panels."""
     if not len(headings):
         return np.zeros((0, 6), dtype=complex)
-    mesh, area = _mesh(tank.hull.whole), tank.hull.area
+    mesh, area = as_mesh(tank.hull.whole), tank.hull.area
     phi, _ = incident(tank, omega, k, headings, mesh.faces_centers)
     return (-1j * omega * tank.rho * phi).T @ generalised_normals(mesh.faces_centers, area)
 
@@ -193,7 +221,7 @@ def _image(panels: Array, image: tuple[int, ...]) -> Array:
     return panels
 
 
-def _mesh(panels: Array):
+def as_mesh(panels: Array) -> Any:
     """Panels as capytaine takes them."""
     from capytaine.meshes.meshes import Mesh
 
