@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 BELOW, ABOVE = 0.2, 2.5  # of the lowest and of the highest resonance: what motions in waves need
 TAIL = 4.5  # of the highest resonance: damping has died away there, and the kernel's beginning depends on it
-DEFAULT = 40
-IN_TAIL = 0.25  # of the frequencies
+IN_TAIL = 0.2  # of the frequencies
 VERTICAL = [2, 3, 4]
 NAMES = ("heave", "roll", "pitch")
 
@@ -54,13 +53,27 @@ def trial(C: Array, M: Array) -> Array:
     return np.geomspace(0.25 * w.min(), 1.5 * w.max(), 8)
 
 
-def chosen(of: Resonances, count: int = DEFAULT) -> Array:
-    """Frequencies [count], rad/s, of six digits: even over the resonances, then wider apart to the end of the tail."""
-    low, high = BELOW * min(of), ABOVE * max(of)
-    tail = round(IN_TAIL * count)
+def chosen(of: Resonances, count: int, top: float) -> Array:
+    """Frequencies [count], rad/s: even over the resonances, then wider apart to the end of the tail, none above `top`."""
+    low, high, end = BELOW * min(of), min(ABOVE * max(of), top), min(TAIL * max(of), top)
+    tail = round(IN_TAIL * count) if end > high else 0
     even = np.linspace(low, high, count - tail)
-    wide = np.geomspace(high, TAIL / ABOVE * high, tail + 1)[1:]
-    return np.array([float(f"{w:.6g}") for w in (*even, *wide)])
+    return _digits([*even, *np.geomspace(high, end, tail + 1)[1:]])
+
+
+def with_also(omega: Array, also: tuple[float, ...]) -> Array:
+    """`omega` with `also`: each in place of the nearest one, where that is within half a step."""
+    kept = list(omega)
+    for w in also:
+        near = int(np.abs(omega - w).argmin())
+        step = np.diff(omega)[min(near, len(omega) - 2)]
+        if omega[near] in kept and abs(omega[near] - w) <= step / 2:
+            kept.remove(omega[near])
+    return _digits(sorted({*kept, *also}))
+
+
+def _digits(omega) -> Array:
+    return np.array([float(f"{w:.6g}") for w in omega])
 
 
 def missed(omega: Array, of: Resonances) -> list[str]:

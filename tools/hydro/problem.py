@@ -14,8 +14,8 @@ Lids are lids.py's: the inner one is rigid. On the damping lid the surface's con
 
     phi_z = K (1 + i epsilon) phi,    K = omega^2 / g,
 
-in place of phi_z = K phi (Chen 2004, "fairly perfect fluid"), epsilon = mu / omega, mu Rayleigh's friction on the
-vertical motion of the surface. Green's theorem has the undamped condition built in: the lid adds i epsilon K S phi.
+in place of phi_z = K phi (Chen 2004, "fairly perfect fluid"), one epsilon for all frequencies: friction epsilon omega on
+the vertical motion, as that of eddies grows with velocity. Green's theorem has the undamped condition built in: the lid adds i epsilon K S phi.
 """
 
 from dataclasses import dataclass
@@ -47,7 +47,7 @@ class Tank:
     rho: float  # kg/m^3
     g: float  # m/s^2
     depth: float  # m; inf is deep
-    friction: float  # mu of the gap lid, 1/s
+    gap_damping: float  # epsilon of the gap lid; 0: none
 
     @cached_property
     def images(self) -> list[tuple[int, ...]]:
@@ -121,7 +121,7 @@ def solve(tank: Tank, omega: float, heading_deg: Array, green: Any = None) -> So
     endless = not np.isfinite(omega)
     layout = _layout(tank, lids=not endless)
     k = np.inf if endless else dispersion(omega, tank.depth, tank.g)
-    damping = 0.0 if endless else tank.friction * omega / tank.g  # epsilon K
+    damping = 0.0 if endless else tank.gap_damping * omega**2 / tank.g  # epsilon K
     blocks = _blocks(tank, layout, k, green or Delhommeau())
     n, gap, area = layout.hull, layout.gap, np.linalg.norm(layout.area, axis=1)[:, None]
     unit = layout.area / area
@@ -174,7 +174,7 @@ class _Layout(NamedTuple):
 
 def _layout(tank: Tank, lids: bool) -> _Layout:
     none = np.empty((0, 4, 3))
-    inner, gap = (tank.inner_lid, tank.gap_lid if tank.friction else none) if lids else (none, none)
+    inner, gap = (tank.inner_lid, tank.gap_lid if tank.gap_damping else none) if lids else (none, none)
     panels = np.concatenate([tank.hull.panels, inner, gap])
     centres = [as_mesh(_image(panels, image)).faces_centers for image in tank.images]
     last = slice(len(panels) - len(gap), len(panels))

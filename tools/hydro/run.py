@@ -82,11 +82,9 @@ def database(
 ) -> HydroDatabase:
     """The database, in the vehicle's frame; `about` gives hull, code and settings.
 
-    A heading turns over with the frame: loads of waves to port become those of waves to starboard.
+    A heading turns over with the frame: -30 deg, to starboard there, is +30 deg here.
     """
     turned = np.round(-np.asarray(heading_deg) % 360.0, 9)
-    if np.max(np.abs(heading_deg)) == 360.0:
-        raise ValueError("headings are from 0 to below 360 deg")
     order = np.argsort(turned)
 
     def stack(name: str) -> Any:
@@ -98,9 +96,9 @@ def database(
         depth=float(tank.depth) if np.isfinite(tank.depth) else None,
         omega=np.asarray(omega, dtype=float),
         heading_deg=turned[order],
-        added_mass=turned_matrix(stack("added_mass")),
-        damping=turned_matrix(stack("damping")),
-        added_mass_inf=turned_matrix(endless.added_mass),
+        added_mass=_even(turned_matrix(stack("added_mass"))),
+        damping=_even(turned_matrix(stack("damping"))),
+        added_mass_inf=_even(turned_matrix(endless.added_mass)),
         excitation=turned_load(stack("excitation"))[:, order],
         froude_krylov=turned_load(stack("froude_krylov"))[:, order],
         volume=tank.hull.volume,
@@ -108,6 +106,11 @@ def database(
         drift=(stack("drift") * TURN_HORIZONTAL)[:, order],
         **about,
     )
+
+
+def _even(matrix: Array) -> Array:
+    """Symmetric part: in exact theory all of it."""
+    return (matrix + np.swapaxes(matrix, -1, -2)) / 2
 
 
 @contextmanager
