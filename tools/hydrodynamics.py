@@ -63,6 +63,7 @@ def parser() -> argparse.ArgumentParser:
     what.add_argument("--panels", type=int, default=1200, metavar="N", help="of half the hull, or a quarter (default: 1200)")
     what.add_argument("--divisions", type=int, default=0, metavar="N", help="instead: even parts of each panel, each way")
     what.add_argument("--gap-damping", type=float, metavar="E", help="of the water between hulls (default: 0.03; 0 none)")
+    what.add_argument("--method", choices=("direct", "sources"), default="direct", help="default: direct (Green's theorem)")
     what.add_argument("--no-lid", action="store_true", help="leave irregular frequencies in")
     p.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes (default: all cores)")
     p.add_argument("--quiet", action="store_true", help="no progress bar")
@@ -111,7 +112,7 @@ def _run(args: argparse.Namespace, command: str) -> None:
         table = args.stations, args.points, freeboard
         craft = hull.of_mesh(surface, file.stem, args.mass, args.cg and tuple(args.cg), args.gyration, table)
     wishes = compute.Wishes(
-        args.rho, GRAVITY, args.depth, args.panels, args.divisions, args.gap_damping, not args.no_lid,
+        args.rho, GRAVITY, args.depth, args.panels, args.divisions, args.gap_damping, not args.no_lid, args.method,
         compute.Spectrum(args.frequencies, args.range and tuple(args.range), tuple(args.also), args.heading_step),
         args.jobs, args.quiet,
     )  # fmt: skip

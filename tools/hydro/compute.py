@@ -20,8 +20,9 @@ from taichi_sim.usv.hull.database import HydroDatabase, hull_hash
 Array = NDArray[np.float64]
 COARSE = 120  # panels of the pass that finds the resonances
 MOST = 4000  # panels: matrices of 2 x 16 x MOST^2 bytes for each process and symmetry
-PER_WAVE = 4.0  # panels to the shortest wave, at least: of the tail
+PER_WAVE = 3.0  # panels to the shortest wave, at least: of the tail
 GOOD = 7.0  # panels to a wave, from which loads are good to about a per cent
+GAP_SIZE = 1.5  # of the damping lid's panels over the hull's
 COUNT, COUNT_TWIN = 50, 90  # frequencies; between hulls the water resonates sharply
 GAP_DAMPING = 0.03  # epsilon of the damping lid: assumed (docs/hydrodynamics.md)
 OFF = 0.005  # share by which a mesh may differ from the simulator's panels in volume and waterplane
@@ -46,6 +47,7 @@ class Wishes(NamedTuple):
     divisions: int
     gap_damping: float | None
     lid: bool
+    method: str
     spectrum: Spectrum
     jobs: int
     quiet: bool
@@ -67,9 +69,9 @@ def run(
     of = _resonances(craft, floating, wishes)
     print(", ".join(f"{n} {w:.3g} rad/s" for n, w in zip(frequencies.NAMES, of, strict=True)) + " (resonances)")
     lid = inner_lid(surface, size) if wishes.lid else np.empty((0, 4, 3))
-    gap = gap_lid(surface, size)
+    gap = gap_lid(surface, GAP_SIZE * size)
     epsilon = GAP_DAMPING if wishes.gap_damping is None else wishes.gap_damping
-    tank = Tank(surface, lid, gap, wishes.rho, wishes.g, wishes.depth, epsilon)
+    tank = Tank(surface, lid, gap, wishes.rho, wishes.g, wishes.depth, epsilon, wishes.method)
     omega = _omega(of, wishes.spectrum, bool(len(gap)), size, wishes.g)
     heading = _headings(surface, wishes.spectrum.heading_step)
     alike = " and ".join(PLANES[a] for a in surface.planes)
@@ -81,7 +83,7 @@ def run(
     *loads, endless = solve_all(tank, floating, [*omega, np.inf], heading, wishes.jobs, wishes.quiet)
     uneven = max(_asymmetry(x) for of_one in loads for x in (of_one.added_mass,))
     settings: dict[str, Any] = {
-        "command": command, "panels": len(surface), "alike": alike, "lid_panels": len(lid), "gap_panels": len(gap),
+        "command": command, "method": wishes.method, "panels": len(surface), "alike": alike, "lid_panels": len(lid), "gap_panels": len(gap),
         "gap_damping": epsilon if len(gap) else 0.0, "panel_size": float(f"{size:.3g}"),
         "mesh": mesh is not None, "resonances": [float(f"{w:.4g}") for w in of],
         "reciprocity": float(f"{uneven:.2g}"), "drift": "far field, free hull without viscous damping",

@@ -37,7 +37,7 @@ def resonances(omega: Array, added_mass: Array, M: Array, C: Array) -> Resonance
         for _ in range(60):
             A = np.array([[np.interp(w, omega, added_mass[:, i, j]) for j in VERTICAL] for i in VERTICAL])
             value, vector = np.linalg.eig(np.linalg.solve(M[V] + A, C[V]))
-            size = np.sqrt(np.diag(M[V] + A))[:, None] * np.abs(vector)
+            size = np.sqrt(np.abs(np.diag(M[V] + A)))[:, None] * np.abs(vector)
             own = int(np.argmax(size[mode] / np.linalg.norm(size, axis=0)))
             new = float(np.sqrt(max(value[own].real, 0.0)))
             if abs(new - w) < 1e-6 * w:

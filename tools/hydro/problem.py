@@ -1,12 +1,13 @@
 """The boundary-element problem of one hull at one frequency: linear potential flow at zero speed.
 
-Green's theorem with capytaine's Green function of the water's surface: the potential phi on the hull follows from its
-normal velocity v_n (normal out of the hull, into the water),
+With capytaine's Green function of the water's surface and waves exp(-i omega t), the potential phi on the hull follows
+from its normal velocity v_n (normal out of the hull, into the water), as the tank's method says:
 
-    D phi = S v_n,    waves exp(-i omega t);
+    direct:   D phi = S v_n               Green's theorem, as in WAMIT
+    sources:  K sigma = v_n, phi = S sigma    sources on the hull, capytaine's default
 
-the "direct" method of capytaine, and of WAMIT. (Sources, capytaine's default, err four times as much on one mesh: box
-and FPSO, docs/hydrodynamics.md.) Right-hand sides are the six motions of unit velocity and the scattering of the waves of
+On the meshes of ships the direct one errs a quarter as much, and lids hardly shift it (docs/hydrodynamics.md). Right-hand
+sides are the six motions of unit velocity and the scattering of the waves of
 each heading. Planes of symmetry divide potentials into even and odd ones, whose matrices are sums and differences over
 the images: half the unknowns twice, or a quarter four times.
 
@@ -21,7 +22,7 @@ the vertical motion, as that of eddies grows with velocity. Green's theorem has 
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,6 +49,7 @@ class Tank:
     g: float  # m/s^2
     depth: float  # m; inf is deep
     gap_damping: float  # epsilon of the gap lid; 0: none
+    method: Literal["direct", "sources"] = "direct"
 
     @cached_property
     def images(self) -> list[tuple[int, ...]]:
@@ -70,8 +72,8 @@ class Solution(NamedTuple):
     damping: Array  # [6, 6]
     froude_krylov: Complex  # [n, 6] per metre of amplitude
     diffraction: Complex  # [n, 6]
-    potential: Complex  # [panel, 6 + n] of unit velocities and of the scattered waves, at all panels and images
-    flow: Complex  # [panel, 6 + n] normal velocity times area, and what a damping lid sends out
+    potential: Complex  # [panel, 6 + n] of unit velocities and of the scattered waves, of all images; none with sources
+    flow: Complex  # [panel, 6 + n] normal velocity, or sources, times area, and what a damping lid sends out
     points: Array  # [panel, 3] where they are
     area: Array  # [panel, 3] area vectors, zero on lids
 
@@ -142,15 +144,22 @@ def solve(tank: Tank, omega: float, heading_deg: Array, green: Any = None) -> So
         if waves:
             v[:, len(modes) :] = _scattering(waves, signs, tank.images, unit, n, gap, damping)
         D = D.astype(complex)
-        D[:, gap] = 1j * damping * S[:, gap]
+        if tank.method == "direct":
+            D[:, gap] = 1j * damping * S[:, gap]
+        else:
+            D[gap] = 1j * damping * S[gap]
         D[gap, gap] += np.eye(gap.stop - gap.start)
-        phi = scipy.linalg.lu_solve(scipy.linalg.lu_factor(D, overwrite_a=True, check_finite=False), S @ v)
+        right = S @ v if tank.method == "direct" else v
+        phi = scipy.linalg.lu_solve(scipy.linalg.lu_factor(D, overwrite_a=True, check_finite=False), right)
+        if tank.method == "sources":
+            v, phi = phi, S @ phi
         radiation[np.ix_(modes, modes)] = -tank.rho * weights[:, modes].T @ phi[:n, : len(modes)]
         if waves:
             diffraction[:, modes] = (-1j * omega * tank.rho * weights[:, modes].T @ phi[:n, len(modes) :]).T
-        v[gap] -= 1j * damping * phi[gap]
+        if tank.method == "direct":
+            v[gap] -= 1j * damping * phi[gap]
         for image, sign in enumerate(signs):
-            potential[image][:, columns] += sign * phi
+            potential[image][:, columns] += sign * phi * (tank.method == "direct")
             flow[image][:, columns] += sign * v * area
     areas = np.concatenate([layout.area * [-1.0 if a in image else 1.0 for a in range(3)] for image in tank.images])
     on_hull = np.tile(np.arange(len(area)) < n, len(tank.images))
@@ -182,12 +191,12 @@ def _layout(tank: Tank, lids: bool) -> _Layout:
 
 
 def _blocks(tank: Tank, layout: _Layout, k: float, green: Any) -> list[tuple[Any, Any]]:
-    """S and D of the panels, at the panels themselves and at each image."""
+    """S and D (or K) of the panels, at the panels themselves and at each image."""
     mesh = as_mesh(layout.panels)
     return [
         green.evaluate(
             as_mesh(_image(layout.panels, image)), mesh, free_surface=0.0, water_depth=tank.depth, wavenumber=k,
-            adjoint_double_layer=False, diagonal_term_in_double_layer=not image,
+            adjoint_double_layer=tank.method == "sources", diagonal_term_in_double_layer=not image,
         )
         for image in tank.images
     ]  # fmt: skip
