@@ -8,81 +8,17 @@ with the half-edge vectors `along` and `up`, of which `up` is the one closer to 
 across it. `twist` is zero for a rectangle and carries taper and warp otherwise. The area vector of the patch is
 4 along x `up` up to sign, half the cross product of its diagonals. Decks are panels too, so that the hull is closed and
 floats on its own deck when it capsizes.
-
-Wigley's hull: Wigley (1942), y = +-B/2 (1 - (2x/L)^2) (1 - (z/T)^2).
 """
 
 from dataclasses import dataclass
-from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, model_validator
 
-from taichi_sim.config import Finite, NonNegative, Positive, Strict
+from taichi_sim.usv.hull.shapes import BoxHull, HullShape, StationsHull, TwinPontoons, WigleyHull
 
 Array = NDArray[np.float64]
-Count = Annotated[int, Field(ge=1, le=400)]
 MIN_AREA = 1e-12  # m^2; panels below this are the closed ends of pointed hulls and are left out
-
-
-class BoxHull(Strict):
-    """A box: bottom `draft` below the design waterline, deck `freeboard` above it."""
-
-    shape: Literal["box"] = "box"
-    length: Positive  # m
-    beam: Positive  # m
-    draft: Positive  # m
-    freeboard: Positive  # m
-    panels_along: Count = 2
-    panels_across: Count = 2
-    panels_up: Count = 2  # rows of the sides; from 2 on, the last one is above the design waterline
-
-
-class WigleyHull(Strict):
-    """Wigley's parabolic hull below the design waterline, wall-sided above it."""
-
-    shape: Literal["wigley"] = "wigley"
-    length: Positive  # m
-    beam: Positive  # m
-    draft: Positive  # m
-    freeboard: Positive  # m
-    panels_along: Count = 10
-    panels_up: Annotated[int, Field(ge=2, le=400)] = 3  # the last row is above the design waterline
-
-
-class TwinPontoons(Strict):
-    """Two equal pontoons with straight lines between stations; ends of some beam are closed by transoms.
-
-    `section = "vee"` has flat sides from the keel to the deck edge. `"round"` is a half circle of the station's beam,
-    replaced by a polygon of `panels_girth` equal sides, of the same area and centre, wall-sided above the centre.
-    """
-
-    shape: Literal["twin_pontoons"] = "twin_pontoons"
-    y: Positive  # of the pontoon centrelines, m to either side
-    stations: Annotated[tuple[tuple[Finite, NonNegative, Finite], ...], Field(min_length=2, max_length=100)]
-    freeboard: Positive  # m
-    section: Literal["vee", "round"] = "vee"
-    panels_girth: Annotated[int, Field(ge=2, le=200)] = 3  # of a round section
-
-    @model_validator(mode="after")
-    def _sensible(self):
-        x, beam, keel = np.array(self.stations).T
-        if np.any(np.diff(x) <= 0):
-            raise ValueError("stations = [[x, beam, keel depth], ...] must run forward, from stern to bow")
-        if np.any(beam > 2 * self.y):
-            raise ValueError(f"a pontoon's beam {beam.max()} reaches over the centreline: at most 2 y = {2 * self.y}")
-        if np.any(keel <= -self.freeboard):
-            raise ValueError(f"a keel lies above the deck: every keel depth must be above {-self.freeboard}")
-        if self.section == "round" and np.any(beam / 2 - keel > self.freeboard + 1e-9):
-            raise ValueError(
-                f"freeboard = {self.freeboard} is below the centre of a round section: "
-                f"it must be at least {(beam / 2 - keel).max():.4g}"
-            )
-        return self
-
-
-HullShape = Annotated[BoxHull | WigleyHull | TwinPontoons, Field(discriminator="shape")]
 
 
 @dataclass(frozen=True)
@@ -161,8 +97,10 @@ def _steepness(edge: Array) -> Array:
     return (np.abs(edge[:, 2]) + 1e-6 * np.abs(edge[:, 1])) / length
 
 
-def mesh(hull: BoxHull | WigleyHull | TwinPontoons) -> Panels:
+def mesh(hull: HullShape) -> Panels:
     """Panels of a hull section of a vehicle file."""
+    if isinstance(hull, StationsHull):
+        return _stations(hull)
     if isinstance(hull, BoxHull):
         return _box(hull)
     if isinstance(hull, WigleyHull):
@@ -225,6 +163,18 @@ def _twin_pontoons(hull: TwinPontoons) -> Panels:
     return Panels.of([patch + s for s in sides for patch in patches], np.concatenate([deck + s for s in sides]))
 
 
+def _stations(hull: StationsHull) -> Panels:
+    """Both halves of a hull across the centreline, or both hulls, each about its middle."""
+    points = hull.points
+    port = points[:, ::-1] * [1.0, -1.0, 1.0]
+    if not hull.twin:
+        return Panels.of(*_close(np.concatenate([port, points[:, 1:]], axis=1)))
+    middle = np.array([0.0, (points[:, 0, 1] + points[:, -1, 1]).mean() / 2, 0.0])
+    sides = [_close(half - side * middle) for side, half in ((1, points), (-1, port))]
+    patches = [patch + side * middle for side, (own, _) in zip((1, -1), sides, strict=True) for patch in own]
+    return Panels.of(patches, np.concatenate([deck + s * middle for s, (_, deck) in zip((1, -1), sides, strict=True)]))
+
+
 def _vee(beam: Array, keel: Array, freeboard: float) -> Array:
     """Section points (y, z) [station, 3, 2]: port deck edge, keel, starboard deck edge."""
     y = np.stack([-beam / 2, 0 * beam, beam / 2], axis=1)
@@ -247,12 +197,12 @@ def _round(beam: Array, keel: Array, hull: TwinPontoons) -> Array:
 
 
 def _close(sections: Array) -> tuple[list[Array], Array]:
-    """Patches [n, m, 4, 3] of a hull of symmetric sections [station, point, 3], and its deck edge [M, 3].
+    """Patches [n, m, 4, 3] of a hull of sections [station, point, 3] about y = 0, and its deck edge [M, 3].
 
     Sections run from the port to the starboard deck edge, round the keel, stations from stern to bow.
     """
     half = (sections.shape[1] + 1) // 2
-    # Transoms join port and starboard points of one level, down to a keel point (a triangle) or a flat bottom.
+    # Transoms join port and starboard points (of one level), down to a keel point (a triangle) or a flat bottom.
     stern = np.stack([sections[0, :half], sections[0, ::-1][:half]], axis=1)
     bow = np.stack([sections[-1, :half], sections[-1, ::-1][:half]], axis=0)
     edge = sections[:, [0, -1]]

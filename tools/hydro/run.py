@@ -1,0 +1,128 @@
+"""All frequencies of one hull, in as many processes as cores, and the database of them."""
+
+import os
+from collections.abc import Iterable
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
+from multiprocessing import get_context
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from tqdm import tqdm
+
+from hydro.drift import mean_drift, response
+from hydro.frames import TURN_HORIZONTAL, turned_load, turned_matrix
+from hydro.problem import Tank, solve
+from taichi_sim.extras import MissingExtraError
+from taichi_sim.usv.hull.database import HydroDatabase
+
+Array = NDArray[np.float64]
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")  # one each: processes share the cores
+
+
+class Floating(NamedTuple):
+    """What floats: its rigid-body matrix and stiffness [6, 6] about CO, in the frame of surface.py."""
+
+    M: Array
+    C: Array
+
+
+class Loads(NamedTuple):
+    """Of one frequency; the frame of surface.py, m headings."""
+
+    added_mass: Array  # [6, 6]
+    damping: Array  # [6, 6]
+    froude_krylov: Any  # [m, 6]
+    excitation: Any  # [m, 6]
+    drift: Array  # [m, 3]
+
+
+def require_capytaine() -> str:
+    """Its name and version.
+
+    Raises:
+        MissingExtraError: if it is not installed.
+    """
+    try:
+        import capytaine
+    except ImportError as error:
+        raise MissingExtraError("capytaine", "bem") from error
+    return f"capytaine {capytaine.__version__}"
+
+
+def loads_at(tank: Tank, floating: Floating | None, omega: float, heading_deg: Array) -> Loads:
+    """Solve one frequency; `floating` None: no mean drift."""
+    found = solve(tank, omega, heading_deg)
+    drift = np.zeros((len(found.diffraction), 3))
+    if floating is not None and np.isfinite(omega):
+        motion = response(found, floating.M, floating.C, omega)
+        drift = mean_drift(tank, found, motion, omega, heading_deg)
+    total = found.froude_krylov + found.diffraction
+    return Loads(found.added_mass, found.damping, found.froude_krylov, total, drift)
+
+
+def solve_all(
+    tank: Tank, floating: Floating | None, omega: Iterable[float], heading_deg: Array, jobs: int, quiet: bool = False
+) -> list[Loads]:
+    """Loads at each of `omega` (rad/s, inf allowed), in `jobs` processes, with a bar on the terminal."""
+    omega = list(omega)
+    found: dict[int, Loads] = {}
+    with _single_threads(), ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
+        order = sorted(range(len(omega)), key=lambda i: -omega[i])
+        running = {pool.submit(loads_at, tank, floating, omega[i], heading_deg): i for i in order}
+        bar = tqdm(as_completed(running), total=len(running), desc="frequencies", unit="", disable=quiet)
+        for done in bar:
+            found[running[done]] = done.result()
+    return [found[i] for i in range(len(omega))]
+
+
+def database(
+    tank: Tank, floating: Floating, loads: list[Loads], endless: Loads, omega: Array, heading_deg: Array, **about: Any
+) -> HydroDatabase:
+    """The database, in the vehicle's frame; `about` gives hull, code and settings.
+
+    A heading turns over with the frame: -30 deg, to starboard there, is +30 deg here.
+    """
+    turned = np.round(-np.asarray(heading_deg) % 360.0, 9)
+    order = np.argsort(turned)
+
+    def stack(name: str) -> Any:
+        return np.stack([getattr(of, name) for of in loads])
+
+    return HydroDatabase(
+        rho=tank.rho,
+        g=tank.g,
+        depth=float(tank.depth) if np.isfinite(tank.depth) else None,
+        omega=np.asarray(omega, dtype=float),
+        heading_deg=turned[order],
+        added_mass=_even(turned_matrix(stack("added_mass"))),
+        damping=_even(turned_matrix(stack("damping"))),
+        added_mass_inf=_even(turned_matrix(endless.added_mass)),
+        excitation=turned_load(stack("excitation"))[:, order],
+        froude_krylov=turned_load(stack("froude_krylov"))[:, order],
+        volume=tank.hull.volume,
+        stiffness=turned_matrix(floating.C),
+        drift=(stack("drift") * TURN_HORIZONTAL)[:, order],
+        **about,
+    )
+
+
+def _even(matrix: Array) -> Array:
+    """Symmetric part: in exact theory all of it."""
+    return (matrix + np.swapaxes(matrix, -1, -2)) / 2
+
+
+@contextmanager
+def _single_threads():
+    """Processes started inside use one thread each."""
+    before = {name: os.environ.get(name) for name in THREADS}
+    os.environ.update(dict.fromkeys(THREADS, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value

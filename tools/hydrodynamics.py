@@ -1,0 +1,129 @@
+"""Compute a hull's hydrodynamic database: added mass, damping, wave loads and mean drift by a boundary-element code.
+
+    python tools/hydrodynamics.py HULL [--mesh FILE] [--mass KG] [--cg X Y Z] [--unit mm] [--waterline Z] ... [--out FILE]
+
+    python tools/hydrodynamics.py otter
+    python tools/hydrodynamics.py my_boat.stl --unit mm --waterline 0.35 --mass 180 --cg 0.1 0 -0.2
+    python tools/hydrodynamics.py fpso --mesh fpso_half_hull_panels.csv
+
+HULL is a vehicle file of the model hull_6dof (or the name of a shipped one), or a mesh: STL, OBJ, PLY, GDF, and what
+else meshio reads, x forward, y to port, z up. NAME.hydro.json is written beside the vehicle file; of a mesh alone also
+NAME.toml, a vehicle of its offsets. Needs the extra `bem` (capytaine). More in docs/hydrodynamics.md.
+
+Exit status: 0 done, 1 bad input, 130 interrupted.
+"""
+
+import argparse
+import os
+import shlex
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[1]
+for folder in (ROOT, ROOT / "tools"):  # run as a script from anywhere
+    if str(folder) not in sys.path:
+        sys.path.insert(0, str(folder))
+
+from hydro import compute, hull  # noqa: E402
+from hydro.mesh_file import UNITS  # noqa: E402
+from hydro.run import require_capytaine  # noqa: E402
+from hydro.vehicle import vehicle_text  # noqa: E402
+from taichi_sim.config import ConfigError  # noqa: E402
+from taichi_sim.conventions import GRAVITY, RHO_SEA  # noqa: E402
+from taichi_sim.extras import MissingExtraError  # noqa: E402
+from taichi_sim.usv.hull.database import database_file  # noqa: E402
+
+
+def parser() -> argparse.ArgumentParser:
+    """What `--help` says."""
+    p = argparse.ArgumentParser(description="Compute a hull's hydrodynamic database by boundary elements.")
+    p.add_argument("hull", metavar="HULL", help="a vehicle file, the name of a shipped one, or a mesh file")
+    p.add_argument("--out", type=Path, metavar="FILE", help="where to write (default: NAME.hydro.json beside HULL)")
+    mesh = p.add_argument_group("meshes")
+    mesh.add_argument("--mesh", type=Path, metavar="FILE", help="compute on this mesh of the vehicle HULL, about its CO")
+    mesh.add_argument("--unit", choices=UNITS, default="m", help="of the mesh (default: m)")
+    mesh.add_argument("--waterline", type=float, default=0.0, metavar="Z", help="height of the water in the mesh, m")
+    mesh.add_argument("--midships", type=float, metavar="X", help="x of the vehicle's origin in the mesh, m")
+    mesh.add_argument("--mass", type=_positive, metavar="KG", help="default: what the mesh displaces")
+    mesh.add_argument("--cg", type=float, nargs=3, metavar=("X", "Y", "Z"), help="m, forward, starboard, down from CO")
+    mesh.add_argument("--gyration", type=_positive, nargs=3, metavar=("KX", "KY", "KZ"), help="m, about the CG")
+    mesh.add_argument("--freeboard", type=_positive, metavar="M", help="of the vehicle made of a mesh (default: draught)")
+    mesh.add_argument("--stations", type=int, default=16, metavar="N", help="of its offsets (default: 16)")
+    mesh.add_argument("--points", type=int, default=3, metavar="N", help="of each, keel to waterline (default: 3)")
+    what = p.add_argument_group("what is computed")
+    what.add_argument("--depth", type=_positive, default=np.inf, metavar="M", help="of the water (default: deep)")
+    what.add_argument("--rho", type=_positive, default=RHO_SEA, metavar="KG/M3", help=f"default: {RHO_SEA:g}")
+    what.add_argument("--frequencies", type=int, metavar="N", help="how many (default: 50; 90 of twin hulls)")
+    what.add_argument("--range", type=_positive, nargs=2, metavar=("LO", "HI"), help="of frequencies, rad/s")
+    what.add_argument("--also", type=_positive, nargs="+", default=(), metavar="W", help="frequencies to have, too, rad/s")
+    what.add_argument("--heading-step", type=float, default=15.0, metavar="DEG", help="default: 15")
+    what.add_argument("--panels", type=int, default=1200, metavar="N", help="of half the hull, or a quarter (default: 1200)")
+    what.add_argument("--divisions", type=int, default=0, metavar="N", help="instead: even parts of each panel, each way")
+    what.add_argument("--gap-damping", type=float, metavar="E", help="of the water between hulls (default: 0.03; 0 none)")
+    what.add_argument("--method", choices=("direct", "sources"), default="direct", help="default: direct (Green's theorem)")
+    what.add_argument("--no-lid", action="store_true", help="leave irregular frequencies in")
+    p.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes (default: all cores)")
+    p.add_argument("--quiet", action="store_true", help="no progress bar")
+    return p
+
+
+def _positive(text: str) -> float:
+    value = float(text)
+    if not 0 < value < float("inf"):
+        raise argparse.ArgumentTypeError(f"{text}: must be above 0")
+    return value
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Parse, compute, write; return the exit status."""
+    args = parser().parse_args(argv)
+    try:
+        _run(args, shlex.join(["hydrodynamics", *(sys.argv[1:] if argv is None else argv)]))
+    except (ConfigError, MissingExtraError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    except OSError as error:
+        print(f"error: {error.filename}: {error.strerror}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print("\ninterrupted", file=sys.stderr)
+        return 130
+    return 0
+
+
+def _run(args: argparse.Namespace, command: str) -> None:
+    code = require_capytaine()
+    begun = time.monotonic()
+    if hull.is_vehicle(args.hull):
+        file = hull.vehicle_path(args.hull)
+        craft, length = hull.of_vehicle(file)
+        surface = None
+        if args.mesh:
+            surface = hull.read_mesh(args.mesh, args.unit, args.waterline, args.midships or 0.0, length)
+    else:
+        file = Path(args.hull).with_suffix(".toml")
+        if file.exists():
+            raise ConfigError(f"{file}: exists; compute its database with {file.name} --mesh {args.hull}, or rename it")
+        surface = hull.read_mesh(Path(args.hull), args.unit, args.waterline, args.midships, None)
+        freeboard = args.freeboard or float(-surface.whole[..., 2].min())
+        table = args.stations, args.points, freeboard
+        craft = hull.of_mesh(surface, file.stem, args.mass, args.cg and tuple(args.cg), args.gyration, table)
+    wishes = compute.Wishes(
+        args.rho, GRAVITY, args.depth, args.panels, args.divisions, args.gap_damping, not args.no_lid, args.method,
+        compute.Spectrum(args.frequencies, args.range and tuple(args.range), tuple(args.also), args.heading_step),
+        args.jobs, args.quiet,
+    )  # fmt: skip
+    found, resonances = compute.run(craft, surface, wishes, code, command)
+    out = args.out or database_file(file)
+    found.write(out)
+    print(f"{out}: {len(found.omega)} frequencies, {len(found.heading_deg)} headings, {time.monotonic() - begun:.0f} s")
+    if craft.shape is not None and surface is not None:
+        file.write_text(vehicle_text(craft, surface, found, resonances.heave, command), encoding="utf-8")
+        print(f"{file}: a vehicle of it")
+
+
+if __name__ == "__main__":
+    sys.exit(main())
