@@ -28,13 +28,20 @@ for folder in (ROOT, ROOT / "tools"):  # run as a script from anywhere
         sys.path.insert(0, str(folder))
 
 from hydro import compute, hull  # noqa: E402
+from hydro.complete import completed  # noqa: E402
+from hydro.fit import ENERGY, FitError  # noqa: E402
 from hydro.mesh_file import UNITS  # noqa: E402
 from hydro.run import require_capytaine  # noqa: E402
 from hydro.vehicle import vehicle_text  # noqa: E402
+from taichi_sim import runtime  # noqa: E402
 from taichi_sim.config import ConfigError  # noqa: E402
 from taichi_sim.conventions import GRAVITY, RHO_SEA  # noqa: E402
 from taichi_sim.extras import MissingExtraError  # noqa: E402
 from taichi_sim.usv.hull.database import database_file  # noqa: E402
+from taichi_sim.usv.hull.hull_6dof import Hull6Dof  # noqa: E402
+from taichi_sim.vehicles import load_vehicle  # noqa: E402
+
+DT = 1e-3  # s, to load a hull with: only its panels are asked
 
 
 def parser() -> argparse.ArgumentParser:
@@ -65,6 +72,7 @@ def parser() -> argparse.ArgumentParser:
     what.add_argument("--gap-damping", type=float, metavar="E", help="of the water between hulls (default: 0.03; 0 none)")
     what.add_argument("--method", choices=("direct", "sources"), default="direct", help="default: direct (Green's theorem)")
     what.add_argument("--no-lid", action="store_true", help="leave irregular frequencies in")
+    what.add_argument("--energy", type=_positive, default=ENERGY, metavar="E", help="of a kernel's, that the memory may miss")
     p.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes (default: all cores)")
     p.add_argument("--quiet", action="store_true", help="no progress bar")
     return p
@@ -82,7 +90,7 @@ def main(argv: list[str] | None = None) -> int:
     args = parser().parse_args(argv)
     try:
         _run(args, shlex.join(["hydrodynamics", *(sys.argv[1:] if argv is None else argv)]))
-    except (ConfigError, MissingExtraError) as error:
+    except (ConfigError, FitError, MissingExtraError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
     except OSError as error:
@@ -118,11 +126,20 @@ def _run(args: argparse.Namespace, command: str) -> None:
     )  # fmt: skip
     found, resonances = compute.run(craft, surface, wishes, code, command)
     out = args.out or database_file(file)
-    found.write(out)
-    print(f"{out}: {len(found.omega)} frequencies, {len(found.heading_deg)} headings, {time.monotonic() - begun:.0f} s")
+    found.write(out)  # what took long is safe
     if craft.shape is not None and surface is not None:
         file.write_text(vehicle_text(craft, surface, found, resonances.heave, command), encoding="utf-8")
         print(f"{file}: a vehicle of it")
+    runtime.init("cpu", "f64")
+    simulated = load_vehicle(file, DT, hydrodynamics={"radiation": "constant", "drift": False})
+    assert isinstance(simulated, Hull6Dof)
+    found, pairs = completed(found, simulated, args.energy, quiet=args.quiet)
+    found.write(out)
+    worst = max(pairs, key=lambda pair: pair.missing)
+    assert found.memory is not None
+    print(f"memory: {len(found.memory)} masses; {' and '.join(dict.fromkeys(worst.modes))} miss most of their kernel's "
+          f"energy, {100 * worst.missing:.2g} %")  # fmt: skip
+    print(f"{out}: {len(found.omega)} frequencies, {len(found.heading_deg)} headings, {time.monotonic() - begun:.0f} s")
 
 
 if __name__ == "__main__":
