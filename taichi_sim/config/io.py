@@ -178,6 +178,8 @@ def set_values(
     if "sea.spectrum" in values and is_measured(values["sea.spectrum"]):
         keys.append(MEASURED)
         _take_variation_back(data, MEASURED)
+        if "sea.components" not in keys and isinstance(data.get("sea"), dict):
+            data["sea"].pop("components", None)  # those of another spectrum
     for section in dict.fromkeys(key.rpartition(".")[0] for key in keys):
         _take_other_ways_back(data, section, keys, kind)
     for key in keys:

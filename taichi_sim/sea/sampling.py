@@ -31,7 +31,6 @@ from taichi_sim.sea.spectrum import Components, spreading, wavenumber
 # Frequency band that is sampled, in multiples of the peak: holds 98-99 % of the variance; the rest is given
 # back by scaling the amplitudes (the tail beyond 3 wp only adds steepness that hulls of metres do not feel).
 BAND = (0.6, 3.0)
-SHARED = 0xE5  # keeps the random numbers that realisations share apart from those of each
 BIN_POINTS = 64  # of the midpoint rule inside a frequency bin
 ANGLE_POINTS = 4097  # of the cumulative spreading
 
@@ -61,12 +60,21 @@ class WaveSystem:
         energy = self.density(omega).mean(axis=1) * np.diff(edges)
         return self.hs * np.sqrt(energy / (8 * energy.sum()))
 
-    def draw(self, rng: np.random.Generator, shared: np.random.Generator, realisation: int) -> np.ndarray:
+    @property
+    def circular_deviation(self) -> float:
+        """Of the directions, sqrt(2 (1 - r1)) with r1 = s / (s + 1), rad."""
+        return math.sqrt(2 / (self.spreading_s + 1))
+
+    def by_direction(self, angle: np.ndarray) -> np.ndarray:
+        """Share of the energy by direction of travel, 1/rad, at angles (rad, clockwise from north)."""
+        return spreading((angle - self.direction + math.pi) % (2 * math.pi) - math.pi, self.spreading_s)
+
+    def draw(self, rng: np.random.Generator, seed: int, realisation: int, index: int) -> np.ndarray:
         """Frequency (rad/s), direction and phase (rad) [3, component] of a realisation, by its own generator `rng`.
 
         Frequencies are jittered in their bins; directions are a stratified draw from cos^2s, shuffled over frequencies.
         """
-        del shared, realisation
+        del seed, realisation, index  # of what realisations share
         edges, n = self.bins, self.components
         omega = edges[:-1] + rng.random(n) * np.diff(edges)
         strata = (rng.permutation(n) + rng.random(n)) / n
@@ -118,8 +126,7 @@ def _draw(system: System, index: int, realisation: int, seed: int) -> np.ndarray
     amplitude [4, component].
     """
     rng = realisation_seed(seed, realisation, index)
-    shared = np.random.Generator(np.random.Philox(np.random.SeedSequence([seed, 0, index, SHARED])))
-    drawn = system.draw(rng, shared, realisation)
+    drawn = system.draw(rng, seed, realisation, index)
     return np.vstack((drawn, rng.random(system.components)))
 
 

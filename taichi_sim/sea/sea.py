@@ -114,7 +114,7 @@ class Sea:
                 f"the sea is too steep to exist: sum of k a = {steepness.max():.2f} in realisation "
                 f"{steepness.argmax()}, allowed below 1 (the surface would loop). Lower sea.hs (or sea.sea_state, "
                 "sea.wind_speed, sea.swell.hs), raise sea.tp (or sea.fetch, sea.depth), or use fewer sea.components "
-                "(of a measured sea only the last two)"
+                "(of a measured sea, that alone helps)"
             )
         cos, sin = np.cos(components.direction), np.sin(components.direction)
         rows = np.stack(

@@ -9,6 +9,9 @@ minutes later. Of each, SEAS realisations, as a run has them:
            not of all waves (which is tens of degrees elsewhere where wind sea and swell cross). Where other bands are
            within a hundredth of the densest, which the coding cannot tell from it, the nearest of them counts
 
+Hours are left out of APD in which more than a tenth of m2 is in bands that the coding has sent as nothing: a wind sea
+under a swell a hundred times as dense.
+
 Allowed are 0.05 m, 0.1 s and 5 degrees, of which NDBC's rounding is 0.05 m, 0.05 s and 0.5 degrees; and 1 % of the
 height, which the coding of the densities in hundredths of the largest leaves open (sea/measured/ndbc.py).
 """
@@ -22,7 +25,7 @@ from taichi_sim.config import ConfigError, SeaConfig
 from taichi_sim.config.files import ndbc_set
 from taichi_sim.sea import Sea
 from taichi_sim.sea.measured import SpectraFile, band_moments, open_spectra, realised, records_of
-from taichi_sim.sea.measured.ndbc import is_ndbc
+from taichi_sim.sea.measured.ndbc import is_ndbc, read_part
 from validation.case import Case
 from validation.tables import InputsMissingError, TableError
 
@@ -30,6 +33,7 @@ SEAS, SEED = 64, 1  # realisations, and of what they are drawn
 LATER = np.timedelta64(30, "m")  # the record is of no more than this after its summary
 HEIGHT, PERIOD, DIRECTION = 0.05, 0.1, 5.0  # m, s, deg
 CODING = 0.01  # of the height
+LOST = 0.1  # of m2
 TIE = 0.01  # of the largest density: bands as dense as that could be the densest
 NAMES = ("WVHT", "APD", "MWD")
 
@@ -51,13 +55,23 @@ def summary(case: Case) -> None:
     except ConfigError as error:
         raise TableError(str(error)) from None
     hs, period, _ = table[[row for row, _ in rows]].T
-    known = np.isfinite(hs), np.isfinite(period), np.isfinite(ours[:, 2])
+    told = lost_share(source, file)[[t for _, t in rows]] <= LOST
+    known = np.isfinite(hs), np.isfinite(period) & told, np.isfinite(ours[:, 2])
     if known[0].any():
         case.absolute("WVHT, m", ours[known[0], 0], hs[known[0]], HEIGHT, CODING * hs[known[0]])
     if known[1].any():
         case.absolute("APD, s", ours[known[1], 1], period[known[1]], PERIOD)
     if known[2].any():
         case.absolute("MWD, deg", ours[known[2], 2], np.zeros(known[2].sum()), DIRECTION)
+
+
+def lost_share(source: Path, file: SpectraFile) -> np.ndarray:
+    """Share of m2 in bands that were sent as nothing [t]."""
+    sent, middle = read_part(source), (file.edges[1:] + file.edges[:-1]) / 2
+    second = file.density * np.diff(file.edges) * middle**2
+    lost = sent.values[np.argsort(sent.times, kind="stable")] == 0
+    whole = np.where(second.sum(axis=1) > 0, second.sum(axis=1), 1.0)
+    return (second * lost).sum(axis=1) / whole
 
 
 def read_summary(path: Path) -> tuple[np.ndarray, np.ndarray]:

@@ -16,7 +16,7 @@ TITLES = {
     "waves": ("Waves", "Dispersion, spectra, the Gerstner surface and its inverse, linear kinematics and pressure."),
     "buoys": (
         "Measured seas",
-        "Seas drawn of a buoy's spectra against NDBC's own summaries of the same hours: height (m), mean period (s), and "
+        "Seas drawn of a buoy's spectra against NDBC's own summaries of the same hours: height (m), mean period (s), "
         "direction at the peak (degrees).",
     ),
     "hydrostatics": (

@@ -12,9 +12,11 @@ known (www.ndbc.noaa.gov/faq/wavespectra.shtml) and put in their place.
 
 Hundredths. Spectra of the last days come by WMO code FM 65 WAVEOB: each density in hundredths of the largest, what is
 beyond the last hundredth cut off. A record all of whose densities are such multiples is taken for one, and half a
-hundredth is added to each but the largest, from the first band with energy on; before it there is none. Without that
-the 24 hours of 41010 in June 2020 are 0.02 m low and 0.10 s long on the mean (Hs, Tm02), with it 0.003 m and 0.003 s.
-Directions have steps of 4 degrees there.
+hundredth is added to each but the largest, from the first band with energy on; behind the last one with energy no more
+than a tail as f^-4 would have (the equilibrium range: Toba 1973, Donelan et al. 1985). Without that the 24 hours of
+41010 in June 2020 are 0.019 m low and 0.10 s long on the mean (Hs, Tm02), with it 0.004 m and 0.004 s. What is left
+open is the wind sea under a swell a hundred times as dense: the mean period of a JONSWAP swell of 13 s alone is then
+0.4 s short, and with a wind sea that the code has lost it is long. Directions have steps of 4 degrees there.
 """
 
 import gzip
@@ -32,6 +34,7 @@ from taichi_sim.config.files import ndbc_set
 MISSING = 998.0  # and more: NDBC's 999 for no value
 BANDS = np.concatenate((0.0325 + 0.005 * np.arange(13), 0.1 + 0.01 * np.arange(26), 0.365 + 0.02 * np.arange(7)))  # Hz
 PRINTED = 0.00051  # Hz, by which a printed frequency may differ
+TAIL = 4  # power of the frequency with which a spectrum falls off
 STEPS = 100  # of the largest density, in code FM 65
 DISCERNIBLE = 3  # steps of a density that are as large as this many of its last digit are seen
 DATES = ("YY", "MM", "DD", "HH", "MN")
@@ -82,7 +85,7 @@ def read_ndbc(path: Path) -> Moments:
     nothing = np.full(density.values.shape, np.nan)
     alpha1, r1, alpha2, r2 = (given.get(kind, nothing) for kind in ("alpha1", "r1", "alpha2", "r2"))
     first, second = (np.deg2rad(alpha + 180.0) for alpha in (alpha1, alpha2))  # from -> to
-    values = with_cut_off_returned(density.values, density.digit)
+    values = with_cut_off_returned(density.values, density.digit, bands(density.frequency))
     order = np.argsort(density.times, kind="stable")
     found = values, r1 * np.exp(1j * first), r2 * np.exp(2j * second)
     return Moments(density.times[order], bands(density.frequency), *(x[order] for x in found))
@@ -94,7 +97,7 @@ def bands(printed: np.ndarray) -> np.ndarray:
     return known if known.size == printed.size and np.allclose(known, printed, rtol=0, atol=PRINTED) else printed
 
 
-def with_cut_off_returned(density: np.ndarray, digit: float) -> np.ndarray:
+def with_cut_off_returned(density: np.ndarray, digit: float, frequency: np.ndarray) -> np.ndarray:
     """Densities [t, f] of which those sent in hundredths of the largest have back half of what was cut off."""
     density = density.copy()
     for row in density:
@@ -103,8 +106,10 @@ def with_cut_off_returned(density: np.ndarray, digit: float) -> np.ndarray:
         step = row.max() / STEPS
         off = np.abs(row - np.rint(row / step) * step)
         if (off <= 0.51 * digit * (1 + row / row.max())).all():
-            raised = (np.arange(row.size) >= row.argmax()) | (np.cumsum(row) > 0)
-            row += np.where(raised & (row < row.max()), step / 2, 0.0)
+            first, last = np.flatnonzero(row)[[0, -1]]
+            tail = (row[last] + step / 2) * (frequency[last] / frequency) ** TAIL
+            half = np.where(np.arange(row.size) > last, np.minimum(step / 2, tail), step / 2)
+            row += np.where((np.arange(row.size) >= first) & (row < row.max()), half, 0.0)
     return density
 
 

@@ -11,14 +11,16 @@ standard deviation is 0.5 % with 32 components, 1.2 % with 16). Directions are d
 that the frequency was drawn from. Components next to each other in frequency take quantiles far apart (the golden
 ratio's sequence), so that any few neighbours have about the mean direction and the spread of their bands.
 
-From realisation to realisation places in bins and quantiles go on by steps that fill the square evenly (Kronecker's
-sequence; Roberts 2018 for its steps), from random starts: what a few realisations have on the mean, by frequency, is
-then nearer to the record than by chance. Each still depends on the seed and its own number alone; phases are its own.
+Realisations are drawn TOGETHER: the quantiles that a component takes in them are spread evenly, and so are, among
+any eight of neighbouring quantiles, its places in its bin (a stratified design in both, drawn at random). What they
+have on the mean, by frequency, is then much nearer to the record than by chance: 64 of 32 components have the direction
+at the peak within 2.3 degrees (24 hours of 41010, 6 seeds), independent ones within 7. Each is still a random sea, and
+depends on the seed and its own number alone; phases are its own.
 """
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -27,9 +29,10 @@ from taichi_sim.sea.measured.entropy import ANGLES, direction_grid
 from taichi_sim.sea.measured.record import WaveRecord
 from taichi_sim.sea.spectrum import CALM_PERIOD, Components
 
+STREAM = 0xE5  # keeps the random numbers of designs apart from those of realisations
 FINE = 64  # points in a band at which shares are known
 GOLDEN = (math.sqrt(5) - 1) / 2
-STEPS = 0.7548776662466927, 0.5698402909980532  # 1 / x, 1 / x^2, x^3 = x + 1
+TOGETHER, STRATA = 64, 8  # realisations of a design, and strata of places for quantiles that are neighbours
 TWO_PI = 2 * math.pi
 
 
@@ -55,6 +58,16 @@ class MeasuredSystem:
         """Mean direction of travel, rad."""
         return self.record.direction
 
+    @property
+    def circular_deviation(self) -> float:
+        """Of the directions of all waves, rad."""
+        return self.record.circular_deviation
+
+    def by_direction(self, angle: np.ndarray) -> np.ndarray:
+        """Share of the energy by direction of travel, 1/rad, at angles (rad, clockwise from north)."""
+        share = (self.record.energy @ self.record.spread) / (self.record.energy.sum() or 1.0)
+        return np.interp(angle, direction_grid(), share, period=TWO_PI)
+
     def density(self, omega: np.ndarray) -> np.ndarray:
         """S(omega), m^2 s; 0 outside the record's bands."""
         band = np.searchsorted(self.record.edges, np.asarray(omega) / TWO_PI, side="right") - 1
@@ -64,9 +77,9 @@ class MeasuredSystem:
     @cached_property
     def bins(self) -> np.ndarray:
         """Edges of the frequency bins, [components + 1], rad/s."""
-        frequency, energy, square = self._cumulative
         if self.record.calm:
             return TWO_PI / CALM_PERIOD * np.geomspace(0.5, 2.0, self.components + 1)
+        frequency, energy, square = self._cumulative
         share = (energy / energy[-1] + square / square[-1]) / 2
         rises = np.concatenate(([True], np.diff(share) > 0))
         return TWO_PI * np.interp(np.linspace(0, 1, self.components + 1), share[rises], frequency[rises])
@@ -76,11 +89,14 @@ class MeasuredSystem:
         """Amplitude of the component of each bin, m: that bin's energy."""
         return np.sqrt(2 * np.diff(self._energy_below(self.bins)))
 
-    def draw(self, rng: np.random.Generator, shared: np.random.Generator, realisation: int) -> np.ndarray:
-        """Frequency (rad/s), direction and phase (rad) [3, component] of a realisation."""
+    def draw(self, rng: np.random.Generator, seed: int, realisation: int, index: int) -> np.ndarray:
+        """Frequency (rad/s), direction and phase (rad) [3, component] of a realisation, by its own generator `rng`.
+
+        `seed` and `index`, the system's number, are those of the design that realisations share.
+        """
         n, phase = self.components, rng.random(self.components)
-        inside = (shared.random(n) + realisation * STEPS[0]) % 1.0
-        start = shared.random() + realisation * STEPS[1]
+        quantiles, places = design(seed, realisation // TOGETHER, index, n)
+        quantile, inside = quantiles[realisation % TOGETHER], places[realisation % TOGETHER]
         if self.record.calm:
             return np.stack((np.sqrt(self.bins[1:] * self.bins[:-1]), np.zeros(n), TWO_PI * phase))
         below = self._energy_below(self.bins)
@@ -88,7 +104,6 @@ class MeasuredSystem:
         frequency = self._frequency_of(below[:-1] + inside * energy)
         stretch = math.sqrt(self.record.moment(2) / (energy * frequency**2).sum())
         band = (np.searchsorted(self.record.edges, frequency) - 1).clip(0, self.record.density.size - 1)
-        quantile = (start + GOLDEN * np.arange(n)) % 1.0
         direction = np.array([np.interp(q, *self._by_direction[b]) for q, b in zip(quantile, band, strict=True)])
         return np.stack((TWO_PI * stretch * frequency, direction, TWO_PI * phase))
 
@@ -109,7 +124,9 @@ class MeasuredSystem:
     @cached_property
     def _cumulative(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Frequencies (Hz), and the energy (m^2) and the m2 (m^2 Hz^2) below each."""
-        edges, density = self.record.edges, self.record.density
+        full = np.flatnonzero(self.record.density)
+        first, last = full[0], full[-1] + 1
+        edges, density = self.record.edges[first : last + 1], self.record.density[first:last]
         fine = np.unique(edges[:-1, None] + np.linspace(0, 1, FINE + 1) * np.diff(edges)[:, None])
         middle = (fine[1:] + fine[:-1]) / 2
         S = density[(np.searchsorted(edges, middle) - 1).clip(0, density.size - 1)]
@@ -127,6 +144,21 @@ class MeasuredSystem:
             start = -math.pi + first * cell
             found.append((share / share[-1], start + cell * np.arange(ANGLES + 1)))
         return found
+
+
+@lru_cache(maxsize=32)
+def design(seed: int, block: int, index: int, components: int) -> tuple[np.ndarray, np.ndarray]:
+    """Quantiles of the direction and places in the bin, both in [0, 1), of the components of TOGETHER realisations
+    [realisation, component].
+    """
+    rng = np.random.Generator(np.random.Philox(np.random.SeedSequence([seed, block, index, STREAM])))
+    start = (rng.permutation(TOGETHER) + rng.random()) / TOGETHER
+    quantiles = (start[:, None] + GOLDEN * np.arange(components)) % 1.0
+    shape = components, TOGETHER // STRATA, STRATA
+    strata = (rng.permuted(np.broadcast_to(np.arange(STRATA), shape), axis=2) + rng.random(shape)) / STRATA
+    places = np.empty_like(quantiles)
+    np.put_along_axis(places, quantiles.argsort(axis=0), strata.reshape(components, TOGETHER).T, axis=0)
+    return quantiles, places
 
 
 class Realised(NamedTuple):
