@@ -9,11 +9,12 @@ What follows from what:
 - A drawn height without a drawn period keeps the nominal steepness: tp grows as sqrt(hs). A drawn sea state, a number
   between those of WMO's codes, is the height between the middles of the codes' heights, and the period of its developed
   sea. A sea that follows the wind is that of its own realisation's wind. Swell stays as it is.
+- Of a measured sea with `record = "all"` a realisation has height, period and direction of its own record.
 - A drawn sea that could not be is lengthened until it can (sea/varied.py).
 - A range of directions is at most the whole circle. Ends beyond what a condition can be (`CONDITIONS`) are refused
   where the scenario gives them, and moved inside where only `variation` > 1 has brought them there.
 - The profile of the wind over height, its roughness, and W20 over the mean wind are those of the nominal wind; the slow
-  variations of wind and current are about the realisation's own means.
+  variations of wind and current are about the realisation's own means. One that is given over time counts as its mean.
 """
 
 import math
@@ -24,15 +25,18 @@ import numpy as np
 import torch
 
 from taichi_sim import runtime
-from taichi_sim.air.wind import wind_speed
+from taichi_sim.air.wind import mean_wind
 from taichi_sim.config import ConfigError, CurrentConfig, SeaConfig, WorldConfig
 from taichi_sim.config.vary import CONDITIONS, SIZE
 from taichi_sim.draws import spread
+from taichi_sim.sea.measured import records_of
 from taichi_sim.sea.sampling import realisation_seed
 from taichi_sim.sea.sea import Sea
 from taichi_sim.sea.sea_state import sea_state_range
+from taichi_sim.sea.spectrum import CALM_PERIOD
 from taichi_sim.sea.varied import varied_components
-from taichi_sim.sea.wind_sea import CALM_PERIOD, SeaSize, developed_period, sea_size
+from taichi_sim.sea.wind_sea import SeaSize, developed_period, sea_size
+from taichi_sim.series import mean_of
 
 STREAM = 0xD0  # keeps these random numbers apart from those of the waves of the same seed
 CIRCLE = 360.0  # deg
@@ -116,16 +120,17 @@ def bounds(config: WorldConfig, key: str) -> tuple[float, float]:
 def nominal_conditions(config: WorldConfig) -> dict[str, float]:
     """Those of a scenario in which nothing varies, by the keys of `CONDITIONS`."""
     sea, current = resolved_sea(config), config.sea.current or CurrentConfig()
-    size = sea_size(sea)
+    size, (speed, blows_from) = sea_size(sea), mean_wind(config.air)
+    flow = mean_of(current.series) if current.series else (current.speed, current.direction_deg)
     return {
         "sea.hs": size.hs,
         "sea.tp": size.tp,
         "sea.sea_state": float(np.interp(size.hs, MIDDLES, STATES)),
-        "sea.direction_deg": sea.direction_deg,
-        "sea.current.speed": current.speed,
-        "sea.current.direction_deg": current.direction_deg,
-        "air.speed": wind_speed(config.air),
-        "air.direction_deg": config.air.direction_deg,
+        "sea.direction_deg": _directions(sea)[0],
+        "sea.current.speed": flow[0],
+        "sea.current.direction_deg": flow[1],
+        "air.speed": speed,
+        "air.direction_deg": blows_from,
         "air.turbulence": 1.0,
     }
 
@@ -138,7 +143,7 @@ def resolved_sea(config: WorldConfig, wind: tuple[float, float] | None = None) -
     sea = config.sea
     if not sea.follows_wind:
         return sea
-    speed, direction_deg = wind or (wind_speed(config.air), config.air.direction_deg)
+    speed, direction_deg = wind or mean_wind(config.air)
     size = {"wind_speed": speed} if speed > 0 else {"hs": 0.0, "tp": CALM_PERIOD, "fetch": None}
     return sea.model_copy(update=size | {"follows_wind": False, "direction_deg": direction_deg + 180.0})
 
@@ -155,6 +160,11 @@ def _drawn(config: WorldConfig, seed: int) -> Conditions:
                 normal = torch.tensor(config.vary[key].distribution == "normal")
                 values[key] = spread(torch.from_numpy(chance[:, column]), *ends[key], normal).numpy()
     values |= _sizes(config, nominal, values)
+    if config.sea.measured:
+        records = records_of(config.sea)
+        turn = np.arange(n) % len(records)
+        values |= {"sea.hs": np.array([r.hs for r in records])[turn], "sea.tp": np.array([r.tp for r in records])[turn],
+                   "sea.direction_deg": np.array(_directions(config.sea))[turn]}  # fmt: skip
     return Conditions(*(values[key] for key in CONDITIONS if key != "sea.sea_state"))
 
 
@@ -177,6 +187,11 @@ def _sizes(config: WorldConfig, nominal: Mapping[str, float], values: Values) ->
     hs, tp = np.array(sizes).T
     tp = np.clip(tp, *CONDITIONS["sea.tp"])
     return {"sea.hs": hs, "sea.tp": tp, "sea.direction_deg": np.asarray(directions)}
+
+
+def _directions(sea: SeaConfig) -> list[float]:
+    """Of the waves, deg, where they travel to: the configuration's, or those of the records that it takes in turn."""
+    return [math.degrees(r.direction) for r in records_of(sea)] if sea.measured else [sea.direction_deg]
 
 
 def _developed(hs: float, least: float) -> SeaSize:

@@ -79,8 +79,9 @@ class World:
         self.truth, self.truth_names = self._variation.truth, self._variation.names
         for name in config.teams if teams is None else teams:
             self._add_team(name, source)
-        everywhere = torch.arange(num_envs, device=run.device)
+        everywhere = self._everywhere = torch.arange(num_envs, device=run.device)
         self._variation.begin(everywhere, self.env_sea, self.current, self.wind)
+        self._follow(everywhere)
         for script in self.scripts.values():
             script.begin(self, everywhere)
 
@@ -157,6 +158,12 @@ class World:
         self._tick()
         self.current.advance(self.config.decision_interval)
         self.wind.advance(self.config.decision_interval)
+        self._follow(self._everywhere)
+
+    def _follow(self, envs: torch.Tensor) -> None:
+        """Bring currents and winds that are given over time to the times of environments `envs` [n]."""
+        self.current.follow(envs, self.time[envs])
+        self.wind.follow(envs, self.time[envs])
 
     def renew(self, envs: torch.Tensor) -> None:
         """An episode begins in environments `envs` [n], whose realisation of the sea (`env_sea`) has been drawn: they
@@ -164,6 +171,7 @@ class World:
         placed.
         """
         self._variation.begin(envs, self.env_sea[envs], self.current, self.wind)
+        self._follow(envs)
         self.current.reset(envs)
         self.wind.reset(envs)
         for script in self.scripts.values():

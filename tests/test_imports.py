@@ -16,6 +16,7 @@ LAYERS = (
         "taichi_sim.config",
         "taichi_sim.maths",
         "taichi_sim.runtime",
+        "taichi_sim.series",
         "taichi_sim.plotting",
         "taichi_sim.extras",
         "taichi_sim.plugins",

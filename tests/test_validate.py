@@ -31,6 +31,7 @@ EXPECTED = {
     "wamv": {("surge_step_500N_m211.csv", "f32"), ("buoyancy_per_point.csv", "f64")},
     "cybership2": {("rhs_samples.csv", "f64"), ("summary.json", "f32")},
     "dryden": {("dryden_discrete.csv", "f64")},
+    "buoys": {("41010.spec", "f64")},
     "aerosonde": {
         ("rhs_samples_A.csv", "f32"),
         ("trim_and_modes_Va25.json", "f64"),

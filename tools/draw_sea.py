@@ -3,11 +3,13 @@
     python tools/draw_sea.py [SCENARIO] [--set KEY=VALUE ...] [--seed N] [--out FILE]
 
     python tools/draw_sea.py paper --set sea.hs=1 --set sea.tp=5.5 --out sea.png
+    python tools/draw_sea.py paper --set sea.spectrum=41010.data_spec --set sea.record="2020-06-08 03:50"
 
 - surface: one realisation as a landscape and as a map;
 - spectrum: Welch's estimate from records of the elevation at a point, averaged over realisations, over the density
   asked for; bars are the components of the realisation drawn above, each spread over its bin;
-- directions: energy of all realisations by direction, over the cos^2s asked for;
+- directions: energy of all realisations by direction, over what is asked for, cos^2s or the measured distribution; of a
+  measured sea also mean direction and spread by frequency, of the record and of the components;
 - wave heights: from zero up-crossing to zero up-crossing in the records, over Rayleigh's law exp(-2 (H / hs)^2), which
   is for a narrow band, and Forristall's (1978) fit to storms, exp(-(H / sigma)^2.126 / 8.42). A sea of 16 components
   has fewer waves above 1.3 hs than either, one of 64 agrees with Forristall's.
@@ -19,7 +21,6 @@ import argparse
 import math
 import sys
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -30,19 +31,21 @@ ROOT = Path(__file__).resolve().parents[1]
 if str(ROOT) not in sys.path:  # run as a script from anywhere
     sys.path.insert(0, str(ROOT))
 
+from draw_measured import directions_by_frequency  # noqa: E402
+from sea_records import Measured, crossing_heights, measure, target_density, welch  # noqa: E402, F401
+
 from taichi_sim import runtime  # noqa: E402
 from taichi_sim.conditions import resolved_sea  # noqa: E402
 from taichi_sim.config import ConfigError, SeaConfig  # noqa: E402
 from taichi_sim.config.io import load_world  # noqa: E402
+from taichi_sim.extras import MissingExtraError  # noqa: E402
 from taichi_sim.plotting import INK, dress, new_figure  # noqa: E402
 from taichi_sim.sea import Sea, SteepSeaError  # noqa: E402
-from taichi_sim.sea.sampling import WaveSystem  # noqa: E402
+from taichi_sim.sea.measured import MeasuredSystem  # noqa: E402
+from taichi_sim.sea.sampling import System  # noqa: E402
 from taichi_sim.sea.sea import wave_systems  # noqa: E402
-from taichi_sim.sea.spectrum import spectral_moment, spreading, wavenumber  # noqa: E402
+from taichi_sim.sea.spectrum import wavenumber  # noqa: E402
 
-SEAS = 64  # realisations measured, at most
-RECORD, SAMPLES_PER_PERIOD = 1200.0, 20  # s of each record; samples per peak period
-SEGMENT = 24  # peak periods of a Welch segment
 WAVELENGTHS, GRID = 5, 160  # peak wavelengths and points along a side of the surface drawn
 RELIEF = 0.03  # height of the landscape, 4 standard deviations, over its side
 FORRISTALL = (2.126, 8.42)  # exponent and scale of his law of H / sigma, sigma = hs / 4
@@ -50,51 +53,6 @@ FORMATS = (".png", ".pdf", ".svg", ".jpg")
 
 WATER = LinearSegmentedColormap.from_list("water", ["#06243F", "#0B4A6F", "#1D7A94", "#63B4B8", "#D9F0EA"])
 TARGET, REALISED, SWELL = "#D55E00", "#0072B2", "#8C3CBE"
-
-
-class Measured(NamedTuple):
-    """What records at a point say of the sea."""
-
-    omega: np.ndarray  # rad/s
-    density: np.ndarray  # m^2 s
-    heights: np.ndarray  # m, zero up-crossing, all records
-    hs: float  # 4 standard deviations, m
-
-
-def measure(sea: Sea, tp: float) -> Measured:
-    """Records of the elevation at the origin of up to SEAS realisations: spectrum, heights."""
-    interval = tp / SAMPLES_PER_PERIOD
-    time = np.arange(0, max(RECORD, 4 * SEGMENT * tp), interval)
-    index = np.arange(min(SEAS, sea.num_seas))[:, None]
-    record = sea.elevation(0.0, 0.0, time, sea=index).double().cpu().numpy()
-    record -= record.mean(axis=1, keepdims=True)
-    omega, density = welch(record, interval, SEGMENT * SAMPLES_PER_PERIOD)
-    heights = np.concatenate([crossing_heights(row) for row in record])
-    return Measured(omega, density, heights, 4 * float(np.sqrt((record**2).mean())))
-
-
-def welch(record: np.ndarray, interval: float, length: int) -> tuple[np.ndarray, np.ndarray]:
-    """One-sided density (m^2 s over rad/s) of records [record, sample]: Hann windows of `length`, half overlapping."""
-    windows = np.lib.stride_tricks.sliding_window_view(record, length, axis=1)[:, :: length // 2]
-    hann = np.hanning(length)
-    power = (np.abs(np.fft.rfft(windows * hann, axis=-1)) ** 2).mean(axis=(0, 1))
-    omega = 2 * np.pi * np.fft.rfftfreq(length, interval)
-    return omega, power * interval / (np.pi * (hann**2).sum())
-
-
-def crossing_heights(elevation: np.ndarray) -> np.ndarray:
-    """Crest to trough height of each wave between two zero up-crossings, m."""
-    starts = np.flatnonzero((elevation[:-1] < 0) & (elevation[1:] >= 0)) + 1
-    if len(starts) < 2:
-        return np.zeros(0)
-    whole = elevation[: starts[-1]]
-    return np.maximum.reduceat(whole, starts[:-1]) - np.minimum.reduceat(whole, starts[:-1])
-
-
-def target_density(system: WaveSystem, omega: np.ndarray) -> np.ndarray:
-    """The density a system asks for, with exactly its height, m^2 s."""
-    m0 = spectral_moment(system.density, 0, 2 * math.pi / system.tp)
-    return system.density(omega) * system.hs**2 / 16 / m0
 
 
 def draw(config: SeaConfig, seed: int, title: str) -> Figure:
@@ -110,11 +68,15 @@ def draw(config: SeaConfig, seed: int, title: str) -> Figure:
     sea = Sea.from_config(config, seed)
     main = max(systems, key=lambda system: system.hs)
     measured = measure(sea, main.tp)
-    figure = new_figure(12.0, 9.4, title)
+    record = main.record if isinstance(main, MeasuredSystem) else None
+    figure = new_figure(12.0, 13.0 if record else 9.4, title)
     figure.set_layout_engine("constrained", h_pad=0.12, w_pad=0.12)
-    top, bottom, foot = np.ravel(figure.subfigures(3, 1, height_ratios=(5.0, 4.0, 0.62)))
+    heights = (5.0, 3.6, 4.0, 0.62) if record else (5.0, 4.0, 0.62)
+    top, *extra, bottom, foot = np.ravel(figure.subfigures(len(heights), 1, height_ratios=heights))
     left, right = np.ravel(top.subfigures(1, 2, width_ratios=(1.35, 1)))
     _surface(left, right, sea, systems, 2 * math.pi / float(wavenumber(2 * math.pi / main.tp, config.depth)), hs)
+    if record:
+        directions_by_frequency(extra[0].add_subplot(), sea.components, record)
     panels = bottom.subfigures(1, 3, width_ratios=(1.15, 0.9, 1.15))
     _spectrum(panels[0].add_subplot(), sea, systems, measured)
     _directions(panels[1].add_subplot(projection="polar"), sea, systems)
@@ -123,7 +85,7 @@ def draw(config: SeaConfig, seed: int, title: str) -> Figure:
     return figure
 
 
-def _surface(left, right, sea: Sea, systems: list[WaveSystem], wavelength: float, hs: float) -> None:
+def _surface(left, right, sea: Sea, systems: list[System], wavelength: float, hs: float) -> None:
     """A landscape and a map of the first realisation."""
     side = WAVELENGTHS * wavelength
     axis = np.linspace(0, side, GRID)
@@ -164,7 +126,8 @@ def _surface(left, right, sea: Sea, systems: list[WaveSystem], wavelength: float
     dress(chart, "From above, and where waves travel", "east (m)", "north (m)")
     chart.grid(False)
     for n, system in enumerate(systems):
-        _arrow(chart, side, system.direction, "wind sea" if n == 0 else "swell", TARGET if n == 0 else SWELL, n)
+        first = "measured sea" if isinstance(system, MeasuredSystem) else "wind sea"
+        _arrow(chart, side, system.direction, first if n == 0 else "swell", TARGET if n == 0 else SWELL, n)
     right.colorbar(image, ax=chart, fraction=0.046, pad=0.04).set_label("elevation (m)")
 
 
@@ -179,7 +142,7 @@ def _arrow(chart: Axes, side: float, direction: float, name: str, colour: str, p
     )
 
 
-def _spectrum(axes: Axes, sea: Sea, systems: list[WaveSystem], measured: Measured) -> None:
+def _spectrum(axes: Axes, sea: Sea, systems: list[System], measured: Measured) -> None:
     low, high = systems[0].bins[0], systems[0].bins[-1]
     for system in systems[1:]:
         low, high = min(low, system.bins[0]), max(high, system.bins[-1])
@@ -201,7 +164,7 @@ def _spectrum(axes: Axes, sea: Sea, systems: list[WaveSystem], measured: Measure
     axes.legend(frameon=False, fontsize=9)
 
 
-def _directions(axes, sea: Sea, systems: list[WaveSystem]) -> None:
+def _directions(axes, sea: Sea, systems: list[System]) -> None:
     """Share of the energy per radian, by direction of travel."""
     axes.set_theta_zero_location("N")
     axes.set_theta_direction(-1)
@@ -212,8 +175,7 @@ def _directions(axes, sea: Sea, systems: list[WaveSystem]) -> None:
     axes.bar(edges[:-1], share, np.diff(edges), align="edge", color="#CFE3EE", edgecolor="white", linewidth=0.6)
     angle = np.linspace(-np.pi, np.pi, 721)
     total = sum(system.hs**2 for system in systems)
-    offsets = [(angle - system.direction + np.pi) % (2 * np.pi) - np.pi for system in systems]
-    target = sum(s.hs**2 / total * spreading(a, s.spreading_s) for s, a in zip(systems, offsets, strict=True))
+    target = sum(system.hs**2 / total * system.by_direction(angle) for system in systems)
     axes.plot(angle, target, color=TARGET, lw=2)
     axes.set_xticks(np.deg2rad(np.arange(0, 360, 45)), ["N", "NE", "E", "SE", "S", "SW", "W", "NW"])
     axes.set_yticklabels([])
@@ -238,7 +200,7 @@ def _heights(axes: Axes, measured: Measured, hs: float) -> None:
     axes.legend(frameon=False, fontsize=9, loc="lower left")
 
 
-def _caption(config: SeaConfig, sea: Sea, systems: list[WaveSystem], measured: Measured, hs: float) -> str:
+def _caption(config: SeaConfig, sea: Sea, systems: list[System], measured: Measured, hs: float) -> str:
     c = sea.components
     water = "deep water" if config.depth is None else f"{config.depth:g} m of water"
     lines = [
@@ -249,11 +211,12 @@ def _caption(config: SeaConfig, sea: Sea, systems: list[WaveSystem], measured: M
     for n, system in enumerate(systems):
         part = slice(first, first + system.components)
         first += system.components
-        name = f"wind sea ({config.spectrum})" if n == 0 else "swell"
+        first_name = system.record.name if isinstance(system, MeasuredSystem) else f"wind sea ({config.spectrum})"
+        name = "swell" if n else first_name
         if system.hs > 0:
             energy, direction = c.amplitude[:, part] ** 2, c.direction[:, part]
             mean = (energy * np.exp(1j * direction)).sum() / energy.sum()
-            wanted = math.degrees(math.sqrt(2 / (system.spreading_s + 1)))
+            wanted = math.degrees(system.circular_deviation)
             spread = math.degrees(math.sqrt(2 * (1 - abs(mean))))
             lines.append(
                 f"{name}: hs {system.hs:.2f} m, tp {system.tp:.1f} s, {system.components} components, "
@@ -286,7 +249,7 @@ def main(argv: list[str] | None = None) -> int:
         runtime.init()
         seed = world.seed if arguments.seed is None else arguments.seed
         draw(resolved_sea(world), seed, f"Sea of the scenario {world.name!r}").savefig(arguments.out, dpi=100)
-    except (ConfigError, SteepSeaError) as error:
+    except (ConfigError, SteepSeaError, MissingExtraError) as error:
         print(f"draw_sea: {error}", file=sys.stderr)
         return 2
     except OSError as error:

@@ -9,6 +9,7 @@ from typing import Any
 from rl.mission import Mission
 from rl.scenario import Scenario, at_stage
 from taichi_sim.config import ConfigError
+from taichi_sim.config.files import resolve_files
 from taichi_sim.config.io import apply_overrides, find_config, key_of, read_toml, validate, vehicle_file
 from taichi_sim.plugins import is_plugin, load_class
 
@@ -48,6 +49,7 @@ def load_scenario(path: str | Path = "paper", overrides: Iterable[str] = (), the
         raise ConfigError(f"{sources.get('mission', file)}: mission = {error}") from None
     sources = apply_overrides(data, overrides, kind.Config)
     sources |= apply_overrides(data, then, kind.Config)
+    resolve_files(data, file, sources)
     config = validate(kind.Config, data, str(file), sources)
     for name, team in config.teams.items():
         try:

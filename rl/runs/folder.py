@@ -1,6 +1,7 @@
 """A run's folder: what is in it, and how it is made and read.
 
 config.toml          the resolved scenario, every key      vehicles/*   vehicle files, and what they name
+measured/KEY/*       spectra, currents and winds over time that it names, if any
 *.py                 modules of your own that these name, unless they are installed
 meta.json            seed, versions, commit, machine       progress.csv, model_N.pt, policy.onnx/.pt in TEAM/
 summary.json         wall times, stages, evaluation        figures/*.png, episode.rrd, .webp, report.html
@@ -25,12 +26,13 @@ from rl import processes
 from rl.missions import load_scenario
 from rl.scenario import Scenario
 from taichi_sim.config import ConfigError
+from taichi_sim.config.files import named_files, with_files
 from taichi_sim.config.io import find_config, read_toml, toml_text, vehicle_file, write_toml
 from taichi_sim.plugins import is_plugin, plugin_source
 from taichi_sim.vehicles import vehicle_files
 
 CONFIG, META, SUMMARY, DUMPS = "config.toml", "meta.json", "summary.json", "dumps"
-LOCK = ".lock"
+LOCK, MEASURED = ".lock", "measured"
 PACKAGES = ("taichi-sim", "taichi", "torch", "numpy", "rsl-rl-lib", "gymnasium", "rerun-sdk", "pydantic")
 
 
@@ -63,7 +65,8 @@ def create(out: Path, config: Scenario, source: Path) -> None:
             _keep_plugin(read_toml(file).get("model"), [file.parent, source.parent], out)
             _keep_plugin(section.script, [source.parent], out)
         _keep_plugin(config.mission, [source.parent], out)
-        write_toml(config.model_copy(update=saved), out / CONFIG)
+        places = {key: _keep_files(files, out, f"{MEASURED}/{key}") for key, files in named_files(config).items()}
+        write_toml(with_files(config.model_copy(update=saved), places), out / CONFIG)
         for team, content in weights.items():
             (out / team).mkdir()
             write_checkpoint(content, out / team / "model_0.pt")
@@ -95,6 +98,8 @@ def digest(config: Scenario, source: Path) -> str:
     for section in config.teams.values():
         for file in vehicle_files(vehicle_file(section, source), source):
             told.update(file.read_bytes())
+    for file in sum(named_files(config).values(), []):
+        told.update(file.read_bytes())
     return told.hexdigest()[:16]
 
 
@@ -106,6 +111,14 @@ def refuse_existing(out: Path) -> None:
     """
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise RunError(f"{out} exists already: give another --out, or continue it with --resume")
+
+
+def _keep_files(files: list[Path], out: Path, place: str) -> str:
+    """Copy a file that the scenario names, and those that belong to it, into the run: its path from there."""
+    (out / place).mkdir(parents=True)
+    for file in files:
+        shutil.copyfile(file, out / place / file.name)
+    return f"{place}/{files[0].name}"
 
 
 def _keep_plugin(name: Any, beside: list[Path], out: Path) -> None:

@@ -1,4 +1,4 @@
-"""Mean wind: its speed by Beaufort's scale, its slow variation, and its profile over height.
+"""Mean wind: its speed by Beaufort's scale or over time (series.py), its slow variation, and its profile over height.
 
 Neutral profiles U(h) = U10 f(h), one number, the shear s, in each:
 
@@ -25,6 +25,7 @@ from taichi_sim.air.exponential import exp
 from taichi_sim.config import AirConfig
 from taichi_sim.conventions import GRAVITY
 from taichi_sim.maths.random import log
+from taichi_sim.series import Series, mean_of, read_series
 
 Profile = Literal["log", "power", "uniform"]
 
@@ -40,6 +41,7 @@ BEAUFORT = (
     (0.0, 0.2), (0.3, 1.5), (1.6, 3.3), (3.4, 5.4), (5.5, 7.9), (8.0, 10.7), (10.8, 13.8), (13.9, 17.1),
     (17.2, 20.7), (20.8, 24.4), (24.5, 28.4), (28.5, 32.6), (32.7, 32.7),
 )  # fmt: skip
+FASTEST = 60.0  # m/s, of a series
 STREAM = 0xA1  # keeps the wind's random numbers apart from others of the same seed
 
 
@@ -77,7 +79,24 @@ def log_shear(z0: float) -> float:
 
 
 def wind_speed(config: AirConfig) -> float:
-    """Mean wind speed (m/s) at 10 m of a configuration."""
+    """Mean wind speed (m/s) at 10 m of a configuration; of a wind over time that of its mean velocity."""
+    return mean_wind(config)[0]
+
+
+def mean_wind(config: AirConfig) -> tuple[float, float]:
+    """Speed (m/s, at 10 m) and direction (deg, blows from) of a configuration; of a wind over time its mean velocity's.
+
+    The roughness of the sea, and the sea that follows the wind, are those of this wind.
+
+    Raises:
+        ConfigError: for a series that cannot be read.
+    """
+    if config.series is not None:
+        return mean_of(config.series, blows_from=True)
+    return _steady_speed(config), config.direction_deg
+
+
+def _steady_speed(config: AirConfig) -> float:
     if config.beaufort is not None:
         return beaufort_speed(config.beaufort)
     return config.speed or 0.0
@@ -122,13 +141,17 @@ class Wind:
         self.profile: Profile = self.config.profile
         self.shear = wind_shear(self.config)
         self.w20_factor = self.speed_factor(TWENTY_FEET)
-        speed, start = wind_speed(self.config), math.radians(self.config.direction_deg)
+        speed, direction_deg = mean_wind(self.config)
+        start, file = math.radians(direction_deg), self.config.series
+        self._series = Series(*read_series(file, blows_from=True, fastest=FASTEST)) if file else None
         mean = [-speed * math.cos(start), -speed * math.sin(start), 0.0]
         self._mean = torch.tensor(mean, dtype=run.torch_dtype, device=run.device).repeat(num_envs, 1)
         self.velocity = self._mean.clone()
         self._generator = torch.Generator(device=run.device)
         self.reseed(seed)
-        self.reset(torch.arange(num_envs, device=run.device))
+        everywhere = torch.arange(num_envs, device=run.device)
+        self.follow(everywhere, torch.zeros(num_envs, dtype=torch.float64, device=run.device))
+        self.reset(everywhere)
 
     @property
     def numbers(self) -> tuple[float, float, float]:
@@ -153,6 +176,15 @@ class Wind:
         """
         self.velocity[envs] = mean + (self.velocity[envs] - self._mean[envs])
         self._mean[envs] = mean
+
+    def follow(self, envs: torch.Tensor, time: torch.Tensor) -> None:
+        """Have the means of `envs` [n] be those of their times [n] (float64, s); nothing to do for a steady wind."""
+        if self._series is not None:
+            mean = torch.nn.functional.pad(self._series.at(time), (0, 1))
+            if self.config.std > 0:
+                self.set_mean(envs, mean)
+            else:
+                self._mean[envs] = self.velocity[envs] = mean
 
     def reset(self, envs: torch.Tensor) -> None:
         """Draw the wind of environments `envs` (indices [n], int64) anew from its stationary distribution."""

@@ -6,7 +6,8 @@ say so (`_deg`). Reading, overriding and writing TOML is in config/io.py.
 
 from taichi_sim.config.air import AirConfig, GustConfig
 from taichi_sim.config.base import ConfigError, Finite, Fraction, NonNegative, Positive, Strict
-from taichi_sim.config.sea import CurrentConfig, SeaConfig, SwellConfig
+from taichi_sim.config.current import CurrentConfig, TideConfig
+from taichi_sim.config.sea import SeaConfig, SwellConfig
 from taichi_sim.config.vary import Range
 from taichi_sim.config.world import TeamConfig, WorldConfig
 
@@ -24,5 +25,6 @@ __all__ = [
     "Strict",
     "SwellConfig",
     "TeamConfig",
+    "TideConfig",
     "WorldConfig",
 ]

@@ -36,11 +36,12 @@ class GustConfig(Strict):
 
 
 class AirConfig(Strict):
-    """`[air]`: the mean wind, given by `speed` or by `beaufort` (neither: calm), and what disturbs it."""
+    """`[air]`: the mean wind, given by `speed`, `beaufort` or `series` (by none: calm), and what disturbs it."""
 
     speed: WindSpeed | None = None  # mean wind 10 m above the sea, m/s
     beaufort: Annotated[int, Field(ge=0, le=12)] | None = None  # the middle of that force's speeds
     direction_deg: Finite = 0.0  # the wind blows from here, clockwise from north
+    series: Annotated[str, Field(min_length=1)] | None = None  # CSV of the mean wind over time (series.py), at 10 m
     profile: Literal["log", "power", "uniform"] = "log"  # of the mean wind over height
     roughness: Annotated[float, Field(gt=0, le=1)] | None = None  # z0 of the log profile, m; omitted: Charnock's
     charnock: Annotated[float, Field(ge=0.005, le=0.05)] = 0.0144  # Garratt 1977; 0.011 (open sea) to 0.0185 (coast)
@@ -53,8 +54,9 @@ class AirConfig(Strict):
 
     @model_validator(mode="after")
     def _one_speed(self):
-        if self.speed is not None and self.beaufort is not None:
-            raise ValueError(
-                f"the wind is given twice, by speed = {self.speed} and beaufort = {self.beaufort}: keep one"
-            )
+        given = [key for key in ("speed", "beaufort", "series") if getattr(self, key) is not None]
+        if len(given) > 1:
+            named = [f"{key} = {getattr(self, key)}" for key in given]
+            raise ValueError(f"the wind is given {'twice' if len(given) == 2 else '3 times'}, by "
+                             f"{' and '.join(named)}: keep one")  # fmt: skip
         return self

@@ -10,10 +10,13 @@ from pydantic import BaseModel, ValidationError
 
 from taichi_sim.config.base import ConfigError, Strict
 from taichi_sim.config.explain import explain, nearly, source_of
+from taichi_sim.config.files import resolve_files
+from taichi_sim.config.sea import is_measured
 from taichi_sim.config.vary import FIXED_BY, flattened, with_range
 from taichi_sim.config.world import TeamConfig, WorldConfig
 
 Model = TypeVar("Model", bound=Strict)
+MEASURED = "sea.record"  # stands for a measured spectrum among the ways of giving a sea
 
 
 def config_folder() -> Path:
@@ -53,6 +56,7 @@ def load_world(path: str | Path = "paper", overrides: Iterable[str] = ()) -> Wor
     data = read_toml(file)
     sources = apply_overrides(data, overrides)
     teams = {key: value for key, value in data.items() if isinstance(value, dict) and nearly("vehicle", value)}
+    resolve_files(data, file, sources)
     kept = _known(data, set(WorldConfig.model_fields) | set(teams), str(file), sources)
     for name, team in teams.items():
         kept[name] = _known(team, set(TeamConfig.model_fields), str(file), sources, f"{name}.")
@@ -171,6 +175,11 @@ def set_values(
         ConfigError: for a key that leads through a value.
     """
     keys = list(values)
+    if "sea.spectrum" in values and is_measured(values["sea.spectrum"]):
+        keys.append(MEASURED)
+        _take_variation_back(data, MEASURED)
+        if "sea.components" not in keys and isinstance(data.get("sea"), dict):
+            data["sea"].pop("components", None)  # those of another spectrum
     for section in dict.fromkeys(key.rpartition(".")[0] for key in keys):
         _take_other_ways_back(data, section, keys, kind)
     for key in keys:
@@ -190,9 +199,13 @@ def _take_other_ways_back(data: dict[str, Any], section: str, keys: list[str], k
     for part in section.split("."):
         node = node.get(part) if isinstance(node, dict) else None
     chosen = [way for way in ways if any(f"{section}.{name}" in keys for name in way)]
-    for name in [name for way in ways if chosen and way not in chosen for name in way]:
-        if isinstance(node, dict):
-            node.pop(name, None)
+    if not isinstance(node, dict) or not chosen:
+        return
+    for name in [name for way in ways if way not in chosen for name in way]:
+        node.pop(name, None)
+    if section == "sea" and "sea.spectrum" not in keys and is_measured(node.get("spectrum")) \
+            and not any("record" in way for way in chosen):  # fmt: skip
+        del node["spectrum"]
 
 
 def _take_variation_back(data: dict[str, Any], key: str) -> None:

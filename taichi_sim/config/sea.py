@@ -1,12 +1,34 @@
 """What a scenario may say about the sea."""
 
+import difflib
+from pathlib import PurePath
 from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from taichi_sim.config.base import Finite, Positive, Strict
+from taichi_sim.config.current import CurrentConfig
 
 MAX_COMPONENTS = 64  # per realisation, of wind sea and swell together
+MEASURED_COMPONENTS = 32  # of a measured sea, unless it says otherwise: several systems share them
+SPECTRA = ("jonswap", "bretschneider", "pierson_moskowitz")  # known by name
+
+
+def is_measured(spectrum: object) -> bool:
+    """Whether `sea.spectrum` is the file of a measured spectrum."""
+    return isinstance(spectrum, str) and spectrum not in SPECTRA
+
+
+def _spectrum(value: str) -> str:
+    if is_measured(value) and not PurePath(value).suffix and "/" not in value and "\\" not in value:
+        close = difflib.get_close_matches(value, SPECTRA, n=1)
+        hint = f", did you mean {close[0]!r}?" if close else ""
+        names = ", ".join(map(repr, SPECTRA))
+        raise ValueError(f"allowed are {names}, or the file of a measured spectrum{hint}")
+    return value
+
+
+Spectrum = Annotated[str, AfterValidator(_spectrum)]  # one of SPECTRA, or a file
 
 Height = Annotated[float, Field(ge=0, le=15)]  # significant wave height, m; 0 is a calm sea
 Period = Annotated[float, Field(gt=0, le=30)]  # peak period, s
@@ -29,16 +51,6 @@ class SwellConfig(Strict):
     components: ComponentCount = 8  # added to those of the wind sea; together at most 64
 
 
-class CurrentConfig(Strict):
-    """`[sea.current]`: the water's own velocity, one per environment."""
-
-    speed: Annotated[float, Field(ge=0, le=10)] = 0.0  # mean at the surface, m/s
-    direction_deg: Finite = 0.0  # the mean current flows to, clockwise from north
-    profile: Literal["uniform", "power"] = "uniform"  # over depth; power: (1 - d / depth)^(1/7), needs sea.depth
-    std: Annotated[float, Field(ge=0, le=5)] = 0.0  # of the fluctuation of each component (north, east), m/s
-    time_constant: Positive = 300.0  # of that fluctuation, s (assumed)
-
-
 class SeaConfig(Strict):
     """`[sea]`: a directional sea of Gerstner components, its size given in exactly one way.
 
@@ -46,14 +58,17 @@ class SeaConfig(Strict):
     - `sea_state`, WMO code 0 to 8: middle of the code's heights, period of the fully developed sea;
     - `wind_speed` and `fetch`: growing JONSWAP sea (`spectrum = "jonswap"`);
     - `wind_speed` alone: fully developed sea (`spectrum = "pierson_moskowitz"`, which is then the default);
-    - `follows_wind`: the scenario's own wind (`[air]`) takes the place of wind_speed and of direction_deg.
+    - `follows_wind`: the scenario's own wind (`[air]`) takes the place of wind_speed and of direction_deg;
+    - `spectrum = "FILE"`: a measured sea (sea/measured), as large as it was, from where it came.
 
     With none of them: hs 0.5 m, tp 4 s. `taichi_sim.sea.sea_size(config)` says what hs and tp any of them means.
     Bretschneider and Pierson-Moskowitz (DNV-RP-C205, sec. 3.5.5) have one shape, JONSWAP's with gamma 1: `gamma_js`
     counts for JONSWAP only.
     """
 
-    spectrum: Literal["jonswap", "bretschneider", "pierson_moskowitz"] = "jonswap"
+    spectrum: Spectrum = "jonswap"  # a name of SPECTRA, or a file of measured spectra
+    record: str | None = None  # of that file: a time, "2020-06-08 03:50" (UTC), or "all"; omitted: the latest
+    site: Annotated[int, Field(ge=0)] | None = None  # of a file with several places: number of one, from 0
     hs: Height | None = None  # m
     tp: Period | None = None  # s
     sea_state: Annotated[int, Field(ge=0, le=8)] | None = None  # code of WMO table 3700; 9 has no upper end
@@ -62,12 +77,18 @@ class SeaConfig(Strict):
     follows_wind: bool = False  # the sea is raised by the wind of [air] and travels with it
     gamma_js: Peakedness = 3.3  # of a JONSWAP spectrum (Hasselmann et al. 1973: 3.3)
     direction_deg: Finite = 45.0  # mean direction the waves travel to, clockwise from north
-    spreading_s: SpreadingExponent = 10.0
-    components: ComponentCount = 16  # per realisation, of the wind sea
+    spreading_s: SpreadingExponent = 10.0  # these two also for a measured spectrum without directions
+    components: ComponentCount = 16  # per realisation, of the wind sea; of a measured sea 32, if nothing is said
+    amplitudes: Literal["exact", "random"] = "exact"  # random: Rayleigh's, by component (Tucker et al. 1984)
     realisations: Annotated[int, Field(ge=1, le=4096)] = 64  # different seas in one run
     depth: Positive | None = None  # of the water, m; omitted: deep
     swell: SwellConfig | None = None
     current: CurrentConfig | None = None
+
+    @property
+    def measured(self) -> bool:
+        """Whether the spectrum is a measured one, of a file."""
+        return is_measured(self.spectrum)
 
     @model_validator(mode="before")
     @classmethod
@@ -75,6 +96,8 @@ class SeaConfig(Strict):
         """Without a size, the default one; a wind alone makes a fully developed sea."""
         if not isinstance(data, dict):
             return data
+        if is_measured(data.get("spectrum")):
+            return {"components": MEASURED_COMPONENTS} | data
         given = {key for key, value in data.items() if value is not None and value is not False}
         if not given & {"hs", "tp", "sea_state", "wind_speed", "fetch", "follows_wind"}:
             data = data | {"hs": 0.5, "tp": 4.0}
@@ -91,6 +114,12 @@ class SeaConfig(Strict):
             "follows_wind": (self.follows_wind or None,),
         }
         named = [way for way, values in ways.items() if any(v is not None for v in values)]
+        if self.measured and named:
+            raise ValueError(f"spectrum is a measured one, which has a size of its own: remove {' and '.join(named)}")
+        if self.measured:
+            return self
+        if other := next((key for key in ("record", "site") if getattr(self, key) is not None), None):
+            raise ValueError(f"{other} is of a file of measured spectra: give spectrum = FILE, or remove it")
         if len(named) > 1:
             raise ValueError(
                 f"the size of the sea is given {len(named)} times, by {', by '.join(named)}: "

@@ -37,7 +37,10 @@ CONDITIONS: Mapping[str, tuple[float, float]] = {
 FIXED_BY: Mapping[str, tuple[str, ...]] = {
     **{f"sea.{key}": SIZE for key in ("hs", "tp", "sea_state", "wind_speed", "fetch")},
     "sea.follows_wind": (*SIZE, "sea.direction_deg"),
+    "sea.record": (*SIZE, "sea.direction_deg"),
     "air.beaufort": ("air.speed",),
+    "air.series": ("air.speed", "air.direction_deg"),
+    "sea.current.series": ("sea.current.speed", "sea.current.direction_deg"),
 }
 """Key of a scenario -> other conditions than itself that are given with it, and then no longer drawn (io.py)."""
 

@@ -31,8 +31,9 @@ class WorldConfig(Strict):
     """
 
     ways: ClassVar[Mapping[str, tuple[tuple[str, ...], ...]]] = {
-        "sea": (("hs", "tp"), ("sea_state",), ("wind_speed", "fetch"), ("follows_wind",)),
-        "air": (("speed",), ("beaufort",)),
+        "sea": (("hs", "tp"), ("sea_state",), ("wind_speed", "fetch"), ("follows_wind",), ("record", "site")),
+        "air": (("speed",), ("beaufort",), ("series",)),
+        "current": (("speed", "direction_deg"), ("series",)),
     }
     plain: ClassVar[Mapping[str, str]] = {}
 
@@ -82,6 +83,16 @@ class WorldConfig(Strict):
                 close = difflib.get_close_matches(key, CONDITIONS, n=1)
                 hint = f", did you mean {close[0]!r}?" if close else ""
                 raise ValueError(f"vary.{key} = {given}: unknown key{hint}; allowed here: {', '.join(CONDITIONS)}")
+        if self.sea.measured and (key := next((key for key in (*SIZE, "sea.direction_deg") if key in self.vary), None)):
+            raise ValueError(
+                f"vary.{key} = {self.vary[key]}: sea.spectrum is a measured one, as large as it was and from where it "
+                "came; sea.record = 'all' takes one record after the other"
+            )
+        flow = self.sea.current.series if self.sea.current else None
+        for series, section in ((self.air.series, "air"), (flow, "sea.current")):
+            keys = (f"{section}.speed", f"{section}.direction_deg")
+            if series and (key := next((key for key in keys if key in self.vary), None)):
+                raise ValueError(f"vary.{key} = {self.vary[key]}: {section}.series gives it over time")
         size = [key for key in SIZE if key in self.vary]
         if "sea.sea_state" in size and len(size) > 1:
             raise ValueError(f"vary: {' and '.join(size)}: a sea state is a height and a period: vary it, or these")

@@ -1,4 +1,6 @@
-"""Current: the water's mean velocity, a slow random part, and its profile over depth.
+"""Current: the water's mean velocity, a tide, a slow random part, and its profile over depth.
+
+The mean is steady, or of a file over time (series.py); a tide (tide.py) is added to it.
 
 Each horizontal component of the random part is a first-order Gauss-Markov process with standard deviation sigma and
 time constant T, stepped by its exact solution whatever the step (Gelb 1974, Applied Optimal Estimation, ch. 3):
@@ -16,8 +18,11 @@ import torch
 
 from taichi_sim import runtime
 from taichi_sim.config import ConfigError, CurrentConfig
+from taichi_sim.sea.tide import Tide
+from taichi_sim.series import Series, read_series
 
 POWER = 1 / 7  # of the tidal profile
+FASTEST = 10.0  # m/s, of a series
 STREAM = 0xC0  # keeps the current's random numbers apart from those of the waves of the same seed
 
 
@@ -45,11 +50,16 @@ class Current:
         heading, speed = math.radians(self.config.direction_deg), self.config.speed
         mean = [speed * math.cos(heading), speed * math.sin(heading)]
         self._mean = torch.tensor(mean, dtype=run.torch_dtype, device=run.device).repeat(num_envs, 1)
+        self._series = Series(*read_series(self.config.series, fastest=FASTEST)) if self.config.series else None
+        self._tide = Tide(self.config.tide) if self.config.tide else None
+        self._steady = self._mean.clone()  # the part of the mean that no time changes
         self._random = torch.zeros((num_envs, 2), dtype=run.torch_dtype, device=run.device)
         self.velocity = self._mean.clone()
         self._generator = torch.Generator(device=run.device)
         self.reseed(seed)
-        self.reset(torch.arange(num_envs, device=run.device))
+        everywhere = torch.arange(num_envs, device=run.device)
+        self.follow(everywhere, torch.zeros(num_envs, dtype=torch.float64, device=run.device))
+        self.reset(everywhere)
 
     def reseed(self, seed: int) -> None:
         """Make later draws depend on `seed` alone."""
@@ -57,6 +67,17 @@ class Current:
 
     def set_mean(self, envs: torch.Tensor, mean: torch.Tensor) -> None:
         """From now on environments `envs` [n] have the means `mean` [n, 2] (m/s); what the random part is stays."""
+        self._steady[envs] = mean
+        self._set(envs, mean)
+
+    def follow(self, envs: torch.Tensor, time: torch.Tensor) -> None:
+        """Have the means of `envs` [n] be those of their times [n] (float64, s); nothing to do for a steady current."""
+        if self._series is None and self._tide is None:
+            return
+        mean = self._steady[envs] if self._series is None else self._series.at(time)
+        self._set(envs, mean if self._tide is None else mean + self._tide.at(time))
+
+    def _set(self, envs: torch.Tensor, mean: torch.Tensor) -> None:
         self._mean[envs] = mean
         self.velocity[envs] = mean + self._random[envs]
 

@@ -3,7 +3,13 @@
 The sea is a sum of systems (wind sea, swell), each with a density of its own. A system's band is cut into geometric
 bins, one component each, which carries its bin's energy at a random place in the bin (jittered). Amplitudes are then
 scaled by one factor per system so that sum a^2 / 2 = hs^2 / 16: the significant height of every realisation is exact,
-and so is that of a sum of systems, because variances add: hs^2 = hs_1^2 + hs_2^2.
+and so is that of a sum of systems, because variances add: hs^2 = hs_1^2 + hs_2^2. A system that was measured
+(measured/system.py) is cut and drawn in its own way, to the same end.
+
+Random amplitudes. The sea is Gaussian: the amplitude of each component varies, too, by Rayleigh's law (Tucker,
+Challenor & Carter 1984, Applied Ocean Research 6, 118), a = sigma sqrt(-2 ln U) with sigma^2 the energy of its bin.
+Then the height of a realisation is a draw, exact in the mean of the variances alone, as that of a record at sea is;
+with fixed amplitudes it is exact, but a few components never add up to the highest waves of the law (docs/seas.md).
 
 The sea does not repeat in an episode. N equally spaced frequencies would: they share the divisor d_omega and come back
 after 2 pi / d_omega, 33 s for 16 of them at tp 5 s. Jittered frequencies have no common divisor, so the surface is
@@ -19,6 +25,7 @@ from functools import cache, cached_property
 
 import numpy as np
 
+from taichi_sim.sea.measured import MeasuredSystem
 from taichi_sim.sea.spectrum import Components, spreading, wavenumber
 
 # Frequency band that is sampled, in multiples of the peak: holds 98-99 % of the variance; the rest is given
@@ -30,7 +37,7 @@ ANGLE_POINTS = 4097  # of the cumulative spreading
 
 @dataclass(frozen=True)
 class WaveSystem:
-    """Waves of one origin, wind sea or swell, to draw components from."""
+    """Waves of one origin, wind sea or swell, with a spectrum by formula."""
 
     density: Callable[[np.ndarray], np.ndarray]  # S(omega), m^2 s; only its shape counts
     hs: float  # significant wave height, m
@@ -53,6 +60,30 @@ class WaveSystem:
         energy = self.density(omega).mean(axis=1) * np.diff(edges)
         return self.hs * np.sqrt(energy / (8 * energy.sum()))
 
+    @property
+    def circular_deviation(self) -> float:
+        """Of the directions, sqrt(2 (1 - r1)) with r1 = s / (s + 1), rad."""
+        return math.sqrt(2 / (self.spreading_s + 1))
+
+    def by_direction(self, angle: np.ndarray) -> np.ndarray:
+        """Share of the energy by direction of travel, 1/rad, at angles (rad, clockwise from north)."""
+        return spreading((angle - self.direction + math.pi) % (2 * math.pi) - math.pi, self.spreading_s)
+
+    def draw(self, rng: np.random.Generator, seed: int, realisation: int, index: int) -> np.ndarray:
+        """Frequency (rad/s), direction and phase (rad) [3, component] of a realisation, by its own generator `rng`.
+
+        Frequencies are jittered in their bins; directions are a stratified draw from cos^2s, shuffled over frequencies.
+        """
+        del seed, realisation, index  # of what realisations share
+        edges, n = self.bins, self.components
+        omega = edges[:-1] + rng.random(n) * np.diff(edges)
+        strata = (rng.permutation(n) + rng.random(n)) / n
+        direction = self.direction + np.interp(strata, *_cumulative(self.spreading_s))
+        return np.stack((omega, direction, rng.random(n) * 2 * math.pi))
+
+
+System = WaveSystem | MeasuredSystem  # waves to draw components from
+
 
 def realisation_seed(seed: int, realisation: int, system: int = 0) -> np.random.Generator:
     """The generator of one realisation of one system: depends on nothing else, so more seas keep the earlier ones.
@@ -64,7 +95,7 @@ def realisation_seed(seed: int, realisation: int, system: int = 0) -> np.random.
 
 
 def sample_components(
-    systems: Sequence[WaveSystem], *, realisations: int, seed: int, depth: float | None = None
+    systems: Sequence[System], *, realisations: int, seed: int, depth: float | None = None
 ) -> Components:
     """Draw sea realisations whose significant height is exactly that of the systems together.
 
@@ -75,25 +106,28 @@ def sample_components(
     return draw_components([systems] * realisations, seed=seed, depth=depth)
 
 
-def draw_components(systems: Sequence[Sequence[WaveSystem]], *, seed: int, depth: float | None = None) -> Components:
-    """The same, of realisations that each have `systems` of their own, of as many components."""
+def draw_components(
+    systems: Sequence[Sequence[System]], *, seed: int, depth: float | None = None, random_amplitudes: bool = False
+) -> Components:
+    """The same, of realisations that each have `systems` of their own, of as many components.
+
+    `random_amplitudes` are Rayleigh's: no realisation has exactly its height, but all together have.
+    """
     each = [[_draw(system, n, r, seed) for n, system in enumerate(own)] for r, own in enumerate(systems)]
-    omega, direction, phase = np.stack([np.concatenate(own, axis=1) for own in each], axis=1)
+    omega, direction, phase, chance = np.stack([np.concatenate(own, axis=1) for own in each], axis=1)
     amplitude = np.stack([np.concatenate([system.amplitudes for system in own]) for own in systems])
+    if random_amplitudes:
+        amplitude = amplitude * np.sqrt(-np.log1p(-chance))
     return Components(amplitude, wavenumber(omega, depth), omega, direction, phase)
 
 
-def _draw(system: WaveSystem, index: int, realisation: int, seed: int) -> np.ndarray:
-    """Frequency, direction and phase [3, component] of the components of a system in a realisation.
-
-    Frequencies are jittered in their bins; directions are one stratified draw from cos^2s, shuffled over frequencies.
+def _draw(system: System, index: int, realisation: int, seed: int) -> np.ndarray:
+    """Frequency, direction and phase of a system's components in a realisation, and a chance in [0, 1) for a random
+    amplitude [4, component].
     """
-    edges, n = system.bins, system.components
     rng = realisation_seed(seed, realisation, index)
-    omega = edges[:-1] + rng.random(n) * np.diff(edges)
-    strata = (rng.permutation(n) + rng.random(n)) / n
-    direction = system.direction + np.interp(strata, *_cumulative(system.spreading_s))
-    return np.stack((omega, direction, rng.random(n) * 2 * math.pi))
+    drawn = system.draw(rng, seed, realisation, index)
+    return np.vstack((drawn, rng.random(system.components)))
 
 
 @cache

@@ -1,5 +1,6 @@
 """The sea: a table of wave components and what may be asked of it anywhere, at any time."""
 
+from collections.abc import Sequence
 from functools import partial
 from typing import NamedTuple
 
@@ -10,7 +11,8 @@ from taichi_sim import runtime
 from taichi_sim.config import SeaConfig, SwellConfig
 from taichi_sim.conventions import AMPLITUDE, BX, BY, GRAVITY, KX, KY, OMEGA, PHASE, RHO_SEA, SEA_ROWS
 from taichi_sim.sea import queries
-from taichi_sim.sea.sampling import WaveSystem, sample_components
+from taichi_sim.sea.measured import MeasuredSystem, WaveRecord, records_of
+from taichi_sim.sea.sampling import System, WaveSystem, draw_components
 from taichi_sim.sea.spectrum import Components, jonswap
 from taichi_sim.sea.wind_sea import SeaSize, sea_size
 
@@ -44,16 +46,36 @@ class Kinematics(NamedTuple):
     acceleration: torch.Tensor
 
 
-def wave_systems(
-    config: SeaConfig, size: SeaSize | None = None, direction_deg: float | None = None
-) -> list[WaveSystem]:
-    """The wind sea of a configuration, and its swell if there is one.
+def realised_systems(config: SeaConfig) -> list[Sequence[System]]:
+    """The systems of each realisation: of a measured sea with several records, those of one after the other.
 
-    `size` and `direction_deg` are the wind sea's; default those of the configuration.
+    Raises:
+        ConfigError: for a measured spectrum that cannot be had.
+    """
+    if not config.measured:
+        return [wave_systems(config)] * config.realisations
+    each = [wave_systems(config, record=record) for record in records_of(config)]
+    return [each[r % len(each)] for r in range(config.realisations)]
+
+
+def wave_systems(
+    config: SeaConfig,
+    size: SeaSize | None = None,
+    direction_deg: float | None = None,
+    record: WaveRecord | None = None,
+) -> list[System]:
+    """The wind sea of a configuration, or the measured one, and its swell if there is one.
+
+    `size` and `direction_deg` are the wind sea's; default those of the configuration. `record` is that of a measured
+    sea; default the first of the configuration's.
     """
     gamma = config.gamma_js if config.spectrum == "jonswap" else 1.0
     heading = config.direction_deg if direction_deg is None else direction_deg
-    systems = [_system(config, size or sea_size(config), heading, gamma)]
+    systems: list[System] = []
+    if config.measured:
+        systems.append(MeasuredSystem(record or records_of(config)[0], config.components))
+    else:
+        systems.append(_system(config, size or sea_size(config), heading, gamma))
     if swell := config.swell:
         systems.append(_system(swell, SeaSize(swell.hs, swell.tp), swell.direction_deg, swell.gamma_js))
     return systems
@@ -91,7 +113,8 @@ class Sea:
             raise SteepSeaError(
                 f"the sea is too steep to exist: sum of k a = {steepness.max():.2f} in realisation "
                 f"{steepness.argmax()}, allowed below 1 (the surface would loop). Lower sea.hs (or sea.sea_state, "
-                "sea.wind_speed, sea.swell.hs), raise sea.tp (or sea.fetch, sea.depth), or use fewer sea.components"
+                "sea.wind_speed, sea.swell.hs), raise sea.tp (or sea.fetch, sea.depth), or use fewer sea.components "
+                "(of a measured sea, that alone helps)"
             )
         cos, sin = np.cos(components.direction), np.sin(components.direction)
         rows = np.stack(
@@ -113,10 +136,9 @@ class Sea:
         Raises:
             SteepSeaError: if any realisation could loop.
         """
-        components = sample_components(
-            wave_systems(config), realisations=config.realisations, seed=seed, depth=config.depth
-        )
-        return cls(components, config.depth)
+        random = config.amplitudes == "random"
+        systems = realised_systems(config)
+        return cls(draw_components(systems, seed=seed, depth=config.depth, random_amplitudes=random), config.depth)
 
     @property
     def num_seas(self) -> int:

@@ -18,6 +18,7 @@ import numpy as np
 from taichi_sim.conventions import GRAVITY
 
 PM_ALPHA, PM_BETA = 8.1e-3, 0.74  # constants of Pierson & Moskowitz (1964)
+CALM_PERIOD = 4.0  # s, given to a calm sea, whose components have no height
 QUADRATURE_PANEL = 0.02  # width in ln(omega) of a quadrature panel; the peak is about 0.07 wide
 
 

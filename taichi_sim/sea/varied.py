@@ -39,7 +39,8 @@ def varied_components(
     for _ in range(TRIES):
         sizes = [SeaSize(float(height), float(period)) for height, period in zip(hs, tp, strict=True)]
         systems = [wave_systems(config, *each) for each in zip(sizes, map(float, direction_deg), strict=True)]
-        components = draw_components(systems, seed=seed, depth=config.depth)
+        random = config.amplitudes == "random"
+        components = draw_components(systems, seed=seed, depth=config.depth, random_amplitudes=random)
         over = components.steepness(config.depth) / ROOM
         if not (over >= 1).any():
             break

@@ -21,8 +21,9 @@ from typing import NamedTuple
 
 from taichi_sim.config import SeaConfig
 from taichi_sim.conventions import GRAVITY
+from taichi_sim.sea.measured import records_of
 from taichi_sim.sea.sea_state import sea_state_range
-from taichi_sim.sea.spectrum import pierson_moskowitz_hs_tp
+from taichi_sim.sea.spectrum import CALM_PERIOD, pierson_moskowitz_hs_tp
 
 JONSWAP_ENERGY = 1.6e-7  # E / x
 JONSWAP_FREQUENCY, JONSWAP_FREQUENCY_POWER = 3.5, -0.33  # f = 3.5 x^-0.33
@@ -30,8 +31,6 @@ JONSWAP_FREQUENCY, JONSWAP_FREQUENCY_POWER = 3.5, -0.33  # f = 3.5 x^-0.33
 WIND_HEIGHT, PM_WIND_HEIGHT = 10.0, 19.5  # m, of wind_speed and of Pierson & Moskowitz's ship-borne anemometers
 DRAG_COEFFICIENT = 1.3e-3  # of the sea at 10 m (Stewart 2008, sec. 16.4)
 VON_KARMAN = 0.4
-
-CALM_PERIOD = 4.0  # s, given to a calm sea, whose components have no height
 
 
 class SeaSize(NamedTuple):
@@ -68,7 +67,13 @@ def growing_sea(wind_speed: float, fetch: float, g: float = GRAVITY) -> SeaSize:
 
 
 def sea_size(config: SeaConfig) -> SeaSize:
-    """Height and period of the wind sea (without swell) of a configuration, whichever way it gives them."""
+    """Height and period of the wind sea (without swell) of a configuration, whichever way it gives them.
+
+    Of a measured sea those of its record; of all records their mean.
+    """
+    if config.measured:
+        records = records_of(config)
+        return SeaSize(*(sum(x) / len(records) for x in zip(*((r.hs, r.tp) for r in records), strict=True)))
     if config.sea_state is not None:
         hs = sum(sea_state_range(config.sea_state)) / 2
         return SeaSize(hs, developed_period(hs) if hs > 0 else CALM_PERIOD)

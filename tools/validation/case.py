@@ -19,6 +19,7 @@ import numpy as np
 
 from validation.tables import InputsMissingError, Table, TableError
 
+SUFFIXES = (".csv", ".json", ".toml", ".spec", ".data_spec", ".swdir", ".swdir2", ".swr1", ".swr2")  # of tables
 TOLERANCE = {"f64": 1e-6, "f32": 1e-4}  # m for lengths, 1 for ratios
 
 
@@ -55,7 +56,7 @@ class Folder:
 
     def files(self) -> list[Path]:
         """Every table and parameter file."""
-        return sorted(p for p in self.root.rglob("*") if p.suffix in (".csv", ".json", ".toml") and p.is_file())
+        return sorted(p for p in self.root.rglob("*") if p.suffix in SUFFIXES and p.is_file())
 
 
 @dataclass

@@ -14,6 +14,11 @@ from validation.tables import TableError
 
 TITLES = {
     "waves": ("Waves", "Dispersion, spectra, the Gerstner surface and its inverse, linear kinematics and pressure."),
+    "buoys": (
+        "Measured seas",
+        "Seas drawn of a buoy's spectra against NDBC's own summaries of the same hours: height (m), mean period (s), "
+        "direction at the peak (degrees).",
+    ),
     "hydrostatics": (
         "Hydrostatics and wave loads",
         "A box of 4 x 2 x 0.5 m draft: closed forms, Froude-Krylov loads of the stepping kernel on a fine mesh, and "

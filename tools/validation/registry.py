@@ -11,6 +11,7 @@ from pathlib import Path
 
 from validation import (
     aerosonde,
+    buoys,
     cybership2,
     dryden,
     froude_krylov,
@@ -91,4 +92,5 @@ CHECKERS = (
     Checker(r"dryden_discrete.*\.csv", dryden.discrete, BOTH),
     Checker(r"dryden_psd_one_sided_rad_s.*\.csv", dryden.spectrum, BOTH),
     Checker(r"mean_wind_profiles.*\.csv", dryden.mean_wind, BOTH),
+    Checker(r".*\.spec", buoys.summary),
 )

@@ -14,6 +14,7 @@ from rl.scene.obstacles import generate_obstacles
 from rl.scene.tracks import Tracks, generate_tracks
 from rl.scene.traffic import ROWS, Span, Traffic
 from rl.seeds import derive_seed
+from taichi_sim.conditions import nominal_conditions
 from taichi_sim.config import ConfigError
 from taichi_sim.vehicle import Vehicle
 
@@ -75,8 +76,8 @@ def traffic_of(config: FormationScenario, places: Mapping[str, Tensor]) -> Traff
     radius = cylinders.radius_min, cylinders.radius_max
     top = track.flight_height + FLYING_SPAN
     heights = {"water": (0.0, VESSEL_TOPS), "air": (track.flight_height - FLYING_SPAN, (top, top))}
-    water = config.sea.current
-    heading, speed = (math.radians(water.direction_deg), water.speed) if water else (0.0, 0.0)
+    nominal = nominal_conditions(config)
+    heading, speed = math.radians(nominal["sea.current.direction_deg"]), nominal["sea.current.speed"]
     return Traffic(
         count=math.ceil(cylinders.moving_fraction * met) if config.episode_duration > SHORTEST else 0,
         spans=tuple(Span(*heights[medium], radius, there) for medium, there in places.items()),

@@ -29,6 +29,7 @@ from rl.runs.sweep.config import FOLDER, Sweep
 from rl.runs.sweep.tables import write_tables
 from rl.scenario import Scenario
 from taichi_sim.config import ConfigError
+from taichi_sim.config.files import named_files
 from taichi_sim.config.io import toml_text, vehicle_file
 from taichi_sim.sea import SteepSeaError
 from taichi_sim.world import ActionError
@@ -166,6 +167,7 @@ def _files(contest: Contest) -> list[str]:
     config = contest.config
     files = [checkpoints(contest.run / team)[-1] for team in config.trained if checkpoints(contest.run / team)]
     files += [vehicle_file(section, contest.source) for section in config.teams.values()]
+    files += sum(named_files(config).values(), [])
     return [hashlib.sha256(file.read_bytes()).hexdigest() for file in files]
 
 

@@ -1,0 +1,103 @@
+"""Files that a scenario names beside those of its vehicles: where they are looked for, and what belongs to each.
+
+    sea.spectrum                    measured spectra (sea/measured); of NDBC's sets of text one file is named, all count
+    sea.current.series, air.series  current and wind over time (series.py)
+
+A path counts from the folder of the scenario's file, or else from where the command runs, as those of vehicles do. Read
+in a scenario it becomes absolute.
+"""
+
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+from taichi_sim.config.base import ConfigError
+from taichi_sim.config.explain import source_of
+from taichi_sim.config.sea import is_measured
+from taichi_sim.config.world import WorldConfig
+
+World = TypeVar("World", bound=WorldConfig)
+
+KEYS = ("sea.spectrum", "sea.current.series", "air.series")
+
+# What a file of NDBC's holds, by the end of its name (the last 45 days), or the letter behind the station's (a year).
+KINDS = ("density", "alpha1", "alpha2", "r1", "r2")
+ENDINGS = dict(zip((".data_spec", ".swdir", ".swdir2", ".swr1", ".swr2"), KINDS, strict=True))
+LETTERS = dict(zip("wdijk", KINDS, strict=True))
+OF_A_YEAR = re.compile(r"(\w{5})([wdijk])(\d.*\.txt(?:\.gz)?)")
+
+
+def ndbc_set(path: Path) -> dict[str, Path]:
+    """Kind of content -> file, of the set of NDBC's files that `path` is one of: those that are there; else empty."""
+    if path.suffix in ENDINGS:
+        members = {kind: path.with_suffix(ending) for ending, kind in ENDINGS.items()}
+    elif match := OF_A_YEAR.fullmatch(path.name):
+        members = {kind: path.with_name(match[1] + letter + match[3]) for letter, kind in LETTERS.items()}
+    else:
+        return {}
+    return {kind: file for kind, file in members.items() if file.is_file()}
+
+
+def resolve_files(data: dict[str, Any], scenario_file: Path, sources: Mapping[str, str]) -> None:
+    """Make the paths in a scenario's `data` absolute, those of its stages too.
+
+    Raises:
+        ConfigError: for a file that is not there; `sources` as in `validate`.
+    """
+    for holder, key, name, told in _places(data):
+        value = holder[name]
+        if not isinstance(value, str) or (key == "sea.spectrum" and (not is_measured(value) or not _path_like(value))):
+            continue
+        found = next((file for file in (scenario_file.parent / value, Path(value)) if file.is_file()), None)
+        if found is None:
+            raise ConfigError(
+                f"{source_of(told, str(scenario_file), sources)}: {told} = {value!r}: no such file, neither beside "
+                f"{scenario_file.name} nor in the current folder"
+            )
+        holder[name] = str(found.resolve())
+
+
+def named_files(world: WorldConfig) -> dict[str, list[Path]]:
+    """Key -> the file that it names, and those that belong to it."""
+    found: dict[str, list[Path]] = {}
+    if world.sea.measured:
+        path = Path(world.sea.spectrum)
+        found["sea.spectrum"] = [path, *(file for file in ndbc_set(path).values() if file != path)]
+    if world.sea.current and world.sea.current.series:
+        found["sea.current.series"] = [Path(world.sea.current.series)]
+    if world.air.series:
+        found["air.series"] = [Path(world.air.series)]
+    return found
+
+
+def with_files(world: World, places: Mapping[str, str]) -> World:
+    """The same world with other paths, by key."""
+    sea, air = world.sea, world.air
+    if "sea.spectrum" in places:
+        sea = sea.model_copy(update={"spectrum": places["sea.spectrum"]})
+    if "sea.current.series" in places and sea.current:
+        current = sea.current.model_copy(update={"series": places["sea.current.series"]})
+        sea = sea.model_copy(update={"current": current})
+    if "air.series" in places:
+        air = air.model_copy(update={"series": places["air.series"]})
+    return world.model_copy(update={"sea": sea, "air": air})
+
+
+def _path_like(value: str) -> bool:
+    return bool(Path(value).suffix) or "/" in value or "\\" in value
+
+
+def _places(data: dict[str, Any]) -> Iterator[tuple[dict[str, Any], str, str, str]]:
+    """Each place of a path in `data`: the table, the key, its name in the table, and what an error calls it."""
+    stages = data.get("stages")
+    sets = {f"stages.{name}.set.": stage.get("set") for name, stage in stages.items() if isinstance(stage, dict)} \
+        if isinstance(stages, dict) else {}  # fmt: skip
+    for where, table in {"": data, **sets}.items():
+        for key in KEYS:
+            node, parts = table, key.split(".")
+            while isinstance(node, dict) and parts:
+                if ".".join(parts) in node:
+                    yield node, key, ".".join(parts), where + key
+                    break
+                node, parts = node.get(parts[0]), parts[1:]

@@ -1,0 +1,187 @@
+"""From `sea.spectrum = "FILE"` to records: what file it is, which place and time of it, and what a record lacks."""
+
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from taichi_sim.config import ConfigError, SeaConfig
+from taichi_sim.sea.measured.entropy import direction_grid, maximum_entropy, narrowed, normalised
+from taichi_sim.sea.measured.gridded import read_gridded
+from taichi_sim.sea.measured.ndbc import is_ndbc, read_ndbc
+from taichi_sim.sea.measured.record import WaveRecord, band_edges
+from taichi_sim.sea.spectrum import spreading
+
+ALL = "all"
+NAMED = 6  # places of a file that an error names, at most
+
+
+@dataclass(frozen=True, eq=False)
+class SpectraFile:
+    """The records of a file at one place, the earliest first.
+
+    Attributes:
+        times: [t], UTC. edges: of the bands [f + 1], Hz. density: [t, f], m^2/Hz, NaN where there is no value.
+        c1, c2: [t, f] moments of the direction of travel, or None; angles, grid: [d] and [t, f, d] energy by it, or
+            None. A file without directions has neither.
+    """
+
+    path: Path
+    place: str
+    times: np.ndarray
+    edges: np.ndarray
+    density: np.ndarray
+    c1: np.ndarray | None = None
+    c2: np.ndarray | None = None
+    angles: np.ndarray | None = None
+    grid: np.ndarray | None = None
+
+    def find(self, time: str | None) -> int:
+        """The record of a time ("2020-06-08 03:50", UTC), or the latest.
+
+        Raises:
+            ConfigError: for a time that is none, or of which there is no record, naming the nearest.
+        """
+        if time is None:
+            return self.times.size - 1
+        try:
+            moment = datetime.fromisoformat(time)
+        except ValueError:
+            raise ConfigError(
+                f"sea.record = {time!r}: not a time; expected one such as {_text(self.times[-1])!r}, or {ALL!r}"
+            ) from None
+        if moment.tzinfo is not None:
+            moment = moment.astimezone(UTC).replace(tzinfo=None)
+        wanted = np.datetime64(moment, "m")
+        away = np.abs(self.times - wanted)
+        nearest = int(away.argmin())
+        if away[nearest] != np.timedelta64(0, "m"):
+            raise ConfigError(
+                f"sea.record = {time!r}: {self.path.name} has no record of that time; the nearest is "
+                f"{_text(self.times[nearest])!r} (it has {self.times.size}, from {_text(self.times[0])} to "
+                f"{_text(self.times[-1])})"
+            )
+        return nearest
+
+    def whole(self) -> list[int]:
+        """Records that lack no density."""
+        return np.flatnonzero(np.isfinite(self.density).all(axis=1)).tolist()
+
+    def record(self, t: int, direction_deg: float | None = None, spreading_s: float | None = None) -> WaveRecord:
+        """A record; one without directions has the mean direction and the cos^2s spreading given.
+
+        Bands without directions have those of the nearest that has.
+
+        Raises:
+            ConfigError: for a record without a density, or without directions where none are given.
+        """
+        name, density = f"{self.place}, {_text(self.times[t])}", self.density[t]
+        if not np.isfinite(density).all():
+            first = (self.edges[1:] + self.edges[:-1])[~np.isfinite(density)][0] / 2
+            raise ConfigError(f"{self.path}: the record of {_text(self.times[t])} has no density at {first:.4g} Hz")
+        spread = self._spread(t)
+        if spread is None:
+            spread = self._assumed(name, density, direction_deg, spreading_s)
+        return WaveRecord(name, self.edges, np.maximum(density, 0.0), spread)
+
+    def _spread(self, t: int) -> np.ndarray | None:
+        """Directions of each band of a record [f, ANGLES], if any of them is known."""
+        if self.grid is not None and self.angles is not None:
+            cell = 2 * np.pi / self.angles.size
+            index = np.floor((direction_grid() - (self.angles[0] - cell / 2)) / cell).astype(int) % self.angles.size
+            energy = np.nan_to_num(self.grid[t])
+            known = energy.sum(axis=1) > 0
+            if not known.any():
+                return None
+            return normalised(energy[_nearest(known)][:, index])
+        if self.c1 is None or self.c2 is None:
+            return None
+        known = np.isfinite(self.c1[t])
+        if not known.any():
+            return None
+        c1, c2 = self.c1[t], np.where(np.isfinite(self.c2[t]), self.c2[t], narrowed(np.nan_to_num(self.c1[t])))
+        nearest = _nearest(known)
+        return maximum_entropy(c1[nearest], c2[nearest])
+
+    def _assumed(
+        self, name: str, density: np.ndarray, direction_deg: float | None, spreading_s: float | None
+    ) -> np.ndarray:
+        if (direction_deg is None or spreading_s is None) and density.any():
+            raise ConfigError(
+                f"{self.path}: there are no directions for {name}"
+                f"{' (files .swdir, .swdir2, .swr1, .swr2)' if is_ndbc(self.path) else ''}: give sea.direction_deg and "
+                "sea.spreading_s, which then count for all of it"
+            )
+        offset = (direction_grid() - np.deg2rad(direction_deg or 0.0) + np.pi) % (2 * np.pi) - np.pi
+        return normalised(np.broadcast_to(spreading(offset, spreading_s or 1.0), (density.size, offset.size)))
+
+
+def open_spectra(path: Path, site: int | None = None) -> SpectraFile:
+    """Read a file of measured spectra; `site` is the number of a place in one that has several.
+
+    Raises:
+        ConfigError: for a file that cannot be read, or a site that is not there. MissingExtraError: without wavespectra
+            for what that reads.
+    """
+    if not path.is_file():
+        raise ConfigError(f"sea.spectrum = {str(path)!r}: no such file")
+    if is_ndbc(path):
+        if site:
+            raise ConfigError(f"sea.site = {site}: {path.name} is of one place: remove it")
+        found = read_ndbc(path)
+        return SpectraFile(path, path.name.partition(".")[0], found.times, band_edges(found.frequency), found.density,
+                           found.c1, found.c2)  # fmt: skip
+    data = read_gridded(path)
+    if site is None and len(data.places) > 1:
+        named = "; ".join(f"{k}: {place}" for k, place in enumerate(data.places[:NAMED]))
+        more = "; ..." if len(data.places) > NAMED else ""
+        raise ConfigError(f"{path}: has {len(data.places)} places, give one as sea.site ({named}{more})")
+    if (site or 0) >= len(data.places):
+        last = len(data.places) - 1
+        raise ConfigError(f"sea.site = {site}: {path.name} has {last + 1}, allowed are 0 to {last}")
+    here = (slice(None), site or 0)
+    order = np.argsort(data.times, kind="stable")
+    parts = (None if x is None else x[here][order] for x in (data.density, data.c1, data.c2))
+    density, c1, c2 = parts
+    assert density is not None
+    grid = None if data.grid is None else data.grid[here][order]
+    edges = band_edges(data.frequency)
+    return SpectraFile(path, data.places[site or 0], data.times[order], edges, density, c1, c2, data.angles, grid)
+
+
+def records_of(config: SeaConfig) -> list[WaveRecord]:
+    """The records of a measured sea: one, or all, of which realisation r has number r modulo their count.
+
+    Raises:
+        ConfigError: naming file or key, for what is not there.
+    """
+    given = config.model_fields_set
+    direction = config.direction_deg if "direction_deg" in given else None
+    spreading_s = config.spreading_s if "spreading_s" in given else None
+    path = Path(config.spectrum)
+    stamp = path.stat().st_mtime_ns if path.is_file() else 0
+    return list(_records(path, stamp, config.record, config.site, direction, spreading_s))
+
+
+@lru_cache(maxsize=16)
+def _records(path: Path, stamp: int, time: str | None, site: int | None, direction_deg: float | None,
+             spreading_s: float | None) -> tuple[WaveRecord, ...]:  # fmt: skip
+    """Read once for each file, as it is now (`stamp`)."""
+    file = open_spectra(path, site)
+    if time != ALL:
+        return (file.record(file.find(time), direction_deg, spreading_s),)
+    if not file.whole():
+        raise ConfigError(f"{path}: no record in it is whole")
+    return tuple(file.record(t, direction_deg, spreading_s) for t in file.whole())
+
+
+def _nearest(known: np.ndarray) -> np.ndarray:
+    """For each of a row the number of the nearest that is known [f]."""
+    there = np.flatnonzero(known)
+    return there[np.abs(np.arange(known.size)[:, None] - there).argmin(axis=1)]
+
+
+def _text(time: np.datetime64) -> str:
+    return str(time.astype("datetime64[m]")).replace("T", " ")

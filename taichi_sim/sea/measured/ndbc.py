@@ -1,0 +1,199 @@
+"""Spectra of the US National Data Buoy Center as it publishes them in text, from r1, r2, alpha1 and alpha2.
+
+    41010.data_spec, .swdir, .swdir2, .swr1, .swr2     of the last 45 days: value (frequency) value (frequency) ...
+    41010w2019.txt, 41010d..., i..., j..., k...        of a year: frequencies in the header, r1 and r2 in hundredths
+
+Density (m^2/Hz), alpha1, alpha2 (degrees clockwise from north where waves come FROM), r1, r2; 999 and MM are no value.
+The libraries' readers make a two-dimensional spectrum of them at once, by a Fourier series cut off behind two terms,
+which is negative for some directions, and lose the hours with a 999: so these columns are read here.
+
+Bands. Frequencies are printed with three decimals, 0.0325 Hz as 0.033: those of NDBC's wave processing module are
+known (www.ndbc.noaa.gov/faq/wavespectra.shtml) and put in their place.
+
+Hundredths. Spectra of the last days come by WMO code FM 65 WAVEOB: each density in hundredths of the largest, what is
+beyond the last hundredth cut off. A record all of whose densities are such multiples is taken for one, and half a
+hundredth is added to each but the largest, from the first band with energy on; behind the last one with energy no more
+than a tail as f^-4 would have (the equilibrium range: Toba 1973, Donelan et al. 1985). Without that the 24 hours of
+41010 in June 2020 are 0.019 m low and 0.10 s long on the mean (Hs, Tm02), with it 0.004 m and 0.004 s. What is left
+open is the wind sea under a swell a hundred times as dense: the mean period of a JONSWAP swell of 13 s alone is then
+0.4 s short, and with a wind sea that the code has lost it is long. Directions have steps of 4 degrees there.
+"""
+
+import gzip
+import re
+from collections.abc import Iterator, Mapping
+from datetime import datetime
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from taichi_sim.config import ConfigError
+from taichi_sim.config.files import ndbc_set
+
+MISSING = 998.0  # and more: NDBC's 999 for no value
+BANDS = np.concatenate((0.0325 + 0.005 * np.arange(13), 0.1 + 0.01 * np.arange(26), 0.365 + 0.02 * np.arange(7)))  # Hz
+PRINTED = 0.00051  # Hz, by which a printed frequency may differ
+TAIL = 4  # power of the frequency with which a spectrum falls off
+STEPS = 100  # of the largest density, in code FM 65
+DISCERNIBLE = 3  # steps of a density that are as large as this many of its last digit are seen
+DATES = ("YY", "MM", "DD", "HH", "MN")
+
+
+class Part(NamedTuple):
+    """One file: its times [t], frequencies [f] (Hz) and values [t, f], NaN where there is none."""
+
+    times: np.ndarray
+    frequency: np.ndarray
+    values: np.ndarray
+    digit: float  # unit of the last printed digit
+    hundredths: bool  # r1 and r2 are given so
+
+
+class Moments(NamedTuple):
+    """What a set of files says: times [t] latest last, frequency [f] (Hz), density (m^2/Hz), c1, c2 (complex, where
+    waves travel to, clockwise from north) [t, f], NaN where there is no value.
+    """
+
+    times: np.ndarray
+    frequency: np.ndarray
+    density: np.ndarray
+    c1: np.ndarray
+    c2: np.ndarray
+
+
+def is_ndbc(path: Path) -> bool:
+    """Whether a file is one of NDBC's text: by the beginning of its header."""
+    try:
+        with _open(path) as file:
+            return bool(re.match(r"#?\s*YY(YY)?\s+MM\s+DD\s+hh", file.readline(200)))
+    except (OSError, UnicodeDecodeError, EOFError):
+        return False
+
+
+def read_ndbc(path: Path) -> Moments:
+    """The records of a set of files, one of which is named.
+
+    Raises:
+        ConfigError: for a file that is cut short or not of this form.
+    """
+    parts = ndbc_set(path)
+    density = read_part(parts.get("density", path))
+    if "density" not in parts and parts:
+        raise ConfigError(f"{path}: the file of the densities is not beside it: there is no spectrum without it")
+    given = {kind: _aligned(read_part(file), density, file) for kind, file in parts.items() if kind != "density"}
+    nothing = np.full(density.values.shape, np.nan)
+    alpha1, r1, alpha2, r2 = (given.get(kind, nothing) for kind in ("alpha1", "r1", "alpha2", "r2"))
+    first, second = (np.deg2rad(alpha + 180.0) for alpha in (alpha1, alpha2))  # from -> to
+    values = with_cut_off_returned(density.values, density.digit, bands(density.frequency))
+    order = np.argsort(density.times, kind="stable")
+    found = values, r1 * np.exp(1j * first), r2 * np.exp(2j * second)
+    return Moments(density.times[order], bands(density.frequency), *(x[order] for x in found))
+
+
+def bands(printed: np.ndarray) -> np.ndarray:
+    """Frequencies in the place of those printed, where they are NDBC's."""
+    known = BANDS[-printed.size :]
+    return known if known.size == printed.size and np.allclose(known, printed, rtol=0, atol=PRINTED) else printed
+
+
+def with_cut_off_returned(density: np.ndarray, digit: float, frequency: np.ndarray) -> np.ndarray:
+    """Densities [t, f] of which those sent in hundredths of the largest have back half of what was cut off."""
+    density = density.copy()
+    for row in density:
+        if not np.isfinite(row).all() or row.max() < DISCERNIBLE * STEPS * digit:
+            continue
+        step = row.max() / STEPS
+        off = np.abs(row - np.rint(row / step) * step)
+        if (off <= 0.51 * digit * (1 + row / row.max())).all():
+            first, last = np.flatnonzero(row)[[0, -1]]
+            tail = (row[last] + step / 2) * (frequency[last] / frequency) ** TAIL
+            half = np.where(np.arange(row.size) > last, np.minimum(step / 2, tail), step / 2)
+            row += np.where((np.arange(row.size) >= first) & (row < row.max()), half, 0.0)
+    return density
+
+
+def read_part(path: Path) -> Part:
+    """One file of a set.
+
+    Raises:
+        ConfigError: naming file and line, for one that is cut short or not of this form.
+    """
+    try:
+        with _open(path) as file:
+            header, *lines = file.read().splitlines()
+    except (OSError, UnicodeDecodeError, EOFError, ValueError) as error:
+        raise ConfigError(f"{path}: cannot be read: {error or 'it is empty'}") from None
+    names = header.lstrip("#").split()
+    if "WVHT" in names:
+        raise ConfigError(f"{path}: a summary of heights and periods, no spectrum: name {path.stem}.data_spec")
+    dates = 5 if len(names) > 4 and names[4].lower() == "mm" else 4
+    pairs = "(" in header or any("(" in line for line in lines[:1])
+    columns = None if pairs else names[dates:]
+    rows = [(n, line.split()) for n, line in enumerate(lines, 2) if line.strip() and not line.startswith("#")]
+    if not rows:
+        raise ConfigError(f"{path}: there is no record in it")
+    parsed = [_row(path, n, cells, dates, columns) for n, cells in rows]
+    frequency = parsed[0][1]
+    if frequency.size < 3:
+        raise ConfigError(f"{path}, line {rows[0][0]}: {frequency.size} frequencies: it is cut short, or no spectrum")
+    for (number, _), (_, there, _) in zip(rows, parsed, strict=True):
+        if there.size != frequency.size:
+            raise ConfigError(f"{path}, line {number}: cut short: {there.size} of {frequency.size} frequencies")
+        if not np.array_equal(there, frequency):
+            raise ConfigError(f"{path}, line {number}: other frequencies than in line {rows[0][0]}")
+    if not (np.diff(frequency) > 0).all() or frequency[0] <= 0:
+        raise ConfigError(f"{path}: frequencies must rise from above 0")
+    values = np.array([row[2] for row in parsed])
+    decimals = max((len(x.partition(".")[2].rstrip(")")) for x in rows[0][1][dates:] if "." in x and "(" not in x),
+                   default=0)  # fmt: skip
+    return Part(np.array([row[0] for row in parsed]), frequency, values, 10.0**-decimals, not pairs)
+
+
+def _row(path: Path, number: int, cells: list[str], dates: int, columns: list[str] | None):
+    """Time, frequencies and values of a line."""
+    try:
+        year, month, day, hour, minute = ([int(x) for x in cells[:dates]] + [0])[:5]
+        time = np.datetime64(datetime(year + 1900 if year < 100 else year, month, day, hour, minute), "m")
+        if columns is not None:
+            frequency, texts = [float(x) for x in columns], cells[dates:]
+            if len(texts) != len(frequency):
+                raise ValueError(f"cut short: {len(texts)} of {len(frequency)} frequencies")
+        else:
+            text = cells[dates:]
+            text = text[1:] if len(text) > 1 and "(" not in text[1] else text  # the separation frequency
+            texts, frequency = text[::2], [float(re.fullmatch(r"\((.*)\)", x)[1]) for x in text[1::2]]  # type: ignore
+            if len(texts) != len(frequency):
+                raise TypeError
+        return time, np.array(frequency), np.array(list(_numbers(texts)))
+    except TypeError:
+        raise ConfigError(f"{path}, line {number}: cut short: a value without (its frequency)") from None
+    except ValueError as error:
+        raise ConfigError(f"{path}, line {number}: {error}") from None
+
+
+def _numbers(texts: list[str]) -> Iterator[float]:
+    for text in texts:
+        value = np.nan if text == "MM" else float(text)
+        if value < 0:
+            raise ValueError(f"{text}: must be 0 or more")
+        yield value if value < MISSING else np.nan
+
+
+def _aligned(part: Part, density: Part, path: Path) -> np.ndarray:
+    """Values of a file for the times of the densities [t, f]; NaN for times that it has not."""
+    if part.frequency.shape != density.frequency.shape or not np.allclose(part.frequency, density.frequency):
+        raise ConfigError(f"{path}: other frequencies than the file of the densities")
+    rows: Mapping[np.datetime64, np.ndarray] = dict(zip(part.times, part.values, strict=True))
+    nothing = np.full(density.frequency.size, np.nan)
+    values = np.array([rows.get(time, nothing) for time in density.times])
+    return values / 100 if part.hundredths and _kind_is_r(path) else values
+
+
+def _kind_is_r(path: Path) -> bool:
+    return any(kind in ("r1", "r2") and file == path for kind, file in ndbc_set(path).items())
+
+
+def _open(path: Path):
+    opened = gzip.open if path.suffix == ".gz" else open
+    return opened(path, "rt", encoding="utf-8")
