@@ -2,8 +2,8 @@
 
 `NAME.hydro.json` is written by tools/hydrodynamics.py (docs/hydrodynamics.md). All in the body frame b
 (forward-right-down), moments about CO, SI units; time factor exp(-i omega t): with the elevation
-Re(a exp(i (k.x - omega t))) of a wave whose crest is at CO at t = 0, a load is Re(X a exp(-i omega t)). A heading is the
-direction the waves travel to, relative to the bow, clockwise seen from above: 0 is following, 90 to starboard.
+Re(a exp(i (k.x - omega t))) of a wave whose crest is at CO at t = 0, a load is Re(X a exp(-i omega t)). A heading is
+the direction the waves travel to, relative to the bow, clockwise seen from above: 0 is following, 90 to starboard.
 The hull is held at zero speed; added mass and damping are those of harmonic motion at omega.
 
 The file names its hull by `hull_hash`, so that a database of another hull is found out.
@@ -65,7 +65,7 @@ class HydroDatabase:
     froude_krylov: Complex  # [n, m, 6] of the undisturbed wave's pressure
     volume: float  # displaced, m^3
     stiffness: Array  # [6, 6] C of water and weight: N/m, N, N m
-    drift: Array | None = None  # [n, m, 3] mean surge, sway, yaw load of the free hull per squared amplitude: N/m^2, N/m
+    drift: Array | None = None  # [n, m, 3] mean surge, sway, yaw load, free hull, per squared amplitude: N/m^2, N/m
     settings: Mapping[str, Any] = field(default_factory=dict)  # panels, lids, versions, command
 
     @property
@@ -107,7 +107,8 @@ class HydroDatabase:
         }  # fmt: skip
         if self.drift is not None:
             tables["drift"] = self.drift
-        texts: dict[str, Any] = {"format": FORMAT, "hull": self.hull, "code": self.code, "settings": dict(self.settings)}
+        texts: dict[str, Any] = {"format": FORMAT, "hull": self.hull, "code": self.code}
+        texts["settings"] = dict(self.settings)
         lines = [f'"{key}": {json.dumps(value)}' for key, value in texts.items()]
         lines += [f'"{key}": {_text(value)}' for key, value in tables.items()]
         Path(path).write_text("{\n" + ",\n".join(lines) + "\n}\n", encoding="utf-8")
