@@ -1,6 +1,6 @@
 """Compute a hull's hydrodynamic database: added mass, damping, wave loads and mean drift by a boundary-element code.
 
-    python tools/hydrodynamics.py HULL [--mesh FILE] [--mass KG] [--cg X Y Z] [--unit mm] [--waterline Z] ... [--out FILE]
+    python tools/hydrodynamics.py HULL [--mesh FILE] [--mass KG] [--cg X Y Z] [--unit mm] [--waterline Z] ...
 
     python tools/hydrodynamics.py otter
     python tools/hydrodynamics.py my_boat.stl --unit mm --waterline 0.35 --mass 180 --cg 0.1 0 -0.2
@@ -33,6 +33,7 @@ from hydro.fit import ENERGY, FitError  # noqa: E402
 from hydro.mesh_file import UNITS  # noqa: E402
 from hydro.run import require_capytaine  # noqa: E402
 from hydro.vehicle import vehicle_text  # noqa: E402
+
 from taichi_sim import runtime  # noqa: E402
 from taichi_sim.config import ConfigError  # noqa: E402
 from taichi_sim.conventions import GRAVITY, RHO_SEA  # noqa: E402
@@ -50,14 +51,14 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("hull", metavar="HULL", help="a vehicle file, the name of a shipped one, or a mesh file")
     p.add_argument("--out", type=Path, metavar="FILE", help="where to write (default: NAME.hydro.json beside HULL)")
     mesh = p.add_argument_group("meshes")
-    mesh.add_argument("--mesh", type=Path, metavar="FILE", help="compute on this mesh of the vehicle HULL, about its CO")
+    mesh.add_argument("--mesh", type=Path, metavar="FILE", help="compute on this mesh of the vehicle, about its CO")
     mesh.add_argument("--unit", choices=UNITS, default="m", help="of the mesh (default: m)")
     mesh.add_argument("--waterline", type=float, default=0.0, metavar="Z", help="height of the water in the mesh, m")
     mesh.add_argument("--midships", type=float, metavar="X", help="x of the vehicle's origin in the mesh, m")
     mesh.add_argument("--mass", type=_positive, metavar="KG", help="default: what the mesh displaces")
     mesh.add_argument("--cg", type=float, nargs=3, metavar=("X", "Y", "Z"), help="m, forward, starboard, down from CO")
     mesh.add_argument("--gyration", type=_positive, nargs=3, metavar=("KX", "KY", "KZ"), help="m, about the CG")
-    mesh.add_argument("--freeboard", type=_positive, metavar="M", help="of the vehicle made of a mesh (default: draught)")
+    mesh.add_argument("--freeboard", type=_positive, metavar="M", help="of the vehicle made (default: draught)")
     mesh.add_argument("--stations", type=int, default=16, metavar="N", help="of its offsets (default: 16)")
     mesh.add_argument("--points", type=int, default=3, metavar="N", help="of each, keel to waterline (default: 3)")
     what = p.add_argument_group("what is computed")
@@ -65,14 +66,14 @@ def parser() -> argparse.ArgumentParser:
     what.add_argument("--rho", type=_positive, default=RHO_SEA, metavar="KG/M3", help=f"default: {RHO_SEA:g}")
     what.add_argument("--frequencies", type=int, metavar="N", help="how many (default: 50; 90 of twin hulls)")
     what.add_argument("--range", type=_positive, nargs=2, metavar=("LO", "HI"), help="of frequencies, rad/s")
-    what.add_argument("--also", type=_positive, nargs="+", default=(), metavar="W", help="frequencies to have, too, rad/s")
+    what.add_argument("--also", type=_positive, nargs="+", default=(), metavar="W", help="frequencies to include, rad/s")
     what.add_argument("--heading-step", type=float, default=15.0, metavar="DEG", help="default: 15")
-    what.add_argument("--panels", type=int, default=1200, metavar="N", help="of half the hull, or a quarter (default: 1200)")
-    what.add_argument("--divisions", type=int, default=0, metavar="N", help="instead: even parts of each panel, each way")
-    what.add_argument("--gap-damping", type=float, metavar="E", help="of the water between hulls (default: 0.03; 0 none)")
-    what.add_argument("--method", choices=("direct", "sources"), default="direct", help="default: direct (Green's theorem)")
+    what.add_argument("--panels", type=int, default=1200, metavar="N", help="of half the hull or a quarter (1200)")
+    what.add_argument("--divisions", type=int, default=0, metavar="N", help="instead: even parts of a panel each way")
+    what.add_argument("--gap-damping", type=float, metavar="E", help="of water between hulls (0.03; 0 none)")
+    what.add_argument("--method", choices=("direct", "sources"), default="direct", help="default: direct")
     what.add_argument("--no-lid", action="store_true", help="leave irregular frequencies in")
-    what.add_argument("--energy", type=_positive, default=ENERGY, metavar="E", help="of a kernel's, that the memory may miss")
+    what.add_argument("--energy", type=_positive, default=ENERGY, metavar="E", help="share that a memory may miss")
     p.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes (default: all cores)")
     p.add_argument("--quiet", action="store_true", help="no progress bar")
     return p

@@ -1,6 +1,6 @@
 """Run this package against reference tables: published figures and results of independent codes.
 
-    python tools/validate.py --reference DIR [--json FILE] [--report PAGE.md]
+    python tools/validate.py --reference DIR [--json FILE] [--report PAGE.md] [--bem FOLDER]
 
 Tables are found by file name and columns, in DIR and its folders; the inputs of a case come from the columns,
 the name, and the JSON or TOML beside it. Prints check, largest error, tolerance, result, and the files that
@@ -29,9 +29,11 @@ def main() -> int:
     parser.add_argument("--reference", type=Path, required=True, help="directory of the tables")
     parser.add_argument("--json", type=Path, help="also write the report here, as JSON")
     parser.add_argument("--report", type=Path, help="also write a page (Markdown), pictures in the folder of its name")
+    text = "compute hydrodynamic databases of ships that have none, and keep them there (minutes each; extra `bem`)"
+    parser.add_argument("--bem", type=Path, metavar="FOLDER", help=text)
     arguments = parser.parse_args()
     try:
-        report = validate(arguments.reference)
+        report = validate(arguments.reference, bem=arguments.bem)
     except NothingToCheckError as error:
         print(f"validate: {error}", file=sys.stderr)
         return 2

@@ -59,7 +59,7 @@ def run(
     """The database of a hull on its own panels, or on `mesh` of it.
 
     Raises:
-        ConfigError: if the hull does not float, the mesh is another hull's or too large, or frequencies miss a resonance.
+        ConfigError: if the hull does not float, the mesh is another hull's or too large, or --range misses a resonance.
     """
     surface, size = _surface(craft, mesh, wishes)
     for line in check_floating(craft, surface, wishes.rho, wishes.g):
@@ -81,9 +81,10 @@ def run(
         f"{_per_wave(frequencies.ABOVE * max(of), size, wishes.g):.1f} at {frequencies.ABOVE} of the highest resonance"
     )
     *loads, endless = solve_all(tank, floating, [*omega, np.inf], heading, wishes.jobs, wishes.quiet)
-    uneven = max(_asymmetry(x) for of_one in loads for x in (of_one.added_mass,))
+    uneven = max(_asymmetry(of_one.added_mass) for of_one in loads)
     settings: dict[str, Any] = {
-        "command": command, "method": wishes.method, "panels": len(surface), "alike": alike, "lid_panels": len(lid), "gap_panels": len(gap),
+        "command": command, "method": wishes.method, "panels": len(surface), "alike": alike,
+        "lid_panels": len(lid), "gap_panels": len(gap),
         "gap_damping": epsilon if len(gap) else 0.0, "panel_size": float(f"{size:.3g}"),
         "mesh": mesh is not None, "resonances": [float(f"{w:.4g}") for w in of],
         "reciprocity": float(f"{uneven:.2g}"), "drift": "far field, free hull without viscous damping",
@@ -107,11 +108,11 @@ def _surface(craft: Craft, mesh: Surface | None, wishes: Wishes) -> tuple[Surfac
         off = (ours - theirs) / scale
         print(f"{name:24}{ours:14.6g}{theirs:14.6g}{100 * off:9.2f} %{' of the length' * name.startswith('LCB')}")
         if abs(off) > 4 * OFF and name.startswith(("volume", "waterplane, ")):
-            raise ConfigError(f"the mesh is another hull than {craft.name}: {name} {theirs:.6g}, of the panels {ours:.6g}")
+            raise ConfigError(f"the mesh is not of {craft.name}: its {name}: {theirs:.6g}, of the panels {ours:.6g}")
     if len(mesh) < wishes.panels / 2:
         mesh = refined(mesh, float(np.sqrt(np.linalg.norm(mesh.area, axis=1).sum() / 2 / wishes.panels)))
     if len(mesh) > MOST:
-        raise ConfigError(f"the mesh has {len(mesh)} panels below water, at most {MOST}: thin it out, or leave out --mesh")
+        raise ConfigError(f"the mesh has {len(mesh)} panels below water, {MOST} at most: thin it out, or leave it out")
     return mesh, float(np.median(mesh.edge))
 
 

@@ -4,14 +4,17 @@ Momentum over a distant cylinder (Maruo 1960; Newman 1967): with Kochin's functi
 
     H(theta) = 1/(4 pi) integral (phi_n e - phi e_n) dS,    e = f(z) exp(-i k (x cos theta + y sin theta)),
 
-of waves scattered by the held hull and of those of its motions, per metre of amplitude a of waves to beta, in deep water
+of waves scattered by the held hull and of those of its motions, per metre of amplitude a of waves to beta, in deep
+water
 
     X = -a^2 (c1 cos beta Re H(beta) + c2 integral |H|^2 cos theta dtheta),  Y with sines,
     N = a^2/k (-c1 Im H'(beta) - c2 integral Im(H* H') dtheta),    c1 = 2 pi rho omega,  c2 = 2 pi rho k^2;
 
-c2 has another value in finite depth. It takes the loads on the hull and on a damping lid together, and no viscous damping:
-a roll that only potential damping limits drifts too much at its resonance.
+c2 has another value in finite depth. It takes the loads on the hull and on a damping lid together, and no viscous
+damping: a roll that only potential damping limits drifts too much at its resonance.
 """
+
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +23,7 @@ from hydro.frames import cos_sin
 from hydro.problem import Solution, Tank, attenuation, dispersion
 
 Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
+Complex = NDArray[Any]  # complex128
 FEWEST_ANGLES = 180  # of the integral round the hull
 ANGLES_PER_PHASE = 6  # of k times the hull's radius
 
@@ -58,7 +61,8 @@ def mean_drift(tank: Tank, solution: Solution, motion: Complex, omega: float, he
     def total(angle: Array) -> tuple[Complex, Complex]:
         """H and its derivative [angle, heading] of the waves that the free hull sends out."""
         of = kochin(solution, k, tank.depth, angle)
-        return tuple(1j * (h[:, :6] @ velocity + h[:, 6:]) for h in of)
+        H, H_turned = (1j * (h[:, :6] @ velocity + h[:, 6:]) for h in of)
+        return H, H_turned
 
     H, H_turned = total(around)
     ahead, ahead_turned = (np.diagonal(h) for h in total(np.deg2rad(heading_deg)))

@@ -1,7 +1,7 @@
-"""Which frequencies to compute: from well below to well above the hull's resonances, and a tail for the memory of waves.
+"""Which frequencies to compute: from well below to well above the resonances, and a tail for the memory of waves.
 
-The resonances of heave, roll and pitch come from a coarse pass: with added mass A(omega) known at a few frequencies, each
-natural frequency is where omega^2 is an eigenvalue of (M + A(omega))^-1 C.
+The resonances of heave, roll and pitch come from a coarse pass: with added mass A(omega) known at a few frequencies,
+each natural frequency is where omega^2 is an eigenvalue of (M + A(omega))^-1 C.
 """
 
 from typing import NamedTuple
@@ -54,9 +54,9 @@ def trial(C: Array, M: Array) -> Array:
 
 
 def chosen(of: Resonances, count: int, top: float) -> Array:
-    """Frequencies [count], rad/s: even over the resonances, then wider apart to the end of the tail, none above `top`."""
+    """Frequencies [count], rad/s: even over the resonances, then wider apart to the tail's end, none above `top`."""
     low, high, end = BELOW * min(of), min(ABOVE * max(of), top), min(TAIL * max(of), top)
-    tail = round(IN_TAIL * count) if end > high else 0
+    tail = round(IN_TAIL * count * min(1.0, np.log(end / high) / np.log(TAIL / ABOVE)))
     even = np.linspace(low, high, count - tail)
     return _digits([*even, *np.geomspace(high, end, tail + 1)[1:]])
 

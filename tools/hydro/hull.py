@@ -24,6 +24,7 @@ from taichi_sim.usv.hull.shapes import HullShape, StationsHull
 Array = NDArray[np.float64]
 MODEL = "hull_6dof"
 HEAVIER = 0.05  # share of the displaced mass by which a hull's may differ before it is worth a warning
+LIGHTER = 20.0  # times its mass that a hull may displace before something must be wrong
 TRIES = 40  # steps towards a wanted number of panels
 
 
@@ -108,7 +109,7 @@ def read_mesh(path: Path, unit: str, waterline: float, midships: float | None, l
     x = panels[..., 0]
     panels[..., 0] -= (x.min() + x.max()) / 2 if midships is None else midships
     panels[..., 2] -= waterline
-    return mesh_file.halved(mesh_file.checked(mesh_file.Polygons(panels, found.planes), path.name, length))
+    return mesh_file.checked(mesh_file.Polygons(panels, found.planes), path.name, length)
 
 
 def of_mesh(
@@ -122,10 +123,11 @@ def of_mesh(
         mass = float(f"{RHO_SEA * surface.volume:.6g}")
         print(f"{name}: no --mass: {mass:g} kg, what it displaces in sea water")
     if cg is None:
-        cg = (float(f"{surface.centre_of_buoyancy[0]:.4g}"), 0.0, 0.0)
+        cg = (round(float(surface.centre_of_buoyancy[0]), 4) + 0.0, 0.0, 0.0)
         print(f"{name}: no --cg: {cg}, over the centre of buoyancy in the waterline")
     if gyration is None:
-        gyration = tuple(float(f"{r:.4g}") for r in (0.35 * beam, 0.25 * length, 0.25 * length))
+        roll, pitch = (float(f"{r:.4g}") for r in (0.35 * beam, 0.25 * length))
+        gyration = roll, pitch, pitch
         print(f"{name}: no --gyration: {gyration} m, 0.35 of the beam and 0.25 of the length")
     shape = offsets(surface, *table)
     M = rigid_body_mass(mass, cg, mass * np.diag(np.square(np.array(gyration))))
@@ -141,7 +143,12 @@ def check_floating(craft: Craft, surface: Surface, rho: float, g: float) -> list
     displaced, whole = rho * surface.volume, rho * Hydrostatics(craft.panels, craft.mass, craft.cg).volume_below_deck
     if craft.mass >= whole:
         raise ConfigError(
-            f"{craft.name}: its mass of {craft.mass:.6g} kg is above the {whole:.6g} kg that it displaces up to its deck"
+            f"{craft.name}: its mass of {craft.mass:.6g} kg is above the {whole:.6g} kg that it displaces up to the deck"
+        )
+    if displaced > LIGHTER * craft.mass:
+        raise ConfigError(
+            f"{craft.name}: its mass is {craft.mass:.6g} kg, and it displaces {displaced:.6g} kg: check mass, --waterline, "
+            "and --unit"
         )
     C = surface.stiffness(craft.mass, craft.cg_z_up, rho, g)
     GM_T, GM_L = C[3, 3] / (craft.mass * g), (C[4, 4] - C[2, 4] ** 2 / C[2, 2]) / (craft.mass * g)
@@ -158,8 +165,8 @@ def check_floating(craft: Craft, surface: Surface, rho: float, g: float) -> list
     ]
     if abs(off) > HEAVIER:
         told.append(
-            f"warning: mass and displaced mass differ by {100 * off:+.1f} %: it does not float at its design waterline, "
-            "for which loads are computed"
+            f"warning: mass and displaced mass differ by {100 * off:+.1f} %: it does not float at the design waterline "
+            "that loads are computed for"
         )
     trim = craft.cg[0] - surface.centre_of_buoyancy[0]
     if abs(trim) > 0.02 * np.ptp(surface.whole[..., 0]):

@@ -1,14 +1,15 @@
 """Lids: panels in the water's surface, inside the hull and between hulls.
 
 Inside: a boundary-element code finds a hull's loads wrong near the frequencies at which water inside it would slosh
-("irregular frequencies"); a rigid lid over the inner waterplane takes them away (Ohmatsu 1975; Lee and Sclavounos 1989).
+("irregular frequencies"); a rigid lid over the inner waterplane takes them away (Ohmatsu 1975; Lee and Sclavounos
+1989).
 
 Between the hulls of a catamaran real water rises and falls and sloshes; potential theory lets it do so too freely near
-resonance, for it has no viscosity. A damping lid takes energy there (Chen 2004; dissipation.py).
+resonance, for it has no viscosity. A damping lid takes energy there (Chen 2004; problem.py).
 
-The inner lid keeps half a panel's size away from the waterline: a lid that touches it shifts the loads by a per cent and
-more (panels of lid and hull meet in the logarithmic singularity of the surface), one that keeps away takes the
-irregular frequencies out as well and shifts them by less than 0.1 % (measured on a box).
+The inner lid keeps half a panel's size away from the waterline: a lid that touches it shifts the loads by some per cent
+(panels of lid and hull meet in the logarithmic singularity of the surface), one that keeps away takes the irregular
+frequencies out as well and hardly shifts them (docs/hydrodynamics.md).
 
 Both are found strip by strip along x from where the waterline crosses: inside and gap alternate across the hull.
 """

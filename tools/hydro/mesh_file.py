@@ -1,7 +1,8 @@
 """Reading a hull's surface from a file and making it fit for boundary elements: units, cut, orientation, closedness.
 
 Formats: STL, OBJ, PLY, VTK, MSH and what else meshio reads; WAMIT's GDF of flat panels; CSV of panels with the columns
-x1, y1, z1 ... x4, y4, z4. Expected: x forward, y to port, z up; a file of one half says so (GDF's ISX, ISY) or begins at y = 0.
+x1, y1, z1 ... x4, y4, z4. Expected: x forward, y to port, z up; a GDF of one half says so (ISX, ISY), a CSV of one half
+has no y below 0.
 """
 
 from pathlib import Path
@@ -19,6 +20,7 @@ UNITS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "in": 0.0254, "ft": 0.3048}
 LONGEST = 500.0  # m; longer than any ship but a few: the unit is wrong
 MERGE = 1e-6  # of the mesh's size, within which corners are one
 OPEN = 2e-3  # of the volume, by which it may depend on how it is computed: panels that meet at T-junctions
+ALIKE = 1e-3  # of the mesh's size, within which corners of port and starboard are images of each other
 DRY = 1e-4  # of the mesh's size, below which an edge at the water is at the water
 
 
@@ -96,6 +98,8 @@ def _meshio(path: Path) -> Polygons:
 def checked(mesh: Polygons, name: str, length: float | None) -> Surface:
     """The wetted surface of a mesh whose z = 0 is the water, its normals outward; what was mended is printed.
 
+    Of a mesh that is alike to port and starboard it is the port half.
+
     length: the vehicle's, m, to find a wrong unit.
 
     Raises:
@@ -109,8 +113,8 @@ def checked(mesh: Polygons, name: str, length: float | None) -> Surface:
     z = panels[..., 2]
     if z.min() > -DRY * size:
         raise ConfigError(
-            f"{name}: lies above the water (z from {z.min():.4g} to {z.max():.4g} m); give --waterline, the height of the "
-            "water in the mesh's own z"
+            f"{name}: lies above the water (z from {z.min():.4g} to {z.max():.4g} m); give --waterline, the height of "
+            "the water in the mesh's own z"
         )
     if z.max() < -DRY * size:
         raise ConfigError(f"{name}: lies wholly under water (z up to {z.max():.4g} m); give --waterline")
@@ -119,22 +123,23 @@ def checked(mesh: Polygons, name: str, length: float | None) -> Surface:
     surface = Surface(wet, mesh.planes)
     if surface.volume < 0:
         print(f"{name}: its normals pointed inward; turned over")
-        surface = Surface(reverse(wet), mesh.planes)
+        panels, surface = reverse(panels), Surface(reverse(wet), mesh.planes)
     _check_closed(surface, name, size)
+    if not mesh.planes and _alike(panels, size):
+        return Surface(_cut(_port(panels, DRY * size), DRY * size), (1,))
     return surface
 
 
-def halved(surface: Surface) -> Surface:
-    """Of a surface without planes, its port half, if it is its own image in y = 0; as it is otherwise."""
-    if surface.planes:
-        return surface
-    size = float(np.ptp(surface.panels.reshape(-1, 3), axis=0).max())
-    centre = surface.panels.mean(axis=1)
-    key = np.rint(centre / (1e-4 * size)).astype(np.int64)
-    image = key * [1, -1, 1]
-    if sorted(map(tuple, key.tolist())) != sorted(map(tuple, image.tolist())):
-        return surface
-    return Surface(surface.panels[centre[:, 1] > 0], (1,))
+def _alike(panels: Array, size: float) -> bool:
+    """Whether the corners of port and starboard are images of each other."""
+    corners = np.unique(np.round(panels.reshape(-1, 3), 9), axis=0)
+    image = corners * [1.0, -1.0, 1.0]
+    return all(np.abs(corners - own).max(axis=1).min() <= ALIKE * size for own in image)
+
+
+def _port(panels: Array, tiny: float) -> Array:
+    """The parts of panels to port: turned port side down, cut as at the water, and turned back."""
+    return _cut(panels[..., [0, 2, 1]] * [1.0, 1.0, -1.0], tiny)[..., [0, 2, 1]] * [1.0, -1.0, 1.0]
 
 
 def refined(surface: Surface, size: float) -> Surface:

@@ -1,8 +1,8 @@
 """A table of offsets from a mesh: the few stations and points with which the simulator floats a hull.
 
-At each station the half-breadth at some levels is read off the wetted mesh; between hulls, also where they begin. Chords
-lie inside a rounded hull, so the half-breadths are stretched (by a per cent or so): those at the waterline until the
-waterplane's area is the mesh's, those below until the volume is.
+At each station the half-breadth at some levels is read off the wetted mesh; of two hulls, also where they begin.
+Chords lie inside a rounded hull, so the half-breadths are stretched (by a per cent or so): those at the waterline until
+the waterplane's area is the mesh's, those below until the volume is.
 """
 
 import numpy as np
@@ -45,12 +45,15 @@ def offsets(hull: Surface, stations: int, points: int, freeboard: float) -> Stat
     return made
 
 
-def compared(made: Panels, hull: Surface, mass: float, cg: Array, rho: float, g: float) -> dict[str, tuple[float, float]]:
+def compared(
+    made: Panels, hull: Surface, mass: float, cg: Array, rho: float, g: float
+) -> dict[str, tuple[float, float]]:
     """What the offsets (first) and the mesh (second) have: name with unit -> values."""
     out: dict[str, tuple[float, float]] = {}
     ours = _measured(made)
     pairs = (("volume, m^3", lambda s: s.volume), ("waterplane, m^2", lambda s: s.waterplane["A"]),
-             ("waterplane Ixx, m^4", lambda s: s.waterplane["yy"]), ("waterplane Iyy, m^4", lambda s: s.waterplane["xx"]),
+             ("waterplane Ixx, m^4", lambda s: s.waterplane["yy"]),
+             ("waterplane Iyy, m^4", lambda s: s.waterplane["xx"]),
              ("LCB, m", lambda s: s.centre_of_buoyancy[0]), ("KB below water, m", lambda s: -s.centre_of_buoyancy[2]),
              ("GM_T, m", lambda s: s.stiffness(mass, cg, rho, g)[3, 3] / (mass * g)),
              ("GM_L, m", lambda s: s.stiffness(mass, cg, rho, g)[4, 4] / (mass * g)))  # fmt: skip
@@ -127,13 +130,12 @@ def _places(triangles: Array, ends: Array, stations: int, points: int, twin: boo
     chosen = [0, FINE - 1]
     while len(chosen) < stations:
         chosen.sort()
-        if len(chosen) % 2:
-            gap = int(np.diff(chosen).argmax())
-            chosen.append((chosen[gap] + chosen[gap + 1]) // 2)
-            continue
         line = np.stack([np.interp(x, x[chosen], shape[chosen, j]) for j in range(shape.shape[1])], axis=1)
         miss = np.abs(shape - line).sum(axis=1)
-        chosen.append(int(miss.argmax()))
+        miss[chosen] = 0.0
+        gap = int(np.diff(chosen).argmax())
+        straight = len(chosen) % 2 or miss.max() < INSIDE * np.abs(shape).max()
+        chosen.append((chosen[gap] + chosen[gap + 1]) // 2 if straight else int(miss.argmax()))
     return x[sorted(chosen)]
 
 

@@ -3,11 +3,11 @@
 With capytaine's Green function of the water's surface and waves exp(-i omega t), the potential phi on the hull follows
 from its normal velocity v_n (normal out of the hull, into the water), as the tank's method says:
 
-    direct:   D phi = S v_n               Green's theorem, as in WAMIT
-    sources:  K sigma = v_n, phi = S sigma    sources on the hull, capytaine's default
+    direct:   D phi = S v_n                     Green's theorem, as in WAMIT
+    sources:  K sigma = v_n,  phi = S sigma     sources on the hull, capytaine's default
 
-On the meshes of ships the direct one errs a quarter as much, and lids hardly shift it (docs/hydrodynamics.md). Right-hand
-sides are the six motions of unit velocity and the scattering of the waves of
+On the meshes of ships the direct one errs a quarter as much, and lids hardly shift it (docs/hydrodynamics.md).
+Right-hand sides are the six motions of unit velocity and the scattering of the waves of
 each heading. Planes of symmetry divide potentials into even and odd ones, whose matrices are sums and differences over
 the images: half the unknowns twice, or a quarter four times.
 
@@ -15,8 +15,9 @@ Lids are lids.py's: the inner one is rigid. On the damping lid the surface's con
 
     phi_z = K (1 + i epsilon) phi,    K = omega^2 / g,
 
-in place of phi_z = K phi (Chen 2004, "fairly perfect fluid"), one epsilon for all frequencies: friction epsilon omega on
-the vertical motion, as that of eddies grows with velocity. Green's theorem has the undamped condition built in: the lid adds i epsilon K S phi.
+in place of phi_z = K phi (Chen 2004, "fairly perfect fluid"), one epsilon for all frequencies: friction epsilon omega
+on the vertical motion, as that of eddies grows with velocity. Both methods have the undamped condition built in: the
+lid adds i epsilon K S phi.
 """
 
 from dataclasses import dataclass
@@ -31,7 +32,7 @@ from hydro.frames import cos_sin
 from hydro.surface import Surface, area_vectors, mirrored
 
 Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
+Complex = NDArray[Any]  # complex128
 PARITY = {  # of the six motions' normal velocities, in the plane normal to an axis
     0: np.array([-1, 1, 1, 1, -1, -1]),
     1: np.array([1, -1, 1, -1, 1, -1]),
@@ -72,7 +73,7 @@ class Solution(NamedTuple):
     damping: Array  # [6, 6]
     froude_krylov: Complex  # [n, 6] per metre of amplitude
     diffraction: Complex  # [n, 6]
-    potential: Complex  # [panel, 6 + n] of unit velocities and of the scattered waves, of all images; none with sources
+    potential: Complex  # [panel, 6 + n] of unit velocities and of the scattered waves, images too; none with sources
     flow: Complex  # [panel, 6 + n] normal velocity, or sources, times area, and what a damping lid sends out
     points: Array  # [panel, 3] where they are
     area: Array  # [panel, 3] area vectors, zero on lids
@@ -136,7 +137,7 @@ def solve(tank: Tank, omega: float, heading_deg: Array, green: Any = None) -> So
     weights = motions * area[:n] * len(tank.images)  # the images' loads are the same
     for character in tank.characters:
         signs = [image_sign(character, image) for image in tank.images]
-        S, D = (sum(sign * block[i] for sign, block in zip(signs, blocks, strict=True)) for i in (0, 1))
+        S, D = (np.sum([sign * block[i] for sign, block in zip(signs, blocks, strict=True)], axis=0) for i in (0, 1))
         modes = [m for m in range(6) if all(PARITY[a][m] == sign for a, sign in character.items())]
         columns = [*modes, *range(6, 6 + len(headings))]
         v = np.zeros((len(area), len(columns)), dtype=complex)  # normal velocity, on the gap lid that of the damping

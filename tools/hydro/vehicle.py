@@ -10,7 +10,7 @@ VISCOUS = (0.02, 0.1, 0.0, 0.03, 0.0, 0.02)  # of critical or of mass times reso
 
 
 def vehicle_text(craft: Craft, surface: Surface, found: HydroDatabase, resonance: float, command: str) -> str:
-    """The TOML: hull by offsets, rigid body as given, added mass and damping of the database near `resonance` (rad/s)."""
+    """The TOML: hull by offsets, rigid body as given, added mass and damping of the database near `resonance`, rad/s."""
     assert craft.shape is not None
     whole = surface.whole.reshape(-1, 3)
     length, beam, draft = np.ptp(whole[:, 0]), np.ptp(whole[:, 1]), -whole[:, 2].min()
@@ -25,8 +25,8 @@ def vehicle_text(craft: Craft, surface: Surface, found: HydroDatabase, resonance
     )
     return f'''# {craft.name}: made of a mesh by
 #   {command}
-# Added mass and damping below are those of its hydrodynamic database at {found.omega[at]:.3g} rad/s with assumed viscous
-# shares; put in measured ones where you have them. No thrusters: add a section [thrusters] to drive it.
+# Added mass and damping below are those of its hydrodynamic database at {found.omega[at]:.3g} rad/s, with assumed
+# viscous shares; put in measured ones where you have them. No thrusters: add a section [thrusters] to drive it.
 model = "hull_6dof"
 length = {length:.6g}
 beam = {beam:.6g}

@@ -42,6 +42,7 @@ class Folder:
 
     root: Path
     used: set[Path] = field(default_factory=set)
+    bem: Path | None = None  # where databases of ships are computed and kept (ships.py); None: they are not
 
     def use(self, path: Path) -> Path:
         """`path`, noted as read."""

@@ -24,6 +24,12 @@ TITLES = {
         "A box of 4 x 2 x 0.5 m draft: closed forms, Froude-Krylov loads of the stepping kernel on a fine mesh, and "
         "motion in waves against a boundary-element code (capytaine).",
     ),
+    "ships": (
+        "Ships",
+        "Hydrodynamic databases of our boundary-element runs against published tables (WAMIT): added mass and damping, "
+        "wave loads, mean drift, and the motions that follow. What is judged, and why not all: "
+        "`tools/validation/ships.py`.",
+    ),
     "otter": (
         "Otter (`hull_6dof`)",
         "The published equations (PythonVehicleSimulator) integrated to convergence. `*_euler_*` tables are the "

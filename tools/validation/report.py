@@ -64,15 +64,15 @@ def _short(value: float | None) -> str:
     return f"{value:9.1e}" if value is not None else f"{'-':>9}"
 
 
-def validate(reference: Path, checkers: Sequence[Checker] = CHECKERS) -> Report:
-    """Run this package against the tables in `reference`.
+def validate(reference: Path, checkers: Sequence[Checker] = CHECKERS, bem: Path | None = None) -> Report:
+    """Run this package against the tables in `reference`; `bem`: a folder for computed databases of ships (ships.py).
 
     Raises:
         NothingToCheckError: if the directory is missing or holds no table that a checker knows.
     """
     if not reference.is_dir():
         raise NothingToCheckError(f"{reference}: no such directory")
-    folder = Folder(reference.resolve())
+    folder = Folder(reference.resolve(), bem=bem)
     files = folder.files()
     jobs = [(path, c, match) for path in files for c in checkers if (match := c.match(path)) is not None]
     if not jobs:

@@ -15,6 +15,7 @@ from taichi_sim.config import Finite, NonNegative, Positive, Strict
 
 Array = NDArray[np.float64]
 Count = Annotated[int, Field(ge=1, le=400)]
+Section = Annotated[tuple[tuple[NonNegative, Finite], ...], Field(min_length=2, max_length=50)]
 DECK_STEP = 1e-9  # m, within which a deck is level
 
 
@@ -83,10 +84,7 @@ class StationsHull(Strict):
 
     shape: Literal["stations"] = "stations"
     # x from stern to bow, and [y, z] of each point, z down from the design waterline, m
-    stations: Annotated[
-        tuple[tuple[Finite, Annotated[tuple[tuple[NonNegative, Finite], ...], Field(min_length=2, max_length=50)]], ...],
-        Field(min_length=2, max_length=100),
-    ]
+    stations: Annotated[tuple[tuple[Finite, Section], ...], Field(min_length=2, max_length=100)]
 
     @property
     def points(self) -> Array:
@@ -109,8 +107,8 @@ class StationsHull(Strict):
             raise ValueError(f"the deck must be level: the last points' z run from {deck.min()} to {deck.max()}")
         if self.twin and np.any(np.abs(self.points[:, 0, 2] - deck) > DECK_STEP):
             raise ValueError(
-                "the first points must lie on the centreline (y = 0), or, of twin hulls, on the inner deck edge, as high "
-                "as the outer one"
+                "the first points must lie on the centreline (y = 0), or, of twin hulls, on the inner deck edge, as "
+                "high as the outer one"
             )
         return self
 

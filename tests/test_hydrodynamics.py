@@ -1,0 +1,220 @@
+"""From a hull to a hydrodynamic database: file, frames, shipped databases, meshes, offsets; boundary elements."""
+
+import dataclasses
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT / "tools"))
+
+import hydrodynamics  # noqa: E402
+from hydro import hull as hulls  # noqa: E402
+from hydro.frames import TURN, turned_matrix  # noqa: E402
+from hydro.frequencies import ABOVE, BELOW  # noqa: E402
+from hydro.offsets import compared, offsets  # noqa: E402
+from hydro.panels import wetted  # noqa: E402
+from hydro.surface import Surface, mirrored, reverse  # noqa: E402
+
+from taichi_sim.config import ConfigError  # noqa: E402
+from taichi_sim.config.io import config_folder  # noqa: E402
+from taichi_sim.usv.hull.database import HydroDatabase, database_file, hull_hash  # noqa: E402
+from taichi_sim.usv.hull.hydrostatics import Hydrostatics  # noqa: E402
+from taichi_sim.usv.hull.mesh import Panels, mesh  # noqa: E402
+from taichi_sim.usv.hull.shapes import BoxHull, StationsHull  # noqa: E402
+
+VEHICLES = config_folder() / "vehicles"
+SHIPPED = ("otter", "wamv", "barge", "fpso")
+RHO, G = 1025.0, 9.81
+BOX = BoxHull(length=4.0, beam=2.0, draft=0.5, freeboard=0.5, panels_along=4, panels_across=2, panels_up=2)
+
+
+def shipped(name: str) -> tuple[hulls.Craft, HydroDatabase]:
+    file = VEHICLES / f"{name}.toml"
+    return hulls.of_vehicle(file)[0], HydroDatabase.read(database_file(file))
+
+
+def test_a_database_comes_back_as_it_was_written(tmp_path):
+    _, found = shipped("barge")
+    found.write(tmp_path / "again.hydro.json")
+    again = HydroDatabase.read(tmp_path / "again.hydro.json")
+    for field in dataclasses.fields(HydroDatabase):
+        np.testing.assert_equal(getattr(again, field.name), getattr(found, field.name))
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda d: d.pop("damping"), "key 'damping' is missing"),
+        (lambda d: d["added_mass"].pop(), "key 'added_mass' has shape"),
+        (lambda d: d["omega"].reverse(), "key 'omega' must rise"),
+        (lambda d: d["excitation_re"][0][0].__setitem__(0, None), "key 'excitation_re'"),
+        (lambda d: d.update(format="1"), "key 'format'"),
+        (lambda d: d.update(rho=-1.0), "key 'rho' must be above 0"),
+    ],
+)
+def test_what_is_wrong_with_a_file_is_named(tmp_path, change, says):
+    data = json.loads((VEHICLES / "barge.hydro.json").read_text())
+    change(data)
+    file = tmp_path / "bad.hydro.json"
+    file.write_text(json.dumps(data))
+    with pytest.raises(ConfigError, match=says) as refused:
+        HydroDatabase.read(file)
+    assert str(refused.value).startswith(str(file))
+
+
+def test_the_hash_is_of_the_hull_and_of_no_order():
+    panels = mesh(BOX)
+    order = np.random.default_rng(1).permutation(len(panels))
+    of = {name: getattr(panels, name)[order] for name in ("centre", "along", "up", "twist", "area", "row")}
+    assert hull_hash(Panels(**of, deck=panels.deck)) == hull_hash(panels)
+    assert hull_hash(mesh(BOX.model_copy(update={"beam": 2.0001}))) != hull_hash(panels)
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_shipped_databases_are_of_the_shipped_hulls(name):
+    craft, found = shipped(name)
+    assert found.hull == hull_hash(craft.panels)
+    assert found.omega[0] < BELOW * 1.01 * min(found.settings["resonances"])
+    assert found.omega[-1] > 2.0 * max(found.settings["resonances"]) or name == "fpso"
+    assert ABOVE >= 2.0
+    hydrostatics = Hydrostatics(craft.panels, craft.mass, craft.cg)
+    assert found.volume == pytest.approx(hydrostatics.volume, rel=2e-3)
+    # Heave, roll, pitch of the simulator's own panels, in the vehicle's frame
+    ours = found.stiffness[np.ix_([2, 3, 4], [2, 3, 4])]
+    scale = np.sqrt(np.outer(np.diag(ours), np.diag(ours)))
+    np.testing.assert_allclose(ours / scale, hydrostatics.stiffness() / scale, atol=4e-3)
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_long_waves_lift_a_hull_by_its_waterplane(name):
+    """A wave much longer than the hull: heave load C33 - omega^2 A33, Froude-Krylov alone C33, upward at the crest."""
+    _, found = shipped(name)
+    omega, C33 = found.omega[0], found.stiffness[2, 2]
+    np.testing.assert_allclose(found.froude_krylov[0, :, 2], -C33, rtol=0.12)  # z down: up is negative
+    np.testing.assert_allclose(found.excitation[0, :, 2].real, -(C33 - omega**2 * found.added_mass[0, 2, 2]), rtol=0.12)
+
+
+@pytest.mark.parametrize(("name", "tolerance"), [("barge", 0.06), ("fpso", 0.06)])
+def test_damping_is_what_haskind_makes_of_the_wave_loads(name, tolerance):
+    """B_ii = k / (8 pi rho g c_g) integral |X_i|^2 over all headings: another way round the same waves."""
+    _, found = shipped(name)
+    k, c_g = found.omega**2 / G, G / (2 * found.omega)
+    around = np.trapezoid(np.abs(found.excitation) ** 2, np.deg2rad(found.heading_deg), axis=1) * 2
+    haskind = k[:, None] / (8 * np.pi * RHO * G * c_g[:, None]) * around
+    B = found.damping[:, range(6), range(6)]
+    below = found.omega < found.omega[-1] / 3  # 15 deg between headings are few for short waves
+    for mode in range(6):
+        error = np.abs(haskind - B)[below, mode].max() / B[:, mode].max()
+        assert error < tolerance, (mode, error)
+
+
+def test_loads_turn_over_with_the_frame():
+    """Half a turn about x: what a matrix does in one frame, the turned one does in the other."""
+    A = np.random.default_rng(0).normal(size=(6, 6))
+    v = np.arange(1.0, 7.0)
+    np.testing.assert_allclose(turned_matrix(A) @ v, TURN * (A @ (TURN * v)))
+
+
+@pytest.mark.parametrize("size", [0.4, 0.13])
+def test_wetted_panels_are_the_simulators_hull(size):
+    for name in SHIPPED:
+        craft, _ = hulls.of_vehicle(VEHICLES / f"{name}.toml")
+        scale = np.ptp(craft.panels.centre[:, 0]) / 4
+        found = wetted(craft.panels, size * scale)
+        hydrostatics = Hydrostatics(craft.panels, craft.mass, craft.cg)
+        assert found.volume == pytest.approx(hydrostatics.volume, rel=1e-4)
+        assert found.waterplane["A"] == pytest.approx(hydrostatics.waterplane[0], rel=1e-4)
+        assert np.linalg.norm(found.gaps()) < 1e-9 * found.waterplane["A"]
+        assert 1 in found.planes and found.whole[..., 2].max() < 1e-9
+
+
+def test_offsets_keep_what_floats(tmp_path):
+    """A round-bilged ship as a mesh, from a CSV of its port half."""
+    x = np.linspace(-1, 1, 41)
+    angle = np.linspace(0, np.pi / 2, 13)
+    half_beam = 6.0 * (1 - x**4)
+    y = half_beam[:, None] * np.sin(angle) ** 0.5
+    points = np.stack([50 * x[:, None] + 0 * y, y, -4.0 * np.cos(angle) ** 0.5 + 0 * y], axis=-1)
+    panels = np.stack([points[:-1, :-1], points[1:, :-1], points[1:, 1:], points[:-1, 1:]], axis=2).reshape(-1, 12)
+    file = tmp_path / "ship.csv"
+    np.savetxt(file, panels, delimiter=",", header="x1,y1,z1,x2,y2,z2,x3,y3,z3,x4,y4,z4", comments="")
+    surface = hulls.read_mesh(file, "m", 0.0, None, None)
+    made = mesh(offsets(surface, 14, 5, 2.0))
+    assert made.closed_error() < 1e-9
+    for name, (ours, theirs) in compared(made, surface, RHO * surface.volume, np.zeros(3), RHO, G).items():
+        scale = 100.0 if name.startswith("LCB") else theirs
+        assert abs(ours - theirs) / scale < (0.02 if "KB" in name or "GM" in name else 0.006), name
+
+
+def test_offsets_of_two_hulls_make_two_hulls():
+    section = ((0.2, -0.1), (0.25, 0.0), (0.4, 0.3), (0.55, 0.0), (0.6, -0.1))
+    panels = mesh(StationsHull(stations=((-1.0, section), (1.0, section))))
+    assert panels.closed_error() < 1e-12
+    assert Hydrostatics(panels, 1.0, (0.0, 0.0, 0.0)).volume == pytest.approx(2 * 2 * 0.5 * 0.3 * 0.3)
+
+
+def closed_box(scale: float = 1.0, dz: float = 0.0) -> np.ndarray:
+    """Panels of the whole box with its deck, z up."""
+    below = wetted(mesh(BOX), 0.5).whole
+    above = reverse(below * [1.0, 1.0, -1.0])
+    return (np.concatenate([below, above]) + [0.0, 0.0, dz]) * scale
+
+
+def gdf(folder: Path, panels: np.ndarray) -> Path:
+    file = folder / "box.gdf"
+    rows = "\n".join(" ".join(f"{v:.9g}" for v in panel.ravel()) for panel in panels)
+    file.write_text(f"a box\n1.0 9.81\n0 0\n{len(panels)}\n{rows}\n")
+    return file
+
+
+def test_a_mesh_is_cut_at_the_water_and_halved(tmp_path):
+    found = hulls.read_mesh(gdf(tmp_path, closed_box(1000.0, 0.2)), "mm", 0.2, None, 4.0)
+    assert found.volume == pytest.approx(4.0) and found.waterplane["A"] == pytest.approx(8.0)
+    assert found.planes == (1,)
+
+
+@pytest.mark.parametrize(
+    ("panels", "says"),
+    [
+        (closed_box(1000.0), "is it in millimetres"),
+        (closed_box(dz=3.0), "lies above the water"),
+        (np.delete(closed_box(), 2, axis=0), "has holes below the water"),
+    ],
+)
+def test_a_mesh_that_is_no_hull_is_refused(tmp_path, panels, says):
+    with pytest.raises(ConfigError, match=says):
+        hulls.read_mesh(gdf(tmp_path, panels), "m", 0.0, None, None)
+
+
+def test_normals_are_mended(tmp_path, capsys):
+    panels = closed_box()
+    panels[::3] = reverse(panels[::3])
+    found = hulls.read_mesh(gdf(tmp_path, reverse(panels)), "m", 0.0, None, None)
+    assert found.volume == pytest.approx(4.0)
+    assert "turned over" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("mass", "cg", "says"),
+    [(9000.0, 0.0, "above the"), (4100.0, -1.0, "metacentric height"), (10.0, 0.0, "check mass")],
+)
+def test_what_does_not_float_is_refused(mass, cg, says):
+    craft = hulls.Craft("box", mesh(BOX), mass, (0.0, 0.0, cg), np.eye(6))
+    with pytest.raises(ConfigError, match=says):
+        hulls.check_floating(craft, wetted(mesh(BOX), 0.5), RHO, G)
+
+
+def test_without_capytaine_the_extra_is_named(monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "capytaine", None)
+    assert hydrodynamics.main(["barge"]) == 1
+    assert capsys.readouterr().err.strip() == 'error: capytaine is not installed: pip install "taichi-sim[bem]"'
+
+
+def test_images_keep_their_normals_outward():
+    panels = wetted(mesh(BOX), 0.5).panels
+    for axis in (0, 1):
+        assert Surface(mirrored(panels, axis)).area[:, 2].sum() == pytest.approx(Surface(panels).area[:, 2].sum())

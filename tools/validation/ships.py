@@ -1,0 +1,193 @@
+"""Checks of hydrodynamic databases against another boundary-element code's tables of ships.
+
+Tables are z up and y to port with exp(-i omega t), moments about the origin on the waterline, headings where waves
+travel to, 90 to port: NAME_added_mass_damping.csv, NAME_excitation.csv, NAME_drift.csv, and NAME_meta.json. Ours is the
+database NAME.hydro.json beside the table, or the one shipped with the vehicle NAME; else, with `--bem FOLDER`, one
+computed on NAME_half_hull_panels.csv and kept in FOLDER. It is asked at the table's frequencies, between its own ones
+by cubics.
+
+Scales: a diagonal entry's largest in its column; a coupled one's geometric mean of the two diagonals' largest (small
+couplings of a ship nearly alike fore and aft are the least certain figures of both codes); a load's largest in its
+column.
+
+Judged are frequencies below the first at which water inside the hull, a box of its length, beam and draught, would
+slosh ("irregular frequencies"): k = pi sqrt(1/L^2 + 1/B^2), omega^2 = g k coth(k T). Tables of codes run without a lid
+jump from there on; ours have one. Mean drift is judged at SHORT periods in head and beam seas: longer ones hang on
+motions, and the published FPSO's are integrated pressures that do not vanish in long waves (docs/hydrodynamics.md).
+"""
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from taichi_sim.config.io import config_folder
+from taichi_sim.usv.hull.database import SUFFIX, HydroDatabase
+from validation.case import Case
+from validation.tables import InputsMissingError, Table, TableError, number, read_csv, read_json
+
+TURN = np.array([1.0, -1.0, -1.0, 1.0, -1.0, -1.0])  # ours to theirs
+MIRROR = np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0])  # waves to starboard to waves to port
+BEM_TOLERANCE, DRIFT_TOLERANCE, RAO_TOLERANCE = 0.03, 0.15, 0.05
+SHORT = (6.0, 7.5)  # s, of the drift that is judged
+SHOWN = (5.0, 30.0)  # s, of RAO
+HEAD, BEAM = 180.0, 90.0  # deg
+SAME = 1e-4  # of a frequency
+MODES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
+
+
+def added_mass_damping(case: Case) -> None:
+    """*_added_mass_damping.csv: every column A11, B24 ... it has."""
+    table = read_csv(case.path)
+    found = _database(case, "added_mass_damping")
+    omega = table["omega"]
+    judged = omega < _sloshing(case)
+    ours = {"A": _at(found, found.added_mass, omega), "B": _at(found, found.damping, omega)}
+    for name in table.header:
+        match = re.fullmatch(r"([AB])([1-6])([1-6])", name)
+        if not match:
+            continue
+        kind, i, j = match[1], int(match[2]) - 1, int(match[3]) - 1
+        scale = np.sqrt(np.prod([np.abs(table[f"{kind}{m + 1}{m + 1}"]).max() for m in (i, j)]))
+        values = (ours[kind] * TURN[:, None] * TURN)[:, i, j]
+        case.absolute(f"{name}, of the largest", (values / scale)[judged], (table[name] / scale)[judged], BEM_TOLERANCE)
+
+
+def excitation(case: Case) -> None:
+    """*_excitation.csv: complex load of each mode."""
+    table = read_csv(case.path)
+    found = _database(case, "excitation")
+    judged = table["omega"] < _sloshing(case)
+    ours = _loads(found, found.excitation, table) * TURN * MIRROR
+    for mode in range(6):
+        theirs = table[f"X{mode + 1}_abs"] * np.exp(1j * np.deg2rad(table[f"X{mode + 1}_phase_deg"]))
+        scale = np.abs(theirs[judged]).max()
+        error = np.abs(ours[:, mode] - theirs)[judged] / scale
+        case.absolute(f"{MODES[mode]} load, of the largest", error, 0 * error, BEM_TOLERANCE)
+
+
+def drift(case: Case) -> None:
+    """*_drift.csv: surge in head seas and sway in beam seas, at short periods."""
+    table = read_csv(case.path)
+    found = _database(case, "drift")
+    if found.drift is None:
+        return
+    period = 2 * np.pi / table["omega"]
+    ours = _loads(found, found.drift, table) * (TURN * MIRROR)[[0, 1, 5]]
+    for name, column, heading in (("F1", 0, HEAD), ("F2", 1, BEAM)):
+        use = (table["heading_deg"] == heading) & (period >= SHORT[0]) & (period <= SHORT[1])
+        if use.any():
+            error = ours[use, column] / table[name][use] - 1
+            case.absolute(f"{name} at {heading:g} deg, relative", error, 0 * error, DRIFT_TOLERANCE)
+
+
+def response(case: Case) -> None:
+    """*_rao.csv: motions that follow from the database with mass and stiffness of NAME_meta.json."""
+    table = read_csv(case.path)
+    found = _database(case, "rao")
+    meta = read_json(case.folder.use(_beside(case, "rao", "_meta.json")))
+    M, C = _matrix(meta, "M"), _matrix(meta, "C")
+    omega = np.unique(table["omega"])
+    A, B = (_at(found, x, omega) * TURN[:, None] * TURN for x in (found.added_mass, found.damping))
+    loads = _loads(found, found.excitation, table) * TURN * MIRROR
+    ours = np.zeros_like(loads)
+    for i, w in enumerate(omega):
+        rows = table["omega"] == w
+        ours[rows] = np.linalg.solve(-(w**2) * (M + A[i]) - 1j * w * B[i] + C, loads[rows].T).T
+    period = 2 * np.pi / table["omega"]
+    use = (period >= SHOWN[0]) & (period <= SHOWN[1])
+    for mode, name in enumerate(MODES):
+        theirs = table[f"{name}_abs"] * np.exp(1j * np.deg2rad(table[f"{name}_phase_deg"]))
+        error = np.abs(ours[:, mode] - theirs)[use] / np.abs(theirs[use]).max()
+        case.absolute(f"{name}, database, of the peak", error, 0 * error, RAO_TOLERANCE)
+
+
+def _database(case: Case, kind: str) -> HydroDatabase:
+    """Beside the table, shipped, or computed."""
+    name = case.path.name.removesuffix(f"_{kind}.csv")
+    places = [case.path.with_name(name + SUFFIX), config_folder() / "vehicles" / (name + SUFFIX)]
+    for place in places:
+        if place.is_file():
+            return HydroDatabase.read(place)
+    panels = _beside(case, kind, "_half_hull_panels.csv")
+    if not panels.is_file():
+        raise InputsMissingError(f"inputs missing: neither {name}{SUFFIX} nor {panels.name}")
+    if case.folder.bem is None:
+        raise InputsMissingError(f"inputs missing: no {name}{SUFFIX}; --bem FOLDER computes it from {panels.name}")
+    return _computed(case, kind, case.folder.use(panels), case.folder.bem / (name + SUFFIX))
+
+
+def _computed(case: Case, kind: str, panels: Path, kept: Path) -> HydroDatabase:
+    """By boundary elements at the table's frequencies and headings, once."""
+    if not kept.is_file():
+        from hydro.ship import ship_database  # needs the extra `bem`
+
+        meta = read_json(case.folder.use(_beside(case, kind, "_meta.json")))
+        table = read_csv(case.path)
+        kept.parent.mkdir(parents=True, exist_ok=True)
+        omega, M, C = np.unique(table["omega"]), _matrix(meta, "M"), _matrix(meta, "C")
+        found = ship_database(panels, M, C, number(meta, "rho"), number(meta, "g"), omega)
+        found.write(kept)
+    return HydroDatabase.read(kept)
+
+
+def _beside(case: Case, kind: str, ending: str) -> Path:
+    return case.path.with_name(case.path.name.removesuffix(f"_{kind}.csv") + ending)
+
+
+def _matrix(meta: Any, key: str) -> np.ndarray:
+    try:
+        return np.array(meta[key], dtype=np.float64).reshape(6, 6)
+    except (KeyError, TypeError, ValueError):
+        raise TableError(f"meta: key {key!r} is not a 6 x 6 matrix") from None
+
+
+def _sloshing(case: Case) -> float:
+    """The first irregular frequency of a box round the hull, rad/s; without its panels, none."""
+    name = re.sub(r"_(added_mass_damping|excitation)\.csv$", "_half_hull_panels.csv", case.path.name)
+    path = case.path.with_name(name)
+    if not path.is_file():
+        return np.inf
+    corners = np.loadtxt(case.folder.use(path), delimiter=",", skiprows=1).reshape(-1, 3)
+    length, half_beam, draught = np.ptp(corners, axis=0)
+    k = np.pi * np.hypot(1 / length, 1 / (2 * half_beam))
+    return float(np.sqrt(9.81 * k / np.tanh(k * draught)))
+
+
+def _at(found: HydroDatabase, values: np.ndarray, omega: np.ndarray) -> np.ndarray:
+    """Values [n, ...] of the database at frequencies [m]."""
+    if omega.min() < found.omega[0] * (1 - SAME) or omega.max() > found.omega[-1] * (1 + SAME):
+        raise TableError(
+            f"the database reaches from {found.omega[0]:g} to {found.omega[-1]:g} rad/s, the table from {omega.min():g} "
+            f"to {omega.max():g}"
+        )
+    near = np.abs(found.omega - omega[:, None]).argmin(axis=1)
+    exact = np.abs(found.omega[near] / omega - 1) < SAME
+    out = np.asarray(values)[near]
+    if not exact.all():
+        out = out.copy()
+        out[~exact] = _spline(found.omega, np.asarray(values), omega[~exact])
+    return out
+
+
+def _spline(x: np.ndarray, y: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Cubic through the four nearest points [m, ...]."""
+    first = np.clip(np.searchsorted(x, at) - 2, 0, len(x) - 4)
+    out = np.zeros((len(at), *y.shape[1:]), dtype=y.dtype)
+    for i in range(4):
+        others = [first + j for j in range(4) if j != i]
+        weight = np.prod([(at - x[o]) / (x[first + i] - x[o]) for o in others], axis=0)
+        out += weight.reshape(-1, *[1] * (y.ndim - 1)) * y[first + i]
+    return out
+
+
+def _loads(found: HydroDatabase, values: np.ndarray, table: Table) -> np.ndarray:
+    """Values [n, heading, ...] at the rows of a table."""
+    omega, row = np.unique(table["omega"], return_inverse=True)
+    heading = table["heading_deg"]
+    near = np.abs(found.heading_deg - heading[:, None]).argmin(axis=1)
+    if np.abs(found.heading_deg[near] - heading).max() > SAME:
+        missing = np.setdiff1d(heading, found.heading_deg)
+        raise TableError(f"the database has no heading of {', '.join(f'{h:g}' for h in missing)} deg")
+    return _at(found, values, omega)[row, near]
