@@ -1,10 +1,10 @@
 """The tail of wave heights and crests in 100,000 waves, with fixed and with random amplitudes, against their laws.
 
 Zero up-crossing waves of records at a point. In a Gaussian sea crests have Rayleigh's law exp(-8 (c / hs)^2), and
-heights from crest to trough that of Naess (1985), exp(-h^2 / (4 m0 (1 - rho))), rho the least of the autocorrelation;
-at rho = -1, a narrow band, it is Rayleigh's exp(-2 (H / hs)^2), by which one wave in 10^4 reaches 2.15 hs. Crests of a
-real sea are higher by the second order: Forristall (2000, J. Physical Oceanography 30, 1931), for waves from all sides
-in deep water.
+heights from crest to trough that of Naess (1985), exp(-h^2 / (4 m0 (1 - rho))), rho the least of the autocorrelation.
+With rho = -1, a narrow band, it is Rayleigh's exp(-2 (H / hs)^2), by which one wave in 10^4 reaches 2.15 hs. Crests of
+a real sea are higher by the second order: Forristall (2000, J. Physical Oceanography 30, 1931), here for waves from all
+sides in deep water.
 """
 
 import numpy as np
