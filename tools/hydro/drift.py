@@ -8,9 +8,9 @@ of waves scattered by the held hull and of those of its motions, per metre of am
 water
 
     X = -a^2 (c1 cos beta Re H(beta) + c2 integral |H|^2 cos theta dtheta),  Y with sines,
-    N = a^2/k (-c1 Im H'(beta) - c2 integral Im(H* H') dtheta),    c1 = 2 pi rho omega,  c2 = 2 pi rho k^2;
+    N = a^2/k (-c1 Im H'(beta) - c2 integral Im(H* H') dtheta),    c1 = 2 pi rho omega,  c2 = 2 pi rho k^2.
 
-c2 has another value in finite depth. It takes the loads on the hull and on a damping lid together, and no viscous
+In depth h both are greater by coth kh, and c2 less by 1 + 2kh / sinh 2kh. It takes the loads on the hull and on a damping lid together, and no viscous
 damping: a roll that only potential damping limits drifts too much at its resonance.
 """
 
@@ -66,7 +66,8 @@ def mean_drift(tank: Tank, solution: Solution, motion: Complex, omega: float, he
 
     H, H_turned = total(around)
     ahead, ahead_turned = (np.diagonal(h) for h in total(np.deg2rad(heading_deg)))
-    c1, c2 = 2 * np.pi * tank.rho * omega, 2 * np.pi * tank.rho * k**2 * _shallow(k, tank.depth)
+    c1 = 2 * np.pi * tank.rho * tank.g * k / omega
+    c2 = c1 * k**2 / omega * _shallow(k, tank.depth)
     c, s = cos_sin(heading_deg)
     step = 2 * np.pi / n
     X = -c1 * c * ahead.imag - c2 * step * np.cos(around) @ np.abs(H) ** 2
@@ -76,9 +77,7 @@ def mean_drift(tank: Tank, solution: Solution, motion: Complex, omega: float, he
 
 
 def _shallow(k: float, depth: float) -> float:
-    """c2 of finite depth over that of deep water (k0 h)^2 / (k h ((k h)^2 - (k0 h)^2 + k0 h))."""
+    """c2 of finite depth over that of deep water, by which scattered energy is what the waves lose ahead."""
     if k * depth > 20:
         return 1.0
-    kh = k * depth
-    k0h = kh * np.tanh(kh)
-    return float(k0h**2 / (kh**2 - k0h**2 + k0h) / kh)
+    return float(1 / (1 + 2 * k * depth / np.sinh(2 * k * depth)))
