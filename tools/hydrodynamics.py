@@ -59,7 +59,7 @@ def parser() -> argparse.ArgumentParser:
     what.add_argument("--rho", type=_positive, default=RHO_SEA, metavar="KG/M3", help=f"default: {RHO_SEA:g}")
     what.add_argument("--frequencies", type=int, metavar="N", help="how many (default: 50; 90 of twin hulls)")
     what.add_argument("--range", type=_positive, nargs=2, metavar=("LO", "HI"), help="of frequencies, rad/s")
-    what.add_argument("--also", type=_positive, nargs="+", default=(), metavar="W", help="frequencies to include, rad/s")
+    what.add_argument("--also", type=_positive, nargs="+", default=(), metavar="W", help="frequencies to have, rad/s")
     what.add_argument("--heading-step", type=float, default=15.0, metavar="DEG", help="default: 15")
     what.add_argument("--panels", type=int, default=1200, metavar="N", help="of half the hull or a quarter (1200)")
     what.add_argument("--divisions", type=int, default=0, metavar="N", help="instead: even parts of a panel each way")

@@ -10,7 +10,7 @@ VISCOUS = (0.02, 0.1, 0.0, 0.03, 0.0, 0.02)  # of critical or of mass times reso
 
 
 def vehicle_text(craft: Craft, surface: Surface, found: HydroDatabase, resonance: float, command: str) -> str:
-    """The TOML: hull by offsets, rigid body as given, added mass and damping of the database near `resonance`, rad/s."""
+    """The TOML: hull by offsets, rigid body as given, added mass and damping of the database at `resonance`, rad/s."""
     assert craft.shape is not None
     whole = surface.whole.reshape(-1, 3)
     length, beam, draft = np.ptp(whole[:, 0]), np.ptp(whole[:, 1]), -whole[:, 2].min()
