@@ -99,13 +99,13 @@ def test_radiation_never_gives_work(coupled, database):
 
 
 def test_the_shipped_fit_has_what_it_was_fitted_to(database):
-    """Every mode's damping within 8 % of its largest, added mass within 3 %; never negative, nor slow damping."""
+    """Every mode's damping within 8 % of its largest, added mass within 5 %; never negative, nor slow damping."""
     assert database.memory is not None and database.memory_inf is not None
     B = database.memory.damps(database.omega) - database.damping
     A = database.memory.adds(database.omega) + database.memory_inf - database.added_mass
     for mode in range(6):
         assert np.abs(B[:, mode, mode]).max() < 0.08 * database.damping[:, mode, mode].max()
-        assert np.abs(A[:, mode, mode]).max() < 0.03 * database.added_mass[:, mode, mode].max()
+        assert np.abs(A[:, mode, mode]).max() < 0.05 * database.added_mass[:, mode, mode].max()
     K = database.memory.transfer(np.geomspace(1e-3, 1e3, 500))
     assert np.linalg.eigvalsh(K + K.conj().swapaxes(1, 2)).min() > -1e-9 * np.abs(K).max()
 

@@ -1,17 +1,14 @@
 """Mean drift of the freely floating hull in regular waves, from the waves it sends far away.
 
-Momentum over a distant cylinder (Maruo 1960; Newman 1967): with Kochin's function
-
-    H(theta) = 1/(4 pi) integral (phi_n e - phi e_n) dS,    e = f(z) exp(-i k (x cos theta + y sin theta)),
-
-of waves scattered by the held hull and of those of its motions, per metre of amplitude a of waves to beta, in deep
-water
+Momentum over a distant cylinder (Maruo 1960; Newman 1967): with Kochin's function H(theta) (far_field.py) of waves
+scattered by the held hull and of those of its motions, per metre of amplitude a of waves to beta,
 
     X = -a^2 (c1 cos beta Re H(beta) + c2 integral |H|^2 cos theta dtheta),  Y with sines,
-    N = a^2/k (-c1 Im H'(beta) - c2 integral Im(H* H') dtheta),    c1 = 2 pi rho omega,  c2 = 2 pi rho k^2;
+    N = a^2/k (-c1 Im H'(beta) - c2 integral Im(H* H') dtheta),
 
-c2 has another value in finite depth. It takes the loads on the hull and on a damping lid together, and no viscous
-damping: a roll that only potential damping limits drifts too much at its resonance.
+in deep water c1 = 2 pi rho omega, c2 = 2 pi rho k^2; in depth h both are greater by coth kh, and c2 less by
+1 + 2kh / sinh 2kh. Loads on the hull and on a damping lid are taken together. There is no viscous damping: a roll that
+only potential damping limits drifts too much at its resonance.
 """
 
 from typing import Any
@@ -19,13 +16,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hydro.far_field import fewest_angles, kochin, weight
 from hydro.frames import cos_sin
-from hydro.problem import Solution, Tank, attenuation, dispersion
+from hydro.problem import Solution, Tank, dispersion
 
 Array = NDArray[np.float64]
 Complex = NDArray[Any]  # complex128
-FEWEST_ANGLES = 180  # of the integral round the hull
-ANGLES_PER_PHASE = 6  # of k times the hull's radius
 
 
 def response(solution: Solution, M: Array, C: Array, omega: float) -> Complex:
@@ -34,27 +30,10 @@ def response(solution: Solution, M: Array, C: Array, omega: float) -> Complex:
     return np.linalg.solve(Z, (solution.froude_krylov + solution.diffraction).T).T
 
 
-def kochin(solution: Solution, k: float, depth: float, angle: Array) -> tuple[Complex, Complex]:
-    """H [angle, 6 + heading] of unit velocities and of scattered waves, and its derivative by the angle."""
-    x, y, z = solution.points.T
-    n_x, n_y, n_z = solution.area.T
-    c, s = np.cos(angle)[:, None], np.sin(angle)[:, None]
-    cosh, sinh = attenuation(k, z, depth)
-    wave = np.exp(-1j * k * (x * c + y * s))
-    turn, normal, normal_turn = -1j * k * (y * c - x * s), n_x * c + n_y * s, n_y * c - n_x * s
-    e = cosh * wave
-    e_n = (-1j * k * cosh * normal + k * sinh * n_z) * wave
-    e_n_turned = turn * e_n - 1j * k * cosh * normal_turn * wave
-    H = e @ solution.flow - e_n @ solution.potential
-    H_turned = (turn * e) @ solution.flow - e_n_turned @ solution.potential
-    return H / (4 * np.pi), H_turned / (4 * np.pi)
-
-
 def mean_drift(tank: Tank, solution: Solution, motion: Complex, omega: float, heading_deg: Array) -> Array:
     """[heading, 3] mean surge and sway force (N/m^2) and yaw moment (N/m) per squared amplitude."""
     k = dispersion(omega, tank.depth, tank.g)
-    radius = np.linalg.norm(solution.points[:, :2], axis=1).max()
-    n = max(FEWEST_ANGLES, int(np.ceil(ANGLES_PER_PHASE * k * radius)))
+    n = fewest_angles(solution, k)
     around = 2 * np.pi * np.arange(n) / n
     velocity = -1j * omega * motion.T  # [6, heading]; potentials of motions are of unit velocity
 
@@ -66,19 +45,11 @@ def mean_drift(tank: Tank, solution: Solution, motion: Complex, omega: float, he
 
     H, H_turned = total(around)
     ahead, ahead_turned = (np.diagonal(h) for h in total(np.deg2rad(heading_deg)))
-    c1, c2 = 2 * np.pi * tank.rho * omega, 2 * np.pi * tank.rho * k**2 * _shallow(k, tank.depth)
+    c1 = 2 * np.pi * tank.rho * tank.g * k / omega
+    c2 = weight(tank, omega)
     c, s = cos_sin(heading_deg)
     step = 2 * np.pi / n
     X = -c1 * c * ahead.imag - c2 * step * np.cos(around) @ np.abs(H) ** 2
     Y = -c1 * s * ahead.imag - c2 * step * np.sin(around) @ np.abs(H) ** 2
     N = (c1 * ahead_turned.real - c2 * step * (H.conj() * H_turned).imag.sum(axis=0)) / k
     return np.stack([X, Y, N], axis=1)
-
-
-def _shallow(k: float, depth: float) -> float:
-    """c2 of finite depth over that of deep water (k0 h)^2 / (k h ((k h)^2 - (k0 h)^2 + k0 h))."""
-    if k * depth > 20:
-        return 1.0
-    kh = k * depth
-    k0h = kh * np.tanh(kh)
-    return float(k0h**2 / (kh**2 - k0h**2 + k0h) / kh)

@@ -143,12 +143,12 @@ def check_floating(craft: Craft, surface: Surface, rho: float, g: float) -> list
     displaced, whole = rho * surface.volume, rho * Hydrostatics(craft.panels, craft.mass, craft.cg).volume_below_deck
     if craft.mass >= whole:
         raise ConfigError(
-            f"{craft.name}: its mass of {craft.mass:.6g} kg exceeds the {whole:.6g} kg that it displaces up to its deck"
+            f"{craft.name}: its mass of {craft.mass:.6g} kg is above the {whole:.6g} kg it displaces up to its deck"
         )
     if displaced > LIGHTER * craft.mass:
         raise ConfigError(
             f"{craft.name}: its mass is {craft.mass:.6g} kg, and it displaces {displaced:.6g} kg: check mass, "
-            "--waterline, and --unit"
+            "--waterline and --unit"
         )
     C = surface.stiffness(craft.mass, craft.cg_z_up, rho, g)
     GM_T, GM_L = C[3, 3] / (craft.mass * g), (C[4, 4] - C[2, 4] ** 2 / C[2, 2]) / (craft.mass * g)

@@ -77,6 +77,8 @@ class Solution(NamedTuple):
     flow: Complex  # [panel, 6 + n] normal velocity, or sources, times area, and what a damping lid sends out
     points: Array  # [panel, 3] where they are
     area: Array  # [panel, 3] area vectors, zero on lids
+    gap_potential: Complex  # [lid panel, 6 + n] on the damping lid and its images
+    gap_area: Array  # [lid panel] m^2
 
 
 def dispersion(omega: float, depth: float, g: float) -> float:
@@ -160,15 +162,19 @@ def solve(tank: Tank, omega: float, heading_deg: Array, green: Any = None) -> So
         if tank.method == "direct":
             v[gap] -= 1j * damping * phi[gap]
         for image, sign in enumerate(signs):
-            potential[image][:, columns] += sign * phi * (tank.method == "direct")
+            potential[image][:, columns] += sign * phi
             flow[image][:, columns] += sign * v * area
     areas = np.concatenate([layout.area * [-1.0 if a in image else 1.0 for a in range(3)] for image in tank.images])
     on_hull = np.tile(np.arange(len(area)) < n, len(tank.images))
+    of_gap = potential[:, gap].reshape(-1, potential.shape[-1])
+    gap_area = np.tile(area[gap, 0], len(tank.images))
+    if tank.method == "sources":
+        potential[:] = 0.0
     return Solution(
         radiation.real, np.zeros((6, 6)) if endless else omega * radiation.imag,
         _froude_krylov(tank, omega, k, headings), diffraction,
         potential.reshape(-1, potential.shape[-1]), flow.reshape(-1, flow.shape[-1]),
-        np.concatenate(layout.centres), areas * on_hull[:, None],
+        np.concatenate(layout.centres), areas * on_hull[:, None], of_gap, gap_area,
     )  # fmt: skip
 
 

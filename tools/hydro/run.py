@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from hydro.drift import mean_drift, response
+from hydro.far_field import radiated_damping
 from hydro.frames import TURN_HORIZONTAL, turned_load, turned_matrix
 from hydro.problem import Tank, solve
 from taichi_sim.extras import MissingExtraError
@@ -54,6 +55,8 @@ def require_capytaine() -> str:
 def loads_at(tank: Tank, floating: Floating | None, omega: float, heading_deg: Array) -> Loads:
     """Solve one frequency; `floating` None: no mean drift."""
     found = solve(tank, omega, heading_deg)
+    if tank.method == "direct" and np.isfinite(omega):  # with sources integrated pressures err less
+        found = found._replace(damping=radiated_damping(tank, found, omega))
     drift = np.zeros((len(found.diffraction), 3))
     if floating is not None and np.isfinite(omega):
         motion = response(found, floating.M, floating.C, omega)

@@ -159,8 +159,8 @@ def _at(found: HydroDatabase, values: np.ndarray, omega: np.ndarray) -> np.ndarr
     """Values [n, ...] of the database at frequencies [m]."""
     if omega.min() < found.omega[0] * (1 - SAME) or omega.max() > found.omega[-1] * (1 + SAME):
         raise TableError(
-            f"the database reaches from {found.omega[0]:g} to {found.omega[-1]:g} rad/s, the table from "
-            f"{omega.min():g} to {omega.max():g}"
+            f"the database reaches from {found.omega[0]:g} to {found.omega[-1]:g} rad/s, "
+            f"the table from {omega.min():g} to {omega.max():g}"
         )
     near = np.abs(found.omega - omega[:, None]).argmin(axis=1)
     exact = np.abs(found.omega[near] / omega - 1) < SAME
