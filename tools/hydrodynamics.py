@@ -28,19 +28,16 @@ for folder in (ROOT, ROOT / "tools"):  # run as a script from anywhere
         sys.path.insert(0, str(folder))
 
 from hydro import compute, hull  # noqa: E402
-from hydro.complete import completed  # noqa: E402
 from hydro.fit import ENERGY, FitError  # noqa: E402
 from hydro.mesh_file import UNITS  # noqa: E402
 from hydro.run import require_capytaine  # noqa: E402
 from hydro.vehicle import vehicle_text  # noqa: E402
 
-from taichi_sim import runtime  # noqa: E402
+from rl.cli import positive_float  # noqa: E402
 from taichi_sim.config import ConfigError  # noqa: E402
 from taichi_sim.conventions import GRAVITY, RHO_SEA  # noqa: E402
 from taichi_sim.extras import MissingExtraError  # noqa: E402
-from taichi_sim.usv.hull.database import database_file  # noqa: E402
-from taichi_sim.usv.hull.hull_6dof import Hull6Dof  # noqa: E402
-from taichi_sim.vehicles import load_vehicle  # noqa: E402
+from taichi_sim.usv.hull.database import HydroDatabase, database_file  # noqa: E402
 
 DT = 1e-3  # s, to load a hull with: only its panels are asked
 
@@ -55,35 +52,28 @@ def parser() -> argparse.ArgumentParser:
     mesh.add_argument("--unit", choices=UNITS, default="m", help="of the mesh (default: m)")
     mesh.add_argument("--waterline", type=float, default=0.0, metavar="Z", help="height of the water in the mesh, m")
     mesh.add_argument("--midships", type=float, metavar="X", help="x of the vehicle's origin in the mesh, m")
-    mesh.add_argument("--mass", type=_positive, metavar="KG", help="default: what the mesh displaces")
+    mesh.add_argument("--mass", type=positive_float, metavar="KG", help="default: what the mesh displaces")
     mesh.add_argument("--cg", type=float, nargs=3, metavar=("X", "Y", "Z"), help="m, forward, starboard, down from CO")
-    mesh.add_argument("--gyration", type=_positive, nargs=3, metavar=("KX", "KY", "KZ"), help="m, about the CG")
-    mesh.add_argument("--freeboard", type=_positive, metavar="M", help="of the vehicle made (default: draught)")
+    mesh.add_argument("--gyration", type=positive_float, nargs=3, metavar=("KX", "KY", "KZ"), help="m, about the CG")
+    mesh.add_argument("--freeboard", type=positive_float, metavar="M", help="of the vehicle made (default: draught)")
     mesh.add_argument("--stations", type=int, default=16, metavar="N", help="of its offsets (default: 16)")
     mesh.add_argument("--points", type=int, default=3, metavar="N", help="of each, keel to waterline (default: 3)")
     what = p.add_argument_group("what is computed")
-    what.add_argument("--depth", type=_positive, default=np.inf, metavar="M", help="of the water (default: deep)")
-    what.add_argument("--rho", type=_positive, default=RHO_SEA, metavar="KG/M3", help=f"default: {RHO_SEA:g}")
+    what.add_argument("--depth", type=positive_float, default=np.inf, metavar="M", help="of the water (default: deep)")
+    what.add_argument("--rho", type=positive_float, default=RHO_SEA, metavar="KG/M3", help=f"default: {RHO_SEA:g}")
     what.add_argument("--frequencies", type=int, metavar="N", help="how many (default: 50; 90 of twin hulls)")
-    what.add_argument("--range", type=_positive, nargs=2, metavar=("LO", "HI"), help="of frequencies, rad/s")
-    what.add_argument("--also", type=_positive, nargs="+", default=(), metavar="W", help="frequencies to have, rad/s")
+    what.add_argument("--range", type=positive_float, nargs=2, metavar=("LO", "HI"), help="of frequencies, rad/s")
+    what.add_argument("--also", type=positive_float, nargs="+", default=(), metavar="W", help="more of them, rad/s")
     what.add_argument("--heading-step", type=float, default=15.0, metavar="DEG", help="default: 15")
     what.add_argument("--panels", type=int, default=1200, metavar="N", help="of half the hull or a quarter (1200)")
     what.add_argument("--divisions", type=int, default=0, metavar="N", help="instead: even parts of a panel each way")
     what.add_argument("--gap-damping", type=float, metavar="E", help="of water between hulls (0.03; 0 none)")
     what.add_argument("--method", choices=("direct", "sources"), default="direct", help="default: direct")
     what.add_argument("--no-lid", action="store_true", help="leave irregular frequencies in")
-    what.add_argument("--energy", type=_positive, default=ENERGY, metavar="E", help="share that a memory may miss")
+    what.add_argument("--energy", type=positive_float, default=ENERGY, metavar="E", help="share that a memory may miss")
     p.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes (default: all cores)")
     p.add_argument("--quiet", action="store_true", help="no progress bar")
     return p
-
-
-def _positive(text: str) -> float:
-    value = float(text)
-    if not 0 < value < float("inf"):
-        raise argparse.ArgumentTypeError(f"{text}: must be above 0")
-    return value
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -131,6 +121,18 @@ def _run(args: argparse.Namespace, command: str) -> None:
     if craft.shape is not None and surface is not None:
         file.write_text(vehicle_text(craft, surface, found, resonances.heave, command), encoding="utf-8")
         print(f"{file}: a vehicle of it")
+    _complete(found, file, out, args)
+    print(f"{out}: {len(found.omega)} frequencies, {len(found.heading_deg)} headings, {time.monotonic() - begun:.0f} s")
+
+
+def _complete(found: HydroDatabase, file: Path, out: Path, args: argparse.Namespace) -> None:
+    """Write the database again with its memory, fitted for the vehicle that the simulator makes of `file`."""
+    from hydro.complete import completed  # only here: workers of the boundary-element code need no Taichi
+
+    from taichi_sim import runtime
+    from taichi_sim.usv.hull.hull_6dof import Hull6Dof
+    from taichi_sim.vehicles import load_vehicle
+
     runtime.init("cpu", "f64")
     simulated = load_vehicle(file, DT, hydrodynamics={"radiation": "constant", "drift": False})
     assert isinstance(simulated, Hull6Dof)
@@ -140,7 +142,6 @@ def _run(args: argparse.Namespace, command: str) -> None:
     assert found.memory is not None
     print(f"memory: {len(found.memory)} masses; {' and '.join(dict.fromkeys(worst.modes))} miss most of their kernel's "
           f"energy, {100 * worst.missing:.2g} %")  # fmt: skip
-    print(f"{out}: {len(found.omega)} frequencies, {len(found.heading_deg)} headings, {time.monotonic() - begun:.0f} s")
 
 
 if __name__ == "__main__":

@@ -19,7 +19,11 @@ from taichi_sim.extras import MissingExtraError
 from taichi_sim.usv.hull.database import HydroDatabase
 
 Array = NDArray[np.float64]
-THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")  # one each: processes share the cores
+# Of processes: one thread each, for they share the cores; and (glibc) what a frequency's matrices took is kept for the
+# next one's, since getting it anew page by page is up to half the time
+ENVIRONMENT = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")} | {
+    f"MALLOC_{name}_": str(2**33) for name in ("MMAP_THRESHOLD", "TRIM_THRESHOLD")
+}
 
 
 class Floating(NamedTuple):
@@ -71,7 +75,7 @@ def solve_all(
     """Loads at each of `omega` (rad/s, inf allowed), in `jobs` processes, with a bar on the terminal."""
     omega = list(omega)
     found: dict[int, Loads] = {}
-    with _single_threads(), ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
+    with _environment(), ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
         order = sorted(range(len(omega)), key=lambda i: -omega[i])
         running = {pool.submit(loads_at, tank, floating, omega[i], heading_deg): i for i in order}
         bar = tqdm(as_completed(running), total=len(running), desc="frequencies", unit="", disable=quiet)
@@ -117,10 +121,10 @@ def _even(matrix: Array) -> Array:
 
 
 @contextmanager
-def _single_threads():
-    """Processes started inside use one thread each."""
-    before = {name: os.environ.get(name) for name in THREADS}
-    os.environ.update(dict.fromkeys(THREADS, "1"))
+def _environment():
+    """Processes started inside have ENVIRONMENT."""
+    before = {name: os.environ.get(name) for name in ENVIRONMENT}
+    os.environ.update(ENVIRONMENT)
     try:
         yield
     finally:

@@ -4,13 +4,16 @@ import numpy as np
 
 from hydro.hull import Craft
 from hydro.surface import Surface
-from taichi_sim.usv.hull.database import HydroDatabase
+from taichi_sim.usv.hull.database import SUFFIX, HydroDatabase
 
 VISCOUS = (0.02, 0.1, 0.0, 0.03, 0.0, 0.02)  # of critical or of mass times resonance, beside radiation: assumed
+LEVEL = [0, 1, 5]  # surge, sway, yaw: without stiffness, so that slow motions radiate nothing
 
 
 def vehicle_text(craft: Craft, surface: Surface, found: HydroDatabase, resonance: float, command: str) -> str:
-    """The TOML: hull by offsets, rigid body as given, added mass and damping of the database at `resonance`, rad/s."""
+    """The TOML: hull by offsets, rigid body as given, radiation of the database beside it; and what counts beside that
+    or with `radiation = "constant"`: added mass and, in heave, roll and pitch, damping at `resonance`, rad/s.
+    """
     assert craft.shape is not None
     whole = surface.whole.reshape(-1, 3)
     length, beam, draft = np.ptp(whole[:, 0]), np.ptp(whole[:, 1]), -whole[:, 2].min()
@@ -18,6 +21,7 @@ def vehicle_text(craft: Craft, surface: Surface, found: HydroDatabase, resonance
     at = int(np.abs(found.omega - resonance).argmin())
     added = np.maximum(np.diag(found.added_mass[at]), 0.0)
     linear = np.maximum(np.diag(found.damping[at]), 0.0)
+    linear[LEVEL] = 0.0
     viscous = np.array(VISCOUS) * 2 * (np.diag(craft.M) + added) * resonance
     gyration = np.sqrt((np.diag(craft.M)[3:] - _moved(craft)) / craft.mass)
     rows = "\n".join(
@@ -26,7 +30,8 @@ def vehicle_text(craft: Craft, surface: Surface, found: HydroDatabase, resonance
     return f'''# {craft.name}: made of a mesh by
 #   {command}
 # Added mass and damping below are those of its hydrodynamic database at {found.omega[at]:.3g} rad/s, with assumed
-# viscous shares; put in measured ones where you have them. No thrusters: add a section [thrusters] to drive it.
+# viscous shares; put in measured ones where you have them. To drive it, add a section [thrusters] or [actuators.NAME]
+# (docs/thrusters.md).
 model = "hull_6dof"
 length = {length:.6g}
 beam = {beam:.6g}
@@ -40,6 +45,8 @@ cg = {_row(craft.cg)}  # m
 gyration = {_row(gyration)}  # m
 
 [hydrodynamics]
+radiation = "memory"
+database = "{craft.name}{SUFFIX}"
 added_mass = {_row(added)}
 linear = {_row(linear + viscous)}
 

@@ -29,6 +29,7 @@ Complex = NDArray[np.complex128]
 FORMAT = "taichi-sim hydrodynamics 1"
 SUFFIX = ".hydro.json"
 MICROMETRES = 1e6  # per metre: the grid on which corners are compared
+FEWEST = 4  # frequencies
 DIGITS = 6  # significant ones of the numbers in a file
 CORNERS = ((-1, -1), (1, -1), (1, 1), (-1, 1))
 
@@ -141,6 +142,8 @@ def _parsed(data: Any) -> HydroDatabase:
     if not isinstance(settings, dict):
         raise ValueError("key 'settings' is not an object")
     omega, heading = _axis(data, "omega"), _axis(data, "heading_deg")
+    if len(omega) < FEWEST:
+        raise ValueError(f"key 'omega' has {len(omega)} frequencies: at least {FEWEST}, for it is read by cubics")
     if omega[0] <= 0:
         raise ValueError(f"key 'omega': every frequency must be above 0, the first is {omega[0]:g} rad/s")
     if heading[0] < 0 or heading[-1] > 360:
