@@ -7,7 +7,7 @@ there are, and what is nonlinear in the undisturbed wave's pressure stays. A com
 
     Re(a X(omega, beta) exp(i theta)),   theta: its phase at the hull's label, beta: its direction from the bow,
 
-with X at the component's own frequency (that of encounter counts in radiation alone), linear in omega and in heading
+with X at the component's own frequency (that of encounter counts in radiation alone), cubic in omega, linear in heading
 between HEADINGS courses, to which the database is resampled by its Fourier series. Slower waves than the database has
 are thrown back as omega^2, faster ones less and less up to FADED times its highest frequency.
 
@@ -35,6 +35,7 @@ from torch import Tensor
 
 from taichi_sim.conventions import AMPLITUDE, KX, KY, OMEGA
 from taichi_sim.maths import fast
+from taichi_sim.maths.interpolation import cubic
 from taichi_sim.usv.hull.database import HydroDatabase
 
 HEADINGS = 96  # courses of a table; between them is linear: 0.1 % of a harmonic of order 3, 1 % of order 8
@@ -55,9 +56,8 @@ class Diffraction:
             assert database.drift is not None
             parts.append(around(database, _six(database.drift)).real[..., [0, 1, 5]])
         table = np.concatenate(parts, axis=-1)
-        self.omega = torch.from_numpy(database.omega)
-        # of every frequency HEADINGS + 1 courses: the last is the first again
-        self.table = torch.from_numpy(np.concatenate([table, table[:, :1]], axis=1))
+        self.omega = database.omega
+        self.table = np.concatenate([table, table[:, :1]], axis=1)  # HEADINGS + 1 courses: the last is the first again
 
     def stretch(self, dt: float) -> int:
         """Steps of dt (s) for which the load is summed once."""
@@ -72,18 +72,14 @@ class Diffraction:
         """For components sea [sea, 8, component] (conventions.py): loads of the amplitudes they have (drift: per
         amplitude) [sea * component, HEADINGS + 1, size], and direction [sea, component] in steps of the table.
         """
-        rows = sea.detach().to("cpu", torch.float64)
-        omega = rows[:, OMEGA].flatten().contiguous()
-        last = len(self.omega) - 1
-        after = torch.searchsorted(self.omega, omega).clamp(1, last)
-        low, high = self.omega[after - 1], self.omega[after]
-        share = ((omega - low) / (high - low)).clamp(0.0, 1.0)[:, None, None]
-        found = self.table[after - 1] * (1 - share) + self.table[after] * share
-        slow = (omega / self.omega[0]).clamp(max=1.0) ** 2
-        fade = ((FADED - omega / self.omega[-1]) / (FADED - 1)).clamp(0.0, 1.0)
-        found = found * (slow * fade * rows[:, AMPLITUDE].flatten())[:, None, None]
-        place = torch.atan2(rows[:, KY], rows[:, KX]) * (HEADINGS / math.tau)
-        return found.to(sea.dtype).to(sea.device).contiguous(), place.to(sea.dtype).to(sea.device).contiguous()
+        rows = sea.detach().to("cpu", torch.float64).numpy()
+        omega = rows[:, OMEGA].ravel()
+        found = cubic(self.omega, self.table, np.clip(omega, self.omega[0], self.omega[-1]))
+        slow = np.minimum(omega / self.omega[0], 1.0) ** 2
+        fade = np.clip((FADED - omega / self.omega[-1]) / (FADED - 1), 0.0, 1.0)
+        found *= (slow * fade * rows[:, AMPLITUDE].ravel())[:, None, None]
+        place = np.arctan2(rows[:, KY], rows[:, KX]) * (HEADINGS / math.tau)
+        return tuple(torch.from_numpy(x).to(sea.dtype).to(sea.device).contiguous() for x in (found, place))
 
 
 def around(database: HydroDatabase, loads: NDArray) -> NDArray[np.complex128]:
