@@ -98,6 +98,11 @@ class Memory:
         """A - A_inf [n, 6, 6] at omega [n] (rad/s, > 0)."""
         return self.transfer(omega).imag / np.atleast_1d(omega)[:, None, None]
 
+    @property
+    def slow_inertia(self) -> Array:
+        """A - A_inf [6, 6] of motion without end, omega to 0."""
+        return (self.shape / self.frequency[:, None] ** 2).T @ self.shape
+
     def kernel(self, time: ArrayLike) -> Array:
         """K(t) [n, 6, 6] at time [n] (s, >= 0)."""
         t, (pole, enters, leaves) = np.atleast_1d(np.asarray(time, dtype=np.float64)), self.modes

@@ -18,12 +18,11 @@ from taichi_sim.usv.hull.database import HydroDatabase, hull_hash
 from taichi_sim.usv.hull.diffraction import Diffraction
 from taichi_sim.usv.hull.geometry import HullGeometry
 from taichi_sim.usv.hull.hydrostatics import check_floats
-from taichi_sim.usv.hull.memory import Memory
 from taichi_sim.usv.hull.numbers import hull_numbers, varying_keys
 from taichi_sim.usv.hull.params import Hull6DofParams
 from taichi_sim.usv.hull.propulsion import Propelled
 from taichi_sim.usv.hull.radiation import Radiation
-from taichi_sim.usv.hull.stability import largest_stable_dt, linear_motion, runge_kutta_step, strang_step
+from taichi_sim.usv.hull.stability import largest_stable_dt, linear_motion, remembering, runge_kutta_step
 
 # Columns of the auxiliary state: displacement of the label under the hull and its change in a step (m); forces of the
 # last step in b (N) and its nu_dot (m/s^2, rad/s^2); then what the thrusters do (propulsion.py); then the wave's
@@ -53,13 +52,6 @@ one sea, the loads of diffraction and the directions that they are looked up by 
 DEEP_ENOUGH = 4.0  # draughts: shallower water than this is not deep to a hull; assumed
 DEPTH_RATIO = 1.25  # of the water to a database's own depth, either way; assumed
 SEAS = 4  # for which a model keeps tables
-
-
-def _largest_damping(memory: Memory) -> np.ndarray:
-    """B [6, 6] where the memory takes most: a step that is stable with it at all frequencies is stable."""
-    if not len(memory):
-        return np.zeros((6, 6))
-    return memory.damps(memory.frequency).sum(axis=0)
 
 
 class HullModel(Propelled):
@@ -92,7 +84,7 @@ class HullModel(Propelled):
                 check_floats(self.geometry.hydrostatics)
             except ValueError as error:
                 raise ConfigError(f"hull: {error}") from None
-        if params.hydrodynamics.radiation == "memory":
+        if params.remembers:
             self._take_database(Path(str(params.hydrodynamics.database)))
         self.filters = self.radiation.memory.modes.constants(dt)
         self.aux_size = self.head + 2 * self.nodes + 2 * len(self.filters)
@@ -127,7 +119,7 @@ class HullModel(Propelled):
     @property
     def remembers(self) -> bool:
         """Whether radiation and diffraction are those of a database."""
-        return self.database is not None
+        return self.params.remembers
 
     def _check_depth(self, around: Surroundings) -> None:
         """Refuse water that the database is not of."""
@@ -176,6 +168,12 @@ class HullModel(Propelled):
         return self.geometry.panels.draft
 
     @property
+    def slow_mass(self) -> np.ndarray:
+        """Mass [6, 6] (kg, kg m, kg m^2) of slow motion about CO, added mass included: what turns and stops the hull."""
+        memory = self.radiation.memory
+        return self.params.M_rb + self.radiation.inertia + memory.slow_inertia
+
+    @property
     def wind_height(self) -> float:
         """Height above the sea at which the hull feels the wind, m."""
         return self.params.windage.height
@@ -212,9 +210,9 @@ class HullModel(Propelled):
         h, speed = p.hydrodynamics, self.top_speed
         D = np.diag(np.array(h.linear) + np.array(h.quadratic) * np.array([speed, speed, speed, 1.0, 1.0, 1.0]))
         if self.by_panels:
-            G, step = self.geometry.hydrostatics.stiffness(), strang_step
-            D = D - np.diag(self.radiation.counted)
-            D = np.maximum(D, 0.0) + _largest_damping(self.radiation.memory)
+            G, M = self.geometry.hydrostatics.stiffness(), p.M_rb + self.radiation.inertia
+            D = np.maximum(D - np.diag(self.radiation.counted), 0.0)
+            step = remembering(self.radiation.memory.modes, M)
         else:
             g = self.source
             G, step = np.array([[g.G33, 0, g.G35], [0, g.G44, 0], [g.G35, 0, g.G55]]), runge_kutta_step

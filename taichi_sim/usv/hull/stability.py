@@ -3,8 +3,13 @@
 State (heave, roll, pitch, nu); position and heading do not stiffen it. Damping is linear, and quadratic at top speed.
 """
 
+from collections.abc import Callable
+from functools import partial
+
 import numpy as np
 from numpy.typing import NDArray
+
+from taichi_sim.usv.hull.memory import Modes
 
 Array = NDArray[np.float64]
 LARGEST, HALVINGS = 10.0, 40  # s, of the bisection
@@ -29,16 +34,33 @@ def runge_kutta_step(A: Array, dt: float) -> Array:
     return step
 
 
-def strang_step(A: Array, dt: float) -> Array:
-    """The matrix by which drift, midpoint rule and drift advance (pose, nu, the last step's change of nu)."""
-    drift = np.eye(15)
+def strang_step(A: Array, dt: float, modes: Modes | None = None, inverse: Array | None = None) -> Array:
+    """The matrix by which drift, midpoint rule and drift advance (pose, nu, the last step's change of nu), and with a
+    memory, of a hull whose inverse mass is `inverse` [6, 6], real and imaginary parts of its filters (memory.py).
+    """
+    filters = 0 if modes is None else len(modes.pole)
+    drift, kick = np.eye(15 + 2 * filters), np.eye(15 + 2 * filters)
     drift[:3, 3:9] = A[:3, 3:] * dt / 2
-    change = dt * np.hstack([A[3:], A[3:, 3:] / 2])  # the middle's velocity is foretold by the last change
-    kick = np.zeros((15, 15))
-    kick[:9, :9] = np.eye(9)
-    kick[3:9] += change
-    kick[9:] = change
+    middle = np.hstack([np.zeros((6, 3)), np.eye(6), np.eye(6) / 2])  # its velocity is foretold by the last change
+    change = np.zeros((6, len(kick)))
+    change[:, :15] = A[3:, 3:] @ middle
+    change[:, :3] = A[3:, :3]
+    if modes is not None and inverse is not None:
+        gain, x = 1 / (1 - modes.pole * dt / 2), np.zeros((filters, len(kick)), dtype=np.complex128)
+        x[:, 15::2], x[:, 16::2] = np.eye(filters), 1j * np.eye(filters)
+        x_middle = gain[:, None] * x
+        x_middle[:, :15] += (gain * dt / 2)[:, None] * modes.enters @ middle
+        change -= inverse @ (modes.leaves.T @ x_middle).real
+        after = 2 * x_middle - x
+        kick[15::2], kick[16::2] = after.real, after.imag
+    kick[3:9] += dt * change
+    kick[9:15] = dt * change
     return drift @ kick @ drift
+
+
+def remembering(modes: Modes, M: Array) -> Callable[[Array, float], Array]:
+    """`strang_step` of a hull of mass M [6, 6] with a memory."""
+    return partial(strang_step, modes=modes, inverse=np.linalg.inv(M))
 
 
 def largest_stable_dt(A: Array, step) -> float:
