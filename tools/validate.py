@@ -29,7 +29,7 @@ def main() -> int:
     parser.add_argument("--reference", type=Path, required=True, help="directory of the tables")
     parser.add_argument("--json", type=Path, help="also write the report here, as JSON")
     parser.add_argument("--report", type=Path, help="also write a page (Markdown), pictures in the folder of its name")
-    text = "compute hydrodynamic databases of ships that have none, and keep them there (minutes each; extra `bem`)"
+    text = "keep the databases there that are computed for ships without one (minutes each; extra `bem`)"
     parser.add_argument("--bem", type=Path, metavar="FOLDER", help=text)
     arguments = parser.parse_args()
     try:

@@ -48,6 +48,16 @@ def make_model():
 
 
 @pytest.fixture(scope="session")
+def constant_model():
+    """The same, of hulls whose added mass and damping are the same at every frequency."""
+
+    def make(name, *step, hydrodynamics=None, **overrides):
+        return load_vehicle(name, *step, hydrodynamics={"radiation": "constant"} | (hydrodynamics or {}), **overrides)
+
+    return make
+
+
+@pytest.fixture(scope="session")
 def single_wave():
     """Maker of a one-component sea: single_wave(wavelength, amplitude, direction, phase, depth)."""
     return _single_wave

@@ -14,9 +14,9 @@ PAYLOAD = 200.0  # kg, added to the barge's 4100
 
 
 @pytest.fixture(scope="module")
-def laden(make_model):
+def laden(constant_model):
     """The barge with its payload."""
-    return make_model("barge", rigid_body={"mass": 4100.0 + PAYLOAD})
+    return constant_model("barge", rigid_body={"mass": 4100.0 + PAYLOAD})
 
 
 @pytest.fixture(scope="module")

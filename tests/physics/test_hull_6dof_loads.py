@@ -31,14 +31,14 @@ def pressure_of(team):
 
 
 @pytest.fixture(scope="module")
-def barge(precision, make_model):
-    return make_model("barge")
+def barge(precision, constant_model):
+    return constant_model("barge")
 
 
 @pytest.mark.parametrize("name", ["otter", "wamv", "barge"])
-def test_the_kernel_sums_the_pressure_as_numpy_does(name, precision, make_model, bench):
+def test_the_kernel_sums_the_pressure_as_numpy_does(name, precision, constant_model, bench):
     """Random poses, awash and capsized ones too; the NumPy sum is proven against closed forms in test_hydrostatics."""
-    model = make_model(name)
+    model = constant_model(name)
     poses = np.random.default_rng(0).uniform(-1, 1, (400, 3)) * [0.3, 3.1, 1.4]
     load = pressure_of(held(bench(model, envs=400), poses, heading=0.6))
     expected = replace(model.geometry.hydrostatics, strips=STRIPS).buoyancy(poses)
@@ -62,12 +62,12 @@ def test_heeled_box_has_the_wall_sided_righting_arm(barge, bench):
 
 
 @pytest.mark.parametrize("name", ["otter", "wamv", "barge"])
-def test_still_water_only_pushes_upwards(name, make_model, bench):
+def test_still_water_only_pushes_upwards(name, constant_model, bench):
     """Archimedes: no force along the surface and no moment about the vertical, at any attitude afloat up to 10 degrees.
 
     Panels are cut where their middle line meets the water, so it holds to that error.
     """
-    model = make_model(name)
+    model = constant_model(name)
     rest = model.geometry.hydrostatics.equilibrium
     poses = rest + np.random.default_rng(1).uniform(-1, 1, (200, 3)) * [0.02, 0.17, 0.08]
     team = held(bench(model, envs=200), poses)
@@ -86,8 +86,8 @@ def regular_waves(omega, amplitude, direction):
 
 
 @pytest.fixture(scope="module")
-def fine(precision, make_model):
-    return make_model("barge", hull={"panels_along": 24, "panels_across": 8, "panels_up": 3})
+def fine(precision, constant_model):
+    return constant_model("barge", hull={"panels_along": 24, "panels_across": 8, "panels_up": 3})
 
 
 @pytest.mark.parametrize("heading_to", [0.0, 180.0])

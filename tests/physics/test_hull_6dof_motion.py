@@ -18,13 +18,13 @@ CALM = {"frontal_area": 0.0, "lateral_area": 0.0}
 
 
 @pytest.fixture(scope="module")
-def otter(make_model):
-    return make_model("otter")
+def otter(constant_model):
+    return constant_model("otter")
 
 
 @pytest.fixture(scope="module")
-def barge(make_model):
-    return make_model("barge")
+def barge(constant_model):
+    return constant_model("barge")
 
 
 def place(team, pose, nu=NONE, heading=0.0):
@@ -67,10 +67,10 @@ BARGE_FREELY = pytest.param("barge", 0.02, (0.2, 0.25, 0.1), marks=pytest.mark.s
 
 
 @pytest.mark.parametrize(("vehicle", "dt", "reach"), [BARGE_FREELY, ("otter", 0.01, (0.05, 0.15, 0.08))])
-def test_an_undamped_hull_keeps_its_energy(make_model, bench, vehicle, dt, reach):
+def test_an_undamped_hull_keeps_its_energy(constant_model, bench, vehicle, dt, reach):
     """Sixty seconds of heave, roll and pitch together, with some speed: bounded error of the step, no drift."""
     free = UNDAMPED | {"cross_flow_length": 0.0}
-    model = make_model(vehicle, dt, round(0.1 / dt), hydrodynamics=free, thrusters=None, windage=CALM)
+    model = constant_model(vehicle, dt, round(0.1 / dt), hydrodynamics=free, thrusters=None, windage=CALM)
     share = np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1], [0.5, 0.4, 0.5], [0.5, 0.6, 0.5]])
     nu = np.zeros((5, 6))
     nu[4] = [0.8, 0.2, 0.0, 0.0, 0.0, 0.3]
@@ -85,8 +85,8 @@ def test_an_undamped_hull_keeps_its_energy(make_model, bench, vehicle, dt, reach
     assert (kinetic[:, :3].max(0) > 0.95 * energy[0, :3]).all()
 
 
-def test_an_undamped_linear_hull_keeps_its_energy(make_model, bench):
-    model = make_model(
+def test_an_undamped_linear_hull_keeps_its_energy(constant_model, bench):
+    model = constant_model(
         "otter", 0.01, 10, restoring="linear", linear={"payload_mass": 0.0}, thrusters=None, windage=CALM,
         hydrodynamics=UNDAMPED | {"cross_flow_length": 0.0},
     )  # fmt: skip
@@ -137,12 +137,12 @@ def test_heave_roll_and_pitch_decay_at_their_eigenvalues(name, bench, request):
 
 
 @pytest.mark.parametrize("restoring", ["panels", "linear"])
-def test_a_steady_current_carries_the_hull_along(restoring, otter, make_model, bench):
+def test_a_steady_current_carries_the_hull_along(restoring, otter, constant_model, bench):
     """Galileo: with the current's velocity added to hull, water and air, track and turns are those of still water.
 
     Envs 0, 1 drift from a list, a trim and a turn; envs 2, 3 steam in a circle. 1 and 3 are in the current.
     """
-    model = otter if restoring == "panels" else make_model("otter", 0.01, restoring=restoring, windage=CALM)
+    model = otter if restoring == "panels" else constant_model("otter", 0.01, restoring=restoring, windage=CALM)
     V_c = torch.tensor([0.5, -0.3, 0.0], dtype=torch.float64)
     team = place(bench(model, envs=4), [[0.02, 0.1, -0.05]] * 4, [0.5, 0.1, 0.0, 0.1, 0.0, 0.3], 0.7)
     for env in (1, 3):

@@ -19,13 +19,13 @@ MIRROR = torch.tensor(
 
 
 @pytest.fixture(scope="module")
-def otter(make_model):
-    return make_model("otter")
+def otter(constant_model):
+    return constant_model("otter")
 
 
 @pytest.fixture(scope="module")
-def barge(make_model):
-    return make_model("barge")
+def barge(constant_model):
+    return constant_model("barge")
 
 
 def waves(amplitude, omega, direction, phase=0.0):
@@ -132,10 +132,10 @@ def test_heave_and_pitch_of_the_barge_agree_with_boundary_elements(barge, bench,
 
 
 @pytest.fixture(scope="module")
-def catamaran(make_model):
+def catamaran(constant_model):
     """2 m long, tubes of 0.25 m; its pitch resonates in waves of 0.56 of its length."""
     mass = RHO_SEA * 4 * 0.25 * (0.015 + np.pi / 8 * 0.25)  # of two tubes 0.14 m deep
-    return make_model(
+    return constant_model(
         "wamv", length=2.0, beam=1.05, height=0.6, collision_radius=1.1, thrusters=None, windage={"frontal_area": 0.0},
         rigid_body={"mass": mass, "cg": [0.0, 0.0, -0.1], "gyration": [0.4, 0.5, 0.55]},
         hydrodynamics={

@@ -41,19 +41,24 @@ def coupled() -> Memory:
 
 def driven(memory: Memory, nu: np.ndarray, dt: float) -> np.ndarray:
     """Loads [step, run, 6] under velocities nu [step, run, 6], each in the middle of a step, from rest."""
-    filters = memory.modes.constants(dt)
+    bank = memory.modes.bank(dt)
 
     @ti.kernel
-    def run(out: ti.types.ndarray(ndim=3), nu: ti.types.ndarray(ndim=3), aux: ti.types.ndarray(ndim=3)):
+    def run(
+        out: ti.types.ndarray(ndim=3),
+        nu: ti.types.ndarray(ndim=3),
+        aux: ti.types.ndarray(ndim=3),
+        numbers: ti.types.ndarray(ndim=1),
+    ):
         for r in range(nu.shape[1]):
             for n in range(nu.shape[0]):
-                load = radiate(filters, aux, r, 0, 0, ti.Vector([nu[n, r, c] for c in range(6)]))
+                load = radiate(bank, numbers, aux, r, 0, 0, ti.Vector([nu[n, r, c] for c in range(6)]))
                 for c in ti.static(range(6)):
                     out[n, r, c] = load[c]
 
     given = torch.from_numpy(np.ascontiguousarray(nu))
-    out, aux = torch.zeros_like(given), torch.zeros((nu.shape[1], 1, 2 * len(filters)), dtype=torch.float64)
-    run(out, given, aux)
+    out, aux = torch.zeros_like(given), torch.zeros((nu.shape[1], 1, 2 * bank.size), dtype=torch.float64)
+    run(out, given, aux, torch.from_numpy(bank.numbers))
     return out.numpy()
 
 
@@ -145,10 +150,11 @@ def test_free_decay_is_the_exact_solution_with_that_memory(mode, size, seconds, 
         return time[at] + shift * DT, b - 0.25 * (a - c) * shift
 
     (t, x), (t_exact, x_exact) = peaks(found), peaks(exact)
-    big = x_exact[: len(x)] > 0.05 * x_exact[0]
-    assert big.sum() >= 3
-    assert np.diff(t)[big[1:]] == pytest.approx(np.diff(t_exact)[: len(t) - 1][big[1:]], rel=0.01)
-    decrement, wanted = (np.log(v[:-1] / v[1:])[big[1 : len(v)]] for v in (x, x_exact[: len(x)]))
+    n = int((x_exact > 0.05 * x_exact[0]).sum())
+    n = min(n, len(x), len(x_exact))  # one at the very end may be in one of the two alone
+    assert n >= 3
+    assert np.diff(t[:n]) == pytest.approx(np.diff(t_exact[:n]), rel=0.01)
+    decrement, wanted = (np.log(v[: n - 1] / v[1:n]) for v in (x, x_exact))
     assert decrement == pytest.approx(wanted, rel=0.03)
 
 
@@ -212,7 +218,7 @@ def test_a_memory_that_would_make_energy_is_refused(tmp_path):
 
 def test_a_database_of_another_hull_or_of_other_water_is_refused(make_model, bench, barge):
     with pytest.raises(ConfigError, match="'barge.hydro.json' is of another hull"):
-        make_model("barge", hydrodynamics=POTENTIAL, hull={"draft": 0.4})
+        make_model("barge", hydrodynamics=POTENTIAL, thrusters=None, hull={"draft": 0.4})
     with pytest.raises(ConfigError, match="needs a database"):
         make_model("barge", hydrodynamics={"radiation": "memory", "database": None})
     shallow = Sea(Components(*(np.full((1, 1), v) for v in (0.0, 1.0, 1.0, 0.0, 0.0))), 1.2)

@@ -14,10 +14,10 @@ TIME = 4.0  # s, a heave period and a half
 
 
 @pytest.fixture(scope="module")
-def free(f64, make_model):
+def free(f64, constant_model):
     """The barge without damping, added mass, propellers and windage: a body on springs of water."""
     water = {"linear": NONE, "quadratic": NONE, "added_mass": NONE}
-    return make_model("barge", DT, SUBSTEPS, hydrodynamics=water, thrusters=None)
+    return constant_model("barge", DT, SUBSTEPS, hydrodynamics=water, thrusters=None)
 
 
 def pushed(model, bench, loads, nu=NONE):

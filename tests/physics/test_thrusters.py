@@ -32,7 +32,8 @@ ENVS = 40  # of all that share a kernel
 
 
 def barge(actions="units", actuators=LIMITED):
-    return load_vehicle("barge", 0.02, 5, actions=actions, thrusters=None, actuators=actuators)
+    water = {"radiation": "constant"}
+    return load_vehicle("barge", 0.02, 5, actions=actions, thrusters=None, actuators=actuators, hydrodynamics=water)
 
 
 def made(team):

@@ -82,7 +82,7 @@ def test_steady_motion_meets_the_resistance():
 
 def otter():
     model = make(*CALM).teams["usv"].fleet.model
-    return model, vessel(model.params, model.params.thrusters)
+    return model, vessel(model, model.params.thrusters)
 
 
 def test_otter_is_what_was_published():

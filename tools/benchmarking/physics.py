@@ -2,6 +2,7 @@
 
 import math
 from pathlib import Path
+from typing import Any
 
 import torch
 
@@ -25,26 +26,37 @@ def panel_count(model: Vehicle) -> int | None:
     return model.panels if isinstance(model, HullModel) else None
 
 
-def measured_vehicles(quick: bool) -> list[tuple[Path, int]]:
-    """Vehicle files and numbers of wave components to measure: an aircraft in one sea, `quick` one vehicle a model."""
+OTHER = {"memory": "constant", "constant": "memory"}  # radiation: what a hull with a database is measured with, too
+
+
+def measured_vehicles(quick: bool) -> list[tuple[Path, int, dict[str, Any]]]:
+    """Vehicle files, numbers of wave components to measure, and what is changed: an aircraft in one sea, a hull with a
+    database with radiation memory and constant, `quick` one vehicle a model.
+    """
     files = shipped_vehicles()
     kind = {file: find_model(read_toml(file)["model"], file) for file in files}
     if quick:
         files = list({kind[file]: file for file in files}.values())
-    return [
-        (file, components)
-        for file in files
-        for components in (COMPONENTS if kind[file].medium == "water" and not quick else COMPONENTS[:1])
-    ]
+    seas = {file: COMPONENTS if kind[file].medium == "water" and not quick else COMPONENTS[:1] for file in files}
+    measured = []
+    for file in files:
+        water = read_toml(file).get("hydrodynamics", {})
+        both = "database" in water and not quick
+        other = {"hydrodynamics": {"radiation": OTHER[water.get("radiation", "constant")]}}
+        measured += [(file, n, changes) for n in seas[file] for changes in ({}, *([other] if both else []))]
+    return measured
 
 
 def physics_cases(config: WorldConfig, num_envs: int, quick: bool) -> list[tuple[Case, dict]]:
     """A case and its description for each of `measured_vehicles`, in the sea of `config` and at its times."""
-    return [_case(config, file, components, num_envs) for file, components in measured_vehicles(quick)]
+    return [_case(config, *vehicle, num_envs) for vehicle in measured_vehicles(quick)]
 
 
-def _case(config: WorldConfig, file: Path, components: int, num_envs: int) -> tuple[Case, dict]:
-    model = load_vehicle(file, config.dt, config.substeps)
+def _case(
+    config: WorldConfig, file: Path, components: int, changes: dict[str, Any], num_envs: int
+) -> tuple[Case, dict]:
+    model = load_vehicle(file, config.dt, config.substeps, **changes)
+    name = f"{file.stem}, {changes['hydrodynamics']['radiation']}" if changes else file.stem
     sea = config.sea.model_copy(update={"components": components})
     bench = Bench(model, sea=sea, air=AIR, envs=num_envs, count=COUNT, seed=SEED, name=file.stem)
     _spread(bench)
@@ -58,8 +70,8 @@ def _case(config: WorldConfig, file: Path, components: int, num_envs: int) -> tu
         model.step(bench.fleet, bench.around)
 
     work = num_envs * COUNT * config.substeps
-    description = {"vehicle": file.stem, "panels": panel_count(model), "components": components}
-    return Case("physics", f"{file.stem}, {components} components", call, work, begin), description
+    description = {"vehicle": name, "panels": panel_count(model), "components": components}
+    return Case("physics", f"{name}, {components} components", call, work, begin), description
 
 
 def _spread(bench: Bench) -> None:

@@ -13,7 +13,9 @@ unit of the table's last printed digit, which matters only where a table has few
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
@@ -42,7 +44,15 @@ class Folder:
 
     root: Path
     used: set[Path] = field(default_factory=set)
-    bem: Path | None = None  # where databases of ships are computed and kept (ships.py); None: they are not
+    bem: Path | None = None  # where computed databases of hulls are kept (remembering.py); None: not beyond this run
+
+    @cached_property
+    def computed(self) -> Path:
+        """Where to keep what is computed."""
+        if self.bem is not None:
+            return self.bem
+        self._temporary = TemporaryDirectory(prefix="validate-")
+        return Path(self._temporary.name)
 
     def use(self, path: Path) -> Path:
         """`path`, noted as read."""

@@ -3,9 +3,10 @@
 Each environment holds the box, free to move and at rest at first, in a regular wave so low that the response is
 linear. The kernel's own loads move it: pressure on its panels, and constant added mass and damping, those of the
 boundary-element tables at the resonances of heave, roll and pitch. When transients have died out, amplitudes are
-fitted at the wave's frequency. Constant coefficients stand for radiation and diffraction, hence tolerances of tens
-of per cent. Frequencies above JUDGED times the mode's resonance are not judged: there the response is the small
-difference of large loads, and falls off too fast (heave at 1.1 of its resonance by a third to a half).
+fitted at the wave's frequency (regular.py). Constant coefficients stand for radiation and diffraction, hence tolerances
+of tens of per cent. Frequencies above JUDGED times the mode's resonance are not judged: there the response is the small
+difference of large loads, and falls off too fast (heave at 1.1 of its resonance by a third to a half). The box that is
+the shipped barge is let go once more with the memory and diffraction of its database, and judged over resonances too.
 """
 
 from dataclasses import dataclass
@@ -14,23 +15,22 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from taichi_sim.bench import Bench
-from taichi_sim.sea import Sea
-from taichi_sim.sea.spectrum import Components, wavenumber
 from taichi_sim.usv.hull.hull_6dof import Hull6Dof
 from taichi_sim.usv.hull.params import Hull6DofParams
 from validation.box import SIZE, Box, box_of
 from validation.case import Case
+from validation.parameters import shipped
+from validation.regular import motions
+from validation.remembering import hull_of, slowest_decay
 from validation.tables import Table, TableError, number, read_csv, read_json
 
-STEEPNESS = 2e-4  # k a of every wave: a box turns by second-order moments while transients die out
 PANELS = (8, 8, 2)  # along, across, up: fine enough for the moment of the wave pressure under the bottom
 DT, SAMPLE = 0.04, 6  # s; steps from sample to sample
-SETTLED = 4.0  # time constants of the slowest decay until amplitudes are fitted
-FITTED_PERIODS = 12  # of the longest wave
 AT_RESONANCE, JUDGED = 0.9, 1.05  # of the resonance
 TOLERANCE_BELOW, TOLERANCE_AT_RESONANCE = 0.2, 0.3  # of the value
 COLUMN = {"heave": 2, "roll": 3, "pitch": 4}  # of eta
+REMEMBERED, TOLERANCE_REMEMBERED = (0.3, 1.6), 0.05  # of the resonance; of the peak
+BARGE = "barge"  # which has a database of the box that it is
 ABSENT = 1e-3  # of the largest response of the mode: by symmetry there is none
 
 
@@ -59,9 +59,9 @@ class Radiation:
         return self.box.params(self.box.shape(*PANELS), list(self.gyration), coefficients)
 
     @property
-    def settling_time(self) -> float:
-        """Seconds until transients have died out."""
-        return SETTLED / min(r.zeta * r.omega for r in self.resonances.values())
+    def slowest_decay(self) -> float:
+        """Its time constant, s."""
+        return 1 / min(r.zeta * r.omega for r in self.resonances.values())
 
 
 def radiation_of(case: Case) -> Radiation:
@@ -101,35 +101,12 @@ def measure(radiation: Radiation, omega: np.ndarray, heading: np.ndarray) -> np.
 
     omega [row] rad/s, heading [row] rad: where waves travel to, over a box that heads north.
     """
-    k = wavenumber(omega)
-    amplitude = STEEPNESS / k
-    columns = [v[:, None] for v in (amplitude, k, omega, heading, 0 * omega)]
-    bench = Bench(_model(radiation.params()), sea=Sea(Components(*columns)), envs=len(omega))
-    settle = radiation.settling_time
-    bench.step([0.0, 0.0], round(settle / (DT * SAMPLE)))
-    rows, times = [], []
-    for _ in range(round(FITTED_PERIODS * 2 * np.pi / omega.min() / (DT * SAMPLE))):
-        bench.step([0.0, 0.0])
-        motion = bench.read()
-        rows.append(np.hstack([motion.position, motion.euler]))
-        times.append(float(bench.time[0]))
-    return _amplitudes(np.array(times), np.array(rows), omega) / amplitude[:, None]
+    return np.abs(motions(_model(radiation.params()), omega, heading, radiation.slowest_decay))
 
 
 @cache
 def _model(params: Hull6DofParams) -> Hull6Dof:
     return Hull6Dof(params, DT, SAMPLE)
-
-
-def _amplitudes(t: np.ndarray, motion: np.ndarray, omega: np.ndarray) -> np.ndarray:
-    """Least-squares amplitudes [row, 6] at omega [row] of motion [time, row, 6], beside a mean and a drift."""
-    out = np.empty((len(omega), 6))
-    t = t - t.mean()
-    for row, w in enumerate(omega):
-        basis = np.stack([np.cos(w * t), np.sin(w * t), np.ones_like(t), t / t.max()], axis=1)
-        found = np.linalg.lstsq(basis, motion[:, row], rcond=None)[0]
-        out[row] = np.hypot(found[0], found[1])
-    return out
 
 
 def rao(case: Case) -> None:
@@ -151,3 +128,17 @@ def rao(case: Case) -> None:
             if use.any():
                 error = ours[use, column] / theirs[use] - 1
                 case.absolute(f"{mode} RAO {what}, relative", error, 0 * error, tolerance)
+    if case.precision == "f64" and _is_the_barge(radiation):
+        model, database = hull_of(case, BARGE)
+        found = np.abs(motions(model, omega, heading, slowest_decay(model, database)))
+        for mode, column in COLUMN.items():
+            theirs, w_n = table[f"{mode}_abs"], radiation.resonances[mode].omega
+            use = (omega > REMEMBERED[0] * w_n) & (omega < REMEMBERED[1] * w_n)
+            error = (found[:, column] - theirs)[use] / theirs.max()
+            case.absolute(f"{mode} RAO with memory, of the peak", error, 0 * error, TOLERANCE_REMEMBERED)
+
+
+def _is_the_barge(radiation: Radiation) -> bool:
+    """Whether the shipped barge is this box."""
+    box, hull = radiation.box, shipped(f"{BARGE}.toml")["hull"]
+    return (box.length, box.beam, box.draft) == (hull["length"], hull["beam"], hull["draft"])

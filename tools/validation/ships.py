@@ -1,10 +1,9 @@
 """Checks of hydrodynamic databases against another boundary-element code's tables of ships.
 
 Tables are z up and y to port with exp(-i omega t), moments about the origin on the waterline, headings where waves
-travel to, 90 to port: NAME_added_mass_damping.csv, NAME_excitation.csv, NAME_drift.csv, and NAME_meta.json. Ours is the
-database NAME.hydro.json beside the table, or the one shipped with the vehicle NAME; else, with `--bem FOLDER`, one
-computed on NAME_half_hull_panels.csv and kept in FOLDER. It is asked at the table's frequencies, between its own ones
-by cubics.
+travel to, 90 to port: NAME_added_mass_damping.csv, NAME_excitation.csv, NAME_drift.csv, NAME_rao.csv, NAME_meta.json.
+Ours is the database NAME.hydro.json beside the table, or the one shipped with the vehicle NAME; else one computed on
+NAME_half_hull_panels.csv (remembering.py). It is asked at the table's frequencies, between its own ones by cubics.
 
 Scales: a diagonal entry's largest in its column; a coupled one's geometric mean of the two diagonals' largest (small
 couplings of a ship nearly alike fore and aft are the least certain figures of both codes); a load's largest in its
@@ -17,15 +16,15 @@ motions, and the published FPSO's are integrated pressures that do not vanish in
 """
 
 import re
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from taichi_sim.config.io import config_folder
-from taichi_sim.usv.hull.database import SUFFIX, HydroDatabase
+from taichi_sim.maths.interpolation import cubic
+from taichi_sim.usv.hull.database import HydroDatabase
 from validation.case import Case
-from validation.tables import InputsMissingError, Table, TableError, number, read_csv, read_json
+from validation.regular import motions
+from validation.remembering import database_of, hull_of, matrix, slowest_decay
+from validation.tables import Table, TableError, read_csv, read_json
 
 TURN = np.array([1.0, -1.0, -1.0, 1.0, -1.0, -1.0])  # ours to theirs
 MIRROR = np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0])  # waves to starboard to waves to port
@@ -40,7 +39,7 @@ MODES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 def added_mass_damping(case: Case) -> None:
     """*_added_mass_damping.csv: every column A11, B24 ... it has."""
     table = read_csv(case.path)
-    found = _database(case, "added_mass_damping")
+    found = database_of(case, _name(case))
     omega = table["omega"]
     judged = omega < _sloshing(case)
     ours = {"A": _at(found, found.added_mass, omega), "B": _at(found, found.damping, omega)}
@@ -57,7 +56,7 @@ def added_mass_damping(case: Case) -> None:
 def excitation(case: Case) -> None:
     """*_excitation.csv: complex load of each mode."""
     table = read_csv(case.path)
-    found = _database(case, "excitation")
+    found = database_of(case, _name(case))
     judged = table["omega"] < _sloshing(case)
     ours = _loads(found, found.excitation, table) * TURN * MIRROR
     for mode in range(6):
@@ -70,7 +69,7 @@ def excitation(case: Case) -> None:
 def drift(case: Case) -> None:
     """*_drift.csv: surge in head seas and sway in beam seas, at short periods."""
     table = read_csv(case.path)
-    found = _database(case, "drift")
+    found = database_of(case, _name(case))
     if found.drift is None:
         return
     period = 2 * np.pi / table["omega"]
@@ -83,11 +82,13 @@ def drift(case: Case) -> None:
 
 
 def response(case: Case) -> None:
-    """*_rao.csv: motions that follow from the database with mass and stiffness of NAME_meta.json."""
+    """*_rao.csv: motions that follow from the database with mass and stiffness of NAME_meta.json, and those of the
+    simulator's hull, run in time.
+    """
     table = read_csv(case.path)
-    found = _database(case, "rao")
-    meta = read_json(case.folder.use(_beside(case, "rao", "_meta.json")))
-    M, C = _matrix(meta, "M"), _matrix(meta, "C")
+    found = database_of(case, _name(case))
+    meta = read_json(case.folder.use(case.path.with_name(f"{_name(case)}_meta.json")))
+    M, C = matrix(meta, "M"), matrix(meta, "C")
     omega = np.unique(table["omega"])
     A, B = (_at(found, x, omega) * TURN[:, None] * TURN for x in (found.added_mass, found.damping))
     loads = _loads(found, found.excitation, table) * TURN * MIRROR
@@ -97,56 +98,25 @@ def response(case: Case) -> None:
         ours[rows] = np.linalg.solve(-(w**2) * (M + A[i]) - 1j * w * B[i] + C, loads[rows].T).T
     period = 2 * np.pi / table["omega"]
     use = (period >= SHOWN[0]) & (period <= SHOWN[1])
-    for mode, name in enumerate(MODES):
-        theirs = table[f"{name}_abs"] * np.exp(1j * np.deg2rad(table[f"{name}_phase_deg"]))
-        error = np.abs(ours[:, mode] - theirs)[use] / np.abs(theirs[use]).max()
-        case.absolute(f"{name}, database, of the peak", error, 0 * error, RAO_TOLERANCE)
+    in_time = np.zeros_like(ours)
+    model, found = hull_of(case, _name(case))
+    heading = -np.deg2rad(table["heading_deg"])[use]
+    in_time[use] = motions(model, table["omega"][use], heading, slowest_decay(model, found)) * TURN
+    for how, values in (("database", ours), ("run in time", in_time)):
+        for mode, name in enumerate(MODES):
+            theirs = table[f"{name}_abs"] * np.exp(1j * np.deg2rad(table[f"{name}_phase_deg"]))
+            error = np.abs(values[:, mode] - theirs)[use] / np.abs(theirs[use]).max()
+            case.absolute(f"{name}, {how}, of the peak", error, 0 * error, RAO_TOLERANCE)
 
 
-def _database(case: Case, kind: str) -> HydroDatabase:
-    """Beside the table, shipped, or computed."""
-    name = case.path.name.removesuffix(f"_{kind}.csv")
-    places = [case.path.with_name(name + SUFFIX), config_folder() / "vehicles" / (name + SUFFIX)]
-    for place in places:
-        if place.is_file():
-            return HydroDatabase.read(place)
-    panels = _beside(case, kind, "_half_hull_panels.csv")
-    if not panels.is_file():
-        raise InputsMissingError(f"inputs missing: neither {name}{SUFFIX} nor {panels.name}")
-    if case.folder.bem is None:
-        raise InputsMissingError(f"inputs missing: no {name}{SUFFIX}; --bem FOLDER computes it from {panels.name}")
-    return _computed(case, kind, case.folder.use(panels), case.folder.bem / (name + SUFFIX))
-
-
-def _computed(case: Case, kind: str, panels: Path, kept: Path) -> HydroDatabase:
-    """By boundary elements at the table's frequencies and headings, once."""
-    if not kept.is_file():
-        from hydro.ship import ship_database  # needs the extra `bem`
-
-        meta = read_json(case.folder.use(_beside(case, kind, "_meta.json")))
-        table = read_csv(case.path)
-        kept.parent.mkdir(parents=True, exist_ok=True)
-        omega, M, C = np.unique(table["omega"]), _matrix(meta, "M"), _matrix(meta, "C")
-        found = ship_database(panels, M, C, number(meta, "rho"), number(meta, "g"), omega)
-        found.write(kept)
-    return HydroDatabase.read(kept)
-
-
-def _beside(case: Case, kind: str, ending: str) -> Path:
-    return case.path.with_name(case.path.name.removesuffix(f"_{kind}.csv") + ending)
-
-
-def _matrix(meta: Any, key: str) -> np.ndarray:
-    try:
-        return np.array(meta[key], dtype=np.float64).reshape(6, 6)
-    except (KeyError, TypeError, ValueError):
-        raise TableError(f"meta: key {key!r} is not a 6 x 6 matrix") from None
+def _name(case: Case) -> str:
+    """Of the ship."""
+    return re.sub(r"_(added_mass_damping|excitation|drift|rao)\.csv$", "", case.path.name)
 
 
 def _sloshing(case: Case) -> float:
     """The first irregular frequency of a box round the hull, rad/s; without its panels, none."""
-    name = re.sub(r"_(added_mass_damping|excitation)\.csv$", "_half_hull_panels.csv", case.path.name)
-    path = case.path.with_name(name)
+    path = case.path.with_name(f"{_name(case)}_half_hull_panels.csv")
     if not path.is_file():
         return np.inf
     corners = np.loadtxt(case.folder.use(path), delimiter=",", skiprows=1).reshape(-1, 3)
@@ -167,18 +137,7 @@ def _at(found: HydroDatabase, values: np.ndarray, omega: np.ndarray) -> np.ndarr
     out = np.asarray(values)[near]
     if not exact.all():
         out = out.copy()
-        out[~exact] = _spline(found.omega, np.asarray(values), omega[~exact])
-    return out
-
-
-def _spline(x: np.ndarray, y: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Cubic through the four nearest points [m, ...]."""
-    first = np.clip(np.searchsorted(x, at) - 2, 0, len(x) - 4)
-    out = np.zeros((len(at), *y.shape[1:]), dtype=y.dtype)
-    for i in range(4):
-        others = [first + j for j in range(4) if j != i]
-        weight = np.prod([(at - x[o]) / (x[first + i] - x[o]) for o in others], axis=0)
-        out += weight.reshape(-1, *[1] * (y.ndim - 1)) * y[first + i]
+        out[~exact] = cubic(found.omega, np.asarray(values), omega[~exact])
     return out
 
 

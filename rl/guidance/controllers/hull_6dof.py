@@ -13,7 +13,6 @@ from rl.guidance.steered import Steered
 from rl.mission import ControllerError
 from taichi_sim.config import Positive
 from taichi_sim.usv.hull.hull_6dof import Hull6Dof
-from taichi_sim.usv.hull.params import Hull6DofParams
 from taichi_sim.usv.hull.thrusters import Thrusters
 
 
@@ -45,7 +44,7 @@ class Hull6DofController:
                 'actions = "surge_yaw" or "left_right"'
             )
         self.thrusters, self.actions = model.params.thrusters, model.params.actions
-        craft = vessel(model.params, self.thrusters)
+        craft = vessel(model, self.thrusters)
         self.gains = gains or self.Gains()
         self.course = Course(craft, self.gains, model.dt * model.substeps)
 
@@ -70,9 +69,9 @@ class Hull6DofController:
         return torch.nan_to_num(action).clamp(-1.0, 1.0)
 
 
-def vessel(params: Hull6DofParams, thrusters: Thrusters) -> Vessel:
+def vessel(model: Hull6Dof, thrusters: Thrusters) -> Vessel:
     """The hull in the plane; cross-flow drag of a sway, or of a yaw, alone: L and L^4 / 32 of the strip integral."""
-    h, M = params.hydrodynamics, params.M_rb + params.M_a
+    h, M = model.params.hydrodynamics, model.slow_mass
     section = 0.5 * h.cross_flow_density * h.cross_flow_draft * h.cross_flow_coefficient
     L = h.cross_flow_length
     return Vessel(

@@ -40,7 +40,7 @@ from taichi_sim.usv.hull.database import HydroDatabase
 
 HEADINGS = 96  # courses of a table; between them is linear: 0.1 % of a harmonic of order 3, 1 % of order 8
 FADED = 1.3  # times the highest frequency of a database: from there on nothing is thrown back
-STRETCH = 1.0  # rad: half of it, cubed, over six is 2 % of the fastest waves' load, which is small
+STRETCH = 1.6  # rad: half of it, cubed, over six is 2 % of the load at 0.6 of a database's highest frequency
 WAVE, DRIFT = 12, 3  # numbers of an entry: real and imaginary parts of six loads, and, with drift, three more
 
 

@@ -125,7 +125,7 @@ class Hull6Dof(HullStart):
                         )
                     since = (n % ti.static(self.stretch) - ti.static(0.5 * (self.stretch - 1))) * ti.static(self.dt)
                     thrust += thrown + since * (thrown_rate + 0.5 * since * thrown_bend)
-                    thrust += self.radiated(aux, e, i, R, nu, nu_dot, V_c)
+                    thrust += self.radiated(tables, aux, e, i, R, nu, nu_dot, V_c)
                 pos, nu, nu_dot = self.kick(p, pos, nu, nu_dot, R, up + thrust + wind + outside, V_c, water)
             else:
                 pos, q, nu = self.runge_kutta(p, pack(pos, q, nu), shaft, command, wind + outside, V_c, water)

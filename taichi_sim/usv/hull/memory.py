@@ -19,13 +19,11 @@ keeps passivity: over a step h the masses and springs store h (mu nu - y_dot^T R
 # pyright: reportInvalidTypeForm=false
 
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import taichi as ti
 from numpy.typing import ArrayLike, NDArray
-
-from taichi_sim.rigid_body import is_nothing
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -39,19 +37,38 @@ class Modes(NamedTuple):
     enters: Complex  # [F, 6] b
     leaves: Complex  # [F, 6] c
 
-    def constants(self, dt: float) -> tuple[Any, ...]:
-        """What a kernel compiles in for steps of dt (s), of each filter: real and imaginary part of 1 / (1 - p dt/2),
-        of b dt/2, and of c.
-        """
-        gain, enters = 1 / (1 - self.pole * dt / 2), self.enters * dt / 2
+    def bank(self, dt: float) -> "Bank":
+        """The filters for steps of dt (s)."""
+        seen = (self.enters != 0) | (self.leaves != 0)
+        groups, rows, first, begin = [], [], 0, 0
+        for pattern in sorted({tuple(row) for row in seen.tolist()}):
+            use = (seen == np.array(pattern)).all(axis=1)
+            modes = tuple(int(mode) for mode in np.flatnonzero(pattern))
+            gain, enters = 1 / (1 - self.pole[use] * dt / 2), self.enters[use] * dt / 2
+            columns = [gain, *(x[:, mode] for mode in modes for x in (enters, self.leaves[use]))]
+            rows += [part for column in columns for part in (column.real, column.imag)]
+            groups.append(Group(begin, first, len(gain), modes))
+            begin, first = begin + 2 * len(columns) * len(gain), first + len(gain)
+        return Bank(tuple(groups), first, np.concatenate([np.zeros(0), *rows]))
 
-        def numbers(values: Complex) -> tuple[tuple[float, ...], tuple[float, ...]]:
-            return tuple(values.real.tolist()), tuple(values.imag.tolist())
 
-        return tuple(
-            ((float(g.real), float(g.imag)), numbers(b), numbers(c))
-            for g, b, c in zip(gain, enters, self.leaves, strict=True)
-        )
+class Group(NamedTuple):
+    """Filters that see the same modes."""
+
+    begin: int  # of their numbers
+    first: int  # filter
+    count: int
+    modes: tuple[int, ...]
+
+
+class Bank(NamedTuple):
+    """Filters as a kernel runs through them. A group's numbers, each of all its filters: real and imaginary part of
+    1 / (1 - p dt/2), then of b dt/2 and of c for every mode. The states are the filters' real, then imaginary parts.
+    """
+
+    groups: tuple[Group, ...]
+    size: int  # filters
+    numbers: Array
 
 
 class Memory:
@@ -134,22 +151,36 @@ def _cleaned(values: Complex) -> Complex:
 
 
 @ti.func
-def radiate(filters: ti.template(), aux: ti.template(), e, i, first: ti.template(), nu):
+def radiate(bank: ti.template(), numbers: ti.template(), aux: ti.template(), e, i, first: ti.template(), nu):
     """Load -mu (N, N m, about CO, b) in the middle of a step, where the velocity through the water is `nu`; the states
-    of the filters, in aux from column `first` on, are taken to the end of the step. `filters` are Modes.constants.
+    of the filters, in aux from column `first` on, are taken to the end of the step. `bank` is Modes.bank, `numbers` its
+    numbers on the device.
     """
     load = nu * 0.0
-    for f in ti.static(range(len(filters))):
-        gain, enters, leaves = ti.static(filters[f][0], filters[f][1], filters[f][2])
-        x, y = aux[e, i, first + 2 * f], aux[e, i, first + 2 * f + 1]
-        a, b = x, y
-        for c in ti.static(range(6)):
-            if ti.static(not (is_nothing(enters[0][c]) and is_nothing(enters[1][c]))):
-                a += enters[0][c] * nu[c]
-                b += enters[1][c] * nu[c]
-        x_m, y_m = gain[0] * a - gain[1] * b, gain[0] * b + gain[1] * a
-        for c in ti.static(range(6)):
-            if ti.static(not (is_nothing(leaves[0][c]) and is_nothing(leaves[1][c]))):
-                load[c] -= leaves[0][c] * x_m - leaves[1][c] * y_m
-        aux[e, i, first + 2 * f], aux[e, i, first + 2 * f + 1] = 2 * x_m - x, 2 * y_m - y
+    for g in ti.static(range(len(bank.groups))):
+        load += radiate_group(bank.groups[g], bank.size, numbers, aux, e, i, first, nu)
+    return load
+
+
+@ti.func
+def radiate_group(
+    group: ti.template(), size: ti.template(), numbers: ti.template(), aux: ti.template(), e, i,
+    first: ti.template(), nu,
+):  # fmt: skip
+    """Of the filters of one group."""
+    load, count, begin = nu * 0.0, ti.static(group.count), ti.static(group.begin)
+    column = ti.static(first + group.first)
+    for f in range(count):
+        x, y = aux[e, i, column + f], aux[e, i, column + ti.static(size) + f]
+        a, b, n = x, y, begin + f
+        for c in ti.static(range(len(group.modes))):
+            a += numbers[n + ti.static((4 * c + 2) * group.count)] * nu[group.modes[c]]
+            b += numbers[n + ti.static((4 * c + 3) * group.count)] * nu[group.modes[c]]
+        gain_re, gain_im = numbers[n], numbers[n + count]
+        x_m, y_m = gain_re * a - gain_im * b, gain_re * b + gain_im * a
+        for c in ti.static(range(len(group.modes))):
+            leaves_re = numbers[n + ti.static((4 * c + 4) * group.count)]
+            leaves_im = numbers[n + ti.static((4 * c + 5) * group.count)]
+            load[group.modes[c]] -= leaves_re * x_m - leaves_im * y_m
+        aux[e, i, column + f], aux[e, i, column + ti.static(size) + f] = 2 * x_m - x, 2 * y_m - y
     return load

@@ -44,11 +44,13 @@ TablesPack = ti.types.argpack(
     node=ti.types.ndarray(dtype=ti.i32, ndim=1),
     lines=ti.types.ndarray(ndim=2),
     deck=ti.types.ndarray(ndim=2),
+    filters=ti.types.ndarray(ndim=1),
     thrown=ti.types.ndarray(ndim=3),
     course=ti.types.ndarray(ndim=2),
 )
-"""A hull's tables (geometry.py): panels (flat), the column of each panel's head in aux, pairs of wave lines, deck; for
-one sea, the loads of diffraction and the directions that they are looked up by (diffraction.py)."""
+"""A hull's tables (geometry.py): panels (flat), the column of each panel's head in aux, pairs of wave lines, deck; the
+numbers of the memory's filters (memory.py); for one sea, the loads of diffraction and the directions that they are
+looked up by (diffraction.py)."""
 DEEP_ENOUGH = 4.0  # draughts: shallower water than this is not deep to a hull; assumed
 DEPTH_RATIO = 1.25  # of the water to a database's own depth, either way; assumed
 SEAS = 4  # for which a model keeps tables
@@ -86,8 +88,8 @@ class HullModel(Propelled):
                 raise ConfigError(f"hull: {error}") from None
         if params.remembers:
             self._take_database(Path(str(params.hydrodynamics.database)))
-        self.filters = self.radiation.memory.modes.constants(dt)
-        self.aux_size = self.head + 2 * self.nodes + 2 * len(self.filters)
+        self.filters = self.radiation.memory.modes.bank(dt)
+        self.aux_size = self.head + 2 * self.nodes + 2 * self.filters.size
         self.payload = params.linear.payload_mass * GRAVITY if params.linear else 0.0
         self._check_dt(dt)
         self._tables: dict[Any, Any] = {}  # packs of the running Taichi program, by sea
@@ -169,7 +171,7 @@ class HullModel(Propelled):
 
     @property
     def slow_mass(self) -> np.ndarray:
-        """Mass [6, 6] (kg, kg m, kg m^2) of slow motion about CO, added mass included: what turns and stops the hull."""
+        """Mass [6, 6] (kg, kg m, kg m^2) of slow motion about CO, added mass included: what a controller moves."""
         memory = self.radiation.memory
         return self.params.M_rb + self.radiation.inertia + memory.slow_inertia
 
@@ -269,6 +271,7 @@ class HullModel(Propelled):
             node=torch.as_tensor(geometry.lines.node + self.head, dtype=torch.int32, device=run.device),
             lines=table(geometry.line_table),
             deck=table(geometry.deck_corners),
+            filters=table(np.append(self.filters.numbers, 0.0)),  # an array has at least one
             thrown=thrown,
             course=course,
         )

@@ -63,13 +63,13 @@ class HullMotion(HullActuators):
         return pos + ti.static(0.5 * self.dt) * (R @ linear(nu)), q, R
 
     @ti.func
-    def radiated(self, aux: ti.template(), e, i, R, nu, nu_dot, V_c):
+    def radiated(self, tables: ti.template(), aux: ti.template(), e, i, R, nu, nu_dot, V_c):
         """Load of the waves that the hull has made, in the middle of a step (as `kick` has it)."""
         load = nu * 0.0
         if ti.static(self.remembers):
             still = R.transpose() @ V_c
             middle = nu + ti.static(0.5 * self.dt) * nu_dot - six(still, still * 0.0)
-            load = radiate(self.filters, aux, e, i, ti.static(self.head + 2 * self.nodes), middle)
+            load = radiate(self.filters, tables.filters, aux, e, i, ti.static(self.head + 2 * self.nodes), middle)
         return load
 
     @ti.func

@@ -68,14 +68,15 @@ def thruster_keys(p: Hull6DofParams) -> tuple[tuple[str, ...], tuple[str, ...]]:
 def hull_numbers(p: Hull6DofParams, radiation: Radiation, dt: float, values: Mapping[str, Any]) -> Any:
     """Of a hull with `values` for `varying_keys`, floats or float64 tensors, stepped by `dt` (s).
 
-    An added mass that varies adds to what counts as inertia as it adds to the file's own.
+    With a memory the database's added mass is what counts as inertia, and the file's in Coriolis and Munk loads alone.
     """
     mass, cg = values[MASS], [values[key] for key in CG]
     added, linear, quadratic = ([values[key] for key in keys] for keys in (ADDED_MASS, LINEAR, QUADRATIC))
     M_rb = changed_mass(p.M_rb, p.rigid_body.mass, p.rigid_body.cg, mass, cg)
     M = [[M_rb[i][j] + float(radiation.inertia[i, j]) for j in range(6)] for i in range(6)]
-    for i, nominal in enumerate(p.hydrodynamics.added_mass):
-        M[i][i] = M[i][i] + (added[i] - nominal)
+    if not p.remembers:
+        for i, nominal in enumerate(p.hydrodynamics.added_mass):
+            M[i][i] = M[i][i] + (added[i] - nominal)
     linear = [_beyond(value, float(counted)) for value, counted in zip(linear, radiation.counted, strict=True)]
     inverse = _inverse(M)
     w, (frontal, lateral) = p.windage, (values[key] for key in AREAS)

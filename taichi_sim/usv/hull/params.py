@@ -63,7 +63,8 @@ class Hydrodynamics(Strict):
     diffraction. `radiation = "memory"`: both come from a boundary-element `database` (radiation.py), and what is here
     counts for the rest: `added_mass` for Coriolis and Munk loads, `linear` in surge, sway and yaw (where slow motion
     radiates nothing), in heave, roll and pitch as far as it exceeds the radiation at the natural frequency, for a
-    published linear damping includes that; `quadratic` and cross-flow in full.
+    published linear damping includes that; `quadratic` and cross-flow in full. With `restoring = "linear"`, which is
+    for comparison with published codes, radiation is constant whatever is written here.
     """
 
     radiation: Literal["constant", "memory"] = "constant"
@@ -77,7 +78,6 @@ class Hydrodynamics(Strict):
     cross_flow_coefficient: NonNegative = 0.0  # 2-D drag coefficient of a section (Hoerner 1965)
     cross_flow_strips: Annotated[int, Field(ge=2, le=101)] = 21  # both ends included, each length / (strips - 1)
     cross_flow_density: Positive = RHO_SEA  # kg/m^3
-
 
     @model_validator(mode="after")
     def _has_database(self):
@@ -135,8 +135,6 @@ class Hull6DofParams(Strict):
     def _consistent(self):
         if self.restoring == "linear" and self.linear is None:
             raise ValueError('restoring = "linear" needs the section [linear]')
-        if self.restoring == "linear" and self.hydrodynamics.radiation == "memory":
-            raise ValueError('restoring = "linear" goes with hydrodynamics.radiation = "constant" alone')
         self._check_thrusters()
         return self
 
@@ -148,6 +146,9 @@ class Hull6DofParams(Strict):
         """Refuse what no hull has, and actions that its thrusters cannot take."""
         if self.thrusters and self.actuators:
             raise ValueError("give either [thrusters], two propellers, or [actuators.NAME], each by itself")
+        h = self.hydrodynamics
+        if self.units and not h.linear[0] and not h.quadratic[0]:
+            raise ValueError("hydrodynamics.linear, quadratic: a hull with thrusters needs damping in surge, the first")
         x_max, y_max = OVERHANG * self.length / 2, OVERHANG * self.beam / 2
         for unit in self.units:
             x, y, _ = unit.position
@@ -189,6 +190,11 @@ class Hull6DofParams(Strict):
     def size(self) -> tuple[float, float, float]:
         """Length, beam, height, m."""
         return self.length, self.beam, self.height
+
+    @property
+    def remembers(self) -> bool:
+        """Whether radiation and diffraction are those of a database."""
+        return self.restoring == "panels" and self.hydrodynamics.radiation == "memory"
 
     @property
     def M_rb(self) -> np.ndarray:  # noqa: N802

@@ -49,9 +49,10 @@ class Radiation(NamedTuple):
         """
         if database.memory is None:
             raise ConfigError("the database has no memory: make it anew with tools/hydrodynamics.py")
-        counted = np.zeros(6)
-        for place, mode in enumerate(OSCILLATING):
-            omega = natural_frequency(database, mode, M_rb[mode, mode], stiffness[place, place])
+        counted, known = np.zeros(6), database.settings.get("resonances")
+        for place, mode in enumerate(OSCILLATING):  # known ones are the design's, whatever a vehicle carries
+            omega = known[place] if known else None
+            omega = omega or natural_frequency(database, mode, M_rb[mode, mode], stiffness[place, place])
             counted[mode] = max(float(database.memory.damps(omega)[0, mode, mode]), 0.0)
         inertia = database.added_mass_inf if database.memory_inf is None else database.memory_inf
         return cls(inertia, counted, database.memory)

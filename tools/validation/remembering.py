@@ -1,0 +1,156 @@
+"""Hulls of tables with the radiation and diffraction of a boundary-element database: shipped, or computed and kept.
+
+A computed one needs capytaine (extra `bem`) and minutes; `--bem FOLDER` keeps it from run to run. Hulls have no viscous
+damping, as boundary-element codes have none; but shipped ones a little in surge, sway and yaw, by which they come to
+rest.
+"""
+
+import os
+import sys
+from collections.abc import Sequence
+from contextlib import redirect_stdout
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from taichi_sim.config.io import config_folder, read_toml, validate
+from taichi_sim.conventions import GRAVITY
+from taichi_sim.extras import MissingExtraError
+from taichi_sim.usv.hull.database import SUFFIX, HydroDatabase
+from taichi_sim.usv.hull.hull_6dof import Hull6Dof
+from taichi_sim.usv.hull.params import Hull6DofParams
+from taichi_sim.vehicles import load_vehicle
+from validation.case import Case
+from validation.tables import InputsMissingError, TableError, number, read_csv, read_json
+
+DT, SAMPLE = 0.01, 8  # s for a hull of 1 m, and as the root of its length; steps from sample to sample
+LEVEL = (1, 1, 0, 0, 0, 1)  # surge, sway, yaw
+NO_DAMPING = {"linear": (0.0,) * 6, "quadratic": (0.0,) * 6, "cross_flow_length": 0.0}
+OSCILLATING = (2, 3, 4)  # heave, roll, pitch
+KINDS = ("added_mass_damping", "excitation", "drift", "rao")
+SLOWEST = 2000.0  # s for a hull of 200 m, and as the root of its length: no transient is waited for longer
+
+
+def vehicle_file(name: str) -> Path:
+    """Where the shipped vehicle of that name is, or would be."""
+    return config_folder() / "vehicles" / f"{name}.toml"
+
+
+def database_of(case: Case, name: str) -> HydroDatabase:
+    """NAME.hydro.json beside the table, shipped, or computed on NAME_half_hull_panels.csv.
+
+    Raises:
+        InputsMissingError: if there is none and none can be computed.
+    """
+    for place in (case.path.with_name(name + SUFFIX), vehicle_file(name).with_suffix(SUFFIX)):
+        if place.is_file():
+            return HydroDatabase.read(place)
+    return _made(case, name)[0]
+
+
+def hull_of(case: Case, name: str) -> tuple[Hull6Dof, HydroDatabase]:
+    """The shipped vehicle of that name, or one made of the table's panels, with its database.
+
+    Raises:
+        InputsMissingError: see database_of.
+    """
+    if not vehicle_file(name).is_file():
+        database, params = _made(case, name)
+        return _model(params), database
+    file = read_toml(vehicle_file(name))
+    little = tuple(level * d for level, d in zip(LEVEL, file["hydrodynamics"]["linear"], strict=True))
+    water = NO_DAMPING | {"linear": little, "radiation": "memory"}
+    model = load_vehicle(name, _dt(file["length"]), SAMPLE, hydrodynamics=water)
+    assert isinstance(model, Hull6Dof) and model.database is not None
+    return model, model.database
+
+
+def slowest_decay(model: Hull6Dof, database: HydroDatabase) -> float:
+    """Time constant of the slowest of heave, roll and pitch, s."""
+    found, omega = [], np.asarray(database.settings["resonances"], dtype=float)
+    for mode, w in zip(OSCILLATING, omega, strict=True):
+        A, B = (np.interp(w, database.omega, x[:, mode, mode]) for x in (database.added_mass, database.damping))
+        found.append(2 * (model.params.M_rb[mode, mode] + A) / B)
+    return min(max(found), SLOWEST * np.sqrt(model.params.length / 200))
+
+
+def _dt(length: float) -> float:
+    return float(f"{DT * np.sqrt(length):.2g}")
+
+
+@cache
+def _model(params: Hull6DofParams) -> Hull6Dof:
+    return Hull6Dof(params, _dt(params.length), SAMPLE)
+
+
+def _made(case: Case, name: str) -> tuple[HydroDatabase, Hull6DofParams]:
+    """Of a ship that is known by panels, mass and tables: computed once, kept in the folder of `--bem`."""
+    panels, meta = (case.path.with_name(name + end) for end in ("_half_hull_panels.csv", "_meta.json"))
+    if not panels.is_file():
+        raise InputsMissingError(f"inputs missing: neither {name}{SUFFIX} nor {panels.name}")
+    from hydro import hull
+    from hydro.frames import turned_matrix
+
+    data = read_json(case.folder.use(meta))
+    M = turned_matrix(matrix(data, "M"))
+    mass = float(M[0, 0])
+    cg = (M[1, 5] / mass, 0.0, M[0, 4] / mass)  # x, z: of the coupling with yaw and pitch
+    surface = hull.read_mesh(case.folder.use(panels), "m", 0.0, 0.0, None)
+    draught = float(-surface.whole[..., 2].min())
+    with redirect_stdout(sys.stderr):
+        craft = hull.of_mesh(surface, name, mass, cg, (1.0, 1.0, 1.0), (16, 3, draught))
+    craft = replace(craft, M=M)
+    kept = case.folder.computed / (name + SUFFIX)
+    assert craft.shape is not None
+    length, breadth = (float(np.ptp(surface.whole[..., i])) for i in (0, 1))
+    numbers: dict[str, Any] = {
+        "length": length, "beam": breadth, "height": 2 * draught, "collision_radius": length / 2,
+        "rigid_body": {"mass": mass, "cg": cg, "M_rb": M.tolist()},
+        "hydrodynamics": NO_DAMPING | {"added_mass": (0.0,) * 6}, "hull": craft.shape.model_dump(),
+    }  # fmt: skip
+    if not kept.is_file():
+        floating = _model(validate(Hull6DofParams, numbers, name))
+        _compute(case, name, craft, surface, data, floating, kept)
+    numbers["hydrodynamics"] |= {"radiation": "memory", "database": str(kept)}
+    return HydroDatabase.read(kept), validate(Hull6DofParams, numbers, name)
+
+
+def _compute(case: Case, name: str, craft: Any, surface: Any, data: Any, floating: Hull6Dof, kept: Path) -> None:
+    from hydro import compute
+    from hydro.complete import completed
+    from hydro.run import require_capytaine
+
+    try:
+        code = require_capytaine()
+    except MissingExtraError as error:
+        raise InputsMissingError(f"inputs missing: no {name}{SUFFIX}, and to compute it: {error}") from None
+    also = tuple(sorted({float(w) for w in _frequencies(case, name)}))
+    spectrum = compute.Spectrum(None, None, also, 15.0)
+    wishes = compute.Wishes(
+        number(data, "rho"), GRAVITY, np.inf, 1, 0, 0.0, True, "direct", spectrum, os.cpu_count() or 1, False
+    )  # the mesh as it is
+    kept.parent.mkdir(parents=True, exist_ok=True)
+    with redirect_stdout(sys.stderr):
+        found, _resonances = compute.run(craft, surface, wishes, code, f"validate: {name}")
+        completed(found, floating)[0].write(kept)
+
+
+def _frequencies(case: Case, name: str) -> Sequence[float]:
+    """Of all tables of a ship, rad/s."""
+    tables = (case.path.with_name(f"{name}_{kind}.csv") for kind in KINDS)
+    return np.concatenate([read_csv(table)["omega"] for table in tables if table.is_file()]).tolist()
+
+
+def matrix(meta: Any, key: str) -> np.ndarray:
+    """A 6 x 6 matrix of a ship's meta file.
+
+    Raises:
+        TableError: if there is none of that name.
+    """
+    try:
+        return np.array(meta[key], dtype=np.float64).reshape(6, 6)
+    except (KeyError, TypeError, ValueError):
+        raise TableError(f"meta: key {key!r} is not a 6 x 6 matrix") from None
