@@ -79,7 +79,8 @@ class Diffraction:
         fade = np.clip((FADED - omega / self.omega[-1]) / (FADED - 1), 0.0, 1.0)
         found *= (slow * fade * rows[:, AMPLITUDE].ravel())[:, None, None]
         place = np.arctan2(rows[:, KY], rows[:, KX]) * (HEADINGS / math.tau)
-        return tuple(torch.from_numpy(x).to(sea.dtype).to(sea.device).contiguous() for x in (found, place))
+        loads, course = (torch.from_numpy(x).to(sea.dtype).to(sea.device).contiguous() for x in (found, place))
+        return loads, course
 
 
 def around(database: HydroDatabase, loads: NDArray) -> NDArray[np.complex128]:

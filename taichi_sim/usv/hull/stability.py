@@ -60,7 +60,7 @@ def strang_step(A: Array, dt: float, modes: Modes | None = None, inverse: Array 
 
 def remembering(modes: Modes, M: Array) -> Callable[[Array, float], Array]:
     """`strang_step` of a hull of mass M [6, 6] with a memory."""
-    return partial(strang_step, modes=modes, inverse=np.linalg.inv(M))
+    return partial(strang_step, modes=modes, inverse=np.asarray(np.linalg.inv(M), dtype=np.float64))
 
 
 def largest_stable_dt(A: Array, step) -> float:
