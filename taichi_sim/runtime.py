@@ -22,6 +22,8 @@ from taichi.lang import impl
 from taichi.lang.argpack import ArgPack
 from taichi.types.annotations import template
 
+from taichi_sim.frontend import quicken
+
 Precision = Literal["f32", "f64"]
 
 
@@ -67,6 +69,7 @@ def init(arch: str = "cpu", precision: Precision = "f32", threads: int = 0) -> R
         raise ValueError(f"precision = {precision!r}: allowed are 'f32' and 'f64'")
     wanted = Runtime(arch, precision, threads or len(os.sched_getaffinity(0)))
     if _current != wanted:
+        quicken()
         with contextlib.redirect_stdout(io.StringIO()):  # its greeting; a command's stdout is its result
             ti.init(
                 arch=getattr(ti, arch),

@@ -1,9 +1,10 @@
 """Fixtures shared by all tests, and their order: what Taichi has compiled serves as many tests as possible.
 
-Taichi compiles a kernel anew after every change of precision or threads, and in every worker. So a worker takes whole
-files (--dist loadfile), and their tests in double precision first.
+Taichi compiles a kernel anew after every change of precision or threads, and in every worker. So a worker takes all
+tests of a file in one precision (--dist loadgroup), double first, and changes once.
 """
 
+import os
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,10 @@ import torch
 from refusal import MINIMAL
 
 from taichi_sim import runtime
+
+# Taichi's own passes take two thirds of the time to compile a kernel, for some hundredths of its speed: LLVM's follow
+# all the same. Taichi reads this, in what tests start too.
+os.environ["TI_OPT_LEVEL"] = "0"
 
 
 def _precision_of(item: pytest.Item) -> runtime.Precision:
@@ -24,6 +29,8 @@ def _precision_of(item: pytest.Item) -> runtime.Precision:
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
     items.sort(key=lambda item: _precision_of(item) == "f32")
+    for item in items:
+        item.add_marker(pytest.mark.xdist_group(f"{item.path.stem}-{_precision_of(item)}"))
 
 
 @pytest.hookimpl(tryfirst=True)

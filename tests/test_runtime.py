@@ -54,6 +54,17 @@ class Gain:
             out[i] = self.gain * x[i]
 
 
+@ti.func
+def lost(x):
+    return x + nowhere  # noqa: F821
+
+
+@ti.kernel
+def loses(x: ti.types.ndarray(ndim=1)):
+    for i in x:
+        x[i] = lost(x[i])
+
+
 def tensors():
     """Five tensors."""
     random = torch.Generator().manual_seed(1)
@@ -220,3 +231,12 @@ def test_varied_numbers_have_the_precision_of_the_run():
     assert run(model).numpy() == pytest.approx(new.numpy(), abs=1e-3)
     runtime.init(precision="f32", threads=1)
     assert torch.equal(run(model), new)
+
+
+def test_an_error_in_a_kernel_shows_where_it_is():
+    runtime.init(precision="f32", threads=1)
+    with pytest.raises(ti.TaichiNameError, match=r"nowhere") as raised:
+        loses(torch.zeros(2))
+    told = str(raised.value)
+    for part in (f'"{__file__}"', "x[i] = lost(x[i])\n", "return x + nowhere", " ^^^^^^^\n"):
+        assert part in told
