@@ -15,14 +15,15 @@ from typing import Any
 from taichi.lang import kernel_impl
 from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext
 
-_with_carets = ASTTransformerContext.get_pos_info
+_context: Any = ASTTransformerContext
+_with_carets = _context.get_pos_info
 
 
 def quicken() -> None:
     """Make it so, in this process; a second call does nothing."""
-    if ASTTransformerContext.get_pos_info is _position:
+    if _context.get_pos_info is _position:
         return
-    ASTTransformerContext.get_pos_info = _position
+    _context.get_pos_info = _position
     kernel_impl.getsourcelines = cache(kernel_impl.getsourcelines)
     kernel_impl.getsourcefile = cache(kernel_impl.getsourcefile)
     kernel_impl.textwrap = SimpleNamespace(fill=cache(textwrap.fill), dedent=cache(textwrap.dedent))
