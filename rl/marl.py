@@ -21,23 +21,25 @@ def parallel_env(
     others: Mapping[str, str | Path] | None = None,
     overrides: Iterable[str] = (),
     seed: int | None = None,
-    render_mode: None = None,
+    render_mode: str | None = None,
+    render_size: tuple[int, int] | None = None,
 ) -> "ParallelMission":
     """A PettingZoo parallel environment of a scenario (rl/parallel.py): each vehicle that acts is an agent.
 
     Args:
         scenario: a TOML file or a shipped name. overrides: KEY=VALUE each. seed: of the worlds; default the scenario's.
-        teams, others: who acts, and what the others do; see `BatchedEnv`. render_mode: None, there is no rendering.
+        teams, others: who acts, and what the others do; see `BatchedEnv`.
+        render_mode: None, "rgb_array" (`render` gives a picture), or "human" (a window). render_size: width and height
+            of the picture, px; default 640x480.
 
     Raises:
-        MissingExtraError: if PettingZoo is not installed. Otherwise as `BatchedEnv`.
+        MissingExtraError: if PettingZoo is not installed. ValueError: for a render mode or size that cannot be.
+            Otherwise as `BatchedEnv`.
     """
     from rl.parallel import ParallelMission
 
-    if render_mode is not None:
-        raise ValueError(f"render_mode = {render_mode!r}: only None is allowed")
     env = BatchedEnv(scenario, 1, teams=teams, others=others, overrides=overrides, seed=seed, autoreset=False)
-    return ParallelMission(env, find_config(scenario).stem, render_mode)
+    return ParallelMission(env, find_config(scenario).stem, render_mode, render_size)
 
 
 def batched_env(scenario: str | Path = "escort", num_envs: int = 1, **options: Any) -> BatchedEnv:

@@ -15,6 +15,7 @@ from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import numpy as np
+from gymnasium import logger
 from gymnasium.error import ResetNeeded
 from gymnasium.spaces import Space
 from torch import Tensor
@@ -22,6 +23,7 @@ from torch import Tensor
 from rl.agents import Agents
 from rl.batched import BatchedEnv
 from rl.mission import Mission
+from rl.render import MODES, Pictures, frames_per_second
 from taichi_sim.extras import MissingExtraError
 
 try:
@@ -38,14 +40,26 @@ class ParallelMission(ParallelEnv[str, np.ndarray, np.ndarray]):
         possible_agents: all. observation_spaces, action_spaces: by agent. state_space: of `state`.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": [], "name": "taichi_sim", "is_parallelizable": True}
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": MODES, "name": "taichi_sim", "is_parallelizable": True}
 
-    def __init__(self, env: BatchedEnv, name: str, render_mode: None = None):
-        """Adapt `env`, of one environment without autoreset, of the scenario `name`."""
+    def __init__(
+        self,
+        env: BatchedEnv,
+        name: str,
+        render_mode: str | None = None,
+        render_size: tuple[int, int] | None = None,
+    ):
+        """Adapt `env`, of one environment without autoreset, of the scenario `name`; pictures as rl/render.py has them.
+
+        Raises:
+            ValueError: for a render mode or size that cannot be.
+        """
         self._env, self._by = env, Agents(env)
         self.render_mode = render_mode
+        self._pictures = None if render_mode is None else Pictures(env.mission, render_size, render_mode)
+        fps = frames_per_second(env.mission.config.decision_interval)
         self.metadata = {  # pyright: ignore[reportIncompatibleVariableOverride, reportAttributeAccessIssue]
-            **self.metadata, "name": f"taichi_sim/{name}", "render_fps": 1 / env.mission.config.decision_interval,
+            **self.metadata, "name": f"taichi_sim/{name}", "render_fps": fps,
         }  # fmt: skip
         self.agents: list[str] = []
         self.possible_agents = self._by.names[:]
@@ -70,6 +84,7 @@ class ParallelMission(ParallelEnv[str, np.ndarray, np.ndarray]):
     ) -> tuple[dict[str, np.ndarray], dict[str, dict[str, Any]]]:
         """Begin a new episode: the next of one random sequence, which `seed` begins anew. There are no options."""
         observations = self._env.reset(seed)
+        self._look()
         self.agents = self.possible_agents[:]
         told = {team: self.task.info(self.task.teams[team]) for team in self._env.vehicles}
         return self._arrays(observations), self._infos(told)
@@ -89,6 +104,7 @@ class ParallelMission(ParallelEnv[str, np.ndarray, np.ndarray]):
             raise ResetNeeded("there is no agent: reset begins an episode")
         rows = {name: np.asarray(action, dtype=np.float32)[None] for name, action in actions.items()}
         stepped = self._env.step(self._by.stacked(rows))
+        self._look()
         rewards = {name: float(value) for name, value in self._by.split(stepped.rewards).items()}
         terminated = {name: bool(value) for name, value in self._by.split(stepped.terminated).items()}
         truncated = {name: bool(value) for name, value in self._by.split(stepped.truncated).items()}
@@ -100,8 +116,21 @@ class ParallelMission(ParallelEnv[str, np.ndarray, np.ndarray]):
         """What a central critic may be told now."""
         return _array(self._env.state()[0])
 
-    def render(self) -> None:
-        """Nothing: there is no rendering."""
+    def render(self) -> np.ndarray | None:
+        """In mode "rgb_array" a picture as it is now, uint8 [high, wide, 3]."""
+        if self._pictures is None:
+            logger.warn("render() without a render_mode: there is none, so there is nothing to see")
+            return None
+        return self._pictures.draw()[0] if self.render_mode == "rgb_array" else None
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self._pictures is not None:
+            self._pictures.close()
+
+    def _look(self) -> None:
+        if self._pictures is not None:
+            self._pictures.keep()
 
     def _arrays(self, values: Mapping[str, Tensor]) -> dict[str, np.ndarray]:
         return {name: _array(value[0]) for name, value in self._by.split(values).items()}

@@ -182,6 +182,22 @@ def test_wrong_actions_of_agents_are_refused_and_move_nothing():
     assert env.agents == env.possible_agents
 
 
+def test_a_picture_of_all_teams_is_drawn_a_decision_and_changes_nothing():
+    seen = ts.parallel_env("paper", overrides=SHORT, render_mode="rgb_array", render_size=(160, 120))
+    blind = ts.parallel_env("paper", overrides=SHORT)
+    assert seen.metadata["render_fps"] == 10 and "rgb_array" in seen.metadata["render_modes"]
+    assert seen.reset(seed=1)[0].keys() == blind.reset(seed=1)[0].keys()
+    before = seen.render()
+    assert before.shape == (120, 160, 3) and before.dtype == np.uint8
+    actions = {agent: blind.action_space(agent).sample() for agent in blind.agents}
+    observed, expected = seen.step(actions)[0], blind.step(actions)[0]
+    assert not np.array_equal(before, seen.render())
+    assert blind.render() is None
+    for agent, values in expected.items():
+        np.testing.assert_array_equal(observed[agent], values)
+    seen.close()
+
+
 @pytest.mark.parametrize(
     ("options", "error", "message"),
     [
@@ -193,7 +209,7 @@ def test_wrong_actions_of_agents_are_refused_and_move_nothing():
         ({"teams": ["usv", "uav"], "others": {"uav": "classical"}}, ValueError, "uav is also named in teams"),
         ({"others": {"uav": "clasical"}}, ValueError, r"others\['uav'\] = 'clasical': no such choice"),
         ({"scenario": "escort", "overrides": (), "teams": ["vessel"]}, ValueError, "a script acts for 'vessel'"),
-        ({"render_mode": "human"}, ValueError, "only None is allowed"),
+        ({"render_mode": "depth"}, ValueError, "'depth'.*'rgb_array', 'human'"),
     ],
 )
 def test_wrong_arguments_are_refused(options, error, message):
