@@ -15,6 +15,7 @@ LAYERS = (
         "taichi_sim.conventions",
         "taichi_sim.config",
         "taichi_sim.maths",
+        "taichi_sim.frontend",
         "taichi_sim.runtime",
         "taichi_sim.series",
         "taichi_sim.plotting",
