@@ -29,7 +29,7 @@ def quick(tmp_path_factory):
     """Return what `--quick --json` prints and writes."""
     folder = tmp_path_factory.mktemp("benchmark")
     command = [sys.executable, str(TOOL), "--quick", "--threads", "1", "--json", str(folder / "new" / "b.json")]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=folder, timeout=300)
+    done = subprocess.run(command, capture_output=True, text=True, cwd=folder, timeout=900)
     assert done.returncode == 0, done.stderr
     assert [p.name for p in (folder / "new").iterdir()] == ["b.json"]
     return done.stdout, json.loads((folder / "new" / "b.json").read_text())

@@ -24,7 +24,7 @@ def folder(tmp_path_factory) -> Path:
 
 def run(folder: Path, *command: str) -> str:
     """Output of a command in `folder`, which must end well."""
-    done = subprocess.run([sys.executable, *command], cwd=folder, capture_output=True, text=True, timeout=300)
+    done = subprocess.run([sys.executable, *command], cwd=folder, capture_output=True, text=True, timeout=900)
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
 

@@ -233,7 +233,7 @@ resource.setrlimit(resource.RLIMIT_FSIZE, ({room}, {room}))
 test_recording.write_recording(test_recording.make_episode(steps=200), pathlib.Path({str(path)!r}))
 """
     root = Path(__file__).parent.parent
-    failed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=root, timeout=60)
+    failed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=root, timeout=600)
     assert failed.returncode == 1
     assert f"[Errno {errno.EFBIG}] recording not written" in failed.stderr
     assert path.read_bytes() == b"old"

@@ -59,7 +59,7 @@ def _failed(folder):
 
 def _tool(*arguments):
     command = [sys.executable, str(ROOT / "tools" / "validate.py"), *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, cwd=ROOT, env=_environment(), timeout=300)
+    return subprocess.run(command, capture_output=True, text=True, cwd=ROOT, env=_environment(), timeout=900)
 
 
 def _environment():

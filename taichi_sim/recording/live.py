@@ -32,7 +32,7 @@ PORT = 9876  # rerun's own
 HOST = "127.0.0.1"
 SERVER_MEMORY, VIEWER_MEMORY = "512MB", "2GB"  # then the oldest goes
 WAITING = 100  # parts not sent yet, at most; more are dropped
-STARTS_S, ENDS_S = 15.0, 2.0  # how long the server may take to start, and what is left to be sent
+STARTS_S, ENDS_S = 60.0, 2.0  # how long the server may take to start, and what is left to be sent
 ROOTS = ("world", "map")  # where an episode's things are
 QUIET = {"RERUN_APP_ONLY": "true"}  # rerun asks and tells nothing when it starts
 # the server ends when the pipe to this process closes, however that happens

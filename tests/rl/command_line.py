@@ -45,7 +45,7 @@ TINY = (
     "evaluation.settle=1",
 )
 TEAMS = ("usv", "uav")
-TIMEOUT = 180  # s
+TIMEOUT = 900  # s, after which a command hangs: a busy machine takes minutes for what takes ten seconds
 
 
 def sets(*overrides: str) -> list[str]:
