@@ -12,16 +12,15 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from rl.guidance.controllers import CONTROLLERS
 from rl.mission import Endings, Mission, Step
 from rl.missions.escort import rewards
 from rl.missions.escort.aircraft import Aircraft
 from rl.missions.escort.boats import Boats
 from rl.missions.escort.checks import check_parts, check_slots, tell_speeds
 from rl.missions.escort.config import EscortScenario
+from rl.missions.escort.control import controller_of
 from rl.missions.escort.film import Film
 from rl.missions.escort.judge import EscortJudge
-from rl.missions.escort.orbit import OrbitController
 from rl.missions.escort.picture import Picture
 from rl.missions.escort.scouts import Scouts
 from rl.missions.escort.shapes import escort_offsets
@@ -33,10 +32,8 @@ from rl.rewards import fine, paid
 from rl.scene.traffic import RADIUS, TOP, Bodies
 from rl.seeds import derive_seed
 from taichi_sim import runtime
-from taichi_sim.config.io import validate
 from taichi_sim.recording.episode import Scene
 from taichi_sim.surroundings import as_i32
-from taichi_sim.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
 
 VESSEL_TOP = 4.0  # m above the sea: aircraft pass above; assumed
 RESULT_SCALE = 8.0  # m from its slot, at which a boat's result is a half; assumed
@@ -289,18 +286,9 @@ class Escort(Mission):
         self._film = Film(self)
 
     def controller(self, team: Any) -> Any:
-        """What the vehicle brings, else for boats that of formations, for aircraft the orbit (orbit.py)."""
+        """What the vehicle brings, else see control.py."""
         own = super().controller(team)
-        if own is not None:
-            return own
-        model = team.fleet.model
-        if isinstance(team, Boats):
-            kind = next((CONTROLLERS[base] for base in type(model).__mro__ if base in CONTROLLERS), None)
-        else:
-            kind = OrbitController if isinstance(model, FixedWing6DOF) else None
-        if kind is None:
-            return None
-        return kind(model, validate(kind.Gains, dict(team.section.control), f"{team.name}.control"))
+        return controller_of(team) if own is None else own
 
 
 MISSION = Escort
