@@ -78,14 +78,19 @@ def test_conditions_are_those_of_the_records(beside):
 
 def test_a_run_keeps_the_files_and_reads_them_again(beside, tmp_path):
     (tmp_path / "flow.csv").write_text("time,speed,direction_deg\n0,0.4,20\n", encoding="utf-8")
-    config = load_scenario(beside, ["sea.current.series=flow.csv", "stages={}"])
+    (tmp_path / "breeze.csv").write_text("time,speed,direction_deg\n0,4,20\n", encoding="utf-8")
+    own = ["sea.current.series=flow.csv", "stages={}", "stages.usv.team=usv", "stages.usv.set.air.series=breeze.csv"]
+    config = load_scenario(beside, own)
     folder.create(tmp_path / "run", config, beside)
+    (tmp_path / "breeze.csv").unlink()
     for file in tmp_path.glob("41010.*"):
         file.unlink()
     (tmp_path / "flow.csv").unlink()
     again, _ = folder.load_config(tmp_path / "run")
     assert Path(again.sea.spectrum).parent == tmp_path / "run" / "measured" / "sea.spectrum"
     assert Path(again.sea.current.series).is_file()
+    told = Path(again.stages["usv"].set["air.series"])
+    assert told == tmp_path / "run/measured/stages.usv.set.air.series/breeze.csv" and told.is_file()
     sea, _ = realise(again, seed=1)
     size = sea_size(SeaConfig(spectrum=str(BUOY), record=TIME.strip('"')))
     assert sea.components.hs == pytest.approx([size.hs] * 4)

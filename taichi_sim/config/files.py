@@ -60,14 +60,20 @@ def resolve_files(data: dict[str, Any], scenario_file: Path, sources: Mapping[st
 
 def named_files(world: WorldConfig) -> dict[str, list[Path]]:
     """Key -> the file that it names, and those that belong to it."""
+    current = world.sea.current and world.sea.current.series
+    return files_of({"sea.spectrum": world.sea.spectrum, "sea.current.series": current, "air.series": world.air.series})
+
+
+def files_of(values: Mapping[str, Any]) -> dict[str, list[Path]]:
+    """The same of some values by their whole keys, as the `set` of a stage has them."""
     found: dict[str, list[Path]] = {}
-    if world.sea.measured:
-        path = Path(world.sea.spectrum)
-        found["sea.spectrum"] = [path, *(file for file in ndbc_set(path).values() if file != path)]
-    if world.sea.current and world.sea.current.series:
-        found["sea.current.series"] = [Path(world.sea.current.series)]
-    if world.air.series:
-        found["air.series"] = [Path(world.air.series)]
+    for key in KEYS:
+        value = values.get(key)
+        if not isinstance(value, str) or not value or (key == "sea.spectrum" and not is_measured(value)):
+            continue
+        path = Path(value)
+        others = ndbc_set(path).values() if key == "sea.spectrum" else ()
+        found[key] = [path, *(file for file in others if file != path)]
     return found
 
 
