@@ -11,6 +11,7 @@ dumps/*.dump         environments whose state stopped being finite (tools/replay
 
 import contextlib
 import fcntl
+import glob
 import hashlib
 import json
 import os
@@ -18,6 +19,8 @@ import platform
 import shutil
 import subprocess
 import sys
+import time
+import uuid
 from collections.abc import Mapping
 from importlib import metadata
 from pathlib import Path
@@ -34,6 +37,7 @@ from taichi_sim.vehicles import vehicle_files
 
 CONFIG, META, SUMMARY, DUMPS = "config.toml", "meta.json", "summary.json", "dumps"
 LOCK, MEASURED = ".lock", "measured"
+ABANDONED = 3600.0  # s, after which a folder that was not finished belongs to no process any more
 PACKAGES = ("taichi-sim", "taichi", "torch", "numpy", "rsl-rl-lib", "gymnasium", "rerun-sdk", "pydantic")
 
 
@@ -53,9 +57,8 @@ def create(out: Path, config: Scenario, source: Path) -> None:
 
     weights = starting_weights(config, source.parent)
     refuse_existing(out)
-    made, out = out, out.with_name(out.name + ".part")  # a kill leaves no half of a run
+    made, out = out, _part(out)  # a kill leaves no half of a run
     try:
-        shutil.rmtree(out, ignore_errors=True)
         (out / "vehicles").mkdir(parents=True)
         saved = {}
         for team, section in config.teams.items():
@@ -73,11 +76,21 @@ def create(out: Path, config: Scenario, source: Path) -> None:
             write_checkpoint(content, out / team / "model_0.pt")
         about = {"scenario_file": source.name, "seed": config.seed, "scenario_digest": digest(config, source)}
         write_json(out / META, describe_machine() | about)
+        refuse_existing(made)  # another has been as fast
         out.replace(made)
     except OSError as error:
         raise RunError(f"{made}: cannot be written: {error.strerror or error}") from None
     finally:
         shutil.rmtree(out, ignore_errors=True)
+
+
+def _part(out: Path) -> Path:
+    """Where a run folder is made; what killed processes have left there is removed."""
+    for left in out.parent.glob(f"{glob.escape(out.name)}.*.part"):
+        with contextlib.suppress(OSError):
+            if time.time() - left.stat().st_mtime > ABANDONED:
+                shutil.rmtree(left, ignore_errors=True)
+    return out.with_name(f"{out.name}.{uuid.uuid4().hex[:8]}.part")
 
 
 def begin(out: Path, config: Scenario, source: Path) -> None:
