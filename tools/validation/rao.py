@@ -128,7 +128,7 @@ def rao(case: Case) -> None:
             if use.any():
                 error = ours[use, column] / theirs[use] - 1
                 case.absolute(f"{mode} RAO {what}, relative", error, 0 * error, tolerance)
-    if case.precision == "f64" and _is_the_barge(radiation):
+    if case.precision == "f64" and is_the_barge(radiation):
         model, database = hull_of(case, BARGE)
         found = np.abs(motions(model, omega, heading, slowest_decay(model, database)))
         for mode, column in COLUMN.items():
@@ -138,7 +138,7 @@ def rao(case: Case) -> None:
             case.absolute(f"{mode} RAO with memory, of the peak", error, 0 * error, TOLERANCE_REMEMBERED)
 
 
-def _is_the_barge(radiation: Radiation) -> bool:
+def is_the_barge(radiation: Radiation) -> bool:
     """Whether the shipped barge is this box."""
     box, hull = radiation.box, shipped(f"{BARGE}.toml")["hull"]
     return (box.length, box.beam, box.draft) == (hull["length"], hull["beam"], hull["draft"])

@@ -63,7 +63,8 @@ def hull_of(case: Case, name: str) -> tuple[Hull6Dof, HydroDatabase]:
     file = read_toml(vehicle_file(name))
     little = tuple(level * d for level, d in zip(LEVEL, file["hydrodynamics"]["linear"], strict=True))
     water = NO_DAMPING | {"linear": little, "radiation": "memory"}
-    model = load_vehicle(name, _dt(file["length"]), SAMPLE, hydrodynamics=water)
+    adrift = {"thrusters": None} if "thrusters" in file else {}  # two propellers idle ahead
+    model = load_vehicle(name, _dt(file["length"]), SAMPLE, hydrodynamics=water, **adrift)
     assert isinstance(model, Hull6Dof) and model.database is not None
     return model, model.database
 

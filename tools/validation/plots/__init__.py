@@ -7,12 +7,16 @@ from matplotlib.figure import Figure
 
 from validation.case import Folder
 from validation.plots import (
+    buoy,
+    convergence,
     decay,
     flights,
+    kernels,
     load_factor,
     modes,
     response,
     righting,
+    ship,
     spectrum,
     trim,
     turbulence,
@@ -41,6 +45,21 @@ PICTURES = (
     Picture("hydrostatics", "righting", righting.draw,
             "Left: the box against the wall-sided formula, which holds until an edge enters or leaves the water. "
             "Right: the shipped hulls."),
+    Picture("hydrostatics", "remembered", response.remembered,
+            "The shipped barge, which is that box, with the memory and the diffraction of its database: both sides of "
+            "the resonances, roll's peak included."),
+    Picture("hydrostatics", "kernels", kernels.draw,
+            "Damping by the boundary-element code and by the memory that stands for it in the equations of motion, and "
+            "the kernel of heave. The Otter's sharp resonances of water between the pontoons are fitted least well."),
+    Picture("hydrostatics", "convergence", convergence.draw,
+            "Heave, roll and pitch from a quarter of the lowest resonance to 2.2 of the highest. Shipped databases "
+            "have some 1,200 panels (the barge's own has the 720 even ones of the tables it is compared with)."),
+    Picture("ships", "ship", ship.draw,
+            "A ship made of the table's panels and masses, with its database, let go in small regular waves until its "
+            "motion is steady."),
+    Picture("buoys", "buoy", buoy.draw,
+            "The hour with the highest waves. Directions by maximum entropy; the band shows one circular deviation to "
+            "either side."),
     Picture("otter", "turning", turning.draw,
             "The linear model under held shaft speeds over the converged integration of the published equations."),
     Picture("otter", "decay", decay.draw,
