@@ -85,8 +85,8 @@ def test_the_parts_of_a_step_are_named(quick):
 def test_machine_and_peers_are_described(quick):
     result = quick[1]
     assert set(result) == {
-        "environment", "inference", "learning", "scenarios", "physics", "parts", "picture_ms", "peers", "machine",
-        "method",
+        "environment", "inference", "learning", "scenarios", "physics", "parts", "learning_parts", "picture_ms",
+        "peers", "machine", "method",
     }  # fmt: skip
     machine = result["machine"]
     assert machine["cpu"] and positive(machine["cores"]) and machine["threads"] == 1

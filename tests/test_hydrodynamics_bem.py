@@ -16,9 +16,12 @@ from hydro.drift import mean_drift  # noqa: E402
 from hydro.frames import turned_matrix  # noqa: E402
 from hydro.problem import Tank, dispersion, solve  # noqa: E402
 from hydro.surface import Surface  # noqa: E402
+from validation.regular import motions  # noqa: E402
 from validation.tables import read_csv  # noqa: E402
 
 from taichi_sim.usv.hull.database import HydroDatabase  # noqa: E402
+from taichi_sim.usv.hull.hull_6dof import Hull6Dof  # noqa: E402
+from taichi_sim.vehicles import load_vehicle  # noqa: E402
 
 pytestmark = pytest.mark.slow
 RHO, G = 1025.0, 9.81
@@ -93,7 +96,7 @@ def test_a_range_that_misses_a_resonance_is_refused(capsys, tmp_path):
 
 
 def test_a_mesh_becomes_a_vehicle(tmp_path, capsys):
-    """A box as a GDF, to a vehicle file and a database of its panels."""
+    """A box as a GDF, to a vehicle file and a database of its panels, with which it floats and answers a wave."""
     from hydro.hull import of_vehicle
     from hydro.panels import wetted
 
@@ -106,9 +109,13 @@ def test_a_mesh_becomes_a_vehicle(tmp_path, capsys):
     file = tmp_path / "box.gdf"
     rows = "\n".join(" ".join(f"{v:.9g}" for v in panel.ravel()) for panel in panels)
     file.write_text(f"a box\n1.0 9.81\n0 0\n{len(panels)}\n{rows}\n")
-    arguments = [str(file), "--cg", "0", "0", "0", "--frequencies", "4", "--panels", "60", "--quiet"]
+    arguments = [str(file), "--cg", "0", "0", "0", "--frequencies", "20", "--panels", "80", "--quiet"]
     assert hydrodynamics.main(arguments) == 0
     craft, length = of_vehicle(tmp_path / "box.toml")
     found = HydroDatabase.read(tmp_path / "box.hydro.json")
     assert found.hull == hull_hash(craft.panels) and length == pytest.approx(4.0)
     assert found.volume == pytest.approx(4.0, rel=1e-3)
+    model = load_vehicle(tmp_path / "box.toml", 0.02, 8)
+    assert isinstance(model, Hull6Dof) and len(model.radiation.memory) > 0
+    heave = motions(model, np.array([0.9, 2.8]), np.array([np.pi, np.pi / 2]), 10.0)[:, 2]
+    assert np.abs(heave) == pytest.approx([1.0, 1.5], rel=0.05)  # as a cork, and near its resonance as tables have it
