@@ -25,7 +25,7 @@ WHOLE = ((0, 1, 2, 3, 4, 5),)  # of any other
 ENERGY = 0.004  # share of a kernel's energy that may be missing
 AT_RESONANCE = 0.02  # share by which damping may be off at a resonance: as much is a response there
 MOST = 10  # masses of a group: each costs the simulator as much as half a component of the sea
-POOR = 5.0  # times what was wanted: with MOST masses so much is taken and told (water between hulls needs many)
+POOR = 8.0  # times what was wanted: with MOST masses so much is taken and told (water between hulls needs many)
 STARTS = 2  # of the search at random, the second only of few masses; and one from what was found before
 FEW = 4
 EVALUATIONS = 300  # of a search
@@ -37,6 +37,7 @@ STIFF = 1.0  # weight of a change of A_inf against one of A
 COUPLED = 1.0  # of the two kernels' own: what a pair's energy is at least compared with
 NEGATIVE = 0.02  # of the largest eigenvalue of B: so much less than nothing may be numerical
 NEAR, LIGHTEST = 0.1, 20.0  # of a resonance: width in ln(omega), most of its weight
+TUNED = 30.0  # weight that added mass has there, of all modes that are coupled: it says where the resonance is
 BELOW = 0.1, 0.5  # of the lowest frequency: there added mass is held to that at it, and damping goes with the cube
 BAND = 0.7, 1.5  # times the lowest and the highest frequency of a table: where masses may resonate
 
@@ -132,6 +133,8 @@ class _Search:
             if peak is not None and self.size[n] > 0:
                 ratio = self.size[n] ** 2 / max(float(np.interp(peak, omega, B[:, n, n])), 1e-300)
                 more[:, n] += min(ratio, LIGHTEST) * np.exp(-0.5 * (np.log(omega / peak) / NEAR) ** 2)
+        here = [np.exp(-0.5 * (np.log(omega / peak) / NEAR) ** 2) for peak in at if peak is not None]
+        self.tuned = self.weight * np.sqrt(1 + TUNED * np.sum([0 * omega, *here], axis=0))[:, None]
         self.peaks = dict(enumerate(at))
         self.own = np.sqrt(more[:, self.upper[0]] * more[:, self.upper[1]])
 
@@ -225,7 +228,7 @@ class _Search:
         rows, lead = (..., *self.upper), K.shape[:-3]
         damping = (K.real - B)[rows] * self.weight * self.own
         added = (K.imag * self.of_B / self.omega[:, None, None] / self.of_A - A)[rows] + change[..., None, :]
-        parts = damping.reshape(*lead, -1), (added * self.weight).reshape(*lead, -1), STIFF * change
+        parts = damping.reshape(*lead, -1), (added * self.tuned).reshape(*lead, -1), STIFF * change
         return np.concatenate(parts, axis=-1)
 
     def _residual(self, x: Array, masses: int) -> Array:

@@ -12,7 +12,7 @@ from taichi_sim.sea.spectrum import Components, wavenumber
 from taichi_sim.usv.hull.hull_6dof import Hull6Dof
 
 STEEPNESS = 2e-4  # k a of every wave: a box turns by second-order moments while transients die out
-SETTLED = 4.0  # time constants of the slowest decay until amplitudes are fitted
+SETTLED = 6.0  # time constants of the slowest decay until amplitudes are fitted: 0.2 % of a transient is left
 FITTED_PERIODS = 12  # of the longest wave
 
 

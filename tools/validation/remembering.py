@@ -26,7 +26,7 @@ from taichi_sim.vehicles import load_vehicle
 from validation.case import Case
 from validation.tables import InputsMissingError, TableError, number, read_csv, read_json
 
-DT, SAMPLE = 0.01, 8  # s for a hull of 1 m, and as the root of its length; steps from sample to sample
+DT, SAMPLE = 0.005, 16  # s for a hull of 1 m, and as the root of its length; steps from sample to sample
 LEVEL = (1, 1, 0, 0, 0, 1)  # surge, sway, yaw
 NO_DAMPING = {"linear": (0.0,) * 6, "quadratic": (0.0,) * 6, "cross_flow_length": 0.0}
 OSCILLATING = (2, 3, 4)  # heave, roll, pitch
