@@ -16,7 +16,7 @@ from validation.plots.finer import finer  # noqa: E402
 from validation.tables import Table, TableError, read_json  # noqa: E402
 
 TABLE = ROOT / "tests" / "data" / "reference" / "aerosonde" / "trim_and_modes_Va25.json"
-WITHOUT_TABLE = ("spectrum", "zigzag", "load_factor")
+WITHOUT_TABLE = ("spectrum", "zigzag", "load_factor", "kernels", "convergence")
 
 
 pytestmark = pytest.mark.usefixtures("f64")

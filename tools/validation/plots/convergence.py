@@ -11,10 +11,10 @@ from matplotlib.figure import Figure
 from taichi_sim.conventions import GRAVITY, RHO_SEA
 from taichi_sim.extras import MissingExtraError
 from taichi_sim.maths.interpolation import cubic
-from taichi_sim.plotting import dress, new_figure
+from taichi_sim.plotting import INK, dress, new_figure
 from taichi_sim.usv.hull.database import SUFFIX, HydroDatabase
 from validation.case import Folder
-from validation.plots.style import OTHER, OURS, THIRD, legend
+from validation.plots.style import OTHER, OURS, THIRD
 from validation.remembering import vehicle_file
 from validation.tables import TableError
 
@@ -33,7 +33,7 @@ def draw(folder: Folder) -> Figure:
     del folder
     runs = [_computed(count) for count in PANELS]
     counts = [run.settings["panels"] for run in runs]
-    figure = new_figure(12.0, 4.8, f"The {HULL}'s database: what more panels and more frequencies change")
+    figure = new_figure(12.0, 5.4, f"The {HULL}'s database: what more panels and more frequencies change")
     left, right = figure.subplots(1, 2)
     _curves(left, counts[:-1], [_panel_errors(run, runs[-1]) for run in runs[:-1]])
     title = f"Panels, against {counts[-1]}"
@@ -45,7 +45,8 @@ def draw(folder: Folder) -> Figure:
     title = f"Frequencies, of {len(shipped.omega)}: between those kept, by cubics"
     dress(right, title, "frequencies kept", "largest difference, of the largest value")
     right.set_xticks(kept, [str(count) for count in kept])
-    legend(right, loc="lower left", ncols=3)
+    handles, labels = right.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False, fontsize=9, labelcolor=INK)
     return figure
 
 
