@@ -20,7 +20,7 @@ from taichi_sim.usv.hull.params import Hull6DofParams
 from validation.box import SIZE, Box, box_of
 from validation.case import Case
 from validation.parameters import shipped
-from validation.regular import motions
+from validation.regular import STEEPNESS, motions
 from validation.remembering import hull_of, slowest_decay
 from validation.tables import Table, TableError, number, read_csv, read_json
 
@@ -101,7 +101,7 @@ def measure(radiation: Radiation, omega: np.ndarray, heading: np.ndarray) -> np.
 
     omega [row] rad/s, heading [row] rad: where waves travel to, over a box that heads north.
     """
-    return np.abs(motions(_model(radiation.params()), omega, heading, radiation.slowest_decay))
+    return np.abs(motions(_model(radiation.params()), omega, heading, radiation.slowest_decay, STEEPNESS))
 
 
 @cache

@@ -11,20 +11,24 @@ from taichi_sim.sea import Sea
 from taichi_sim.sea.spectrum import Components, wavenumber
 from taichi_sim.usv.hull.hull_6dof import Hull6Dof
 
-STEEPNESS = 2e-4  # k a of every wave: a box turns by second-order moments while transients die out
+STEEPNESS = 2e-4  # k a of every wave, for single precision
+GENTLE = 5e-5  # for double: a box turns by second-order moments while transients die out
 SETTLED = 6.0  # time constants of the slowest decay until amplitudes are fitted: 0.2 % of a transient is left
 FITTED_PERIODS = 12  # of the longest wave
 
 
-def motions(model: Hull6Dof, omega: np.ndarray, heading: np.ndarray, slowest: float) -> np.ndarray:
+def motions(
+    model: Hull6Dof, omega: np.ndarray, heading: np.ndarray, slowest: float, steepness: float = GENTLE
+) -> np.ndarray:
     """Complex amplitudes Z [row, 6] of x, y, z, roll, pitch, yaw per metre of wave amplitude, as Re(Z exp(-i omega t))
     beside a wave whose crest is at the origin at t = 0.
 
     omega [row] rad/s, heading [row] rad: where waves travel to, clockwise, over a hull that heads north; `slowest` is
-    the time constant (s) of the slowest decay. The model's control step is the time between samples.
+    the time constant (s) of the slowest decay, `steepness` k a of the waves. The model's control step is the time
+    between samples.
     """
     k = wavenumber(omega)
-    amplitude = STEEPNESS / k
+    amplitude = steepness / k
     columns = [v[:, None] for v in (amplitude, k, omega, heading, 0 * omega)]
     bench = Bench(model, sea=Sea(Components(*columns)), envs=len(omega)).put(settle=True)
     every, idle = model.dt * model.substeps, np.zeros(len(model.action_names))
