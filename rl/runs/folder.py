@@ -21,16 +21,15 @@ import subprocess
 import sys
 import time
 import uuid
-from collections.abc import Mapping
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 from rl import processes
 from rl.missions import load_scenario
+from rl.runs.measured import measured_files, with_measured
 from rl.scenario import Scenario
 from taichi_sim.config import ConfigError
-from taichi_sim.config.files import files_of, named_files, with_files
 from taichi_sim.config.io import find_config, read_toml, toml_text, vehicle_file, write_toml
 from taichi_sim.plugins import is_plugin, plugin_source
 from taichi_sim.vehicles import vehicle_files
@@ -69,8 +68,8 @@ def create(out: Path, config: Scenario, source: Path) -> None:
             _keep_plugin(read_toml(file).get("model"), [file.parent, source.parent], out)
             _keep_plugin(section.script, [source.parent], out)
         _keep_plugin(config.mission, [source.parent], out)
-        places = {key: _keep_files(files, out, f"{MEASURED}/{key}") for key, files in _measured(config).items()}
-        write_toml(_with_measured(config.model_copy(update=saved), places), out / CONFIG)
+        places = {key: _keep_files(files, out, f"{MEASURED}/{key}") for key, files in measured_files(config).items()}
+        write_toml(with_measured(config.model_copy(update=saved), places), out / CONFIG)
         for team, content in weights.items():
             (out / team).mkdir()
             write_checkpoint(content, out / team / "model_0.pt")
@@ -108,8 +107,8 @@ def begin(out: Path, config: Scenario, source: Path) -> None:
 
 def digest(config: Scenario, source: Path) -> str:
     """What two processes of one run have in common: the scenario, and the files that it and its vehicles name."""
-    files = _measured(config)
-    bare = _with_measured(config, {key: named[0].name for key, named in files.items()})  # wherever they lie
+    files = measured_files(config)
+    bare = with_measured(config, {key: named[0].name for key, named in files.items()})  # wherever they lie
     told = hashlib.sha256(toml_text(bare).encode())
     for section in config.teams.values():
         for file in vehicle_files(vehicle_file(section, source), source):
@@ -117,23 +116,6 @@ def digest(config: Scenario, source: Path) -> str:
     for file in sum(files.values(), []):
         told.update(file.read_bytes())
     return told.hexdigest()[:16]
-
-
-def _measured(config: Scenario) -> dict[str, list[Path]]:
-    """Key -> files of measurements that a scenario names, those of its stages too (stages.X.set.KEY)."""
-    found = named_files(config)
-    for name, stage in config.stages.items():
-        found |= {f"stages.{name}.set.{key}": files for key, files in files_of(stage.set).items()}
-    return found
-
-
-def _with_measured(config: Scenario, places: Mapping[str, str]) -> Scenario:
-    """The same scenario with other paths to them."""
-    stages = {}
-    for name, stage in config.stages.items():
-        own = {key: places[told] for key in stage.set if (told := f"stages.{name}.set.{key}") in places}
-        stages[name] = stage.model_copy(update={"set": stage.set | own})
-    return with_files(config.model_copy(update={"stages": stages}), places)
 
 
 def refuse_existing(out: Path) -> None:

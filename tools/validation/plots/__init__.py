@@ -55,8 +55,8 @@ PICTURES = (
             "Heave, roll and pitch from a quarter of the lowest resonance to 2.2 of the highest. Shipped databases "
             "have some 1,200 panels (the barge's own has the 720 even ones of the tables it is compared with)."),
     Picture("ships", "ship", ship.draw,
-            "A ship made of the table's panels and masses, with its database, let go in small regular waves until its "
-            "motion is steady."),
+            "The shipped vehicle of the tables' name, or a hull made of their panels, with its database, let go in "
+            "small regular waves until its motion is steady."),
     Picture("buoys", "buoy", buoy.draw,
             "The hour with the highest waves. Directions by maximum entropy; the band shows one circular deviation to "
             "either side."),

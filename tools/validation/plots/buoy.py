@@ -18,7 +18,7 @@ TWO_PI = 2 * np.pi
 
 
 def draw(folder: Folder) -> Figure:
-    """The record with the highest waves of the first buoy that has directions."""
+    """The record with the highest waves of the first buoy."""
     found = sorted(folder.root.rglob("*.data_spec"))
     if not found:
         raise TableError("no *.data_spec")

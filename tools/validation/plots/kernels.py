@@ -1,4 +1,4 @@
-"""Added mass and damping of shipped databases, and the memories that were fitted to them."""
+"""Damping of shipped databases, and the memories that were fitted to them."""
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -11,9 +11,9 @@ from validation.remembering import vehicle_file
 from validation.tables import TableError
 
 HULLS = {"barge": "Barge", "fpso": "FPSO, 200 m", "otter": "Otter: water resonates between its pontoons"}
-ROWS = ((2, "heave", "N s/m", "N/m"), (4, "pitch", "N m s", "N m"))
+ROWS = ((2, "heave", "N s/m"), (4, "pitch", "N m s"))
 DENSE, BEYOND = 800, 1.15  # frequencies of a line; of the database's highest
-LASTS = 12.0  # periods of the mode's resonance, that a kernel is shown
+LASTS = 6.0  # periods of the mode's resonance, that a kernel is shown
 
 
 def draw(folder: Folder) -> Figure:
@@ -27,7 +27,7 @@ def draw(folder: Folder) -> Figure:
             raise TableError(f"the database of {name} has no memory")
         omega = np.linspace(0, BEYOND * database.omega[-1], DENSE)
         damps = database.memory.damps(omega)
-        for axis, (mode, what, unit, _) in zip(column, ROWS, strict=False):
+        for axis, (mode, what, unit) in zip(column, ROWS, strict=False):
             points(axis, database.omega, database.damping[:, mode, mode], OTHER, "boundary elements")
             axis.plot(omega, damps[:, mode, mode], color=OURS, lw=2, label=f"memory of {len(database.memory)} masses")
             dress(axis, title if mode == ROWS[0][0] else "", "frequency (rad/s)", f"damping in {what} ({unit})")
@@ -39,10 +39,10 @@ def draw(folder: Folder) -> Figure:
 
 def _kernel(axis, database: HydroDatabase) -> None:
     """K(t) of heave: of the memory, and the cosine transform of the computed damping as far as it reaches."""
-    mode, what, _, unit = ROWS[0]
+    mode, what, _ = ROWS[0]
     assert database.memory is not None
     resonance = float(database.settings["resonances"][0])
-    time = np.linspace(0, LASTS / resonance * np.pi, 400)
+    time = np.linspace(0, LASTS * 2 * np.pi / resonance, 400)
     whole = np.concatenate([[0.0], database.omega])
     B = np.concatenate([[0.0], database.damping[:, mode, mode]])
     fine = np.linspace(0, whole[-1], 4000)
@@ -50,6 +50,6 @@ def _kernel(axis, database: HydroDatabase) -> None:
     axis.plot(time, transform, color=OTHER, lw=3.5, alpha=0.45, label="transform of boundary elements' damping")
     axis.plot(time, database.memory.kernel(time)[:, mode, mode], color=OURS, lw=1.8, label="memory")
     axis.axhline(0, color=INK, lw=0.6)
-    dress(axis, "", "time (s)", f"kernel of {what} ({unit})")
+    dress(axis, "", "time (s)", f"kernel of {what} (N/m)")
     axis.set_xlim(0, time[-1])
     legend(axis, loc="upper right")
