@@ -34,6 +34,16 @@ def _words(text: str, size: int) -> tuple[NDArray[np.float32], NDArray[np.float3
     return covers[0], covers[1]
 
 
+@lru_cache(maxsize=512)
+def _tinted(text: str, size: int, colour: Colour) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """What is left of the pixels under the words, from 0 to 1, and what is added to them."""
+    letters, around = _words(text, size)
+    edge = PAPER if np.dot(colour, (0.3, 0.6, 0.1)) > 90 else INK
+    shade = 0.75 * around * (1.0 - letters)
+    added = shade * np.array(edge, np.float32) + letters * np.array(colour, np.float32) + 0.5
+    return (1.0 - letters - shade).astype(np.float32), added.astype(np.float32)
+
+
 def write(
     picture: NDArray[np.uint8],
     text: str,
@@ -48,16 +58,14 @@ def write(
     at: column and row. anchor: which point of the text lies there, in its widths and heights from the upper left; the
     text is moved to be inside the picture.
     """
-    letters, around = _words(text, size)
-    high, wide = letters.shape[:2]
+    left, added = _tinted(text, size, colour)
+    high, wide = left.shape[:2]
     if high > picture.shape[0] or wide > picture.shape[1]:
         return
-    x = int(np.clip(round(at[0] - anchor[0] * wide), 0, picture.shape[1] - wide))
-    y = int(np.clip(round(at[1] - anchor[1] * high), 0, picture.shape[0] - high))
+    x = min(max(round(at[0] - anchor[0] * wide), 0), picture.shape[1] - wide)
+    y = min(max(round(at[1] - anchor[1] * high), 0), picture.shape[0] - high)
     part = picture[y : y + high, x : x + wide]
-    edge = PAPER if np.dot(colour, (0.3, 0.6, 0.1)) > 90 else INK
-    mixed = part + 0.75 * around * (np.array(edge, np.float32) - part)
-    part[:] = np.rint(mixed + letters * (np.array(colour, np.float32) - mixed)).astype(np.uint8)
+    part[:] = part * left + added
 
 
 def lines_of(text: str, size: int, wide: int) -> bool:

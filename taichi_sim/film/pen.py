@@ -126,7 +126,8 @@ def faces_of(mesh: Mesh) -> Solids:
 
 def moved(body: Solids, position_n: Array, R_nb: Array, scale: float = 1.0) -> Solids:
     """A body in n, `scale` times its size."""
-    return Solids(position_n + scale * (body.corners_n @ R_nb.T), body.normals_n @ R_nb.T, body.colours)
+    corners = body.corners_n.reshape(-1, 3) @ (scale * R_nb.T) + position_n
+    return Solids(corners.reshape(-1, 3, 3), body.normals_n @ R_nb.T, body.colours)
 
 
 def joined(*solids: Solids) -> Solids:

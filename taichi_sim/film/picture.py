@@ -30,7 +30,7 @@ INSET, GAP = 0.3, 2  # height of a map in the corner; px between views
 FAR_PX, NEAR_PX = 36.0, 50.0  # how long bodies are drawn in an overview, and behind aircraft, if mates leave room
 MOST = 25.0  # times their size, at most
 ROOM = 0.8  # of the distance to the nearest mate, that a body may fill
-ARROW = np.array([(0.7, 0.0, 0.0), (-0.5, 0.4, 0.0), (-0.3, 0.0, 0.0), (-0.5, -0.4, 0.0), (0.7, 0.0, 0.0)])
+ARROW = np.array([(0.7, 0.0), (-0.5, 0.4), (-0.3, 0.0), (-0.5, -0.4), (0.7, 0.0)])
 MARK_PX = 8.0  # length of a vehicle's mark on the map
 EVENT_S = 4.0  # how long the words of an event are shown
 DARK = (30, 52, 70)
@@ -194,16 +194,17 @@ def _scales(moment: Moment, camera: Camera, view: View) -> dict[str, float]:
 
 
 def _mark(pen: Pen, moment: Moment, metres: float) -> None:
-    """An arrowhead for each vehicle on the map, `metres` long."""
+    """An arrowhead for each vehicle on the map, `metres` long, edged in white."""
     for team in moment.teams.values():
-        for vehicle, (place, turn) in enumerate(zip(team.position_n, team.heading, strict=True)):
-            for grow, down, colour in ((1.5, 0.0, (255, 255, 255)), (1.0, -1.0, team.livery.of(vehicle))):
-                cos, sin = np.cos(turn), np.sin(turn)
-                shape = grow * metres * ARROW @ np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
-                shape = shape + place * (1, 1, 0) + (0.0, 0.0, -200.0 + 50.0 * down)
-                corners = np.stack([shape[[0, 1, 2]], shape[[0, 2, 3]]])
-                shade = np.broadcast_to(np.array(colour, np.uint8), (2, 3))
-                pen.solids(Solids(corners, np.zeros((2, 3)), shade), "map")
+        turn, count = team.heading, len(team.position_n)
+        along, aside = np.stack([np.cos(turn), np.sin(turn)], -1), np.stack([-np.sin(turn), np.cos(turn)], -1)
+        shape = metres * (ARROW[:, :1] * along[:, None] + ARROW[:, 1:] * aside[:, None])  # [V, 5, 2]
+        own = np.array([team.livery.of(vehicle) for vehicle in range(count)], np.uint8)
+        for grow, down, colours in ((1.5, -200.0, np.full_like(own, 255)), (1.0, -250.0, own)):
+            corners = np.full((count, 5, 3), down)
+            corners[..., :2] = team.position_n[:, None, :2] + grow * shape
+            faces = corners[:, ((0, 1, 2), (0, 2, 3))].reshape(-1, 3, 3)
+            pen.solids(Solids(faces, np.zeros((len(faces), 3)), colours.repeat(2, axis=0)), "map")
 
 
 def _label(

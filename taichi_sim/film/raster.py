@@ -2,9 +2,10 @@
 
 Everything becomes triangles on the screen (screen.py), each with a colour that is linear over it. They are sorted into
 bands of rows, and each band is filled by one thread, so that a picture is the same bits on any number of threads. A
-pixel is the mean of SAMPLES x SAMPLES samples. A sample is 64 bits: above, those of 1 / distance, which rise with it;
-below, the number of the triangle. Edges are followed from their upper to their lower end in either triangle, so that
-neighbours leave no gap.
+pixel is the mean of SAMPLES x SAMPLES samples; sea and sky, whose colours change little from one to the next, have one
+sample in its middle, behind those. A sample is 64 bits: above, those of 1 / distance, which rise with it; below, the
+number of the triangle. Edges are followed from their upper to their lower end in either triangle, so that neighbours
+leave no gap.
 
 Taichi compiles one kernel for all sizes of pictures. Its arrays have one axis: with more, access costs twice as much.
 """
@@ -51,27 +52,37 @@ def _bits(z, t):
 
 
 @ti.func
-def _fill(samples: ti.template(), room, screen: ti.template(), t, top, bottom, wide, high):
-    """Write triangle t into the samples (from `room` on) of rows `top` to `bottom` where it is the nearest so far."""
+def _fill(samples: ti.template(), room, screen: ti.template(), t, top, bottom, wide, grain: ti.template()):
+    """Write triangle t into the places (from `room` on) of rows `top` to `bottom` where it is the nearest so far.
+
+    Places are `grain` samples apart each way; `top`, `bottom` and `wide` count them.
+    """
     k = t * SCREEN
     a, b, c = triple(screen, k), triple(screen, k + 3), triple(screen, k + 6)
     by_x, by_y = screen[k + 9], screen[k + 10]
     least, most = ti.min(a.z, ti.min(b.z, c.z)), ti.max(a.z, ti.max(b.z, c.z))
     long_side = (c.x - a.x) / (c.y - a.y)
     upper, lower = (b.x - a.x) / ti.max(b.y - a.y, 1e-12), (c.x - b.x) / ti.max(c.y - b.y, 1e-12)
-    y0 = ti.max(ti.cast(ti.ceil(ti.max(a.y - 0.5, 0.0)), ti.i32), top)
-    y1 = ti.min(ti.cast(ti.ceil(ti.min(c.y - 0.5, high)), ti.i32), bottom)
+    finer = ti.static(1.0 / grain)
+    y0 = ti.max(ti.cast(ti.ceil(ti.max(a.y * finer - 0.5, 0.0)), ti.i32), top)
+    y1 = ti.min(ti.cast(ti.ceil(ti.min(c.y * finer - 0.5, ti.cast(bottom, ti.f32))), ti.i32), bottom)
     right = ti.cast(wide, ti.f32)
     for y in range(y0, y1):
-        middle = ti.cast(y, ti.f32) + 0.5
+        middle = (ti.cast(y, ti.f32) + 0.5) * grain
         one = a.x + (middle - a.y) * long_side
         two = a.x + (middle - a.y) * upper if middle < b.y else b.x + (middle - b.y) * lower
-        x0 = ti.cast(ti.ceil(ti.min(ti.max(ti.min(one, two) - 0.5, 0.0), right)), ti.i32)
-        x1 = ti.cast(ti.ceil(ti.max(ti.min(ti.max(one, two) - 0.5, right), 0.0)), ti.i32)
-        base, line = a.z + (middle - a.y) * by_y + (0.5 - a.x) * by_x, room + (y - top) * wide
+        x0 = ti.cast(ti.ceil(ti.min(ti.max(ti.min(one, two) * finer - 0.5, 0.0), right)), ti.i32)
+        x1 = ti.cast(ti.ceil(ti.max(ti.min(ti.max(one, two) * finer - 0.5, right), 0.0)), ti.i32)
+        base, line = a.z + (middle - a.y) * by_y + (0.5 * grain - a.x) * by_x, room + (y - top) * wide
         for x in range(x0, x1):
-            z = ti.min(ti.max(base + ti.cast(x, ti.f32) * by_x, least), most)
+            z = ti.min(ti.max(base + ti.cast(x, ti.f32) * (grain * by_x), least), most)
             samples[line + x] = ti.max(samples[line + x], _bits(z, t))
+
+
+@ti.func
+def _painted(screen: ti.template(), t):
+    """Of triangle t, which has one colour."""
+    return triple(screen, t * SCREEN + 11)
 
 
 @ti.func
@@ -91,37 +102,37 @@ def _sky(camera: ti.template(), sx, sy):
 
 @ti.func
 def _resolve(
-    picture: ti.template(), samples: ti.template(), room, screen: ti.template(), camera: ti.template(),
-    pieces, triangles, top, bottom, wide,
+    picture: ti.template(), samples: ti.template(), room, behind, screen: ti.template(), camera: ti.template(),
+    triangles, top, bottom, across,
 ):  # fmt: skip
-    """Write the pixels of a band: the mean of their samples' colours."""
-    across = wide // SAMPLES
-    for row in range(top // SAMPLES, bottom // SAMPLES):
+    """Write the pixels of rows `top` to `bottom`: what is behind, or the mean of the samples before it."""
+    wide = SAMPLES * across
+    for row in range(top, bottom):
         for column in range(across):
-            y, x = SAMPLES * row, SAMPLES * column
-            k = room + (y - top) * wide + x
-            first = ti.cast(samples[k], ti.i32)
-            water, same = first >= pieces and first < triangles, True
+            k = room + (row - top) * SAMPLES * wide + SAMPLES * column
+            front, far = samples[k], samples[behind + (row - top) * across + column]
             for n in ti.static(range(1, SAMPLES * SAMPLES)):
-                other = ti.cast(samples[k + n // SAMPLES * wide + n % SAMPLES], ti.i32)
-                water = water and other >= pieces and other < triangles
-                same = same and other == first
-            whole = water or same  # one shade serves for all of the pixel
-            colour, kept, last = vec3(0.0), vec3(0.0), -1
-            for n in range(1 if whole else SAMPLES * SAMPLES):
-                down, right = n // SAMPLES, n % SAMPLES
-                t = ti.cast(samples[k + down * wide + right], ti.i32)
-                if t != last:
-                    last = t
-                    sx, sy = ti.cast(x + right, ti.f32) + 0.5, ti.cast(y + down, ti.f32) + 0.5
-                    if t < triangles:
-                        kept = _colour(screen, t, sx, sy)
+                front = ti.max(front, samples[k + n // SAMPLES * wide + n % SAMPLES])
+            t = ti.cast(far, ti.i32)
+            sx, sy = SAMPLES * (ti.cast(column, ti.f32) + 0.5), SAMPLES * (ti.cast(row, ti.f32) + 0.5)
+            colour = vec3(0.0)
+            if t < triangles:
+                colour = _colour(screen, t, sx, sy)
+            else:
+                colour = _sky(camera, sx, sy)
+            if front > far:
+                back = colour
+                colour = vec3(0.0)
+                for n in ti.static(range(SAMPLES * SAMPLES)):
+                    here = samples[k + n // SAMPLES * wide + n % SAMPLES]
+                    if here > far:
+                        colour += _painted(screen, ti.cast(here, ti.i32))
                     else:
-                        kept = _sky(camera, sx, sy)
-                colour += kept
-            colour *= 255.0 if whole else ti.static(255.0 / SAMPLES**2)
+                        colour += back
+                colour /= SAMPLES**2
+            lit, pixel = ti.math.clamp(255.0 * colour + 0.5, 0.0, 255.0), 3 * (row * across + column)
             for c in ti.static(range(3)):
-                picture[3 * (row * across + column) + c] = ti.cast(ti.math.clamp(colour[c] + 0.5, 0.0, 255.0), ti.u8)
+                picture[pixel + c] = ti.cast(lit[c], ti.u8)
 
 
 @ti.kernel
@@ -130,13 +141,13 @@ def _draw(
     samples: ti.types.ndarray(dtype=ti.i64, ndim=1),
     screen: FLOATS, bands: WHOLE, starts: WHOLE, order: WHOLE,
     camera: FLOATS, solids: FLOATS, strokes: FLOATS, sea: FLOATS, flat: FLOATS,
-    wide: ti.i32, high: ti.i32, across: ti.i32,
+    wide: ti.i32, high: ti.i32, points: ti.i32,
 ):  # fmt: skip
-    """Fill `picture`; wide, high are samples, `across` the points in a line of the sea's grid. See Raster.draw."""
+    """Fill `picture`; wide, high are samples, `points` those in a line of the sea's grid. See Raster.draw."""
     size = ti.Vector([ti.cast(wide, ti.f32), ti.cast(high, ti.f32)])
     count, lines = solids.shape[0] // SOLID, strokes.shape[0] // STROKE
     pieces = 2 * (count + lines)
-    triangles = pieces + 2 * (across - 1) * (sea.shape[0] // COLUMNS // across - 1)
+    triangles = pieces + 2 * (points - 1) * (sea.shape[0] // COLUMNS // points - 1)
     for t in range(pieces):
         bands[2 * t], bands[2 * t + 1] = 1, 0
     for f in range(count):
@@ -146,7 +157,7 @@ def _draw(
     for i in range(sea.shape[0] // COLUMNS):
         place_point(flat, camera, sea, i)
     for t in range(triangles):
-        settle(screen, bands, flat, t, pieces, across, size)
+        settle(screen, bands, flat, t, pieces, points, size)
     # which triangles each band has, in order: starts[b + 2] counts, then starts[b + 1] is where the next one goes
     ti.loop_config(serialize=True)
     for b in range(starts.shape[0]):
@@ -164,18 +175,27 @@ def _draw(
             if starts[b + 1] < order.shape[0]:
                 order[starts[b + 1]] = t
             starts[b + 1] += 1
-    workers = samples.shape[0] // (BAND * wide)
+    across = wide // SAMPLES
+    own = ti.static(BAND // SAMPLES) * (SAMPLES * wide + across)
+    workers = samples.shape[0] // own
     ti.loop_config(block_dim=1)
     for worker in range(workers):  # each has room for one band, which stays in its core's cache
-        room, nothing = worker * BAND * wide, _bits(1.0 / FAR_M, triangles)
+        room = worker * own
+        behind, nothing = room + BAND * wide, _bits(1.0 / FAR_M, triangles)
         for turn in range((starts.shape[0] - 2 - worker + workers - 1) // workers):
             b = worker + turn * workers
             top, bottom = b * BAND, ti.min(b * BAND + BAND, high)
-            for i in range(room, room + BAND * wide):
+            first, last = top // SAMPLES, bottom // SAMPLES
+            for i in range(room, behind):
+                samples[i] = 0
+            for i in range(behind, room + own):
                 samples[i] = nothing
             for n in range(starts[b], ti.min(starts[b + 1], order.shape[0])):
-                _fill(samples, room, screen, order[n], top, bottom, wide, high)
-            _resolve(picture, samples, room, screen, camera, pieces, triangles, top, bottom, wide)
+                if order[n] < pieces:
+                    _fill(samples, room, screen, order[n], top, bottom, wide, 1)
+                else:
+                    _fill(samples, behind, screen, order[n], first, last, across, SAMPLES)
+            _resolve(picture, samples, room, behind, screen, camera, triangles, first, last, across)
 
 
 class Raster:
@@ -192,7 +212,7 @@ class Raster:
         wide, high = self.size
         run, bands = runtime.current(), len(self._starts) - 2
         workers = min(run.threads, bands) if run.arch == "cpu" else bands
-        samples = np.empty(workers * BAND * SAMPLES * wide, np.int64)
+        samples = np.empty(workers * BAND * wide // SAMPLES * (SAMPLES**2 + 1), np.int64)
         triangles = 2 * (len(solids.colours) + len(strokes.colours))
         triangles += 2 * max(water.rows - 1, 0) * (water.across - 1)
         if 2 * triangles > len(self._bands):

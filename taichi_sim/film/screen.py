@@ -18,7 +18,7 @@ from taichi_sim.film.shapes import Solids, Strokes
 from taichi_sim.film.water import COLUMNS
 
 SAMPLES = 2  # along each side of a pixel
-BAND = 8  # rows of samples that one thread fills
+BAND = 16  # rows of samples that one thread fills
 NEAR_M = 0.25  # nothing nearer is drawn
 SOLID, STROKE, CORNER = 15, 11, 6  # numbers of a painted triangle, of a stroke, and of a point of the sea on the screen
 SCREEN = 20

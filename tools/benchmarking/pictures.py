@@ -9,7 +9,11 @@ from rl.missions import load_scenario, make_mission
 from rl.render import Pictures
 
 SIZE = (640, 480)
-SCENARIOS = {"paper": ("track.worlds=4", "sea.realisations=4")}
+SCENARIOS = {
+    "paper": ("track.worlds=4", "sea.realisations=4"),
+    "otter": ("sea.realisations=4",),
+    "escort": ("escort.worlds=4", "sea.realisations=4"),
+}
 
 
 def measure_pictures(*, seconds: float, repetitions: int) -> dict[str, float]:
