@@ -17,6 +17,8 @@ def refusal(tmp_path, name="otter", dt=0.02, **changes):
         old = data.pop(key, None)
         if value is not None:
             data[key] = old | value if isinstance(value, dict) and old else value
+    if "database" in data.get("hydrodynamics", {}):
+        data["hydrodynamics"]["database"] = str(config_folder() / "vehicles" / data["hydrodynamics"]["database"])
     file = tmp_path / "broken.toml"
     file.write_text(tomli_w.dumps(data))
     with pytest.raises(ConfigError) as caught:
@@ -73,7 +75,7 @@ def test_an_inertia_that_is_not_symmetric(tmp_path):
 
 
 def test_a_step_too_long(tmp_path):
-    message = refusal(tmp_path, dt=0.5)
+    message = refusal(tmp_path, dt=0.5, hydrodynamics={"radiation": "constant"})
     must_name(message, "broken.toml", "dt = 0.5", "largest stable step", "0.0866")
 
 

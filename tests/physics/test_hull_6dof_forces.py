@@ -101,7 +101,7 @@ def test_wind_pushes_back_sideways_and_over(otter, bench):
 def test_wind_moments_have_fossens_signs(otter):
     """Fossen (2021), sec. 10.1: C_N = c_n sin 2 gamma; the side force acts towards the end that meets the wind."""
     w = otter.params.windage
-    length, M = otter.params.length, otter.params.M_rb + otter.params.M_a
+    length, M = otter.params.length, otter.params.M_rb + otter.radiation.inertia
     state = np.tile(np.eye(13)[3], (4, 1))
     # blows to: port quarter (from the starboard bow), port bow (from the starboard quarter), port (abeam), nowhere
     air = 10.0 * np.array([[-1.0, -1, 0], [1, -1, 0], [0, -1, 0], [0, 0, 0]]) / math.sqrt(2.0)

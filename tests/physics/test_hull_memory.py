@@ -221,6 +221,8 @@ def test_a_database_of_another_hull_or_of_other_water_is_refused(make_model, ben
         make_model("barge", hydrodynamics=POTENTIAL, thrusters=None, hull={"draft": 0.4})
     with pytest.raises(ConfigError, match="needs a database"):
         make_model("barge", hydrodynamics={"radiation": "memory", "database": None})
+    with pytest.raises(ConfigError, match=r"gone.hydro.json: there is no such file: a copy of a vehicle needs"):
+        make_model("barge", hydrodynamics=POTENTIAL | {"database": "gone.hydro.json"}, thrusters=None)
     shallow = Sea(Components(*(np.full((1, 1), v) for v in (0.0, 1.0, 1.0, 0.0, 0.0))), 1.2)
     with pytest.raises(ConfigError, match="the water is 1.2 m deep, the hydrodynamic database of the hull is of deep"):
         bench(barge, shallow, envs=1).step([0.0, 0.0])

@@ -40,7 +40,7 @@ def test_a_hull_at_rest_afloat_accelerates_by_what_is_added(make_model):
     model = make_model("otter")
     z, roll, pitch = model.geometry.hydrostatics.equilibrium
     rest = pack_state([0.0, 0.0, z, roll, pitch, 0.8])
-    M = model.params.M_rb + model.params.M_a
+    M = model.params.M_rb + model.radiation.inertia
     none = model.rhs(rest, [0.0, 0.0])[0]
     assert np.abs(none).max() < 2e-3  # the kernel's two strips a panel, hydrostatics.py's eight
     load = np.array([3.0, -2.0, 5.0, 1.0, -4.0, 2.0])

@@ -1,6 +1,7 @@
 """Classical controllers of displacement vessels: gains and thrusts against closed forms, and how vessels keep track."""
 
 import math
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -32,6 +33,7 @@ def left_right(tmp_path_factory) -> str:
     """Return an Otter that takes shaft speeds."""
     file = tmp_path_factory.mktemp("vehicles") / "otter_left_right.toml"
     file.write_text((VEHICLES / "otter.toml").read_text().replace('"surge_yaw"   ', '"left_right"   '))
+    shutil.copy(VEHICLES / "otter.hydro.json", file.parent)
     return str(file)
 
 

@@ -81,6 +81,13 @@ def run(
         f"{_per_wave(frequencies.ABOVE * max(of), size, wishes.g):.1f} at {frequencies.ABOVE} of the highest resonance"
     )
     *loads, endless = solve_all(tank, floating, [*omega, np.inf], heading, wishes.jobs, wishes.quiet)
+    left_out = frequencies.spikes(omega, np.stack([of_one.damping for of_one in loads]), wishes.spectrum.also)
+    if len(left_out):
+        print(
+            f"left out {', '.join(f'{w:.4g}' for w in omega[left_out])} rad/s, where damping is more than "
+            f"{frequencies.SPIKE:g} times that at both neighbours: an irregular frequency, or a resonance too sharp to see"
+        )
+        omega, loads = np.delete(omega, left_out), [of_one for n, of_one in enumerate(loads) if n not in left_out]
     uneven = max(_asymmetry(of_one.added_mass) for of_one in loads)
     settings: dict[str, Any] = {
         "command": command, "method": wishes.method, "panels": len(surface), "alike": alike,

@@ -24,13 +24,15 @@ GROUPS = ((0, 2, 4), (1, 3, 5))  # of a hull with two sides alike
 WHOLE = ((0, 1, 2, 3, 4, 5),)  # of any other
 ENERGY = 0.004  # share of a kernel's energy that may be missing
 AT_RESONANCE = 0.02  # share by which damping may be off at a resonance: as much is a response there
-MOST = 10  # masses of a group: each costs the simulator as much as half a component of the sea
-POOR = 8.0  # times what was wanted: with MOST masses so much is taken and told (water between hulls needs many)
+MOST = 12  # masses of a group: each costs the simulator as much as half a component of the sea
+POOR = 10.0  # times what was wanted: with MOST masses so much is taken and told (water between hulls needs many)
 STARTS = 2  # of the search at random, the second only of few masses; and one from what was found before
 FEW = 4
 EVALUATIONS = 300  # of a search
+ROUNDS, BETTER = 3, 0.97  # of moving masses about: at most, and what a round must make of the cost
 FAR = 1e3  # an error that no search accepts
 LEAST = 1e-6  # of a mass's frequency: its damper, at least
+OVERDAMPED = 10.0  # times the highest frequency: a damper, at most; a mass that is of no use would get any
 ENOUGH = 1e-5  # relative change of the cost, and of the numbers, below which a search ends
 INERTIA = 0.3  # weight of an error of A against one of B
 STIFF = 1.0  # weight of a change of A_inf against one of A
@@ -155,6 +157,9 @@ class _Search:
             if all(pair.missing <= energy and pair.off <= AT_RESONANCE for pair in pairs):
                 bar.total -= MOST - masses
                 return memory, self.A_inf + added, pairs
+        x = self._polished(x)
+        memory, added = self._made(x, MOST)
+        pairs = self._pairs(memory)
         worst = max(pairs, key=lambda pair: max(pair.missing / energy, pair.off / AT_RESONANCE))
         if max(worst.missing / energy, worst.off / AT_RESONANCE) <= POOR:
             return memory, self.A_inf + added, pairs
@@ -192,6 +197,27 @@ class _Search:
         log = np.clip(np.log(np.append(frequency, self.omega[at])), *self._ends)
         return np.concatenate([log, L_more[np.tril_indices(masses)], G_more.ravel(), change[self.upper]])
 
+    def _polished(self, x: Array) -> Array:
+        """Numbers of MOST masses after some of them, each alone, were put where more is missing without them."""
+        least = float(np.square(self._residual(x, MOST)).sum()) / 2
+        for _ in range(ROUNDS):
+            before = least
+            for mass in range(MOST):
+                cost, found = self._found(MOST, self._one_more(self._without(x, mass), MOST))
+                if cost < least:
+                    least, x = cost, found
+            if least > BETTER * before:
+                break
+        return x
+
+    def _without(self, x: Array, mass: int) -> Array:
+        """Numbers of all masses but one, of MOST."""
+        frequency, L, G, change = self._parts(x, MOST)
+        R = np.delete(np.delete(L @ L.T, mass, 0), mass, 1)
+        L = np.linalg.cholesky(R + 1e-9 * np.trace(R) * np.eye(MOST - 1))
+        rest = np.log(np.delete(frequency, mass)), L[np.tril_indices(MOST - 1)], np.delete(G, mass, 0).ravel()
+        return np.concatenate([*rest, change[self.upper]])
+
     def _found(self, masses: int, begin: Array) -> tuple[float, Array]:
         """Cost and numbers of a search."""
         from scipy.optimize import least_squares
@@ -201,6 +227,9 @@ class _Search:
         x[:masses] = np.clip(x[:masses], low + inner, high - inner)
         ends = np.full((2, len(x)), [[-np.inf], [np.inf]])
         ends[:, :masses] = [[low], [high]]
+        dampers, most = slice(masses, masses + masses * (masses + 1) // 2), np.sqrt(OVERDAMPED * self.omega[-1])
+        ends[:, dampers] = [[-most], [most]]
+        x[dampers] = np.clip(x[dampers], -0.99 * most, 0.99 * most)
         found = least_squares(
             self._residual, x, self._jacobian, tuple(ends), x_scale="jac", max_nfev=EVALUATIONS,
             ftol=ENOUGH, xtol=ENOUGH, args=(masses,),

@@ -14,6 +14,7 @@ BELOW, ABOVE = 0.2, 2.5  # of the lowest and of the highest resonance: what moti
 TAIL = 4.5  # of the highest resonance: damping has died away there, and the kernel's beginning depends on it
 IN_TAIL = 0.2  # of the frequencies
 VERTICAL = [2, 3, 4]
+SPIKE = 6.0  # times the damping at either neighbour: no frequencies are close enough for that
 NAMES = ("heave", "roll", "pitch")
 
 
@@ -83,3 +84,15 @@ def missed(omega: Array, of: Resonances) -> list[str]:
         for name, w in zip(NAMES, of, strict=True)
         if not omega[0] < w < omega[-1]
     ]
+
+
+def spikes(omega: Array, damping: Array, kept: tuple[float, ...]) -> Array:
+    """Which of omega [n] stand out alone in the damping [n, 6, 6] of a mode, but for those to be `kept`.
+
+    What happens there is narrower than a step, so that nothing can be made of it: an irregular frequency that no lid
+    took away, in a gap between hulls perhaps a resonance without damping.
+    """
+    size = np.einsum("nii->ni", damping)
+    beside = np.maximum(np.maximum(size[:-2], size[2:]), 1e-3 * size.max(axis=0))
+    found = 1 + np.flatnonzero((size[1:-1] > SPIKE * beside).any(axis=1))
+    return found[~np.isin(omega[found], kept)]

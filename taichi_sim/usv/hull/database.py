@@ -92,6 +92,11 @@ class HydroDatabase:
         """
         try:
             data = json.loads(Path(path).read_text(encoding="utf-8"))
+        except FileNotFoundError:
+            raise ConfigError(
+                f"{path}: there is no such file: a copy of a vehicle needs its database beside it; or set "
+                'hydrodynamics.radiation = "constant"'
+            ) from None
         except (OSError, UnicodeDecodeError) as error:
             raise ConfigError(f"{path}: cannot be read: {error}") from None
         except ValueError as error:

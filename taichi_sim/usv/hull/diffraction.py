@@ -7,9 +7,9 @@ there are, and what is nonlinear in the undisturbed wave's pressure stays. A com
 
     Re(a X(omega, beta) exp(i theta)),   theta: its phase at the hull's label, beta: its direction from the bow,
 
-with X at the component's own frequency (that of encounter counts in radiation alone), cubic in omega, linear in heading
-between HEADINGS courses, to which the database is resampled by its Fourier series. Slower waves than the database has
-are thrown back as omega^2, faster ones less and less up to FADED times its highest frequency.
+with X at the component's own frequency (that of encounter counts in radiation alone), cubic in omega, linear between
+HEADINGS headings of the hull, to which the database is resampled by its Fourier series. Slower waves than the database
+has are thrown back as omega^2, faster ones less and less up to FADED times its highest frequency.
 
 In a step it is summed once for every STRETCH of phase of the fastest waves, with its first and second rates of change.
 
@@ -55,9 +55,7 @@ class Diffraction:
         if drift:
             assert database.drift is not None
             parts.append(around(database, _six(database.drift)).real[..., [0, 1, 5]])
-        table = np.concatenate(parts, axis=-1)
-        self.omega = database.omega
-        self.table = np.concatenate([table, table[:, :1]], axis=1)  # HEADINGS + 1 courses: the last is the first again
+        self.omega, self.table = database.omega, np.concatenate(parts, axis=-1)  # [n, HEADINGS, size]
 
     def stretch(self, dt: float) -> int:
         """Steps of dt (s) for which the load is summed once."""
@@ -68,9 +66,9 @@ class Diffraction:
         """Numbers of an entry."""
         return int(self.table.shape[-1])
 
-    def of(self, sea: Tensor) -> tuple[Tensor, Tensor]:
+    def of(self, sea: Tensor) -> Tensor:
         """For components sea [sea, 8, component] (conventions.py): loads of the amplitudes they have (drift: per
-        amplitude) [sea * component, HEADINGS + 1, size], and direction [sea, component] in steps of the table.
+        amplitude) on a hull with each of HEADINGS + 1 headings from north on, [sea * (HEADINGS + 1), component, size].
         """
         rows = sea.detach().to("cpu", torch.float64).numpy()
         omega = rows[:, OMEGA].ravel()
@@ -78,9 +76,13 @@ class Diffraction:
         slow = np.minimum(omega / self.omega[0], 1.0) ** 2
         fade = np.clip((FADED - omega / self.omega[-1]) / (FADED - 1), 0.0, 1.0)
         found *= (slow * fade * rows[:, AMPLITUDE].ravel())[:, None, None]
-        place = np.arctan2(rows[:, KY], rows[:, KX]) * (HEADINGS / math.tau)
-        loads, course = (torch.from_numpy(x).to(sea.dtype).to(sea.device).contiguous() for x in (found, place))
-        return loads, course
+        course = np.arctan2(rows[:, KY], rows[:, KX]).ravel()
+        turn = np.exp(1j * course[:, None] * np.arange(HEADINGS // 2 + 1))[..., None]
+        by_course = np.fft.irfft(np.fft.rfft(found, axis=1) * turn, HEADINGS, axis=1)  # from the component's own on
+        by_heading = by_course[:, -np.arange(HEADINGS + 1) % HEADINGS]
+        shape = len(rows), rows.shape[2], HEADINGS + 1, self.size
+        loads = by_heading.reshape(shape).swapaxes(1, 2).reshape(-1, rows.shape[2], self.size)
+        return torch.from_numpy(np.ascontiguousarray(loads)).to(sea.dtype).to(sea.device)
 
 
 def around(database: HydroDatabase, loads: NDArray) -> NDArray[np.complex128]:
@@ -111,30 +113,29 @@ def _six(drift: NDArray) -> NDArray:
 
 @ti.func
 def diffracted(
-    sea: ti.template(), phase: ti.template(), count: ti.template(), table: ti.template(), course: ti.template(),
-    drifts: ti.template(), s, row, label, velocity, tau, psi
+    sea: ti.template(), phase: ti.template(), count: ti.template(), table: ti.template(), drifts: ti.template(),
+    s, row, label, velocity, tau, psi
 ):  # fmt: skip
     """Load (N, N m, about CO, b) on a hull at the label `label` [2] (m), which moves with `velocity` [2] (m/s), with
-    heading psi (rad), tau s after the beginning of a step; and its first and second rate of change. `table` and
-    `course` are Diffraction.of; `drifts` says whether the table has drift, which counts as steady.
+    heading psi (rad), tau s after the beginning of a step; and its first and second rate of change. `table` is
+    Diffraction.of, whose loads at one heading lie side by side; `drifts` says whether it has drift, which counts as
+    steady.
     """
     load = ti.Vector([tau * 0.0 for _ in range(6)])
     rate, bend = load * 0.0, load * 0.0
     cosines, sines = tau * 0.0, tau * 0.0
     of_cosine, of_sine = ti.Vector([tau * 0.0 for _ in range(DRIFT)]), ti.Vector([tau * 0.0 for _ in range(DRIFT)])
-    ahead = psi * ti.static(HEADINGS / math.tau)
+    place = psi * ti.static(HEADINGS / math.tau)
+    place -= ti.floor(place * ti.static(1 / HEADINGS)) * HEADINGS
+    first = ti.min(ti.cast(place, ti.i32), HEADINGS - 1)
+    share, n = place - first, s * ti.static(HEADINGS + 1) + first
     for c in range(count):
         kx, ky, omega = sea[s, KX, c], sea[s, KY, c], sea[s, OMEGA, c]
         sine, cosine = fast.sincos_short(kx * label[0] + ky * label[1] + phase[row, c] - omega * tau)
         turn = kx * velocity[0] + ky * velocity[1] - omega  # of the phase, rad/s
-        place = course[s, c] - ahead
-        place -= ti.floor(place * ti.static(1 / HEADINGS)) * HEADINGS
-        first = ti.min(ti.cast(place, ti.i32), HEADINGS - 1)
-        share = place - first
-        n = s * count + c
         for j in ti.static(range(6)):
-            real = table[n, first, j] + share * (table[n, first + 1, j] - table[n, first, j])
-            imaginary = table[n, first, 6 + j] + share * (table[n, first + 1, 6 + j] - table[n, first, 6 + j])
+            real = table[n, c, j] + share * (table[n + 1, c, j] - table[n, c, j])
+            imaginary = table[n, c, 6 + j] + share * (table[n + 1, c, 6 + j] - table[n, c, 6 + j])
             now = real * cosine - imaginary * sine
             load[j] += now
             rate[j] -= turn * (real * sine + imaginary * cosine)
@@ -144,7 +145,7 @@ def diffracted(
             cosines += amplitude * cosine
             sines += amplitude * sine
             for j in ti.static(range(DRIFT)):
-                mean = table[n, first, WAVE + j] + share * (table[n, first + 1, WAVE + j] - table[n, first, WAVE + j])
+                mean = table[n, c, WAVE + j] + share * (table[n + 1, c, WAVE + j] - table[n, c, WAVE + j])
                 of_cosine[j] += mean * cosine
                 of_sine[j] += mean * sine
     if ti.static(drifts):

@@ -46,11 +46,9 @@ TablesPack = ti.types.argpack(
     deck=ti.types.ndarray(ndim=2),
     filters=ti.types.ndarray(ndim=1),
     thrown=ti.types.ndarray(ndim=3),
-    course=ti.types.ndarray(ndim=2),
 )
 """A hull's tables (geometry.py): panels (flat), the column of each panel's head in aux, pairs of wave lines, deck; the
-numbers of the memory's filters (memory.py); for one sea, the loads of diffraction and the directions that they are
-looked up by (diffraction.py)."""
+numbers of the memory's filters (memory.py); for one sea, the loads of diffraction (diffraction.py)."""
 DEEP_ENOUGH = 4.0  # draughts: shallower water than this is not deep to a hull; assumed
 DEPTH_RATIO = 1.25  # of the water to a database's own depth, either way; assumed
 SEAS = 4  # for which a model keeps tables
@@ -262,9 +260,7 @@ class HullModel(Propelled):
         def table(values: np.ndarray) -> torch.Tensor:
             return torch.as_tensor(np.ascontiguousarray(values), dtype=run.torch_dtype, device=run.device)
 
-        thrown, course = table(np.zeros((1, 1, 1))), table(np.zeros((1, 1)))
-        if sea is not None:
-            thrown, course = self._diffraction.of(sea)
+        thrown = table(np.zeros((1, 1, 1))) if sea is None else self._diffraction.of(sea)
         return runtime.pack(
             TablesPack,
             panels=table(geometry.panel_table.ravel()),
@@ -273,5 +269,4 @@ class HullModel(Propelled):
             deck=table(geometry.deck_corners),
             filters=table(np.append(self.filters.numbers, 0.0)),  # an array has at least one
             thrown=thrown,
-            course=course,
         )

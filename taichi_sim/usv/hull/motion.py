@@ -79,7 +79,7 @@ class HullMotion(HullActuators):
         """Load of diffraction and its rates of change `ahead` s after tau, where the label is L and has `velocity`."""
         label, psi = L + ahead * velocity, ti.atan2(R[1, 0], R[0, 0])
         return diffracted(
-            around.sea, around.phase, build.components, tables.thrown, tables.course,
+            around.sea, around.phase, build.components, tables.thrown,
             ti.static(self.params.hydrodynamics.drift), around.env_sea[e], e, label, velocity, tau + ahead, psi,
         )  # fmt: skip
 
