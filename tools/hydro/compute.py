@@ -85,7 +85,7 @@ def run(
     if len(left_out):
         print(
             f"left out {', '.join(f'{w:.4g}' for w in omega[left_out])} rad/s, where damping is more than "
-            f"{frequencies.SPIKE:g} times that at both neighbours: an irregular frequency, or a resonance too sharp to see"
+            f"{frequencies.SPIKE:g} times that at both neighbours: an irregular frequency, or too sharp a resonance"
         )
         omega, loads = np.delete(omega, left_out), [of_one for n, of_one in enumerate(loads) if n not in left_out]
     uneven = max(_asymmetry(of_one.added_mass) for of_one in loads)
