@@ -56,7 +56,7 @@ def parser() -> argparse.ArgumentParser:
     mesh.add_argument("--cg", type=float, nargs=3, metavar=("X", "Y", "Z"), help="m, forward, starboard, down from CO")
     mesh.add_argument("--gyration", type=positive_float, nargs=3, metavar=("KX", "KY", "KZ"), help="m, about the CG")
     mesh.add_argument("--freeboard", type=positive_float, metavar="M", help="of the vehicle made (default: draught)")
-    mesh.add_argument("--stations", type=int, default=16, metavar="N", help="of its offsets (default: 16)")
+    mesh.add_argument("--stations", type=int, default=24, metavar="N", help="of its offsets (default: 24)")
     mesh.add_argument("--points", type=int, default=3, metavar="N", help="of each, keel to waterline (default: 3)")
     what = p.add_argument_group("what is computed")
     what.add_argument("--depth", type=positive_float, default=np.inf, metavar="M", help="of the water (default: deep)")

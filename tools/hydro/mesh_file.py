@@ -5,6 +5,7 @@ x1, y1, z1 ... x4, y4, z4. Expected: x forward, y to port, z up; a GDF of one ha
 has no y below 0.
 """
 
+import warnings
 from pathlib import Path
 from typing import NamedTuple
 
@@ -82,7 +83,9 @@ def _meshio(path: Path) -> Polygons:
     except ImportError as error:
         raise MissingExtraError("meshio", "bem") from error
     try:
-        mesh = meshio.read(path)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RuntimeWarning)  # meshio counts the triangles of a text STL as of a binary one
+            mesh = meshio.read(path)
     except (meshio.ReadError, SystemExit) as error:
         raise ValueError(str(error) or "unknown format") from None
     parts = []

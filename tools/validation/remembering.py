@@ -102,7 +102,7 @@ def _made(case: Case, name: str) -> tuple[HydroDatabase, Hull6DofParams]:
     surface = hull.read_mesh(case.folder.use(panels), "m", 0.0, 0.0, None)
     draught = float(-surface.whole[..., 2].min())
     with redirect_stdout(sys.stderr):
-        craft = hull.of_mesh(surface, name, mass, cg, (1.0, 1.0, 1.0), (16, 3, draught))
+        craft = hull.of_mesh(surface, name, mass, cg, (1.0, 1.0, 1.0), (24, 3, draught))
     craft = replace(craft, M=M)
     kept = case.folder.computed / (name + SUFFIX)
     assert craft.shape is not None
