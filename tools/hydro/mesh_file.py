@@ -84,7 +84,7 @@ def _meshio(path: Path) -> Polygons:
         raise MissingExtraError("meshio", "bem") from error
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", RuntimeWarning)  # meshio counts the triangles of a text STL as of a binary one
+            warnings.simplefilter("ignore", RuntimeWarning)  # of a text STL read as a binary one
             mesh = meshio.read(path)
     except (meshio.ReadError, SystemExit) as error:
         raise ValueError(str(error) or "unknown format") from None
