@@ -14,7 +14,7 @@ sys.path.insert(0, str(ROOT / "tools"))
 import hydrodynamics  # noqa: E402
 from hydro import hull as hulls  # noqa: E402
 from hydro.frames import TURN, turned_matrix  # noqa: E402
-from hydro.frequencies import ABOVE, BELOW  # noqa: E402
+from hydro.frequencies import ABOVE, BELOW, spikes  # noqa: E402
 from hydro.offsets import compared, offsets  # noqa: E402
 from hydro.panels import wetted  # noqa: E402
 from hydro.surface import Surface, mirrored, reverse  # noqa: E402
@@ -110,6 +110,17 @@ def test_radiation_takes_energy(name):
     unit = np.array([1, 1, 1, *[4 / np.ptp(craft.panels.deck[:, 0])] * 3])
     values = np.linalg.eigvalsh(found.damping * unit[:, None] * unit)
     assert (values.min(axis=1) > -2e-3 * values.max()).all()
+
+
+def test_a_frequency_that_stands_out_alone_is_found():
+    """One damping that is many times both its neighbours', in any mode; not a peak that its flanks show."""
+    omega = np.linspace(1.0, 4.0, 31)
+    peak = 1 / ((omega - 2.0) ** 2 + 0.01)
+    damping = np.einsum("n,ij->nij", peak, np.eye(6))
+    assert not len(spikes(omega, damping, ()))
+    damping[23, 4, 4] *= 50.0
+    assert spikes(omega, damping, ()).tolist() == [23]
+    assert not len(spikes(omega, damping, (float(omega[23]),)))  # asked for: kept
 
 
 HASKIND = tuple(case for case in (("fpso", 0.02), ("barge", 0.2)) if case[0] in SHIPPED)

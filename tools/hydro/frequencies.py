@@ -86,7 +86,7 @@ def missed(omega: Array, of: Resonances) -> list[str]:
     ]
 
 
-def spikes(omega: Array, damping: Array, kept: tuple[float, ...]) -> Array:
+def spikes(omega: Array, damping: Array, kept: tuple[float, ...]) -> NDArray[np.intp]:
     """Which of omega [n] stand out alone in the damping [n, 6, 6] of a mode, but for those to be `kept`.
 
     What happens there is narrower than a step, so that nothing can be made of it: an irregular frequency that no lid

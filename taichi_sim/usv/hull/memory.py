@@ -16,7 +16,7 @@ keeps passivity: over a step h the masses and springs store h (mu nu - y_dot^T R
 """
 
 # Kernels are another language inside Python syntax.
-# pyright: reportInvalidTypeForm=false
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportOptionalCall=false
 
 from functools import cached_property
 from typing import NamedTuple
@@ -198,12 +198,9 @@ def _filtered(
     gain_im = ti.Vector([numbers[n + k + count] for k in ti.static(range(lanes))])
     x_m, y_m = gain_re * a - gain_im * b, gain_re * b + gain_im * a
     for c in ti.static(range(len(group.modes))):
-        part = x * 0.0
-        for k in ti.static(range(lanes)):
-            leaves_re = numbers[n + k + ti.static((4 * c + 4) * count)]
-            leaves_im = numbers[n + k + ti.static((4 * c + 5) * count)]
-            part[k] = leaves_re * x_m[k] - leaves_im * y_m[k]
-        load[group.modes[c]] -= part.sum()
+        leaves_re = ti.Vector([numbers[n + k + ti.static((4 * c + 4) * count)] for k in ti.static(range(lanes))])
+        leaves_im = ti.Vector([numbers[n + k + ti.static((4 * c + 5) * count)] for k in ti.static(range(lanes))])
+        load[group.modes[c]] -= (leaves_re * x_m - leaves_im * y_m).sum()
     for k in ti.static(range(lanes)):
         aux[e, i, real + k], aux[e, i, imaginary + k] = 2 * x_m[k] - x[k], 2 * y_m[k] - y[k]
     return load
