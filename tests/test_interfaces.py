@@ -43,7 +43,7 @@ def test_environments_step(tmp_path, name, told):
 
 @pytest.mark.parametrize(
     ("name", "package", "steps"),
-    [("sb3_boats.py", "stable_baselines3", "400000"), ("skrl_boats.py", "skrl", "2400")],
+    [("sb3_boats.py", "stable_baselines3", "400000"), ("skrl_boats.py", "skrl", "3000")],
 )
 def test_boats_learn_to_follow(tmp_path, name, package, steps):
     """On unseen tracks and seas, the same before and after, boats that drift 30 m off end within 3 m of their slots."""
