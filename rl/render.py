@@ -4,7 +4,7 @@ Each picture is drawn (taichi_sim/film/) from an episode of one frame; only the 
 step, of all environments at once. Nothing is drawn at random and nothing of the mission changes: a rollout has the same
 bits with and without pictures.
 
-A picture of 640x480 takes 16 to 20 ms on two cores, and a few ms go to each environment however small its picture is.
+A picture of 640x480 takes 14 to 20 ms on two cores, and a few ms go to each environment however small its picture is.
 """
 
 from collections import deque
