@@ -28,9 +28,10 @@ for folder in (ROOT, ROOT / "tools"):  # run as a script from anywhere
         sys.path.insert(0, str(folder))
 
 from hydro import compute, hull  # noqa: E402
-from hydro.fit import ENERGY, FitError  # noqa: E402
+from hydro.fit import ENERGY  # noqa: E402
 from hydro.mesh_file import UNITS  # noqa: E402
 from hydro.run import require_capytaine  # noqa: E402
+from hydro.search import FitError  # noqa: E402
 from hydro.vehicle import vehicle_text  # noqa: E402
 
 from rl.cli import positive_float  # noqa: E402
