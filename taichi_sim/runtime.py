@@ -11,9 +11,11 @@ import atexit
 import contextlib
 import io
 import os
+import time
 import weakref
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import taichi as ti
@@ -80,10 +82,19 @@ def init(arch: str = "cpu", precision: Precision = "f32", threads: int = 0) -> R
                 log_level=ti.ERROR,
                 verbose=False,
             )
+        _clear_stale_lock(Path(impl.current_cfg().offline_cache_file_path))
         _current = wanted
         _generation += 1
         _forget_packs()
     return wanted
+
+
+def _clear_stale_lock(cache: Path) -> None:
+    """Remove a lock that a process left in Taichi's `cache` when it was killed: no other would ever write there."""
+    lock = cache / "ticache.lock"
+    with contextlib.suppress(OSError):
+        if time.time() - lock.stat().st_mtime > 60.0:  # s; writing takes less than one
+            lock.unlink()
 
 
 def current() -> Runtime:
@@ -133,12 +144,22 @@ class _Void:
     """What is left of a pack whose Taichi program has ended."""
 
 
-@atexit.register
 def _forget_packs() -> None:
     """Packs went with their Taichi program: Python must not free them a second time, or a newer one of that address."""
     for old in list(_packs.values()):
         old.__class__ = _Void
     _packs.clear()
+
+
+@atexit.register
+def _end() -> None:
+    """End the Taichi program with the process: that is when Taichi writes the kernels compiled in it to its cache.
+
+    Left to Python, the program outlives the interpreter, the cache stays empty, and the next process compiles
+    everything again: half a minute of a team's first step.
+    """
+    _forget_packs()
+    impl.get_runtime().clear()
 
 
 WAKE_UP = 70e3  # ns that a launch takes to wake the threads and to wait for them

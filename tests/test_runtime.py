@@ -205,6 +205,37 @@ def test_packs_of_an_ended_program_are_freed_without_harm():
     assert (done.returncode, done.stdout) == (0, "done\n"), done.stderr
 
 
+COMPILED = """
+from test_runtime import Given, Launcher, Made, Options, mix, runtime, tensors
+
+runtime.init(threads=1)
+a, b, plain, c, d = tensors()
+packs = runtime.pack(Given, a=a, b=b), runtime.pack(Made, c=c, d=d)
+Launcher(mix)(packs[0], plain, packs[1], Options())
+"""
+
+
+def test_a_process_leaves_what_it_compiled_to_the_next_one(tmp_path):
+    """Although a process that was killed while it wrote has left its lock; a lock in use is respected."""
+    lock = tmp_path / "ticache.lock"
+
+    def run():
+        environment = PATHS | {"TI_OFFLINE_CACHE_FILE_PATH": str(tmp_path)}
+        done = subprocess.run([sys.executable, "-c", COMPILED], capture_output=True, text=True, env=environment)
+        assert done.returncode == 0, done.stderr
+        return sorted(file.name for file in tmp_path.iterdir())
+
+    lock.touch()
+    assert run() == ["ticache.lock"]
+    os.utime(lock, (0, 0))
+    kernel, index = run()
+    assert kernel.endswith(".tic")
+    assert index == "ticache.tcb"
+    written = (tmp_path / kernel).stat().st_mtime_ns
+    assert run() == [kernel, index]
+    assert (tmp_path / kernel).stat().st_mtime_ns == written  # read, not compiled again
+
+
 def test_a_fleet_goes_on_in_another_program():
     """Packs and launches are made anew: more threads, the same bits."""
     states = []
