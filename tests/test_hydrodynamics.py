@@ -247,6 +247,16 @@ def test_without_capytaine_the_extra_is_named(monkeypatch, capsys):
     assert capsys.readouterr().err.strip() == 'error: capytaine is not installed: pip install "taichi-sim[bem]"'
 
 
+def test_only_a_vehicles_own_database_is_fitted_again(capsys, tmp_path):
+    other = VEHICLES / "barge.hydro.json"
+    assert hydrodynamics.main(["otter", "--refit", "--out", str(other)]) == 1
+    assert "barge.hydro.json: of another hull than otter.toml's" in capsys.readouterr().err
+    assert hydrodynamics.main(["raft.stl", "--refit"]) == 1
+    assert "--refit is of a vehicle file" in capsys.readouterr().err
+    assert hydrodynamics.main(["otter", "--refit", "--out", str(tmp_path / "none.hydro.json")]) == 1
+    assert "none.hydro.json" in capsys.readouterr().err
+
+
 def test_images_keep_their_normals_outward():
     panels = wetted(mesh(BOX), 0.5).panels
     for axis in (0, 1):

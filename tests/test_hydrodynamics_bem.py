@@ -119,3 +119,7 @@ def test_a_mesh_becomes_a_vehicle(tmp_path, capsys):
     assert isinstance(model, Hull6Dof) and len(model.radiation.memory) > 0
     heave = motions(model, np.array([0.9, 2.8]), np.array([np.pi, np.pi / 2]), 10.0)[:, 2]
     assert np.abs(heave) == pytest.approx([1.0, 1.5], rel=0.05)  # as a cork, and near its resonance as tables have it
+    assert hydrodynamics.main([str(tmp_path / "box.toml"), "--refit", "--quiet"]) == 0
+    again = HydroDatabase.read(tmp_path / "box.hydro.json")
+    assert found.memory is not None and again.memory is not None
+    np.testing.assert_array_equal(again.memory.frequency, found.memory.frequency)

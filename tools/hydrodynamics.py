@@ -38,7 +38,7 @@ from rl.cli import positive_float  # noqa: E402
 from taichi_sim.config import ConfigError  # noqa: E402
 from taichi_sim.conventions import GRAVITY, RHO_SEA  # noqa: E402
 from taichi_sim.extras import MissingExtraError  # noqa: E402
-from taichi_sim.usv.hull.database import HydroDatabase, database_file  # noqa: E402
+from taichi_sim.usv.hull.database import HydroDatabase, database_file, hull_hash  # noqa: E402
 
 DT = 1e-3  # s, to load a hull with: only its panels are asked
 
@@ -65,13 +65,14 @@ def parser() -> argparse.ArgumentParser:
     what.add_argument("--frequencies", type=int, metavar="N", help="how many (default: 50; 90 of twin hulls)")
     what.add_argument("--range", type=positive_float, nargs=2, metavar=("LO", "HI"), help="of frequencies, rad/s")
     what.add_argument("--also", type=positive_float, nargs="+", default=(), metavar="W", help="more of them, rad/s")
-    what.add_argument("--heading-step", type=float, default=15.0, metavar="DEG", help="default: 15")
+    what.add_argument("--heading-step", type=float, metavar="DEG", help="default: 15; less of long hulls")
     what.add_argument("--panels", type=int, default=1200, metavar="N", help="of half the hull or a quarter (1200)")
     what.add_argument("--divisions", type=int, default=0, metavar="N", help="instead: even parts of a panel each way")
     what.add_argument("--gap-damping", type=float, metavar="E", help="of water between hulls (0.03; 0 none)")
     what.add_argument("--method", choices=("direct", "sources"), default="direct", help="default: direct")
     what.add_argument("--no-lid", action="store_true", help="leave irregular frequencies in")
     what.add_argument("--energy", type=positive_float, default=ENERGY, metavar="E", help="share that a memory may miss")
+    p.add_argument("--refit", action="store_true", help="fit the memory of the database that is there once more")
     p.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes (default: all cores)")
     p.add_argument("--quiet", action="store_true", help="no progress bar")
     return p
@@ -95,8 +96,11 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def _run(args: argparse.Namespace, command: str) -> None:
-    code = require_capytaine()
     begun = time.monotonic()
+    if args.refit:
+        _refit(args)
+        return
+    code = require_capytaine()
     if hull.is_vehicle(args.hull):
         file = hull.vehicle_path(args.hull)
         craft, length = hull.of_vehicle(file)
@@ -124,6 +128,18 @@ def _run(args: argparse.Namespace, command: str) -> None:
         print(f"{file}: a vehicle of it")
     _complete(found, file, out, args)
     print(f"{out}: {len(found.omega)} frequencies, {len(found.heading_deg)} headings, {time.monotonic() - begun:.0f} s")
+
+
+def _refit(args: argparse.Namespace) -> None:
+    """Fit once more what is there: after an interruption, or to another energy."""
+    if not hull.is_vehicle(args.hull):
+        raise ConfigError(f"{args.hull}: --refit is of a vehicle file and its database")
+    file = hull.vehicle_path(args.hull)
+    out = args.out or database_file(file)
+    found = HydroDatabase.read(out)
+    if found.hull != hull_hash(hull.of_vehicle(file)[0].panels):
+        raise ConfigError(f"{out}: of another hull than {file.name}'s: compute it without --refit")
+    _complete(found, file, out, args)
 
 
 def _complete(found: HydroDatabase, file: Path, out: Path, args: argparse.Namespace) -> None:

@@ -24,6 +24,7 @@ PER_WAVE = 3.0  # panels to the shortest wave, at least: of the tail
 GOOD = 7.0  # panels to a wave, from which loads are good to about a per cent
 GAP_SIZE = 2.0  # of the damping lid's panels over the hull's
 COUNT, COUNT_TWIN = 50, 90  # frequencies; between hulls the water resonates sharply
+HEADING_STEPS, MORE_ORDERS = (15.0, 10.0, 7.5, 5.0), 2.0  # deg; beyond k L / 2, of loads over headings
 GAP_DAMPING = 0.03  # epsilon of the damping lid: assumed (docs/hydrodynamics.md)
 OFF = 0.005  # share by which a mesh may differ from the simulator's panels in volume and waterplane
 
@@ -34,7 +35,7 @@ class Spectrum(NamedTuple):
     count: int | None
     range: tuple[float, float] | None  # rad/s
     also: tuple[float, ...]  # rad/s
-    heading_step: float  # deg
+    heading_step: float | None  # deg
 
 
 class Wishes(NamedTuple):
@@ -73,7 +74,8 @@ def run(
     epsilon = GAP_DAMPING if wishes.gap_damping is None else wishes.gap_damping
     tank = Tank(surface, lid, gap, wishes.rho, wishes.g, wishes.depth, epsilon, wishes.method)
     omega = _omega(of, wishes.spectrum, bool(len(gap)), size, wishes.g)
-    heading = _headings(surface, wishes.spectrum.heading_step)
+    step = wishes.spectrum.heading_step
+    heading = _headings(surface, _heading_step(surface, max(of), wishes.g) if step is None else step)
     alike = " and ".join(PLANES[a] for a in surface.planes)
     print(
         f"{len(surface)} panels{f' ({alike} alike)' if alike else ''}, {len(lid)} of a lid, {len(gap)} between hulls; "
@@ -145,6 +147,12 @@ def _omega(of: frequencies.Resonances, wanted: Spectrum, twin: bool, size: float
     if wanted.range and _per_wave(omega[-1], size, g) < PER_WAVE:
         print(f"warning: panels of {size:.3g} m are coarse for waves of {omega[-1]:.3g} rad/s: raise --panels")
     return frequencies.with_also(omega, wanted.also)
+
+
+def _heading_step(surface: Surface, omega: float, g: float) -> float:
+    """Deg: as functions of heading, loads of waves of omega (rad/s) have harmonics up to k L / 2 and a few more."""
+    order = omega**2 / g * float(np.ptp(surface.whole[..., 0])) / 2 + MORE_ORDERS
+    return next((step for step in HEADING_STEPS if 180 / step >= order), HEADING_STEPS[-1])
 
 
 def _headings(surface: Surface, step: float) -> Array:

@@ -7,20 +7,24 @@ int (K - K_fit)^2 dt / int K^2 dt, by Parseval of B, and damping is right where 
 resonances of heave, roll and pitch.
 """
 
+import contextlib
+import queue
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
 from hydro.search import MODES, MOST, FitError, Pair, Search
+from hydro.workers import CONTEXT, workers
 from taichi_sim.usv.hull.memory import Memory
 
 Array = NDArray[np.float64]
 GROUPS = ((0, 2, 4), (1, 3, 5))  # of a hull with two sides alike
 WHOLE = ((0, 1, 2, 3, 4, 5),)  # of any other
 ENERGY = 0.004  # share of a kernel's energy that may be missing
+WAIT_S = 0.2  # for a search to tell how far it is
 NEGATIVE = 0.02  # of the largest eigenvalue of B: so much less than nothing may be numerical
 
 
@@ -65,13 +69,14 @@ def fit_memory(
     check_passive(omega, B)
     groups = GROUPS if symmetric else WHOLE
     inf, parts, pairs = A_inf.copy(), [], []
-    with tqdm(total=len(groups) * MOST, desc="memory", unit="mass", disable=quiet) as bar:
-        for group in groups:
-            rows, block = np.ix_(range(len(omega)), group, group), np.ix_(group, group)
-            at = [resonances[mode] for mode in group]
-            part, inf[block], found = Search(omega, A[rows], B[rows], A_inf[block], group, at).run(energy, bar)
-            parts.append(part)
-            pairs += found
+    searches = []
+    for group in groups:
+        rows, at = np.ix_(range(len(omega)), group, group), [resonances[mode] for mode in group]
+        searches.append(Search(omega, A[rows], B[rows], A_inf[np.ix_(group, group)], group, at))
+    for group, (part, group_inf, found) in zip(groups, _run(searches, energy, quiet), strict=True):
+        inf[np.ix_(group, group)] = group_inf
+        parts.append(part)
+        pairs += found
     size = [len(part) for part in parts]
     damping, begin = np.zeros((sum(size), sum(size))), 0
     for part in parts:
@@ -81,3 +86,31 @@ def fit_memory(
         np.concatenate([part.frequency for part in parts]), damping, np.concatenate([part.shape for part in parts])
     )
     return Fit(memory, inf, tuple(pairs))
+
+
+def _run(searches: list[Search], energy: float, quiet: bool) -> list[tuple[Memory, Array, list[Pair]]]:
+    """What each search finds, all at once."""
+    told = CONTEXT.Queue()
+    with (
+        tqdm(total=len(searches) * MOST, desc="memory", unit="mass", disable=quiet) as bar,
+        workers(len(searches), _tell, told) as pool,
+    ):
+        running = [pool.submit(_searched, search, energy) for search in searches]
+        while not all(search.done() for search in running):
+            with contextlib.suppress(queue.Empty):
+                done, more = told.get(timeout=WAIT_S)
+                bar.total += more
+                bar.update(done)
+        return [search.result() for search in running]
+
+
+_told: Any = None  # of a worker: the queue by which it tells how far it is
+
+
+def _tell(told: Any) -> None:
+    global _told
+    _told = told
+
+
+def _searched(search: Search, energy: float) -> tuple[Memory, Array, list[Pair]]:
+    return search.run(energy, lambda done, more: _told.put((done, more)))

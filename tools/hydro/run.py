@@ -1,12 +1,7 @@
 """All frequencies of one hull, in as many processes as cores, and the database of them."""
 
-import os
-import threading
-import time
 from collections.abc import Iterable
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from contextlib import contextmanager
-from multiprocessing import get_context
+from concurrent.futures import as_completed
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,16 +12,11 @@ from hydro.drift import mean_drift, response
 from hydro.far_field import radiated_damping
 from hydro.frames import TURN_HORIZONTAL, turned_load, turned_matrix
 from hydro.problem import Tank, solve
+from hydro.workers import workers
 from taichi_sim.extras import MissingExtraError
 from taichi_sim.usv.hull.database import HydroDatabase
 
 Array = NDArray[np.float64]
-WATCHED_S = 1.0  # from one look at whether the command still runs to the next
-# Of processes: one thread each, for they share the cores; and (glibc) what a frequency's matrices took is kept for the
-# next one's, since getting it anew page by page is up to half the time
-ENVIRONMENT = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")} | {
-    f"MALLOC_{name}_": str(2**33) for name in ("MMAP_THRESHOLD", "TRIM_THRESHOLD")
-}
 
 
 class Floating(NamedTuple):
@@ -78,24 +68,13 @@ def solve_all(
     """Loads at each of `omega` (rad/s, inf allowed), in `jobs` processes, with a bar on the terminal."""
     omega = list(omega)
     found: dict[int, Loads] = {}
-    with _environment(), ProcessPoolExecutor(jobs, get_context("spawn"), _end_with, (os.getpid(),)) as pool:
+    with workers(jobs) as pool:
         order = sorted(range(len(omega)), key=lambda i: -omega[i])
         running = {pool.submit(loads_at, tank, floating, omega[i], heading_deg): i for i in order}
         bar = tqdm(as_completed(running), total=len(running), desc="frequencies", unit="", disable=quiet)
         for done in bar:
             found[running[done]] = done.result()
     return [found[i] for i in range(len(omega))]
-
-
-def _end_with(parent: int) -> None:
-    """Let this process end when its parent has, however that was ended."""
-
-    def watch() -> None:
-        while os.getppid() == parent:
-            time.sleep(WATCHED_S)
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()
 
 
 def database(
@@ -132,18 +111,3 @@ def database(
 def _even(matrix: Array) -> Array:
     """Symmetric part: in exact theory all of it."""
     return (matrix + np.swapaxes(matrix, -1, -2)) / 2
-
-
-@contextmanager
-def _environment():
-    """Processes started inside have ENVIRONMENT."""
-    before = {name: os.environ.get(name) for name in ENVIRONMENT}
-    os.environ.update(ENVIRONMENT)
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value

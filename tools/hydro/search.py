@@ -6,16 +6,16 @@ before and one more where most is missing, and at random. Where MOST masses are 
 is missing without it.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from tqdm import tqdm
 
 from taichi_sim.usv.hull.memory import Memory
 
 Array = NDArray[np.float64]
+Tell = Callable[[int, int], None]  # masses done, and more to do
 MODES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 AT_RESONANCE = 0.02  # share by which damping may be off at a resonance: as much is a response there
 MOST = 12  # masses of a group: each costs the simulator as much as half a component of the sea
@@ -75,14 +75,14 @@ class Search:
         self.peaks = dict(enumerate(at))
         self.own = np.sqrt(more[:, self.upper[0]] * more[:, self.upper[1]])
 
-    def run(self, energy: float, bar: tqdm) -> tuple[Memory, Array, list[Pair]]:
+    def run(self, energy: float, tell: Tell) -> tuple[Memory, Array, list[Pair]]:
         """Memory, A_inf and pairs with the fewest masses that miss at most `energy`."""
         if not self.B.any():
             return Memory.none(), self.A_inf, []
         pairs: list[Pair] = []
         x, memory, added = np.empty(0), Memory.none(), 0 * self.A_inf
         for masses in range(1, MOST + 1):
-            bar.update()
+            tell(1, 0)
             begins = [self._random(masses, start) for start in range(STARTS if masses <= FEW else 1)]
             if masses > 1:
                 begins.append(self._one_more(x, masses))
@@ -90,9 +90,9 @@ class Search:
             memory, added = self._made(x, masses)
             pairs = self._pairs(memory)
             if all(pair.missing <= energy and pair.off <= AT_RESONANCE for pair in pairs):
-                bar.total -= MOST - masses
+                tell(0, masses - MOST)
                 return memory, self.A_inf + added, pairs
-        x = self._polished(x)
+        x = self._polished(x, tell)
         memory, added = self._made(x, MOST)
         pairs = self._pairs(memory)
         worst = max(pairs, key=lambda pair: max(pair.missing / energy, pair.off / AT_RESONANCE))
@@ -132,12 +132,14 @@ class Search:
         log = np.clip(np.log(np.append(frequency, self.omega[at])), *self._ends)
         return np.concatenate([log, L_more[np.tril_indices(masses)], G_more.ravel(), change[self.upper]])
 
-    def _polished(self, x: Array) -> Array:
+    def _polished(self, x: Array, tell: Tell) -> Array:
         """Numbers of MOST masses after some of them, each alone, were put where more is missing without them."""
         least = float(np.square(self._residual(x, MOST)).sum()) / 2
         for _ in range(ROUNDS):
             before = least
+            tell(0, MOST)
             for mass in range(MOST):
+                tell(1, 0)
                 cost, found = self._found(MOST, self._one_more(self._without(x, mass), MOST))
                 if cost < least:
                     least, x = cost, found

@@ -129,7 +129,7 @@ def _compute(case: Case, name: str, craft: Any, surface: Any, data: Any, floatin
     except MissingExtraError as error:
         raise InputsMissingError(f"inputs missing: no {name}{SUFFIX}, and to compute it: {error}") from None
     also = tuple(sorted({float(w) for w in _frequencies(case, name)}))
-    spectrum = compute.Spectrum(None, None, also, 15.0)
+    spectrum = compute.Spectrum(None, None, also, None)
     wishes = compute.Wishes(
         number(data, "rho"), GRAVITY, np.inf, 1, 0, 0.0, True, "direct", spectrum, os.cpu_count() or 1, False
     )  # the mesh as it is
