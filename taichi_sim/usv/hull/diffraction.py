@@ -11,7 +11,8 @@ with X at the component's own frequency (that of encounter counts in radiation a
 HEADINGS headings of the hull, to which the database is resampled by its Fourier series. Slower waves than the database
 has are thrown back as omega^2, faster ones less and less up to FADED times its highest frequency.
 
-In a step it is summed once for every STRETCH of phase of the fastest waves, with its first and second rates of change.
+In a step it is summed once for every STRETCH of phase of waves at the hull's highest resonance, with its first and second
+rates of change: shorter waves, which move it little, are off by more.
 
 Mean drift, an option, is Newman's (1974) approximation: of the slowly varying load by pairs of components i and j,
 
@@ -40,7 +41,8 @@ from taichi_sim.usv.hull.database import HydroDatabase
 
 HEADINGS = 96  # courses of a table; between them is linear: 0.1 % of a harmonic of order 3, 1 % of order 8
 FADED = 1.3  # times the highest frequency of a database: from there on nothing is thrown back
-STRETCH = 1.6  # rad: half of it, cubed, over six is 2 % of the load at 0.6 of a database's highest frequency
+STRETCH = 0.9  # rad: half of it, cubed, over six is 1.5 % of the load
+TOP = 2.5  # highest frequency of a database over its highest resonance, where it does not say
 WAVE, DRIFT = 12, 3  # numbers of an entry: real and imaginary parts of six loads, and, with drift, three more
 
 
@@ -50,6 +52,7 @@ class Diffraction:
     def __init__(self, database: HydroDatabase, drift: bool):
         """Resample a database, which has `by_panels`, and `drift` if that is wanted."""
         assert database.by_panels is not None
+        self.resonance = float(max(database.settings.get("resonances") or [database.omega[-1] / TOP]))
         left = around(database, database.excitation - database.by_panels)
         parts = [left.real, left.imag]
         if drift:
@@ -59,7 +62,7 @@ class Diffraction:
 
     def stretch(self, dt: float) -> int:
         """Steps of dt (s) for which the load is summed once."""
-        return max(1, int(STRETCH / (float(self.omega[-1]) * dt)))
+        return max(1, int(STRETCH / (self.resonance * dt)))
 
     @property
     def size(self) -> int:
