@@ -11,8 +11,8 @@ with X at the component's own frequency (that of encounter counts in radiation a
 HEADINGS headings of the hull, to which the database is resampled by its Fourier series. Slower waves than the database
 has are thrown back as omega^2, faster ones less and less up to FADED times its highest frequency.
 
-In a step it is summed once for every STRETCH of phase of waves at the hull's highest resonance, with its first and second
-rates of change: shorter waves, which move it little, are off by more.
+In a step it is summed once for every STRETCH of phase of waves at the hull's highest resonance, with its first and
+second rates of change: shorter waves, which move it little, are off by more.
 
 Mean drift, an option, is Newman's (1974) approximation: of the slowly varying load by pairs of components i and j,
 
