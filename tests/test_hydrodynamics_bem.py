@@ -122,5 +122,6 @@ def test_a_mesh_becomes_a_vehicle(tmp_path, capsys):
     assert hydrodynamics.main([str(tmp_path / "box.toml"), "--refit", "--quiet"]) == 0
     again = HydroDatabase.read(tmp_path / "box.hydro.json")
     assert found.memory is not None and again.memory is not None
-    # the file has six digits of what the first fit was of
-    np.testing.assert_allclose(again.memory.frequency, found.memory.frequency, rtol=1e-2)
+    first, second = (database.memory.damps(found.omega) for database in (found, again))
+    for mode in range(6):  # other masses may do as well: the file has six digits of what the first fit was of
+        np.testing.assert_allclose(second[:, mode, mode], first[:, mode, mode], atol=0.1 * first[:, mode, mode].max())
