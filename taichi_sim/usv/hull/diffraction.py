@@ -39,9 +39,9 @@ from taichi_sim.maths import fast
 from taichi_sim.maths.interpolation import cubic
 from taichi_sim.usv.hull.database import HydroDatabase
 
-HEADINGS = 96  # courses of a table; between them is linear: 0.1 % of a harmonic of order 3, 1 % of order 8
+HEADINGS = 96  # courses of a table; linear between: at worst 0.5 % of a harmonic of order 3 off, 3 % of 8, 16 % of 18
 FADED = 1.3  # times the highest frequency of a database: from there on nothing is thrown back
-STRETCH = 0.9  # rad: half of it, cubed, over six is 1.5 % of the load
+STRETCH = 0.9  # rad: half of it, cubed, over six is 1.5 % of the load, the third term of its Taylor series
 TOP = 2.5  # highest frequency of a database over its highest resonance, where it does not say
 WAVE, DRIFT = 12, 3  # numbers of an entry: real and imaginary parts of six loads, and, with drift, three more
 
