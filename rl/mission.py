@@ -27,6 +27,7 @@ from rl.scenario import Scenario
 from rl.seeds import derive_seed
 from rl.team import Team
 from taichi_sim import runtime
+from taichi_sim.state import Stateful
 from taichi_sim.world import World
 
 TIME_SPAN = 3600.0  # s: an episode begins at a random time of its sea
@@ -70,7 +71,7 @@ class Step(NamedTuple):
     truncated: Tensor  # [env]: time is up, and nothing happened
 
 
-class Mission:
+class Mission(Stateful):
     """A mission in `num_envs` environments; see the module.
 
     Class attributes: `Config`, its scenario, which derives from `Scenario`; `logged`, names in `log`; `Team`, what
@@ -88,6 +89,9 @@ class Mission:
     Judge: ClassVar[Any] = Judge
     shown: int = 0
 
+    STATE: tuple[str, ...] = ("world", "steps", "teams")
+    SHARED: tuple[str, ...] = ("generator",)
+
     def __init__(
         self,
         config: Any,
@@ -104,7 +108,7 @@ class Mission:
             teams: those that take part besides scripted ones, which all do (taichi_sim/script.py); default all.
             source: the scenario's file, beside which vehicles are found.
         """
-        self.config, self.num_envs, self.seed = config, num_envs, seed
+        self.config, self.num_envs, self.seed, self._source = config, num_envs, seed, source
         if teams is not None:
             teams = [*teams, *(name for name in config.scripted if name not in teams)]
         self.world = World(config, num_envs, seed=derive_seed(seed, "sea"), teams=teams, source=source)
@@ -116,6 +120,10 @@ class Mission:
         self.teams: dict[str, Any] = {name: self.Team(self, name) for name in commanded}
         self.prepare()
         self.reset()
+
+    def _alike(self, num_envs: int) -> "Mission":
+        """Another mission of the same scenario, seed and teams."""
+        return type(self)(self.config, num_envs, seed=self.seed, teams=tuple(self.world.teams), source=self._source)
 
     # -- what a mission gives --------------------------------------------------------------------------------------
 
@@ -136,6 +144,15 @@ class Mission:
     def reward(self, team: Any, ended: Endings) -> Tensor:
         """What each vehicle of a team is paid for the last step, [env, vehicle]."""
         raise NotImplementedError
+
+    def plan_cost(self, team: Any, ended: Tensor) -> Tensor:
+        """What the last step costs each vehicle of a team whose plans are compared (rl/planning), [env, vehicle].
+
+        `ended` bool [env, vehicle] are those that have just ended. Default: minus the reward of one that goes on, and
+        nothing after the end but what the reward says of it.
+        """
+        nothing = torch.zeros_like(ended)
+        return -self.reward(team, Endings({COLLIDED: ended, DIVERGED: nothing}))
 
     def measure(self) -> None:
         """Read the world after a step: move targets, compute errors, sense."""
@@ -233,10 +250,10 @@ class Mission:
         """Begin new episodes in environments `envs` [n] (default: all), on `seas` [n] (default: random ones); `where`
         goes to `begin`.
         """
-        envs = self._all if envs is None else envs
-        if len(envs):
+        rows: Tensor = self._all if envs is None else envs
+        if len(rows):
             with runtime.torch_at_rest():
-                self._reset(envs, seas, where)
+                self._reset(rows, seas, where)
 
     def _reset(self, envs: Tensor, seas: Tensor | None, where: dict[str, Any]) -> None:
         n = len(envs)

@@ -18,6 +18,9 @@ class Team:
             the team itself.
     """
 
+    STATE: tuple[str, ...] = ("action", "previous_action")
+    SHARED: tuple[str, ...] = ()
+
     def __init__(self, mission: Any, name: str):
         """See team `name` of a mission whose world exists."""
         self.mission, self.name = mission, name

@@ -28,6 +28,7 @@ from taichi_sim.maths.rotation import (
     torch_quaternion_from_euler,
     torch_rotation_matrix,
 )
+from taichi_sim.noise import Noise
 from taichi_sim.sea import Sea
 from taichi_sim.sea.spectrum import Components
 from taichi_sim.surroundings import Surroundings
@@ -110,7 +111,7 @@ class Bench:
             calm if weather is None else weather.velocity,
             self.sea.kernel_depth,
             weather,
-            seed=seed,
+            Noise(envs, seed),
         )
 
     # -- placing ---------------------------------------------------------------------------------------------------
@@ -157,7 +158,7 @@ class Bench:
             self.refresh()
             self.model.step(self.fleet, self.around)
             self.time += self.model.dt * self.model.substeps
-            self.around.tick()
+            self.around.noise.tick()
         return self
 
     # -- reading ---------------------------------------------------------------------------------------------------

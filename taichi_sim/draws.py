@@ -38,6 +38,9 @@ class NumberDraws:
             the vehicle file, over that; over the range's end where that is 0. Written in place.
     """
 
+    STATE = ("told",)
+    SHARED = ("_batch", "_generator")
+
     def __init__(self, fleet: Fleet, ranges: Mapping[str, Range], variation: float, seed: int):
         """Draw for `fleet` from `ranges`, whose width is `variation` times that given; at 0 nothing is drawn.
 

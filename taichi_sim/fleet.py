@@ -36,6 +36,8 @@ class Views:
             columns.
     """
 
+    STATE: tuple[str, ...] = ("state", "derived", "aux")
+
     def __init__(self, model: Vehicle, state: Tensor, derived: Tensor, aux: Tensor):
         """View these."""
         self.model, self.state, self.derived, self.aux = model, state, derived, aux
@@ -101,6 +103,8 @@ class Fleet(Views):
         few: whether there are so few vehicles that kernels run on the calling thread alone.
     """
 
+    STATE = ("surface", "action", "_vary", "_numbers", "_load")
+
     def __init__(self, name: str, model: Vehicle, num_envs: int, count: int):
         """Allocate `count` vehicles of `model` in each environment, at rest at the origin."""
         run = runtime.current()
@@ -112,9 +116,11 @@ class Fleet(Views):
         self.surface = torch.zeros((num_envs, count, SURFACE_SIZE), **options)
         self.surface[..., FREEBOARD] = NO_DECK
         self.action = torch.zeros((num_envs, count, max(len(model.action_names), 1)), **options)
-        self.varied, self.few = False, runtime.few(num_envs * count, VEHICLE_STEP)
+        self.few = runtime.few(num_envs * count, VEHICLE_STEP)
         self._vary: Tensor | None = None
-        self._numbers = self._load = torch.zeros((1, 1, 1), **options)
+        self._numbers: Tensor | None = None
+        self._load: Tensor | None = None
+        self._unused = torch.zeros((1, 1, 1), **options)
         self._pack = self._packed()
         self._launchers: dict[tuple[int, int], Launcher] = {}
         self._all = torch.arange(num_envs, device=run.device)
@@ -137,9 +143,17 @@ class Fleet(Views):
             aux=self.aux,
             surface=self.surface,
             action=self.action,
-            numbers=self._numbers,
-            load=self._load,
+            numbers=self._unused if self._numbers is None else self._numbers,
+            load=self._unused if self._load is None else self._load,
         )
+
+    def restored(self) -> None:
+        """Kernels take numbers and loads as they are now."""
+        members = self._pack.members
+        if members["numbers"] is not (self._unused if self._numbers is None else self._numbers) or (
+            members["load"] is not (self._unused if self._load is None else self._load)
+        ):
+            self._pack = self._packed()
 
     def launch(self, kernel: Any, *args: Any) -> None:
         """Call a kernel of the model; where the arguments are those of the last call, at a fraction of the cost."""
@@ -163,7 +177,12 @@ class Fleet(Views):
     @property
     def loaded(self) -> bool:
         """Whether loads from outside count."""
-        return self._load.shape[-1] == 6
+        return self._load is not None
+
+    @property
+    def varied(self) -> bool:
+        """Whether vehicles have numbers of their own."""
+        return self._vary is not None
 
     @property
     def load(self) -> Tensor:
@@ -171,7 +190,7 @@ class Fleet(Views):
 
         To be written in place. Until it is first asked for it costs nothing.
         """
-        if not self.loaded:
+        if self._load is None:
             self._load = self.state.new_zeros((*self.state.shape[:2], 6))
             self._pack = self._packed()
         return self._load
@@ -209,10 +228,10 @@ class Fleet(Views):
                 (`Vehicle.numbers`).
         """
         if self._vary is None:
-            whole = self.nominal.expand(*self.state.shape[:2], -1).clone()
-            self._vary, self.varied = whole, True
+            self._vary = whole = self.nominal.expand(*self.state.shape[:2], -1).clone()
             self._numbers = self.model.numbers(whole).to(self.state.dtype).contiguous()
             self._pack = self._packed()
+        assert self._vary is not None and self._numbers is not None
         self._vary[envs] = vary
         self._numbers[envs] = numbers.to(self.state.dtype)
 

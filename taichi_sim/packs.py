@@ -23,8 +23,8 @@ AroundPack = ti.types.argpack(
     turbulence=_array1, count=_whole1,
 )  # fmt: skip
 """The surroundings (surroundings.py); `air` = (shear, w20, w20_factor) is of the wind (`Wind.numbers`), `turbulence`
-[env] the factor of its intensity where that differs (else not to be read), `count` = (clock, seed, first_env) of the
-random numbers, each modulo 2^32."""
+[env] the factor of its intensity where that differs (else not to be read), `count` [2 + env] counts the random numbers
+(noise.py)."""
 
 
 class Build(NamedTuple):

@@ -18,9 +18,8 @@ def replay(dump: Dump, source: Path | None = None) -> World:
     only = torch.zeros(1, dtype=torch.int64, device=world.env_sea.device)
     world._variation.set_conditions(only, world.env_sea, world.current, world.wind)
     world.around.current[0], world.around.wind[0] = dump.current, dump.wind
-    for around in {id(a): a for a in (world.around, *(world.felt(name) for name in world.teams))}.values():
-        around.first_env = dump.env
-        around.tick(dump.clock - around.clock)
+    world.noise.keys[0] = dump.env
+    world.noise.tick(dump.clock - world.noise.clock)
     for name, fleet in world.teams.items():
         fleet.state[0], fleet.aux[0] = dump.states[name], dump.aux[name]
         if name in dump.vary:

@@ -10,7 +10,12 @@ from torch import Tensor
 
 
 class Script:
-    """Acts for the team `name` of a world (world.py)."""
+    """Acts for the team `name` of a world (world.py).
+
+    What it remembers between steps is saved and copied with the world: state.py says how.
+    """
+
+    STATE: tuple[str, ...] = ()
 
     def __init__(self, world: Any, name: str):
         """Act for a team that `world` has just been given; teams after it are not there yet."""

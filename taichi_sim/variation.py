@@ -21,6 +21,8 @@ class Variation:
             in this order, as many whatever the `variation`. Written in place. names: team -> n names.
     """
 
+    STATE = ("turbulence", "truth", "_draws")
+
     def __init__(self, config: WorldConfig, conditions: Conditions, num_envs: int, seed: int):
         """Of a world of that configuration and seed; its teams are to be added."""
         run = runtime.current()

@@ -14,9 +14,11 @@ from taichi_sim.config import ConfigError, WorldConfig
 from taichi_sim.config.io import find_config, load_world, vehicle_file
 from taichi_sim.dump import Dump, save_dump
 from taichi_sim.fleet import Fleet
+from taichi_sim.noise import Noise
 from taichi_sim.plugins import load_class
 from taichi_sim.script import Script
 from taichi_sim.sea.current import Current
+from taichi_sim.state import Stateful
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.variation import Variation
 from taichi_sim.vehicles import load_vehicle
@@ -26,7 +28,7 @@ class ActionError(ValueError):
     """An action that is not finite."""
 
 
-class World:
+class World(Stateful):
     """A sea, an atmosphere, and teams of vehicles, in `num_envs` environments that share nothing but tables.
 
     Attributes:
@@ -35,12 +37,15 @@ class World:
         scripts: name -> what acts for a team that nobody else commands (script.py).
         conditions: of each realisation (conditions.py); an environment gets those of its realisation in `renew`.
         current, wind: of each environment. around: what vehicles at the surface are told of all, as of the last step.
+        noise: counts the random numbers of the turbulence: control steps since the world was made, of all episodes.
         truth: team -> [env, vehicle, n], run precision, of order one: numbers of the vehicles and conditions as drawn
             for the episode, for who may be told what no vehicle knows (a critic). Written in place by `renew`; as wide
             in a scenario whatever its `variation`. truth_names: team -> n names.
         dump_folder: where the last step of an environment whose state is no longer finite is written, to be replayed
             (dump.py); None is nowhere.
     """
+
+    STATE = ("env_sea", "time", "_phase", "current", "wind", "_felt", "_variation", "teams", "scripts", "noise")
 
     def __init__(
         self,
@@ -61,13 +66,14 @@ class World:
             ConfigError: for a vehicle that cannot be used. ValueError: for a team that is not there.
         """
         run = runtime.current()
-        self.config, self.num_envs = config, num_envs
+        self.config, self.num_envs, self._source = config, num_envs, source
         self.seed = config.seed if seed is None else seed
         self.sea, self.conditions = realise(config, self.seed)
         self._highest_crest = float(self.sea.components.amplitude.sum(axis=1).max())
         self.current = Current(config.sea.current, num_envs, self.seed, config.sea.depth)
         self.wind = Wind(config.air, num_envs, self.seed)
         self.dump_folder: Path | None = None
+        self.noise = Noise(num_envs, self.seed)
         self.env_sea = (torch.arange(num_envs, device=run.device) % self.sea.num_seas).to(torch.int32)
         self.time = torch.zeros(num_envs, dtype=torch.float64, device=run.device)
         self._phase = self.sea.phases(self.env_sea, self.time)
@@ -85,10 +91,14 @@ class World:
         for script in self.scripts.values():
             script.begin(self, everywhere)
 
+    def _alike(self, num_envs: int) -> "World":
+        """Another world of the same configuration, seed and teams."""
+        return type(self)(self.config, num_envs, seed=self.seed, teams=tuple(self.teams), source=self._source)
+
     def _surroundings(self, current: torch.Tensor, wind: torch.Tensor) -> Surroundings:
         table, depth = self.sea.table, self.sea.kernel_depth
         return Surroundings(
-            table, self.env_sea, self._phase, current, wind, depth, self.wind, seed=self.seed,
+            table, self.env_sea, self._phase, current, wind, depth, self.wind, self.noise,
             turbulence=self._variation.turbulence,
         )  # fmt: skip
 
@@ -155,7 +165,7 @@ class World:
     def _pass_time(self) -> None:
         """The decision interval is over."""
         self.time += self.config.decision_interval
-        self._tick()
+        self.noise.tick()
         self.current.advance(self.config.decision_interval)
         self.wind.advance(self.config.decision_interval)
         self._follow(self._everywhere)
@@ -185,12 +195,7 @@ class World:
         self.current.reseed(seed)
         self.wind.reseed(seed)
         self._variation.reseed(seed)
-        self._tick(seed - self.around.clock)
-
-    def _tick(self, steps: int = 1) -> None:
-        """Count `steps` control steps."""
-        for around in {id(a): a for a in (self.around, *(felt for felt, _, _ in self._felt.values()))}.values():
-            around.tick(steps)
+        self.noise.tick(seed - self.noise.clock)
 
     def felt(self, team: str) -> Surroundings:
         """What `team` is told: the current averaged over its draft, and the wind at its own height."""
@@ -215,10 +220,10 @@ class World:
                 dump = Dump(
                     config=self.config,
                     seed=self.seed,
-                    env=self.around.first_env + env,
+                    env=int(self.noise.keys[env]),
                     sea=int(self.env_sea[env]),
                     time=float(self.time[env]),
-                    clock=self.around.clock,
+                    clock=self.noise.clock,
                     current=self.around.current[env].clone(),
                     wind=self.around.wind[env].clone(),
                     states={key: value[0][env].clone() for key, value in before.items()},
@@ -240,7 +245,7 @@ class World:
         felt = self.felt(name)
         around = Surroundings(
             felt.sea, self.env_sea[envs], self.sea.phases(self.env_sea[envs], self.time[envs]), felt.current[envs],
-            felt.wind[envs], felt.depth, felt.air, felt.clock, felt.seed, felt.first_env,
+            felt.wind[envs], felt.depth, felt.air, self.noise.at(envs),
             None if felt.turbulence is None else felt.turbulence[envs],
         )  # fmt: skip
         surface = fleet.surface[envs]

@@ -24,6 +24,9 @@ class Corrected(Team):
         that room is kept for.
     """
 
+    STATE = ("_lag", "_correcting")
+    SHARED = ("_lag_of",)
+
     axes: int
     radius: float
     target: Target
@@ -40,6 +43,15 @@ class Corrected(Team):
     def forget(self) -> None:
         """The world has moved: what was wanted is no longer."""
         self._wanted = None
+
+    def restored(self) -> None:
+        """Another state: what was wanted in the last one is not wanted in this."""
+        self.forget()
+
+    @property
+    def _correcting(self) -> Any:
+        """The controller, whose memory is state, where the policy corrects it."""
+        return self._controller if self.residual is None else self.controller
 
     @property
     def residual(self) -> ResidualConfig | None:
@@ -73,7 +85,7 @@ class Corrected(Team):
             correction = correction * (nearest * (2 / residual.room) - 1).clamp(0.0, 1.0)
         wanted = self.wanted
         if residual.velocity:
-            pushed = self._pushed(_shrunk(residual.velocity * correction[..., :2], residual.dead))
+            pushed = self.pushed(_shrunk(residual.velocity * correction[..., :2], residual.dead))
             velocity = wanted.velocity + pushed
             if residual.shield:
                 velocity = self._shield.corrected(self.known, wanted.velocity, pushed)
@@ -81,7 +93,7 @@ class Corrected(Team):
         actions = self.controller.act(self.known, wanted)
         return (actions + residual.share * correction if residual.share else actions).clamp(-1.0, 1.0)
 
-    def _pushed(self, along: Tensor) -> Tensor:
+    def pushed(self, along: Tensor) -> Tensor:
         """A velocity [env, vehicle, axes] (m/s, NED) of one [env, vehicle, 2] along and to starboard of the course."""
         c, s = self.target.cos, self.target.sin
         ahead, aside = along.unbind(-1)
@@ -93,13 +105,13 @@ class Corrected(Team):
         """The classical controller that its policy corrects."""
         if self._controller is None:
             self._controller = self.mission.controller(self)
-            if not hasattr(self._controller, "wanted"):
+            if self.residual is not None and not hasattr(self._controller, "wanted"):
                 raise ConfigError(
                     f"{self.name}.residual: there is no classical controller to correct for "
                     f"{self.name}.vehicle = {self.section.vehicle!r}"
                 )
-            if self.section.residual.shield:
-                self._shield = Shield(self._cautious(self._controller.gains, self.section.residual))
+            if self.residual is not None and self.residual.shield:
+                self._shield = Shield(self._cautious(self._controller.gains, self.residual))
         return self._controller
 
     @staticmethod
@@ -119,7 +131,7 @@ class Corrected(Team):
 
     def _remember(self, wanted: Tensor, memory: float) -> None:
         """Take how far the velocity is from what is wanted into the mean; an episode that begins has none."""
-        now = int(self.mission.count[0])
+        now = self.mission.noise.clock
         if now != self._lag_of:
             c, s = self.target.cos, self.target.sin
             north, east = (wanted[..., :2] - self.known.fleet.velocity_n[..., :2]).unbind(-1)

@@ -157,6 +157,8 @@ class Geometry:
             of the state, which is finite if they are. about: whether slots are about the target.
     """
 
+    STATE = ("table", "distance", "reach", "total")
+
     def __init__(
         self,
         fleet: Views,

@@ -71,6 +71,8 @@ class Targets:
         table: [env, 1, 8]; see the module. progress: float32 [env], m along the track; to be written at a reset.
     """
 
+    STATE = ("table", "progress")
+
     def __init__(
         self,
         tracks: Tracks,

@@ -130,10 +130,10 @@ def _see(
                 line = line / slant
                 if line.dot(bore) >= g.cos_half:
                     number = ti.static(form.vehicles) + i
-                    u = uniform4(count[1], CAMERA, count[2] + e, number + 4096 * k, count[0])
+                    u = uniform4(count[1], CAMERA, count[2 + e], number + 4096 * k, count[0])
                     r = reach / slant
                     if u[0] >= ti.pow(2.0, -r * r * r):
-                        z = normal6(count[1], CAMERA + 1, count[2] + e, number + 4096 * k, count[0])
+                        z = normal6(count[1], CAMERA + 1, count[2 + e], number + 4096 * k, count[0])
                         line_b = rotated_back(true.true_derived, e, i, line)
                         error = ti.Vector([g.pixel * z[a] for a in ti.static(range(3))])
                         ray = rotated(own.derived, e, i, line_b + error)
@@ -154,6 +154,8 @@ class Camera:
     Attributes:
         axis: [env, aircraft, 3] of each camera now, b; kept by `aim`. true: the aircraft as they are.
     """
+
+    STATE = ("axis",)
 
     def __init__(
         self, config: CameraConfig, instruments: InstrumentsConfig, looks: Tensor, things: Tensor, hs: Tensor,
@@ -189,8 +191,8 @@ class Camera:
             self.axis.copy_((line.unsqueeze(-2) @ self._own.R_nb).squeeze(-2))
 
     def see(self, which: Tensor, rows: int, count: Tensor) -> None:
-        """Look in environments [env] int32 that are not 0, `rows` of them; `count` int32 [3] counts the random
-        numbers: clock, seed, first environment.
+        """Look in environments [env] int32 that are not 0, `rows` of them; `count` int32 [2 + env] counts the random
+        numbers (taichi_sim/noise.py).
         """
         kind = struct_of(Numbers._fields, runtime.current().precision)
         form = self._form._replace(serial=runtime.few(rows * self._rows, SEE))

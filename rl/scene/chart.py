@@ -151,6 +151,8 @@ class Chart:
         tracks: [env, vehicle, thing, 9], columns as above.
     """
 
+    STATE = ("tracks", "_taken")
+
     def __init__(self, looks: Tensor, said: Tensor, heard: Tensor, interval: float, numbers: Numbers = ASSUMED):
         """Of `looks` [env, vehicle, thing, 3] (camera.py), what is to be `said` and has been `heard` (radio.py)."""
         envs, vehicles, things, _ = looks.shape

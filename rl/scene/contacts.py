@@ -228,8 +228,8 @@ def _contact(
                 for k in range(ends[1]):
                     told.tracks[e, i, 1 - now, k, 0] = NOBODY
             for k in ti.static(range(ends[1])):
-                z = normal6(count[1], CONTACTS + k, count[2] + e, form.vehicles + i, count[0])
-                u = uniform4(count[1], CONTACTS + LUCK + k, count[2] + e, form.vehicles + i, count[0])
+                z = normal6(count[1], CONTACTS + k, count[2 + e], form.vehicles + i, count[0])
+                u = uniform4(count[1], CONTACTS + LUCK + k, count[2 + e], form.vehicles + i, count[0])
                 if ti.static(k < ends[0]):
                     n = ti.Vector([true.seen[e, i, k, 1], true.seen[e, i, k, 2], 0.0])
                     level, size = true.seen[e, i, k, 7], true.seen[e, i, k, 6]
@@ -254,6 +254,8 @@ def _contact(
 class Contacts:
     """The contacts of one team, told as a `Sensor` tells what is there: see its attributes."""
 
+    STATE = ("gap", "obstacles", "team_mates", "written", "_waiting", "_tracks")
+
     def __init__(
         self, config: ContactsConfig, sensor: Sensor, fleet: Views, own: Views, interval: float, vehicles: int = 0
     ):
@@ -274,10 +276,11 @@ class Contacts:
             sensor.reach, sensor.radius, config.range_noise, math.radians(config.bearing_noise_deg), config.dropout,
             config.speed, config.acceleration, config.mate_acceleration, interval,
         )  # fmt: skip
+        self._waiting = state.new_zeros((*rows, config.late + 1, max(both, 1), MEASURED))
+        self._tracks = state.new_zeros((*rows, 2, max(both, 1), TRACKED))
         self._told = runtime.Packed(
             ToldPack, gap=self.gap, obstacles=self.obstacles, mates=self.team_mates, signals=self.written,
-            waiting=state.new_zeros((*rows, config.late + 1, max(both, 1), MEASURED)),
-            tracks=state.new_zeros((*rows, 2, max(both, 1), TRACKED)),
+            waiting=self._waiting, tracks=self._tracks,
         )  # fmt: skip
         self._true = runtime.Packed(TruePack, seen=sensor.obstacles, near=sensor.team_mates, true_derived=fleet.derived)
         self._own = runtime.Packed(
@@ -289,8 +292,8 @@ class Contacts:
     def update(self, which: Tensor, rows: int, steps: Tensor, count: Tensor) -> None:
         """Measure in environments [env] int32: 0 not at all, 1 after a step, 2 at the beginning of an episode.
 
-        `rows` of them are not 0; `steps` int64 [env] of their episodes have gone by; `count` int32 [3] counts the
-        random numbers: clock, seed, first environment.
+        `rows` of them are not 0; `steps` int64 [env] of their episodes have gone by; `count` int32 [2 + env] counts the
+        random numbers (taichi_sim/noise.py).
         """
         kind = struct_of(Numbers._fields, runtime.current().precision)
         form = self._form._replace(serial=runtime.few(rows * self._rows, TRACK))

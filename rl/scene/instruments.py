@@ -207,7 +207,7 @@ def _read(
         if which[e] != 0:
             n = ti.static(len(kind.members))
             g = values_at(kind, out.numbers)
-            env, number, clock, seed = count[2] + e, form.vehicles + i, count[0], count[1]
+            env, number, clock, seed = count[2 + e], form.vehicles + i, count[0], count[1]
             z0, z1 = normal6(seed, INSTRUMENTS, env, number, clock), normal6(seed, INSTRUMENTS + 1, env, number, clock)
             z2, z3 = (
                 normal6(seed, INSTRUMENTS + 2, env, number, clock),
@@ -255,6 +255,8 @@ class Readings(Views):
         memory: [env, vehicle, 10], what the errors are that last.
     """
 
+    STATE = ("memory",)
+
     def __init__(self, fleet: Fleet, config: InstrumentsConfig, interval: float, vehicles: int = 0):
         """Measure `fleet` every `interval` s; `vehicles` counts those of other teams before it."""
         super().__init__(fleet.model, *(x.clone() for x in (fleet.state, fleet.derived, fleet.aux)))
@@ -277,7 +279,7 @@ class Readings(Views):
     def read(self, which: Tensor, rows: int, count: Tensor) -> None:
         """Measure in environments [env] int32: 0 not at all, 1 after a step, 2 at the beginning of an episode.
 
-        `rows` of them are not 0. `count` int32 [3] counts the random numbers: clock, seed, first environment.
+        `rows` of them are not 0. `count` int32 [2 + env] counts the random numbers (taichi_sim/noise.py).
         """
         kind = struct_of(self._numbers._fields, runtime.current().precision)
         form = self._form._replace(serial=runtime.few(rows * self.count, READ))

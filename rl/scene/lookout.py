@@ -95,9 +95,9 @@ def _see(
                     near = far < g.vessel_range and out.hidden[e, i] == 0
                 if near:
                     number = ti.static(form.vehicles) + i + 4096 * k
-                    u = uniform4(count[1], LOOKOUT, count[2] + e, number, count[0])
+                    u = uniform4(count[1], LOOKOUT, count[2 + e], number, count[0])
                     if u[0] >= g.dropout:
-                        z = normal6(count[1], LOOKOUT + 1, count[2] + e, number, count[0])
+                        z = normal6(count[1], LOOKOUT + 1, count[2 + e], number, count[0])
                         away, turned = 1.0 + g.range_noise * z[0] / ti.max(far, 1.0), g.bearing_noise * z[1]
                         c, s = cos - turned * sin, sin + turned * cos
                         out.looks[e, i, k, LOOK_NORTH] = own.state[e, i, 0] + away * (c * x - s * y)
@@ -109,6 +109,8 @@ def _see(
 
 class Lookout:
     """The lookouts of one team of vessels."""
+
+    STATE = ("_hidden",)
 
     def __init__(
         self, config: LookoutConfig, instruments: InstrumentsConfig, looks: Tensor, things: Tensor, true: Views,
@@ -138,8 +140,8 @@ class Lookout:
         self._form, self._launch = Form(vehicles), runtime.Launcher(_see)
 
     def see(self, which: Tensor, rows: int, count: Tensor) -> None:
-        """Look in environments [env] int32 that are not 0, `rows` of them; `count` int32 [3] counts the random
-        numbers: clock, seed, first environment.
+        """Look in environments [env] int32 that are not 0, `rows` of them; `count` int32 [2 + env] counts the random
+        numbers (taichi_sim/noise.py).
         """
         if self.config.crests:
             self._hidden.copy_(self.behind_crests())

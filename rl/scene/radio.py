@@ -112,7 +112,7 @@ def _receive(
             other = e
             if ti.static(form.shift != 0):
                 other = (e + ti.static(form.shift)) % radio.said.shape[0]
-            step, seed, env = ti.cast(steps[other], ti.i32), count[1], count[2] + e
+            step, seed, env = ti.cast(steps[other], ti.i32), count[1], count[2 + e]
             for k in range(n):
                 if which[e] == 2:
                     if ti.static(form.known):
@@ -149,6 +149,8 @@ class Radio:
         heard: [env, receiver, sender, n + 1] the last message, and its age (s).
     """
 
+    STATE = ("said", "heard", "_sent")
+
     def __init__(
         self,
         config: RadioConfig,
@@ -176,8 +178,9 @@ class Radio:
         self._interval = interval
         self.said = place.new_zeros((envs, n, width))
         self.heard = place.new_zeros((envs, n, n, width + 1))
+        self._sent = place.new_zeros((envs, self._form.slots, n, width))  # on its way
         self._pack = runtime.Packed(
-            TalkPack, heard=self.heard, sent=place.new_zeros((envs, self._form.slots, n, width)), said=self.said,
+            TalkPack, heard=self.heard, sent=self._sent, said=self.said,
             place=place, numbers=place.new_tensor([interval, config.range, config.loss]),
         )  # fmt: skip
         self._send, self._receive = runtime.Launcher(_send), runtime.Launcher(_receive)
@@ -196,8 +199,8 @@ class Radio:
     def talk(self, which: Tensor, rows: int, steps: Tensor, count: Tensor) -> None:
         """Send and receive in environments [env] int32: 0 not at all, 1 after a step, 2 as an episode begins.
 
-        `rows` of them are not 0; `steps` int64 [env] of their episodes have gone by; `count` int32 [3] counts the
-        random numbers: clock, seed, first environment.
+        `rows` of them are not 0; `steps` int64 [env] of their episodes have gone by; `count` int32 [2 + env] counts the
+        random numbers (taichi_sim/noise.py).
         """
         form = self._form._replace(serial=runtime.few(rows * self._each**2, TALK))
         self._send(self._pack(), which, steps, form)

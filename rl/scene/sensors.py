@@ -176,6 +176,8 @@ class Sensor:
         written: the same, or one column where there are none, as kernels take it.
     """
 
+    STATE = ("gap", "obstacles", "team_mates", "written")
+
     def __init__(
         self,
         fleet: Fleet,

@@ -166,6 +166,8 @@ class Bodies:
         present: whether there are any.
     """
 
+    STATE = ("table",)
+
     def __init__(self, num_envs: int, pool: Tensor):
         """Take those of the starts, `pool` [world, start, 8, body]; there is one row even of nothing."""
         self.present = pool.shape[-1] > 0

@@ -26,6 +26,7 @@ from taichi_sim.config import AirConfig
 from taichi_sim.conventions import GRAVITY
 from taichi_sim.maths.random import log
 from taichi_sim.series import Series, mean_of, read_series
+from taichi_sim.slow_variation import SlowVariation
 
 Profile = Literal["log", "power", "uniform"]
 
@@ -124,8 +125,7 @@ def mean_wind_factor(profile: ti.template(), shear, h):
 class Wind:
     """The wind of every environment.
 
-    The slow variation of each horizontal component is a first-order Gauss-Markov process, stepped by its exact solution
-    v(t + dt) = phi v(t) + std sqrt(1 - phi^2) xi, phi = exp(-dt / T) (Gelb 1974, Applied Optimal Estimation, sec. 3.8).
+    The slow variation of each horizontal component is a first-order Gauss-Markov process (slow_variation.py).
 
     Attributes:
         velocity: [env, 3], of the air 10 m above the sea, NED, m/s (where it blows to), run precision; written in
@@ -133,6 +133,8 @@ class Wind:
         profile, shear: of the mean wind over height, what `mean_wind_factor` takes.
         w20_factor: wind at 20 ft over that at 10 m.
     """
+
+    STATE = ("velocity", "_mean", "_variation")
 
     def __init__(self, config: AirConfig | None, num_envs: int, seed: int):
         """Draw the wind of each environment; config None is calm."""
@@ -147,8 +149,8 @@ class Wind:
         mean = [-speed * math.cos(start), -speed * math.sin(start), 0.0]
         self._mean = torch.tensor(mean, dtype=run.torch_dtype, device=run.device).repeat(num_envs, 1)
         self.velocity = self._mean.clone()
-        self._generator = torch.Generator(device=run.device)
-        self.reseed(seed)
+        std, time_constant = self.config.std, self.config.time_constant
+        self._variation = SlowVariation(num_envs, std, time_constant, seed=seed, stream=STREAM)
         everywhere = torch.arange(num_envs, device=run.device)
         self.follow(everywhere, torch.zeros(num_envs, dtype=torch.float64, device=run.device))
         self.reset(everywhere)
@@ -167,37 +169,33 @@ class Wind:
 
     def reseed(self, seed: int) -> None:
         """Make later draws depend on `seed` alone."""
-        self._generator.manual_seed(int(np.random.SeedSequence([seed, STREAM]).generate_state(1)[0]))
+        self._variation.reseed(seed)
 
     def set_mean(self, envs: torch.Tensor, mean: torch.Tensor) -> None:
         """From now on environments `envs` [n] have the means `mean` [n, 3] (NED, m/s); what varies slowly stays.
 
         The profile over height and the turbulence's W20 over the mean wind stay those of the configuration.
         """
-        self.velocity[envs] = mean + (self.velocity[envs] - self._mean[envs])
         self._mean[envs] = mean
+        self._blow(envs)
 
     def follow(self, envs: torch.Tensor, time: torch.Tensor) -> None:
         """Have the means of `envs` [n] be those of their times [n] (float64, s); nothing to do for a steady wind."""
         if self._series is not None:
-            mean = torch.nn.functional.pad(self._series.at(time), (0, 1))
-            if self.config.std > 0:
-                self.set_mean(envs, mean)
-            else:
-                self._mean[envs] = self.velocity[envs] = mean
+            self.set_mean(envs, torch.nn.functional.pad(self._series.at(time), (0, 1)))
 
     def reset(self, envs: torch.Tensor) -> None:
         """Draw the wind of environments `envs` (indices [n], int64) anew from its stationary distribution."""
-        if self.config.std > 0:
-            self.velocity[envs, :2] = self._mean[envs, :2] + self.config.std * self._normal((envs.shape[0], 2))
+        self._variation.begin(envs)
+        self._blow(envs)
 
     def advance(self, dt: float) -> None:
         """Step the slow variation by dt (s), exactly; nothing to do for a steady wind."""
-        if self.config.std > 0:
-            decay = -dt / self.config.time_constant
-            noise = self.config.std * math.sqrt(-math.expm1(2 * decay))
-            variation = (self.velocity[:, :2] - self._mean[:, :2]) * math.exp(decay)
-            self.velocity[:, :2] = self._mean[:, :2] + variation.add_(self._normal(variation.shape), alpha=noise)
+        if self._variation.varies:
+            self._variation.advance(dt)
+            torch.add(self._mean[:, :2], self._variation.value, out=self.velocity[:, :2])
 
-    def _normal(self, shape: tuple[int, ...]) -> torch.Tensor:
-        return torch.randn(shape, generator=self._generator, dtype=self.velocity.dtype, device=self.velocity.device)
+    def _blow(self, envs: torch.Tensor) -> None:
+        """Have `velocity` of environments `envs` [n] be their means and slow variations."""
+        self.velocity[envs, 2] = self._mean[envs, 2]
+        self.velocity[envs, :2] = self._mean[envs, :2] + self._variation.value[envs]

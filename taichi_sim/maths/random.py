@@ -19,7 +19,7 @@ from taichi_sim import runtime
 from taichi_sim.maths import fast
 
 # Streams: one for each use of random numbers, so that no two uses share them.
-TURBULENCE = 1
+TURBULENCE, SLOW_VARIATION = 1, 2
 INSTRUMENTS, RADIO, CONTACTS = 16, 32, 48  # and up to 15 after each; 31 after the last
 CAMERA, LOOKOUT = 80, 96  # and up to 15 after each
 

@@ -1,11 +1,7 @@
 """Current: the water's mean velocity, a tide, a slow random part, and its profile over depth.
 
-The mean is steady, or of a file over time (series.py); a tide (tide.py) is added to it.
-
-Each horizontal component of the random part is a first-order Gauss-Markov process with standard deviation sigma and
-time constant T, stepped by its exact solution whatever the step (Gelb 1974, Applied Optimal Estimation, ch. 3):
-
-    v(t + dt) = phi v(t) + sigma sqrt(1 - phi^2) xi,   phi = exp(-dt / T),   xi standard normal.
+The mean is steady, or of a file over time (series.py); a tide (tide.py) is added to it. The random part is a
+first-order Gauss-Markov process (slow_variation.py).
 
 Below the surface the current is uniform or falls with depth d as (1 - d / depth)^(1/7), the tidal profile of
 DNV-RP-C205 (2010), sec. 4.1.4.
@@ -13,13 +9,13 @@ DNV-RP-C205 (2010), sec. 4.1.4.
 
 import math
 
-import numpy as np
 import torch
 
 from taichi_sim import runtime
 from taichi_sim.config import ConfigError, CurrentConfig
 from taichi_sim.sea.tide import Tide
 from taichi_sim.series import Series, read_series
+from taichi_sim.slow_variation import SlowVariation
 
 POWER = 1 / 7  # of the tidal profile
 FASTEST = 10.0  # m/s, of a series
@@ -32,6 +28,8 @@ class Current:
     Attributes:
         velocity: [env, 2], north and east, m/s, at the surface, run precision; written in place, never replaced.
     """
+
+    STATE = ("velocity", "_mean", "_steady", "_variation")
 
     def __init__(self, config: CurrentConfig | None, num_envs: int, seed: int, depth: float | None = None):
         """Draw the current of each environment.
@@ -53,17 +51,16 @@ class Current:
         self._series = Series(*read_series(self.config.series, fastest=FASTEST)) if self.config.series else None
         self._tide = Tide(self.config.tide) if self.config.tide else None
         self._steady = self._mean.clone()  # the part of the mean that no time changes
-        self._random = torch.zeros((num_envs, 2), dtype=run.torch_dtype, device=run.device)
+        std, time_constant = self.config.std, self.config.time_constant
+        self._variation = SlowVariation(num_envs, std, time_constant, seed=seed, stream=STREAM)
         self.velocity = self._mean.clone()
-        self._generator = torch.Generator(device=run.device)
-        self.reseed(seed)
         everywhere = torch.arange(num_envs, device=run.device)
         self.follow(everywhere, torch.zeros(num_envs, dtype=torch.float64, device=run.device))
         self.reset(everywhere)
 
     def reseed(self, seed: int) -> None:
         """Make later draws depend on `seed` alone."""
-        self._generator.manual_seed(int(np.random.SeedSequence([seed, STREAM]).generate_state(1)[0]))
+        self._variation.reseed(seed)
 
     def set_mean(self, envs: torch.Tensor, mean: torch.Tensor) -> None:
         """From now on environments `envs` [n] have the means `mean` [n, 2] (m/s); what the random part is stays."""
@@ -79,21 +76,18 @@ class Current:
 
     def _set(self, envs: torch.Tensor, mean: torch.Tensor) -> None:
         self._mean[envs] = mean
-        self.velocity[envs] = mean + self._random[envs]
+        self.velocity[envs] = mean + self._variation.value[envs]
 
     def reset(self, envs: torch.Tensor) -> None:
         """Draw the current of environments `envs` (indices [n], int64) anew from its stationary distribution."""
-        if self.config.std > 0:
-            self._random[envs] = self.config.std * self._normal((envs.shape[0], 2))
-            self.velocity[envs] = self._mean[envs] + self._random[envs]
+        self._variation.begin(envs)
+        self.velocity[envs] = self._mean[envs] + self._variation.value[envs]
 
     def advance(self, dt: float) -> None:
         """Step the random part by dt (s), exactly; nothing to do for a steady current."""
-        if self.config.std > 0:
-            decay = -dt / self.config.time_constant
-            noise = self.config.std * math.sqrt(-math.expm1(2 * decay))
-            self._random.mul_(math.exp(decay)).add_(self._normal(self._random.shape), alpha=noise)
-            torch.add(self._mean, self._random, out=self.velocity)
+        if self._variation.varies:
+            self._variation.advance(dt)
+            torch.add(self._mean, self._variation.value, out=self.velocity)
 
     def mean_factor(self, draft: float) -> float:
         """Mean of the current over depths 0 to `draft` (m) as a fraction of the current at the surface.
@@ -110,6 +104,3 @@ class Current:
         # (1 - (1 - x)^(8/7)) / (8/7 x), without cancellation at small x
         power = 1 + POWER
         return -math.expm1(power * math.log1p(-x)) / (power * x) if x < 1 else 1 / power
-
-    def _normal(self, shape: tuple[int, ...]) -> torch.Tensor:
-        return torch.randn(shape, generator=self._generator, dtype=self.velocity.dtype, device=self.velocity.device)

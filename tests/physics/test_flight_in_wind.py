@@ -26,7 +26,7 @@ class Flight(Bench):
 
     def __init__(self, model, air, envs=1, height=HEIGHT, seed=5, clock=0):
         super().__init__(model, air=AirConfig(**air), envs=envs, seed=seed)
-        self.around.tick(clock)
+        self.around.noise.tick(clock)
         self.put((0.0, 0.0, -height), settle=True)
 
     def read(self, name):

@@ -15,6 +15,7 @@ from rl.scene.radio import NEVER, Radio, RadioConfig
 from taichi_sim.conventions import STATE_SIZE
 from taichi_sim.kinematics import DERIVED_SIZE, HEADING_COS, HEADING_SIN, ROTATION
 from taichi_sim.maths.rotation import torch_quaternion_from_euler
+from taichi_sim.noise import Noise
 
 EXACT = InstrumentsConfig()
 DT = 0.2
@@ -56,7 +57,7 @@ def look(aircraft, things, hs: float = 0.0, own=None, clock: int = 1, **camera):
     config = CameraConfig(**{"noise_deg": 0.0, "reach": 1e5} | camera)
     made = Camera(config, EXACT, looks, things, torch.full((envs,), hs), aircraft, own or aircraft, first=0)
     made.aim(torch.zeros((envs, count, 2)))
-    made.see(torch.ones(envs, dtype=torch.int32), envs, torch.tensor([clock, 7, 0], dtype=torch.int32))
+    made.see(torch.ones(envs, dtype=torch.int32), envs, Noise(envs, 7, clock).table)
     return looks, made
 
 
@@ -119,7 +120,7 @@ def see(boats, things, elevation=None, **lookout):
     config = LookoutConfig(**{"range_noise": 0.0, "bearing_noise_deg": 0.0, "dropout": 0.0} | lookout)
     flat = elevation or (lambda points: torch.zeros(points.shape[:-1]))
     made = Lookout(config, EXACT, looks, things, boats, boats, flat)
-    made.see(torch.ones(envs, dtype=torch.int32), envs, torch.tensor([1, 7, 0], dtype=torch.int32))
+    made.see(torch.ones(envs, dtype=torch.int32), envs, Noise(envs, 7, 1).table)
     return looks, made
 
 
@@ -157,19 +158,19 @@ class Net:
         self.chart = Chart(self.looks, self.radio.said, self.radio.heard, DT, numbers)
         self.place, self.step, self.envs = place, 0, envs
         self.chart.begin(torch.arange(envs))
-        self.count = torch.tensor([0, 3, 0], dtype=torch.int32)
+        self.noise = Noise(envs, 3)
 
     def go(self, seen=None, which: int = 1):
         """One decision, with looks {(looker, thing): (north, east, variance)}, or a tensor for looker 0."""
         self.step += which == 1
-        self.count[0] += 1
+        self.noise.tick()
         self.looks[..., LOOK_VARIANCE] = UNSEEN
         for (looker, thing), values in (seen or {}).items():
             self.looks[:, looker, thing] = torch.as_tensor(values, dtype=torch.float32)
         flags = torch.full((self.envs,), which, dtype=torch.int32)
         steps = torch.full((self.envs,), self.step)
         self.chart.say(flags, self.envs)
-        self.radio.talk(flags, self.envs, steps, self.count)
+        self.radio.talk(flags, self.envs, steps, self.noise.table)
         self.chart.keep(flags, self.envs)
         return self.chart.tracks
 

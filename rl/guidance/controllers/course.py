@@ -56,6 +56,8 @@ class Way(NamedTuple):
 class Course:
     """Decides the loads for a team of one vessel; remembers the team's drift alone."""
 
+    STATE = ("drift",)
+
     def __init__(self, vessel: Vessel, gains: CourseGains, interval: float):
         """Compute what follows from the `gains` for decisions every `interval` s."""
         self.vessel, self.interval, self.gains = vessel, interval, gains

@@ -7,6 +7,8 @@ velocity's error to the side of what is wanted, the integral action of line-of-s
 Pettersen 2008, IEEE CDC, eq. 7, in terms of velocities). An episode begins without a drift, whatever was before it.
 """
 
+from typing import Any
+
 import torch
 from torch import Tensor
 
@@ -18,11 +20,15 @@ DRIFT_SHARE = 0.2  # of the top speed, the most that is believed; assumed
 class Drift:
     """The integral of each vehicle of a team; made anew where the team's shape changes."""
 
+    STATE = ("place", "moved", "value", "given")
+
     def __init__(self, k_i: float, top_speed: float, interval: float):
         """`k_i` 1/s^2, `top_speed` m/s, `interval` s."""
         self.interval, self.step, self.most = interval, k_i * interval, DRIFT_SHARE * top_speed
-        self.place: Tensor | None = None
-        self.moved, self.value, self.given = torch.zeros(0), torch.zeros(0), torch.zeros(0)
+        self.place: Tensor | None = None  # as are the others, before the first decision
+        self.moved: Any = None
+        self.value: Any = None
+        self.given: Any = None
 
     def at(self, position: Tensor, begins: Tensor) -> Tensor:
         """The drift [env, vehicle, 2] (m/s) of vehicles now at `position` [env, vehicle, 2] (m), in environments where

@@ -52,6 +52,7 @@ class FixedWing6DofGains(Gains):
 class FixedWing6DofController:
     """Acts for a team of aircraft with an autopilot; keeps no memory."""
 
+    STATE = ()
     Gains = FixedWing6DofGains
 
     def __init__(self, model: FixedWing6DOF, gains: FixedWing6DofGains | None = None):

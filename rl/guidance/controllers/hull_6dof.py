@@ -30,6 +30,7 @@ class Hull6DofGains(CourseGains):
 class Hull6DofController:
     """Acts for a team of hulls; remembers their drift alone (drift.py)."""
 
+    STATE = ("course",)
     Gains = Hull6DofGains
 
     def __init__(self, model: Hull6Dof, gains: Hull6DofGains | None = None):

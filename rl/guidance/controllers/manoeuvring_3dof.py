@@ -22,6 +22,7 @@ class Manoeuvring3dofGains(CourseGains):
 class Manoeuvring3dofController:
     """Acts for a team of vessels; remembers their drift alone (drift.py)."""
 
+    STATE = ("course",)
     Gains = Manoeuvring3dofGains
 
     def __init__(self, model: Manoeuvring3dof, gains: Manoeuvring3dofGains | None = None):

@@ -38,6 +38,7 @@ class UnityAircraftGains(ForceGains):
 class UnityAircraftController:
     """Acts for a team of aircraft; keeps no memory."""
 
+    STATE = ()
     Gains = UnityAircraftGains
 
     def __init__(self, model: UnityAircraft, gains: UnityAircraftGains | None = None):

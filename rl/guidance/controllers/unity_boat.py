@@ -38,6 +38,7 @@ class UnityBoatGains(ForceGains):
 class UnityBoatController:
     """Acts for a team of boats; keeps no memory."""
 
+    STATE = ()
     Gains = UnityBoatGains
 
     def __init__(self, model: UnityBoat, gains: UnityBoatGains | None = None):

@@ -50,6 +50,8 @@ class Aircraft(Corrected):
             range. sensor: what is near.
     """
 
+    STATE = ("sensor", "distance", "gap_error", "in_range", "own", "camera", "known")
+
     axes = 3
 
     def __init__(self, mission: Any, name: str):
@@ -92,7 +94,7 @@ class Aircraft(Corrected):
         self.forget()
         mission = self.mission
         self.sensor.look(mission.obstacles, mission.env_world, which, count, mission.bodies)
-        self.own.read(which, count, mission.count)
+        self.own.read(which, count, mission.noise.table)
         x = self.fleet.position_n[..., :2] - mission.vessel_place.unsqueeze(1)
         high = self.fleet.position_n[..., 2] - self.down
         self.distance = torch.hypot(x.norm(dim=-1) - self.orbit.radius, high)
@@ -194,6 +196,8 @@ class KnownAircraft:
         boats: their mean place [.., 2] and its distance to the farthest of them [.., 1] as heard, 0: nobody was.
     """
 
+    STATE = ("targets", "now", "centre_velocity", "gap_error", "height_error", "sensor", "_boats", "_farthest")
+
     def __init__(self, team: Aircraft, picture: Any, number: int):
         """Of `team`; `number` vehicles of others come before it, among the random numbers."""
         state = team.fleet.state
@@ -211,7 +215,7 @@ class KnownAircraft:
         )
         self.believed = self.centre
         self.gap_error, self.height_error = state.new_zeros(state.shape[:2]), state.new_zeros(state.shape[:2])
-        self.boats = self.centre, self.centre[..., :1]
+        self._boats, self._farthest = (state.new_zeros((*state.shape[:2], n)) for n in (2, 1))
 
     def __getattr__(self, name: str) -> Any:
         """What is not known otherwise is known as it is."""
@@ -232,7 +236,12 @@ class KnownAircraft:
         table[..., COURSE], table[..., COS], table[..., SIN] = course, course.cos(), course.sin()
         self.height_error = team.down - self.fleet.position_n[..., 2]
         self._others(theta)
-        self.sensor.update(which, rows, mission.steps, mission.count)
+        self.sensor.update(which, rows, mission.steps, mission.noise.table)
+
+    @property
+    def boats(self) -> tuple[Tensor, Tensor]:
+        """Mean place of the boats [env, aircraft, 2] (m), and how far the farthest is [env, aircraft, 1] (m)."""
+        return self._boats, self._farthest
 
     def _others(self, theta: Tensor) -> None:
         """Those on the circle, and boats, as heard."""
@@ -254,4 +263,4 @@ class KnownAircraft:
         fresh = (of[..., age] < 4 * HEARD_OF).to(of).unsqueeze(-1)
         mean = (fresh * of[..., :2]).sum(2) / fresh.sum(2).clamp(min=1.0)
         far = (fresh * (of[..., :2] - self.fleet.position_n[..., None, :2])).norm(dim=-1).amax(-1)
-        self.boats = mean, far.unsqueeze(-1)
+        self._boats, self._farthest = mean, far.unsqueeze(-1)

@@ -35,6 +35,8 @@ class Boats(Corrected):
         known: what policies and controllers act by.
     """
 
+    STATE = ("now", "sensor", "before", "own", "targets", "known")
+
     axes = 2
 
     def __init__(self, mission: Any, name: str):
@@ -88,7 +90,7 @@ class Boats(Corrected):
         self.before = torch.where((which == 2).unsqueeze(-1), self.now.distance, self.before)
         mission = self.mission
         self.sensor.look(mission.obstacles, mission.env_world, which, count, mission.bodies)
-        self.own.read(which, count, mission.count)
+        self.own.read(which, count, mission.noise.table)
 
     def conclude(self, which: Tensor, count: int) -> None:
         """What they know, once the picture is up to date."""
@@ -138,6 +140,8 @@ class KnownBoats:
         by the chart, team mates as measured. targets, target: the vessel as known, a row for each boat.
     """
 
+    STATE = ("targets", "now", "sensor")
+
     def __init__(self, team: Boats, picture: Any, number: int):
         """Of `team`; `number` vehicles of others come before it, among the random numbers."""
         interval = team.interval
@@ -161,5 +165,5 @@ class KnownBoats:
         mission = self._team.mission
         self.targets.table.copy_(self._picture.rows(self._team.name))
         self.now.measure(which, rows)
-        self.sensor.update(which, rows, mission.steps, mission.count)
+        self.sensor.update(which, rows, mission.steps, mission.noise.table)
         self._charted.write(which, rows)

@@ -32,8 +32,8 @@ from rl.rewards import fine, paid
 from rl.scene.traffic import RADIUS, TOP, Bodies
 from rl.seeds import derive_seed
 from taichi_sim import runtime
+from taichi_sim.noise import Noise
 from taichi_sim.recording.episode import Scene
-from taichi_sim.surroundings import as_i32
 
 VESSEL_TOP = 4.0  # m above the sea: aircraft pass above; assumed
 RESULT_SCALE = 8.0  # m from its slot, at which a boat's result is a half; assumed
@@ -48,8 +48,13 @@ class Escort(Mission):
         bodies: what moves, the vessel first; traffic: the rest of it. env_world: int64 [env].
         vessel_place, vessel_velocity: [env, 2] NED, m, m/s; the velocity is averaged (vessel.py).
         hs: [env] significant wave height, m. picture: what boats and aircraft know (picture.py).
-        count: int32 [3], of the random numbers of sensors and radio: decisions in all, seed, first environment.
+        noise: counts the random numbers of sensors and radio: decisions of all episodes.
     """
+
+    STATE = (
+        "env_world", "bodies", "traffic", "hs", "vessel_place", "_cue", "arrived", "_which", "noise", "picture",
+        "scouts",
+    )  # fmt: skip
 
     Config = EscortScenario
     logged = ("error_m", "arrived", "seen", "collisions_per_hour")
@@ -97,8 +102,7 @@ class Escort(Mission):
         self._cue = self.hs.new_zeros((self.num_envs, 2))  # the place of the vessel that was told, m
         self.arrived = torch.zeros(self.num_envs, dtype=torch.bool, device=run.device)
         self._which = torch.zeros(self.num_envs, dtype=torch.int32, device=run.device)
-        self.count = torch.zeros(3, dtype=torch.int32, device=run.device)
-        self._count_from(self.seed)
+        self.noise = Noise(self.num_envs, derive_seed(self.seed, "sensors"))
         self._connect()
         self._script.attach(self)
         self._film = Film(self)
@@ -123,17 +127,14 @@ class Escort(Mission):
     def reseed(self, seed: int) -> None:
         """Also sensors and radio."""
         super().reseed(seed)
-        self._count_from(seed)
-
-    def _count_from(self, seed: int) -> None:
-        self.count[0], self.count[1] = 0, as_i32(derive_seed(seed, "sensors"))
+        self.noise.restart(derive_seed(seed, "sensors"))
 
     # -- one step --------------------------------------------------------------------------------------------------
 
     def measure(self) -> None:
         """What moves; what everybody sees, says and hears; errors."""
         self._which.fill_(1)
-        self.count[0] += 1
+        self.noise.tick()
         self.traffic.move(self.config.decision_interval, self.world.current.velocity)
         self._look(self.num_envs)
 

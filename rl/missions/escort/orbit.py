@@ -46,6 +46,7 @@ class OrbitGains(FixedWing6DofGains):
 class OrbitController:
     """Acts for aircraft that circle; keeps no memory."""
 
+    STATE = ()
     Gains = OrbitGains
 
     def __init__(self, model: FixedWing6DOF, gains: OrbitGains | None = None):

@@ -55,6 +55,10 @@ class Picture:
         age, sigma: [env, looker] of that, s and m (standard deviation, each way).
     """
 
+    STATE = (
+        "things", "looks", "place", "radio", "chart", "targets", "age", "sigma", "_course", "_searching", "lookers",
+    )  # fmt: skip
+
     def __init__(self, mission: Any, groups: dict[str, Group], things: int):
         """Of the lookers of `mission` in `groups`, by team, in order; there is one at least."""
         config, self._mission = mission.config, mission
@@ -102,13 +106,13 @@ class Picture:
         """
         mission = self._mission
         for looker in self.lookers:
-            looker.see(which, rows, mission.count)
+            looker.see(which, rows, mission.noise.table)
         groups = self.groups.values()
         torch.cat([g.true.position_n for g in groups], dim=1, out=self.place)
         own = [torch.cat((g.own.position_n, g.own.velocity_n), dim=-1) for g in groups]
         self.radio.said[..., :PLACE_AND_VELOCITY] = torch.cat(own, dim=1)
         self.chart.say(which, rows)
-        self.radio.talk(which, rows, mission.steps, mission.count)
+        self.radio.talk(which, rows, mission.steps, mission.noise.table)
         self.chart.keep(which, rows)
         self._conclude(which)
 

@@ -24,6 +24,8 @@ SPEED = 25.0  # m/s; assumed
 class Scouts:
     """In the place of the aircraft of `section`."""
 
+    STATE = ("views", "camera")
+
     def __init__(self, mission: Any, name: str, section: Any):
         """As many as that team has vehicles."""
         self.mission, self.name, self.section, self.orbit = mission, name, section, section.orbit

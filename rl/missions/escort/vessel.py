@@ -50,6 +50,11 @@ class Wanderer(Script):
         velocity: [env, 2] over ground, averaged over `SMOOTH`, NED, m/s: its course is this one's direction.
     """
 
+    STATE = (
+        "velocity", "_time", "_next", "_plan", "_steered", "_course", "_speed", "_errors", "_mates", "_sensor",
+        "controller",
+    )  # fmt: skip
+
     def __init__(self, world: Any, name: str):
         """Act for the team `name`, of any vessel that has a classical controller for a velocity to sail."""
         super().__init__(world, name)
@@ -73,10 +78,8 @@ class Wanderer(Script):
         changes = 4 + math.ceil(2 * world.config.episode_duration / world.config.course.every)
         self._sensor = Sensor(self.fleet, SEEN, 0, REACH, model.collision_radius)
         table, errors = state.new_zeros((envs, 1, TARGET)), state.new_zeros((envs, self.fleet.count, ERRORS))
-        near = Near(
-            self._sensor.obstacles, state.new_zeros((envs, self.fleet.count, BOATS, 7)), SEEN, BOATS
-        )  # what is near: boats as mates of its own
-        self._near = near
+        self._errors, self._mates = errors, state.new_zeros((envs, self.fleet.count, BOATS, 7))
+        near = Near(self._sensor.obstacles, self._mates, SEEN, BOATS)  # boats count as mates of its own
         self._view = SimpleNamespace(
             fleet=self.fleet, sensor=near, radius=model.collision_radius, axes=2,
             targets=SimpleNamespace(table=table), target=seen_at(table, state[:, 0, :3]),
@@ -154,7 +157,7 @@ class Wanderer(Script):
     def _see_boats(self) -> None:
         """The nearest boats, as mates."""
         team = self._mission.boats
-        mates = self._near.team_mates
+        mates = self._mates
         mates.zero_()
         mates[..., 0], mates[..., 4] = REACH, -1.0
         if team is None:

@@ -25,10 +25,12 @@ class Known:
             and team mates as measured (rl/scene/contacts.py). radio: what has been heard (rl/scene/radio.py), or None.
     """
 
+    STATE = ("fleet", "now", "sensor", "radio")
+
     def __init__(self, team: Any, number: int):
         """Of `team`, the `number`-th of its mission, which has begun to follow its target."""
         config, interval = team.mission.config, team.mission.config.decision_interval
-        self._team, self._count = team, team.mission.count
+        self._team, self._count = team, team.mission.noise.table
         own = number * MOST
         exact, true = config.sensors.exact, team.sensor
         self.fleet = team.fleet if exact else Readings(team.fleet, config.sensors, interval, own)

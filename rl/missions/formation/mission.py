@@ -26,9 +26,11 @@ from rl.seeds import derive_seed
 from taichi_sim import runtime
 from taichi_sim.config import ConfigError
 from taichi_sim.config.io import validate
+from taichi_sim.noise import Noise
 from taichi_sim.recording.episode import Scene
 from taichi_sim.recording.overlays import Cylinders
-from taichi_sim.surroundings import as_i32
+
+NEAR, NEAR_COST, ENDED_COST = 0.5, 40.0, 2e4  # of plans: m of clearance; m^2 for each m less; m^2 of an ending
 
 TRAFFIC = (196, 120, 40)  # colour of what moves, in recordings
 
@@ -41,8 +43,10 @@ class Formation(Mission):
         bodies: what moves (rl/scene/traffic.py).
         env_world: int64 [env]. targets: what leaders follow.
         wind_factor: mean wind at the flight height over that at 10 m.
-        count: int32 [3], of the random numbers of sensors and radio: decisions in all, seed, first environment.
+        noise: counts the random numbers of sensors and radio: decisions of all episodes.
     """
+
+    STATE = ("env_world", "targets", "bodies", "_which", "noise")
 
     Config = FormationScenario
     logged = ("leader_error_m", "follower_error_m", "collisions_per_hour", "lost")
@@ -85,8 +89,7 @@ class Formation(Mission):
             over_air=config.track.speed_over == "air",
         )
         self._which = torch.zeros(self.num_envs, dtype=torch.int32, device=run.device)
-        self.count = torch.zeros(3, dtype=torch.int32, device=run.device)
-        self._count_from(self.seed)
+        self.noise = Noise(self.num_envs, derive_seed(self.seed, "sensors"))
         self._film: list[np.ndarray] = []  # bodies of the environment that is shown, of a recording
         for team in self.teams.values():
             team.follow(self.targets, config.track.flight_height)
@@ -94,10 +97,7 @@ class Formation(Mission):
     def reseed(self, seed: int) -> None:
         """Also sensors and radio."""
         super().reseed(seed)
-        self._count_from(seed)
-
-    def _count_from(self, seed: int) -> None:
-        self.count[0], self.count[1] = 0, as_i32(derive_seed(seed, "sensors"))
+        self.noise.restart(derive_seed(seed, "sensors"))
 
     @property
     def progress(self) -> Tensor:
@@ -132,7 +132,7 @@ class Formation(Mission):
     def measure(self) -> None:
         """Move the targets and the slots, then errors and surroundings of every vehicle."""
         self._which.fill_(1)
-        self.count[0] += 1
+        self.noise.tick()
         self.targets.move(self._which, self.num_envs)
         self.bodies.move(self.config.decision_interval, self.world.current.velocity)
         for team in self.teams.values():
@@ -152,6 +152,11 @@ class Formation(Mission):
         if self.config.reward == "paper":
             return rewards.paper(team, ended)
         return rewards.tracking(team, ended)
+
+    def plan_cost(self, team: TeamTask, ended: Tensor) -> Tensor:
+        """Squared distance from the slot, and what it takes to stay clear: see the numbers above."""
+        near = (NEAR - team.sensor.gap).clamp(min=0.0)
+        return team.distance.square() + NEAR_COST * near + ENDED_COST * ended
 
     def endings(self, team: TeamTask) -> dict[str, Tensor]:
         """Contact with an obstacle or a team mate, too far from the slot, out of the area, or no finite state."""

@@ -152,6 +152,8 @@ class Slots:
             of the leader: a slot (m), and how fast it glides (m/s).
     """
 
+    STATE = ("table", "_left", "_changes")
+
     def __init__(self, section: FormationTeam, state: Tensor, *, interval: float, glide: float, steps: int):
         """Hold the slots of a team whose state is `state` [env, vehicle, 13].
 

@@ -31,6 +31,8 @@ class TeamTask(Corrected):
         slots: about the leader (slots.py). offsets: [env, vehicle, 2] of them, a live view, m.
     """
 
+    STATE = ("slots", "sensor", "now", "known")
+
     def __init__(self, mission: Mission, name: str):
         """Prepare team `name`."""
         super().__init__(mission, name)

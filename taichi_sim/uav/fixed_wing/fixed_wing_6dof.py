@@ -185,7 +185,7 @@ class FixedWing6DOF(Aircraft):
     @ti.func
     def advance(self, p: ti.template(), build: ti.template(), fleet: ti.template(), around: ti.template(), e, i):
         """Take vehicle i of environment e one control step further, from what is stored to what is stored."""
-        clock, seed, env = around.count[0], around.count[1], around.count[2] + e
+        clock, seed, env = around.count[0], around.count[1], around.count[2 + e]
         y, delta, gust, pilot = self.stored(fleet, e, i)
         tau = load_at(build, fleet.load, e, i)
         time, wind_10 = fleet.aux[e, i, TIME], ti.Vector([around.wind[e, k] for k in ti.static(range(3))])

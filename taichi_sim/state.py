@@ -1,0 +1,479 @@
+"""What an environment remembers: snapshots, restoring, copies and forks of a world or a mission.
+
+Every class that remembers anything between two steps names it in two class attributes:
+
+    STATE    what differs between environments: tensors [env, ...], and parts that have state of their own (objects with
+             these attributes, or dictionaries, lists and tuples of such)
+    SHARED   what all environments share and that changes: counters, seeds, generators, numbers, tensors of any shape
+
+Names that an object does not have (yet) are skipped; a value may be None. A subclass adds to what its bases name. A
+method `restored()`, if there is one, is called after any state has been written: to drop caches, to bind kernels anew.
+
+A class of somebody else's module that names nothing has a default. Every attribute of its objects that no class with
+names has assigned counts: tensors whose first dimension is the number of environments, and parts, as STATE; numbers,
+texts, generators, arrays and other tensors as SHARED; tuples, functions, configurations and kernels are constants. What
+the default cannot see into is refused by name.
+
+Tensors are written in place wherever the shape allows it, so that kernels stay bound to them.
+"""
+
+import dis
+import functools
+import hashlib
+import os
+import random
+import types
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+import torch
+from pydantic import BaseModel
+from torch import Tensor
+
+from taichi_sim import runtime
+from taichi_sim.noise import FIRST_FORKED, Noise
+
+VERSION = 1  # of the layout of a snapshot
+GIB = 2**30
+WORKING_SHARE = 4.0  # memory of an environment over that of its state: buffers of kernels and torch; assumed
+
+NoiseOf = Literal["shared", "own"]
+"""Whether copies draw the noise of their source (sensors, radio, gusts), or their own."""
+
+
+class StateError(ValueError):
+    """A state that cannot be taken, written or copied."""
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """All that a world or a mission remembers, copied; `torch.save` can write it.
+
+    Attributes:
+        version: of the layout. about: what it was taken of. num_envs: environments. values: path -> value.
+    """
+
+    version: int
+    about: dict[str, Any]
+    num_envs: int
+    values: dict[str, Any]
+
+
+class Entry(NamedTuple):
+    """One value that is remembered."""
+
+    path: str
+    owner: Any  # an object, a dictionary or a list
+    key: Any
+    of_env: bool  # differs between environments
+
+    @property
+    def value(self) -> Any:
+        """What it is now."""
+        if isinstance(self.owner, dict | list):
+            return self.owner[self.key]
+        return getattr(self.owner, self.key)
+
+    def put(self, value: Any) -> None:
+        """Replace it."""
+        if isinstance(self.owner, dict | list):
+            self.owner[self.key] = value
+        else:
+            setattr(self.owner, self.key, value)
+
+
+_FUNCTION = types.FunctionType | types.MethodType | types.BuiltinFunctionType | functools.partial
+_KERNEL = runtime.Launcher | runtime.Runtime | torch.device | torch.dtype
+_CONSTANT = _FUNCTION | _KERNEL | types.ModuleType | type | Path | bytes | BaseModel | frozenset | range
+_NUMBERS = bool | int | float | complex | np.generic
+_PLAIN = _NUMBERS | str | types.NoneType
+_GENERATORS = torch.Generator | np.random.Generator | random.Random
+
+
+class _Walk:
+    """Finds the entries of an object and of its parts, each once."""
+
+    def __init__(self, num_envs: int):
+        self.num_envs = num_envs
+        self.entries: list[Entry] = []
+        self.objects: list[Any] = []
+        self._seen: set[int] = set()
+
+    def part(self, value: Any, path: str) -> None:
+        """Walk a part: an object, or a container of parts."""
+        if isinstance(value, _PLAIN | _CONSTANT) or id(value) in self._seen:
+            return
+        self._seen.add(id(value))
+        if isinstance(value, Mapping):
+            for key, item in value.items():
+                self._state(value, key, item, f"{path}[{key!r}]")
+        elif isinstance(value, list | tuple):
+            for k, item in enumerate(value):
+                self._state(value, k, item, f"{path}[{k}]")
+        else:
+            self._object(value, path)
+
+    def _state(self, owner: Any, key: Any, value: Any, path: str) -> None:
+        """A value under STATE; a property that is None has no state now."""
+        if value is None and isinstance(getattr(type(owner), str(key), None), property):
+            return
+        if value is None or isinstance(value, Tensor):
+            self.entries.append(Entry(path, owner, key, True))
+        else:
+            self.part(value, path)
+
+    def _object(self, value: Any, path: str) -> None:
+        self.objects.append(value)
+        names = _names(type(value))
+        for name in names.state:
+            if (item := getattr(value, name, self)) is not self:
+                self._state(value, name, item, f"{path}.{name}")
+        for name in names.shared:
+            if hasattr(value, name):
+                self.entries.append(Entry(f"{path}.{name}", value, name, False))
+        if not names.complete:
+            for name, item in vars(value).items():
+                if name not in names.assigned:
+                    self._default(value, name, item, f"{path}.{name}")
+
+    def _default(self, owner: Any, key: Any, value: Any, path: str) -> None:
+        """An attribute of a class that names nothing."""
+        if isinstance(value, Tensor):
+            self.entries.append(Entry(path, owner, key, value.dim() > 0 and value.shape[0] == self.num_envs))
+        elif value is None or isinstance(value, _NUMBERS | _GENERATORS | np.ndarray | str):
+            self.entries.append(Entry(path, owner, key, False))
+        elif isinstance(value, _CONSTANT) or id(value) in self._seen or type(value).__module__.startswith("taichi."):
+            return
+        elif isinstance(value, dict | list):
+            self._seen.add(id(value))
+            items = value.items() if isinstance(value, dict) else enumerate(value)
+            if all(isinstance(item, _PLAIN) for _, item in items):
+                self.entries.append(Entry(path, owner, key, False))
+            else:
+                for k, item in value.items() if isinstance(value, dict) else enumerate(value):
+                    self._default(value, k, item, f"{path}[{k!r}]")
+        elif isinstance(value, tuple):
+            for k, item in enumerate(value):
+                if not isinstance(item, Tensor | _PLAIN):
+                    self._default(value, k, item, f"{path}[{k}]")
+        elif hasattr(value, "__dict__"):
+            self.part(value, path)
+        else:
+            kind = type(value)
+            raise StateError(
+                f"{path} is a {kind.__module__}.{kind.__qualname__}, which a snapshot cannot look into: name what "
+                f"{type(owner).__name__} remembers in its class attributes STATE and SHARED (docs/extending.md)"
+            )
+
+
+class _Names(NamedTuple):
+    state: tuple[str, ...]
+    shared: tuple[str, ...]
+    complete: bool  # the class itself says what it remembers
+    assigned: frozenset[str]  # attributes that classes with names assign
+
+
+@functools.cache
+def _names(kind: type) -> _Names:
+    """What a class and its bases name."""
+    named = [base for base in kind.__mro__ if "STATE" in vars(base) or "SHARED" in vars(base)]
+
+    def of(attribute: str) -> tuple[str, ...]:
+        return tuple(dict.fromkeys(name for base in reversed(named) for name in vars(base).get(attribute, ())))
+
+    state, shared = of("STATE"), of("SHARED")
+    known = [base for base in kind.__mro__ if named and issubclass(named[0], base)]
+    assigned = frozenset(state + shared).union(*(_assigned(base) for base in known))
+    return _Names(state, shared, bool(named) and named[0] is kind, assigned)
+
+
+def _assigned(kind: type) -> frozenset[str]:
+    """Names of the attributes that the methods of a class assign."""
+    methods = [getattr(value, "fget", None) or getattr(value, "__wrapped__", value) for value in vars(kind).values()]
+    return frozenset(
+        instruction.argval
+        for method in methods
+        if isinstance(method, types.FunctionType)
+        for instruction in dis.get_instructions(method)
+        if instruction.opname == "STORE_ATTR"
+    )
+
+
+def walk(root: Any) -> _Walk:
+    """The entries of `root`, which has `num_envs`, and the objects that own them."""
+    found = _Walk(root.num_envs)
+    found.part(root, type(root).__name__)
+    return found
+
+
+def about(root: Any) -> dict[str, Any]:
+    """What tells one world or mission from another, whatever the number of environments."""
+    kind, config = type(root), root.config
+    digest = hashlib.sha256(config.model_dump_json().encode()).hexdigest()[:16]
+    return {
+        "class": f"{kind.__module__}.{kind.__qualname__}",
+        "scenario": getattr(config, "name", ""),
+        "configuration": digest,
+        "seed": root.seed,
+        "teams": list(root.teams),
+        "precision": runtime.current().precision,
+    }
+
+
+# -- snapshots ---------------------------------------------------------------------------------------------------------
+
+
+def snapshot(root: Any) -> Snapshot:
+    """Copy all that `root` remembers."""
+    values = {entry.path: _taken(entry.value) for entry in walk(root).entries}
+    return Snapshot(VERSION, about(root), root.num_envs, values)
+
+
+def restore(root: Any, saved: Snapshot) -> None:
+    """Write a snapshot back.
+
+    Raises:
+        StateError: for one of another world, number of environments, or version; nothing is written then.
+    """
+    if not isinstance(saved, Snapshot):
+        raise StateError(f"a {type(saved).__name__} is no snapshot")
+    if saved.version != VERSION:
+        raise StateError(f"the snapshot has version {saved.version}; this program reads version {VERSION}")
+    here = about(root)
+    if wrong := [key for key in here if saved.about.get(key) != here[key]]:
+        told = ", ".join(f"{key} {saved.about.get(key)!r} instead of {here[key]!r}" for key in wrong)
+        raise StateError(f"the snapshot was taken of another {type(root).__name__}: {told}")
+    if saved.num_envs != root.num_envs:
+        raise StateError(f"the snapshot has {saved.num_envs} environments, not {root.num_envs}")
+    found = walk(root)
+    missing = {entry.path for entry in found.entries} - saved.values.keys()
+    if missing:
+        raise StateError(f"the snapshot lacks {', '.join(sorted(missing)[:3])}: it was taken of other parts")
+    write = _Writer()
+    for entry in found.entries:
+        write(entry, saved.values[entry.path])
+    _restored(found)
+
+
+def _taken(value: Any) -> Any:
+    """A copy that later steps do not change."""
+    if isinstance(value, Tensor):
+        return value.clone()
+    if isinstance(value, np.ndarray | list | dict):
+        return value.copy()
+    if isinstance(value, torch.Generator):
+        return value.get_state()
+    if isinstance(value, np.random.Generator):
+        return value.bit_generator.state
+    if isinstance(value, random.Random):
+        return value.getstate()
+    return value  # a number or a text; a tuple, into which nobody writes
+
+
+class _Writer:
+    """Writes values, in place where it can.
+
+    Two entries may hold one tensor now. Where their values are the same it stays so; else each gets a tensor.
+    """
+
+    def __init__(self):
+        self._written: dict[tuple[int, int], Tensor] = {}
+
+    def __call__(self, entry: Entry, value: Any) -> None:
+        now = entry.value
+        if not isinstance(value, Tensor) or isinstance(now, torch.Generator):
+            if isinstance(now, np.ndarray) and isinstance(value, np.ndarray) and now.shape == value.shape:
+                now[...] = value
+            else:
+                _put_generator(entry, now, value)
+        elif not isinstance(now, Tensor) or now.shape != value.shape or now.dtype != value.dtype or 0 in now.stride():
+            entry.put(value.clone())
+        elif (before := self._written.get(place := (now.data_ptr(), now.numel()))) is None or not now.numel():
+            now.copy_(value)
+            self._written[place] = value
+        elif not torch.equal(before.flatten(), value.flatten()):
+            entry.put(value.clone())
+
+
+def _put_generator(entry: Entry, now: Any, value: Any) -> None:
+    """Give a generator the state `value`, or replace whatever else is remembered."""
+    if isinstance(now, torch.Generator):
+        now.set_state(value)
+    elif isinstance(now, np.random.Generator):
+        now.bit_generator.state = value
+    elif isinstance(now, random.Random):
+        now.setstate(value)
+    else:
+        entry.put(_taken(value))
+
+
+def _restored(found: _Walk) -> None:
+    for thing in found.objects:
+        if (then := getattr(thing, "restored", None)) is not None:
+            then()
+
+
+# -- copies and forks --------------------------------------------------------------------------------------------------
+
+
+def copy(root: Any, source_envs: Any, target_envs: Any, noise: NoiseOf = "shared") -> None:
+    """Make environments `target_envs` [n] of `root` what `source_envs` [n] are.
+
+    Raises:
+        StateError: for environments that are not there, a target that is named twice, or another number of targets.
+    """
+    source, target = (_envs(given, root.num_envs, f"{name}_envs") for given, name in
+                      ((source_envs, "source"), (target_envs, "target")))  # fmt: skip
+    if len(source) != len(target):
+        raise StateError(f"{len(source)} source_envs for {len(target)} target_envs")
+    if len(target.unique()) < len(target):
+        twice = next(int(e) for e in target if (target == e).sum() > 1)
+        raise StateError(f"target_envs name environment {twice} twice")
+    _check_noise(noise)
+    found = walk(root)
+    for entry in found.entries:
+        value = entry.value
+        if entry.of_env and value is not None and not (noise == "own" and isinstance(entry.owner, Noise)):
+            if len(value) == root.num_envs:
+                value[target] = value[source]
+    _restored(found)
+
+
+def fork(
+    root: Any, make: Callable[[int], Any], envs: Any, copies: int, noise: NoiseOf = "shared", into: Any = None
+) -> Any:
+    """Environments `envs` [n] of `root`, `copies` times each, as environments of their own: copy c of envs[i] is number
+    i copies + c.
+
+    Args:
+        make: builds a `root` of that many environments. into: what an earlier fork of as many environments returned:
+            written anew, which takes milliseconds; None builds one, which takes as long as `root` did.
+
+    Raises:
+        StateError: for environments that are not there, `into` of another kind or size, or more than memory holds.
+    """
+    rows = _envs(envs, root.num_envs, "envs")
+    if copies < 1 or not len(rows):
+        raise StateError(f"a fork of {len(rows)} environments, {copies} copies each: there is nothing in it")
+    _check_noise(noise)
+    total, source = len(rows) * copies, walk(root)
+    if into is None:
+        _check_memory(source, total)
+        into = make(total)
+    elif into.num_envs != total or type(into) is not type(root) or into.config != root.config or into.seed != root.seed:
+        raise StateError(
+            f"`into` is a {type(into).__name__} of {into.num_envs} environments, scenario "
+            f"{getattr(into.config, 'name', '')!r}, seed {into.seed}: the fork has {total} of {type(root).__name__}, "
+            f"{getattr(root.config, 'name', '')!r}, seed {root.seed}"
+        )
+    target = {entry.path: entry for entry in walk(into).entries}
+    rows, write = rows.repeat_interleave(copies), _Writer()
+    for entry in source.entries:
+        there, value = target.get(entry.path), entry.value
+        if there is None:
+            raise StateError(f"the fork has no {entry.path}: its parts are others than those of its source")
+        if entry.of_env and isinstance(value, Tensor) and len(value) == root.num_envs:
+            if isinstance(entry.owner, Noise) and noise == "own":
+                there.value.copy_(FIRST_FORKED + torch.arange(total))
+                continue
+            write(there, value.index_select(0, rows))
+        else:
+            write(there, _taken(value))
+    _restored(walk(into))
+    return into
+
+
+def _envs(given: Any, num_envs: int, name: str) -> Tensor:
+    """Numbers of environments, int64 [n]."""
+    envs = torch.as_tensor(given, device=runtime.current().device).flatten()
+    if envs.is_floating_point() or envs.dtype == torch.bool:
+        raise StateError(f"{name} are numbers of environments, not {envs.dtype}")
+    outside = envs[(envs < 0) | (envs >= num_envs)]
+    if len(outside):
+        raise StateError(f"{name} name environment {int(outside[0])}: there are 0 to {num_envs - 1}")
+    return envs.long()
+
+
+def _check_noise(noise: str) -> None:
+    if noise not in ("shared", "own"):
+        raise StateError(f"noise = {noise!r}: allowed are 'shared' and 'own'")
+
+
+def _check_memory(source: _Walk, total: int) -> None:
+    """Refuse a fork that memory cannot hold."""
+    each = sum(_bytes(entry) for entry in source.entries) / source.num_envs
+    need, free = WORKING_SHARE * each * total, _free_memory()
+    if need > free:
+        raise StateError(
+            f"{total} environments would take about {need / GIB:.1f} GiB of memory; {free / GIB:.1f} GiB are free"
+        )
+
+
+def _bytes(entry: Entry) -> int:
+    value = entry.value
+    return value.nbytes if entry.of_env and isinstance(value, Tensor) else 0
+
+
+def _free_memory() -> float:
+    """Bytes that can be had without swapping."""
+    try:
+        for line in Path("/proc/meminfo").read_text().splitlines():
+            if line.startswith("MemAvailable:"):
+                return 1024.0 * int(line.split()[1])
+    except (OSError, ValueError):  # not Linux
+        pass
+    return float(os.sysconf("SC_AVPHYS_PAGES")) * os.sysconf("SC_PAGE_SIZE")
+
+
+def reachable(root: Any) -> Iterator[tuple[str, Any]]:
+    """Path and value of each entry of `root`, for whoever looks for what the contract forgets."""
+    for entry in walk(root).entries:
+        yield entry.path, entry.value
+
+
+class Stateful:
+    """A world or a mission whose environments can be saved, restored, copied and forked (module docstring)."""
+
+    num_envs: int
+
+    def snapshot(self) -> Snapshot:
+        """Copy all that the environments remember; `restore` goes on from there, to the bit."""
+        with runtime.torch_at_rest():
+            return snapshot(self)
+
+    def restore(self, saved: Snapshot) -> None:
+        """Go back to a snapshot of this world, or of one of the same configuration and seed.
+
+        Raises:
+            StateError: for a snapshot of another world, number of environments, or version; nothing is written then.
+        """
+        with runtime.torch_at_rest():
+            restore(self, saved)
+
+    def copy(self, source_envs: Any, target_envs: Any, *, noise: NoiseOf = "shared") -> None:
+        """Make environments `target_envs` [n] what `source_envs` [n] are; see `NoiseOf`.
+
+        Raises:
+            StateError: for environments that are not there, or a target that is named twice.
+        """
+        with runtime.torch_at_rest():
+            copy(self, source_envs, target_envs, noise)
+
+    def fork(self, envs: Any, copies: int = 1, *, noise: NoiseOf = "shared", into: Any = None) -> Any:
+        """Environments `envs` [n], `copies` times each, in a world of their own: copy c of envs[i] is i copies + c.
+
+        With the same actions a copy that shares the noise does what its source does, until an episode begins anew.
+        `into` is an earlier fork of the same size: to write it anew takes milliseconds.
+
+        Raises:
+            StateError: for environments that are not there, a wrong `into`, or more than memory holds (how much).
+        """
+        with runtime.torch_at_rest():
+            return fork(self, self._alike, envs, copies, noise, into)
+
+    def _alike(self, num_envs: int) -> Any:
+        """Another one of the same configuration, seed and teams."""
+        raise NotImplementedError

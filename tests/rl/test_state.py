@@ -1,0 +1,230 @@
+"""Snapshots, copies and forks: exact, complete, and refused where they cannot be."""
+
+import dataclasses
+import io
+from collections import deque
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from everything import differences, everything
+
+from rl.mission import Mission
+from rl.missions import load_scenario, make_mission
+from taichi_sim import state
+from taichi_sim.state import StateError
+from taichi_sim.world import World
+
+PLUGIN = Path(__file__).parents[1] / "data" / "plugins" / "buoys.toml"
+SMALL = ("track.worlds=8", "sea.realisations=4")
+SCENARIOS = {
+    "paper": SMALL,
+    "otter": (*SMALL, "usv.formation.change_every=4", 'usv.formation.shapes=["abreast","wedge"]'),
+    "aerosonde": (*SMALL, "air.std=1.0"),
+    "escort": ("escort.worlds=8", "sea.realisations=4"),
+    str(PLUGIN): (),
+}
+# What later steps write anew before anybody reads it, and what is asked for again.
+SCRATCH = ("._wanted", "._which")
+
+
+def begun(name: str, envs: int = 5, seed: int = 1) -> Mission:
+    """A mission of a scenario in short episodes, so that resets come between."""
+    source = PLUGIN if name == str(PLUGIN) else None
+    short = ("episode_duration=6", "evaluation.settle=1") if name != "escort" else ("episode_duration=6",)
+    return make_mission(load_scenario(name, (*SCENARIOS[name], *short)), envs, seed=seed, source=source)
+
+
+class Driver:
+    """Random commands, the same for the same seed; environments that end begin anew."""
+
+    def __init__(self, mission: Mission, seed: int = 0):
+        self.mission, self.generator = mission, torch.Generator().manual_seed(seed)
+
+    def actions(self, envs: int) -> dict[str, torch.Tensor]:
+        return {
+            name: 2 * torch.rand((envs, team.fleet.count, len(team.action_names)), generator=self.generator) - 1
+            for name, team in self.mission.teams.items()
+        }
+
+    def go(self, steps: int) -> list[dict[str, np.ndarray]]:
+        """What every team observes, and is paid."""
+        found = []
+        for _ in range(steps):
+            given = self.actions(self.mission.num_envs)
+            step = self.mission.step({name: team.command(given[name]) for name, team in self.mission.teams.items()})
+            self.mission.reset((step.terminated | step.truncated).nonzero().flatten())
+            seen = {name: team.observe().numpy().copy() for name, team in self.mission.teams.items()}
+            found.append(seen | {f"{name} reward": step.reward[name].numpy().copy() for name in seen})
+        return found
+
+
+def same(a: list[dict[str, np.ndarray]], b: list[dict[str, np.ndarray]]) -> bool:
+    return all(x.keys() == y.keys() and all(x[k].tobytes() == y[k].tobytes() for k in x) for x, y in zip(a, b))  # noqa: B905
+
+
+def test_what_comes_after_a_restore_is_what_came_before():
+    for name in ("paper", "otter", str(PLUGIN)):
+        repeated(name, 40)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("threads", [1, 2])
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_a_thousand_random_steps_after_a_restore(name, threads, precision):
+    from taichi_sim import runtime
+
+    runtime.init(precision=precision, threads=threads)
+    repeated(name, 1000)
+
+
+def repeated(name: str, steps: int) -> None:
+    mission = begun(name)
+    driver = Driver(mission)
+    driver.go(7)
+    saved, drawn, all_of_it = mission.snapshot(), driver.generator.get_state(), everything(mission)
+    before = driver.go(steps)
+    changed = differences(all_of_it, everything(mission))
+    assert len(changed) > 10, "the steps must change something"
+    mission.restore(saved)
+    forgotten = [path for path in differences(all_of_it, everything(mission)) if not ignored(path)]
+    assert not forgotten, f"{name}: a snapshot forgets {forgotten}"
+    driver.generator.set_state(drawn)
+    assert same(before, driver.go(steps)), name
+
+
+def ignored(path: str) -> bool:
+    return any(part in path for part in SCRATCH)
+
+
+def test_a_snapshot_outlives_its_mission(tmp_path):
+    """Written to a file, and restored into a mission that is new."""
+    mission = begun("otter")
+    Driver(mission).go(9)
+    file = io.BytesIO()
+    torch.save(dataclasses.asdict(mission.snapshot()), file)
+    before = Driver(mission, 5).go(12)
+    file.seek(0)
+    other = begun("otter")
+    other.restore(state.Snapshot(**torch.load(file, weights_only=False)))
+    assert same(before, Driver(other, 5).go(12))
+
+
+@pytest.mark.parametrize("name", ["paper", "otter"])
+def test_a_fork_that_shares_the_noise_does_what_its_source_does(name):
+    """Sizes lie on one side of where kernels begin to use threads (`runtime.few`): the bits are the same."""
+    mission = begun(name, 4)
+    driver = Driver(mission)
+    driver.go(5)
+    fork = mission.fork([2, 0], 2)
+    rows = torch.tensor([2, 2, 0, 0])
+    for again in range(2):
+        for _ in range(10):
+            given = driver.actions(mission.num_envs)
+            mission.step({n: team.command(given[n]) for n, team in mission.teams.items()})
+            fork.step({n: team.command(given[n][rows]) for n, team in fork.teams.items()})
+            for n, team in mission.teams.items():
+                assert team.observe()[rows].equal(fork.teams[n].observe()), (name, n, again)
+        mission.fork([2, 0], 2, into=fork)
+
+
+def test_a_fork_that_draws_its_own_noise_differs_in_what_is_measured_alone():
+    mission = begun("otter", 4)
+    driver = Driver(mission)
+    driver.go(5)
+    shared, own = mission.fork([1], 4), mission.fork([1], 4, noise="own")
+    for fork in (shared, own):
+        fork.step({n: torch.zeros_like(team.fleet.action) for n, team in fork.teams.items()})
+    measured = [fork.teams["usv"].known.fleet.state[:, 0, 0] for fork in (shared, own)]
+    assert len(measured[0].unique()) == 1 and len(measured[1].unique()) == 4
+    truth = [fork.teams["usv"].fleet.state[:, 0, 0] for fork in (shared, own)]
+    assert truth[0].equal(truth[1])
+
+
+def test_copies_within_a_mission_are_what_they_are_of():
+    mission = begun("otter", 6)
+    driver = Driver(mission)
+    driver.go(8)
+    mission.copy([1, 1, 4], [0, 5, 3])
+    for _ in range(8):
+        given = {n: a[[1, 1, 2, 4, 4, 1]] for n, a in driver.actions(6).items()}
+        mission.step({n: team.command(given[n]) for n, team in mission.teams.items()})
+        seen = mission.teams["usv"].observe()
+        assert seen[0].equal(seen[1]) and seen[5].equal(seen[1]) and seen[3].equal(seen[4])
+
+
+def test_a_world_without_a_mission_forks_too():
+    world = World.from_scenario("otter", 3, overrides=SMALL, teams=("usv",))
+    world.step({"usv": torch.ones_like(world.teams["usv"].action)})
+    fork, saved = world.fork([2, 2, 1], 2), world.snapshot()
+    tracks = []
+    for _ in range(2):
+        for of in (world, fork):
+            of.step({"usv": 0.5 * torch.ones_like(of.teams["usv"].action)})
+        tracks.append(world.teams["usv"].state.clone())
+        assert tracks[-1][[2, 2, 2, 2, 1, 1]].equal(fork.teams["usv"].state)
+        world.restore(saved)
+        world.fork([2, 2, 1], 2, into=fork)
+    assert tracks[0].equal(tracks[1])
+
+
+def test_numbers_and_loads_that_were_given_between_are_taken_back():
+    world = World.from_scenario("paper", 2, teams=("usv",))
+    fleet, action = world.teams["usv"], {"usv": torch.ones((2, 3, 2))}
+    saved = world.snapshot()
+    world.step(action)
+    plain = fleet.state.clone()
+    fleet.load[..., 0] = 50.0
+    fleet.set_numbers({fleet.model.varying[0]: 1.3 * fleet.model.nominal[fleet.model.varying[0]]})
+    world.step(action)
+    heavy = world.snapshot()
+    world.restore(saved)
+    assert not fleet.varied and not fleet.loaded
+    world.step(action)
+    assert fleet.state.equal(plain)
+    world.restore(heavy)
+    assert fleet.varied and float(fleet.load[0, 0, 0]) == 50.0
+
+
+class Queue(Mission):
+    """What a mission of somebody's may hold, none of it named."""
+
+    def __init__(self, held):
+        self.num_envs, self.held, self.names = 3, held, ["a", "b"]
+        self.rng, self.times, self.nested = np.random.default_rng(1), [1, 2], {"x": torch.zeros(3), "n": 4}
+
+
+def test_the_default_keeps_what_it_can_see_and_refuses_by_name_what_it_cannot():
+    mine = Queue(torch.arange(3.0))
+    found = {entry.path: entry.value for entry in state.walk(mine).entries}
+    assert {"Queue.held", "Queue.rng", "Queue.times", "Queue.nested['x']", "Queue.nested['n']"} <= found.keys()
+    with pytest.raises(StateError, match=r"Queue\.held is a collections\.deque.*STATE and SHARED"):
+        state.walk(Queue(deque([1])))
+
+
+def test_what_cannot_be_is_refused_and_nothing_is_written(monkeypatch):
+    mission, other = begun("paper", 3), begun("paper", 4)
+    saved = mission.snapshot()
+    everywhere = everything(mission)
+    wrong = {
+        "3 environments, not 4": lambda: other.restore(saved),
+        "seed 2 instead of 1": lambda: mission.restore(begun("paper", 3, seed=2).snapshot()),
+        "'otter' instead of 'paper'": lambda: mission.restore(begun("otter", 3).snapshot()),
+        "version 0": lambda: mission.restore(dataclasses.replace(saved, version=0)),
+        "no snapshot": lambda: mission.restore({}),
+        "name environment 3: there are 0 to 2": lambda: mission.fork([0, 3], 2),
+        "environment 1 twice": lambda: mission.copy([0, 2], [1, 1]),
+        "1 source_envs for 2": lambda: mission.copy([0], [1, 2]),
+        "nothing in it": lambda: mission.fork([0], 0),
+        "noise = 'none'": lambda: mission.fork([0], 2, noise="none"),  # type: ignore[arg-type]
+        "the fork has 6 of Formation": lambda: mission.fork([0, 1], 3, into=other),
+        "not torch.float32": lambda: mission.fork(torch.tensor([0.5]), 2),
+    }
+    for told, call in wrong.items():
+        with pytest.raises(StateError, match=told):
+            call()
+    monkeypatch.setattr(state, "_free_memory", lambda: 1e6)
+    with pytest.raises(StateError, match=r"100000 environments would take about \d.* GiB of memory; 0\.0 GiB are free"):
+        mission.fork([0], 100_000)
+    assert not differences(everywhere, everything(mission))
