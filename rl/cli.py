@@ -6,6 +6,8 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+CONTROLLERS = ("policy", "classical", "plan", "oracle", "honest")  # rl.learn.policy says what each is
+
 
 def add_common(parser: argparse.ArgumentParser) -> None:
     """Add --set, --threads, --arch and --quiet."""
@@ -69,7 +71,9 @@ def _refuse_differences(told: list) -> None:
 def add_run(parser: argparse.ArgumentParser) -> None:
     """Add what commands about a finished run share: RUN, --controller, --seed, --config, and the common ones."""
     parser.add_argument("run", type=Path, metavar="RUN", help="run folder of rl/train.py")
-    parser.add_argument("--controller", choices=("policy", "classical"), default="policy")
+    parser.add_argument(
+        "--controller", choices=CONTROLLERS, default="policy", help="who acts (default: policy; docs/planning.md)"
+    )
     parser.add_argument("--seed", type=seed, default=None, help="of the unseen worlds (default: the scenario's)")
     parser.add_argument("--config", type=Path, default=None, help="another scenario for the run's policies")
     add_common(parser)
@@ -83,6 +87,8 @@ def open_run(args: argparse.Namespace):
     config, source = run_folder.load_config(args.run, args.overrides, args.config)
     start(args)
     of_worlds = config.evaluation.seed if args.seed is None else args.seed
+    if args.controller == "plan":
+        args.controller = "oracle"
     found = policies_of(args.controller, args.run, config)
     policies = {name: of for name, of in found.items() if name in config.trained}
     return config, source, policies, of_worlds

@@ -27,7 +27,7 @@ from rl.scenario import Scenario
 from rl.seeds import derive_seed
 from rl.team import Team
 from taichi_sim import runtime
-from taichi_sim.state import Stateful
+from taichi_sim.state import Snapshot, Stateful
 from taichi_sim.world import World
 
 TIME_SPAN = 3600.0  # s: an episode begins at a random time of its sea
@@ -108,7 +108,7 @@ class Mission(Stateful):
             teams: those that take part besides scripted ones, which all do (taichi_sim/script.py); default all.
             source: the scenario's file, beside which vehicles are found.
         """
-        self.config, self.num_envs, self.seed, self._source = config, num_envs, seed, source
+        self.config, self.num_envs, self.seed, self.source = config, num_envs, seed, source
         if teams is not None:
             teams = [*teams, *(name for name in config.scripted if name not in teams)]
         self.world = World(config, num_envs, seed=derive_seed(seed, "sea"), teams=teams, source=source)
@@ -123,7 +123,24 @@ class Mission(Stateful):
 
     def _alike(self, num_envs: int) -> "Mission":
         """Another mission of the same scenario, seed and teams."""
-        return type(self)(self.config, num_envs, seed=self.seed, teams=tuple(self.world.teams), source=self._source)
+        other = type(self)(self.config, num_envs, seed=self.seed, teams=tuple(self.world.teams), source=self.source)
+        other._use_controllers({name for name, team in self.teams.items() if team._in_use is not None})
+        return other
+
+    def restore(self, saved: Snapshot) -> None:
+        """Go back to a snapshot of this mission, or of one of the same scenario and seed.
+
+        Raises:
+            StateError: for a snapshot of another mission, number of environments, or version; nothing is written then.
+        """
+        paths = saved.values if isinstance(saved, Snapshot) else ()
+        self._use_controllers({name for name in self.teams if any(f".teams[{name!r}]._in_use" in p for p in paths)})
+        super().restore(saved)
+
+    def _use_controllers(self, names: set[str]) -> None:
+        """Make the classical controllers of these teams, so that they can be given a memory."""
+        for name in names:
+            getattr(self.teams[name], "controller")  # noqa: B009
 
     # -- what a mission gives --------------------------------------------------------------------------------------
 
@@ -153,6 +170,16 @@ class Mission(Stateful):
         """
         nothing = torch.zeros_like(ended)
         return -self.reward(team, Endings({COLLIDED: ended, DIVERGED: nothing}))
+
+    def imagined(self, team: Any) -> "Mission | None":
+        """A mission of as many environments in which an honest planner (rl/planning) can try plans of a team: nominal
+        craft, nothing that the team does not know. Default: None, there is no way to build one.
+        """
+        return None
+
+    def believe(self, team: Any) -> None:
+        """Make this mission, which `imagined` has built, what `team` of the real one knows now."""
+        raise NotImplementedError
 
     def measure(self) -> None:
         """Read the world after a step: move targets, compute errors, sense."""

@@ -16,6 +16,17 @@ from taichi_sim.config.vary import flattened
 WHOLE = ("name", "seed", "mission", "stages", "evaluation")  # sections that are the same in all stages
 
 
+class TeacherConfig(Strict):
+    """`[stages.NAME.teacher]`: a planner in forks of the truth, whose corrections a policy learns before PPO."""
+
+    environments: Annotated[int, Field(ge=1, le=100_000)] = 48
+    decisions: Annotated[int, Field(ge=1, le=1_000_000)] = 300  # in each round
+    rounds: Annotated[int, Field(ge=1, le=100)] = 3
+    epochs: Annotated[int, Field(ge=1, le=1000)] = 15  # over all labels, after each round
+    learning_rate: Positive = 1e-3
+    samples: Annotated[int, Field(ge=4, le=65536)] = 48  # of a plan
+
+
 class StageConfig(Strict):
     """One training stage: which team learns (others act from frozen weights), on what, and PPO's numbers.
 
@@ -44,6 +55,8 @@ class StageConfig(Strict):
     desired_kl: Positive = 0.01
     initial_std: Positive = 0.6
     critic: Literal["truth", "policy"] = "truth"  # what the critic is told: also the truth that vehicles do not know
+    teacher: TeacherConfig | None = None
+    critic_first: Annotated[int, Field(ge=0)] = 0  # iterations in which the critic alone learns
     checkpoint_interval: Annotated[int, Field(ge=1)] = 25  # iterations
 
     @property

@@ -18,7 +18,7 @@ class Team:
             the team itself.
     """
 
-    STATE: tuple[str, ...] = ("action", "previous_action")
+    STATE: tuple[str, ...] = ("action", "previous_action", "_in_use")
     SHARED: tuple[str, ...] = ()
 
     def __init__(self, mission: Any, name: str):
@@ -31,6 +31,19 @@ class Team:
         )
         self.previous_action = self.action
         self.known: Any = self
+        self._controller: Any = None
+
+    @property
+    def controller(self) -> Any:
+        """The mission's classical controller of this team, made at the first use; None if there is none."""
+        if self._controller is None:
+            self._controller = self.mission.controller(self)
+        return self._controller
+
+    @property
+    def _in_use(self) -> Any:
+        """The controller, whose memory is state, once it has been used."""
+        return self._controller
 
     @property
     def action_names(self) -> tuple[str, ...]:

@@ -386,6 +386,26 @@ def fork(
     return into
 
 
+def transfer(source: Any, target: Any) -> None:
+    """Write what part `source` of one mission remembers into `target`, a part of the same kind and size of another.
+
+    Raises:
+        StateError: if their entries differ.
+    """
+    entries, write = _entries_of(source), _Writer()
+    there = {entry.path: entry for entry in _entries_of(target)}
+    if missing := [entry.path for entry in entries if entry.path not in there]:
+        raise StateError(f"{type(target).__name__} has no {missing[0]}")
+    for entry in entries:
+        write(there[entry.path], _taken(entry.value))
+
+
+def _entries_of(part: Any) -> list[Entry]:
+    found = _Walk(-1)
+    found.part(part, type(part).__name__)
+    return found.entries
+
+
 def _envs(given: Any, num_envs: int, name: str) -> Tensor:
     """Numbers of environments, int64 [n]."""
     envs = torch.as_tensor(given, device=runtime.current().device).flatten()

@@ -17,6 +17,7 @@ def test_every_package_is_listed():
         "taichi_sim._bundle.docs",
         "taichi_sim._bundle.tools",
         "taichi_sim.configs",
+        "taichi_sim.configs.oracle",
         "taichi_sim.configs.sweeps",
         "taichi_sim.configs.vehicles",
     }

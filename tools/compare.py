@@ -2,6 +2,9 @@
 
 Several runs of one scenario, trained with different seeds, are also judged together: the last row of a team. Its
 intervals are of the episodes that there are, each with what all the runs made of it.
+
+Where an oracle's episodes of a scenario are kept (tools/oracle.py), the policies do these, too: a second table says how
+much of the way from the classical controller to the oracle they go.
 """
 
 import argparse
@@ -38,12 +41,53 @@ def main(argv: list[str] | None = None) -> None:
     found: dict[tuple[str, str], list[tuple[str, Any, Any]]] = {}
     classical: dict[str, Any] = {}
     kinds: dict[str, Any] = {}
+    taken: dict[tuple[str, str], tuple[Any, list[Any]]] = {}
     for run in args.runs:
         config, judge, learned, opponent = contest(run, args, classical)
         kinds[config.name] = judge
+        for team, (bound, episodes) in on_bounds(run, args).items():
+            taken.setdefault((config.name, team), (bound, []))[1].append(episodes)
         for team, episodes in learned.items():
             found.setdefault((config.name, team), []).append((run.name, episodes, opponent[team]))
     print(table(found, kinds))
+    if taken:
+        print("\n" + headroom_table(taken, kinds))
+
+
+def on_bounds(run: Path, args: argparse.Namespace) -> dict[str, tuple[Any, Any]]:
+    """What a run's policies make of the oracle's episodes: team -> the bound, and the numbers of each episode."""
+    from rl.learn.policy import policies_of
+    from rl.runs.folder import load_config
+    from rl.runs.headroom import judge_all, read_bounds
+
+    config, source = load_config(run, args.overrides)
+    if not (bounds := read_bounds(config)):
+        return {}
+    found = judge_all(bounds, config, policies_of("policy", run, config), source)
+    return {team: (bounds[team], episodes) for team, episodes in found.items()}
+
+
+def headroom_table(taken: dict[tuple[str, str], tuple[Any, list[Any]]], kinds: dict[str, Any]) -> str:
+    """Markdown: for each team classical, learned, oracle, and the share of the headroom that learning takes."""
+    from rl.runs.headroom import headroom
+    from rl.runs.intervals import intervals
+
+    lines = []
+    for (name, team), (bound, rows) in taken.items():
+        judge, learned = kinds[name], joined(rows)
+        if not lines:
+            heads = [f"{key}: classical / learned / oracle: headroom taken" for key in judge.plotted]
+            lines = [f"| {bound.episodes} episodes | {' | '.join(heads)} |", "|---" * (1 + len(heads)) + "|"]
+        of_each = [intervals(judge, of) for of in (bound.classical, learned, bound.oracle)]
+        share, cells = headroom(judge, learned, bound, times=len(rows)), []
+        for key in judge.plotted:
+            values = [of[key].value for of in of_each]
+            told = " / ".join("-" if x is None else f"{x:.3g}" for x in values)
+            if (s := share[key]).value is not None and s.low is not None and s.high is not None:
+                told += f": {100 * s.value:.0f} % ({100 * s.low:.0f} to {100 * s.high:.0f})"
+            cells.append(told)
+        lines.append(f"| `{name}`, {team} | {' | '.join(cells)} |")
+    return "\n".join(lines)
 
 
 def contest(run: Path, args: argparse.Namespace, classical: dict[str, Any]) -> tuple[Any, Any, Any, Any]:

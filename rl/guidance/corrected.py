@@ -24,7 +24,7 @@ class Corrected(Team):
         that room is kept for.
     """
 
-    STATE = ("_lag", "_correcting")
+    STATE = ("_lag",)
     SHARED = ("_lag_of",)
 
     axes: int
@@ -35,7 +35,7 @@ class Corrected(Team):
         """Of team `name`; the controller is asked for when it is first needed."""
         super().__init__(mission, name)
         state = self.fleet.state
-        self._controller, self._wanted = None, None
+        self._wanted: Any = None
         self._shield: Any = None
         self._lag = state.new_zeros((*state.shape[:2], 2))  # m/s, ahead and to starboard of the course
         self._lag_of = -1  # the decision that it is of
@@ -49,8 +49,8 @@ class Corrected(Team):
         self.forget()
 
     @property
-    def _correcting(self) -> Any:
-        """The controller, whose memory is state, where the policy corrects it."""
+    def _in_use(self) -> Any:
+        """The controller, whose memory is state, where it has been used or is corrected."""
         return self._controller if self.residual is None else self.controller
 
     @property
@@ -93,6 +93,19 @@ class Corrected(Team):
         actions = self.controller.act(self.known, wanted)
         return (actions + residual.share * correction if residual.share else actions).clamp(-1.0, 1.0)
 
+    def correction_for(self, velocity: Tensor) -> Tensor:
+        """Actions of a policy [env, vehicle, a] that come nearest to a correction of the velocity [env, vehicle, 2]
+        (m/s, ahead and to starboard of the target's course).
+
+        Raises:
+            ConfigError: if its policy does not correct velocities.
+        """
+        if self.residual is None or not self.residual.velocity:
+            raise ConfigError(f"{self.name}.residual.velocity: a teacher corrects velocities, the policy does not")
+        action = velocity.new_zeros((*velocity.shape[:2], len(self.action_names)))
+        action[..., :2] = (velocity / self.residual.velocity).clamp(-1.0, 1.0)
+        return action
+
     def pushed(self, along: Tensor) -> Tensor:
         """A velocity [env, vehicle, axes] (m/s, NED) of one [env, vehicle, 2] along and to starboard of the course."""
         c, s = self.target.cos, self.target.sin
@@ -102,17 +115,21 @@ class Corrected(Team):
 
     @property
     def controller(self) -> Any:
-        """The classical controller that its policy corrects."""
-        if self._controller is None:
-            self._controller = self.mission.controller(self)
-            if self.residual is not None and not hasattr(self._controller, "wanted"):
+        """The classical controller that its policy corrects.
+
+        Raises:
+            ConfigError: if there is none to correct.
+        """
+        if self._controller is None and self.residual is not None:
+            found = super().controller
+            if not hasattr(found, "wanted"):
                 raise ConfigError(
                     f"{self.name}.residual: there is no classical controller to correct for "
                     f"{self.name}.vehicle = {self.section.vehicle!r}"
                 )
-            if self.residual is not None and self.residual.shield:
-                self._shield = Shield(self._cautious(self._controller.gains, self.residual))
-        return self._controller
+            if self.residual.shield:
+                self._shield = Shield(self._cautious(found.gains, self.residual))
+        return super().controller
 
     @staticmethod
     def _cautious(gains: Any, residual: ResidualConfig) -> Any:

@@ -25,6 +25,7 @@ from torch import Tensor
 from rl.guidance.geometry import (
     COURSE_B,
     DISTANCE_SCALE,
+    ERROR,
     ERROR_B,
     ERROR_RATE_B,
     OFFSET,
@@ -33,7 +34,8 @@ from rl.guidance.geometry import (
     own_frame,
     row_of,
 )
-from rl.guidance.targets import COURSE_RATE
+from rl.guidance.geometry import V as VELOCITY
+from rl.guidance.targets import COS, COURSE_RATE, SIN, SPEED
 from rl.scene.radio import PLACE_AND_VELOCITY as AGE
 from taichi_sim import runtime
 from taichi_sim.kinematics import DOWN
@@ -42,9 +44,13 @@ SPEED_SCALE = 10.0  # m/s, where squashed speeds are half way to 1
 RATE_SCALE = 2.0  # rad/s, of own rotation
 TURN_SCALE = 0.1  # rad/s, of the target's course
 AGE_SCALE = 1.0  # s, of the last message
+AHEAD_SCALE, ASIDE_SCALE, CLEAR_SCALE = 20.0, 5.0, 2.0  # m, of encounters
+SLOWEST = 0.1  # m/s: a slower approach has no direction
 OBSERVE = 80.0  # ns of one vehicle, about
 
-_array2, _array3, _array4 = (ti.types.ndarray(ndim=n) for n in (2, 3, 4))
+MEETING = 3  # numbers of an encounter: how far ahead, how far aside, the gap
+
+_array1, _array3, _array4 = (ti.types.ndarray(ndim=n) for n in (1, 3, 4))
 SeenPack = ti.types.argpack(
     table=_array3,
     signals=_array3,
@@ -54,6 +60,9 @@ SeenPack = ti.types.argpack(
     target=_array3,
     slots=_array3,
     heard=_array4,
+    obstacles=_array4,
+    mates=_array4,
+    numbers=_array1,
 )
 
 
@@ -64,6 +73,8 @@ class Form(NamedTuple):
     signals: int  # of its surroundings
     actions: int
     full: bool
+    obstacles: int  # of its surroundings, told apart
+    mates: int
     residual: int = 0  # numbers of what is corrected
     lag: int = 0  # and of what is remembered of it
     radio: bool = False
@@ -80,6 +91,7 @@ def widths(form: Form) -> dict[str, int]:
     if form.full:
         terms |= {"error": n, "error_rate": n, "velocity": 3, "down": 3, "rates": 3, "target_course": n}
         terms |= {"target_turn": 1, "previous_action": form.actions, "role": 1, "offset": 2}
+        terms |= {"encounters": 2 * MEETING * form.obstacles + MEETING * form.mates}
     if form.full and form.air:
         terms |= {"airspeed": 1, "wind": n}
     if form.full and form.radio:
@@ -136,6 +148,58 @@ def put_own(out: ti.template(), e, i, seen: ti.template(), action: ti.template()
 
 
 @ti.func
+def encounter(out: ti.template(), e, i, at, place, v, turn, R):
+    """Write how a body at `place` (m, relative, NED) will be passed by what moves with v (m/s, relative) and turns
+    (rad/s): how far ahead that is, how far aside it will be (to starboard of the motion), and the gap; R (m) is the sum
+    of radii.
+    """
+    w = v
+    speed = ti.max(w.norm(), SLOWEST)
+    t = ti.max(place.dot(w), 0.0) / (speed * speed)
+    half = 0.5 * turn * t
+    w = ti.Vector([v[0] - half * v[1], v[1] + half * v[0]])  # on the chord of its arc
+    speed = ti.max(w.norm(), SLOWEST)
+    ahead = place.dot(w) / speed
+    aside = (w[0] * place[1] - w[1] * place[0]) / speed
+    gap = ti.sqrt(aside * aside + ti.min(ahead, 0.0) ** 2) - R
+    out[e, i, at] = AHEAD_SCALE / (AHEAD_SCALE + ti.max(ahead, 0.0))
+    out[e, i, at + 1], out[e, i, at + 2] = squash(aside, ASIDE_SCALE), squash(gap, CLEAR_SCALE)
+
+
+@ti.func
+def put_encounters(out: ti.template(), e, i, seen: ti.template(), form: ti.template()):
+    """How each obstacle will be passed if the vehicle goes on, and by its slot if the formation does; and each mate."""
+    now = ti.Vector([seen.derived[e, i, VELOCITY], seen.derived[e, i, VELOCITY + 1]])
+    r = row_of(seen.target, i)
+    c, s, turn = seen.target[e, r, COS], seen.target[e, r, SIN], seen.target[e, r, COURSE_RATE]
+    x, y = seen.slots[e, i, OFFSET], seen.slots[e, i, OFFSET + 1]
+    along, across = seen.target[e, r, SPEED] - turn * y, turn * x  # of the slot, in the path frame
+    slot = ti.Vector([c * along - s * across, s * along + c * across])
+    error, radius = ti.Vector([seen.table[e, i, ERROR], seen.table[e, i, ERROR + 1]]), seen.numbers[0]
+    for k in ti.static(range(form.obstacles)):
+        at = ti.static(form.at.encounters + 2 * MEETING * k)
+        if seen.obstacles[e, i, k, 8] >= 0:
+            n = ti.Vector([seen.obstacles[e, i, k, 1], seen.obstacles[e, i, k, 2]])
+            its = ti.Vector([seen.obstacles[e, i, k, 4], seen.obstacles[e, i, k, 5]])
+            size = seen.obstacles[e, i, k, 6]
+            place = (seen.obstacles[e, i, k, 7] + size) * n
+            encounter(out, e, i, at, place, now - its, 0.0, size + radius)
+            encounter(out, e, i, at + MEETING, place - error, slot - its, turn, size + radius)
+        else:
+            for a in ti.static(range(2 * MEETING)):
+                out[e, i, at + a] = 0.0
+    for k in ti.static(range(form.mates)):
+        at = ti.static(form.at.encounters + 2 * MEETING * form.obstacles + MEETING * k)
+        if seen.mates[e, i, k, 4] >= 0:
+            n = ti.Vector([seen.mates[e, i, k, 1], seen.mates[e, i, k, 2]])
+            its = ti.Vector([seen.mates[e, i, k, 5], seen.mates[e, i, k, 6]])
+            encounter(out, e, i, at, seen.mates[e, i, k, 0] * n, now - its, 0.0, 2 * radius)
+        else:
+            for a in ti.static(range(MEETING)):
+                out[e, i, at + a] = 0.0
+
+
+@ti.func
 def put_air(out: ti.template(), e, i, seen: ti.template(), form: ti.template()):
     """What an aircraft in wind steers by: its airspeed within the range it can fly, and the wind."""
     ahead = seen.aux[e, i, form.air[0]] - form.speeds[1]
@@ -162,6 +226,7 @@ def _observe(
         put(out, e, i, form.at.surroundings, form.signals, seen.signals, 0)
         if ti.static(form.full):
             put_own(out, e, i, seen, action, form)
+            put_encounters(out, e, i, seen, form)
             if ti.static(len(form.air) > 0):
                 put_air(out, e, i, seen, form)
             if ti.static(form.radio):
@@ -192,8 +257,9 @@ class Observer:
         lag = 2 if team.residual is not None and team.residual.memory else 0
         radio = getattr(team, "radio", None)
         form = Form(
-            team.axes, signals.shape[-1], actions, kind == "full", residual, lag, radio is not None, air, speeds, serial
-        )
+            team.axes, signals.shape[-1], actions, kind == "full", team.sensor.num_obstacles, team.sensor.num_mates,
+            residual, lag, radio is not None, air, speeds, serial,
+        )  # fmt: skip
         self._form = form._replace(at=columns(form))
         self._shape = fleet.num_envs, fleet.count, sum(widths(self._form).values())
         self._launch = runtime.Launcher(_observe)
@@ -201,6 +267,8 @@ class Observer:
             SeenPack, table=team.now.table, signals=team.sensor.written, state=fleet.state, derived=fleet.derived,
             aux=fleet.aux, target=team.targets.table, slots=team.slots.table,
             heard=fleet.state.new_zeros((1, 1, 1, 1)) if radio is None else radio.heard,
+            obstacles=team.sensor.obstacles, mates=team.sensor.team_mates,
+            numbers=fleet.state.new_tensor([team.radius]),
         )  # fmt: skip
         self.widths = widths(self._form)
 

@@ -15,6 +15,8 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from rl.mission import ControllerError, Team
+from rl.planning.honest import HonestPlanner
+from rl.planning.planner import Planner
 from rl.scenario import Scenario, StageConfig
 
 Policy = Callable[[Any], Tensor]
@@ -180,16 +182,7 @@ def _difference(trained: Sequence[str], names: Sequence[str], team: str) -> str:
 
 
 class ClassicalPolicy:
-    """Acts with the classical controller that a mission, or the vehicle, has for a team.
-
-    Attributes:
-        controller: of the team that it acted for last; None before the first call.
-    """
-
-    def __init__(self):
-        """Wait for the first call to see the team."""
-        self.controller: Any = None
-        self._model: Any = None
+    """Acts with the classical controller that a mission, or the vehicle, has for a team (`Team.controller`)."""
 
     def __call__(self, team: Team) -> Tensor:
         """Actions [env, vehicle, action] in [-1, 1].
@@ -197,24 +190,25 @@ class ClassicalPolicy:
         Raises:
             ControllerError: if there is no classical controller for the team's vehicles.
         """
-        model = team.fleet.model
-        if model is not self._model:
-            self._model, self.controller = model, team.mission.controller(team)
-            if self.controller is None:
-                raise ControllerError(
-                    f"{team.name}: there is no classical controller for the vehicle model {type(model).__name__}"
-                )
-        return self.controller(team.known)
+        controller = team.controller
+        if controller is None:
+            kind = type(team.fleet.model).__name__
+            raise ControllerError(f"{team.name}: there is no classical controller for the vehicle model {kind}")
+        return controller(team.known)
 
 
 def policies_of(kind: str, run: Path, config: Scenario) -> dict[str, Policy]:
-    """A policy for each team, by name: "policy" (those trained in `run`) or "classical" (of all that have no script).
+    """A policy for each team, by name.
+
+    `kind` is "policy": those trained in `run`; or, of all teams that have no script, "classical": the mission's own;
+    "plan" or "oracle": a planner in forks of the truth; "honest": a planner in a world built from what vehicles know.
 
     Raises:
         CheckpointError: if the run has no trained policy.
     """
-    if kind == "classical":
-        return {team: ClassicalPolicy() for team in config.teams if team not in config.scripted}
+    if kind != "policy":
+        make = {"classical": ClassicalPolicy, "honest": HonestPlanner}.get(kind, Planner)
+        return {team: make() for team in config.teams if team not in config.scripted}
     teams = [team for team in config.trained if (run / team).is_dir()]
     if not teams:
         raise CheckpointError(f"{run}: no trained policy in it")

@@ -91,6 +91,7 @@ class StageRunner(OnPolicyRunner):
             )  # fmt: skip
         for group in self.alg.optimizer.param_groups:
             group["fused"], group["foreach"] = True, False  # one kernel a tensor instead of a dozen
+        self.alg.critic_first = stage.critic_first  # pyright: ignore[reportAttributeAccessIssue]
         self._own = own = env.mission.teams[env.team]
         self.logger.scale = env.scale
         self.logger.columns = (*COLUMNS, *env.mission.logged)

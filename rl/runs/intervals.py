@@ -6,7 +6,7 @@ percentile method, Efron & Tibshirani 1993, ch. 13). Of two controllers on the s
 both, so that what makes an episode hard for both cancels in the difference.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -37,24 +37,32 @@ def differences(kind: type[Judge], one: Episodes, other: Episodes, times: int = 
 
     Each may hold the same episodes several `times`, one after the other (by several policies): such are drawn together.
     """
-    return _paired(np.subtract, kind, one, other, times)
+    return paired(np.subtract, kind, one, other, times=times)
 
 
 def ratios(kind: type[Judge], one: Episodes, other: Episodes, times: int = 1) -> dict[str, Interval]:
     """Of the ratios, one over the other, likewise."""
     with np.errstate(divide="ignore", invalid="ignore"):  # what is not finite is not known
-        return _paired(np.divide, kind, one, other, times)
+        return paired(np.divide, kind, one, other, times=times)
 
 
-def _paired(how: np.ufunc, kind: type[Judge], one: Episodes, other: Episodes, times: int) -> dict[str, Interval]:
-    if _count(one) != _count(other):
-        raise ValueError(f"{_count(one)} episodes and {_count(other)}: pairs are of the same episodes")
+def paired(
+    how: Callable[..., NDArray[np.float64]], kind: type[Judge], *of: Episodes, times: int = 1
+) -> dict[str, Interval]:
+    """Of what `how` makes of the same figure of several controllers, on the same episodes, `times` as above.
 
-    def both(a: Episodes, b: Episodes) -> dict[str, NDArray[np.float64]]:
-        first, second = kind.pooled(a), kind.pooled(b)
-        return {key: np.asarray(how(first[key], second[key])) for key in first}
+    Raises:
+        ValueError: if they have not as many episodes.
+    """
+    counts = [_count(episodes) for episodes in of]
+    if len(set(counts)) > 1:
+        raise ValueError(f"{' and '.join(map(str, counts))} episodes: pairs are of the same episodes")
 
-    return _of(both(one, other), [both(a, b) for a, b in _draws(one, other, times=times)])
+    def together(parts: Sequence[Episodes]) -> dict[str, NDArray[np.float64]]:
+        pooled = [kind.pooled(part) for part in parts]
+        return {key: np.asarray(how(*(figures[key] for figures in pooled))) for key in pooled[0]}
+
+    return _of(together(of), [together(drawn) for drawn in _draws(*of, times=times)])
 
 
 def _count(episodes: Episodes) -> int:

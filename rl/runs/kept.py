@@ -2,9 +2,10 @@
 
 evaluation/policy.json, classical.json     what evaluate.py prints, how it was made, and the numbers of each episode
 evaluation/policy.npz, classical.npz       the worst and the median episode, and collisions (log.py)
+evaluation/headroom.json                   what the policies made of an oracle's episodes (headroom.py)
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,8 +17,8 @@ from rl.runs.evaluation import SHOWN, Outcome
 from rl.runs.folder import RunError
 from rl.runs.log import save_log
 
-FOLDER = "evaluation"
-CONTROLLERS = ("policy", "classical")
+FOLDER, HEADROOM = "evaluation", "headroom.json"
+CONTROLLERS = ("policy", "classical", "oracle", "honest")
 
 
 class Conditions(NamedTuple):
@@ -74,6 +75,25 @@ def kept(run: Path, controller: str) -> Kept | None:
         return Kept(content, Conditions(made["config"], tuple(made["set"])), arrays)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise RunError(f"{file}: not a kept evaluation ({error!r}); evaluate again") from None
+
+
+def keep_headroom(run: Path, episodes: Mapping[str, Mapping[str, NDArray[np.float64]]]) -> None:
+    """Keep what a run's policies made of an oracle's episodes (headroom.py): team -> name -> [episode]."""
+    (run / FOLDER).mkdir(exist_ok=True)
+    plain = {
+        team: {name: [x if np.isfinite(x) else None for x in values.tolist()] for name, values in of_team.items()}
+        for team, of_team in episodes.items()
+    }
+    run_folder.write_json(run / FOLDER / HEADROOM, plain)
+
+
+def kept_headroom(run: Path) -> dict[str, dict[str, NDArray[np.float64]]]:
+    """What `keep_headroom` has kept; nothing if it was not."""
+    file = run / FOLDER / HEADROOM
+    if not file.is_file():
+        return {}
+    found = run_folder.read_json(file)
+    return {t: {k: np.array(v, dtype=float) for k, v in e.items()} for t, e in found.items()}
 
 
 def shown_episode(run: Path, controller: str, name: str) -> tuple[Kept, int]:

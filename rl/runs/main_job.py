@@ -23,7 +23,8 @@ from rl.runs.evaluation import (
     one_episode_each,
     run_episodes,
 )
-from rl.runs.kept import keep
+from rl.runs.headroom import judge_all, read_bounds
+from rl.runs.kept import keep, keep_headroom
 from rl.runs.record import record_episode
 from rl.runs.report import write_report
 from rl.runs.report.sources import STRIP
@@ -124,6 +125,8 @@ def _evaluate(
     for outcome in outcomes:
         if not isinstance(outcome, Exception):
             keep(out, outcome)
+    if processes.here().first and (bounds := read_bounds(config)):
+        keep_headroom(out, judge_all(bounds, config, policies, source))
     learned = outcomes[0] if outcomes else None
     if isinstance(learned, Exception):
         raise learned

@@ -178,6 +178,6 @@ def test_baseline_is_strong():
 
 def test_unknown_vehicle_is_refused_by_name():
     mission = SimpleNamespace(controller=lambda team: None)
-    team = SimpleNamespace(name="usv", mission=mission, fleet=SimpleNamespace(model=object()))
+    team = SimpleNamespace(name="usv", mission=mission, controller=None, fleet=SimpleNamespace(model=object()))
     with pytest.raises(ControllerError, match="usv: .*vehicle model object"):
         ClassicalPolicy()(team)

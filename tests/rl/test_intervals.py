@@ -58,7 +58,7 @@ def test_the_same_episodes_by_several_policies_are_no_more_episodes():
 
 
 def test_pairs_are_of_the_same_episodes():
-    with pytest.raises(ValueError, match="3 episodes and 4"):
+    with pytest.raises(ValueError, match="3 and 4 episodes"):
         differences(Mean, {"x": np.zeros(3)}, {"x": np.zeros(4)})
 
 

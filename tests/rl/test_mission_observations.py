@@ -11,8 +11,12 @@ from rl.missions.formation.mission import Formation
 from rl.scene.tracks import Tracks
 from taichi_sim.maths.rotation import torch_quaternion_from_euler
 
+ENCOUNTERS = 2 * 6 + 2 * 3  # of two obstacles, by the vehicle and by its slot, and of two team mates
 # error, its rate, velocity, down axis, rates, course, turn, action, role, offset
-FULL_EXTRA = {"usv": 2 + 2 + 3 + 3 + 3 + 2 + 1 + 2 + 1 + 2, "uav": 3 + 3 + 3 + 3 + 3 + 3 + 1 + 3 + 1 + 2}
+FULL_EXTRA = {
+    "usv": 2 + 2 + 3 + 3 + 3 + 2 + 1 + 2 + 1 + 2 + ENCOUNTERS,
+    "uav": 3 + 3 + 3 + 3 + 3 + 3 + 1 + 3 + 1 + 2 + ENCOUNTERS,
+}
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 8])
@@ -28,9 +32,32 @@ def test_every_team_size_and_formation_steps(count, formation):
         assert step.reward[name].isfinite().all()
         roles = torch.zeros(3, count)
         roles[:, 0] = 1.0
-        assert rows[..., -3].equal(roles)
+        assert rows[..., -3 - ENCOUNTERS].equal(roles)
         held = task.teams[name].offsets
-        torch.testing.assert_close(rows[..., -2:], held / (held.abs() + 10.0))
+        torch.testing.assert_close(rows[..., -2 - ENCOUNTERS : -ENCOUNTERS], held / (held.abs() + 10.0))
+
+
+def test_encounters_are_what_going_straight_on_would_bring():
+    """Ways are followed in small steps: the least gap, how far ahead and how far aside it is."""
+    task = make("obstacles.count=150", "obstacles.clearance_min=-15", "obstacles.moving_fraction=0.3", envs=8)
+    wander(task, 25)
+    team = task.teams["usv"]
+    seen, velocity = team.sensor.obstacles, team.fleet.velocity_n[..., :2]
+    found = task.observe(team)["encounters"][..., :12].unflatten(-1, (2, 6))[..., :3]
+    near = seen[..., 8] >= 0
+    assert near.sum() > 10 and (found[~near] == 0).all()
+    place = (seen[..., 7:8] + seen[..., 6:7]) * seen[..., 1:3]
+    w = velocity.unsqueeze(2) - seen[..., 4:6]
+    time = torch.linspace(0, 40, 8001)
+    way = (place.unsqueeze(-1) - w.unsqueeze(-1) * time).norm(dim=-2)
+    least, when = way.min(dim=-1)
+    ahead = time[when] * w.norm(dim=-1)
+    torch.testing.assert_close(found[..., 0][near], (20 / (20 + ahead))[near], atol=2e-3, rtol=0)
+    gap = least - seen[..., 6] - team.radius
+    torch.testing.assert_close(found[..., 2][near], (gap / (gap.abs() + 2))[near], atol=2e-3, rtol=0)
+    passed = near & (ahead > 0.5)
+    side = (w[..., 0] * place[..., 1] - w[..., 1] * place[..., 0]).sign() * least
+    torch.testing.assert_close(found[..., 1][passed], (side / (side.abs() + 5))[passed], atol=2e-3, rtol=0)
 
 
 @pytest.mark.parametrize("seen", [0, 4])

@@ -9,6 +9,7 @@ from pydantic import Field, model_validator
 from rl.guidance.config import ResidualConfig
 from rl.missions.escort.rewards import AircraftReward, BoatReward
 from rl.missions.escort.shapes import Shape
+from rl.planning.config import PlanConfig
 from rl.scenario import Evaluation, Scenario
 from rl.scene.camera import CameraConfig
 from rl.scene.errors import SensorsConfig
@@ -123,6 +124,7 @@ class EscortTeam(TeamConfig):
     orbit: OrbitConfig = OrbitConfig()
     residual: ResidualConfig | None = None
     control: dict[str, float] = {}  # numbers of its classical controller; what is left out: its own
+    plan: PlanConfig = PlanConfig()
     boat_reward: BoatReward = BoatReward()
     aircraft_reward: AircraftReward = AircraftReward()
 

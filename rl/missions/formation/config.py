@@ -8,6 +8,7 @@ from pydantic import Field, model_validator
 from rl.guidance.config import ResidualConfig
 from rl.guidance.shapes import Shape
 from rl.missions.formation.rewards import TrackingReward
+from rl.planning.config import PlanConfig
 from rl.scenario import Evaluation, Scenario
 from rl.scene.errors import SensorsConfig
 from rl.scene.obstacles import FixedObstacle
@@ -96,6 +97,7 @@ class FormationTeam(TeamConfig):
     residual: ResidualConfig | None = None
     control: dict[str, float] = {}  # numbers of its classical controller (controllers/); what is left out: its own
     tracking_reward: TrackingReward = TrackingReward()
+    plan: PlanConfig = PlanConfig()
 
     @property
     def shapes(self) -> tuple[Shape, ...]:

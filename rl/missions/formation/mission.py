@@ -17,11 +17,13 @@ from rl.mission import Endings, Mission, Step
 from rl.missions.formation import rewards
 from rl.missions.formation.config import FormationScenario
 from rl.missions.formation.flyable import check_flyable, check_lanes
+from rl.missions.formation.imagined import imagined_scenario
 from rl.missions.formation.judge import FormationJudge
 from rl.missions.formation.starts import PER_WORLD, draw_starts, in_wind
 from rl.missions.formation.team import TeamTask
 from rl.missions.formation.worlds import draw_traffic, generate_worlds
-from rl.scene.traffic import BOTTOM, EAST, NORTH, RADIUS, TOP, Bodies
+from rl.planning.honest import write_obstacles_as_bodies
+from rl.scene.traffic import BOTTOM, EAST, NORTH, RADIUS, ROWS, TOP, Bodies
 from rl.seeds import derive_seed
 from taichi_sim import runtime
 from taichi_sim.config import ConfigError
@@ -29,6 +31,7 @@ from taichi_sim.config.io import validate
 from taichi_sim.noise import Noise
 from taichi_sim.recording.episode import Scene
 from taichi_sim.recording.overlays import Cylinders
+from taichi_sim.state import transfer
 
 NEAR, NEAR_COST, ENDED_COST = 0.5, 40.0, 2e4  # of plans: m of clearance; m^2 for each m less; m^2 of an ending
 
@@ -225,6 +228,11 @@ class Formation(Mission):
             "lost": ended["lost"].sum(),
         }
 
+    def imagined(self, team: TeamTask) -> Mission:
+        """See imagined.py."""
+        config = imagined_scenario(self.config, team.name)
+        return ImaginedFormation(config, self.num_envs, seed=self.seed, teams=(team.name,), source=self.source)
+
     def info(self, team: TeamTask) -> dict[str, Tensor]:
         """distance: m, from the slot (the leader's: from the target)."""
         return {"distance": team.distance}
@@ -287,6 +295,35 @@ class Formation(Mission):
         if kind is None:
             return None
         return kind(model, validate(kind.Gains, dict(team.section.control), f"{team.name}.control"))
+
+
+class ImaginedFormation(Formation):
+    """One team of a formation, as it imagines it."""
+
+    STATE = ()
+
+    def prepare(self) -> None:
+        """With room for as many bodies as the team may sense."""
+        super().prepare()
+        sensed = sum(team.fleet.count * team.sensor.num_obstacles for team in self.teams.values())
+        shape = (self.tracks.worlds, PER_WORLD, ROWS, sensed)
+        self.bodies = Bodies(self.num_envs, self.obstacles.new_zeros(()).expand(shape))
+
+    def believe(self, team: Any) -> None:
+        """Vehicles and obstacles as `team` measures them; target and slots as they are."""
+        mine, known = self.teams[team.name], team.known
+        self.steps.copy_(team.mission.steps)
+        self.env_world.copy_(team.mission.env_world)
+        transfer(team.mission.targets, self.targets)
+        transfer(team.slots, mine.slots)
+        mine.fleet.state.copy_(known.fleet.state)
+        mine.fleet.aux.copy_(known.fleet.aux)
+        mine.fleet.surface.copy_(team.fleet.surface)
+        mine.fleet.update()
+        transfer(team.controller, mine.controller)
+        write_obstacles_as_bodies(self.bodies.table, known.fleet.position_n, known.sensor.obstacles)
+        self._which.fill_(2)
+        self._look(self.num_envs)
 
 
 MISSION = Formation

@@ -22,6 +22,8 @@ class TrackingReward(Strict):
     fine: NonNegative = 1.0  # 1 / (1 + (d / fine_scale)^2)
     fine_scale: Positive = 0.5  # m
     approach: NonNegative = 0.02  # -d per metre
+    squared: NonNegative = 0.0  # -d^2 per square metre, up to squared_limit
+    squared_limit: Positive = 15.0  # m
     action_rate: NonNegative = 0.02  # -|a - a_previous|^2
     clearance: NonNegative = 0.5  # -(1 - gap / clearance_range)^2 inside the range
     clearance_range: Positive = 4.0  # m, gap to the nearest obstacle or team mate
@@ -50,10 +52,16 @@ def approach(d: Tensor) -> Tensor:
     return -d
 
 
+def squared(d: Tensor, limit: float) -> Tensor:
+    """-d^2 up to `limit` (m): what is judged."""
+    return -d.clamp(max=limit).square()
+
+
 TERMS: dict[str, Callable[[Any, Any, TrackingReward], Tensor]] = {
     "coarse": lambda team, ended, w: coarse(team.distance, w.coarse_scale),
     "fine": lambda team, ended, w: fine(team.distance, w.fine_scale),
     "approach": lambda team, ended, w: approach(team.distance),
+    "squared": lambda team, ended, w: squared(team.distance, w.squared_limit),
     "action_rate": lambda team, ended, w: action_rate(team.action, team.previous_action),
     "clearance": lambda team, ended, w: clearance(team.sensor.gap, w.clearance_range),
     "ending": lambda team, ended, w: penalty(ended.any),

@@ -17,7 +17,7 @@ def write_report(folders: Sequence[Path], out: Path | None = None) -> Path:
     Raises:
         RunError: if a folder is not a run.
     """
-    from rl.runs.report.about import about, figures  # matplotlib takes a second
+    from rl.runs.report.about import about, figures, possible  # matplotlib takes a second
     from rl.runs.report.curves import curves
     from rl.runs.report.episodes import collisions, shown_episodes
     from rl.runs.report.page import beside, page, paragraph, photograph, section, style
@@ -32,6 +32,7 @@ def write_report(folders: Sequence[Path], out: Path | None = None) -> Path:
             section("What was trained", beside(*map(about, runs))),
             section("Learning", curves(runs)),
             section("Figures", figures(runs[0], other)),
+            *(section(_of("What is possible", run, other), possible(run)) for run in runs),
             *(section(_of("Conditions", run, other), sweeps(run, other if run is runs[0] else None)) for run in runs),
             *(section(_of("The recorded episode", run, other), photograph(run.strip)) for run in runs if run.strip),
             *(section(_of("Two episodes", run, other), shown_episodes(run)) for run in runs),

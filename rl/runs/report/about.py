@@ -1,8 +1,10 @@
 """What was trained, on what, how long; and the figures against the classical controller."""
 
+import shlex
 from collections.abc import Mapping
 from typing import Any
 
+from rl.runs.headroom import headroom, read_bounds
 from rl.runs.intervals import Interval, differences, intervals
 from rl.runs.kept import Kept
 from rl.runs.report.page import folded, missing, paragraph, table, text
@@ -73,6 +75,32 @@ def figures(run: Run, other: Run | None) -> str:
         )
         parts.append(folded("what each figure means", table(("figure", "definition"), told, numbers=False)))
     return "\n".join(parts)
+
+
+def possible(run: Run) -> str:
+    """How far the run's policies and the classical controller are from an oracle, on the oracle's episodes."""
+    bounds, parts = read_bounds(run.config), []
+    for team in run.headroom.keys() & bounds.keys():
+        bound, learned = bounds[team], run.headroom[team]
+        if len(next(iter(learned.values()))) != bound.episodes:
+            continue  # the oracle was run anew since
+        found = {who: intervals(run.judge, of) for who, of in
+                 (("classical", bound.classical), ("policy", learned), ("oracle", bound.oracle))}  # fmt: skip
+        taken = headroom(run.judge, learned, bound)
+        rows = [
+            [f"<code>{text(key)}</code>", *(number(of[key]) for of in found.values()), number(taken[key])]
+            for key in run.judge.plotted
+            if key in taken and found["oracle"][key].value is not None
+        ]
+        parts.append(f"<h3>{text(team)}</h3>" + table(("", *found, "headroom taken"), rows))
+    if not parts:
+        return missing("No oracle has done this scenario's episodes. Let one, then train or evaluate again:",
+                       f"python tools/oracle.py {shlex.quote(run.config.name)}")  # fmt: skip
+    told = (
+        "An oracle plans in forks of the simulation itself and knows all that will happen: what can be done at all, or "
+        "near it. Headroom taken is (classical - policy) / (classical - oracle), on the oracle's episodes."
+    )
+    return paragraph(told, "faint") + "\n".join(parts)
 
 
 def _differing(run: Run, other: Run) -> list[str]:

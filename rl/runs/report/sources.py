@@ -10,7 +10,7 @@ from rl.learn.progress import HISTORY
 from rl.mission import Histories
 from rl.runs import folder as run_folder
 from rl.runs.evaluation import mission_class
-from rl.runs.kept import CONTROLLERS, Kept, kept, log_file
+from rl.runs.kept import CONTROLLERS, Kept, kept, kept_headroom, log_file
 from rl.runs.log import Crash, Excerpt, load_log
 from rl.runs.sweep.config import FOLDER
 from rl.runs.sweep.tables import JSON
@@ -29,6 +29,7 @@ class Run(NamedTuple):
     summary: dict[str, Any] | None  # None: not finished
     histories: Histories
     evaluations: dict[str, Kept]  # by controller
+    headroom: dict[str, Any]  # team -> numbers of each episode of an oracle's (headroom.py)
     shown: dict[str, Excerpt]  # of the policy
     crashes: list[Crash]  # of the policy
     sweeps: dict[str, dict[str, Any] | None]  # name -> sweep.json, None: not finished
@@ -68,6 +69,7 @@ def read_run(folder: Path) -> Run:
         summary=run_folder.read_json(summary) if summary.is_file() else None,
         histories={team: read_history(folder / team / HISTORY) for team in teams},
         evaluations={controller: of for controller, of in found.items() if of is not None},
+        headroom=kept_headroom(folder),
         shown=shown,
         crashes=crashes,
         sweeps={s.name: run_folder.read_json(s / JSON) if (s / JSON).is_file() else None for s in sweeps if s.is_dir()},

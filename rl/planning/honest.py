@@ -1,0 +1,70 @@
+"""An honest planner: it knows what the vehicles know, and plans in a world built from that.
+
+The model (`Mission.imagined`) has nominal craft, the mean wind and current, calm water, exact sensors, and only what
+has been sensed: `Mission.believe` writes into it what the vehicles of a team measure now. What a plan commands is flown
+by the controller on measured states. A user could run it on a boat.
+"""
+
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from rl.mission import ControllerError
+from rl.planning.planner import Planner
+
+
+class HonestPlanner(Planner):
+    """Plans for one team by what its vehicles know; see the module."""
+
+    def _bind(self, team: Any) -> None:
+        if self._mission is not team.mission:
+            self._believed: Any = None
+        super()._bind(team)
+
+    def _view(self, team: Any) -> Any:
+        """The team as its vehicles know it."""
+        return team.known
+
+    def _fork(self, team: Any, envs: Tensor) -> Any:
+        """The model: `samples` copies of what the vehicles of each environment believe.
+
+        Raises:
+            ControllerError: if the mission has no way to build it.
+        """
+        mission = team.mission
+        if self._believed is None:
+            self._believed = mission.imagined(team)
+            if self._believed is None:
+                raise ControllerError(
+                    f"{type(mission).__name__} has no way to build what {team.name} knows (Mission.imagined, "
+                    "rl/mission.py): there is no honest planner for it; --controller oracle plans by the truth"
+                )
+            for other in self._believed.teams.values():
+                _ = other.controller  # made now: its memory is state
+        self._believed.believe(team)
+        n = len(envs)
+        model = self._believed.fork(envs, self.config.samples, into=self._forks.get(n))
+        if n not in self._forks:
+            self._forks = {n: model}
+        return model
+
+
+def write_obstacles_as_bodies(table: Tensor, position: Tensor, seen: Tensor) -> None:
+    """Write sensed obstacles into a table of bodies [env, 8, body] (rl/scene/traffic.py), from its first column on.
+
+    Args:
+        position: [env, vehicle, 2 or more] of the vehicles that sensed them, as they know it, m, NED.
+        seen: [env, vehicle, k, 9] obstacles as a `Sensor` has them (rl/scene/sensors.py).
+    """
+    from rl.scene.told import NUMBER
+    from rl.scene.traffic import AWAY, BOTTOM, CARRIED, EAST, NORTH, RADIUS, TOP, V_EAST, V_NORTH
+
+    place = position[:, :, None, :2] + (seen[..., 7:8] + seen[..., 6:7]) * seen[..., 1:3]
+    place = torch.where(seen[..., NUMBER : NUMBER + 1] >= 0, place, AWAY)
+    bodies = seen.shape[1] * seen.shape[2]
+    rows = {NORTH: place[..., 0], EAST: place[..., 1], RADIUS: seen[..., 6]}
+    rows |= {V_NORTH: seen[..., 4], V_EAST: seen[..., 5]}
+    table[:, BOTTOM, :bodies], table[:, TOP, :bodies], table[:, CARRIED, :bodies] = -AWAY, AWAY, 0.0
+    for row, values in rows.items():
+        table[:, row, :bodies] = values.flatten(1)

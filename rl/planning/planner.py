@@ -1,0 +1,254 @@
+"""A planner as a policy: sampling MPC in forks of the mission itself.
+
+A plan is a correction of the velocity that the team's classical controller asks for, ahead and to starboard of the
+target's course, at evenly spaced knots with straight lines between them; or of the actions, where the controller has no
+velocity to ask for. Every `every` seconds the environment is forked into `samples` copies, each follows a plan of its
+own for the `horizon`, and the costs (`Mission.plan_cost`) of what happens choose: the path-integral update (Williams,
+Drews, Goldfain, Rehg & Theodorou 2018, IEEE Trans. Robotics 34(6)) for each vehicle of the team, by its own cost and a
+share of its mates'. Later rounds draw about that mean with half the spread. Among the samples are always the plan of
+before or the mean of the round before, the classical controller alone, and, if there is one, a learned policy. The
+sample with the least cost of the team is followed: in the model it is never worse than the classical controller.
+"""
+
+import time
+from collections.abc import Mapping
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from rl.guidance.corrected import Corrected
+from rl.mission import ControllerError
+from rl.planning.config import PlanConfig
+from taichi_sim import runtime
+from taichi_sim.config import ConfigError
+
+MOST = 8192  # environments of a fork: more are planned for in turn
+MEAN, CLASSICAL, LEARNED = range(3)  # numbers of samples: the mean so far, no correction, a policy's own actions
+SHRINK = 0.5  # of the spread, from round to round
+TEMPERATURE = 0.1  # of the costs, over the spread of the better half of them
+
+
+class Planner:
+    """Plans for one team by forks of the truth (an oracle): all that will happen is known.
+
+    Attributes:
+        cost: [env], of the followed plan as last predicted, and classical: of the classical controller in the same
+            model. follows_policy: bool [env], whether the learned policy was the best. planned: plans that were made,
+            one for each environment and time.
+    """
+
+    def __init__(
+        self,
+        config: PlanConfig | None = None,
+        others: Mapping[str, Any] | None = None,
+        *,
+        seed: int = 0,
+        proposal: Any = None,
+        follow_mean: bool = False,
+    ):
+        """Plan as `config` says, default: `[TEAM.plan]` of the scenario.
+
+        Args:
+            others: policies of the other teams, by name; default: their classical controllers. seed: of the samples.
+            proposal: a policy of the team that is tried, too. follow_mean: follow the last mean, untried: smoother than
+                the best sample, for who learns from it.
+        """
+        self._given, self._others, self._proposal = config, dict(others or {}), proposal
+        self._follow_mean = follow_mean
+        self._generator = torch.Generator().manual_seed(seed)
+        self._mission: Any = None
+        self._forks: dict[int, Any] = {}
+        self.planned, self._seconds, self._life = 0, 0.0, 0.0
+
+    # -- as a policy -----------------------------------------------------------------------------------------------
+
+    def __call__(self, team: Any) -> Tensor:
+        """Actions [env, vehicle, action] of the team's vehicles."""
+        start = time.perf_counter()
+        with torch.no_grad(), runtime.torch_at_rest():
+            self._bind(team)
+            begins = team.mission.steps == 0
+            self._age = torch.where(begins, self._every, self._age + 1)
+            self._knots[begins] = 0.0
+            due = (self._age >= self._every).nonzero().flatten()
+            for envs in due.split(max(1, MOST // self.config.samples)) if len(due) else ():
+                self._plan(team, envs)
+            action = act(team, self._at(self._knots, self._age), self._view(team))
+            if self._proposal is not None and bool(self.follows_policy.any()):
+                action = torch.where(self.follows_policy.view(-1, 1, 1), self._proposal(team), action)
+        self._seconds += time.perf_counter() - start
+        self._life += team.mission.num_envs * team.mission.config.decision_interval
+        return action
+
+    @property
+    def price(self) -> float:
+        """Seconds of computing for a second of one environment."""
+        return self._seconds / max(self._life, 1e-9)
+
+    def correction(self, team: Any) -> Tensor:
+        """The correction [env, vehicle, n] that the plans hold for now (after a call)."""
+        return self._at(self._knots, self._age)
+
+    def correction_at(self, decisions: int) -> Tensor:
+        """The correction [env, vehicle, n] so many decisions after the plans were made."""
+        return self._at(self._knots, decisions)
+
+    def _bind(self, team: Any) -> None:
+        """Begin with a mission."""
+        if self._mission is team.mission:
+            return
+        mission = team.mission
+        self.config = config = self._given or getattr(team.section, "plan", None) or PlanConfig()
+        self._mission, self._forks = mission, {}
+        dt, envs, vehicles = mission.config.decision_interval, mission.num_envs, team.fleet.count
+        self._every, self._steps = (max(1, round(x / dt)) for x in (config.every, config.horizon))
+        if self._steps < 2:
+            raise ConfigError(f"{team.name}.plan.horizon = {config.horizon} s: must be two decisions of {dt} s or more")
+        if config.horizon > mission.config.episode_duration:
+            raise ConfigError(
+                f"{team.name}.plan.horizon = {config.horizon} s: must not be beyond episode_duration = "
+                f"{mission.config.episode_duration} s"
+            )
+        self._controllers = [other.controller for other in mission.teams.values()]  # made now: their memory is state
+        self._width = width_of(team)
+        like = team.fleet.state
+        self._knots = like.new_zeros((envs, config.knots, vehicles, self._width))
+        self._age = torch.full((envs,), self._every, dtype=torch.int64, device=like.device)
+        self.follows_policy = torch.zeros(envs, dtype=torch.bool, device=like.device)
+        self.cost, self.classical = like.new_zeros(envs), like.new_zeros(envs)
+
+    # -- a plan ----------------------------------------------------------------------------------------------------
+
+    def _plan(self, team: Any, envs: Tensor) -> None:
+        """Plan for environments `envs` [n]."""
+        config, n, samples = self.config, len(envs), self.config.samples
+        model = self._fork(team, envs)
+        mean = self._shifted(self._knots[envs], self._age[envs])
+        start = model.snapshot()
+        spread, best, rows = config.spread, None, torch.arange(n, device=envs.device)
+        learned = self._proposal is not None
+        for number in range(config.rounds):
+            if number:
+                model.restore(start)
+            plans = mean.unsqueeze(1) + spread * self._noise((n, samples, *mean.shape[1:]), mean)
+            plans[:, MEAN], plans[:, CLASSICAL] = mean, 0.0
+            costs = self._costs(model, team.name, plans, learned)
+            total = costs.sum(-1)
+            if number == 0:
+                self.classical[envs] = total[:, CLASSICAL]
+            chosen = total.argmin(1)
+            found = (total[rows, chosen], plans[rows, chosen], learned & (chosen == LEARNED))
+            if best is None:
+                best = found
+            else:
+                better = found[0] < best[0]
+                best = tuple(
+                    torch.where(better.view(-1, *[1] * (a.dim() - 1)), a, b) for a, b in zip(found, best, strict=True)
+                )
+            mean, spread = self._updated(plans, costs), spread * SHRINK
+        assert best is not None
+        self.cost[envs], self._knots[envs], self.follows_policy[envs] = best
+        if self._follow_mean:
+            self._knots[envs] = mean
+        self._age[envs] = 0
+        self.planned += n
+
+    def _updated(self, plans: Tensor, costs: Tensor) -> Tensor:
+        """The path-integral mean [n, knot, vehicle, a] of plans [n, sample, knot, vehicle, a] by the costs [n, sample,
+        vehicle] of each vehicle and a share of its mates'.
+        """
+        own = costs + self.config.share * (costs.sum(-1, keepdim=True) - costs)
+        least, middle = own.amin(1, keepdim=True), own.median(1, keepdim=True).values
+        weights = torch.softmax(-(own - least) / (TEMPERATURE * (middle - least)).clamp(min=1e-6), dim=1)
+        return (weights[:, :, None, :, None] * plans).sum(1)
+
+    def _costs(self, model: Any, name: str, plans: Tensor, learned: bool) -> Tensor:
+        """What following each of `plans` [n, sample, knot, vehicle, a] costs each vehicle [n, sample, vehicle]."""
+        n, samples = plans.shape[:2]
+        knots, team = plans.flatten(0, 1), model.teams[name]
+        cost = torch.zeros((n * samples, team.fleet.count), device=plans.device, dtype=plans.dtype)
+        ended = torch.zeros_like(cost, dtype=torch.bool)
+        own = torch.zeros(samples, dtype=torch.bool, device=plans.device)
+        own[LEARNED] = learned
+        own = own.repeat(n).view(-1, 1, 1)
+        for k in range(self._steps):
+            action = act(team, self._at(knots, k))
+            if learned:
+                action = torch.where(own, self._proposal(team), action)
+            joint = {other: self._policy_of(other)(of) for other, of in model.teams.items() if other != name}
+            step = model.step({**joint, name: action})
+            now = step.endings[name].any
+            cost += model.plan_cost(team, now & ~ended)
+            ended |= now
+        cost = torch.where(cost.isfinite(), cost, 1e9)
+        return cost.view(n, samples, -1)
+
+    def _view(self, team: Any) -> Any:
+        """What the controller acts by: the team as it is."""
+        return team
+
+    def _policy_of(self, other: str) -> Any:
+        """What another team is taken to act by: by default its classical controller."""
+        return self._others.get(other, _classical)
+
+    # -- models and knots ------------------------------------------------------------------------------------------
+
+    def _fork(self, team: Any, envs: Tensor) -> Any:
+        """The model: `samples` copies of each environment, which share all noise to come."""
+        n = len(envs)
+        model = self._mission.fork(envs, self.config.samples, into=self._forks.get(n))
+        if n not in self._forks:
+            self._forks = {n: model}
+        return model
+
+    def _noise(self, shape: tuple[int, ...], like: Tensor) -> Tensor:
+        return torch.randn(shape, generator=self._generator, dtype=torch.float32).to(like)
+
+    def _at(self, knots: Tensor, age: Any) -> Tensor:
+        """Plans [row, knot, vehicle, a] `age` decisions (a number or [row]) after they were made [row, vehicle, a]."""
+        where = torch.as_tensor(age, device=knots.device).to(knots) * ((knots.shape[1] - 1) / self._steps)
+        where = where.clamp(max=knots.shape[1] - 1).expand(len(knots))
+        first = where.floor().long().clamp(max=knots.shape[1] - 2)
+        part = (where - first).view(-1, 1, 1)
+        rows = torch.arange(len(knots), device=knots.device)
+        return knots[rows, first] * (1 - part) + knots[rows, first + 1] * part
+
+    def _shifted(self, knots: Tensor, age: Tensor) -> Tensor:
+        """Plans as they go on from now."""
+        step = self._steps / (knots.shape[1] - 1)
+        return torch.stack([self._at(knots, age + k * step) for k in range(knots.shape[1])], dim=1)
+
+
+def _classical(team: Any) -> Tensor:
+    """Actions of a team's classical controller; none where there is no controller."""
+    return torch.zeros_like(team.fleet.action) if team.controller is None else team.controller(team.known)
+
+
+def width_of(team: Any) -> int:
+    """Numbers of a correction for each vehicle of a team: 2 of the velocity, or one for each action."""
+    return 2 if corrects_velocity(team) else len(team.fleet.model.action_names)
+
+
+def corrects_velocity(team: Any) -> bool:
+    """Whether plans correct the velocity that the team's classical controller asks for, and not actions."""
+    return isinstance(team, Corrected) and hasattr(team.controller, "wanted")
+
+
+def act(team: Any, correction: Tensor, view: Any = None) -> Tensor:
+    """Actions [env, vehicle, action] of a team's classical controller, corrected [env, vehicle, n].
+
+    The controller acts by `view`: the team as it is (default), or as its vehicles know it.
+
+    Raises:
+        ControllerError: if the team has no classical controller.
+    """
+    view = team if view is None else view
+    if corrects_velocity(team):
+        wanted = team.controller.wanted(view)
+        pushed = team.pushed(correction)
+        return team.controller.act(view, wanted._replace(velocity=wanted.velocity + pushed))
+    controller = team.controller
+    if controller is None:
+        raise ControllerError(f"{team.name}: there is no classical controller whose actions a plan could correct")
+    return (controller(view) + correction).clamp(-1.0, 1.0)

@@ -1,0 +1,61 @@
+"""What can be done at all in a scenario: an oracle's episodes beside the classical controller's, kept for tables.
+
+The oracle plans in forks of the truth, all that will happen included (rl/planning). What it makes of some episodes is
+written to configs/oracle/NAME.json, which tools/compare.py and reports read.
+"""
+
+import argparse
+import sys
+from pathlib import Path
+
+if __package__ in (None, ""):  # run as a script: the packages are beside this file's folder
+    sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+
+def parser() -> argparse.ArgumentParser:
+    """The arguments."""
+    from rl import cli
+    from rl.runs.headroom import EPISODES, SEED
+
+    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    p.add_argument("scenario", help="name or file")
+    p.add_argument("--team", action="append", help="only this team (may be given again); default: all that are trained")
+    p.add_argument("--episodes", type=cli.positive_int, default=EPISODES, help=f"default: {EPISODES}")
+    p.add_argument("--seed", type=cli.seed, default=SEED, help=f"of the unseen worlds (default: {SEED})")
+    p.add_argument("--out", type=Path, default=None, help="default: configs/oracle/NAME.json")
+    cli.add_common(p)
+    return p
+
+
+def main(argv: list[str] | None = None) -> None:
+    """Run the command."""
+    args = parser().parse_args(argv)
+    from rl import cli
+    from rl.missions import load_scenario
+    from rl.runs.evaluation import mission_class
+    from rl.runs.headroom import bound_file, headroom_line, read_bounds, run_bound, write_bounds
+    from taichi_sim.config import ConfigError
+    from taichi_sim.config.io import find_config
+
+    source = find_config(args.scenario)
+    config = load_scenario(args.scenario, args.overrides)
+    teams = args.team or list(config.trained)
+    if wrong := [team for team in teams if team not in config.trained]:
+        raise ConfigError(f"--team {wrong[0]}: allowed are {', '.join(config.trained)}")
+    cli.start(args)
+    file = args.out or bound_file(config)
+    bounds = read_bounds(config, file)
+    judge = mission_class(config, source).Judge
+    for team in teams:
+        bounds[team] = bound = run_bound(
+            config, team, episodes=args.episodes, seed=args.seed, source=source, show_progress=not args.quiet
+        )
+        print(headroom_line(judge, team, bound))
+        write_bounds(file, config, bounds)
+    print(file)
+
+
+if __name__ == "__main__":
+    from rl.cli import run
+
+    sys.exit(run(main))
