@@ -125,9 +125,10 @@ class FixedWing6DOF(Aircraft):
     # -- for who flies it ------------------------------------------------------------------------------------------
 
     def action(self, controls: Tensor) -> Tensor:
-        """Actions [.., 4] that command `controls` [.., 4]: elevator, aileron, rudder (rad), throttle."""
+        """Actions [.., 4] that command `controls` [.., 4]: elevator, aileron, rudder (rad), throttle; on its device."""
         neutral, lower, upper = (
-            torch.tensor(x, dtype=torch.float64) for x in (self.neutral, self.p.actuators.lower, self.p.actuators.upper)
+            torch.tensor(x, dtype=torch.float64, device=controls.device)
+            for x in (self.neutral, self.p.actuators.lower, self.p.actuators.upper)
         )
         away = controls.double() - neutral
         return (away / torch.where(away > 0, upper - neutral, neutral - lower)).to(controls.dtype)
