@@ -32,6 +32,7 @@ from taichi_sim.maths.rotation import (
 from taichi_sim.sea import Sea
 from taichi_sim.sea.current import Current
 from taichi_sim.sea.spectrum import Components
+from taichi_sim.summary import span
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.vehicle import Vehicle
 from taichi_sim.vehicles import load_vehicle
@@ -130,6 +131,11 @@ class Bench:
             self._weather,
             seed=seed,
         )
+
+    def __repr__(self) -> str:
+        """Vehicles and time; sea, current and wind now."""
+        flow, air = (span(x.norm(dim=-1), "m/s") for x in (self.current, self.wind))
+        return f"<Bench: {self.fleet.made_of}, t = {span(self.time, 's')};\n {self.sea}, current {flow}, wind {air}>"
 
     # -- placing ---------------------------------------------------------------------------------------------------
 

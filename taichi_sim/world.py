@@ -17,6 +17,7 @@ from taichi_sim.fleet import Fleet
 from taichi_sim.plugins import load_class
 from taichi_sim.script import Script
 from taichi_sim.sea.current import Current
+from taichi_sim.summary import number, span
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.variation import Variation
 from taichi_sim.vehicles import load_vehicle
@@ -84,6 +85,14 @@ class World:
         self._follow(everywhere)
         for script in self.scripts.values():
             script.begin(self, everywhere)
+
+    def __repr__(self) -> str:
+        """Size, time and teams; sea, current and wind now."""
+        teams = (f"{name} ({fleet.count} x {type(fleet.model).__name__})" for name, fleet in self.teams.items())
+        size = f"{number(self.num_envs, 'environment')}, t = {span(self.time, 's')}"
+        flow, air = (span(x.velocity.norm(dim=-1), "m/s") for x in (self.current, self.wind))
+        told = f"{size}, {', '.join(teams) or 'no teams'};\n {self.sea}, current {flow}, wind {air}"
+        return f"<World {self.config.name!r}: {told}>"
 
     def _surroundings(self, current: torch.Tensor, wind: torch.Tensor) -> Surroundings:
         table, depth = self.sea.table, self.sea.kernel_depth

@@ -22,6 +22,7 @@ LAYERS = (
         "taichi_sim.extras",
         "taichi_sim.plugins",
         "taichi_sim.beside",
+        "taichi_sim.summary",
     ),
     ("taichi_sim.sea", "taichi_sim.air"),
     ("taichi_sim.packs", "taichi_sim.surroundings", "taichi_sim.kinematics", "taichi_sim.rigid_body"),
