@@ -28,6 +28,7 @@ from rl.seeds import derive_seed
 from rl.team import Team
 from taichi_sim import runtime
 from taichi_sim.state import Snapshot, Stateful
+from taichi_sim.summary import number, span
 from taichi_sim.world import World
 
 TIME_SPAN = 3600.0  # s: an episode begins at a random time of its sea
@@ -69,6 +70,16 @@ class Step(NamedTuple):
     endings: dict[str, Endings]  # [env, vehicle] flags
     terminated: Tensor  # [env]: some vehicle's episode ended by what happened
     truncated: Tensor  # [env]: time is up, and nothing happened
+
+    def __repr__(self) -> str:
+        """Mean reward and endings of each team, and how many environments are over."""
+        teams = []
+        for name, reward in self.reward.items():
+            why = ", ".join(f"{int(flag.sum())} {ending}" for ending, flag in self.endings[name].items() if flag.any())
+            teams.append(f"{name} is paid {float(reward.double().mean()):.3g} on average ({why or 'none ended'})")
+        terminated, truncated = int(self.terminated.sum()), int(self.truncated.sum())
+        over = f"{terminated} terminated, {truncated} truncated of {number(len(self.truncated), 'environment')}"
+        return f"<Step: {'; '.join(teams)};\n {over}>"
 
 
 class Mission(Stateful):
@@ -141,6 +152,14 @@ class Mission(Stateful):
         """Make the classical controllers of these teams, so that they can be given a memory."""
         for name in names:
             getattr(self.teams[name], "controller")  # noqa: B009
+
+    def __repr__(self) -> str:
+        """Scenario, size, how far the episodes are, teams that decide, sea."""
+        done = f"{span(self.steps, 'decisions')} of {self.config.episode_steps}"
+        each = ((name, team.fleet) for name, team in self.teams.items())
+        teams = (f"{name} ({fleet.count} x {type(fleet.model).__name__})" for name, fleet in each)
+        size = f"{number(self.num_envs, 'environment')}, {done}, {', '.join(teams) or 'no teams'}"
+        return f"<{type(self).__name__} of {self.config.name!r}: {size};\n {self.world.sea}>"
 
     # -- what a mission gives --------------------------------------------------------------------------------------
 

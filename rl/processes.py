@@ -37,10 +37,6 @@ class Place(NamedTuple):
         return self.rank == 0
 
 
-class ProcessError(RuntimeError):
-    """Processes that cannot work together, or one of which failed."""
-
-
 def here() -> Place:
     """Which process this is, as torchrun has said."""
     count = int(os.environ.get("WORLD_SIZE", "1"))

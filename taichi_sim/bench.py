@@ -20,7 +20,8 @@ from torch import Tensor
 
 from taichi_sim import runtime
 from taichi_sim.air import Wind
-from taichi_sim.config import AirConfig, SeaConfig
+from taichi_sim.conditions import resolved_sea
+from taichi_sim.config import AirConfig, SeaConfig, WorldConfig
 from taichi_sim.conventions import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
 from taichi_sim.fleet import Fleet
 from taichi_sim.maths.rotation import (
@@ -30,7 +31,9 @@ from taichi_sim.maths.rotation import (
 )
 from taichi_sim.noise import Noise
 from taichi_sim.sea import Sea
+from taichi_sim.sea.current import Current
 from taichi_sim.sea.spectrum import Components
+from taichi_sim.summary import span
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.vehicle import Vehicle
 from taichi_sim.vehicles import load_vehicle
@@ -69,7 +72,8 @@ class Bench:
 
     Attributes:
         fleet: the vehicles, their state, loads and numbers (fleet.py). model: theirs. sea: the realisations.
-        time: float64 [env], s. around: what the vehicles are told of sea, current and wind.
+        time: float64 [env], s. around: what the vehicles are told of sea, current and wind: as in a World, the current
+            averaged over their draft and the wind at their own height.
     """
 
     def __init__(
@@ -89,30 +93,50 @@ class Bench:
 
         Args:
             vehicle: a model, or the file or name of one, stepped by `dt` (s), `substeps` to a control step. sea: calm
-                by default. air: calm by default; a configuration's mean wind, turbulence and gusts. envs, count:
-                environments, and vehicles in each. seed: of the sea's realisations and the turbulence.
+                by default. air: calm by default; a configuration's wind, turbulence and gusts. envs, count:
+                environments, and vehicles in each. seed: of the sea's realisations, of what varies slowly, of the
+                turbulence.
+
+        A SeaConfig brings its current, one that varies slowly, follows a series or a tide too; an AirConfig its wind
+        likewise. Both are stepped as in a World (world.py), from the time 0 on. A `Sea` has no current.
 
         Raises:
-            ConfigError: for a vehicle that cannot be used.
+            ConfigError: for a vehicle that cannot be used, a series that cannot be read, a current whose profile needs
+                a depth.
         """
         run = runtime.current()
         self.model = vehicle if isinstance(vehicle, Vehicle) else load_vehicle(vehicle, dt, substeps)
-        self.sea = Sea.from_config(sea, seed) if isinstance(sea, SeaConfig) else sea or calm_sea()
+        flow = None
+        if isinstance(sea, SeaConfig):
+            sea = resolved_sea(WorldConfig(sea=sea, air=air or AirConfig()))
+            flow, sea = sea.current, Sea.from_config(sea, seed)
+        self.sea = sea or calm_sea()
         self.fleet = Fleet(name, self.model, envs, count)
         self.time = torch.zeros(envs, dtype=torch.float64, device=run.device)
-        env_sea = (torch.arange(envs, device=run.device) % self.sea.num_seas).to(torch.int32)
-        weather = None if air is None else Wind(air, envs, seed)
+        self._everywhere = torch.arange(envs, device=run.device)
+        env_sea = (self._everywhere % self.sea.num_seas).to(torch.int32)
+        self._current = Current(flow, envs, seed, self.sea.depth)
+        self._weather = None if air is None else Wind(air, envs, seed)
         calm = torch.zeros((envs, 3), dtype=run.torch_dtype, device=run.device)
+        self._wind = calm if self._weather is None else self._weather.velocity
+        in_water = self._current.mean_factor(self.model.draft)
+        in_air = 1.0 if self._weather is None else self._weather.speed_factor(self.model.wind_height)
+        self._factors = in_water, in_air
         self.around = Surroundings(
             self.sea.table,
             env_sea,
             self.sea.phases(env_sea, self.time),
-            calm[:, :2].clone(),
-            calm if weather is None else weather.velocity,
+            self.current if in_water == 1.0 else self.current * in_water,
+            self.wind if in_air == 1.0 else self.wind * in_air,
             self.sea.kernel_depth,
-            weather,
+            self._weather,
             Noise(envs, seed),
         )
+
+    def __repr__(self) -> str:
+        """Vehicles and time; sea, current and wind now."""
+        flow, air = (span(x.norm(dim=-1), "m/s") for x in (self.current, self.wind))
+        return f"<Bench: {self.fleet.made_of}, t = {span(self.time, 's')};\n {self.sea}, current {flow}, wind {air}>"
 
     # -- placing ---------------------------------------------------------------------------------------------------
 
@@ -145,8 +169,24 @@ class Bench:
         return self
 
     def refresh(self) -> None:
-        """Tell `around` the time, after setting it by hand."""
+        """Tell `around` the time, the current and the wind, after setting them by hand."""
+        self._follow()
+        self._tell()
+
+    def _follow(self) -> None:
+        """Bring a current and a wind that are given over time to the time."""
+        for air_or_water in (self._current, self._weather):
+            if air_or_water is not None:
+                air_or_water.follow(self._everywhere, self.time)
+
+    def _tell(self) -> None:
+        """Tell `around` the waves' phases, the current over the draft, the wind at the vehicles' height."""
         self.sea.phases(self.around.env_sea, self.time, out=self.around.phase)
+        in_water, in_air = self._factors
+        if in_water != 1.0:
+            torch.mul(self.current, in_water, out=self.around.current)
+        if in_air != 1.0:
+            torch.mul(self.wind, in_air, out=self.around.wind)
 
     # -- moving ----------------------------------------------------------------------------------------------------
 
@@ -154,11 +194,16 @@ class Bench:
         """Hold `action` [action], or what broadcasts to [env, vehicle, action], for `times` control steps."""
         given = torch.as_tensor(action, dtype=self.state.dtype, device=self.state.device)
         self.fleet.action.copy_(given.expand_as(self.fleet.action))
+        interval = self.model.dt * self.model.substeps
         for _ in range(times):
-            self.refresh()
+            self._tell()
             self.model.step(self.fleet, self.around)
-            self.time += self.model.dt * self.model.substeps
+            self.time += interval
             self.around.noise.tick()
+            self._current.advance(interval)
+            if self._weather is not None:
+                self._weather.advance(interval)
+            self._follow()
         return self
 
     # -- reading ---------------------------------------------------------------------------------------------------
@@ -180,13 +225,19 @@ class Bench:
 
     @property
     def current(self) -> Tensor:
-        """[env, 2] velocity of the water, north and east, m/s; to be written in place."""
-        return self.around.current
+        """[env, 2] velocity of the water at the surface, north and east, m/s.
+
+        To be written in place where the sea's configuration has no current that varies: one that does takes it back.
+        """
+        return self._current.velocity
 
     @property
     def wind(self) -> Tensor:
-        """[env, 3] velocity of the air 10 m above the sea, NED, m/s; to be written in place."""
-        return self.around.wind
+        """[env, 3] velocity of the air 10 m above the sea, NED, m/s.
+
+        To be written in place where the air's configuration has no wind that varies: one that does takes it back.
+        """
+        return self._wind
 
     def read(self) -> Motion:
         """How the vehicles move now (copies)."""

@@ -5,10 +5,8 @@ the folder `_bundle` of this package, which is looked into after everything else
 by the command `taichi-sim` before everything else.
 """
 
-import importlib
 import sys
 from pathlib import Path
-from typing import Any
 
 HERE = Path(__file__).resolve().parent
 
@@ -26,18 +24,3 @@ def find_rl(*, first: bool = False) -> None:
         sys.path.insert(0, place)
     elif place not in sys.path:
         sys.path.append(place)
-
-
-def of_rl(module: str, name: str) -> Any:
-    """Something of `rl`, which this package does not know.
-
-    Raises:
-        ImportError: saying so, if another project's `rl` is in the way.
-    """
-    try:
-        return getattr(importlib.import_module(module), name)
-    except ModuleNotFoundError as error:
-        other = getattr(sys.modules.get("rl"), "__file__", None)
-        if error.name is None or not error.name.startswith("rl") or other is None:
-            raise
-        raise ImportError(f"{other} is not the rl of taichi-sim, before which it comes in sys.path") from None

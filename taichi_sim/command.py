@@ -63,7 +63,11 @@ def starter_parser(name: str) -> argparse.ArgumentParser:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run it; return the exit status."""
-    args = parser().parse_args(argv)
+    given = sys.argv[1:] if argv is None else list(argv)
+    if not given:
+        parser().print_help()
+        return 0
+    args = parser().parse_args(given)
     find_rl(first=True)
     if args.command in STARTERS:
         return _start(args.command, args.arguments)

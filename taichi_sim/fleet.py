@@ -22,6 +22,7 @@ from taichi_sim.kinematics import DERIVED_SIZE, DOWN, HEADING_COS, HEADING_SIN, 
 from taichi_sim.maths.rotation import torch_euler_from_quaternion
 from taichi_sim.packs import FleetPack
 from taichi_sim.runtime import Launcher
+from taichi_sim.summary import number
 from taichi_sim.vehicle import Vehicle
 
 VEHICLE_STEP = 4e3  # ns of a control step of one vehicle, about: hulls take more, other models less
@@ -127,6 +128,17 @@ class Fleet(Views):
         self._which, self._derive = torch.zeros(num_envs, dtype=torch.int32, device=run.device), Launcher(derive)
         self.never = torch.zeros((num_envs, count), dtype=torch.bool, device=run.device)
         self.update()
+
+    def __repr__(self) -> str:
+        """How many of which model, commanded by what."""
+        more = [word for word, holds in (("numbers vary", self.varied), ("loaded", self.loaded)) if holds]
+        told = ", ".join([f"actions {' '.join(self.model.action_names)}", *more])
+        return f"<Fleet {self.name!r}: {self.made_of}, {told}>"
+
+    @property
+    def made_of(self) -> str:
+        """How many vehicles of which model: "3 x Hull6Dof in 64 environments"."""
+        return f"{self.count} x {type(self.model).__name__} in {number(self.num_envs, 'environment')}"
 
     # -- kernels ---------------------------------------------------------------------------------------------------
 

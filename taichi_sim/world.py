@@ -19,6 +19,7 @@ from taichi_sim.plugins import load_class
 from taichi_sim.script import Script
 from taichi_sim.sea.current import Current
 from taichi_sim.state import Stateful
+from taichi_sim.summary import number, span
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.variation import Variation
 from taichi_sim.vehicles import load_vehicle
@@ -94,6 +95,14 @@ class World(Stateful):
     def _alike(self, num_envs: int) -> "World":
         """Another world of the same configuration, seed and teams."""
         return type(self)(self.config, num_envs, seed=self.seed, teams=tuple(self.teams), source=self._source)
+
+    def __repr__(self) -> str:
+        """Size, time and teams; sea, current and wind now."""
+        teams = (f"{name} ({fleet.count} x {type(fleet.model).__name__})" for name, fleet in self.teams.items())
+        size = f"{number(self.num_envs, 'environment')}, t = {span(self.time, 's')}"
+        flow, air = (span(x.velocity.norm(dim=-1), "m/s") for x in (self.current, self.wind))
+        told = f"{size}, {', '.join(teams) or 'no teams'};\n {self.sea}, current {flow}, wind {air}"
+        return f"<World {self.config.name!r}: {told}>"
 
     def _surroundings(self, current: torch.Tensor, wind: torch.Tensor) -> Surroundings:
         table, depth = self.sea.table, self.sea.kernel_depth

@@ -30,6 +30,13 @@ def test_every_command_is_a_script_of_the_tree_and_is_told_of(capsys):
     assert "'trian'" in capsys.readouterr().err
 
 
+def test_alone_it_tells_of_its_commands(capsys):
+    assert command.main([]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    for name, (_, _, text) in command.SCRIPTS.items():
+        assert any(line.split() == [name, *text.split()] for line in lines), name
+
+
 def test_starters_are_whole(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     for words in ("new-scenario bay --like otter", "new-vehicle tug", "new-mission quay"):

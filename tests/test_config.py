@@ -14,6 +14,8 @@ from taichi_sim.vehicles import load_vehicle
         ("dt = 0\n", "", ("dt = 0", "greater than 0")),
         ("dt = -0.02\n", "", ("dt = -0.02", "greater than 0")),
         ("dt = 'fast'\n", "", ("dt = 'fast'", "number")),
+        ("dt = 1e-9\n", "", ("dt = 1e-09", "1e+08 steps", "allowed are 10000", "dt of 1e-05 s or more")),
+        ("dt = 1e-300\n", "", ("dt = 1e-300", "allowed are 10000")),
         ("dt = 0.02\ndecision_interval = 0.05\n", "", ("decision_interval = 0.05", "multiple of dt = 0.02")),
         ("dt = 0.02\ndecision_interval = 0.01\n", "", ("decision_interval = 0.01", "multiple of dt = 0.02")),
         ("seed = -1\n", "", ("seed = -1", "greater than or equal to 0")),

@@ -25,6 +25,7 @@ LAYERS = (
         "taichi_sim.noise",
         "taichi_sim.slow_variation",
         "taichi_sim.state",
+        "taichi_sim.summary",
     ),
     ("taichi_sim.sea", "taichi_sim.air"),
     ("taichi_sim.packs", "taichi_sim.surroundings", "taichi_sim.kinematics", "taichi_sim.rigid_body"),

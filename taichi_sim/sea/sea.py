@@ -13,8 +13,10 @@ from taichi_sim.conventions import AMPLITUDE, BX, BY, GRAVITY, KX, KY, OMEGA, PH
 from taichi_sim.sea import queries
 from taichi_sim.sea.measured import MeasuredSystem, WaveRecord, records_of
 from taichi_sim.sea.sampling import System, WaveSystem, draw_components
+from taichi_sim.sea.sea_state import sea_state
 from taichi_sim.sea.spectrum import Components, jonswap
 from taichi_sim.sea.wind_sea import SeaSize, sea_size
+from taichi_sim.summary import number, span
 
 DEEP = -1.0  # depth of deep water, to kernels
 
@@ -128,6 +130,14 @@ class Sea:
         self._omega64 = self.table[:, OMEGA].double().contiguous()
         self._advance = runtime.Launcher(queries.advance_phases)
         self._phase64 = torch.as_tensor(rows[:, PHASE], dtype=torch.float64, device=run.device).contiguous()
+
+    def __repr__(self) -> str:
+        """Realisations, height of their waves, depth."""
+        hs, depth = self.components.hs, "deep water" if self.depth is None else f"{self.depth:g} m deep"
+        codes = sorted({sea_state(float(x)) for x in (hs.min(), hs.max())})
+        state = f"hs {span(hs, 'm')}, sea state {' to '.join(map(str, codes))}" if hs.any() else "calm"
+        size = f"{number(self.num_seas, 'realisation')} of {number(self.num_components, 'component')}"
+        return f"<Sea: {state}, {depth}, {size}>"
 
     @classmethod
     def from_config(cls, config: SeaConfig, seed: int) -> "Sea":

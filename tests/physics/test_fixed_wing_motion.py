@@ -200,6 +200,7 @@ def test_actions_invert_controls(shipped):
     neutral = torch.tensor(shipped.neutral)
     back = neutral + action.clamp(min=0) * (upper - neutral) + action.clamp(max=0) * (neutral - lower)
     assert torch.allclose(back, controls, atol=1e-12)
+    assert shipped.action(controls.to("meta")).device.type == "meta"  # where the controls are, whatever the device
 
 
 # -- robustness --------------------------------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""Avoidance (controllers/avoidance.py): what is passed, by how much, and what is left alone."""
+"""Avoidance (rl/guidance/avoidance.py): what is passed, by how much, and what is left alone."""
 
 import math
 from types import SimpleNamespace

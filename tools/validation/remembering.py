@@ -1,8 +1,10 @@
 """Hulls of tables with the radiation and diffraction of a boundary-element database: shipped, or computed and kept.
 
 A computed one needs capytaine (extra `bem`) and minutes; `--bem FOLDER` keeps it from run to run. Hulls have no viscous
-damping, as boundary-element codes have none; but shipped ones a little in surge, sway and yaw, by which they come to
-rest.
+damping, as boundary-element codes have none, but what NAME_meta.json says was added (`B_external_linear`); shipped ones
+have a little in surge, sway and yaw besides, by which they come to rest. Added damping takes the ship's own velocity in
+tables, and in the simulator that relative to the water: where ship and water move alike, far below a resonance, it does
+less here.
 """
 
 import os
@@ -30,6 +32,7 @@ DT, SAMPLE = 0.005, 16  # s for a hull of 1 m, and as the root of its length; st
 LEVEL = (1, 1, 0, 0, 0, 1)  # surge, sway, yaw
 NO_DAMPING = {"linear": (0.0,) * 6, "quadratic": (0.0,) * 6, "cross_flow_length": 0.0}
 OSCILLATING = (2, 3, 4)  # heave, roll, pitch
+EXTERNAL = "B_external_linear"  # of a ship's meta file
 KINDS = ("added_mass_damping", "excitation", "drift", "rao")
 SLOWEST = 2000.0  # s for a hull of 200 m, and as the root of its length: no transient is waited for longer
 
@@ -52,11 +55,47 @@ def database_of(case: Case, name: str) -> HydroDatabase:
 
 
 def hull_of(case: Case, name: str) -> tuple[Hull6Dof, HydroDatabase]:
-    """The shipped vehicle of that name, or one made of the table's panels, with its database.
+    """The shipped vehicle of that name, or one made of the table's panels, with its database and added damping.
 
     Raises:
-        InputsMissingError: see database_of.
+        InputsMissingError: see database_of. TableError: if the added damping couples modes, which no hull here has.
     """
+    model, database = _undamped(case, name)
+    meta = case.path.with_name(f"{name}_meta.json")
+    added = external_damping(read_json(case.folder.use(meta))) if meta.is_file() else np.zeros((6, 6))
+    return damped(model, added), database
+
+
+def damped(model: Hull6Dof, added: np.ndarray) -> Hull6Dof:
+    """The same hull with the linear damping `added` [6, 6] (N s/m, N m s) beside its radiation.
+
+    Raises:
+        TableError: if it couples modes.
+    """
+    if np.any(added != np.diag(np.diag(added))):
+        raise TableError(f"meta: key {EXTERNAL!r} couples modes: a hull's damping is one number a mode")
+    if not added.any():
+        return model
+    water = model.params.hydrodynamics
+    # of what a file says in heave, roll and pitch, radiation's share at the resonance is taken back
+    least = np.where(np.diag(added) > 0, model.radiation.counted, 0.0)
+    linear = np.maximum(water.linear, least) + np.diag(added)
+    params = model.params.model_copy(
+        update={"hydrodynamics": water.model_copy(update={"linear": tuple(linear.tolist())})}
+    )
+    return Hull6Dof(params, model.dt, model.substeps)
+
+
+def external_damping(meta: Any) -> np.ndarray:
+    """Linear damping [6, 6] that a ship's published motions have beside radiation, in the table's frame; none is zero.
+
+    Raises:
+        TableError: if it is no 6 x 6 matrix.
+    """
+    return matrix(meta, EXTERNAL) if EXTERNAL in meta else np.zeros((6, 6))
+
+
+def _undamped(case: Case, name: str) -> tuple[Hull6Dof, HydroDatabase]:
     if not vehicle_file(name).is_file():
         database, params = _made(case, name)
         return _model(params), database
@@ -72,8 +111,10 @@ def hull_of(case: Case, name: str) -> tuple[Hull6Dof, HydroDatabase]:
 def slowest_decay(model: Hull6Dof, database: HydroDatabase) -> float:
     """Time constant of the slowest of heave, roll and pitch, s."""
     found, omega = [], np.asarray(database.settings["resonances"], dtype=float)
+    beyond = np.maximum(np.array(model.params.hydrodynamics.linear) - model.radiation.counted, 0.0)
     for mode, w in zip(OSCILLATING, omega, strict=True):
         A, B = (np.interp(w, database.omega, x[:, mode, mode]) for x in (database.added_mass, database.damping))
+        B += beyond[mode]
         found.append(2 * (model.params.M_rb[mode, mode] + A) / B)
     return min(max(found), SLOWEST * np.sqrt(model.params.length / 200))
 

@@ -13,9 +13,13 @@ Judged are frequencies below the first at which water inside the hull, a box of 
 slosh ("irregular frequencies"): k = pi sqrt(1/L^2 + 1/B^2), omega^2 = g k coth(k T). Tables of codes run without a lid
 jump from there on; ours have one. Mean drift is judged at SHORT periods in head and beam seas: longer ones hang on
 motions, and the published FPSO's are integrated pressures that do not vanish in long waves (docs/hydrodynamics.md).
+
+Published motions may have linear damping beside radiation (`B_external_linear` of NAME_meta.json, [6, 6] in the table's
+frame, most often of roll): ours get the same.
 """
 
 import re
+from typing import Any
 
 import numpy as np
 
@@ -23,7 +27,7 @@ from taichi_sim.maths.interpolation import cubic
 from taichi_sim.usv.hull.database import HydroDatabase
 from validation.case import Case
 from validation.regular import motions
-from validation.remembering import database_of, hull_of, matrix, slowest_decay
+from validation.remembering import database_of, external_damping, hull_of, matrix, slowest_decay
 from validation.tables import Table, TableError, read_csv, read_json
 
 TURN = np.array([1.0, -1.0, -1.0, 1.0, -1.0, -1.0])  # ours to theirs
@@ -82,20 +86,13 @@ def drift(case: Case) -> None:
 
 
 def response(case: Case) -> None:
-    """*_rao.csv: motions that follow from the database with mass and stiffness of NAME_meta.json, and those of the
-    simulator's hull, run in time.
+    """*_rao.csv: motions that follow from the database with mass, stiffness and added damping of NAME_meta.json, and
+    those of the simulator's hull, run in time.
     """
     table = read_csv(case.path)
     found = database_of(case, _name(case))
     meta = read_json(case.folder.use(case.path.with_name(f"{_name(case)}_meta.json")))
-    M, C = matrix(meta, "M"), matrix(meta, "C")
-    omega = np.unique(table["omega"])
-    A, B = (_at(found, x, omega) * TURN[:, None] * TURN for x in (found.added_mass, found.damping))
-    loads = _loads(found, found.excitation, table) * TURN * MIRROR
-    ours = np.zeros_like(loads)
-    for i, w in enumerate(omega):
-        rows = table["omega"] == w
-        ours[rows] = np.linalg.solve(-(w**2) * (M + A[i]) - 1j * w * B[i] + C, loads[rows].T).T
+    ours = motions_of(found, meta, table)
     period = 2 * np.pi / table["omega"]
     use = (period >= SHOWN[0]) & (period <= SHOWN[1])
     in_time = np.zeros_like(ours)
@@ -107,6 +104,21 @@ def response(case: Case) -> None:
             theirs = table[f"{name}_abs"] * np.exp(1j * np.deg2rad(table[f"{name}_phase_deg"]))
             error = np.abs(values[:, mode] - theirs)[use] / np.abs(theirs[use]).max()
             case.absolute(f"{name}, {how}, of the peak", error, 0 * error, RAO_TOLERANCE)
+
+
+def motions_of(found: HydroDatabase, meta: Any, table: Table) -> np.ndarray:
+    """Complex amplitudes [row, 6], in the table's frame, that a database makes with M, C and, where it is said, the
+    damping that was added (`B_external_linear`) of a ship's meta file: (-w^2 (M + A) - i w (B + B_ext) + C) eta = X.
+    """
+    M, C, added = matrix(meta, "M"), matrix(meta, "C"), external_damping(meta)
+    omega = np.unique(table["omega"])
+    A, B = (_at(found, x, omega) * TURN[:, None] * TURN for x in (found.added_mass, found.damping))
+    loads = _loads(found, found.excitation, table) * TURN * MIRROR
+    ours = np.zeros_like(loads)
+    for i, w in enumerate(omega):
+        rows = table["omega"] == w
+        ours[rows] = np.linalg.solve(-(w**2) * (M + A[i]) - 1j * w * (B[i] + added) + C, loads[rows].T).T
+    return ours
 
 
 def _name(case: Case) -> str:

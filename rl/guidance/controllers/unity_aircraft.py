@@ -25,7 +25,7 @@ LEAST_FORCE = 0.5  # m/s^2: a shorter force vector has no direction to follow; a
 
 
 class UnityAircraftGains(ForceGains):
-    """Tuned by tools/tune.py on `paper`."""
+    """Tuned by rl/tune.py on `paper`."""
 
     acceleration: Positive = 5.1
     horizon: Positive = 5.2

@@ -24,7 +24,7 @@ LEAST_FORCE = 0.5  # m/s^2: a shorter force vector has no direction to follow; a
 
 
 class UnityBoatGains(ForceGains):
-    """Tuned by tools/tune.py on `paper`."""
+    """Tuned by rl/tune.py on `paper`."""
 
     acceleration: Positive = 9.5
     horizon: Positive = 5.3

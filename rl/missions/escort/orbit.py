@@ -12,7 +12,7 @@ velocity over ground v* = v_c + s d is the one with |v* - w| = V (the wind trian
 
 which is fed forward to the bank. Phases: each flies so fast that it gets midway between those ahead and behind,
 V = cruise + sat(k_phase R (gap ahead - gap behind) / 2) (loc. cit., sec. IV, by speed). What flies it, and evades what
-is near, is the controller of formations (../formation/controllers/fixed_wing_6dof.py).
+is near, is the controller of formations (rl/guidance/controllers/fixed_wing_6dof.py).
 """
 
 from typing import Any

@@ -51,7 +51,7 @@ class Picture:
     Attributes:
         things: [env, thing, 6], the truth. looks: [env, looker, thing, 3]. radio, chart: see there.
         targets: [env, looker, 8] the vessel as each knows it, as tables of targets have it
-            (../formation/targets.py); the rate of its course is 0: estimated, it did more harm than good.
+            (rl/guidance/targets.py); the rate of its course is 0: estimated, it did more harm than good.
         age, sigma: [env, looker] of that, s and m (standard deviation, each way).
     """
 

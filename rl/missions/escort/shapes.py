@@ -2,7 +2,7 @@
 
 The first axis is the vessel's course, the second to starboard of it; the vessel is at (0, 0). `ring` puts n boats at
 even angles on a circle of R = spacing max(1, 1 / (2 sin(pi / n))), the leader astern; all others are the shapes of
-formations (../formation/shapes.py) in which the vessel leads.
+formations (rl/guidance/shapes.py) in which the vessel leads.
 """
 
 import math

@@ -2,7 +2,9 @@
 
 One kernel launch per control step: each aircraft's state is loaded once, goes through RK4 substeps on local values,
 and is stored once. Deflections and the air's velocity (in n: local_air.py) are held over a substep, which is made in
-the frame of the air: so a steady wind is exact, the motion relative to the air is that in still air.
+the frame of the air: so a steady wind is exact, the motion relative to the air is that in still air, of fourth order in
+the step. Through a discrete gust it is of second order, by the air that is held: with steps of 0.02 s an Aerosonde that
+meets 3 m/s within half a second, controls fixed, is less than 2 mm off after 10 s.
 """
 
 # Kernels are another language inside Python syntax.
@@ -125,9 +127,10 @@ class FixedWing6DOF(Aircraft):
     # -- for who flies it ------------------------------------------------------------------------------------------
 
     def action(self, controls: Tensor) -> Tensor:
-        """Actions [.., 4] that command `controls` [.., 4]: elevator, aileron, rudder (rad), throttle."""
+        """Actions [.., 4] that command `controls` [.., 4]: elevator, aileron, rudder (rad), throttle; on its device."""
         neutral, lower, upper = (
-            torch.tensor(x, dtype=torch.float64) for x in (self.neutral, self.p.actuators.lower, self.p.actuators.upper)
+            torch.tensor(x, dtype=torch.float64, device=controls.device)
+            for x in (self.neutral, self.p.actuators.lower, self.p.actuators.upper)
         )
         away = controls.double() - neutral
         return (away / torch.where(away > 0, upper - neutral, neutral - lower)).to(controls.dtype)

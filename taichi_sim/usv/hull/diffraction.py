@@ -8,8 +8,10 @@ there are, and what is nonlinear in the undisturbed wave's pressure stays. A com
     Re(a X(omega, beta) exp(i theta)),   theta: its phase at the hull's label, beta: its direction from the bow,
 
 with X at the component's own frequency (that of encounter counts in radiation alone), cubic in omega, linear between
-HEADINGS headings of the hull, to which the database is resampled by its Fourier series. Slower waves than the database
-has are thrown back as omega^2, faster ones less and less up to FADED times its highest frequency.
+equal courses, to which the database is resampled by its Fourier series. Over the course of a long hull in short waves X
+turns k L / 2 times, so there are as many courses as leave it OFF of its largest off, halfway between two
+(`courses_of`). Slower waves than the database has are thrown back as omega^2, faster ones less and less up to FADED
+times its highest frequency.
 
 In a step it is summed once for every STRETCH of phase of waves at the hull's highest resonance, with its first and
 second rates of change: shorter waves, which move it little, are off by more.
@@ -39,7 +41,9 @@ from taichi_sim.maths import fast
 from taichi_sim.maths.interpolation import cubic
 from taichi_sim.usv.hull.database import HydroDatabase
 
-HEADINGS = 96  # courses of a table; linear between: at worst 0.5 % of a harmonic of order 3 off, 3 % of 8, 16 % of 18
+FEWEST = 96  # courses of a table
+OFF = 0.03  # of the largest load of a mode at a frequency: at most so much is a table off halfway between two courses
+ABSENT = 1e-6  # of a mode's largest load at any frequency: what is smaller is rounding
 FADED = 1.3  # times the highest frequency of a database: from there on nothing is thrown back
 STRETCH = 0.9  # rad: half of it, cubed, over six is 1.5 % of the load, the third term of its Taylor series
 TOP = 2.5  # highest frequency of a database over its highest resonance, where it does not say
@@ -53,12 +57,15 @@ class Diffraction:
         """Resample a database, which has `by_panels`, and `drift` if that is wanted."""
         assert database.by_panels is not None
         self.resonance = float(max(database.settings.get("resonances") or [database.omega[-1] / TOP]))
-        left = around(database, database.excitation - database.by_panels)
-        parts = [left.real, left.imag]
+        given = database.excitation - database.by_panels
         if drift:
             assert database.drift is not None
-            parts.append(around(database, _six(database.drift)).real[..., [0, 1, 5]])
-        self.omega, self.table = database.omega, np.concatenate(parts, axis=-1)  # [n, HEADINGS, size]
+            given = np.concatenate([given, _six(database.drift)])
+        self.courses = courses_of(database, given)  # equal ones, of the whole circle, from the bow on
+        found = around(database, given, self.courses)
+        left, mean = found[: len(database.omega)], found[len(database.omega) :]
+        parts = [left.real, left.imag, *([mean.real[..., [0, 1, 5]]] if drift else [])]
+        self.omega, self.table = database.omega, np.concatenate(parts, axis=-1)  # [n, courses, size]
 
     def stretch(self, dt: float) -> int:
         """Steps of dt (s) for which the load is summed once."""
@@ -71,25 +78,61 @@ class Diffraction:
 
     def of(self, sea: Tensor) -> Tensor:
         """For components sea [sea, 8, component] (conventions.py): loads of the amplitudes they have (drift: per
-        amplitude) on a hull with each of HEADINGS + 1 headings from north on, [sea * (HEADINGS + 1), component, size].
+        amplitude) on a hull with each of `courses` + 1 headings from north on,
+        [sea * (courses + 1), component, size].
         """
         rows = sea.detach().to("cpu", torch.float64).numpy()
-        omega = rows[:, OMEGA].ravel()
+        out = torch.empty((len(rows), self.courses + 1, rows.shape[2], self.size), dtype=sea.dtype)
+        for s, row in enumerate(rows):  # one by one: the loads of all in double precision are many
+            out[s] = torch.from_numpy(np.ascontiguousarray(self._by_heading(row).swapaxes(0, 1)))
+        return out.flatten(0, 1).to(sea.device)
+
+    def _by_heading(self, row: NDArray) -> NDArray[np.float64]:
+        """Loads [component, courses + 1, size] of the components [8, component] of one sea."""
+        omega = row[OMEGA]
         found = cubic(self.omega, self.table, np.clip(omega, self.omega[0], self.omega[-1]))
         slow = np.minimum(omega / self.omega[0], 1.0) ** 2
         fade = np.clip((FADED - omega / self.omega[-1]) / (FADED - 1), 0.0, 1.0)
-        found *= (slow * fade * rows[:, AMPLITUDE].ravel())[:, None, None]
-        course = np.arctan2(rows[:, KY], rows[:, KX]).ravel()
-        turn = np.exp(1j * course[:, None] * np.arange(HEADINGS // 2 + 1))[..., None]
-        by_course = np.fft.irfft(np.fft.rfft(found, axis=1) * turn, HEADINGS, axis=1)  # from the component's own on
-        by_heading = by_course[:, -np.arange(HEADINGS + 1) % HEADINGS]
-        shape = len(rows), rows.shape[2], HEADINGS + 1, self.size
-        loads = by_heading.reshape(shape).swapaxes(1, 2).reshape(-1, rows.shape[2], self.size)
-        return torch.from_numpy(np.ascontiguousarray(loads)).to(sea.dtype).to(sea.device)
+        found *= (slow * fade * row[AMPLITUDE])[:, None, None]
+        course = np.arctan2(row[KY], row[KX])
+        turn = np.exp(1j * course[:, None] * np.arange(self.courses // 2 + 1))[..., None]
+        by_course = np.fft.irfft(np.fft.rfft(found, axis=1) * turn, self.courses, axis=1)  # from the own one on
+        return by_course[:, -np.arange(self.courses + 1) % self.courses]
 
 
-def around(database: HydroDatabase, loads: NDArray) -> NDArray[np.complex128]:
-    """Loads [n, m, 6] of a database's headings at HEADINGS equal courses of the whole circle, [n, HEADINGS, 6]."""
+def courses_of(database: HydroDatabase, loads: NDArray) -> int:
+    """How many equal courses leave loads [n, m, 6], linear between them, off by OFF or less of a mode's largest load at
+    a frequency: FEWEST, or as many more as it takes.
+
+    A multiple of the database's headings round the circle, so that there, if they are equal, loads are not in between.
+    """
+    headings = len(_whole(database, loads)[0])
+    step = math.lcm(headings, 2)
+    courses = math.ceil(FEWEST / step) * step
+    while True:
+        fine = around(database, loads, 2 * courses)
+        here, halfway = fine[:, ::2], fine[:, 1::2]
+        largest = np.abs(fine).max(axis=1)
+        counts = largest > ABSENT * largest.max(axis=0)
+        off = np.abs(halfway - (here + np.roll(here, -1, axis=1)) / 2).max(axis=1)
+        if not np.any(off[counts] > OFF * largest[counts]):
+            return courses
+        courses += step
+
+
+def around(database: HydroDatabase, loads: NDArray, courses: int) -> NDArray[np.complex128]:
+    """Loads [n, m, 6] of a database's headings at equal `courses` of the whole circle, [n, courses, 6]."""
+    heading, whole = _whole(database, loads)
+    beta, orders = np.deg2rad(heading), np.arange(-((len(heading) - 1) // 2), (len(heading) - 1) // 2 + 1)
+    by_heading = whole.swapaxes(0, 1).reshape(len(beta), -1)
+    series = np.linalg.lstsq(np.exp(1j * np.outer(beta, orders)), by_heading, rcond=None)
+    course = np.arange(courses) * (math.tau / courses)
+    values = np.asarray(np.exp(1j * np.outer(course, orders)) @ series[0], dtype=np.complex128)
+    return values.reshape(courses, len(whole), 6).swapaxes(0, 1)
+
+
+def _whole(database: HydroDatabase, loads: NDArray) -> tuple[NDArray, NDArray[np.complex128]]:
+    """Headings (deg) round the whole circle, and the loads [n, m, 6] at them."""
     heading = database.heading_deg
     whole = np.asarray(loads, dtype=np.complex128)
     if database.symmetric:
@@ -99,12 +142,7 @@ def around(database: HydroDatabase, loads: NDArray) -> NDArray[np.complex128]:
         whole = np.concatenate([whole, mirrored], axis=1)
     elif heading[-1] >= 360:
         heading, whole = heading[:-1], whole[:, :-1]
-    beta, orders = np.deg2rad(heading), np.arange(-((len(heading) - 1) // 2), (len(heading) - 1) // 2 + 1)
-    by_heading = whole.swapaxes(0, 1).reshape(len(beta), -1)
-    series = np.linalg.lstsq(np.exp(1j * np.outer(beta, orders)), by_heading, rcond=None)
-    course = np.arange(HEADINGS) * (math.tau / HEADINGS)
-    values = np.asarray(np.exp(1j * np.outer(course, orders)) @ series[0], dtype=np.complex128)
-    return values.reshape(HEADINGS, len(whole), 6).swapaxes(0, 1)
+    return heading, whole
 
 
 def _six(drift: NDArray) -> NDArray:
@@ -117,21 +155,21 @@ def _six(drift: NDArray) -> NDArray:
 @ti.func
 def diffracted(
     sea: ti.template(), phase: ti.template(), count: ti.template(), table: ti.template(), drifts: ti.template(),
-    s, row, label, velocity, tau, psi
+    courses: ti.template(), s, row, label, velocity, tau, psi
 ):  # fmt: skip
     """Load (N, N m, about CO, b) on a hull at the label `label` [2] (m), which moves with `velocity` [2] (m/s), with
     heading psi (rad), tau s after the beginning of a step; and its first and second rate of change. `table` is
-    Diffraction.of, whose loads at one heading lie side by side; `drifts` says whether it has drift, which counts as
-    steady.
+    Diffraction.of, whose loads at one heading lie side by side, of `courses`; `drifts` says whether it has drift, which
+    counts as steady.
     """
     load = ti.Vector([tau * 0.0 for _ in range(6)])
     rate, bend = load * 0.0, load * 0.0
     cosines, sines = tau * 0.0, tau * 0.0
     of_cosine, of_sine = ti.Vector([tau * 0.0 for _ in range(DRIFT)]), ti.Vector([tau * 0.0 for _ in range(DRIFT)])
-    place = psi * ti.static(HEADINGS / math.tau)
-    place -= ti.floor(place * ti.static(1 / HEADINGS)) * HEADINGS
-    first = ti.min(ti.cast(place, ti.i32), HEADINGS - 1)
-    share, n = place - first, s * ti.static(HEADINGS + 1) + first
+    place = psi * ti.static(courses / math.tau)
+    place -= ti.floor(place * ti.static(1 / courses)) * courses
+    first = ti.min(ti.cast(place, ti.i32), courses - 1)
+    share, n = place - first, s * ti.static(courses + 1) + first
     for c in range(count):
         kx, ky, omega = sea[s, KX, c], sea[s, KY, c], sea[s, OMEGA, c]
         sine, cosine = fast.sincos_short(kx * label[0] + ky * label[1] + phase[row, c] - omega * tau)

@@ -76,6 +76,7 @@ class HullModel(Propelled):
         self.nodes = len(self.geometry.lines.start) * self.points
         self.database: HydroDatabase | None = None
         self.stretch = 1  # steps for which diffraction is summed once
+        self.courses = 0  # of the table of diffraction
         self.radiation = Radiation.constant(params.hydrodynamics.added_mass)
         self.by_panels, self.has_linear = params.restoring == "panels", params.linear is not None
         self.source: Any = params.linear  # None: no published restoring
@@ -115,6 +116,7 @@ class HullModel(Propelled):
             raise ConfigError(f"{file}: {error}") from None
         self.database, self._diffraction = database, Diffraction(database, self.params.hydrodynamics.drift)
         self.stretch = min(self._diffraction.stretch(self.dt), self.substeps)
+        self.courses = self._diffraction.courses
 
     @property
     def remembers(self) -> bool:

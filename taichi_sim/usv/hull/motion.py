@@ -80,7 +80,8 @@ class HullMotion(HullActuators):
         label, psi = L + ahead * velocity, ti.atan2(R[1, 0], R[0, 0])
         return diffracted(
             around.sea, around.phase, build.components, tables.thrown,
-            ti.static(self.params.hydrodynamics.drift), around.env_sea[e], e, label, velocity, tau + ahead, psi,
+            ti.static(self.params.hydrodynamics.drift), self.courses, around.env_sea[e], e, label, velocity,
+            tau + ahead, psi,
         )  # fmt: skip
 
     @ti.func

@@ -1,0 +1,19 @@
+"""Words for the lines that say what an object is (`repr`)."""
+
+from typing import Any
+
+import numpy as np
+
+
+def span(values: Any, unit: str) -> str:
+    """The values' range to four digits: "0.5 m", or "0.5 to 1.25 m"; `values` an array or a tensor of any shape."""
+    flat = np.asarray(values.detach().cpu() if hasattr(values, "detach") else values, dtype=np.float64).ravel()
+    if not flat.size:
+        return "none"
+    low, high = f"{flat.min():.4g}", f"{flat.max():.4g}"
+    return f"{low} {unit}" if low == high else f"{low} to {high} {unit}"
+
+
+def number(count: int, thing: str) -> str:
+    """ "1 environment", "3 environments"."""
+    return f"{count} {thing}" if count == 1 else f"{count} {thing}s"

@@ -1,0 +1,71 @@
+"""Files that docstrings, comments, messages and pages name are there."""
+
+import ast
+import io
+import re
+import tokenize
+from collections.abc import Iterator
+from itertools import chain
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+SOURCES = ("taichi_sim", "rl", "tools", "tests")
+OURS = (*SOURCES, "docs", "configs")
+EXISTING = {path.relative_to(ROOT).as_posix() for folder in OURS for path in (ROOT / folder).rglob("*.*")}
+END = r"(?![\w*{/])"
+FROM_ROOT = re.compile(rf"(?<![\w/.\-])(?:{'|'.join(OURS)})/[\w./\-]*\w\.(?:py|md|toml|json|ipynb|png){END}")
+MODULE = re.compile(rf"(?<![\w/.\-*}}])(?:\.\./)*(?:[\w\-]+/)*[\w\-]+\.py{END}")
+LINK = re.compile(r"\]\((?!https?:|#)([^)#\s]+)")
+EXAMPLES = {"my_boat.py"}  # of a reader's own
+WHOEVER = re.compile(r"(?:^|/|_)[A-Z]+(?:[./]|$)")  # NAME.py stands for any
+
+
+def _named(pattern: re.Pattern[str], text: str) -> Iterator[str]:
+    """Paths in a text that are not placeholders."""
+    return (found for found in pattern.findall(text) if not WHOEVER.search(found))
+
+
+def _strings(tree: ast.AST) -> Iterator[str]:
+    """All strings of a module, docstrings too."""
+    return (node.value for node in ast.walk(tree) if isinstance(node, ast.Constant) and isinstance(node.value, str))
+
+
+def _docstrings(tree: ast.AST) -> Iterator[str]:
+    kinds = (ast.Module, ast.ClassDef, ast.FunctionDef)
+    return (ast.get_docstring(node) or "" for node in ast.walk(tree) if isinstance(node, kinds))
+
+
+def _comments(source: str) -> Iterator[str]:
+    tokens = tokenize.generate_tokens(io.StringIO(source).readline)
+    return (token.string for token in tokens if token.type == tokenize.COMMENT)
+
+
+def _is_there(name: str) -> bool:
+    """Whether some file's path ends so; what lies beside is named from there on."""
+    end = name.replace("../", "")
+    return name in EXAMPLES or any(path == end or path.endswith(f"/{end}") for path in EXISTING)
+
+
+def missing_of_source(path: Path) -> set[str]:
+    """Modules named in docstrings and comments, and paths from the root in any string (of the tests: in docstrings)."""
+    source = path.read_text(encoding="utf-8")
+    tree = ast.parse(source)
+    told = [*_docstrings(tree), *_comments(source)]
+    texts = told if path.is_relative_to(ROOT / "tests") else [*told, *_strings(tree)]
+    modules = {name for text in told for name in _named(MODULE, text) if not _is_there(name)}
+    return modules | {name for text in texts for name in _named(FROM_ROOT, text) if name not in EXISTING}
+
+
+def missing_of_page(path: Path) -> set[str]:
+    """Paths from the root, and links."""
+    text = path.read_text(encoding="utf-8")
+    links = {link for link in LINK.findall(text) if path.suffix == ".md" and not (path.parent / link).exists()}
+    return links | {name for name in _named(FROM_ROOT, text) if name not in EXISTING}
+
+
+def test_named_files_are_there():
+    sources = chain.from_iterable((ROOT / folder).rglob("*.py") for folder in SOURCES)
+    pages = [ROOT / "README.md", *(ROOT / "docs").rglob("*.md"), *(ROOT / "docs").glob("*.ipynb")]
+    pages += (ROOT / "configs").rglob("*.toml")
+    found = {path: missing_of_source(path) for path in sources} | {path: missing_of_page(path) for path in pages}
+    assert {str(path.relative_to(ROOT)): names for path, names in found.items() if names} == {}

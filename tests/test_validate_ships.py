@@ -1,0 +1,66 @@
+"""Motions of ships in `tools/validate.py`: damping that was added to the published ones."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(ROOT / "tools"))
+
+from validation.remembering import damped, external_damping  # noqa: E402
+from validation.ships import motions_of  # noqa: E402
+from validation.tables import Table, TableError  # noqa: E402
+
+from taichi_sim.usv.hull.hull_6dof import Hull6Dof  # noqa: E402
+from taichi_sim.vehicles import load_vehicle  # noqa: E402
+
+pytestmark = pytest.mark.usefixtures("f64")
+ROLL = 3
+ADDED = np.diag([0.0, 0.0, 0.0, 2.0e3, 0.0, 0.0])  # N m s, of roll
+
+
+def barge() -> Hull6Dof:
+    model = load_vehicle("barge")
+    assert isinstance(model, Hull6Dof)
+    return model
+
+
+def test_roll_at_resonance_is_the_load_over_all_damping():
+    """Closed form of one mode: where the stiffness is w^2 (M + A), |roll| = |X| / (w (B + B_ext))."""
+    found = barge().database
+    assert found is not None
+    n = len(found.omega) // 2
+    w, roll = found.omega[n], np.arange(6) == ROLL
+    M = 5000.0 * np.eye(6)
+    A = found.added_mass[n, ROLL, ROLL]
+    only = roll[:, None] & roll
+    found = type(found)(**vars(found) | {
+        "added_mass": found.added_mass * only, "damping": found.damping * only, "excitation": found.excitation * roll,
+    })  # fmt: skip
+    C = np.diag(np.where(roll, w**2 * (M[0, 0] + A), 1e9))
+    beam = Table(("omega", "heading_deg"), ((repr(float(w)), "90"),))
+    for added in (None, 0 * ADDED, ADDED):
+        meta = {"M": M.tolist(), "C": C.tolist()} | ({} if added is None else {"B_external_linear": added.tolist()})
+        B = found.damping[n, ROLL, ROLL] + (0.0 if added is None else added[ROLL, ROLL])
+        column = np.abs(found.heading_deg - 90).argmin()
+        expected = np.abs(found.excitation[n, column, ROLL]) / (w * B)
+        assert np.abs(motions_of(found, meta, beam)[0, ROLL]) == pytest.approx(expected, rel=1e-9)
+
+
+def test_the_simulator_s_hull_has_the_added_damping_beside_radiation():
+    """All of it in roll, where a file's damping counts as far as it exceeds radiation; other modes keep theirs."""
+    plain = barge()
+    assert damped(plain, 0 * ADDED) is plain
+    before, after = (model.constants for model in (plain, damped(plain, ADDED)))
+    linear = [[getattr(own, f"linear_{i}") for i in range(6)] for own in (before, after)]
+    assert np.subtract(linear[1], linear[0])[ROLL] == pytest.approx(ADDED[ROLL, ROLL], abs=1e-6)
+    assert linear[1][:ROLL] == linear[0][:ROLL] and linear[1][ROLL + 1 :] == linear[0][ROLL + 1 :]
+
+
+def test_damping_that_couples_modes_is_refused():
+    with pytest.raises(TableError, match="B_external_linear.*couples"):
+        damped(barge(), ADDED + ADDED[ROLL, ROLL] * (np.eye(6, k=1)))
+    with pytest.raises(TableError, match="B_external_linear.*6 x 6"):
+        external_damping({"B_external_linear": [1.0]})
