@@ -1,0 +1,64 @@
+"""Headroom: the share of the way to an oracle, on kept episodes that are used only where they are the scenario's."""
+
+import numpy as np
+import pytest
+
+from rl.missions import load_scenario
+from rl.missions.formation.judge import FormationJudge
+from rl.runs.headroom import Bound, digest, headroom, read_bounds, run_bound, write_bounds
+
+RNG = np.random.default_rng(3)
+
+
+def episodes(leader, count: int = 40) -> dict[str, np.ndarray]:
+    """Numbers of episodes whose leader's error is `leader` [episode] m, the followers' twice that."""
+    one = np.ones(count)
+    return {
+        "leader_error_rms_m": leader * one, "follower_error_rms_m": 2 * leader * one, "leader_s": 40 * one,
+        "follower_s": 80 * one, "evasions": one, "vehicle_hours": one, "least_gap_m": one, "collided": 0 * one,
+        "failed": 0 * one, "succeeded": one, "reward": one, "decisions": one, "hours": one, "action_changes": one,
+    }  # fmt: skip
+
+
+def bound(classical, oracle) -> Bound:
+    return Bound(("usv",), 5, episodes(classical), episodes(oracle), 0.5)
+
+
+def test_a_policy_halfway_takes_half_with_an_interval_that_narrows_with_agreement():
+    spread = RNG.uniform(0.5, 1.5, 40)
+    found = headroom(FormationJudge, episodes(1.5 * spread), bound(2.0 * spread, 1.0 * spread))["leader_error_rms_m"]
+    assert found == pytest.approx((0.5, 0.5, 0.5))
+    noisy = headroom(FormationJudge, episodes(1.5 * RNG.permutation(spread)), bound(2.0 * spread, 1.0 * spread))
+    low, high = noisy["leader_error_rms_m"][1:]
+    assert low < 0.45 < 0.55 < high
+    for learned, share in ((2.0, 0.0), (1.0, 1.0), (2.5, -0.5)):
+        found = headroom(FormationJudge, episodes(learned * spread), bound(2.0 * spread, 1.0 * spread))
+        assert found["follower_error_rms_m"].value == pytest.approx(share)
+
+
+def test_several_runs_count_together():
+    two = {key: np.concatenate((episodes(1.5)[key], episodes(1.0)[key])) for key in episodes(1.0)}
+    found = headroom(FormationJudge, two, bound(2.0, 1.0), times=2)["leader_error_rms_m"]
+    assert found.value == pytest.approx(2 - np.sqrt((1.5**2 + 1.0) / 2))
+
+
+def test_bounds_are_read_back_where_the_episodes_are_the_same(tmp_path):
+    config, file = load_scenario("paper"), tmp_path / "paper.json"
+    made = bound(2.0, np.nan)
+    write_bounds(file, config, {"usv": made})
+    again = read_bounds(config, file)["usv"]
+    assert again.beside == ("usv",) and again.seed == 5 and again.episodes == 40
+    np.testing.assert_array_equal(again.oracle["leader_error_rms_m"], made.oracle["leader_error_rms_m"])
+    for same in ("seed=9", "stages.usv.iterations=3", "usv.residual.velocity=1", "usv.tracking_reward.fine=0"):
+        assert digest(load_scenario("paper", (same,))) == digest(config)
+    for other in ("sea.hs=1", "usv.control.horizon=4", "obstacles.count=3", "usv.count=5"):
+        assert read_bounds(load_scenario("paper", (other,)), file) == {}
+    assert read_bounds(config, tmp_path / "none.json") == {}
+
+
+def test_an_oracle_and_the_classical_controller_do_the_same_episodes():
+    few = ("track.worlds=4", "sea.realisations=4", "episode_duration=3", "evaluation.settle=1", "usv.plan.samples=8")
+    config = load_scenario("paper", (*few, "usv.plan.rounds=1", "usv.plan.horizon=1", "usv.plan.every=0.5"))
+    found = run_bound(config, "usv", episodes=3, seed=2, show_progress=False)
+    assert found.beside == ("usv",) and found.episodes == 3 and found.price > 0
+    assert found.classical.keys() == found.oracle.keys()
