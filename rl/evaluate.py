@@ -31,7 +31,7 @@ def parser() -> argparse.ArgumentParser:
         "--sweep",
         default=None,
         metavar="FILE",
-        help="policy and classical controller on the same episodes under each condition of a sweep "
+        help="the policy and --controller (default: classical) on the same episodes under each condition of a sweep "
         "(configs/sweeps/*.toml, by name: default); an interrupted one goes on",
     )
     cli.add_processes(p, "episodes (by 256), or the conditions of a sweep,")
@@ -65,10 +65,8 @@ def units(args: argparse.Namespace) -> int:
     config, _ = run_folder.load_config(args.run, args.overrides, args.config)
     if not args.sweep:
         return -(-(args.episodes or config.evaluation.episodes) // CHUNK)
-    if args.controller != "policy" or args.json:
-        raise run_folder.RunError(
-            "--sweep compares both controllers, and writes its own tables: leave out --controller and --json"
-        )
+    if args.json:
+        raise run_folder.RunError("--sweep writes its own tables: leave out --json")
     return count_cells(load_sweep(find_sweep(args.sweep), episodes=args.episodes, seed=args.seed))
 
 

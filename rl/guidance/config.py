@@ -2,7 +2,7 @@
 
 from typing import Annotated
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from taichi_sim.config import NonNegative, Positive, Strict
 
@@ -15,11 +15,7 @@ class ResidualConfig(Strict):
     that near in time are greater than they are worth (avoidance.py): none leads into an obstacle that is seen. Where a
     team mate is nearer than `room` they fade out, to none at half of it: two that both correct, each counting on the
     other to go straight on, met more often than two that do not. With a `gate`, corrections fade in where the gap to an
-    obstacle falls from `gate` to half of it, and are zero, exactly, where none is that near. Corrections of the
-    velocity are smaller than the policy says by `dead`, and none that would be less: what it does from habit, and what
-    swings to and fro about what is right, is left out. With a `memory`, the
-    policy observes the mean of how the vehicle fell short of the wanted velocity over about that time: it shows in
-    which craft, and in what sea and wind, it is.
+    obstacle falls from `gate` to half of it, and are zero, exactly, where none is that near.
     """
 
     velocity: NonNegative = 0.0  # m/s, the most of each component
@@ -28,11 +24,3 @@ class ResidualConfig(Strict):
     room: NonNegative = 0.0  # m from a team mate's origin: nearer than half of it nothing is corrected
     share: Annotated[float, Field(ge=0, le=2)] = 0.0  # of the range of actions
     gate: Positive | None = None  # m
-    dead: NonNegative = 0.0  # m/s, less than `velocity`, unless that is 0
-    memory: NonNegative = 0.0  # s; of corrections of the velocity
-
-    @model_validator(mode="after")
-    def _leaves_something(self):
-        if self.velocity and self.dead >= self.velocity:
-            raise ValueError(f"dead = {self.dead} m/s leaves nothing of corrections of {self.velocity} m/s (velocity)")
-        return self

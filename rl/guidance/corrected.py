@@ -1,6 +1,5 @@
 """A team whose policy may correct the classical controller instead of acting alone (config.ResidualConfig)."""
 
-import math
 from typing import Any
 
 import torch
@@ -24,8 +23,7 @@ class Corrected(Team):
         that room is kept for.
     """
 
-    STATE = ("_lag",)
-    SHARED = ("_lag_of",)
+    STATE = ()
 
     axes: int
     radius: float
@@ -34,11 +32,8 @@ class Corrected(Team):
     def __init__(self, mission: Mission, name: str):
         """Of team `name`; the controller is asked for when it is first needed."""
         super().__init__(mission, name)
-        state = self.fleet.state
         self._wanted: Any = None
         self._shield: Any = None
-        self._lag = state.new_zeros((*state.shape[:2], 2))  # m/s, ahead and to starboard of the course
-        self._lag_of = -1  # the decision that it is of
 
     def forget(self) -> None:
         """The world has moved: what was wanted is no longer."""
@@ -85,7 +80,7 @@ class Corrected(Team):
             correction = correction * (nearest * (2 / residual.room) - 1).clamp(0.0, 1.0)
         wanted = self.wanted
         if residual.velocity:
-            pushed = self.pushed(_shrunk(residual.velocity * correction[..., :2], residual.dead))
+            pushed = self.pushed(residual.velocity * correction[..., :2])
             velocity = wanted.velocity + pushed
             if residual.shield:
                 velocity = self._shield.corrected(self.known, wanted.velocity, pushed)
@@ -141,25 +136,12 @@ class Corrected(Team):
     def wanted(self) -> Any:
         """What the classical controller wants to be done now."""
         if self._wanted is None:
-            self._wanted = wanted = self.controller.wanted(self.known)
-            if self.residual is not None and self.residual.memory:
-                self._remember(wanted.velocity, self.residual.memory)
+            self._wanted = self.controller.wanted(self.known)
         return self._wanted
-
-    def _remember(self, wanted: Tensor, memory: float) -> None:
-        """Take how far the velocity is from what is wanted into the mean; an episode that begins has none."""
-        now = self.mission.noise.clock
-        if now != self._lag_of:
-            c, s = self.target.cos, self.target.sin
-            north, east = (wanted[..., :2] - self.known.fleet.velocity_n[..., :2]).unbind(-1)
-            short = torch.stack((c * north + s * east, c * east - s * north), dim=-1)
-            self._lag = self._lag + (short - self._lag) * -math.expm1(-self.mission.config.decision_interval / memory)
-            self._lag_of = now
-        self._lag = self._lag * (self.mission.steps > 0).view(-1, 1, 1)
 
     def reference(self) -> Tensor:
         """What is corrected, as it is observed: the change of velocity that is wanted in the own frame [env, vehicle,
-        axes], squashed, and the lag, if it is remembered; or the classical actions, where they alone are corrected.
+        axes], squashed; or the classical actions, where they alone are corrected.
         """
         assert self.residual is not None
         if not self.residual.velocity:
@@ -171,14 +153,5 @@ class Corrected(Team):
             c, s = fleet.heading
             north, east = change.unbind(-1)
             own = torch.stack((c * north + s * east, c * east - s * north), dim=-1)
-        if self.residual.memory:
-            own = torch.cat((own, self._lag), dim=-1)
         return own / (own.abs() + CHANGE_SCALE)
 
-
-def _shrunk(along: Tensor, dead: float) -> Tensor:
-    """Velocities [env, vehicle, 2] (m/s), each shorter by `dead`, in the same direction; zero if it is no longer."""
-    if not dead:
-        return along
-    length = along.norm(dim=-1, keepdim=True)
-    return along * ((length - dead) / length.clamp(min=1e-6)).clamp(min=0.0)

@@ -6,9 +6,11 @@ adds the error and its rate as vectors, own velocity, attitude and rates, the ta
 the role (1 of the leader, 0 of followers) and the offset to hold (of the own slot from the leader now, ahead and to
 starboard in the path frame): not the name of a formation; of aircraft with air data, airspeed and wind too; where there
 is a radio, the age of what the leader was last heard to say. All of it is as the vehicle knows it (known.py). A policy
-that corrects the classical controller observes what it wants besides, "reference", and, if it is to remember, how the
-vehicle fell short of that of late, "lag". Directions are in the body frame (of
+that corrects the classical controller observes what it wants besides, "reference". Directions are in the body frame (of
 USVs: its horizontal part), so a policy needs no compass. No width depends on the size of the team.
+
+"encounters" tells how each obstacle will be passed if the vehicle goes on as it does, and by its slot if the formation
+does, and how each team mate will be: how far ahead that is, how far aside (to starboard of the motion), with what gap.
 
 One kernel writes all of them, in the order of `widths`.
 """
@@ -76,7 +78,6 @@ class Form(NamedTuple):
     obstacles: int  # of its surroundings, told apart
     mates: int
     residual: int = 0  # numbers of what is corrected
-    lag: int = 0  # and of what is remembered of it
     radio: bool = False
     air: tuple[int, ...] = ()  # columns of `aux`: airspeed, and the air's velocity, north, east, down
     speeds: tuple[float, ...] = ()  # airspeeds: lowest, cruise, highest, m/s
@@ -98,8 +99,6 @@ def widths(form: Form) -> dict[str, int]:
         terms |= {"age": 1}
     if form.residual > 0:
         terms |= {"reference": form.residual}
-    if form.lag > 0:
-        terms |= {"lag": form.lag}
     return terms
 
 
@@ -233,8 +232,6 @@ def _observe(
                 out[e, i, form.at.age] = squash(seen.heard[e, i, 0, AGE], AGE_SCALE)
         if ti.static(form.residual > 0):
             put(out, e, i, form.at.reference, form.residual, reference, 0)
-        if ti.static(form.lag > 0):
-            put(out, e, i, form.at.lag, form.lag, reference, form.residual)
 
 
 class Observer:
@@ -254,11 +251,10 @@ class Observer:
         serial = runtime.few(fleet.num_envs * fleet.count, OBSERVE)
         actions = len(model.action_names)
         residual = 0 if team.residual is None else team.axes if team.residual.velocity else actions
-        lag = 2 if team.residual is not None and team.residual.memory else 0
         radio = getattr(team, "radio", None)
         form = Form(
             team.axes, signals.shape[-1], actions, kind == "full", team.sensor.num_obstacles, team.sensor.num_mates,
-            residual, lag, radio is not None, air, speeds, serial,
+            residual, radio is not None, air, speeds, serial,
         )  # fmt: skip
         self._form = form._replace(at=columns(form))
         self._shape = fleet.num_envs, fleet.count, sum(widths(self._form).values())
@@ -275,7 +271,7 @@ class Observer:
     def __call__(self, action: Tensor, reference: Tensor) -> Tensor:
         """All terms [env, vehicle, n], side by side in a fresh tensor.
 
-        `action` [env, vehicle, a] is the last one; `reference` is what is to be corrected, and the lag (corrected.py).
+        `action` [env, vehicle, a] is the last one; `reference` is what is to be corrected (corrected.py).
         """
         out = action.new_empty(self._shape)
         self._launch.once(out, self._seen(), action.contiguous(), reference.contiguous(), self._form)

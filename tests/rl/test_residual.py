@@ -1,6 +1,5 @@
 """A policy that corrects the classical controller: nothing is added where it is silent, or where nothing is near."""
 
-import math
 
 import pytest
 import torch
@@ -54,22 +53,6 @@ def test_a_gate_opens_where_an_obstacle_is_near():
     assert team.command(silent + 1.0).equal(team.command(silent))
 
 
-def test_corrections_are_shorter_by_what_is_dead():
-    """Of (0.6, 0.8) of 2 m/s, 2 m/s long, 0.5 m/s are left out: as (0.45, 0.6) without; of one shorter, all."""
-    velocities = []
-    for overrides, action in (((), (0.45, 0.6)), (("usv.residual.dead=0.5",), (0.6, 0.8))):
-        task = make("usv.residual={velocity=2.0}", *overrides, "sea.hs=0", teams=("usv",))
-        begin(task)
-        team = task.teams["usv"]
-        silent = torch.zeros(task.num_envs, 3, 2)
-        velocities.append(team.command(silent + torch.tensor(action)))
-        if overrides:
-            assert team.command(silent + 0.17).equal(team.command(silent))
-    torch.testing.assert_close(*velocities)
-    with pytest.raises(ConfigError, match=r"dead = 2.0 m/s leaves nothing"):
-        make("usv.residual={velocity=2.0}", "usv.residual.dead=2.0", teams=("usv",))
-
-
 def test_corrections_fade_out_where_a_team_mate_is_near():
     task = corrected("usv.residual.room=20.0", "sea.hs=0")
     begin(task)
@@ -96,25 +79,6 @@ def test_a_corrected_velocity_is_flown(team):
     aside = off[:, 1] * side.target.cos[:, 0] - off[:, 0] * side.target.sin[:, 0]
     assert (aside > 1.0).all()  # where the controller's own 2 m/s back balance it
     assert side.observe().shape[-1] == len(side.observation_names)
-
-
-def test_what_is_remembered_is_the_mean_of_what_was_missing_and_begins_with_the_episode():
-    task = make("usv.residual={velocity=3.0, memory=0.5}", teams=("usv",))
-    begin(task)
-    team, silent = task.teams["usv"], torch.zeros(task.num_envs, 3, 2)
-    assert team.observation_names[-2:] == ("lag.0", "lag.1")
-    mean, share = torch.zeros(task.num_envs, 3, 2), 1 - math.exp(-0.1 / 0.5)
-    assert not team.observe()[..., -2:].any()
-    for _ in range(5):
-        task.step({"usv": team.command(silent)})
-        lag = team.observe()[..., -2:]
-        c, s = team.target.cos, team.target.sin
-        north, east = (team.wanted.velocity - team.fleet.velocity_n[..., :2]).unbind(-1)
-        mean += share * (torch.stack((c * north + s * east, c * east - s * north), dim=-1) - mean)
-        torch.testing.assert_close(lag, mean / (mean.abs() + 3.0), atol=1e-5, rtol=1e-4)
-    task.reset(torch.tensor([1]))
-    again = team.observe()[..., -2:]
-    assert not again[1].any() and again[[0, 2, 3]].equal(lag[[0, 2, 3]])
 
 
 def test_its_policy_is_another_than_one_that_acts_alone():

@@ -73,7 +73,7 @@ def test_a_mistake_in_a_sweep_is_named_and_nothing_is_made(before, after, words,
 
 def test_a_missing_sweep_is_named_with_those_there_are(here):
     here("rl.evaluate", tiny_run(), "--sweep", "gone").fails("gone", "no such sweep file", "default")
-    here("rl.evaluate", tiny_run(), "--sweep", "default", "--controller", "classical").fails("leave out --controller")
+    here("rl.evaluate", tiny_run(), "--sweep", "default", "--json", "x.json").fails("leave out --json")
 
 
 # -- cells --------------------------------------------------------------------------------------------------

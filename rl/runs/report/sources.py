@@ -72,5 +72,10 @@ def read_run(folder: Path) -> Run:
         headroom=kept_headroom(folder),
         shown=shown,
         crashes=crashes,
-        sweeps={s.name: run_folder.read_json(s / JSON) if (s / JSON).is_file() else None for s in sweeps if s.is_dir()},
+        sweeps={s.name: _sweep(s / JSON) for s in sweeps if s.is_dir()},
     )
+
+
+def _sweep(file: Path) -> dict[str, Any] | None:
+    """A finished sweep's tables; those made before there was a choice are against the classical controller."""
+    return {"opponent": "classical"} | run_folder.read_json(file) if file.is_file() else None

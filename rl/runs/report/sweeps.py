@@ -10,7 +10,7 @@ from rl.runs.intervals import Interval
 from rl.runs.report.about import number
 from rl.runs.report.page import COLOURS, blank, folded, missing, panel, paragraph, svg, table, text
 from rl.runs.report.sources import Run
-from rl.runs.sweep.tables import WHO, value_text
+from rl.runs.sweep.tables import named, value_text
 
 Row = Mapping[str, Any]
 FEW = 8  # values that are marked on a panel one by one
@@ -56,8 +56,8 @@ def _axis(run: Run, content: Row, k: int, beside: str, also: Row | None) -> str:
     grid = figure.subplots(len(teams), len(figures), squeeze=False)
     for team, line in zip(teams, grid, strict=True):
         for key, axes in zip(figures, line, strict=True):
-            for who in ("policy", "classical"):
-                _band(axes, axis, rows, team, who, key, COLOURS[who], who)
+            for who in ("policy", content["opponent"]):
+                _band(axes, axis, rows, team, who, key, COLOURS["policy" if who == "policy" else "classical"], who)
             if others is not None:
                 _band(axes, axis, others, team, "policy", key, COLOURS["other"], beside)
             _scale(axes)
@@ -105,7 +105,7 @@ def _reasons(axis: Row, rows: Sequence[Row]) -> str:
     told = []
     for row in rows:
         values, why = f"{axis['name']} {value_text(row['values'][axis['name']])}", row["cannot_be"]
-        if len(set(why.values())) == 1 and len(why) == len(("policy", "classical")):
+        if len(set(why.values())) == 1 and len(why) == 2:
             told.append(f"{values} cannot be: {next(iter(why.values()))}")
         else:
             told += [f"{values}, {who}, cannot be: {reason}" for who, reason in why.items()]
@@ -126,7 +126,7 @@ def _table(run: Run, content: Row) -> str:
         for team, of_team in row["teams"].items():
             for who, of in of_team.items():
                 numbers = [number(Interval(*of[key]), who == "difference") for key in keys]
-                rows.append([text(condition), text(team), text(WHO[who]), *numbers])
+                rows.append([text(condition), text(team), text(named(who, content["opponent"])), *numbers])
     return table(("condition", "team", "controller", *keys), rows)
 
 

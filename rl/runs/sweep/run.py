@@ -49,7 +49,12 @@ class Contest(NamedTuple):
     config: Scenario  # its own scenario
     source: Path  # the file of that
     load: Callable[[tuple[str, ...]], Scenario]  # the scenario with a cell's overrides
-    controllers: Mapping[str, Mapping[str, Policy]]  # "policy", "classical" -> team -> its policy
+    controllers: Mapping[str, Mapping[str, Policy]]  # "policy" and its opponent -> team -> its policy
+
+    @property
+    def opponent(self) -> str:
+        """What the policy is compared with: "classical", or another controller."""
+        return next((who for who in self.controllers if who != "policy"), "classical")
 
 
 def run_sweep(
@@ -72,7 +77,9 @@ def run_sweep(
     for whose, other in (("the evaluation's", config.evaluation.seed), ("the training's", config.seed)):
         if sweep.seed == other:
             raise ConfigError(f"{file}: seed = {other} is {whose}: a sweep's is another")
-    out, place = contest.run / FOLDER / file.stem, processes.here()
+    opponent, place = contest.opponent, processes.here()
+    name = file.stem if opponent == "classical" else f"{file.stem}-{opponent}"
+    out = contest.run / FOLDER / name
     todo = cells(sweep, config, file)
     first = next(todo)  # names keys that no scenario has, before anything is made
     judge, total = mission_class(config, contest.source).Judge, count_cells(sweep)
@@ -111,7 +118,8 @@ def run_sweep(
     if place.first:
         rows = [{"values": cell.values, "set": list(cell.overrides)} | done[key] for key, cell in keyed]
         axes = [{"name": a.name, "unit": a.unit, "values": [a.label(value) for value in a.values]} for a in sweep.axis]
-        about = {"sweep": file.stem, "scenario": config.name, "seed": sweep.seed, "episodes": sweep.episodes}
+        about = {"sweep": name, "scenario": config.name, "seed": sweep.seed, "episodes": sweep.episodes}
+        about["opponent"] = opponent
         write_tables(out, about | {"grid": sweep.grid, "axes": axes}, rows)
     return out
 
@@ -139,8 +147,8 @@ def _measure(cell: Cell | None, sweep: Sweep, contest: Contest, judge: type[Judg
         for team, episodes in of_teams.items():
             teams.setdefault(team, {})[who] = _rounded(intervals(judge, episodes))
     for team in teams:
-        if set(teams[team]) == {"policy", "classical"}:
-            pair = found["policy"][team], found["classical"][team]
+        if set(teams[team]) == {"policy", contest.opponent}:
+            pair = found["policy"][team], found[contest.opponent][team]
             teams[team]["difference"] = _rounded(differences(judge, *pair))
     return {"cannot_be": cannot, "teams": teams}
 

@@ -9,7 +9,6 @@ from typing import Any
 from rl.runs import folder as run_folder
 
 JSON, CSV = "sweep.json", "sweep.csv"
-WHO = {"policy": "policy", "classical": "classical", "difference": "policy - classical"}
 
 
 def write_tables(out: Path, about: Mapping[str, Any], rows: Sequence[Mapping[str, Any]]) -> None:
@@ -22,7 +21,7 @@ def write_tables(out: Path, about: Mapping[str, Any], rows: Sequence[Mapping[str
         writer.writerow([*names, "team", "controller", "figure", "value", "low", "high", "cannot be"])
         for row in rows:
             values = [value_text(row["values"].get(name, "")) for name in names]
-            writer.writerows([*values, *line] for line in _lines(row))
+            writer.writerows([*values, *line] for line in _lines(row, about["opponent"]))
     os.replace(part, out / CSV)
 
 
@@ -33,11 +32,16 @@ def value_text(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def _lines(row: Mapping[str, Any]) -> Iterator[list[Any]]:
+def named(who: str, opponent: str) -> str:
+    """What a controller, or the "difference" from its `opponent`, is called in tables."""
+    return f"policy - {opponent}" if who == "difference" else who
+
+
+def _lines(row: Mapping[str, Any], opponent: str) -> Iterator[list[Any]]:
     """A line for each figure of a cell, and for each controller that cannot be."""
     for who, reason in row["cannot_be"].items():
-        yield ["", WHO[who], "", "", "", "", " ".join(reason.split())]
+        yield ["", named(who, opponent), "", "", "", "", " ".join(reason.split())]
     for team, of_team in row["teams"].items():
         for who, figures in of_team.items():
             for figure, numbers in figures.items():
-                yield [team, WHO[who], figure, *("" if x is None else x for x in numbers), ""]
+                yield [team, named(who, opponent), figure, *("" if x is None else x for x in numbers), ""]
