@@ -5,15 +5,16 @@ Actions, each in [-1, 1], by `control.actions`:
 - "rotors": one for each rotor, its speed: omega_min, its speed in hover, omega_max at -1, 0, 1, linear on either side.
 - "rates" (thrust, roll_rate, pitch_rate, yaw_rate): collective thrust, none, the weight, all that the rotors give at
   -1, 0, 1; body rates over max_rate_deg, and yaw_rate_deg.
-- "velocity" (forward, right, down, yaw_rate): velocity over ground in the heading frame, level and turned with the
-  nose: forward
-  and right over `speed`, down over `descent` and, negative, over `climb`; rate of the heading over yaw_rate_deg.
+- "velocity" (forward, right, down, yaw_rate): velocity over ground in the heading frame, level and turned by the
+  heading psi_c that is held, which the nose follows: forward and right over `speed`, down over `descent` and, negative,
+  over `climb`; the rate of psi_c over yaw_rate_deg.
 
 Loops, in the order in which PX4 and ArduPilot have them, with feedback alone (gains.py computes the gains):
 
-    a_c = K_v (v_c - v) + I_v + turning x v_c       n, m/s^2; the last for v_c turns with the nose
+    a_c = K_v (v_c - v) + I_v + turning x v_c       n, m/s^2; the last for v_c turns with psi_c
     c = g down - a_c,  T = m c . z_b                specific thrust, whose direction z_b is to have
-    omega_c = K_a sqrt(2 / (1 + e_z)) (-e_y, e_x, 0) + psi_dot_c down_b,   e = c / |c| in b
+    omega_c = K_a sqrt(2 / (1 + e_z)) (-e_y, e_x, 0) + psi_dot down_b,   e = c / |c| in b
+    psi_dot = psi_dot_c + K_psi sin(psi_c - psi),   psi_c the integral of psi_dot_c, never FARTHEST from psi
     M = J (K_r (omega_c - omega) + I_r) + omega x J omega
 
 and allocation.py makes rotor speeds of T and M. The error of attitude is that of the thrust's direction, 2 sin(angle /
@@ -38,6 +39,7 @@ VELOCITY_ACTIONS = ("forward", "right", "down", "yaw_rate")
 CLIMB_SHARE = 0.9  # of all rotors' thrust that velocities are followed with: the rest turns
 LEAST_LIFT = 0.3  # of the weight, vertical
 UPRIGHT = 1e-3  # of 1 + e_z: keeps the turn of a vehicle that hangs upside down finite
+FARTHEST = 0.5  # sine of the angle by which the heading held may lead or trail the nose
 NOSE = 1e-6  # of the nose's horizontal part: straight up or down there is no heading
 
 
@@ -50,6 +52,7 @@ class Gains:
     yaw_rate: float
     yaw_rate_integral: float
     attitude: float
+    heading: float
     velocity: float
     velocity_integral: float
     climb: float
@@ -71,10 +74,8 @@ class Demands:
 
 
 @ti.func
-def velocity_wanted(d: ti.template(), action: ti.template(), e, i, R):
-    """Velocity (m/s, n) that the actions ask for, at attitude R."""
-    inv = 1.0 / ti.sqrt(R[0, 0] * R[0, 0] + R[1, 0] * R[1, 0] + NOSE * NOSE)
-    c, s = R[0, 0] * inv, R[1, 0] * inv
+def velocity_wanted(d: ti.template(), action: ti.template(), e, i, c, s):
+    """Velocity (m/s, n) that the actions ask for, at the cosine c and sine s of the heading held."""
     forward, right, down = d.speed * action[e, i, 0], d.speed * action[e, i, 1], action[e, i, 2]
     fall = ti.max(down, 0.0) * d.descent + ti.min(down, 0.0) * d.climb
     return ti.Vector([c * forward - s * right, s * forward + c * right, fall])
@@ -104,6 +105,24 @@ def specific_thrust(g: ti.template(), d: ti.template(), v_c, v, turning, integra
         new[k] += dt * (g.velocity_integral * error[k] + unwind * (wanted[k] - c[k]))
     new[2] += dt * (g.climb_integral * error[2] + ti.static(g.climb_integral / g.climb) * (wanted[2] - c[2]))
     return c, new
+
+
+@ti.func
+def heading_rate(g: ti.template(), R, turn, held, dt: ti.template()):
+    """Rate of the heading (rad/s) for a turn that is commanded (rad/s); the heading held (cosine, sine) a step dt (s)
+    later.
+    """
+    inv = 1.0 / ti.sqrt(R[0, 0] * R[0, 0] + R[1, 0] * R[1, 0] + NOSE * NOSE)
+    c, s = R[0, 0] * inv, R[1, 0] * inv
+    ahead, beside = held[0] * c + held[1] * s, held[1] * c - held[0] * s
+    kept = ti.static((1.0 - FARTHEST**2) ** 0.5)
+    if ahead < kept:
+        ahead, beside = kept, ti.select(beside < 0.0, -FARTHEST, FARTHEST)
+    rate = turn + g.heading * beside
+    ahead, beside = ahead - dt * turn * beside, beside + dt * turn * ahead
+    grown = 1.0 / ti.sqrt(ahead * ahead + beside * beside)
+    ahead, beside = grown * ahead, grown * beside
+    return rate, ti.Vector([ahead * c - beside * s, ahead * s + beside * c])
 
 
 @ti.func

@@ -42,6 +42,14 @@ def lag(craft: MultirotorParams, dt: float) -> float:
     return 0.5 * (craft.rotor.tau_up + craft.rotor.tau_down + dt)
 
 
+def lead(craft: MultirotorParams, a: Allocation) -> float:
+    """Time constant (s) by which the rotors' inertia leads the yaw moment of their drag, in hover: J_r / (2 k_m omega).
+
+    A rotor that speeds up pushes the airframe round at once.
+    """
+    return craft.rotor.J_r / (2 * craft.rotor.k_m * sum(a.hover) / len(a.hover))
+
+
 def gains(craft: MultirotorParams, dt: float) -> Gains:
     """Of the drawing board's aircraft, commanded every dt (s)."""
     behind = 1 / (4 * ZETA**2)
@@ -54,6 +62,7 @@ def gains(craft: MultirotorParams, dt: float) -> Gains:
         yaw_rate=attitude,
         yaw_rate_integral=attitude**2 / INTEGRAL,
         attitude=attitude,
+        heading=velocity,
         velocity=velocity,
         velocity_integral=velocity**2 / INTEGRAL,
         climb=attitude,
@@ -88,8 +97,8 @@ def demands(craft: MultirotorParams, a: Allocation) -> Demands:
     )
 
 
-def bandwidths(g: Gains, T: float) -> Bandwidths:
-    """Of the loops of gains g behind the lag T (s)."""
+def bandwidths(g: Gains, T: float, z: float) -> Bandwidths:
+    """Of the loops of gains g behind the lag T (s), with the lead z (s) in yaw."""
     s = 1j * FREQUENCIES
 
     def closed(open_loop: np.ndarray) -> np.ndarray:
@@ -99,7 +108,7 @@ def bandwidths(g: Gains, T: float) -> Bandwidths:
         return float(FREQUENCIES[np.argmax(np.abs(loop) < HALF_POWER)])
 
     rate = closed((g.rate + g.rate_integral / s) / (s * (1 + T * s)))
-    yaw = closed((g.yaw_rate + g.yaw_rate_integral / s) / (s * (1 + T * s)))
+    yaw = closed((g.yaw_rate + g.yaw_rate_integral / s) * (1 + z * s) / (s * (1 + T * s)))
     attitude = closed(g.attitude / s * rate)
     velocity = closed((g.velocity + g.velocity_integral / s) / s * attitude)
     climb = closed((g.climb + g.climb_integral / s) / (s * (1 + T * s)))

@@ -20,8 +20,9 @@ rates wanted and actual (rad/s), velocity wanted and actual (NED, m/s), as far a
 HIDDEN = (
     ("turbulence_u", "turbulence_v1", "turbulence_v2", "turbulence_w1", "turbulence_w2")
     + ("roll_integral", "pitch_integral", "yaw_integral", "north_integral", "east_integral", "down_integral")
+    + ("heading_cos", "heading_sin")
 )  # fmt: skip
-"""States of the turbulence, integrals of the controller (rad/s^2, m/s^2)."""
+"""States of the turbulence, integrals of the controller (rad/s^2, m/s^2), heading that it holds."""
 
 (THRUST, POWER, GROUND, AIRSPEED, TILT, WIND, OUTSIDE, TIME, VOLTAGE, CHARGE, RATES_WANTED, RATES, VELOCITY_WANTED,
  VELOCITY_N) = (
@@ -30,7 +31,9 @@ HIDDEN = (
                  "voltage", "charge", "roll_rate_wanted", "roll_rate", "north_wanted", "north_velocity")
 )  # fmt: skip
 """Columns: single, or the first of three."""
-TURBULENCE, INTEGRALS = (len(READINGS) + HIDDEN.index(name) for name in ("turbulence_u", "roll_integral"))
+TURBULENCE, INTEGRALS, HEADING = (
+    len(READINGS) + HIDDEN.index(name) for name in ("turbulence_u", "roll_integral", "heading_cos")
+)
 SPEEDS = len(READINGS) + len(HIDDEN)  # the first rotor's column
 
 

@@ -34,7 +34,7 @@ from taichi_sim.uav.multirotor.allocation import allocation
 from taichi_sim.uav.multirotor.body import body_surface
 from taichi_sim.uav.multirotor.controller import RATE_ACTIONS, VELOCITY_ACTIONS
 from taichi_sim.uav.multirotor.equations import derivatives
-from taichi_sim.uav.multirotor.gains import bandwidths, demands, gains, lag
+from taichi_sim.uav.multirotor.gains import bandwidths, demands, gains, lag, lead
 from taichi_sim.uav.multirotor.modes import largest_stable_dt
 from taichi_sim.uav.multirotor.motion import rk4
 from taichi_sim.uav.multirotor.numbers import gains as rotor_gains
@@ -83,7 +83,7 @@ class Multirotor6DOF(Vehicle):
         self.actions = plan.control.actions
         self.demands = demands(plan, self.allocation)
         self.gains = gains(plan, dt)
-        self.bandwidths = bandwidths(self.gains, lag(plan, dt))
+        self.bandwidths = bandwidths(self.gains, lag(plan, dt), lead(plan, self.allocation))
         self.board = nominal_numbers(plan)
         self.count, self.battery = len(params.rotors), params.battery is not None
         self.control_names = at.rotor_names(plan)
@@ -201,7 +201,7 @@ class Multirotor6DOF(Vehicle):
         y = ti.Vector([fleet.state[e, i, k] for k in ti.static(range(13))])
         omega = ti.Vector([fleet.aux[e, i, at.SPEEDS + k] for k in ti.static(range(self.count))])
         gust = ti.Vector([fleet.aux[e, i, at.TURBULENCE + k] for k in ti.static(range(5))])
-        held = ti.Vector([fleet.aux[e, i, at.INTEGRALS + k] for k in ti.static(range(6))])
+        held = ti.Vector([fleet.aux[e, i, at.INTEGRALS + k] for k in ti.static(range(8))])
         time, charge = fleet.aux[e, i, at.TIME], fleet.aux[e, i, at.CHARGE]
         tau, wind_10 = load_at(build, fleet.load, e, i), ti.Vector([around.wind[e, k] for k in ti.static(range(3))])
         if time == 0.0:
@@ -241,14 +241,14 @@ class Multirotor6DOF(Vehicle):
             fleet.aux[e, i, at.RATES_WANTED + k], fleet.aux[e, i, at.VELOCITY_WANTED + k] = rates[k], toward[k]
         for k in ti.static(range(5)):
             fleet.aux[e, i, at.TURBULENCE + k] = gust[k]
-        for k in ti.static(range(6)):
+        for k in ti.static(range(8)):
             fleet.aux[e, i, at.INTEGRALS + k] = held[k]
         fleet.aux[e, i, at.TIME], fleet.aux[e, i, at.CHARGE], fleet.aux[e, i, at.VOLTAGE] = time, charge, voltage
 
     @ti.func
     def commanded(self, fleet: ti.template(), e, i, y, R, v_n, held, most):
         """Rotor speeds (rad/s) that the actions ask for at the state y, moving over ground with v_n (n, m/s); the
-        controller's integrals (6) a substep later; body rates (rad/s) and velocity (n, m/s) that are wanted.
+        controller's state (8: integrals, heading held) a substep later; body rates (rad/s), velocity (n, m/s) wanted.
         """
         command = ti.Vector([y[0] * 0.0 for _ in ti.static(range(self.count))])
         omega_b, new = ti.Vector([y[10], y[11], y[12]]), held
@@ -273,13 +273,14 @@ class Multirotor6DOF(Vehicle):
                     ]
                 )
             else:
-                toward = controller.velocity_wanted(self.demands, fleet.action, e, i, R)
+                nose = ti.Vector([held[6], held[7]])
+                toward = controller.velocity_wanted(self.demands, fleet.action, e, i, nose[0], nose[1])
                 slow = ti.Vector([held[3], held[4], held[5]])
-                turning = R[2, 0] * y[10] + R[2, 1] * y[11] + R[2, 2] * y[12]
-                c, slow = controller.specific_thrust(self.gains, self.demands, toward, v_n, turning, slow, self.dt)
-                rates = controller.rates_toward(
-                    self.gains, self.demands, R, c, self.demands.yaw_rate * fleet.action[e, i, 3]
-                )
+                turn = self.demands.yaw_rate * fleet.action[e, i, 3]
+                c, slow = controller.specific_thrust(self.gains, self.demands, toward, v_n, turn, slow, self.dt)
+                rate, nose = controller.heading_rate(self.gains, R, turn, nose, self.dt)
+                rates = controller.rates_toward(self.gains, self.demands, R, c, rate)
+                new[6], new[7] = nose[0], nose[1]
                 z = ti.Vector([R[0, 2], R[1, 2], R[2, 2]])
                 T = ti.static(self.plan.physical.mass) * ti.max(c.dot(z), 0.0)
                 for k in ti.static(range(3)):

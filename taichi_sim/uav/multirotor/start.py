@@ -61,6 +61,8 @@ def show(craft: MultirotorParams, aux: Tensor, state: Tensor, around: Surroundin
     inverse = torch.linalg.inv(torch.tensor(craft.physical.inertia)).to(state)
     aux[..., at.INTEGRALS : at.INTEGRALS + 3] = moment @ inverse
     aux[..., at.INTEGRALS + 3 : at.INTEGRALS + 6] = specific.new_tensor((0.0, 0.0, GRAVITY)) - specific
+    heading = torch_euler_from_quaternion(state[..., QUATERNION])[..., 2]
+    aux[..., at.HEADING], aux[..., at.HEADING + 1] = torch.cos(heading), torch.sin(heading)
     aux[..., at.THRUST] = craft.physical.mass * specific.norm(dim=-1)
     aux[..., at.TILT] = torch.acos((specific[..., 2] / specific.norm(dim=-1)).clamp(-1.0, 1.0))
     if craft.battery is not None:
