@@ -93,6 +93,14 @@ def test_it_begins_in_hover_over_ground_whatever_the_wind(x500):
         assert np.abs(tilt[:2]).max() > 0.05
 
 
+def test_in_a_wind_that_it_cannot_hold_it_begins_blown_away_but_sound(x500):
+    team = Bench(x500, air=AirConfig(speed=45.0, profile="uniform")).put((0.0, 0.0, -60.0), settle=True)
+    team.step((0.0,) * 4, 30)
+    assert team.state.isfinite().all() and team.aux.isfinite().all()
+    assert team.fleet.reading("outside_time").item() == pytest.approx(3.0)
+    assert team.velocity[0] < -2.0
+
+
 def test_short_steps_tend_to_the_right_hand_side(make_model):
     """In wind, near the water, under a load."""
     fine = 1e-8

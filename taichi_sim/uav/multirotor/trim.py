@@ -28,7 +28,9 @@ from taichi_sim.uav.multirotor.params import MultirotorParams
 from taichi_sim.uav.multirotor.rotors import arm
 
 ITERATIONS = 60
-RESIDUAL = {"f64": 1e-9, "f32": 1e-4}  # m/s^2 and rad/s^2
+RESIDUAL = {"f64": 1e-9, "f32": 1e-4}  # m/s^2 and rad/s^2, of a trim
+ENOUGH = {"f64": 1e-13, "f32": 1e-6}  # m/s^2 and rad/s^2, with which the search ends
+BEYOND, FLATTEST = 2.0, 0.1  # of omega_max, and of the weight as vertical thrust: to where the search goes
 PHI, THETA, SPECIFIC, MOMENT, LEFT, SPEEDS = 0, 1, 2, 5, 8, 9
 """Columns of a solution: roll, pitch (rad), specific thrust (3, m/s^2, n), moment of the thrusts (3, N m, b), what is
 left of the accelerations (m/s^2, rad/s^2), rotor speeds (rad/s).
@@ -60,7 +62,7 @@ class Trim:
 @ti.kernel
 def solve(craft: ti.template(), air: _array2, out: _array2):
     """Write the solution [n, SPEEDS + rotor] of flight at `air` [n, 5]: velocity through the air (n, m/s), cosine and
-    sine of the heading. Rotors may be asked for more than they can.
+    sine of the heading. Rotors may be asked for more than they can; where there is no such flight it is finite.
     """
     for row in range(air.shape[0]):
         p, a = ti.static(nominal_numbers(craft), allocation(craft))
@@ -76,6 +78,7 @@ def solve(craft: ti.template(), air: _array2, out: _array2):
             omega[k] = a.hover[k]
             thrust[k] = p.k_f * omega[k] * omega[k]
         x, y = nose, nose
+        most = p.k_f * ti.static((BEYOND * craft.rotor.omega_max) ** 2)
         for _ in range(ITERATIONS):
             x = z[2] * nose - z.dot(nose) * down
             x /= ti.sqrt(x.dot(x))
@@ -93,6 +96,9 @@ def solve(craft: ti.template(), air: _array2, out: _array2):
             left = ti.sqrt((wanted - T * p.inverse_mass * z).norm_sqr())
             left = ti.max(left, ti.sqrt(moment.norm_sqr()) * ti.max(p.inverse_00, ti.max(p.inverse_11, p.inverse_22)))
             c, balance = wanted, turning - moment
+            if left < ti.static(ENOUGH[runtime.current().precision]):
+                break
+            c[2] = ti.max(c[2], ti.static(FLATTEST * GRAVITY))
             size = ti.sqrt(c.dot(c))
             z = c / size
             change = size / p.inverse_mass - T
@@ -100,7 +106,7 @@ def solve(craft: ti.template(), air: _array2, out: _array2):
                 step = ti.static(a.P[k][0]) * change
                 for b in ti.static(range(3)):
                     step -= ti.static(a.P[k][1 + b]) * moment[b]
-                thrust[k] = ti.max(thrust[k] + step, 0.0)
+                thrust[k] = ti.max(ti.min(thrust[k] + step, most), 0.0)
                 omega[k] = ti.sqrt(thrust[k] / p.k_f)
         out[row, PHI], out[row, THETA] = ti.atan2(y[2], z[2]), ti.atan2(z.dot(nose), z[2])
         for b in ti.static(range(3)):
