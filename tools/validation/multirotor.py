@@ -53,7 +53,7 @@ ANY_BODY = {"size": [1.0, 1.0, 1.0], "below": 0.1, "collision_radius": 1.0}
 def rhs_samples(case: Case) -> None:
     """NAME_rhs_samples_V.csv: random states, rotor speeds, commands and winds, and all derivatives."""
     table = read_csv(case.path)
-    name, variant = _name(case, r"(.+)_rhs_samples_([ABC])")
+    name, variant = _aircraft(case, case.path.stem), _variant(case.path.stem, r"_rhs_samples_([ABC])")
     p = parameters(case, name, variant)
     speeds, commands = _rotors(table, "om", p), _rotors(table, "cmd", p)
     states = np.stack([table[c] for c in STATE], axis=1)
@@ -79,7 +79,7 @@ def series(case: Case) -> None:
     table = read_csv(case.path)
     if any(c not in table for c in ("t", "om1", "cmd1", *STATE)):
         return
-    name, variant = _name(case, r"([^_]+)_.*_([ABC])_converged")
+    name, variant = _aircraft(case, case.path.stem), _variant(case.path.stem, r"_([ABC])_converged")
     meta = _meta(case)
     p = parameters(case, name, variant, _lags(case, meta))
     states = np.stack([table[c] for c in STATE], axis=1)
@@ -130,9 +130,8 @@ def trims(case: Case) -> None:
     """trims*.json: attitude and rotor speeds of steady flight in wind, by NAME_CASE_V."""
     data = read_json(case.path)
     for key, given in data.items() if isinstance(data, dict) else ():
-        found = re.fullmatch(r"([^_]+)_.*_([ABC])", key)
-        if found and isinstance(given, dict) and "rotor_speeds" in given:
-            p = parameters(case, *found.groups())
+        if isinstance(given, dict) and "rotor_speeds" in given:
+            p = parameters(case, _aircraft(case, key), _variant(key, r"_([ABC])$"))
             ours = trim(p, given["ground_velocity_NED"], given["wind_NED"], number(given, "heading"))
             for name, value in (("phi", ours.phi), ("theta", ours.theta)):
                 case.absolute(f"{key} {name}, rad", value, number(given, name), CLOSED)
@@ -141,7 +140,7 @@ def trims(case: Case) -> None:
 
 def closed_forms(case: Case) -> None:
     """closed_forms_NAME.json: hover, linear model in hover, terminal velocities, tilt against wind, collective step."""
-    data, (name, _) = read_json(case.path), _name(case, r"closed_forms_([^_]+)()")
+    data, name = read_json(case.path), _aircraft(case, case.path.stem.removeprefix("closed_forms_"))
     craft = {variant: parameters(case, name, variant) for variant in "ABC"}
     for key, check in (
         ("hover", lambda given: _hover(case, craft["B"], given)),
@@ -159,7 +158,7 @@ def closed_forms(case: Case) -> None:
 
 def ground_effect(case: Case) -> None:
     """ground_effect_NAME.csv: thrust over that in free air of one rotor, and of four, over their height."""
-    table, (name, _) = read_csv(case.path), _name(case, r"ground_effect_([^_]+)()")
+    table, name = read_csv(case.path), _aircraft(case, case.path.stem.removeprefix("ground_effect_"))
     p = parameters(case, name, "A")
     one = p.model_copy(update={"rotors": p.rotors[:1]})
     for column, craft in (("CB_single", one), ("images_quad_Kb0", p)):
@@ -309,12 +308,24 @@ def _parameters(path: Path, variant: str, lags: tuple[tuple[str, float], ...]) -
     return validate(MultirotorParams, numbers, str(path))
 
 
-def _name(case: Case, pattern: str) -> tuple[str, str]:
-    """Aircraft and variant in the table's name."""
-    found = re.match(pattern, case.path.stem)
+def _aircraft(case: Case, text: str) -> str:
+    """The aircraft with which `text` begins: the longest NAME of the params_NAME.json that there are."""
+    files = (*case.folder.root.rglob("params_*.json"), *COPY.glob("params_*.json"))
+    known = [file.stem.removeprefix("params_") for file in files]
+    found = [name for name in known if text == name or text.startswith(f"{name}_")]
+    return max(found, key=len) if found else text.split("_")[0]
+
+
+def _variant(text: str, pattern: str) -> str:
+    """The variant's letter where `pattern` has it.
+
+    Raises:
+        TableError: if it is not there.
+    """
+    found = re.search(pattern, text)
     if not found:
-        raise TableError("the name has no aircraft, or no variant: _A, _B or _C")
-    return found[1], found[2]
+        raise TableError(f"{text}: the name has no variant: A, B or C")
+    return found[1]
 
 
 def _rotors(table: Table, prefix: str, p: MultirotorParams) -> np.ndarray:
