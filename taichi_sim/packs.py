@@ -34,7 +34,7 @@ class Build(NamedTuple):
     finite: bool = False  # depth of the water
     varied: bool = False  # numbers differ between environments: `fleet.numbers` counts
     loaded: bool = False  # `fleet.load` counts
-    air: Any = None  # kind of air (uav/fixed_wing/local_air.py), of models that ask
+    air: Any = None  # kind of air (uav/local_air.py), of models that ask
     serial: bool = False  # on the calling thread: so few vehicles that waking others would cost more
 
 

@@ -140,8 +140,9 @@ class Vehicle:
     def settle(self, state: Tensor, surface: Tensor, around: Surroundings) -> Tensor:
         """Placed states [n, vehicle, 13] brought to rest, or into trim, in their surroundings (a row for each of n).
 
-        Position (of a vessel, its horizontal part) and heading count, and the velocity through the medium where the
-        model can begin with it. `surface` [n, vehicle, 2] is to be written where the sea is felt (conventions.py).
+        Position (of a vessel, its horizontal part) and heading count, and the velocity through the medium (over ground
+        where the model hovers) where the model can begin with it. `surface` [n, vehicle, 2] is to be written where the
+        sea is felt (conventions.py).
         Default: a vessel is lifted onto the wave under it, an aircraft stays as placed.
         """
         if self.medium == "air":
@@ -219,7 +220,8 @@ class Vehicle:
 
     def power(self, fleet: Any) -> Tensor | None:
         """Propulsive power of each vehicle of `fleet` in the last step [env, vehicle], W: thrust times the speed
-        through its medium or, of a vessel, ahead. None: the model does not tell.
+        through its medium or, of a vessel, ahead; of what hovers, the power from its rotors' shafts. None: the model
+        does not tell.
         """
         return None
 

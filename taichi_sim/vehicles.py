@@ -8,6 +8,7 @@ from taichi_sim.config import ConfigError, TeamConfig
 from taichi_sim.config.io import config_folder, read_toml, validate, vehicle_file
 from taichi_sim.plugins import is_plugin, load_class
 from taichi_sim.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
+from taichi_sim.uav.multirotor.multirotor_6dof import Multirotor6DOF
 from taichi_sim.uav.unity_aircraft import UnityAircraft
 from taichi_sim.usv.hull.hull_6dof import Hull6Dof
 from taichi_sim.usv.manoeuvring_3dof import Manoeuvring3dof
@@ -23,6 +24,7 @@ MODELS: dict[str, type[Vehicle]] = {
     "hull_6dof": Hull6Dof,
     "unity_aircraft": UnityAircraft,
     "fixed_wing_6dof": FixedWing6DOF,
+    "multirotor_6dof": Multirotor6DOF,
 }
 
 

@@ -9,7 +9,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "tools"))
 
-from validation import aerosonde, rao  # noqa: E402
+from validation import aerosonde, multirotor, rao  # noqa: E402
 from validation.registry import CHECKERS  # noqa: E402
 from validation.report import NothingToCheckError, validate  # noqa: E402
 from validation.tables import read_csv  # noqa: E402
@@ -18,8 +18,8 @@ REFERENCE = ROOT / "tests" / "data" / "reference"
 DISPERSION = "dispersion_g9.81.csv"
 SECTIONS = sorted(p.name for p in REFERENCE.iterdir() if p.name != "params")
 LONG = ("cybership2", "hydrostatics", "otter", "wamv")  # compile a model each: among the slow tests only
-SLOW = (rao.rao, aerosonde.trajectory)  # checkers that run long
-BESIDE_LATER = {"box_4x2x0.5_meta.json", "box_4x2x0.5_added_mass_damping.csv"}  # which only rao.rao reads
+SLOW = (rao.rao, aerosonde.trajectory, multirotor.series)  # checkers that run long
+BESIDE_LATER = {"box_4x2x0.5_meta.json", "box_4x2x0.5_added_mass_damping.csv", "series_meta.json"}  # of slow ones
 EXPECTED = {
     "waves": {
         ("sea6_deep_gerstner_queries.csv", "f64"),
@@ -32,6 +32,7 @@ EXPECTED = {
     "cybership2": {("rhs_samples.csv", "f64"), ("summary.json", "f32")},
     "dryden": {("dryden_discrete.csv", "f64")},
     "buoys": {("41010.spec", "f64")},
+    "multirotor": {("x500_rhs_samples_C.csv", "f32"), ("trims.json", "f64"), ("closed_forms_x500.json", "f64")},
     "aerosonde": {
         ("rhs_samples_A.csv", "f32"),
         ("trim_and_modes_Va25.json", "f64"),

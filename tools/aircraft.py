@@ -1,14 +1,17 @@
-"""Fly an aircraft file on paper: trim over its airspeeds, natural modes, V-n diagram.
+"""Fly an aircraft file on paper: trim over its airspeeds, natural modes; V-n diagram, or hover and control loops.
 
     python tools/aircraft.py AIRCRAFT [--airspeed V] [--climb DEG] [--radius R] [--set KEY=VALUE ...] [--out FILE]
 
     python tools/aircraft.py aerosonde
     python tools/aircraft.py aerosonde --set longitudinal.C_D_p=0 --set longitudinal.C_D_delta_e=0.0135
     python tools/aircraft.py zagi --climb 3 --radius 80 --out zagi.png
+    python tools/aircraft.py x500 --airspeed 8 --out x500.png
 
 AIRCRAFT is a vehicle file, or the name of a shipped one. Trims are straight and level unless --climb (deg) or
 --radius (m, positive to the right) say otherwise; the modes are about the trim at --airspeed (m/s; default: cruise).
 The V-n diagram has the wing's largest load factor up to the limit ones of the file, and the airspeeds where they meet.
+Of a multirotor: hover with its power, trims, modes with the rotors held (default: in hover), gains and bandwidths of
+its controller's loops; the picture has power and tilt over airspeed.
 
 Exit status: 0 done, 2 bad input, or no trim at the airspeed of the modes.
 """
@@ -26,6 +29,8 @@ ROOT = Path(__file__).resolve().parents[1]
 if str(ROOT) not in sys.path:  # run as a script from anywhere
     sys.path.insert(0, str(ROOT))
 
+import rotorcraft  # noqa: E402
+
 from taichi_sim import runtime  # noqa: E402
 from taichi_sim.config import ConfigError  # noqa: E402
 from taichi_sim.config.io import config_folder, read_toml, validate  # noqa: E402
@@ -34,8 +39,10 @@ from taichi_sim.uav.fixed_wing.equations import lift_curve, stall_angles  # noqa
 from taichi_sim.uav.fixed_wing.modes import LinearModel, largest_stable_dt, linear_modes  # noqa: E402
 from taichi_sim.uav.fixed_wing.params import FixedWingParams  # noqa: E402
 from taichi_sim.uav.fixed_wing.trim import Trim, TrimError, trim  # noqa: E402
+from taichi_sim.uav.multirotor.params import MultirotorParams  # noqa: E402
 
 MODEL = "fixed_wing_6dof"
+PARAMS = {MODEL: FixedWingParams, rotorcraft.MODEL: MultirotorParams}
 ROWS = 11  # airspeeds of the trim table and of the V-n table
 BISECTIONS = 30  # of the airspeeds between which it trims
 SLOWEST = 0.9  # of the stall's airspeed: where the trim table begins, to show what stops it there
@@ -84,7 +91,7 @@ def flight_envelope(p: FixedWingParams) -> FlightEnvelope:
     )
 
 
-def load_aircraft(name: str, overrides: list[str]) -> FixedWingParams:
+def load_aircraft(name: str, overrides: list[str]) -> FixedWingParams | MultirotorParams:
     """The numbers of a vehicle file, or of a shipped one by name, with KEY=VALUE overrides.
 
     Raises:
@@ -92,12 +99,13 @@ def load_aircraft(name: str, overrides: list[str]) -> FixedWingParams:
     """
     shipped = config_folder() / "vehicles" / f"{Path(name).stem}.toml"
     file = Path(name) if Path(name).suffix == ".toml" and Path(name).is_file() else shipped
-    known = [f.stem for f in sorted(shipped.parent.glob("*.toml")) if read_toml(f).get("model") == MODEL]
+    known = [f.stem for f in sorted(shipped.parent.glob("*.toml")) if read_toml(f).get("model") in PARAMS]
     if not file.is_file():
         raise ConfigError(f"{name}: no such aircraft; shipped are {', '.join(known)}, or give a path to a .toml")
     data = read_toml(file)
-    if data.pop("model", None) != MODEL:
-        raise ConfigError(f"{file}: not a {MODEL}; shipped ones are {', '.join(known)}")
+    model = data.pop("model", None)
+    if model not in PARAMS:
+        raise ConfigError(f"{file}: not a {' or '.join(PARAMS)}; shipped ones are {', '.join(known)}")
     for text in overrides:
         section, dot, key = text.partition("=")[0].strip().partition(".")
         try:
@@ -107,7 +115,7 @@ def load_aircraft(name: str, overrides: list[str]) -> FixedWingParams:
         if not dot or not key or value is None or not isinstance(data.setdefault(section, {}), dict):
             raise ConfigError(f"--set {text}: expected SECTION.KEY=VALUE, for example --set longitudinal.C_D_p=0")
         data[section][key] = value
-    return validate(FixedWingParams, data, str(file))
+    return validate(PARAMS[model], data, str(file))
 
 
 def trim_table(p: FixedWingParams, bounds: FlightEnvelope, gamma: float, radius: float | None) -> str:
@@ -206,9 +214,7 @@ def draw(bounds: FlightEnvelope, cruise: float, title: str, file: Path) -> None:
 
 def parser() -> argparse.ArgumentParser:
     """The arguments."""
-    p = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     p.add_argument("aircraft", metavar="AIRCRAFT", help="vehicle file, or the name of a shipped one")
     p.add_argument("--airspeed", type=float, help="where the modes are taken, m/s (default: cruise)")
     p.add_argument("--climb", type=float, default=0.0, metavar="DEG", help="angle of climb of the trims")
@@ -216,13 +222,17 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument(
         "--set", dest="overrides", action="append", default=[], metavar="KEY=VALUE", help="override SECTION.KEY"
     )
-    p.add_argument("--out", type=Path, metavar="FILE", help=f"draw the V-n diagram here ({', '.join(FORMATS)})")
+    p.add_argument("--out", type=Path, metavar="FILE", help=f"draw the diagram here ({', '.join(FORMATS)})")
     return p
 
 
 def report(args: argparse.Namespace) -> str:
     """What is printed; also draws."""
     p = load_aircraft(args.aircraft, args.overrides)
+    if isinstance(p, MultirotorParams):
+        if args.radius is not None:
+            raise ConfigError("--radius: a multirotor turns on the spot; leave it out")
+        return rotorcraft.report(args.aircraft, p, args.airspeed, args.climb, args.out)
     gamma, bounds = math.radians(args.climb), flight_envelope(p)
     airspeed = p.envelope.airspeed if args.airspeed is None else args.airspeed
     at = trim(p, airspeed, gamma, turn_radius=args.radius)

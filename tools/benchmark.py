@@ -50,9 +50,7 @@ AGAINST_SIZES = (1, 512, 4096)  # environments
 
 def parser() -> argparse.ArgumentParser:
     """The arguments."""
-    p = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     p.add_argument("--json", type=Path, metavar="FILE", help="also write the figures to FILE")
     p.add_argument("--threads", type=cli.positive_int, default=0, help="CPU threads (default: all cores)")
     p.add_argument("--seconds", type=cli.positive_float, default=None, help="of one repetition (default: 0.5)")

@@ -4,18 +4,24 @@ import numpy as np
 
 from taichi_sim.recording.aircraft import aircraft
 from taichi_sim.recording.episode import Body, TeamTrack
-from taichi_sim.recording.meshes import Mesh, boat
+from taichi_sim.recording.meshes import KEEL, METAL, Mesh, boat
 from taichi_sim.recording.palette import Colour
-from taichi_sim.recording.vessel import flat_shaded, vessel
+from taichi_sim.recording.vessel import flat_shaded, normals, vessel
+
+LEVEL = 0.5  # a face whose unit normal points up or down by this much is seen from there
 
 
 def body_mesh(team: TeamTrack, colour: Colour) -> Mesh:
     """The body of a vehicle of `team`, in its colour."""
     if team.body is None:
         return boat(team.size_m, colour) if team.on_water else aircraft(team.size_m, team.airframe, colour)
-    return vessel(team.body, team.size_m, colour) if team.on_water else _plain(team.body, colour)
+    return vessel(team.body, team.size_m, colour) if team.on_water else _flown(team.body, colour)
 
 
-def _plain(body: Body, colour: Colour) -> Mesh:
-    """A surface as it is, in one colour."""
-    return flat_shaded(np.asarray(body.vertices_b, dtype=np.float64)[body.triangles], colour)
+def _flown(body: Body, colour: Colour) -> Mesh:
+    """A surface that flies: in its colour from above, dark from below, so that a bank reads from either side."""
+    faces = np.asarray(body.vertices_b, dtype=np.float64)[body.triangles]
+    down = normals(faces)[:, 2]
+    over, under = down < -LEVEL, down > LEVEL
+    shades = ((over, colour), (under, KEEL), (~(over | under), METAL))
+    return Mesh.join(*(flat_shaded(faces[which], shade) for which, shade in shades))

@@ -38,7 +38,7 @@ def vessel(body: Body, size_m: tuple[float, float, float], colour: Colour) -> Me
 def shell(body: Body) -> tuple[Array, list[Array]]:
     """The hull without its decks: triangles [F, 3, 3] (m, b), and the rings [K, 3] round its openings."""
     faces = np.asarray(body.vertices_b, dtype=np.float64)[body.triangles]
-    sides = faces[-_normals(faces)[:, 2] < UPWARD]
+    sides = faces[-normals(faces)[:, 2] < UPWARD]
     return sides, open_loops(sides)
 
 
@@ -46,10 +46,10 @@ def flat_shaded(faces: Array, colour: Colour) -> Mesh:
     """Triangles [F, 3, 3] (m, b), counter-clockwise from outside, each with its own normal."""
     vertices = faces.reshape(-1, 3).astype(np.float32)
     shade = np.broadcast_to(np.array(colour, np.uint8), vertices.shape).copy()
-    return Mesh(vertices, np.repeat(_normals(faces), 3, axis=0).astype(np.float32), shade)
+    return Mesh(vertices, np.repeat(normals(faces), 3, axis=0).astype(np.float32), shade)
 
 
-def _normals(faces: Array) -> Array:
+def normals(faces: Array) -> Array:
     """Unit normals [F, 3]; zero for a face without area."""
     normal = np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0])
     return normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-30)

@@ -59,7 +59,7 @@ def test_the_envelope_is_that_of_the_lift():
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
-        (["nope"], "no such aircraft; shipped are aerosonde, zagi"),
+        (["nope"], "no such aircraft; shipped are aerosonde, t650, x500, zagi"),
         (["unity_boat"], "not a fixed_wing_6dof"),
         (["aerosonde", "--set", "foo=1"], "expected SECTION.KEY=VALUE"),
         (["aerosonde", "--set", "lateral.C_n_bta=1"], "did you mean 'C_n_beta'"),

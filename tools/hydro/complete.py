@@ -65,4 +65,3 @@ def by_panels(database: HydroDatabase, hull: Hull6Dof) -> NDArray[np.complex128]
     real, imaginary = load(amplitude, 0.0) - calm, calm - load(amplitude, np.pi / 2)
     found = (real + 1j * imaginary) / amplitude
     return found.reshape(len(database.omega), len(database.heading_deg), 6)
-

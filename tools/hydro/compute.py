@@ -110,9 +110,7 @@ def _surface(craft: Craft, mesh: Surface | None, wishes: Wishes) -> tuple[Surfac
         found = wetted(craft.panels, tiny, wishes.divisions)
         return found, float(np.median(found.edge))
     print(f"{'':24}{'offsets':>14}{'mesh':>14}{'off':>10}")
-    for name, (ours, theirs) in compared(
-        craft.panels, mesh, craft.mass, craft.cg_z_up, wishes.rho, wishes.g
-    ).items():
+    for name, (ours, theirs) in compared(craft.panels, mesh, craft.mass, craft.cg_z_up, wishes.rho, wishes.g).items():
         scale = np.ptp(mesh.whole[..., 0]) if name.startswith("LCB") else theirs
         off = (ours - theirs) / scale
         print(f"{name:24}{ours:14.6g}{theirs:14.6g}{100 * off:9.2f} %{' of the length' * name.startswith('LCB')}")

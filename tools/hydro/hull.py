@@ -185,4 +185,3 @@ def divided(panels: Panels, wanted: int) -> tuple[Surface, float]:
             break
         low, high = (size, high) if len(found) > wanted else (low, size)
     return found, size
-

@@ -270,4 +270,3 @@ def _missing(surface: Surface) -> float:
     centre, area = whole.mean(axis=1), area_vectors(whole)
     volumes = np.sum(centre * area, axis=0)
     return float(np.ptp(volumes) / np.abs(volumes).max())
-

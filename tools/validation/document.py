@@ -38,6 +38,10 @@ TITLES = {
     "wamv": ("WAM-V 16 (`hull_6dof`)", "Closed forms from the numbers of VRX."),
     "cybership2": ("CyberShip II (`manoeuvring_3dof`)", "An independent code's right-hand sides and converged runs."),
     "aerosonde": ("Aerosonde (`fixed_wing_6dof`)", "Published checks, trims, modes, and converged flights."),
+    "multirotor": (
+        "Multirotors (`multirotor_6dof`)",
+        "Right-hand sides and converged flights of another code (rotorpy), trims in wind, closed forms, ground effect.",
+    ),
     "dryden": ("Turbulence and wind", "MIL-F-8785C at low altitude, and mean wind profiles."),
     "unity": ("The seed paper's vehicles", "The published movement rules stepped by an independent code."),
 }

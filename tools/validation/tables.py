@@ -35,8 +35,8 @@ class Table:
 
     @cached_property
     def _index(self) -> dict[str, int]:
-        """Full header cells, and their names without a remark in brackets or after an equals sign."""
-        short = {re.split(r"[(=]", name)[0]: i for i, name in reversed(list(enumerate(self.header)))}
+        """Full header cells, and their names without a unit or remark in brackets or after an equals sign."""
+        short = {re.split(r"[(=\[]", name)[0]: i for i, name in reversed(list(enumerate(self.header)))}
         return short | {name: i for i, name in enumerate(self.header)}
 
     def __contains__(self, name: str) -> bool:

@@ -23,8 +23,9 @@ from taichi_sim.conventions import GRAVITY, VELOCITY
 from taichi_sim.kinematics import store
 from taichi_sim.packs import AroundPack, Build, FleetPack, load_at, numbers_at
 from taichi_sim.surroundings import Surroundings
+from taichi_sim.uav import local_air
 from taichi_sim.uav.aircraft import Aircraft
-from taichi_sim.uav.fixed_wing import actuators, local_air, start
+from taichi_sim.uav.fixed_wing import actuators, start
 from taichi_sim.uav.fixed_wing.airframe import aerodynamic_force, air_data
 from taichi_sim.uav.fixed_wing.autopilot import ACTION_NAMES, AutopilotParams
 from taichi_sim.uav.fixed_wing.commands import commands, demands

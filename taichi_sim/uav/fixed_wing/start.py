@@ -3,7 +3,6 @@
 import torch
 from torch import Tensor
 
-from taichi_sim.air.wind import wind_factor
 from taichi_sim.conventions import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
 from taichi_sim.maths.rotation import (
     torch_euler_from_quaternion,
@@ -13,6 +12,7 @@ from taichi_sim.maths.rotation import (
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.uav.fixed_wing.instruments import DEFLECTIONS, HEIGHT_DEMAND, LOAD_FACTOR, READINGS, WIND
 from taichi_sim.uav.fixed_wing.trim import Trim
+from taichi_sim.uav.local_air import wind_at
 
 
 def trimmed(state: Tensor, at: Trim, around: Surroundings) -> Tensor:
@@ -43,16 +43,6 @@ def show(aux: Tensor, state: Tensor, around: Surroundings, delta: tuple[float, .
     aux[..., WIND : WIND + 3] = wind
     aux[..., LOAD_FACTOR] = 1.0
     aux[..., HEIGHT_DEMAND] = -state[..., POSITION][..., 2]
-
-
-def wind_at(state: Tensor, around: Surroundings) -> Tensor:
-    """Mean wind [n, vehicle, 3] (NED, m/s) at the heights of `state` [n, vehicle, 13]."""
-    here = around.wind.to(state).unsqueeze(1).expand(*state.shape[:2], 3)
-    if around.air is None:
-        return here
-    height = (-state[..., POSITION][..., 2]).double().cpu().numpy()
-    factor = wind_factor(around.air.profile, around.air.shear, height)
-    return here * torch.from_numpy(factor).to(state).unsqueeze(-1)
 
 
 def air_readings(state: Tensor, wind: Tensor) -> Tensor:

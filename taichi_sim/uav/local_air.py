@@ -17,13 +17,17 @@ a flight begins.
 from dataclasses import dataclass
 
 import taichi as ti
+import torch
+from torch import Tensor
 
 from taichi_sim.air import Wind
 from taichi_sim.air.gusts import Gust, gust_velocity
 from taichi_sim.air.turbulence import dryden_advance, dryden_filter, dryden_output, dryden_sigma, gust_n
-from taichi_sim.air.wind import Profile, mean_wind_factor
+from taichi_sim.air.wind import Profile, mean_wind_factor, wind_factor
 from taichi_sim.config import AirConfig
+from taichi_sim.conventions import POSITION
 from taichi_sim.maths.random import TURBULENCE, normal6
+from taichi_sim.surroundings import Surroundings
 
 
 @dataclass(frozen=True)
@@ -52,6 +56,16 @@ def local_air(air: Wind | None, uneven: bool = False) -> LocalAir:
     gust = None if config.gust is None else Gust.of(config.gust)
     turbulent = config.turbulence == "dryden"
     return LocalAir(config.profile, turbulent, gust, turbulent and uneven)
+
+
+def wind_at(state: Tensor, around: Surroundings) -> Tensor:
+    """Mean wind [n, vehicle, 3] (NED, m/s) at the heights of `state` [n, vehicle, 13]."""
+    here = around.wind.to(state).unsqueeze(1).expand(*state.shape[:2], 3)
+    if around.air is None:
+        return here
+    height = (-state[..., POSITION][..., 2]).double().cpu().numpy()
+    factor = wind_factor(around.air.profile, around.air.shear, height)
+    return here * torch.from_numpy(factor).to(state).unsqueeze(-1)
 
 
 @ti.func

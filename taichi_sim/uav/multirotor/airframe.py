@@ -1,0 +1,91 @@
+"""A multirotor's forces and its equations of motion: rotors (rotors.py), drag of the fuselage, weight.
+
+NED world, forward-right-down body about the centre of gravity, quaternion body to world. Drag acts at the centre of
+gravity, -|v_r| diag(drag) v_r. With the rotors' angular momentum h about b's z (rotors.py), Newton and Euler in body
+axes:
+
+    m (v' + omega x v) = F + m g down,   J omega' = M - omega x (J omega) - omega x h - h'.
+
+`craft` is a MultirotorParams, of which what never varies is read and compiled in; `p` are its numbers (numbers.py),
+compiled in or an environment's own.
+"""
+
+# Kernels are another language inside Python syntax.
+# pyright: reportInvalidTypeForm=false
+
+import taichi as ti
+
+from taichi_sim.conventions import GRAVITY
+from taichi_sim.rigid_body import cross, is_nothing, quaternion_rate
+from taichi_sim.uav.multirotor import ground, rotors
+
+
+@ti.func
+def inertia_times(p: ti.template(), x):
+    """J x."""
+    y = ti.Vector([p.Jx * x[0], p.Jy * x[1], p.Jz * x[2]])
+    if ti.static(not (is_nothing(p.Jxy) and is_nothing(p.Jxz) and is_nothing(p.Jyz))):
+        y -= ti.Vector([p.Jxy * x[1] + p.Jxz * x[2], p.Jxy * x[0] + p.Jyz * x[2], p.Jxz * x[0] + p.Jyz * x[1]])
+    return y
+
+
+@ti.func
+def inverse_inertia_times(p: ti.template(), x):
+    """J^-1 x."""
+    y = ti.Vector([p.inverse_00 * x[0], p.inverse_11 * x[1], p.inverse_22 * x[2]])
+    if ti.static(not (is_nothing(p.inverse_01) and is_nothing(p.inverse_02) and is_nothing(p.inverse_12))):
+        y += ti.Vector(
+            [
+                p.inverse_01 * x[1] + p.inverse_02 * x[2],
+                p.inverse_01 * x[0] + p.inverse_12 * x[2],
+                p.inverse_02 * x[0] + p.inverse_12 * x[1],
+            ]
+        )
+    return y
+
+
+@ti.func
+def loads(craft: ti.template(), p: ti.template(), v_r, omega_b, omega, ratio):
+    """Force (N) and moment (N m) in b of rotors and air; weight and the rotors' angular momentum are not in them."""
+    force, moment = rotors.rotor_loads(craft, p, v_r, omega_b, omega, ratio)
+    speed = ti.sqrt(v_r.dot(v_r))
+    force -= speed * ti.Vector([p.drag_0 * v_r[0], p.drag_1 * v_r[1], p.drag_2 * v_r[2]])
+    return force, moment
+
+
+@ti.func
+def sea_ratios(craft: ti.template(), p: ti.template(), build_ground: ti.template(), R, v_r, omega, height):
+    """Ratio of each rotor's thrust [rotor] to that in free air, `height` m above level water; ones without a ground."""
+    ratio = omega * 0.0 + 1.0
+    if ti.static(build_ground):
+        h = ground.heights_over(craft, p, ti.Vector([R[2, 0], R[2, 1], R[2, 2]]), height)
+        ratio = ground.thrust_ratios(craft, p, h, ratio, omega, v_r[0] * v_r[0] + v_r[1] * v_r[1])
+    return ratio
+
+
+@ti.func
+def rigid_body(p: ti.template(), y, R, force, moment):
+    """Derivative [13] of state y (conventions.py) under gravity, force (N) and moment (N m) in b; R = R_nb of y."""
+    v, omega_b = ti.Vector([y[7], y[8], y[9]]), ti.Vector([y[10], y[11], y[12]])
+    v_n = R @ v
+    a = force * p.inverse_mass + GRAVITY * ti.Vector([R[2, 0], R[2, 1], R[2, 2]]) - cross(omega_b, v)
+    alpha = inverse_inertia_times(p, moment - cross(omega_b, inertia_times(p, omega_b)))
+    q_dot = quaternion_rate(ti.Vector([y[3], y[4], y[5], y[6]]), omega_b)
+    return ti.Vector(
+        [v_n[0], v_n[1], v_n[2], q_dot[0], q_dot[1], q_dot[2], q_dot[3], a[0], a[1], a[2], alpha[0], alpha[1], alpha[2]]
+    )
+
+
+@ti.func
+def derivative(craft: ti.template(), p: ti.template(), near: ti.template(), y, R, v_r, omega, rate, height, tau):
+    """Derivative [13] of state y with attitude R, moving with v_r (m/s, b) through the air; rotor speeds omega and
+    their rates [rotor], under the load tau (6) from outside. With `near`, `height` m above the water.
+    """
+    omega_b = ti.Vector([y[10], y[11], y[12]])
+    ratio = sea_ratios(craft, p, near, R, v_r, omega, height)
+    force, moment = loads(craft, p, v_r, omega_b, omega, ratio)
+    if ti.static(not is_nothing(p.J_r)):
+        moment += rotors.spin_moment(craft, p, omega_b, omega, rate)
+    force += ti.Vector([tau[0], tau[1], tau[2]])
+    moment += ti.Vector([tau[3], tau[4], tau[5]])
+    return rigid_body(p, y, R, force, moment)

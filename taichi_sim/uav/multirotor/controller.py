@@ -1,0 +1,155 @@
+"""What the actions command, and the loops that follow: velocity, acceleration, attitude, rates, rotors.
+
+Actions, each in [-1, 1], by `control.actions`:
+
+- "rotors": one for each rotor, its speed: omega_min, its speed in hover, omega_max at -1, 0, 1, linear on either side.
+- "rates" (thrust, roll_rate, pitch_rate, yaw_rate): collective thrust, none, the weight, all that the rotors give at
+  -1, 0, 1; body rates over max_rate_deg, and yaw_rate_deg.
+- "velocity" (forward, right, down, yaw_rate): velocity over ground in the heading frame, level and turned by the
+  heading psi_c that is held, which the nose follows: forward and right over `speed`, down over `descent` and, negative,
+  over `climb`; the rate of psi_c over yaw_rate_deg.
+
+Loops, in the order in which PX4 and ArduPilot have them, with feedback alone (gains.py computes the gains):
+
+    a_c = K_v (v_c - v) + I_v + turning x v_c       n, m/s^2; the last for v_c turns with psi_c
+    c = g down - a_c,  T = m c . z_b                specific thrust, whose direction z_b is to have
+    omega_c = K_a sqrt(2 / (1 + e_z)) (-e_y, e_x, 0) + psi_dot down_b,   e = c / |c| in b
+    psi_dot = psi_dot_c + K_psi sin(psi_c - psi),   psi_c the integral of psi_dot_c, never FARTHEST from psi
+    M = J (K_r (omega_c - omega) + I_r) + omega x J omega
+
+and allocation.py makes rotor speeds of T and M. The error of attitude is that of the thrust's direction, 2 sin(angle /
+2): heading does not matter to it. c keeps to max_tilt_deg, to CLIMB_SHARE of the greatest thrust and LEAST_LIFT of the
+weight, vertical before horizontal. What limits cut off runs out of the integrals within their loop's own time.
+"""
+
+# Kernels are another language inside Python syntax.
+# pyright: reportInvalidTypeForm=false
+
+from dataclasses import dataclass
+
+import taichi as ti
+
+from taichi_sim.conventions import GRAVITY
+from taichi_sim.rigid_body import cross
+from taichi_sim.uav.multirotor.airframe import inertia_times
+from taichi_sim.uav.multirotor.allocation import allocate
+
+RATE_ACTIONS = ("thrust", "roll_rate", "pitch_rate", "yaw_rate")
+VELOCITY_ACTIONS = ("forward", "right", "down", "yaw_rate")
+CLIMB_SHARE = 0.9  # of all rotors' thrust that velocities are followed with: the rest turns
+LEAST_LIFT = 0.3  # of the weight, vertical
+UPRIGHT = 1e-3  # of 1 + e_z: keeps the turn of a vehicle that hangs upside down finite
+FARTHEST = 0.5  # sine of the angle by which the heading held may lead or trail the nose
+NOSE = 1e-6  # of the nose's horizontal part: straight up or down there is no heading
+
+
+@dataclass(frozen=True)
+class Gains:
+    """Gains of the loops, all computed (gains.py), 1/s; integrals' 1/s^2."""
+
+    rate: float  # roll and pitch
+    rate_integral: float
+    yaw_rate: float
+    yaw_rate_integral: float
+    attitude: float
+    heading: float
+    velocity: float
+    velocity_integral: float
+    climb: float
+    climb_integral: float
+
+
+@dataclass(frozen=True)
+class Demands:
+    """What actions of 1 ask for, and what commands keep to."""
+
+    speed: float  # m/s
+    climb: float
+    descent: float
+    yaw_rate: float  # rad/s
+    rate: float
+    tan_tilt: float
+    most: float  # specific thrust, m/s^2
+    least: float  # its vertical part
+
+
+@ti.func
+def velocity_wanted(d: ti.template(), action: ti.template(), e, i, c, s):
+    """Velocity (m/s, n) that the actions ask for, at the cosine c and sine s of the heading held."""
+    forward, right, down = d.speed * action[e, i, 0], d.speed * action[e, i, 1], action[e, i, 2]
+    fall = ti.max(down, 0.0) * d.descent + ti.min(down, 0.0) * d.climb
+    return ti.Vector([c * forward - s * right, s * forward + c * right, fall])
+
+
+@ti.func
+def specific_thrust(g: ti.template(), d: ti.template(), v_c, v, turning, integral, dt: ti.template()):
+    """Specific thrust c (m/s^2, n) toward the velocity v_c, which turns at `turning` (rad/s), from v (m/s, n); and the
+    integral (m/s^2) a step dt (s) later.
+    """
+    error = v_c - v
+    wanted = ti.Vector(
+        [
+            turning * v_c[1] - g.velocity * error[0] - integral[0],
+            -turning * v_c[0] - g.velocity * error[1] - integral[1],
+            GRAVITY - g.climb * error[2] - integral[2],
+        ]
+    )
+    down = ti.max(ti.min(wanted[2], d.most), d.least)
+    level = ti.min(d.tan_tilt * down, ti.sqrt(ti.max(ti.static(d.most**2) - down * down, 0.0)))
+    size = ti.sqrt(wanted[0] * wanted[0] + wanted[1] * wanted[1])
+    share = ti.min(1.0, level / ti.max(size, 1e-9))
+    c = ti.Vector([share * wanted[0], share * wanted[1], down])
+    new = integral
+    for k in ti.static(range(2)):
+        unwind = ti.static(g.velocity_integral / g.velocity)
+        new[k] += dt * (g.velocity_integral * error[k] + unwind * (wanted[k] - c[k]))
+    new[2] += dt * (g.climb_integral * error[2] + ti.static(g.climb_integral / g.climb) * (wanted[2] - c[2]))
+    return c, new
+
+
+@ti.func
+def heading_rate(g: ti.template(), R, turn, held, dt: ti.template()):
+    """Rate of the heading (rad/s) for a turn that is commanded (rad/s); the heading held (cosine, sine) a step dt (s)
+    later.
+    """
+    inv = 1.0 / ti.sqrt(R[0, 0] * R[0, 0] + R[1, 0] * R[1, 0] + NOSE * NOSE)
+    c, s = R[0, 0] * inv, R[1, 0] * inv
+    ahead, beside = held[0] * c + held[1] * s, held[1] * c - held[0] * s
+    kept = ti.static((1.0 - FARTHEST**2) ** 0.5)
+    if ahead < kept:
+        ahead, beside = kept, ti.select(beside < 0.0, -FARTHEST, FARTHEST)
+    rate = turn + g.heading * beside
+    ahead, beside = ahead - dt * turn * beside, beside + dt * turn * ahead
+    grown = 1.0 / ti.sqrt(ahead * ahead + beside * beside)
+    ahead, beside = grown * ahead, grown * beside
+    return rate, ti.Vector([ahead * c - beside * s, ahead * s + beside * c])
+
+
+@ti.func
+def rates_toward(g: ti.template(), d: ti.template(), R, c, turn):
+    """Body rates (rad/s) that bring the thrust's direction to that of c (n), and turn the heading at `turn` (rad/s)."""
+    e = (R.transpose() @ c) / ti.sqrt(c.dot(c))
+    k = g.attitude * ti.sqrt(2.0 / ti.max(1.0 + e[2], UPRIGHT))
+    p = ti.max(ti.min(-k * e[1], d.rate), -d.rate)
+    q = ti.max(ti.min(k * e[0], d.rate), -d.rate)
+    return ti.Vector([p + turn * R[2, 0], q + turn * R[2, 1], turn * R[2, 2]])
+
+
+@ti.func
+def rotor_thrusts(
+    a: ti.template(), g: ti.template(), body: ti.template(), T, wanted, omega, integral, low, high, dt: ti.template()
+):
+    """Thrusts [rotor] (N) for a collective T (N) and body rates `wanted` (rad/s) at rates omega, and the integral
+    (rad/s^2) a step dt (s) later; `body` are the numbers of the drawing board.
+    """
+    error = wanted - omega
+    alpha = ti.Vector([g.rate * error[0], g.rate * error[1], g.yaw_rate * error[2]]) + integral
+    M = inertia_times(body, alpha) + cross(omega, inertia_times(body, omega))
+    f, turned, yawed = allocate(a, T, M, low, high)
+    new = integral
+    for k in ti.static(range(2)):
+        cut = ti.static(g.rate_integral / g.rate) * (turned - 1.0) * alpha[k]
+        new[k] += dt * (g.rate_integral * error[k] + cut)
+    cut = ti.static(g.yaw_rate_integral / g.yaw_rate) * (yawed - 1.0) * alpha[2]
+    new[2] += dt * (g.yaw_rate_integral * error[2] + cut)
+    return f, new

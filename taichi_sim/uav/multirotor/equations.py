@@ -1,0 +1,98 @@
+"""A multirotor's equations (airframe.py) over many states at once, of its vehicle file alone.
+
+What modes are found with, and what `Vehicle.rhs` gives.
+"""
+
+# Kernels are another language inside Python syntax.
+# pyright: reportIndexIssue=false, reportInvalidTypeForm=false
+
+from typing import Any
+
+import numpy as np
+import taichi as ti
+
+from taichi_sim.conventions import STATE_SIZE
+from taichi_sim.maths.rotation import rotation_matrix
+from taichi_sim.uav.multirotor import airframe, ground, rotors
+from taichi_sim.uav.multirotor.numbers import nominal_numbers
+from taichi_sim.uav.multirotor.params import MultirotorParams
+
+_array2: Any = ti.types.ndarray(ndim=2)
+
+
+@ti.kernel
+def derivatives(
+    craft: ti.template(),
+    near: ti.template(),
+    state: _array2,
+    omega: _array2,
+    wind: _array2,
+    load: _array2,
+    out: _array2,
+):
+    """Write derivatives [n, 13] of states [n, 13] with the vehicle file's numbers and rotors held at omega [n, rotor]
+    (rad/s); with `near` over calm water.
+    """
+    for n in range(state.shape[0]):
+        y = ti.Vector([state[n, k] for k in ti.static(range(STATE_SIZE))])
+        speed = ti.Vector([omega[n, k] for k in ti.static(range(len(craft.rotors)))])
+        tau = ti.Vector([load[n, k] for k in ti.static(range(6))])
+        R = rotation_matrix(ti.Vector([y[3], y[4], y[5], y[6]]))
+        v_r = ti.Vector([y[7], y[8], y[9]]) - R.transpose() @ ti.Vector([wind[n, 0], wind[n, 1], wind[n, 2]])
+        d = airframe.derivative(
+            craft, ti.static(nominal_numbers(craft)), near, y, R, v_r, speed, 0.0 * speed, -y[2], tau
+        )
+        for k in ti.static(range(STATE_SIZE)):
+            out[n, k] = d[k]
+
+
+def rhs(craft: MultirotorParams, state, omega) -> np.ndarray:
+    """Derivative [n, 13] float64 of states [n, 13] in still air, far from the ground, rotors at omega [n, rotor]."""
+    state, omega = (np.ascontiguousarray(x, dtype=np.float64) for x in (state, omega))
+    out, none = np.empty_like(state), np.zeros((len(state), 6))
+    derivatives(craft, False, state, omega, none, none, out)
+    return out
+
+
+@ti.kernel
+def _rates(craft: ti.template(), omega: _array2, command: _array2, out: _array2):
+    for n in range(omega.shape[0]):
+        speed = ti.Vector([omega[n, k] for k in ti.static(range(len(craft.rotors)))])
+        asked = ti.Vector([command[n, k] for k in ti.static(range(len(craft.rotors)))])
+        held = rotors.clipped(craft, asked, craft.rotor.omega_max)
+        rate = rotors.acceleration(craft, ti.static(nominal_numbers(craft)), speed, held)
+        for k in ti.static(range(len(craft.rotors))):
+            out[n, k] = rate[k]
+
+
+def rotor_rates(craft: MultirotorParams, omega, command) -> np.ndarray:
+    """Rates [n, rotor] (rad/s^2) of rotors at omega that are commanded to go to `command` [n, rotor] (rad/s)."""
+    omega, command = (np.ascontiguousarray(x, dtype=np.float64) for x in (omega, command))
+    out = np.empty_like(omega)
+    _rates(craft, omega, command, out)
+    return out
+
+
+@ti.kernel
+def _ratios(craft: ti.template(), heights: _array2, weights: _array2, omega: _array2, speed: _array2, out: _array2):
+    for n in range(heights.shape[0]):
+        h = ti.Vector([heights[n, k] for k in ti.static(range(len(craft.rotors)))])
+        w = ti.Vector([weights[n, k] for k in ti.static(range(len(craft.rotors)))])
+        turning = ti.Vector([omega[n, k] for k in ti.static(range(len(craft.rotors)))])
+        p = ti.static(nominal_numbers(craft))
+        ratio = ground.thrust_ratios(craft, p, h, w, turning, speed[n, 0] * speed[n, 0])
+        for k in ti.static(range(len(craft.rotors))):
+            out[n, k] = ratio[k]
+
+
+def ground_ratios(craft: MultirotorParams, heights, weights, omega, speed=0.0) -> np.ndarray:
+    """Thrust over that in free air [n, rotor] of rotors at `heights` [n, rotor] (m) over a ground of `weights`
+    [n, rotor] (0 to 1), at speeds omega [n, rotor] (rad/s), moving across their axes at `speed` (m/s).
+    """
+    heights = np.ascontiguousarray(np.atleast_2d(heights), dtype=np.float64)
+    weights, omega = (
+        np.ascontiguousarray(np.broadcast_to(x, heights.shape), dtype=np.float64) for x in (weights, omega)
+    )
+    fast, out = np.full((len(heights), 1), float(speed)), np.empty_like(heights)
+    _ratios(craft, heights, weights, omega, fast, out)
+    return out

@@ -1,0 +1,91 @@
+"""Small motions about steady flight: the linear model, its modes, and the longest step that RK4 bears."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from taichi_sim.uav.fixed_wing.modes import Mode, StableStep, rk4_limit
+from taichi_sim.uav.multirotor.equations import rhs
+from taichi_sim.uav.multirotor.params import MultirotorParams
+from taichi_sim.uav.multirotor.trim import Trim
+
+DIFFERENCE = 1e-5  # of central differences: m/s, rad, rad/s
+STATES = ("u", "v", "w", "p", "q", "r", "phi", "theta")
+PLANES = {"pitch": ("u", "q", "theta"), "roll": ("v", "p", "phi"), "heave": ("w",), "yaw": ("r",)}
+SLOWEST = 1e-9  # 1/s: an eigenvalue below it is zero but for rounding
+
+
+@dataclass(frozen=True)
+class LinearModel:
+    """x' = A x + B omega about a trim, rotors held at their speeds; x = STATES (m/s, rad/s, rad), omega in rad/s."""
+
+    A: np.ndarray  # [8, 8]
+    B: np.ndarray  # [8, rotor]
+    modes: tuple[Mode, ...]  # named for the motion that has most of their eigenvector (PLANES), the fast ones first
+
+    def block(self, states: tuple[str, ...]) -> np.ndarray:
+        """A of some states alone."""
+        at = [STATES.index(name) for name in states]
+        return self.A[np.ix_(at, at)]
+
+
+def linear_modes(craft: MultirotorParams, trim: Trim) -> LinearModel:
+    """The linear model about `trim`, by central differences, in still air."""
+    R_b = _attitude(np.array([trim.phi]), np.array([trim.theta]))
+    v = _in_body(trim.velocity_air, trim.heading, R_b)
+    x = np.concatenate((v, np.zeros(3), [trim.phi, trim.theta], trim.omega))
+    steps = DIFFERENCE * np.eye(len(x))
+    values = _euler_rhs(craft, np.concatenate((x + steps, x - steps)))
+    J = ((values[: len(x)] - values[len(x) :]) / (2 * DIFFERENCE)).T
+    A = J[:, : len(STATES)]
+    return LinearModel(A, J[:, len(STATES) :], _modes(A))
+
+
+def _in_body(velocity_n: np.ndarray, heading: float, q: np.ndarray) -> np.ndarray:
+    """A velocity (n) in the axes of attitude q [1, 4], whose heading is zero."""
+    c, s = np.cos(heading), np.sin(heading)
+    level = np.array([c * velocity_n[0] + s * velocity_n[1], c * velocity_n[1] - s * velocity_n[0], velocity_n[2]])
+    w, r = q[0, 0], q[0, 1:]
+    t = 2 * np.cross(level, r)
+    return level + w * t + np.cross(t, r)
+
+
+def _attitude(phi: np.ndarray, theta: np.ndarray) -> np.ndarray:
+    """Quaternions [n, 4] of roll and pitch, heading north."""
+    cr, sr, cp, sp = np.cos(phi / 2), np.sin(phi / 2), np.cos(theta / 2), np.sin(theta / 2)
+    return np.stack((cp * cr, cp * sr, sp * cr, -sp * sr), axis=1)
+
+
+def _euler_rhs(craft: MultirotorParams, x: np.ndarray) -> np.ndarray:
+    """Derivatives [n, 8] of STATES at x [n, 8 + rotor] (these and rotor speeds), heading north."""
+    phi, theta = x[:, 6], x[:, 7]
+    state = np.concatenate((np.zeros((len(x), 3)), _attitude(phi, theta), x[:, :6]), axis=1)
+    turning = x[:, 4] * np.sin(phi) + x[:, 5] * np.cos(phi)
+    angles = (x[:, 3] + turning * np.tan(theta), x[:, 4] * np.cos(phi) - x[:, 5] * np.sin(phi))
+    return np.concatenate((rhs(craft, state, x[:, 8:])[:, 7:], np.stack(angles, axis=1)), axis=1)
+
+
+def _modes(A: np.ndarray) -> tuple[Mode, ...]:
+    """A mode for each real eigenvalue and each pair."""
+    values, vectors = np.linalg.eig(A)
+    found = []
+    for value, vector in zip(values.tolist(), vectors.T, strict=True):
+        if value.imag < 0:
+            continue  # its conjugate stands for both
+        share = {name: sum(abs(vector[STATES.index(s)]) ** 2 for s in states) for name, states in PLANES.items()}
+        pair = (value, value.conjugate()) if value.imag > 0 else (value,)
+        found.append(Mode(max(share, key=lambda name: share[name]), pair))
+    return tuple(sorted(found, key=lambda mode: -mode.frequency))
+
+
+def largest_stable_dt(craft: MultirotorParams, fastest: Trim) -> StableStep:
+    """The longest step of RK4 from the damped modes about the trim at the greatest airspeed; rotors do not bound it."""
+    damped = [m for m in linear_modes(craft, fastest).modes if m.eigenvalues[0].real < -SLOWEST]
+    if not damped:
+        return StableStep(np.inf, "nothing is damped")
+    limits = [(min(rk4_limit(x) for x in mode.eigenvalues), mode) for mode in damped]
+    dt, mode = min(limits, key=lambda item: item[0])
+    eigenvalue, speed = mode.eigenvalues[0], np.linalg.norm(fastest.velocity_air)
+    return StableStep(
+        dt, f"RK4 holds the mode {mode.name} ({eigenvalue.real:.3g} 1/s at {speed:g} m/s) up to {dt:.3g} s"
+    )

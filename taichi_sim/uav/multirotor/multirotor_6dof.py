@@ -1,0 +1,350 @@
+"""`multirotor_6dof`: a team of multirotors (airframe.py) in wind, with rotors that lag and a controller.
+
+One kernel launch per control step: each aircraft's state is loaded once, goes through substeps on local values, and is
+stored once. The controller (controller.py) works at the physics step. The air's velocity (uav/local_air.py) is held
+over a substep, which is made in the frame of the air: so a steady wind is exact. Rotor speeds are exact for the command
+held over a substep (motion.py).
+"""
+
+# Kernels are another language inside Python syntax.
+# pyright: reportAttributeAccessIssue=false, reportInvalidTypeForm=false, reportIndexIssue=false
+# pyright: reportArgumentType=false, reportOptionalMemberAccess=false
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import taichi as ti
+import torch
+from torch import Tensor
+
+from taichi_sim.config import ConfigError
+from taichi_sim.conventions import AMPLITUDE, VELOCITY
+from taichi_sim.kinematics import UPRIGHT, store
+from taichi_sim.packs import AroundPack, Build, FleetPack, load_at, numbers_at
+from taichi_sim.sea import waves
+from taichi_sim.surroundings import Surroundings
+from taichi_sim.uav import local_air
+from taichi_sim.uav.fixed_wing.motion import attitude, velocity, with_velocity
+from taichi_sim.uav.multirotor import battery, controller, ground, rotors, start
+from taichi_sim.uav.multirotor import instruments as at
+from taichi_sim.uav.multirotor.airframe import sea_ratios
+from taichi_sim.uav.multirotor.allocation import allocation
+from taichi_sim.uav.multirotor.body import body_surface
+from taichi_sim.uav.multirotor.controller import RATE_ACTIONS, VELOCITY_ACTIONS
+from taichi_sim.uav.multirotor.equations import derivatives
+from taichi_sim.uav.multirotor.gains import bandwidths, demands, gains, lag, lead
+from taichi_sim.uav.multirotor.modes import largest_stable_dt
+from taichi_sim.uav.multirotor.motion import rk4
+from taichi_sim.uav.multirotor.numbers import gains as rotor_gains
+from taichi_sim.uav.multirotor.numbers import multirotor_numbers, nominal_numbers, varying_keys
+from taichi_sim.uav.multirotor.params import MultirotorParams
+from taichi_sim.uav.multirotor.trim import TrimError, trim
+from taichi_sim.vehicle import Limits, Vehicle
+
+LONGEST_OUTSIDE = 3.0  # s where the model does not hold: longer is an end; assumed
+NEWTON_ITERATIONS = 5  # for the point of the sea below: exact to rounding for seas (waves.invert_label)
+BISECTIONS = 30
+
+
+@ti.data_oriented
+class Multirotor6DOF(Vehicle):
+    """Steps a team of multirotors in place; actions are in controller.py, the auxiliary state in instruments.py.
+
+    Who flies an aircraft knows the one of the drawing board: allocation, gains and limits are those of `design`,
+    whatever numbers a single aircraft has.
+
+    Attributes:
+        allocation: of the rotors. gains, demands: of the controller. bandwidths: of its loops, rad/s.
+        induced: velocity of the air through the rotors in hover, m/s.
+    """
+
+    Params = MultirotorParams
+    medium = "air"
+    ending_names = ("ditched", "outside_model")
+    air = at.WIND_NAMES
+
+    def __init__(self, params: MultirotorParams, dt: float, substeps: int, design: MultirotorParams | None = None):
+        """Take the numbers of `params`, the step dt (s) and the substeps of a control step.
+
+        `design` is the aircraft for which the controller is made; default `params`. With it, a model of a file's
+        numbers flies as an aircraft of `design` to which `Fleet.set_numbers` has given them.
+
+        Raises:
+            ConfigError: for rotors that cannot carry or turn it, an envelope that they cannot fly, or a dt that is too
+            long.
+        """
+        super().__init__(params, dt, substeps)
+        self.p = params
+        self.plan = plan = design or params
+        self.reach = ground.REACH * params.rotor.radius + max(params.size)
+        self.allocation = allocation(plan)
+        self.actions = plan.control.actions
+        self.demands = demands(plan, self.allocation)
+        self.gains = gains(plan, dt)
+        self.bandwidths = bandwidths(self.gains, lag(plan, dt), lead(plan, self.allocation))
+        self.board = nominal_numbers(plan)
+        self.count, self.battery = len(params.rotors), params.battery is not None
+        self.control_names = at.rotor_names(plan)
+        self.action_names = {"rotors": self.control_names, "rates": RATE_ACTIONS, "velocity": VELOCITY_ACTIONS}[
+            self.actions
+        ]
+        self.aux_names = at.aux_names(plan)
+        self.aux_size = len(self.aux_names)
+        self.varying = varying_keys(plan)
+        self.signals = at.signals(plan, self.bandwidths)
+        disc = math.pi * plan.rotor.radius**2 * self.count
+        self.induced = math.sqrt(self.allocation.weight / (2 * plan.physical.rho * disc))
+        limit = largest_stable_dt(plan, self._fastest())
+        if dt > limit.dt:
+            raise ConfigError(f"dt = {dt} s: {limit.reason}; the largest stable dt is {limit.dt:.3g} s")
+
+    def _fastest(self):
+        """The trim at the greatest airspeed."""
+        most = self.plan.envelope.max_airspeed
+        steepest = math.radians(self.plan.control.max_tilt_deg)
+
+        def possible(speed: float) -> bool:
+            try:
+                return trim(self.plan, (speed, 0.0, 0.0)).tilt <= steepest
+            except TrimError:
+                return False
+
+        if not possible(most):
+            low, high = 0.0, most
+            for _ in range(BISECTIONS):
+                low, high = ((low + high) / 2, high) if possible((low + high) / 2) else (low, (low + high) / 2)
+            raise ConfigError(
+                f"envelope.max_airspeed = {most:g}: the rotors hold {low:.3g} m/s at most within max_tilt_deg = "
+                f"{self.plan.control.max_tilt_deg:g}"
+            )
+        return trim(self.plan, (most, 0.0, 0.0))
+
+    # -- what it is ------------------------------------------------------------------------------------------------
+
+    @property
+    def limits(self) -> Limits:
+        """It hovers; airspeeds of cruise and at most."""
+        return Limits((0.0, self.plan.envelope.airspeed, self.plan.envelope.max_airspeed), 0.0)
+
+    def body(self) -> tuple[np.ndarray, np.ndarray]:
+        """Hub, arms, rotors' discs and legs."""
+        return body_surface(self.plan)
+
+    def power(self, fleet: Any) -> Tensor | None:
+        """What the rotors take from their shafts [env, vehicle], W: torque times speed, thrust or none."""
+        return fleet.reading("shaft_power")
+
+    def endings(self, fleet: Any, world: Any) -> dict[str, Tensor]:
+        """Ditched: feet or rotors have met the water, a crest included. Outside the model: for longer than
+        `LONGEST_OUTSIDE` upside down, faster than max_airspeed, or sinking through its own wake (docs/multirotor.md).
+        """
+        upright = fleet.derived[..., UPRIGHT].abs()
+        side = 0.5 * max(self.size[:2]) * torch.sqrt((1.0 - upright.square()).clamp(min=0.0))
+        height = -fleet.state[..., 2] - self.plan.body.below * upright - side
+        outside = fleet.reading(at.OUTSIDE_TIME) > LONGEST_OUTSIDE
+        return {"ditched": height <= world.elevation_below(fleet, height), "outside_model": outside}
+
+    def own(self, values: Mapping[str, Any]) -> Any:
+        """What the kernel works with."""
+        return multirotor_numbers(self.p, values, self.dt)
+
+    def action(self, speeds: Tensor) -> Tensor:
+        """Actions [.., rotor] that command rotor `speeds` [.., rotor] (rad/s) where the actions are the rotors'."""
+        rotor, hover = self.plan.rotor, torch.tensor(self.allocation.hover, dtype=torch.float64)
+        away = speeds.double() - hover
+        return (away / torch.where(away > 0, rotor.omega_max - hover, hover - rotor.omega_min)).to(speeds.dtype)
+
+    # -- beginning -------------------------------------------------------------------------------------------------
+
+    def settle(self, state: Tensor, surface: Tensor, around: Surroundings) -> Tensor:
+        """Placed states in steady flight in the mean wind: position, heading and velocity over ground are kept."""
+        return start.trimmed(self.plan, state, around)
+
+    def reset_aux(self, aux: Tensor, state: Tensor, around: Surroundings) -> None:
+        """Rotors and controller as in steady flight there."""
+        start.show(self.plan, aux, state, around)
+
+    # -- moving ----------------------------------------------------------------------------------------------------
+
+    def build(self, fleet: Any, around: Surroundings) -> Build:
+        """What the kernel is compiled for: the kind of air; the sea where there is a ground effect over it."""
+        air = local_air.local_air(around.air, uneven=around.turbulence is not None)
+        components = around.sea.shape[2] if self.p.ground_effect else 1
+        return Build(components, varied=fleet.varied, loaded=fleet.loaded, air=air, serial=fleet.few)
+
+    def step(self, fleet: Any, around: Surroundings) -> None:
+        """Advance one control step."""
+        fleet.launch(self._step, fleet.pack, around.pack, self.build(fleet, around))
+
+    def equations(self, state: Tensor, controls: Tensor, current: Tensor, wind: Tensor, load: Tensor) -> Tensor:
+        """d(state)/dt [n, 13] with the rotors held at their speeds; the current does nothing."""
+        out = torch.empty_like(state)
+        derivatives(self.p, self.p.ground_effect, state, controls, wind, load, out)
+        return out
+
+    @ti.kernel
+    def _step(self, fleet: FleetPack, around: AroundPack, build: ti.template()):
+        ti.loop_config(serialize=build.serial)
+        for e, i in ti.ndrange(fleet.state.shape[0], fleet.state.shape[1]):
+            if ti.static(build.varied):
+                own = numbers_at(self.Own, fleet.numbers, e, i)
+                self.advance(own, build, fleet, around, e, i)
+            else:
+                self.advance(self.constants, build, fleet, around, e, i)
+
+    @ti.func
+    def advance(self, p: ti.template(), build: ti.template(), fleet: ti.template(), around: ti.template(), e, i):
+        """Take vehicle i of environment e one control step further, from what is stored to what is stored."""
+        clock, seed, env = around.count[0], around.count[1], around.count[2 + e]
+        y = ti.Vector([fleet.state[e, i, k] for k in ti.static(range(13))])
+        omega = ti.Vector([fleet.aux[e, i, at.SPEEDS + k] for k in ti.static(range(self.count))])
+        gust = ti.Vector([fleet.aux[e, i, at.TURBULENCE + k] for k in ti.static(range(5))])
+        held = ti.Vector([fleet.aux[e, i, at.INTEGRALS + k] for k in ti.static(range(8))])
+        time, charge = fleet.aux[e, i, at.TIME], fleet.aux[e, i, at.CHARGE]
+        tau, wind_10 = load_at(build, fleet.load, e, i), ti.Vector([around.wind[e, k] for k in ti.static(range(3))])
+        if time == 0.0:
+            gust = local_air.initial_turbulence(build.air, seed, clock, self.substeps, env, i)
+        shear, W20 = around.air[0], local_air.wind_at_20_feet(build.air, around, wind_10, e)
+        v_mean = attitude(y) @ velocity(y) - local_air.mean_wind(build.air, wind_10, shear, y)
+        f = local_air.turbulence_filter(build.air, v_mean.norm(), -y[2], W20, self.dt)
+        met = local_air.velocity_at(build.air, wind_10, shear, gust, f, v_mean, y, time)
+        sea, rise = self.water_below(build, around, e, y)
+        y = with_velocity(y, velocity(y) - attitude(y).transpose() @ met)
+        rates, toward, voltage = velocity(y) * 0.0, velocity(y) * 0.0, time * 0.0
+        for n in range(self.substeps):
+            R = attitude(y)
+            most = time * 0.0 + self.plan.rotor.omega_max
+            if ti.static(self.battery):
+                voltage, current = battery.terminal(self.p.battery, charge, rotors.shaft_power(self.p, p, omega))
+                charge = ti.max(charge - current * ti.static(self.dt / self.p.battery.coulombs), 0.0)
+                most *= ti.min(voltage * ti.static(1.0 / self.p.battery.nominal), 1.0)
+            wanted, held, rates, toward = self.commanded(fleet, e, i, y, R, R @ velocity(y) + met, held, most)
+            command = rotors.clipped(self.p, wanted, most)
+            if ti.static(build.air.gusty):
+                ahead = local_air.gust_ahead(build.air, y, R @ velocity(y) + met, time, self.dt)
+                y, met = with_velocity(y, velocity(y) - R.transpose() @ ahead), met + ahead
+            y, omega = rk4(self.p, p, self.p.ground_effect, y, omega, command, -y[2] - sea, tau, self.dt)
+            sea += rise
+            for k in ti.static(range(3)):
+                y[k] += self.dt * met[k]
+            time += self.dt
+            if ti.static(not build.air.steady):
+                count = clock * ti.static(self.substeps + 1) + n
+                gust = local_air.turbulence_step(build.air, gust, f, seed, count, env, i)
+                new = local_air.velocity_at(build.air, wind_10, shear, gust, f, v_mean, y, time)
+                y = with_velocity(y, velocity(y) + attitude(y).transpose() @ (met - new))
+                met = new
+        self.save(p, fleet, e, i, y, met, omega, sea)
+        for k in ti.static(range(3)):
+            fleet.aux[e, i, at.RATES_WANTED + k], fleet.aux[e, i, at.VELOCITY_WANTED + k] = rates[k], toward[k]
+        for k in ti.static(range(5)):
+            fleet.aux[e, i, at.TURBULENCE + k] = gust[k]
+        for k in ti.static(range(8)):
+            fleet.aux[e, i, at.INTEGRALS + k] = held[k]
+        fleet.aux[e, i, at.TIME], fleet.aux[e, i, at.CHARGE], fleet.aux[e, i, at.VOLTAGE] = time, charge, voltage
+
+    @ti.func
+    def commanded(self, fleet: ti.template(), e, i, y, R, v_n, held, most):
+        """Rotor speeds (rad/s) that the actions ask for at the state y, moving over ground with v_n (n, m/s); the
+        controller's state (8: integrals, heading held) a substep later; body rates (rad/s), velocity (n, m/s) wanted.
+        """
+        command = ti.Vector([y[0] * 0.0 for _ in ti.static(range(self.count))])
+        omega_b, new = ti.Vector([y[10], y[11], y[12]]), held
+        rates, toward = omega_b, v_n
+        if ti.static(self.actions == "rotors"):
+            for k in ti.static(range(self.count)):
+                a, hover = fleet.action[e, i, k], ti.static(self.allocation.hover[k])
+                up = ti.static(self.plan.rotor.omega_max) - hover
+                down = hover - ti.static(self.plan.rotor.omega_min)
+                command[k] = hover + ti.max(a, 0.0) * up + ti.min(a, 0.0) * down
+        else:
+            T = y[0] * 0.0
+            if ti.static(self.actions == "rates"):
+                push = fleet.action[e, i, 0]
+                ratio = ti.static(self.allocation.thrust_to_weight - 1.0)
+                T = ti.static(self.allocation.weight) * (1.0 + ti.max(push, 0.0) * ratio + ti.min(push, 0.0))
+                rates = ti.Vector(
+                    [
+                        self.demands.rate * fleet.action[e, i, 1],
+                        self.demands.rate * fleet.action[e, i, 2],
+                        self.demands.yaw_rate * fleet.action[e, i, 3],
+                    ]
+                )
+            else:
+                nose = ti.Vector([held[6], held[7]])
+                toward = controller.velocity_wanted(self.demands, fleet.action, e, i, nose[0], nose[1])
+                slow = ti.Vector([held[3], held[4], held[5]])
+                turn = self.demands.yaw_rate * fleet.action[e, i, 3]
+                c, slow = controller.specific_thrust(self.gains, self.demands, toward, v_n, turn, slow, self.dt)
+                rate, nose = controller.heading_rate(self.gains, R, turn, nose, self.dt)
+                rates = controller.rates_toward(self.gains, self.demands, R, c, rate)
+                new[6], new[7] = nose[0], nose[1]
+                z = ti.Vector([R[0, 2], R[1, 2], R[2, 2]])
+                T = ti.static(self.plan.physical.mass) * ti.max(c.dot(z), 0.0)
+                for k in ti.static(range(3)):
+                    new[3 + k] = slow[k]
+            k_f = ti.static(self.plan.rotor.k_f)
+            low, high = ti.static(self.plan.rotor.k_f * self.plan.rotor.omega_min**2), k_f * most * most
+            fast = ti.Vector([held[0], held[1], held[2]])
+            thrust, fast = controller.rotor_thrusts(
+                self.allocation, self.gains, self.board, T, rates, omega_b, fast, low, high, self.dt
+            )
+            for k in ti.static(range(3)):
+                new[k] = fast[k]
+            for k in ti.static(range(self.count)):
+                command[k] = ti.sqrt(thrust[k] * ti.static(1.0 / self.plan.rotor.k_f))
+        return command, new, rates, toward
+
+    @ti.func
+    def water_below(self, build: ti.template(), around: ti.template(), e, y):
+        """Elevation (m, up) of the sea below y now, and how much it rises in a substep; far below: any that is far."""
+        now, rise = y[0] * 0.0, y[0] * 0.0
+        if ti.static(self.p.ground_effect):
+            s, crest = around.env_sea[e], y[0] * 0.0
+            for c in range(build.components):
+                crest += around.sea[s, AMPLITUDE, c]
+            if -y[2] < crest + self.reach:
+                interval = ti.static(self.dt * self.substeps)
+                v_n = attitude(y) @ velocity(y)
+                now = self.elevation(build, around, e, s, y[0], y[1], y[0] * 0.0)
+                there = ti.Vector([y[0] + interval * v_n[0], y[1] + interval * v_n[1]])
+                rise = self.elevation(build, around, e, s, there[0], there[1], y[0] * 0.0 + interval) - now
+                rise *= ti.static(1.0 / self.substeps)
+        return now, rise
+
+    @ti.func
+    def elevation(self, build: ti.template(), around: ti.template(), e, s, north, east, time):
+        """Elevation (m, up) of sea s at a point (m), `time` (s) after the beginning of the step."""
+        L = waves.invert_label(around.sea, around.phase, build.components, s, e, north, east, time, NEWTON_ITERATIONS)
+        return waves.elevation_at_label(around.sea, around.phase, build.components, s, e, L[0], L[1], time)
+
+    @ti.func
+    def save(self, p: ti.template(), fleet: ti.template(), e, i, y, met, omega, sea):
+        """Store the state y, whose velocity is relative to the air that moves with `met`, and all that is read off."""
+        R, v_r = attitude(y), velocity(y)
+        v = v_r + R.transpose() @ met
+        v_n = R @ v
+        store(fleet.derived, e, i, R, v_n)
+        for k in ti.static(range(13)):
+            fleet.state[e, i, k] = y[k]
+        ratio = sea_ratios(self.p, p, self.p.ground_effect, R, v_r, omega, -y[2] - sea)
+        thrust, near = y[0] * 0.0, y[0] * 0.0
+        gain = ti.static(rotor_gains(p, self.count))
+        for k in ti.static(range(self.count)):
+            thrust += p.k_f * gain[k] * omega[k] * omega[k] * ratio[k]
+            near += ti.static(1.0 / self.count) * ratio[k]
+            fleet.aux[e, i, at.SPEEDS + k] = omega[k]
+        for k in ti.static(range(3)):
+            fleet.state[e, i, VELOCITY.start + k] = v[k]
+            fleet.aux[e, i, at.WIND + k], fleet.aux[e, i, at.RATES + k] = met[k], y[10 + k]
+            fleet.aux[e, i, at.VELOCITY_N + k] = v_n[k]
+        airspeed = v_r.norm()
+        fleet.aux[e, i, at.THRUST], fleet.aux[e, i, at.GROUND] = thrust, near
+        fleet.aux[e, i, at.POWER], fleet.aux[e, i, at.AIRSPEED] = rotors.shaft_power(self.p, p, omega), airspeed
+        fleet.aux[e, i, at.TILT] = ti.acos(ti.max(ti.min(R[2, 2], 1.0), -1.0))
+        sinking = v_r[2] > self.induced
+        outside = sinking or R[2, 2] < 0.0 or airspeed > self.plan.envelope.max_airspeed
+        interval = ti.static(self.dt * self.substeps)
+        fleet.aux[e, i, at.OUTSIDE] = ti.select(outside, fleet.aux[e, i, at.OUTSIDE] + interval, 0.0)

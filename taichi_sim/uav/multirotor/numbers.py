@@ -1,0 +1,88 @@
+"""The numbers of a multirotor that may differ between environments, and what its equations make of them."""
+
+import math
+from collections import namedtuple
+from collections.abc import Mapping
+from functools import cache
+from typing import Any
+
+import torch
+
+from taichi_sim.uav.multirotor.params import MultirotorParams
+
+INERTIA = ("Jx", "Jy", "Jz", "Jxy", "Jxz", "Jyz")
+COEFFICIENTS = ("k_f", "k_m", "k_d", "k_z", "k_h", "k_flap", "J_r")
+AXES = range(3)
+FIELDS = (
+    "inverse_mass",  # 1/kg
+    *INERTIA,  # kg m^2
+    *(f"inverse_{a}{b}" for a in AXES for b in AXES if a <= b),  # of the inertia, 1/(kg m^2)
+    *(f"cg_{i}" for i in AXES),  # m, airframe's frame
+    *(f"drag_{i}" for i in AXES),  # N s^2/m^2
+    *COEFFICIENTS,  # of params.Rotor
+    "per_tau_up", "per_tau_down",  # 1/s
+    "left_up", "left_down",  # of a way, after half a step
+)  # fmt: skip
+
+
+@cache
+def numbers_of(rotors: int) -> Any:
+    """The NamedTuple of a multirotor of so many rotors: `FIELDS` and gains; floats, or tensors of one shape."""
+    return namedtuple("MultirotorNumbers", (*FIELDS, *(f"gain_{k}" for k in range(rotors))))
+
+
+def gains(p: Any, rotors: int) -> tuple[Any, ...]:
+    """Gain of each rotor."""
+    return tuple(getattr(p, f"gain_{k}") for k in range(rotors))
+
+
+def varying_keys(craft: MultirotorParams) -> tuple[str, ...]:
+    """Keys of the vehicle file that may differ between environments."""
+    return (
+        "physical.mass",
+        *(f"physical.{name}" for name in INERTIA),
+        *(f"physical.cg.{i}" for i in AXES),
+        *(f"physical.drag.{i}" for i in AXES),
+        *(f"rotor.{name}" for name in (*COEFFICIENTS, "tau_up", "tau_down")),
+        *(f"rotors.{k}.gain" for k in range(len(craft.rotors))),
+    )
+
+
+def multirotor_numbers(craft: MultirotorParams, values: Mapping[str, Any], dt: float) -> Any:
+    """Of a multirotor like `craft` but for `values` (by `varying_keys`; floats or tensors), stepped by dt (s)."""
+    J = [values[f"physical.{name}"] for name in INERTIA]
+    up, down = values["rotor.tau_up"], values["rotor.tau_down"]
+    return numbers_of(len(craft.rotors))(
+        1 / values["physical.mass"], *J, *_inverse(*J),
+        *(values[f"physical.cg.{i}"] for i in AXES), *(values[f"physical.drag.{i}"] for i in AXES),
+        *(values[f"rotor.{name}"] for name in COEFFICIENTS),
+        1 / up, 1 / down, _left(0.5 * dt, up), _left(0.5 * dt, down),
+        *(values[f"rotors.{k}.gain"] for k in range(len(craft.rotors))),
+    )  # fmt: skip
+
+
+def _inverse(Jx, Jy, Jz, Jxy, Jxz, Jyz) -> tuple[Any, ...]:
+    """Entries xx, xy, xz, yy, yz, zz of the inverse of [[Jx, -Jxy, -Jxz], [-Jxy, Jy, -Jyz], [-Jxz, -Jyz, Jz]]."""
+    xx, xy, xz = Jy * Jz - Jyz * Jyz, Jxy * Jz + Jxz * Jyz, Jxy * Jyz + Jxz * Jy
+    determinant = Jx * xx - Jxy * xy - Jxz * xz
+    yy, yz, zz = Jx * Jz - Jxz * Jxz, Jx * Jyz + Jxy * Jxz, Jx * Jy - Jxy * Jxy
+    return tuple(x / determinant for x in (xx, xy, xz, yy, yz, zz))
+
+
+def _left(time: float, tau: Any) -> Any:
+    """exp(-time / tau)."""
+    return torch.exp(-time / tau) if isinstance(tau, torch.Tensor) else math.exp(-time / tau)
+
+
+@cache
+def nominal_numbers(craft: MultirotorParams, dt: float = math.inf) -> Any:
+    """Those of the vehicle file itself."""
+    values = {key: _at(craft, key) for key in varying_keys(craft)}
+    return multirotor_numbers(craft, values, dt)
+
+
+def _at(craft: Any, key: str) -> float:
+    """The number at a dotted key."""
+    for part in key.split("."):
+        craft = craft[int(part)] if part.isdigit() else getattr(craft, part)
+    return float(craft)

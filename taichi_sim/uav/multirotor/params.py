@@ -1,0 +1,163 @@
+"""Numbers of a multirotor's vehicle file; configs/vehicles/x500.toml is the one to read.
+
+Places are in the airframe's own frame: axes of b (forward, right, down), origin wherever its drawing has one. The
+state's origin is the centre of gravity, `physical.cg` in that frame.
+"""
+
+import math
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from taichi_sim.config import Finite, NonNegative, Positive, Strict
+from taichi_sim.uav.multirotor.battery import Battery
+
+MOST_ROTORS = 12
+APART = 1e-3  # m: rotors on one axis and spin that are closer than this are a mistake
+Place = tuple[Finite, Finite, Finite]
+Actions = Literal["rotors", "rates", "velocity"]
+
+
+class Physical(Strict):
+    """Mass, inertia about the centre of gravity, drag of the fuselage, and the air."""
+
+    mass: Positive  # kg, rotors included
+    Jx: Positive  # kg m^2, rotors included as if they stood still
+    Jy: Positive  # kg m^2
+    Jz: Positive  # kg m^2
+    Jxy: Finite = 0.0  # kg m^2; inertia [[Jx, -Jxy, -Jxz], [-Jxy, Jy, -Jyz], [-Jxz, -Jyz, Jz]]
+    Jxz: Finite = 0.0
+    Jyz: Finite = 0.0
+    cg: Place  # centre of gravity in the airframe's frame, m
+    drag: tuple[NonNegative, NonNegative, NonNegative]  # along x, y, z: force = -|v| drag v, N s^2/m^2
+    rho: Positive = 1.225  # density of the air, kg/m^3: for induced velocities, not for thrust
+
+    @property
+    def inertia(self) -> np.ndarray:
+        """[3, 3], kg m^2."""
+        return np.array(
+            [
+                [self.Jx, -self.Jxy, -self.Jxz],
+                [-self.Jxy, self.Jy, -self.Jyz],
+                [-self.Jxz, -self.Jyz, self.Jz],
+            ]
+        )
+
+    @model_validator(mode="after")
+    def _inertia_of_a_body(self):
+        least, middle, largest = np.linalg.eigvalsh(self.inertia)
+        if least <= 0 or largest > (least + middle) * (1 + 1e-9):
+            raise ValueError(
+                f"principal moments of inertia {least:.4g}, {middle:.4g}, {largest:.4g} kg m^2: each must be positive, "
+                "and none above the sum of the two others"
+            )
+        return self
+
+
+class Rotor(Strict):
+    """Numbers that all rotors share. Their force and moment: rotors.py."""
+
+    radius: Positive  # m
+    k_f: Positive  # thrust over rotor speed squared, N s^2
+    k_m: Positive  # torque over rotor speed squared, N m s^2
+    k_d: NonNegative = 0.0  # rotor drag across the axis, over speed and airspeed, N s^2/m
+    k_z: NonNegative = 0.0  # thrust lost with airspeed along the axis, N s^2/m
+    k_h: NonNegative = 0.0  # translational lift, N s^2/m^2
+    k_flap: Finite = 0.0  # flapping moment over speed and airspeed, N m s^2/m; positive: nose down in forward flight
+    J_r: NonNegative = 0.0  # inertia about the axis, kg m^2; 0: no gyroscopic moment
+    omega_min: NonNegative = 0.0  # rad/s
+    omega_max: Positive  # rad/s
+    tau_up: Positive  # time constant of the speed when it rises, s
+    tau_down: Positive  # when it falls, s
+
+    @model_validator(mode="after")
+    def _a_range(self):
+        if self.omega_min >= self.omega_max:
+            raise ValueError(f"omega_min = {self.omega_min:g}: must be below omega_max = {self.omega_max:g} rad/s")
+        return self
+
+
+class Mount(Strict):
+    """One rotor: where it is, and how it turns."""
+
+    position: Place  # of its hub, in the airframe's frame, m
+    spin: Literal["ccw", "cw"]  # seen from above
+    gain: NonNegative = 1.0  # of its thrust and torque: below 1 worn, 0 lost
+
+    @property
+    def yaw(self) -> float:
+        """Sign of the moment about b's z (down) that its drag gives the airframe."""
+        return 1.0 if self.spin == "ccw" else -1.0
+
+
+class Envelope(Strict):
+    """Where the aircraft is meant to fly."""
+
+    airspeed: Positive  # of cruise, m/s
+    max_airspeed: Positive  # m/s
+
+    @model_validator(mode="after")
+    def _cruise_inside(self):
+        if self.airspeed > self.max_airspeed:
+            raise ValueError(f"airspeed = {self.airspeed:g}: above max_airspeed = {self.max_airspeed:g}")
+        return self
+
+
+class Control(Strict):
+    """What is commanded, and how much of it (controller.py)."""
+
+    actions: Actions = "velocity"
+    speed: Positive = 8.0  # horizontal, over ground, at actions of 1, m/s
+    climb: Positive = 3.0  # m/s
+    descent: Positive = 2.0  # m/s
+    yaw_rate_deg: Annotated[float, Field(gt=0, le=720)] = 90.0  # deg/s
+    max_rate_deg: Annotated[float, Field(gt=0, le=2000)] = 220.0  # roll and pitch rate, deg/s
+    max_tilt_deg: Annotated[float, Field(gt=0, lt=80)] = 35.0
+
+
+class Body(Strict):
+    """What others see of it and collide with."""
+
+    size: tuple[Positive, Positive, Positive]  # length, width, height, rotors included, m
+    below: NonNegative  # from the centre of gravity down to the feet, m
+    collision_radius: Positive  # m
+
+
+class MultirotorParams(Strict):
+    """Numbers of a multirotor's vehicle file."""
+
+    physical: Physical
+    rotor: Rotor
+    rotors: Annotated[tuple[Mount, ...], Field(min_length=1, max_length=MOST_ROTORS)]
+    envelope: Envelope
+    body: Body
+    control: Control = Control()
+    battery: Battery | None = None
+    ground_effect: bool = True  # thrust grows near the water (ground.py)
+
+    @property
+    def collision_radius(self) -> float:
+        """Of the sphere around the aircraft, m."""
+        return self.body.collision_radius
+
+    @property
+    def size(self) -> tuple[float, float, float]:
+        """Length, width, height, m."""
+        return self.body.size
+
+    @property
+    def arms(self) -> np.ndarray:
+        """Rotors' hubs [rotor, 3] from the centre of gravity, m, b."""
+        return np.array([mount.position for mount in self.rotors]) - np.array(self.physical.cg)
+
+    @model_validator(mode="after")
+    def _rotors_apart(self):
+        for i, one in enumerate(self.rotors):
+            for j, other in enumerate(self.rotors[:i]):
+                if math.dist(one.position, other.position) < APART:
+                    raise ValueError(
+                        f"rotors.{j} and rotors.{i} coincide at {list(one.position)}: hubs must be at least "
+                        f"{APART:g} m apart"
+                    )
+        return self

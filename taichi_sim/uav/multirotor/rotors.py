@@ -1,0 +1,109 @@
+"""Rotors: speed, force and moment.
+
+Speed follows its command by a first-order lag, omega' = (omega_c - omega) / tau, tau_up where it rises and tau_down
+where it falls. A held command is never passed, so one tau holds through a step, and
+
+    omega(t) = omega_c + (omega - omega_c) e^(-t / tau)
+
+is exact: the equations of motion get these values at the stages of their Runge-Kutta step.
+
+Force and moment of rotor i at r_i, with v_i = v + omega_b x r_i relative to the air, s_i = +1 for one that turns
+counter- clockwise seen from above (all in b, forward-right-down):
+
+    F_i = -omega diag(k_d, k_d, k_z) v_i - (0, 0, k_f omega^2 + k_h (v_ix^2 + v_iy^2))
+    M_i = r_i x F_i + (0, 0, s_i k_m omega^2) + k_flap omega (v_iy, -v_ix, 0)
+
+(drag of rotors: Martin & Salaun 2010, The true role of accelerometer feedback in quadrotor control, ICRA; lift and
+flapping: Hoffmann et al. 2007, AIAA 2007-6461; the form is that of Folk et al. 2023, RotorPy, arXiv:2306.04485). With a
+rotor's inertia J_r there is its angular momentum h = -s_i J_r omega about z, and the moment -omega_b x h - dh/dt.
+"""
+
+# Kernels are another language inside Python syntax.
+# pyright: reportInvalidTypeForm=false
+
+import taichi as ti
+
+from taichi_sim.rigid_body import cross, is_nothing
+from taichi_sim.uav.multirotor.numbers import gains
+
+
+@ti.func
+def clipped(craft: ti.template(), command, most):
+    """Commands [rotor] (rad/s) within what the rotors can do, `most` rad/s now."""
+    held = command
+    for k in ti.static(range(len(craft.rotors))):
+        held[k] = ti.max(ti.min(command[k], most), craft.rotor.omega_min)
+    return held
+
+
+@ti.func
+def lag_left(craft: ti.template(), p: ti.template(), omega, command):
+    """What is left [rotor] of each way to the command after half a step: its square is left after a whole one."""
+    left = omega
+    for k in ti.static(range(len(craft.rotors))):
+        left[k] = ti.select(command[k] >= omega[k], p.left_up, p.left_down)
+    return left
+
+
+@ti.func
+def acceleration(craft: ti.template(), p: ti.template(), omega, command):
+    """omega' [rotor], rad/s^2, of rotors on their way to `command`."""
+    rate = omega
+    for k in ti.static(range(len(craft.rotors))):
+        rate[k] = (command[k] - omega[k]) * ti.select(command[k] >= omega[k], p.per_tau_up, p.per_tau_down)
+    return rate
+
+
+@ti.func
+def arm(craft: ti.template(), p: ti.template(), k: ti.template()):
+    """Hub of rotor k (m, b), from the centre of gravity."""
+    x, y, z = ti.static(craft.rotors[k].position)
+    return ti.Vector([x - p.cg_0, y - p.cg_1, z - p.cg_2])
+
+
+@ti.func
+def rotor_loads(craft: ti.template(), p: ti.template(), v_r, omega_b, omega, ratio):
+    """Force (N) and moment (N m) in b of all rotors, at speeds omega [rotor] (rad/s): velocity v_r (m/s) through the
+    air of the centre of gravity, rates omega_b (rad/s), thrusts times `ratio` [rotor] of the ground effect.
+    """
+    zero = v_r[0] * 0.0
+    force, moment = ti.Vector([zero, zero, zero]), ti.Vector([zero, zero, zero])
+    gain = ti.static(gains(p, len(craft.rotors)))
+    for k in ti.static(range(len(craft.rotors))):
+        r = arm(craft, p, k)
+        v = v_r + cross(omega_b, r)
+        square = gain[k] * omega[k] * omega[k]
+        side, along = p.k_d * omega[k], p.k_z * omega[k]
+        lift = p.k_f * square * ratio[k]
+        if ti.static(not is_nothing(p.k_h)):
+            lift += p.k_h * (v[0] * v[0] + v[1] * v[1])
+        F = ti.Vector([-side * v[0], -side * v[1], -along * v[2] - lift])
+        force += F
+        moment += cross(r, F)
+        moment[2] += ti.static(craft.rotors[k].yaw) * p.k_m * square
+        if ti.static(not is_nothing(p.k_flap)):
+            flap = p.k_flap * omega[k]
+            moment[0] += flap * v[1]
+            moment[1] -= flap * v[0]
+    return force, moment
+
+
+@ti.func
+def spin_moment(craft: ti.template(), p: ti.template(), omega_b, omega, rate):
+    """Moment (N m, b) of the rotors' angular momentum on the airframe: -omega_b x h - dh/dt, rate = omega' [rotor]."""
+    h, h_dot = omega_b[0] * 0.0, omega_b[0] * 0.0
+    for k in ti.static(range(len(craft.rotors))):
+        h -= ti.static(craft.rotors[k].yaw) * omega[k]
+        h_dot -= ti.static(craft.rotors[k].yaw) * rate[k]
+    h *= p.J_r
+    return ti.Vector([-omega_b[1] * h, omega_b[0] * h, -p.J_r * h_dot])
+
+
+@ti.func
+def shaft_power(craft: ti.template(), p: ti.template(), omega):
+    """Power (W) that the air takes from the rotors' shafts: torque times speed."""
+    power = omega[0] * 0.0
+    gain = ti.static(gains(p, len(craft.rotors)))
+    for k in ti.static(range(len(craft.rotors))):
+        power += gain[k] * p.k_m * omega[k] * omega[k] * omega[k]
+    return power

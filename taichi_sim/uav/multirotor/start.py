@@ -1,0 +1,74 @@
+"""Where a flight begins: in steady flight over ground, whatever the wind, instruments and controller settled in it."""
+
+import torch
+from torch import Tensor
+
+from taichi_sim.conventions import ANGULAR_VELOCITY, GRAVITY, QUATERNION, VELOCITY
+from taichi_sim.maths.rotation import (
+    torch_euler_from_quaternion,
+    torch_quaternion_from_euler,
+    torch_rotation_matrix,
+)
+from taichi_sim.surroundings import Surroundings
+from taichi_sim.uav.local_air import wind_at
+from taichi_sim.uav.multirotor import instruments as at
+from taichi_sim.uav.multirotor.params import MultirotorParams
+from taichi_sim.uav.multirotor.trim import MOMENT, PHI, SPECIFIC, SPEEDS, THETA, solve
+
+
+def steady(craft: MultirotorParams, state: Tensor, wind: Tensor) -> Tensor:
+    """What steady flight at the velocity over ground and the heading of `state` [n, vehicle, 13] asks for in the wind
+    [n, vehicle, 3] there: [n, vehicle, column], columns of trim.py.
+    """
+    heading = torch_euler_from_quaternion(state[..., QUATERNION])[..., 2:]
+    air = torch.cat((_velocity_n(state) - wind, torch.cos(heading), torch.sin(heading)), dim=-1)
+    out = state.new_empty((*state.shape[:2], SPEEDS + len(craft.rotors)))
+    solve(craft, air.flatten(0, 1).contiguous(), out.flatten(0, 1))
+    return out
+
+
+def trimmed(craft: MultirotorParams, state: Tensor, around: Surroundings) -> Tensor:
+    """States [n, vehicle, 13] with the positions, headings and velocities over ground of `state`, tilted into the mean
+    wind there.
+    """
+    found = steady(craft, state, wind_at(state, around))
+    heading = torch_euler_from_quaternion(state[..., QUATERNION])[..., 2]
+    new = state.clone()
+    new[..., QUATERNION] = torch_quaternion_from_euler(found[..., PHI], found[..., THETA], heading)
+    R = torch_rotation_matrix(new[..., QUATERNION])
+    new[..., VELOCITY] = (R.mT @ _velocity_n(state).unsqueeze(-1)).squeeze(-1)
+    new[..., ANGULAR_VELOCITY] = 0.0
+    return new
+
+
+def show(craft: MultirotorParams, aux: Tensor, state: Tensor, around: Surroundings) -> None:
+    """Write aux [n, vehicle, ..] of vehicles that begin at `state` [n, vehicle, 13]: rotors at the speeds, the
+    controller's integrals at the values of steady flight there.
+
+    The turbulence around them is drawn in their first step.
+    """
+    aux.zero_()
+    wind, rotor = wind_at(state, around), craft.rotor
+    found = steady(craft, state, wind)
+    velocity = _velocity_n(state)
+    aux[..., at.SPEEDS :] = found[..., SPEEDS:].clamp(rotor.omega_min, rotor.omega_max)
+    aux[..., at.WIND : at.WIND + 3] = wind
+    aux[..., at.AIRSPEED] = (velocity - wind).norm(dim=-1)
+    aux[..., at.GROUND] = 1.0
+    for first in (at.VELOCITY_WANTED, at.VELOCITY_N):
+        aux[..., first : first + 3] = velocity
+    specific, moment = found[..., SPECIFIC : SPECIFIC + 3], found[..., MOMENT : MOMENT + 3]
+    inverse = torch.linalg.inv(torch.tensor(craft.physical.inertia)).to(state)
+    aux[..., at.INTEGRALS : at.INTEGRALS + 3] = moment @ inverse
+    aux[..., at.INTEGRALS + 3 : at.INTEGRALS + 6] = specific.new_tensor((0.0, 0.0, GRAVITY)) - specific
+    heading = torch_euler_from_quaternion(state[..., QUATERNION])[..., 2]
+    aux[..., at.HEADING], aux[..., at.HEADING + 1] = torch.cos(heading), torch.sin(heading)
+    aux[..., at.THRUST] = craft.physical.mass * specific.norm(dim=-1)
+    aux[..., at.TILT] = torch.acos((specific[..., 2] / specific.norm(dim=-1)).clamp(-1.0, 1.0))
+    if craft.battery is not None:
+        aux[..., at.CHARGE], aux[..., at.VOLTAGE] = craft.battery.charge, craft.battery.full
+
+
+def _velocity_n(state: Tensor) -> Tensor:
+    """Velocity over ground [.., 3], n, m/s."""
+    return (torch_rotation_matrix(state[..., QUATERNION]) @ state[..., VELOCITY].unsqueeze(-1)).squeeze(-1)

@@ -1,0 +1,145 @@
+"""Steady straight flight of a multirotor: attitude and rotor speeds at a velocity through the air, heading given.
+
+Six accelerations are zero. The thrust must balance weight and all other forces, so its direction gives the attitude and
+its size the collective; the moments of rotor drag and flapping ask for differences between rotors (allocation.py).
+Forces and moments depend on attitude and rotor speeds in their turn: repeating this converges, for they do so weakly.
+"""
+
+# Kernels are another language inside Python syntax.
+# pyright: reportInvalidTypeForm=false, reportAttributeAccessIssue=false, reportIndexIssue=false
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import taichi as ti
+import torch
+
+from taichi_sim import runtime
+from taichi_sim.config import ConfigError
+from taichi_sim.conventions import GRAVITY, STATE_SIZE
+from taichi_sim.maths.rotation import torch_quaternion_from_euler, torch_rotation_matrix
+from taichi_sim.rigid_body import cross
+from taichi_sim.uav.multirotor.airframe import loads
+from taichi_sim.uav.multirotor.allocation import allocation
+from taichi_sim.uav.multirotor.numbers import gains, nominal_numbers
+from taichi_sim.uav.multirotor.params import MultirotorParams
+from taichi_sim.uav.multirotor.rotors import arm
+
+ITERATIONS = 60
+RESIDUAL = {"f64": 1e-9, "f32": 1e-4}  # m/s^2 and rad/s^2, of a trim
+ENOUGH = {"f64": 1e-13, "f32": 1e-6}  # m/s^2 and rad/s^2, with which the search ends
+BEYOND, FLATTEST = 2.0, 0.1  # of omega_max, and of the weight as vertical thrust: to where the search goes
+PHI, THETA, SPECIFIC, MOMENT, LEFT, SPEEDS = 0, 1, 2, 5, 8, 9
+"""Columns of a solution: roll, pitch (rad), specific thrust (3, m/s^2, n), moment of the thrusts (3, N m, b), what is
+left of the accelerations (m/s^2, rad/s^2), rotor speeds (rad/s).
+"""
+_array2: Any = ti.types.ndarray(ndim=2)
+
+
+class TrimError(ConfigError):
+    """No steady flight at what is asked for; the message says why."""
+
+
+@dataclass(frozen=True)
+class Trim:
+    """Steady flight; angles in rad."""
+
+    velocity_air: np.ndarray  # [3], n, m/s
+    phi: float
+    theta: float
+    heading: float
+    omega: np.ndarray  # [rotor], rad/s
+    state: np.ndarray  # [13], at the origin, moving over ground
+
+    @property
+    def tilt(self) -> float:
+        """Between thrust and vertical, rad."""
+        return math.acos(math.cos(self.phi) * math.cos(self.theta))
+
+
+@ti.kernel
+def solve(craft: ti.template(), air: _array2, out: _array2):
+    """Write the solution [n, SPEEDS + rotor] of flight at `air` [n, 5]: velocity through the air (n, m/s), cosine and
+    sine of the heading. Rotors may be asked for more than they can; where there is no such flight it is finite.
+    """
+    for row in range(air.shape[0]):
+        p, a = ti.static(nominal_numbers(craft), allocation(craft))
+        N = ti.static(len(craft.rotors))
+        gain = ti.static(gains(p, N))
+        v_n = ti.Vector([air[row, 0], air[row, 1], air[row, 2]])
+        nose = ti.Vector([air[row, 3], air[row, 4], v_n[0] * 0.0])
+        down = ti.Vector([v_n[0] * 0.0, v_n[0] * 0.0, v_n[0] * 0.0 + 1.0])
+        still, ones = ti.Vector([v_n[0] * 0.0, v_n[0] * 0.0, v_n[0] * 0.0]), ti.Vector([v_n[0] * 0.0 + 1.0] * N)
+        z, c, thrust = down, GRAVITY * down, ones
+        omega, balance, left = ones, still, v_n[0] * 0.0
+        for k in ti.static(range(N)):
+            omega[k] = a.hover[k]
+            thrust[k] = p.k_f * omega[k] * omega[k]
+        x, y = nose, nose
+        most = p.k_f * ti.static((BEYOND * craft.rotor.omega_max) ** 2)
+        for _ in range(ITERATIONS):
+            x = z[2] * nose - z.dot(nose) * down
+            x /= ti.sqrt(x.dot(x))
+            y = cross(z, x)
+            v_b = ti.Vector([x.dot(v_n), y.dot(v_n), z.dot(v_n)])
+            force, moment = loads(craft, p, v_b, still, omega, ones)
+            T, turning = v_n[0] * 0.0, still
+            for k in ti.static(range(N)):
+                lift = gain[k] * thrust[k]
+                T += lift
+                turning += cross(arm(craft, p, k), ti.Vector([v_n[0] * 0.0, v_n[0] * 0.0, -lift]))
+                turning[2] += ti.static(craft.rotors[k].yaw) * p.k_m * omega[k] * omega[k] * gain[k]
+            rest = force[0] * x + force[1] * y + (force[2] + T) * z
+            wanted = rest * p.inverse_mass + GRAVITY * down
+            left = ti.sqrt((wanted - T * p.inverse_mass * z).norm_sqr())
+            left = ti.max(left, ti.sqrt(moment.norm_sqr()) * ti.max(p.inverse_00, ti.max(p.inverse_11, p.inverse_22)))
+            c, balance = wanted, turning - moment
+            if left < ti.static(ENOUGH[runtime.current().precision]):
+                break
+            c[2] = ti.max(c[2], ti.static(FLATTEST * GRAVITY))
+            size = ti.sqrt(c.dot(c))
+            z = c / size
+            change = size / p.inverse_mass - T
+            for k in ti.static(range(N)):
+                step = ti.static(a.P[k][0]) * change
+                for b in ti.static(range(3)):
+                    step -= ti.static(a.P[k][1 + b]) * moment[b]
+                thrust[k] = ti.max(ti.min(thrust[k] + step, most), 0.0)
+                omega[k] = ti.sqrt(thrust[k] / p.k_f)
+        out[row, PHI], out[row, THETA] = ti.atan2(y[2], z[2]), ti.atan2(z.dot(nose), z[2])
+        for b in ti.static(range(3)):
+            out[row, SPECIFIC + b], out[row, MOMENT + b] = c[b], balance[b]
+        out[row, LEFT] = left
+        for k in ti.static(range(N)):
+            out[row, SPEEDS + k] = omega[k]
+
+
+def trim(craft: MultirotorParams, velocity_n=(0.0, 0.0, 0.0), wind=(0.0, 0.0, 0.0), heading: float = 0.0) -> Trim:
+    """Steady flight over ground at velocity_n (NED, m/s) in a steady `wind` (NED, m/s), the nose at `heading` (rad).
+
+    Raises:
+        TrimError: if the rotors cannot give it.
+    """
+    ground, blown = (np.asarray(x, dtype=np.float64) for x in (velocity_n, wind))
+    air = np.array([[*(ground - blown), math.cos(heading), math.sin(heading)]])
+    out = np.empty((1, SPEEDS + len(craft.rotors)))
+    solve(craft, air, out)
+    row, fast = out[0], float(np.linalg.norm(air[0, :3]))
+    omega, rotor = row[SPEEDS:].copy(), craft.rotor
+    left = row[LEFT]
+    if not left < RESIDUAL[runtime.current().precision]:
+        raise TrimError(f"no steady flight at {fast:g} m/s through the air: {left:.3g} m/s^2 or rad/s^2 are left")
+    if omega.max() > rotor.omega_max or omega.min() < rotor.omega_min:
+        worst = int(np.argmax(omega)) if omega.max() > rotor.omega_max else int(np.argmin(omega))
+        raise TrimError(
+            f"no steady flight at {fast:g} m/s through the air: rotors.{worst} would have to turn at "
+            f"{omega[worst]:.4g} rad/s, of {rotor.omega_min:g} to {rotor.omega_max:g}"
+        )
+    phi, theta = float(row[PHI]), float(row[THETA])
+    state = np.zeros(STATE_SIZE)
+    q = torch_quaternion_from_euler(*(torch.tensor(x, dtype=torch.float64) for x in (phi, theta, heading)))
+    state[3:7] = q.numpy()
+    state[7:10] = torch_rotation_matrix(q).numpy().T @ ground
+    return Trim(air[0, :3], phi, theta, heading, omega, state)
