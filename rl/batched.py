@@ -114,8 +114,8 @@ class BatchedEnv:
         if seed is not None:
             self.mission.reseed(seed)
         if envs is not None:
-            envs = torch.as_tensor(envs, device=self.device)
-            envs = envs.nonzero().squeeze(1) if envs.dtype == torch.bool else envs.long()
+            given: Tensor = torch.as_tensor(envs, device=self.device)
+            envs = given.nonzero().squeeze(1) if given.dtype == torch.bool else given.long()
         self.mission.reset(envs)
         self._over = torch.zeros_like(self._over) if envs is None else self._over.index_fill(0, envs, False)
         return self._look()

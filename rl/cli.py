@@ -103,7 +103,7 @@ def open_both(args: argparse.Namespace):
 
     config, source = run_folder.load_config(args.run, args.overrides, args.config)
     start(args)
-    rival = {"policy": "classical", "plan": "oracle"}.get(args.controller, args.controller)
+    rival: str = {"policy": "classical", "plan": "oracle"}.get(args.controller) or args.controller
     found = {kind: policies_of(kind, args.run, config) for kind in ("policy", rival)}
     controllers = {kind: {t: p for t, p in of.items() if t in config.trained} for kind, of in found.items()}
 

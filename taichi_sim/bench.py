@@ -122,6 +122,7 @@ class Bench:
         in_water = self._current.mean_factor(self.model.draft)
         in_air = 1.0 if self._weather is None else self._weather.speed_factor(self.model.wind_height)
         self._factors = in_water, in_air
+        self.noise = Noise(envs, seed)
         self.around = Surroundings(
             self.sea.table,
             env_sea,
@@ -130,7 +131,7 @@ class Bench:
             self.wind if in_air == 1.0 else self.wind * in_air,
             self.sea.kernel_depth,
             self._weather,
-            Noise(envs, seed),
+            self.noise,
         )
 
     def __repr__(self) -> str:
@@ -199,7 +200,7 @@ class Bench:
             self._tell()
             self.model.step(self.fleet, self.around)
             self.time += interval
-            self.around.noise.tick()
+            self.noise.tick()
             self._current.advance(interval)
             if self._weather is not None:
                 self._weather.advance(interval)
