@@ -91,7 +91,24 @@ def crazyflow_worlds() -> Peer:
     return Peer("crazyflow, 4096 worlds", _version("crazyflow"), "one 6-DOF quadrotor step", call, worlds * steps)
 
 
-PEERS = (otter, jsbsim_c172p, crazyflow_worlds)
+def rotorpy_quadrotor() -> Peer:
+    """RotorPy, pypi.org/project/rotorpy: its Hummingbird at constant rotor speeds."""
+    import numpy as np
+    from rotorpy.vehicles.hummingbird_params import quad_params
+    from rotorpy.vehicles.multirotor import Multirotor
+
+    vehicle, dt, steps = Multirotor(quad_params), 0.02, 200
+    command = {"cmd_motor_speeds": np.full(4, 500.0)}  # rad/s
+
+    def call() -> None:
+        state = vehicle.initial_state
+        for _ in range(steps):
+            state = vehicle.step(state, command, dt)
+
+    return Peer("rotorpy, hummingbird", _version("rotorpy"), "one 6-DOF step, one core", call, steps)
+
+
+PEERS = (otter, jsbsim_c172p, crazyflow_worlds, rotorpy_quadrotor)
 
 
 def measure_peers(*, seconds: float, repetitions: int) -> list[dict]:
