@@ -52,10 +52,8 @@ def test_an_episode_begins_without_a_past(shared):
     for name, rows in observed(shared).items():
         now, before = past_and_present(rows[1], AXES[name])
         assert now.equal(before), name
-        # the last entries of "full" are the previous action, the role and the offset
-        actions = len(shared.teams[name].action_names)
-        assert not rows[1, :, -3 - actions : -3].any(), name
-        assert rows[0, :, -3 - actions : -3].any(), name
+        previous = shared.observe(shared.teams[name])["previous_action"]
+        assert not previous[1].any() and previous[0].any(), name
 
 
 CROWDS = {
