@@ -84,6 +84,9 @@ def evaluate(args: argparse.Namespace) -> None:
     for outcome in judge_trials([trial], show_progress=not args.quiet, look=True):
         assert isinstance(outcome, Outcome)  # no error is taken as one
         print(report(outcome.result, config, source), file=sys.stderr)
+        for team, policy in policies.items():
+            if (price := getattr(policy, "price", None)) is not None:
+                print(f"  {team}: {price:.2f} s of computing for a second of an episode", file=sys.stderr)
         print(json.dumps(outcome.result, indent=2))
         if args.json:
             args.json.parent.mkdir(parents=True, exist_ok=True)

@@ -43,7 +43,7 @@ def teach(
                 planned = planner(own)
                 observed = own.observe()
                 seen.append(observed.flatten(0, 1).float())
-                labels.append(own.correction_for(planner.correction(own)).flatten(0, 1).float())
+                labels.append(own.correction_for(planner.correction()).flatten(0, 1).float())
                 action = planned if number == 0 else own.command(_acted(actor, observed))
                 joint = {name: policy(mission.teams[name]) for name, policy in others.items()}
                 step = mission.step({**joint, team: action})

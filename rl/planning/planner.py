@@ -86,7 +86,7 @@ class Planner:
         """Seconds of computing for a second of one environment."""
         return self._seconds / max(self._life, 1e-9)
 
-    def correction(self, team: Any) -> Tensor:
+    def correction(self) -> Tensor:
         """The correction [env, vehicle, n] that the plans hold for now (after a call)."""
         return self._at(self._knots, self._age)
 

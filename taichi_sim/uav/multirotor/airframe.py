@@ -11,7 +11,7 @@ compiled in or an environment's own.
 """
 
 # Kernels are another language inside Python syntax.
-# pyright: reportInvalidTypeForm=false
+# pyright: reportIndexIssue=false, reportInvalidTypeForm=false
 
 import taichi as ti
 

@@ -17,7 +17,7 @@ by `edge_weight` it fades at the edge of a finite one, such as a deck, so that a
 """
 
 # Kernels are another language inside Python syntax.
-# pyright: reportInvalidTypeForm=false
+# pyright: reportIndexIssue=false, reportInvalidTypeForm=false
 
 import math
 
