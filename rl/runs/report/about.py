@@ -80,7 +80,7 @@ def figures(run: Run, other: Run | None) -> str:
 def possible(run: Run) -> str:
     """How far the run's policies and the classical controller are from an oracle, on the oracle's episodes."""
     bounds, parts = read_bounds(run.config), []
-    for team in run.headroom.keys() & bounds.keys():
+    for team in (name for name in run.headroom if name in bounds):
         bound, learned = bounds[team], run.headroom[team]
         if len(next(iter(learned.values()))) != bound.episodes:
             continue  # the oracle was run anew since
