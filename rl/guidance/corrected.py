@@ -154,4 +154,3 @@ class Corrected(Team):
             north, east = change.unbind(-1)
             own = torch.stack((c * north + s * east, c * east - s * north), dim=-1)
         return own / (own.abs() + CHANGE_SCALE)
-

@@ -26,8 +26,8 @@ class HonestPlanner(Planner):
         """The team as its vehicles know it."""
         return team.known
 
-    def _fork(self, team: Any, envs: Tensor) -> Any:
-        """The model: `samples` copies of what the vehicles of each environment believe.
+    def _fork(self, team: Any, envs: Tensor, copies: int) -> Any:
+        """The model: so many copies of what the vehicles of each environment believe.
 
         Raises:
             ControllerError: if the mission has no way to build it.
@@ -43,11 +43,7 @@ class HonestPlanner(Planner):
             for other in self._believed.teams.values():
                 _ = other.controller  # made now: its memory is state
         self._believed.believe(team)
-        n = len(envs)
-        model = self._believed.fork(envs, self.config.samples, into=self._forks.get(n))
-        if n not in self._forks:
-            self._forks = {n: model}
-        return model
+        return self._copied(self._believed, envs, copies)
 
 
 def write_obstacles_as_bodies(table: Tensor, position: Tensor, seen: Tensor) -> None:

@@ -6,10 +6,12 @@ velocity to ask for. Every `every` seconds the environment is forked into `sampl
 own for the `horizon`, and the costs (`Mission.plan_cost`) of what happens choose: the path-integral update (Williams,
 Drews, Goldfain, Rehg & Theodorou 2018, IEEE Trans. Robotics 34(6)) for each vehicle of the team, by its own cost and a
 share of its mates'. Later rounds draw about that mean with half the spread. Among the samples are always the plan of
-before or the mean of the round before, the classical controller alone, and, if there is one, a learned policy. The
-sample with the least cost of the team is followed: in the model it is never worse than the classical controller.
+before or the mean of the round before, the classical controller alone, and, if there is one, a learned policy. At last
+the mean is tried against the best sample, the classical controller and the learned policy; what costs the team least is
+followed. So a plan is never worse in the model than the classical controller.
 """
 
+import math
 import time
 from collections.abc import Mapping
 from typing import Any
@@ -25,6 +27,7 @@ from taichi_sim.config import ConfigError
 
 MOST = 8192  # environments of a fork: more are planned for in turn
 MEAN, CLASSICAL, LEARNED = range(3)  # numbers of samples: the mean so far, no correction, a policy's own actions
+FINAL = 4  # plans that are compared at last: these three, and the best sample
 SHRINK = 0.5  # of the spread, from round to round
 TEMPERATURE = 0.1  # of the costs, over the spread of the better half of them
 
@@ -51,14 +54,14 @@ class Planner:
 
         Args:
             others: policies of the other teams, by name; default: their classical controllers. seed: of the samples.
-            proposal: a policy of the team that is tried, too. follow_mean: follow the last mean, untried: smoother than
-                the best sample, for who learns from it.
+            proposal: a policy of the team that is tried, too. follow_mean: follow the last mean, untried, which is
+                cheaper.
         """
         self._given, self._others, self._proposal = config, dict(others or {}), proposal
         self._follow_mean = follow_mean
         self._generator = torch.Generator().manual_seed(seed)
         self._mission: Any = None
-        self._forks: dict[int, Any] = {}
+        self._forks: dict[tuple[int, int], Any] = {}  # by environments and copies
         self.planned, self._seconds, self._life = 0, 0.0, 0.0
 
     # -- as a policy -----------------------------------------------------------------------------------------------
@@ -123,36 +126,33 @@ class Planner:
     def _plan(self, team: Any, envs: Tensor) -> None:
         """Plan for environments `envs` [n]."""
         config, n, samples = self.config, len(envs), self.config.samples
-        model = self._fork(team, envs)
-        mean = self._shifted(self._knots[envs], self._age[envs])
+        mean, spread = self._shifted(self._knots[envs], self._age[envs]), config.spread
+        model = self._fork(team, envs, samples)
         start = model.snapshot()
-        spread, best, rows = config.spread, None, torch.arange(n, device=envs.device)
-        learned = self._proposal is not None
+        best = mean
+        least = mean.new_full((n,), math.inf)
         for number in range(config.rounds):
             if number:
                 model.restore(start)
             plans = mean.unsqueeze(1) + spread * self._noise((n, samples, *mean.shape[1:]), mean)
             plans[:, MEAN], plans[:, CLASSICAL] = mean, 0.0
-            costs = self._costs(model, team.name, plans, learned)
-            total = costs.sum(-1)
-            if number == 0:
-                self.classical[envs] = total[:, CLASSICAL]
-            chosen = total.argmin(1)
-            found = (total[rows, chosen], plans[rows, chosen], learned & (chosen == LEARNED))
-            if best is None:
-                best = found
-            else:
-                better = found[0] < best[0]
-                best = tuple(
-                    torch.where(better.view(-1, *[1] * (a.dim() - 1)), a, b) for a, b in zip(found, best, strict=True)
-                )
+            costs = self._costs(model, team.name, plans)
+            cost, plan = _best(costs.sum(-1), plans)
+            best = torch.where((cost < least).view(-1, 1, 1, 1), plan, best)
+            least = torch.minimum(cost, least)
             mean, spread = self._updated(plans, costs), spread * SHRINK
-        assert best is not None
-        self.cost[envs], self._knots[envs], self.follows_policy[envs] = best
-        if self._follow_mean:
-            self._knots[envs] = mean
         self._age[envs] = 0
         self.planned += n
+        if self._follow_mean:
+            self._knots[envs] = mean
+            return
+        none = torch.zeros_like(mean)
+        plans = torch.stack((mean, none, none, best), 1)
+        total = self._costs(self._fork(team, envs, FINAL), team.name, plans).sum(-1)
+        self.classical[envs] = total[:, CLASSICAL]
+        self.cost[envs], self._knots[envs] = _best(total, plans)
+        if self._proposal is not None:
+            self.follows_policy[envs] = total.argmin(1) == LEARNED
 
     def _updated(self, plans: Tensor, costs: Tensor) -> Tensor:
         """The path-integral mean [n, knot, vehicle, a] of plans [n, sample, knot, vehicle, a] by the costs [n, sample,
@@ -163,18 +163,16 @@ class Planner:
         weights = torch.softmax(-(own - least) / (TEMPERATURE * (middle - least)).clamp(min=1e-6), dim=1)
         return (weights[:, :, None, :, None] * plans).sum(1)
 
-    def _costs(self, model: Any, name: str, plans: Tensor, learned: bool) -> Tensor:
+    def _costs(self, model: Any, name: str, plans: Tensor) -> Tensor:
         """What following each of `plans` [n, sample, knot, vehicle, a] costs each vehicle [n, sample, vehicle]."""
         n, samples = plans.shape[:2]
         knots, team = plans.flatten(0, 1), model.teams[name]
         cost = torch.zeros((n * samples, team.fleet.count), device=plans.device, dtype=plans.dtype)
         ended = torch.zeros_like(cost, dtype=torch.bool)
-        own = torch.zeros(samples, dtype=torch.bool, device=plans.device)
-        own[LEARNED] = learned
-        own = own.repeat(n).view(-1, 1, 1)
+        own = (torch.arange(n * samples, device=plans.device) % samples == LEARNED).view(-1, 1, 1)
         for k in range(self._steps):
             action = act(team, self._at(knots, k))
-            if learned:
+            if self._proposal is not None:
                 action = torch.where(own, self._proposal(team), action)
             joint = {other: self._policy_of(other)(of) for other, of in model.teams.items() if other != name}
             step = model.step({**joint, name: action})
@@ -194,12 +192,17 @@ class Planner:
 
     # -- models and knots ------------------------------------------------------------------------------------------
 
-    def _fork(self, team: Any, envs: Tensor) -> Any:
-        """The model: `samples` copies of each environment, which share all noise to come."""
+    def _fork(self, team: Any, envs: Tensor, copies: int) -> Any:
+        """The model: so many copies of each environment, which share all noise to come."""
+        return self._copied(self._mission, envs, copies)
+
+    def _copied(self, mission: Any, envs: Tensor, copies: int) -> Any:
+        """A fork of `mission`, in the place of the last one of that size."""
         n = len(envs)
-        model = self._mission.fork(envs, self.config.samples, into=self._forks.get(n))
-        if n not in self._forks:
-            self._forks = {n: model}
+        if any(size != n for size, _ in self._forks):
+            self._forks = {}
+        model = mission.fork(envs, copies, into=self._forks.get((n, copies)))
+        self._forks[n, copies] = model
         return model
 
     def _noise(self, shape: tuple[int, ...], like: Tensor) -> Tensor:
@@ -218,6 +221,12 @@ class Planner:
         """Plans as they go on from now."""
         step = self._steps / (knots.shape[1] - 1)
         return torch.stack([self._at(knots, age + k * step) for k in range(knots.shape[1])], dim=1)
+
+
+def _best(total: Tensor, plans: Tensor) -> tuple[Tensor, Tensor]:
+    """The least of costs [n, sample], [n], and its plan of [n, sample, ...]."""
+    chosen, rows = total.argmin(1), torch.arange(len(total), device=total.device)
+    return total[rows, chosen], plans[rows, chosen]
 
 
 def _classical(team: Any) -> Tensor:
