@@ -16,15 +16,17 @@ from taichi_sim.config.vary import flattened
 WHOLE = ("name", "seed", "mission", "stages", "evaluation")  # sections that are the same in all stages
 
 
-class TeacherConfig(Strict):
-    """`[stages.NAME.teacher]`: a planner in forks of the truth, whose corrections a policy learns before PPO."""
+class PlanningConfig(Strict):
+    """`[stages.NAME.planning]`: the stage improves its policy by planning, not by PPO (rl/learn/improvement.py).
 
-    environments: Annotated[int, Field(ge=1, le=100_000)] = 48
-    decisions: Annotated[int, Field(ge=1, le=1_000_000)] = 300  # in each round
-    rounds: Annotated[int, Field(ge=1, le=100)] = 3
-    epochs: Annotated[int, Field(ge=1, le=1000)] = 15  # over all labels, after each round
-    learning_rate: Positive = 1e-3
-    samples: Annotated[int, Field(ge=4, le=65536)] = 48  # of a plan
+    An iteration is `steps_per_iteration` decisions of `num_envs` environments, then `learning_epochs` over what was
+    suggested. Horizon and knots of plans are those of `[TEAM.plan]`.
+    """
+
+    samples: Annotated[int, Field(ge=4, le=65536)] = 16  # futures tried for each plan
+    spread: tuple[Positive, Positive] = (0.8, 0.3)  # standard deviation of a knot, of an action: first, last iteration
+    step: Positive = 1.5  # times what is suggested is learnt
+    rounds: Annotated[int, Field(ge=1, le=100)] = 3  # iterations whose suggestions are learnt
 
 
 class StageConfig(Strict):
@@ -55,8 +57,7 @@ class StageConfig(Strict):
     desired_kl: Positive = 0.01
     initial_std: Positive = 0.6
     critic: Literal["truth", "policy"] = "truth"  # what the critic is told: also the truth that vehicles do not know
-    teacher: TeacherConfig | None = None
-    critic_first: Annotated[int, Field(ge=0)] = 0  # iterations in which the critic alone learns
+    planning: PlanningConfig | None = None
     checkpoint_interval: Annotated[int, Field(ge=1)] = 25  # iterations
 
     @property
@@ -133,6 +134,10 @@ class Scenario(WorldConfig):
                             f"stages.{name}.{own} = {now!r}: {team} goes on with the networks of stages.{earlier}, "
                             f"where that is {before!r}"
                         )
+                if stage.planning is not None and stage.joint:
+                    raise ValueError(
+                        f"stages.{name}.joint = {list(stage.joint)}: one team at a time is improved by planning"
+                    )
                 if stage.start_from is not None and begun is not stage:
                     raise ValueError(
                         f"stages.{name}.start_from = {stage.start_from!r}: {team} goes on from stages.{earlier}; only "

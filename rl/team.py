@@ -57,6 +57,11 @@ class Team:
         """
         return action
 
+    @property
+    def in_effect(self) -> Tensor:
+        """Where actions of the policy have an effect now, bool [env, vehicle]. Default: everywhere."""
+        return torch.ones_like(self.fleet.state[..., 0], dtype=torch.bool)
+
     def observe(self) -> Tensor:
         """Observations [env, vehicle, n] for the next decision: a fresh tensor each time."""
         return torch.cat(list(self.mission.observe(self).values()), dim=-1)

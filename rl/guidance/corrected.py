@@ -71,9 +71,7 @@ class Corrected(Team):
             return action
         correction = action.clamp(-1.0, 1.0) + 0.0 * action  # what is not finite stays so
         if residual.gate is not None:
-            nearest = self.known.sensor.obstacles[..., 0, :]
-            opened = (2 - (nearest[..., 0] - self.radius) * (2 / residual.gate)).clamp(0.0, 1.0)
-            correction = correction * (opened * (nearest[..., NUMBER] >= 0)).unsqueeze(-1)  # none is seen: none is near
+            correction = correction * self._opened(residual.gate).unsqueeze(-1)
         mates = self.known.sensor
         if residual.room and mates.num_mates:
             nearest = mates.team_mates[..., 0].amin(-1, keepdim=True)
@@ -88,18 +86,17 @@ class Corrected(Team):
         actions = self.controller.act(self.known, wanted)
         return (actions + residual.share * correction if residual.share else actions).clamp(-1.0, 1.0)
 
-    def correction_for(self, velocity: Tensor) -> Tensor:
-        """Actions of a policy [env, vehicle, a] that come nearest to a correction of the velocity [env, vehicle, 2]
-        (m/s, ahead and to starboard of the target's course).
+    def _opened(self, gate: float) -> Tensor:
+        """The share of corrections [env, vehicle] that an obstacle nearer than `gate` (m) lets through."""
+        nearest = self.known.sensor.obstacles[..., 0, :]
+        opened = (2 - (nearest[..., 0] - self.radius) * (2 / gate)).clamp(0.0, 1.0)
+        return opened * (nearest[..., NUMBER] >= 0)  # none is seen: none is near
 
-        Raises:
-            ConfigError: if its policy does not correct velocities.
-        """
-        if self.residual is None or not self.residual.velocity:
-            raise ConfigError(f"{self.name}.residual.velocity: a teacher corrects velocities, the policy does not")
-        action = velocity.new_zeros((*velocity.shape[:2], len(self.action_names)))
-        action[..., :2] = (velocity / self.residual.velocity).clamp(-1.0, 1.0)
-        return action
+    @property
+    def in_effect(self) -> Tensor:
+        """Where corrections pass the gate, bool [env, vehicle]."""
+        residual = self.residual
+        return super().in_effect if residual is None or residual.gate is None else self._opened(residual.gate) > 0
 
     def pushed(self, along: Tensor) -> Tensor:
         """A velocity [env, vehicle, axes] (m/s, NED) of one [env, vehicle, 2] along and to starboard of the course."""

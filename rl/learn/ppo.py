@@ -41,12 +41,7 @@ class LeanPPO(PPO):
 
     With other processes every update uses the mean of all gradients, and all adapt the learning rate by the mean
     divergence.
-
-    Attributes:
-        critic_first: updates that are left in which the critic alone learns.
     """
-
-    critic_first = 0
 
     def __init__(self, *args: Any, **options: Any):
         """Take rsl-rl's arguments."""
@@ -97,7 +92,6 @@ class LeanPPO(PPO):
             for batch in batches:
                 losses += self._learn(batch, old_std)
         self.storage.clear()
-        self.critic_first = max(0, self.critic_first - 1)
         mean = (losses / (self.num_learning_epochs * len(batches))).tolist()
         return dict(zip(("value", "surrogate", "entropy"), mean, strict=True))
 
@@ -141,8 +135,6 @@ class LeanPPO(PPO):
         self._adapt(float(self._told[-1]))
         for of_network in self._gradients:
             of_network.mul_((self.max_grad_norm / (of_network.norm() + 1e-6)).clamp_(max=1.0))
-        if self.critic_first:
-            self._gradients[0].zero_()
         self.optimizer.step()
         return torch.stack([value, surrogate, self._log_scale(std) + 0.5 * len(std)])
 

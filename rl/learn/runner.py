@@ -11,6 +11,7 @@ from tqdm import tqdm
 
 from rl import processes, signals
 from rl.learn.env import MissionEnv
+from rl.learn.improvement import PlannedImprovement
 from rl.learn.policy import (
     OBS_GROUPS,
     CheckpointError,
@@ -36,7 +37,7 @@ def ppo_config(stage: StageConfig, privileged: bool = False) -> dict[str, Any]:
         "actor": network,
         "critic": critic,
         "algorithm": {
-            "class_name": LeanPPO,
+            "class_name": PlannedImprovement if stage.planning else LeanPPO,
             "learning_rate": stage.learning_rate,
             "num_learning_epochs": stage.learning_epochs,
             "num_mini_batches": stage.mini_batches,
@@ -91,7 +92,6 @@ class StageRunner(OnPolicyRunner):
             )  # fmt: skip
         for group in self.alg.optimizer.param_groups:
             group["fused"], group["foreach"] = True, False  # one kernel a tensor instead of a dozen
-        self.alg.critic_first = stage.critic_first  # pyright: ignore[reportAttributeAccessIssue]
         self._own = own = env.mission.teams[env.team]
         self.logger.scale = env.scale
         self.logger.columns = (*COLUMNS, *env.mission.logged)
@@ -115,6 +115,8 @@ class StageRunner(OnPolicyRunner):
         if processes.here().first:
             logger.elapsed_before = trim_history(self.folder / HISTORY, done)
             logger.steps_before = spent(self.folder / HISTORY, self.first).agent_steps
+        if isinstance(self.alg, PlannedImprovement):
+            self.alg.begin(self.env, self.stage, done - self.first)
         if self.is_distributed:
             self.alg.broadcast_parameters()
         now = {"processes": self.gpu_world_size, "environments": self.env.mission.num_envs * self.gpu_world_size}

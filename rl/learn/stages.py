@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from tqdm import tqdm
 
 from rl import processes
 from rl.learn.env import MissionEnv, Watch
@@ -28,9 +27,8 @@ from rl.learn.policy import (
 )
 from rl.learn.progress import HISTORY, spent
 from rl.learn.runner import StageRunner
-from rl.learn.teacher import teach
 from rl.missions import make_mission
-from rl.scenario import Scenario, StageConfig, TeacherConfig, at_stage
+from rl.scenario import Scenario, StageConfig, at_stage
 from rl.seeds import derive_seed
 
 Judged = Callable[[Mapping[str, TrainedPolicy]], float]
@@ -116,8 +114,6 @@ def train_stage(
         begins = out / team / f"model_{done - first + begun}.pt"
         if done - first + begun or processes.told(begins.is_file):
             runner.load(str(begins))
-        elif stage.teacher is not None and team == stage.team:
-            teach_first(runner, stage.teacher, others, name, show_progress and place.first)
         return runner
 
     others: dict[str, Policy | None] = {t: policies.get(t) for t in teams}
@@ -129,20 +125,6 @@ def train_stage(
     number = list(config.stages).index(name) + 1
     runner.train(show_progress=show_progress and place.first, label=f"stage {number}/{len(config.stages)} {name}")
     return True
-
-
-def teach_first(
-    runner: StageRunner, teacher: TeacherConfig, others: Mapping[str, Policy | None], name: str, show_progress: bool
-) -> None:
-    """Fit the network of a runner that has not learned yet to what a planner says."""
-    stage, team, mission = runner.stage, runner.env.team, runner.env.mission
-    seed = derive_seed(mission.seed, "teacher", team)
-    config = mission.config
-    model = make_mission(config, teacher.environments, seed=seed, teams=tuple(mission.teams), source=mission.source)
-    total = teacher.rounds * teacher.decisions
-    with tqdm(total=total, desc=f"teacher {name}", unit="decision", disable=not show_progress) as bar:
-        teach(model, team, runner.alg.get_policy(), teacher, others, seed=seed, bar=bar)
-    runner.alg.get_policy().state_dict()["distribution.std_param"].fill_(stage.initial_std)
 
 
 def _completed(out: Path, stage: StageConfig) -> int:

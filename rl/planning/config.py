@@ -16,6 +16,7 @@ class PlanConfig(Strict):
     every: Positive = 0.5  # s between plans
     knots: Annotated[int, Field(ge=2, le=50)] = 5  # of a plan, evenly spaced over the horizon, linear in between
     spread: Positive = 3.0  # standard deviation of a knot in the first round: m/s, or share of an action's range
+    berth: NonNegative = 0.5  # m of clearance: a plan that comes nearer to anything costs more
     share: NonNegative = 0.5  # of team mates' costs in a vehicle's own
 
     @model_validator(mode="after")

@@ -17,10 +17,11 @@ from rl.planning.planner import Planner
 class HonestPlanner(Planner):
     """Plans for one team by what its vehicles know; see the module."""
 
-    def _bind(self, team: Any) -> None:
+    def bind(self, team: Any) -> None:
+        """See `Planner.bind`."""
         if self._mission is not team.mission:
             self._believed: Any = None
-        super()._bind(team)
+        super().bind(team)
 
     def _view(self, team: Any) -> Any:
         """The team as its vehicles know it."""

@@ -27,6 +27,7 @@ from taichi_sim.config import ConfigError
 
 MOST = 8192  # environments of a fork: more are planned for in turn
 MEAN, CLASSICAL, LEARNED = range(3)  # numbers of samples: the mean so far, no correction, a policy's own actions
+PARTS = 4  # of all environments, whole ones of which are planned for at a time
 FINAL = 4  # plans that are compared at last: these three, and the best sample
 SHRINK = 0.5  # of the spread, from round to round
 TEMPERATURE = 0.1  # of the costs, over the spread of the better half of them
@@ -48,17 +49,14 @@ class Planner:
         *,
         seed: int = 0,
         proposal: Any = None,
-        follow_mean: bool = False,
     ):
         """Plan as `config` says, default: `[TEAM.plan]` of the scenario.
 
         Args:
             others: policies of the other teams, by name; default: their classical controllers. seed: of the samples.
-            proposal: a policy of the team that is tried, too. follow_mean: follow the last mean, untried, which is
-                cheaper.
+            proposal: a policy of the team that is tried, too.
         """
         self._given, self._others, self._proposal = config, dict(others or {}), proposal
-        self._follow_mean = follow_mean
         self._generator = torch.Generator().manual_seed(seed)
         self._mission: Any = None
         self._forks: dict[tuple[int, int], Any] = {}  # by environments and copies
@@ -69,20 +67,26 @@ class Planner:
     def __call__(self, team: Any) -> Tensor:
         """Actions [env, vehicle, action] of the team's vehicles."""
         start = time.perf_counter()
-        with torch.no_grad(), runtime.torch_at_rest():
-            self._bind(team)
+        with torch.no_grad():
+            self.renew(team)
+            action = act(team, self.correction(), self._view(team))
+            if self._proposal is not None and bool(self.follows_policy.any()):
+                action = torch.where(self.follows_policy.view(-1, 1, 1), self._proposal(team), action)
+        self._seconds += time.perf_counter() - start
+        self._life += team.mission.num_envs * team.mission.config.decision_interval
+        return action
+
+    def renew(self, team: Any) -> None:
+        """Plan anew where the last plan is as old as it may be; to be called once a decision."""
+        # not in inference mode, in which rsl-rl acts: tensors made there do not tell what has changed since
+        with torch.inference_mode(False), torch.no_grad(), runtime.torch_at_rest():
+            self.bind(team)
             begins = team.mission.steps == 0
             self._age = torch.where(begins, self._every, self._age + 1)
             self._knots[begins] = 0.0
             due = (self._age >= self._every).nonzero().flatten()
             for envs in due.split(max(1, MOST // self.config.samples)) if len(due) else ():
                 self._plan(team, envs)
-            action = act(team, self._at(self._knots, self._age), self._view(team))
-            if self._proposal is not None and bool(self.follows_policy.any()):
-                action = torch.where(self.follows_policy.view(-1, 1, 1), self._proposal(team), action)
-        self._seconds += time.perf_counter() - start
-        self._life += team.mission.num_envs * team.mission.config.decision_interval
-        return action
 
     @property
     def price(self) -> float:
@@ -90,15 +94,15 @@ class Planner:
         return self._seconds / max(self._life, 1e-9)
 
     def correction(self) -> Tensor:
-        """The correction [env, vehicle, n] that the plans hold for now (after a call)."""
+        """The correction [env, vehicle, n] that the plans hold for now."""
         return self._at(self._knots, self._age)
 
     def correction_at(self, decisions: int) -> Tensor:
         """The correction [env, vehicle, n] so many decisions after the plans were made."""
         return self._at(self._knots, decisions)
 
-    def _bind(self, team: Any) -> None:
-        """Begin with a mission."""
+    def bind(self, team: Any) -> None:
+        """Begin with the team's mission, if it is another than before."""
         if self._mission is team.mission:
             return
         mission = team.mission
@@ -114,9 +118,8 @@ class Planner:
                 f"{mission.config.episode_duration} s"
             )
         self._controllers = [other.controller for other in mission.teams.values()]  # made now: their memory is state
-        self._width = width_of(team)
         like = team.fleet.state
-        self._knots = like.new_zeros((envs, config.knots, vehicles, self._width))
+        self._knots = like.new_zeros((envs, config.knots, vehicles, self._width(team)))
         self._age = torch.full((envs,), self._every, dtype=torch.int64, device=like.device)
         self.follows_policy = torch.zeros(envs, dtype=torch.bool, device=like.device)
         self.cost, self.classical = like.new_zeros(envs), like.new_zeros(envs)
@@ -125,9 +128,13 @@ class Planner:
 
     def _plan(self, team: Any, envs: Tensor) -> None:
         """Plan for environments `envs` [n]."""
-        config, n, samples = self.config, len(envs), self.config.samples
-        mean, spread = self._shifted(self._knots[envs], self._age[envs]), config.spread
-        model = self._fork(team, envs, samples)
+        part = -(-self._mission.num_envs // PARTS)  # as many at a time as some other time: a fork is kept for each size
+        rows = envs[torch.arange(-(-len(envs) // part) * part, device=envs.device) % len(envs)]
+        config, n, samples = self.config, len(rows), self.config.samples
+        mean, spread = self._shifted(self._knots[rows], self._age[rows]), config.spread
+        self._age[envs] = 0
+        self.planned += len(envs)
+        model = self._fork(team, rows, samples)
         start = model.snapshot()
         best = mean
         least = mean.new_full((n,), math.inf)
@@ -140,28 +147,27 @@ class Planner:
             cost, plan = _best(costs.sum(-1), plans)
             best = torch.where((cost < least).view(-1, 1, 1, 1), plan, best)
             least = torch.minimum(cost, least)
-            mean, spread = self._updated(plans, costs), spread * SHRINK
-        self._age[envs] = 0
-        self.planned += n
-        if self._follow_mean:
-            self._knots[envs] = mean
-            return
-        none = torch.zeros_like(mean)
+            own = costs + config.share * (costs.sum(-1, keepdim=True) - costs)
+            mean, spread = self._updated(plans, own), spread * SHRINK
+        self._conclude(team, envs, rows, mean, best)
+
+    def _conclude(self, team: Any, envs: Tensor, rows: Tensor, mean: Tensor, best: Tensor) -> None:
+        """Let environments `envs` [n] follow the mean of the plans [row, knot, vehicle, a], the best sample, the
+        classical controller or the policy, whichever costs the team least; `rows` are `envs` first, then some again.
+        """
+        none, n = torch.zeros_like(mean), len(envs)
         plans = torch.stack((mean, none, none, best), 1)
-        total = self._costs(self._fork(team, envs, FINAL), team.name, plans).sum(-1)
-        self.classical[envs] = total[:, CLASSICAL]
-        self.cost[envs], self._knots[envs] = _best(total, plans)
+        total = self._costs(self._fork(team, rows, FINAL), team.name, plans).sum(-1)
+        cost, knots = _best(total, plans)
+        self.classical[envs], self.cost[envs], self._knots[envs] = total[:n, CLASSICAL], cost[:n], knots[:n]
         if self._proposal is not None:
-            self.follows_policy[envs] = total.argmin(1) == LEARNED
+            self.follows_policy[envs] = total[:n].argmin(1) == LEARNED
 
     def _updated(self, plans: Tensor, costs: Tensor) -> Tensor:
-        """The path-integral mean [n, knot, vehicle, a] of plans [n, sample, knot, vehicle, a] by the costs [n, sample,
-        vehicle] of each vehicle and a share of its mates'.
+        """The mean [n, knot, vehicle, a] of plans [n, sample, knot, vehicle, a] by the costs [n, sample, vehicle] that
+        count for each vehicle.
         """
-        own = costs + self.config.share * (costs.sum(-1, keepdim=True) - costs)
-        least, middle = own.amin(1, keepdim=True), own.median(1, keepdim=True).values
-        weights = torch.softmax(-(own - least) / (TEMPERATURE * (middle - least)).clamp(min=1e-6), dim=1)
-        return (weights[:, :, None, :, None] * plans).sum(1)
+        return path_integral_mean(plans, costs)
 
     def _costs(self, model: Any, name: str, plans: Tensor) -> Tensor:
         """What following each of `plans` [n, sample, knot, vehicle, a] costs each vehicle [n, sample, vehicle]."""
@@ -171,7 +177,7 @@ class Planner:
         ended = torch.zeros_like(cost, dtype=torch.bool)
         own = (torch.arange(n * samples, device=plans.device) % samples == LEARNED).view(-1, 1, 1)
         for k in range(self._steps):
-            action = act(team, self._at(knots, k))
+            action = self._action(team, self._at(knots, k))
             if self._proposal is not None:
                 action = torch.where(own, self._proposal(team), action)
             joint = {other: self._policy_of(other)(of) for other, of in model.teams.items() if other != name}
@@ -181,6 +187,14 @@ class Planner:
             ended |= now
         cost = torch.where(cost.isfinite(), cost, 1e9)
         return cost.view(n, samples, -1)
+
+    def _width(self, team: Any) -> int:
+        """Numbers of a correction for each vehicle."""
+        return width_of(team)
+
+    def _action(self, team: Any, correction: Tensor) -> Tensor:
+        """Actions [env, vehicle, action] in the model by a correction [env, vehicle, n]."""
+        return act(team, correction)
 
     def _view(self, team: Any) -> Any:
         """What the controller acts by: the team as it is."""
@@ -198,11 +212,8 @@ class Planner:
 
     def _copied(self, mission: Any, envs: Tensor, copies: int) -> Any:
         """A fork of `mission`, in the place of the last one of that size."""
-        n = len(envs)
-        if any(size != n for size, _ in self._forks):
-            self._forks = {}
-        model = mission.fork(envs, copies, into=self._forks.get((n, copies)))
-        self._forks[n, copies] = model
+        model = mission.fork(envs, copies, into=self._forks.get((len(envs), copies)))
+        self._forks[len(envs), copies] = model
         return model
 
     def _noise(self, shape: tuple[int, ...], like: Tensor) -> Tensor:
@@ -227,6 +238,15 @@ def _best(total: Tensor, plans: Tensor) -> tuple[Tensor, Tensor]:
     """The least of costs [n, sample], [n], and its plan of [n, sample, ...]."""
     chosen, rows = total.argmin(1), torch.arange(len(total), device=total.device)
     return total[rows, chosen], plans[rows, chosen]
+
+
+def path_integral_mean(plans: Tensor, costs: Tensor) -> Tensor:
+    """The path-integral mean [n, knot, vehicle, a] of plans [n, sample, knot, vehicle, a] by the costs [n, sample,
+    vehicle] that count for each vehicle.
+    """
+    least, middle = costs.amin(1, keepdim=True), costs.median(1, keepdim=True).values
+    weights = torch.softmax(-(costs - least) / (TEMPERATURE * (middle - least)).clamp(min=1e-6), dim=1)
+    return (weights[:, :, None, :, None] * plans).sum(1)
 
 
 def _classical(team: Any) -> Tensor:

@@ -1,6 +1,5 @@
 """A policy that corrects the classical controller: nothing is added where it is silent, or where nothing is near."""
 
-
 import pytest
 import torch
 from small_missions import begin, make, wander

@@ -38,7 +38,7 @@ from taichi_sim.recording.episode import Scene
 VESSEL_TOP = 4.0  # m above the sea: aircraft pass above; assumed
 RESULT_SCALE = 8.0  # m from its slot, at which a boat's result is a half; assumed
 LINEAR = 10.0  # m from a boat's slot, beyond which a plan's cost grows as the distance
-NEAR, NEAR_COST, ENDED_COST = 0.5, 10.0, 2e3  # of plans: m of clearance; m for each m less; m of an ending
+NEAR_COST, ENDED_COST = 10.0, 2e3  # of plans: m for each m less than the berth; m of an ending
 SEEN_FROM_AFAR = 150.0  # m about the vessel, in recordings without aircraft
 
 
@@ -181,7 +181,7 @@ class Escort(Mission):
         """Of boats: how far each is from its slot, squared where it is near, and what it takes to stay clear."""
         if not isinstance(team, Boats):
             return super().plan_cost(team, ended)
-        far, near = team.distance, (NEAR - team.sensor.gap).clamp(min=0.0)
+        far, near = team.distance, (team.section.plan.berth - team.sensor.gap).clamp(min=0.0)
         return far.square() / (far + LINEAR) + NEAR_COST * near + ENDED_COST * ended
 
     def endings(self, team: Any) -> dict[str, Tensor]:

@@ -33,7 +33,7 @@ from taichi_sim.recording.episode import Scene
 from taichi_sim.recording.overlays import Cylinders
 from taichi_sim.state import transfer
 
-NEAR, NEAR_COST, ENDED_COST = 0.5, 40.0, 2e4  # of plans: m of clearance; m^2 for each m less; m^2 of an ending
+NEAR_COST, ENDED_COST = 300.0, 2e4  # of plans: m^2 for each m less than the berth; m^2 of an ending
 
 TRAFFIC = (196, 120, 40)  # colour of what moves, in recordings
 
@@ -157,8 +157,8 @@ class Formation(Mission):
         return rewards.tracking(team, ended)
 
     def plan_cost(self, team: TeamTask, ended: Tensor) -> Tensor:
-        """Squared distance from the slot, and what it takes to stay clear: see the numbers above."""
-        near = (NEAR - team.sensor.gap).clamp(min=0.0)
+        """Squared distance from the slot, and what it costs to come too near or to end: see the numbers above."""
+        near = (team.section.plan.berth - team.sensor.gap).clamp(min=0.0)
         return team.distance.square() + NEAR_COST * near + ENDED_COST * ended
 
     def endings(self, team: TeamTask) -> dict[str, Tensor]:

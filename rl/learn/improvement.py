@@ -1,0 +1,121 @@
+"""Policies improved by planning: an algorithm beside PPO for rsl-rl's runner, `[stages.NAME.planning]`.
+
+The policy acts in its environments. Where its actions have an effect, a planner (rl/planning/improvement.py) looks in
+forks of the truth for what it had better do, and the network is fitted to that: one step of approximate policy
+iteration (Bertsekas 2011, J. Control Theory Appl. 9(3)) an iteration, by dataset aggregation over the last few
+(DAgger: Ross, Gordon & Bagnell 2011, AISTATS). A sample counts by the square root of what is at stake in it: what to do
+beside an obstacle is learnt more exactly than what to do far from all of them.
+"""
+
+from collections import deque
+from typing import Any, NamedTuple
+
+import torch
+from tensordict import TensorDict
+from torch import Tensor
+
+from rl import processes
+from rl.learn.ppo import LeanPPO
+from rl.planning.config import PlanConfig
+from rl.planning.improvement import Improver
+from rl.scenario import StageConfig
+
+BATCH = 1024  # rows in a step of the optimiser
+DECAY = 1e-3  # of weights
+MOST = 5.0  # weight of a sample, over the mean
+
+
+class Lesson(NamedTuple):
+    """What was suggested in an iteration."""
+
+    observed: Tensor  # [row, n]
+    wanted: Tensor  # [row, action]
+    weight: Tensor  # [row, 1]
+
+
+class PlannedImprovement(LeanPPO):
+    """An algorithm for rsl-rl's runner: `update` fits the actor to the planner's suggestions; the critic stays."""
+
+    def begin(self, env: Any, stage: StageConfig, done: int) -> None:
+        """Improve the policy of `env` (env.MissionEnv); `done` iterations of the stage have been completed."""
+        assert stage.planning is not None
+        self._env, self._stage, self._done = env, stage, done
+        self._lessons: deque[Lesson] = deque(maxlen=stage.planning.rounds)
+        self._noted: list[Lesson] = []
+        own = env.mission.teams[env.team]
+        plan = getattr(own.section, "plan", None) or PlanConfig()
+        plan = plan.model_copy(update={"samples": stage.planning.samples, "rounds": 1, "share": 0.0})
+        self._planner = Improver(plan, self._mean, env.frozen, seed=int(torch.randint(2**31, ())))
+        self._planner.bind(own)
+        self._aim()
+
+    def _aim(self) -> None:
+        """Plan with the spread of the iteration that begins."""
+        assert self._stage.planning is not None
+        first, last = self._stage.planning.spread
+        self._planner.aim(first + (last - first) * min(1.0, self._done / max(1, self._stage.iterations - 1)))
+
+    def _mean(self, team: Any) -> Tensor:
+        """Mean actions [env, vehicle, a] of the policy."""
+        observed = team.observe()
+        rows = observed.flatten(0, 1)
+        mean = self._actor.rows(self.actor.get_latent(TensorDict({"policy": rows}, batch_size=[len(rows)])))
+        return mean.view(*observed.shape[:2], -1).clamp(-1.0, 1.0)
+
+    @torch.no_grad()
+    def act(self, obs: Any) -> Tensor:
+        """The policy's mean actions [row, action]; note what it had better do."""
+        own, planning = self._env.mission.teams[self._env.team], self._stage.planning
+        assert planning is not None
+        self._planner.renew(own)
+        observed = self.actor.get_latent(obs)
+        mean = self._actor.rows(observed).clamp(-1.0, 1.0)
+        self._policy.update(mean)
+        better = (mean + planning.step * self._planner.correction().flatten(0, 1)).clamp(-1.0, 1.0)
+        effective = own.in_effect.flatten()
+        weight = self._planner.stakes.flatten()[effective].sqrt().unsqueeze(1)
+        self._noted.append(Lesson(observed[effective], better[effective], weight))
+        return mean
+
+    def process_env_step(self, obs: Any, rewards: Tensor, dones: Tensor, extras: dict) -> None:
+        """Nothing is learnt from rewards."""
+
+    def compute_returns(self, obs: Any) -> None:
+        """Nothing is learnt from returns."""
+
+    def update(self) -> dict[str, float]:
+        """Fit the actor to what was noted; return the mean squared error where PPO has the surrogate loss."""
+        noted = Lesson(*(torch.cat(part) for part in zip(*self._noted, strict=True)))
+        mean = noted.weight.mean().clamp(min=1e-9) if len(noted.weight) else 1.0
+        self._lessons.append(noted._replace(weight=(noted.weight / mean).clamp(max=MOST)))
+        error = self._fit(Lesson(*(torch.cat(part) for part in zip(*self._lessons, strict=True))))
+        self._noted = []
+        self._done += 1
+        self._aim()
+        return {"value": 0.0, "surrogate": error, "entropy": 0.0}
+
+    def _fit(self, lesson: Lesson) -> float:
+        """Fit the actor to a lesson; return the last epoch's weighted mean squared error."""
+        weights = [p for name, p in self.actor.named_parameters() if not name.startswith("distribution")]
+        count = len(lesson.weight)
+        fewest = -processes.greatest(-count)  # of all processes: all take as many steps
+        if not fewest:
+            return 0.0
+        size = min(BATCH, fewest)
+        batches = fewest // size
+        epochs, rate = self.num_learning_epochs, self._stage.learning_rate
+        optimizer = torch.optim.AdamW(weights, rate, weight_decay=DECAY, fused=True)
+        schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, rate, total_steps=epochs * batches + 1)
+        error = 0.0
+        for _ in range(epochs):
+            error = 0.0
+            for rows in torch.randperm(count)[: batches * size].split(size):
+                self._told.zero_()
+                observed, wanted, weight = (part[rows].t() for part in lesson)
+                miss = self._actor.forward(observed.contiguous()) - wanted
+                error += float((weight * miss.square()).mean()) / batches
+                self._actor.backward(miss.mul_(weight).mul_(2 / miss.numel()))
+                processes.average_(self._gradients[0])
+                optimizer.step()
+                schedule.step()
+        return error

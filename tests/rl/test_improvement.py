@@ -1,0 +1,74 @@
+"""Policies improved by planning: what planners suggest pays off, and a stage learns it."""
+
+import csv
+
+import pytest
+import torch
+
+from rl.learn.policy import read_checkpoint
+from rl.learn.stages import train_stages
+from rl.missions import load_scenario, make_mission
+from rl.planning.config import PlanConfig
+from rl.planning.improvement import Improver
+from taichi_sim.config import ConfigError
+
+FEW = ("track.worlds=8", "sea.realisations=4", "usv.plan.horizon=1.0", "usv.plan.every=0.5")
+SMALL = (
+    *FEW, "stages.usv.num_envs=16", "stages.usv.steps_per_iteration=40", "stages.usv.learning_rate=0.003",
+    "stages.usv.planning.samples=8", "stages.usv.checkpoint_interval=1",
+)  # fmt: skip
+PLAN = PlanConfig(samples=32, rounds=1, horizon=3.0, every=2.9, spread=0.6)
+
+
+def no_correction(team):
+    return torch.zeros((team.mission.num_envs, team.fleet.count, len(team.action_names)))
+
+
+def cost_of(team, corrections) -> float:
+    """What it costs a team to follow corrections, one a decision."""
+    total = 0.0
+    for correction in corrections:
+        step = team.mission.step({team.name: team.command(correction)})
+        total += float(team.mission.plan_cost(team, step.endings[team.name].any).sum())
+    return total
+
+
+def test_what_is_suggested_costs_less_where_it_has_an_effect():
+    """And is nothing where no obstacle opens the gate."""
+    team = make_mission(load_scenario("paper", FEW), 24, seed=3, teams=("usv",)).teams["usv"]
+    cost_of(team, [no_correction(team)] * 100)
+    planner = Improver(PLAN, no_correction, seed=1)
+    with torch.inference_mode():  # as rsl-rl acts
+        planner.renew(team)
+    assert not planner.correction().is_inference()
+    suggested = [planner.correction_at(k) for k in range(30)]
+    idle = ~team.in_effect.any(-1)
+    assert idle.any() and not idle.all()
+    assert all(float(correction[idle].abs().max()) == 0.0 for correction in suggested)
+    begin = team.mission.snapshot()
+    better = cost_of(team, suggested)
+    team.mission.restore(begin)
+    assert better < cost_of(team, [no_correction(team)] * 30)
+
+
+def test_a_stage_learns_what_is_suggested_and_goes_on_after_an_interruption(tmp_path):
+    """More epochs leave a smaller error; a second run goes on from the first one's checkpoint."""
+    errors = []
+    for epochs, iterations in ((1, 1), (40, 1), (40, 2)):
+        overrides = (*SMALL, f"stages.usv.learning_epochs={epochs}", f"stages.usv.iterations={iterations}")
+        config = load_scenario("paper", overrides)
+        config = config.model_copy(update={"stages": {"usv": config.stages["usv"]}})
+        train_stages(config, tmp_path / str(epochs), show_progress=False)
+        with (tmp_path / str(epochs) / "usv" / "progress.csv").open() as file:
+            rows = list(csv.DictReader(file))
+        assert len(rows) == iterations
+        errors.append(float(rows[0]["policy_loss"]))
+    assert errors[1] < 0.9 * errors[0] and errors[2] == errors[1]
+    first, second = (read_checkpoint(tmp_path / "40" / "usv" / f"model_{k}.pt")["actor_state_dict"] for k in (1, 2))
+    assert not first["mlp.0.weight"].equal(second["mlp.0.weight"])
+    assert first["distribution.std_param"].equal(second["distribution.std_param"])
+
+
+def test_two_teams_cannot_be_improved_at_a_time():
+    with pytest.raises(ConfigError, match="stages.usv.joint = .*one team at a time"):
+        load_scenario("paper", (*SMALL, 'stages.usv.joint=["uav"]'))
