@@ -22,15 +22,25 @@ def _comment(lines: list[str]) -> str:
 
 def _entries(obj: griffe.Object, section: re.Match[str]) -> str:
     """A section with an entry a line, one for each name."""
-    indent, title, text = section[1], section[2], " ".join(section[3].split())
-    _, *parts = ENTRY.split(text)
+    indent, title, text = section[1], section[2], section[3]
+    known = {p.name for p in obj.parameters} if isinstance(obj, griffe.Function) else {*obj.members}
+
+    def begins(found: re.Match[str]) -> bool:
+        """Whether it is a name: the first of a line, or one that is there."""
+        first = found[0].startswith(f"{indent}    ") and not found[0].startswith(f"{indent}     ")
+        return first or all(name in known or name.endswith("Error") for name in found[1].split(", "))
+
+    starts = [found for found in ENTRY.finditer(text) if begins(found)]
+    if not starts:
+        return section[0]
+    ends = [found.start() for found in starts[1:]] + [len(text)]
     lines = []
-    for names, what in zip(parts[::2], parts[1::2], strict=True):
-        for name in names.split(", "):
+    for found, end in zip(starts, ends, strict=True):
+        for name in found[1].split(", "):
             # griffe gives an attribute whose type it does not know that of the one before; () says that there is none
-            known = title != "Attributes" or getattr(obj.members.get(name), "annotation", None)
-            lines.append(f"{indent}    {name}{'' if known else ' ()'}: {what}")
-    return f"{indent}{title}:\n" + "\n".join(lines) + "\n" if lines else section[0]
+            typed = title != "Attributes" or getattr(obj.members.get(name), "annotation", None)
+            lines.append(f"{indent}    {name}{'' if typed else ' ()'}: {' '.join(text[found.end() : end].split())}")
+    return f"{indent}{title}:\n" + "\n".join(lines) + "\n"
 
 
 class Docstrings(griffe.Extension):
