@@ -65,7 +65,8 @@ def missing_of_page(path: Path) -> set[str]:
 
 def test_named_files_are_there():
     sources = chain.from_iterable((ROOT / folder).rglob("*.py") for folder in SOURCES)
-    pages = [ROOT / "README.md", *(ROOT / "docs").rglob("*.md"), *(ROOT / "docs").glob("*.ipynb")]
+    pages = [ROOT / name for name in ("README.md", "CONTRIBUTING.md")]
+    pages += [*(ROOT / "docs").rglob("*.md"), *(ROOT / "docs").glob("*.ipynb")]
     pages += (ROOT / "configs").rglob("*.toml")
     found = {path: missing_of_source(path) for path in sources} | {path: missing_of_page(path) for path in pages}
     assert {str(path.relative_to(ROOT)): names for path, names in found.items() if names} == {}

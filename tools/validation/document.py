@@ -16,8 +16,8 @@ TITLES = {
     "waves": ("Waves", "Dispersion, spectra, the Gerstner surface and its inverse, linear kinematics and pressure."),
     "buoys": (
         "Measured seas",
-        "Seas drawn of a buoy's spectra against NDBC's own summaries of the same hours: height (m), mean period (s), "
-        "direction at the peak (degrees).",
+        "Seas realised from a buoy's spectra against NDBC's own summaries of the same hours: height (m), mean period "
+        "(s), direction at the peak (degrees).",
     ),
     "hydrostatics": (
         "Hydrostatics and wave loads",
@@ -27,7 +27,7 @@ TITLES = {
     "ships": (
         "Ships",
         "Hydrodynamic databases of our boundary-element runs against published tables (WAMIT): added mass and damping, "
-        "wave loads, mean drift, and the motions that follow. What is judged, and why not all: "
+        "wave loads, mean drift, and the motions that follow. What is checked, and why not all: "
         "`tools/validation/ships.py`.",
     ),
     "otter": (
@@ -49,11 +49,11 @@ ORDER = tuple(TITLES)
 DETAILED = ("box_*_rao.csv", "froude_krylov_*.csv")  # tables with a row for each quantity
 INTRODUCTION = """# Validation
 
-Every table below comes from a closed form or from an independent code, never from this package. An error is the largest
-over a table, as a share of the largest magnitude of a signed quantity, of each value of a positive one, or in the unit
-named. The tolerance is the one required plus half a unit of the table's last printed digit. Each row shows the
-check that is nearest to its tolerance, in double (f64) and single (f32) precision; in tables of motion lengths
-are m, speeds m/s, rates rad/s.
+Every table below comes from a closed form or from an independent code, never from this package. An error is the
+largest over a table: as a share of the largest magnitude for signed quantities, as a share of each value for positive
+ones, or in the unit named. The tolerance is the required one plus half a unit of the table's last printed digit. Each
+row shows the check nearest to its tolerance, in double (f64) and single (f32) precision. In tables of motion, lengths
+are in m, speeds in m/s and rates in rad/s.
 
 Written by `python tools/validate.py --reference DIR --report docs/validation.md`.
 """

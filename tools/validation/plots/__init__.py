@@ -37,11 +37,11 @@ class Picture:
 
 PICTURES = (
     Picture("waves", "spectrum", spectrum.draw,
-            "Elevation records of 64 realisations at one point, by Welch's method, against the spectrum asked for."),
+            "Elevation records of 64 realisations at one point, by Welch's method, against the specified spectrum."),
     Picture("hydrostatics", "response", response.draw,
-            "A box with constant added mass and damping (those of the boundary-element code at the resonances) let go "
-            "in small regular waves until its motion is steady. Amplitudes follow the boundary-element code up to "
-            "resonance; above it heave falls off too fast, the price of constant coefficients."),
+            "A box with constant added mass and damping (those of the boundary-element code at the resonances), "
+            "released in small regular waves, until its motion is steady. Amplitudes follow the boundary-element code "
+            "up to resonance; above it heave falls off too fast, the price of constant coefficients."),
     Picture("hydrostatics", "righting", righting.draw,
             "Left: the box against the wall-sided formula, which holds until an edge enters or leaves the water. "
             "Right: the shipped hulls."),
@@ -55,7 +55,7 @@ PICTURES = (
             "Heave, roll and pitch from a quarter of the lowest resonance to 2.2 of the highest. Shipped databases "
             "have some 1,200 panels (the barge's own has the 720 even ones of the tables it is compared with)."),
     Picture("ships", "ship", ship.draw,
-            "The shipped vehicle of the tables' name, or a hull made of their panels, with its database, let go in "
+            "The shipped vehicle of the tables' name, or a hull made of their panels, with its database, released in "
             "small regular waves until its motion is steady."),
     Picture("buoys", "buoy", buoy.draw,
             "The hour with the highest waves. Directions by maximum entropy; the band shows one circular deviation to "
