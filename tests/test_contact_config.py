@@ -3,6 +3,7 @@
 import pytest
 
 from taichi_sim.config import ConfigError
+from taichi_sim.contact.parts import MOST_STEPS
 from taichi_sim.vehicles import load_vehicle
 
 
@@ -43,8 +44,8 @@ def test_the_step_that_a_refusal_names_is_one_that_it_takes(stiffness):
     body = load_vehicle("x500").params.physical
     stiff = soft.model_copy(update={"stiffness": stiffness})
     frequency, decay = stiff.rates(body.mass, body.cg, body.inertia)
-    dt = 64 * min(1.25e-3, 0.25 / frequency, 0.5 / decay)
-    assert stiff.steps(0.999 * dt, body.mass, body.cg, body.inertia) == 64
+    dt = MOST_STEPS * min(1.25e-3, 0.25 / frequency, 0.5 / decay)
+    assert stiff.steps(0.999 * dt, body.mass, body.cg, body.inertia) == MOST_STEPS
     with pytest.raises(ValueError, match=f"legs.stiffness = .*dt of at most {dt:.3g} s"):
         stiff.steps(1.001 * dt, body.mass, body.cg, body.inertia)
     if dt > 0.02:

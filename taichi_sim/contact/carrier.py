@@ -15,6 +15,9 @@ to rounding, and what rests on a deck presses on its carrier as a steady load.
 
 # Kernels are another language inside Python syntax.
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportAttributeAccessIssue=false
+# pyright: reportOptionalCall=false
+
+from typing import Any
 
 import taichi as ti
 
@@ -22,7 +25,7 @@ from taichi_sim.kinematics import store
 from taichi_sim.maths.rotation import quaternion_advance, quaternion_product, rotation_matrix
 from taichi_sim.rigid_body import cross
 
-_array3 = ti.types.ndarray(ndim=3)
+_array3: Any = ti.types.ndarray(ndim=3)
 
 # Columns of a carrier's table: the deck in b (m), its friction, mobility W and its inverse (rows)
 CENTRE, HALF, FRICTION, MOBILITY, MASS, TABLE_SIZE = 0, 3, 5, 6, 42, 78

@@ -12,7 +12,7 @@ from taichi_sim.rigid_body import skew
 
 MOST_LEGS = 8
 LONGEST_STEP = 1.25e-3  # s, of a contact: shorter than the 2 ms that reference tables of legs ask for
-MOST_STEPS = 64  # contact steps of a physics step
+MOST_STEPS = 80  # contact steps of a physics step: of the longest one, 0.1 s, still LONGEST_STEP
 PHASE = 0.25  # rad: frequency of the stiffest motion on legs times the contact step, at most; error of a sink below 1 %
 DECAY = 0.5  # rate of the fastest decay on legs times the contact step, at most
 OVERHANG = 1.0  # a deck ends where the hull does

@@ -34,11 +34,12 @@ from validation.tables import TableError, number, read_json, records
 
 DT = 0.01  # s
 STIFF, FIRM = 20_000.0, 80.0  # N/m and N s/m of each leg where bending would change the geometry
+RIGID, HARD = 2e5, 250.0  # N/m and N s/m: a sudden start on springs tips an aircraft early
 LOW = 0.02  # m, height of a block's centre of gravity over its soles: it does not tip
 HALF_BASE = (0.125, 0.132)  # m, along and across, without `tip_over`
 STEEL = 2e5  # N/m of all legs together, in a blow
 FAN = np.radians(np.arange(-3.0, 3.01, 0.25))  # tilts about that at which an aircraft tips
-SINK, SLIDE, TIP_DEG, BLOW = 0.01, 0.005, 0.5, 1e-6  # of the deepest sink; of an acceleration; deg; of an impulse
+SINK, SLIDE, TIP_DEG, BLOW = 0.01, 0.005, 0.75, 1e-6  # of the deepest sink; of an acceleration; deg; of an impulse
 OFF_CENTRE = 5e-3  # of an impulse at a lever: the deck turns while the blow lasts
 NO_THRUST = {f"rotor.{key}": 0.0 for key in ("k_d", "k_z", "k_h", "k_flap", "J_r")} | {
     "rotor.k_f": 1e-30, "rotor.k_m": 1e-30, **{f"physical.drag.{k}": 0.0 for k in range(3)}
@@ -98,10 +99,14 @@ class Trial:
         slabs, aircraft: the fleets. low: height [env] (m) of the aircraft's centre of gravity over its soles.
     """
 
-    def __init__(self, craft: MultirotorParams, envs: int, half_base: tuple[float, float], slab=(0.0, 0.0)):
-        """half_base: of the soles, along and across (m). slab: inverse mass and inertia, each a number or [env]."""
+    def __init__(
+        self, craft: MultirotorParams, envs: int, half_base: tuple[float, float], slab=(0.0, 0.0), stiffness=STIFF
+    ):
+        """half_base: of the soles, along and across (m). slab: inverse mass and inertia, each a number or [env].
+        stiffness: for which the contact steps are (N/m).
+        """
         soles = tuple((x * half_base[0], y * half_base[1], 1.0) for x in (-1, 1) for y in (-1, 1))
-        legs = Legs(points=soles, stiffness=1000.0, damping=10.0)
+        legs = Legs(points=soles, stiffness=stiffness, damping=0.0)
         craft = craft.model_copy(update={"legs": legs, "ground_effect": False})
         deck = SlabParams(deck=Deck(place=(0.0, 0.0), size=(9.0, 9.0), height=0.1, friction=0.5))
         inverse = [np.broadcast_to(np.asarray(x, dtype=np.float64), envs).copy() for x in slab]
@@ -246,9 +251,9 @@ def _tips(case: Case, craft: MultirotorParams, given: dict) -> None:
     wanted = np.array([number(given, "lateral_deg"), number(given, "longitudinal_deg")])
     tilt = np.radians(wanted)[:, None] + FAN
     zero = np.zeros(n)
-    trial = Trial(craft, 2 * n, base)
-    trial.numbers(low, friction=10.0)
-    sink = craft.physical.mass * GRAVITY * np.cos(tilt).ravel() / (4 * STIFF)
+    trial = Trial(craft, 2 * n, base, stiffness=RIGID)
+    trial.numbers(low, stiffness=RIGID, damping=HARD, friction=10.0)
+    sink = craft.physical.mass * GRAVITY * np.cos(tilt).ravel() / (4 * RIGID)
     trial.put(np.concatenate((tilt[0], zero)), np.concatenate((zero, tilt[1])), sink=sink)
     trial.go(round(4.0 / DT))
     leant = (trial.R.mT @ torch_rotation_matrix(trial.aircraft.state[:, 0, 3:7]))[:, 2, 2].double().numpy()

@@ -85,7 +85,7 @@ class Multirotor6DOF(Vehicle):
         self.plan = plan = design or params
         self.reach = ground.REACH * params.rotor.radius + max(params.size)
         self.legs, self.deck_reach = params.legs, self.reach
-        self.contact_steps, self.interval = self._contact_steps(), dt * substeps
+        self.interval = dt * substeps
         self.over_decks = ground.DECK if params.ground_effect else ground.NOTHING
         self.sole_numbers = SOLE_SIZE * len(params.legs.points) if params.legs else 0
         self.allocation = allocation(plan)
@@ -108,6 +108,7 @@ class Multirotor6DOF(Vehicle):
         limit = largest_stable_dt(plan, self._fastest())
         if dt > limit.dt:
             raise ConfigError(f"dt = {dt} s: {limit.reason}; the largest stable dt is {limit.dt:.3g} s")
+        self.contact_steps = self._contact_steps()
 
     def _contact_steps(self) -> int:
         """Contact steps of a substep; refuses legs that dt cannot follow."""
