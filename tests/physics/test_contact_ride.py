@@ -203,7 +203,7 @@ def test_soles_from_below_and_beside_a_deck_do_not_stand_on_it():
     assert drones.touch.on[:, 0].tolist() == [False, True]
     go(world, 4)
     assert not drones.touch.on.any()
-    assert drones.velocity_n[0, 0, 2].item() == pytest.approx(0.5 * 9.81, rel=0.02)
+    assert drones.velocity_n[0, 0, 2].item() == pytest.approx(0.5 * 9.81, rel=0.04)  # but for drag
     assert drones.position_n[1, 0, 2] > -5.0
 
 
@@ -234,7 +234,7 @@ def test_a_rotor_that_meets_a_deck_and_a_start_inside_one_are_told():
     world = rafts(2)
     drones = world.teams["drones"]
     over(world, (0.0, 0.0, 1.0))
-    drones.state[1, 0, 2] += 1.0 + SOLES - 0.12
+    drones.state[1, 0, 2] += 1.0 + SOLES - 0.25
     angle = torch.tensor([math.radians(80.0)])
     drones.state[1, 0, 3:7] = torch_quaternion_from_euler(angle, 0 * angle, 0 * angle)[0]
     drones.update()
