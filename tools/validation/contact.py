@@ -35,6 +35,7 @@ from validation.tables import TableError, number, read_json, records
 DT = 0.01  # s
 STIFF, FIRM = 20_000.0, 80.0  # N/m and N s/m of each leg where bending would change the geometry
 RIGID, HARD = 2e5, 250.0  # N/m and N s/m: a sudden start on springs tips an aircraft early
+SOLE = 0.25  # m, z of the soles in the airframe's frame
 LOW = 0.02  # m, height of a block's centre of gravity over its soles: it does not tip
 HALF_BASE = (0.125, 0.132)  # m, along and across, without `tip_over`
 STEEL = 2e5  # N/m of all legs together, in a blow
@@ -105,7 +106,7 @@ class Trial:
         """half_base: of the soles, along and across (m). slab: inverse mass and inertia, each a number or [env].
         stiffness: for which the contact steps are (N/m).
         """
-        soles = tuple((x * half_base[0], y * half_base[1], 1.0) for x in (-1, 1) for y in (-1, 1))
+        soles = tuple((x * half_base[0], y * half_base[1], SOLE) for x in (-1, 1) for y in (-1, 1))
         legs = Legs(points=soles, stiffness=stiffness, damping=0.0)
         craft = craft.model_copy(update={"legs": legs, "ground_effect": False})
         deck = SlabParams(deck=Deck(place=(0.0, 0.0), size=(9.0, 9.0), height=0.1, friction=0.5))
@@ -118,7 +119,11 @@ class Trial:
 
     def numbers(self, low, mass=None, stiffness=STIFF, damping=FIRM, friction=0.5) -> None:
         """Of each environment, or of all: height of the centre of gravity over the soles (m), mass (kg), each leg."""
-        given = NO_THRUST | {"legs.stiffness": stiffness, "legs.damping": damping, "physical.cg.2": 1.0 - np.array(low)}
+        given = NO_THRUST | {
+            "legs.stiffness": stiffness,
+            "legs.damping": damping,
+            "physical.cg.2": SOLE - np.array(low),
+        }
         if mass is not None:
             given["physical.mass"] = mass
         self.low = np.broadcast_to(low, self.aircraft.num_envs)
