@@ -33,6 +33,7 @@ class Dump:
     fault: str
     vary: dict[str, dict[str, Tensor]] = field(default_factory=dict)  # team -> key -> [vehicle], where numbers vary
     loads: dict[str, Tensor] = field(default_factory=dict)  # team -> [vehicle, 6], where loads act from outside
+    touch: dict[str, dict[str, Tensor]] = field(default_factory=dict)  # team -> name of Touch.STATE -> [vehicle, n]
 
 
 def save_dump(dump: Dump, folder: Path) -> Path | None:

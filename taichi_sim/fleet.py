@@ -8,6 +8,7 @@ from torch import Tensor
 
 from taichi_sim import runtime
 from taichi_sim.config import ConfigError
+from taichi_sim.contact.touch import Touch
 from taichi_sim.conventions import (
     ANGULAR_VELOCITY,
     FREEBOARD,
@@ -101,10 +102,11 @@ class Fleet(Views):
         action: [env, vehicle, action], what is commanded in the coming or the last step.
         never: bool [env, vehicle], false: of endings that cannot happen; not to be written to.
         varied: whether numbers differ between environments (`set_numbers`). loaded: whether `load` has been asked for.
+        touch: of a team with legs in a world with decks, what it remembers of them; None elsewhere.
         few: whether there are so few vehicles that kernels run on the calling thread alone.
     """
 
-    STATE = ("surface", "action", "_vary", "_numbers", "_load")
+    STATE = ("surface", "action", "_vary", "_numbers", "_load", "touch")
 
     def __init__(self, name: str, model: Vehicle, num_envs: int, count: int):
         """Allocate `count` vehicles of `model` in each environment, at rest at the origin."""
@@ -121,6 +123,7 @@ class Fleet(Views):
         self._vary: Tensor | None = None
         self._numbers: Tensor | None = None
         self._load: Tensor | None = None
+        self.touch: Touch | None = None
         self._unused = torch.zeros((1, 1, 1), **options)
         self._pack = self._packed()
         self._launchers: dict[tuple[int, int], Launcher] = {}
@@ -206,6 +209,11 @@ class Fleet(Views):
             self._load = self.state.new_zeros((*self.state.shape[:2], 6))
             self._pack = self._packed()
         return self._load
+
+    @property
+    def numbers(self) -> Tensor | None:
+        """[env, vehicle, n] what the model makes of the numbers of each vehicle; None where none has its own."""
+        return self._numbers
 
     @property
     def vary(self) -> dict[str, Tensor]:

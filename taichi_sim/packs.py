@@ -27,6 +27,10 @@ AroundPack = ti.types.argpack(
 (noise.py)."""
 
 
+TouchPack = ti.types.argpack(way=_array3, pressing=_array3, soles=_array3, struck=_array3)
+"""Of a team with legs, each [env, vehicle, n]: the decks near by and what it remembers of them (contact/touch.py)."""
+
+
 class Build(NamedTuple):
     """What a kernel is compiled for; read inside `ti.static`."""
 
@@ -35,6 +39,7 @@ class Build(NamedTuple):
     varied: bool = False  # numbers differ between environments: `fleet.numbers` counts
     loaded: bool = False  # `fleet.load` counts
     air: Any = None  # kind of air (uav/local_air.py), of models that ask
+    decked: bool = False  # there are decks for it to stand on: `fleet.touch` counts
     serial: bool = False  # on the calling thread: so few vehicles that waking others would cost more
 
 

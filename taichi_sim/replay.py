@@ -26,6 +26,9 @@ def replay(dump: Dump, source: Path | None = None) -> World:
             fleet.set_numbers({key: value.unsqueeze(0) for key, value in dump.vary[name].items()})
         if name in dump.loads:
             fleet.load[0] = dump.loads[name]
+        for memory, value in dump.touch.get(name, {}).items():
+            assert fleet.touch is not None
+            getattr(fleet.touch, memory)[0] = value
         fleet.update()
     world.step({name: action.unsqueeze(0) for name, action in dump.actions.items()})
     return world

@@ -33,6 +33,7 @@ from torch import Tensor
 
 from taichi_sim import runtime
 from taichi_sim.config import ConfigError, Strict
+from taichi_sim.contact.parts import Deck, Legs
 from taichi_sim.conventions import ELEVATION, STATE_SIZE
 from taichi_sim.packs import Build, struct_of
 from taichi_sim.surroundings import Surroundings
@@ -65,6 +66,9 @@ class Vehicle:
     its place ("rigid_body.cg.0"); `file_keys`, those that name files beside the vehicle file; `ending_names`, what
     `endings` may find; `signals`, `forces`, `air` and `airframe` for recordings.
 
+    Contact (contact/contacts.py): `deck`, a place on it where others land; `legs`, what it lands on, with `soles` and
+    `deck_reach`. A model with legs steps against the decks that `fleet.touch` tells of, where that is not None.
+
     Attributes:
         params: the vehicle file's numbers. dt: physics step, s. substeps: physics steps of a control step.
     """
@@ -87,6 +91,13 @@ class Vehicle:
     """Columns of `aux_names` with the velocity of the air that it meets (north, east, down, m/s)."""
     airframe: tuple[float, bool] | None = None
     """Of an aircraft, as a recording draws it: mean chord (m), and whether it has a tail."""
+
+    deck: Deck | None = None
+    """Where others may land on it; its frame is b."""
+    legs: Legs | None = None
+    """What it stands on."""
+    deck_reach: float = 0.0
+    """How far from a deck it is concerned with it: by its legs, its rotors and their ground effect, m."""
 
     def __init__(self, params: Any, dt: float, substeps: int):
         """Take the numbers of a vehicle file, the physics step (s) and the substeps of a control step.
@@ -211,6 +222,23 @@ class Vehicle:
             tensor = torch.from_numpy(np.array(full))
             given.append(tensor.to(run.device, run.torch_dtype).contiguous())
         return self.equations(*given).double().cpu().numpy()
+
+    def mobility(self, fleet: Any) -> Tensor:
+        """What a load makes it do: W [env or 1, vehicle or 1, 6, 6], float64, symmetric, d(accelerations in b) = W
+        d(load about the origin, b), of the fleet's vehicles; zero of what nothing can move.
+
+        A model whose numbers vary tells of each vehicle's own. Default: of the vehicle file's, by `rhs`.
+        """
+        still = np.zeros((7, STATE_SIZE))
+        still[:, 3] = 1.0
+        loads = np.vstack((np.zeros(6), np.eye(6)))
+        rates = self.rhs(still, np.zeros(len(self.control_names)), load=loads)[:, 7:]
+        return torch.from_numpy((rates[1:] - rates[:1]).T.copy())[None, None]
+
+    def soles(self, fleet: Any) -> Tensor:
+        """Soles of its legs [env or 1, vehicle or 1, leg, 3], float64, from the origin, b, m."""
+        points = () if self.legs is None else self.legs.points
+        return torch.tensor(points, dtype=torch.float64).view(1, 1, -1, 3)
 
     # -- ending ----------------------------------------------------------------------------------------------------
 

@@ -12,6 +12,7 @@ from taichi_sim.air import Wind
 from taichi_sim.conditions import realise
 from taichi_sim.config import ConfigError, WorldConfig
 from taichi_sim.config.io import find_config, load_world, vehicle_file
+from taichi_sim.contact.contacts import Contacts
 from taichi_sim.dump import Dump, save_dump
 from taichi_sim.fleet import Fleet
 from taichi_sim.noise import Noise
@@ -42,11 +43,14 @@ class World(Stateful):
         truth: team -> [env, vehicle, n], run precision, of order one: numbers of the vehicles and conditions as drawn
             for the episode, for who may be told what no vehicle knows (a critic). Written in place by `renew`; as wide
             in a scenario whatever its `variation`. truth_names: team -> n names.
+        contacts: what of the teams may stand on what (contact/contacts.py).
         dump_folder: where the last step of an environment whose state is no longer finite is written, to be replayed
             (dump.py); None is nowhere.
     """
 
-    STATE = ("env_sea", "time", "_phase", "current", "wind", "_felt", "_variation", "teams", "scripts", "noise")
+    STATE = (
+        "env_sea", "time", "_phase", "current", "wind", "_felt", "_variation", "teams", "scripts", "noise", "contacts",
+    )  # fmt: skip
 
     def __init__(
         self,
@@ -86,6 +90,7 @@ class World(Stateful):
         self.truth, self.truth_names = self._variation.truth, self._variation.names
         for name in config.teams if teams is None else teams:
             self._add_team(name, source)
+        self.contacts = Contacts(self.teams, config.decision_interval)
         everywhere = self._everywhere = torch.arange(num_envs, device=run.device)
         self._variation.begin(everywhere, self.env_sea, self.current, self.wind)
         self._follow(everywhere)
@@ -163,13 +168,24 @@ class World(Stateful):
             checked = {name: self._checked(fleet, given[name]) for name, fleet in self.teams.items()}
             self.sea.phases(self.env_sea, self.time, out=self._phase)
             before = self._remember() if self.dump_folder else {}
-            for name, fleet in self.teams.items():
-                fleet.action.copy_(checked[name])
-                fleet.model.step(fleet, self.felt(name))
+            touch = self.contacts.remembered() if self.dump_folder else {}
+            self._move(checked)
             if self.dump_folder:
-                self._dump_faults(before, checked, self.dump_folder)
+                self._dump_faults(before, touch, checked, self.dump_folder)
             self._pass_time()
         return checked
+
+    def _move(self, actions: Mapping[str, torch.Tensor]) -> None:
+        """Step all vehicles: those with legs after those that may carry them."""
+        met, held = not self.contacts, self.contacts.begin()
+        for name in self.contacts.ordered(self.teams):
+            if not met and name in self.contacts.legged:
+                self.contacts.meet(held)
+                met = True
+            fleet = self.teams[name]
+            fleet.action.copy_(actions[name])
+            fleet.model.step(fleet, self.felt(name))
+        self.contacts.end()
 
     def _pass_time(self) -> None:
         """The decision interval is over."""
@@ -218,7 +234,7 @@ class World(Stateful):
     def _remember(self) -> dict[str, tuple[torch.Tensor, torch.Tensor]]:
         return {name: (fleet.state.clone(), fleet.aux.clone()) for name, fleet in self.teams.items()}
 
-    def _dump_faults(self, before, actions: Mapping[str, torch.Tensor], folder: Path) -> None:
+    def _dump_faults(self, before, touch, actions: Mapping[str, torch.Tensor], folder: Path) -> None:
         """Write a dump of every environment whose state has just stopped being finite."""
         for name, fleet in self.teams.items():
             fine = fleet.state.sum(dim=(1, 2)).isfinite()
@@ -239,6 +255,7 @@ class World(Stateful):
                     aux={key: value[1][env].clone() for key, value in before.items()},
                     actions={key: value[env].clone() for key, value in actions.items()},
                     vary={key: {k: v[env] for k, v in f.vary.items()} for key, f in self.teams.items() if f.varied},
+                    touch={team: {k: v[env] for k, v in each.items()} for team, each in touch.items()},
                     loads={key: f.load[env].clone() for key, f in self.teams.items() if f.loaded},
                     fault=f"{name}: the state is no longer finite",
                 )
@@ -265,6 +282,7 @@ class World(Stateful):
         fleet.state.index_copy_(0, envs, state)
         fleet.aux.index_copy_(0, envs, aux)
         fleet.update(envs)
+        self.contacts.place(fleet, envs)
 
     def elevation(self, envs: torch.Tensor, north: torch.Tensor, east: torch.Tensor) -> torch.Tensor:
         """Elevation (m, up) now in environments `envs` [n] at points [n, point]."""

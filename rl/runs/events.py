@@ -5,6 +5,8 @@ EVENTS = {
     "lost": ("lost", "is too far from its slot"),
     "crashed": ("crashed", "has touched the water, with a wing tip or else"),
     "stalled": ("stalled", "has not recovered from a stall"),
+    "ditched": ("ditched", "has met the water, with its feet or a rotor"),
+    "struck": ("struck", "has met a deck with a rotor"),
     "capsized": ("capsized", "has turned over"),
     "swamped": ("swamped", "has water on deck"),
     "grounded": ("grounded", "has touched the ground"),

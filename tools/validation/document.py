@@ -40,7 +40,8 @@ TITLES = {
     "aerosonde": ("Aerosonde (`fixed_wing_6dof`)", "Published checks, trims, modes, and converged flights."),
     "multirotor": (
         "Multirotors (`multirotor_6dof`)",
-        "Right-hand sides and converged flights of another code (rotorpy), trims in wind, closed forms, ground effect.",
+        "Right-hand sides and converged flights of another code (rotorpy), trims in wind, closed forms, ground effect; "
+        "contact of legs with decks.",
     ),
     "dryden": ("Turbulence and wind", "MIL-F-8785C at low altitude, and mean wind profiles."),
     "unity": ("The seed paper's vehicles", "The published movement rules stepped by an independent code."),

@@ -6,7 +6,7 @@ with rotor drag, C with every term. The numbers are in params_NAME.json of the d
 series_meta.json beside a series may say its lags. Rotors are columns om1, om2, .. (rad/s) and their commands cmd1, ..,
 in force from their row to the next.
 
-Rotors of the tables have no angular momentum, and there is no ground but in ground_effect tables. Contact is not ours.
+Rotors of the tables have no angular momentum, and there is no ground but in ground_effect tables.
 """
 
 import math

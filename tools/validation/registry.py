@@ -12,6 +12,7 @@ from pathlib import Path
 from validation import (
     aerosonde,
     buoys,
+    contact,
     cybership2,
     dryden,
     froude_krylov,
@@ -80,6 +81,7 @@ CHECKERS = (
     Checker(r".*_[ABC]_converged\.csv", multirotor.series, BOTH),
     Checker(r"trims.*\.json", multirotor.trims),
     Checker(r"closed_forms_.+\.json", multirotor.closed_forms),
+    Checker(r"contact_closed_forms.*\.json", contact.closed_forms),
     Checker(r"ground_effect_.+\.csv", multirotor.ground_effect),
     Checker(r"buoyancy_per_point.*\.csv", wamv.buoyancy),
     Checker(r"surge_step_<force>N_m<mass>(_.*)?\.csv", wamv.surge_step, BOTH),

@@ -54,12 +54,23 @@ def loads(craft: ti.template(), p: ti.template(), v_r, omega_b, omega, ratio):
 
 
 @ti.func
-def sea_ratios(craft: ti.template(), p: ti.template(), build_ground: ti.template(), R, v_r, omega, height):
-    """Ratio of each rotor's thrust [rotor] to that in free air, `height` m above level water; ones without a ground."""
+def ground_ratios(craft: ti.template(), p: ti.template(), kind: ti.template(), R, v_r, omega, below):
+    """Ratio of each rotor's thrust [rotor] to that in free air over level water or a deck (`below`, ground.py); ones
+    over NOTHING.
+    """
     ratio = omega * 0.0 + 1.0
-    if ti.static(build_ground):
-        h = ground.heights_over(craft, p, ti.Vector([R[2, 0], R[2, 1], R[2, 2]]), height)
-        ratio = ground.thrust_ratios(craft, p, h, ratio, omega, v_r[0] * v_r[0] + v_r[1] * v_r[1])
+    down_b, speed2 = ti.Vector([R[2, 0], R[2, 1], R[2, 2]]), v_r[0] * v_r[0] + v_r[1] * v_r[1]
+    if ti.static(kind == ground.SEA):
+        h = ground.heights_over(craft, p, down_b, below)
+        ratio = ground.thrust_ratios(craft, p, h, ratio, omega, speed2)
+    if ti.static(kind == ground.DECK):
+        h = ground.heights_over(craft, p, down_b, below[0])
+        for k in ti.static(range(len(craft.rotors))):
+            ratio[k] = below[1 + k]
+        ratio = ground.thrust_ratios(craft, p, h, ratio, omega, speed2)
+        for k in ti.static(range(len(craft.rotors))):
+            upwash = 1.0 - 1.0 / ratio[k] + below[ti.static(1 + len(craft.rotors)) + k]
+            ratio[k] = 1.0 / (1.0 - ti.min(upwash, ground.LARGEST))
     return ratio
 
 
@@ -77,12 +88,12 @@ def rigid_body(p: ti.template(), y, R, force, moment):
 
 
 @ti.func
-def derivative(craft: ti.template(), p: ti.template(), near: ti.template(), y, R, v_r, omega, rate, height, tau):
+def derivative(craft: ti.template(), p: ti.template(), kind: ti.template(), y, R, v_r, omega, rate, below, tau):
     """Derivative [13] of state y with attitude R, moving with v_r (m/s, b) through the air; rotor speeds omega and
-    their rates [rotor], under the load tau (6) from outside. With `near`, `height` m above the water.
+    their rates [rotor], under the load tau (6) from outside, over what `below` is (ground.py).
     """
     omega_b = ti.Vector([y[10], y[11], y[12]])
-    ratio = sea_ratios(craft, p, near, R, v_r, omega, height)
+    ratio = ground_ratios(craft, p, kind, R, v_r, omega, below)
     force, moment = loads(craft, p, v_r, omega_b, omega, ratio)
     if ti.static(not is_nothing(p.J_r)):
         moment += rotors.spin_moment(craft, p, omega_b, omega, rate)

@@ -23,7 +23,7 @@ _array2: Any = ti.types.ndarray(ndim=2)
 @ti.kernel
 def derivatives(
     craft: ti.template(),
-    near: ti.template(),
+    kind: ti.template(),
     state: _array2,
     omega: _array2,
     wind: _array2,
@@ -31,7 +31,7 @@ def derivatives(
     out: _array2,
 ):
     """Write derivatives [n, 13] of states [n, 13] with the vehicle file's numbers and rotors held at omega [n, rotor]
-    (rad/s); with `near` over calm water.
+    (rad/s); over calm water or nothing (`kind`, ground.py).
     """
     for n in range(state.shape[0]):
         y = ti.Vector([state[n, k] for k in ti.static(range(STATE_SIZE))])
@@ -40,7 +40,7 @@ def derivatives(
         R = rotation_matrix(ti.Vector([y[3], y[4], y[5], y[6]]))
         v_r = ti.Vector([y[7], y[8], y[9]]) - R.transpose() @ ti.Vector([wind[n, 0], wind[n, 1], wind[n, 2]])
         d = airframe.derivative(
-            craft, ti.static(nominal_numbers(craft)), near, y, R, v_r, speed, 0.0 * speed, -y[2], tau
+            craft, ti.static(nominal_numbers(craft)), kind, y, R, v_r, speed, 0.0 * speed, -y[2], tau
         )
         for k in ti.static(range(STATE_SIZE)):
             out[n, k] = d[k]

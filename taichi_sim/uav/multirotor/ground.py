@@ -26,6 +26,8 @@ import taichi as ti
 from taichi_sim.uav.multirotor.numbers import gains
 from taichi_sim.uav.multirotor.rotors import arm
 
+NOTHING, SEA, DECK = False, True, 2
+"""What may be below; `below` of a kernel's functions is nothing, the height over the sea (m), or `beneath`."""
 LOWEST = 0.5  # of the radius: height below which the formula is not valid
 REACH = (
     16.0  # of the radius: height of the lowest rotor above which nothing is felt; of four rotors 0.1 % is left there
@@ -33,6 +35,28 @@ REACH = (
 FADE = 0.75  # of the reach, from which the effect fades to nothing at it
 LARGEST = 0.5  # upwash over the induced velocity, at most: many rotors close to the ground would pass 1
 STILL = 1e-6  # m^2/s^2, added to squares of induced velocities: keeps a rotor that stands still out of 0 / 0
+
+
+@ti.func
+def beneath(height, sea, upwash):
+    """`below` of a DECK: height of the centre of gravity over the sea (m), weight of the sea [rotor], and upwash of the
+    rotors' images in the deck [rotor], over their induced velocity, held over a step.
+    """
+    below = ti.Vector([height for _ in ti.static(range(1 + 2 * sea.n))])
+    for k in ti.static(range(sea.n)):
+        below[1 + k], below[1 + sea.n + k] = sea[k], upwash[k]
+    return below
+
+
+@ti.func
+def lowered(kind: ti.template(), below, by):
+    """`below` of a place `by` m higher."""
+    new = below
+    if ti.static(kind == DECK):
+        new[0] += by
+    else:
+        new += by
+    return new
 
 
 @ti.func

@@ -10,15 +10,15 @@ step or less costs no accuracy of its own, and no stability.
 import taichi as ti
 
 from taichi_sim.maths.rotation import rotation_matrix
-from taichi_sim.uav.multirotor import rotors
+from taichi_sim.uav.multirotor import ground, rotors
 from taichi_sim.uav.multirotor.airframe import derivative
 
 
 @ti.func
-def rk4(craft: ti.template(), p: ti.template(), near: ti.template(), y, omega, command, height, tau, dt: ti.template()):
+def rk4(craft: ti.template(), p: ti.template(), kind: ti.template(), y, omega, command, below, tau, dt: ti.template()):
     """State and rotor speeds [rotor] (rad/s) in still air after a step dt (s), the load tau and the command held.
 
-    height: with `near`, of the centre of gravity above the water at the beginning of the step, m.
+    kind, below: what is below the centre of gravity at the beginning of the step (ground.py).
     """
     left = rotors.lag_left(craft, p, omega, command)
     away, start = omega - command, y
@@ -33,7 +33,8 @@ def rk4(craft: ti.template(), p: ti.template(), near: ti.template(), y, omega, c
         R = rotation_matrix(ti.Vector([at[3], at[4], at[5], at[6]]))
         rate = rotors.acceleration(craft, p, speed, command)
         v_r = ti.Vector([at[7], at[8], at[9]])
-        k = derivative(craft, p, near, at, R, v_r, speed, rate, height + start[2] - at[2], tau)
+        there = ground.lowered(kind, below, start[2] - at[2])
+        k = derivative(craft, p, kind, at, R, v_r, speed, rate, there, tau)
         new += weight * k
     # one Newton step of 1/|q|: |q| - 1 is of the method's error per step, so its square is nothing
     norm2 = new[3] * new[3] + new[4] * new[4] + new[5] * new[5] + new[6] * new[6]

@@ -4,6 +4,9 @@ One kernel launch per control step: each aircraft's state is loaded once, goes t
 stored once. The controller (controller.py) works at the physics step. The air's velocity (uav/local_air.py) is held
 over a substep, which is made in the frame of the air: so a steady wind is exact. Rotor speeds are exact for the command
 held over a substep (motion.py).
+
+Near a deck (contact/contacts.py) the ground effect has its images, too; a substep in which a sole may touch is made of
+contact steps (landing.py). Far from decks, and in a world without any, nothing differs.
 """
 
 # Kernels are another language inside Python syntax.
@@ -20,16 +23,18 @@ import torch
 from torch import Tensor
 
 from taichi_sim.config import ConfigError
+from taichi_sim.contact import carrier
+from taichi_sim.contact.touch import SOLE_SIZE
 from taichi_sim.conventions import AMPLITUDE, VELOCITY
 from taichi_sim.kinematics import UPRIGHT, store
-from taichi_sim.packs import AroundPack, Build, FleetPack, load_at, numbers_at
+from taichi_sim.packs import AroundPack, Build, FleetPack, TouchPack, load_at, numbers_at
 from taichi_sim.sea import waves
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.uav import local_air
 from taichi_sim.uav.fixed_wing.motion import attitude, velocity, with_velocity
-from taichi_sim.uav.multirotor import battery, controller, ground, rotors, start
+from taichi_sim.uav.multirotor import battery, controller, ground, landing, rotors, start
 from taichi_sim.uav.multirotor import instruments as at
-from taichi_sim.uav.multirotor.airframe import sea_ratios
+from taichi_sim.uav.multirotor.airframe import ground_ratios
 from taichi_sim.uav.multirotor.allocation import allocation
 from taichi_sim.uav.multirotor.body import body_surface
 from taichi_sim.uav.multirotor.controller import RATE_ACTIONS, VELOCITY_ACTIONS
@@ -62,7 +67,7 @@ class Multirotor6DOF(Vehicle):
 
     Params = MultirotorParams
     medium = "air"
-    ending_names = ("ditched", "outside_model")
+    ending_names = ("ditched", "struck", "outside_model")
     air = at.WIND_NAMES
 
     def __init__(self, params: MultirotorParams, dt: float, substeps: int, design: MultirotorParams | None = None):
@@ -79,6 +84,10 @@ class Multirotor6DOF(Vehicle):
         self.p = params
         self.plan = plan = design or params
         self.reach = ground.REACH * params.rotor.radius + max(params.size)
+        self.legs, self.deck_reach = params.legs, self.reach
+        self.interval = dt * substeps
+        self.over_decks = ground.DECK if params.ground_effect else ground.NOTHING
+        self.sole_numbers = SOLE_SIZE * len(params.legs.points) if params.legs else 0
         self.allocation = allocation(plan)
         self.actions = plan.control.actions
         self.demands = demands(plan, self.allocation)
@@ -99,6 +108,17 @@ class Multirotor6DOF(Vehicle):
         limit = largest_stable_dt(plan, self._fastest())
         if dt > limit.dt:
             raise ConfigError(f"dt = {dt} s: {limit.reason}; the largest stable dt is {limit.dt:.3g} s")
+        self.contact_steps = self._contact_steps()
+
+    def _contact_steps(self) -> int:
+        """Contact steps of a substep; refuses legs that dt cannot follow."""
+        if self.p.legs is None:
+            return 1
+        body = self.p.physical
+        try:
+            return self.p.legs.steps(self.dt, body.mass, body.cg, body.inertia)
+        except ValueError as error:
+            raise ConfigError(str(error)) from None
 
     def _fastest(self):
         """The trim at the greatest airspeed."""
@@ -137,14 +157,23 @@ class Multirotor6DOF(Vehicle):
         return fleet.reading("shaft_power")
 
     def endings(self, fleet: Any, world: Any) -> dict[str, Tensor]:
-        """Ditched: feet or rotors have met the water, a crest included. Outside the model: for longer than
+        """Ditched: feet or rotors have met the water, a crest included. Struck: a rotor has met a deck. Outside the
+        model: for longer than
         `LONGEST_OUTSIDE` upside down, faster than max_airspeed, or sinking through its own wake (docs/multirotor.md).
         """
         upright = fleet.derived[..., UPRIGHT].abs()
         side = 0.5 * max(self.size[:2]) * torch.sqrt((1.0 - upright.square()).clamp(min=0.0))
         height = -fleet.state[..., 2] - self.plan.body.below * upright - side
         outside = fleet.reading(at.OUTSIDE_TIME) > LONGEST_OUTSIDE
-        return {"ditched": height <= world.elevation_below(fleet, height), "outside_model": outside}
+        struck = fleet.never if fleet.touch is None else fleet.touch.struck[..., 0] > 0
+        ditched = height <= world.elevation_below(fleet, height)
+        return {"ditched": ditched, "struck": struck, "outside_model": outside}
+
+    def soles(self, fleet: Any) -> Tensor:
+        """From the centre of gravity, each vehicle's own."""
+        own = fleet.own
+        cg = torch.stack([torch.as_tensor(x, dtype=torch.float64) for x in (own.cg_0, own.cg_1, own.cg_2)], dim=-1)
+        return super().soles(fleet).to(cg) - (cg if fleet.varied else cg.view(1, 1, 3)).unsqueeze(-2)
 
     def own(self, values: Mapping[str, Any]) -> Any:
         """What the kernel works with."""
@@ -172,11 +201,15 @@ class Multirotor6DOF(Vehicle):
         """What the kernel is compiled for: the kind of air; the sea where there is a ground effect over it."""
         air = local_air.local_air(around.air, uneven=around.turbulence is not None)
         components = around.sea.shape[2] if self.p.ground_effect else 1
-        return Build(components, varied=fleet.varied, loaded=fleet.loaded, air=air, serial=fleet.few)
+        decked = fleet.touch is not None
+        return Build(components, varied=fleet.varied, loaded=fleet.loaded, air=air, decked=decked, serial=fleet.few)
 
     def step(self, fleet: Any, around: Surroundings) -> None:
         """Advance one control step."""
-        fleet.launch(self._step, fleet.pack, around.pack, self.build(fleet, around))
+        if fleet.touch is None:
+            fleet.launch(self._step, fleet.pack, around.pack, self.build(fleet, around))
+        else:
+            fleet.launch(self._step_by_decks, fleet.pack, around.pack, fleet.touch.pack(), self.build(fleet, around))
 
     def equations(self, state: Tensor, controls: Tensor, current: Tensor, wind: Tensor, load: Tensor) -> Tensor:
         """d(state)/dt [n, 13] with the rotors held at their speeds; the current does nothing."""
@@ -190,13 +223,28 @@ class Multirotor6DOF(Vehicle):
         for e, i in ti.ndrange(fleet.state.shape[0], fleet.state.shape[1]):
             if ti.static(build.varied):
                 own = numbers_at(self.Own, fleet.numbers, e, i)
-                self.advance(own, build, fleet, around, e, i)
+                self.advance(own, build, fleet, around, fleet, e, i)
             else:
-                self.advance(self.constants, build, fleet, around, e, i)
+                self.advance(self.constants, build, fleet, around, fleet, e, i)
+
+    @ti.kernel
+    def _step_by_decks(self, fleet: FleetPack, around: AroundPack, touch: TouchPack, build: ti.template()):
+        ti.loop_config(serialize=build.serial)
+        for e, i in ti.ndrange(fleet.state.shape[0], fleet.state.shape[1]):
+            if ti.static(build.varied):
+                own = numbers_at(self.Own, fleet.numbers, e, i)
+                self.advance(own, build, fleet, around, touch, e, i)
+            else:
+                self.advance(self.constants, build, fleet, around, touch, e, i)
 
     @ti.func
-    def advance(self, p: ti.template(), build: ti.template(), fleet: ti.template(), around: ti.template(), e, i):
-        """Take vehicle i of environment e one control step further, from what is stored to what is stored."""
+    def advance(
+        self, p: ti.template(), build: ti.template(), fleet: ti.template(), around: ti.template(),
+        touch: ti.template(), e, i,
+    ):  # fmt: skip
+        """Take vehicle i of environment e one control step further, from what is stored to what is stored; `touch`
+        counts where the build is `decked`.
+        """
         clock, seed, env = around.count[0], around.count[1], around.count[2 + e]
         y = ti.Vector([fleet.state[e, i, k] for k in ti.static(range(13))])
         omega = ti.Vector([fleet.aux[e, i, at.SPEEDS + k] for k in ti.static(range(self.count))])
@@ -213,6 +261,14 @@ class Multirotor6DOF(Vehicle):
         sea, rise = self.water_below(build, around, e, y)
         y = with_velocity(y, velocity(y) - attitude(y).transpose() @ met)
         rates, toward, voltage = velocity(y) * 0.0, velocity(y) * 0.0, time * 0.0
+        sea_weight, deck_upwash = omega * 0.0 + 1.0, omega * 0.0  # of each rotor, over a deck
+        body = ti.Vector([time * 0.0 for _ in ti.static(range(landing.BODY_SIZE))])
+        soles = ti.Vector([time * 0.0 for _ in ti.static(range(max(self.sole_numbers, 1)))])
+        by_deck, pressed, struck = 0, 0, 0
+        if ti.static(build.decked):
+            by_deck, pressed = int(touch.way[e, i, carrier.WHICH]), int(touch.pressing[e, i, 0])
+            for k in ti.static(range(self.sole_numbers)):
+                soles[k] = touch.soles[e, i, k]
         for n in range(self.substeps):
             R = attitude(y)
             most = time * 0.0 + self.plan.rotor.omega_max
@@ -225,10 +281,38 @@ class Multirotor6DOF(Vehicle):
             if ti.static(build.air.gusty):
                 ahead = local_air.gust_ahead(build.air, y, R @ velocity(y) + met, time, self.dt)
                 y, met = with_velocity(y, velocity(y) - R.transpose() @ ahead), met + ahead
-            y, omega = rk4(self.p, p, self.p.ground_effect, y, omega, command, -y[2] - sea, tau, self.dt)
+            if ti.static(build.decked):
+                flies = 1
+                if by_deck > 0:
+                    begun, v_n = n * ti.static(self.dt), R @ velocity(y) + met
+                    across2 = y[7] * y[7] + y[8] * y[8]
+                    height, inside, hit = landing.rotors_over(
+                        self.p, p, touch.way, e, i, y, begun, self.interval, body
+                    )
+                    struck = ti.max(struck, hit)
+                    if ti.static(self.p.ground_effect):
+                        sea_weight, deck_upwash = landing.deck_ground(self.p, p, height, inside, omega, across2)
+                    soon = landing.touches_soon(
+                        self.p, p, touch.way, e, i, y, v_n, begun, self.interval, body, self.dt
+                    )
+                    if soon > 0 or pressed > 0:
+                        flies = 0
+                        below = ground.beneath(-y[2] - sea, sea_weight, deck_upwash)
+                        ratio = ground_ratios(self.p, p, self.over_decks, R, velocity(y), omega, below)
+                        y, omega, soles, body = landing.land(
+                            self.p, p, self.contact_steps, self.dt, self.interval, touch.way, e, i, y, met, omega,
+                            command, tau, ratio, soles, body, begun,
+                        )  # fmt: skip
+                if flies > 0:
+                    below = ground.beneath(-y[2] - sea, sea_weight, deck_upwash)
+                    y, omega = rk4(self.p, p, self.over_decks, y, omega, command, below, tau, self.dt)
+                    for k in ti.static(range(3)):
+                        y[k] += self.dt * met[k]
+            else:
+                y, omega = rk4(self.p, p, self.p.ground_effect, y, omega, command, -y[2] - sea, tau, self.dt)
+                for k in ti.static(range(3)):
+                    y[k] += self.dt * met[k]
             sea += rise
-            for k in ti.static(range(3)):
-                y[k] += self.dt * met[k]
             time += self.dt
             if ti.static(not build.air.steady):
                 count = clock * ti.static(self.substeps + 1) + n
@@ -236,7 +320,13 @@ class Multirotor6DOF(Vehicle):
                 new = local_air.velocity_at(build.air, wind_10, shear, gust, f, v_mean, y, time)
                 y = with_velocity(y, velocity(y) + attitude(y).transpose() @ (met - new))
                 met = new
-        self.save(p, fleet, e, i, y, met, omega, sea)
+        if ti.static(build.decked):
+            if by_deck > 0:
+                landing.remember(touch, self.interval, e, i, soles, body, struck)
+            below = ground.beneath(-y[2] - sea, sea_weight, deck_upwash)
+            self.save(p, self.over_decks, fleet, e, i, y, met, omega, below)
+        else:
+            self.save(p, self.p.ground_effect, fleet, e, i, y, met, omega, -y[2] - sea)
         for k in ti.static(range(3)):
             fleet.aux[e, i, at.RATES_WANTED + k], fleet.aux[e, i, at.VELOCITY_WANTED + k] = rates[k], toward[k]
         for k in ti.static(range(5)):
@@ -321,15 +411,17 @@ class Multirotor6DOF(Vehicle):
         return waves.elevation_at_label(around.sea, around.phase, build.components, s, e, L[0], L[1], time)
 
     @ti.func
-    def save(self, p: ti.template(), fleet: ti.template(), e, i, y, met, omega, sea):
-        """Store the state y, whose velocity is relative to the air that moves with `met`, and all that is read off."""
+    def save(self, p: ti.template(), kind: ti.template(), fleet: ti.template(), e, i, y, met, omega, below):
+        """Store the state y, whose velocity is relative to the air that moves with `met`, and all that is read off;
+        kind, below: ground.py.
+        """
         R, v_r = attitude(y), velocity(y)
         v = v_r + R.transpose() @ met
         v_n = R @ v
         store(fleet.derived, e, i, R, v_n)
         for k in ti.static(range(13)):
             fleet.state[e, i, k] = y[k]
-        ratio = sea_ratios(self.p, p, self.p.ground_effect, R, v_r, omega, -y[2] - sea)
+        ratio = ground_ratios(self.p, p, kind, R, v_r, omega, below)
         thrust, near = y[0] * 0.0, y[0] * 0.0
         gain = ti.static(rotor_gains(p, self.count))
         for k in ti.static(range(self.count)):

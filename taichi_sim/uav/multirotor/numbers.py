@@ -13,6 +13,7 @@ from taichi_sim.uav.multirotor.params import MultirotorParams
 INERTIA = ("Jx", "Jy", "Jz", "Jxy", "Jxz", "Jyz")
 COEFFICIENTS = ("k_f", "k_m", "k_d", "k_z", "k_h", "k_flap", "J_r")
 AXES = range(3)
+LEGS = ("legs.stiffness", "legs.damping")
 FIELDS = (
     "inverse_mass",  # 1/kg
     *INERTIA,  # kg m^2
@@ -22,6 +23,7 @@ FIELDS = (
     *COEFFICIENTS,  # of params.Rotor
     "per_tau_up", "per_tau_down",  # 1/s
     "left_up", "left_down",  # of a way, after half a step
+    "leg_stiffness", "leg_damping",  # of each leg, N/m, N s/m; 0 without legs
 )  # fmt: skip
 
 
@@ -45,6 +47,7 @@ def varying_keys(craft: MultirotorParams) -> tuple[str, ...]:
         *(f"physical.drag.{i}" for i in AXES),
         *(f"rotor.{name}" for name in (*COEFFICIENTS, "tau_up", "tau_down")),
         *(f"rotors.{k}.gain" for k in range(len(craft.rotors))),
+        *(LEGS if craft.legs else ()),
     )
 
 
@@ -56,7 +59,7 @@ def multirotor_numbers(craft: MultirotorParams, values: Mapping[str, Any], dt: f
         1 / values["physical.mass"], *J, *_inverse(*J),
         *(values[f"physical.cg.{i}"] for i in AXES), *(values[f"physical.drag.{i}"] for i in AXES),
         *(values[f"rotor.{name}"] for name in COEFFICIENTS),
-        1 / up, 1 / down, _left(0.5 * dt, up), _left(0.5 * dt, down),
+        1 / up, 1 / down, _left(0.5 * dt, up), _left(0.5 * dt, down), *(values.get(key, 0.0) for key in LEGS),
         *(values[f"rotors.{k}.gain"] for k in range(len(craft.rotors))),
     )  # fmt: skip
 

@@ -11,6 +11,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from taichi_sim.config import Finite, NonNegative, Positive, Strict
+from taichi_sim.contact.parts import Legs
 from taichi_sim.uav.multirotor.battery import Battery
 
 MOST_ROTORS = 12
@@ -134,7 +135,8 @@ class MultirotorParams(Strict):
     body: Body
     control: Control = Control()
     battery: Battery | None = None
-    ground_effect: bool = True  # thrust grows near the water (ground.py)
+    legs: Legs | None = None  # what it stands on (contact/parts.py)
+    ground_effect: bool = True  # thrust grows near water and decks (ground.py)
 
     @property
     def collision_radius(self) -> float:
@@ -160,4 +162,10 @@ class MultirotorParams(Strict):
                         f"rotors.{j} and rotors.{i} coincide at {list(one.position)}: hubs must be at least "
                         f"{APART:g} m apart"
                     )
+        return self
+
+    @model_validator(mode="after")
+    def _legs_below(self):
+        if self.legs:
+            self.legs.check_below(np.array([mount.position for mount in self.rotors]))
         return self

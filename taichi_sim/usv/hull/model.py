@@ -18,7 +18,7 @@ from taichi_sim.usv.hull.database import HydroDatabase, hull_hash
 from taichi_sim.usv.hull.diffraction import Diffraction
 from taichi_sim.usv.hull.geometry import HullGeometry
 from taichi_sim.usv.hull.hydrostatics import check_floats
-from taichi_sim.usv.hull.numbers import hull_numbers, varying_keys
+from taichi_sim.usv.hull.numbers import hull_numbers, symmetric, varying_keys
 from taichi_sim.usv.hull.params import Hull6DofParams
 from taichi_sim.usv.hull.propulsion import Propelled
 from taichi_sim.usv.hull.radiation import Radiation
@@ -70,6 +70,7 @@ class HullModel(Propelled):
         self.head = self.fit_out(params, SHAFT)  # columns before those of the pressure heads
         self.aux_names = (*AUX, *self.thruster_columns)
         self.varying = varying_keys(params)
+        self.deck = params.deck
         body = params.rigid_body
         self.geometry = HullGeometry.of(params.hull, body.mass, body.cg)
         self.gauge, self.points = self.geometry.gauge, self.geometry.lines.points
@@ -154,6 +155,12 @@ class HullModel(Propelled):
         """
         params = super().with_numbers(values)
         return params.model_copy(update={"rigid_body": self.params.rigid_body.changed(params.rigid_body)})
+
+    def mobility(self, fleet: Any) -> Tensor:
+        """Inverse of the rigid body's inertia and of the added mass that answers at once; of each vehicle's numbers."""
+        own, one = fleet.own, fleet.state.new_ones(fleet.state.shape[:2] if fleet.varied else (1, 1)).double()
+        rows = symmetric(own, "inverse")
+        return torch.stack([torch.stack([one * x for x in row], dim=-1) for row in rows], dim=-2)
 
     # -- what it is ------------------------------------------------------------------------------------------------
 

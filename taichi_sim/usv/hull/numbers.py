@@ -26,6 +26,7 @@ ADDED_MASS, LINEAR, QUADRATIC = (
     tuple(f"hydrodynamics.{name}.{i}" for i in range(6)) for name in ("added_mass", "linear", "quadratic")
 )
 GAINS = ("thrusters.gain_left", "thrusters.gain_right")
+DECK_FRICTION = "deck.friction"
 AREAS = ("windage.frontal_area", "windage.lateral_area")
 UPPER = tuple((i, j) for i in range(6) for j in range(i, 6))  # entries of a symmetric 6 x 6 matrix
 
@@ -55,7 +56,8 @@ def varying_keys(p: Hull6DofParams) -> tuple[str, ...]:
     """Keys of the vehicle file that may differ between environments."""
     gains, lags = thruster_keys(p)
     thrusters = (*gains, *dict.fromkeys(lags))
-    return (MASS, *CG, *ADDED_MASS, *LINEAR, *QUADRATIC, *thrusters, *AREAS)
+    deck = (DECK_FRICTION,) if p.deck else ()  # contact/contacts.py reads it
+    return (MASS, *CG, *ADDED_MASS, *LINEAR, *QUADRATIC, *thrusters, *AREAS, *deck)
 
 
 def thruster_keys(p: Hull6DofParams) -> tuple[tuple[str, ...], tuple[str, ...]]:

@@ -9,6 +9,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from taichi_sim.config import Finite, NonNegative, Positive, Strict
+from taichi_sim.contact.parts import Deck
 from taichi_sim.conventions import GRAVITY, RHO_SEA
 from taichi_sim.rigid_body import changed_mass, constant, rigid_body_mass
 from taichi_sim.usv.hull.allocation import reaches_round
@@ -130,12 +131,15 @@ class Hull6DofParams(Strict):
     thrusters: Thrusters | None = None
     actuators: Annotated[dict[Name, Actuator], Field(max_length=MOST)] = {}
     windage: Windage = Windage()
+    deck: Deck | None = None  # where aircraft land (contact/parts.py)
 
     @model_validator(mode="after")
     def _consistent(self):
         if self.restoring == "linear" and self.linear is None:
             raise ValueError('restoring = "linear" needs the section [linear]')
         self._check_thrusters()
+        if self.deck:
+            self.deck.check_inside(self.length, self.beam)
         return self
 
     def __hash__(self) -> int:

@@ -1,0 +1,237 @@
+"""The way of a deck through a control step, and what a contact does to what carries it.
+
+A carrier makes its control step first, alone, under the mean load that each vehicle pressed on its decks with in the
+step before. So both ends of its way are known, and between them its way is the cubic that has the positions and
+velocities of both ends (attitude likewise, by its rotation vector). The vehicle with legs then makes its own control
+step against the deck
+
+    x_D = x + dx,   R_D = exp(S(dtheta)) R,   (dx, dtheta)'' = W (tau - tau_before),
+
+which answers at once to the wrench tau on it, beyond the one that the carrier has had, tau_before: W is the carrier's
+mobility, the acceleration that a load gives it (`Vehicle.mobility`). After that the carrier is moved by dx and dtheta,
+and its momentum gets exactly the impulse that it has not had. So linear and angular momentum of both are conserved
+to rounding, and what rests on a deck presses on its carrier as a steady load.
+"""
+
+# Kernels are another language inside Python syntax.
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportAttributeAccessIssue=false
+# pyright: reportOptionalCall=false
+
+from typing import Any
+
+import taichi as ti
+
+from taichi_sim.kinematics import store
+from taichi_sim.maths.rotation import quaternion_advance, quaternion_product, rotation_matrix
+from taichi_sim.rigid_body import cross
+
+_array3: Any = ti.types.ndarray(ndim=3)
+
+# Columns of a carrier's table: the deck in b (m), its friction, mobility W and its inverse (rows)
+CENTRE, HALF, FRICTION, MOBILITY, MASS, TABLE_SIZE = 0, 3, 5, 6, 42, 78
+# Columns of a way: which deck (0: none, else 1 + its number) and how far (m); position n (m), quaternion, velocity n
+# (m/s) and rates b (rad/s) of the carrier at the beginning; from there to the end: displacement n (m), rotation vector
+# b (rad), velocity n (m/s) and rate of the rotation vector (rad/s) there; the load that it has had (N, N m, b); its
+# table; then what the vehicle with legs does to it: displacement and rotation vector n (m, rad), impulse and angular
+# impulse about the position at the beginning, n (N s, N m s).
+(WHICH, DISTANCE, PLACE, TURN, VELOCITY, RATES, STEP, ROTATION, LAST_VELOCITY, LAST_RATES, HAD, TABLE) = (
+    0, 1, 2, 5, 9, 12, 15, 18, 21, 24, 27, 33,
+)  # fmt: skip
+SHIFT, IMPULSE = TABLE + TABLE_SIZE, TABLE + TABLE_SIZE + 6
+WAY_SIZE = IMPULSE + 6
+PRESSING_SIZE = 7  # 1 + number of the deck (0: none), mean wrench on its carrier in the last step, b (N, N m)
+SMALL_ANGLE = 1e-4  # rad, below which a rotation vector is twice the quaternion's
+
+
+@ti.func
+def three_at(table: ti.template(), e, i, first: ti.template()):
+    """Three numbers in a row of a table."""
+    return ti.Vector([table[e, i, first], table[e, i, first + 1], table[e, i, first + 2]])
+
+
+@ti.func
+def four_at(table: ti.template(), e, i, first: ti.template()):
+    """Four numbers in a row of a table."""
+    return ti.Vector([table[e, i, first + k] for k in ti.static(range(4))])
+
+
+@ti.func
+def turned(v):
+    """The quaternion of the rotation vector v (rad)."""
+    return quaternion_advance(ti.Vector([v[0] * 0.0 + 1.0, v[0] * 0.0, v[0] * 0.0, v[0] * 0.0]), v, 1.0)
+
+
+@ti.func
+def rotation_vector(q, r):
+    """The rotation vector (rad) from attitude q to attitude r, in the axes of q."""
+    d = quaternion_product(ti.Vector([q[0], -q[1], -q[2], -q[3]]), r)
+    d *= ti.select(d[0] < 0.0, -1.0, 1.0)
+    v = ti.Vector([d[1], d[2], d[3]])
+    size = ti.sqrt(v.dot(v))
+    angle = 2.0 * ti.atan2(size, d[0])
+    return v * ti.select(angle > SMALL_ANGLE, angle / ti.max(size, 0.1 * SMALL_ANGLE), 2.0)
+
+
+@ti.func
+def cubic(along, first, last, t, T: ti.template()):
+    """Value and rate at t (s) of the cubic from 0 to `along`, whose rates are `first` at 0 and `last` at T (s)."""
+    s = t * ti.static(1.0 / T)
+    value = T * s * (1 - s) * (1 - s) * first + s * s * (3 - 2 * s) * along + T * s * s * (s - 1) * last
+    rate = (1 - s) * (1 - 3 * s) * first + 6 * s * (1 - s) * ti.static(1.0 / T) * along + s * (3 * s - 2) * last
+    return value, rate
+
+
+@ti.func
+def carried(way: ti.template(), e, i, t, T: ti.template()):
+    """The carrier at t (s) of a control step T (s): position from PLACE (m, n), R_nb, velocity and rates (n)."""
+    x, v = cubic(three_at(way, e, i, STEP), three_at(way, e, i, VELOCITY), three_at(way, e, i, LAST_VELOCITY), t, T)
+    turn, rate = cubic(three_at(way, e, i, ROTATION), three_at(way, e, i, RATES), three_at(way, e, i, LAST_RATES), t, T)
+    R = rotation_matrix(quaternion_advance(four_at(way, e, i, TURN), turn, 1.0))
+    bent = cross(turn, rate)
+    return x, R, v, R @ (rate - 0.5 * bent + cross(turn, bent) * (1.0 / 6.0))
+
+
+@ti.func
+def answer(way: ti.template(), e, i, R, force, moment):
+    """Acceleration (m/s^2) and angular acceleration (rad/s^2) that a force (N) and a moment (N m) about the origin of
+    the carrier give it, all in n; R is its attitude.
+    """
+    F, M = R.transpose() @ force, R.transpose() @ moment
+    a, alpha = F * 0.0, F * 0.0
+    for r in ti.static(range(3)):
+        for c in ti.static(range(3)):
+            w = ti.static(TABLE + MOBILITY)
+            a[r] += way[e, i, w + 6 * r + c] * F[c] + way[e, i, w + 6 * r + 3 + c] * M[c]
+            alpha[r] += way[e, i, w + 6 * (3 + r) + c] * F[c] + way[e, i, w + 6 * (3 + r) + 3 + c] * M[c]
+    return R @ a, R @ alpha
+
+
+@ti.func
+def attitude_at(state: ti.template(), e, i):
+    """Quaternion of a row of states."""
+    return four_at(state, e, i, 3)
+
+
+@ti.kernel
+def press(load: _array3, pressing: _array3, base: ti.template(), serial: ti.template()):
+    """Add to `load` [env, carrier, 6] what vehicles press with (`pressing` [env, vehicle, 7]); the deck of the first
+    carrier has number `base`.
+    """
+    ti.loop_config(serialize=serial)
+    for e, j in ti.ndrange(load.shape[0], load.shape[1]):
+        for i in range(pressing.shape[1]):
+            if int(pressing[e, i, 0]) == 1 + base + j:
+                for c in ti.static(range(6)):
+                    load[e, j, c] += pressing[e, i, 1 + c]
+
+
+@ti.kernel
+def meet(
+    state: _array3, pressing: _array3, way: _array3, before: _array3, after: _array3, table: _array3,
+    base: ti.template(), reach: ti.template(), T: ti.template(), serial: ti.template(),
+):  # fmt: skip
+    """Write the ways [env, vehicle, WAY_SIZE] of the decks that vehicles with legs at `state` [env, vehicle, 13] are
+    near: those whose rectangle they can come within `reach` (m) of in a control step T (s), of several the nearest.
+
+    before, after: states [env, carrier, 13] at both ends of the step. table: [env or 1, carrier or 1, TABLE_SIZE].
+    base: number of the first carrier's deck. A vehicle that has pressed on a deck is near that one.
+    """
+    ti.loop_config(serialize=serial)
+    for e, i in ti.ndrange(state.shape[0], state.shape[1]):
+        if ti.static(base == 0):
+            way[e, i, WHICH], way[e, i, DISTANCE] = 0.0, 0.0
+        position = three_at(state, e, i, 0)
+        v = rotation_matrix(attitude_at(state, e, i)) @ three_at(state, e, i, 7)
+        pressed = int(pressing[e, i, 0])
+        for j in range(before.shape[1]):
+            te, tj = e % table.shape[0], j % table.shape[1]
+            R = rotation_matrix(attitude_at(before, e, j))
+            r = R.transpose() @ (position - three_at(before, e, j, 0)) - three_at(table, te, tj, CENTRE)
+            beside = ti.max(ti.abs(r[0]) - table[te, tj, HALF], 0.0)
+            beside = ti.max(beside, ti.abs(r[1]) - table[te, tj, HALF + 1])
+            distance = ti.max(beside, ti.abs(r[2]))
+            # of the deck, not of the carrier's origin: its rates count, too
+            own = R @ (three_at(before, e, j, 7) + cross(three_at(before, e, j, 10), three_at(table, te, tj, CENTRE)))
+            near = distance < reach + T * (v - own).norm()
+            mine = pressed == 1 + base + j
+            better = way[e, i, WHICH] == 0.0 or distance < way[e, i, DISTANCE]
+            if mine or (pressed == 0 and near and better):
+                way[e, i, WHICH], way[e, i, DISTANCE] = float(1 + base + j), distance
+                write_way(way, e, i, before, after, j)
+                for c in range(TABLE_SIZE):
+                    way[e, i, TABLE + c] = table[te, tj, c]
+                for c in ti.static(range(6)):
+                    way[e, i, HAD + c] = ti.select(mine, pressing[e, i, 1 + c], 0.0)
+                    way[e, i, SHIFT + c], way[e, i, IMPULSE + c] = 0.0, 0.0
+
+
+@ti.func
+def write_way(way: ti.template(), e, i, before: ti.template(), after: ti.template(), j):
+    """Write both ends of carrier j's way."""
+    q, last = attitude_at(before, e, j), attitude_at(after, e, j)
+    v, v_last = (rotation_matrix(q) @ three_at(before, e, j, 7)), (rotation_matrix(last) @ three_at(after, e, j, 7))
+    turn, rates = rotation_vector(q, last), three_at(after, e, j, 10)
+    bent = cross(turn, rates)
+    bent_rates = rates + 0.5 * bent + cross(turn, bent) * (1.0 / 12.0)
+    for c in ti.static(range(3)):
+        way[e, i, PLACE + c] = before[e, j, c]
+        way[e, i, VELOCITY + c], way[e, i, LAST_VELOCITY + c] = v[c], v_last[c]
+        way[e, i, RATES + c], way[e, i, LAST_RATES + c] = before[e, j, 10 + c], bent_rates[c]
+        way[e, i, STEP + c], way[e, i, ROTATION + c] = after[e, j, c] - before[e, j, c], turn[c]
+    for c in ti.static(range(4)):
+        way[e, i, TURN + c] = q[c]
+
+
+@ti.kernel
+def react(
+    state: _array3, derived: _array3, before: _array3, table: _array3, way: _array3, base: ti.template(),
+    serial: ti.template(),
+):  # fmt: skip
+    """Give carriers [env, carrier, 13] what vehicles with legs have done to them beyond the loads that they have had
+    (`way` [env, vehicle, WAY_SIZE]), in the order of these; `before` are the carriers at the beginning of the step.
+    """
+    ti.loop_config(serialize=serial)
+    for e, j in ti.ndrange(state.shape[0], state.shape[1]):
+        zero = state[e, j, 0] * 0.0
+        shift = ti.Vector([zero, zero, zero])
+        turn, impulse, angular, met = shift, shift, shift, 0
+        for i in range(way.shape[1]):
+            if int(way[e, i, WHICH]) == 1 + base + j:
+                shift += three_at(way, e, i, SHIFT)
+                turn += three_at(way, e, i, SHIFT + 3)
+                impulse += three_at(way, e, i, IMPULSE)
+                angular += three_at(way, e, i, IMPULSE + 3)
+                met = 1
+        te, tj = e % table.shape[0], j % table.shape[1]
+        if met == 1 and table[te, tj, MASS] > 0.0:
+            R = rotation_matrix(attitude_at(state, e, j))
+            P, H = momentum(state, table, e, j, te, tj)
+            along = three_at(state, e, j, 0) - three_at(before, e, j, 0)
+            P_n = R @ P + impulse
+            H_n = R @ H + angular - cross(along, impulse) - cross(shift, P_n)
+            q = quaternion_product(turned(turn), attitude_at(state, e, j))
+            q *= 1.5 - 0.5 * q.dot(q)
+            R = rotation_matrix(q)
+            P, H = R.transpose() @ P_n - P, R.transpose() @ H_n - H
+            for r in ti.static(range(6)):
+                for c in ti.static(range(3)):
+                    state[e, j, 7 + r] += table[te, tj, MOBILITY + 6 * r + c] * P[c]
+                    state[e, j, 7 + r] += table[te, tj, MOBILITY + 6 * r + 3 + c] * H[c]
+            for c in ti.static(range(3)):
+                state[e, j, c] += shift[c]
+            for c in ti.static(range(4)):
+                state[e, j, 3 + c] = q[c]
+            store(derived, e, j, R, R @ three_at(state, e, j, 7))
+
+
+@ti.func
+def momentum(state: ti.template(), table: ti.template(), e, j, te, tj):
+    """Linear and angular momentum (kg m/s, kg m^2/s) about its origin, in b, of carrier j as its mobility has it."""
+    zero = state[e, j, 0] * 0.0
+    P = ti.Vector([zero, zero, zero])
+    H = P
+    for r in ti.static(range(3)):
+        for c in ti.static(range(6)):
+            P[r] += table[te, tj, MASS + 6 * r + c] * state[e, j, 7 + c]
+            H[r] += table[te, tj, MASS + 6 * (3 + r) + c] * state[e, j, 7 + c]
+    return P, H

@@ -1,0 +1,243 @@
+"""A multirotor's physics step on a deck: contact steps of about a millisecond, rotors and air included.
+
+Each is a drift by half, a kick, and a drift by half again (Strang 1968), of position, velocity, attitude and angular
+momentum in n, so that kicks conserve both momenta to rounding. The kick is that of the middle: forces of the soles
+(contact/forces.py) take velocities that half a kick of their own foretells. The deck's way, and how it answers, are
+those of contact/carrier.py. Rotor speeds are exact; the air's velocity is held over the physics step.
+"""
+
+# Kernels are another language inside Python syntax.
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportAttributeAccessIssue=false
+
+import taichi as ti
+
+from taichi_sim.contact import carrier
+from taichi_sim.contact.forces import sole_force
+from taichi_sim.contact.touch import DOWN, FREE, SOLE_SIZE, UNDER
+from taichi_sim.conventions import GRAVITY
+from taichi_sim.maths.rotation import quaternion_advance, rotation_matrix
+from taichi_sim.rigid_body import cross, is_nothing
+from taichi_sim.uav.multirotor import ground, rotors
+from taichi_sim.uav.multirotor.airframe import inertia_times, inverse_inertia_times, loads
+from taichi_sim.uav.multirotor.rotors import arm
+
+BODY_SIZE = 24
+"""What the deck's answer is at, numbers of a vector: displacement, rotation vector, velocity, rates of the deck beyond
+the carrier's way (n; m, rad, m/s, rad/s); impulse and angular impulse beyond the carrier's load (as carrier.IMPULSE);
+impulse and angular impulse of all about the carrier's origin, in its b (N s, N m s).
+"""
+STRUCK_BELOW = 2.0  # radii below a deck's plane down to which a rotor has met the deck; farther down it is under it
+EDGE = 2.0  # radii over which the ground effect fades at a deck's edge; assumed
+NEARING = 2.0  # a touch is expected in a physics step from so many times the way made in one
+
+
+@ti.func
+def part(body, first: ti.template()):
+    """Three numbers of `body`."""
+    return ti.Vector([body[first], body[first + 1], body[first + 2]])
+
+
+@ti.func
+def deck_now(way: ti.template(), e, i, t, T: ti.template(), body):
+    """The deck's carrier at t (s) as it has answered: position from carrier.PLACE, R_nb, velocity and rates (n); then
+    the same position and attitude without the answer.
+    """
+    x, R, v, w = carrier.carried(way, e, i, t, T)
+    R_D = rotation_matrix(carrier.turned(part(body, 3))) @ R
+    return x + part(body, 0), R_D, v + part(body, 6), w + part(body, 9), x, R
+
+
+@ti.func
+def sole_arm(craft: ti.template(), p: ti.template(), k: ti.template()):
+    """Sole of leg k (m, b), from the centre of gravity."""
+    x, y, z = ti.static(craft.legs.points[k])
+    return ti.Vector([x - p.cg_0, y - p.cg_1, z - p.cg_2])
+
+
+@ti.func
+def rotors_over(craft: ti.template(), p: ti.template(), way: ti.template(), e, i, y, t, T: ti.template(), body):
+    """Height (m) of each hub over the deck's plane and how far it is inside its edge (m), [rotor] each, at t (s);
+    whether a rotor has met the deck.
+    """
+    x_D, R_D, _v, _w, _x, _R = deck_now(way, e, i, t, T, body)
+    R = rotation_matrix(ti.Vector([y[3], y[4], y[5], y[6]]))
+    x = ti.Vector([y[0], y[1], y[2]]) - carrier.three_at(way, e, i, carrier.PLACE)
+    centre = carrier.three_at(way, e, i, carrier.TABLE + carrier.CENTRE)
+    axis = R_D.transpose() @ ti.Vector([R[0, 2], R[1, 2], R[2, 2]])
+    droop = ti.static(craft.rotor.radius) * ti.sqrt(ti.max(1.0 - axis[2] * axis[2], 0.0))
+    height = ti.Vector([x[0] * 0.0 for _ in ti.static(range(len(craft.rotors)))])
+    inside, met = height, 0
+    for k in ti.static(range(len(craft.rotors))):
+        d = R_D.transpose() @ (x + R @ arm(craft, p, k) - x_D) - centre
+        height[k] = -d[2]
+        half = ti.static(carrier.TABLE + carrier.HALF)
+        inside[k] = ti.min(way[e, i, half] - ti.abs(d[0]), way[e, i, half + 1] - ti.abs(d[1]))
+        low = height[k] - droop
+        if low < 0.0 and low > ti.static(-STRUCK_BELOW * craft.rotor.radius):
+            if inside[k] > ti.static(-craft.rotor.radius):
+                met = 1
+    return height, inside, met
+
+
+@ti.func
+def deck_ground(craft: ti.template(), p: ti.template(), height, inside, omega, speed2):
+    """Of a deck below: weight [rotor] of the sea beside it, upwash [rotor] of the rotors' images in the deck over their
+    induced velocity. speed2 is the square of the airspeed across the axes (m^2/s^2).
+    """
+    weight = height * 0.0
+    for k in ti.static(range(len(craft.rotors))):
+        over = ground.edge_weight(inside[k], ti.static(EDGE * craft.rotor.radius))
+        weight[k] = ti.select(height[k] > 0.0, over, 0.0)
+    ratio = ground.thrust_ratios(craft, p, height, weight, omega, speed2)
+    return 1.0 - weight, 1.0 - 1.0 / ratio
+
+
+@ti.func
+def touches_soon(craft: ti.template(), p: ti.template(), way: ti.template(), e, i, y, v_n, t, T: ti.template(), body,
+                 dt: ti.template()):  # fmt: skip
+    """Whether a sole is below the deck's plane, or may be in a physics step dt (s) from t (s) on."""
+    x_D, R_D, v_D, w_D, _x, _R = deck_now(way, e, i, t, T, body)
+    R = rotation_matrix(ti.Vector([y[3], y[4], y[5], y[6]]))
+    x = ti.Vector([y[0], y[1], y[2]]) - carrier.three_at(way, e, i, carrier.PLACE)
+    w = R @ ti.Vector([y[10], y[11], y[12]])
+    top = way[e, i, carrier.TABLE + carrier.CENTRE + 2]
+    soon = 0
+    for k in ti.static(range(len(craft.legs.points))):
+        r = R @ sole_arm(craft, p, k)
+        away = x + r - x_D
+        depth = (R_D.transpose() @ away)[2] - top
+        v = v_n + cross(w, r) - v_D - cross(w_D, away)
+        if depth + ti.static(NEARING * dt) * (v.norm() + ti.static(dt * GRAVITY)) > 0.0:
+            soon = 1
+    return soon
+
+
+@ti.func
+def soles_on(craft: ti.template(), p: ti.template(), way: ti.template(), e, i, x, R, v, w, x_D, R_D, v_D, w_D, soles):
+    """Force of all soles on the aircraft (N), its moment about the centre of gravity, and that of the opposite force
+    about the carrier's origin (N m), in n; the soles' memory after it. Positions are from carrier.PLACE.
+    """
+    centre = carrier.three_at(way, e, i, carrier.TABLE + carrier.CENTRE)
+    friction = way[e, i, carrier.TABLE + carrier.FRICTION]
+    long, wide = way[e, i, carrier.TABLE + carrier.HALF], way[e, i, carrier.TABLE + carrier.HALF + 1]
+    force, moment, on_deck, new = x * 0.0, x * 0.0, x * 0.0, soles
+    for k in ti.static(range(len(craft.legs.points))):
+        r = R @ sole_arm(craft, p, k)
+        away = x + r - x_D
+        d = R_D.transpose() @ away - centre
+        u = R_D.transpose() @ (v + cross(w, r) - v_D - cross(w_D, away))
+        a = ti.static(SOLE_SIZE * k)
+        mark = soles[a + 2]
+        if d[2] <= 0.0:
+            mark = FREE
+        elif ti.abs(d[0]) > long or ti.abs(d[1]) > wide:
+            mark = UNDER
+        elif mark > ti.static(0.5 * (UNDER + FREE)):
+            here = ti.Vector([d[0], d[1]])
+            down = ti.select(mark > ti.static(0.5 * (FREE + DOWN)), ti.Vector([soles[a], soles[a + 1]]), here)
+            N, f, bent = sole_force(
+                d[2], u[2], here - down, ti.Vector([u[0], u[1]]), p.leg_stiffness, p.leg_damping, friction
+            )
+            F = R_D @ ti.Vector([f[0], f[1], -N])
+            force += F
+            moment += cross(r, F)
+            on_deck -= cross(away, F)
+            mark = DOWN
+            new[a], new[a + 1] = here[0] - bent[0], here[1] - bent[1]
+        new[a + 2] = mark
+    return force, moment, on_deck, new
+
+
+@ti.func
+def land(
+    craft: ti.template(), p: ti.template(), steps: ti.template(), dt: ti.template(), T: ti.template(),
+    way: ti.template(), e, i, y, met, omega, command, tau, ratio, soles, body, begun,
+):  # fmt: skip
+    """State y, rotor speeds omega [rotor] (rad/s), the soles' memory and `body` after a physics step dt (s) that begins
+    `begun` s after the control step T (s), in `steps` contact steps.
+
+    Velocities in y are relative to the air, which moves with `met` (n, m/s); positions are over ground. command
+    [rotor] (rad/s) and the load tau (6, b) are held; ratio [rotor] is the ground effect's.
+    """
+    h = ti.static(dt / steps)
+    place = carrier.three_at(way, e, i, carrier.PLACE)
+    x, q = ti.Vector([y[0], y[1], y[2]]) - place, ti.Vector([y[3], y[4], y[5], y[6]])
+    R = rotation_matrix(q)
+    v = R @ ti.Vector([y[7], y[8], y[9]]) + met
+    H = R @ inertia_times(p, ti.Vector([y[10], y[11], y[12]]))
+    away, left, t = omega - command, omega, begun
+    for k in ti.static(range(len(craft.rotors))):
+        left[k] = ti.exp(-0.5 * h * ti.select(command[k] >= omega[k], p.per_tau_up, p.per_tau_down))
+    F_had = carrier.three_at(way, e, i, carrier.HAD)
+    M_had = carrier.three_at(way, e, i, carrier.HAD + 3)
+    for n in range(ti.static(2 * steps)):
+        # half a drift, by the rates of its middle
+        w_b = inverse_inertia_times(p, R.transpose() @ H)
+        R_m = rotation_matrix(quaternion_advance(q, w_b, ti.static(0.25 * h)))
+        q = quaternion_advance(q, inverse_inertia_times(p, R_m.transpose() @ H), ti.static(0.5 * h))
+        R = rotation_matrix(q)
+        x += ti.static(0.5 * h) * v
+        for c in ti.static(range(6)):
+            body[c] += ti.static(0.5 * h) * body[6 + c]
+        t += ti.static(0.5 * h)
+        away *= left
+        if n % 2 == 0:
+            w_b = inverse_inertia_times(p, R.transpose() @ H)
+            w, speed = R @ w_b, command + away
+            force_b, moment_b = loads(craft, p, R.transpose() @ (v - met), w_b, speed, ratio)
+            if ti.static(not is_nothing(p.J_r)):
+                moment_b += rotors.spin_moment(craft, p, w_b, speed, rotors.acceleration(craft, p, speed, command))
+            force = R @ (force_b + ti.Vector([tau[0], tau[1], tau[2]]))
+            force[2] += GRAVITY / p.inverse_mass
+            moment = R @ (moment_b + ti.Vector([tau[3], tau[4], tau[5]]))
+            x_D, R_D, v_D, w_D, x_C, R_C = deck_now(way, e, i, t, T, body)
+            F_C, M_C = R_C @ F_had, R_C @ M_had
+            F, M, M_D, new = force * 0.0, force * 0.0, force * 0.0, soles
+            dv, dw, dv_D, dw_D = force * 0.0, force * 0.0, force * 0.0, force * 0.0
+            for stage in range(2):
+                F, M, M_D, new = soles_on(
+                    craft, p, way, e, i, x, R, v + dv, w + dw, x_D, R_D, v_D + dv_D, w_D + dw_D, soles
+                )
+                if stage == 0:
+                    a, alpha = carrier.answer(way, e, i, R_D, -F - F_C, M_D - M_C)
+                    dv, dv_D, dw_D = 0.5 * h * p.inverse_mass * (force + F), 0.5 * h * a, 0.5 * h * alpha
+                    turn = R.transpose() @ (moment + M - cross(w, H))
+                    dw = 0.5 * h * (R @ inverse_inertia_times(p, turn))
+            soles = new
+            v += h * p.inverse_mass * (force + F)
+            H += h * (moment + M)
+            a, alpha = carrier.answer(way, e, i, R_D, -F - F_C, M_D - M_C)
+            extra = M_D - cross(x_D, F) - cross(x_C, F_C) - M_C
+            F_b, M_b = R_D.transpose() @ F, R_D.transpose() @ M_D
+            for c in ti.static(range(3)):
+                body[6 + c] += h * a[c]
+                body[9 + c] += h * alpha[c]
+                body[12 + c] -= h * (F[c] + F_C[c])
+                body[15 + c] += h * extra[c]
+                body[18 + c] -= h * F_b[c]
+                body[21 + c] += h * M_b[c]
+    w_b, v_r = inverse_inertia_times(p, R.transpose() @ H), R.transpose() @ (v - met)
+    after = y
+    for c in ti.static(range(3)):
+        after[c], after[7 + c], after[10 + c] = place[c] + x[c], v_r[c], w_b[c]
+    for c in ti.static(range(4)):
+        after[3 + c] = q[c]
+    return after, command + away, soles, body
+
+
+@ti.func
+def remember(touch: ti.template(), T: ti.template(), e, i, soles, body, met):
+    """Store what the control step T (s) has made of the soles and of the carrier; met: a rotor has struck."""
+    for c in ti.static(range(soles.n)):
+        touch.soles[e, i, c] = soles[c]
+    if met != 0:
+        touch.struck[e, i, 0] = 1.0
+    for c in ti.static(range(6)):
+        touch.way[e, i, carrier.SHIFT + c] = body[c]
+        touch.way[e, i, carrier.IMPULSE + c] = body[12 + c]
+    pressing = 0.0
+    for c in ti.static(range(6)):
+        mean = ti.static(1.0 / T) * body[18 + c]
+        touch.pressing[e, i, 1 + c] = mean
+        pressing += ti.abs(mean)
+    touch.pressing[e, i, 0] = ti.select(pressing > 0.0, touch.way[e, i, carrier.WHICH], 0.0)
