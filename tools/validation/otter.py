@@ -18,7 +18,7 @@ import torch
 from taichi_sim import runtime
 from taichi_sim.bench import Bench, pack_state
 from taichi_sim.maths.rotation import torch_rotation_matrix
-from taichi_sim.usv.hull import loads as hull_loads
+from taichi_sim.usv.hull import pressure as hull_loads
 from taichi_sim.usv.hull.model import SHAFT
 from taichi_sim.usv.hull.params import Hull6DofParams
 from validation.case import Case

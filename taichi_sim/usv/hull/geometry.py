@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from taichi_sim.usv.hull.gauge import Gauge
 from taichi_sim.usv.hull.hydrostatics import Hydrostatics, Strips
-from taichi_sim.usv.hull.loads import ACROSS, AHEAD, PANEL_ROWS, STRIPS, WRENCH, WRENCH_ROWS
 from taichi_sim.usv.hull.mesh import HullShape, Panels, mesh
+from taichi_sim.usv.hull.pressure import ACROSS, AHEAD, PANEL_ROWS, STRIPS, WRENCH, WRENCH_ROWS
 from taichi_sim.usv.hull.wave_lines import WaveLines, wave_lines
 
 Array = NDArray[np.float64]
@@ -33,7 +33,7 @@ class HullGeometry:
 
     @cached_property
     def panel_table(self) -> Array:
-        """[PANEL_ROWS, N]: see loads.py."""
+        """[PANEL_ROWS, N]: see pressure.py."""
         strips = Strips.of(self.panels, STRIPS)
         (c1, c2), (u1, u2) = strips.centre, strips.up
         table = np.zeros((PANEL_ROWS, len(self.panels)))

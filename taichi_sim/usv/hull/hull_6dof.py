@@ -62,7 +62,7 @@ class Hull6Dof(HullStart):
 
     Controls are the speeds of the thrusters, rad/s, then the angles of those that turn, rad.
 
-    model.py and propulsion.py hold what a hull is, numbers.py what its kernels work with; water.py, actuators.py and
+    model.py and propulsion.py hold what a hull is, numbers.py what its kernels work with; water.py, thruster_set.py and
     motion.py the functions that the kernels here inline; start.py how a hull begins.
     """
 

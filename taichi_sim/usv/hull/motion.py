@@ -10,12 +10,12 @@ import taichi as ti
 
 from taichi_sim.maths.rotation import quaternion_advance, rotation_matrix
 from taichi_sim.rigid_body import angular, coriolis, is_nothing, linear, quaternion_rate, six, times
-from taichi_sim.usv.hull import loads
+from taichi_sim.usv.hull import pressure
 from taichi_sim.usv.hull import waves as w
-from taichi_sim.usv.hull.actuators import HullActuators
 from taichi_sim.usv.hull.diffraction import diffracted
 from taichi_sim.usv.hull.memory import radiate
 from taichi_sim.usv.hull.numbers import diagonal, symmetric, vector
+from taichi_sim.usv.hull.thruster_set import HullActuators
 
 
 @ti.func
@@ -30,9 +30,9 @@ class HullMotion(HullActuators):
     @ti.func
     def drag(self, p: ti.template(), nu_r):
         """Load of damping and cross-flow on the motion relative to the water."""
-        load = loads.diagonal_damping(ti.static(vector(p, "linear", 6)), ti.static(vector(p, "quadratic", 6)), nu_r)
+        load = pressure.diagonal_damping(ti.static(vector(p, "linear", 6)), ti.static(vector(p, "quadratic", 6)), nu_r)
         if ti.static(self.params.hydrodynamics.cross_flow_length > 0):
-            YN = loads.cross_flow(self.params.hydrodynamics, nu_r[1], nu_r[5])
+            YN = pressure.cross_flow(self.params.hydrodynamics, nu_r[1], nu_r[5])
             load[1] += YN[0]
             load[5] += YN[1]
         return load
@@ -121,7 +121,7 @@ class HullMotion(HullActuators):
     @ti.func
     def weight_load(self, p: ti.template(), k):
         """Load of the hull's weight; k is the unit vector downwards in b."""
-        return loads.weight_load(p.weight, ti.static(vector(p, "cg", 3)), k)
+        return pressure.weight_load(p.weight, ti.static(vector(p, "cg", 3)), k)
 
     @ti.func
     def linear_restoring(self, p: ti.template(), z, R, water):
@@ -137,7 +137,7 @@ class HullMotion(HullActuators):
             K = -self.source.G44 * roll
             load = ti.Vector([-p.weight * along, -p.weight * across, Z, K, M, 0.0])
             k = ti.Vector([R[2, 0], R[2, 1], R[2, 2]])
-            load += loads.weight_load(self.payload, self.source.payload_position, k)
+            load += pressure.weight_load(self.payload, self.source.payload_position, k)
         return load
 
     @ti.func
@@ -145,5 +145,5 @@ class HullMotion(HullActuators):
         """Load of the wind `air` (m/s, n)."""
         load = nu * 0.0
         if ti.static(not (is_nothing(p.wind_x) and is_nothing(p.wind_y))):
-            load = loads.windage(p, self.params.windage.height, R.transpose() @ air - linear(nu))
+            load = pressure.windage(p, self.params.windage.height, R.transpose() @ air - linear(nu))
         return load

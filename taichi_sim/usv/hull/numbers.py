@@ -16,8 +16,8 @@ from torch import Tensor
 
 from taichi_sim.conventions import GRAVITY
 from taichi_sim.rigid_body import changed_mass
-from taichi_sim.usv.hull.loads import RHO_AIR
 from taichi_sim.usv.hull.params import Hull6DofParams
+from taichi_sim.usv.hull.pressure import RHO_AIR
 from taichi_sim.usv.hull.radiation import Radiation
 
 MASS, LAG = "rigid_body.mass", "thrusters.lag"
@@ -35,7 +35,7 @@ FIELDS = (
     *(f"added_{i}" for i in range(6)),  # diagonal of M_a, kg, kg m^2
     *(f"linear_{i}" for i in range(6)),  # damping, N s/m, N m s
     *(f"quadratic_{i}" for i in range(6)),  # N s^2/m^2, N m s^2
-    "wind_x", "wind_y", "wind_n",  # of the products of relative wind speeds (loads.windage), N s^2/m^2, N s^2/m
+    "wind_x", "wind_y", "wind_n",  # of the products of relative wind speeds (pressure.windage), N s^2/m^2, N s^2/m
     *(f"M_rb_{i}{j}" for i, j in UPPER),
     *(f"inverse_{i}{j}" for i, j in UPPER),  # of M_rb + M_a
 )  # fmt: skip

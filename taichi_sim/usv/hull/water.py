@@ -8,7 +8,7 @@ import taichi as ti
 from taichi_sim.packs import Build
 from taichi_sim.rigid_body import cross, six
 from taichi_sim.surroundings import Surroundings
-from taichi_sim.usv.hull import loads
+from taichi_sim.usv.hull import pressure
 from taichi_sim.usv.hull import waves as w
 from taichi_sim.usv.hull.model import HullModel
 
@@ -90,7 +90,7 @@ class HullWater(HullModel):
         k = ti.Vector([R[2, 0], R[2, 1], R[2, 2]])
         g = R.transpose() @ ti.Vector([plane[1], plane[2], 0.0])
         count = ti.static(len(self.geometry.panels))
-        return loads.panel_load(tables.panels, tables.node, aux, self.nodes, count, e, i, z, k, g)
+        return pressure.panel_load(tables.panels, tables.node, aux, self.nodes, count, e, i, z, k, g)
 
     @ti.func
     def pressure_heads(

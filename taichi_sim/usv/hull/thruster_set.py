@@ -11,7 +11,7 @@ import math
 
 import taichi as ti
 
-from taichi_sim.usv.hull import loads
+from taichi_sim.usv.hull import pressure
 from taichi_sim.usv.hull.model import SHAFT
 from taichi_sim.usv.hull.numbers import vector
 from taichi_sim.usv.hull.water import HullWater
@@ -51,8 +51,8 @@ class HullActuators(HullWater):
                 low, high = ti.static(self.units[0].thrust_min), ti.static(self.units[0].thrust_max)
                 surge = 0.5 * (action[e, i, 0] + 1.0) * high
                 yaw = 0.5 * action[e, i, 1] * (high - low)
-                wanted[0] = loads.shaft_speed(self.units[0], ti.max(ti.min(surge + yaw, high), low))
-                wanted[1] = loads.shaft_speed(self.units[1], ti.max(ti.min(surge - yaw, high), low))
+                wanted[0] = pressure.shaft_speed(self.units[0], ti.max(ti.min(surge + yaw, high), low))
+                wanted[1] = pressure.shaft_speed(self.units[1], ti.max(ti.min(surge - yaw, high), low))
             else:
                 for k in ti.static(range(self.settings)):
                     share = action[e, i, k]
@@ -104,7 +104,7 @@ class HullActuators(HullWater):
                     wanted[at] = setting[at]
                 thrust = share * (ahead[k] * ti.cos(setting[at]) + right[k] * ti.sin(setting[at]))
                 thrust = ti.select(push[k] > 0, ti.max(thrust, 0.0), ti.min(thrust, 0.0))
-            wanted[k] = loads.shaft_speed(u, thrust)
+            wanted[k] = pressure.shaft_speed(u, thrust)
         return wanted
 
     # -- what follows ----------------------------------------------------------------------------------------------
@@ -142,7 +142,7 @@ class HullActuators(HullWater):
             gains = ti.static(vector(p, "gain", len(self.units)))
             for k in ti.static(range(len(self.units))):
                 u = ti.static(self.units[k])
-                thrust[k] = gains[k] * loads.thrust(u, setting[k])
+                thrust[k] = gains[k] * pressure.thrust(u, setting[k])
                 c, s = ti.static(u.direction)
                 if ti.static(u.azimuth):
                     at = ti.static(self.angle_of[k])
