@@ -33,7 +33,8 @@ from taichi_sim.maths.rotation import quaternion_advance, rotation_matrix
 from taichi_sim.packs import AroundPack, FleetPack, load_at, numbers_at
 from taichi_sim.rigid_body import angular, linear
 from taichi_sim.surroundings import Surroundings
-from taichi_sim.usv.hull.model import DRAG, LABEL, LABEL_CHANGE, NU_DOT, PRESSURE, SHAFT, WIND, TablesPack
+from taichi_sim.usv.hull import thruster_set
+from taichi_sim.usv.hull.model import DRAG, LABEL, LABEL_CHANGE, NU_DOT, PRESSURE, WIND, TablesPack
 from taichi_sim.usv.hull.motion import pack
 from taichi_sim.usv.hull.params import Hull6DofParams
 from taichi_sim.usv.hull.start import HullStart
@@ -62,8 +63,8 @@ class Hull6Dof(HullStart):
 
     Controls are the speeds of the thrusters, rad/s, then the angles of those that turn, rad.
 
-    model.py and propulsion.py hold what a hull is, numbers.py what its kernels work with; water.py, thruster_set.py and
-    motion.py the functions that the kernels here inline; start.py how a hull begins.
+    model.py holds what a hull is, numbers.py what its kernels work with; water.py, thruster_set.py and motion.py the
+    functions that the kernels here inline; start.py how a hull begins.
     """
 
     def step(self, fleet: Any, around: Surroundings) -> None:
@@ -90,10 +91,10 @@ class Hull6Dof(HullStart):
         pos = ti.Vector([state[e, i, 0], state[e, i, 1], state[e, i, 2]])
         q = ti.Vector([state[e, i, 3], state[e, i, 4], state[e, i, 5], state[e, i, 6]])
         nu, nu_dot, R = six_of(state, e, i, 7), six_of(aux, e, i, NU_DOT), rotation_matrix(q)
-        shaft = self.settings_of(aux, e, i, SHAFT)
+        controls = thruster_set.controls_at(self.thrusters, aux, e, i)
         D = ti.Vector([aux[e, i, LABEL], aux[e, i, LABEL + 1]])
         change = ti.Vector([aux[e, i, LABEL_CHANGE], aux[e, i, LABEL_CHANGE + 1]])
-        command = self.command(fleet.action, e, i, shaft)
+        command = thruster_set.commanded(self.thrusters, fleet.action, e, i, controls)
         V_c = ti.Vector([around.current[e, 0], around.current[e, 1], 0.0])
         air = ti.Vector([around.wind[e, 0], around.wind[e, 1], around.wind[e, 2]])
         outside = load_at(build, fleet.load, e, i)
@@ -115,7 +116,8 @@ class Hull6Dof(HullStart):
             if ti.static(self.by_panels):
                 up = self.pressure(build, around, tables, aux, e, i, tau, pos, R, L, J, plane)
                 up += self.weight_load(p, ti.Vector([R[2, 0], R[2, 1], R[2, 2]]))
-                thrust = self.thrust_load(p, self.lagged(p, shaft, command, 0.5))
+                at = thruster_set.lagged(self.thrusters, p, controls, command, 0.5)
+                thrust = thruster_set.load(self.thrusters, p, at)
                 if ti.static(self.remembers):
                     if n % ti.static(self.stretch) == 0:
                         ahead = ti.static(0.5 * (self.stretch - 1) * self.dt)
@@ -128,9 +130,9 @@ class Hull6Dof(HullStart):
                     thrust += self.radiated(tables, aux, e, i, R, nu, nu_dot, V_c)
                 pos, nu, nu_dot = self.kick(p, pos, nu, nu_dot, R, up + thrust + wind + outside, V_c, water)
             else:
-                pos, q, nu = self.runge_kutta(p, pack(pos, q, nu), shaft, command, wind + outside, V_c, water)
+                pos, q, nu = self.runge_kutta(p, pack(pos, q, nu), controls, command, wind + outside, V_c, water)
                 R = rotation_matrix(q)
-            shaft = self.lagged(p, shaft, command, 1.0)
+            controls = thruster_set.lagged(self.thrusters, p, controls, command, 1.0)
         if ti.static(self.by_panels):
             q = quaternion_advance(q, angular(nu), ti.static(0.5 * self.dt))
             R = rotation_matrix(q)
@@ -142,7 +144,7 @@ class Hull6Dof(HullStart):
             aux[e, i, LABEL + c], aux[e, i, LABEL_CHANGE + c] = D[c], change[c]
         for c in ti.static(range(6)):
             aux[e, i, NU_DOT + c] = nu_dot[c]
-        self.note_thrusts(p, aux, e, i, shaft)
+        thruster_set.note(self.thrusters, p, aux, e, i, controls)
         self.note(aux, e, i, linear(up), linear(wind), self.drag_force(p, nu, R, V_c, water))
         fleet.surface[e, i, ELEVATION] = plane[0]
         fleet.surface[e, i, FREEBOARD] = self.freeboard(tables.deck, R, pos[2], plane)
@@ -180,8 +182,8 @@ class Hull6Dof(HullStart):
             V_c, air = ti.Vector([current[n, 0], current[n, 1], 0.0]), ti.Vector([wind[n, c] for c in range(3)])
             calm = ti.Vector([y[0] * 0.0 for _ in range(CENTRE_SIZE)])
             tau = ti.Vector([load[n, c] for c in range(6)]) + self.wind_load(self.constants, R, nu, air)
-            setting = ti.Vector([controls[n, c] for c in ti.static(range(self.settings))])
-            tau += self.thrust_load(self.constants, setting)
+            at = ti.Vector([controls[n, c] for c in ti.static(range(len(self.control_names)))])
+            tau += thruster_set.load(self.thrusters, self.constants, at)
             if ti.static(self.by_panels):
                 tau += self.panel_load(tables, no_waves, n, 0, y[2], R, linear(calm))
                 tau += self.weight_load(self.constants, ti.Vector([R[2, 0], R[2, 1], R[2, 2]]))

@@ -13,6 +13,7 @@ from torch import Tensor
 from taichi_sim import runtime
 from taichi_sim.config import ConfigError
 from taichi_sim.conventions import GRAVITY
+from taichi_sim.fleet import Fleet
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.usv.hull.database import HydroDatabase, hull_hash
 from taichi_sim.usv.hull.diffraction import Diffraction
@@ -20,12 +21,14 @@ from taichi_sim.usv.hull.geometry import HullGeometry
 from taichi_sim.usv.hull.hydrostatics import check_floats
 from taichi_sim.usv.hull.numbers import hull_numbers, varying_keys
 from taichi_sim.usv.hull.params import Hull6DofParams
-from taichi_sim.usv.hull.propulsion import Propelled
 from taichi_sim.usv.hull.radiation import Radiation
 from taichi_sim.usv.hull.stability import largest_stable_dt, linear_motion, remembering, runge_kutta_step
+from taichi_sim.usv.hull.thruster_set import ThrusterSet
+from taichi_sim.usv.vessel import Vessel, steady_speed
+from taichi_sim.vehicle import Limits
 
 # Columns of the auxiliary state: displacement of the label under the hull and its change in a step (m); forces of the
-# last step in b (N) and its nu_dot (m/s^2, rad/s^2); then what the thrusters do (propulsion.py); then the wave's
+# last step in b (N) and its nu_dot (m/s^2, rad/s^2); then what the thrusters do (thruster_set.py); then the wave's
 # pressure head (m) at each point of the wave lines, and its change across them (m/m); then the states of the
 # radiation's memory.
 AUX = (
@@ -37,7 +40,7 @@ AUX = (
 LABEL, LABEL_CHANGE, PRESSURE, DRAG, WIND, NU_DOT = map(  # where each begins
     AUX.index, ("label_north", "label_change_north", "pressure_x", "drag_x", "wind_x", "u_dot")
 )
-SHAFT = len(AUX)  # the thrusters' first column
+CONTROLS = len(AUX)  # the thrusters' first column
 
 TablesPack = ti.types.argpack(
     panels=ti.types.ndarray(ndim=1),
@@ -54,7 +57,7 @@ DEPTH_RATIO = 1.25  # of the water to a database's own depth, either way; assume
 SEAS = 4  # for which a model keeps tables
 
 
-class HullModel(Propelled):
+class HullModel(Vessel):
     """Numbers of one hull at one step; holds no state of any vehicle."""
 
     Params = Hull6DofParams
@@ -67,8 +70,13 @@ class HullModel(Propelled):
             ConfigError: if the hull does not float upright, or dt is too large.
         """
         super().__init__(params, dt, substeps)
-        self.head = self.fit_out(params, SHAFT)  # columns before those of the pressure heads
-        self.aux_names = (*AUX, *self.thruster_columns)
+        self.thrusters = ThrusterSet(params, dt, CONTROLS)
+        self.action_names, self.control_names = self.thrusters.action_names, self.thrusters.control_names
+        self.signals = self.thrusters.signals
+        self.aux_names = (*AUX, *self.thrusters.columns)
+        self.head = len(self.aux_names)  # columns before those of the pressure heads
+        if self.thrusters.allocation is not None:
+            self.wrench_max, self.wrench_min = self.thrusters.allocation.largest, self.thrusters.allocation.smallest
         self.varying = varying_keys(params)
         body = params.rigid_body
         self.geometry = HullGeometry.of(params.hull, body.mass, body.cg)
@@ -165,6 +173,19 @@ class HullModel(Propelled):
         return math.cos(min(self.geometry.hydrostatics.angle_of_vanishing_stability, math.pi / 2))
 
     @property
+    def limits(self) -> Limits:
+        """Its top speed is where damping takes all the thrust, if it has thrusters."""
+        h = self.params.hydrodynamics
+        if not self.thrusters:
+            return Limits()
+        force = sum(t.ahead for t in self.thrusters.thrusters)
+        return Limits((0.0, 0.0, steady_speed(force, h.linear[0], h.quadratic[0])))
+
+    def power(self, fleet: Fleet) -> Tensor | None:
+        """Of its thrusters [env, vehicle], W; None without any."""
+        return self.thrusters.power(fleet)
+
+    @property
     def draft(self) -> float:
         """Deepest point of the hull below CO, m."""
         return self.geometry.panels.draft
@@ -195,7 +216,7 @@ class HullModel(Propelled):
         """Load arrows of a recording: name -> where it attacks (m, b), columns of its x, y, z (N, b)."""
         origin = (0.0, 0.0, 0.0)
         found: dict[str, Any] = {"pressure_less_weight": (origin, ("pressure_x", "pressure_y", "pressure_z"))}
-        found |= self.thrust_arrows
+        found |= self.thrusters.arrows
         found["drag"] = (origin, ("drag_x", "drag_y", "drag_z"))
         found["wind"] = ((0.0, 0.0, -self.params.windage.height), ("wind_x", "wind_y", "wind_z"))
         return found
@@ -224,9 +245,10 @@ class HullModel(Propelled):
     def top_speed(self) -> float:
         """Steady speed (m/s) under full thrust in calm water; 0 without thrusters."""
         h = self.params.hydrodynamics
-        if not self.propelled:
+        if not self.thrusters:
             return 0.0
-        a, b, force = h.quadratic[0], h.linear[0], self.push_ahead
+        a, b = h.quadratic[0], h.linear[0]
+        force = sum(gain * t.ahead for gain, t in zip(self.params.gains, self.thrusters.thrusters, strict=True))
         return force / b if a == 0 else (math.sqrt(b * b + 4 * a * force) - b) / (2 * a)
 
     def _check_dt(self, dt: float) -> None:

@@ -10,12 +10,12 @@ import taichi as ti
 
 from taichi_sim.maths.rotation import quaternion_advance, rotation_matrix
 from taichi_sim.rigid_body import angular, coriolis, is_nothing, linear, quaternion_rate, six, times
-from taichi_sim.usv.hull import pressure
+from taichi_sim.usv.hull import pressure, thruster_set
 from taichi_sim.usv.hull import waves as w
 from taichi_sim.usv.hull.diffraction import diffracted
 from taichi_sim.usv.hull.memory import radiate
 from taichi_sim.usv.hull.numbers import diagonal, symmetric, vector
-from taichi_sim.usv.hull.thruster_set import HullActuators
+from taichi_sim.usv.hull.water import HullWater
 
 
 @ti.func
@@ -24,7 +24,7 @@ def pack(pos, q, nu):
     return ti.Vector([pos[0], pos[1], pos[2], q[0], q[1], q[2], q[3], nu[0], nu[1], nu[2], nu[3], nu[4], nu[5]])
 
 
-class HullMotion(HullActuators):
+class HullMotion(HullWater):
     """How loads move the hull."""
 
     @ti.func
@@ -101,17 +101,17 @@ class HullMotion(HullActuators):
         return pack(R @ linear(nu), quaternion_rate(q, angular(nu)), self.nu_dot(p, nu, R, tau, V_c, water))
 
     @ti.func
-    def runge_kutta(self, p: ti.template(), y, shaft, command, load, V_c, water):
+    def runge_kutta(self, p: ti.template(), y, controls, command, load, V_c, water):
         """Position, attitude and nu of the linear hull one step after y, the water and `load` held, which acts besides
         restoring and thrust.
         """
         total, slope = y * 0.0, y * 0.0
         for stage in range(4):
             ahead = 0.5 * ((stage + 1) // 2)  # 0, 1/2, 1/2, 1 of the step
-            n = self.lagged(p, shaft, command, ahead)
+            at = thruster_set.lagged(self.thrusters, p, controls, command, ahead)
             y_s = y + (ahead * ti.static(self.dt)) * slope
             R = rotation_matrix(ti.Vector([y_s[3], y_s[4], y_s[5], y_s[6]]))
-            tau = load + self.linear_restoring(p, y_s[2], R, water) + self.thrust_load(p, n)
+            tau = load + self.linear_restoring(p, y_s[2], R, water) + thruster_set.load(self.thrusters, p, at)
             slope = self.derivative(p, y_s, R, tau, V_c, water)
             total += ti.select(stage % 3 == 0, 1.0, 2.0) * slope
         y = y + ti.static(self.dt / 6) * total

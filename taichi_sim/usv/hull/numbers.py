@@ -46,9 +46,9 @@ THRUSTER_FIELDS = (  # of each thruster (`THRUSTER_FIELDS`_k), after FIELDS
 
 
 @cache
-def numbers_of(units: int) -> Any:
+def numbers_of(thrusters: int) -> Any:
     """The NamedTuple of a hull of so many thrusters, see `FIELDS`: floats, or tensors of one shape."""
-    return namedtuple("HullNumbers", (*FIELDS, *(f"{name}_{k}" for name in THRUSTER_FIELDS for k in range(units))))
+    return namedtuple("HullNumbers", (*FIELDS, *(f"{name}_{k}" for name in THRUSTER_FIELDS for k in range(thrusters))))
 
 
 def varying_keys(p: Hull6DofParams) -> tuple[str, ...]:

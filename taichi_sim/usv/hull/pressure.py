@@ -71,22 +71,6 @@ def windage(p: ti.template(), height: ti.template(), air_b):
 
 
 @ti.func
-def thrust(t: ti.template(), n):
-    """Thrust (N) of one thruster, of gain 1, at the speed n (rad/s), limited to its range."""
-    n = ti.max(ti.min(n, t.n_max), t.n_min)
-    k = ti.select(n > 0, t.k_positive, t.k_negative)
-    return k * ti.abs(n) * n
-
-
-@ti.func
-def shaft_speed(t: ti.template(), force):
-    """Speed (rad/s) at which the thrust is `force` (N)."""
-    k = ti.select(force > 0, t.k_positive, t.k_negative)
-    n = ti.sqrt(ti.abs(force) / k)
-    return ti.select(force > 0, n, -n)
-
-
-@ti.func
 def weight_load(weight: ti.template(), position: ti.template(), k):
     """Load of a weight (N) at `position` (three numbers, m, b); k is the unit vector downwards in b."""
     force = weight * k
