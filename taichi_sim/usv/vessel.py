@@ -10,6 +10,9 @@ from taichi_sim.conventions import ELEVATION
 from taichi_sim.kinematics import UPRIGHT
 from taichi_sim.vehicle import Vehicle
 
+Number = float | Tensor
+"""A number of a vehicle file, or of each vehicle, float64."""
+
 
 def steady_speed(load: float, a: float, b: float = 0.0, c: float = 0.0) -> float:
     """The x > 0 with (a + b |x| + c x^2) x = `load` > 0; infinite without resistance."""

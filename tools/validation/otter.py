@@ -18,8 +18,8 @@ import torch
 from taichi_sim import runtime
 from taichi_sim.bench import Bench, pack_state
 from taichi_sim.maths.rotation import torch_rotation_matrix
-from taichi_sim.usv.hull import pressure as hull_loads
-from taichi_sim.usv.hull.model import CONTROLS
+from taichi_sim.usv.hull import damping
+from taichi_sim.usv.hull.instruments import CONTROLS
 from taichi_sim.usv.hull.params import Hull6DofParams
 from validation.case import Case
 from validation.inputs import check_start
@@ -202,7 +202,7 @@ def _cross_flow_kernel():
     @ti.kernel
     def kernel(h: ti.template(), motion: ti.types.ndarray(ndim=2), out: ti.types.ndarray(ndim=2)):
         for i in range(motion.shape[0]):
-            YN = hull_loads.cross_flow(h, motion[i, 0], motion[i, 1])
+            YN = damping.cross_flow(h, motion[i, 0], motion[i, 1])
             out[i, 0], out[i, 1] = YN[0], YN[1]
 
     return kernel

@@ -32,7 +32,7 @@ SINGULAR = 1e-9  # of the largest singular value, below which B is taken not to 
 
 
 def components(thrusters: Sequence[Thruster]) -> tuple[tuple[int, int], ...]:
-    """Thruster and axis of each component. Axis 0: thrust, or push ahead of one that turns; axis 1: push to starboard."""
+    """Thruster and axis of each component. Axis 0: thrust, or of one that turns its push ahead; 1: to starboard."""
     return tuple((k, axis) for k, thruster in enumerate(thrusters) for axis in range(1 + thruster.azimuth))
 
 

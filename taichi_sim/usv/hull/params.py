@@ -192,11 +192,6 @@ class Hull6DofParams(Strict):
         return self.length, self.beam, self.height
 
     @property
-    def remembers(self) -> bool:
-        """Whether radiation and diffraction are those of a database."""
-        return self.restoring == "panels" and self.hydrodynamics.radiation == "memory"
-
-    @property
     def M_rb(self) -> np.ndarray:  # noqa: N802
         """[6, 6]."""
         return self.rigid_body.matrix

@@ -1,23 +1,31 @@
-"""Loads on a `hull_6dof` as Taichi functions on values, each a six-vector about CO in b (N, N m).
+"""The load of the water's pressure on a hull's panels: hydrostatic, and Froude-Krylov, of the undisturbed wave.
 
-Damping and cross-flow act on the velocity relative to the water. Cross-flow drag is the strip integral
+The pressure head at a point, p / (rho g) in m, is its depth below mean sea level and, of every component of the sea,
 
-    Y = -1/2 rho T C_d sum |v + x r| (v + x r) dx,   N = -1/2 rho T C_d sum x |v + x r| (v + x r) dx
+    a exp(-k d) cos(k . x + phase - omega t),
 
-with Hoerner's (1965) section coefficient (Faltinsen 1990; Fossen 2021, eqs. 6.91-6.92). Pressure on panels is
-hydrostatics.py's: averages of a clipped linear pressure on strips times constant unit wrenches.
+at the depth d below the hull's mean surface plane (Wheeler 1970, J. Petrol. Technol. 22, 359, whose stretching counts
+from the elevation at the point: here that of the plane, so that one exponential serves a line). In finite depth the
+decay is exp(-omega^2/g d), for hulls lie near the surface. Waves are summed at the points of lines (wave_lines.py) and
+carried from there to the panels; on a panel the pressure is linear, and clipped at zero out of the water, so that its
+averages over strips times constant unit wrenches are the load (hydrostatics.py).
 """
 
 # Kernels are another language inside Python syntax.
 # pyright: reportInvalidTypeForm=false
 
+from typing import NamedTuple
+
+import numpy as np
 import taichi as ti
+from numpy.typing import NDArray
 
-from taichi_sim.conventions import GRAVITY, RHO_SEA
-from taichi_sim.rigid_body import cross, six
+from taichi_sim.conventions import AMPLITUDE, GRAVITY, KX, KY, OMEGA, RHO_SEA, K
+from taichi_sim.maths import fast
+from taichi_sim.usv.hull.geometry import HullGeometry
+from taichi_sim.usv.hull.hydrostatics import Strips
 
-RHO_AIR = 1.225  # kg/m^3, standard atmosphere at sea level
-STILL = 1e-9  # m^2/s^2, keeps the direction of no wind finite
+HALF_TURN = 3.14159265  # waves shorter than a line's step cancel over it
 
 # Rows of the panel table [row, panel]: middle of the panel (m, b); half of the way between its two strips; half a
 # strip's length, mean of the two and half their difference; how far to starboard and ahead of its wave point it lies;
@@ -30,51 +38,142 @@ SECOND = len(WRENCH_ROWS)  # first row of the second strip's, from WRENCH on
 PANEL_ROWS = WRENCH + STRIPS * SECOND
 
 
-@ti.func
-def diagonal_damping(linear: ti.template(), quadratic: ti.template(), nu_r):
-    """-D nu_r with diagonal linear and quadratic coefficients, six numbers each."""
-    load = nu_r * 0.0
-    for i in ti.static(range(6)):
-        load[i] = -(linear[i] + quadratic[i] * ti.abs(nu_r[i])) * nu_r[i]
-    return load
+class Pressure(NamedTuple):
+    """What kernels are compiled with."""
+
+    panels: int  # how many
+    points: int  # of a wave line
+    nodes: int  # points of all lines
+    first: (
+        int  # column of the auxiliary state where the heads (m) of the nodes begin; their change to starboard follows
+    )
+
+    @classmethod
+    def of(cls, geometry: HullGeometry, first: int) -> "Pressure":
+        """For the panels and lines of a hull."""
+        lines = geometry.lines
+        return cls(len(geometry.panels), lines.points, len(lines.start) * lines.points, first)
+
+    @property
+    def columns(self) -> int:
+        """Of the auxiliary state."""
+        return 2 * self.nodes
+
+
+def panel_table(geometry: HullGeometry) -> NDArray[np.float64]:
+    """[PANEL_ROWS, panel]."""
+    strips = Strips.of(geometry.panels, STRIPS)
+    (c1, c2), (u1, u2) = strips.centre, strips.up
+    table = np.zeros((PANEL_ROWS, len(geometry.panels)))
+    table[:ACROSS] = np.concatenate([c1 + c2, c2 - c1, u1 + u2, u2 - u1], axis=1).T / 2
+    table[ACROSS], table[AHEAD] = geometry.lines.across, geometry.lines.ahead
+    table[WRENCH:] = [strip[:, m, j] for strip in strips.wrench for m, j in WRENCH_ROWS]
+    return table
+
+
+def line_table(geometry: HullGeometry) -> NDArray[np.float64]:
+    """[pair, 9]: first point of either line of a pair, and their common step, m, b."""
+    start, step = geometry.lines.start, geometry.lines.step
+    return np.concatenate([start[::2], start[1::2], step[::2]], axis=1)
 
 
 @ti.func
-def cross_flow(h: ti.template(), v, r):
-    """Sway force and yaw moment (Y, N) of the strip integral; `h` is a Hydrodynamics section."""
-    Y, N = v * 0.0, v * 0.0
-    strips = ti.static(h.cross_flow_strips)
-    dx = ti.static(h.cross_flow_length / (h.cross_flow_strips - 1))
-    for i in range(strips):
-        x = i * dx - ti.static(0.5 * h.cross_flow_length)
-        w = v + x * r
-        drag = ti.abs(w) * w
-        Y -= drag
-        N -= x * drag
-    scale = ti.static(0.5 * h.cross_flow_density * h.cross_flow_draft * h.cross_flow_coefficient) * dx
-    return ti.Vector([Y * scale, N * scale])
-
-
-@ti.func
-def windage(p: ti.template(), height: ti.template(), air_b):
-    """Wind load of the air's velocity relative to the hull, air_b (m/s, b), on areas whose centre is `height` (m) up.
-
-    `p` has wind_x = rho c_x A_f / 2, wind_y = rho c_y A_l / 2 and wind_n = rho c_n A_l L (params.Windage).
+def load(
+    sizes: ti.template(), build: ti.template(), around: ti.template(), tables: ti.template(), aux: ti.template(),
+    e, i, tau, pos, R, L, J, plane
+):  # fmt: skip
+    """Load (N, N m, about CO, b) on vehicle i in environment e, tau s after the beginning of a step; the heads are
+    written to the auxiliary state. `sizes` is a Pressure; L, J and plane are of water.at and water.mean_plane.
     """
-    u, v = air_b[0], air_b[1]
-    speed = ti.sqrt(u * u + v * v + STILL)
-    X = p.wind_x * speed * u
-    Y = p.wind_y * speed * v
-    # sin(2 gamma) V^2 = -2 u v: the force acts towards the end that the wind meets first
-    N = -p.wind_n * u * v
-    return ti.Vector([X, Y, 0.0, height * Y, -height * X, N])
+    write_heads(sizes, build, around, tables.lines, aux, e, i, tau, pos, R, L, J, plane)
+    return panel_load(sizes, tables, aux, e, i, pos[2], R, plane)
 
 
 @ti.func
-def weight_load(weight: ti.template(), position: ti.template(), k):
-    """Load of a weight (N) at `position` (three numbers, m, b); k is the unit vector downwards in b."""
-    force = weight * k
-    return six(force, cross(ti.Vector([position[0], position[1], position[2]]), force))
+def write_heads(
+    sizes: ti.template(), build: ti.template(), around: ti.template(), lines: ti.template(), aux: ti.template(),
+    e, i, tau, pos, R, L, J, plane
+):  # fmt: skip
+    """Write the wave's pressure head (m), and its change to starboard, at every point of the wave lines to aux."""
+    s = around.env_sea[e]
+    for pair in range(lines.shape[0]):
+        h = R @ ti.Vector([lines[pair, 6], lines[pair, 7], lines[pair, 8]])
+        step = ti.Vector([J[0] * h[0] + J[1] * h[1], J[1] * h[0] + J[2] * h[1]])
+        across = ti.Vector([J[0] * R[0, 1] + J[1] * R[1, 1], J[1] * R[0, 1] + J[2] * R[1, 1]])
+        r_a = R @ ti.Vector([lines[pair, 0], lines[pair, 1], lines[pair, 2]])
+        r_b = R @ ti.Vector([lines[pair, 3], lines[pair, 4], lines[pair, 5]])
+        a = line_start(sizes.points, r_a, h, pos, L, J, plane)
+        b = line_start(sizes.points, r_b, h, pos, L, J, plane)
+        head_a, head_b, slope_a, slope_b = along_pair(build, around, sizes.points, s, e, a, b, step, across, tau)
+        first = ti.static(sizes.first) + pair * ti.static(2 * sizes.points)
+        for c in ti.static(range(sizes.points)):
+            aux[e, i, first + c], aux[e, i, first + ti.static(sizes.points) + c] = head_a[c], head_b[c]
+            aux[e, i, first + ti.static(sizes.nodes) + c] = slope_a[c]
+            aux[e, i, first + ti.static(sizes.nodes + sizes.points) + c] = slope_b[c]
+
+
+@ti.func
+def line_start(points: ti.template(), r, h, pos, L, J, plane):
+    """Label of a line's first point, at r from CO (m, n), its depth below the mean plane, and the change of depth
+    with each step h (m, n). An end in the air counts as on the surface."""
+    last = ti.static(max(points - 1, 1))
+    d = pos[2] + r[2] + plane[0] + plane[1] * r[0] + plane[2] * r[1]
+    end = d + last * (h[2] + plane[1] * h[0] + plane[2] * h[1])
+    d, end = ti.max(d, 0.0), ti.max(end, 0.0)
+    X, Y = L[0] + J[0] * r[0] + J[1] * r[1], L[1] + J[1] * r[0] + J[2] * r[1]
+    return ti.Vector([X, Y, d, (end - d) * ti.static(1.0 / last)])
+
+
+@ti.func
+def along_pair(
+    build: ti.template(), around: ti.template(), points: ti.template(), s, e, a, b, step, across, tau
+):  # fmt: skip
+    """Dynamic pressure head p / (rho g) (m) at `points` points on each of two parallel lines.
+
+    `a` and `b` give the label and the depth (m, below the mean plane) of either line's first point, and the change of
+    depth from one to the next; `step` is the change of label, shared. Returns the heads on a and on b, and their
+    changes (m/m) in the direction `across` of labels.
+
+    Each is a mean over one step's length around the point, so that a row of panels adds up to the integral along it.
+    Two lines share what depends on their direction, and hide each other's latency.
+    """
+    head_a, slope_a = ti.Vector([tau * 0.0 for _ in range(points)]), ti.Vector([tau * 0.0 for _ in range(points)])
+    head_b, slope_b = ti.Vector([tau * 0.0 for _ in range(points)]), ti.Vector([tau * 0.0 for _ in range(points)])
+    sea = ti.static(around.sea)
+    for c in range(build.components):
+        kx, ky, k, omega = sea[s, KX, c], sea[s, KY, c], sea[s, K, c], sea[s, OMEGA, c]
+        rate = k
+        if ti.static(build.finite):
+            rate = omega * omega * ti.static(1 / GRAVITY)
+        # of half a turn, so that the mean over a step's length, its sinc, comes along; waves shorter than that cancel
+        turn, k_across = kx * step[0] + ky * step[1], kx * across[0] + ky * across[1]
+        half = fast.at_most(ti.abs(0.5 * turn), HALF_TURN)
+        sinc, half_cosine = fast.sinc_short(half), fast.cos_short(half)
+        half_sine = half * sinc
+        cosine_step, sine_step = 1 - 2 * half_sine * half_sine, 2 * half_sine * half_cosine
+        sine_step = ti.select(turn < 0, -sine_step, sine_step)
+        amplitude, start = sea[s, AMPLITUDE, c] * sinc, around.phase[e, c] - omega * tau
+        sine_a, cosine_a = fast.sincos_short(kx * a[0] + ky * a[1] + start)
+        sine_b, cosine_b = fast.sincos_short(kx * b[0] + ky * b[1] + start)
+        decayed_a, decayed_b = amplitude * fast.exp_decay(rate * a[2]), amplitude * fast.exp_decay(rate * b[2])
+        m_a, m_b = fast.exp_near_one(rate * a[3]), fast.exp_near_one(rate * b[3])
+        re_a, im_a, re_b, im_b = decayed_a * cosine_a, decayed_a * sine_a, decayed_b * cosine_b, decayed_b * sine_b
+        step_re_a, step_im_a, step_re_b, step_im_b = (
+            m_a * cosine_step,
+            m_a * sine_step,
+            m_b * cosine_step,
+            m_b * sine_step,
+        )
+        for i in ti.static(range(points)):
+            head_a[i] += re_a
+            head_b[i] += re_b
+            slope_a[i] -= k_across * im_a
+            slope_b[i] -= k_across * im_b
+            if ti.static(i < points - 1):
+                t_a, t_b = re_a * step_re_a - im_a * step_im_a, re_b * step_re_b - im_b * step_im_b
+                im_a, im_b = re_a * step_im_a + im_a * step_re_a, re_b * step_im_b + im_b * step_re_b
+                re_a, re_b = t_a, t_b
+    return head_a, head_b, slope_a, slope_b
 
 
 @ti.func
@@ -104,24 +203,22 @@ def wrench(panels: ti.template(), row: ti.template(), count: ti.template(), p):
 
 
 @ti.func
-def panel_load(
-    panels: ti.template(), node: ti.template(), head: ti.template(), slope: ti.template(), count: ti.template(),
-    e, i, z, k, g
-):  # fmt: skip
-    """Pressure load on `count` panels of two strips each: hydrostatic, and the wave's pressure head[e, i, node] (m),
-    whose change to starboard is head[e, i, node + slope].
+def panel_load(sizes: ti.template(), tables: ti.template(), aux: ti.template(), e, i, z, R, plane):
+    """Load (N, N m, about CO, b) of the heads in the auxiliary state, with CO at the depth z (m) below mean sea level.
 
-    z (m, down) is CO's depth below mean sea level, k [3] the unit vector downwards in b, g [3] the slope of the mean
-    surface plane in b: over a panel the wave's pressure changes by it. Heads are in metres of water; sums over panels,
-    contiguous, so that they vectorise.
+    Over a panel the wave's pressure changes with the mean surface plane. The table is read along panels, contiguous, so
+    that the sums vectorise.
     """
+    k = ti.Vector([R[2, 0], R[2, 1], R[2, 2]])  # downwards in b
+    g = R.transpose() @ ti.Vector([plane[1], plane[2], 0.0])  # slope of the surface plane in b
+    panels, node, count = ti.static(tables.panels, tables.node, sizes.panels)
     X, Y, Z, K, M, N = z * 0.0, z * 0.0, z * 0.0, z * 0.0, z * 0.0, z * 0.0
     slope_b = k + g  # of the pressure head in space
     for p in range(count):
         p_c = z + along(panels, CENTRE, count, p, k)
         p_c += (
-            head[e, i, node[p]]
-            + panels[ACROSS * count + p] * head[e, i, node[p] + slope]
+            aux[e, i, node[p]]
+            + panels[ACROSS * count + p] * aux[e, i, node[p] + ti.static(sizes.nodes)]
             + panels[AHEAD * count + p] * g[0]
         )
         d1 = along(panels, ALONG, count, p, slope_b)

@@ -141,7 +141,7 @@ def commanded(fitted: ti.template(), action: ti.template(), e, i, controls):
 
 @ti.func
 def lagged(fitted: ti.template(), p: ti.template(), controls, command, ahead):
-    """Controls `ahead` (0, 1/2 or 1) of a step later, on their way to the command; without a lag they are there at once."""
+    """Controls `ahead` (0, 1/2 or 1) of a step later, on their way to the command; without a lag, the command."""
     found = controls
     if ti.static(len(fitted) > 0):
         halves, wholes = ti.static(vector(p, "keep_half", len(fitted)), vector(p, "keep", len(fitted)))

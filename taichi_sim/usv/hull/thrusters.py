@@ -27,7 +27,7 @@ DIGITS = 12  # to which cosines and sines of directions are rounded, so that 90 
 
 
 class Thruster(NamedTuple):
-    """A thruster as kernels take it. One that cannot turn has `turn_rate` 0; one that turns all round has no `turns`."""
+    """A thruster as kernels take it. Without a `turn_rate` it cannot turn; without `turns` it turns all round."""
 
     name: str
     position: Vector3  # m, b
