@@ -7,6 +7,7 @@ import numpy as np
 from torch import Tensor
 
 from taichi_sim.conventions import ELEVATION
+from taichi_sim.fleet import Fleet
 from taichi_sim.kinematics import UPRIGHT
 from taichi_sim.vehicle import Vehicle
 
@@ -37,7 +38,7 @@ class Vessel(Vehicle):
         """Lowest height of the deck above the origin, m; infinite of a vessel that cannot be swamped."""
         return math.inf
 
-    def endings(self, fleet: Any, world: Any) -> dict[str, Tensor]:
+    def endings(self, fleet: Fleet, world: Any) -> dict[str, Tensor]:
         """Capsized: tilted past the angle of vanishing stability. Swamped: the mean surface under the hull stands above
         the deck. Grounded: the keel reaches the bottom.
         """
