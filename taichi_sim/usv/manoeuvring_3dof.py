@@ -10,8 +10,7 @@ C_rb(nu_r) nu_r = 0, this is the same equation in nu_r (Fossen 2021, Handbook of
 Control, sec. 10.3), which is what is integrated: eta_dot = R nu_r + V_c.
 
 Heave, roll and pitch follow the plane through the elevations under the four corners of the water plane. A load from
-outside acts by its X, Y and N, as in a hull that floats upright; what of it lifts, heels or trims (Z, K, M) does
-nothing.
+outside acts by its X, Y and N, as in a hull that floats upright; its Z, K and M do nothing.
 """
 
 # Kernels are another language inside Python syntax.
@@ -26,6 +25,7 @@ from torch import Tensor
 
 from taichi_sim.config import ConfigError
 from taichi_sim.conventions import ELEVATION
+from taichi_sim.fleet import Fleet
 from taichi_sim.kinematics import store
 from taichi_sim.maths import fast
 from taichi_sim.maths.rotation import quaternion_product, rotation_matrix
@@ -49,7 +49,7 @@ AUX = (
     "displacement_north", "displacement_east", "displacement_change_north", "displacement_change_east",  # m
     "wave_X", "wave_Y", "wave_N", "X", "Y", "N",  # N, N m
 )  # fmt: skip
-LABEL, WAVE, DRIVE = (AUX.index(name) for name in ("displacement_north", "wave_X", "X"))  # first columns
+LABEL, WAVE, CONTROLS = (AUX.index(name) for name in ("displacement_north", "wave_X", "X"))  # first columns
 
 
 @ti.data_oriented
@@ -61,7 +61,7 @@ class Manoeuvring3dof(Vessel):
 
     Auxiliary state (`aux_names`): displacement of the surface particle at the hull's centre and its change in the last
     substep (found as in unity_boat.py); wave load of the surface met at the end of the last substep (none before the
-    first); forces of the actuators. It follows the surface: it cannot capsize or be swamped. It feels the current at
+    first); the controls. It follows the surface: it cannot capsize or be swamped. It feels the current at
     the surface, and no wind.
     """
 
@@ -93,14 +93,14 @@ class Manoeuvring3dof(Vessel):
         """What the kernel works with."""
         return numbers_of(values, self.p.length, self.dt)
 
-    def step(self, fleet: Any, around: Surroundings) -> None:
+    def step(self, fleet: Fleet, around: Surroundings) -> None:
         """Advance one control step."""
         fleet.launch(self._step, fleet.pack, around.pack, self.build(fleet, around))
 
     def equations(self, state: Tensor, controls: Tensor, current: Tensor, wind: Tensor, load: Tensor) -> Tensor:
         """d(state)/dt [n, 13] of motion in the plane: position, heading, u, v, r; the rest of the rates is zero.
 
-        What `state` heaves, rolls or pitches does not count, nor does the wind.
+        Heave, roll and pitch of `state` do not count, nor does the wind.
         """
         out = torch.zeros_like(state)
         self._rhs(out, state, controls, current, load)
@@ -131,17 +131,17 @@ class Manoeuvring3dof(Vessel):
         for e, i in ti.ndrange(fleet.state.shape[0], fleet.state.shape[1]):
             y = ti.Vector([fleet.state[e, i, k] for k in ti.static(range(13))])
             memory = ti.Vector([fleet.aux[e, i, k] for k in ti.static(range(len(AUX)))])
-            command = ti.Vector([fleet.action[e, i, k] for k in ti.static(range(len(self.action_names)))])
+            actions = ti.Vector([fleet.action[e, i, k] for k in ti.static(range(len(self.action_names)))])
             V_c = ti.Vector([around.current[e, 0], around.current[e, 1]])
             tau = load_at(build, fleet.load, e, i)
             s, plane = self.planar(y, V_c)
             before = plane
             if ti.static(build.varied):
                 own = numbers_at(self.Own, fleet.numbers, e, i)
-                s, plane, before, memory = self.advance(own, build, around, e, s, plane, memory, command, tau, V_c)
+                s, plane, before, memory = self.advance(own, build, around, e, s, plane, memory, actions, tau, V_c)
             else:
                 s, plane, before, memory = self.advance(
-                    self.constants, build, around, e, s, plane, memory, command, tau, V_c
+                    self.constants, build, around, e, s, plane, memory, actions, tau, V_c
                 )
             q, omega = self.attitude(s[2], s[5], plane, (plane - before) / ti.static(self.dt))
             R_nb = rotation_matrix(q)
@@ -160,20 +160,20 @@ class Manoeuvring3dof(Vessel):
             fleet.surface[e, i, ELEVATION] = plane[0]
 
     @ti.func
-    def advance(self, p: ti.template(), build: ti.template(), around: ti.template(), e, s, plane, memory, command, tau,
+    def advance(self, p: ti.template(), build: ti.template(), around: ti.template(), e, s, plane, memory, actions, tau,
                 V_c):  # fmt: skip
         """s, water plane now and one substep before, and auxiliary state, one control step later."""
         before = plane
         D = ti.Vector([memory[LABEL], memory[LABEL + 1]])
         change = ti.Vector([memory[LABEL + 2], memory[LABEL + 3]])
         wave = ti.Vector([memory[WAVE + k] for k in ti.static(range(3))])
-        drive = ti.Vector([memory[DRIVE + k] for k in ti.static(range(3))])
-        wanted = self.commanded(p, command)
+        controls = ti.Vector([memory[CONTROLS + k] for k in ti.static(range(3))])
+        command = self.commanded(p, actions)
         outside = ti.Vector([tau[0], tau[1], tau[5]])
         for n in range(self.substeps):
-            excess = drive - wanted
-            s = self.runge_kutta(p, s, wanted + p.lag_mean * excess + wave + outside, V_c)
-            drive = wanted + p.lag_end * excess
+            excess = controls - command
+            s = self.runge_kutta(p, s, command + p.lag_mean * excess + wave + outside, V_c)
+            controls = command + p.lag_end * excess
             D_next, heights = self.elevations(around, build, e, (n + 1) * ti.static(self.dt), s, D + change)
             change = D_next - D
             D = D_next
@@ -184,15 +184,15 @@ class Manoeuvring3dof(Vessel):
         for k in ti.static(range(2)):
             memory[LABEL + k], memory[LABEL + 2 + k] = D[k], change[k]
         for k in ti.static(range(3)):
-            memory[WAVE + k], memory[DRIVE + k] = wave[k], drive[k]
+            memory[WAVE + k], memory[CONTROLS + k] = wave[k], controls[k]
         return s, plane, before, memory
 
     @ti.func
-    def commanded(self, p: ti.template(), command):
+    def commanded(self, p: ti.template(), actions):
         """Forces X, Y (N) and moment N (N m) that the actions ask for."""
-        X, Y, N = command[0], command[0] * 0.0, command[1]
+        X, Y, N = actions[0], actions[0] * 0.0, actions[1]
         if ti.static(self.p.actions == "surge_sway_yaw"):
-            Y, N = command[1], command[2]
+            Y, N = actions[1], actions[2]
         else:
             X = 0.5 * (X + 1.0)
         return ti.Vector([p.X_max * X, p.Y_max * Y, p.N_max * N])

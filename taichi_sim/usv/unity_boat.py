@@ -29,6 +29,7 @@ from torch import Tensor
 
 from taichi_sim.config import Finite, NonNegative, Positive, Strict
 from taichi_sim.conventions import ELEVATION, GRAVITY
+from taichi_sim.fleet import Fleet
 from taichi_sim.kinematics import store
 from taichi_sim.maths.rotation import quaternion_advance, rotation_matrix
 from taichi_sim.packs import AroundPack, FleetPack, load_at, numbers_at
@@ -146,7 +147,7 @@ class UnityBoat(Vessel):
             damping=values["buoyancy_damping"],
         )
 
-    def step(self, fleet: Any, around: Surroundings) -> None:
+    def step(self, fleet: Fleet, around: Surroundings) -> None:
         """Advance one control step."""
         fleet.launch(self._step, fleet.pack, around.pack, self.build(fleet, around))
 

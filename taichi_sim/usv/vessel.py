@@ -7,8 +7,12 @@ import numpy as np
 from torch import Tensor
 
 from taichi_sim.conventions import ELEVATION
+from taichi_sim.fleet import Fleet
 from taichi_sim.kinematics import UPRIGHT
 from taichi_sim.vehicle import Vehicle
+
+Number = float | Tensor
+"""A number of a vehicle file, or of each vehicle, float64."""
 
 
 def steady_speed(load: float, a: float, b: float = 0.0, c: float = 0.0) -> float:
@@ -34,7 +38,7 @@ class Vessel(Vehicle):
         """Lowest height of the deck above the origin, m; infinite of a vessel that cannot be swamped."""
         return math.inf
 
-    def endings(self, fleet: Any, world: Any) -> dict[str, Tensor]:
+    def endings(self, fleet: Fleet, world: Any) -> dict[str, Tensor]:
         """Capsized: tilted past the angle of vanishing stability. Swamped: the mean surface under the hull stands above
         the deck. Grounded: the keel reaches the bottom.
         """

@@ -10,7 +10,7 @@ from taichi_sim.conventions import GRAVITY
 from taichi_sim.maths.rotation import torch_quaternion_from_euler, torch_rotation_matrix
 from taichi_sim.sea import Sea
 from taichi_sim.sea.spectrum import Components
-from taichi_sim.usv.hull.loads import STRIPS
+from taichi_sim.usv.hull.pressure import STRIPS
 
 pytestmark = pytest.mark.usefixtures("precision")
 

@@ -11,7 +11,7 @@ from taichi_sim.conventions import GRAVITY, RHO_SEA
 from taichi_sim.maths.rotation import torch_quaternion_from_euler, torch_rotation_matrix
 from taichi_sim.sea import Sea
 from taichi_sim.sea.spectrum import Components, wavenumber
-from taichi_sim.usv.hull import waves as hull_waves
+from taichi_sim.usv.hull import water
 from taichi_sim.usv.hull.gauge import Gauge
 from taichi_sim.usv.hull.geometry import HullGeometry
 from taichi_sim.usv.hull.mesh import WigleyHull
@@ -39,7 +39,7 @@ def heads_at(team, euler, heave):
     team.state[:, 0, 3:7] = torch_quaternion_from_euler(*torch.as_tensor(euler).T)
     R = torch_rotation_matrix(team.state[:, 0, 3:7]).numpy()
     team.step([-1.0, 0.0])
-    nodes = team.model.nodes
+    nodes = team.model.pressure.nodes
     heads = team.aux[:, 0, len(team.model.aux_names) :].numpy()
     return heads[:, :nodes], heads[:, nodes : 2 * nodes], R
 
@@ -55,7 +55,7 @@ def test_heads_are_the_linear_pressure_averaged_over_a_step_of_the_line(otter, b
     heave = 0.4  # m, deep enough that all points are wet
     head, slope, R = heads_at(bench(otter, waves(a, k, direction, phase), envs=30), euler, heave)
     points = otter.geometry.lines.position @ np.swapaxes(R, 1, 2) + [0.0, 0.0, heave]
-    steps = np.repeat(otter.geometry.lines.step, otter.points, axis=0) @ np.swapaxes(R, 1, 2)
+    steps = np.repeat(otter.geometry.lines.step, otter.pressure.points, axis=0) @ np.swapaxes(R, 1, 2)
     assert points[..., 2].min() > 0
     wave = np.stack([k * np.cos(direction), k * np.sin(direction), 0 * k])  # [axis, env, component]
     theta = np.einsum("xec,epx->epc", wave, points) + phase[:, None]
@@ -89,7 +89,7 @@ def test_pressure_at_every_wet_wave_point_of_the_shipped_sea(otter, bench):
 
 
 def centre_of(gauge, sea, finite=False, heading=0.0, tau=0.0):
-    """hull_waves.at_centre [sea, 18] at the label (0, 0), all realisations at time 0."""
+    """water.at_centre [sea, 18] at the label (0, 0), all realisations at time 0."""
     count = sea.num_components
     cos_h, sin_h = float(np.cos(heading)), float(np.sin(heading))
 
@@ -99,7 +99,7 @@ def centre_of(gauge, sea, finite=False, heading=0.0, tau=0.0):
     ):
         for s in range(out.shape[0]):
             zero = t * 0.0
-            r = hull_waves.at_centre(
+            r = water.at_centre(
                 table, phase, count, gauge, finite, s, s, zero, zero, t, zero + cos_h, zero + sin_h
             )
             for c in ti.static(range(18)):

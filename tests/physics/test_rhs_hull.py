@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from taichi_sim.bench import pack_state
-from taichi_sim.usv.hull.model import SHAFT
+from taichi_sim.usv.hull.instruments import CONTROLS
 
 pytestmark = pytest.mark.usefixtures("f64")
 DT, ENVS = 1e-8, 12  # s
@@ -27,7 +27,7 @@ def test_short_steps_tend_to_the_right_hand_side(restoring, lag, make_model, ben
     team.current[:], team.wind[:], team.fleet.load[:, 0] = (torch.from_numpy(x) for x in (current, wind, load))
     team.state[:, 0] = torch.from_numpy(state)
     if lag:
-        team.aux[:, 0, SHAFT : SHAFT + 2] = torch.from_numpy(shaft)
+        team.aux[:, 0, CONTROLS : CONTROLS + 2] = torch.from_numpy(shaft)
     rate = (team.step(share[:, None]).state[:, 0].numpy() - state) / DT
     expected = model.rhs(state, shaft, current, wind, load)
     scale = np.abs(expected).max(axis=0)

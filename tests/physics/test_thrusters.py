@@ -39,7 +39,7 @@ def barge(actions="units", actuators=LIMITED):
 def made(team):
     """X, Y, N [env, 3] of the thrusters, from what each says that it pushes."""
     total = np.zeros((team.fleet.num_envs, 3))
-    for (x, y, _), (ahead, right, _) in team.model.thrust_arrows.values():
+    for (x, y, _), (ahead, right, _) in team.model.thrusters.arrows.values():
         X, Y = (0.0 if name is None else column(team, name) for name in (ahead, right))
         total += np.stack(np.broadcast_arrays(X, Y, x * Y - y * X), axis=-1)
     return total
@@ -169,9 +169,9 @@ def test_more_than_they_can_make_is_less_of_the_same_direction(bench):
 
 def test_the_work_is_shared_by_what_each_can_do():
     """Of all ways to make a wrench, the least sum of squared shares of the greatest thrusts: f / f_max^2 = B^T l."""
-    units = barge("wrench", SET).units
-    share, B = pseudo_inverse(units), reach(units)
-    most = np.array([units[k].thrust_max for k, _ in components(units)])
+    thrusters = barge("wrench", SET).thrusters.thrusters
+    share, B = pseudo_inverse(thrusters), reach(thrusters)
+    most = np.array([thrusters[k].thrust_max for k, _ in components(thrusters)])
     assert B @ share == pytest.approx(np.eye(3), abs=1e-12)
     weighted = share / most[:, None] ** 2
     assert B.T @ np.linalg.lstsq(B.T, weighted, rcond=None)[0] == pytest.approx(weighted, abs=1e-12 * weighted.max())

@@ -10,7 +10,7 @@ from benchmarking.timing import Case
 from taichi_sim.bench import Bench
 from taichi_sim.config import AirConfig, WorldConfig
 from taichi_sim.config.io import read_toml
-from taichi_sim.usv.hull.model import HullModel
+from taichi_sim.usv.hull.hull_6dof import Hull6Dof
 from taichi_sim.vehicle import Vehicle
 from taichi_sim.vehicles import find_model, load_vehicle, shipped_vehicles
 
@@ -23,7 +23,7 @@ SEED = 7
 
 def panel_count(model: Vehicle) -> int | None:
     """Panels of the hull, or None if the model has none."""
-    return model.panels if isinstance(model, HullModel) else None
+    return model.panels if isinstance(model, Hull6Dof) else None
 
 
 OTHER = {"memory": "constant", "constant": "memory"}  # radiation: what a hull with a database is measured with, too

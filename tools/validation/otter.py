@@ -18,8 +18,8 @@ import torch
 from taichi_sim import runtime
 from taichi_sim.bench import Bench, pack_state
 from taichi_sim.maths.rotation import torch_rotation_matrix
-from taichi_sim.usv.hull import loads as hull_loads
-from taichi_sim.usv.hull.model import SHAFT
+from taichi_sim.usv.hull import damping
+from taichi_sim.usv.hull.instruments import CONTROLS
 from taichi_sim.usv.hull.params import Hull6DofParams
 from validation.case import Case
 from validation.inputs import check_start
@@ -169,7 +169,7 @@ def place(bench: Bench, eta, nu=(0.0,) * 6) -> None:
 
 def set_shafts(bench: Bench, speeds) -> None:
     """Start with these shaft speeds (rad/s)."""
-    bench.aux[:, 0, SHAFT : SHAFT + 2] = torch.tensor(speeds)
+    bench.aux[:, 0, CONTROLS : CONTROLS + 2] = torch.tensor(speeds)
 
 
 def as_action(p: Hull6DofParams, command) -> np.ndarray:
@@ -202,7 +202,7 @@ def _cross_flow_kernel():
     @ti.kernel
     def kernel(h: ti.template(), motion: ti.types.ndarray(ndim=2), out: ti.types.ndarray(ndim=2)):
         for i in range(motion.shape[0]):
-            YN = hull_loads.cross_flow(h, motion[i, 0], motion[i, 1])
+            YN = damping.cross_flow(h, motion[i, 0], motion[i, 1])
             out[i, 0], out[i, 1] = YN[0], YN[1]
 
     return kernel

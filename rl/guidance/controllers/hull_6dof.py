@@ -13,7 +13,7 @@ from rl.guidance.steered import Steered
 from rl.mission import ControllerError
 from taichi_sim.config import Positive
 from taichi_sim.usv.hull.hull_6dof import Hull6Dof
-from taichi_sim.usv.hull.thrusters import Thrusters
+from taichi_sim.usv.hull.thrusters import PropellerPair
 
 
 class Hull6DofGains(CourseGains):
@@ -70,7 +70,7 @@ class Hull6DofController:
         return torch.nan_to_num(action).clamp(-1.0, 1.0)
 
 
-def vessel(model: Hull6Dof, thrusters: Thrusters) -> Vessel:
+def vessel(model: Hull6Dof, thrusters: PropellerPair) -> Vessel:
     """The hull in the plane; cross-flow drag of a sway, or of a yaw, alone: L and L^4 / 32 of the strip integral."""
     h, M = model.params.hydrodynamics, model.slow_mass
     section = 0.5 * h.cross_flow_density * h.cross_flow_draft * h.cross_flow_coefficient
@@ -87,7 +87,7 @@ def vessel(model: Hull6Dof, thrusters: Thrusters) -> Vessel:
     )
 
 
-def shares(t: Thrusters, load: Load, *, astern: bool) -> tuple[Tensor, Tensor]:
+def shares(t: PropellerPair, load: Load, *, astern: bool) -> tuple[Tensor, Tensor]:
     """Thrusts (N) of the left and the right propeller; their mean is not negative unless `astern`."""
     most = 0.5 * (t.thrust_max - t.thrust_min)
     half = (0.5 * load.N / _arm(t)).clamp(-most, most)
@@ -96,7 +96,7 @@ def shares(t: Thrusters, load: Load, *, astern: bool) -> tuple[Tensor, Tensor]:
     return mean + half, mean - half
 
 
-def shaft(t: Thrusters, thrust: Tensor) -> Tensor:
+def shaft(t: PropellerPair, thrust: Tensor) -> Tensor:
     """Shaft speed in [-1, 1], as a share of the greatest ahead or astern, whose thrust k |n| n is `thrust` (N)."""
     ahead = (thrust.clamp(min=0.0) / t.thrust_max).sqrt()
     if t.thrust_min == 0:
@@ -104,6 +104,6 @@ def shaft(t: Thrusters, thrust: Tensor) -> Tensor:
     return ahead - (thrust.clamp(max=0.0) / t.thrust_min).sqrt()
 
 
-def _arm(t: Thrusters) -> float:
+def _arm(t: PropellerPair) -> float:
     """Half the distance (m) between the propellers."""
     return 0.5 * (t.right[1] - t.left[1])

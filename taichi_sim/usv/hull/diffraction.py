@@ -56,6 +56,7 @@ class Diffraction:
     def __init__(self, database: HydroDatabase, drift: bool):
         """Resample a database, which has `by_panels`, and `drift` if that is wanted."""
         assert database.by_panels is not None
+        self.drifts = drift
         self.resonance = float(max(database.settings.get("resonances") or [database.omega[-1] / TOP]))
         given = database.excitation - database.by_panels
         if drift:
@@ -154,14 +155,15 @@ def _six(drift: NDArray) -> NDArray:
 
 @ti.func
 def diffracted(
-    sea: ti.template(), phase: ti.template(), count: ti.template(), table: ti.template(), drifts: ti.template(),
-    courses: ti.template(), s, row, label, velocity, tau, psi
+    diffraction: ti.template(), table: ti.template(), build: ti.template(), around: ti.template(),
+    e, label, velocity, tau, psi
 ):  # fmt: skip
     """Load (N, N m, about CO, b) on a hull at the label `label` [2] (m), which moves with `velocity` [2] (m/s), with
-    heading psi (rad), tau s after the beginning of a step; and its first and second rate of change. `table` is
-    Diffraction.of, whose loads at one heading lie side by side, of `courses`; `drifts` says whether it has drift, which
-    counts as steady.
+    heading psi (rad), tau s after the beginning of a step; and its first and second rate of change, drift taken as
+    steady. `table` is Diffraction.of, whose loads at one heading lie side by side.
     """
+    sea, courses, drifts = ti.static(around.sea, diffraction.courses, diffraction.drifts)
+    s = around.env_sea[e]
     load = ti.Vector([tau * 0.0 for _ in range(6)])
     rate, bend = load * 0.0, load * 0.0
     cosines, sines = tau * 0.0, tau * 0.0
@@ -170,9 +172,9 @@ def diffracted(
     place -= ti.floor(place * ti.static(1 / courses)) * courses
     first = ti.min(ti.cast(place, ti.i32), courses - 1)
     share, n = place - first, s * ti.static(courses + 1) + first
-    for c in range(count):
+    for c in range(build.components):
         kx, ky, omega = sea[s, KX, c], sea[s, KY, c], sea[s, OMEGA, c]
-        sine, cosine = fast.sincos_short(kx * label[0] + ky * label[1] + phase[row, c] - omega * tau)
+        sine, cosine = fast.sincos_short(kx * label[0] + ky * label[1] + around.phase[e, c] - omega * tau)
         turn = kx * velocity[0] + ky * velocity[1] - omega  # of the phase, rad/s
         for j in ti.static(range(6)):
             real = table[n, c, j] + share * (table[n + 1, c, j] - table[n, c, j])

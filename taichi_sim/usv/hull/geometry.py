@@ -1,14 +1,16 @@
-"""The tables of numbers that a hull's kernel reads: panels, wave lines, gauge, deck; from its mesh, once."""
+"""What follows from a hull's shape, once: its panels, wave lines, gauge, hydrostatics and deck."""
 
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
+from taichi_sim import runtime
 from taichi_sim.usv.hull.gauge import Gauge
-from taichi_sim.usv.hull.hydrostatics import Hydrostatics, Strips
-from taichi_sim.usv.hull.loads import ACROSS, AHEAD, PANEL_ROWS, STRIPS, WRENCH, WRENCH_ROWS
+from taichi_sim.usv.hull.hydrostatics import Hydrostatics
 from taichi_sim.usv.hull.mesh import HullShape, Panels, mesh
 from taichi_sim.usv.hull.wave_lines import WaveLines, wave_lines
 
@@ -18,7 +20,7 @@ PIECES = 8  # of a panel each way, as a waterplane
 
 @dataclass(frozen=True)
 class HullGeometry:
-    """A hull as its kernel sees it."""
+    """Of one hull, in b."""
 
     panels: Panels
     lines: WaveLines
@@ -32,28 +34,17 @@ class HullGeometry:
         return cls(panels, wave_lines(panels), _gauge(panels), Hydrostatics(panels, mass, cg))
 
     @cached_property
-    def panel_table(self) -> Array:
-        """[PANEL_ROWS, N]: see loads.py."""
-        strips = Strips.of(self.panels, STRIPS)
-        (c1, c2), (u1, u2) = strips.centre, strips.up
-        table = np.zeros((PANEL_ROWS, len(self.panels)))
-        table[:ACROSS] = np.concatenate([c1 + c2, c2 - c1, u1 + u2, u2 - u1], axis=1).T / 2
-        table[ACROSS], table[AHEAD] = self.lines.across, self.lines.ahead
-        table[WRENCH:] = [strip[:, m, j] for strip in strips.wrench for m, j in WRENCH_ROWS]
-        return table
-
-    @cached_property
-    def line_table(self) -> Array:
-        """[pair, 9]: first point of either line of a pair, and their common step, m, b."""
-        a, b = self.lines.start[::2], self.lines.start[1::2]
-        return np.concatenate([a, b, self.lines.step[::2]], axis=1)
-
-    @cached_property
     def deck_corners(self) -> Array:
         """[corner, 3] points of the deck edge that reach farthest in one of eight directions: the lowest is one."""
         deck, angle = self.panels.deck, np.arange(8) * np.pi / 4
         reach = deck[:, :2] @ np.stack([np.cos(angle), np.sin(angle)])
         return deck[np.unique(reach.argmax(axis=0))]
+
+
+def device_table(values: NDArray) -> Tensor:
+    """Real numbers in the run's precision, on its device, as kernels read them."""
+    run = runtime.current()
+    return torch.as_tensor(np.ascontiguousarray(values), dtype=run.torch_dtype, device=run.device)
 
 
 def _gauge(panels: Panels) -> Gauge:

@@ -3,53 +3,80 @@
     M nu_dot = M nu_c_dot + M_a nu_o_dot + tau - C_rb (nu - nu_c) - C_a(nu_r) nu_r - D(nu_r) nu_r,   M = M_rb + M_a,
 
 nu_r = nu - nu_c - nu_o, with the current nu_c (constant in n) and the orbital motion nu_o of the waves averaged over
-the hull (waves.py): added mass and damping act on the motion relative to the water, which stands for radiation and
-diffraction (Fossen 2021, Handbook of Marine Craft Hydrodynamics and Motion Control, ch. 6, 8 and 10; Faltinsen 1990,
-Sea Loads on Ships and Offshore Structures, ch. 3). tau is thrust, wind, and what holds the hull up:
+the hull: added mass and damping act on the motion relative to the water, which stands for radiation and diffraction
+(Fossen 2021, Handbook of Marine Craft Hydrodynamics and Motion Control, ch. 6, 8 and 10; Faltinsen 1990, Sea Loads on
+Ships and Offshore Structures, ch. 3). tau is thrust, wind, loads from outside, and what holds the hull up:
 
 - `restoring = "panels"`: weight, and pressure on panels of the hull under the instantaneous surface, hydrostatic and
-  Froude-Krylov (hydrostatics.py). A step drifts by half, evaluates waves and pressure once, changes the velocity by
-  the midpoint rule, whose middle velocity the last step's nu_dot foretells, and drifts by half again (Strang 1968:
-  second order, and symmetric in time but for damping: still water makes no energy).
-  With `hydrodynamics.radiation = "memory"` what the hull's own waves do is a boundary-element code's: radiation.py.
-- `restoring = "linear"`: -G eta of the source, relative to the hull's mean surface plane, and the component of the
-  weight down its slope. Steps are classical Runge-Kutta of fourth order: for comparison with published codes.
+  Froude-Krylov. With `hydrodynamics.radiation = "memory"` radiation and diffraction are a boundary-element code's.
+- `restoring = "linear"`: -G eta of the source, for comparison with published codes.
 
-Thrusters (thrusters.py) have a first-order lag, exact for a held command, and turn at a limited rate.
+A hull is composed of parts, each a module of functions that kernels inline, with what they are compiled with:
+
+    water.py, gauge.py            mean surface plane, orbital motion, current        HullGeometry.gauge
+    pressure.py, wave_lines.py    hydrostatic and Froude-Krylov load                 Pressure
+    restoring.py                  weight, linear restoring                           params.LinearRestoring
+    radiation.py, memory.py, diffraction.py    the hull's own waves                  Radiation
+    thruster_set.py, thrusters.py, allocation.py    from action to thrust            ThrusterSet
+    damping.py, wind.py           damping and cross-flow; wind                       params.Hydrodynamics, Windage
+    motion.py                     equations of motion, and their integrators
+    start.py                      how a hull begins
+    numbers.py                    `p`: the numbers that may differ from vehicle to vehicle
+    instruments.py                columns of the auxiliary state
 """
 
 # Kernels are another language inside Python syntax.
 # pyright: reportIndexIssue=false, reportInvalidTypeForm=false, reportOptionalCall=false
 
-from typing import Any
+import math
+from collections.abc import Mapping
 
+import numpy as np
 import taichi as ti
 import torch
+from taichi.lang.argpack import ArgPack
 from torch import Tensor
 
+from taichi_sim import runtime
+from taichi_sim.config import ConfigError
 from taichi_sim.conventions import ELEVATION, FREEBOARD
+from taichi_sim.fleet import Fleet
 from taichi_sim.kinematics import store
 from taichi_sim.maths.rotation import quaternion_advance, rotation_matrix
-from taichi_sim.packs import AroundPack, FleetPack, load_at, numbers_at
+from taichi_sim.packs import AroundPack, Build, FleetPack, load_at, numbers_at
 from taichi_sim.rigid_body import angular, linear
 from taichi_sim.surroundings import Surroundings
-from taichi_sim.usv.hull.model import DRAG, LABEL, LABEL_CHANGE, NU_DOT, PRESSURE, SHAFT, WIND, TablesPack
-from taichi_sim.usv.hull.motion import pack
+from taichi_sim.usv.hull import instruments as at
+from taichi_sim.usv.hull import motion, pressure, restoring, start, thruster_set, water, wind
+from taichi_sim.usv.hull.geometry import HullGeometry, device_table
+from taichi_sim.usv.hull.hydrostatics import check_floats
+from taichi_sim.usv.hull.numbers import hull_numbers, symmetric, varying_keys, vector
 from taichi_sim.usv.hull.params import Hull6DofParams
-from taichi_sim.usv.hull.start import HullStart
-from taichi_sim.usv.hull.waves import CENTRE_SIZE
+from taichi_sim.usv.hull.pressure import Pressure
+from taichi_sim.usv.hull.radiation import radiation_of
+from taichi_sim.usv.hull.stability import largest_stable_dt, linear_motion, remembering, runge_kutta_step
+from taichi_sim.usv.hull.thruster_set import ThrusterSet
+from taichi_sim.usv.vessel import Number, Vessel, steady_speed
+from taichi_sim.vehicle import Limits
 
 __all__ = ["Hull6Dof", "Hull6DofParams"]
 
-
-@ti.func
-def six_of(table: ti.template(), e, i, first: ti.template()):
-    """Six numbers in a row of a table."""
-    return ti.Vector([table[e, i, first + c] for c in range(6)])
+TablesPack = ti.types.argpack(
+    panels=ti.types.ndarray(ndim=1),
+    node=ti.types.ndarray(dtype=ti.i32, ndim=1),
+    lines=ti.types.ndarray(ndim=2),
+    deck=ti.types.ndarray(ndim=2),
+    filters=ti.types.ndarray(ndim=1),
+    diffraction=ti.types.ndarray(ndim=3),
+)
+"""The parts' tables: panels (flat), the column of each panel's head in the auxiliary state, and pairs of wave lines
+(pressure.py); corners of the deck (geometry.py); filters of the memory, and diffraction in one sea (radiation.py)."""
+SEAS = 4  # for which a model keeps tables
+SeaKey = tuple[int, int, tuple[int, ...]]  # of a tensor: where it is, how often it was written, its shape
 
 
 @ti.data_oriented
-class Hull6Dof(HullStart):
+class Hull6Dof(Vessel):
     """Steps a team of hulls in place; see the module. Actions [env, vehicle, action] in [-1, 1] are, by `actions`,
 
     - "surge_yaw" (acceleration, yaw), of two propellers: surge force from 0 to full thrust, as in the paper; yaw moment
@@ -62,11 +89,207 @@ class Hull6Dof(HullStart):
 
     Controls are the speeds of the thrusters, rad/s, then the angles of those that turn, rad.
 
-    model.py and propulsion.py hold what a hull is, numbers.py what its kernels work with; water.py, actuators.py and
-    motion.py the functions that the kernels here inline; start.py how a hull begins.
+    Attributes:
+        geometry, pressure, radiation, thrusters: the parts. gauge: of the geometry. by_panels: `restoring = "panels"`.
+        wrench_max, wrench_min: X, Y (N), N (N m) of the actions 1 and -1, where `actions = "wrench"`.
     """
 
-    def step(self, fleet: Any, around: Surroundings) -> None:
+    Params = Hull6DofParams
+    file_keys = ("hydrodynamics.database",)
+
+    def __init__(self, params: Hull6DofParams, dt: float, substeps: int):
+        """Mesh the hull, check that it floats and that dt (s) is stable.
+
+        Raises:
+            ConfigError: if the hull does not float upright, its database cannot serve, or dt is too large.
+        """
+        super().__init__(params, dt, substeps)
+        body = params.rigid_body
+        self.deck, self.by_panels = params.deck, params.restoring == "panels"
+        self.geometry = HullGeometry.of(params.hull, body.mass, body.cg)
+        self.gauge = self.geometry.gauge
+        if self.by_panels:
+            try:
+                check_floats(self.geometry.hydrostatics)
+            except ValueError as error:
+                raise ConfigError(f"hull: {error}") from None
+        self.thrusters = ThrusterSet(params, dt, at.CONTROLS)
+        self.aux_names = (*at.AUX, *self.thrusters.columns)
+        self.pressure = Pressure.of(self.geometry, len(self.aux_names))
+        first = len(self.aux_names) + self.pressure.columns
+        self.radiation = radiation_of(params, self.geometry, dt, substeps, first)
+        self.aux_size = first + self.radiation.columns
+        self.action_names, self.control_names = self.thrusters.action_names, self.thrusters.control_names
+        self.signals, self.varying = self.thrusters.signals, varying_keys(params)
+        if self.thrusters.allocation is not None:
+            self.wrench_max, self.wrench_min = self.thrusters.allocation.largest, self.thrusters.allocation.smallest
+        limit = self.largest_dt()
+        if dt > limit:
+            raise ConfigError(
+                f"dt = {dt} s is unstable for this hull: the largest stable step is {limit:.3g} s (its stiffest motion "
+                "in heave, roll or pitch, or its fastest decay); lower dt"
+            )
+        self._tables: dict[SeaKey | None, ArgPack] = {}  # of the running Taichi program
+        self._generation = -1
+
+    # -- numbers that vary -----------------------------------------------------------------------------------------
+
+    def own(self, values: Mapping[str, Number]):
+        """What the kernel works with (numbers.py)."""
+        return hull_numbers(self.params, self.radiation, self.dt, values)
+
+    def with_numbers(self, values: Mapping[str, float]) -> Hull6DofParams:
+        """The `Params` of a vehicle file that differs from this one in `values`; a published M_rb follows mass and CG
+        (rigid_body.changed_mass).
+
+        Raises:
+            ValueError: for a key that does not vary, or a value that the file could not hold.
+        """
+        params = super().with_numbers(values)
+        return params.model_copy(update={"rigid_body": self.params.rigid_body.changed(params.rigid_body)})
+
+    def mobility(self, fleet: Fleet) -> Tensor:
+        """Inverse of the rigid body's inertia and of the added mass that answers at once; of each vehicle's numbers."""
+        one = fleet.state.new_ones(fleet.state.shape[:2] if fleet.varied else (1, 1)).double()
+        rows = symmetric(fleet.own, "inverse")
+        return torch.stack([torch.stack([one * x for x in row], dim=-1) for row in rows], dim=-2)
+
+    # -- what it is ------------------------------------------------------------------------------------------------
+
+    @property
+    def capsize_cosine(self) -> float:
+        """Cosine of the tilt from which the hull no longer rights itself."""
+        if not self.by_panels:
+            return 0.0
+        return math.cos(min(self.geometry.hydrostatics.angle_of_vanishing_stability, math.pi / 2))
+
+    @property
+    def limits(self) -> Limits:
+        """Its top speed is where damping takes all the thrust, if it has thrusters."""
+        h = self.params.hydrodynamics
+        if not self.thrusters:
+            return Limits()
+        force = sum(t.ahead for t in self.thrusters.thrusters)
+        return Limits((0.0, 0.0, steady_speed(force, h.linear[0], h.quadratic[0])))
+
+    def power(self, fleet: Fleet) -> Tensor | None:
+        """Of its thrusters [env, vehicle], W; None without any."""
+        return self.thrusters.power(fleet)
+
+    @property
+    def draft(self) -> float:
+        """Deepest point of the hull below CO, m."""
+        return self.geometry.panels.draft
+
+    @property
+    def slow_mass(self) -> np.ndarray:
+        """Mass [6, 6] (kg, kg m, kg m^2) of slow motion about CO, added mass included: what a controller moves."""
+        return self.params.M_rb + self.radiation.inertia + self.radiation.memory.slow_inertia
+
+    @property
+    def wind_height(self) -> float:
+        """Height above the sea at which the hull feels the wind, m."""
+        return self.params.windage.height
+
+    @property
+    def deck_height(self) -> float:
+        """Lowest height of the deck above CO, m."""
+        return -float(self.geometry.panels.deck[:, 2].max())
+
+    @property
+    def panels(self) -> int:
+        """Number of panels whose pressure is integrated."""
+        return len(self.geometry.panels) if self.by_panels else 0
+
+    @property
+    def forces(self) -> Mapping[str, tuple[tuple[float, float, float], tuple[str | None, str | None, str | None]]]:
+        """Load arrows of a recording: name -> where it attacks (m, b), columns of its x, y, z (N, b)."""
+        origin = (0.0, 0.0, 0.0)
+        return {
+            "pressure_less_weight": (origin, ("pressure_x", "pressure_y", "pressure_z")),
+            **self.thrusters.arrows,
+            "drag": (origin, ("drag_x", "drag_y", "drag_z")),
+            "wind": ((0.0, 0.0, -self.params.windage.height), ("wind_x", "wind_y", "wind_z")),
+        }
+
+    def body(self) -> tuple[np.ndarray, np.ndarray]:
+        """Vertices [4 N, 3] (m, b) and triangles [2 N, 3], counter-clockwise from outside, of the panels."""
+        return self.geometry.panels.surface()
+
+    def largest_dt(self) -> float:
+        """Largest stable step, s."""
+        p, M = self.params, self.params.M_rb + self.radiation.inertia
+        h, speed = p.hydrodynamics, self.top_speed
+        D = np.diag(np.array(h.linear) + np.array(h.quadratic) * np.array([speed, speed, speed, 1.0, 1.0, 1.0]))
+        if p.linear is None or self.by_panels:
+            D = np.maximum(D - np.diag(self.radiation.counted), 0.0)
+            G, step = self.geometry.hydrostatics.stiffness(), remembering(self.radiation.memory.modes, M)
+        else:
+            g = p.linear
+            G, step = np.array([[g.G33, 0, g.G35], [0, g.G44, 0], [g.G35, 0, g.G55]]), runge_kutta_step
+        return largest_stable_dt(linear_motion(M, D, G), step)
+
+    @property
+    def top_speed(self) -> float:
+        """Steady speed (m/s) under full thrust in calm water; 0 without thrusters."""
+        h = self.params.hydrodynamics
+        if not self.thrusters:
+            return 0.0
+        a, b = h.quadratic[0], h.linear[0]
+        force = sum(gain * t.ahead for gain, t in zip(self.params.gains, self.thrusters.thrusters, strict=True))
+        return force / b if a == 0 else (math.sqrt(b * b + 4 * a * force) - b) / (2 * a)
+
+    # -- beginning -------------------------------------------------------------------------------------------------
+
+    def settle(self, state: Tensor, surface: Tensor, around: Surroundings) -> Tensor:
+        """States [n, vehicle, 13] of hulls afloat on the waves of `around`, so that their first step is calm.
+
+        `state` is as placed on level, still water: heights are over it, velocities through it. The hulls are raised and
+        tilted with the mean surface plane under them, with the current and the orbital motion of the water, averaged
+        over the hull, on top of their own velocity. `surface` [n, vehicle, 2] is written.
+        """
+        state, deck = state.contiguous(), device_table(self.geometry.deck_corners)
+        out = torch.empty_like(state)
+        start.float_on_waves(self, out, surface, state, deck, around.pack, self.water_build(around))
+        return out
+
+    def reset_aux(self, aux: Tensor, state: Tensor, around: Surroundings) -> None:
+        """Propellers at rest, and the label of the water under the hull."""
+        aux.zero_()
+        start.find_label(self, aux, state.contiguous(), around.pack, self.water_build(around))
+
+    # -- moving ----------------------------------------------------------------------------------------------------
+
+    def water_build(self, around: Surroundings) -> Build:
+        """What a kernel is compiled for that asks for the water alone."""
+        return Build(around.sea.shape[2], around.depth > 0)
+
+    def tables(self, around: Surroundings | None = None) -> ArgPack:
+        """What kernels take of the hull: a TablesPack, the same object from step to step in the sea of `around`; for no
+        sea, without diffraction.
+
+        Raises:
+            ConfigError: for water that the hydrodynamic database is not of.
+        """
+        if self._generation != runtime.generation():
+            self._tables, self._generation = {}, runtime.generation()
+        sea = None if around is None else self.radiation.sea(around)
+        key = None if sea is None else (sea.data_ptr(), sea._version, tuple(sea.shape))
+        if key not in self._tables:
+            if len(self._tables) >= SEAS:
+                self._tables.pop(next(iter(self._tables)))
+            g, device = self.geometry, runtime.current().device
+            self._tables[key] = runtime.pack(
+                TablesPack,
+                panels=device_table(pressure.panel_table(g).ravel()),
+                node=torch.as_tensor(g.lines.node + self.pressure.first, dtype=torch.int32, device=device),
+                lines=device_table(pressure.line_table(g)),
+                deck=device_table(g.deck_corners),
+                **self.radiation.tables(sea),
+            )
+        return self._tables[key]
+
+    def step(self, fleet: Fleet, around: Surroundings) -> None:
         """Advance one control step."""
         fleet.launch(self._step, fleet.pack, around.pack, self.tables(around), self.build(fleet, around))
 
@@ -87,71 +310,59 @@ class Hull6Dof(HullStart):
     ):  # fmt: skip
         """Vehicle i of environment e one control step later; `p` is what it works with."""
         state, aux = ti.static(fleet.state, fleet.aux)
-        pos = ti.Vector([state[e, i, 0], state[e, i, 1], state[e, i, 2]])
-        q = ti.Vector([state[e, i, 3], state[e, i, 4], state[e, i, 5], state[e, i, 6]])
-        nu, nu_dot, R = six_of(state, e, i, 7), six_of(aux, e, i, NU_DOT), rotation_matrix(q)
-        shaft = self.settings_of(aux, e, i, SHAFT)
-        D = ti.Vector([aux[e, i, LABEL], aux[e, i, LABEL + 1]])
-        change = ti.Vector([aux[e, i, LABEL_CHANGE], aux[e, i, LABEL_CHANGE + 1]])
-        command = self.command(fleet.action, e, i, shaft)
+        pos, q, nu = motion.unpack(ti.Vector([state[e, i, c] for c in range(13)]))
+        nu_dot, R = ti.Vector([aux[e, i, at.NU_DOT + c] for c in range(6)]), rotation_matrix(q)
+        controls = thruster_set.controls_at(self.thrusters, aux, e, i)
+        command = thruster_set.commanded(self.thrusters, fleet.action, e, i, controls)
+        D = ti.Vector([aux[e, i, at.LABEL], aux[e, i, at.LABEL + 1]])
+        change = ti.Vector([aux[e, i, at.LABEL_CHANGE], aux[e, i, at.LABEL_CHANGE + 1]])
         V_c = ti.Vector([around.current[e, 0], around.current[e, 1], 0.0])
         air = ti.Vector([around.wind[e, 0], around.wind[e, 1], around.wind[e, 2]])
         outside = load_at(build, fleet.load, e, i)
-        plane = ti.Vector([pos[0] * 0.0, 0.0, 0.0])  # elevation, slopes north and east of the surface under the hull
-        water = ti.Vector([pos[0] * 0.0 for _ in range(CENTRE_SIZE)])
-        up, wind = nu * 0.0, nu * 0.0
-        thrown, thrown_rate, thrown_bend = nu * 0.0, nu * 0.0, nu * 0.0  # load of diffraction and its rates of change
+        plane = ti.Vector([pos[0] * 0.0, 0.0, 0.0])
+        sums = ti.Vector([pos[0] * 0.0 for _ in range(water.SUMS)])
+        tau_D, rate_D, bend_D = nu * 0.0, nu * 0.0, nu * 0.0  # of diffraction (radiation.py)
+        up, blown = nu * 0.0, nu * 0.0
         for n in range(self.substeps):
             tau = (n + 0.5) * ti.static(self.dt)
             if ti.static(self.by_panels):  # two halves of a turn, of this step and the last one, make one
-                pos, q, R = self.drift(pos, q, nu, ti.select(n == 0, ti.static(0.5 * self.dt), ti.static(self.dt)))
-            water, L, J = self.water_at(build, around, e, tau, pos, R, D + change)
+                turn = ti.select(n == 0, ti.static(0.5 * self.dt), ti.static(self.dt))
+                pos, q, R = motion.drift(self.dt, pos, q, nu, turn)
+            sums, L, J = water.at(self.gauge, build, around, e, tau, pos, R, D + change)
             D_next = L - ti.Vector([pos[0], pos[1]])
             fresh = D.norm_sqr() + change.norm_sqr() == 0.0  # no last step to tell a change from
             change = ti.select(fresh, change, D_next - D)
             D = D_next
-            plane = self.plane_n(water, R)
-            wind = self.wind_load(p, R, nu, air)
+            plane = water.mean_plane(sums, R)
+            blown = wind.load(self.params.windage.height, p, R, nu, air)
             if ti.static(self.by_panels):
-                up = self.pressure(build, around, tables, aux, e, i, tau, pos, R, L, J, plane)
-                up += self.weight_load(p, ti.Vector([R[2, 0], R[2, 1], R[2, 2]]))
-                thrust = self.thrust_load(p, self.lagged(p, shaft, command, 0.5))
-                if ti.static(self.remembers):
-                    if n % ti.static(self.stretch) == 0:
-                        ahead = ti.static(0.5 * (self.stretch - 1) * self.dt)
-                        drift = (R @ linear(nu))[:2] + change * ti.static(1 / self.dt)
-                        thrown, thrown_rate, thrown_bend = self.thrown_back(
-                            build, around, tables, e, tau, ahead, L, drift, R
-                        )
-                    since = (n % ti.static(self.stretch) - ti.static(0.5 * (self.stretch - 1))) * ti.static(self.dt)
-                    thrust += thrown + since * (thrown_rate + 0.5 * since * thrown_bend)
-                    thrust += self.radiated(tables, aux, e, i, R, nu, nu_dot, V_c)
-                pos, nu, nu_dot = self.kick(p, pos, nu, nu_dot, R, up + thrust + wind + outside, V_c, water)
+                up = pressure.load(self.pressure, build, around, tables, aux, e, i, tau, pos, R, L, J, plane)
+                up += restoring.weight_load(p.weight, ti.static(vector(p, "cg", 3)), restoring.down(R))
+                now = thruster_set.lagged(self.thrusters, p, controls, command, 0.5)
+                driven = thruster_set.load(self.thrusters, p, now)
+                tau_D, rate_D, bend_D = self.radiation.diffraction_from(
+                    build, around, tables, e, n, tau, R, nu, L, change, tau_D, rate_D, bend_D
+                )
+                driven += self.radiation.diffraction_load(n, tau_D, rate_D, bend_D)
+                driven += self.radiation.memory_load(tables, aux, e, i, R, nu, nu_dot, V_c)
+                pos, nu, nu_dot = motion.kick(self, p, pos, nu, nu_dot, R, up + driven + blown + outside, V_c, sums)
             else:
-                pos, q, nu = self.runge_kutta(p, pack(pos, q, nu), shaft, command, wind + outside, V_c, water)
+                y = motion.pack(pos, q, nu)
+                pos, q, nu = motion.runge_kutta(self, p, y, controls, command, blown + outside, V_c, sums)
                 R = rotation_matrix(q)
-            shaft = self.lagged(p, shaft, command, 1.0)
+            controls = thruster_set.lagged(self.thrusters, p, controls, command, 1.0)
         if ti.static(self.by_panels):
             q = quaternion_advance(q, angular(nu), ti.static(0.5 * self.dt))
             R = rotation_matrix(q)
         store(fleet.derived, e, i, R, R @ linear(nu))
-        y = pack(pos, q, nu)
+        y = motion.pack(pos, q, nu)
         for c in ti.static(range(13)):
             state[e, i, c] = y[c]
-        for c in ti.static(range(2)):
-            aux[e, i, LABEL + c], aux[e, i, LABEL_CHANGE + c] = D[c], change[c]
-        for c in ti.static(range(6)):
-            aux[e, i, NU_DOT + c] = nu_dot[c]
-        self.note_thrusts(p, aux, e, i, shaft)
-        self.note(aux, e, i, linear(up), linear(wind), self.drag_force(p, nu, R, V_c, water))
+        drag = motion.drag_force(self, p, nu, R, V_c, sums)
+        at.note(aux, e, i, D, change, nu_dot, linear(up), drag, linear(blown))
+        thruster_set.note(self.thrusters, p, aux, e, i, controls)
         fleet.surface[e, i, ELEVATION] = plane[0]
-        fleet.surface[e, i, FREEBOARD] = self.freeboard(tables.deck, R, pos[2], plane)
-
-    @ti.func
-    def note(self, aux: ti.template(), e, i, up, wind, drag):
-        """Write the forces (N, b) at the end of the step to aux: pressure and weight, drag, wind."""
-        for c in ti.static(range(3)):
-            aux[e, i, PRESSURE + c], aux[e, i, DRAG + c], aux[e, i, WIND + c] = up[c], drag[c], wind[c]
+        fleet.surface[e, i, FREEBOARD] = water.freeboard(tables.deck, R, pos[2], plane)
 
     # -- loads and accelerations without a step ----------------------------------------------------------------------
 
@@ -169,25 +380,27 @@ class Hull6Dof(HullStart):
         state: ti.types.ndarray(ndim=2),
         controls: ti.types.ndarray(ndim=2),
         current: ti.types.ndarray(ndim=2),
-        wind: ti.types.ndarray(ndim=2),
+        wind_n: ti.types.ndarray(ndim=2),
         load: ti.types.ndarray(ndim=2),
         no_waves: ti.types.ndarray(ndim=3),
         tables: TablesPack,
     ):
         for n in range(state.shape[0]):
             y = ti.Vector([state[n, c] for c in range(13)])
-            nu, R = ti.Vector([y[7 + c] for c in range(6)]), rotation_matrix(ti.Vector([y[3], y[4], y[5], y[6]]))
-            V_c, air = ti.Vector([current[n, 0], current[n, 1], 0.0]), ti.Vector([wind[n, c] for c in range(3)])
-            calm = ti.Vector([y[0] * 0.0 for _ in range(CENTRE_SIZE)])
-            tau = ti.Vector([load[n, c] for c in range(6)]) + self.wind_load(self.constants, R, nu, air)
-            setting = ti.Vector([controls[n, c] for c in ti.static(range(self.settings))])
-            tau += self.thrust_load(self.constants, setting)
+            pos, q, nu = motion.unpack(y)
+            R = rotation_matrix(q)
+            V_c, air = ti.Vector([current[n, 0], current[n, 1], 0.0]), ti.Vector([wind_n[n, c] for c in range(3)])
+            calm = ti.Vector([y[0] * 0.0 for _ in range(water.SUMS)])
+            p, height = ti.static(self.constants, self.params.windage.height)
+            tau = ti.Vector([load[n, c] for c in range(6)]) + wind.load(height, p, R, nu, air)
+            now = ti.Vector([controls[n, c] for c in ti.static(range(len(self.control_names)))])
+            tau += thruster_set.load(self.thrusters, p, now)
             if ti.static(self.by_panels):
-                tau += self.panel_load(tables, no_waves, n, 0, y[2], R, linear(calm))
-                tau += self.weight_load(self.constants, ti.Vector([R[2, 0], R[2, 1], R[2, 2]]))
+                tau += pressure.panel_load(self.pressure, tables, no_waves, n, 0, pos[2], R, linear(calm))
+                tau += restoring.weight_load(p.weight, ti.static(vector(p, "cg", 3)), restoring.down(R))
             else:
-                tau += self.linear_restoring(self.constants, y[2], R, calm)
-            dy = self.derivative(self.constants, y, R, tau, V_c, calm)
+                tau += restoring.linear_load(self.params.linear, p, pos[2], R, calm)
+            dy = motion.derivative(self, p, y, R, tau, V_c, calm)
             for c in ti.static(range(13)):
                 out[n, c] = dy[c]
 
@@ -213,10 +426,11 @@ class Hull6Dof(HullStart):
         build: ti.template(),
     ):
         for e, i in ti.ndrange(state.shape[0], state.shape[1]):
-            pos = ti.Vector([state[e, i, 0], state[e, i, 1], state[e, i, 2]])
-            R = rotation_matrix(ti.Vector([state[e, i, 3], state[e, i, 4], state[e, i, 5], state[e, i, 6]]))
-            now = pos[0] * 0.0
-            water, L, J = self.water_at(build, around, e, now, pos, R, self.label(build, around, e, pos, R))
-            load = self.pressure(build, around, tables, aux, e, i, now, pos, R, L, J, self.plane_n(water, R))
+            pos, q, _nu = motion.unpack(ti.Vector([state[e, i, c] for c in range(13)]))
+            R, now = rotation_matrix(q), pos[0] * 0.0
+            D = water.displacement(self.gauge, build, around, e, pos, R)
+            sums, L, J = water.at(self.gauge, build, around, e, now, pos, R, D)
+            plane = water.mean_plane(sums, R)
+            load = pressure.load(self.pressure, build, around, tables, aux, e, i, now, pos, R, L, J, plane)
             for c in ti.static(range(6)):
                 out[e, i, c] = load[c]

@@ -16,9 +16,10 @@ from torch import Tensor
 
 from taichi_sim.conventions import GRAVITY
 from taichi_sim.rigid_body import changed_mass
-from taichi_sim.usv.hull.loads import RHO_AIR
 from taichi_sim.usv.hull.params import Hull6DofParams
 from taichi_sim.usv.hull.radiation import Radiation
+from taichi_sim.usv.hull.wind import RHO_AIR
+from taichi_sim.usv.vessel import Number
 
 MASS, LAG = "rigid_body.mass", "thrusters.lag"
 CG = tuple(f"rigid_body.cg.{i}" for i in range(3))
@@ -36,7 +37,7 @@ FIELDS = (
     *(f"added_{i}" for i in range(6)),  # diagonal of M_a, kg, kg m^2
     *(f"linear_{i}" for i in range(6)),  # damping, N s/m, N m s
     *(f"quadratic_{i}" for i in range(6)),  # N s^2/m^2, N m s^2
-    "wind_x", "wind_y", "wind_n",  # of the products of relative wind speeds (loads.windage), N s^2/m^2, N s^2/m
+    "wind_x", "wind_y", "wind_n",  # of the products of relative wind speeds (wind.load), N s^2/m^2, N s^2/m
     *(f"M_rb_{i}{j}" for i, j in UPPER),
     *(f"inverse_{i}{j}" for i, j in UPPER),  # of M_rb + M_a
 )  # fmt: skip
@@ -47,9 +48,9 @@ THRUSTER_FIELDS = (  # of each thruster (`THRUSTER_FIELDS`_k), after FIELDS
 
 
 @cache
-def numbers_of(units: int) -> Any:
+def numbers_of(thrusters: int) -> Any:
     """The NamedTuple of a hull of so many thrusters, see `FIELDS`: floats, or tensors of one shape."""
-    return namedtuple("HullNumbers", (*FIELDS, *(f"{name}_{k}" for name in THRUSTER_FIELDS for k in range(units))))
+    return namedtuple("HullNumbers", (*FIELDS, *(f"{name}_{k}" for name in THRUSTER_FIELDS for k in range(thrusters))))
 
 
 def varying_keys(p: Hull6DofParams) -> tuple[str, ...]:
@@ -67,18 +68,15 @@ def thruster_keys(p: Hull6DofParams) -> tuple[tuple[str, ...], tuple[str, ...]]:
     return tuple(f"actuators.{name}.gain" for name in p.actuators), tuple(f"actuators.{n}.lag" for n in p.actuators)
 
 
-def hull_numbers(p: Hull6DofParams, radiation: Radiation, dt: float, values: Mapping[str, Any]) -> Any:
-    """Of a hull with `values` for `varying_keys`, floats or float64 tensors, stepped by `dt` (s).
-
-    With a memory the database's added mass is what counts as inertia, and the file's in Coriolis and Munk loads alone.
-    """
+def hull_numbers(p: Hull6DofParams, radiation: Radiation, dt: float, values: Mapping[str, Number]) -> Any:
+    """Of a hull with `values` for `varying_keys`, floats or float64 tensors, stepped by `dt` (s)."""
     mass, cg = values[MASS], [values[key] for key in CG]
     added, linear, quadratic = ([values[key] for key in keys] for keys in (ADDED_MASS, LINEAR, QUADRATIC))
     M_rb = changed_mass(p.M_rb, p.rigid_body.mass, p.rigid_body.cg, mass, cg)
     M = [[M_rb[i][j] + float(radiation.inertia[i, j]) for j in range(6)] for i in range(6)]
-    if not p.remembers:
-        for i, nominal in enumerate(p.hydrodynamics.added_mass):
-            M[i][i] = M[i][i] + (added[i] - nominal)
+    change = [value - nominal for value, nominal in zip(added, p.hydrodynamics.added_mass, strict=True)]
+    for i, more in enumerate(radiation.inertia_change(change)):
+        M[i][i] = M[i][i] + more
     linear = [_beyond(value, float(counted)) for value, counted in zip(linear, radiation.counted, strict=True)]
     inverse = _inverse(M)
     w, (frontal, lateral) = p.windage, (values[key] for key in AREAS)
@@ -91,21 +89,21 @@ def hull_numbers(p: Hull6DofParams, radiation: Radiation, dt: float, values: Map
     )  # fmt: skip
 
 
-def _beyond(value: Any, counted: float) -> Any:
+def _beyond(value: Number, counted: float) -> Number:
     """What of a damping is not counted already."""
     if counted == 0.0:
         return value
     return (value - counted).clamp(min=0.0) if isinstance(value, Tensor) else max(value - counted, 0.0)
 
 
-def _left(time: float, lag: Any) -> Any:
+def _left(time: float, lag: Number) -> Number:
     """exp(-time / lag): the share of a first-order lag (s) that is left after `time` (s); none without a lag."""
     if isinstance(lag, Tensor):
         return torch.exp(-time / lag)
     return math.exp(-time / lag) if lag > 0 else 0.0
 
 
-def _inverse(rows: list[list[Any]]) -> Sequence[Sequence[Any]]:
+def _inverse(rows: list[list[Number]]) -> Sequence[Sequence[Number]]:
     """Inverse of a 6 x 6 matrix of floats, or of tensors of one shape and floats, in the same kind."""
     entries = [x for row in rows for x in row]
     given = next((x for x in entries if isinstance(x, Tensor)), None)

@@ -14,7 +14,7 @@ from taichi_sim.conventions import GRAVITY, RHO_SEA
 from taichi_sim.rigid_body import changed_mass, constant, rigid_body_mass
 from taichi_sim.usv.hull.allocation import reaches_round
 from taichi_sim.usv.hull.mesh import HullShape
-from taichi_sim.usv.hull.thrusters import MOST, Actuator, Thrusters, Unit, Vector3
+from taichi_sim.usv.hull.thrusters import MOST_THRUSTERS, NamedThruster, PropellerPair, Thruster, Vector3
 
 Diagonal = tuple[NonNegative, NonNegative, NonNegative, NonNegative, NonNegative, NonNegative]
 Row = tuple[Finite, Finite, Finite, Finite, Finite, Finite]
@@ -128,8 +128,8 @@ class Hull6DofParams(Strict):
     hydrodynamics: Hydrodynamics
     hull: HullShape
     linear: LinearRestoring | None = None
-    thrusters: Thrusters | None = None
-    actuators: Annotated[dict[Name, Actuator], Field(max_length=MOST)] = {}
+    thrusters: PropellerPair | None = None
+    actuators: Annotated[dict[Name, NamedThruster], Field(max_length=MOST_THRUSTERS)] = {}
     windage: Windage = Windage()
     deck: Deck | None = None  # where aircraft land (contact/parts.py)
 
@@ -143,7 +143,7 @@ class Hull6DofParams(Strict):
         return self
 
     def __hash__(self) -> int:
-        """As of every frozen model, with the actuators as pairs, for a dict has none."""
+        """As of every frozen model, with the thrusters by name as pairs, for a dict has none."""
         return hash(tuple(tuple(x.items()) if isinstance(x, dict) else x for x in self.__dict__.values()))
 
     def _check_thrusters(self) -> None:
@@ -151,15 +151,15 @@ class Hull6DofParams(Strict):
         if self.thrusters and self.actuators:
             raise ValueError("give either [thrusters], two propellers, or [actuators.NAME], each by itself")
         h = self.hydrodynamics
-        if self.units and not h.linear[0] and not h.quadratic[0]:
+        if self.all_thrusters and not h.linear[0] and not h.quadratic[0]:
             raise ValueError("hydrodynamics.linear, quadratic: a hull with thrusters needs damping in surge, the first")
         x_max, y_max = OVERHANG * self.length / 2, OVERHANG * self.beam / 2
-        for unit in self.units:
-            x, y, _ = unit.position
+        for thruster in self.all_thrusters:
+            x, y, _ = thruster.position
             if abs(x) > x_max or abs(y) > y_max:
-                name = f"actuators.{unit.name}.position" if self.actuators else f"thrusters.{unit.name}"
+                name = f"actuators.{thruster.name}.position" if self.actuators else f"thrusters.{thruster.name}"
                 raise ValueError(
-                    f"{name} = {unit.position} is outside the hull: |x| must be at most "
+                    f"{name} = {thruster.position} is outside the hull: |x| must be at most "
                     f"{x_max:.3g} m and |y| at most {y_max:.3g} m (length {self.length}, beam {self.beam})"
                 )
         if self.thrusters and self.thrusters.left[1] >= self.thrusters.right[1]:
@@ -169,36 +169,31 @@ class Hull6DofParams(Strict):
                 f'actions = "{self.actions}" is for the two propellers of [thrusters]; for [actuators] write '
                 'actions = "wrench" (surge, sway, yaw) or "units" (each by itself)'
             )
-        for unit in self.units:
-            if self.actions == "wrench" and unit.azimuth and not reaches_round(unit):
+        for thruster in self.all_thrusters:
+            if self.actions == "wrench" and thruster.azimuth and not reaches_round(thruster):
                 raise ValueError(
-                    f'actions = "wrench" needs an actuators.{unit.name} that pushes every way: a range_deg of 180 '
+                    f'actions = "wrench" needs an actuators.{thruster.name} that pushes every way: a range_deg of 180 '
                     'degrees or more and a thrust_min below 0, or no range_deg; or write actions = "units"'
                 )
 
     @property
-    def units(self) -> tuple[Unit, ...]:
+    def all_thrusters(self) -> tuple[Thruster, ...]:
         """Its thrusters, whichever way they are given."""
         if self.thrusters:
-            return self.thrusters.units
-        return tuple(actuator.unit(name) for name, actuator in self.actuators.items())
+            return self.thrusters.both
+        return tuple(given.thruster(name) for name, given in self.actuators.items())
 
     @property
     def gains(self) -> tuple[float, ...]:
-        """Of `units`."""
+        """Of `all_thrusters`."""
         if self.thrusters:
             return self.thrusters.gain_left, self.thrusters.gain_right
-        return tuple(actuator.gain for actuator in self.actuators.values())
+        return tuple(given.gain for given in self.actuators.values())
 
     @property
     def size(self) -> tuple[float, float, float]:
         """Length, beam, height, m."""
         return self.length, self.beam, self.height
-
-    @property
-    def remembers(self) -> bool:
-        """Whether radiation and diffraction are those of a database."""
-        return self.restoring == "panels" and self.hydrodynamics.radiation == "memory"
 
     @property
     def M_rb(self) -> np.ndarray:  # noqa: N802

@@ -1,61 +1,233 @@
-"""What a hull's own waves do to it: added mass that counts as inertia, memory, and what damping the memory has already.
+"""What the waves do that a hull makes, and throws back: one of two parts, chosen by the vehicle file.
 
-With `radiation = "constant"` the added mass of the vehicle file is inertia, and damping and added mass on the motion
-relative to the water stand for radiation and diffraction. With "memory" the equations of motion (hull_6dof.py) are
+`radiation = "constant"` (ConstantRadiation): the added mass of the vehicle file is inertia, and damping and added mass
+on the motion relative to the water stand for radiation and diffraction,
 
-    (M_rb + A_inf) nu_dot = tau + tau_FK + tau_D - mu - D_v(nu_r) nu_r - C_rb nu - C_a(nu_r) nu_r
+    (M_rb + M_a) nu_dot = ... + M_a nu_o_dot.
 
-(Cummins 1962; Fossen 2021, sec. 5.4 and 6.3): A_inf and mu (memory.py) are a boundary-element code's radiation, tau_D
-its diffraction (diffraction.py), tau_FK the pressure on the panels, nonlinear as before. What slow motion and friction
-add is counted beside it: C_a by the file's own added mass; D_v by its damping, of which heave, roll and pitch lose what
-radiation takes at their natural frequency, so that nothing is counted twice.
+`radiation = "memory"` (DatabaseRadiation): both are a boundary-element code's,
+
+    (M_rb + A_inf) nu_dot = ... + tau_D - mu
+
+(Cummins 1962; Fossen 2021, sec. 5.4 and 6.3): A_inf and mu (memory.py) are radiation, tau_D is diffraction
+(diffraction.py), beside the pressure on the panels, which stays nonlinear. Coriolis and Munk loads are those of the
+file's own added mass. So is damping, less the radiation at the natural frequency in heave, roll and pitch: nothing is
+counted twice.
 
 Not modelled: the change of added mass, damping and diffraction with forward speed (zero speed at the frequency of the
 waves at rest is used at any speed), and with the depth of the water (one depth a database).
 """
 
-from typing import NamedTuple
+# Kernels are another language inside Python syntax.
+# pyright: reportInvalidTypeForm=false, reportIncompatibleMethodOverride=false
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 import numpy as np
+import taichi as ti
 from numpy.typing import NDArray
+from torch import Tensor
 
 from taichi_sim.config import ConfigError
-from taichi_sim.usv.hull.database import HydroDatabase
-from taichi_sim.usv.hull.memory import Memory
+from taichi_sim.rigid_body import linear, six, times
+from taichi_sim.surroundings import Surroundings
+from taichi_sim.usv.hull.database import HydroDatabase, hull_hash
+from taichi_sim.usv.hull.diffraction import Diffraction, diffracted
+from taichi_sim.usv.hull.geometry import HullGeometry, device_table
+from taichi_sim.usv.hull.memory import Memory, radiate
+from taichi_sim.usv.hull.params import Hull6DofParams
+from taichi_sim.usv.vessel import Number
 
 Array = NDArray[np.float64]
 OSCILLATING = (2, 3, 4)  # heave, roll, pitch: they have a stiffness
 ROUNDS = 30  # of the fixed point of a natural frequency
+DEEP_ENOUGH = 4.0  # draughts: shallower water than this is not deep to a hull; assumed
+DEPTH_RATIO = 1.25  # of the water to a database's own depth, either way; assumed
 
 
-class Radiation(NamedTuple):
-    """See the module."""
+class Radiation:
+    """The contract of both kinds. Its defaults: no load, no column.
 
-    inertia: Array  # [6, 6] that adds to M_rb
-    counted: Array  # [6] linear damping (N s/m, N m s) that the memory has
-    memory: Memory
+    Attributes:
+        inertia: [6, 6] added mass that counts as inertia, beside M_rb. counted: [6] linear damping (N s/m, N m s) that
+            `memory` has already. database: of what is not constant. columns: of the auxiliary state.
+    """
 
-    @classmethod
-    def constant(cls, added_mass: tuple[float, ...]) -> "Radiation":
-        """Of a diagonal added mass."""
-        return cls(np.diag(added_mass), np.zeros(6), Memory.none())
+    inertia: Array
+    counted: Array = np.zeros(6)
+    memory: Memory = Memory.none()
+    database: HydroDatabase | None = None
+    columns: int = 0
 
-    @classmethod
-    def of(cls, database: HydroDatabase, M_rb: Array, stiffness: Array) -> "Radiation":
-        """Of a database, for a hull of M_rb [6, 6] whose stiffness in heave, roll, pitch is [3, 3], about CO.
+    def inertia_change(self, change: Sequence[Number]) -> Sequence[Number]:
+        """Change of the diagonal [6] of `inertia` where a vehicle's added mass differs from the file's by `change`."""
+        return (0.0,) * 6
+
+    def sea(self, around: Surroundings) -> Tensor | None:
+        """The sea for which `tables` are made; None: they are the same for any.
 
         Raises:
-            ConfigError: if the database has no memory.
+            ConfigError: for water of a depth that the database is not of.
         """
+        return None
+
+    def tables(self, sea: Tensor | None) -> Mapping[str, Tensor]:
+        """What kernels read: numbers of the memory's `filters`, and loads of `diffraction` in a sea (without: zero)."""
+        return {"filters": device_table(np.zeros(1)), "diffraction": device_table(np.zeros((1, 1, 1)))}
+
+    @ti.func
+    def orbital_load(self, M_a: ti.template(), nu_o_dot):
+        """Load (N, N m, about CO, b) by which added mass, M_a (rows), follows the water's orbital acceleration."""
+        return nu_o_dot * 0.0
+
+    @ti.func
+    def diffraction_from(
+        self, build: ti.template(), around: ti.template(), tables: ti.template(), e, n, tau, R, nu, L, change,
+        load, rate, bend
+    ):  # fmt: skip
+        """Load of diffraction, and its first and second rate of change, in the middle of the stretch of steps to which
+        step n belongs: those of the step before, or new ones where a stretch begins.
+
+        tau (s) is the middle of step n, L the hull's label there (water.at), whose displacement changes by `change` (m)
+        in a step.
+        """
+        return load, rate, bend
+
+    @ti.func
+    def diffraction_load(self, n, load, rate, bend):
+        """Load (N, N m, about CO, b) in the middle of step n, of those in the middle of its stretch."""
+        return load * 0.0
+
+    @ti.func
+    def memory_load(self, tables: ti.template(), aux: ti.template(), e, i, R, nu, nu_dot, V_c):
+        """Load (N, N m, about CO, b) of the waves radiated before, in the middle of a step; the memory's state, in the
+        auxiliary state, is taken to the step's end.
+        """
+        return nu * 0.0
+
+
+@ti.data_oriented
+class ConstantRadiation(Radiation):
+    """Added mass and damping that are the same at every frequency."""
+
+    def __init__(self, added_mass: Sequence[float]):
+        """Of a diagonal added mass [6]."""
+        self.inertia = np.diag(added_mass)
+
+    def inertia_change(self, change: Sequence[Number]) -> Sequence[Number]:
+        """All of it."""
+        return change
+
+    @ti.func
+    def orbital_load(self, M_a: ti.template(), nu_o_dot):
+        """M_a nu_o_dot."""
+        return times(M_a, nu_o_dot)
+
+
+@ti.data_oriented
+class DatabaseRadiation(Radiation):
+    """Radiation with memory, and diffraction, of a boundary-element database."""
+
+    def __init__(self, params: Hull6DofParams, geometry: HullGeometry, dt: float, substeps: int, first: int):
+        """The database that `params` name, for steps of `dt` (s), its columns of the auxiliary state from `first` on.
+
+        Raises:
+            ConfigError: if it is not this hull's, or lacks what is asked for.
+        """
+        h, file = params.hydrodynamics, Path(str(params.hydrodynamics.database))
+        database, own = HydroDatabase.read(file), hull_hash(geometry.panels)
+        if database.hull != own:
+            raise ConfigError(
+                f"hydrodynamics.database = {file.name!r} is of another hull (its hash is {database.hull}, this hull's "
+                f"{own}): make it anew with tools/hydrodynamics.py"
+            )
+        if database.by_panels is None or (h.drift and database.drift is None):
+            lacks = "the panels' own excitation" if database.by_panels is None else "mean drift"
+            raise ConfigError(f"{file}: has no table of {lacks}: make it anew with tools/hydrodynamics.py")
         if database.memory is None:
-            raise ConfigError("the database has no memory: make it anew with tools/hydrodynamics.py")
-        counted, known = np.zeros(6), database.settings.get("resonances")
-        for place, mode in enumerate(OSCILLATING):  # known ones are the design's, whatever a vehicle carries
-            omega = known[place] if known else None
-            omega = omega or natural_frequency(database, mode, M_rb[mode, mode], stiffness[place, place])
-            counted[mode] = max(float(database.memory.damps(omega)[0, mode, mode]), 0.0)
-        inertia = database.added_mass_inf if database.memory_inf is None else database.memory_inf
-        return cls(inertia, counted, database.memory)
+            raise ConfigError(f"{file}: the database has no memory: make it anew with tools/hydrodynamics.py")
+        self.database, self.memory, self.draft = database, database.memory, geometry.panels.draft
+        self.inertia = database.added_mass_inf if database.memory_inf is None else database.memory_inf
+        self.counted = counted_damping(database, self.memory, params.M_rb, geometry.hydrostatics.stiffness())
+        self.filters, self.first, self.dt = self.memory.modes.bank(dt), first, dt
+        self.columns = 2 * self.filters.size
+        self.diffraction = Diffraction(database, h.drift)
+        self.stretch = min(self.diffraction.stretch(dt), substeps)  # steps for which diffraction is summed once
+
+    def sea(self, around: Surroundings) -> Tensor:
+        """Diffraction is of one sea."""
+        assert self.database is not None
+        ours, water = self.database.depth, around.depth if around.depth > 0 else None
+        if ours is None:
+            fits = water is None or water >= DEEP_ENOUGH * self.draft
+        else:
+            fits = water is not None and 1 / DEPTH_RATIO <= water / ours <= DEPTH_RATIO
+        if not fits:
+            of_water = "deep" if water is None else f"{water:g} m deep"
+            of_data = "deep water" if ours is None else f"water of {ours:g} m"
+            raise ConfigError(
+                f"sea.depth: the water is {of_water}, the hydrodynamic database of the hull is of {of_data} (deep "
+                f"counts from {DEEP_ENOUGH:g} draughts, {DEEP_ENOUGH * self.draft:.3g} m, on; another depth within "
+                '25 %): make one with tools/hydrodynamics.py --depth, or set hydrodynamics.radiation = "constant"'
+            )
+        return around.sea
+
+    def tables(self, sea: Tensor | None) -> Mapping[str, Tensor]:
+        """Filters and, for a sea, diffraction."""
+        tables = {**super().tables(sea), "filters": device_table(np.append(self.filters.numbers, 0.0))}  # at least one
+        return tables if sea is None else {**tables, "diffraction": self.diffraction.of(sea)}
+
+    @ti.func
+    def diffraction_from(
+        self, build: ti.template(), around: ti.template(), tables: ti.template(), e, n, tau, R, nu, L, change,
+        load, rate, bend
+    ):  # fmt: skip
+        """Summed over the components of the sea where a stretch begins."""
+        if n % ti.static(self.stretch) == 0:
+            ahead = ti.static(0.5 * (self.stretch - 1) * self.dt)
+            velocity = (R @ linear(nu))[:2] + change * ti.static(1 / self.dt)
+            load, rate, bend = diffracted(
+                self.diffraction, tables.diffraction, build, around,
+                e, L + ahead * velocity, velocity, tau + ahead, ti.atan2(R[1, 0], R[0, 0]),
+            )  # fmt: skip
+        return load, rate, bend
+
+    @ti.func
+    def diffraction_load(self, n, load, rate, bend):
+        """By its Taylor series."""
+        since = (n % ti.static(self.stretch) - ti.static(0.5 * (self.stretch - 1))) * ti.static(self.dt)
+        return load + since * (rate + 0.5 * since * bend)
+
+    @ti.func
+    def memory_load(self, tables: ti.template(), aux: ti.template(), e, i, R, nu, nu_dot, V_c):
+        """By the velocity through the water in the middle of the step, which the last step's nu_dot foretells."""
+        still = R.transpose() @ V_c
+        middle = nu + ti.static(0.5 * self.dt) * nu_dot - six(still, still * 0.0)
+        return radiate(self.filters, tables.filters, aux, e, i, self.first, middle)
+
+
+def radiation_of(params: Hull6DofParams, geometry: HullGeometry, dt: float, substeps: int, first: int) -> Radiation:
+    """The kind that a vehicle file asks for; arguments of DatabaseRadiation. Linear restoring has constant radiation.
+
+    Raises:
+        ConfigError: for a database that cannot serve.
+    """
+    if params.restoring == "panels" and params.hydrodynamics.radiation == "memory":
+        return DatabaseRadiation(params, geometry, dt, substeps, first)
+    return ConstantRadiation(params.hydrodynamics.added_mass)
+
+
+def counted_damping(database: HydroDatabase, memory: Memory, M_rb: Array, stiffness: Array) -> Array:
+    """Damping [6] of heave, roll and pitch by the memory, at the natural frequencies of the database or, if it has
+    none, of a hull of M_rb [6, 6] and `stiffness` [3, 3], about CO.
+    """
+    counted, known = np.zeros(6), database.settings.get("resonances")
+    for place, mode in enumerate(OSCILLATING):  # known ones are the design's, whatever a vehicle carries
+        omega = known[place] if known else None
+        omega = omega or natural_frequency(database, mode, M_rb[mode, mode], stiffness[place, place])
+        counted[mode] = max(float(memory.damps(omega)[0, mode, mode]), 0.0)
+    return counted
 
 
 def natural_frequency(database: HydroDatabase, mode: int, mass: float, stiffness: float) -> float:

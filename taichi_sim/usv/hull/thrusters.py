@@ -1,41 +1,43 @@
-"""Numbers of a hull's thrusters, as vehicle files give them, and what kernels make of them: units.
+"""One thruster: its numbers, as vehicle files give them and as kernels take them, and its thrust.
 
     [thrusters]        two propellers of one kind that push along the hull, one to port and one to starboard
     [actuators.NAME]   up to eight, each by itself: a propeller (direction_deg = 0), a tunnel thruster (90), or one that
                        turns (turn_rate_deg)
 
-Either way a unit's thrust is k |n| n at the speed n, which follows its command with a first-order lag; one that turns
-does so at no more than its rate. Not modelled: what a thruster loses to inflow, to the wake of another, along the hull
-(Coanda), or when a wave lays it bare.
+Either way the thrust is T = k |n| n at the speed n (Fossen 2021, sec. 9.1), with one k ahead and one astern. Not
+modelled: losses to inflow, to the wake of another thruster, along the hull (Coanda), or when a wave lays it bare. How
+thrusters follow their commands, and their loads on the hull: thruster_set.py.
 """
+
+# Kernels are another language inside Python syntax.
+# pyright: reportInvalidTypeForm=false
 
 from typing import Annotated, NamedTuple
 
 import numpy as np
+import taichi as ti
 from pydantic import Field, model_validator
 
 from taichi_sim.config import Finite, NonNegative, Positive, Strict
 
 Vector3 = tuple[Finite, Finite, Finite]
 NonPositive = Annotated[float, Field(le=0, allow_inf_nan=False)]
-MOST = 8  # units
+MOST_THRUSTERS = 8
 DIGITS = 12  # to which cosines and sines of directions are rounded, so that 90 degrees have no part ahead
 
 
-class Unit(NamedTuple):
-    """One thruster; `direction` is the cosine and sine of where it pushes when it is not turned, `turn_rate` (rad/s) is
-    0 where it cannot turn, `turns` the lowest and greatest angle (rad) from there, None of one that turns all round.
-    """
+class Thruster(NamedTuple):
+    """A thruster as kernels take it. Without a `turn_rate` it cannot turn; without `turns` it turns all round."""
 
     name: str
     position: Vector3  # m, b
-    direction: tuple[float, float]
+    direction: tuple[float, float]  # cosine and sine of where it pushes when it is not turned
     k_positive: float  # N over the speed squared
     k_negative: float
     n_max: float  # speed; rad/s, or 1
     n_min: float
-    turn_rate: float = 0.0
-    turns: tuple[float, float] | None = None
+    turn_rate: float = 0.0  # rad/s
+    turns: tuple[float, float] | None = None  # lowest and greatest angle from `direction`, rad
 
     @property
     def azimuth(self) -> bool:
@@ -82,10 +84,10 @@ class Unit(NamedTuple):
         return float(max(share.max() * self.thrust_max, share.min() * self.thrust_min, 0.0))
 
 
-class Thrusters(Strict):
-    """Two propellers that push along the hull: thrust gain k |n| n, first-order lag and limits of the shaft speed.
+class PropellerPair(Strict):
+    """`[thrusters]`: two propellers that push along the hull.
 
-    The gains are what nobody at the controls knows: commands (`actions`) are made as if they were 1.
+    Commands are made as if the gains were 1: nobody who steers knows them.
     """
 
     left: Vector3  # m, position of the left one
@@ -120,18 +122,20 @@ class Thrusters(Strict):
         return -self.k_negative * self.n_min**2
 
     @property
-    def units(self) -> tuple[Unit, ...]:
-        """Left and right."""
-        return tuple(
-            Unit(name, at, (1.0, 0.0), self.k_positive, self.k_negative, self.n_max, self.n_min)
+    def both(self) -> tuple[Thruster, Thruster]:
+        """Left and right, as kernels take them."""
+        left, right = (
+            Thruster(name, at, (1.0, 0.0), self.k_positive, self.k_negative, self.n_max, self.n_min)
             for name, at in (("left", self.left), ("right", self.right))
         )
+        return left, right
 
 
-class Actuator(Strict):
-    """A thruster by itself: `thrust_max` at the speed n_max, `thrust_min` at n_min, as the square of it between.
+class NamedThruster(Strict):
+    """`[actuators.NAME]`: one thruster. Its thrust goes with the square of its speed, to thrust_max at n_max and to
+    thrust_min at n_min.
 
-    The gain is what nobody at the controls knows: commands (`actions`) are made as if it were 1.
+    Commands are made as if the gain were 1: nobody who steers knows it.
     """
 
     position: Vector3  # m, b
@@ -157,12 +161,12 @@ class Actuator(Strict):
             raise ValueError(f"n_min = 0 makes no thrust_min = {self.thrust_min}")
         return self
 
-    def unit(self, name: str) -> Unit:
-        """What kernels work with."""
+    def thruster(self, name: str) -> Thruster:
+        """As kernels take it."""
         n_max = self.n_max or 1.0
         n_min = 0.0 if self.thrust_min == 0 else -n_max if self.n_min is None else self.n_min
         k_positive, angle = self.thrust_max / n_max**2, np.deg2rad(self.direction_deg)
-        return Unit(
+        return Thruster(
             name,
             self.position,
             (round(float(np.cos(angle)), DIGITS) + 0.0, round(float(np.sin(angle)), DIGITS) + 0.0),
@@ -173,3 +177,19 @@ class Actuator(Strict):
             float(np.deg2rad(self.turn_rate_deg)),
             self.range_deg and (float(np.deg2rad(self.range_deg[0])), float(np.deg2rad(self.range_deg[1]))),
         )
+
+
+@ti.func
+def thrust(t: ti.template(), n):
+    """Thrust (N) of a Thruster, of gain 1, at the speed n (rad/s), limited to its range."""
+    n = ti.max(ti.min(n, t.n_max), t.n_min)
+    k = ti.select(n > 0, t.k_positive, t.k_negative)
+    return k * ti.abs(n) * n
+
+
+@ti.func
+def shaft_speed(t: ti.template(), force):
+    """Speed (rad/s) at which the thrust is `force` (N)."""
+    k = ti.select(force > 0, t.k_positive, t.k_negative)
+    n = ti.sqrt(ti.abs(force) / k)
+    return ti.select(force > 0, n, -n)

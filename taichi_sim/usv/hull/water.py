@@ -1,17 +1,25 @@
-"""The water at a hull, as methods that kernels inline: surface, freeboard, pressure on the wave lines, its motion."""
+"""The water at a hull: its mean surface plane, its motion averaged over the hull, the current, the freeboard.
+
+Waves are summed at the label of the hull's centre: where in still water the particle is that waves have displaced to
+there (sea/waves.py). Means over the hull are those over its waterplane (gauge.py): elevation and slopes of the plane
+that fits best and, at the depth of the draft, the orbital motion nu_o of the water. In finite depth the decay of
+horizontal motion is exp(-omega^2/g d), that of vertical motion exp(-g k^2/omega^2 d): equal to exp(-k d) in deep water,
+and to the exact factors to first order in k d.
+"""
 
 # Kernels are another language inside Python syntax.
 # pyright: reportInvalidTypeForm=false
 
 import taichi as ti
 
-from taichi_sim.packs import Build
+from taichi_sim.conventions import AMPLITUDE, BX, BY, GRAVITY, KX, KY, OMEGA, K
+from taichi_sim.maths import fast
 from taichi_sim.rigid_body import cross, six
-from taichi_sim.surroundings import Surroundings
-from taichi_sim.usv.hull import loads
-from taichi_sim.usv.hull import waves as w
-from taichi_sim.usv.hull.model import HullModel
+from taichi_sim.usv.hull.gauge import averages
 
+SUMS = 18  # what `at_centre` returns:
+D_N, D_E, J_XX, J_XY, J_YY, ELEVATION, ALONG, ACROSS, *_motion = range(SUMS)
+V_N, V_E, V_D, A_N, A_E, A_D, P, Q, P_DOT, Q_DOT = _motion
 LABEL_STEPS = 4  # of Newton's method from no displacement
 
 
@@ -22,134 +30,127 @@ def heading(R):
     return R[0, 0] * inverse, R[1, 0] * inverse
 
 
-class HullWater(HullModel):
-    """How waves and current reach the hull."""
+@ti.func
+def at_centre(
+    sea: ti.template(), phase: ti.template(), count: ti.template(), gauge: ti.template(), finite: ti.template(),
+    s, row, X, Y, tau, cos_h, sin_h
+):  # fmt: skip
+    """Sums at the label (X, Y) of the hull's centre; (cos_h, sin_h) is its heading.
 
-    def water_build(self, around: Surroundings) -> Build:
-        """What a kernel is compiled for that asks for the water alone."""
-        return Build(around.sea.shape[2], around.depth > 0)
+    Returns 18 numbers: displacement (D_N, D_E) and Jacobian (J_XX, J_XY, J_YY) of the label; elevation (ELEVATION, m,
+    up) and slopes along and across the heading (ALONG, ACROSS) of the mean plane; the water's motion averaged over the
+    hull at gauge.depth: velocity (V_N, V_E, V_D, m/s, n) and acceleration (A_N, A_E, A_D), roll and pitch rate about
+    the heading axes (P, Q, rad/s) and their accelerations (P_DOT, Q_DOT).
+    """
+    r = ti.Vector([X * 0.0 for _ in range(SUMS)])
+    cos_u, sin_u = cos_h * gauge.along.scale, sin_h * gauge.along.scale
+    cos_v, sin_v = cos_h * gauge.across.scale, sin_h * gauge.across.scale
+    for c in range(count):
+        a, kx, ky, k, omega = sea[s, AMPLITUDE, c], sea[s, KX, c], sea[s, KY, c], sea[s, K, c], sea[s, OMEGA, c]
+        bx, by = sea[s, BX, c], sea[s, BY, c]
+        sine, cosine = fast.sincos_short(kx * X + ky * Y + phase[row, c] - omega * tau)
+        mean_u, slope_u = averages(gauge.along, kx * cos_u + ky * sin_u)
+        mean_v, slope_v = averages(gauge.across, ky * cos_v - kx * sin_v)
+        slope_u *= mean_v
+        slope_v *= mean_u
+        mean = mean_u * mean_v
+        decay = fast.exp_decay(k * gauge.depth)
+        decay_h = decay
+        if ti.static(finite):
+            decay_h = fast.exp_decay(omega * omega * ti.static(gauge.depth / GRAVITY))
+            decay = fast.exp_decay(k * k * ti.static(gauge.depth * GRAVITY) / (omega * omega))
+        speed_h, speed = mean * decay_h * omega, a * decay * omega
+        # all terms before the first sum: many live values keep LLVM from interleaving iterations, which would spill
+        a_sine, bx_cosine, by_cosine = a * sine, bx * cosine, by * cosine
+        bx_sine, by_sine = bx * sine, by * sine
+        up_sine, up_cosine = speed * sine, speed * cosine
+        r[D_N] += bx_sine
+        r[D_E] += by_sine
+        r[J_XX] += kx * bx_cosine
+        r[J_XY] += ky * bx_cosine
+        r[J_YY] += ky * by_cosine
+        r[ELEVATION] += mean * (a * cosine)
+        r[ALONG] -= slope_u * a_sine
+        r[ACROSS] -= slope_v * a_sine
+        r[V_N] += speed_h * bx_cosine
+        r[V_E] += speed_h * by_cosine
+        r[V_D] -= mean * up_sine
+        r[A_N] += speed_h * omega * bx_sine
+        r[A_E] += speed_h * omega * by_sine
+        r[A_D] += mean * omega * up_cosine
+        r[P] -= slope_v * up_cosine
+        r[Q] += slope_u * up_cosine
+        r[P_DOT] -= slope_v * omega * up_sine
+        r[Q_DOT] += slope_u * omega * up_sine
+    r[J_XX], r[J_XY], r[J_YY] = 1 - r[J_XX], -r[J_XY], 1 - r[J_YY]
+    return r
 
-    @ti.func
-    def water(
-        self, sea: ti.template(), phase: ti.template(), count: ti.template(), finite: ti.template(),
-        s, e, tau, pos, R, D
-    ):  # fmt: skip
-        """Sums at the hull's centre (w.at_centre), its label, and the inverse Jacobian (xx, xy, yy) there.
 
-        D (m) is the predicted displacement of the label: one step of Newton's method makes it exact to second order.
-        """
+@ti.func
+def at(gauge: ti.template(), build: ti.template(), around: ti.template(), e, tau, pos, R, D):
+    """Sums at the hull's centre (`at_centre`) in environment e, its label, and the inverse Jacobian (xx, xy, yy) there.
+
+    D (m) is the predicted displacement of the label: one step of Newton's method makes it exact to second order.
+    """
+    cos_h, sin_h = heading(R)
+    X, Y = pos[0] + D[0], pos[1] + D[1]
+    r = at_centre(
+        around.sea, around.phase, build.components, gauge, build.finite, around.env_sea[e], e, X, Y, tau, cos_h, sin_h
+    )
+    xx, xy, yy = r[J_XX], r[J_XY], r[J_YY]
+    inverse = 1.0 / ti.max(xx * yy - xy * xy, 0.01)
+    J = ti.Vector([yy * inverse, -xy * inverse, xx * inverse])
+    gap = ti.Vector([r[D_N] - D[0], r[D_E] - D[1]])
+    L = ti.Vector([X + J[0] * gap[0] + J[1] * gap[1], Y + J[1] * gap[0] + J[2] * gap[1]])
+    return r, L, J
+
+
+@ti.func
+def displacement(gauge: ti.template(), build: ti.template(), around: ti.template(), e, pos, R):
+    """Displacement (m) of the label under the hull at the beginning of a step, with none to predict it from."""
+    now = pos[0] * 0.0
+    D = ti.Vector([now, now])
+    for _ in range(LABEL_STEPS):
+        _sums, L, _J = at(gauge, build, around, e, now, pos, R, D)
+        D = L - ti.Vector([pos[0], pos[1]])
+    return D
+
+
+@ti.func
+def mean_plane(sums, R):
+    """Elevation (m, up) of the mean surface plane, and its slopes towards north and east."""
+    cos_h, sin_h = heading(R)
+    along, across = sums[ALONG], sums[ACROSS]
+    return ti.Vector([sums[ELEVATION], along * cos_h - across * sin_h, along * sin_h + across * cos_h])
+
+
+@ti.func
+def flow(frame: ti.template(), R, omega, V_c, sums):
+    """nu_c, nu_c_dot, nu_o and nu_o_dot in b, of the current V_c (m/s, n) and of waves; `frame`: current_frame."""
+    v_c, v_c_dot = R.transpose() @ V_c, V_c * 0.0
+    if ti.static(frame == "heading"):
         cos_h, sin_h = heading(R)
-        X, Y = pos[0] + D[0], pos[1] + D[1]
-        r = w.at_centre(sea, phase, count, self.gauge, finite, s, e, X, Y, tau, cos_h, sin_h)
-        xx, xy, yy = r[w.J_XX], r[w.J_XY], r[w.J_YY]
-        inverse = 1.0 / ti.max(xx * yy - xy * xy, 0.01)
-        J = ti.Vector([yy * inverse, -xy * inverse, xx * inverse])
-        gap = ti.Vector([r[w.D_N] - D[0], r[w.D_E] - D[1]])
-        L = ti.Vector([X + J[0] * gap[0] + J[1] * gap[1], Y + J[1] * gap[0] + J[2] * gap[1]])
-        return r, L, J
+        v_c = ti.Vector([cos_h * V_c[0] + sin_h * V_c[1], cos_h * V_c[1] - sin_h * V_c[0], 0.0])
+        v_c_dot = ti.Vector([omega[2] * v_c[1], -omega[2] * v_c[0], 0.0])
+    else:
+        v_c_dot = -cross(omega, v_c)
+    zero = v_c * 0.0
+    cos_h, sin_h = heading(R)
+    v_o = R.transpose() @ ti.Vector([sums[V_N], sums[V_E], sums[V_D]])
+    a_o = R.transpose() @ ti.Vector([sums[A_N], sums[A_E], sums[A_D]])
+    p, q = sums[P], sums[Q]
+    w_o = R.transpose() @ ti.Vector([p * cos_h - q * sin_h, p * sin_h + q * cos_h, 0.0])
+    p, q = sums[P_DOT], sums[Q_DOT]
+    alpha_o = R.transpose() @ ti.Vector([p * cos_h - q * sin_h, p * sin_h + q * cos_h, 0.0])
+    nu_o, nu_o_dot = six(v_o, w_o), six(a_o - cross(omega, v_o), alpha_o - cross(omega, w_o))
+    return six(v_c, zero), six(v_c_dot, zero), nu_o, nu_o_dot
 
-    @ti.func
-    def water_at(self, build: ti.template(), around: ti.template(), e, tau, pos, R, D):
-        """`water` in the surroundings of environment e."""
-        return self.water(
-            around.sea, around.phase, build.components, build.finite, around.env_sea[e], e, tau, pos, R, D
-        )
 
-    @ti.func
-    def label(self, build: ti.template(), around: ti.template(), e, pos, R):
-        """Displacement (m) of the label under the hull at the beginning of a step, with none to predict it from."""
-        now = pos[0] * 0.0
-        D = ti.Vector([now, now])
-        for _ in range(LABEL_STEPS):
-            _water, L, _J = self.water_at(build, around, e, now, pos, R, D)
-            D = L - ti.Vector([pos[0], pos[1]])
-        return D
-
-    @ti.func
-    def plane_n(self, water, R):
-        """Elevation (m) and slopes towards north and east of the mean surface plane."""
-        cos_h, sin_h = heading(R)
-        along, across = water[w.ALONG], water[w.ACROSS]
-        return ti.Vector([water[w.ELEVATION], along * cos_h - across * sin_h, along * sin_h + across * cos_h])
-
-    @ti.func
-    def pressure(
-        self, build: ti.template(), around: ti.template(), tables: ti.template(), aux: ti.template(), e, i, tau,
-        pos, R, L, J, plane,
-    ):  # fmt: skip
-        """Load (N, N m, about CO, b) of the water's pressure; writes the wave's part of it to aux."""
-        self.pressure_heads(
-            around.sea, around.phase, build.components, build.finite, around.env_sea[e], e, i, tau, pos, R, L, J, plane,
-            tables.lines, aux,
-        )  # fmt: skip
-        return self.panel_load(tables, aux, e, i, pos[2], R, plane)
-
-    @ti.func
-    def panel_load(self, tables: ti.template(), aux: ti.template(), e, i, z, R, plane):
-        """Load (N, N m, about CO, b) of the pressure on the panels, whose wave's part is in aux."""
-        k = ti.Vector([R[2, 0], R[2, 1], R[2, 2]])
-        g = R.transpose() @ ti.Vector([plane[1], plane[2], 0.0])
-        count = ti.static(len(self.geometry.panels))
-        return loads.panel_load(tables.panels, tables.node, aux, self.nodes, count, e, i, z, k, g)
-
-    @ti.func
-    def pressure_heads(
-        self, sea: ti.template(), phase: ti.template(), count: ti.template(), finite: ti.template(), s, e, i, tau,
-        pos, R, L, J, plane, lines: ti.template(), aux: ti.template()
-    ):  # fmt: skip
-        """Write the wave's pressure head (m), and its change to starboard, at every point of the wave lines to aux."""
-        for pair in range(lines.shape[0]):
-            h = R @ ti.Vector([lines[pair, 6], lines[pair, 7], lines[pair, 8]])
-            step = ti.Vector([J[0] * h[0] + J[1] * h[1], J[1] * h[0] + J[2] * h[1]])
-            across = ti.Vector([J[0] * R[0, 1] + J[1] * R[1, 1], J[1] * R[0, 1] + J[2] * R[1, 1]])
-            a = self.line_start(R @ ti.Vector([lines[pair, 0], lines[pair, 1], lines[pair, 2]]), h, pos, L, J, plane)
-            b = self.line_start(R @ ti.Vector([lines[pair, 3], lines[pair, 4], lines[pair, 5]]), h, pos, L, J, plane)
-            head_a, head_b, slope_a, slope_b = w.along_pair(
-                sea, phase, count, self.points, finite, s, e, a, b, step, across, tau
-            )
-            first = ti.static(self.head) + pair * ti.static(2 * self.points)
-            for c in ti.static(range(self.points)):
-                aux[e, i, first + c], aux[e, i, first + ti.static(self.points) + c] = head_a[c], head_b[c]
-                aux[e, i, first + ti.static(self.nodes) + c] = slope_a[c]
-                aux[e, i, first + ti.static(self.nodes + self.points) + c] = slope_b[c]
-
-    @ti.func
-    def line_start(self, r, h, pos, L, J, plane):
-        """Label of a line's first point, at r from CO (m, n), its depth below the mean plane, and the change of depth
-        with each step h (m, n). An end in the air counts as on the surface."""
-        last = ti.static(max(self.points - 1, 1))
-        d = pos[2] + r[2] + plane[0] + plane[1] * r[0] + plane[2] * r[1]
-        end = d + last * (h[2] + plane[1] * h[0] + plane[2] * h[1])
-        d, end = ti.max(d, 0.0), ti.max(end, 0.0)
-        X, Y = L[0] + J[0] * r[0] + J[1] * r[1], L[1] + J[1] * r[0] + J[2] * r[1]
-        return ti.Vector([X, Y, d, (end - d) * ti.static(1.0 / last)])
-
-    @ti.func
-    def flow(self, R, omega, V_c, water):
-        """nu_c, nu_c_dot, nu_o and nu_o_dot in b; V_c (m/s, n) is the current."""
-        v_c, v_c_dot = R.transpose() @ V_c, V_c * 0.0
-        if ti.static(self.params.current_frame == "heading"):
-            cos_h, sin_h = heading(R)
-            v_c = ti.Vector([cos_h * V_c[0] + sin_h * V_c[1], cos_h * V_c[1] - sin_h * V_c[0], 0.0])
-            v_c_dot = ti.Vector([omega[2] * v_c[1], -omega[2] * v_c[0], 0.0])
-        else:
-            v_c_dot = -cross(omega, v_c)
-        zero = v_c * 0.0
-        cos_h, sin_h = heading(R)
-        v_o = R.transpose() @ ti.Vector([water[w.V_N], water[w.V_E], water[w.V_D]])
-        a_o = R.transpose() @ ti.Vector([water[w.A_N], water[w.A_E], water[w.A_D]])
-        p, q = water[w.P], water[w.Q]
-        w_o = R.transpose() @ ti.Vector([p * cos_h - q * sin_h, p * sin_h + q * cos_h, 0.0])
-        p, q = water[w.P_DOT], water[w.Q_DOT]
-        alpha_o = R.transpose() @ ti.Vector([p * cos_h - q * sin_h, p * sin_h + q * cos_h, 0.0])
-        nu_o, nu_o_dot = six(v_o, w_o), six(a_o - cross(omega, v_o), alpha_o - cross(omega, w_o))
-        return six(v_c, zero), six(v_c_dot, zero), nu_o, nu_o_dot
-
-    @ti.func
-    def freeboard(self, deck: ti.template(), R, z, plane):
-        """Height (m) of the lowest corner of the deck above the surface plane."""
-        lowest = z * 0.0 + 1e3
-        for c in range(deck.shape[0]):
-            r = R @ ti.Vector([deck[c, 0], deck[c, 1], deck[c, 2]])
-            lowest = ti.min(lowest, -(z + r[2]) - plane[0] - plane[1] * r[0] - plane[2] * r[1])
-        return lowest
+@ti.func
+def freeboard(deck: ti.template(), R, z, plane):
+    """Height (m) of the lowest corner of the deck above the surface plane."""
+    lowest = z * 0.0 + 1e3
+    for c in range(deck.shape[0]):
+        r = R @ ti.Vector([deck[c, 0], deck[c, 1], deck[c, 2]])
+        lowest = ti.min(lowest, -(z + r[2]) - plane[0] - plane[1] * r[0] - plane[2] * r[1])
+    return lowest

@@ -1,0 +1,265 @@
+"""The load of the water's pressure on a hull's panels: hydrostatic, and Froude-Krylov, of the undisturbed wave.
+
+The pressure head at a point, p / (rho g) in m, is its depth below mean sea level and, of every component of the sea,
+
+    a exp(-k d) cos(k . x + phase - omega t),
+
+at the depth d below the hull's mean surface plane (Wheeler 1970, J. Petrol. Technol. 22, 359, whose stretching counts
+from the elevation at the point: here that of the plane, so that one exponential serves a line). In finite depth the
+decay is exp(-omega^2/g d), for hulls lie near the surface. Waves are summed at the points of lines (wave_lines.py) and
+carried from there to the panels; on a panel the pressure is linear, and clipped at zero out of the water, so that its
+averages over strips times constant unit wrenches are the load (hydrostatics.py).
+"""
+
+# Kernels are another language inside Python syntax.
+# pyright: reportInvalidTypeForm=false
+
+from typing import NamedTuple
+
+import numpy as np
+import taichi as ti
+from numpy.typing import NDArray
+
+from taichi_sim.conventions import AMPLITUDE, GRAVITY, KX, KY, OMEGA, RHO_SEA, K
+from taichi_sim.maths import fast
+from taichi_sim.usv.hull.geometry import HullGeometry
+from taichi_sim.usv.hull.hydrostatics import Strips
+
+HALF_TURN = 3.14159265  # waves shorter than a line's step cancel over it
+
+# Rows of the panel table [row, panel]: middle of the panel (m, b); half of the way between its two strips; half a
+# strip's length, mean of the two and half their difference; how far to starboard and ahead of its wave point it lies;
+# then the unit wrenches of either strip that are not zero (hydrostatics.Strips).
+STRIPS = 2
+CENTRE, ALONG, UP, TWIST, ACROSS, AHEAD, WRENCH = 0, 3, 6, 9, 12, 13, 14
+# moment (m0, m1, m2) and component (X Y Z K M N) of the wrench rows of a strip
+WRENCH_ROWS = tuple((m, j) for m in range(3) for j in range(6) if m < 2 or j > 2)
+SECOND = len(WRENCH_ROWS)  # first row of the second strip's, from WRENCH on
+PANEL_ROWS = WRENCH + STRIPS * SECOND
+
+
+class Pressure(NamedTuple):
+    """What kernels are compiled with."""
+
+    panels: int  # how many
+    points: int  # of a wave line
+    nodes: int  # points of all lines
+    first: (
+        int  # column of the auxiliary state where the heads (m) of the nodes begin; their change to starboard follows
+    )
+
+    @classmethod
+    def of(cls, geometry: HullGeometry, first: int) -> "Pressure":
+        """For the panels and lines of a hull."""
+        lines = geometry.lines
+        return cls(len(geometry.panels), lines.points, len(lines.start) * lines.points, first)
+
+    @property
+    def columns(self) -> int:
+        """Of the auxiliary state."""
+        return 2 * self.nodes
+
+
+def panel_table(geometry: HullGeometry) -> NDArray[np.float64]:
+    """[PANEL_ROWS, panel]."""
+    strips = Strips.of(geometry.panels, STRIPS)
+    (c1, c2), (u1, u2) = strips.centre, strips.up
+    table = np.zeros((PANEL_ROWS, len(geometry.panels)))
+    table[:ACROSS] = np.concatenate([c1 + c2, c2 - c1, u1 + u2, u2 - u1], axis=1).T / 2
+    table[ACROSS], table[AHEAD] = geometry.lines.across, geometry.lines.ahead
+    table[WRENCH:] = [strip[:, m, j] for strip in strips.wrench for m, j in WRENCH_ROWS]
+    return table
+
+
+def line_table(geometry: HullGeometry) -> NDArray[np.float64]:
+    """[pair, 9]: first point of either line of a pair, and their common step, m, b."""
+    start, step = geometry.lines.start, geometry.lines.step
+    return np.concatenate([start[::2], start[1::2], step[::2]], axis=1)
+
+
+@ti.func
+def load(
+    sizes: ti.template(), build: ti.template(), around: ti.template(), tables: ti.template(), aux: ti.template(),
+    e, i, tau, pos, R, L, J, plane
+):  # fmt: skip
+    """Load (N, N m, about CO, b) on vehicle i in environment e, tau s after the beginning of a step; the heads are
+    written to the auxiliary state. `sizes` is a Pressure; L, J and plane are of water.at and water.mean_plane.
+    """
+    write_heads(sizes, build, around, tables.lines, aux, e, i, tau, pos, R, L, J, plane)
+    return panel_load(sizes, tables, aux, e, i, pos[2], R, plane)
+
+
+@ti.func
+def write_heads(
+    sizes: ti.template(), build: ti.template(), around: ti.template(), lines: ti.template(), aux: ti.template(),
+    e, i, tau, pos, R, L, J, plane
+):  # fmt: skip
+    """Write the wave's pressure head (m), and its change to starboard, at every point of the wave lines to aux."""
+    s = around.env_sea[e]
+    for pair in range(lines.shape[0]):
+        h = R @ ti.Vector([lines[pair, 6], lines[pair, 7], lines[pair, 8]])
+        step = ti.Vector([J[0] * h[0] + J[1] * h[1], J[1] * h[0] + J[2] * h[1]])
+        across = ti.Vector([J[0] * R[0, 1] + J[1] * R[1, 1], J[1] * R[0, 1] + J[2] * R[1, 1]])
+        r_a = R @ ti.Vector([lines[pair, 0], lines[pair, 1], lines[pair, 2]])
+        r_b = R @ ti.Vector([lines[pair, 3], lines[pair, 4], lines[pair, 5]])
+        a = line_start(sizes.points, r_a, h, pos, L, J, plane)
+        b = line_start(sizes.points, r_b, h, pos, L, J, plane)
+        head_a, head_b, slope_a, slope_b = along_pair(build, around, sizes.points, s, e, a, b, step, across, tau)
+        first = ti.static(sizes.first) + pair * ti.static(2 * sizes.points)
+        for c in ti.static(range(sizes.points)):
+            aux[e, i, first + c], aux[e, i, first + ti.static(sizes.points) + c] = head_a[c], head_b[c]
+            aux[e, i, first + ti.static(sizes.nodes) + c] = slope_a[c]
+            aux[e, i, first + ti.static(sizes.nodes + sizes.points) + c] = slope_b[c]
+
+
+@ti.func
+def line_start(points: ti.template(), r, h, pos, L, J, plane):
+    """Label of a line's first point, at r from CO (m, n), its depth below the mean plane, and the change of depth
+    with each step h (m, n). An end in the air counts as on the surface."""
+    last = ti.static(max(points - 1, 1))
+    d = pos[2] + r[2] + plane[0] + plane[1] * r[0] + plane[2] * r[1]
+    end = d + last * (h[2] + plane[1] * h[0] + plane[2] * h[1])
+    d, end = ti.max(d, 0.0), ti.max(end, 0.0)
+    X, Y = L[0] + J[0] * r[0] + J[1] * r[1], L[1] + J[1] * r[0] + J[2] * r[1]
+    return ti.Vector([X, Y, d, (end - d) * ti.static(1.0 / last)])
+
+
+@ti.func
+def along_pair(
+    build: ti.template(), around: ti.template(), points: ti.template(), s, e, a, b, step, across, tau
+):  # fmt: skip
+    """Dynamic pressure head p / (rho g) (m) at `points` points on each of two parallel lines.
+
+    `a` and `b` give the label and the depth (m, below the mean plane) of either line's first point, and the change of
+    depth from one to the next; `step` is the change of label, shared. Returns the heads on a and on b, and their
+    changes (m/m) in the direction `across` of labels.
+
+    Each is a mean over one step's length around the point, so that a row of panels adds up to the integral along it.
+    Two lines share what depends on their direction, and hide each other's latency.
+    """
+    head_a, slope_a = ti.Vector([tau * 0.0 for _ in range(points)]), ti.Vector([tau * 0.0 for _ in range(points)])
+    head_b, slope_b = ti.Vector([tau * 0.0 for _ in range(points)]), ti.Vector([tau * 0.0 for _ in range(points)])
+    sea = ti.static(around.sea)
+    for c in range(build.components):
+        kx, ky, k, omega = sea[s, KX, c], sea[s, KY, c], sea[s, K, c], sea[s, OMEGA, c]
+        rate = k
+        if ti.static(build.finite):
+            rate = omega * omega * ti.static(1 / GRAVITY)
+        # of half a turn, so that the mean over a step's length, its sinc, comes along; waves shorter than that cancel
+        turn, k_across = kx * step[0] + ky * step[1], kx * across[0] + ky * across[1]
+        half = fast.at_most(ti.abs(0.5 * turn), HALF_TURN)
+        sinc, half_cosine = fast.sinc_short(half), fast.cos_short(half)
+        half_sine = half * sinc
+        cosine_step, sine_step = 1 - 2 * half_sine * half_sine, 2 * half_sine * half_cosine
+        sine_step = ti.select(turn < 0, -sine_step, sine_step)
+        amplitude, start = sea[s, AMPLITUDE, c] * sinc, around.phase[e, c] - omega * tau
+        sine_a, cosine_a = fast.sincos_short(kx * a[0] + ky * a[1] + start)
+        sine_b, cosine_b = fast.sincos_short(kx * b[0] + ky * b[1] + start)
+        decayed_a, decayed_b = amplitude * fast.exp_decay(rate * a[2]), amplitude * fast.exp_decay(rate * b[2])
+        m_a, m_b = fast.exp_near_one(rate * a[3]), fast.exp_near_one(rate * b[3])
+        re_a, im_a, re_b, im_b = decayed_a * cosine_a, decayed_a * sine_a, decayed_b * cosine_b, decayed_b * sine_b
+        step_re_a, step_im_a, step_re_b, step_im_b = (
+            m_a * cosine_step,
+            m_a * sine_step,
+            m_b * cosine_step,
+            m_b * sine_step,
+        )
+        for i in ti.static(range(points)):
+            head_a[i] += re_a
+            head_b[i] += re_b
+            slope_a[i] -= k_across * im_a
+            slope_b[i] -= k_across * im_b
+            if ti.static(i < points - 1):
+                t_a, t_b = re_a * step_re_a - im_a * step_im_a, re_b * step_re_b - im_b * step_im_b
+                im_a, im_b = re_a * step_im_a + im_a * step_re_a, re_b * step_im_b + im_b * step_re_b
+                re_a, re_b = t_a, t_b
+    return head_a, head_b, slope_a, slope_b
+
+
+@ti.func
+def strip_moments(p_c, d):
+    """hydrostatics.pressure_moments."""
+    size = ti.abs(d)
+    p_hi = ti.max(p_c + size, 0.0)
+    wet = p_c >= size
+    w = ti.select(wet, 1.0, p_hi / (2 * size + 1e-12))
+    m0 = ti.select(wet, p_c, 0.5 * p_hi * w)
+    sign = ti.select(d < 0, -1.0, 1.0)
+    m1 = ti.select(wet, d * (1.0 / 3), m0 * sign * (1 - w * (2.0 / 3)))
+    m2 = ti.select(wet, p_c * (1.0 / 3), m0 * (1 - w * (4.0 / 3 - w * (2.0 / 3))))
+    return m0, m1, m2
+
+
+@ti.func
+def along(panels: ti.template(), row: ti.template(), count: ti.template(), p, v):
+    """Dot product of v with the vector that begins at `row` of the panel table."""
+    return v[0] * panels[row * count + p] + v[1] * panels[(row + 1) * count + p] + v[2] * panels[(row + 2) * count + p]
+
+
+@ti.func
+def wrench(panels: ti.template(), row: ti.template(), count: ti.template(), p):
+    """One component of a unit wrench: `row` counts through WRENCH_ROWS, the second strip's from SECOND on."""
+    return panels[(WRENCH + row) * count + p]
+
+
+@ti.func
+def panel_load(sizes: ti.template(), tables: ti.template(), aux: ti.template(), e, i, z, R, plane):
+    """Load (N, N m, about CO, b) of the heads in the auxiliary state, with CO at the depth z (m) below mean sea level.
+
+    Over a panel the wave's pressure changes with the mean surface plane. The table is read along panels, contiguous, so
+    that the sums vectorise.
+    """
+    k = ti.Vector([R[2, 0], R[2, 1], R[2, 2]])  # downwards in b
+    g = R.transpose() @ ti.Vector([plane[1], plane[2], 0.0])  # slope of the surface plane in b
+    panels, node, count = ti.static(tables.panels, tables.node, sizes.panels)
+    X, Y, Z, K, M, N = z * 0.0, z * 0.0, z * 0.0, z * 0.0, z * 0.0, z * 0.0
+    slope_b = k + g  # of the pressure head in space
+    for p in range(count):
+        p_c = z + along(panels, CENTRE, count, p, k)
+        p_c += (
+            aux[e, i, node[p]]
+            + panels[ACROSS * count + p] * aux[e, i, node[p] + ti.static(sizes.nodes)]
+            + panels[AHEAD * count + p] * g[0]
+        )
+        d1 = along(panels, ALONG, count, p, slope_b)
+        d2 = along(panels, UP, count, p, slope_b)
+        d3 = along(panels, TWIST, count, p, slope_b)
+        a0, a1, a2 = strip_moments(p_c - d1, d2 - d3)
+        b0, b1, b2 = strip_moments(p_c + d1, d2 + d3)
+        X -= (
+            wrench(panels, 0, count, p) * a0
+            + wrench(panels, 6, count, p) * a1
+            + wrench(panels, SECOND + 0, count, p) * b0
+            + wrench(panels, SECOND + 6, count, p) * b1
+        )
+        Y -= (
+            wrench(panels, 1, count, p) * a0
+            + wrench(panels, 7, count, p) * a1
+            + wrench(panels, SECOND + 1, count, p) * b0
+            + wrench(panels, SECOND + 7, count, p) * b1
+        )
+        Z -= (
+            wrench(panels, 2, count, p) * a0
+            + wrench(panels, 8, count, p) * a1
+            + wrench(panels, SECOND + 2, count, p) * b0
+            + wrench(panels, SECOND + 8, count, p) * b1
+        )
+        K -= wrench(panels, 3, count, p) * a0 + wrench(panels, 9, count, p) * a1 + wrench(panels, 12, count, p) * a2
+        K -= (
+            wrench(panels, SECOND + 3, count, p) * b0
+            + wrench(panels, SECOND + 9, count, p) * b1
+            + wrench(panels, SECOND + 12, count, p) * b2
+        )
+        M -= wrench(panels, 4, count, p) * a0 + wrench(panels, 10, count, p) * a1 + wrench(panels, 13, count, p) * a2
+        M -= (
+            wrench(panels, SECOND + 4, count, p) * b0
+            + wrench(panels, SECOND + 10, count, p) * b1
+            + wrench(panels, SECOND + 13, count, p) * b2
+        )
+        N -= wrench(panels, 5, count, p) * a0 + wrench(panels, 11, count, p) * a1 + wrench(panels, 14, count, p) * a2
+        N -= (
+            wrench(panels, SECOND + 5, count, p) * b0
+            + wrench(panels, SECOND + 11, count, p) * b1
+            + wrench(panels, SECOND + 14, count, p) * b2
+        )
+    return ti.static(RHO_SEA * GRAVITY) * ti.Vector([X, Y, Z, K, M, N])

@@ -1,0 +1,212 @@
+"""The thrusters of a hull: from the action to the load on the hull.
+
+    action     what a policy says, each in [-1, 1]                             `commanded`
+    command    speed of each thruster, then angle (rad) of each that turns     `lagged`
+    controls   the same, as they are: speeds follow their commands with a
+               first-order lag, exact for a held command, angles at a rate     `thrusts`
+    thrust     N of each, k |n| n (thrusters.py)                               `load`
+    load       N, N m, about CO, b
+
+`p` is what the kernel works with (numbers.py). All is unrolled over the thrusters.
+"""
+
+# Kernels are another language inside Python syntax.
+# pyright: reportInvalidTypeForm=false
+
+import math
+from collections.abc import Mapping
+
+import taichi as ti
+from torch import Tensor
+
+from taichi_sim.fleet import Fleet
+from taichi_sim.usv.hull.allocation import Allocation, allocated
+from taichi_sim.usv.hull.numbers import vector
+from taichi_sim.usv.hull.params import Hull6DofParams
+from taichi_sim.usv.hull.thrusters import shaft_speed, thrust
+
+ACTION_NAMES = {"surge_yaw": ("acceleration", "yaw"), "wrench": ("surge", "sway", "yaw")}  # of others: the thrusters'
+Arrow = tuple[tuple[float, float, float], tuple[str | None, str | None, str | None]]
+
+
+class ThrusterSet:
+    """What kernels are compiled with, and what there is to read of it; no thruster has the columns of two at rest.
+
+    Attributes:
+        thrusters: in the order of the vehicle file. turning: those that turn. actions: how they are commanded.
+        action_names, control_names: of actions and controls. columns: of the auxiliary state, controls first.
+        first, first_thrust: columns of the auxiliary state where controls, and thrusts, begin. push_of: of each
+            thruster, the column of its push ahead, its push to starboard being the next; -1 where its thrust says it.
+        angle_of: of each thruster, the control that is its angle; -1 of one that does not turn.
+        allocation: of `actions = "wrench"`. signals: plots of a recording (`Vehicle.signals`).
+    """
+
+    def __init__(self, params: Hull6DofParams, dt: float, first: int):
+        """Those of `params`, stepped by `dt` (s), with columns of the auxiliary state from `first` on."""
+        self.thrusters, self.actions, self.dt = params.all_thrusters, params.actions, dt
+        self.turning = tuple(t for t in self.thrusters if t.azimuth)
+        names = tuple(t.name for t in self.thrusters) or ("left", "right")
+        angles = tuple(f"angle_{t.name}" for t in self.turning)
+        self.action_names = ACTION_NAMES.get(self.actions, (*names, *(f"{t.name}_angle" for t in self.turning)))
+        self.control_names = (*(f"shaft_{name}" for name in names), *angles)
+        self.first, self.first_thrust = first, first + len(self.control_names)
+        columns, push_of = [*self.control_names, *(f"thrust_{name}" for name in names)], []
+        for t in self.thrusters:
+            plain = not t.azimuth and 1.0 in t.direction
+            push_of.append(-1 if plain else first + len(columns))
+            columns += [] if plain else [f"ahead_{t.name}", f"starboard_{t.name}"]
+        self.columns, self.push_of = tuple(columns), tuple(push_of)
+        self.angle_of = tuple(len(names) + self.turning.index(t) if t.azimuth else -1 for t in self.thrusters)
+        self.allocation = Allocation.of(self.thrusters) if self.actions == "wrench" else None
+        rated = params.thrusters is not None or all(one.n_max is not None for one in params.actuators.values())
+        self.signals = {
+            "shaft speed": ("rad/s" if rated else "", self.control_names[: len(names)]),
+            "thrust": ("N", tuple(f"thrust_{name}" for name in names)),
+            **({"thruster angle": ("rad", angles)} if angles else {}),
+        }
+
+    def __len__(self) -> int:
+        """Number of thrusters."""
+        return len(self.thrusters)
+
+    @property
+    def arrows(self) -> Mapping[str, Arrow]:
+        """Load arrows of a recording (`Vehicle.forces`)."""
+        found: dict[str, Arrow] = {}
+        for t, push in zip(self.thrusters, self.push_of, strict=True):
+            name = f"thrust_{t.name}"
+            if push >= 0:
+                columns = f"ahead_{t.name}", f"starboard_{t.name}", None
+            else:
+                columns = (name, None, None) if t.direction[0] == 1.0 else (None, name, None)
+            found[name] = (t.position, columns)
+        return found
+
+    def power(self, fleet: Fleet) -> Tensor | None:
+        """Thrust times the speed of the hull along it, summed [env, vehicle], W; None without thrusters."""
+        if not self.thrusters:
+            return None
+        if all(t.direction[0] == 1.0 and not t.azimuth for t in self.thrusters):
+            thrusts = fleet.aux[..., self.first_thrust : self.first_thrust + len(self)]
+            return thrusts.sum(-1) * fleet.velocity_b[..., 0]
+        total = fleet.velocity_b[..., 0] * 0.0
+        for _, columns in self.arrows.values():
+            for axis, column in enumerate(columns):
+                if column is not None:
+                    total += fleet.reading(column) * fleet.velocity_b[..., axis]
+        return total
+
+
+@ti.func
+def within_half_turn(angle):
+    """The angle (rad) in [-pi, pi) of the same direction."""
+    return angle - ti.static(2 * math.pi) * ti.floor((angle + ti.static(math.pi)) * ti.static(0.5 / math.pi))
+
+
+@ti.func
+def controls_at(fitted: ti.template(), aux: ti.template(), e, i):
+    """Controls of vehicle i in environment e."""
+    return ti.Vector([aux[e, i, ti.static(fitted.first) + c] for c in ti.static(range(len(fitted.control_names)))])
+
+
+@ti.func
+def commanded(fitted: ti.template(), action: ti.template(), e, i, controls):
+    """Command of an action; what actions mean is in hull_6dof.py."""
+    command = controls * 0.0
+    if ti.static(len(fitted) > 0):
+        if ti.static(fitted.actions == "wrench"):
+            tau = ti.Vector([action[e, i, 0], action[e, i, 1], action[e, i, 2]])
+            for c in ti.static(range(3)):
+                most, least = ti.static(fitted.allocation.largest[c], fitted.allocation.smallest[c])
+                tau[c] *= ti.select(tau[c] > 0, most, -least)
+            command = allocated(fitted, tau, controls)
+        elif ti.static(fitted.actions == "surge_yaw"):
+            left, right = ti.static(fitted.thrusters[0], fitted.thrusters[1])
+            low, high = ti.static(left.thrust_min), ti.static(left.thrust_max)
+            surge = 0.5 * (action[e, i, 0] + 1.0) * high
+            yaw = 0.5 * action[e, i, 1] * (high - low)
+            command[0] = shaft_speed(left, ti.max(ti.min(surge + yaw, high), low))
+            command[1] = shaft_speed(right, ti.max(ti.min(surge - yaw, high), low))
+        else:
+            for k in ti.static(range(len(fitted.control_names))):
+                share = action[e, i, k]
+                if ti.static(k < len(fitted)):
+                    n_max, n_min = ti.static(fitted.thrusters[k].n_max, fitted.thrusters[k].n_min)
+                    command[k] = ti.select(share > 0, share * n_max, -share * n_min)
+                else:
+                    low, high = ti.static(fitted.turning[k - len(fitted)].span)
+                    command[k] = low + 0.5 * (share + 1.0) * (high - low)
+    return command
+
+
+@ti.func
+def lagged(fitted: ti.template(), p: ti.template(), controls, command, ahead):
+    """Controls `ahead` (0, 1/2 or 1) of a step later, on their way to the command; without a lag, the command."""
+    found = controls
+    if ti.static(len(fitted) > 0):
+        halves, wholes = ti.static(vector(p, "keep_half", len(fitted)), vector(p, "keep", len(fitted)))
+        for k in ti.static(range(len(fitted))):
+            begin = ti.select(wholes[k] > 0, 1.0, 0.0)
+            keep = ti.select(ahead > 0.5, wholes[k], ti.select(ahead > 0, halves[k], begin))
+            found[k] = command[k] + (controls[k] - command[k]) * keep
+        for a in ti.static(range(len(fitted.turning))):
+            t, at = ti.static(fitted.turning[a], len(fitted) + a)
+            most = ahead * ti.static(t.turn_rate * fitted.dt)
+            if ti.static(t.all_round):  # the shorter way round
+                way = within_half_turn(command[at] - controls[at])
+                found[at] = within_half_turn(controls[at] + ti.max(ti.min(way, most), -most))
+            else:
+                found[at] = controls[at] + ti.max(ti.min(command[at] - controls[at], most), -most)
+    return found
+
+
+@ti.func
+def thrusts(fitted: ti.template(), p: ti.template(), controls):
+    """Thrusts (N), and their parts ahead and to starboard: three vectors."""
+    size = ti.static(max(len(fitted), 1))
+    force = ti.Vector([controls[0] * 0.0 for _ in range(size)])
+    ahead, right = force, force
+    if ti.static(len(fitted) > 0):
+        gains = ti.static(vector(p, "gain", len(fitted)))
+        for k in ti.static(range(len(fitted))):
+            t = ti.static(fitted.thrusters[k])
+            force[k] = gains[k] * thrust(t, controls[k])
+            c, s = ti.static(t.direction)
+            if ti.static(t.azimuth):
+                at = ti.static(fitted.angle_of[k])
+                turned_c, turned_s = ti.cos(controls[at]), ti.sin(controls[at])
+                ahead[k] = (c * turned_c - s * turned_s) * force[k]
+                right[k] = (s * turned_c + c * turned_s) * force[k]
+            else:
+                ahead[k], right[k] = c * force[k], s * force[k]
+    return force, ahead, right
+
+
+@ti.func
+def load(fitted: ti.template(), p: ti.template(), controls):
+    """Load (N, N m, about CO, b) of the thrusters at these controls."""
+    tau = ti.Vector([controls[0] * 0.0 for _ in range(6)])
+    if ti.static(len(fitted) > 0):
+        force, ahead, right = thrusts(fitted, p, controls)
+        for k in ti.static(range(len(fitted))):
+            t = ti.static(fitted.thrusters[k])
+            for c in ti.static(range(6)):
+                if ti.static(t.azimuth):
+                    tau[c] += ti.static(t.arm[0][c]) * ahead[k] + ti.static(t.arm[1][c]) * right[k]
+                elif ti.static(t.wrench[c] != 0):
+                    tau[c] += ti.static(t.wrench[c]) * force[k]
+    return tau
+
+
+@ti.func
+def note(fitted: ti.template(), p: ti.template(), aux: ti.template(), e, i, controls):
+    """Write controls and thrusts at the end of the step to the auxiliary state."""
+    for c in ti.static(range(len(fitted.control_names))):
+        aux[e, i, ti.static(fitted.first) + c] = controls[c]
+    if ti.static(len(fitted) > 0):
+        force, ahead, right = thrusts(fitted, p, controls)
+        for k in ti.static(range(len(fitted))):
+            aux[e, i, ti.static(fitted.first_thrust + k)] = force[k]
+            if ti.static(fitted.push_of[k] >= 0):
+                aux[e, i, ti.static(fitted.push_of[k])] = ahead[k]
+                aux[e, i, ti.static(fitted.push_of[k] + 1)] = right[k]
