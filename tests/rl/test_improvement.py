@@ -51,6 +51,18 @@ def test_what_is_suggested_costs_less_where_it_has_an_effect():
     assert better < cost_of(team, [no_correction(team)] * 30)
 
 
+def test_what_the_leader_tries_does_not_blur_what_its_followers_try():
+    """In each sample either the leader deviates from the policy or its followers do, and only at first."""
+    team = make_mission(load_scenario("paper", FEW), 4, seed=3, teams=("usv",)).teams["usv"]
+    planner = Improver(PLAN, no_correction, seed=1)
+    drawn = planner._noise((4, 16, PLAN.knots, 3, 2), team.fleet.state).abs().amax((0, 4))  # [sample, knot, vehicle]
+    assert (drawn[:, 2:] == 0).all()
+    leader, followers = drawn[:, :2, 0].amax(1) > 0, drawn[:, :2, 1:].amin((1, 2)) > 0
+    assert (leader != followers).all() and int(leader.sum()) == 8
+    alone = planner._noise((4, 16, PLAN.knots, 1, 2), team.fleet.state)
+    assert (alone[:, :, :2] != 0).all()
+
+
 def test_a_stage_learns_what_is_suggested_and_goes_on_after_an_interruption(tmp_path):
     """More epochs leave a smaller error; a second run goes on from the first one's checkpoint."""
     errors = []

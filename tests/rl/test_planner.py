@@ -51,6 +51,26 @@ def test_what_an_oracle_predicts_is_what_happens(scenario):
     assert (planner.cost <= planner.classical).all() and (planner.cost < planner.classical).any()
 
 
+def test_few_forks_serve_plans_for_any_number_of_environments(monkeypatch):
+    team = team_of("paper", envs=8)
+    built, alike = [], type(team.mission)._alike
+    monkeypatch.setattr(type(team.mission), "_alike", lambda self, n: built.append(n) or alike(self, n))
+    planner = Planner(PlanConfig(samples=4, rounds=1, horizon=0.2, every=0.1), seed=1)
+    for count in range(8, 0, -1):
+        planner.bind(team)
+        planner._plan(team, torch.arange(count))
+        assert (planner.cost[:count] <= planner.classical[:count]).all()
+    assert sorted(built) == [8, 16, 24, 32]  # two, four, six, eight environments, four copies of each
+
+
+def test_a_plan_costs_more_inside_its_berth():
+    """As much as the square of the distance from the slot says, and 300 m^2 for each metre."""
+    team = team_of("paper", "usv.plan.berth=2.0")
+    team.sensor.gap.copy_(torch.tensor([3.0, 1.5, 0.0]).expand_as(team.sensor.gap))
+    extra = team.mission.plan_cost(team, torch.zeros_like(team.fleet.never)) - team.distance.square()
+    assert extra[0].tolist() == pytest.approx([0.0, 150.0, 600.0], rel=1e-4)
+
+
 def test_a_learned_policy_is_followed_where_it_is_the_best_sample():
     """One that stops is, where nothing else is tried but the classical controller, in some environments."""
     team = team_of("paper", envs=12)
