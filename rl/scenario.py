@@ -32,8 +32,8 @@ class PlanningConfig(Strict):
 class StageConfig(Strict):
     """One training stage: which team learns (others act from frozen weights), on what, and PPO's numbers.
 
-    A team may be trained by several stages: a later one goes on from where the one before it ended. Teams that neither
-    learn nor are frozen are not there.
+    A team may be trained by several stages: a later one goes on from where the one before it ended, with the same
+    networks. Teams that neither learn nor are frozen are not there.
     """
 
     team: Annotated[str, Field(min_length=1)]  # that learns
@@ -129,7 +129,9 @@ class Scenario(WorldConfig):
                 earlier, begun = first.setdefault(team, (name, stage))
                 for own in ("hidden_dims", "activation", "critic"):
                     before, now = getattr(begun, own), getattr(stage, own)
-                    if before != now:
+                    if own not in stage.model_fields_set and before != now:
+                        self.stages[name] = stage = stage.model_copy(update={own: before})
+                    elif before != now:
                         raise ValueError(
                             f"stages.{name}.{own} = {now!r}: {team} goes on with the networks of stages.{earlier}, "
                             f"where that is {before!r}"

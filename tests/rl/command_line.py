@@ -28,10 +28,12 @@ ROOT = Path(__file__).resolve().parents[2]
 ITERATIONS = 4
 CHECKPOINT_INTERVAL = 2  # checkpoints after iterations 1, 3 and 4
 TINY = (
+    "stages={}",  # two small ones of PPO in place of the shipped recipe
     *(
         f"stages.{team}.{setting}"
         for team in ("usv", "uav")
         for setting in (
+            f'team="{team}"',
             f"iterations={ITERATIONS}",
             "num_envs=8",
             "steps_per_iteration=8",

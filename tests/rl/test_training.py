@@ -239,7 +239,7 @@ def test_one_team_alone_is_trained_judged_and_recorded(team, tmp_path):
     scenario = tmp_path / "one.toml"
     scenario.write_text(f'{head}[stages.only]\nteam = "{team}"\n\n{tail}')
     own = [text.replace(f"stages.{team}", "stages.only") for text in TINY]
-    own = [text for text in own if not text.startswith(("stages.usv", "stages.uav"))]
+    own = [text for text in own if not text.startswith(("stages={}", "stages.usv", "stages.uav"))]
     out = tmp_path / "run"
     ending = command("rl.train", "--config", scenario, "--out", out, *sets(*own))
     assert ending.status == 0, ending.err
