@@ -28,7 +28,7 @@ def test_a_catamaran_moves_in_waves_as_its_database_says(name, of_peak):
     """Heave, roll and pitch, each over 0.3 to 1.6 of its resonance and all headings; errors over the peak."""
     water = NO_DAMPING | {"linear": AT_REST}
     model = load_vehicle(name, DT, SAMPLE, hydrodynamics=water, thrusters=None)
-    database = model.database
+    database = model.radiation.database
     resonance = np.array(database.settings["resonances"])
     omega = np.linspace(BAND[0] * resonance.min(), BAND[1] * resonance.max(), 40)
     heading = database.heading_deg

@@ -29,7 +29,7 @@ def barge() -> Hull6Dof:
 
 def test_roll_at_resonance_is_the_load_over_all_damping():
     """Closed form of one mode: where the stiffness is w^2 (M + A), |roll| = |X| / (w (B + B_ext))."""
-    found = barge().database
+    found = barge().radiation.database
     assert found is not None
     n = len(found.omega) // 2
     w, roll = found.omega[n], np.arange(6) == ROLL

@@ -13,7 +13,6 @@ from gymnasium.vector import AutoresetMode
 from rl.learn.policy import OBS_GROUPS, CheckpointError, TrainedPolicy, actor_config
 from rl.missions import load_scenario
 from rl.runs.folder import CONFIG, RunError
-from rl.scenario import StageConfig
 from taichi_sim.config.io import write_toml
 from taichi_sim.usv.vessel import Vessel
 
@@ -155,11 +154,11 @@ def test_an_ending_of_the_other_team_truncates() -> None:
 
 
 def save_policy(folder, observations: int, actions: int) -> None:
-    """A checkpoint of an untrained actor of the default stage."""
+    """A checkpoint of an untrained actor of the shipped stage."""
     from rsl_rl.models import MLPModel
     from tensordict import TensorDict
 
-    options = actor_config(StageConfig(team="uav"))
+    options = actor_config(load_scenario(overrides=SMALL).stages["uav"])
     options.pop("class_name")
     example = TensorDict({"policy": torch.zeros(1, observations)}, batch_size=[1])
     torch.manual_seed(0)
@@ -175,7 +174,7 @@ def test_a_frozen_policy_acts_for_the_other_team(tmp_path) -> None:
     save_policy(tmp_path / "uav", observations, actions)
     env = make_vec(IDS[0], other=tmp_path / "uav" / "model_1.pt").unwrapped
     env.reset(seed=1)
-    policy = TrainedPolicy.load(tmp_path / "uav" / "model_1.pt", StageConfig(team="uav"))
+    policy = TrainedPolicy.load(tmp_path / "uav" / "model_1.pt", load_scenario(overrides=SMALL).stages["uav"])
     expected = policy(env.task.teams["uav"])
     env.step(env.action_space.sample())
     torch.testing.assert_close(env.task.teams["uav"].action, expected)

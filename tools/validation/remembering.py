@@ -104,8 +104,8 @@ def _undamped(case: Case, name: str) -> tuple[Hull6Dof, HydroDatabase]:
     water = NO_DAMPING | {"linear": little, "radiation": "memory"}
     adrift = {"thrusters": None} if "thrusters" in file else {}  # two propellers idle ahead
     model = load_vehicle(name, _dt(file["length"]), SAMPLE, hydrodynamics=water, **adrift)
-    assert isinstance(model, Hull6Dof) and model.database is not None
-    return model, model.database
+    assert isinstance(model, Hull6Dof) and model.radiation.database is not None
+    return model, model.radiation.database
 
 
 def slowest_decay(model: Hull6Dof, database: HydroDatabase) -> float:
