@@ -44,7 +44,7 @@ class PlannedImprovement(LeanPPO):
         self._noted: list[Lesson] = []
         own = env.mission.teams[env.team]
         plan = getattr(own.section, "plan", None) or PlanConfig()
-        plan = plan.model_copy(update={"samples": stage.planning.samples, "rounds": 1, "share": 0.0})
+        plan = plan.model_copy(update={"samples": stage.planning.samples, "rounds": 1})
         self._planner = Improver(plan, self._mean, env.frozen, seed=int(torch.randint(2**31, ())))
         self._planner.bind(own)
         self._aim()
