@@ -1,7 +1,7 @@
 """Policies improved by planning: an algorithm beside PPO for rsl-rl's runner, `[stages.NAME.planning]`.
 
 The policy acts in its environments. Where its actions have an effect, a planner (rl/planning/improvement.py) looks in
-forks of the truth for what it had better do, and the network is fitted to that: one step of approximate policy
+forks of the truth for what it should do, and the network is fitted to that: one step of approximate policy
 iteration (Bertsekas 2011, J. Control Theory Appl. 9(3)) an iteration, by dataset aggregation over the last few
 (DAgger: Ross, Gordon & Bagnell 2011, AISTATS). A sample counts by the square root of what is at stake in it: what to do
 beside an obstacle is learnt more exactly than what to do far from all of them.
@@ -20,9 +20,9 @@ from rl.planning.config import PlanConfig
 from rl.planning.improvement import Improver
 from rl.scenario import StageConfig
 
-BATCH = 1024  # rows in a step of the optimiser
-DECAY = 1e-3  # of weights
-MOST = 5.0  # weight of a sample, over the mean
+BATCH = 1024  # rows in a step of the optimiser; assumed
+DECAY = 1e-3  # of the network's weights; assumed
+MOST = 5.0  # weight of a sample, over the mean; assumed
 
 
 class Lesson(NamedTuple):
@@ -64,7 +64,7 @@ class PlannedImprovement(LeanPPO):
 
     @torch.no_grad()
     def act(self, obs: Any) -> Tensor:
-        """The policy's mean actions [row, action]; note what it had better do."""
+        """The policy's mean actions [row, action]; note what it should do."""
         own, planning = self._env.mission.teams[self._env.team], self._stage.planning
         assert planning is not None
         self._planner.renew(own)

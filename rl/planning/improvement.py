@@ -1,4 +1,4 @@
-"""Plans about a policy: what it had better do, for it to learn (rl/learn/improvement.py).
+"""Plans about a policy: what it should do, for it to learn (rl/learn/improvement.py).
 
 A plan is a correction of the policy's own actions, and the policy acts in the model, too: what is found is the next
 step from what it does now, not another way of doing the task. So the policy learns nothing that depends on what it does
