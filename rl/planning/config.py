@@ -17,7 +17,7 @@ class PlanConfig(Strict):
     knots: Annotated[int, Field(ge=2, le=50)] = 5  # of a plan, evenly spaced over the horizon, linear in between
     spread: Positive = 3.0  # standard deviation of a knot in the first round: m/s, or share of an action's range
     berth: NonNegative = 0.5  # m of clearance: a plan that comes nearer to anything costs more
-    share: NonNegative = 0.5  # of team mates' costs in a vehicle's own
+    share: NonNegative = 0.2  # of its followers' costs in a leader's own
 
     @model_validator(mode="after")
     def _looks_ahead(self):
