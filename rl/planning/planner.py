@@ -4,12 +4,12 @@ A plan is a correction of the velocity that the team's classical controller asks
 target's course, at evenly spaced knots with straight lines between them; or of the actions, where the controller has no
 velocity to ask for. Every `every` seconds the environment is forked into `samples` copies, each follows a plan of its
 own for the `horizon`, and the costs (`Mission.plan_cost`) of what happens choose: the path-integral update (Williams,
-Drews, Goldfain, Rehg & Theodorou 2018, IEEE Trans. Robotics 34(6)) for each vehicle of the team by its own cost, for the
-leader also by a share of its followers', whose slots go where it goes. Later rounds draw about that mean with half the
-spread. Among the samples are always the plan of before or the mean of the round before, the classical controller alone,
-and, if there is one, a learned policy. At last the mean is tried against the best sample, the classical controller and
-the learned policy; what costs the team least is followed. So a plan is never worse in the model than the classical
-controller.
+Drews, Goldfain, Rehg & Theodorou 2018, IEEE Trans. Robotics 34(6)) for each vehicle of the team by its own cost, and
+for the leader also by a share of its followers', whose slots go where it goes. Later rounds draw about that mean with
+half the spread. Among the samples are always the plan of before or the mean of the round before, the classical
+controller alone, and, if there is one, a learned policy. At last the mean is tried against the best sample, the
+classical controller and the learned policy; what costs the team least is followed. So a plan is never worse in the
+model than the classical controller.
 """
 
 import math
