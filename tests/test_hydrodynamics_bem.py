@@ -12,13 +12,13 @@ sys.path.insert(0, str(ROOT / "tools"))
 pytest.importorskip("capytaine")
 
 import hydrodynamics  # noqa: E402
-from hydro.drift import mean_drift  # noqa: E402
-from hydro.frames import turned_matrix  # noqa: E402
-from hydro.problem import Tank, dispersion, solve  # noqa: E402
-from hydro.surface import Surface  # noqa: E402
 from validation.regular import motions  # noqa: E402
 from validation.tables import read_csv  # noqa: E402
 
+from taichi_sim.hydro.drift import mean_drift  # noqa: E402
+from taichi_sim.hydro.frames import turned_matrix  # noqa: E402
+from taichi_sim.hydro.problem import Tank, dispersion, solve  # noqa: E402
+from taichi_sim.hydro.surface import Surface  # noqa: E402
 from taichi_sim.usv.hull.database import HydroDatabase  # noqa: E402
 from taichi_sim.usv.hull.hull_6dof import Hull6Dof  # noqa: E402
 from taichi_sim.vehicles import load_vehicle  # noqa: E402
@@ -97,9 +97,8 @@ def test_a_range_that_misses_a_resonance_is_refused(capsys, tmp_path):
 
 def test_a_mesh_becomes_a_vehicle(tmp_path, capsys):
     """A box as a GDF, to a vehicle file and a database of its panels, with which it floats and answers a wave."""
-    from hydro.hull import of_vehicle
-    from hydro.panels import wetted
-
+    from taichi_sim.hydro.hull import of_vehicle
+    from taichi_sim.hydro.panels import wetted
     from taichi_sim.usv.hull.database import hull_hash
     from taichi_sim.usv.hull.mesh import mesh
     from taichi_sim.usv.hull.shapes import BoxHull

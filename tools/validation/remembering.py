@@ -133,8 +133,8 @@ def _made(case: Case, name: str) -> tuple[HydroDatabase, Hull6DofParams]:
     panels, meta = (case.path.with_name(name + end) for end in ("_half_hull_panels.csv", "_meta.json"))
     if not panels.is_file():
         raise InputsMissingError(f"inputs missing: neither {name}{SUFFIX} nor {panels.name}")
-    from hydro import hull
-    from hydro.frames import turned_matrix
+    from taichi_sim.hydro import hull
+    from taichi_sim.hydro.frames import turned_matrix
 
     data = read_json(case.folder.use(meta))
     M = turned_matrix(matrix(data, "M"))
@@ -161,9 +161,9 @@ def _made(case: Case, name: str) -> tuple[HydroDatabase, Hull6DofParams]:
 
 
 def _compute(case: Case, name: str, craft: Any, surface: Any, data: Any, floating: Hull6Dof, kept: Path) -> None:
-    from hydro import compute
-    from hydro.complete import completed
-    from hydro.run import require_capytaine
+    from taichi_sim.hydro import compute
+    from taichi_sim.hydro.complete import completed
+    from taichi_sim.hydro.run import require_capytaine
 
     try:
         code = require_capytaine()

@@ -63,8 +63,8 @@ def _curves(axes: Axes, counts: list[int], errors: list[dict[tuple[str, int], fl
 
 def _computed(panels: int) -> HydroDatabase:
     """The boundary-element code's answer on so many panels, at the shipped database's resonances and some more."""
-    from hydro import compute, hull
-    from hydro.run import require_capytaine
+    from taichi_sim.hydro import compute, hull
+    from taichi_sim.hydro.run import require_capytaine
 
     try:
         code = require_capytaine()

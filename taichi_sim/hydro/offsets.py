@@ -8,8 +8,8 @@ the waterplane's area is the mesh's, those below until the volume is.
 import numpy as np
 from numpy.typing import NDArray
 
-from hydro.panels import wetted
-from hydro.surface import Surface
+from taichi_sim.hydro.panels import wetted
+from taichi_sim.hydro.surface import Surface
 from taichi_sim.usv.hull.mesh import Panels, mesh
 from taichi_sim.usv.hull.shapes import StationsHull
 

@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from hydro.drift import mean_drift, response
-from hydro.far_field import radiated_damping
-from hydro.frames import TURN_HORIZONTAL, turned_load, turned_matrix
-from hydro.problem import Tank, solve
-from hydro.workers import workers
 from taichi_sim.extras import MissingExtraError
+from taichi_sim.hydro.drift import mean_drift, response
+from taichi_sim.hydro.far_field import radiated_damping
+from taichi_sim.hydro.frames import TURN_HORIZONTAL, turned_load, turned_matrix
+from taichi_sim.hydro.problem import Tank, solve
+from taichi_sim.hydro.workers import workers
 from taichi_sim.usv.hull.database import HydroDatabase
 
 Array = NDArray[np.float64]

@@ -17,7 +17,7 @@ Both are found strip by strip along x from where the waterline crosses: inside a
 import numpy as np
 from numpy.typing import NDArray
 
-from hydro.surface import Surface
+from taichi_sim.hydro.surface import Surface
 
 Array = NDArray[np.float64]
 INSET = 1e-6  # of a strip's width: where the waterline is crossed, next to the strip's ends

@@ -7,14 +7,14 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
-from hydro import mesh_file
-from hydro.frames import turned_matrix
-from hydro.offsets import offsets
-from hydro.panels import Z_UP, wetted
-from hydro.surface import Surface
 from taichi_sim.config import ConfigError
 from taichi_sim.config.io import config_folder, read_toml, validate
 from taichi_sim.conventions import RHO_SEA
+from taichi_sim.hydro import mesh_file
+from taichi_sim.hydro.frames import turned_matrix
+from taichi_sim.hydro.offsets import offsets
+from taichi_sim.hydro.panels import Z_UP, wetted
+from taichi_sim.hydro.surface import Surface
 from taichi_sim.rigid_body import rigid_body_mass
 from taichi_sim.usv.hull.hydrostatics import Hydrostatics
 from taichi_sim.usv.hull.mesh import Panels, mesh

@@ -6,8 +6,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from hydro.fit import ENERGY, fit_memory
-from hydro.search import Pair
+from taichi_sim.hydro.fit import ENERGY, fit_memory
+from taichi_sim.hydro.search import Pair
 from taichi_sim.sea import Sea
 from taichi_sim.sea.spectrum import Components, wavenumber
 from taichi_sim.surroundings import Surroundings

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hydro.problem import Solution, Tank, attenuation, dispersion
+from taichi_sim.hydro.problem import Solution, Tank, attenuation, dispersion
 
 Array = NDArray[np.float64]
 Complex = NDArray[Any]  # complex128

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from hydro.search import MODES, MOST, FitError, Pair, Search
-from hydro.workers import CONTEXT, workers
+from taichi_sim.hydro.search import MODES, MOST, FitError, Pair, Search
+from taichi_sim.hydro.workers import CONTEXT, workers
 from taichi_sim.usv.hull.memory import Memory
 
 Array = NDArray[np.float64]

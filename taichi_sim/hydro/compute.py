@@ -5,16 +5,16 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hydro import frequencies
-from hydro.hull import Craft, check_floating, divided
-from hydro.lids import gap_lid, inner_lid
-from hydro.mesh_file import refined
-from hydro.offsets import compared
-from hydro.panels import wetted
-from hydro.problem import Tank, solve
-from hydro.run import Floating, database, solve_all
-from hydro.surface import PLANES, Surface
 from taichi_sim.config import ConfigError
+from taichi_sim.hydro import frequencies
+from taichi_sim.hydro.hull import Craft, check_floating, divided
+from taichi_sim.hydro.lids import gap_lid, inner_lid
+from taichi_sim.hydro.mesh_file import refined
+from taichi_sim.hydro.offsets import compared
+from taichi_sim.hydro.panels import wetted
+from taichi_sim.hydro.problem import Tank, solve
+from taichi_sim.hydro.run import Floating, database, solve_all
+from taichi_sim.hydro.surface import PLANES, Surface
 from taichi_sim.usv.hull.database import HydroDatabase, hull_hash
 
 Array = NDArray[np.float64]

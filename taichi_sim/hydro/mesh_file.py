@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hydro.surface import Surface, area_vectors, reverse
 from taichi_sim.config import ConfigError
 from taichi_sim.extras import MissingExtraError
+from taichi_sim.hydro.surface import Surface, area_vectors, reverse
 
 Array = NDArray[np.float64]
 UNITS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "in": 0.0254, "ft": 0.3048}

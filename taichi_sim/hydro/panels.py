@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hydro.surface import PLANES, Surface, area_vectors
+from taichi_sim.hydro.surface import PLANES, Surface, area_vectors
 from taichi_sim.usv.hull.mesh import Panels
 
 Array = NDArray[np.float64]

@@ -28,8 +28,8 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hydro.frames import cos_sin
-from hydro.surface import Surface, area_vectors, mirrored
+from taichi_sim.hydro.frames import cos_sin
+from taichi_sim.hydro.surface import Surface, area_vectors, mirrored
 
 Array = NDArray[np.float64]
 Complex = NDArray[Any]  # complex128

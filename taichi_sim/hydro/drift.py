@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hydro.far_field import fewest_angles, kochin, weight
-from hydro.frames import cos_sin
-from hydro.problem import Solution, Tank, dispersion
+from taichi_sim.hydro.far_field import fewest_angles, kochin, weight
+from taichi_sim.hydro.frames import cos_sin
+from taichi_sim.hydro.problem import Solution, Tank, dispersion
 
 Array = NDArray[np.float64]
 Complex = NDArray[Any]  # complex128

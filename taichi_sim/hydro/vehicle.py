@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from hydro.hull import Craft
-from hydro.surface import Surface
+from taichi_sim.hydro.hull import Craft
+from taichi_sim.hydro.surface import Surface
 from taichi_sim.usv.hull.database import SUFFIX, HydroDatabase
 
 VISCOUS = (0.02, 0.1, 0.0, 0.03, 0.0, 0.02)  # of critical or of mass times resonance, beside radiation: assumed

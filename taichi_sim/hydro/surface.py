@@ -1,6 +1,6 @@
 """A wetted hull surface as flat panels, and what its integrals say: volume, waterplane, centre of buoyancy, stiffness.
 
-Frame of all of tools/hydro: x forward, y to port, z up, origin CO on the design waterline (the boundary-element
+Frame of all of taichi_sim/hydro: x forward, y to port, z up, origin CO on the design waterline (the boundary-element
 code's; frames.py turns results into the vehicle's own). A panel is four corners, in order round it so that the
 right-hand normal points out of the hull; of a triangle the last two corners are the same point.
 """
