@@ -79,9 +79,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     file = scripts()[args.command]
     if file.parent.name == "rl":
         return importlib.import_module("rl.cli").run(importlib.import_module(f"rl.{file.stem}").main)
-    sys.path.insert(0, str(file.parent))  # as Python does for a script
     try:
-        runpy.run_path(str(file), run_name="__main__")
+        runpy.run_module(f"tools.{file.stem}", run_name="__main__")
     except SystemExit as ended:
         if ended.code is not None and not isinstance(ended.code, int):
             raise

@@ -1,27 +1,25 @@
 """Boundary elements against closed forms and another run of capytaine; minutes, and the extra `bem`."""
 
 import json
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT / "tools"))
 pytest.importorskip("capytaine")
 
-import hydrodynamics  # noqa: E402
-from validation.regular import motions  # noqa: E402
-from validation.tables import read_csv  # noqa: E402
+from taichi_sim.hydro.drift import mean_drift
+from taichi_sim.hydro.frames import turned_matrix
+from taichi_sim.hydro.problem import Tank, dispersion, solve
+from taichi_sim.hydro.surface import Surface
+from taichi_sim.usv.hull.database import HydroDatabase
+from taichi_sim.usv.hull.hull_6dof import Hull6Dof
+from taichi_sim.vehicles import load_vehicle
+from tests.validation.regular import motions
+from tests.validation.tables import read_csv
+from tools import hydrodynamics
 
-from taichi_sim.hydro.drift import mean_drift  # noqa: E402
-from taichi_sim.hydro.frames import turned_matrix  # noqa: E402
-from taichi_sim.hydro.problem import Tank, dispersion, solve  # noqa: E402
-from taichi_sim.hydro.surface import Surface  # noqa: E402
-from taichi_sim.usv.hull.database import HydroDatabase  # noqa: E402
-from taichi_sim.usv.hull.hull_6dof import Hull6Dof  # noqa: E402
-from taichi_sim.vehicles import load_vehicle  # noqa: E402
+ROOT = Path(__file__).resolve().parents[1]
 
 pytestmark = pytest.mark.slow
 RHO, G = 1025.0, 9.81

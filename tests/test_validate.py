@@ -6,13 +6,12 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[1]
-sys.path.insert(0, str(ROOT / "tools"))
+from tests.validation import aerosonde, multirotor, rao
+from tests.validation.registry import CHECKERS
+from tests.validation.report import NothingToCheckError, validate
+from tests.validation.tables import read_csv
 
-from validation import aerosonde, multirotor, rao  # noqa: E402
-from validation.registry import CHECKERS  # noqa: E402
-from validation.report import NothingToCheckError, validate  # noqa: E402
-from validation.tables import read_csv  # noqa: E402
+ROOT = Path(__file__).parents[1]
 
 REFERENCE = ROOT / "tests" / "data" / "reference"
 DISPERSION = "dispersion_g9.81.csv"
