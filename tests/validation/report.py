@@ -4,6 +4,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from taichi_sim import runtime
 from tests.validation.case import Case, Check, Folder
@@ -64,6 +65,34 @@ def _short(value: float | None) -> str:
     return f"{value:9.1e}" if value is not None else f"{'-':>9}"
 
 
+class Job(NamedTuple):
+    """A table, and a checker that knows it by its name."""
+
+    path: Path
+    checker: Checker
+    numbers: dict[str, float]  # in the name
+
+    def checks(self, folder: Folder, precision: str) -> list[Check]:
+        """The checks in one precision; none if the checker declines the table, one failed check if it is unusable."""
+        case = Case(folder, self.path, precision)
+        try:
+            self.checker.function(case, **self.numbers)
+            if case.checks:
+                folder.use(self.path)
+        except Exception as error:  # whatever is wrong with one table must not hide the others
+            folder.used.add(self.path)
+            text = str(error) if isinstance(error, TableError) else f"{type(error).__name__}: {error}"
+            problem = INPUTS if isinstance(error, InputsMissingError) else "cannot be used"
+            case.checks.append(Check(folder.name(self.path), text, precision, None, None, False, problem))
+        return case.checks
+
+
+def jobs(folder: Folder, checkers: Sequence[Checker] = CHECKERS) -> list[Job]:
+    """Every table in the folder with each checker that knows it."""
+    found = ((path, checker, checker.match(path)) for path in folder.files() for checker in checkers)
+    return [Job(path, checker, numbers) for path, checker, numbers in found if numbers is not None]
+
+
 def validate(reference: Path, checkers: Sequence[Checker] = CHECKERS, bem: Path | None = None) -> Report:
     """Run this package against the tables in `reference`; `bem`: a folder for computed databases of ships (ships.py).
 
@@ -73,30 +102,14 @@ def validate(reference: Path, checkers: Sequence[Checker] = CHECKERS, bem: Path 
     if not reference.is_dir():
         raise NothingToCheckError(f"{reference}: no such directory")
     folder = Folder(reference.resolve(), bem=bem)
-    files = folder.files()
-    jobs = [(path, c, match) for path in files for c in checkers if (match := c.match(path)) is not None]
-    if not jobs:
-        raise NothingToCheckError(f"{reference}: no table that a checker knows, {len(files)} other files")
+    found = jobs(folder, checkers)
+    if not found:
+        raise NothingToCheckError(f"{reference}: no table that a checker knows, {len(folder.files())} other files")
     done: list[tuple[int, Check]] = []
     for precision in PRECISIONS:
         runtime.init(precision=precision, threads=1)
-        for order, (path, checker, match) in enumerate(jobs):
-            if precision in checker.precisions:
-                done.extend((order, check) for check in _run(folder, path, checker, match, precision))
+        for order, job in enumerate(found):
+            if precision in job.checker.precisions:
+                done.extend((order, check) for check in job.checks(folder, precision))
     checks = [check for _, check in sorted(done, key=lambda item: item[0])]
-    return Report(checks, [folder.name(path) for path in files if path not in folder.used])
-
-
-def _run(folder: Folder, path: Path, checker: Checker, match: dict[str, float], precision: str) -> list[Check]:
-    """The checks of one table, none if the checker declines it; one failed check that says why if it cannot be used."""
-    case = Case(folder, path, precision)
-    try:
-        checker.function(case, **match)
-        if case.checks:
-            folder.use(path)
-    except Exception as error:  # whatever is wrong with one table must not hide the others
-        folder.used.add(path)
-        text = str(error) if isinstance(error, TableError) else f"{type(error).__name__}: {error}"
-        problem = INPUTS if isinstance(error, InputsMissingError) else "cannot be used"
-        case.checks.append(Check(folder.name(path), text, precision, None, None, False, problem))
-    return case.checks
+    return Report(checks, [folder.name(path) for path in folder.files() if path not in folder.used])

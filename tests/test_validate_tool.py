@@ -1,3 +1,5 @@
+"""`tools/validate.py`: what it prints, writes and refuses, and tables that are wrong."""
+
 import json
 import shutil
 import subprocess
@@ -6,8 +8,6 @@ from pathlib import Path
 
 import pytest
 
-from tests.validation import aerosonde, multirotor, rao
-from tests.validation.registry import CHECKERS
 from tests.validation.report import NothingToCheckError, validate
 from tests.validation.tables import read_csv
 
@@ -15,29 +15,6 @@ ROOT = Path(__file__).parents[1]
 
 REFERENCE = ROOT / "tests" / "data" / "reference"
 DISPERSION = "dispersion_g9.81.csv"
-SECTIONS = sorted(p.name for p in REFERENCE.iterdir() if p.name != "params")
-LONG = ("cybership2", "hydrostatics", "otter", "wamv")  # compile a model each: among the slow tests only
-SLOW = (rao.rao, aerosonde.trajectory, multirotor.series)  # checkers that run long
-BESIDE_LATER = {"box_4x2x0.5_meta.json", "box_4x2x0.5_added_mass_damping.csv", "series_meta.json"}  # of slow ones
-EXPECTED = {
-    "waves": {
-        ("sea6_deep_gerstner_queries.csv", "f64"),
-        ("sea8_depth6_airy_velocity_pressure.csv", "f32"),
-    },
-    "unity": {("boat_m100_L6_B2.5_script_dt0.02.csv", "f64"), ("aircraft_script_dt0.02.csv", "f64")},
-    "otter": {("rhs_samples_no_current.csv", p) for p in ("f64", "f32")},
-    "hydrostatics": {("froude_krylov_box.csv", "f64"), ("gerstner_exact_pressure_lambda20_a0.5.csv", "f32")},
-    "wamv": {("surge_step_500N_m211.csv", "f32"), ("buoyancy_per_point.csv", "f64")},
-    "cybership2": {("rhs_samples.csv", "f64"), ("summary.json", "f32")},
-    "dryden": {("dryden_discrete.csv", "f64")},
-    "buoys": {("41010.spec", "f64")},
-    "multirotor": {("x500_rhs_samples_C.csv", "f32"), ("trims.json", "f64"), ("closed_forms_x500.json", "f64")},
-    "aerosonde": {
-        ("rhs_samples_A.csv", "f32"),
-        ("trim_and_modes_Va25.json", "f64"),
-        ("mavsim_solution_code_elevator_doublet_A_dt0.01.csv", "f64"),
-    },
-}
 
 
 @pytest.fixture
@@ -66,30 +43,6 @@ def _environment():
     import os
 
     return os.environ | {"PYTHONPATH": str(ROOT)}
-
-
-@pytest.mark.usefixtures("f64")  # each starts in double precision
-@pytest.mark.parametrize("section", [s for s in SECTIONS if s not in LONG])
-def test_reference_tables_pass_in_both_precisions(section):
-    quick = [checker for checker in CHECKERS if checker.function not in SLOW]
-    later = {
-        p.name
-        for p in (REFERENCE / section).iterdir()
-        for c in CHECKERS
-        if c.function in SLOW and c.match(p) is not None
-    }
-    report = validate(REFERENCE / section, quick)
-    assert not [check for check in report.checks if not check.passed]
-    assert {(check.table, check.precision) for check in report.checks} >= EXPECTED.get(section, set())
-    assert set(report.unchecked) <= later | BESIDE_LATER
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("section", SECTIONS)
-def test_reference_tables_pass_slow_ones_too(section):
-    report = validate(REFERENCE / section)
-    assert not [check for check in report.checks if not check.passed]
-    assert report.unchecked == []
 
 
 def test_tool_writes_json_and_prints(tables):
