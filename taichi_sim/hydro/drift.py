@@ -11,17 +11,15 @@ in deep water c1 = 2 pi rho omega, c2 = 2 pi rho k^2; in depth h both are greate
 only potential damping limits drifts too much at its resonance.
 """
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
 from taichi_sim.hydro.far_field import fewest_angles, kochin, weight
 from taichi_sim.hydro.frames import cos_sin
-from taichi_sim.hydro.problem import Solution, Tank, dispersion
+from taichi_sim.hydro.problem import Solution, Tank
 
 Array = NDArray[np.float64]
-Complex = NDArray[Any]  # complex128
+Complex = NDArray[np.complexfloating]
 
 
 def response(solution: Solution, M: Array, C: Array, omega: float) -> Complex:
@@ -32,21 +30,20 @@ def response(solution: Solution, M: Array, C: Array, omega: float) -> Complex:
 
 def mean_drift(tank: Tank, solution: Solution, motion: Complex, omega: float, heading_deg: Array) -> Array:
     """[heading, 3] mean surge and sway force (N/m^2) and yaw moment (N/m) per squared amplitude."""
-    k = dispersion(omega, tank.depth, tank.g)
-    n = fewest_angles(solution, k)
+    k, n = solution.wavenumber, fewest_angles(solution)
     around = 2 * np.pi * np.arange(n) / n
     velocity = -1j * omega * motion.T  # [6, heading]; potentials of motions are of unit velocity
 
     def total(angle: Array) -> tuple[Complex, Complex]:
         """H and its derivative [angle, heading] of the waves that the free hull sends out."""
-        of = kochin(solution, k, tank.depth, angle)
+        of = kochin(solution, tank.depth, angle)
         H, H_turned = (1j * (h[:, :6] @ velocity + h[:, 6:]) for h in of)
         return H, H_turned
 
     H, H_turned = total(around)
     ahead, ahead_turned = (np.diagonal(h) for h in total(np.deg2rad(heading_deg)))
     c1 = 2 * np.pi * tank.rho * tank.g * k / omega
-    c2 = weight(tank, omega)
+    c2 = weight(tank, omega, k)
     c, s = cos_sin(heading_deg)
     step = 2 * np.pi / n
     X = -c1 * c * ahead.imag - c2 * step * np.cos(around) @ np.abs(H) ** 2

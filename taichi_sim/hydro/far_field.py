@@ -10,22 +10,20 @@ water c2 = 2 pi rho k^2. So motions of unit velocity are damped by what goes out
 symmetric and never negative, as integrated pressures are only on ever finer panels.
 """
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
-from taichi_sim.hydro.problem import Solution, Tank, attenuation, dispersion
+from taichi_sim.hydro.problem import Solution, Tank
 
 Array = NDArray[np.float64]
-Complex = NDArray[Any]  # complex128
+Complex = NDArray[np.complexfloating]
 FEWEST_ANGLES = 180  # of integrals round the hull
 ANGLES_PER_PHASE = 6  # of k times the hull's radius
 
 
-def kochin(solution: Solution, k: float, depth: float, angle: Array) -> tuple[Complex, Complex]:
+def kochin(solution: Solution, depth: float, angle: Array) -> tuple[Complex, Complex]:
     """H [angle, 6 + heading] of unit velocities and of scattered waves, and its derivative by the angle."""
-    x, y, z = solution.points.T
+    k, (x, y, z) = solution.wavenumber, solution.points.T
     n_x, n_y, n_z = solution.area.T
     c, s = np.cos(angle)[:, None], np.sin(angle)[:, None]
     cosh, sinh = attenuation(k, z, depth)
@@ -39,25 +37,30 @@ def kochin(solution: Solution, k: float, depth: float, angle: Array) -> tuple[Co
     return H / (4 * np.pi), H_turned / (4 * np.pi)
 
 
-def fewest_angles(solution: Solution, k: float) -> int:
+def attenuation(k: float, z: Array, depth: float) -> tuple[Array, Array]:
+    """cosh k(z+h) / cosh kh, and the same with sinh."""
+    if k * depth > 20:
+        return np.exp(k * z), np.exp(k * z)
+    return np.cosh(k * (z + depth)) / np.cosh(k * depth), np.sinh(k * (z + depth)) / np.cosh(k * depth)
+
+
+def fewest_angles(solution: Solution) -> int:
     """Number of angles that integrals round the hull take."""
     radius = np.linalg.norm(solution.points[:, :2], axis=1).max()
-    return max(FEWEST_ANGLES, int(np.ceil(ANGLES_PER_PHASE * k * radius)))
+    return max(FEWEST_ANGLES, int(np.ceil(ANGLES_PER_PHASE * solution.wavenumber * radius)))
 
 
-def weight(tank: Tank, omega: float) -> float:
+def weight(tank: Tank, omega: float, k: float) -> float:
     """c2: momentum that waves of |H| = 1 carry to each radian, N."""
-    k = dispersion(omega, tank.depth, tank.g)
     shallow = 1.0 if k * tank.depth > 20 else 1 / (1 + 2 * k * tank.depth / np.sinh(2 * k * tank.depth))
     return float(2 * np.pi * tank.rho * tank.g * k**3 / omega**2 * shallow)
 
 
 def radiated_damping(tank: Tank, solution: Solution, omega: float) -> Array:
     """B [6, 6]; entries that symmetry forbids are those of the solution, zero."""
-    k = dispersion(omega, tank.depth, tank.g)
-    n = fewest_angles(solution, k)
-    H = kochin(solution, k, tank.depth, 2 * np.pi * np.arange(n) / n)[0][:, :6]
-    waves = 2 * omega / k * weight(tank, omega) * 2 * np.pi / n * (H.conj().T @ H).real
+    k, n = solution.wavenumber, fewest_angles(solution)
+    H = kochin(solution, tank.depth, 2 * np.pi * np.arange(n) / n)[0][:, :6]
+    waves = 2 * omega / k * weight(tank, omega, k) * 2 * np.pi / n * (H.conj().T @ H).real
     phi = solution.gap_potential[:, :6]
     lid = tank.rho * tank.gap_damping * omega**3 / tank.g * (phi.conj().T @ (phi * solution.gap_area[:, None])).real
     return np.where(solution.damping == 0.0, 0.0, waves + lid)

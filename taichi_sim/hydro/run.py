@@ -12,7 +12,7 @@ from taichi_sim.extras import MissingExtraError
 from taichi_sim.hydro.drift import mean_drift, response
 from taichi_sim.hydro.far_field import radiated_damping
 from taichi_sim.hydro.frames import TURN_HORIZONTAL, turned_load, turned_matrix
-from taichi_sim.hydro.problem import Tank, solve
+from taichi_sim.hydro.problem import Tank, added_mass_inf, solve
 from taichi_sim.hydro.workers import workers
 from taichi_sim.usv.hull.database import HydroDatabase
 
@@ -50,12 +50,15 @@ def require_capytaine() -> str:
 
 
 def loads_at(tank: Tank, floating: Floating | None, omega: float, heading_deg: Array) -> Loads:
-    """Solve one frequency; `floating` None: no mean drift."""
+    """Solve one frequency; `floating` None: no mean drift. At infinity there is only an added mass."""
+    if not np.isfinite(omega):
+        none = np.empty((0, 6), dtype=complex)
+        return Loads(added_mass_inf(tank), np.zeros((6, 6)), none, none, np.empty((0, 3)))
     found = solve(tank, omega, heading_deg)
-    if tank.method == "direct" and np.isfinite(omega):  # with sources integrated pressures err less
+    if tank.method == "direct":  # with sources integrated pressures err less
         found = found._replace(damping=radiated_damping(tank, found, omega))
     drift = np.zeros((len(found.diffraction), 3))
-    if floating is not None and np.isfinite(omega):
+    if floating is not None:
         motion = response(found, floating.M, floating.C, omega)
         drift = mean_drift(tank, found, motion, omega, heading_deg)
     total = found.froude_krylov + found.diffraction
