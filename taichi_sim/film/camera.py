@@ -16,7 +16,7 @@ LEVEL = 1e-6  # sine of the angle to the vertical below which a direction has no
 
 
 class Camera(NamedTuple):
-    """Where one looks from, and whereto."""
+    """Position and orientation of a pinhole camera."""
 
     eye_n: Array  # [3] m
     axes: Array  # [3, 3] rows right, down, forward, in n
@@ -59,7 +59,7 @@ def heading(course: float, pitch: float) -> Array:
 
 
 def eye_that_holds(places_n: Array, forward_n: Array, focal: float, aspect: float, filled: float) -> Array:
-    """[3] the nearest place from which a camera that looks along `forward_n` has all of `places_n` [N, 3] in view.
+    """Nearest place [3] from which a camera looking along `forward_n` sees all of `places_n` [N, 3].
 
     aspect: of the picture, wide over high. filled: the share of its sides that they may take.
     """

@@ -39,7 +39,7 @@ class Water(NamedTuple):
 
     @property
     def rows(self) -> int:
-        """How many lines of points there are."""
+        """Number of lines of points."""
         return len(self.points) // self.across
 
 
@@ -102,7 +102,7 @@ def _place(
 
 
 def water_seen(camera: Camera, size: tuple[int, int], moment: Moment) -> Water:
-    """What of the sea a camera without roll may see, in a picture of `size` (px).
+    """The part of the sea that a camera without roll sees, in a picture of `size` (px).
 
     A sea whose components are not known is sampled as it is.
     """
@@ -140,7 +140,7 @@ def _ripples(time_s: float) -> Array:
 
 
 def _rows(camera: Camera, high: int, height: float, crest: float) -> Array:
-    """Rows (px below the middle) of the grid: from where the sea is far to below the picture: crests rise into it."""
+    """Rows (px below the middle) of the grid: from far out to below the picture, since crests rise into it."""
     focal, (_, down, forward) = camera.focal * high, camera.axes
     top = max(-0.5 * high - MARGIN_PX, focal * (height / FARTHEST_M - forward[2]) / down[2] if down[2] > 1e-6 else -1e9)
     low = 0.5 * high
