@@ -1,4 +1,4 @@
-"""The contract of what acts for a team that nobody else commands: traffic, a ferry, something adrift.
+"""The contract of a script, which commands a team without a policy: traffic, a ferry, a drifting object.
 
 A team's section names it, `script = "module:Class"`; the module is looked for as those of plug-ins are (plugins.py). A
 mission simulates scripted teams, and neither trains nor judges them.
@@ -10,7 +10,7 @@ from torch import Tensor
 
 
 class Script:
-    """Acts for the team `name` of a world (world.py).
+    """Commands the team `name` of a world (world.py).
 
     What it remembers between steps is saved and copied with the world: state.py says how.
     """
@@ -18,7 +18,7 @@ class Script:
     STATE: tuple[str, ...] = ()
 
     def __init__(self, world: Any, name: str):
-        """Act for a team that `world` has just been given; teams after it are not there yet."""
+        """Take a team that `world` has just added; later teams are not there yet."""
         self.name = name
 
     def begin(self, world: Any, envs: Tensor) -> None:

@@ -1,4 +1,4 @@
-"""The contract of a vehicle model: what World, missions, recordings and tools may ask of one, and nothing else.
+"""The contract of a vehicle model: all that World, missions, recordings and tools may ask of one.
 
 A vehicle file (configs/vehicles/*.toml) names its model: one of ours (vehicles.py), or `module:Class` of anybody's. The
 class derives from `Vehicle`, says what it is in class attributes, and gives at least `step` and `equations`. What it
@@ -43,7 +43,7 @@ Medium = Literal["water", "air"]
 
 @dataclass(frozen=True)
 class Limits:
-    """What a vehicle can do, for who plans its way: it is asked for nothing beyond."""
+    """Capabilities of a vehicle, for planning: nothing beyond them is asked for."""
 
     speeds: tuple[float, float, float] = (0.0, 0.0, math.inf)  # through its medium: least, cruise, greatest, m/s
     turn_radius: float = 0.0  # smallest, at cruise, m
@@ -121,17 +121,17 @@ class Vehicle:
 
     @property
     def limits(self) -> Limits:
-        """What it can do."""
+        """Its capabilities."""
         return Limits()
 
     @property
     def draft(self) -> float:
-        """Depth below the origin over which it feels the current, m; 0 is at the surface."""
+        """Depth below the origin over which it feels the current, m; 0: the current at the surface."""
         return 0.0
 
     @property
     def wind_height(self) -> float:
-        """Height above the sea at which the wind is told to it, m."""
+        """Height above the sea at which it feels the wind, m."""
         return 10.0
 
     @property
@@ -180,7 +180,7 @@ class Vehicle:
         raise NotImplementedError(f"{type(self).__name__} has no step (taichi_sim/vehicle.py)")
 
     def build(self, fleet: Any, around: Surroundings) -> Build:
-        """What a kernel for `fleet` in these surroundings is compiled for."""
+        """Compile-time choices of a kernel for `fleet` in these surroundings."""
         return Build(around.sea.shape[2], around.depth > 0, fleet.varied, fleet.loaded, serial=fleet.few)
 
     def equations(self, state: Tensor, controls: Tensor, current: Tensor, wind: Tensor, load: Tensor) -> Tensor:
@@ -243,7 +243,7 @@ class Vehicle:
     # -- ending ----------------------------------------------------------------------------------------------------
 
     def endings(self, fleet: Any, world: Any) -> dict[str, Tensor]:
-        """What has ended vehicles of `fleet` in `world`, in any mission: `ending_names` -> bool [env, vehicle]."""
+        """Endings of vehicles of `fleet` in `world`, in any mission: `ending_names` -> bool [env, vehicle]."""
         return {}
 
     def power(self, fleet: Any) -> Tensor | None:
@@ -262,7 +262,7 @@ class Vehicle:
         return {key: float(_at(data, key)) for key in self.varying}
 
     def own(self, values: Mapping[str, Any]) -> Any:
-        """What the kernel works with, a NamedTuple of numbers, by arithmetic that floats and tensors both know.
+        """Numbers as the kernel uses them, a NamedTuple, by arithmetic that works on floats and tensors.
 
         `values` has each key of `varying`. Other numbers are those of the vehicle file. Default: the values themselves,
         their keys' dots as underscores.
@@ -272,22 +272,22 @@ class Vehicle:
 
     @cached_property
     def constants(self) -> Any:
-        """`own` of the vehicle file's numbers: floats, which kernels compile in."""
+        """`own` for the vehicle file's numbers: floats, which kernels compile in."""
         return self.own(self.nominal)
 
     @property
     def Own(self) -> Any:  # noqa: N802
-        """The struct in which a kernel compiled now holds `own` of one vehicle."""
+        """Struct for `own` of one vehicle, in a kernel that is compiled now."""
         return struct_of(self.constants._fields, runtime.current().precision)
 
     def numbers(self, vary: Tensor) -> Tensor:
-        """`own` [.., n], float64, of the varied values [.., len(varying)], float64."""
+        """`own` [.., n], float64, for the varied values [.., len(varying)], float64."""
         found = self.own({key: vary[..., k] for k, key in enumerate(self.varying)})
         shape = vary.shape[:-1]
         return torch.stack([torch.as_tensor(x, dtype=vary.dtype, device=vary.device).expand(shape) for x in found], -1)
 
     def with_numbers(self, values: Mapping[str, float]) -> Any:
-        """The `Params` of a vehicle file that differs from this one in `values`, by keys of `varying`.
+        """`Params` of the vehicle file with other `values`, by keys of `varying`.
 
         Raises:
             ValueError: for a key that does not vary, or a value that the file could not hold.
@@ -307,7 +307,7 @@ class Vehicle:
         return type(self.params).model_validate(data)
 
     def check_varies(self, key: str) -> None:
-        """Refuse a key that does not vary, naming the nearest that does.
+        """Refuse a key that cannot vary; the message names the nearest that can.
 
         Raises:
             ConfigError: for such a key.

@@ -1,1 +1,1 @@
-"""From a hull to its hydrodynamic database by a boundary-element code; tools/hydrodynamics.py is where to begin."""
+"""Hydrodynamic databases of hulls by boundary elements (capytaine); tools/hydrodynamics.py is the command."""

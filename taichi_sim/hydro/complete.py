@@ -1,4 +1,4 @@
-"""What the simulator wants of a hydrodynamic database beside the code's own tables: a memory, and its panels' share."""
+"""Completes a hydrodynamic database for the simulator: a memory of radiated waves, and the loads on its own panels."""
 
 from dataclasses import replace
 
@@ -21,7 +21,7 @@ SMALL = 1e-4  # of the draught: amplitude of the waves, so that what is nonlinea
 def completed(
     database: HydroDatabase, hull: Hull6Dof, energy: float = ENERGY, *, quiet: bool = False
 ) -> tuple[HydroDatabase, tuple[Pair, ...]]:
-    """The database with `by_panels` and `memory`, and how well that fits; needs a Taichi program of f64.
+    """The database with `by_panels` and `memory`, and the errors of the fit; needs a Taichi program of f64.
 
     Raises:
         FitError: see fit_memory.
@@ -35,7 +35,7 @@ def completed(
 
 
 def resonances(database: HydroDatabase, hull: Hull6Dof) -> list[float | None]:
-    """Natural frequencies (rad/s) of uncoupled heave, roll and pitch, at the place of their modes."""
+    """Natural frequencies (rad/s) of uncoupled heave, roll and pitch, at the indexes of their modes; else None."""
     found: list[float | None] = [None] * 6
     stiffness = hull.geometry.hydrostatics.stiffness()
     for place, mode in enumerate(OSCILLATING):

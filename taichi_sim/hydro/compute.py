@@ -1,4 +1,4 @@
-"""From a hull to its database: panels, lids, resonances, frequencies, and what there is to tell of each."""
+"""From a hull to its database: panels, lids, resonances, frequencies, and messages about each."""
 
 from typing import Any, NamedTuple
 
@@ -30,7 +30,7 @@ OFF = 0.005  # share by which a mesh may differ from the simulator's panels in v
 
 
 class Spectrum(NamedTuple):
-    """Which waves."""
+    """Frequencies and headings of the waves."""
 
     count: int | None
     range: tuple[float, float] | None  # rad/s
@@ -39,7 +39,7 @@ class Spectrum(NamedTuple):
 
 
 class Wishes(NamedTuple):
-    """What the command line says."""
+    """Options of the command."""
 
     rho: float  # kg/m^3
     g: float  # m/s^2
@@ -57,7 +57,7 @@ class Wishes(NamedTuple):
 def run(
     craft: Craft, mesh: Surface | None, wishes: Wishes, code: str, command: str
 ) -> tuple[HydroDatabase, frequencies.Resonances]:
-    """The database of a hull on its own panels, or on `mesh` of it.
+    """Compute the database of a hull on its own panels, or on `mesh`.
 
     Raises:
         ConfigError: if the hull does not float, the mesh is another hull's or too large, or --range misses a resonance.
@@ -148,13 +148,13 @@ def _omega(of: frequencies.Resonances, wanted: Spectrum, twin: bool, size: float
 
 
 def _heading_step(surface: Surface, omega: float, g: float) -> float:
-    """Deg: as functions of heading, loads of waves of omega (rad/s) have harmonics up to k L / 2 and a few more."""
+    """Step of headings, deg, that resolves the k L / 2 harmonics of loads of waves of omega (rad/s)."""
     order = omega**2 / g * float(np.ptp(surface.whole[..., 0])) / 2 + MORE_ORDERS
     return next((step for step in HEADING_STEPS if 180 / step >= order), HEADING_STEPS[-1])
 
 
 def _headings(surface: Surface, step: float) -> Array:
-    """Towards port, deg: of a hull alike on both sides those of one side."""
+    """Headings towards port, deg; those of one side where port and starboard are alike."""
     if not 0 < step <= 90 or abs(180 / step - round(180 / step)) > 1e-9:
         raise ConfigError(f"--heading-step {step:g}: must divide 180 deg")
     if 1 in surface.planes:

@@ -1,4 +1,4 @@
-"""Mean drift of the freely floating hull in regular waves, from the waves it sends far away.
+"""Mean drift of the freely floating hull in regular waves, from its waves in the far field.
 
 Momentum over a distant cylinder (Maruo 1960; Newman 1967): with Kochin's function H(theta) (far_field.py) of waves
 scattered by the held hull and of those of its motions, per metre of amplitude a of waves to beta,
@@ -23,13 +23,13 @@ Complex = NDArray[np.complexfloating]
 
 
 def response(solution: Solution, M: Array, C: Array, omega: float) -> Complex:
-    """Motions [heading, 6] per metre of amplitude: m, rad/m."""
+    """Motions [heading, 6] per metre of wave amplitude: m, rad/m."""
     Z = -(omega**2) * (M + solution.added_mass) - 1j * omega * solution.damping + C
     return np.linalg.solve(Z, (solution.froude_krylov + solution.diffraction).T).T
 
 
 def mean_drift(tank: Tank, solution: Solution, motion: Complex, omega: float, heading_deg: Array) -> Array:
-    """[heading, 3] mean surge and sway force (N/m^2) and yaw moment (N/m) per squared amplitude."""
+    """Mean surge and sway force (N/m^2) and yaw moment (N/m) [heading, 3] per squared amplitude."""
     k, n = solution.wavenumber, fewest_angles(solution)
     around = 2 * np.pi * np.arange(n) / n
     velocity = -1j * omega * motion.T  # [6, heading]; potentials of motions are of unit velocity

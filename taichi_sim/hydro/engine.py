@@ -1,4 +1,4 @@
-"""capytaine with two changes of ours: panels as they are, and a damping lid.
+"""Two extensions of capytaine: meshes whose images keep the order of corners, and a damping lid.
 
 On the damping lid the surface's condition is
 
@@ -20,10 +20,10 @@ MIRRORS = {0: "yOz", 1: "xOz"}  # capytaine's name of the plane normal to an axi
 
 
 class DampedEngine(DefaultMatrixEngine):
-    """capytaine's matrices where the last `lid` panels of each image damp."""
+    """Engine whose matrices include a damping lid: the last `lid` panels of each image."""
 
     def __init__(self, lid: int, damping: float, direct: bool):
-        """For a damping epsilon K, 1/m, and capytaine's method."""
+        """`damping` is epsilon K, 1/m; `direct` says capytaine's method."""
         super().__init__()
         self._lid, self._damping, self._direct = slice(-lid, None) if lid else slice(0), damping, direct
 
@@ -38,13 +38,13 @@ class DampedEngine(DefaultMatrixEngine):
 
 
 class MirroredMesh(ReflectionSymmetricMesh):
-    """A mesh whose images keep the first corner of each panel, of which nothing is cleaned away.
+    """A symmetric mesh whose images keep the first corner of each panel; no panel is cleaned away.
 
     capytaine's own images begin with another corner: the centres of twisted panels would not be alike.
     """
 
     def __init__(self, panels: NDArray[np.float64], planes: tuple[int, ...]):
-        """Of panels [n, 4, 3] on the positive sides of `planes`."""
+        """Take panels [n, 4, 3] on the positive sides of `planes`."""
         *inner, axis = planes
         super().__init__(as_mesh(panels, tuple(inner)), plane=MIRRORS[axis])
         self.other_half = as_mesh(mirrored(panels, axis), tuple(inner))
@@ -56,7 +56,7 @@ class MirroredMesh(ReflectionSymmetricMesh):
 
 
 def as_mesh(panels: NDArray[np.float64], planes: tuple[int, ...] = ()) -> Mesh | MirroredMesh:
-    """Panels [n, 4, 3] on the positive sides of `planes` as capytaine takes them."""
+    """capytaine's mesh of panels [n, 4, 3] on the positive sides of `planes`."""
     if planes:
         return MirroredMesh(panels, planes)
     faces = np.arange(4 * len(panels)).reshape(-1, 4)
@@ -66,7 +66,7 @@ def as_mesh(panels: NDArray[np.float64], planes: tuple[int, ...] = ()) -> Mesh |
 
 
 def as_body(hull: Surface, lids: NDArray[np.float64]) -> FloatingBody:
-    """The hull with the panels of lids [n, 4, 3], behind those of each image of the hull; rigid about CO."""
+    """capytaine's rigid body of the hull, about CO; panels of lids [n, 4, 3] follow those of each image of the hull."""
     body = FloatingBody(as_mesh(hull.panels, hull.planes), rigid_body_dofs(rotation_center=(0.0, 0.0, 0.0)))
     body.mesh_including_lid = as_mesh(np.concatenate([hull.panels, lids]), hull.planes)
     body.hull_mask = np.tile(np.arange(len(hull) + len(lids)) < len(hull), 2 ** len(hull.planes))

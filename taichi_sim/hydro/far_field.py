@@ -1,4 +1,4 @@
-"""Waves far from the hull: Kochin's function, and the damping by the energy that they carry away.
+"""Waves in the far field: Kochin's function, and damping from the energy that they carry away.
 
     H(theta) = 1/(4 pi) integral (phi_n e - phi e_n) dS,    e = f(z) exp(-i k (x cos theta + y sin theta)),
 
@@ -22,7 +22,7 @@ ANGLES_PER_PHASE = 6  # of k times the hull's radius
 
 
 def kochin(solution: Solution, depth: float, angle: Array) -> tuple[Complex, Complex]:
-    """H [angle, 6 + heading] of unit velocities and of scattered waves, and its derivative by the angle."""
+    """H [angle, 6 + heading] of motions of unit velocity and of scattered waves, and dH/d(angle)."""
     k, (x, y, z) = solution.wavenumber, solution.points.T
     n_x, n_y, n_z = solution.area.T
     c, s = np.cos(angle)[:, None], np.sin(angle)[:, None]
@@ -45,19 +45,19 @@ def attenuation(k: float, z: Array, depth: float) -> tuple[Array, Array]:
 
 
 def fewest_angles(solution: Solution) -> int:
-    """Number of angles that integrals round the hull take."""
+    """Number of angles for integrals around the hull."""
     radius = np.linalg.norm(solution.points[:, :2], axis=1).max()
     return max(FEWEST_ANGLES, int(np.ceil(ANGLES_PER_PHASE * solution.wavenumber * radius)))
 
 
 def weight(tank: Tank, omega: float, k: float) -> float:
-    """c2: momentum that waves of |H| = 1 carry to each radian, N."""
+    """c2: momentum that waves of |H| = 1 carry away per radian, N."""
     shallow = 1.0 if k * tank.depth > 20 else 1 / (1 + 2 * k * tank.depth / np.sinh(2 * k * tank.depth))
     return float(2 * np.pi * tank.rho * tank.g * k**3 / omega**2 * shallow)
 
 
 def radiated_damping(tank: Tank, solution: Solution, omega: float) -> Array:
-    """B [6, 6]; entries that symmetry forbids are those of the solution, zero."""
+    """Damping B [6, 6]; entries that symmetry forbids stay zero."""
     k, n = solution.wavenumber, fewest_angles(solution)
     H = kochin(solution, tank.depth, 2 * np.pi * np.arange(n) / n)[0][:, :6]
     waves = 2 * omega / k * weight(tank, omega, k) * 2 * np.pi / n * (H.conj().T @ H).real

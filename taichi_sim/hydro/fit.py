@@ -1,4 +1,4 @@
-"""From added mass and damping at frequencies to a memory (taichi_sim/usv/hull/memory.py).
+"""Fits a memory (taichi_sim/usv/hull/memory.py) to added mass and damping by frequency.
 
 A_inf is free within what a panel code errs by: only one A_inf agrees with A and B at all other frequencies (Ogilvie
 1964), and a mesh has it a little wrong. Motions that symmetry does not couple are fitted apart: surge, heave and pitch;
@@ -37,7 +37,7 @@ class Fit(NamedTuple):
 
 
 def check_passive(omega: Array, B: Array) -> None:
-    """Refuse damping [n, 6, 6] that gives energy.
+    """Refuse damping [n, 6, 6] that adds energy.
 
     Raises:
         FitError: naming frequency and the pair of modes.
@@ -89,7 +89,7 @@ def fit_memory(
 
 
 def _run(searches: list[Search], energy: float, quiet: bool) -> list[tuple[Memory, Array, list[Pair]]]:
-    """What each search finds, all at once."""
+    """Run all searches at once; return each one's result."""
     told = CONTEXT.Queue()
     with (
         tqdm(total=len(searches) * MOST, desc="memory", unit="mass", disable=quiet) as bar,

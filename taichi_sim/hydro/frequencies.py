@@ -49,13 +49,13 @@ def resonances(omega: Array, added_mass: Array, M: Array, C: Array) -> Resonance
 
 
 def trial(C: Array, M: Array) -> Array:
-    """Frequencies [8] for the coarse pass: from a quarter to 1.5 times the resonances without added mass."""
+    """Frequencies [8] of the coarse pass: a quarter to 1.5 times the resonances without added mass."""
     w = np.sqrt(np.diag(C)[VERTICAL] / np.diag(M)[VERTICAL])
     return np.geomspace(0.25 * w.min(), 1.5 * w.max(), 8)
 
 
 def chosen(of: Resonances, count: int, top: float) -> Array:
-    """Frequencies [count], rad/s: even over the resonances, then wider apart to the tail's end, none above `top`."""
+    """Frequencies [count], rad/s: even over the resonances, wider apart in the tail, none above `top`."""
     low, high, end = BELOW * min(of), min(ABOVE * max(of), top), min(TAIL * max(of), top)
     tail = round(IN_TAIL * count * min(1.0, np.log(end / high) / np.log(TAIL / ABOVE)))
     even = np.linspace(low, high, count - tail)
@@ -63,7 +63,7 @@ def chosen(of: Resonances, count: int, top: float) -> Array:
 
 
 def with_also(omega: Array, also: tuple[float, ...]) -> Array:
-    """`omega` with `also`: each in place of the nearest one, where that is within half a step."""
+    """`omega` with the frequencies `also`; each replaces the nearest one within half a step."""
     kept = list(omega)
     for w in also:
         near = int(np.abs(omega - w).argmin())
@@ -78,7 +78,7 @@ def _digits(omega) -> Array:
 
 
 def missed(omega: Array, of: Resonances) -> list[str]:
-    """What a range of frequencies leaves out, in words."""
+    """Messages about resonances outside a range of frequencies."""
     return [
         f"the frequencies {omega[0]:.3g} to {omega[-1]:.3g} rad/s miss the {name} resonance of {w:.3g} rad/s"
         for name, w in zip(NAMES, of, strict=True)
@@ -87,7 +87,7 @@ def missed(omega: Array, of: Resonances) -> list[str]:
 
 
 def spikes(omega: Array, damping: Array, kept: tuple[float, ...]) -> NDArray[np.intp]:
-    """Which of omega [n] stand out alone in the damping [n, 6, 6] of a mode, but for those to be `kept`.
+    """Indexes of omega [n] at which the damping [n, 6, 6] of a mode stands out alone, without those in `kept`.
 
     What happens there is narrower than a step, so that nothing can be made of it: an irregular frequency that no lid
     took away, in a gap between hulls perhaps a resonance without damping.

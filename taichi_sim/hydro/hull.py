@@ -1,4 +1,4 @@
-"""The hull that a command names: a vehicle file with its panels, or a mesh that a vehicle file is yet to be made of."""
+"""The hull that a command names: a vehicle file with panels, or a mesh, of which a vehicle file will be made."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,7 +30,7 @@ TRIES = 40  # steps towards a wanted number of panels
 
 @dataclass(frozen=True)
 class Craft:
-    """What floats: the simulator's panels, mass (kg), CG (m) and rigid-body matrix, all in the vehicle's frame."""
+    """A floating hull: the simulator's panels, mass (kg), CG (m) and rigid-body matrix, in the vehicle's frame."""
 
     name: str
     panels: Panels
@@ -51,12 +51,12 @@ class Craft:
 
 
 def is_vehicle(name: str) -> bool:
-    """Whether `name` is a vehicle file or the name of a shipped one, rather than a mesh."""
+    """Whether `name` names a vehicle file, a path or a shipped one, and not a mesh."""
     return Path(name).suffix in ("", ".toml")
 
 
 def vehicle_path(name: str) -> Path:
-    """The file of a vehicle, or of a shipped one by name.
+    """Path of a vehicle file, given by path or, for a shipped one, by name.
 
     Raises:
         ConfigError: if there is neither.
@@ -93,7 +93,7 @@ def of_vehicle(file: Path) -> tuple[Craft, float]:
 
 
 def _tuples(value):
-    """Lists as tuples, which strict sections want."""
+    """Turn lists into tuples, as strict sections require."""
     if isinstance(value, dict):
         return {key: _tuples(v) for key, v in value.items()}
     return tuple(map(_tuples, value)) if isinstance(value, list) else value
@@ -116,7 +116,7 @@ def of_mesh(
     surface: Surface, name: str, mass: float | None, cg: tuple[float, float, float] | None,
     gyration: tuple[float, float, float] | None, table: tuple[int, int, float],
 ) -> Craft:  # fmt: skip
-    """A hull of offsets (stations, points, freeboard) of a wetted mesh; what is not given is assumed and told."""
+    """Make a hull of offsets (stations, points, freeboard) from a wetted mesh; print each number that is assumed."""
     whole = surface.whole.reshape(-1, 3)
     length, beam = np.ptp(whole[:, 0]), np.ptp(whole[:, 1])
     if mass is None:
@@ -135,7 +135,7 @@ def of_mesh(
 
 
 def check_floating(craft: Craft, surface: Surface, rho: float, g: float) -> list[str]:
-    """What is to be told of mass, displacement and stability.
+    """Messages about mass, displacement and stability.
 
     Raises:
         ConfigError: if the hull is heavier than it displaces up to its deck, or not stable upright.
@@ -175,7 +175,7 @@ def check_floating(craft: Craft, surface: Surface, rho: float, g: float) -> list
 
 
 def divided(panels: Panels, wanted: int) -> tuple[Surface, float]:
-    """About `wanted` panels, images not counted, and their size, m."""
+    """Divide the hull into about `wanted` panels, images not counted; also their size, m."""
     high = float(np.ptp(panels.centre, axis=0).max())
     low = 1e-3 * high
     for _ in range(TRIES):

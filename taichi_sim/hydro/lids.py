@@ -26,12 +26,12 @@ LEVEL = 1e-6  # m, within which an edge lies in the surface
 
 
 def inner_lid(hull: Surface, size: float) -> Array:
-    """Panels [n, 4, 3] over the inside of `hull`, those of its positive sides, normals down."""
+    """Panels [n, 4, 3] of a lid inside `hull`, on its positive sides, normals down."""
     return _lid(hull, size, AWAY * size, inside=True)
 
 
 def gap_lid(hull: Surface, size: float) -> Array:
-    """Panels [n, 4, 3] over the water between hulls on either side of the centreplane; none of a single hull."""
+    """Panels [n, 4, 3] of a lid over the water between two hulls; none for a single hull."""
     return _lid(hull, size, 0.0, inside=False)
 
 
@@ -70,7 +70,7 @@ def _lid(hull: Surface, size: float, away: float, inside: bool) -> Array:
 
 
 def _stations(edges: Array, x_first: float, x_last: float, size: float) -> Array:
-    """x of stations at most `size` apart, the waterline's own knuckles among them."""
+    """x of stations at most `size` apart, with the knuckles of the waterline among them."""
     ends = np.unique(np.round(edges[..., 0].ravel(), 6))
     ends = ends[(ends > x_first + size / 2) & (ends < x_last - size / 2)]
     kept = [x_first]
@@ -82,7 +82,7 @@ def _stations(edges: Array, x_first: float, x_last: float, size: float) -> Array
 
 
 def _crossings(edges: Array, x: float) -> Array:
-    """y at which the waterline crosses a station, rising."""
+    """Ascending y at which the waterline crosses a station."""
     x0, x1 = edges[:, 0, 0], edges[:, 1, 0]
     across = (np.minimum(x0, x1) <= x) & (np.maximum(x0, x1) > x)
     (x0, y0), (x1, y1) = (edges[across, end].T for end in (0, 1))
@@ -90,7 +90,7 @@ def _crossings(edges: Array, x: float) -> Array:
 
 
 def _intervals(y: Array, half: bool, inside: bool, away: float) -> list[tuple[float, float]]:
-    """From and to y of what is inside, or of the gaps between hulls; of one half, the centreplane is its edge."""
+    """Intervals of y inside the hulls, or in the gaps between them; a half hull begins at the centreplane."""
     if half:
         y = np.concatenate([-y[::-1], y])
     bounds = [(y[i] + away, y[i + 1] - away) for i in range(0 if inside else 1, len(y) - 1, 2)]

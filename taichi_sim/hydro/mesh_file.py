@@ -1,4 +1,4 @@
-"""Reading a hull's surface from a file and making it fit for boundary elements: units, cut, orientation, closedness.
+"""Reads a hull's surface from a file and prepares it for boundary elements: units, cut, orientation, closedness.
 
 Formats: STL, OBJ, PLY, VTK, MSH and what else meshio reads; WAMIT's GDF of flat panels; CSV of panels with the columns
 x1, y1, z1 ... x4, y4, z4. Expected: x forward, y to port, z up; a GDF of one half says so (ISX, ISY), a CSV of one half
@@ -26,7 +26,7 @@ DRY = 1e-4  # of the mesh's size, below which an edge at the water is at the wat
 
 
 class Polygons(NamedTuple):
-    """Panels [n, 4, 3] as read, and the planes in which the file says the other half is their image."""
+    """Panels [n, 4, 3] as read, and the planes of symmetry that the file declares."""
 
     panels: Array
     planes: tuple[int, ...]
@@ -99,7 +99,7 @@ def _meshio(path: Path) -> Polygons:
 
 
 def checked(mesh: Polygons, name: str, length: float | None) -> Surface:
-    """The wetted surface of a mesh whose z = 0 is the water, its normals outward; what was mended is printed.
+    """The wetted surface of a mesh whose water is z = 0, normals outward; repairs are printed.
 
     Of a mesh that is alike to port and starboard it is the port half.
 
@@ -134,19 +134,19 @@ def checked(mesh: Polygons, name: str, length: float | None) -> Surface:
 
 
 def _alike(panels: Array, size: float) -> bool:
-    """Whether the corners of port and starboard are images of each other."""
+    """Whether port and starboard have mirrored corners."""
     corners = np.unique(np.round(panels.reshape(-1, 3), 9), axis=0)
     image = corners * [1.0, -1.0, 1.0]
     return all(np.abs(corners - own).max(axis=1).min() <= ALIKE * size for own in image)
 
 
 def _port(panels: Array, tiny: float) -> Array:
-    """The parts of panels to port: turned port side down, cut as at the water, and turned back."""
+    """Parts of panels on the port side, cut as at the water."""
     return _cut(panels[..., [0, 2, 1]] * [1.0, 1.0, -1.0], tiny)[..., [0, 2, 1]] * [1.0, -1.0, 1.0]
 
 
 def refined(surface: Surface, size: float) -> Surface:
-    """Panels whose edges are at most about `size` (m), divided by the middles of their edges."""
+    """Divide panels at the middles of their edges until edges are at most about `size` (m)."""
     panels = surface.panels
     for _ in range(12):
         large = Surface(panels).edge > size * 1.2
@@ -167,7 +167,7 @@ def _quartered(panels: Array) -> Array:
 
 
 def _snapped(panels: Array, tiny: float) -> Array:
-    """Panels whose corners are one where they are within `tiny`, those without area left out."""
+    """Merge corners within `tiny`, and drop panels without area."""
     grid = np.rint(panels / tiny) * tiny
     panels = np.where(np.abs(grid) < tiny / 2, 0.0, grid)
     edge = np.linalg.norm(np.roll(panels, -1, axis=1) - panels, axis=2)
@@ -179,7 +179,7 @@ def _snapped(panels: Array, tiny: float) -> Array:
 
 
 def _edges(panels: Array) -> tuple[list[list[tuple[int, int]]], Array]:
-    """Corner numbers of the edges of each panel, in order round it, and the corners."""
+    """Edges of each panel as pairs of corner numbers, in order, and the corners."""
     corners, number = np.unique(panels.reshape(-1, 3), axis=0, return_inverse=True)
     number = number.reshape(-1, 4)
     edges = []
@@ -190,7 +190,7 @@ def _edges(panels: Array) -> tuple[list[list[tuple[int, int]]], Array]:
 
 
 def _consistent(panels: Array, name: str) -> Array:
-    """Panels turned so that neighbours run through their common edge in opposite senses."""
+    """Turn panels so that neighbours run along their common edge in opposite senses."""
     edges, _ = _edges(panels)
     at: dict[tuple[int, int], list[tuple[int, bool]]] = {}
     for panel, ring in enumerate(edges):
@@ -242,7 +242,7 @@ def _cut(panels: Array, tiny: float) -> Array:
 
 
 def _check_closed(surface: Surface, name: str, size: float) -> None:
-    """Every edge below water, and off the planes of symmetry, must have a panel on either side."""
+    """Require a panel on either side of every edge below water and off the planes of symmetry."""
     panels = _snapped(surface.panels, MERGE * size)
     edges, corners = _edges(panels)
     count: dict[tuple[int, int], int] = {}
@@ -265,7 +265,7 @@ def _check_closed(surface: Surface, name: str, size: float) -> None:
 
 
 def _missing(surface: Surface) -> float:
-    """How far volumes from x-, y- and z-integrals differ: a closed surface has one volume."""
+    """Relative spread of the volumes from x-, y- and z-integrals; a closed surface has one volume."""
     whole = surface.whole
     centre, area = whole.mean(axis=1), area_vectors(whole)
     volumes = np.sum(centre * area, axis=0)

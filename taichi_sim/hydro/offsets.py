@@ -22,7 +22,7 @@ DIGITS = 4  # decimals of offsets over a length of 10 m, one less for each facto
 
 
 def offsets(hull: Surface, stations: int, points: int, freeboard: float) -> StationsHull:
-    """A hull of `stations` sections of `points` levels from keel to waterline, walls `freeboard` (m) high on them."""
+    """Hull of `stations` sections with `points` levels from keel to waterline, and walls `freeboard` (m) high."""
     triangles = _triangles(hull)
     x = triangles[..., 0]
     ends = np.array([x.min(), x.max()])
@@ -48,7 +48,7 @@ def offsets(hull: Surface, stations: int, points: int, freeboard: float) -> Stat
 def compared(
     made: Panels, hull: Surface, mass: float, cg: Array, rho: float, g: float
 ) -> dict[str, tuple[float, float]]:
-    """What the offsets (first) and the mesh (second) have: name with unit -> values."""
+    """Values of the offsets (first) and of the mesh (second), by name with unit."""
     out: dict[str, tuple[float, float]] = {}
     ours = _measured(made)
     pairs = (("volume, m^3", lambda s: s.volume), ("waterplane, m^2", lambda s: s.waterplane["A"]),
@@ -63,7 +63,7 @@ def compared(
 
 
 def _measured(panels: Panels) -> Surface:
-    """The wetted panels, divided a few times each way: their integrals."""
+    """The wetted panels, divided a few times each way, for integrals."""
     return wetted(panels, 0.01 * float(np.ptp(panels.centre, axis=0).max()), divisions=4)
 
 
@@ -90,7 +90,7 @@ def _cut(triangles: Array, at: float) -> Array:
 
 
 def _is_twin(triangles: Array) -> bool:
-    """Whether amidships nothing crosses the centreplane."""
+    """Whether nothing crosses the centreplane amidships."""
     at = (triangles[..., 0].min() + triangles[..., 0].max()) / 2 + 1e-7
     y = _cut(triangles, at)[..., 0]
     return bool(len(y)) and not ((y.min(axis=1) <= 1e-9) & (y.max(axis=1) >= -1e-9)).any()
@@ -112,7 +112,7 @@ def _section(triangles: Array, at: float, ends: Array, points: int, twin: bool) 
 
 
 def _breadths(segments: Array, z: float, tiny: float) -> tuple[float, float]:
-    """Least and largest y at a level."""
+    """Smallest and largest y at a level."""
     z = float(np.clip(z, segments[..., 1].min() + tiny, segments[..., 1].max() - tiny))
     (y0, z0), (y1, z1) = segments[:, 0].T, segments[:, 1].T
     across = (np.minimum(z0, z1) <= z) & (np.maximum(z0, z1) >= z) & (np.abs(z1 - z0) > 1e-12)
@@ -140,7 +140,7 @@ def _places(triangles: Array, ends: Array, stations: int, points: int, twin: boo
 
 
 def _hull(places: Array, sections: Array, freeboard: float, decimals: int) -> StationsHull:
-    """With walls on the waterline."""
+    """Hull of the sections, with walls on the waterline."""
     stations = []
     for x, section in zip(places, sections, strict=True):
         y, z = np.round(section, decimals).T + 0.0

@@ -46,7 +46,7 @@ class Patch(NamedTuple):
         return self.at(*CORNERS.T)
 
     def part(self, s: tuple[float, float], t: tuple[float, float]) -> "Patch":
-        """What lies between two s and two t; cuts are not sharp."""
+        """The part between two s and two t; edges of the cut are not sharp."""
         (s0, s1), (t0, t1) = s, t
         a, b, c, d = (self.at(i, j) for i, j in ((s0, t0), (s1, t0), (s1, t1), (s0, t1)))
         form = np.array([(a + b + c + d) / 4, (b + c - a - d) / 4, (c + d - a - b) / 4, (a + c - b - d) / 4])
@@ -68,7 +68,7 @@ def wetted(hull: Panels, size: float, divisions: int = 0) -> Surface:
 
 
 def _patches(hull: Panels) -> list[Patch]:
-    """The hull's panels, and which edges are sharp: those without a neighbour, or one at an angle."""
+    """The hull's panels as patches; an edge is sharp without a neighbour, or at an angle to it."""
     sign = np.sign(np.sum(np.cross(hull.along, hull.up) * hull.area, axis=1))[:, None]
     forms = np.stack([hull.centre, sign * hull.along, hull.up, sign * hull.twist], axis=1) * Z_UP
     smooth = Patch(forms[0], (False,) * 4)
@@ -93,14 +93,14 @@ def _patches(hull: Panels) -> list[Patch]:
 
 
 def _normal(patch: Patch, s: float, t: float) -> Array:
-    """Unit normal at a point; a little inside, for an edge may have no length."""
+    """Unit normal at a point, taken slightly inside, since an edge may have no length."""
     form, (s, t) = patch.form, (0.98 * s, 0.98 * t)
     normal = np.cross(form[1] + t * form[3], form[2] + s * form[3])
     return normal / max(float(np.linalg.norm(normal)), 1e-300)
 
 
 def _alike(patches: list[Patch], axis: int) -> bool:
-    """Whether the hull is its own image in the plane normal to `axis`."""
+    """Whether the hull equals its image in the plane normal to `axis`."""
     corners = np.rint(np.stack([p.corners for p in patches]) * GRID).astype(np.int64)
     image = corners.copy()
     image[..., axis] *= -1
@@ -147,7 +147,7 @@ def _divided(patch: Patch, size: float, divisions: int) -> list[Array]:
 
 
 def _strip(patch: Patch, s0: float, s1: float, size: float, divisions: int) -> Array:
-    """Wet panels [n, 4, 3] of a patch between two s between which the water enters or leaves no end of its lines."""
+    """Wet panels [n, 4, 3] of a patch between two s, where the water enters or leaves at no end of its lines."""
     lines = np.linspace(s0, s1, 9)
     low, high = _wet(patch, lines)
     if not ((high - low)[1:-1] > 0).all():
@@ -171,7 +171,7 @@ def _strip(patch: Patch, s0: float, s1: float, size: float, divisions: int) -> A
 
 
 def _spaced(length: float, size: float, divisions: int, sharp: tuple[bool, ...]) -> Array:
-    """Where to divide a length, from 0 to 1: parts of `size`, of END of that at sharp ends and growing from there."""
+    """Divisions of a length, 0 to 1: parts of `size`; at sharp ends END times that, growing away from there."""
     if divisions:
         return np.linspace(0, 1, divisions + 1)
     u = np.linspace(0, 1, 513)
@@ -195,7 +195,7 @@ def _wet(patch: Patch, s: Array) -> tuple[Array, Array]:
 
 
 def _tidy(quads: Array, short: float) -> Array:
-    """Panels without those of no area; where an edge has no length, as triangles (last corner doubled)."""
+    """Drop panels without area; turn those with an edge of no length into triangles (last corner doubled)."""
     length = np.linalg.norm(np.roll(quads, -1, axis=1) - quads, axis=2)  # of the edge after each corner
     order = (length.argmin(axis=1)[:, None] + [2, 3, 0, 1]) % 4
     three = np.take_along_axis(quads, order[..., None], axis=1)

@@ -34,7 +34,7 @@ NO_PANELS = np.empty((0, 4, 3))
 
 @dataclass(frozen=True)
 class Tank:
-    """A hull with its lids in water; positive sides of the hull's planes of symmetry."""
+    """A hull with lids in water, on the positive sides of the hull's planes of symmetry."""
 
     hull: Surface
     inner_lid: Array  # [n, 4, 3]
@@ -65,7 +65,7 @@ class Tank:
 
 
 class Solution(NamedTuple):
-    """Of one frequency, in the frame of surface.py; n headings."""
+    """Results of one frequency, in the frame of surface.py; n headings."""
 
     wavenumber: float  # rad/m
     added_mass: Array  # [6, 6]

@@ -1,4 +1,4 @@
-"""All frequencies of one hull, in as many processes as cores, and the database of them."""
+"""Solves all frequencies of one hull in several processes, and makes the database."""
 
 from collections.abc import Iterable
 from concurrent.futures import as_completed
@@ -20,14 +20,14 @@ Array = NDArray[np.float64]
 
 
 class Floating(NamedTuple):
-    """What floats: its rigid-body matrix and stiffness [6, 6] about CO, in the frame of surface.py."""
+    """Rigid-body matrix and stiffness [6, 6] of the floating hull about CO, in the frame of surface.py."""
 
     M: Array
     C: Array
 
 
 class Loads(NamedTuple):
-    """Of one frequency; the frame of surface.py, m headings."""
+    """Loads of one frequency, in the frame of surface.py; m headings."""
 
     added_mass: Array  # [6, 6]
     damping: Array  # [6, 6]
@@ -37,7 +37,7 @@ class Loads(NamedTuple):
 
 
 def require_capytaine() -> str:
-    """Its name and version.
+    """Name and version of capytaine.
 
     Raises:
         MissingExtraError: if it is not installed.
@@ -112,5 +112,5 @@ def database(
 
 
 def _even(matrix: Array) -> Array:
-    """Symmetric part: in exact theory all of it."""
+    """Symmetric part of a matrix; exact theory has no other."""
     return (matrix + np.swapaxes(matrix, -1, -2)) / 2

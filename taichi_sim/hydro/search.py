@@ -38,11 +38,11 @@ BAND = 0.7, 1.5  # times the lowest and the highest frequency of a table: where 
 
 
 class FitError(ValueError):
-    """Added mass and damping of which no passive memory can be made."""
+    """No passive memory reproduces the added mass and damping."""
 
 
 class Pair(NamedTuple):
-    """How well the kernel of two modes is fitted."""
+    """Errors of the fitted kernel of two modes."""
 
     modes: tuple[str, str]
     missing: float  # share of its energy
@@ -50,12 +50,12 @@ class Pair(NamedTuple):
 
 
 class Search:
-    """The masses of one group of g modes."""
+    """Search for the masses of one group of g modes."""
 
     def __init__(
         self, omega: Array, A: Array, B: Array, A_inf: Array, group: tuple[int, ...], at: Sequence[float | None]
     ):
-        """Of A, B [n, g, g] at omega [n] (rad/s) and A_inf [g, g]; `at`: resonances (rad/s) of those that have one."""
+        """Take A, B [n, g, g] at omega [n] (rad/s), A_inf [g, g], and resonances `at` (rad/s; None without one)."""
         slow = np.array(BELOW)
         omega = np.concatenate([slow * omega[0], omega])
         A, B = np.concatenate([A[[0, 0]], A]), np.concatenate([slow[:, None, None] ** 3 * B[0], B])
@@ -76,7 +76,7 @@ class Search:
         self.own = np.sqrt(more[:, self.upper[0]] * more[:, self.upper[1]])
 
     def run(self, energy: float, tell: Tell) -> tuple[Memory, Array, list[Pair]]:
-        """Memory, A_inf and pairs with the fewest masses that miss at most `energy`."""
+        """Memory, A_inf and errors with the fewest masses that miss at most `energy`."""
         if not self.B.any():
             return Memory.none(), self.A_inf, []
         pairs: list[Pair] = []
@@ -106,11 +106,11 @@ class Search:
 
     @property
     def _ends(self) -> tuple[float, float]:
-        """Of ln(frequency) of masses."""
+        """Bounds of ln(frequency) of masses."""
         return float(np.log(BAND[0] * self.omega[len(BELOW)])), float(np.log(BAND[1] * self.omega[-1]))
 
     def _random(self, masses: int, start: int) -> Array:
-        """Numbers to begin with."""
+        """Random start."""
         draw, g = np.random.default_rng([masses, start]), len(self.group)
         peak = self.omega[np.argmax(np.einsum("nii->n", self.B / self.of_B))]
         low, high = self._ends
@@ -121,7 +121,7 @@ class Search:
         return np.concatenate([spread, L[np.tril_indices(masses)], G.ravel(), np.zeros(len(self.upper[0]))])
 
     def _one_more(self, x: Array, masses: int) -> Array:
-        """Numbers to begin with: those of one mass less, and a small one where most damping is missing."""
+        """Start with the masses found before and a small one where most damping is missing."""
         frequency, L, G, change = self._parts(x, masses - 1)
         K = self._response(x, masses - 1)[2]
         missing = np.einsum("nii->ni", K.real - self.B / self.of_B)
@@ -133,7 +133,7 @@ class Search:
         return np.concatenate([log, L_more[np.tril_indices(masses)], G_more.ravel(), change[self.upper]])
 
     def _polished(self, x: Array, tell: Tell) -> Array:
-        """Numbers of MOST masses after some of them, each alone, were put where more is missing without them."""
+        """MOST masses after moving some, one at a time, to where more is missing without them."""
         least = float(np.square(self._residual(x, MOST)).sum()) / 2
         for _ in range(ROUNDS):
             before = least
@@ -148,7 +148,7 @@ class Search:
         return x
 
     def _without(self, x: Array, mass: int) -> Array:
-        """Numbers of all masses but one, of MOST."""
+        """The numbers without one of the masses."""
         frequency, L, G, change = self._parts(x, MOST)
         R = np.delete(np.delete(L @ L.T, mass, 0), mass, 1)
         L = np.linalg.cholesky(R + 1e-9 * np.trace(R) * np.eye(MOST - 1))
@@ -156,7 +156,7 @@ class Search:
         return np.concatenate([*rest, change[self.upper]])
 
     def _found(self, masses: int, begin: Array) -> tuple[float, Array]:
-        """Cost and numbers of a search."""
+        """Cost and result of one least-squares run."""
         from scipy.optimize import least_squares
 
         x, (low, high) = begin, self._ends
@@ -174,7 +174,7 @@ class Search:
         return float(found.cost), found.x
 
     def _parts(self, x: Array, masses: int) -> tuple[Array, Array, Array, Array]:
-        """Frequency, L of R = L L^T, shape over `size`, change of A_inf over `of_A`."""
+        """Frequency, L of R = L L^T, scaled shape, and scaled change of A_inf, from the vector of unknowns."""
         g, n = len(self.group), masses * (masses + 1) // 2
         L, change = np.zeros((masses, masses)), np.zeros((g, g))
         L[np.tril_indices(masses)] = x[masses : masses + n]
@@ -206,7 +206,7 @@ class Search:
         return self._weighed(K, (self.A - self.A_inf) / self.of_A, self.B / self.of_B, change)
 
     def _jacobian(self, x: Array, masses: int) -> Array:
-        """Of `_residual`, [error, number]."""
+        """Derivative of `_residual` [error, unknown]."""
         g, u = len(self.group), len(self.upper[0])
         frequency, L, _G, _change = self._parts(x, masses)
         s, H, _K = self._response(x, masses)
@@ -221,7 +221,7 @@ class Search:
         return self._weighed(K, 0.0, 0.0, change).T
 
     def _made(self, x: Array, masses: int) -> tuple[Memory, Array]:
-        """The memory, and the change of A_inf [g, g]."""
+        """The memory, and the change of A_inf [g, g], from the vector of unknowns."""
         frequency, L, G, change = self._parts(x, masses)
         order = np.argsort(frequency)
         shape = np.zeros((masses, 6))
@@ -231,7 +231,7 @@ class Search:
         return Memory(frequency[order], damping, shape[order]), change * self.of_A
 
     def _pairs(self, memory: Memory) -> list[Pair]:
-        """Of every two modes of the group."""
+        """Errors for every two modes of the group."""
         rows = np.ix_(range(len(self.omega)), self.group, self.group)
         energy = np.asarray(np.trapezoid(self.B**2, self.omega, axis=0))
         short = np.asarray(np.trapezoid((self.B - memory.damps(self.omega)[rows]) ** 2, self.omega, axis=0))

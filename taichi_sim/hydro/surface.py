@@ -1,4 +1,4 @@
-"""A wetted hull surface as flat panels, and what its integrals say: volume, waterplane, centre of buoyancy, stiffness.
+"""A wetted hull surface as flat panels, and its integrals: volume, waterplane, centre of buoyancy, stiffness.
 
 Frame of all of taichi_sim/hydro: x forward, y to port, z up, origin CO on the design waterline (the boundary-element
 code's; frames.py turns results into the vehicle's own). A panel is four corners, in order round it so that the
@@ -66,7 +66,7 @@ class Surface:
         return {name: float(-self._integral(f)[2]) for name, f in of.items()}
 
     def stiffness(self, mass: float, cg: Array, rho: float, g: float) -> Array:
-        """C [6, 6] about CO of water and of `mass` (kg) at `cg` (m), N/m, N, N m (Fossen 2011, sec. 4.2)."""
+        """Stiffness C [6, 6] about CO, of water and of `mass` (kg) at `cg` (m): N/m, N, N m (Fossen 2011, sec. 4.2)."""
         w, V, B = self.waterplane, self.volume, self.centre_of_buoyancy
         C = np.zeros((6, 6))
         C[2, 2], C[2, 3], C[2, 4] = w["A"], w["y"], -w["x"]
@@ -85,7 +85,7 @@ class Surface:
         return C
 
     def gaps(self) -> Array:
-        """Area that is missing to close the wetted hull with its waterplane [3], m^2: zero along x and y."""
+        """Area by which the hull with its waterplane fails to close [3], m^2: along x and y."""
         return self.area.sum(axis=0) * [1.0, 1.0, 0.0]
 
     def _integral(self, f) -> Array:
@@ -105,13 +105,13 @@ def area_vectors(panels: Array) -> Array:
 
 
 def mirrored(panels: Array, axis: int) -> Array:
-    """The panels' images in the plane through CO normal to `axis`, their normals still out of the hull."""
+    """Images of panels in the plane through CO normal to `axis`; normals stay outward."""
     image = panels.copy()
     image[..., axis] *= -1
     return reverse(image)
 
 
 def reverse(panels: Array) -> Array:
-    """Panels [n, 4, 3] with corners in the other sense; triangles keep their doubled corner last."""
+    """Panels [n, 4, 3] with corners in reverse order; triangles keep their doubled corner last."""
     three = (panels[:, 2] == panels[:, 3]).all(axis=1)
     return np.where(three[:, None, None], panels[:, [1, 0, 2, 3]], panels[:, [0, 3, 2, 1]])

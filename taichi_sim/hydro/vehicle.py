@@ -1,4 +1,4 @@
-"""A vehicle file of a hull that came as a mesh."""
+"""Vehicle file of a hull that was given as a mesh."""
 
 import numpy as np
 
@@ -64,6 +64,6 @@ def _row(values) -> str:
 
 
 def _moved(craft: Craft) -> np.ndarray:
-    """What the distance of the CG adds to the moments of inertia about CO, kg m^2."""
+    """Moments of inertia added by the distance of the CG from CO, kg m^2."""
     x, y, z = craft.cg
     return craft.mass * np.array([y * y + z * z, x * x + z * z, x * x + y * y])

@@ -1,4 +1,4 @@
-"""Processes of one thread each, that end with the command which started them."""
+"""Worker processes of one thread each, which end with the command."""
 
 import os
 import threading
@@ -21,13 +21,13 @@ ENVIRONMENT = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS",
 
 @contextmanager
 def workers(count: int, begin: Callable[..., None] | None = None, *given: Any) -> Iterator[ProcessPoolExecutor]:
-    """`count` processes, each of which calls `begin(*given)` first."""
+    """Pool of `count` processes, each of which first calls `begin(*given)`."""
     with _environment(), ProcessPoolExecutor(count, CONTEXT, _begin, (os.getpid(), begin, given)) as pool:
         yield pool
 
 
 def _begin(parent: int, begin: Callable[..., None] | None, given: tuple[Any, ...]) -> None:
-    """Let this process end when its parent has, however that was ended."""
+    """Start a worker: end it when its parent has ended, for whatever reason."""
 
     def watch() -> None:
         while os.getppid() == parent:
@@ -41,7 +41,7 @@ def _begin(parent: int, begin: Callable[..., None] | None, given: tuple[Any, ...
 
 @contextmanager
 def _environment() -> Iterator[None]:
-    """Processes started inside have ENVIRONMENT."""
+    """Set ENVIRONMENT for processes started inside."""
     before = {name: os.environ.get(name) for name in ENVIRONMENT}
     os.environ.update(ENVIRONMENT)
     try:

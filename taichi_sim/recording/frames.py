@@ -1,4 +1,4 @@
-"""From the world frame n (north-east-down) to the (east, north, up) = (y, x, -z) of recordings. Nowhere else.
+"""Conversion from n (north-east-down) to the (east, north, up) = (y, x, -z) of recordings; nowhere else.
 
 In rerun bodies keep their own frame b (forward-right-down), so the attitude logged is R_enu,b = P R_nb, with P the
 half turn about (1, 1, 0) that swaps the two worlds. In bags (ros/) bodies are forward-left-up: b turned by half about
