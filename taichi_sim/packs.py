@@ -45,7 +45,7 @@ class Build(NamedTuple):
 
 @cache
 def struct_of(names: tuple[str, ...], precision: runtime.Precision) -> Any:
-    """A Taichi struct of floats with the fields of a NamedTuple."""
+    """A Taichi struct with a float of that precision for each of `names`."""
     kind = ti.f64 if precision == "f64" else ti.f32
     return ti.types.struct(**{name: kind for name in names})
 

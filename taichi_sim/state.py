@@ -178,7 +178,7 @@ class _Names(NamedTuple):
 
 @functools.cache
 def _names(kind: type) -> _Names:
-    """Attributes that a class and its bases name."""
+    """STATE and SHARED of a class with those of its bases, and the attributes that it assigns."""
     named = [base for base in kind.__mro__ if "STATE" in vars(base) or "SHARED" in vars(base)]
 
     def of(attribute: str) -> tuple[str, ...]:
