@@ -34,7 +34,7 @@ from torch import Tensor
 from taichi_sim import runtime
 from taichi_sim.config import ConfigError, Strict
 from taichi_sim.contact.parts import Deck, Legs
-from taichi_sim.conventions import ELEVATION, STATE_SIZE
+from taichi_sim.conventions import DOWN, ELEVATION, HORIZONTAL, STATE_SIZE
 from taichi_sim.packs import Build, struct_of
 from taichi_sim.surroundings import Surroundings
 
@@ -159,8 +159,8 @@ class Vehicle:
         if self.medium == "air":
             return state
         state = state.clone()
-        surface[..., ELEVATION] = around.elevation(state[..., :2])
-        state[..., 2] -= surface[..., ELEVATION]
+        surface[..., ELEVATION] = around.elevation(state[..., HORIZONTAL])
+        state[..., DOWN] -= surface[..., ELEVATION]
         return state
 
     def reset_aux(self, aux: Tensor, state: Tensor, around: Surroundings) -> None:

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
+from taichi_sim.conventions import DOWN
 from taichi_sim.film.moment import Moment, TeamMoment
 from taichi_sim.film.pen import Pen, faces_of, moved
 from taichi_sim.film.shapes import Solids
@@ -84,7 +85,7 @@ def _draw_scene(pen: Pen, moment: Moment, chop: float) -> None:
         team = moment.teams[name]
         pen.lines(track, team.livery.track, TRACK, 2.0 * chop if team.track.on_water else 0.0)
     if len(scene.checkpoints_n):
-        flown = next((float(track[:, 2].mean()) for track in scene.tracks_n.values()), 0.0)  # the first track's
+        flown = next((float(track[:, DOWN].mean()) for track in scene.tracks_n.values()), 0.0)  # the first track's
         level = np.full((len(scene.checkpoints_n), 1), flown)
         pen.dots(np.concatenate([scene.checkpoints_n, level], axis=1), CHECKPOINT, 4.0, chop)
     if len(scene.obstacles):

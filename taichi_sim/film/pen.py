@@ -8,6 +8,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
+from taichi_sim.conventions import DOWN, HORIZONTAL
 from taichi_sim.film.shapes import NO_SOLIDS, NO_STROKES, Solids, Strokes
 from taichi_sim.recording.episode import Array
 from taichi_sim.recording.meshes import Mesh
@@ -88,8 +89,8 @@ class Pen:
             return
         ring = np.stack([np.cos(ROUND), np.sin(ROUND)], axis=-1)  # clockwise from above
         rim = np.empty((len(middle), SIDES + 1, 3))
-        rim[..., :2] = middle[:, None, :2] + radius[..., None] * ring
-        rim[..., 2] = middle[:, 2:] - 0.5 * height
+        rim[..., HORIZONTAL] = middle[:, None, HORIZONTAL] + radius[..., None] * ring
+        rim[..., DOWN] = middle[:, DOWN:] - 0.5 * height
         foot = rim + (0.0, 0.0, 1.0) * height[..., None]
         hub = np.broadcast_to(middle[:, None] - 0.5 * height[..., None] * (0.0, 0.0, 1.0), rim.shape)
         a, b, c, d = rim[:, :-1], rim[:, 1:], foot[:, 1:], foot[:, :-1]

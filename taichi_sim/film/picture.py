@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from taichi_sim.conventions import HORIZONTAL
 from taichi_sim.film.camera import Array, Camera
 from taichi_sim.film.draw import Cast, draw_moment
 from taichi_sim.film.glyphs import lines_of, write
@@ -202,7 +203,7 @@ def _mark(pen: Pen, moment: Moment, metres: float) -> None:
         own = np.array([team.livery.of(vehicle) for vehicle in range(count)], np.uint8)
         for grow, down, colours in ((1.5, -200.0, np.full_like(own, 255)), (1.0, -250.0, own)):
             corners = np.full((count, 5, 3), down)
-            corners[..., :2] = team.position_n[:, None, :2] + grow * shape
+            corners[..., HORIZONTAL] = team.position_n[:, None, HORIZONTAL] + grow * shape
             faces = corners[:, ((0, 1, 2), (0, 2, 3))].reshape(-1, 3, 3)
             pen.solids(Solids(faces, np.zeros((len(faces), 3)), colours.repeat(2, axis=0)), "map")
 

@@ -7,6 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
+from taichi_sim.conventions import HORIZONTAL
 from taichi_sim.film.camera import Array, Camera, eye_that_holds, heading, look, look_at
 from taichi_sim.film.moment import Moment, TeamMoment
 from taichi_sim.recording.episode import COMPANY_LENGTHS
@@ -121,9 +122,9 @@ class Map:
 
     def camera(self, moment: Moment, aspect: float) -> Camera:
         """See Rig."""
-        tracks = [track[:, :2] for track in moment.scene.tracks_n.values()]
-        teams = [team.position_n[:, :2] for team in moment.teams.values()]
-        ways = [team.trail_n.reshape(-1, 3)[:, :2] for team in moment.teams.values()]
+        tracks = [track[:, HORIZONTAL] for track in moment.scene.tracks_n.values()]
+        teams = [team.position_n[:, HORIZONTAL] for team in moment.teams.values()]
+        ways = [team.trail_n.reshape(-1, 3)[:, HORIZONTAL] for team in moment.teams.values()]
         places = np.concatenate([*tracks, *teams, *ways])
         low, high = np.nanmin(places, axis=0), np.nanmax(places, axis=0)
         reach = np.array([max(high[0] - low[0], (high[1] - low[1]) / aspect, AMID)])

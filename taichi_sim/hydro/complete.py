@@ -6,6 +6,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from taichi_sim.conventions import QUATERNION
 from taichi_sim.hydro.fit import ENERGY, fit_memory
 from taichi_sim.hydro.search import Pair
 from taichi_sim.sea import Sea
@@ -58,7 +59,7 @@ def by_panels(database: HydroDatabase, hull: Hull6Dof) -> NDArray[np.complex128]
         own = torch.arange(len(omega), dtype=torch.int32, device=sea.table.device)
         around = Surroundings.of(sea, own, torch.zeros(len(omega), dtype=torch.float64, device=sea.table.device))
         state = torch.zeros((len(omega), 1, 13), dtype=sea.table.dtype, device=sea.table.device)
-        state[..., 3] = 1.0
+        state[..., QUATERNION.start] = 1.0
         return hull.pressure_load(state, around)[:, 0].double().cpu().numpy()
 
     calm = load(0 * amplitude, 0.0)

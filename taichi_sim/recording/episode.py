@@ -11,6 +11,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from taichi_sim.conventions import HEADING
 from taichi_sim.recording.frames import Array, euler
 from taichi_sim.recording.overlays import Note, Overlay, Plot
 from taichi_sim.recording.palette import Livery, liveries
@@ -134,7 +135,7 @@ class TeamTrack:
     @property
     def course(self) -> Array:
         """Course [T] of the team, rad: its target's, or else the heading of vehicle 0."""
-        return euler(self.quaternion_nb[:, 0])[2] if self.target_course is None else self.target_course
+        return euler(self.quaternion_nb[:, 0])[HEADING] if self.target_course is None else self.target_course
 
     @property
     def company(self) -> NDArray[np.bool_]:

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 import rerun as rr
 
+from taichi_sim.conventions import HEADING
 from taichi_sim.recording.episode import Array, Episode, TeamTrack
 from taichi_sim.recording.frames import euler
 from taichi_sim.recording.palette import FOLLOWERS, TARGET, Colour
@@ -70,7 +71,7 @@ def error_plots(team: TeamTrack) -> dict[str, slice]:
 
 def _headings(stream: Stream, team: TeamTrack) -> dict[str, Array]:
     """Heading of the first vehicle, and the course of its target, deg, without jumps by 360."""
-    heading = np.degrees(euler(team.quaternion_nb[:, 0])[2])
+    heading = np.degrees(euler(team.quaternion_nb[:, 0])[HEADING])
     if team.target_course is None:
         return {"heading (deg)": _unwrapped(stream, team, heading)}
     course = _unwrapped(stream, team, np.degrees(team.target_course))

@@ -9,7 +9,7 @@ import torch
 from numpy.typing import NDArray
 
 from taichi_sim.config.io import toml_text
-from taichi_sim.conventions import FREEBOARD, NO_DECK
+from taichi_sim.conventions import EAST, FREEBOARD, NO_DECK, NORTH
 from taichi_sim.fleet import Fleet
 from taichi_sim.recording.episode import Array, Elevation, Episode, Event, Scene, Signal, TeamTrack
 from taichi_sim.recording.model import air_of, airframe_of, body_of, columns_of, forces_of, signals_of
@@ -73,7 +73,7 @@ class Recorder:
             "quaternion_nb": team.quaternion_nb[self.env],
             "velocity_n": team.velocity_n[self.env],
             "angular_velocity_b": team.angular_velocity_b[self.env],
-            "wave_height": self.world.elevation(env, place[..., 0], place[..., 1])[0],
+            "wave_height": self.world.elevation(env, place[..., NORTH], place[..., EAST])[0],
             "aux": team.aux[self.env, :, : columns_of(team.model)],
             "freeboard": team.surface[self.env, :, FREEBOARD],
         }

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from taichi_sim.conventions import HORIZONTAL
 from taichi_sim.recording.episode import Array, Episode, TeamTrack
 from taichi_sim.recording.sea_grid import FADE, SeaGrid
 from taichi_sim.recording.sea_light import light, patch_colours
@@ -94,7 +95,7 @@ def _middle(team: TeamTrack) -> Array:
     """[T, 2] north, east (m): between the first and the middle of all, for followers mostly trail."""
     places = team.places_n[:, team.company]
     middle = team.position_n[:, 0] + 0.5 * (places.mean(axis=1) - places[:, 0])
-    return np.asarray(middle[:, :2], dtype=np.float64)
+    return np.asarray(middle[:, HORIZONTAL], dtype=np.float64)
 
 
 class SeaPatch:

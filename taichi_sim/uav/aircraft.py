@@ -4,6 +4,7 @@ from typing import Any
 
 from torch import Tensor
 
+from taichi_sim.conventions import DOWN
 from taichi_sim.kinematics import WING_TILT
 from taichi_sim.vehicle import Vehicle
 
@@ -21,7 +22,7 @@ class Aircraft(Vehicle):
         """Crashed: the lower wing tip, or the middle where that is lower, has met the water, a crest included. Stalled:
         for longer than `LARGEST_STALL`.
         """
-        height = -fleet.state[..., 2] - 0.5 * self.size[1] * fleet.derived[..., WING_TILT].abs()
+        height = -fleet.state[..., DOWN] - 0.5 * self.size[1] * fleet.derived[..., WING_TILT].abs()
         stalled = fleet.never
         if STALL_TIME in self.aux_names:
             stalled = fleet.reading(STALL_TIME) > LARGEST_STALL

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from torch import Tensor
 
-from taichi_sim.conventions import ELEVATION
+from taichi_sim.conventions import DOWN, ELEVATION
 from taichi_sim.fleet import Fleet
 from taichi_sim.kinematics import UPRIGHT
 from taichi_sim.vehicle import Vehicle
@@ -42,7 +42,7 @@ class Vessel(Vehicle):
         """Capsized: tilted past the angle of vanishing stability. Swamped: the mean surface under the hull stands above
         the deck. Grounded: the keel reaches the bottom.
         """
-        depth, down = world.config.sea.depth, fleet.state[..., 2]
+        depth, down = world.config.sea.depth, fleet.state[..., DOWN]
         swamped, grounded = fleet.never, fleet.never
         if math.isfinite(self.deck_height):
             swamped = down + fleet.surface[..., ELEVATION] > self.deck_height

@@ -25,7 +25,7 @@ from torch import Tensor
 from taichi_sim.config import ConfigError
 from taichi_sim.contact import carrier
 from taichi_sim.contact.touch import SOLE_SIZE
-from taichi_sim.conventions import AMPLITUDE, VELOCITY
+from taichi_sim.conventions import AMPLITUDE, DOWN, VELOCITY
 from taichi_sim.kinematics import UPRIGHT, store
 from taichi_sim.packs import AroundPack, Build, FleetPack, TouchPack, load_at, numbers_at
 from taichi_sim.sea import waves
@@ -163,7 +163,7 @@ class Multirotor6DOF(Vehicle):
         """
         upright = fleet.derived[..., UPRIGHT].abs()
         side = 0.5 * max(self.size[:2]) * torch.sqrt((1.0 - upright.square()).clamp(min=0.0))
-        height = -fleet.state[..., 2] - self.plan.body.below * upright - side
+        height = -fleet.state[..., DOWN] - self.plan.body.below * upright - side
         outside = fleet.reading(at.OUTSIDE_TIME) > LONGEST_OUTSIDE
         struck = fleet.never if fleet.touch is None else fleet.touch.struck[..., 0] > 0
         ditched = height <= world.elevation_below(fleet, height)
