@@ -4,9 +4,12 @@ A team's section names it, `script = "module:Class"`; the module is looked for a
 mission simulates scripted teams, and neither trains nor judges them.
 """
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from torch import Tensor
+
+if TYPE_CHECKING:
+    from taichi_sim.world import World
 
 
 class Script:
@@ -17,16 +20,16 @@ class Script:
 
     STATE: tuple[str, ...] = ()
 
-    def __init__(self, world: Any, name: str):
+    def __init__(self, world: "World", name: str):
         """Take a team that `world` has just added; later teams are not there yet."""
         self.name = name
 
-    def begin(self, world: Any, envs: Tensor) -> None:
+    def begin(self, world: "World", envs: Tensor) -> None:
         """Place the team's vehicles in environments `envs` [n], where an episode begins (`world.place`).
 
         Their sea, time, current and wind have been drawn. Default: they stay where the last episode left them.
         """
 
-    def __call__(self, world: Any) -> Any:
+    def __call__(self, world: "World") -> Any:
         """Actions [env, vehicle, action] in [-1, 1] for the coming step."""
         raise NotImplementedError

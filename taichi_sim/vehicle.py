@@ -24,7 +24,7 @@ from collections import namedtuple
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 import torch
@@ -37,6 +37,10 @@ from taichi_sim.contact.parts import Deck, Legs
 from taichi_sim.conventions import DOWN, ELEVATION, HORIZONTAL, STATE_SIZE
 from taichi_sim.packs import Build, struct_of
 from taichi_sim.surroundings import Surroundings
+
+if TYPE_CHECKING:
+    from taichi_sim.fleet import Fleet
+    from taichi_sim.world import World
 
 Medium = Literal["water", "air"]
 
@@ -169,7 +173,7 @@ class Vehicle:
 
     # -- moving ----------------------------------------------------------------------------------------------------
 
-    def step(self, fleet: Any, around: Surroundings) -> None:
+    def step(self, fleet: "Fleet", around: Surroundings) -> None:
         """Advance `fleet` (fleet.py) by one control step, in place: state, derived, aux, surface.
 
         `fleet.action` [env, vehicle, action] holds the actions, finite and within [-1, 1]. Launch a kernel with
@@ -179,7 +183,7 @@ class Vehicle:
         """
         raise NotImplementedError(f"{type(self).__name__} has no step (taichi_sim/vehicle.py)")
 
-    def build(self, fleet: Any, around: Surroundings) -> Build:
+    def build(self, fleet: "Fleet", around: Surroundings) -> Build:
         """Compile-time choices of a kernel for `fleet` in these surroundings."""
         return Build(around.sea.shape[2], around.depth > 0, fleet.varied, fleet.loaded, serial=fleet.few)
 
@@ -223,7 +227,7 @@ class Vehicle:
             given.append(tensor.to(run.device, run.torch_dtype).contiguous())
         return self.equations(*given).double().cpu().numpy()
 
-    def mobility(self, fleet: Any) -> Tensor:
+    def mobility(self, fleet: "Fleet") -> Tensor:
         """What a load makes it do: W [env or 1, vehicle or 1, 6, 6], float64, symmetric, d(accelerations in b) = W
         d(load about the origin, b), of the fleet's vehicles; zero of what nothing can move.
 
@@ -235,18 +239,18 @@ class Vehicle:
         rates = self.rhs(still, np.zeros(len(self.control_names)), load=loads)[:, 7:]
         return torch.from_numpy((rates[1:] - rates[:1]).T.copy())[None, None]
 
-    def soles(self, fleet: Any) -> Tensor:
+    def soles(self, fleet: "Fleet") -> Tensor:
         """Soles of its legs [env or 1, vehicle or 1, leg, 3], float64, from the origin, b, m."""
         points = () if self.legs is None else self.legs.points
         return torch.tensor(points, dtype=torch.float64).view(1, 1, -1, 3)
 
     # -- ending ----------------------------------------------------------------------------------------------------
 
-    def endings(self, fleet: Any, world: Any) -> dict[str, Tensor]:
+    def endings(self, fleet: "Fleet", world: "World") -> dict[str, Tensor]:
         """Endings of vehicles of `fleet` in `world`, in any mission: `ending_names` -> bool [env, vehicle]."""
         return {}
 
-    def power(self, fleet: Any) -> Tensor | None:
+    def power(self, fleet: "Fleet") -> Tensor | None:
         """Propulsive power of each vehicle of `fleet` in the last step [env, vehicle], W: thrust times the speed
         through its medium or, of a vessel, ahead; of what hovers, the power from its rotors' shafts. None: the model
         does not tell.
