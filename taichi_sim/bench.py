@@ -1,4 +1,4 @@
-"""One fleet in a sea and a wind, without a scenario: what tests, tools and notebooks drive.
+"""One fleet in a sea and a wind, without a scenario: for tests, tools and notebooks.
 
     import taichi_sim as ts
 
@@ -42,8 +42,8 @@ Array = NDArray[np.float64]
 
 
 class Motion(NamedTuple):
-    """Of the first vehicle in each environment: position [env, 3] (NED, m), euler [env, 3] (roll, pitch, heading, rad)
-    and nu [env, 6] (u, v, w, p, q, r, over ground; m/s, rad/s).
+    """Motion of the first vehicle in each environment: position [env, 3] (NED, m), euler [env, 3] (roll, pitch,
+    heading, rad)
     """
 
     position: Array
@@ -52,7 +52,7 @@ class Motion(NamedTuple):
 
 
 def pack_state(eta: ArrayLike, nu: ArrayLike = (0.0,) * 6) -> Array:
-    """States [n, 13] (conventions.py) of poses eta [n, 6] (NED m; roll, pitch, heading, rad) and velocities nu [n, 6].
+    """Pack poses eta [n, 6] (NED m; roll, pitch, heading, rad) and velocities nu [n, 6] into states [n, 13].
 
     Either may be [6]: one, or the same for all.
     """
@@ -150,7 +150,7 @@ class Bench:
         *,
         settle: bool = False,
     ) -> "Bench":
-        """Place every vehicle; each argument [3] or what broadcasts to [env, vehicle, 3]: NED m, rad, m/s, rad/s.
+        """Place every vehicle; each argument is [3] or broadcasts to [env, vehicle, 3]: NED m, rad, m/s, rad/s.
 
         `settle` brings them to rest, or into trim, where they are (`Vehicle.settle`).
         """
@@ -170,18 +170,18 @@ class Bench:
         return self
 
     def refresh(self) -> None:
-        """Tell `around` the time, the current and the wind, after setting them by hand."""
+        """Copy time, current and wind to `around`; call it after setting them by hand."""
         self._follow()
         self._tell()
 
     def _follow(self) -> None:
-        """Bring a current and a wind that are given over time to the time."""
+        """Update a current and a wind that are given over time to the present time."""
         for air_or_water in (self._current, self._weather):
             if air_or_water is not None:
                 air_or_water.follow(self._everywhere, self.time)
 
     def _tell(self) -> None:
-        """Tell `around` the waves' phases, the current over the draft, the wind at the vehicles' height."""
+        """Write the waves' phases, the current over the draft and the wind at the vehicles' height to `around`."""
         self.sea.phases(self.around.env_sea, self.time, out=self.around.phase)
         in_water, in_air = self._factors
         if in_water != 1.0:
@@ -192,7 +192,7 @@ class Bench:
     # -- moving ----------------------------------------------------------------------------------------------------
 
     def step(self, action: ArrayLike | Tensor, times: int = 1) -> "Bench":
-        """Hold `action` [action], or what broadcasts to [env, vehicle, action], for `times` control steps."""
+        """Step `times` control steps with `action` [action], or what broadcasts to [env, vehicle, action], held."""
         given = torch.as_tensor(action, dtype=self.state.dtype, device=self.state.device)
         self.fleet.action.copy_(given.expand_as(self.fleet.action))
         interval = self.model.dt * self.model.substeps
@@ -211,17 +211,17 @@ class Bench:
 
     @property
     def state(self) -> Tensor:
-        """[env, vehicle, 13], packed as in conventions.py; to be written in place."""
+        """State [env, vehicle, 13], packed as in conventions.py; may be written in place."""
         return self.fleet.state
 
     @property
     def aux(self) -> Tensor:
-        """[env, vehicle, n] the model's own state."""
+        """Auxiliary state [env, vehicle, n] of the model."""
         return self.fleet.aux
 
     @property
     def surface(self) -> Tensor:
-        """[env, vehicle, 2] elevation and freeboard, m."""
+        """Elevation and freeboard [env, vehicle, 2], m."""
         return self.fleet.surface
 
     @property
@@ -241,7 +241,7 @@ class Bench:
         return self._wind
 
     def read(self) -> Motion:
-        """How the vehicles move now (copies)."""
+        """Present motion of the first vehicles (copies)."""
         state = self.state[:, 0].double().cpu()
         nu = torch.cat((state[:, VELOCITY], state[:, ANGULAR_VELOCITY]), dim=1)
         return Motion(

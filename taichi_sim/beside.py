@@ -1,4 +1,4 @@
-"""Where what is not physics lies: `rl` and `tools`, beside this package in a checkout, inside it when it was installed.
+"""Finds `rl` and `tools`: beside this package in a checkout, inside it when it was installed.
 
 The wheel does not put packages of such general names into site-packages, where another project's may lie: they are in
 the folder `_bundle` of this package, which is looked into after everything else (`import taichi_sim` sees to that), and
@@ -12,13 +12,13 @@ HERE = Path(__file__).resolve().parent
 
 
 def bundle() -> Path:
-    """The folder that holds `rl`, `tools` and `docs`."""
+    """Folder that holds `rl`, `tools` and `docs`."""
     inside = HERE / "_bundle"
     return inside if (inside / "rl").is_dir() else HERE.parent
 
 
 def find_rl(*, first: bool = False) -> None:
-    """Make `import rl` find ours: after anybody else's of that name, or before."""
+    """Make our `rl` importable: after any other package of that name, or before it (`first`)."""
     place = str(bundle())
     if first:
         sys.path.insert(0, place)

@@ -1,4 +1,4 @@
-"""The command `taichi-sim`: everything that the scripts of a checkout do, from any folder, after `pip install`."""
+"""The command `taichi-sim`: all that the scripts of a checkout do, from any folder, after `pip install`."""
 
 import argparse
 import importlib
@@ -31,13 +31,13 @@ STARTERS = {
 
 
 def scripts() -> dict[str, Path]:
-    """Files of the commands that there are."""
+    """Files of the available commands, by name."""
     files = {name: bundle() / file for name, (file, _, _) in SCRIPTS.items()}
     return {name: file for name, file in files.items() if file.is_file()}
 
 
 def parser() -> argparse.ArgumentParser:
-    """What `taichi-sim --help` says."""
+    """The parser of `taichi-sim`, with a line of help for each command."""
     told = {name: SCRIPTS[name][2] for name in scripts()} | STARTERS
     wide = max(map(len, told))
     p = argparse.ArgumentParser(
@@ -53,7 +53,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def starter_parser(name: str) -> argparse.ArgumentParser:
-    """The arguments of a command that writes files to begin with."""
+    """The parser of a command that writes starter files."""
     p = argparse.ArgumentParser(prog=f"taichi-sim {name}", description=f"{STARTERS[name]}.".capitalize())
     p.add_argument("name", metavar="NAME")
     if name == "new-scenario":
@@ -79,9 +79,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     file = scripts()[args.command]
     if file.parent.name == "rl":
         return importlib.import_module("rl.cli").run(importlib.import_module(f"rl.{file.stem}").main)
-    sys.path.insert(0, str(file.parent))  # as Python does for a script
     try:
-        runpy.run_path(str(file), run_name="__main__")
+        runpy.run_module(f"tools.{file.stem}", run_name="__main__")
     except SystemExit as ended:
         if ended.code is not None and not isinstance(ended.code, int):
             raise
@@ -90,7 +89,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _start(name: str, arguments: Sequence[str]) -> int:
-    """Write files to begin with, and say which."""
+    """Write starter files and print their names."""
     given = vars(starter_parser(name).parse_args(arguments))
 
     def write(_: list[str] | None) -> None:

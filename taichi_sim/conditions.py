@@ -47,7 +47,7 @@ TOLD_PERIOD, TOLD_WIND = 10.0, 10.0  # s and m/s that count as 1 in `told`
 
 
 class Conditions(NamedTuple):
-    """Of each realisation, float64 [realisation]."""
+    """Wave height, period, direction, wind and current of each realisation, float64 [realisation]."""
 
     hs: np.ndarray  # of the wind sea, m
     tp: np.ndarray  # s
@@ -59,7 +59,7 @@ class Conditions(NamedTuple):
     turbulence: np.ndarray  # its intensity over that of the scenario
 
     def tables(self) -> "Tables":
-        """The same for kernels and critics."""
+        """The same conditions as tensors, for kernels and critics."""
         run, waves = runtime.current(), np.deg2rad(self.wave_direction_deg)
         current = _vector(self.current_speed, self.current_direction_deg)
         wind = -_vector(self.wind_speed, self.wind_direction_deg)
@@ -70,7 +70,7 @@ class Conditions(NamedTuple):
 
 
 class Tables(NamedTuple):
-    """Of each realisation, run precision."""
+    """Conditions of each realisation, as tensors of the run's precision."""
 
     current: torch.Tensor  # [sea, 2], mean velocity of the water at the surface, north and east, m/s
     wind: torch.Tensor  # [sea, 3], mean velocity of the air 10 m above the sea, NED, m/s
@@ -86,7 +86,7 @@ TOLD = (
 
 
 def realise(config: WorldConfig, seed: int) -> tuple[Sea, Conditions]:
-    """The sea realisations of a world, and the conditions that belong to them.
+    """Draw the sea realisations of a world and the conditions of each.
 
     Raises:
         ConfigError: for a range of what cannot be. SteepSeaError: if a realisation could loop.
@@ -109,7 +109,7 @@ def _windy(config: WorldConfig) -> bool:
 
 
 def bounds(config: WorldConfig, key: str) -> tuple[float, float]:
-    """The lowest and the highest value that a condition takes; its nominal one twice, where it does not vary.
+    """Lowest and highest value of each condition; its nominal value twice where it does not vary.
 
     Raises:
         ConfigError: if the scenario's range goes beyond what the condition can be.
@@ -118,7 +118,7 @@ def bounds(config: WorldConfig, key: str) -> tuple[float, float]:
 
 
 def nominal_conditions(config: WorldConfig) -> dict[str, float]:
-    """Those of a scenario in which nothing varies, by the keys of `CONDITIONS`."""
+    """Conditions of a scenario in which nothing varies, by the keys of `CONDITIONS`."""
     sea, current = resolved_sea(config), config.sea.current or CurrentConfig()
     size, (speed, blows_from) = sea_size(sea), mean_wind(config.air)
     flow = mean_of(current.series) if current.series else (current.speed, current.direction_deg)
@@ -136,7 +136,7 @@ def nominal_conditions(config: WorldConfig) -> dict[str, float]:
 
 
 def resolved_sea(config: WorldConfig, wind: tuple[float, float] | None = None) -> SeaConfig:
-    """The sea of a scenario, in which the wind has taken its place where the sea follows it.
+    """The sea configuration of a scenario, with the wind's numbers filled in where the sea follows the wind.
 
     `wind` is its speed (m/s) and direction (deg, blows from); default the scenario's own.
     """
@@ -149,7 +149,7 @@ def resolved_sea(config: WorldConfig, wind: tuple[float, float] | None = None) -
 
 
 def _drawn(config: WorldConfig, seed: int) -> Conditions:
-    """The conditions of each realisation, before waves that cannot be have been lengthened."""
+    """Draw the conditions of each realisation; periods too short for their height are still in."""
     nominal, varying, n = nominal_conditions(config), varied(config), config.sea.realisations
     values = {key: np.full(n, value) for key, value in nominal.items()}
     ends = {key: _bounds(config, key, nominal[key]) for key in config.vary}
@@ -169,7 +169,7 @@ def _drawn(config: WorldConfig, seed: int) -> Conditions:
 
 
 def _sizes(config: WorldConfig, nominal: Mapping[str, float], values: Values) -> dict[str, np.ndarray]:
-    """Height, period and direction of the waves of each realisation, where they follow from what was drawn."""
+    """Height, period and direction of each realisation's waves, from what was drawn."""
     varying, least = varied(config), CONDITIONS["sea.tp"][0]
     if config.sea.follows_wind and _windy(config):
         winds = zip(values["air.speed"], values["air.direction_deg"], strict=True)
@@ -190,7 +190,7 @@ def _sizes(config: WorldConfig, nominal: Mapping[str, float], values: Values) ->
 
 
 def _directions(sea: SeaConfig) -> list[float]:
-    """Of the waves, deg, where they travel to: the configuration's, or those of the records that it takes in turn."""
+    """Wave directions, deg, where they travel to: the configuration's, or those of the records in turn."""
     return [math.degrees(r.direction) for r in records_of(sea)] if sea.measured else [sea.direction_deg]
 
 
@@ -219,6 +219,6 @@ def _bounds(config: WorldConfig, key: str, nominal: float) -> tuple[float, float
 
 
 def _vector(speed: np.ndarray, direction_deg: np.ndarray) -> np.ndarray:
-    """North and east [.., 2]."""
+    """North and east components [.., 2] of a speed and a direction."""
     angle = np.deg2rad(direction_deg)
     return np.stack((speed * np.cos(angle), speed * np.sin(angle)), axis=-1)

@@ -21,6 +21,12 @@ VELOCITY = slice(7, 10)
 ANGULAR_VELOCITY = slice(10, 13)
 STATE_SIZE = 13
 
+# components of vectors in n, of vectors in b, and of Euler angles
+NORTH, EAST, DOWN = 0, 1, 2
+AHEAD, STARBOARD, BELOW = 0, 1, 2
+HORIZONTAL = slice(0, 2)  # the first two of either
+ROLL, PITCH, HEADING = 0, 1, 2
+
 # surface columns
 ELEVATION, FREEBOARD = 0, 1
 SURFACE_SIZE = 2

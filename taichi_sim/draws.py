@@ -18,16 +18,16 @@ HALVINGS = 50  # of the way to a number that a vehicle file could not hold
 
 
 def spread(chance: Tensor, low: Any, high: Any, normal: Tensor) -> Tensor:
-    """Numbers between `low` and `high` of a `chance` that is uniform in [0, 1), float64: uniform, or where `normal`
-    (bool) normal about the middle and cut off at the ends, 2 standard deviations away. All broadcast.
+    """Numbers between `low` and `high` for a `chance` uniform in [0, 1), float64: spread evenly, or, where `normal`
+    (bool), normally about the middle, cut off at the ends, 2 standard deviations away. All broadcast.
     """
     bell = 0.5 + torch.special.ndtri(TAIL + (1 - 2 * TAIL) * chance) / (2 * SIGMAS)
     return low + (high - low) * torch.where(normal, bell.clamp(0.0, 1.0), chance)
 
 
 class NumberDraws:
-    """Numbers of a fleet's vehicles, drawn for each vehicle anew whenever an episode begins; those without a range are
-    the vehicle file's again.
+    """Draws new numbers for a fleet's vehicles when an episode begins; those without a range go back to the vehicle
+    file's.
 
     Each range is checked with the other numbers as in the vehicle file. Mass, inertia and CG of one vehicle are drawn
     independently of each other, as their keys are; a hull's inertia follows its mass and CG (rigid_body.changed_mass),
@@ -42,7 +42,7 @@ class NumberDraws:
     SHARED = ("_batch", "_generator")
 
     def __init__(self, fleet: Fleet, ranges: Mapping[str, Range], variation: float, seed: int):
-        """Draw for `fleet` from `ranges`, whose width is `variation` times that given; at 0 nothing is drawn.
+        """Draw for `fleet` from `ranges`, whose widths are multiplied by `variation`; at 0 nothing is drawn.
 
         Ends that only `variation` > 1 has brought beyond what the vehicle file could hold are moved back to it.
 
@@ -78,7 +78,7 @@ class NumberDraws:
         self._batch = None
 
     def draw(self, envs: Tensor) -> None:
-        """Give the vehicles of environments `envs` [n] numbers of their own, if any are to be drawn."""
+        """Draw new numbers for the vehicles of environments `envs` [n], if anything varies."""
         if not self.drawn:
             return
         rows = len(envs) * self.fleet.count
@@ -91,7 +91,7 @@ class NumberDraws:
         self.told[envs] = told
 
     def _make(self, rows: int) -> tuple[Tensor, Tensor, Tensor]:
-        """Numbers of vehicles yet to come [row, ..]: as they vary, what the model makes of them, what is told."""
+        """Draw further vehicles' numbers [row, ..]: the varied values, the model's own numbers, the normalised ones."""
         chance = torch.rand((rows, len(self.names)), generator=self._generator, dtype=torch.float64)
         values = spread(chance.to(self._low.device), self._low, self._high, self._normal)
         vary = self.fleet.nominal.repeat(rows, 1)
@@ -101,7 +101,7 @@ class NumberDraws:
 
 
 def _held(fleet: Fleet, key: str, given: Range, variation: float) -> tuple[float, float]:
-    """The ends of a range that the fleet's vehicle file could hold."""
+    """Ends of a range, moved to values that the vehicle file accepts."""
     place = f"{fleet.name}.vary.{key}"
     try:
         fleet.model.check_varies(key)
@@ -118,7 +118,7 @@ def _held(fleet: Fleet, key: str, given: Range, variation: float) -> tuple[float
 
 
 def _nearest(fleet: Fleet, key: str, good: float, bad: float) -> float:
-    """The number nearest to `bad`, on the way to it from `good`, that the vehicle file could hold."""
+    """The accepted value nearest to `bad` between it and `good`, found by bisection."""
     for _ in range(HALVINGS):
         middle = (good + bad) / 2
         if fleet.refusal(key, middle) is None:

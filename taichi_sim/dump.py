@@ -1,4 +1,4 @@
-"""The last step of an environment that left the physical, as a file from which it can be run again.
+"""Dumps: the last step of an environment whose state stopped being finite, as a file to run it again from.
 
 `World.dump_folder` turns dumps on; taichi_sim/replay.py runs one again.
 """
@@ -17,7 +17,7 @@ MAX_DUMPS = 20  # in one folder: a fault that repeats needs no more
 
 @dataclass(frozen=True)
 class Dump:
-    """One environment before the step that went wrong; tensors have no environment axis."""
+    """One environment before the failed step; tensors have no environment axis."""
 
     config: WorldConfig
     seed: int  # of the world's seas
@@ -37,7 +37,7 @@ class Dump:
 
 
 def save_dump(dump: Dump, folder: Path) -> Path | None:
-    """Write `dump` to a new file of `folder`; None where that holds enough already or cannot be written."""
+    """Write `dump` to a new file of `folder`; None if the folder holds enough dumps or cannot be written."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         number = len(list(folder.glob("*.dump")))

@@ -1,9 +1,9 @@
-"""Packages that not everybody needs: extras of pyproject.toml."""
+"""The error for a missing optional package (extras of pyproject.toml)."""
 
 
 class MissingExtraError(ImportError):
-    """A package that is not installed, and how to install it."""
+    """An optional package is not installed; the message says how to install it."""
 
     def __init__(self, package: str, extra: str):
-        """Of `package`, which the extra brings."""
+        """Name the missing `package` and the extra that installs it."""
         super().__init__(f'{package} is not installed: pip install "taichi-sim[{extra}]"', name=package)

@@ -30,7 +30,7 @@ VEHICLE_STEP = 4e3  # ns of a control step of one vehicle, about: hulls take mor
 
 
 class Views:
-    """Named views of a team's state, and of what follows from it: they share memory with the tensors.
+    """Named views of a team's state and its derived quantities: they share memory with the tensors.
 
     Attributes:
         model: the vehicles'. state: [env, vehicle, 13], packed as in conventions.py. derived: [env, vehicle, 14], what
@@ -41,7 +41,7 @@ class Views:
     STATE: tuple[str, ...] = ("state", "derived", "aux")
 
     def __init__(self, model: Vehicle, state: Tensor, derived: Tensor, aux: Tensor):
-        """View these."""
+        """Take views of these tensors."""
         self.model, self.state, self.derived, self.aux = model, state, derived, aux
 
     def reading(self, name: str) -> Tensor:
@@ -133,21 +133,21 @@ class Fleet(Views):
         self.update()
 
     def __repr__(self) -> str:
-        """How many of which model, commanded by what."""
+        """Number and model of the vehicles, and their actions."""
         more = [word for word, holds in (("numbers vary", self.varied), ("loaded", self.loaded)) if holds]
         told = ", ".join([f"actions {' '.join(self.model.action_names)}", *more])
         return f"<Fleet {self.name!r}: {self.made_of}, {told}>"
 
     @property
     def made_of(self) -> str:
-        """How many vehicles of which model: "3 x Hull6Dof in 64 environments"."""
+        """Number and model of the vehicles: "3 x Hull6Dof in 64 environments"."""
         return f"{self.count} x {type(self.model).__name__} in {number(self.num_envs, 'environment')}"
 
     # -- kernels ---------------------------------------------------------------------------------------------------
 
     @property
     def pack(self) -> Any:
-        """What kernels take of it: a FleetPack, the same object until numbers or loads are first used."""
+        """The FleetPack for kernels; the same object until numbers or loads are first used."""
         return self._pack()
 
     def _packed(self) -> runtime.Packed:
@@ -163,7 +163,7 @@ class Fleet(Views):
         )
 
     def restored(self) -> None:
-        """Kernels take numbers and loads as they are now."""
+        """Rebuild the packs after numbers or loads were restored."""
         members = self._pack.members
         if members["numbers"] is not (self._unused if self._numbers is None else self._numbers) or (
             members["load"] is not (self._unused if self._load is None else self._load)
@@ -171,14 +171,14 @@ class Fleet(Views):
             self._pack = self._packed()
 
     def launch(self, kernel: Any, *args: Any) -> None:
-        """Call a kernel of the model; where the arguments are those of the last call, at a fraction of the cost."""
+        """Call a kernel of the model; a call with the arguments of the last one costs a fraction."""
         key = id(kernel._primal), id(getattr(kernel, "_kernel_owner", None))
         if key not in self._launchers:
             self._launchers[key] = Launcher(kernel)
         self._launchers[key](*args)
 
     def update(self, envs: Tensor | None = None) -> None:
-        """Refresh what follows from `state` in environments `envs` (default: all) after writing to it by hand."""
+        """Recompute derived quantities in environments `envs` (default: all) after writing to `state` by hand."""
         if envs is None:
             self._which.fill_(1)
         else:
@@ -191,7 +191,7 @@ class Fleet(Views):
 
     @property
     def loaded(self) -> bool:
-        """Whether loads from outside count."""
+        """Whether external loads are in use."""
         return self._load is not None
 
     @property
@@ -201,7 +201,7 @@ class Fleet(Views):
 
     @property
     def load(self) -> Tensor:
-        """[env, vehicle, 6] load from outside, N and N m about the origin, in b, held over a step; zero at first.
+        """External load [env, vehicle, 6], N and N m about the origin, in b, held over a step; zero at first.
 
         To be written in place. Until it is first asked for it costs nothing.
         """
@@ -212,17 +212,17 @@ class Fleet(Views):
 
     @property
     def numbers(self) -> Tensor | None:
-        """[env, vehicle, n] what the model makes of the numbers of each vehicle; None where none has its own."""
+        """Each vehicle's numbers as the model uses them [env, vehicle, n]; None where all share the file's."""
         return self._numbers
 
     @property
     def vary(self) -> dict[str, Tensor]:
-        """The numbers that may differ between environments, as they are: key -> [env, vehicle] (a copy)."""
+        """Present values of the numbers that may vary: key -> [env, vehicle] (a copy)."""
         values = self.nominal if self._vary is None else self._vary
         return {key: values[..., k].expand(self.state.shape[:2]).clone() for k, key in enumerate(self.model.varying)}
 
     def set_numbers(self, values: Mapping[str, Any], envs: Tensor | None = None) -> None:
-        """Give vehicles numbers of their own, until set again (or drawn: draws.py); others keep theirs.
+        """Set numbers of vehicles, until set or drawn again (draws.py); other numbers stay.
 
         Args:
             values: key of `model.varying` -> number, or what broadcasts to [n, vehicle]. envs: int64 [n], default all.
@@ -241,7 +241,7 @@ class Fleet(Views):
         self.give_numbers(fresh, self.model.numbers(fresh), rows)
 
     def give_numbers(self, vary: Tensor, numbers: Tensor, envs: Tensor) -> None:
-        """Unchecked, all numbers of the vehicles of environments `envs` [n], int64.
+        """Set all numbers of the vehicles of environments `envs` [n], int64, without checks.
 
         Args:
             vary: [n, vehicle, len(model.varying)], float64. numbers: [n, vehicle, m], what the model makes of them
@@ -256,7 +256,7 @@ class Fleet(Views):
         self._numbers[envs] = numbers.to(self.state.dtype)
 
     def _checked(self, key: str, value: Any, shape: tuple[int, int]) -> Tensor:
-        """Values [n, vehicle], float64, of a number; the least and the greatest are held to the file's own rules."""
+        """Values [n, vehicle], float64, of a number; the extreme ones are checked by the vehicle file's rules."""
         given = torch.as_tensor(value, dtype=torch.float64, device=self.state.device)
         if not bool(given.isfinite().all()):
             raise ValueError(f"{self.name}: {key} = {value}: must be finite")
@@ -270,7 +270,7 @@ class Fleet(Views):
         return full
 
     def refusal(self, key: str, value: float) -> str | None:
-        """Why the vehicle file could not hold a value of a number that varies; None if it could."""
+        """Reason why the vehicle file refuses a value of a varying number; None if it accepts it."""
         try:
             self.model.with_numbers({key: value})
         except ValueError as error:  # pydantic's
@@ -279,12 +279,12 @@ class Fleet(Views):
 
     @property
     def own(self) -> Any:
-        """What the model makes of its numbers (`Vehicle.own`): of floats, or tensors [env, vehicle] where they vary."""
+        """Numbers as the model uses them (`Vehicle.own`): floats, or tensors [env, vehicle] where they vary."""
         if self._vary is None:
             return self.model.constants
         return self.model.own({key: self._vary[..., k].to(self.state) for k, key in enumerate(self.model.varying)})
 
     @property
     def nominal(self) -> Tensor:
-        """Values [len(model.varying)] of the vehicle file, float64."""
+        """Values [len(model.varying)] in the vehicle file, float64."""
         return torch.tensor(list(self.model.nominal.values()), dtype=torch.float64, device=self.state.device)

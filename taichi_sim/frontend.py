@@ -20,7 +20,7 @@ _with_carets = _context.get_pos_info
 
 
 def quicken() -> None:
-    """Make it so, in this process; a second call does nothing."""
+    """Install the faster front end in this process; a second call does nothing."""
     if _context.get_pos_info is _position:
         return
     _context.get_pos_info = _position

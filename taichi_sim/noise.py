@@ -1,4 +1,4 @@
-"""Which random numbers come next: a clock, a seed, and a key for each environment.
+"""Counters of random numbers: a clock, a seed, and a key for each environment.
 
 Kernels draw counted random numbers (maths/random.py) from (seed, stream, key, vehicle, clock). Two environments with
 one key draw the same numbers; with keys of their own they draw independent ones.
@@ -32,17 +32,17 @@ class Noise:
         self.restart(seed, clock)
 
     def restart(self, seed: int, clock: int = 0) -> None:
-        """Draw from another seed; the clock begins at `clock`."""
+        """Start anew from another seed, with the clock at `clock`."""
         self.seed, self.clock = seed, clock
         self._write()
 
     def tick(self, steps: int = 1) -> None:
-        """Count `steps` steps."""
+        """Advance the clock by `steps` steps."""
         self.clock += steps
         self._write()
 
     def at(self, envs: Tensor) -> "Noise":
-        """The counter of environments `envs` [n] alone, a copy."""
+        """A copy of the counter for environments `envs` [n] alone."""
         part = Noise(len(envs), self.seed, self.clock)
         part.keys.copy_(self.keys[envs])
         return part

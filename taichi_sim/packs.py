@@ -1,4 +1,4 @@
-"""What kernels of vehicles take: packs of tensors, what they are compiled for, and each vehicle's own numbers."""
+"""Arguments of vehicle kernels: packs of tensors, compile-time choices, and each vehicle's own numbers."""
 
 # Kernels are another language inside Python syntax.
 # pyright: reportInvalidTypeForm=false
@@ -32,7 +32,7 @@ TouchPack = ti.types.argpack(way=_array3, pressing=_array3, soles=_array3, struc
 
 
 class Build(NamedTuple):
-    """What a kernel is compiled for; read inside `ti.static`."""
+    """Compile-time choices of a kernel; read inside `ti.static`."""
 
     components: int = 1  # of the sea
     finite: bool = False  # depth of the water
@@ -45,7 +45,7 @@ class Build(NamedTuple):
 
 @cache
 def struct_of(names: tuple[str, ...], precision: runtime.Precision) -> Any:
-    """A Taichi struct of floats of that precision."""
+    """A Taichi struct with a float of that precision for each of `names`."""
     kind = ti.f64 if precision == "f64" else ti.f32
     return ti.types.struct(**{name: kind for name in names})
 

@@ -1,4 +1,4 @@
-"""Classes of somebody else's that a configuration names as `module:Class`.
+"""User classes that a configuration names as `module:Class`.
 
 The module is looked for beside the file that names it, in the working folder, and among what is installed. Naming one
 runs its code: a configuration from a stranger is a program from a stranger.
@@ -17,7 +17,7 @@ OURS = ("taichi_sim", "rl")  # packages that are never anybody else's, wherever 
 
 
 def plugin_source(name: str, beside: Sequence[Path] = ()) -> Path | None:
-    """The file, or the folder of the package, that holds `module:Class`; None of one of ours, installed, or missing."""
+    """File, or package folder, of `module:Class`; None for a class of ours, an installed or a missing one."""
     top = name.partition(":")[0].partition(".")[0]
     if top in OURS:
         return None
@@ -34,7 +34,7 @@ def is_plugin(name: str) -> bool:
 
 
 def load_class(name: str, base: type | None = None, beside: Sequence[Path] = ()) -> Any:
-    """The class (or function) that `name`, `module:Class`, stands for.
+    """Import the class (or function) that `name`, `module:Class`, names.
 
     Args:
         name: `package.module:Class`. base: what it must derive from. beside: folders to look in first, those of the
@@ -61,7 +61,7 @@ _origins: dict[str, Path] = {}  # top-level names imported here from a folder ->
 
 
 def _import(name: str, module_name: str, folders: list[Path]) -> Any:
-    """The module, from the first of `folders` that holds it, else from what is installed."""
+    """Import the module from the first of `folders` that holds it, else from the installed packages."""
     top = module_name.partition(".")[0]
     folder = next((folder.resolve() for folder in folders if top not in OURS and _holds(folder, module_name)), None)
     if top in sys.modules and top in _origins and _origins[top] != folder:  # of the same name, from another folder
@@ -84,7 +84,7 @@ def _import(name: str, module_name: str, folders: list[Path]) -> Any:
 
 
 def _lies_in(top: Any, folder: Path) -> bool:
-    """Whether a loaded top-level module or package is the one in `folder`."""
+    """Whether an imported top-level module or package comes from `folder`."""
     places = getattr(top, "__path__", None) or [getattr(top, "__file__", None) or ""]
     return any(Path(place).resolve().parent == folder for place in places)
 

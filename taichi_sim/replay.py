@@ -1,4 +1,4 @@
-"""Running the step of a dump again (dump.py)."""
+"""Runs the step of a dump again (dump.py)."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ from taichi_sim.world import World
 
 
 def replay(dump: Dump, source: Path | None = None) -> World:
-    """Run the step of a dump again, alone: the world after it, whose teams show what became of the vehicles.
+    """Run the step of a dump again, alone; return the world after it.
 
     `source` is the scenario's file, beside which its vehicles are looked for.
     """

@@ -1,4 +1,4 @@
-"""The one place that starts Taichi: architecture, precision, threads.
+"""Starts Taichi: architecture, precision, threads; the one place that does.
 
 Taichi holds one program per process. `init` starts it; a second call with the same arguments does nothing,
 with other arguments it starts afresh and every kernel is compiled again at its next launch.
@@ -31,7 +31,7 @@ Precision = Literal["f32", "f64"]
 
 @dataclass(frozen=True)
 class Runtime:
-    """What Taichi was started with."""
+    """The arguments with which Taichi was started."""
 
     arch: str
     precision: Precision
@@ -141,7 +141,7 @@ class Packed:
 
 
 class _Void:
-    """What is left of a pack whose Taichi program has ended."""
+    """Stands for a pack whose Taichi program has ended."""
 
 
 def _forget_packs() -> None:
@@ -166,7 +166,7 @@ WAKE_UP = 70e3  # ns that a launch takes to wake the threads and to wait for the
 
 
 def few(items: int, each: float = 100.0) -> bool:
-    """Whether a loop over `items` of `each` ns is sooner done on the calling thread (`ti.loop_config(serialize=...)`).
+    """Whether a loop over `items` of `each` ns is faster on the calling thread (`ti.loop_config(serialize=...)`).
 
     On a GPU nothing is: what is written there stays there. The number of threads does not count: the two loops are
     compiled apart and may round apart, and bits are the same on any number of threads.
@@ -191,7 +191,7 @@ def torch_at_rest() -> Iterator[None]:
 
 
 class _Bound(NamedTuple):
-    """Arguments of a launch, and what Taichi has made of them."""
+    """Arguments of a launch, and the form in which Taichi takes them."""
 
     args: tuple[Any, ...]
     compiled: Any
@@ -199,7 +199,7 @@ class _Bound(NamedTuple):
 
 
 class Launcher:
-    """Calls a kernel again with the arguments of a time before at a fifth of the cost of a plain call.
+    """Repeats a kernel call with the same arguments at a fifth of the cost of a plain call.
 
     A call from Python checks and converts every argument: 0.4 ms for a dozen tensors, which is nothing at thousands of
     environments and nearly everything at one. A vehicle's kernel gets the same tensors, written in place, step after
@@ -223,7 +223,7 @@ class Launcher:
         self._generation = -1
 
     def __call__(self, *args: Any) -> None:
-        """Launch it, and keep what a launch with these arguments needs."""
+        """Launch the kernel, and keep the bound arguments for the next call."""
         self._renew()
         bound = next((bound for bound in self._bound if _same(args, bound.args)), None)
         if bound is None:
@@ -232,7 +232,7 @@ class Launcher:
         impl.get_runtime().prog.launch_kernel(bound.compiled, bound.context)
 
     def once(self, *args: Any) -> None:
-        """Launch it with tensors that will not come again."""
+        """Launch it with tensors that will not be used again."""
         self._renew()
         bound = self._bind(args)
         impl.get_runtime().prog.launch_kernel(bound.compiled, bound.context)
@@ -243,7 +243,7 @@ class Launcher:
             self._generation, self._bound, self._compiled = _generation, [], {}
 
     def _bind(self, args: tuple[Any, ...]) -> _Bound:
-        """Compile for `args` unless that has been done, and make what a launch with them needs."""
+        """Compile for `args` if needed, and bind them."""
         if len(args) != len(self._wanted):
             raise TypeError(f"{self._primal.func.__name__} takes {len(self._wanted)} arguments, not {len(args)}")
         form = tuple(map(_form, args, self._templates))

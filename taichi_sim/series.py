@@ -34,7 +34,7 @@ class Series:
     """
 
     def __init__(self, time: np.ndarray, velocity: np.ndarray):
-        """Of rows [n] and [n, 2]."""
+        """Take times [n] and velocities [n, 2]."""
         run = runtime.current()
         self.time, self.velocity = time, velocity
         self._time = torch.as_tensor(time, dtype=torch.float64, device=run.device)

@@ -37,7 +37,7 @@ def _walk(
 
 
 class SlowVariation:
-    """The process of every environment.
+    """One such process for each environment.
 
     Attributes:
         value: [env, 2] north and east, m/s, run precision; written in place. varies: whether `std` is above 0.

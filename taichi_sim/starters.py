@@ -1,4 +1,4 @@
-"""Files to begin with: a scenario, a vehicle, a mission of one's own, each commented and complete.
+"""Starter files: a scenario, a vehicle, a mission, each commented and complete.
 
 A scenario is a copy of a shipped one; a vehicle and a mission are the examples of docs/extending.md, renamed.
 """
@@ -14,7 +14,7 @@ BLOCK = re.compile(r"^```\w+ file=(\S+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
 def new_scenario(name: str, folder: Path, like: str = "paper") -> list[Path]:
-    """Write NAME.toml, a copy of the scenario `like` that says what to do with it.
+    """Write NAME.toml, a commented copy of the scenario `like`.
 
     Raises:
         ConfigError: if the name is none, there is such a file, or no such scenario.
@@ -48,7 +48,7 @@ def new_mission(name: str, folder: Path) -> list[Path]:
 
 
 def _examples(names: dict[str, str]) -> dict[str, str]:
-    """The files of docs/extending.md, with other names."""
+    """The files of docs/extending.md, renamed."""
     page = (bundle() / "docs" / "extending.md").read_text(encoding="utf-8")
 
     def renamed(text: str) -> str:
@@ -60,7 +60,7 @@ def _examples(names: dict[str, str]) -> dict[str, str]:
 
 
 def _name(name: str) -> str:
-    """A name that can be a module's.
+    """Check that a name can name a module.
 
     Raises:
         ConfigError: if it cannot.
@@ -75,7 +75,7 @@ def _class(name: str) -> str:
 
 
 def _write(folder: Path, files: dict[str, str]) -> list[Path]:
-    """Write them all, or none.
+    """Write all files, or none.
 
     Raises:
         ConfigError: if one is there already.

@@ -1,4 +1,4 @@
-"""What an environment remembers: snapshots, restoring, copies and forks of a world or a mission.
+"""Snapshots, restoring, copies and forks of all that a world or a mission remembers.
 
 Every class that remembers anything between two steps names it in two class attributes:
 
@@ -45,12 +45,12 @@ NoiseOf = Literal["shared", "own"]
 
 
 class StateError(ValueError):
-    """A state that cannot be taken, written or copied."""
+    """A state cannot be taken, written or copied."""
 
 
 @dataclass(frozen=True)
 class Snapshot:
-    """All that a world or a mission remembers, copied; `torch.save` can write it.
+    """A copy of all that a world or a mission remembers; `torch.save` can write it.
 
     Attributes:
         version: of the layout. about: what it was taken of. num_envs: environments. values: path -> value.
@@ -63,7 +63,7 @@ class Snapshot:
 
 
 class Entry(NamedTuple):
-    """One value that is remembered."""
+    """One remembered value."""
 
     path: str
     owner: Any  # an object, a dictionary or a list
@@ -72,13 +72,13 @@ class Entry(NamedTuple):
 
     @property
     def value(self) -> Any:
-        """What it is now."""
+        """Its present value."""
         if isinstance(self.owner, dict | list):
             return self.owner[self.key]
         return getattr(self.owner, self.key)
 
     def put(self, value: Any) -> None:
-        """Replace it."""
+        """Replace its value."""
         if isinstance(self.owner, dict | list):
             self.owner[self.key] = value
         else:
@@ -178,7 +178,7 @@ class _Names(NamedTuple):
 
 @functools.cache
 def _names(kind: type) -> _Names:
-    """What a class and its bases name."""
+    """STATE and SHARED of a class with those of its bases, and the attributes that it assigns."""
     named = [base for base in kind.__mro__ if "STATE" in vars(base) or "SHARED" in vars(base)]
 
     def of(attribute: str) -> tuple[str, ...]:
@@ -210,7 +210,7 @@ def walk(root: Any) -> _Walk:
 
 
 def about(root: Any) -> dict[str, Any]:
-    """What tells one world or mission from another, whatever the number of environments."""
+    """Identity of a world or mission, whatever its number of environments."""
     kind, config = type(root), root.config
     digest = hashlib.sha256(config.model_dump_json().encode()).hexdigest()[:16]
     return {
@@ -320,7 +320,7 @@ def _restored(found: _Walk) -> None:
 
 
 def copy(root: Any, source_envs: Any, target_envs: Any, noise: NoiseOf = "shared") -> None:
-    """Make environments `target_envs` [n] of `root` what `source_envs` [n] are.
+    """Make environments `target_envs` [n] of `root` equal to `source_envs` [n].
 
     Raises:
         StateError: for environments that are not there, a target that is named twice, or another number of targets.
@@ -438,7 +438,7 @@ def _bytes(entry: Entry) -> int:
 
 
 def _free_memory() -> float:
-    """Bytes that can be had without swapping."""
+    """Bytes available without swapping."""
     try:
         for line in Path("/proc/meminfo").read_text().splitlines():
             if line.startswith("MemAvailable:"):
@@ -449,7 +449,7 @@ def _free_memory() -> float:
 
 
 def reachable(root: Any) -> Iterator[tuple[str, Any]]:
-    """Path and value of each entry of `root`, for whoever looks for what the contract forgets."""
+    """Path and value of each entry of `root`, for tests that look for forgotten state."""
     for entry in walk(root).entries:
         yield entry.path, entry.value
 
@@ -465,7 +465,7 @@ class Stateful:
             return snapshot(self)
 
     def restore(self, saved: Snapshot) -> None:
-        """Go back to a snapshot of this world, or of one of the same configuration and seed.
+        """Restore a snapshot of this world, or of one of the same configuration and seed.
 
         Raises:
             StateError: for a snapshot of another world, number of environments, or version; nothing is written then.
@@ -474,7 +474,7 @@ class Stateful:
             restore(self, saved)
 
     def copy(self, source_envs: Any, target_envs: Any, *, noise: NoiseOf = "shared") -> None:
-        """Make environments `target_envs` [n] what `source_envs` [n] are; see `NoiseOf`.
+        """Make environments `target_envs` [n] equal to `source_envs` [n]; see `NoiseOf`.
 
         Raises:
             StateError: for environments that are not there, or a target that is named twice.
@@ -495,5 +495,5 @@ class Stateful:
             return fork(self, self._alike, envs, copies, noise, into)
 
     def _alike(self, num_envs: int) -> Any:
-        """Another one of the same configuration, seed and teams."""
+        """Another world or mission of the same configuration, seed and teams."""
         raise NotImplementedError

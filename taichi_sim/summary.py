@@ -1,4 +1,4 @@
-"""Words for the lines that say what an object is (`repr`)."""
+"""Text helpers for `repr`."""
 
 from typing import Any
 

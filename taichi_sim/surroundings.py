@@ -1,4 +1,4 @@
-"""What every vehicle is told of the world around it: sea, current and wind, one row per environment."""
+"""Surroundings of every vehicle: sea, current and wind, one row per environment."""
 
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
@@ -55,7 +55,7 @@ class Surroundings:
 
     @property
     def pack(self) -> Any:
-        """What kernels take: an AroundPack, the same object from step to step."""
+        """The AroundPack for kernels; the same object from step to step."""
         return self._pack()
 
     def elevation(self, points: Tensor) -> Tensor:

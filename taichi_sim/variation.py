@@ -1,4 +1,4 @@
-"""What differs between the environments of a world: who has which when an episode begins, and what a critic is told."""
+"""Assigns conditions and vehicles' numbers to environments when episodes begin, and normalises them for critics."""
 
 import torch
 from torch import Tensor
@@ -24,7 +24,7 @@ class Variation:
     STATE = ("turbulence", "truth", "_draws")
 
     def __init__(self, config: WorldConfig, conditions: Conditions, num_envs: int, seed: int):
-        """Of a world of that configuration and seed; its teams are to be added."""
+        """Take a world's configuration and seed; call `add` for each of its teams."""
         run = runtime.current()
         self.config, self.seed = config, seed
         self.turbulence: Tensor | None = None
@@ -36,7 +36,7 @@ class Variation:
         self._draws: dict[str, NumberDraws] = {}
 
     def add(self, fleet: Fleet) -> None:
-        """Draw numbers for the vehicles of a team, too.
+        """Also draw numbers for the vehicles of a team.
 
         Raises:
             ConfigError: for a range that its section must not have.
@@ -47,7 +47,7 @@ class Variation:
         self.truth[fleet.name] = fleet.state.new_zeros((*fleet.state.shape[:2], len(self.names[fleet.name])))
 
     def begin(self, envs: Tensor, seas: Tensor, current: Current, wind: Wind) -> None:
-        """Give environments `envs` [n], on the realisations `seas` [n], their conditions, and vehicles their numbers.
+        """Assign environments `envs` [n], on realisations `seas` [n], their conditions, and vehicles their numbers.
 
         `current` and `wind` get their means; their slow variations are still to be drawn about these.
         """
@@ -57,7 +57,7 @@ class Variation:
             self.truth[name][envs, :, : len(draws.names)] = draws.told[envs]
 
     def set_conditions(self, envs: Tensor, seas: Tensor, current: Current, wind: Wind) -> None:
-        """The same without the vehicles."""
+        """Assign conditions only, not numbers of vehicles."""
         if self._keys & {"sea.current.speed", "sea.current.direction_deg"}:
             current.set_mean(envs, self._tables.current[seas])
         if self._keys & {"air.speed", "air.direction_deg"}:
@@ -68,6 +68,6 @@ class Variation:
             truth[envs, :, -len(TOLD) :] = self._tables.told[seas].unsqueeze(1)
 
     def reseed(self, seed: int) -> None:
-        """Make numbers of vehicles that are yet to be drawn depend on `seed` alone; conditions stay."""
+        """Make numbers of vehicles that are drawn later depend on `seed` alone; conditions stay."""
         for draws in self._draws.values():
             draws.reseed(seed)

@@ -1,4 +1,4 @@
-"""The contract of a vehicle model: what World, missions, recordings and tools may ask of one, and nothing else.
+"""The contract of a vehicle model: all that World, missions, recordings and tools may ask of one.
 
 A vehicle file (configs/vehicles/*.toml) names its model: one of ours (vehicles.py), or `module:Class` of anybody's. The
 class derives from `Vehicle`, says what it is in class attributes, and gives at least `step` and `equations`. What it
@@ -24,7 +24,7 @@ from collections import namedtuple
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 import torch
@@ -34,16 +34,20 @@ from torch import Tensor
 from taichi_sim import runtime
 from taichi_sim.config import ConfigError, Strict
 from taichi_sim.contact.parts import Deck, Legs
-from taichi_sim.conventions import ELEVATION, STATE_SIZE
+from taichi_sim.conventions import DOWN, ELEVATION, HORIZONTAL, STATE_SIZE
 from taichi_sim.packs import Build, struct_of
 from taichi_sim.surroundings import Surroundings
+
+if TYPE_CHECKING:
+    from taichi_sim.fleet import Fleet
+    from taichi_sim.world import World
 
 Medium = Literal["water", "air"]
 
 
 @dataclass(frozen=True)
 class Limits:
-    """What a vehicle can do, for who plans its way: it is asked for nothing beyond."""
+    """Capabilities of a vehicle, for planning: nothing beyond them is asked for."""
 
     speeds: tuple[float, float, float] = (0.0, 0.0, math.inf)  # through its medium: least, cruise, greatest, m/s
     turn_radius: float = 0.0  # smallest, at cruise, m
@@ -121,17 +125,17 @@ class Vehicle:
 
     @property
     def limits(self) -> Limits:
-        """What it can do."""
+        """Its capabilities."""
         return Limits()
 
     @property
     def draft(self) -> float:
-        """Depth below the origin over which it feels the current, m; 0 is at the surface."""
+        """Depth below the origin over which it feels the current, m; 0: the current at the surface."""
         return 0.0
 
     @property
     def wind_height(self) -> float:
-        """Height above the sea at which the wind is told to it, m."""
+        """Height above the sea at which it feels the wind, m."""
         return 10.0
 
     @property
@@ -159,8 +163,8 @@ class Vehicle:
         if self.medium == "air":
             return state
         state = state.clone()
-        surface[..., ELEVATION] = around.elevation(state[..., :2])
-        state[..., 2] -= surface[..., ELEVATION]
+        surface[..., ELEVATION] = around.elevation(state[..., HORIZONTAL])
+        state[..., DOWN] -= surface[..., ELEVATION]
         return state
 
     def reset_aux(self, aux: Tensor, state: Tensor, around: Surroundings) -> None:
@@ -169,7 +173,7 @@ class Vehicle:
 
     # -- moving ----------------------------------------------------------------------------------------------------
 
-    def step(self, fleet: Any, around: Surroundings) -> None:
+    def step(self, fleet: "Fleet", around: Surroundings) -> None:
         """Advance `fleet` (fleet.py) by one control step, in place: state, derived, aux, surface.
 
         `fleet.action` [env, vehicle, action] holds the actions, finite and within [-1, 1]. Launch a kernel with
@@ -179,8 +183,8 @@ class Vehicle:
         """
         raise NotImplementedError(f"{type(self).__name__} has no step (taichi_sim/vehicle.py)")
 
-    def build(self, fleet: Any, around: Surroundings) -> Build:
-        """What a kernel for `fleet` in these surroundings is compiled for."""
+    def build(self, fleet: "Fleet", around: Surroundings) -> Build:
+        """Compile-time choices of a kernel for `fleet` in these surroundings."""
         return Build(around.sea.shape[2], around.depth > 0, fleet.varied, fleet.loaded, serial=fleet.few)
 
     def equations(self, state: Tensor, controls: Tensor, current: Tensor, wind: Tensor, load: Tensor) -> Tensor:
@@ -223,7 +227,7 @@ class Vehicle:
             given.append(tensor.to(run.device, run.torch_dtype).contiguous())
         return self.equations(*given).double().cpu().numpy()
 
-    def mobility(self, fleet: Any) -> Tensor:
+    def mobility(self, fleet: "Fleet") -> Tensor:
         """What a load makes it do: W [env or 1, vehicle or 1, 6, 6], float64, symmetric, d(accelerations in b) = W
         d(load about the origin, b), of the fleet's vehicles; zero of what nothing can move.
 
@@ -235,18 +239,18 @@ class Vehicle:
         rates = self.rhs(still, np.zeros(len(self.control_names)), load=loads)[:, 7:]
         return torch.from_numpy((rates[1:] - rates[:1]).T.copy())[None, None]
 
-    def soles(self, fleet: Any) -> Tensor:
+    def soles(self, fleet: "Fleet") -> Tensor:
         """Soles of its legs [env or 1, vehicle or 1, leg, 3], float64, from the origin, b, m."""
         points = () if self.legs is None else self.legs.points
         return torch.tensor(points, dtype=torch.float64).view(1, 1, -1, 3)
 
     # -- ending ----------------------------------------------------------------------------------------------------
 
-    def endings(self, fleet: Any, world: Any) -> dict[str, Tensor]:
-        """What has ended vehicles of `fleet` in `world`, in any mission: `ending_names` -> bool [env, vehicle]."""
+    def endings(self, fleet: "Fleet", world: "World") -> dict[str, Tensor]:
+        """Endings of vehicles of `fleet` in `world`, in any mission: `ending_names` -> bool [env, vehicle]."""
         return {}
 
-    def power(self, fleet: Any) -> Tensor | None:
+    def power(self, fleet: "Fleet") -> Tensor | None:
         """Propulsive power of each vehicle of `fleet` in the last step [env, vehicle], W: thrust times the speed
         through its medium or, of a vessel, ahead; of what hovers, the power from its rotors' shafts. None: the model
         does not tell.
@@ -262,7 +266,7 @@ class Vehicle:
         return {key: float(_at(data, key)) for key in self.varying}
 
     def own(self, values: Mapping[str, Any]) -> Any:
-        """What the kernel works with, a NamedTuple of numbers, by arithmetic that floats and tensors both know.
+        """Numbers as the kernel uses them, a NamedTuple, by arithmetic that works on floats and tensors.
 
         `values` has each key of `varying`. Other numbers are those of the vehicle file. Default: the values themselves,
         their keys' dots as underscores.
@@ -272,22 +276,22 @@ class Vehicle:
 
     @cached_property
     def constants(self) -> Any:
-        """`own` of the vehicle file's numbers: floats, which kernels compile in."""
+        """`own` for the vehicle file's numbers: floats, which kernels compile in."""
         return self.own(self.nominal)
 
     @property
     def Own(self) -> Any:  # noqa: N802
-        """The struct in which a kernel compiled now holds `own` of one vehicle."""
+        """Struct for `own` of one vehicle, in a kernel that is compiled now."""
         return struct_of(self.constants._fields, runtime.current().precision)
 
     def numbers(self, vary: Tensor) -> Tensor:
-        """`own` [.., n], float64, of the varied values [.., len(varying)], float64."""
+        """`own` [.., n], float64, for the varied values [.., len(varying)], float64."""
         found = self.own({key: vary[..., k] for k, key in enumerate(self.varying)})
         shape = vary.shape[:-1]
         return torch.stack([torch.as_tensor(x, dtype=vary.dtype, device=vary.device).expand(shape) for x in found], -1)
 
     def with_numbers(self, values: Mapping[str, float]) -> Any:
-        """The `Params` of a vehicle file that differs from this one in `values`, by keys of `varying`.
+        """`Params` of the vehicle file with other `values`, by keys of `varying`.
 
         Raises:
             ValueError: for a key that does not vary, or a value that the file could not hold.
@@ -307,7 +311,7 @@ class Vehicle:
         return type(self.params).model_validate(data)
 
     def check_varies(self, key: str) -> None:
-        """Refuse a key that does not vary, naming the nearest that does.
+        """Refuse a key that cannot vary; the message names the nearest that can.
 
         Raises:
             ConfigError: for such a key.

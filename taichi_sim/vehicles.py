@@ -1,4 +1,4 @@
-"""The vehicles there are: a vehicle file names its `model`, one of this table or `module:Class` of somebody else's."""
+"""Table of vehicle models: a vehicle file names its `model` in it, or gives `module:Class`."""
 
 from pathlib import Path
 from typing import Any
@@ -29,7 +29,7 @@ MODELS: dict[str, type[Vehicle]] = {
 
 
 def find_model(name: Any, file: Path, source: Path | None = None) -> type[Vehicle]:
-    """The class that a vehicle file calls its model; somebody else's is looked for beside it and beside `source`.
+    """Class of the model that a vehicle file names; a user's is searched beside it and beside `source`.
 
     Raises:
         ConfigError: if there is none of that name.
@@ -47,7 +47,7 @@ def find_model(name: Any, file: Path, source: Path | None = None) -> type[Vehicl
 def load_vehicle(
     file: str | Path, dt: float = 0.02, substeps: int = 1, *, source: Path | None = None, **changes: Any
 ) -> Vehicle:
-    """The model of a vehicle file (or of a shipped one, by name), ready to step.
+    """Model of a vehicle file (or of a shipped one, by name), ready to step.
 
     Args:
         file: a path, or a name in configs/vehicles. dt: physics step, s. substeps: physics steps of a control step.
@@ -75,7 +75,7 @@ def load_vehicle(
 
 
 def vehicle_files(file: Path, source: Path | None = None) -> list[Path]:
-    """A vehicle file and the files that it names, all that it takes to load it elsewhere.
+    """A vehicle file and the files that it names: all that is needed to load it elsewhere.
 
     Raises:
         ConfigError: for an unknown model, or a file that is not there.
@@ -103,5 +103,5 @@ def _resolve_files(data: dict[str, Any], keys: tuple[str, ...], folder: Path) ->
 
 
 def shipped_vehicles() -> list[Path]:
-    """The vehicle files that come with the package, by name."""
+    """Vehicle files that come with the package, by name."""
     return sorted((config_folder() / "vehicles").glob("*.toml"))

@@ -117,7 +117,7 @@ class World(Stateful):
         )  # fmt: skip
 
     def _add_team(self, name: str, source: Path | None) -> None:
-        """Simulate the team of that name."""
+        """Add the team of that name to the simulation."""
         if name not in self.config.teams:
             raise ValueError(f"there is no team {name!r}: allowed are {', '.join(self.config.teams) or 'none'}")
         section = self.config.teams[name]
@@ -147,7 +147,7 @@ class World(Stateful):
 
     @classmethod
     def from_scenario(cls, scenario: str | Path = "paper", num_envs: int = 1, overrides=(), **options) -> "World":
-        """The world of a scenario's file or name, without its mission: `World.from_scenario("paper", num_envs=16)`."""
+        """World of a scenario's file or name, without its mission: `World.from_scenario("paper", num_envs=16)`."""
         return cls(load_world(scenario, overrides), num_envs, source=find_config(scenario), **options)
 
     def step(self, actions: Mapping[str, Any] | None = None) -> dict[str, torch.Tensor]:
@@ -176,7 +176,7 @@ class World(Stateful):
         return checked
 
     def _move(self, actions: Mapping[str, torch.Tensor]) -> None:
-        """Step all vehicles: those with legs after those that may carry them."""
+        """Step all vehicles; those with legs after those that may carry them."""
         met, held = not self.contacts, self.contacts.begin()
         for name in self.contacts.ordered(self.teams):
             if not met and name in self.contacts.legged:
@@ -188,7 +188,7 @@ class World(Stateful):
         self.contacts.end()
 
     def _pass_time(self) -> None:
-        """The decision interval is over."""
+        """Advance all clocks by the decision interval."""
         self.time += self.config.decision_interval
         self.noise.tick()
         self.current.advance(self.config.decision_interval)
@@ -196,7 +196,7 @@ class World(Stateful):
         self._follow(self._everywhere)
 
     def _follow(self, envs: torch.Tensor) -> None:
-        """Bring currents and winds that are given over time to the times of environments `envs` [n]."""
+        """Update currents and winds that are given over time to the times of environments `envs` [n]."""
         self.current.follow(envs, self.time[envs])
         self.wind.follow(envs, self.time[envs])
 
@@ -213,7 +213,7 @@ class World(Stateful):
             script.begin(self, envs)
 
     def reseed(self, seed: int) -> None:
-        """Make what is drawn from now on depend on `seed` alone: slow variations and turbulence, numbers of vehicles.
+        """Make later draws depend on `seed` alone: slow variations and turbulence, numbers of vehicles.
 
         The realisations of the sea and their conditions stay.
         """
@@ -223,7 +223,7 @@ class World(Stateful):
         self.noise.tick(seed - self.noise.clock)
 
     def felt(self, team: str) -> Surroundings:
-        """What `team` is told: the current averaged over its draft, and the wind at its own height."""
+        """Surroundings as `team` feels them: the current averaged over its draft, the wind at its own height."""
         felt, water, air = self._felt[team]
         if water != 1.0:
             torch.mul(self.around.current, water, out=felt.current)
@@ -235,7 +235,7 @@ class World(Stateful):
         return {name: (fleet.state.clone(), fleet.aux.clone()) for name, fleet in self.teams.items()}
 
     def _dump_faults(self, before, touch, actions: Mapping[str, torch.Tensor], folder: Path) -> None:
-        """Write a dump of every environment whose state has just stopped being finite."""
+        """Write a dump for every environment whose state has just stopped being finite."""
         for name, fleet in self.teams.items():
             fine = fleet.state.sum(dim=(1, 2)).isfinite()
             if bool(fine.all()):
@@ -262,7 +262,7 @@ class World(Stateful):
                 save_dump(dump, folder)
 
     def place(self, name: str, envs: torch.Tensor, state: torch.Tensor) -> None:
-        """Put the vehicles of a team in environments `envs` [n] at `state` [n, vehicle, 13].
+        """Place the vehicles of a team in environments `envs` [n] at `state` [n, vehicle, 13].
 
         The model brings them to rest or into trim (`Vehicle.settle`) in the sea, current and wind of those
         environments: set `env_sea` and `time` first.

@@ -8,16 +8,14 @@ from pathlib import Path
 
 import pytest
 
+from taichi_sim.vehicles import MODELS
+from tools.benchmarking.mission import scenario_cases
+from tools.benchmarking.parts import Stopwatch
+from tools.benchmarking.physics import measured_vehicles, shipped_vehicles
+from tools.benchmarking.timing import Case, measure
+
 ROOT = Path(__file__).parents[1]
 TOOL = ROOT / "tools" / "benchmark.py"
-sys.path.insert(0, str(ROOT / "tools"))
-
-from benchmarking.mission import scenario_cases  # noqa: E402
-from benchmarking.parts import Stopwatch  # noqa: E402
-from benchmarking.physics import measured_vehicles, shipped_vehicles  # noqa: E402
-from benchmarking.timing import Case, measure  # noqa: E402
-
-from taichi_sim.vehicles import MODELS  # noqa: E402
 
 
 def positive(value) -> bool:
@@ -131,7 +129,7 @@ def test_a_watched_method_inside_another_counts_for_the_outer_one():
 
 @pytest.mark.parametrize("arguments", [["--threads", "0"], ["--seconds", "-1"], ["--what"]])
 def test_bad_arguments_are_refused(arguments, capsys):
-    import benchmark
+    from tools import benchmark
 
     with pytest.raises(SystemExit) as ending:
         benchmark.main(arguments)

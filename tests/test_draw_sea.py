@@ -1,13 +1,9 @@
 """tools/draw_sea.py: a picture of any scenario's sea, or a message that says what is wrong."""
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tools"))
-import draw_sea  # noqa: E402
+from tools import draw_sea
 
 SMALL = ("--set", "sea.realisations=2", "--set", "sea.components=6")
 PNG = b"\x89PNG\r\n"

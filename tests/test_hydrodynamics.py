@@ -8,23 +8,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT / "tools"))
-
-import hydrodynamics  # noqa: E402
-from hydro import hull as hulls  # noqa: E402
-from hydro.frames import TURN, turned_matrix  # noqa: E402
-from hydro.frequencies import ABOVE, BELOW, spikes  # noqa: E402
-from hydro.offsets import compared, offsets  # noqa: E402
-from hydro.panels import wetted  # noqa: E402
-from hydro.surface import Surface, mirrored, reverse  # noqa: E402
-
-from taichi_sim.config import ConfigError  # noqa: E402
-from taichi_sim.config.io import config_folder  # noqa: E402
-from taichi_sim.usv.hull.database import HydroDatabase, database_file, hull_hash  # noqa: E402
-from taichi_sim.usv.hull.hydrostatics import Hydrostatics  # noqa: E402
-from taichi_sim.usv.hull.mesh import Panels, mesh  # noqa: E402
-from taichi_sim.usv.hull.shapes import BoxHull, StationsHull  # noqa: E402
+from taichi_sim.config import ConfigError
+from taichi_sim.config.io import config_folder
+from taichi_sim.hydro import hull as hulls
+from taichi_sim.hydro.frames import TURN, turned_matrix
+from taichi_sim.hydro.frequencies import ABOVE, BELOW, spikes
+from taichi_sim.hydro.offsets import compared, offsets
+from taichi_sim.hydro.panels import wetted
+from taichi_sim.hydro.surface import Surface, mirrored, reverse
+from taichi_sim.usv.hull.database import HydroDatabase, database_file, hull_hash
+from taichi_sim.usv.hull.hydrostatics import Hydrostatics
+from taichi_sim.usv.hull.mesh import Panels, mesh
+from taichi_sim.usv.hull.shapes import BoxHull, StationsHull
+from tools import hydrodynamics
 
 VEHICLES = config_folder() / "vehicles"
 HULLS = ("otter", "wamv", "barge", "fpso")

@@ -1,18 +1,12 @@
 """Catamarans in regular waves, run in time, against the response that their boundary-element databases make of them."""
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tools"))
-
-from validation.regular import motions  # noqa: E402
-from validation.remembering import NO_DAMPING, slowest_decay  # noqa: E402
-
-from taichi_sim.maths.interpolation import cubic  # noqa: E402
-from taichi_sim.vehicles import load_vehicle  # noqa: E402
+from taichi_sim.maths.interpolation import cubic
+from taichi_sim.vehicles import load_vehicle
+from tests.validation.regular import motions
+from tests.validation.remembering import NO_DAMPING, slowest_decay
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("f64")]
 

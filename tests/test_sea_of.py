@@ -1,20 +1,18 @@
 """tools/sea_of.py: a file's sea in words and systems, and what becomes of a vessel in it."""
 
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-ROOT = Path(__file__).parents[1]
-sys.path.insert(0, str(ROOT / "tools"))
-import sea_of  # noqa: E402
+from taichi_sim.config import SeaConfig
+from taichi_sim.sea.measured import records_of
+from taichi_sim.sea.measured.entropy import direction_grid, normalised
+from taichi_sim.sea.measured.record import WaveRecord
+from taichi_sim.sea.spectrum import jonswap, spreading
+from tools import sea_of
 
-from taichi_sim.config import SeaConfig  # noqa: E402
-from taichi_sim.sea.measured import records_of  # noqa: E402
-from taichi_sim.sea.measured.entropy import direction_grid, normalised  # noqa: E402
-from taichi_sim.sea.measured.record import WaveRecord  # noqa: E402
-from taichi_sim.sea.spectrum import jonswap, spreading  # noqa: E402
+ROOT = Path(__file__).parents[1]
 
 BUOY = ROOT / "tests" / "data" / "reference" / "buoys" / "41010.data_spec"
 

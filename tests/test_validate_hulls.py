@@ -1,22 +1,19 @@
 """What `tools/validate.py` reads from names and files of hulls, and its page."""
 
 import shutil
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from taichi_sim.conventions import GRAVITY, RHO_SEA
+from tests.validation import document, froude_krylov
+from tests.validation.box import Box
+from tests.validation.otter_numbers import current, shaft_command
+from tests.validation.parameters import refined
+from tests.validation.report import validate
 
 ROOT = Path(__file__).parents[1]
-sys.path.insert(0, str(ROOT / "tools"))
-
-from validation import document, froude_krylov  # noqa: E402
-from validation.box import Box  # noqa: E402
-from validation.otter_numbers import current, shaft_command  # noqa: E402
-from validation.parameters import refined  # noqa: E402
-from validation.report import validate  # noqa: E402
 
 REFERENCE = ROOT / "tests" / "data" / "reference"
 

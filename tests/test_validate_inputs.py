@@ -2,7 +2,6 @@
 
 import json
 import shutil
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -10,17 +9,15 @@ import pytest
 import torch
 
 from taichi_sim.maths.rotation import torch_quaternion_from_euler, torch_rotation_matrix
+from tests.validation import mavsim, otter
+from tests.validation.case import Case, Folder
+from tests.validation.otter_numbers import parameters
+from tests.validation.registry import CHECKERS
+from tests.validation.report import INPUTS, validate
+from tests.validation.shafts import shaft_commands
+from tests.validation.tables import Table, read_csv
 
 ROOT = Path(__file__).parents[1]
-sys.path.insert(0, str(ROOT / "tools"))
-
-from validation import mavsim, otter  # noqa: E402
-from validation.case import Case, Folder  # noqa: E402
-from validation.otter_numbers import parameters  # noqa: E402
-from validation.registry import CHECKERS  # noqa: E402
-from validation.report import INPUTS, validate  # noqa: E402
-from validation.shafts import shaft_commands  # noqa: E402
-from validation.tables import Table, read_csv  # noqa: E402
 
 REFERENCE = ROOT / "tests" / "data" / "reference"
 MAVSIM = "mavsim_solution_code_elevator_doublet_A_dt0.01.csv"

@@ -1,19 +1,17 @@
 """Pictures of the validation page about the aircraft and its air: they follow the tables, or say which is missing."""
 
 import shutil
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-ROOT = Path(__file__).parents[1]
-sys.path.insert(0, str(ROOT / "tools"))
+from tests.validation.case import Folder
+from tests.validation.plots import PICTURES, modes, trim, turbulence
+from tests.validation.plots.finer import finer
+from tests.validation.tables import Table, TableError, read_json
 
-from validation.case import Folder  # noqa: E402
-from validation.plots import PICTURES, modes, trim, turbulence  # noqa: E402
-from validation.plots.finer import finer  # noqa: E402
-from validation.tables import Table, TableError, read_json  # noqa: E402
+ROOT = Path(__file__).parents[1]
 
 TABLE = ROOT / "tests" / "data" / "reference" / "aerosonde" / "trim_and_modes_Va25.json"
 WITHOUT_TABLE = ("spectrum", "zigzag", "load_factor", "kernels", "convergence")

@@ -1,20 +1,13 @@
 """Motions of ships in `tools/validate.py`: damping that was added to the published ones."""
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 
-ROOT = Path(__file__).parents[1]
-sys.path.insert(0, str(ROOT / "tools"))
-
-from validation.remembering import damped, external_damping  # noqa: E402
-from validation.ships import motions_of  # noqa: E402
-from validation.tables import Table, TableError  # noqa: E402
-
-from taichi_sim.usv.hull.hull_6dof import Hull6Dof  # noqa: E402
-from taichi_sim.vehicles import load_vehicle  # noqa: E402
+from taichi_sim.usv.hull.hull_6dof import Hull6Dof
+from taichi_sim.vehicles import load_vehicle
+from tests.validation.remembering import damped, external_damping
+from tests.validation.ships import motions_of
+from tests.validation.tables import Table, TableError
 
 pytestmark = pytest.mark.usefixtures("f64")
 ROLL = 3

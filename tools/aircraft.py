@@ -25,21 +25,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-ROOT = Path(__file__).resolve().parents[1]
-if str(ROOT) not in sys.path:  # run as a script from anywhere
-    sys.path.insert(0, str(ROOT))
-
-import rotorcraft  # noqa: E402
-
-from taichi_sim import runtime  # noqa: E402
-from taichi_sim.config import ConfigError  # noqa: E402
-from taichi_sim.config.io import config_folder, read_toml, validate  # noqa: E402
-from taichi_sim.conventions import GRAVITY  # noqa: E402
-from taichi_sim.uav.fixed_wing.equations import lift_curve, stall_angles  # noqa: E402
-from taichi_sim.uav.fixed_wing.modes import LinearModel, largest_stable_dt, linear_modes  # noqa: E402
-from taichi_sim.uav.fixed_wing.params import FixedWingParams  # noqa: E402
-from taichi_sim.uav.fixed_wing.trim import Trim, TrimError, trim  # noqa: E402
-from taichi_sim.uav.multirotor.params import MultirotorParams  # noqa: E402
+from taichi_sim import runtime
+from taichi_sim.config import ConfigError
+from taichi_sim.config.io import config_folder, read_toml, validate
+from taichi_sim.conventions import GRAVITY
+from taichi_sim.uav.fixed_wing.equations import lift_curve, stall_angles
+from taichi_sim.uav.fixed_wing.modes import LinearModel, largest_stable_dt, linear_modes
+from taichi_sim.uav.fixed_wing.params import FixedWingParams
+from taichi_sim.uav.fixed_wing.trim import Trim, TrimError, trim
+from taichi_sim.uav.multirotor.params import MultirotorParams
+from tools import rotorcraft
 
 MODEL = "fixed_wing_6dof"
 PARAMS = {MODEL: FixedWingParams, rotorcraft.MODEL: MultirotorParams}

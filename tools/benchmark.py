@@ -19,25 +19,22 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+import taichi_sim  # noqa: F401  (makes rl, tools and tests importable from any folder)
+from rl import cli
+from rl.missions import load_scenario
+from rl.missions.formation.config import FormationScenario
+from rl.runs import folder as run_folder
+from tools.benchmarking.against import GROUPS, compare
+from tools.benchmarking.against import table as ratios_table
+from tools.benchmarking.learning import train
+from tools.benchmarking.mission import environment_cases, first_stage, learning_cases, rates, scenario_cases
+from tools.benchmarking.parts import measure_parts
+from tools.benchmarking.peers import measure_peers
+from tools.benchmarking.physics import physics_cases
+from tools.benchmarking.pictures import measure_pictures
+from tools.benchmarking.timing import measure
+
 ROOT = Path(__file__).resolve().parents[1]
-if str(ROOT) not in sys.path:  # run as a script from anywhere
-    sys.path.insert(0, str(ROOT))
-
-from benchmarking.against import GROUPS, compare  # noqa: E402
-from benchmarking.against import table as ratios_table  # noqa: E402
-from benchmarking.learning import train  # noqa: E402
-from benchmarking.mission import environment_cases, first_stage, learning_cases, rates, scenario_cases  # noqa: E402
-from benchmarking.parts import measure_parts  # noqa: E402
-from benchmarking.peers import measure_peers  # noqa: E402
-from benchmarking.physics import physics_cases  # noqa: E402
-from benchmarking.pictures import measure_pictures  # noqa: E402
-from benchmarking.timing import measure  # noqa: E402
-
-from rl import cli  # noqa: E402
-from rl.missions import load_scenario  # noqa: E402
-from rl.missions.formation.config import FormationScenario  # noqa: E402
-from rl.runs import folder as run_folder  # noqa: E402
-
 QUICK = ("track.worlds=4", "sea.realisations=4", "stages.usv.num_envs=8", "stages.usv.steps_per_iteration=8")
 SIZES, QUICK_SIZES = (1, 64, 1024, 4096, 16384), (1, 16)
 LEARNING_SIZES = (1024, 2048)  # beside the configured one

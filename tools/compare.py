@@ -12,10 +12,9 @@ import sys
 from pathlib import Path
 from typing import Any
 
-if __package__ in (None, ""):  # run as a script: the packages are beside this file's folder
-    sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
-
 import numpy as np
+
+import taichi_sim  # noqa: F401  (makes rl, tools and tests importable from any folder)
 
 SHARES = ("collision_free_episodes", "success_rate")  # told in %
 

@@ -14,10 +14,9 @@ import sys
 from pathlib import Path
 from typing import Any, NamedTuple
 
-if __package__ in (None, ""):  # run as a script: the packages are beside this file's folder
-    sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
-
 import numpy as np
+
+import taichi_sim  # noqa: F401  (makes rl, tools and tests importable from any folder)
 
 POLICY, CLASSICAL, NEXT, ALONE = "policy", "classical", "of the next run", "trained alone"
 NONE = 'escort.reports="none"'

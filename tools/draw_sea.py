@@ -27,24 +27,19 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LightSource, LinearSegmentedColormap
 from matplotlib.figure import Figure
 
-ROOT = Path(__file__).resolve().parents[1]
-if str(ROOT) not in sys.path:  # run as a script from anywhere
-    sys.path.insert(0, str(ROOT))
-
-from draw_measured import directions_by_frequency  # noqa: E402
-from sea_records import Measured, crossing_heights, measure, target_density, welch  # noqa: E402, F401
-
-from taichi_sim import runtime  # noqa: E402
-from taichi_sim.conditions import resolved_sea  # noqa: E402
-from taichi_sim.config import ConfigError, SeaConfig  # noqa: E402
-from taichi_sim.config.io import load_world  # noqa: E402
-from taichi_sim.extras import MissingExtraError  # noqa: E402
-from taichi_sim.plotting import INK, dress, new_figure  # noqa: E402
-from taichi_sim.sea import Sea, SteepSeaError  # noqa: E402
-from taichi_sim.sea.measured import MeasuredSystem  # noqa: E402
-from taichi_sim.sea.sampling import System  # noqa: E402
-from taichi_sim.sea.sea import wave_systems  # noqa: E402
-from taichi_sim.sea.spectrum import wavenumber  # noqa: E402
+from taichi_sim import runtime
+from taichi_sim.conditions import resolved_sea
+from taichi_sim.config import ConfigError, SeaConfig
+from taichi_sim.config.io import load_world
+from taichi_sim.extras import MissingExtraError
+from taichi_sim.plotting import INK, dress, new_figure
+from taichi_sim.sea import Sea, SteepSeaError
+from taichi_sim.sea.measured import MeasuredSystem
+from taichi_sim.sea.sampling import System
+from taichi_sim.sea.sea import wave_systems
+from taichi_sim.sea.spectrum import wavenumber
+from tools.draw_measured import directions_by_frequency
+from tools.sea_records import Measured, crossing_heights, measure, target_density, welch  # noqa: F401
 
 WAVELENGTHS, GRID = 5, 160  # peak wavelengths and points along a side of the surface drawn
 RELIEF = 0.03  # height of the landscape, 4 standard deviations, over its side

@@ -22,23 +22,18 @@ from pathlib import Path
 
 import numpy as np
 
-ROOT = Path(__file__).resolve().parents[1]
-for folder in (ROOT, ROOT / "tools"):  # run as a script from anywhere
-    if str(folder) not in sys.path:
-        sys.path.insert(0, str(folder))
-
-from hydro import compute, hull  # noqa: E402
-from hydro.fit import ENERGY  # noqa: E402
-from hydro.mesh_file import UNITS  # noqa: E402
-from hydro.run import require_capytaine  # noqa: E402
-from hydro.search import FitError  # noqa: E402
-from hydro.vehicle import vehicle_text  # noqa: E402
-
-from rl.cli import positive_float  # noqa: E402
-from taichi_sim.config import ConfigError  # noqa: E402
-from taichi_sim.conventions import GRAVITY, RHO_SEA  # noqa: E402
-from taichi_sim.extras import MissingExtraError  # noqa: E402
-from taichi_sim.usv.hull.database import HydroDatabase, database_file, hull_hash  # noqa: E402
+import taichi_sim  # noqa: F401  (makes rl, tools and tests importable from any folder)
+from rl.cli import positive_float
+from taichi_sim.config import ConfigError
+from taichi_sim.conventions import GRAVITY, RHO_SEA
+from taichi_sim.extras import MissingExtraError
+from taichi_sim.hydro import compute, hull
+from taichi_sim.hydro.fit import ENERGY
+from taichi_sim.hydro.mesh_file import UNITS
+from taichi_sim.hydro.run import require_capytaine
+from taichi_sim.hydro.search import FitError
+from taichi_sim.hydro.vehicle import vehicle_text
+from taichi_sim.usv.hull.database import HydroDatabase, database_file, hull_hash
 
 DT = 1e-3  # s, to load a hull with: only its panels are asked
 
@@ -144,9 +139,8 @@ def _refit(args: argparse.Namespace) -> None:
 
 def _complete(found: HydroDatabase, file: Path, out: Path, args: argparse.Namespace) -> None:
     """Write the database again with its memory, fitted for the vehicle that the simulator makes of `file`."""
-    from hydro.complete import completed  # only here: workers of the boundary-element code need no Taichi
-
     from taichi_sim import runtime
+    from taichi_sim.hydro.complete import completed  # only here: workers of the boundary-element code need no Taichi
     from taichi_sim.usv.hull.hull_6dof import Hull6Dof
     from taichi_sim.vehicles import load_vehicle
 

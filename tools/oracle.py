@@ -8,8 +8,7 @@ import argparse
 import sys
 from pathlib import Path
 
-if __package__ in (None, ""):  # run as a script: the packages are beside this file's folder
-    sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+import taichi_sim  # noqa: F401  (makes rl, tools and tests importable from any folder)
 
 
 def parser() -> argparse.ArgumentParser:

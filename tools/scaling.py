@@ -16,17 +16,14 @@ import tempfile
 from pathlib import Path
 from typing import Any, NamedTuple
 
-ROOT = Path(__file__).resolve().parents[1]
-if str(ROOT) not in sys.path:  # run as a script from anywhere
-    sys.path.insert(0, str(ROOT))
+from tqdm import tqdm
 
-from benchmarking.against import Worker  # noqa: E402
-from benchmarking.cost import LINKS, fitted  # noqa: E402
-from tqdm import tqdm  # noqa: E402
-
-from rl import cli  # noqa: E402
-from rl.runs import folder as run_folder  # noqa: E402
-from rl.runs import launch  # noqa: E402
+import taichi_sim  # noqa: F401  (makes rl, tools and tests importable from any folder)
+from rl import cli
+from rl.runs import folder as run_folder
+from rl.runs import launch
+from tools.benchmarking.against import Worker
+from tools.benchmarking.cost import LINKS, fitted
 
 WORKER = Path(__file__).with_name("benchmarking") / "learning.py"
 ITERATIONS = 8

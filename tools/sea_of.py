@@ -26,25 +26,20 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
+from tqdm import tqdm
 
-ROOT = Path(__file__).resolve().parents[1]
-if str(ROOT) not in sys.path:  # run as a script from anywhere
-    sys.path.insert(0, str(ROOT))
-
-from tqdm import tqdm  # noqa: E402
-
-from taichi_sim import runtime  # noqa: E402
-from taichi_sim.bench import pack_state  # noqa: E402
-from taichi_sim.config import ConfigError, SeaConfig, WorldConfig  # noqa: E402
-from taichi_sim.config.io import config_folder, validate  # noqa: E402
-from taichi_sim.conventions import GRAVITY, QUATERNION  # noqa: E402
-from taichi_sim.extras import MissingExtraError  # noqa: E402
-from taichi_sim.maths.rotation import torch_euler_from_quaternion  # noqa: E402
-from taichi_sim.sea import SteepSeaError  # noqa: E402
-from taichi_sim.sea.measured import WaveRecord, open_spectra, records_of  # noqa: E402
-from taichi_sim.sea.sea_state import sea_state  # noqa: E402
-from taichi_sim.vehicles import load_vehicle  # noqa: E402
-from taichi_sim.world import World  # noqa: E402
+from taichi_sim import runtime
+from taichi_sim.bench import pack_state
+from taichi_sim.config import ConfigError, SeaConfig, WorldConfig
+from taichi_sim.config.io import config_folder, validate
+from taichi_sim.conventions import GRAVITY, QUATERNION
+from taichi_sim.extras import MissingExtraError
+from taichi_sim.maths.rotation import torch_euler_from_quaternion
+from taichi_sim.sea import SteepSeaError
+from taichi_sim.sea.measured import WaveRecord, open_spectra, records_of
+from taichi_sim.sea.sea_state import sea_state
+from taichi_sim.vehicles import load_vehicle
+from taichi_sim.world import World
 
 ENVS, DURATION = 64, 60.0  # vessels of each kind, and s
 LATEST_START = 3600.0  # s, of the time of a sea at which a vessel begins

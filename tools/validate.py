@@ -7,9 +7,9 @@ the name, and the JSON or TOML beside it. Prints check, largest error, tolerance
 have no check. With --report also writes them as a page with pictures, which take another minute.
 
 Errors of signed quantities are relative to the table's largest magnitude of that quantity, those of positive
-ones relative to each value, those of lengths also in metres (tools/validation/case.py). Tolerances: 1e-6 in
+ones relative to each value, those of lengths also in metres (tests/validation/case.py). Tolerances: 1e-6 in
 f64, 1e-4 in f32; Unity sequences 1e-4 (m, m/s, rad); trajectories metres and degrees, and where a model is no closed
-form what its checker says (tools/validation/*.py). To each is added half a unit of the table's last digit.
+form what its checker says (tests/validation/*.py). To each is added half a unit of the table's last digit.
 A table whose inputs are missing, or contradict its own columns, says nothing about the physics: it is reported as such.
 
 Exit status: 0 all passed, 1 a check failed or lacks its inputs, 2 nothing to check.
@@ -19,8 +19,9 @@ import argparse
 import sys
 from pathlib import Path
 
-from validation.document import write
-from validation.report import NothingToCheckError, validate
+import taichi_sim  # noqa: F401  (makes rl, tools and tests importable from any folder)
+from tests.validation.document import write
+from tests.validation.report import NothingToCheckError, validate
 
 
 def main() -> int:

@@ -21,7 +21,7 @@ Shape = Literal["pulse", "ramp"]
 
 
 class Gust(NamedTuple):
-    """A gust in numbers: s = rate t + north x + east y - offset, in units of H, so that the peak is at s = 1.
+    """One gust as numbers: s = rate t + north x + east y - offset, in units of H, so that the peak is at s = 1.
 
     amplitude: NED, m/s. rate: 1/s. north, east: 1/m.
     """

@@ -80,12 +80,12 @@ def log_shear(z0: float) -> float:
 
 
 def wind_speed(config: AirConfig) -> float:
-    """Mean wind speed (m/s) at 10 m of a configuration; of a wind over time that of its mean velocity."""
+    """Mean wind speed (m/s) at 10 m of a configuration; for a wind over time, the speed of its mean velocity."""
     return mean_wind(config)[0]
 
 
 def mean_wind(config: AirConfig) -> tuple[float, float]:
-    """Speed (m/s, at 10 m) and direction (deg, blows from) of a configuration; of a wind over time its mean velocity's.
+    """Mean speed (m/s, at 10 m) and direction (deg, blows from) of a configuration; of a wind over time, its mean's.
 
     The roughness of the sea, and the sea that follows the wind, are those of this wind.
 
@@ -157,7 +157,7 @@ class Wind:
 
     @property
     def numbers(self) -> tuple[float, float, float]:
-        """What kernels are told of it: the shear of the profile, and W20 of the turbulence as a fixed part (m/s) and a
+        """Numbers of the wind for kernels: the profile's shear, and W20 of the turbulence as a fixed part (m/s) and a
         factor of the mean wind at 10 m.
         """
         fixed = self.config.turbulence_w20
@@ -172,7 +172,7 @@ class Wind:
         self._variation.reseed(seed)
 
     def set_mean(self, envs: torch.Tensor, mean: torch.Tensor) -> None:
-        """From now on environments `envs` [n] have the means `mean` [n, 3] (NED, m/s); what varies slowly stays.
+        """Set the mean winds of environments `envs` [n] to `mean` [n, 3] (NED, m/s); the slow variation stays.
 
         The profile over height and the turbulence's W20 over the mean wind stay those of the configuration.
         """
@@ -180,7 +180,7 @@ class Wind:
         self._blow(envs)
 
     def follow(self, envs: torch.Tensor, time: torch.Tensor) -> None:
-        """Have the means of `envs` [n] be those of their times [n] (float64, s); nothing to do for a steady wind."""
+        """Set the mean winds of `envs` [n] to those at their times [n] (float64, s); does nothing for a steady wind."""
         if self._series is not None:
             self.set_mean(envs, torch.nn.functional.pad(self._series.at(time), (0, 1)))
 
@@ -190,12 +190,12 @@ class Wind:
         self._blow(envs)
 
     def advance(self, dt: float) -> None:
-        """Step the slow variation by dt (s), exactly; nothing to do for a steady wind."""
+        """Step the slow variation by dt (s), exactly; does nothing for a steady wind."""
         if self._variation.varies:
             self._variation.advance(dt)
             torch.add(self._mean[:, :2], self._variation.value, out=self.velocity[:, :2])
 
     def _blow(self, envs: torch.Tensor) -> None:
-        """Have `velocity` of environments `envs` [n] be their means and slow variations."""
+        """Set `velocity` of environments `envs` [n] to mean wind plus slow variation."""
         self.velocity[envs, 2] = self._mean[envs, 2]
         self.velocity[envs, :2] = self._mean[envs, :2] + self._variation.value[envs]

@@ -1,4 +1,4 @@
-"""What the physics may be told: strict pydantic models of a world's TOML sections.
+"""Strict pydantic models of a world's TOML sections.
 
 Every key has a unit, a range and a default; unknown keys are refused. SI units and radians, except names that
 say so (`_deg`). Reading, overriding and writing TOML is in config/io.py.

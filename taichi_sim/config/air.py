@@ -1,4 +1,4 @@
-"""What a scenario may say about the air."""
+"""The section `[air]` of a scenario."""
 
 from typing import Annotated, Literal
 

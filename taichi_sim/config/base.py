@@ -1,4 +1,4 @@
-"""What every section of a configuration is made of: number types, the strict model, the error."""
+"""Base of every configuration section: number types, the strict model, the error."""
 
 from typing import Annotated
 

@@ -1,4 +1,4 @@
-"""What a scenario may say about the current."""
+"""The section `[sea.current]` of a scenario."""
 
 from typing import Annotated, Literal
 
@@ -24,7 +24,7 @@ class ConstituentConfig(Strict):
 
 
 class TideConfig(Strict):
-    """`[sea.current.tide]`: a current to and fro along one direction, added to the mean current.
+    """`[sea.current.tide]`: an oscillating current along one direction, added to the mean current.
 
     `constituents = { M2 = { amplitude = 0.6, phase_deg = 40.0 }, ... }`, by their usual names.
     """

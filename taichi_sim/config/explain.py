@@ -1,4 +1,4 @@
-"""What is wrong with a configuration, in words: source, key, value, what is allowed, and what was probably meant."""
+"""Explains errors of a configuration: source, key, value, what is allowed, and the probable intention."""
 
 import difflib
 import re
@@ -13,12 +13,12 @@ SLIP = 0.75  # likeness (difflib) to a known key from which another counts as a 
 
 
 def nearly(name: str, known: Iterable[str]) -> str | None:
-    """The one of `known` that `name` is, or is a slip of the pen for."""
+    """The name in `known` that equals `name` or resembles it; None without one."""
     return next(iter(difflib.get_close_matches(name, known, n=1, cutoff=SLIP)), None)
 
 
 def source_of(key: str, file: str, sources: Mapping[str, str]) -> str:
-    """What an error calls the source of a key of `file`: `sources` has those that overrides have set.
+    """Source of a key of `file` for error messages; `sources` holds the overrides that have set keys.
 
     Of a section, the file with what has been set in it.
     """
@@ -31,7 +31,7 @@ def source_of(key: str, file: str, sources: Mapping[str, str]) -> str:
 
 
 def explain(error: ValidationError, model: type[BaseModel], file: str, sources: Mapping[str, str]) -> str:
-    """A line for each mistake in the data of a `model`."""
+    """One line for each mistake in the data of a `model`."""
     lines = []
     for item in _telling(error.errors(), model):
         parts = item["loc"][:1] if _is_no_team(item, model) else item["loc"]
@@ -41,9 +41,9 @@ def explain(error: ValidationError, model: type[BaseModel], file: str, sources: 
 
 
 def _telling(errors: Iterable[Any], model: type[BaseModel]) -> list[Any]:
-    """Those of `errors` that say what is wrong.
+    """Select the errors that tell a user what to change.
 
-    Of a section that is no team that is either that it is none, or the slip (`vehicle` misspelt) that makes it none.
+    For a section that is not a team: the misspelling of `vehicle` inside it, or else that its name is unknown.
     """
     inside: dict[Any, list[Any]] = {}
     for item in errors:
@@ -77,13 +77,13 @@ def _in_words(item: Any, key: str, model: type[BaseModel]) -> str:
 
 
 def meant(name: Any, fields: Iterable[str]) -> str:
-    """What to add to "unknown key", if `name` resembles one of `fields`."""
+    """Hint to append to "unknown key" where `name` resembles one of `fields`."""
     close = difflib.get_close_matches(str(name), list(fields), n=1)
     return f", did you mean {close[0]!r}?" if close else ""
 
 
 def _is_no_team(item: Any, model: type[BaseModel]) -> bool:
-    """Whether an error is about a key that was taken for a team only because no other key has its name."""
+    """Whether the error concerns an unknown key that was parsed as a team."""
     loc = item["loc"]
     if not issubclass(model, WorldConfig) or not loc or loc[0] in model.model_fields:
         return False
@@ -91,7 +91,7 @@ def _is_no_team(item: Any, model: type[BaseModel]) -> bool:
 
 
 def keys_at(model: Any, loc: tuple) -> list[str]:
-    """Names of the fields where `loc` points, as far as it can be followed."""
+    """Field names at `loc`, as far as the path can be followed."""
     for part in loc:
         field = model.model_fields.get(part) if _is_model(model) else None
         if field is None and _is_model(model) and issubclass(model, WorldConfig):
@@ -108,7 +108,7 @@ def _is_model(kind: Any) -> bool:
 
 
 def _team_model(model: type[WorldConfig]) -> type[TeamConfig]:
-    """What sections of teams are validated by."""
+    """Model that validates team sections."""
     for kind in model.__mro__:
         annotation = kind.__dict__.get("__annotations__", {}).get("__pydantic_extra__")
         if annotation is not None:

@@ -1,4 +1,4 @@
-"""Files that a scenario names beside those of its vehicles: where they are looked for, and what belongs to each.
+"""Files that a scenario names beside those of its vehicles: where they are searched, and which files belong together.
 
     sea.spectrum                    measured spectra (sea/measured); of NDBC's sets of text one file is named, all count
     sea.current.series, air.series  current and wind over time (series.py)
@@ -29,7 +29,7 @@ OF_A_YEAR = re.compile(r"(\w{5})([wdijk])(\d.*\.txt(?:\.gz)?)")
 
 
 def ndbc_set(path: Path) -> dict[str, Path]:
-    """Kind of content -> file, of the set of NDBC's files that `path` is one of: those that are there; else empty."""
+    """Existing files of the NDBC set that `path` belongs to, by kind of content; empty if it belongs to none."""
     if path.suffix in ENDINGS:
         members = {kind: path.with_suffix(ending) for ending, kind in ENDINGS.items()}
     elif match := OF_A_YEAR.fullmatch(path.name):
@@ -40,7 +40,7 @@ def ndbc_set(path: Path) -> dict[str, Path]:
 
 
 def resolve_files(data: dict[str, Any], scenario_file: Path, sources: Mapping[str, str]) -> None:
-    """Make the paths in a scenario's `data` absolute, those of its stages too.
+    """Make the paths in a scenario's `data` absolute, its stages' included.
 
     Raises:
         ConfigError: for a file that is not there; `sources` as in `validate`.
@@ -59,13 +59,13 @@ def resolve_files(data: dict[str, Any], scenario_file: Path, sources: Mapping[st
 
 
 def named_files(world: WorldConfig) -> dict[str, list[Path]]:
-    """Key -> the file that it names, and those that belong to it."""
+    """Each key that names a file, with the files that belong to it."""
     current = world.sea.current and world.sea.current.series
     return files_of({"sea.spectrum": world.sea.spectrum, "sea.current.series": current, "air.series": world.air.series})
 
 
 def files_of(values: Mapping[str, Any]) -> dict[str, list[Path]]:
-    """The same of some values by their whole keys, as the `set` of a stage has them."""
+    """The same for values by full key, as in the `set` of a stage."""
     found: dict[str, list[Path]] = {}
     for key in KEYS:
         value = values.get(key)
@@ -78,7 +78,7 @@ def files_of(values: Mapping[str, Any]) -> dict[str, list[Path]]:
 
 
 def with_files(world: World, places: Mapping[str, str]) -> World:
-    """The same world with other paths, by key."""
+    """Copy of a world configuration with other paths, by key."""
     sea, air = world.sea, world.air
     if "sea.spectrum" in places:
         sea = sea.model_copy(update={"spectrum": places["sea.spectrum"]})
@@ -95,7 +95,7 @@ def _path_like(value: str) -> bool:
 
 
 def _places(data: dict[str, Any]) -> Iterator[tuple[dict[str, Any], str, str, str]]:
-    """Each place of a path in `data`: the table, the key, its name in the table, and what an error calls it."""
+    """Every path in `data`: its table, key, key's name in the table, and name in error messages."""
     stages = data.get("stages")
     sets = {f"stages.{name}.set.": stage.get("set") for name, stage in stages.items() if isinstance(stage, dict)} \
         if isinstance(stages, dict) else {}  # fmt: skip

@@ -70,7 +70,7 @@ def load_world(path: str | Path = "paper", overrides: Iterable[str] = ()) -> Wor
 
 
 def _known(data: dict, known: set[str], file: str, sources: Mapping[str, str], section: str = "") -> dict[str, Any]:
-    """Items of `data` whose keys are `known`.
+    """Entries of `data` whose keys are in `known`.
 
     Raises:
         ConfigError: for another key that is nearly a known one.
@@ -140,7 +140,7 @@ def validate(model: type[Model], data: dict[str, Any], source: str, sources: Map
 
 
 def _with_tuples(value: Any) -> Any:
-    """TOML arrays as tuples, which is what strict models take."""
+    """Turn TOML arrays into tuples, as strict models require."""
     if isinstance(value, dict):
         return {key: _with_tuples(item) for key, item in value.items()}
     return tuple(_with_tuples(item) for item in value) if isinstance(value, list) else value
@@ -149,7 +149,7 @@ def _with_tuples(value: Any) -> Any:
 def apply_overrides(
     data: dict[str, Any], overrides: Iterable[str], kind: type[WorldConfig] = WorldConfig
 ) -> dict[str, str]:
-    """Set each `KEY=VALUE` in a file's `data`, which is of `kind`; key -> what to call its source in an error.
+    """Apply `KEY=VALUE` overrides to a file's `data` of type `kind`; return each key's source for error messages.
 
     Raises:
         ConfigError: for an override that is not of that form.
@@ -167,7 +167,7 @@ def apply_overrides(
 def set_values(
     data: dict[str, Any], values: Mapping[str, Any], kind: type[WorldConfig], sources: Mapping[str, str]
 ) -> None:
-    """Set dotted keys to `values` in a file's `data`, which is of `kind`, and take back what else they replace.
+    """Set dotted keys to `values` in a file's `data` of type `kind`, and remove the keys that they replace.
 
     `sources` says where each comes from, for an error.
 
@@ -189,12 +189,12 @@ def set_values(
 
 
 def key_of(override: str) -> str:
-    """KEY of a `KEY=VALUE`; quotes around dotted keys of a table of ranges do not count."""
+    """KEY of a `KEY=VALUE`, without quotes around its parts."""
     return override.partition("=")[0].strip().replace('"', "")
 
 
 def _take_other_ways_back(data: dict[str, Any], section: str, keys: list[str], kind: type[WorldConfig]) -> None:
-    """Remove from the file's `data` the ways of saying what `section` says that none of the overridden `keys` is of."""
+    """Drop the file's other ways of giving what an override gives (its `hs` where `sea_state` is set)."""
     ways, node = kind.ways.get(section.rpartition(".")[2], ()), data
     for part in section.split("."):
         node = node.get(part) if isinstance(node, dict) else None
@@ -209,7 +209,7 @@ def _take_other_ways_back(data: dict[str, Any], section: str, keys: list[str], k
 
 
 def _take_variation_back(data: dict[str, Any], key: str) -> None:
-    """What an override gives no longer varies: a condition of the sea or the air, or the numbers of another vehicle."""
+    """Remove the range of an overridden value: a condition of sea or air, or numbers of another vehicle."""
     fixed, (section, _, name) = {key, *FIXED_BY.get(key, ())}, key.partition(".")
     if isinstance(data.get("vary"), dict):
         kept = flattened(data["vary"]).items()

@@ -1,4 +1,4 @@
-"""What a scenario may say about the sea."""
+"""The section `[sea]` of a scenario."""
 
 import difflib
 from pathlib import PurePath
@@ -38,7 +38,7 @@ ComponentCount = Annotated[int, Field(ge=1, le=MAX_COMPONENTS)]
 
 
 class SwellConfig(Strict):
-    """`[sea.swell]`: a second system of waves, from a distant storm, added to the wind sea; JONSWAP shape.
+    """`[sea.swell]`: a second wave system, from a distant storm, added to the wind sea; JONSWAP shape.
 
     Swell is narrow in frequency and direction: gamma_js 5 and s 50 (17 degrees circular deviation) are assumed.
     """
@@ -87,7 +87,7 @@ class SeaConfig(Strict):
 
     @property
     def measured(self) -> bool:
-        """Whether the spectrum is a measured one, of a file."""
+        """Whether the spectrum comes from a file of measurements."""
         return is_measured(self.spectrum)
 
     @model_validator(mode="before")

@@ -1,4 +1,4 @@
-"""What differs from environment to environment: ranges that numbers are drawn from, and tables of them by key.
+"""Ranges from which numbers are drawn for each environment, in tables by key.
 
     [usv.vary]                                      # of each vehicle of a team, drawn anew for every episode
     "rigid_body.mass" = { factor = [0.9, 1.2] }
@@ -48,7 +48,7 @@ Pair = tuple[Finite, Finite]
 
 
 class Range(Strict):
-    """Where a number is drawn from, given in exactly one way; a plain list is a `range`.
+    """One range to draw a number from, given in exactly one way; a plain list is a `range`.
 
     About the value that the file itself gives, its nominal one, a range is as wide as the world's `variation` says:
     at 1 as given, at 0 it is the nominal value alone, between and beyond, both ends move in proportion from there
@@ -77,11 +77,11 @@ class Range(Strict):
 
     @property
     def way(self) -> str:
-        """The one of `WAYS` that it is given in."""
+        """Name in `WAYS` of the way in which it is given."""
         return next(way for way in WAYS if getattr(self, way) is not None)
 
     def ends(self, nominal: float, variation: float = 1.0) -> tuple[float, float]:
-        """The lowest and the highest value, about a nominal one.
+        """Lowest and highest value for a nominal one.
 
         Raises:
             ValueError: for a factor of zero, which changes nothing.
@@ -94,13 +94,13 @@ class Range(Strict):
         return low, high
 
     def __str__(self) -> str:
-        """As a file has it."""
+        """The range as written in a file."""
         shape = "" if self.distribution == "uniform" else f', distribution = "{self.distribution}"'
         return f"{{ {self.way} = {list(getattr(self, self.way))}{shape} }}"
 
 
 def flattened(table: Any) -> Any:
-    """A table of ranges with nested keys made dotted ones; anything else as it is."""
+    """A table of ranges with dotted keys in place of nested tables; other values unchanged."""
     if not isinstance(table, dict):
         return table
     flat: dict[str, Any] = {}
@@ -113,12 +113,12 @@ def flattened(table: Any) -> Any:
 
 
 def _is_range(table: dict) -> bool:
-    """Whether a table is one range, or meant to be: some key is a range's, or nearly so."""
+    """Whether a table is one range: at least one key is, or resembles, a key of a range."""
     return not table or any(difflib.get_close_matches(str(key), Range.model_fields, n=1, cutoff=0.7) for key in table)
 
 
 def with_range(table: Any, key: str, value: Any) -> dict[str, Any]:
-    """A table of ranges in which `key` is `value`; "KEY.factor" (range, add, distribution) is one number of a range.
+    """A table of ranges with `key` set to `value`; "KEY.factor" (range, add, distribution) sets one number of a range.
 
     As an override has it: another way of giving that range is taken back, and another size of the sea.
     """

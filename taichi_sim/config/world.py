@@ -60,12 +60,12 @@ class WorldConfig(Strict):
 
     @property
     def varies(self) -> bool:
-        """Whether environments differ in anything but their seas' waves."""
+        """Whether environments differ in anything but the waves drawn."""
         return self.variation > 0 and bool(self.vary or any(team.vary for team in self.teams.values()))
 
     @property
     def scripted(self) -> tuple[str, ...]:
-        """Teams that a script acts for."""
+        """Teams that a script commands."""
         return tuple(name for name, team in self.teams.items() if team.script is not None)
 
     @property
@@ -116,7 +116,7 @@ class WorldConfig(Strict):
         return self
 
     def bare(self) -> "WorldConfig":
-        """The world alone, without what a scenario adds."""
+        """The world's own keys, without those that a scenario adds."""
         world = {key: getattr(self, key) for key in WorldConfig.model_fields}
         teams = {
             name: TeamConfig(**{key: getattr(team, key) for key in TeamConfig.model_fields})

@@ -24,6 +24,7 @@ from torch import Tensor
 from taichi_sim.contact import carrier
 from taichi_sim.contact.parts import Deck
 from taichi_sim.contact.touch import Touch
+from taichi_sim.conventions import BELOW, HORIZONTAL, POSITION, QUATERNION
 from taichi_sim.fleet import Fleet
 from taichi_sim.maths.rotation import torch_rotation_matrix
 from taichi_sim.runtime import Launcher
@@ -206,12 +207,13 @@ def soles_in_deck(fleet: Fleet, carriers: Carriers, envs: Tensor) -> Tensor:
     own, theirs = fleet.state[envs].double(), carriers.fleet.state[envs].double()
     points = fleet.model.soles(fleet).to(own)
     points = points[envs] if len(points) > 1 else points
-    R = torch_rotation_matrix(own[..., 3:7])
-    soles = own[..., None, :3] + (R.unsqueeze(2) @ points.unsqueeze(-1)).squeeze(-1)  # [n, vehicle, leg, 3]
-    both = torch.cat((own[..., None, :3], soles), dim=2)
-    R_c = torch_rotation_matrix(theirs[..., 3:7])
-    away = both[:, :, None] - theirs[:, None, :, None, :3]  # [n, vehicle, carrier, 1 + leg, 3]
+    R = torch_rotation_matrix(own[..., QUATERNION])
+    soles = own[..., None, POSITION] + (R.unsqueeze(2) @ points.unsqueeze(-1)).squeeze(-1)  # [n, vehicle, leg, 3]
+    both = torch.cat((own[..., None, POSITION], soles), dim=2)
+    R_c = torch_rotation_matrix(theirs[..., QUATERNION])
+    away = both[:, :, None] - theirs[:, None, :, None, POSITION]  # [n, vehicle, carrier, 1 + leg, 3]
     in_b = (R_c.mT[:, None, :, None] @ away.unsqueeze(-1)).squeeze(-1) - own.new_tensor(carriers.deck.centre)
-    over = (in_b[..., :2].abs() <= own.new_tensor(carriers.deck.half)).all(dim=-1)
-    above = in_b[..., :1, 2] < 0
-    return torch.where(over & above, in_b[..., 2], torch.zeros_like(in_b[..., 2]))[..., 1:].amax(dim=-1).clamp(min=0.0)
+    over = (in_b[..., HORIZONTAL].abs() <= own.new_tensor(carriers.deck.half)).all(dim=-1)
+    above = in_b[..., :1, BELOW] < 0
+    depth = in_b[..., BELOW]
+    return torch.where(over & above, depth, torch.zeros_like(depth))[..., 1:].amax(dim=-1).clamp(min=0.0)

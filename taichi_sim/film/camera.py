@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 Array = NDArray[np.floating]
 DOWN_N = np.array([0.0, 0.0, 1.0])
 HAZE_M = 3500.0
+AWAY = 2  # column of the distance ahead, in the axes of a camera
 LEVEL = 1e-6  # sine of the angle to the vertical below which a direction has no heading
 
 
 class Camera(NamedTuple):
-    """Where one looks from, and whereto."""
+    """Position and orientation of a pinhole camera."""
 
     eye_n: Array  # [3] m
     axes: Array  # [3, 3] rows right, down, forward, in n
@@ -29,9 +30,9 @@ class Camera(NamedTuple):
         Column and row mean nothing where the distance is not above 0.
         """
         seen = (np.asarray(place_n, dtype=np.float64) - self.eye_n) @ self.axes.T
-        ahead = np.where(seen[..., 2:] > 0.0, seen[..., 2:], 1.0)
-        spot = np.array(size) / 2 + self.focal * size[1] * seen[..., :2] / ahead
-        return np.concatenate([spot, seen[..., 2:]], axis=-1)
+        ahead = np.where(seen[..., AWAY:] > 0.0, seen[..., AWAY:], 1.0)
+        spot = np.array(size) / 2 + self.focal * size[1] * seen[..., :AWAY] / ahead
+        return np.concatenate([spot, seen[..., AWAY:]], axis=-1)
 
     def horizon_row(self, high: int) -> float:
         """Row (px) of the horizon of a flat earth at the middle column, of a camera without roll."""
@@ -59,7 +60,7 @@ def heading(course: float, pitch: float) -> Array:
 
 
 def eye_that_holds(places_n: Array, forward_n: Array, focal: float, aspect: float, filled: float) -> Array:
-    """[3] the nearest place from which a camera that looks along `forward_n` has all of `places_n` [N, 3] in view.
+    """Nearest place [3] from which a camera looking along `forward_n` sees all of `places_n` [N, 3].
 
     aspect: of the picture, wide over high. filled: the share of its sides that they may take.
     """
@@ -68,7 +69,7 @@ def eye_that_holds(places_n: Array, forward_n: Array, focal: float, aspect: floa
     across, ahead = [], []
     for axis, half in ((0, 0.5 * aspect), (1, 0.5)):
         reach = filled * half / focal  # tangent of half the angle they may take
-        more, less = (float(np.max(sign * seen[:, axis] - reach * seen[:, 2])) for sign in (1.0, -1.0))
+        more, less = (float(np.max(sign * seen[:, axis] - reach * seen[:, AWAY])) for sign in (1.0, -1.0))
         across.append(0.5 * (more - less))
         ahead.append(-0.5 * (more + less) / reach)
     return np.array([*across, min(ahead)]) @ axes

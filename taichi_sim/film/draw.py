@@ -1,4 +1,4 @@
-"""What a moment looks like: vehicles with trails, slots and targets, what stands in the scene, a mission's overlays.
+"""Draws one moment: vehicles with trails, slots and targets, the scene, a mission's overlays.
 
 The colours, lengths and levels are those of recordings for rerun (taichi_sim/recording/).
 """
@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
+from taichi_sim.conventions import DOWN
 from taichi_sim.film.moment import Moment, TeamMoment
 from taichi_sim.film.pen import Pen, faces_of, moved
 from taichi_sim.film.shapes import Solids
@@ -25,21 +26,21 @@ METRES_PX = 1.5  # px of a line whose radius is in m
 
 
 class Cast:
-    """The bodies of an episode's vehicles, which are made once."""
+    """Bodies of an episode's vehicles, built once."""
 
     def __init__(self) -> None:
-        """Nobody yet."""
+        """Start without bodies."""
         self._bodies: dict[tuple[str, int], Solids] = {}
 
     def body(self, team: TeamMoment, vehicle: int) -> Solids:
-        """Faces of a vehicle, in b."""
+        """Faces of a vehicle's body, in b."""
         key = (team.track.name, vehicle)
         if key not in self._bodies:
             self._bodies[key] = faces_of(body_mesh(team.track, team.livery.of(vehicle)))
         return self._bodies[key]
 
     def bodies(self, pen: Pen, moment: Moment, scales: Mapping[str, float]) -> None:
-        """All vehicles, those of a team `scales[team]` times their size."""
+        """Faces of all vehicles; those of a team are `scales[team]` times as large."""
         for name, team in moment.teams.items():
             for vehicle in range(len(team.position_n)):
                 R_nb = rotation(team.quaternion_nb[vehicle])
@@ -58,7 +59,7 @@ def rotation(quaternion_nb: Array) -> Array:
 
 
 def draw_moment(pen: Pen, moment: Moment) -> None:
-    """Everything but the bodies."""
+    """Draw everything but the bodies."""
     chop = wave_height(moment)
     _draw_scene(pen, moment, chop)
     _draw_on_water(pen, moment)
@@ -74,7 +75,7 @@ def draw_moment(pen: Pen, moment: Moment) -> None:
 
 
 def wave_height(moment: Moment) -> float:
-    """Half the significant wave height, m; of an unknown sea 0.3 m."""
+    """Half the significant wave height, m; 0.3 m where the sea is unknown."""
     return 0.3 if moment.waves is None else max(2.0 * float(np.sqrt(0.5 * np.sum(moment.waves[0] ** 2))), 0.05)
 
 
@@ -84,7 +85,7 @@ def _draw_scene(pen: Pen, moment: Moment, chop: float) -> None:
         team = moment.teams[name]
         pen.lines(track, team.livery.track, TRACK, 2.0 * chop if team.track.on_water else 0.0)
     if len(scene.checkpoints_n):
-        flown = next((float(track[:, 2].mean()) for track in scene.tracks_n.values()), 0.0)  # the first track's
+        flown = next((float(track[:, DOWN].mean()) for track in scene.tracks_n.values()), 0.0)  # the first track's
         level = np.full((len(scene.checkpoints_n), 1), flown)
         pen.dots(np.concatenate([scene.checkpoints_n, level], axis=1), CHECKPOINT, 4.0, chop)
     if len(scene.obstacles):
@@ -97,7 +98,7 @@ def _draw_scene(pen: Pen, moment: Moment, chop: float) -> None:
 
 
 def _draw_on_water(pen: Pen, moment: Moment) -> None:
-    """Wakes of boats, and a ring at each slot, on the waves, whose heights are asked for once."""
+    """Draw wakes of boats and a ring at each slot on the waves, with one query of wave heights."""
     strips: list[tuple[Array, Colour, float, float]] = []
     for team in (team for team in moment.teams.values() if team.track.on_water):
         above = ON_WATER * team.track.size_m[0]
@@ -137,7 +138,7 @@ def _draw_in_air(pen: Pen, team: TeamMoment) -> None:
 
 
 def _draw_target(pen: Pen, team: TeamMoment, chop: float) -> None:
-    """A ball with an arrow along the course; that of boats is above the waves."""
+    """Draw a ball with an arrow along the course; a boat's target lies above the waves."""
     assert team.target_n is not None
     length = team.track.size_m[0]
     place = team.target_n - (0.0, 0.0, TARGET_UP * length + chop if team.track.on_water else 0.0)
@@ -151,7 +152,7 @@ def _draw_target(pen: Pen, team: TeamMoment, chop: float) -> None:
 
 
 def _width(radius: float) -> float:
-    """px of a line of an overlay: those whose radius is in m are drawn alike."""
+    """Width of an overlay's line, px; lines whose radius is in m are drawn alike."""
     return 1.1 * abs(radius) if radius < 0.0 else METRES_PX
 
 
@@ -172,7 +173,7 @@ def _cylinders(pen: Pen, overlay: Cylinders, _: float) -> None:
 
 
 def _ellipsoids(pen: Pen, overlay: Ellipsoids, lift: float) -> None:
-    """Three ellipses; a flat one is the level of them."""
+    """Draw an ellipsoid as three ellipses; a flat one as its level ellipse."""
     place, axes, turn = overlay.position_n[0], overlay.half_axes_m[0], overlay.heading[0][..., None]
     cos, sin, none = np.cos(RING), np.sin(RING), 0.0 * RING
     rings = [(cos, sin, none), (cos, none, sin), (none, cos, sin)]

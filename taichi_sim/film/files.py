@@ -27,7 +27,7 @@ KINDS = (".mp4", ".png", ".gif", ".webp")
 
 
 class FilmError(ValueError):
-    """A film that cannot be written: its message says why."""
+    """A film cannot be written; the message says why."""
 
 
 def check_film(
@@ -39,7 +39,7 @@ def check_film(
     view: str = "auto",
     teams: Collection[str] | None = None,
 ) -> Path:
-    """The path of a film that can be written; arguments are those of `write_film`, `teams` who is in it, if known.
+    """Check the arguments of `write_film`, `teams` if known; return the path.
 
     Raises:
         FilmError: for an unknown suffix or view, numbers that cannot be, or an extra that is missing.
@@ -112,7 +112,7 @@ def write_film(
 
 
 def write_strip(episode: Episode, path: Path, *, count: int = 4, size: tuple[int, int] = (560, 400)) -> Path:
-    """Write `count` moments of an episode, evenly spread, as one picture of two columns; the suffix says the format."""
+    """Write `count` moments of an episode, evenly spread, as one picture of two columns; the suffix sets the format."""
     from PIL import Image
 
     first, last = float(episode.time_s[0]), float(episode.time_s[-1])
@@ -131,7 +131,7 @@ def write_strip(episode: Episode, path: Path, *, count: int = 4, size: tuple[int
 
 
 def film_times(episode: Episode, fps: float, speed: float) -> NDArray[np.floating]:
-    """Times (s, on the episode's clock) of the pictures of a film: at least one."""
+    """Times (s, on the episode's clock) of a film's pictures; at least one."""
     first, last = float(episode.time_s[0]), float(episode.time_s[-1])
     return np.arange(first, last + 1e-6, speed / fps)
 
@@ -147,7 +147,7 @@ def _ffmpeg() -> Any:
 
 
 def _write_mp4(frames: Iterable[NDArray[np.uint8]], part: Path, size: tuple[int, int], fps: float) -> None:
-    """H.264 that every player and browser shows."""
+    """Write H.264 that all common players and browsers show."""
     options = ["-crf", str(CRF), "-preset", "veryfast", "-movflags", "+faststart", "-f", "mp4"]
     file = _ffmpeg().write_frames(
         str(part), size, fps=fps, codec="libx264", quality=None, macro_block_size=2, output_params=options,
@@ -164,7 +164,7 @@ def _write_mp4(frames: Iterable[NDArray[np.uint8]], part: Path, size: tuple[int,
 
 
 def _write_animation(frames: Iterable[NDArray[np.uint8]], part: Path, kind: str, fps: float, samples: Samples) -> None:
-    """A picture that moves, over and over."""
+    """Write an animated picture that repeats."""
     from PIL import Image
 
     palette = None if kind == ".webp" else _palette(samples())
@@ -180,7 +180,7 @@ def _write_animation(frames: Iterable[NDArray[np.uint8]], part: Path, kind: str,
 
 
 def _palette(samples: Iterable[NDArray[np.uint8]]) -> Any:
-    """COLOURS out of some pictures; rare ones count more than there is of them: of a boat there are few pixels."""
+    """COLOURS colours of some pictures; rare ones count more than their share, since boats have few pixels."""
     from PIL import Image
 
     pixels = np.concatenate([sample.reshape(-1, 3) for sample in samples])

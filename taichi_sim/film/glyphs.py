@@ -21,7 +21,7 @@ def _font(size: int):
 
 @lru_cache(maxsize=512)
 def _words(text: str, size: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Cover [high, wide, 1] of the letters, from 0 to 1, and of what is round them."""
+    """Coverage [high, wide, 1], from 0 to 1, of the letters and of their edges."""
     from PIL import Image, ImageDraw
 
     font, edge = _font(size), max(1, size // 9)
@@ -36,7 +36,7 @@ def _words(text: str, size: int) -> tuple[NDArray[np.float32], NDArray[np.float3
 
 @lru_cache(maxsize=512)
 def _tinted(text: str, size: int, colour: Colour) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """What is left of the pixels under the words, from 0 to 1, and what is added to them."""
+    """Share of the pixels that remains under the words, from 0 to 1, and the colour added to them."""
     letters, around = _words(text, size)
     edge = PAPER if np.dot(colour, (0.3, 0.6, 0.1)) > 90 else INK
     shade = 0.75 * around * (1.0 - letters)
@@ -69,5 +69,5 @@ def write(
 
 
 def lines_of(text: str, size: int, wide: int) -> bool:
-    """Whether `text` fits into `wide` px."""
+    """Whether `text` fits into one line of `wide` px."""
     return _words(text, size)[0].shape[1] <= wide

@@ -1,4 +1,4 @@
-"""One moment of an episode: where everything is, and what is drawn beside it, between two recorded steps.
+"""One moment of an episode, between two recorded steps: positions of everything, and what is drawn beside.
 
 Motion is interpolated, attitudes on the shorter way; things that a mission draws are where they were in the step
 before, moved towards the next where they are in both. What is not recorded (rl/render.py) is an episode of one step.
@@ -37,19 +37,19 @@ class TeamMoment(NamedTuple):
 
     @property
     def heading(self) -> Array:
-        """[V] rad, where the bows point."""
+        """Headings [V], rad."""
         return euler(self.quaternion_nb)[2]
 
 
 class Happened(NamedTuple):
-    """An event, and where."""
+    """An event with its place."""
 
     event: Event
     place_n: Array  # [3] m
 
 
 class Moment(NamedTuple):
-    """All that a picture shows."""
+    """All that one picture shows."""
 
     name: str
     time_s: float
@@ -62,13 +62,13 @@ class Moment(NamedTuple):
     wind_n: Array | None  # [3] m/s, where it blows to
 
     def finite(self) -> bool:
-        """Whether everybody is somewhere."""
+        """Whether all positions are finite."""
         states = (part for team in self.teams.values() for part in (team.position_n, team.quaternion_nb))
         return all(np.isfinite(state).all() for state in states)
 
 
 def moment_of(episode: Episode, time_s: float) -> Moment:
-    """The moment `time_s` (s) on the episode's clock; before its beginning or after its end, that."""
+    """The moment at `time_s` (s) on the episode's clock, clipped to the episode."""
     clock = np.asarray(episode.time_s, dtype=np.float64)
     now = float(np.clip(time_s, clock[0], clock[-1]))
     step = int(np.clip(np.searchsorted(clock, now, side="right") - 1, 0, max(len(clock) - 2, 0)))
@@ -106,7 +106,7 @@ def _happened(episode: Episode, event: Event) -> Happened:
 
 
 def _between(one: Array, other: Array, share: float) -> Array:
-    """Between two arrays; what is not in the other stays where it was."""
+    """Interpolate between two arrays; rows missing in the other stay in place."""
     one, other = np.asarray(one, dtype=np.float64), np.asarray(other, dtype=np.float64)
     return one + share * np.where(np.isfinite(other), other - one, 0.0)
 
@@ -116,7 +116,7 @@ def _angle(one: Array, other: Array, share: float) -> Array:
 
 
 def _turned(one: Array, other: Array, share: float) -> Array:
-    """Between two quaternions [V, 4], on the shorter way."""
+    """Interpolate between two quaternions [V, 4] on the shorter arc."""
     one, other = np.asarray(one, dtype=np.float64), np.asarray(other, dtype=np.float64)
     other = np.where((one * other).sum(axis=-1, keepdims=True) < 0.0, -other, other)
     found = _between(one, other, share)
@@ -124,7 +124,7 @@ def _turned(one: Array, other: Array, share: float) -> Array:
 
 
 def _trail(track: TeamTrack, clock: Array, step: int, now: float, here: Array) -> Array:
-    """The last seconds, the same points in every picture but for the newest, which is `here`."""
+    """The last seconds of a path: fixed points, but for the newest, which is `here`."""
     first = int(np.searchsorted(clock, now - TRAIL_S))
     apart = max(1, -(-int(np.searchsorted(clock, clock[first] + TRAIL_S) - first) // TRAIL_POINTS))
     steps = np.arange(-(-first // apart) * apart, step + 1, apart)
@@ -138,7 +138,7 @@ def _trail(track: TeamTrack, clock: Array, step: int, now: float, here: Array) -
 
 
 def _still(overlay: Any, step: int, after: int, share: float) -> Any:
-    """An overlay of one frame."""
+    """One frame of an overlay."""
     found = {}
     for name in OVERLAY_ARRAYS:
         array = getattr(overlay, name, None)

@@ -8,6 +8,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
+from taichi_sim.conventions import DOWN, HORIZONTAL
 from taichi_sim.film.shapes import NO_SOLIDS, NO_STROKES, Solids, Strokes
 from taichi_sim.recording.episode import Array
 from taichi_sim.recording.meshes import Mesh
@@ -31,7 +32,7 @@ class Label(NamedTuple):
 
 
 class Drawing(NamedTuple):
-    """What was drawn for one kind of view."""
+    """Lines, bodies and labels for one kind of view."""
 
     solids: Solids
     strokes: Strokes  # widths are px of a picture 480 px high
@@ -39,22 +40,22 @@ class Drawing(NamedTuple):
 
 
 class Pen:
-    """Collects what is drawn."""
+    """Collects lines, bodies and labels by kind of view."""
 
     def __init__(self) -> None:
-        """Nothing is drawn yet."""
+        """Start with empty drawings."""
         self._strokes: list[tuple[Where, Strokes]] = []
         self._solids: list[tuple[Where, Solids]] = []
         self._labels: list[tuple[Where, Label]] = []
 
     def lines(self, points_n: Array, colour: Colour, width: float = 1.5, lift: float = 0.0, where: Where = "both"):
-        """Line strips [..., P, 3]; they are broken where a point is not finite."""
+        """Add line strips [..., P, 3]; points that are not finite break them."""
         points = np.asarray(points_n, dtype=np.float64)
         ends = np.stack([points[..., :-1, :], points[..., 1:, :]], axis=-2).reshape(-1, 2, 3)
         self._add(ends[np.isfinite(ends).all(axis=(1, 2))], colour, width, lift, where)
 
     def dots(self, places_n: Array, colour: Colour, width: float = 4.0, lift: float = 0.0, where: Where = "both"):
-        """Square dots at [..., 3]."""
+        """Add square dots at [..., 3]."""
         places = np.asarray(places_n, dtype=np.float64).reshape(-1, 1, 3)
         ends = places[np.isfinite(places).all(axis=(1, 2))].repeat(2, axis=1)
         self._add(ends, colour, width, lift, where)
@@ -66,7 +67,7 @@ class Pen:
             self._strokes.append((where, Strokes(ends, shade, np.full(n, width), np.full(n, lift))))
 
     def arrows(self, origin_n: Array, vector_n: Array, colour: Colour, width: float = 1.5, where: Where = "both"):
-        """Arrows [N, 3] with heads that lie level, or upright where the arrow does not."""
+        """Add arrows [N, 3] with level heads; a level arrow's head stands upright."""
         tip = origin_n + vector_n
         aside = np.cross(vector_n, (0.0, 0.0, 1.0))
         level = np.linalg.norm(aside, axis=-1, keepdims=True)
@@ -77,19 +78,19 @@ class Pen:
         self.lines(np.stack([barbs[0], tip, barbs[1]], axis=1), colour, width, where=where)
 
     def solids(self, solids: Solids, where: Where = "both") -> None:
-        """Triangles as they are."""
+        """Add triangles unchanged."""
         self._solids.append((where, solids))
 
     def cylinders(self, middle_n: Array, radius: Array, height: Array, colour: Colour, where: Where = "both") -> None:
-        """Upright cylinders about [N, 3]."""
+        """Add upright cylinders at [N, 3]."""
         known = np.isfinite(middle_n).all(axis=-1)
         middle, radius, height = middle_n[known], radius[known, None], height[known, None]
         if not len(middle):
             return
         ring = np.stack([np.cos(ROUND), np.sin(ROUND)], axis=-1)  # clockwise from above
         rim = np.empty((len(middle), SIDES + 1, 3))
-        rim[..., :2] = middle[:, None, :2] + radius[..., None] * ring
-        rim[..., 2] = middle[:, 2:] - 0.5 * height
+        rim[..., HORIZONTAL] = middle[:, None, HORIZONTAL] + radius[..., None] * ring
+        rim[..., DOWN] = middle[:, DOWN:] - 0.5 * height
         foot = rim + (0.0, 0.0, 1.0) * height[..., None]
         hub = np.broadcast_to(middle[:, None] - 0.5 * height[..., None] * (0.0, 0.0, 1.0), rim.shape)
         a, b, c, d = rim[:, :-1], rim[:, 1:], foot[:, 1:], foot[:, :-1]
@@ -101,16 +102,16 @@ class Pen:
         self.solids(_in_one_colour(corners.reshape(-1, 3, 3), normals, colour), where)
 
     def ball(self, middle_n: Array, radius: float, colour: Colour, where: Where = "both") -> None:
-        """A ball about [3]."""
+        """Add a ball at [3]."""
         self.solids(_in_one_colour(middle_n + radius * BALL, BALL_NORMALS, colour), where)
 
     def label(self, place_n: Array, text: str, colour: Colour, where: Where = "both") -> None:
-        """Words at [3]."""
+        """Add words at [3]."""
         if np.isfinite(place_n).all():
             self._labels.append((where, Label(np.asarray(place_n, dtype=np.float64), text, colour)))
 
     def drawing(self, kind: str) -> Drawing:
-        """What was drawn for a `kind` of view (SHOWN)."""
+        """The drawing for a `kind` of view (SHOWN)."""
         seen = SHOWN[kind]
         strokes = [one for where, one in self._strokes if where in seen] or [NO_STROKES]
         solids = [one for where, one in self._solids if where in seen] or [NO_SOLIDS]
@@ -119,19 +120,19 @@ class Pen:
 
 
 def faces_of(mesh: Mesh) -> Solids:
-    """The faces of a mesh, in its own frame b."""
+    """Faces of a mesh, in its own frame b."""
     corners = mesh.vertices_b.reshape(-1, 3, 3).astype(np.float64)
     return Solids(corners, mesh.normals_b[::3].astype(np.float64), mesh.colours[::3])
 
 
 def moved(body: Solids, position_n: Array, R_nb: Array, scale: float = 1.0) -> Solids:
-    """A body in n, `scale` times its size."""
+    """A body's faces in n, `scale` times as large."""
     corners = body.corners_n.reshape(-1, 3) @ (scale * R_nb.T) + position_n
     return Solids(corners.reshape(-1, 3, 3), body.normals_n @ R_nb.T, body.colours)
 
 
 def joined(*solids: Solids) -> Solids:
-    """Several as one."""
+    """Several drawings' faces as one."""
     return Solids(*_joined(solids))
 
 
@@ -144,7 +145,7 @@ def _joined(parts: Sequence[tuple]) -> list[Any]:
 
 
 def _ball() -> Array:
-    """An octahedron whose faces are parted twice: [128, 3, 3], on the unit sphere."""
+    """An octahedron subdivided twice: [128, 3, 3], on the unit sphere."""
     signs = [(x, y, z) for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)]
     faces = np.array([[(x, 0.0, 0.0), (0.0, y, 0.0), (0.0, 0.0, z)] for x, y, z in signs])
     for _ in range(2):

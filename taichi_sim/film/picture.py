@@ -1,4 +1,4 @@
-"""One picture of a moment: its views side by side, with their words.
+"""One picture of a moment: its views side by side, with their labels.
 
 With one team the picture follows it, with a small map in the corner. With several there is a large view (the overview,
 where the recording has one, else the first team), and beside it one of another team over the map. A picture that is
@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from taichi_sim.conventions import HORIZONTAL
 from taichi_sim.film.camera import Array, Camera
 from taichi_sim.film.draw import Cast, draw_moment
 from taichi_sim.film.glyphs import lines_of, write
@@ -37,7 +38,7 @@ DARK = (30, 52, 70)
 
 
 class View(NamedTuple):
-    """A part of the picture."""
+    """One view: its place in the picture, its camera and its kind."""
 
     left: int
     top: int
@@ -49,7 +50,7 @@ class View(NamedTuple):
 
 
 def check_picture(size: tuple[int, int], view: str, teams: Collection[str] | None) -> None:
-    """Refuse a picture that cannot be, of `teams`, if they are known.
+    """Refuse a picture that cannot be drawn; `teams` if known.
 
     Raises:
         ValueError: for a size out of range or an unknown view.
@@ -97,7 +98,7 @@ class Picture:
         return picture.copy()
 
     def _view(self, moment: Moment, view: View, pen: Pen, with_words: bool) -> Pixels:
-        """One part of the picture."""
+        """Draw one view."""
         size = view.raster.size
         camera = view.rig.camera(moment, size[0] / size[1])
         own, scales, water = Pen(), {}, NO_WATER
@@ -117,7 +118,7 @@ class Picture:
         return part
 
     def _words(self, picture: Pixels, moment: Moment, note: str) -> None:
-        """The clock, and what has just happened."""
+        """Write the clock and recent events."""
         size = _letters(self.size[1])
         clock = f"{moment.name}   {int(moment.time_s // 60)}:{moment.time_s % 60:04.1f}{note}"
         write(picture, clock, (size * 0.6, size * 0.5), size=size)
@@ -127,7 +128,7 @@ class Picture:
 
 
 def _arranged(moment: Moment, size: tuple[int, int], view: str) -> list[View]:
-    """Which views there are, and where."""
+    """The views and their places in the picture."""
     wide, high = size
     teams = list(moment.teams)
     wet = [name for name, team in moment.teams.items() if team.track.on_water]
@@ -162,22 +163,22 @@ def _arranged(moment: Moment, size: tuple[int, int], view: str) -> list[View]:
 
 
 def _metres(camera: Camera, size: tuple[int, int]) -> float:
-    """m that a px of the map is wide."""
+    """Metres per px of the map."""
     return -float(camera.eye_n[2]) / (camera.focal * size[1])
 
 
 def _thick(size: tuple[int, int]) -> float:
-    """Factor of widths: small views have thinner lines."""
+    """Factor on line widths: small views have thinner lines."""
     return float(np.clip(min(size[1], 0.75 * size[0]) / 480.0, 0.62, 3.0))
 
 
 def _letters(high: int) -> int:
-    """px of letters in a picture so high."""
+    """Size of letters, px, in a picture of that height."""
     return int(np.clip(round(0.029 * high), 10, 40))
 
 
 def _scales(moment: Moment, camera: Camera, view: View) -> dict[str, float]:
-    """How many times their size the bodies of teams are drawn, so that they are seen from afar: all boats alike."""
+    """Factor by which bodies of teams are enlarged to be visible from afar; the same for all boats."""
     found, size = {}, view.raster.size
     for name, least in view.teams.items():
         team = moment.teams[name]
@@ -202,7 +203,7 @@ def _mark(pen: Pen, moment: Moment, metres: float) -> None:
         own = np.array([team.livery.of(vehicle) for vehicle in range(count)], np.uint8)
         for grow, down, colours in ((1.5, -200.0, np.full_like(own, 255)), (1.0, -250.0, own)):
             corners = np.full((count, 5, 3), down)
-            corners[..., :2] = team.position_n[:, None, :2] + grow * shape
+            corners[..., HORIZONTAL] = team.position_n[:, None, HORIZONTAL] + grow * shape
             faces = corners[:, ((0, 1, 2), (0, 2, 3))].reshape(-1, 3, 3)
             pen.solids(Solids(faces, np.zeros((len(faces), 3)), colours.repeat(2, axis=0)), "map")
 
@@ -210,7 +211,7 @@ def _mark(pen: Pen, moment: Moment, metres: float) -> None:
 def _label(
     part: Pixels, moment: Moment, view: View, camera: Camera, drawing: Drawing, scales: dict[str, float]
 ) -> None:
-    """Names of the teams above their first vehicles, and of what a mission labels, none over another."""
+    """Write teams' names above their first vehicles, and a mission's labels, without overlaps."""
     letters = _letters(max(view.raster.size[1], 360))
     marks: list[tuple[Array, str, Colour, float]] = []
     if len(moment.teams) > 1 and not view.title:
@@ -232,13 +233,13 @@ def _label(
 
 
 def _light(colour: Colour) -> Colour:
-    """A colour that is read on the sea."""
+    """A colour that is readable on the sea."""
     red, green, blue = (int(0.45 * part + 0.55 * 255) for part in colour)
     return red, green, blue
 
 
 def _caption(part: Pixels, view: View, camera: Camera, scales: dict[str, float]) -> None:
-    """What a view is, below at the left: of an overview how much larger bodies are drawn, of the map its scale."""
+    """Write a view's caption at the lower left: an overview's enlargement of bodies, a map's scale."""
     letters = _letters(max(view.raster.size[1], 360))
     high, wide = part.shape[:2]
     if view.kind == "map":

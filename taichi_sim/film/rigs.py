@@ -1,4 +1,4 @@
-"""What carries the camera: a rig looks at a moment, remembers where it looked, and moves on softly.
+"""Camera rigs: they follow a moment smoothly, from where they looked before.
 
 All are level: the horizon shows the roll. Distances in m, angles in rad.
 """
@@ -7,6 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
+from taichi_sim.conventions import HORIZONTAL
 from taichi_sim.film.camera import Array, Camera, eye_that_holds, heading, look, look_at
 from taichi_sim.film.moment import Moment, TeamMoment
 from taichi_sim.recording.episode import COMPANY_LENGTHS
@@ -36,11 +37,11 @@ class Soft:
     """A quantity that follows another with a time constant."""
 
     def __init__(self, seconds: float) -> None:
-        """It begins where it is first led."""
+        """Start at the first value given."""
         self.seconds, self.value, self._time = seconds, np.zeros(0), 0.0
 
     def towards(self, value: Array, time_s: float, leap: float = np.inf) -> Array:
-        """Where it is at `time_s`; it is put at `value` if time ran backwards, or that is farther than `leap`."""
+        """Value at `time_s`; it jumps to `value` if time ran backwards or the distance exceeds `leap`."""
         value = np.asarray(value, dtype=np.float64)
         passed = time_s - self._time
         if not self.value.size or passed < 0.0 or np.linalg.norm(value - self.value) > leap:
@@ -52,13 +53,13 @@ class Soft:
 
 
 class Follow:
-    """From behind and above a team, near enough to see its vehicles move in the waves or through the air.
+    """Rig behind and above a team, near enough to show its vehicles' motion.
 
     Boats are looked at from where they come from, which turns slowly; aircraft from behind.
     """
 
     def __init__(self, team: str) -> None:
-        """About the team of that name."""
+        """Follow the team of that name."""
         self.team = team
         self._middle, self._course, self._reach = Soft(SOFT_S), Soft(TURN_S), Soft(SOFT_S)
 
@@ -83,7 +84,7 @@ class Follow:
 
 
 class Overview:
-    """From afar and above, as near as holds everybody; it always looks the same way."""
+    """Rig far away and above, as near as shows every vehicle; its direction is constant."""
 
     def __init__(self, about: str) -> None:
         """`about` is the team whose first course gives the direction."""
@@ -103,7 +104,7 @@ class Overview:
                     FOCAL)  # fmt: skip
 
     def _way(self, moment: Moment) -> float:
-        """From the boats towards whom it is about, where they are apart: else along a course."""
+        """Direction from the boats to the team `about`; along its course where they are together."""
         about = moment.teams[self.about]
         for team in moment.teams.values():
             way = (about.position_n[0] - team.position_n.mean(axis=0))[:2]
@@ -113,17 +114,17 @@ class Overview:
 
 
 class Map:
-    """From above, north up: everybody, and what they are bound for."""
+    """Rig above, north up: all vehicles and their targets."""
 
     def __init__(self) -> None:
-        """Nothing seen yet."""
+        """Start without a view."""
         self._reach, self._middle = Soft(2.0 * SOFT_S), Soft(2.0 * SOFT_S)
 
     def camera(self, moment: Moment, aspect: float) -> Camera:
         """See Rig."""
-        tracks = [track[:, :2] for track in moment.scene.tracks_n.values()]
-        teams = [team.position_n[:, :2] for team in moment.teams.values()]
-        ways = [team.trail_n.reshape(-1, 3)[:, :2] for team in moment.teams.values()]
+        tracks = [track[:, HORIZONTAL] for track in moment.scene.tracks_n.values()]
+        teams = [team.position_n[:, HORIZONTAL] for team in moment.teams.values()]
+        ways = [team.trail_n.reshape(-1, 3)[:, HORIZONTAL] for team in moment.teams.values()]
         places = np.concatenate([*tracks, *teams, *ways])
         low, high = np.nanmin(places, axis=0), np.nanmax(places, axis=0)
         reach = np.array([max(high[0] - low[0], (high[1] - low[1]) / aspect, AMID)])
@@ -134,7 +135,7 @@ class Map:
 
 
 def _company(team: TeamMoment) -> Array:
-    """[n, 3] places of the vehicles that keep together with the first: all of a formation, else those near it."""
+    """Places [n, 3] of the vehicles that stay with the first: the formation, or those near it."""
     if team.slot_n is not None:
         return team.position_n
     apart = np.linalg.norm(team.position_n - team.position_n[0], axis=-1)
@@ -142,7 +143,7 @@ def _company(team: TeamMoment) -> Array:
 
 
 def _bound(team: TeamMoment) -> float:
-    """Course (rad) of the first: its target's, or where it goes; one that lies still, where it points."""
+    """Course (rad) of the first vehicle: its target's, its own, or its heading where it lies still."""
     if team.target_n is not None:
         return team.course
     north, east = team.velocity_n[0, :2]

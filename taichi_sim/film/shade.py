@@ -1,4 +1,4 @@
-"""What a ray of light brings to the eye: sky, water, painted surfaces, haze. Colours are RGB from 0 to 1.
+"""Light that a ray brings to the eye: sky, water, painted surfaces, haze. Colours are RGB from 0 to 1.
 
 Water reflects the sky by Schlick's approximation of Fresnel's equations (Schlick 1994, 0.02 at normal incidence) and
 shows its own colour where it does not; waves too short for the grid make it rough, which is what keeps the far sea from

@@ -1,4 +1,4 @@
-"""What a picture is made of: painted triangles, and pieces of lines; places in n (north-east-down), m."""
+"""Primitives of a picture: painted triangles and pieces of lines; places in n (north-east-down), m."""
 
 from typing import NamedTuple
 

@@ -16,7 +16,7 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
-from taichi_sim.conventions import GRAVITY
+from taichi_sim.conventions import DOWN, EAST, GRAVITY, NORTH
 from taichi_sim.film.camera import Array, Camera
 from taichi_sim.film.moment import Moment
 from taichi_sim.maths import fast
@@ -24,6 +24,7 @@ from taichi_sim.maths import fast
 CELL_PX = (5.0, 4.0)  # across and down
 FARTHEST_M = 12000.0
 RESOLVED, GONE = 1.1, 2.2  # rad of a wave between neighbouring points: all of it is drawn, nothing of it
+POINT, NORMAL, CREST = slice(0, 3), slice(3, 6), 7  # columns of a point
 COLUMNS = 8  # of a point: place 3 (m from the eye, n), normal 3, rough, height over a tall crest's
 MARGIN_PX = 2.0
 CALM_M = 0.15  # crests lower than this are not tall
@@ -39,7 +40,7 @@ class Water(NamedTuple):
 
     @property
     def rows(self) -> int:
-        """How many lines of points there are."""
+        """Number of lines of points."""
         return len(self.points) // self.across
 
 
@@ -102,7 +103,7 @@ def _place(
 
 
 def water_seen(camera: Camera, size: tuple[int, int], moment: Moment) -> Water:
-    """What of the sea a camera without roll may see, in a picture of `size` (px).
+    """The part of the sea that a camera without roll sees, in a picture of `size` (px).
 
     A sea whose components are not known is sampled as it is.
     """
@@ -140,7 +141,7 @@ def _ripples(time_s: float) -> Array:
 
 
 def _rows(camera: Camera, high: int, height: float, crest: float) -> Array:
-    """Rows (px below the middle) of the grid: from where the sea is far to below the picture: crests rise into it."""
+    """Rows (px below the middle) of the grid: from far out to below the picture, since crests rise into it."""
     focal, (_, down, forward) = camera.focal * high, camera.axes
     top = max(-0.5 * high - MARGIN_PX, focal * (height / FARTHEST_M - forward[2]) / down[2] if down[2] > 1e-6 else -1e9)
     low = 0.5 * high
@@ -156,11 +157,11 @@ def _rows(camera: Camera, high: int, height: float, crest: float) -> Array:
 def _sample(water: Water, eye_n: Array, elevation: Callable[[Array, Array], Array]) -> None:
     """Heights of a sea whose components are not known, and normals from neighbouring points."""
     points = water.points.reshape(water.rows, water.across, COLUMNS)
-    up = np.asarray(elevation(points[..., 0] + eye_n[0], points[..., 1] + eye_n[1]), dtype=np.float32)
-    points[..., 2] -= up
+    up = np.asarray(elevation(points[..., NORTH] + eye_n[NORTH], points[..., EAST] + eye_n[EAST]), dtype=np.float32)
+    points[..., DOWN] -= up
     crest = max(3.0 * float(up.std()), CALM_M)
-    points[..., 7] = up / crest
-    across, along = np.gradient(points[..., :3], axis=1), np.gradient(points[..., :3], axis=0)
+    points[..., CREST] = up / crest
+    across, along = np.gradient(points[..., POINT], axis=1), np.gradient(points[..., POINT], axis=0)
     normal = np.cross(across, along)
-    normal *= -np.sign(normal[..., 2:]) / np.linalg.norm(normal, axis=-1, keepdims=True)
-    points[..., 3:6] = normal
+    normal *= -np.sign(normal[..., DOWN:]) / np.linalg.norm(normal, axis=-1, keepdims=True)
+    points[..., NORMAL] = normal

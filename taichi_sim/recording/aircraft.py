@@ -19,7 +19,7 @@ Station = tuple[float, float, float, float]
 
 
 def aircraft(size_m: tuple[float, float, float], airframe: Airframe | None, colour: Colour) -> Mesh:
-    """What flies: size_m is length, span, height; of an unknown `airframe` an airplane is drawn."""
+    """Mesh of an aircraft; size_m is length, span, height; an unknown `airframe` gives an airplane."""
     airframe = airframe or Airframe(chord=CHORD * size_m[0], tail=True)
     return (_airplane if airframe.tail else _flying_wing)(size_m, airframe.chord, colour)
 
@@ -83,7 +83,7 @@ def _airplane(size_m: tuple[float, float, float], chord: float, colour: Colour) 
 
 
 def _flying_wing(size_m: tuple[float, float, float], chord: float, colour: Colour) -> Mesh:
-    """A swept wing with winglets, as long as it is said to be; a pod and a propeller behind."""
+    """A swept wing with winglets, of the given length; a pod and a propeller behind."""
     length, span, height = size_m
     half, root, tip = 0.5 * span, 1.2 * chord, 0.8 * chord
     sweep = max(length - tip, 0.0)  # of the leading edge, from root to tip

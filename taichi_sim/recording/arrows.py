@@ -33,14 +33,14 @@ def round_scale(per_metre: float) -> float:
 
 
 def newtons_per_metre(team: TeamTrack) -> float | None:
-    """Scale of a team's load arrows, or None if nothing ever acts."""
+    """Scale of a team's load arrows, or None if no load ever acts."""
     norms = [np.linalg.norm(force.vector_b, axis=-1) for force in team.forces.values()]
     greatest = float(np.nanquantile(np.max(norms, axis=(0, 2)), SHOWN)) if norms else 0.0
     return round_scale(greatest / (LOAD_LENGTHS * team.size_m[0])) if greatest > 0.0 else None
 
 
 def load_colours(team: TeamTrack) -> dict[str, str]:
-    """The name of a colour for each force; names that begin alike up to the first "_" share it."""
+    """Colour name of each force; names that agree up to the first "_" share it."""
     kinds = list(dict.fromkeys(name.split("_")[0] for name in team.forces))
     shades = list(LOADS)
     return {name: shades[kinds.index(name.split("_")[0]) % len(shades)] for name in team.forces}
@@ -72,7 +72,7 @@ def _deck(team: TeamTrack) -> float:
 
 
 def send_forces(stream: Stream, episode: Episode, team: TeamTrack) -> None:
-    """An arrow for each force on each vehicle, in the vehicle's frame. A force that never acts has none."""
+    """Send an arrow for each force on each vehicle, in the vehicle's frame; a force that never acts has none."""
     scale = newtons_per_metre(episode.whole.teams[team.name])
     if scale is None:
         return
@@ -95,13 +95,13 @@ def send_forces(stream: Stream, episode: Episode, team: TeamTrack) -> None:
 
 
 def metres_per_second_per_metre(team: TeamTrack) -> float:
-    """Scale of the arrows of an aircraft's velocities."""
+    """Scale of an aircraft's velocity arrows."""
     greatest = float(np.nanquantile(np.linalg.norm(team.velocity_n, axis=-1), SHOWN))
     return round_scale(max(greatest, STILL) / (SPEED_SPANS * team.size_m[1]))
 
 
 def send_air(stream: Stream, episode: Episode, team: TeamTrack) -> None:
-    """The triangle of velocities of each aircraft, and a line along its nose: the angle between is that of attack."""
+    """Send each aircraft's triangle of velocities and a line along its nose; the angle between is that of attack."""
     if team.air_n is None:
         return
     whole = episode.whole.teams[team.name]
@@ -129,7 +129,7 @@ def send_air(stream: Stream, episode: Episode, team: TeamTrack) -> None:
 
 
 def _flows(episode: Episode) -> list[tuple[str, Array, Colour, float]]:
-    """Name, velocity [T, 3] (m/s, n), colour and greatest speed (m/s) of what flows."""
+    """Name, velocity [T, 3] (m/s, n), colour and greatest speed (m/s) of current and wind."""
     flows = []
     for name, field, colour in (("current", "current_n", CURRENT), ("wind", "wind_n", WIND)):
         flow, whole = getattr(episode, field), getattr(episode.whole, field)
@@ -162,7 +162,7 @@ def send_flow(stream: Stream, episode: Episode) -> None:
 
 
 def _send_wind_on_map(stream: Stream, episode: Episode) -> None:
-    """The wind 10 m up, in the map's north-west corner."""
+    """Send the wind at 10 m, in the map's north-west corner."""
     low, high = map_bounds(episode)
     side = float(np.min(high - low))
     middle = map_point(np.array([high[0] - MAP_SHARE * side, low[1] + MAP_SHARE * side]))

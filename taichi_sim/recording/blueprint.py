@@ -1,4 +1,4 @@
-"""What the viewer shows: a view that follows each team, the map, plots, events, the run's configuration.
+"""Layout of the viewer: a view that follows each team, the map, plots, events, the run's configuration.
 
 Only of what there is: a view of nothing carries an error mark, a plot of nothing is a hole.
 """
@@ -27,7 +27,7 @@ UP, DOWN = (0, 0, 1), (0, 0, -1)  # what is up on the screen, in the frame of bo
 
 
 class LiveLayout(NamedTuple):
-    """What is special to the layout of a live view."""
+    """Differences of a live view's layout."""
 
     curves: tuple[str, ...] = ()  # plots under plots/curves
     everywhere: bool = False  # the map shows the whole area, for there will be other episodes
@@ -101,13 +101,13 @@ def _follow(episode: Episode, team: TeamTrack) -> rrb.Spatial3DView:
 
 
 def _overview(episode: Episode, name: str, reach: float) -> rrb.Spatial3DView:
-    """All within `reach` (m) of the first vehicle of the team `name`, from the side where its team began to go."""
+    """View of all within `reach` (m) of the first vehicle of team `name`, from abeam of its initial course."""
     eye = reach * np.array([-0.9, -1.3, 0.95])
     return _view(episode, episode.teams[name], "Overview", eye, np.zeros(3), UP)
 
 
 def _near(episode: Episode, team: TeamTrack) -> rrb.Spatial3DView:
-    """The first of aircraft alone, from behind."""
+    """View of the first aircraft alone, from behind."""
     span = team.size_m[1]
     eye, look = span * np.array(NEAR_EYE), span * np.array(NEAR_LOOK)
     return _view(episode, team, team.vehicle_name(0), eye, look, DOWN)
@@ -129,12 +129,12 @@ def _view(
 
 
 def _trails(episode: Episode) -> dict:
-    """What the views show of the trails that are segments; those of boats are whole lines."""
+    """Parts of segmented trails that views show; boats' trails are whole lines."""
     return {f"world/{one.name}/trails": _last_seconds() for one in episode.teams.values() if not one.on_water}
 
 
 def _hidden(episode: Episode, team: TeamTrack) -> dict:
-    """What a team's view leaves out: the sea around others, and, of boats, the lines down from those above them."""
+    """Entities hidden in a team's view: other teams' sea and, for boats, lines down from aircraft."""
     patches = patch_of(episode)
     paths = [f"world/{name}/sea" for name in set(patches.values()) if name != patches[team.name]]
     if team.on_water:
@@ -154,7 +154,7 @@ def _last_seconds() -> rrb.VisibleTimeRanges:
 
 
 def _series(name: str, *contents: str, hidden: Sequence[str] = ()) -> rrb.TimeSeriesView:
-    """A plot of everything under `contents`, over the whole episode; `hidden` of it waits to be switched on."""
+    """A plot of everything under `contents`, over the whole episode; lines in `hidden` start switched off."""
     whole = rr.TimeRange(start=rr.TimeRangeBoundary.infinite(), end=rr.TimeRangeBoundary.infinite())
     return rrb.TimeSeriesView(
         origin="plots",
@@ -167,13 +167,13 @@ def _series(name: str, *contents: str, hidden: Sequence[str] = ()) -> rrb.TimeSe
 
 
 def _each(team: TeamTrack, name: str, path: str) -> rrb.TimeSeriesView:
-    """A plot that each vehicle has: the first's is shown, the others' are a click away."""
+    """A plot of each vehicle: the first's is shown, the others are one click away."""
     hidden = [f"{path}/{OTHERS}"] if team.vehicles > 1 else []
     return _series(f"{team.vehicle_name(0)} {name}", f"{path}/**", hidden=hidden)
 
 
 def _plots(episode: Episode) -> list[Sequence[rrb.View]]:
-    """Errors at the left, then what the mission adds, motion, instruments, and what the policy gets and gives."""
+    """Plots from the left: errors, the mission's own, motion, instruments, the policy's input and output."""
     teams = list(episode.teams.values())
     judged = [team for team in teams if team.error_m is not None]
     errors: list[rrb.View] = []

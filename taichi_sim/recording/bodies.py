@@ -1,4 +1,4 @@
-"""The body drawn for a vehicle: the model's own where it has one, else a boat or an aircraft of its size."""
+"""The body drawn for a vehicle: its model's own, else a boat or an aircraft of its size."""
 
 import numpy as np
 
@@ -12,14 +12,14 @@ LEVEL = 0.5  # a face whose unit normal points up or down by this much is seen f
 
 
 def body_mesh(team: TeamTrack, colour: Colour) -> Mesh:
-    """The body of a vehicle of `team`, in its colour."""
+    """Mesh of a vehicle of `team`, in its colour."""
     if team.body is None:
         return boat(team.size_m, colour) if team.on_water else aircraft(team.size_m, team.airframe, colour)
     return vessel(team.body, team.size_m, colour) if team.on_water else _flown(team.body, colour)
 
 
 def _flown(body: Body, colour: Colour) -> Mesh:
-    """A surface that flies: in its colour from above, dark from below, so that a bank reads from either side."""
+    """An aircraft's surface: in its colour from above, dark from below, so that a bank reads from either side."""
     faces = np.asarray(body.vertices_b, dtype=np.float64)[body.triangles]
     down = normals(faces)[:, 2]
     over, under = down < -LEVEL, down > LEVEL

@@ -1,4 +1,4 @@
-"""Draws an episode, or a part of one, into a stream: everything that a recording or a live view shows of it."""
+"""Draws an episode, or a part of one, into a rerun stream."""
 
 import rerun as rr
 
@@ -12,7 +12,7 @@ from taichi_sim.recording.vehicles import send_team
 
 
 def draw(stream: Stream, episode: Episode) -> None:
-    """The whole episode, or the part that comes after what the stream has been given so far."""
+    """Draw the whole episode, or the part that follows what the stream already holds."""
     stream.part(episode.time_s)
     if stream.begins:
         stream.static("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP)

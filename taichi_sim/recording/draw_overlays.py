@@ -20,7 +20,7 @@ ROUND = np.linspace(0.0, 2.0 * np.pi, 33)  # rad, an ellipse on the map
 
 
 class Look(NamedTuple):
-    """One overlay as one of rerun's things: a row for each thing in each frame, those with NaN left out."""
+    """rerun's archetype for one overlay: a row for each item in each frame, without those that hold NaN."""
 
     kind: Any  # rr.Points3D and the like
     rows: dict[str, Any]  # component -> [rows, ...]
@@ -28,7 +28,7 @@ class Look(NamedTuple):
 
 
 def send_overlays(stream: Stream, episode: Episode) -> None:
-    """Everything in `episode.overlays` but the notes, which are events."""
+    """Send all of `episode.overlays` but notes, which are events."""
     lift = line_lift(episode)
     drawn = {overlay.name: overlay for overlay in episode.whole.overlays if not isinstance(overlay, Plot | Note)}
     for overlay in episode.overlays:
@@ -41,7 +41,7 @@ def send_overlays(stream: Stream, episode: Episode) -> None:
 
 
 def _send_geometry(stream: Stream, overlay: Any, like: Any, lift: float) -> None:
-    """An overlay, in the way in which that of the whole episode, `like`, is drawn."""
+    """Send an overlay in the style in which the whole episode's, `like`, is drawn."""
     arrays, world, flat = KINDS[type(overlay)]
     moves = max(len(getattr(one, name)) for one in (overlay, like) for name in arrays) > 1
     given = [getattr(overlay, name) for name in arrays]
@@ -56,7 +56,7 @@ def _send_geometry(stream: Stream, overlay: Any, like: Any, lift: float) -> None
 
 
 def _known(name: str, array: Array) -> NDArray[np.bool_]:
-    """[F, N]: a thing is known in a frame by all its numbers, a strip by two of its points."""
+    """Whether items [F, N] are known in each frame: all their numbers, or two points of a strip."""
     finite = np.isfinite(array)
     if name == "points_n":
         return np.asarray(finite.all(axis=-1).sum(axis=-1) >= 2)
@@ -66,7 +66,7 @@ def _known(name: str, array: Array) -> NDArray[np.bool_]:
 def _send(
     stream: Stream, path: str, look: Look, overlay: Any, labels: Sequence[str], counts: NDArray[np.integer] | None
 ) -> None:
-    """With `counts` things in each step, or None for what stands still."""
+    """Send rows with `counts` items in each step, or None for static ones."""
     rows = look.rows | ({"labels": labels} if labels else {})
     whole = {"colors": overlay.colour} | ({"show_labels": True} if labels else {}) | look.look
     if counts is None:
@@ -84,7 +84,7 @@ def _send(
 
 
 def _send_if_rigid(stream: Stream, path: str, look: Look) -> Array | None:
-    """One line in each step that keeps its shape, as that shape and where it is: the shape, or None if it changes."""
+    """Send a single line that keeps its shape as that shape and its place; return the shape, or None if it changes."""
     strips = look.rows["strips"]
     if any(strip.shape != strips[0].shape for strip in strips):
         return None

@@ -1,4 +1,4 @@
-"""What one recorded episode holds. Frames: n is north-east-down, b is forward-right-down.
+"""The data of one recorded episode. Frames: n is north-east-down, b is forward-right-down.
 
 T control steps, V vehicles in a team (vehicle 0 leads where there is a formation), A actions, P points of a track,
 M obstacles. What belongs to a mission may be missing: nothing of it is drawn or plotted then.
@@ -11,6 +11,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from taichi_sim.conventions import HEADING
 from taichi_sim.recording.frames import Array, euler
 from taichi_sim.recording.overlays import Note, Overlay, Plot
 from taichi_sim.recording.palette import Livery, liveries
@@ -32,7 +33,7 @@ class Body(NamedTuple):
 
 
 class Airframe(NamedTuple):
-    """What of an aircraft's shape its length, span and height do not tell."""
+    """Details of an aircraft's shape beyond length, span and height."""
 
     chord: float  # of the wing, mean, m
     tail: bool  # or a flying wing
@@ -120,7 +121,7 @@ class TeamTrack:
         return self.position_n.shape[1]
 
     def vehicle_name(self, vehicle: int) -> str:
-        """What a reader calls a vehicle: only a formation has a leader."""
+        """Name of a vehicle for readers; only a formation has a leader."""
         team = self.name.upper()
         if self.slot_n is not None:
             return f"{team} leader" if vehicle == 0 else f"{team} {vehicle}"
@@ -128,17 +129,17 @@ class TeamTrack:
 
     @property
     def places_n(self) -> Array:
-        """[T, V, 3] m: where the vehicles should be, or else where they are."""
+        """Places [T, V, 3], m: of the slots, or else of the vehicles."""
         return self.position_n if self.slot_n is None else self.slot_n
 
     @property
     def course(self) -> Array:
-        """[T] rad, where the team is bound: its target's course, or else the heading of vehicle 0."""
-        return euler(self.quaternion_nb[:, 0])[2] if self.target_course is None else self.target_course
+        """Course [T] of the team, rad: its target's, or else the heading of vehicle 0."""
+        return euler(self.quaternion_nb[:, 0])[HEADING] if self.target_course is None else self.target_course
 
     @property
     def company(self) -> NDArray[np.bool_]:
-        """[V]: a view of the team holds this vehicle. Without a formation some may be anywhere."""
+        """Vehicles [V] that a view of the team includes; without a formation some may be far away."""
         apart = np.linalg.norm(self.position_n - self.position_n[:, :1], axis=-1)
         reach = COMPANY_LENGTHS * max(self.size_m[:2])
         return np.ones(self.vehicles, dtype=bool) if self.slot_n is not None else np.median(apart, axis=0) <= reach
@@ -168,7 +169,7 @@ class Event:
 
 @dataclass(frozen=True)
 class Scene:
-    """What stands still."""
+    """Static things of an episode."""
 
     area_m: float | None = None  # side of the square, centred at the origin, m; None: the open sea
     tracks_n: Mapping[str, Array] = field(default_factory=dict)  # team -> [P, 3] m, the path its target follows
@@ -220,12 +221,12 @@ class Episode:
 
     @property
     def whole(self) -> "Episode":
-        """What decides scales, grids and layout: itself, or for a part what it is drawn like."""
+        """The episode whose scales, grids and layout a part uses; itself for a whole one."""
         return self.like or self
 
     @property
     def afloat(self) -> TeamTrack:
-        """The team whose first vehicle the sea patch follows: the first on the water, or whoever is there."""
+        """Team whose first vehicle the sea patch follows: the first on water, or else the first."""
         teams = list(self.teams.values())
         return next((team for team in teams if team.on_water), teams[0])
 

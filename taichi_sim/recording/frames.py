@@ -1,4 +1,4 @@
-"""From the world frame n (north-east-down) to the (east, north, up) = (y, x, -z) of recordings. Nowhere else.
+"""Conversion from n (north-east-down) to the (east, north, up) = (y, x, -z) of recordings; nowhere else.
 
 In rerun bodies keep their own frame b (forward-right-down), so the attitude logged is R_enu,b = P R_nb, with P the
 half turn about (1, 1, 0) that swaps the two worlds. In bags (ros/) bodies are forward-left-up: b turned by half about
@@ -8,12 +8,14 @@ its own forward axis, R_enu,flu = P R_nb F, F = diag(1, -1, -1).
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from taichi_sim.conventions import DOWN, EAST, NORTH
+
 Array = NDArray[np.floating]
 
 
 def enu(vector_n: Array, dtype: DTypeLike = np.float32) -> Array:
     """[..., 3] of n (north, east, down) as (east, north, up)."""
-    return np.ascontiguousarray(np.stack([vector_n[..., 1], vector_n[..., 0], -vector_n[..., 2]], -1), dtype)
+    return np.ascontiguousarray(np.stack([vector_n[..., EAST], vector_n[..., NORTH], -vector_n[..., DOWN]], -1), dtype)
 
 
 def enu_quaternion(quaternion_nb: Array, dtype: DTypeLike = np.float32) -> Array:
@@ -41,7 +43,7 @@ def level_quaternion(course: Array) -> Array:
 
 def map_point(vector_n: Array) -> NDArray[np.float32]:
     """[..., 2 or 3] of n as (east, south), for a map whose second axis points down the screen."""
-    return np.ascontiguousarray(np.stack([vector_n[..., 1], -vector_n[..., 0]], -1), np.float32)
+    return np.ascontiguousarray(np.stack([vector_n[..., EAST], -vector_n[..., NORTH]], -1), np.float32)
 
 
 def euler(quaternion_nb: Array) -> tuple[Array, Array, Array]:

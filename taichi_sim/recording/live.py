@@ -40,7 +40,7 @@ TIED = "{command} & child=$!; cat > /dev/null; kill -9 $child"
 
 
 class Live:
-    """A view that parts of episodes are shown in, one after the other.
+    """A live view that shows parts of episodes, one after the other.
 
         with Live("calm") as live:
             print(live.told)
@@ -113,13 +113,13 @@ class Live:
             self._stream = None  # what is to come would go on from what never came
 
     def begin(self, *, anew: bool = False) -> None:
-        """The next part is of another episode; `anew`: of other teams too, so that all is laid out again."""
+        """Announce that the next part belongs to another episode; `anew`: with other teams, so lay out again."""
         self._stream = None
         if anew:
             self.like, self._curves = None, {}
 
     def plot(self, name: str, values: Mapping[str, float], time_s: float, step: tuple[str, int]) -> None:
-        """A point of each line in the plot `name`, at `time_s` and at a number of something, as ("iteration", 3)."""
+        """Add a point to each line of the plot `name`, at `time_s` and at a count such as ("iteration", 3)."""
         lines = self._curves.setdefault(name, tuple(values))
         path = f"plots/{CURVES}/{name}"
         clock = [rr.TimeColumn("sim_time", duration=[time_s]), rr.TimeColumn(step[0], sequence=[step[1]])]
@@ -130,13 +130,13 @@ class Live:
         self._outbox.end(0.0)
 
     def _clear(self, time_s: float) -> None:
-        """Nothing of an episode before is to be seen from here on."""
+        """Clear all entities of the episode before."""
         clock = {"sim_time": np.timedelta64(round(time_s * 1e9) - 1, "ns")}
         for root in ROOTS:
             self._outbox.call(_log_at, self._rec, clock, root, rr.Clear(recursive=True))
 
     def close(self) -> None:
-        """End the server; viewers keep what they have."""
+        """End the server; viewers keep their data."""
         if self._outbox.close():
             self._rec.disconnect()
         assert self._server.stdin is not None
@@ -147,7 +147,7 @@ class Live:
 
 
 class _Outbox:
-    """Takes the place of a recording stream: what is logged is sent later, from a thread, a whole part or nothing."""
+    """Stands in for a recording stream: a thread sends what is logged later, a whole part or nothing."""
 
     def __init__(self, rec: rr.RecordingStream) -> None:
         self._rec = rec
@@ -161,7 +161,7 @@ class _Outbox:
         self._calls = []
 
     def call(self, function: Any, *args: Any, **kwargs: Any) -> None:
-        """Do this when its turn comes."""
+        """Queue a call."""
         self._calls.append((function, args, kwargs))
 
     def log(self, *args: Any, **kwargs: Any) -> None:
@@ -173,7 +173,7 @@ class _Outbox:
         self.call(self._rec.send_columns, *args, **kwargs)
 
     def end(self, at: float) -> bool:
-        """The part is to be sent at `at`; False if too many wait already, so that it is dropped."""
+        """Schedule the part for `at`; False if too many wait already, so that it is dropped."""
         try:
             self._parts.put_nowait((at, self._calls))
         except queue.Full:
@@ -188,7 +188,7 @@ class _Outbox:
                 function(*args, **kwargs)
 
     def close(self) -> bool:
-        """Send what waits, if that does not take long; whether all was sent."""
+        """Send what waits, if that does not take long; return whether all was sent."""
         with contextlib.suppress(queue.Full):
             self._parts.put_nowait(None)
         self._thread.join(ENDS_S)
@@ -214,7 +214,7 @@ def _log_at(rec: rr.RecordingStream, clock: Mapping[str, Any], path: str, thing:
 
 
 def refuse_used(port: int) -> None:
-    """Refuse a port that something listens at.
+    """Refuse a port that is in use.
 
     Raises:
         OSError: naming the port.
@@ -232,7 +232,7 @@ def refuse_used(port: int) -> None:
 
 
 def program() -> str:
-    """rerun's program, which came with the package."""
+    """Path of rerun's program, which comes with its package."""
     import rerun_cli
 
     folder = Path(str(rerun_cli.__file__)).parent
@@ -244,7 +244,7 @@ def program() -> str:
 
 
 def _tied(command: Sequence[str]) -> subprocess.Popen:
-    """Run a command that ends with this process, and not by a Ctrl-C that is for this process."""
+    """Run a command that ends with this process and ignores its Ctrl-C."""
     return subprocess.Popen(
         ["sh", "-c", TIED.format(command=shlex.join(command))], stdin=subprocess.PIPE, stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL, start_new_session=True, env=os.environ | QUIET,

@@ -1,4 +1,4 @@
-"""What a vehicle model (taichi_sim/vehicle.py) says of itself to a recording: surface, loads, instruments."""
+"""What a vehicle model (taichi_sim/vehicle.py) provides for a recording: surface, loads, instruments."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from taichi_sim.vehicle import Vehicle
 
 
 def columns_of(model: Vehicle) -> int:
-    """How many columns of the auxiliary state the model has named."""
+    """Number of named columns of the model's auxiliary state."""
     return len(model.aux_names)
 
 
@@ -23,14 +23,14 @@ def airframe_of(model: Vehicle) -> Airframe | None:
 
 
 def air_of(model: Vehicle, aux: Array) -> Array | None:
-    """[T, V, 3] velocity of the air met (m/s, n) out of the named columns `aux` [T, V, n], or None."""
+    """Velocity of the air met [T, V, 3] (m/s, n) from the named columns `aux` [T, V, n], or None."""
     if model.air is None:
         return None
     return np.stack([_column(model, aux, column) for column in model.air], axis=-1)
 
 
 def forces_of(model: Vehicle, aux: Array) -> dict[str, Force]:
-    """Forces (N) out of the named columns `aux` [T, V, n]."""
+    """Forces (N) from the named columns `aux` [T, V, n]."""
     return {
         name: Force(origin, np.stack([_column(model, aux, column) for column in columns], axis=-1))
         for name, (origin, columns) in model.forces.items()
@@ -38,7 +38,7 @@ def forces_of(model: Vehicle, aux: Array) -> dict[str, Force]:
 
 
 def signals_of(model: Vehicle, aux: Array) -> dict[str, Signal]:
-    """Plots out of the named columns `aux` [T, V, n]."""
+    """Plots from the named columns `aux` [T, V, n]."""
     return {
         name: Signal(columns, unit, np.stack([_column(model, aux, column) for column in columns], axis=-1))
         for name, (unit, columns) in model.signals.items()

@@ -1,4 +1,4 @@
-"""What a mission draws and plots beside the vehicles: lanes, contacts, safety domains, risks.
+"""Overlays of a mission, drawn and plotted beside the vehicles: lanes, contacts, safety domains, risks.
 
 Every geometric overlay holds arrays [F, N, ...]: N things in F frames, where F is 1 for what stands still or T, a frame
 for each step of the episode. A row with NaN is not drawn in that frame, so that N is the most there ever are. Positions
@@ -21,7 +21,7 @@ Where = Literal["world", "map", "both"]
 
 @dataclass(frozen=True, kw_only=True)
 class Geometry:
-    """What all things in space have."""
+    """Attributes common to all overlays in space."""
 
     name: str
     colour: Colour

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 import rerun as rr
 
+from taichi_sim.conventions import HEADING
 from taichi_sim.recording.episode import Array, Episode, TeamTrack
 from taichi_sim.recording.frames import euler
 from taichi_sim.recording.palette import FOLLOWERS, TARGET, Colour
@@ -23,7 +24,7 @@ def send_plot(stream: Stream, path: str, values: Array, names: list[str], colour
 
 
 def as_shown(lines: Sequence[str], unit: str) -> tuple[list[str], float]:
-    """Names of lines with the unit in which they are plotted, and the factor to it from SI."""
+    """Line names with the unit in which they are plotted, and the factor from SI to it."""
     unit, factor = DEGREES.get(unit, (unit, 1.0))
     names = [line.replace("_", " ") for line in lines]
     return [f"{name} ({unit})" for name in names] if unit else names, factor
@@ -54,13 +55,13 @@ def send_plots(stream: Stream, episode: Episode, team: TeamTrack) -> None:
 
 
 def _shades(colour: Colour, lines: int) -> list[Colour]:
-    """Colours of the lines of a vehicle that is of `colour`."""
+    """Colours of the lines of a vehicle of that `colour`."""
     shades = [colour, *(shade for shade in FOLLOWERS if shade != colour)]
     return [shades[line % len(shades)] for line in range(lines)]
 
 
 def error_plots(team: TeamTrack) -> dict[str, slice]:
-    """Plots of the team's errors -> of which vehicles: those of a formation's leader and followers differ in size."""
+    """Plots of the team's errors and their vehicles; a leader's errors differ in size from followers'."""
     if team.error_m is None:
         return {}
     if team.slot_n is None or team.vehicles == 1:
@@ -70,7 +71,7 @@ def error_plots(team: TeamTrack) -> dict[str, slice]:
 
 def _headings(stream: Stream, team: TeamTrack) -> dict[str, Array]:
     """Heading of the first vehicle, and the course of its target, deg, without jumps by 360."""
-    heading = np.degrees(euler(team.quaternion_nb[:, 0])[2])
+    heading = np.degrees(euler(team.quaternion_nb[:, 0])[HEADING])
     if team.target_course is None:
         return {"heading (deg)": _unwrapped(stream, team, heading)}
     course = _unwrapped(stream, team, np.degrees(team.target_course))
@@ -79,7 +80,7 @@ def _headings(stream: Stream, team: TeamTrack) -> dict[str, Array]:
 
 
 def _unwrapped(stream: Stream, team: TeamTrack, angle: Array) -> Array:
-    """Angles [T] (deg) without jumps by 360, on from the part before."""
+    """Angles [T] (deg) without jumps by 360, continuing the part before."""
     key = f"plots/heading/{team.name}"
     begin = stream.memory.get(key, angle[0])
     on = np.unwrap(np.append(begin, angle), period=360.0)[1:]
@@ -109,5 +110,5 @@ def vehicle_plots(team: TeamTrack, vehicle: int) -> dict[str, tuple[list[str], A
 
 
 def signal_path(team: TeamTrack, name: str) -> str:
-    """Where the plot `name` of a team's signals is filed."""
+    """Entity path of the plot `name` of a team's signals."""
     return f"signal/{team.name}/{name.replace(' ', '_')}"

@@ -1,4 +1,4 @@
-"""A world's motion, kept frame by frame: of one environment, all teams, and what the models say of themselves."""
+"""Records a world's motion frame by frame: one environment, all teams, and what the models report."""
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -9,7 +9,7 @@ import torch
 from numpy.typing import NDArray
 
 from taichi_sim.config.io import toml_text
-from taichi_sim.conventions import FREEBOARD, NO_DECK
+from taichi_sim.conventions import EAST, FREEBOARD, NO_DECK, NORTH
 from taichi_sim.fleet import Fleet
 from taichi_sim.recording.episode import Array, Elevation, Episode, Event, Scene, Signal, TeamTrack
 from taichi_sim.recording.model import air_of, airframe_of, body_of, columns_of, forces_of, signals_of
@@ -19,7 +19,7 @@ from taichi_sim.world import World
 
 
 class Recorder:
-    """Keeps environment `env` of a world, a frame at each `add`, and makes an `Episode` of it.
+    """Records environment `env` of a world, one frame for each `add`, and makes an `Episode` of it.
 
         recorder = Recorder(world)
         for _ in range(600):
@@ -30,7 +30,7 @@ class Recorder:
     """
 
     def __init__(self, world: World, env: int = 0, after: float = 0.0) -> None:
-        """Begin a recording, whose clock says `after` (s) by now.
+        """Begin a recording whose clock shows `after` (s) now.
 
         Raises:
             ValueError: if there is no such environment.
@@ -45,11 +45,11 @@ class Recorder:
         self._rows: dict[str, list[dict[str, Array]]] = {name: [] for name in world.teams}
 
     def __len__(self) -> int:
-        """Frames so far."""
+        """Number of frames."""
         return len(self._time)
 
     def add(self, actions: Mapping[str, torch.Tensor] | None = None) -> None:
-        """Keep a frame: the world as it is now, and `actions` (team -> [env, vehicle, action]) that led there.
+        """Add a frame: the world now, and the `actions` (team -> [env, vehicle, action]) that led there.
 
         Raises:
             ValueError: if the world's clock does not go on, or its sea is another: an episode was begun anew, which
@@ -73,7 +73,7 @@ class Recorder:
             "quaternion_nb": team.quaternion_nb[self.env],
             "velocity_n": team.velocity_n[self.env],
             "angular_velocity_b": team.angular_velocity_b[self.env],
-            "wave_height": self.world.elevation(env, place[..., 0], place[..., 1])[0],
+            "wave_height": self.world.elevation(env, place[..., NORTH], place[..., EAST])[0],
             "aux": team.aux[self.env, :, : columns_of(team.model)],
             "freeboard": team.surface[self.env, :, FREEBOARD],
         }
@@ -88,15 +88,15 @@ class Recorder:
 
     @property
     def time_s(self) -> Array:
-        """[T] of the frames so far."""
+        """Times of the frames [T]."""
         return np.array(self._time)
 
     def aux(self, team: str) -> Array:
-        """[T, V, n] the columns of a team's auxiliary state that its model has named."""
+        """Named columns of a team's auxiliary state [T, V, n]."""
         return np.stack([row["aux"] for row in self._rows[team]])
 
     def track(self, name: str, **mission: Any) -> TeamTrack:
-        """One team so far; `mission` is what else of a TeamTrack there is: targets, slots, errors, rewards."""
+        """TeamTrack of one team; `mission` gives its other fields: targets, slots, errors, rewards."""
         model, rows = self.world.teams[name].model, self._rows[name]
         keys = ("position_n", "quaternion_nb", "velocity_n", "angular_velocity_b", "wave_height")
         aux, freeboard = self.aux(name), np.stack([row["freeboard"] for row in rows])
@@ -128,7 +128,7 @@ class Recorder:
         config_text: str | None = None,
         like: Episode | None = None,
     ) -> Episode:
-        """All frames so far. What belongs to a mission comes from outside; a bare world has none of it.
+        """Episode of all frames; a mission passes its own parts, which a bare world lacks.
 
         Args:
             name: default the scenario's.
@@ -165,14 +165,14 @@ class Recorder:
         )
 
     def part(self, **parts: Any) -> Episode:
-        """An episode of the frames since the last part, which are forgotten; see `episode`."""
+        """Episode of the frames since the last part, which are then forgotten; see `episode`."""
         part = self.episode(**parts)
         self._time, self._flows = [], []
         self._rows = {name: [] for name in self._rows}
         return part
 
     def _elevation(self) -> Elevation:
-        """Of the environment's sea, by the time of the recording; waves are moved on once for all points of a time."""
+        """Elevation function of the environment's sea on the recording's clock; it advances waves once per time."""
         sea, begin = self.world.sea, self._begin
         like, env_sea = self.world.time, torch.tensor([self._sea], dtype=torch.int32, device=self.world.time.device)
 

@@ -15,7 +15,7 @@ APPLICATION = "taichi_sim"
 
 
 def write_recording(episode: Episode, path: Path) -> Path:
-    """Write `episode` to `path`; an old file there stays until the new one is whole.
+    """Write `episode` to `path`; an old file stays until the new one is complete.
 
     Raises OSError, with the operating system's reason, where the disk or the folder cannot take it.
     """
@@ -34,7 +34,7 @@ def write_recording(episode: Episode, path: Path) -> Path:
 
 
 def _write(episode: Episode, part: Path) -> None:
-    """Fill `part`, by way of memory: rerun's own writing to a file waits for ever where a disk fills up meanwhile."""
+    """Fill the temporary file `part` from memory: rerun itself would wait forever on a disk that fills up."""
     recording = uuid.uuid4()
     # a viewer keeps one layout for each application: under one name, an episode would open in that of another
     application = f"{APPLICATION} {episode.name} {recording.hex[:6]}"

@@ -22,7 +22,7 @@ RINGS = 2
 
 @dataclass(frozen=True)
 class SeaGrid:
-    """The patch's cells: those of the coarse square, and the finer ones that take the place of its middle."""
+    """Cells of the patch: a coarse square, in which finer cells replace the middle."""
 
     cells: int  # coarse ones per side
     cell: float  # m, side of a coarse cell
@@ -59,7 +59,7 @@ class SeaGrid:
 
     @property
     def shown(self) -> NDArray[np.bool_]:
-        """[(cells + 1)^2] coarse points that are in the mesh: all but those in the finer square."""
+        """Mask [(cells + 1)^2] of the coarse points in the mesh: all but those in the finer square."""
         shown = np.ones((self.cells + 1, self.cells + 1), dtype=bool)
         if self.parts > 1:
             shown[self._edge : self.cells - self._edge + 1, self._edge : self.cells - self._edge + 1] = False

@@ -1,4 +1,4 @@
-"""The colours of the sea: light baked into its points, and how it fades into the horizon."""
+"""Colours of the sea: light baked into its points, fading towards the horizon."""
 
 import numpy as np
 

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from taichi_sim.conventions import HORIZONTAL
 from taichi_sim.recording.episode import Array, Episode, TeamTrack
 from taichi_sim.recording.sea_grid import FADE, SeaGrid
 from taichi_sim.recording.sea_light import light, patch_colours
@@ -32,7 +33,7 @@ SLACK = 1.0  # cells that a team may leave the middle of its patch before this m
 
 
 class Cadence(NamedTuple):
-    """Which steps have a frame: every `stride`-th; and every `whole`-th frame all that is water is looked at."""
+    """Steps that have a frame: every `stride`-th; every `whole`-th frame updates all the water."""
 
     stride: int
     whole: int
@@ -45,7 +46,7 @@ class Cadence(NamedTuple):
         return cls(stride, 2 if stride * step < 0.75 * ALOFT_S else 1)
 
     def steps(self, stream: Stream) -> NDArray[np.int64]:
-        """Steps of the stream's part that have a frame."""
+        """Steps of the part that have a frame."""
         return np.arange(-stream.first % self.stride, len(stream.ns), self.stride)
 
     def is_whole(self, stream: Stream, step: int) -> bool:
@@ -55,7 +56,7 @@ class Cadence(NamedTuple):
 
 @dataclass(frozen=True)
 class SeaFrames:
-    """Some frames of the patch."""
+    """Consecutive frames of the patch."""
 
     index: NDArray[np.int64]  # [F] step of each frame
     origin_enu: NDArray[np.float32]  # [F, 3] m, the patch's origin, on whole cells, far below
@@ -71,7 +72,7 @@ def bias(height: float) -> float:
 
 
 def patch_of(episode: Episode) -> dict[str, str]:
-    """Team -> the team whose patch of sea its view shows.
+    """The team whose patch of sea each team's view shows.
 
     Boats that leave the patches of the teams before them have their own; aircraft see that of the first boats.
     """
@@ -84,7 +85,7 @@ def patch_of(episode: Episode) -> dict[str, str]:
 
 
 def _stays_on_patch(team: TeamTrack, lead: TeamTrack) -> bool:
-    """Whether the first of `team` is all the time within the patch of `lead`."""
+    """Whether the first vehicle of `team` stays within the patch of `lead`."""
     grid = SeaGrid.of(lead)
     away = np.abs(team.position_n[:, 0, :2] - _middle(lead)).max()
     return bool(away <= INSIDE * grid.half_m)
@@ -94,11 +95,11 @@ def _middle(team: TeamTrack) -> Array:
     """[T, 2] north, east (m): between the first and the middle of all, for followers mostly trail."""
     places = team.places_n[:, team.company]
     middle = team.position_n[:, 0] + 0.5 * (places.mean(axis=1) - places[:, 0])
-    return np.asarray(middle[:, :2], dtype=np.float64)
+    return np.asarray(middle[:, HORIZONTAL], dtype=np.float64)
 
 
 class SeaPatch:
-    """The patch that follows a team, as it was drawn last."""
+    """The patch that follows a team, as last drawn."""
 
     def __init__(self, episode: Episode, team: TeamTrack) -> None:
         """Of the team `team` of an episode, or of its first part."""

@@ -6,6 +6,7 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
+from taichi_sim.conventions import DOWN, HORIZONTAL
 from taichi_sim.recording.episode import Array, Episode
 from taichi_sim.recording.frames import enu, map_point
 from taichi_sim.recording.overlays import Note
@@ -29,14 +30,14 @@ def line_lift(episode: Episode) -> float:
 def _flight_height(episode: Episode) -> float:
     """Height (m) of the track of those whom the sea patch follows."""
     track = episode.scene.tracks_n.get(episode.afloat.name)
-    return 0.0 if track is None else -float(np.mean(track[:, 2]))
+    return 0.0 if track is None else -float(np.mean(track[:, DOWN]))
 
 
 def map_bounds(episode: Episode) -> tuple[Array, Array]:
     """South-west and north-east corner [2] (north, east, m) of what the map shows."""
     episode = episode.whole
-    tracks = [track[:, :2] for track in episode.scene.tracks_n.values()]
-    ways = [team.position_n[..., :2].reshape(-1, 2) for team in episode.teams.values()]
+    tracks = [track[:, HORIZONTAL] for track in episode.scene.tracks_n.values()]
+    ways = [team.position_n[..., HORIZONTAL].reshape(-1, 2) for team in episode.teams.values()]
     places = np.concatenate([*tracks, *ways])
     low, high = np.nanmin(places, axis=0), np.nanmax(places, axis=0)
     margin = min(MAP_MARGIN_M, MAP_LEAST_M + float(np.max(high - low)))

@@ -9,6 +9,7 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
+from taichi_sim.conventions import EAST, NORTH
 from taichi_sim.recording.episode import Array, Episode, TeamTrack
 from taichi_sim.recording.frames import enu
 from taichi_sim.recording.palette import TARGET, WATER
@@ -33,7 +34,7 @@ def surface(episode: Episode, place_n: Array, index: NDArray[np.int64]) -> Array
     if not len(index):
         return np.zeros(place_n.shape[:-1])
     steps = zip(np.asarray(place_n, dtype=np.float64), np.asarray(episode.time_s)[index], strict=True)
-    return np.stack([episode.elevation(at[..., 0], at[..., 1], float(time)) for at, time in steps])
+    return np.stack([episode.elevation(at[..., NORTH], at[..., EAST], float(time)) for at, time in steps])
 
 
 def jumps(stream: Stream, team: TeamTrack) -> NDArray[np.bool_]:
@@ -128,7 +129,7 @@ def _draw(episode: Episode, team: TeamTrack, way: _Way, points: NDArray[np.int64
     the more the farther they are behind.
     """
     place = way.place[points]
-    up = np.asarray(episode.elevation(place[..., 0], place[..., 1], now), dtype=np.float64)
+    up = np.asarray(episode.elevation(place[..., NORTH], place[..., EAST], now), dtype=np.float64)
     off = np.clip(OFF * (np.linalg.norm(place - place[-1], axis=-1) - team.size_m[0]), 0.0, WAKE_OFF)
     up = _rounded(up + ABOVE_WATER * team.size_m[0] + off)
     stays = np.abs(up - way.up[points]) <= off  # never where there was no height yet

@@ -19,6 +19,10 @@ NEWTON_ITERATIONS = 12  # queries are exact to rounding for seas, and for one wa
 TWO_PI = 2 * math.pi
 PHASE, ELEVATION = 5.0, 100.0  # ns of one component, about: reduced, and inverted
 SURFACE_COLUMNS, COLUMN_COLUMNS, AIRY_COLUMNS = 12, 7, 4
+# columns of `surface`: elevation, label, Jacobian, slope, velocity, acceleration
+HEIGHT, LABEL, JACOBIAN, SLOPE, VELOCITY, ACCELERATION = 0, slice(1, 3), 3, slice(4, 6), slice(6, 9), slice(9, 12)
+COLUMN_PRESSURE, COLUMN_VELOCITY, COLUMN_ACCELERATION = 0, slice(1, 4), slice(4, 7)  # of `column`
+AIRY_VELOCITY, AIRY_PRESSURE = slice(0, 3), 3  # of `airy`
 
 
 @ti.kernel

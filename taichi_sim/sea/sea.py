@@ -195,16 +195,16 @@ class Sea:
         points, env_sea, time64, shape = self._points((north, east), time, sea)
         raw = self.table.new_empty((points.shape[0], queries.SURFACE_COLUMNS))
         queries.surface(raw, points, self.phases(env_sea, time64), self.table, env_sea, self.num_components)
-        slope = raw[:, 4:6]
+        slope = raw[:, queries.SLOPE]
         normal = torch.cat((-slope, -torch.ones_like(slope[:, :1])), dim=1)
         normal = normal / normal.norm(dim=1, keepdim=True)
         return Surface(
-            raw[:, 0].reshape(shape),
+            raw[:, queries.HEIGHT].reshape(shape),
             normal.reshape(*shape, 3),
-            raw[:, 6:9].reshape(*shape, 3),
-            raw[:, 1:3].reshape(*shape, 2),
-            raw[:, 3].reshape(shape),
-            raw[:, 9:12].reshape(*shape, 3),
+            raw[:, queries.VELOCITY].reshape(*shape, 3),
+            raw[:, queries.LABEL].reshape(*shape, 2),
+            raw[:, queries.JACOBIAN].reshape(shape),
+            raw[:, queries.ACCELERATION].reshape(*shape, 3),
         )
 
     def elevation(self, north, east, time=0.0, sea=0) -> torch.Tensor:
@@ -244,7 +244,8 @@ class Sea:
         points, env_sea, time64, shape = self._points((north, east, down), time, 0)
         raw = self.table.new_empty((points.shape[0], queries.AIRY_COLUMNS))
         queries.airy(raw, points, self.phases(env_sea, time64), self.table, self.kernel_depth, self.num_components)
-        return raw[:, :3].reshape(*shape, 3), RHO_SEA * raw[:, 3].reshape(shape)
+        velocity, pressure = raw[:, queries.AIRY_VELOCITY], raw[:, queries.AIRY_PRESSURE]
+        return velocity.reshape(*shape, 3), RHO_SEA * pressure.reshape(shape)
 
     def pressure(self, north, east, down, time, sea=0) -> torch.Tensor:
         """Gauge pressure (Pa) [...], hydrostatic and dynamic; 0 at the instantaneous surface and above it.
@@ -253,7 +254,7 @@ class Sea:
         Stretched linear theory (water_column.py); below the bottom the pressure goes on hydrostatically.
         """
         raw, shape = self._column(north, east, down, time, sea)
-        return RHO_SEA * GRAVITY * raw[:, 0].reshape(shape)
+        return RHO_SEA * GRAVITY * raw[:, queries.COLUMN_PRESSURE].reshape(shape)
 
     def kinematics(self, north, east, down, time, sea=0) -> Kinematics:
         """Orbital velocity and acceleration of the water, from the instantaneous surface to the bottom.
@@ -261,7 +262,8 @@ class Sea:
         Arguments as of `pressure`. At the surface they are those of the surface particle, above it too.
         """
         raw, shape = self._column(north, east, down, time, sea)
-        return Kinematics(raw[:, 1:4].reshape(*shape, 3), raw[:, 4:7].reshape(*shape, 3))
+        velocity, acceleration = raw[:, queries.COLUMN_VELOCITY], raw[:, queries.COLUMN_ACCELERATION]
+        return Kinematics(velocity.reshape(*shape, 3), acceleration.reshape(*shape, 3))
 
     @property
     def kernel_depth(self) -> float:

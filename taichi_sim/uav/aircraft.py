@@ -1,11 +1,16 @@
 """What every aircraft has in common: how it may end, whatever its mission."""
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 from torch import Tensor
 
+from taichi_sim.conventions import DOWN
+from taichi_sim.fleet import Fleet
 from taichi_sim.kinematics import WING_TILT
 from taichi_sim.vehicle import Vehicle
+
+if TYPE_CHECKING:
+    from taichi_sim.world import World
 
 LARGEST_STALL = 3.0  # s beyond the stall angle: a stall that is not recovered by then is an end; assumed
 STALL_TIME = "stall_time"  # the instrument that counts it
@@ -17,11 +22,11 @@ class Aircraft(Vehicle):
     medium = "air"
     ending_names = ("crashed", "stalled")
 
-    def endings(self, fleet: Any, world: Any) -> dict[str, Tensor]:
+    def endings(self, fleet: Fleet, world: "World") -> dict[str, Tensor]:
         """Crashed: the lower wing tip, or the middle where that is lower, has met the water, a crest included. Stalled:
         for longer than `LARGEST_STALL`.
         """
-        height = -fleet.state[..., 2] - 0.5 * self.size[1] * fleet.derived[..., WING_TILT].abs()
+        height = -fleet.state[..., DOWN] - 0.5 * self.size[1] * fleet.derived[..., WING_TILT].abs()
         stalled = fleet.never
         if STALL_TIME in self.aux_names:
             stalled = fleet.reading(STALL_TIME) > LARGEST_STALL

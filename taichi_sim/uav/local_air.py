@@ -25,7 +25,7 @@ from taichi_sim.air.gusts import Gust, gust_velocity
 from taichi_sim.air.turbulence import dryden_advance, dryden_filter, dryden_output, dryden_sigma, gust_n
 from taichi_sim.air.wind import Profile, mean_wind_factor, wind_factor
 from taichi_sim.config import AirConfig
-from taichi_sim.conventions import POSITION
+from taichi_sim.conventions import DOWN
 from taichi_sim.maths.random import TURBULENCE, normal6
 from taichi_sim.surroundings import Surroundings
 
@@ -63,7 +63,7 @@ def wind_at(state: Tensor, around: Surroundings) -> Tensor:
     here = around.wind.to(state).unsqueeze(1).expand(*state.shape[:2], 3)
     if around.air is None:
         return here
-    height = (-state[..., POSITION][..., 2]).double().cpu().numpy()
+    height = (-state[..., DOWN]).double().cpu().numpy()
     factor = wind_factor(around.air.profile, around.air.shear, height)
     return here * torch.from_numpy(factor).to(state).unsqueeze(-1)
 

@@ -29,6 +29,7 @@ from torch import Tensor
 
 from taichi_sim.config import NonNegative, Positive, Strict
 from taichi_sim.conventions import QUATERNION
+from taichi_sim.fleet import Fleet
 from taichi_sim.kinematics import store
 from taichi_sim.maths import fast
 from taichi_sim.maths.rotation import (
@@ -137,7 +138,7 @@ class UnityAircraft(Aircraft):
         aux[..., INCREMENT : INCREMENT + 3] = 0.0
         aux[..., ANGLE : ANGLE + 3] = torch_euler_from_quaternion(state[..., QUATERNION])
 
-    def step(self, fleet: Any, around: Surroundings) -> None:
+    def step(self, fleet: Fleet, around: Surroundings) -> None:
         """Advance one control step."""
         fleet.launch(self._step, fleet.pack, self.build(fleet, around))
 

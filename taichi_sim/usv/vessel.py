@@ -1,15 +1,18 @@
 """What every vessel has in common: how it may end, whatever its mission."""
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from torch import Tensor
 
-from taichi_sim.conventions import ELEVATION
+from taichi_sim.conventions import DOWN, ELEVATION
 from taichi_sim.fleet import Fleet
 from taichi_sim.kinematics import UPRIGHT
 from taichi_sim.vehicle import Vehicle
+
+if TYPE_CHECKING:
+    from taichi_sim.world import World
 
 Number = float | Tensor
 """A number of a vehicle file, or of each vehicle, float64."""
@@ -38,11 +41,11 @@ class Vessel(Vehicle):
         """Lowest height of the deck above the origin, m; infinite of a vessel that cannot be swamped."""
         return math.inf
 
-    def endings(self, fleet: Fleet, world: Any) -> dict[str, Tensor]:
+    def endings(self, fleet: Fleet, world: "World") -> dict[str, Tensor]:
         """Capsized: tilted past the angle of vanishing stability. Swamped: the mean surface under the hull stands above
         the deck. Grounded: the keel reaches the bottom.
         """
-        depth, down = world.config.sea.depth, fleet.state[..., 2]
+        depth, down = world.config.sea.depth, fleet.state[..., DOWN]
         swamped, grounded = fleet.never, fleet.never
         if math.isfinite(self.deck_height):
             swamped = down + fleet.surface[..., ELEVATION] > self.deck_height

@@ -1,16 +1,10 @@
 """The command that prints an aircraft's trims, modes and V-n diagram."""
 
-import sys
-from pathlib import Path
-
 import pytest
 
 from taichi_sim.conventions import GRAVITY
 from taichi_sim.uav.fixed_wing.trim import TrimError, trim
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "tools"))
-
-import aircraft  # noqa: E402
+from tools import aircraft
 
 pytestmark = pytest.mark.usefixtures("f64")
 

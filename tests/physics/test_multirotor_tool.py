@@ -1,8 +1,5 @@
 """The command that prints a multirotor's hover, trims, modes and loops; a recording of one; its surface."""
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 import torch
@@ -15,10 +12,7 @@ from taichi_sim.recording.episode import Body
 from taichi_sim.recording.meshes import KEEL
 from taichi_sim.vehicles import load_vehicle
 from taichi_sim.world import World
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "tools"))
-
-import aircraft  # noqa: E402
+from tools import aircraft
 
 pytestmark = pytest.mark.usefixtures("f64")
 GREY = (128, 128, 128)

@@ -1,6 +1,7 @@
 """This checkout against another one: both are measured in alternation, and what counts is the median of the ratios."""
 
 import json
+import os
 import statistics
 import subprocess
 import sys
@@ -20,7 +21,11 @@ class Worker:
     def __init__(self, checkout: Path, groups: Sequence[str], sizes: Sequence[int]):
         """Start it and let it build its cases."""
         command = [sys.executable, str(WORKER), str(checkout), ",".join(groups), ",".join(map(str, sizes))]
-        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        places = checkout, checkout / "tools", *filter(None, [os.environ.get("PYTHONPATH")])
+        environment = os.environ | {"PYTHONPATH": os.pathsep.join(map(str, places))}
+        self._process = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment
+        )
         self.checkout, self.cases = checkout, self.ask("cases")
 
     def ask(self, order: str) -> Any:

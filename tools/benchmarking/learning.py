@@ -15,7 +15,8 @@ import time
 from pathlib import Path
 from typing import Any
 
-ROOT = Path(__file__).resolve().parents[2]
+import taichi_sim  # noqa: F401  (makes rl, tools and tests importable from any folder)
+
 WARM_UP = 3  # iterations
 INFERENCE, ENVIRONMENT, RETURNS, UPDATE, TALK = "inference", "environment", "returns", "update", "synchronisation"
 
@@ -56,12 +57,12 @@ def train(config: Any, envs: int, iterations: int) -> dict[str, Any]:
     """
     import torch.distributed as dist
 
-    from benchmarking.mission import first_stage
-    from benchmarking.parts import Stopwatch
     from rl import processes
     from rl.learn.env import MissionEnv
     from rl.learn.runner import StageRunner
     from rl.missions import make_mission
+    from tools.benchmarking.mission import first_stage
+    from tools.benchmarking.parts import Stopwatch
 
     stage = first_stage(config).model_copy(update={"num_envs": envs, "checkpoint_interval": 10**6})
     own, rank = processes.of_each(envs), processes.here().rank
@@ -107,7 +108,6 @@ def train(config: Any, envs: int, iterations: int) -> dict[str, Any]:
 
 def main() -> None:
     """Train, time, and tell."""
-    sys.path[:0] = [str(ROOT), str(ROOT / "tools")]
     from rl import cli, processes
     from rl.missions import load_scenario
 

@@ -7,13 +7,13 @@ import torch
 from rsl_rl.models import MLPModel
 from tensordict import TensorDict
 
-from benchmarking.timing import Case
 from rl.learn.env import MissionEnv
 from rl.learn.policy import OBS_GROUPS, TrainedPolicy, actor_config
 from rl.learn.runner import StageRunner
 from rl.mission import Mission, Team
 from rl.missions import load_scenario, make_mission
 from rl.scenario import Scenario, StageConfig
+from tools.benchmarking.timing import Case
 
 ACTION_SPREAD = 0.2  # standard deviation of random actions about cruise
 ACTION_SETS = 8  # drawn beforehand and taken in turn, so that drawing is not timed

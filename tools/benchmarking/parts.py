@@ -7,9 +7,9 @@ from typing import Any
 
 from tqdm import tqdm
 
-from benchmarking.mission import begin_anywhere, random_decisions
 from rl.missions.formation.config import FormationScenario
 from rl.missions.formation.mission import Formation
+from tools.benchmarking.mission import begin_anywhere, random_decisions
 
 OTHER = "other"
 

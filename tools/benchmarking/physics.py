@@ -6,13 +6,13 @@ from typing import Any
 
 import torch
 
-from benchmarking.timing import Case
 from taichi_sim.bench import Bench
 from taichi_sim.config import AirConfig, WorldConfig
 from taichi_sim.config.io import read_toml
 from taichi_sim.usv.hull.hull_6dof import Hull6Dof
 from taichi_sim.vehicle import Vehicle
 from taichi_sim.vehicles import find_model, load_vehicle, shipped_vehicles
+from tools.benchmarking.timing import Case
 
 COMPONENTS = (16, 32)
 COUNT = 3  # vehicles in an environment

@@ -2,12 +2,13 @@
 
     python worker.py CHECKOUT GROUP[,GROUP ...] SIZE[,SIZE ...]
 
-Whatever is imported comes from CHECKOUT, its own benchmark cases too; this file alone is the measuring one's. It reads
-orders from stdin and answers each on a line of JSON: `cases` (the names), `warm INDEX SECONDS` (how many calls fill
-that time), `run INDEX CALLS` (seconds per call).
+It starts with CHECKOUT on PYTHONPATH, so that all it imports comes from there, the benchmark cases too; this file alone
+is the measuring checkout's. It reads orders from stdin and answers each on a line of JSON: `cases` (the names), `warm
+INDEX SECONDS` (how many calls fill that time), `run INDEX CALLS` (seconds per call).
 """
 
 import argparse
+import importlib
 import json
 import os
 import sys
@@ -41,10 +42,9 @@ def gymnasium_cases(kind: Any) -> list[Any]:
 
 def build(checkout: Path, groups: list[str], sizes: tuple[int, ...], folder: Path) -> list[Any]:
     """The cases of `groups` as `checkout` has them."""
-    sys.path[:0] = [str(checkout), str(checkout / "tools")]
-    import benchmark  # the checkout's
-
-    from benchmarking.timing import Case
+    base = "tools." if (checkout / "tools" / "__init__.py").is_file() else ""
+    benchmark = importlib.import_module(f"{base}benchmark")  # the checkout's
+    Case = importlib.import_module(f"{base}benchmarking.timing").Case  # noqa: N806
 
     benchmark.cli.start(argparse.Namespace(arch="cpu", threads=0))
     config = benchmark.load_scenario("paper", ())

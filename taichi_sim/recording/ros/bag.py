@@ -28,11 +28,11 @@ PACKAGES = ("rosbags", "mcap")
 
 
 class BagError(ValueError):
-    """A bag that cannot be written, with what to do about it."""
+    """A bag cannot be written; the message says what to do."""
 
 
 def check_bag(path: Path, *, folder: bool, origin: Origin = FJORD) -> None:
-    """Refuse what could not be written, before there is an episode to write.
+    """Refuse a path that cannot be written, before an episode is simulated.
 
     Raises:
         BagError: for a missing package, a place that there is not or that is taken, an origin that is nowhere.
@@ -53,7 +53,7 @@ def check_bag(path: Path, *, folder: bool, origin: Origin = FJORD) -> None:
 
 
 def write_mcap(episode: Episode, file: Path, *, origin: Origin = FJORD, show_progress: bool = False) -> Path:
-    """Write `episode` as an MCAP file, in the place of an old one.
+    """Write `episode` as an MCAP file; it replaces an old one.
 
     Raises:
         BagError: see `check_bag`. OSError: where the disk cannot take it.
@@ -132,7 +132,7 @@ def _serialised(
 
 
 def _qos(latched: bool) -> Any:
-    """Reliable; `latched` is what /tf_static needs, to be sent to who comes late."""
+    """Reliable quality of service; `latched`, for /tf_static, also reaches late subscribers."""
     from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 
     return Qos(
@@ -149,7 +149,7 @@ def _qos(latched: bool) -> Any:
 
 
 def _about(episode: Episode, origin: Origin) -> dict[str, str]:
-    """What a bag says of itself."""
+    """Metadata of a bag."""
     return {
         "episode": episode.name,
         "origin_latitude_deg": repr(float(origin.latitude)),
@@ -161,7 +161,7 @@ def _about(episode: Episode, origin: Origin) -> dict[str, str]:
 
 @contextmanager
 def _beside(path: Path) -> Iterator[Path]:
-    """A name beside `path` for a file or a folder to write, which is gone afterwards, whatever happens."""
+    """A temporary name beside `path`, removed afterwards in any case."""
     part = path.with_name(f".{path.name}.{uuid.uuid4().hex[:8]}.part")
     try:
         yield part

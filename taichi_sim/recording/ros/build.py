@@ -1,4 +1,4 @@
-"""Parts that several messages have, built as classes of a `rosbags` typestore."""
+"""Builds the common parts of messages as classes of a `rosbags` typestore."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -12,7 +12,7 @@ class Builder:
     """Builds messages; quaternions are (x, y, z, w)."""
 
     def __init__(self, typestore: Any):
-        """Of the types in `typestore` (rosbags.typesys)."""
+        """Use the types of `typestore` (rosbags.typesys)."""
         self._types = typestore.types
 
     def make(self, kind: str, *fields: Any) -> Any:

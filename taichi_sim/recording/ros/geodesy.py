@@ -28,7 +28,7 @@ STEPS = 3
 
 
 class Origin(NamedTuple):
-    """Where on the Earth the origin of the world is, at mean sea level."""
+    """Geodetic position of the world's origin, at mean sea level."""
 
     latitude: float  # deg, north
     longitude: float  # deg, east

@@ -22,7 +22,7 @@ class Messages:
     """The messages of an episode, frame by frame."""
 
     def __init__(self, episode: Episode, origin: Origin, build: Builder):
-        """Of `episode`, whose world's origin lies at `origin`.
+        """Take `episode`, whose world has its origin at `origin`.
 
         Raises:
             ValueError: if two topics would have one name.
@@ -40,7 +40,7 @@ class Messages:
         return [CLOCK, *fixed, TF, *(topic for team in self.teams for topic in team.topics)]
 
     def frame(self, step: int) -> Iterator[Sent]:
-        """What is sent in one frame."""
+        """Messages of one frame."""
         stamp, build = self.stamps[step], self.build
         time = build.time(stamp)
         yield Sent(CLOCK, stamp, build.make(CLOCK.type, time))
@@ -53,7 +53,7 @@ class Messages:
 
 
 class _Team:
-    """One team's part."""
+    """Messages of one team."""
 
     def __init__(self, team: TeamTrack, episode: Episode, origin: Origin, build: Builder):
         motion = motion_of(team, episode.time_s)
@@ -77,25 +77,25 @@ class _Team:
 
     @property
     def topics(self) -> list[Topic]:
-        """Of all its vehicles, and its target's."""
+        """Topics of all its vehicles and of its target."""
         own = [topic for topics in self.of_vehicles for topic in topics.values()]
         return own if self.target is None else [*own, self.target_topic]
 
     def fixed(self, time: Any) -> Iterator[Any]:
-        """Where its forces attack: frames in the bodies, which never move."""
+        """Static frames at the points where its forces attack."""
         for name in self.names:
             for arrow, (place, _) in self.arrows.items():
                 header = self.build.header(time, f"{name}/{BODY}")
                 yield self.build.transform(header, f"{name}/wrench/{arrow}", place, LEVEL)
 
     def moving(self, step: int, time: Any) -> Iterator[Any]:
-        """Where its vehicles are."""
+        """Transforms of its vehicles."""
         for vehicle, name in enumerate(self.names):
             header, child = self.build.header(time, MAP), f"{name}/{BODY}"
             yield self.build.transform(header, child, self.place[step][vehicle], self.turn[step][vehicle])
 
     def messages(self, step: int, time: Any) -> Iterator[tuple[Topic, Any]]:
-        """Of all its vehicles, and its target's."""
+        """Messages of all its vehicles and of its target."""
         world = self.build.header(time, MAP)
         for vehicle, topics in enumerate(self.of_vehicles):
             frame = f"{self.names[vehicle]}/{BODY}"

@@ -29,7 +29,7 @@ class Motion(NamedTuple):
 
 
 def motion_of(team: TeamTrack, time_s: Array) -> Motion:
-    """Of a team on the clock `time_s` [T]."""
+    """Motion of a team at times `time_s` [T]."""
     orientation = _continuous(enu_flu_quaternion(team.quaternion_nb))
     velocity = enu(team.velocity_n, np.float64)
     acceleration = _rate(velocity, time_s) + (0.0, 0.0, GRAVITY)
@@ -60,7 +60,7 @@ def into_body(orientation: Array, vector: Array) -> Array:
 
 
 def _continuous(orientation: Array) -> Array:
-    """The same turns [T, ..., 4], each by the quaternion that is nearer to the one before."""
+    """The same orientations [T, ..., 4], each with the sign nearer to the quaternion before."""
     along = (orientation[1:] * orientation[:-1]).sum(-1, keepdims=True)
     sign = np.cumprod(np.where(along < 0, -1.0, 1.0), axis=0)
     return np.concatenate([orientation[:1], sign * orientation[1:]])

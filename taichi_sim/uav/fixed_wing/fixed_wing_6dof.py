@@ -20,6 +20,7 @@ from torch import Tensor
 
 from taichi_sim.config import ConfigError
 from taichi_sim.conventions import GRAVITY, VELOCITY
+from taichi_sim.fleet import Fleet
 from taichi_sim.kinematics import store
 from taichi_sim.packs import AroundPack, Build, FleetPack, load_at, numbers_at
 from taichi_sim.surroundings import Surroundings
@@ -105,7 +106,7 @@ class FixedWing6DOF(Aircraft):
         radius = self.cruise.airspeed**2 / (GRAVITY * self.autopilot_limits.tan_bank)
         return Limits(self.autopilot_limits.speeds, radius)
 
-    def power(self, fleet: Any) -> Tensor | None:
+    def power(self, fleet: Fleet) -> Tensor | None:
         """Thrust times airspeed [env, vehicle], W, in the air and with the propeller of the vehicle file, times `gain`
         where that varies.
         """
@@ -161,12 +162,12 @@ class FixedWing6DOF(Aircraft):
 
     # -- moving ----------------------------------------------------------------------------------------------------
 
-    def build(self, fleet: Any, around: Surroundings) -> Build:
+    def build(self, fleet: Fleet, around: Surroundings) -> Build:
         """What the kernel is compiled for: the kind of air; the sea does not matter."""
         air = local_air.local_air(around.air, uneven=around.turbulence is not None)
         return Build(varied=fleet.varied, loaded=fleet.loaded, air=air, serial=fleet.few)
 
-    def step(self, fleet: Any, around: Surroundings) -> None:
+    def step(self, fleet: Fleet, around: Surroundings) -> None:
         """Advance one control step."""
         fleet.launch(self._step, fleet.pack, around.pack, self.build(fleet, around))
 

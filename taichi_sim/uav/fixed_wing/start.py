@@ -3,7 +3,7 @@
 import torch
 from torch import Tensor
 
-from taichi_sim.conventions import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
+from taichi_sim.conventions import ANGULAR_VELOCITY, DOWN, HEADING, POSITION, QUATERNION, VELOCITY
 from taichi_sim.maths.rotation import (
     torch_euler_from_quaternion,
     torch_quaternion_from_euler,
@@ -19,7 +19,7 @@ def trimmed(state: Tensor, at: Trim, around: Surroundings) -> Tensor:
     """States [n, vehicle, 13] at the positions and headings of `state`, otherwise in the straight flight `at`, in the
     mean wind there.
     """
-    heading = torch_euler_from_quaternion(state[..., QUATERNION])[..., 2]
+    heading = torch_euler_from_quaternion(state[..., QUATERNION])[..., HEADING]
     phi, theta = (torch.full_like(heading, angle) for angle in (at.phi, at.theta))
     q = torch_quaternion_from_euler(phi, theta, heading)
     new = torch.zeros_like(state)
@@ -42,7 +42,7 @@ def show(aux: Tensor, state: Tensor, around: Surroundings, delta: tuple[float, .
     aux[..., READINGS : READINGS + 3] = air_readings(state, wind)
     aux[..., WIND : WIND + 3] = wind
     aux[..., LOAD_FACTOR] = 1.0
-    aux[..., HEIGHT_DEMAND] = -state[..., POSITION][..., 2]
+    aux[..., HEIGHT_DEMAND] = -state[..., DOWN]
 
 
 def air_readings(state: Tensor, wind: Tensor) -> Tensor:

@@ -15,7 +15,7 @@ contact steps (landing.py). Far from decks, and in a world without any, nothing 
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import taichi as ti
@@ -25,7 +25,8 @@ from torch import Tensor
 from taichi_sim.config import ConfigError
 from taichi_sim.contact import carrier
 from taichi_sim.contact.touch import SOLE_SIZE
-from taichi_sim.conventions import AMPLITUDE, VELOCITY
+from taichi_sim.conventions import AMPLITUDE, DOWN, VELOCITY
+from taichi_sim.fleet import Fleet
 from taichi_sim.kinematics import UPRIGHT, store
 from taichi_sim.packs import AroundPack, Build, FleetPack, TouchPack, load_at, numbers_at
 from taichi_sim.sea import waves
@@ -47,6 +48,9 @@ from taichi_sim.uav.multirotor.numbers import multirotor_numbers, nominal_number
 from taichi_sim.uav.multirotor.params import MultirotorParams
 from taichi_sim.uav.multirotor.trim import TrimError, trim
 from taichi_sim.vehicle import Limits, Vehicle
+
+if TYPE_CHECKING:
+    from taichi_sim.world import World
 
 LONGEST_OUTSIDE = 3.0  # s where the model does not hold: longer is an end; assumed
 NEWTON_ITERATIONS = 5  # for the point of the sea below: exact to rounding for seas (waves.invert_label)
@@ -152,24 +156,24 @@ class Multirotor6DOF(Vehicle):
         """Hub, arms, rotors' discs and legs."""
         return body_surface(self.plan)
 
-    def power(self, fleet: Any) -> Tensor | None:
+    def power(self, fleet: Fleet) -> Tensor | None:
         """What the rotors take from their shafts [env, vehicle], W: torque times speed, thrust or none."""
         return fleet.reading("shaft_power")
 
-    def endings(self, fleet: Any, world: Any) -> dict[str, Tensor]:
+    def endings(self, fleet: Fleet, world: "World") -> dict[str, Tensor]:
         """Ditched: feet or rotors have met the water, a crest included. Struck: a rotor has met a deck. Outside the
         model: for longer than
         `LONGEST_OUTSIDE` upside down, faster than max_airspeed, or sinking through its own wake (docs/multirotor.md).
         """
         upright = fleet.derived[..., UPRIGHT].abs()
         side = 0.5 * max(self.size[:2]) * torch.sqrt((1.0 - upright.square()).clamp(min=0.0))
-        height = -fleet.state[..., 2] - self.plan.body.below * upright - side
+        height = -fleet.state[..., DOWN] - self.plan.body.below * upright - side
         outside = fleet.reading(at.OUTSIDE_TIME) > LONGEST_OUTSIDE
         struck = fleet.never if fleet.touch is None else fleet.touch.struck[..., 0] > 0
         ditched = height <= world.elevation_below(fleet, height)
         return {"ditched": ditched, "struck": struck, "outside_model": outside}
 
-    def soles(self, fleet: Any) -> Tensor:
+    def soles(self, fleet: Fleet) -> Tensor:
         """From the centre of gravity, each vehicle's own."""
         own = fleet.own
         cg = torch.stack([torch.as_tensor(x, dtype=torch.float64) for x in (own.cg_0, own.cg_1, own.cg_2)], dim=-1)
@@ -197,14 +201,14 @@ class Multirotor6DOF(Vehicle):
 
     # -- moving ----------------------------------------------------------------------------------------------------
 
-    def build(self, fleet: Any, around: Surroundings) -> Build:
+    def build(self, fleet: Fleet, around: Surroundings) -> Build:
         """What the kernel is compiled for: the kind of air; the sea where there is a ground effect over it."""
         air = local_air.local_air(around.air, uneven=around.turbulence is not None)
         components = around.sea.shape[2] if self.p.ground_effect else 1
         decked = fleet.touch is not None
         return Build(components, varied=fleet.varied, loaded=fleet.loaded, air=air, decked=decked, serial=fleet.few)
 
-    def step(self, fleet: Any, around: Surroundings) -> None:
+    def step(self, fleet: Fleet, around: Surroundings) -> None:
         """Advance one control step."""
         if fleet.touch is None:
             fleet.launch(self._step, fleet.pack, around.pack, self.build(fleet, around))

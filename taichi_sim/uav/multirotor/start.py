@@ -3,7 +3,7 @@
 import torch
 from torch import Tensor
 
-from taichi_sim.conventions import ANGULAR_VELOCITY, GRAVITY, QUATERNION, VELOCITY
+from taichi_sim.conventions import ANGULAR_VELOCITY, DOWN, GRAVITY, HEADING, QUATERNION, VELOCITY
 from taichi_sim.maths.rotation import (
     torch_euler_from_quaternion,
     torch_quaternion_from_euler,
@@ -20,7 +20,7 @@ def steady(craft: MultirotorParams, state: Tensor, wind: Tensor) -> Tensor:
     """What steady flight at the velocity over ground and the heading of `state` [n, vehicle, 13] asks for in the wind
     [n, vehicle, 3] there: [n, vehicle, column], columns of trim.py.
     """
-    heading = torch_euler_from_quaternion(state[..., QUATERNION])[..., 2:]
+    heading = torch_euler_from_quaternion(state[..., QUATERNION])[..., HEADING:]
     air = torch.cat((_velocity_n(state) - wind, torch.cos(heading), torch.sin(heading)), dim=-1)
     out = state.new_empty((*state.shape[:2], SPEEDS + len(craft.rotors)))
     solve(craft, air.flatten(0, 1).contiguous(), out.flatten(0, 1))
@@ -32,7 +32,7 @@ def trimmed(craft: MultirotorParams, state: Tensor, around: Surroundings) -> Ten
     wind there.
     """
     found = steady(craft, state, wind_at(state, around))
-    heading = torch_euler_from_quaternion(state[..., QUATERNION])[..., 2]
+    heading = torch_euler_from_quaternion(state[..., QUATERNION])[..., HEADING]
     new = state.clone()
     new[..., QUATERNION] = torch_quaternion_from_euler(found[..., PHI], found[..., THETA], heading)
     R = torch_rotation_matrix(new[..., QUATERNION])
@@ -61,10 +61,10 @@ def show(craft: MultirotorParams, aux: Tensor, state: Tensor, around: Surroundin
     inverse = torch.linalg.inv(torch.tensor(craft.physical.inertia)).to(state)
     aux[..., at.INTEGRALS : at.INTEGRALS + 3] = moment @ inverse
     aux[..., at.INTEGRALS + 3 : at.INTEGRALS + 6] = specific.new_tensor((0.0, 0.0, GRAVITY)) - specific
-    heading = torch_euler_from_quaternion(state[..., QUATERNION])[..., 2]
+    heading = torch_euler_from_quaternion(state[..., QUATERNION])[..., HEADING]
     aux[..., at.HEADING], aux[..., at.HEADING + 1] = torch.cos(heading), torch.sin(heading)
     aux[..., at.THRUST] = craft.physical.mass * specific.norm(dim=-1)
-    aux[..., at.TILT] = torch.acos((specific[..., 2] / specific.norm(dim=-1)).clamp(-1.0, 1.0))
+    aux[..., at.TILT] = torch.acos((specific[..., DOWN] / specific.norm(dim=-1)).clamp(-1.0, 1.0))
     if craft.battery is not None:
         aux[..., at.CHARGE], aux[..., at.VOLTAGE] = craft.battery.charge, craft.battery.full
 

@@ -32,6 +32,8 @@ from numpy.typing import ArrayLike, NDArray
 from taichi_sim.conventions import GRAVITY, RHO_SEA
 from taichi_sim.usv.hull.mesh import Panels
 
+HEAVE, ROLL, PITCH = 0, 1, 2  # of a pose
+
 Array = NDArray[np.float64]
 
 FINE = 8  # strips of a panel: GZ of twin hulls to 1 mm at any heel
@@ -110,7 +112,7 @@ class Hydrostatics:
     def buoyancy(self, pose: ArrayLike) -> Array:
         """Wrench of the water [..., 6] (N, N m, about CO, b) at poses [..., 3] = heave, roll, pitch."""
         pose = np.asarray(pose, dtype=np.float64)
-        k = down_in_body(pose[..., 1], pose[..., 2])
+        k = down_in_body(pose[..., ROLL], pose[..., PITCH])
         strips, p = self._strips, self.rho * self.g
         depth = pose[..., None, :1] + np.einsum("...c,snc->...sn", k, strips.centre)
         moments = pressure_moments(p * depth, p * np.einsum("...c,snc->...sn", k, strips.up))
@@ -119,7 +121,7 @@ class Hydrostatics:
     def loads(self, pose: ArrayLike) -> Array:
         """Wrench of water and weight [..., 6] (N, N m, about CO, b) at poses [..., 3]."""
         pose = np.asarray(pose, dtype=np.float64)
-        force = self.weight * down_in_body(pose[..., 1], pose[..., 2])
+        force = self.weight * down_in_body(pose[..., ROLL], pose[..., PITCH])
         cg = np.broadcast_to(np.asarray(self.cg), force.shape)
         return self.buoyancy(pose) + np.concatenate([force, np.cross(cg, force)], axis=-1)
 
@@ -127,8 +129,8 @@ class Hydrostatics:
         """Derivatives of the potential energy [..., 3] (N, N m, N m) with respect to heave, roll and pitch."""
         pose = np.asarray(pose, dtype=np.float64)
         load = self.loads(pose)
-        phi = pose[..., 1]
-        down = np.sum(load[..., :3] * down_in_body(phi, pose[..., 2]), axis=-1)
+        phi = pose[..., ROLL]
+        down = np.sum(load[..., :3] * down_in_body(phi, pose[..., PITCH]), axis=-1)
         level = load[..., 4] * np.cos(phi) - load[..., 5] * np.sin(phi)  # about the level axis of pitch
         return -np.stack([down, load[..., 3], level], axis=-1)
 
@@ -192,7 +194,7 @@ class Hydrostatics:
             step *= np.minimum(1.0, MAX_STEP / np.maximum(np.abs(step).max(axis=-1, keepdims=True), 1e-300))
             before = pose.copy()
             pose[..., index] += step
-            pose[..., 2] = np.clip(pose[..., 2], -MAX_TRIM, MAX_TRIM)
+            pose[..., PITCH] = np.clip(pose[..., PITCH], -MAX_TRIM, MAX_TRIM)
             change = np.abs(pose - before).max()
             if change < TOLERANCE:
                 return pose
@@ -242,7 +244,7 @@ class Hydrostatics:
     def freeboard(self, pose: ArrayLike) -> Array:
         """Height (m) [...] of the lowest deck corner above the water at poses [..., 3]."""
         pose = np.asarray(pose, dtype=np.float64)
-        depth = pose[..., :1] + down_in_body(pose[..., 1], pose[..., 2]) @ self.panels.deck.T
+        depth = pose[..., HEAVE, None] + down_in_body(pose[..., ROLL], pose[..., PITCH]) @ self.panels.deck.T
         return -depth.max(axis=-1)
 
 

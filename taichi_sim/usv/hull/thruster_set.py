@@ -19,6 +19,7 @@ from collections.abc import Mapping
 import taichi as ti
 from torch import Tensor
 
+from taichi_sim.conventions import AHEAD
 from taichi_sim.fleet import Fleet
 from taichi_sim.usv.hull.allocation import Allocation, allocated
 from taichi_sim.usv.hull.numbers import vector
@@ -88,8 +89,8 @@ class ThrusterSet:
             return None
         if all(t.direction[0] == 1.0 and not t.azimuth for t in self.thrusters):
             thrusts = fleet.aux[..., self.first_thrust : self.first_thrust + len(self)]
-            return thrusts.sum(-1) * fleet.velocity_b[..., 0]
-        total = fleet.velocity_b[..., 0] * 0.0
+            return thrusts.sum(-1) * fleet.velocity_b[..., AHEAD]
+        total = fleet.velocity_b[..., AHEAD] * 0.0
         for _, columns in self.arrows.values():
             for axis, column in enumerate(columns):
                 if column is not None:

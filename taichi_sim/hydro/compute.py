@@ -1,0 +1,172 @@
+"""From a hull to its database: panels, lids, resonances, frequencies, and messages about each."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from taichi_sim.config import ConfigError
+from taichi_sim.hydro import frequencies
+from taichi_sim.hydro.hull import Craft, check_floating, divided
+from taichi_sim.hydro.lids import gap_lid, inner_lid
+from taichi_sim.hydro.mesh_file import refined
+from taichi_sim.hydro.offsets import compared
+from taichi_sim.hydro.panels import wetted
+from taichi_sim.hydro.problem import Tank, solve
+from taichi_sim.hydro.run import Floating, database, solve_all
+from taichi_sim.hydro.surface import PLANES, Surface
+from taichi_sim.usv.hull.database import HydroDatabase, hull_hash
+
+Array = NDArray[np.float64]
+COARSE = 120  # panels of the pass that finds the resonances
+MOST = 4000  # panels: matrices of 2 x 16 x MOST^2 bytes for each process and symmetry
+PER_WAVE = 3.0  # panels to the shortest wave, at least: of the tail
+GOOD = 7.0  # panels to a wave, from which loads are good to about a per cent
+GAP_SIZE = 2.0  # of the damping lid's panels over the hull's
+COUNT, COUNT_TWIN = 50, 90  # frequencies; between hulls the water resonates sharply
+HEADING_STEPS, MORE_ORDERS = (15.0, 10.0, 7.5, 5.0), 2.0  # deg; beyond k L / 2, of loads over headings
+GAP_DAMPING = 0.03  # epsilon of the damping lid: assumed (docs/hydrodynamics.md)
+OFF = 0.005  # share by which a mesh may differ from the simulator's panels in volume and waterplane
+
+
+class Spectrum(NamedTuple):
+    """Frequencies and headings of the waves."""
+
+    count: int | None
+    range: tuple[float, float] | None  # rad/s
+    also: tuple[float, ...]  # rad/s
+    heading_step: float | None  # deg
+
+
+class Wishes(NamedTuple):
+    """Options of the command."""
+
+    rho: float  # kg/m^3
+    g: float  # m/s^2
+    depth: float  # m; inf is deep
+    panels: int
+    divisions: int
+    gap_damping: float | None
+    lid: bool
+    method: str
+    spectrum: Spectrum
+    jobs: int
+    quiet: bool
+
+
+def run(
+    craft: Craft, mesh: Surface | None, wishes: Wishes, code: str, command: str
+) -> tuple[HydroDatabase, frequencies.Resonances]:
+    """Compute the database of a hull on its own panels, or on `mesh`.
+
+    Raises:
+        ConfigError: if the hull does not float, the mesh is another hull's or too large, or --range misses a resonance.
+    """
+    surface, size = _surface(craft, mesh, wishes)
+    for line in check_floating(craft, surface, wishes.rho, wishes.g):
+        print(line)
+    C = surface.stiffness(craft.mass, craft.cg_z_up, wishes.rho, wishes.g)
+    floating = Floating(craft.M_z_up, C)
+    of = _resonances(craft, floating, wishes)
+    print(", ".join(f"{n} {w:.3g} rad/s" for n, w in zip(frequencies.NAMES, of, strict=True)) + " (resonances)")
+    lid = inner_lid(surface, size) if wishes.lid else np.empty((0, 4, 3))
+    gap = gap_lid(surface, GAP_SIZE * size)
+    epsilon = GAP_DAMPING if wishes.gap_damping is None else wishes.gap_damping
+    tank = Tank(surface, lid, gap, wishes.rho, wishes.g, wishes.depth, epsilon, wishes.method)
+    omega = _omega(of, wishes.spectrum, bool(len(gap)), size, wishes.g)
+    step = wishes.spectrum.heading_step
+    heading = _headings(surface, _heading_step(surface, max(of), wishes.g) if step is None else step)
+    alike = " and ".join(PLANES[a] for a in surface.planes)
+    print(
+        f"{len(surface)} panels{f' ({alike} alike)' if alike else ''}, {len(lid)} of a lid, {len(gap)} between hulls; "
+        f"{_per_wave(omega[-1], size, wishes.g):.1f} panels to the shortest wave, "
+        f"{_per_wave(frequencies.ABOVE * max(of), size, wishes.g):.1f} at {frequencies.ABOVE} of the highest resonance"
+    )
+    *loads, endless = solve_all(tank, floating, [*omega, np.inf], heading, wishes.jobs, wishes.quiet)
+    left_out = frequencies.spikes(omega, np.stack([of_one.damping for of_one in loads]), wishes.spectrum.also)
+    if len(left_out):
+        print(
+            f"left out {', '.join(f'{w:.4g}' for w in omega[left_out])} rad/s, where damping is more than "
+            f"{frequencies.SPIKE:g} times that at both neighbours: an irregular frequency, or too sharp a resonance"
+        )
+        omega, loads = np.delete(omega, left_out), [of_one for n, of_one in enumerate(loads) if n not in left_out]
+    uneven = max(_asymmetry(of_one.added_mass) for of_one in loads)
+    settings: dict[str, Any] = {
+        "command": command, "method": wishes.method, "panels": len(surface), "alike": alike,
+        "lid_panels": len(lid), "gap_panels": len(gap),
+        "gap_damping": epsilon if len(gap) else 0.0, "panel_size": float(f"{size:.3g}"),
+        "mesh": mesh is not None, "resonances": [float(f"{w:.4g}") for w in of],
+        "reciprocity": float(f"{uneven:.2g}"), "drift": "far field, free hull without viscous damping",
+    }  # fmt: skip
+    about = {"hull": hull_hash(craft.panels), "code": code, "settings": settings}
+    return database(tank, floating, loads, endless, omega, heading, **about), of
+
+
+def _surface(craft: Craft, mesh: Surface | None, wishes: Wishes) -> tuple[Surface, float]:
+    if mesh is None:
+        if not wishes.divisions:
+            return divided(craft.panels, wishes.panels)
+        tiny = 0.01 * float(np.ptp(craft.panels.centre, axis=0).max())
+        found = wetted(craft.panels, tiny, wishes.divisions)
+        return found, float(np.median(found.edge))
+    print(f"{'':24}{'offsets':>14}{'mesh':>14}{'off':>10}")
+    for name, (ours, theirs) in compared(craft.panels, mesh, craft.mass, craft.cg_z_up, wishes.rho, wishes.g).items():
+        scale = np.ptp(mesh.whole[..., 0]) if name.startswith("LCB") else theirs
+        off = (ours - theirs) / scale
+        print(f"{name:24}{ours:14.6g}{theirs:14.6g}{100 * off:9.2f} %{' of the length' * name.startswith('LCB')}")
+        if abs(off) > 4 * OFF and name.startswith(("volume", "waterplane, ")):
+            raise ConfigError(f"the mesh is not of {craft.name}: its {name}: {theirs:.6g}, of the panels {ours:.6g}")
+    if len(mesh) < wishes.panels / 2:
+        mesh = refined(mesh, float(np.sqrt(np.linalg.norm(mesh.area, axis=1).sum() / 2 / wishes.panels)))
+    if len(mesh) > MOST:
+        raise ConfigError(f"the mesh has {len(mesh)} panels below water, {MOST} at most: thin it out, or leave it out")
+    return mesh, float(np.median(mesh.edge))
+
+
+def _resonances(craft: Craft, floating: Floating, wishes: Wishes) -> frequencies.Resonances:
+    surface, size = divided(craft.panels, COARSE)
+    tank = Tank(surface, inner_lid(surface, size), np.empty((0, 4, 3)), wishes.rho, wishes.g, wishes.depth, 0.0)
+    trial = frequencies.trial(floating.C, floating.M)
+    A = np.stack([solve(tank, w, np.empty(0)).added_mass for w in trial])
+    return frequencies.resonances(trial, A, floating.M, floating.C)
+
+
+def _omega(of: frequencies.Resonances, wanted: Spectrum, twin: bool, size: float, g: float) -> Array:
+    count = wanted.count or (COUNT_TWIN if twin else COUNT)
+    top = np.sqrt(2 * np.pi * g / (PER_WAVE * size))
+    if wanted.range:
+        omega = np.linspace(*wanted.range, count)
+    else:
+        omega = frequencies.chosen(of, count, top)
+    for line in frequencies.missed(omega, of):
+        if wanted.range:
+            raise ConfigError(f"--range: {line}")
+        print(f"warning: {line}: finer panels (--panels) would reach it")
+    if wanted.range and _per_wave(omega[-1], size, g) < PER_WAVE:
+        print(f"warning: panels of {size:.3g} m are coarse for waves of {omega[-1]:.3g} rad/s: raise --panels")
+    return frequencies.with_also(omega, wanted.also)
+
+
+def _heading_step(surface: Surface, omega: float, g: float) -> float:
+    """Step of headings, deg, that resolves the k L / 2 harmonics of loads of waves of omega (rad/s)."""
+    order = omega**2 / g * float(np.ptp(surface.whole[..., 0])) / 2 + MORE_ORDERS
+    return next((step for step in HEADING_STEPS if 180 / step >= order), HEADING_STEPS[-1])
+
+
+def _headings(surface: Surface, step: float) -> Array:
+    """Headings towards port, deg; those of one side where port and starboard are alike."""
+    if not 0 < step <= 90 or abs(180 / step - round(180 / step)) > 1e-9:
+        raise ConfigError(f"--heading-step {step:g}: must divide 180 deg")
+    if 1 in surface.planes:
+        return -np.linspace(0, 180, round(180 / step) + 1)
+    return -np.arange(0, 360, step)
+
+
+def _per_wave(omega: float, size: float, g: float) -> float:
+    return 2 * np.pi * g / omega**2 / size
+
+
+def _asymmetry(A: Array) -> float:
+    """Largest difference of A and its transpose over the geometric mean of the diagonal."""
+    d = np.sqrt(np.abs(np.diag(A)))
+    return float((np.abs(A - A.T) / np.maximum(np.outer(d, d), 1e-300))[np.ix_(*[d > 1e-6 * d.max()] * 2)].max())

@@ -1,0 +1,187 @@
+"""The hull that a command names: a vehicle file with panels, or a mesh, of which a vehicle file will be made."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import TypeAdapter
+
+from taichi_sim.config import ConfigError
+from taichi_sim.config.io import config_folder, read_toml, validate
+from taichi_sim.conventions import RHO_SEA
+from taichi_sim.hydro import mesh_file
+from taichi_sim.hydro.frames import turned_matrix
+from taichi_sim.hydro.offsets import offsets
+from taichi_sim.hydro.panels import Z_UP, wetted
+from taichi_sim.hydro.surface import Surface
+from taichi_sim.rigid_body import rigid_body_mass
+from taichi_sim.usv.hull.hydrostatics import Hydrostatics
+from taichi_sim.usv.hull.mesh import Panels, mesh
+from taichi_sim.usv.hull.params import RigidBody
+from taichi_sim.usv.hull.shapes import HullShape, StationsHull
+
+Array = NDArray[np.float64]
+MODEL = "hull_6dof"
+HEAVIER = 0.05  # share of the displaced mass by which a hull's may differ before it is worth a warning
+LIGHTER = 20.0  # times its mass that a hull may displace before something must be wrong
+TRIES = 40  # steps towards a wanted number of panels
+
+
+@dataclass(frozen=True)
+class Craft:
+    """A floating hull: the simulator's panels, mass (kg), CG (m) and rigid-body matrix, in the vehicle's frame."""
+
+    name: str
+    panels: Panels
+    mass: float
+    cg: tuple[float, float, float]
+    M: Array  # [6, 6] about CO
+    shape: StationsHull | None = None  # made of a mesh: a vehicle file is to be written
+
+    @property
+    def cg_z_up(self) -> Array:
+        """CG in the frame of surface.py, m."""
+        return np.array(self.cg) * Z_UP
+
+    @property
+    def M_z_up(self) -> Array:  # noqa: N802
+        """M in the frame of surface.py."""
+        return turned_matrix(self.M)
+
+
+def is_vehicle(name: str) -> bool:
+    """Whether `name` names a vehicle file, a path or a shipped one, and not a mesh."""
+    return Path(name).suffix in ("", ".toml")
+
+
+def vehicle_path(name: str) -> Path:
+    """Path of a vehicle file, given by path or, for a shipped one, by name.
+
+    Raises:
+        ConfigError: if there is neither.
+    """
+    if Path(name).suffix == ".toml" and Path(name).is_file():
+        return Path(name)
+    folder = config_folder() / "vehicles"
+    shipped = folder / f"{Path(name).stem}.toml"
+    if shipped.is_file():
+        return shipped
+    known = sorted(f.stem for f in folder.glob("*.toml") if read_toml(f).get("model") == MODEL)
+    raise ConfigError(f"{name}: no such vehicle; shipped hulls are {', '.join(known)}, or give a .toml or a mesh file")
+
+
+def of_vehicle(file: Path) -> tuple[Craft, float]:
+    """The hull of a vehicle file, and its length, m.
+
+    Raises:
+        ConfigError: naming file and key, if it is of another model or a section is wrong.
+    """
+    data = read_toml(file)
+    if data.get("model") != MODEL:
+        raise ConfigError(f"{file}: model = {data.get('model')!r}: only {MODEL} has a hull of panels")
+    for key in ("hull", "rigid_body", "length"):
+        if key not in data:
+            raise ConfigError(f"{file}: {key} is missing")
+    body = validate(RigidBody, data["rigid_body"], f"{file}: rigid_body")
+    try:
+        shape = TypeAdapter(HullShape).validate_python(_tuples(data["hull"]))
+    except ValueError as error:
+        raise ConfigError(f"{file}: hull: {error}") from None
+    craft = Craft(file.stem, mesh(shape), body.mass, tuple(body.cg), np.asarray(body.matrix, dtype=float))
+    return craft, float(data["length"])
+
+
+def _tuples(value):
+    """Turn lists into tuples, as strict sections require."""
+    if isinstance(value, dict):
+        return {key: _tuples(v) for key, v in value.items()}
+    return tuple(map(_tuples, value)) if isinstance(value, list) else value
+
+
+def read_mesh(path: Path, unit: str, waterline: float, midships: float | None, length: float | None) -> Surface:
+    """The wetted surface of a mesh file, about CO: `waterline` and `midships` are z and x of CO in the mesh (m).
+
+    midships None: the middle of the mesh.
+    """
+    found = mesh_file.read(path, unit)
+    panels = found.panels.copy()
+    x = panels[..., 0]
+    panels[..., 0] -= (x.min() + x.max()) / 2 if midships is None else midships
+    panels[..., 2] -= waterline
+    return mesh_file.checked(mesh_file.Polygons(panels, found.planes), path.name, length)
+
+
+def of_mesh(
+    surface: Surface, name: str, mass: float | None, cg: tuple[float, float, float] | None,
+    gyration: tuple[float, float, float] | None, table: tuple[int, int, float],
+) -> Craft:  # fmt: skip
+    """Make a hull of offsets (stations, points, freeboard) from a wetted mesh; print each number that is assumed."""
+    whole = surface.whole.reshape(-1, 3)
+    length, beam = np.ptp(whole[:, 0]), np.ptp(whole[:, 1])
+    if mass is None:
+        mass = float(f"{RHO_SEA * surface.volume:.6g}")
+        print(f"{name}: no --mass: {mass:g} kg, what it displaces in sea water")
+    if cg is None:
+        cg = (round(float(surface.centre_of_buoyancy[0]), 4) + 0.0, 0.0, 0.0)
+        print(f"{name}: no --cg: {cg}, over the centre of buoyancy in the waterline")
+    if gyration is None:
+        roll, pitch = (float(f"{r:.4g}") for r in (0.35 * beam, 0.25 * length))
+        gyration = roll, pitch, pitch
+        print(f"{name}: no --gyration: {gyration} m, 0.35 of the beam and 0.25 of the length")
+    shape = offsets(surface, *table)
+    M = rigid_body_mass(mass, cg, mass * np.diag(np.square(np.array(gyration))))
+    return Craft(name, mesh(shape), mass, cg, np.asarray(M, dtype=float), shape)
+
+
+def check_floating(craft: Craft, surface: Surface, rho: float, g: float) -> list[str]:
+    """Messages about mass, displacement and stability.
+
+    Raises:
+        ConfigError: if the hull is heavier than it displaces up to its deck, or not stable upright.
+    """
+    displaced, whole = rho * surface.volume, rho * Hydrostatics(craft.panels, craft.mass, craft.cg).volume_below_deck
+    if craft.mass >= whole:
+        raise ConfigError(
+            f"{craft.name}: its mass of {craft.mass:.6g} kg is above the {whole:.6g} kg it displaces up to its deck"
+        )
+    if displaced > LIGHTER * craft.mass:
+        raise ConfigError(
+            f"{craft.name}: its mass is {craft.mass:.6g} kg, and it displaces {displaced:.6g} kg: check mass, "
+            "--waterline and --unit"
+        )
+    C = surface.stiffness(craft.mass, craft.cg_z_up, rho, g)
+    GM_T, GM_L = C[3, 3] / (craft.mass * g), (C[4, 4] - C[2, 4] ** 2 / C[2, 2]) / (craft.mass * g)
+    for name, GM in (("transverse", GM_T), ("longitudinal", GM_L)):
+        if GM <= 0:
+            raise ConfigError(
+                f"{craft.name}: its {name} metacentric height is {GM:.4g} m: it capsizes; lower the centre of gravity "
+                f"(z = {craft.cg[2]:g} m, positive down), or check mass and unit"
+            )
+    off = craft.mass / displaced - 1
+    told = [
+        f"mass {craft.mass:.6g} kg, displaced to the design waterline {displaced:.6g} kg ({100 * off:+.2f} %); "
+        f"GM_T {GM_T:.4g} m, GM_L {GM_L:.4g} m"
+    ]
+    if abs(off) > HEAVIER:
+        told.append(
+            f"warning: mass and displaced mass differ by {100 * off:+.1f} %: it does not float at the design waterline "
+            "that loads are computed for"
+        )
+    trim = craft.cg[0] - surface.centre_of_buoyancy[0]
+    if abs(trim) > 0.02 * np.ptp(surface.whole[..., 0]):
+        told.append(f"warning: the centre of gravity is {trim:+.3g} m ahead of the centre of buoyancy: it trims")
+    return told
+
+
+def divided(panels: Panels, wanted: int) -> tuple[Surface, float]:
+    """Divide the hull into about `wanted` panels, images not counted; also their size, m."""
+    high = float(np.ptp(panels.centre, axis=0).max())
+    low = 1e-3 * high
+    for _ in range(TRIES):
+        size = float(np.sqrt(low * high))
+        found = wetted(panels, size)
+        if abs(len(found) - wanted) < 0.02 * wanted or high / low < 1.001:
+            break
+        low, high = (size, high) if len(found) > wanted else (low, size)
+    return found, size

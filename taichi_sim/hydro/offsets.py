@@ -1,0 +1,151 @@
+"""A table of offsets from a mesh: the few stations and points with which the simulator floats a hull.
+
+At each station the half-breadth at some levels is read off the wetted mesh; of two hulls, also where they begin.
+Chords lie inside a rounded hull, so the half-breadths are stretched (by a per cent or so): those at the waterline until
+the waterplane's area is the mesh's, those below until the volume is.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from taichi_sim.hydro.panels import wetted
+from taichi_sim.hydro.surface import Surface
+from taichi_sim.usv.hull.mesh import Panels, mesh
+from taichi_sim.usv.hull.shapes import StationsHull
+
+Array = NDArray[np.float64]
+INSIDE = 1e-4  # of the length, from its ends: where end sections are read
+NEAR = 2e-3  # of the draught: how far above a flat bottom, and below the waterline, half-breadths are read
+FINE = 400  # sections from which stations are chosen
+ROUNDS = 12  # of stretching
+DIGITS = 4  # decimals of offsets over a length of 10 m, one less for each factor of ten
+
+
+def offsets(hull: Surface, stations: int, points: int, freeboard: float) -> StationsHull:
+    """Hull of `stations` sections with `points` levels from keel to waterline, and walls `freeboard` (m) high."""
+    triangles = _triangles(hull)
+    x = triangles[..., 0]
+    ends = np.array([x.min(), x.max()])
+    twin = _is_twin(triangles)
+    places = _places(triangles, ends, stations, points, twin)
+    sections = np.stack([_section(triangles, at, ends, points, twin) for at in places])
+    decimals = max(1, DIGITS - int(np.floor(np.log10(np.ptp(ends)))) + 1)
+    wanted = hull.volume, hull.waterplane["A"]
+    below = top = 1.0
+    made = _hull(places, sections, freeboard, decimals)
+    for _ in range(ROUNDS):
+        fine = _measured(mesh(made))
+        top *= wanted[1] / fine.waterplane["A"]
+        below *= wanted[0] / fine.volume
+        stretched = sections.copy()
+        level = np.abs(sections[..., 1]) < 1e-9
+        middle = sections[..., 0].mean(axis=1, keepdims=True) if twin else 0.0
+        stretched[..., 0] = middle + (sections[..., 0] - middle) * np.where(level, top, below)
+        made = _hull(places, np.maximum(stretched, 0.0) if not twin else stretched, freeboard, decimals)
+    return made
+
+
+def compared(
+    made: Panels, hull: Surface, mass: float, cg: Array, rho: float, g: float
+) -> dict[str, tuple[float, float]]:
+    """Values of the offsets (first) and of the mesh (second), by name with unit."""
+    out: dict[str, tuple[float, float]] = {}
+    ours = _measured(made)
+    pairs = (("volume, m^3", lambda s: s.volume), ("waterplane, m^2", lambda s: s.waterplane["A"]),
+             ("waterplane Ixx, m^4", lambda s: s.waterplane["yy"]),
+             ("waterplane Iyy, m^4", lambda s: s.waterplane["xx"]),
+             ("LCB, m", lambda s: s.centre_of_buoyancy[0]), ("KB below water, m", lambda s: -s.centre_of_buoyancy[2]),
+             ("GM_T, m", lambda s: s.stiffness(mass, cg, rho, g)[3, 3] / (mass * g)),
+             ("GM_L, m", lambda s: s.stiffness(mass, cg, rho, g)[4, 4] / (mass * g)))  # fmt: skip
+    for name, of in pairs:
+        out[name] = float(of(ours)), float(of(hull))
+    return out
+
+
+def _measured(panels: Panels) -> Surface:
+    """The wetted panels, divided a few times each way, for integrals."""
+    return wetted(panels, 0.01 * float(np.ptp(panels.centre, axis=0).max()), divisions=4)
+
+
+def _triangles(hull: Surface) -> Array:
+    """[n, 3, 3] of the whole wetted hull."""
+    a, b, c, d = np.moveaxis(hull.whole, 1, 0)
+    both = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
+    return both[np.linalg.norm(np.cross(both[:, 1] - both[:, 0], both[:, 2] - both[:, 0]), axis=1) > 0]
+
+
+def _cut(triangles: Array, at: float) -> Array:
+    """Segments [n, 2, 2] (y, z) of the plane x = at through triangles."""
+    side = triangles[..., 0] - at
+    across = triangles[(side.min(axis=1) < 0) & (side.max(axis=1) > 0)]
+    segments = []
+    for corners in across:
+        d = corners[:, 0] - at
+        ends = [corners[i, 1:] + (corners[j, 1:] - corners[i, 1:]) * d[i] / (d[i] - d[j])
+                for i, j in ((0, 1), (1, 2), (2, 0)) if d[i] * d[j] < 0]  # fmt: skip
+        ends += [corners[i, 1:] for i in range(3) if d[i] == 0]
+        if len(ends) == 2:
+            segments.append(ends)
+    return np.array(segments).reshape(-1, 2, 2)
+
+
+def _is_twin(triangles: Array) -> bool:
+    """Whether nothing crosses the centreplane amidships."""
+    at = (triangles[..., 0].min() + triangles[..., 0].max()) / 2 + 1e-7
+    y = _cut(triangles, at)[..., 0]
+    return bool(len(y)) and not ((y.min(axis=1) <= 1e-9) & (y.max(axis=1) >= -1e-9)).any()
+
+
+def _section(triangles: Array, at: float, ends: Array, points: int, twin: bool) -> Array:
+    """Points [n, 2] (y, z down) of the starboard half at a station, from the keel (twin: from the inner waterline)."""
+    inset = INSIDE * np.ptp(ends)
+    segments = _cut(triangles, float(np.clip(at, ends[0] + inset, ends[1] - inset)) + 1e-9)
+    segments = segments[segments[..., 0].mean(axis=1) > 0]
+    keel = float(-segments[..., 1].min())
+    angle = np.linspace(0, np.pi / 2, points)
+    levels = keel * np.cos(angle)  # closer at the keel, where bilges turn
+    levels[-1] = 0.0
+    inner, outer = np.array([_breadths(segments, -level, NEAR * keel) for level in levels]).T
+    if twin:
+        return np.stack([[*inner[::-1], *outer], [*levels[::-1], *levels]], axis=1)
+    return np.stack([[0.0, *outer], [keel, *levels]], axis=1)
+
+
+def _breadths(segments: Array, z: float, tiny: float) -> tuple[float, float]:
+    """Smallest and largest y at a level."""
+    z = float(np.clip(z, segments[..., 1].min() + tiny, segments[..., 1].max() - tiny))
+    (y0, z0), (y1, z1) = segments[:, 0].T, segments[:, 1].T
+    across = (np.minimum(z0, z1) <= z) & (np.maximum(z0, z1) >= z) & (np.abs(z1 - z0) > 1e-12)
+    if not across.any():
+        return 0.0, 0.0
+    y = y0[across] + (z - z0[across]) / (z1 - z0)[across] * (y1 - y0)[across]
+    return float(y.min()), float(y.max())
+
+
+def _places(triangles: Array, ends: Array, stations: int, points: int, twin: bool) -> Array:
+    """x of stations: the ends, then by turns where straight lines between them miss the sections most, and midway
+    between the two that are farthest apart: waves are read off at the stations."""
+    x = np.linspace(*ends, FINE)
+    shape = np.stack([_section(triangles, at, ends, points, twin).ravel() for at in x])
+    chosen = [0, FINE - 1]
+    while len(chosen) < stations:
+        chosen.sort()
+        line = np.stack([np.interp(x, x[chosen], shape[chosen, j]) for j in range(shape.shape[1])], axis=1)
+        miss = np.abs(shape - line).sum(axis=1)
+        miss[chosen] = 0.0
+        gap = int(np.diff(chosen).argmax())
+        straight = len(chosen) % 2 or miss.max() < INSIDE * np.abs(shape).max()
+        chosen.append((chosen[gap] + chosen[gap + 1]) // 2 if straight else int(miss.argmax()))
+    return x[sorted(chosen)]
+
+
+def _hull(places: Array, sections: Array, freeboard: float, decimals: int) -> StationsHull:
+    """Hull of the sections, with walls on the waterline."""
+    stations = []
+    for x, section in zip(places, sections, strict=True):
+        y, z = np.round(section, decimals).T + 0.0
+        rows = [*zip(y.tolist(), z.tolist(), strict=True), (float(y[-1]), -freeboard)]
+        if sections[0, 0, 1] < sections[0, 1, 1]:  # begins at the inner waterline
+            rows = [(float(y[0]), -freeboard), *rows]
+        stations.append((round(float(x), decimals), tuple(rows)))
+    return StationsHull(stations=tuple(stations))

@@ -1,0 +1,204 @@
+"""The wetted part of the simulator's own panels, cut exactly at the water and finely divided for boundary elements.
+
+A panel of the simulator is a bilinear patch x(s, t) of which z is linear along each line of constant s: the water cuts
+that line at one t. So a patch is divided where the water leaves it at an end (s), and the wet part of each line in t.
+Patches across a plane of symmetry are halved there. The divided surface is the simulator's hull: its deck and all else
+above water is left out.
+
+Panels narrow towards sharp edges of the hull and towards the waterline : there the flow is singular, and
+panels of one size err by several per cent where narrowed ones of the same number err by less than one (docs).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from taichi_sim.hydro.surface import PLANES, Surface, area_vectors
+from taichi_sim.usv.hull.mesh import Panels
+
+Array = NDArray[np.float64]
+GRID = 1e6  # per metre, on which corners of the two halves are compared
+LEVEL = 1e-9  # m, below which a corner is in the water's surface
+THIN = 1e-4  # of the panel size: wet lines shorter than that are left out
+Z_UP = np.array([1.0, -1.0, -1.0])  # body frame to this one, and back
+END = 0.25  # of the panel size: next to a sharp edge and the waterline
+GROWTH = 0.4  # of a panel's length with its distance from there
+SHARP = np.cos(np.deg2rad(25.0))  # of the angle between panels from which their edge counts as sharp
+CORNERS = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)], dtype=float)
+EDGES = ((3, 0), (1, 2), (0, 1), (2, 3))  # corners of the edges s = -1, s = 1, t = -1, t = 1
+
+
+class Patch(NamedTuple):
+    """A bilinear patch, and which of its edges s = -1, s = 1, t = -1, t = 1 are sharp."""
+
+    form: Array  # [4, 3] centre, e_s, e_t, e_st; e_s x e_t points out of the hull; z up
+    sharp: tuple[bool, bool, bool, bool]
+
+    def at(self, s, t) -> Array:
+        """Points [..., 3]."""
+        s, t = np.asarray(s, dtype=float)[..., None], np.asarray(t, dtype=float)[..., None]
+        return self.form[0] + s * self.form[1] + t * self.form[2] + s * t * self.form[3]
+
+    @property
+    def corners(self) -> Array:
+        """[4, 3] in order round it."""
+        return self.at(*CORNERS.T)
+
+    def part(self, s: tuple[float, float], t: tuple[float, float]) -> "Patch":
+        """The part between two s and two t; edges of the cut are not sharp."""
+        (s0, s1), (t0, t1) = s, t
+        a, b, c, d = (self.at(i, j) for i, j in ((s0, t0), (s1, t0), (s1, t1), (s0, t1)))
+        form = np.array([(a + b + c + d) / 4, (b + c - a - d) / 4, (c + d - a - b) / 4, (a + c - b - d) / 4])
+        whole = (s0 == -1, s1 == 1, t0 == -1, t1 == 1)
+        return Patch(form, tuple(own and uncut for own, uncut in zip(self.sharp, whole, strict=True)))
+
+
+def wetted(hull: Panels, size: float, divisions: int = 0) -> Surface:
+    """The part of `hull` below water, in panels whose edges are at most about `size` (m).
+
+    With `divisions`, instead, the wet part of each panel of the simulator in so many even parts each way.
+    """
+    patches = _patches(hull)
+    planes = tuple(axis for axis in PLANES if _alike(patches, axis))
+    for axis in planes:
+        patches = _positive_side(patches, axis)
+    fine = [part for patch in patches for part in _divided(patch, size, divisions)]
+    return Surface(np.concatenate(fine), planes)
+
+
+def _patches(hull: Panels) -> list[Patch]:
+    """The hull's panels as patches; an edge is sharp without a neighbour, or at an angle to it."""
+    sign = np.sign(np.sum(np.cross(hull.along, hull.up) * hull.area, axis=1))[:, None]
+    forms = np.stack([hull.centre, sign * hull.along, hull.up, sign * hull.twist], axis=1) * Z_UP
+    smooth = Patch(forms[0], (False,) * 4)
+    bare = [smooth._replace(form=form) for form in forms]
+    normals: dict[tuple, list[Array]] = {}
+    keys, ways = [], []
+    for patch in bare:
+        whole = np.rint(patch.corners * GRID).astype(np.int64)
+        keys.append([tuple(sorted((tuple(whole[i].tolist()), tuple(whole[j].tolist())))) for i, j in EDGES])
+        ways.append([_normal(patch, s, t) for s, t in ((-1, 0), (1, 0), (0, -1), (0, 1))])
+        for key, way in zip(keys[-1], ways[-1], strict=True):
+            normals.setdefault(key, []).append(way)
+
+    def sharp(key: tuple, way: Array) -> bool:
+        met = normals[key]
+        return key[0] != key[1] and (len(met) < 2 or min(float(way @ other) for other in met) < SHARP)
+
+    return [
+        patch._replace(sharp=tuple(sharp(key, way) for key, way in zip(own, way_of, strict=True)))
+        for patch, own, way_of in zip(bare, keys, ways, strict=True)
+    ]
+
+
+def _normal(patch: Patch, s: float, t: float) -> Array:
+    """Unit normal at a point, taken slightly inside, since an edge may have no length."""
+    form, (s, t) = patch.form, (0.98 * s, 0.98 * t)
+    normal = np.cross(form[1] + t * form[3], form[2] + s * form[3])
+    return normal / max(float(np.linalg.norm(normal)), 1e-300)
+
+
+def _alike(patches: list[Patch], axis: int) -> bool:
+    """Whether the hull equals its image in the plane normal to `axis`."""
+    corners = np.rint(np.stack([p.corners for p in patches]) * GRID).astype(np.int64)
+    image = corners.copy()
+    image[..., axis] *= -1
+
+    def as_set(c: NDArray[np.int64]) -> list[tuple]:
+        return sorted(tuple(sorted(map(tuple, panel))) for panel in c.tolist())
+
+    return as_set(corners) == as_set(image)
+
+
+def _positive_side(patches: list[Patch], axis: int) -> list[Patch]:
+    """The patches on the positive side of a plane of symmetry; those across it are halved."""
+    found = []
+    for patch in patches:
+        x = patch.corners[:, axis]
+        if x.min() < -1 / GRID and x.max() > 1 / GRID:
+            halves = [patch.part(s, (-1, 1)) for s in ((-1, 0), (0, 1))]
+            if not _one_sided(halves, axis):
+                halves = [patch.part((-1, 1), t) for t in ((-1, 0), (0, 1))]
+            if not _one_sided(halves, axis):
+                raise ValueError("a panel lies across a plane of symmetry askew")
+            found += [half for half in halves if half.form[0, axis] > 0]
+        elif patch.form[0, axis] > 0:
+            found.append(patch)
+    return found
+
+
+def _one_sided(patches: list[Patch], axis: int) -> bool:
+    x = np.stack([p.corners[:, axis] for p in patches])
+    return bool(((x > -1 / GRID).all(axis=1) | (x < 1 / GRID).all(axis=1)).all())
+
+
+def _divided(patch: Patch, size: float, divisions: int) -> list[Array]:
+    """Wet panels [n, 4, 3] of a patch."""
+    z = patch.form[:, 2]
+    ends = {-1.0, 1.0}
+    for t in (-1.0, 1.0):  # where the water leaves the patch at an end of its lines: z(s, t) is linear in s
+        level, slope = z[0] + t * z[2], z[1] + t * z[3]
+        if abs(slope) > LEVEL and abs(level / slope) < 1:
+            ends.add(-level / slope)
+    cuts = sorted(ends)
+    strips = (_strip(patch, s0, s1, size, divisions) for s0, s1 in zip(cuts, cuts[1:], strict=False))
+    return [strip for strip in strips if len(strip)]
+
+
+def _strip(patch: Patch, s0: float, s1: float, size: float, divisions: int) -> Array:
+    """Wet panels [n, 4, 3] of a patch between two s, where the water enters or leaves at no end of its lines."""
+    lines = np.linspace(s0, s1, 9)
+    low, high = _wet(patch, lines)
+    if not ((high - low)[1:-1] > 0).all():
+        return np.empty((0, 4, 3))
+    below, above = patch.at(lines, low), patch.at(lines, high)
+    height = np.linalg.norm(above - below, axis=1).max()
+    if height < THIN * size:
+        return np.empty((0, 4, 3))
+    length = max(np.linalg.norm(np.diff(edge, axis=0), axis=1).sum() for edge in (below, above))
+    uncut = s0 == -1, s1 == 1
+    u = _spaced(length, size, divisions, tuple(own and end for own, end in zip(patch.sharp[:2], uncut, strict=True)))
+    edges = [own or bool((np.abs(line[1:-1, 2]) < 1e-6).all())  # the waterline counts as sharp
+             for own, line in zip(patch.sharp[2:], (below, above), strict=True)]  # fmt: skip
+    v = _spaced(height, size, divisions, tuple(edges))
+    s = s0 + (s1 - s0) * u
+    low, high = _wet(patch, s)
+    t = low[:, None] + (high - low)[:, None] * v
+    points = patch.at(np.broadcast_to(s[:, None], t.shape), t)
+    quads = np.stack([points[:-1, :-1], points[1:, :-1], points[1:, 1:], points[:-1, 1:]], axis=2).reshape(-1, 4, 3)
+    return _tidy(quads, THIN * size)
+
+
+def _spaced(length: float, size: float, divisions: int, sharp: tuple[bool, ...]) -> Array:
+    """Divisions of a length, 0 to 1: parts of `size`; at sharp ends END times that, growing away from there."""
+    if divisions:
+        return np.linspace(0, 1, divisions + 1)
+    u = np.linspace(0, 1, 513)
+    away = length * np.minimum(u if sharp[0] else u + np.inf, 1 - u if sharp[1] else u + np.inf)  # from a sharp end
+    wanted = length / np.minimum(size, END * size + GROWTH * away)  # parts to the length, at u
+    parts = np.concatenate([[0.0], np.cumsum((wanted[1:] + wanted[:-1]) / 2 * np.diff(u))])
+    n = max(1, int(np.ceil(parts[-1] - 1e-6)))
+    return np.interp(np.linspace(0, parts[-1], n + 1), parts, u)
+
+
+def _wet(patch: Patch, s: Array) -> tuple[Array, Array]:
+    """First and last t below water of each line s; equal where the line is dry."""
+    centre, along, up, twist = patch.form[:, 2]
+    level, slope = centre + s * along, up + s * twist
+    steep = np.abs(slope) > LEVEL
+    cut = np.clip(-level / np.where(steep, slope, 1.0), -1, 1)
+    dry_level = ~steep & (level > -LEVEL)
+    low = np.where(steep & (slope < 0), cut, -1.0)
+    high = np.where(steep & (slope > 0), cut, 1.0)
+    return low, np.where(dry_level, low, high)
+
+
+def _tidy(quads: Array, short: float) -> Array:
+    """Drop panels without area; turn those with an edge of no length into triangles (last corner doubled)."""
+    length = np.linalg.norm(np.roll(quads, -1, axis=1) - quads, axis=2)  # of the edge after each corner
+    order = (length.argmin(axis=1)[:, None] + [2, 3, 0, 1]) % 4
+    three = np.take_along_axis(quads, order[..., None], axis=1)
+    three[:, 3] = three[:, 2]
+    quads = np.where((length.min(axis=1) < short)[:, None, None], three, quads)
+    return quads[np.linalg.norm(area_vectors(quads), axis=1) > short**2]

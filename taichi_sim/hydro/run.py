@@ -1,0 +1,116 @@
+"""Solves all frequencies of one hull in several processes, and makes the database."""
+
+from collections.abc import Iterable
+from concurrent.futures import as_completed
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from tqdm import tqdm
+
+from taichi_sim.extras import MissingExtraError
+from taichi_sim.hydro.drift import mean_drift, response
+from taichi_sim.hydro.far_field import radiated_damping
+from taichi_sim.hydro.frames import TURN_HORIZONTAL, turned_load, turned_matrix
+from taichi_sim.hydro.problem import Tank, added_mass_inf, solve
+from taichi_sim.hydro.workers import workers
+from taichi_sim.usv.hull.database import HydroDatabase
+
+Array = NDArray[np.float64]
+
+
+class Floating(NamedTuple):
+    """Rigid-body matrix and stiffness [6, 6] of the floating hull about CO, in the frame of surface.py."""
+
+    M: Array
+    C: Array
+
+
+class Loads(NamedTuple):
+    """Loads of one frequency, in the frame of surface.py; m headings."""
+
+    added_mass: Array  # [6, 6]
+    damping: Array  # [6, 6]
+    froude_krylov: Any  # [m, 6]
+    excitation: Any  # [m, 6]
+    drift: Array  # [m, 3]
+
+
+def require_capytaine() -> str:
+    """Name and version of capytaine.
+
+    Raises:
+        MissingExtraError: if it is not installed.
+    """
+    try:
+        import capytaine
+    except ImportError as error:
+        raise MissingExtraError("capytaine", "bem") from error
+    return f"capytaine {capytaine.__version__}"
+
+
+def loads_at(tank: Tank, floating: Floating | None, omega: float, heading_deg: Array) -> Loads:
+    """Solve one frequency; `floating` None: no mean drift. At infinity there is only an added mass."""
+    if not np.isfinite(omega):
+        none = np.empty((0, 6), dtype=complex)
+        return Loads(added_mass_inf(tank), np.zeros((6, 6)), none, none, np.empty((0, 3)))
+    found = solve(tank, omega, heading_deg)
+    if tank.method == "direct":  # with sources integrated pressures err less
+        found = found._replace(damping=radiated_damping(tank, found, omega))
+    drift = np.zeros((len(found.diffraction), 3))
+    if floating is not None:
+        motion = response(found, floating.M, floating.C, omega)
+        drift = mean_drift(tank, found, motion, omega, heading_deg)
+    total = found.froude_krylov + found.diffraction
+    return Loads(found.added_mass, found.damping, found.froude_krylov, total, drift)
+
+
+def solve_all(
+    tank: Tank, floating: Floating | None, omega: Iterable[float], heading_deg: Array, jobs: int, quiet: bool = False
+) -> list[Loads]:
+    """Loads at each of `omega` (rad/s, inf allowed), in `jobs` processes, with a bar on the terminal."""
+    omega = list(omega)
+    found: dict[int, Loads] = {}
+    with workers(jobs) as pool:
+        order = sorted(range(len(omega)), key=lambda i: -omega[i])
+        running = {pool.submit(loads_at, tank, floating, omega[i], heading_deg): i for i in order}
+        bar = tqdm(as_completed(running), total=len(running), desc="frequencies", unit="", disable=quiet)
+        for done in bar:
+            found[running[done]] = done.result()
+    return [found[i] for i in range(len(omega))]
+
+
+def database(
+    tank: Tank, floating: Floating, loads: list[Loads], endless: Loads, omega: Array, heading_deg: Array, **about: Any
+) -> HydroDatabase:
+    """The database, in the vehicle's frame; `about` gives hull, code and settings.
+
+    A heading turns over with the frame: -30 deg, to starboard there, is +30 deg here.
+    """
+    turned = np.round(-np.asarray(heading_deg) % 360.0, 9)
+    order = np.argsort(turned)
+
+    def stack(name: str) -> Any:
+        return np.stack([getattr(of, name) for of in loads])
+
+    return HydroDatabase(
+        rho=tank.rho,
+        g=tank.g,
+        depth=float(tank.depth) if np.isfinite(tank.depth) else None,
+        omega=np.asarray(omega, dtype=float),
+        heading_deg=turned[order],
+        added_mass=_even(turned_matrix(stack("added_mass"))),
+        damping=_even(turned_matrix(stack("damping"))),
+        added_mass_inf=_even(turned_matrix(endless.added_mass)),
+        excitation=turned_load(stack("excitation"))[:, order],
+        froude_krylov=turned_load(stack("froude_krylov"))[:, order],
+        volume=tank.hull.volume,
+        stiffness=turned_matrix(floating.C),
+        drift=(stack("drift") * TURN_HORIZONTAL)[:, order],
+        **about,
+    )
+
+
+def _even(matrix: Array) -> Array:
+    """Symmetric part of a matrix; exact theory has no other."""
+    return (matrix + np.swapaxes(matrix, -1, -2)) / 2

@@ -1,0 +1,246 @@
+"""The search for a memory's masses: of one group of motions that symmetry couples (fit.py).
+
+Nonlinear least squares (scipy, trust region) over frequencies, dampers and shapes of the masses, of B(w) and A(w)
+together, each pair of modes over the geometric mean of its two largest values. A search begins with the masses found
+before and one more where most is missing, and at random. Where MOST masses are not enough, each is put once where more
+is missing without it.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from taichi_sim.usv.hull.memory import Memory
+
+Array = NDArray[np.float64]
+Tell = Callable[[int, int], None]  # masses done, and more to do
+MODES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
+AT_RESONANCE = 0.02  # share by which damping may be off at a resonance: as much is a response there
+MOST = 12  # masses of a group: each costs the simulator as much as half a component of the sea
+POOR = 10.0  # times what was wanted: with MOST masses so much is taken and told (water between hulls needs many)
+STARTS = 2  # of the search at random, the second only of few masses; and one from what was found before
+FEW = 4
+EVALUATIONS = 300  # of a search
+ROUNDS, BETTER = 3, 0.97  # of moving masses about: at most, and what a round must make of the cost
+FAR = 1e3  # an error that no search accepts
+LEAST = 1e-6  # of a mass's frequency: its damper, at least
+OVERDAMPED = 10.0  # times the highest frequency: a damper, at most; a mass that is of no use would get any
+ENOUGH = 1e-5  # relative change of the cost, and of the numbers, below which a search ends
+INERTIA = 0.3  # weight of an error of A against one of B
+STIFF = 1.0  # weight of a change of A_inf against one of A
+COUPLED = 1.0  # of the two kernels' own: what a pair's energy is at least compared with
+NEAR, LIGHTEST = 0.1, 20.0  # of a resonance: width in ln(omega), most of its weight
+TUNED = 30.0  # weight that added mass has there, of all modes that are coupled: it says where the resonance is
+BELOW = 0.1, 0.5  # of the lowest frequency: there added mass is held to that at it, and damping goes with the cube
+BAND = 0.7, 1.5  # times the lowest and the highest frequency of a table: where masses may resonate
+
+
+class FitError(ValueError):
+    """No passive memory reproduces the added mass and damping."""
+
+
+class Pair(NamedTuple):
+    """Errors of the fitted kernel of two modes."""
+
+    modes: tuple[str, str]
+    missing: float  # share of its energy
+    off: float = 0.0  # share by which the damping is off at the mode's resonance
+
+
+class Search:
+    """Search for the masses of one group of g modes."""
+
+    def __init__(
+        self, omega: Array, A: Array, B: Array, A_inf: Array, group: tuple[int, ...], at: Sequence[float | None]
+    ):
+        """Take A, B [n, g, g] at omega [n] (rad/s), A_inf [g, g], and resonances `at` (rad/s; None without one)."""
+        slow = np.array(BELOW)
+        omega = np.concatenate([slow * omega[0], omega])
+        A, B = np.concatenate([A[[0, 0]], A]), np.concatenate([slow[:, None, None] ** 3 * B[0], B])
+        self.omega, self.A, self.B, self.A_inf, self.group = omega, A, B, A_inf, group
+        self.size = np.sqrt(np.maximum(np.einsum("nii->ni", B).max(axis=0), 1e-12 * max(np.abs(B).max(), 1e-300)))
+        inertia = np.sqrt(np.maximum(np.einsum("nii->ni", A).max(axis=0), 1e-12 * max(np.abs(A).max(), 1e-300)))
+        self.of_B, self.of_A = self.size[:, None] * self.size, INERTIA * inertia[:, None] * inertia
+        self.upper = np.triu_indices(len(group))
+        self.weight = np.sqrt(np.gradient(omega) / np.gradient(omega).mean())[:, None]
+        more = np.ones((len(omega), len(group)))
+        for n, peak in enumerate(at):
+            if peak is not None and self.size[n] > 0:
+                ratio = self.size[n] ** 2 / max(float(np.interp(peak, omega, B[:, n, n])), 1e-300)
+                more[:, n] += min(ratio, LIGHTEST) * np.exp(-0.5 * (np.log(omega / peak) / NEAR) ** 2)
+        here = [np.exp(-0.5 * (np.log(omega / peak) / NEAR) ** 2) for peak in at if peak is not None]
+        self.tuned = self.weight * np.sqrt(1 + TUNED * np.sum([0 * omega, *here], axis=0))[:, None]
+        self.peaks = dict(enumerate(at))
+        self.own = np.sqrt(more[:, self.upper[0]] * more[:, self.upper[1]])
+
+    def run(self, energy: float, tell: Tell) -> tuple[Memory, Array, list[Pair]]:
+        """Memory, A_inf and errors with the fewest masses that miss at most `energy`."""
+        if not self.B.any():
+            return Memory.none(), self.A_inf, []
+        pairs: list[Pair] = []
+        x, memory, added = np.empty(0), Memory.none(), 0 * self.A_inf
+        for masses in range(1, MOST + 1):
+            tell(1, 0)
+            begins = [self._random(masses, start) for start in range(STARTS if masses <= FEW else 1)]
+            if masses > 1:
+                begins.append(self._one_more(x, masses))
+            x = min((self._found(masses, begin) for begin in begins), key=lambda of: of[0])[1]
+            memory, added = self._made(x, masses)
+            pairs = self._pairs(memory)
+            if all(pair.missing <= energy and pair.off <= AT_RESONANCE for pair in pairs):
+                tell(0, masses - MOST)
+                return memory, self.A_inf + added, pairs
+        x = self._polished(x, tell)
+        memory, added = self._made(x, MOST)
+        pairs = self._pairs(memory)
+        worst = max(pairs, key=lambda pair: max(pair.missing / energy, pair.off / AT_RESONANCE))
+        if max(worst.missing / energy, worst.off / AT_RESONANCE) <= POOR:
+            return memory, self.A_inf + added, pairs
+        raise FitError(
+            f"{worst.modes[0]} and {worst.modes[1]}: {100 * worst.missing:.2g} % of the kernel's energy is missing "
+            f"(wanted: {100 * energy:.2g} %) and damping at resonance {100 * worst.off:.2g} % off (wanted: "
+            f"{100 * AT_RESONANCE:g} %) with {MOST} masses: are the frequencies enough, and close enough?"
+        )
+
+    @property
+    def _ends(self) -> tuple[float, float]:
+        """Bounds of ln(frequency) of masses."""
+        return float(np.log(BAND[0] * self.omega[len(BELOW)])), float(np.log(BAND[1] * self.omega[-1]))
+
+    def _random(self, masses: int, start: int) -> Array:
+        """Random start."""
+        draw, g = np.random.default_rng([masses, start]), len(self.group)
+        peak = self.omega[np.argmax(np.einsum("nii->n", self.B / self.of_B))]
+        low, high = self._ends
+        spread = np.log(peak) + np.linspace(-0.5, 0.6, masses) + 0.1 * draw.standard_normal(masses)
+        spread = np.clip(spread, low + 1e-3, high - 1e-3)
+        L = np.diag(np.sqrt(0.6 * np.exp(spread))) + 0.1 * np.tril(draw.standard_normal((masses, masses)), -1)
+        G = np.sqrt(peak) * 0.5 * draw.standard_normal((masses, g))
+        return np.concatenate([spread, L[np.tril_indices(masses)], G.ravel(), np.zeros(len(self.upper[0]))])
+
+    def _one_more(self, x: Array, masses: int) -> Array:
+        """Start with the masses found before and a small one where most damping is missing."""
+        frequency, L, G, change = self._parts(x, masses - 1)
+        K = self._response(x, masses - 1)[2]
+        missing = np.einsum("nii->ni", K.real - self.B / self.of_B)
+        at = int(np.abs(missing).max(axis=1).argmax())
+        size = np.sqrt(0.3 * self.omega[at] * np.abs(missing[at])) * 0.5
+        L_more, G_more = np.zeros((masses, masses)), np.concatenate([G, size[None]])
+        L_more[:-1, :-1], L_more[-1, -1] = L, np.sqrt(0.3 * self.omega[at])
+        log = np.clip(np.log(np.append(frequency, self.omega[at])), *self._ends)
+        return np.concatenate([log, L_more[np.tril_indices(masses)], G_more.ravel(), change[self.upper]])
+
+    def _polished(self, x: Array, tell: Tell) -> Array:
+        """MOST masses after moving some, one at a time, to where more is missing without them."""
+        least = float(np.square(self._residual(x, MOST)).sum()) / 2
+        for _ in range(ROUNDS):
+            before = least
+            tell(0, MOST)
+            for mass in range(MOST):
+                tell(1, 0)
+                cost, found = self._found(MOST, self._one_more(self._without(x, mass), MOST))
+                if cost < least:
+                    least, x = cost, found
+            if least > BETTER * before:
+                break
+        return x
+
+    def _without(self, x: Array, mass: int) -> Array:
+        """The numbers without one of the masses."""
+        frequency, L, G, change = self._parts(x, MOST)
+        R = np.delete(np.delete(L @ L.T, mass, 0), mass, 1)
+        L = np.linalg.cholesky(R + 1e-9 * np.trace(R) * np.eye(MOST - 1))
+        rest = np.log(np.delete(frequency, mass)), L[np.tril_indices(MOST - 1)], np.delete(G, mass, 0).ravel()
+        return np.concatenate([*rest, change[self.upper]])
+
+    def _found(self, masses: int, begin: Array) -> tuple[float, Array]:
+        """Cost and result of one least-squares run."""
+        from scipy.optimize import least_squares
+
+        x, (low, high) = begin, self._ends
+        inner = 1e-6 * (high - low)
+        x[:masses] = np.clip(x[:masses], low + inner, high - inner)
+        ends = np.full((2, len(x)), [[-np.inf], [np.inf]])
+        ends[:, :masses] = [[low], [high]]
+        dampers, most = slice(masses, masses + masses * (masses + 1) // 2), np.sqrt(OVERDAMPED * self.omega[-1])
+        ends[:, dampers] = [[-most], [most]]
+        x[dampers] = np.clip(x[dampers], -0.99 * most, 0.99 * most)
+        found = least_squares(
+            self._residual, x, self._jacobian, tuple(ends), x_scale="jac", max_nfev=EVALUATIONS,
+            ftol=ENOUGH, xtol=ENOUGH, args=(masses,),
+        )  # fmt: skip
+        return float(found.cost), found.x
+
+    def _parts(self, x: Array, masses: int) -> tuple[Array, Array, Array, Array]:
+        """Frequency, L of R = L L^T, scaled shape, and scaled change of A_inf, from the vector of unknowns."""
+        g, n = len(self.group), masses * (masses + 1) // 2
+        L, change = np.zeros((masses, masses)), np.zeros((g, g))
+        L[np.tril_indices(masses)] = x[masses : masses + n]
+        change[self.upper] = x[masses + n + masses * g :]
+        return np.exp(x[:masses]), L, x[masses + n : masses + n + masses * g].reshape(masses, g), change
+
+    def _response(self, x: Array, masses: int) -> tuple[Any, Any, Any]:
+        """i w [n, 1, 1], H = (s^2 + s R + W^2)^-1 G [n, M, g], and K over `of_B` [n, g, g]."""
+        frequency, L, G, _change = self._parts(x, masses)
+        s = 1j * self.omega[:, None, None]
+        Z = s * (L @ L.T + np.diag(LEAST * frequency)) + np.diag(frequency**2) + s**2 * np.eye(masses)
+        H = np.linalg.solve(Z, np.broadcast_to(G.astype(np.complex128), (len(s), *G.shape)))
+        return s, H, s * (G.T @ H)
+
+    def _weighed(self, K: NDArray[np.complex128], A: Any, B: Any, change: Array) -> Array:
+        """Errors [..., 2 n u + u] of K [..., n, g, g] against B and A, and of the change of A_inf, u pairs."""
+        rows, lead = (..., *self.upper), K.shape[:-3]
+        damping = (K.real - B)[rows] * self.weight * self.own
+        added = (K.imag * self.of_B / self.omega[:, None, None] / self.of_A - A)[rows] + change[..., None, :]
+        parts = damping.reshape(*lead, -1), (added * self.tuned).reshape(*lead, -1), STIFF * change
+        return np.concatenate(parts, axis=-1)
+
+    def _residual(self, x: Array, masses: int) -> Array:
+        change = x[len(x) - len(self.upper[0]) :]
+        try:
+            K = self._response(x, masses)[2]
+        except np.linalg.LinAlgError:  # two masses became one: far from anything wanted
+            return np.full(len(self.upper[0]) * (2 * len(self.omega) + 1), FAR)
+        return self._weighed(K, (self.A - self.A_inf) / self.of_A, self.B / self.of_B, change)
+
+    def _jacobian(self, x: Array, masses: int) -> Array:
+        """Derivative of `_residual` [error, unknown]."""
+        g, u = len(self.group), len(self.upper[0])
+        frequency, L, _G, _change = self._parts(x, masses)
+        s, H, _K = self._response(x, masses)
+        P, one = L.T @ H, np.eye(g)
+        by_frequency = -2 * frequency[:, None, None, None] ** 2 * s * np.einsum("nai,naj->anij", H, H)
+        by_L = -(s**2) * np.einsum("nai,nbj->abnij", H, P)
+        by_L = (by_L + by_L.swapaxes(-1, -2))[np.tril_indices(masses)]
+        by_G = s * np.einsum("ki,naj->aknij", one, H)
+        by_G = (by_G + by_G.swapaxes(-1, -2)).reshape(masses * g, *s.shape[:1], g, g)
+        K = np.concatenate([by_frequency, by_L, by_G, np.zeros((u, len(self.omega), g, g))])
+        change = np.concatenate([np.zeros((len(K) - u, u)), np.eye(u)])
+        return self._weighed(K, 0.0, 0.0, change).T
+
+    def _made(self, x: Array, masses: int) -> tuple[Memory, Array]:
+        """The memory, and the change of A_inf [g, g], from the vector of unknowns."""
+        frequency, L, G, change = self._parts(x, masses)
+        order = np.argsort(frequency)
+        shape = np.zeros((masses, 6))
+        shape[:, self.group] = G * self.size
+        change = change + np.triu(change, 1).T
+        damping = (L @ L.T + np.diag(LEAST * frequency))[np.ix_(order, order)]
+        return Memory(frequency[order], damping, shape[order]), change * self.of_A
+
+    def _pairs(self, memory: Memory) -> list[Pair]:
+        """Errors for every two modes of the group."""
+        rows = np.ix_(range(len(self.omega)), self.group, self.group)
+        energy = np.asarray(np.trapezoid(self.B**2, self.omega, axis=0))
+        short = np.asarray(np.trapezoid((self.B - memory.damps(self.omega)[rows]) ** 2, self.omega, axis=0))
+        found = []
+        for i, j in zip(*self.upper, strict=True):
+            whole = max(energy[i, j], COUPLED * np.sqrt(energy[i, i] * energy[j, j]))
+            off, peak = 0.0, self.peaks[i] if i == j else None
+            if peak is not None:
+                wanted = float(np.interp(peak, self.omega, self.B[:, i, i]))
+                off = abs(float(memory.damps(peak)[0, self.group[i], self.group[i]]) / max(wanted, 1e-300) - 1)
+            found.append(Pair((MODES[self.group[i]], MODES[self.group[j]]), float(short[i, j] / whole), off))
+        return found

@@ -1,0 +1,117 @@
+"""A wetted hull surface as flat panels, and its integrals: volume, waterplane, centre of buoyancy, stiffness.
+
+Frame of all of taichi_sim/hydro: x forward, y to port, z up, origin CO on the design waterline (the boundary-element
+code's; frames.py turns results into the vehicle's own). A panel is four corners, in order round it so that the
+right-hand normal points out of the hull; of a triangle the last two corners are the same point.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+PLANES = {1: "port and starboard", 0: "fore and aft"}  # axis normal to a plane of symmetry: which halves are alike
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Panels [n, 4, 3] of the wetted hull, or of its part on the positive side of `planes`; m."""
+
+    panels: Array
+    planes: tuple[int, ...] = ()  # axes along which the other half is the mirror image of this one
+
+    def __len__(self) -> int:
+        """Number of panels, images not counted."""
+        return len(self.panels)
+
+    @cached_property
+    def whole(self) -> Array:
+        """Panels [n, 4, 3] with the images."""
+        panels = self.panels
+        for axis in self.planes:
+            panels = np.concatenate([panels, mirrored(panels, axis)])
+        return panels
+
+    @cached_property
+    def area(self) -> Array:
+        """Area vectors of all panels [n, 3] out of the hull, m^2."""
+        return area_vectors(self.whole)
+
+    @cached_property
+    def edge(self) -> Array:
+        """Longest edge of each panel [n], images not counted, m."""
+        return np.linalg.norm(np.roll(self.panels, -1, axis=1) - self.panels, axis=2).max(axis=1)
+
+    @cached_property
+    def volume(self) -> float:
+        """Displaced volume, m^3."""
+        return float(self._integral(lambda x: x[..., 2])[2])
+
+    @cached_property
+    def centre_of_buoyancy(self) -> Array:
+        """Centroid of the displaced volume [3], m."""
+        x, y = (-self._integral(lambda p, a=a: p[..., a] * p[..., 2])[2] for a in (0, 1))
+        z = self._integral(lambda p: p[..., 2] ** 2 / 2)[2]
+        return np.array([-x, -y, z]) / self.volume
+
+    @cached_property
+    def waterplane(self) -> dict[str, float]:
+        """Area A (m^2), and its integrals of x, y (m^3), xx, yy, xy (m^4)."""
+        of = {
+            "A": lambda p: np.ones(p.shape[:-1]), "x": lambda p: p[..., 0], "y": lambda p: p[..., 1],
+            "xx": lambda p: p[..., 0] ** 2, "yy": lambda p: p[..., 1] ** 2, "xy": lambda p: p[..., 0] * p[..., 1],
+        }  # fmt: skip
+        return {name: float(-self._integral(f)[2]) for name, f in of.items()}
+
+    def stiffness(self, mass: float, cg: Array, rho: float, g: float) -> Array:
+        """Stiffness C [6, 6] about CO, of water and of `mass` (kg) at `cg` (m): N/m, N, N m (Fossen 2011, sec. 4.2)."""
+        w, V, B = self.waterplane, self.volume, self.centre_of_buoyancy
+        C = np.zeros((6, 6))
+        C[2, 2], C[2, 3], C[2, 4] = w["A"], w["y"], -w["x"]
+        C[3, 3], C[3, 4], C[4, 4] = w["yy"] + V * B[2], -w["xy"], w["xx"] + V * B[2]
+        C[3, 5], C[4, 5] = -V * B[0], -V * B[1]
+        C *= rho * g
+        C[3, 3] -= mass * g * cg[2]
+        C[4, 4] -= mass * g * cg[2]
+        C[3, 5] += mass * g * cg[0]
+        C[4, 5] += mass * g * cg[1]
+        upper = np.triu(C)
+        upper[2, 4] = C[2, 4]
+        C = upper + np.triu(upper, 1).T
+        C[5] = 0.0  # yaw meets no restoring moment
+        C[np.abs(C) < 1e-9 * np.abs(C).max()] = 0.0
+        return C
+
+    def gaps(self) -> Array:
+        """Area by which the hull with its waterplane fails to close [3], m^2: along x and y."""
+        return self.area.sum(axis=0) * [1.0, 1.0, 0.0]
+
+    def _integral(self, f) -> Array:
+        """Integral of f n dS over all panels [3]; exact for f of second order on flat panels."""
+        a, b, c, d = np.moveaxis(self.whole, 1, 0)
+        total = np.zeros(3)
+        for p, q, r in ((a, b, c), (a, c, d)):
+            area = np.cross(q - p, r - p) / 2
+            mean = (f((p + q) / 2) + f((q + r) / 2) + f((r + p) / 2)) / 3
+            total += (mean[:, None] * area).sum(axis=0)
+        return total
+
+
+def area_vectors(panels: Array) -> Array:
+    """Area vectors [n, 3] of panels [n, 4, 3] out of the hull, m^2."""
+    return 0.5 * np.cross(panels[:, 2] - panels[:, 0], panels[:, 3] - panels[:, 1])
+
+
+def mirrored(panels: Array, axis: int) -> Array:
+    """Images of panels in the plane through CO normal to `axis`; normals stay outward."""
+    image = panels.copy()
+    image[..., axis] *= -1
+    return reverse(image)
+
+
+def reverse(panels: Array) -> Array:
+    """Panels [n, 4, 3] with corners in reverse order; triangles keep their doubled corner last."""
+    three = (panels[:, 2] == panels[:, 3]).all(axis=1)
+    return np.where(three[:, None, None], panels[:, [1, 0, 2, 3]], panels[:, [0, 3, 2, 1]])
