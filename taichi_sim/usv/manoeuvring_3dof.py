@@ -19,8 +19,10 @@ outside acts by its X, Y and N, as in a hull that floats upright; its Z, K and M
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
 import taichi as ti
 import torch
+from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
 from taichi_sim.config import ConfigError
@@ -81,12 +83,20 @@ class Manoeuvring3dof(Vessel):
             raise ConfigError(f"dt = {dt} s is unstable for this vehicle: allowed are up to {params.largest_dt:.4g} s")
         self.p = params
         self.action_names = ACTION_NAMES[params.actions]
+        self.backs = params.actions == "surge_sway_yaw"
 
     @property
     def limits(self) -> Limits:
         """Its top speed is where damping takes all the thrust."""
         p = self.params
         return Limits((0.0, 0.0, steady_speed(p.surge_force_max, -p.X_u, -p.X_uu, -p.X_uuu)))
+
+    def steer(self, ahead: ArrayLike, helm: ArrayLike) -> NDArray[np.float64]:
+        """Actions of a helmsman: `ahead` and `helm` are shares of surge_force_max and yaw_moment_max."""
+        ahead, helm = np.broadcast_arrays(np.asarray(ahead, dtype=np.float64), helm)
+        if self.backs:
+            return np.stack((ahead, np.zeros_like(ahead), helm), axis=-1)
+        return np.stack((2.0 * ahead - 1.0, helm), axis=-1)
 
     def own(self, values: Mapping[str, Any]) -> ManoeuvringNumbers:
         """What the kernel works with."""
