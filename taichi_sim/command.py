@@ -21,6 +21,11 @@ SCRIPTS = {  # name -> file, arguments given beside, and what it does
     "draw-sea": ("tools/draw_sea.py", (), "a picture of a scenario's sea"),
     "sea-of": ("tools/sea_of.py", (), "what sea a file of measured spectra holds, and which vessels survive it"),
     "aircraft": ("tools/aircraft.py", (), "trim, modes and V-n diagram, or control loops, of an aircraft"),
+    "trials": (
+        "tools/trials.py",
+        (),
+        "standard trials: turning circle, zigzag, stop ... of a vessel; climb ... of aircraft",
+    ),
     "hydrodynamics": ("tools/hydrodynamics.py", (), "a hull's added mass, damping and wave loads from its mesh"),
 }
 STARTERS = {

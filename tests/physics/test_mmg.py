@@ -33,6 +33,23 @@ def _sail(model, bench, action, seconds, velocity=(1.0, 0.0, 0.0), envs=1, curre
     return team, np.array(places)
 
 
+@pytest.mark.parametrize(("name", "rudder", "n", "u"), [("turn_35", 35.0, 10.0, 1.0), ("turn_-20", -20.0, 12.0, 1.179)])
+def test_an_independent_code_turns_alike(name, rudder, n, u, make_model, bench, columns):
+    """Without x_G and wake, which that code has in another form."""
+    table = columns(f"kvlcc2/{name}.csv")
+    model = make_model(NAME, DT, 1, x_G=0.0, propeller={"w_P0": 0.0, "C_1": 0.0, "n_ahead": 12.0}, windage=VACUUM)
+    team = bench(model).put(velocity_b=(u, 0.0, 0.0))
+    team.aux[..., 7], team.aux[..., 8] = n, math.radians(rudder)
+    found = [np.zeros(6)]
+    for _ in table.t[1:]:
+        motion = team.step((n / 12.0, rudder / 35.0), 40).read()
+        found.append(np.concatenate((motion.position[0, :2], motion.euler[0, 2:], motion.nu[0, [0, 1, 5]])))
+    found, psi = np.array(found), table.psi[1:]
+    assert np.abs(found[1:, [0, 1]] - np.stack((table.x, table.y), 1)[1:]).max() < 1e-5  # m, after 120 s
+    assert np.abs(np.angle(np.exp(1j * (found[1:, 2] - psi)))).max() < 1e-6
+    assert np.abs(found[1:, 3:] - np.stack((table.u, table.v, table.r), 1)[1:]).max() < 1e-6
+
+
 def test_without_loads_a_hull_keeps_its_energy(make_model):
     """Of equal added mass ahead and abeam: what differs between them is the Munk moment, a part of N_v."""
     hull = dict.fromkeys(DERIVATIVES, 0.0) | {"R_0": 1e-12, "m_x": 0.1, "m_y": 0.1}
@@ -162,7 +179,7 @@ def _varied(model, bench, envs=1, vary=None):
 def test_an_environment_is_what_a_vehicle_file_of_its_numbers_is(make_model, bench):
     """And each number does something: environment k has number k changed, the last has them all changed."""
     lags = {"propeller": {"time_constant": 0.4, "rate": 3.0}, "rudder": {"time_constant": 0.3}}
-    model = make_model(NAME, 0.1, 1, **lags)
+    model = make_model(NAME, 0.1, 1, **lags, windage={"frontal_area": 0.5, "lateral_area": 2.0})
     keys, n = model.varying, len(model.varying)
     factors = dict(zip(keys, np.linspace(1.01, 1.2, n), strict=True))
     changed = {key: factors[key] * value for key, value in model.nominal.items()}
