@@ -276,12 +276,12 @@ class Basin:
                     state[..., 7] = given
             speed = last_speed(state)
             travelled = steps * self.model.dt * np.maximum(np.abs(speed), 1e-9) / self.length
-            settled = np.abs(speed - last) <= STEADY * np.abs(speed) * travelled
+            settled = bool((np.abs(speed - last) <= STEADY * np.abs(speed) * travelled).all())
             last = speed
             if given is not None or not setting.calm:  # as far as it can become steady: shafts, heave and pitch
                 settled &= self.time > RUN_UP * self.slowness
                 settled |= self.time > 4 * RUN_UP * self.slowness
-            if settled.all():
+            if settled:
                 break
         else:
             if setting.calm and not (np.abs(speed - last) < 1e-4 * np.abs(speed)).all():

@@ -175,10 +175,10 @@ def _hovers(p: MultirotorParams, ahead: float, climbing: float) -> hovering.Trim
 
 def hover(p: MultirotorParams) -> Outcome:
     """Hover: rotor speed, power, and how long a battery lasts."""
-    out, at = Outcome("hover", "Hover"), hovering.trim(p)
-    ideal, shaft = allocation(p).weight * induced_velocity(p), shaft_power(p, at.omega)
+    out, at, a = Outcome("hover", "Hover"), hovering.trim(p), allocation(p)  # pyright: ignore[reportArgumentType]
+    ideal, shaft = a.weight * induced_velocity(p), shaft_power(p, at.omega)
     values = [
-        ("thrust to weight", allocation(p).thrust_to_weight, ""),
+        ("thrust to weight", a.thrust_to_weight, ""),
         ("mean rotor speed", float(at.omega.mean()), "rad/s"),
         ("shaft power", shaft, "W"),
         ("figure of merit", ideal / shaft, ""),

@@ -16,4 +16,5 @@ def shaft_power(p: MultirotorParams, omega: np.ndarray) -> float:
 def induced_velocity(p: MultirotorParams) -> float:
     """Of the air through the rotors' discs in hover, by momentum theory, m/s."""
     area = math.pi * p.rotor.radius**2 * len(p.rotors)
-    return math.sqrt(allocation(p).weight / (2 * p.physical.rho * area))
+    weight = allocation(p).weight  # pyright: ignore[reportArgumentType]
+    return math.sqrt(weight / (2 * p.physical.rho * area))
