@@ -76,8 +76,8 @@ def _draw(axes: Any, out: Outcome, wanted: Panel) -> None:
         colour = COLOURS[k % len(COLOURS)]
         few = len(x) < 50
         axes.plot(x, y, color=colour, label=curve.case, marker="o" if few else None, markersize=3, linewidth=1.2)
-        if wanted.y == "heading deg" and "helm" in curve.columns:
-            helm = curve.columns["helm"]
+        if wanted.y == "heading deg" and "helm rad" in curve.columns:
+            helm = curve.columns["helm rad"]
             axes.plot(x, np.degrees(helm), color=colour, linewidth=0.8, linestyle="--")
     name, unit = (axis.rsplit(" ", 1) for axis in (wanted.x, wanted.y))
     panel(axes, wanted.title, ", ".join(name).replace(", 1", ""), ", ".join(unit).replace(", 1", ""))

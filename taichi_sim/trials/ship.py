@@ -15,10 +15,9 @@ import numpy as np
 
 from taichi_sim.conventions import QUATERNION
 from taichi_sim.maths.rotation import torch_quaternion_from_euler
-from taichi_sim.trials.basin import Array, Basin, Setting, Track, last_speed, vessel_of
+from taichi_sim.trials.basin import SHIP_HELM, Array, Basin, Setting, Track, last_speed, vessel_of
 from taichi_sim.trials.figures import Curve, Outcome, Panel, TrialError, crossing, peaks
 
-SHIP_HELM = math.radians(35.0)  # what full helm of a vessel without rudders counts as
 SIDES = (("starboard", 1.0), ("port", -1.0))
 TURNS = 3.0  # of a turning circle, full circles; its steady figures are means over the last one
 REVERSALS = 5  # of a zigzag
@@ -54,7 +53,7 @@ def _track(times: list[float], rows: list[tuple[Array, ...]]) -> Track:
 def _curve(case: str, track: Track) -> Curve:
     """A track with names and units, thinned to draw."""
     every = max(1, len(track.t) // SAMPLES)
-    names = ("t s", "north m", "east m", "roll rad", "heading rad", "u m/s", "v m/s", "r rad/s", "helm")
+    names = ("t s", "north m", "east m", "roll rad", "heading rad", "u m/s", "v m/s", "r rad/s", "helm rad")
     return Curve(case, {name: column[::every] for name, column in zip(names, track, strict=True)})
 
 
