@@ -26,6 +26,7 @@ SCRIPTS = {  # name -> file, arguments given beside, and what it does
         (),
         "standard trials: turning circle, zigzag, stop ... of a vessel; climb ... of aircraft",
     ),
+    "fit": ("tools/fit.py", (), "numbers of a vehicle file from logs of a vessel's motion, with intervals"),
     "sitl": ("tools/sitl.py", (), "be the physics of ArduPilot's SITL, by its JSON interface"),
     "hydrodynamics": ("tools/hydrodynamics.py", (), "a hull's added mass, damping and wave loads from its mesh"),
 }
