@@ -2,9 +2,9 @@
 
     taichi-sim sitl VEHICLE [--port 9002] [options]
 
-    taichi-sim sitl otter --set 'actions="left_right"' --sea hs=0.5,tp=4   # sim_vehicle.py -v Rover --model JSON
+    taichi-sim sitl otter --set 'actions="left_right"' --sea hs=0.5,tp=4   # sim_vehicle -v Rover --model JSON
     taichi-sim sitl kvlcc2 --wind 6 270 --log run.csv
-    taichi-sim sitl aerosonde --wind 8 200                                 # sim_vehicle.py -v ArduPlane --model JSON
+    taichi-sim sitl aerosonde --wind 8 200                                 # sim_vehicle -v ArduPlane --model JSON
     taichi-sim sitl x500 --instances 3                                     # ports 9002, 9012, 9022: -I 0, 1, 2
 
 VEHICLE is a vehicle file, or the name of a shipped one. It moves in lockstep, at the frame rate that ArduPilot asks for

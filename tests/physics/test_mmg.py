@@ -1,4 +1,4 @@
-"""The MMG model: closed forms and invariants. Its manoeuvres against published ones are in test_ship_trials.py."""
+"""The MMG model: closed forms and invariants. Its manoeuvres against published ones are in test_trials.py."""
 
 import math
 
