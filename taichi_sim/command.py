@@ -21,6 +21,13 @@ SCRIPTS = {  # name -> file, arguments given beside, and what it does
     "draw-sea": ("tools/draw_sea.py", (), "a picture of a scenario's sea"),
     "sea-of": ("tools/sea_of.py", (), "what sea a file of measured spectra holds, and which vessels survive it"),
     "aircraft": ("tools/aircraft.py", (), "trim, modes and V-n diagram, or control loops, of an aircraft"),
+    "trials": (
+        "tools/trials.py",
+        (),
+        "standard trials: turning circle, zigzag, stop ... of a vessel; climb ... of aircraft",
+    ),
+    "fit": ("tools/fit.py", (), "numbers of a vehicle file from logs of a vessel's motion, with intervals"),
+    "sitl": ("tools/sitl.py", (), "be the physics of ArduPilot's SITL, by its JSON interface"),
     "hydrodynamics": ("tools/hydrodynamics.py", (), "a hull's added mass, damping and wave loads from its mesh"),
 }
 STARTERS = {

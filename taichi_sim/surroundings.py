@@ -64,4 +64,3 @@ class Surroundings:
         rows = torch.arange(envs, dtype=torch.int32, device=points.device).repeat_interleave(each)
         flat = points.reshape(-1, 2).to(self.sea.dtype).contiguous()
         return elevations(self.sea, flat, rows, self.env_sea, self.phase).view(envs, each)
-

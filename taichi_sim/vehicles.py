@@ -12,6 +12,7 @@ from taichi_sim.uav.multirotor.multirotor_6dof import Multirotor6DOF
 from taichi_sim.uav.unity_aircraft import UnityAircraft
 from taichi_sim.usv.hull.hull_6dof import Hull6Dof
 from taichi_sim.usv.manoeuvring_3dof import Manoeuvring3dof
+from taichi_sim.usv.mmg import Mmg3Dof
 from taichi_sim.usv.unity_boat import UnityBoat
 from taichi_sim.vehicle import Vehicle
 
@@ -21,6 +22,7 @@ _models: dict[tuple, Vehicle] = {}
 MODELS: dict[str, type[Vehicle]] = {
     "unity_boat": UnityBoat,
     "manoeuvring_3dof": Manoeuvring3dof,
+    "mmg_3dof": Mmg3Dof,
     "hull_6dof": Hull6Dof,
     "unity_aircraft": UnityAircraft,
     "fixed_wing_6dof": FixedWing6DOF,

@@ -47,6 +47,7 @@ LAYERS = (
     ("taichi_sim.variation",),
     ("taichi_sim.world",),
     ("taichi_sim.replay", "taichi_sim.bench", "taichi_sim.recording", "taichi_sim.hydro"),
+    ("taichi_sim.trials", "taichi_sim.sitl", "taichi_sim.fit"),
     ("taichi_sim.film",),
     ("taichi_sim.starters",),
     ("taichi_sim.command",),

@@ -10,6 +10,7 @@ from taichi_sim.uav.multirotor.allocation import allocation
 from taichi_sim.uav.multirotor.gains import bandwidths, gains, lag, lead
 from taichi_sim.uav.multirotor.modes import largest_stable_dt, linear_modes
 from taichi_sim.uav.multirotor.params import MultirotorParams
+from taichi_sim.uav.multirotor.power import induced_velocity, shaft_power
 from taichi_sim.uav.multirotor.trim import Trim, TrimError, trim
 
 MODEL = "multirotor_6dof"
@@ -18,17 +19,6 @@ POINTS = 60  # of a curve
 STEP = 0.02  # s, for which the controller's gains are told
 SECONDS_PER_MINUTE = 60.0
 POWER, TILT, HOVER = "#0072B2", "#D55E00", "#22313F"
-
-
-def shaft_power(p: MultirotorParams, omega: np.ndarray) -> float:
-    """What rotors at speeds omega [rotor] (rad/s) take from their shafts, W."""
-    return float(sum(mount.gain * p.rotor.k_m * w**3 for mount, w in zip(p.rotors, omega, strict=True)))
-
-
-def induced_velocity(p: MultirotorParams) -> float:
-    """Of the air through the rotors' discs in hover, by momentum theory, m/s."""
-    area = math.pi * p.rotor.radius**2 * len(p.rotors)
-    return math.sqrt(allocation(p).weight / (2 * p.physical.rho * area))
 
 
 def flight(p: MultirotorParams, airspeed: float, gamma: float) -> Trim:

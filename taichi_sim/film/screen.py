@@ -125,9 +125,7 @@ def place_solid(screen: ti.template(), bands: ti.template(), camera: ti.template
 
 
 @ti.func
-def place_stroke(
-    screen: ti.template(), bands: ti.template(), camera: ti.template(), strokes: ti.template(), s, t
-):
+def place_stroke(screen: ti.template(), bands: ti.template(), camera: ti.template(), strokes: ti.template(), s, t):
     """Store stroke s as triangles t and t + 1, as wide on the screen wherever it is."""
     k = s * STROKE
     p, q, colour = triple(strokes, k), triple(strokes, k + 3), triple(strokes, k + 6)

@@ -78,9 +78,7 @@ def _place(
         jxx, jxy, jyy, rough = 1.0, 0.0, 1.0, 0.0
         for k in range(waves.shape[1]):
             kx, ky = waves[KX, k], waves[KY, k]
-            apart = ti.max(
-                ti.abs(kx * to_right[0] + ky * to_right[1]), ti.abs(kx * to_down[0] + ky * to_down[1])
-            )
+            apart = ti.max(ti.abs(kx * to_right[0] + ky * to_right[1]), ti.abs(kx * to_down[0] + ky * to_down[1]))
             share = ti.min(ti.max((GONE - apart) / (GONE - RESOLVED), 0.0), 1.0)
             sine, cosine = fast.sincos_short(kx * place[0] + ky * place[1] + waves[PHASE, k])
             a, bx, by = share * waves[A, k], share * waves[BX, k], share * waves[BY, k]

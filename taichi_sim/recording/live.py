@@ -52,9 +52,7 @@ class Live:
             first; that one should be some seconds long, for scales and layout are taken from it.
     """
 
-    def __init__(
-        self, name: str, *, port: int = PORT, viewer: bool | None = None, everywhere: bool = False
-    ) -> None:
+    def __init__(self, name: str, *, port: int = PORT, viewer: bool | None = None, everywhere: bool = False) -> None:
         """Start a server at `port`, and a `viewer` (default: if there is a display); if `everywhere`, the map shows
         the whole area, for there will be more than one episode.
 

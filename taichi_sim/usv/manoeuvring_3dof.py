@@ -19,8 +19,10 @@ outside acts by its X, Y and N, as in a hull that floats upright; its Z, K and M
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
 import taichi as ti
 import torch
+from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
 from taichi_sim.config import ConfigError
@@ -30,7 +32,6 @@ from taichi_sim.kinematics import store
 from taichi_sim.maths import fast
 from taichi_sim.maths.rotation import quaternion_product, rotation_matrix
 from taichi_sim.packs import AroundPack, FleetPack, load_at, numbers_at
-from taichi_sim.sea import waves
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.usv.manoeuvring_loads import (
     VARYING,
@@ -38,9 +39,9 @@ from taichi_sim.usv.manoeuvring_loads import (
     ManoeuvringNumbers,
     acceleration,
     numbers_of,
-    water_plane,
     wave_load,
 )
+from taichi_sim.usv.plane import attitude, elevations, heading, planar, water_plane
 from taichi_sim.usv.vessel import Vessel, steady_speed
 from taichi_sim.vehicle import Limits
 
@@ -82,12 +83,20 @@ class Manoeuvring3dof(Vessel):
             raise ConfigError(f"dt = {dt} s is unstable for this vehicle: allowed are up to {params.largest_dt:.4g} s")
         self.p = params
         self.action_names = ACTION_NAMES[params.actions]
+        self.backs = params.actions == "surge_sway_yaw"
 
     @property
     def limits(self) -> Limits:
         """Its top speed is where damping takes all the thrust."""
         p = self.params
         return Limits((0.0, 0.0, steady_speed(p.surge_force_max, -p.X_u, -p.X_uu, -p.X_uuu)))
+
+    def steer(self, ahead: ArrayLike, helm: ArrayLike) -> NDArray[np.float64]:
+        """Actions of a helmsman: `ahead` and `helm` are shares of surge_force_max and yaw_moment_max."""
+        ahead, helm = np.broadcast_arrays(np.asarray(ahead, dtype=np.float64), helm)
+        if self.backs:
+            return np.stack((ahead, np.zeros_like(ahead), helm), axis=-1)
+        return np.stack((2.0 * ahead - 1.0, helm), axis=-1)
 
     def own(self, values: Mapping[str, Any]) -> ManoeuvringNumbers:
         """What the kernel works with."""
@@ -113,7 +122,7 @@ class Manoeuvring3dof(Vessel):
             y = ti.Vector([state[n, k] for k in ti.static(range(13))])
             V_c = ti.Vector([current[n, 0], current[n, 1]])
             tau = ti.Vector([controls[n, 0] + load[n, 0], controls[n, 1] + load[n, 1], controls[n, 2] + load[n, 5]])
-            s, _ = self.planar(y, V_c)
+            s, _ = planar(y, V_c)
             rate = self.derivatives(self.constants, s, tau, V_c)
             sine, cosine = fast.sincos(s[2])
             u_c, v_c = cosine * V_c[0] + sine * V_c[1], cosine * V_c[1] - sine * V_c[0]
@@ -134,7 +143,7 @@ class Manoeuvring3dof(Vessel):
             actions = ti.Vector([fleet.action[e, i, k] for k in ti.static(range(len(self.action_names)))])
             V_c = ti.Vector([around.current[e, 0], around.current[e, 1]])
             tau = load_at(build, fleet.load, e, i)
-            s, plane = self.planar(y, V_c)
+            s, plane = planar(y, V_c)
             before = plane
             if ti.static(build.varied):
                 own = numbers_at(self.Own, fleet.numbers, e, i)
@@ -143,9 +152,9 @@ class Manoeuvring3dof(Vessel):
                 s, plane, before, memory = self.advance(
                     self.constants, build, around, e, s, plane, memory, actions, tau, V_c
                 )
-            q, omega = self.attitude(s[2], s[5], plane, (plane - before) / ti.static(self.dt))
+            q, omega = attitude(s[2], s[5], plane, (plane - before) / ti.static(self.dt))
             R_nb = rotation_matrix(q)
-            c, sine = self.heading(R_nb)
+            c, sine = heading(R_nb)
             v_n = ti.Vector([c * s[3] - sine * s[4] + V_c[0], sine * s[3] + c * s[4] + V_c[1], 0.0])
             v_n[2] = (before[0] - plane[0]) / ti.static(self.dt)
             store(fleet.derived, e, i, R_nb, v_n)
@@ -174,7 +183,9 @@ class Manoeuvring3dof(Vessel):
             excess = controls - command
             s = self.runge_kutta(p, s, command + p.lag_mean * excess + wave + outside, V_c)
             controls = command + p.lag_end * excess
-            D_next, heights = self.elevations(around, build, e, (n + 1) * ti.static(self.dt), s, D + change)
+            D_next, heights = elevations(
+                around, build, e, (n + 1) * ti.static(self.dt), s, D + change, self.p.length, self.p.beam
+            )
             change = D_next - D
             D = D_next
             before = plane
@@ -214,58 +225,3 @@ class Manoeuvring3dof(Vessel):
         k3 = self.derivatives(p, s + (0.5 * h) * k2, tau, V_c)
         k4 = self.derivatives(p, s + h * k3, tau, V_c)
         return s + (h / 6.0) * (k1 + 2.0 * (k2 + k3) + k4)
-
-    @ti.func
-    def heading(self, R):
-        """Cosine and sine of the heading of R = R_nb."""
-        inv = 1.0 / ti.sqrt(R[0, 0] * R[0, 0] + R[1, 0] * R[1, 0])
-        return R[0, 0] * inv, R[1, 0] * inv
-
-    @ti.func
-    def planar(self, y, V_c):
-        """s = [x, y, psi, u_r, v_r, r] and the water plane (water_plane; its twist is not kept) of a state."""
-        R = rotation_matrix(ti.Vector([y[3], y[4], y[5], y[6]]))
-        v = R @ ti.Vector([y[7], y[8], y[9]])
-        c, sine = self.heading(R)
-        north, east = v[0] - V_c[0], v[1] - V_c[1]
-        r = (R[2, 1] * y[11] + R[2, 2] * y[12]) / (R[2, 1] * R[2, 1] + R[2, 2] * R[2, 2])
-        u_r, v_r = c * north + sine * east, c * east - sine * north
-        slope_n, slope_e = R[0, 2] / R[2, 2], R[1, 2] / R[2, 2]
-        ahead, right = c * slope_n + sine * slope_e, c * slope_e - sine * slope_n
-        s = ti.Vector([y[0], y[1], ti.atan2(R[1, 0], R[0, 0]), u_r, v_r, r])
-        return s, ti.Vector([-y[2], ahead, right, ahead * 0.0])
-
-    @ti.func
-    def elevations(self, around: ti.template(), build: ti.template(), e, tau, s, D):
-        """Displacement (m) at the centre, from its prediction D, and elevations (m, up) at the four corners."""
-        sine, cosine = fast.sincos(s[2])
-        x, y = s[0] + D[0], s[1] + D[1]
-        fx, fy = 0.5 * self.p.length * cosine, 0.5 * self.p.length * sine
-        gx, gy = -0.5 * self.p.beam * sine, 0.5 * self.p.beam * cosine
-        X = ti.Vector([x, x + fx - gx, x + fx + gx, x - fx - gx, x - fx + gx])
-        Y = ti.Vector([y, y + fy - gy, y + fy + gy, y - fy - gy, y - fy + gy])
-        sea_index = around.env_sea[e]
-        h = waves.displacement_and_four_elevations(around.sea, around.phase, build.components, sea_index, e, X, Y, tau)
-        return ti.Vector([h[0], h[1]]), ti.Vector([h[2], h[3], h[4], h[5]])
-
-    @ti.func
-    def attitude(self, psi, r, plane, rate):
-        """Quaternion of heading psi on the water plane, and body rates (rad/s) as the plane changes by `rate`.
-
-        tan theta = slope ahead, tan phi = -slope to starboard cos theta; half angles by square roots.
-        """
-        cos_t = 1.0 / ti.sqrt(1.0 + plane[1] * plane[1])
-        sin_t = plane[1] * cos_t
-        tan_p = -plane[2] * cos_t
-        cos_p = 1.0 / ti.sqrt(1.0 + tan_p * tan_p)
-        sin_p = tan_p * cos_p
-        half_ct, half_cp = ti.sqrt(0.5 * (1.0 + cos_t)), ti.sqrt(0.5 * (1.0 + cos_p))
-        half_st, half_sp = 0.5 * sin_t / half_ct, 0.5 * sin_p / half_cp
-        tilt = ti.Vector([half_ct * half_cp, half_ct * half_sp, half_st * half_cp, -half_st * half_sp])
-        # libm here: an error of the stored heading would grow from step to step
-        yaw = ti.Vector([ti.cos(0.5 * psi), psi * 0.0, psi * 0.0, ti.sin(0.5 * psi)])
-        theta_dot = rate[1] * cos_t * cos_t
-        phi_dot = -(rate[2] * cos_t - plane[2] * sin_t * theta_dot) * cos_p * cos_p
-        p = phi_dot - r * sin_t
-        omega = ti.Vector([p, theta_dot * cos_p + r * cos_t * sin_p, r * cos_t * cos_p - theta_dot * sin_p])
-        return quaternion_product(yaw, tilt), omega

@@ -210,20 +210,6 @@ def acceleration(p: ti.template(), u, v, r, tau):
 
 
 @ti.func
-def water_plane(length, beam, heights):
-    """Mean elevation (m), slopes ahead and to starboard, and the change of the latter per metre ahead (1/m).
-
-    `heights` (m, up) are those of the bow port, bow starboard, stern port and stern starboard corners of a water plane
-    of `length` and `beam` (m).
-    """
-    bow, stern = heights[1] - heights[0], heights[3] - heights[2]
-    ahead = (heights[0] + heights[1] - heights[2] - heights[3]) / (2.0 * length)
-    right = (bow + stern) / (2.0 * beam)
-    twist = (bow - stern) / (beam * length)
-    return ti.Vector([0.25 * heights.sum(), ahead, right, twist])
-
-
-@ti.func
 def wave_load(p: ti.template(), plane):
     """Force X, Y (N) and moment N (N m) of the waves on the hull, from its water plane."""
     a_x, a_y, a_yx = -GRAVITY * plane[1], -GRAVITY * plane[2], -GRAVITY * plane[3]

@@ -23,8 +23,10 @@ pushes the boat down the slope of the plane through the four heights: waves shor
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
+import numpy as np
 import taichi as ti
 import torch
+from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
 from taichi_sim.config import Finite, NonNegative, Positive, Strict
@@ -125,6 +127,10 @@ class UnityBoat(Vessel):
     def limits(self) -> Limits:
         """Its top speed is where drag takes all the thrust."""
         return Limits((0.0, 0.0, steady_speed(self.p.force_factor, self.p.mass * self.p.drag)))
+
+    def steer(self, ahead: ArrayLike, helm: ArrayLike) -> NDArray[np.float64]:
+        """Actions of a helmsman: `ahead` is I_v, `helm` I_h."""
+        return np.stack(np.broadcast_arrays(2.0 * np.asarray(ahead) - 1.0, helm), axis=-1)
 
     def own(self, values: Mapping[str, Any]) -> BoatNumbers:
         """What the kernel works with."""

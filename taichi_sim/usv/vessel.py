@@ -4,6 +4,7 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
 from taichi_sim.conventions import DOWN, ELEVATION
@@ -30,6 +31,19 @@ class Vessel(Vehicle):
 
     medium = "water"
     ending_names = ("capsized", "swamped", "grounded")
+
+    helm_max: float | None = None
+    """Angle of the rudders at full helm, rad; None: it steers by other means than rudders."""
+    backs: bool = False
+    """Whether it can push astern."""
+
+    def steer(self, ahead: ArrayLike, helm: ArrayLike) -> NDArray[np.float64] | None:
+        """Actions [.., action] of a helmsman, each [..]: `ahead` from 0 (no thrust) to 1 (all ahead), and to -1 (all
+        astern) where it `backs`; `helm` from -1 (hard to port) to 1 (hard to starboard).
+
+        Default, None: it has no such commands.
+        """
+        return None
 
     @property
     def capsize_cosine(self) -> float:

@@ -99,9 +99,7 @@ def centre_of(gauge, sea, finite=False, heading=0.0, tau=0.0):
     ):
         for s in range(out.shape[0]):
             zero = t * 0.0
-            r = water.at_centre(
-                table, phase, count, gauge, finite, s, s, zero, zero, t, zero + cos_h, zero + sin_h
-            )
+            r = water.at_centre(table, phase, count, gauge, finite, s, s, zero, zero, t, zero + cos_h, zero + sin_h)
             for c in ti.static(range(18)):
                 out[s, c] = r[c]
 

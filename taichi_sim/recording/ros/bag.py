@@ -121,9 +121,7 @@ def _messages(episode: Episode, origin: Origin) -> tuple[Any, Messages]:
     return typestore, Messages(episode, origin, Builder(typestore))
 
 
-def _serialised(
-    messages: Messages, typestore: Any, show_progress: bool
-) -> Iterator[tuple[Topic, int, bytes]]:
+def _serialised(messages: Messages, typestore: Any, show_progress: bool) -> Iterator[tuple[Topic, int, bytes]]:
     """Topic, stamp (ns) and bytes of every message."""
     steps = range(len(messages.stamps))
     for step in tqdm(steps, desc="bag", unit="step", disable=not show_progress):

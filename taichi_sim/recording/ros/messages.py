@@ -133,9 +133,7 @@ class _Team:
     def _fix(self, step: int, vehicle: int, header: Any) -> Any:
         status = self.build.make("sensor_msgs/msg/NavSatStatus", STATUS_FIX, SERVICE_GPS)
         place = self.fix[step][vehicle]
-        return self.build.make(
-            "sensor_msgs/msg/NavSatFix", header, status, *place, NO_COVARIANCE_3, COVARIANCE_UNKNOWN
-        )
+        return self.build.make("sensor_msgs/msg/NavSatFix", header, status, *place, NO_COVARIANCE_3, COVARIANCE_UNKNOWN)
 
     def _wrench(self, time: Any, frame: str, force: list[float]) -> Any:
         wrench = self.build.make("geometry_msgs/msg/Wrench", self.build.vector(force), self.build.vector(NO_TORQUE))

@@ -101,6 +101,7 @@ def _reader(path: Path, xarray: Any) -> tuple[str, dict[str, Any]]:
 
 def _of_moments(path: Path, data: Any) -> Gridded:
     """A Spotter's: from east counter-clockwise to north clockwise, exp(i (pi/2 - x))."""
+
     def values(name: str) -> np.ndarray:
         return np.asarray(data[name].transpose("time", "freq"), dtype=float)[:, None, :]
 

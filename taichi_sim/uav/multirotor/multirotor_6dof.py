@@ -290,15 +290,11 @@ class Multirotor6DOF(Vehicle):
                 if by_deck > 0:
                     begun, v_n = n * ti.static(self.dt), R @ velocity(y) + met
                     across2 = y[7] * y[7] + y[8] * y[8]
-                    height, inside, hit = landing.rotors_over(
-                        self.p, p, touch.way, e, i, y, begun, self.interval, body
-                    )
+                    height, inside, hit = landing.rotors_over(self.p, p, touch.way, e, i, y, begun, self.interval, body)
                     struck = ti.max(struck, hit)
                     if ti.static(self.p.ground_effect):
                         sea_weight, deck_upwash = landing.deck_ground(self.p, p, height, inside, omega, across2)
-                    soon = landing.touches_soon(
-                        self.p, p, touch.way, e, i, y, v_n, begun, self.interval, body, self.dt
-                    )
+                    soon = landing.touches_soon(self.p, p, touch.way, e, i, y, v_n, begun, self.interval, body, self.dt)
                     if soon > 0 or pressed > 0:
                         flies = 0
                         below = ground.beneath(-y[2] - sea, sea_weight, deck_upwash)

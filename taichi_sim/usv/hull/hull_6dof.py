@@ -34,6 +34,7 @@ from collections.abc import Mapping
 import numpy as np
 import taichi as ti
 import torch
+from numpy.typing import ArrayLike, NDArray
 from taichi.lang.argpack import ArgPack
 from torch import Tensor
 
@@ -120,6 +121,7 @@ class Hull6Dof(Vessel):
         self.radiation = radiation_of(params, self.geometry, dt, substeps, first)
         self.aux_size = first + self.radiation.columns
         self.action_names, self.control_names = self.thrusters.action_names, self.thrusters.control_names
+        self.backs = self.thrusters.backs
         self.signals, self.varying = self.thrusters.signals, varying_keys(params)
         if self.thrusters.allocation is not None:
             self.wrench_max, self.wrench_min = self.thrusters.allocation.largest, self.thrusters.allocation.smallest
@@ -171,6 +173,10 @@ class Hull6Dof(Vessel):
             return Limits()
         force = sum(t.ahead for t in self.thrusters.thrusters)
         return Limits((0.0, 0.0, steady_speed(force, h.linear[0], h.quadratic[0])))
+
+    def steer(self, ahead: ArrayLike, helm: ArrayLike) -> NDArray[np.float64] | None:
+        """Actions of a helmsman (thruster_set.py); None of a hull whose thrusters are commanded one by one."""
+        return self.thrusters.steer(ahead, helm)
 
     def power(self, fleet: Fleet) -> Tensor | None:
         """Of its thrusters [env, vehicle], W; None without any."""

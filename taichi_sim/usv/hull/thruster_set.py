@@ -16,7 +16,9 @@
 import math
 from collections.abc import Mapping
 
+import numpy as np
 import taichi as ti
+from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
 from taichi_sim.conventions import AHEAD
@@ -65,6 +67,28 @@ class ThrusterSet:
             "thrust": ("N", tuple(f"thrust_{name}" for name in names)),
             **({"thruster angle": ("rad", angles)} if angles else {}),
         }
+
+    @property
+    def backs(self) -> bool:
+        """Whether `steer` can push astern."""
+        if self.allocation is not None:
+            return self.allocation.smallest[0] < 0
+        return self.actions == "left_right" and all(t.n_min < 0 for t in self.thrusters)
+
+    def steer(self, ahead: ArrayLike, helm: ArrayLike) -> NDArray[np.float64] | None:
+        """Actions of a helmsman (`Vessel.steer`); None of thrusters that are commanded one by one, or of none.
+
+        "surge_yaw", "wrench": shares of the largest force and moment. "left_right": shares ahead + helm and
+        ahead - helm of the shaft speeds of the two propellers, as far as they go.
+        """
+        ahead, helm = np.broadcast_arrays(np.asarray(ahead, dtype=np.float64), helm)
+        if not self.thrusters or self.actions == "units":
+            return None
+        if self.actions == "surge_yaw":
+            return np.stack((2.0 * ahead - 1.0, helm), axis=-1)
+        if self.actions == "wrench":
+            return np.stack((ahead, np.zeros_like(ahead), helm), axis=-1)
+        return np.clip(np.stack((ahead + helm, ahead - helm), axis=-1), -1.0, 1.0)
 
     def __len__(self) -> int:
         """Number of thrusters."""

@@ -1,0 +1,1 @@
+"""Numbers of a vehicle file from logs of its motion (docs/fit.md)."""

@@ -1,0 +1,369 @@
+"""Numbers of a vehicle by simulation error: least squares over windows of logs, all simulated side by side.
+
+A window begins with a state of its own (position, heading, u, v, r), which is estimated too, as are the current and the
+biases of compass and gyro of each log. Numbers are theta_k = theta0_k exp(phi_k), phi_k ~ N(0, prior_k) beforehand. The
+cost is the sum of squares of residuals over their standard deviations (Huber's weights beyond OUTLIER), plus those of
+the priors. Gauss-Newton with Levenberg's damping; derivatives are differences, simulated in the same batch. What
+belongs to a log alone is eliminated log by log (Schur complement). Short windows come first, for a bad first guess.
+
+The intervals are those of the linearised posterior (Fisher information and priors): they hold for white errors of
+measurement, and a model that is right.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from taichi_sim import runtime
+from taichi_sim.bench import Bench
+from taichi_sim.config import ConfigError
+from taichi_sim.fit.log import Log, LogError
+from taichi_sim.usv.vessel import Vessel
+from taichi_sim.vehicles import load_vehicle
+
+Array = NDArray[np.float64]
+LEAD = 1.0  # s before a window, in which its actuators are brought to where the commands have them
+STEP = 0.02  # s, the longest physics step
+OUTLIER = 2.5  # standard deviations
+ITERATIONS = 60
+SHORT = 0.5  # of a window: length of those that come first
+LEAST = 10  # samples, least of them
+ENOUGH = 1e-5  # change of the cost, relative, that ends the search
+DELTA = 1e-4  # of differences: of phi, and of states in m, rad, m/s, rad/s
+STATES = ("north", "east", "heading", "u", "v", "r")
+OF_LOG = ("current_north", "current_east", "heading_bias", "yaw_rate_bias")
+LOG_PRIOR = np.array([1.0, 1.0, np.radians(3.0), np.radians(1.0)])  # their standard deviations before: m/s, rad, rad/s
+SIGMA = np.array([0.5, 0.5, np.radians(1.0), np.radians(1.0)])  # of the four channels, to begin with
+KNOWN = 0.7  # of a number's prior deviation: with more than that left, the data do not tell it
+HELD_OUT = 5  # every fifth window is not fitted
+
+
+class Window(NamedTuple):
+    """A part of a log, on the grid of steps."""
+
+    log: int
+    motion: Array  # [step + 1, 4]
+    actions: Array  # [lead + step, action]
+
+
+class Fit(NamedTuple):
+    """What was found."""
+
+    keys: tuple[str, ...]
+    nominal: Array  # of the vehicle file
+    values: Array
+    low: Array  # 95 % intervals
+    high: Array
+    told: NDArray[np.bool_]  # whether the data tell the number, rather than the prior
+    correlation: Array  # [number, number]
+    sigma: Array  # of the residuals, by channel: m, m, rad, rad/s
+    currents: Array  # [log, 2] m/s
+    before: float  # rms of the weighted residuals of the held-out windows by the file's numbers
+    after: float  # by the fitted ones
+    iterations: int
+
+
+def windows_of(logs: Sequence[Log], seconds: float) -> list[Window]:
+    """Windows of `seconds`, one after the other, of each part of each log.
+
+    Raises:
+        LogError: if there is none, or logs differ in their interval.
+    """
+    found, first = [], logs[0].interval
+    for number, log in enumerate(logs):
+        if abs(log.interval - first) > 0.01 * first:
+            raise LogError(f"{log.name}: an interval of {log.interval:g} s, {logs[0].name} has {first:g} s: resample")
+        steps, lead = max(round(seconds / first), 2), lead_steps(first)
+        for part in log.parts:
+            t = log.t[part]
+            grid = t[0] + first * np.arange(int((t[-1] - t[0]) / first + 1e-6) + 1)
+            motion = np.stack([np.interp(grid, t, column) for column in log.motion[part].T], axis=1)
+            held = np.clip(np.searchsorted(t, grid + 1e-6 * first, side="right") - 1, 0, len(t) - 1)
+            actions = log.actions[part][held]
+            for k in range(lead, len(grid) - steps, steps):
+                found.append(Window(number, motion[k : k + steps + 1], actions[k - lead : k + steps]))
+    if not found:
+        raise LogError(f"no log has {seconds:g} s without a gap: give a shorter --window")
+    return found
+
+
+def lead_steps(interval: float) -> int:
+    """Steps of LEAD."""
+    return round(LEAD / interval)
+
+
+def _cut(windows: Sequence[Window], steps: int) -> list[Window]:
+    """Windows of so many steps each, out of longer ones."""
+    return [
+        Window(w.log, w.motion[k : k + steps + 1], w.actions[k : k + len(w.actions) - len(w.motion) + 1 + steps])
+        for w in windows
+        for k in range(0, len(w.motion) - steps, steps)
+    ]
+
+
+def first_state(window: Window, interval: float) -> Array:
+    """North, east, heading, u, v, r of its begin, from straight lines through the first two seconds."""
+    n = min(len(window.motion), max(round(2.0 / interval), 4))
+    lines = np.polyfit(interval * np.arange(n), window.motion[:n], 1)
+    (vn, ve, _, _), (north, east, psi, r) = lines
+    c, s = np.cos(psi), np.sin(psi)
+    return np.array([north, east, psi, c * vn + s * ve, c * ve - s * vn, r])
+
+
+class Simulator:
+    """Windows under candidate numbers, currents and first states, side by side."""
+
+    def __init__(self, vehicle: str, keys: Sequence[str], interval: float, changes: Mapping | None = None):
+        """Of a vehicle file, whose `keys` vary.
+
+        Raises:
+            ConfigError: for a vehicle that is no vessel, or a key that does not vary.
+        """
+        substeps = max(1, int(np.ceil(interval / STEP - 1e-9)))
+        model = load_vehicle(vehicle, interval / substeps, substeps, **dict(changes or {}))
+        if not isinstance(model, Vessel):
+            raise ConfigError(f"{vehicle}: only vessels can be fitted")
+        for key in keys:
+            model.check_varies(key)
+            if model.nominal[key] == 0.0:
+                raise ConfigError(f"{vehicle}: {key} is 0 in the file: write a first guess there")
+        self.model, self.keys = model, tuple(keys)
+        self.nominal = np.array([model.nominal[key] for key in keys])
+        self.bench: Bench | None = None
+
+    def run(self, windows: Sequence[Window], phi: Array, current: Array, state: Array) -> Array:
+        """[step + 1, env, 4] north, east, heading, yaw rate.
+
+        Args:
+            windows: of each environment. phi: [env, number]. current: [env, 2]. state: [env, 6].
+        """
+        envs = len(windows)
+        if self.bench is None or self.bench.fleet.num_envs != envs:
+            self.bench = Bench(self.model, envs=envs)
+        b, like = self.bench, self.bench.state
+        b.time.zero_()
+        b.current[:] = torch.as_tensor(current).to(like)
+        place, euler, zero = np.zeros((3, envs, 1, 3))
+        place[:, 0, :2], euler[:, 0, 2] = state[:, :2], state[:, 2]
+        values = self.nominal * np.exp(phi)
+        vary = b.fleet.nominal.expand(envs, 1, -1).clone()
+        for k, key in enumerate(self.keys):
+            vary[:, 0, self.model.varying.index(key)] = torch.as_tensor(values[:, k])
+        b.fleet.give_numbers(vary, self.model.numbers(vary), torch.arange(envs))
+        actions = torch.as_tensor(np.stack([w.actions for w in windows], axis=1)).to(like)
+        steps = len(windows[0].motion) - 1
+        lead = actions.shape[0] - steps
+        self._place(place, euler, zero, state)
+        for k in range(lead):
+            b.step(actions[k][:, None])
+        kept = b.aux.clone()
+        self._place(place, euler, zero, state)
+        b.aux.copy_(kept)
+        out = np.empty((steps + 1, envs, 4))
+        out[0] = self._read(state[:, 2])
+        for k in range(steps):
+            b.step(actions[lead + k][:, None])
+            out[k + 1] = self._read(out[k, :, 2])
+        return out
+
+    def _place(self, place: Array, euler: Array, zero: Array, state: Array) -> None:
+        b = self.bench
+        assert b is not None
+        b.put(place, euler, zero, settle=False)
+        for column, k in ((7, 3), (8, 4), (12, 5)):
+            b.state[:, 0, column] = torch.as_tensor(state[:, k]).to(b.state)
+        b.fleet.update()
+
+    def _read(self, near: Array) -> Array:
+        assert self.bench is not None
+        s = self.bench.state[:, 0].double().numpy()
+        psi = np.arctan2(2 * (s[:, 3] * s[:, 6] + s[:, 4] * s[:, 5]), 1 - 2 * (s[:, 5] ** 2 + s[:, 6] ** 2))
+        return np.stack((s[:, 0], s[:, 1], near + np.angle(np.exp(1j * (psi - near))), s[:, 12]), axis=1)
+
+
+class _Problem:
+    """Residuals and their derivatives of some windows."""
+
+    def __init__(self, simulator: Simulator, windows: Sequence[Window], logs: int):
+        self.simulator, self.windows, self.logs = simulator, list(windows), logs
+        self.measured = np.stack([w.motion for w in windows])  # [window, step + 1, 4]
+        self.of = np.array([w.log for w in windows])
+
+    def residuals(self, phi: Array, extra: Array, state: Array) -> tuple[Array, Array]:
+        """Measured less simulated [window, sample, 4], and d(simulated) [window, sample, 4, number + 4 + 6]."""
+        p, w = len(phi), len(self.windows)
+        columns = p + 2 + 6
+        envs = w * (1 + columns)
+        phis, currents = np.tile(phi, (envs, 1)), np.tile(extra[self.of, :2], (1 + columns, 1))
+        states = np.tile(state, (1 + columns, 1))
+        for k in range(columns):
+            part = slice(w * (k + 1), w * (k + 2))
+            if k < p:
+                phis[part, k] += DELTA
+            elif k < p + 2:
+                currents[part, k - p] += DELTA
+            else:
+                states[part, k - p - 2] += DELTA
+        found = self.simulator.run(self.windows * (1 + columns), phis, currents, states)
+        found = np.moveaxis(found, 1, 0).reshape(1 + columns, w, -1, 4)
+        base = found[0].copy()
+        base[..., 2] += extra[self.of, 2][:, None]
+        base[..., 3] += extra[self.of, 3][:, None]
+        left = self.measured - base
+        left[..., 2] = np.angle(np.exp(1j * left[..., 2]))
+        slope = np.moveaxis((found[1:] - found[0]) / DELTA, 0, -1)
+        bias = np.zeros((*slope.shape[:-1], 2))
+        bias[..., 2, 0], bias[..., 3, 1] = 1.0, 1.0
+        return left, np.concatenate((slope[..., : p + 2], bias, slope[..., p + 2 :]), axis=-1)
+
+
+def _weights(scaled: Array) -> Array:
+    return np.sqrt(np.minimum(1.0, OUTLIER / np.maximum(np.abs(scaled), 1e-12)))
+
+
+def _cost(left: Array, sigma: Array, phi: Array, prior: Array, extra: Array) -> float:
+    """Huber's, and the priors'."""
+    x = np.abs(left / sigma)
+    least = np.minimum(x, OUTLIER)
+    huber = (least * (x - 0.5 * least)).sum()
+    return float(huber + 0.5 * ((phi / prior) ** 2).sum() + 0.5 * ((extra / LOG_PRIOR) ** 2).sum())
+
+
+class _Point(NamedTuple):
+    """Where the search is."""
+
+    phi: Array
+    extra: Array  # [log, 4]
+    state: Array  # [window, 6]
+    left: Array
+    slope: Array
+
+
+class _Normal(NamedTuple):
+    """Normal equations at a point: of the numbers, what belongs to logs eliminated."""
+
+    S: Array  # [number, number]
+    g: Array  # [number]
+    blocks: list  # of each log: its number, its windows, B, C, b
+
+
+def _normal(problem: _Problem, point: _Point, prior: Array, sigma: Array, damping: float) -> _Normal:
+    """Of the residuals and derivatives at a point."""
+    p = len(point.phi)
+    scaled = point.left / sigma
+    weight = _weights(scaled)
+    r, J = scaled * weight, point.slope * (weight / sigma)[..., None]
+    S, g, blocks = np.diag(prior**-2.0), -point.phi / prior**2, []
+    for log in range(problem.logs):
+        mine = np.flatnonzero(problem.of == log)
+        if not len(mine):
+            continue
+        m = 4 + 6 * len(mine)
+        A, B = np.zeros((p, p)), np.zeros((p, m))
+        C, a, b = np.zeros((m, m)), np.zeros(p), np.zeros(m)
+        C[:4, :4], b[:4] = np.diag(LOG_PRIOR**-2.0), -point.extra[log] / LOG_PRIOR**2
+        for k, w in enumerate(mine):
+            j, own = J[w].reshape(-1, p + 10), np.r_[0:4, 4 + 6 * k : 10 + 6 * k]
+            residual, theta, rest = r[w].ravel(), j[:, :p], j[:, p:]
+            A += theta.T @ theta
+            B[:, own] += theta.T @ rest
+            C[np.ix_(own, own)] += rest.T @ rest
+            a += theta.T @ residual
+            b[own] += rest.T @ residual
+        C += damping * np.diag(np.diag(C))
+        half = np.linalg.solve(C, np.column_stack((B.T, b)))
+        S, g = S + A - B @ half[:, :p], g + a - B @ half[:, p]
+        blocks.append((log, mine, B, C, b))
+    return _Normal(S, g, blocks)
+
+
+def _at(problem: _Problem, phi: Array, extra: Array, state: Array) -> _Point:
+    left, slope = problem.residuals(phi, extra, state)
+    return _Point(phi, extra, state, left, slope)
+
+
+def _solve(problem: _Problem, phi: Array, extra: Array, state: Array, prior: Array, sigma: Array, free: bool = True):
+    """The best point, the deviations of the residuals there, and how often normal equations were solved.
+
+    Numbers stay where not `free`.
+    """
+    point, damping, rounds = _at(problem, phi, extra, state), 1e-3, 0
+    cost = _cost(point.left, sigma, phi, prior, extra)
+    while rounds < ITERATIONS and damping < 1e7:
+        rounds += 1
+        normal = _normal(problem, point, prior, sigma, damping)
+        S = normal.S + damping * np.diag(np.diag(normal.S))
+        move = np.clip(np.linalg.solve(S, normal.g), -0.3, 0.3) if free else np.zeros(len(phi))
+        extra, state = point.extra.copy(), point.state.copy()
+        for log, mine, B, C, b in normal.blocks:
+            change = np.linalg.solve(C, b - B.T @ move)
+            extra[log] += change[:4]
+            state[mine] += change[4:].reshape(-1, 6)
+        new = _at(problem, point.phi + move, extra, state)
+        new_cost = _cost(new.left, sigma, new.phi, prior, extra)
+        if not np.isfinite(new_cost) or new_cost > cost:
+            damping *= 10
+            continue
+        better, point, damping = cost - new_cost, new, max(0.1 * damping, 1e-9)
+        sigma = np.maximum(1.4826 * np.median(np.abs(point.left), axis=(0, 1)), 1e-6)
+        cost = _cost(point.left, sigma, point.phi, prior, extra)
+        if better < ENOUGH * abs(new_cost):
+            break
+    return point, sigma, rounds
+
+
+def fit(
+    vehicle: str,
+    logs: Sequence[Log],
+    priors: Mapping[str, float],
+    *,
+    seconds: float = 6.0,
+    changes: Mapping | None = None,
+) -> Fit:
+    """Numbers from logs.
+
+    Args:
+        vehicle: a file or a name, which holds the first guess. logs: read by `read_log`. priors: key -> standard
+            deviation of its logarithm beforehand. seconds: length of a window.
+
+    Raises:
+        ConfigError: for a vehicle or a key that cannot be fitted. LogError: for logs that hold too little.
+    """
+    if runtime.current().precision != "f64":
+        raise ConfigError("a fit needs double precision: runtime.init(precision='f64')")
+    keys, prior = tuple(priors), np.array(list(priors.values()))
+    simulator = Simulator(vehicle, keys, logs[0].interval, changes)
+    windows = windows_of(logs, seconds)
+    held = [w for k, w in enumerate(windows) if len(windows) >= HELD_OUT and k % HELD_OUT == HELD_OUT - 1]
+    used = [w for k, w in enumerate(windows) if not (len(windows) >= HELD_OUT and k % HELD_OUT == HELD_OUT - 1)]
+    samples, unknown = sum(w.motion.size for w in used), len(keys) + 6 * len(used) + 4 * len(logs)
+    if samples < 2 * unknown:
+        raise LogError(f"{samples} measured values for {unknown} unknowns: give longer logs, or fewer --numbers")
+    interval, phi, extra, sigma = logs[0].interval, np.zeros(len(keys)), np.zeros((len(logs), 4)), SIGMA
+    short = _cut(used, max(round(SHORT * seconds / interval), LEAST))
+    state = np.array([first_state(w, interval) for w in short])
+    point, sigma, rounds = _solve(_Problem(simulator, short, len(logs)), phi, extra, state, prior, sigma)
+    problem, each = _Problem(simulator, used, len(logs)), len(short) // len(used)
+    point, sigma, more = _solve(problem, point.phi, point.extra, point.state[::each], prior, sigma)
+    phi, extra = point.phi, point.extra
+    covariance = np.linalg.inv(_normal(problem, point, prior, sigma, 0.0).S)
+    deviation, nominal = np.sqrt(np.diag(covariance)), simulator.nominal
+    values = nominal * np.exp(phi)
+    ends = np.sort(nominal * np.exp(phi + 1.96 * np.array([[-1.0], [1.0]]) * deviation), axis=0)
+    before = after = float("nan")
+    if held:
+        other = _Problem(simulator, held, len(logs))
+        begin = np.array([first_state(w, interval) for w in held])
+        rms = []
+        for numbers in (np.zeros(len(keys)), phi):
+            found, *_ = _solve(other, numbers, extra, begin, prior, sigma, free=False)
+            rms.append(float(np.sqrt(np.mean((found.left / sigma) ** 2))))
+        before, after = rms
+    correlation = covariance / np.outer(deviation, deviation)
+    told, low, high = deviation < KNOWN * prior, ends[0], ends[1]
+    return Fit(
+        keys, nominal, values, low, high, told, correlation, sigma, extra[:, :2], before, after, rounds + more
+    )  # fmt: skip

@@ -1,0 +1,136 @@
+"""Logs of a vessel's motion: CSV with named columns, checked for what commonly is wrong with logs.
+
+Columns: t (s); north, east (m); heading (rad, clockwise from north) or heading_deg; yaw_rate (rad/s, bow to starboard)
+or yaw_rate_deg; each action of the vehicle by its name, -1 to 1, as commanded from that time on. Others are not read.
+"""
+
+import csv
+import hashlib
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from taichi_sim.config import ConfigError
+from taichi_sim.vehicle import Vehicle
+
+Array = NDArray[np.float64]
+GAP = 3.5  # over the usual interval, from where on a log is in two parts
+TURNS = 0.02  # rad/s, rms: a log with less says nothing of turning
+SMALL, LARGE = 1 / 40, 40.0  # ratio of two rates that should be one, from which on one of them is in degrees
+COURSE_OVER = 2.0  # s, over which a course is taken
+MOVES = 0.3  # m/s, below which a course is not compared with a heading
+
+
+class LogError(ConfigError):
+    """A log that cannot be used; the message says where and why."""
+
+
+class Log(NamedTuple):
+    """One log, evenly sampled."""
+
+    name: str
+    t: Array  # s
+    motion: Array  # [sample, 4]: north, east (m), heading (rad, unwrapped), yaw rate (rad/s)
+    actions: Array  # [sample, action], held from each sample on
+    parts: tuple[slice, ...]  # without gaps
+    digest: str  # sha256 of the file
+
+    @property
+    def interval(self) -> float:
+        """Between samples, s."""
+        return float(np.median(np.diff(self.t)))
+
+
+CHANNELS = ("north", "east", "heading", "yaw_rate")
+
+
+def read_log(file: Path, model: Vehicle) -> Log:
+    """A log for `model`.
+
+    Raises:
+        LogError: for a file that is not a log, NaN, times that run back, angles in degrees, other frames, and actions
+            out of their range.
+    """
+    try:
+        raw = file.read_bytes()
+        rows = list(csv.reader(raw.decode("utf-8").splitlines()))
+    except (OSError, UnicodeDecodeError) as error:
+        raise LogError(f"{file}: {error}") from None
+    if len(rows) < 3:
+        raise LogError(f"{file}: a header and at least two rows are wanted, there are {len(rows)} lines")
+    header = [name.strip() for name in rows[0]]
+    columns: dict[str, Array] = {}
+    for name in ("t", *CHANNELS, *model.action_names):
+        columns[name] = _column(file, header, rows, name)
+    t = columns.pop("t")
+    steps = np.diff(t)
+    if (steps <= 0).any():
+        k = int(np.flatnonzero(steps <= 0)[0])
+        raise LogError(f"{file}: line {k + 3}: time goes from {t[k]:g} to {t[k + 1]:g} s: it must increase")
+    motion = np.stack([columns[name] for name in CHANNELS], axis=1)
+    motion[:, 2] = np.unwrap(motion[:, 2])
+    usual = float(np.median(steps))
+    breaks = [0, *(np.flatnonzero(steps > GAP * usual) + 1), len(t)]
+    parts = tuple(slice(int(a), int(b)) for a, b in zip(breaks[:-1], breaks[1:], strict=True))
+    actions = np.stack([columns[name] for name in model.action_names], axis=1)
+    for k, name in enumerate(model.action_names):
+        worst = float(np.abs(actions[:, k]).max())
+        if worst > 1 + 1e-6:
+            raise LogError(f"{file}: {name} goes to {worst:g}: actions are from -1 to 1")
+    _check_frames(file, t, motion, parts)
+    return Log(file.name, t, motion, actions, parts, hashlib.sha256(raw).hexdigest())
+
+
+def _column(file: Path, header: list[str], rows: list[list[str]], name: str) -> Array:
+    degrees = f"{name}_deg" if name in ("heading", "yaw_rate") else None
+    found = name if name in header else degrees
+    if found not in header:
+        also = f" or {degrees}" if degrees else ""
+        raise LogError(f"{file}: no column {name}{also}; it has {', '.join(header)}")
+    place = header.index(found)
+    values = np.empty(len(rows) - 1)
+    for k, row in enumerate(rows[1:]):
+        try:
+            values[k] = float(row[place])
+        except (ValueError, IndexError):
+            raise LogError(f"{file}: line {k + 2}: {found} is not a number") from None
+        if not np.isfinite(values[k]):
+            raise LogError(f"{file}: line {k + 2}: {found} = {values[k]}: leave out such rows")
+    return np.radians(values) if found == degrees else values
+
+
+def _check_frames(file: Path, t: Array, motion: Array, parts: tuple[slice, ...]) -> None:
+    """Heading against yaw rate, and course against heading: they show degrees and other frames."""
+    heading, rate, told, course = [], [], [], []
+    for part in parts:
+        if part.stop - part.start < 5:
+            continue
+        n, e, psi, r = motion[part].T
+        heading.append(np.gradient(psi, t[part]))
+        rate.append(r)
+        lag = max(round(COURSE_OVER / float(np.median(np.diff(t[part])))), 1)
+        north, east = n[lag:] - n[:-lag], e[lag:] - e[:-lag]
+        fast = np.hypot(north, east) > MOVES * COURSE_OVER
+        told.append((0.5 * (psi[lag:] + psi[:-lag]))[fast])
+        course.append(np.arctan2(east, north)[fast])
+    turning, r = np.concatenate(heading or [np.zeros(0)]), np.concatenate(rate or [np.zeros(0)])
+    if len(r) and np.sqrt(np.mean(r**2)) > 1e-3:
+        slope = float(turning @ r / (r @ r))
+        if abs(slope) > LARGE:
+            raise LogError(f"{file}: heading changes {slope:.0f} times as fast as yaw_rate says: it looks like degrees "
+                           "(name the column heading_deg)")  # fmt: skip
+        if 0 < abs(slope) < SMALL:
+            raise LogError(f"{file}: yaw_rate is {1 / slope:.0f} times the change of heading: it looks like degrees "
+                           "per second (name the column yaw_rate_deg)")  # fmt: skip
+        if slope < -0.5:
+            raise LogError(f"{file}: heading turns against yaw_rate: one of them counts to port (heading is clockwise "
+                           "from north, yaw_rate is bow to starboard)")  # fmt: skip
+    psi, chi = np.concatenate(told or [np.zeros(0)]), np.concatenate(course or [np.zeros(0)])
+    if len(psi) > 20:
+        ned = abs(np.mean(np.exp(1j * (chi - psi))))
+        enu = abs(np.mean(np.exp(1j * (chi + psi))))
+        if enu > 0.8 and enu > ned + 0.3:
+            raise LogError(f"{file}: the course turns against the heading: north and east are exchanged, or the "
+                           "heading is counted from east (ENU); wanted is clockwise from north")  # fmt: skip

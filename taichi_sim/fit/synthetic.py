@@ -1,0 +1,50 @@
+"""Logs of a vessel whose numbers are known, to test a fit: random commands, an unknown current, instrument errors."""
+
+import csv
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from taichi_sim.fit.estimate import Simulator, Window
+
+INTERVAL = 0.1  # s
+HELD = (2.0, 6.0)  # for which a command is held, s
+NOISE = np.array([0.1, 0.1, np.radians(0.5), np.radians(0.2)])  # of GNSS (m), compass and gyro (rad, rad/s); assumed
+BIAS = np.radians([1.0, 0.1])  # of compass and gyro, standard deviations; assumed
+CURRENT = 0.3  # m/s, the most; assumed
+
+
+def write_logs(
+    vehicle: str, factors: Mapping[str, float], folder: Path, *, count: int = 10, seconds: float = 60.0, seed: int = 0
+) -> list[Path]:
+    """`count` logs of a vehicle file whose numbers are multiplied by `factors`."""
+    rng, simulator = np.random.default_rng(seed), Simulator(vehicle, tuple(factors), INTERVAL)
+    names, steps = simulator.model.action_names, round(seconds / INTERVAL)
+    windows = []
+    for log in range(count):
+        actions = np.zeros((steps, len(names)))
+        k = 0
+        while k < steps:
+            n = round(rng.uniform(*HELD) / INTERVAL)
+            actions[k : k + n] = rng.uniform(-1.0, 1.0, len(names))
+            k += n
+        windows.append(Window(log, np.zeros((steps + 1, 4)), actions))
+    way, speed = rng.uniform(0, 2 * np.pi, count), rng.uniform(0, CURRENT, count)
+    state = np.zeros((count, 6))
+    state[:, 2] = rng.uniform(-np.pi, np.pi, count)
+    phi = np.tile(np.log(list(factors.values())), (count, 1))
+    motion = simulator.run(windows, phi, np.stack((speed * np.cos(way), speed * np.sin(way)), axis=1), state)
+    folder.mkdir(parents=True, exist_ok=True)
+    files = []
+    for log in range(count):
+        told = motion[:-1, log] + rng.normal(size=(steps, 4)) * NOISE
+        told[:, 2:] += rng.normal(size=2) * BIAS
+        files.append(folder / f"log{log}.csv")
+        with files[-1].open("w", newline="") as file:
+            table = csv.writer(file)
+            table.writerow(("t", "north", "east", "heading", "yaw_rate", *names))
+            for k in range(steps):
+                row = (*told[k], *windows[log].actions[k])
+                table.writerow((f"{k * INTERVAL:.3f}", *(f"{x:.6f}" for x in row)))
+    return files

@@ -1,0 +1,115 @@
+"""From servo pulse widths to a vehicle's actions.
+
+| vehicle | channels, as ArduPilot numbers them by default |
+|---|---|
+| vessel | 1 helm (high: to starboard), 3 ahead (middle: stopped) |
+| vessel of two propellers, actions = "left_right" | 1 left, 3 right (skid steering: ThrottleLeft, ThrottleRight) |
+| fixed wing | 1 aileron (high: rolls right), 2 elevator (high: nose up), 3 throttle, 4 rudder (high: nose right) |
+| multirotor | 1, 2 ... the rotors, in the order of the vehicle file: speed from omega_min to omega_max |
+
+Pulse widths from `low` to `high` are -1 to 1 of what has a middle, and 0 to 1 of throttles and rotors. A width of 0 (no
+output) is the middle, or 0.
+"""
+
+import re
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from taichi_sim.config import ConfigError
+from taichi_sim.uav.fixed_wing.params import FixedWingParams
+from taichi_sim.uav.multirotor.params import MultirotorParams
+from taichi_sim.usv.vessel import Vessel
+from taichi_sim.vehicle import Vehicle
+
+PWM = (1000, 2000)  # microseconds, ArduPilot's SITL
+
+DIRECT: Mapping[type, dict[str, Any]] = {
+    FixedWingParams: {"autopilot": {"actions": "surfaces"}},
+    MultirotorParams: {"control": {"actions": "rotors"}},
+}
+"""What must be changed in a vehicle file so that its actions are its actuators."""
+
+
+def changes_for(model: Vehicle) -> dict[str, Any]:
+    """Of the vehicle file, so that an autopilot commands the actuators."""
+    return DIRECT.get(type(model.params), {})
+
+
+def default_channels(model: Vehicle) -> dict[str, int]:
+    """What is commanded -> channel, negative where high is its negative.
+
+    Raises:
+        ConfigError: for a vehicle that an autopilot cannot drive.
+    """
+    if isinstance(model, Vessel):
+        if model.action_names == ("left", "right"):
+            return {"left": 1, "right": 3}
+        if model.steer(0.0, 0.0) is not None:
+            return {"helm": 1, "ahead": 3}
+        return {name: k + 1 for k, name in enumerate(model.action_names)}
+    if isinstance(model.params, FixedWingParams):
+        return {"aileron": 1, "elevator": -2, "throttle": 3, "rudder": -4}
+    if isinstance(model.params, MultirotorParams):
+        return {name: k + 1 for k, name in enumerate(model.action_names)}
+    raise ConfigError(f"an autopilot cannot drive a {type(model).__name__}: it has no actuators of its own")
+
+
+def read_channels(text: str, model: Vehicle) -> dict[str, int]:
+    """NAME=CHANNEL,... over the defaults; -CHANNEL turns it round.
+
+    Raises:
+        ConfigError: for a name that is not commanded, or no channel.
+    """
+    found = default_channels(model)
+    for part in text.split(","):
+        match = re.fullmatch(r"\s*(\w+)\s*=\s*(-?\d+)\s*", part)
+        if match is None or not 1 <= abs(int(match[2])) <= 32:
+            raise ConfigError(
+                f"--channels {part!r}: expected NAME=CHANNEL, channels 1 to 32, for example helm=1,ahead=-3"
+            )
+        if match[1] not in found:
+            raise ConfigError(f"--channels {match[1]}: this vehicle has {', '.join(found)}")
+        found[match[1]] = int(match[2])
+    return found
+
+
+class Mixer:
+    """Actions from pulse widths, of one vehicle."""
+
+    def __init__(self, model: Vehicle, channels: Mapping[str, int], pwm: tuple[float, float] = PWM):
+        """For `model`, whose actions are its actuators (`changes_for`)."""
+        self.model, self.channels, self.low, self.high = model, dict(channels), *pwm
+        self.one_sided = {"throttle"} | set(model.action_names if isinstance(model.params, MultirotorParams) else ())
+
+    def share(self, name: str, pwm: tuple[int, ...]) -> float:
+        """-1 to 1, or 0 to 1, of what is commanded."""
+        channel = self.channels[name]
+        width = pwm[abs(channel) - 1] if abs(channel) <= len(pwm) else 0
+        if name in self.one_sided:
+            return float(np.clip((width - self.low) / (self.high - self.low), 0.0, 1.0)) if width else 0.0
+        middle = 0.5 * (self.low + self.high)
+        x = float(np.clip((width - middle) / (self.high - middle), -1.0, 1.0)) if width else 0.0
+        return -x if channel < 0 else x
+
+    def actions(self, pwm: tuple[int, ...]) -> NDArray[np.float64]:
+        """[action]."""
+        shares = {name: self.share(name, pwm) for name in self.channels}
+        model: Any = self.model
+        if "helm" in shares:
+            ahead = shares["ahead"] if model.backs else max(shares["ahead"], 0.0)
+            return model.steer(ahead, shares["helm"])
+        if isinstance(model.params, FixedWingParams):
+            lower, upper = (np.array(x) for x in (model.p.actuators.lower, model.p.actuators.upper))
+            names = ("elevator", "aileron", "rudder")
+            wanted = [shares[n] * (upper[k] if shares[n] > 0 else -lower[k]) for k, n in enumerate(names)]
+            wanted.append(lower[3] + shares["throttle"] * (upper[3] - lower[3]))
+            return model.action(torch.tensor(wanted, dtype=torch.float64)).numpy().clip(-1.0, 1.0)
+        if isinstance(model.params, MultirotorParams):
+            rotor = model.plan.rotor
+            speeds = [rotor.omega_min + shares[n] * (rotor.omega_max - rotor.omega_min) for n in model.action_names]
+            return model.action(torch.tensor(speeds, dtype=torch.float64)).numpy().clip(-1.0, 1.0)
+        return np.array([shares[name] for name in model.action_names])

@@ -1,0 +1,182 @@
+"""A vehicle stepped frame by frame for an autopilot: begins anew, advances, measures.
+
+A vessel begins afloat, at rest. A multirotor stands at its place until its rotors lift it, for there is no ground here
+but decks. An aircraft is held at its place, level, until its throttle opens; then it flies from there at its cruising
+airspeed.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from taichi_sim.bench import Bench
+from taichi_sim.config import AirConfig, ConfigError, SeaConfig
+from taichi_sim.conventions import GRAVITY, QUATERNION
+from taichi_sim.maths.rotation import torch_euler_from_quaternion
+from taichi_sim.sitl.channels import PWM, Mixer, changes_for, default_channels
+from taichi_sim.sitl.packets import Sensors
+from taichi_sim.uav.fixed_wing.params import FixedWingParams
+from taichi_sim.vehicle import Vehicle
+from taichi_sim.vehicles import load_vehicle
+
+LONGEST_STEP = 0.02  # s, physics steps within a frame of less than 50 Hz
+MOST_SUBSTEPS = 256
+WARM_UP = 5  # frames
+HELD_HEIGHT = 50.0  # m, at which aircraft are held; they report it as where they began
+OPEN = 0.6  # throttle at which a held aircraft is let go
+
+
+class Craft:
+    """One vehicle in a sea and a wind.
+
+    Attributes:
+        model, bench: of the present frame rate. rate: Hz. frames: since it began.
+    """
+
+    def __init__(
+        self,
+        vehicle: str,
+        changes: dict[str, Any] | None = None,
+        *,
+        sea: SeaConfig | None = None,
+        air: AirConfig | None = None,
+        channels: dict[str, int] | None = None,
+        pwm: tuple[float, float] = PWM,
+        heading: float = 0.0,
+        seed: int = 0,
+    ):
+        """Of a vehicle file or name, with other values of its keys; `heading` (rad) to begin with.
+
+        Raises:
+            ConfigError: for a vehicle that cannot be loaded, or that an autopilot cannot drive.
+        """
+        self.vehicle, self.changes = vehicle, dict(changes or {})
+        self.sea, self.air, self.heading, self.seed, self.pwm = sea, air, heading, seed, pwm
+        first = load_vehicle(vehicle, 1e-3, 1, **self.changes)
+        for section, values in changes_for(first).items():
+            self.changes[section] = values | self.changes.get(section, {}) | values
+        self.channels = channels or default_channels(load_vehicle(vehicle, 1e-3, 1, **self.changes))
+        self.rate, self.frames, self.held = 0, 0, False
+        self.model: Vehicle
+        self.bench: Bench
+        self.mixer: Mixer
+
+    # -- beginning -------------------------------------------------------------------------------------------------
+
+    def begin(self, rate: int) -> None:
+        """At its place, at rest, at frames of `rate` Hz."""
+        self._build(rate)
+        b, air = self.bench, self.model.medium == "air"
+        b.time.zero_()
+        down = -HELD_HEIGHT if air else 0.0
+        b.put((0.0, 0.0, down), (0.0, 0.0, self.heading), settle=not air)
+        b.fleet.action.zero_()
+        for name in self.model.control_names:  # rotors and propellers stand
+            if air and name in self.model.aux_names:
+                b.fleet.reading(name).zero_()
+        self.frames, self.held = 0, air
+        self.origin = self._state()[:3].copy()
+        if not air:  # until it moves with the water under it
+            b.step(self.mixer.actions(()), times=WARM_UP)
+            self.origin[2] = 0.0
+        self.before = self._velocity()
+
+    def change_rate(self, rate: int) -> None:
+        """Go on at frames of another rate: motion and time stay."""
+        old, seconds = self.bench, self.frames / self.rate
+        self._build(rate)
+        for new, kept in ((self.bench.state, old.state), (self.bench.aux, old.aux), (self.bench.surface, old.surface)):
+            new.copy_(kept)
+        self.bench.time.copy_(old.time)
+        self.bench.refresh()
+        self.bench.fleet.update()
+        self.frames = round(seconds * rate)
+
+    def _build(self, rate: int) -> None:
+        if rate == self.rate:
+            return
+        substeps = max(1, math.ceil(1 / (rate * LONGEST_STEP) - 1e-9))
+        while True:
+            try:
+                self.model = load_vehicle(self.vehicle, 1 / (rate * substeps), substeps, **self.changes)
+                break
+            except ConfigError:
+                substeps *= 2
+                if substeps > MOST_SUBSTEPS:
+                    raise
+        sea = None if self.sea is None else self.sea.model_copy(update={"realisations": 1})
+        self.bench = Bench(self.model, sea=sea, air=self.air, seed=self.seed)
+        self.mixer = Mixer(self.model, self.channels, self.pwm)
+        self.rate = rate
+
+    # -- moving ----------------------------------------------------------------------------------------------------
+
+    def advance(self, pwm: tuple[int, ...]) -> None:
+        """One frame under these servo outputs."""
+        b, kept = self.bench, None
+        if self.held:
+            kept = b.state.clone()
+        self.before = self._velocity()
+        b.step(self.mixer.actions(pwm))
+        self.frames += 1
+        if kept is not None and not self._released(kept, pwm):
+            b.state.copy_(kept)
+            b.fleet.update()
+
+    def _released(self, kept: Any, pwm: tuple[int, ...]) -> bool:
+        """Whether what is held lets go; a multirotor where its rotors lift it, an aircraft where its throttle opens."""
+        b = self.bench
+        if isinstance(self.model.params, FixedWingParams):
+            if self.mixer.share("throttle", pwm) < OPEN:
+                return False
+            b.state.copy_(kept)
+            b.state.copy_(self.model.settle(b.state.clone(), b.surface, b.around))
+            self.model.reset_aux(b.aux, b.state, b.around)
+            b.fleet.update()
+            self.before = self._velocity()
+        elif not float(b.state[0, 0, 2]) < float(kept[0, 0, 2]):
+            return False
+        self.held = False
+        return True
+
+    # -- measuring -------------------------------------------------------------------------------------------------
+
+    def _state(self) -> np.ndarray:
+        return self.bench.state[0, 0].double().cpu().numpy()
+
+    def _velocity(self) -> np.ndarray:
+        """[3], NED, m/s."""
+        return _rotation(self._state()[3:7]) @ self._state()[7:10]
+
+    def sensors(self) -> Sensors:
+        """As of the end of the last frame; the specific force is the mean over it."""
+        s = self._state()
+        R, velocity = _rotation(s[3:7]), self._velocity()
+        force = R.T @ ((velocity - self.before) * self.rate - np.array([0.0, 0.0, GRAVITY]))
+        euler = torch_euler_from_quaternion(self.bench.state[0, 0, QUATERNION].double()).tolist()
+        met = R.T @ (self.bench.around.wind[0].double().cpu().numpy() - velocity)  # of the air, relative to it, b
+        air = self.model.medium == "air"
+        speed = float(np.linalg.norm(met)) if air else None
+        if air and "airspeed" in self.model.aux_names and not self.held:
+            speed = float(self.bench.fleet.reading("airspeed")[0, 0])
+        position = s[:3] - self.origin
+        return Sensors(
+            self.frames / self.rate, _three(s[10:13]), _three(force), _three(position), _three(euler),
+            (float(s[3]), float(s[4]), float(s[5]), float(s[6])), _three(velocity), speed,
+            math.atan2(-met[1], -met[0]), float(math.hypot(met[0], met[1])),
+        )  # fmt: skip
+
+
+def _three(x: Any) -> tuple[float, float, float]:
+    return float(x[0]), float(x[1]), float(x[2])
+
+
+def _rotation(q: np.ndarray) -> np.ndarray:
+    """R_nb of a quaternion."""
+    w, x, y, z = q
+    return np.array([
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ])  # fmt: skip

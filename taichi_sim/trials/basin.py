@@ -1,0 +1,314 @@
+"""A basin for trials: vessels side by side, each with its own helm, and events timed between steps.
+
+A helmsman acts at the instant at which the heading reaches a mark. Where that lies within a step, the step is made
+again in FINE parts by a second model of the same numbers, and the command changes between two of these.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from taichi_sim.bench import Bench
+from taichi_sim.config import AirConfig, ConfigError, SeaConfig
+from taichi_sim.conventions import ANGULAR_VELOCITY, GRAVITY, POSITION, QUATERNION, VELOCITY
+from taichi_sim.trials.figures import Array, TrialError
+from taichi_sim.usv.vessel import Vessel
+from taichi_sim.vehicles import load_vehicle
+
+Due = Callable[[Array], NDArray[np.bool_]]
+Act = Callable[[NDArray[np.bool_], float], Array]
+FINE = 256  # parts of a step in which an event lies
+COARSE = 0.014  # step over sqrt(L), s / sqrt(m): 0.02 s of a hull of 2 m; it only bounds the error between events
+ALMOST = 1e-3  # the same, below which the longest approach will do
+STEADY = 1e-6  # change of speed in a ship's length of travel, over the speed, at which an approach is over
+LONGEST = 600.0  # of any phase of a trial, in lengths over the speed of sqrt(g L) / 10
+SHIP_HELM = np.radians(35.0)  # what full helm of a vessel without rudders counts as
+RUN_UP = 5.0  # least time of an approach that is towed or in waves, in lengths over the same speed
+COURSE_GAIN, RATE_GAIN = 2.0, 1.0  # of the helm that keeps a course in wind and waves, 1/rad, and of r L / U; assumed
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What a trial is made with.
+
+    Attributes:
+        vehicle: a file or a name. changes: of the vehicle file's keys (load_vehicle).
+        sea, air: None is calm; a sea has its current. runs: realisations of the sea. seed: of them.
+        heading: of the approach, rad, in wind and waves. ahead: share of full thrust. helm: share of full helm.
+        speed: of the approach, m/s, held as by a carriage; None: the vessel's own. dt: s; None follows from the length.
+    """
+
+    vehicle: str | Path
+    changes: dict[str, Any]
+    sea: SeaConfig | None = None
+    air: AirConfig | None = None
+    runs: int = 1
+    heading: float = 0.0
+    ahead: float = 1.0
+    helm: float = 1.0
+    speed: float | None = None
+    dt: float | None = None
+    seed: int = 1
+
+    @property
+    def calm(self) -> bool:
+        """Whether nothing disturbs the vessel."""
+        return self.sea is None and self.air is None
+
+
+class Track(NamedTuple):
+    """Motion over time, [sample] or [sample, env]: SI, rad; headings are counted on through full turns."""
+
+    t: Array
+    north: Array
+    east: Array
+    roll: Array
+    heading: Array
+    u: Array  # over ground, in b
+    v: Array
+    r: Array  # of the heading
+    helm: Array  # rudder angle, rad, or the same share of 35 degrees
+
+    def of(self, env: int) -> "Track":
+        """That of one environment."""
+        return Track(self.t, *(column[:, env] for column in self[1:]))
+
+    @property
+    def speed(self) -> Array:
+        """Over ground, m/s."""
+        return np.hypot(self.u, self.v)
+
+
+def vessel_of(setting: Setting) -> Vessel:
+    """The model, with a step that suits its length.
+
+    Raises:
+        ConfigError: for a vehicle that cannot be loaded. TrialError: for one that is not a vessel.
+    """
+    first = load_vehicle(setting.vehicle, 1e-3, 1, **setting.changes)
+    if not isinstance(first, Vessel):
+        raise TrialError(f"{setting.vehicle}: it is not a vessel")
+    dt = setting.dt
+    if dt is None:
+        dt = float(f"{COARSE * np.sqrt(first.size[0]):.1e}")
+        while True:
+            try:
+                return _model(setting, dt)
+            except ConfigError:
+                dt *= 0.5
+                if dt < 1e-3:
+                    raise
+    return _model(setting, dt)
+
+
+def _model(setting: Setting, dt: float) -> Vessel:
+    found = load_vehicle(setting.vehicle, dt, 1, **setting.changes)
+    assert isinstance(found, Vessel)
+    return found
+
+
+class Basin:
+    """`cases` x `setting.runs` vessels of one model; environment case * runs + run is on realisation `run`.
+
+    Attributes:
+        model, setting, bench. time: since the trial's beginning, s. length: of the vessel, m. slowness: L over a Froude
+            speed of 0.1, s, which bounds the phases of a trial.
+    """
+
+    def __init__(self, setting: Setting, cases: int):
+        """At rest."""
+        self.setting, self.model = setting, vessel_of(setting)
+        self.envs, self.cases = cases * setting.runs, cases
+        self.bench = self._bench(self.model)
+        self._asked = np.full((2, self.envs), np.nan)
+        self._actions = torch.zeros(0)
+        self._fine: Bench | None = None
+        self.length = self.model.size[0]
+        self.slowness = self.length / (0.1 * np.sqrt(GRAVITY * self.length))
+        self.time, self._heading = 0.0, np.zeros(self.envs)
+        if self.model.steer(0.0, 0.0) is None:
+            raise TrialError(
+                f"{setting.vehicle}: its model does not say how it is steered ({type(self.model).__name__}.steer); a "
+                'hull of single thrusters is steered with actions = "wrench"'
+            )
+
+    def _bench(self, model: Vessel) -> Bench:
+        sea = (
+            None
+            if self.setting.sea is None
+            else self.setting.sea.model_copy(update={"realisations": self.setting.runs})
+        )
+        return Bench(model, sea=sea, air=self.setting.air, envs=self.envs, seed=self.setting.seed)
+
+    @property
+    def longest(self) -> float:
+        """Of a phase, s."""
+        return LONGEST * self.slowness
+
+    def spread(self, values: Any) -> Array:
+        """Values [case], for every environment."""
+        return np.repeat(np.asarray(values, dtype=np.float64), self.setting.runs)
+
+    # -- moving ----------------------------------------------------------------------------------------------------
+
+    def lie(self, speed: float = 0.0) -> None:
+        """Place all at the origin, with `speed` (m/s) ahead through the water."""
+        self.bench.put(
+            (0.0, 0.0, 0.0),
+            (0.0, 0.0, 0.0 if self.setting.calm else self.setting.heading),
+            (speed, 0.0, 0.0),
+            settle=True,
+        )
+        self.begin()
+
+    def begin(self) -> None:
+        """Time and places count from here."""
+        self.time = 0.0
+        self.bench.state[..., :2] = 0.0
+        self._heading = self._raw()
+
+    def step(self, ahead: Array, helm: Array) -> None:
+        """A step with these commands [env]."""
+        self._advance(self.bench, ahead, helm)
+        self.time += self.model.dt
+
+    def _advance(self, bench: Bench, ahead: Array, helm: Array) -> None:
+        if not (np.array_equal(ahead, self._asked[0]) and np.array_equal(helm, self._asked[1])):
+            actions = self.model.steer(ahead, helm)
+            assert actions is not None
+            full = np.broadcast_to(actions, (self.envs, actions.shape[-1]))
+            self._actions = torch.tensor(full[:, None], dtype=bench.state.dtype, device=bench.state.device)
+            self._asked = ahead.copy(), helm.copy()
+        bench.step(self._actions)
+
+    def step_to(self, ahead: Array, helm: Array, due: Due, act: Act) -> Array:
+        """A step within which commands may change; the helm [env] after it.
+
+        `due(heading)` says of each environment whether its helm is to change at this heading (rad), and
+        `act(which, time)` gives the helm of all after it did, in those, at that time (s).
+        """
+        b = self.bench
+        parts = (b.state, b.fleet.aux, b.fleet.surface, b.fleet.derived)
+        before, when, began, heading = [x.clone() for x in parts], b.time.clone(), self.time, self._heading.copy()
+        self.step(ahead, helm)
+        if not due(self.headings()).any():
+            return helm
+        fine = self._fine_bench()
+        targets = (fine.state, fine.fleet.aux, fine.fleet.surface, fine.fleet.derived)
+        for target, value in zip(targets, before, strict=True):
+            target.copy_(value)
+        fine.time.copy_(when)
+        fine.refresh()
+        self._heading = heading
+        for k in range(FINE):
+            self._advance(fine, ahead, helm)
+            if (which := due(self._follow(fine))).any():
+                helm = act(which, began + (k + 1) * self.model.dt / FINE)
+        for target, value in zip(parts, targets, strict=True):
+            target.copy_(value)
+        return helm
+
+    def _fine_bench(self) -> Bench:
+        if self._fine is None:
+            self._fine = self._bench(_model(self.setting, self.model.dt / FINE))
+        return self._fine
+
+    # -- reading ---------------------------------------------------------------------------------------------------
+
+    def _raw(self, bench: Bench | None = None) -> Array:
+        q = (bench or self.bench).state[:, 0, QUATERNION].double().cpu().numpy()
+        return np.arctan2(2 * (q[:, 0] * q[:, 3] + q[:, 1] * q[:, 2]), 1 - 2 * (q[:, 2] ** 2 + q[:, 3] ** 2))
+
+    def _follow(self, bench: Bench | None = None) -> Array:
+        change = self._raw(bench) - self._heading
+        self._heading = self._heading + change - 2 * np.pi * np.round(change / (2 * np.pi))
+        return self._heading
+
+    def headings(self) -> Array:
+        """[env], rad, counted on through full turns."""
+        return self._follow()
+
+    def sample(self, helm: Array) -> tuple[Array, ...]:
+        """A row of a track."""
+        s = self.bench.state[:, 0].double().cpu().numpy()
+        w, x, y, z = s[:, 3], s[:, 4], s[:, 5], s[:, 6]
+        up, across, ahead = 1 - 2 * (x * x + y * y), 2 * (y * z + w * x), 2 * (x * z - w * y)  # last row of R_nb
+        rate = (s[:, 11] * across + s[:, 12] * up) / (1 - ahead * ahead)
+        angle = helm * (self.model.helm_max or SHIP_HELM)
+        if "rudder" in self.model.aux_names:
+            angle = self.bench.fleet.reading("rudder")[:, 0].double().cpu().numpy()
+        return tuple(
+            map(np.copy, (s[:, 0], s[:, 1], np.arctan2(across, up), self.headings(), s[:, 7], s[:, 8], rate, angle))
+        )
+
+    # -- approaching -----------------------------------------------------------------------------------------------
+
+    def approach(self, ahead: Array | None = None) -> Array:
+        """A steady straight run, after which the trial begins; speeds ahead over ground [env], m/s.
+
+        In calm water the vessel is kept on its course as by rails: of an unstable one there is no other straight run.
+        In wind and waves a helmsman keeps it.
+
+        Raises:
+            TrialError: if the vessel does not get going, or never becomes steady.
+        """
+        setting, state = self.setting, self.bench.state
+        ahead = np.full(self.envs, setting.ahead) if ahead is None else ahead
+        top = self.model.limits.speeds[2]
+        given = setting.speed
+        first = (top if np.isfinite(top) else 0.0) * min(max(float(np.abs(ahead).max()), 0.1), 1.0)
+        self.lie(first if given is None else given)
+        steps = max(int(round(self.slowness / 10 / self.model.dt)), 1)
+        last, helm, change = np.full(self.envs, np.inf), np.zeros(self.envs), np.inf
+        for _ in range(int(self.longest / (steps * self.model.dt))):
+            for _ in range(steps):
+                if not setting.calm:
+                    off = self.headings() - setting.heading
+                    rate = state[:, 0, 12].double().cpu().numpy() * self.length / np.maximum(last_speed(state), 1e-3)
+                    helm = np.clip(-COURSE_GAIN * off - RATE_GAIN * rate, -1.0, 1.0)
+                self.step(ahead, helm)
+                if setting.calm:
+                    _on_rails(state)
+                if given is not None:
+                    state[..., 7] = given
+            speed = last_speed(state)
+            travelled = steps * self.model.dt * np.maximum(np.abs(speed), 1e-9) / self.length
+            change, last = float(np.max(np.abs(speed - last) / (np.abs(speed) * travelled + 1e-12))), speed
+            settled = change <= STEADY
+            if given is not None or not setting.calm:  # as far as it can become steady: shafts, heave and pitch
+                settled &= self.time > RUN_UP * self.slowness
+                settled |= self.time > 4 * RUN_UP * self.slowness
+            if settled:
+                break
+        else:
+            if change > ALMOST:
+                raise TrialError(f"{setting.vehicle}: a straight run does not become steady in {self.time:.0f} s")
+        if not np.all(speed > 1e-6):
+            raise TrialError(f"{setting.vehicle}: ahead = {setting.ahead:g} does not move it: a trial needs speed")
+        if setting.calm:
+            state[..., 0:2] = 0.0
+        self.begin()
+        self.bench.fleet.update()
+        return speed
+
+
+def last_speed(state: torch.Tensor) -> Array:
+    """Ahead, over ground [env], m/s."""
+    return state[:, 0, 7].double().cpu().numpy().copy()
+
+
+def _on_rails(state: torch.Tensor) -> None:
+    """Take out of states [env, 1, 13] what is not a straight run north: heading, roll, their rates, and sway."""
+    q = state[..., QUATERNION]
+    q[..., 1] = 0.0
+    q[..., 3] = 0.0
+    q /= q.norm(dim=-1, keepdim=True)
+    state[..., VELOCITY][..., 1] = 0.0
+    state[..., ANGULAR_VELOCITY][..., 0] = 0.0
+    state[..., ANGULAR_VELOCITY][..., 2] = 0.0
+    state[..., POSITION][..., 1] = 0.0

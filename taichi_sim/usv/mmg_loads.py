@@ -1,0 +1,263 @@
+"""Loads of the MMG standard method on hull, propeller and rudder (Yasukawa & Yoshimura 2015, J. Mar. Sci. Technol. 20).
+
+With U the speed through the water, beta = atan(-v / u) the drift angle, v' = v / U, r' = r L / U, q = 0.5 rho L d U^2:
+
+    X_H = q (-R_0 + X_vv v'^2 + X_vr v' r' + X_rr r'^2 + X_vvvv v'^4)                                     (eq. 7)
+    Y_H = q (Y_v v' + Y_r r' + Y_vvv v'^3 + Y_vvr v'^2 r' + Y_vrr v' r'^2 + Y_rrr r'^3),   N_H likewise times L
+    X_P = (1 - t_P) T,   T = rho n^2 D^4 K_T(J)                                                       (eqs. 9-11)
+    F_N = 0.5 rho A_R U_R^2 f_alpha sin(alpha_R),   U_R^2 = u_R^2 + v_R^2,   alpha_R = delta - atan(v_R / u_R)
+    u_R = epsilon u_P sqrt(eta (1 + kappa (sqrt(1 + 8 K_T / (pi J^2)) - 1))^2 + 1 - eta),   u_P = (1 - w_P) u
+    v_R = U gamma_R beta_R,   beta_R = beta - l_R' r',   eta = D / H_R
+    X_R = -(1 - t_R) F_N sin(delta),   Y_R = -(1 + a_H) F_N cos(delta),   N_R = -(x_R + a_H x_H) F_N cos(delta)
+
+The method is of motion ahead. Beyond it, all of it assumed:
+
+- Astern, resistance and the terms N_v, Y_r change sign with u (the first is drag, the others are of the order u v and
+  u r), smoothly over drift angles from 78 to 102 degrees.
+- v'^4 of X_vvvv counts up to |v'| = V_LIMIT, r'^3 up to |r'| = R_LIMIT, from where on it grows with r' |r'|: captive
+  tests do not go further, and r' has no bound as a ship stops.
+- The propeller is written without the division by n and u: T = rho D^2 (k_0 n^2 D^2 + k_1 n D u_P + k_2 u_P |u_P|).
+  Astern T = rho D^2 (-astern k_0 n^2 D^2 + k_2 u_P |u_P|), without a side force.
+- The rudder's inflow is written likewise, and its flow comes from astern where u_R < 0.
+"""
+
+# Kernels are another language inside Python syntax.
+# pyright: reportAttributeAccessIssue=false, reportInvalidTypeForm=false
+# ruff: noqa: N815
+
+import math
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import taichi as ti
+
+from taichi_sim.usv.hull.wind import RHO_AIR, STILL
+from taichi_sim.usv.manoeuvring_loads import AT_ONCE
+from taichi_sim.usv.mmg_params import HullDerivatives, MmgParams
+
+V_LIMIT = 0.45  # of |v'| in X_vvvv; assumed
+R_LIMIT = 2.0  # of |r'| in Y_rrr, N_rrr; assumed
+CROSSING = 0.2  # |u| / U below which terms change sign with u; assumed
+SLOWEST = 1e-9  # m/s, keeps the direction of no motion finite
+
+DERIVATIVES = tuple(name for name in HullDerivatives.model_fields if name not in ("m_x", "m_y", "J_z"))
+VARYING = (
+    "displacement", "x_G", "gyration",
+    *(f"hull.{name}" for name in HullDerivatives.model_fields),
+    *(f"propeller.{name}" for name in (
+        "t_P", "w_P0", "C_1", "C_2_positive", "C_2_negative", "k_0", "k_1", "k_2", "n_ahead", "n_astern",
+        "time_constant", "rate")),
+    *(f"rudder.{name}" for name in (
+        "area", "t_R", "a_H", "x_H", "gamma_R_positive", "gamma_R_negative", "l_R", "epsilon", "kappa",
+        "time_constant", "rate_deg")),
+    "windage.frontal_area", "windage.lateral_area",
+)  # fmt: skip
+
+
+class MmgNumbers(NamedTuple):
+    """What the kernel works with; the hull's derivatives with their dimension, of SI velocities."""
+
+    m11: float  # kg, added mass included
+    m22: float  # kg
+    m23: float  # x_G m, kg m
+    m32: float  # the same
+    m33: float  # kg m^2
+    mass: float  # kg
+    inverse_m11: float
+    inverse_det: float  # of m22 m33 - m23^2
+    block_yaw: float  # as in manoeuvring_loads.py, kg m^2
+    length: float  # m
+    R_0: float  # q's of the derivatives: 0.5 rho L d, and L of each r and of N
+    X_vv: float
+    X_vr: float
+    X_rr: float
+    X_vvvv: float
+    Y_v: float
+    Y_r: float
+    Y_vvv: float
+    Y_vvr: float
+    Y_vrr: float
+    Y_rrr: float
+    N_v: float
+    N_r: float
+    N_vvv: float
+    N_vvr: float
+    N_vrr: float
+    N_rrr: float
+    T_nn: float  # thrust of all propellers, of n^2, N s^2
+    T_nu: float  # of n u_P, N s^2/m
+    T_uu: float  # of u_P^2, N s^2/m^2
+    T_astern: float  # of n^2 astern, N s^2
+    race: float  # 8 T / (pi rho D^2), of the thrust of all propellers, m^2/s^2/N
+    push: float  # 1 - t_P
+    wake: float  # 1 - w_P0
+    C_1: float
+    C_2_positive: float  # C_2 - 1
+    C_2_negative: float
+    x_P: float  # over L
+    n_ahead: float  # 1/s
+    n_astern: float
+    normal: float  # 0.5 rho A_R f_alpha, of all rudders, N s^2/m^2
+    X_delta: float  # 1 - t_R
+    Y_delta: float  # 1 + a_H
+    N_delta: float  # x_R + a_H x_H, m
+    gamma_positive: float
+    gamma_negative: float
+    l_R: float  # m
+    epsilon: float
+    kappa: float
+    eta: float
+    angle_max: float  # rad
+    lag_n: float  # share of what lacks that a lag closes in a step
+    lag_half_n: float  # in half of one
+    lag_delta: float
+    lag_half_delta: float
+    n_step: float  # most change in a step, 1/s
+    delta_step: float  # rad
+    wind_x: float  # as in hull/wind.py
+    wind_y: float
+    wind_n: float
+
+
+def numbers_of(values: Mapping[str, Any], params: MmgParams, dt: float) -> MmgNumbers:
+    """What a kernel of step dt (s) works with, of `values` of all that varies and the rest of `params`."""
+    L, d, rho = params.length, params.draft, params.density
+    propeller, rudder, windage = params.propeller, params.rudder, params.windage
+    D, area = propeller.diameter, 0.5 * rho * L * d
+    mass = rho * values["displacement"]
+    m11, m22 = mass + area * L * values["hull.m_x"], mass + area * L * values["hull.m_y"]
+    m23 = mass * values["x_G"]
+    m33 = mass * (values["gyration"] ** 2 + values["x_G"] ** 2) + area * L**3 * values["hull.J_z"]
+    derivatives = {}
+    for name in DERIVATIVES:
+        power = name.count("r") + (name[0] == "N")
+        derivatives[name] = area * L**power * values[f"hull.{name}"]
+    thrust = rho * propeller.count * D**2
+    lags = {}
+    for name, key in (("n", "propeller"), ("delta", "rudder")):
+        x = dt / (values[f"{key}.time_constant"] + AT_ONCE)
+        lags |= {f"lag_{name}": 1 - math.e**-x, f"lag_half_{name}": 1 - math.e ** (-0.5 * x)}
+    a_H = values["rudder.a_H"]
+    return MmgNumbers(
+        m11=m11,
+        m22=m22,
+        m23=m23,
+        m32=m23,
+        m33=m33,
+        mass=mass,
+        inverse_m11=1 / m11,
+        inverse_det=1 / (m22 * m33 - m23 * m23),
+        block_yaw=mass * L**2 / 12 + area * L**3 * values["hull.J_z"],
+        length=L,
+        **derivatives,
+        T_nn=thrust * D**2 * values["propeller.k_0"],
+        T_nu=thrust * D * values["propeller.k_1"],
+        T_uu=thrust * values["propeller.k_2"],
+        T_astern=thrust * D**2 * values["propeller.k_0"] * propeller.astern,
+        race=8 / (math.pi * thrust),
+        push=1 - values["propeller.t_P"],
+        wake=1 - values["propeller.w_P0"],
+        C_1=values["propeller.C_1"],
+        C_2_positive=values["propeller.C_2_positive"] - 1,
+        C_2_negative=values["propeller.C_2_negative"] - 1,
+        x_P=propeller.x,
+        n_ahead=values["propeller.n_ahead"],
+        n_astern=values["propeller.n_astern"],
+        normal=0.5 * rho * rudder.count * rudder.lift_gradient * values["rudder.area"],
+        X_delta=1 - values["rudder.t_R"],
+        Y_delta=1 + a_H,
+        N_delta=L * (rudder.x + a_H * values["rudder.x_H"]),
+        gamma_positive=values["rudder.gamma_R_positive"],
+        gamma_negative=values["rudder.gamma_R_negative"],
+        l_R=L * values["rudder.l_R"],
+        epsilon=values["rudder.epsilon"],
+        kappa=values["rudder.kappa"],
+        eta=D / rudder.span,
+        angle_max=math.radians(rudder.angle_max_deg),
+        n_step=dt * values["propeller.rate"],
+        delta_step=dt * math.pi / 180 * values["rudder.rate_deg"],
+        wind_x=0.5 * RHO_AIR * windage.c_x * values["windage.frontal_area"],
+        wind_y=0.5 * RHO_AIR * windage.c_y * values["windage.lateral_area"],
+        wind_n=0.5 * RHO_AIR * windage.c_n * L * values["windage.lateral_area"],
+        **lags,
+    )
+
+
+@ti.func
+def acceleration(p: ti.template(), u, v, r, tau):
+    """nu_dot (m/s^2, rad/s^2) of eq. (4) at velocity [u v r] through the water, under tau [X Y N]."""
+    X = tau[0] + p.m22 * v * r + p.m23 * r * r
+    Y = tau[1] - p.m11 * u * r
+    N = tau[2] - p.m23 * u * r
+    return ti.Vector(
+        [X * p.inverse_m11, (p.m33 * Y - p.m23 * N) * p.inverse_det, (p.m22 * N - p.m23 * Y) * p.inverse_det]
+    )
+
+
+@ti.func
+def loads(p: ti.template(), u, v, r, n, delta):
+    """[X Y N] (N, N m) of hull, propellers at n (1/s) and rudders at delta (rad), at velocity [u v r] in the water."""
+    T = thrust(p, u, v, r, n)
+    tau = hull_load(p, u, v, r) + rudder_load(p, u, v, r, T, delta)
+    tau[0] += p.push * T
+    return tau
+
+
+@ti.func
+def hull_load(p: ti.template(), u, v, r):
+    """[X Y N] of the hull (eq. 7). The derivatives carry their dimension; what is left is velocities over U."""
+    U = ti.sqrt(u * u + v * v) + SLOWEST
+    a = v / U
+    way = ti.max(ti.min(u / (CROSSING * U), 1.0), -1.0)
+    a4 = ti.min(a * a, V_LIMIT * V_LIMIT)
+    r3 = r * r * ti.max(ti.min(r / U, R_LIMIT / p.length), -R_LIMIT / p.length)  # r^3 / U
+    X = (-p.R_0 * way + p.X_vvvv * a4 * a4) * U * U + p.X_vv * v * v + p.X_vr * v * r + p.X_rr * r * r
+    Y = p.Y_v * U * v + p.Y_r * way * U * r + (p.Y_vvv * v * v + p.Y_vrr * r * r) * a + p.Y_vvr * a * v * r
+    N = p.N_v * way * U * v + p.N_r * U * r + (p.N_vvv * v * v + p.N_vrr * r * r) * a + p.N_vvr * a * v * r
+    return ti.Vector([X, Y + p.Y_rrr * r3, N + p.N_rrr * r3])
+
+
+@ti.func
+def drift(u, v):
+    """Drift angle (rad), of motion astern as of ahead."""
+    return ti.atan2(-v, ti.abs(u) + SLOWEST)
+
+
+@ti.func
+def inflow(p: ti.template(), u, v, r):
+    """u_P (m/s), speed of the water at the propeller."""
+    U = ti.sqrt(u * u + v * v) + SLOWEST
+    beta = drift(u, v) - p.x_P * p.length * r / U
+    change = (1.0 - ti.exp(-p.C_1 * ti.abs(beta))) * ti.select(beta > 0, p.C_2_positive, p.C_2_negative)
+    return p.wake * (1.0 + change) * u
+
+
+@ti.func
+def thrust(p: ti.template(), u, v, r, n):
+    """T (N) of all propellers at n (1/s)."""
+    u_P = inflow(p, u, v, r)
+    T = p.T_nn * n * n + p.T_nu * n * u_P
+    if n < 0:
+        T = -p.T_astern * n * n
+    return T + p.T_uu * u_P * ti.abs(u_P)
+
+
+@ti.func
+def rudder_load(p: ti.template(), u, v, r, T, delta):
+    """[X Y N] of the rudders at delta (rad) behind propellers of thrust T (N)."""
+    U, u_P = ti.sqrt(u * u + v * v), inflow(p, u, v, r)
+    race = u_P + p.kappa * (ti.sqrt(ti.max(u_P * u_P + p.race * T, 0.0)) - ti.abs(u_P))
+    square = p.eta * race * ti.abs(race) + (1.0 - p.eta) * u_P * ti.abs(u_P)
+    u_R = p.epsilon * ti.sqrt(ti.abs(square)) * ti.select(square < 0, -1.0, 1.0)
+    across = U * drift(u, v) - p.l_R * r  # U beta_R
+    v_R = across * ti.select(across > 0, p.gamma_positive, p.gamma_negative)
+    sine, cosine = ti.sin(delta), ti.cos(delta)
+    F_N = p.normal * ti.sqrt(u_R * u_R + v_R * v_R) * (u_R * sine - v_R * cosine)  # U_R^2 sin(delta - atan(v_R / u_R))
+    return ti.Vector([-p.X_delta * F_N * sine, -p.Y_delta * F_N * cosine, -p.N_delta * F_N * cosine])
+
+
+@ti.func
+def wind_load(p: ti.template(), u, v):
+    """[X Y N] of air that moves by u, v (m/s, b) relative to the hull (hull/wind.py)."""
+    speed = ti.sqrt(u * u + v * v + STILL)
+    return ti.Vector([p.wind_x * speed * u, p.wind_y * speed * v, -p.wind_n * u * v])

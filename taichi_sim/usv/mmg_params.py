@@ -1,0 +1,155 @@
+"""Numbers of a vehicle file with model = "mmg_3dof", in the dimensionless form in which they are published.
+
+Dimensionless by 0.5 rho L^2 d (mass), 0.5 rho L^4 d (inertia), 0.5 rho L d U^2 (force), 0.5 rho L^2 d U^2 (moment),
+places by L, with length L, draft d and the speed U through the water (Yasukawa & Yoshimura 2015, sec. 2.2 to 2.5).
+"""
+
+# ruff: noqa: N815
+
+import math
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from taichi_sim.config import Finite, NonNegative, Positive, Strict
+from taichi_sim.usv.hull.params import Windage
+
+Count = Annotated[int, Field(ge=1, le=2)]
+Fraction = Annotated[float, Field(ge=0, lt=1)]
+Angle = Annotated[float, Field(gt=0, le=90)]
+
+
+class HullDerivatives(Strict):
+    """Resistance, added mass and the polynomial of v' = v / U and r' = r L / U (eq. 7); not given is zero."""
+
+    R_0: Positive  # resistance in a straight run
+    m_x: NonNegative  # added mass
+    m_y: NonNegative
+    J_z: NonNegative  # added inertia
+    X_vv: Finite = 0.0
+    X_vr: Finite = 0.0
+    X_rr: Finite = 0.0
+    X_vvvv: Finite = 0.0
+    Y_v: Finite = 0.0
+    Y_r: Finite = 0.0
+    Y_vvv: Finite = 0.0
+    Y_vvr: Finite = 0.0
+    Y_vrr: Finite = 0.0
+    Y_rrr: Finite = 0.0
+    N_v: Finite = 0.0
+    N_r: Finite = 0.0
+    N_vvv: Finite = 0.0
+    N_vvr: Finite = 0.0
+    N_vrr: Finite = 0.0
+    N_rrr: Finite = 0.0
+
+
+class Propeller(Strict):
+    """Thrust (1 - t_P) rho n^2 D^4 K_T(J), K_T = k_0 + k_1 J + k_2 J^2, J = u (1 - w_P) / (n D) (eqs. 9 to 11).
+
+    The wake fraction changes with the drift angle beta_P = beta - x r' at the propeller (eq. 16):
+    (1 - w_P) / (1 - w_P0) = 1 + (1 - exp(-C_1 |beta_P|)) (C_2 - 1).
+    """
+
+    count: Count = 1  # on the centreline, or abreast and turning alike
+    diameter: Positive  # D, m
+    x: Finite  # x_P', place ahead of midships
+    t_P: Fraction  # thrust deduction
+    w_P0: Fraction  # wake fraction in a straight run
+    C_1: NonNegative = 0.0  # of the wake in drift and turning
+    C_2_positive: Positive = 1.0  # C_2 where beta_P > 0
+    C_2_negative: Positive = 1.0  # C_2 where beta_P < 0
+    k_0: Positive
+    k_1: Finite
+    k_2: Finite
+    n_ahead: Positive  # most revolutions, 1/s
+    n_astern: NonNegative = 0.0  # most revolutions astern, 1/s
+    astern: NonNegative = 0.7  # K_T at J = 0 of revolutions astern, over k_0; assumed
+    time_constant: NonNegative = 0.0  # s
+    rate: Positive = 1e3  # most change of revolutions, 1/s^2
+
+
+class Rudder(Strict):
+    """Normal force and its interaction with the hull (eqs. 18 to 26)."""
+
+    count: Count = 1  # each behind a propeller
+    area: Positive  # A_R, m^2
+    span: Positive  # H_R, m
+    x: Finite = -0.5  # x_R', place ahead of midships
+    f_alpha: Positive | None = None  # gradient of the lift; default: Fujii's formula of `aspect_ratio`
+    aspect_ratio: Positive | None = None  # Lambda; default: span^2 / area
+    t_R: Finite = 0.0  # steering resistance deduction
+    a_H: Finite = 0.0  # increase of the rudder's side force by the hull
+    x_H: Finite = 0.0  # x_H', where that acts
+    gamma_R_positive: Finite  # flow straightening where beta_R > 0
+    gamma_R_negative: Finite  # flow straightening where beta_R < 0
+    l_R: Finite  # l_R', effective place in beta_R = beta - l_R' r'
+    epsilon: Positive  # wake at the rudder over wake at the propeller
+    kappa: NonNegative  # acceleration of the slipstream
+    angle_max_deg: Angle = 35.0
+    time_constant: NonNegative = 0.0  # s
+    rate_deg: Positive  # deg/s
+
+    @property
+    def lift_gradient(self) -> float:
+        """f_alpha; by Fujii, 6.13 Lambda / (2.25 + Lambda), where it is not given (eq. 24's note)."""
+        if self.f_alpha is not None:
+            return self.f_alpha
+        ratio = self.span**2 / self.area if self.aspect_ratio is None else self.aspect_ratio
+        return 6.13 * ratio / (2.25 + ratio)
+
+
+class MmgParams(Strict):
+    """A vehicle file of `mmg_3dof`."""
+
+    length: Positive  # L, between perpendiculars, m
+    beam: Positive  # m
+    draft: Positive  # d, m
+    height: Positive  # keel to the highest part, for drawing, m
+    collision_radius: Positive  # m
+    density: Positive  # rho, of the water, kg/m^3
+    displacement: Positive  # volume, m^3
+    x_G: Finite = 0.0  # centre of mass ahead of midships, m
+    gyration: Positive  # radius of gyration in yaw about the centre of mass, m
+    wave_response: bool = True  # whether waves push the hull; it rides on them either way
+    hull: HullDerivatives
+    propeller: Propeller
+    rudder: Rudder
+    windage: Windage = Windage()
+
+    @model_validator(mode="after")
+    def _consistent(self):
+        if self.propeller.diameter > self.rudder.span:
+            raise ValueError(
+                f"propeller.diameter = {self.propeller.diameter} must be at most rudder.span = {self.rudder.span}"
+            )
+        if not 0 < self.steady_speed(self.propeller.n_ahead) < math.inf:
+            raise ValueError("propeller.k_0, k_1, k_2 with hull.R_0 give no steady speed at n_ahead")
+        return self
+
+    @property
+    def size(self) -> tuple[float, float, float]:
+        """Length, beam, height, m."""
+        return self.length, self.beam, self.height
+
+    @property
+    def mass(self) -> float:
+        """kg."""
+        return self.density * self.displacement
+
+    def steady_speed(self, n: float) -> float:
+        """Speed (m/s) of a straight run in calm water at n > 0 revolutions (1/s), rudder amidships.
+
+        0.5 rho L d R_0 u^2 = (1 - t_P) rho count D^2 (k_0 n^2 D^2 + k_1 n D u_P + k_2 u_P^2), u_P = (1 - w_P0) u.
+        """
+        p, wake = self.propeller, 1 - self.propeller.w_P0
+        push = (1 - p.t_P) * p.count * p.diameter**2
+        quadratic = push * p.k_2 * wake**2 - 0.5 * self.length * self.draft * self.hull.R_0
+        roots = np.roots([quadratic, push * p.k_1 * wake * n * p.diameter, push * p.k_0 * (n * p.diameter) ** 2])
+        ahead = roots.real[(np.abs(roots.imag) < 1e-9 * np.abs(roots)) & (roots.real > 0)]
+        return float(ahead.min(initial=np.inf))
+
+    def revolutions(self, speed: float) -> float:
+        """n (1/s) at which it runs straight at `speed` > 0 (m/s): `steady_speed` the other way."""
+        return speed / self.steady_speed(1.0)

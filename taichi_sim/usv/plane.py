@@ -1,0 +1,89 @@
+"""A hull that moves in the plane and rides on the surface of the water: what its models share.
+
+s = [x, y, psi, u_r, v_r, r] is its motion in the plane, relative to water that moves by V_c (m/s, n). Heave, roll and
+pitch follow the plane through the elevations under the four corners of the water plane.
+"""
+
+# Kernels are another language inside Python syntax.
+# pyright: reportAttributeAccessIssue=false, reportIndexIssue=false, reportInvalidTypeForm=false
+
+import taichi as ti
+
+from taichi_sim.maths import fast
+from taichi_sim.maths.rotation import quaternion_product, rotation_matrix
+from taichi_sim.sea import waves
+
+
+@ti.func
+def water_plane(length, beam, heights):
+    """Mean elevation (m), slopes ahead and to starboard, and the change of the latter per metre ahead (1/m).
+
+    `heights` (m, up) are those of the bow port, bow starboard, stern port and stern starboard corners of a water plane
+    of `length` and `beam` (m).
+    """
+    bow, stern = heights[1] - heights[0], heights[3] - heights[2]
+    ahead = (heights[0] + heights[1] - heights[2] - heights[3]) / (2.0 * length)
+    right = (bow + stern) / (2.0 * beam)
+    twist = (bow - stern) / (beam * length)
+    return ti.Vector([0.25 * heights.sum(), ahead, right, twist])
+
+
+@ti.func
+def heading(R):
+    """Cosine and sine of the heading of R = R_nb."""
+    inv = 1.0 / ti.sqrt(R[0, 0] * R[0, 0] + R[1, 0] * R[1, 0])
+    return R[0, 0] * inv, R[1, 0] * inv
+
+
+@ti.func
+def planar(y, V_c):
+    """s = [x, y, psi, u_r, v_r, r] and the water plane (water_plane; its twist is not kept) of a state."""
+    R = rotation_matrix(ti.Vector([y[3], y[4], y[5], y[6]]))
+    v = R @ ti.Vector([y[7], y[8], y[9]])
+    c, sine = heading(R)
+    north, east = v[0] - V_c[0], v[1] - V_c[1]
+    r = (R[2, 1] * y[11] + R[2, 2] * y[12]) / (R[2, 1] * R[2, 1] + R[2, 2] * R[2, 2])
+    u_r, v_r = c * north + sine * east, c * east - sine * north
+    slope_n, slope_e = R[0, 2] / R[2, 2], R[1, 2] / R[2, 2]
+    ahead, right = c * slope_n + sine * slope_e, c * slope_e - sine * slope_n
+    s = ti.Vector([y[0], y[1], ti.atan2(R[1, 0], R[0, 0]), u_r, v_r, r])
+    return s, ti.Vector([-y[2], ahead, right, ahead * 0.0])
+
+
+@ti.func
+def elevations(around: ti.template(), build: ti.template(), e, tau, s, D, length: ti.template(), beam: ti.template()):
+    """Displacement (m) at the centre, from its prediction D, and elevations (m, up) at the four corners of a water
+    plane of `length` and `beam` (m), `tau` (s) into the control step.
+    """
+    sine, cosine = fast.sincos(s[2])
+    x, y = s[0] + D[0], s[1] + D[1]
+    fx, fy = 0.5 * length * cosine, 0.5 * length * sine
+    gx, gy = -0.5 * beam * sine, 0.5 * beam * cosine
+    X = ti.Vector([x, x + fx - gx, x + fx + gx, x - fx - gx, x - fx + gx])
+    Y = ti.Vector([y, y + fy - gy, y + fy + gy, y - fy - gy, y - fy + gy])
+    sea_index = around.env_sea[e]
+    h = waves.displacement_and_four_elevations(around.sea, around.phase, build.components, sea_index, e, X, Y, tau)
+    return ti.Vector([h[0], h[1]]), ti.Vector([h[2], h[3], h[4], h[5]])
+
+
+@ti.func
+def attitude(psi, r, plane, rate):
+    """Quaternion of heading psi on the water plane, and body rates (rad/s) as the plane changes by `rate`.
+
+    tan theta = slope ahead, tan phi = -slope to starboard cos theta; half angles by square roots.
+    """
+    cos_t = 1.0 / ti.sqrt(1.0 + plane[1] * plane[1])
+    sin_t = plane[1] * cos_t
+    tan_p = -plane[2] * cos_t
+    cos_p = 1.0 / ti.sqrt(1.0 + tan_p * tan_p)
+    sin_p = tan_p * cos_p
+    half_ct, half_cp = ti.sqrt(0.5 * (1.0 + cos_t)), ti.sqrt(0.5 * (1.0 + cos_p))
+    half_st, half_sp = 0.5 * sin_t / half_ct, 0.5 * sin_p / half_cp
+    tilt = ti.Vector([half_ct * half_cp, half_ct * half_sp, half_st * half_cp, -half_st * half_sp])
+    # libm here: an error of the stored heading would grow from step to step
+    yaw = ti.Vector([ti.cos(0.5 * psi), psi * 0.0, psi * 0.0, ti.sin(0.5 * psi)])
+    theta_dot = rate[1] * cos_t * cos_t
+    phi_dot = -(rate[2] * cos_t - plane[2] * sin_t * theta_dot) * cos_p * cos_p
+    p = phi_dot - r * sin_t
+    omega = ti.Vector([p, theta_dot * cos_p + r * cos_t * sin_p, r * cos_t * cos_p - theta_dot * sin_p])
+    return quaternion_product(yaw, tilt), omega

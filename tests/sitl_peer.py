@@ -1,0 +1,52 @@
+"""Plays ArduPilot's side of the JSON interface: lockstep over a wire that loses, repeats and delays packets."""
+
+import json
+import random
+import struct
+from collections.abc import Callable
+
+Wire = Callable[[bytes], bytes | None]  # what comes back for a packet; None: nothing
+
+
+class Peer:
+    """Sends servo outputs frame by frame, until each is answered.
+
+    Attributes:
+        frame: the one to be sent next. heard: answers, parsed, by frame.
+    """
+
+    def __init__(self, wire: Wire, rate: int = 400, channels: int = 16, loss: float = 0.0, seed: int = 0):
+        """`loss`: probability that a packet is lost, on either way; as many are repeated, or come again late."""
+        self.wire, self.rate, self.channels, self.loss = wire, rate, channels, loss
+        self.random, self.frame, self.heard, self.old = random.Random(seed), 0, {}, []
+
+    def packet(self, pwm) -> bytes:
+        """Binary, as SITL writes it."""
+        full = [*pwm, *[0] * (self.channels - len(pwm))]
+        magic = 18458 if self.channels == 16 else 29569
+        return struct.pack(f"<HHI{self.channels}H", magic, self.rate, self.frame, *full)
+
+    def step(self, pwm) -> dict:
+        """One frame: sent again and again until there is an answer."""
+        data = self.packet(pwm)
+        for _ in range(1000):
+            answer = None
+            if self.random.random() >= self.loss:  # there
+                answer = self.wire(data)
+                if self.random.random() < self.loss:  # twice
+                    assert self.wire(data) == answer, "a repeated frame is answered alike"
+                if self.old and self.random.random() < self.loss:  # an old one, late
+                    assert self.wire(self.random.choice(self.old)) is None, "a late frame has no answer"
+            if answer is not None and self.random.random() >= self.loss:  # and back
+                break
+        else:
+            raise TimeoutError("no answer")
+        assert answer.startswith(b"\n") and answer.endswith(b"\n")
+        self.old = [*self.old[-5:], data] if self.frame else []
+        self.heard[self.frame] = json.loads(answer)
+        self.frame += 1
+        return self.heard[self.frame - 1]
+
+    def restart(self) -> None:
+        """SITL begins anew at frame 0."""
+        self.frame, self.heard, self.old = 0, {}, []

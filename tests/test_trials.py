@@ -1,0 +1,149 @@
+"""Trials: figures against independent codes and closed forms, and the command as a user meets it."""
+
+import csv
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from taichi_sim.trials import flight, ship
+from taichi_sim.trials.basin import Setting
+from taichi_sim.trials.criteria import criteria, first_overshoot_limit, second_overshoot_limit
+from taichi_sim.trials.figures import Outcome, TrialError, crossing, peaks
+from taichi_sim.vehicles import load_vehicle
+from tools import trials
+
+pytestmark = pytest.mark.usefixtures("f64")
+REFERENCE = Path(__file__).parent / "data" / "reference"
+CYBERSHIP = Setting("cybership2", {}, ahead=0.5, helm=0.2, speed=0.4)  # 1 N and 0.3 N m
+N_MAX = 103.93086427398005  # rad/s, of the Otter
+AS_PUBLISHED = {
+    "restoring": "linear", "current_frame": "heading", "actions": "left_right",
+    "hydrodynamics": {"radiation": "constant"}, "windage": {"frontal_area": 0.0, "lateral_area": 0.0},
+}  # fmt: skip
+
+
+def test_events_between_samples():
+    t = np.linspace(0.0, 2.0, 21)
+    assert crossing(t, 2 * t - 1, 0.3) == pytest.approx(0.65)
+    assert math.isnan(crossing(t, -t, 0.5))
+    at, height = peaks(t, 3.0 - (t - 0.777) ** 2)
+    assert (at, height) == (pytest.approx([0.777]), pytest.approx([3.0]))
+
+
+def test_a_turning_circle_is_that_of_an_independent_code():
+    out = ship.turning_circle(CYBERSHIP)
+    steady = json.loads((REFERENCE / "cybership2" / "summary.json").read_text())["turn_tau_1_0_0.3"]
+    assert out.mean("starboard", "steady radius") == pytest.approx(steady["R"], rel=1e-6)
+    assert out.mean("starboard", "steady speed") == pytest.approx(steady["U"], rel=1e-6)
+    assert out.mean("starboard", "steady yaw rate") == pytest.approx(steady["r"], rel=1e-6)
+    with (REFERENCE / "cybership2" / "turn_tau_1_0_0.3.csv").open() as file:
+        rows = [{k.split("(")[0]: float(v) for k, v in row.items()} for row in csv.DictReader(file)]
+    x, y, psi = (np.array([row[name] for row in rows]) for name in ("x", "y", "psi"))
+    assert out.mean("starboard", "advance") == pytest.approx(np.interp(math.pi / 2, psi, x), rel=1e-3)  # its samples
+    assert out.mean("port", "tactical diameter") == pytest.approx(np.interp(math.pi, psi, y), rel=1e-3)
+
+
+@pytest.mark.slow
+def test_the_otter_turns_as_published():
+    out = ship.turning_circle(Setting("otter", AS_PUBLISHED, ahead=80 / N_MAX, helm=20 / N_MAX, speed=1.8287027021))
+    for side in ("starboard", "port"):
+        for name, value in (("advance", 8.874092760729926), ("transfer", 6.555733887896016),
+                            ("tactical diameter", 14.414093191232668), ("time to 90 deg", 6.306348804793697),
+                            ("time to 180 deg", 12.065846778669997), ("steady speed", 1.946236058465831),
+                            ("steady radius", 7.1405651168690465)):  # fmt: skip
+            assert out.mean(side, name) == pytest.approx(value, rel=1e-3), name
+    roll = ship.roll_decay(Setting("otter", AS_PUBLISHED))
+    assert roll.mean("decay", "damped period") == pytest.approx(2 * math.pi / 6.251903273505994, rel=1e-3)
+
+
+def test_the_helm_is_reversed_between_steps():
+    """So overshoots do not depend on the step: reversed at its end, they would by some per cent."""
+    fine, coarse = (ship.zigzag(Setting("cybership2", {}, ahead=0.5, dt=dt), 20.0, 20.0) for dt in (0.01, 0.1))
+    for name in ("overshoot 1", "overshoot 2", "initial turning distance", "time of reversal 2"):
+        assert coarse.mean("starboard", name) == pytest.approx(fine.mean("starboard", name), rel=1e-3)
+    assert coarse.mean("port", "overshoot 2") == pytest.approx(coarse.mean("starboard", "overshoot 2"), rel=1e-6)
+
+
+def test_kvlcc2_turns_as_its_model_did():
+    """Free-running tests by MARIN as the literature quotes them (docs/trials.md)."""
+    setting = Setting("kvlcc2", {}, speed=1.179, dt=0.1)
+    out = ship.turning_circle(setting)
+    for side, name, published in (("starboard", "advance", 3.25), ("starboard", "tactical diameter", 3.34),
+                                  ("port", "advance", 3.11), ("port", "tactical diameter", 3.08)):  # fmt: skip
+        assert out.mean(side, f"{name} over length") == pytest.approx(published, rel=0.07)
+    judged = criteria([out, ship.zigzag(setting, 20.0, 20.0)], 7.0, 45.7)
+    assert len(judged) == 6 and all(c.met for c in judged)
+
+
+def test_straight_runs_have_the_speed_of_the_closed_form():
+    out = ship.speed_run(Setting("cybership2", {}, dt=0.1))
+    p = load_vehicle("cybership2").params
+    for share in (0.3, 1.0):
+        assert out.mean(f"{share:.0%}", "speed") == pytest.approx(p.steady_surge(2.0 * share), rel=1e-4)
+
+
+def test_imo_limits_are_those_of_the_resolution():
+    assert np.degrees([first_overshoot_limit(s) for s in (5, 10, 20, 30, 60)]) == pytest.approx([10, 10, 15, 20, 20])
+    assert np.degrees([second_overshoot_limit(s) for s in (5, 10, 20, 30, 60)]) == pytest.approx([25, 25, 32.5, 40, 40])
+    out = Outcome("turning", "Turning circle")
+    out.add("port", 0, [("advance over length", 4.6, ""), ("approach speed", 1.0, "m/s")])
+    assert [(c.limit, c.met) for c in criteria([out], 7.0)] == [(4.5, False)]
+
+
+def test_aircraft_keep_the_books():
+    """In a glide, the sink takes the weight's power; the best rate of climb is not beaten by the steepest angle."""
+    p = load_vehicle("aerosonde").params
+    glide, up = flight.glide(p), flight.climb(p)
+    curve = glide.curves[0].columns
+    assert glide.mean("glide", "glide ratio") == pytest.approx((1 / np.tan(-curve["gamma rad"])).max())
+    assert glide.mean("glide", "least sink") <= curve["airspeed m/s"][0] * math.sin(-curve["gamma rad"][0]) + 1e-9
+    angle, speed = up.mean("climb", "steepest climb"), up.mean("climb", "airspeed of steepest climb")
+    assert up.mean("climb", "best rate of climb") >= speed * math.sin(angle)
+
+
+def test_what_a_craft_cannot_do_it_says():
+    for trial, vehicle, told in (
+        (ship.crash_stop, "cybership2", "cannot push astern"),
+        (ship.roll_decay, "cybership2", "no roll of its own"),
+        (ship.turning_circle, "fpso", "does not say how it is steered"),
+    ):
+        with pytest.raises(TrialError, match=told):
+            trial(Setting(vehicle, {"actions": "units"} if vehicle == "fpso" else {}))
+
+
+@pytest.mark.parametrize(("words", "told"), [
+    ("x500 --trial zigzag10_10", "a multirotor has no trial 'zigzag10_10'; it has hover"),
+    ("x500 --wind 5 0", "leave out --sea, --wind"),
+    ("unity_aircraft", "there are no trials of a UnityAircraft"),
+    ("nosuch", "no such vehicle"),
+    ("cybership2 --trial stop", "cannot push astern"),
+    ("cybership2 --set actions=sideways", "expected KEY=VALUE"),
+    ("cybership2 --sea hs", "expected KEY=VALUE"),
+    ("cybership2 --sea hs=99,tp=4", "hs"),
+])  # fmt: skip
+def test_bad_input_is_told(words, told, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert trials.main([*words.split(), "--quiet"]) == 2
+    assert told in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_command_writes_a_report_and_tables(capsys, tmp_path):
+    words = (
+        "cybership2 --trial turning --trial roll --ahead 0.5 --helm 0.2 --sea hs=0.01,tp=1.2 --current 0.05 90 --runs 3"
+    )
+    with pytest.raises(SystemExit):
+        trials.main(["cybership2", "--runs", "0"])
+    assert "allowed are 1 to" in capsys.readouterr().err
+    assert trials.main([*words.replace("--trial roll ", "").split(), "--out", str(tmp_path / "out"), "--quiet"]) == 0
+    assert "tactical diameter" in capsys.readouterr().out
+    with (tmp_path / "out" / "figures.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    advance = {float(r["value"]) for r in rows if r["figure"] == "advance" and r["case"] == "port" and r["unit"] == "m"}
+    assert len(advance) == 3 and 2.0 < min(advance) < max(advance) < 5.0  # three seas
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "Turning circle" in page and "<svg" in page and "3 runs" in page and "IMO" in page
+    assert (tmp_path / "out" / "turning.csv").read_text().startswith("case,t s,north m")
