@@ -18,8 +18,8 @@ from rl.runs.evaluation import judge_episodes
 from taichi_sim.config import ConfigError
 
 CALM = (
-    "sea.hs=0.1", "sea.tp=4", "sea.realisations=4", "sea.components=8", "air.speed=1", 'air.turbulence="none"',
-    "air.std=0", "landing.distance=[8, 12]", "landing.height=[6, 8]", "episode_duration=30",
+    "variation=0", "sea.sea_state=1", "sea.realisations=4", "air.speed=1", "landing.distance=[8, 12]",
+    "landing.height=[6, 8]", "episode_duration=30",
 )  # fmt: skip
 
 

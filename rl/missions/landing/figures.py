@@ -18,6 +18,7 @@ from taichi_sim.recording.frames import Array
 
 WIDE = 7.6  # inches
 BEFORE, AFTER = 10.0, 2.0  # s about the first touch that are drawn
+AROUND = 2.5  # m about the deck's middle, likewise
 
 
 def write_landing_figures(out: Path, histories: Histories, episode: Episode | None, config: Any) -> list[Path]:
@@ -46,17 +47,20 @@ def landing_figure(episode: Episode, config: Any) -> Figure:
     parts = config.landing
     boats, aircraft = episode.teams[parts.boats], episode.teams[parts.aircraft]
     offset, centre = over_deck(boats, aircraft, 0)
+    assert boats.deck is not None
     below = float(aircraft.size_m[2])
-    low = np.argmax(-offset[:, 2] < below) if (-offset[:, 2] < below).any() else len(offset) - 1
+    over = (-offset[:, 2] < below) & (np.abs(offset[:, :2]) < boats.deck.half_m).all(axis=1)
+    low = np.argmax(over) if over.any() else len(offset) - 1
     time = episode.time_s - episode.time_s[low]
     shown = (time >= -BEFORE) & (time <= AFTER)
     figure = new_figure(WIDE, 0.5 * WIDE, "The last seconds before a touchdown")
     plan, high = figure.subplots(1, 2)
-    assert boats.deck is not None
     (a, b), colour = boats.deck.half_m, rgb(episode.liveries[parts.aircraft].of(0))
     plan.add_patch(Rectangle((-b, -a), 2 * b, 2 * a, facecolor="#D8E2DC", edgecolor=INK))
     plan.plot(offset[shown, 1], offset[shown, 0], color=colour, linewidth=1.4)
     plan.plot(offset[low, 1], offset[low, 0], "o", color=colour, markersize=5)
+    plan.set_xlim(-AROUND, AROUND)
+    plan.set_ylim(-AROUND, AROUND)
     plan.set_aspect("equal")
     dress(plan, "in the deck's frame", "to starboard (m)", "ahead (m)")
     high.plot(time[shown], -aircraft.position_n[shown, 0, 2], color=colour, label="aircraft")
