@@ -48,3 +48,11 @@ def test_only_rows_that_are_due_learn_and_begin_anew():
 def test_an_order_below_one_is_refused():
     with pytest.raises(ValueError, match="order = 0: must be at least 1"):
         Autoregression(torch.zeros(1), 0)
+
+
+def test_no_forecast_is_beyond_three_times_the_rms():
+    model = Autoregression(torch.zeros(1, dtype=torch.float64), 2)
+    for k in range(20):
+        model.learn(torch.tensor([1.3**k], dtype=torch.float64))  # a model that grows without bound is learnt
+    rms = sum(1.3 ** (2 * k) for k in range(20)) ** 0.5 / 20**0.5
+    assert float(model.predict(50).abs().max()) == pytest.approx(3 * rms)

@@ -182,7 +182,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--sea-states", type=int, nargs="+", default=[3, 4, 5, 6], choices=range(1, 9))
     p.add_argument("--headings", type=float, nargs="+", default=list(HEADINGS), help="deg, from the waves' course")
     p.add_argument("--speed", type=float, default=1.0, help="m/s, that is held")
-    p.add_argument("--order", type=int, default=24, help="of the model")
+    p.add_argument("--order", type=int, default=12, help="of the model")
     p.add_argument("--interval", type=float, default=0.4, help="s between samples, a multiple of 0.02")
     p.add_argument("--minutes", type=float, default=4.0)
     p.add_argument("--runs", type=int, default=16, help="seas for each sea state and heading")

@@ -60,9 +60,7 @@ def failure(ended: Any) -> Tensor:
 AIRCRAFT_TERMS: dict[str, Callable[[Any, Any, AircraftReward], Tensor]] = {
     "closing": lambda team, ended, w: closing(team.before, team.distance, team.interval) * (1 / w.closing_scale),
     "time": lambda team, ended, w: penalty(~team.touched),
-    "touch": lambda team, ended, w: touchdown(
-        team.settling, team.touch_error, team.touch_speed, team.touch_tilt, w
-    ),
+    "touch": lambda team, ended, w: touchdown(team.settling, team.touch_error, team.touch_speed, team.touch_tilt, w),
     "landed": lambda team, ended, w: ended["landed"].to(team.distance),
     "failed": lambda team, ended, w: failure(ended),
     "action_rate": lambda team, ended, w: action_rate(team.action, team.previous_action),
