@@ -27,7 +27,7 @@ AroundPack = ti.types.argpack(
 (noise.py)."""
 
 
-TouchPack = ti.types.argpack(way=_array3, pressing=_array3, soles=_array3, struck=_array3)
+TouchPack = ti.types.argpack(way=_array3, pressing=_array3, soles=_array3, struck=_array3, blow=_array3)
 """Of a team with legs, each [env, vehicle, n]: the decks near by and what it remembers of them (contact/touch.py)."""
 
 

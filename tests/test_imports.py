@@ -23,6 +23,7 @@ LAYERS = (
         "taichi_sim.plugins",
         "taichi_sim.beside",
         "taichi_sim.noise",
+        "taichi_sim.forecast",
         "taichi_sim.slow_variation",
         "taichi_sim.state",
         "taichi_sim.summary",

@@ -15,7 +15,7 @@ def body_mesh(team: TeamTrack, colour: Colour) -> Mesh:
     """Mesh of a vehicle of `team`, in its colour."""
     if team.body is None:
         return boat(team.size_m, colour) if team.on_water else aircraft(team.size_m, team.airframe, colour)
-    return vessel(team.body, team.size_m, colour) if team.on_water else _flown(team.body, colour)
+    return vessel(team.body, team.size_m, colour, team.deck) if team.on_water else _flown(team.body, colour)
 
 
 def _flown(body: Body, colour: Colour) -> Mesh:

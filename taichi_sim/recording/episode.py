@@ -39,6 +39,13 @@ class Airframe(NamedTuple):
     tail: bool  # or a flying wing
 
 
+class Platform(NamedTuple):
+    """A deck on which others land, a level rectangle in b."""
+
+    centre_b: tuple[float, float, float]  # m, of its upper face
+    half_m: tuple[float, float]  # half of its length and width, m
+
+
 class Force(NamedTuple):
     """A force on each vehicle of a team, drawn as an arrow."""
 
@@ -75,6 +82,7 @@ class TeamTrack:
     reward: Array | None = None  # [T, V] per step
     body: Body | None = None  # what is drawn; None: a boat or an aircraft of `size_m`
     airframe: Airframe | None = None  # of that aircraft; None: of ordinary proportions
+    deck: Platform | None = None  # of a boat on which others land
     air_n: Array | None = None  # [T, V, 3] m/s, velocity of the air that an aircraft meets; None: not known
     forces: Mapping[str, Force] = field(default_factory=dict)  # by name
     signals: Mapping[str, Signal] = field(default_factory=dict)  # by the plot's name

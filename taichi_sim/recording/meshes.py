@@ -16,6 +16,7 @@ HOUSE: Colour = (238, 238, 232)
 GLASS: Colour = (38, 52, 66)
 KEEL: Colour = (92, 40, 36)
 METAL: Colour = (96, 100, 106)
+PAD: Colour = (52, 74, 66)
 
 
 @dataclass(frozen=True)

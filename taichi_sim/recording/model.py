@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from taichi_sim.recording.episode import Airframe, Array, Body, Force, Signal
+from taichi_sim.recording.episode import Airframe, Array, Body, Force, Platform, Signal
 from taichi_sim.vehicle import Vehicle
 
 
@@ -20,6 +20,11 @@ def body_of(model: Vehicle) -> Body | None:
 def airframe_of(model: Vehicle) -> Airframe | None:
     """Proportions of an aircraft, or None."""
     return None if model.airframe is None else Airframe(*model.airframe)
+
+
+def deck_of(model: Vehicle) -> Platform | None:
+    """Where others land on it, or None."""
+    return None if model.deck is None else Platform(model.deck.centre, model.deck.half)
 
 
 def air_of(model: Vehicle, aux: Array) -> Array | None:

@@ -12,7 +12,7 @@ from taichi_sim.config.io import toml_text
 from taichi_sim.conventions import EAST, FREEBOARD, NO_DECK, NORTH
 from taichi_sim.fleet import Fleet
 from taichi_sim.recording.episode import Array, Elevation, Episode, Event, Scene, Signal, TeamTrack
-from taichi_sim.recording.model import air_of, airframe_of, body_of, columns_of, forces_of, signals_of
+from taichi_sim.recording.model import air_of, airframe_of, body_of, columns_of, deck_of, forces_of, signals_of
 from taichi_sim.recording.overlays import Overlay
 from taichi_sim.recording.rrd import write_recording
 from taichi_sim.world import World
@@ -109,6 +109,7 @@ class Recorder:
             size_m=model.size,
             body=body_of(model),
             airframe=airframe_of(model),
+            deck=deck_of(model),
             air_n=air_of(model, aux),
             forces=forces_of(model, aux),
             signals=signals,

@@ -8,8 +8,8 @@ it has no physics.
 import numpy as np
 from numpy.typing import NDArray
 
-from taichi_sim.recording.episode import Array, Body
-from taichi_sim.recording.meshes import DECK, GLASS, HOUSE, KEEL, METAL, Mesh, box, loft
+from taichi_sim.recording.episode import Array, Body, Platform
+from taichi_sim.recording.meshes import DECK, GLASS, HOUSE, KEEL, METAL, PAD, Mesh, box, loft
 from taichi_sim.recording.palette import Colour
 
 UPWARD = 0.99  # a face whose unit normal points up by this much is a deck
@@ -18,8 +18,10 @@ BOOT_TOP = 0.25  # the paint changes this share of the freeboard above the water
 MIN_RISE = 0.22  # of the length: the least height of the mast's top above the deck, that attitude may be read
 
 
-def vessel(body: Body, size_m: tuple[float, float, float], colour: Colour) -> Mesh:
-    """The hull in `colour`, its bottom dark, with decks, a house and a mast. size_m: length, beam, height."""
+def vessel(body: Body, size_m: tuple[float, float, float], colour: Colour, platform: Platform | None = None) -> Mesh:
+    """The hull in `colour`, its bottom dark, with decks, a house and a mast, but for what would stand in the way of who
+    lands on the `platform`. size_m: length, beam, height.
+    """
     sides, rims = shell(body)
     low, high = sides.reshape(-1, 3).min(axis=0), sides.reshape(-1, 3).max(axis=0)
     paint_z = BOOT_TOP * min(low[2], 0.0)
@@ -29,7 +31,10 @@ def vessel(body: Body, size_m: tuple[float, float, float], colour: Colour) -> Me
     parts += [flat_shaded(lid(rim), colour if twin else DECK) for rim in rims]
     gap = 2.0 * min(float(np.abs(rim[:, 1]).min()) for rim in rims) if twin else 0.0
     fit = _bridge if twin else _deckhouse
-    return Mesh.join(*parts, *fit(low, high, gap, rise, colour), *_mast(low, high, rise, twin, colour))
+    fitted = [*fit(low, high, gap, rise, colour), *_mast(low, high, rise, twin, colour)]
+    if platform is not None:
+        fitted = [part for part in fitted if not _in_the_way(part, platform)] + _landing_deck(platform, low[2])
+    return Mesh.join(*parts, *fitted)
 
 
 # -- the hull's surface ------------------------------------------------------------------------------------------------
@@ -154,6 +159,29 @@ def _bridge(low: NDArray, high: NDArray, gap: float, rise: float, colour: Colour
     top = deck - 2.2 * thick
     house = _house((low[0] + 0.24 * length, low[0] + 0.58 * length), 0.62 * half, top, 0.36 * rise, colour)
     return [*beams, _slab(plate, top, deck - 1.2 * thick, DECK), *house]
+
+
+def _in_the_way(part: Mesh, platform: Platform) -> bool:
+    """Whether a part reaches above the platform, over it."""
+    low, high = part.vertices_b.min(axis=0), part.vertices_b.max(axis=0)
+    centre, half = np.array(platform.centre_b), np.array(platform.half_m)
+    beside = (low[:2] > centre[:2] + half) | (high[:2] < centre[:2] - half)
+    return bool(low[2] < centre[2] and not beside.any())
+
+
+def _landing_deck(platform: Platform, foot: float) -> list[Mesh]:
+    """A pad with a cross on four posts that stand at the level `foot` (down, m)."""
+    (x, y, z), (a, b) = platform.centre_b, platform.half_m
+    thick, arm = 0.06 * min(a, b), 0.1 * min(a, b)
+    parts = [box((x - a, y - b, z), (x + a, y + b, z + thick), PAD)]
+    for long, wide in ((0.7 * min(a, b), arm), (arm, 0.7 * min(a, b))):
+        parts.append(box((x - long, y - wide, z - 0.1 * thick), (x + long, y + wide, z), HOUSE))
+    if foot > z + thick:
+        for i, k in ((-1, -1), (-1, 1), (1, -1), (1, 1)):
+            at = (x + 0.9 * i * a, y + 0.9 * k * b)
+            post = ((at[0] - thick, at[1] - thick, z + thick), (at[0] + thick, at[1] + thick, foot))
+            parts.append(box(*post, METAL))
+    return parts
 
 
 def _deckhouse(low: NDArray, high: NDArray, gap: float, rise: float, colour: Colour) -> list[Mesh]:

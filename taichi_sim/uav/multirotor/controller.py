@@ -20,6 +20,10 @@ Loops, in the order in which PX4 and ArduPilot have them, with feedback alone (g
 and allocation.py makes rotor speeds of T and M. The error of attitude is that of the thrust's direction, 2 sin(angle /
 2): heading does not matter to it. c keeps to max_tilt_deg, to CLIMB_SHARE of the greatest thrust and LEAST_LIFT of the
 weight, vertical before horizontal. What limits cut off runs out of the integrals within their loop's own time.
+
+With a sole on a deck and at least IDLE_FROM of `descent` commanded, all rotors carry EASED of the weight together, and
+none with all soles down, where they turn at omega_min; integrals are zero. So switches in the legs would have it: loops
+that hold a position against the wind would topple the aircraft over that sole.
 """
 
 # Kernels are another language inside Python syntax.
@@ -40,6 +44,8 @@ CLIMB_SHARE = 0.9  # of all rotors' thrust that velocities are followed with: th
 LEAST_LIFT = 0.3  # of the weight, vertical
 UPRIGHT = 1e-3  # of 1 + e_z: keeps the turn of a vehicle that hangs upside down finite
 FARTHEST = 0.5  # sine of the angle by which the heading held may lead or trail the nose
+IDLE_FROM = 0.5  # of `descent`, down: rotors of who touches a deck let go; assumed
+EASED = 0.5  # of the weight, carried until all soles are down; assumed
 NOSE = 1e-6  # of the nose's horizontal part: straight up or down there is no heading
 
 

@@ -115,12 +115,13 @@ def touches_soon(craft: ti.template(), p: ti.template(), way: ti.template(), e, 
 @ti.func
 def soles_on(craft: ti.template(), p: ti.template(), way: ti.template(), e, i, x, R, v, w, x_D, R_D, v_D, w_D, soles):
     """Force of all soles on the aircraft (N), its moment about the centre of gravity, and that of the opposite force
-    about the carrier's origin (N m), in n; the soles' memory after it. Positions are from carrier.PLACE.
+    about the carrier's origin (N m), in n; the soles' memory after it; the greatest speed (m/s) along the normal of
+    soles that come down. Positions are from carrier.PLACE.
     """
     centre = carrier.three_at(way, e, i, carrier.TABLE + carrier.CENTRE)
     friction = way[e, i, carrier.TABLE + carrier.FRICTION]
     long, wide = way[e, i, carrier.TABLE + carrier.HALF], way[e, i, carrier.TABLE + carrier.HALF + 1]
-    force, moment, on_deck, new = x * 0.0, x * 0.0, x * 0.0, soles
+    force, moment, on_deck, new, blow = x * 0.0, x * 0.0, x * 0.0, soles, x[0] * 0.0
     for k in ti.static(range(len(craft.legs.points))):
         r = R @ sole_arm(craft, p, k)
         away = x + r - x_D
@@ -134,7 +135,9 @@ def soles_on(craft: ti.template(), p: ti.template(), way: ti.template(), e, i, x
             mark = UNDER
         elif mark > ti.static(0.5 * (UNDER + FREE)):
             here = ti.Vector([d[0], d[1]])
-            down = ti.select(mark > ti.static(0.5 * (FREE + DOWN)), ti.Vector([soles[a], soles[a + 1]]), here)
+            stood = mark > ti.static(0.5 * (FREE + DOWN))
+            down = ti.select(stood, ti.Vector([soles[a], soles[a + 1]]), here)
+            blow = ti.max(blow, ti.select(stood, 0.0, u[2]))
             N, f, bent = sole_force(
                 d[2], u[2], here - down, ti.Vector([u[0], u[1]]), p.leg_stiffness, p.leg_damping, friction
             )
@@ -145,16 +148,16 @@ def soles_on(craft: ti.template(), p: ti.template(), way: ti.template(), e, i, x
             mark = DOWN
             new[a], new[a + 1] = here[0] - bent[0], here[1] - bent[1]
         new[a + 2] = mark
-    return force, moment, on_deck, new
+    return force, moment, on_deck, new, blow
 
 
 @ti.func
 def land(
     craft: ti.template(), p: ti.template(), steps: ti.template(), dt: ti.template(), T: ti.template(),
-    way: ti.template(), e, i, y, met, omega, command, tau, ratio, soles, body, begun,
+    way: ti.template(), e, i, y, met, omega, command, tau, ratio, soles, body, begun, blow,
 ):  # fmt: skip
-    """State y, rotor speeds omega [rotor] (rad/s), the soles' memory and `body` after a physics step dt (s) that begins
-    `begun` s after the control step T (s), in `steps` contact steps.
+    """State y, rotor speeds omega [rotor] (rad/s), the soles' memory, `body` and the blow (m/s, contact/touch.py) after
+    a physics step dt (s) that begins `begun` s after the control step T (s), in `steps` contact steps.
 
     Velocities in y are relative to the air, which moves with `met` (n, m/s); positions are over ground. command
     [rotor] (rad/s) and the load tau (6, b) are held; ratio [rotor] is the ground effect's.
@@ -192,10 +195,10 @@ def land(
             moment = R @ (moment_b + ti.Vector([tau[3], tau[4], tau[5]]))
             x_D, R_D, v_D, w_D, x_C, R_C = deck_now(way, e, i, t, T, body)
             F_C, M_C = R_C @ F_had, R_C @ M_had
-            F, M, M_D, new = force * 0.0, force * 0.0, force * 0.0, soles
+            F, M, M_D, new, hit = force * 0.0, force * 0.0, force * 0.0, soles, t * 0.0
             dv, dw, dv_D, dw_D = force * 0.0, force * 0.0, force * 0.0, force * 0.0
             for stage in range(2):
-                F, M, M_D, new = soles_on(
+                F, M, M_D, new, hit = soles_on(
                     craft, p, way, e, i, x, R, v + dv, w + dw, x_D, R_D, v_D + dv_D, w_D + dw_D, soles
                 )
                 if stage == 0:
@@ -203,7 +206,7 @@ def land(
                     dv, dv_D, dw_D = 0.5 * h * p.inverse_mass * (force + F), 0.5 * h * a, 0.5 * h * alpha
                     turn = R.transpose() @ (moment + M - cross(w, H))
                     dw = 0.5 * h * (R @ inverse_inertia_times(p, turn))
-            soles = new
+            soles, blow = new, ti.max(blow, hit)
             v += h * p.inverse_mass * (force + F)
             H += h * (moment + M)
             a, alpha = carrier.answer(way, e, i, R_D, -F - F_C, M_D - M_C)
@@ -222,7 +225,17 @@ def land(
         after[c], after[7 + c], after[10 + c] = place[c] + x[c], v_r[c], w_b[c]
     for c in ti.static(range(4)):
         after[3 + c] = q[c]
-    return after, command + away, soles, body
+    return after, command + away, soles, body, blow
+
+
+@ti.func
+def soles_down(soles, legs: ti.template()):
+    """How many soles are on a deck."""
+    down = 0
+    for k in ti.static(range(legs)):
+        if soles[SOLE_SIZE * k + 2] > ti.static(0.5 * (FREE + DOWN)):
+            down += 1
+    return down
 
 
 @ti.func

@@ -268,7 +268,7 @@ class Multirotor6DOF(Vehicle):
         sea_weight, deck_upwash = omega * 0.0 + 1.0, omega * 0.0  # of each rotor, over a deck
         body = ti.Vector([time * 0.0 for _ in ti.static(range(landing.BODY_SIZE))])
         soles = ti.Vector([time * 0.0 for _ in ti.static(range(max(self.sole_numbers, 1)))])
-        by_deck, pressed, struck = 0, 0, 0
+        by_deck, pressed, struck, landed, blow = 0, 0, 0, 0, time * 0.0
         if ti.static(build.decked):
             by_deck, pressed = int(touch.way[e, i, carrier.WHICH]), int(touch.pressing[e, i, 0])
             for k in ti.static(range(self.sole_numbers)):
@@ -280,7 +280,9 @@ class Multirotor6DOF(Vehicle):
                 voltage, current = battery.terminal(self.p.battery, charge, rotors.shaft_power(self.p, p, omega))
                 charge = ti.max(charge - current * ti.static(self.dt / self.p.battery.coulombs), 0.0)
                 most *= ti.min(voltage * ti.static(1.0 / self.p.battery.nominal), 1.0)
-            wanted, held, rates, toward = self.commanded(fleet, e, i, y, R, R @ velocity(y) + met, held, most)
+            if ti.static(build.decked and self.sole_numbers > 0):
+                landed = landing.soles_down(soles, ti.static(self.sole_numbers // SOLE_SIZE))
+            wanted, held, rates, toward = self.commanded(fleet, e, i, y, R, R @ velocity(y) + met, held, most, landed)
             command = rotors.clipped(self.p, wanted, most)
             if ti.static(build.air.gusty):
                 ahead = local_air.gust_ahead(build.air, y, R @ velocity(y) + met, time, self.dt)
@@ -299,9 +301,9 @@ class Multirotor6DOF(Vehicle):
                         flies = 0
                         below = ground.beneath(-y[2] - sea, sea_weight, deck_upwash)
                         ratio = ground_ratios(self.p, p, self.over_decks, R, velocity(y), omega, below)
-                        y, omega, soles, body = landing.land(
+                        y, omega, soles, body, blow = landing.land(
                             self.p, p, self.contact_steps, self.dt, self.interval, touch.way, e, i, y, met, omega,
-                            command, tau, ratio, soles, body, begun,
+                            command, tau, ratio, soles, body, begun, blow,
                         )  # fmt: skip
                 if flies > 0:
                     below = ground.beneath(-y[2] - sea, sea_weight, deck_upwash)
@@ -321,6 +323,7 @@ class Multirotor6DOF(Vehicle):
                 y = with_velocity(y, velocity(y) + attitude(y).transpose() @ (met - new))
                 met = new
         if ti.static(build.decked):
+            touch.blow[e, i, 0] = blow
             if by_deck > 0:
                 landing.remember(touch, self.interval, e, i, soles, body, struck)
             below = ground.beneath(-y[2] - sea, sea_weight, deck_upwash)
@@ -336,9 +339,10 @@ class Multirotor6DOF(Vehicle):
         fleet.aux[e, i, at.TIME], fleet.aux[e, i, at.CHARGE], fleet.aux[e, i, at.VOLTAGE] = time, charge, voltage
 
     @ti.func
-    def commanded(self, fleet: ti.template(), e, i, y, R, v_n, held, most):
+    def commanded(self, fleet: ti.template(), e, i, y, R, v_n, held, most, landed):
         """Rotor speeds (rad/s) that the actions ask for at the state y, moving over ground with v_n (n, m/s); the
         controller's state (8: integrals, heading held) a substep later; body rates (rad/s), velocity (n, m/s) wanted.
+        landed: how many soles are on a deck.
         """
         command = ti.Vector([y[0] * 0.0 for _ in ti.static(range(self.count))])
         omega_b, new = ti.Vector([y[10], y[11], y[12]]), held
@@ -385,6 +389,15 @@ class Multirotor6DOF(Vehicle):
                 new[k] = fast[k]
             for k in ti.static(range(self.count)):
                 command[k] = ti.sqrt(thrust[k] * ti.static(1.0 / self.plan.rotor.k_f))
+            if ti.static(self.actions == "velocity"):
+                if landed > 0 and fleet.action[e, i, 2] >= controller.IDLE_FROM:
+                    for k in ti.static(range(self.count)):
+                        command[k] = ti.static(controller.EASED**0.5) * ti.static(self.allocation.hover[k])
+                        if landed == ti.static(self.sole_numbers // SOLE_SIZE):
+                            command[k] = y[0] * 0.0 + self.plan.rotor.omega_min
+                    for k in ti.static(range(6)):
+                        new[k] = 0.0
+                    new[6], new[7] = held[6], held[7]
         return command, new, rates, toward
 
     @ti.func

@@ -1,0 +1,1 @@
+"""The landing mission: multirotors land on the decks of boats in a seaway (mission.py)."""

@@ -1,0 +1,273 @@
+"""The aircraft of the mission: where they are over their decks, what they know of that, when they have landed."""
+
+import math
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from rl.missions.landing.deck import into_level, squashed
+from rl.missions.landing.known import LAGS, KnownDeck
+from rl.missions.landing.marker import Marker
+from rl.missions.landing.pilots import Pilot, corrected
+from rl.scene.instruments import Readings
+from rl.team import Team
+from taichi_sim import runtime
+from taichi_sim.config import ConfigError
+from taichi_sim.uav.multirotor.multirotor_6dof import Multirotor6DOF
+
+NEAR = 1.0  # m, where what is observed near the deck is of order one
+FAR, FAST, SLOW = 10.0, 3.0, 1.0  # m, m/s, m/s, where what is observed is half way to 1
+WENT_LOW, WENT_UP = 1.0, 2.5  # m above the deck: who was lower and is then higher has aborted; assumed
+
+
+class Aircraft(Team):
+    """Measures the aircraft after each step; everything is [env, aircraft, ...]; aircraft i is of boat i.
+
+    Attributes:
+        own: what they measure of themselves. known_deck: what they know of their decks.
+        offset: [.., 3] from the deck's middle, b of the boat, m. height: of the soles above the deck, m. distance,
+            before: m from the deck's middle, level distance and height together, now and a decision ago.
+        tilt: to the deck, rad. touched, touching: has touched, for the first time in this step. touch_error (m, level),
+            touch_tilt (rad): then. touch_speed: greatest normal speed of a sole that has come down so far, m/s.
+        settled, settling: all soles have been on the deck, for the first time in this step.
+        stood: s that all soles have been on the deck. drifted: m on the deck since. aborts: how often it has gone up.
+        time: s until the first touch.
+    """
+
+    STATE = (
+        "own", "known_deck", "offset", "height", "distance", "before", "tilt", "touched", "touching", "settled",
+        "settling", "touch_error", "touch_tilt", "touch_speed", "stood", "drifted", "aborts", "time", "_anchor", "_low",
+    )  # fmt: skip
+
+    def __init__(self, mission: Any, name: str):
+        """Prepare team `name`.
+
+        Raises:
+            ConfigError: for aircraft that are not multirotors with legs, commanded by velocities.
+        """
+        super().__init__(mission, name)
+        config, state, model = mission.config, self.fleet.state, self.fleet.model
+        told = f"{name}.vehicle = {self.section.vehicle!r}"
+        if not isinstance(model, Multirotor6DOF) or model.legs is None:
+            raise ConfigError(f"{told}: to land it must be a multirotor_6dof with [legs]")
+        if model.actions != "velocity":
+            raise ConfigError(f'{told} has control.actions = "{model.actions}": to land it needs "velocity"')
+        self._model, self.interval = model, config.decision_interval
+        number = list(config.teams).index(name)
+        sensors = self.section.sensors
+        self.own = Readings(self.fleet, sensors, self.interval, 64 * number)
+        tilted = sensors.errors * math.radians(sensors.imu.attitude_noise_deg)
+        self.marker = Marker(self.section.marker, self.own, tilted, 64 * number)
+        self.known_deck = KnownDeck(state, self.interval)
+        self.soles_below = float(model.soles(self.fleet)[..., 2].max())
+        shape = state.shape[:2]
+        self.offset, self._anchor = (state.new_zeros((*shape, 3)) for _ in range(2))
+        (
+            self.height, self.distance, self.before, self.tilt, self.touch_error, self.touch_tilt, self.touch_speed,
+            self.stood, self.drifted, self.aborts, self.time,
+        ) = (state.new_zeros(shape) for _ in range(11))  # fmt: skip
+        self.touched, self.touching, self.settled, self.settling, self._low = (
+            torch.zeros(shape, dtype=torch.bool, device=state.device) for _ in range(5)
+        )
+        self._wanted: Tensor | None = None
+
+    # -- flying ----------------------------------------------------------------------------------------------------
+
+    @property
+    def pilot(self) -> Pilot:
+        """The classical pilot."""
+        return self.controller
+
+    @property
+    def _in_use(self) -> Any:
+        """The pilot, whose memory is state: it flies, or is corrected."""
+        return self.controller
+
+    def restored(self) -> None:
+        """Another state: what was wanted in the last one is not wanted in this."""
+        self._wanted = None
+
+    @property
+    def wanted(self) -> Tensor:
+        """Velocity [env, aircraft, 3] (NED, m/s) that the pilot wants now."""
+        if self._wanted is None:
+            self._wanted = self.pilot.wanted(self)
+        return self._wanted
+
+    @property
+    def action_names(self) -> tuple[str, ...]:
+        """What its policy commands: corrections of the velocity that the pilot wants, or the vehicle's own actions."""
+        if self.section.correction is None:
+            return super().action_names
+        return ("ahead (correction)", "to starboard (correction)", "down (correction)")
+
+    @property
+    def in_effect(self) -> Tensor:
+        """Not once it touches the deck."""
+        return ~self.touches
+
+    @property
+    def touches(self) -> Tensor:
+        """Bool [env, aircraft]: some sole is on a deck, which it feels."""
+        assert self.fleet.touch is not None
+        return self.fleet.touch.on
+
+    @property
+    def standing(self) -> Tensor:
+        """Bool [env, aircraft]: all soles are on a deck, which they feel."""
+        assert self.fleet.touch is not None
+        return self.fleet.touch.all_down
+
+    def command(self, action: Tensor) -> Tensor:
+        """The vehicles' actions for a policy's."""
+        c = self.section.correction
+        if c is None:
+            return action
+        correction = action.clamp(-1.0, 1.0) + 0.0 * action  # what is not finite stays so
+        return self.flown(corrected(self.wanted, correction, self.known_deck.heading, c.level, c.vertical))
+
+    def flown(self, velocity: Tensor) -> Tensor:
+        """Actions [env, aircraft, a] that fly a velocity [env, aircraft, 3] (NED, m/s); once a sole is on the deck,
+        down, so that the rotors idle.
+        """
+        demands, touches = self._model.demands, self.touches.unsqueeze(-1)
+        level = into_level(torch.where(touches, self.known_deck.velocity, velocity), self.own.heading)
+        down = level[..., 2]
+        down = torch.where(down > 0, down / demands.descent, down / demands.climb)
+        down = torch.where(touches[..., 0], torch.ones_like(down), down)
+        action = torch.stack(
+            (level[..., 0] / demands.speed, level[..., 1] / demands.speed, down, torch.zeros_like(down)), dim=-1
+        )
+        idle = action.new_tensor((0.0, 0.0, 1.0, 0.0))
+        return torch.where(self.standing.unsqueeze(-1), idle, action).clamp(-1.0, 1.0)
+
+    def begin(self, envs: Tensor) -> None:
+        """Episodes begin in environments `envs` [n]."""
+        self.pilot.begin(envs)
+
+    # -- measuring -------------------------------------------------------------------------------------------------
+
+    def measure(self, which: Tensor, count: int) -> None:
+        """In environments `which` [env] int32, `count` of them: the truth, and what instruments say."""
+        self._wanted = None
+        mission, deck = self.mission, self.mission.boats.deck
+        self.own.read(which, count, mission.noise.table)
+        fresh, on = (which == 2).unsqueeze(-1), (which == 1).unsqueeze(-1)
+        away = self.fleet.position_n - deck.place
+        self.offset = (deck.R.mT @ away.unsqueeze(-1)).squeeze(-1)
+        self.height = -self.offset[..., 2] - self.soles_below
+        level = self.offset[..., :2].norm(dim=-1)
+        before, self.distance = self.distance, torch.hypot(level, self.height.clamp(min=0.0))
+        self.before = torch.where(on, before, torch.where(fresh, self.distance, self.before))
+        upright = (self.fleet.R_nb[..., 2] * deck.down).sum(-1)
+        self.tilt = upright.clamp(-1.0, 1.0).acos()
+        self._touch(on, fresh, level)
+
+    def _touch(self, on: Tensor, fresh: Tensor, level: Tensor) -> None:
+        touch, dt = self.fleet.touch, self.interval
+        assert touch is not None
+        touched = self.touched & ~fresh
+        self.touching = on & touch.on & ~touched
+        self.touched = touched | self.touching
+        self.touch_error = torch.where(self.touching, level, torch.where(fresh, 0.0, self.touch_error))
+        self.touch_tilt = torch.where(self.touching, self.tilt, torch.where(fresh, 0.0, self.touch_tilt))
+        speed = torch.maximum(self.touch_speed, touch.blow[..., 0])
+        self.touch_speed = torch.where(on, speed, torch.where(fresh, 0.0, self.touch_speed))
+        standing = touch.all_down
+        settled = self.settled & ~fresh
+        self.settling = on & standing & ~settled
+        self.settled = settled | self.settling
+        new = standing & (self.stood == 0)
+        self._anchor = torch.where(new.unsqueeze(-1), self.offset, self._anchor)
+        stood = torch.where(standing, self.stood + dt, 0.0)
+        self.stood = torch.where(on, stood, torch.where(fresh, 0.0, self.stood))
+        self.drifted = torch.where(standing, (self.offset - self._anchor)[..., :2].norm(dim=-1), 0.0)
+        low = (self._low & ~fresh) | (self.height < WENT_LOW) & (level < 2.0)
+        up = low & (self.height > WENT_UP) & on
+        self.aborts = torch.where(fresh, 0.0, self.aborts + up)
+        self._low = low & ~up
+        self.time = torch.where(fresh, 0.0, self.time + dt * (on & ~self.touched))
+
+    def conclude(self, which: Tensor, count: int, heard: Tensor) -> None:
+        """Look at the marker, and know what follows from that and from what is `heard` [env, aircraft, n]."""
+        mission, deck = self.mission, self.mission.boats.deck
+        look = self.marker.look(
+            self.fleet, deck.place - self.fleet.position_n, deck.down, mission.hs, which, count, mission.noise.table
+        )
+        self.known_deck.measure(which, self.own, look, heard)
+
+    @property
+    def known_height(self) -> Tensor:
+        """Of the soles above the deck's plane, as known, m."""
+        return (self.known_deck.to * self.known_deck.down).sum(-1) - self.soles_below
+
+    def ends(self) -> dict[str, Tensor]:
+        """Why the episode of an aircraft has ended, bool each."""
+        limits = self.mission.config.landing
+        hard = self.touched & (self.touch_speed > limits.hard_speed)
+        hard |= self.touching & (self.touch_tilt > math.radians(limits.hard_tilt_deg))
+        toppled = self.touched & (self.tilt > math.radians(limits.toppled_tilt_deg))
+        slid = self.drifted > limits.drift
+        ended = hard | toppled | slid
+        return {
+            "landed": (self.stood >= limits.stand - 1e-6) & ~ended,
+            "hard": hard,
+            "toppled": toppled & ~hard,
+            "slid": slid & ~hard & ~toppled,
+        }
+
+    # -- learning --------------------------------------------------------------------------------------------------
+
+    def terms(self) -> dict[str, Tensor]:
+        """What each aircraft is told, in the level frame of its deck."""
+        known, own, mission = self.known_deck, self.own, self.mission
+        heading = known.heading
+        to, deck_v = into_level(known.to, heading), into_level(known.velocity, heading)
+        own_v = into_level(own.velocity_n, heading)
+        up = into_level(own.R_nb[..., 2], heading)
+        height = self.known_height.unsqueeze(-1)
+        left = 1 - mission.steps.to(to).view(-1, 1, 1) / mission.config.episode_steps
+        terms = {
+            "to": squashed(to, FAR),
+            "to_near": (to[..., :2] / NEAR).clamp(-1.0, 1.0),
+            "height": squashed(height, 2.0),
+            "height_near": (height / NEAR).clamp(-0.5, 1.0),
+            "relative_velocity": squashed(deck_v - own_v, SLOW),
+            "velocity": squashed(own_v, FAST),
+            "deck_velocity": squashed(deck_v, SLOW),
+            "deck_acceleration": squashed(into_level(known.acceleration, heading), 1.0),
+            "deck_past": squashed(known.past[..., list(LAGS)], SLOW),
+            "deck_tilt": 5.0 * known.attitude[..., :2],
+            "deck_rates": 2.0 * known.rates,
+            "tilt": 2.0 * up[..., :2],
+            "rates": own.angular_velocity_b[..., :2],
+            "ages": torch.stack((squashed(known.seen, 1.0), squashed(known.heard, 1.0)), dim=-1),
+            "time_left": left.expand_as(height),
+            "standing": torch.stack((self.touched, self.standing), dim=-1).to(to),
+            "previous_action": self.action[..., :3],
+        }
+        if self.section.correction is not None:
+            terms["reference"] = squashed(into_level(self.wanted - own.velocity_n, heading), SLOW)
+        return terms
+
+    def observe(self) -> Tensor:
+        """Observations [env, aircraft, n], a fresh tensor each time."""
+        with runtime.torch_at_rest():
+            return torch.cat(list(self.terms().values()), dim=-1)
+
+    @property
+    def privileged(self) -> Tensor | None:
+        """The truth [env, aircraft, n]: of the deck, of the sea and the wind, and what varies."""
+        mission, deck, fleet = self.mission, self.mission.boats.deck, self.fleet
+        to = into_level(deck.place - fleet.position_n, deck.heading)
+        relative = into_level(deck.velocity - fleet.velocity_n, deck.heading)
+        wind = into_level(mission.world.around.wind.unsqueeze(1).expand_as(to), deck.heading)
+        told = [
+            squashed(to, FAR), (to / NEAR).clamp(-1.0, 1.0), squashed(relative, SLOW), deck.velocity[..., 2:],
+            wind / 10.0, mission.hs.view(-1, 1, 1).expand_as(to[..., :1]) / 4.0, self.tilt.unsqueeze(-1),
+            self.stood.unsqueeze(-1) / 5.0,
+        ]  # fmt: skip
+        if mission.config.varies:
+            told.append(mission.world.truth[self.name])
+        return torch.cat(told, dim=-1)

@@ -1,0 +1,197 @@
+"""The boats of the mission: courses that they are ordered to hold, how their decks move, what they tell by radio.
+
+A boat sails its course by the classical controller of its model, without evasion. A policy of the boats may leave the
+ordered course and speed within the limits of `[course]`, for a deck that is steadier; it is told what the boat measures
+of itself. Without a policy, or where the team does not take part, boats hold the course as ordered.
+"""
+
+import math
+from types import SimpleNamespace
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from rl.guidance.controllers import CONTROLLERS
+from rl.guidance.controllers.course import Way
+from rl.guidance.controllers.force_vector import wrap
+from rl.guidance.targets import SIZE as TARGET
+from rl.guidance.targets import seen_at
+from rl.mission import ControllerError
+from rl.missions.landing.deck import DeckMotion, deck_motion, into_level, squashed
+from rl.scene.instruments import Readings
+from rl.team import Team
+from taichi_sim import runtime
+from taichi_sim.config.io import validate
+from taichi_sim.script import Script
+
+SMOOTH = 5.0  # s, over which the velocity of a deck is averaged, from which its swing counts; assumed
+QUICK = 0.3  # s, over which what the boat measures of its deck's acceleration is averaged; assumed
+REMEMBERED = 20.0  # s, over which a boat knows how much its deck moves; assumed
+SLOWEST = 0.05  # m/s: a boat that is to stay still is to have a course, too
+MESSAGE = 15  # place 3 and velocity 3 of the deck, acceleration 3, roll, pitch, heading, their rates (b) 3
+
+
+class Boats(Team):
+    """Measures boats and decks after each step; everything is [env, boat, ...].
+
+    Attributes:
+        own: what the boats measure of themselves. deck: the truth. seen: the deck as measured; acceleration of it.
+        ordered: [.., 2] course (rad) and speed (m/s) of the episode. aim: those that are sailed for. steered: course
+            now, rad. chosen, chosen_before: the policy's last two actions. swing: level speed of the deck over that of
+            its mean, m/s. served: bool, its aircraft has landed in this step.
+    """
+
+    STATE = (
+        "own", "ordered", "aim", "steered", "chosen", "chosen_before", "mean", "acceleration", "_before", "_squares",
+    )  # fmt: skip
+
+    def __init__(self, mission: Any, name: str):
+        """Prepare team `name`.
+
+        Raises:
+            ControllerError: for a vessel that the classical controllers do not sail by a velocity.
+        """
+        super().__init__(mission, name)
+        config, state, model = mission.config, self.fleet.state, self.fleet.model
+        kind = next((CONTROLLERS[base] for base in type(model).__mro__ if base in CONTROLLERS), None)
+        if kind is None or model.medium != "water":
+            raise ControllerError(f"{name}.vehicle = {self.section.vehicle!r}: no vessel that the mission could sail")
+        self.helm = kind(model, validate(kind.Gains, dict(self.section.control), f"{name}.control"))
+        if not hasattr(self.helm, "course"):
+            raise ControllerError(
+                f"{name}.vehicle = {self.section.vehicle!r}: the mission sails manoeuvring_3dof and hull_6dof alone"
+            )
+        self.interval = config.decision_interval
+        number = list(config.teams).index(name)
+        self.own = Readings(self.fleet, self.section.sensors, self.interval, 64 * number)
+        shape, deck = state.shape[:2], model.deck
+        assert deck is not None
+        self.centre = state.new_tensor(deck.centre)
+        self.ordered, self.aim = state.new_zeros((*shape, 2)), state.new_zeros((*shape, 2))
+        self.steered, self.swing = state.new_zeros(shape), state.new_zeros(shape)
+        self.chosen = self.chosen_before = state.new_zeros((*shape, 2))
+        self.mean, self.acceleration, self._before = (state.new_zeros((*shape, 3)) for _ in range(3))
+        self._squares = state.new_zeros((*shape, 3))  # of vertical speed, roll, pitch, averaged over REMEMBERED
+        self.served = torch.zeros(shape, dtype=torch.bool, device=state.device)
+        table = state.new_zeros((shape[0], 1, TARGET))
+        self._view = SimpleNamespace(fleet=self.own, target=seen_at(table, state[:, 0, :3]))
+        self.deck: DeckMotion = deck_motion(self.fleet, self.centre)
+        self.seen: DeckMotion = deck_motion(self.own, self.centre)
+
+    # -- sailing ---------------------------------------------------------------------------------------------------
+
+    @property
+    def action_names(self) -> tuple[str, ...]:
+        """What its policy commands."""
+        return ("course", "speed")
+
+    def command(self, action: Tensor) -> Tensor:
+        """The vessels' actions for a policy's [env, boat, 2]: how far to leave the ordered course and speed."""
+        way, chosen = self.mission.config.course, action.clamp(-1.0, 1.0) + 0.0 * action
+        self.chosen = chosen
+        course = self.ordered[..., 0] + math.radians(way.turn_deg) * chosen[..., 0]
+        speed = (self.ordered[..., 1] + way.change * chosen[..., 1]).clamp(min=SLOWEST)
+        self.aim = torch.stack((course, speed), dim=-1)
+        wanted = self.aim[..., 1:] * torch.stack((self.steered.cos(), self.steered.sin()), dim=-1)
+        return self.helm.act(self._view, Way(wanted, torch.zeros_like(wanted)))
+
+    def held(self) -> Tensor:
+        """The vessels' actions that hold the ordered course and speed."""
+        return self.command(torch.zeros_like(self.chosen))
+
+    def begin(self, envs: Tensor, course: Tensor, speed: Tensor) -> None:
+        """Episodes begin in environments `envs` [n] with orders [n, boat] (rad, m/s)."""
+        self.ordered[envs] = torch.stack((course, speed.clamp(min=SLOWEST)), dim=-1).to(self.ordered)
+        self.aim[envs], self.steered[envs] = self.ordered[envs], course.to(self.steered)
+
+    # -- measuring -------------------------------------------------------------------------------------------------
+
+    def measure(self, which: Tensor, count: int) -> None:
+        """In environments `which` [env] int32, `count` of them."""
+        mission, dt = self.mission, self.interval
+        fresh, on = (which == 2).view(-1, 1, 1), (which == 1).view(-1, 1, 1)
+        self.own.read(which, count, mission.noise.table)
+        self.deck, self.seen = deck_motion(self.fleet, self.centre), deck_motion(self.own, self.centre)
+        v, a = self.seen.velocity, self.acceleration
+        a = a + dt / (QUICK + dt) * ((v - self._before) / dt - a)
+        self.acceleration = torch.where(on, a, torch.where(fresh, 0.0, self.acceleration))
+        self._before = v.clone()
+        mean = self.mean + dt / (SMOOTH + dt) * (self.deck.velocity - self.mean)
+        self.mean = torch.where(on, mean, torch.where(fresh, self.deck.velocity, self.mean))
+        self.swing = (self.deck.velocity - self.mean)[..., :2].norm(dim=-1)
+        moves = torch.stack((v[..., 2], self.seen.R[..., 2, 1], self.seen.R[..., 2, 0]), dim=-1)
+        squares = self._squares + dt / (REMEMBERED + dt) * (moves.square() - self._squares)
+        self._squares = torch.where(on, squares, torch.where(fresh, moves.square(), self._squares))
+        self.chosen = torch.where(fresh, 0.0, self.chosen)
+        self.chosen_before = torch.where(fresh, 0.0, self.chosen_before)
+        most = math.radians(mission.config.course.turn_rate_deg) * dt
+        turn = wrap(self.aim[..., 0] - self.steered).clamp(-most, most)
+        self.steered = torch.where(on[..., 0], self.steered + turn, self.steered)
+
+    def message(self) -> Tensor:
+        """[env, boat, MESSAGE] what a boat tells of its deck (place and velocity, what else in `MESSAGE`)."""
+        R = self.seen.R
+        roll, pitch = torch.atan2(R[..., 2, 1], R[..., 2, 2]), -R[..., 2, 0].clamp(-1.0, 1.0).asin()
+        heading = torch.atan2(R[..., 1, 0], R[..., 0, 0])
+        attitude = torch.stack((roll, pitch, heading), dim=-1)
+        return torch.cat(
+            (self.seen.place, self.seen.velocity, self.acceleration, attitude, self.own.angular_velocity_b), dim=-1
+        )
+
+    # -- learning --------------------------------------------------------------------------------------------------
+
+    def terms(self) -> dict[str, Tensor]:
+        """What each boat is told."""
+        own, R = self.own, self.seen.R
+        level = into_level(self.seen.velocity, own.heading)
+        off = wrap(torch.atan2(own.heading[1], own.heading[0]) - self.ordered[..., 0])
+        steered = wrap(self.steered - self.ordered[..., 0])
+        speed = self.ordered[..., 1]
+        return {
+            "velocity": squashed(level, 1.0),
+            "acceleration": squashed(into_level(self.acceleration, own.heading), 1.0),
+            "tilt": 5.0 * R[..., 2, :2],
+            "rates": own.angular_velocity_b * 2.0,
+            "moves": self._squares.sqrt() * self._squares.new_tensor((1.0, 5.0, 5.0)),
+            "heading": torch.stack((off.cos(), off.sin()), dim=-1),
+            "steered": torch.stack((steered.cos(), steered.sin()), dim=-1),
+            "speed": torch.stack((speed, self.aim[..., 1]), dim=-1) / 2.0,
+            "previous_action": self.chosen,
+        }
+
+    def observe(self) -> Tensor:
+        """Observations [env, boat, n], a fresh tensor each time."""
+        with runtime.torch_at_rest():
+            return torch.cat(list(self.terms().values()), dim=-1)
+
+    @property
+    def privileged(self) -> Tensor | None:
+        """The truth [env, boat, n]: the sea's height, where waves come from and go to, what varies."""
+        mission = self.mission
+        told = [mission.hs.view(-1, 1, 1).expand(*self.steered.shape, 1) / 4.0]
+        if mission.config.varies:
+            told.append(mission.world.truth[self.name])
+        return torch.cat(told, dim=-1)
+
+
+class Hold:
+    """The classical controller of the boats: they hold what they are ordered."""
+
+    STATE = ()
+
+    def __call__(self, team: Boats) -> Tensor:
+        """Actions [env, boat, a] of the vessels."""
+        return team.held()
+
+
+class Helm(Script):
+    """Steers the boats of a mission in which they take no part."""
+
+    def __init__(self, boats: Boats):
+        """Of these."""
+        self.name, self._boats = boats.name, boats
+
+    def __call__(self, world: Any) -> Tensor:
+        """Hold the ordered course."""
+        return self._boats.held()

@@ -1,0 +1,51 @@
+"""How decks move: place, velocity and attitude of the middle of each boat's deck, as it is or as it measures itself."""
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from taichi_sim.fleet import Views
+
+
+class DeckMotion(NamedTuple):
+    """Of the middle of each deck."""
+
+    place: Tensor  # [env, boat, 3] NED, m
+    velocity: Tensor  # [env, boat, 3] NED, m/s
+    R: Tensor  # [env, boat, 3, 3] R_nb
+    tilt: Tensor  # [env, boat] rad, of its normal to the vertical
+    heading: tuple[Tensor, Tensor]  # cosine and sine [env, boat]
+
+    @property
+    def down(self) -> Tensor:
+        """[env, boat, 3] its normal, into the deck, NED."""
+        return self.R[..., 2]
+
+
+def deck_motion(boats: Views, centre: Tensor) -> DeckMotion:
+    """Of `boats`, whose decks have their middle at `centre` [3] (m, b)."""
+    R = boats.R_nb
+    arm = torch.linalg.cross(boats.angular_velocity_b, centre.expand_as(boats.angular_velocity_b), dim=-1)
+    place = boats.position_n + R @ centre
+    velocity = boats.velocity_n + (R @ arm.unsqueeze(-1)).squeeze(-1)
+    return DeckMotion(place, velocity, R, R[..., 2, 2].clamp(-1.0, 1.0).acos(), boats.heading)
+
+
+def into_level(vector: Tensor, heading: tuple[Tensor, Tensor]) -> Tensor:
+    """A vector [.., 3] (NED) in the level frame that is turned by a heading: ahead, to starboard, down."""
+    c, s = heading
+    x, y, z = vector.unbind(-1)
+    return torch.stack((c * x + s * y, c * y - s * x, z), dim=-1)
+
+
+def out_of_level(vector: Tensor, heading: tuple[Tensor, Tensor]) -> Tensor:
+    """The opposite of `into_level`."""
+    c, s = heading
+    x, y, z = vector.unbind(-1)
+    return torch.stack((c * x - s * y, s * x + c * y, z), dim=-1)
+
+
+def squashed(x: Tensor, scale: float) -> Tensor:
+    """x / (|x| + scale)."""
+    return x / (x.abs() + scale)

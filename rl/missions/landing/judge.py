@@ -1,0 +1,187 @@
+"""What an evaluation measures of landings: how they ended, how long they took, how the aircraft touched down."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from torch import Tensor
+
+from rl.judge import Episodes, Judge
+
+OUTCOMES = ("landed", "hard", "toppled", "slid", "ditched", "struck", "late", "lost")
+"""How an aircraft's episode ends; lost: outside its model, or no finite state."""
+NONE = -1
+
+
+class LandingJudge(Judge):
+    """Of aircraft: outcomes and touchdowns, each [env, aircraft]. Of boats: how their decks move."""
+
+    definitions = {
+        "success_rate": "fraction of aircraft that landed: all soles on the deck for landing.stand without a break, "
+        "and none of the ends below before",
+        "hard": "fraction that touched the deck faster than landing.hard_speed along its normal, or tilted more than "
+        "landing.hard_tilt_deg to it",
+        "toppled": "fraction that tilted more than landing.toppled_tilt_deg to the deck after a touch",
+        "slid": "fraction that drifted more than landing.drift on the deck",
+        "ditched": "fraction that met the water",
+        "struck": "fraction one of whose rotors met a deck",
+        "late": "fraction that had not landed when the episode was over",
+        "lost": "fraction that left the envelope of their model",
+        "time_to_land_s": "time from the beginning to the first touch, median of those that landed",
+        "time_to_land_p95_s": "95th percentile of the same",
+        "touch_error_m": "distance from the deck's middle along the deck at the first touch, median of those that "
+        "touched",
+        "touch_error_p95_m": "95th percentile of the same",
+        "touch_speed_m_s": "greatest speed of a sole that comes down, along the deck's normal, median of those "
+        "that touched",
+        "touch_speed_p95_m_s": "95th percentile of the same",
+        "aborts": "times an aircraft was below 1 m and then rose above 2.5 m over the deck, mean of an episode",
+        "energy_kJ": "work of the rotors' shafts until the end of the episode, mean",
+        "deck_speed_m_s": "root mean square vertical speed of the deck (boats)",
+        "deck_tilt_deg": "root mean square angle of the deck's normal to the vertical (boats)",
+        "action_change_rms": Judge.definitions["action_change_rms"],
+        "reward_per_step": Judge.definitions["reward_per_step"],
+    }
+    plotted = ("success_rate", "time_to_land_s", "touch_error_p95_m", "touch_speed_p95_m_s")
+
+    def __init__(self, mission: Any, team: str):
+        """Watch `team`."""
+        super().__init__(mission, team)
+        shape = self.collided.shape
+        self.flies = team == mission.config.landing.aircraft
+        self.outcome = np.full(shape, NONE)
+        self.time, self.error, self.speed = (np.full(shape, np.nan) for _ in range(3))
+        self.aborts, self.work = np.zeros(shape), np.zeros(shape)
+        self.speeds, self.tilts, self.steps = (np.zeros(len(shape) and shape[0]) for _ in range(3))
+
+    def see(self, step: Any, number: int) -> None:
+        """Take decision `number` (from 1) into account, of each aircraft until it has ended."""
+        mission = self.mission
+        team, dt = mission.teams[self.name], mission.config.decision_interval
+        if self.flies:
+            alive = self.outcome == NONE
+            touching = team.touching.cpu().numpy() & alive
+            self.time[touching] = number * dt
+            self.error[touching] = team.touch_error.double().cpu().numpy()[touching]
+            touched = team.touched.cpu().numpy() & alive
+            self.speed[touched] = team.touch_speed.double().cpu().numpy()[touched]
+            self.aborts[alive] = team.aborts.cpu().numpy()[alive]
+            power = team.fleet.model.power(team.fleet)
+            self.work[alive] += dt * power.double().cpu().numpy()[alive]
+            ended = step.endings[self.name]
+            for key, flag in ended.items():
+                code = OUTCOMES.index(key) if key in OUTCOMES else OUTCOMES.index("lost")
+                now = flag.cpu().numpy() & (self.outcome == NONE)
+                self.outcome[now] = code
+        else:
+            alive = ~self.failed
+            deck = team.deck
+            self.speeds[alive] += deck.velocity[..., 2].double().square().mean(-1).cpu().numpy()[alive]
+            self.tilts[alive] += deck.tilt.double().square().mean(-1).cpu().numpy()[alive]
+            self.steps[alive] += 1
+        super().see(step, number)
+
+    def series(self) -> dict[str, Tensor]:
+        """Of aircraft, heights and distances; of boats, how the deck moves."""
+        team = self.mission.teams[self.name]
+        if not self.flies:
+            return {
+                "vertical speed of the deck (m/s)": team.deck.velocity[..., 2],
+                "tilt of the deck (rad)": team.deck.tilt,
+            }
+        level = team.offset[..., :2].norm(dim=-1)
+        return {"height above the deck (m)": team.height, "distance from its middle (m)": level}
+
+    @classmethod
+    def episodes(cls, seen: Sequence[Any], config: Any) -> dict[str, NDArray[np.float64]]:
+        """Also outcomes and touchdowns; of several aircraft, means of an episode."""
+        common = super().episodes(seen, config)
+        get = {
+            key: np.concatenate([getattr(j, key) for j in seen])
+            for key in ("outcome", "time", "error", "speed", "aborts", "work", "speeds", "tilts", "steps")
+        }
+        none = np.full(len(get["outcome"]), np.nan)
+        flies = bool(seen and seen[0].flies)
+        outcome = np.where(get["outcome"] == NONE, OUTCOMES.index("late"), get["outcome"])
+        landed = outcome == 0
+        found = {name: (outcome == k).mean(axis=1).astype(float) if flies else none for k, name in enumerate(OUTCOMES)}
+        return common | {
+            **found,
+            "succeeded": found["landed"] if flies else common["succeeded"],
+            "time_s": _mean(np.where(landed, get["time"], np.nan)) if flies else none,
+            "error_m": _mean(get["error"]) if flies else none,
+            "speed_m_s": _mean(get["speed"]) if flies else none,
+            "aborts": get["aborts"].mean(axis=1) if flies else none,
+            "work_kJ": get["work"].mean(axis=1) / 1e3 if flies else none,
+            "deck_speeds": none if flies else get["speeds"],
+            "deck_tilts": none if flies else get["tilts"],
+            "deck_steps": none if flies else get["steps"],
+        }
+
+    @classmethod
+    def pooled(cls, episodes: Episodes) -> dict[str, NDArray[np.float64]]:
+        """Figures of sets of episodes."""
+        common = super().pooled(episodes)
+        figures = {name: episodes[name].mean(-1) for name in OUTCOMES[1:]}
+        for name, key in (("time_to_land", "time_s"), ("touch_error", "error_m"), ("touch_speed", "speed_m_s")):
+            unit = key.removeprefix("time").removeprefix("error").removeprefix("speed")
+            figures[f"{name}{unit}"] = _quantile(episodes[key], 0.5)
+            figures[f"{name}_p95{unit}"] = _quantile(episodes[key], 0.95)
+        steps = np.maximum(episodes["deck_steps"].sum(-1), 1e-9)
+        figures |= {
+            "success_rate": episodes["succeeded"].mean(-1),
+            "aborts": episodes["aborts"].mean(-1),
+            "energy_kJ": episodes["work_kJ"].mean(-1),
+            "deck_speed_m_s": np.sqrt(episodes["deck_speeds"].sum(-1) / steps),
+            "deck_tilt_deg": np.degrees(np.sqrt(episodes["deck_tilts"].sum(-1) / steps)),
+            "action_change_rms": common["action_change_rms"],
+            "reward_per_step": common["reward_per_step"],
+        }
+        return {key: figures[key] for key in cls.definitions}
+
+    @classmethod
+    def badness(cls, episodes: Episodes) -> NDArray[np.float64]:
+        """Not landed, how hard, how far off, how late."""
+        bad = (1 - episodes["succeeded"], episodes["speed_m_s"], episodes["error_m"], episodes["time_s"])
+        return np.stack([np.nan_to_num(of, nan=0.0) for of in bad])
+
+    @classmethod
+    def loss(cls, episodes: Episodes, config: Any) -> NDArray[np.float64]:
+        """Of aircraft, not landed (10), time to land and error of it; of boats, how the deck moves."""
+        steps = np.nan_to_num(episodes["deck_steps"], nan=0.0)
+        moves = np.nan_to_num(episodes["deck_speeds"], nan=0.0) / np.maximum(steps, 1)
+        late = np.nan_to_num(episodes["time_s"], nan=config.episode_duration) / config.episode_duration
+        off = np.nan_to_num(episodes["error_m"], nan=0.0)
+        return 10 * (1 - episodes["succeeded"]) * (steps == 0) + (late + off) * (steps == 0) + moves
+
+    @classmethod
+    def line(cls, figures: dict[str, float | None]) -> str:
+        """The figures of one team as a line to read."""
+        if figures["deck_speed_m_s"] is not None:
+            return f"deck moves {figures['deck_speed_m_s']:.2f} m/s and {figures['deck_tilt_deg']:.1f} deg rms"
+        told = [f"{100 * (figures['success_rate'] or 0.0):.1f} % land"]
+        if figures["time_to_land_s"] is not None:
+            told.append(f"after {figures['time_to_land_s']:.1f} s (p95 {figures['time_to_land_p95_s']:.1f} s)")
+        if figures["touch_error_m"] is not None:
+            told.append(f"{figures['touch_error_m']:.2f} m off (p95 {figures['touch_error_p95_m']:.2f} m)")
+            told.append(f"at {figures['touch_speed_m_s']:.2f} m/s (p95 {figures['touch_speed_p95_m_s']:.2f} m/s)")
+        failed = [f"{100 * (figures[name] or 0.0):.1f} % {name}" for name in OUTCOMES[1:] if figures[name]]
+        return ", ".join((*told, *failed))
+
+
+def _mean(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Of each episode, over aircraft of which there is a number; NaN without."""
+    count = np.isfinite(values).sum(axis=1)
+    return np.where(count > 0, np.nansum(values, axis=1) / np.maximum(count, 1), np.nan)
+
+
+def _quantile(values: NDArray[np.float64], share: float) -> NDArray[np.float64]:
+    """Over the last axis, of what is not NaN, by linear interpolation; NaN where nothing is."""
+    count = np.isfinite(values).sum(-1)
+    ordered = np.sort(values, axis=-1)  # NaN come last
+    at = share * (np.maximum(count, 1) - 1)
+    low = np.floor(at).astype(int)
+    high = np.minimum(low + 1, np.maximum(count, 1) - 1)
+    a, b = (np.take_along_axis(ordered, k[..., None], -1)[..., 0] for k in (low, high))
+    return np.where(count > 0, a + (at - low) * (b - a), np.nan)

@@ -1,0 +1,90 @@
+"""What an aircraft sees of the marker in the middle of its deck: where it is from the camera, as far as that is known.
+
+A camera is kept level by its gimbal. The marker is found where it lies in the field of view and in range, from above at
+no more than `steepest_deg` from the deck's normal, and not lost to a share `loss` + `spray` Hs of all looks. Then its
+direction has an error of a pixel each way, and its distance, by the size s of its picture,
+
+    sigma_r = r^2 sigma_pixel / s,
+
+r being the distance (the error of a length of r sigma_pixel, seen at the scale s / r; first order). What is seen in the
+camera's frame becomes a place by the aircraft's measured attitude, whose error is in it. Random numbers are counted
+(maths/random.py): same seed, same bits. Frame: NED.
+"""
+
+# Kernels are another language inside Python syntax.
+# pyright: reportInvalidTypeForm=false
+
+import math
+from typing import NamedTuple
+
+import taichi as ti
+from torch import Tensor
+
+from rl.missions.landing.config import MarkerConfig
+from taichi_sim import runtime
+from taichi_sim.fleet import Views
+from taichi_sim.maths.random import CAMERA, normal6, uniform4
+
+DRAWN = 7  # numbers of a look: whether it is lost (uniform), six normal ones
+DRAW = 30.0  # ns of one aircraft, about
+
+_array3 = ti.types.ndarray(ndim=3)
+
+
+@ti.kernel
+def _draw(
+    out: _array3, which: ti.types.ndarray(dtype=ti.i32, ndim=1), count: ti.types.ndarray(dtype=ti.i32, ndim=1),
+    vehicles: ti.template(), serial: ti.template(),
+):  # fmt: skip
+    ti.loop_config(serialize=serial)
+    for e, i in ti.ndrange(out.shape[0], out.shape[1]):
+        if which[e] != 0:
+            u = uniform4(count[1], CAMERA, count[2 + e], vehicles + i, count[0])
+            z = normal6(count[1], CAMERA + 1, count[2 + e], vehicles + i, count[0])
+            out[e, i, 0] = u[0]
+            for k in ti.static(range(6)):
+                out[e, i, 1 + k] = z[k]
+
+
+class Look(NamedTuple):
+    """Of one step; [env, aircraft, ...]."""
+
+    found: Tensor  # bool
+    place: Tensor  # [.., 3] of the marker from the aircraft, NED as the aircraft has it, m
+    variance: Tensor  # of each component, m^2
+
+
+class Marker:
+    """The cameras of one team."""
+
+    def __init__(self, config: MarkerConfig, own: Views, tilt_noise: float, vehicles: int):
+        """Of aircraft that measure themselves to be `own`, roll and pitch with a standard deviation `tilt_noise` (rad);
+        `vehicles` of other teams come before them, among the random numbers.
+        """
+        self.config, self._own, self._vehicles, self._tilt = config, own, vehicles, tilt_noise
+        self._drawn = own.state.new_zeros((*own.state.shape[:2], DRAWN))
+        self._launch = runtime.Launcher(_draw)
+
+    def look(self, true: Views, to: Tensor, down: Tensor, hs: Tensor, which: Tensor, rows: int, count: Tensor) -> Look:
+        """From aircraft `true` at markers that are `to` [env, aircraft, 3] (m, NED) from them.
+
+        down: [env, aircraft, 3] normals of the decks, into them. hs: [env] significant wave height, m. which, rows,
+        count: as in instruments.py.
+        """
+        c = self.config
+        self._launch(self._drawn, which, count, self._vehicles, runtime.few(rows * to.shape[1], DRAW))
+        u, z = self._drawn[..., 0], self._drawn[..., 1:]
+        r = to.norm(dim=-1).clamp(min=1e-3)
+        line = to / r.unsqueeze(-1)
+        ahead, axis = true.heading, math.radians(c.axis_deg)
+        bore = line[..., 2] * math.cos(axis) + math.sin(axis) * (ahead[0] * line[..., 0] + ahead[1] * line[..., 1])
+        square = (line * down).sum(-1) >= math.cos(math.radians(c.steepest_deg))
+        lost = u < (c.loss + c.spray * hs).clamp(max=1.0).unsqueeze(-1)
+        found = (bore >= c.cos_half) & square & (r <= c.range) & (r >= c.nearest) & ~lost
+        pixel = math.radians(c.pixel_deg)
+        across, along = r * pixel, r * r * (pixel / c.size)
+        error = across.unsqueeze(-1) * z[..., :3] + (along * z[..., 3]).unsqueeze(-1) * line
+        in_b = (true.R_nb.mT @ (to + error).unsqueeze(-1)).squeeze(-1)
+        place = (self._own.R_nb @ in_b.unsqueeze(-1)).squeeze(-1)
+        variance = across.square() + (r * self._tilt).square() + 0.33 * along.square()
+        return Look(found, place, variance)

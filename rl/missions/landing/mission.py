@@ -1,0 +1,238 @@
+"""Landing: multirotors come in over boats in a seaway and land on their decks.
+
+Aircraft i lands on boat i. An episode begins with the boats under way, or still, on courses of their own, and each
+aircraft in hover 20 to 60 m from its deck, anywhere around. An aircraft knows itself by its instruments, the deck by a
+camera that sees a marker on it from near (marker.py) and by what the boat tells by radio (boats.py), late and at times
+lost (known.py). It has landed when all its soles have been on the deck for some seconds, and it came down softly
+(`[landing]`). Boats that take no part hold their course (boats.Helm).
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from rl.mission import Endings, Histories, Mission, Step
+from rl.missions.landing import rewards
+from rl.missions.landing.aircraft import Aircraft
+from rl.missions.landing.boats import MESSAGE, Boats, Helm, Hold
+from rl.missions.landing.config import LandingScenario
+from rl.missions.landing.film import Film
+from rl.missions.landing.judge import LandingJudge
+from rl.missions.landing.pilots import Pilot
+from rl.missions.landing.starts import afloat, aloft
+from rl.rewards import paid
+from rl.scene.radio import Radio
+from rl.seeds import derive_seed
+from taichi_sim import runtime
+from taichi_sim.config import ConfigError
+from taichi_sim.noise import Noise
+from taichi_sim.recording.episode import Scene
+
+SEEN_FROM_AFAR = 40.0  # m about the first boat, in recordings
+
+
+class Landing(Mission):
+    """Boats with decks and aircraft that land on them; see the module.
+
+    Attributes:
+        boats: the team of boats (boats.py), whether it takes part or not. aircraft: the team of aircraft, or None.
+        hs: [env] significant wave height, m. radio: between boats and aircraft, boats first.
+        noise: counts the random numbers of instruments, cameras and radio: decisions of all episodes.
+    """
+
+    STATE = ("boats", "hs", "radio", "noise")
+
+    Config = LandingScenario
+    logged = ("landed", "failed", "touch_error_m", "touch_speed")
+    Judge = LandingJudge
+    config: LandingScenario
+
+    @staticmethod
+    def Team(mission: Any, name: str) -> Any:  # noqa: N802
+        """A team by its part."""
+        return (Boats if name == mission.config.landing.boats else Aircraft)(mission, name)
+
+    def __init__(
+        self,
+        config: Any,
+        num_envs: int,
+        *,
+        seed: int,
+        teams: Sequence[str] | None = None,
+        source: Path | None = None,
+    ):
+        """As Mission; boats are there even if they are not among the `teams` that take part."""
+        name = config.landing.boats
+        self._manned = teams is None or name in teams
+        there = None if teams is None else [team for team in config.teams if team in (*teams, name)]
+        super().__init__(config, num_envs, seed=seed, teams=there, source=source)
+
+    def _alike(self, num_envs: int) -> "Mission":
+        """Another mission of the same scenario, seed and teams."""
+        return type(self)(self.config, num_envs, seed=self.seed, teams=tuple(self.teams), source=self.source)
+
+    def prepare(self) -> None:
+        """Connect everybody.
+
+        Raises:
+            ConfigError: where boats have no deck, or there are teams without a part.
+        """
+        run, parts = runtime.current(), self.config.landing
+        for name in self.teams:
+            if name not in (parts.boats, parts.aircraft):
+                raise ConfigError(
+                    f"{name}: landing.boats = {parts.boats!r} and landing.aircraft = {parts.aircraft!r} name the teams "
+                    "of the mission; give any other a script"
+                )
+        self.boats: Boats = self.teams[parts.boats]
+        if not self._manned:
+            del self.teams[parts.boats]
+            self.world.scripts[parts.boats] = Helm(self.boats)
+        self.aircraft: Aircraft | None = self.teams.get(parts.aircraft)
+        amplitude = torch.as_tensor(self.world.sea.components.amplitude)
+        self._hs = (4 * (amplitude.double().square().sum(1) / 2).sqrt()).to(run.device, run.torch_dtype)
+        self.hs = torch.zeros(self.num_envs, device=run.device, dtype=run.torch_dtype)
+        self._which = torch.zeros(self.num_envs, dtype=torch.int32, device=run.device)
+        self.noise = Noise(self.num_envs, derive_seed(self.seed, "sensors"))
+        boats = self.boats.fleet.count
+        flying = 0 if self.aircraft is None else self.aircraft.fleet.count
+        self._place = self.boats.fleet.state.new_zeros((self.num_envs, boats + flying, 3))
+        self.radio = Radio(self.config.radio, self._place, self.config.decision_interval, width=MESSAGE)
+        self._own = torch.arange(flying, device=run.device)
+        self._film = Film(self)
+
+    def reseed(self, seed: int) -> None:
+        """Also sensors and radio."""
+        super().reseed(seed)
+        self.noise.restart(derive_seed(seed, "sensors"))
+
+    # -- one step --------------------------------------------------------------------------------------------------
+
+    def measure(self) -> None:
+        """What everybody sees, says and hears; where aircraft are over their decks."""
+        self._which.fill_(1)
+        self.noise.tick()
+        self._look(self.num_envs)
+
+    def measure_again(self, envs: Tensor) -> None:
+        """Look where `begin` has placed everybody."""
+        self._which.zero_()
+        self._which[envs] = 2
+        self._look(len(envs))
+
+    def _look(self, rows: int) -> None:
+        which, boats, aircraft = self._which, self.boats, self.aircraft
+        boats.measure(which, rows)
+        count = boats.fleet.count
+        self._place[:, :count] = boats.fleet.position_n
+        self.radio.said[:, :count] = boats.message()
+        if aircraft is not None:
+            aircraft.measure(which, rows)
+            self._place[:, count:] = aircraft.fleet.position_n
+            self.radio.said[:, count:, :3] = aircraft.own.position_n
+            self.radio.said[:, count:, 3:6] = aircraft.own.velocity_n
+        self.radio.talk(which, rows, self.steps, self.noise.table)
+        if aircraft is not None:
+            aircraft.conclude(which, rows, self.radio.heard[:, count + self._own, self._own])
+            boats.served = aircraft.ends()["landed"]
+
+    def observe(self, team: Any) -> dict[str, Tensor]:
+        """See boats.py and aircraft.py."""
+        return team.terms()
+
+    def reward(self, team: Any, ended: Endings) -> Tensor:
+        """See rewards.py."""
+        if isinstance(team, Boats):
+            return _paid(rewards.BOAT_TERMS, team.section.boat_reward, team, ended)
+        return paid(rewards.AIRCRAFT_TERMS, team.section.aircraft_reward, team, ended)
+
+    def endings(self, team: Any) -> dict[str, Tensor]:
+        """Of aircraft: landed, or how they have failed to."""
+        if isinstance(team, Boats):
+            return {}
+        ends = team.ends()
+        late = (self.steps >= self.config.episode_steps).unsqueeze(-1) & ~ends["landed"]
+        return ends | {"late": late}
+
+    # -- episodes --------------------------------------------------------------------------------------------------
+
+    def begin(self, envs: Tensor) -> None:
+        """Place everybody in environments `envs` [n]."""
+        self.hs[envs] = self._hs[self.world.env_sea[envs].long()]
+        state, course, speed = afloat(self.boats, self.config, len(envs), self.generator)
+        self.boats.begin(envs, course, speed)
+        self.world.place(self.boats.name, envs, state)
+        if self.aircraft is not None:
+            over = aloft(self.aircraft, state[..., :2], self.config.landing, self.generator)
+            self.world.place(self.aircraft.name, envs, over)
+            self.aircraft.begin(envs)
+
+    # -- what others ask -------------------------------------------------------------------------------------------
+
+    def log(self, team: Any, step: Step) -> dict[str, Tensor]:
+        """Of the episodes that have ended in this step: shares that landed and that failed; touchdowns of it."""
+        if isinstance(team, Boats):
+            zero = team.swing.mean() * 0.0
+            return {"landed": zero, "failed": zero, "touch_error_m": team.deck.tilt.mean(), "touch_speed": zero}
+        ended = step.endings[team.name]
+        landed, over = ended["landed"].float().sum(), ended.any.float().sum()
+        now = team.touching.float()
+        touches = now.sum().clamp(min=1.0)
+        return {
+            "landed": landed / team.distance.numel(),
+            "failed": (over - landed) / team.distance.numel(),
+            "touch_error_m": (now * team.touch_error).sum() / touches,
+            "touch_speed": (now * team.touch_speed).sum() / touches,
+        }
+
+    def info(self, team: Any) -> dict[str, Tensor]:
+        """Of aircraft: height above the deck and distance from its middle, m."""
+        return {} if isinstance(team, Boats) else {"height": team.height, "distance": team.distance}
+
+    def controller(self, team: Any) -> Any:
+        """Boats hold their course; aircraft have the pilot of `[TEAM.pilot]`."""
+        if isinstance(team, Boats):
+            return Hold()
+        return Pilot(team.section.pilot, team.fleet.state, self.config.decision_interval)
+
+    def frame(self, team: Any) -> dict[str, Tensor]:
+        """Of aircraft, how far they are from their deck's middle."""
+        env = self.shown
+        if team is next(iter(self.teams.values())):  # once a step
+            if int(self.steps[env]) <= 1:
+                self._film = Film(self)
+            self._film.take()
+        return {} if isinstance(team, Boats) else {"error_m": team.distance[env]}
+
+    def scene(self) -> Scene:
+        """The first boat and what is about it."""
+        return Scene(overview=(self.boats.name, SEEN_FROM_AFAR))
+
+    def overlays(self) -> tuple[Any, ...]:
+        """Heights, what is known of the deck, and messages (film.py)."""
+        return self._film.overlays()
+
+    def forget_frames(self) -> None:
+        """Begin film.py's frames anew."""
+        self._film = Film(self)
+
+    @classmethod
+    def draw_figures(cls, out: Path, histories: Histories, episode: Any, config: LandingScenario) -> None:
+        """See figures.py."""
+        from rl.missions.landing.figures import write_landing_figures  # matplotlib takes a second
+
+        write_landing_figures(out, histories, episode, config)
+
+
+def _paid(terms: dict[str, Any], weights: Any, team: Boats, ended: Endings) -> Tensor:
+    """The weighted sum of `terms`; a weight of 0 costs nothing."""
+    parts = [
+        getattr(weights, name) * term(team, ended, weights) for name, term in terms.items() if getattr(weights, name)
+    ]
+    return sum(parts, torch.zeros_like(team.steered))
+
+
+MISSION = Landing

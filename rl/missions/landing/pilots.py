@@ -1,0 +1,157 @@
+"""Classical pilots of the aircraft: what velocity over ground they want, NED (m/s), by what they know of the deck.
+
+The level part is the same for all: over the deck's own velocity v_d, toward it as fast as may still be braked,
+
+    v = v_d + min(k r, sqrt(2 a r), approach) r / |r|,
+
+`descend` takes v_d as averaged over some seconds, as the integral of a PID does: it knows no motion of the deck.
+
+    descend   holds its height above mean sea level while it approaches, hovers `hover` above the deck's mean height
+              until it is near the deck's middle, then sinks at a constant speed over ground.
+    glide     comes down in a cone as it approaches, matched to the deck's vertical velocity, and touches at `sink`;
+              from `flare` above the deck on it lets go of the wind, to touch with all legs at once.
+    forecast  waits at `wait` above the deck, matched to it, until the deck is predicted to be quiet for as long as it
+              takes to touch; then as glide. Predicted by an autoregressive model (taichi_sim/forecast.py).
+"""
+
+import math
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from rl.missions.landing.config import PilotConfig
+from rl.missions.landing.deck import out_of_level
+from taichi_sim.conventions import GRAVITY
+from taichi_sim.forecast import Autoregression
+
+MEAN = 8.0  # s, over which "descend" averages the deck's velocity and height; assumed
+SAMPLED = 4  # decisions between two samples of the autoregressive model; assumed
+ORDER = 8  # of it; assumed
+MARGIN = 0.5  # s beyond the touch for which the deck is to be quiet; assumed
+LEANS = 2.0  # s, over which the own tilt is averaged; assumed
+WAITED = 1.0  # s near the deck's middle before "descend" goes down; assumed
+
+
+class Pilot:
+    """Flies the aircraft of a team; see the module. Everything is [env, aircraft, ...].
+
+    Attributes:
+        height: mean of the deck's height, down, NED, m. velocity: mean of its velocity. ready: s near its middle.
+        lean: mean of the own down axis, NED. down: whether it comes down. waiting: s over the deck.
+        model, ahead: of the deck's vertical speed, and its forecast [.., n] (m/s); `forecast` alone.
+    """
+
+    STATE = ("height", "velocity", "lean", "ready", "down", "waiting", "model", "ahead")
+
+    def __init__(self, config: PilotConfig, like: Tensor, interval: float):
+        """`like` is a tensor [env, aircraft, n]; decisions are every `interval` s."""
+        self.config, self.interval = config, interval
+        self.height, self.ready, self.waiting = (torch.zeros_like(like[..., 0]) for _ in range(3))
+        self.velocity, self.lean = torch.zeros_like(like[..., :3]), torch.zeros_like(like[..., :3])
+        self.down = torch.zeros_like(self.height, dtype=torch.bool)
+        self.model = self.ahead = None
+        if config.kind == "forecast":
+            self.model = Autoregression(self.height, ORDER)
+            takes = math.log(1 + config.steep * config.wait / config.sink) / config.steep  # s, to come down
+            self._steps = math.ceil((takes + MARGIN) / (SAMPLED * interval))
+            self.ahead = like.new_zeros((*self.height.shape, self._steps))
+
+    def begin(self, envs: Tensor) -> None:
+        """Episodes begin in environments `envs` [n]."""
+        for memory in (self.ready, self.waiting, self.down):
+            memory[envs] = 0
+        self.height[envs] = float("nan")
+        if self.model is not None and self.ahead is not None:
+            self.model.begin(envs)
+            self.ahead[envs] = 0.0
+
+    def __call__(self, team: Any) -> Tensor:
+        """Actions [env, aircraft, a]."""
+        return team.flown(team.wanted)
+
+    def wanted(self, team: Any) -> Tensor:
+        """Velocity [env, aircraft, 3] that is wanted now; to be asked once a decision."""
+        known, c = team.known_deck, self.config
+        self._average(known, team.own)
+        r = known.to[..., :2].norm(dim=-1)
+        speed = torch.minimum(c.position * r, (2 * c.braking * r).sqrt()).clamp(max=c.approach)
+        toward = (speed / r.clamp(min=1e-3)).unsqueeze(-1) * known.to[..., :2]
+        of_deck = self.velocity if c.kind == "descend" else known.velocity + c.lead * known.acceleration
+        level = of_deck[..., :2] + toward
+        if c.kind != "descend":
+            level = level + self._flare(team)
+        fall = {"descend": self._descend, "glide": self._glide, "forecast": self._forecast}[c.kind](team, r)
+        return torch.cat((level, fall.unsqueeze(-1)), dim=-1)
+
+    def _average(self, known: Any, own: Any) -> None:
+        height = known.to[..., 2] + own.position_n[..., 2]
+        share = self.interval / (MEAN + self.interval)
+        fresh = self.height.isnan()
+        self.height = torch.where(fresh, height, self.height + share * (height - self.height))
+        mean = self.velocity + share * (known.velocity - self.velocity)
+        self.velocity = torch.where(fresh.unsqueeze(-1), known.velocity, mean)
+        lean = self.lean + self.interval / (LEANS + self.interval) * (own.R_nb[..., 2] - self.lean)
+        self.lean = torch.where(fresh.unsqueeze(-1), own.R_nb[..., 2], lean)
+
+    def _flare(self, team: Any) -> Tensor:
+        """Change of velocity [.., 2] (m/s) that turns the thrust from where it holds against the wind to the deck's
+        normal, in the last decimetres: by the velocity loop's gain it asks for the acceleration of that.
+        """
+        push = GRAVITY * (self.lean - team.known_deck.down)[..., :2]
+        near = (team.known_height < self.config.flare).unsqueeze(-1)
+        return torch.where(near, push / team.fleet.model.gains.velocity, 0.0)
+
+    def _near(self, r: Tensor) -> Tensor:
+        self.ready = torch.where(r < 3 * self.config.near, self.ready + self.interval, 0.0)
+        return r < 2 * self.config.near
+
+    def _descend(self, team: Any, r: Tensor) -> Tensor:
+        """Down, m/s."""
+        c = self.config
+        self._near(r)
+        self.down = self.down | (self.ready > WAITED)
+        hover = self.height - c.hover - team.soles_below
+        climb = c.position * (hover - team.own.position_n[..., 2])
+        climb = torch.where(r > 5.0, climb.clamp(max=0.0), climb)  # it holds its height as it approaches
+        return torch.where(self.down, torch.full_like(r, c.fall), climb.clamp(-2.0, 1.5))
+
+    def _matched(self, team: Any, least: Tensor) -> Tensor:
+        """Down (m/s): matched to the deck's vertical velocity, to the height `least` (m) above it."""
+        c = self.config
+        above = team.known_height - least
+        sink = torch.where(least > 0, c.position * above, c.sink + c.steep * above.clamp(min=0.0))
+        known = team.known_deck
+        return known.velocity[..., 2] + c.lead * known.acceleration[..., 2] + sink
+
+    def _cone(self, r: Tensor) -> Tensor:
+        """Height (m) above the deck that is kept at a distance r (m) from its middle."""
+        c = self.config
+        return torch.minimum(c.cone * (r - c.near).clamp(min=0.0), c.floor + c.slope * r)
+
+    def _glide(self, team: Any, r: Tensor) -> Tensor:
+        return self._matched(team, self._cone(r))
+
+    def _forecast(self, team: Any, r: Tensor) -> Tensor:
+        c, known, model = self.config, team.known_deck, self.model
+        assert model is not None and self.ahead is not None
+        due = (team.mission.steps % SAMPLED == 0).unsqueeze(-1)
+        model.learn(known.velocity[..., 2], due)
+        self.ahead = torch.where(due.unsqueeze(-1), model.predict(self._steps), self.ahead)
+        wider = 2.0 ** (self.waiting / c.patience).floor()
+        quiet = (self.ahead.abs().amax(-1) < wider * c.quiet_heave) & model.ready
+        quiet &= known.tilt < wider * math.radians(c.quiet_tilt_deg)
+        near = self._near(r)
+        waits = (team.known_height < c.wait + 0.5) & near
+        self.waiting = torch.where(waits, self.waiting + self.interval, self.waiting)
+        self.down = (self.down & (r < 4 * c.near)) | (waits & quiet)
+        cone = self._cone(r)
+        least = torch.where(self.down, cone, cone.clamp(min=c.wait))
+        return self._matched(team, least)
+
+
+def corrected(wanted: Tensor, correction: Tensor, heading: tuple[Tensor, Tensor], level: float, down: float) -> Tensor:
+    """The velocity [.., 3] (NED) that is wanted with a `correction` [.., 3] in [-1, 1] in the level frame turned by
+    `heading`, at most `level` ahead and to starboard and `down` (m/s).
+    """
+    return wanted + out_of_level(correction * correction.new_tensor((level, level, down)), heading)

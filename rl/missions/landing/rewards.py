@@ -1,0 +1,77 @@
+"""Rewards: the weights, one function per term, and the terms of each part. Every term is [env, vehicle]."""
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from rl.rewards import action_rate, coarse, penalty
+from taichi_sim.config import NonNegative, Positive, Strict
+
+
+class AircraftReward(Strict):
+    """Weights and scales of an aircraft's terms."""
+
+    closing: NonNegative = 1.0  # how fast the distance from the deck's middle falls, over closing_scale
+    closing_scale: Positive = 5.0  # m/s
+    time: NonNegative = 0.3  # -1 until the first touch
+    touch: NonNegative = 100.0  # once all soles are down: a third each for how near the middle, how soft, how level
+    touch_error: Positive = 0.2  # m
+    touch_speed: Positive = 0.6  # m/s
+    touch_tilt_deg: Positive = 7.0  # to the deck
+    landed: NonNegative = 60.0  # 1 when it has landed
+    failed: NonNegative = 200.0  # -1 at any other end
+    action_rate: NonNegative = 0.02  # -|a - a_previous|^2
+
+
+class BoatReward(Strict):
+    """Weights and scales of a boat's terms; all are of the deck's middle."""
+
+    heave: NonNegative = 1.0  # -(vertical speed / heave_scale)^2
+    heave_scale: Positive = 0.5  # m/s
+    tilt: NonNegative = 0.5  # -(tilt / tilt_scale)^2
+    tilt_scale: Positive = 0.1  # rad
+    swing: NonNegative = 0.5  # -(level speed of the deck over that of its mean / swing_scale)^2
+    swing_scale: Positive = 0.5  # m/s
+    landed: NonNegative = 0.0  # 1 when its aircraft has landed
+    action_rate: NonNegative = 0.05
+
+
+def closing(before: Tensor, now: Tensor, interval: float) -> Tensor:
+    """How fast a distance falls, m/s."""
+    return (before - now) / interval
+
+
+def touchdown(settling: Tensor, error: Tensor, speed: Tensor, tilt: Tensor, w: AircraftReward) -> Tensor:
+    """When all soles are down, the first of them `error` (m) from the middle and at a `tilt` (rad), the fastest at a
+    normal `speed` (m/s): at most 1.
+    """
+    level = coarse(tilt, math.radians(w.touch_tilt_deg))
+    return torch.where(settling, (coarse(error, w.touch_error) + coarse(speed, w.touch_speed) + level) / 3, 0.0)
+
+
+def failure(ended: Any) -> Tensor:
+    """-1 where something but a landing has ended it."""
+    return penalty(ended.any & ~ended["landed"])
+
+
+AIRCRAFT_TERMS: dict[str, Callable[[Any, Any, AircraftReward], Tensor]] = {
+    "closing": lambda team, ended, w: closing(team.before, team.distance, team.interval) * (1 / w.closing_scale),
+    "time": lambda team, ended, w: penalty(~team.touched),
+    "touch": lambda team, ended, w: touchdown(team.settling, team.touch_error, team.touch_speed, team.touch_tilt, w),
+    "landed": lambda team, ended, w: ended["landed"].to(team.distance),
+    "failed": lambda team, ended, w: failure(ended),
+    "action_rate": lambda team, ended, w: action_rate(team.action, team.previous_action),
+}
+"""A weight's name -> its term, of aircraft (aircraft.py), their endings, and the weights."""
+
+BOAT_TERMS: dict[str, Callable[[Any, Any, BoatReward], Tensor]] = {
+    "heave": lambda team, ended, w: -(team.deck.velocity[..., 2] / w.heave_scale).square(),
+    "tilt": lambda team, ended, w: -(team.deck.tilt / w.tilt_scale).square(),
+    "swing": lambda team, ended, w: -(team.swing / w.swing_scale).square(),
+    "landed": lambda team, ended, w: team.served.to(team.distance),
+    "action_rate": lambda team, ended, w: action_rate(team.chosen, team.chosen_before),
+}
+"""A weight's name -> its term, of boats (boats.py), their endings, and the weights."""

@@ -1,0 +1,132 @@
+"""Landings: on a calm sea everybody lands, how an episode ends is what has happened, and forks do the same."""
+
+import functools
+import math
+
+import pytest
+import torch
+from refusal import assert_says
+
+from rl.learn.policy import ClassicalPolicy
+from rl.missions import load_scenario, make_mission
+from rl.missions.landing.boats import MESSAGE
+from rl.missions.landing.judge import OUTCOMES
+from rl.missions.landing.known import KnownDeck
+from rl.missions.landing.marker import Look
+from rl.missions.landing.mission import Landing
+from rl.runs.evaluation import judge_episodes
+from taichi_sim.config import ConfigError
+
+CALM = (
+    "variation=0", "sea.sea_state=1", "sea.realisations=4", "air.speed=1", "landing.distance=[8, 12]",
+    "landing.height=[6, 8]", "episode_duration=30",
+)  # fmt: skip
+
+
+def landing(*overrides: str, envs: int = 4, teams=("uav",)) -> Landing:
+    return make_mission(load_scenario("landing", (*CALM, *overrides)), envs, seed=3, teams=teams)
+
+
+@functools.cache
+def shared() -> Landing:
+    """One mission for all tests that begin with `reset`."""
+    return landing()
+
+
+def test_on_a_calm_sea_every_pilot_lands_softly_in_the_middle():
+    for kind in ("glide", "forecast"):
+        config = load_scenario("landing", (*CALM, f"uav.pilot.kind={kind}"))
+        result = judge_episodes(config, {"uav": ClassicalPolicy()}, episodes=4, seed=5, show_progress=False)
+        figures = result.result["teams"]["uav"]
+        assert figures["success_rate"] == 1.0, figures
+        assert figures["touch_error_p95_m"] < 0.15 and figures["touch_speed_p95_m_s"] < 0.9, figures
+        ends = sum(figures[name] for name in OUTCOMES[1:])
+        assert ends == 0.0 and figures["time_to_land_p95_s"] < 25.0
+
+
+def test_it_has_landed_after_standing_and_not_before():
+    mission = shared()
+    mission.reset()
+    team, touched, landed = mission.teams["uav"], torch.full((4,), math.nan), torch.full((4,), math.nan)
+    for k in range(mission.config.episode_steps):
+        step = mission.step({"uav": team.controller(team)})
+        now = mission.config.decision_interval * (k + 1)
+        touched[team.standing[:, 0] & touched.isnan()] = now
+        landed[step.endings["uav"]["landed"][:, 0] & landed.isnan()] = now
+    assert torch.allclose(landed - touched, torch.full((4,), mission.config.landing.stand - 0.1), atol=0.11)
+    assert float(team.drifted.max()) < 0.05  # its rotors idle: it stays where it stands
+
+
+def test_a_fork_lands_as_its_source_does_to_the_bit():
+    mission = shared()
+    mission.reset()
+    team = mission.teams["uav"]
+    for _ in range(60):
+        mission.step({"uav": team.controller(team)})
+    fork = mission.fork([1], copies=2)
+    other = fork.teams["uav"]
+    for _ in range(40):
+        for m, t in ((mission, team), (fork, other)):
+            m.step({"uav": t.command(torch.full((m.num_envs, 1, 3), 0.1))})
+    assert torch.equal(other.fleet.state[:, 0], team.fleet.state[1, 0].expand(2, -1))
+    assert torch.equal(other.observe()[0], team.observe()[1])
+
+
+def test_boats_that_take_part_and_hold_do_as_boats_that_do_not():
+    ways = []
+    for teams in (("uav",), None):
+        mission = landing(teams=teams)
+        mission.begin_each()
+        for _ in range(30):
+            mission.step({name: team.controller(team) for name, team in mission.teams.items()})
+        ways.append(mission.world.teams["usv"].state.clone())
+    assert torch.equal(*ways)
+
+
+def test_the_deck_is_known_as_well_as_messages_and_looks_allow():
+    """Of a deck in steady motion, exact messages of which are late, everything is known exactly."""
+    dt, late = 0.1, 0.2
+    like = torch.zeros(1, 1, 13, dtype=torch.float64)
+    known, v, own_v = KnownDeck(like, dt), like.new_tensor((1.0, -0.5, 0.3)), like.new_tensor((2.0, 0.0, 0.0))
+
+    class Own:
+        position_n = velocity_n = like[..., :3]
+
+    def heard(t: float):
+        message = like.new_zeros((1, 1, MESSAGE + 1))
+        message[..., :3], message[..., 3:6], message[..., -1] = v * (t - late), v, late
+        return message
+
+    nothing = Look(torch.zeros(1, 1, dtype=torch.bool), like[..., :3], like[..., 0])
+    for k in range(40):
+        Own.position_n, Own.velocity_n = (own_v * (k * dt)).view(1, 1, 3), own_v.view(1, 1, 3)
+        known.measure(torch.tensor([2 if k == 0 else 1], dtype=torch.int32), Own, nothing, heard(k * dt))
+        assert torch.allclose(known.to, (v - own_v) * (k * dt), atol=1e-9)
+    assert float(known.seen) > 3.0 and torch.allclose(known.velocity, v)
+    off = like.new_tensor((0.4, 0.0, 0.0))  # satellite navigation errs, the marker does not
+    for k in range(40, 80):
+        Own.position_n = (own_v * (k * dt) + off).view(1, 1, 3)
+        to = ((v - own_v) * (k * dt)).view(1, 1, 3)
+        look = Look(torch.ones(1, 1, dtype=torch.bool), to, torch.full((1, 1), 1e-4, dtype=torch.float64))
+        known.measure(torch.ones(1, dtype=torch.int32), Own, look, heard(k * dt))
+    assert torch.allclose(known.to, to, atol=0.02)
+
+
+@pytest.mark.parametrize(
+    ("override", "told"),
+    [
+        ("uav.marker.axis_deg=150", "the camera looks up"),
+        ("uav.count=2", "as many as usv.count = 1 are needed"),
+        ("landing.aircraft=usv", "must be two teams"),
+        ("landing.height=[9, 3]", "the first must not be above the second"),
+    ],
+)
+def test_scenarios_that_cannot_be_flown_are_refused(override, told):
+    with pytest.raises(ConfigError) as caught:
+        load_scenario("landing", [override])
+    assert_says(str(caught.value), told)
+
+
+def test_vehicles_that_cannot_land_are_refused():
+    with pytest.raises(ConfigError, match="must be a multirotor_6dof with"):
+        landing("uav.vehicle=aerosonde", 'uav.medium="air"')
