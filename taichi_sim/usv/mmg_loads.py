@@ -198,9 +198,7 @@ def acceleration(p: ti.template(), u, v, r, tau):
 def loads(p: ti.template(), u, v, r, n, delta):
     """[X Y N] (N, N m) of hull, propellers at n (1/s) and rudders at delta (rad), at velocity [u v r] in the water."""
     T = thrust(p, u, v, r, n)
-    tau = hull_load(p, u, v, r) + rudder_load(p, u, v, r, T, delta)
-    tau[0] += p.push * T
-    return tau
+    return hull_load(p, u, v, r) + rudder_load(p, u, v, r, T, delta) + ti.Vector([p.push * T, 0.0, 0.0])
 
 
 @ti.func

@@ -28,13 +28,11 @@ from taichi_sim.maths.random import CAMERA, normal6, uniform4
 DRAWN = 7  # numbers of a look: whether it is lost (uniform), six normal ones
 DRAW = 30.0  # ns of one aircraft, about
 
-_array3 = ti.types.ndarray(ndim=3)
-
 
 @ti.kernel
 def _draw(
-    out: _array3, which: ti.types.ndarray(dtype=ti.i32, ndim=1), count: ti.types.ndarray(dtype=ti.i32, ndim=1),
-    vehicles: ti.template(), serial: ti.template(),
+    out: ti.types.ndarray(ndim=3), which: ti.types.ndarray(dtype=ti.i32, ndim=1),
+    count: ti.types.ndarray(dtype=ti.i32, ndim=1), vehicles: ti.template(), serial: ti.template(),
 ):  # fmt: skip
     ti.loop_config(serialize=serial)
     for e, i in ti.ndrange(out.shape[0], out.shape[1]):
