@@ -29,6 +29,7 @@ for _name, _scenario, _team, _other in (
     ("AerosondeFormation", "aerosonde", "uav", "absent"),
     ("EscortUsv", "escort", "usv", "absent"),  # scripted scouts fly in the place of the aircraft
     ("EscortUav", "escort", "uav", "classical"),  # aircraft are paid for what the boats make of their messages
+    ("LandingUav", "landing", "uav", "absent"),  # a helm holds the boat's course
 ):
     _gymnasium.register(
         id=f"taichi_sim/{_name}-v0",

@@ -13,7 +13,8 @@ from tests.validation.report import Job, jobs
 REFERENCE = Path(__file__).parent / "data" / "reference"
 LONG = ("cybership2", "hydrostatics", "otter", "wamv")  # sections that compile a model each: among the slow tests only
 SLOW = (rao.rao, aerosonde.trajectory, multirotor.series)  # checkers that run long
-INPUTS = {  # files without a check of their own, which those of other tables read
+INPUTS = {  # files without a check of their own: other tables or, of the turns, tests/physics/test_mmg.py read them
+    "turn_35.csv", "turn_-20.csv",
     *(f"41010.{ending}" for ending in ("data_spec", "swdir", "swdir2", "swr1", "swr2")),
     "box_4x2x0.5_added_mass_damping.csv", "box_4x2x0.5_meta.json", "params_x500.json", "series_meta.json",
     "aerosonde.toml", "otter.toml", "unity_seed.toml",
