@@ -23,16 +23,18 @@ SCENARIOS = {
     "otter": (*SMALL, "usv.formation.change_every=4", 'usv.formation.shapes=["abreast","wedge"]'),
     "aerosonde": (*SMALL, "air.std=1.0"),
     "escort": ("escort.worlds=8", "sea.realisations=4"),
+    "landing": ("sea.realisations=4", "landing.distance=[2.0, 6.0]", "landing.height=[2.0, 4.0]"),
     str(PLUGIN): (),
 }
 # What later steps write anew before anybody reads it, and what is asked for again.
-SCRATCH = ("._wanted", "._which")
+SCRATCH = ("._wanted", "._which", ".marker._drawn", ".members['way']", ".members['place']", "].before")
 
 
 def begun(name: str, envs: int = 5, seed: int = 1) -> Mission:
     """A mission of a scenario in short episodes, so that resets come between."""
     source = PLUGIN if name == str(PLUGIN) else None
-    short = ("episode_duration=6", "evaluation.settle=1") if name != "escort" else ("episode_duration=6",)
+    settles = () if name in ("escort", "landing") else ("evaluation.settle=1",)
+    short = ("episode_duration=6", *settles)
     return make_mission(load_scenario(name, (*SCENARIOS[name], *short)), envs, seed=seed, source=source)
 
 

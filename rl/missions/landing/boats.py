@@ -105,6 +105,14 @@ class Boats(Team):
         self.ordered[envs] = torch.stack((course, speed.clamp(min=SLOWEST)), dim=-1).to(self.ordered)
         self.aim[envs], self.steered[envs] = self.ordered[envs], course.to(self.steered)
 
+    def restored(self) -> None:
+        """Another state: the deck is elsewhere."""
+        self._look()
+
+    def _look(self) -> None:
+        self.deck, self.seen = deck_motion(self.fleet, self.centre), deck_motion(self.own, self.centre)
+        self.swing = (self.deck.velocity - self.mean)[..., :2].norm(dim=-1)
+
     # -- measuring -------------------------------------------------------------------------------------------------
 
     def measure(self, which: Tensor, count: int) -> None:
