@@ -5,6 +5,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from taichi_sim import runtime
 from taichi_sim.fleet import Fleet
 
 
@@ -64,7 +65,8 @@ class Team:
 
     def observe(self) -> Tensor:
         """Observations [env, vehicle, n] for the next decision: a fresh tensor each time."""
-        return torch.cat(list(self.mission.observe(self).values()), dim=-1)
+        with runtime.torch_at_rest():
+            return torch.cat(list(self.mission.observe(self).values()), dim=-1)
 
     @property
     def privileged(self) -> Tensor | None:

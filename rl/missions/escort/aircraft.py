@@ -18,7 +18,6 @@ from rl.scene.camera import Camera
 from rl.scene.contacts import Contacts
 from rl.scene.instruments import Readings
 from rl.scene.sensors import Sensor
-from taichi_sim import runtime
 
 HEARD_OF = 5.0  # s: older news of another aircraft or boat is no use; assumed
 CIRCLE_SCALE, FAR_SCALE, SLOW_SCALE = 20.0, 200.0, 2.0  # m, m, m/s, where what is observed is half way to 1
@@ -166,11 +165,6 @@ class Aircraft(Corrected):
         if self.residual is not None:
             terms["reference"] = self.reference()
         return terms
-
-    def observe(self) -> Tensor:
-        """Observations [env, aircraft, n], a fresh tensor each time."""
-        with runtime.torch_at_rest():
-            return torch.cat(list(self.terms().values()), dim=-1)
 
     @property
     def privileged(self) -> Tensor | None:

@@ -18,7 +18,6 @@ from rl.scene.contacts import Contacts
 from rl.scene.instruments import Readings
 from rl.scene.lookout import Lookout
 from rl.scene.sensors import Sensor
-from taichi_sim import runtime
 
 AGE_SCALE, SIGMA_SCALE = 5.0, 10.0  # s, m, where what is observed of a track is half way to 1
 SEARCH_SPEED = 0.7  # of the top speed, along the spiral; assumed
@@ -106,11 +105,6 @@ class Boats(Corrected):
 
     def _flat(self, observer: Observer) -> Tensor:
         return observer(self.action, self.action if self.residual is None else self.reference())
-
-    def observe(self) -> Tensor:
-        """Observations [env, boat, n], a fresh tensor each time."""
-        with runtime.torch_at_rest():
-            return torch.cat(list(self.terms().values()), dim=-1)
 
     @property
     def privileged(self) -> Tensor | None:

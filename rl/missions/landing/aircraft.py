@@ -12,7 +12,6 @@ from rl.missions.landing.marker import Marker
 from rl.missions.landing.pilots import Pilot, corrected
 from rl.scene.instruments import Readings
 from rl.team import Team
-from taichi_sim import runtime
 from taichi_sim.config import ConfigError
 from taichi_sim.uav.multirotor.multirotor_6dof import Multirotor6DOF
 
@@ -250,11 +249,6 @@ class Aircraft(Team):
         if self.section.correction is not None:
             terms["reference"] = squashed(into_level(self.wanted - own.velocity_n, heading), SLOW)
         return terms
-
-    def observe(self) -> Tensor:
-        """Observations [env, aircraft, n], a fresh tensor each time."""
-        with runtime.torch_at_rest():
-            return torch.cat(list(self.terms().values()), dim=-1)
 
     @property
     def privileged(self) -> Tensor | None:
