@@ -72,10 +72,25 @@ def test_a_fork_lands_as_its_source_does_to_the_bit():
     assert torch.equal(other.observe()[0], team.observe()[1])
 
 
+def test_what_a_pilot_remembers_moves_on_once_a_decision():
+    """A fork, which asks again, is not ahead of its source."""
+    for kind in ("descend", "forecast"):
+        mission = landing(f"uav.pilot.kind={kind}", envs=2)
+        team = mission.teams["uav"]
+        for _ in range(9):
+            mission.step({"uav": team.controller(team)})
+        first = team.wanted
+        before = {name: value.clone() for name, value in vars(team.pilot).items() if isinstance(value, torch.Tensor)}
+        learnt = None if team.pilot.model is None else team.pilot.model.count.clone()
+        assert torch.equal(team.pilot.wanted(team), first)
+        assert all(torch.equal(getattr(team.pilot, name), value) for name, value in before.items())
+        assert learnt is None or torch.equal(team.pilot.model.count, learnt)
+
+
 def test_boats_that_take_part_and_hold_do_as_boats_that_do_not():
     ways = []
     for teams in (("uav",), None):
-        mission = landing(teams=teams)
+        mission = landing("usv.boat_reward.landed=1", teams=teams)
         mission.begin_each()
         for _ in range(30):
             mission.step({name: team.controller(team) for name, team in mission.teams.items()})

@@ -23,7 +23,9 @@ SCENARIOS = {
     "otter": (*SMALL, "usv.formation.change_every=4", 'usv.formation.shapes=["abreast","wedge"]'),
     "aerosonde": (*SMALL, "air.std=1.0"),
     "escort": ("escort.worlds=8", "sea.realisations=4"),
-    "landing": ("sea.realisations=4", "landing.distance=[2.0, 6.0]", "landing.height=[2.0, 4.0]"),
+    "landing": (
+        "sea.realisations=4", "landing.distance=[2.0, 6.0]", "landing.height=[2.0, 4.0]", "uav.pilot.kind=forecast",
+    ),
     str(PLUGIN): (),
 }
 # What later steps write anew before anybody reads it, and what is asked for again.

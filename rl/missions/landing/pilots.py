@@ -39,10 +39,11 @@ class Pilot:
     Attributes:
         height: mean of the deck's height, down, NED, m. velocity: mean of its velocity. ready: s near its middle.
         lean: mean of the own down axis, NED. down: whether it comes down. waiting: s over the deck.
+        asked: int64 [env], the decision of the episode at which it was last asked.
         model, ahead: of the deck's vertical speed, and its forecast [.., n] (m/s); `forecast` alone.
     """
 
-    STATE = ("height", "velocity", "lean", "ready", "down", "waiting", "model", "ahead")
+    STATE = ("height", "velocity", "lean", "ready", "down", "waiting", "asked", "model", "ahead")
 
     def __init__(self, config: PilotConfig, like: Tensor, interval: float):
         """`like` is a tensor [env, aircraft, n]; decisions are every `interval` s."""
@@ -50,6 +51,7 @@ class Pilot:
         self.height, self.ready, self.waiting = (torch.zeros_like(like[..., 0]) for _ in range(3))
         self.velocity, self.lean = torch.zeros_like(like[..., :3]), torch.zeros_like(like[..., :3])
         self.down = torch.zeros_like(self.height, dtype=torch.bool)
+        self.asked = torch.full((len(like),), -1, dtype=torch.int64, device=like.device)
         self.model = self.ahead = None
         if config.kind == "forecast":
             self.model = Autoregression(self.height, ORDER)
@@ -61,7 +63,7 @@ class Pilot:
         """Episodes begin in environments `envs` [n]."""
         for memory in (self.ready, self.waiting, self.down):
             memory[envs] = 0
-        self.height[envs] = float("nan")
+        self.height[envs], self.asked[envs] = float("nan"), -1
         if self.model is not None and self.ahead is not None:
             self.model.begin(envs)
             self.ahead[envs] = 0.0
@@ -71,9 +73,11 @@ class Pilot:
         return team.flown(team.wanted)
 
     def wanted(self, team: Any) -> Tensor:
-        """Velocity [env, aircraft, 3] that is wanted now; to be asked once a decision."""
+        """Velocity [env, aircraft, 3] that is wanted now; what it remembers moves on once a decision."""
         known, c = team.known_deck, self.config
-        self._average(known, team.own)
+        since = self.interval * (team.mission.steps != self.asked).to(self.height).unsqueeze(-1)
+        self.asked = team.mission.steps.clone()
+        self._average(known, team.own, since)
         r = known.to[..., :2].norm(dim=-1)
         speed = torch.minimum(c.position * r, (2 * c.braking * r).sqrt()).clamp(max=c.approach)
         toward = (speed / r.clamp(min=1e-3)).unsqueeze(-1) * known.to[..., :2]
@@ -81,17 +85,18 @@ class Pilot:
         level = of_deck[..., :2] + toward
         if c.kind != "descend":
             level = level + self._flare(team)
-        fall = {"descend": self._descend, "glide": self._glide, "forecast": self._forecast}[c.kind](team, r)
+        fall = {"descend": self._descend, "glide": self._glide, "forecast": self._forecast}[c.kind](team, r, since)
         return torch.cat((level, fall.unsqueeze(-1)), dim=-1)
 
-    def _average(self, known: Any, own: Any) -> None:
+    def _average(self, known: Any, own: Any, since: Tensor) -> None:
+        """Averages, `since` [env, 1] s after the last ones."""
         height = known.to[..., 2] + own.position_n[..., 2]
-        share = self.interval / (MEAN + self.interval)
+        share = since / (MEAN + since)
         fresh = self.height.isnan()
         self.height = torch.where(fresh, height, self.height + share * (height - self.height))
-        mean = self.velocity + share * (known.velocity - self.velocity)
+        mean = self.velocity + share.unsqueeze(-1) * (known.velocity - self.velocity)
         self.velocity = torch.where(fresh.unsqueeze(-1), known.velocity, mean)
-        lean = self.lean + self.interval / (LEANS + self.interval) * (own.R_nb[..., 2] - self.lean)
+        lean = self.lean + (since / (LEANS + since)).unsqueeze(-1) * (own.R_nb[..., 2] - self.lean)
         self.lean = torch.where(fresh.unsqueeze(-1), own.R_nb[..., 2], lean)
 
     def _flare(self, team: Any) -> Tensor:
@@ -102,14 +107,14 @@ class Pilot:
         near = (team.known_height < self.config.flare).unsqueeze(-1)
         return torch.where(near, push / team.fleet.model.gains.velocity, 0.0)
 
-    def _near(self, r: Tensor) -> Tensor:
-        self.ready = torch.where(r < 3 * self.config.near, self.ready + self.interval, 0.0)
+    def _near(self, r: Tensor, since: Tensor) -> Tensor:
+        self.ready = torch.where(r < 3 * self.config.near, self.ready + since, 0.0)
         return r < 2 * self.config.near
 
-    def _descend(self, team: Any, r: Tensor) -> Tensor:
+    def _descend(self, team: Any, r: Tensor, since: Tensor) -> Tensor:
         """Down, m/s."""
         c = self.config
-        self._near(r)
+        self._near(r, since)
         self.down = self.down | (self.ready > WAITED)
         hover = self.height - c.hover - team.soles_below
         climb = c.position * (hover - team.own.position_n[..., 2])
@@ -129,21 +134,21 @@ class Pilot:
         c = self.config
         return torch.minimum(c.cone * (r - c.near).clamp(min=0.0), c.floor + c.slope * r)
 
-    def _glide(self, team: Any, r: Tensor) -> Tensor:
+    def _glide(self, team: Any, r: Tensor, since: Tensor) -> Tensor:
         return self._matched(team, self._cone(r))
 
-    def _forecast(self, team: Any, r: Tensor) -> Tensor:
+    def _forecast(self, team: Any, r: Tensor, since: Tensor) -> Tensor:
         c, known, model = self.config, team.known_deck, self.model
         assert model is not None and self.ahead is not None
-        due = (team.mission.steps % SAMPLED == 0).unsqueeze(-1)
+        due = (team.mission.steps % SAMPLED == 0).unsqueeze(-1) & (since > 0)
         model.learn(known.velocity[..., 2], due)
         self.ahead = torch.where(due.unsqueeze(-1), model.predict(self._steps), self.ahead)
         wider = 2.0 ** (self.waiting / c.patience).floor()
         quiet = (self.ahead.abs().amax(-1) < wider * c.quiet_heave) & model.ready
         quiet &= known.tilt < wider * math.radians(c.quiet_tilt_deg)
-        near = self._near(r)
+        near = self._near(r, since)
         waits = (team.known_height < c.wait + 0.5) & near
-        self.waiting = torch.where(waits, self.waiting + self.interval, self.waiting)
+        self.waiting = torch.where(waits, self.waiting + since, self.waiting)
         self.down = (self.down & (r < 4 * c.near)) | (waits & quiet)
         cone = self._cone(r)
         least = torch.where(self.down, cone, cone.clamp(min=c.wait))
