@@ -36,4 +36,4 @@ def paid(terms: dict[str, Any], weights: Any, team: Any, ended: Any) -> Tensor:
     parts = [
         getattr(weights, name) * term(team, ended, weights) for name, term in terms.items() if getattr(weights, name)
     ]
-    return sum(parts, torch.zeros_like(team.distance))
+    return sum(parts, torch.zeros_like(team.fleet.state[..., 0]))

@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from taichi_sim.conventions import QUATERNION
+from taichi_sim.conventions import GRAVITY, QUATERNION
 from taichi_sim.maths.rotation import torch_quaternion_from_euler
 from taichi_sim.trials.basin import SHIP_HELM, Array, Basin, Setting, Track, last_speed, vessel_of
 from taichi_sim.trials.figures import Curve, Outcome, Panel, TrialError, crossing, peaks
@@ -338,7 +338,7 @@ def speed_run(setting: Setting) -> Outcome:
     out = Outcome("speed", "Speed", panels=(Panel("Steady speed", "ahead 1", "speed m/s"),))
     basin = Basin(replace(setting, runs=1, speed=None), len(SHARES))
     speed = basin.approach(basin.spread(SHARES))
-    columns = {"ahead 1": SHARES, "speed m/s": speed, "Froude number 1": speed / math.sqrt(9.81 * basin.length)}
+    columns = {"ahead 1": SHARES, "speed m/s": speed, "Froude number 1": speed / math.sqrt(GRAVITY * basin.length)}
     power = basin.model.power(basin.bench.fleet)
     if power is not None:
         columns["power W"] = power[:, 0].double().cpu().numpy()

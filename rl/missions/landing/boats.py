@@ -21,7 +21,6 @@ from rl.mission import ControllerError
 from rl.missions.landing.deck import DeckMotion, deck_motion, into_level, squashed
 from rl.scene.instruments import Readings
 from rl.team import Team
-from taichi_sim import runtime
 from taichi_sim.config.io import validate
 from taichi_sim.script import Script
 
@@ -38,8 +37,8 @@ class Boats(Team):
     Attributes:
         own: what the boats measure of themselves. deck: the truth. seen: the deck as measured; acceleration of it.
         ordered: [.., 2] course (rad) and speed (m/s) of the episode. aim: those that are sailed for. steered: course
-            now, rad. chosen, chosen_before: the policy's last two actions. swing: level speed of the deck over that of
-            its mean, m/s. served: bool, its aircraft has landed in this step.
+            now, rad. chosen, chosen_before: the policy's last two actions. served: bool, its aircraft has landed
+            in this step.
     """
 
     STATE = (
@@ -69,7 +68,7 @@ class Boats(Team):
         assert deck is not None
         self.centre = state.new_tensor(deck.centre)
         self.ordered, self.aim = state.new_zeros((*shape, 2)), state.new_zeros((*shape, 2))
-        self.steered, self.swing = state.new_zeros(shape), state.new_zeros(shape)
+        self.steered = state.new_zeros(shape)
         self.chosen = self.chosen_before = state.new_zeros((*shape, 2))
         self.mean, self.acceleration, self._before = (state.new_zeros((*shape, 3)) for _ in range(3))
         self._squares = state.new_zeros((*shape, 3))  # of vertical speed, roll, pitch, averaged over REMEMBERED
@@ -111,7 +110,11 @@ class Boats(Team):
 
     def _look(self) -> None:
         self.deck, self.seen = deck_motion(self.fleet, self.centre), deck_motion(self.own, self.centre)
-        self.swing = (self.deck.velocity - self.mean)[..., :2].norm(dim=-1)
+
+    @property
+    def swing(self) -> Tensor:
+        """Level speed [env, boat] of the deck over that of its mean, m/s."""
+        return (self.deck.velocity - self.mean)[..., :2].norm(dim=-1)
 
     # -- measuring -------------------------------------------------------------------------------------------------
 
@@ -120,14 +123,13 @@ class Boats(Team):
         mission, dt = self.mission, self.interval
         fresh, on = (which == 2).view(-1, 1, 1), (which == 1).view(-1, 1, 1)
         self.own.read(which, count, mission.noise.table)
-        self.deck, self.seen = deck_motion(self.fleet, self.centre), deck_motion(self.own, self.centre)
+        self._look()
         v, a = self.seen.velocity, self.acceleration
         a = a + dt / (QUICK + dt) * ((v - self._before) / dt - a)
         self.acceleration = torch.where(on, a, torch.where(fresh, 0.0, self.acceleration))
         self._before = v.clone()
         mean = self.mean + dt / (SMOOTH + dt) * (self.deck.velocity - self.mean)
         self.mean = torch.where(on, mean, torch.where(fresh, self.deck.velocity, self.mean))
-        self.swing = (self.deck.velocity - self.mean)[..., :2].norm(dim=-1)
         moves = torch.stack((v[..., 2], self.seen.R[..., 2, 1], self.seen.R[..., 2, 0]), dim=-1)
         squares = self._squares + dt / (REMEMBERED + dt) * (moves.square() - self._squares)
         self._squares = torch.where(on, squares, torch.where(fresh, moves.square(), self._squares))
@@ -167,11 +169,6 @@ class Boats(Team):
             "speed": torch.stack((speed, self.aim[..., 1]), dim=-1) / 2.0,
             "previous_action": self.chosen,
         }
-
-    def observe(self) -> Tensor:
-        """Observations [env, boat, n], a fresh tensor each time."""
-        with runtime.torch_at_rest():
-            return torch.cat(list(self.terms().values()), dim=-1)
 
     @property
     def privileged(self) -> Tensor | None:

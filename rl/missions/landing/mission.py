@@ -146,7 +146,7 @@ class Landing(Mission):
     def reward(self, team: Any, ended: Endings) -> Tensor:
         """See rewards.py."""
         if isinstance(team, Boats):
-            return _paid(rewards.BOAT_TERMS, team.section.boat_reward, team, ended)
+            return paid(rewards.BOAT_TERMS, team.section.boat_reward, team, ended)
         return paid(rewards.AIRCRAFT_TERMS, team.section.aircraft_reward, team, ended)
 
     def endings(self, team: Any) -> dict[str, Tensor]:
@@ -175,8 +175,8 @@ class Landing(Mission):
     def log(self, team: Any, step: Step) -> dict[str, Tensor]:
         """Of the episodes that have ended in this step: shares that landed and that failed; touchdowns of it."""
         if isinstance(team, Boats):
-            zero = team.swing.mean() * 0.0
-            return {"landed": zero, "failed": zero, "touch_error_m": team.deck.tilt.mean(), "touch_speed": zero}
+            zero = torch.zeros((), device=self.hs.device)
+            return {"landed": team.served.float().mean(), "failed": zero, "touch_error_m": zero, "touch_speed": zero}
         ended = step.endings[team.name]
         landed, over = ended["landed"].float().sum(), ended.any.float().sum()
         now = team.touching.float()
@@ -225,14 +225,6 @@ class Landing(Mission):
         from rl.missions.landing.figures import write_landing_figures  # matplotlib takes a second
 
         write_landing_figures(out, histories, episode, config)
-
-
-def _paid(terms: dict[str, Any], weights: Any, team: Boats, ended: Endings) -> Tensor:
-    """The weighted sum of `terms`; a weight of 0 costs nothing."""
-    parts = [
-        getattr(weights, name) * term(team, ended, weights) for name, term in terms.items() if getattr(weights, name)
-    ]
-    return sum(parts, torch.zeros_like(team.steered))
 
 
 MISSION = Landing

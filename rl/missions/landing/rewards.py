@@ -71,7 +71,7 @@ BOAT_TERMS: dict[str, Callable[[Any, Any, BoatReward], Tensor]] = {
     "heave": lambda team, ended, w: -(team.deck.velocity[..., 2] / w.heave_scale).square(),
     "tilt": lambda team, ended, w: -(team.deck.tilt / w.tilt_scale).square(),
     "swing": lambda team, ended, w: -(team.swing / w.swing_scale).square(),
-    "landed": lambda team, ended, w: team.served.to(team.distance),
+    "landed": lambda team, ended, w: team.served.to(team.swing),
     "action_rate": lambda team, ended, w: action_rate(team.chosen, team.chosen_before),
 }
 """A weight's name -> its term, of boats (boats.py), their endings, and the weights."""
