@@ -20,12 +20,13 @@ MORE = tuple(
 SMALL = ("track.worlds=4", "sea.realisations=4", "obstacles.count=4")
 SHORT = (*SMALL, "episode_duration=1.0")  # 10 decisions
 ESCORT = ("escort.worlds=8", "sea.realisations=4", "sea.components=6", "episode_duration=2.0")  # the same
+LANDING = ("sea.realisations=4", "sea.components=6", "episode_duration=1.0")  # 10 decisions
 REASONS = ("collided", "lost", "left")
 both = pytest.mark.parametrize("env_id", IDS)
 
 
 def short(env_id: str) -> tuple[str, ...]:
-    return ESCORT if "Escort" in env_id else SHORT
+    return ESCORT if "Escort" in env_id else LANDING if "Landing" in env_id else SHORT
 
 
 def make_vec(env_id: str, num_envs: int = 3, overrides=None, **options):

@@ -23,10 +23,11 @@ from rl.runs.folder import RunError
 
 ENVS, STEPS, VEHICLES = 12, 8, 3
 SMALL = (
+    "stages={}",  # two small ones of PPO in place of the shipped recipe
     *(
         f"stages.{team}.{setting}"
         for team in TEAMS
-        for setting in (f"num_envs={ENVS}", f"steps_per_iteration={STEPS}", "checkpoint_interval=3")
+        for setting in (f'team="{team}"', f"num_envs={ENVS}", f"steps_per_iteration={STEPS}", "checkpoint_interval=3")
     ),
     "track.worlds=4",
     "sea.realisations=4",

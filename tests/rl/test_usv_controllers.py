@@ -201,7 +201,7 @@ def test_forgets_the_drift_in_a_new_episode():
     sail(task, 20.0, policy)
     task.reset(torch.tensor([1, 2]), worlds=torch.tensor([3, 0]))
     team = task.teams["usv"]
-    old, new = policy(team), ClassicalPolicy()(team)
+    old, new = policy(team), task.controller(team)(team.known)
     assert torch.equal(old[1:3], new[1:3])
     assert (old[0] - new[0]).abs().max() > 1e-3
     assert (old[3] - new[3]).abs().max() > 1e-3
