@@ -95,11 +95,11 @@ def open_run(args: argparse.Namespace):
 
 
 def open_both(args: argparse.Namespace):
-    """What a sweep compares of `args.run` (rl.runs.sweep.run.Contest); Taichi is running then."""
+    """What a sweep compares of `args.run` (rl.evaluation.sweep.run.Contest); Taichi is running then."""
+    from rl.evaluation.sweep.run import Contest
     from rl.learn.policy import policies_of
     from rl.missions import load_scenario
     from rl.runs import folder as run_folder
-    from rl.runs.sweep.run import Contest
 
     config, source = run_folder.load_config(args.run, args.overrides, args.config)
     start(args)
@@ -150,8 +150,8 @@ def recall(args: argparse.Namespace) -> tuple[int, int] | None:
     Raises:
         RunError: if there was no evaluation, or other conditions are given.
     """
+    from rl.evaluation.store import shown_episode
     from rl.runs.folder import RunError
-    from rl.runs.kept import shown_episode
 
     if args.shown is None:
         return None
@@ -170,7 +170,7 @@ def start(args: argparse.Namespace) -> None:
     import torch
 
     from rl import processes
-    from taichi_sim import runtime
+    from taichi_sim.kernels import runtime
 
     place = processes.here()
     if args.arch == "cuda" and place.local_count > 1:
@@ -212,7 +212,7 @@ def user_errors() -> tuple[type[Exception], ...]:
     from rl.mission import ControllerError
     from rl.runs.folder import RunError
     from taichi_sim.config import ConfigError
-    from taichi_sim.extras import MissingExtraError
+    from taichi_sim.config.extras import MissingExtraError
     from taichi_sim.film.files import FilmError
     from taichi_sim.recording.ros import BagError
     from taichi_sim.sea import SteepSeaError
@@ -228,7 +228,7 @@ def run(main: Callable[[list[str] | None], None], argv: list[str] | None = None)
 
     One that torchrun has started also leaves word of how it ended (rl/runs/launch.py).
     """
-    from rl import signals
+    from rl.processes import signals
 
     if "TORCHELASTIC_RUN_ID" in os.environ:
         from rl.runs import launch
@@ -251,7 +251,7 @@ def run(main: Callable[[list[str] | None], None], argv: list[str] | None = None)
 
 def script(main: Callable[[list[str] | None], None]) -> None:
     """Run an entry point as a script, and exit; a signal that comes when all is done changes nothing any more."""
-    from rl import signals
+    from rl.processes import signals
 
     status = run(main)
     signals.ignore()

@@ -57,10 +57,10 @@ def units(args: argparse.Namespace) -> int:
     Raises:
         ConfigError, RunError: if it cannot be done at all.
     """
+    from rl.evaluation.episodes import CHUNK
+    from rl.evaluation.sweep.cells import count_cells
+    from rl.evaluation.sweep.config import find_sweep, load_sweep
     from rl.runs import folder as run_folder
-    from rl.runs.evaluation import CHUNK
-    from rl.runs.sweep.cells import count_cells
-    from rl.runs.sweep.config import find_sweep, load_sweep
 
     config, _ = run_folder.load_config(args.run, args.overrides, args.config)
     if not args.sweep:
@@ -73,9 +73,9 @@ def units(args: argparse.Namespace) -> int:
 def evaluate(args: argparse.Namespace) -> None:
     """Evaluate; rank 0 prints the figures, writes them to --json, and keeps them in the run's folder."""
     from rl import cli
+    from rl.evaluation.episodes import Outcome, Trial, judge_trials
+    from rl.evaluation.store import keep
     from rl.runs import folder as run_folder
-    from rl.runs.evaluation import Outcome, Trial, judge_trials
-    from rl.runs.kept import keep
     from rl.runs.main_job import report
 
     config, source, policies, seed = cli.open_run(args)
@@ -100,9 +100,9 @@ def evaluate(args: argparse.Namespace) -> None:
 def sweep(args: argparse.Namespace) -> None:
     """Run --sweep, and write the run's report anew."""
     from rl import cli, processes
-    from rl.runs.report import write_report
-    from rl.runs.sweep.config import find_sweep, load_sweep
-    from rl.runs.sweep.run import run_sweep
+    from rl.evaluation.report import write_report
+    from rl.evaluation.sweep.config import find_sweep, load_sweep
+    from rl.evaluation.sweep.run import run_sweep
 
     file = find_sweep(args.sweep)
     wanted, contest = load_sweep(file, episodes=args.episodes, seed=args.seed), cli.open_both(args)

@@ -5,8 +5,8 @@ on. All sums are NumPy's, in float64, so that the result does not depend on the 
 
     see (each decision) -> episodes: numbers of each episode -> pooled: figures of any set of episodes -> figures
 
-Intervals come from `pooled` over episodes drawn again and again (rl/runs/intervals.py), so that what a mission's judge
-adds to `episodes` and `pooled` has an interval by itself, in evaluations, sweeps and reports.
+Intervals come from `pooled` over episodes drawn again and again (rl/evaluation/intervals.py), so that what a mission's
+judge adds to `episodes` and `pooled` has an interval by itself, in evaluations, sweeps and reports.
 """
 
 from collections.abc import Mapping, Sequence

@@ -26,9 +26,9 @@ from rl.judge import Judge
 from rl.scenario import Scenario
 from rl.seeds import derive_seed
 from rl.team import Team
-from taichi_sim import runtime
+from taichi_sim.config.summary import number, span
+from taichi_sim.kernels import runtime
 from taichi_sim.state import Snapshot, Stateful
-from taichi_sim.summary import number, span
 from taichi_sim.world import World
 
 TIME_SPAN = 3600.0  # s: an episode begins at a random time of its sea

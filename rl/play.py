@@ -42,9 +42,9 @@ def main(argv: list[str] | None = None) -> None:
     """Run the command."""
     args = parser().parse_args(argv)
     from rl import cli
-    from rl.runs.kept import recording_name
+    from rl.evaluation.record import record_episode
+    from rl.evaluation.store import recording_name
     from rl.runs.outputs import output_of
-    from rl.runs.record import record_episode
     from rl.runs.watch import following, refuse_used
     from taichi_sim.film.files import check_film, write_film
 

@@ -20,7 +20,7 @@ def parser() -> argparse.ArgumentParser:
 def main(argv: list[str] | None = None) -> None:
     """Run the command."""
     args = parser().parse_args(argv)
-    from rl.runs.report import write_report
+    from rl.evaluation.report import write_report
 
     print(write_report([args.run, args.other] if args.other else [args.run], args.out))
 

@@ -5,8 +5,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from taichi_sim import runtime
 from taichi_sim.fleet import Fleet
+from taichi_sim.kernels import runtime
 
 
 class Team:

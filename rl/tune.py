@@ -34,8 +34,8 @@ def main(argv: list[str] | None = None) -> None:
     import tomli_w
 
     from rl import cli
+    from rl.evaluation.episodes import mission_class
     from rl.missions import load_scenario
-    from rl.runs.evaluation import mission_class
     from rl.runs.tune import told, tune, write_numbers
     from taichi_sim.config import ConfigError
     from taichi_sim.config.io import find_config

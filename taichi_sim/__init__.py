@@ -9,9 +9,11 @@ from typing import Any as _Any
 
 import gymnasium as _gymnasium
 
-from taichi_sim.beside import find_rl as _find_rl
+from taichi_sim.commands.bundle import find_rl as _find_rl
+from taichi_sim.commands.moved import put_up as _put_up
 
 _find_rl()
+_put_up()
 # Taichi prints a banner on import; a library does not.
 _os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
 # OpenMP threads of torch spin while they wait for each other. On a machine that does anything else at the same time
@@ -33,15 +35,15 @@ for _name, _scenario, _team, _other in (
 ):
     _gymnasium.register(
         id=f"taichi_sim/{_name}-v0",
-        entry_point="rl.gym:TeamEnv",
-        vector_entry_point="rl.gym:TeamVectorEnv",
+        entry_point="rl.adapters.gymnasium:TeamEnv",
+        vector_entry_point="rl.adapters.gymnasium:TeamVectorEnv",
         kwargs={"team": _team, "scenario": _scenario, "other": _other},
     )
 
 # Also of rl, by name only: nothing of it is imported before it is asked for.
 _PUBLIC = {
-    "rl.batched": ("BatchedEnv",),
-    "rl.marl": ("batched_env", "parallel_env"),
+    "rl.adapters.batched": ("BatchedEnv",),
+    "rl.adapters.marl": ("batched_env", "parallel_env"),
     "taichi_sim.air": ("Wind",),
     "taichi_sim.bench": ("Bench", "calm_sea"),
     "taichi_sim.config": (
@@ -50,10 +52,10 @@ _PUBLIC = {
     ),
     "taichi_sim.config.io": ("load_world",),
     "taichi_sim.fleet": ("Fleet",),
-    "taichi_sim.packs": ("AroundPack", "Build", "FleetPack", "load_at", "numbers_at"),
+    "taichi_sim.kernels.packs": ("AroundPack", "Build", "FleetPack", "load_at", "numbers_at"),
     "taichi_sim.recording": ("Episode", "Recorder", "write_recording"),
     "taichi_sim.replay": ("replay",),
-    "taichi_sim.runtime": ("init",),
+    "taichi_sim.kernels.runtime": ("init",),
     "taichi_sim.script": ("Script",),
     "taichi_sim.sea": ("Sea",),
     "taichi_sim.sea.current": ("Current",),

@@ -1,8 +1,8 @@
 """What type checkers see of taichi_sim/__init__.py: the public names."""
 
-from rl.batched import BatchedEnv as BatchedEnv
-from rl.marl import batched_env as batched_env
-from rl.marl import parallel_env as parallel_env
+from rl.adapters.batched import BatchedEnv as BatchedEnv
+from rl.adapters.marl import batched_env as batched_env
+from rl.adapters.marl import parallel_env as parallel_env
 from taichi_sim.air import Wind as Wind
 from taichi_sim.bench import Bench as Bench
 from taichi_sim.bench import calm_sea as calm_sea
@@ -50,26 +50,26 @@ from taichi_sim.config import (
 )
 from taichi_sim.config.io import load_world as load_world
 from taichi_sim.fleet import Fleet as Fleet
-from taichi_sim.packs import (
+from taichi_sim.kernels.packs import (
     AroundPack as AroundPack,
 )
-from taichi_sim.packs import (
+from taichi_sim.kernels.packs import (
     Build as Build,
 )
-from taichi_sim.packs import (
+from taichi_sim.kernels.packs import (
     FleetPack as FleetPack,
 )
-from taichi_sim.packs import (
+from taichi_sim.kernels.packs import (
     load_at as load_at,
 )
-from taichi_sim.packs import (
+from taichi_sim.kernels.packs import (
     numbers_at as numbers_at,
 )
+from taichi_sim.kernels.runtime import init as init
 from taichi_sim.recording import Episode as Episode
 from taichi_sim.recording import Recorder as Recorder
 from taichi_sim.recording import write_recording as write_recording
 from taichi_sim.replay import replay as replay
-from taichi_sim.runtime import init as init
 from taichi_sim.script import Script as Script
 from taichi_sim.sea import Sea as Sea
 from taichi_sim.sea.current import Current as Current

@@ -18,22 +18,22 @@ import torch
 from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
-from taichi_sim import runtime
 from taichi_sim.air import Wind
-from taichi_sim.conditions import resolved_sea
 from taichi_sim.config import AirConfig, SeaConfig, WorldConfig
+from taichi_sim.config.summary import span
 from taichi_sim.conventions import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
 from taichi_sim.fleet import Fleet
-from taichi_sim.maths.rotation import (
+from taichi_sim.kernels import runtime
+from taichi_sim.kernels.counters import Noise
+from taichi_sim.kernels.rotation import (
     torch_euler_from_quaternion,
     torch_quaternion_from_euler,
     torch_rotation_matrix,
 )
-from taichi_sim.noise import Noise
+from taichi_sim.randomisation.conditions import resolved_sea
 from taichi_sim.sea import Sea
 from taichi_sim.sea.current import Current
 from taichi_sim.sea.spectrum import Components
-from taichi_sim.summary import span
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.vehicle import Vehicle
 from taichi_sim.vehicles import load_vehicle

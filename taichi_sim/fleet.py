@@ -6,8 +6,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from taichi_sim import runtime
 from taichi_sim.config import ConfigError
+from taichi_sim.config.summary import number
 from taichi_sim.contact.touch import Touch
 from taichi_sim.conventions import (
     ANGULAR_VELOCITY,
@@ -19,11 +19,11 @@ from taichi_sim.conventions import (
     SURFACE_SIZE,
     VELOCITY,
 )
-from taichi_sim.kinematics import DERIVED_SIZE, DOWN, HEADING_COS, HEADING_SIN, ROTATION, VELOCITY_N, derive
-from taichi_sim.maths.rotation import torch_euler_from_quaternion
-from taichi_sim.packs import FleetPack
-from taichi_sim.runtime import Launcher
-from taichi_sim.summary import number
+from taichi_sim.kernels import runtime
+from taichi_sim.kernels.kinematics import DERIVED_SIZE, DOWN, HEADING_COS, HEADING_SIN, ROTATION, VELOCITY_N, derive
+from taichi_sim.kernels.packs import FleetPack
+from taichi_sim.kernels.rotation import torch_euler_from_quaternion
+from taichi_sim.kernels.runtime import Launcher
 from taichi_sim.vehicle import Vehicle
 
 VEHICLE_STEP = 4e3  # ns of a control step of one vehicle, about: hulls take more, other models less
@@ -222,7 +222,7 @@ class Fleet(Views):
         return {key: values[..., k].expand(self.state.shape[:2]).clone() for k, key in enumerate(self.model.varying)}
 
     def set_numbers(self, values: Mapping[str, Any], envs: Tensor | None = None) -> None:
-        """Set numbers of vehicles, until set or drawn again (draws.py); other numbers stay.
+        """Set numbers of vehicles, until set or drawn again (randomisation/numbers.py); other numbers stay.
 
         Args:
             values: key of `model.varying` -> number, or what broadcasts to [n, vehicle]. envs: int64 [n], default all.

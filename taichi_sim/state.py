@@ -33,8 +33,8 @@ import torch
 from pydantic import BaseModel
 from torch import Tensor
 
-from taichi_sim import runtime
-from taichi_sim.noise import FIRST_FORKED, Noise
+from taichi_sim.kernels import runtime
+from taichi_sim.kernels.counters import FIRST_FORKED, Noise
 
 VERSION = 1  # of the layout of a snapshot
 GIB = 2**30

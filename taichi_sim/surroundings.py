@@ -6,10 +6,10 @@ from typing import Any, ClassVar
 import torch
 from torch import Tensor
 
-from taichi_sim import runtime
 from taichi_sim.air import Wind
-from taichi_sim.noise import Noise
-from taichi_sim.packs import AroundPack
+from taichi_sim.kernels import runtime
+from taichi_sim.kernels.counters import Noise
+from taichi_sim.kernels.packs import AroundPack
 from taichi_sim.sea.queries import elevations
 from taichi_sim.sea.sea import DEEP, Sea
 

@@ -31,11 +31,11 @@ import torch
 from numpy.typing import ArrayLike
 from torch import Tensor
 
-from taichi_sim import runtime
 from taichi_sim.config import ConfigError, Strict
 from taichi_sim.contact.parts import Deck, Legs
 from taichi_sim.conventions import DOWN, ELEVATION, HORIZONTAL, STATE_SIZE
-from taichi_sim.packs import Build, struct_of
+from taichi_sim.kernels import runtime
+from taichi_sim.kernels.packs import Build, struct_of
 from taichi_sim.surroundings import Surroundings
 
 if TYPE_CHECKING:

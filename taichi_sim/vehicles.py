@@ -3,10 +3,10 @@
 from pathlib import Path
 from typing import Any
 
-from taichi_sim import runtime
 from taichi_sim.config import ConfigError, TeamConfig
 from taichi_sim.config.io import config_folder, read_toml, validate, vehicle_file
-from taichi_sim.plugins import is_plugin, load_class
+from taichi_sim.config.plugins import is_plugin, load_class
+from taichi_sim.kernels import runtime
 from taichi_sim.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
 from taichi_sim.uav.multirotor.multirotor_6dof import Multirotor6DOF
 from taichi_sim.uav.unity_aircraft import UnityAircraft

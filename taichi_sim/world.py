@@ -7,22 +7,22 @@ from typing import Any
 
 import torch
 
-from taichi_sim import runtime
 from taichi_sim.air import Wind
-from taichi_sim.conditions import realise
 from taichi_sim.config import ConfigError, WorldConfig
 from taichi_sim.config.io import find_config, load_world, vehicle_file
+from taichi_sim.config.plugins import load_class
+from taichi_sim.config.summary import number, span
 from taichi_sim.contact.contacts import Contacts
 from taichi_sim.dump import Dump, save_dump
 from taichi_sim.fleet import Fleet
-from taichi_sim.noise import Noise
-from taichi_sim.plugins import load_class
+from taichi_sim.kernels import runtime
+from taichi_sim.kernels.counters import Noise
+from taichi_sim.randomisation.conditions import realise
+from taichi_sim.randomisation.variation import Variation
 from taichi_sim.script import Script
 from taichi_sim.sea.current import Current
 from taichi_sim.state import Stateful
-from taichi_sim.summary import number, span
 from taichi_sim.surroundings import Surroundings
-from taichi_sim.variation import Variation
 from taichi_sim.vehicles import load_vehicle
 
 

@@ -11,7 +11,7 @@ import pytest
 import torch
 from refusal import MINIMAL
 
-from taichi_sim import runtime
+from taichi_sim.kernels import runtime
 
 # Taichi's own passes take two thirds of the time to compile a kernel, for some hundredths of its speed: LLVM's follow
 # all the same. Taichi reads this, in what tests start too.

@@ -9,7 +9,7 @@ import torch
 
 from taichi_sim.config import Positive, Strict
 from taichi_sim.conventions import ANGULAR_VELOCITY, ELEVATION, POSITION, QUATERNION, VELOCITY
-from taichi_sim.maths.rotation import torch_rotation_matrix
+from taichi_sim.kernels.rotation import torch_rotation_matrix
 from taichi_sim.usv.vessel import Vessel
 
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from taichi_sim.conditions import TOLD, bounds, nominal_conditions, realise
 from taichi_sim.config import ConfigError, WorldConfig
 from taichi_sim.conventions import GRAVITY
+from taichi_sim.randomisation.conditions import TOLD, bounds, nominal_conditions, realise
 from taichi_sim.sea import sea_size
 from taichi_sim.sea.wind_sea import developed_sea
 

@@ -8,9 +8,9 @@ from refusal import assert_says, refusal
 
 from rl.missions import load_scenario
 from rl.runs import folder
-from taichi_sim.conditions import realise
 from taichi_sim.config import SeaConfig
 from taichi_sim.config.io import load_world
+from taichi_sim.randomisation.conditions import realise
 from taichi_sim.sea import sea_size
 
 BUOY = Path(__file__).parent / "data" / "reference" / "buoys" / "41010.data_spec"

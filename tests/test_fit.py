@@ -5,11 +5,11 @@ import csv
 import numpy as np
 import pytest
 
+from taichi_sim.commands import fit as command
 from taichi_sim.fit.estimate import fit
 from taichi_sim.fit.log import LogError, read_log
 from taichi_sim.fit.synthetic import write_logs
 from taichi_sim.vehicles import load_vehicle
-from tools import fit as command
 
 pytestmark = pytest.mark.usefixtures("f64")
 FACTORS = {"X_u": 1.15, "N_r": 0.9, "surge_force_max": 0.92, "yaw_moment_max": 1.1}

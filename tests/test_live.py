@@ -82,6 +82,7 @@ def test_viewers_that_come_and_go_see_what_is_shown(live: Live, tmp_path: Path) 
     np.testing.assert_allclose(times * 1e-9, 0.1 * np.r_[:22, 300:320])
     north, east, down = busy().teams["usv"].position_n[np.r_[:22, :20], 0].T
     np.testing.assert_array_equal(place, np.stack([east, north, -down], 1).astype(np.float32))
+
     def batches(entity: str) -> list:
         chunks = RrdReader(tmp_path / "late.rrd").stream().filter(content=entity, is_static=False)
         return [chunk.to_record_batch() for chunk in chunks]

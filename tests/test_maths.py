@@ -5,8 +5,7 @@ import pytest
 import taichi as ti
 import torch
 
-from taichi_sim import runtime
-from taichi_sim.maths import fast, rotation
+from taichi_sim.kernels import fast, rotation, runtime
 
 pytestmark = pytest.mark.usefixtures("precision")
 ROUNDING = {"f64": 1e-14, "f32": 5e-7}

@@ -11,7 +11,7 @@ from refusal import assert_says
 
 from taichi_sim.bench import Bench, pack_state
 from taichi_sim.config import ConfigError
-from taichi_sim.plugins import load_class, plugin_source
+from taichi_sim.config.plugins import load_class, plugin_source
 from taichi_sim.vehicle import Vehicle
 from taichi_sim.vehicles import load_vehicle
 from taichi_sim.world import World

@@ -5,8 +5,7 @@ import pytest
 import taichi as ti
 import torch
 
-from taichi_sim import runtime
-from taichi_sim.maths import random
+from taichi_sim.kernels import random, runtime
 
 pytestmark = pytest.mark.usefixtures("precision")
 INDICES = ("seed", "stream", "env", "vehicle", "step")

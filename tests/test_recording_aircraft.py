@@ -10,12 +10,12 @@ import torch
 from numpy.typing import NDArray
 from test_recording import column, elevation, make_episode, rows
 
+from rl.evaluation.events import EVENTS
+from rl.evaluation.record import _stalls, record_episode
 from rl.missions import load_scenario
 from rl.missions.formation.team import TeamTask
-from rl.runs.events import EVENTS
-from rl.runs.record import _stalls, record_episode
-from taichi_sim import runtime
-from taichi_sim.maths.rotation import torch_rotation_matrix
+from taichi_sim.kernels import runtime
+from taichi_sim.kernels.rotation import torch_rotation_matrix
 from taichi_sim.recording import Airframe, Episode, write_recording
 from taichi_sim.recording.aircraft import aircraft
 from taichi_sim.recording.arrows import metres_per_second_per_metre

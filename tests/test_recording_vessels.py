@@ -11,8 +11,8 @@ import torch
 from numpy.typing import NDArray
 from test_recording import column, elevation, make_episode, rows
 
+from rl.evaluation.record import _events
 from rl.mission import Endings
-from rl.runs.record import _events
 from taichi_sim.recording import Body, Episode, Force, Signal, write_recording
 from taichi_sim.recording.arrows import newtons_per_metre, round_scale
 from taichi_sim.recording.bodies import body_mesh

@@ -8,7 +8,7 @@ import taichi_sim as ts
 
 PAGES = Path(__file__).resolve().parents[1] / "docs" / "reference"
 NAMED = [name for page in PAGES.glob("*.md") for name in re.findall(r"^::: (\S+)$", page.read_text("utf-8"), re.M)]
-OPTIONAL = ("rl.parallel", "rl.sb3", "rl.skrl_env")  # need the extras marl, sb3, skrl
+OPTIONAL = ("rl.adapters.pettingzoo", "rl.adapters.sb3", "rl.adapters.skrl")  # need the extras marl, sb3, skrl
 
 
 def test_every_public_name_is_on_a_page_once():

@@ -10,9 +10,9 @@ import pytest
 import taichi as ti
 import torch
 
-from taichi_sim import runtime
 from taichi_sim.bench import Bench
-from taichi_sim.runtime import Launcher
+from taichi_sim.kernels import runtime
+from taichi_sim.kernels.runtime import Launcher
 from taichi_sim.vehicles import load_vehicle
 
 HERE = Path(__file__).resolve().parent

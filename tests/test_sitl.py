@@ -212,7 +212,7 @@ def test_the_command_answers_over_udp(tmp_path):
     ("kvlcc2 --port {port}", "in use"),
 ])  # fmt: skip
 def test_bad_input_is_told(words, told, capsys):
-    from tools import sitl
+    from taichi_sim.commands import sitl
 
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", 0))

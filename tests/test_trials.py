@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from taichi_sim.commands import trials
 from taichi_sim.trials import flight, ship
 from taichi_sim.trials.basin import Setting
 from taichi_sim.trials.criteria import criteria, first_overshoot_limit, second_overshoot_limit
 from taichi_sim.trials.figures import Outcome, TrialError, crossing, peaks
 from taichi_sim.vehicles import load_vehicle
-from tools import trials
 
 pytestmark = pytest.mark.usefixtures("f64")
 REFERENCE = Path(__file__).parent / "data" / "reference"

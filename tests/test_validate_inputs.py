@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from taichi_sim.maths.rotation import torch_quaternion_from_euler, torch_rotation_matrix
+from taichi_sim.kernels.rotation import torch_quaternion_from_euler, torch_rotation_matrix
 from tests.validation import mavsim, otter
 from tests.validation.case import Case, Folder
 from tests.validation.otter_numbers import parameters

@@ -24,15 +24,15 @@ from pathlib import Path
 
 import numpy as np
 
-from taichi_sim import runtime
 from taichi_sim.config import ConfigError
 from taichi_sim.config.io import config_folder, read_toml, validate
+from taichi_sim.kernels import runtime
+from taichi_sim.trials import rotorcraft
 from taichi_sim.uav.fixed_wing.envelope import FlightEnvelope, flight_envelope
 from taichi_sim.uav.fixed_wing.modes import LinearModel, largest_stable_dt, linear_modes
 from taichi_sim.uav.fixed_wing.params import FixedWingParams
 from taichi_sim.uav.fixed_wing.trim import Trim, TrimError, trim
 from taichi_sim.uav.multirotor.params import MultirotorParams
-from tools import rotorcraft
 
 MODEL = "fixed_wing_6dof"
 PARAMS = {MODEL: FixedWingParams, rotorcraft.MODEL: MultirotorParams}
@@ -145,7 +145,7 @@ def envelope_table(bounds: FlightEnvelope) -> str:
 
 def draw(bounds: FlightEnvelope, cruise: float, title: str, file: Path) -> None:
     """The V-n diagram as a figure."""
-    from taichi_sim.plotting import dress, new_figure
+    from taichi_sim.plotting.style import dress, new_figure
 
     figure = new_figure(8.0, 5.0, title)
     axes = figure.subplots()

@@ -100,7 +100,7 @@ def benchmark(config: FormationScenario, *, quick: bool, seconds: float, show_pr
 
 def describe_machine() -> dict[str, Any]:
     """CPU, cores, threads used, Python and packages."""
-    from taichi_sim import runtime
+    from taichi_sim.kernels import runtime
 
     described = run_folder.describe_machine()
     return {

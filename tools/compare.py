@@ -55,9 +55,9 @@ def main(argv: list[str] | None = None) -> None:
 
 def on_bounds(run: Path, args: argparse.Namespace) -> dict[str, tuple[Any, Any]]:
     """What a run's policies make of the oracle's episodes: team -> the bound, and the numbers of each episode."""
+    from rl.evaluation.headroom import judge_all, read_bounds
     from rl.learn.policy import policies_of
     from rl.runs.folder import load_config
-    from rl.runs.headroom import judge_all, read_bounds
 
     config, source = load_config(run, args.overrides)
     if not (bounds := read_bounds(config)):
@@ -68,8 +68,8 @@ def on_bounds(run: Path, args: argparse.Namespace) -> dict[str, tuple[Any, Any]]
 
 def headroom_table(taken: dict[tuple[str, str], tuple[Any, list[Any]]], kinds: dict[str, Any]) -> str:
     """Markdown: for each team classical, learned, oracle, and the share of the headroom that learning takes."""
-    from rl.runs.headroom import headroom
-    from rl.runs.intervals import intervals
+    from rl.evaluation.headroom import headroom
+    from rl.evaluation.intervals import intervals
 
     lines = []
     for (name, team), (bound, rows) in taken.items():
@@ -94,8 +94,8 @@ def contest(run: Path, args: argparse.Namespace, classical: dict[str, Any]) -> t
 
     The latter are kept in `classical`, for runs that differ in their training alone.
     """
+    from rl.evaluation.episodes import judge_episodes, mission_class
     from rl.learn.policy import policies_of
-    from rl.runs.evaluation import judge_episodes, mission_class
     from rl.runs.folder import load_config
     from taichi_sim.config.io import toml_text
 
@@ -142,7 +142,7 @@ def joined(parts: list[Any]) -> dict[str, Any]:
 
 def cell(key: str, judge: Any, learned: Any, opponent: Any, times: int) -> str:
     """One figure of both: the difference of shares in points, the ratio of anything else, with its interval."""
-    from rl.runs.intervals import differences, intervals, ratios
+    from rl.evaluation.intervals import differences, intervals, ratios
 
     one, other = intervals(judge, learned)[key].value, intervals(judge, opponent)[key].value
     if one is None or other is None:

@@ -106,8 +106,8 @@ def main(argv: list[str] | None = None) -> None:
 
 def judged(case: Case, run: Path, partner: Path, args: argparse.Namespace) -> tuple[Any, dict[str, Any]]:
     """The mission's judge, and the episodes of both parts under one condition: kept ones, if there are."""
+    from rl.evaluation.episodes import judge_episodes, mission_class
     from rl.learn.policy import ClassicalPolicy, checkpoints, load_policy
-    from rl.runs.evaluation import judge_episodes, mission_class
     from rl.runs.folder import load_config
     from taichi_sim.config.io import toml_text
 
@@ -165,7 +165,7 @@ def table(found: dict[Case, list[Any]], judge: Any) -> str:
 
 def ratio(together: dict[str, Any], other: list[Any], times: int, judge: Any) -> str:
     """Of the mean times to arrive, with its interval."""
-    from rl.runs.intervals import ratios
+    from rl.evaluation.intervals import ratios
 
     repeated = joined([other[0]["boats"]] * times)
     middle, low, high = (x or 0.0 for x in ratios(judge, together["boats"], repeated, times)["mean_time_to_arrive_s"])

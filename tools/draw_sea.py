@@ -27,19 +27,19 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LightSource, LinearSegmentedColormap
 from matplotlib.figure import Figure
 
-from taichi_sim import runtime
-from taichi_sim.conditions import resolved_sea
 from taichi_sim.config import ConfigError, SeaConfig
+from taichi_sim.config.extras import MissingExtraError
 from taichi_sim.config.io import load_world
-from taichi_sim.extras import MissingExtraError
-from taichi_sim.plotting import INK, dress, new_figure
+from taichi_sim.kernels import runtime
+from taichi_sim.plotting.style import INK, dress, new_figure
+from taichi_sim.randomisation.conditions import resolved_sea
 from taichi_sim.sea import Sea, SteepSeaError
 from taichi_sim.sea.measured import MeasuredSystem
 from taichi_sim.sea.sampling import System
 from taichi_sim.sea.sea import wave_systems
 from taichi_sim.sea.spectrum import wavenumber
-from tools.draw_measured import directions_by_frequency
-from tools.sea_records import Measured, crossing_heights, measure, target_density, welch  # noqa: F401
+from tools.seas.measured_panel import directions_by_frequency
+from tools.seas.records import Measured, crossing_heights, measure, target_density, welch  # noqa: F401
 
 WAVELENGTHS, GRID = 5, 160  # peak wavelengths and points along a side of the surface drawn
 RELIEF = 0.03  # height of the landscape, 4 standard deviations, over its side

@@ -34,10 +34,10 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 import taichi_sim as ts
-from taichi_sim import runtime
 from taichi_sim.config import ConfigError
 from taichi_sim.forecast import Autoregression
-from taichi_sim.maths.rotation import torch_quaternion_from_euler
+from taichi_sim.kernels import runtime
+from taichi_sim.kernels.rotation import torch_quaternion_from_euler
 
 SIGNALS = ("heave", "roll", "pitch", "vertical velocity")
 UNITS = ("m", "rad", "rad", "m/s")
@@ -150,7 +150,7 @@ def table(found: dict[int, dict[int, Skill]]) -> str:
 
 def picture(found: dict[int, dict[int, Skill]], vehicle: str, out: Path) -> None:
     """Skill of each signal against horizon: a column a sea state, a line a heading."""
-    from taichi_sim.plotting import dress, new_figure
+    from taichi_sim.plotting.style import dress, new_figure
 
     figure = new_figure(2.6 * len(found) + 1.0, 8.6, f"Forecasts of the deck of {vehicle} from its own past")
     axes = figure.subplots(len(SIGNALS), len(found), squeeze=False, sharex=True, sharey=True)

@@ -25,8 +25,8 @@ import numpy as np
 import taichi_sim  # noqa: F401  (makes rl, tools and tests importable from any folder)
 from rl.cli import positive_float
 from taichi_sim.config import ConfigError
+from taichi_sim.config.extras import MissingExtraError
 from taichi_sim.conventions import GRAVITY, RHO_SEA
-from taichi_sim.extras import MissingExtraError
 from taichi_sim.hydro import compute, hull
 from taichi_sim.hydro.fit import ENERGY
 from taichi_sim.hydro.mesh_file import UNITS
@@ -139,8 +139,8 @@ def _refit(args: argparse.Namespace) -> None:
 
 def _complete(found: HydroDatabase, file: Path, out: Path, args: argparse.Namespace) -> None:
     """Write the database again with its memory, fitted for the vehicle that the simulator makes of `file`."""
-    from taichi_sim import runtime
     from taichi_sim.hydro.complete import completed  # only here: workers of the boundary-element code need no Taichi
+    from taichi_sim.kernels import runtime
     from taichi_sim.usv.hull.hull_6dof import Hull6Dof
     from taichi_sim.vehicles import load_vehicle
 

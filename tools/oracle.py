@@ -14,7 +14,7 @@ import taichi_sim  # noqa: F401  (makes rl, tools and tests importable from any 
 def parser() -> argparse.ArgumentParser:
     """The arguments."""
     from rl import cli
-    from rl.runs.headroom import EPISODES, SEED
+    from rl.evaluation.headroom import EPISODES, SEED
 
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     p.add_argument("scenario", help="name or file")
@@ -30,9 +30,9 @@ def main(argv: list[str] | None = None) -> None:
     """Run the command."""
     args = parser().parse_args(argv)
     from rl import cli
+    from rl.evaluation.episodes import mission_class
+    from rl.evaluation.headroom import bound_file, headroom_line, read_bounds, run_bound, write_bounds
     from rl.missions import load_scenario
-    from rl.runs.evaluation import mission_class
-    from rl.runs.headroom import bound_file, headroom_line, read_bounds, run_bound, write_bounds
     from taichi_sim.config import ConfigError
     from taichi_sim.config.io import find_config
 

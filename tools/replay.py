@@ -12,9 +12,9 @@ from pathlib import Path
 
 import torch
 
-from taichi_sim import runtime
 from taichi_sim.config import ConfigError
 from taichi_sim.dump import load_dump
+from taichi_sim.kernels import runtime
 from taichi_sim.replay import replay
 
 

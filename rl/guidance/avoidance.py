@@ -38,9 +38,9 @@ from torch import Tensor
 from rl.guidance.geometry import SLOT_VELOCITY, row_of
 from rl.guidance.geometry import V as VELOCITY
 from rl.guidance.targets import COURSE_RATE
-from taichi_sim import runtime
 from taichi_sim.config import NonNegative, Positive, Strict
-from taichi_sim.packs import struct_of, values_at
+from taichi_sim.kernels import runtime
+from taichi_sim.kernels.packs import struct_of, values_at
 
 FAN, RAYS = math.radians(100.0), 20  # to either side, and how many
 PACES = (1.0, 0.75, 0.5)  # of the wanted speed, or of the slot's, if that is less; of who can stop, else the first

@@ -9,7 +9,7 @@ from rl.guidance.avoidance import Shield
 from rl.guidance.config import ResidualConfig
 from rl.guidance.targets import Target
 from rl.mission import Mission, Team
-from rl.scene.told import NUMBER
+from rl.perception.encoding import NUMBER
 from taichi_sim.config import ConfigError
 
 CHANGE_SCALE = 3.0  # m/s, where a squashed change of velocity is half way to 1

@@ -17,10 +17,10 @@ import taichi as ti
 from torch import Tensor
 
 from rl.guidance.targets import COS, COURSE_RATE, DOWN, EAST, NORTH, SIN, SPEED
-from rl.scene.radio import PLACE_AND_VELOCITY as AGE
-from taichi_sim import runtime
+from rl.perception.radio import PLACE_AND_VELOCITY as AGE
 from taichi_sim.fleet import Views
-from taichi_sim.kinematics import HEADING_COS, HEADING_SIN, VELOCITY_N
+from taichi_sim.kernels import runtime
+from taichi_sim.kernels.kinematics import HEADING_COS, HEADING_SIN, VELOCITY_N
 
 DISTANCE_SCALE = 10.0  # m, where squashed distances are half way to 1
 NEAR = 1e-3  # m: nearer than this a slot is in no direction
@@ -44,7 +44,7 @@ class Form(NamedTuple):
     """What the kernel is compiled for."""
 
     axes: int  # of the vehicle's own frame
-    heard: bool  # followers know of their leader by radio (rl/scene/radio.py)
+    heard: bool  # followers know of their leader by radio (rl/perception/radio.py)
     about: bool  # slots are about the target, not about the leader
     serial: bool  # on the calling thread
 
@@ -172,7 +172,7 @@ class Geometry:
     ):
         """Measure `fleet` against `target` (targets.py) at `down` (m) and the table of `slots`.
 
-        Followers know of their leader what they have `heard` (rl/scene/radio.py), or all. With `about`, slots are
+        Followers know of their leader what they have `heard` (rl/perception/radio.py), or all. With `about`, slots are
         about the target.
         """
         state = fleet.state

@@ -38,9 +38,9 @@ from rl.guidance.geometry import (
 )
 from rl.guidance.geometry import V as VELOCITY
 from rl.guidance.targets import COS, COURSE_RATE, SIN, SPEED
-from rl.scene.radio import PLACE_AND_VELOCITY as AGE
-from taichi_sim import runtime
-from taichi_sim.kinematics import DOWN
+from rl.perception.radio import PLACE_AND_VELOCITY as AGE
+from taichi_sim.kernels import runtime
+from taichi_sim.kernels.kinematics import DOWN
 
 SPEED_SCALE = 10.0  # m/s, where squashed speeds are half way to 1
 RATE_SCALE = 2.0  # rad/s, of own rotation

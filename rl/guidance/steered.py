@@ -10,9 +10,9 @@ class Steered(Protocol):
     """A team, as it is or as its vehicles know it; everything is [env, vehicle, ...].
 
     Attributes:
-        fleet: the vehicles (taichi_sim/fleet.py), or what their instruments say (rl/scene/instruments.py).
+        fleet: the vehicles (taichi_sim/fleet.py), or what their instruments say (rl/perception/instruments.py).
         now: errors from their slots (geometry.py). target: what their leader tracks; targets: its table (targets.py).
-        sensor: obstacles and team mates near them (rl/scene/sensors.py, contacts.py).
+        sensor: obstacles and team mates near them (rl/perception/sensors.py, contacts.py).
         mission: its `steps` [env], decisions since the episode began.
         axes: of their velocities, 2 of vessels or 3. radius: of a vehicle, m.
     """

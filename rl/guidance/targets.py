@@ -14,9 +14,9 @@ from typing import NamedTuple
 import taichi as ti
 from torch import Tensor
 
-from rl.scene.tracks import Tracks, track_point
-from rl.scene.wind_triangle import speed_over_ground
-from taichi_sim import runtime
+from rl.course.tracks import Tracks, track_point
+from rl.perception.wind_triangle import speed_over_ground
+from taichi_sim.kernels import runtime
 
 NORTH, EAST, DOWN, COURSE, COS, SIN, COURSE_RATE, SPEED, SIZE = range(9)
 TARGET_SPEED, INTERVAL, WIND_FACTOR, OVER_AIR = range(4)  # of the numbers that the kernel is told

@@ -12,7 +12,8 @@ import torch
 from rsl_rl.utils.logger import Logger
 from tqdm import tqdm
 
-from rl import processes, signals
+from rl import processes
+from rl.processes import signals
 
 HISTORY = "progress.csv"
 COLUMNS = (  # and after these, what the mission logs

@@ -9,7 +9,7 @@ import torch
 from rsl_rl.runners import OnPolicyRunner
 from tqdm import tqdm
 
-from rl import processes, signals
+from rl import processes
 from rl.learn.env import MissionEnv
 from rl.learn.improvement import PlannedImprovement
 from rl.learn.policy import (
@@ -22,6 +22,7 @@ from rl.learn.policy import (
 )
 from rl.learn.ppo import LeanPPO
 from rl.learn.progress import COLUMNS, HISTORY, ProgressLogger, spent, trim_history
+from rl.processes import signals
 from rl.scenario import StageConfig
 
 
@@ -100,7 +101,7 @@ class StageRunner(OnPolicyRunner):
 
     def _configure_multi_gpu(self) -> None:
         """Say which of how many processes this is: rsl-rl's own asks for nccl and `cuda:RANK`; here they are joined by
-        whoever has started them (rl/processes.py).
+        whoever has started them (rl/processes).
         """
         place = processes.here()
         self.gpu_world_size, self.gpu_global_rank, self.gpu_local_rank = place.count, place.rank, place.local_rank

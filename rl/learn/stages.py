@@ -47,7 +47,7 @@ def train_stages(
 ) -> list[dict[str, Any]]:
     """Train every stage that `out` does not hold finished, continuing from checkpoints; return their results.
 
-    Of several processes (rl/processes.py) each has its share of a stage's environments; rank 0 alone reads and writes
+    Of several processes (rl/processes) each has its share of a stage's environments; rank 0 alone reads and writes
     `out`, and tells the others.
 
     `source` is the scenario's file, beside which its vehicles are looked for; environments that leave the physical are

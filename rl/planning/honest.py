@@ -48,14 +48,14 @@ class HonestPlanner(Planner):
 
 
 def write_obstacles_as_bodies(table: Tensor, position: Tensor, seen: Tensor) -> None:
-    """Write sensed obstacles into a table of bodies [env, 8, body] (rl/scene/traffic.py), from its first column on.
+    """Write sensed obstacles into a table of bodies [env, 8, body] (rl/course/traffic.py), from its first column on.
 
     Args:
         position: [env, vehicle, 2 or more] of the vehicles that sensed them, as they know it, m, NED.
-        seen: [env, vehicle, k, 9] obstacles as a `Sensor` has them (rl/scene/sensors.py).
+        seen: [env, vehicle, k, 9] obstacles as a `Sensor` has them (rl/perception/sensors.py).
     """
-    from rl.scene.told import NUMBER
-    from rl.scene.traffic import AWAY, BOTTOM, CARRIED, EAST, NORTH, RADIUS, TOP, V_EAST, V_NORTH
+    from rl.course.traffic import AWAY, BOTTOM, CARRIED, EAST, NORTH, RADIUS, TOP, V_EAST, V_NORTH
+    from rl.perception.encoding import NUMBER
 
     place = position[:, :, None, :2] + (seen[..., 7:8] + seen[..., 6:7]) * seen[..., 1:3]
     place = torch.where(seen[..., NUMBER : NUMBER + 1] >= 0, place, AWAY)

@@ -23,8 +23,8 @@ from torch import Tensor
 from rl.guidance.corrected import Corrected
 from rl.mission import ControllerError
 from rl.planning.config import PlanConfig
-from taichi_sim import runtime
 from taichi_sim.config import ConfigError
+from taichi_sim.kernels import runtime
 
 MOST = 8192  # environments of a fork: more are planned for in turn
 MEAN, CLASSICAL, LEARNED = range(3)  # numbers of samples: the mean so far, no correction, a policy's own actions

@@ -5,7 +5,7 @@ measured/KEY/*       spectra, currents and winds over time that it names, if any
 *.py                 modules of your own that these name, unless they are installed
 meta.json            seed, versions, commit, machine       progress.csv, model_N.pt, policy.onnx/.pt in TEAM/
 summary.json         wall times, stages, evaluation        figures/*.png, episode.rrd, .webp, report.html
-evaluation/*         the last of each controller (kept.py) sweeps/NAME/*    what each sweep found (sweep/)
+evaluation/*         the last of each controller           sweeps/NAME/*    what each sweep found
 dumps/*.dump         environments whose state stopped being finite (tools/replay.py), if any
 """
 
@@ -31,7 +31,7 @@ from rl.runs.measured import measured_files, with_measured
 from rl.scenario import Scenario
 from taichi_sim.config import ConfigError
 from taichi_sim.config.io import find_config, read_toml, toml_text, vehicle_file, write_toml
-from taichi_sim.plugins import is_plugin, plugin_source
+from taichi_sim.config.plugins import is_plugin, plugin_source
 from taichi_sim.vehicles import vehicle_files
 
 CONFIG, META, SUMMARY, DUMPS = "config.toml", "meta.json", "summary.json", "dumps"

@@ -19,7 +19,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from rl import processes, signals
+from rl import processes
+from rl.processes import signals
 from rl.runs.folder import RunError
 
 RESTARTS = 20  # after a process was lost

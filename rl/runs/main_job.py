@@ -7,14 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from rl import processes
-from rl.learn.env import Watch
-from rl.learn.history import read_history
-from rl.learn.policy import Policy, load_policy, policies_of
-from rl.learn.progress import HISTORY, spent
-from rl.learn.stages import train_stages
-from rl.mission import ControllerError
-from rl.runs import folder as run_folder
-from rl.runs.evaluation import (
+from rl.evaluation.episodes import (
     CHUNK,
     Trial,
     check_measurable,
@@ -23,16 +16,23 @@ from rl.runs.evaluation import (
     one_episode_each,
     run_episodes,
 )
-from rl.runs.headroom import judge_all, read_bounds
-from rl.runs.kept import keep, keep_headroom
-from rl.runs.record import record_episode
-from rl.runs.report import write_report
-from rl.runs.report.sources import STRIP
+from rl.evaluation.headroom import judge_all, read_bounds
+from rl.evaluation.record import record_episode
+from rl.evaluation.report import write_report
+from rl.evaluation.report.sources import STRIP
+from rl.evaluation.store import keep, keep_headroom
+from rl.learn.env import Watch
+from rl.learn.history import read_history
+from rl.learn.policy import Policy, load_policy, policies_of
+from rl.learn.progress import HISTORY, spent
+from rl.learn.stages import train_stages
+from rl.mission import ControllerError
+from rl.runs import folder as run_folder
 from rl.scenario import Scenario
 from rl.seeds import derive_seed
-from taichi_sim import runtime
 from taichi_sim.config import ConfigError
 from taichi_sim.film.files import write_strip
+from taichi_sim.kernels import runtime
 from taichi_sim.recording import write_recording
 from taichi_sim.world import ActionError
 
@@ -50,7 +50,7 @@ def run_main_job(
     """Train, evaluate, record and draw into the run folder `out`; return what summary.json holds. `watch` is told of
     each step of the training.
 
-    Of several processes (rl/processes.py) rank 0 alone works with `out`, and the others, whose scenario comes from the
+    Of several processes (rl/processes) rank 0 alone works with `out`, and the others, whose scenario comes from the
     file `source`, return None.
 
     Raises:

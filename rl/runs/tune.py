@@ -16,13 +16,13 @@ import numpy as np
 import tomli_w
 from tqdm import tqdm
 
+from rl.evaluation.episodes import mission_class, run_episodes
 from rl.mission import ControllerError
 from rl.missions import make_mission
-from rl.runs.evaluation import mission_class, run_episodes
 from rl.scenario import Scenario
 from rl.seeds import derive_seed
-from taichi_sim import runtime
 from taichi_sim.config import ConfigError
+from taichi_sim.kernels import runtime
 
 SPREAD = 0.3  # of the logarithms, at first
 LEAST_SPREAD = 0.03

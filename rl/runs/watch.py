@@ -13,8 +13,8 @@ from typing import Any
 
 import torch
 
+from rl.evaluation.reel import Reel, Rows, rows_of
 from rl.mission import Step
-from rl.runs.reel import Reel, Rows, rows_of
 from taichi_sim.recording import Event
 from taichi_sim.recording.live import PORT, Live, refuse_used
 

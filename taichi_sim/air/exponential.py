@@ -2,7 +2,7 @@
 
 import taichi as ti
 
-from taichi_sim import runtime
+from taichi_sim.kernels import runtime
 
 LOG2_E, LN2 = 1.4426950408889634, 0.6931471805599453
 LOWEST, HIGHEST = -87.0, 88.0  # exp of these is a normal f32

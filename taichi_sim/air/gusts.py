@@ -15,7 +15,7 @@ from typing import Literal, NamedTuple
 import taichi as ti
 
 from taichi_sim.config import GustConfig
-from taichi_sim.maths import fast
+from taichi_sim.kernels import fast
 
 Shape = Literal["pulse", "ramp"]
 

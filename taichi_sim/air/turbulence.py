@@ -39,8 +39,8 @@ import math
 import taichi as ti
 import torch
 
-from taichi_sim import runtime
 from taichi_sim.air.exponential import exp
+from taichi_sim.kernels import runtime
 
 STATES = 5  # per vehicle: of u, of v (2), of w (2)
 

@@ -20,13 +20,13 @@ import numpy as np
 import taichi as ti
 import torch
 
-from taichi_sim import runtime
 from taichi_sim.air.exponential import exp
 from taichi_sim.config import AirConfig
+from taichi_sim.config.series import Series, mean_of, read_series
 from taichi_sim.conventions import GRAVITY
-from taichi_sim.maths.random import log
-from taichi_sim.series import Series, mean_of, read_series
-from taichi_sim.slow_variation import SlowVariation
+from taichi_sim.kernels import runtime
+from taichi_sim.kernels.gauss_markov import SlowVariation
+from taichi_sim.kernels.random import log
 
 Profile = Literal["log", "power", "uniform"]
 
@@ -125,7 +125,7 @@ def mean_wind_factor(profile: ti.template(), shear, h):
 class Wind:
     """The wind of every environment.
 
-    The slow variation of each horizontal component is a first-order Gauss-Markov process (slow_variation.py).
+    The slow variation of each horizontal component is a first-order Gauss-Markov process (kernels/gauss_markov.py).
 
     Attributes:
         velocity: [env, 3], of the air 10 m above the sea, NED, m/s (where it blows to), run precision; written in

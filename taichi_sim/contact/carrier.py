@@ -21,9 +21,9 @@ from typing import Any
 
 import taichi as ti
 
-from taichi_sim.kinematics import store
-from taichi_sim.maths.rotation import quaternion_advance, quaternion_product, rotation_matrix
-from taichi_sim.rigid_body import cross
+from taichi_sim.kernels.kinematics import store
+from taichi_sim.kernels.rigid_body import cross
+from taichi_sim.kernels.rotation import quaternion_advance, quaternion_product, rotation_matrix
 
 _array3: Any = ti.types.ndarray(ndim=3)
 

@@ -26,8 +26,8 @@ from taichi_sim.contact.parts import Deck
 from taichi_sim.contact.touch import Touch
 from taichi_sim.conventions import BELOW, HORIZONTAL, POSITION, QUATERNION
 from taichi_sim.fleet import Fleet
-from taichi_sim.maths.rotation import torch_rotation_matrix
-from taichi_sim.runtime import Launcher
+from taichi_sim.kernels.rotation import torch_rotation_matrix
+from taichi_sim.kernels.runtime import Launcher
 
 FRICTION_KEY = "deck.friction"  # in `Vehicle.varying`, it may differ between environments
 DEEPEST_START = 0.02  # m: soles that begin further below a deck are in it, not on it; assumed

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from taichi_sim.config import Finite, NonNegative, Positive, Strict
-from taichi_sim.rigid_body import skew
+from taichi_sim.kernels.rigid_body import skew
 
 MOST_LEGS = 8
 LONGEST_STEP = 1.25e-3  # s, of a contact: shorter than the 2 ms that reference tables of legs ask for

@@ -3,9 +3,9 @@
 import torch
 from torch import Tensor
 
-from taichi_sim import runtime
 from taichi_sim.contact.carrier import PRESSING_SIZE, WAY_SIZE
-from taichi_sim.packs import TouchPack
+from taichi_sim.kernels import runtime
+from taichi_sim.kernels.packs import TouchPack
 
 SOLE_SIZE = 3  # where it was set down (x and y of the carrier's b, from the deck's centre, m); mark
 FREE, DOWN, UNDER = 0.0, 1.0, -1.0

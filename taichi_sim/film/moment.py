@@ -1,7 +1,8 @@
 """One moment of an episode, between two recorded steps: positions of everything, and what is drawn beside.
 
 Motion is interpolated, attitudes on the shorter way; things that a mission draws are where they were in the step
-before, moved towards the next where they are in both. What is not recorded (rl/render.py) is an episode of one step.
+before, moved towards the next where they are in both. What is not recorded (rl/adapters/render.py) is an episode of
+one step.
 """
 
 from collections.abc import Callable

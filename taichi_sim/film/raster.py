@@ -19,7 +19,6 @@ import taichi as ti
 from numpy.typing import NDArray
 from taichi.math import vec3
 
-from taichi_sim import runtime
 from taichi_sim.film import shade
 from taichi_sim.film.camera import Camera
 from taichi_sim.film.screen import (
@@ -40,6 +39,7 @@ from taichi_sim.film.screen import (
 )
 from taichi_sim.film.shapes import Solids, Strokes
 from taichi_sim.film.water import COLUMNS, NO_WATER, Water
+from taichi_sim.kernels import runtime
 
 FAR_M = 3e5  # nothing farther is drawn
 FLOATS, WHOLE = ti.types.ndarray(dtype=ti.f32, ndim=1), ti.types.ndarray(dtype=ti.i32, ndim=1)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from taichi_sim.conventions import DOWN, EAST, GRAVITY, NORTH
 from taichi_sim.film.camera import Array, Camera
 from taichi_sim.film.moment import Moment
-from taichi_sim.maths import fast
+from taichi_sim.kernels import fast
 
 CELL_PX = (5.0, 4.0)  # across and down
 FARTHEST_M = 12000.0

@@ -17,10 +17,10 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from taichi_sim import runtime
 from taichi_sim.bench import Bench
 from taichi_sim.config import ConfigError
 from taichi_sim.fit.log import Log, LogError
+from taichi_sim.kernels import runtime
 from taichi_sim.usv.vessel import Vessel
 from taichi_sim.vehicles import load_vehicle
 

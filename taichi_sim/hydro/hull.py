@@ -15,7 +15,7 @@ from taichi_sim.hydro.frames import turned_matrix
 from taichi_sim.hydro.offsets import offsets
 from taichi_sim.hydro.panels import Z_UP, wetted
 from taichi_sim.hydro.surface import Surface
-from taichi_sim.rigid_body import rigid_body_mass
+from taichi_sim.kernels.rigid_body import rigid_body_mass
 from taichi_sim.usv.hull.hydrostatics import Hydrostatics
 from taichi_sim.usv.hull.mesh import Panels, mesh
 from taichi_sim.usv.hull.params import RigidBody

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taichi_sim.config import ConfigError
-from taichi_sim.extras import MissingExtraError
+from taichi_sim.config.extras import MissingExtraError
 from taichi_sim.hydro.surface import Surface, area_vectors, reverse
 
 Array = NDArray[np.float64]

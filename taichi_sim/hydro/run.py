@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from taichi_sim.extras import MissingExtraError
+from taichi_sim.config.extras import MissingExtraError
 from taichi_sim.hydro.drift import mean_drift, response
 from taichi_sim.hydro.far_field import radiated_damping
 from taichi_sim.hydro.frames import TURN_HORIZONTAL, turned_load, turned_matrix

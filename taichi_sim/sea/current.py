@@ -1,7 +1,7 @@
 """Current: the water's mean velocity, a tide, a slow random part, and its profile over depth.
 
 The mean is steady, or of a file over time (series.py); a tide (tide.py) is added to it. The random part is a
-first-order Gauss-Markov process (slow_variation.py).
+first-order Gauss-Markov process (kernels/gauss_markov.py).
 
 Below the surface the current is uniform or falls with depth d as (1 - d / depth)^(1/7), the tidal profile of
 DNV-RP-C205 (2010), sec. 4.1.4.
@@ -11,11 +11,11 @@ import math
 
 import torch
 
-from taichi_sim import runtime
 from taichi_sim.config import ConfigError, CurrentConfig
+from taichi_sim.config.series import Series, read_series
+from taichi_sim.kernels import runtime
+from taichi_sim.kernels.gauss_markov import SlowVariation
 from taichi_sim.sea.tide import Tide
-from taichi_sim.series import Series, read_series
-from taichi_sim.slow_variation import SlowVariation
 
 POWER = 1 / 7  # of the tidal profile
 FASTEST = 10.0  # m/s, of a series

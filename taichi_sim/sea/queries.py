@@ -11,8 +11,8 @@ import math
 import taichi as ti
 from torch import Tensor
 
-from taichi_sim import runtime
 from taichi_sim.conventions import GRAVITY
+from taichi_sim.kernels import runtime
 from taichi_sim.sea import water_column, waves
 
 NEWTON_ITERATIONS = 12  # queries are exact to rounding for seas, and for one wave of k a up to 0.99

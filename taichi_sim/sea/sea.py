@@ -7,16 +7,16 @@ from typing import NamedTuple
 import numpy as np
 import torch
 
-from taichi_sim import runtime
 from taichi_sim.config import SeaConfig, SwellConfig
+from taichi_sim.config.summary import number, span
 from taichi_sim.conventions import AMPLITUDE, BX, BY, GRAVITY, KX, KY, OMEGA, PHASE, RHO_SEA, SEA_ROWS
+from taichi_sim.kernels import runtime
 from taichi_sim.sea import queries
 from taichi_sim.sea.measured import MeasuredSystem, WaveRecord, records_of
 from taichi_sim.sea.sampling import System, WaveSystem, draw_components
 from taichi_sim.sea.sea_state import sea_state
 from taichi_sim.sea.spectrum import Components, jonswap
 from taichi_sim.sea.wind_sea import SeaSize, sea_size
-from taichi_sim.summary import number, span
 
 DEEP = -1.0  # depth of deep water, to kernels
 

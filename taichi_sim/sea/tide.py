@@ -11,9 +11,9 @@ import math
 import torch
 from torch import Tensor
 
-from taichi_sim import runtime
 from taichi_sim.config import TideConfig
 from taichi_sim.config.current import CONSTITUENTS
+from taichi_sim.kernels import runtime
 
 
 class Tide:

@@ -31,7 +31,7 @@ overflows; depth < 0 means deep water.
 import taichi as ti
 
 from taichi_sim.conventions import AMPLITUDE, BX, BY, KX, KY, OMEGA, K
-from taichi_sim.maths import fast
+from taichi_sim.kernels import fast
 
 
 @ti.func

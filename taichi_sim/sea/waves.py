@@ -19,7 +19,7 @@ length is unrolled over whole vectors, which halves its time at 16 components.
 import taichi as ti
 
 from taichi_sim.conventions import AMPLITUDE, BX, BY, KX, KY, OMEGA, K
-from taichi_sim.maths import fast
+from taichi_sim.kernels import fast
 
 SMALLEST_DETERMINANT = 1e-4  # of the Jacobian in Newton's method: keeps a step finite at a cusp
 

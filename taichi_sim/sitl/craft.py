@@ -13,7 +13,7 @@ import numpy as np
 from taichi_sim.bench import Bench
 from taichi_sim.config import AirConfig, ConfigError, SeaConfig
 from taichi_sim.conventions import GRAVITY, QUATERNION
-from taichi_sim.maths.rotation import torch_euler_from_quaternion
+from taichi_sim.kernels.rotation import torch_euler_from_quaternion
 from taichi_sim.sitl.channels import PWM, Mixer, changes_for, default_channels
 from taichi_sim.sitl.packets import Sensors
 from taichi_sim.uav.fixed_wing.params import FixedWingParams

@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from taichi_sim.conventions import GRAVITY, QUATERNION
-from taichi_sim.maths.rotation import torch_quaternion_from_euler
+from taichi_sim.kernels.rotation import torch_quaternion_from_euler
 from taichi_sim.trials.basin import SHIP_HELM, Array, Basin, Setting, Track, last_speed, vessel_of
 from taichi_sim.trials.figures import Curve, Outcome, Panel, TrialError, crossing, peaks
 

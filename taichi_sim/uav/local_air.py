@@ -26,7 +26,7 @@ from taichi_sim.air.turbulence import dryden_advance, dryden_filter, dryden_outp
 from taichi_sim.air.wind import Profile, mean_wind_factor, wind_factor
 from taichi_sim.config import AirConfig
 from taichi_sim.conventions import DOWN
-from taichi_sim.maths.random import TURBULENCE, normal6
+from taichi_sim.kernels.random import TURBULENCE, normal6
 from taichi_sim.surroundings import Surroundings
 
 

@@ -30,16 +30,16 @@ from torch import Tensor
 from taichi_sim.config import NonNegative, Positive, Strict
 from taichi_sim.conventions import QUATERNION
 from taichi_sim.fleet import Fleet
-from taichi_sim.kinematics import store
-from taichi_sim.maths import fast
-from taichi_sim.maths.rotation import (
+from taichi_sim.kernels import fast
+from taichi_sim.kernels.kinematics import store
+from taichi_sim.kernels.packs import FleetPack, load_at, numbers_at
+from taichi_sim.kernels.rigid_body import quaternion_rate
+from taichi_sim.kernels.rotation import (
     quaternion_from_euler,
     rotation_matrix,
     torch_euler_from_quaternion,
     wrap_pi,
 )
-from taichi_sim.packs import FleetPack, load_at, numbers_at
-from taichi_sim.rigid_body import quaternion_rate
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.uav.aircraft import Aircraft
 from taichi_sim.vehicle import Limits

@@ -28,10 +28,10 @@ from torch import Tensor
 from taichi_sim.config import ConfigError
 from taichi_sim.conventions import ELEVATION
 from taichi_sim.fleet import Fleet
-from taichi_sim.kinematics import store
-from taichi_sim.maths import fast
-from taichi_sim.maths.rotation import quaternion_product, rotation_matrix
-from taichi_sim.packs import AroundPack, FleetPack, load_at, numbers_at
+from taichi_sim.kernels import fast
+from taichi_sim.kernels.kinematics import store
+from taichi_sim.kernels.packs import AroundPack, FleetPack, load_at, numbers_at
+from taichi_sim.kernels.rotation import quaternion_product, rotation_matrix
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.usv.manoeuvring_loads import (
     VARYING,

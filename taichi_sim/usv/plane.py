@@ -9,8 +9,8 @@ pitch follow the plane through the elevations under the four corners of the wate
 
 import taichi as ti
 
-from taichi_sim.maths import fast
-from taichi_sim.maths.rotation import quaternion_product, rotation_matrix
+from taichi_sim.kernels import fast
+from taichi_sim.kernels.rotation import quaternion_product, rotation_matrix
 from taichi_sim.sea import waves
 
 

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from taichi_sim.conventions import DOWN, ELEVATION
 from taichi_sim.fleet import Fleet
-from taichi_sim.kinematics import UPRIGHT
+from taichi_sim.kernels.kinematics import UPRIGHT
 from taichi_sim.vehicle import Vehicle
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from taichi_sim.config import WorldConfig
 from taichi_sim.conventions import GRAVITY
-from taichi_sim.maths.rotation import torch_quaternion_from_euler, torch_rotation_matrix
+from taichi_sim.kernels.rotation import torch_quaternion_from_euler, torch_rotation_matrix
 from taichi_sim.world import World
 
 pytestmark = pytest.mark.usefixtures("f64")

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from taichi_sim.config import WorldConfig
 from taichi_sim.contact.contacts import PlacementError
-from taichi_sim.maths.rotation import torch_euler_from_quaternion, torch_quaternion_from_euler, torch_rotation_matrix
+from taichi_sim.kernels.rotation import torch_euler_from_quaternion, torch_quaternion_from_euler, torch_rotation_matrix
 from taichi_sim.uav.multirotor.equations import ground_ratios
 from taichi_sim.world import World
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import taichi as ti
 
-from taichi_sim import runtime
 from taichi_sim.config.io import config_folder, read_toml, validate
 from taichi_sim.conventions import ANGULAR_VELOCITY, GRAVITY
+from taichi_sim.kernels import runtime
 from taichi_sim.uav.fixed_wing import angles
 from taichi_sim.uav.fixed_wing.equations import lift_curve, loads, stall_angles
 from taichi_sim.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF

@@ -10,7 +10,7 @@ import torch
 from taichi_sim.config import ConfigError
 from taichi_sim.config.io import config_folder, read_toml, validate
 from taichi_sim.conventions import ANGULAR_VELOCITY, GRAVITY, QUATERNION, VELOCITY
-from taichi_sim.maths.rotation import torch_rotation_matrix
+from taichi_sim.kernels.rotation import torch_rotation_matrix
 from taichi_sim.uav.fixed_wing import actuators
 from taichi_sim.uav.fixed_wing.equations import loads
 from taichi_sim.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF

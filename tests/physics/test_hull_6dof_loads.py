@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from taichi_sim.conventions import GRAVITY
-from taichi_sim.maths.rotation import torch_quaternion_from_euler, torch_rotation_matrix
+from taichi_sim.kernels.rotation import torch_quaternion_from_euler, torch_rotation_matrix
 from taichi_sim.sea import Sea
 from taichi_sim.sea.spectrum import Components
 from taichi_sim.usv.hull.pressure import STRIPS

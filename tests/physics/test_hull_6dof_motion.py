@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from taichi_sim.maths.rotation import (
+from taichi_sim.kernels.rotation import (
     torch_euler_from_quaternion,
     torch_quaternion_from_euler,
     torch_rotation_matrix,

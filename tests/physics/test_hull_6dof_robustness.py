@@ -3,8 +3,8 @@
 import pytest
 import torch
 
-from taichi_sim import runtime
 from taichi_sim.config.io import load_world
+from taichi_sim.kernels import runtime
 from taichi_sim.sea import Sea
 
 ENVS, COUNT, STEPS = 6, 2, 25

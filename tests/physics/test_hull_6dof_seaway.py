@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from taichi_sim.conventions import GRAVITY, RHO_SEA
-from taichi_sim.maths.rotation import torch_euler_from_quaternion
+from taichi_sim.kernels.rotation import torch_euler_from_quaternion
 from taichi_sim.sea import Sea
 from taichi_sim.sea.spectrum import Components
 

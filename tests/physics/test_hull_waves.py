@@ -5,10 +5,10 @@ import pytest
 import taichi as ti
 import torch
 
-from taichi_sim import runtime
 from taichi_sim.config.io import load_world
 from taichi_sim.conventions import GRAVITY, RHO_SEA
-from taichi_sim.maths.rotation import torch_quaternion_from_euler, torch_rotation_matrix
+from taichi_sim.kernels import runtime
+from taichi_sim.kernels.rotation import torch_quaternion_from_euler, torch_rotation_matrix
 from taichi_sim.sea import Sea
 from taichi_sim.sea.spectrum import Components, wavenumber
 from taichi_sim.usv.hull import water

@@ -9,7 +9,7 @@ import torch
 from taichi_sim.bench import Bench
 from taichi_sim.config import AirConfig, WorldConfig
 from taichi_sim.conventions import ANGULAR_VELOCITY, GRAVITY, POSITION, QUATERNION, VELOCITY
-from taichi_sim.maths.rotation import torch_rotation_matrix
+from taichi_sim.kernels.rotation import torch_rotation_matrix
 from taichi_sim.uav.multirotor.equations import ground_ratios
 from taichi_sim.uav.multirotor.multirotor_6dof import Multirotor6DOF
 from taichi_sim.world import World

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from taichi_sim.config.io import config_folder, read_toml
-from taichi_sim.rigid_body import rigid_body_mass, skew
+from taichi_sim.kernels.rigid_body import rigid_body_mass, skew
 
 EXACT = 1e-14  # relative: all digits of a double
 AHEAD, ASTERN = 24.4, 13.6  # kgf of both propellers at most

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from taichi_sim.conventions import QUATERNION
-from taichi_sim.maths.rotation import torch_euler_from_quaternion
+from taichi_sim.kernels.rotation import torch_euler_from_quaternion
 
 pytestmark = pytest.mark.usefixtures("f64")
 NONE = (0.0,) * 6

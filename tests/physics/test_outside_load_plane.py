@@ -6,7 +6,7 @@ import torch
 
 from taichi_sim.config import SeaConfig
 from taichi_sim.conventions import ANGULAR_VELOCITY, QUATERNION, VELOCITY
-from taichi_sim.maths.rotation import torch_rotation_matrix
+from taichi_sim.kernels.rotation import torch_rotation_matrix
 from taichi_sim.sea import Sea
 
 pytestmark = pytest.mark.usefixtures("f64")

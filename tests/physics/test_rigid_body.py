@@ -5,8 +5,8 @@ import pytest
 import taichi as ti
 import torch
 
-from taichi_sim.maths.rotation import torch_rotation_matrix
-from taichi_sim.rigid_body import changed_mass, constant, coriolis, quaternion_rate, rigid_body_mass
+from taichi_sim.kernels.rigid_body import changed_mass, constant, coriolis, quaternion_rate, rigid_body_mass
+from taichi_sim.kernels.rotation import torch_rotation_matrix
 
 pytestmark = pytest.mark.usefixtures("f64")
 

@@ -7,7 +7,6 @@ import pytest
 import taichi as ti
 import torch
 
-from taichi_sim import runtime
 from taichi_sim.air.turbulence import (
     HIGHEST,
     LOWEST,
@@ -18,7 +17,8 @@ from taichi_sim.air.turbulence import (
     dryden_step,
     gust_n,
 )
-from taichi_sim.maths.random import TURBULENCE, normal6
+from taichi_sim.kernels import runtime
+from taichi_sim.kernels.random import TURBULENCE, normal6
 
 pytestmark = pytest.mark.usefixtures("precision")
 ROUNDING = {"f64": 1e-13, "f32": 1e-6}

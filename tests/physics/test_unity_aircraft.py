@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from taichi_sim import runtime
+from taichi_sim.kernels import runtime
 
 SCRIPT = {
     "thrust_factor": 1.0,

@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 import torch
 
-from taichi_sim import runtime
 from taichi_sim.config import SeaConfig
 from taichi_sim.conventions import ELEVATION, GRAVITY
-from taichi_sim.maths.rotation import torch_rotation_matrix
+from taichi_sim.kernels import runtime
+from taichi_sim.kernels.rotation import torch_rotation_matrix
 from taichi_sim.sea import Sea
 
 AHEAD, COAST = [1.0, 0.0], [-1.0, 0.0]  # actions: full force, none

@@ -7,7 +7,7 @@ import torch
 from taichi_sim.bench import Bench
 from taichi_sim.config import AirConfig
 from taichi_sim.conventions import ANGULAR_VELOCITY, GRAVITY, VELOCITY
-from taichi_sim.maths.rotation import torch_rotation_matrix
+from taichi_sim.kernels.rotation import torch_rotation_matrix
 from taichi_sim.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
 from taichi_sim.uav.fixed_wing.numbers import VARYING
 

@@ -82,7 +82,7 @@ def server():
             "rl.train",
             "rl.evaluate",
             "rl.play",
-            "rl.runs.report.page",
+            "taichi_sim.plotting.page",
             "rl.guidance.controllers",
         ]
     )

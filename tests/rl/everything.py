@@ -7,7 +7,7 @@ import numpy as np
 import torch
 from pydantic import BaseModel
 
-from taichi_sim.runtime import Launcher
+from taichi_sim.kernels.runtime import Launcher
 
 PASSED_OVER = (str, bytes, type, ModuleType, BuiltinFunctionType, BaseModel, Launcher, torch.dtype, torch.device)
 

@@ -10,12 +10,11 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-import rl.gym  # noqa: F401  registers the environments
+import rl.adapters.gymnasium  # noqa: F401  registers the environments
 
 IDS = ("taichi_sim/UsvFormation-v0", "taichi_sim/UavFormation-v0")
 MORE = tuple(
-    f"taichi_sim/{name}-v0"
-    for name in ("OtterFormation", "AerosondeFormation", "EscortUsv", "EscortUav", "LandingUav")
+    f"taichi_sim/{name}-v0" for name in ("OtterFormation", "AerosondeFormation", "EscortUsv", "EscortUav", "LandingUav")
 )
 SMALL = ("track.worlds=4", "sea.realisations=4", "obstacles.count=4")
 SHORT = (*SMALL, "episode_duration=1.0")  # 10 decisions

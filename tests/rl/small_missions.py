@@ -8,7 +8,7 @@ from torch import Tensor
 from rl.mission import Step
 from rl.missions import load_scenario
 from rl.missions.formation.mission import Formation
-from taichi_sim.maths.rotation import torch_quaternion_from_euler
+from taichi_sim.kernels.rotation import torch_quaternion_from_euler
 
 TEAMS = ("usv", "uav")
 SMALL = (

@@ -15,7 +15,7 @@ import taichi_sim as ts
 def vec_env():
     """Three environments of boats, as Stable-Baselines3 sees them."""
     pytest.importorskip("stable_baselines3")
-    from rl.sb3 import TeamVecEnv
+    from rl.adapters.sb3 import TeamVecEnv
 
     return TeamVecEnv(make_vec(IDS[0]))
 
@@ -60,7 +60,7 @@ def test_stable_baselines_is_told_what_it_cannot_take(vec_env):
 
 def test_skrl_sees_each_vehicle():
     pytest.importorskip("skrl")
-    from rl.skrl_env import SkrlEnv
+    from rl.adapters.skrl import SkrlEnv
 
     ours, batched = (ts.batched_env("paper", 3, overrides=SHORT) for _ in range(2))
     env = SkrlEnv(ours)

@@ -11,7 +11,7 @@ from rl.guidance.avoidance import Avoider, Gains, Shield
 from rl.guidance.geometry import SIZE, SLOT_VELOCITY, V
 from rl.guidance.targets import COURSE_RATE
 from rl.guidance.targets import SIZE as TARGET_SIZE
-from taichi_sim import runtime
+from taichi_sim.kernels import runtime
 from taichi_sim.vehicle import Limits
 
 GAINS = Gains(acceleration=5.0)

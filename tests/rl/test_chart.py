@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 import torch
 
-from rl.scene.camera import LOOK_VARIANCE, UNSEEN, Camera, CameraConfig
-from rl.scene.chart import AGE, ASSUMED, P_PP, P_VV, V_NORTH, Chart, Numbers, width_of
-from rl.scene.instruments import InstrumentsConfig
-from rl.scene.lookout import Lookout, LookoutConfig
-from rl.scene.radio import NEVER, Radio, RadioConfig
+from rl.perception.camera import LOOK_VARIANCE, UNSEEN, Camera, CameraConfig
+from rl.perception.chart import AGE, ASSUMED, P_PP, P_VV, V_NORTH, Chart, Numbers, width_of
+from rl.perception.instruments import InstrumentsConfig
+from rl.perception.lookout import Lookout, LookoutConfig
+from rl.perception.radio import NEVER, Radio, RadioConfig
 from taichi_sim.conventions import STATE_SIZE
-from taichi_sim.kinematics import DERIVED_SIZE, HEADING_COS, HEADING_SIN, ROTATION
-from taichi_sim.maths.rotation import torch_quaternion_from_euler
-from taichi_sim.noise import Noise
+from taichi_sim.kernels.counters import Noise
+from taichi_sim.kernels.kinematics import DERIVED_SIZE, HEADING_COS, HEADING_SIN, ROTATION
+from taichi_sim.kernels.rotation import torch_quaternion_from_euler
 
 EXACT = InstrumentsConfig()
 DT = 0.2

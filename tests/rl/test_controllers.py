@@ -10,6 +10,7 @@ import torch
 from small_missions import TEAMS
 from torch import Tensor
 
+from rl.evaluation.episodes import evaluate
 from rl.guidance import avoidance
 from rl.guidance.controllers import force_vector
 from rl.guidance.controllers.sampled import held, place_poles
@@ -17,8 +18,7 @@ from rl.learn.policy import ClassicalPolicy, policies_of
 from rl.mission import ControllerError
 from rl.missions import load_scenario
 from rl.missions.formation.mission import Formation
-from rl.runs.evaluation import evaluate
-from taichi_sim.maths.rotation import torch_quaternion_from_euler
+from taichi_sim.kernels.rotation import torch_quaternion_from_euler
 
 SMALL = ("track.worlds=4", "sea.realisations=4")
 CALM = (*SMALL, "sea.hs=0", "obstacles.count=0")

@@ -11,16 +11,16 @@ from parallel_checks import pettingzoo_accepts
 from refusal import assert_says
 
 import taichi_sim as ts
+from rl.evaluation.episodes import evaluate
+from rl.evaluation.record import record_episode
 from rl.learn.policy import ClassicalPolicy
 from rl.missions import load_scenario, make_mission
 from rl.missions.escort.aircraft import gap_errors
 from rl.missions.escort.mission import Escort
 from rl.missions.escort.shapes import escort_offsets
-from rl.runs.evaluation import evaluate
-from rl.runs.record import record_episode
-from rl.scene.camera import LOOK_VARIANCE
-from rl.scene.chart import AGE
-from rl.scene.radio import NEVER
+from rl.perception.camera import LOOK_VARIANCE
+from rl.perception.chart import AGE
+from rl.perception.radio import NEVER
 from taichi_sim.config import ConfigError
 from taichi_sim.config.io import config_folder
 from taichi_sim.recording.overlays import Lines, Plot

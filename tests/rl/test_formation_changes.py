@@ -12,7 +12,7 @@ from rl.guidance.geometry import GOAL
 from rl.guidance.shapes import SHAPES, formation_offsets
 from rl.missions.formation.config import FormationTeam
 from rl.missions.formation.slots import Drawn, Slots
-from rl.scene.sensors import Sensor
+from rl.perception.sensors import Sensor
 from taichi_sim.conventions import STATE_SIZE
 
 ALL = list(SHAPES)

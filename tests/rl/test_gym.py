@@ -16,7 +16,7 @@ from gymnasium.utils.passive_env_checker import data_shares_objects
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.wrappers import vector as wrappers
 
-from rl.gym import TeamEnv, TeamVectorEnv
+from rl.adapters.gymnasium import TeamEnv, TeamVectorEnv
 from rl.missions import load_scenario
 from taichi_sim.config.io import config_folder
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from rl.evaluation.headroom import Bound, digest, headroom, read_bounds, run_bound, write_bounds
 from rl.missions import load_scenario
 from rl.missions.formation.judge import FormationJudge
-from rl.runs.headroom import Bound, digest, headroom, read_bounds, run_bound, write_bounds
 
 RNG = np.random.default_rng(3)
 

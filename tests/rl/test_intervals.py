@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from rl.evaluation.intervals import differences, intervals, ratios
 from rl.judge import Judge
 from rl.missions.formation.judge import FormationJudge
-from rl.runs.intervals import differences, intervals, ratios
 
 
 class Mean(Judge):

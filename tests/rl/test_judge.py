@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import torch
 
+from rl.evaluation.intervals import intervals
 from rl.judge import Judge
 from rl.mission import Endings
 from rl.missions.formation.judge import FormationJudge
-from rl.runs.intervals import intervals
 
 STEPS, INTERVAL, SETTLE = 10, 0.1, 0.5  # s; measured from the sixth decision on
 ENVS, VEHICLES = 3, 2

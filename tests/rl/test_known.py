@@ -7,8 +7,8 @@ import torch
 from small_missions import begin, make, wander
 
 from rl.missions import load_scenario
-from rl.scene.contacts import Contacts
-from rl.scene.instruments import Readings
+from rl.perception.contacts import Contacts
+from rl.perception.instruments import Readings
 from taichi_sim.config import ConfigError
 
 STEADY = ("sea.hs=0", "obstacles.count=0")

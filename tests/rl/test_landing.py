@@ -7,6 +7,7 @@ import pytest
 import torch
 from refusal import assert_says
 
+from rl.evaluation.episodes import judge_episodes
 from rl.learn.policy import ClassicalPolicy
 from rl.missions import load_scenario, make_mission
 from rl.missions.landing.boats import MESSAGE
@@ -14,7 +15,6 @@ from rl.missions.landing.judge import OUTCOMES
 from rl.missions.landing.known import KnownDeck
 from rl.missions.landing.marker import Look
 from rl.missions.landing.mission import Landing
-from rl.runs.evaluation import judge_episodes
 from taichi_sim.config import ConfigError
 
 CALM = (

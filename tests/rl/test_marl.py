@@ -13,10 +13,10 @@ from gymnasium.error import ResetNeeded
 from parallel_checks import pettingzoo_accepts
 
 import taichi_sim as ts
-from rl.batched import BatchedEnv
-from rl.gym import TeamVectorEnv
+from rl.adapters.batched import BatchedEnv
+from rl.adapters.gymnasium import TeamVectorEnv
 from taichi_sim.config import ConfigError
-from taichi_sim.extras import MissingExtraError
+from taichi_sim.config.extras import MissingExtraError
 
 LONG = (*SMALL, "episode_duration=100", "usv.lost_distance=10000")  # m: no slot is that far
 
@@ -219,6 +219,6 @@ def test_wrong_arguments_are_refused(options, error, message):
 
 def test_without_pettingzoo_the_error_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "pettingzoo.utils.env", None)
-    monkeypatch.delitem(sys.modules, "rl.parallel", raising=False)
+    monkeypatch.delitem(sys.modules, "rl.adapters.pettingzoo", raising=False)
     with pytest.raises(MissingExtraError, match=r'pip install "taichi-sim\[marl\]"'):
         ts.parallel_env("paper", teams="usv", overrides=SHORT)

@@ -13,7 +13,7 @@ from small_missions import (
     still,
 )
 
-from taichi_sim.maths.rotation import torch_quaternion_from_euler
+from taichi_sim.kernels.rotation import torch_quaternion_from_euler
 
 
 def test_an_ordinary_step_ends_nothing(shared):

@@ -7,9 +7,9 @@ import torch
 from small_missions import AXES, PAPER_SIZE, TEAMS, begin, make, observed, past_and_present, wander
 from torch import Tensor
 
+from rl.course.tracks import Tracks
 from rl.missions.formation.mission import Formation
-from rl.scene.tracks import Tracks
-from taichi_sim.maths.rotation import torch_quaternion_from_euler
+from taichi_sim.kernels.rotation import torch_quaternion_from_euler
 
 ENCOUNTERS = 2 * 6 + 2 * 3  # of two obstacles, by the vehicle and by its slot, and of two team mates
 # error, its rate, velocity, down axis, rates, course, turn, action, role, offset

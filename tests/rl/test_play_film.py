@@ -3,7 +3,7 @@
 import pytest
 from PIL import Image
 
-from rl.runs import record
+from rl.evaluation import record
 
 SMALL = ("--duration", "0.4", "--film-size", "64x48", "--film-fps", "5")
 

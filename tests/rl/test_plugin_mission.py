@@ -10,14 +10,14 @@ import pytest
 import torch
 from refusal import assert_says
 
-from rl.gym import TeamVectorEnv
+from rl.adapters.gymnasium import TeamVectorEnv
+from rl.evaluation.episodes import evaluate, one_episode_each
 from rl.judge import Judge
 from rl.learn.history import read_history
 from rl.learn.policy import CheckpointError, TrainedPolicy, load_policy, policies_of
 from rl.learn.stages import train_stages
 from rl.missions import load_scenario, make_mission
 from rl.runs import folder as run_folder
-from rl.runs.evaluation import evaluate, one_episode_each
 from taichi_sim.config.io import config_folder
 from taichi_sim.world import World
 

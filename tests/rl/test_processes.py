@@ -16,8 +16,9 @@ import pytest
 import torch
 from command_line import ROOT, TEAMS, command, content, iterations, server, sets
 
-from rl import cli, processes, signals
+from rl import cli, processes
 from rl.missions import load_scenario
+from rl.processes import signals
 from rl.runs import launch
 from rl.runs.folder import RunError
 

@@ -7,8 +7,8 @@ import pytest
 from gym_envs import IDS, SHORT, make_vec, rollout, same
 from gymnasium.utils.passive_env_checker import env_render_passive_checker
 
+from rl.adapters.render import Pictures, tiled
 from rl.missions.escort.mission import Escort
-from rl.render import Pictures, tiled
 from taichi_sim.film.moment import TRAIL_POINTS
 
 USV = IDS[0]

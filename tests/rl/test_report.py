@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from command_line import TEAMS, forget, tiny_run
 
+from rl.evaluation import episodes as evaluation
+from rl.evaluation.episode_log import load_log, save_log
+from rl.evaluation.record import record_episode
+from rl.evaluation.report import write_report
+from rl.evaluation.store import kept
 from rl.learn.policy import policies_of
-from rl.runs import evaluation
 from rl.runs import folder as run_folder
-from rl.runs.kept import kept
-from rl.runs.log import load_log, save_log
-from rl.runs.record import record_episode
-from rl.runs.report import write_report
 
 
 class Links(HTMLParser):

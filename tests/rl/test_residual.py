@@ -5,7 +5,7 @@ import torch
 from small_missions import begin, make, wander
 
 from rl.learn.policy import CheckpointError, ClassicalPolicy, TrainedPolicy
-from rl.scene.told import NUMBER
+from rl.perception.encoding import NUMBER
 from taichi_sim.config import ConfigError
 
 

@@ -7,10 +7,10 @@ import pytest
 import torch
 from torch import Tensor
 
-from rl.scene.sensors import Sensor
-from rl.scene.traffic import ROWS, Bodies
-from taichi_sim import runtime
+from rl.course.traffic import ROWS, Bodies
+from rl.perception.sensors import Sensor
 from taichi_sim.fleet import Fleet
+from taichi_sim.kernels import runtime
 
 REACH = 40.0
 

@@ -7,12 +7,12 @@ import pytest
 import torch
 from torch import Tensor
 
+from rl.course.tracks import generate_tracks
 from rl.guidance.geometry import OFFSET, RATE, Geometry
 from rl.guidance.geometry import SLOT_SIZE as SIZE
 from rl.guidance.shapes import SHAPES, formation_offsets, lane_half_width
-from rl.scene.tracks import generate_tracks
 from taichi_sim.conventions import POSITION, STATE_SIZE
-from taichi_sim.kinematics import DERIVED_SIZE, VELOCITY_N
+from taichi_sim.kernels.kinematics import DERIVED_SIZE, VELOCITY_N
 
 DOUBLE = torch.float64
 pytestmark = pytest.mark.usefixtures("f64")

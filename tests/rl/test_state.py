@@ -24,7 +24,10 @@ SCENARIOS = {
     "aerosonde": (*SMALL, "air.std=1.0"),
     "escort": ("escort.worlds=8", "sea.realisations=4"),
     "landing": (
-        "sea.realisations=4", "landing.distance=[2.0, 6.0]", "landing.height=[2.0, 4.0]", "uav.pilot.kind=forecast",
+        "sea.realisations=4",
+        "landing.distance=[2.0, 6.0]",
+        "landing.height=[2.0, 4.0]",
+        "uav.pilot.kind=forecast",
     ),
     str(PLUGIN): (),
 }
@@ -77,7 +80,7 @@ def test_what_comes_after_a_restore_is_what_came_before():
 @pytest.mark.parametrize("threads", [1, 2])
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_a_thousand_random_steps_after_a_restore(name, threads, precision):
-    from taichi_sim import runtime
+    from taichi_sim.kernels import runtime
 
     runtime.init(precision=precision, threads=threads)
     repeated(name, 1000)

@@ -10,9 +10,9 @@ from torch import Tensor
 from rl.guidance.targets import Target
 from rl.missions import load_scenario
 from rl.missions.formation.mission import Formation
-from rl.scene.wind_triangle import crab, speed_over_ground
+from rl.perception.wind_triangle import crab, speed_over_ground
 from taichi_sim.config import ConfigError
-from taichi_sim.maths.rotation import torch_euler_from_quaternion
+from taichi_sim.kernels.rotation import torch_euler_from_quaternion
 
 SMALL = ("track.worlds=4", "sea.realisations=4", "sea.components=4", "obstacles.count=0", "uav.residual.velocity=0")
 BREEZE = ("air.speed=7.72", "air.direction_deg=240", "air.std=0.5", "air.roughness=0.001")

@@ -6,8 +6,8 @@ import pytest
 import torch
 from small_missions import begin, make, still
 
-from rl.scene.obstacles import distance_to_tracks
-from rl.scene.traffic import BOTTOM, CARRIED, RADIUS, ROOM_M, TOP, V_EAST, V_NORTH
+from rl.course.obstacles import distance_to_tracks
+from rl.course.traffic import BOTTOM, CARRIED, RADIUS, ROOM_M, TOP, V_EAST, V_NORTH
 from taichi_sim.config import ConfigError
 
 BUSY = (

@@ -16,6 +16,7 @@ from rerun.chunk import RrdReader
 from rosbags.highlevel import AnyReader
 
 from rl import cli
+from rl.evaluation.episodes import evaluate
 from rl.learn.env import MissionEnv
 from rl.learn.policy import policies_of
 from rl.learn.runner import StageRunner
@@ -25,7 +26,6 @@ from rl.missions.formation.judge import FormationJudge
 from rl.missions.formation.mission import Formation
 from rl.play import main as play
 from rl.runs import folder as run_folder
-from rl.runs.evaluation import evaluate
 from taichi_sim.config.io import config_folder
 
 ROWS = 3 * 8  # vehicles times environments

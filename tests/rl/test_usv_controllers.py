@@ -9,6 +9,7 @@ import pytest
 import torch
 from torch import Tensor
 
+from rl.evaluation.episodes import evaluate
 from rl.guidance import avoidance
 from rl.guidance.controllers.course import Load
 from rl.guidance.controllers.hull_6dof import Hull6DofController, shaft, shares, vessel
@@ -16,8 +17,7 @@ from rl.guidance.controllers.vessel import Resistance, loops
 from rl.learn.policy import ClassicalPolicy
 from rl.missions import load_scenario
 from rl.missions.formation.mission import Formation
-from rl.runs.evaluation import evaluate
-from taichi_sim.maths.rotation import torch_quaternion_from_euler
+from taichi_sim.kernels.rotation import torch_quaternion_from_euler
 
 VEHICLES = Path(__file__).parents[2] / "configs" / "vehicles"
 CALM = (

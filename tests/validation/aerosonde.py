@@ -13,7 +13,7 @@ import torch
 
 from taichi_sim.bench import Bench
 from taichi_sim.conventions import ANGULAR_VELOCITY, GRAVITY, POSITION, QUATERNION, VELOCITY
-from taichi_sim.maths.rotation import torch_quaternion_from_euler, torch_rotation_matrix
+from taichi_sim.kernels.rotation import torch_quaternion_from_euler, torch_rotation_matrix
 from taichi_sim.uav.fixed_wing.equations import loads
 from taichi_sim.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
 from taichi_sim.uav.fixed_wing.modes import linear_modes

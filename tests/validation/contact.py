@@ -23,7 +23,7 @@ from taichi_sim.contact.contacts import Contacts
 from taichi_sim.contact.parts import Deck, Legs
 from taichi_sim.conventions import GRAVITY, VELOCITY
 from taichi_sim.fleet import Fleet
-from taichi_sim.maths.rotation import torch_quaternion_from_euler, torch_rotation_matrix
+from taichi_sim.kernels.rotation import torch_quaternion_from_euler, torch_rotation_matrix
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.uav.multirotor.multirotor_6dof import Multirotor6DOF
 from taichi_sim.uav.multirotor.params import MultirotorParams

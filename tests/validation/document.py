@@ -5,7 +5,7 @@ from fnmatch import fnmatch
 from itertools import groupby
 from pathlib import Path
 
-from taichi_sim import runtime
+from taichi_sim.kernels import runtime
 from tests.validation.case import Check, Folder
 from tests.validation.plots import PICTURES
 from tests.validation.plots.style import save

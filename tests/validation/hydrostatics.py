@@ -3,7 +3,7 @@
 import numpy as np
 
 from taichi_sim.conventions import GRAVITY, RHO_SEA
-from taichi_sim.rigid_body import rigid_body_mass
+from taichi_sim.kernels.rigid_body import rigid_body_mass
 from taichi_sim.sea import Sea
 from taichi_sim.sea.spectrum import Components
 from taichi_sim.usv.hull.hydrostatics import Hydrostatics

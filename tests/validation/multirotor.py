@@ -21,7 +21,7 @@ import torch
 from taichi_sim.bench import Bench
 from taichi_sim.config.io import validate
 from taichi_sim.conventions import ANGULAR_VELOCITY, GRAVITY, POSITION, QUATERNION, STATE_SIZE, VELOCITY
-from taichi_sim.maths.rotation import torch_rotation_matrix
+from taichi_sim.kernels.rotation import torch_rotation_matrix
 from taichi_sim.uav.multirotor.allocation import allocation
 from taichi_sim.uav.multirotor.equations import ground_ratios, rotor_rates
 from taichi_sim.uav.multirotor.modes import LinearModel, linear_modes

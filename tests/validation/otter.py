@@ -15,9 +15,9 @@ import numpy as np
 import taichi as ti
 import torch
 
-from taichi_sim import runtime
 from taichi_sim.bench import Bench, pack_state
-from taichi_sim.maths.rotation import torch_rotation_matrix
+from taichi_sim.kernels import runtime
+from taichi_sim.kernels.rotation import torch_rotation_matrix
 from taichi_sim.usv.hull import damping
 from taichi_sim.usv.hull.instruments import CONTROLS
 from taichi_sim.usv.hull.params import Hull6DofParams

@@ -18,9 +18,9 @@ from typing import Any
 
 import numpy as np
 
+from taichi_sim.config.extras import MissingExtraError
 from taichi_sim.config.io import config_folder, read_toml, validate
 from taichi_sim.conventions import GRAVITY
-from taichi_sim.extras import MissingExtraError
 from taichi_sim.usv.hull.database import SUFFIX, HydroDatabase
 from taichi_sim.usv.hull.hull_6dof import Hull6Dof
 from taichi_sim.usv.hull.params import Hull6DofParams

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from taichi_sim import runtime
+from taichi_sim.kernels import runtime
 from tests.validation.case import Case, Check, Folder
 from tests.validation.registry import CHECKERS, Checker
 from tests.validation.tables import InputsMissingError, TableError

@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from taichi_sim.maths.interpolation import cubic
+from taichi_sim.kernels.interpolation import cubic
 from taichi_sim.usv.hull.database import HydroDatabase
 from tests.validation.case import Case
 from tests.validation.regular import motions

@@ -15,7 +15,7 @@ import torch
 
 from taichi_sim.bench import Bench
 from taichi_sim.conventions import QUATERNION
-from taichi_sim.maths.rotation import torch_rotation_matrix
+from taichi_sim.kernels.rotation import torch_rotation_matrix
 from taichi_sim.uav.unity_aircraft import INCREMENT, UnityAircraft, UnityAircraftParams
 from taichi_sim.usv.unity_boat import UnityBoat, UnityBoatParams
 from tests.validation.case import Case

@@ -5,8 +5,8 @@ import time
 
 import torch
 
+from rl.adapters.render import Pictures
 from rl.missions import load_scenario, make_mission
-from rl.render import Pictures
 
 SIZE = (640, 480)
 SCENARIOS = {

@@ -23,7 +23,7 @@ def gymnasium_cases(kind: Any) -> list[Any]:
     """A step of Gymnasium's environment of each team of `paper`, reset where its episode ends; `kind` is `Case`."""
     import numpy as np
 
-    from rl.gym import TeamEnv
+    from rl.adapters.gymnasium import TeamEnv
 
     cases = []
     for team in ("usv", "uav"):

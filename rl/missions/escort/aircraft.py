@@ -14,10 +14,10 @@ from rl.guidance.observations import RATE_SCALE, SPEED_SCALE
 from rl.guidance.targets import COS, COURSE, EAST, NORTH, SIN, SIZE, SPEED, seen_at
 from rl.missions.escort.boats import AGE_SCALE, SIGMA_SCALE, squashed
 from rl.missions.escort.picture import Group, Search
-from rl.scene.camera import Camera
-from rl.scene.contacts import Contacts
-from rl.scene.instruments import Readings
-from rl.scene.sensors import Sensor
+from rl.perception.camera import Camera
+from rl.perception.contacts import Contacts
+from rl.perception.instruments import Readings
+from rl.perception.sensors import Sensor
 
 HEARD_OF = 5.0  # s: older news of another aircraft or boat is no use; assumed
 CIRCLE_SCALE, FAR_SCALE, SLOW_SCALE = 20.0, 200.0, 2.0  # m, m, m/s, where what is observed is half way to 1

@@ -13,11 +13,11 @@ from rl.guidance.targets import SIZE as TARGET
 from rl.guidance.targets import seen_at
 from rl.missions.escort.picture import Group, Search
 from rl.missions.escort.shapes import escort_offsets
-from rl.scene.chart import Charted
-from rl.scene.contacts import Contacts
-from rl.scene.instruments import Readings
-from rl.scene.lookout import Lookout
-from rl.scene.sensors import Sensor
+from rl.perception.chart import Charted
+from rl.perception.contacts import Contacts
+from rl.perception.instruments import Readings
+from rl.perception.lookout import Lookout
+from rl.perception.sensors import Sensor
 
 AGE_SCALE, SIGMA_SCALE = 5.0, 10.0  # s, m, where what is observed of a track is half way to 1
 SEARCH_SPEED = 0.7  # of the top speed, along the spiral; assumed

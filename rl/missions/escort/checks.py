@@ -8,7 +8,7 @@ from typing import Any
 import torch
 
 from rl.missions.escort.config import EscortScenario
-from rl.scene.wind_triangle import strongest_wind
+from rl.perception.wind_triangle import strongest_wind
 from taichi_sim.config import ConfigError
 
 MOST_WIND = 0.8  # of the cruising speed, that is left to be flown in; assumed

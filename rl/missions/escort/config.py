@@ -6,16 +6,16 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
+from rl.course.obstacles import FixedObstacle
 from rl.guidance.config import ResidualConfig
 from rl.missions.escort.rewards import AircraftReward, BoatReward
 from rl.missions.escort.shapes import Shape
+from rl.perception.camera import CameraConfig
+from rl.perception.config import SensorsConfig
+from rl.perception.lookout import LookoutConfig
+from rl.perception.radio import RadioConfig
 from rl.planning.config import PlanConfig
 from rl.scenario import Evaluation, Scenario
-from rl.scene.camera import CameraConfig
-from rl.scene.errors import SensorsConfig
-from rl.scene.lookout import LookoutConfig
-from rl.scene.obstacles import FixedObstacle
-from rl.scene.radio import RadioConfig
 from taichi_sim.config import Fraction, NonNegative, Positive, Strict, TeamConfig
 
 ROOM = 12.0  # m from an obstacle's surface to where a vehicle begins; assumed

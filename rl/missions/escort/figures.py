@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from rl.figures import policy_loss_figure, reward_figure, save_figures
 from rl.mission import Histories
-from taichi_sim.plotting import INK, dress, new_figure, rgb
+from taichi_sim.plotting.style import INK, dress, new_figure, rgb
 from taichi_sim.recording import Episode
 from taichi_sim.recording.overlays import Cylinders, Plot
 from taichi_sim.recording.palette import FOLLOWERS

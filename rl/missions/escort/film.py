@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rl.scene.camera import LOOK_VARIANCE
-from rl.scene.traffic import BOTTOM, EAST, NORTH, RADIUS, TOP
+from rl.course.traffic import BOTTOM, EAST, NORTH, RADIUS, TOP
+from rl.perception.camera import LOOK_VARIANCE
 from taichi_sim.recording.overlays import Cylinders, Ellipsoids, Lines, Plot
 
 TRAFFIC, FOOTPRINT, SIGHT, MESSAGE, LOST, BELIEVED, CIRCLE = (

@@ -12,6 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from rl.course.traffic import RADIUS, TOP, Bodies
 from rl.mission import Endings, Mission, Step
 from rl.missions.escort import rewards
 from rl.missions.escort.aircraft import Aircraft
@@ -29,10 +30,9 @@ from rl.missions.escort.things import write_things
 from rl.missions.escort.vessel import Wanderer
 from rl.missions.escort.worlds import draw_worlds
 from rl.rewards import fine, paid
-from rl.scene.traffic import RADIUS, TOP, Bodies
 from rl.seeds import derive_seed
-from taichi_sim import runtime
-from taichi_sim.noise import Noise
+from taichi_sim.kernels import runtime
+from taichi_sim.kernels.counters import Noise
 from taichi_sim.recording.episode import Scene
 
 VESSEL_TOP = 4.0  # m above the sea: aircraft pass above; assumed

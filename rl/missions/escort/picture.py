@@ -1,7 +1,7 @@
 """What boats and aircraft know together: looks, messages, charts, and what each makes of the vessel by them.
 
 Lookers are the boats, then the aircraft; things are the vessel, then what moves, then what stands. Each decision: they
-look, say what they have seen, hear what arrives, and keep their charts (rl/scene/chart.py).
+look, say what they have seen, hear what arrives, and keep their charts (rl/perception/chart.py).
 
 A looker that has had nothing new of the vessel for `escort.lost`, and is where the vessel should be by then, searches:
 the place that it goes to (a boat) or circles about (an aircraft) moves out from there along an Archimedean spiral, each
@@ -16,9 +16,9 @@ import torch
 from torch import Tensor
 
 from rl.guidance.targets import COS, COURSE, EAST, NORTH, SIN, SIZE, SPEED
-from rl.scene.camera import LOOK_SIZE, LOOK_VARIANCE, UNSEEN
-from rl.scene.chart import AGE, P_PP, P_PV, P_VV, V_EAST, V_NORTH, Chart, width_of
-from rl.scene.radio import PLACE_AND_VELOCITY, Radio
+from rl.perception.camera import LOOK_SIZE, LOOK_VARIANCE, UNSEEN
+from rl.perception.chart import AGE, P_PP, P_PV, P_VV, V_EAST, V_NORTH, Chart, width_of
+from rl.perception.radio import PLACE_AND_VELOCITY, Radio
 from taichi_sim.fleet import Views
 
 SLOWEST = 0.3  # m/s: a slower vessel keeps the course that it was last known to have

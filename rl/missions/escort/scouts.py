@@ -12,11 +12,11 @@ import torch
 from torch import Tensor
 
 from rl.missions.escort.picture import Group, Search
-from rl.scene.camera import Camera
-from rl.scene.instruments import InstrumentsConfig
+from rl.perception.camera import Camera
+from rl.perception.instruments import InstrumentsConfig
 from taichi_sim.conventions import STATE_SIZE
 from taichi_sim.fleet import Views
-from taichi_sim.kinematics import DERIVED_SIZE, HEADING_COS, HEADING_SIN, ROTATION, VELOCITY_N
+from taichi_sim.kernels.kinematics import DERIVED_SIZE, HEADING_COS, HEADING_SIN, ROTATION, VELOCITY_N
 
 SPEED = 25.0  # m/s; assumed
 

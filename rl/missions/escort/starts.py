@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from taichi_sim.conventions import STATE_SIZE
-from taichi_sim.maths.rotation import torch_quaternion_from_euler
+from taichi_sim.kernels.rotation import torch_quaternion_from_euler
 
 BOAT_SPEED = (0.5, 1.5)  # m/s at which boats begin; assumed
 APART = 40.0  # m between aircraft that begin; assumed

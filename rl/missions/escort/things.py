@@ -5,7 +5,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from rl.scene.traffic import EAST, NORTH, RADIUS, V_EAST, V_NORTH
+from rl.course.traffic import EAST, NORTH, RADIUS, V_EAST, V_NORTH
 
 
 def write_things(mission: Any, vessel: Any) -> Tensor:

@@ -21,11 +21,11 @@ from rl.guidance.geometry import SIZE as ERRORS
 from rl.guidance.geometry import SLOT_VELOCITY
 from rl.guidance.targets import SIZE as TARGET
 from rl.guidance.targets import seen_at
-from rl.scene.sensors import Sensor
+from rl.perception.sensors import Sensor
 from taichi_sim.config import ConfigError
 from taichi_sim.config.io import validate
 from taichi_sim.conventions import STATE_SIZE
-from taichi_sim.maths.rotation import torch_quaternion_from_euler
+from taichi_sim.kernels.rotation import torch_quaternion_from_euler
 from taichi_sim.script import Script
 
 EDGE = 0.4  # of the area's side: further out it turns back

@@ -12,8 +12,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from rl.course.traffic import AWAY, BOTTOM, CARRIED, EAST, NORTH, RADIUS, ROWS, TOP, V_EAST, V_NORTH
 from rl.missions.escort.config import ROOM, EscortScenario
-from rl.scene.traffic import AWAY, BOTTOM, CARRIED, EAST, NORTH, RADIUS, ROWS, TOP, V_EAST, V_NORTH
 from taichi_sim.config import ConfigError
 
 PASSAGE = 12.0  # m between the surfaces of two obstacles; assumed
@@ -32,7 +32,7 @@ class Worlds(NamedTuple):
     course: Tensor  # of the vessel
     speed: Tensor
     obstacles: Tensor  # [world, n, 4] north, east, radius, height
-    bodies: Tensor  # [world, 8, n] what moves (rl/scene/traffic.py); the first is the vessel
+    bodies: Tensor  # [world, 8, n] what moves (rl/course/traffic.py); the first is the vessel
     place: Tensor  # [world, boat, 2]
     heading: Tensor  # [world, boat]
     aloft: Tensor  # [world, 2] where aircraft begin, about

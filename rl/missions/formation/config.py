@@ -5,14 +5,14 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
+from rl.course.obstacles import FixedObstacle
 from rl.guidance.config import ResidualConfig
 from rl.guidance.shapes import Shape
 from rl.missions.formation.rewards import TrackingReward
+from rl.perception.config import SensorsConfig
+from rl.perception.radio import RadioConfig
 from rl.planning.config import PlanConfig
 from rl.scenario import Evaluation, Scenario
-from rl.scene.errors import SensorsConfig
-from rl.scene.obstacles import FixedObstacle
-from rl.scene.radio import RadioConfig
 from taichi_sim.config import Fraction, NonNegative, Positive, Strict, TeamConfig
 
 
@@ -29,7 +29,7 @@ class TrackConfig(Strict):
 
 
 class ObstacleConfig(Strict):
-    """Vertical cylinders beside the track and in the lanes, some of which move (rl/scene/traffic.py)."""
+    """Vertical cylinders beside the track and in the lanes, some of which move (rl/course/traffic.py)."""
 
     count: Annotated[int, Field(ge=0, le=500)] = 24  # generated, per lap
     clearance_min: Annotated[float, Field(ge=-500, le=500)] = 6.0  # from the outermost lane, m; < 0: in the lanes

@@ -6,7 +6,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from rl.scene.traffic import BOTTOM, EAST, NORTH, RADIUS, TOP
+from rl.course.traffic import BOTTOM, EAST, NORTH, RADIUS, TOP
 
 
 def slot_clearance(mission: Any, team: Any) -> Tensor:

@@ -12,7 +12,7 @@ import math
 
 from rl.guidance.shapes import lane_half_width
 from rl.missions.formation.config import FormationScenario, FormationTeam, TrackConfig
-from rl.scene.wind_triangle import LEAST_SHARE, strongest_wind
+from rl.perception.wind_triangle import LEAST_SHARE, strongest_wind
 from taichi_sim.config import ConfigError
 from taichi_sim.vehicle import Vehicle
 

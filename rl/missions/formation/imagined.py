@@ -5,7 +5,7 @@ the plan, which everybody knows. The obstacles are those that the vehicles sense
 """
 
 from rl.missions.formation.config import FormationScenario
-from rl.scene.errors import SensorsConfig
+from rl.perception.config import SensorsConfig
 from taichi_sim.config import AirConfig, SeaConfig
 
 CALM = {"hs": 0.0, "tp": 4.0, "components": 1, "realisations": 1}

@@ -10,9 +10,9 @@ import torch
 from torch import Tensor
 
 from rl.guidance.geometry import Geometry
-from rl.scene.contacts import Contacts
-from rl.scene.instruments import Readings
-from rl.scene.radio import Radio
+from rl.perception.contacts import Contacts
+from rl.perception.instruments import Readings
+from rl.perception.radio import Radio
 
 MOST = 64  # vehicles of a team, among the random numbers
 
@@ -21,8 +21,9 @@ class Known:
     """One team's knowledge; what is not here is as in the team (team.py).
 
     Attributes:
-        fleet: state as measured (rl/scene/instruments.py). now: errors as far as known (geometry.py). sensor: obstacles
-            and team mates as measured (rl/scene/contacts.py). radio: what has been heard (rl/scene/radio.py), or None.
+        fleet: state as measured (rl/perception/instruments.py). now: errors as far as known (geometry.py). sensor:
+            obstacles and team mates as measured (rl/perception/contacts.py). radio: what has been heard
+            (rl/perception/radio.py), or None.
     """
 
     STATE = ("fleet", "now", "sensor", "radio")

@@ -11,6 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from rl.course.traffic import BOTTOM, EAST, NORTH, RADIUS, ROWS, TOP, Bodies
 from rl.guidance.controllers import CONTROLLERS
 from rl.guidance.targets import Targets
 from rl.mission import Endings, Mission, Step
@@ -23,12 +24,11 @@ from rl.missions.formation.starts import PER_WORLD, draw_starts, in_wind
 from rl.missions.formation.team import TeamTask
 from rl.missions.formation.worlds import draw_traffic, generate_worlds
 from rl.planning.honest import write_obstacles_as_bodies
-from rl.scene.traffic import BOTTOM, EAST, NORTH, RADIUS, ROWS, TOP, Bodies
 from rl.seeds import derive_seed
-from taichi_sim import runtime
 from taichi_sim.config import ConfigError
 from taichi_sim.config.io import validate
-from taichi_sim.noise import Noise
+from taichi_sim.kernels import runtime
+from taichi_sim.kernels.counters import Noise
 from taichi_sim.recording.episode import Scene
 from taichi_sim.recording.overlays import Cylinders
 from taichi_sim.state import transfer
@@ -43,7 +43,7 @@ class Formation(Mission):
 
     Attributes:
         tracks, obstacles, starts: of every world; obstacles [world, n, 4] north, east, radius, height, m.
-        bodies: what moves (rl/scene/traffic.py).
+        bodies: what moves (rl/course/traffic.py).
         env_world: int64 [env]. targets: what leaders follow.
         wind_factor: mean wind at the flight height over that at 10 m.
         noise: counts the random numbers of sensors and radio: decisions of all episodes.

@@ -26,7 +26,7 @@ from torch import Tensor
 from rl.guidance.geometry import GOAL, OFFSET, RATE, SLOT_SIZE
 from rl.guidance.shapes import formation_offsets
 from rl.missions.formation.config import FormationTeam
-from taichi_sim import runtime
+from taichi_sim.kernels import runtime
 
 INTERVAL, GLIDE = range(2)  # of the numbers that the kernel is told
 SHAPE, SPACING = range(2)  # of a change

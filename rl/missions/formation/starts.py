@@ -14,13 +14,13 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from rl.course.tracks import Tracks
 from rl.missions.formation.config import FormationScenario
 from rl.missions.formation.slots import Drawn, draw_formations, offsets_of, unit_offsets
-from rl.scene.tracks import Tracks
-from rl.scene.wind_triangle import crab, strongest_wind
+from rl.perception.wind_triangle import crab, strongest_wind
 from taichi_sim.config import ConfigError
 from taichi_sim.conventions import QUATERNION, STATE_SIZE
-from taichi_sim.maths.rotation import torch_euler_from_quaternion, torch_quaternion_from_euler
+from taichi_sim.kernels.rotation import torch_euler_from_quaternion, torch_quaternion_from_euler
 from taichi_sim.vehicle import Vehicle
 
 PER_WORLD = 32  # starts drawn for each world

@@ -5,6 +5,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from rl.course.traffic import Bodies
 from rl.guidance.corrected import Corrected
 from rl.guidance.geometry import Geometry
 from rl.guidance.observations import Observer
@@ -12,9 +13,8 @@ from rl.guidance.targets import Target, Targets
 from rl.mission import Mission
 from rl.missions.formation.known import Known
 from rl.missions.formation.slots import Slots
-from rl.scene.sensors import Sensor
-from rl.scene.traffic import Bodies
-from taichi_sim import runtime
+from rl.perception.sensors import Sensor
+from taichi_sim.kernels import runtime
 
 GLIDE_SHARE = 0.15  # of the target's speed, with which slots glide to a new formation; assumed
 

@@ -6,16 +6,16 @@ from collections.abc import Mapping
 import torch
 from torch import Tensor
 
+from rl.course.obstacles import generate_obstacles
+from rl.course.tracks import Tracks, generate_tracks
+from rl.course.traffic import ROWS, Span, Traffic
 from rl.guidance.shapes import lane_half_width
 from rl.missions.formation.config import FormationScenario
 from rl.missions.formation.slots import offsets_of, unit_offsets
 from rl.missions.formation.starts import Starts
-from rl.scene.obstacles import generate_obstacles
-from rl.scene.tracks import Tracks, generate_tracks
-from rl.scene.traffic import ROWS, Span, Traffic
 from rl.seeds import derive_seed
-from taichi_sim.conditions import nominal_conditions
 from taichi_sim.config import ConfigError
+from taichi_sim.randomisation.conditions import nominal_conditions
 from taichi_sim.vehicle import Vehicle
 
 TALLEST = 90.0  # m, of generated obstacles
@@ -98,7 +98,7 @@ def draw_traffic(
     models: Mapping[str, Vehicle],
     generator: torch.Generator,
 ) -> Tensor:
-    """What moves, for each start [world, start, 8, body] (rl/scene/traffic.py), among `obstacles` [world, n, 4].
+    """What moves, for each start [world, start, 8, body] (rl/course/traffic.py), among `obstacles` [world, n, 4].
 
     Raises:
         ConfigError: where it is faster than the vehicles, or finds no way.

@@ -10,7 +10,7 @@ from rl.missions.landing.deck import into_level, squashed
 from rl.missions.landing.known import LAGS, KnownDeck
 from rl.missions.landing.marker import Marker
 from rl.missions.landing.pilots import Pilot, corrected
-from rl.scene.instruments import Readings
+from rl.perception.instruments import Readings
 from rl.team import Team
 from taichi_sim.config import ConfigError
 from taichi_sim.uav.multirotor.multirotor_6dof import Multirotor6DOF

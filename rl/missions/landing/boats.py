@@ -19,7 +19,7 @@ from rl.guidance.targets import SIZE as TARGET
 from rl.guidance.targets import seen_at
 from rl.mission import ControllerError
 from rl.missions.landing.deck import DeckMotion, deck_motion, into_level, squashed
-from rl.scene.instruments import Readings
+from rl.perception.instruments import Readings
 from rl.team import Team
 from taichi_sim.config.io import validate
 from taichi_sim.script import Script

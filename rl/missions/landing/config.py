@@ -6,10 +6,10 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from rl.missions.landing.rewards import AircraftReward, BoatReward
+from rl.perception.config import SensorsConfig
+from rl.perception.radio import RadioConfig
 from rl.planning.config import PlanConfig
 from rl.scenario import Evaluation, Scenario
-from rl.scene.errors import SensorsConfig
-from rl.scene.radio import RadioConfig
 from taichi_sim.config import Fraction, NonNegative, Positive, Strict, TeamConfig
 
 Span = tuple[NonNegative, NonNegative]  # the least and the greatest of a draw

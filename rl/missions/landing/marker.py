@@ -8,7 +8,7 @@ direction has an error of a pixel each way, and its distance, by the size s of i
 
 r being the distance (the error of a length of r sigma_pixel, seen at the scale s / r; first order). What is seen in the
 camera's frame becomes a place by the aircraft's measured attitude, whose error is in it. Random numbers are counted
-(maths/random.py): same seed, same bits. Frame: NED.
+(kernels/random.py): same seed, same bits. Frame: NED.
 """
 
 # Kernels are another language inside Python syntax.
@@ -21,9 +21,9 @@ import taichi as ti
 from torch import Tensor
 
 from rl.missions.landing.config import MarkerConfig
-from taichi_sim import runtime
 from taichi_sim.fleet import Views
-from taichi_sim.maths.random import CAMERA, normal6, uniform4
+from taichi_sim.kernels import runtime
+from taichi_sim.kernels.random import CAMERA, normal6, uniform4
 
 DRAWN = 7  # numbers of a look: whether it is lost (uniform), six normal ones
 DRAW = 30.0  # ns of one aircraft, about

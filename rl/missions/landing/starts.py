@@ -8,7 +8,7 @@ from torch import Tensor
 
 from rl.missions.landing.config import LandingConfig, LandingScenario
 from taichi_sim.conventions import STATE_SIZE
-from taichi_sim.maths.rotation import torch_quaternion_from_euler
+from taichi_sim.kernels.rotation import torch_quaternion_from_euler
 
 
 def afloat(team: Any, config: LandingScenario, n: int, generator: torch.Generator) -> tuple[Tensor, Tensor, Tensor]:

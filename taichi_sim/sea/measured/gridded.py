@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from taichi_sim.config import ConfigError
-from taichi_sim.extras import MissingExtraError
+from taichi_sim.config.extras import MissingExtraError
 
 NETCDF = (".nc", ".nc4", ".cdf", ".netcdf")
 NDBC = "ndbc"  # is read here

@@ -15,7 +15,7 @@ AircraftNumbers, compiled in or an environment's own.
 import taichi as ti
 
 from taichi_sim.conventions import GRAVITY
-from taichi_sim.maths.rotation import rotation_matrix
+from taichi_sim.kernels.rotation import rotation_matrix
 from taichi_sim.uav.fixed_wing import angles
 from taichi_sim.uav.fixed_wing.propeller import thrust_torque
 

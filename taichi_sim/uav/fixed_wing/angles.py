@@ -11,7 +11,7 @@ import math
 
 import taichi as ti
 
-from taichi_sim import runtime
+from taichi_sim.kernels import runtime
 
 HALF_PI = math.pi / 2
 TINY = 1e-30  # keeps 0 / 0 out of atan2(0, 0)

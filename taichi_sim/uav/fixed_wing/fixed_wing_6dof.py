@@ -21,8 +21,8 @@ from torch import Tensor
 from taichi_sim.config import ConfigError
 from taichi_sim.conventions import GRAVITY, VELOCITY
 from taichi_sim.fleet import Fleet
-from taichi_sim.kinematics import store
-from taichi_sim.packs import AroundPack, Build, FleetPack, load_at, numbers_at
+from taichi_sim.kernels.kinematics import store
+from taichi_sim.kernels.packs import AroundPack, Build, FleetPack, load_at, numbers_at
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.uav import local_air
 from taichi_sim.uav.aircraft import Aircraft

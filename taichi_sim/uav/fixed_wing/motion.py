@@ -5,7 +5,7 @@
 
 import taichi as ti
 
-from taichi_sim.maths.rotation import rotation_matrix
+from taichi_sim.kernels.rotation import rotation_matrix
 from taichi_sim.uav.fixed_wing.airframe import derivative
 
 

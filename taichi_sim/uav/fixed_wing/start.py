@@ -4,7 +4,7 @@ import torch
 from torch import Tensor
 
 from taichi_sim.conventions import ANGULAR_VELOCITY, DOWN, HEADING, POSITION, QUATERNION, VELOCITY
-from taichi_sim.maths.rotation import (
+from taichi_sim.kernels.rotation import (
     torch_euler_from_quaternion,
     torch_quaternion_from_euler,
     torch_rotation_matrix,

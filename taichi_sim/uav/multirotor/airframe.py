@@ -16,7 +16,7 @@ compiled in or an environment's own.
 import taichi as ti
 
 from taichi_sim.conventions import GRAVITY
-from taichi_sim.rigid_body import cross, is_nothing, quaternion_rate
+from taichi_sim.kernels.rigid_body import cross, is_nothing, quaternion_rate
 from taichi_sim.uav.multirotor import ground, rotors
 
 

@@ -34,7 +34,7 @@ from dataclasses import dataclass
 import taichi as ti
 
 from taichi_sim.conventions import GRAVITY
-from taichi_sim.rigid_body import cross
+from taichi_sim.kernels.rigid_body import cross
 from taichi_sim.uav.multirotor.airframe import inertia_times
 from taichi_sim.uav.multirotor.allocation import allocate
 

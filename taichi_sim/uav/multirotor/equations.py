@@ -12,7 +12,7 @@ import numpy as np
 import taichi as ti
 
 from taichi_sim.conventions import STATE_SIZE
-from taichi_sim.maths.rotation import rotation_matrix
+from taichi_sim.kernels.rotation import rotation_matrix
 from taichi_sim.uav.multirotor import airframe, ground, rotors
 from taichi_sim.uav.multirotor.numbers import nominal_numbers
 from taichi_sim.uav.multirotor.params import MultirotorParams

@@ -15,8 +15,8 @@ from taichi_sim.contact import carrier
 from taichi_sim.contact.forces import sole_force
 from taichi_sim.contact.touch import DOWN, FREE, SOLE_SIZE, UNDER
 from taichi_sim.conventions import GRAVITY
-from taichi_sim.maths.rotation import quaternion_advance, rotation_matrix
-from taichi_sim.rigid_body import cross, is_nothing
+from taichi_sim.kernels.rigid_body import cross, is_nothing
+from taichi_sim.kernels.rotation import quaternion_advance, rotation_matrix
 from taichi_sim.uav.multirotor import ground, rotors
 from taichi_sim.uav.multirotor.airframe import inertia_times, inverse_inertia_times, loads
 from taichi_sim.uav.multirotor.rotors import arm

@@ -9,7 +9,7 @@ step or less costs no accuracy of its own, and no stability.
 
 import taichi as ti
 
-from taichi_sim.maths.rotation import rotation_matrix
+from taichi_sim.kernels.rotation import rotation_matrix
 from taichi_sim.uav.multirotor import ground, rotors
 from taichi_sim.uav.multirotor.airframe import derivative
 

@@ -27,8 +27,8 @@ from taichi_sim.contact import carrier
 from taichi_sim.contact.touch import SOLE_SIZE
 from taichi_sim.conventions import AMPLITUDE, DOWN, VELOCITY
 from taichi_sim.fleet import Fleet
-from taichi_sim.kinematics import UPRIGHT, store
-from taichi_sim.packs import AroundPack, Build, FleetPack, TouchPack, load_at, numbers_at
+from taichi_sim.kernels.kinematics import UPRIGHT, store
+from taichi_sim.kernels.packs import AroundPack, Build, FleetPack, TouchPack, load_at, numbers_at
 from taichi_sim.sea import waves
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.uav import local_air

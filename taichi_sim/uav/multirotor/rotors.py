@@ -23,7 +23,7 @@ rotor's inertia J_r there is its angular momentum h = -s_i J_r omega about z, an
 
 import taichi as ti
 
-from taichi_sim.rigid_body import cross, is_nothing
+from taichi_sim.kernels.rigid_body import cross, is_nothing
 from taichi_sim.uav.multirotor.numbers import gains
 
 

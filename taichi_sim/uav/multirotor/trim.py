@@ -16,11 +16,11 @@ import numpy as np
 import taichi as ti
 import torch
 
-from taichi_sim import runtime
 from taichi_sim.config import ConfigError
 from taichi_sim.conventions import GRAVITY, STATE_SIZE
-from taichi_sim.maths.rotation import torch_quaternion_from_euler, torch_rotation_matrix
-from taichi_sim.rigid_body import cross
+from taichi_sim.kernels import runtime
+from taichi_sim.kernels.rigid_body import cross
+from taichi_sim.kernels.rotation import torch_quaternion_from_euler, torch_rotation_matrix
 from taichi_sim.uav.multirotor.airframe import loads
 from taichi_sim.uav.multirotor.allocation import allocation
 from taichi_sim.uav.multirotor.numbers import gains, nominal_numbers

@@ -37,8 +37,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from taichi_sim.conventions import AMPLITUDE, KX, KY, OMEGA
-from taichi_sim.maths import fast
-from taichi_sim.maths.interpolation import cubic
+from taichi_sim.kernels import fast
+from taichi_sim.kernels.interpolation import cubic
 from taichi_sim.usv.hull.database import HydroDatabase
 
 FEWEST = 96  # courses of a table

@@ -23,7 +23,7 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
-from taichi_sim.maths import fast
+from taichi_sim.kernels import fast
 
 Array = NDArray[np.float64]
 SHORTEST, FITTED = 0.25, 0.3  # of the hull's extent: waves this short are left out, those this long are fitted

@@ -8,7 +8,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from taichi_sim import runtime
+from taichi_sim.kernels import runtime
 from taichi_sim.usv.hull.gauge import Gauge
 from taichi_sim.usv.hull.hydrostatics import Hydrostatics
 from taichi_sim.usv.hull.mesh import HullShape, Panels, mesh

@@ -38,14 +38,14 @@ from numpy.typing import ArrayLike, NDArray
 from taichi.lang.argpack import ArgPack
 from torch import Tensor
 
-from taichi_sim import runtime
 from taichi_sim.config import ConfigError
 from taichi_sim.conventions import ELEVATION, FREEBOARD
 from taichi_sim.fleet import Fleet
-from taichi_sim.kinematics import store
-from taichi_sim.maths.rotation import quaternion_advance, rotation_matrix
-from taichi_sim.packs import AroundPack, Build, FleetPack, load_at, numbers_at
-from taichi_sim.rigid_body import angular, linear
+from taichi_sim.kernels import runtime
+from taichi_sim.kernels.kinematics import store
+from taichi_sim.kernels.packs import AroundPack, Build, FleetPack, load_at, numbers_at
+from taichi_sim.kernels.rigid_body import angular, linear
+from taichi_sim.kernels.rotation import quaternion_advance, rotation_matrix
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.usv.hull import instruments as at
 from taichi_sim.usv.hull import motion, pressure, restoring, start, thruster_set, water, wind

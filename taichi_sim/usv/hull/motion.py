@@ -13,8 +13,8 @@ method of fourth order. `hull` is the Hull6Dof, `p` what its kernel works with (
 
 import taichi as ti
 
-from taichi_sim.maths.rotation import quaternion_advance, rotation_matrix
-from taichi_sim.rigid_body import angular, coriolis, linear, quaternion_rate, times
+from taichi_sim.kernels.rigid_body import angular, coriolis, linear, quaternion_rate, times
+from taichi_sim.kernels.rotation import quaternion_advance, rotation_matrix
 from taichi_sim.usv.hull import damping, restoring, thruster_set, water
 from taichi_sim.usv.hull.numbers import diagonal, symmetric
 

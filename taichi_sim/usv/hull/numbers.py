@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 
 from taichi_sim.conventions import GRAVITY
-from taichi_sim.rigid_body import changed_mass
+from taichi_sim.kernels.rigid_body import changed_mass
 from taichi_sim.usv.hull.params import Hull6DofParams
 from taichi_sim.usv.hull.radiation import Radiation
 from taichi_sim.usv.hull.wind import RHO_AIR

@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 from taichi_sim.config import Finite, NonNegative, Positive, Strict
 from taichi_sim.contact.parts import Deck
 from taichi_sim.conventions import GRAVITY, RHO_SEA
-from taichi_sim.rigid_body import changed_mass, constant, rigid_body_mass
+from taichi_sim.kernels.rigid_body import changed_mass, constant, rigid_body_mass
 from taichi_sim.usv.hull.allocation import reaches_round
 from taichi_sim.usv.hull.mesh import HullShape
 from taichi_sim.usv.hull.thrusters import MOST_THRUSTERS, NamedThruster, PropellerPair, Thruster, Vector3

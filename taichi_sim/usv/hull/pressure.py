@@ -21,7 +21,7 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from taichi_sim.conventions import AMPLITUDE, GRAVITY, KX, KY, OMEGA, RHO_SEA, K
-from taichi_sim.maths import fast
+from taichi_sim.kernels import fast
 from taichi_sim.usv.hull.geometry import HullGeometry
 from taichi_sim.usv.hull.hydrostatics import Strips
 

@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from taichi_sim.config import ConfigError
-from taichi_sim.rigid_body import linear, six, times
+from taichi_sim.kernels.rigid_body import linear, six, times
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.usv.hull.database import HydroDatabase, hull_hash
 from taichi_sim.usv.hull.diffraction import Diffraction, diffracted

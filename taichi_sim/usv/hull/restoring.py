@@ -14,7 +14,7 @@ weight where the source adds it (PythonVehicleSimulator's otter). Loads are N an
 import taichi as ti
 
 from taichi_sim.conventions import GRAVITY
-from taichi_sim.rigid_body import cross, six
+from taichi_sim.kernels.rigid_body import cross, six
 from taichi_sim.usv.hull import water
 
 

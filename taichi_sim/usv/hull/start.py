@@ -6,8 +6,8 @@
 import taichi as ti
 
 from taichi_sim.conventions import ELEVATION, FREEBOARD
-from taichi_sim.maths.rotation import quaternion_product, rotation_matrix
-from taichi_sim.packs import AroundPack
+from taichi_sim.kernels.packs import AroundPack
+from taichi_sim.kernels.rotation import quaternion_product, rotation_matrix
 from taichi_sim.usv.hull import water
 from taichi_sim.usv.hull.instruments import LABEL
 from taichi_sim.usv.hull.motion import pack, unpack

@@ -13,8 +13,8 @@ and to the exact factors to first order in k d.
 import taichi as ti
 
 from taichi_sim.conventions import AMPLITUDE, BX, BY, GRAVITY, KX, KY, OMEGA, K
-from taichi_sim.maths import fast
-from taichi_sim.rigid_body import cross, six
+from taichi_sim.kernels import fast
+from taichi_sim.kernels.rigid_body import cross, six
 from taichi_sim.usv.hull.gauge import averages
 
 SUMS = 18  # what `at_centre` returns:

@@ -12,7 +12,7 @@ X and Y at the height of the areas' centre. The coefficients are those of params
 
 import taichi as ti
 
-from taichi_sim.rigid_body import is_nothing, linear
+from taichi_sim.kernels.rigid_body import is_nothing, linear
 
 RHO_AIR = 1.225  # kg/m^3, standard atmosphere at sea level
 STILL = 1e-9  # m^2/s^2, keeps the direction of no wind finite

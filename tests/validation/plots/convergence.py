@@ -8,10 +8,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from taichi_sim.config.extras import MissingExtraError
 from taichi_sim.conventions import GRAVITY, RHO_SEA
-from taichi_sim.extras import MissingExtraError
-from taichi_sim.maths.interpolation import cubic
-from taichi_sim.plotting import INK, dress, new_figure
+from taichi_sim.kernels.interpolation import cubic
+from taichi_sim.plotting.style import INK, dress, new_figure
 from taichi_sim.usv.hull.database import SUFFIX, HydroDatabase
 from tests.validation.case import Folder
 from tests.validation.plots.style import OTHER, OURS, THIRD

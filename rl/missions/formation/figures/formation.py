@@ -6,7 +6,7 @@ from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from numpy.typing import NDArray
 
-from taichi_sim.plotting import INK, new_figure, rgb
+from taichi_sim.plotting.style import INK, new_figure, rgb
 from taichi_sim.recording import Episode, TeamTrack
 from taichi_sim.recording.bodies import body_mesh
 from taichi_sim.recording.overlays import Cylinders

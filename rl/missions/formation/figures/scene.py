@@ -5,7 +5,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 
-from taichi_sim.plotting import INK, dress, new_figure, rgb
+from taichi_sim.plotting.style import INK, dress, new_figure, rgb
 from taichi_sim.recording import Episode
 
 STYLE = {"water": "-", "air": (0, (4, 3))}

@@ -6,7 +6,7 @@ from string import ascii_lowercase
 import numpy as np
 from matplotlib.figure import Figure
 
-from taichi_sim.plotting import INK, dress, new_figure, rgb
+from taichi_sim.plotting.style import INK, dress, new_figure, rgb
 from taichi_sim.recording import Episode
 
 NOT_MEASURED = "#C9CED3"

@@ -1,0 +1,1 @@
+"""Evaluation: episodes never trained on, intervals, headroom, sweeps, reports."""

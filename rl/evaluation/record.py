@@ -1,0 +1,102 @@
+"""One episode, written down: every state of every team, for recordings and figures."""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from rl.evaluation.episodes import chunk_with, one_episode_each
+from rl.evaluation.events import event_of
+from rl.evaluation.reel import Reel, Rows, rows_of
+from rl.learn.policy import Policy
+from rl.mission import Step
+from rl.scenario import Scenario
+from taichi_sim.config.io import toml_text
+from taichi_sim.kernels import runtime
+from taichi_sim.recording import Episode, Event
+
+Seen = Callable[[Any, Rows, list[Event]], None]
+"""Told of each frame of an episode that is recorded: the mission, what it draws of its teams, what has happened."""
+
+
+def record_episode(
+    config: Scenario,
+    policies: Mapping[str, Policy],
+    *,
+    seed: int,
+    number: tuple[int, int] | None = None,
+    duration: float | None = None,
+    source: Path | None = None,
+    show_progress: bool = False,
+    seen: Seen | None = None,
+) -> Episode:
+    """Run one episode of an unseen world (number 0 of evaluation seed `seed`) and keep all of it.
+
+    With `number` = (i, n) it is the very episode i of an evaluation of n, run again with its chunk.
+
+    The episode goes on after a collision, so that one sees what follows, but not after a state that is no longer
+    finite, nor when a whole team of aircraft is in the water. `duration` in s, default the scenario's. `seen` is told
+    of each frame.
+
+    Raises:
+        ValueError: if there is nothing to record, for a state diverged in the first step.
+    """
+    duration = config.episode_duration if duration is None else duration
+    steps = max(2, round(duration / config.decision_interval))
+    if number is None:
+        task, env = one_episode_each(config, tuple(policies), 1, seed, source), 0
+    else:
+        task, first = chunk_with(config, tuple(policies), number[1], seed, source, number[0])
+        env = number[0] - first
+    task.shown = env
+    reel = Reel(task)
+    told: set[tuple[str, int, str]] = set()
+    events: list[Event] = []
+    with runtime.torch_at_rest():
+        for i in tqdm(range(steps), desc="record", unit="step", disable=not show_progress):
+            step = task.step({name: policies[name](team) for name, team in task.teams.items()})
+            new = _events(step, (i + 1) * config.decision_interval, told, env)
+            events += new
+            if any(bool(ended["diverged"][env].any()) for ended in step.endings.values()):
+                break  # what follows is no motion
+            rows = rows_of(task, step)
+            reel.add(rows)
+            if seen is not None:
+                seen(task, rows, new)
+            if any("crashed" in ended and bool(ended["crashed"][env].all()) for ended in step.endings.values()):
+                break  # nobody flies under water
+    if not len(reel):
+        raise ValueError(f"nothing to record: {events[0].text} in the first step")
+    for name, team in task.teams.items():
+        events += _stalls(team.fleet.model, name, reel.recorder.aux(name), reel.recorder.time_s)
+    which = "" if number is None else f", episode {number[0]} of {number[1]}"
+    return reel.episode(
+        events=events,
+        config_text=f"# {config.name}, seed {seed}{which}\n\n```toml\n{toml_text(config)}```\n",
+    )
+
+
+def _events(step: Step, time: float, seen: set[tuple[str, int, str]], env: int = 0) -> list[Event]:
+    found = []
+    for team, ended in step.endings.items():
+        for field in ended:
+            kind, text = event_of(field)
+            for vehicle in ended[field][env].nonzero().flatten().tolist():
+                if (team, vehicle, kind) not in seen:
+                    seen.add((team, vehicle, kind))
+                    found.append(Event(time, team, vehicle, kind, f"{team}{vehicle} {text}"))
+    return found
+
+
+def _stalls(model: Any, team: str, aux: np.ndarray, time: np.ndarray) -> list[Event]:
+    """Each moment a wing began to stall, if the model's `aux` [T, V, n] tells for how long it has been stalled."""
+    if "stall_time" not in model.aux_names:
+        return []
+    stalled = aux[..., model.aux_names.index("stall_time")] > 0
+    began = stalled & ~np.concatenate([np.zeros_like(stalled[:1]), stalled[:-1]])
+    return [
+        Event(float(time[step]), team, int(vehicle), "stall", f"{team}{vehicle}'s wing has stalled")
+        for step, vehicle in np.argwhere(began)
+    ]

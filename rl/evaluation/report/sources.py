@@ -1,0 +1,81 @@
+"""What a report is made of: all that a run's folder holds, as far as it is there."""
+
+import shlex
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from rl.evaluation.episode_log import Crash, Excerpt, load_log
+from rl.evaluation.episodes import mission_class
+from rl.evaluation.store import CONTROLLERS, Kept, kept, kept_headroom, log_file
+from rl.evaluation.sweep.config import FOLDER
+from rl.evaluation.sweep.tables import JSON
+from rl.judge import Judge
+from rl.learn.history import read_history
+from rl.learn.progress import HISTORY
+from rl.mission import Histories
+from rl.runs import folder as run_folder
+from rl.scenario import Scenario
+
+STRIP = "episode.webp"  # moments of the recorded episode
+
+
+class Run(NamedTuple):
+    """One run."""
+
+    folder: Path
+    config: Scenario
+    judge: type[Judge]
+    meta: dict[str, Any]
+    summary: dict[str, Any] | None  # None: not finished
+    histories: Histories
+    evaluations: dict[str, Kept]  # by controller
+    headroom: dict[str, Any]  # team -> numbers of each episode of an oracle's (headroom.py)
+    shown: dict[str, Excerpt]  # of the policy
+    crashes: list[Crash]  # of the policy
+    sweeps: dict[str, dict[str, Any] | None]  # name -> sweep.json, None: not finished
+
+    @property
+    def strip(self) -> Path | None:
+        """A picture of the recorded episode, if there is one."""
+        return file if (file := self.folder / STRIP).is_file() else None
+
+    @property
+    def name(self) -> str:
+        """What the run is called."""
+        return self.folder.resolve().name
+
+    def command(self, script: str, *arguments: str) -> str:
+        """A command about this run."""
+        return " ".join(("python", f"rl/{script}.py", shlex.quote(str(self.folder)), *arguments))
+
+
+def read_run(folder: Path) -> Run:
+    """All of a run that is there.
+
+    Raises:
+        RunError: if the folder is not a run, or a file in it is broken.
+    """
+    config, source = run_folder.load_config(folder)
+    summary, meta = folder / run_folder.SUMMARY, folder / run_folder.META
+    found = {controller: kept(folder, controller) for controller in CONTROLLERS}
+    shown, crashes = load_log(log_file(folder, "policy"))
+    teams = [team for team in config.trained if (folder / team / HISTORY).is_file()]
+    sweeps = sorted((folder / FOLDER).iterdir()) if (folder / FOLDER).is_dir() else []
+    return Run(
+        folder=folder,
+        config=config,
+        judge=mission_class(config, source).Judge,
+        meta=run_folder.read_json(meta) if meta.is_file() else {},
+        summary=run_folder.read_json(summary) if summary.is_file() else None,
+        histories={team: read_history(folder / team / HISTORY) for team in teams},
+        evaluations={controller: of for controller, of in found.items() if of is not None},
+        headroom=kept_headroom(folder),
+        shown=shown,
+        crashes=crashes,
+        sweeps={s.name: _sweep(s / JSON) for s in sweeps if s.is_dir()},
+    )
+
+
+def _sweep(file: Path) -> dict[str, Any] | None:
+    """A finished sweep's tables; those made before there was a choice are against the classical controller."""
+    return {"opponent": "classical"} | run_folder.read_json(file) if file.is_file() else None

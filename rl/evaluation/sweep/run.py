@@ -1,0 +1,199 @@
+"""Going through a sweep, cell by cell: what is done is kept, and a sweep that was interrupted goes on where it was.
+
+RUN/sweeps/NAME/cells.jsonl     a line for each cell that is done, with a key of all that it depends on
+RUN/sweeps/NAME/sweep.json, .csv     all cells, when all are done
+"""
+
+import contextlib
+import functools
+import hashlib
+import json
+import sys
+import time
+from collections.abc import Callable, Mapping
+from itertools import chain
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from tqdm import tqdm
+
+from rl import processes
+from rl.evaluation.episodes import judge_episodes, mission_class
+from rl.evaluation.intervals import differences, intervals
+from rl.evaluation.sweep.cells import Cell, cells, count_cells
+from rl.evaluation.sweep.config import FOLDER, Sweep
+from rl.evaluation.sweep.tables import write_tables
+from rl.judge import Judge
+from rl.learn.policy import CheckpointError, Policy, checkpoints
+from rl.mission import ControllerError
+from rl.runs import folder as run_folder
+from rl.scenario import Scenario
+from taichi_sim.config import ConfigError
+from taichi_sim.config.files import named_files
+from taichi_sim.config.io import toml_text, vehicle_file
+from taichi_sim.sea import SteepSeaError
+from taichi_sim.world import ActionError
+
+CELLS = "cells.jsonl"
+CANNOT = (ConfigError, SteepSeaError, ControllerError, CheckpointError, ActionError)
+"""Why a cell cannot be: a scenario or a sea refused, no controller, a policy that does not fit, a motion not finite."""
+TOLD_AFTER = 3  # cells, by which the time for the rest is estimated
+SIGNIFICANT = 6  # digits kept of each figure
+TELL = functools.partial(tqdm.write, file=sys.stderr)  # beside the progress bar
+
+
+class Contest(NamedTuple):
+    """What is compared."""
+
+    run: Path  # the run's folder
+    config: Scenario  # its own scenario
+    source: Path  # the file of that
+    load: Callable[[tuple[str, ...]], Scenario]  # the scenario with a cell's overrides
+    controllers: Mapping[str, Mapping[str, Policy]]  # "policy" and its opponent -> team -> its policy
+
+    @property
+    def opponent(self) -> str:
+        """What the policy is compared with: "classical", or another controller."""
+        return next((who for who in self.controllers if who != "policy"), "classical")
+
+
+def run_sweep(
+    sweep: Sweep,
+    file: Path,
+    contest: Contest,
+    *,
+    show_progress: bool = True,
+    tell: Callable[[str], None] = TELL,
+) -> Path:
+    """Run a sweep, the content of `file`; return the folder of its tables. `tell` is told how long it will take.
+
+    Processes (rl/processes) share its cells, and rank 0 alone writes.
+
+    Raises:
+        ConfigError: if the sweep is of the evaluation's or the training's seed, or names a key that no scenario has.
+        KeyboardInterrupt: saying how to go on.
+    """
+    config = contest.config
+    for whose, other in (("the evaluation's", config.evaluation.seed), ("the training's", config.seed)):
+        if sweep.seed == other:
+            raise ConfigError(f"{file}: seed = {other} is {whose}: a sweep's is another")
+    opponent, place = contest.opponent, processes.here()
+    name = file.stem if opponent == "classical" else f"{file.stem}-{opponent}"
+    out = contest.run / FOLDER / name
+    todo = cells(sweep, config, file)
+    first = next(todo)  # names keys that no scenario has, before anything is made
+    judge, total = mission_class(config, contest.source).Judge, count_cells(sweep)
+    common = _key(toml_text(config), _files(contest), sweep.episodes, sweep.seed)
+    keyed = [(_key(common, cell.overrides, cell.missing), cell) for cell in chain([first], todo)]
+    with contextlib.ExitStack() as stack:
+        if place.first:
+            out.mkdir(parents=True, exist_ok=True)
+            stack.enter_context(run_folder.lock(out))
+            lines = stack.enter_context((out / CELLS).open("a+", encoding="utf-8"))
+        done: dict[str, dict[str, Any]] = processes.told(lambda: _read(lines))
+        left = [(key, cell) for key, cell in keyed if key not in done]
+        begun = total - len(left)
+        shown = show_progress and place.first
+        bar = stack.enter_context(
+            tqdm(total=total, initial=begun, desc=f"sweep {file.stem}", unit="cell", disable=not shown)
+        )
+        start = time.perf_counter()
+        try:
+            for turn in range(0, len(left), place.count):
+                batch = left[turn : turn + place.count]
+                mine = batch[place.rank][1] if place.rank < len(batch) else None
+                measure = functools.partial(_measure, mine, sweep, contest, judge)
+                for (key, _), found in zip(batch, processes.of_all(measure), strict=False):
+                    done[key] = found
+                    lines.write(json.dumps({"key": key} | found) + "\n")
+                    lines.flush()
+                    bar.update(1)
+                now = turn + len(batch)
+                if place.first and turn < TOLD_AFTER <= now < len(left):
+                    tell(_estimate(len(left) - now, now, time.perf_counter() - start))
+        except KeyboardInterrupt as interrupt:
+            kept = sum(key in done for key, _ in keyed)
+            text = f"{kept} of {total} cells are in {out}; the same command goes on"
+            raise type(interrupt)(text) from None
+    if place.first:
+        rows = [{"values": cell.values, "set": list(cell.overrides)} | done[key] for key, cell in keyed]
+        axes = [{"name": a.name, "unit": a.unit, "values": [a.label(value) for value in a.values]} for a in sweep.axis]
+        about = {"sweep": name, "scenario": config.name, "seed": sweep.seed, "episodes": sweep.episodes}
+        about["opponent"] = opponent
+        write_tables(out, about | {"grid": sweep.grid, "axes": axes}, rows)
+    return out
+
+
+def _measure(cell: Cell | None, sweep: Sweep, contest: Contest, judge: type[Judge]) -> dict[str, Any]:
+    """Both controllers on the cell's episodes: team -> controller or "difference" -> figure -> value, low, high."""
+    if cell is None:
+        return {}  # there are fewer than processes
+    cannot: dict[str, str] = {}
+    found: dict[str, dict[str, Any]] = {}
+    for who, policies in contest.controllers.items():
+        if cell.missing:
+            cannot[who] = cell.missing
+            continue
+        try:
+            config = contest.load(cell.overrides)
+            outcome = judge_episodes(
+                config, policies, episodes=sweep.episodes, seed=sweep.seed, source=contest.source, show_progress=False
+            )
+            found[who] = outcome.episodes
+        except CANNOT as error:
+            cannot[who] = str(error)
+    teams: dict[str, Any] = {}
+    for who, of_teams in found.items():
+        for team, episodes in of_teams.items():
+            teams.setdefault(team, {})[who] = _rounded(intervals(judge, episodes))
+    for team in teams:
+        if set(teams[team]) == {"policy", contest.opponent}:
+            pair = found["policy"][team], found[contest.opponent][team]
+            teams[team]["difference"] = _rounded(differences(judge, *pair))
+    return {"cannot_be": cannot, "teams": teams}
+
+
+def _rounded(figures: Mapping[str, Any]) -> dict[str, list[float | None]]:
+    return {
+        name: [None if x is None else float(f"{x:.{SIGNIFICANT}g}") for x in interval]
+        for name, interval in figures.items()
+    }
+
+
+def _estimate(left: int, done: int, taken: float) -> str:
+    seconds = left * taken / done
+    units = ((86400, "days"), (3600, "h"), (60, "min"), (1, "s"))
+    size, unit = next((s, u) for s, u in units if seconds >= s or s == 1)
+    return (
+        f"{left} cells more, about {seconds / size:.1f} {unit} at the {taken / done:.2g} s of the first {done}; "
+        "Ctrl-C keeps those that are done, and the same command goes on"
+    )
+
+
+def _files(contest: Contest) -> list[str]:
+    """Digests of the policies and of the vehicles."""
+    config = contest.config
+    files = [checkpoints(contest.run / team)[-1] for team in config.trained if checkpoints(contest.run / team)]
+    files += [vehicle_file(section, contest.source) for section in config.teams.values()]
+    files += sum(named_files(config).values(), [])
+    return [hashlib.sha256(file.read_bytes()).hexdigest() for file in files]
+
+
+def _key(*parts: Any) -> str:
+    return hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:24]
+
+
+def _read(lines: Any) -> dict[str, dict[str, Any]]:
+    """The cells that are done, by key; what a kill has cut short is removed."""
+    lines.seek(0)
+    done: dict[str, dict[str, Any]] = {}
+    whole = 0
+    for line in iter(lines.readline, ""):
+        try:
+            row = json.loads(line)
+            done[row.pop("key")] = row
+        except (ValueError, KeyError, AttributeError):
+            break
+        whole = lines.tell()
+    lines.truncate(whole)
+    return done

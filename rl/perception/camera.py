@@ -1,0 +1,199 @@
+"""What aircraft see of what is on the sea: a camera each, on a gimbal or fixed to the airframe.
+
+A thing is in view if the line to it is within half the field of view of the camera's axis, which the attitude of the
+aircraft turns with it (fixed), or which is kept on a place that the aircraft believes in (gimbal). One look at a thing
+in view finds it with the probability
+
+    p = 1 - 2^(-(R / s)^3),   R = reach / (1 + Hs / rough),
+
+s being the slant range: the inverse cube law of Koopman (1956, The theory of search II, Operations Research 4(5)), with
+reach, the range at which every second look finds it in calm water, and its loss with the significant wave height Hs
+assumed. What is found is where the line to it, with a pixel's error, meets the mean level of the sea as the aircraft
+has it by its own measured place and attitude (instruments.py): their errors are in it. Its variance counts what the
+instruments' numbers say. Random numbers are counted (kernels/random.py): same seed, same bits. Frames: NED, b.
+"""
+
+# Kernels are another language inside Python syntax.
+# pyright: reportInvalidTypeForm=false, reportOptionalCall=false
+
+import math
+from typing import Annotated, Literal, NamedTuple
+
+import taichi as ti
+import torch
+from pydantic import Field
+from torch import Tensor
+
+from rl.perception.instruments import InstrumentsConfig
+from taichi_sim.config import NonNegative, Positive, Strict
+from taichi_sim.fleet import Views
+from taichi_sim.kernels import runtime
+from taichi_sim.kernels.packs import struct_of, values_at
+from taichi_sim.kernels.random import CAMERA, normal6, uniform4
+
+LOOK_NORTH, LOOK_EAST, LOOK_VARIANCE, LOOK_SIZE = range(4)  # of a look: place (m), variance (m^2, < 0: nothing seen)
+UNSEEN = -1.0
+VARIANCE_FLOOR = 1e-4  # m^2, of what is measured exactly
+LEAST_SLOPE = 0.02  # of a line of sight: flatter ones meet the sea nowhere near
+SEE = 40.0  # ns of one aircraft and thing, about
+
+
+class CameraConfig(Strict):
+    """`[TEAM.camera]`"""
+
+    mount: Literal["gimbal", "fixed"] = "gimbal"
+    field_of_view_deg: Annotated[float, Field(gt=1, lt=179)] = 60.0  # full angle of a cone about the axis
+    azimuth_deg: Annotated[float, Field(ge=-180, le=180)] = 90.0  # of a fixed camera's axis, from the nose to starboard
+    depression_deg: Annotated[float, Field(ge=0, le=90)] = 30.0  # of a fixed camera's axis, below the wings' plane
+    reach: Positive = 500.0  # m: every second look finds a vessel in calm water; assumed
+    rough: Positive = 2.0  # m, significant wave height at which that is half as far; assumed
+    noise_deg: NonNegative = 0.1  # of a line of sight, each way; assumed
+    surface: Literal["mean", "waves"] = "mean"  # what is seen floats at mean sea level, or on the waves
+
+    @property
+    def axis_b(self) -> tuple[float, float, float]:
+        """Axis of a fixed camera, b."""
+        a, d = math.radians(self.azimuth_deg), math.radians(self.depression_deg)
+        return math.cos(d) * math.cos(a), math.cos(d) * math.sin(a), math.sin(d)
+
+    @property
+    def cos_half(self) -> float:
+        """Cosine of half the field of view."""
+        return math.cos(math.radians(self.field_of_view_deg / 2))
+
+
+class Numbers(NamedTuple):
+    """What the kernel works with, SI."""
+
+    cos_half: float
+    reach: float
+    rough: float
+    pixel: float
+    tilt: float  # standard deviations that the instruments are said to have
+    heading: float
+    place: float
+
+
+_array1, _array2, _array3, _array4 = (ti.types.ndarray(ndim=n) for n in (1, 2, 3, 4))
+LooksPack = ti.types.argpack(looks=_array4, things=_array3, axis=_array3, hs=_array1, numbers=_array1)
+TruePack = ti.types.argpack(true_state=_array3, true_derived=_array3)
+OwnPack = ti.types.argpack(state=_array3, derived=_array3)
+
+
+class Form(NamedTuple):
+    """What the kernel is compiled for."""
+
+    first: int  # number of the first aircraft among those who look
+    vehicles: int  # before these, among the random numbers
+    serial: bool = False  # on the calling thread
+
+
+@ti.func
+def rotated(derived: ti.template(), e, i, v):
+    """R_nb v."""
+    out = ti.Vector([0.0, 0.0, 0.0])
+    for a in ti.static(range(3)):
+        out[a] = derived[e, i, 3 * a] * v[0] + derived[e, i, 3 * a + 1] * v[1] + derived[e, i, 3 * a + 2] * v[2]
+    return out
+
+
+@ti.func
+def rotated_back(derived: ti.template(), e, i, v):
+    """R_nb^T v."""
+    out = ti.Vector([0.0, 0.0, 0.0])
+    for a in ti.static(range(3)):
+        out[a] = derived[e, i, a] * v[0] + derived[e, i, 3 + a] * v[1] + derived[e, i, 6 + a] * v[2]
+    return out
+
+
+@ti.kernel
+def _see(
+    out: LooksPack,
+    true: TruePack,
+    own: OwnPack,
+    which: ti.types.ndarray(dtype=ti.i32, ndim=1),
+    count: ti.types.ndarray(dtype=ti.i32, ndim=1),
+    kind: ti.template(),
+    form: ti.template(),
+):
+    ti.loop_config(serialize=form.serial)
+    for e, i in ti.ndrange(own.state.shape[0], own.state.shape[1]):
+        if which[e] != 0:
+            g, node = values_at(kind, out.numbers), i + form.first
+            there = ti.Vector([true.true_state[e, i, a] for a in ti.static(range(3))])
+            bore = rotated(true.true_derived, e, i, ti.Vector([out.axis[e, i, a] for a in ti.static(range(3))]))
+            reach = g.reach / (1.0 + out.hs[e] / g.rough)
+            for k in range(out.things.shape[1]):
+                out.looks[e, node, k, LOOK_VARIANCE] = UNSEEN
+                line = ti.Vector([out.things[e, k, a] for a in ti.static(range(3))]) - there
+                slant = ti.max(line.norm(), 1e-3)
+                line = line / slant
+                if line.dot(bore) >= g.cos_half:
+                    number = ti.static(form.vehicles) + i
+                    u = uniform4(count[1], CAMERA, count[2 + e], number + 4096 * k, count[0])
+                    r = reach / slant
+                    if u[0] >= ti.pow(2.0, -r * r * r):
+                        z = normal6(count[1], CAMERA + 1, count[2 + e], number + 4096 * k, count[0])
+                        line_b = rotated_back(true.true_derived, e, i, line)
+                        error = ti.Vector([g.pixel * z[a] for a in ti.static(range(3))])
+                        ray = rotated(own.derived, e, i, line_b + error)
+                        if ray[2] > LEAST_SLOPE:
+                            far = -own.state[e, i, 2] / ray[2]
+                            out.looks[e, node, k, LOOK_NORTH] = own.state[e, i, 0] + far * ray[0]
+                            out.looks[e, node, k, LOOK_EAST] = own.state[e, i, 1] + far * ray[1]
+                            tilted = (g.pixel * g.pixel + g.tilt * g.tilt) / (ray[2] * ray[2])
+                            turned = g.pixel * g.pixel + g.heading * g.heading
+                            out.looks[e, node, k, LOOK_VARIANCE] = (
+                                0.5 * far * far * (tilted + turned) + g.place * g.place + VARIANCE_FLOOR
+                            )
+
+
+class Camera:
+    """The cameras of one team.
+
+    Attributes:
+        axis: [env, aircraft, 3] of each camera now, b; kept by `aim`. true: the aircraft as they are.
+    """
+
+    STATE = ("axis",)
+
+    def __init__(
+        self, config: CameraConfig, instruments: InstrumentsConfig, looks: Tensor, things: Tensor, hs: Tensor,
+        true: Views, own: Views, *, first: int, vehicles: int = 0,
+    ):  # fmt: skip
+        """Of aircraft that are `true` and measure themselves to be `own`.
+
+        Args:
+            looks: [env, looker, thing, 3], written for lookers from `first` on: place (m) and variance (m^2, below 0:
+                not seen). things: [env, thing, 3 or more] place, NED, m. hs: [env] significant wave height, m.
+            vehicles: of other teams before them, among the random numbers.
+        """
+        self.config, state = config, own.state
+        n = instruments.numbers
+        self._numbers = Numbers(
+            config.cos_half, config.reach, config.rough, math.radians(config.noise_deg), n.tilt,
+            math.hypot(n.heading, n.heading_bias), math.hypot(n.place, n.walk, n.common, n.height_bias),
+        )  # fmt: skip
+        self.axis = state.new_tensor(config.axis_b).expand(*state.shape[:2], 3).contiguous()
+        self.true, self._own, self._rows = true, own, state.shape[1] * things.shape[1]
+        self._looks = runtime.Packed(
+            LooksPack, looks=looks, things=things, axis=self.axis, hs=hs, numbers=state.new_tensor(self._numbers)
+        )
+        self._true = runtime.Packed(TruePack, true_state=true.state, true_derived=true.derived)
+        self._at = runtime.Packed(OwnPack, state=state, derived=own.derived)
+        self._form, self._launch = Form(first, vehicles), runtime.Launcher(_see)
+
+    def aim(self, place: Tensor) -> None:
+        """Turn cameras on gimbals to where [env, aircraft, 2] (north, east, m) their aircraft believe in."""
+        if self.config.mount == "gimbal":
+            line = torch.cat((place, torch.zeros_like(place[..., :1])), dim=-1) - self._own.position_n
+            line = line / line.norm(dim=-1, keepdim=True).clamp(min=1e-3)
+            self.axis.copy_((line.unsqueeze(-2) @ self._own.R_nb).squeeze(-2))
+
+    def see(self, which: Tensor, rows: int, count: Tensor) -> None:
+        """Look in environments [env] int32 that are not 0, `rows` of them; `count` int32 [2 + env] counts the random
+        numbers (taichi_sim/kernels/counters.py).
+        """
+        kind = struct_of(Numbers._fields, runtime.current().precision)
+        form = self._form._replace(serial=runtime.few(rows * self._rows, SEE))
+        self._launch(self._looks(), self._true(), self._at(), which, count, kind, form)

@@ -1,0 +1,240 @@
+"""Charts: what each of several vehicles makes of its own looks and of what the others tell it of theirs.
+
+Every vehicle keeps a track of every thing it has heard of: a Kalman filter of constant velocity (Bar-Shalom, Li &
+Kirubarajan 2001, ch. 6.2: white acceleration of power spectral density q; one covariance for both axes),
+
+    x' = v,  v' = w;   P_pp += 2 dt P_pv + dt^2 P_vv + q dt^3 / 3,   P_pv += dt P_vv + q dt^2 / 2,   P_vv += q dt.
+
+A look is a place z with the variance r. One that is a seconds old is compared with where the thing was then, x - a v,
+as if nothing had pushed it since (loc. cit., ch. 11: one-step retrodiction without the noise within):
+
+    S = P_pp - 2 a P_pv + a^2 P_vv + r,   K_p = (P_pp - a P_pv) / S,   K_v = (P_pv - a P_vv) / S,
+
+    x += K_p (z - x + a v),   v += K_v (z - x + a v),   P -= K S K^T.
+
+What is told is looks, not tracks: each is taken once, whoever passed it on, so that nothing is counted twice. A message
+(radio.py) holds place and velocity of who says it, and its last look at every thing: north, east, variance, and how old
+it is (below 0: it has seen nothing yet). Frame: NED.
+"""
+
+# Kernels are another language inside Python syntax.
+# pyright: reportInvalidTypeForm=false
+
+from typing import Any, NamedTuple
+
+import taichi as ti
+from torch import Tensor
+
+from rl.perception.camera import LOOK_EAST, LOOK_NORTH, LOOK_SIZE, LOOK_VARIANCE
+from rl.perception.encoding import store_obstacle
+from rl.perception.radio import NEVER, PLACE_AND_VELOCITY
+from rl.perception.sensors import Sight, insert
+from taichi_sim.fleet import Views
+from taichi_sim.kernels import runtime
+
+# Columns of a track: place (m), velocity (m/s), covariance (place, both, velocity), age of its newest look (s; `NEVER`
+# before the first), time since it began (s).
+NORTH, EAST, V_NORTH, V_EAST, P_PP, P_PV, P_VV, AGE, SINCE, TRACK = range(10)
+TOLD = 4  # numbers of a look in a message: north, east, variance, age
+OLDEST = 30.0  # s: older looks are not taken
+VAGUE = 8.0  # m: a thing whose place is no better known is not evaded; assumed
+KEEP = 25.0  # ns of one vehicle, thing and sender, about
+
+
+class Numbers(NamedTuple):
+    """Assumed of things, the first and the others: q, m^2/s^3, and the standard deviation of a velocity of which
+    nothing is known yet, each way, m/s.
+    """
+
+    first: float = 0.003
+    others: float = 1e-4
+    first_speed: float = 1.5
+    others_speed: float = 0.5
+
+
+ASSUMED = Numbers()
+
+_array1, _array3, _array4 = (ti.types.ndarray(ndim=n) for n in (1, 3, 4))
+ChartPack = ti.types.argpack(tracks=_array4, looks=_array4, said=_array3, heard=_array4, taken=_array4, numbers=_array1)
+
+
+class Form(NamedTuple):
+    """What the kernel is compiled for."""
+
+    serial: bool = False  # on the calling thread
+
+
+@ti.func
+def fold(t: ti.template(), north, east, variance, a, speed):
+    """Take a look that is a seconds old into the track t; begin it if it has none."""
+    if t[AGE] >= NEVER:
+        t[NORTH], t[EAST], t[V_NORTH], t[V_EAST] = north, east, 0.0, 0.0
+        t[P_PP], t[P_PV], t[P_VV] = variance + a * a * speed * speed, a * speed * speed, speed * speed
+        t[AGE], t[SINCE] = a, 0.0
+    else:
+        m_p, m_v = t[P_PP] - a * t[P_PV], t[P_PV] - a * t[P_VV]
+        S = m_p - a * m_v + variance
+        k_p, k_v = m_p / S, m_v / S
+        x, y = north - t[NORTH] + a * t[V_NORTH], east - t[EAST] + a * t[V_EAST]
+        t[NORTH], t[EAST] = t[NORTH] + k_p * x, t[EAST] + k_p * y
+        t[V_NORTH], t[V_EAST] = t[V_NORTH] + k_v * x, t[V_EAST] + k_v * y
+        t[P_PP], t[P_PV], t[P_VV] = t[P_PP] - k_p * m_p, t[P_PV] - k_p * m_v, t[P_VV] - k_v * m_v
+        t[AGE] = ti.min(t[AGE], a)
+
+
+@ti.func
+def carried_on(t: ti.template(), dt, q):
+    """Predict the track t."""
+    t[P_PP] += dt * (2.0 * t[P_PV] + dt * t[P_VV]) + q * dt * dt * dt / 3.0
+    t[P_PV] += dt * t[P_VV] + 0.5 * q * dt * dt
+    t[P_VV] += q * dt
+    t[NORTH], t[EAST] = t[NORTH] + dt * t[V_NORTH], t[EAST] + dt * t[V_EAST]
+    t[AGE], t[SINCE] = t[AGE] + dt, t[SINCE] + dt
+
+
+@ti.kernel
+def _keep(
+    chart: ChartPack,
+    which: ti.types.ndarray(dtype=ti.i32, ndim=1),
+    form: ti.template(),
+):
+    ti.loop_config(serialize=form.serial)
+    for e, i in ti.ndrange(chart.tracks.shape[0], chart.tracks.shape[1]):
+        if which[e] != 0:
+            dt, senders = chart.numbers[0], chart.heard.shape[2]
+            age = chart.said.shape[2]  # the column of a message's own age
+            for k in range(chart.tracks.shape[2]):
+                q, speed = chart.numbers[2], chart.numbers[4]
+                if k == 0:
+                    q, speed = chart.numbers[1], chart.numbers[3]
+                t = ti.Vector([chart.tracks[e, i, k, c] for c in ti.static(range(TRACK))])
+                if which[e] == 1 and t[AGE] < NEVER:
+                    carried_on(t, dt, q)
+                variance = chart.looks[e, i, k, LOOK_VARIANCE]
+                if variance > 0:
+                    fold(t, chart.looks[e, i, k, LOOK_NORTH], chart.looks[e, i, k, LOOK_EAST], variance, 0.0, speed)
+                at = PLACE_AND_VELOCITY + TOLD * k
+                for j in range(senders):
+                    told = chart.heard[e, i, j, at + 3]
+                    old = told + chart.heard[e, i, j, age]  # of the look
+                    if which[e] == 1:
+                        chart.taken[e, i, j, k] += dt
+                    # `taken` is how long ago the last look that was taken of this sender was made
+                    if j != i and told >= 0 and old < OLDEST and old < chart.taken[e, i, j, k] - 0.5 * dt:
+                        chart.taken[e, i, j, k] = old
+                        fold(t, chart.heard[e, i, j, at], chart.heard[e, i, j, at + 1], chart.heard[e, i, j, at + 2],
+                             old, speed)  # fmt: skip
+                for c in ti.static(range(TRACK)):
+                    chart.tracks[e, i, k, c] = t[c]
+
+
+@ti.kernel
+def _say(chart: ChartPack, which: ti.types.ndarray(dtype=ti.i32, ndim=1), form: ti.template()):
+    """Put the last look at every thing into the coming message."""
+    ti.loop_config(serialize=form.serial)
+    for e, i in ti.ndrange(chart.looks.shape[0], chart.looks.shape[1]):
+        if which[e] != 0:
+            for k in range(chart.looks.shape[2]):
+                at = PLACE_AND_VELOCITY + TOLD * k
+                if chart.looks[e, i, k, LOOK_VARIANCE] > 0:
+                    for c in ti.static(range(LOOK_SIZE)):
+                        chart.said[e, i, at + c] = chart.looks[e, i, k, c]
+                    chart.said[e, i, at + 3] = 0.0
+                elif chart.said[e, i, at + 3] >= 0 and which[e] == 1:
+                    chart.said[e, i, at + 3] += chart.numbers[0]
+
+
+class Chart:
+    """The charts of all who look and talk.
+
+    Attributes:
+        tracks: [env, vehicle, thing, 9], columns as above.
+    """
+
+    STATE = ("tracks", "_taken")
+
+    def __init__(self, looks: Tensor, said: Tensor, heard: Tensor, interval: float, numbers: Numbers = ASSUMED):
+        """Of `looks` [env, vehicle, thing, 3] (camera.py), what is to be `said` and has been `heard` (radio.py)."""
+        envs, vehicles, things, _ = looks.shape
+        self.tracks = looks.new_zeros((envs, vehicles, things, TRACK))
+        self._said, self._taken = said, looks.new_zeros((envs, vehicles, vehicles, things))
+        self._chart = runtime.Packed(
+            ChartPack, tracks=self.tracks, looks=looks, said=said, heard=heard, taken=self._taken,
+            numbers=looks.new_tensor([interval, *numbers]),
+        )  # fmt: skip
+        self._rows = vehicles * vehicles * things
+        self._keep, self._tell = runtime.Launcher(_keep), runtime.Launcher(_say)
+
+    def begin(self, envs: Tensor) -> None:
+        """Nobody knows of anything in environments `envs` [n]."""
+        self.tracks[envs] = 0.0
+        self.tracks[envs, :, :, AGE] = NEVER
+        self._taken[envs] = NEVER
+        self._said[envs, :, PLACE_AND_VELOCITY + TOLD - 1 :: TOLD] = -1.0
+
+    def say(self, which: Tensor, rows: int) -> None:
+        """Put looks into what is to be said, in environments as of `keep`; before radios talk."""
+        self._tell(self._chart(), which, Form(runtime.few(rows * self._rows, KEEP)))
+
+    def keep(self, which: Tensor, rows: int) -> None:
+        """Take looks and messages in environments [env] int32: 0 not at all, 1 after a step, 2 at the beginning of an
+        episode; `rows` of them are not 0.
+        """
+        form = Form(runtime.few(rows * self._rows, KEEP))
+        self._keep(self._chart(), which, form)
+
+
+def width_of(things: int) -> int:
+    """Numbers of a message about so many things."""
+    return PLACE_AND_VELOCITY + TOLD * things
+
+
+_array2 = ti.types.ndarray(ndim=2)
+ChartedPack = ti.types.argpack(obstacles=_array4, signals=_array3)
+FromPack = ti.types.argpack(tracked=_array4, things=_array3, state=_array3, derived=_array3, limits=_array1)
+
+
+@ti.kernel
+def _nearest(out: ChartedPack, of: FromPack, which: ti.types.ndarray(dtype=ti.i32, ndim=1), sight: ti.template()):
+    ti.loop_config(serialize=sight.serial)
+    for e, i in ti.ndrange(of.state.shape[0], of.state.shape[1]):
+        if which[e] != 0:
+            reach, vague, own = of.limits[0], of.limits[1], ti.cast(of.limits[2], ti.i32) + i
+            place = ti.Vector([of.state[e, i, a] for a in ti.static(range(3))])
+            count = ti.static(sight.obstacles)
+            distance = ti.Vector([reach] * ti.static(count + 1))
+            index = ti.Vector([-1] * ti.static(count + 1))
+            for k in range(of.tracked.shape[2]):
+                if of.tracked[e, own, k, AGE] < NEVER and of.tracked[e, own, k, P_PP] < vague:
+                    dx, dy = of.tracked[e, own, k, NORTH] - place[0], of.tracked[e, own, k, EAST] - place[1]
+                    d = ti.sqrt(dx * dx + dy * dy) - of.things[e, k, 5]
+                    distance, index = insert(distance, index, d, k, count)
+            for k in ti.static(range(sight.obstacles)):
+                m = ti.max(index[k], 0)
+                there = ti.Vector([of.tracked[e, own, m, NORTH], of.tracked[e, own, m, EAST], of.things[e, m, 5],
+                                   of.tracked[e, own, m, V_NORTH], of.tracked[e, own, m, V_EAST]])  # fmt: skip
+                store_obstacle(out, of.derived, sight, e, i, k, distance[k], index[k], place, there, reach)
+
+
+class Charted:
+    """The nearest things on the charts of one team of vessels, written as a `Sensor` writes what is there."""
+
+    def __init__(self, sensor: Any, chart: Chart, first: int, things: Tensor, own: Views):
+        """Written into `sensor`'s tensors.
+
+        Args:
+            first: number of the team's first vehicle on the chart. things: [env, thing, 6] radius (m) in the last
+                column. own: where the vessels measure themselves to be.
+        """
+        state = own.state
+        self._of = runtime.Packed(
+            FromPack, tracked=chart.tracks, things=things, state=state,
+            derived=own.derived, limits=state.new_tensor([sensor.reach, VAGUE * VAGUE, first]),
+        )  # fmt: skip
+        self._out = runtime.Packed(ChartedPack, obstacles=sensor.obstacles, signals=sensor.written)
+        self._sight = Sight(sensor.num_obstacles, sensor.num_mates, sensor.axes)
+        self._rows, self._launch = state.shape[1] * things.shape[1], runtime.Launcher(_nearest)
+
+    def write(self, which: Tensor, rows: int) -> None:
+        """In environments [env] int32 that are not 0, `rows` of them."""
+        self._launch(self._out(), self._of(), which, self._sight._replace(serial=runtime.few(rows * self._rows, KEEP)))

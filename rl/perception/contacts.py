@@ -1,0 +1,300 @@
+"""What a vehicle makes of the obstacles and team mates that it measures: contacts, each a track of its own.
+
+Of each of the nearest bodies range and bearing are measured (of team mates in the air the elevation too), with noise,
+`late` decisions late, and not at all with the probability `dropout`. With the place and heading that the vehicle takes
+itself to have had then, a measurement is a place; so an error of its own place cancels, one of its heading does not.
+A Kalman filter of constant velocity (Bar-Shalom, Li & Kirubarajan 2001, ch. 6.3: white acceleration, one covariance
+for all axes) makes a track of it, which is told as it will be by now: of an obstacle over ground, of a team mate
+relative to the vehicle, for they turn together. A track begins at the first measurement, at rest to within `speed`, and
+goes on as long as its body is among the nearest. Who is who, how large, and how far above or below, is known. Random
+numbers are counted (kernels/random.py): same seed, same bits. Frame: NED.
+"""
+
+# Kernels are another language inside Python syntax.
+# pyright: reportInvalidTypeForm=false
+
+import math
+from typing import Annotated, NamedTuple
+
+import taichi as ti
+from pydantic import Field
+from torch import Tensor
+
+from rl.perception.encoding import store_mate, store_obstacle
+from rl.perception.sensors import Sensor, Sight
+from taichi_sim.config import NonNegative, Positive, Strict
+from taichi_sim.fleet import Views
+from taichi_sim.kernels import runtime
+from taichi_sim.kernels.kinematics import HEADING_COS, HEADING_SIN, VELOCITY_N
+from taichi_sim.kernels.packs import struct_of, values_at
+from taichi_sim.kernels.random import CONTACTS, normal6, uniform4
+
+# Columns of a measurement that waits: whose (-1 nobody's), seen or not, place, variance, radius, height above or below.
+WHO, SEEN, AT, VARIANCE, SIZE, ASIDE, MEASURED = 0, 1, 2, 5, 6, 7, 8
+# Columns of a track: whose, place, velocity, covariance (place, both, velocity), radius, height above or below.
+PLACE, SPEED, P_PP, P_PV, P_VV, RADIUS, BESIDE, TRACKED = 1, 4, 7, 8, 9, 10, 11, 12
+NOBODY = -1.0
+VARIANCE_FLOOR = 1e-4  # m^2: of what is measured exactly
+LUCK = 16  # streams of random numbers after those of noise
+V = VELOCITY_N.start
+TRACK = 400.0  # ns of one vehicle, about
+
+
+class ContactsConfig(Strict):
+    """`[sensors.contacts]`: obstacles and team mates as radar, lidar or cameras have them."""
+
+    range_noise: NonNegative = 0.0  # standard deviation, m
+    bearing_noise_deg: NonNegative = 0.0  # standard deviation, of elevations too
+    dropout: Annotated[float, Field(ge=0, lt=1)] = 0.0  # share of measurements that fail
+    late: Annotated[int, Field(ge=0, le=50)] = 0  # decisions that a measurement takes
+    speed: Positive = 3.0  # m/s, standard deviation of a body's speed before anything is known; assumed
+    acceleration: Positive = 0.1  # m/s^2 over one second: how far from steady bodies are taken to be; assumed
+    mate_acceleration: Positive = 0.5  # m/s^2 likewise, of team mates relative to the vehicle; assumed
+
+    @property
+    def exact(self) -> bool:
+        """Whether nothing errs."""
+        return not (self.range_noise or self.bearing_noise_deg or self.dropout or self.late)
+
+
+class Numbers(NamedTuple):
+    """What the kernel works with, SI."""
+
+    reach: float
+    radius: float
+    range_noise: float
+    bearing_noise: float
+    dropout: float
+    speed: float
+    acceleration: float
+    mates: float
+    interval: float
+
+
+_array1, _array2, _array3, _array4, _array5 = (ti.types.ndarray(ndim=n) for n in (1, 2, 3, 4, 5))
+ToldPack = ti.types.argpack(
+    gap=_array2, obstacles=_array4, mates=_array4, signals=_array3, waiting=_array5, tracks=_array5
+)
+TruePack = ti.types.argpack(seen=_array4, near=_array4, true_derived=_array3)  # two packs share no name
+OwnPack = ti.types.argpack(state=_array3, derived=_array3, numbers=_array1)
+
+
+class Form(NamedTuple):
+    """What the kernel is compiled for."""
+
+    sight: Sight
+    late: int
+    vehicles: int  # before these, among the random numbers: those of other teams
+    serial: bool = False  # on the calling thread
+
+
+@ti.func
+def measured(true: ti.template(), own: ti.template(), e, i, relative, origin, aside, size, who, z, u, g: ti.template()):
+    """A measurement (columns above) of number `who`, which is `relative` (m, NED) to vehicle i, itself at `origin`."""
+    far = ti.sqrt(relative[0] * relative[0] + relative[1] * relative[1])
+    away = 1.0 + g.range_noise * z[0] / ti.max(far, 1.0)
+    c0, s0 = true.true_derived[e, i, HEADING_COS], true.true_derived[e, i, HEADING_SIN]
+    c1, s1 = own.derived[e, i, HEADING_COS], own.derived[e, i, HEADING_SIN]
+    turned = g.bearing_noise * z[1]  # and by the error of the heading
+    c, s = ti.cos(turned), ti.sin(turned)
+    cos, sin = (c0 * c1 + s0 * s1) * c - (c0 * s1 - s0 * c1) * s, (c0 * s1 - s0 * c1) * c + (c0 * c1 + s0 * s1) * s
+    m = ti.Vector([0.0 for _ in ti.static(range(MEASURED))])
+    m[WHO], m[SEEN] = who, ti.select(u >= g.dropout, 1.0, 0.0)
+    m[AT] = origin[0] + away * (cos * relative[0] - sin * relative[1])
+    m[AT + 1] = origin[1] + away * (sin * relative[0] + cos * relative[1])
+    m[AT + 2] = origin[2] + away * relative[2] + far * g.bearing_noise * z[2]
+    side = far * g.bearing_noise
+    m[VARIANCE] = 0.5 * (g.range_noise * g.range_noise + side * side) + VARIANCE_FLOOR
+    m[SIZE], m[ASIDE] = size, aside
+    return m
+
+
+@ti.func
+def begun(m, g: ti.template()):
+    """A track from its first measurement; nobody's if that failed."""
+    t = ti.Vector([0.0 for _ in ti.static(range(TRACKED))])
+    t[0] = ti.select(m[SEEN] > 0, m[WHO], NOBODY)
+    for a in ti.static(range(3)):
+        t[PLACE + a] = m[AT + a]
+    t[P_PP], t[P_VV], t[RADIUS], t[BESIDE] = m[VARIANCE], g.speed * g.speed, m[SIZE], m[ASIDE]
+    return t
+
+
+@ti.func
+def carried_on(t, m, acceleration, g: ti.template()):
+    """A track, one interval and one measurement later."""
+    dt, q = g.interval, acceleration * acceleration
+    t[P_PP] += dt * (2 * t[P_PV] + dt * t[P_VV]) + q * dt * dt * dt / 3
+    t[P_PV] += dt * t[P_VV] + 0.5 * q * dt * dt
+    t[P_VV] += q * dt
+    for a in ti.static(range(3)):
+        t[PLACE + a] += dt * t[SPEED + a]
+    t[RADIUS], t[BESIDE] = m[SIZE], m[ASIDE]
+    if m[SEEN] > 0:
+        k_place, k_speed = t[P_PP] / (t[P_PP] + m[VARIANCE]), t[P_PV] / (t[P_PP] + m[VARIANCE])
+        for a in ti.static(range(3)):
+            off = m[AT + a] - t[PLACE + a]
+            t[PLACE + a] += k_place * off
+            t[SPEED + a] += k_speed * off
+        t[P_VV] -= k_speed * t[P_PV]
+        t[P_PV] *= 1.0 - k_place
+        t[P_PP] *= 1.0 - k_place
+    return t
+
+
+@ti.func
+def tracked(told: ti.template(), e, i, k, first: ti.template(), last: ti.template(), m, acceleration, now,
+            g: ti.template()):  # fmt: skip
+    """The track, number k, of who has been measured: carried on if there was one from `first` to `last`, or begun."""
+    t = begun(m, g)
+    for j in range(first, last):
+        if m[WHO] >= 0 and told.tracks[e, i, 1 - now, j, 0] == m[WHO]:
+            before = ti.Vector([told.tracks[e, i, 1 - now, j, c] for c in ti.static(range(TRACKED))])
+            t = carried_on(before, m, acceleration, g)
+    for c in ti.static(range(TRACKED)):
+        told.tracks[e, i, now, k, c] = t[c]
+    return t
+
+
+@ti.func
+def wait(told: ti.template(), e, i, k, m, which, slot, form: ti.template()):
+    """Let a measurement wait, and take the one whose time has come."""
+    slots = ti.static(form.late + 1)
+    due = m
+    for n in range(slots):
+        if which == 2 or n == slot:
+            for c in ti.static(range(MEASURED)):
+                told.waiting[e, i, n, k, c] = m[c]
+    for c in ti.static(range(MEASURED)):
+        due[c] = told.waiting[e, i, (slot + 1) % slots, k, c]
+    return due
+
+
+@ti.func
+def tell_obstacle(told: ti.template(), own: ti.template(), e, i, k: ti.template(), t, g: ti.template(),
+                  form: ti.template()):  # fmt: skip
+    """Write the k-th obstacle as its track t has it by now; return the clearance (m)."""
+    ahead = ti.static(form.late) * g.interval
+    place = ti.Vector([own.state[e, i, a] for a in ti.static(range(3))])
+    there = ti.Vector([t[PLACE] + ahead * t[SPEED], t[PLACE + 1] + ahead * t[SPEED + 1], t[RADIUS], t[SPEED],
+                       t[SPEED + 1]])  # fmt: skip
+    beside = ti.sqrt((there[0] - place[0]) ** 2 + (there[1] - place[1]) ** 2) - t[RADIUS]
+    distance = beside
+    if t[BESIDE] > 0:
+        distance = ti.sqrt(ti.max(beside, 0.0) ** 2 + t[BESIDE] ** 2)
+    distance = ti.select(t[0] >= 0, distance, g.reach)
+    store_obstacle(
+        told, own.derived, form.sight, e, i, k, distance, ti.cast(t[0], ti.i32), place,
+        ti.Vector([there[0], there[1], there[2], there[3], there[4]]), g.reach,
+    )  # fmt: skip
+    return distance - g.radius
+
+
+@ti.func
+def tell_mate(told: ti.template(), own: ti.template(), e, i, k: ti.template(), t, g: ti.template(),
+              form: ti.template()):  # fmt: skip
+    """The same of a team mate."""
+    ahead, direction, distance = ti.static(form.late) * g.interval, ti.Vector([0.0, 0.0, 0.0]), g.reach
+    if t[0] >= 0:
+        for a in ti.static(range(3)):
+            direction[a] = t[PLACE + a] + ahead * t[SPEED + a]
+        distance = ti.max(direction.norm(), 1e-6)
+        direction /= distance
+    moves = ti.Vector([own.derived[e, i, V + a] + t[SPEED + a] for a in ti.static(range(2))])
+    store_mate(told, own.derived, form.sight, e, i, k, distance, ti.cast(t[0], ti.i32), direction, moves, g.reach)
+    return distance - 2 * g.radius
+
+
+@ti.kernel
+def _contact(
+    told: ToldPack,
+    true: TruePack,
+    own: OwnPack,
+    which: ti.types.ndarray(dtype=ti.i32, ndim=1),
+    steps: ti.types.ndarray(dtype=ti.i64, ndim=1),
+    count: ti.types.ndarray(dtype=ti.i32, ndim=1),
+    kind: ti.template(),
+    form: ti.template(),
+):
+    ti.loop_config(serialize=form.serial)
+    for e, i in ti.ndrange(own.state.shape[0], own.state.shape[1]):
+        if which[e] != 0:
+            g = values_at(kind, own.numbers)
+            here, nowhere = ti.Vector([own.state[e, i, a] for a in ti.static(range(3))]), ti.Vector([0.0, 0.0, 0.0])
+            step, clear = ti.cast(steps[e], ti.i32), g.reach
+            slot, now = step % ti.static(form.late + 1), step % 2
+            ends = ti.static((form.sight.obstacles, form.sight.obstacles + form.sight.mates))
+            if which[e] == 2:
+                for k in range(ends[1]):
+                    told.tracks[e, i, 1 - now, k, 0] = NOBODY
+            for k in ti.static(range(ends[1])):
+                z = normal6(count[1], CONTACTS + k, count[2 + e], form.vehicles + i, count[0])
+                u = uniform4(count[1], CONTACTS + LUCK + k, count[2 + e], form.vehicles + i, count[0])
+                if ti.static(k < ends[0]):
+                    n = ti.Vector([true.seen[e, i, k, 1], true.seen[e, i, k, 2], 0.0])
+                    level, size = true.seen[e, i, k, 7], true.seen[e, i, k, 6]
+                    far = true.seen[e, i, k, 0]
+                    aside = ti.select(level > 0, ti.sqrt(ti.max(far * far - level * level, 0.0)), ti.max(far, 0.0))
+                    who = true.seen[e, i, k, 8]
+                    m = measured(true, own, e, i, (level + size) * n, here, aside, size, who, z, u[0], g)
+                    m = wait(told, e, i, k, m, which[e], slot, form)
+                    t = tracked(told, e, i, k, 0, ends[0], m, g.acceleration, now, g)
+                    clear = ti.min(clear, tell_obstacle(told, own, e, i, k, t, g, form))
+                else:
+                    mate = ti.static(k - ends[0])
+                    n = ti.Vector([true.near[e, i, mate, 1 + a] for a in ti.static(range(3))])
+                    who = true.near[e, i, mate, 4]
+                    m = measured(true, own, e, i, true.near[e, i, mate, 0] * n, nowhere, 0.0, 0.0, who, z, u[0], g)
+                    m = wait(told, e, i, k, m, which[e], slot, form)
+                    t = tracked(told, e, i, k, ends[0], ends[1], m, g.mates, now, g)
+                    clear = ti.min(clear, tell_mate(told, own, e, i, mate, t, g, form))
+            told.gap[e, i] = clear
+
+
+class Contacts:
+    """The contacts of one team, told as a `Sensor` tells what is there: see its attributes."""
+
+    STATE = ("gap", "obstacles", "team_mates", "written", "_waiting", "_tracks")
+
+    def __init__(
+        self, config: ContactsConfig, sensor: Sensor, fleet: Views, own: Views, interval: float, vehicles: int = 0
+    ):
+        """Of what `sensor` has of `fleet`, whose vehicles measure themselves to be `own`; `interval` s.
+
+        `vehicles` counts those of other teams before these.
+        """
+        self.reach, self.radius, self.axes = sensor.reach, sensor.radius, sensor.axes
+        self.num_obstacles, self.num_mates = sensor.num_obstacles, sensor.num_mates
+        self.gap, self.obstacles, self.team_mates = (
+            x.clone() for x in (sensor.gap, sensor.obstacles, sensor.team_mates)
+        )
+        self.written = sensor.written.clone()
+        self.signals = self.written if sensor.signals.shape[-1] else sensor.signals
+        both, state = sensor.num_obstacles + sensor.num_mates, fleet.state
+        rows = state.shape[:2]
+        self._numbers = Numbers(
+            sensor.reach, sensor.radius, config.range_noise, math.radians(config.bearing_noise_deg), config.dropout,
+            config.speed, config.acceleration, config.mate_acceleration, interval,
+        )  # fmt: skip
+        self._waiting = state.new_zeros((*rows, config.late + 1, max(both, 1), MEASURED))
+        self._tracks = state.new_zeros((*rows, 2, max(both, 1), TRACKED))
+        self._told = runtime.Packed(
+            ToldPack, gap=self.gap, obstacles=self.obstacles, mates=self.team_mates, signals=self.written,
+            waiting=self._waiting, tracks=self._tracks,
+        )  # fmt: skip
+        self._true = runtime.Packed(TruePack, seen=sensor.obstacles, near=sensor.team_mates, true_derived=fleet.derived)
+        self._own = runtime.Packed(
+            OwnPack, state=own.state, derived=own.derived, numbers=state.new_tensor(self._numbers)
+        )
+        self._form = Form(Sight(sensor.num_obstacles, sensor.num_mates, sensor.axes), config.late, vehicles)
+        self._rows, self._launch = state.shape[1], runtime.Launcher(_contact)
+
+    def update(self, which: Tensor, rows: int, steps: Tensor, count: Tensor) -> None:
+        """Measure in environments [env] int32: 0 not at all, 1 after a step, 2 at the beginning of an episode.
+
+        `rows` of them are not 0; `steps` int64 [env] of their episodes have gone by; `count` int32 [2 + env] counts the
+        random numbers (taichi_sim/kernels/counters.py).
+        """
+        kind = struct_of(Numbers._fields, runtime.current().precision)
+        form = self._form._replace(serial=runtime.few(rows * self._rows, TRACK))
+        self._launch(self._told(), self._true(), self._own(), which, steps, count, kind, form)

@@ -1,0 +1,207 @@
+"""Radio between vehicles: what each knows of others by the last message of theirs that has arrived.
+
+Every vehicle says some numbers (place and velocity as it measures them, what else a mission has to tell) `rate` times a
+second, in turn. A message takes `delay` to arrive, at those within `range` then, and is lost with the probability
+`loss` on each way by itself. What has arrived is kept, with its age, until a newer one comes. Some vehicles may relay:
+what did not arrive directly may then do so by way of one of them, over two such ways, after twice the delay.
+
+For experiments, vehicles may hear those of another environment instead, `shift` environments on.
+
+Random numbers are counted (kernels/random.py): same seed, same bits. Frame: NED.
+"""
+
+# Kernels are another language inside Python syntax.
+# pyright: reportInvalidTypeForm=false
+
+from typing import Annotated, NamedTuple
+
+import numpy as np
+import taichi as ti
+from numpy.typing import NDArray
+from pydantic import Field
+from torch import Tensor
+
+from taichi_sim.config import Fraction, Positive, Strict
+from taichi_sim.kernels import runtime
+from taichi_sim.kernels.random import RADIO, uniform4
+
+PLACE_AND_VELOCITY = 6  # numbers of a message that has no more in it, and the column of its age
+NEVER = 1e6  # s, the age of what has not been heard
+MOST = 64  # vehicles of a team
+TALK = 40.0  # ns of one receiver and sender, about
+
+
+class RadioConfig(Strict):
+    """`[radio]` between vehicles."""
+
+    range: Positive = 1000.0  # m, assumed
+    delay: Annotated[float, Field(ge=0, le=10)] = 0.0  # s, rounded to whole decisions
+    loss: Fraction = 0.0  # of all messages
+    rate: Positive | None = None  # messages of each vehicle per second; default: one each decision
+
+
+_array1, _array3, _array4 = (ti.types.ndarray(ndim=n) for n in (1, 3, 4))
+TalkPack = ti.types.argpack(heard=_array4, sent=_array4, said=_array3, place=_array3, numbers=_array1)
+
+
+class Form(NamedTuple):
+    """What the kernel is compiled for."""
+
+    delay: int  # decisions
+    period: int  # decisions between messages of one vehicle
+    vehicles: int  # before these, among the random numbers: those of other teams
+    known: bool = True  # an episode begins with everybody heard
+    relays: tuple[int, int] = (0, 0)  # the first that relay, and the first after them that does not
+    shift: int = 0  # environments
+    serial: bool = False  # on the calling thread
+
+    @property
+    def slots(self) -> int:
+        """Messages of one vehicle that are on their way, and the present one."""
+        return (2 if self.relays[1] > self.relays[0] else 1) * self.delay + 1
+
+
+@ti.func
+def hear(radio: ti.template(), e, i, other, k, slot, age):
+    """Vehicle i receives what k of environment `other` sent, as it stands in the `slot`."""
+    width = radio.said.shape[2]
+    for a in range(width):
+        radio.heard[e, i, k, a] = radio.sent[other, slot, k, a]
+    radio.heard[e, i, k, width] = age
+
+
+@ti.func
+def gets_there(radio: ti.template(), e, i, k, env, clock, seed, form: ti.template()):
+    """Whether what k sent arrives at i, on this way."""
+    far = ti.Vector([radio.place[e, i, a] - radio.place[e, k, a] for a in ti.static(range(3))])
+    u = uniform4(seed, RADIO, env, ti.static(form.vehicles) + i * radio.place.shape[1] + k, clock)
+    return far.norm() <= radio.numbers[1] and u[0] >= radio.numbers[2]
+
+
+@ti.kernel
+def _send(
+    radio: TalkPack,
+    which: ti.types.ndarray(dtype=ti.i32, ndim=1),
+    steps: ti.types.ndarray(dtype=ti.i64, ndim=1),
+    form: ti.template(),
+):
+    ti.loop_config(serialize=form.serial)
+    for e, i in ti.ndrange(radio.said.shape[0], radio.said.shape[1]):
+        if which[e] == 1:
+            slot = ti.cast(steps[e], ti.i32) % ti.static(form.slots)
+            for a in range(radio.said.shape[2]):
+                radio.sent[e, slot, i, a] = radio.said[e, i, a]
+        if which[e] == 2:
+            for slot in range(form.slots):
+                for a in range(radio.said.shape[2]):
+                    radio.sent[e, slot, i, a] = radio.said[e, i, a]
+
+
+@ti.kernel
+def _receive(
+    radio: TalkPack,
+    which: ti.types.ndarray(dtype=ti.i32, ndim=1),
+    steps: ti.types.ndarray(dtype=ti.i64, ndim=1),
+    count: ti.types.ndarray(dtype=ti.i32, ndim=1),
+    form: ti.template(),
+):
+    ti.loop_config(serialize=form.serial)
+    for e, i in ti.ndrange(radio.said.shape[0], radio.said.shape[1]):
+        if which[e] != 0:
+            n, age = radio.said.shape[1], radio.said.shape[2]
+            other = e
+            if ti.static(form.shift != 0):
+                other = (e + ti.static(form.shift)) % radio.said.shape[0]
+            step, seed, env = ti.cast(steps[other], ti.i32), count[1], count[2 + e]
+            for k in range(n):
+                if which[e] == 2:
+                    if ti.static(form.known):
+                        hear(radio, e, i, e, k, 0, 0.0)
+                    else:
+                        for a in range(age):
+                            radio.heard[e, i, k, a] = 0.0
+                        radio.heard[e, i, k, age] = NEVER
+                else:
+                    radio.heard[e, i, k, age] += radio.numbers[0]
+                    then = step - form.delay  # when what arrives now was sent
+                    if (then + k) % form.period == 0 and then >= 0:
+                        if gets_there(radio, e, i, k, env, count[0], seed, form):
+                            slot = then % ti.static(form.slots)
+                            hear(radio, e, i, other, k, slot, ti.static(form.delay) * radio.numbers[0])
+                    if ti.static(form.relays[1] > form.relays[0]):
+                        then -= form.delay
+                        late = 2 * ti.static(form.delay) * radio.numbers[0]
+                        if (then + k) % form.period == 0 and then >= 0 and radio.heard[e, i, k, age] > late:
+                            clock = count[0] - form.delay
+                            for j in range(form.relays[0], form.relays[1]):
+                                if j != i and j != k and radio.heard[e, i, k, age] > late:
+                                    first = gets_there(radio, e, j, k, env, clock, seed, form)
+                                    if first and gets_there(radio, e, i, j, env, count[0], seed, form):
+                                        hear(radio, e, i, other, k, then % ti.static(form.slots), late)
+
+
+class Radio:
+    """The radio of some vehicles.
+
+    Attributes:
+        said: [env, vehicle, n] what each has to say now, to be written before `talk`; place and velocity (NED, m and
+            m/s), and what else there is.
+        heard: [env, receiver, sender, n + 1] the last message, and its age (s).
+    """
+
+    STATE = ("said", "heard", "_sent")
+
+    def __init__(
+        self,
+        config: RadioConfig,
+        place: Tensor,
+        interval: float,
+        *,
+        width: int = PLACE_AND_VELOCITY,
+        vehicles: int = 0,
+        known: bool = True,
+        relays: tuple[int, int] = (0, 0),
+        shift: int = 0,
+    ):
+        """Between vehicles that are at `place` [env, vehicle, 3 or more] (m, read in place).
+
+        Args:
+            interval: of a decision, s. width: n, numbers of a message. vehicles: of other teams before them, among
+                the random numbers. known: an episode begins with everybody heard, else nobody. relays: the first that
+                relay, and the first after them that does not. shift: environments on, whose messages are heard.
+        """
+        envs, n = place.shape[:2]
+        delay, period = round(config.delay / interval), 1
+        if config.rate is not None:
+            period = max(1, round(1 / (config.rate * interval)))
+        self._form, self._each = Form(delay, period, vehicles * MOST, known, relays, shift), n
+        self._interval = interval
+        self.said = place.new_zeros((envs, n, width))
+        self.heard = place.new_zeros((envs, n, n, width + 1))
+        self._sent = place.new_zeros((envs, self._form.slots, n, width))  # on its way
+        self._pack = runtime.Packed(
+            TalkPack, heard=self.heard, sent=self._sent, said=self.said,
+            place=place, numbers=place.new_tensor([interval, config.range, config.loss]),
+        )  # fmt: skip
+        self._send, self._receive = runtime.Launcher(_send), runtime.Launcher(_receive)
+
+    @property
+    def delay(self) -> float:
+        """Of what arrives directly, s, a whole number of decisions."""
+        return self._form.delay * self._interval
+
+    def due(self, step: int) -> NDArray[np.bool_]:
+        """Whose messages arrive at whom [receiver, sender] after `step` decisions of an episode, unless lost."""
+        then = step - self._form.delay
+        sender = (then + np.arange(self._each)) % self._form.period == 0
+        return (then >= 0) & sender & ~np.eye(self._each, dtype=bool)
+
+    def talk(self, which: Tensor, rows: int, steps: Tensor, count: Tensor) -> None:
+        """Send and receive in environments [env] int32: 0 not at all, 1 after a step, 2 as an episode begins.
+
+        `rows` of them are not 0; `steps` int64 [env] of their episodes have gone by; `count` int32 [2 + env] counts the
+        random numbers (taichi_sim/kernels/counters.py).
+        """
+        form = self._form._replace(serial=runtime.few(rows * self._each**2, TALK))
+        self._send(self._pack(), which, steps, form)
+        self._receive(self._pack(), which, steps, count, form)

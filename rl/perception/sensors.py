@@ -1,0 +1,243 @@
+"""What a vehicle senses within its detection range: the nearest obstacles and the nearest team mates.
+
+An obstacle is a vertical cylinder: one that stands on the sea, (north, east, radius, height), or a body that moves and
+lies between two heights (traffic.py). Its distance to a vehicle's origin is that to the nearest point of its surface:
+horizontal beside it, vertical above its top and below its bottom.
+"""
+
+# Kernels are another language inside Python syntax.
+# pyright: reportInvalidTypeForm=false
+
+from typing import Literal, NamedTuple
+
+import taichi as ti
+import torch
+
+from rl.course.traffic import AWAY, BOTTOM, EAST, NORTH, RADIUS, ROWS, TOP, V_EAST, V_NORTH, Bodies
+from rl.perception.encoding import store_mate, store_obstacle
+from taichi_sim.fleet import Fleet
+from taichi_sim.kernels import runtime
+from taichi_sim.kernels.kinematics import VELOCITY_N
+
+_array3, _array4 = (ti.types.ndarray(ndim=n) for n in (3, 4))
+SensedPack = ti.types.argpack(gap=ti.types.ndarray(ndim=2), obstacles=_array4, mates=_array4, signals=_array3)
+SensingPack = ti.types.argpack(state=_array3, derived=_array3, numbers=ti.types.ndarray(ndim=1))
+WIDTH = 8  # obstacles in a vector
+FAR = 1e9  # m: below any bottom
+
+V = VELOCITY_N.start
+LOOK = 150.0  # ns of one vehicle, about
+
+
+class Sight(NamedTuple):
+    """How much is sensed; what the kernel is compiled for."""
+
+    obstacles: int  # nearest ones told apart
+    mates: int
+    axes: int  # of the vehicle's own frame
+    field: int = 1  # obstacles in a world: a loop of known length is unrolled over whole vectors
+    moving: bool = False  # whether there are bodies that move
+    serial: bool = False  # on the calling thread
+
+
+@ti.func
+def cylinder_distance(dx, dy, altitude, radius, bottom, top):
+    """Distance (m) from a point to a vertical cylinder whose axis is (dx, dy) away; negative inside.
+
+    One that stands on the sea reaches down without end: `bottom` -inf.
+    """
+    beside = ti.sqrt(dx * dx + dy * dy) - radius
+    above = ti.max(altitude - top, bottom - altitude)
+    distance = beside
+    if above > 0:
+        distance = above
+        if beside > 0:
+            distance = ti.sqrt(beside * beside + above * above)
+    return distance
+
+
+@ti.func
+def insert(distance, index, d, j, count: ti.template()):
+    """The `count` least distances in order, and whose they are, with d of number j among them."""
+    for k in ti.static(range(count)):
+        if d < distance[k]:
+            d, distance[k] = distance[k], d
+            j, index[k] = index[k], j
+    return distance, index
+
+
+@ti.func
+def near_obstacles(field: ti.template(), w, place, reach, radius, sight: ti.template()):
+    """Smallest clearance (m), at most `reach`, and the nearest obstacles of world w: distances and numbers."""
+    count = ti.static(sight.obstacles)
+    x, y = place[0], place[1]
+    gap, margin = x * 0.0 + reach, x * 0.0
+    distance = ti.Vector([gap] * ti.static(count + 1))
+    index = ti.Vector([-1] * ti.static(count + 1))
+    for m in range(sight.field):  # without branches: vectorised
+        dx, dy, r = field[w, 0, m] - x, field[w, 1, m] - y, field[w, 2, m] + reach
+        margin = ti.min(margin, dx * dx + dy * dy - r * r)
+    if margin < 0:  # something is in range, which is rare
+        for m in range(sight.field):
+            dx, dy, r = field[w, 0, m] - x, field[w, 1, m] - y, field[w, 2, m]
+            if dx * dx + dy * dy < (reach + r) * (reach + r):
+                d = cylinder_distance(dx, dy, -place[2], r, -FAR, field[w, 3, m])
+                gap = ti.min(gap, d - radius)
+                distance, index = insert(distance, index, d, m, count)
+    return gap, distance, index
+
+
+@ti.func
+def near_bodies(bodies: ti.template(), e, place, radius, sight: ti.template(), gap, distance, index):
+    """The same with the bodies of environment e among them, numbered on from the obstacles that stand."""
+    if ti.static(sight.moving):
+        for m in range(bodies.shape[2]):
+            dx, dy = bodies[e, NORTH, m] - place[0], bodies[e, EAST, m] - place[1]
+            d = cylinder_distance(dx, dy, -place[2], bodies[e, RADIUS, m], bodies[e, BOTTOM, m], bodies[e, TOP, m])
+            gap = ti.min(gap, d - radius)
+            distance, index = insert(distance, index, d, m + ti.static(sight.field), sight.obstacles)
+    return gap, distance, index
+
+
+@ti.func
+def numbered(field: ti.template(), bodies: ti.template(), w, e, number, sight: ti.template()):
+    """Of an obstacle or a body, by its number: north, east, radius (m), and its velocity, north and east (m/s)."""
+    found = ti.Vector([field[w, 0, 0] * 0.0 for _ in ti.static(range(5))])
+    if number < ti.static(sight.field):
+        found[0], found[1], found[2] = field[w, 0, number], field[w, 1, number], field[w, 2, number]
+    else:
+        m = number - ti.static(sight.field)
+        found[0], found[1], found[2] = bodies[e, NORTH, m], bodies[e, EAST, m], bodies[e, RADIUS, m]
+        found[3], found[4] = bodies[e, V_NORTH, m], bodies[e, V_EAST, m]
+    return found
+
+
+@ti.func
+def near_mates(state: ti.template(), e, i, place, reach, radius, count: ti.template()):
+    """The same of team mates, by their origins."""
+    gap = place[0] * 0.0 + reach
+    distance = ti.Vector([gap] * ti.static(count + 1))
+    index = ti.Vector([-1] * ti.static(count + 1))
+    for m in range(state.shape[1]):
+        if m != i:
+            d = (ti.Vector([state[e, m, 0], state[e, m, 1], state[e, m, 2]]) - place).norm()
+            gap = ti.min(gap, d - 2 * radius)
+            distance, index = insert(distance, index, d, m, count)
+    return gap, distance, index
+
+
+@ti.kernel
+def _sense(
+    out: SensedPack,
+    team: SensingPack,
+    field: ti.types.ndarray(ndim=3),
+    bodies: ti.types.ndarray(ndim=3),
+    env_world: ti.types.ndarray(dtype=ti.i64, ndim=1),
+    which: ti.types.ndarray(dtype=ti.i32, ndim=1),
+    sight: ti.template(),
+):
+    ti.loop_config(serialize=sight.serial)
+    for e, i in ti.ndrange(team.state.shape[0], team.state.shape[1]):
+        if which[e] != 0:
+            w, reach, radius = env_world[e], team.numbers[0], team.numbers[1]
+            place = ti.Vector([team.state[e, i, 0], team.state[e, i, 1], team.state[e, i, 2]])
+            clear, far, index = near_obstacles(field, w, place, reach, radius, sight)
+            clear, far, index = near_bodies(bodies, e, place, radius, sight, clear, far, index)
+            apart, away, who = near_mates(team.state, e, i, place, reach, radius, sight.mates)
+            out.gap[e, i] = ti.min(clear, apart)
+            for k in ti.static(range(sight.obstacles)):
+                there = numbered(field, bodies, w, e, ti.max(index[k], 0), sight)
+                store_obstacle(out, team.derived, sight, e, i, k, far[k], index[k], place, there, reach)
+            for k in ti.static(range(sight.mates)):
+                direction, moves, m = place * 0.0, ti.Vector([0.0, 0.0]), ti.max(who[k], 0)
+                if who[k] >= 0:
+                    there = ti.Vector([team.state[e, m, 0], team.state[e, m, 1], team.state[e, m, 2]])
+                    direction = (there - place) / ti.max(away[k], 1e-6)
+                    moves = ti.Vector([team.derived[e, m, V], team.derived[e, m, V + 1]])
+                store_mate(out, team.derived, sight, e, i, k, away[k], who[k], direction, moves, reach)
+
+
+class Sensor:
+    """Senses for one team; results are overwritten by the next call.
+
+    Attributes:
+        gap: [env, vehicle] smallest clearance (m) between this vehicle's sphere of `radius` and any obstacle or
+            team mate's sphere, at most `reach`; negative means contact.
+        obstacles: [env, vehicle, k, 9] distance (m) to the k-th nearest obstacle's surface, the horizontal unit
+            vector to its axis (NED), its velocity, north and east (m/s), its radius (m), and the horizontal distance
+            to its surface (m), negative above or below it, and its number, of obstacles that stand and bodies on from
+            them; `reach`, zeros and the number -1 where there is none in range.
+        team_mates: [env, vehicle, k, 7] likewise, of the k-th nearest mate's origin: distance, unit vector, number,
+            velocity north and east (m/s).
+        signals: [env, vehicle, n] all of it as a policy observes it, obstacles first: closeness 1 - d / reach, and
+            the direction in the vehicle's own frame times closeness; zeros where there is nothing in range. An
+            obstacle has three more: the sine of half the angle it fills, without which nobody can tell whether a
+            course clears it, and its velocity, ahead and to starboard, squashed.
+        written: the same, or one column where there are none, as kernels take it.
+    """
+
+    STATE = ("gap", "obstacles", "team_mates", "written")
+
+    def __init__(
+        self,
+        fleet: Fleet,
+        num_obstacles: int,
+        num_mates: int,
+        reach: float,
+        radius: float,
+        frame: Literal["heading", "body"] = "heading",
+    ):
+        """Allocate for `fleet`; `reach` and `radius` in m.
+
+        A vehicle's own frame is its body frame (3 axes), or the heading frame (ahead, starboard), which stays level.
+        """
+        self.axes = 3 if frame == "body" else 2
+        state = fleet.state
+        env, vehicle = state.shape[:2]
+        self.fleet, self.reach, self.radius = fleet, reach, radius
+        self.num_obstacles, self.num_mates = num_obstacles, num_mates
+        self.gap = state.new_zeros((env, vehicle))
+        self.obstacles = state.new_zeros((env, vehicle, max(num_obstacles, 1), 9))
+        self.team_mates = state.new_zeros((env, vehicle, max(num_mates, 1), 7))
+        width = num_obstacles * (self.axes + 4) + num_mates * (self.axes + 1)
+        self.signals = state.new_zeros((env, vehicle, width))
+        self.written = self.signals if width else state.new_zeros((env, vehicle, 1))  # kernels take no empty array
+        numbers = state.new_tensor([reach, radius])
+        self._team = runtime.Packed(SensingPack, state=state, derived=fleet.derived, numbers=numbers)
+        self._nobody = state.new_zeros((1, ROWS, 1))
+        self._all = torch.ones(env, dtype=torch.int32, device=state.device)
+        self._field: torch.Tensor | None = None
+        self._columns = state
+        self._sight, self._launch = Sight(num_obstacles, num_mates, self.axes), runtime.Launcher(_sense)
+        self._sensed = runtime.Packed(
+            SensedPack, gap=self.gap, obstacles=self.obstacles, mates=self.team_mates, signals=self.written
+        )
+
+    def look(
+        self,
+        obstacles: torch.Tensor,
+        env_world: torch.Tensor,
+        which: torch.Tensor | None = None,
+        count: int = 0,
+        bodies: Bodies | None = None,
+    ) -> None:
+        """Look around for `obstacles` [world, m, 4], env_world int64 [env] says of which world, and for `bodies`.
+
+        It does so in environments that are not 0 in `which` [env], `count` of them (default: in all).
+        """
+        if obstacles is not self._field:  # by column, so that the kernel reads whole vectors
+            self._field, self._columns = obstacles, _padded(obstacles.transpose(1, 2))
+        if which is None:
+            which, count = self._all, len(self._all)
+        moving = bodies is not None and bodies.present
+        table = bodies.table if bodies is not None and moving else self._nobody
+        serial = runtime.few(count * self.fleet.state.shape[1], LOOK)
+        sight = self._sight._replace(field=self._columns.shape[2], moving=moving, serial=serial)
+        self._launch(self._sensed(), self._team(), self._columns, table, env_world, which, sight)
+
+
+def _padded(columns: torch.Tensor) -> torch.Tensor:
+    """Obstacles [world, 4, m], with others out of all reach up to a multiple of `WIDTH`: fewer kernels to compile."""
+    missing = -columns.shape[2] % WIDTH
+    far = columns.new_tensor([AWAY, AWAY, 0.0, 0.0]).view(1, 4, 1).expand(columns.shape[0], 4, missing)
+    return torch.cat((columns, far), dim=2).contiguous()

@@ -1,0 +1,189 @@
+"""Fit numbers of a vehicle file to logs of a vessel's motion.
+
+    taichi-sim fit VEHICLE LOG... [--numbers KEY,KEY...] [--prior KEY=SHARE] [--out FILE]
+    taichi-sim fit VEHICLE --synthetic DIR [--factor KEY=X ...]      # makes logs to try it on
+
+    taichi-sim fit otter_3dof --synthetic logs --factor X_u=1.2 --factor surge_force_max=0.9
+    taichi-sim fit otter_3dof logs/*.csv --prior mass=0.02 --out mine.toml
+
+VEHICLE is a vehicle file, or the name of a shipped one: its numbers are the first guess. LOG is a CSV with the columns
+t, north, east, heading (or heading_deg), yaw_rate (or yaw_rate_deg) and the actions. Intervals are of 95 %. What the
+data do not tell is said, and kept near the file's value. Method, and what it assumes: docs/fit.md.
+
+Exit status: 0 done, 2 bad input.
+"""
+
+import argparse
+import datetime
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from taichi_sim.config import ConfigError, TeamConfig
+from taichi_sim.config.io import vehicle_file
+from taichi_sim.fit.estimate import Fit, fit
+from taichi_sim.fit.log import Log, read_log
+from taichi_sim.fit.synthetic import write_logs
+from taichi_sim.kernels import runtime
+from taichi_sim.usv.manoeuvring_3dof import Manoeuvring3dof
+from taichi_sim.vehicle import Vehicle
+from taichi_sim.vehicles import load_vehicle
+
+PRIOR = 0.4  # standard deviation of a number's logarithm beforehand; assumed
+PRIORS = {"mass": 0.02}  # a vessel can be weighed; assumed
+USUAL: dict[type[Vehicle], tuple[str, ...]] = {
+    Manoeuvring3dof: ("mass", "I_z", "X_u", "X_uu", "X_uuu", "Y_v", "Y_vv", "N_r", "N_rr", "surge_force_max",
+                      "yaw_moment_max"),
+}  # fmt: skip
+CLOSE = 0.95  # correlation of two numbers that is told
+
+
+def shares(texts: list[str], option: str) -> dict[str, float]:
+    """KEY=NUMBER above 0.
+
+    Raises:
+        ConfigError: for anything else.
+    """
+    found = {}
+    for text in texts:
+        key, _, value = text.partition("=")
+        try:
+            number = float(value)
+        except ValueError:
+            number = 0.0
+        if not 0 < number < 100:
+            raise ConfigError(f"{option} {text}: expected KEY=NUMBER above 0, for example {option} mass=0.02")
+        found[key] = number
+    return found
+
+
+def numbers_of(model: Vehicle, asked: str, vehicle: str) -> tuple[str, ...]:
+    """Keys to fit: those asked for, or the usual ones that are not zero.
+
+    Raises:
+        ConfigError: where there are no usual ones.
+    """
+    if asked:
+        return tuple(key.strip() for key in asked.split(","))
+    usual = USUAL.get(type(model))
+    if usual is None:
+        raise ConfigError(f"{vehicle}: name what to fit by --numbers; it may be {', '.join(model.varying)}")
+    return tuple(key for key in usual if model.nominal[key] != 0.0)
+
+
+def lines(found: Fit, logs: list[Log]) -> list[str]:
+    """What is printed."""
+    wide = max(map(len, found.keys)) + 2
+    told = [f"  {'':{wide}}{'file':>12}{'fitted':>12}{'95 % interval':>28}"]
+    for key, before, value, low, high, known in zip(found.keys, found.nominal, found.values, found.low, found.high,
+                                                     found.told, strict=True):  # fmt: skip
+        note = "" if known else "  the data do not tell it: as believed before"
+        told.append(f"  {key:{wide}}{before:12.5g}{value:12.5g}{low:14.5g}{high:14.5g}{note}")
+    n = len(found.keys)
+    close = [(i, j) for i in range(n) for j in range(i) if abs(found.correlation[i, j]) > CLOSE]
+    if close:
+        pairs = ", ".join(f"{found.keys[j]} and {found.keys[i]} ({found.correlation[i, j]:+.3f})" for i, j in close)
+        told.append(f"  hard to tell apart (correlation): {pairs}")
+    s = found.sigma
+    told.append(f"  errors of measurement: {s[0]:.3g} and {s[1]:.3g} m, {np.degrees(s[2]):.3g} deg, "
+                f"{np.degrees(s[3]):.3g} deg/s")  # fmt: skip
+    for log, (north, east) in zip(logs, found.currents, strict=True):
+        told.append(f"  {log.name}: current {np.hypot(north, east):.2f} m/s to "
+                    f"{np.degrees(np.arctan2(east, north)) % 360:.0f} deg")  # fmt: skip
+    told.append(f"  windows that were not fitted: residuals of {found.before:.2f} standard deviations by the file, "
+                f"{found.after:.2f} by the fit (1 is the noise)")  # fmt: skip
+    return told
+
+
+def written(file: Path, found: Fit, logs: list[Log]) -> str:
+    """The text of a vehicle file with the fitted numbers, their intervals and where they come from.
+
+    Raises:
+        ConfigError: for a number that the text does not have on a line of its own.
+    """
+    text = file.read_text(encoding="utf-8")
+    today = datetime.date.today().isoformat()
+    for key, value, low, high, known in zip(found.keys, found.values, found.low, found.high, found.told, strict=True):
+        if not known:
+            continue
+        section, _, last = key.rpartition(".")
+        start = 0
+        if section:
+            place = re.search(rf"^\[{re.escape(section)}\]", text, re.M)
+            start = place.end() if place else len(text)
+        line = re.compile(rf"^({re.escape(last)}\s*=\s*)[-+0-9.eE_]+[^\n]*$", re.M)
+        match = line.search(text, start)
+        if match is None:
+            raise ConfigError(f"{file}: no line {last} = ... to write {key} into")
+        new = f"{match[1]}{value:.8g}  # fitted {today}; 95 %: {low:.5g} to {high:.5g}"
+        text = text[: match.start()] + new + text[match.end() :]
+    of = "".join(f"#   {log.name}, sha256 {log.digest}\n" for log in logs)
+    return f"# Numbers marked as fitted are of {today}, from\n{of}{text}"
+
+
+def parser() -> argparse.ArgumentParser:
+    """The arguments."""
+    summary, _, rest = (__doc__ or "").partition("\n\n")
+    p = argparse.ArgumentParser(
+        prog="taichi-sim fit", description=summary, epilog=rest, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    p.add_argument("vehicle", metavar="VEHICLE", help="vehicle file, or the name of a shipped one")
+    p.add_argument("logs", nargs="*", type=Path, metavar="LOG", help="CSV")
+    p.add_argument("--numbers", default="", metavar="KEY,...", help="what to fit [the usual ones of the model]")
+    p.add_argument("--prior", action="append", default=[], metavar="KEY=SHARE",
+                   help=f"how well it is known beforehand [{PRIOR:g}; mass {PRIORS['mass']:g}]")  # fmt: skip
+    p.add_argument("--window", type=float, default=6.0, metavar="S", help="length of what is simulated at once [6]")
+    p.add_argument("--out", type=Path, metavar="FILE", help="write the vehicle file with the fitted numbers here")
+    p.add_argument("--synthetic", type=Path, metavar="DIR", help="make logs of the vehicle instead")
+    p.add_argument("--factor", action="append", default=[], metavar="KEY=X", help="of a number, in synthetic logs")
+    p.add_argument("--count", type=int, default=10, help="of synthetic logs [10]")
+    p.add_argument("--seed", type=int, default=0, help="of synthetic logs [0]")
+    return p
+
+
+def run(args: argparse.Namespace) -> None:
+    """Fit and print, or make logs.
+
+    Raises:
+        ConfigError: for bad input.
+    """
+    file = vehicle_file(TeamConfig(vehicle=str(args.vehicle)))
+    model = load_vehicle(args.vehicle)
+    if args.synthetic is not None:
+        factors = shares(args.factor, "--factor") or {numbers_of(model, args.numbers, args.vehicle)[0]: 1.0}
+        for made in write_logs(args.vehicle, factors, args.synthetic, count=args.count, seed=args.seed):
+            print(made)
+        return
+    if not args.logs:
+        raise ConfigError("no logs: name some, or make some by --synthetic DIR")
+    keys = numbers_of(model, args.numbers, args.vehicle)
+    given = PRIORS | shares(args.prior, "--prior")
+    logs = [read_log(log, model) for log in args.logs]
+    found = fit(args.vehicle, logs, {key: given.get(key, PRIOR) for key in keys}, seconds=args.window)
+    print("\n".join([f"{args.vehicle}, {len(logs)} logs", *lines(found, logs)]))
+    if args.out is not None:
+        args.out.write_text(written(file, found, logs), encoding="utf-8")
+        load_vehicle(args.out)
+        print(args.out)
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Parse, run."""
+    p = parser()
+    args = p.parse_args(argv)
+    for name, low, high in (("window", 1.0, 600.0), ("count", 1, 1000), ("seed", 0, 2**31 - 1)):
+        if not low <= getattr(args, name) <= high:
+            p.error(f"--{name} {getattr(args, name):g}: allowed are {low:g} to {high:g}")
+    runtime.init(precision="f64", threads=1)
+    try:
+        run(args)
+    except (ConfigError, ValueError, OSError) as error:
+        print(f"fit: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,101 @@
+"""The command `taichi-sim`: all that the scripts of a checkout do, from any folder, after `pip install`."""
+
+import argparse
+import importlib
+import runpy
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from taichi_sim.commands.bundle import find_rl
+
+COMMANDS = "taichi_sim.commands"
+SCRIPTS = {  # name -> module, arguments given beside, and what it does
+    "train": ("rl.train", (), "train the teams of a scenario, evaluate, record, report"),
+    "evaluate": ("rl.evaluate", (), "judge a run's policies on unseen episodes"),
+    "sweep": ("rl.evaluate", ("--sweep",), "the same under many conditions, beside the classical controller"),
+    "play": ("rl.play", (), "record, film or watch an episode"),
+    "report": ("rl.report", (), "write a run's report.html anew, or of two runs"),
+    "tune": ("rl.tune", (), "search for the numbers of a classical controller"),
+    "compare": ("tools.compare", (), "several training seeds against classical control, with intervals"),
+    "benchmark": ("tools.benchmark", (), "measure speed on this machine"),
+    "draw-sea": ("tools.draw_sea", (), "a picture of a scenario's sea"),
+    "sea-of": ("tools.sea_of", (), "what sea a file of measured spectra holds, and which vessels survive it"),
+    "aircraft": ("tools.aircraft", (), "trim, modes and V-n diagram, or control loops, of an aircraft"),
+    "trials": (f"{COMMANDS}.trials", (), "standard trials of a vessel (turning circle, zigzag ...) or an aircraft"),
+    "fit": (f"{COMMANDS}.fit", (), "numbers of a vehicle file from logs of a vessel's motion, with intervals"),
+    "sitl": (f"{COMMANDS}.sitl", (), "be the physics of ArduPilot's SITL, by its JSON interface"),
+    "hydrodynamics": ("tools.hydrodynamics", (), "a hull's added mass, damping and wave loads from its mesh"),
+}
+STARTERS = {
+    "new-scenario": "write NAME.toml, a scenario to change",
+    "new-vehicle": "write NAME.toml and NAME.py, a vehicle of your own",
+    "new-mission": "write NAME.toml and NAME.py, a mission of your own",
+}
+
+
+def parser() -> argparse.ArgumentParser:
+    """The parser of `taichi-sim`, with a line of help for each command."""
+    told = {name: text for name, (_, _, text) in SCRIPTS.items()} | STARTERS
+    wide = max(map(len, told))
+    p = argparse.ArgumentParser(
+        prog="taichi-sim",
+        description="Simulation and reinforcement learning for teams of vessels on a real sea and aircraft above it.",
+        epilog="commands:\n" + "\n".join(f"  {name:{wide}}  {text}" for name, text in told.items())
+        + "\n\ntaichi-sim COMMAND --help tells more of each; taichi-sim train, alone, does the main job.",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )  # fmt: skip
+    p.add_argument("command", choices=told, metavar="COMMAND", help="one of those below")
+    p.add_argument("arguments", nargs=argparse.REMAINDER, metavar="...", help="of the command")
+    return p
+
+
+def starter_parser(name: str) -> argparse.ArgumentParser:
+    """The parser of a command that writes starter files."""
+    p = argparse.ArgumentParser(prog=f"taichi-sim {name}", description=f"{STARTERS[name]}.".capitalize())
+    p.add_argument("name", metavar="NAME")
+    if name == "new-scenario":
+        p.add_argument("--like", default="paper", metavar="SCENARIO", help="the one to copy (default: paper)")
+    return p
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run it; return the exit status."""
+    given = sys.argv[1:] if argv is None else list(argv)
+    if not given:
+        parser().print_help()
+        return 0
+    args = parser().parse_args(given)
+    find_rl(first=True)
+    if args.command in STARTERS:
+        return _start(args.command, args.arguments)
+    module, beside, _ = SCRIPTS[args.command]
+    given = list(args.arguments)
+    if beside and not set(beside) & set(given) and not {"-h", "--help"} & set(given):
+        given += [*beside, "default"]
+    sys.argv = [f"taichi-sim {args.command}", *given]
+    if module.startswith("rl."):
+        return importlib.import_module("rl.cli").run(importlib.import_module(module).main)
+    try:
+        runpy.run_module(module, run_name="__main__")
+    except SystemExit as ended:
+        if ended.code is not None and not isinstance(ended.code, int):
+            raise
+        return ended.code or 0
+    return 0
+
+
+def _start(name: str, arguments: Sequence[str]) -> int:
+    """Write starter files and print their names."""
+    given = vars(starter_parser(name).parse_args(arguments))
+
+    def write(_: list[str] | None) -> None:
+        make = getattr(importlib.import_module("taichi_sim.commands.starters"), name.replace("-", "_"))
+        for file in make(given.pop("name"), Path(), **given):
+            print(file)
+
+    return importlib.import_module("rl.cli").run(write, [])
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,46 @@
+"""Modules that have moved: importing one by its old name says where it is now."""
+
+import sys
+from collections.abc import Sequence
+from importlib.abc import MetaPathFinder
+from importlib.machinery import ModuleSpec
+from types import ModuleType
+
+ADAPTERS = {
+    "gym": "gymnasium", "batched": "batched", "agents": "agents", "sb3": "sb3", "parallel": "pettingzoo",
+    "skrl_env": "skrl", "marl": "marl", "others": "other_teams", "render": "render",
+}  # fmt: skip
+MOVED = {
+    **{f"rl.{old}": f"rl.adapters.{new}" for old, new in ADAPTERS.items()},
+    "rl.scene": "rl.course (tracks, obstacles, traffic) and rl.perception (all that is sensed)",
+    "rl.runs.evaluation": "rl.evaluation.episodes",
+    "rl.runs.report": "rl.evaluation.report",
+    "rl.runs.sweep": "rl.evaluation.sweep",
+    "taichi_sim.maths": "taichi_sim.kernels",
+    "taichi_sim.packs": "taichi_sim.kernels.packs",
+    "taichi_sim.kinematics": "taichi_sim.kernels.kinematics",
+    "taichi_sim.rigid_body": "taichi_sim.kernels.rigid_body",
+    "taichi_sim.runtime": "taichi_sim.kernels.runtime",
+}
+
+
+class Signpost(MetaPathFinder):
+    """Looked into last, when a module is nowhere."""
+
+    def find_spec(
+        self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
+    ) -> ModuleSpec | None:
+        """Say where the module is now.
+
+        Raises:
+            ModuleNotFoundError: if it has moved.
+        """
+        if fullname in MOVED:
+            raise ModuleNotFoundError(f"{fullname} is now {MOVED[fullname]}", name=fullname)
+        return None
+
+
+def put_up() -> None:
+    """Have old names explained from now on."""
+    if not any(isinstance(finder, Signpost) for finder in sys.meta_path):
+        sys.meta_path.append(Signpost())

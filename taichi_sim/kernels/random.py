@@ -1,0 +1,110 @@
+"""Random numbers without state, for kernels: a function of (seed, stream, env, vehicle, step) and nothing else.
+
+So a run has the same bits whatever the number of threads, and no environment disturbs another. The bits are those of
+Philox4x32 with 7 rounds (Salmon, Moraes, Dror & Shaw 2011, Parallel random numbers: as easy as 1, 2, 3; 7 rounds is the
+fewest that passes BigCrush there), counter = (step, vehicle, env, 0), key = (seed, stream).
+
+`step` must count on through a run: a counter that starts again with each episode repeats the noise of the last one.
+
+Normal numbers are Box & Muller's (1958). One call's 128 bits make six: three radii of 24 bits and three angles of 18,
+so that |z| <= sqrt(2 ln 2^24) = 5.77.
+"""
+
+# Kernels are another language inside Python syntax.
+# pyright: reportInvalidTypeForm=false
+
+import taichi as ti
+
+from taichi_sim.kernels import fast, runtime
+
+# Streams: one for each use of random numbers, so that no two uses share them.
+TURBULENCE, SLOW_VARIATION = 1, 2
+INSTRUMENTS, RADIO, CONTACTS = 16, 32, 48  # and up to 15 after each; 31 after the last
+CAMERA, LOOKOUT = 80, 96  # and up to 15 after each
+
+ROUNDS = 7
+MULTIPLIER_0, MULTIPLIER_1 = 0xD2511F53, 0xCD9E8D57  # Philox's
+WEYL_0, WEYL_1 = 0x9E3779B9, 0xBB67AE85  # what the key grows by each round
+
+UNIFORM_BITS, RADIUS_BITS, ANGLE_BITS = 23, 24, 18
+ANGLE_BITS_OF_LAST = 10  # of an angle's bits, those from the fourth word; the others are left over from its radius
+
+SQRT_HALF_BITS = 0x3F3504F3  # sqrt(1/2) as an f32
+LN2_HI, LN2_LO = 0.693359375, -2.12194440e-4  # ln 2 in two parts: n LN2_HI is exact in f32
+TWO_PI = 6.283185307179586
+
+
+@ti.func
+def log(x):
+    """ln x of x > 0 (a normal f32), to 2e-7 of max(1, |ln x|): x = 2^n (1 + f), f in [-0.293, 0.414].
+
+    The polynomial in f is logf's of Moshier's Cephes library. In f64 the library's function.
+    """
+    y = x
+    if ti.static(runtime.is_f64()):
+        y = ti.log(x)
+    else:
+        bits = ti.bit_cast(x, ti.i32)
+        n = (bits - ti.static(SQRT_HALF_BITS)) >> 23
+        f = ti.bit_cast(bits - (n << 23), ti.f32) - 1.0
+        z, p = f * f, x * 0.0 + 7.0376836292e-2
+        for c in ti.static(
+            (-1.1514610310e-1, 1.1676998740e-1, -1.2420140846e-1, 1.4249322787e-1)
+            + (-1.6668057665e-1, 2.0000714765e-1, -2.4999993993e-1, 3.3333331174e-1)
+        ):
+            p = p * f + c
+        k = ti.cast(n, ti.f32)
+        y = f + (z * f * p + k * LN2_LO - 0.5 * z) + k * LN2_HI
+    return y
+
+
+@ti.func
+def philox(counter, key, rounds: ti.template()):
+    """Philox4x32: four random words of a counter (4 u32) and a key (2 u32)."""
+    c0, c1, c2, c3 = counter[0], counter[1], counter[2], counter[3]
+    k0, k1 = key[0], key[1]
+    for _ in ti.static(range(rounds)):
+        product0 = ti.cast(c0, ti.u64) * ti.cast(ti.u32(MULTIPLIER_0), ti.u64)
+        product1 = ti.cast(c2, ti.u64) * ti.cast(ti.u32(MULTIPLIER_1), ti.u64)
+        c0 = ti.cast(ti.bit_shr(product1, 32), ti.u32) ^ c1 ^ k0
+        c2 = ti.cast(ti.bit_shr(product0, 32), ti.u32) ^ c3 ^ k1
+        c1, c3 = ti.cast(product1, ti.u32), ti.cast(product0, ti.u32)
+        k0, k1 = k0 + ti.u32(WEYL_0), k1 + ti.u32(WEYL_1)
+    return ti.Vector([c0, c1, c2, c3])
+
+
+@ti.func
+def words4(seed, stream, env, vehicle, step):
+    """Four random u32 of integers, each taken modulo 2^32."""
+    counter = ti.Vector([ti.cast(step, ti.u32), ti.cast(vehicle, ti.u32), ti.cast(env, ti.u32), ti.u32(0)])
+    return philox(counter, ti.Vector([ti.cast(seed, ti.u32), ti.cast(stream, ti.u32)]), ROUNDS)
+
+
+@ti.func
+def uniform4(seed, stream, env, vehicle, step):
+    """Four uniform numbers, strictly between 0 and 1, in steps of 2^-23; of the run's precision, the same in both."""
+    w = words4(seed, stream, env, vehicle, step)
+    u = ti.Vector([0.0, 0.0, 0.0, 0.0])
+    for i in ti.static(range(4)):
+        u[i] = (ti.cast(ti.bit_shr(w[i], 32 - UNIFORM_BITS), float) + 0.5) * ti.static(2.0**-UNIFORM_BITS)
+    return u
+
+
+@ti.func
+def normal6(seed, stream, env, vehicle, step):
+    """Six independent standard normal numbers."""
+    w = words4(seed, stream, env, vehicle, step)
+    z = ti.Vector([0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    for i in ti.static(range(3)):
+        u = (ti.cast(ti.bit_shr(w[i], 32 - RADIUS_BITS), float) + 1.0) * ti.static(2.0**-RADIUS_BITS)
+        high = (w[i] & ti.u32(2 ** (32 - RADIUS_BITS) - 1)) << ti.static(ANGLE_BITS_OF_LAST)
+        low = ti.bit_shr(w[3], ANGLE_BITS_OF_LAST * i) & ti.u32(2**ANGLE_BITS_OF_LAST - 1)
+        theta = (ti.cast(high | low, float) + 0.5) * ti.static(TWO_PI * 2.0**-ANGLE_BITS) - ti.static(0.5 * TWO_PI)
+        r = ti.sqrt(ti.max(-2.0 * log(u), 0.0))
+        s, c = theta, theta
+        if ti.static(runtime.is_f64()):
+            s, c = ti.sin(theta), ti.cos(theta)
+        else:
+            s, c = fast.sin_reduced(theta), fast.cos_reduced(theta)
+        z[2 * i], z[2 * i + 1] = r * c, r * s
+    return z
