@@ -7,7 +7,6 @@ import socket
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,7 +20,6 @@ from taichi_sim.sitl.packets import PacketError, Servos, pack, parse
 from taichi_sim.sitl.session import Session
 from taichi_sim.vehicles import load_vehicle
 
-ROOT = Path(__file__).resolve().parents[1]
 ME, OTHER_PORT, STRANGER = ("127.0.0.1", 5501), ("127.0.0.1", 5777), ("10.0.0.9", 5501)
 
 
@@ -164,7 +162,7 @@ def test_channels_are_named_and_turned_round():
 
 
 def _start(*words):
-    command = [sys.executable, str(ROOT / "tools" / "sitl.py"), *words]
+    command = [sys.executable, "-m", "taichi_sim.commands.sitl", *words]
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
