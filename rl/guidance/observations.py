@@ -1,16 +1,17 @@
 """What a vehicle observes; every term is [env, vehicle, n], scaled to be of order one.
 
 `observations = "paper"` is sec. 3.3 (current and previous distance and direction to the target) and what partial
-observability needs to avoid collisions: the nearest obstacles and team mates within the detection range. "full"
-adds the error and its rate as vectors, own velocity, attitude and rates, the target's course, the previous action,
-the role (1 of the leader, 0 of followers) and the offset to hold (of the own slot from the leader now, ahead and to
-starboard in the path frame): not the name of a formation; of aircraft with air data, airspeed and wind too; where there
-is a radio, the age of what the leader was last heard to say. All of it is as the vehicle knows it (known.py). A policy
-that corrects the classical controller observes what it wants besides, "reference". Directions are in the body frame (of
-USVs: its horizontal part), so a policy needs no compass. No width depends on the size of the team.
+observability needs to avoid collisions: the nearest obstacles and team mates within the detection range. "full" adds
+the error and its rate as vectors, own velocity, attitude and rates, the target's course, the previous action, the role
+(1 of the leader, 0 of followers), and the offset of the own slot from the leader now (ahead and to starboard in the
+path frame) instead of the name of a formation. Aircraft with air data also observe airspeed and wind; vehicles with a
+radio observe the age of their leader's last message. Every term is as the vehicle knows it (knowledge.py). A residual
+policy also observes what it corrects, "reference". Directions are in the body frame (of USVs: its horizontal part), so
+a policy needs no compass. No width depends on the size of the team.
 
-"encounters" tells how each obstacle will be passed if the vehicle goes on as it does, and by its slot if the formation
-does, and how each team mate will be: how far ahead that is, how far aside (to starboard of the motion), with what gap.
+"encounters" predicts how each obstacle will be passed if the vehicle keeps its motion, and how its slot will pass it if
+the formation does, and how each team mate will be passed: the distance ahead, the distance aside (to starboard of the
+motion), the gap.
 
 One kernel writes all of them, in the order of `widths`.
 """
@@ -234,7 +235,7 @@ def _observe(
             put(out, e, i, form.at.reference, form.residual, reference, 0)
 
 
-class Observer:
+class ObservationWriter:
     """Writes what a team observes.
 
     Attributes:
@@ -271,7 +272,7 @@ class Observer:
     def __call__(self, action: Tensor, reference: Tensor) -> Tensor:
         """All terms [env, vehicle, n], side by side in a fresh tensor.
 
-        `action` [env, vehicle, a] is the last one; `reference` is what is to be corrected (corrected.py).
+        `action` [env, vehicle, a] is the last one; `reference` is what is to be corrected (residual.py).
         """
         out = action.new_empty(self._shape)
         self._launch.once(out, self._seen(), action.contiguous(), reference.contiguous(), self._form)

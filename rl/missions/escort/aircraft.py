@@ -7,13 +7,13 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from rl.guidance.corrected import Corrected
 from rl.guidance.geometry import SIZE as ERRORS
 from rl.guidance.geometry import SLOT_VELOCITY
 from rl.guidance.observations import RATE_SCALE, SPEED_SCALE
+from rl.guidance.residual import ResidualTeam
 from rl.guidance.targets import COS, COURSE, EAST, NORTH, SIN, SIZE, SPEED, seen_at
 from rl.missions.escort.boats import AGE_SCALE, SIGMA_SCALE, squashed
-from rl.missions.escort.picture import Group, Search
+from rl.missions.escort.tracking import Group, Search
 from rl.perception.camera import Camera
 from rl.perception.contacts import Contacts
 from rl.perception.instruments import Readings
@@ -40,7 +40,7 @@ def gap_errors(angle: Tensor, present: Tensor, turn: float) -> Tensor:
     return torch.where(others.any(-1), 0.5 * (nearest - behind), 0.0)
 
 
-class Aircraft(Corrected):
+class Aircraft(ResidualTeam):
     """Measures the aircraft after each step; everything is [env, aircraft, ...].
 
     Attributes:
@@ -69,23 +69,23 @@ class Aircraft(Corrected):
         self.known: Any
 
     def group(self, first: int, number: int) -> Group:
-        """As lookers, the first of which has that number; the team is the `number`-th of its mission."""
+        """As observers, the first of which has that number; the team is the `number`-th of its mission."""
         self.own = Readings(self.fleet, self.section.sensors, self.interval, 64 * number)
         cruise = self.fleet.model.limits.speeds[1]
         self._number = number
         radius = self.orbit.radius
         return Group(first, self.own, self.fleet, Search(SEARCH_PITCH * radius, SEARCH_SPEED * cruise, BEGINS * radius))
 
-    def join(self, picture: Any) -> None:
-        """Look down, and know what the `picture` has."""
+    def join(self, tracking: Any) -> None:
+        """Look down, and know what the `tracking` has."""
         mission, number = self.mission, 64 * self._number
-        self.picture = picture
+        self.tracking = tracking
         self.camera = Camera(
-            self.section.camera, self.section.sensors, picture.looks, picture.things, mission.hs, self.fleet, self.own,
-            first=picture.groups[self.name].first, vehicles=number,
+            self.section.camera, self.section.sensors, tracking.sightings, tracking.objects, mission.hs, self.fleet,
+            self.own, first=tracking.groups[self.name].first, vehicles=number,
         )  # fmt: skip
-        picture.lookers.append(self)
-        self.known = KnownAircraft(self, picture, number)
+        tracking.observers.append(self)
+        self.known = MeasuredAircraft(self, tracking, number)
         self.target = self.known.target
 
     def measure(self, which: Tensor, count: int) -> None:
@@ -112,20 +112,20 @@ class Aircraft(Corrected):
         self.camera.see(which, rows, count)
 
     def conclude(self, which: Tensor, count: int) -> None:
-        """What they know, once the picture is up to date."""
+        """What they know, once the tracking is up to date."""
         self.known.measure(which, count)
 
     @property
     def sees(self) -> Tensor:
         """bool [env, aircraft]: its camera has found the vessel in the last look."""
-        return self.picture.sees(self.name)
+        return self.tracking.sees(self.name)
 
     def terms(self) -> dict[str, Tensor]:
         """What each aircraft is told."""
         return self._told(self.known)
 
     def _told(self, known: Any) -> dict[str, Tensor]:
-        fleet, model, picture = known.fleet, self.fleet.model, self.picture
+        fleet, model, tracking = known.fleet, self.fleet.model, self.tracking
 
         def own_frame(v: Tensor) -> Tensor:
             return (v.unsqueeze(-2) @ fleet.R_nb).squeeze(-2)
@@ -150,8 +150,8 @@ class Aircraft(Corrected):
             "circle": squashed(off, CIRCLE_SCALE),
             "gap": known.gap_error.unsqueeze(-1) / math.pi,
             "view": self.sees.unsqueeze(-1).to(far),
-            "track_age": squashed(picture.of(self.name, picture.age).unsqueeze(-1), AGE_SCALE),
-            "track_sigma": squashed(picture.of(self.name, picture.sigma).unsqueeze(-1), SIGMA_SCALE),
+            "track_age": squashed(tracking.of(self.name, tracking.age).unsqueeze(-1), AGE_SCALE),
+            "track_sigma": squashed(tracking.of(self.name, tracking.sigma).unsqueeze(-1), SIGMA_SCALE),
             "boats": own_frame(to_boats / boats_far.clamp(min=1.0)),
             "boats_distance": squashed(torch.cat((boats_far, widest), dim=-1), FAR_SCALE),
             "surroundings": known.sensor.signals,
@@ -181,7 +181,7 @@ class Aircraft(Corrected):
         return torch.cat(told, dim=-1)
 
 
-class KnownAircraft:
+class MeasuredAircraft:
     """What the aircraft know; what is not here is as in the team.
 
     Attributes: fleet, own state as measured. centre, centre_velocity: [env, aircraft, 2] the vessel as each knows it
@@ -192,10 +192,10 @@ class KnownAircraft:
 
     STATE = ("targets", "now", "centre_velocity", "gap_error", "height_error", "sensor", "_boats", "_farthest")
 
-    def __init__(self, team: Aircraft, picture: Any, number: int):
+    def __init__(self, team: Aircraft, tracking: Any, number: int):
         """Of `team`; `number` vehicles of others come before it, among the random numbers."""
         state = team.fleet.state
-        self._team, self._picture, self.fleet = team, picture, team.own
+        self._team, self._tracking, self.fleet = team, tracking, team.own
         self.targets = SimpleNamespace(table=state.new_zeros((*state.shape[:2], SIZE)))
         errors = state.new_zeros((*state.shape[:2], ERRORS))
         self.now = SimpleNamespace(table=errors, slot_velocity=errors[..., SLOT_VELOCITY : SLOT_VELOCITY + 3])
@@ -204,7 +204,7 @@ class KnownAircraft:
             team.section.sensors.scaled_contacts, team.sensor, team.fleet, self.fleet, team.interval, number
         )
         self.centre, self.centre_velocity = (
-            picture.rows(team.name)[..., NORTH : EAST + 1],  # a live view
+            tracking.rows(team.name)[..., NORTH : EAST + 1],  # a live view
             state.new_zeros((*state.shape[:2], 2)),
         )
         self.believed = self.centre
@@ -218,7 +218,7 @@ class KnownAircraft:
     def measure(self, which: Tensor, rows: int) -> None:
         """In environments `which` [env] int32, `rows` of them."""
         team, mission = self._team, self._team.mission
-        known = self._picture.rows(team.name)
+        known = self._tracking.rows(team.name)
         self.centre = known[..., NORTH : EAST + 1]
         self.centre_velocity = known[..., SPEED, None] * torch.stack((known[..., COS], known[..., SIN]), dim=-1)
         self.believed = self.centre
@@ -239,9 +239,9 @@ class KnownAircraft:
 
     def _others(self, theta: Tensor) -> None:
         """Those on the circle, and boats, as heard."""
-        team, picture = self._team, self._picture
-        heard, age = picture.of(team.name, picture.radio.heard), picture.radio.said.shape[-1]
-        group = picture.groups[team.name]
+        team, tracking = self._team, self._tracking
+        heard, age = tracking.of(team.name, tracking.radio.heard), tracking.radio.said.shape[-1]
+        group = tracking.groups[team.name]
         n = theta.shape[1]
         of = heard[:, :, group.first : group.first + n]
         old = of[..., age]
@@ -250,7 +250,7 @@ class KnownAircraft:
         itself = torch.eye(n, dtype=torch.bool, device=theta.device)
         angle = torch.where(itself, theta.unsqueeze(-1), angle)
         self.gap_error = gap_errors(angle, old < HEARD_OF, team.orbit.turn)
-        boats = picture.groups.get(team.mission.config.escort.boats)
+        boats = tracking.groups.get(team.mission.config.escort.boats)
         if boats is None:
             return
         of = heard[:, :, boats.first : boats.first + boats.own.state.shape[1]]

@@ -1,8 +1,8 @@
 """The escort mission: boats hold formation about a vessel that manoeuvres as it likes and that only aircraft can see.
 
-The vessel is a scripted team (vessel.py). Boats see it, and obstacles, from near; aircraft circle it, and see it and
-the obstacles from afar; all tell each other what they see, by radio (picture.py). An episode begins with the boats some
-hundred metres off, with a word of where the vessel was.
+The vessel is a scripted team (vessel.py). Boats see it, and obstacles, from near. Aircraft circle it, and see it and
+the obstacles from afar. All send each other their sightings by radio (tracking.py). An episode begins with the boats
+some hundred metres away; they are given a place where the vessel was.
 """
 
 from pathlib import Path
@@ -22,11 +22,11 @@ from rl.missions.escort.config import EscortScenario
 from rl.missions.escort.control import controller_of
 from rl.missions.escort.film import Film
 from rl.missions.escort.judge import EscortJudge
-from rl.missions.escort.picture import Picture
+from rl.missions.escort.objects import write_objects
 from rl.missions.escort.scouts import Scouts
 from rl.missions.escort.shapes import escort_offsets
 from rl.missions.escort.starts import afloat, aloft
-from rl.missions.escort.things import write_things
+from rl.missions.escort.tracking import SharedTracking
 from rl.missions.escort.vessel import Wanderer
 from rl.missions.escort.worlds import draw_worlds
 from rl.rewards import fine, paid
@@ -49,12 +49,12 @@ class Escort(Mission):
         worlds: the pool of beginnings (worlds.py). obstacles: [world, n, 4] of them, as sensors take them.
         bodies: what moves, the vessel first; traffic: the rest of it. env_world: int64 [env].
         vessel_place, vessel_velocity: [env, 2] NED, m, m/s; the velocity is averaged (vessel.py).
-        hs: [env] significant wave height, m. picture: what boats and aircraft know (picture.py).
+        hs: [env] significant wave height, m. tracking: what boats and aircraft know (tracking.py).
         noise: counts the random numbers of sensors and radio: decisions of all episodes.
     """
 
     STATE = (
-        "env_world", "bodies", "traffic", "hs", "vessel_place", "_cue", "arrived", "_which", "noise", "picture",
+        "env_world", "bodies", "traffic", "hs", "vessel_place", "_cue", "arrived", "_which", "noise", "tracking",
         "scouts",
     )  # fmt: skip
 
@@ -110,7 +110,7 @@ class Escort(Mission):
         self._film = Film(self)
 
     def _connect(self) -> None:
-        """Make the common picture of all who look."""
+        """Make the common tracking of all who look."""
         config, groups, first = self.config, {}, 0
         self.scouts: Scouts | None = None
         for part in (config.escort.boats, config.escort.aircraft):
@@ -121,10 +121,10 @@ class Escort(Mission):
                 groups[part] = self.scouts.group(first)
             if part in groups:
                 first += groups[part].own.state.shape[1]
-        things = self.bodies.table.shape[2] + self.obstacles.shape[1]
-        self.picture = Picture(self, groups, things)
+        objects = self.bodies.table.shape[2] + self.obstacles.shape[1]
+        self.tracking = SharedTracking(self, groups, objects)
         for member in (*self.teams.values(), *((self.scouts,) if self.scouts else ())):
-            member.join(self.picture)
+            member.join(self.tracking)
 
     def reseed(self, seed: int) -> None:
         """Also sensors and radio."""
@@ -148,14 +148,14 @@ class Escort(Mission):
 
     def _look(self, rows: int, envs: Tensor | None = None) -> None:
         which = self._which
-        self.vessel_place = write_things(self, self._vessel)
+        self.vessel_place = write_objects(self, self._vessel)
         for team in self.teams.values():
             team.measure(which, rows)
         if self.scouts:
             self.scouts.measure(which)
         if envs is not None:
-            self.picture.begin(envs, self._cue[envs])
-        self.picture.update(which, rows)
+            self.tracking.begin(envs, self._cue[envs])
+        self.tracking.update(which, rows)
         for team in self.teams.values():
             team.conclude(which, rows)
         if self.boats is not None:
@@ -238,7 +238,7 @@ class Escort(Mission):
     def log(self, team: Any, step: Step) -> dict[str, Tensor]:
         """Errors now; shares of episodes in which the leader has arrived, and a camera has the vessel; collisions."""
         hours = team.distance.numel() * self.config.decision_interval / 3600
-        sees = self.picture.looks[..., 0, 2] > 0
+        sees = self.tracking.sightings[..., 0, 2] > 0
         return {
             "error_m": team.distance.mean(),
             "arrived": self.arrived.float().mean(),

@@ -11,7 +11,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from rl.missions.escort.picture import Group, Search
+from rl.missions.escort.tracking import Group, Search
 from rl.perception.camera import Camera
 from rl.perception.instruments import InstrumentsConfig
 from taichi_sim.conventions import STATE_SIZE
@@ -40,18 +40,18 @@ class Scouts:
         self._height = self.orbit.height + self.orbit.height_step * steps
 
     def group(self, first: int) -> Group:
-        """As lookers, the first of which has that number."""
+        """As observers, the first of which has that number."""
         return Group(first, self.views, self.views, Search(self.orbit.radius, SPEED, self.orbit.radius))
 
-    def join(self, picture: Any) -> None:
+    def join(self, tracking: Any) -> None:
         """Look down."""
         number = list(self.mission.config.teams).index(self.name) * 64
         camera = self.section.camera.model_copy(update={"mount": "gimbal"})
         self.camera = Camera(
-            camera, InstrumentsConfig(), picture.looks, picture.things, self.mission.hs, self.views, self.views,
-            first=picture.groups[self.name].first, vehicles=number,
+            camera, InstrumentsConfig(), tracking.sightings, tracking.objects, self.mission.hs, self.views, self.views,
+            first=tracking.groups[self.name].first, vehicles=number,
         )  # fmt: skip
-        picture.lookers.append(self.camera)
+        tracking.observers.append(self.camera)
 
     def begin(self, envs: Tensor, place: Tensor) -> None:
         """Episodes begin in environments `envs` [n], scouts near `place` [n, 2] (m)."""

@@ -6,12 +6,12 @@ import torch
 from torch import Tensor
 
 from rl.course.traffic import Bodies
-from rl.guidance.corrected import Corrected
 from rl.guidance.geometry import Geometry
-from rl.guidance.observations import Observer
+from rl.guidance.observations import ObservationWriter
+from rl.guidance.residual import ResidualTeam
 from rl.guidance.targets import Target, Targets
 from rl.mission import Mission
-from rl.missions.formation.known import Known
+from rl.missions.formation.measured import Measured
 from rl.missions.formation.slots import Slots
 from rl.perception.sensors import Sensor
 from taichi_sim.kernels import runtime
@@ -19,12 +19,12 @@ from taichi_sim.kernels import runtime
 GLIDE_SHARE = 0.15  # of the target's speed, with which slots glide to a new formation; assumed
 
 
-class TeamTask(Corrected):
+class TeamTask(ResidualTeam):
     """Measures one team after each step; everything is [env, vehicle, ...].
 
     Attributes:
         target: what its leader tracks. now: errors as of the last step or reset (geometry.py).
-        known: what its vehicles know of all this, which policies and controllers act by (known.py).
+        known: what its vehicles know of all this, which policies and controllers act by (measured.py).
         seen: what writes its observations (observations.py).
         sensor: obstacles and team mates.
         axes: 2 of vessels, whose errors are level, 3 of aircraft.
@@ -52,8 +52,8 @@ class TeamTask(Corrected):
         self.target: Target
         self.now: Geometry
         self.known: Any
-        self.seen: Observer
-        self._true: Observer | None = None
+        self.seen: ObservationWriter
+        self._true: ObservationWriter | None = None
 
     def follow(self, targets: Targets, height: float) -> None:
         """Hold formation behind `targets`; those of aircraft fly at `height` (m)."""
@@ -62,8 +62,8 @@ class TeamTask(Corrected):
         self.targets, self.target = targets, targets.seen_at(self.now.slot[:, 0])
         config = self.mission.config
         exact = config.radio is None and config.sensors.exact and config.sensors.scaled_contacts.exact
-        self.known = self if exact else Known(self, list(config.teams).index(self.name))
-        self.seen = Observer(self.known, config.observations)
+        self.known = self if exact else Measured(self, list(config.teams).index(self.name))
+        self.seen = ObservationWriter(self.known, config.observations)
 
     def observe(self) -> Tensor:
         """Observations [env, vehicle, n] (observations.py), a fresh tensor each time."""
@@ -76,7 +76,7 @@ class TeamTask(Corrected):
         told = []
         if self.known is not self:
             if self._true is None:
-                self._true = Observer(self, self.mission.config.observations)
+                self._true = ObservationWriter(self, self.mission.config.observations)
             told.append(self._true(self.action, self.action if self.residual is None else self.reference()))
         if self.mission.config.varies:
             told.append(self.mission.world.truth[self.name])

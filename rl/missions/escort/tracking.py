@@ -1,12 +1,12 @@
-"""What boats and aircraft know together: looks, messages, charts, and what each makes of the vessel by them.
+"""Shared tracking of the vessel: sightings, messages, charts, and each observer's estimate of the vessel.
 
-Lookers are the boats, then the aircraft; things are the vessel, then what moves, then what stands. Each decision: they
-look, say what they have seen, hear what arrives, and keep their charts (rl/perception/chart.py).
+Observers are the boats, then the aircraft. Objects are the vessel, then moving bodies, then obstacles. In each decision
+the observers look, transmit their sightings, receive messages, and update their charts (rl/perception/chart.py).
 
-A looker that has had nothing new of the vessel for `escort.lost`, and is where the vessel should be by then, searches:
-the place that it goes to (a boat) or circles about (an aircraft) moves out from there along an Archimedean spiral, each
-looker's turned by its share of a full turn. At a speed U along a spiral with the pitch b it is at r = sqrt(b U s / pi)
-after s seconds, at the angle 2 pi r / b.
+An observer searches if it has had no news of the vessel for `escort.lost` and is near the place where the vessel should
+be by then. The place that it goes to (a boat) or circles about (an aircraft) then moves outwards along an Archimedean
+spiral; the spirals of a team are turned against each other. At a speed U along a spiral of pitch b, the radius after s
+seconds is r = sqrt(b U s / pi), and the angle is 2 pi r / b.
 """
 
 import math
@@ -23,7 +23,7 @@ from taichi_sim.fleet import Views
 
 SLOWEST = 0.3  # m/s: a slower vessel keeps the course that it was last known to have
 CUE_SPEED = 1.5  # m/s, standard deviation of what the vessel's velocity may be, each way, at first; assumed
-THING = 6  # numbers of a thing: place (3), velocity, north and east, radius
+OBJECT = 6  # numbers of an object: place (3), velocity, north and east, radius
 
 
 class Search(NamedTuple):
@@ -37,7 +37,7 @@ class Search(NamedTuple):
 
 
 class Group(NamedTuple):
-    """Some of the lookers: the number of the first, how they measure themselves, and how they search."""
+    """Some of the observers: the number of the first, how they measure themselves, and how they search."""
 
     first: int
     own: Views
@@ -45,28 +45,29 @@ class Group(NamedTuple):
     search: Search
 
 
-class Picture:
-    """The common picture of all lookers of a mission.
+class SharedTracking:
+    """The common tracking of all observers of a mission.
 
     Attributes:
-        things: [env, thing, 6], the truth. looks: [env, looker, thing, 3]. radio, chart: see there.
-        targets: [env, looker, 8] the vessel as each knows it, as tables of targets have it
+        objects: [env, object, 6], the truth. sightings: [env, observer, object, 3]. radio, chart: see there.
+        targets: [env, observer, 8] the vessel as each knows it, as tables of targets have it
             (rl/guidance/targets.py); the rate of its course is 0: estimated, it did more harm than good.
-        age, sigma: [env, looker] of that, s and m (standard deviation, each way).
+        age, sigma: [env, observer] of that, s and m (standard deviation, each way).
     """
 
     STATE = (
-        "things", "looks", "place", "radio", "chart", "targets", "age", "sigma", "_course", "_searching", "lookers",
+        "objects", "sightings", "place", "radio", "chart", "targets", "age", "sigma", "_course", "_searching",
+        "observers",
     )  # fmt: skip
 
-    def __init__(self, mission: Any, groups: dict[str, Group], things: int):
-        """Of the lookers of `mission` in `groups`, by team, in order; there is one at least."""
+    def __init__(self, mission: Any, groups: dict[str, Group], objects: int):
+        """Of the observers of `mission` in `groups`, by team, in order; there is one at least."""
         config, self._mission = mission.config, mission
         state = next(iter(groups.values())).own.state
-        envs, lookers = state.shape[0], sum(g.own.state.shape[1] for g in groups.values())
-        self.groups, self.things = groups, state.new_zeros((envs, things, THING))
-        self.looks = state.new_full((envs, lookers, things, LOOK_SIZE), UNSEEN)
-        self.place = state.new_zeros((envs, lookers, 3))
+        envs, observers = state.shape[0], sum(g.own.state.shape[1] for g in groups.values())
+        self.groups, self.objects = groups, state.new_zeros((envs, objects, OBJECT))
+        self.sightings = state.new_full((envs, observers, objects, LOOK_SIZE), UNSEEN)
+        self.place = state.new_zeros((envs, observers, 3))
         radio, escort = config.radio, config.escort
         if escort.reports == "none":
             radio = radio.model_copy(update={"loss": 1.0})
@@ -75,14 +76,14 @@ class Picture:
         if escort.relay and flying:
             relays = flying[0].first, flying[0].first + flying[0].own.state.shape[1]
         self.radio = Radio(
-            radio, self.place, config.decision_interval, width=width_of(things), known=False, relays=relays,
+            radio, self.place, config.decision_interval, width=width_of(objects), known=False, relays=relays,
             shift=1 if escort.reports == "others" else 0,
         )  # fmt: skip
-        self.chart = Chart(self.looks, self.radio.said, self.radio.heard, config.decision_interval)
-        self.targets = state.new_zeros((envs, lookers, SIZE))
-        self.age, self.sigma = state.new_zeros((envs, lookers)), state.new_zeros((envs, lookers))
-        self._course, self._searching = state.new_zeros((envs, lookers)), state.new_zeros((envs, lookers))
-        self.lookers: list[Any] = []  # cameras and lookouts (rl/scene)
+        self.chart = Chart(self.sightings, self.radio.said, self.radio.heard, config.decision_interval)
+        self.targets = state.new_zeros((envs, observers, SIZE))
+        self.age, self.sigma = state.new_zeros((envs, observers)), state.new_zeros((envs, observers))
+        self._course, self._searching = state.new_zeros((envs, observers)), state.new_zeros((envs, observers))
+        self.observers: list[Any] = []  # cameras and lookouts (rl/scene)
 
     def begin(self, envs: Tensor, cue: Tensor) -> None:
         """Episodes begin in environments `envs` [n]: all have been told of the place `cue` [n, 2] (m)."""
@@ -105,8 +106,8 @@ class Picture:
         beginning of an episode; `rows` of them are not 0.
         """
         mission = self._mission
-        for looker in self.lookers:
-            looker.see(which, rows, mission.noise.table)
+        for observer in self.observers:
+            observer.see(which, rows, mission.noise.table)
         groups = self.groups.values()
         torch.cat([g.true.position_n for g in groups], dim=1, out=self.place)
         own = [torch.cat((g.own.position_n, g.own.velocity_n), dim=-1) for g in groups]
@@ -117,7 +118,7 @@ class Picture:
         self._conclude(which)
 
     def _conclude(self, which: Tensor) -> None:
-        """Where the vessel is, and is bound, for each looker."""
+        """Where the vessel is, and is bound, for each observer."""
         track = self.chart.tracks[:, :, 0]
         speed = torch.hypot(track[..., V_NORTH], track[..., V_EAST])
         course = torch.atan2(track[..., V_EAST], track[..., V_NORTH])
@@ -130,7 +131,7 @@ class Picture:
         t[..., COURSE], t[..., COS], t[..., SIN], t[..., SPEED] = self._course, c, s, speed
 
     def _offset(self, track: Tensor, which: Tensor) -> Tensor:
-        """Of the place to search at from where the vessel should be [env, looker, 2], m."""
+        """Of the place to search at from where the vessel should be [env, observer, 2], m."""
         lost, dt = self._mission.config.escort.lost, self._mission.config.decision_interval
         away, pitches, speeds, turned, begins = [], [], [], [], []
         for g in self.groups.values():
@@ -152,15 +153,15 @@ class Picture:
         return r.unsqueeze(-1) * torch.stack((angle.cos(), angle.sin()), dim=-1)
 
     def rows(self, name: str) -> Tensor:
-        """What the lookers of a team know of the vessel: a contiguous copy is made by whoever needs one."""
+        """What the observers of a team know of the vessel: a contiguous copy is made by whoever needs one."""
         g = self.groups[name]
         return self.targets[:, g.first : g.first + g.own.state.shape[1]]
 
     def of(self, name: str, values: Tensor) -> Tensor:
-        """The part of a team of `values` [env, looker, ...]."""
+        """The part of a team of `values` [env, observer, ...]."""
         g = self.groups[name]
         return values[:, g.first : g.first + g.own.state.shape[1]]
 
     def sees(self, name: str) -> Tensor:
-        """Whether each looker of a team has the vessel in its last look [env, looker]."""
-        return self.of(name, self.looks)[..., 0, LOOK_VARIANCE] > 0
+        """Whether each observer of a team has the vessel in its last look [env, observer]."""
+        return self.of(name, self.sightings)[..., 0, LOOK_VARIANCE] > 0

@@ -15,7 +15,7 @@ from taichi_sim.config import ConfigError
 CHANGE_SCALE = 3.0  # m/s, where a squashed change of velocity is half way to 1
 
 
-class Corrected(Team):
+class ResidualTeam(Team):
     """What a controller wants, and what of it the policy changes. A mission's own team derives from it, and gives:
 
     axes: of velocities, 2 of vessels or 3. radius: of a vehicle, m. target: its target, as it is (targets.Target).

@@ -17,7 +17,7 @@ from rl.perception.radio import Radio
 MOST = 64  # vehicles of a team, among the random numbers
 
 
-class Known:
+class Measured:
     """One team's knowledge; what is not here is as in the team (team.py).
 
     Attributes:

@@ -6,7 +6,7 @@ from rl.guidance.geometry import Geometry
 from rl.guidance.targets import Target
 
 
-class Steered(Protocol):
+class Knowledge(Protocol):
     """A team, as it is or as its vehicles know it; everything is [env, vehicle, ...].
 
     Attributes:

@@ -8,8 +8,8 @@ from torch import Tensor
 from rl.course.traffic import EAST, NORTH, RADIUS, V_EAST, V_NORTH
 
 
-def write_things(mission: Any, vessel: Any) -> Tensor:
-    """Put the fleet `vessel` among the bodies of `mission`, and these and its obstacles among the picture's things.
+def write_objects(mission: Any, vessel: Any) -> Tensor:
+    """Put the fleet `vessel` among the bodies of `mission`, and these and its obstacles among the tracking's objects.
 
     Returns the vessel's place [env, 2], NED, m.
     """
@@ -18,15 +18,15 @@ def write_things(mission: Any, vessel: Any) -> Tensor:
     table[:, : EAST + 1, 0], table[:, V_NORTH : V_EAST + 1, 0] = place, velocity
     if mission.traffic.present:
         table[..., 1:] = mission.traffic.table
-    things = mission.picture.things
+    objects = mission.tracking.objects
     n = table.shape[2]
-    things[:, :n, 0], things[:, :n, 1] = table[:, NORTH], table[:, EAST]
-    things[:, :n, 3], things[:, :n, 4], things[:, :n, 5] = table[:, V_NORTH], table[:, V_EAST], table[:, RADIUS]
+    objects[:, :n, 0], objects[:, :n, 1] = table[:, NORTH], table[:, EAST]
+    objects[:, :n, 3], objects[:, :n, 4], objects[:, :n, 5] = table[:, V_NORTH], table[:, V_EAST], table[:, RADIUS]
     stands = mission.obstacles[mission.env_world]
-    things[:, n:, :2], things[:, n:, 5] = stands[..., :2], stands[..., 2]
+    objects[:, n:, :2], objects[:, n:, 5] = stands[..., :2], stands[..., 2]
     if _on_waves(mission.config):
-        inside = things[..., 0].abs() < mission.config.area  # obstacles that a world has not are far away
-        things[..., 2] = torch.where(inside, -mission.elevation(things[..., :2]), 0.0)
+        inside = objects[..., 0].abs() < mission.config.area  # obstacles that a world has not are far away
+        objects[..., 2] = torch.where(inside, -mission.elevation(objects[..., :2]), 0.0)
     boats = mission.boats
     if boats is not None:
         course = mission.vessel_velocity
@@ -38,6 +38,6 @@ def write_things(mission: Any, vessel: Any) -> Tensor:
 
 
 def _on_waves(config: Any) -> bool:
-    """Whether cameras see things at the height of the waves, not of the mean sea level."""
+    """Whether cameras see objects at the height of the waves, not of the mean sea level."""
     part = config.parts.get(config.escort.aircraft)
     return part is not None and part.camera.surface == "waves"
