@@ -20,7 +20,7 @@ One kernel writes all of them, in the order of `widths`.
 # pyright: reportInvalidTypeForm=false
 
 from collections import namedtuple
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import taichi as ti
 from torch import Tensor
@@ -38,6 +38,7 @@ from rl.guidance.geometry import (
     row_of,
 )
 from rl.guidance.geometry import V as VELOCITY
+from rl.guidance.knowledge import Knowledge
 from rl.guidance.targets import COS, COURSE_RATE, SIN, SPEED
 from rl.perception.radio import PLACE_AND_VELOCITY as AGE
 from taichi_sim.kernels import runtime
@@ -242,8 +243,8 @@ class ObservationWriter:
         widths: term -> how many numbers it has, in order.
     """
 
-    def __init__(self, team: Any, kind: str):
-        """Observe `team`; `kind` is "paper" or "full"."""
+    def __init__(self, team: Knowledge, kind: Literal["paper", "full"], residual: int = 0):
+        """Observe what `team` knows; `residual` is the number of values that a residual policy corrects."""
         fleet, model, signals = team.fleet, team.fleet.model, team.sensor.signals
         air, speeds = (), ()
         if "airspeed" in model.aux_names and model.air is not None:
@@ -251,8 +252,7 @@ class ObservationWriter:
             speeds = model.limits.speeds
         serial = runtime.few(fleet.num_envs * fleet.count, OBSERVE)
         actions = len(model.action_names)
-        residual = 0 if team.residual is None else team.axes if team.residual.velocity else actions
-        radio = getattr(team, "radio", None)
+        radio = team.radio
         form = Form(
             team.axes, signals.shape[-1], actions, kind == "full", team.sensor.num_obstacles, team.sensor.num_mates,
             residual, radio is not None, air, speeds, serial,
@@ -262,18 +262,20 @@ class ObservationWriter:
         self._launch = runtime.Launcher(_observe)
         self._seen = runtime.Packed(
             SeenPack, table=team.now.table, signals=team.sensor.written, state=fleet.state, derived=fleet.derived,
-            aux=fleet.aux, target=team.targets.table, slots=team.slots.table,
+            aux=fleet.aux, target=team.target.table, slots=team.slot_table,
             heard=fleet.state.new_zeros((1, 1, 1, 1)) if radio is None else radio.heard,
             obstacles=team.sensor.obstacles, mates=team.sensor.team_mates,
             numbers=fleet.state.new_tensor([team.radius]),
         )  # fmt: skip
         self.widths = widths(self._form)
 
-    def __call__(self, action: Tensor, reference: Tensor) -> Tensor:
+    def __call__(self, action: Tensor, reference: Tensor | None) -> Tensor:
         """All terms [env, vehicle, n], side by side in a fresh tensor.
 
-        `action` [env, vehicle, a] is the last one; `reference` is what is to be corrected (residual.py).
+        `action` [env, vehicle, a] is the last one; `reference` is what a residual policy corrects (residual.py), or
+        None.
         """
+        corrected = action if reference is None else reference  # kernels take no empty array
         out = action.new_empty(self._shape)
-        self._launch.once(out, self._seen(), action.contiguous(), reference.contiguous(), self._form)
+        self._launch.once(out, self._seen(), action.contiguous(), corrected.contiguous(), self._form)
         return out

@@ -20,7 +20,7 @@ variance, and age (below 0: it has not seen the object yet). Frame: NED.
 # Kernels are another language inside Python syntax.
 # pyright: reportInvalidTypeForm=false
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import taichi as ti
 from torch import Tensor
@@ -28,7 +28,7 @@ from torch import Tensor
 from rl.perception.camera import LOOK_EAST, LOOK_NORTH, LOOK_SIZE, LOOK_VARIANCE
 from rl.perception.encoding import store_obstacle
 from rl.perception.radio import NEVER, PLACE_AND_VELOCITY
-from rl.perception.sensors import Sight, insert
+from rl.perception.sensors import Nearby, Sight, insert
 from taichi_sim.fleet import Views
 from taichi_sim.kernels import runtime
 
@@ -228,7 +228,7 @@ def _nearest(out: ChartedPack, of: FromPack, which: ti.types.ndarray(dtype=ti.i3
 class Charted:
     """The nearest objects on the charts of one team of vessels, written as a `Sensor` writes what is there."""
 
-    def __init__(self, sensor: Any, chart: Chart, first: int, objects: Tensor, own: Views):
+    def __init__(self, sensor: Nearby, chart: Chart, first: int, objects: Tensor, own: Views):
         """Written into `sensor`'s tensors.
 
         Args:

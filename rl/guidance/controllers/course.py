@@ -20,7 +20,7 @@ nose. To starboard, only a turn can, and a turn in every wave costs the moment, 
 hence heading and not the course over ground is fed back, in which the waves' sway is not seen, and wave_share is small.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -96,7 +96,7 @@ class Course:
             self.least_speed, self.gains.closing_share * self.top_speed
         )
         share = (limit / chase.norm(dim=-1, keepdim=True).clamp(min=1e-6)).clamp(max=1.0)
-        direct, drift = slot + share * chase, self.drift.at(team.fleet.position_n[..., :2], team.mission.steps == 0)
+        direct, drift = slot + share * chase, self.drift.at(team.fleet.position_n[..., :2], team.steps == 0)
         wanted = self.avoid(team, direct)  # without the drift, which goes nowhere
         evading = (wanted - direct).norm(dim=-1, keepdim=True) > EVADING
         able = (share >= 1) & ~evading
@@ -124,7 +124,7 @@ class Course:
         return -GRAVITY * (R[..., :2, 2] + 0.5 * self.interval * down_rate)
 
 
-def formation_velocity(team: Any) -> Tensor:
+def formation_velocity(team: Knowledge) -> Tensor:
     """Velocity [env, vehicle, 2] (m/s, NED) of slots: about a leader that keeps to its own, or about the target."""
     if team.now.about:
         return team.now.slot_velocity[..., :2]

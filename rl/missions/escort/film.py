@@ -59,7 +59,7 @@ class Film:
         found: list[Any] = [self._traffic(film["bodies"]), *self._messages(film), *self._believed(film)]
         if mission.flying is not None:
             found += [self._footprints(film), self._sights(film), self._circle(film["vessel"])]
-        names = tuple(f"{name}{k}" for name, g in mission.tracking.groups.items() for k in range(g.own.state.shape[1]))
+        names = tuple(f"{name}{k}" for name, g in mission.tracking.groups.items() for k in range(g.count))
         age = np.minimum(film["age"], 60.0)
         found.append(Plot(name="age of what is known of the vessel", unit="s", lines=names, values=age))
         return tuple(found)
@@ -77,8 +77,8 @@ class Film:
         if parts.boats not in groups or parts.aircraft not in groups:
             return []
         to, of = groups[parts.boats], groups[parts.aircraft]
-        boats = range(to.first, to.first + to.own.state.shape[1])
-        aircraft = range(of.first, of.first + of.own.state.shape[1])
+        boats = range(to.first, to.first + to.count)
+        aircraft = range(of.first, of.first + of.count)
         share = np.linspace(0.0, 1.0, ARC)[:, None]
         arcs, flags = [], {"arrived": [], "lost": []}
         for i in boats:
@@ -117,7 +117,7 @@ class Film:
         """Where the edge of each field of view meets mean sea level."""
         flying = self.mission.flying
         g = self.mission.tracking.groups[flying.name]
-        place = film["place"][:, g.first : g.first + g.own.state.shape[1]]
+        place = film["place"][:, g.rows]
         axis = np.einsum("fvij,fvj->fvi", film["R"], film["axis"])
         half = math.radians(flying.camera.config.field_of_view_deg / 2)
         aside = np.cross(axis, np.array([0.0, 0.0, 1.0]))
@@ -137,8 +137,8 @@ class Film:
     def _sights(self, film: dict[str, NDArray[np.float64]]) -> Lines:
         """From each camera to what it has found in this look."""
         g = self.mission.tracking.groups[self.mission.flying.name]
-        seen = film["sightings"][:, g.first : g.first + g.own.state.shape[1], :, LOOK_VARIANCE] > 0
-        place = film["place"][:, g.first : g.first + g.own.state.shape[1], None]
+        seen = film["sightings"][:, g.rows, :, LOOK_VARIANCE] > 0
+        place = film["place"][:, g.rows, None]
         place, objects = np.broadcast_arrays(place, film["objects"][:, None, :, :3])
         lines = np.stack((place, objects), axis=-2)
         lines = np.where(seen[..., None, None], lines, np.nan)

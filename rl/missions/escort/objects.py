@@ -1,15 +1,20 @@
-"""What there is to be seen in an escort: the vessel, what else moves, what stands."""
+"""Objects that the observers of an escort can see: the vessel, other moving bodies, obstacles."""
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor
 
 from rl.course.traffic import EAST, NORTH, RADIUS, V_EAST, V_NORTH
+from rl.missions.escort.config import EscortScenario
+from taichi_sim.fleet import Fleet
+
+if TYPE_CHECKING:
+    from rl.missions.escort.mission import Escort
 
 
-def write_objects(mission: Any, vessel: Any) -> Tensor:
-    """Put the fleet `vessel` among the bodies of `mission`, and these and its obstacles among the tracking's objects.
+def write_objects(mission: "Escort", vessel: Fleet) -> Tensor:
+    """Write the fleet `vessel` into the bodies of `mission`, and bodies and obstacles into the objects of its tracking.
 
     Returns the vessel's place [env, 2], NED, m.
     """
@@ -33,11 +38,11 @@ def write_objects(mission: Any, vessel: Any) -> Tensor:
         speed = course.norm(dim=-1)
         angle = torch.atan2(course[:, 1], course[:, 0])
         target = (place[:, 0], place[:, 1], 0 * speed, angle, angle.cos(), angle.sin(), 0 * speed, speed)
-        boats.targets.table[:, 0] = torch.stack(target, dim=-1)
+        boats.target.table[:, 0] = torch.stack(target, dim=-1)
     return place
 
 
-def _on_waves(config: Any) -> bool:
+def _on_waves(config: EscortScenario) -> bool:
     """Whether cameras see objects at the height of the waves, not of the mean sea level."""
     part = config.parts.get(config.escort.aircraft)
     return part is not None and part.camera.surface == "waves"

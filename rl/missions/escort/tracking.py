@@ -10,7 +10,8 @@ seconds is r = sqrt(b U s / pi), and the angle is 2 pi r / b.
 """
 
 import math
-from typing import Any, NamedTuple
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, NamedTuple
 
 import torch
 from torch import Tensor
@@ -20,6 +21,9 @@ from rl.perception.camera import LOOK_SIZE, LOOK_VARIANCE, UNSEEN
 from rl.perception.chart import AGE, P_PP, P_PV, P_VV, V_EAST, V_NORTH, Chart, width_of
 from rl.perception.radio import PLACE_AND_VELOCITY, Radio
 from taichi_sim.fleet import Views
+
+if TYPE_CHECKING:
+    from rl.missions.escort.mission import Escort
 
 SLOWEST = 0.3  # m/s: a slower vessel keeps the course that it was last known to have
 CUE_SPEED = 1.5  # m/s, standard deviation of what the vessel's velocity may be, each way, at first; assumed
@@ -37,16 +41,26 @@ class Search(NamedTuple):
 
 
 class Group(NamedTuple):
-    """Some of the observers: the number of the first, how they measure themselves, and how they search."""
+    """The observers of one team."""
 
-    first: int
-    own: Views
+    first: int  # number of the first among all observers
+    own: Views  # state as they measure it
     true: Views
     search: Search
 
+    @property
+    def count(self) -> int:
+        """Number of observers."""
+        return self.own.state.shape[1]
+
+    @property
+    def rows(self) -> slice:
+        """Their place among all observers."""
+        return slice(self.first, self.first + self.count)
+
 
 class SharedTracking:
-    """The common tracking of all observers of a mission.
+    """Sightings, messages, charts and estimates of all observers of a mission.
 
     Attributes:
         objects: [env, object, 6], the truth. sightings: [env, observer, object, 3]. radio, chart: see there.
@@ -57,14 +71,13 @@ class SharedTracking:
 
     STATE = (
         "objects", "sightings", "place", "radio", "chart", "targets", "age", "sigma", "_course", "_searching",
-        "observers",
     )  # fmt: skip
 
-    def __init__(self, mission: Any, groups: dict[str, Group], objects: int):
-        """Of the observers of `mission` in `groups`, by team, in order; there is one at least."""
+    def __init__(self, mission: "Escort", groups: Mapping[str, Group], objects: int):
+        """Make it for the observers in `groups`, team -> group, in order and not empty; `objects` is their number."""
         config, self._mission = mission.config, mission
         state = next(iter(groups.values())).own.state
-        envs, observers = state.shape[0], sum(g.own.state.shape[1] for g in groups.values())
+        envs, observers = state.shape[0], sum(g.count for g in groups.values())
         self.groups, self.objects = groups, state.new_zeros((envs, objects, OBJECT))
         self.sightings = state.new_full((envs, observers, objects, LOOK_SIZE), UNSEEN)
         self.place = state.new_zeros((envs, observers, 3))
@@ -74,7 +87,7 @@ class SharedTracking:
         flying = [g for name, g in groups.items() if name == escort.aircraft]
         relays = (0, 0)
         if escort.relay and flying:
-            relays = flying[0].first, flying[0].first + flying[0].own.state.shape[1]
+            relays = flying[0].first, flying[0].first + flying[0].count
         self.radio = Radio(
             radio, self.place, config.decision_interval, width=width_of(objects), known=False, relays=relays,
             shift=1 if escort.reports == "others" else 0,
@@ -83,7 +96,6 @@ class SharedTracking:
         self.targets = state.new_zeros((envs, observers, SIZE))
         self.age, self.sigma = state.new_zeros((envs, observers)), state.new_zeros((envs, observers))
         self._course, self._searching = state.new_zeros((envs, observers)), state.new_zeros((envs, observers))
-        self.observers: list[Any] = []  # cameras and lookouts (rl/scene)
 
     def begin(self, envs: Tensor, cue: Tensor) -> None:
         """Episodes begin in environments `envs` [n]: all have been told of the place `cue` [n, 2] (m)."""
@@ -102,12 +114,10 @@ class SharedTracking:
         self.targets[envs, :, NORTH : EAST + 1] = cue.unsqueeze(1).to(here)
 
     def update(self, which: Tensor, rows: int) -> None:
-        """Look, talk, and make something of it, in environments [env] int32: 0 not at all, 1 after a step, 2 at the
-        beginning of an episode; `rows` of them are not 0.
+        """Exchange messages, update charts and estimates, after all have looked, in environments [env] int32: 0 not at
+        all, 1 after a step, 2 at the beginning of an episode; `rows` of them are not 0.
         """
         mission = self._mission
-        for observer in self.observers:
-            observer.see(which, rows, mission.noise.table)
         groups = self.groups.values()
         torch.cat([g.true.position_n for g in groups], dim=1, out=self.place)
         own = [torch.cat((g.own.position_n, g.own.velocity_n), dim=-1) for g in groups]
@@ -135,8 +145,8 @@ class SharedTracking:
         lost, dt = self._mission.config.escort.lost, self._mission.config.decision_interval
         away, pitches, speeds, turned, begins = [], [], [], [], []
         for g in self.groups.values():
-            n = g.own.state.shape[1]
-            here = g.own.position_n[..., :2] - track[:, g.first : g.first + n, :2]
+            n = g.count
+            here = g.own.position_n[..., :2] - track[:, g.rows, :2]
             away.append(here.norm(dim=-1))
             begins += [g.search.begins] * n
             pitches += [g.search.pitch] * n
@@ -152,15 +162,9 @@ class SharedTracking:
         angle = 2 * math.pi * r / pitch + track.new_tensor(turned)
         return r.unsqueeze(-1) * torch.stack((angle.cos(), angle.sin()), dim=-1)
 
-    def rows(self, name: str) -> Tensor:
-        """What the observers of a team know of the vessel: a contiguous copy is made by whoever needs one."""
-        g = self.groups[name]
-        return self.targets[:, g.first : g.first + g.own.state.shape[1]]
-
     def of(self, name: str, values: Tensor) -> Tensor:
-        """The part of a team of `values` [env, observer, ...]."""
-        g = self.groups[name]
-        return values[:, g.first : g.first + g.own.state.shape[1]]
+        """The part of a team of `values` [env, observer, ...], a view."""
+        return values[:, self.groups[name].rows]
 
     def sees(self, name: str) -> Tensor:
         """Whether each observer of a team has the vessel in its last look [env, observer]."""

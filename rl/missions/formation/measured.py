@@ -1,65 +1,61 @@
-"""What the vehicles of a team know: what policies and classical controllers see instead of the truth.
+"""What the vehicles of a formation measure: the input of policies and classical controllers in place of the truth.
 
-It is the truth itself where the scenario has neither `[sensors]` nor `[radio]`. Rewards, endings and figures are of the
-truth always. Everybody knows the target and the formation: they are the plan.
+Rewards, endings and figures always use the truth. Target and formation are the plan, which every vehicle knows exactly.
 """
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor
 
-from rl.guidance.geometry import Geometry
+from rl.guidance.geometry import Geometry, SlotErrors
 from rl.perception.contacts import Contacts
 from rl.perception.instruments import Readings
 from rl.perception.radio import Radio
+from rl.perception.sensors import Nearby
+from taichi_sim.fleet import Fleet
 
-MOST = 64  # vehicles of a team, among the random numbers
+if TYPE_CHECKING:
+    from rl.missions.formation.team import TeamTask
 
 
 class Measured:
-    """One team's knowledge; what is not here is as in the team (team.py).
-
-    Attributes:
-        fleet: state as measured (rl/perception/instruments.py). now: errors as far as known (geometry.py). sensor:
-            obstacles and team mates as measured (rl/perception/contacts.py). radio: what has been heard
-            (rl/perception/radio.py), or None.
-    """
+    """One team's measured knowledge (rl/guidance/knowledge.py); parts without errors are those of the team itself."""
 
     STATE = ("fleet", "now", "sensor", "radio")
 
-    def __init__(self, team: Any, number: int):
-        """Of `team`, the `number`-th of its mission, which has begun to follow its target."""
-        config, interval = team.mission.config, team.mission.config.decision_interval
-        self._team, self._count = team, team.mission.noise.table
-        own = number * MOST
-        exact, true = config.sensors.exact, team.sensor
-        self.fleet = team.fleet if exact else Readings(team.fleet, config.sensors, interval, own)
-        self.radio = None
-        if config.radio is not None:
-            self.radio = Radio(config.radio, team.fleet.state, interval, vehicles=own)
-        heard = None if self.radio is None else self.radio.heard
-        down, slots = team.down, team.slots.table
-        self.now: Geometry = team.now
-        if not exact or heard is not None:
-            self.now = Geometry(self.fleet, team.targets.table, down, slots, team.axes, heard)
-        self.sensor = true
-        contacts = config.sensors.scaled_contacts
+    def __init__(self, team: "TeamTask", down: float):
+        """Measure for `team`, whose target is at `down` (m)."""
+        mission = team.mission
+        config, interval = mission.config, mission.config.decision_interval
+        number = config.first_number(team.name)
+        exact, contacts = config.sensors.exact, config.sensors.scaled_contacts
+        self.axes, self.radius = team.axes, team.radius
+        self.target, self.slot_table = team.target, team.slot_table
+        self._team, self._count = team, mission.noise.table
+        self.fleet: Fleet | Readings = team.fleet if exact else Readings(team.fleet, config.sensors, interval, number)
+        self.radio = None if config.radio is None else Radio(config.radio, team.fleet.state, interval, vehicles=number)
+        self.now: SlotErrors = team.now
+        if not exact or self.radio is not None:
+            heard = None if self.radio is None else self.radio.heard
+            self.now = Geometry(self.fleet, team.target.table, down, team.slot_table, team.axes, heard)
+        self.sensor: Nearby = team.sensor
         if not (exact and contacts.exact):
-            self.sensor = Contacts(contacts, true, team.fleet, self.fleet, interval, own)
+            self.sensor = Contacts(contacts, team.sensor, team.fleet, self.fleet, interval, number)
 
-    def __getattr__(self, name: str) -> Any:
-        """What is not known otherwise is known as it is."""
-        return getattr(self._team, name)
+    @property
+    def steps(self) -> Tensor:
+        """int64 [env], decisions since the episode began."""
+        return self._team.steps
 
-    def measure(self, which: Tensor, rows: int, steps: Tensor) -> None:
-        """After the truth has been measured; see `Geometry.measure`."""
+    def measure(self, which: Tensor, rows: int) -> None:
+        """Measure after the truth has been measured; arguments as of `Geometry.measure`."""
         if isinstance(self.fleet, Readings):
             self.fleet.read(which, rows, self._count)
         if self.radio is not None:
             torch.cat((self.fleet.position_n, self.fleet.velocity_n), dim=-1, out=self.radio.said)
-            self.radio.talk(which, rows, steps, self._count)
-        if self.now is not self._team.now:
+            self.radio.talk(which, rows, self.steps, self._count)
+        if isinstance(self.now, Geometry) and self.now is not self._team.now:
             self.now.measure(which, rows)
         if isinstance(self.sensor, Contacts):
-            self.sensor.update(which, rows, steps, self._count)
+            self.sensor.update(which, rows, self.steps, self._count)
