@@ -127,8 +127,9 @@ class Mission(Stateful):
         self.generator = torch.Generator().manual_seed(derive_seed(seed, "episodes"))
         self.steps = torch.zeros(num_envs, dtype=torch.int64, device=self.device)
         self._all = torch.arange(num_envs, device=self.device)
-        commanded = [name for name in self.world.teams if name not in self.world.scripts]
-        self.teams: dict[str, Any] = {name: self.Team(self, name) for name in commanded}
+        self.teams: dict[str, Any] = self.make_teams(
+            [name for name in self.world.teams if name not in self.world.scripts]
+        )
         self.prepare()
         self.reset()
 
@@ -162,6 +163,10 @@ class Mission(Stateful):
         return f"<{type(self).__name__} of {self.config.name!r}: {size};\n {self.world.sea}>"
 
     # -- what a mission gives --------------------------------------------------------------------------------------
+
+    def make_teams(self, names: Sequence[str]) -> dict[str, Any]:
+        """Make the teams `names`, whose fleets are in the world. Default: a `Team` each."""
+        return {name: self.Team(self, name) for name in names}
 
     def prepare(self) -> None:
         """Make what all episodes share (tracks, obstacles, starts), once, before the first `reset`."""

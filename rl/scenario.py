@@ -15,6 +15,8 @@ from taichi_sim.config.vary import flattened
 
 WHOLE = ("name", "seed", "mission", "stages", "evaluation")  # sections that are the same in all stages
 
+MOST_VEHICLES = 64  # of a team, among the random numbers of sensors
+
 
 class PlanningConfig(Strict):
     """`[stages.NAME.planning]`: the stage improves its policy by planning, not by PPO (rl/learn/improvement.py).
@@ -93,6 +95,10 @@ class Scenario(WorldConfig):
         """Teams that some stage trains, in the order of the file."""
         learning = {team for stage in self.stages.values() for team in stage.learners}
         return tuple(name for name in self.teams if name in learning)
+
+    def first_number(self, team: str) -> int:
+        """Number of a team's first vehicle among the counted random numbers of sensors."""
+        return MOST_VEHICLES * list(self.teams).index(team)
 
     def stage_of(self, team: str) -> StageConfig | None:
         """The stage that trains a team last, if there is one."""

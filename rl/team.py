@@ -35,6 +35,11 @@ class Team:
         self._controller: Any = None
 
     @property
+    def steps(self) -> Tensor:
+        """int64 [env], decisions since the episode began."""
+        return self.mission.steps
+
+    @property
     def controller(self) -> Any:
         """The mission's classical controller of this team, made at the first use; None if there is none."""
         if self._controller is None:

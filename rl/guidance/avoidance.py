@@ -29,7 +29,7 @@ Followers keep clear of their leader, and it of them in the last moment alone: t
 # pyright: reportInvalidTypeForm=false
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import taichi as ti
 import torch
@@ -37,6 +37,7 @@ from torch import Tensor
 
 from rl.guidance.geometry import SLOT_VELOCITY, row_of
 from rl.guidance.geometry import V as VELOCITY
+from rl.guidance.knowledge import Knowledge
 from rl.guidance.targets import COURSE_RATE
 from taichi_sim.config import NonNegative, Positive, Strict
 from taichi_sim.kernels import runtime
@@ -241,28 +242,28 @@ class Avoider:
     def __init__(self, gains: Gains):
         """By these numbers."""
         self.gains = gains
-        self._team: Any = None
+        self._team: Knowledge | None = None
         self._launch = runtime.Launcher(_avoid)
 
-    def __call__(self, team: Any, velocity: Tensor) -> Tensor:
+    def __call__(self, team: Knowledge, velocity: Tensor) -> Tensor:
         """The velocity [env, vehicle, 2 or 3] (m/s) nearest to `velocity` with which `team` keeps clear."""
         if self._team is not team:
-            self._see(team)
+            self._bind(team)
         kept = velocity.clone(memory_format=torch.contiguous_format)
         kind = struct_of(Numbers._fields, runtime.current().precision)
         self._launch.once(kept, self._around(), kind, self._form)
         return kept
 
-    def _see(self, team: Any) -> None:
+    def _bind(self, team: Knowledge) -> None:
         self._team, sensor = team, team.sensor
         numbers = Numbers(**{key: getattr(self.gains, key) for key in Numbers._fields[:-1]}, radius=team.radius)
         self._around = runtime.Packed(
             AroundPack, obstacles=sensor.obstacles, mates=sensor.team_mates, table=team.now.table,
-            derived=team.fleet.derived, target=team.targets.table, numbers=team.fleet.state.new_tensor(numbers),
+            derived=team.fleet.derived, target=team.target.table, numbers=team.fleet.state.new_tensor(numbers),
         )  # fmt: skip
         few = runtime.few(team.fleet.num_envs * team.fleet.count, AVOID)
         paces = PACES if team.fleet.model.limits.stops else PACES[:1]
-        chases = CHASES if getattr(team.now, "about", False) else ()
+        chases = CHASES if team.now.about else ()
         self._form = Form(sensor.num_obstacles, sensor.num_mates, paces, chases, few)
 
 
@@ -277,10 +278,10 @@ class Shield(Avoider):
         super().__init__(gains)
         self._launch = runtime.Launcher(_shield)
 
-    def corrected(self, team: Any, velocity: Tensor, correction: Tensor) -> Tensor:
+    def corrected(self, team: Knowledge, velocity: Tensor, correction: Tensor) -> Tensor:
         """`velocity` [env, vehicle, 2 or 3] (m/s) with what is safe of `correction`, of the same shape, level."""
         if self._team is not team:
-            self._see(team)
+            self._bind(team)
         kept = velocity.clone(memory_format=torch.contiguous_format)
         kind = struct_of(Numbers._fields, runtime.current().precision)
         self._launch.once(kept, correction.contiguous(), self._around(), kind, self._form)

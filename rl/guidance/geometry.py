@@ -144,8 +144,9 @@ def look(table: ti.template(), e, i, which, distance, error_b):
         table[e, i, SIGHT + k] = seen[k]
 
 
-class Geometry:
-    """Errors of a team as of the last step or reset: live views of one table, overwritten by the next.
+class SlotErrors:
+    """Errors of a team from its slots, as of the last step or reset: live views of one table, which the next
+    overwrites.
 
     Attributes, [env, vehicle, ..]:
         slot, slot_velocity: [.., 3] position and velocity of the slot, NED, m and m/s.
@@ -153,11 +154,32 @@ class Geometry:
         error_b, error_rate_b, course_b: [.., axes] both, and the unit vector of the target's course, in its own frame.
         sight, previous_sight: [.., 1 + axes] squashed distance and unit direction in its own frame, as of the last
             step and of the one before.
-        reach: [..] m, the greater of |north| and |east| of the vehicle. total: [..] a sum of all that is measured and
-            of the state, which is finite if they are. about: whether slots are about the target.
+        reach: [..] m, the greater of |north| and |east| of the vehicle. total: [..] a sum of all measurements and of
+            the state, which is finite if they are. about: whether slots are offsets from the target.
     """
 
     STATE = ("table", "distance", "reach", "total")
+
+    def __init__(self, state: Tensor, axes: int, *, about: bool = False):
+        """Make errors, all zero, of a team whose state is `state` [env, vehicle, 13]."""
+        self.table = state.new_zeros((*state.shape[:2], SIZE))
+        self._plain = state.new_zeros((3, *state.shape[:2]))
+        self.distance, self.reach, self.total = self._plain
+        self.axes, self.about = axes, about
+        self.slot, self.slot_velocity = self._view(SLOT, 3), self._view(SLOT_VELOCITY, 3)
+        self.error, self.error_rate = self._view(ERROR, 3), self._view(ERROR_RATE, 3)
+        self.error_b, self.error_rate_b = self._view(ERROR_B, axes), self._view(ERROR_RATE_B, axes)
+        self.course_b = self._view(COURSE_B, axes)
+        self.sight, self.previous_sight = self._view(SIGHT, 1 + axes), self._view(PREVIOUS_SIGHT, 1 + axes)
+
+    def _view(self, first: int, width: int) -> Tensor:
+        return self.table[..., first : first + width]
+
+
+class Geometry(SlotErrors):
+    """Errors that are measured: from the state of the vehicles, the target and the slots."""
+
+    STATE = ()
 
     def __init__(
         self,
@@ -172,15 +194,13 @@ class Geometry:
     ):
         """Measure `fleet` against `target` (targets.py) at `down` (m) and the table of `slots`.
 
-        Followers know of their leader what they have `heard` (rl/perception/radio.py), or all. With `about`, slots are
-        about the target.
+        Followers know their leader from the messages `heard` (rl/perception/radio.py); None: exactly. With `about`,
+        slots are offsets from the target.
         """
         state = fleet.state
-        self.table = state.new_zeros((*state.shape[:2], SIZE))
-        plain = state.new_zeros((3, *state.shape[:2]))
-        self.distance, self.reach, self.total = plain
-        self.axes, self._rows, self._launch = axes, state.shape[1], runtime.Launcher(_measure)
-        self._errors = runtime.Packed(ErrorsPack, table=self.table, plain=plain)
+        super().__init__(state, axes, about=about)
+        self._heard, self._rows, self._launch = heard is not None, state.shape[1], runtime.Launcher(_measure)
+        self._errors = runtime.Packed(ErrorsPack, table=self.table, plain=self._plain)
         self._team = runtime.Packed(
             TeamPack,
             target=target,
@@ -190,15 +210,6 @@ class Geometry:
             derived=fleet.derived,
             heard=state.new_zeros((1, 1, 1, 1)) if heard is None else heard,
         )
-        self._heard, self.about = heard is not None, about
-        self.slot, self.slot_velocity = self._view(SLOT, 3), self._view(SLOT_VELOCITY, 3)
-        self.error, self.error_rate = self._view(ERROR, 3), self._view(ERROR_RATE, 3)
-        self.error_b, self.error_rate_b = self._view(ERROR_B, axes), self._view(ERROR_RATE_B, axes)
-        self.course_b = self._view(COURSE_B, axes)
-        self.sight, self.previous_sight = self._view(SIGHT, 1 + axes), self._view(PREVIOUS_SIGHT, 1 + axes)
-
-    def _view(self, first: int, width: int) -> Tensor:
-        return self.table[..., first : first + width]
 
     def measure(self, which: Tensor, count: int) -> None:
         """Measure environments [env] int32: 0 not at all, 1 after a step, 2 at the beginning of an episode.

@@ -1,16 +1,17 @@
 """What a vehicle observes; every term is [env, vehicle, n], scaled to be of order one.
 
 `observations = "paper"` is sec. 3.3 (current and previous distance and direction to the target) and what partial
-observability needs to avoid collisions: the nearest obstacles and team mates within the detection range. "full"
-adds the error and its rate as vectors, own velocity, attitude and rates, the target's course, the previous action,
-the role (1 of the leader, 0 of followers) and the offset to hold (of the own slot from the leader now, ahead and to
-starboard in the path frame): not the name of a formation; of aircraft with air data, airspeed and wind too; where there
-is a radio, the age of what the leader was last heard to say. All of it is as the vehicle knows it (known.py). A policy
-that corrects the classical controller observes what it wants besides, "reference". Directions are in the body frame (of
-USVs: its horizontal part), so a policy needs no compass. No width depends on the size of the team.
+observability needs to avoid collisions: the nearest obstacles and team mates within the detection range. "full" adds
+the error and its rate as vectors, own velocity, attitude and rates, the target's course, the previous action, the role
+(1 of the leader, 0 of followers), and the offset of the own slot from the leader now (ahead and to starboard in the
+path frame) instead of the name of a formation. Aircraft with air data also observe airspeed and wind; vehicles with a
+radio observe the age of their leader's last message. Every term is as the vehicle knows it (knowledge.py). A residual
+policy also observes what it corrects, "reference". Directions are in the body frame (of USVs: its horizontal part), so
+a policy needs no compass. No width depends on the size of the team.
 
-"encounters" tells how each obstacle will be passed if the vehicle goes on as it does, and by its slot if the formation
-does, and how each team mate will be: how far ahead that is, how far aside (to starboard of the motion), with what gap.
+"encounters" predicts how each obstacle will be passed if the vehicle keeps its motion, and how its slot will pass it if
+the formation does, and how each team mate will be passed: the distance ahead, the distance aside (to starboard of the
+motion), the gap.
 
 One kernel writes all of them, in the order of `widths`.
 """
@@ -19,7 +20,7 @@ One kernel writes all of them, in the order of `widths`.
 # pyright: reportInvalidTypeForm=false
 
 from collections import namedtuple
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import taichi as ti
 from torch import Tensor
@@ -37,6 +38,7 @@ from rl.guidance.geometry import (
     row_of,
 )
 from rl.guidance.geometry import V as VELOCITY
+from rl.guidance.knowledge import Knowledge
 from rl.guidance.targets import COS, COURSE_RATE, SIN, SPEED
 from rl.perception.radio import PLACE_AND_VELOCITY as AGE
 from taichi_sim.kernels import runtime
@@ -234,15 +236,15 @@ def _observe(
             put(out, e, i, form.at.reference, form.residual, reference, 0)
 
 
-class Observer:
+class ObservationWriter:
     """Writes what a team observes.
 
     Attributes:
         widths: term -> how many numbers it has, in order.
     """
 
-    def __init__(self, team: Any, kind: str):
-        """Observe `team`; `kind` is "paper" or "full"."""
+    def __init__(self, team: Knowledge, kind: Literal["paper", "full"], residual: int = 0):
+        """Observe what `team` knows; `residual` is the number of values that a residual policy corrects."""
         fleet, model, signals = team.fleet, team.fleet.model, team.sensor.signals
         air, speeds = (), ()
         if "airspeed" in model.aux_names and model.air is not None:
@@ -250,8 +252,7 @@ class Observer:
             speeds = model.limits.speeds
         serial = runtime.few(fleet.num_envs * fleet.count, OBSERVE)
         actions = len(model.action_names)
-        residual = 0 if team.residual is None else team.axes if team.residual.velocity else actions
-        radio = getattr(team, "radio", None)
+        radio = team.radio
         form = Form(
             team.axes, signals.shape[-1], actions, kind == "full", team.sensor.num_obstacles, team.sensor.num_mates,
             residual, radio is not None, air, speeds, serial,
@@ -261,18 +262,20 @@ class Observer:
         self._launch = runtime.Launcher(_observe)
         self._seen = runtime.Packed(
             SeenPack, table=team.now.table, signals=team.sensor.written, state=fleet.state, derived=fleet.derived,
-            aux=fleet.aux, target=team.targets.table, slots=team.slots.table,
+            aux=fleet.aux, target=team.target.table, slots=team.slot_table,
             heard=fleet.state.new_zeros((1, 1, 1, 1)) if radio is None else radio.heard,
             obstacles=team.sensor.obstacles, mates=team.sensor.team_mates,
             numbers=fleet.state.new_tensor([team.radius]),
         )  # fmt: skip
         self.widths = widths(self._form)
 
-    def __call__(self, action: Tensor, reference: Tensor) -> Tensor:
+    def __call__(self, action: Tensor, reference: Tensor | None) -> Tensor:
         """All terms [env, vehicle, n], side by side in a fresh tensor.
 
-        `action` [env, vehicle, a] is the last one; `reference` is what is to be corrected (corrected.py).
+        `action` [env, vehicle, a] is the last one; `reference` is what a residual policy corrects (residual.py), or
+        None.
         """
+        corrected = action if reference is None else reference  # kernels take no empty array
         out = action.new_empty(self._shape)
-        self._launch.once(out, self._seen(), action.contiguous(), reference.contiguous(), self._form)
+        self._launch.once(out, self._seen(), action.contiguous(), corrected.contiguous(), self._form)
         return out

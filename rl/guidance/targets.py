@@ -9,8 +9,6 @@ as vehicles. It moves on the sea; above it, at the flight height, that of aircra
 # Kernels are another language inside Python syntax.
 # pyright: reportInvalidTypeForm=false
 
-from typing import NamedTuple
-
 import taichi as ti
 from torch import Tensor
 
@@ -24,15 +22,23 @@ TARGET_SPEED, INTERVAL, WIND_FACTOR, OVER_AIR = range(4)  # of the numbers that 
 POINT = 60.0  # ns of one target, about
 
 
-class Target(NamedTuple):
-    """A team's target: live views, overwritten by the next step."""
+class Target:
+    """What a team tracks: live views of a table of targets, which the next step overwrites.
 
-    position: Tensor  # [env, 3] NED, m, the leader's
-    course: Tensor  # [env, row] rad; one row for all vehicles, or one for each
-    cos: Tensor  # [env, row] of the course
-    sin: Tensor  # [env, row]
-    course_rate: Tensor  # [env, row] rad/s
-    speed: Tensor  # [env, row] over ground, m/s
+    Attributes:
+        table: [env, row, 8], see the module; one row for all vehicles, or one for each.
+        position: [env, 3] the leader's own target, NED, m.
+        course, cos, sin, course_rate, speed: [env, row] columns of the table: course (rad), its cosine, sine and rate
+            (rad/s), and the speed over ground (m/s).
+    """
+
+    STATE = ("table",)
+
+    def __init__(self, table: Tensor, position: Tensor):
+        """Take views of a `table` and of the leader's target."""
+        self.table, self.position = table, position
+        self.course, self.cos, self.sin = table[..., COURSE], table[..., COS], table[..., SIN]
+        self.course_rate, self.speed = table[..., COURSE_RATE], table[..., SPEED]
 
 
 _array1, _array2 = (ti.types.ndarray(ndim=n) for n in (1, 2))
@@ -105,12 +111,3 @@ class Targets:
         """
         serial = runtime.few(count, each=POINT)
         self._launch(self.table, self.progress, self._env_world, self._track(), which, serial)
-
-    def seen_at(self, position: Tensor) -> Target:
-        """What a team is told of it whose own target is at `position` [env, 3], a live view."""
-        return seen_at(self.table, position)
-
-
-def seen_at(table: Tensor, position: Tensor) -> Target:
-    """Live views of a table [env, row, 8]; the leader's target is at `position` [env, 3]."""
-    return Target(position, *(table[..., k] for k in (COURSE, COS, SIN, COURSE_RATE, SPEED)))

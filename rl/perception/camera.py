@@ -1,8 +1,8 @@
 """What aircraft see of what is on the sea: a camera each, on a gimbal or fixed to the airframe.
 
-A thing is in view if the line to it is within half the field of view of the camera's axis, which the attitude of the
-aircraft turns with it (fixed), or which is kept on a place that the aircraft believes in (gimbal). One look at a thing
-in view finds it with the probability
+An object is in view if the line to it is within half the field of view of the camera's axis. A fixed camera turns with
+the attitude of its aircraft. A camera on a gimbal points at the place where its aircraft believes the vessel to be. One
+look at an object in view finds it with the probability
 
     p = 1 - 2^(-(R / s)^3),   R = reach / (1 + Hs / rough),
 
@@ -35,7 +35,7 @@ LOOK_NORTH, LOOK_EAST, LOOK_VARIANCE, LOOK_SIZE = range(4)  # of a look: place (
 UNSEEN = -1.0
 VARIANCE_FLOOR = 1e-4  # m^2, of what is measured exactly
 LEAST_SLOPE = 0.02  # of a line of sight: flatter ones meet the sea nowhere near
-SEE = 40.0  # ns of one aircraft and thing, about
+SEE = 40.0  # ns of one aircraft and object, about
 
 
 class CameraConfig(Strict):
@@ -75,7 +75,7 @@ class Numbers(NamedTuple):
 
 
 _array1, _array2, _array3, _array4 = (ti.types.ndarray(ndim=n) for n in (1, 2, 3, 4))
-LooksPack = ti.types.argpack(looks=_array4, things=_array3, axis=_array3, hs=_array1, numbers=_array1)
+SightingsPack = ti.types.argpack(sightings=_array4, objects=_array3, axis=_array3, hs=_array1, numbers=_array1)
 TruePack = ti.types.argpack(true_state=_array3, true_derived=_array3)
 OwnPack = ti.types.argpack(state=_array3, derived=_array3)
 
@@ -108,7 +108,7 @@ def rotated_back(derived: ti.template(), e, i, v):
 
 @ti.kernel
 def _see(
-    out: LooksPack,
+    out: SightingsPack,
     true: TruePack,
     own: OwnPack,
     which: ti.types.ndarray(dtype=ti.i32, ndim=1),
@@ -123,9 +123,9 @@ def _see(
             there = ti.Vector([true.true_state[e, i, a] for a in ti.static(range(3))])
             bore = rotated(true.true_derived, e, i, ti.Vector([out.axis[e, i, a] for a in ti.static(range(3))]))
             reach = g.reach / (1.0 + out.hs[e] / g.rough)
-            for k in range(out.things.shape[1]):
-                out.looks[e, node, k, LOOK_VARIANCE] = UNSEEN
-                line = ti.Vector([out.things[e, k, a] for a in ti.static(range(3))]) - there
+            for k in range(out.objects.shape[1]):
+                out.sightings[e, node, k, LOOK_VARIANCE] = UNSEEN
+                line = ti.Vector([out.objects[e, k, a] for a in ti.static(range(3))]) - there
                 slant = ti.max(line.norm(), 1e-3)
                 line = line / slant
                 if line.dot(bore) >= g.cos_half:
@@ -139,11 +139,11 @@ def _see(
                         ray = rotated(own.derived, e, i, line_b + error)
                         if ray[2] > LEAST_SLOPE:
                             far = -own.state[e, i, 2] / ray[2]
-                            out.looks[e, node, k, LOOK_NORTH] = own.state[e, i, 0] + far * ray[0]
-                            out.looks[e, node, k, LOOK_EAST] = own.state[e, i, 1] + far * ray[1]
+                            out.sightings[e, node, k, LOOK_NORTH] = own.state[e, i, 0] + far * ray[0]
+                            out.sightings[e, node, k, LOOK_EAST] = own.state[e, i, 1] + far * ray[1]
                             tilted = (g.pixel * g.pixel + g.tilt * g.tilt) / (ray[2] * ray[2])
                             turned = g.pixel * g.pixel + g.heading * g.heading
-                            out.looks[e, node, k, LOOK_VARIANCE] = (
+                            out.sightings[e, node, k, LOOK_VARIANCE] = (
                                 0.5 * far * far * (tilted + turned) + g.place * g.place + VARIANCE_FLOOR
                             )
 
@@ -158,14 +158,15 @@ class Camera:
     STATE = ("axis",)
 
     def __init__(
-        self, config: CameraConfig, instruments: InstrumentsConfig, looks: Tensor, things: Tensor, hs: Tensor,
+        self, config: CameraConfig, instruments: InstrumentsConfig, sightings: Tensor, objects: Tensor, hs: Tensor,
         true: Views, own: Views, *, first: int, vehicles: int = 0,
     ):  # fmt: skip
         """Of aircraft that are `true` and measure themselves to be `own`.
 
         Args:
-            looks: [env, looker, thing, 3], written for lookers from `first` on: place (m) and variance (m^2, below 0:
-                not seen). things: [env, thing, 3 or more] place, NED, m. hs: [env] significant wave height, m.
+            sightings: [env, observer, object, 3], written for observers from `first` on: place (m) and variance (m^2;
+                below 0: not seen). objects: [env, object, 3 or more] place, NED, m. hs: [env] significant wave height,
+                m.
             vehicles: of other teams before them, among the random numbers.
         """
         self.config, state = config, own.state
@@ -175,9 +176,14 @@ class Camera:
             math.hypot(n.heading, n.heading_bias), math.hypot(n.place, n.walk, n.common, n.height_bias),
         )  # fmt: skip
         self.axis = state.new_tensor(config.axis_b).expand(*state.shape[:2], 3).contiguous()
-        self.true, self._own, self._rows = true, own, state.shape[1] * things.shape[1]
-        self._looks = runtime.Packed(
-            LooksPack, looks=looks, things=things, axis=self.axis, hs=hs, numbers=state.new_tensor(self._numbers)
+        self.true, self._own, self._rows = true, own, state.shape[1] * objects.shape[1]
+        self._sightings = runtime.Packed(
+            SightingsPack,
+            sightings=sightings,
+            objects=objects,
+            axis=self.axis,
+            hs=hs,
+            numbers=state.new_tensor(self._numbers),
         )
         self._true = runtime.Packed(TruePack, true_state=true.state, true_derived=true.derived)
         self._at = runtime.Packed(OwnPack, state=state, derived=own.derived)
@@ -196,4 +202,4 @@ class Camera:
         """
         kind = struct_of(Numbers._fields, runtime.current().precision)
         form = self._form._replace(serial=runtime.few(rows * self._rows, SEE))
-        self._launch(self._looks(), self._true(), self._at(), which, count, kind, form)
+        self._launch(self._sightings(), self._true(), self._at(), which, count, kind, form)

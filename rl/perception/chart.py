@@ -1,26 +1,26 @@
-"""Charts: what each of several vehicles makes of its own looks and of what the others tell it of theirs.
+"""Charts: the tracks that each of several vehicles keeps by its own sightings and by those that others transmit.
 
-Every vehicle keeps a track of every thing it has heard of: a Kalman filter of constant velocity (Bar-Shalom, Li &
+Every vehicle keeps a track of every object it has heard of: a Kalman filter of constant velocity (Bar-Shalom, Li &
 Kirubarajan 2001, ch. 6.2: white acceleration of power spectral density q; one covariance for both axes),
 
     x' = v,  v' = w;   P_pp += 2 dt P_pv + dt^2 P_vv + q dt^3 / 3,   P_pv += dt P_vv + q dt^2 / 2,   P_vv += q dt.
 
-A look is a place z with the variance r. One that is a seconds old is compared with where the thing was then, x - a v,
-as if nothing had pushed it since (loc. cit., ch. 11: one-step retrodiction without the noise within):
+A sighting is a place z with the variance r. If it is a seconds old, it is compared with the object's place at that
+time, x - a v, without process noise since (loc. cit., ch. 11: one-step retrodiction without the noise within):
 
     S = P_pp - 2 a P_pv + a^2 P_vv + r,   K_p = (P_pp - a P_pv) / S,   K_v = (P_pv - a P_vv) / S,
 
     x += K_p (z - x + a v),   v += K_v (z - x + a v),   P -= K S K^T.
 
-What is told is looks, not tracks: each is taken once, whoever passed it on, so that nothing is counted twice. A message
-(radio.py) holds place and velocity of who says it, and its last look at every thing: north, east, variance, and how old
-it is (below 0: it has seen nothing yet). Frame: NED.
+Messages hold sightings, not tracks, and a vehicle takes each sighting once, whoever passed it on: nothing is counted
+twice. A message (radio.py) holds place and velocity of its sender, and its last sighting of every object: north, east,
+variance, and age (below 0: it has not seen the object yet). Frame: NED.
 """
 
 # Kernels are another language inside Python syntax.
 # pyright: reportInvalidTypeForm=false
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import taichi as ti
 from torch import Tensor
@@ -28,7 +28,7 @@ from torch import Tensor
 from rl.perception.camera import LOOK_EAST, LOOK_NORTH, LOOK_SIZE, LOOK_VARIANCE
 from rl.perception.encoding import store_obstacle
 from rl.perception.radio import NEVER, PLACE_AND_VELOCITY
-from rl.perception.sensors import Sight, insert
+from rl.perception.sensors import Nearby, Sight, insert
 from taichi_sim.fleet import Views
 from taichi_sim.kernels import runtime
 
@@ -36,13 +36,13 @@ from taichi_sim.kernels import runtime
 # before the first), time since it began (s).
 NORTH, EAST, V_NORTH, V_EAST, P_PP, P_PV, P_VV, AGE, SINCE, TRACK = range(10)
 TOLD = 4  # numbers of a look in a message: north, east, variance, age
-OLDEST = 30.0  # s: older looks are not taken
-VAGUE = 8.0  # m: a thing whose place is no better known is not evaded; assumed
-KEEP = 25.0  # ns of one vehicle, thing and sender, about
+OLDEST = 30.0  # s: older sightings are not taken
+VAGUE = 8.0  # m: an object whose place is no better known is not evaded; assumed
+KEEP = 25.0  # ns of one vehicle, object and sender, about
 
 
 class Numbers(NamedTuple):
-    """Assumed of things, the first and the others: q, m^2/s^3, and the standard deviation of a velocity of which
+    """Assumed of objects, the first and the others: q, m^2/s^3, and the standard deviation of a velocity of which
     nothing is known yet, each way, m/s.
     """
 
@@ -55,7 +55,9 @@ class Numbers(NamedTuple):
 ASSUMED = Numbers()
 
 _array1, _array3, _array4 = (ti.types.ndarray(ndim=n) for n in (1, 3, 4))
-ChartPack = ti.types.argpack(tracks=_array4, looks=_array4, said=_array3, heard=_array4, taken=_array4, numbers=_array1)
+ChartPack = ti.types.argpack(
+    tracks=_array4, sightings=_array4, said=_array3, heard=_array4, taken=_array4, numbers=_array1
+)
 
 
 class Form(NamedTuple):
@@ -110,9 +112,16 @@ def _keep(
                 t = ti.Vector([chart.tracks[e, i, k, c] for c in ti.static(range(TRACK))])
                 if which[e] == 1 and t[AGE] < NEVER:
                     carried_on(t, dt, q)
-                variance = chart.looks[e, i, k, LOOK_VARIANCE]
+                variance = chart.sightings[e, i, k, LOOK_VARIANCE]
                 if variance > 0:
-                    fold(t, chart.looks[e, i, k, LOOK_NORTH], chart.looks[e, i, k, LOOK_EAST], variance, 0.0, speed)
+                    fold(
+                        t,
+                        chart.sightings[e, i, k, LOOK_NORTH],
+                        chart.sightings[e, i, k, LOOK_EAST],
+                        variance,
+                        0.0,
+                        speed,
+                    )
                 at = PLACE_AND_VELOCITY + TOLD * k
                 for j in range(senders):
                     told = chart.heard[e, i, j, at + 3]
@@ -130,15 +139,15 @@ def _keep(
 
 @ti.kernel
 def _say(chart: ChartPack, which: ti.types.ndarray(dtype=ti.i32, ndim=1), form: ti.template()):
-    """Put the last look at every thing into the coming message."""
+    """Put the last look at every object into the coming message."""
     ti.loop_config(serialize=form.serial)
-    for e, i in ti.ndrange(chart.looks.shape[0], chart.looks.shape[1]):
+    for e, i in ti.ndrange(chart.sightings.shape[0], chart.sightings.shape[1]):
         if which[e] != 0:
-            for k in range(chart.looks.shape[2]):
+            for k in range(chart.sightings.shape[2]):
                 at = PLACE_AND_VELOCITY + TOLD * k
-                if chart.looks[e, i, k, LOOK_VARIANCE] > 0:
+                if chart.sightings[e, i, k, LOOK_VARIANCE] > 0:
                     for c in ti.static(range(LOOK_SIZE)):
-                        chart.said[e, i, at + c] = chart.looks[e, i, k, c]
+                        chart.said[e, i, at + c] = chart.sightings[e, i, k, c]
                     chart.said[e, i, at + 3] = 0.0
                 elif chart.said[e, i, at + 3] >= 0 and which[e] == 1:
                     chart.said[e, i, at + 3] += chart.numbers[0]
@@ -148,21 +157,21 @@ class Chart:
     """The charts of all who look and talk.
 
     Attributes:
-        tracks: [env, vehicle, thing, 9], columns as above.
+        tracks: [env, vehicle, object, 9], columns as above.
     """
 
     STATE = ("tracks", "_taken")
 
-    def __init__(self, looks: Tensor, said: Tensor, heard: Tensor, interval: float, numbers: Numbers = ASSUMED):
-        """Of `looks` [env, vehicle, thing, 3] (camera.py), what is to be `said` and has been `heard` (radio.py)."""
-        envs, vehicles, things, _ = looks.shape
-        self.tracks = looks.new_zeros((envs, vehicles, things, TRACK))
-        self._said, self._taken = said, looks.new_zeros((envs, vehicles, vehicles, things))
+    def __init__(self, sightings: Tensor, said: Tensor, heard: Tensor, interval: float, numbers: Numbers = ASSUMED):
+        """Make charts of `sightings` [env, vehicle, object, 3] (camera.py); see radio.py for `said` and `heard`."""
+        envs, vehicles, objects, _ = sightings.shape
+        self.tracks = sightings.new_zeros((envs, vehicles, objects, TRACK))
+        self._said, self._taken = said, sightings.new_zeros((envs, vehicles, vehicles, objects))
         self._chart = runtime.Packed(
-            ChartPack, tracks=self.tracks, looks=looks, said=said, heard=heard, taken=self._taken,
-            numbers=looks.new_tensor([interval, *numbers]),
+            ChartPack, tracks=self.tracks, sightings=sightings, said=said, heard=heard, taken=self._taken,
+            numbers=sightings.new_tensor([interval, *numbers]),
         )  # fmt: skip
-        self._rows = vehicles * vehicles * things
+        self._rows = vehicles * vehicles * objects
         self._keep, self._tell = runtime.Launcher(_keep), runtime.Launcher(_say)
 
     def begin(self, envs: Tensor) -> None:
@@ -173,25 +182,25 @@ class Chart:
         self._said[envs, :, PLACE_AND_VELOCITY + TOLD - 1 :: TOLD] = -1.0
 
     def say(self, which: Tensor, rows: int) -> None:
-        """Put looks into what is to be said, in environments as of `keep`; before radios talk."""
+        """Put sightings into what is to be said, in environments as of `keep`; before radios talk."""
         self._tell(self._chart(), which, Form(runtime.few(rows * self._rows, KEEP)))
 
     def keep(self, which: Tensor, rows: int) -> None:
-        """Take looks and messages in environments [env] int32: 0 not at all, 1 after a step, 2 at the beginning of an
-        episode; `rows` of them are not 0.
+        """Update tracks by sightings and messages, in environments [env] int32: 0 not at all, 1 after a step, 2 at the
+        beginning of an episode; `rows` of them are not 0.
         """
         form = Form(runtime.few(rows * self._rows, KEEP))
         self._keep(self._chart(), which, form)
 
 
-def width_of(things: int) -> int:
-    """Numbers of a message about so many things."""
-    return PLACE_AND_VELOCITY + TOLD * things
+def width_of(objects: int) -> int:
+    """Numbers of a message about so many objects."""
+    return PLACE_AND_VELOCITY + TOLD * objects
 
 
 _array2 = ti.types.ndarray(ndim=2)
 ChartedPack = ti.types.argpack(obstacles=_array4, signals=_array3)
-FromPack = ti.types.argpack(tracked=_array4, things=_array3, state=_array3, derived=_array3, limits=_array1)
+FromPack = ti.types.argpack(tracked=_array4, objects=_array3, state=_array3, derived=_array3, limits=_array1)
 
 
 @ti.kernel
@@ -207,33 +216,33 @@ def _nearest(out: ChartedPack, of: FromPack, which: ti.types.ndarray(dtype=ti.i3
             for k in range(of.tracked.shape[2]):
                 if of.tracked[e, own, k, AGE] < NEVER and of.tracked[e, own, k, P_PP] < vague:
                     dx, dy = of.tracked[e, own, k, NORTH] - place[0], of.tracked[e, own, k, EAST] - place[1]
-                    d = ti.sqrt(dx * dx + dy * dy) - of.things[e, k, 5]
+                    d = ti.sqrt(dx * dx + dy * dy) - of.objects[e, k, 5]
                     distance, index = insert(distance, index, d, k, count)
             for k in ti.static(range(sight.obstacles)):
                 m = ti.max(index[k], 0)
-                there = ti.Vector([of.tracked[e, own, m, NORTH], of.tracked[e, own, m, EAST], of.things[e, m, 5],
+                there = ti.Vector([of.tracked[e, own, m, NORTH], of.tracked[e, own, m, EAST], of.objects[e, m, 5],
                                    of.tracked[e, own, m, V_NORTH], of.tracked[e, own, m, V_EAST]])  # fmt: skip
                 store_obstacle(out, of.derived, sight, e, i, k, distance[k], index[k], place, there, reach)
 
 
 class Charted:
-    """The nearest things on the charts of one team of vessels, written as a `Sensor` writes what is there."""
+    """The nearest objects on the charts of one team of vessels, written as a `Sensor` writes what is there."""
 
-    def __init__(self, sensor: Any, chart: Chart, first: int, things: Tensor, own: Views):
+    def __init__(self, sensor: Nearby, chart: Chart, first: int, objects: Tensor, own: Views):
         """Written into `sensor`'s tensors.
 
         Args:
-            first: number of the team's first vehicle on the chart. things: [env, thing, 6] radius (m) in the last
+            first: number of the team's first vehicle on the chart. objects: [env, object, 6] radius (m) in the last
                 column. own: where the vessels measure themselves to be.
         """
         state = own.state
         self._of = runtime.Packed(
-            FromPack, tracked=chart.tracks, things=things, state=state,
+            FromPack, tracked=chart.tracks, objects=objects, state=state,
             derived=own.derived, limits=state.new_tensor([sensor.reach, VAGUE * VAGUE, first]),
         )  # fmt: skip
         self._out = runtime.Packed(ChartedPack, obstacles=sensor.obstacles, signals=sensor.written)
         self._sight = Sight(sensor.num_obstacles, sensor.num_mates, sensor.axes)
-        self._rows, self._launch = state.shape[1] * things.shape[1], runtime.Launcher(_nearest)
+        self._rows, self._launch = state.shape[1] * objects.shape[1], runtime.Launcher(_nearest)
 
     def write(self, which: Tensor, rows: int) -> None:
         """In environments [env] int32 that are not 0, `rows` of them."""

@@ -21,7 +21,7 @@ from pydantic import Field
 from torch import Tensor
 
 from rl.perception.encoding import store_mate, store_obstacle
-from rl.perception.sensors import Sensor, Sight
+from rl.perception.sensors import Nearby, Sight
 from taichi_sim.config import NonNegative, Positive, Strict
 from taichi_sim.fleet import Views
 from taichi_sim.kernels import runtime
@@ -251,27 +251,21 @@ def _contact(
             told.gap[e, i] = clear
 
 
-class Contacts:
-    """The contacts of one team, told as a `Sensor` tells what is there: see its attributes."""
+class Contacts(Nearby):
+    """Obstacles and team mates of one team as its vehicles measure and track them."""
 
-    STATE = ("gap", "obstacles", "team_mates", "written", "_waiting", "_tracks")
+    STATE = ("_waiting", "_tracks")
 
     def __init__(
-        self, config: ContactsConfig, sensor: Sensor, fleet: Views, own: Views, interval: float, vehicles: int = 0
+        self, config: ContactsConfig, sensor: Nearby, fleet: Views, own: Views, interval: float, vehicles: int = 0
     ):
-        """Of what `sensor` has of `fleet`, whose vehicles measure themselves to be `own`; `interval` s.
+        """Measure what the true `sensor` of `fleet` senses, by vehicles whose instruments say `own`; `interval` s.
 
-        `vehicles` counts those of other teams before these.
+        `vehicles`: number of vehicles of other teams before these, among the random numbers.
         """
-        self.reach, self.radius, self.axes = sensor.reach, sensor.radius, sensor.axes
-        self.num_obstacles, self.num_mates = sensor.num_obstacles, sensor.num_mates
-        self.gap, self.obstacles, self.team_mates = (
-            x.clone() for x in (sensor.gap, sensor.obstacles, sensor.team_mates)
-        )
-        self.written = sensor.written.clone()
-        self.signals = self.written if sensor.signals.shape[-1] else sensor.signals
-        both, state = sensor.num_obstacles + sensor.num_mates, fleet.state
-        rows = state.shape[:2]
+        state = fleet.state
+        super().__init__(state, sensor.num_obstacles, sensor.num_mates, sensor.reach, sensor.radius, sensor.axes)
+        both, rows = sensor.num_obstacles + sensor.num_mates, state.shape[:2]
         self._numbers = Numbers(
             sensor.reach, sensor.radius, config.range_noise, math.radians(config.bearing_noise_deg), config.dropout,
             config.speed, config.acceleration, config.mate_acceleration, interval,

@@ -1,6 +1,6 @@
 """What vessels see of what is on the sea: by range and bearing, from near.
 
-The first thing is seen within one range, the others, by their surface, within another. A measurement fails with the
+The first object is seen within one range, the others, by their surface, within another. A measurement fails with the
 probability `dropout`. Behind wave crests less is seen, if that is asked for: a line of sight between two heights above
 the water is cut off where the sea rises above it. With the place and the heading that a vessel takes itself to have, a
 measurement is a place. Random numbers are counted (kernels/random.py): same seed, same bits. Frame: NED.
@@ -56,7 +56,7 @@ class Numbers(NamedTuple):
 
 
 _array1, _array2, _array3, _array4 = (ti.types.ndarray(ndim=n) for n in (1, 2, 3, 4))
-LooksPack = ti.types.argpack(looks=_array4, things=_array3, hidden=_array2, numbers=_array1)
+SightingsPack = ti.types.argpack(sightings=_array4, objects=_array3, hidden=_array2, numbers=_array1)
 TruePack = ti.types.argpack(true_state=_array3, true_derived=_array3)
 OwnPack = ti.types.argpack(state=_array3, derived=_array3)
 
@@ -70,7 +70,7 @@ class Form(NamedTuple):
 
 @ti.kernel
 def _see(
-    out: LooksPack,
+    out: SightingsPack,
     true: TruePack,
     own: OwnPack,
     which: ti.types.ndarray(dtype=ti.i32, ndim=1),
@@ -85,12 +85,12 @@ def _see(
             c0, s0 = true.true_derived[e, i, HEADING_COS], true.true_derived[e, i, HEADING_SIN]
             c1, s1 = own.derived[e, i, HEADING_COS], own.derived[e, i, HEADING_SIN]
             cos, sin = c0 * c1 + s0 * s1, c0 * s1 - s0 * c1  # of the error of the heading
-            for k in range(out.things.shape[1]):
-                out.looks[e, i, k, LOOK_VARIANCE] = UNSEEN
-                x = out.things[e, k, 0] - true.true_state[e, i, 0]
-                y = out.things[e, k, 1] - true.true_state[e, i, 1]
+            for k in range(out.objects.shape[1]):
+                out.sightings[e, i, k, LOOK_VARIANCE] = UNSEEN
+                x = out.objects[e, k, 0] - true.true_state[e, i, 0]
+                y = out.objects[e, k, 1] - true.true_state[e, i, 1]
                 far = ti.sqrt(x * x + y * y)
-                near = far - out.things[e, k, 5] < g.obstacle_range
+                near = far - out.objects[e, k, 5] < g.obstacle_range
                 if k == 0:
                     near = far < g.vessel_range and out.hidden[e, i] == 0
                 if near:
@@ -100,11 +100,11 @@ def _see(
                         z = normal6(count[1], LOOKOUT + 1, count[2 + e], number, count[0])
                         away, turned = 1.0 + g.range_noise * z[0] / ti.max(far, 1.0), g.bearing_noise * z[1]
                         c, s = cos - turned * sin, sin + turned * cos
-                        out.looks[e, i, k, LOOK_NORTH] = own.state[e, i, 0] + away * (c * x - s * y)
-                        out.looks[e, i, k, LOOK_EAST] = own.state[e, i, 1] + away * (s * x + c * y)
+                        out.sightings[e, i, k, LOOK_NORTH] = own.state[e, i, 0] + away * (c * x - s * y)
+                        out.sightings[e, i, k, LOOK_EAST] = own.state[e, i, 1] + away * (s * x + c * y)
                         side = far * far * (g.bearing_noise * g.bearing_noise + g.heading * g.heading)
                         variance = 0.5 * (g.range_noise * g.range_noise + side) + g.place * g.place
-                        out.looks[e, i, k, LOOK_VARIANCE] = variance + VARIANCE_FLOOR
+                        out.sightings[e, i, k, LOOK_VARIANCE] = variance + VARIANCE_FLOOR
 
 
 class Lookout:
@@ -113,27 +113,31 @@ class Lookout:
     STATE = ("_hidden",)
 
     def __init__(
-        self, config: LookoutConfig, instruments: InstrumentsConfig, looks: Tensor, things: Tensor, true: Views,
+        self, config: LookoutConfig, instruments: InstrumentsConfig, sightings: Tensor, objects: Tensor, true: Views,
         own: Views, elevation: Callable[[Tensor], Tensor], *, vehicles: int = 0,
     ):  # fmt: skip
         """Of vessels that are `true` and measure themselves to be `own`.
 
         Args:
-            looks: [env, looker, thing, 3], written for the first lookers: place (m) and variance (m^2, below 0: not
-                seen). things: [env, thing, 6] place, NED, velocity, north and east, radius, SI.
+            sightings: [env, observer, object, 3], written for the first observers: place (m) and variance (m^2; below
+                0: not seen). objects: [env, object, 6] place, NED, velocity, north and east, radius, SI.
             elevation: of the sea (m, up) at points [env, n, 2]. vehicles: of other teams before them, among the
                 random numbers.
         """
         state, n = own.state, instruments.numbers
-        self.config, self._elevation, self._true_state, self._things = config, elevation, true.state, things
+        self.config, self._elevation, self._true_state, self._objects = config, elevation, true.state, objects
         self._numbers = Numbers(
             config.vessel_range, config.obstacle_range, config.range_noise, math.radians(config.bearing_noise_deg),
             config.dropout, math.hypot(n.heading, n.heading_bias), math.hypot(n.place, n.walk),
         )  # fmt: skip
-        self._hidden, self._rows = state.new_zeros(state.shape[:2]), state.shape[1] * things.shape[1]
+        self._hidden, self._rows = state.new_zeros(state.shape[:2]), state.shape[1] * objects.shape[1]
         self._share = torch.linspace(0.0, 1.0, POINTS + 2, device=state.device, dtype=state.dtype)[1:-1].view(-1, 1)
-        self._looks = runtime.Packed(
-            LooksPack, looks=looks, things=things, hidden=self._hidden, numbers=state.new_tensor(self._numbers)
+        self._sightings = runtime.Packed(
+            SightingsPack,
+            sightings=sightings,
+            objects=objects,
+            hidden=self._hidden,
+            numbers=state.new_tensor(self._numbers),
         )
         self._true = runtime.Packed(TruePack, true_state=true.state, true_derived=true.derived)
         self._at = runtime.Packed(OwnPack, state=state, derived=own.derived)
@@ -147,12 +151,12 @@ class Lookout:
             self._hidden.copy_(self.behind_crests())
         kind = struct_of(Numbers._fields, runtime.current().precision)
         form = self._form._replace(serial=runtime.few(rows * self._rows, SEE))
-        self._launch(self._looks(), self._true(), self._at(), which, count, kind, form)
+        self._launch(self._sightings(), self._true(), self._at(), which, count, kind, form)
 
     def behind_crests(self) -> Tensor:
-        """Whether the sea is above the line from each vessel's eye to the first thing [env, vessel]."""
+        """Whether the sea is above the line from each vessel's eye to the first object [env, vessel]."""
         envs, vessels = self._true_state.shape[:2]
-        here, there = self._true_state[..., :2], self._things[:, :1, :2].expand(-1, vessels, -1)
+        here, there = self._true_state[..., :2], self._objects[:, :1, :2].expand(-1, vessels, -1)
         both = self._elevation(torch.cat((here, there[:, :1]), dim=1))
         eye = (both[:, :vessels] + self.config.eye_height).unsqueeze(-1)
         top = (both[:, vessels:] + self.config.vessel_height).unsqueeze(-1)

@@ -157,8 +157,8 @@ def _sense(
                 store_mate(out, team.derived, sight, e, i, k, away[k], who[k], direction, moves, reach)
 
 
-class Sensor:
-    """Senses for one team; results are overwritten by the next call.
+class Nearby:
+    """Obstacles and team mates near each vehicle of a team; the next measurement overwrites them.
 
     Attributes:
         gap: [env, vehicle] smallest clearance (m) between this vehicle's sphere of `radius` and any obstacle or
@@ -178,6 +178,30 @@ class Sensor:
 
     STATE = ("gap", "obstacles", "team_mates", "written")
 
+    def __init__(self, state: torch.Tensor, num_obstacles: int, num_mates: int, reach: float, radius: float, axes: int):
+        """Make tensors, all zero, for a team whose state is `state` [env, vehicle, 13].
+
+        Args:
+            num_obstacles, num_mates: nearest ones that are told apart. reach: detection range, m. radius: of a
+                vehicle, m. axes: of the vehicle's own frame: 3, the body frame, or 2, the heading frame (ahead,
+                starboard), which stays level.
+        """
+        env, vehicle = state.shape[:2]
+        self.num_obstacles, self.num_mates = num_obstacles, num_mates
+        self.reach, self.radius, self.axes = reach, radius, axes
+        self.gap = state.new_zeros((env, vehicle))
+        self.obstacles = state.new_zeros((env, vehicle, max(num_obstacles, 1), 9))
+        self.team_mates = state.new_zeros((env, vehicle, max(num_mates, 1), 7))
+        width = num_obstacles * (self.axes + 4) + num_mates * (self.axes + 1)
+        self.signals = state.new_zeros((env, vehicle, width))
+        self.written = self.signals if width else state.new_zeros((env, vehicle, 1))  # kernels take no empty array
+
+
+class Sensor(Nearby):
+    """Senses the true obstacles and team mates of one team."""
+
+    STATE = ()
+
     def __init__(
         self,
         fleet: Fleet,
@@ -187,25 +211,13 @@ class Sensor:
         radius: float,
         frame: Literal["heading", "body"] = "heading",
     ):
-        """Allocate for `fleet`; `reach` and `radius` in m.
-
-        A vehicle's own frame is its body frame (3 axes), or the heading frame (ahead, starboard), which stays level.
-        """
-        self.axes = 3 if frame == "body" else 2
+        """Sense for `fleet`; arguments as of `Nearby`. Signals are in the body frame, or in the heading frame."""
         state = fleet.state
-        env, vehicle = state.shape[:2]
-        self.fleet, self.reach, self.radius = fleet, reach, radius
-        self.num_obstacles, self.num_mates = num_obstacles, num_mates
-        self.gap = state.new_zeros((env, vehicle))
-        self.obstacles = state.new_zeros((env, vehicle, max(num_obstacles, 1), 9))
-        self.team_mates = state.new_zeros((env, vehicle, max(num_mates, 1), 7))
-        width = num_obstacles * (self.axes + 4) + num_mates * (self.axes + 1)
-        self.signals = state.new_zeros((env, vehicle, width))
-        self.written = self.signals if width else state.new_zeros((env, vehicle, 1))  # kernels take no empty array
+        super().__init__(state, num_obstacles, num_mates, reach, radius, 3 if frame == "body" else 2)
         numbers = state.new_tensor([reach, radius])
         self._team = runtime.Packed(SensingPack, state=state, derived=fleet.derived, numbers=numbers)
         self._nobody = state.new_zeros((1, ROWS, 1))
-        self._all = torch.ones(env, dtype=torch.int32, device=state.device)
+        self._all = torch.ones(len(state), dtype=torch.int32, device=state.device)
         self._field: torch.Tensor | None = None
         self._columns = state
         self._sight, self._launch = Sight(num_obstacles, num_mates, self.axes), runtime.Launcher(_sense)
@@ -231,7 +243,7 @@ class Sensor:
             which, count = self._all, len(self._all)
         moving = bodies is not None and bodies.present
         table = bodies.table if bodies is not None and moving else self._nobody
-        serial = runtime.few(count * self.fleet.state.shape[1], LOOK)
+        serial = runtime.few(count * self.gap.shape[1], LOOK)
         sight = self._sight._replace(field=self._columns.shape[2], moving=moving, serial=serial)
         self._launch(self._sensed(), self._team(), self._columns, table, env_world, which, sight)
 

@@ -20,7 +20,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from rl.guidance.corrected import Corrected
+from rl.guidance.residual import ResidualTeam
 from rl.mission import ControllerError
 from rl.planning.config import PlanConfig
 from taichi_sim.config import ConfigError
@@ -262,7 +262,7 @@ def width_of(team: Any) -> int:
 
 def corrects_velocity(team: Any) -> bool:
     """Whether plans correct the velocity that the team's classical controller asks for, and not actions."""
-    return isinstance(team, Corrected) and hasattr(team.controller, "wanted")
+    return isinstance(team, ResidualTeam) and hasattr(team.controller, "wanted")
 
 
 def act(team: Any, correction: Tensor, view: Any = None) -> Tensor:

@@ -13,6 +13,11 @@ ADAPTERS = {
 MOVED = {
     **{f"rl.{old}": f"rl.adapters.{new}" for old, new in ADAPTERS.items()},
     "rl.scene": "rl.course (tracks, obstacles, traffic) and rl.perception (all that is sensed)",
+    "rl.guidance.corrected": "rl.guidance.residual",
+    "rl.guidance.steered": "rl.guidance.knowledge",
+    "rl.missions.formation.known": "rl.missions.formation.measured",
+    "rl.missions.escort.picture": "rl.missions.escort.tracking",
+    "rl.missions.escort.things": "rl.missions.escort.objects",
     "rl.runs.evaluation": "rl.evaluation.episodes",
     "rl.runs.report": "rl.evaluation.report",
     "rl.runs.sweep": "rl.evaluation.sweep",

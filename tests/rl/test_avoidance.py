@@ -44,9 +44,9 @@ def scene(obstacles=(), mates=(), *, rate: float = 0.0, own: tuple[float, float]
     model = SimpleNamespace(limits=Limits())
     fleet = SimpleNamespace(derived=derived, state=derived, num_envs=1, count=2, model=model)
     sensor = SimpleNamespace(obstacles=seen, team_mates=near, num_obstacles=2, num_mates=2)
-    targets = SimpleNamespace(table=target)
-    now = SimpleNamespace(table=table)
-    return SimpleNamespace(fleet=fleet, sensor=sensor, now=now, targets=targets, radius=RADIUS, axes=axes)
+    now = SimpleNamespace(table=table, about=False)
+    target = SimpleNamespace(table=target)
+    return SimpleNamespace(fleet=fleet, sensor=sensor, now=now, target=target, radius=RADIUS, axes=axes)
 
 
 def steered(team, wanted=(SPEED, 0.0), gains: Gains = GAINS) -> Tensor:

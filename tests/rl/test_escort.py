@@ -87,27 +87,27 @@ def test_who_sees_what():
     """At first nobody sees the vessel; aircraft find it, boats hear of it and know better than the cue said."""
     mission = escort("obstacles.moving=0")
     mission.begin_each()
-    picture = mission.picture
-    assert not bool(picture.sees("usv").any())
-    cue = (picture.targets[:, 0, :2] - mission.vessel_place).norm(dim=-1)
+    tracking = mission.tracking
+    assert not bool(tracking.sees("usv").any())
+    cue = (tracking.targets[:, 0, :2] - mission.vessel_place).norm(dim=-1)
     sail(mission, 125)
-    assert bool(picture.sees("uav").any(-1).all())
-    assert not bool(picture.sees("usv").any())
-    assert float(picture.age.max()) <= mission.config.escort.stale
-    off = (picture.targets[..., :2] - mission.vessel_place.unsqueeze(1)).norm(dim=-1)
+    assert bool(tracking.sees("uav").any(-1).all())
+    assert not bool(tracking.sees("usv").any())
+    assert float(tracking.age.max()) <= mission.config.escort.stale
+    off = (tracking.targets[..., :2] - mission.vessel_place.unsqueeze(1)).norm(dim=-1)
     assert float(off.max()) < 8.0 < float(cue.mean())
-    assert float(picture.sigma.max()) < 5.0
+    assert float(tracking.sigma.max()) < 5.0
 
 
 def test_without_messages_boats_keep_to_the_cue():
     mission = escort('escort.reports="none"', "course.turn_deg=0")
     mission.begin_each()
     sail(mission, 100)
-    picture = mission.picture
-    boats = picture.of("usv", picture.age)
+    tracking = mission.tracking
+    boats = tracking.of("usv", tracking.age)
     assert float(boats.min()) == pytest.approx(60.0 + 20.0, abs=0.3)  # nothing but the cue, and that has aged
-    assert float(picture.of("uav", picture.age).min()) < 1.0
-    assert float(picture.radio.heard[..., -1].min()) >= NEVER
+    assert float(tracking.of("uav", tracking.age).min()) < 1.0
+    assert float(tracking.radio.heard[..., -1].min()) >= NEVER
 
 
 def test_scouts_tell_while_there_are_no_aircraft():
@@ -118,7 +118,7 @@ def test_scouts_tell_while_there_are_no_aircraft():
     place = mission.scouts.views.position_n
     apart = (place[..., :2] - mission.vessel_place.unsqueeze(1)).norm(dim=-1)
     torch.testing.assert_close(apart, torch.full_like(apart, mission.scouts.orbit.radius), atol=15.0, rtol=0)
-    assert float(mission.picture.of("usv", mission.picture.age).max()) < 3.0
+    assert float(mission.tracking.of("usv", mission.tracking.age).max()) < 3.0
 
 
 def test_boats_close_in_and_errors_are_of_the_truth():
@@ -149,7 +149,7 @@ def test_charted_obstacles_are_evaded_before_they_are_seen():
     sail(mission, 100, keep)
     rows = torch.cat(found)
     assert len(rows) > 20
-    looks = mission.picture.of("usv", mission.picture.looks)[..., LOOK_VARIANCE]
+    looks = mission.tracking.of("usv", mission.tracking.sightings)[..., LOOK_VARIANCE]
     assert not bool((looks > 0).any())
 
 
@@ -234,7 +234,7 @@ def test_other_escorts_sail(overrides):
     sail(mission, 4)
     for team in mission.teams.values():
         assert bool(team.observe().isfinite().all())
-    assert bool((mission.picture.chart.tracks[..., 0, AGE] < NEVER).all())
+    assert bool((mission.tracking.chart.tracks[..., 0, AGE] < NEVER).all())
 
 
 def test_an_evasive_vessel_runs_from_boats():

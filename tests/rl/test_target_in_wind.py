@@ -107,7 +107,8 @@ def test_the_target_moves_and_turns_as_it_says(windy):
     """Its place and course one interval later."""
     windy.reset()
     dt = windy.config.decision_interval
-    before, target = windy.progress.clone(), Target(*(x.clone() for x in windy.teams["uav"].target))
+    before, target = windy.progress.clone(), windy.teams["uav"].target
+    target = Target(target.table.clone(), target.position.clone())
     windy.step(still(windy))
     later = windy.teams["uav"].target
     torch.testing.assert_close(windy.progress - before, target.speed[:, 0] * dt, atol=1e-3, rtol=0)

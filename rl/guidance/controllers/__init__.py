@@ -1,9 +1,9 @@
 """Classical controllers that hold slots, by the class of the vehicle model they are made for.
 
-A controller is a class: built from the model and its `Gains`, it acts for a team (rl/guidance/steered.py) in two steps,
-between which a policy may correct it: `wanted(team)` says what is to be flown, a tuple of which `velocity` is v* [env,
-vehicle, 2 or 3] (m/s, NED), and `act(team, wanted)` the actions that do so. Its `gains` are those that it was built
-from. A vehicle may bring its own (`Vehicle.controller`), which comes first.
+A controller is a class, built from the model and its `Gains`. It acts by what a team knows (rl/guidance/knowledge.py),
+in two steps between which a policy may correct it: `wanted(team)` gives a tuple whose `velocity` is the velocity
+command v* [env, vehicle, 2 or 3] (m/s, NED); `act(team, wanted)` gives the actions that follow it. `gains` are those it
+was built from. A vehicle may bring a controller of its own (`Vehicle.controller`), which then takes precedence.
 """
 
 from typing import Any

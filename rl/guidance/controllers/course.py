@@ -20,7 +20,7 @@ nose. To starboard, only a turn can, and a turn in every wave costs the moment, 
 hence heading and not the course over ground is fed back, in which the waves' sway is not seen, and wave_share is small.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -29,7 +29,7 @@ from rl.guidance.avoidance import Avoider
 from rl.guidance.controllers.drift import Drift
 from rl.guidance.controllers.force_vector import approach, turning, wrap
 from rl.guidance.controllers.vessel import CourseGains, Vessel, loops
-from rl.guidance.steered import Steered
+from rl.guidance.knowledge import Knowledge
 from taichi_sim.conventions import GRAVITY
 
 SPEED_SHARE = 0.95  # of the top speed, the most that is asked for; assumed
@@ -67,7 +67,7 @@ class Course:
         self.top_rate = RATE_SHARE * vessel.top_rate
         self.turn = vessel.moment / vessel.m33
 
-    def load(self, team: Steered, wanted: "Way") -> Load:
+    def load(self, team: Knowledge, wanted: "Way") -> Load:
         """Loads that follow what is wanted."""
         k, ship = self.loops, self.vessel
         heading = team.fleet.heading
@@ -88,7 +88,7 @@ class Course:
         r = (team.fleet.R_nb[..., 2, :] * team.fleet.angular_velocity_b).sum(-1)
         return Load(X, Y, ship.m33 * k.k_r * (rate - r) + ship.yaw.at(rate))
 
-    def wanted(self, team: Steered) -> "Way":
+    def wanted(self, team: Knowledge) -> "Way":
         """v* and v*' that lead to the team's slots."""
         slot, error, v = formation_velocity(team), team.now.error[..., :2], team.fleet.velocity_n[..., :2]
         chase = self.loops.k_e * error
@@ -96,7 +96,7 @@ class Course:
             self.least_speed, self.gains.closing_share * self.top_speed
         )
         share = (limit / chase.norm(dim=-1, keepdim=True).clamp(min=1e-6)).clamp(max=1.0)
-        direct, drift = slot + share * chase, self.drift.at(team.fleet.position_n[..., :2], team.mission.steps == 0)
+        direct, drift = slot + share * chase, self.drift.at(team.fleet.position_n[..., :2], team.steps == 0)
         wanted = self.avoid(team, direct)  # without the drift, which goes nowhere
         evading = (wanted - direct).norm(dim=-1, keepdim=True) > EVADING
         able = (share >= 1) & ~evading
@@ -117,14 +117,14 @@ class Course:
         toward = (slot * chase).sum(-1, keepdim=True) / chase.norm(dim=-1, keepdim=True).clamp(min=1e-6)
         return (self.top_speed**2 - own * own + toward * toward).clamp(min=0.0).sqrt() - toward
 
-    def _push(self, team: Steered) -> Tensor:
+    def _push(self, team: Knowledge) -> Tensor:
         """Acceleration [env, vehicle, 2] (m/s^2, NED) by the waves, half an interval ahead."""
         R, omega = team.fleet.R_nb, team.fleet.angular_velocity_b
         down_rate = R[..., :2, 0] * omega[..., 1:2] - R[..., :2, 1] * omega[..., 0:1]  # of R e_3: R (omega x e_3)
         return -GRAVITY * (R[..., :2, 2] + 0.5 * self.interval * down_rate)
 
 
-def formation_velocity(team: Any) -> Tensor:
+def formation_velocity(team: Knowledge) -> Tensor:
     """Velocity [env, vehicle, 2] (m/s, NED) of slots: about a leader that keeps to its own, or about the target."""
     if team.now.about:
         return team.now.slot_velocity[..., :2]

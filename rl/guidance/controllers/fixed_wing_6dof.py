@@ -27,7 +27,7 @@ from torch import Tensor
 from rl.guidance.avoidance import Avoider, Gains
 from rl.guidance.controllers.course import into
 from rl.guidance.controllers.force_vector import approach, turning
-from rl.guidance.steered import Steered
+from rl.guidance.knowledge import Knowledge
 from rl.mission import ControllerError
 from taichi_sim.config import Positive
 from taichi_sim.conventions import GRAVITY
@@ -78,15 +78,15 @@ class FixedWing6DofController:
         low, cruise, high = self.limits.speeds
         self.closing, self.intercept = self.gains.closing_share * (high - low), self.gains.intercept_share * cruise
 
-    def __call__(self, team: Steered) -> Tensor:
+    def __call__(self, team: Knowledge) -> Tensor:
         """Actions [env, vehicle, (pitch or climb, yaw, boost)] in [-1, 1]; none where the state is not finite."""
         return self.act(team, self.wanted(team))
 
-    def wanted(self, team: Steered) -> "Way":
+    def wanted(self, team: Knowledge) -> "Way":
         """Towards the slots."""
         return self._wanted(team, self._way_flown(velocity_through_air(team))[1])
 
-    def act(self, team: Steered, wanted: "Way") -> Tensor:
+    def act(self, team: Knowledge, wanted: "Way") -> Tensor:
         """Actions that fly what is wanted."""
         v, air = team.fleet.velocity_n, velocity_through_air(team)
         flown = air[..., :2]
@@ -107,7 +107,7 @@ class FixedWing6DofController:
         level = air[..., :2].norm(dim=-1).clamp(min=self.limits.floor)
         return level, (air[..., 0] / level, air[..., 1] / level)
 
-    def _wanted(self, team: Steered, nose: tuple[Tensor, Tensor]) -> "Way":
+    def _wanted(self, team: Knowledge, nose: tuple[Tensor, Tensor]) -> "Way":
         """v* where (cos, sin) `nose` is the way flown through the air."""
         slot, now, climb = team.now.slot_velocity, team.now, self.limits.climb
         (along, aside), (along_rate, aside_rate) = (into(x[..., :2], nose) for x in (now.error, now.error_rate))
@@ -119,7 +119,7 @@ class FixedWing6DofController:
         velocity = self.avoid(team, direct)
         return Way(velocity, (x_rate, y_rate), (velocity - direct).norm(dim=-1) > EVADING)
 
-    def _turn_rate(self, team: Steered, wanted: "Way", to_fly, nose, most: Tensor) -> Tensor:
+    def _turn_rate(self, team: Knowledge, wanted: "Way", to_fly, nose, most: Tensor) -> Tensor:
         """Rate (rad/s) of the course that follows `to_fly` (along, aside); `most` in the steepest turn."""
         x, y = to_fly
         square = (x * x + y * y).clamp(min=self.limits.floor**2)
@@ -146,7 +146,7 @@ class Way(NamedTuple):
     evading: Tensor  # bool: something near has changed it
 
 
-def velocity_through_air(team: Steered) -> Tensor:
+def velocity_through_air(team: Knowledge) -> Tensor:
     """Velocity through the air [env, vehicle, 3] (m/s, NED), of the airspeed and the angles the aircraft measures."""
     Va, alpha, beta = team.fleet.aux[..., READINGS : READINGS + 3].unbind(-1)
     level = Va * beta.cos()

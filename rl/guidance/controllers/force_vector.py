@@ -19,7 +19,7 @@ from torch import Tensor
 
 from rl.guidance.avoidance import Avoider, Gains
 from rl.guidance.controllers.sampled import held, place_poles
-from rl.guidance.steered import Steered
+from rl.guidance.knowledge import Knowledge
 from taichi_sim.config import Positive
 
 SPEED_SHARE = 0.95  # of the top speed, the most that is asked for; assumed
@@ -44,7 +44,7 @@ class ForceVector:
         self.top_speed = SPEED_SHARE * thrust * self.hold.gain / max(1 - self.hold.keep, 1e-6)
         self.closing, self.braking, self.avoid = gains.closing, gains.braking, Avoider(gains)
 
-    def velocity(self, team: Steered) -> Tensor:
+    def velocity(self, team: Knowledge) -> Tensor:
         """v* [env, vehicle, 2 or 3], m/s."""
         n = team.axes
         slot = team.now.slot_velocity[..., :n]
@@ -55,14 +55,14 @@ class ForceVector:
         chase = chase * (limit / chase.norm(dim=-1, keepdim=True).clamp(min=1e-6)).clamp(max=1.0)
         return self.avoid(team, slot + chase)
 
-    def wanted(self, team: Steered, velocity: Tensor, disturbance: Tensor | float = 0.0) -> Tensor:
+    def wanted(self, team: Knowledge, velocity: Tensor, disturbance: Tensor | float = 0.0) -> Tensor:
         """f* [env, vehicle, 2 or 3], m/s^2, towards v* = `velocity`, against an acceleration `disturbance` d."""
         n = team.axes
         slot, v = team.now.slot_velocity[..., :n], team.fleet.velocity_n[..., :n]
         acceleration = turning(team, slot) + self.k_v * (velocity - v)
         return ((1 - self.hold.keep) * v + self.interval * acceleration) / self.hold.gain - disturbance
 
-    def change(self, team: Steered, force: Tensor, disturbance_rate: Tensor | float = 0.0) -> Tensor:
+    def change(self, team: Knowledge, force: Tensor, disturbance_rate: Tensor | float = 0.0) -> Tensor:
         """f*' [env, vehicle, 2 or 3], m/s^3, when `force` (m/s^2, disturbance included) acts now."""
         n = team.axes
         slot, v = team.now.slot_velocity[..., :n], team.fleet.velocity_n[..., :n]
@@ -72,7 +72,7 @@ class ForceVector:
         return ((1 - self.hold.keep) * a + self.interval * a_rate) / self.hold.gain - disturbance_rate
 
 
-def turning(team: Steered, vector: Tensor) -> Tensor:
+def turning(team: Knowledge, vector: Tensor) -> Tensor:
     """Rate of change of a `vector` [env, vehicle, 2 or 3] that turns with the target's course."""
     rate = team.target.course_rate
     change = torch.zeros_like(vector)

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from rl.guidance.controllers.course import Course, Load, Way
 from rl.guidance.controllers.vessel import CourseGains, Resistance, Vessel
-from rl.guidance.steered import Steered
+from rl.guidance.knowledge import Knowledge
 from rl.mission import ControllerError
 from taichi_sim.config import Positive
 from taichi_sim.usv.hull.hull_6dof import Hull6Dof
@@ -49,15 +49,15 @@ class Hull6DofController:
         self.gains = gains or self.Gains()
         self.course = Course(craft, self.gains, model.dt * model.substeps)
 
-    def __call__(self, team: Steered) -> Tensor:
+    def __call__(self, team: Knowledge) -> Tensor:
         """Actions [env, vehicle, 2] in [-1, 1]; none for a vehicle whose state is not finite."""
         return self.act(team, self.wanted(team))
 
-    def wanted(self, team: Steered) -> Way:
+    def wanted(self, team: Knowledge) -> Way:
         """Towards the slots."""
         return self.course.wanted(team)
 
-    def act(self, team: Steered, wanted: Way) -> Tensor:
+    def act(self, team: Knowledge, wanted: Way) -> Tensor:
         """Actions that sail what is wanted."""
         left, right = shares(self.thrusters, self.course.load(team, wanted), astern=self.actions == "left_right")
         if self.actions == "left_right":

@@ -5,7 +5,7 @@ from torch import Tensor
 
 from rl.guidance.controllers.course import Course, Way
 from rl.guidance.controllers.vessel import CourseGains, Resistance, Vessel
-from rl.guidance.steered import Steered
+from rl.guidance.knowledge import Knowledge
 from taichi_sim.config import Positive
 from taichi_sim.usv.manoeuvring_3dof import Manoeuvring3dof, Manoeuvring3dofParams
 
@@ -31,15 +31,15 @@ class Manoeuvring3dofController:
         self.gains = gains or self.Gains()
         self.course = Course(vessel(model.params), self.gains, model.dt * model.substeps)
 
-    def __call__(self, team: Steered) -> Tensor:
+    def __call__(self, team: Knowledge) -> Tensor:
         """Actions [env, vehicle, 2 or 3] in [-1, 1]; none for a vehicle whose state is not finite."""
         return self.act(team, self.wanted(team))
 
-    def wanted(self, team: Steered) -> Way:
+    def wanted(self, team: Knowledge) -> Way:
         """Towards the slots."""
         return self.course.wanted(team)
 
-    def act(self, team: Steered, wanted: Way) -> Tensor:
+    def act(self, team: Knowledge, wanted: Way) -> Tensor:
         """Actions that sail what is wanted."""
         p, load = self.params, self.course.load(team, wanted)
         X, N = load.X / p.surge_force_max, load.N / p.yaw_moment_max

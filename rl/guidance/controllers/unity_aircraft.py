@@ -16,7 +16,7 @@ from torch import Tensor
 
 from rl.guidance.avoidance import Wanted
 from rl.guidance.controllers.force_vector import ForceGains, ForceVector, approach, wrap
-from rl.guidance.steered import Steered
+from rl.guidance.knowledge import Knowledge
 from taichi_sim.config import Positive
 from taichi_sim.uav.unity_aircraft import DEG, UnityAircraft
 
@@ -54,15 +54,15 @@ class UnityAircraftController:
         self.smooth_rate = p.smooth_rate
         self.max_climb = min(MAX_CLIMB, DEG * p.max_pitch_deg)
 
-    def __call__(self, team: Steered) -> Tensor:
+    def __call__(self, team: Knowledge) -> Tensor:
         """Actions [env, vehicle, (pitch, yaw, boost)] in [-1, 1]."""
         return self.act(team, self.wanted(team))
 
-    def wanted(self, team: Steered) -> Wanted:
+    def wanted(self, team: Knowledge) -> Wanted:
         """Towards the slots."""
         return Wanted(self.force.velocity(team))
 
-    def act(self, team: Steered, wanted: Wanted) -> Tensor:
+    def act(self, team: Knowledge, wanted: Wanted) -> Tensor:
         """Actions that fly what is wanted."""
         pull, nose = self.force.wanted(team, wanted.velocity), team.fleet.R_nb[..., 0]
         force = (pull * nose).sum(-1).clamp(self.per_boost * self.boost_min, self.per_boost * self.boost_max)

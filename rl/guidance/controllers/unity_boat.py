@@ -15,7 +15,7 @@ from torch import Tensor
 from rl.guidance.avoidance import Wanted
 from rl.guidance.controllers.force_vector import ForceGains, ForceVector, approach, wrap
 from rl.guidance.controllers.sampled import held, place_poles
-from rl.guidance.steered import Steered
+from rl.guidance.knowledge import Knowledge
 from taichi_sim.config import Positive
 from taichi_sim.conventions import GRAVITY
 from taichi_sim.usv.unity_boat import UnityBoat
@@ -53,15 +53,15 @@ class UnityBoatController:
         self.damping = (1 - yaw.keep) / yaw.gain
         self.yaw_acceleration = p.yaw_factor / p.inertia[2]
 
-    def __call__(self, team: Steered) -> Tensor:
+    def __call__(self, team: Knowledge) -> Tensor:
         """Actions [env, vehicle, (acceleration, yaw)] in [-1, 1]."""
         return self.act(team, self.wanted(team))
 
-    def wanted(self, team: Steered) -> Wanted:
+    def wanted(self, team: Knowledge) -> Wanted:
         """Towards the slots."""
         return Wanted(self.force.velocity(team))
 
-    def act(self, team: Steered, wanted: Wanted) -> Tensor:
+    def act(self, team: Knowledge, wanted: Wanted) -> Tensor:
         """Actions that fly what is wanted."""
         R, omega = team.fleet.R_nb, team.fleet.angular_velocity_b
         down_rate = R[..., :2, 0] * omega[..., 1:2] - R[..., :2, 1] * omega[..., 0:1]  # of R e_3: R (omega x e_3)

@@ -1,23 +1,24 @@
 """The aircraft of the escort: circles about the vessel, what their cameras see, and what they know of all that."""
 
 import math
-from types import SimpleNamespace
-from typing import Any
+from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor
 
-from rl.guidance.corrected import Corrected
-from rl.guidance.geometry import SIZE as ERRORS
-from rl.guidance.geometry import SLOT_VELOCITY
+from rl.guidance.geometry import SLOT_SIZE, SlotErrors
 from rl.guidance.observations import RATE_SCALE, SPEED_SCALE
-from rl.guidance.targets import COS, COURSE, EAST, NORTH, SIN, SIZE, SPEED, seen_at
+from rl.guidance.residual import ResidualTeam
+from rl.guidance.targets import COS, COURSE, EAST, NORTH, SIN, SIZE, SPEED, Target
 from rl.missions.escort.boats import AGE_SCALE, SIGMA_SCALE, squashed
-from rl.missions.escort.picture import Group, Search
+from rl.missions.escort.tracking import Group, Search, SharedTracking
 from rl.perception.camera import Camera
 from rl.perception.contacts import Contacts
 from rl.perception.instruments import Readings
 from rl.perception.sensors import Sensor
+
+if TYPE_CHECKING:
+    from rl.missions.escort.mission import Escort
 
 HEARD_OF = 5.0  # s: older news of another aircraft or boat is no use; assumed
 CIRCLE_SCALE, FAR_SCALE, SLOW_SCALE = 20.0, 200.0, 2.0  # m, m, m/s, where what is observed is half way to 1
@@ -40,7 +41,16 @@ def gap_errors(angle: Tensor, present: Tensor, turn: float) -> Tensor:
     return torch.where(others.any(-1), 0.5 * (nearest - behind), 0.0)
 
 
-class Aircraft(Corrected):
+def aircraft_observers(mission: "Escort", name: str, first: int) -> Group:
+    """The aircraft of team `name` as observers, numbered from `first` on."""
+    config, fleet = mission.config, mission.world.teams[name]
+    section = config.parts[name]
+    own = Readings(fleet, section.sensors, config.decision_interval, config.first_number(name))
+    radius, cruise = section.orbit.radius, fleet.model.limits.speeds[1]
+    return Group(first, own, fleet, Search(SEARCH_PITCH * radius, SEARCH_SPEED * cruise, BEGINS * radius))
+
+
+class Aircraft(ResidualTeam):
     """Measures the aircraft after each step; everything is [env, aircraft, ...].
 
     Attributes:
@@ -51,10 +61,11 @@ class Aircraft(Corrected):
 
     STATE = ("sensor", "distance", "gap_error", "in_range", "own", "camera", "known")
 
+    mission: "Escort"
     axes = 3
 
-    def __init__(self, mission: Any, name: str):
-        """Prepare team `name`."""
+    def __init__(self, mission: "Escort", name: str, tracking: SharedTracking):
+        """Make team `name`, whose aircraft are among the observers of `tracking`."""
         super().__init__(mission, name)
         config, state, model = mission.config, self.fleet.state, self.fleet.model
         self.radius, self.interval, self.orbit = model.collision_radius, config.decision_interval, self.section.orbit
@@ -66,27 +77,14 @@ class Aircraft(Corrected):
         self.down = -(self.orbit.height + self.orbit.height_step * steps)
         self.distance = state.new_zeros(state.shape[:2])
         self.gap_error, self.in_range = torch.zeros_like(self.distance), torch.zeros_like(self.distance)
-        self.known: Any
-
-    def group(self, first: int, number: int) -> Group:
-        """As lookers, the first of which has that number; the team is the `number`-th of its mission."""
-        self.own = Readings(self.fleet, self.section.sensors, self.interval, 64 * number)
-        cruise = self.fleet.model.limits.speeds[1]
-        self._number = number
-        radius = self.orbit.radius
-        return Group(first, self.own, self.fleet, Search(SEARCH_PITCH * radius, SEARCH_SPEED * cruise, BEGINS * radius))
-
-    def join(self, picture: Any) -> None:
-        """Look down, and know what the `picture` has."""
-        mission, number = self.mission, 64 * self._number
-        self.picture = picture
+        group, number = tracking.groups[name], config.first_number(name)
+        assert isinstance(group.own, Readings)
+        self.tracking, self.own = tracking, group.own
         self.camera = Camera(
-            self.section.camera, self.section.sensors, picture.looks, picture.things, mission.hs, self.fleet, self.own,
-            first=picture.groups[self.name].first, vehicles=number,
+            self.section.camera, self.section.sensors, tracking.sightings, tracking.objects, mission.hs, self.fleet,
+            self.own, first=group.first, vehicles=number,
         )  # fmt: skip
-        picture.lookers.append(self)
-        self.known = KnownAircraft(self, picture, number)
-        self.target = self.known.target
+        self.known = self.measured = MeasuredAircraft(self, number)
 
     def measure(self, which: Tensor, count: int) -> None:
         """The truth, in environments `which` [env] int32, `count` of them; and what instruments say."""
@@ -106,26 +104,24 @@ class Aircraft(Corrected):
             far = torch.hypot(far, self.fleet.position_n[..., 2:])
             self.in_range = (far < mission.config.radio.range).to(far).mean(-1)
 
-    def see(self, which: Tensor, rows: int, count: Tensor) -> None:
-        """Look where the vessel was believed to be when the last look was over, or was said to be at the beginning."""
-        self.camera.aim(self.known.believed)
-        self.camera.see(which, rows, count)
+    def look(self, which: Tensor, rows: int) -> None:
+        """Look at the place where each believed the vessel to be after the last step, or was told at the beginning."""
+        self.camera.aim(self.measured.believed)
+        self.camera.see(which, rows, self.mission.noise.table)
 
     def conclude(self, which: Tensor, count: int) -> None:
-        """What they know, once the picture is up to date."""
-        self.known.measure(which, count)
+        """Update what the aircraft know, after the shared tracking."""
+        self.measured.measure(which, count)
 
     @property
     def sees(self) -> Tensor:
         """bool [env, aircraft]: its camera has found the vessel in the last look."""
-        return self.picture.sees(self.name)
+        return self.tracking.sees(self.name)
 
     def terms(self) -> dict[str, Tensor]:
-        """What each aircraft is told."""
-        return self._told(self.known)
-
-    def _told(self, known: Any) -> dict[str, Tensor]:
-        fleet, model, picture = known.fleet, self.fleet.model, self.picture
+        """Observations of each aircraft."""
+        known, model, tracking = self.measured, self.fleet.model, self.tracking
+        fleet = known.fleet
 
         def own_frame(v: Tensor) -> Tensor:
             return (v.unsqueeze(-2) @ fleet.R_nb).squeeze(-2)
@@ -133,8 +129,7 @@ class Aircraft(Corrected):
         level = torch.zeros_like(known.centre[..., :1])
         to = torch.cat((known.centre, level), dim=-1) - fleet.position_n
         far = to.norm(dim=-1, keepdim=True)
-        t = known.targets.table
-        vc, c, s = known.centre_velocity, t[..., COS], t[..., SIN]
+        vc, c, s = known.centre_velocity, known.target.cos, known.target.sin
         carried = torch.stack((c * vc[..., 0] + s * vc[..., 1], c * vc[..., 1] - s * vc[..., 0]), dim=-1)
         off = torch.stack((to[..., :2].norm(dim=-1) - self.orbit.radius, known.height_error), dim=-1)
         mean, widest = known.boats
@@ -150,8 +145,8 @@ class Aircraft(Corrected):
             "circle": squashed(off, CIRCLE_SCALE),
             "gap": known.gap_error.unsqueeze(-1) / math.pi,
             "view": self.sees.unsqueeze(-1).to(far),
-            "track_age": squashed(picture.of(self.name, picture.age).unsqueeze(-1), AGE_SCALE),
-            "track_sigma": squashed(picture.of(self.name, picture.sigma).unsqueeze(-1), SIGMA_SCALE),
+            "track_age": squashed(tracking.of(self.name, tracking.age).unsqueeze(-1), AGE_SCALE),
+            "track_sigma": squashed(tracking.of(self.name, tracking.sigma).unsqueeze(-1), SIGMA_SCALE),
             "boats": own_frame(to_boats / boats_far.clamp(min=1.0)),
             "boats_distance": squashed(torch.cat((boats_far, widest), dim=-1), FAR_SCALE),
             "surroundings": known.sensor.signals,
@@ -162,75 +157,79 @@ class Aircraft(Corrected):
             terms["airspeed"] = (fleet.reading("airspeed") - cruise).unsqueeze(-1) * (2 / (high - low))
             wind = torch.stack([fleet.reading(name) for name in model.air], dim=-1)
             terms["wind"] = squashed(own_frame(wind), SPEED_SCALE)
-        if self.residual is not None:
-            terms["reference"] = self.reference()
-        return terms
+        reference = self.reference()
+        return terms if reference is None else terms | {"reference": reference}
 
     @property
     def privileged(self) -> Tensor | None:
-        """The truth [env, aircraft, n]: of the vessel and of the circle, and what varies."""
+        """Ground truth [env, aircraft, n]: vessel, circle, the boats' result, and what varies."""
         mission, fleet = self.mission, self.fleet
         to = mission.vessel_place.unsqueeze(1) - fleet.position_n[..., :2]
-        told = [
+        parts = [
             squashed(to, FAR_SCALE), squashed(mission.vessel_velocity.unsqueeze(1).expand_as(to), SLOW_SCALE),
             squashed(self.distance.unsqueeze(-1), CIRCLE_SCALE), self.gap_error.unsqueeze(-1) / math.pi,
             self.in_range.unsqueeze(-1), mission.boats_result().view(-1, 1, 1).expand(*to.shape[:2], 1),
         ]  # fmt: skip
         if mission.config.varies:
-            told.append(mission.world.truth[self.name])
-        return torch.cat(told, dim=-1)
+            parts.append(mission.world.truth[self.name])
+        return torch.cat(parts, dim=-1)
 
 
-class KnownAircraft:
-    """What the aircraft know; what is not here is as in the team.
+class MeasuredAircraft:
+    """What the aircraft know (rl/guidance/knowledge.py), and what their orbit is flown by (orbit.py).
 
-    Attributes: fleet, own state as measured. centre, centre_velocity: [env, aircraft, 2] the vessel as each knows it
+    Attributes: fleet: own state as measured. orbit: the circle to fly. now: errors, of which the slot's velocity alone
+    is
+        written, by the controller. centre, centre_velocity: [env, aircraft, 2] the vessel as each knows it
         (or where it is searched for). believed: where a camera on a gimbal looks. gap_error: as far as others have been
         heard. height_error: down, of the height to be held less the own, m. target: the circle's tangent where each is.
         boats: their mean place [.., 2] and its distance to the farthest of them [.., 1] as heard, 0: nobody was.
     """
 
-    STATE = ("targets", "now", "centre_velocity", "gap_error", "height_error", "sensor", "_boats", "_farthest")
+    STATE = ("target", "now", "centre_velocity", "gap_error", "height_error", "sensor", "_boats", "_farthest")
 
-    def __init__(self, team: Aircraft, picture: Any, number: int):
-        """Of `team`; `number` vehicles of others come before it, among the random numbers."""
-        state = team.fleet.state
-        self._team, self._picture, self.fleet = team, picture, team.own
-        self.targets = SimpleNamespace(table=state.new_zeros((*state.shape[:2], SIZE)))
-        errors = state.new_zeros((*state.shape[:2], ERRORS))
-        self.now = SimpleNamespace(table=errors, slot_velocity=errors[..., SLOT_VELOCITY : SLOT_VELOCITY + 3])
-        self.target = seen_at(self.targets.table, team.fleet.position_n[:, 0])
+    axes = Aircraft.axes
+    radio = None
+
+    def __init__(self, team: Aircraft, number: int):
+        """Measure for `team`, whose first aircraft has that `number` among the random numbers."""
+        state, tracking = team.fleet.state, team.tracking
+        self._team, self._tracking, self.fleet = team, tracking, team.own
+        self.radius, self.orbit = team.radius, team.orbit
+        self.now, self.slot_table = SlotErrors(state, self.axes), state.new_zeros((*state.shape[:2], SLOT_SIZE))
+        self.target = Target(state.new_zeros((*state.shape[:2], SIZE)), team.fleet.position_n[:, 0])
         self.sensor = Contacts(
             team.section.sensors.scaled_contacts, team.sensor, team.fleet, self.fleet, team.interval, number
         )
         self.centre, self.centre_velocity = (
-            picture.rows(team.name)[..., NORTH : EAST + 1],  # a live view
+            tracking.of(team.name, tracking.targets)[..., NORTH : EAST + 1],  # a live view
             state.new_zeros((*state.shape[:2], 2)),
         )
         self.believed = self.centre
         self.gap_error, self.height_error = state.new_zeros(state.shape[:2]), state.new_zeros(state.shape[:2])
         self._boats, self._farthest = (state.new_zeros((*state.shape[:2], n)) for n in (2, 1))
 
-    def __getattr__(self, name: str) -> Any:
-        """What is not known otherwise is known as it is."""
-        return getattr(self._team, name)
+    @property
+    def steps(self) -> Tensor:
+        """int64 [env], decisions since the episode began."""
+        return self._team.steps
 
     def measure(self, which: Tensor, rows: int) -> None:
-        """In environments `which` [env] int32, `rows` of them."""
-        team, mission = self._team, self._team.mission
-        known = self._picture.rows(team.name)
+        """Measure in environments `which` [env] int32, `rows` of them."""
+        team = self._team
+        known = self._tracking.of(team.name, self._tracking.targets)
         self.centre = known[..., NORTH : EAST + 1]
         self.centre_velocity = known[..., SPEED, None] * torch.stack((known[..., COS], known[..., SIN]), dim=-1)
         self.believed = self.centre
         x = self.fleet.position_n[..., :2] - self.centre
         theta, turn = torch.atan2(x[..., 1], x[..., 0]), team.orbit.turn
-        table = self.targets.table
+        table = self.target.table
         table[..., NORTH : EAST + 1] = self.centre
         course = theta + turn * math.pi / 2
         table[..., COURSE], table[..., COS], table[..., SIN] = course, course.cos(), course.sin()
         self.height_error = team.down - self.fleet.position_n[..., 2]
         self._others(theta)
-        self.sensor.update(which, rows, mission.steps, mission.noise.table)
+        self.sensor.update(which, rows, self.steps, team.mission.noise.table)
 
     @property
     def boats(self) -> tuple[Tensor, Tensor]:
@@ -239,22 +238,21 @@ class KnownAircraft:
 
     def _others(self, theta: Tensor) -> None:
         """Those on the circle, and boats, as heard."""
-        team, picture = self._team, self._picture
-        heard, age = picture.of(team.name, picture.radio.heard), picture.radio.said.shape[-1]
-        group = picture.groups[team.name]
+        team, tracking = self._team, self._tracking
+        heard, age = tracking.of(team.name, tracking.radio.heard), tracking.radio.said.shape[-1]
         n = theta.shape[1]
-        of = heard[:, :, group.first : group.first + n]
-        old = of[..., age]
-        place = of[..., :2] + old.clamp(max=HEARD_OF).unsqueeze(-1) * of[..., 3:5] - self.centre.unsqueeze(2)
+        mates = heard[:, :, tracking.groups[team.name].rows]
+        old = mates[..., age]
+        place = mates[..., :2] + old.clamp(max=HEARD_OF).unsqueeze(-1) * mates[..., 3:5] - self.centre.unsqueeze(2)
         angle = torch.atan2(place[..., 1], place[..., 0])
         itself = torch.eye(n, dtype=torch.bool, device=theta.device)
         angle = torch.where(itself, theta.unsqueeze(-1), angle)
         self.gap_error = gap_errors(angle, old < HEARD_OF, team.orbit.turn)
-        boats = picture.groups.get(team.mission.config.escort.boats)
+        boats = tracking.groups.get(team.mission.config.escort.boats)
         if boats is None:
             return
-        of = heard[:, :, boats.first : boats.first + boats.own.state.shape[1]]
-        fresh = (of[..., age] < 4 * HEARD_OF).to(of).unsqueeze(-1)
-        mean = (fresh * of[..., :2]).sum(2) / fresh.sum(2).clamp(min=1.0)
-        far = (fresh * (of[..., :2] - self.fleet.position_n[..., None, :2])).norm(dim=-1).amax(-1)
+        said = heard[:, :, boats.rows]
+        fresh = (said[..., age] < 4 * HEARD_OF).to(said).unsqueeze(-1)
+        mean = (fresh * said[..., :2]).sum(2) / fresh.sum(2).clamp(min=1.0)
+        far = (fresh * (said[..., :2] - self.fleet.position_n[..., None, :2])).norm(dim=-1).amax(-1)
         self._boats, self._farthest = mean, far.unsqueeze(-1)

@@ -1,23 +1,25 @@
-"""The boats of the escort: errors from their slots about the vessel, and what they know of all that."""
+"""The boats of the escort: true errors from their slots about the vessel, and what the boats know."""
 
-from types import SimpleNamespace
-from typing import Any
+from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor
 
-from rl.guidance.corrected import Corrected
-from rl.guidance.geometry import SLOT_SIZE, Geometry
-from rl.guidance.observations import Observer
+from rl.guidance.geometry import OFFSET, RATE, SLOT_SIZE, Geometry
+from rl.guidance.observations import ObservationWriter
+from rl.guidance.residual import ResidualTeam
 from rl.guidance.targets import SIZE as TARGET
-from rl.guidance.targets import seen_at
-from rl.missions.escort.picture import Group, Search
+from rl.guidance.targets import Target
 from rl.missions.escort.shapes import escort_offsets
+from rl.missions.escort.tracking import Group, Search, SharedTracking
 from rl.perception.chart import Charted
 from rl.perception.contacts import Contacts
 from rl.perception.instruments import Readings
 from rl.perception.lookout import Lookout
 from rl.perception.sensors import Sensor
+
+if TYPE_CHECKING:
+    from rl.missions.escort.mission import Escort
 
 AGE_SCALE, SIGMA_SCALE = 5.0, 10.0  # s, m, where what is observed of a track is half way to 1
 SEARCH_SPEED = 0.7  # of the top speed, along the spiral; assumed
@@ -25,64 +27,61 @@ SEARCH_PITCH = 1.6  # ranges at which the vessel is seen, between two turns of t
 BEGINS = 15.0  # m from where the vessel should be
 
 
-class Boats(Corrected):
-    """Measures the boats after each step; everything is [env, boat, ...].
+def boat_observers(mission: "Escort", name: str, first: int) -> Group:
+    """The boats of team `name` as observers, numbered from `first` on."""
+    config, fleet = mission.config, mission.world.teams[name]
+    section = config.parts[name]
+    own = Readings(fleet, section.sensors, config.decision_interval, config.first_number(name))
+    pitch, speed = SEARCH_PITCH * section.lookout.vessel_range, SEARCH_SPEED * fleet.model.limits.speeds[2]
+    return Group(first, own, fleet, Search(pitch, speed, BEGINS))
+
+
+class Boats(ResidualTeam):
+    """Measures the boats after each step; everything is [env, boat, ...]. The team is its own ground truth
+    (`Knowledge`).
 
     Attributes:
-        now: errors from the slots about the vessel as it is; known.now: about the vessel as each boat knows it.
-        sensor: what is near, the vessel among it. distance, before: m from the slot, now and a decision ago.
-        known: what policies and controllers act by.
+        now: errors from the slots about the true vessel; known.now: about the vessel as each boat knows it.
+        target: the true vessel. sensor: obstacles near, the vessel among them. distance, before: m from the slot, now
+            and a decision ago. own: what the instruments measure. known: the input of policies and controllers.
     """
 
-    STATE = ("now", "sensor", "before", "own", "targets", "known")
+    STATE = ("now", "sensor", "before", "own", "lookout", "target", "known")
 
+    mission: "Escort"
     axes = 2
+    radio = None
 
-    def __init__(self, mission: Any, name: str):
-        """Prepare team `name`."""
+    def __init__(self, mission: "Escort", name: str, tracking: SharedTracking):
+        """Make team `name`, whose boats are among the observers of `tracking`."""
         super().__init__(mission, name)
         config, state, model = mission.config, self.fleet.state, self.fleet.model
-        self.radius, self.interval = model.collision_radius, config.decision_interval
+        self.radius, self.interval, self.tracking = model.collision_radius, config.decision_interval, tracking
         offsets = escort_offsets(self.section.formation, self.fleet.count, self.section.spacing)
         self.offsets = offsets.to(state)
         sensing = config.sensing
         self.sensor = Sensor(
             self.fleet, sensing.obstacles, sensing.team_mates, sensing.detection_range, self.radius, "heading"
         )
-        slots = torch.zeros((mission.num_envs, self.fleet.count, SLOT_SIZE), dtype=state.dtype, device=state.device)
-        slots[..., :2] = self.offsets
-        self.slots = SimpleNamespace(table=slots, offsets=slots[..., :2])
-        self.targets = SimpleNamespace(table=state.new_zeros((mission.num_envs, 1, TARGET)))
-        self.now = Geometry(self.fleet, self.targets.table, 0.0, slots, self.axes, about=True)
-        self.known: Any
-        self._true: Observer | None = None
+        self.slot_table = state.new_zeros((mission.num_envs, self.fleet.count, SLOT_SIZE))
+        self.slot_table[..., OFFSET:RATE] = self.offsets
+        table = state.new_zeros((mission.num_envs, 1, TARGET))
+        self.now = Geometry(self.fleet, table, 0.0, self.slot_table, self.axes, about=True)
+        self.target = Target(table, self.now.slot[:, 0])
         self.before = torch.zeros_like(self.now.distance)
-
-    def group(self, first: int, number: int) -> Group:
-        """As lookers, the first of which has that number; the team is the `number`-th of its mission."""
-        self.own = Readings(self.fleet, self.section.sensors, self.interval, 64 * number)
-        search = Search(
-            SEARCH_PITCH * self.section.lookout.vessel_range, SEARCH_SPEED * self.fleet.model.limits.speeds[2], BEGINS
-        )
-        self._number = number
-        return Group(first, self.own, self.fleet, search)
-
-    def join(self, picture: Any) -> None:
-        """Look out, and know what the `picture` has."""
-        mission, number = self.mission, 64 * self._number
-        self.picture = picture
-        picture.lookers.append(
-            Lookout(
-                self.section.lookout, self.section.sensors, picture.looks, picture.things, self.fleet, self.own,
-                mission.elevation, vehicles=number,
-            )
+        group, number = tracking.groups[name], config.first_number(name)
+        assert isinstance(group.own, Readings)
+        self.own = group.own
+        self.lookout = Lookout(
+            self.section.lookout, self.section.sensors, tracking.sightings, tracking.objects, self.fleet, self.own,
+            mission.elevation, vehicles=number,
         )  # fmt: skip
-        self.known = KnownBoats(self, picture, number)
-        self.target = self.known.target
-        self.seen = Observer(self.known, "full")
+        self.known = self.measured = MeasuredBoats(self, number)
+        self.observations = ObservationWriter(self.known, "full", self.reference_width)
+        self._true = ObservationWriter(self, "full", self.reference_width)
 
     def measure(self, which: Tensor, count: int) -> None:
-        """The truth, in environments `which` [env] int32, `count` of them; and what instruments say."""
+        """Measure the truth in environments `which` [env] int32, `count` of them, and read the instruments."""
         self.forget()
         self.before = torch.where((which == 1).unsqueeze(-1), self.now.distance, self.before)
         self.now.measure(which, count)
@@ -91,34 +90,33 @@ class Boats(Corrected):
         self.sensor.look(mission.obstacles, mission.env_world, which, count, mission.bodies)
         self.own.read(which, count, mission.noise.table)
 
+    def look(self, which: Tensor, rows: int) -> None:
+        """Look out for the vessel and obstacles, in environments as of `measure`."""
+        self.lookout.see(which, rows, self.mission.noise.table)
+
     def conclude(self, which: Tensor, count: int) -> None:
-        """What they know, once the picture is up to date."""
-        self.known.measure(which, count)
+        """Update what the boats know, after the shared tracking."""
+        self.measured.measure(which, count)
 
     def terms(self) -> dict[str, Tensor]:
-        """What each boat is told: as in formations, and how old and how good its track of the vessel is."""
-        flat = self._flat(self.seen)
-        terms = dict(zip(self.seen.widths, flat.split(list(self.seen.widths.values()), dim=-1), strict=True))
-        name, picture = self.name, self.picture
-        age, sigma = (picture.of(name, x).unsqueeze(-1) for x in (picture.age, picture.sigma))
+        """Observations of each boat: those of formations, and age and standard deviation of its track of the vessel."""
+        flat = self.observations(self.action, self.reference())
+        widths = self.observations.widths
+        terms = dict(zip(widths, flat.split(list(widths.values()), dim=-1), strict=True))
+        age, sigma = (self.tracking.of(self.name, x).unsqueeze(-1) for x in (self.tracking.age, self.tracking.sigma))
         return terms | {"track_age": squashed(age, AGE_SCALE), "track_sigma": squashed(sigma, SIGMA_SCALE)}
-
-    def _flat(self, observer: Observer) -> Tensor:
-        return observer(self.action, self.action if self.residual is None else self.reference())
 
     @property
     def privileged(self) -> Tensor | None:
-        """The truth [env, boat, n], and what varies."""
-        if self._true is None:
-            self._true = Observer(self, "full")
-        told = [self._flat(self._true)]
+        """Ground truth [env, boat, n]: the observations of a boat that knew it, and what varies."""
+        parts = [self._true(self.action, self.reference())]
         if self.mission.config.varies:
-            told.append(self.mission.world.truth[self.name])
-        return torch.cat(told, dim=-1)
+            parts.append(self.mission.world.truth[self.name])
+        return torch.cat(parts, dim=-1)
 
     @property
     def distance(self) -> Tensor:
-        """m from the slot about the vessel as it is."""
+        """Distance from the slot about the true vessel, m."""
         return self.now.distance
 
 
@@ -127,37 +125,41 @@ def squashed(x: Tensor, scale: float) -> Tensor:
     return x / (x.abs() + scale)
 
 
-class KnownBoats:
-    """What the boats know; what is not here is as in the team.
+class MeasuredBoats:
+    """What the boats know (rl/guidance/knowledge.py).
 
-    Attributes: fleet, own state as measured. now: errors from the slots about the vessel as known. sensor: things near
-        by the chart, team mates as measured. targets, target: the vessel as known, a row for each boat.
+    Attributes: fleet: own state as measured. now: errors from the slots about the vessel as known. sensor: charted
+        objects near, team mates as measured. target: the vessel as known, a row for each boat.
     """
 
-    STATE = ("targets", "now", "sensor")
+    STATE = ("target", "now", "sensor")
 
-    def __init__(self, team: Boats, picture: Any, number: int):
-        """Of `team`; `number` vehicles of others come before it, among the random numbers."""
-        interval = team.interval
-        self._team, self._picture, self.fleet = team, picture, team.own
-        table = picture.rows(team.name).contiguous().clone()
-        self.targets = SimpleNamespace(table=table)
-        self.now = Geometry(self.fleet, table, 0.0, team.slots.table, team.axes, about=True)
-        self.target = seen_at(table, self.now.slot[:, 0])
+    axes = Boats.axes
+    radio = None
+
+    def __init__(self, team: Boats, number: int):
+        """Measure for `team`, whose first boat has that `number` among the random numbers."""
+        tracking = team.tracking
+        self._team, self.fleet = team, team.own
+        self.radius, self.slot_table = team.radius, team.slot_table
+        table = tracking.of(team.name, tracking.targets).contiguous().clone()
+        self.now = Geometry(self.fleet, table, 0.0, team.slot_table, team.axes, about=True)
+        self.target = Target(table, self.now.slot[:, 0])
         self.sensor = Contacts(
-            team.section.sensors.scaled_contacts, team.sensor, team.fleet, self.fleet, interval, number
+            team.section.sensors.scaled_contacts, team.sensor, team.fleet, self.fleet, team.interval, number
         )
-        first = picture.groups[team.name].first
-        self._charted = Charted(self.sensor, picture.chart, first, picture.things, self.fleet)
+        first = tracking.groups[team.name].first
+        self._charted = Charted(self.sensor, tracking.chart, first, tracking.objects, self.fleet)
 
-    def __getattr__(self, name: str) -> Any:
-        """What is not known otherwise is known as it is."""
-        return getattr(self._team, name)
+    @property
+    def steps(self) -> Tensor:
+        """int64 [env], decisions since the episode began."""
+        return self._team.steps
 
     def measure(self, which: Tensor, rows: int) -> None:
-        """In environments `which` [env] int32, `rows` of them."""
-        mission = self._team.mission
-        self.targets.table.copy_(self._picture.rows(self._team.name))
+        """Measure in environments `which` [env] int32, `rows` of them."""
+        tracking = self._team.tracking
+        self.target.table.copy_(tracking.of(self._team.name, tracking.targets))
         self.now.measure(which, rows)
-        self.sensor.update(which, rows, mission.steps, mission.noise.table)
+        self.sensor.update(which, rows, self.steps, self._team.mission.noise.table)
         self._charted.write(which, rows)

@@ -3,51 +3,49 @@
 import math
 import warnings
 from collections.abc import Mapping
-from typing import Any
 
 import torch
 
 from rl.missions.escort.config import EscortScenario
 from rl.perception.wind_triangle import strongest_wind
 from taichi_sim.config import ConfigError
+from taichi_sim.fleet import Fleet
 
 MOST_WIND = 0.8  # of the cruising speed, that is left to be flown in; assumed
 
 
-def check_parts(config: EscortScenario, teams: Mapping[str, Any]) -> None:
-    """Refuse teams that cannot do their part.
+def check_parts(config: EscortScenario, fleets: Mapping[str, Fleet]) -> None:
+    """Refuse teams, by their fleets, that cannot do their part.
 
     Raises:
         ConfigError: naming the key, and the numbers.
     """
     parts = config.escort
     for name, medium in ((parts.boats, "water"), (parts.aircraft, "air")):
-        team = teams.get(name)
-        if team is not None and team.fleet.model.medium != medium:
+        if name in fleets and (moves := fleets[name].model.medium) != medium:
             raise ConfigError(
-                f"{name}.vehicle = {team.section.vehicle!r} moves in {team.fleet.model.medium}: "
+                f"{name}.vehicle = {config.parts[name].vehicle!r} moves in {moves}: "
                 f"escort.{'boats' if medium == 'water' else 'aircraft'} need one that moves in {medium}"
             )
-    for name in teams:
+    for name in fleets:
         if name not in (parts.boats, parts.aircraft):
             raise ConfigError(
                 f"{name}: escort.boats = {parts.boats!r} and escort.aircraft = {parts.aircraft!r} name the teams "
                 "of the escort; give any other a script"
             )
-    team = teams.get(parts.aircraft)
-    if team is not None:
-        _check_orbit(config, team)
+    if parts.aircraft in fleets:
+        _check_orbit(config, parts.aircraft, fleets[parts.aircraft])
 
 
-def _check_orbit(config: EscortScenario, team: Any) -> None:
+def _check_orbit(config: EscortScenario, name: str, fleet: Fleet) -> None:
     """Refuse a circle that cannot be flown in the wind, or that is too small for so many."""
-    orbit, limits, name = team.orbit, team.fleet.model.limits, team.name
-    around = 2 * math.pi * orbit.radius / team.fleet.count
-    if team.fleet.count > 1 and orbit.height_step <= 2 * team.radius and around <= 4 * team.radius:
+    orbit, limits, width = config.parts[name].orbit, fleet.model.limits, 2 * fleet.model.collision_radius
+    around = 2 * math.pi * orbit.radius / fleet.count
+    if fleet.count > 1 and orbit.height_step <= width and around <= 2 * width:
         raise ConfigError(
-            f"{name}.orbit.radius = {orbit.radius} m: {team.fleet.count} aircraft at even phases would be "
-            f"{around:.3g} m apart, and each needs {2 * team.radius} m (twice its collision_radius) and as much "
-            f"again: give a greater radius, or orbit.height_step above {2 * team.radius} m"
+            f"{name}.orbit.radius = {orbit.radius} m: {fleet.count} aircraft at even phases would be "
+            f"{around:.3g} m apart, and each needs {width} m (twice its collision_radius) and as much "
+            f"again: give a greater radius, or orbit.height_step above {width} m"
         )
     low, cruise, _ = limits.speeds
     wind = strongest_wind(config, orbit.height)
@@ -65,9 +63,9 @@ def _check_orbit(config: EscortScenario, team: Any) -> None:
             )
 
 
-def tell_speeds(config: EscortScenario, boats: Any) -> None:
-    """Say what follows where the vessel may outrun the boats: it is allowed."""
-    top, fastest = boats.fleet.model.limits.speeds[2], config.course.speed[1]
+def warn_of_speeds(config: EscortScenario, boats: Fleet) -> None:
+    """Warn where the vessel may outrun the boats, which is allowed."""
+    top, fastest = boats.model.limits.speeds[2], config.course.speed[1]
     if fastest >= top:
         warnings.warn(
             f"course.speed = {list(config.course.speed)}: {boats.name}'s vehicles go {top:.3g} m/s at most: "
@@ -76,17 +74,18 @@ def tell_speeds(config: EscortScenario, boats: Any) -> None:
         )
 
 
-def check_slots(boats: Any, radius: float) -> None:
-    """Refuse slots in which boats would touch the vessel, of that radius (m), or each other.
+def check_slots(config: EscortScenario, boats: Fleet, offsets: torch.Tensor, radius: float) -> None:
+    """Refuse slots at `offsets` [boat, 2] (m) in which boats would touch the vessel, of that radius (m), or each other.
 
     Raises:
         ConfigError: naming the key, and the numbers.
     """
-    near = float(boats.offsets.norm(dim=-1).min())
-    if near <= boats.radius + radius:
+    near, own, key = float(offsets.norm(dim=-1).min()), boats.model.collision_radius, f"{boats.name}.spacing"
+    spacing = config.parts[boats.name].spacing
+    if near <= own + radius:
         raise ConfigError(
-            f"{boats.name}.spacing = {boats.section.spacing} m: a slot is {near:.3g} m from the vessel: boats "
-            f"would touch it (collision radii {boats.radius} and {radius} m)"
+            f"{key} = {spacing} m: a slot is {near:.3g} m from the vessel: boats would touch it (collision radii {own} "
+            f"and {radius} m)"
         )
-    if boats.fleet.count > 1 and float(torch.pdist(boats.offsets).min()) <= 2 * boats.radius:
-        raise ConfigError(f"{boats.name}.spacing = {boats.section.spacing} m: neighbours would touch in their slots")
+    if boats.count > 1 and float(torch.pdist(offsets).min()) <= 2 * own:
+        raise ConfigError(f"{key} = {spacing} m: neighbours would touch in their slots")

@@ -94,7 +94,7 @@ class ObstaclesConfig(Strict):
 class SensingConfig(Strict):
     """What a vehicle observes of what is around it."""
 
-    detection_range: Positive = 60.0  # m: further things are no concern of who avoids them
+    detection_range: Positive = 60.0  # m: further objects are no concern of who avoids them
     obstacles: Annotated[int, Field(ge=0, le=8)] = 3  # nearest ones observed
     team_mates: Annotated[int, Field(ge=0, le=8)] = 2
 

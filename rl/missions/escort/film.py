@@ -36,13 +36,13 @@ class Film:
     def take(self) -> None:
         """Keep what there is now."""
         mission, env = self.mission, self.mission.shown
-        picture, radio = mission.picture, mission.picture.radio
+        tracking, radio = mission.tracking, mission.tracking.radio
         age = radio.heard[env, ..., -1].cpu().numpy()
         due, fresh = radio.due(int(mission.steps[env])), radio.delay + 1e-3
         flying = mission.flying
         frame = {
-            "place": picture.place[env], "things": picture.things[env], "looks": picture.looks[env],
-            "targets": picture.targets[env], "sigma": picture.sigma[env], "age": picture.age[env],
+            "place": tracking.place[env], "objects": tracking.objects[env], "sightings": tracking.sightings[env],
+            "targets": tracking.targets[env], "sigma": tracking.sigma[env], "age": tracking.age[env],
             "vessel": mission.vessel_place[env], "bodies": mission.bodies.table[env],
         }  # fmt: skip
         if flying is not None:
@@ -59,7 +59,7 @@ class Film:
         found: list[Any] = [self._traffic(film["bodies"]), *self._messages(film), *self._believed(film)]
         if mission.flying is not None:
             found += [self._footprints(film), self._sights(film), self._circle(film["vessel"])]
-        names = tuple(f"{name}{k}" for name, g in mission.picture.groups.items() for k in range(g.own.state.shape[1]))
+        names = tuple(f"{name}{k}" for name, g in mission.tracking.groups.items() for k in range(g.count))
         age = np.minimum(film["age"], 60.0)
         found.append(Plot(name="age of what is known of the vessel", unit="s", lines=names, values=age))
         return tuple(found)
@@ -73,12 +73,12 @@ class Film:
 
     def _messages(self, film: dict[str, NDArray[np.float64]]) -> list[Lines]:
         """From each aircraft to each boat."""
-        groups, parts = self.mission.picture.groups, self.mission.config.escort
+        groups, parts = self.mission.tracking.groups, self.mission.config.escort
         if parts.boats not in groups or parts.aircraft not in groups:
             return []
         to, of = groups[parts.boats], groups[parts.aircraft]
-        boats = range(to.first, to.first + to.own.state.shape[1])
-        aircraft = range(of.first, of.first + of.own.state.shape[1])
+        boats = range(to.first, to.first + to.count)
+        aircraft = range(of.first, of.first + of.count)
         share = np.linspace(0.0, 1.0, ARC)[:, None]
         arcs, flags = [], {"arrived": [], "lost": []}
         for i in boats:
@@ -101,7 +101,7 @@ class Film:
     def _believed(self, film: dict[str, NDArray[np.float64]]) -> list[Ellipsoids]:
         """By the first of each team: one standard deviation, at least a metre to be seen."""
         found = []
-        for name, g in self.mission.picture.groups.items():
+        for name, g in self.mission.tracking.groups.items():
             at = film["targets"][:, g.first : g.first + 1]
             place = np.stack((at[..., 0], at[..., 1], np.zeros_like(at[..., 0])), axis=-1)
             sigma = np.clip(film["sigma"][:, g.first : g.first + 1], 1.0, 200.0)
@@ -116,8 +116,8 @@ class Film:
     def _footprints(self, film: dict[str, NDArray[np.float64]]) -> Lines:
         """Where the edge of each field of view meets mean sea level."""
         flying = self.mission.flying
-        g = self.mission.picture.groups[flying.name]
-        place = film["place"][:, g.first : g.first + g.own.state.shape[1]]
+        g = self.mission.tracking.groups[flying.name]
+        place = film["place"][:, g.rows]
         axis = np.einsum("fvij,fvj->fvi", film["R"], film["axis"])
         half = math.radians(flying.camera.config.field_of_view_deg / 2)
         aside = np.cross(axis, np.array([0.0, 0.0, 1.0]))
@@ -136,11 +136,11 @@ class Film:
 
     def _sights(self, film: dict[str, NDArray[np.float64]]) -> Lines:
         """From each camera to what it has found in this look."""
-        g = self.mission.picture.groups[self.mission.flying.name]
-        seen = film["looks"][:, g.first : g.first + g.own.state.shape[1], :, LOOK_VARIANCE] > 0
-        place = film["place"][:, g.first : g.first + g.own.state.shape[1], None]
-        place, things = np.broadcast_arrays(place, film["things"][:, None, :, :3])
-        lines = np.stack((place, things), axis=-2)
+        g = self.mission.tracking.groups[self.mission.flying.name]
+        seen = film["sightings"][:, g.rows, :, LOOK_VARIANCE] > 0
+        place = film["place"][:, g.rows, None]
+        place, objects = np.broadcast_arrays(place, film["objects"][:, None, :, :3])
+        lines = np.stack((place, objects), axis=-2)
         lines = np.where(seen[..., None, None], lines, np.nan)
         flat = lines.reshape(len(lines), -1, 2, 3)
         return Lines(name="sight lines", colour=SIGHT, points_n=flat, radius=-0.6, where="world")

@@ -81,7 +81,7 @@ class EscortJudge(Judge):
             self.seen_after[alive & arrived] += sees[alive & arrived]
             square = team.gap_error.square().mean(-1).double().cpu().numpy()
             self.gaps[alive & arrived] += square[alive & arrived]
-        age = mission.picture.of(self.name, mission.picture.age)
+        age = mission.tracking.of(self.name, mission.tracking.age)
         self.aware[alive] += (age <= config.escort.stale).double().mean(-1).cpu().numpy()[alive]
         power = team.fleet.model.power(team.fleet)
         if power is not None:
@@ -99,9 +99,9 @@ class EscortJudge(Judge):
 
     def series(self) -> dict[str, Tensor]:
         """Distance from the slot or the circle, clearance, and the age of what is known of the vessel."""
-        team, picture = self.mission.teams[self.name], self.mission.picture
+        team, tracking = self.mission.teams[self.name], self.mission.tracking
         label = "distance from slot (m)" if self.boats else "distance from circle (m)"
-        age = picture.of(self.name, picture.age).clamp(max=60.0)
+        age = tracking.of(self.name, tracking.age).clamp(max=60.0)
         return {label: team.distance, "gap to anything (m)": team.sensor.gap, "age of the track (s)": age}
 
     @classmethod

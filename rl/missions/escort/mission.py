@@ -1,10 +1,11 @@
 """The escort mission: boats hold formation about a vessel that manoeuvres as it likes and that only aircraft can see.
 
-The vessel is a scripted team (vessel.py). Boats see it, and obstacles, from near; aircraft circle it, and see it and
-the obstacles from afar; all tell each other what they see, by radio (picture.py). An episode begins with the boats some
-hundred metres off, with a word of where the vessel was.
+The vessel is a scripted team (vessel.py). Boats see it, and obstacles, from near. Aircraft circle it, and see it and
+the obstacles from afar. All send each other their sightings by radio (tracking.py). An episode begins with the boats
+some hundred metres away; they are given a place where the vessel was.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,18 +16,18 @@ from torch import Tensor
 from rl.course.traffic import RADIUS, TOP, Bodies
 from rl.mission import Endings, Mission, Step
 from rl.missions.escort import rewards
-from rl.missions.escort.aircraft import Aircraft
-from rl.missions.escort.boats import Boats
-from rl.missions.escort.checks import check_parts, check_slots, tell_speeds
+from rl.missions.escort.aircraft import Aircraft, aircraft_observers
+from rl.missions.escort.boats import Boats, boat_observers
+from rl.missions.escort.checks import check_parts, check_slots, warn_of_speeds
 from rl.missions.escort.config import EscortScenario
 from rl.missions.escort.control import controller_of
 from rl.missions.escort.film import Film
 from rl.missions.escort.judge import EscortJudge
-from rl.missions.escort.picture import Picture
-from rl.missions.escort.scouts import Scouts
+from rl.missions.escort.objects import write_objects
+from rl.missions.escort.scouts import Scouts, scout_observers
 from rl.missions.escort.shapes import escort_offsets
 from rl.missions.escort.starts import afloat, aloft
-from rl.missions.escort.things import write_things
+from rl.missions.escort.tracking import SharedTracking
 from rl.missions.escort.vessel import Wanderer
 from rl.missions.escort.worlds import draw_worlds
 from rl.rewards import fine, paid
@@ -49,12 +50,12 @@ class Escort(Mission):
         worlds: the pool of beginnings (worlds.py). obstacles: [world, n, 4] of them, as sensors take them.
         bodies: what moves, the vessel first; traffic: the rest of it. env_world: int64 [env].
         vessel_place, vessel_velocity: [env, 2] NED, m, m/s; the velocity is averaged (vessel.py).
-        hs: [env] significant wave height, m. picture: what boats and aircraft know (picture.py).
+        hs: [env] significant wave height, m. tracking: what boats and aircraft know (tracking.py).
         noise: counts the random numbers of sensors and radio: decisions of all episodes.
     """
 
     STATE = (
-        "env_world", "bodies", "traffic", "hs", "vessel_place", "_cue", "arrived", "_which", "noise", "picture",
+        "env_world", "bodies", "traffic", "hs", "vessel_place", "_cue", "arrived", "_which", "noise", "tracking",
         "scouts",
     )  # fmt: skip
 
@@ -62,32 +63,26 @@ class Escort(Mission):
     logged = ("error_m", "arrived", "seen", "collisions_per_hour")
     Judge = EscortJudge
     config: EscortScenario
+    teams: dict[str, Boats | Aircraft]
 
-    @staticmethod
-    def Team(mission: Any, name: str) -> Any:  # noqa: N802
-        """A team by its part."""
-        return (Boats if name == mission.config.escort.boats else Aircraft)(mission, name)
-
-    def prepare(self) -> None:
-        """Draw the worlds, and connect everybody.
+    def make_teams(self, names: Sequence[str]) -> dict[str, Boats | Aircraft]:
+        """Draw the worlds, then make the tracking that all observers share, and the teams.
 
         Raises:
             ConfigError: where parts do not fit their vehicles, the wind or each other.
         """
-        run, config = runtime.current(), self.config
-        check_parts(config, self.teams)
-        boats, vessel = self.teams.get(config.escort.boats), config.escort.vessel
+        run, config, fleets = runtime.current(), self.config, {name: self.world.teams[name] for name in names}
+        check_parts(config, fleets)
+        boats, vessel = fleets.get(config.escort.boats), config.escort.vessel
         self._script: Wanderer = self.world.scripts[vessel]  # pyright: ignore[reportAttributeAccessIssue]
         self._vessel = self.world.teams[vessel]
         radius = self._vessel.model.collision_radius
-        if boats is None:
-            section = config.parts[config.escort.boats]
-            count, offsets = section.count, escort_offsets(section.formation, section.count, section.spacing)
-        else:
-            count, offsets = boats.fleet.count, boats.offsets.cpu().double()
-            check_slots(boats, radius)
-            tell_speeds(config, boats)
-        worlds = draw_worlds(config, count, offsets, radius, self.generator)
+        section = config.parts[config.escort.boats]
+        offsets = escort_offsets(section.formation, section.count, section.spacing)
+        if boats is not None:
+            check_slots(config, boats, offsets, radius)
+            warn_of_speeds(config, boats)
+        worlds = draw_worlds(config, section.count, offsets, radius, self.generator)
         self.worlds = worlds.to(run.device)
         self.obstacles = self.worlds.obstacles.to(run.torch_dtype).contiguous()
         if not self.obstacles.shape[1]:  # a kernel needs one row: put it out of every vehicle's reach
@@ -105,26 +100,26 @@ class Escort(Mission):
         self.arrived = torch.zeros(self.num_envs, dtype=torch.bool, device=run.device)
         self._which = torch.zeros(self.num_envs, dtype=torch.int32, device=run.device)
         self.noise = Noise(self.num_envs, derive_seed(self.seed, "sensors"))
-        self._connect()
+        self.tracking = self._shared_tracking(names)
+        aircraft = config.escort.aircraft
+        scouted = aircraft in config.teams and aircraft not in names
+        self.scouts = Scouts(self, aircraft, self.tracking) if scouted else None
+        return {name: (Boats if name == config.escort.boats else Aircraft)(self, name, self.tracking) for name in names}
+
+    def _shared_tracking(self, names: Sequence[str]) -> SharedTracking:
+        """The tracking of all observers: boats, then aircraft or the scouts in their place."""
+        parts, groups = self.config.escort, {}
+        if parts.boats in names:
+            groups[parts.boats] = boat_observers(self, parts.boats, 0)
+        if parts.aircraft in self.config.teams:
+            observers = aircraft_observers if parts.aircraft in names else scout_observers
+            groups[parts.aircraft] = observers(self, parts.aircraft, sum(g.count for g in groups.values()))
+        return SharedTracking(self, groups, self.bodies.table.shape[2] + self.obstacles.shape[1])
+
+    def prepare(self) -> None:
+        """Let the vessel know obstacles and boats."""
         self._script.attach(self)
         self._film = Film(self)
-
-    def _connect(self) -> None:
-        """Make the common picture of all who look."""
-        config, groups, first = self.config, {}, 0
-        self.scouts: Scouts | None = None
-        for part in (config.escort.boats, config.escort.aircraft):
-            if part in self.teams:
-                groups[part] = self.teams[part].group(first, list(config.teams).index(part))
-            elif part == config.escort.aircraft and part in config.teams:
-                self.scouts = Scouts(self, part, config.parts[part])
-                groups[part] = self.scouts.group(first)
-            if part in groups:
-                first += groups[part].own.state.shape[1]
-        things = self.bodies.table.shape[2] + self.obstacles.shape[1]
-        self.picture = Picture(self, groups, things)
-        for member in (*self.teams.values(), *((self.scouts,) if self.scouts else ())):
-            member.join(self.picture)
 
     def reseed(self, seed: int) -> None:
         """Also sensors and radio."""
@@ -148,14 +143,16 @@ class Escort(Mission):
 
     def _look(self, rows: int, envs: Tensor | None = None) -> None:
         which = self._which
-        self.vessel_place = write_things(self, self._vessel)
+        self.vessel_place = write_objects(self, self._vessel)
         for team in self.teams.values():
             team.measure(which, rows)
         if self.scouts:
             self.scouts.measure(which)
         if envs is not None:
-            self.picture.begin(envs, self._cue[envs])
-        self.picture.update(which, rows)
+            self.tracking.begin(envs, self._cue[envs])
+        for member in (*self.teams.values(), *((self.scouts,) if self.scouts else ())):
+            member.look(which, rows)
+        self.tracking.update(which, rows)
         for team in self.teams.values():
             team.conclude(which, rows)
         if self.boats is not None:
@@ -190,9 +187,10 @@ class Escort(Mission):
         return {"collided": team.sensor.gap < 0.0, "left": place.abs().amax(-1) > self.config.area / 2}
 
     @property
-    def boats(self) -> Any:
+    def boats(self) -> Boats | None:
         """The team of boats (boats.py), or None."""
-        return self.teams.get(self.config.escort.boats)
+        team = self.teams.get(self.config.escort.boats)
+        return team if isinstance(team, Boats) else None
 
     def boats_result(self) -> Tensor:
         """[env] mean of 1 / (1 + (d / RESULT_SCALE)^2), d from the boats' slots (m); 0 without boats."""
@@ -238,7 +236,7 @@ class Escort(Mission):
     def log(self, team: Any, step: Step) -> dict[str, Tensor]:
         """Errors now; shares of episodes in which the leader has arrived, and a camera has the vessel; collisions."""
         hours = team.distance.numel() * self.config.decision_interval / 3600
-        sees = self.picture.looks[..., 0, 2] > 0
+        sees = self.tracking.sightings[..., 0, 2] > 0
         return {
             "error_m": team.distance.mean(),
             "arrived": self.arrived.float().mean(),

@@ -15,7 +15,7 @@ V = cruise + sat(k_phase R (gap ahead - gap behind) / 2) (loc. cit., sec. IV, by
 is near, is the controller of formations (rl/guidance/controllers/fixed_wing_6dof.py).
 """
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor
@@ -27,9 +27,11 @@ from rl.guidance.controllers.fixed_wing_6dof import (
     Way,
     velocity_through_air,
 )
-from rl.guidance.geometry import SLOT_VELOCITY
 from taichi_sim.config import Positive
 from taichi_sim.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
+
+if TYPE_CHECKING:
+    from rl.missions.escort.aircraft import MeasuredAircraft
 
 LEAST_SHARE = 0.2  # of the airspeed, the least speed relative to the centre; assumed
 
@@ -54,15 +56,15 @@ class OrbitController:
         self.gains = gains or self.Gains()
         self.flight = FixedWing6DofController(model, self.gains)
 
-    def __call__(self, team: Any) -> Tensor:
+    def __call__(self, team: "MeasuredAircraft") -> Tensor:
         """Actions [env, aircraft, action] in [-1, 1]; none where the state is not finite."""
         return self.act(team, self.wanted(team))
 
-    def act(self, team: Any, wanted: Way) -> Tensor:
+    def act(self, team: "MeasuredAircraft", wanted: Way) -> Tensor:
         """Actions that fly what is wanted."""
         return self.flight.act(team, wanted)
 
-    def wanted(self, team: Any) -> Way:
+    def wanted(self, team: "MeasuredAircraft") -> Way:
         """v* of `team` (aircraft.py), and how it turns."""
         loops, limits = self.flight.loops, self.flight.limits
         v, air, R = team.fleet.velocity_n, velocity_through_air(team), team.orbit.radius
@@ -84,7 +86,7 @@ class OrbitController:
         down = (loops.height * team.height_error).clamp(-limits.climb, limits.climb)
         level = team.centre_velocity + s.unsqueeze(-1) * d
         direct = torch.cat((level, down.unsqueeze(-1)), dim=-1)
-        team.now.table[..., SLOT_VELOCITY : SLOT_VELOCITY + 3] = direct
+        team.now.slot_velocity.copy_(direct)
         velocity = self.flight.avoid(team, direct)
         moves = v[..., :2] - team.centre_velocity
         turn = (moves * e_theta).sum(-1) / r + 2 * sigma * R / square * (moves * e).sum(-1)

@@ -6,52 +6,54 @@ have no instruments that err: their cameras' pixels, the radio's range, delay an
 """
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor
 
-from rl.missions.escort.picture import Group, Search
+from rl.missions.escort.tracking import Group, Search, SharedTracking
 from rl.perception.camera import Camera
 from rl.perception.instruments import InstrumentsConfig
-from taichi_sim.conventions import STATE_SIZE
+from taichi_sim.conventions import QUATERNION, STATE_SIZE
 from taichi_sim.fleet import Views
 from taichi_sim.kernels.kinematics import DERIVED_SIZE, HEADING_COS, HEADING_SIN, ROTATION, VELOCITY_N
+
+if TYPE_CHECKING:
+    from rl.missions.escort.mission import Escort
 
 SPEED = 25.0  # m/s; assumed
 
 
+def scout_observers(mission: "Escort", name: str, first: int) -> Group:
+    """Scouts in the place of the aircraft of team `name` as observers, numbered from `first` on."""
+    section, like = mission.config.parts[name], mission.hs
+    rows = mission.num_envs, section.count
+    views = Views(
+        None,  # pyright: ignore[reportArgumentType] (there is no model: nothing is simulated)
+        like.new_zeros((*rows, STATE_SIZE)), like.new_zeros((*rows, DERIVED_SIZE)), like.new_zeros((*rows, 1)),
+    )  # fmt: skip
+    views.state[..., QUATERNION.start] = 1.0
+    return Group(first, views, views, Search(section.orbit.radius, SPEED, section.orbit.radius))
+
+
 class Scouts:
-    """In the place of the aircraft of `section`."""
+    """Scripted aircraft in the place of a team of them."""
 
     STATE = ("views", "camera")
 
-    def __init__(self, mission: Any, name: str, section: Any):
-        """As many as that team has vehicles."""
+    def __init__(self, mission: "Escort", name: str, tracking: SharedTracking):
+        """Make as many as team `name` has vehicles, which are among the observers of `tracking`."""
+        section, like = mission.config.parts[name], mission.hs
         self.mission, self.name, self.section, self.orbit = mission, name, section, section.orbit
-        like = mission.hs
-        rows = mission.num_envs, section.count
-        self.views = Views(
-            None,  # pyright: ignore[reportArgumentType] (there is no model: nothing is simulated)
-            like.new_zeros((*rows, STATE_SIZE)), like.new_zeros((*rows, DERIVED_SIZE)), like.new_zeros((*rows, 1)),
+        group = tracking.groups[name]
+        self.views = group.own
+        camera = section.camera.model_copy(update={"mount": "gimbal"})
+        self.camera = Camera(
+            camera, InstrumentsConfig(), tracking.sightings, tracking.objects, mission.hs, self.views, self.views,
+            first=group.first, vehicles=mission.config.first_number(name),
         )  # fmt: skip
-        self.views.state[..., 3] = 1.0
         steps = torch.arange(section.count, device=like.device, dtype=like.dtype)
         self._height = self.orbit.height + self.orbit.height_step * steps
-
-    def group(self, first: int) -> Group:
-        """As lookers, the first of which has that number."""
-        return Group(first, self.views, self.views, Search(self.orbit.radius, SPEED, self.orbit.radius))
-
-    def join(self, picture: Any) -> None:
-        """Look down."""
-        number = list(self.mission.config.teams).index(self.name) * 64
-        camera = self.section.camera.model_copy(update={"mount": "gimbal"})
-        self.camera = Camera(
-            camera, InstrumentsConfig(), picture.looks, picture.things, self.mission.hs, self.views, self.views,
-            first=picture.groups[self.name].first, vehicles=number,
-        )  # fmt: skip
-        picture.lookers.append(self.camera)
 
     def begin(self, envs: Tensor, place: Tensor) -> None:
         """Episodes begin in environments `envs` [n], scouts near `place` [n, 2] (m)."""
@@ -80,3 +82,7 @@ class Scouts:
         derived[..., VELOCITY_N] = torch.cat((SPEED * d, torch.zeros_like(r)), dim=-1)
         derived[..., HEADING_COS], derived[..., HEADING_SIN] = d[..., 0], d[..., 1]
         self.camera.aim(self.mission.vessel_place.unsqueeze(1).expand_as(x))
+
+    def look(self, which: Tensor, rows: int) -> None:
+        """Look at the vessel, in environments [env] int32 that are not 0, `rows` of them."""
+        self.camera.see(which, rows, self.mission.noise.table)

@@ -7,8 +7,7 @@ COLREGs asks.
 """
 
 import math
-from types import SimpleNamespace
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import torch
 from torch import Tensor
@@ -17,16 +16,19 @@ from rl.guidance.avoidance import Avoider
 from rl.guidance.controllers import CONTROLLERS
 from rl.guidance.controllers.course import Way
 from rl.guidance.controllers.force_vector import wrap
-from rl.guidance.geometry import SIZE as ERRORS
-from rl.guidance.geometry import SLOT_VELOCITY
+from rl.guidance.geometry import SLOT_SIZE, SlotErrors
 from rl.guidance.targets import SIZE as TARGET
-from rl.guidance.targets import seen_at
-from rl.perception.sensors import Sensor
+from rl.guidance.targets import Target
+from rl.perception.sensors import Nearby, Sensor
 from taichi_sim.config import ConfigError
 from taichi_sim.config.io import validate
 from taichi_sim.conventions import STATE_SIZE
 from taichi_sim.kernels.rotation import torch_quaternion_from_euler
 from taichi_sim.script import Script
+
+if TYPE_CHECKING:
+    from rl.missions.escort.boats import Boats
+    from rl.missions.escort.mission import Escort
 
 EDGE = 0.4  # of the area's side: further out it turns back
 SEEN, BOATS = 3, 2  # obstacles and boats that it keeps clear of at once
@@ -34,26 +36,20 @@ REACH = 40.0  # m
 SMOOTH = 5.0  # s: its course over ground is that of its velocity, averaged so
 
 
-class Near(NamedTuple):
-    """What the vessel keeps clear of, as a `Sensor` has it."""
-
-    obstacles: Tensor
-    team_mates: Tensor
-    num_obstacles: int
-    num_mates: int
-
-
 class Wanderer(Script):
-    """See the module.
+    """See the module. It steers by the ground truth, and is its own `Knowledge` (rl/guidance/knowledge.py).
 
     Attributes:
         velocity: [env, 2] over ground, averaged over `SMOOTH`, NED, m/s: its course is this one's direction.
     """
 
     STATE = (
-        "velocity", "_time", "_next", "_plan", "_steered", "_course", "_speed", "_errors", "_mates", "_sensor",
+        "velocity", "_time", "_next", "_plan", "_steered", "_course", "_speed", "now", "sensor", "_sensor",
         "controller",
     )  # fmt: skip
+
+    axes = 2
+    radio = None
 
     def __init__(self, world: Any, name: str):
         """Act for the team `name`, of any vessel that has a classical controller for a velocity to sail."""
@@ -76,25 +72,27 @@ class Wanderer(Script):
             )
         envs = state.shape[0]
         changes = 4 + math.ceil(2 * world.config.episode_duration / world.config.course.every)
-        self._sensor = Sensor(self.fleet, SEEN, 0, REACH, model.collision_radius)
-        table, errors = state.new_zeros((envs, 1, TARGET)), state.new_zeros((envs, self.fleet.count, ERRORS))
-        self._errors, self._mates = errors, state.new_zeros((envs, self.fleet.count, BOATS, 7))
-        near = Near(self._sensor.obstacles, self._mates, SEEN, BOATS)  # boats count as mates of its own
-        self._view = SimpleNamespace(
-            fleet=self.fleet, sensor=near, radius=model.collision_radius, axes=2,
-            targets=SimpleNamespace(table=table), target=seen_at(table, state[:, 0, :3]),
-            now=SimpleNamespace(table=errors),
-        )  # fmt: skip
+        self.radius = model.collision_radius
+        self.now, self.slot_table = SlotErrors(state, self.axes), state.new_zeros((envs, self.fleet.count, SLOT_SIZE))
+        self.target = Target(state.new_zeros((envs, 1, TARGET)), state[:, 0, :3])
+        self._sensor = Sensor(self.fleet, SEEN, 0, REACH, self.radius)
+        self.sensor = Nearby(state, SEEN, BOATS, REACH, self.radius, self.axes)  # boats count as mates of its own
+        self.sensor.obstacles = self._sensor.obstacles
         self._avoid = Avoider(self.controller.gains)
         self._time, self._next = state.new_zeros(envs), torch.zeros(envs, dtype=torch.int64, device=state.device)
         self._plan = state.new_zeros((envs, changes, 3))  # when (s), to what course (rad) and speed (m/s)
         self._steered, self._course = state.new_zeros(envs), state.new_zeros(envs)
         self._speed, self.velocity = state.new_zeros(envs), state.new_zeros((envs, 2))
-        self._mission: Any = None
+        self._mission: Escort | None = None
 
-    def attach(self, mission: Any) -> None:
-        """Know the obstacles of `mission`, and its boats."""
+    def attach(self, mission: "Escort") -> None:
+        """Sail among the obstacles and boats of `mission`, which is made after the world and its scripts."""
         self._mission = mission
+
+    @property
+    def steps(self) -> Tensor:
+        """int64 [env], decisions since the episode began."""
+        return self._next if self._mission is None else self._mission.steps
 
     def start(self, envs: Tensor, course: Tensor, speed: Tensor, generator: torch.Generator) -> Tensor:
         """Episodes begin in environments `envs` [n] on `course` [n] (rad) at `speed` [n] (m/s); the states [n, 1, 13]
@@ -147,17 +145,16 @@ class Wanderer(Script):
         wanted = (speed.unsqueeze(-1) * heading).unsqueeze(1).expand(-1, self.fleet.count, -1).contiguous()
         if self._mission is not None:
             self._sensor.look(self._mission.obstacles, self._mission.env_world, bodies=self._mission.traffic)
-            self._see_boats()
-            self._view.now.table[..., SLOT_VELOCITY : SLOT_VELOCITY + 2] = wanted
-            wanted = self._avoid(self._view, wanted)
+            self._see_boats(self._mission.boats)
+            self.now.slot_velocity[..., :2] = wanted
+            wanted = self._avoid(self, wanted)
         share = dt / (SMOOTH + dt)
         self.velocity += share * (self.fleet.velocity_n[:, 0, :2] - self.velocity)
-        return self.controller.act(self._view, Way(wanted, torch.zeros_like(wanted)))
+        return self.controller.act(self, Way(wanted, torch.zeros_like(wanted)))
 
-    def _see_boats(self) -> None:
-        """The nearest boats, as mates."""
-        team = self._mission.boats
-        mates = self._mates
+    def _see_boats(self, team: "Boats | None") -> None:
+        """Write the nearest boats as mates."""
+        mates = self.sensor.team_mates
         mates.zero_()
         mates[..., 0], mates[..., 4] = REACH, -1.0
         if team is None:

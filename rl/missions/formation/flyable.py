@@ -9,12 +9,38 @@ over ground v (wind_triangle.py), so R must reach v^2 / (g tan(largest bank)).
 """
 
 import math
+from collections.abc import Mapping
 
 from rl.guidance.shapes import lane_half_width
 from rl.missions.formation.config import FormationScenario, FormationTeam, TrackConfig
 from rl.perception.wind_triangle import LEAST_SHARE, strongest_wind
 from taichi_sim.config import ConfigError
 from taichi_sim.vehicle import Vehicle
+
+
+def check_teams(config: FormationScenario, models: Mapping[str, Vehicle]) -> None:
+    """Refuse teams, by their vehicles' `models`, that cannot hold their slots, or follow the track in the wind.
+
+    Raises:
+        ConfigError: naming the key, and the numbers.
+    """
+    for name, model in models.items():
+        section = config.formations[name]
+        least, drawn, width = section.spacings[0], section.formation.spacing_range, 2 * model.collision_radius
+        if section.count > 1 and least <= width:
+            told = f"formation.spacing_range = {list(drawn)}" if drawn else f"spacing = {least}"
+            raise ConfigError(
+                f"{name}.{told}: must be above twice the vehicle's collision_radius, {width} m: neighbours would touch "
+                "in their slots"
+            )
+    if config.track.speed_over == "air" and not any(model.medium == "air" for model in models.values()):
+        raise ConfigError(
+            f"track.speed_over = 'air': only {', '.join(models)} is simulated, and nothing flies; it needs 'ground'"
+        )
+    for name, model in models.items():
+        section = config.formations[name]
+        check_lanes(config.track, name, section)
+        check_flyable(config, f"{name}.vehicle = {section.vehicle!r}", model)
 
 
 def check_lanes(track: TrackConfig, name: str, team: FormationTeam) -> None:

@@ -4,6 +4,7 @@ Each environment is on one of the scenario's worlds (a track with obstacles) and
 anew. Targets of vessels move on the sea, those of aircraft straight above them at the flight height.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from rl.guidance.targets import Targets
 from rl.mission import Endings, Mission, Step
 from rl.missions.formation import rewards
 from rl.missions.formation.config import FormationScenario
-from rl.missions.formation.flyable import check_flyable, check_lanes
+from rl.missions.formation.flyable import check_teams
 from rl.missions.formation.imagined import imagined_scenario
 from rl.missions.formation.judge import FormationJudge
 from rl.missions.formation.starts import PER_WORLD, draw_starts, in_wind
@@ -25,7 +26,6 @@ from rl.missions.formation.team import TeamTask
 from rl.missions.formation.worlds import draw_traffic, generate_worlds
 from rl.planning.honest import write_obstacles_as_bodies
 from rl.seeds import derive_seed
-from taichi_sim.config import ConfigError
 from taichi_sim.config.io import validate
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.counters import Noise
@@ -58,20 +58,19 @@ class Formation(Mission):
     config: FormationScenario
     teams: dict[str, TeamTask]
 
-    def prepare(self) -> None:
-        """Generate worlds and starts.
+    def make_teams(self, names: Sequence[str]) -> dict[str, TeamTask]:
+        """Generate worlds, starts and targets, then the teams that follow these.
 
         Raises:
             ConfigError: where they do not fit, or a team could not follow the track.
         """
         run, config = runtime.current(), self.config
         self.wind_factor = self.world.wind.speed_factor(config.track.flight_height)
-        self._check_spacing()
-        self._check_flyable()
+        models = {name: self.world.teams[name].model for name in names}
+        check_teams(config, models)
         self.tracks, generated = generate_worlds(config, self.seed)
         fixed = torch.tensor([[o.north, o.east, o.radius, o.height] for o in config.obstacles.fixed]).reshape(-1, 4)
         both = torch.cat((generated, fixed.expand(self.tracks.worlds, -1, 4)), dim=1)
-        models = {name: team.fleet.model for name, team in self.teams.items()}
         starts = draw_starts(config, self.tracks, both, models, self.generator)
         pool = draw_traffic(config, self.tracks, starts, both, models, self.generator)
         self.tracks = self.tracks.to(run.device)  # all was drawn on the CPU: the same worlds on every device
@@ -94,8 +93,7 @@ class Formation(Mission):
         self._which = torch.zeros(self.num_envs, dtype=torch.int32, device=run.device)
         self.noise = Noise(self.num_envs, derive_seed(self.seed, "sensors"))
         self._film: list[np.ndarray] = []  # bodies of the environment that is shown, of a recording
-        for team in self.teams.values():
-            team.follow(self.targets, config.track.flight_height)
+        return {name: TeamTask(self, name, self.targets) for name in names}
 
     def reseed(self, seed: int) -> None:
         """Also sensors and radio."""
@@ -106,29 +104,6 @@ class Formation(Mission):
     def progress(self) -> Tensor:
         """[env] m of the targets along their tracks."""
         return self.targets.progress
-
-    def _check_spacing(self) -> None:
-        for name, team in self.teams.items():
-            least, drawn = team.section.spacings[0], team.section.formation.spacing_range
-            if team.section.count > 1 and least <= 2 * team.radius:
-                told = f"formation.spacing_range = {list(drawn)}" if drawn else f"spacing = {least}"
-                raise ConfigError(
-                    f"{name}.{told}: must be above twice the vehicle's collision_radius, {2 * team.radius} m: "
-                    "neighbours would touch in their slots"
-                )
-
-    def _check_flyable(self) -> None:
-        """Refuse a track that a team cannot follow in its formation, or in the wind of the scenario."""
-        flies = any(team.fleet.model.medium == "air" for team in self.teams.values())
-        if self.config.track.speed_over == "air" and not flies:
-            raise ConfigError(
-                f"track.speed_over = 'air': only {', '.join(self.teams)} is simulated, and nothing flies; it needs "
-                "'ground'"
-            )
-        for name, team in self.teams.items():
-            check_lanes(self.config.track, name, team.section)
-            vehicle = f"{name}.vehicle = {team.section.vehicle!r}"
-            check_flyable(self.config, vehicle, team.fleet.model)
 
     # -- one step --------------------------------------------------------------------------------------------------
 
@@ -148,7 +123,8 @@ class Formation(Mission):
 
     def observe(self, team: TeamTask) -> dict[str, Tensor]:
         """See observations.py."""
-        return dict(zip(team.seen.widths, team.observe().split(list(team.seen.widths.values()), dim=-1), strict=True))
+        widths = team.observations.widths
+        return dict(zip(widths, team.observe().split(list(widths.values()), dim=-1), strict=True))
 
     def reward(self, team: TeamTask, ended: Endings) -> Tensor:
         """See rewards.py."""
@@ -304,7 +280,6 @@ class ImaginedFormation(Formation):
 
     def prepare(self) -> None:
         """With room for as many bodies as the team may sense."""
-        super().prepare()
         sensed = sum(team.fleet.count * team.sensor.num_obstacles for team in self.teams.values())
         shape = (self.tracks.worlds, PER_WORLD, ROWS, sensed)
         self.bodies = Bodies(self.num_envs, self.obstacles.new_zeros(()).expand(shape))

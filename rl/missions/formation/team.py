@@ -1,96 +1,89 @@
-"""One team's side of the formation mission: errors and surroundings of its vehicles."""
+"""One team of the formation mission: true errors and surroundings of its vehicles, its observations."""
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor
 
 from rl.course.traffic import Bodies
-from rl.guidance.corrected import Corrected
 from rl.guidance.geometry import Geometry
-from rl.guidance.observations import Observer
+from rl.guidance.knowledge import Knowledge
+from rl.guidance.observations import ObservationWriter
+from rl.guidance.residual import ResidualTeam
 from rl.guidance.targets import Target, Targets
-from rl.mission import Mission
-from rl.missions.formation.known import Known
+from rl.missions.formation.measured import Measured
 from rl.missions.formation.slots import Slots
 from rl.perception.sensors import Sensor
 from taichi_sim.kernels import runtime
 
+if TYPE_CHECKING:
+    from rl.missions.formation.mission import Formation
+
 GLIDE_SHARE = 0.15  # of the target's speed, with which slots glide to a new formation; assumed
 
 
-class TeamTask(Corrected):
-    """Measures one team after each step; everything is [env, vehicle, ...].
+class TeamTask(ResidualTeam):
+    """Measures one team after each step; everything is [env, vehicle, ...]. It is its own ground truth (`Knowledge`).
 
     Attributes:
         target: what its leader tracks. now: errors as of the last step or reset (geometry.py).
-        known: what its vehicles know of all this, which policies and controllers act by (known.py).
-        seen: what writes its observations (observations.py).
-        sensor: obstacles and team mates.
-        axes: 2 of vessels, whose errors are level, 3 of aircraft.
+        known: what its vehicles know, the input of policies and controllers: the team itself, or `Measured`.
+        observations: writes what its policy observes. sensor: true obstacles and team mates.
         slots: about the leader (slots.py). offsets: [env, vehicle, 2] of them, a live view, m.
     """
 
     STATE = ("slots", "sensor", "now", "known")
 
-    def __init__(self, mission: Mission, name: str):
-        """Prepare team `name`."""
+    mission: "Formation"
+    radio = None
+
+    def __init__(self, mission: "Formation", name: str, targets: Targets):
+        """Make team `name`, which holds formation behind `targets`; those of aircraft are at the flight height."""
         super().__init__(mission, name)
-        state, model = self.fleet.state, self.fleet.model
-        self.axes = 2 if model.medium == "water" else 3
-        self.radius = model.collision_radius
-        config = mission.config
+        state, model, config = self.fleet.state, self.fleet.model, mission.config
+        flies = model.medium == "air"
+        down = -config.track.flight_height if flies else 0.0
+        self.axes, self.radius = 3 if flies else 2, model.collision_radius
         glide = self.section.formation.glide or GLIDE_SHARE * config.track.target_speed
         interval, steps = config.decision_interval, config.episode_steps
         self.slots = Slots(self.section, state, interval=interval, glide=glide, steps=steps)
-        self.offsets = self.slots.offsets
-        sensing, frame = config.sensing, "body" if self.axes == 3 else "heading"
+        self.offsets, self.slot_table = self.slots.offsets, self.slots.table
+        sensing, frame = config.sensing, "body" if flies else "heading"
         reach = sensing.detection_range
         # As many team mates in a team of one as in one of sixteen: what is not there is out of range.
         self.sensor = Sensor(self.fleet, sensing.obstacles, sensing.team_mates, reach, self.radius, frame)
-        self.targets: Targets
-        self.target: Target
-        self.now: Geometry
-        self.known: Any
-        self.seen: Observer
-        self._true: Observer | None = None
-
-    def follow(self, targets: Targets, height: float) -> None:
-        """Hold formation behind `targets`; those of aircraft fly at `height` (m)."""
-        self.down = -height if self.fleet.model.medium == "air" else 0.0
-        self.now = Geometry(self.fleet, targets.table, self.down, self.slots.table, self.axes)
-        self.targets, self.target = targets, targets.seen_at(self.now.slot[:, 0])
-        config = self.mission.config
+        self.now = Geometry(self.fleet, targets.table, down, self.slot_table, self.axes)
+        self.target = Target(targets.table, self.now.slot[:, 0])
         exact = config.radio is None and config.sensors.exact and config.sensors.scaled_contacts.exact
-        self.known = self if exact else Known(self, list(config.teams).index(self.name))
-        self.seen = Observer(self.known, config.observations)
+        self.measured = None if exact else Measured(self, down)
+        self.known: Knowledge = self.measured or self
+        self.observations = ObservationWriter(self.known, config.observations, self.reference_width)
+        self._true = None if exact else ObservationWriter(self, config.observations, self.reference_width)
 
     def observe(self) -> Tensor:
         """Observations [env, vehicle, n] (observations.py), a fresh tensor each time."""
         with runtime.torch_at_rest():
-            return self.seen(self.action, self.action if self.residual is None else self.reference())
+            return self.observations(self.action, self.reference())
 
     @property
     def privileged(self) -> Tensor | None:
-        """The truth [env, vehicle, n], where its vehicles do not know it: errors and surroundings, and what varies."""
-        told = []
-        if self.known is not self:
-            if self._true is None:
-                self._true = Observer(self, self.mission.config.observations)
-            told.append(self._true(self.action, self.action if self.residual is None else self.reference()))
+        """Ground truth [env, vehicle, n] that its vehicles do not know: errors and surroundings, and what varies."""
+        parts = []
+        if self._true is not None:
+            parts.append(self._true(self.action, self.reference()))
         if self.mission.config.varies:
-            told.append(self.mission.world.truth[self.name])
-        return torch.cat(told, dim=-1) if told else None
+            parts.append(self.mission.world.truth[self.name])
+        return torch.cat(parts, dim=-1) if parts else None
 
     def measure(self, obstacles: Tensor, bodies: Bodies, env_world: Tensor, which: Tensor, count: int) -> None:
-        """Errors and surroundings, obstacles [world, m, 4] and `bodies` among them, of environments `which`
+        """Measure errors and surroundings: obstacles [world, m, 4] and moving `bodies`, in environments `which`
         (geometry.py), `count` of them.
         """
         self.forget()
         self.now.measure(which, count)
         self.sensor.look(obstacles, env_world, which, count, bodies)
-        if self.known is not self:
-            self.known.measure(which, count, self.mission.steps)
+        if self.measured is not None:
+            self.measured.measure(which, count)
 
     @property
     def distance(self) -> Tensor:

@@ -16,7 +16,7 @@ from rl.guidance.controllers import CONTROLLERS
 from rl.guidance.controllers.course import Way
 from rl.guidance.controllers.force_vector import wrap
 from rl.guidance.targets import SIZE as TARGET
-from rl.guidance.targets import seen_at
+from rl.guidance.targets import Target
 from rl.mission import ControllerError
 from rl.missions.landing.deck import DeckMotion, deck_motion, into_level, squashed
 from rl.perception.instruments import Readings
@@ -74,7 +74,7 @@ class Boats(Team):
         self._squares = state.new_zeros((*shape, 3))  # of vertical speed, roll, pitch, averaged over REMEMBERED
         self.served = torch.zeros(shape, dtype=torch.bool, device=state.device)
         table = state.new_zeros((shape[0], 1, TARGET))
-        self._view = SimpleNamespace(fleet=self.own, target=seen_at(table, state[:, 0, :3]))
+        self._view = SimpleNamespace(fleet=self.own, target=Target(table, state[:, 0, :3]))
         self.deck: DeckMotion = deck_motion(self.fleet, self.centre)
         self.seen: DeckMotion = deck_motion(self.own, self.centre)
 

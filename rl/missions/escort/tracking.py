@@ -1,16 +1,17 @@
-"""What boats and aircraft know together: looks, messages, charts, and what each makes of the vessel by them.
+"""Shared tracking of the vessel: sightings, messages, charts, and each observer's estimate of the vessel.
 
-Lookers are the boats, then the aircraft; things are the vessel, then what moves, then what stands. Each decision: they
-look, say what they have seen, hear what arrives, and keep their charts (rl/perception/chart.py).
+Observers are the boats, then the aircraft. Objects are the vessel, then moving bodies, then obstacles. In each decision
+the observers look, transmit their sightings, receive messages, and update their charts (rl/perception/chart.py).
 
-A looker that has had nothing new of the vessel for `escort.lost`, and is where the vessel should be by then, searches:
-the place that it goes to (a boat) or circles about (an aircraft) moves out from there along an Archimedean spiral, each
-looker's turned by its share of a full turn. At a speed U along a spiral with the pitch b it is at r = sqrt(b U s / pi)
-after s seconds, at the angle 2 pi r / b.
+An observer searches if it has had no news of the vessel for `escort.lost` and is near the place where the vessel should
+be by then. The place that it goes to (a boat) or circles about (an aircraft) then moves outwards along an Archimedean
+spiral; the spirals of a team are turned against each other. At a speed U along a spiral of pitch b, the radius after s
+seconds is r = sqrt(b U s / pi), and the angle is 2 pi r / b.
 """
 
 import math
-from typing import Any, NamedTuple
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, NamedTuple
 
 import torch
 from torch import Tensor
@@ -21,9 +22,12 @@ from rl.perception.chart import AGE, P_PP, P_PV, P_VV, V_EAST, V_NORTH, Chart, w
 from rl.perception.radio import PLACE_AND_VELOCITY, Radio
 from taichi_sim.fleet import Views
 
+if TYPE_CHECKING:
+    from rl.missions.escort.mission import Escort
+
 SLOWEST = 0.3  # m/s: a slower vessel keeps the course that it was last known to have
 CUE_SPEED = 1.5  # m/s, standard deviation of what the vessel's velocity may be, each way, at first; assumed
-THING = 6  # numbers of a thing: place (3), velocity, north and east, radius
+OBJECT = 6  # numbers of an object: place (3), velocity, north and east, radius
 
 
 class Search(NamedTuple):
@@ -37,52 +41,61 @@ class Search(NamedTuple):
 
 
 class Group(NamedTuple):
-    """Some of the lookers: the number of the first, how they measure themselves, and how they search."""
+    """The observers of one team."""
 
-    first: int
-    own: Views
+    first: int  # number of the first among all observers
+    own: Views  # state as they measure it
     true: Views
     search: Search
 
+    @property
+    def count(self) -> int:
+        """Number of observers."""
+        return self.own.state.shape[1]
 
-class Picture:
-    """The common picture of all lookers of a mission.
+    @property
+    def rows(self) -> slice:
+        """Their place among all observers."""
+        return slice(self.first, self.first + self.count)
+
+
+class SharedTracking:
+    """Sightings, messages, charts and estimates of all observers of a mission.
 
     Attributes:
-        things: [env, thing, 6], the truth. looks: [env, looker, thing, 3]. radio, chart: see there.
-        targets: [env, looker, 8] the vessel as each knows it, as tables of targets have it
+        objects: [env, object, 6], the truth. sightings: [env, observer, object, 3]. radio, chart: see there.
+        targets: [env, observer, 8] the vessel as each knows it, as tables of targets have it
             (rl/guidance/targets.py); the rate of its course is 0: estimated, it did more harm than good.
-        age, sigma: [env, looker] of that, s and m (standard deviation, each way).
+        age, sigma: [env, observer] of that, s and m (standard deviation, each way).
     """
 
     STATE = (
-        "things", "looks", "place", "radio", "chart", "targets", "age", "sigma", "_course", "_searching", "lookers",
+        "objects", "sightings", "place", "radio", "chart", "targets", "age", "sigma", "_course", "_searching",
     )  # fmt: skip
 
-    def __init__(self, mission: Any, groups: dict[str, Group], things: int):
-        """Of the lookers of `mission` in `groups`, by team, in order; there is one at least."""
+    def __init__(self, mission: "Escort", groups: Mapping[str, Group], objects: int):
+        """Make it for the observers in `groups`, team -> group, in order and not empty; `objects` is their number."""
         config, self._mission = mission.config, mission
         state = next(iter(groups.values())).own.state
-        envs, lookers = state.shape[0], sum(g.own.state.shape[1] for g in groups.values())
-        self.groups, self.things = groups, state.new_zeros((envs, things, THING))
-        self.looks = state.new_full((envs, lookers, things, LOOK_SIZE), UNSEEN)
-        self.place = state.new_zeros((envs, lookers, 3))
+        envs, observers = state.shape[0], sum(g.count for g in groups.values())
+        self.groups, self.objects = groups, state.new_zeros((envs, objects, OBJECT))
+        self.sightings = state.new_full((envs, observers, objects, LOOK_SIZE), UNSEEN)
+        self.place = state.new_zeros((envs, observers, 3))
         radio, escort = config.radio, config.escort
         if escort.reports == "none":
             radio = radio.model_copy(update={"loss": 1.0})
         flying = [g for name, g in groups.items() if name == escort.aircraft]
         relays = (0, 0)
         if escort.relay and flying:
-            relays = flying[0].first, flying[0].first + flying[0].own.state.shape[1]
+            relays = flying[0].first, flying[0].first + flying[0].count
         self.radio = Radio(
-            radio, self.place, config.decision_interval, width=width_of(things), known=False, relays=relays,
+            radio, self.place, config.decision_interval, width=width_of(objects), known=False, relays=relays,
             shift=1 if escort.reports == "others" else 0,
         )  # fmt: skip
-        self.chart = Chart(self.looks, self.radio.said, self.radio.heard, config.decision_interval)
-        self.targets = state.new_zeros((envs, lookers, SIZE))
-        self.age, self.sigma = state.new_zeros((envs, lookers)), state.new_zeros((envs, lookers))
-        self._course, self._searching = state.new_zeros((envs, lookers)), state.new_zeros((envs, lookers))
-        self.lookers: list[Any] = []  # cameras and lookouts (rl/scene)
+        self.chart = Chart(self.sightings, self.radio.said, self.radio.heard, config.decision_interval)
+        self.targets = state.new_zeros((envs, observers, SIZE))
+        self.age, self.sigma = state.new_zeros((envs, observers)), state.new_zeros((envs, observers))
+        self._course, self._searching = state.new_zeros((envs, observers)), state.new_zeros((envs, observers))
 
     def begin(self, envs: Tensor, cue: Tensor) -> None:
         """Episodes begin in environments `envs` [n]: all have been told of the place `cue` [n, 2] (m)."""
@@ -101,12 +114,10 @@ class Picture:
         self.targets[envs, :, NORTH : EAST + 1] = cue.unsqueeze(1).to(here)
 
     def update(self, which: Tensor, rows: int) -> None:
-        """Look, talk, and make something of it, in environments [env] int32: 0 not at all, 1 after a step, 2 at the
-        beginning of an episode; `rows` of them are not 0.
+        """Exchange messages, update charts and estimates, after all have looked, in environments [env] int32: 0 not at
+        all, 1 after a step, 2 at the beginning of an episode; `rows` of them are not 0.
         """
         mission = self._mission
-        for looker in self.lookers:
-            looker.see(which, rows, mission.noise.table)
         groups = self.groups.values()
         torch.cat([g.true.position_n for g in groups], dim=1, out=self.place)
         own = [torch.cat((g.own.position_n, g.own.velocity_n), dim=-1) for g in groups]
@@ -117,7 +128,7 @@ class Picture:
         self._conclude(which)
 
     def _conclude(self, which: Tensor) -> None:
-        """Where the vessel is, and is bound, for each looker."""
+        """Where the vessel is, and is bound, for each observer."""
         track = self.chart.tracks[:, :, 0]
         speed = torch.hypot(track[..., V_NORTH], track[..., V_EAST])
         course = torch.atan2(track[..., V_EAST], track[..., V_NORTH])
@@ -130,12 +141,12 @@ class Picture:
         t[..., COURSE], t[..., COS], t[..., SIN], t[..., SPEED] = self._course, c, s, speed
 
     def _offset(self, track: Tensor, which: Tensor) -> Tensor:
-        """Of the place to search at from where the vessel should be [env, looker, 2], m."""
+        """Of the place to search at from where the vessel should be [env, observer, 2], m."""
         lost, dt = self._mission.config.escort.lost, self._mission.config.decision_interval
         away, pitches, speeds, turned, begins = [], [], [], [], []
         for g in self.groups.values():
-            n = g.own.state.shape[1]
-            here = g.own.position_n[..., :2] - track[:, g.first : g.first + n, :2]
+            n = g.count
+            here = g.own.position_n[..., :2] - track[:, g.rows, :2]
             away.append(here.norm(dim=-1))
             begins += [g.search.begins] * n
             pitches += [g.search.pitch] * n
@@ -151,16 +162,10 @@ class Picture:
         angle = 2 * math.pi * r / pitch + track.new_tensor(turned)
         return r.unsqueeze(-1) * torch.stack((angle.cos(), angle.sin()), dim=-1)
 
-    def rows(self, name: str) -> Tensor:
-        """What the lookers of a team know of the vessel: a contiguous copy is made by whoever needs one."""
-        g = self.groups[name]
-        return self.targets[:, g.first : g.first + g.own.state.shape[1]]
-
     def of(self, name: str, values: Tensor) -> Tensor:
-        """The part of a team of `values` [env, looker, ...]."""
-        g = self.groups[name]
-        return values[:, g.first : g.first + g.own.state.shape[1]]
+        """The part of a team of `values` [env, observer, ...], a view."""
+        return values[:, self.groups[name].rows]
 
     def sees(self, name: str) -> Tensor:
-        """Whether each looker of a team has the vessel in its last look [env, looker]."""
-        return self.of(name, self.looks)[..., 0, LOOK_VARIANCE] > 0
+        """Whether each observer of a team has the vessel in its last look [env, observer]."""
+        return self.of(name, self.sightings)[..., 0, LOOK_VARIANCE] > 0

@@ -7,7 +7,7 @@ from torch import Tensor
 
 from rl.guidance.avoidance import Shield
 from rl.guidance.config import ResidualConfig
-from rl.guidance.targets import Target
+from rl.guidance.knowledge import Knowledge
 from rl.mission import Mission, Team
 from rl.perception.encoding import NUMBER
 from taichi_sim.config import ConfigError
@@ -15,19 +15,19 @@ from taichi_sim.config import ConfigError
 CHANGE_SCALE = 3.0  # m/s, where a squashed change of velocity is half way to 1
 
 
-class Corrected(Team):
+class ResidualTeam(Team):
     """What a controller wants, and what of it the policy changes. A mission's own team derives from it, and gives:
 
-    axes: of velocities, 2 of vessels or 3. radius: of a vehicle, m. target: its target, as it is (targets.Target).
-    known: what controllers act by; its `sensor.obstacles` are those that a gate is about, its `sensor.team_mates` those
-        that room is kept for.
+    axes: of velocities, 2 of vessels or 3. radius: of a vehicle, m. known: the input of the controller; the gate uses
+    its
+        `sensor.obstacles`, the room its `sensor.team_mates`.
     """
 
     STATE = ()
 
     axes: int
     radius: float
-    target: Target
+    known: Knowledge
 
     def __init__(self, mission: Mission, name: str):
         """Of team `name`; the controller is asked for when it is first needed."""
@@ -100,7 +100,7 @@ class Corrected(Team):
 
     def pushed(self, along: Tensor) -> Tensor:
         """A velocity [env, vehicle, axes] (m/s, NED) of one [env, vehicle, 2] along and to starboard of the course."""
-        c, s = self.target.cos, self.target.sin
+        c, s = self.known.target.cos, self.known.target.sin
         ahead, aside = along.unbind(-1)
         level = (torch.zeros_like(ahead),) * (self.axes - 2)
         return torch.stack((c * ahead - s * aside, s * ahead + c * aside, *level), dim=-1)
@@ -136,11 +136,21 @@ class Corrected(Team):
             self._wanted = self.controller.wanted(self.known)
         return self._wanted
 
-    def reference(self) -> Tensor:
-        """What is corrected, as it is observed: the change of velocity that is wanted in the own frame [env, vehicle,
-        axes], squashed; or the classical actions, where they alone are corrected.
+    @property
+    def reference_width(self) -> int:
+        """Number of values of `reference`; 0 if the policy acts alone."""
+        if self.residual is None:
+            return 0
+        return self.axes if self.residual.velocity else len(self.fleet.model.action_names)
+
+    def reference(self) -> Tensor | None:
+        """Observation of what the policy corrects; None if it acts alone.
+
+        It is the desired change of velocity in the vehicle's frame [env, vehicle, axes], squashed; or the classical
+        actions, if the policy corrects only these.
         """
-        assert self.residual is not None
+        if self.residual is None:
+            return None
         if not self.residual.velocity:
             return self.controller.act(self.known, self.wanted)
         fleet, change = self.known.fleet, self.wanted.velocity - self.known.fleet.velocity_n[..., : self.axes]
