@@ -31,7 +31,7 @@ OUTLIER = 2.5  # standard deviations
 ITERATIONS = 60
 SHORT = 0.5  # of a window: length of those that come first
 LEAST = 10  # samples, least of them
-ENOUGH = 1e-5  # change of the cost, relative, that ends the search
+ENOUGH, ROUGHLY = 1e-5, 1e-3  # change of the cost, relative, that ends the search; that over short windows
 DELTA = 1e-4  # of differences: of phi, and of states in m, rad, m/s, rad/s
 STATES = ("north", "east", "heading", "u", "v", "r")
 OF_LOG = ("current_north", "current_east", "heading_bias", "yaw_rate_bias")
@@ -132,7 +132,7 @@ class Simulator:
                 raise ConfigError(f"{vehicle}: {key} is 0 in the file: write a first guess there")
         self.model, self.keys = model, tuple(keys)
         self.nominal = np.array([model.nominal[key] for key in keys])
-        self.bench: Bench | None = None
+        self.benches: dict[int, Bench] = {}  # by the number of environments
 
     def run(self, windows: Sequence[Window], phi: Array, current: Array, state: Array) -> Array:
         """[step + 1, env, 4] north, east, heading, yaw rate.
@@ -141,9 +141,10 @@ class Simulator:
             windows: of each environment. phi: [env, number]. current: [env, 2]. state: [env, 6].
         """
         envs = len(windows)
-        if self.bench is None or self.bench.fleet.num_envs != envs:
-            self.bench = Bench(self.model, envs=envs)
-        b, like = self.bench, self.bench.state
+        if envs not in self.benches:
+            self.benches[envs] = Bench(self.model, envs=envs)
+        b = self.benches[envs]
+        like = b.state
         b.time.zero_()
         b.current[:] = torch.as_tensor(current).to(like)
         place, euler, zero = np.zeros((3, envs, 1, 3))
@@ -156,32 +157,31 @@ class Simulator:
         actions = torch.as_tensor(np.stack([w.actions for w in windows], axis=1)).to(like)
         steps = len(windows[0].motion) - 1
         lead = actions.shape[0] - steps
-        self._place(place, euler, zero, state)
+        _place(b, place, euler, zero, state)
         for k in range(lead):
             b.step(actions[k][:, None])
         kept = b.aux.clone()
-        self._place(place, euler, zero, state)
+        _place(b, place, euler, zero, state)
         b.aux.copy_(kept)
         out = np.empty((steps + 1, envs, 4))
-        out[0] = self._read(state[:, 2])
+        out[0] = _read(b, state[:, 2])
         for k in range(steps):
             b.step(actions[lead + k][:, None])
-            out[k + 1] = self._read(out[k, :, 2])
+            out[k + 1] = _read(b, out[k, :, 2])
         return out
 
-    def _place(self, place: Array, euler: Array, zero: Array, state: Array) -> None:
-        b = self.bench
-        assert b is not None
-        b.put(place, euler, zero, settle=False)
-        for column, k in ((7, 3), (8, 4), (12, 5)):
-            b.state[:, 0, column] = torch.as_tensor(state[:, k]).to(b.state)
-        b.fleet.update()
 
-    def _read(self, near: Array) -> Array:
-        assert self.bench is not None
-        s = self.bench.state[:, 0].double().numpy()
-        psi = np.arctan2(2 * (s[:, 3] * s[:, 6] + s[:, 4] * s[:, 5]), 1 - 2 * (s[:, 5] ** 2 + s[:, 6] ** 2))
-        return np.stack((s[:, 0], s[:, 1], near + np.angle(np.exp(1j * (psi - near))), s[:, 12]), axis=1)
+def _place(b: Bench, place: Array, euler: Array, zero: Array, state: Array) -> None:
+    b.put(place, euler, zero, settle=False)
+    for column, k in ((7, 3), (8, 4), (12, 5)):
+        b.state[:, 0, column] = torch.as_tensor(state[:, k]).to(b.state)
+    b.fleet.update()
+
+
+def _read(b: Bench, near: Array) -> Array:
+    s = b.state[:, 0].double().numpy()
+    psi = np.arctan2(2 * (s[:, 3] * s[:, 6] + s[:, 4] * s[:, 5]), 1 - 2 * (s[:, 5] ** 2 + s[:, 6] ** 2))
+    return np.stack((s[:, 0], s[:, 1], near + np.angle(np.exp(1j * (psi - near))), s[:, 12]), axis=1)
 
 
 class _Problem:
@@ -192,8 +192,21 @@ class _Problem:
         self.measured = np.stack([w.motion for w in windows])  # [window, step + 1, 4]
         self.of = np.array([w.log for w in windows])
 
-    def residuals(self, phi: Array, extra: Array, state: Array) -> tuple[Array, Array]:
-        """Measured less simulated [window, sample, 4], and d(simulated) [window, sample, 4, number + 4 + 6]."""
+    def residuals(self, phi: Array, extra: Array, state: Array) -> Array:
+        """Measured less simulated [window, sample, 4]."""
+        w = len(self.windows)
+        found = self.simulator.run(self.windows, np.tile(phi, (w, 1)), extra[self.of, :2], state)
+        return self._left(np.moveaxis(found, 1, 0), extra)
+
+    def _left(self, found: Array, extra: Array) -> Array:
+        base = found.copy()
+        base[..., 2:] += extra[self.of, 2:][:, None]
+        left = self.measured - base
+        left[..., 2] = np.angle(np.exp(1j * left[..., 2]))
+        return left
+
+    def point(self, phi: Array, extra: Array, state: Array) -> "_Point":
+        """Residuals and their derivatives."""
         p, w = len(phi), len(self.windows)
         columns = p + 2 + 6
         envs = w * (1 + columns)
@@ -209,15 +222,11 @@ class _Problem:
                 states[part, k - p - 2] += DELTA
         found = self.simulator.run(self.windows * (1 + columns), phis, currents, states)
         found = np.moveaxis(found, 1, 0).reshape(1 + columns, w, -1, 4)
-        base = found[0].copy()
-        base[..., 2] += extra[self.of, 2][:, None]
-        base[..., 3] += extra[self.of, 3][:, None]
-        left = self.measured - base
-        left[..., 2] = np.angle(np.exp(1j * left[..., 2]))
         slope = np.moveaxis((found[1:] - found[0]) / DELTA, 0, -1)
         bias = np.zeros((*slope.shape[:-1], 2))
         bias[..., 2, 0], bias[..., 3, 1] = 1.0, 1.0
-        return left, np.concatenate((slope[..., : p + 2], bias, slope[..., p + 2 :]), axis=-1)
+        slope = np.concatenate((slope[..., : p + 2], bias, slope[..., p + 2 :]), axis=-1)
+        return _Point(phi, extra, state, self._left(found[0], extra), slope)
 
 
 def _weights(scaled: Array) -> Array:
@@ -238,8 +247,8 @@ class _Point(NamedTuple):
     phi: Array
     extra: Array  # [log, 4]
     state: Array  # [window, 6]
-    left: Array
-    slope: Array
+    left: Array  # measured less simulated [window, sample, 4]
+    slope: Array  # d(simulated) [window, sample, 4, number + 4 + 6]
 
 
 class _Normal(NamedTuple):
@@ -280,17 +289,15 @@ def _normal(problem: _Problem, point: _Point, prior: Array, sigma: Array, dampin
     return _Normal(S, g, blocks)
 
 
-def _at(problem: _Problem, phi: Array, extra: Array, state: Array) -> _Point:
-    left, slope = problem.residuals(phi, extra, state)
-    return _Point(phi, extra, state, left, slope)
-
-
-def _solve(problem: _Problem, phi: Array, extra: Array, state: Array, prior: Array, sigma: Array, free: bool = True):
+def _solve(
+    problem: _Problem, phi: Array, extra: Array, state: Array, prior: Array, sigma: Array, free: bool = True,
+    enough: float = ENOUGH,
+):  # fmt: skip
     """The best point, the deviations of the residuals there, and how often normal equations were solved.
 
-    Numbers stay where not `free`.
+    Numbers stay where not `free`. A change of the cost below `enough` ends the search.
     """
-    point, damping, rounds = _at(problem, phi, extra, state), 1e-3, 0
+    point, damping, rounds = problem.point(phi, extra, state), 1e-3, 0
     cost = _cost(point.left, sigma, phi, prior, extra)
     while rounds < ITERATIONS and damping < 1e7:
         rounds += 1
@@ -302,15 +309,15 @@ def _solve(problem: _Problem, phi: Array, extra: Array, state: Array, prior: Arr
             change = np.linalg.solve(C, b - B.T @ move)
             extra[log] += change[:4]
             state[mine] += change[4:].reshape(-1, 6)
-        new = _at(problem, point.phi + move, extra, state)
-        new_cost = _cost(new.left, sigma, new.phi, prior, extra)
+        phi = point.phi + move
+        new_cost = _cost(problem.residuals(phi, extra, state), sigma, phi, prior, extra)
         if not np.isfinite(new_cost) or new_cost > cost:
             damping *= 10
             continue
-        better, point, damping = cost - new_cost, new, max(0.1 * damping, 1e-9)
+        better, point, damping = cost - new_cost, problem.point(phi, extra, state), max(0.1 * damping, 1e-9)
         sigma = np.maximum(1.4826 * np.median(np.abs(point.left), axis=(0, 1)), 1e-6)
         cost = _cost(point.left, sigma, point.phi, prior, extra)
-        if better < ENOUGH * abs(new_cost):
+        if better < enough * abs(new_cost):
             break
     return point, sigma, rounds
 
@@ -345,7 +352,9 @@ def fit(
     interval, phi, extra, sigma = logs[0].interval, np.zeros(len(keys)), np.zeros((len(logs), 4)), SIGMA
     short = _cut(used, max(round(SHORT * seconds / interval), LEAST))
     state = np.array([first_state(w, interval) for w in short])
-    point, sigma, rounds = _solve(_Problem(simulator, short, len(logs)), phi, extra, state, prior, sigma)
+    point, sigma, rounds = _solve(
+        _Problem(simulator, short, len(logs)), phi, extra, state, prior, sigma, enough=ROUGHLY
+    )
     problem, each = _Problem(simulator, used, len(logs)), len(short) // len(used)
     point, sigma, more = _solve(problem, point.phi, point.extra, point.state[::each], prior, sigma)
     phi, extra = point.phi, point.extra
