@@ -32,6 +32,9 @@ ITERATIONS = 60
 SHORT = 0.5  # of a window: length of those that come first
 LEAST = 10  # samples, least of them
 ENOUGH, ROUGHLY = 1e-5, 1e-3  # change of the cost, relative, that ends the search; that over short windows
+DAMPING = 10.0  # of the first step, over the precision of the priors
+OF_STATES = 1e-4  # the same of states, currents and biases, over their own precision
+LONGEST = 0.3  # change of a number's logarithm in a step
 DELTA = 1e-4  # of differences: of phi, and of states in m, rad, m/s, rad/s
 STATES = ("north", "east", "heading", "u", "v", "r")
 OF_LOG = ("current_north", "current_east", "heading_bias", "yaw_rate_bias")
@@ -42,10 +45,10 @@ HELD_OUT = 5  # every fifth window is not fitted
 
 
 class Window(NamedTuple):
-    """A part of a log, on the grid of steps."""
+    """A part of a log, on the grid of steps, and what lies before it."""
 
     log: int
-    motion: Array  # [step + 1, 4]
+    motion: Array  # [lead + step + 1, 4]
     actions: Array  # [lead + step, action]
 
 
@@ -76,7 +79,8 @@ def windows_of(logs: Sequence[Log], seconds: float) -> list[Window]:
     for number, log in enumerate(logs):
         if abs(log.interval - first) > 0.01 * first:
             raise LogError(f"{log.name}: an interval of {log.interval:g} s, {logs[0].name} has {first:g} s: resample")
-        steps, lead = max(round(seconds / first), 2), lead_steps(first)
+        lead = lead_steps(first)
+        steps = max(round(seconds / first), lead)
         for part in log.parts:
             t = log.t[part]
             grid = t[0] + first * np.arange(int((t[-1] - t[0]) / first + 1e-6) + 1)
@@ -84,7 +88,7 @@ def windows_of(logs: Sequence[Log], seconds: float) -> list[Window]:
             held = np.clip(np.searchsorted(t, grid + 1e-6 * first, side="right") - 1, 0, len(t) - 1)
             actions = log.actions[part][held]
             for k in range(lead, len(grid) - steps, steps):
-                found.append(Window(number, motion[k : k + steps + 1], actions[k - lead : k + steps]))
+                found.append(Window(number, motion[k - lead : k + steps + 1], actions[k - lead : k + steps]))
     if not found:
         raise LogError(f"no log has {seconds:g} s without a gap: give a shorter --window")
     return found
@@ -92,23 +96,23 @@ def windows_of(logs: Sequence[Log], seconds: float) -> list[Window]:
 
 def lead_steps(interval: float) -> int:
     """Steps of LEAD."""
-    return round(LEAD / interval)
+    return max(round(LEAD / interval), 1)
 
 
-def _cut(windows: Sequence[Window], steps: int) -> list[Window]:
+def _cut(windows: Sequence[Window], lead: int, steps: int) -> list[Window]:
     """Windows of so many steps each, out of longer ones."""
     return [
-        Window(w.log, w.motion[k : k + steps + 1], w.actions[k : k + len(w.actions) - len(w.motion) + 1 + steps])
+        Window(w.log, w.motion[k : k + lead + steps + 1], w.actions[k : k + lead + steps])
         for w in windows
-        for k in range(0, len(w.motion) - steps, steps)
+        for k in range(0, len(w.actions) - lead - steps + 1, steps)
     ]
 
 
 def first_state(window: Window, interval: float) -> Array:
-    """North, east, heading, u, v, r of its begin, from straight lines through the first two seconds."""
-    n = min(len(window.motion), max(round(2.0 / interval), 4))
-    lines = np.polyfit(interval * np.arange(n), window.motion[:n], 1)
-    (vn, ve, _, _), (north, east, psi, r) = lines
+    """North, east, heading, u, v, r at the begin, from parabolas through a second before and after it."""
+    lead = lead_steps(interval)
+    t = interval * np.arange(-lead, lead + 1)
+    _, (vn, ve, _, _), (north, east, psi, r) = np.polyfit(t, window.motion[: len(t)], 2)
     c, s = np.cos(psi), np.sin(psi)
     return np.array([north, east, psi, c * vn + s * ve, c * ve - s * vn, r])
 
@@ -130,7 +134,7 @@ class Simulator:
             model.check_varies(key)
             if model.nominal[key] == 0.0:
                 raise ConfigError(f"{vehicle}: {key} is 0 in the file: write a first guess there")
-        self.model, self.keys = model, tuple(keys)
+        self.model, self.keys, self.interval = model, tuple(keys), interval
         self.nominal = np.array([model.nominal[key] for key in keys])
         self.benches: dict[int, Bench] = {}  # by the number of environments
 
@@ -155,8 +159,8 @@ class Simulator:
             vary[:, 0, self.model.varying.index(key)] = torch.as_tensor(values[:, k])
         b.fleet.give_numbers(vary, self.model.numbers(vary), torch.arange(envs))
         actions = torch.as_tensor(np.stack([w.actions for w in windows], axis=1)).to(like)
-        steps = len(windows[0].motion) - 1
-        lead = actions.shape[0] - steps
+        lead = lead_steps(self.interval)
+        steps = actions.shape[0] - lead
         _place(b, place, euler, zero, state)
         for k in range(lead):
             b.step(actions[k][:, None])
@@ -189,7 +193,7 @@ class _Problem:
 
     def __init__(self, simulator: Simulator, windows: Sequence[Window], logs: int):
         self.simulator, self.windows, self.logs = simulator, list(windows), logs
-        self.measured = np.stack([w.motion for w in windows])  # [window, step + 1, 4]
+        self.measured = np.stack([w.motion[lead_steps(simulator.interval) :] for w in windows])  # [window, step + 1, 4]
         self.of = np.array([w.log for w in windows])
 
     def residuals(self, phi: Array, extra: Array, state: Array) -> Array:
@@ -259,7 +263,7 @@ class _Normal(NamedTuple):
     blocks: list  # of each log: its number, its windows, B, C, b
 
 
-def _normal(problem: _Problem, point: _Point, prior: Array, sigma: Array, damping: float) -> _Normal:
+def _normal(problem: _Problem, point: _Point, prior: Array, sigma: Array, damping: float = 0.0) -> _Normal:
     """Of the residuals and derivatives at a point."""
     p = len(point.phi)
     scaled = point.left / sigma
@@ -282,7 +286,7 @@ def _normal(problem: _Problem, point: _Point, prior: Array, sigma: Array, dampin
             C[np.ix_(own, own)] += rest.T @ rest
             a += theta.T @ residual
             b[own] += rest.T @ residual
-        C += damping * np.diag(np.diag(C))
+        C += OF_STATES * damping * np.diag(np.diag(C))
         half = np.linalg.solve(C, np.column_stack((B.T, b)))
         S, g = S + A - B @ half[:, :p], g + a - B @ half[:, p]
         blocks.append((log, mine, B, C, b))
@@ -297,13 +301,13 @@ def _solve(
 
     Numbers stay where not `free`. A change of the cost below `enough` ends the search.
     """
-    point, damping, rounds = problem.point(phi, extra, state), 1e-3, 0
+    point, damping, rounds = problem.point(phi, extra, state), DAMPING, 0
     cost = _cost(point.left, sigma, phi, prior, extra)
-    while rounds < ITERATIONS and damping < 1e7:
+    while rounds < ITERATIONS and damping < 1e10:
         rounds += 1
         normal = _normal(problem, point, prior, sigma, damping)
-        S = normal.S + damping * np.diag(np.diag(normal.S))
-        move = np.clip(np.linalg.solve(S, normal.g), -0.3, 0.3) if free else np.zeros(len(phi))
+        move = np.linalg.solve(normal.S + damping * np.diag(prior**-2.0), normal.g) if free else np.zeros(len(phi))
+        move *= min(1.0, LONGEST / max(np.abs(move).max(), 1e-12))
         extra, state = point.extra.copy(), point.state.copy()
         for log, mine, B, C, b in normal.blocks:
             change = np.linalg.solve(C, b - B.T @ move)
@@ -346,11 +350,12 @@ def fit(
     windows = windows_of(logs, seconds)
     held = [w for k, w in enumerate(windows) if len(windows) >= HELD_OUT and k % HELD_OUT == HELD_OUT - 1]
     used = [w for k, w in enumerate(windows) if not (len(windows) >= HELD_OUT and k % HELD_OUT == HELD_OUT - 1)]
-    samples, unknown = sum(w.motion.size for w in used), len(keys) + 6 * len(used) + 4 * len(logs)
+    interval, lead = logs[0].interval, lead_steps(logs[0].interval)
+    samples, unknown = sum(w.motion[lead:].size for w in used), len(keys) + 6 * len(used) + 4 * len(logs)
     if samples < 2 * unknown:
         raise LogError(f"{samples} measured values for {unknown} unknowns: give longer logs, or fewer --numbers")
-    interval, phi, extra, sigma = logs[0].interval, np.zeros(len(keys)), np.zeros((len(logs), 4)), SIGMA
-    short = _cut(used, max(round(SHORT * seconds / interval), LEAST))
+    phi, extra, sigma = np.zeros(len(keys)), np.zeros((len(logs), 4)), SIGMA
+    short = _cut(used, lead, max(round(SHORT * seconds / interval), lead, LEAST))
     state = np.array([first_state(w, interval) for w in short])
     point, sigma, rounds = _solve(
         _Problem(simulator, short, len(logs)), phi, extra, state, prior, sigma, enough=ROUGHLY
@@ -358,7 +363,7 @@ def fit(
     problem, each = _Problem(simulator, used, len(logs)), len(short) // len(used)
     point, sigma, more = _solve(problem, point.phi, point.extra, point.state[::each], prior, sigma)
     phi, extra = point.phi, point.extra
-    covariance = np.linalg.inv(_normal(problem, point, prior, sigma, 0.0).S)
+    covariance = np.linalg.inv(_normal(problem, point, prior, sigma).S)
     deviation, nominal = np.sqrt(np.diag(covariance)), simulator.nominal
     values = nominal * np.exp(phi)
     ends = np.sort(nominal * np.exp(phi + 1.96 * np.array([[-1.0], [1.0]]) * deviation), axis=0)
