@@ -41,6 +41,7 @@ OF_LOG = ("current_north", "current_east", "heading_bias", "yaw_rate_bias")
 LOG_PRIOR = np.array([1.0, 1.0, np.radians(3.0), np.radians(1.0)])  # their standard deviations before: m/s, rad, rad/s
 SIGMA = np.array([0.5, 0.5, np.radians(1.0), np.radians(1.0)])  # of the four channels, to begin with
 KNOWN = 0.7  # of a number's prior deviation: with more than that left, the data do not tell it
+ODD = 4.0  # normal deviations, from which on a log asks for other numbers than the rest
 HELD_OUT = 5  # every fifth window is not fitted
 
 
@@ -67,6 +68,7 @@ class Fit(NamedTuple):
     before: float  # rms of the weighted residuals of the held-out windows by the file's numbers
     after: float  # by the fitted ones
     iterations: int
+    odd: dict[int, Array]  # logs that ask for other numbers than the rest, and by how much, change of the logarithm
 
 
 def windows_of(logs: Sequence[Log], seconds: float) -> list[Window]:
@@ -261,6 +263,7 @@ class _Normal(NamedTuple):
     S: Array  # [number, number]
     g: Array  # [number]
     blocks: list  # of each log: its number, its windows, B, C, b
+    of_log: dict[int, tuple[Array, Array]]  # of each log alone, without priors: S, g
 
 
 def _normal(problem: _Problem, point: _Point, prior: Array, sigma: Array, damping: float = 0.0) -> _Normal:
@@ -269,7 +272,7 @@ def _normal(problem: _Problem, point: _Point, prior: Array, sigma: Array, dampin
     scaled = point.left / sigma
     weight = _weights(scaled)
     r, J = scaled * weight, point.slope * (weight / sigma)[..., None]
-    S, g, blocks = np.diag(prior**-2.0), -point.phi / prior**2, []
+    S, g, blocks, of_log = np.diag(prior**-2.0), -point.phi / prior**2, [], {}
     for log in range(problem.logs):
         mine = np.flatnonzero(problem.of == log)
         if not len(mine):
@@ -288,9 +291,25 @@ def _normal(problem: _Problem, point: _Point, prior: Array, sigma: Array, dampin
             b[own] += rest.T @ residual
         C += OF_STATES * damping * np.diag(np.diag(C))
         half = np.linalg.solve(C, np.column_stack((B.T, b)))
-        S, g = S + A - B @ half[:, :p], g + a - B @ half[:, p]
+        of_log[log] = A - B @ half[:, :p], a - B @ half[:, p]
+        S, g = S + of_log[log][0], g + of_log[log][1]
         blocks.append((log, mine, B, C, b))
-    return _Normal(S, g, blocks)
+    return _Normal(S, g, blocks, of_log)
+
+
+def _odd(normal: _Normal, prior: Array) -> dict[int, Array]:
+    """Logs that ask for other numbers than all of them do, and by how much: changes of the logarithms.
+
+    Of one boat, each log's part of the gradient at the best point has the covariance S of that log: the score test
+    (Rao 1948), whose statistic is chi-squared with a degree for each number.
+    """
+    p, found = len(prior), {}
+    limit = p * (1 - 2 / (9 * p) + ODD * np.sqrt(2 / (9 * p))) ** 3  # Wilson & Hilferty (1931)
+    for log, (S, g) in normal.of_log.items():
+        change = np.linalg.solve(S + np.diag(prior**-2.0), g)
+        if len(normal.of_log) > 1 and float(change @ g) > limit:
+            found[log] = change
+    return found
 
 
 def _solve(
@@ -363,7 +382,8 @@ def fit(
     problem, each = _Problem(simulator, used, len(logs)), len(short) // len(used)
     point, sigma, more = _solve(problem, point.phi, point.extra, point.state[::each], prior, sigma)
     phi, extra = point.phi, point.extra
-    covariance = np.linalg.inv(_normal(problem, point, prior, sigma).S)
+    normal = _normal(problem, point, prior, sigma)
+    covariance = np.linalg.inv(normal.S)
     deviation, nominal = np.sqrt(np.diag(covariance)), simulator.nominal
     values = nominal * np.exp(phi)
     ends = np.sort(nominal * np.exp(phi + 1.96 * np.array([[-1.0], [1.0]]) * deviation), axis=0)
@@ -379,5 +399,6 @@ def fit(
     correlation = covariance / np.outer(deviation, deviation)
     told, low, high = deviation < KNOWN * prior, ends[0], ends[1]
     return Fit(
-        keys, nominal, values, low, high, told, correlation, sigma, extra[:, :2], before, after, rounds + more
+        keys, nominal, values, low, high, told, correlation, sigma, extra[:, :2], before, after, rounds + more,
+        _odd(normal, prior),
     )  # fmt: skip
