@@ -30,6 +30,7 @@ def test_known_numbers_come_back_within_their_intervals(logs):
     assert (np.abs(found.values - true) < 2.0 * half).all()  # four deviations
     assert found.sigma == pytest.approx([0.1, 0.1, np.radians(0.5), np.radians(0.2)], rel=0.15)
     assert found.after < 1.2 < found.before
+    assert not found.odd  # logs of one boat agree
 
 
 def _changed(source, target, change):
@@ -56,8 +57,30 @@ def _swapped(rows):
         row["north"], row["east"] = row["east"], row["north"]
 
 
+def _all_degrees(rows):
+    for row in rows:
+        row["heading"] = np.degrees(float(row["heading"])) % 360
+        row["yaw_rate"] = np.degrees(float(row["yaw_rate"]))
+
+
+def _enu(rows):
+    """Heading counter-clockwise from east, and so the yaw rate."""
+    for row in rows:
+        row["heading"], row["yaw_rate"] = 0.5 * np.pi - float(row["heading"]), -float(row["yaw_rate"])
+
+
+def _straight(rows, heading=0.0):
+    for k, row in enumerate(rows):
+        row.update(north=0.05 * k, east=0.0, heading=heading, yaw_rate=1e-5 * (k % 3), yaw=0.0)
+
+
 BAD = {
-    "degrees": (_each("heading", lambda r: np.degrees(float(r["heading"]))), "heading changes .* looks like degrees"),
+    "all in degrees": (_all_degrees, "heading looks like degrees, by the course over ground: name .* heading_deg"),
+    "enu": (_enu, "counted from east .ENU."),
+    "enu, straight": (lambda rows: _straight(rows, 0.5 * np.pi), "lies 90 degrees to port of the heading, .* .ENU."),
+    "milliseconds": (_each("t", lambda r: 1000 * float(r["t"])), "samples are 100 s apart: is t in other units"),
+    "empty": (_each("north", lambda r: ""), "line 2: north is not a number"),
+    "degrees": (_each("heading", lambda r: np.degrees(float(r["heading"]))), "heading looks like degrees"),
     "rates": (_each("yaw_rate", lambda r: np.degrees(float(r["yaw_rate"]))), "looks like degrees per second"),
     "port": (_each("yaw_rate", lambda r: -float(r["yaw_rate"])), "turns against yaw_rate"),
     "frame": (_swapped, "north and east are exchanged"),
@@ -84,15 +107,31 @@ def test_a_gap_parts_a_log(logs, tmp_path):
 def test_what_data_do_not_tell_is_said_and_kept(tmp_path):
     """A boat that never turned says nothing of its yaw damping."""
     files = write_logs("otter_3dof", {"X_u": 1.1}, tmp_path, count=1, seconds=40.0)
-    straight = _changed(files[0], tmp_path / "straight.csv", _each("yaw", lambda r: 0.0))
-
-    def ahead(rows):
-        for k, row in enumerate(rows):
-            row.update(north=0.05 * k, east=0.0, heading=0.0, yaw_rate=1e-5 * (k % 3), yaw=0.0)
-
-    _changed(files[0], straight, ahead)
+    straight = _changed(files[0], tmp_path / "straight.csv", _straight)
     found = fit("otter_3dof", [read_log(straight, load_vehicle("otter_3dof"))], {"X_u": 0.4, "N_rr": 0.4})
     assert list(found.told) == [True, False] and found.values[1] == pytest.approx(found.nominal[1], rel=0.2)
+
+
+def test_logs_of_two_boats_are_told_apart(tmp_path, capsys):
+    """Two logs of one boat, and one of a boat of half its drag."""
+    one, two = (write_logs("otter_3dof", {"X_u": f}, tmp_path / str(f), count=2, seconds=20.0) for f in (1.0, 0.5))
+    other = two[0].rename(tmp_path / "other.csv")
+    assert command.main(["otter_3dof", *map(str, one), str(other), "--numbers", "X_u"]) == 0
+    told = capsys.readouterr().out
+    assert "would not ask for such different numbers" in told
+    assert "log0.csv: X_u +" in told and "log1.csv: X_u +" in told and "other.csv: X_u -" in told
+
+
+def test_too_few_samples_are_told(tmp_path, capsys):
+    file = write_logs("otter_3dof", {"X_u": 1.0}, tmp_path, count=1, seconds=12.0)[0]
+    few = _changed(file, tmp_path / "few.csv", lambda rows: rows[::10])
+    assert command.main(["otter_3dof", str(few)]) == 2
+    assert "measured values for 19 unknowns" in capsys.readouterr().err
+    assert command.main(["otter_3dof", str(few), "--window", "60"]) == 2
+    assert "no log has 60 s without a gap" in capsys.readouterr().err
+    (tmp_path / "flight.bin").write_bytes(b"\xa3\x95\x80\xff")
+    assert command.main(["otter_3dof", str(tmp_path / "flight.bin")]) == 2
+    assert "this is no text; a CSV" in capsys.readouterr().err
 
 
 def test_the_command_makes_logs_fits_them_and_writes_a_file(capsys, tmp_path):

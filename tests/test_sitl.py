@@ -11,12 +11,14 @@ import time
 import numpy as np
 import pytest
 from sitl_peer import Peer
+from test_recording import column
 
 from taichi_sim.config import AirConfig, ConfigError, SeaConfig
 from taichi_sim.conventions import GRAVITY
 from taichi_sim.sitl.channels import read_channels
 from taichi_sim.sitl.craft import Craft
 from taichi_sim.sitl.packets import PacketError, Servos, pack, parse
+from taichi_sim.sitl.record import Reel
 from taichi_sim.sitl.session import Session
 from taichi_sim.vehicles import load_vehicle
 
@@ -161,6 +163,29 @@ def test_channels_are_named_and_turned_round():
         Craft("unity_aircraft")
 
 
+def test_a_recording_shows_what_was_flown_and_a_restart_begins_another(tmp_path):
+    """At two frame rates, in waves: places, times and actions of the file are those that the autopilot was told."""
+    session = _session("kvlcc2", sea=SeaConfig(hs=0.1, tp=2.0))
+    reel = Reel(tmp_path / "run.rrd", session.craft)
+    session.seen.append(reel.see)
+    peer = Peer(_wire(session), 200)
+    for _ in range(100):
+        peer.step([1700, 0, 2000])
+    peer.rate = 50
+    for _ in range(25):
+        peer.step([1700, 0, 2000])
+    told = [peer.heard[k] for k in sorted(peer.heard)]
+    peer.restart()
+    peer.step([1500, 0, 1500])
+    assert reel.write() == tmp_path / "run-2.rrd"
+    times, _, place = column(tmp_path / "run.rrd", "/world/kvlcc2/vehicle_0", "Transform3D:translation")
+    assert len(times) == 10
+    for when, (east, north, _) in zip(times, place, strict=True):
+        nearest = min(told, key=lambda answer: abs(answer["timestamp"] - when / 1e9))
+        assert nearest["timestamp"] == pytest.approx(when / 1e9, abs=1e-6)
+        assert (north, east) == pytest.approx(nearest["position"][:2], abs=2e-3)
+
+
 def _start(*words):
     command = [sys.executable, "-m", "taichi_sim.commands.sitl", *words]
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
@@ -174,7 +199,8 @@ def _free_port():
 
 def test_the_command_answers_over_udp(tmp_path):
     port, log = _free_port(), tmp_path / "run.csv"
-    server = _start("cybership2", "--port", str(port), "--duration", "1", "--log", str(log))
+    film = tmp_path / "run.rrd"
+    server = _start("cybership2", "--port", str(port), "--duration", "1", "--log", str(log), "--record", str(film))
     try:
         assert f"127.0.0.1:{port}" in server.stdout.readline()
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as mine:
@@ -190,7 +216,8 @@ def test_the_command_answers_over_udp(tmp_path):
             for frame in range(1, 400):
                 peer.step(_pwm(frame))
             print(f"{399 / (time.perf_counter() - began):.0f} frames/s")
-        assert server.wait(timeout=30) == 0
+        assert server.wait(timeout=60) == 0
+        assert film.is_file() and str(film) in server.stdout.read()
     finally:
         server.kill()
     with log.open() as file:
@@ -207,6 +234,7 @@ def test_the_command_answers_over_udp(tmp_path):
     ("kvlcc2 --port 99999", "allowed are 1 to 65535"),
     ("kvlcc2 --address everywhere", "not an IP address"),
     ("kvlcc2 --pwm 2000 1000", "the first must be less"),
+    ("kvlcc2 --record run.mp4", "must end in .rrd"),
     ("kvlcc2 --port {port}", "in use"),
 ])  # fmt: skip
 def test_bad_input_is_told(words, told, capsys):

@@ -92,6 +92,12 @@ def lines(found: Fit, logs: list[Log]) -> list[str]:
     for log, (north, east) in zip(logs, found.currents, strict=True):
         told.append(f"  {log.name}: current {np.hypot(north, east):.2f} m/s to "
                     f"{np.degrees(np.arctan2(east, north)) % 360:.0f} deg")  # fmt: skip
+    if found.odd:
+        told.append("  logs of one boat would not ask for such different numbers (another boat, load or sea?):")
+    for log, change in found.odd.items():
+        most = np.argsort(-np.abs(change))[:3]
+        asked = ", ".join(f"{found.keys[k]} {100 * np.expm1(change[k]):+.0f} %" for k in most)
+        told.append(f"    {logs[log].name}: {asked}")
     told.append(f"  windows that were not fitted: residuals of {found.before:.2f} standard deviations by the file, "
                 f"{found.after:.2f} by the fit (1 is the noise)")  # fmt: skip
     return told

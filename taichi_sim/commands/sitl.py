@@ -3,7 +3,7 @@
     taichi-sim sitl VEHICLE [--port 9002] [options]
 
     taichi-sim sitl otter --set 'actions="left_right"' --sea hs=0.5,tp=4   # sim_vehicle -v Rover --model JSON
-    taichi-sim sitl kvlcc2 --wind 6 270 --log run.csv
+    taichi-sim sitl kvlcc2 --wind 6 270 --log run.csv --record run.rrd
     taichi-sim sitl aerosonde --wind 8 200                                 # sim_vehicle -v ArduPlane --model JSON
     taichi-sim sitl x500 --instances 3                                     # ports 9002, 9012, 9022: -I 0, 1, 2
 
@@ -17,13 +17,14 @@ import argparse
 import csv
 import math
 import selectors
+import signal
 import socket
 import sys
 import time
 from contextlib import ExitStack
 from ipaddress import ip_address
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from taichi_sim.commands.trials import changes_of, conditions_of
 from taichi_sim.config import ConfigError
@@ -34,6 +35,9 @@ from taichi_sim.sitl.craft import Craft
 from taichi_sim.sitl.packets import Sensors, Servos
 from taichi_sim.sitl.session import Session
 from taichi_sim.vehicles import load_vehicle
+
+if TYPE_CHECKING:
+    from taichi_sim.sitl.record import Reel
 
 NEXT_INSTANCE = 10  # ports from one instance of SITL to the next
 LARGEST = 65536  # bytes, of a packet
@@ -99,8 +103,14 @@ def listen(args: argparse.Namespace) -> None:
                 raise ConfigError(f"--address {args.address} --port {port}: {error.strerror or error}") from None
             session = Session(craft_of(args))
             if args.log is not None:
-                file = args.log if args.instances == 1 else args.log.with_stem(f"{args.log.stem}-{k}")
-                session.seen = _logger(open_things.enter_context(file.open("w", newline="")))
+                file = _of_instance(args, args.log, k)
+                session.seen.append(_logger(open_things.enter_context(file.open("w", newline=""))))
+            if args.record is not None:
+                from taichi_sim.sitl.record import Reel  # rerun takes a second
+
+                reel = Reel(_of_instance(args, args.record, k), session.craft)
+                open_things.callback(_finish, reel)
+                session.seen.append(reel.see)
             sessions.append(session)
             wires.register(wire, selectors.EVENT_READ, session)
             driven = ", ".join(
@@ -109,6 +119,7 @@ def listen(args: argparse.Namespace) -> None:
             print(f"{args.vehicle} on {args.address}:{port}, channels {driven}", flush=True)
         if not ip_address(args.address).is_loopback:
             print(f"{args.address} is open to other machines: whoever sends first drives the vehicle", file=sys.stderr)
+        signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends as Ctrl-C does: files are finished
         told, began = time.monotonic(), time.monotonic()
         while True:
             for key, _ in wires.select(timeout=TOLD_EVERY):
@@ -124,6 +135,15 @@ def listen(args: argparse.Namespace) -> None:
                     print(_state_of(session, told - began), flush=True)
             if args.duration and all(s.last and s.craft.frames >= args.duration * s.craft.rate for s in sessions):
                 return
+
+
+def _of_instance(args: argparse.Namespace, file: Path, k: int) -> Path:
+    return file if args.instances == 1 else file.with_stem(f"{file.stem}-{k}")
+
+
+def _finish(reel: "Reel") -> None:
+    if (file := reel.write()) is not None:
+        print(file, flush=True)
 
 
 def _logger(file: Any):
@@ -170,6 +190,8 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--heading", type=float, default=0.0, metavar="DEG", help="to begin with [0]")
     p.add_argument("--seed", type=int, default=1, help="of the sea [1]")
     p.add_argument("--log", type=Path, metavar="FILE", help="a CSV of all frames: motion in SI, and servo outputs")
+    p.add_argument("--record", type=Path, metavar="FILE.rrd",
+                   help="for rerun, 10 frames a second; written at the end and at restarts")  # fmt: skip
     p.add_argument("--duration", type=float, default=0.0, metavar="S", help="end after so much simulated time [never]")
     p.add_argument("--quiet", action="store_true", help="no word of progress")
     return p
@@ -186,6 +208,8 @@ def main(argv: list[str] | None = None) -> int:
         p.error(f"--instances {args.instances}: their ports from {args.port} on go beyond 65535")
     if not args.pwm[0] < args.pwm[1]:
         p.error(f"--pwm {args.pwm[0]:g} {args.pwm[1]:g}: the first must be less")
+    if args.record is not None and args.record.suffix != ".rrd":
+        p.error(f"--record {args.record}: the file must end in .rrd")
     try:
         ip_address(args.address)
     except ValueError:

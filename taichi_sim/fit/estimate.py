@@ -31,21 +31,25 @@ OUTLIER = 2.5  # standard deviations
 ITERATIONS = 60
 SHORT = 0.5  # of a window: length of those that come first
 LEAST = 10  # samples, least of them
-ENOUGH = 1e-5  # change of the cost, relative, that ends the search
+ENOUGH, ROUGHLY = 1e-5, 1e-3  # change of the cost, relative, that ends the search; that over short windows
+DAMPING = 10.0  # of the first step, over the precision of the priors
+OF_STATES = 1e-4  # the same of states, currents and biases, over their own precision
+LONGEST = 0.3  # change of a number's logarithm in a step
 DELTA = 1e-4  # of differences: of phi, and of states in m, rad, m/s, rad/s
 STATES = ("north", "east", "heading", "u", "v", "r")
 OF_LOG = ("current_north", "current_east", "heading_bias", "yaw_rate_bias")
 LOG_PRIOR = np.array([1.0, 1.0, np.radians(3.0), np.radians(1.0)])  # their standard deviations before: m/s, rad, rad/s
 SIGMA = np.array([0.5, 0.5, np.radians(1.0), np.radians(1.0)])  # of the four channels, to begin with
 KNOWN = 0.7  # of a number's prior deviation: with more than that left, the data do not tell it
+ODD = 4.0  # normal deviations, from which on a log asks for other numbers than the rest
 HELD_OUT = 5  # every fifth window is not fitted
 
 
 class Window(NamedTuple):
-    """A part of a log, on the grid of steps."""
+    """A part of a log, on the grid of steps, and what lies before it."""
 
     log: int
-    motion: Array  # [step + 1, 4]
+    motion: Array  # [lead + step + 1, 4]
     actions: Array  # [lead + step, action]
 
 
@@ -64,6 +68,7 @@ class Fit(NamedTuple):
     before: float  # rms of the weighted residuals of the held-out windows by the file's numbers
     after: float  # by the fitted ones
     iterations: int
+    odd: dict[int, Array]  # logs that ask for other numbers than the rest, and by how much, change of the logarithm
 
 
 def windows_of(logs: Sequence[Log], seconds: float) -> list[Window]:
@@ -76,7 +81,8 @@ def windows_of(logs: Sequence[Log], seconds: float) -> list[Window]:
     for number, log in enumerate(logs):
         if abs(log.interval - first) > 0.01 * first:
             raise LogError(f"{log.name}: an interval of {log.interval:g} s, {logs[0].name} has {first:g} s: resample")
-        steps, lead = max(round(seconds / first), 2), lead_steps(first)
+        lead = lead_steps(first)
+        steps = max(round(seconds / first), lead)
         for part in log.parts:
             t = log.t[part]
             grid = t[0] + first * np.arange(int((t[-1] - t[0]) / first + 1e-6) + 1)
@@ -84,7 +90,7 @@ def windows_of(logs: Sequence[Log], seconds: float) -> list[Window]:
             held = np.clip(np.searchsorted(t, grid + 1e-6 * first, side="right") - 1, 0, len(t) - 1)
             actions = log.actions[part][held]
             for k in range(lead, len(grid) - steps, steps):
-                found.append(Window(number, motion[k : k + steps + 1], actions[k - lead : k + steps]))
+                found.append(Window(number, motion[k - lead : k + steps + 1], actions[k - lead : k + steps]))
     if not found:
         raise LogError(f"no log has {seconds:g} s without a gap: give a shorter --window")
     return found
@@ -92,23 +98,23 @@ def windows_of(logs: Sequence[Log], seconds: float) -> list[Window]:
 
 def lead_steps(interval: float) -> int:
     """Steps of LEAD."""
-    return round(LEAD / interval)
+    return max(round(LEAD / interval), 1)
 
 
-def _cut(windows: Sequence[Window], steps: int) -> list[Window]:
+def _cut(windows: Sequence[Window], lead: int, steps: int) -> list[Window]:
     """Windows of so many steps each, out of longer ones."""
     return [
-        Window(w.log, w.motion[k : k + steps + 1], w.actions[k : k + len(w.actions) - len(w.motion) + 1 + steps])
+        Window(w.log, w.motion[k : k + lead + steps + 1], w.actions[k : k + lead + steps])
         for w in windows
-        for k in range(0, len(w.motion) - steps, steps)
+        for k in range(0, len(w.actions) - lead - steps + 1, steps)
     ]
 
 
 def first_state(window: Window, interval: float) -> Array:
-    """North, east, heading, u, v, r of its begin, from straight lines through the first two seconds."""
-    n = min(len(window.motion), max(round(2.0 / interval), 4))
-    lines = np.polyfit(interval * np.arange(n), window.motion[:n], 1)
-    (vn, ve, _, _), (north, east, psi, r) = lines
+    """North, east, heading, u, v, r at the begin, from parabolas through a second before and after it."""
+    lead = lead_steps(interval)
+    t = interval * np.arange(-lead, lead + 1)
+    _, (vn, ve, _, _), (north, east, psi, r) = np.polyfit(t, window.motion[: len(t)], 2)
     c, s = np.cos(psi), np.sin(psi)
     return np.array([north, east, psi, c * vn + s * ve, c * ve - s * vn, r])
 
@@ -130,9 +136,9 @@ class Simulator:
             model.check_varies(key)
             if model.nominal[key] == 0.0:
                 raise ConfigError(f"{vehicle}: {key} is 0 in the file: write a first guess there")
-        self.model, self.keys = model, tuple(keys)
+        self.model, self.keys, self.interval = model, tuple(keys), interval
         self.nominal = np.array([model.nominal[key] for key in keys])
-        self.bench: Bench | None = None
+        self.benches: dict[int, Bench] = {}  # by the number of environments
 
     def run(self, windows: Sequence[Window], phi: Array, current: Array, state: Array) -> Array:
         """[step + 1, env, 4] north, east, heading, yaw rate.
@@ -141,9 +147,10 @@ class Simulator:
             windows: of each environment. phi: [env, number]. current: [env, 2]. state: [env, 6].
         """
         envs = len(windows)
-        if self.bench is None or self.bench.fleet.num_envs != envs:
-            self.bench = Bench(self.model, envs=envs)
-        b, like = self.bench, self.bench.state
+        if envs not in self.benches:
+            self.benches[envs] = Bench(self.model, envs=envs)
+        b = self.benches[envs]
+        like = b.state
         b.time.zero_()
         b.current[:] = torch.as_tensor(current).to(like)
         place, euler, zero = np.zeros((3, envs, 1, 3))
@@ -154,34 +161,33 @@ class Simulator:
             vary[:, 0, self.model.varying.index(key)] = torch.as_tensor(values[:, k])
         b.fleet.give_numbers(vary, self.model.numbers(vary), torch.arange(envs))
         actions = torch.as_tensor(np.stack([w.actions for w in windows], axis=1)).to(like)
-        steps = len(windows[0].motion) - 1
-        lead = actions.shape[0] - steps
-        self._place(place, euler, zero, state)
+        lead = lead_steps(self.interval)
+        steps = actions.shape[0] - lead
+        _place(b, place, euler, zero, state)
         for k in range(lead):
             b.step(actions[k][:, None])
         kept = b.aux.clone()
-        self._place(place, euler, zero, state)
+        _place(b, place, euler, zero, state)
         b.aux.copy_(kept)
         out = np.empty((steps + 1, envs, 4))
-        out[0] = self._read(state[:, 2])
+        out[0] = _read(b, state[:, 2])
         for k in range(steps):
             b.step(actions[lead + k][:, None])
-            out[k + 1] = self._read(out[k, :, 2])
+            out[k + 1] = _read(b, out[k, :, 2])
         return out
 
-    def _place(self, place: Array, euler: Array, zero: Array, state: Array) -> None:
-        b = self.bench
-        assert b is not None
-        b.put(place, euler, zero, settle=False)
-        for column, k in ((7, 3), (8, 4), (12, 5)):
-            b.state[:, 0, column] = torch.as_tensor(state[:, k]).to(b.state)
-        b.fleet.update()
 
-    def _read(self, near: Array) -> Array:
-        assert self.bench is not None
-        s = self.bench.state[:, 0].double().numpy()
-        psi = np.arctan2(2 * (s[:, 3] * s[:, 6] + s[:, 4] * s[:, 5]), 1 - 2 * (s[:, 5] ** 2 + s[:, 6] ** 2))
-        return np.stack((s[:, 0], s[:, 1], near + np.angle(np.exp(1j * (psi - near))), s[:, 12]), axis=1)
+def _place(b: Bench, place: Array, euler: Array, zero: Array, state: Array) -> None:
+    b.put(place, euler, zero, settle=False)
+    for column, k in ((7, 3), (8, 4), (12, 5)):
+        b.state[:, 0, column] = torch.as_tensor(state[:, k]).to(b.state)
+    b.fleet.update()
+
+
+def _read(b: Bench, near: Array) -> Array:
+    s = b.state[:, 0].double().numpy()
+    psi = np.arctan2(2 * (s[:, 3] * s[:, 6] + s[:, 4] * s[:, 5]), 1 - 2 * (s[:, 5] ** 2 + s[:, 6] ** 2))
+    return np.stack((s[:, 0], s[:, 1], near + np.angle(np.exp(1j * (psi - near))), s[:, 12]), axis=1)
 
 
 class _Problem:
@@ -189,11 +195,24 @@ class _Problem:
 
     def __init__(self, simulator: Simulator, windows: Sequence[Window], logs: int):
         self.simulator, self.windows, self.logs = simulator, list(windows), logs
-        self.measured = np.stack([w.motion for w in windows])  # [window, step + 1, 4]
+        self.measured = np.stack([w.motion[lead_steps(simulator.interval) :] for w in windows])  # [window, step + 1, 4]
         self.of = np.array([w.log for w in windows])
 
-    def residuals(self, phi: Array, extra: Array, state: Array) -> tuple[Array, Array]:
-        """Measured less simulated [window, sample, 4], and d(simulated) [window, sample, 4, number + 4 + 6]."""
+    def residuals(self, phi: Array, extra: Array, state: Array) -> Array:
+        """Measured less simulated [window, sample, 4]."""
+        w = len(self.windows)
+        found = self.simulator.run(self.windows, np.tile(phi, (w, 1)), extra[self.of, :2], state)
+        return self._left(np.moveaxis(found, 1, 0), extra)
+
+    def _left(self, found: Array, extra: Array) -> Array:
+        base = found.copy()
+        base[..., 2:] += extra[self.of, 2:][:, None]
+        left = self.measured - base
+        left[..., 2] = np.angle(np.exp(1j * left[..., 2]))
+        return left
+
+    def point(self, phi: Array, extra: Array, state: Array) -> "_Point":
+        """Residuals and their derivatives."""
         p, w = len(phi), len(self.windows)
         columns = p + 2 + 6
         envs = w * (1 + columns)
@@ -209,15 +228,11 @@ class _Problem:
                 states[part, k - p - 2] += DELTA
         found = self.simulator.run(self.windows * (1 + columns), phis, currents, states)
         found = np.moveaxis(found, 1, 0).reshape(1 + columns, w, -1, 4)
-        base = found[0].copy()
-        base[..., 2] += extra[self.of, 2][:, None]
-        base[..., 3] += extra[self.of, 3][:, None]
-        left = self.measured - base
-        left[..., 2] = np.angle(np.exp(1j * left[..., 2]))
         slope = np.moveaxis((found[1:] - found[0]) / DELTA, 0, -1)
         bias = np.zeros((*slope.shape[:-1], 2))
         bias[..., 2, 0], bias[..., 3, 1] = 1.0, 1.0
-        return left, np.concatenate((slope[..., : p + 2], bias, slope[..., p + 2 :]), axis=-1)
+        slope = np.concatenate((slope[..., : p + 2], bias, slope[..., p + 2 :]), axis=-1)
+        return _Point(phi, extra, state, self._left(found[0], extra), slope)
 
 
 def _weights(scaled: Array) -> Array:
@@ -238,8 +253,8 @@ class _Point(NamedTuple):
     phi: Array
     extra: Array  # [log, 4]
     state: Array  # [window, 6]
-    left: Array
-    slope: Array
+    left: Array  # measured less simulated [window, sample, 4]
+    slope: Array  # d(simulated) [window, sample, 4, number + 4 + 6]
 
 
 class _Normal(NamedTuple):
@@ -248,15 +263,16 @@ class _Normal(NamedTuple):
     S: Array  # [number, number]
     g: Array  # [number]
     blocks: list  # of each log: its number, its windows, B, C, b
+    of_log: dict[int, tuple[Array, Array]]  # of each log alone, without priors: S, g
 
 
-def _normal(problem: _Problem, point: _Point, prior: Array, sigma: Array, damping: float) -> _Normal:
+def _normal(problem: _Problem, point: _Point, prior: Array, sigma: Array, damping: float = 0.0) -> _Normal:
     """Of the residuals and derivatives at a point."""
     p = len(point.phi)
     scaled = point.left / sigma
     weight = _weights(scaled)
     r, J = scaled * weight, point.slope * (weight / sigma)[..., None]
-    S, g, blocks = np.diag(prior**-2.0), -point.phi / prior**2, []
+    S, g, blocks, of_log = np.diag(prior**-2.0), -point.phi / prior**2, [], {}
     for log in range(problem.logs):
         mine = np.flatnonzero(problem.of == log)
         if not len(mine):
@@ -273,44 +289,58 @@ def _normal(problem: _Problem, point: _Point, prior: Array, sigma: Array, dampin
             C[np.ix_(own, own)] += rest.T @ rest
             a += theta.T @ residual
             b[own] += rest.T @ residual
-        C += damping * np.diag(np.diag(C))
+        C += OF_STATES * damping * np.diag(np.diag(C))
         half = np.linalg.solve(C, np.column_stack((B.T, b)))
-        S, g = S + A - B @ half[:, :p], g + a - B @ half[:, p]
+        of_log[log] = A - B @ half[:, :p], a - B @ half[:, p]
+        S, g = S + of_log[log][0], g + of_log[log][1]
         blocks.append((log, mine, B, C, b))
-    return _Normal(S, g, blocks)
+    return _Normal(S, g, blocks, of_log)
 
 
-def _at(problem: _Problem, phi: Array, extra: Array, state: Array) -> _Point:
-    left, slope = problem.residuals(phi, extra, state)
-    return _Point(phi, extra, state, left, slope)
+def _odd(normal: _Normal, prior: Array) -> dict[int, Array]:
+    """Logs that ask for other numbers than all of them do, and by how much: changes of the logarithms.
+
+    Of one boat, each log's part of the gradient at the best point has the covariance S of that log: the score test
+    (Rao 1948), whose statistic is chi-squared with a degree for each number.
+    """
+    p, found = len(prior), {}
+    limit = p * (1 - 2 / (9 * p) + ODD * np.sqrt(2 / (9 * p))) ** 3  # Wilson & Hilferty (1931)
+    for log, (S, g) in normal.of_log.items():
+        change = np.linalg.solve(S + np.diag(prior**-2.0), g)
+        if len(normal.of_log) > 1 and float(change @ g) > limit:
+            found[log] = change
+    return found
 
 
-def _solve(problem: _Problem, phi: Array, extra: Array, state: Array, prior: Array, sigma: Array, free: bool = True):
+def _solve(
+    problem: _Problem, phi: Array, extra: Array, state: Array, prior: Array, sigma: Array, free: bool = True,
+    enough: float = ENOUGH,
+):  # fmt: skip
     """The best point, the deviations of the residuals there, and how often normal equations were solved.
 
-    Numbers stay where not `free`.
+    Numbers stay where not `free`. A change of the cost below `enough` ends the search.
     """
-    point, damping, rounds = _at(problem, phi, extra, state), 1e-3, 0
+    point, damping, rounds = problem.point(phi, extra, state), DAMPING, 0
     cost = _cost(point.left, sigma, phi, prior, extra)
-    while rounds < ITERATIONS and damping < 1e7:
+    while rounds < ITERATIONS and damping < 1e10:
         rounds += 1
         normal = _normal(problem, point, prior, sigma, damping)
-        S = normal.S + damping * np.diag(np.diag(normal.S))
-        move = np.clip(np.linalg.solve(S, normal.g), -0.3, 0.3) if free else np.zeros(len(phi))
+        move = np.linalg.solve(normal.S + damping * np.diag(prior**-2.0), normal.g) if free else np.zeros(len(phi))
+        move *= min(1.0, LONGEST / max(np.abs(move).max(), 1e-12))
         extra, state = point.extra.copy(), point.state.copy()
         for log, mine, B, C, b in normal.blocks:
             change = np.linalg.solve(C, b - B.T @ move)
             extra[log] += change[:4]
             state[mine] += change[4:].reshape(-1, 6)
-        new = _at(problem, point.phi + move, extra, state)
-        new_cost = _cost(new.left, sigma, new.phi, prior, extra)
+        phi = point.phi + move
+        new_cost = _cost(problem.residuals(phi, extra, state), sigma, phi, prior, extra)
         if not np.isfinite(new_cost) or new_cost > cost:
             damping *= 10
             continue
-        better, point, damping = cost - new_cost, new, max(0.1 * damping, 1e-9)
+        better, point, damping = cost - new_cost, problem.point(phi, extra, state), max(0.1 * damping, 1e-9)
         sigma = np.maximum(1.4826 * np.median(np.abs(point.left), axis=(0, 1)), 1e-6)
         cost = _cost(point.left, sigma, point.phi, prior, extra)
-        if better < ENOUGH * abs(new_cost):
+        if better < enough * abs(new_cost):
             break
     return point, sigma, rounds
 
@@ -339,17 +369,21 @@ def fit(
     windows = windows_of(logs, seconds)
     held = [w for k, w in enumerate(windows) if len(windows) >= HELD_OUT and k % HELD_OUT == HELD_OUT - 1]
     used = [w for k, w in enumerate(windows) if not (len(windows) >= HELD_OUT and k % HELD_OUT == HELD_OUT - 1)]
-    samples, unknown = sum(w.motion.size for w in used), len(keys) + 6 * len(used) + 4 * len(logs)
+    interval, lead = logs[0].interval, lead_steps(logs[0].interval)
+    samples, unknown = sum(w.motion[lead:].size for w in used), len(keys) + 6 * len(used) + 4 * len(logs)
     if samples < 2 * unknown:
         raise LogError(f"{samples} measured values for {unknown} unknowns: give longer logs, or fewer --numbers")
-    interval, phi, extra, sigma = logs[0].interval, np.zeros(len(keys)), np.zeros((len(logs), 4)), SIGMA
-    short = _cut(used, max(round(SHORT * seconds / interval), LEAST))
+    phi, extra, sigma = np.zeros(len(keys)), np.zeros((len(logs), 4)), SIGMA
+    short = _cut(used, lead, max(round(SHORT * seconds / interval), lead, LEAST))
     state = np.array([first_state(w, interval) for w in short])
-    point, sigma, rounds = _solve(_Problem(simulator, short, len(logs)), phi, extra, state, prior, sigma)
+    point, sigma, rounds = _solve(
+        _Problem(simulator, short, len(logs)), phi, extra, state, prior, sigma, enough=ROUGHLY
+    )
     problem, each = _Problem(simulator, used, len(logs)), len(short) // len(used)
     point, sigma, more = _solve(problem, point.phi, point.extra, point.state[::each], prior, sigma)
     phi, extra = point.phi, point.extra
-    covariance = np.linalg.inv(_normal(problem, point, prior, sigma, 0.0).S)
+    normal = _normal(problem, point, prior, sigma)
+    covariance = np.linalg.inv(normal.S)
     deviation, nominal = np.sqrt(np.diag(covariance)), simulator.nominal
     values = nominal * np.exp(phi)
     ends = np.sort(nominal * np.exp(phi + 1.96 * np.array([[-1.0], [1.0]]) * deviation), axis=0)
@@ -365,5 +399,6 @@ def fit(
     correlation = covariance / np.outer(deviation, deviation)
     told, low, high = deviation < KNOWN * prior, ends[0], ends[1]
     return Fit(
-        keys, nominal, values, low, high, told, correlation, sigma, extra[:, :2], before, after, rounds + more
+        keys, nominal, values, low, high, told, correlation, sigma, extra[:, :2], before, after, rounds + more,
+        _odd(normal, prior),
     )  # fmt: skip

@@ -17,10 +17,16 @@ from taichi_sim.vehicle import Vehicle
 
 Array = NDArray[np.float64]
 GAP = 3.5  # over the usual interval, from where on a log is in two parts
-TURNS = 0.02  # rad/s, rms: a log with less says nothing of turning
+FASTEST, SLOWEST = 1e-3, 2.0  # s, intervals between samples
 SMALL, LARGE = 1 / 40, 40.0  # ratio of two rates that should be one, from which on one of them is in degrees
 COURSE_OVER = 2.0  # s, over which a course is taken
 MOVES = 0.3  # m/s, below which a course is not compared with a heading
+ENOUGH = 20  # samples that a course and a heading are compared by
+CLEAR, CLEARER = (
+    0.8,
+    0.3,
+)  # length of the mean direction, over 1, from which on two angles go together; more than others
+ASIDE = np.radians([50.0, 130.0])  # of a course from the heading, which no current or turn makes of a whole log
 
 
 class LogError(ConfigError):
@@ -56,8 +62,8 @@ def read_log(file: Path, model: Vehicle) -> Log:
     try:
         raw = file.read_bytes()
         rows = list(csv.reader(raw.decode("utf-8").splitlines()))
-    except (OSError, UnicodeDecodeError) as error:
-        raise LogError(f"{file}: {error}") from None
+    except UnicodeDecodeError:
+        raise LogError(f"{file}: this is no text; a CSV with named columns is wanted (docs/fit.md)") from None
     if len(rows) < 3:
         raise LogError(f"{file}: a header and at least two rows are wanted, there are {len(rows)} lines")
     header = [name.strip() for name in rows[0]]
@@ -69,9 +75,11 @@ def read_log(file: Path, model: Vehicle) -> Log:
     if (steps <= 0).any():
         k = int(np.flatnonzero(steps <= 0)[0])
         raise LogError(f"{file}: line {k + 3}: time goes from {t[k]:g} to {t[k + 1]:g} s: it must increase")
-    motion = np.stack([columns[name] for name in CHANNELS], axis=1)
-    motion[:, 2] = np.unwrap(motion[:, 2])
     usual = float(np.median(steps))
+    if not FASTEST <= usual <= SLOWEST:
+        raise LogError(f"{file}: samples are {usual:g} s apart: is t in other units than s? Allowed are {FASTEST:g} to "
+                       f"{SLOWEST:g} s")  # fmt: skip
+    motion = np.stack([columns[name] for name in CHANNELS], axis=1)
     breaks = [0, *(np.flatnonzero(steps > GAP * usual) + 1), len(t)]
     parts = tuple(slice(int(a), int(b)) for a, b in zip(breaks[:-1], breaks[1:], strict=True))
     actions = np.stack([columns[name] for name in model.action_names], axis=1)
@@ -79,7 +87,9 @@ def read_log(file: Path, model: Vehicle) -> Log:
         worst = float(np.abs(actions[:, k]).max())
         if worst > 1 + 1e-6:
             raise LogError(f"{file}: {name} goes to {worst:g}: actions are from -1 to 1")
-    _check_frames(file, t, motion, parts)
+    _check_angles(file, t, motion, parts)
+    motion[:, 2] = np.unwrap(motion[:, 2])
+    _check_rates(file, t, motion, parts)
     return Log(file.name, t, motion, actions, parts, hashlib.sha256(raw).hexdigest())
 
 
@@ -101,36 +111,51 @@ def _column(file: Path, header: list[str], rows: list[list[str]], name: str) -> 
     return np.radians(values) if found == degrees else values
 
 
-def _check_frames(file: Path, t: Array, motion: Array, parts: tuple[slice, ...]) -> None:
-    """Heading against yaw rate, and course against heading: they show degrees and other frames."""
-    heading, rate, told, course = [], [], [], []
+def _check_angles(file: Path, t: Array, motion: Array, parts: tuple[slice, ...]) -> None:
+    """Course against heading, as it is read: they show degrees and other frames."""
+    headings, courses = [np.zeros(0)], [np.zeros(0)]
     for part in parts:
-        if part.stop - part.start < 5:
-            continue
-        n, e, psi, r = motion[part].T
-        heading.append(np.gradient(psi, t[part]))
-        rate.append(r)
-        lag = max(round(COURSE_OVER / float(np.median(np.diff(t[part])))), 1)
+        n, e, psi, _ = motion[part].T
+        lag = max(round(COURSE_OVER / float(np.median(np.diff(t)))), 2)
         north, east = n[lag:] - n[:-lag], e[lag:] - e[:-lag]
         fast = np.hypot(north, east) > MOVES * COURSE_OVER
-        told.append((0.5 * (psi[lag:] + psi[:-lag]))[fast])
-        course.append(np.arctan2(east, north)[fast])
-    turning, r = np.concatenate(heading or [np.zeros(0)]), np.concatenate(rate or [np.zeros(0)])
-    if len(r) and np.sqrt(np.mean(r**2)) > 1e-3:
-        slope = float(turning @ r / (r @ r))
-        if abs(slope) > LARGE:
-            raise LogError(f"{file}: heading changes {slope:.0f} times as fast as yaw_rate says: it looks like degrees "
-                           "(name the column heading_deg)")  # fmt: skip
-        if 0 < abs(slope) < SMALL:
-            raise LogError(f"{file}: yaw_rate is {1 / slope:.0f} times the change of heading: it looks like degrees "
-                           "per second (name the column yaw_rate_deg)")  # fmt: skip
-        if slope < -0.5:
-            raise LogError(f"{file}: heading turns against yaw_rate: one of them counts to port (heading is clockwise "
-                           "from north, yaw_rate is bow to starboard)")  # fmt: skip
-    psi, chi = np.concatenate(told or [np.zeros(0)]), np.concatenate(course or [np.zeros(0)])
-    if len(psi) > 20:
-        ned = abs(np.mean(np.exp(1j * (chi - psi))))
-        enu = abs(np.mean(np.exp(1j * (chi + psi))))
-        if enu > 0.8 and enu > ned + 0.3:
-            raise LogError(f"{file}: the course turns against the heading: north and east are exchanged, or the "
-                           "heading is counted from east (ENU); wanted is clockwise from north")  # fmt: skip
+        headings.append(psi[lag // 2 : len(psi) - lag + lag // 2][fast])
+        courses.append(np.arctan2(east, north)[fast])
+    psi, chi = np.concatenate(headings), np.concatenate(courses)
+    if len(psi) < ENOUGH:
+        return
+    right, in_degrees, enu = (complex(np.mean(np.exp(1j * x))) for x in (chi - psi, chi - np.radians(psi), chi + psi))
+    if abs(in_degrees) > max(CLEAR, abs(right) + CLEARER):
+        raise LogError(
+            f"{file}: heading looks like degrees, by the course over ground: name the column heading_deg (and yaw_rate "
+            "yaw_rate_deg, if it is in degrees per second)"
+        )
+    if abs(enu) > max(CLEAR, abs(right) + CLEARER):
+        raise LogError(f"{file}: the course turns against the heading: north and east are exchanged, or the heading is "
+                       "counted from east (ENU); wanted is clockwise from north")  # fmt: skip
+    aside = float(np.angle(right))
+    if abs(right) > CLEAR and ASIDE[0] < abs(aside) < ASIDE[1]:
+        side = "starboard" if aside > 0 else "port"
+        raise LogError(
+            f"{file}: the course over ground lies {np.degrees(abs(aside)):.0f} degrees to {side} of the heading, all "
+            "the time: is the heading counted from east (ENU)? Wanted is clockwise from north"
+        )
+
+
+def _check_rates(file: Path, t: Array, motion: Array, parts: tuple[slice, ...]) -> None:
+    """Heading, unwrapped, against yaw rate: they show degrees, and signs."""
+    whole = [part for part in parts if part.stop - part.start >= 5]
+    turning = np.concatenate([np.zeros(0), *(np.gradient(motion[part, 2], t[part]) for part in whole)])
+    r = np.concatenate([np.zeros(0), *(motion[part, 3] for part in whole)])
+    if not len(r) or np.sqrt(np.mean(r**2)) < 1e-3:
+        return
+    slope = float(turning @ r / (r @ r))
+    if abs(slope) > LARGE:
+        raise LogError(f"{file}: heading changes {slope:.0f} times as fast as yaw_rate says: it looks like degrees "
+                       "(name the column heading_deg)")  # fmt: skip
+    if 0 < abs(slope) < SMALL:
+        raise LogError(f"{file}: yaw_rate is {1 / slope:.0f} times the change of heading: it looks like degrees "
+                       "per second (name the column yaw_rate_deg)")  # fmt: skip
+    if slope < -0.5:
+        raise LogError(f"{file}: heading turns against yaw_rate: one of them counts to port (heading is clockwise "
+                       "from north, yaw_rate is bow to starboard)")  # fmt: skip

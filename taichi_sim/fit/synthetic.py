@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from taichi_sim.fit.estimate import Simulator, Window
+from taichi_sim.fit.estimate import Simulator, Window, lead_steps
 
 INTERVAL = 0.1  # s
 HELD = (2.0, 6.0)  # for which a command is held, s
@@ -20,16 +20,16 @@ def write_logs(
 ) -> list[Path]:
     """`count` logs of a vehicle file whose numbers are multiplied by `factors`."""
     rng, simulator = np.random.default_rng(seed), Simulator(vehicle, tuple(factors), INTERVAL)
-    names, steps = simulator.model.action_names, round(seconds / INTERVAL)
+    names, steps, lead = simulator.model.action_names, round(seconds / INTERVAL), lead_steps(INTERVAL)
     windows = []
     for log in range(count):
-        actions = np.zeros((steps, len(names)))
+        actions = np.zeros((lead + steps, len(names)))
         k = 0
-        while k < steps:
+        while k < lead + steps:
             n = round(rng.uniform(*HELD) / INTERVAL)
             actions[k : k + n] = rng.uniform(-1.0, 1.0, len(names))
             k += n
-        windows.append(Window(log, np.zeros((steps + 1, 4)), actions))
+        windows.append(Window(log, np.zeros((lead + steps + 1, 4)), actions))
     way, speed = rng.uniform(0, 2 * np.pi, count), rng.uniform(0, CURRENT, count)
     state = np.zeros((count, 6))
     state[:, 2] = rng.uniform(-np.pi, np.pi, count)
@@ -45,6 +45,6 @@ def write_logs(
             table = csv.writer(file)
             table.writerow(("t", "north", "east", "heading", "yaw_rate", *names))
             for k in range(steps):
-                row = (*told[k], *windows[log].actions[k])
+                row = (*told[k], *windows[log].actions[lead + k])
                 table.writerow((f"{k * INTERVAL:.3f}", *(f"{x:.6f}" for x in row)))
     return files

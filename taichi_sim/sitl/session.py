@@ -34,12 +34,13 @@ class Session:
     """A craft and the one peer that drives it.
 
     Attributes:
-        craft. peer: who sends, from the first good packet on. counts. seen: called after each new frame.
+        craft. peer: who sends, from the first good packet on. counts. seen: all are called after each new frame.
     """
 
-    def __init__(self, craft: Craft, seen: Callable[[Servos, Sensors], None] | None = None):
+    def __init__(self, craft: Craft):
         """Nobody drives it yet."""
-        self.craft, self.seen, self.counts = craft, seen, Counts()
+        self.craft, self.counts = craft, Counts()
+        self.seen: list[Callable[[Servos, Sensors], None]] = []
         self.peer: Address | None = None
         self.last: Servos | None = None
         self.answer = b""
@@ -80,8 +81,8 @@ class Session:
         self.counts.frames += 1
         sensors = self.craft.sensors()
         self.answer = told(sensors)
-        if self.seen is not None:
-            self.seen(servos, sensors)
+        for seen in self.seen:
+            seen(servos, sensors)
         return self.answer
 
     def _check_sender(self, sender: Address, servos: Servos) -> None:

@@ -1,0 +1,259 @@
+"""A run's policies and classical controllers in somebody else's simulator: the same episodes and figures.
+
+    python tools/transfer.py RUN                                    # PythonVehicleSimulator's Otter, as installed
+    python tools/transfer.py RUN --path PythonVehicleSimulator      # of a checkout
+    python tools/transfer.py RUN --simulator mymodule:Class --controller classical --episodes 16
+
+RUN is a run folder of rl/train.py. Worlds, targets, sensors, radio, controllers and judge are ours. In each decision
+the other simulator moves the team's vehicles instead of our model. Both sail calm water without wind, in the scenario's
+current, with the numbers of the vehicle file: [TEAM.vary] is left out. A simulator of your own derives from Simulator,
+in this file.
+
+Prints a table in Markdown: each figure there / here, and their ratio (of shares the difference, in points) with its
+95 % interval.
+"""
+
+# Kernels are another language inside Python syntax.
+# pyright: reportInvalidTypeForm=false
+
+import argparse
+import contextlib
+import sys
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import taichi as ti
+import torch
+from numpy.typing import NDArray
+
+import taichi_sim  # noqa: F401  (makes rl, tools and tests importable from any folder)
+from rl.mission import Mission
+from taichi_sim.bench import pack_state
+from taichi_sim.config import ConfigError
+from taichi_sim.config.plugins import load_class
+from taichi_sim.conventions import POSITION, QUATERNION, STATE_SIZE
+from taichi_sim.fleet import Fleet
+from taichi_sim.kernels.packs import FleetPack
+from taichi_sim.kernels.rotation import torch_euler_from_quaternion
+from taichi_sim.surroundings import Surroundings
+from taichi_sim.usv.hull import thruster_set
+from taichi_sim.usv.hull.hull_6dof import Hull6Dof
+from taichi_sim.vehicle import Vehicle
+
+Array = NDArray[np.float64]
+EPISODES = 64
+PUBLISHED = "https://github.com/cybergalactic/PythonVehicleSimulator"
+
+
+class Simulator:
+    """The contract of what moves vehicles in the place of our model. NED, b, SI, radians (taichi_sim/conventions.py).
+
+    Attributes:
+        model: ours.
+    """
+
+    def __init__(self, model: Vehicle, path: Path | None):
+        """For a team of `model`; `path` is the --path of the command.
+
+        Raises:
+            ConfigError: if the simulator is not there, or has no such vehicle.
+        """
+        self.model = model
+
+    def advance(self, fleet: Fleet, around: Surroundings) -> Array:
+        """States [env * vehicle, 13] one control step later.
+
+        `fleet` (taichi_sim/fleet.py) holds states and actions; `fleet.aux` remembers what a simulator writes there, and
+        is as our model begins where an episode begins. `around.current` [env, 2] is the water's velocity, m/s.
+        """
+        raise NotImplementedError(f"{type(self).__name__} has no advance (tools/transfer.py)")
+
+
+class PythonVehicleSimulator(Simulator):
+    """The Otter of T. I. Fossen's PythonVehicleSimulator (its class `otter`, MIT), stepped as its own main loop does:
+    Euler steps of 0.02 s, the attitude by the new velocities. Actions become shaft speeds as in our model.
+    """
+
+    STEP = 0.02  # s, of its main.py
+    MASS, LENGTH = 80.0, 2.0  # kg, m
+
+    def __init__(self, model: Vehicle, path: Path | None):
+        """See Simulator."""
+        super().__init__(model, path)
+        pair = isinstance(model, Hull6Dof) and model.control_names == ("shaft_left", "shaft_right")
+        if not pair or (model.params.rigid_body.mass, model.params.length) != (self.MASS, self.LENGTH):
+            raise ConfigError(
+                f"PythonVehicleSimulator: of vehicles here it has the Otter alone (hull_6dof, two propellers, "
+                f"{self.MASS:g} kg, {self.LENGTH:g} m)"
+            )
+        self.thrusters = model.thrusters
+        self.otter, self.turn = published_otter(path)
+        self.seconds = model.dt * model.substeps
+
+    def advance(self, fleet: Fleet, around: Surroundings) -> Array:
+        """See Simulator."""
+        first = self.thrusters.first
+        asked = torch.empty((*fleet.state.shape[:2], 2), dtype=fleet.state.dtype)
+        shaft_speeds(self.thrusters, fleet.pack, asked)
+        command = asked.double().view(-1, 2).numpy()
+        state = fleet.state.double().view(-1, STATE_SIZE)
+        euler = torch_euler_from_quaternion(state[:, QUATERNION])
+        eta, nu = torch.cat((state[:, POSITION], euler), dim=1).numpy(), state[:, 7:].numpy().copy()
+        shafts = fleet.aux[..., first : first + 2].double().reshape(-1, 2).numpy()
+        current = around.current.double().repeat_interleave(fleet.count, dim=0).numpy()
+        steps = max(round(self.seconds / self.STEP), 1)
+        h = self.seconds / steps
+        for n in range(len(eta)):
+            self.otter.V_c, self.otter.beta_c = np.hypot(*current[n]), np.arctan2(current[n, 1], current[n, 0])
+            for _ in range(steps):
+                nu[n], shafts[n] = self.otter.dynamics(eta[n], nu[n], shafts[n], command[n], h)
+                eta[n] = self.turn(eta[n], nu[n], h)
+        fleet.aux[..., first : first + 2] = torch.from_numpy(shafts).view(asked.shape).to(fleet.aux)
+        return pack_state(eta, nu)
+
+
+SIMULATORS: Mapping[str, type[Simulator]] = {"python_vehicle_simulator": PythonVehicleSimulator}
+
+
+@ti.kernel
+def shaft_speeds(thrusters: ti.template(), fleet: FleetPack, out: ti.types.ndarray(ndim=3)):
+    """Commanded controls [env, vehicle, control] of the actions of a team of hulls."""
+    for e, i in ti.ndrange(out.shape[0], out.shape[1]):
+        now = thruster_set.controls_at(thrusters, fleet.aux, e, i)
+        command = thruster_set.commanded(thrusters, fleet.action, e, i, now)
+        for c in ti.static(range(len(thrusters.control_names))):
+            out[e, i, c] = command[c]
+
+
+def published_otter(path: Path | None) -> tuple[Any, Any]:
+    """PythonVehicleSimulator's Otter and its attitudeEuler, as installed, or of a checkout at `path`.
+
+    Raises:
+        ConfigError: if it is not there.
+    """
+    folders = [] if path is None else [folder for folder in (path, path / "src") if _holds(folder)]
+    if path is not None and not folders:
+        raise ConfigError(f"--path {path}: there is no python_vehicle_simulator: name a checkout of {PUBLISHED}")
+    sys.path[:0] = map(str, folders[:1])
+    try:
+        from python_vehicle_simulator.lib.gnc import attitudeEuler
+        from python_vehicle_simulator.vehicles.otter import otter
+    except ImportError as error:
+        raise ConfigError(
+            f"PythonVehicleSimulator cannot be imported ({error}). It is on no package index: pip install "
+            f'"git+{PUBLISHED}", or name a checkout by --path'
+        ) from None
+    finally:
+        del sys.path[: len(folders[:1])]
+    return otter(), attitudeEuler
+
+
+def _holds(folder: Path) -> bool:
+    return (folder / "python_vehicle_simulator").is_dir()
+
+
+@contextlib.contextmanager
+def in_place(mission: Mission, team: str, kind: type[Simulator], path: Path | None) -> Iterator[None]:
+    """Meanwhile a simulator moves a team of `mission`.
+
+    Raises:
+        ConfigError: as the simulator says.
+    """
+    fleet = mission.teams[team].fleet
+    simulator = kind(fleet.model, path)
+
+    def step(fleet: Fleet, around: Surroundings) -> None:
+        moved, rows = np.asarray(simulator.advance(fleet, around)), fleet.num_envs * fleet.count
+        if moved.shape != (rows, STATE_SIZE):
+            raise ConfigError(f"{kind.__name__}.advance gave {list(moved.shape)}, expected [{rows}, {STATE_SIZE}]")
+        fleet.state.copy_(torch.from_numpy(moved).view(fleet.state.shape))
+        fleet.update()
+
+    fleet.model.step = step
+    try:
+        yield
+    finally:
+        del fleet.model.step  # what the class says again; missions may share a model
+
+
+def parser() -> argparse.ArgumentParser:
+    """The arguments."""
+    from rl import cli
+
+    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    p.add_argument("run", type=Path, metavar="RUN", help="run folder of rl/train.py")
+    p.add_argument("--team", default=None, help="which is moved there (default: the first that was trained)")
+    p.add_argument("--simulator", default="python_vehicle_simulator", metavar="NAME",
+                   help=f"{', '.join(SIMULATORS)}, or module:Class of your own (default: %(default)s)")  # fmt: skip
+    p.add_argument("--path", type=Path, default=None, metavar="DIR", help="where it lies, if it is not installed")
+    p.add_argument("--controller", choices=("policy", "classical"), action="append", default=None,
+                   help="may be given twice (default: both)")  # fmt: skip
+    p.add_argument("--episodes", type=cli.positive_int, default=EPISODES, help=f"default: {EPISODES}; at most 256")
+    p.add_argument("--seed", type=cli.seed, default=None, help="of the unseen worlds (default: the scenario's)")
+    cli.add_common(p)
+    return p
+
+
+def main(argv: list[str] | None = None) -> None:
+    """Run the command."""
+    args = parser().parse_args(argv)
+    from rl import cli
+    from rl.evaluation.episodes import CHUNK, check_measurable, mission_class
+    from rl.learn.policy import policies_of
+    from rl.runs.folder import load_config
+
+    config, _ = load_config(args.run, args.overrides)
+    team = args.team or config.trained[0]
+    if team not in config.trained:
+        raise ConfigError(f"--team {team}: allowed are {', '.join(config.trained)}")
+    if args.episodes > CHUNK:
+        raise ConfigError(f"--episodes {args.episodes}: at most {CHUNK}")
+    calm = ("sea.sea_state=0", "air.speed=0", 'air.turbulence="none"', f"{team}.vary={{}}")
+    config, source = load_config(args.run, [*args.overrides, *calm])
+    check_measurable(config)
+    kind = SIMULATORS.get(args.simulator)
+    if kind is None:
+        if ":" not in args.simulator:
+            raise ConfigError(f"--simulator {args.simulator}: {', '.join(SIMULATORS)}, or module:Class")
+        kind = load_class(args.simulator, Simulator, [Path.cwd()])
+    cli.start(args)
+    seed, rows = config.evaluation.seed if args.seed is None else args.seed, {}
+    for controller in args.controller or ("policy", "classical"):
+        policy = policies_of(controller, args.run, config)[team]
+        rows[controller] = [
+            judged(config, source, team, policy, args.episodes, seed, other, args.path) for other in (kind, None)
+        ]
+    print(table(mission_class(config, source).Judge, rows, args.episodes))
+
+
+def judged(
+    config: Any, source: Path, team: str, policy: Any, episodes: int, seed: int, kind: type[Simulator] | None,
+    path: Path | None,
+) -> dict[str, Array]:  # fmt: skip
+    """Numbers of each episode (`Judge.episodes`) of `policy`, moved by a simulator of `kind`; None: by our model."""
+    from rl.evaluation.episodes import one_episode_each, run_episodes
+    from taichi_sim.kernels import runtime
+
+    mission = one_episode_each(config, (team,), episodes, seed, source)
+    moved = contextlib.nullcontext() if kind is None else in_place(mission, team, kind, path)
+    with moved, runtime.torch_at_rest():
+        judge = run_episodes(mission, {team: policy})[team]
+    return type(judge).episodes([judge], config)
+
+
+def table(judge: Any, rows: Mapping[str, list[dict[str, Array]]], episodes: int) -> str:
+    """Markdown: a row for each figure, a column for each controller."""
+    from tools.compare import cell
+
+    lines = [f"| {episodes} episodes: there / here | " + " | ".join(rows) + " |", "|---" * (1 + len(rows)) + "|"]
+    for key in judge.plotted:
+        lines.append(f"| {key} | " + " | ".join(cell(key, judge, *pair, 1) for pair in rows.values()) + " |")
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    from rl.cli import run
+
+    sys.exit(run(main))
