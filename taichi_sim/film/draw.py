@@ -14,7 +14,7 @@ from taichi_sim.film.shapes import Solids
 from taichi_sim.recording.bodies import body_mesh
 from taichi_sim.recording.episode import Array
 from taichi_sim.recording.overlays import Arrows, Cylinders, Ellipsoids, Geometry, Lines, Points
-from taichi_sim.recording.palette import ALARM, CHECKPOINT, FRAME, OBSTACLE, PLUMB, TARGET, Colour
+from taichi_sim.recording.palette import CHECKPOINT, FRAME, OBSTACLE, PLUMB, TARGET, Colour, event_colour
 
 SUNK_M = 6.0  # how far an obstacle reaches below mean sea level
 RING = np.linspace(0.0, 2.0 * np.pi, 33)  # rad
@@ -70,8 +70,8 @@ def draw_moment(pen: Pen, moment: Moment) -> None:
             _draw_target(pen, team, chop)
     for overlay in moment.overlays:
         KINDS[type(overlay)](pen, overlay, 2.0 * chop if overlay.on_water else 0.0)
-    for _, place_n in moment.events:
-        pen.dots(place_n, ALARM, 6.0, chop)
+    for event, place_n in moment.events:
+        pen.dots(place_n, event_colour(event.kind), 6.0, chop)
 
 
 def wave_height(moment: Moment) -> float:

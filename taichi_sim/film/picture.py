@@ -21,7 +21,7 @@ from taichi_sim.film.raster import Raster
 from taichi_sim.film.rigs import Follow, Map, Overview, Rig
 from taichi_sim.film.shapes import Solids
 from taichi_sim.film.water import NO_WATER, water_seen
-from taichi_sim.recording.palette import Colour
+from taichi_sim.recording.palette import Colour, event_colour
 
 Pixels = NDArray[np.uint8]
 LEAST, MOST_PX = (64, 48), 4096  # px of a picture
@@ -124,7 +124,8 @@ class Picture:
         write(picture, clock, (size * 0.6, size * 0.5), size=size)
         fresh = [event for event, _ in moment.events if moment.time_s - event.time_s < EVENT_S]
         for line, event in enumerate(fresh[-3:]):
-            write(picture, event.text, (size * 0.6, size * (2.0 + 1.4 * line)), size=size, colour=(255, 140, 120))
+            place, tint = (size * 0.6, size * (2.0 + 1.4 * line)), _light(event_colour(event.kind))
+            write(picture, event.text, place, size=size, colour=tint)
 
 
 def _arranged(moment: Moment, size: tuple[int, int], view: str) -> list[View]:
@@ -190,6 +191,11 @@ def _scales(moment: Moment, camera: Camera, view: View) -> dict[str, float]:
             apart[np.diag_indices(len(apart))] = np.inf
             wanted = min(wanted, ROOM * float(np.median(apart.min(axis=1))) / length)
         found[name] = float(np.clip(wanted, 1.0, MOST))
+    for deck, name in ((a, b) for a in found for b in found if a != b and moment.teams[a].track.deck is not None):
+        away = moment.teams[name].position_n[:, None] - moment.teams[deck].position_n
+        room = ROOM * float(np.linalg.norm(away, axis=-1).min())
+        for one in (deck, name):  # who is near a deck is drawn as it is
+            found[one] = max(1.0, min(found[one], room / max(moment.teams[one].track.size_m[:2])))
     media = {name: moment.teams[name].track.medium for name in found}
     return {name: min(found[other] for other in found if media[other] == media[name]) for name in found}
 

@@ -38,7 +38,7 @@ FOLLOWERS: tuple[Colour, ...] = (
 )
 """Colour-blind-safe (Okabe and Ito, but for the last two): of the vehicles behind the first, which take turns."""
 TARGET = (214, 39, 120)
-ALARM = (224, 36, 36)
+ALARM, GOOD = (224, 36, 36), (40, 160, 72)
 CHECKPOINT = (255, 200, 60)
 OBSTACLE = (150, 84, 66)
 FRAME = (96, 120, 140)
@@ -57,6 +57,14 @@ LOADS: dict[str, Colour] = {
     "violet": (200, 110, 230),
 }
 """Load arrows, in the order in which a model names its forces."""
+
+
+GOALS = ("landed",)  # kinds of event that a vehicle is there for
+
+
+def event_colour(kind: str) -> Colour:
+    """The colour of an event of this kind."""
+    return GOOD if kind in GOALS else ALARM
 
 
 def liveries(media: Mapping[str, str]) -> dict[str, Livery]:

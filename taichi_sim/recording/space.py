@@ -10,11 +10,11 @@ from taichi_sim.conventions import DOWN, HORIZONTAL
 from taichi_sim.recording.episode import Array, Episode
 from taichi_sim.recording.frames import enu, map_point
 from taichi_sim.recording.overlays import Note
-from taichi_sim.recording.palette import ALARM, CHECKPOINT, FRAME, OBSTACLE
+from taichi_sim.recording.palette import CHECKPOINT, FRAME, GOALS, OBSTACLE, event_colour
 from taichi_sim.recording.sea_patch import SeaPatch, patch_of
 from taichi_sim.recording.stream import Stream
 
-LEVELS = {"stall": "WARN"}  # kinds of event that end nothing
+LEVELS = {"stall": "WARN"} | dict.fromkeys(GOALS, "INFO")  # of kinds of event; all others are an "ERROR"
 SUNK_M = 6.0  # how far an obstacle reaches below mean sea level, so that no trough shows its foot
 CHECKPOINT_UP_M = 3.0  # height of a checkpoint's mark above the track
 MAP_MARGIN_M, MAP_LEAST_M = 120.0, 20.0  # around what the map shows: no more than what it shows, but at least so much
@@ -125,8 +125,10 @@ def _mark_events(stream: Stream, episode: Episode) -> None:
     for event, step in zip(happened, index, strict=True):
         marked.append((episode.teams[event.team].position_n[step, event.vehicle], event.kind))
     radius = 0.25 * max(team.size_m[0] for team in episode.teams.values())
-    stream.static("world/events", rr.Points3D.from_fields(colors=ALARM, radii=radius))
+    stream.static("world/events", rr.Points3D.from_fields(radii=radius))
     so_far = np.concatenate([np.arange(count) for count in counts])
     places = enu(np.stack([place for place, _ in marked]))
-    marks = rr.Points3D.columns(positions=places[so_far], labels=[marked[number][1] for number in so_far])
+    kinds = [marked[number][1] for number in so_far]
+    colours = [event_colour(kind) for kind in kinds]
+    marks = rr.Points3D.columns(positions=places[so_far], labels=kinds, colors=colours)
     stream.columns("world/events", marks.partition(counts), index)

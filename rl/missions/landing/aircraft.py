@@ -18,6 +18,8 @@ from taichi_sim.uav.multirotor.multirotor_6dof import Multirotor6DOF
 NEAR = 1.0  # m, where what is observed near the deck is of order one
 FAR, FAST, SLOW = 10.0, 3.0, 1.0  # m, m/s, m/s, where what is observed is half way to 1
 WENT_LOW, WENT_UP = 1.0, 2.5  # m above the deck: who was lower and is then higher has aborted; assumed
+SITS = math.cos(math.radians(8.0))  # cosine of the tilt to the deck up to which it lets go; assumed
+SQUARE = 1.5  # 1/s, at which it turns its nose square to the deck, for legs to have the most room; assumed
 
 
 class Aircraft(Team):
@@ -60,6 +62,7 @@ class Aircraft(Team):
         self.marker = Marker(self.section.marker, self.own, tilted, 64 * number)
         self.known_deck = KnownDeck(state, self.interval)
         self.soles_below = float(model.soles(self.fleet)[..., 2].max())
+        self._soles = state.new_tensor(model.legs.points)[:, :2]
         shape = state.shape[:2]
         self.offset, self._anchor = (state.new_zeros((*shape, 3)) for _ in range(2))
         (
@@ -113,6 +116,31 @@ class Aircraft(Team):
         return self.fleet.touch.on
 
     @property
+    def _sits(self) -> Tensor:
+        """Bool [env, aircraft]: some sole is on a deck, all are over it and it stands upright, as far as is known."""
+        known, half = self.known_deck, self.mission.boats.fleet.model.deck.half
+        to = into_level(known.to, known.heading)[..., :2].unsqueeze(-2)
+        c, s = (part.unsqueeze(-1) for part in self._turned)
+        x, y = self._soles.unbind(-1)
+        soles = torch.stack((c * x - s * y, s * x + c * y), dim=-1)  # [env, aircraft, leg, 2]
+        over = ((soles - to).abs() <= to.new_tensor(half)).all(-1).all(-1)
+        upright = (self.own.R_nb[..., 2] * known.down).sum(-1) > SITS
+        return self.touches & over & upright
+
+    @property
+    def _turned(self) -> tuple[Tensor, Tensor]:
+        """Cosine and sine [env, aircraft] of its heading over that of its deck."""
+        (c, s), (a, b) = self.known_deck.heading, self.own.heading
+        return a * c + b * s, b * c - a * s
+
+    @property
+    def _off_square(self) -> Tensor:
+        """Angle [env, aircraft] (rad) by which it is to turn, to be square to its deck's edges."""
+        c, s = self._turned
+        c, s = c * c - s * s, 2 * s * c  # of twice the angle
+        return -0.25 * torch.atan2(2 * s * c, c * c - s * s)
+
+    @property
     def standing(self) -> Tensor:
         """Bool [env, aircraft]: all soles are on a deck, which they feel."""
         assert self.fleet.touch is not None
@@ -127,17 +155,16 @@ class Aircraft(Team):
         return self.flown(corrected(self.wanted, correction, self.known_deck.heading, c.level, c.vertical))
 
     def flown(self, velocity: Tensor) -> Tensor:
-        """Actions [env, aircraft, a] that fly a velocity [env, aircraft, 3] (NED, m/s); once a sole is on the deck,
-        down, so that the rotors idle.
+        """Actions [env, aircraft, a] that fly a velocity [env, aircraft, 3] (NED, m/s), square to the deck; once a sole
+        is on the deck, and all are over it, down, so that the rotors idle.
         """
-        demands, touches = self._model.demands, self.touches.unsqueeze(-1)
-        level = into_level(torch.where(touches, self.known_deck.velocity, velocity), self.own.heading)
+        known, demands, touches = self.known_deck, self._model.demands, self._sits.unsqueeze(-1)
+        level = into_level(torch.where(touches, known.velocity, velocity), self.own.heading)
         down = level[..., 2]
         down = torch.where(down > 0, down / demands.descent, down / demands.climb)
         down = torch.where(touches[..., 0], torch.ones_like(down), down)
-        action = torch.stack(
-            (level[..., 0] / demands.speed, level[..., 1] / demands.speed, down, torch.zeros_like(down)), dim=-1
-        )
+        turn = torch.where(touches[..., 0], 0.0, (known.rates[..., 2] + SQUARE * self._off_square) / demands.yaw_rate)
+        action = torch.stack((level[..., 0] / demands.speed, level[..., 1] / demands.speed, down, turn), dim=-1)
         idle = action.new_tensor((0.0, 0.0, 1.0, 0.0))
         return torch.where(self.standing.unsqueeze(-1), idle, action).clamp(-1.0, 1.0)
 

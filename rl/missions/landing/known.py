@@ -1,12 +1,12 @@
 """What an aircraft knows of its deck: by the marker, by the boat's messages, and by its own instruments between them.
 
-The place of the deck relative to the aircraft, d, and the deck's velocity v are kept by a filter of one gain a step,
+The deck's place relative to the aircraft d, its velocity v and its acceleration a are the state of a Kalman filter
+(Gelb 1974, ch. 4), the same for north, east and down, with white jerk and a noise of the own velocity v_own:
 
-    d' = v - v_own,  v' = a,   P grows by q^2 dt^2 each step, where q is how well v is known,
+    d' = v - v_own + OWN_NOISE,    v' = a,    a' = JERK.
 
-d is corrected by looks (marker.py) with the gain K = P / (P + R), and v by K_v = GAIN_V K^2 / dt times the same error
-(an alpha-beta filter). Messages, as old as they are, give v and a: v + a age. They give d, too, while no look has found
-the marker for `BLIND`: then by satellite navigation of both, whose errors are in it.
+Looks (marker.py) measure d. Messages measure v - a age and a, since they are as old as they are. They measure d, too,
+while no look has found the marker for `BLIND`: then by satellite navigation of both, whose errors are in it.
 Frame: NED.
 """
 
@@ -18,10 +18,10 @@ from torch import Tensor
 from rl.missions.landing.marker import Look
 
 BLIND = 1.0  # s after which a look no longer says where the deck is; assumed
-WALK = 0.3  # m/s, q; assumed
-GAIN_V = 0.05  # share of the alpha-beta filter's velocity gain that a message leaves to looks; assumed
+JERK = 4.0  # m/s^3, of a decision; assumed
+OWN_NOISE = 0.05  # m/s, of a decision; assumed
 FROM_RADIO = 1.0  # m, standard deviation of d by messages alone; assumed
-BY_RADIO = 0.6  # of a message's velocity that counts at once; assumed
+V_TOLD, A_TOLD = 0.04, 0.5  # m/s and m/s^2, of a message's velocity and acceleration; assumed
 OLDEST = 3.0  # s: an older acceleration is not gone on with; assumed
 LAGS = (5, 10, 20)  # decisions: how long ago vertical speeds were that are remembered
 
@@ -36,15 +36,21 @@ class KnownDeck:
         past: [.., n] vertical speed of the deck, n decisions back.
     """
 
-    STATE = ("to", "velocity", "acceleration", "attitude", "rates", "seen", "heard", "past", "_variance", "_started")
+    STATE = ("to", "velocity", "acceleration", "attitude", "rates", "seen", "heard", "past", "_covariance")
 
     def __init__(self, like: Tensor, interval: float):
         """`like` is a tensor [env, aircraft, n]; decisions are every `interval` s."""
         self.interval = interval
         self.to, self.velocity, self.acceleration, self.attitude, self.rates = (like[..., :3] * 0.0 for _ in range(5))
-        self.seen, self.heard, self._variance = (like[..., 0] * 0.0 for _ in range(3))
+        self.seen, self.heard = like[..., 0] * 0.0, like[..., 0] * 0.0
         self.past = like.new_zeros((*like.shape[:2], max(LAGS) + 1))
-        self._started = torch.zeros_like(self.seen, dtype=torch.bool)
+        dt = interval
+        self._step = like.new_tensor(((1.0, dt, dt * dt / 2), (0.0, 1.0, dt), (0.0, 0.0, 1.0)))
+        jerk = JERK * like.new_tensor((dt**3 / 6, dt * dt / 2, dt))
+        self._noise = torch.outer(jerk, jerk)
+        self._noise[0, 0] += (OWN_NOISE * dt) ** 2
+        self._begun = like.new_tensor((FROM_RADIO, V_TOLD, A_TOLD)).square().diag()
+        self._covariance = self._begun.expand(*like.shape[:2], 3, 3).clone()  # of d, v and a
 
     def measure(self, which: Tensor, own: Any, look: Look, heard: Tensor) -> None:
         """In environments `which` [env] int32 (0 not at all, 1 after a step, 2 as an episode begins).
@@ -59,22 +65,20 @@ class KnownDeck:
         v_radio = velocity + lead * acceleration
         on, fresh = (which == 1).unsqueeze(-1), (which == 2).unsqueeze(-1)
         # predicted
-        to = self.to + dt * (self.velocity - own.velocity_n) + 0.5 * dt * dt * self.acceleration
-        v = self.velocity + dt * self.acceleration
-        variance = self._variance + (WALK * dt) ** 2
+        x = self._step @ torch.stack((self.to, self.velocity, self.acceleration), dim=-2)
+        x[..., 0, :] -= dt * own.velocity_n
+        P = self._step @ self._covariance @ self._step.T + self._noise
         # by radio
-        new = age < self.heard + 0.5 * dt
-        a = torch.where(new.unsqueeze(-1), acceleration, self.acceleration)
-        v = torch.where(new.unsqueeze(-1), v + BY_RADIO * (v_radio - v), v)
-        blind = self.seen > BLIND
-        share = torch.where(blind & new, variance / (variance + FROM_RADIO**2), 0.0)
-        to = to + share.unsqueeze(-1) * (by_radio - to)
-        variance = variance * (1 - share)
+        new, blind = age < self.heard + 0.5 * dt, self.seen > BLIND
+        zero, one = torch.zeros_like(age), torch.ones_like(age)
+        told = V_TOLD**2 + (0.5 * JERK * age.square()).square()
+        x, P = _corrected(x, P, torch.stack((zero, one, -age), -1), velocity, told, new)
+        x, P = _corrected(x, P, torch.stack((zero, zero, one), -1), acceleration, A_TOLD**2 * one, new)
+        there = torch.stack((one, zero, zero), -1)
+        x, P = _corrected(x, P, there, by_radio, FROM_RADIO**2 * one, new & blind)
         # by the marker
-        gain = torch.where(look.found, variance / (variance + look.variance + 1e-6), 0.0)
-        error = gain.unsqueeze(-1) * (look.place - to)
-        to, v = to + error, v + (GAIN_V / dt) * gain.unsqueeze(-1) * error
-        variance = variance * (1 - gain)
+        x, P = _corrected(x, P, there, look.place, look.variance + 1e-6, look.found)
+        to, v, a = x.unbind(-2)
         seen = torch.where(look.found, 0.0, self.seen + dt)
         # at the beginning: as heard
         attitude = heard[..., 9:12] + lead * self._euler_rates(heard)
@@ -88,7 +92,7 @@ class KnownDeck:
         self.acceleration = kept(a, acceleration, self.acceleration)
         self.attitude = kept(attitude, attitude, self.attitude)
         self.rates = kept(heard[..., 12:15], heard[..., 12:15], self.rates)
-        self._variance = kept(variance, torch.full_like(variance, FROM_RADIO**2), self._variance)
+        self._covariance = kept(P, self._begun.expand_as(P), self._covariance)
         self.seen = kept(seen, torch.full_like(seen, 2 * BLIND), self.seen)
         self.heard = kept(age, age, self.heard)
         down = self.velocity[..., 2:3]
@@ -118,3 +122,14 @@ class KnownDeck:
     def tilt(self) -> Tensor:
         """Of the deck's normal to the vertical, rad."""
         return torch.hypot(self.attitude[..., 0], self.attitude[..., 1])
+
+
+def _corrected(x: Tensor, P: Tensor, row: Tensor, z: Tensor, variance: Tensor, where: Tensor) -> tuple[Tensor, Tensor]:
+    """States x [.., 3, 3] (d, v and a of each direction) and covariance P [.., 3, 3] after the measurement
+    z [.., 3] = row . x with a `variance`, `where` (bool) there is one.
+    """
+    across = (P @ row.unsqueeze(-1)).squeeze(-1)
+    gain = across / ((across * row).sum(-1) + variance).unsqueeze(-1)
+    gain = torch.where(where.unsqueeze(-1), gain, 0.0)
+    x = x + gain.unsqueeze(-1) * (z - (row.unsqueeze(-1) * x).sum(-2)).unsqueeze(-2)
+    return x, P - gain.unsqueeze(-1) * across.unsqueeze(-2)

@@ -29,7 +29,9 @@ MEAN = 8.0  # s, over which "descend" averages the deck's velocity and height; a
 SAMPLED = 4  # decisions between two samples of the autoregressive model; assumed
 ORDER = 8  # of it; assumed
 MARGIN = 0.5  # s beyond the touch for which the deck is to be quiet; assumed
-LEANS = 2.0  # s, over which the own tilt is averaged; assumed
+LEANS = 0.5  # s, over which the push of the wind is averaged; assumed
+STEEPEST = math.radians(8.0)  # to the deck, at which it may touch; assumed
+LIFT = 1.5  # m that it stays higher for each rad more; assumed
 WAITED = 1.0  # s near the deck's middle before "descend" goes down; assumed
 
 
@@ -38,18 +40,19 @@ class Pilot:
 
     Attributes:
         height: mean of the deck's height, down, NED, m. velocity: mean of its velocity. ready: s near its middle.
-        lean: mean of the own down axis, NED. down: whether it comes down. waiting: s over the deck.
+        lean: the own down axis (NED) that holds against the wind. before: own velocity a decision ago, NED, m/s.
+        down: whether it comes down. waiting: s over the deck.
         asked: int64 [env], the decision of the episode at which it was last asked.
         model, ahead: of the deck's vertical speed, and its forecast [.., n] (m/s); `forecast` alone.
     """
 
-    STATE = ("height", "velocity", "lean", "ready", "down", "waiting", "asked", "model", "ahead")
+    STATE = ("height", "velocity", "lean", "before", "ready", "down", "waiting", "asked", "model", "ahead")
 
     def __init__(self, config: PilotConfig, like: Tensor, interval: float):
         """`like` is a tensor [env, aircraft, n]; decisions are every `interval` s."""
         self.config, self.interval = config, interval
         self.height, self.ready, self.waiting = (torch.zeros_like(like[..., 0]) for _ in range(3))
-        self.velocity, self.lean = torch.zeros_like(like[..., :3]), torch.zeros_like(like[..., :3])
+        self.velocity, self.lean, self.before = (torch.zeros_like(like[..., :3]) for _ in range(3))
         self.down = torch.zeros_like(self.height, dtype=torch.bool)
         self.asked = torch.full((len(like),), -1, dtype=torch.int64, device=like.device)
         self.model = self.ahead = None
@@ -78,14 +81,22 @@ class Pilot:
         since = self.interval * (team.mission.steps != self.asked).to(self.height).unsqueeze(-1)
         self.asked = team.mission.steps.clone()
         self._average(known, team.own, since)
-        r = known.to[..., :2].norm(dim=-1)
-        speed = torch.minimum(c.position * r, (2 * c.braking * r).sqrt()).clamp(max=c.approach)
-        toward = (speed / r.clamp(min=1e-3)).unsqueeze(-1) * known.to[..., :2]
-        of_deck = self.velocity if c.kind == "descend" else known.velocity + c.lead * known.acceleration
-        level = of_deck[..., :2] + toward
-        if c.kind != "descend":
-            level = level + self._flare(team)
-        fall = {"descend": self._descend, "glide": self._glide, "forecast": self._forecast}[c.kind](team, r, since)
+        lag, lead = c.lag, 1 / team.fleet.model.gains.velocity
+        closing = (known.velocity - team.own.velocity_n)[..., :2]
+        gaining = known.acceleration[..., :2] - GRAVITY * (self.lean - team.own.R_nb[..., 2])[..., :2]
+        to = known.to[..., :2] + lag * closing + 0.5 * lag * lag * gaining  # when a command has its effect
+        r = to.norm(dim=-1)
+        away = torch.maximum(r, known.to[..., :2].norm(dim=-1))
+        slow, most = c.position * r, (2 * c.braking * r).sqrt()
+        speed = torch.minimum(slow, most).clamp(max=c.approach)
+        braked = torch.where(most < slow, c.braking, 0.0) * (speed < c.approach)
+        toward = ((speed - lead * braked) / r.clamp(min=1e-3)).unsqueeze(-1) * to
+        if c.kind == "descend":
+            level = self.velocity[..., :2] + toward
+        else:
+            level = known.velocity[..., :2] + lead * known.acceleration[..., :2] + lag * gaining + toward
+            level = self._flared(team, level, away)
+        fall = {"descend": self._descend, "glide": self._glide, "forecast": self._forecast}[c.kind](team, away, since)
         return torch.cat((level, fall.unsqueeze(-1)), dim=-1)
 
     def _average(self, known: Any, own: Any, since: Tensor) -> None:
@@ -96,16 +107,26 @@ class Pilot:
         self.height = torch.where(fresh, height, self.height + share * (height - self.height))
         mean = self.velocity + share.unsqueeze(-1) * (known.velocity - self.velocity)
         self.velocity = torch.where(fresh.unsqueeze(-1), known.velocity, mean)
-        lean = self.lean + (since / (LEANS + since)).unsqueeze(-1) * (own.R_nb[..., 2] - self.lean)
+        gained = (own.velocity_n - self.before) / since.clamp(min=self.interval).unsqueeze(-1)
+        against = own.R_nb[..., 2] + gained / GRAVITY
+        lean = self.lean + (since / (LEANS + since)).unsqueeze(-1) * (against - self.lean)
         self.lean = torch.where(fresh.unsqueeze(-1), own.R_nb[..., 2], lean)
+        self.before = own.velocity_n.clone()
 
-    def _flare(self, team: Any) -> Tensor:
-        """Change of velocity [.., 2] (m/s) that turns the thrust from where it holds against the wind to the deck's
-        normal, in the last decimetres: by the velocity loop's gain it asks for the acceleration of that.
+    def _flared(self, team: Any, level: Tensor, away: Tensor) -> Tensor:
+        """Velocity [.., 2] (m/s): `level`; but in the last decimetres over the deck, one that turns the thrust
+        from where it holds against the wind to the deck's normal: by the velocity loop's gain it asks for the
+        acceleration of that.
         """
-        push = GRAVITY * (self.lean - team.known_deck.down)[..., :2]
-        near = (team.known_height < self.config.flare).unsqueeze(-1)
-        return torch.where(near, push / team.fleet.model.gains.velocity, 0.0)
+        push = GRAVITY * (self.lean - team.known_deck.down)[..., :2] / team.fleet.model.gains.velocity
+        flares = (team.known_height < self.config.flare + self._lift(team)) & (away < 2 * self.config.near)
+        return torch.where(flares.unsqueeze(-1), team.own.velocity_n[..., :2] + push, level)
+
+    @staticmethod
+    def _lift(team: Any) -> Tensor:
+        """Height (m) above the deck that it keeps until it is level with it."""
+        upright = (team.own.R_nb[..., 2] * team.known_deck.down).sum(-1)
+        return LIFT * (upright.clamp(-1.0, 1.0).acos() - STEEPEST).clamp(min=0.0)
 
     def _near(self, r: Tensor, since: Tensor) -> Tensor:
         self.ready = torch.where(r < 3 * self.config.near, self.ready + since, 0.0)
@@ -124,10 +145,11 @@ class Pilot:
     def _matched(self, team: Any, least: Tensor) -> Tensor:
         """Down (m/s): matched to the deck's vertical velocity, to the height `least` (m) above it."""
         c = self.config
+        least = torch.maximum(least, self._lift(team))
         above = team.known_height - least
         sink = torch.where(least > 0, c.position * above, c.sink + c.steep * above.clamp(min=0.0))
-        known = team.known_deck
-        return known.velocity[..., 2] + c.lead * known.acceleration[..., 2] + sink
+        known, lead = team.known_deck, 1 / team.fleet.model.gains.climb + 0.5 * self.interval
+        return known.velocity[..., 2] + lead * known.acceleration[..., 2] + sink
 
     def _cone(self, r: Tensor) -> Tensor:
         """Height (m) above the deck that is kept at a distance r (m) from its middle."""
