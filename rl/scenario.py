@@ -27,8 +27,8 @@ class PlanningConfig(Strict):
 
     samples: Annotated[int, Field(ge=4, le=65536)] = 16  # futures tried for each plan
     spread: tuple[Positive, Positive] = (0.8, 0.3)  # standard deviation of a knot, of an action: first, last iteration
-    step: Positive = 1.5  # times what is suggested is learnt
-    rounds: Annotated[int, Field(ge=1, le=100)] = 3  # iterations whose suggestions are learnt
+    step: Positive = 2.0  # times what is suggested is learnt
+    rounds: Annotated[int, Field(ge=1, le=100)] = 8  # iterations whose suggestions are learnt
 
 
 class StageConfig(Strict):

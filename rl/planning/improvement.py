@@ -15,6 +15,7 @@ from rl.planning.config import PlanConfig
 from rl.planning.planner import Planner, path_integral_mean
 
 DEVIATING = 2  # knots of a plan that deviate from the policy
+TEMPERATURE = 0.5  # of the costs, as a share of their spread: a planner follows one plan, here many are averaged
 
 
 class Improver(Planner):
@@ -59,7 +60,10 @@ class Improver(Planner):
         """Deviations [n, sample, knot, vehicle, a] of the first knots, after which the policy goes on by itself."""
         drawn, noise = super()._noise(shape, like), like.new_zeros(shape)
         for samples, vehicles in _parts(shape[3]):
-            noise[:, samples, :DEVIATING, vehicles] = drawn[:, samples, :DEVIATING, vehicles]
+            part = drawn[:, samples, :DEVIATING, vehicles]
+            half = part.shape[1] // 2
+            part[:, half : 2 * half] = -part[:, :half]  # opposite pairs: where none is better, their mean is zero
+            noise[:, samples, :DEVIATING, vehicles] = part
         return noise
 
     def _updated(self, plans: Tensor, costs: Tensor) -> Tensor:
@@ -67,7 +71,7 @@ class Improver(Planner):
         for samples, vehicles in _parts(plans.shape[3]):
             cost = costs[:, samples, vehicles]
             stakes.append(cost.mean(1) - cost.amin(1))
-            means.append(path_integral_mean(plans[:, samples, :, vehicles], cost))
+            means.append(path_integral_mean(plans[:, samples, :, vehicles], cost, TEMPERATURE))
         self._at_stake = torch.cat(stakes, 1)
         return torch.cat(means, 2)
 

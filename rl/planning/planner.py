@@ -241,12 +241,12 @@ def _best(total: Tensor, plans: Tensor) -> tuple[Tensor, Tensor]:
     return total[rows, chosen], plans[rows, chosen]
 
 
-def path_integral_mean(plans: Tensor, costs: Tensor) -> Tensor:
+def path_integral_mean(plans: Tensor, costs: Tensor, temperature: float = TEMPERATURE) -> Tensor:
     """The path-integral mean [n, knot, vehicle, a] of plans [n, sample, knot, vehicle, a] by the costs [n, sample,
     vehicle] that count for each vehicle.
     """
     least, middle = costs.amin(1, keepdim=True), costs.median(1, keepdim=True).values
-    weights = torch.softmax(-(costs - least) / (TEMPERATURE * (middle - least)).clamp(min=1e-6), dim=1)
+    weights = torch.softmax(-(costs - least) / (temperature * (middle - least)).clamp(min=1e-6), dim=1)
     return (weights[:, :, None, :, None] * plans).sum(1)
 
 

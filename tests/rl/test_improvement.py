@@ -59,6 +59,8 @@ def test_what_the_leader_tries_does_not_blur_what_its_followers_try():
     assert (drawn[:, 2:] == 0).all()
     leader, followers = drawn[:, :2, 0].amax(1) > 0, drawn[:, :2, 1:].amin((1, 2)) > 0
     assert (leader != followers).all() and int(leader.sum()) == 8
+    noise = planner._noise((4, 16, PLAN.knots, 3, 2), team.fleet.state)
+    assert noise[:, :8].equal(-noise[:, 8:])  # opposite pairs
     alone = planner._noise((4, 16, PLAN.knots, 1, 2), team.fleet.state)
     assert (alone[:, :, :2] != 0).all()
 
