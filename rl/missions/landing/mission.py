@@ -166,7 +166,10 @@ class Landing(Mission):
         self.boats.begin(envs, course, speed)
         self.world.place(self.boats.name, envs, state)
         if self.aircraft is not None:
-            over = aloft(self.aircraft, state[..., :2], self.config.landing, self.generator)
+            x, y = self.boats.centre[:2]
+            c, s = course.cos(), course.sin()
+            decks = state[..., :2] + torch.stack((c * x - s * y, s * x + c * y), dim=-1)
+            over = aloft(self.aircraft, decks, self.config.landing, self.generator)
             self.world.place(self.aircraft.name, envs, over)
             self.aircraft.begin(envs)
 
