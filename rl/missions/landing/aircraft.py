@@ -106,8 +106,8 @@ class Aircraft(Team):
 
     @property
     def in_effect(self) -> Tensor:
-        """Not once it touches the deck."""
-        return ~self.touches
+        """Not once its rotors let go."""
+        return ~self.lets_go
 
     @property
     def touches(self) -> Tensor:
