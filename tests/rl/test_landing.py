@@ -142,7 +142,7 @@ def test_rotors_let_go_only_over_the_deck_and_upright(monkeypatch):
     R = torch.eye(3).repeat(4, 1, 1, 1)  # the last one leans by 11 degrees
     R[:, 0, 0, 0], R[:, 0, 0, 2], R[:, 0, 2, 0], R[:, 0, 2, 2] = c, s, -s, c
     monkeypatch.setattr(team, "own", SimpleNamespace(R_nb=R, heading=(torch.ones(4, 1), torch.zeros(4, 1))))
-    half, legs = mission.boats.fleet.model.deck.half, team.fleet.model.legs.points
+    half, legs = mission.boats.fleet.model.deck.half, team.fleet.model.legs.points  # pyright: ignore
     room = half[1] - max(abs(point[1]) for point in legs)
     known.to[1, 0, 1], known.to[2, 0, 1] = room - 0.01, room + 0.01
     assert team.lets_go.flatten().tolist() == [True, True, False, False]
