@@ -11,6 +11,8 @@ from test_recording import make_episode
 from taichi_sim.film import FilmError, Picture, check_film, moment_of, write_film, write_strip
 from taichi_sim.film.files import film_times
 from taichi_sim.film.moment import TRAIL_S
+from taichi_sim.film.picture import room_at_decks
+from taichi_sim.recording.episode import Platform
 from taichi_sim.recording.frames import euler
 from taichi_sim.recording.overlays import Lines
 
@@ -74,6 +76,17 @@ def test_a_picture_shows_every_teams_colours_waves_and_a_horizon():
     sea = picture[300:460, 20:380].astype(int)
     assert sea[..., 2].mean() > sea[..., 0].mean() + 30 and sea[..., 1].std() > 3  # blue, and not flat
     assert picture[4, 200, 2] > 180  # the sky
+
+
+def test_over_a_deck_nobody_is_drawn_larger_than_there_is_room():
+    episode = make_episode(steps=4)
+    assert not room_at_decks(moment_of(episode, 0.0))  # there is no deck
+    boats = dataclasses.replace(episode.teams["usv"], deck=Platform((0.0, 0.0, -1.0), (1.0, 0.5)))
+    moment = moment_of(dataclasses.replace(episode, teams={**episode.teams, "usv": boats}), 0.0)
+    away = moment.teams["uav"].position_n[:, None] - moment.teams["usv"].position_n
+    nearest = np.linalg.norm(away, axis=-1).min()
+    room = room_at_decks(moment)
+    assert set(room) == {"usv", "uav"} and 0.0 < room["uav"] < nearest
 
 
 def test_a_state_that_is_not_finite_leaves_the_last_picture():

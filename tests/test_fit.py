@@ -33,6 +33,26 @@ def test_known_numbers_come_back_within_their_intervals(logs):
     assert not found.odd  # logs of one boat agree
 
 
+@pytest.mark.slow
+def test_intervals_cover_the_truth_as_often_as_they_say(tmp_path):
+    """Numbers drawn about the file's, ten logs of 60 s for each draw. docs/fit.md has more cases, by the same code."""
+    cases, model = 16, load_vehicle("otter_3dof")
+    keys = command.numbers_of(model, "", "otter_3dof")
+    prior = {key: command.PRIORS.get(key, command.PRIOR) for key in keys}
+    inside = np.empty((cases, len(keys)), dtype=bool)
+    for case in range(cases):
+        drawn = np.random.default_rng(1000 + case).normal(size=len(keys)) * np.minimum(list(prior.values()), 0.25)
+        factors = dict(zip(keys, np.exp(drawn), strict=True))
+        files = write_logs("otter_3dof", factors, tmp_path / str(case), seed=case)
+        found = fit("otter_3dof", [read_log(file, model) for file in files], prior)
+        true = found.nominal * np.exp(drawn)
+        inside[case] = (found.low <= true) & (true <= found.high)
+        near = np.abs(found.values / true - 1.0)
+        assert (near[[keys.index(k) for k in ("mass", "surge_force_max", "X_u")]] < 0.08).all(), case
+        assert not found.odd, case
+    assert 0.85 < inside.mean() <= 0.99
+
+
 def _changed(source, target, change):
     with source.open() as file:
         rows = list(csv.DictReader(file))

@@ -78,6 +78,34 @@ def test_kvlcc2_turns_as_its_model_did():
     assert len(judged) == 6 and all(c.met for c in judged)
 
 
+@pytest.mark.slow
+def test_the_loop_of_a_spiral_is_that_of_its_equilibria():
+    """Helms of steady turns over the yaw rate, by Newton's method on the right-hand side: stable branches end where the
+    helm turns back.
+    """
+    model = load_vehicle("kvlcc2")
+    n = model.params.propeller.n_ahead
+
+    def rates(x, r):
+        state = np.zeros(13)
+        state[[3, 7, 8, 12]] = 1.0, x[0], x[1], r
+        return model.rhs(state, [n, x[2]])[0, [7, 8, 12]]
+
+    x, helms = np.array([1.18, 0.0, 0.0]), {}
+    for r in np.concatenate((np.linspace(0.0, -0.03, 31), np.linspace(-0.029, 0.01, 40))):
+        for _ in range(30):
+            f, J = rates(x, r), np.empty((3, 3))
+            for k in range(3):
+                J[:, k] = (rates(x + 1e-6 * np.eye(3)[k], r) - f) / 1e-6
+            x = x - np.linalg.solve(J, f)
+        assert np.abs(rates(x, r)).max() < 1e-9
+        helms[round(float(r), 6)] = x[2]
+    helm = np.array([helms[r] for r in sorted(helms)])
+    turns = [helm[k] for k in range(1, len(helm) - 1) if (helm[k] - helm[k - 1]) * (helm[k + 1] - helm[k]) < 0]
+    width = ship.spiral(Setting("kvlcc2", {}, dt=0.1)).mean("loop", "width of the loop")
+    assert len(turns) == 2 and width == pytest.approx(turns[0] - turns[1], abs=math.radians(0.02))
+
+
 def test_straight_runs_have_the_speed_of_the_closed_form():
     out = ship.speed_run(Setting("cybership2", {}, dt=0.1))
     p = load_vehicle("cybership2").params

@@ -1,7 +1,7 @@
 """A run's policies and classical controllers in somebody else's simulator: the same episodes and figures.
 
-    python tools/transfer.py RUN                                    # PythonVehicleSimulator's Otter, as installed
-    python tools/transfer.py RUN --path PythonVehicleSimulator      # of a checkout
+    git clone https://github.com/cybergalactic/PythonVehicleSimulator
+    python tools/transfer.py RUN --path PythonVehicleSimulator      # its Otter
     python tools/transfer.py RUN --simulator mymodule:Class --controller classical --episodes 16
 
 RUN is a run folder of rl/train.py. Worlds, targets, sensors, radio, controllers and judge are ours. In each decision
@@ -95,14 +95,14 @@ class PythonVehicleSimulator(Simulator):
     def advance(self, fleet: Fleet, around: Surroundings) -> Array:
         """See Simulator."""
         first = self.thrusters.first
-        asked = torch.empty((*fleet.state.shape[:2], 2), dtype=fleet.state.dtype)
+        asked = fleet.state.new_empty((*fleet.state.shape[:2], 2))
         shaft_speeds(self.thrusters, fleet.pack, asked)
-        command = asked.double().view(-1, 2).numpy()
-        state = fleet.state.double().view(-1, STATE_SIZE)
+        command = asked.double().cpu().view(-1, 2).numpy()
+        state = fleet.state.double().cpu().view(-1, STATE_SIZE)
         euler = torch_euler_from_quaternion(state[:, QUATERNION])
         eta, nu = torch.cat((state[:, POSITION], euler), dim=1).numpy(), state[:, 7:].numpy().copy()
-        shafts = fleet.aux[..., first : first + 2].double().reshape(-1, 2).numpy()
-        current = around.current.double().repeat_interleave(fleet.count, dim=0).numpy()
+        shafts = fleet.aux[..., first : first + 2].double().reshape(-1, 2).cpu().numpy()
+        current = around.current.double().cpu().repeat_interleave(fleet.count, dim=0).numpy()
         steps = max(round(self.seconds / self.STEP), 1)
         h = self.seconds / steps
         for n in range(len(eta)):
@@ -142,8 +142,8 @@ def published_otter(path: Path | None) -> tuple[Any, Any]:
         from python_vehicle_simulator.vehicles.otter import otter
     except ImportError as error:
         raise ConfigError(
-            f"PythonVehicleSimulator cannot be imported ({error}). It is on no package index: pip install "
-            f'"git+{PUBLISHED}", or name a checkout by --path'
+            f"PythonVehicleSimulator cannot be imported ({error}). It is on no package index: git clone {PUBLISHED}, "
+            "and name that folder by --path"
         ) from None
     finally:
         del sys.path[: len(folders[:1])]
@@ -255,5 +255,6 @@ def table(judge: Any, rows: Mapping[str, list[dict[str, Array]]], episodes: int)
 
 if __name__ == "__main__":
     from rl.cli import run
+    from tools import transfer  # from whose Simulator a class of the user derives
 
-    sys.exit(run(main))
+    sys.exit(run(transfer.main))

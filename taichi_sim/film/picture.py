@@ -191,13 +191,23 @@ def _scales(moment: Moment, camera: Camera, view: View) -> dict[str, float]:
             apart[np.diag_indices(len(apart))] = np.inf
             wanted = min(wanted, ROOM * float(np.median(apart.min(axis=1))) / length)
         found[name] = float(np.clip(wanted, 1.0, MOST))
-    for deck, name in ((a, b) for a in found for b in found if a != b and moment.teams[a].track.deck is not None):
-        away = moment.teams[name].position_n[:, None] - moment.teams[deck].position_n
-        room = ROOM * float(np.linalg.norm(away, axis=-1).min())
-        for one in (deck, name):  # who is near a deck is drawn as it is
-            found[one] = max(1.0, min(found[one], room / max(moment.teams[one].track.size_m[:2])))
+    for name, room in room_at_decks(moment).items():
+        if name in found:
+            found[name] = max(1.0, min(found[name], room / max(moment.teams[name].track.size_m[:2])))
     media = {name: moment.teams[name].track.medium for name in found}
     return {name: min(found[other] for other in found if media[other] == media[name]) for name in found}
+
+
+def room_at_decks(moment: Moment) -> dict[str, float]:
+    """How long (m) bodies may be drawn where teams have decks: near a deck no larger than they are."""
+    room: dict[str, float] = {}
+    for deck, boats in moment.teams.items():
+        for name, team in moment.teams.items():
+            if name != deck and boats.track.deck is not None:
+                away = np.linalg.norm(team.position_n[:, None] - boats.position_n, axis=-1)
+                for one in (deck, name):
+                    room[one] = min(room.get(one, np.inf), ROOM * float(away.min()))
+    return room
 
 
 def _mark(pen: Pen, moment: Moment, metres: float) -> None:

@@ -89,7 +89,7 @@ def windows_of(logs: Sequence[Log], seconds: float) -> list[Window]:
             motion = np.stack([np.interp(grid, t, column) for column in log.motion[part].T], axis=1)
             held = np.clip(np.searchsorted(t, grid + 1e-6 * first, side="right") - 1, 0, len(t) - 1)
             actions = log.actions[part][held]
-            for k in range(lead, len(grid) - steps, steps):
+            for k in range(lead, len(grid) - steps, steps + 1):  # no sample counts twice
                 found.append(Window(number, motion[k - lead : k + steps + 1], actions[k - lead : k + steps]))
     if not found:
         raise LogError(f"no log has {seconds:g} s without a gap: give a shorter --window")
@@ -383,7 +383,7 @@ def fit(
     point, sigma, more = _solve(problem, point.phi, point.extra, point.state[::each], prior, sigma)
     phi, extra = point.phi, point.extra
     normal = _normal(problem, point, prior, sigma)
-    covariance = np.linalg.inv(normal.S)
+    covariance = np.linalg.inv(normal.S) * samples / (samples - unknown)  # sigma is that of what is left of the noise
     deviation, nominal = np.sqrt(np.diag(covariance)), simulator.nominal
     values = nominal * np.exp(phi)
     ends = np.sort(nominal * np.exp(phi + 1.96 * np.array([[-1.0], [1.0]]) * deviation), axis=0)

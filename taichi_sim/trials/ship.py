@@ -12,6 +12,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from taichi_sim.conventions import GRAVITY, QUATERNION
 from taichi_sim.kernels.rotation import torch_quaternion_from_euler
@@ -22,6 +23,11 @@ SIDES = (("starboard", 1.0), ("port", -1.0))
 TURNS = 3.0  # of a turning circle, full circles; its steady figures are means over the last one
 REVERSALS = 5  # of a zigzag
 SPIRAL_HELMS = np.array([0.0, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.5, 10.0, 15.0, 20.0, 25.0])  # deg
+APART = 0.02  # of r', from which on the branches of a spiral differ
+EDGE_HELMS, EDGE_ROUNDS = (
+    8,
+    2,
+)  # between two helms, and how often: an edge of the loop is found to 1/162 of their distance
 PULL_OUT_HELM = math.radians(20.0)
 SETTLED = 1e-4  # change of the yaw rate in a length of travel, over U / L, that counts as none
 SHARES = np.arange(1, 11) / 10  # of full thrust ahead, of speed trials
@@ -222,38 +228,56 @@ def _settle(basin: Basin, ahead: Array, helm: Array) -> tuple[Array, Array]:
     return rate, speed
 
 
-def spiral(setting: Setting) -> Outcome:
-    """The direct spiral (Dieudonne): steady yaw rate over helm, come to from hard to starboard and from hard to port.
-
-    All helms are sailed at once, each from a steady turn under full helm to that side. That is the same as to go
-    through them in order: on its branch, a steady turn depends on the helm alone. The loop is where they differ.
-    """
-    out = Outcome("spiral", "Spiral", panels=(Panel("Steady yaw rate", "helm deg", "r' 1"),))
-    full = math.degrees(vessel_of(setting).helm_max or SHIP_HELM)
-    helms = SPIRAL_HELMS[full >= SPIRAL_HELMS - 1e-9]
-    helms = np.unique(np.concatenate((-helms, helms)))
+def _branches(setting: Setting, helms: Array) -> tuple[Array, Array, float]:
+    """Steady yaw rates and speeds [2, helm] under `helms` (rad), come from hard to starboard and to port; length, m."""
     basin = Basin(replace(setting, runs=1), 2 * len(helms))
     basin.approach()
     ahead, branch = np.full(basin.envs, setting.ahead), np.repeat([1.0, -1.0], len(helms))
     _settle(basin, ahead, branch)
-    shares = np.tile(np.radians(helms) / math.radians(full), 2)
-    rate, speed = _settle(basin, ahead, shares)
-    scaled = rate * basin.length / speed
+    rate, speed = _settle(basin, ahead, np.tile(helms / (basin.model.helm_max or SHIP_HELM), 2))
+    return rate.reshape(2, -1), speed.reshape(2, -1), basin.length
+
+
+def _loop_edges(setting: Setting, helms: Array, differ: NDArray[np.bool_]) -> tuple[float, float]:
+    """Least and greatest helm (rad) at which both branches differ, found between the helms of a spiral."""
+    inside = np.flatnonzero(differ)
+    edges = [(helms[inside[0]], helms[max(inside[0] - 1, 0)])]  # each: a helm at which they differ, and one where not
+    edges.append((helms[inside[-1]], helms[min(inside[-1] + 1, len(helms) - 1)]))
+    between = np.array([np.linspace(*edge, EDGE_HELMS + 2) for edge in edges])
+    rate, speed, length = _branches(setting, between[:, 1:-1].ravel())
+    apart = (np.abs(np.subtract(*(rate * length / speed))) > APART).reshape(2, -1)
+    last = [len(row) if row.all() else int(np.argmin(row)) for row in apart]  # where they still differ
+    low, high = (0.5 * (row[k] + row[k + 1]) for row, k in zip(between, last, strict=True))
+    return float(low), float(high)
+
+
+def spiral(setting: Setting) -> Outcome:
+    """The direct spiral (Dieudonne): steady yaw rate over helm, come to from hard to starboard and from hard to port.
+
+    All helms are sailed at once, each from a steady turn under full helm to that side. That is the same as to go
+    through them in order: on its branch, a steady turn depends on the helm alone. The loop is where they differ. Its
+    edges are then looked for between the helms.
+    """
+    out = Outcome("spiral", "Spiral", panels=(Panel("Steady yaw rate", "helm deg", "r' 1"),))
+    full = math.degrees(vessel_of(setting).helm_max or SHIP_HELM)
+    degrees = SPIRAL_HELMS[full >= SPIRAL_HELMS - 1e-9]
+    degrees = np.unique(np.concatenate((-degrees, degrees)))
+    helms = np.radians(degrees)
+    rate, speed, length = _branches(setting, helms)
+    scaled = rate * length / speed
     for k, (case, _) in enumerate(SIDES):
-        part = slice(k * len(helms), (k + 1) * len(helms))
         out.curves.append(Curve(f"from {case}", {
-            "helm deg": helms, "helm rad": np.radians(helms), "r rad/s": rate[part], "r' 1": scaled[part],
-            "u m/s": speed[part],
+            "helm deg": degrees, "helm rad": helms, "r rad/s": rate[k], "r' 1": scaled[k], "u m/s": speed[k],
         }))  # fmt: skip
-        at_zero = int(np.flatnonzero(helms == 0.0)[0])
+        at_zero = int(np.flatnonzero(degrees == 0.0)[0])
         out.add(f"from {case}", 0, (
-            ("yaw rate at zero helm", rate[part][at_zero], "rad/s"),
-            ("yaw rate at zero helm over U / L", scaled[part][at_zero], ""),
+            ("yaw rate at zero helm", rate[k][at_zero], "rad/s"),
+            ("yaw rate at zero helm over U / L", scaled[k][at_zero], ""),
         ))  # fmt: skip
-    from_starboard, from_port = scaled[: len(helms)], scaled[len(helms) :]
-    differ = np.abs(from_starboard - from_port) > 0.02  # of r'
-    width = float(np.radians(helms[differ].max() - helms[differ].min())) if differ.any() else 0.0
-    height = float((rate[: len(helms)] - rate[len(helms) :]).max()) if differ.any() else 0.0
+    differ, width, height = np.abs(scaled[0] - scaled[1]) > APART, 0.0, 0.0
+    if differ.any():
+        low, high = _loop_edges(setting, helms, differ)
+        width, height = high - low, float((rate[0] - rate[1]).max())
     out.add("loop", 0, (("width of the loop", width, "rad"), ("height of the loop", height, "rad/s")))
     return out
 

@@ -2,6 +2,7 @@
 
 import functools
 import math
+from types import SimpleNamespace
 
 import pytest
 import torch
@@ -39,7 +40,7 @@ def test_on_a_calm_sea_every_pilot_lands_softly_in_the_middle():
         result = judge_episodes(config, {"uav": ClassicalPolicy()}, episodes=4, seed=5, show_progress=False)
         figures = result.result["teams"]["uav"]
         assert figures["success_rate"] == 1.0, figures
-        assert figures["touch_error_p95_m"] < 0.15 and figures["touch_speed_p95_m_s"] < 0.9, figures
+        assert figures["touch_error_p95_m"] < 0.2 and figures["touch_speed_p95_m_s"] < 0.9, figures
         ends = sum(figures[name] for name in OUTCOMES[1:])
         assert ends == 0.0 and figures["time_to_land_p95_s"] < 25.0
 
@@ -55,6 +56,9 @@ def test_it_has_landed_after_standing_and_not_before():
         landed[step.endings["uav"]["landed"][:, 0] & landed.isnan()] = now
     assert torch.allclose(landed - touched, torch.full((4,), mission.config.landing.stand - 0.1), atol=0.11)
     assert float(team.drifted.max()) < 0.05  # its rotors idle: it stays where it stands
+    (c, s), (a, b) = team.fleet.heading, mission.boats.deck.heading
+    quarters = 4 * (torch.atan2(s, c) - torch.atan2(b, a))  # it stands square to the deck, any side ahead
+    assert float(quarters.cos().min()) > math.cos(4 * math.radians(6))
 
 
 def test_a_fork_lands_as_its_source_does_to_the_bit():
@@ -102,7 +106,7 @@ def test_the_deck_is_known_as_well_as_messages_and_looks_allow():
     """Of a deck in steady motion, exact messages of which are late, everything is known exactly."""
     dt, late = 0.1, 0.2
     like = torch.zeros(1, 1, 13, dtype=torch.float64)
-    known, v, own_v = KnownDeck(like, dt), like.new_tensor((1.0, -0.5, 0.3)), like.new_tensor((2.0, 0.0, 0.0))
+    known, v, own_v = KnownDeck(like, dt), like.new_tensor((1.0, -0.5, 0.0)), like.new_tensor((2.0, 0.0, 0.0))
 
     class Own:
         position_n = velocity_n = like[..., :3]
@@ -125,6 +129,23 @@ def test_the_deck_is_known_as_well_as_messages_and_looks_allow():
         look = Look(torch.ones(1, 1, dtype=torch.bool), to, torch.full((1, 1), 1e-4, dtype=torch.float64))
         known.measure(torch.ones(1, dtype=torch.int32), Own, look, heard(k * dt))
     assert torch.allclose(known.to, to, atol=0.02)
+
+
+def test_rotors_let_go_only_over_the_deck_and_upright(monkeypatch):
+    mission = shared()
+    mission.reset()
+    team = mission.teams["uav"]
+    monkeypatch.setattr(type(team), "touches", property(lambda team: torch.ones(4, 1, dtype=torch.bool)))
+    known = team.known_deck
+    known.to, known.attitude = torch.zeros_like(known.to), torch.zeros_like(known.attitude)
+    c, s = torch.tensor([1.0, 1.0, 1.0, math.cos(0.2)]), torch.tensor([0.0, 0.0, 0.0, math.sin(0.2)])
+    R = torch.eye(3).repeat(4, 1, 1, 1)  # the last one leans by 11 degrees
+    R[:, 0, 0, 0], R[:, 0, 0, 2], R[:, 0, 2, 0], R[:, 0, 2, 2] = c, s, -s, c
+    monkeypatch.setattr(team, "own", SimpleNamespace(R_nb=R, heading=(torch.ones(4, 1), torch.zeros(4, 1))))
+    half, legs = mission.boats.fleet.model.deck.half, team.fleet.model.legs.points  # pyright: ignore
+    room = half[1] - max(abs(point[1]) for point in legs)
+    known.to[1, 0, 1], known.to[2, 0, 1] = room - 0.01, room + 0.01
+    assert team.lets_go.flatten().tolist() == [True, True, False, False]
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from rl.evaluation.report.sources import Run
 from rl.evaluation.store import recording_name
 from taichi_sim.plotting.page import FAINT, beside, blank, missing, panel, paragraph, svg, text
 from taichi_sim.plotting.style import INK, rgb
-from taichi_sim.recording.palette import ALARM, OBSTACLE, event_colour, liveries
+from taichi_sim.recording.palette import ALARM, OBSTACLE, liveries
 
 MARGIN = 60.0  # m around the motion on a map
 LINE = {"water": "-", "air": "--"}
@@ -60,7 +60,7 @@ def _map(name: str, of: Excerpt) -> str:
             axes.plot(path[0, 1], path[0, 0], "o", color=colour, markersize=3.5)
     for event in of.events:
         north, east, _ = of.teams[event.team].place_n[np.searchsorted(of.time_s, event.time_s - 1e-6), event.vehicle]
-        axes.plot(east, north, "x", color=rgb(event_colour(event.kind)), markersize=8, markeredgewidth=2, zorder=5)
+        axes.plot(east, north, "x", color=rgb(ALARM), markersize=8, markeredgewidth=2, zorder=5)
     panel(axes, "from above: dots begin, crosses end", "east (m)", "north (m)")
     axes.set(xlim=(middle[1] - half, middle[1] + half), ylim=(middle[0] - half, middle[0] + half), aspect="equal")
     handles, labels = axes.get_legend_handles_labels()
@@ -86,7 +86,7 @@ def _series(shown: dict[str, Excerpt]) -> str:
             last = axes is grid[-1, column]
             for event in of.events:
                 if event.team == team:
-                    axes.axvline(event.time_s, color=rgb(event_colour(event.kind)), linewidth=0.8, linestyle=":")
+                    axes.axvline(event.time_s, color=rgb(ALARM), linewidth=0.8, linestyle=":")
             panel(axes, f"{name}: {team}, {label}", "time (s)" if last else "", "")
             if label.startswith("gap"):
                 axes.axhline(0.0, color=rgb(ALARM), linewidth=0.8)

@@ -106,8 +106,8 @@ class Aircraft(Team):
 
     @property
     def in_effect(self) -> Tensor:
-        """Not once it touches the deck."""
-        return ~self.touches
+        """Not once its rotors let go."""
+        return ~self.lets_go
 
     @property
     def touches(self) -> Tensor:
@@ -116,7 +116,7 @@ class Aircraft(Team):
         return self.fleet.touch.on
 
     @property
-    def _sits(self) -> Tensor:
+    def lets_go(self) -> Tensor:
         """Bool [env, aircraft]: some sole is on a deck, all are over it and it stands upright, as far as is known."""
         known, half = self.known_deck, self.mission.boats.fleet.model.deck.half
         to = into_level(known.to, known.heading)[..., :2].unsqueeze(-2)
@@ -158,7 +158,7 @@ class Aircraft(Team):
         """Actions [env, aircraft, a] that fly a velocity [env, aircraft, 3] (NED, m/s), square to the deck; once a sole
         is on the deck, and all are over it, down, so that the rotors idle.
         """
-        known, demands, touches = self.known_deck, self._model.demands, self._sits.unsqueeze(-1)
+        known, demands, touches = self.known_deck, self._model.demands, self.lets_go.unsqueeze(-1)
         level = into_level(torch.where(touches, known.velocity, velocity), self.own.heading)
         down = level[..., 2]
         down = torch.where(down > 0, down / demands.descent, down / demands.climb)

@@ -2,7 +2,8 @@
 
 A boat sails its course by the classical controller of its model, without evasion. A policy of the boats may leave the
 ordered course and speed within the limits of `[course]`, for a deck that is steadier; it is told what the boat measures
-of itself. Without a policy, or where the team does not take part, boats hold the course as ordered.
+of itself. Without a policy, or where the team does not take part, boats hold the course as ordered. A vessel that the
+classical controllers do not sail, such as an FPSO, coasts on as it begins, and has no policy.
 """
 
 import math
@@ -49,18 +50,13 @@ class Boats(Team):
         """Prepare team `name`.
 
         Raises:
-            ControllerError: for a vessel that the classical controllers do not sail by a velocity.
+            ControllerError: for an aircraft; where they take part, for a vessel that no classical controller sails.
         """
         super().__init__(mission, name)
         config, state, model = mission.config, self.fleet.state, self.fleet.model
-        kind = next((CONTROLLERS[base] for base in type(model).__mro__ if base in CONTROLLERS), None)
-        if kind is None or model.medium != "water":
+        if model.medium != "water":
             raise ControllerError(f"{name}.vehicle = {self.section.vehicle!r}: no vessel that the mission could sail")
-        self.helm = kind(model, validate(kind.Gains, dict(self.section.control), f"{name}.control"))
-        if not hasattr(self.helm, "course"):
-            raise ControllerError(
-                f"{name}.vehicle = {self.section.vehicle!r}: the mission sails manoeuvring_3dof and hull_6dof alone"
-            )
+        self.helm = self._helm(mission.manned)
         self.interval = config.decision_interval
         number = list(config.teams).index(name)
         self.own = Readings(self.fleet, self.section.sensors, self.interval, 64 * number)
@@ -78,6 +74,28 @@ class Boats(Team):
         self.deck: DeckMotion = deck_motion(self.fleet, self.centre)
         self.seen: DeckMotion = deck_motion(self.own, self.centre)
 
+    def _helm(self, manned: bool) -> Any:
+        """The classical controller; None for a vessel that has none, if boats take no part."""
+        model, section = self.fleet.model, self.section
+        kind = next((CONTROLLERS[base] for base in type(model).__mro__ if base in CONTROLLERS), None)
+        try:
+            helm = (
+                None
+                if kind is None
+                else kind(model, validate(kind.Gains, dict(section.control), f"{self.name}.control"))
+            )
+        except ControllerError:
+            if manned:
+                raise
+            return None
+        if hasattr(helm, "course"):
+            return helm
+        if manned:
+            raise ControllerError(
+                f"{self.name}.vehicle = {section.vehicle!r}: the mission sails manoeuvring_3dof and hull_6dof alone"
+            )
+        return None
+
     # -- sailing ---------------------------------------------------------------------------------------------------
 
     @property
@@ -92,6 +110,8 @@ class Boats(Team):
         course = self.ordered[..., 0] + math.radians(way.turn_deg) * chosen[..., 0]
         speed = (self.ordered[..., 1] + way.change * chosen[..., 1]).clamp(min=SLOWEST)
         self.aim = torch.stack((course, speed), dim=-1)
+        if self.helm is None:
+            return torch.zeros_like(self.fleet.action)
         wanted = self.aim[..., 1:] * torch.stack((self.steered.cos(), self.steered.sin()), dim=-1)
         return self.helm.act(self._view, Way(wanted, torch.zeros_like(wanted)))
 

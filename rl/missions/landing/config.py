@@ -98,7 +98,7 @@ class PilotConfig(Strict):
     wait: Positive = 1.2  # m above the deck, soles: "forecast" waits there
     near: Positive = 0.17  # m, level, from the deck's middle: near enough to come down
     fall: Positive = 0.5  # m/s over ground, at which "descend" comes down
-    sink: Positive = 0.22  # m/s over the deck, at which the others touch
+    sink: Positive = 0.3  # m/s over the deck, at which the others touch
     steep: Positive = 0.6  # 1/s, by which that grows with the height above the deck
     flare: NonNegative = 0.15  # m above the deck, soles: below it the thrust turns to the deck's normal
     cone: Positive = 2.0  # height above the deck over the distance from its middle, at least, near it

@@ -1,12 +1,14 @@
 """What an aircraft knows of its deck: by the marker, by the boat's messages, and by its own instruments between them.
 
 The deck's place relative to the aircraft d, its velocity v and its acceleration a are the state of a Kalman filter
-(Gelb 1974, ch. 4), the same for north, east and down, with white jerk and a noise of the own velocity v_own:
+(Gelb 1974, ch. 4), the same for north, east and down. A deck swings about its mean velocity u (none down), with white
+jerk; the own velocity v_own is noisy:
 
-    d' = v - v_own + OWN_NOISE,    v' = a,    a' = JERK.
+    d' = v - v_own + OWN_NOISE,    v' = a,    a' = -SWING^2 (v - u) + JERK.
 
-Looks (marker.py) measure d. Messages measure v - a age and a, since they are as old as they are. They measure d, too,
-while no look has found the marker for `BLIND`: then by satellite navigation of both, whose errors are in it.
+Looks (marker.py) measure d. Messages measure v as it was when they were sent, u + (v - u) cos(SWING age) - a sin(SWING
+age) / SWING. They measure d, too, while no look has found the marker for `BLIND`: then by satellite navigation of both,
+whose errors are in it.
 Frame: NED.
 """
 
@@ -21,7 +23,10 @@ BLIND = 1.0  # s after which a look no longer says where the deck is; assumed
 JERK = 4.0  # m/s^3, of a decision; assumed
 OWN_NOISE = 0.05  # m/s, of a decision; assumed
 FROM_RADIO = 1.0  # m, standard deviation of d by messages alone; assumed
-V_TOLD, A_TOLD = 0.04, 0.5  # m/s and m/s^2, of a message's velocity and acceleration; assumed
+V_TOLD = 0.04  # m/s, of a message's velocity; assumed
+BEGUN = 0.5  # m/s^2, of the acceleration as an episode begins; assumed
+SWING = 1.4  # rad/s, of a small boat on waves; assumed
+MEAN = 5.0  # s, over which the mean velocity is averaged; assumed
 OLDEST = 3.0  # s: an older acceleration is not gone on with; assumed
 LAGS = (5, 10, 20)  # decisions: how long ago vertical speeds were that are remembered
 
@@ -36,7 +41,19 @@ class KnownDeck:
         past: [.., n] vertical speed of the deck, n decisions back.
     """
 
-    STATE = ("to", "velocity", "acceleration", "attitude", "rates", "seen", "heard", "past", "_covariance")
+    STATE = (
+        "to",
+        "velocity",
+        "acceleration",
+        "attitude",
+        "rates",
+        "seen",
+        "heard",
+        "past",
+        "_mean",
+        "_own",
+        "_covariance",
+    )
 
     def __init__(self, like: Tensor, interval: float):
         """`like` is a tensor [env, aircraft, n]; decisions are every `interval` s."""
@@ -44,12 +61,16 @@ class KnownDeck:
         self.to, self.velocity, self.acceleration, self.attitude, self.rates = (like[..., :3] * 0.0 for _ in range(5))
         self.seen, self.heard = like[..., 0] * 0.0, like[..., 0] * 0.0
         self.past = like.new_zeros((*like.shape[:2], max(LAGS) + 1))
-        dt = interval
-        self._step = like.new_tensor(((1.0, dt, dt * dt / 2), (0.0, 1.0, dt), (0.0, 0.0, 1.0)))
+        dt, w = interval, SWING**2
+        self._mean, self._own = like[..., :3] * 0.0, like[..., :3] * 0.0  # of the deck; own, a decision ago; m/s
+        self._level = like.new_tensor((1.0, 1.0, 0.0))
+        self._step = like.new_tensor(
+            ((1.0, dt - w * dt**3 / 6, dt * dt / 2), (0.0, 1.0 - w * dt * dt / 2, dt), (0.0, -w * dt, 1.0))
+        )
         jerk = JERK * like.new_tensor((dt**3 / 6, dt * dt / 2, dt))
         self._noise = torch.outer(jerk, jerk)
         self._noise[0, 0] += (OWN_NOISE * dt) ** 2
-        self._begun = like.new_tensor((FROM_RADIO, V_TOLD, A_TOLD)).square().diag()
+        self._begun = like.new_tensor((FROM_RADIO, V_TOLD, BEGUN)).square().diag()
         self._covariance = self._begun.expand(*like.shape[:2], 3, 3).clone()  # of d, v and a
 
     def measure(self, which: Tensor, own: Any, look: Look, heard: Tensor) -> None:
@@ -65,20 +86,23 @@ class KnownDeck:
         v_radio = velocity + lead * acceleration
         on, fresh = (which == 1).unsqueeze(-1), (which == 2).unsqueeze(-1)
         # predicted
-        x = self._step @ torch.stack((self.to, self.velocity, self.acceleration), dim=-2)
-        x[..., 0, :] -= dt * own.velocity_n
+        mean = self._mean
+        x = self._step @ torch.stack((self.to, self.velocity - mean, self.acceleration), dim=-2)
+        x[..., 0, :] += dt * (mean - 0.5 * (self._own + own.velocity_n))
         P = self._step @ self._covariance @ self._step.T + self._noise
         # by radio
         new, blind = age < self.heard + 0.5 * dt, self.seen > BLIND
         zero, one = torch.zeros_like(age), torch.ones_like(age)
         told = V_TOLD**2 + (0.5 * JERK * age.square()).square()
-        x, P = _corrected(x, P, torch.stack((zero, one, -age), -1), velocity, told, new)
-        x, P = _corrected(x, P, torch.stack((zero, zero, one), -1), acceleration, A_TOLD**2 * one, new)
+        row = torch.stack((zero, (SWING * age).cos(), -(SWING * age).sin() / SWING), -1)
+        x, P = _corrected(x, P, row, velocity - mean, told, new)
         there = torch.stack((one, zero, zero), -1)
         x, P = _corrected(x, P, there, by_radio, FROM_RADIO**2 * one, new & blind)
         # by the marker
         x, P = _corrected(x, P, there, look.place, look.variance + 1e-6, look.found)
         to, v, a = x.unbind(-2)
+        v = v + mean
+        mean = mean + dt / (MEAN + dt) * self._level * (v - mean)
         seen = torch.where(look.found, 0.0, self.seen + dt)
         # at the beginning: as heard
         attitude = heard[..., 9:12] + lead * self._euler_rates(heard)
@@ -92,6 +116,8 @@ class KnownDeck:
         self.acceleration = kept(a, acceleration, self.acceleration)
         self.attitude = kept(attitude, attitude, self.attitude)
         self.rates = kept(heard[..., 12:15], heard[..., 12:15], self.rates)
+        self._mean = kept(mean, self._level * v_radio, self._mean)
+        self._own = kept(own.velocity_n, own.velocity_n, self._own)
         self._covariance = kept(P, self._begun.expand_as(P), self._covariance)
         self.seen = kept(seen, torch.full_like(seen, 2 * BLIND), self.seen)
         self.heard = kept(age, age, self.heard)
@@ -125,7 +151,7 @@ class KnownDeck:
 
 
 def _corrected(x: Tensor, P: Tensor, row: Tensor, z: Tensor, variance: Tensor, where: Tensor) -> tuple[Tensor, Tensor]:
-    """States x [.., 3, 3] (d, v and a of each direction) and covariance P [.., 3, 3] after the measurement
+    """States x [.., 3, 3] (d, v - u and a of each direction) and covariance P [.., 3, 3] after the measurement
     z [.., 3] = row . x with a `variance`, `where` (bool) there is one.
     """
     across = (P @ row.unsqueeze(-1)).squeeze(-1)

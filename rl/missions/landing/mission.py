@@ -38,7 +38,8 @@ class Landing(Mission):
     """Boats with decks and aircraft that land on them; see the module.
 
     Attributes:
-        boats: the team of boats (boats.py), whether it takes part or not. aircraft: the team of aircraft, or None.
+        boats: the team of boats (boats.py), whether it takes part or not. manned: whether it does. aircraft: the team
+            of aircraft, or None.
         hs: [env] significant wave height, m. radio: between boats and aircraft, boats first.
         noise: counts the random numbers of instruments, cameras and radio: decisions of all episodes.
     """
@@ -66,7 +67,7 @@ class Landing(Mission):
     ):
         """As Mission; boats are there even if they are not among the `teams` that take part."""
         name = config.landing.boats
-        self._manned = teams is None or name in teams
+        self.manned = teams is None or name in teams
         there = None if teams is None else [team for team in config.teams if team in (*teams, name)]
         super().__init__(config, num_envs, seed=seed, teams=there, source=source)
 
@@ -88,7 +89,7 @@ class Landing(Mission):
                     "of the mission; give any other a script"
                 )
         self.boats: Boats = self.teams[parts.boats]
-        if not self._manned:
+        if not self.manned:
             del self.teams[parts.boats]
             self.world.scripts[parts.boats] = Helm(self.boats)
         self.aircraft: Aircraft | None = self.teams.get(parts.aircraft)
@@ -166,7 +167,10 @@ class Landing(Mission):
         self.boats.begin(envs, course, speed)
         self.world.place(self.boats.name, envs, state)
         if self.aircraft is not None:
-            over = aloft(self.aircraft, state[..., :2], self.config.landing, self.generator)
+            x, y = self.boats.centre[:2]
+            c, s = course.cos(), course.sin()
+            decks = state[..., :2] + torch.stack((c * x - s * y, s * x + c * y), dim=-1)
+            over = aloft(self.aircraft, decks, self.config.landing, self.generator)
             self.world.place(self.aircraft.name, envs, over)
             self.aircraft.begin(envs)
 

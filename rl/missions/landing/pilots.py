@@ -146,8 +146,9 @@ class Pilot:
         """Down (m/s): matched to the deck's vertical velocity, to the height `least` (m) above it."""
         c = self.config
         least = torch.maximum(least, self._lift(team))
-        above = team.known_height - least
-        sink = torch.where(least > 0, c.position * above, c.sink + c.steep * above.clamp(min=0.0))
+        height = team.known_height
+        sink = c.sink + c.steep * height.clamp(min=0.0)
+        sink = torch.where(least > 0, torch.minimum(sink, c.position * (height - least)), sink)
         known, lead = team.known_deck, 1 / team.fleet.model.gains.climb + 0.5 * self.interval
         return known.velocity[..., 2] + lead * known.acceleration[..., 2] + sink
 
