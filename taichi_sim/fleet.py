@@ -21,6 +21,7 @@ from taichi_sim.conventions import (
 )
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.kinematics import DERIVED_SIZE, DOWN, HEADING_COS, HEADING_SIN, ROTATION, VELOCITY_N, derive
+from taichi_sim.kernels.lanes import laned, width
 from taichi_sim.kernels.packs import FleetPack
 from taichi_sim.kernels.rotation import torch_euler_from_quaternion
 from taichi_sim.kernels.runtime import Launcher
@@ -160,6 +161,7 @@ class Fleet(Views):
             action=self.action,
             numbers=self._unused if self._numbers is None else self._numbers,
             load=self._unused if self._load is None else self._load,
+            lanes=laned(self._unused if self.aux.shape[-1] % width() else self.aux),
         )
 
     def restored(self) -> None:

@@ -7,11 +7,13 @@ import torch
 from torch import Tensor
 
 from taichi_sim.air import Wind
-from taichi_sim.kernels import runtime
+from taichi_sim.kernels import lanes, runtime
 from taichi_sim.kernels.counters import Noise
 from taichi_sim.kernels.packs import AroundPack
 from taichi_sim.sea.queries import elevations
 from taichi_sim.sea.sea import DEEP, Sea
+
+NO_WAVE = 1e-12  # m, rad/m, rad/s: of components that fill up the last lanes
 
 
 @dataclass(eq=False)
@@ -43,6 +45,7 @@ class Surroundings:
         self._pack = runtime.Packed(
             AroundPack, sea=self.sea, env_sea=self.env_sea, phase=self.phase, current=self.current, wind=self.wind,
             air=air, turbulence=air if self.turbulence is None else self.turbulence, count=self.noise.table,
+            waves=lanes.laned(self.sea, NO_WAVE), turns=lanes.laned(self.phase),
         )  # fmt: skip
 
     @classmethod
@@ -56,6 +59,9 @@ class Surroundings:
     @property
     def pack(self) -> Any:
         """The AroundPack for kernels; the same object from step to step."""
+        if self.sea.shape[2] % lanes.width():  # then lanes are copies
+            for name, values in (("waves", self.sea), ("turns", self.phase)):
+                self._pack.members[name].flatten(-2)[..., : values.shape[-1]] = values
         return self._pack()
 
     def elevation(self, points: Tensor) -> Tensor:

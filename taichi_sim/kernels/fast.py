@@ -122,6 +122,12 @@ def at_most(x, limit):
 
 
 @ti.func
+def at_least(x, limit):
+    """max(x, limit), see `at_most`."""
+    return ti.select(x > limit, x, limit)
+
+
+@ti.func
 def exp_decay(x):
     """exp(-x): in f32 the eighth power of a quartic, to 5e-4 of the value for x in [-2, 8] and to 8e-6 above."""
     y = x

@@ -9,22 +9,25 @@ from typing import Any, NamedTuple
 import taichi as ti
 
 from taichi_sim.kernels import runtime
+from taichi_sim.kernels.lanes import laned2, laned3
 
 _array1, _array2, _array3 = (ti.types.ndarray(ndim=n) for n in (1, 2, 3))
 _whole1 = ti.types.ndarray(dtype=ti.i32, ndim=1)
 
 FleetPack = ti.types.argpack(
-    state=_array3, derived=_array3, aux=_array3, surface=_array3, action=_array3, numbers=_array3, load=_array3
-)
-"""A team, each [env, vehicle, n] (fleet.py); `numbers` and `load` are [1, 1, 1] where they are not used."""
+    state=_array3, derived=_array3, aux=_array3, surface=_array3, action=_array3, numbers=_array3, load=_array3,
+    lanes=laned3,
+)  # fmt: skip
+"""A team, each [env, vehicle, n] (fleet.py); `numbers` and `load` are [1, 1, 1] where they are not used; `lanes`
+is aux in lanes, of models whose `aux_size` fills them."""
 
 AroundPack = ti.types.argpack(
     sea=_array3, env_sea=_whole1, phase=_array2, current=_array2, wind=_array2, air=_array1,
-    turbulence=_array1, count=_whole1,
+    turbulence=_array1, count=_whole1, waves=laned3, turns=laned2,
 )  # fmt: skip
 """The surroundings (surroundings.py); `air` = (shear, w20, w20_factor) is of the wind (`Wind.numbers`), `turbulence`
 [env] the factor of its intensity where that differs (else not to be read), `count` [2 + env] counts the random numbers
-(noise.py)."""
+(noise.py); `waves` and `turns` are sea and phase in lanes."""
 
 
 TouchPack = ti.types.argpack(way=_array3, pressing=_array3, soles=_array3, struck=_array3, blow=_array3)

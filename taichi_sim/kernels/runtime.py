@@ -259,11 +259,11 @@ class Launcher:
         for slot, value in enumerate(given):
             if isinstance(value, ArgPack):
                 context.set_arg_argpack((slot,), value._ArgPack__argpack)  # type: ignore[attr-defined]
-                inside += [member for _, member in value.items]
+                inside += [(member, _element(value, name)) for name, member in value.items]
             else:
                 _set_tensor(context, slot, value)
-        for k, value in enumerate(inside):
-            _set_tensor(context, slots + k, value)
+        for k, (value, element) in enumerate(inside):
+            _set_tensor(context, slots + k, value, element)
         return _Bound(args, compiled, context)
 
 
@@ -272,17 +272,25 @@ def _form(value: Any, fixed: bool) -> Any:
     if fixed:
         return value
     if isinstance(value, ArgPack):
-        return tuple((member.dtype, member.ndim) for _, member in value.items)
+        return tuple((m.dtype, m.ndim, m.shape[m.ndim - _element(value, name) :]) for name, m in value.items)
     if isinstance(value, torch.Tensor):
         return value.dtype, value.ndim
     raise TypeError(f"a launched kernel takes packs, tensors and templates, not {type(value).__name__}")
 
 
-def _set_tensor(context: Any, slot: int, value: torch.Tensor) -> None:
+def _element(pack: ArgPack, name: str) -> int:
+    """Axes of an element of a pack's tensor: none of numbers, one of vectors (lanes.py)."""
+    return getattr(pack._ArgPack__annotations[name].dtype, "ndim", 0)  # type: ignore[attr-defined]
+
+
+def _set_tensor(context: Any, slot: int, value: torch.Tensor, element: int = 0) -> None:
     if not value.is_contiguous():
         raise ValueError("a launched kernel takes contiguous tensors")
     size = value.element_size() * value.nelement()
-    context.set_arg_external_array_with_shape((slot,), value.data_ptr(), size, tuple(value.shape), 0)
+    if element and value.data_ptr() % (value.element_size() * value.shape[-1]):
+        raise ValueError("vectors must begin where memory is aligned to their size")
+    shape = tuple(value.shape[: value.ndim - element])
+    context.set_arg_external_array_with_shape((slot,), value.data_ptr(), size, shape, 0)
 
 
 def _same(args: tuple[Any, ...], before: tuple[Any, ...]) -> bool:

@@ -30,7 +30,7 @@ def applied(data, headings):
     place = headings / (2 * np.pi) * (len(table) - 1)
     first = place.astype(int)
     loads = table[first] + (place - first)[:, None, None] * (table[first + 1] - table[first])
-    return (loads[..., :6] + 1j * loads[..., 6:]).swapaxes(0, 1)
+    return np.moveaxis(loads[:, :6] + 1j * loads[:, 6:], 2, 0)
 
 
 def off(data, truth):

@@ -8,6 +8,7 @@ import torch
 from taichi_sim.config import ConfigError
 from taichi_sim.config.io import config_folder
 from taichi_sim.conventions import GRAVITY
+from taichi_sim.kernels.lanes import laned, laned1, laned3
 from taichi_sim.sea import Sea
 from taichi_sim.sea.spectrum import Components
 from taichi_sim.usv.hull.database import HydroDatabase
@@ -47,8 +48,8 @@ def driven(memory: Memory, nu: np.ndarray, dt: float) -> np.ndarray:
     def run(
         out: ti.types.ndarray(ndim=3),
         nu: ti.types.ndarray(ndim=3),
-        aux: ti.types.ndarray(ndim=3),
-        numbers: ti.types.ndarray(ndim=1),
+        aux: laned3,
+        numbers: laned1,
     ):
         for r in range(nu.shape[1]):
             for n in range(nu.shape[0]):
@@ -57,8 +58,8 @@ def driven(memory: Memory, nu: np.ndarray, dt: float) -> np.ndarray:
                     out[n, r, c] = load[c]
 
     given = torch.from_numpy(np.ascontiguousarray(nu))
-    out, aux = torch.zeros_like(given), torch.zeros((nu.shape[1], 1, 2 * bank.size), dtype=torch.float64)
-    run(out, given, aux, torch.from_numpy(bank.numbers))
+    out, aux = torch.zeros_like(given), torch.zeros((nu.shape[1], 1, bank.size), dtype=torch.float64)
+    run(out, given, laned(aux), laned(torch.from_numpy(bank.numbers)))
     return out.numpy()
 
 

@@ -39,6 +39,7 @@ from torch import Tensor
 from taichi_sim.conventions import AMPLITUDE, KX, KY, OMEGA
 from taichi_sim.kernels import fast
 from taichi_sim.kernels.interpolation import cubic
+from taichi_sim.kernels.lanes import blocks, total, totals, variables
 from taichi_sim.usv.hull.database import HydroDatabase
 
 FEWEST = 96  # courses of a table
@@ -80,12 +81,12 @@ class Diffraction:
     def of(self, sea: Tensor) -> Tensor:
         """For components sea [sea, 8, component] (conventions.py): loads of the amplitudes they have (drift: per
         amplitude) on a hull with each of `courses` + 1 headings from north on,
-        [sea * (courses + 1), component, size].
+        [sea * (courses + 1), size, component].
         """
         rows = sea.detach().to("cpu", torch.float64).numpy()
-        out = torch.empty((len(rows), self.courses + 1, rows.shape[2], self.size), dtype=sea.dtype)
+        out = torch.empty((len(rows), self.courses + 1, self.size, rows.shape[2]), dtype=sea.dtype)
         for s, row in enumerate(rows):  # one by one: the loads of all in double precision are many
-            out[s] = torch.from_numpy(np.ascontiguousarray(self._by_heading(row).swapaxes(0, 1)))
+            out[s] = torch.from_numpy(np.ascontiguousarray(np.moveaxis(self._by_heading(row), 0, 2)))
         return out.flatten(0, 1).to(sea.device)
 
     def _by_heading(self, row: NDArray) -> NDArray[np.float64]:
@@ -160,38 +161,45 @@ def diffracted(
 ):  # fmt: skip
     """Load (N, N m, about CO, b) on a hull at the label `label` [2] (m), which moves with `velocity` [2] (m/s), with
     heading psi (rad), tau s after the beginning of a step; and its first and second rate of change, drift taken as
-    steady. `table` is Diffraction.of, whose loads at one heading lie side by side.
+    steady. `table` is Diffraction.of in lanes.
     """
-    sea, courses, drifts = ti.static(around.sea, diffraction.courses, diffraction.drifts)
+    sea, courses, drifts = ti.static(around.waves, diffraction.courses, diffraction.drifts)
     s = around.env_sea[e]
-    load = ti.Vector([tau * 0.0 for _ in range(6)])
-    rate, bend = load * 0.0, load * 0.0
-    cosines, sines = tau * 0.0, tau * 0.0
-    of_cosine, of_sine = ti.Vector([tau * 0.0 for _ in range(DRIFT)]), ti.Vector([tau * 0.0 for _ in range(DRIFT)])
+    none = sea[s, AMPLITUDE, 0] * 0.0
+    load, rate, bend = ti.static(variables(6, none), variables(6, none), variables(6, none))
+    cosines, sines = none, none
+    of_cosine, of_sine = ti.static(variables(DRIFT, none), variables(DRIFT, none))
     place = psi * ti.static(courses / math.tau)
     place -= ti.floor(place * ti.static(1 / courses)) * courses
     first = ti.min(ti.cast(place, ti.i32), courses - 1)
     share, n = place - first, s * ti.static(courses + 1) + first
-    for c in range(build.components):
+    for c in range(ti.static(blocks(build.components))):
         kx, ky, omega = sea[s, KX, c], sea[s, KY, c], sea[s, OMEGA, c]
-        sine, cosine = fast.sincos_short(kx * label[0] + ky * label[1] + around.phase[e, c] - omega * tau)
+        sine, cosine = fast.sincos_short(kx * label[0] + ky * label[1] + around.turns[e, c] - omega * tau)
         turn = kx * velocity[0] + ky * velocity[1] - omega  # of the phase, rad/s
         for j in ti.static(range(6)):
-            real = table[n, c, j] + share * (table[n + 1, c, j] - table[n, c, j])
-            imaginary = table[n, c, 6 + j] + share * (table[n + 1, c, 6 + j] - table[n, c, 6 + j])
+            real, imaginary = between(table, n, j, c, share), between(table, n, 6 + j, c, share)
             now = real * cosine - imaginary * sine
             load[j] += now
-            rate[j] -= turn * (real * sine + imaginary * cosine)
-            bend[j] -= turn * turn * now
+            rate[j] = rate[j] - turn * (real * sine + imaginary * cosine)
+            bend[j] = bend[j] - turn * turn * now
         if ti.static(drifts):
             amplitude = sea[s, AMPLITUDE, c]
             cosines += amplitude * cosine
             sines += amplitude * sine
             for j in ti.static(range(DRIFT)):
-                mean = table[n, c, WAVE + j] + share * (table[n + 1, c, WAVE + j] - table[n, c, WAVE + j])
+                mean = between(table, n, WAVE + j, c, share)
                 of_cosine[j] += mean * cosine
                 of_sine[j] += mean * sine
+    loads, rates, bends = totals(load), totals(rate), totals(bend)
     if ti.static(drifts):
+        of_cosines, of_sines = totals(of_cosine), totals(of_sine)
         for j in ti.static(range(DRIFT)):
-            load[ti.static((0, 1, 5)[j])] += cosines * of_cosine[j] + sines * of_sine[j]
-    return load, rate, bend
+            loads[ti.static((0, 1, 5)[j])] += total(cosines) * of_cosines[j] + total(sines) * of_sines[j]
+    return loads, rates, bends
+
+
+@ti.func
+def between(table: ti.template(), n, row: ti.template(), c, share):
+    """Entry `row` of a heading that lies `share` of the way from the n-th to the next."""
+    return table[n, row, c] + share * (table[n + 1, row, c] - table[n, row, c])

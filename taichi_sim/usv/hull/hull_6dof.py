@@ -43,6 +43,7 @@ from taichi_sim.conventions import ELEVATION, FREEBOARD
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.kinematics import store
+from taichi_sim.kernels.lanes import filled, laned, laned1, laned2, laned3, vectors
 from taichi_sim.kernels.packs import AroundPack, Build, FleetPack, load_at, numbers_at
 from taichi_sim.kernels.rigid_body import angular, linear
 from taichi_sim.kernels.rotation import quaternion_advance, rotation_matrix
@@ -63,14 +64,14 @@ from taichi_sim.vehicle import Limits
 __all__ = ["Hull6Dof", "Hull6DofParams"]
 
 TablesPack = ti.types.argpack(
-    panels=ti.types.ndarray(ndim=1),
+    panels=laned2,
     node=ti.types.ndarray(dtype=ti.i32, ndim=1),
     lines=ti.types.ndarray(ndim=2),
     deck=ti.types.ndarray(ndim=2),
-    filters=ti.types.ndarray(ndim=1),
-    diffraction=ti.types.ndarray(ndim=3),
+    filters=laned1,
+    diffraction=laned3,
 )
-"""The parts' tables: panels (flat), the column of each panel's head in the auxiliary state, and pairs of wave lines
+"""The parts' tables: panels, the column of each panel's head in the auxiliary state, and pairs of wave lines
 (pressure.py); corners of the deck (geometry.py); filters of the memory, and diffraction in one sea (radiation.py)."""
 SEAS = 4  # for which a model keeps tables
 SeaKey = tuple[int, int, tuple[int, ...]]  # of a tensor: where it is, how often it was written, its shape
@@ -117,7 +118,7 @@ class Hull6Dof(Vessel):
         self.thrusters = ThrusterSet(params, dt, at.CONTROLS)
         self.aux_names = (*at.AUX, *self.thrusters.columns)
         self.pressure = Pressure.of(self.geometry, len(self.aux_names))
-        first = len(self.aux_names) + self.pressure.columns
+        first = filled(len(self.aux_names) + self.pressure.columns)
         self.radiation = radiation_of(params, self.geometry, dt, substeps, first)
         self.aux_size = first + self.radiation.columns
         self.action_names, self.control_names = self.thrusters.action_names, self.thrusters.control_names
@@ -256,13 +257,15 @@ class Hull6Dof(Vessel):
         """
         state, deck = state.contiguous(), device_table(self.geometry.deck_corners)
         out = torch.empty_like(state)
-        start.float_on_waves(self, out, surface, state, deck, around.pack, self.water_build(around))
+        with vectors():
+            start.float_on_waves(self, out, surface, state, deck, around.pack, self.water_build(around))
         return out
 
     def reset_aux(self, aux: Tensor, state: Tensor, around: Surroundings) -> None:
         """Propellers at rest, and the label of the water under the hull."""
         aux.zero_()
-        start.find_label(self, aux, state.contiguous(), around.pack, self.water_build(around))
+        with vectors():
+            start.find_label(self, aux, state.contiguous(), around.pack, self.water_build(around))
 
     # -- moving ----------------------------------------------------------------------------------------------------
 
@@ -284,11 +287,12 @@ class Hull6Dof(Vessel):
         if key not in self._tables:
             if len(self._tables) >= SEAS:
                 self._tables.pop(next(iter(self._tables)))
-            g, device = self.geometry, runtime.current().device
+            g, first = self.geometry, self.pressure.first
+            node = torch.as_tensor(g.lines.node + first, dtype=torch.int32, device=runtime.current().device)
             self._tables[key] = runtime.pack(
                 TablesPack,
-                panels=device_table(pressure.panel_table(g).ravel()),
-                node=torch.as_tensor(g.lines.node + self.pressure.first, dtype=torch.int32, device=device),
+                panels=laned(device_table(pressure.panel_table(g))),
+                node=laned(node, first).flatten(),
                 lines=device_table(pressure.line_table(g)),
                 deck=device_table(g.deck_corners),
                 **self.radiation.tables(sea),
@@ -297,7 +301,8 @@ class Hull6Dof(Vessel):
 
     def step(self, fleet: Fleet, around: Surroundings) -> None:
         """Advance one control step."""
-        fleet.launch(self._step, fleet.pack, around.pack, self.tables(around), self.build(fleet, around))
+        with vectors():
+            fleet.launch(self._step, fleet.pack, around.pack, self.tables(around), self.build(fleet, around))
 
     @ti.kernel
     def _step(self, fleet: FleetPack, around: AroundPack, tables: TablesPack, build: ti.template()):
@@ -337,7 +342,7 @@ class Hull6Dof(Vessel):
             sums, L, J = water.at(self.gauge, build, around, e, tau, pos, R, D + change)
             D_next = L - ti.Vector([pos[0], pos[1]])
             fresh = D.norm_sqr() + change.norm_sqr() == 0.0  # no last step to tell a change from
-            change = ti.select(fresh, change, D_next - D)
+            change = ti.select(fresh, 0.0, 1.0) * (D_next - D)
             D = D_next
             plane = water.mean_plane(sums, R)
             blown = wind.load(self.params.windage.height, p, R, nu, air)
@@ -350,7 +355,7 @@ class Hull6Dof(Vessel):
                     build, around, tables, e, n, tau, R, nu, L, change, tau_D, rate_D, bend_D
                 )
                 driven += self.radiation.diffraction_load(n, tau_D, rate_D, bend_D)
-                driven += self.radiation.memory_load(tables, aux, e, i, R, nu, nu_dot, V_c)
+                driven += self.radiation.memory_load(tables, fleet.lanes, e, i, R, nu, nu_dot, V_c)
                 pos, nu, nu_dot = motion.kick(self, p, pos, nu, nu_dot, R, up + driven + blown + outside, V_c, sums)
             else:
                 y = motion.pack(pos, q, nu)
@@ -376,7 +381,8 @@ class Hull6Dof(Vessel):
         """d(state)/dt [n, 13]; the wind is that at `wind_height`."""
         out = torch.empty_like(state)
         no_waves = state.new_zeros((len(state), 1, self.aux_size))
-        self._rhs(out, state, controls, current, wind, load, no_waves, self.tables())
+        with vectors():
+            self._rhs(out, state, controls, current, wind, load, no_waves, self.tables())
         return out
 
     @ti.kernel
@@ -418,7 +424,8 @@ class Hull6Dof(Vessel):
         state = state.contiguous()
         out = state.new_empty((*state.shape[:2], 6))
         aux = state.new_zeros((*state.shape[:2], self.aux_size))
-        self._pressure_load(out, state, aux, around.pack, self.tables(), self.water_build(around))
+        with vectors():
+            self._pressure_load(out, state, aux, around.pack, self.tables(), self.water_build(around))
         return out
 
     @ti.kernel

@@ -25,9 +25,10 @@ import numpy as np
 import taichi as ti
 from numpy.typing import ArrayLike, NDArray
 
+from taichi_sim.kernels.lanes import blocks, filled, totals, variables
+
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-LANES = 8  # filters that are stepped together
 REAL = 1e-9  # imaginary part of a real pole, over its size
 
 
@@ -47,29 +48,30 @@ class Modes(NamedTuple):
             modes = tuple(int(mode) for mode in np.flatnonzero(pattern))
             gain, enters = 1 / (1 - self.pole[use] * dt / 2), self.enters[use] * dt / 2
             columns = [gain, *(x[:, mode] for mode in modes for x in (enters, self.leaves[use]))]
-            rows += [part for column in columns for part in (column.real, column.imag)]
-            groups.append(Group(begin, first, len(gain), modes))
-            begin, first = begin + 2 * len(columns) * len(gain), first + len(gain)
-        return Bank(tuple(groups), first, np.concatenate([np.zeros(0), *rows]))
+            size = filled(len(gain))
+            rows += [np.pad(part, (0, size - len(gain))) for column in columns for part in (column.real, column.imag)]
+            groups.append(Group(begin, first, size, modes))
+            begin, first = begin + 2 * len(columns) * size, first + 2 * size
+        return Bank(tuple(groups), first, np.concatenate([*rows, np.zeros(filled(1))]))
 
 
 class Group(NamedTuple):
     """Filters that see the same modes."""
 
     begin: int  # of their numbers
-    first: int  # filter
-    count: int
+    first: int  # of their states: real, then imaginary parts
+    size: int  # filters, filled up with such as do nothing to whole vectors (lanes.py)
     modes: tuple[int, ...]
 
 
 class Bank(NamedTuple):
     """Filters as a kernel runs through them. A group's numbers, each of all its filters: real and imaginary part of
-    1 / (1 - p dt/2), then of b dt/2 and of c for every mode. The states are the filters' real, then imaginary parts.
+    1 / (1 - p dt/2), then of b dt/2 and of c for every mode.
     """
 
     groups: tuple[Group, ...]
-    size: int  # filters
-    numbers: Array
+    size: int  # states
+    numbers: Array  # after the last one there are zeros, so that there are any
 
 
 class Memory:
@@ -152,55 +154,27 @@ def _cleaned(values: Complex) -> Complex:
 
 
 @ti.func
-def radiate(bank: ti.template(), numbers: ti.template(), aux: ti.template(), e, i, first: ti.template(), nu):
+def radiate(bank: ti.template(), numbers: ti.template(), states: ti.template(), e, i, first: ti.template(), nu):
     """Load -mu (N, N m, about CO, b) in the middle of a step, where the velocity through the water is `nu`; the states
-    of the filters, in aux from column `first` on, are taken to the end of the step. `bank` is Modes.bank, `numbers` its
-    numbers on the device.
+    of the filters, in the auxiliary state from column `first` on, are taken to the end of the step. `bank` is
+    Modes.bank, `numbers` its numbers, `states` the auxiliary state, both in lanes.
     """
-    load = nu * 0.0
+    load = ti.static(variables(6, numbers[0] * 0.0))
     for g in ti.static(range(len(bank.groups))):
-        load += radiate_group(bank.groups[g], bank.size, numbers, aux, e, i, first, nu)
-    return load
-
-
-@ti.func
-def radiate_group(
-    group: ti.template(), size: ti.template(), numbers: ti.template(), aux: ti.template(), e, i,
-    first: ti.template(), nu,
-):  # fmt: skip
-    """Of the filters of one group: LANES at a time, which the processor takes together, and the rest one by one."""
-    load = nu * 0.0
-    together = ti.static(group.count // LANES)
-    for lane in range(together):
-        load += _filtered(group, size, numbers, aux, e, i, first, lane * LANES, LANES, nu)
-    for f in range(ti.static(together * LANES), ti.static(group.count)):
-        load += _filtered(group, size, numbers, aux, e, i, first, f, 1, nu)
-    return load
-
-
-@ti.func
-def _filtered(
-    group: ti.template(), size: ti.template(), numbers: ti.template(), aux: ti.template(), e, i,
-    first: ti.template(), f, lanes: ti.template(), nu,
-):  # fmt: skip
-    """Of `lanes` filters of a group from f on."""
-    count = ti.static(group.count)
-    load, n = nu * 0.0, ti.static(group.begin) + f
-    real, imaginary = ti.static(first + group.first) + f, ti.static(first + group.first + size) + f
-    x = ti.Vector([aux[e, i, real + k] for k in ti.static(range(lanes))])
-    y = ti.Vector([aux[e, i, imaginary + k] for k in ti.static(range(lanes))])
-    a, b = x, y
-    for c in ti.static(range(len(group.modes))):
-        for k in ti.static(range(lanes)):
-            a[k] += numbers[n + k + ti.static((4 * c + 2) * count)] * nu[group.modes[c]]
-            b[k] += numbers[n + k + ti.static((4 * c + 3) * count)] * nu[group.modes[c]]
-    gain_re = ti.Vector([numbers[n + k] for k in ti.static(range(lanes))])
-    gain_im = ti.Vector([numbers[n + k + count] for k in ti.static(range(lanes))])
-    x_m, y_m = gain_re * a - gain_im * b, gain_re * b + gain_im * a
-    for c in ti.static(range(len(group.modes))):
-        leaves_re = ti.Vector([numbers[n + k + ti.static((4 * c + 4) * count)] for k in ti.static(range(lanes))])
-        leaves_im = ti.Vector([numbers[n + k + ti.static((4 * c + 5) * count)] for k in ti.static(range(lanes))])
-        load[group.modes[c]] -= (leaves_re * x_m - leaves_im * y_m).sum()
-    for k in ti.static(range(lanes)):
-        aux[e, i, real + k], aux[e, i, imaginary + k] = 2 * x_m[k] - x[k], 2 * y_m[k] - y[k]
-    return load
+        group, size = ti.static(bank.groups[g], blocks(bank.groups[g].size))
+        for f in range(size):
+            n = ti.static(blocks(group.begin)) + f
+            real = ti.static(blocks(first + group.first)) + f
+            x, y = states[e, i, real], states[e, i, real + size]
+            a, b = x, y
+            for c in ti.static(range(len(group.modes))):
+                a += numbers[n + ti.static((4 * c + 2) * size)] * nu[group.modes[c]]
+                b += numbers[n + ti.static((4 * c + 3) * size)] * nu[group.modes[c]]
+            gain_re, gain_im = numbers[n], numbers[n + size]
+            x_m, y_m = gain_re * a - gain_im * b, gain_re * b + gain_im * a
+            for c in ti.static(range(len(group.modes))):
+                leaves_re = numbers[n + ti.static((4 * c + 4) * size)]
+                leaves_im = numbers[n + ti.static((4 * c + 5) * size)]
+                load[group.modes[c]] += leaves_im * y_m - leaves_re * x_m
+            states[e, i, real], states[e, i, real + size] = 2 * x_m - x, 2 * y_m - y
+    return totals(load)

@@ -46,7 +46,7 @@ def acceleration(hull: ti.template(), p: ti.template(), nu, R, tau, V_c, sums):
     nu_r = nu - nu_c - nu_o
     load = tau + damping.load(hull.params.hydrodynamics, p, nu_r)
     load += hull.radiation.orbital_load(M_a, nu_o_dot)
-    load -= coriolis(M_rb, nu - nu_c) + coriolis(M_a, nu_r)
+    load = load - coriolis(M_rb, nu - nu_c) - coriolis(M_a, nu_r)
     return nu_c_dot + times(M_inverse, load)
 
 

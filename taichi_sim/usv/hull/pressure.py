@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from taichi_sim.conventions import AMPLITUDE, GRAVITY, KX, KY, OMEGA, RHO_SEA, K
 from taichi_sim.kernels import fast
+from taichi_sim.kernels.lanes import blocks, totals, variables, width
 from taichi_sim.usv.hull.geometry import HullGeometry
 from taichi_sim.usv.hull.hydrostatics import Strips
 
@@ -137,22 +138,22 @@ def along_pair(
     Each is a mean over one step's length around the point, so that a row of panels adds up to the integral along it.
     Two lines share what depends on their direction, and hide each other's latency.
     """
-    head_a, slope_a = ti.Vector([tau * 0.0 for _ in range(points)]), ti.Vector([tau * 0.0 for _ in range(points)])
-    head_b, slope_b = ti.Vector([tau * 0.0 for _ in range(points)]), ti.Vector([tau * 0.0 for _ in range(points)])
-    sea = ti.static(around.sea)
-    for c in range(build.components):
+    sea = ti.static(around.waves)
+    none = sea[s, AMPLITUDE, 0] * 0.0
+    head_a, slope_a = ti.static(variables(points, none), variables(points, none))
+    head_b, slope_b = ti.static(variables(points, none), variables(points, none))
+    for c in range(ti.static(blocks(build.components))):
         kx, ky, k, omega = sea[s, KX, c], sea[s, KY, c], sea[s, K, c], sea[s, OMEGA, c]
         rate = k
         if ti.static(build.finite):
             rate = omega * omega * ti.static(1 / GRAVITY)
         # of half a turn, so that the mean over a step's length, its sinc, comes along; waves shorter than that cancel
         turn, k_across = kx * step[0] + ky * step[1], kx * across[0] + ky * across[1]
-        half = fast.at_most(ti.abs(0.5 * turn), HALF_TURN)
+        half = fast.at_least(fast.at_most(0.5 * turn, HALF_TURN), -HALF_TURN)
         sinc, half_cosine = fast.sinc_short(half), fast.cos_short(half)
         half_sine = half * sinc
         cosine_step, sine_step = 1 - 2 * half_sine * half_sine, 2 * half_sine * half_cosine
-        sine_step = ti.select(turn < 0, -sine_step, sine_step)
-        amplitude, start = sea[s, AMPLITUDE, c] * sinc, around.phase[e, c] - omega * tau
+        amplitude, start = sea[s, AMPLITUDE, c] * sinc, around.turns[e, c] - omega * tau
         sine_a, cosine_a = fast.sincos_short(kx * a[0] + ky * a[1] + start)
         sine_b, cosine_b = fast.sincos_short(kx * b[0] + ky * b[1] + start)
         decayed_a, decayed_b = amplitude * fast.exp_decay(rate * a[2]), amplitude * fast.exp_decay(rate * b[2])
@@ -167,99 +168,61 @@ def along_pair(
         for i in ti.static(range(points)):
             head_a[i] += re_a
             head_b[i] += re_b
-            slope_a[i] -= k_across * im_a
-            slope_b[i] -= k_across * im_b
+            slope_a[i] = slope_a[i] - k_across * im_a
+            slope_b[i] = slope_b[i] - k_across * im_b
             if ti.static(i < points - 1):
                 t_a, t_b = re_a * step_re_a - im_a * step_im_a, re_b * step_re_b - im_b * step_im_b
                 im_a, im_b = re_a * step_im_a + im_a * step_re_a, re_b * step_im_b + im_b * step_re_b
                 re_a, re_b = t_a, t_b
-    return head_a, head_b, slope_a, slope_b
+    return totals(head_a), totals(head_b), totals(slope_a), totals(slope_b)
 
 
 @ti.func
 def strip_moments(p_c, d):
-    """hydrostatics.pressure_moments."""
-    size = ti.abs(d)
-    p_hi = ti.max(p_c + size, 0.0)
-    wet = p_c >= size
-    w = ti.select(wet, 1.0, p_hi / (2 * size + 1e-12))
-    m0 = ti.select(wet, p_c, 0.5 * p_hi * w)
-    sign = ti.select(d < 0, -1.0, 1.0)
-    m1 = ti.select(wet, d * (1.0 / 3), m0 * sign * (1 - w * (2.0 / 3)))
-    m2 = ti.select(wet, p_c * (1.0 / 3), m0 * (1 - w * (4.0 / 3 - w * (2.0 / 3))))
-    return m0, m1, m2
+    """hydrostatics.pressure_moments: of the head up to 2 |d|, a ramp that begins in the strip, and of the rest."""
+    size = ti.max(d, 0.0 - d)
+    wet = ti.max(p_c + size, 0.0)
+    ramp = ti.min(wet, 2 * size)
+    over = wet - ramp
+    w = ramp / (2 * size + 1e-12)
+    m = 0.5 * ramp * w
+    m1 = m * (1 - w * (2.0 / 3))
+    return m + over, ti.select(d < 0, 0.0 - m1, m1), m * (1 - w * (4.0 / 3 - w * (2.0 / 3))) + over * (1.0 / 3)
 
 
 @ti.func
-def along(panels: ti.template(), row: ti.template(), count: ti.template(), p, v):
+def along(panels: ti.template(), row: ti.template(), p, v):
     """Dot product of v with the vector that begins at `row` of the panel table."""
-    return v[0] * panels[row * count + p] + v[1] * panels[(row + 1) * count + p] + v[2] * panels[(row + 2) * count + p]
+    return v[0] * panels[row, p] + v[1] * panels[row + 1, p] + v[2] * panels[row + 2, p]
 
 
 @ti.func
-def wrench(panels: ti.template(), row: ti.template(), count: ti.template(), p):
-    """One component of a unit wrench: `row` counts through WRENCH_ROWS, the second strip's from SECOND on."""
-    return panels[(WRENCH + row) * count + p]
+def gathered(aux: ti.template(), e, i, node: ti.template(), p, columns: ti.template()):
+    """Heads of a block of panels, or what lies so many columns behind them."""
+    return ti.Vector([aux[e, i, node[p * ti.static(width()) + k] + columns] for k in ti.static(range(width()))])
 
 
 @ti.func
 def panel_load(sizes: ti.template(), tables: ti.template(), aux: ti.template(), e, i, z, R, plane):
     """Load (N, N m, about CO, b) of the heads in the auxiliary state, with CO at the depth z (m) below mean sea level.
 
-    Over a panel the wave's pressure changes with the mean surface plane. The table is read along panels, contiguous, so
-    that the sums vectorise.
+    Over a panel the wave's pressure changes with the mean surface plane.
     """
     k = ti.Vector([R[2, 0], R[2, 1], R[2, 2]])  # downwards in b
     g = R.transpose() @ ti.Vector([plane[1], plane[2], 0.0])  # slope of the surface plane in b
-    panels, node, count = ti.static(tables.panels, tables.node, sizes.panels)
-    X, Y, Z, K, M, N = z * 0.0, z * 0.0, z * 0.0, z * 0.0, z * 0.0, z * 0.0
+    panels = ti.static(tables.panels)
+    sums = ti.static(variables(6, panels[0, 0] * 0.0))
     slope_b = k + g  # of the pressure head in space
-    for p in range(count):
-        p_c = z + along(panels, CENTRE, count, p, k)
-        p_c += (
-            aux[e, i, node[p]]
-            + panels[ACROSS * count + p] * aux[e, i, node[p] + ti.static(sizes.nodes)]
-            + panels[AHEAD * count + p] * g[0]
-        )
-        d1 = along(panels, ALONG, count, p, slope_b)
-        d2 = along(panels, UP, count, p, slope_b)
-        d3 = along(panels, TWIST, count, p, slope_b)
-        a0, a1, a2 = strip_moments(p_c - d1, d2 - d3)
-        b0, b1, b2 = strip_moments(p_c + d1, d2 + d3)
-        X -= (
-            wrench(panels, 0, count, p) * a0
-            + wrench(panels, 6, count, p) * a1
-            + wrench(panels, SECOND + 0, count, p) * b0
-            + wrench(panels, SECOND + 6, count, p) * b1
-        )
-        Y -= (
-            wrench(panels, 1, count, p) * a0
-            + wrench(panels, 7, count, p) * a1
-            + wrench(panels, SECOND + 1, count, p) * b0
-            + wrench(panels, SECOND + 7, count, p) * b1
-        )
-        Z -= (
-            wrench(panels, 2, count, p) * a0
-            + wrench(panels, 8, count, p) * a1
-            + wrench(panels, SECOND + 2, count, p) * b0
-            + wrench(panels, SECOND + 8, count, p) * b1
-        )
-        K -= wrench(panels, 3, count, p) * a0 + wrench(panels, 9, count, p) * a1 + wrench(panels, 12, count, p) * a2
-        K -= (
-            wrench(panels, SECOND + 3, count, p) * b0
-            + wrench(panels, SECOND + 9, count, p) * b1
-            + wrench(panels, SECOND + 12, count, p) * b2
-        )
-        M -= wrench(panels, 4, count, p) * a0 + wrench(panels, 10, count, p) * a1 + wrench(panels, 13, count, p) * a2
-        M -= (
-            wrench(panels, SECOND + 4, count, p) * b0
-            + wrench(panels, SECOND + 10, count, p) * b1
-            + wrench(panels, SECOND + 13, count, p) * b2
-        )
-        N -= wrench(panels, 5, count, p) * a0 + wrench(panels, 11, count, p) * a1 + wrench(panels, 14, count, p) * a2
-        N -= (
-            wrench(panels, SECOND + 5, count, p) * b0
-            + wrench(panels, SECOND + 11, count, p) * b1
-            + wrench(panels, SECOND + 14, count, p) * b2
-        )
-    return ti.static(RHO_SEA * GRAVITY) * ti.Vector([X, Y, Z, K, M, N])
+    for p in range(ti.static(blocks(sizes.panels))):
+        p_c = z + along(panels, CENTRE, p, k)
+        p_c += gathered(aux, e, i, tables.node, p, 0) + panels[AHEAD, p] * g[0]
+        p_c += panels[ACROSS, p] * gathered(aux, e, i, tables.node, p, sizes.nodes)
+        d1 = along(panels, ALONG, p, slope_b)
+        d2 = along(panels, UP, p, slope_b)
+        d3 = along(panels, TWIST, p, slope_b)
+        first = strip_moments(p_c - d1, d2 - d3)
+        second = strip_moments(p_c + d1, d2 + d3)
+        for row in ti.static(range(SECOND)):
+            m, j = ti.static(WRENCH_ROWS[row])
+            sums[j] += panels[WRENCH + row, p] * first[m] + panels[WRENCH + SECOND + row, p] * second[m]
+    return ti.static(-RHO_SEA * GRAVITY) * totals(sums)

@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from taichi_sim.config import ConfigError
+from taichi_sim.kernels.lanes import laned
 from taichi_sim.kernels.rigid_body import linear, six, times
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.usv.hull.database import HydroDatabase, hull_hash
@@ -74,7 +75,7 @@ class Radiation:
 
     def tables(self, sea: Tensor | None) -> Mapping[str, Tensor]:
         """What kernels read: numbers of the memory's `filters`, and loads of `diffraction` in a sea (without: zero)."""
-        return {"filters": device_table(np.zeros(1)), "diffraction": device_table(np.zeros((1, 1, 1)))}
+        return {"filters": laned(device_table(np.zeros(1))), "diffraction": laned(device_table(np.zeros((1, 1, 1))))}
 
     @ti.func
     def orbital_load(self, M_a: ti.template(), nu_o_dot):
@@ -100,9 +101,9 @@ class Radiation:
         return load * 0.0
 
     @ti.func
-    def memory_load(self, tables: ti.template(), aux: ti.template(), e, i, R, nu, nu_dot, V_c):
-        """Load (N, N m, about CO, b) of the waves radiated before, in the middle of a step; the memory's state, in the
-        auxiliary state, is taken to the step's end.
+    def memory_load(self, tables: ti.template(), states: ti.template(), e, i, R, nu, nu_dot, V_c):
+        """Load (N, N m, about CO, b) of the waves radiated before, in the middle of a step; the memory's states, in
+        the auxiliary state, given in lanes, are taken to the step's end.
         """
         return nu * 0.0
 
@@ -151,7 +152,7 @@ class DatabaseRadiation(Radiation):
         self.inertia = database.added_mass_inf if database.memory_inf is None else database.memory_inf
         self.counted = counted_damping(database, self.memory, params.M_rb, geometry.hydrostatics.stiffness())
         self.filters, self.first, self.dt = self.memory.modes.bank(dt), first, dt
-        self.columns = 2 * self.filters.size
+        self.columns = self.filters.size
         self.diffraction = Diffraction(database, h.drift)
         self.stretch = min(self.diffraction.stretch(dt), substeps)  # steps for which diffraction is summed once
 
@@ -175,8 +176,8 @@ class DatabaseRadiation(Radiation):
 
     def tables(self, sea: Tensor | None) -> Mapping[str, Tensor]:
         """Filters and, for a sea, diffraction."""
-        tables = {**super().tables(sea), "filters": device_table(np.append(self.filters.numbers, 0.0))}  # at least one
-        return tables if sea is None else {**tables, "diffraction": self.diffraction.of(sea)}
+        tables = {**super().tables(sea), "filters": laned(device_table(self.filters.numbers))}
+        return tables if sea is None else {**tables, "diffraction": laned(self.diffraction.of(sea))}
 
     @ti.func
     def diffraction_from(
@@ -200,11 +201,11 @@ class DatabaseRadiation(Radiation):
         return load + since * (rate + 0.5 * since * bend)
 
     @ti.func
-    def memory_load(self, tables: ti.template(), aux: ti.template(), e, i, R, nu, nu_dot, V_c):
+    def memory_load(self, tables: ti.template(), states: ti.template(), e, i, R, nu, nu_dot, V_c):
         """By the velocity through the water in the middle of the step, which the last step's nu_dot foretells."""
         still = R.transpose() @ V_c
         middle = nu + ti.static(0.5 * self.dt) * nu_dot - six(still, still * 0.0)
-        return radiate(self.filters, tables.filters, aux, e, i, self.first, middle)
+        return radiate(self.filters, tables.filters, states, e, i, self.first, middle)
 
 
 def radiation_of(params: Hull6DofParams, geometry: HullGeometry, dt: float, substeps: int, first: int) -> Radiation:

@@ -14,6 +14,7 @@ import taichi as ti
 
 from taichi_sim.conventions import AMPLITUDE, BX, BY, GRAVITY, KX, KY, OMEGA, K
 from taichi_sim.kernels import fast
+from taichi_sim.kernels.lanes import blocks, totals, variables
 from taichi_sim.kernels.rigid_body import cross, six
 from taichi_sim.usv.hull.gauge import averages
 
@@ -35,17 +36,18 @@ def at_centre(
     sea: ti.template(), phase: ti.template(), count: ti.template(), gauge: ti.template(), finite: ti.template(),
     s, row, X, Y, tau, cos_h, sin_h
 ):  # fmt: skip
-    """Sums at the label (X, Y) of the hull's centre; (cos_h, sin_h) is its heading.
+    """Sums at the label (X, Y) of the hull's centre; (cos_h, sin_h) is its heading. `sea` and `phase`, of `count`
+    components, are in lanes.
 
     Returns 18 numbers: displacement (D_N, D_E) and Jacobian (J_XX, J_XY, J_YY) of the label; elevation (ELEVATION, m,
     up) and slopes along and across the heading (ALONG, ACROSS) of the mean plane; the water's motion averaged over the
     hull at gauge.depth: velocity (V_N, V_E, V_D, m/s, n) and acceleration (A_N, A_E, A_D), roll and pitch rate about
     the heading axes (P, Q, rad/s) and their accelerations (P_DOT, Q_DOT).
     """
-    r = ti.Vector([X * 0.0 for _ in range(SUMS)])
+    r = ti.static(variables(SUMS, sea[s, AMPLITUDE, 0] * 0.0))
     cos_u, sin_u = cos_h * gauge.along.scale, sin_h * gauge.along.scale
     cos_v, sin_v = cos_h * gauge.across.scale, sin_h * gauge.across.scale
-    for c in range(count):
+    for c in range(ti.static(blocks(count))):
         a, kx, ky, k, omega = sea[s, AMPLITUDE, c], sea[s, KX, c], sea[s, KY, c], sea[s, K, c], sea[s, OMEGA, c]
         bx, by = sea[s, BX, c], sea[s, BY, c]
         sine, cosine = fast.sincos_short(kx * X + ky * Y + phase[row, c] - omega * tau)
@@ -70,20 +72,21 @@ def at_centre(
         r[J_XY] += ky * bx_cosine
         r[J_YY] += ky * by_cosine
         r[ELEVATION] += mean * (a * cosine)
-        r[ALONG] -= slope_u * a_sine
-        r[ACROSS] -= slope_v * a_sine
+        r[ALONG] = r[ALONG] - slope_u * a_sine
+        r[ACROSS] = r[ACROSS] - slope_v * a_sine
         r[V_N] += speed_h * bx_cosine
         r[V_E] += speed_h * by_cosine
-        r[V_D] -= mean * up_sine
+        r[V_D] = r[V_D] - mean * up_sine
         r[A_N] += speed_h * omega * bx_sine
         r[A_E] += speed_h * omega * by_sine
         r[A_D] += mean * omega * up_cosine
-        r[P] -= slope_v * up_cosine
+        r[P] = r[P] - slope_v * up_cosine
         r[Q] += slope_u * up_cosine
-        r[P_DOT] -= slope_v * omega * up_sine
+        r[P_DOT] = r[P_DOT] - slope_v * omega * up_sine
         r[Q_DOT] += slope_u * omega * up_sine
-    r[J_XX], r[J_XY], r[J_YY] = 1 - r[J_XX], -r[J_XY], 1 - r[J_YY]
-    return r
+    sums = totals(r)
+    sums[J_XX], sums[J_XY], sums[J_YY] = 1 - sums[J_XX], -sums[J_XY], 1 - sums[J_YY]
+    return sums
 
 
 @ti.func
@@ -95,7 +98,7 @@ def at(gauge: ti.template(), build: ti.template(), around: ti.template(), e, tau
     cos_h, sin_h = heading(R)
     X, Y = pos[0] + D[0], pos[1] + D[1]
     r = at_centre(
-        around.sea, around.phase, build.components, gauge, build.finite, around.env_sea[e], e, X, Y, tau, cos_h, sin_h
+        around.waves, around.turns, build.components, gauge, build.finite, around.env_sea[e], e, X, Y, tau, cos_h, sin_h
     )
     xx, xy, yy = r[J_XX], r[J_XY], r[J_YY]
     inverse = 1.0 / ti.max(xx * yy - xy * xy, 0.01)
@@ -133,7 +136,7 @@ def flow(frame: ti.template(), R, omega, V_c, sums):
         v_c = ti.Vector([cos_h * V_c[0] + sin_h * V_c[1], cos_h * V_c[1] - sin_h * V_c[0], 0.0])
         v_c_dot = ti.Vector([omega[2] * v_c[1], -omega[2] * v_c[0], 0.0])
     else:
-        v_c_dot = -cross(omega, v_c)
+        v_c_dot = cross(v_c, omega)
     zero = v_c * 0.0
     cos_h, sin_h = heading(R)
     v_o = R.transpose() @ ti.Vector([sums[V_N], sums[V_E], sums[V_D]])

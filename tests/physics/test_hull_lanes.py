@@ -1,0 +1,28 @@
+"""Hulls' sums in vectors of several components (kernels/lanes.py): the last vector need not be full."""
+
+import numpy as np
+import torch
+
+from taichi_sim.conventions import GRAVITY
+from taichi_sim.sea import Sea
+from taichi_sim.sea.spectrum import Components
+
+
+def test_components_without_amplitude_change_nothing(constant_model, bench):
+    """Load of the water, and motion, in 20 waves, and in the same with 12 that are nothing, which fill the vectors."""
+    rng, model = np.random.default_rng(1), constant_model("otter", 0.02, 2)
+    k = rng.uniform(0.1, 4.0, (3, 32))
+    size = np.where(np.arange(32) < 20, 0.01, 0.0) * np.ones_like(k)
+    all_waves = (size, k, np.sqrt(GRAVITY * k), *rng.uniform(-np.pi, np.pi, (2, 3, 32)))
+    found = []
+    for count in (20, 32):
+        team = bench(model, Sea(Components(*(values[:, :count].copy() for values in all_waves))), envs=3)
+        team.put()
+        load = model.pressure_load(team.state, team.around)
+        for _ in range(5):
+            team.step(torch.zeros_like(team.fleet.action))
+        found.append((load, team.state.clone()))
+    (load, state), (full_load, full_state) = found
+    assert (load - full_load).abs().max() < 1e-5 * model.params.weight
+    assert (state - full_state).abs().max() < 1e-5
+    assert load.std(dim=0).abs().max() > 0.01 * model.params.weight  # there are waves
