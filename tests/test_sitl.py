@@ -18,7 +18,7 @@ from taichi_sim.conventions import GRAVITY
 from taichi_sim.sitl.channels import read_channels
 from taichi_sim.sitl.craft import Craft
 from taichi_sim.sitl.packets import PacketError, Servos, pack, parse
-from taichi_sim.sitl.record import Reel
+from taichi_sim.sitl.record import Reel, View
 from taichi_sim.sitl.session import Session
 from taichi_sim.vehicles import load_vehicle
 
@@ -186,6 +186,34 @@ def test_a_recording_shows_what_was_flown_and_a_restart_begins_another(tmp_path)
         assert (north, east) == pytest.approx(nearest["position"][:2], abs=2e-3)
 
 
+def test_a_live_view_goes_on_after_a_restart():
+    """Every frame is shown once, on one clock."""
+
+    class Screen:
+        like, begun = None, 0
+
+        def __init__(self):
+            self.times = []
+
+        def show(self, part, *, after_s):
+            self.like = self.like or part
+            self.times += [after_s + t for t in part.time_s]
+
+        def begin(self):
+            self.begun += 1
+
+    session, screen = _session(), Screen()
+    session.seen.append(View(screen, session.craft).see)
+    peer = Peer(_wire(session), 100)
+    for _ in range(400):
+        peer.step(_pwm(0))
+    assert screen.begun == 0 and screen.times == pytest.approx(0.01 + 0.1 * np.arange(40))
+    peer.restart()
+    for _ in range(200):
+        peer.step(_pwm(0))
+    assert screen.begun == 1 and screen.times[40:] == pytest.approx(4.01 + 0.1 * np.arange(20))
+
+
 def _start(*words):
     command = [sys.executable, "-m", "taichi_sim.commands.sitl", *words]
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
@@ -235,6 +263,7 @@ def test_the_command_answers_over_udp(tmp_path):
     ("kvlcc2 --address everywhere", "not an IP address"),
     ("kvlcc2 --pwm 2000 1000", "the first must be less"),
     ("kvlcc2 --record run.mp4", "must end in .rrd"),
+    ("kvlcc2 --live --live-port 0", "--live-port 0: allowed are 1 to"),
     ("kvlcc2 --port {port}", "in use"),
 ])  # fmt: skip
 def test_bad_input_is_told(words, told, capsys):

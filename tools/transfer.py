@@ -254,7 +254,8 @@ def table(judge: Any, rows: Mapping[str, list[dict[str, Array]]], episodes: int)
 
 
 if __name__ == "__main__":
-    from rl.cli import run
-    from tools import transfer  # from whose Simulator a class of the user derives
+    from importlib import import_module
 
-    sys.exit(run(transfer.main))
+    from rl.cli import run
+
+    sys.exit(run(import_module("tools.transfer").main))  # a user's class derives from that module's Simulator

@@ -111,6 +111,13 @@ def listen(args: argparse.Namespace) -> None:
                 reel = Reel(_of_instance(args, args.record, k), session.craft)
                 open_things.callback(_finish, reel)
                 session.seen.append(reel.see)
+            if args.live and k == 0:
+                from taichi_sim.recording.live import Live
+                from taichi_sim.sitl.record import View
+
+                live = open_things.enter_context(Live("sitl", port=args.live_port))
+                print(live.told, flush=True)
+                session.seen.append(View(live, session.craft).see)
             sessions.append(session)
             wires.register(wire, selectors.EVENT_READ, session)
             driven = ", ".join(
@@ -192,6 +199,8 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--log", type=Path, metavar="FILE", help="a CSV of all frames: motion in SI, and servo outputs")
     p.add_argument("--record", type=Path, metavar="FILE.rrd",
                    help="for rerun, 10 frames a second; written at the end and at restarts")  # fmt: skip
+    p.add_argument("--live", action="store_true", help="show it (the first instance) in a rerun viewer as it moves")
+    p.add_argument("--live-port", type=int, default=9876, metavar="PORT", help="of the view, on this machine [9876]")
     p.add_argument("--duration", type=float, default=0.0, metavar="S", help="end after so much simulated time [never]")
     p.add_argument("--quiet", action="store_true", help="no word of progress")
     return p
@@ -201,9 +210,15 @@ def main(argv: list[str] | None = None) -> int:
     """Parse, serve."""
     p = parser()
     args = p.parse_args(argv)
-    for name, low, high in (("port", 1, 65535), ("instances", 1, 64), ("seed", 0, 2**31 - 1), ("duration", 0, 1e6)):
+    for name, low, high in (
+        ("port", 1, 65535),
+        ("live_port", 1, 65535),
+        ("instances", 1, 64),
+        ("seed", 0, 2**31 - 1),
+        ("duration", 0, 1e6),
+    ):
         if not low <= getattr(args, name) <= high:
-            p.error(f"--{name} {getattr(args, name):g}: allowed are {low:g} to {high:g}")
+            p.error(f"--{name.replace('_', '-')} {getattr(args, name):g}: allowed are {low:g} to {high:g}")
     if args.port + NEXT_INSTANCE * (args.instances - 1) > 65535:
         p.error(f"--instances {args.instances}: their ports from {args.port} on go beyond 65535")
     if not args.pwm[0] < args.pwm[1]:

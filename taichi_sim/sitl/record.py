@@ -1,4 +1,4 @@
-"""A recording (rerun) of what an autopilot drives: a file for each life of the vehicle, from frame 0 to a restart."""
+"""Recordings and a live view (rerun) of what an autopilot drives, from frame 0 to a restart."""
 
 from pathlib import Path
 from typing import cast
@@ -8,6 +8,7 @@ from torch import Tensor
 from taichi_sim.config import WorldConfig
 from taichi_sim.fleet import Fleet
 from taichi_sim.recording import Recorder
+from taichi_sim.recording.live import Live
 from taichi_sim.sea import Sea
 from taichi_sim.sitl.craft import Craft
 from taichi_sim.sitl.packets import Sensors, Servos
@@ -15,6 +16,7 @@ from taichi_sim.surroundings import Surroundings
 from taichi_sim.world import World
 
 RATE = 10.0  # recorded frames a second, at most
+FIRST, PART = 30, 5  # frames of the first part of a live view, by which it is laid out, and of each later one
 
 
 class Stage:
@@ -61,31 +63,76 @@ class Stage:
         return self.sea.elevation_at(points, rows, self.env_sea, phase).view(north.shape)
 
 
+class Frames:
+    """Frames of a craft, RATE a second, from its begin on."""
+
+    def __init__(self, craft: Craft):
+        """None yet."""
+        self.craft, self.stage, self.due = craft, Stage(craft), 0.0
+        self.recorder: Recorder | None = None
+
+    def begin(self, sensors: Sensors) -> None:
+        """The craft has just begun: forget what was before."""
+        self.recorder, self.due = Recorder(cast(World, self.stage), after=sensors.timestamp), 0.0
+
+    def take(self, sensors: Sensors) -> None:
+        """Take a frame, if it is time for one."""
+        if self.recorder is not None and sensors.timestamp >= self.due:
+            self.recorder.add({self.stage.name: self.craft.bench.fleet.action})
+            self.due = sensors.timestamp + 1 / RATE - 1e-6
+
+    def __len__(self) -> int:
+        """Number of frames."""
+        return 0 if self.recorder is None else len(self.recorder)
+
+    @property
+    def parts(self) -> dict[str, str]:
+        """Name and description of what is recorded."""
+        told = f"# {self.stage.name}\n\nDriven by an autopilot at {self.craft.rate} Hz, from frame 0 on.\n"
+        return {"name": self.stage.name, "config_text": told}
+
+
 class Reel:
     """Keeps frames, and writes them to `file`; those after a restart to a file beside it, -2, -3 and so on."""
 
     def __init__(self, file: Path, craft: Craft):
         """Nothing is kept yet."""
-        self.file, self.craft, self.lives, self.due = file, craft, 0, 0.0
-        self.stage = Stage(craft)
-        self.recorder: Recorder | None = None
+        self.file, self.frames, self.lives = file, Frames(craft), 0
 
     def see(self, servos: Servos, sensors: Sensors) -> None:
         """Keep this frame, if it is time for one (`Session.seen`)."""
-        if self.craft.frames == 1:  # it has just begun
+        if self.frames.craft.frames == 1:  # it has just begun
             self.write()
-            self.recorder = Recorder(cast(World, self.stage), after=sensors.timestamp)
-            self.lives, self.due = self.lives + 1, 0.0
-        if self.recorder is not None and sensors.timestamp >= self.due:
-            self.recorder.add({self.stage.name: self.craft.bench.fleet.action})
-            self.due = sensors.timestamp + 1 / RATE - 1e-6
+            self.frames.begin(sensors)
+            self.lives += 1
+        self.frames.take(sensors)
 
     def write(self) -> Path | None:
         """Write the file of the present life; None if nothing was kept."""
-        if self.recorder is None or not len(self.recorder):
+        recorder, self.frames.recorder = self.frames.recorder, None
+        if recorder is None or not len(recorder):
             return None
         file = self.file if self.lives == 1 else self.file.with_stem(f"{self.file.stem}-{self.lives}")
-        told = f"# {self.stage.name}\n\nDriven by an autopilot at {self.craft.rate} Hz, from frame 0 on.\n"
-        self.recorder.write(file, name=self.stage.name, config_text=told)
-        self.recorder = None
+        recorder.write(file, **self.frames.parts)
         return file
+
+
+class View:
+    """Shows frames live, half a second at a time; after a restart, its clock goes on."""
+
+    def __init__(self, live: Live, craft: Craft):
+        """Nothing is shown yet."""
+        self.live, self.frames, self.after, self.last = live, Frames(craft), 0.0, 0.0
+
+    def see(self, servos: Servos, sensors: Sensors) -> None:
+        """Show this frame, with those about it (`Session.seen`)."""
+        if self.frames.craft.frames == 1:  # it has just begun
+            if self.frames.recorder is not None:
+                self.live.begin()
+            self.after += self.last
+            self.frames.begin(sensors)
+        self.last = sensors.timestamp
+        self.frames.take(sensors)
+        if self.frames.recorder is not None and len(self.frames) >= (FIRST if self.live.like is None else PART):
+            part = self.frames.recorder.part(like=self.live.like, **self.frames.parts)
+            self.live.show(part, after_s=self.after)
