@@ -19,10 +19,10 @@ class AircraftReward(Strict):
     time: NonNegative = 0.3  # -1 until the first touch
     touch: NonNegative = 100.0  # once all soles are down: a third each for how near the middle, how soft, how level
     touch_error: Positive = 0.2  # m
-    touch_speed: Positive = 0.45  # m/s
+    touch_speed: Positive = 0.6  # m/s
     touch_tilt_deg: Positive = 7.0  # to the deck
     landed: NonNegative = 60.0  # 1 when it has landed
-    failed: NonNegative = 400.0  # -1 at any other end
+    failed: NonNegative = 200.0  # -1 at any other end
     action_rate: NonNegative = 0.02  # -|a - a_previous|^2
 
 
