@@ -15,6 +15,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from functools import reduce
 from operator import or_
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -28,6 +29,8 @@ from rl.seeds import derive_seed
 from rl.team import Team
 from taichi_sim.config.summary import number, span
 from taichi_sim.kernels import runtime
+from taichi_sim.recording.episode import Scene
+from taichi_sim.recording.overlays import Overlay
 from taichi_sim.state import Snapshot, Stateful
 from taichi_sim.world import World
 
@@ -82,6 +85,20 @@ class Step(NamedTuple):
         return f"<Step: {'; '.join(teams)};\n {over}>"
 
 
+class Frame(NamedTuple):
+    """What a recording shows of one environment at one moment, besides its vehicles.
+
+    Attributes:
+        teams: team -> fields of its `TeamTrack` (taichi_sim/recording/episode.py) without the time axis: target_n,
+            target_course, slot_n, error_m.
+        overlays: drawings (taichi_sim/recording/overlays.py), of one frame each, the same by name in every frame of an
+            episode.
+    """
+
+    teams: Mapping[str, Mapping[str, Tensor]] = MappingProxyType({})
+    overlays: tuple[Overlay, ...] = ()
+
+
 class Mission(Stateful):
     """A mission in `num_envs` environments; see the module.
 
@@ -91,14 +108,13 @@ class Mission(Stateful):
     Attributes:
         config: the scenario. world: the simulated world. teams: name -> Team, those that take part.
         steps: int64 [env], decisions since the episode began. generator: of all random draws of episodes.
-        device: where tensors live. shown: the environment that `frame`, `scene` and `overlays` are asked about.
+        device: where tensors live.
     """
 
     Config: ClassVar[type[Scenario]] = Scenario
     logged: ClassVar[tuple[str, ...]] = ()
     Team: ClassVar[Any] = Team
     Judge: ClassVar[Any] = Judge
-    shown: int = 0
 
     STATE: tuple[str, ...] = ("world", "steps", "teams")
     SHARED: tuple[str, ...] = ("generator",)
@@ -247,22 +263,13 @@ class Mission(Stateful):
     def draw_figures(cls, out: Path, histories: Histories, episode: Any, config: Any) -> None:
         """Write pictures of a training and of an episode into `out`."""
 
-    def frame(self, team: Any) -> dict[str, Tensor]:
-        """What a recording shows of a team beside its vehicles, in environment `shown` now: fields of a `TeamTrack`
-        (taichi_sim/recording/episode.py), without the time axis: target_n, target_course, slot_n, error_m.
-        """
-        return {}
+    def frame(self, env: int) -> Frame:
+        """What a recording shows of environment `env` now, besides its vehicles. It depends on the state alone."""
+        return Frame()
 
-    def scene(self) -> Any:
-        """What stands in environment `shown`, a recording's `Scene`; None is nothing."""
+    def scene(self, env: int) -> Scene | None:
+        """Fixed objects of environment `env` in this episode; None: there are none."""
         return None
-
-    def overlays(self) -> tuple[Any, ...]:
-        """What a recording draws besides (taichi_sim/recording/overlays.py), asked for at the end of the episode."""
-        return ()
-
-    def forget_frames(self) -> None:
-        """Forget what `frame` has kept for `overlays`: before a single picture, or another part of what is filmed."""
 
     # -- what every mission has ------------------------------------------------------------------------------------
 

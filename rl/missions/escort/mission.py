@@ -14,14 +14,14 @@ import torch
 from torch import Tensor
 
 from rl.course.traffic import RADIUS, TOP, Bodies
-from rl.mission import Endings, Mission, Step
+from rl.mission import Endings, Frame, Mission, Step
 from rl.missions.escort import rewards
 from rl.missions.escort.aircraft import Aircraft, aircraft_observers
 from rl.missions.escort.boats import Boats, boat_observers
 from rl.missions.escort.checks import check_parts, check_slots, warn_of_speeds
 from rl.missions.escort.config import EscortScenario
 from rl.missions.escort.control import controller_of
-from rl.missions.escort.film import Film
+from rl.missions.escort.film import overlays_of
 from rl.missions.escort.judge import EscortJudge
 from rl.missions.escort.objects import write_objects
 from rl.missions.escort.scouts import Scouts, scout_observers
@@ -119,7 +119,6 @@ class Escort(Mission):
     def prepare(self) -> None:
         """Let the vessel know obstacles and boats."""
         self._script.attach(self)
-        self._film = Film(self)
 
     def reseed(self, seed: int) -> None:
         """Also sensors and radio."""
@@ -249,27 +248,23 @@ class Escort(Mission):
         return {"distance": team.distance}
 
     @property
-    def flying(self) -> Any:
+    def flying(self) -> Aircraft | Scouts | None:
         """The aircraft, or the scouts in their place; None without either."""
-        return self.teams.get(self.config.escort.aircraft, self.scouts)
+        team = self.teams.get(self.config.escort.aircraft)
+        return team if isinstance(team, Aircraft) else self.scouts
 
-    def frame(self, team: Any) -> dict[str, Tensor]:
-        """Of boats, their slots, and the vessel as their target; of aircraft, how far they are from the circle."""
-        env = self.shown
-        if team is next(iter(self.teams.values())):  # once a step
-            if int(self.steps[env]) <= 1:
-                self._film = Film(self)
-            self._film.take()
-        shown = {"error_m": team.distance[env]}
-        if isinstance(team, Boats):
-            slot = team.now.slot[env].clone()
+    def frame(self, env: int) -> Frame:
+        """Errors of all teams, slots of boats; observations, messages and estimates of the vessel (film.py)."""
+        rows = {name: {"error_m": team.distance[env]} for name, team in self.teams.items()}
+        if self.boats is not None:
+            slot = self.boats.now.slot[env].clone()
             slot[:, 2] = 0.0
-            shown |= {"slot_n": slot}
-        return shown
+            rows[self.boats.name]["slot_n"] = slot
+        return Frame(rows, overlays_of(self, env))
 
-    def scene(self) -> Scene:
+    def scene(self, env: int) -> Scene:
         """The obstacles inside the area."""
-        obstacles = self.obstacles[int(self.env_world[self.shown])].cpu().numpy()
+        obstacles = self.obstacles[int(self.env_world[env])].cpu().numpy()
         half = self.config.area / 2
         reach = SEEN_FROM_AFAR if self.flying is None else 1.6 * self.flying.orbit.radius
         return Scene(
@@ -284,14 +279,6 @@ class Escort(Mission):
         from rl.missions.escort.figures import write_escort_figures  # matplotlib takes a second
 
         write_escort_figures(out, histories, episode, config)
-
-    def overlays(self) -> tuple[Any, ...]:
-        """Who sees and tells what (film.py), in the steps that `frame` was asked about."""
-        return self._film.overlays()
-
-    def forget_frames(self) -> None:
-        """Begin film.py's frames anew."""
-        self._film = Film(self)
 
     def controller(self, team: Any) -> Any:
         """What the vehicle brings, else see control.py."""

@@ -12,10 +12,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from rl.course.traffic import BOTTOM, EAST, NORTH, RADIUS, ROWS, TOP, Bodies
+from rl.course.traffic import ROWS, Bodies
 from rl.guidance.controllers import CONTROLLERS
 from rl.guidance.targets import Targets
-from rl.mission import Endings, Mission, Step
+from rl.mission import Endings, Frame, Mission, Step
 from rl.missions.formation import rewards
 from rl.missions.formation.config import FormationScenario
 from rl.missions.formation.flyable import check_teams
@@ -30,12 +30,9 @@ from taichi_sim.config.io import validate
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.counters import Noise
 from taichi_sim.recording.episode import Scene
-from taichi_sim.recording.overlays import Cylinders
 from taichi_sim.state import transfer
 
 NEAR_COST, ENDED_COST = 300.0, 2e4  # of plans: m^2 for each m less than the berth; m^2 of an ending
-
-TRAFFIC = (196, 120, 40)  # colour of what moves, in recordings
 
 
 class Formation(Mission):
@@ -92,7 +89,6 @@ class Formation(Mission):
         )
         self._which = torch.zeros(self.num_envs, dtype=torch.int32, device=run.device)
         self.noise = Noise(self.num_envs, derive_seed(self.seed, "sensors"))
-        self._film: list[np.ndarray] = []  # bodies of the environment that is shown, of a recording
         return {name: TeamTask(self, name, self.targets) for name in names}
 
     def reseed(self, seed: int) -> None:
@@ -156,8 +152,6 @@ class Formation(Mission):
         self.env_world[envs] = worlds
         self.progress[envs] = self.starts.progress[worlds, starts]
         self.bodies.begin(envs, worlds, starts, self.world.current.velocity)
-        if self._film and bool((envs == self.shown).any()):
-            self._film = []
         self._which.zero_()
         self._which[envs] = 2
         self.targets.move(self._which, n)
@@ -213,20 +207,22 @@ class Formation(Mission):
         """distance: m, from the slot (the leader's: from the target)."""
         return {"distance": team.distance}
 
-    def frame(self, team: TeamTask) -> dict[str, Tensor]:
-        """Target, slots and errors; slots of vessels lie on the mean level of the sea."""
-        env = self.shown
-        if team is next(iter(self.teams.values())):  # once a step
-            self._film.append(self.bodies.table[env].cpu().numpy().copy())
+    def frame(self, env: int) -> Frame:
+        """Targets, slots and errors of the teams, slots of vessels at mean sea level; traffic as cylinders."""
+        rows = {name: self._row(team, env) for name, team in self.teams.items()}
+        return Frame(rows, self.bodies.cylinders(env, self.config.area))
+
+    @staticmethod
+    def _row(team: TeamTask, env: int) -> dict[str, Tensor]:
         slot = team.now.slot[env].clone()
         if team.fleet.model.medium == "water":
             slot[:, 2] = 0.0
         target = {"target_n": team.target.position[env], "target_course": team.target.course[env, 0]}
         return target | {"slot_n": slot, "error_m": team.distance[env]}
 
-    def scene(self) -> Scene:
+    def scene(self, env: int) -> Scene:
         """The track at the heights of the teams, its checkpoints, and the obstacles inside the area."""
-        world = int(self.env_world[self.shown])
+        world = int(self.env_world[env])
         track = self.tracks.table[world, :, :2].cpu().numpy()
         flown = self.config.track.flight_height
         heights = {name: flown if team.fleet.model.medium == "air" else 0.0 for name, team in self.teams.items()}
@@ -238,21 +234,6 @@ class Formation(Mission):
             checkpoints_n=self.tracks.checkpoints[world].cpu().numpy(),
             obstacles=obstacles[np.abs(obstacles[:, :2]).max(axis=1) <= half],
         )
-
-    def overlays(self) -> tuple[Any, ...]:
-        """What moves, as cylinders, where it has been in the steps that `frame` was asked about."""
-        if not self.bodies.present or not self._film:
-            return ()
-        film = np.stack(self._film)  # [frame, row, body]
-        there = np.abs(film[:, NORTH]) < self.config.area
-        place = np.stack((film[:, NORTH], film[:, EAST], -0.5 * (film[:, BOTTOM] + film[:, TOP])), axis=-1)
-        place[~there] = np.nan
-        size = np.stack((film[:, RADIUS], film[:, TOP] - film[:, BOTTOM]), axis=-1)
-        return (Cylinders(name="traffic", colour=TRAFFIC, position_n=place, size_m=size),)
-
-    def forget_frames(self) -> None:
-        """Of what moves."""
-        self._film = []
 
     @classmethod
     def draw_figures(cls, out: Path, histories: Any, episode: Any, config: FormationScenario) -> None:
