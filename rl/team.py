@@ -1,5 +1,7 @@
 """What stages, Gymnasium, evaluation and controllers may ask of one team of a mission (mission.py)."""
 
+from collections.abc import Mapping
+from itertools import chain
 from typing import Any
 
 import torch
@@ -79,10 +81,17 @@ class Team:
         return None
 
     @property
+    def layout(self) -> Mapping[str, int]:
+        """Terms of its observations and their widths, in order. Default: those that `Mission.observe` gives now."""
+        return {term: value.shape[-1] for term, value in self.mission.observe(self).items()}
+
+    def terms(self) -> dict[str, Tensor]:
+        """Its observations by term, views of one `observe`."""
+        layout = self.layout
+        return dict(zip(layout, self.observe().split(list(layout.values()), dim=-1), strict=True))
+
+    @property
     def observation_names(self) -> tuple[str, ...]:
-        """A name for each of the n observations: the term's, with a number where it has several ("error.1")."""
-        names: list[str] = []
-        for term, value in self.mission.observe(self).items():
-            width = value.shape[-1]
-            names += [term] if width == 1 else [f"{term}.{k}" for k in range(width)]
-        return tuple(names)
+        """A name for each of the n observations: the term's, with a number if it has several values ("error.1")."""
+        named = ([term] if width == 1 else [f"{term}.{k}" for k in range(width)] for term, width in self.layout.items())
+        return tuple(chain.from_iterable(named))

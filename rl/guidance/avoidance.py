@@ -39,6 +39,7 @@ from rl.guidance.geometry import SLOT_VELOCITY, row_of
 from rl.guidance.geometry import V as VELOCITY
 from rl.guidance.knowledge import Knowledge
 from rl.guidance.targets import COURSE_RATE
+from rl.perception.columns import Mate, Obstacle
 from taichi_sim.config import NonNegative, Positive, Strict
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.packs import struct_of, values_at
@@ -144,18 +145,18 @@ def risks(v, now, around: ti.template(), e, i, g: ti.template(), form: ti.templa
     shift = change * (-0.5 * change.norm() / g.acceleration)
     total = g.radius * 0.0
     for k in ti.static(range(form.obstacles)):
-        n = ti.Vector([around.obstacles[e, i, k, 1], around.obstacles[e, i, k, 2]])
-        level = around.obstacles[e, i, k, 7]
-        aside = around.obstacles[e, i, k, 0] - ti.max(level, 0.0)  # above or below
+        n = ti.Vector([around.obstacles[e, i, k, Obstacle.NORTH], around.obstacles[e, i, k, Obstacle.EAST]])
+        level = around.obstacles[e, i, k, Obstacle.LEVEL]
+        aside = around.obstacles[e, i, k, Obstacle.DISTANCE] - ti.max(level, 0.0)  # above or below
         if n.dot(n) > 0 and aside < g.radius + g.berth:
-            its = ti.Vector([around.obstacles[e, i, k, 4], around.obstacles[e, i, k, 5]])
-            size = around.obstacles[e, i, k, 6]
+            its = ti.Vector([around.obstacles[e, i, k, Obstacle.V_NORTH], around.obstacles[e, i, k, Obstacle.V_EAST]])
+            size = around.obstacles[e, i, k, Obstacle.RADIUS]
             total += risk((level + size) * n, v, its, turn, shift, size + g.radius, g.berth, g.horizon, g)
     for k in ti.static(range(form.mates)):
-        n = ti.Vector([around.mates[e, i, k, 1], around.mates[e, i, k, 2]])
-        its = ti.Vector([around.mates[e, i, k, 5], around.mates[e, i, k, 6]])
-        away = around.mates[e, i, k, 0]
-        if n.dot(n) > 0 and away * ti.abs(around.mates[e, i, k, 3]) < 2 * g.radius + g.margin:
+        n = ti.Vector([around.mates[e, i, k, Mate.NORTH], around.mates[e, i, k, Mate.EAST]])
+        its = ti.Vector([around.mates[e, i, k, Mate.V_NORTH], around.mates[e, i, k, Mate.V_EAST]])
+        away = around.mates[e, i, k, Mate.DISTANCE]
+        if n.dot(n) > 0 and away * ti.abs(around.mates[e, i, k, Mate.DOWN]) < 2 * g.radius + g.margin:
             horizon = ti.min(g.horizon, ti.select(i > 0, g.follower_horizon, g.leader_horizon))
             R, place = 2 * g.radius, away * n
             worst = risk(place, v, its, 0.0, shift, R, g.margin, horizon, g)

@@ -17,7 +17,7 @@ import taichi as ti
 from torch import Tensor
 
 from rl.guidance.targets import COS, COURSE_RATE, DOWN, EAST, NORTH, SIN, SPEED
-from rl.perception.radio import PLACE_AND_VELOCITY as AGE
+from rl.perception.columns import Message
 from taichi_sim.fleet import Views
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.kinematics import HEADING_COS, HEADING_SIN, VELOCITY_N
@@ -61,9 +61,9 @@ def leader_of(team: ti.template(), e, i, form: ti.template()):
     place = ti.Vector([team.state[e, 0, a] for a in ti.static(range(3))])
     moves = ti.Vector([team.derived[e, 0, V + a] for a in ti.static(range(3))])
     if ti.static(form.heard):
-        age, turn = team.heard[e, i, 0, AGE], team.target[e, row_of(team.target, i), COURSE_RATE]
+        age, turn = team.heard[e, i, 0, Message.SIZE], team.target[e, row_of(team.target, i), COURSE_RATE]
         c, s, half = ti.cos(turn * age), ti.sin(turn * age), 0.5 * turn * age
-        v = ti.Vector([team.heard[e, i, 0, 3 + a] for a in ti.static(range(3))])
+        v = ti.Vector([team.heard[e, i, 0, Message.V_NORTH + a] for a in ti.static(range(3))])
         moves = ti.Vector([c * v[0] - s * v[1], s * v[0] + c * v[1], v[2]])
         chord = ti.Vector([v[0] - half * v[1], v[1] + half * v[0], v[2]])
         place = ti.Vector([team.heard[e, i, 0, a] for a in ti.static(range(3))]) + age * chord

@@ -40,7 +40,7 @@ from rl.guidance.geometry import (
 from rl.guidance.geometry import V as VELOCITY
 from rl.guidance.knowledge import Knowledge
 from rl.guidance.targets import COS, COURSE_RATE, SIN, SPEED
-from rl.perception.radio import PLACE_AND_VELOCITY as AGE
+from rl.perception.columns import Mate, Message, Obstacle
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.kinematics import DOWN
 
@@ -179,11 +179,11 @@ def put_encounters(out: ti.template(), e, i, seen: ti.template(), form: ti.templ
     error, radius = ti.Vector([seen.table[e, i, ERROR], seen.table[e, i, ERROR + 1]]), seen.numbers[0]
     for k in ti.static(range(form.obstacles)):
         at = ti.static(form.at.encounters + 2 * MEETING * k)
-        if seen.obstacles[e, i, k, 8] >= 0:
-            n = ti.Vector([seen.obstacles[e, i, k, 1], seen.obstacles[e, i, k, 2]])
-            its = ti.Vector([seen.obstacles[e, i, k, 4], seen.obstacles[e, i, k, 5]])
-            size = seen.obstacles[e, i, k, 6]
-            place = (seen.obstacles[e, i, k, 7] + size) * n
+        if seen.obstacles[e, i, k, Obstacle.NUMBER] >= 0:
+            n = ti.Vector([seen.obstacles[e, i, k, Obstacle.NORTH], seen.obstacles[e, i, k, Obstacle.EAST]])
+            its = ti.Vector([seen.obstacles[e, i, k, Obstacle.V_NORTH], seen.obstacles[e, i, k, Obstacle.V_EAST]])
+            size = seen.obstacles[e, i, k, Obstacle.RADIUS]
+            place = (seen.obstacles[e, i, k, Obstacle.LEVEL] + size) * n
             encounter(out, e, i, at, place, now - its, 0.0, size + radius)
             encounter(out, e, i, at + MEETING, place - error, slot - its, turn, size + radius)
         else:
@@ -191,10 +191,10 @@ def put_encounters(out: ti.template(), e, i, seen: ti.template(), form: ti.templ
                 out[e, i, at + a] = 0.0
     for k in ti.static(range(form.mates)):
         at = ti.static(form.at.encounters + 2 * MEETING * form.obstacles + MEETING * k)
-        if seen.mates[e, i, k, 4] >= 0:
-            n = ti.Vector([seen.mates[e, i, k, 1], seen.mates[e, i, k, 2]])
-            its = ti.Vector([seen.mates[e, i, k, 5], seen.mates[e, i, k, 6]])
-            encounter(out, e, i, at, seen.mates[e, i, k, 0] * n, now - its, 0.0, 2 * radius)
+        if seen.mates[e, i, k, Mate.NUMBER] >= 0:
+            n = ti.Vector([seen.mates[e, i, k, Mate.NORTH], seen.mates[e, i, k, Mate.EAST]])
+            its = ti.Vector([seen.mates[e, i, k, Mate.V_NORTH], seen.mates[e, i, k, Mate.V_EAST]])
+            encounter(out, e, i, at, seen.mates[e, i, k, Mate.DISTANCE] * n, now - its, 0.0, 2 * radius)
         else:
             for a in ti.static(range(MEETING)):
                 out[e, i, at + a] = 0.0
@@ -231,7 +231,7 @@ def _observe(
             if ti.static(len(form.air) > 0):
                 put_air(out, e, i, seen, form)
             if ti.static(form.radio):
-                out[e, i, form.at.age] = squash(seen.heard[e, i, 0, AGE], AGE_SCALE)
+                out[e, i, form.at.age] = squash(seen.heard[e, i, 0, Message.SIZE], AGE_SCALE)
         if ti.static(form.residual > 0):
             put(out, e, i, form.at.reference, form.residual, reference, 0)
 

@@ -9,7 +9,7 @@ from rl.guidance.avoidance import Shield
 from rl.guidance.config import ResidualConfig
 from rl.guidance.knowledge import Knowledge
 from rl.mission import Mission, Team
-from rl.perception.encoding import NUMBER
+from rl.perception.columns import Mate, Obstacle
 from taichi_sim.config import ConfigError
 
 CHANGE_SCALE = 3.0  # m/s, where a squashed change of velocity is half way to 1
@@ -74,7 +74,7 @@ class ResidualTeam(Team):
             correction = correction * self._opened(residual.gate).unsqueeze(-1)
         mates = self.known.sensor
         if residual.room and mates.num_mates:
-            nearest = mates.team_mates[..., 0].amin(-1, keepdim=True)
+            nearest = mates.team_mates[..., Mate.DISTANCE].amin(-1, keepdim=True)
             correction = correction * (nearest * (2 / residual.room) - 1).clamp(0.0, 1.0)
         wanted = self.wanted
         if residual.velocity:
@@ -89,8 +89,8 @@ class ResidualTeam(Team):
     def _opened(self, gate: float) -> Tensor:
         """The share of corrections [env, vehicle] that an obstacle nearer than `gate` (m) lets through."""
         nearest = self.known.sensor.obstacles[..., 0, :]
-        opened = (2 - (nearest[..., 0] - self.radius) * (2 / gate)).clamp(0.0, 1.0)
-        return opened * (nearest[..., NUMBER] >= 0)  # none is seen: none is near
+        opened = (2 - (nearest[..., Obstacle.DISTANCE] - self.radius) * (2 / gate)).clamp(0.0, 1.0)
+        return opened * (nearest[..., Obstacle.NUMBER] >= 0)  # none is seen: none is near
 
     @property
     def in_effect(self) -> Tensor:

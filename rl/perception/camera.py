@@ -24,6 +24,7 @@ import torch
 from pydantic import Field
 from torch import Tensor
 
+from rl.perception.columns import Sighting
 from rl.perception.instruments import InstrumentsConfig
 from taichi_sim.config import NonNegative, Positive, Strict
 from taichi_sim.fleet import Views
@@ -31,7 +32,6 @@ from taichi_sim.kernels import runtime
 from taichi_sim.kernels.packs import struct_of, values_at
 from taichi_sim.kernels.random import CAMERA, normal6, uniform4
 
-LOOK_NORTH, LOOK_EAST, LOOK_VARIANCE, LOOK_SIZE = range(4)  # of a look: place (m), variance (m^2, < 0: nothing seen)
 UNSEEN = -1.0
 VARIANCE_FLOOR = 1e-4  # m^2, of what is measured exactly
 LEAST_SLOPE = 0.02  # of a line of sight: flatter ones meet the sea nowhere near
@@ -124,7 +124,7 @@ def _see(
             bore = rotated(true.true_derived, e, i, ti.Vector([out.axis[e, i, a] for a in ti.static(range(3))]))
             reach = g.reach / (1.0 + out.hs[e] / g.rough)
             for k in range(out.objects.shape[1]):
-                out.sightings[e, node, k, LOOK_VARIANCE] = UNSEEN
+                out.sightings[e, node, k, Sighting.VARIANCE] = UNSEEN
                 line = ti.Vector([out.objects[e, k, a] for a in ti.static(range(3))]) - there
                 slant = ti.max(line.norm(), 1e-3)
                 line = line / slant
@@ -139,11 +139,11 @@ def _see(
                         ray = rotated(own.derived, e, i, line_b + error)
                         if ray[2] > LEAST_SLOPE:
                             far = -own.state[e, i, 2] / ray[2]
-                            out.sightings[e, node, k, LOOK_NORTH] = own.state[e, i, 0] + far * ray[0]
-                            out.sightings[e, node, k, LOOK_EAST] = own.state[e, i, 1] + far * ray[1]
+                            out.sightings[e, node, k, Sighting.NORTH] = own.state[e, i, 0] + far * ray[0]
+                            out.sightings[e, node, k, Sighting.EAST] = own.state[e, i, 1] + far * ray[1]
                             tilted = (g.pixel * g.pixel + g.tilt * g.tilt) / (ray[2] * ray[2])
                             turned = g.pixel * g.pixel + g.heading * g.heading
-                            out.sightings[e, node, k, LOOK_VARIANCE] = (
+                            out.sightings[e, node, k, Sighting.VARIANCE] = (
                                 0.5 * far * far * (tilted + turned) + g.place * g.place + VARIANCE_FLOOR
                             )
 

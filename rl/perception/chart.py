@@ -25,9 +25,9 @@ from typing import NamedTuple
 import taichi as ti
 from torch import Tensor
 
-from rl.perception.camera import LOOK_EAST, LOOK_NORTH, LOOK_SIZE, LOOK_VARIANCE
+from rl.perception.columns import Message, Object, Report, Sighting
 from rl.perception.encoding import store_obstacle
-from rl.perception.radio import NEVER, PLACE_AND_VELOCITY
+from rl.perception.radio import NEVER
 from rl.perception.sensors import Nearby, Sight, insert
 from taichi_sim.fleet import Views
 from taichi_sim.kernels import runtime
@@ -35,7 +35,6 @@ from taichi_sim.kernels import runtime
 # Columns of a track: place (m), velocity (m/s), covariance (place, both, velocity), age of its newest look (s; `NEVER`
 # before the first), time since it began (s).
 NORTH, EAST, V_NORTH, V_EAST, P_PP, P_PV, P_VV, AGE, SINCE, TRACK = range(10)
-TOLD = 4  # numbers of a look in a message: north, east, variance, age
 OLDEST = 30.0  # s: older sightings are not taken
 VAGUE = 8.0  # m: an object whose place is no better known is not evaded; assumed
 KEEP = 25.0  # ns of one vehicle, object and sender, about
@@ -112,26 +111,27 @@ def _keep(
                 t = ti.Vector([chart.tracks[e, i, k, c] for c in ti.static(range(TRACK))])
                 if which[e] == 1 and t[AGE] < NEVER:
                     carried_on(t, dt, q)
-                variance = chart.sightings[e, i, k, LOOK_VARIANCE]
+                variance = chart.sightings[e, i, k, Sighting.VARIANCE]
                 if variance > 0:
                     fold(
                         t,
-                        chart.sightings[e, i, k, LOOK_NORTH],
-                        chart.sightings[e, i, k, LOOK_EAST],
+                        chart.sightings[e, i, k, Sighting.NORTH],
+                        chart.sightings[e, i, k, Sighting.EAST],
                         variance,
                         0.0,
                         speed,
                     )
-                at = PLACE_AND_VELOCITY + TOLD * k
+                at = Message.SIZE + Report.SIZE * k
                 for j in range(senders):
-                    told = chart.heard[e, i, j, at + 3]
+                    told = chart.heard[e, i, j, at + Report.AGE]
                     old = told + chart.heard[e, i, j, age]  # of the look
                     if which[e] == 1:
                         chart.taken[e, i, j, k] += dt
                     # `taken` is how long ago the last look that was taken of this sender was made
                     if j != i and told >= 0 and old < OLDEST and old < chart.taken[e, i, j, k] - 0.5 * dt:
                         chart.taken[e, i, j, k] = old
-                        fold(t, chart.heard[e, i, j, at], chart.heard[e, i, j, at + 1], chart.heard[e, i, j, at + 2],
+                        fold(t, chart.heard[e, i, j, at + Report.NORTH],
+                             chart.heard[e, i, j, at + Report.EAST], chart.heard[e, i, j, at + Report.VARIANCE],
                              old, speed)  # fmt: skip
                 for c in ti.static(range(TRACK)):
                     chart.tracks[e, i, k, c] = t[c]
@@ -144,13 +144,13 @@ def _say(chart: ChartPack, which: ti.types.ndarray(dtype=ti.i32, ndim=1), form: 
     for e, i in ti.ndrange(chart.sightings.shape[0], chart.sightings.shape[1]):
         if which[e] != 0:
             for k in range(chart.sightings.shape[2]):
-                at = PLACE_AND_VELOCITY + TOLD * k
-                if chart.sightings[e, i, k, LOOK_VARIANCE] > 0:
-                    for c in ti.static(range(LOOK_SIZE)):
+                at = Message.SIZE + Report.SIZE * k
+                if chart.sightings[e, i, k, Sighting.VARIANCE] > 0:
+                    for c in ti.static(range(Sighting.SIZE)):
                         chart.said[e, i, at + c] = chart.sightings[e, i, k, c]
-                    chart.said[e, i, at + 3] = 0.0
-                elif chart.said[e, i, at + 3] >= 0 and which[e] == 1:
-                    chart.said[e, i, at + 3] += chart.numbers[0]
+                    chart.said[e, i, at + Report.AGE] = 0.0
+                elif chart.said[e, i, at + Report.AGE] >= 0 and which[e] == 1:
+                    chart.said[e, i, at + Report.AGE] += chart.numbers[0]
 
 
 class Chart:
@@ -179,7 +179,7 @@ class Chart:
         self.tracks[envs] = 0.0
         self.tracks[envs, :, :, AGE] = NEVER
         self._taken[envs] = NEVER
-        self._said[envs, :, PLACE_AND_VELOCITY + TOLD - 1 :: TOLD] = -1.0
+        self._said[envs, :, Message.SIZE + Report.AGE :: Report.SIZE] = -1.0
 
     def say(self, which: Tensor, rows: int) -> None:
         """Put sightings into what is to be said, in environments as of `keep`; before radios talk."""
@@ -195,7 +195,7 @@ class Chart:
 
 def width_of(objects: int) -> int:
     """Numbers of a message about so many objects."""
-    return PLACE_AND_VELOCITY + TOLD * objects
+    return Message.SIZE + Report.SIZE * objects
 
 
 _array2 = ti.types.ndarray(ndim=2)
@@ -216,12 +216,13 @@ def _nearest(out: ChartedPack, of: FromPack, which: ti.types.ndarray(dtype=ti.i3
             for k in range(of.tracked.shape[2]):
                 if of.tracked[e, own, k, AGE] < NEVER and of.tracked[e, own, k, P_PP] < vague:
                     dx, dy = of.tracked[e, own, k, NORTH] - place[0], of.tracked[e, own, k, EAST] - place[1]
-                    d = ti.sqrt(dx * dx + dy * dy) - of.objects[e, k, 5]
+                    d = ti.sqrt(dx * dx + dy * dy) - of.objects[e, k, Object.RADIUS]
                     distance, index = insert(distance, index, d, k, count)
             for k in ti.static(range(sight.obstacles)):
                 m = ti.max(index[k], 0)
-                there = ti.Vector([of.tracked[e, own, m, NORTH], of.tracked[e, own, m, EAST], of.objects[e, m, 5],
-                                   of.tracked[e, own, m, V_NORTH], of.tracked[e, own, m, V_EAST]])  # fmt: skip
+                there = ti.Vector([of.tracked[e, own, m, NORTH], of.tracked[e, own, m, EAST],
+                                   of.objects[e, m, Object.RADIUS], of.tracked[e, own, m, V_NORTH],
+                                   of.tracked[e, own, m, V_EAST]])  # fmt: skip
                 store_obstacle(out, of.derived, sight, e, i, k, distance[k], index[k], place, there, reach)
 
 

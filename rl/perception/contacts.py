@@ -20,6 +20,7 @@ import taichi as ti
 from pydantic import Field
 from torch import Tensor
 
+from rl.perception.columns import Mate, Obstacle
 from rl.perception.encoding import store_mate, store_obstacle
 from rl.perception.sensors import Nearby, Sight
 from taichi_sim.config import NonNegative, Positive, Strict
@@ -31,7 +32,7 @@ from taichi_sim.kernels.random import CONTACTS, normal6, uniform4
 
 # Columns of a measurement that waits: whose (-1 nobody's), seen or not, place, variance, radius, height above or below.
 WHO, SEEN, AT, VARIANCE, SIZE, ASIDE, MEASURED = 0, 1, 2, 5, 6, 7, 8
-# Columns of a track: whose, place, velocity, covariance (place, both, velocity), radius, height above or below.
+# Columns of a track: WHO, place, velocity, covariance (place, both, velocity), radius, height above or below.
 PLACE, SPEED, P_PP, P_PV, P_VV, RADIUS, BESIDE, TRACKED = 1, 4, 7, 8, 9, 10, 11, 12
 NOBODY = -1.0
 VARIANCE_FLOOR = 1e-4  # m^2: of what is measured exactly
@@ -113,7 +114,7 @@ def measured(true: ti.template(), own: ti.template(), e, i, relative, origin, as
 def begun(m, g: ti.template()):
     """A track from its first measurement; nobody's if that failed."""
     t = ti.Vector([0.0 for _ in ti.static(range(TRACKED))])
-    t[0] = ti.select(m[SEEN] > 0, m[WHO], NOBODY)
+    t[WHO] = ti.select(m[SEEN] > 0, m[WHO], NOBODY)
     for a in ti.static(range(3)):
         t[PLACE + a] = m[AT + a]
     t[P_PP], t[P_VV], t[RADIUS], t[BESIDE] = m[VARIANCE], g.speed * g.speed, m[SIZE], m[ASIDE]
@@ -148,7 +149,7 @@ def tracked(told: ti.template(), e, i, k, first: ti.template(), last: ti.templat
     """The track, number k, of who has been measured: carried on if there was one from `first` to `last`, or begun."""
     t = begun(m, g)
     for j in range(first, last):
-        if m[WHO] >= 0 and told.tracks[e, i, 1 - now, j, 0] == m[WHO]:
+        if m[WHO] >= 0 and told.tracks[e, i, 1 - now, j, WHO] == m[WHO]:
             before = ti.Vector([told.tracks[e, i, 1 - now, j, c] for c in ti.static(range(TRACKED))])
             t = carried_on(before, m, acceleration, g)
     for c in ti.static(range(TRACKED)):
@@ -182,9 +183,9 @@ def tell_obstacle(told: ti.template(), own: ti.template(), e, i, k: ti.template(
     distance = beside
     if t[BESIDE] > 0:
         distance = ti.sqrt(ti.max(beside, 0.0) ** 2 + t[BESIDE] ** 2)
-    distance = ti.select(t[0] >= 0, distance, g.reach)
+    distance = ti.select(t[WHO] >= 0, distance, g.reach)
     store_obstacle(
-        told, own.derived, form.sight, e, i, k, distance, ti.cast(t[0], ti.i32), place,
+        told, own.derived, form.sight, e, i, k, distance, ti.cast(t[WHO], ti.i32), place,
         ti.Vector([there[0], there[1], there[2], there[3], there[4]]), g.reach,
     )  # fmt: skip
     return distance - g.radius
@@ -195,13 +196,13 @@ def tell_mate(told: ti.template(), own: ti.template(), e, i, k: ti.template(), t
               form: ti.template()):  # fmt: skip
     """The same of a team mate."""
     ahead, direction, distance = ti.static(form.late) * g.interval, ti.Vector([0.0, 0.0, 0.0]), g.reach
-    if t[0] >= 0:
+    if t[WHO] >= 0:
         for a in ti.static(range(3)):
             direction[a] = t[PLACE + a] + ahead * t[SPEED + a]
         distance = ti.max(direction.norm(), 1e-6)
         direction /= distance
     moves = ti.Vector([own.derived[e, i, V + a] + t[SPEED + a] for a in ti.static(range(2))])
-    store_mate(told, own.derived, form.sight, e, i, k, distance, ti.cast(t[0], ti.i32), direction, moves, g.reach)
+    store_mate(told, own.derived, form.sight, e, i, k, distance, ti.cast(t[WHO], ti.i32), direction, moves, g.reach)
     return distance - 2 * g.radius
 
 
@@ -226,25 +227,27 @@ def _contact(
             ends = ti.static((form.sight.obstacles, form.sight.obstacles + form.sight.mates))
             if which[e] == 2:
                 for k in range(ends[1]):
-                    told.tracks[e, i, 1 - now, k, 0] = NOBODY
+                    told.tracks[e, i, 1 - now, k, WHO] = NOBODY
             for k in ti.static(range(ends[1])):
                 z = normal6(count[1], CONTACTS + k, count[2 + e], form.vehicles + i, count[0])
                 u = uniform4(count[1], CONTACTS + LUCK + k, count[2 + e], form.vehicles + i, count[0])
                 if ti.static(k < ends[0]):
-                    n = ti.Vector([true.seen[e, i, k, 1], true.seen[e, i, k, 2], 0.0])
-                    level, size = true.seen[e, i, k, 7], true.seen[e, i, k, 6]
-                    far = true.seen[e, i, k, 0]
+                    n = ti.Vector([true.seen[e, i, k, Obstacle.NORTH], true.seen[e, i, k, Obstacle.EAST], 0.0])
+                    level, size = true.seen[e, i, k, Obstacle.LEVEL], true.seen[e, i, k, Obstacle.RADIUS]
+                    far = true.seen[e, i, k, Obstacle.DISTANCE]
                     aside = ti.select(level > 0, ti.sqrt(ti.max(far * far - level * level, 0.0)), ti.max(far, 0.0))
-                    who = true.seen[e, i, k, 8]
+                    who = true.seen[e, i, k, Obstacle.NUMBER]
                     m = measured(true, own, e, i, (level + size) * n, here, aside, size, who, z, u[0], g)
                     m = wait(told, e, i, k, m, which[e], slot, form)
                     t = tracked(told, e, i, k, 0, ends[0], m, g.acceleration, now, g)
                     clear = ti.min(clear, tell_obstacle(told, own, e, i, k, t, g, form))
                 else:
                     mate = ti.static(k - ends[0])
-                    n = ti.Vector([true.near[e, i, mate, 1 + a] for a in ti.static(range(3))])
-                    who = true.near[e, i, mate, 4]
-                    m = measured(true, own, e, i, true.near[e, i, mate, 0] * n, nowhere, 0.0, 0.0, who, z, u[0], g)
+                    n = ti.Vector([true.near[e, i, mate, Mate.NORTH + a] for a in ti.static(range(3))])
+                    who = true.near[e, i, mate, Mate.NUMBER]
+                    m = measured(
+                        true, own, e, i, true.near[e, i, mate, Mate.DISTANCE] * n, nowhere, 0.0, 0.0, who, z, u[0], g
+                    )
                     m = wait(told, e, i, k, m, which[e], slot, form)
                     t = tracked(told, e, i, k, ends[0], ends[1], m, g.mates, now, g)
                     clear = ti.min(clear, tell_mate(told, own, e, i, mate, t, g, form))

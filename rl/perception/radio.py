@@ -21,11 +21,11 @@ from numpy.typing import NDArray
 from pydantic import Field
 from torch import Tensor
 
+from rl.perception.columns import Message
 from taichi_sim.config import Fraction, Positive, Strict
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.random import RADIO, uniform4
 
-PLACE_AND_VELOCITY = 6  # numbers of a message that has no more in it, and the column of its age
 NEVER = 1e6  # s, the age of what has not been heard
 MOST = 64  # vehicles of a team
 TALK = 40.0  # ns of one receiver and sender, about
@@ -157,7 +157,7 @@ class Radio:
         place: Tensor,
         interval: float,
         *,
-        width: int = PLACE_AND_VELOCITY,
+        width: int = Message.SIZE,
         vehicles: int = 0,
         known: bool = True,
         relays: tuple[int, int] = (0, 0),

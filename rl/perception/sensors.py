@@ -14,6 +14,7 @@ import taichi as ti
 import torch
 
 from rl.course.traffic import AWAY, BOTTOM, EAST, NORTH, RADIUS, ROWS, TOP, V_EAST, V_NORTH, Bodies
+from rl.perception.columns import Mate, Obstacle
 from rl.perception.encoding import store_mate, store_obstacle
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import runtime
@@ -190,8 +191,8 @@ class Nearby:
         self.num_obstacles, self.num_mates = num_obstacles, num_mates
         self.reach, self.radius, self.axes = reach, radius, axes
         self.gap = state.new_zeros((env, vehicle))
-        self.obstacles = state.new_zeros((env, vehicle, max(num_obstacles, 1), 9))
-        self.team_mates = state.new_zeros((env, vehicle, max(num_mates, 1), 7))
+        self.obstacles = state.new_zeros((env, vehicle, max(num_obstacles, 1), Obstacle.SIZE))
+        self.team_mates = state.new_zeros((env, vehicle, max(num_mates, 1), Mate.SIZE))
         width = num_obstacles * (self.axes + 4) + num_mates * (self.axes + 1)
         self.signals = state.new_zeros((env, vehicle, width))
         self.written = self.signals if width else state.new_zeros((env, vehicle, 1))  # kernels take no empty array

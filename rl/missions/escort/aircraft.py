@@ -13,6 +13,7 @@ from rl.guidance.targets import COS, COURSE, EAST, NORTH, SIN, SIZE, SPEED, Targ
 from rl.missions.escort.boats import AGE_SCALE, SIGMA_SCALE, squashed
 from rl.missions.escort.tracking import Group, Search, SharedTracking
 from rl.perception.camera import Camera
+from rl.perception.columns import Message
 from rl.perception.contacts import Contacts
 from rl.perception.instruments import Readings
 from rl.perception.sensors import Sensor
@@ -243,7 +244,8 @@ class MeasuredAircraft:
         n = theta.shape[1]
         mates = heard[:, :, tracking.groups[team.name].rows]
         old = mates[..., age]
-        place = mates[..., :2] + old.clamp(max=HEARD_OF).unsqueeze(-1) * mates[..., 3:5] - self.centre.unsqueeze(2)
+        place = mates[..., :2] + old.clamp(max=HEARD_OF).unsqueeze(-1) * mates[..., Message.VELOCITY][..., :2]
+        place = place - self.centre.unsqueeze(2)
         angle = torch.atan2(place[..., 1], place[..., 0])
         itself = torch.eye(n, dtype=torch.bool, device=theta.device)
         angle = torch.where(itself, theta.unsqueeze(-1), angle)

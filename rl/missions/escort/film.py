@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rl.missions.escort.config import OrbitConfig
-from rl.perception.camera import LOOK_VARIANCE
+from rl.perception.columns import Sighting
 from taichi_sim.recording.overlays import Ellipsoids, Lines, Overlay, Plot
 
 if TYPE_CHECKING:
@@ -124,7 +124,7 @@ def _footprints(film: Frames, flying: "Aircraft | Scouts", rows: slice) -> Lines
 
 def _sights(film: Frames, rows: slice) -> Lines:
     """From each camera to what it has found in this look."""
-    seen = film["sightings"][:, rows, :, LOOK_VARIANCE] > 0
+    seen = film["sightings"][:, rows, :, Sighting.VARIANCE] > 0
     place = film["place"][:, rows, None]
     place, objects = np.broadcast_arrays(place, film["objects"][:, None, :, :3])
     lines = np.stack((place, objects), axis=-2)

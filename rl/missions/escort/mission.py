@@ -30,6 +30,7 @@ from rl.missions.escort.starts import afloat, aloft
 from rl.missions.escort.tracking import SharedTracking
 from rl.missions.escort.vessel import Wanderer
 from rl.missions.escort.worlds import draw_worlds
+from rl.perception.columns import Sighting
 from rl.rewards import fine, paid
 from rl.seeds import derive_seed
 from taichi_sim.kernels import runtime
@@ -235,7 +236,7 @@ class Escort(Mission):
     def log(self, team: Any, step: Step) -> dict[str, Tensor]:
         """Errors now; shares of episodes in which the leader has arrived, and a camera has the vessel; collisions."""
         hours = team.distance.numel() * self.config.decision_interval / 3600
-        sees = self.tracking.sightings[..., 0, 2] > 0
+        sees = self.tracking.sightings[..., 0, Sighting.VARIANCE] > 0
         return {
             "error_m": team.distance.mean(),
             "arrived": self.arrived.float().mean(),

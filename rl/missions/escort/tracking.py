@@ -17,9 +17,10 @@ import torch
 from torch import Tensor
 
 from rl.guidance.targets import COS, COURSE, EAST, NORTH, SIN, SIZE, SPEED
-from rl.perception.camera import LOOK_SIZE, LOOK_VARIANCE, UNSEEN
+from rl.perception.camera import UNSEEN
 from rl.perception.chart import AGE, P_PP, P_PV, P_VV, V_EAST, V_NORTH, Chart, width_of
-from rl.perception.radio import PLACE_AND_VELOCITY, Radio
+from rl.perception.columns import Message, Object, Sighting
+from rl.perception.radio import Radio
 from taichi_sim.fleet import Views
 
 if TYPE_CHECKING:
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
 
 SLOWEST = 0.3  # m/s: a slower vessel keeps the course that it was last known to have
 CUE_SPEED = 1.5  # m/s, standard deviation of what the vessel's velocity may be, each way, at first; assumed
-OBJECT = 6  # numbers of an object: place (3), velocity, north and east, radius
 
 
 class Search(NamedTuple):
@@ -78,8 +78,8 @@ class SharedTracking:
         config, self._mission = mission.config, mission
         state = next(iter(groups.values())).own.state
         envs, observers = state.shape[0], sum(g.count for g in groups.values())
-        self.groups, self.objects = groups, state.new_zeros((envs, objects, OBJECT))
-        self.sightings = state.new_full((envs, observers, objects, LOOK_SIZE), UNSEEN)
+        self.groups, self.objects = groups, state.new_zeros((envs, objects, Object.SIZE))
+        self.sightings = state.new_full((envs, observers, objects, Sighting.SIZE), UNSEEN)
         self.place = state.new_zeros((envs, observers, 3))
         radio, escort = config.radio, config.escort
         if escort.reports == "none":
@@ -121,7 +121,7 @@ class SharedTracking:
         groups = self.groups.values()
         torch.cat([g.true.position_n for g in groups], dim=1, out=self.place)
         own = [torch.cat((g.own.position_n, g.own.velocity_n), dim=-1) for g in groups]
-        self.radio.said[..., :PLACE_AND_VELOCITY] = torch.cat(own, dim=1)
+        self.radio.said[..., : Message.SIZE] = torch.cat(own, dim=1)
         self.chart.say(which, rows)
         self.radio.talk(which, rows, mission.steps, mission.noise.table)
         self.chart.keep(which, rows)
@@ -168,4 +168,4 @@ class SharedTracking:
 
     def sees(self, name: str) -> Tensor:
         """Whether each observer of a team has the vessel in its last look [env, observer]."""
-        return self.of(name, self.sightings)[..., 0, LOOK_VARIANCE] > 0
+        return self.of(name, self.sightings)[..., 0, Sighting.VARIANCE] > 0

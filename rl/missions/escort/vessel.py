@@ -19,6 +19,7 @@ from rl.guidance.controllers.force_vector import wrap
 from rl.guidance.geometry import SLOT_SIZE, SlotErrors
 from rl.guidance.targets import SIZE as TARGET
 from rl.guidance.targets import Target
+from rl.perception.columns import Mate
 from rl.perception.sensors import Nearby, Sensor
 from taichi_sim.config import ConfigError
 from taichi_sim.config.io import validate
@@ -156,7 +157,7 @@ class Wanderer(Script):
         """Write the nearest boats as mates."""
         mates = self.sensor.team_mates
         mates.zero_()
-        mates[..., 0], mates[..., 4] = REACH, -1.0
+        mates[..., Mate.DISTANCE], mates[..., Mate.NUMBER] = REACH, -1.0
         if team is None:
             return
         boats = team.fleet
@@ -167,9 +168,9 @@ class Wanderer(Script):
         velocity = boats.velocity_n[:, None, :, :2].expand(-1, self.fleet.count, -1, -1)
         velocity = velocity.gather(2, which.unsqueeze(-1).expand(*which.shape, 2))
         near = (far < REACH).unsqueeze(-1)
-        mates[:, :, :k, 0] = far.clamp(max=REACH)
-        mates[:, :, :k, 1:3] = torch.where(near, place / far.unsqueeze(-1).clamp(min=1e-6), 0.0)
-        mates[:, :, :k, 5:7] = velocity
+        mates[:, :, :k, Mate.DISTANCE] = far.clamp(max=REACH)
+        mates[:, :, :k, Mate.NORTH : Mate.DOWN] = torch.where(near, place / far.unsqueeze(-1).clamp(min=1e-6), 0.0)
+        mates[:, :, :k, Mate.V_NORTH : Mate.SIZE] = velocity
 
     def _run(self, place: Tensor, course: Tensor, speed: Tensor) -> tuple[Tensor, Tensor]:
         """Away from the nearest boat within range, as fast as it goes."""

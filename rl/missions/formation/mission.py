@@ -119,8 +119,7 @@ class Formation(Mission):
 
     def observe(self, team: TeamTask) -> dict[str, Tensor]:
         """See observations.py."""
-        widths = team.observations.widths
-        return dict(zip(widths, team.observe().split(list(widths.values()), dim=-1), strict=True))
+        return team.terms()
 
     def reward(self, team: TeamTask, ended: Endings) -> Tensor:
         """See rewards.py."""
