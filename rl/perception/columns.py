@@ -24,7 +24,7 @@ class Object:
 
 
 class Sighting:
-    """What one look at an object measures: place and variance (m^2, each way); a variance below 0: not seen."""
+    """A sighting of an object: measured place and variance (m^2, each way); a variance below 0: not seen."""
 
     NORTH, EAST, VARIANCE, SIZE = range(4)
 

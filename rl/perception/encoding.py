@@ -1,4 +1,4 @@
-"""How what a vehicle sees is written: for controllers in metres and NED, for policies as signals in its own frame.
+"""Encoding of what a vehicle senses: metres and NED for controllers, signals in its own frame for policies.
 
 See columns.py.
 """
@@ -16,7 +16,7 @@ SPEED_SCALE = 10.0  # m/s, where an obstacle's squashed speed is half way to 1
 
 @ti.func
 def store_seen(out: ti.template(), e, i, k, distance, n):
-    """Write what vehicle i sees k-th: distance (m) and unit vector n in NED."""
+    """Write the k-th contact of vehicle i: distance (m) and unit vector n in NED."""
     out[e, i, k, 0] = distance
     for a in ti.static(range(3)):
         out[e, i, k, 1 + a] = n[a]
@@ -42,7 +42,7 @@ def store_signal(signals: ti.template(), e, i, at, distance, reach, n, derived: 
 @ti.func
 def store_obstacle(out: ti.template(), derived: ti.template(), sight: ti.template(), e, i, k: ti.template(), distance,
                    number, place, there, reach):  # fmt: skip
-    """Write the k-th nearest obstacle, number -1 if there is none, `there` as in `numbered`."""
+    """Write the k-th nearest obstacle; `number` is -1 if there is none, `there` is as in `numbered`."""
     direction, spread, moves = place * 0.0, reach * 0.0, ti.Vector([reach * 0.0, reach * 0.0])
     level, radius = reach, reach * 0.0
     if number >= 0:

@@ -1,9 +1,9 @@
-"""What vessels see of what is on the sea: by range and bearing, from near.
+"""Lookouts of vessels, which see near objects on the sea by range and bearing.
 
-The first object is seen within one range, the others, by their surface, within another. A measurement fails with the
-probability `dropout`. Behind wave crests less is seen, if that is asked for: a line of sight between two heights above
-the water is cut off where the sea rises above it. With the place and the heading that a vessel takes itself to have, a
-measurement is a place. Random numbers are counted (kernels/random.py): same seed, same bits. Frame: NED.
+The first object is seen within one range, the others within another, to their surface. A measurement fails with the
+probability `dropout`. With `crests`, wave crests hide the first object: its line of sight, between two heights above
+the water, is cut where the sea rises above it. The vessel's measured place and heading turn a measurement into a place.
+Random numbers are counted (kernels/random.py): same seed, same bits. Frame: NED.
 """
 
 # Kernels are another language inside Python syntax.
@@ -45,7 +45,7 @@ class LookoutConfig(Strict):
 
 
 class Numbers(NamedTuple):
-    """What the kernel works with, SI."""
+    """Parameters of the kernel, SI."""
 
     vessel_range: float
     obstacle_range: float
@@ -63,10 +63,10 @@ OwnPack = ti.types.argpack(state=_array3, derived=_array3)
 
 
 class Form(NamedTuple):
-    """What the kernel is compiled for."""
+    """Compile-time parameters of the kernel."""
 
-    vehicles: int  # before these, among the random numbers
-    serial: bool = False  # on the calling thread
+    vehicles: int  # number of the first vehicle among the random numbers
+    serial: bool = False  # run on the calling thread
 
 
 @ti.kernel
@@ -117,7 +117,7 @@ class Lookout:
         self, config: LookoutConfig, instruments: InstrumentsConfig, sightings: Tensor, objects: Tensor, true: Views,
         own: Views, elevation: Callable[[Tensor], Tensor], *, vehicles: int = 0,
     ):  # fmt: skip
-        """Of vessels that are `true` and measure themselves to be `own`.
+        """Make lookouts of vessels whose true state is `true` and whose measured state is `own`.
 
         Args:
             sightings: [env, observer, object, 3], written for the first observers: place (m) and variance (m^2; below

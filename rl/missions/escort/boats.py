@@ -132,7 +132,7 @@ def squashed(x: Tensor, scale: float) -> Tensor:
 
 
 class MeasuredBoats:
-    """What the boats know (rl/guidance/knowledge.py).
+    """Knowledge of the boats (rl/guidance/knowledge.py).
 
     Attributes: fleet: own state as measured. now: errors from the slots about the vessel as known. sensor: charted
         objects near, team mates as measured. target: the vessel as known, a row for each boat.

@@ -1,8 +1,8 @@
-"""What a recording shows of an escort beside the vehicles: who sees and tells what, and what is made of it.
+"""Drawings of an escort in recordings: sightings, messages, estimates of the vessel.
 
-Footprints of the cameras on the sea, sight lines to what they have found, messages as arcs (lost ones in red), the
-vessel where each team believes it to be, with its uncertainty, the circle and the aircraft's phases on it, and the age
-of what is known as a plot.
+They are footprints of the cameras on the sea, sight lines to the sighted objects, messages as arcs (lost ones in red),
+each team's estimate of the vessel with its uncertainty, the circle of the aircraft, and a plot of the age of the last
+news of the vessel.
 """
 
 import math
@@ -59,7 +59,7 @@ def overlays_of(mission: "Escort", env: int) -> tuple[Overlay, ...]:
 
 
 def _messages(mission: "Escort", film: Frames) -> list[Lines]:
-    """From each aircraft to each boat."""
+    """Messages from each aircraft to each boat."""
     groups, parts = mission.tracking.groups, mission.config.escort
     if parts.boats not in groups or parts.aircraft not in groups:
         return []
@@ -87,7 +87,7 @@ def _messages(mission: "Escort", film: Frames) -> list[Lines]:
 
 
 def _believed(mission: "Escort", film: Frames) -> list[Ellipsoids]:
-    """By the first of each team: one standard deviation, at least a metre to be seen."""
+    """Estimates of the vessel by the first of each team: one standard deviation, drawn at least a metre large."""
     found = []
     for name, g in mission.tracking.groups.items():
         at = film["targets"][:, g.first : g.first + 1]
@@ -103,7 +103,7 @@ def _believed(mission: "Escort", film: Frames) -> list[Ellipsoids]:
 
 
 def _footprints(film: Frames, flying: "Aircraft | Scouts", rows: slice) -> Lines:
-    """Where the edge of each field of view meets mean sea level."""
+    """Edges of the fields of view on mean sea level."""
     place = film["place"][:, rows]
     axis = np.einsum("fvij,fvj->fvi", film["R"], film["axis"])
     half = math.radians(flying.camera.config.field_of_view_deg / 2)
@@ -123,7 +123,7 @@ def _footprints(film: Frames, flying: "Aircraft | Scouts", rows: slice) -> Lines
 
 
 def _sights(film: Frames, rows: slice) -> Lines:
-    """From each camera to what it has found in this look."""
+    """Lines from each camera to the objects of its last sighting."""
     seen = film["sightings"][:, rows, :, Sighting.VARIANCE] > 0
     place = film["place"][:, rows, None]
     place, objects = np.broadcast_arrays(place, film["objects"][:, None, :, :3])
@@ -134,7 +134,7 @@ def _sights(film: Frames, rows: slice) -> Lines:
 
 
 def _circle(vessel: NDArray[np.float64], orbit: OrbitConfig) -> Lines:
-    """About the vessel, at the height of the first aircraft."""
+    """The circle about the vessel, at the height of the first aircraft."""
     points = np.empty((len(vessel), 1, len(ROUND), 3))
     points[..., 0] = vessel[:, None, None, 0] + orbit.radius * np.cos(ROUND)
     points[..., 1] = vessel[:, None, None, 1] + orbit.radius * np.sin(ROUND)

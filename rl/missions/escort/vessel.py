@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 EDGE = 0.4  # of the area's side: further out it turns back
 SEEN, BOATS = 3, 2  # obstacles and boats that it keeps clear of at once
-REACH = 40.0  # m
+REACH = 40.0  # m, detection range
 SMOOTH = 5.0  # s: its course over ground is that of its velocity, averaged so
 
 
@@ -53,18 +53,18 @@ class Wanderer(Script):
     radio = None
 
     def __init__(self, world: Any, name: str):
-        """Act for the team `name`, of any vessel that has a classical controller for a velocity to sail."""
+        """Act for the team `name`, of vessels whose classical controller can sail a velocity."""
         super().__init__(world, name)
         self.config, self.fleet = world.config, world.teams[name]
         model, state = self.fleet.model, self.fleet.state
         kind = next((CONTROLLERS[base] for base in type(model).__mro__ if base in CONTROLLERS), None)
         section = world.config.teams[name]
         if kind is None or model.medium != "water":
-            raise ConfigError(f"{name}.vehicle = {section.vehicle!r}: no vessel that a script could sail")
+            raise ConfigError(f"{name}.vehicle = {section.vehicle!r}: not a vessel that a script can sail")
         self.controller = kind(model, validate(kind.Gains, dict(section.control), f"{name}.control"))
         if not hasattr(self.controller, "course"):
             raise ConfigError(
-                f"{name}.vehicle = {section.vehicle!r}: a script cannot sail it, but manoeuvring_3dof and hull_6dof"
+                f"{name}.vehicle = {section.vehicle!r}: the script sails only manoeuvring_3dof and hull_6dof"
             )
         top = model.limits.speeds[2]
         if world.config.course.speed[1] > top:
@@ -173,7 +173,7 @@ class Wanderer(Script):
         mates[:, :, :k, Mate.V_NORTH : Mate.SIZE] = velocity
 
     def _run(self, place: Tensor, course: Tensor, speed: Tensor) -> tuple[Tensor, Tensor]:
-        """Away from the nearest boat within range, as fast as it goes."""
+        """Flee from the nearest boat within range at top speed."""
         boats = self._mission.boats if self._mission is not None else None
         if boats is None:
             return course, speed

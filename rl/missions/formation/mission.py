@@ -6,7 +6,6 @@ anew. Targets of vessels move on the sea, those of aircraft straight above them 
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
@@ -15,7 +14,7 @@ from torch import Tensor
 from rl.course.traffic import ROWS, Bodies
 from rl.guidance.controllers import CONTROLLERS
 from rl.guidance.targets import Targets
-from rl.mission import Endings, Frame, Mission, Step
+from rl.mission import Endings, Frame, Histories, Mission, Step
 from rl.missions.formation import rewards
 from rl.missions.formation.config import FormationScenario
 from rl.missions.formation.flyable import check_teams
@@ -26,24 +25,25 @@ from rl.missions.formation.team import TeamTask
 from rl.missions.formation.worlds import draw_traffic, generate_worlds
 from rl.planning.honest import write_obstacles_as_bodies
 from rl.seeds import derive_seed
+from rl.team import Controller
 from taichi_sim.config.io import validate
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.counters import Noise
-from taichi_sim.recording.episode import Scene
+from taichi_sim.recording.episode import Episode, Scene
 from taichi_sim.state import transfer
 
-NEAR_COST, ENDED_COST = 300.0, 2e4  # of plans: m^2 for each m less than the berth; m^2 of an ending
+NEAR_COST, ENDED_COST = 300.0, 2e4  # of plans, m^2: for each m less than the berth; for an ending
 
 
-class Formation(Mission):
+class Formation(Mission[FormationScenario, TeamTask]):
     """Teams in formation; see the module.
 
     Attributes:
         tracks, obstacles, starts: of every world; obstacles [world, n, 4] north, east, radius, height, m.
-        bodies: what moves (rl/course/traffic.py).
-        env_world: int64 [env]. targets: what leaders follow.
+        bodies: moving obstacles (rl/course/traffic.py).
+        env_world: int64 [env], world of each environment. targets: of the leaders.
         wind_factor: mean wind at the flight height over that at 10 m.
-        noise: counts the random numbers of sensors and radio: decisions of all episodes.
+        noise: counter of the random numbers of sensors and radio.
     """
 
     STATE = ("env_world", "targets", "bodies", "_which", "noise")
@@ -52,8 +52,6 @@ class Formation(Mission):
     logged = ("leader_error_m", "follower_error_m", "collisions_per_hour", "lost")
     Team = TeamTask
     Judge = FormationJudge
-    config: FormationScenario
-    teams: dict[str, TeamTask]
 
     def make_teams(self, names: Sequence[str]) -> dict[str, TeamTask]:
         """Generate worlds, starts and targets, then the teams that follow these.
@@ -92,7 +90,7 @@ class Formation(Mission):
         return {name: TeamTask(self, name, self.targets) for name in names}
 
     def reseed(self, seed: int) -> None:
-        """Also sensors and radio."""
+        """Reseed also sensors and radio."""
         super().reseed(seed)
         self.noise.restart(derive_seed(seed, "sensors"))
 
@@ -104,7 +102,7 @@ class Formation(Mission):
     # -- one step --------------------------------------------------------------------------------------------------
 
     def measure(self) -> None:
-        """Move the targets and the slots, then errors and surroundings of every vehicle."""
+        """Move targets and slots; then measure errors and surroundings of every vehicle."""
         self._which.fill_(1)
         self.noise.tick()
         self.targets.move(self._which, self.num_envs)
@@ -118,17 +116,17 @@ class Formation(Mission):
             team.measure(self.obstacles, self.bodies, self.env_world, self._which, count)
 
     def observe(self, team: TeamTask) -> dict[str, Tensor]:
-        """See observations.py."""
+        """Observations of rl/guidance/observations.py."""
         return team.terms()
 
     def reward(self, team: TeamTask, ended: Endings) -> Tensor:
-        """See rewards.py."""
+        """Rewards of rewards.py."""
         if self.config.reward == "paper":
             return rewards.paper(team, ended)
         return rewards.tracking(team, ended)
 
     def plan_cost(self, team: TeamTask, ended: Tensor) -> Tensor:
-        """Squared distance from the slot, and what it costs to come too near or to end: see the numbers above."""
+        """Squared distance from the slot, plus NEAR_COST and ENDED_COST."""
         near = (team.section.plan.berth - team.sensor.gap).clamp(min=0.0)
         return team.distance.square() + NEAR_COST * near + ENDED_COST * ended
 
@@ -164,7 +162,7 @@ class Formation(Mission):
             team.slots.begin(envs, self.starts.formations[name].at(worlds, starts), self.generator)
 
     def measure_again(self, envs: Tensor) -> None:
-        """Measure where `begin` has placed vehicles."""
+        """Measure after `begin` has placed vehicles."""
         self._look(len(envs))
 
     @classmethod
@@ -198,7 +196,7 @@ class Formation(Mission):
         }
 
     def imagined(self, team: TeamTask) -> Mission:
-        """See imagined.py."""
+        """The model of imagined.py."""
         config = imagined_scenario(self.config, team.name)
         return ImaginedFormation(config, self.num_envs, seed=self.seed, teams=(team.name,), source=self.source)
 
@@ -235,14 +233,14 @@ class Formation(Mission):
         )
 
     @classmethod
-    def draw_figures(cls, out: Path, histories: Any, episode: Any, config: FormationScenario) -> None:
-        """The seed paper's figures."""
+    def draw_figures(cls, out: Path, histories: Histories, episode: Episode | None, config: FormationScenario) -> None:
+        """Draw the figures of the seed paper."""
         from rl.missions.formation.figures import write_figures  # matplotlib takes a second
 
         write_figures(out, histories, episode, config.evaluation.settle)
 
-    def controller(self, team: TeamTask) -> Any:
-        """What the vehicle brings, else what this mission has for its model (controllers/)."""
+    def controller(self, team: TeamTask) -> Controller | None:
+        """The vehicle's own controller, else that of rl/guidance/controllers for its model."""
         own = super().controller(team)
         if own is not None:
             return own
@@ -254,17 +252,17 @@ class Formation(Mission):
 
 
 class ImaginedFormation(Formation):
-    """One team of a formation, as it imagines it."""
+    """The model of one team for an honest planner (imagined.py)."""
 
     STATE = ()
 
     def prepare(self) -> None:
-        """With room for as many bodies as the team may sense."""
+        """Make room for as many bodies as the team may sense."""
         sensed = sum(team.fleet.count * team.sensor.num_obstacles for team in self.teams.values())
         shape = (self.tracks.worlds, PER_WORLD, ROWS, sensed)
         self.bodies = Bodies(self.num_envs, self.obstacles.new_zeros(()).expand(shape))
 
-    def believe(self, team: Any) -> None:
+    def believe(self, team: TeamTask) -> None:
         """Vehicles and obstacles as `team` measures them; target and slots as they are."""
         mine, known = self.teams[team.name], team.known
         self.steps.copy_(team.mission.steps)
