@@ -70,14 +70,14 @@ def policy_loss_figure(histories: Histories, liveries: Liveries) -> Figure:
 
 
 def save_figures(out: Path, figures: Mapping[str, Figure]) -> list[Path]:
-    """Each as NAME.png into the folder `out`; an old one stays until the new is whole."""
+    """Write each figure as NAME.png into the folder `out`; an old picture stays until the new one is complete."""
     out = Path(out)
     out.mkdir(parents=True, exist_ok=True)
     return [_save(figure, out / f"{name}.png") for name, figure in figures.items()]
 
 
 def _save(figure: Figure, path: Path) -> Path:
-    """Write beside, then rename."""
+    """Write to a temporary file, then rename it."""
     part = path.with_name(f".{path.stem}.{uuid.uuid4().hex[:8]}.part.png")
     try:
         figure.savefig(part, dpi=150)

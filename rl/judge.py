@@ -1,20 +1,28 @@
-"""What an evaluation measures of a mission, and how each figure is defined.
+"""Measurements of an evaluation, and the definition of each figure.
 
-Every environment runs one episode. A team one of whose vehicles has ended is measured no further, while the others go
-on. All sums are NumPy's, in float64, so that the result does not depend on the number of threads.
+An environment runs one episode. When one vehicle of a team ends, measuring stops for the whole team; other teams go
+on. Sums use NumPy in float64, so that the result does not depend on the number of threads.
 
     see (each decision) -> episodes: numbers of each episode -> pooled: figures of any set of episodes -> figures
 
-Intervals come from `pooled` over episodes drawn again and again (rl/evaluation/intervals.py), so that what a mission's
-judge adds to `episodes` and `pooled` has an interval by itself, in evaluations, sweeps and reports.
+Intervals come from `pooled` over resampled episodes (rl/evaluation/intervals.py). A figure that a mission's judge adds
+to `episodes` and `pooled` therefore gets an interval in evaluations, sweeps and reports without more code.
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, Self, SupportsFloat, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
+
+from rl.scenario import Scenario
+
+if TYPE_CHECKING:
+    from rl.mission import Mission, Step
+
+M = TypeVar("M", bound="Mission")
+C = TypeVar("C", bound=Scenario)
 
 COMMON = {
     "collisions_per_hour": "vehicles that hit an obstacle or a team mate, per hour of the team's operation",
@@ -31,11 +39,11 @@ COLLISION_LOSS = 20.0  # of an episode with a collision; assumed
 ACTION_RANGE = 2.0  # of an action, from -1 to 1
 
 
-class Judge:
-    """Watches one team through a chunk of episodes; a mission derives its own and adds figures.
+class Judge(Generic[M, C]):
+    """Measures one team through a chunk of episodes; a mission derives its own judge and adds figures.
 
-    Class attributes: `definitions`, figure -> what it means, in the order in which they are told; `plotted`, those of
-    them that a sweep is drawn by.
+    Class attributes: `definitions`, figure -> its definition, in the order in which they are printed; `plotted`, the
+    figures that a sweep plots.
     """
 
     definitions: ClassVar[dict[str, str]] = {
@@ -45,8 +53,8 @@ class Judge:
     }
     plotted: ClassVar[tuple[str, ...]] = ("reward_per_step", "collision_free_episodes", "success_rate")
 
-    def __init__(self, mission: Any, team: str):
-        """Watch `team` of a mission at the start of an episode in every environment."""
+    def __init__(self, mission: M, team: str):
+        """Measure `team` of a mission; every environment is at the start of an episode."""
         self.mission, self.name = mission, team
         envs, vehicles = mission.num_envs, mission.teams[team].fleet.count
         self.collided = np.zeros((envs, vehicles), dtype=bool)
@@ -56,10 +64,10 @@ class Judge:
         self.action_changes = np.zeros(envs)
 
     def __getstate__(self) -> dict[str, Any]:
-        """What was seen, to be told another process: the mission stays here."""
+        """The measurements, for transfer to another process; the mission itself is left out."""
         return {key: value for key, value in self.__dict__.items() if key != "mission"}
 
-    def see(self, step: Any, number: int) -> None:
+    def see(self, step: "Step", number: int) -> None:
         """Take decision `number` (from 1) into account."""
         alive, ended = ~self.failed, step.endings[self.name]
         self.reward[alive] += step.reward[self.name].double().mean(dim=1).cpu().numpy()[alive]
@@ -73,12 +81,12 @@ class Judge:
         self.failed |= ended.any.any(dim=1).cpu().numpy() & alive
 
     def series(self) -> dict[str, Tensor]:
-        """What a report plots over time, of every vehicle now: a label with its unit -> [env, vehicle]."""
+        """Values now that a report plots over time: a label with its unit -> [env, vehicle]."""
         return {}
 
     @classmethod
-    def episodes(cls, seen: Sequence[Any], config: Any) -> dict[str, NDArray[np.float64]]:
-        """Numbers of each episode of all chunks of one team, [episode]: what `pooled` needs."""
+    def episodes(cls, seen: Sequence[Self], config: C) -> dict[str, NDArray[np.float64]]:
+        """Numbers of each episode of all chunks of one team, [episode]: the input of `pooled`."""
         collided, failed, reward, measured, changes = (
             np.concatenate([getattr(judge, name) for judge in seen])
             for name in ("collided", "failed", "reward", "measured", "action_changes")
@@ -95,7 +103,7 @@ class Judge:
 
     @classmethod
     def pooled(cls, episodes: Episodes) -> dict[str, NDArray[np.float64]]:
-        """Figures [...] of sets of episodes, given as `episodes` gives them, [..., episode]."""
+        """Figures [...] of sets of episodes; the input is that of `episodes`, [..., episode]."""
         return {
             "reward_per_step": episodes["reward"].sum(-1) / np.maximum(episodes["decisions"].sum(-1), 1),
             "collisions_per_hour": episodes["collided"].sum(-1) / episodes["hours"].sum(-1),
@@ -106,20 +114,20 @@ class Judge:
 
     @classmethod
     def badness(cls, episodes: Episodes) -> NDArray[np.float64]:
-        """[criterion, episode], the first criterion first: by them the worst episode is found. Larger is worse."""
+        """Criteria [criterion, episode] by which the worst episode is found, in order of weight; larger is worse."""
         collided, paid = (episodes["collided"] > 0).astype(np.float64), episodes["reward"] / episodes["decisions"]
         return np.stack((collided, episodes["failed"], -paid))
 
     @classmethod
-    def loss(cls, episodes: Episodes, config: Any) -> NDArray[np.float64]:
-        """[episode], what tuning a controller (rl/runs/tune.py) makes small."""
+    def loss(cls, episodes: Episodes, config: C) -> NDArray[np.float64]:
+        """[episode], the loss that tuning a controller minimises (rl/runs/tune.py)."""
         paid = episodes["reward"] / np.maximum(episodes["decisions"], 1)
         return COLLISION_LOSS * (episodes["collided"] > 0) + (1 - episodes["succeeded"]) - paid
 
     @classmethod
-    def figures(cls, seen: Sequence[Any], config: Any) -> dict[str, float | None]:
+    def figures(cls, seen: Sequence[Self], config: C) -> dict[str, float | None]:
         """The figures of `definitions` over all chunks of one team; None where nothing was measured."""
-        return {key: known(value) for key, value in cls.pooled(cls.episodes(seen, config)).items()}
+        return {key: finite(value) for key, value in cls.pooled(cls.episodes(seen, config)).items()}
 
     @classmethod
     def line(cls, figures: dict[str, float | None]) -> str:
@@ -128,7 +136,7 @@ class Judge:
 
 
 def _change_of(episodes: Episodes) -> NDArray[np.float64]:
-    """Rms [...] change of an action; NaN for evaluations kept from before it was measured, and of single decisions."""
+    """Rms [...] change of an action; NaN for episodes of one decision and for evaluations older than this figure."""
     if "action_changes" not in episodes:
         return np.full(episodes["collided"].shape[:-1], np.nan)
     changes = np.maximum(episodes["decisions"] - 1, 0).sum(-1)
@@ -136,18 +144,24 @@ def _change_of(episodes: Episodes) -> NDArray[np.float64]:
     return np.sqrt(np.where(changes > 0, squares, np.nan))
 
 
-def known(value: Any) -> float | None:
+def finite(value: SupportsFloat) -> float | None:
     """A number, or None for one that is not finite."""
-    return float(value) if np.isfinite(value) else None
+    return float(value) if np.isfinite(float(value)) else None
 
 
-def errors_of(seen: Sequence[Any]) -> NDArray[np.float64]:
-    """[step, episode, vehicle] of all chunks."""
+class WithErrors(Protocol):
+    """A judge that keeps errors [step, env, vehicle]."""
+
+    errors: NDArray[np.float64]
+
+
+def errors_of(seen: Sequence[WithErrors]) -> NDArray[np.float64]:
+    """Errors [step, episode, vehicle] of all chunks."""
     return np.concatenate([j.errors for j in seen], axis=1)
 
 
 def rms_of(errors: NDArray[np.float64], axes: tuple[int, ...]) -> NDArray[np.float64]:
-    """Over what is finite; NaN where nothing is."""
+    """Root mean square over `axes`, of finite values; NaN where there is none."""
     finite = np.isfinite(errors)
     count = finite.sum(axis=axes)
     squares = (np.where(finite, errors, 0.0) ** 2).sum(axis=axes)
@@ -163,7 +177,7 @@ def over_time(episodes: Episodes, who: str) -> NDArray[np.float64]:
 
 
 def median_of(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Over the last axis, of what is not NaN; NaN where nothing is."""
+    """Median over the last axis, without NaN; NaN where there are no values."""
     count = np.isfinite(values).sum(-1, keepdims=True)
     ordered = np.sort(values, axis=-1)  # NaN come last
     low, high = (np.maximum(count - 1, 0) // 2, np.maximum(count, 1) // 2)
@@ -172,6 +186,6 @@ def median_of(values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def p95(errors: NDArray[np.float64]) -> float | None:
-    """Of what is finite; None if nothing is."""
+    """95th percentile of the finite values; None if there is none."""
     values = errors[np.isfinite(errors)]
-    return known(np.percentile(values, 95)) if values.size else None
+    return finite(np.percentile(values, 95)) if values.size else None

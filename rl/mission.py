@@ -1,57 +1,65 @@
-"""The contract of a mission: what stages, Gymnasium, evaluation and recordings may ask of one, and nothing else.
+"""The contract of a mission: all that stages, Gymnasium, evaluation and recordings may use.
 
-A scenario file names its mission (`mission = "formation"`, one of rl/missions, or `module:Class` of anybody's). The
-class derives from `Mission` and gives `begin`, `observe` and `reward`; what it leaves out has the default written
-here. A mission owns a `World` with any number of teams; everything about a team is a torch tensor [env, vehicle, ...].
+A scenario file names its mission (`mission = "formation"`, a package of rl/missions, or a user's `module:Class`). The
+class derives from `Mission` and implements `begin`, `observe` and `reward`; every other method has a default here.
+A mission owns a `World` with any number of teams. Data of a team are torch tensors [env, vehicle, ...].
 
-    step     the world moves -> `measure` -> `endings` -> `reward`; nothing is reset: the adapters decide when
-    reset    a sea, a time and a wind are drawn -> `begin` places the vehicles -> `measure_again`
+        step     the world moves -> `measure` -> `endings` -> `reward`; the adapters, not the mission, reset
+        environments reset    a sea, a time and a wind are drawn -> `begin` places the vehicles -> `measure_again`
 
-Terms are named: `observe` returns a dictionary, in order. Names and widths travel with checkpoints and exported
-policies, and a policy refuses, by name, what it was not trained on (learn/policy.py).
+Observation terms are named: `observe` returns an ordered dictionary. Checkpoints and exported policies store names and
+widths. A policy refuses observations other than those of its training, and names the difference (learn/policy.py).
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import reduce
 from operator import or_
 from pathlib import Path
-from typing import Any, ClassVar, NamedTuple
+from types import MappingProxyType
+from typing import ClassVar, Generic, NamedTuple, TypeVar
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
 from rl.judge import Judge
 from rl.scenario import Scenario
 from rl.seeds import derive_seed
-from rl.team import Team
+from rl.team import Controller, Team
 from taichi_sim.config.summary import number, span
 from taichi_sim.kernels import runtime
+from taichi_sim.recording.episode import Episode, Scene
+from taichi_sim.recording.overlays import Overlay
 from taichi_sim.state import Snapshot, Stateful
 from taichi_sim.world import World
 
 TIME_SPAN = 3600.0  # s: an episode begins at a random time of its sea
-COLLIDED, DIVERGED = "collided", "diverged"  # endings that others than the mission know
+COLLIDED, DIVERGED = "collided", "diverged"  # endings that other modules know, too
+
+C = TypeVar("C", bound=Scenario)
+T = TypeVar("T", bound=Team)
+_Team = Team  # class attributes hide the names of the types
+_Judge = Judge
 
 Histories = Mapping[str, Mapping[str, NDArray[np.float64]]]
 """team -> column of a stage's progress.csv -> [iterations]."""
 
 
 class ControllerError(RuntimeError):
-    """There is no controller for what a team consists of."""
+    """There is no classical controller for a team's vehicles."""
 
 
 class Endings(Mapping[str, Tensor]):
     """Why a team's vehicles ended in a step: name -> bool [env, vehicle]."""
 
     def __init__(self, flags: Mapping[str, Tensor]):
-        """Take the flags; they are not to be changed any more."""
+        """Store the flags; the caller must not change them afterwards."""
         self._flags = dict(flags)
         self.any = reduce(or_, self._flags.values())
 
     def __getitem__(self, name: str) -> Tensor:
-        """Whether it ended a vehicle."""
+        """Flags [env, vehicle] of the ending `name`."""
         return self._flags[name]
 
     def __iter__(self) -> Iterator[str]:
@@ -64,7 +72,7 @@ class Endings(Mapping[str, Tensor]):
 
 
 class Step(NamedTuple):
-    """What one decision brought; dictionaries are by team."""
+    """Result of one decision; dictionaries are keyed by team."""
 
     reward: dict[str, Tensor]  # [env, vehicle]
     endings: dict[str, Endings]  # [env, vehicle] flags
@@ -82,30 +90,43 @@ class Step(NamedTuple):
         return f"<Step: {'; '.join(teams)};\n {over}>"
 
 
-class Mission(Stateful):
-    """A mission in `num_envs` environments; see the module.
-
-    Class attributes: `Config`, its scenario, which derives from `Scenario`; `logged`, names in `log`; `Team`, what
-    `teams` holds; `Judge`, what its evaluation measures, and how each figure is defined (rl/judge.py).
+class Frame(NamedTuple):
+    """Contents of a recording of one environment at one moment, besides its vehicles.
 
     Attributes:
-        config: the scenario. world: the simulated world. teams: name -> Team, those that take part.
-        steps: int64 [env], decisions since the episode began. generator: of all random draws of episodes.
-        device: where tensors live. shown: the environment that `frame`, `scene` and `overlays` are asked about.
+        teams: team -> fields of its `TeamTrack` (taichi_sim/recording/episode.py) without the time axis: target_n,
+            target_course, slot_n, error_m.
+        overlays: drawings (taichi_sim/recording/overlays.py), of one frame each, the same by name in every frame of an
+            episode.
+    """
+
+    teams: Mapping[str, Mapping[str, Tensor]] = MappingProxyType({})
+    overlays: tuple[Overlay, ...] = ()
+
+
+class Mission(Stateful, Generic[C, T]):
+    """A mission in `num_envs` environments; see the module.
+
+    Class attributes: `Config`, the scenario class, derived from `Scenario`; `logged`, the names that `log` returns;
+    `Team`, the class of the entries of `teams`; `Judge`, which measures its evaluation (rl/judge.py).
+
+    Attributes:
+        config: the scenario. world: the simulated world. teams: name -> Team, of the teams that take part.
+        steps: int64 [env], decisions since the episode began. generator: source of all random draws of episodes.
+        device: where tensors live.
     """
 
     Config: ClassVar[type[Scenario]] = Scenario
     logged: ClassVar[tuple[str, ...]] = ()
-    Team: ClassVar[Any] = Team
-    Judge: ClassVar[Any] = Judge
-    shown: int = 0
+    Team: ClassVar[Callable[..., _Team]] = Team
+    Judge: ClassVar[type[_Judge]] = Judge
 
     STATE: tuple[str, ...] = ("world", "steps", "teams")
     SHARED: tuple[str, ...] = ("generator",)
 
     def __init__(
         self,
-        config: Any,
+        config: C,
         num_envs: int,
         *,
         seed: int,
@@ -127,7 +148,7 @@ class Mission(Stateful):
         self.generator = torch.Generator().manual_seed(derive_seed(seed, "episodes"))
         self.steps = torch.zeros(num_envs, dtype=torch.int64, device=self.device)
         self._all = torch.arange(num_envs, device=self.device)
-        self.teams: dict[str, Any] = self.make_teams(
+        self.teams: dict[str, T] = self.make_teams(
             [name for name in self.world.teams if name not in self.world.scripts]
         )
         self.prepare()
@@ -150,124 +171,119 @@ class Mission(Stateful):
         super().restore(saved)
 
     def _use_controllers(self, names: set[str]) -> None:
-        """Make the classical controllers of these teams, so that they can be given a memory."""
+        """Make the classical controllers of these teams, so that a snapshot can restore their memory."""
         for name in names:
             getattr(self.teams[name], "controller")  # noqa: B009
 
     def __repr__(self) -> str:
-        """Scenario, size, how far the episodes are, teams that decide, sea."""
+        """Scenario, number of environments, time in the episodes, acting teams, sea."""
         done = f"{span(self.steps, 'decisions')} of {self.config.episode_steps}"
         each = ((name, team.fleet) for name, team in self.teams.items())
         teams = (f"{name} ({fleet.count} x {type(fleet.model).__name__})" for name, fleet in each)
         size = f"{number(self.num_envs, 'environment')}, {done}, {', '.join(teams) or 'no teams'}"
         return f"<{type(self).__name__} of {self.config.name!r}: {size};\n {self.world.sea}>"
 
-    # -- what a mission gives --------------------------------------------------------------------------------------
+    # -- what a mission implements ---------------------------------------------------------------------------------
 
-    def make_teams(self, names: Sequence[str]) -> dict[str, Any]:
+    def make_teams(self, names: Sequence[str]) -> dict[str, T]:
         """Make the teams `names`, whose fleets are in the world. Default: a `Team` each."""
-        return {name: self.Team(self, name) for name in names}
+        return {name: self.Team(self, name) for name in names}  # pyright: ignore[reportReturnType]
 
     def prepare(self) -> None:
         """Make what all episodes share (tracks, obstacles, starts), once, before the first `reset`."""
 
-    def begin(self, envs: Tensor, **where: Any) -> None:
+    def begin(self, envs: Tensor, **where: Tensor) -> None:
         """Place the vehicles of environments `envs` [n], whose sea, time and wind have been drawn (`world.place`).
 
-        `where` is what `reset` was given beside.
+        `where` holds the additional keyword arguments of `reset`.
         """
         raise NotImplementedError
 
-    def observe(self, team: Any) -> dict[str, Tensor]:
-        """What each vehicle of a team is told for its next decision: term -> [env, vehicle, n], of order one."""
+    def observe(self, team: T) -> dict[str, Tensor]:
+        """Observations of each vehicle of a team for its next decision: term -> [env, vehicle, n], of order one."""
         raise NotImplementedError
 
-    def reward(self, team: Any, ended: Endings) -> Tensor:
-        """What each vehicle of a team is paid for the last step, [env, vehicle]."""
+    def reward(self, team: T, ended: Endings) -> Tensor:
+        """Reward of each vehicle of a team for the last step, [env, vehicle]."""
         raise NotImplementedError
 
-    def plan_cost(self, team: Any, ended: Tensor) -> Tensor:
-        """What the last step costs each vehicle of a team whose plans are compared (rl/planning), [env, vehicle].
+    def plan_cost(self, team: T, ended: Tensor) -> Tensor:
+        """Cost of the last step for each vehicle, by which plans of a team are compared (rl/planning), [env, vehicle].
 
-        `ended` bool [env, vehicle] are those that have just ended. Default: minus the reward of one that goes on, and
-        nothing after the end but what the reward says of it.
+        `ended` bool [env, vehicle]: vehicles that ended in this step. Default: minus the reward while a vehicle goes
+        on; afterwards only the penalty that the reward contains.
         """
         nothing = torch.zeros_like(ended)
         return -self.reward(team, Endings({COLLIDED: ended, DIVERGED: nothing}))
 
-    def imagined(self, team: Any) -> "Mission | None":
-        """A mission of as many environments in which an honest planner (rl/planning) can try plans of a team: nominal
-        craft, nothing that the team does not know. Default: None, there is no way to build one.
+    def imagined(self, team: T) -> "Mission[C, T] | None":
+        """A mission with as many environments, in which an honest planner (rl/planning) can try plans of a team.
+
+        It has nominal vehicles and contains only what the team knows. Default: None, the mission offers no such model.
         """
         return None
 
-    def believe(self, team: Any) -> None:
-        """Make this mission, which `imagined` has built, what `team` of the real one knows now."""
+    def believe(self, team: T) -> None:
+        """Write what `team` of the real mission knows now into this mission, which `imagined` has built."""
         raise NotImplementedError
 
     def measure(self) -> None:
         """Read the world after a step: move targets, compute errors, sense."""
 
     def measure_again(self, envs: Tensor) -> None:
-        """The same after environments `envs` [n] have begun anew: what they remember is to be forgotten."""
+        """Measure environments `envs` [n] that have begun anew, and forget what belonged to their last episode."""
         self.measure()
 
-    def endings(self, team: Any) -> dict[str, Tensor]:
-        """What in this mission ends vehicles of a team, beside what ends them anywhere: name -> bool [env, vehicle]."""
+    def endings(self, team: T) -> dict[str, Tensor]:
+        """Endings of this mission for a team, in addition to the general ones: name -> bool [env, vehicle]."""
         return {}
 
-    # -- what others ask -------------------------------------------------------------------------------------------
+    # -- what others use -------------------------------------------------------------------------------------------
 
-    def log(self, team: Any, step: Step) -> dict[str, Tensor]:
-        """Numbers of a step to write to the training's history: name -> a scalar, after `reward`."""
+    def log(self, team: T, step: Step) -> dict[str, Tensor]:
+        """Numbers of a step for the training's history: name -> a scalar, called after `reward`."""
         return {}
 
-    def info(self, team: Any) -> dict[str, Tensor]:
-        """What Gymnasium's info says of a team now, besides its endings: name -> [env, vehicle]."""
+    def info(self, team: T) -> dict[str, Tensor]:
+        """Entries of Gymnasium's info for a team now, besides its endings: name -> [env, vehicle]."""
         return {}
 
-    def controller(self, team: Any) -> Any:
-        """A classical controller for a team, built from its model: a policy; None if there is none.
+    def controller(self, team: T) -> Controller | None:
+        """A classical controller for a team, a policy built from the vehicle model; None if there is none.
 
-        Default: what the vehicle itself brings (`Vehicle.controller`).
+        Default: the controller that the vehicle itself offers (`Vehicle.controller`).
         """
         kind = team.fleet.model.controller
         return None if kind is None else kind(team.fleet.model)
 
     @classmethod
-    def one_each(cls, config: Any, episodes: int) -> Any:
-        """The scenario with a sea (and whatever else is drawn from a pool) of its own for each of `episodes`."""
+    def one_each(cls, config: C, episodes: int) -> C:
+        """The scenario with a separate sea (and separate entries of every other pool) for each of `episodes`."""
         return config.model_copy(update={"sea": config.sea.model_copy(update={"realisations": episodes})})
 
     def begin_each(self) -> None:
-        """Begin an episode in every environment, number e on sea e (and whatever else `one_each` provides)."""
+        """Begin an episode in every environment: environment e uses sea e, and entry e of every other pool of
+        `one_each`.
+        """
         self.reset(seas=self._all % self.world.sea.num_seas)
 
     @classmethod
-    def draw_figures(cls, out: Path, histories: Histories, episode: Any, config: Any) -> None:
+    def draw_figures(cls, out: Path, histories: Histories, episode: Episode | None, config: C) -> None:
         """Write pictures of a training and of an episode into `out`."""
 
-    def frame(self, team: Any) -> dict[str, Tensor]:
-        """What a recording shows of a team beside its vehicles, in environment `shown` now: fields of a `TeamTrack`
-        (taichi_sim/recording/episode.py), without the time axis: target_n, target_course, slot_n, error_m.
-        """
-        return {}
+    def frame(self, env: int) -> Frame:
+        """Contents of a recording of environment `env` now, besides its vehicles; they depend on the state alone."""
+        return Frame()
 
-    def scene(self) -> Any:
-        """What stands in environment `shown`, a recording's `Scene`; None is nothing."""
+    def scene(self, env: int) -> Scene | None:
+        """Fixed objects of environment `env` in this episode; None: there are none."""
         return None
-
-    def overlays(self) -> tuple[Any, ...]:
-        """What a recording draws besides (taichi_sim/recording/overlays.py), asked for at the end of the episode."""
-        return ()
-
-    def forget_frames(self) -> None:
-        """Forget what `frame` has kept for `overlays`: before a single picture, or another part of what is filmed."""
 
     # -- what every mission has ------------------------------------------------------------------------------------
 
-    def step(self, actions: Mapping[str, Any]) -> Step:
-        """Advance one decision interval; `actions[team]` is [env, vehicle, action] in [-1, 1], the vehicles' own.
+    def step(self, actions: Mapping[str, Tensor | ArrayLike]) -> Step:
+        """Advance one decision interval; `actions[team]` [env, vehicle, action] in [-1, 1] are actions of the vehicle
+        models.
 
         Raises:
             ValueError: for a wrong shape or an action that is not finite; nothing has moved then.
@@ -275,7 +291,7 @@ class Mission(Stateful):
         with runtime.torch_at_rest():
             return self._step(actions)
 
-    def _step(self, actions: Mapping[str, Any]) -> Step:
+    def _step(self, actions: Mapping[str, Tensor | ArrayLike]) -> Step:
         taken = self.world.step(actions)
         self.steps += 1
         for name, team in self.teams.items():
@@ -287,17 +303,17 @@ class Mission(Stateful):
         truncated = (self.steps >= self.config.episode_steps) & ~terminated
         return Step(reward, ended, terminated, truncated)
 
-    def _ended(self, team: Any) -> Endings:
+    def _ended(self, team: T) -> Endings:
         fleet = team.fleet
         flags = {**self.endings(team), **fleet.model.endings(fleet, self.world)}
         flags.setdefault(DIVERGED, ~fleet.state.sum(-1).isfinite())
         return Endings(flags)
 
-    def _paid(self, team: Any, ended: Endings) -> Tensor:
-        """The reward; -1 for a vehicle whose state is not finite, of which nothing can be said."""
+    def _paid(self, team: T, ended: Endings) -> Tensor:
+        """The reward; -1 for a vehicle whose state is not finite, because no other reward is defined there."""
         return self.reward(team, ended).masked_fill(ended[DIVERGED], -1.0)
 
-    def reset(self, envs: Tensor | None = None, *, seas: Tensor | None = None, **where: Any) -> None:
+    def reset(self, envs: Tensor | None = None, *, seas: Tensor | None = None, **where: Tensor) -> None:
         """Begin new episodes in environments `envs` [n] (default: all), on `seas` [n] (default: random ones); `where`
         goes to `begin`.
         """
@@ -306,7 +322,7 @@ class Mission(Stateful):
             with runtime.torch_at_rest():
                 self._reset(rows, seas, where)
 
-    def _reset(self, envs: Tensor, seas: Tensor | None, where: dict[str, Any]) -> None:
+    def _reset(self, envs: Tensor, seas: Tensor | None, where: dict[str, Tensor]) -> None:
         n = len(envs)
         self.steps[envs] = 0
         drawn = self.draw(self.world.sea.num_seas, n)
@@ -325,5 +341,5 @@ class Mission(Stateful):
         self.world.reseed(derive_seed(seed, "world"))
 
     def draw(self, limit: int, n: int) -> Tensor:
-        """Whole numbers below `limit`, int64 [n]."""
+        """Draw whole numbers below `limit`, int64 [n]."""
         return torch.randint(limit, (n,), generator=self.generator).to(self.device)

@@ -1,18 +1,28 @@
 """Terms that rewards of any mission are made of, [env, vehicle], and their weighted sum."""
 
-from typing import Any
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, TypeVar
 
 import torch
 from torch import Tensor
 
+from taichi_sim.config import Strict
+
+if TYPE_CHECKING:
+    from rl.team import Team
+
+T = TypeVar("T", bound="Team")
+E = TypeVar("E")
+W = TypeVar("W", bound=Strict)
+
 
 def coarse(d: Tensor, scale: float) -> Tensor:
-    """A wide bell, exp(-(d / scale)^2): which way is home."""
+    """A wide bell, exp(-(d / scale)^2): its gradient reaches far from the slot."""
     return torch.exp(-(d * d) * (1 / scale**2))
 
 
 def fine(d: Tensor, scale: float) -> Tensor:
-    """A sharp peak, 1 / (1 + (d / scale)^2): the last metre."""
+    """A sharp peak, 1 / (1 + (d / scale)^2): its gradient is largest within the last metre."""
     return 1 / (1 + (d * d) * (1 / scale**2))
 
 
@@ -27,12 +37,12 @@ def clearance(gap: Tensor, reach: float) -> Tensor:
 
 
 def penalty(happened: Tensor) -> Tensor:
-    """-1 where it happened: the paper's collision penalty (sec. 3.5), and that of an early ending."""
+    """-1 where the event happened: the paper's collision penalty (sec. 3.5), and the penalty of an early ending."""
     return -happened.to(torch.get_default_dtype())
 
 
-def paid(terms: dict[str, Any], weights: Any, team: Any, ended: Any) -> Tensor:
-    """The weighted sum of `terms`; a weight of 0 costs nothing."""
+def paid(terms: Mapping[str, Callable[[T, E, W], Tensor]], weights: W, team: T, ended: E) -> Tensor:
+    """Weighted sum of `terms`; a term with weight 0 is not computed."""
     parts = [
         getattr(weights, name) * term(team, ended, weights) for name, term in terms.items() if getattr(weights, name)
     ]

@@ -1,11 +1,11 @@
-"""What every scenario says: a world, the mission in it, training stages, evaluation.
+"""Configuration of every scenario: a world, the mission in it, training stages, evaluation.
 
-A mission's scenario class derives from `Scenario` and adds the keys of its own (rl/mission.py); rl/missions reads it.
+A mission's scenario class derives from `Scenario` and adds keys (rl/mission.py); rl/missions reads the file.
 """
 
 import difflib
 import itertools
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import BeforeValidator, Field, model_validator
 
@@ -21,29 +21,29 @@ MOST_VEHICLES = 64  # of a team, among the random numbers of sensors
 class PlanningConfig(Strict):
     """`[stages.NAME.planning]`: the stage improves its policy by planning, not by PPO (rl/learn/improvement.py).
 
-    An iteration is `steps_per_iteration` decisions of `num_envs` environments, then `learning_epochs` over what was
-    suggested. Horizon and knots of plans are those of `[TEAM.plan]`.
+    An iteration is `steps_per_iteration` decisions in `num_envs` environments, then `learning_epochs` over the
+    planner's suggestions. `[TEAM.plan]` gives horizon and knots of the plans.
     """
 
     samples: Annotated[int, Field(ge=4, le=65536)] = 16  # futures tried for each plan
     spread: tuple[Positive, Positive] = (0.8, 0.3)  # standard deviation of a knot, of an action: first, last iteration
-    step: Positive = 2.0  # times what is suggested is learnt
-    rounds: Annotated[int, Field(ge=1, le=100)] = 8  # iterations whose suggestions are learnt
+    step: Positive = 2.0  # factor on the suggested correction before the policy learns it
+    rounds: Annotated[int, Field(ge=1, le=100)] = 8  # latest iterations whose suggestions the policy learns from
 
 
 class StageConfig(Strict):
-    """One training stage: which team learns (others act from frozen weights), on what, and PPO's numbers.
+    """One training stage: the team that learns (others act by frozen weights), its environments, PPO's parameters.
 
-    A team may be trained by several stages: a later one goes on from where the one before it ended, with the same
-    networks. Teams that neither learn nor are frozen are not there.
+    Several stages may train one team. A later stage continues from the end of the earlier one, with the same networks.
+    Teams that neither learn nor are frozen do not take part.
     """
 
-    team: Annotated[str, Field(min_length=1)]  # that learns
+    team: Annotated[str, Field(min_length=1)]  # the team that learns
     joint: tuple[Annotated[str, Field(min_length=1)], ...] = ()  # other teams that learn at the same time
-    frozen: tuple[Annotated[str, Field(min_length=1)], ...] | None = None  # that act; default: all trained before
-    keep: Literal["last", "better"] = "last"  # better: if it then does worse than before, the stage is dropped
+    frozen: tuple[Annotated[str, Field(min_length=1)], ...] | None = None  # act frozen; default: all trained before
+    keep: Literal["last", "better"] = "last"  # better: the stage is dropped if the team then does worse than before
     start_from: Annotated[str, Field(min_length=1)] | None = None  # a run's folder, or a checkpoint: its weights
-    set: Annotated[dict[str, Any], BeforeValidator(flattened)] = {}  # what differs in it from the scenario, by key
+    set: Annotated[dict[str, Any], BeforeValidator(flattened)] = {}  # changes of the scenario in this stage, by key
     iterations: Annotated[int, Field(ge=1, le=1_000_000)] = 200
     num_envs: Annotated[int, Field(ge=1, le=1_000_000)] = 512
     steps_per_iteration: Annotated[int, Field(ge=2, le=1000)] = 24
@@ -58,18 +58,18 @@ class StageConfig(Strict):
     entropy: NonNegative = 0.0
     desired_kl: Positive = 0.01
     initial_std: Positive = 0.6
-    critic: Literal["truth", "policy"] = "truth"  # what the critic is told: also the truth that vehicles do not know
+    critic: Literal["truth", "policy"] = "truth"  # input of the critic; truth: also privileged information
     planning: PlanningConfig | None = None
     checkpoint_interval: Annotated[int, Field(ge=1)] = 25  # iterations
 
     @property
     def learners(self) -> tuple[str, ...]:
-        """All teams that learn in it."""
+        """All teams that learn in this stage."""
         return (self.team, *self.joint)
 
 
 class Evaluation(Strict):
-    """Episodes never trained on."""
+    """Held-out episodes."""
 
     episodes: Annotated[int, Field(ge=1, le=100_000)] = 256
     seed: Annotated[int, Field(ge=0)] = 1000
@@ -105,7 +105,7 @@ class Scenario(WorldConfig):
         return next((stage for stage in reversed(self.stages.values()) if team in stage.learners), None)
 
     def iterations_before(self, name: str, team: str | None = None) -> int:
-        """Iterations that `team` (default: that of the stage) has behind it when stage `name` begins."""
+        """Iterations that `team` (default: that of the stage) has completed when stage `name` begins."""
         team = team or self.stages[name].team
         earlier = itertools.takewhile(lambda item: item[0] != name, self.stages.items())
         return sum(stage.iterations for _, stage in earlier if team in stage.learners)
@@ -116,15 +116,15 @@ class Scenario(WorldConfig):
             raise ValueError("there is no team: a team is a section of any name that has a vehicle")
         return self
 
-    def _check_learner(self, told: str, team: str) -> None:
+    def _check_learner(self, key: str, team: str) -> None:
         if team not in self.teams:
             close = difflib.get_close_matches(team, self.teams, n=1)
             hint = f", did you mean {close[0]!r}?" if close else ""
             raise ValueError(
-                f"{told}: there is no such team{hint}; allowed are {', '.join(map(repr, self.teams)) or 'none'}"
+                f"{key}: there is no such team{hint}; allowed are {', '.join(map(repr, self.teams)) or 'none'}"
             )
         if team in self.scripted:
-            raise ValueError(f"{told}: a script acts for it, nothing is to be learnt")
+            raise ValueError(f"{key}: a script acts for it, nothing is to be learnt")
 
     @model_validator(mode="after")
     def _stages_fit(self):
@@ -172,8 +172,11 @@ class Scenario(WorldConfig):
         return self
 
 
-def at_stage(config: Any, name: str) -> Any:
-    """The scenario as it is while the stage `name` trains: with what `stages.NAME.set` says.
+C = TypeVar("C", bound=Scenario)
+
+
+def at_stage(config: C, name: str) -> C:
+    """The scenario of stage `name`, with the changes of `stages.NAME.set`.
 
     Raises:
         ConfigError: naming the stage's key, value and what is allowed.

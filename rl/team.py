@@ -1,6 +1,8 @@
-"""What stages, Gymnasium, evaluation and controllers may ask of one team of a mission (mission.py)."""
+"""The contract of one team of a mission: all that stages, Gymnasium, evaluation and controllers may use."""
 
-from typing import Any
+from collections.abc import Callable, Mapping
+from itertools import chain
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import torch
 from torch import Tensor
@@ -8,22 +10,30 @@ from torch import Tensor
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import runtime
 
+if TYPE_CHECKING:
+    from rl.mission import Mission
 
-class Team:
-    """One team of a mission, as its policy sees it; a mission may use a class of its own that derives from this.
+M = TypeVar("M", bound="Mission")
+
+Controller = Callable[..., Tensor]
+"""A classical controller: what a team knows (`Team.known`) -> actions [env, vehicle, action] in [-1, 1]."""
+
+
+class Team(Generic[M]):
+    """One team of a mission, as its policy sees it; a mission may derive a class of its own.
 
     Attributes:
-        mission, name, section: whose it is, what it is called, its section of the scenario. fleet: the vehicles.
+        mission: the mission. name: of the team. section: the team's section of the scenario. fleet: the vehicles.
         action, previous_action: [env, vehicle, action] of the last two steps, zero at the start of an episode.
-        known: what classical controllers are handed, with the attributes of a team: what its vehicles know. Default:
-            the team itself.
+        known: what the vehicles know, with the attributes of a team: the input of classical controllers. Default: the
+            team itself.
     """
 
     STATE: tuple[str, ...] = ("action", "previous_action", "_in_use")
     SHARED: tuple[str, ...] = ()
 
-    def __init__(self, mission: Any, name: str):
-        """See team `name` of a mission whose world exists."""
+    def __init__(self, mission: M, name: str):
+        """Make team `name` of a mission whose world exists."""
         self.mission, self.name = mission, name
         self.section: Any = mission.config.teams[name]
         self.fleet: Fleet = mission.world.teams[name]
@@ -32,7 +42,7 @@ class Team:
         )
         self.previous_action = self.action
         self.known: Any = self
-        self._controller: Any = None
+        self._controller: Controller | None = None
 
     @property
     def steps(self) -> Tensor:
@@ -40,26 +50,26 @@ class Team:
         return self.mission.steps
 
     @property
-    def controller(self) -> Any:
-        """The mission's classical controller of this team, made at the first use; None if there is none."""
+    def controller(self) -> Controller | None:
+        """The mission's classical controller of this team, made at its first use; None if there is none."""
         if self._controller is None:
             self._controller = self.mission.controller(self)
         return self._controller
 
     @property
-    def _in_use(self) -> Any:
-        """The controller, whose memory is state, once it has been used."""
+    def _in_use(self) -> Controller | None:
+        """The controller, if it has been made; its memory is part of the state."""
         return self._controller
 
     @property
     def action_names(self) -> tuple[str, ...]:
-        """What its policy commands, each in [-1, 1]."""
+        """Names of the policy's actions, each in [-1, 1]."""
         return self.fleet.model.action_names
 
     def command(self, action: Tensor) -> Tensor:
-        """Actions of the vehicles [env, vehicle, a] for those of the policy [env, vehicle, `action_names`].
+        """Vehicle actions [env, vehicle, a] for policy actions [env, vehicle, `action_names`].
 
-        Default: the same. Whoever acts by a policy asks this before `Mission.step`.
+        Default: the same. Callers convert a policy's actions by this method before `Mission.step`.
         """
         return action
 
@@ -75,14 +85,21 @@ class Team:
 
     @property
     def privileged(self) -> Tensor | None:
-        """What a critic is told besides, in training alone [env, vehicle, n], a fresh tensor; None is nothing."""
+        """Privileged information for a critic in training, [env, vehicle, n], a fresh tensor; None: there is none."""
         return None
 
     @property
+    def layout(self) -> Mapping[str, int]:
+        """Terms of its observations and their widths, in order. Default: those that `Mission.observe` gives now."""
+        return {term: value.shape[-1] for term, value in self.mission.observe(self).items()}
+
+    def terms(self) -> dict[str, Tensor]:
+        """Its observations by term, views of one `observe`."""
+        layout = self.layout
+        return dict(zip(layout, self.observe().split(list(layout.values()), dim=-1), strict=True))
+
+    @property
     def observation_names(self) -> tuple[str, ...]:
-        """A name for each of the n observations: the term's, with a number where it has several ("error.1")."""
-        names: list[str] = []
-        for term, value in self.mission.observe(self).items():
-            width = value.shape[-1]
-            names += [term] if width == 1 else [f"{term}.{k}" for k in range(width)]
-        return tuple(names)
+        """A name for each of the n observations: the term's, with a number if it has several values ("error.1")."""
+        named = ([term] if width == 1 else [f"{term}.{k}" for k in range(width)] for term, width in self.layout.items())
+        return tuple(chain.from_iterable(named))

@@ -70,11 +70,7 @@ class Pictures:
 
     def draw(self) -> tuple[NDArray[np.uint8], ...]:
         """A picture [high, wide, 3] of each environment as it is now."""
-        shown = self.task.shown
-        try:
-            return tuple(self._picture(env) for env in range(self.task.num_envs))
-        finally:
-            self.task.shown = shown
+        return tuple(self._picture(env) for env in range(self.task.num_envs))
 
     def close(self) -> None:
         """Close the window, if there is one."""
@@ -89,15 +85,15 @@ class Pictures:
 
     def _moment(self, env: int) -> Moment:
         """What there is to see in an environment now."""
-        task = self.task
-        task.shown = env
-        task.forget_frames()
-        beside = {name: task.frame(team) for name, team in task.teams.items()}
-        mission = {name: {k: v.detach().cpu().numpy()[None] for k, v in of.items()} for name, of in beside.items()}
+        task, frame = self.task, self.task.frame(env)
+        mission = {
+            name: {key: value.detach().cpu().numpy()[None] for key, value in row.items()}
+            for name, row in frame.teams.items()
+        }
         recorder = Recorder(task.world, env)
         recorder.add()
         episode = recorder.episode(
-            mission=mission, scene=task.scene() or Scene(), overlays=task.overlays(), config_text=""
+            mission=mission, scene=task.scene(env) or Scene(), overlays=frame.overlays, config_text=""
         )
         moment = moment_of(episode, 0.0)
         trails = self._trail(env)

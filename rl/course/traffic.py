@@ -16,10 +16,12 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from rl.course.tracks import Tracks
+from taichi_sim.recording.overlays import Cylinders
 
 NORTH, EAST, RADIUS, BOTTOM, TOP, V_NORTH, V_EAST, CARRIED, ROWS = range(9)  # of a body
 CROSSING, OVERTAKING, DRIFTING = range(3)
@@ -32,6 +34,7 @@ ROOM_M = 10.0  # between the surfaces of a body and of an obstacle, or of anothe
 HEAD_START = 3.0  # s that a body and a team on collision course are apart when an episode begins, at the least
 INSTANTS = 24  # of an episode at which a body's path is checked
 AWAY = 1e6  # m: where what is not there is put
+COLOUR = (196, 120, 40)  # in recordings
 
 
 class Span(NamedTuple):
@@ -187,3 +190,13 @@ class Bodies:
             velocity, carried = self.table[:, V_NORTH : V_EAST + 1], self.table[:, CARRIED : CARRIED + 1]
             velocity += carried * (current.unsqueeze(-1) - velocity)
             self.table[:, : EAST + 1] += interval * velocity
+
+    def cylinders(self, env: int, area: float) -> tuple[Cylinders, ...]:
+        """The bodies of an environment now, for recordings; those outside of `area` (m, side) are not drawn."""
+        if not self.present:
+            return ()
+        table = self.table[env].double().cpu().numpy()[None]
+        place = np.stack((table[:, NORTH], table[:, EAST], -0.5 * (table[:, BOTTOM] + table[:, TOP])), axis=-1)
+        place[np.abs(table[:, NORTH]) > area] = np.nan
+        size = np.stack((table[:, RADIUS], table[:, TOP] - table[:, BOTTOM]), axis=-1)
+        return (Cylinders(name="traffic", colour=COLOUR, position_n=place, size_m=size),)

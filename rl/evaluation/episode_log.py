@@ -107,8 +107,7 @@ class Log:
         return found
 
     def _excerpt(self, env: int, when: Array, teams: tuple[str, ...]) -> Excerpt:
-        self.mission.shown = env
-        scene = self.mission.scene()
+        scene = self.mission.scene(env)
         ends = [Ended(time, team, vehicle, event_of(kind)[1]) for time, team, kind, vehicle in self._ends.get(env, [])]
         return Excerpt(
             episode=self.first + env,

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rl.judge import Episodes, Judge, known
+from rl.judge import Episodes, Judge, finite
 
 RESAMPLES = 2000
 LEVEL = 0.95
@@ -86,5 +86,5 @@ def _of(value: Mapping[str, NDArray], draws: list[dict[str, NDArray[np.float64]]
         drawn = drawn[np.isfinite(drawn)]
         edge = 50 * (1 - LEVEL)
         low, high = np.percentile(drawn, [edge, 100 - edge]) if len(drawn) else (np.nan, np.nan)
-        found[key] = Interval(known(value[key]), known(low), known(high))
+        found[key] = Interval(finite(value[key]), finite(low), finite(high))
     return found

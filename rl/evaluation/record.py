@@ -9,16 +9,16 @@ from tqdm import tqdm
 
 from rl.evaluation.episodes import chunk_with, one_episode_each
 from rl.evaluation.events import event_of
-from rl.evaluation.reel import Reel, Rows, rows_of
+from rl.evaluation.reel import Reel
 from rl.learn.policy import Policy
-from rl.mission import Step
+from rl.mission import Mission, Step
 from rl.scenario import Scenario
 from taichi_sim.config.io import toml_text
 from taichi_sim.kernels import runtime
 from taichi_sim.recording import Episode, Event
 
-Seen = Callable[[Any, Rows, list[Event]], None]
-"""Told of each frame of an episode that is recorded: the mission, what it draws of its teams, what has happened."""
+Seen = Callable[[Mission, int, Step, list[Event]], None]
+"""Called after each step of an episode that is recorded: mission, its environment, the step, new events."""
 
 
 def record_episode(
@@ -50,8 +50,7 @@ def record_episode(
     else:
         task, first = chunk_with(config, tuple(policies), number[1], seed, source, number[0])
         env = number[0] - first
-    task.shown = env
-    reel = Reel(task)
+    reel = Reel(task, env)
     told: set[tuple[str, int, str]] = set()
     events: list[Event] = []
     with runtime.torch_at_rest():
@@ -61,10 +60,9 @@ def record_episode(
             events += new
             if any(bool(ended["diverged"][env].any()) for ended in step.endings.values()):
                 break  # what follows is no motion
-            rows = rows_of(task, step)
-            reel.add(rows)
+            reel.add(step)
             if seen is not None:
-                seen(task, rows, new)
+                seen(task, env, step, new)
             if any("crashed" in ended and bool(ended["crashed"][env].all()) for ended in step.endings.values()):
                 break  # nobody flies under water
     if not len(reel):

@@ -1,38 +1,28 @@
 """What is kept of one environment of a mission while it runs, frame by frame: a whole episode, or parts of one."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields, replace
+from itertools import chain
 from typing import Any
 
 import numpy as np
-import torch
 
-from rl.mission import Step
+from rl.mission import Mission, Step
 from taichi_sim.recording import Episode, Recorder
+from taichi_sim.recording.overlays import Note, Overlay
 
 Rows = Mapping[str, Mapping[str, np.ndarray]]
-"""team -> what a recording shows of it in one frame, beside its vehicles."""
-
-
-def rows_of(mission: Any, step: Step) -> Rows:
-    """What the mission draws of its teams now, after `step`: to be asked once a step, for it may count them."""
-    env = mission.shown
-    told = {name: mission.frame(team) | {"reward": step.reward[name][env]} for name, team in mission.teams.items()}
-    return {name: {key: _copy(value) for key, value in of.items()} for name, of in told.items()}
-
-
-def _copy(value: torch.Tensor) -> np.ndarray:
-    return value.detach().cpu().numpy().copy()
+"""team -> what a recording shows of it in one frame, besides its vehicles."""
 
 
 class Reel:
-    """Frames of the environment that a mission shows (`mission.shown`)."""
+    """Frames of environment `env` of a mission."""
 
-    def __init__(self, mission: Any, after: float = 0.0) -> None:
+    def __init__(self, mission: Mission, env: int = 0, after: float = 0.0) -> None:
         """Begin; the clock says by now `after` (s)."""
-        self.mission = mission
-        self.recorder = Recorder(mission.world, mission.shown, after)
-        self._rows: dict[str, list[Mapping[str, np.ndarray]]] = {name: [] for name in mission.teams}
+        self.mission, self.env = mission, env
+        self.recorder = Recorder(mission.world, env, after)
+        self._frames: list[tuple[Rows, tuple[Overlay, ...]]] = []
 
     def __len__(self) -> int:
         """Frames since the last part."""
@@ -43,32 +33,44 @@ class Reel:
         """The clock, s."""
         return self.recorder.now
 
-    def add(self, rows: Rows) -> None:
-        """Keep a frame: the world as it is now, the teams' actions, and `rows`."""
+    def add(self, step: Step) -> None:
+        """Keep a frame: the world and the mission as they are now, after `step`."""
         self.recorder.add({name: team.action for name, team in self.mission.teams.items()})
-        for name, kept in self._rows.items():
-            kept.append(rows[name])
+        frame, rows = self.mission.frame(self.env), {}
+        for name in self.mission.teams:
+            row = {**frame.teams.get(name, {}), "reward": step.reward[name][self.env]}
+            rows[name] = {key: value.detach().cpu().numpy().copy() for key, value in row.items()}
+        self._frames.append((rows, frame.overlays))
 
     def episode(self, **parts: Any) -> Episode:
-        """All frames, with all that the mission draws; `parts` as Recorder.episode has them."""
-        return self.recorder.episode(**self._drawn(), overlays=self.mission.overlays(), **parts)
+        """All frames; `parts` as Recorder.episode has them."""
+        return self.recorder.episode(**self._drawn(), **parts)
 
     def part(self, **parts: Any) -> Episode:
-        """The frames since the last part, which are forgotten, with the newest of what the mission draws."""
-        overlays = tuple(_newest(overlay, len(self)) for overlay in self.mission.overlays())
-        part = self.recorder.part(**self._drawn(), overlays=overlays, **parts)
-        self._rows = {name: [] for name in self._rows}
+        """The frames since the last part, which are then forgotten."""
+        part = self.recorder.part(**self._drawn(), **parts)
+        self._frames = []
         return part
 
     def _drawn(self) -> dict[str, Any]:
-        stacked = {
-            name: {key: np.stack([row[key] for row in rows]) for key in rows[0]} for name, rows in self._rows.items()
-        }
-        return {"mission": stacked, "scene": self.mission.scene()}
+        rows, overlays = zip(*self._frames, strict=True)
+        mission = {name: {key: np.stack([row[name][key] for row in rows]) for key in rows[0][name]} for name in rows[0]}
+        return {"mission": mission, "overlays": joined(overlays), "scene": self.mission.scene(self.env)}
 
 
-def _newest(overlay: Any, frames: int) -> Any:
-    """An overlay (taichi_sim/recording/overlays.py) with the newest of its frames; what stands still has one."""
-    arrays = {field.name: getattr(overlay, field.name) for field in fields(overlay)}
-    cut = {key: of[-frames:] for key, of in arrays.items() if isinstance(of, np.ndarray) and len(of) > 1}
-    return replace(overlay, **cut)
+def joined(frames: Iterable[tuple[Overlay, ...]]) -> tuple[Overlay, ...]:
+    """Overlays of single frames as overlays of all frames, by name; notes are kept as they are."""
+    notes: list[Overlay] = []
+    by_name: dict[str, list[Overlay]] = {}
+    for overlay in chain.from_iterable(frames):
+        if isinstance(overlay, Note):
+            notes.append(overlay)
+        else:
+            by_name.setdefault(overlay.name, []).append(overlay)
+    return (*(_along_time(same) for same in by_name.values()), *notes)
+
+
+def _along_time(same: Sequence[Overlay]) -> Overlay:
+    first = same[0]
+    names = [field.name for field in fields(first) if isinstance(getattr(first, field.name), np.ndarray)]
+    return replace(first, **{name: np.concatenate([getattr(overlay, name) for overlay in same]) for name in names})

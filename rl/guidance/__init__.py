@@ -1,1 +1,1 @@
-"""Steering about targets, for any mission: errors from slots, avoidance, classical controllers, corrections of them."""
+"""Guidance to targets, for any mission: errors from slots, avoidance, classical controllers, residual policies."""

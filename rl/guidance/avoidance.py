@@ -1,28 +1,28 @@
-"""Velocities that keep clear of obstacles and of team mates: the best of many, by where each would lead.
+"""Avoidance of obstacles and team mates: the best of many velocities, by the risk that each leads to.
 
-A wanted velocity that passes all that is sensed with room to spare is left as it is. Else a fan of velocities is tried,
-turned from the wanted one by up to `FAN` to either side and slowed down (velocity obstacles, Fiorini & Shiller 1998,
-Int. J. Robotics Research 17(7), sampled), and the one v' of the least cost is taken, v being the one there is:
+A desired velocity v* that passes everything sensed with room to spare is kept. Otherwise a fan of velocities is tried.
+They are turned from v* by up to `FAN` to either side, and slowed down (velocity obstacles, Fiorini & Shiller 1998, Int.
+J. Robotics Research 17(7), sampled). With v the present velocity, the v' of least cost is taken:
 
     J = |v' - v*| / |v*| + lean |v' - v| / |v*| + slowing (1 - |v'| / |v*|) + the risks of all bodies.
 
-Without its third term a vehicle that comes up from behind would rather stay there, slowly, than pass. Whose slot is
-about a target that is itself to be kept clear of also tries to go there with a share of the chase: at full speed it
-would not stop in time, as far as the risks know; and evades at its own speed, not at the slot's, from which it may be
-far.
+Without the third term a vehicle that comes up from behind would stay there, slowly, instead of passing. A vehicle
+whose slot surrounds a target, itself an obstacle, also tries shares of its closing velocity: at full speed the risks
+say that it cannot stop in time. It evades at its own speed, because its slot may be far away and have another speed.
 
-A vehicle does not change its velocity at once: with an acceleration a it takes T = |v' - v| / a, and is then where it
-would be if it had begun (v - v') T / 2 further on (acceleration-velocity obstacles, van den Berg, Snape, Guy & Manocha
-2011, ICRA). The risk of a body is the greater of what it is from there and from where the vehicle is. Each goes on, the
-vehicle turning as its formation does, to the least distance d between them, t seconds from now:
+A vehicle changes its velocity with an acceleration a, in T = |v' - v| / a. It is then where it would be if it had begun
+(v - v') T / 2 further on (acceleration-velocity obstacles, van den Berg, Snape, Guy & Manocha 2011, ICRA). The risk of
+a body is the greater of the risks from that place and from the present one. Body and vehicle continue, the vehicle
+turning as its formation does, to their least distance d at time t (s):
 
     risk = (1 - t / horizon)^2 (soft sat(1 - (d - R) / berth) + hard (1 - d / R) where d < R),
 
-R being the sum of the radii. Of team mates the same at t = `parting`, if that is given, counts where it is more: one
-that comes nearer so slowly that it will be nearest after the horizon is left in time. Above or below by more than the
-own radius and the berth nothing is in the way.
+R is the sum of the radii. For team mates the risk at t = `parting` also counts, if given and greater: a mate that
+approaches so slowly that it is nearest after the horizon is left in time. Bodies above or below by more than the
+vehicle's radius and the berth are ignored.
 
-Followers keep clear of their leader, and it of them in the last moment alone: their slots go where it goes. Frame: NED.
+Followers keep clear of their leader. The leader avoids followers only at the last moment, because their slots move
+with it. Frame: NED.
 """
 
 # Kernels are another language inside Python syntax.
@@ -39,17 +39,18 @@ from rl.guidance.geometry import SLOT_VELOCITY, row_of
 from rl.guidance.geometry import V as VELOCITY
 from rl.guidance.knowledge import Knowledge
 from rl.guidance.targets import COURSE_RATE
+from rl.perception.columns import Mate, Obstacle
 from taichi_sim.config import NonNegative, Positive, Strict
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.packs import struct_of, values_at
 
 FAN, RAYS = math.radians(100.0), 20  # to either side, and how many
-PACES = (1.0, 0.75, 0.5)  # of the wanted speed, or of the slot's, if that is less; of who can stop, else the first
-CHASES, CALM = (0.7, 0.45, 0.25, 0.1), 0.5  # of the way to a slot about a target; the cost of not going all of it
-SLOWEST = 0.1  # m/s: less has no direction
-STEPS = 5  # in which a correction is taken back
-SOONEST = 0.5  # s: t is at least that, so that out of a berth is better than along it
-AVOID = 1500.0  # ns of one vehicle, about: few have something in their way
+PACES = (1.0, 0.75, 0.5)  # shares of the lesser of desired and slot's speed; who cannot stop tries the first alone
+CHASES, CALM = (0.7, 0.45, 0.25, 0.1), 0.5  # shares of the velocity to a slot about a target; cost of staying
+SLOWEST = 0.1  # m/s: a slower velocity has no direction
+STEPS = 5  # number of shares of a correction that are tried
+SOONEST = 0.5  # s: lower bound of t, so that leaving a berth is better than moving along it
+AVOID = 1500.0  # ns per vehicle, about: few vehicles have something in their way
 
 _array1, _array2, _array3, _array4 = (ti.types.ndarray(ndim=n) for n in (1, 2, 3, 4))
 AroundPack = ti.types.argpack(
@@ -58,14 +59,14 @@ AroundPack = ti.types.argpack(
 
 
 class Gains(Strict):
-    """Numbers of a controller that may be tuned, `[TEAM.control]` of a scenario; these are of avoidance."""
+    """Gains of a controller that may be tuned, `[TEAM.control]` of a scenario; these are of avoidance."""
 
     acceleration: Positive  # a, m/s^2
     horizon: Positive = 8.0  # s
     berth: Positive = 3.0  # m, beyond contact with an obstacle
     margin: Positive = 2.0  # m, likewise, with a team mate
-    follower_horizon: Positive = 6.0  # s that a follower looks ahead for its mates, who do likewise
-    leader_horizon: Positive = 2.0  # s that a leader does
+    follower_horizon: Positive = 6.0  # s that a follower looks ahead for team mates, which do likewise
+    leader_horizon: Positive = 2.0  # s that a leader looks ahead
     soft: Positive = 4.0
     hard: Positive = 20.0
     lean: Positive = 0.2
@@ -74,7 +75,7 @@ class Gains(Strict):
 
 
 class Numbers(NamedTuple):
-    """What the kernel works with: `Gains`, and the vehicle's radius, m."""
+    """Parameters of the kernel: `Gains`, and the vehicle's radius, m."""
 
     acceleration: float
     horizon: float
@@ -91,25 +92,25 @@ class Numbers(NamedTuple):
 
 
 class Wanted(NamedTuple):
-    """What a controller wants to be flown; some have more in it."""
+    """Demand of a controller's guidance to its inner loops; some controllers add fields."""
 
     velocity: Tensor  # [env, vehicle, 2 or 3] v*, NED, m/s
 
 
 class Form(NamedTuple):
-    """What the kernel is compiled for."""
+    """Compile-time parameters of the kernel."""
 
     obstacles: int
     mates: int
     paces: tuple[float, ...]
-    chases: tuple[float, ...]  # shares of the chase of a slot that is about a target
-    serial: bool  # on the calling thread
+    chases: tuple[float, ...]  # shares of the velocity towards a slot about a target
+    serial: bool  # run on the calling thread
 
 
 @ti.func
 def nearest(place, v, its, turn, horizon):
-    """When (s) a vehicle that moves with v and turns (rad/s) is nearest to a body at `place` (m) that moves with `its`,
-    and how near that is (m).
+    """Time (s) and distance (m) of the closest approach of a vehicle that moves with v and turns at `turn` (rad/s) to a
+    body at `place` (m), which moves with `its`.
     """
     w = v - its
     t = ti.min(ti.max(place.dot(w) / ti.max(w.dot(w), 1e-6), SOONEST), horizon)
@@ -121,7 +122,7 @@ def nearest(place, v, its, turn, horizon):
 
 @ti.func
 def danger(d, R, berth, part, g: ti.template()):
-    """Of being d (m) away from a body when that part of the horizon has passed."""
+    """Risk of being d (m) away from a body when the share `part` of the horizon has passed."""
     soft = ti.min(ti.max(1.0 - (d - R) / berth, 0.0), 1.0)
     share = ti.max(1.0 - part, 0.0)
     return share * share * (g.soft * soft + g.hard * ti.max(1.0 - d / R, 0.0))
@@ -129,7 +130,7 @@ def danger(d, R, berth, part, g: ti.template()):
 
 @ti.func
 def risk(place, v, its, turn, shift, R, berth, horizon, g: ti.template()):
-    """Of a body at `place` (m, relative) for a vehicle that will have begun from `shift` (m)."""
+    """Risk of a body at `place` (m, relative) for a vehicle that begins `shift` (m) from its present place."""
     worst = R * 0.0
     for k in ti.static(range(2)):
         t, d = nearest(place - k * shift, v, its, turn, horizon)
@@ -139,23 +140,23 @@ def risk(place, v, its, turn, shift, R, berth, horizon, g: ti.template()):
 
 @ti.func
 def risks(v, now, around: ti.template(), e, i, g: ti.template(), form: ti.template()):
-    """Of all bodies near vehicle i, if it went on with v instead of `now` (m/s)."""
+    """Sum of the risks of all bodies near vehicle i, if it changed from velocity `now` to v (m/s)."""
     change, turn = v - now, around.target[e, row_of(around.target, i), COURSE_RATE]
     shift = change * (-0.5 * change.norm() / g.acceleration)
     total = g.radius * 0.0
     for k in ti.static(range(form.obstacles)):
-        n = ti.Vector([around.obstacles[e, i, k, 1], around.obstacles[e, i, k, 2]])
-        level = around.obstacles[e, i, k, 7]
-        aside = around.obstacles[e, i, k, 0] - ti.max(level, 0.0)  # above or below
+        n = ti.Vector([around.obstacles[e, i, k, Obstacle.NORTH], around.obstacles[e, i, k, Obstacle.EAST]])
+        level = around.obstacles[e, i, k, Obstacle.LEVEL]
+        aside = around.obstacles[e, i, k, Obstacle.DISTANCE] - ti.max(level, 0.0)  # above or below
         if n.dot(n) > 0 and aside < g.radius + g.berth:
-            its = ti.Vector([around.obstacles[e, i, k, 4], around.obstacles[e, i, k, 5]])
-            size = around.obstacles[e, i, k, 6]
+            its = ti.Vector([around.obstacles[e, i, k, Obstacle.V_NORTH], around.obstacles[e, i, k, Obstacle.V_EAST]])
+            size = around.obstacles[e, i, k, Obstacle.RADIUS]
             total += risk((level + size) * n, v, its, turn, shift, size + g.radius, g.berth, g.horizon, g)
     for k in ti.static(range(form.mates)):
-        n = ti.Vector([around.mates[e, i, k, 1], around.mates[e, i, k, 2]])
-        its = ti.Vector([around.mates[e, i, k, 5], around.mates[e, i, k, 6]])
-        away = around.mates[e, i, k, 0]
-        if n.dot(n) > 0 and away * ti.abs(around.mates[e, i, k, 3]) < 2 * g.radius + g.margin:
+        n = ti.Vector([around.mates[e, i, k, Mate.NORTH], around.mates[e, i, k, Mate.EAST]])
+        its = ti.Vector([around.mates[e, i, k, Mate.V_NORTH], around.mates[e, i, k, Mate.V_EAST]])
+        away = around.mates[e, i, k, Mate.DISTANCE]
+        if n.dot(n) > 0 and away * ti.abs(around.mates[e, i, k, Mate.DOWN]) < 2 * g.radius + g.margin:
             horizon = ti.min(g.horizon, ti.select(i > 0, g.follower_horizon, g.leader_horizon))
             R, place = 2 * g.radius, away * n
             worst = risk(place, v, its, 0.0, shift, R, g.margin, horizon, g)
@@ -237,10 +238,10 @@ def _shield(velocity: ti.types.ndarray(ndim=3), correction: ti.types.ndarray(ndi
 
 
 class Avoider:
-    """Keeps a team clear."""
+    """Collision avoidance of a team."""
 
     def __init__(self, gains: Gains):
-        """By these numbers."""
+        """Use these gains."""
         self.gains = gains
         self._team: Knowledge | None = None
         self._launch = runtime.Launcher(_avoid)
@@ -268,18 +269,18 @@ class Avoider:
 
 
 class Shield(Avoider):
-    """Takes corrections of velocities back as far as they lead where the risks are greater than they are worth.
+    """Reduces corrections of velocities where the risk that they add is greater than their size.
 
-    What is left of one is the share s of the least  (1 - s) |c| / |v| + the risks of all bodies with v + s c.
+    The share s of a correction c that is kept minimises  (1 - s) |c| / |v| + the risks of all bodies with v + s c.
     """
 
     def __init__(self, gains: Gains):
-        """By these numbers."""
+        """Use these gains."""
         super().__init__(gains)
         self._launch = runtime.Launcher(_shield)
 
     def corrected(self, team: Knowledge, velocity: Tensor, correction: Tensor) -> Tensor:
-        """`velocity` [env, vehicle, 2 or 3] (m/s) with what is safe of `correction`, of the same shape, level."""
+        """`velocity` [env, vehicle, 2 or 3] (m/s) plus the safe share of a level `correction` of the same shape."""
         if self._team is not team:
             self._bind(team)
         kept = velocity.clone(memory_format=torch.contiguous_format)

@@ -1,8 +1,8 @@
-"""Where a team's vehicles are relative to their slots: one kernel from state to errors.
+"""Errors of a team's vehicles from their slots: one kernel from state to errors.
 
-The leader's slot is the target. A follower's is the leader's position plus an offset in the path frame, whose first
-axis is the target's course; it moves with the leader, swings about it as the course turns, and glides where
-the formation changes. Or all slots, the leader's too, are offsets from the target in that way.
+The leader's slot is the target. A follower's slot is the leader's position plus an offset in the path frame, whose
+first axis is the target's course. The slot moves with the leader, swings about it as the course turns, and glides when
+the formation changes. Alternatively all slots, the leader's too, are offsets from the target.
 
 Errors are vectors in n, and in the vehicle's own frame: its body frame (3 axes), or the heading frame (2: ahead,
 starboard), which stays level.
@@ -17,22 +17,22 @@ import taichi as ti
 from torch import Tensor
 
 from rl.guidance.targets import COS, COURSE_RATE, DOWN, EAST, NORTH, SIN, SPEED
-from rl.perception.radio import PLACE_AND_VELOCITY as AGE
+from rl.perception.columns import Message
 from taichi_sim.fleet import Views
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.kinematics import HEADING_COS, HEADING_SIN, VELOCITY_N
 
 DISTANCE_SCALE = 10.0  # m, where squashed distances are half way to 1
-NEAR = 1e-3  # m: nearer than this a slot is in no direction
+NEAR = 1e-3  # m: a slot nearer than this has no direction
 V = VELOCITY_N.start
-MEASURE = 60.0  # ns of one vehicle, about
+MEASURE = 60.0  # ns per vehicle, about
 
-# Columns of the table of errors, each three wide but for what is seen (distance and direction).
+# Columns of the table of errors, each three wide, except sights (distance and direction).
 SLOT, SLOT_VELOCITY, ERROR, ERROR_RATE, ERROR_B, ERROR_RATE_B, COURSE_B = range(0, 21, 3)
 SIGHT, PREVIOUS_SIGHT, SIZE = 21, 25, 29
-DISTANCE, REACH, TOTAL = range(3)  # of the plain numbers
+DISTANCE, REACH, TOTAL = range(3)  # columns of single numbers
 
-# Columns of the table of slots, two each (ahead, starboard): offset (m), its rate (m/s), where it is going (m).
+# Columns of the table of slots, two each (ahead, starboard): offset (m), its rate (m/s), its goal (m).
 OFFSET, RATE, GOAL, SLOT_SIZE = range(0, 8, 2)
 
 _array1, _array2, _array3, _array4 = (ti.types.ndarray(ndim=n) for n in (1, 2, 3, 4))
@@ -41,29 +41,29 @@ TeamPack = ti.types.argpack(target=_array3, down=_array1, slots=_array3, state=_
 
 
 class Form(NamedTuple):
-    """What the kernel is compiled for."""
+    """Compile-time parameters of the kernel."""
 
     axes: int  # of the vehicle's own frame
-    heard: bool  # followers know of their leader by radio (rl/perception/radio.py)
-    about: bool  # slots are about the target, not about the leader
-    serial: bool  # on the calling thread
+    heard: bool  # followers know their leader from radio messages (rl/perception/radio.py)
+    about: bool  # slots are offsets from the target, not from the leader
+    serial: bool  # run on the calling thread
 
 
 @ti.func
 def row_of(target: ti.template(), i):
-    """The row of a table of targets that is vehicle i's (targets.py)."""
+    """Row of vehicle i in a table of targets (targets.py)."""
     return ti.min(i, target.shape[1] - 1)
 
 
 @ti.func
 def leader_of(team: ti.template(), e, i, form: ti.template()):
-    """Place and velocity (NED) of vehicle i's leader, as it was last heard and has gone on along the target's bend."""
+    """Position and velocity (NED) of vehicle i's leader, extrapolated from its last message along the target's arc."""
     place = ti.Vector([team.state[e, 0, a] for a in ti.static(range(3))])
     moves = ti.Vector([team.derived[e, 0, V + a] for a in ti.static(range(3))])
     if ti.static(form.heard):
-        age, turn = team.heard[e, i, 0, AGE], team.target[e, row_of(team.target, i), COURSE_RATE]
+        age, turn = team.heard[e, i, 0, Message.SIZE], team.target[e, row_of(team.target, i), COURSE_RATE]
         c, s, half = ti.cos(turn * age), ti.sin(turn * age), 0.5 * turn * age
-        v = ti.Vector([team.heard[e, i, 0, 3 + a] for a in ti.static(range(3))])
+        v = ti.Vector([team.heard[e, i, 0, Message.V_NORTH + a] for a in ti.static(range(3))])
         moves = ti.Vector([c * v[0] - s * v[1], s * v[0] + c * v[1], v[2]])
         chord = ti.Vector([v[0] - half * v[1], v[1] + half * v[0], v[2]])
         place = ti.Vector([team.heard[e, i, 0, a] for a in ti.static(range(3))]) + age * chord
@@ -135,7 +135,7 @@ def _measure(out: ErrorsPack, team: TeamPack, which: ti.types.ndarray(dtype=ti.i
 
 @ti.func
 def look(table: ti.template(), e, i, which, distance, error_b):
-    """Remember the last sight, of a beginning episode (which 2) the present one, and write that."""
+    """Shift the last sight into the previous one, and write the new one; both are equal as an episode begins."""
     seen = ti.Vector([distance / (distance + DISTANCE_SCALE), 0.0, 0.0, 0.0])
     for a in ti.static(range(3)):
         seen[1 + a] = error_b[a] / ti.max(distance, NEAR)
@@ -151,7 +151,8 @@ class SlotErrors:
     Attributes, [env, vehicle, ..]:
         slot, slot_velocity: [.., 3] position and velocity of the slot, NED, m and m/s.
         error, error_rate: [.., 3] slot minus vehicle, NED, m and m/s. distance: [..] length of `error_b`, m.
-        error_b, error_rate_b, course_b: [.., axes] both, and the unit vector of the target's course, in its own frame.
+        error_b, error_rate_b, course_b: [.., axes] error, its rate, and the unit vector of the target's course, in the
+            vehicle's own frame.
         sight, previous_sight: [.., 1 + axes] squashed distance and unit direction in its own frame, as of the last
             step and of the one before.
         reach: [..] m, the greater of |north| and |east| of the vehicle. total: [..] a sum of all measurements and of
@@ -212,9 +213,9 @@ class Geometry(SlotErrors):
         )
 
     def measure(self, which: Tensor, count: int) -> None:
-        """Measure environments [env] int32: 0 not at all, 1 after a step, 2 at the beginning of an episode.
+        """Measure environments by `which` [env] int32: 0 not at all, 1 after a step, 2 at the beginning of an episode.
 
-        `count` of them are not 0.
+        `count` is the number of environments that are not 0.
         """
         form = Form(self.axes, self._heard, self.about, runtime.few(count * self._rows, MEASURE))
         self._launch(self._errors(), self._team(), which, form)

@@ -1,4 +1,4 @@
-"""What classical controllers and policies know of a team: the input of guidance, true or measured."""
+"""Knowledge of a team, true or measured: the input of classical controllers and policies."""
 
 from typing import Protocol
 
@@ -13,7 +13,7 @@ from taichi_sim.fleet import Fleet
 
 
 class Knowledge(Protocol):
-    """What the vehicles of one team know; every tensor is [env, vehicle, ...].
+    """Knowledge of the vehicles of one team; every tensor is [env, vehicle, ...].
 
     A team is its own ground truth (`Team` with these attributes). Where a scenario has sensors or radio, `Team.known`
     is another object, which holds what the vehicles measure and hear.
@@ -31,7 +31,7 @@ class Knowledge(Protocol):
 
     @property
     def target(self) -> Target:
-        """What the team tracks (targets.py)."""
+        """The target that the team tracks (targets.py)."""
         ...
 
     @property

@@ -1,4 +1,4 @@
-"""What a vehicle observes; every term is [env, vehicle, n], scaled to be of order one.
+"""Observations of a vehicle; every term is [env, vehicle, n], scaled to be of order one.
 
 `observations = "paper"` is sec. 3.3 (current and previous distance and direction to the target) and what partial
 observability needs to avoid collisions: the nearest obstacles and team mates within the detection range. "full" adds
@@ -40,19 +40,19 @@ from rl.guidance.geometry import (
 from rl.guidance.geometry import V as VELOCITY
 from rl.guidance.knowledge import Knowledge
 from rl.guidance.targets import COS, COURSE_RATE, SIN, SPEED
-from rl.perception.radio import PLACE_AND_VELOCITY as AGE
+from rl.perception.columns import Mate, Message, Obstacle
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.kinematics import DOWN
 
-SPEED_SCALE = 10.0  # m/s, where squashed speeds are half way to 1
-RATE_SCALE = 2.0  # rad/s, of own rotation
+SPEED_SCALE = 10.0  # m/s: squashed speeds are half way to 1 here
+RATE_SCALE = 2.0  # rad/s, rotation of the vehicle
 TURN_SCALE = 0.1  # rad/s, of the target's course
-AGE_SCALE = 1.0  # s, of the last message
+AGE_SCALE = 1.0  # s, age of the last message
 AHEAD_SCALE, ASIDE_SCALE, CLEAR_SCALE = 20.0, 5.0, 2.0  # m, of encounters
 SLOWEST = 0.1  # m/s: a slower approach has no direction
-OBSERVE = 80.0  # ns of one vehicle, about
+OBSERVE = 80.0  # ns per vehicle, about
 
-MEETING = 3  # numbers of an encounter: how far ahead, how far aside, the gap
+MEETING = 3  # numbers of an encounter: distance ahead, distance aside, gap
 
 _array1, _array3, _array4 = (ti.types.ndarray(ndim=n) for n in (1, 3, 4))
 SeenPack = ti.types.argpack(
@@ -71,24 +71,24 @@ SeenPack = ti.types.argpack(
 
 
 class Form(NamedTuple):
-    """What the kernel is compiled for."""
+    """Compile-time parameters of the kernel."""
 
     axes: int  # of the vehicle's own frame
     signals: int  # of its surroundings
     actions: int
     full: bool
-    obstacles: int  # of its surroundings, told apart
+    obstacles: int  # of its surroundings, the nearest
     mates: int
-    residual: int = 0  # numbers of what is corrected
+    residual: int = 0  # numbers of "reference"
     radio: bool = False
     air: tuple[int, ...] = ()  # columns of `aux`: airspeed, and the air's velocity, north, east, down
     speeds: tuple[float, ...] = ()  # airspeeds: lowest, cruise, highest, m/s
-    serial: bool = False  # on the calling thread
+    serial: bool = False  # run on the calling thread
     at: Any = None  # the column in which each term begins (`columns`)
 
 
 def widths(form: Form) -> dict[str, int]:
-    """How many numbers each term has, in order."""
+    """Width of each term, in order."""
     n = form.axes
     terms = {"sight": 1 + n, "previous_sight": 1 + n, "surroundings": form.signals}
     if form.full:
@@ -105,7 +105,7 @@ def widths(form: Form) -> dict[str, int]:
 
 
 def columns(form: Form) -> Any:
-    """The column in which each term begins, a named tuple."""
+    """The column in which each term begins, as a named tuple."""
     sizes = list(widths(form).values())
     return namedtuple("Columns", widths(form))(*(sum(sizes[:k]) for k in range(len(sizes))))
 
@@ -118,7 +118,7 @@ def squash(x, scale):
 
 @ti.func
 def put(out: ti.template(), e, i, at: ti.template(), width: ti.template(), values: ti.template(), first: ti.template()):
-    """Write `width` columns of `values` [env, vehicle, n] from `first` on to columns from `at` on."""
+    """Copy `width` columns of `values` [env, vehicle, n], starting at `first`, into `out`, starting at column `at`."""
     for k in range(width):
         out[e, i, at + k] = values[e, i, first + k]
 
@@ -126,14 +126,14 @@ def put(out: ti.template(), e, i, at: ti.template(), width: ti.template(), value
 @ti.func
 def put_squashed(out: ti.template(), e, i, at: ti.template(), width: ti.template(), values: ti.template(),
                  first: ti.template(), scale: ti.template()):  # fmt: skip
-    """The same, squashed."""
+    """Copy as `put` does, squashed."""
     for k in ti.static(range(width)):
         out[e, i, at + k] = squash(values[e, i, first + k], scale)
 
 
 @ti.func
 def put_own(out: ti.template(), e, i, seen: ti.template(), action: ti.template(), form: ti.template()):
-    """Own motion, errors as vectors, the target's motion, the last action, the role and the offset."""
+    """Write the vehicle's motion, errors as vectors, the target's motion, the last action, the role and the offset."""
     n = ti.static(form.axes)
     put_squashed(out, e, i, form.at.error, n, seen.table, ERROR_B, DISTANCE_SCALE)
     put_squashed(out, e, i, form.at.error_rate, n, seen.table, ERROR_RATE_B, SPEED_SCALE)
@@ -150,9 +150,8 @@ def put_own(out: ti.template(), e, i, seen: ti.template(), action: ti.template()
 
 @ti.func
 def encounter(out: ti.template(), e, i, at, place, v, turn, R):
-    """Write how a body at `place` (m, relative, NED) will be passed by what moves with v (m/s, relative) and turns
-    (rad/s): how far ahead that is, how far aside it will be (to starboard of the motion), and the gap; R (m) is the sum
-    of radii.
+    """Write how a body at `place` (m, relative, NED) will be passed by a vehicle that moves with v (m/s, relative) and
+    turns (rad/s): distance ahead, distance aside (to starboard of the motion), and gap. R (m) is the sum of radii.
     """
     w = v
     speed = ti.max(w.norm(), SLOWEST)
@@ -169,7 +168,7 @@ def encounter(out: ti.template(), e, i, at, place, v, turn, R):
 
 @ti.func
 def put_encounters(out: ti.template(), e, i, seen: ti.template(), form: ti.template()):
-    """How each obstacle will be passed if the vehicle goes on, and by its slot if the formation does; and each mate."""
+    """Write how the vehicle will pass each obstacle and team mate, and how its slot will pass each obstacle."""
     now = ti.Vector([seen.derived[e, i, VELOCITY], seen.derived[e, i, VELOCITY + 1]])
     r = row_of(seen.target, i)
     c, s, turn = seen.target[e, r, COS], seen.target[e, r, SIN], seen.target[e, r, COURSE_RATE]
@@ -179,11 +178,11 @@ def put_encounters(out: ti.template(), e, i, seen: ti.template(), form: ti.templ
     error, radius = ti.Vector([seen.table[e, i, ERROR], seen.table[e, i, ERROR + 1]]), seen.numbers[0]
     for k in ti.static(range(form.obstacles)):
         at = ti.static(form.at.encounters + 2 * MEETING * k)
-        if seen.obstacles[e, i, k, 8] >= 0:
-            n = ti.Vector([seen.obstacles[e, i, k, 1], seen.obstacles[e, i, k, 2]])
-            its = ti.Vector([seen.obstacles[e, i, k, 4], seen.obstacles[e, i, k, 5]])
-            size = seen.obstacles[e, i, k, 6]
-            place = (seen.obstacles[e, i, k, 7] + size) * n
+        if seen.obstacles[e, i, k, Obstacle.NUMBER] >= 0:
+            n = ti.Vector([seen.obstacles[e, i, k, Obstacle.NORTH], seen.obstacles[e, i, k, Obstacle.EAST]])
+            its = ti.Vector([seen.obstacles[e, i, k, Obstacle.V_NORTH], seen.obstacles[e, i, k, Obstacle.V_EAST]])
+            size = seen.obstacles[e, i, k, Obstacle.RADIUS]
+            place = (seen.obstacles[e, i, k, Obstacle.LEVEL] + size) * n
             encounter(out, e, i, at, place, now - its, 0.0, size + radius)
             encounter(out, e, i, at + MEETING, place - error, slot - its, turn, size + radius)
         else:
@@ -191,10 +190,10 @@ def put_encounters(out: ti.template(), e, i, seen: ti.template(), form: ti.templ
                 out[e, i, at + a] = 0.0
     for k in ti.static(range(form.mates)):
         at = ti.static(form.at.encounters + 2 * MEETING * form.obstacles + MEETING * k)
-        if seen.mates[e, i, k, 4] >= 0:
-            n = ti.Vector([seen.mates[e, i, k, 1], seen.mates[e, i, k, 2]])
-            its = ti.Vector([seen.mates[e, i, k, 5], seen.mates[e, i, k, 6]])
-            encounter(out, e, i, at, seen.mates[e, i, k, 0] * n, now - its, 0.0, 2 * radius)
+        if seen.mates[e, i, k, Mate.NUMBER] >= 0:
+            n = ti.Vector([seen.mates[e, i, k, Mate.NORTH], seen.mates[e, i, k, Mate.EAST]])
+            its = ti.Vector([seen.mates[e, i, k, Mate.V_NORTH], seen.mates[e, i, k, Mate.V_EAST]])
+            encounter(out, e, i, at, seen.mates[e, i, k, Mate.DISTANCE] * n, now - its, 0.0, 2 * radius)
         else:
             for a in ti.static(range(MEETING)):
                 out[e, i, at + a] = 0.0
@@ -202,7 +201,7 @@ def put_encounters(out: ti.template(), e, i, seen: ti.template(), form: ti.templ
 
 @ti.func
 def put_air(out: ti.template(), e, i, seen: ti.template(), form: ti.template()):
-    """What an aircraft in wind steers by: its airspeed within the range it can fly, and the wind."""
+    """Write airspeed, as a share of the range in flight, and wind, for an aircraft."""
     ahead = seen.aux[e, i, form.air[0]] - form.speeds[1]
     out[e, i, form.at.airspeed] = ahead * ti.static(2 / (form.speeds[2] - form.speeds[0]))
     wind = ti.Vector([seen.aux[e, i, form.air[1 + a]] for a in ti.static(range(3))])
@@ -231,13 +230,13 @@ def _observe(
             if ti.static(len(form.air) > 0):
                 put_air(out, e, i, seen, form)
             if ti.static(form.radio):
-                out[e, i, form.at.age] = squash(seen.heard[e, i, 0, AGE], AGE_SCALE)
+                out[e, i, form.at.age] = squash(seen.heard[e, i, 0, Message.SIZE], AGE_SCALE)
         if ti.static(form.residual > 0):
             put(out, e, i, form.at.reference, form.residual, reference, 0)
 
 
 class ObservationWriter:
-    """Writes what a team observes.
+    """Writes a team's observations.
 
     Attributes:
         widths: term -> how many numbers it has, in order.

@@ -1,26 +1,46 @@
-"""A team whose policy may correct the classical controller instead of acting alone (config.ResidualConfig)."""
+"""Base class of a team whose policy may be a residual policy (config.ResidualConfig)."""
 
-from typing import Any
+from typing import Protocol, cast, runtime_checkable
 
 import torch
 from torch import Tensor
 
-from rl.guidance.avoidance import Shield
+from rl.guidance.avoidance import Gains, Shield, Wanted
 from rl.guidance.config import ResidualConfig
 from rl.guidance.knowledge import Knowledge
 from rl.mission import Mission, Team
-from rl.perception.encoding import NUMBER
+from rl.perception.columns import Mate, Obstacle
+from rl.team import Controller
 from taichi_sim.config import ConfigError
 
 CHANGE_SCALE = 3.0  # m/s, where a squashed change of velocity is half way to 1
 
 
-class ResidualTeam(Team):
-    """What a controller wants, and what of it the policy changes. A mission's own team derives from it, and gives:
+@runtime_checkable
+class VelocityController(Protocol):
+    """A classical controller in two steps, between which a residual policy corrects the velocity command."""
 
-    axes: of velocities, 2 of vessels or 3. radius: of a vehicle, m. known: the input of the controller; the gate uses
-    its
-        `sensor.obstacles`, the room its `sensor.team_mates`.
+    @property
+    def gains(self) -> Gains:
+        """The gains that it was built from."""
+        ...
+
+    def wanted(self, team: Knowledge) -> Wanted:
+        """The velocity command, and what else a controller adds to it."""
+        ...
+
+    def act(self, team: Knowledge, wanted: Wanted) -> Tensor:
+        """Actions [env, vehicle, action] in [-1, 1] that follow the command."""
+        ...
+
+
+class ResidualTeam(Team):
+    """Adds a residual policy's corrections to the commands of the classical controller.
+
+    A mission derives its team from this class and gives:
+
+    axes: of velocities, 2 of vessels or 3 of aircraft. radius: of a vehicle, m. known: the input of the controller; the
+        gate uses its `sensor.obstacles`, the room its `sensor.team_mates`.
     """
 
     STATE = ()
@@ -30,33 +50,33 @@ class ResidualTeam(Team):
     known: Knowledge
 
     def __init__(self, mission: Mission, name: str):
-        """Of team `name`; the controller is asked for when it is first needed."""
+        """Make team `name`; its controller is made when it is first needed."""
         super().__init__(mission, name)
-        self._wanted: Any = None
-        self._shield: Any = None
+        self._wanted: Wanted | None = None
+        self._shield: Shield | None = None
 
     def forget(self) -> None:
-        """The world has moved: what was wanted is no longer."""
+        """Drop the controller's demand after the world has moved."""
         self._wanted = None
 
     def restored(self) -> None:
-        """Another state: what was wanted in the last one is not wanted in this."""
+        """Drop the controller's demand after a snapshot was restored."""
         self.forget()
 
     @property
-    def _in_use(self) -> Any:
-        """The controller, whose memory is state, where it has been used or is corrected."""
+    def _in_use(self) -> Controller | None:
+        """The controller, if it has been used or is corrected; its memory is part of the state."""
         return self._controller if self.residual is None else self.controller
 
     @property
     def residual(self) -> ResidualConfig | None:
-        """How its policy corrects the classical controller; None if it acts alone."""
+        """Configuration of the residual policy; None if the policy acts alone."""
         residual = self.section.residual
         return residual if residual is not None and (residual.share > 0 or residual.velocity > 0) else None
 
     @property
     def action_names(self) -> tuple[str, ...]:
-        """What its policy commands, each in [-1, 1]: the vehicle's actions, or corrections."""
+        """Names of the policy's outputs, each in [-1, 1]: the vehicle's actions, or corrections."""
         names = super().action_names
         if self.residual is None:
             return names
@@ -65,56 +85,60 @@ class ResidualTeam(Team):
         return (velocity if self.residual.velocity else ()) + (actions if self.residual.share else ())
 
     def command(self, action: Tensor) -> Tensor:
-        """The vehicles' actions: the policy's, or the classical ones that they correct (config.ResidualConfig)."""
+        """Vehicle actions: the policy's own, or the classical controller's with its corrections
+        (config.ResidualConfig).
+        """
         residual = self.residual
         if residual is None:
             return action
-        correction = action.clamp(-1.0, 1.0) + 0.0 * action  # what is not finite stays so
+        correction = action.clamp(-1.0, 1.0) + 0.0 * action  # keeps NaN and inf
         if residual.gate is not None:
             correction = correction * self._opened(residual.gate).unsqueeze(-1)
         mates = self.known.sensor
         if residual.room and mates.num_mates:
-            nearest = mates.team_mates[..., 0].amin(-1, keepdim=True)
+            nearest = mates.team_mates[..., Mate.DISTANCE].amin(-1, keepdim=True)
             correction = correction * (nearest * (2 / residual.room) - 1).clamp(0.0, 1.0)
         wanted = self.wanted
         if residual.velocity:
             pushed = self.pushed(residual.velocity * correction[..., :2])
             velocity = wanted.velocity + pushed
-            if residual.shield:
+            if self._shield is not None:
                 velocity = self._shield.corrected(self.known, wanted.velocity, pushed)
             wanted, correction = wanted._replace(velocity=velocity), correction[..., 2:]
-        actions = self.controller.act(self.known, wanted)
+        actions = self.corrected.act(self.known, wanted)
         return (actions + residual.share * correction if residual.share else actions).clamp(-1.0, 1.0)
 
     def _opened(self, gate: float) -> Tensor:
-        """The share of corrections [env, vehicle] that an obstacle nearer than `gate` (m) lets through."""
+        """Share [env, vehicle] of the correction that is applied, by the distance to the nearest obstacle and `gate`
+        (m).
+        """
         nearest = self.known.sensor.obstacles[..., 0, :]
-        opened = (2 - (nearest[..., 0] - self.radius) * (2 / gate)).clamp(0.0, 1.0)
-        return opened * (nearest[..., NUMBER] >= 0)  # none is seen: none is near
+        opened = (2 - (nearest[..., Obstacle.DISTANCE] - self.radius) * (2 / gate)).clamp(0.0, 1.0)
+        return opened * (nearest[..., Obstacle.NUMBER] >= 0)  # no obstacle is sensed: the gate is closed
 
     @property
     def in_effect(self) -> Tensor:
-        """Where corrections pass the gate, bool [env, vehicle]."""
+        """Where the gate lets corrections through, bool [env, vehicle]."""
         residual = self.residual
         return super().in_effect if residual is None or residual.gate is None else self._opened(residual.gate) > 0
 
     def pushed(self, along: Tensor) -> Tensor:
-        """A velocity [env, vehicle, axes] (m/s, NED) of one [env, vehicle, 2] along and to starboard of the course."""
+        """Rotate `along` [env, vehicle, 2], along and to starboard of the course, to NED [env, vehicle, axes] (m/s)."""
         c, s = self.known.target.cos, self.known.target.sin
         ahead, aside = along.unbind(-1)
         level = (torch.zeros_like(ahead),) * (self.axes - 2)
         return torch.stack((c * ahead - s * aside, s * ahead + c * aside, *level), dim=-1)
 
     @property
-    def controller(self) -> Any:
-        """The classical controller that its policy corrects.
+    def controller(self) -> Controller | None:
+        """The classical controller of the team.
 
         Raises:
-            ConfigError: if there is none to correct.
+            ConfigError: if a residual policy is configured and there is no controller that it could correct.
         """
         if self._controller is None and self.residual is not None:
             found = super().controller
-            if not hasattr(found, "wanted"):
+            if not isinstance(found, VelocityController):
                 raise ConfigError(
                     f"{self.name}.residual: there is no classical controller to correct for "
                     f"{self.name}.vehicle = {self.section.vehicle!r}"
@@ -123,17 +147,22 @@ class ResidualTeam(Team):
                 self._shield = Shield(self._cautious(found.gains, self.residual))
         return super().controller
 
+    @property
+    def corrected(self) -> VelocityController:
+        """The classical controller that the residual policy corrects."""
+        return cast(VelocityController, self.controller)
+
     @staticmethod
-    def _cautious(gains: Any, residual: ResidualConfig) -> Any:
-        """The numbers that the shield judges by."""
+    def _cautious(gains: Gains, residual: ResidualConfig) -> Gains:
+        """Avoidance gains of the shield."""
         risks = {"soft": residual.caution * gains.soft, "hard": residual.caution * gains.hard}
         return gains.model_copy(update={"horizon": residual.shield} | risks)
 
     @property
-    def wanted(self) -> Any:
-        """What the classical controller wants to be done now."""
+    def wanted(self) -> Wanted:
+        """The classical controller's demand now."""
         if self._wanted is None:
-            self._wanted = self.controller.wanted(self.known)
+            self._wanted = self.corrected.wanted(self.known)
         return self._wanted
 
     @property
@@ -152,7 +181,7 @@ class ResidualTeam(Team):
         if self.residual is None:
             return None
         if not self.residual.velocity:
-            return self.controller.act(self.known, self.wanted)
+            return self.corrected.act(self.known, self.wanted)
         fleet, change = self.known.fleet, self.wanted.velocity - self.known.fleet.velocity_n[..., : self.axes]
         if self.axes == 3:
             own = (change.unsqueeze(-2) @ fleet.R_nb).squeeze(-2)

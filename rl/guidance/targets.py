@@ -17,13 +17,13 @@ from rl.perception.wind_triangle import speed_over_ground
 from taichi_sim.kernels import runtime
 
 NORTH, EAST, DOWN, COURSE, COS, SIN, COURSE_RATE, SPEED, SIZE = range(9)
-TARGET_SPEED, INTERVAL, WIND_FACTOR, OVER_AIR = range(4)  # of the numbers that the kernel is told
+TARGET_SPEED, INTERVAL, WIND_FACTOR, OVER_AIR = range(4)  # parameters of the kernel
 
 POINT = 60.0  # ns of one target, about
 
 
 class Target:
-    """What a team tracks: live views of a table of targets, which the next step overwrites.
+    """The target of a team: live views of a table of targets, which the next step overwrites.
 
     Attributes:
         table: [env, row, 8], see the module; one row for all vehicles, or one for each.
@@ -105,7 +105,7 @@ class Targets:
         self._launch = runtime.Launcher(_follow)
 
     def move(self, which: Tensor, count: int) -> None:
-        """Move those of environments [env] int32: 0 not at all, 1 by an interval, 2 to where `progress` is.
+        """Move targets of environments [env] int32: 0 not at all, 1 by an interval, 2 to `progress`.
 
         `count` of them are not 0: a few move on the calling thread.
         """

@@ -1,1 +1,1 @@
-"""What missions put into a world beside vehicles: tracks, obstacles, and what vehicles see of them."""
+"""Perception: what vehicles measure of themselves and of others, and what they transmit to each other."""

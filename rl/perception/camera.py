@@ -1,4 +1,4 @@
-"""What aircraft see of what is on the sea: a camera each, on a gimbal or fixed to the airframe.
+"""Cameras of aircraft, on a gimbal or fixed to the airframe, which see objects on the sea.
 
 An object is in view if the line to it is within half the field of view of the camera's axis. A fixed camera turns with
 the attitude of its aircraft. A camera on a gimbal points at the place where its aircraft believes the vessel to be. One
@@ -8,9 +8,10 @@ look at an object in view finds it with the probability
 
 s being the slant range: the inverse cube law of Koopman (1956, The theory of search II, Operations Research 4(5)), with
 reach, the range at which every second look finds it in calm water, and its loss with the significant wave height Hs
-assumed. What is found is where the line to it, with a pixel's error, meets the mean level of the sea as the aircraft
-has it by its own measured place and attitude (instruments.py): their errors are in it. Its variance counts what the
-instruments' numbers say. Random numbers are counted (kernels/random.py): same seed, same bits. Frames: NED, b.
+assumed. The sighting is the point where the line to the object, with a pixel's error, meets mean sea level, computed
+from the aircraft's measured place and attitude (instruments.py): it contains their errors. Its variance follows from
+the instruments' standard deviations. Random numbers are counted (kernels/random.py): same seed, same bits. Frames: NED,
+b.
 """
 
 # Kernels are another language inside Python syntax.
@@ -24,6 +25,7 @@ import torch
 from pydantic import Field
 from torch import Tensor
 
+from rl.perception.columns import Sighting
 from rl.perception.instruments import InstrumentsConfig
 from taichi_sim.config import NonNegative, Positive, Strict
 from taichi_sim.fleet import Views
@@ -31,10 +33,9 @@ from taichi_sim.kernels import runtime
 from taichi_sim.kernels.packs import struct_of, values_at
 from taichi_sim.kernels.random import CAMERA, normal6, uniform4
 
-LOOK_NORTH, LOOK_EAST, LOOK_VARIANCE, LOOK_SIZE = range(4)  # of a look: place (m), variance (m^2, < 0: nothing seen)
-UNSEEN = -1.0
-VARIANCE_FLOOR = 1e-4  # m^2, of what is measured exactly
-LEAST_SLOPE = 0.02  # of a line of sight: flatter ones meet the sea nowhere near
+UNSEEN = -1.0  # variance of a sighting that has not been made
+VARIANCE_FLOOR = 1e-4  # m^2, of exact measurements
+LEAST_SLOPE = 0.02  # of a line of sight: a flatter one meets the sea too far away
 SEE = 40.0  # ns of one aircraft and object, about
 
 
@@ -45,10 +46,10 @@ class CameraConfig(Strict):
     field_of_view_deg: Annotated[float, Field(gt=1, lt=179)] = 60.0  # full angle of a cone about the axis
     azimuth_deg: Annotated[float, Field(ge=-180, le=180)] = 90.0  # of a fixed camera's axis, from the nose to starboard
     depression_deg: Annotated[float, Field(ge=0, le=90)] = 30.0  # of a fixed camera's axis, below the wings' plane
-    reach: Positive = 500.0  # m: every second look finds a vessel in calm water; assumed
-    rough: Positive = 2.0  # m, significant wave height at which that is half as far; assumed
-    noise_deg: NonNegative = 0.1  # of a line of sight, each way; assumed
-    surface: Literal["mean", "waves"] = "mean"  # what is seen floats at mean sea level, or on the waves
+    reach: Positive = 500.0  # m: range at which every second look finds a vessel in calm water; assumed
+    rough: Positive = 2.0  # m, significant wave height that halves this range; assumed
+    noise_deg: NonNegative = 0.1  # standard deviation of a line of sight, each way; assumed
+    surface: Literal["mean", "waves"] = "mean"  # objects float at mean sea level, or on the waves
 
     @property
     def axis_b(self) -> tuple[float, float, float]:
@@ -63,13 +64,13 @@ class CameraConfig(Strict):
 
 
 class Numbers(NamedTuple):
-    """What the kernel works with, SI."""
+    """Parameters of the kernel, SI."""
 
     cos_half: float
     reach: float
     rough: float
     pixel: float
-    tilt: float  # standard deviations that the instruments are said to have
+    tilt: float  # standard deviations of the instruments, by configuration
     heading: float
     place: float
 
@@ -81,11 +82,11 @@ OwnPack = ti.types.argpack(state=_array3, derived=_array3)
 
 
 class Form(NamedTuple):
-    """What the kernel is compiled for."""
+    """Compile-time parameters of the kernel."""
 
-    first: int  # number of the first aircraft among those who look
-    vehicles: int  # before these, among the random numbers
-    serial: bool = False  # on the calling thread
+    first: int  # number of the first aircraft among all observers
+    vehicles: int  # number of the first vehicle among the random numbers
+    serial: bool = False  # run on the calling thread
 
 
 @ti.func
@@ -124,7 +125,7 @@ def _see(
             bore = rotated(true.true_derived, e, i, ti.Vector([out.axis[e, i, a] for a in ti.static(range(3))]))
             reach = g.reach / (1.0 + out.hs[e] / g.rough)
             for k in range(out.objects.shape[1]):
-                out.sightings[e, node, k, LOOK_VARIANCE] = UNSEEN
+                out.sightings[e, node, k, Sighting.VARIANCE] = UNSEEN
                 line = ti.Vector([out.objects[e, k, a] for a in ti.static(range(3))]) - there
                 slant = ti.max(line.norm(), 1e-3)
                 line = line / slant
@@ -139,11 +140,11 @@ def _see(
                         ray = rotated(own.derived, e, i, line_b + error)
                         if ray[2] > LEAST_SLOPE:
                             far = -own.state[e, i, 2] / ray[2]
-                            out.sightings[e, node, k, LOOK_NORTH] = own.state[e, i, 0] + far * ray[0]
-                            out.sightings[e, node, k, LOOK_EAST] = own.state[e, i, 1] + far * ray[1]
+                            out.sightings[e, node, k, Sighting.NORTH] = own.state[e, i, 0] + far * ray[0]
+                            out.sightings[e, node, k, Sighting.EAST] = own.state[e, i, 1] + far * ray[1]
                             tilted = (g.pixel * g.pixel + g.tilt * g.tilt) / (ray[2] * ray[2])
                             turned = g.pixel * g.pixel + g.heading * g.heading
-                            out.sightings[e, node, k, LOOK_VARIANCE] = (
+                            out.sightings[e, node, k, Sighting.VARIANCE] = (
                                 0.5 * far * far * (tilted + turned) + g.place * g.place + VARIANCE_FLOOR
                             )
 
@@ -161,13 +162,13 @@ class Camera:
         self, config: CameraConfig, instruments: InstrumentsConfig, sightings: Tensor, objects: Tensor, hs: Tensor,
         true: Views, own: Views, *, first: int, vehicles: int = 0,
     ):  # fmt: skip
-        """Of aircraft that are `true` and measure themselves to be `own`.
+        """Make cameras of aircraft whose true state is `true` and whose measured state is `own`.
 
         Args:
             sightings: [env, observer, object, 3], written for observers from `first` on: place (m) and variance (m^2;
                 below 0: not seen). objects: [env, object, 3 or more] place, NED, m. hs: [env] significant wave height,
                 m.
-            vehicles: of other teams before them, among the random numbers.
+            vehicles: number of the first aircraft among the random numbers.
         """
         self.config, state = config, own.state
         n = instruments.numbers
@@ -190,7 +191,7 @@ class Camera:
         self._form, self._launch = Form(first, vehicles), runtime.Launcher(_see)
 
     def aim(self, place: Tensor) -> None:
-        """Turn cameras on gimbals to where [env, aircraft, 2] (north, east, m) their aircraft believe in."""
+        """Point cameras on gimbals at `place` [env, aircraft, 2] (north, east, m)."""
         if self.config.mount == "gimbal":
             line = torch.cat((place, torch.zeros_like(place[..., :1])), dim=-1) - self._own.position_n
             line = line / line.norm(dim=-1, keepdim=True).clamp(min=1e-3)

@@ -25,9 +25,9 @@ from typing import NamedTuple
 import taichi as ti
 from torch import Tensor
 
-from rl.perception.camera import LOOK_EAST, LOOK_NORTH, LOOK_SIZE, LOOK_VARIANCE
+from rl.perception.columns import Message, Object, Report, Sighting
 from rl.perception.encoding import store_obstacle
-from rl.perception.radio import NEVER, PLACE_AND_VELOCITY
+from rl.perception.radio import NEVER
 from rl.perception.sensors import Nearby, Sight, insert
 from taichi_sim.fleet import Views
 from taichi_sim.kernels import runtime
@@ -35,15 +35,14 @@ from taichi_sim.kernels import runtime
 # Columns of a track: place (m), velocity (m/s), covariance (place, both, velocity), age of its newest look (s; `NEVER`
 # before the first), time since it began (s).
 NORTH, EAST, V_NORTH, V_EAST, P_PP, P_PV, P_VV, AGE, SINCE, TRACK = range(10)
-TOLD = 4  # numbers of a look in a message: north, east, variance, age
-OLDEST = 30.0  # s: older sightings are not taken
-VAGUE = 8.0  # m: an object whose place is no better known is not evaded; assumed
+OLDEST = 30.0  # s: older sightings are ignored
+VAGUE = 8.0  # m, standard deviation of a place: objects known less well are not evaded; assumed
 KEEP = 25.0  # ns of one vehicle, object and sender, about
 
 
 class Numbers(NamedTuple):
-    """Assumed of objects, the first and the others: q, m^2/s^3, and the standard deviation of a velocity of which
-    nothing is known yet, each way, m/s.
+    """Assumed for the first object and for the others: q, m^2/s^3, and the standard deviation of a velocity before the
+    first sighting, each way, m/s.
     """
 
     first: float = 0.003
@@ -61,14 +60,14 @@ ChartPack = ti.types.argpack(
 
 
 class Form(NamedTuple):
-    """What the kernel is compiled for."""
+    """Compile-time parameters of the kernel."""
 
-    serial: bool = False  # on the calling thread
+    serial: bool = False  # run on the calling thread
 
 
 @ti.func
 def fold(t: ti.template(), north, east, variance, a, speed):
-    """Take a look that is a seconds old into the track t; begin it if it has none."""
+    """Update the track t by a sighting that is a seconds old; begin it at the first."""
     if t[AGE] >= NEVER:
         t[NORTH], t[EAST], t[V_NORTH], t[V_EAST] = north, east, 0.0, 0.0
         t[P_PP], t[P_PV], t[P_VV] = variance + a * a * speed * speed, a * speed * speed, speed * speed
@@ -112,26 +111,27 @@ def _keep(
                 t = ti.Vector([chart.tracks[e, i, k, c] for c in ti.static(range(TRACK))])
                 if which[e] == 1 and t[AGE] < NEVER:
                     carried_on(t, dt, q)
-                variance = chart.sightings[e, i, k, LOOK_VARIANCE]
+                variance = chart.sightings[e, i, k, Sighting.VARIANCE]
                 if variance > 0:
                     fold(
                         t,
-                        chart.sightings[e, i, k, LOOK_NORTH],
-                        chart.sightings[e, i, k, LOOK_EAST],
+                        chart.sightings[e, i, k, Sighting.NORTH],
+                        chart.sightings[e, i, k, Sighting.EAST],
                         variance,
                         0.0,
                         speed,
                     )
-                at = PLACE_AND_VELOCITY + TOLD * k
+                at = Message.SIZE + Report.SIZE * k
                 for j in range(senders):
-                    told = chart.heard[e, i, j, at + 3]
-                    old = told + chart.heard[e, i, j, age]  # of the look
+                    then = chart.heard[e, i, j, at + Report.AGE]  # age of the sighting when the message was sent
+                    old = then + chart.heard[e, i, j, age]
                     if which[e] == 1:
                         chart.taken[e, i, j, k] += dt
                     # `taken` is how long ago the last look that was taken of this sender was made
-                    if j != i and told >= 0 and old < OLDEST and old < chart.taken[e, i, j, k] - 0.5 * dt:
+                    if j != i and then >= 0 and old < OLDEST and old < chart.taken[e, i, j, k] - 0.5 * dt:
                         chart.taken[e, i, j, k] = old
-                        fold(t, chart.heard[e, i, j, at], chart.heard[e, i, j, at + 1], chart.heard[e, i, j, at + 2],
+                        fold(t, chart.heard[e, i, j, at + Report.NORTH],
+                             chart.heard[e, i, j, at + Report.EAST], chart.heard[e, i, j, at + Report.VARIANCE],
                              old, speed)  # fmt: skip
                 for c in ti.static(range(TRACK)):
                     chart.tracks[e, i, k, c] = t[c]
@@ -139,22 +139,22 @@ def _keep(
 
 @ti.kernel
 def _say(chart: ChartPack, which: ti.types.ndarray(dtype=ti.i32, ndim=1), form: ti.template()):
-    """Put the last look at every object into the coming message."""
+    """Write the last sighting of every object into the next message."""
     ti.loop_config(serialize=form.serial)
     for e, i in ti.ndrange(chart.sightings.shape[0], chart.sightings.shape[1]):
         if which[e] != 0:
             for k in range(chart.sightings.shape[2]):
-                at = PLACE_AND_VELOCITY + TOLD * k
-                if chart.sightings[e, i, k, LOOK_VARIANCE] > 0:
-                    for c in ti.static(range(LOOK_SIZE)):
+                at = Message.SIZE + Report.SIZE * k
+                if chart.sightings[e, i, k, Sighting.VARIANCE] > 0:
+                    for c in ti.static(range(Sighting.SIZE)):
                         chart.said[e, i, at + c] = chart.sightings[e, i, k, c]
-                    chart.said[e, i, at + 3] = 0.0
-                elif chart.said[e, i, at + 3] >= 0 and which[e] == 1:
-                    chart.said[e, i, at + 3] += chart.numbers[0]
+                    chart.said[e, i, at + Report.AGE] = 0.0
+                elif chart.said[e, i, at + Report.AGE] >= 0 and which[e] == 1:
+                    chart.said[e, i, at + Report.AGE] += chart.numbers[0]
 
 
 class Chart:
-    """The charts of all who look and talk.
+    """The charts of all observers.
 
     Attributes:
         tracks: [env, vehicle, object, 9], columns as above.
@@ -172,18 +172,18 @@ class Chart:
             numbers=sightings.new_tensor([interval, *numbers]),
         )  # fmt: skip
         self._rows = vehicles * vehicles * objects
-        self._keep, self._tell = runtime.Launcher(_keep), runtime.Launcher(_say)
+        self._keep, self._say = runtime.Launcher(_keep), runtime.Launcher(_say)
 
     def begin(self, envs: Tensor) -> None:
-        """Nobody knows of anything in environments `envs` [n]."""
+        """Clear all tracks in environments `envs` [n]."""
         self.tracks[envs] = 0.0
         self.tracks[envs, :, :, AGE] = NEVER
         self._taken[envs] = NEVER
-        self._said[envs, :, PLACE_AND_VELOCITY + TOLD - 1 :: TOLD] = -1.0
+        self._said[envs, :, Message.SIZE + Report.AGE :: Report.SIZE] = -1.0
 
     def say(self, which: Tensor, rows: int) -> None:
-        """Put sightings into what is to be said, in environments as of `keep`; before radios talk."""
-        self._tell(self._chart(), which, Form(runtime.few(rows * self._rows, KEEP)))
+        """Write sightings into the next messages, in environments as of `keep`; to be called before `Radio.talk`."""
+        self._say(self._chart(), which, Form(runtime.few(rows * self._rows, KEEP)))
 
     def keep(self, which: Tensor, rows: int) -> None:
         """Update tracks by sightings and messages, in environments [env] int32: 0 not at all, 1 after a step, 2 at the
@@ -194,8 +194,8 @@ class Chart:
 
 
 def width_of(objects: int) -> int:
-    """Numbers of a message about so many objects."""
-    return PLACE_AND_VELOCITY + TOLD * objects
+    """Width of a message about so many objects."""
+    return Message.SIZE + Report.SIZE * objects
 
 
 _array2 = ti.types.ndarray(ndim=2)
@@ -216,24 +216,25 @@ def _nearest(out: ChartedPack, of: FromPack, which: ti.types.ndarray(dtype=ti.i3
             for k in range(of.tracked.shape[2]):
                 if of.tracked[e, own, k, AGE] < NEVER and of.tracked[e, own, k, P_PP] < vague:
                     dx, dy = of.tracked[e, own, k, NORTH] - place[0], of.tracked[e, own, k, EAST] - place[1]
-                    d = ti.sqrt(dx * dx + dy * dy) - of.objects[e, k, 5]
+                    d = ti.sqrt(dx * dx + dy * dy) - of.objects[e, k, Object.RADIUS]
                     distance, index = insert(distance, index, d, k, count)
             for k in ti.static(range(sight.obstacles)):
                 m = ti.max(index[k], 0)
-                there = ti.Vector([of.tracked[e, own, m, NORTH], of.tracked[e, own, m, EAST], of.objects[e, m, 5],
-                                   of.tracked[e, own, m, V_NORTH], of.tracked[e, own, m, V_EAST]])  # fmt: skip
+                there = ti.Vector([of.tracked[e, own, m, NORTH], of.tracked[e, own, m, EAST],
+                                   of.objects[e, m, Object.RADIUS], of.tracked[e, own, m, V_NORTH],
+                                   of.tracked[e, own, m, V_EAST]])  # fmt: skip
                 store_obstacle(out, of.derived, sight, e, i, k, distance[k], index[k], place, there, reach)
 
 
 class Charted:
-    """The nearest objects on the charts of one team of vessels, written as a `Sensor` writes what is there."""
+    """The nearest charted objects of one team of vessels, in the format of `Nearby`."""
 
     def __init__(self, sensor: Nearby, chart: Chart, first: int, objects: Tensor, own: Views):
-        """Written into `sensor`'s tensors.
+        """Write into `sensor`'s tensors.
 
         Args:
             first: number of the team's first vehicle on the chart. objects: [env, object, 6] radius (m) in the last
-                column. own: where the vessels measure themselves to be.
+                column. own: measured state of the vessels.
         """
         state = own.state
         self._of = runtime.Packed(
@@ -245,5 +246,5 @@ class Charted:
         self._rows, self._launch = state.shape[1] * objects.shape[1], runtime.Launcher(_nearest)
 
     def write(self, which: Tensor, rows: int) -> None:
-        """In environments [env] int32 that are not 0, `rows` of them."""
+        """Write in environments [env] int32 that are not 0, `rows` of them."""
         self._launch(self._out(), self._of(), which, self._sight._replace(serial=runtime.few(rows * self._rows, KEEP)))

@@ -1,13 +1,13 @@
-"""What a vehicle makes of the obstacles and team mates that it measures: contacts, each a track of its own.
+"""Contacts: obstacles and team mates near a vehicle as it measures and tracks them.
 
-Of each of the nearest bodies range and bearing are measured (of team mates in the air the elevation too), with noise,
-`late` decisions late, and not at all with the probability `dropout`. With the place and heading that the vehicle takes
-itself to have had then, a measurement is a place; so an error of its own place cancels, one of its heading does not.
-A Kalman filter of constant velocity (Bar-Shalom, Li & Kirubarajan 2001, ch. 6.3: white acceleration, one covariance
-for all axes) makes a track of it, which is told as it will be by now: of an obstacle over ground, of a team mate
-relative to the vehicle, for they turn together. A track begins at the first measurement, at rest to within `speed`, and
-goes on as long as its body is among the nearest. Who is who, how large, and how far above or below, is known. Random
-numbers are counted (kernels/random.py): same seed, same bits. Frame: NED.
+A vehicle measures range and bearing of each of the nearest bodies (of team mates in the air also the elevation), with
+noise and `late` decisions late; a measurement fails with the probability `dropout`. The vehicle's measured place and
+heading at that time turn a measurement into a place; an error of its own place cancels, one of its heading does not. A
+Kalman filter of constant velocity (Bar-Shalom, Li & Kirubarajan 2001, ch. 6.3: white acceleration, one covariance for
+all axes) makes a track of the places, extrapolated to the present: over ground for an obstacle, relative to the vehicle
+for a team mate, because mates turn together. A track begins at the first measurement, at rest with the standard
+deviation `speed`, and lasts while its body is among the nearest. Identity, size, and height difference are exact.
+Random numbers are counted (kernels/random.py): same seed, same bits. Frame: NED.
 """
 
 # Kernels are another language inside Python syntax.
@@ -20,6 +20,7 @@ import taichi as ti
 from pydantic import Field
 from torch import Tensor
 
+from rl.perception.columns import Mate, Obstacle
 from rl.perception.encoding import store_mate, store_obstacle
 from rl.perception.sensors import Nearby, Sight
 from taichi_sim.config import NonNegative, Positive, Strict
@@ -31,7 +32,7 @@ from taichi_sim.kernels.random import CONTACTS, normal6, uniform4
 
 # Columns of a measurement that waits: whose (-1 nobody's), seen or not, place, variance, radius, height above or below.
 WHO, SEEN, AT, VARIANCE, SIZE, ASIDE, MEASURED = 0, 1, 2, 5, 6, 7, 8
-# Columns of a track: whose, place, velocity, covariance (place, both, velocity), radius, height above or below.
+# Columns of a track: WHO, place, velocity, covariance (place, both, velocity), radius, height above or below.
 PLACE, SPEED, P_PP, P_PV, P_VV, RADIUS, BESIDE, TRACKED = 1, 4, 7, 8, 9, 10, 11, 12
 NOBODY = -1.0
 VARIANCE_FLOOR = 1e-4  # m^2: of what is measured exactly
@@ -46,19 +47,19 @@ class ContactsConfig(Strict):
     range_noise: NonNegative = 0.0  # standard deviation, m
     bearing_noise_deg: NonNegative = 0.0  # standard deviation, of elevations too
     dropout: Annotated[float, Field(ge=0, lt=1)] = 0.0  # share of measurements that fail
-    late: Annotated[int, Field(ge=0, le=50)] = 0  # decisions that a measurement takes
-    speed: Positive = 3.0  # m/s, standard deviation of a body's speed before anything is known; assumed
-    acceleration: Positive = 0.1  # m/s^2 over one second: how far from steady bodies are taken to be; assumed
+    late: Annotated[int, Field(ge=0, le=50)] = 0  # delay of a measurement, decisions
+    speed: Positive = 3.0  # m/s, standard deviation of a body's speed at first; assumed
+    acceleration: Positive = 0.1  # m/s^2 over one second, white acceleration of bodies; assumed
     mate_acceleration: Positive = 0.5  # m/s^2 likewise, of team mates relative to the vehicle; assumed
 
     @property
     def exact(self) -> bool:
-        """Whether nothing errs."""
+        """Whether there are no errors."""
         return not (self.range_noise or self.bearing_noise_deg or self.dropout or self.late)
 
 
 class Numbers(NamedTuple):
-    """What the kernel works with, SI."""
+    """Parameters of the kernel, SI."""
 
     reach: float
     radius: float
@@ -72,7 +73,7 @@ class Numbers(NamedTuple):
 
 
 _array1, _array2, _array3, _array4, _array5 = (ti.types.ndarray(ndim=n) for n in (1, 2, 3, 4, 5))
-ToldPack = ti.types.argpack(
+ContactsPack = ti.types.argpack(
     gap=_array2, obstacles=_array4, mates=_array4, signals=_array3, waiting=_array5, tracks=_array5
 )
 TruePack = ti.types.argpack(seen=_array4, near=_array4, true_derived=_array3)  # two packs share no name
@@ -80,12 +81,12 @@ OwnPack = ti.types.argpack(state=_array3, derived=_array3, numbers=_array1)
 
 
 class Form(NamedTuple):
-    """What the kernel is compiled for."""
+    """Compile-time parameters of the kernel."""
 
     sight: Sight
     late: int
-    vehicles: int  # before these, among the random numbers: those of other teams
-    serial: bool = False  # on the calling thread
+    vehicles: int  # number of the first vehicle among the random numbers
+    serial: bool = False  # run on the calling thread
 
 
 @ti.func
@@ -111,9 +112,9 @@ def measured(true: ti.template(), own: ti.template(), e, i, relative, origin, as
 
 @ti.func
 def begun(m, g: ti.template()):
-    """A track from its first measurement; nobody's if that failed."""
+    """A track from its first measurement; without a body (`NOBODY`) if that failed."""
     t = ti.Vector([0.0 for _ in ti.static(range(TRACKED))])
-    t[0] = ti.select(m[SEEN] > 0, m[WHO], NOBODY)
+    t[WHO] = ti.select(m[SEEN] > 0, m[WHO], NOBODY)
     for a in ti.static(range(3)):
         t[PLACE + a] = m[AT + a]
     t[P_PP], t[P_VV], t[RADIUS], t[BESIDE] = m[VARIANCE], g.speed * g.speed, m[SIZE], m[ASIDE]
@@ -122,7 +123,7 @@ def begun(m, g: ti.template()):
 
 @ti.func
 def carried_on(t, m, acceleration, g: ti.template()):
-    """A track, one interval and one measurement later."""
+    """A track after one more interval and measurement."""
     dt, q = g.interval, acceleration * acceleration
     t[P_PP] += dt * (2 * t[P_PV] + dt * t[P_VV]) + q * dt * dt * dt / 3
     t[P_PV] += dt * t[P_VV] + 0.5 * q * dt * dt
@@ -143,37 +144,37 @@ def carried_on(t, m, acceleration, g: ti.template()):
 
 
 @ti.func
-def tracked(told: ti.template(), e, i, k, first: ti.template(), last: ti.template(), m, acceleration, now,
+def tracked(out: ti.template(), e, i, k, first: ti.template(), last: ti.template(), m, acceleration, now,
             g: ti.template()):  # fmt: skip
-    """The track, number k, of who has been measured: carried on if there was one from `first` to `last`, or begun."""
+    """Track k of the measured body: continued if one of `first` to `last` was of it, else begun."""
     t = begun(m, g)
     for j in range(first, last):
-        if m[WHO] >= 0 and told.tracks[e, i, 1 - now, j, 0] == m[WHO]:
-            before = ti.Vector([told.tracks[e, i, 1 - now, j, c] for c in ti.static(range(TRACKED))])
+        if m[WHO] >= 0 and out.tracks[e, i, 1 - now, j, WHO] == m[WHO]:
+            before = ti.Vector([out.tracks[e, i, 1 - now, j, c] for c in ti.static(range(TRACKED))])
             t = carried_on(before, m, acceleration, g)
     for c in ti.static(range(TRACKED)):
-        told.tracks[e, i, now, k, c] = t[c]
+        out.tracks[e, i, now, k, c] = t[c]
     return t
 
 
 @ti.func
-def wait(told: ti.template(), e, i, k, m, which, slot, form: ti.template()):
-    """Let a measurement wait, and take the one whose time has come."""
+def queued(out: ti.template(), e, i, k, m, which, slot, form: ti.template()):
+    """Queue a measurement, and return the one that is due."""
     slots = ti.static(form.late + 1)
     due = m
     for n in range(slots):
         if which == 2 or n == slot:
             for c in ti.static(range(MEASURED)):
-                told.waiting[e, i, n, k, c] = m[c]
+                out.waiting[e, i, n, k, c] = m[c]
     for c in ti.static(range(MEASURED)):
-        due[c] = told.waiting[e, i, (slot + 1) % slots, k, c]
+        due[c] = out.waiting[e, i, (slot + 1) % slots, k, c]
     return due
 
 
 @ti.func
-def tell_obstacle(told: ti.template(), own: ti.template(), e, i, k: ti.template(), t, g: ti.template(),
+def put_obstacle(out: ti.template(), own: ti.template(), e, i, k: ti.template(), t, g: ti.template(),
                   form: ti.template()):  # fmt: skip
-    """Write the k-th obstacle as its track t has it by now; return the clearance (m)."""
+    """Write the k-th obstacle by its track t, extrapolated to now; return the clearance (m)."""
     ahead = ti.static(form.late) * g.interval
     place = ti.Vector([own.state[e, i, a] for a in ti.static(range(3))])
     there = ti.Vector([t[PLACE] + ahead * t[SPEED], t[PLACE + 1] + ahead * t[SPEED + 1], t[RADIUS], t[SPEED],
@@ -182,32 +183,32 @@ def tell_obstacle(told: ti.template(), own: ti.template(), e, i, k: ti.template(
     distance = beside
     if t[BESIDE] > 0:
         distance = ti.sqrt(ti.max(beside, 0.0) ** 2 + t[BESIDE] ** 2)
-    distance = ti.select(t[0] >= 0, distance, g.reach)
+    distance = ti.select(t[WHO] >= 0, distance, g.reach)
     store_obstacle(
-        told, own.derived, form.sight, e, i, k, distance, ti.cast(t[0], ti.i32), place,
+        out, own.derived, form.sight, e, i, k, distance, ti.cast(t[WHO], ti.i32), place,
         ti.Vector([there[0], there[1], there[2], there[3], there[4]]), g.reach,
     )  # fmt: skip
     return distance - g.radius
 
 
 @ti.func
-def tell_mate(told: ti.template(), own: ti.template(), e, i, k: ti.template(), t, g: ti.template(),
+def put_mate(out: ti.template(), own: ti.template(), e, i, k: ti.template(), t, g: ti.template(),
               form: ti.template()):  # fmt: skip
-    """The same of a team mate."""
+    """Write the k-th team mate likewise."""
     ahead, direction, distance = ti.static(form.late) * g.interval, ti.Vector([0.0, 0.0, 0.0]), g.reach
-    if t[0] >= 0:
+    if t[WHO] >= 0:
         for a in ti.static(range(3)):
             direction[a] = t[PLACE + a] + ahead * t[SPEED + a]
         distance = ti.max(direction.norm(), 1e-6)
         direction /= distance
     moves = ti.Vector([own.derived[e, i, V + a] + t[SPEED + a] for a in ti.static(range(2))])
-    store_mate(told, own.derived, form.sight, e, i, k, distance, ti.cast(t[0], ti.i32), direction, moves, g.reach)
+    store_mate(out, own.derived, form.sight, e, i, k, distance, ti.cast(t[WHO], ti.i32), direction, moves, g.reach)
     return distance - 2 * g.radius
 
 
 @ti.kernel
 def _contact(
-    told: ToldPack,
+    out: ContactsPack,
     true: TruePack,
     own: OwnPack,
     which: ti.types.ndarray(dtype=ti.i32, ndim=1),
@@ -226,29 +227,31 @@ def _contact(
             ends = ti.static((form.sight.obstacles, form.sight.obstacles + form.sight.mates))
             if which[e] == 2:
                 for k in range(ends[1]):
-                    told.tracks[e, i, 1 - now, k, 0] = NOBODY
+                    out.tracks[e, i, 1 - now, k, WHO] = NOBODY
             for k in ti.static(range(ends[1])):
                 z = normal6(count[1], CONTACTS + k, count[2 + e], form.vehicles + i, count[0])
                 u = uniform4(count[1], CONTACTS + LUCK + k, count[2 + e], form.vehicles + i, count[0])
                 if ti.static(k < ends[0]):
-                    n = ti.Vector([true.seen[e, i, k, 1], true.seen[e, i, k, 2], 0.0])
-                    level, size = true.seen[e, i, k, 7], true.seen[e, i, k, 6]
-                    far = true.seen[e, i, k, 0]
+                    n = ti.Vector([true.seen[e, i, k, Obstacle.NORTH], true.seen[e, i, k, Obstacle.EAST], 0.0])
+                    level, size = true.seen[e, i, k, Obstacle.LEVEL], true.seen[e, i, k, Obstacle.RADIUS]
+                    far = true.seen[e, i, k, Obstacle.DISTANCE]
                     aside = ti.select(level > 0, ti.sqrt(ti.max(far * far - level * level, 0.0)), ti.max(far, 0.0))
-                    who = true.seen[e, i, k, 8]
+                    who = true.seen[e, i, k, Obstacle.NUMBER]
                     m = measured(true, own, e, i, (level + size) * n, here, aside, size, who, z, u[0], g)
-                    m = wait(told, e, i, k, m, which[e], slot, form)
-                    t = tracked(told, e, i, k, 0, ends[0], m, g.acceleration, now, g)
-                    clear = ti.min(clear, tell_obstacle(told, own, e, i, k, t, g, form))
+                    m = queued(out, e, i, k, m, which[e], slot, form)
+                    t = tracked(out, e, i, k, 0, ends[0], m, g.acceleration, now, g)
+                    clear = ti.min(clear, put_obstacle(out, own, e, i, k, t, g, form))
                 else:
                     mate = ti.static(k - ends[0])
-                    n = ti.Vector([true.near[e, i, mate, 1 + a] for a in ti.static(range(3))])
-                    who = true.near[e, i, mate, 4]
-                    m = measured(true, own, e, i, true.near[e, i, mate, 0] * n, nowhere, 0.0, 0.0, who, z, u[0], g)
-                    m = wait(told, e, i, k, m, which[e], slot, form)
-                    t = tracked(told, e, i, k, ends[0], ends[1], m, g.mates, now, g)
-                    clear = ti.min(clear, tell_mate(told, own, e, i, mate, t, g, form))
-            told.gap[e, i] = clear
+                    n = ti.Vector([true.near[e, i, mate, Mate.NORTH + a] for a in ti.static(range(3))])
+                    who = true.near[e, i, mate, Mate.NUMBER]
+                    m = measured(
+                        true, own, e, i, true.near[e, i, mate, Mate.DISTANCE] * n, nowhere, 0.0, 0.0, who, z, u[0], g
+                    )
+                    m = queued(out, e, i, k, m, which[e], slot, form)
+                    t = tracked(out, e, i, k, ends[0], ends[1], m, g.mates, now, g)
+                    clear = ti.min(clear, put_mate(out, own, e, i, mate, t, g, form))
+            out.gap[e, i] = clear
 
 
 class Contacts(Nearby):
@@ -261,7 +264,7 @@ class Contacts(Nearby):
     ):
         """Measure what the true `sensor` of `fleet` senses, by vehicles whose instruments say `own`; `interval` s.
 
-        `vehicles`: number of vehicles of other teams before these, among the random numbers.
+        `vehicles`: number of the first vehicle among the random numbers.
         """
         state = fleet.state
         super().__init__(state, sensor.num_obstacles, sensor.num_mates, sensor.reach, sensor.radius, sensor.axes)
@@ -272,8 +275,8 @@ class Contacts(Nearby):
         )  # fmt: skip
         self._waiting = state.new_zeros((*rows, config.late + 1, max(both, 1), MEASURED))
         self._tracks = state.new_zeros((*rows, 2, max(both, 1), TRACKED))
-        self._told = runtime.Packed(
-            ToldPack, gap=self.gap, obstacles=self.obstacles, mates=self.team_mates, signals=self.written,
+        self._out = runtime.Packed(
+            ContactsPack, gap=self.gap, obstacles=self.obstacles, mates=self.team_mates, signals=self.written,
             waiting=self._waiting, tracks=self._tracks,
         )  # fmt: skip
         self._true = runtime.Packed(TruePack, seen=sensor.obstacles, near=sensor.team_mates, true_derived=fleet.derived)
@@ -291,4 +294,4 @@ class Contacts(Nearby):
         """
         kind = struct_of(Numbers._fields, runtime.current().precision)
         form = self._form._replace(serial=runtime.few(rows * self._rows, TRACK))
-        self._launch(self._told(), self._true(), self._own(), which, steps, count, kind, form)
+        self._launch(self._out(), self._true(), self._own(), which, steps, count, kind, form)

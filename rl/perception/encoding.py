@@ -1,6 +1,6 @@
-"""How what a vehicle sees is written: for controllers in metres and NED, for policies as signals in its own frame.
+"""Encoding of what a vehicle senses: metres and NED for controllers, signals in its own frame for policies.
 
-See `Sensor` (sensors.py) for the columns.
+See columns.py.
 """
 
 # Kernels are another language inside Python syntax.
@@ -8,15 +8,15 @@ See `Sensor` (sensors.py) for the columns.
 
 import taichi as ti
 
+from rl.perception.columns import Mate, Obstacle
 from taichi_sim.kernels.kinematics import HEADING_COS, HEADING_SIN
 
-NUMBER = 8  # the column of an obstacle's number; -1: there is none
 SPEED_SCALE = 10.0  # m/s, where an obstacle's squashed speed is half way to 1
 
 
 @ti.func
 def store_seen(out: ti.template(), e, i, k, distance, n):
-    """Write what vehicle i sees k-th: distance (m) and unit vector n in NED."""
+    """Write the k-th contact of vehicle i: distance (m) and unit vector n in NED."""
     out[e, i, k, 0] = distance
     for a in ti.static(range(3)):
         out[e, i, k, 1 + a] = n[a]
@@ -42,7 +42,7 @@ def store_signal(signals: ti.template(), e, i, at, distance, reach, n, derived: 
 @ti.func
 def store_obstacle(out: ti.template(), derived: ti.template(), sight: ti.template(), e, i, k: ti.template(), distance,
                    number, place, there, reach):  # fmt: skip
-    """Write the k-th nearest obstacle, number -1 if there is none, `there` as in `numbered`."""
+    """Write the k-th nearest obstacle; `number` is -1 if there is none, `there` is as in `numbered`."""
     direction, spread, moves = place * 0.0, reach * 0.0, ti.Vector([reach * 0.0, reach * 0.0])
     level, radius = reach, reach * 0.0
     if number >= 0:
@@ -51,9 +51,9 @@ def store_obstacle(out: ti.template(), derived: ti.template(), sight: ti.templat
         direction, moves = ti.Vector([dx / axis, dy / axis, 0.0]), ti.Vector([there[3], there[4]])
         level, radius, spread = axis - there[2], there[2], ti.min(there[2] / axis, 1.0)
     store_seen(out.obstacles, e, i, k, distance, direction)
-    out.obstacles[e, i, k, 4], out.obstacles[e, i, k, 5] = moves[0], moves[1]
-    out.obstacles[e, i, k, 6], out.obstacles[e, i, k, 7] = radius, level
-    out.obstacles[e, i, k, NUMBER] = number
+    out.obstacles[e, i, k, Obstacle.V_NORTH], out.obstacles[e, i, k, Obstacle.V_EAST] = moves[0], moves[1]
+    out.obstacles[e, i, k, Obstacle.RADIUS], out.obstacles[e, i, k, Obstacle.LEVEL] = radius, level
+    out.obstacles[e, i, k, Obstacle.NUMBER] = number
     at = ti.static(k * (sight.axes + 4))
     store_signal(out.signals, e, i, at, ti.max(distance, 0.0), reach, direction, derived, sight.axes)
     c, s, speed = derived[e, i, HEADING_COS], derived[e, i, HEADING_SIN], moves.norm() + SPEED_SCALE
@@ -69,6 +69,7 @@ def store_mate(out: ti.template(), derived: ti.template(), sight: ti.template(),
     velocity, north and east, m/s.
     """
     store_seen(out.mates, e, i, k, distance, direction)
-    out.mates[e, i, k, 4], out.mates[e, i, k, 5], out.mates[e, i, k, 6] = number, moves[0], moves[1]
+    out.mates[e, i, k, Mate.NUMBER] = number
+    out.mates[e, i, k, Mate.V_NORTH], out.mates[e, i, k, Mate.V_EAST] = moves[0], moves[1]
     at = ti.static(sight.obstacles * (sight.axes + 4) + k * (sight.axes + 1))
     store_signal(out.signals, e, i, at, distance, reach, direction, derived, sight.axes)

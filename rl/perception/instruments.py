@@ -1,4 +1,4 @@
-"""What a vehicle measures of itself: its instruments, and the state it takes itself to be in.
+"""Instruments of a vehicle: its own state as it measures it.
 
     GNSS        place over ground, north and east: a slow walk (a first-order Gauss-Markov process, Gelb 1974) of
                 which `shared` of the variance is that of all receivers of an environment (satellites, atmosphere), and
@@ -10,8 +10,8 @@
     air data    airspeed: a constant and noise; angles of attack and sideslip: noise; the velocity of the air is what
                 those and the velocity over ground leave (the wind triangle)
 
-All noise is white from decision to decision. Random numbers are counted (kernels/random.py): same seed, same bits. What
-is not configured is exact. A vehicle's own inner loops (autopilot, `taichi_sim`) are flown by the truth. Frame: NED, b.
+All noise is white from decision to decision. Random numbers are counted (kernels/random.py): same seed, same bits.
+Instruments that are not configured are exact. Inner loops of a vehicle model (autopilot) use the truth. Frame: NED, b.
 """
 
 # Kernels are another language inside Python syntax.
@@ -32,8 +32,8 @@ from taichi_sim.kernels.random import INSTRUMENTS, normal6
 from taichi_sim.kernels.rotation import quaternion_product, rotation_matrix
 
 READ = 250.0  # ns of one vehicle, about
-EVERYBODY = 1 << 20  # number, among the random numbers, of what all vehicles of an environment share
-OWN, COMMON, HEADING, LOG, HEIGHT, AIRSPEED, MEMORY = 0, 2, 4, 5, 8, 9, 10  # columns of what is remembered
+EVERYBODY = 1 << 20  # number, among the random numbers, of errors that all vehicles of an environment share
+OWN, COMMON, HEADING, LOG, HEIGHT, AIRSPEED, MEMORY = 0, 2, 4, 5, 8, 9, 10  # columns of `memory`
 
 
 class GnssConfig(Strict):
@@ -42,7 +42,7 @@ class GnssConfig(Strict):
     noise: NonNegative = 0.0  # standard deviation of each direction, m
     bias: NonNegative = 0.0  # of the walk, m
     time_constant: Positive = 60.0  # of the walk, s
-    shared: Fraction = 0.8  # of the walk's variance, that all receivers nearby have alike; assumed
+    shared: Fraction = 0.8  # of the walk's variance, common to all receivers nearby; assumed
 
 
 class CompassConfig(Strict):
@@ -94,7 +94,7 @@ class InstrumentsConfig(Strict):
 
     @property
     def numbers(self) -> "Numbers":
-        """What the kernel works with, but for the decision interval."""
+        """Parameters of the kernel, except the decision interval."""
         g, deg = self.gnss, math.pi / 180
         given = Numbers(
             place=g.noise,
@@ -118,7 +118,7 @@ class InstrumentsConfig(Strict):
 
     @property
     def exact(self) -> bool:
-        """Whether nothing errs."""
+        """Whether there are no errors."""
         return not any(value for name, value in self.numbers._asdict().items() if name != "time")
 
 
@@ -148,13 +148,13 @@ ReadPack = ti.types.argpack(state=_array3, derived=_array3, aux=_array3, memory=
 
 
 class Form(NamedTuple):
-    """What the kernel is compiled for."""
+    """Compile-time parameters of the kernel."""
 
-    vehicles: int  # before these, among the random numbers: those of other teams
+    vehicles: int  # number of the first vehicle among the random numbers
     over_ground: bool = False  # velocity is measured in n, not in b
     air_data: tuple[int, ...] = ()  # columns of `aux`: airspeed, alpha, beta
     air: tuple[int, ...] = ()  # of the air's velocity, north, east, down
-    serial: bool = False  # on the calling thread
+    serial: bool = False  # run on the calling thread
 
 
 @ti.func
@@ -165,7 +165,7 @@ def walked(old, beginning, std, phi, z):
 
 @ti.func
 def remember(memory: ti.template(), e, i, g: ti.template(), beginning, interval, z_own, z_common, z_episode, z_more):
-    """Walk on, or begin."""
+    """Advance the lasting errors by one decision, or draw them as an episode begins."""
     phi = ti.exp(-interval / g.time)
     for a in ti.static(range(2)):
         memory[e, i, OWN + a] = walked(memory[e, i, OWN + a], beginning, g.walk, phi, z_own[a])
@@ -180,7 +180,7 @@ def remember(memory: ti.template(), e, i, g: ti.template(), beginning, interval,
 
 @ti.func
 def read_air(out: ti.template(), e, i, g: ti.template(), z, z_more, R, v_n, form: ti.template()):
-    """Airspeed and angles, and the velocity of the air that they and the velocity over ground v_n leave."""
+    """Measure airspeed and angles; the wind follows from them and from the velocity over ground v_n."""
     Va = out.aux[e, i, form.air_data[0]] + out.memory[e, i, AIRSPEED] + g.air * z[4]
     alpha = out.aux[e, i, form.air_data[1]] + g.angle * z[5]
     beta = out.aux[e, i, form.air_data[2]] + g.angle * z_more
@@ -249,16 +249,16 @@ def _read(
 
 
 class Readings(Views):
-    """The state of a fleet as its vehicles measure it: named as in a `Fleet`, live views, overwritten by the next.
+    """State of a fleet as its vehicles measure it: views named as in a `Fleet`, which the next reading overwrites.
 
     Attributes:
-        memory: [env, vehicle, 10], what the errors are that last.
+        memory: [env, vehicle, 10], errors that last: walks and constants of an episode.
     """
 
     STATE = ("memory",)
 
     def __init__(self, fleet: Fleet, config: InstrumentsConfig, interval: float, vehicles: int = 0):
-        """Measure `fleet` every `interval` s; `vehicles` counts those of other teams before it."""
+        """Measure `fleet` every `interval` s; `vehicles` numbers its first vehicle among the random numbers."""
         super().__init__(fleet.model, *(x.clone() for x in (fleet.state, fleet.derived, fleet.aux)))
         self.fleet, self.count, self.num_envs = fleet, fleet.count, fleet.num_envs
         self.memory = fleet.state.new_zeros((*fleet.state.shape[:2], MEMORY))

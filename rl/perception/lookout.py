@@ -1,9 +1,9 @@
-"""What vessels see of what is on the sea: by range and bearing, from near.
+"""Lookouts of vessels, which see near objects on the sea by range and bearing.
 
-The first object is seen within one range, the others, by their surface, within another. A measurement fails with the
-probability `dropout`. Behind wave crests less is seen, if that is asked for: a line of sight between two heights above
-the water is cut off where the sea rises above it. With the place and the heading that a vessel takes itself to have, a
-measurement is a place. Random numbers are counted (kernels/random.py): same seed, same bits. Frame: NED.
+The first object is seen within one range, the others within another, to their surface. A measurement fails with the
+probability `dropout`. With `crests`, wave crests hide the first object: its line of sight, between two heights above
+the water, is cut where the sea rises above it. The vessel's measured place and heading turn a measurement into a place.
+Random numbers are counted (kernels/random.py): same seed, same bits. Frame: NED.
 """
 
 # Kernels are another language inside Python syntax.
@@ -18,7 +18,8 @@ import torch
 from pydantic import Field
 from torch import Tensor
 
-from rl.perception.camera import LOOK_EAST, LOOK_NORTH, LOOK_VARIANCE, SEE, UNSEEN, VARIANCE_FLOOR
+from rl.perception.camera import SEE, UNSEEN, VARIANCE_FLOOR
+from rl.perception.columns import Object, Sighting
 from rl.perception.instruments import InstrumentsConfig
 from taichi_sim.config import NonNegative, Positive, Strict
 from taichi_sim.fleet import Views
@@ -44,7 +45,7 @@ class LookoutConfig(Strict):
 
 
 class Numbers(NamedTuple):
-    """What the kernel works with, SI."""
+    """Parameters of the kernel, SI."""
 
     vessel_range: float
     obstacle_range: float
@@ -62,10 +63,10 @@ OwnPack = ti.types.argpack(state=_array3, derived=_array3)
 
 
 class Form(NamedTuple):
-    """What the kernel is compiled for."""
+    """Compile-time parameters of the kernel."""
 
-    vehicles: int  # before these, among the random numbers
-    serial: bool = False  # on the calling thread
+    vehicles: int  # number of the first vehicle among the random numbers
+    serial: bool = False  # run on the calling thread
 
 
 @ti.kernel
@@ -86,11 +87,11 @@ def _see(
             c1, s1 = own.derived[e, i, HEADING_COS], own.derived[e, i, HEADING_SIN]
             cos, sin = c0 * c1 + s0 * s1, c0 * s1 - s0 * c1  # of the error of the heading
             for k in range(out.objects.shape[1]):
-                out.sightings[e, i, k, LOOK_VARIANCE] = UNSEEN
-                x = out.objects[e, k, 0] - true.true_state[e, i, 0]
-                y = out.objects[e, k, 1] - true.true_state[e, i, 1]
+                out.sightings[e, i, k, Sighting.VARIANCE] = UNSEEN
+                x = out.objects[e, k, Object.NORTH] - true.true_state[e, i, 0]
+                y = out.objects[e, k, Object.EAST] - true.true_state[e, i, 1]
                 far = ti.sqrt(x * x + y * y)
-                near = far - out.objects[e, k, 5] < g.obstacle_range
+                near = far - out.objects[e, k, Object.RADIUS] < g.obstacle_range
                 if k == 0:
                     near = far < g.vessel_range and out.hidden[e, i] == 0
                 if near:
@@ -100,11 +101,11 @@ def _see(
                         z = normal6(count[1], LOOKOUT + 1, count[2 + e], number, count[0])
                         away, turned = 1.0 + g.range_noise * z[0] / ti.max(far, 1.0), g.bearing_noise * z[1]
                         c, s = cos - turned * sin, sin + turned * cos
-                        out.sightings[e, i, k, LOOK_NORTH] = own.state[e, i, 0] + away * (c * x - s * y)
-                        out.sightings[e, i, k, LOOK_EAST] = own.state[e, i, 1] + away * (s * x + c * y)
+                        out.sightings[e, i, k, Sighting.NORTH] = own.state[e, i, 0] + away * (c * x - s * y)
+                        out.sightings[e, i, k, Sighting.EAST] = own.state[e, i, 1] + away * (s * x + c * y)
                         side = far * far * (g.bearing_noise * g.bearing_noise + g.heading * g.heading)
                         variance = 0.5 * (g.range_noise * g.range_noise + side) + g.place * g.place
-                        out.sightings[e, i, k, LOOK_VARIANCE] = variance + VARIANCE_FLOOR
+                        out.sightings[e, i, k, Sighting.VARIANCE] = variance + VARIANCE_FLOOR
 
 
 class Lookout:
@@ -116,7 +117,7 @@ class Lookout:
         self, config: LookoutConfig, instruments: InstrumentsConfig, sightings: Tensor, objects: Tensor, true: Views,
         own: Views, elevation: Callable[[Tensor], Tensor], *, vehicles: int = 0,
     ):  # fmt: skip
-        """Of vessels that are `true` and measure themselves to be `own`.
+        """Make lookouts of vessels whose true state is `true` and whose measured state is `own`.
 
         Args:
             sightings: [env, observer, object, 3], written for the first observers: place (m) and variance (m^2; below

@@ -1,11 +1,11 @@
-"""Radio between vehicles: what each knows of others by the last message of theirs that has arrived.
+"""Radio between vehicles: each keeps the last message that has arrived from every other.
 
-Every vehicle says some numbers (place and velocity as it measures them, what else a mission has to tell) `rate` times a
-second, in turn. A message takes `delay` to arrive, at those within `range` then, and is lost with the probability
-`loss` on each way by itself. What has arrived is kept, with its age, until a newer one comes. Some vehicles may relay:
-what did not arrive directly may then do so by way of one of them, over two such ways, after twice the delay.
+Every vehicle transmits a message `rate` times a second, in turn: place and velocity as it measures them, and what a
+mission adds. A message arrives after `delay` at each vehicle within `range`, and is lost with the probability `loss`,
+independently at each. Receivers keep it, with its age, until a newer one arrives. Some vehicles may relay: a message
+that did not arrive directly may arrive through one of them, over two such links, after twice the delay.
 
-For experiments, vehicles may hear those of another environment instead, `shift` environments on.
+For experiments, vehicles may receive the messages of another environment, `shift` environments on.
 
 Random numbers are counted (kernels/random.py): same seed, same bits. Frame: NED.
 """
@@ -21,12 +21,12 @@ from numpy.typing import NDArray
 from pydantic import Field
 from torch import Tensor
 
+from rl.perception.columns import Message
 from taichi_sim.config import Fraction, Positive, Strict
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.random import RADIO, uniform4
 
-PLACE_AND_VELOCITY = 6  # numbers of a message that has no more in it, and the column of its age
-NEVER = 1e6  # s, the age of what has not been heard
+NEVER = 1e6  # s, age of a message that was never received
 MOST = 64  # vehicles of a team
 TALK = 40.0  # ns of one receiver and sender, about
 
@@ -34,7 +34,7 @@ TALK = 40.0  # ns of one receiver and sender, about
 class RadioConfig(Strict):
     """`[radio]` between vehicles."""
 
-    range: Positive = 1000.0  # m, assumed
+    range: Positive = 1000.0  # m; assumed
     delay: Annotated[float, Field(ge=0, le=10)] = 0.0  # s, rounded to whole decisions
     loss: Fraction = 0.0  # of all messages
     rate: Positive | None = None  # messages of each vehicle per second; default: one each decision
@@ -45,25 +45,25 @@ TalkPack = ti.types.argpack(heard=_array4, sent=_array4, said=_array3, place=_ar
 
 
 class Form(NamedTuple):
-    """What the kernel is compiled for."""
+    """Compile-time parameters of the kernel."""
 
     delay: int  # decisions
     period: int  # decisions between messages of one vehicle
-    vehicles: int  # before these, among the random numbers: those of other teams
-    known: bool = True  # an episode begins with everybody heard
+    vehicles: int  # number of the first vehicle among the random numbers
+    known: bool = True  # everybody has heard everybody as an episode begins
     relays: tuple[int, int] = (0, 0)  # the first that relay, and the first after them that does not
     shift: int = 0  # environments
-    serial: bool = False  # on the calling thread
+    serial: bool = False  # run on the calling thread
 
     @property
     def slots(self) -> int:
-        """Messages of one vehicle that are on their way, and the present one."""
+        """Number of messages of one vehicle that are kept: in transit, and the present one."""
         return (2 if self.relays[1] > self.relays[0] else 1) * self.delay + 1
 
 
 @ti.func
 def hear(radio: ti.template(), e, i, other, k, slot, age):
-    """Vehicle i receives what k of environment `other` sent, as it stands in the `slot`."""
+    """Vehicle i receives the message of vehicle k of environment `other` in `slot`."""
     width = radio.said.shape[2]
     for a in range(width):
         radio.heard[e, i, k, a] = radio.sent[other, slot, k, a]
@@ -72,7 +72,7 @@ def hear(radio: ti.template(), e, i, other, k, slot, age):
 
 @ti.func
 def gets_there(radio: ti.template(), e, i, k, env, clock, seed, form: ti.template()):
-    """Whether what k sent arrives at i, on this way."""
+    """Whether a message of k arrives at i over this link."""
     far = ti.Vector([radio.place[e, i, a] - radio.place[e, k, a] for a in ti.static(range(3))])
     u = uniform4(seed, RADIO, env, ti.static(form.vehicles) + i * radio.place.shape[1] + k, clock)
     return far.norm() <= radio.numbers[1] and u[0] >= radio.numbers[2]
@@ -141,12 +141,11 @@ def _receive(
 
 
 class Radio:
-    """The radio of some vehicles.
+    """The radio of a group of vehicles.
 
     Attributes:
-        said: [env, vehicle, n] what each has to say now, to be written before `talk`; place and velocity (NED, m and
-            m/s), and what else there is.
-        heard: [env, receiver, sender, n + 1] the last message, and its age (s).
+        said: [env, vehicle, n] next message of each, to be written before `talk`: place and velocity (NED, m and m/s),
+            then what a mission adds. heard: [env, receiver, sender, n + 1] last message received, and its age (s).
     """
 
     STATE = ("said", "heard", "_sent")
@@ -157,13 +156,13 @@ class Radio:
         place: Tensor,
         interval: float,
         *,
-        width: int = PLACE_AND_VELOCITY,
+        width: int = Message.SIZE,
         vehicles: int = 0,
         known: bool = True,
         relays: tuple[int, int] = (0, 0),
         shift: int = 0,
     ):
-        """Between vehicles that are at `place` [env, vehicle, 3 or more] (m, read in place).
+        """Connect vehicles at `place` [env, vehicle, 3 or more] (m, read in place).
 
         Args:
             interval: of a decision, s. width: n, numbers of a message. vehicles: of other teams before them, among
@@ -187,11 +186,11 @@ class Radio:
 
     @property
     def delay(self) -> float:
-        """Of what arrives directly, s, a whole number of decisions."""
+        """Delay of a direct message, s, a whole number of decisions."""
         return self._form.delay * self._interval
 
     def due(self, step: int) -> NDArray[np.bool_]:
-        """Whose messages arrive at whom [receiver, sender] after `step` decisions of an episode, unless lost."""
+        """Whether a message is due [receiver, sender] after `step` decisions of an episode, unless it is lost."""
         then = step - self._form.delay
         sender = (then + np.arange(self._each)) % self._form.period == 0
         return (then >= 0) & sender & ~np.eye(self._each, dtype=bool)

@@ -1,4 +1,4 @@
-"""What a vehicle senses within its detection range: the nearest obstacles and the nearest team mates.
+"""Sensing within the detection range: the nearest obstacles and team mates of each vehicle.
 
 An obstacle is a vertical cylinder: one that stands on the sea, (north, east, radius, height), or a body that moves and
 lies between two heights (traffic.py). Its distance to a vehicle's origin is that to the nearest point of its surface:
@@ -14,6 +14,7 @@ import taichi as ti
 import torch
 
 from rl.course.traffic import AWAY, BOTTOM, EAST, NORTH, RADIUS, ROWS, TOP, V_EAST, V_NORTH, Bodies
+from rl.perception.columns import Mate, Obstacle
 from rl.perception.encoding import store_mate, store_obstacle
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import runtime
@@ -30,14 +31,14 @@ LOOK = 150.0  # ns of one vehicle, about
 
 
 class Sight(NamedTuple):
-    """How much is sensed; what the kernel is compiled for."""
+    """Amount of sensing: compile-time parameters of the kernel."""
 
-    obstacles: int  # nearest ones told apart
+    obstacles: int  # number of nearest ones
     mates: int
     axes: int  # of the vehicle's own frame
     field: int = 1  # obstacles in a world: a loop of known length is unrolled over whole vectors
     moving: bool = False  # whether there are bodies that move
-    serial: bool = False  # on the calling thread
+    serial: bool = False  # run on the calling thread
 
 
 @ti.func
@@ -58,7 +59,7 @@ def cylinder_distance(dx, dy, altitude, radius, bottom, top):
 
 @ti.func
 def insert(distance, index, d, j, count: ti.template()):
-    """The `count` least distances in order, and whose they are, with d of number j among them."""
+    """Insert distance d of body j into the `count` least distances, in order, and their numbers."""
     for k in ti.static(range(count)):
         if d < distance[k]:
             d, distance[k] = distance[k], d
@@ -89,7 +90,7 @@ def near_obstacles(field: ti.template(), w, place, reach, radius, sight: ti.temp
 
 @ti.func
 def near_bodies(bodies: ti.template(), e, place, radius, sight: ti.template(), gap, distance, index):
-    """The same with the bodies of environment e among them, numbered on from the obstacles that stand."""
+    """Add the moving bodies of environment e, numbered on from the fixed obstacles."""
     if ti.static(sight.moving):
         for m in range(bodies.shape[2]):
             dx, dy = bodies[e, NORTH, m] - place[0], bodies[e, EAST, m] - place[1]
@@ -101,7 +102,7 @@ def near_bodies(bodies: ti.template(), e, place, radius, sight: ti.template(), g
 
 @ti.func
 def numbered(field: ti.template(), bodies: ti.template(), w, e, number, sight: ti.template()):
-    """Of an obstacle or a body, by its number: north, east, radius (m), and its velocity, north and east (m/s)."""
+    """An obstacle or body by its number: north, east, radius (m), and velocity, north and east (m/s)."""
     found = ti.Vector([field[w, 0, 0] * 0.0 for _ in ti.static(range(5))])
     if number < ti.static(sight.field):
         found[0], found[1], found[2] = field[w, 0, number], field[w, 1, number], field[w, 2, number]
@@ -114,7 +115,7 @@ def numbered(field: ti.template(), bodies: ti.template(), w, e, number, sight: t
 
 @ti.func
 def near_mates(state: ti.template(), e, i, place, reach, radius, count: ti.template()):
-    """The same of team mates, by their origins."""
+    """Smallest clearance (m) to team mates, and the nearest ones by their origins: distances and numbers."""
     gap = place[0] * 0.0 + reach
     distance = ti.Vector([gap] * ti.static(count + 1))
     index = ti.Vector([-1] * ti.static(count + 1))
@@ -182,7 +183,7 @@ class Nearby:
         """Make tensors, all zero, for a team whose state is `state` [env, vehicle, 13].
 
         Args:
-            num_obstacles, num_mates: nearest ones that are told apart. reach: detection range, m. radius: of a
+            num_obstacles, num_mates: how many of the nearest ones. reach: detection range, m. radius: of a
                 vehicle, m. axes: of the vehicle's own frame: 3, the body frame, or 2, the heading frame (ahead,
                 starboard), which stays level.
         """
@@ -190,8 +191,8 @@ class Nearby:
         self.num_obstacles, self.num_mates = num_obstacles, num_mates
         self.reach, self.radius, self.axes = reach, radius, axes
         self.gap = state.new_zeros((env, vehicle))
-        self.obstacles = state.new_zeros((env, vehicle, max(num_obstacles, 1), 9))
-        self.team_mates = state.new_zeros((env, vehicle, max(num_mates, 1), 7))
+        self.obstacles = state.new_zeros((env, vehicle, max(num_obstacles, 1), Obstacle.SIZE))
+        self.team_mates = state.new_zeros((env, vehicle, max(num_mates, 1), Mate.SIZE))
         width = num_obstacles * (self.axes + 4) + num_mates * (self.axes + 1)
         self.signals = state.new_zeros((env, vehicle, width))
         self.written = self.signals if width else state.new_zeros((env, vehicle, 1))  # kernels take no empty array
@@ -233,9 +234,10 @@ class Sensor(Nearby):
         count: int = 0,
         bodies: Bodies | None = None,
     ) -> None:
-        """Look around for `obstacles` [world, m, 4], env_world int64 [env] says of which world, and for `bodies`.
+        """Sense `obstacles` [world, m, 4] and moving `bodies`; `env_world` int64 [env] is the world of each
+        environment.
 
-        It does so in environments that are not 0 in `which` [env], `count` of them (default: in all).
+        Only environments whose `which` [env] is not 0 are sensed, `count` of them; default: all.
         """
         if obstacles is not self._field:  # by column, so that the kernel reads whole vectors
             self._field, self._columns = obstacles, _padded(obstacles.transpose(1, 2))
@@ -249,7 +251,7 @@ class Sensor(Nearby):
 
 
 def _padded(columns: torch.Tensor) -> torch.Tensor:
-    """Obstacles [world, 4, m], with others out of all reach up to a multiple of `WIDTH`: fewer kernels to compile."""
+    """Obstacles [world, 4, m], padded with far ones to a multiple of `WIDTH`: fewer kernels to compile."""
     missing = -columns.shape[2] % WIDTH
     far = columns.new_tensor([AWAY, AWAY, 0.0, 0.0]).view(1, 4, 1).expand(columns.shape[0], 4, missing)
     return torch.cat((columns, far), dim=2).contiguous()

@@ -55,10 +55,10 @@ def write_obstacles_as_bodies(table: Tensor, position: Tensor, seen: Tensor) -> 
         seen: [env, vehicle, k, 9] obstacles as a `Sensor` has them (rl/perception/sensors.py).
     """
     from rl.course.traffic import AWAY, BOTTOM, CARRIED, EAST, NORTH, RADIUS, TOP, V_EAST, V_NORTH
-    from rl.perception.encoding import NUMBER
+    from rl.perception.columns import Obstacle
 
     place = position[:, :, None, :2] + (seen[..., 7:8] + seen[..., 6:7]) * seen[..., 1:3]
-    place = torch.where(seen[..., NUMBER : NUMBER + 1] >= 0, place, AWAY)
+    place = torch.where(seen[..., Obstacle.NUMBER, None] >= 0, place, AWAY)
     bodies = seen.shape[1] * seen.shape[2]
     rows = {NORTH: place[..., 0], EAST: place[..., 1], RADIUS: seen[..., 6]}
     rows |= {V_NORTH: seen[..., 4], V_EAST: seen[..., 5]}

@@ -13,8 +13,8 @@ from typing import Any
 
 import torch
 
-from rl.evaluation.reel import Reel, Rows, rows_of
-from rl.mission import Step
+from rl.evaluation.reel import Reel
+from rl.mission import Mission, Step
 from taichi_sim.recording import Event
 from taichi_sim.recording.live import PORT, Live, refuse_used
 
@@ -38,13 +38,13 @@ class Follow:
         self._zero = 0.0  # of time.monotonic, when the episode's clock was 0
         self._shown = 0.0  # s of the episode
 
-    def __call__(self, mission: Any, rows: Rows, events: list[Event]) -> None:
-        """A frame of the episode."""
+    def __call__(self, mission: Mission, env: int, step: Step, events: list[Event]) -> None:
+        """Show environment `env` after a step."""
         dt = mission.config.decision_interval
         if self._reel is None:
-            self._reel = Reel(mission, after=dt)
+            self._reel = Reel(mission, env, dt)
         reel, now = self._reel, self._reel.now
-        reel.add(rows)
+        reel.add(step)
         self._events += events
         if self.live.like is None:
             if now - self._shown < STAGE_S:
@@ -98,16 +98,15 @@ class Watch:
             if self._mission is not None:
                 self.live.begin(anew=True)
             self._mission, self._reel, self._rolling = mission, None, False
-        dt, env = mission.config.decision_interval, mission.shown
-        ended = bool((step.terminated | step.truncated)[env])
+        dt, ended = mission.config.decision_interval, bool((step.terminated | step.truncated)[0])
         if not self._rolling and time.monotonic() >= self._next:
             self._roll(mission, dt)
         if self._rolling and self._reel is not None:
             reel = self._reel
-            reel.add(rows_of(mission, step))
+            reel.add(step)
             over = ended or reel.now - self._from >= STAGE_S
             if over or (self.live.like is not None and len(reel) * dt >= PIECE_S - 0.5 * dt):
-                self._show(reel, mission)
+                self._show(reel)
             if over:
                 self._rolling = False
                 self._next = max(self._at + reel.now - self._from, time.monotonic() + self._cost / SHARE)
@@ -122,9 +121,8 @@ class Watch:
         self._rolling, self._cost = True, 0.0
         self._at, self._from = time.monotonic(), self._reel.now
 
-    def _show(self, reel: Reel, mission: Any) -> None:
+    def _show(self, reel: Reel) -> None:
         part = reel.part(like=self.live.like)
-        mission.forget_frames()
         at = 0.0 if self.live.like is None else self._at + float(part.time_s[0]) - self._from
         self.live.show(part, after_s=self._at - self._begun - self._from, at=at)
 

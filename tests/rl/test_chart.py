@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 import torch
 
-from rl.perception.camera import LOOK_VARIANCE, UNSEEN, Camera, CameraConfig
+from rl.perception.camera import UNSEEN, Camera, CameraConfig
 from rl.perception.chart import AGE, ASSUMED, P_PP, P_VV, V_NORTH, Chart, Numbers, width_of
+from rl.perception.columns import Sighting
 from rl.perception.instruments import InstrumentsConfig
 from rl.perception.lookout import Lookout, LookoutConfig
 from rl.perception.radio import NEVER, Radio, RadioConfig
@@ -67,7 +68,7 @@ def test_what_a_camera_finds_is_where_it_is(euler):
     places = [(0.0, 0.0), (40.0, 10.0), (-60.0, 30.0), (900.0, 900.0)]
     aircraft = views([(150.0, 20.0, -100.0)], euler)
     looks, _ = look(aircraft, things_at(places), field_of_view_deg=60.0)
-    seen = looks[0, 0, :, LOOK_VARIANCE] > 0
+    seen = looks[0, 0, :, Sighting.VARIANCE] > 0
     axis = torch.tensor([-150.0, -20.0, 100.0])
     for k, (north, east) in enumerate(places):
         line = torch.tensor([north - 150.0, east - 20.0, 100.0])
@@ -83,7 +84,7 @@ def test_a_fixed_camera_turns_with_the_aircraft():
     things = things_at([east, below])
     for roll, wanted in ((0.0, [True, False]), (math.radians(40.0), [False, True])):
         looks, _ = look(views([(0, 0, -100)], (roll, 0, 0)), things, mount="fixed", field_of_view_deg=40.0)
-        assert (looks[0, 0, :, LOOK_VARIANCE] > 0).tolist() == wanted
+        assert (looks[0, 0, :, Sighting.VARIANCE] > 0).tolist() == wanted
 
 
 @pytest.mark.parametrize(("hs", "reach"), [(0.0, 300.0), (2.0, 600.0), (1.0, 250.0)])
@@ -91,7 +92,7 @@ def test_detection_falls_by_the_inverse_cube_of_the_range(hs, reach):
     envs, slant = 4000, math.hypot(200.0, 100.0)
     things = things_at([(0.0, 0.0)], envs)
     looks, _ = look(views([(200.0, 0.0, -100.0)], envs=envs), things, hs, reach=reach, rough=2.0)
-    found = float((looks[..., LOOK_VARIANCE] > 0).float().mean())
+    found = float((looks[..., Sighting.VARIANCE] > 0).float().mean())
     expected = 1 - 2 ** -((reach / (1 + hs / 2.0) / slant) ** 3)
     assert found == pytest.approx(expected, abs=4 * math.sqrt(expected * (1 - expected) / envs))
 
@@ -101,7 +102,7 @@ def test_the_variance_of_a_look_is_what_pixels_make_of_it():
     things = things_at([(0.0, 0.0)], envs)
     looks, _ = look(views([(200.0, 0.0, -100.0)], envs=envs), things, noise_deg=0.3)
     error = looks[:, 0, 0, :2]
-    told = float(looks[:, 0, 0, LOOK_VARIANCE].mean())
+    told = float(looks[:, 0, 0, Sighting.VARIANCE].mean())
     assert float(error.square().sum(-1).mean() / 2) == pytest.approx(told, rel=0.08)
 
 
@@ -127,8 +128,8 @@ def see(boats, things, elevation=None, **lookout):
 def test_a_lookout_sees_the_vessel_and_obstacles_within_its_ranges():
     things = things_at([(59.0, 0.0), (0.0, 25.9), (0.0, -26.1), (10.0, 5.0)])
     looks, _ = see(views([(0, 0, 0), (2.0, 0.0, 0.0), (-2.0, 0.0, 0.0)]), things)
-    assert (looks[0, :, 0, LOOK_VARIANCE] > 0).tolist() == [True, True, False]
-    assert (looks[0, 0, :, LOOK_VARIANCE] > 0).tolist() == [True, True, False, True]
+    assert (looks[0, :, 0, Sighting.VARIANCE] > 0).tolist() == [True, True, False]
+    assert (looks[0, 0, :, Sighting.VARIANCE] > 0).tolist() == [True, True, False, True]
     torch.testing.assert_close(looks[0, 0, 3, :2], torch.tensor([10.0, 5.0]))
 
 
@@ -141,7 +142,7 @@ def test_crests_hide_the_vessel():
             return torch.where((points[..., 0] - 20.0).abs() < 4.0, height, 0.0)
 
         looks, made = see(boats, things, ridge, crests=True, eye_height=1.0, vessel_height=1.0)
-        assert (looks[0, 0, :, LOOK_VARIANCE] > 0).tolist() == [seen, True]  # obstacles are not hidden
+        assert (looks[0, 0, :, Sighting.VARIANCE] > 0).tolist() == [seen, True]  # obstacles are not hidden
         assert bool(made.behind_crests()[0, 0]) is not seen
 
 
@@ -164,7 +165,7 @@ class Net:
         """One decision, with looks {(looker, thing): (north, east, variance)}, or a tensor for looker 0."""
         self.step += which == 1
         self.noise.tick()
-        self.looks[..., LOOK_VARIANCE] = UNSEEN
+        self.looks[..., Sighting.VARIANCE] = UNSEEN
         for (looker, thing), values in (seen or {}).items():
             self.looks[:, looker, thing] = torch.as_tensor(values, dtype=torch.float32)
         flags = torch.full((self.envs,), which, dtype=torch.int32)
@@ -255,7 +256,7 @@ def test_messages_of_another_environment():
     net = Net(2, envs=3, shift=1)
     net.go(which=2)
     for _ in range(3):
-        net.looks[..., LOOK_VARIANCE] = UNSEEN
+        net.looks[..., Sighting.VARIANCE] = UNSEEN
         net.go({(0, 0): torch.tensor([[10.0, 0, 1], [20.0, 0, 1], [30.0, 0, 1]])})
     assert net.chart.tracks[:, 0, 0, 0].tolist() == pytest.approx([10, 20, 30], abs=0.1)
     assert net.chart.tracks[:, 1, 0, 0].tolist() == pytest.approx([20, 30, 10], abs=0.1)

@@ -18,8 +18,8 @@ from rl.missions import load_scenario, make_mission
 from rl.missions.escort.aircraft import gap_errors
 from rl.missions.escort.mission import Escort
 from rl.missions.escort.shapes import escort_offsets
-from rl.perception.camera import LOOK_VARIANCE
 from rl.perception.chart import AGE
+from rl.perception.columns import Sighting
 from rl.perception.radio import NEVER
 from taichi_sim.config import ConfigError
 from taichi_sim.config.io import config_folder
@@ -149,7 +149,7 @@ def test_charted_obstacles_are_evaded_before_they_are_seen():
     sail(mission, 100, keep)
     rows = torch.cat(found)
     assert len(rows) > 20
-    looks = mission.tracking.of("usv", mission.tracking.sightings)[..., LOOK_VARIANCE]
+    looks = mission.tracking.of("usv", mission.tracking.sightings)[..., Sighting.VARIANCE]
     assert not bool((looks > 0).any())
 
 

@@ -5,7 +5,7 @@ import torch
 from small_missions import begin, make, wander
 
 from rl.learn.policy import CheckpointError, ClassicalPolicy, TrainedPolicy
-from rl.perception.encoding import NUMBER
+from rl.perception.columns import Obstacle
 from taichi_sim.config import ConfigError
 
 
@@ -43,12 +43,12 @@ def test_a_gate_opens_where_an_obstacle_is_near():
     team = task.teams["usv"]
     near = torch.tensor([40.0, 20.0, 15.0]) + team.radius
     team.sensor.obstacles[..., 0, 0] = near.expand(task.num_envs, 3)
-    team.sensor.obstacles[..., 0, NUMBER] = 0.0
+    team.sensor.obstacles[..., 0, Obstacle.NUMBER] = 0.0
     silent = torch.zeros(task.num_envs, 3, 2)
     added = team.command(silent + 1.0) - team.command(silent)
     room = (1.0 - team.command(silent)).clamp(max=1.0)[0, :, 1]
     torch.testing.assert_close(added[0, :, 1], torch.minimum(torch.tensor([0.0, 0.0, 0.15]), room))
-    team.sensor.obstacles[..., 0, NUMBER] = -1.0  # there is nothing: what stands in the table is the range
+    team.sensor.obstacles[..., 0, Obstacle.NUMBER] = -1.0  # there is nothing: what stands in the table is the range
     assert team.command(silent + 1.0).equal(team.command(silent))
 
 

@@ -47,7 +47,7 @@ class Load(NamedTuple):
 
 
 class Way(NamedTuple):
-    """What is wanted, each [env, vehicle, 2], NED."""
+    """The velocity command, each [env, vehicle, 2], NED."""
 
     velocity: Tensor  # v*, m/s
     change: Tensor  # v*', m/s^2

@@ -1,7 +1,7 @@
-"""What a team drifts by: the velocity over ground that must be added to the wanted one against current, wind and sway.
+"""Drift of a team: the velocity over ground that compensates current, wind and sway, added to the desired one.
 
 It is the integral of the position error, z' = k_i e, in n, where a current is constant whatever way the hull turns. So
-that it does not wind up it waits while the hull cannot do as it is told, or is further off than a drift explains, and
+that it does not wind up, it waits while the hull cannot follow its command or is farther off than a drift explains, and
 it is limited. Far from a slot that itself may be anywhere, the course over ground is held instead: the integral of the
 velocity's error to the side of what is wanted, the integral action of line-of-sight guidance (Børhaug, Pavlov &
 Pettersen 2008, IEEE CDC, eq. 7, in terms of velocities). An episode begins without a drift, whatever was before it.

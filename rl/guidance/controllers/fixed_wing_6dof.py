@@ -139,7 +139,7 @@ class FixedWing6DofController:
 
 
 class Way(NamedTuple):
-    """Of each vehicle, [env, vehicle]."""
+    """The velocity command of each vehicle, [env, vehicle]."""
 
     velocity: Tensor  # [.., 3] v*, NED, m/s
     change: tuple[Tensor, Tensor]  # of what the error adds to it, along and aside, m/s^2

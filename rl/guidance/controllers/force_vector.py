@@ -26,7 +26,7 @@ SPEED_SHARE = 0.95  # of the top speed, the most that is asked for; assumed
 
 
 class ForceGains(Gains):
-    """Also of the position loop."""
+    """Gains of the position loop, besides those of avoidance."""
 
     bandwidth: Positive = 2.0  # rad/s
     closing: Positive = 6.0  # m/s, the most that an error adds to the slot's velocity

@@ -41,8 +41,8 @@ class Hull6DofController:
         """
         if model.params.thrusters is None or model.params.actions not in ("surge_yaw", "left_right"):
             raise ControllerError(
-                "there is no classical controller for a hull_6dof but of two propellers, [thrusters], with "
-                'actions = "surge_yaw" or "left_right"'
+                "the classical controller of a hull_6dof needs two propellers, [thrusters], with actions = "
+                '"surge_yaw" or "left_right"'
             )
         self.thrusters, self.actions = model.params.thrusters, model.params.actions
         craft = vessel(model, self.thrusters)

@@ -1,4 +1,4 @@
-"""What the control of a displacement vessel needs to know of it, and the gains that follow from that.
+"""The model of a displacement vessel for its controller, and the gains that follow from it.
 
     m11 (u' - v r) = X - d_u(u),   m33 r' = N - d_r(r),   d(x) = (a + b |x| + c x^2) x.
 

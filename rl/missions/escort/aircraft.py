@@ -1,4 +1,4 @@
-"""The aircraft of the escort: circles about the vessel, what their cameras see, and what they know of all that."""
+"""The aircraft of the escort: true errors from their circle about the vessel, their cameras, and what they know."""
 
 import math
 from typing import TYPE_CHECKING
@@ -13,6 +13,7 @@ from rl.guidance.targets import COS, COURSE, EAST, NORTH, SIN, SIZE, SPEED, Targ
 from rl.missions.escort.boats import AGE_SCALE, SIGMA_SCALE, squashed
 from rl.missions.escort.tracking import Group, Search, SharedTracking
 from rl.perception.camera import Camera
+from rl.perception.columns import Message
 from rl.perception.contacts import Contacts
 from rl.perception.instruments import Readings
 from rl.perception.sensors import Sensor
@@ -20,15 +21,17 @@ from rl.perception.sensors import Sensor
 if TYPE_CHECKING:
     from rl.missions.escort.mission import Escort
 
-HEARD_OF = 5.0  # s: older news of another aircraft or boat is no use; assumed
+HEARD_OF = 5.0  # s: older messages of other aircraft and boats are ignored; assumed
 CIRCLE_SCALE, FAR_SCALE, SLOW_SCALE = 20.0, 200.0, 2.0  # m, m, m/s, where what is observed is half way to 1
 SEARCH_PITCH, SEARCH_SPEED = 1.0, 0.5  # of the circle's radius; of the cruising speed, along the spiral; assumed
 BEGINS = 1.5  # radii from where the vessel should be
 
 
 def gap_errors(angle: Tensor, present: Tensor, turn: float) -> Tensor:
-    """Half the difference of the gaps ahead and behind [.., n] (rad), of those at `angle` [.., n, n] as each has the
-    others (rad), of whom those are `present` [.., n, n]; they go round clockwise (turn 1) or not (-1).
+    """Half the difference of the gaps ahead and behind on the circle, [.., n] (rad).
+
+    angle: [.., n, n] (rad) of all aircraft, as each knows them. present: [.., n, n], those that each knows of. turn: 1
+    if they go clockwise, else -1.
     """
     n = angle.shape[-1]
     if n == 1:
@@ -87,7 +90,7 @@ class Aircraft(ResidualTeam):
         self.known = self.measured = MeasuredAircraft(self, number)
 
     def measure(self, which: Tensor, count: int) -> None:
-        """The truth, in environments `which` [env] int32, `count` of them; and what instruments say."""
+        """Measure the truth in environments `which` [env] int32, `count` of them, and read the instruments."""
         self.forget()
         mission = self.mission
         self.sensor.look(mission.obstacles, mission.env_world, which, count, mission.bodies)
@@ -105,7 +108,7 @@ class Aircraft(ResidualTeam):
             self.in_range = (far < mission.config.radio.range).to(far).mean(-1)
 
     def look(self, which: Tensor, rows: int) -> None:
-        """Look at the place where each believed the vessel to be after the last step, or was told at the beginning."""
+        """Look at the place where each aircraft believes the vessel to be."""
         self.camera.aim(self.measured.believed)
         self.camera.see(which, rows, self.mission.noise.table)
 
@@ -115,7 +118,7 @@ class Aircraft(ResidualTeam):
 
     @property
     def sees(self) -> Tensor:
-        """bool [env, aircraft]: its camera has found the vessel in the last look."""
+        """bool [env, aircraft]: its camera sees the vessel."""
         return self.tracking.sees(self.name)
 
     def terms(self) -> dict[str, Tensor]:
@@ -176,7 +179,7 @@ class Aircraft(ResidualTeam):
 
 
 class MeasuredAircraft:
-    """What the aircraft know (rl/guidance/knowledge.py), and what their orbit is flown by (orbit.py).
+    """Knowledge of the aircraft (rl/guidance/knowledge.py), with the inputs of their orbit (orbit.py).
 
     Attributes: fleet: own state as measured. orbit: the circle to fly. now: errors, of which the slot's velocity alone
     is
@@ -237,13 +240,14 @@ class MeasuredAircraft:
         return self._boats, self._farthest
 
     def _others(self, theta: Tensor) -> None:
-        """Those on the circle, and boats, as heard."""
+        """Update the gaps to other aircraft, and the boats, by the last messages."""
         team, tracking = self._team, self._tracking
         heard, age = tracking.of(team.name, tracking.radio.heard), tracking.radio.said.shape[-1]
         n = theta.shape[1]
         mates = heard[:, :, tracking.groups[team.name].rows]
         old = mates[..., age]
-        place = mates[..., :2] + old.clamp(max=HEARD_OF).unsqueeze(-1) * mates[..., 3:5] - self.centre.unsqueeze(2)
+        place = mates[..., :2] + old.clamp(max=HEARD_OF).unsqueeze(-1) * mates[..., Message.VELOCITY][..., :2]
+        place = place - self.centre.unsqueeze(2)
         angle = torch.atan2(place[..., 1], place[..., 0])
         itself = torch.eye(n, dtype=torch.bool, device=theta.device)
         angle = torch.where(itself, theta.unsqueeze(-1), angle)

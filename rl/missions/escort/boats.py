@@ -1,5 +1,6 @@
 """The boats of the escort: true errors from their slots about the vessel, and what the boats know."""
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import torch
@@ -17,6 +18,7 @@ from rl.perception.contacts import Contacts
 from rl.perception.instruments import Readings
 from rl.perception.lookout import Lookout
 from rl.perception.sensors import Sensor
+from taichi_sim.kernels import runtime
 
 if TYPE_CHECKING:
     from rl.missions.escort.mission import Escort
@@ -98,13 +100,17 @@ class Boats(ResidualTeam):
         """Update what the boats know, after the shared tracking."""
         self.measured.measure(which, count)
 
-    def terms(self) -> dict[str, Tensor]:
-        """Observations of each boat: those of formations, and age and standard deviation of its track of the vessel."""
-        flat = self.observations(self.action, self.reference())
-        widths = self.observations.widths
-        terms = dict(zip(widths, flat.split(list(widths.values()), dim=-1), strict=True))
+    @property
+    def layout(self) -> Mapping[str, int]:
+        """Terms of its observations and their widths: those of formations, and two of the track of the vessel."""
+        return {**self.observations.widths, "track_age": 1, "track_sigma": 1}
+
+    def observe(self) -> Tensor:
+        """Observations [env, boat, n], a fresh tensor each time."""
         age, sigma = (self.tracking.of(self.name, x).unsqueeze(-1) for x in (self.tracking.age, self.tracking.sigma))
-        return terms | {"track_age": squashed(age, AGE_SCALE), "track_sigma": squashed(sigma, SIGMA_SCALE)}
+        with runtime.torch_at_rest():
+            row = self.observations(self.action, self.reference())
+            return torch.cat((row, squashed(age, AGE_SCALE), squashed(sigma, SIGMA_SCALE)), dim=-1)
 
     @property
     def privileged(self) -> Tensor | None:
@@ -126,7 +132,7 @@ def squashed(x: Tensor, scale: float) -> Tensor:
 
 
 class MeasuredBoats:
-    """What the boats know (rl/guidance/knowledge.py).
+    """Knowledge of the boats (rl/guidance/knowledge.py).
 
     Attributes: fleet: own state as measured. now: errors from the slots about the vessel as known. sensor: charted
         objects near, team mates as measured. target: the vessel as known, a row for each boat.

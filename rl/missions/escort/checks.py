@@ -1,4 +1,4 @@
-"""Whether the teams of an escort can do their part: vehicles, circles in the wind, slots, speeds."""
+"""Checks of the teams of an escort: vehicles, circles in the wind, slots, speeds."""
 
 import math
 import warnings
@@ -15,7 +15,7 @@ MOST_WIND = 0.8  # of the cruising speed, that is left to be flown in; assumed
 
 
 def check_parts(config: EscortScenario, fleets: Mapping[str, Fleet]) -> None:
-    """Refuse teams, by their fleets, that cannot do their part.
+    """Refuse teams whose vehicles cannot do their part.
 
     Raises:
         ConfigError: naming the key, and the numbers.

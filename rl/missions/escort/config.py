@@ -1,4 +1,4 @@
-"""What a scenario of the escort mission may say beside its world, stages and evaluation."""
+"""Configuration of the escort mission, besides world, stages and evaluation."""
 
 import math
 from collections.abc import Mapping
@@ -24,7 +24,7 @@ Span = tuple[NonNegative, NonNegative]  # the least and the greatest of a draw
 
 
 class EscortConfig(Strict):
-    """`[escort]`: who is who, and how an episode begins."""
+    """`[escort]`: the teams' parts, and how an episode begins."""
 
     vessel: Annotated[str, Field(min_length=1)] = "vessel"  # the scripted team that is escorted; its first vehicle
     boats: Annotated[str, Field(min_length=1)] = "usv"
@@ -33,7 +33,7 @@ class EscortConfig(Strict):
     start_distance: Span = (200.0, 500.0)  # of boats from the vessel, m
     near_fraction: Fraction = 0.0  # of episodes, that begin near the vessel instead: for training
     cue_error: NonNegative = (
-        30.0  # standard deviation of the place of the vessel that is told at the start, each way, m
+        30.0  # standard deviation of the place of the vessel that is given at the start, each way, m
     )
     cue_age: NonNegative = 60.0  # s that this place is old
     arrival: Positive = 15.0  # m: nearer than this to the vessel the leader has arrived
@@ -92,9 +92,9 @@ class ObstaclesConfig(Strict):
 
 
 class SensingConfig(Strict):
-    """What a vehicle observes of what is around it."""
+    """Obstacles and team mates that a vehicle observes."""
 
-    detection_range: Positive = 60.0  # m: further objects are no concern of who avoids them
+    detection_range: Positive = 60.0  # m: farther objects are not avoided
     obstacles: Annotated[int, Field(ge=0, le=8)] = 3  # nearest ones observed
     team_mates: Annotated[int, Field(ge=0, le=8)] = 2
 
@@ -114,7 +114,7 @@ class OrbitConfig(Strict):
 
 
 class EscortTeam(TeamConfig):
-    """One team: its vehicle and size (TeamConfig), and what its part needs."""
+    """One team: its vehicle and size (TeamConfig), and the parameters of its part."""
 
     formation: Shape = "astern"  # of boats about the vessel (shapes.py)
     spacing: Annotated[float, Field(gt=0, le=100)] = 10.0  # between neighbours, m
@@ -123,14 +123,14 @@ class EscortTeam(TeamConfig):
     camera: CameraConfig = CameraConfig()  # of aircraft
     orbit: OrbitConfig = OrbitConfig()
     residual: ResidualConfig | None = None
-    control: dict[str, float] = {}  # numbers of its classical controller; what is left out: its own
+    control: dict[str, float] = {}  # gains of its classical controller; default: its own
     plan: PlanConfig = PlanConfig()
     boat_reward: BoatReward = BoatReward()
     aircraft_reward: AircraftReward = AircraftReward()
 
 
 class EscortEvaluation(Evaluation):
-    """Episodes never trained on, and what is a success there."""
+    """Held-out episodes, and the criterion of success."""
 
     settle: NonNegative = 0.0  # s; errors are measured after the arrival, whenever that is
     success_error: Positive = 5.0  # rms of every boat after the arrival below this is a success, m

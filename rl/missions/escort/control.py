@@ -1,25 +1,24 @@
-"""Who steers a team of the escort without a policy, where its vehicle brings nobody."""
-
-from typing import Any
+"""Classical controllers of the escort, for vehicles that have none of their own."""
 
 from rl.guidance.controllers import CONTROLLERS
+from rl.missions.escort.aircraft import Aircraft
 from rl.missions.escort.boats import Boats
-from rl.missions.escort.orbit import OrbitController
+from rl.missions.escort.orbit import OrbitController, OrbitGains
+from rl.team import Controller
 from taichi_sim.config.io import validate
 from taichi_sim.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
 
 
-def controller_of(team: Any) -> Any:
-    """For boats that of formations, for aircraft the orbit (orbit.py); None where there is none for the vehicle.
+def controller_of(team: Boats | Aircraft) -> Controller | None:
+    """The controller of formations for boats, of the orbit (orbit.py) for aircraft; None if the vehicle has none.
 
     Raises:
-        ConfigError: for gains that it does not have.
+        ConfigError: for unknown gains.
     """
     model = team.fleet.model
-    if isinstance(team, Boats):
-        kind = next((CONTROLLERS[base] for base in type(model).__mro__ if base in CONTROLLERS), None)
-    else:
-        kind = OrbitController if isinstance(model, FixedWing6DOF) else None
-    if kind is None:
-        return None
-    return kind(model, validate(kind.Gains, dict(team.section.control), f"{team.name}.control"))
+    gains, key = dict(team.section.control), f"{team.name}.control"
+    if isinstance(team, Aircraft):
+        flies = isinstance(model, FixedWing6DOF)
+        return OrbitController(model, validate(OrbitGains, gains, key)) if flies else None
+    kind = next((CONTROLLERS[base] for base in type(model).__mro__ if base in CONTROLLERS), None)
+    return None if kind is None else kind(model, validate(kind.Gains, gains, key))

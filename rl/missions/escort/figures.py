@@ -1,13 +1,15 @@
-"""Pictures of an escort: who went where, how the boats came in and what was known, and the training."""
+"""Plots of an escort: tracks, the approach of the boats, the age of their news, and the training."""
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.patches import Circle
+from numpy.typing import NDArray
 
 from rl.figures import policy_loss_figure, reward_figure, save_figures
 from rl.mission import Histories
+from rl.missions.escort.config import EscortScenario
 from taichi_sim.plotting.style import INK, dress, new_figure, rgb
 from taichi_sim.recording import Episode
 from taichi_sim.recording.overlays import Cylinders, Plot
@@ -17,8 +19,10 @@ WIDE = 7.6  # inches
 EVERY = 60.0  # s between the marks on tracks
 
 
-def write_escort_figures(out: Path, histories: Histories, episode: Episode | None, config: Any) -> list[Path]:
-    """Every figure there is something to draw for, into `out`; an old one stays until the new is whole."""
+def write_escort_figures(
+    out: Path, histories: Histories, episode: Episode | None, config: EscortScenario
+) -> list[Path]:
+    """Write every figure that there are data for into `out`; an old one stays until the new one is complete."""
     figures: dict[str, Figure] = {}
     if episode is not None:
         figures["scene"] = scene_figure(episode, config)
@@ -30,8 +34,8 @@ def write_escort_figures(out: Path, histories: Histories, episode: Episode | Non
     return save_figures(out, figures)
 
 
-def scene_figure(episode: Episode, config: Any) -> Figure:
-    """From above: tracks of the vessel, the boats and the aircraft, with marks each minute, and obstacles."""
+def scene_figure(episode: Episode, config: EscortScenario) -> Figure:
+    """Map of the tracks of vessel, boats and aircraft, with marks each minute, and of obstacles."""
     parts = config.escort
     low, high = _reach(episode, parts.aircraft)
     tall = (high[0] - low[0]) / (high[1] - low[1])
@@ -62,22 +66,20 @@ def scene_figure(episode: Episode, config: Any) -> Figure:
     return figure
 
 
-def _disc(east: float, north: float, radius: float) -> Any:
-    from matplotlib.patches import Circle
-
+def _disc(east: float, north: float, radius: float) -> Circle:
     return Circle((east, north), radius, color="#8C4A3A")
 
 
-def _reach(episode: Episode, flying: str) -> tuple[Any, Any]:
-    """The least and the greatest north and east of what sails, with a margin."""
+def _reach(episode: Episode, flying: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Least and greatest north and east of the vessels, with a margin."""
     places = np.concatenate([t.position_n[..., :2].reshape(-1, 2) for n, t in episode.teams.items() if n != flying])
     places = places[np.isfinite(places).all(axis=1)]
     margin = 60.0
     return places.min(axis=0) - margin, places.max(axis=0) + margin
 
 
-def approach_figure(episode: Episode, config: Any) -> Figure:
-    """Distance of the boats from the vessel and from their slots, and the age of what everybody knows, over time."""
+def approach_figure(episode: Episode, config: EscortScenario) -> Figure:
+    """Distance of the boats from the vessel and from their slots, and the age of all estimates, over time."""
     parts = config.escort
     figure = new_figure(8.4, 8.0, "How the boats come in, and what is known of the vessel")
     rows = figure.subplots(3, 1, sharex=True)

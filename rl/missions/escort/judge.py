@@ -1,20 +1,26 @@
-"""What an evaluation measures of an escort: when boats arrive, errors after that, who sees and hears of the vessel."""
+"""Measurements of an escort: arrival of the boats, errors after it, sightings and news of the vessel."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
-from rl.judge import COLLISION_LOSS, COMMON, Episodes, Judge, errors_of, known, median_of, over_time, p95, rms_of
+from rl.judge import COLLISION_LOSS, COMMON, Episodes, Judge, errors_of, finite, median_of, over_time, p95, rms_of
+from rl.mission import Step
+from rl.missions.escort.aircraft import Aircraft
+from rl.missions.escort.config import EscortScenario
+
+if TYPE_CHECKING:
+    from rl.missions.escort.mission import Escort
 
 SEEN_SHARE = 0.9  # of the time after the vessel was first seen, that it must be in some camera: success of aircraft
 
 
-class EscortJudge(Judge):
-    """Of boats: the time of arrival, errors [step, env, boat] after it, m, NaN where not measured. Of both: what is
-    known of the vessel, energy.
+class EscortJudge(Judge["Escort", EscortScenario]):
+    """Measures boats: time of arrival, errors [step, env, boat] after it (m; NaN where not measured). Measures
+    aircraft: view of the vessel, gaps on the circle. Measures both: age of their news of the vessel, energy.
     """
 
     definitions = {
@@ -45,7 +51,7 @@ class EscortJudge(Judge):
     plotted = ("mean_time_to_arrive_s", "leader_error_rms_m", "follower_error_rms_m", "in_camera",
                "collision_free_episodes", "success_rate")  # fmt: skip
 
-    def __init__(self, mission: Any, team: str):
+    def __init__(self, mission: "Escort", team: str):
         """Watch `team`."""
         super().__init__(mission, team)
         envs, vehicles = self.collided.shape
@@ -59,7 +65,7 @@ class EscortJudge(Judge):
         self.gap = np.full(envs, np.inf)
         self.has_work = False
 
-    def see(self, step: Any, number: int) -> None:
+    def see(self, step: Step, number: int) -> None:
         """Take decision `number` (from 1) into account, until a vehicle of the team has ended."""
         mission, config = self.mission, self.mission.config
         alive, team, dt = ~self.failed, mission.teams[self.name], config.decision_interval
@@ -70,7 +76,7 @@ class EscortJudge(Judge):
         if self.boats:
             ready = alive & (time >= self.arrival + config.evaluation.settle_after)
             self.errors[number - 1, ready] = team.distance.cpu().numpy()[ready]
-        else:
+        elif isinstance(team, Aircraft):
             sees = team.sees.any(-1).cpu().numpy()
             self.first_seen[alive & sees & np.isnan(self.first_seen)] = time
             since = alive & ~np.isnan(self.first_seen)
@@ -105,7 +111,7 @@ class EscortJudge(Judge):
         return {label: team.distance, "gap to anything (m)": team.sensor.gap, "age of the track (s)": age}
 
     @classmethod
-    def episodes(cls, seen: Sequence[Any], config: Any) -> dict[str, NDArray[np.float64]]:
+    def episodes(cls, seen: Sequence[Self], config: EscortScenario) -> dict[str, NDArray[np.float64]]:
         """Also times, errors, shares of time, work and way of each episode."""
         common = super().episodes(seen, config)
         errors = errors_of(seen)
@@ -175,7 +181,7 @@ class EscortJudge(Judge):
         return np.stack(((episodes["collided"] > 0).astype(np.float64), episodes["failed"], late, error))
 
     @classmethod
-    def loss(cls, episodes: Episodes, config: Any) -> NDArray[np.float64]:
+    def loss(cls, episodes: Episodes, config: EscortScenario) -> NDArray[np.float64]:
         """Collided, failed; of boats the time to arrive as a share of the episode and errors as shares of
         evaluation.success_error; of aircraft the share of time in which no camera has the vessel.
         """
@@ -188,28 +194,29 @@ class EscortJudge(Judge):
         return failed + 4 * late + shares + 10 * unseen
 
     @classmethod
-    def figures(cls, seen: Sequence[Any], config: Any) -> dict[str, float | None]:
+    def figures(cls, seen: Sequence[Self], config: EscortScenario) -> dict[str, float | None]:
         """The figures of `definitions`; percentiles of errors need every single one, so they have no interval."""
         errors, pooled = errors_of(seen), super().figures(seen, config)
         both = {"leader": errors[:, :, 0], "follower": errors[:, :, 1:]}
         pooled |= {f"{who}_error_p95_m": p95(of) for who, of in both.items()}
-        return {key: known(pooled[key]) if pooled[key] is not None else None for key in cls.definitions}
+        found = {key: pooled[key] for key in cls.definitions}
+        return {key: None if value is None else finite(value) for key, value in found.items()}
 
     @classmethod
     def line(cls, figures: dict[str, float | None]) -> str:
         """The figures of one team as a line to read."""
         free, success = (100 * (figures[key] or 0.0) for key in ("collision_free_episodes", "success_rate"))
-        told = []
+        parts = []
         if figures["mean_time_to_arrive_s"] is not None:
             median = figures["time_to_arrive_s"]
-            told.append("median never arrives" if median is None else f"arrival after {median:.0f} s")
-            told.append(f"never {100 * (figures['never_arrives'] or 0.0):.1f} %")
+            parts.append("median never arrives" if median is None else f"arrival after {median:.0f} s")
+            parts.append(f"never {100 * (figures['never_arrives'] or 0.0):.1f} %")
             for who in ("leader", "follower"):
                 error = figures[f"{who}_error_rms_m"]
-                told.append(f"{who} error {'not measured' if error is None else f'{error:.2f} m rms'}")
+                parts.append(f"{who} error {'not measured' if error is None else f'{error:.2f} m rms'}")
         elif figures["in_camera"] is not None:
-            told.append(f"vessel in some camera {100 * figures['in_camera']:.1f} % of the time after arrival")
-        return ", ".join((*told, f"{free:.1f} % of episodes without collision", f"{success:.1f} % succeed"))
+            parts.append(f"vessel in some camera {100 * figures['in_camera']:.1f} % of the time after arrival")
+        return ", ".join((*parts, f"{free:.1f} % of episodes without collision", f"{success:.1f} % succeed"))
 
 
 def _quantile(values: NDArray[np.float64], share: float) -> NDArray[np.float64]:

@@ -1,4 +1,4 @@
-"""The escort mission: boats hold formation about a vessel that manoeuvres as it likes and that only aircraft can see.
+"""The escort mission: boats hold formation about a manoeuvring vessel that only aircraft can see from afar.
 
 The vessel is a scripted team (vessel.py). Boats see it, and obstacles, from near. Aircraft circle it, and see it and
 the obstacles from afar. All send each other their sightings by radio (tracking.py). An episode begins with the boats
@@ -7,21 +7,20 @@ some hundred metres away; they are given a place where the vessel was.
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from rl.course.traffic import RADIUS, TOP, Bodies
-from rl.mission import Endings, Mission, Step
+from rl.mission import Endings, Frame, Histories, Mission, Step
 from rl.missions.escort import rewards
 from rl.missions.escort.aircraft import Aircraft, aircraft_observers
 from rl.missions.escort.boats import Boats, boat_observers
 from rl.missions.escort.checks import check_parts, check_slots, warn_of_speeds
 from rl.missions.escort.config import EscortScenario
 from rl.missions.escort.control import controller_of
-from rl.missions.escort.film import Film
+from rl.missions.escort.film import overlays_of
 from rl.missions.escort.judge import EscortJudge
 from rl.missions.escort.objects import write_objects
 from rl.missions.escort.scouts import Scouts, scout_observers
@@ -30,28 +29,30 @@ from rl.missions.escort.starts import afloat, aloft
 from rl.missions.escort.tracking import SharedTracking
 from rl.missions.escort.vessel import Wanderer
 from rl.missions.escort.worlds import draw_worlds
+from rl.perception.columns import Sighting
 from rl.rewards import fine, paid
 from rl.seeds import derive_seed
+from rl.team import Controller
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.counters import Noise
-from taichi_sim.recording.episode import Scene
+from taichi_sim.recording.episode import Episode, Scene
 
 VESSEL_TOP = 4.0  # m above the sea: aircraft pass above; assumed
 RESULT_SCALE = 8.0  # m from its slot, at which a boat's result is a half; assumed
-LINEAR = 10.0  # m from a boat's slot, beyond which a plan's cost grows as the distance
-NEAR_COST, ENDED_COST = 10.0, 2e3  # of plans: m for each m less than the berth; m of an ending
-SEEN_FROM_AFAR = 150.0  # m about the vessel, in recordings without aircraft
+LINEAR = 10.0  # m from a boat's slot: beyond it a plan's cost grows linearly
+NEAR_COST, ENDED_COST = 10.0, 2e3  # of plans, m: for each m less than the berth; for an ending
+OVERVIEW = 150.0  # m about the vessel, in recordings without aircraft
 
 
-class Escort(Mission):
+class Escort(Mission[EscortScenario, Boats | Aircraft]):
     """Boats and aircraft about a vessel; see the module.
 
     Attributes:
         worlds: the pool of beginnings (worlds.py). obstacles: [world, n, 4] of them, as sensors take them.
-        bodies: what moves, the vessel first; traffic: the rest of it. env_world: int64 [env].
+        bodies: moving bodies, the vessel first; traffic: the others. env_world: int64 [env].
         vessel_place, vessel_velocity: [env, 2] NED, m, m/s; the velocity is averaged (vessel.py).
         hs: [env] significant wave height, m. tracking: what boats and aircraft know (tracking.py).
-        noise: counts the random numbers of sensors and radio: decisions of all episodes.
+        noise: counter of the random numbers of sensors and radio.
     """
 
     STATE = (
@@ -62,8 +63,6 @@ class Escort(Mission):
     Config = EscortScenario
     logged = ("error_m", "arrived", "seen", "collisions_per_hour")
     Judge = EscortJudge
-    config: EscortScenario
-    teams: dict[str, Boats | Aircraft]
 
     def make_teams(self, names: Sequence[str]) -> dict[str, Boats | Aircraft]:
         """Draw the worlds, then make the tracking that all observers share, and the teams.
@@ -96,7 +95,7 @@ class Escort(Mission):
         self._hs = (4 * (amplitude.double().square().sum(1) / 2).sqrt()).to(run.device, run.torch_dtype)
         self.hs = torch.zeros(self.num_envs, device=run.device, dtype=run.torch_dtype)
         self.vessel_place, self.vessel_velocity = self.hs.new_zeros((self.num_envs, 2)), self._script.velocity
-        self._cue = self.hs.new_zeros((self.num_envs, 2))  # the place of the vessel that was told, m
+        self._cue = self.hs.new_zeros((self.num_envs, 2))  # place of the vessel that is given at the start, m
         self.arrived = torch.zeros(self.num_envs, dtype=torch.bool, device=run.device)
         self._which = torch.zeros(self.num_envs, dtype=torch.int32, device=run.device)
         self.noise = Noise(self.num_envs, derive_seed(self.seed, "sensors"))
@@ -117,26 +116,25 @@ class Escort(Mission):
         return SharedTracking(self, groups, self.bodies.table.shape[2] + self.obstacles.shape[1])
 
     def prepare(self) -> None:
-        """Let the vessel know obstacles and boats."""
+        """Give the vessel its obstacles and boats."""
         self._script.attach(self)
-        self._film = Film(self)
 
     def reseed(self, seed: int) -> None:
-        """Also sensors and radio."""
+        """Reseed also sensors and radio."""
         super().reseed(seed)
         self.noise.restart(derive_seed(seed, "sensors"))
 
     # -- one step --------------------------------------------------------------------------------------------------
 
     def measure(self) -> None:
-        """What moves; what everybody sees, says and hears; errors."""
+        """Move traffic; measure errors, look, exchange messages, update what all know."""
         self._which.fill_(1)
         self.noise.tick()
         self.traffic.move(self.config.decision_interval, self.world.current.velocity)
         self._look(self.num_envs)
 
     def measure_again(self, envs: Tensor) -> None:
-        """Look where `begin` has placed everybody."""
+        """Measure after `begin` has placed all."""
         self._which.zero_()
         self._which[envs] = 2
         self._look(len(envs), envs)
@@ -161,27 +159,27 @@ class Escort(Mission):
             self.arrived = torch.where(which == 2, here, self.arrived | here)
 
     def elevation(self, points: Tensor) -> Tensor:
-        """Of the sea (m, up) now at points [env, n, 2]."""
+        """Elevation of the sea (m, up) now at points [env, n, 2]."""
         return self.world.elevation(self._all, points[..., 0].contiguous(), points[..., 1].contiguous())
 
-    def observe(self, team: Any) -> dict[str, Tensor]:
-        """See boats.py and aircraft.py."""
+    def observe(self, team: Boats | Aircraft) -> dict[str, Tensor]:
+        """Observations of boats.py and aircraft.py."""
         return team.terms()
 
-    def reward(self, team: Any, ended: Endings) -> Tensor:
-        """See rewards.py."""
+    def reward(self, team: Boats | Aircraft, ended: Endings) -> Tensor:
+        """Rewards of rewards.py."""
         if isinstance(team, Boats):
             return paid(rewards.BOAT_TERMS, team.section.boat_reward, team, ended)
         return paid(rewards.AIRCRAFT_TERMS, team.section.aircraft_reward, team, ended)
 
-    def plan_cost(self, team: Any, ended: Tensor) -> Tensor:
-        """Of boats: how far each is from its slot, squared where it is near, and what it takes to stay clear."""
+    def plan_cost(self, team: Boats | Aircraft, ended: Tensor) -> Tensor:
+        """Cost of boats: distance from the slot, squared where it is small, plus NEAR_COST and ENDED_COST."""
         if not isinstance(team, Boats):
             return super().plan_cost(team, ended)
         far, near = team.distance, (team.section.plan.berth - team.sensor.gap).clamp(min=0.0)
         return far.square() / (far + LINEAR) + NEAR_COST * near + ENDED_COST * ended
 
-    def endings(self, team: Any) -> dict[str, Tensor]:
+    def endings(self, team: Boats | Aircraft) -> dict[str, Tensor]:
         """Contact with an obstacle, the vessel or a team mate; out of the area."""
         place = team.fleet.position_n[..., :2]
         return {"collided": team.sensor.gap < 0.0, "left": place.abs().amax(-1) > self.config.area / 2}
@@ -199,7 +197,7 @@ class Escort(Mission):
     # -- episodes --------------------------------------------------------------------------------------------------
 
     def begin(self, envs: Tensor, *, worlds: Tensor | None = None) -> None:
-        """Place everybody in environments `envs` on `worlds`, int64 [n] (default: random ones)."""
+        """Place all in environments `envs` on `worlds`, int64 [n] (default: random ones)."""
         n, config = len(envs), self.config
         worlds = self.draw(config.escort.worlds, n) if worlds is None else worlds
         self.env_world[envs] = worlds
@@ -210,19 +208,19 @@ class Escort(Mission):
         noise = torch.randn((n, 2), generator=self.generator).to(self.hs)
         before = config.escort.cue_age * speed.unsqueeze(-1) * torch.stack((course.cos(), course.sin()), dim=-1)
         self._cue[envs] = config.escort.cue_error * noise - before.to(noise)
-        boats, aircraft = (self.teams.get(part) for part in (config.escort.boats, config.escort.aircraft))
+        boats, aircraft = self.boats, self.flying
         if boats is not None:
             place, heading = self.worlds.place[worlds], self.worlds.heading[worlds]
             self.world.place(boats.name, envs, afloat(boats, place, heading, self.generator))
         over = self.worlds.aloft[worlds]
-        if self.scouts:
-            self.scouts.begin(envs, over)
-        if aircraft is not None:
+        if isinstance(aircraft, Scouts):
+            aircraft.begin(envs, over)
+        elif aircraft is not None:
             self.world.place(aircraft.name, envs, aloft(aircraft, over, self.generator))
 
     @classmethod
     def one_each(cls, config: EscortScenario, episodes: int) -> EscortScenario:
-        """One world and one sea for each episode, and all begin far."""
+        """One world and one sea for each episode."""
         config = super().one_each(config, episodes)
         return config.model_copy(update={"escort": config.escort.model_copy(update={"worlds": episodes})})
 
@@ -233,10 +231,10 @@ class Escort(Mission):
 
     # -- what others ask -------------------------------------------------------------------------------------------
 
-    def log(self, team: Any, step: Step) -> dict[str, Tensor]:
+    def log(self, team: Boats | Aircraft, step: Step) -> dict[str, Tensor]:
         """Errors now; shares of episodes in which the leader has arrived, and a camera has the vessel; collisions."""
         hours = team.distance.numel() * self.config.decision_interval / 3600
-        sees = self.tracking.sightings[..., 0, 2] > 0
+        sees = self.tracking.sightings[..., 0, Sighting.VARIANCE] > 0
         return {
             "error_m": team.distance.mean(),
             "arrived": self.arrived.float().mean(),
@@ -244,34 +242,30 @@ class Escort(Mission):
             "collisions_per_hour": step.endings[team.name]["collided"].sum() / hours,
         }
 
-    def info(self, team: Any) -> dict[str, Tensor]:
+    def info(self, team: Boats | Aircraft) -> dict[str, Tensor]:
         """distance: m, from the slot, of boats; from the circle, of aircraft."""
         return {"distance": team.distance}
 
     @property
-    def flying(self) -> Any:
+    def flying(self) -> Aircraft | Scouts | None:
         """The aircraft, or the scouts in their place; None without either."""
-        return self.teams.get(self.config.escort.aircraft, self.scouts)
+        team = self.teams.get(self.config.escort.aircraft)
+        return team if isinstance(team, Aircraft) else self.scouts
 
-    def frame(self, team: Any) -> dict[str, Tensor]:
-        """Of boats, their slots, and the vessel as their target; of aircraft, how far they are from the circle."""
-        env = self.shown
-        if team is next(iter(self.teams.values())):  # once a step
-            if int(self.steps[env]) <= 1:
-                self._film = Film(self)
-            self._film.take()
-        shown = {"error_m": team.distance[env]}
-        if isinstance(team, Boats):
-            slot = team.now.slot[env].clone()
+    def frame(self, env: int) -> Frame:
+        """Errors of all teams, slots of boats; observations, messages and estimates of the vessel (film.py)."""
+        rows = {name: {"error_m": team.distance[env]} for name, team in self.teams.items()}
+        if self.boats is not None:
+            slot = self.boats.now.slot[env].clone()
             slot[:, 2] = 0.0
-            shown |= {"slot_n": slot}
-        return shown
+            rows[self.boats.name]["slot_n"] = slot
+        return Frame(rows, overlays_of(self, env))
 
-    def scene(self) -> Scene:
+    def scene(self, env: int) -> Scene:
         """The obstacles inside the area."""
-        obstacles = self.obstacles[int(self.env_world[self.shown])].cpu().numpy()
+        obstacles = self.obstacles[int(self.env_world[env])].cpu().numpy()
         half = self.config.area / 2
-        reach = SEEN_FROM_AFAR if self.flying is None else 1.6 * self.flying.orbit.radius
+        reach = OVERVIEW if self.flying is None else 1.6 * self.flying.orbit.radius
         return Scene(
             area_m=self.config.area,
             obstacles=obstacles[np.abs(obstacles[:, :2]).max(axis=1) <= half],
@@ -279,22 +273,14 @@ class Escort(Mission):
         )
 
     @classmethod
-    def draw_figures(cls, out: Path, histories: Any, episode: Any, config: EscortScenario) -> None:
+    def draw_figures(cls, out: Path, histories: Histories, episode: Episode | None, config: EscortScenario) -> None:
         """See figures.py."""
         from rl.missions.escort.figures import write_escort_figures  # matplotlib takes a second
 
         write_escort_figures(out, histories, episode, config)
 
-    def overlays(self) -> tuple[Any, ...]:
-        """Who sees and tells what (film.py), in the steps that `frame` was asked about."""
-        return self._film.overlays()
-
-    def forget_frames(self) -> None:
-        """Begin film.py's frames anew."""
-        self._film = Film(self)
-
-    def controller(self, team: Any) -> Any:
-        """What the vehicle brings, else see control.py."""
+    def controller(self, team: Boats | Aircraft) -> Controller | None:
+        """The vehicle's own controller, else that of control.py."""
         own = super().controller(team)
         return controller_of(team) if own is None else own
 

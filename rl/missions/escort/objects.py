@@ -7,10 +7,17 @@ from torch import Tensor
 
 from rl.course.traffic import EAST, NORTH, RADIUS, V_EAST, V_NORTH
 from rl.missions.escort.config import EscortScenario
+from rl.perception.columns import Object
 from taichi_sim.fleet import Fleet
 
 if TYPE_CHECKING:
     from rl.missions.escort.mission import Escort
+
+COPIED = (
+    (Object.NORTH, NORTH), (Object.EAST, EAST), (Object.V_NORTH, V_NORTH), (Object.V_EAST, V_EAST),
+    (Object.RADIUS, RADIUS),
+)  # fmt: skip
+"""Columns of an object, and the rows of a body that they are copied from."""
 
 
 def write_objects(mission: "Escort", vessel: Fleet) -> Tensor:
@@ -25,13 +32,13 @@ def write_objects(mission: "Escort", vessel: Fleet) -> Tensor:
         table[..., 1:] = mission.traffic.table
     objects = mission.tracking.objects
     n = table.shape[2]
-    objects[:, :n, 0], objects[:, :n, 1] = table[:, NORTH], table[:, EAST]
-    objects[:, :n, 3], objects[:, :n, 4], objects[:, :n, 5] = table[:, V_NORTH], table[:, V_EAST], table[:, RADIUS]
+    for column, row in COPIED:
+        objects[:, :n, column] = table[:, row]
     stands = mission.obstacles[mission.env_world]
-    objects[:, n:, :2], objects[:, n:, 5] = stands[..., :2], stands[..., 2]
+    objects[:, n:, :2], objects[:, n:, Object.RADIUS] = stands[..., :2], stands[..., 2]
     if _on_waves(mission.config):
-        inside = objects[..., 0].abs() < mission.config.area  # obstacles that a world has not are far away
-        objects[..., 2] = torch.where(inside, -mission.elevation(objects[..., :2]), 0.0)
+        inside = objects[..., Object.NORTH].abs() < mission.config.area  # obstacles that a world has not are far away
+        objects[..., Object.DOWN] = torch.where(inside, -mission.elevation(objects[..., :2]), 0.0)
     boats = mission.boats
     if boats is not None:
         course = mission.vessel_velocity

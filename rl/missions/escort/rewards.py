@@ -1,12 +1,17 @@
 """Rewards: the weights, one function per term, and the terms of each part. Every term is [env, vehicle]."""
 
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING
 
 from torch import Tensor
 
+from rl.mission import Endings
 from rl.rewards import action_rate, clearance, coarse, fine, penalty
 from taichi_sim.config import NonNegative, Positive, Strict
+
+if TYPE_CHECKING:
+    from rl.missions.escort.aircraft import Aircraft
+    from rl.missions.escort.boats import Boats
 
 
 class BoatReward(Strict):
@@ -42,11 +47,11 @@ class AircraftReward(Strict):
 
 
 def closing(before: Tensor, now: Tensor, interval: float) -> Tensor:
-    """How fast a distance falls, m/s."""
+    """Rate at which a distance falls, m/s."""
     return (before - now) / interval
 
 
-BOAT_TERMS: dict[str, Callable[[Any, Any, BoatReward], Tensor]] = {
+BOAT_TERMS: dict[str, Callable[["Boats", Endings, BoatReward], Tensor]] = {
     "closing": lambda team, ended, w: closing(team.before, team.distance, team.interval) * (1 / w.closing_scale),
     "coarse": lambda team, ended, w: coarse(team.distance, w.coarse_scale),
     "fine": lambda team, ended, w: fine(team.distance, w.fine_scale),
@@ -56,7 +61,7 @@ BOAT_TERMS: dict[str, Callable[[Any, Any, BoatReward], Tensor]] = {
 }
 """A weight's name -> its term, of boats (boats.py), their endings, and the weights."""
 
-AIRCRAFT_TERMS: dict[str, Callable[[Any, Any, AircraftReward], Tensor]] = {
+AIRCRAFT_TERMS: dict[str, Callable[["Aircraft", Endings, AircraftReward], Tensor]] = {
     "view": lambda team, ended, w: team.sees.to(team.distance.dtype),
     "any_view": lambda team, ended, w: team.sees.any(-1, keepdim=True).to(team.distance.dtype).expand_as(team.distance),
     "radio": lambda team, ended, w: team.in_range,

@@ -1,4 +1,4 @@
-"""Scripted scouts: what messages boats live on while there are no aircraft to train or to fly.
+"""Scripted scouts, which send sightings to the boats while the team of aircraft does not take part.
 
 As many as the scenario has aircraft, points that fly level at a cruising speed along the field of orbit.py about the
 vessel as it is, from over the boats; each has a camera on a gimbal that looks at the vessel, and the radio of all. They
@@ -56,7 +56,7 @@ class Scouts:
         self._height = self.orbit.height + self.orbit.height_step * steps
 
     def begin(self, envs: Tensor, place: Tensor) -> None:
-        """Episodes begin in environments `envs` [n], scouts near `place` [n, 2] (m)."""
+        """Begin episodes in environments `envs` [n], with scouts near `place` [n, 2] (m)."""
         state = self.views.state
         turn = 2 * math.pi / self.section.count * torch.arange(self.section.count, device=state.device)
         about = 20.0 * torch.stack((turn.cos(), turn.sin()), dim=-1)

@@ -1,4 +1,4 @@
-"""Where boats are about the vessel that they escort: offsets in the frame of its course.
+"""Formations of boats about the vessel that they escort: offsets in the frame of its course.
 
 The first axis is the vessel's course, the second to starboard of it; the vessel is at (0, 0). `ring` puts n boats at
 even angles on a circle of R = spacing max(1, 1 / (2 sin(pi / n))), the leader astern; all others are the shapes of

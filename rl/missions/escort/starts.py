@@ -1,7 +1,7 @@
-"""States in which boats and aircraft begin an episode, [env, vehicle, 13] (taichi_sim/conventions.py)."""
+"""Initial states of boats and aircraft, [env, vehicle, 13] (taichi_sim/conventions.py)."""
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor
@@ -9,12 +9,16 @@ from torch import Tensor
 from taichi_sim.conventions import STATE_SIZE
 from taichi_sim.kernels.rotation import torch_quaternion_from_euler
 
+if TYPE_CHECKING:
+    from rl.missions.escort.aircraft import Aircraft
+    from rl.missions.escort.boats import Boats
+
 BOAT_SPEED = (0.5, 1.5)  # m/s at which boats begin; assumed
 APART = 40.0  # m between aircraft that begin; assumed
 
 
-def afloat(team: Any, place: Tensor, heading: Tensor, generator: torch.Generator) -> Tensor:
-    """Boats at `place` [env, boat, 2] (m) with `heading` [env, boat] (rad), all of an environment at one speed."""
+def afloat(team: "Boats", place: Tensor, heading: Tensor, generator: torch.Generator) -> Tensor:
+    """Boats at `place` [env, boat, 2] (m) with `heading` [env, boat] (rad), at one speed in each environment."""
     heading = heading.to(team.fleet.state)
     state = _level(team, heading)
     state[..., :2] = place.to(state)
@@ -23,8 +27,8 @@ def afloat(team: Any, place: Tensor, heading: Tensor, generator: torch.Generator
     return state
 
 
-def aloft(team: Any, over: Tensor, generator: torch.Generator) -> Tensor:
-    """Aircraft in steady flight over `over` [env, 2] (m), side by side and one above the other, headed any way."""
+def aloft(team: "Aircraft", over: Tensor, generator: torch.Generator) -> Tensor:
+    """Aircraft in steady flight over `over` [env, 2] (m), side by side at different heights, with a random heading."""
     count = team.fleet.count
     heading = (2 * math.pi * torch.rand((len(over), 1), generator=generator)).to(team.fleet.state).expand(-1, count)
     state = _level(team, heading)
@@ -36,7 +40,7 @@ def aloft(team: Any, over: Tensor, generator: torch.Generator) -> Tensor:
     return state
 
 
-def _level(team: Any, heading: Tensor) -> Tensor:
+def _level(team: "Boats | Aircraft", heading: Tensor) -> Tensor:
     """At the origin, level, at rest, with `heading` [env, vehicle] (rad)."""
     state = team.fleet.state.new_zeros((*heading.shape, STATE_SIZE))
     state[..., 3:7] = torch_quaternion_from_euler(0 * heading, 0 * heading, heading)

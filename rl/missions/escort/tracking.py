@@ -17,22 +17,22 @@ import torch
 from torch import Tensor
 
 from rl.guidance.targets import COS, COURSE, EAST, NORTH, SIN, SIZE, SPEED
-from rl.perception.camera import LOOK_SIZE, LOOK_VARIANCE, UNSEEN
+from rl.perception.camera import UNSEEN
 from rl.perception.chart import AGE, P_PP, P_PV, P_VV, V_EAST, V_NORTH, Chart, width_of
-from rl.perception.radio import PLACE_AND_VELOCITY, Radio
+from rl.perception.columns import Message, Object, Sighting
+from rl.perception.radio import Radio
 from taichi_sim.fleet import Views
 
 if TYPE_CHECKING:
     from rl.missions.escort.mission import Escort
 
-SLOWEST = 0.3  # m/s: a slower vessel keeps the course that it was last known to have
-CUE_SPEED = 1.5  # m/s, standard deviation of what the vessel's velocity may be, each way, at first; assumed
-OBJECT = 6  # numbers of an object: place (3), velocity, north and east, radius
+SLOWEST = 0.3  # m/s: the course of a slower vessel is not updated
+CUE_SPEED = 1.5  # m/s, standard deviation of the vessel's velocity at first, each way; assumed
 
 
 class Search(NamedTuple):
-    """How a team searches: the pitch of its spiral (m), its speed along it (m/s), how near to the place where the
-    vessel should be it begins (m).
+    """Search of a team: pitch of the spiral (m), speed along it (m/s), and the distance (m) from the place where the
+    vessel should be at which it begins.
     """
 
     pitch: float
@@ -63,10 +63,10 @@ class SharedTracking:
     """Sightings, messages, charts and estimates of all observers of a mission.
 
     Attributes:
-        objects: [env, object, 6], the truth. sightings: [env, observer, object, 3]. radio, chart: see there.
-        targets: [env, observer, 8] the vessel as each knows it, as tables of targets have it
-            (rl/guidance/targets.py); the rate of its course is 0: estimated, it did more harm than good.
-        age, sigma: [env, observer] of that, s and m (standard deviation, each way).
+        objects: [env, object, 6], the truth. sightings: [env, observer, object, 3]. radio, chart: of rl/perception.
+        targets: [env, observer, 8] each observer's estimate of the vessel, columns of rl/guidance/targets.py; the rate
+            of its course is 0, because an estimated rate did more harm than good.
+        age, sigma: [env, observer] age (s) and standard deviation (m, each way) of the estimates.
     """
 
     STATE = (
@@ -78,8 +78,8 @@ class SharedTracking:
         config, self._mission = mission.config, mission
         state = next(iter(groups.values())).own.state
         envs, observers = state.shape[0], sum(g.count for g in groups.values())
-        self.groups, self.objects = groups, state.new_zeros((envs, objects, OBJECT))
-        self.sightings = state.new_full((envs, observers, objects, LOOK_SIZE), UNSEEN)
+        self.groups, self.objects = groups, state.new_zeros((envs, objects, Object.SIZE))
+        self.sightings = state.new_full((envs, observers, objects, Sighting.SIZE), UNSEEN)
         self.place = state.new_zeros((envs, observers, 3))
         radio, escort = config.radio, config.escort
         if escort.reports == "none":
@@ -98,7 +98,7 @@ class SharedTracking:
         self._course, self._searching = state.new_zeros((envs, observers)), state.new_zeros((envs, observers))
 
     def begin(self, envs: Tensor, cue: Tensor) -> None:
-        """Episodes begin in environments `envs` [n]: all have been told of the place `cue` [n, 2] (m)."""
+        """Begin episodes in environments `envs` [n]: all observers know the place `cue` [n, 2] (m) of the vessel."""
         config = self._mission.config.escort
         self.chart.begin(envs)
         track = self.chart.tracks[envs]
@@ -121,14 +121,14 @@ class SharedTracking:
         groups = self.groups.values()
         torch.cat([g.true.position_n for g in groups], dim=1, out=self.place)
         own = [torch.cat((g.own.position_n, g.own.velocity_n), dim=-1) for g in groups]
-        self.radio.said[..., :PLACE_AND_VELOCITY] = torch.cat(own, dim=1)
+        self.radio.said[..., : Message.SIZE] = torch.cat(own, dim=1)
         self.chart.say(which, rows)
         self.radio.talk(which, rows, mission.steps, mission.noise.table)
         self.chart.keep(which, rows)
         self._conclude(which)
 
     def _conclude(self, which: Tensor) -> None:
-        """Where the vessel is, and is bound, for each observer."""
+        """Update each observer's estimate of the vessel's place and course."""
         track = self.chart.tracks[:, :, 0]
         speed = torch.hypot(track[..., V_NORTH], track[..., V_EAST])
         course = torch.atan2(track[..., V_EAST], track[..., V_NORTH])
@@ -141,7 +141,7 @@ class SharedTracking:
         t[..., COURSE], t[..., COS], t[..., SIN], t[..., SPEED] = self._course, c, s, speed
 
     def _offset(self, track: Tensor, which: Tensor) -> Tensor:
-        """Of the place to search at from where the vessel should be [env, observer, 2], m."""
+        """Offset of the place to search from the place where the vessel should be [env, observer, 2], m."""
         lost, dt = self._mission.config.escort.lost, self._mission.config.decision_interval
         away, pitches, speeds, turned, begins = [], [], [], [], []
         for g in self.groups.values():
@@ -167,5 +167,5 @@ class SharedTracking:
         return values[:, self.groups[name].rows]
 
     def sees(self, name: str) -> Tensor:
-        """Whether each observer of a team has the vessel in its last look [env, observer]."""
-        return self.of(name, self.sightings)[..., 0, LOOK_VARIANCE] > 0
+        """Whether each observer of a team sees the vessel [env, observer]."""
+        return self.of(name, self.sightings)[..., 0, Sighting.VARIANCE] > 0

@@ -19,6 +19,7 @@ from rl.guidance.controllers.force_vector import wrap
 from rl.guidance.geometry import SLOT_SIZE, SlotErrors
 from rl.guidance.targets import SIZE as TARGET
 from rl.guidance.targets import Target
+from rl.perception.columns import Mate
 from rl.perception.sensors import Nearby, Sensor
 from taichi_sim.config import ConfigError
 from taichi_sim.config.io import validate
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
 
 EDGE = 0.4  # of the area's side: further out it turns back
 SEEN, BOATS = 3, 2  # obstacles and boats that it keeps clear of at once
-REACH = 40.0  # m
+REACH = 40.0  # m, detection range
 SMOOTH = 5.0  # s: its course over ground is that of its velocity, averaged so
 
 
@@ -52,18 +53,18 @@ class Wanderer(Script):
     radio = None
 
     def __init__(self, world: Any, name: str):
-        """Act for the team `name`, of any vessel that has a classical controller for a velocity to sail."""
+        """Act for the team `name`, of vessels whose classical controller can sail a velocity."""
         super().__init__(world, name)
         self.config, self.fleet = world.config, world.teams[name]
         model, state = self.fleet.model, self.fleet.state
         kind = next((CONTROLLERS[base] for base in type(model).__mro__ if base in CONTROLLERS), None)
         section = world.config.teams[name]
         if kind is None or model.medium != "water":
-            raise ConfigError(f"{name}.vehicle = {section.vehicle!r}: no vessel that a script could sail")
+            raise ConfigError(f"{name}.vehicle = {section.vehicle!r}: not a vessel that a script can sail")
         self.controller = kind(model, validate(kind.Gains, dict(section.control), f"{name}.control"))
         if not hasattr(self.controller, "course"):
             raise ConfigError(
-                f"{name}.vehicle = {section.vehicle!r}: a script cannot sail it, but manoeuvring_3dof and hull_6dof"
+                f"{name}.vehicle = {section.vehicle!r}: the script sails only manoeuvring_3dof and hull_6dof"
             )
         top = model.limits.speeds[2]
         if world.config.course.speed[1] > top:
@@ -156,7 +157,7 @@ class Wanderer(Script):
         """Write the nearest boats as mates."""
         mates = self.sensor.team_mates
         mates.zero_()
-        mates[..., 0], mates[..., 4] = REACH, -1.0
+        mates[..., Mate.DISTANCE], mates[..., Mate.NUMBER] = REACH, -1.0
         if team is None:
             return
         boats = team.fleet
@@ -167,12 +168,12 @@ class Wanderer(Script):
         velocity = boats.velocity_n[:, None, :, :2].expand(-1, self.fleet.count, -1, -1)
         velocity = velocity.gather(2, which.unsqueeze(-1).expand(*which.shape, 2))
         near = (far < REACH).unsqueeze(-1)
-        mates[:, :, :k, 0] = far.clamp(max=REACH)
-        mates[:, :, :k, 1:3] = torch.where(near, place / far.unsqueeze(-1).clamp(min=1e-6), 0.0)
-        mates[:, :, :k, 5:7] = velocity
+        mates[:, :, :k, Mate.DISTANCE] = far.clamp(max=REACH)
+        mates[:, :, :k, Mate.NORTH : Mate.DOWN] = torch.where(near, place / far.unsqueeze(-1).clamp(min=1e-6), 0.0)
+        mates[:, :, :k, Mate.V_NORTH : Mate.SIZE] = velocity
 
     def _run(self, place: Tensor, course: Tensor, speed: Tensor) -> tuple[Tensor, Tensor]:
-        """Away from the nearest boat within range, as fast as it goes."""
+        """Flee from the nearest boat within range at top speed."""
         boats = self._mission.boats if self._mission is not None else None
         if boats is None:
             return course, speed

@@ -1,4 +1,4 @@
-"""Where episodes of the escort begin: a pool of worlds, each with obstacles, places and courses of its own.
+"""A pool of worlds in which episodes of the escort begin, each with its own obstacles, places and courses.
 
 The vessel is at the centre of the area and sails its first course; the boats are at some distance from it, on any side,
 side by side, and head for it roughly. Obstacles stand about the boats' way to it, the first right in it, and where the
@@ -39,7 +39,7 @@ class Worlds(NamedTuple):
     near: Tensor  # bool: boats begin near the vessel
 
     def to(self, device: torch.device) -> "Worlds":
-        """The same on another device."""
+        """A copy on another device."""
         return Worlds(*(x.to(device) for x in self))
 
 

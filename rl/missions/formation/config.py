@@ -1,4 +1,4 @@
-"""What a scenario of the formation mission may say beside its world, stages and evaluation."""
+"""Configuration of the formation mission, besides world, stages and evaluation."""
 
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Literal
@@ -31,17 +31,17 @@ class TrackConfig(Strict):
 class ObstacleConfig(Strict):
     """Vertical cylinders beside the track and in the lanes, some of which move (rl/course/traffic.py)."""
 
-    count: Annotated[int, Field(ge=0, le=500)] = 24  # generated, per lap
+    count: Annotated[int, Field(ge=0, le=500)] = 24  # generated ones, per lap
     clearance_min: Annotated[float, Field(ge=-500, le=500)] = 6.0  # from the outermost lane, m; < 0: in the lanes
     track_clearance: Annotated[float, Field(ge=0, le=500)] = 12.0  # from the track itself, m, whatever the lanes
     clearance_max: Annotated[float, Field(ge=-500, le=1000)] = 60.0  # m
     radius_min: Positive = 3.0  # m
     radius_max: Positive = 10.0  # m
-    tall_fraction: Fraction = 0.4  # that reach above the flight height
-    moving_fraction: Fraction = 0.0  # of those that a team would meet, that move
-    drifting_fraction: Fraction = 0.25  # of what moves, that the current carries
-    overtaking_fraction: Fraction = 0.25  # of what moves, that goes along with the team; the rest crosses
-    speed_min: NonNegative = 2.0  # of what moves, m/s
+    tall_fraction: Fraction = 0.4  # share that reaches above the flight height
+    moving_fraction: Fraction = 0.0  # share that moves, of those that a team would meet
+    drifting_fraction: Fraction = 0.25  # share of moving ones that the current carries
+    overtaking_fraction: Fraction = 0.25  # share of moving ones that go the way of the team; the rest crosses
+    speed_min: NonNegative = 2.0  # of moving ones, m/s
     speed_max: Positive = 6.0  # m/s
     fixed: tuple[FixedObstacle, ...] = ()
 
@@ -65,15 +65,13 @@ Spacing = Annotated[float, Field(gt=0, le=200)]
 
 
 class FormationConfig(Strict):
-    """The shape of a team (shapes.py), and what changes it; a plain string is the shape of one that keeps it."""
+    """The shape of a team (shapes.py), and its changes; a plain string is a shape that does not change."""
 
     shape: Shape = "abreast"
-    shapes: Annotated[tuple[Shape, ...], Field(min_length=1)] | None = (
-        None  # instead: drawn for each episode and change
-    )
-    spacing_range: tuple[Spacing, Spacing] | None = None  # m, that spacings are drawn from likewise; default: spacing
-    change_every: Positive | None = None  # s from the start of an episode; default: the formation lasts for an episode
-    glide: Positive | None = None  # m/s of a slot to its new place; default: 15 % of track.target_speed, assumed
+    shapes: Annotated[tuple[Shape, ...], Field(min_length=1)] | None = None  # drawn anew for episodes and changes
+    spacing_range: tuple[Spacing, Spacing] | None = None  # m, range of spacings drawn likewise; default: spacing
+    change_every: Positive | None = None  # s between changes; default: no change in an episode
+    glide: Positive | None = None  # m/s of a slot to its new place; default: 15 % of track.target_speed; assumed
 
     @model_validator(mode="before")
     @classmethod
@@ -95,18 +93,18 @@ class FormationTeam(TeamConfig):
     start_distance: NonNegative = 30.0  # leaders start within this distance of the target, m
     lost_distance: Positive = 150.0  # a vehicle this far from its slot is lost and ends the episode, m
     residual: ResidualConfig | None = None
-    control: dict[str, float] = {}  # numbers of its classical controller (controllers/); what is left out: its own
+    control: dict[str, float] = {}  # gains of its classical controller (rl/guidance/controllers); default: its own
     tracking_reward: TrackingReward = TrackingReward()
     plan: PlanConfig = PlanConfig()
 
     @property
     def shapes(self) -> tuple[Shape, ...]:
-        """Those that its formation takes."""
+        """Shapes that its formation takes."""
         return self.formation.shapes or (self.formation.shape,)
 
     @property
     def spacings(self) -> tuple[float, float]:
-        """The least and the greatest that its formation takes, m."""
+        """Least and greatest spacing of its formation, m."""
         return self.formation.spacing_range or (self.spacing, self.spacing)
 
     @model_validator(mode="after")
@@ -117,7 +115,7 @@ class FormationTeam(TeamConfig):
 
 
 class SensingConfig(Strict):
-    """Partial observability: what a vehicle sees of obstacles and team mates."""
+    """Partial observability: obstacles and team mates that a vehicle senses."""
 
     detection_range: Positive = 40.0  # m
     obstacles: Annotated[int, Field(ge=0, le=8)] = 2  # nearest ones observed
@@ -125,9 +123,9 @@ class SensingConfig(Strict):
 
 
 class FormationEvaluation(Evaluation):
-    """Episodes never trained on, and what is a success there."""
+    """Held-out episodes, and the criterion of success."""
 
-    success_error: Positive = 5.0  # rms of the leader and of every follower below this is a success, m
+    success_error: Positive = 5.0  # m: an episode with a smaller rms error of every vehicle is a success
 
 
 class FormationScenario(Scenario):
@@ -145,7 +143,7 @@ class FormationScenario(Scenario):
     obstacles: ObstacleConfig = ObstacleConfig()
     sensing: SensingConfig = SensingConfig()
     sensors: SensorsConfig = SensorsConfig()
-    radio: RadioConfig | None = None  # omitted: followers know all about their leader at once
+    radio: RadioConfig | None = None  # omitted: followers know their leader exactly and without delay
     evaluation: FormationEvaluation = FormationEvaluation()
 
     @property

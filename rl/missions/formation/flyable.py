@@ -1,5 +1,5 @@
-"""Whether a team can follow the track: its slots keep going ahead in every bend, and so do vehicles with limits of
-airspeed and bank in the strongest wind of a scenario.
+"""Checks that a team can follow the track: slots move forward in every bend, and vehicles with limits of airspeed and
+bank can fly it in the strongest wind of the scenario.
 
 A slot at y to starboard of a leader on a bend of radius R to starboard goes at v (1 - y / R): backwards where y > R.
 
@@ -28,9 +28,9 @@ def check_teams(config: FormationScenario, models: Mapping[str, Vehicle]) -> Non
         section = config.formations[name]
         least, drawn, width = section.spacings[0], section.formation.spacing_range, 2 * model.collision_radius
         if section.count > 1 and least <= width:
-            told = f"formation.spacing_range = {list(drawn)}" if drawn else f"spacing = {least}"
+            key = f"formation.spacing_range = {list(drawn)}" if drawn else f"spacing = {least}"
             raise ConfigError(
-                f"{name}.{told}: must be above twice the vehicle's collision_radius, {width} m: neighbours would touch "
+                f"{name}.{key}: must be above twice the vehicle's collision_radius, {width} m: neighbours would touch "
                 "in their slots"
             )
     if config.track.speed_over == "air" and not any(model.medium == "air" for model in models.values()):
@@ -61,7 +61,8 @@ def check_lanes(track: TrackConfig, name: str, team: FormationTeam) -> None:
 
 
 def check_flyable(config: FormationScenario, vehicle: str, model: Vehicle) -> None:
-    """Refuse a track that `model`, of the vehicle file `vehicle`, cannot follow; one that can stop follows any, late.
+    """Refuse a track that `model`, of the vehicle file `vehicle`, cannot follow. A vehicle that can stop follows any
+    track.
 
     Raises:
         ConfigError: naming the key, and the numbers.
@@ -73,17 +74,17 @@ def check_flyable(config: FormationScenario, vehicle: str, model: Vehicle) -> No
     speed, wind = track.target_speed, strongest_wind(config, track.flight_height)
     most = speed + wind if track.speed_over == "air" else speed
     needed = (speed, speed) if track.speed_over == "air" else (speed - wind, speed + wind)
-    told = f"track.target_speed = {speed} over {track.speed_over}"
+    key = f"track.target_speed = {speed} over {track.speed_over}"
     blows = f"a wind of up to {wind:.3g} m/s at track.flight_height = {track.flight_height}"
     if track.speed_over == "air" and wind > (1 - LEAST_SHARE) * speed:
-        raise ConfigError(f"{told}: {blows} leaves less than {LEAST_SHARE * speed:.3g} m/s over ground against it")
+        raise ConfigError(f"{key}: {blows} leaves less than {LEAST_SHARE * speed:.3g} m/s over ground against it")
     if not low <= needed[0] <= needed[1] <= high:
         airspeeds = f"airspeeds from {needed[0]:.3g} to {needed[1]:.3g} m/s, in {blows}"
         needs = f" needs {airspeeds} ('air' needs one)" if needed[0] < needed[1] else ""
-        raise ConfigError(f"{told}{needs}: {vehicle} flies from {low:.3g} to {high:.3g} m/s")
+        raise ConfigError(f"{key}{needs}: {vehicle} flies from {low:.3g} to {high:.3g} m/s")
     radius = model.limits.turn_radius * (most / cruise) ** 2
     if track.min_radius < radius:
         raise ConfigError(
             f"track.min_radius = {track.min_radius}: {vehicle} cannot turn tighter than {radius:.3g} m at "
-            f"{most:.3g} m/s over ground ({told}, {blows})"
+            f"{most:.3g} m/s over ground ({key}, {blows})"
         )

@@ -1,7 +1,7 @@
-"""A formation as its vehicles imagine it: what an honest planner (rl/planning/honest.py) tries its plans in.
+"""The model in which an honest planner (rl/planning/honest.py) tries plans for a formation.
 
-Nominal craft, calm water, the scenario's mean wind and current, exact sensors and no radio. Track, target and slots are
-the plan, which everybody knows. The obstacles are those that the vehicles sense, as bodies that keep their velocity.
+It has nominal vehicles, calm water, the scenario's mean wind and current, exact sensors and no radio. Track, target and
+slots are the plan, which all vehicles know. Its obstacles are those that the vehicles sense; they keep their velocity.
 """
 
 from rl.missions.formation.config import FormationScenario
@@ -12,7 +12,7 @@ CALM = {"hs": 0.0, "tp": 4.0, "components": 1, "realisations": 1}
 
 
 def imagined_scenario(config: FormationScenario, name: str) -> FormationScenario:
-    """The scenario that team `name` imagines."""
+    """The scenario of the model of team `name`."""
     current = config.sea.current and config.sea.current.model_copy(update={"std": 0.0})
     steady = {"std": 0.0, "turbulence": "none", "gust": None}
     obstacles = config.obstacles.model_copy(update={"count": 0, "fixed": ()})

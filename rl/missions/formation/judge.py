@@ -1,20 +1,25 @@
-"""What an evaluation measures of a formation: errors after the start has settled, gaps, collisions, success."""
+"""Measurements of a formation: errors after the start has settled, gaps, collisions, success."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
 from rl.judge import COLLISION_LOSS, COMMON, Episodes, Judge, errors_of, median_of, over_time, p95, rms_of
+from rl.mission import Step
+from rl.missions.formation.config import FormationScenario
 from rl.missions.formation.evasions import slot_clearance
 
+if TYPE_CHECKING:
+    from rl.missions.formation.mission import Formation
 
-class FormationJudge(Judge):
-    """Keeps the distance of every vehicle from its slot: errors [step, env, vehicle] in m, NaN where not measured.
 
-    And `gap` [env], m: the least clearance of any vehicle of the team to anything in the measured time, inf before.
+class FormationJudge(Judge["Formation", FormationScenario]):
+    """Measures the distance of every vehicle from its slot: errors [step, env, vehicle] in m, NaN where not measured.
+
+    gap: [env], m, least clearance of any vehicle of the team in the measured time; inf before.
     """
 
     definitions = {
@@ -33,8 +38,8 @@ class FormationJudge(Judge):
     }
     plotted = ("leader_error_rms_m", "follower_error_rms_m", "collision_free_episodes", "success_rate")
 
-    def __init__(self, mission: Any, team: str):
-        """Watch `team`."""
+    def __init__(self, mission: "Formation", team: str):
+        """Measure `team`."""
         super().__init__(mission, team)
         self.errors = np.full((mission.config.episode_steps, *self.collided.shape), np.nan)
         self.gap = np.full(len(self.failed), np.inf)
@@ -45,7 +50,7 @@ class FormationJudge(Judge):
         """Whether the slot of each vehicle is in an obstacle [env, vehicle]."""
         return (slot_clearance(self.mission, self.mission.teams[self.name]) < 0).cpu().numpy()
 
-    def see(self, step: Any, number: int) -> None:
+    def see(self, step: Step, number: int) -> None:
         """Errors and gaps count until a vehicle of the team has ended, and in the step in which it did."""
         alive, config, team = ~self.failed, self.mission.config, self.mission.teams[self.name]
         if number * config.decision_interval > config.evaluation.settle:
@@ -63,7 +68,7 @@ class FormationJudge(Judge):
         return {"distance from slot (m)": team.distance, "gap to anything (m)": team.sensor.gap}
 
     @classmethod
-    def episodes(cls, seen: Sequence[Any], config: Any) -> dict[str, NDArray[np.float64]]:
+    def episodes(cls, seen: Sequence[Self], config: FormationScenario) -> dict[str, NDArray[np.float64]]:
         """Also rms errors (m), for how long they were measured (vehicle-seconds), and the least gap (m)."""
         errors = errors_of(seen)
         measured = np.isfinite(errors)
@@ -86,7 +91,7 @@ class FormationJudge(Judge):
 
     @classmethod
     def pooled(cls, episodes: Episodes) -> dict[str, NDArray[np.float64]]:
-        """Errors over several episodes: the root of the mean of squares, weighted by time."""
+        """Errors over several episodes: root mean squares, weighted by time."""
         common = super().pooled(episodes)
         errors = {f"{who}_error_rms_m": over_time(episodes, who) for who in ("leader", "follower")}
         return {
@@ -98,22 +103,22 @@ class FormationJudge(Judge):
 
     @classmethod
     def badness(cls, episodes: Episodes) -> NDArray[np.float64]:
-        """Collided, failed, the larger of the two errors; one that could not even be measured is the largest."""
+        """Collided, failed, the larger of both errors; an error that could not be measured is infinite."""
         error = np.fmax(episodes["leader_error_rms_m"], episodes["follower_error_rms_m"])
         error = np.where(np.isnan(error), np.inf, error)
         return np.stack(((episodes["collided"] > 0).astype(np.float64), episodes["failed"], error))
 
     @classmethod
-    def loss(cls, episodes: Episodes, config: Any) -> NDArray[np.float64]:
-        """Collided, failed, and both errors as shares of evaluation.success_error, each at most four times that."""
+    def loss(cls, episodes: Episodes, config: FormationScenario) -> NDArray[np.float64]:
+        """Collided, failed, and both errors as shares of evaluation.success_error, each limited to 4."""
         most = 4 * config.evaluation.success_error
         errors = (np.nan_to_num(episodes[f"{who}_error_rms_m"], nan=0.0) for who in ("leader", "follower"))
         shares = sum(np.fmin(error, most) for error in errors) / config.evaluation.success_error
         return COLLISION_LOSS * (episodes["collided"] > 0) + 2 * (1 - episodes["succeeded"]) + 2 * shares
 
     @classmethod
-    def figures(cls, seen: Sequence[Any], config: Any) -> dict[str, float | None]:
-        """The figures of `definitions`; percentiles need every single error, so they have no interval."""
+    def figures(cls, seen: Sequence[Self], config: FormationScenario) -> dict[str, float | None]:
+        """The figures of `definitions`; percentiles have no interval, because they need every single error."""
         errors, pooled = errors_of(seen), super().figures(seen, config)
         both = {"leader": errors[:, :, 0], "follower": errors[:, :, 1:]}
         pooled |= {f"{who}_error_p95_m": p95(of) for who, of in both.items()}

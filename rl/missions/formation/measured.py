@@ -1,4 +1,4 @@
-"""What the vehicles of a formation measure: the input of policies and classical controllers in place of the truth.
+"""Measured knowledge of a formation: the input of policies and classical controllers in place of the truth.
 
 Rewards, endings and figures always use the truth. Target and formation are the plan, which every vehicle knows exactly.
 """

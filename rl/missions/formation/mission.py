@@ -6,16 +6,15 @@ anew. Targets of vessels move on the sea, those of aircraft straight above them 
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from rl.course.traffic import BOTTOM, EAST, NORTH, RADIUS, ROWS, TOP, Bodies
+from rl.course.traffic import ROWS, Bodies
 from rl.guidance.controllers import CONTROLLERS
 from rl.guidance.targets import Targets
-from rl.mission import Endings, Mission, Step
+from rl.mission import Endings, Frame, Histories, Mission, Step
 from rl.missions.formation import rewards
 from rl.missions.formation.config import FormationScenario
 from rl.missions.formation.flyable import check_teams
@@ -26,27 +25,25 @@ from rl.missions.formation.team import TeamTask
 from rl.missions.formation.worlds import draw_traffic, generate_worlds
 from rl.planning.honest import write_obstacles_as_bodies
 from rl.seeds import derive_seed
+from rl.team import Controller
 from taichi_sim.config.io import validate
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.counters import Noise
-from taichi_sim.recording.episode import Scene
-from taichi_sim.recording.overlays import Cylinders
+from taichi_sim.recording.episode import Episode, Scene
 from taichi_sim.state import transfer
 
-NEAR_COST, ENDED_COST = 300.0, 2e4  # of plans: m^2 for each m less than the berth; m^2 of an ending
-
-TRAFFIC = (196, 120, 40)  # colour of what moves, in recordings
+NEAR_COST, ENDED_COST = 300.0, 2e4  # of plans, m^2: for each m less than the berth; for an ending
 
 
-class Formation(Mission):
+class Formation(Mission[FormationScenario, TeamTask]):
     """Teams in formation; see the module.
 
     Attributes:
         tracks, obstacles, starts: of every world; obstacles [world, n, 4] north, east, radius, height, m.
-        bodies: what moves (rl/course/traffic.py).
-        env_world: int64 [env]. targets: what leaders follow.
+        bodies: moving obstacles (rl/course/traffic.py).
+        env_world: int64 [env], world of each environment. targets: of the leaders.
         wind_factor: mean wind at the flight height over that at 10 m.
-        noise: counts the random numbers of sensors and radio: decisions of all episodes.
+        noise: counter of the random numbers of sensors and radio.
     """
 
     STATE = ("env_world", "targets", "bodies", "_which", "noise")
@@ -55,8 +52,6 @@ class Formation(Mission):
     logged = ("leader_error_m", "follower_error_m", "collisions_per_hour", "lost")
     Team = TeamTask
     Judge = FormationJudge
-    config: FormationScenario
-    teams: dict[str, TeamTask]
 
     def make_teams(self, names: Sequence[str]) -> dict[str, TeamTask]:
         """Generate worlds, starts and targets, then the teams that follow these.
@@ -92,11 +87,10 @@ class Formation(Mission):
         )
         self._which = torch.zeros(self.num_envs, dtype=torch.int32, device=run.device)
         self.noise = Noise(self.num_envs, derive_seed(self.seed, "sensors"))
-        self._film: list[np.ndarray] = []  # bodies of the environment that is shown, of a recording
         return {name: TeamTask(self, name, self.targets) for name in names}
 
     def reseed(self, seed: int) -> None:
-        """Also sensors and radio."""
+        """Reseed also sensors and radio."""
         super().reseed(seed)
         self.noise.restart(derive_seed(seed, "sensors"))
 
@@ -108,7 +102,7 @@ class Formation(Mission):
     # -- one step --------------------------------------------------------------------------------------------------
 
     def measure(self) -> None:
-        """Move the targets and the slots, then errors and surroundings of every vehicle."""
+        """Move targets and slots; then measure errors and surroundings of every vehicle."""
         self._which.fill_(1)
         self.noise.tick()
         self.targets.move(self._which, self.num_envs)
@@ -122,18 +116,17 @@ class Formation(Mission):
             team.measure(self.obstacles, self.bodies, self.env_world, self._which, count)
 
     def observe(self, team: TeamTask) -> dict[str, Tensor]:
-        """See observations.py."""
-        widths = team.observations.widths
-        return dict(zip(widths, team.observe().split(list(widths.values()), dim=-1), strict=True))
+        """Observations of rl/guidance/observations.py."""
+        return team.terms()
 
     def reward(self, team: TeamTask, ended: Endings) -> Tensor:
-        """See rewards.py."""
+        """Rewards of rewards.py."""
         if self.config.reward == "paper":
             return rewards.paper(team, ended)
         return rewards.tracking(team, ended)
 
     def plan_cost(self, team: TeamTask, ended: Tensor) -> Tensor:
-        """Squared distance from the slot, and what it costs to come too near or to end: see the numbers above."""
+        """Squared distance from the slot, plus NEAR_COST and ENDED_COST."""
         near = (team.section.plan.berth - team.sensor.gap).clamp(min=0.0)
         return team.distance.square() + NEAR_COST * near + ENDED_COST * ended
 
@@ -156,8 +149,6 @@ class Formation(Mission):
         self.env_world[envs] = worlds
         self.progress[envs] = self.starts.progress[worlds, starts]
         self.bodies.begin(envs, worlds, starts, self.world.current.velocity)
-        if self._film and bool((envs == self.shown).any()):
-            self._film = []
         self._which.zero_()
         self._which[envs] = 2
         self.targets.move(self._which, n)
@@ -171,7 +162,7 @@ class Formation(Mission):
             team.slots.begin(envs, self.starts.formations[name].at(worlds, starts), self.generator)
 
     def measure_again(self, envs: Tensor) -> None:
-        """Measure where `begin` has placed vehicles."""
+        """Measure after `begin` has placed vehicles."""
         self._look(len(envs))
 
     @classmethod
@@ -205,7 +196,7 @@ class Formation(Mission):
         }
 
     def imagined(self, team: TeamTask) -> Mission:
-        """See imagined.py."""
+        """The model of imagined.py."""
         config = imagined_scenario(self.config, team.name)
         return ImaginedFormation(config, self.num_envs, seed=self.seed, teams=(team.name,), source=self.source)
 
@@ -213,20 +204,22 @@ class Formation(Mission):
         """distance: m, from the slot (the leader's: from the target)."""
         return {"distance": team.distance}
 
-    def frame(self, team: TeamTask) -> dict[str, Tensor]:
-        """Target, slots and errors; slots of vessels lie on the mean level of the sea."""
-        env = self.shown
-        if team is next(iter(self.teams.values())):  # once a step
-            self._film.append(self.bodies.table[env].cpu().numpy().copy())
+    def frame(self, env: int) -> Frame:
+        """Targets, slots and errors of the teams, slots of vessels at mean sea level; traffic as cylinders."""
+        rows = {name: self._row(team, env) for name, team in self.teams.items()}
+        return Frame(rows, self.bodies.cylinders(env, self.config.area))
+
+    @staticmethod
+    def _row(team: TeamTask, env: int) -> dict[str, Tensor]:
         slot = team.now.slot[env].clone()
         if team.fleet.model.medium == "water":
             slot[:, 2] = 0.0
         target = {"target_n": team.target.position[env], "target_course": team.target.course[env, 0]}
         return target | {"slot_n": slot, "error_m": team.distance[env]}
 
-    def scene(self) -> Scene:
+    def scene(self, env: int) -> Scene:
         """The track at the heights of the teams, its checkpoints, and the obstacles inside the area."""
-        world = int(self.env_world[self.shown])
+        world = int(self.env_world[env])
         track = self.tracks.table[world, :, :2].cpu().numpy()
         flown = self.config.track.flight_height
         heights = {name: flown if team.fleet.model.medium == "air" else 0.0 for name, team in self.teams.items()}
@@ -239,30 +232,15 @@ class Formation(Mission):
             obstacles=obstacles[np.abs(obstacles[:, :2]).max(axis=1) <= half],
         )
 
-    def overlays(self) -> tuple[Any, ...]:
-        """What moves, as cylinders, where it has been in the steps that `frame` was asked about."""
-        if not self.bodies.present or not self._film:
-            return ()
-        film = np.stack(self._film)  # [frame, row, body]
-        there = np.abs(film[:, NORTH]) < self.config.area
-        place = np.stack((film[:, NORTH], film[:, EAST], -0.5 * (film[:, BOTTOM] + film[:, TOP])), axis=-1)
-        place[~there] = np.nan
-        size = np.stack((film[:, RADIUS], film[:, TOP] - film[:, BOTTOM]), axis=-1)
-        return (Cylinders(name="traffic", colour=TRAFFIC, position_n=place, size_m=size),)
-
-    def forget_frames(self) -> None:
-        """Of what moves."""
-        self._film = []
-
     @classmethod
-    def draw_figures(cls, out: Path, histories: Any, episode: Any, config: FormationScenario) -> None:
-        """The seed paper's figures."""
+    def draw_figures(cls, out: Path, histories: Histories, episode: Episode | None, config: FormationScenario) -> None:
+        """Draw the figures of the seed paper."""
         from rl.missions.formation.figures import write_figures  # matplotlib takes a second
 
         write_figures(out, histories, episode, config.evaluation.settle)
 
-    def controller(self, team: TeamTask) -> Any:
-        """What the vehicle brings, else what this mission has for its model (controllers/)."""
+    def controller(self, team: TeamTask) -> Controller | None:
+        """The vehicle's own controller, else that of rl/guidance/controllers for its model."""
         own = super().controller(team)
         if own is not None:
             return own
@@ -274,17 +252,17 @@ class Formation(Mission):
 
 
 class ImaginedFormation(Formation):
-    """One team of a formation, as it imagines it."""
+    """The model of one team for an honest planner (imagined.py)."""
 
     STATE = ()
 
     def prepare(self) -> None:
-        """With room for as many bodies as the team may sense."""
+        """Make room for as many bodies as the team may sense."""
         sensed = sum(team.fleet.count * team.sensor.num_obstacles for team in self.teams.values())
         shape = (self.tracks.worlds, PER_WORLD, ROWS, sensed)
         self.bodies = Bodies(self.num_envs, self.obstacles.new_zeros(()).expand(shape))
 
-    def believe(self, team: Any) -> None:
+    def believe(self, team: TeamTask) -> None:
         """Vehicles and obstacles as `team` measures them; target and slots as they are."""
         mine, known = self.teams[team.name], team.known
         self.steps.copy_(team.mission.steps)

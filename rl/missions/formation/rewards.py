@@ -5,13 +5,17 @@
 """
 
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor
 
+from rl.mission import Endings
 from rl.rewards import action_rate, clearance, coarse, fine, paid, penalty
 from taichi_sim.config import NonNegative, Positive, Strict
+
+if TYPE_CHECKING:
+    from rl.missions.formation.team import TeamTask
 
 
 class TrackingReward(Strict):
@@ -48,16 +52,16 @@ def paper_uav_follower(d: Tensor) -> Tensor:
 
 
 def approach(d: Tensor) -> Tensor:
-    """-d, so that far away closer is better."""
+    """-d: its gradient does not vanish far away."""
     return -d
 
 
 def squared(d: Tensor, limit: float) -> Tensor:
-    """-d^2 up to `limit` (m): what is judged."""
+    """-d^2 up to `limit` (m): the quantity of the rms error."""
     return -d.clamp(max=limit).square()
 
 
-TERMS: dict[str, Callable[[Any, Any, TrackingReward], Tensor]] = {
+TERMS: dict[str, Callable[["TeamTask", Endings, TrackingReward], Tensor]] = {
     "coarse": lambda team, ended, w: coarse(team.distance, w.coarse_scale),
     "fine": lambda team, ended, w: fine(team.distance, w.fine_scale),
     "approach": lambda team, ended, w: approach(team.distance),
@@ -66,15 +70,15 @@ TERMS: dict[str, Callable[[Any, Any, TrackingReward], Tensor]] = {
     "clearance": lambda team, ended, w: clearance(team.sensor.gap, w.clearance_range),
     "ending": lambda team, ended, w: penalty(ended.any),
 }
-"""Of `reward = "tracking"`: a weight's name -> its term, of a team (team.py), its endings, and the weights."""
+"""Terms of `reward = "tracking"`: name of the weight -> function of a team (team.py), its endings, and the weights."""
 
 
-def tracking(team: Any, ended: Any) -> Tensor:
+def tracking(team: "TeamTask", ended: Endings) -> Tensor:
     """`reward = "tracking"`: the weighted sum of `TERMS`."""
     return paid(TERMS, team.section.tracking_reward, team, ended)
 
 
-def paper(team: Any, ended: Any) -> Tensor:
+def paper(team: "TeamTask", ended: Endings) -> Tensor:
     """`reward = "paper"`: eqs (10) and (11), and the penalty of a collision."""
     d, derived = team.distance, team.fleet.derived
     forward = derived[..., 0:9:3][..., : team.axes]  # the nose, in n

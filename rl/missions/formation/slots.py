@@ -28,10 +28,10 @@ from rl.guidance.shapes import formation_offsets
 from rl.missions.formation.config import FormationTeam
 from taichi_sim.kernels import runtime
 
-INTERVAL, GLIDE = range(2)  # of the numbers that the kernel is told
+INTERVAL, GLIDE = range(2)  # parameters of the kernel
 SHAPE, SPACING = range(2)  # of a change
 
-CLOSE = 1e-4  # of a squared spacing: less of a gain is rounding
+CLOSE = 1e-4  # share of a squared spacing: a smaller gain is rounding
 SWEEPS = 64  # over all pairs, at most; up to 16 vehicles need 5
 ADVANCE = 200.0  # ns of one environment, about
 
@@ -40,22 +40,22 @@ SlotsPack = ti.types.argpack(table=_array3, left=_array1, changes=_array3, units
 
 
 class Drawn(NamedTuple):
-    """Formations drawn: the number of the shape (int64) among a team's, and the spacing (float64, m), any shape."""
+    """Drawn formations: index of the shape among those of the team (int64), and spacing (float64, m)."""
 
     shape: Tensor
     spacing: Tensor
 
     def at(self, *index: Tensor) -> "Drawn":
-        """Those at an index."""
+        """The formations at an index."""
         return Drawn(self.shape[index], self.spacing[index])
 
     def to(self, device: torch.device) -> "Drawn":
-        """The same on another device."""
+        """A copy on another device."""
         return Drawn(self.shape.to(device), self.spacing.to(device))
 
 
 def draw_formations(section: FormationTeam, size: tuple[int, ...], generator: torch.Generator) -> Drawn:
-    """Formations of a team; draws nothing where there is no choice."""
+    """Draw formations of a team; no random numbers are used if there is no choice."""
     shape, (low, high) = torch.zeros(size, dtype=torch.int64), section.spacings
     spacing = torch.full(size, low, dtype=torch.float64)
     if len(section.shapes) > 1:
@@ -76,15 +76,15 @@ def offsets_of(units: Tensor, drawn: Drawn) -> Tensor:
 
 
 class Form(NamedTuple):
-    """What the kernel is compiled for."""
+    """Compile-time parameters of the kernel."""
 
     every: int  # decisions between two changes
-    serial: bool  # on the calling thread
+    serial: bool  # run on the calling thread
 
 
 @ti.func
 def untangle(table: ti.template(), e, least):
-    """Swap goals of followers until x . g >= 0 for any two; see the module. `least` m^2 of a gain is worth it."""
+    """Swap goals of followers until x . g >= 0 for any two (see the module); gains below `least` (m^2) are rounding."""
     sweep, swapped = 0, True
     while swapped and sweep < SWEEPS:
         sweep, swapped = sweep + 1, False
@@ -104,7 +104,7 @@ def untangle(table: ti.template(), e, least):
 
 @ti.func
 def set_out(table: ti.template(), e, glide):
-    """Give every slot the rate at which all arrive together, and return how long that takes (s)."""
+    """Give every slot the rate at which all arrive together; return the time until then (s)."""
     longest = table[e, 0, 0] * 0.0
     for i in range(1, table.shape[1]):
         square = longest * 0.0
@@ -145,7 +145,7 @@ def _advance(slots: SlotsPack, steps: ti.types.ndarray(dtype=ti.i64, ndim=1), fo
 
 
 class Slots:
-    """Slots of a team; a formation without a choice is written once and costs nothing afterwards.
+    """Slots of a team; a formation that cannot change is written once.
 
     Attributes:
         table: [env, vehicle, 6]; see the columns. offsets, rates: [env, vehicle, 2] views of it, ahead and to starboard
@@ -182,7 +182,7 @@ class Slots:
         self._place(slice(None), Drawn(everywhere, everywhere + torch.tensor(section.spacings[0], dtype=torch.float64)))
 
     def begin(self, envs: Tensor, drawn: Drawn, generator: torch.Generator) -> None:
-        """Put slots of environments `envs` [n] where formations `drawn` [n] have them, and draw what will follow."""
+        """Put slots of environments `envs` [n] into formations `drawn` [n], and draw the later ones of the episode."""
         if not self._choice:
             return
         self._place(envs, drawn)
@@ -192,7 +192,7 @@ class Slots:
             self._changes[envs] = torch.stack(later, dim=-1).to(self._changes)
 
     def advance(self, steps: Tensor) -> None:
-        """Glide for a decision; change the formation where it is time. `steps` int64 [env] have gone by."""
+        """Glide for one decision, and begin changes that are due; `steps` int64 [env] have gone by."""
         if self._every:
             self._launch(self._pack(), steps, self._form)
 

@@ -1,4 +1,4 @@
-"""Where episodes start: a pool of states per world, drawn once, so that a reset is a gather.
+"""Initial states: a pool per world, drawn once, so that a reset is a gather.
 
 The target is at a random place of the track; the leader within `start_distance` of it, near the slot's heading and
 speed; followers near their slots, of a formation that is drawn with the start. A team that touches an obstacle is
@@ -47,7 +47,7 @@ class Starts(NamedTuple):
     formations: dict[str, Drawn]
 
     def to(self, device: torch.device) -> "Starts":
-        """The same starts on another device."""
+        """A copy on another device."""
         states = {name: s.to(device) for name, s in self.states.items()}
         formations = {name: f.to(device) for name, f in self.formations.items()}
         return Starts(self.progress.to(device), states, formations)
@@ -97,7 +97,7 @@ def draw_starts(
 
 
 def _others_for(missing: Tensor, starts: Starts) -> Starts:
-    """The starts with those that are `missing` [world, start] replaced by others of the same world, in turn."""
+    """Replace starts that are `missing` [world, start] by others of the same world, in turn."""
     there = missing.argsort(dim=1, stable=True)  # first those that there are
     turn = torch.arange(missing.shape[1]) % (~missing).sum(dim=1, keepdim=True)
     taken = torch.where(missing, there.gather(1, turn), torch.arange(missing.shape[1]))

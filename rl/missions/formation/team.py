@@ -1,5 +1,6 @@
 """One team of the formation mission: true errors and surroundings of its vehicles, its observations."""
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import torch
@@ -59,6 +60,11 @@ class TeamTask(ResidualTeam):
         self.known: Knowledge = self.measured or self
         self.observations = ObservationWriter(self.known, config.observations, self.reference_width)
         self._true = None if exact else ObservationWriter(self, config.observations, self.reference_width)
+
+    @property
+    def layout(self) -> Mapping[str, int]:
+        """Terms of its observations and their widths (observations.py)."""
+        return self.observations.widths
 
     def observe(self) -> Tensor:
         """Observations [env, vehicle, n] (observations.py), a fresh tensor each time."""

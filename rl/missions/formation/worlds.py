@@ -1,4 +1,4 @@
-"""The worlds of a scenario: tracks, the obstacles that stand beside them and in the lanes, and what moves."""
+"""The worlds of a scenario: tracks, obstacles beside them and in the lanes, and traffic."""
 
 import math
 from collections.abc import Mapping
@@ -62,14 +62,14 @@ def generate_worlds(config: FormationScenario, seed: int) -> tuple[Tracks, Tenso
 
 
 def widest_lane(config: FormationScenario) -> float:
-    """From the track to the outermost slot of any team, m."""
+    """Distance from the track to the outermost slot of any team, m."""
     return max(lane_half_width(t.shapes, t.count, t.spacings[1]) for t in config.formations.values())
 
 
 def traffic_of(config: FormationScenario, places: Mapping[str, Tensor]) -> Traffic:
-    """The traffic of a scenario: in each medium, the share that moves of what a team would meet.
+    """Parameters of a scenario's traffic: in each medium, the moving share of the obstacles that a team would meet.
 
-    `places`: medium -> [world, start, vehicle, 2], those of a team there (m).
+    places: medium -> slots of a team there [world, start, vehicle, 2], m.
     """
     track, cylinders = config.track, config.obstacles
     met = cylinders.count * config.episode_duration * track.target_speed / track.length
@@ -98,10 +98,10 @@ def draw_traffic(
     models: Mapping[str, Vehicle],
     generator: torch.Generator,
 ) -> Tensor:
-    """What moves, for each start [world, start, 8, body] (rl/course/traffic.py), among `obstacles` [world, n, 4].
+    """Draw traffic for each start [world, start, 8, body] (rl/course/traffic.py), among `obstacles` [world, n, 4].
 
     Raises:
-        ConfigError: where it is faster than the vehicles, or finds no way.
+        ConfigError: if it is faster than the vehicles, or finds no free path.
     """
     places: dict[str, Tensor] = {}
     for name, model in models.items():

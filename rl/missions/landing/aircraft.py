@@ -79,7 +79,7 @@ class Aircraft(Team):
     @property
     def pilot(self) -> Pilot:
         """The classical pilot."""
-        return self.controller
+        return self.controller  # pyright: ignore[reportReturnType] (the mission makes it)
 
     @property
     def _in_use(self) -> Any:

@@ -14,12 +14,12 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from rl.mission import Endings, Histories, Mission, Step
+from rl.mission import Endings, Frame, Histories, Mission, Step
 from rl.missions.landing import rewards
 from rl.missions.landing.aircraft import Aircraft
 from rl.missions.landing.boats import MESSAGE, Boats, Helm, Hold
 from rl.missions.landing.config import LandingScenario
-from rl.missions.landing.film import Film
+from rl.missions.landing.film import overlays_of
 from rl.missions.landing.judge import LandingJudge
 from rl.missions.landing.pilots import Pilot
 from rl.missions.landing.starts import afloat, aloft
@@ -103,7 +103,6 @@ class Landing(Mission):
         self._place = self.boats.fleet.state.new_zeros((self.num_envs, boats + flying, 3))
         self.radio = Radio(self.config.radio, self._place, self.config.decision_interval, width=MESSAGE)
         self._own = torch.arange(flying, device=run.device)
-        self._film = Film(self)
 
     def reseed(self, seed: int) -> None:
         """Also sensors and radio."""
@@ -202,26 +201,14 @@ class Landing(Mission):
             return Hold()
         return Pilot(team.section.pilot, team.fleet.state, self.config.decision_interval)
 
-    def frame(self, team: Any) -> dict[str, Tensor]:
-        """Of aircraft, how far they are from their deck's middle."""
-        env = self.shown
-        if team is next(iter(self.teams.values())):  # once a step
-            if int(self.steps[env]) <= 1:
-                self._film = Film(self)
-            self._film.take()
-        return {} if isinstance(team, Boats) else {"error_m": team.distance[env]}
+    def frame(self, env: int) -> Frame:
+        """Of aircraft, how far they are from their deck's middle; heights, the deck as known, and sight lines."""
+        flying = {} if self.aircraft is None else {self.aircraft.name: {"error_m": self.aircraft.distance[env]}}
+        return Frame(flying, overlays_of(self, env))
 
-    def scene(self) -> Scene:
+    def scene(self, env: int) -> Scene:
         """The first boat and what is about it."""
         return Scene(overview=(self.boats.name, SEEN_FROM_AFAR))
-
-    def overlays(self) -> tuple[Any, ...]:
-        """Heights, what is known of the deck, and messages (film.py)."""
-        return self._film.overlays()
-
-    def forget_frames(self) -> None:
-        """Begin film.py's frames anew."""
-        self._film = Film(self)
 
     @classmethod
     def draw_figures(cls, out: Path, histories: Histories, episode: Any, config: LandingScenario) -> None:

@@ -109,7 +109,7 @@ def _formation_panel(
 
 
 def cylinders(episode: Episode, step: int) -> NDArray[np.floating]:
-    """What stands and what moves at one step [n, 5]: north, east, radius, bottom, top, m."""
+    """Fixed and moving obstacles at one step [n, 5]: north, east, radius, bottom, top, m."""
     stands = np.asarray(episode.scene.obstacles, dtype=float).reshape(-1, 4)
     rows = [np.column_stack((stands[:, :3], np.zeros(len(stands)), stands[:, 3]))]
     for overlay in episode.overlays:
