@@ -1,12 +1,12 @@
-"""What an evaluation measures of a mission, and how each figure is defined.
+"""Figures of an evaluation, and their definitions.
 
-Every environment runs one episode. A team one of whose vehicles has ended is measured no further, while the others go
+Every environment runs one episode. Once a vehicle of a team has ended, the team is measured no further; other teams go
 on. All sums are NumPy's, in float64, so that the result does not depend on the number of threads.
 
     see (each decision) -> episodes: numbers of each episode -> pooled: figures of any set of episodes -> figures
 
-Intervals come from `pooled` over episodes drawn again and again (rl/evaluation/intervals.py), so that what a mission's
-judge adds to `episodes` and `pooled` has an interval by itself, in evaluations, sweeps and reports.
+The bootstrap draws sets of episodes and calls `pooled` for intervals (rl/evaluation/intervals.py). Whatever a mission's
+judge adds to `episodes` and `pooled` therefore has an interval in evaluations, sweeps and reports.
 """
 
 from collections.abc import Mapping, Sequence
@@ -24,18 +24,19 @@ COMMON = {
 }
 
 Episodes = Mapping[str, NDArray[np.float64]]
-"""Numbers of single episodes by name, [episode], or of many sets of them, [..., episode]; NaN: not measured."""
+"""Numbers of episodes by name: [episode], or [..., episode] for many sets of episodes; NaN: not measured."""
 
 
-COLLISION_LOSS = 20.0  # of an episode with a collision; assumed
-ACTION_RANGE = 2.0  # of an action, from -1 to 1
+COLLISION_LOSS = 20.0  # loss of an episode with a collision; assumed
+ACTION_RANGE = 2.0  # actions reach from -1 to 1
 
 
 class Judge:
-    """Watches one team through a chunk of episodes; a mission derives its own and adds figures.
+    """Measures one team through a chunk of episodes; a mission derives its own judge and adds figures.
 
-    Class attributes: `definitions`, figure -> what it means, in the order in which they are told; `plotted`, those of
-    them that a sweep is drawn by.
+    Class attributes:
+        definitions: figure -> its meaning, in the order in which figures are printed.
+        plotted: the figures that plots of a sweep show.
     """
 
     definitions: ClassVar[dict[str, str]] = {
@@ -46,7 +47,7 @@ class Judge:
     plotted: ClassVar[tuple[str, ...]] = ("reward_per_step", "collision_free_episodes", "success_rate")
 
     def __init__(self, mission: Any, team: str):
-        """Watch `team` of a mission at the start of an episode in every environment."""
+        """Measure `team` of a mission at the start of an episode in every environment."""
         self.mission, self.name = mission, team
         envs, vehicles = mission.num_envs, mission.teams[team].fleet.count
         self.collided = np.zeros((envs, vehicles), dtype=bool)
@@ -56,15 +57,15 @@ class Judge:
         self.action_changes = np.zeros(envs)
 
     def __getstate__(self) -> dict[str, Any]:
-        """What was seen, to be told another process: the mission stays here."""
+        """The measurements without the mission, to be sent to another process."""
         return {key: value for key, value in self.__dict__.items() if key != "mission"}
 
     def see(self, step: Any, number: int) -> None:
-        """Take decision `number` (from 1) into account."""
+        """Measure decision `number` (from 1)."""
         alive, ended = ~self.failed, step.endings[self.name]
         self.reward[alive] += step.reward[self.name].double().mean(dim=1).cpu().numpy()[alive]
         self.measured[alive] += 1
-        if number > 1:  # the first decision changes nothing: before it there was none
+        if number > 1:  # the first decision has no predecessor
             team = self.mission.teams[self.name]
             change = (team.action - team.previous_action).double() / ACTION_RANGE
             self.action_changes[alive] += change.square().mean(dim=(1, 2)).cpu().numpy()[alive]
@@ -73,12 +74,12 @@ class Judge:
         self.failed |= ended.any.any(dim=1).cpu().numpy() & alive
 
     def series(self) -> dict[str, Tensor]:
-        """What a report plots over time, of every vehicle now: a label with its unit -> [env, vehicle]."""
+        """Time series for reports: label with unit -> [env, vehicle], as of now."""
         return {}
 
     @classmethod
     def episodes(cls, seen: Sequence[Any], config: Any) -> dict[str, NDArray[np.float64]]:
-        """Numbers of each episode of all chunks of one team, [episode]: what `pooled` needs."""
+        """Numbers of each episode in all chunks of one team, [episode]: the input of `pooled`."""
         collided, failed, reward, measured, changes = (
             np.concatenate([getattr(judge, name) for judge in seen])
             for name in ("collided", "failed", "reward", "measured", "action_changes")
@@ -87,15 +88,15 @@ class Judge:
             "collided": collided.sum(axis=1).astype(float),  # vehicles
             "failed": failed.astype(float),
             "succeeded": (~failed).astype(float),
-            "reward": reward,  # mean of the vehicles, sum of the decisions
+            "reward": reward,  # mean over vehicles, sum over decisions
             "decisions": measured,
             "hours": measured * config.decision_interval / 3600,
-            "action_changes": changes,  # squared shares of the range: mean of the vehicles, sum of the changes
+            "action_changes": changes,  # squared shares of the range: mean over vehicles, sum over changes
         }
 
     @classmethod
     def pooled(cls, episodes: Episodes) -> dict[str, NDArray[np.float64]]:
-        """Figures [...] of sets of episodes, given as `episodes` gives them, [..., episode]."""
+        """Figures [...] of sets of episodes [..., episode]."""
         return {
             "reward_per_step": episodes["reward"].sum(-1) / np.maximum(episodes["decisions"].sum(-1), 1),
             "collisions_per_hour": episodes["collided"].sum(-1) / episodes["hours"].sum(-1),
@@ -106,13 +107,13 @@ class Judge:
 
     @classmethod
     def badness(cls, episodes: Episodes) -> NDArray[np.float64]:
-        """[criterion, episode], the first criterion first: by them the worst episode is found. Larger is worse."""
+        """Criteria for the worst episode, [criterion, episode], the most important first; larger is worse."""
         collided, paid = (episodes["collided"] > 0).astype(np.float64), episodes["reward"] / episodes["decisions"]
         return np.stack((collided, episodes["failed"], -paid))
 
     @classmethod
     def loss(cls, episodes: Episodes, config: Any) -> NDArray[np.float64]:
-        """[episode], what tuning a controller (rl/runs/tune.py) makes small."""
+        """The loss [episode] that tuning minimises (rl/runs/tune.py)."""
         paid = episodes["reward"] / np.maximum(episodes["decisions"], 1)
         return COLLISION_LOSS * (episodes["collided"] > 0) + (1 - episodes["succeeded"]) - paid
 
@@ -123,12 +124,12 @@ class Judge:
 
     @classmethod
     def line(cls, figures: dict[str, float | None]) -> str:
-        """The figures of one team as a line to read."""
+        """The figures of one team as a readable line."""
         return ", ".join(f"{key} {value:.3g}" for key, value in figures.items() if value is not None)
 
 
 def _change_of(episodes: Episodes) -> NDArray[np.float64]:
-    """Rms [...] change of an action; NaN for evaluations kept from before it was measured, and of single decisions."""
+    """Rms [...] change of an action; NaN for single decisions and for old evaluations that did not measure it."""
     if "action_changes" not in episodes:
         return np.full(episodes["collided"].shape[:-1], np.nan)
     changes = np.maximum(episodes["decisions"] - 1, 0).sum(-1)
@@ -137,17 +138,17 @@ def _change_of(episodes: Episodes) -> NDArray[np.float64]:
 
 
 def known(value: Any) -> float | None:
-    """A number, or None for one that is not finite."""
+    """A float, or None if the value is not finite."""
     return float(value) if np.isfinite(value) else None
 
 
 def errors_of(seen: Sequence[Any]) -> NDArray[np.float64]:
-    """[step, episode, vehicle] of all chunks."""
+    """Errors [step, episode, vehicle] of all chunks."""
     return np.concatenate([j.errors for j in seen], axis=1)
 
 
 def rms_of(errors: NDArray[np.float64], axes: tuple[int, ...]) -> NDArray[np.float64]:
-    """Over what is finite; NaN where nothing is."""
+    """Rms of the finite errors over `axes`; NaN where none is finite."""
     finite = np.isfinite(errors)
     count = finite.sum(axis=axes)
     squares = (np.where(finite, errors, 0.0) ** 2).sum(axis=axes)
@@ -155,7 +156,7 @@ def rms_of(errors: NDArray[np.float64], axes: tuple[int, ...]) -> NDArray[np.flo
 
 
 def over_time(episodes: Episodes, who: str) -> NDArray[np.float64]:
-    """Rms [...] of episodes [..., episode] of different length; NaN where none was measured."""
+    """Rms [...] of episodes [..., episode], weighted by their duration; NaN where none was measured."""
     time = episodes[f"{who}_s"]
     squares = (np.where(time > 0, episodes[f"{who}_error_rms_m"], 0.0) ** 2 * time).sum(-1)
     total = time.sum(-1)
@@ -163,7 +164,7 @@ def over_time(episodes: Episodes, who: str) -> NDArray[np.float64]:
 
 
 def median_of(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Over the last axis, of what is not NaN; NaN where nothing is."""
+    """Median over the last axis without NaN; NaN where there is no number."""
     count = np.isfinite(values).sum(-1, keepdims=True)
     ordered = np.sort(values, axis=-1)  # NaN come last
     low, high = (np.maximum(count - 1, 0) // 2, np.maximum(count, 1) // 2)
@@ -172,6 +173,6 @@ def median_of(values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def p95(errors: NDArray[np.float64]) -> float | None:
-    """Of what is finite; None if nothing is."""
+    """95th percentile of the finite errors; None if none is finite."""
     values = errors[np.isfinite(errors)]
     return known(np.percentile(values, 95)) if values.size else None

@@ -1,4 +1,4 @@
-"""Terms that rewards of any mission are made of, [env, vehicle], and their weighted sum."""
+"""Reward terms that all missions share, [env, vehicle], and their weighted sum."""
 
 from typing import Any
 
@@ -7,12 +7,12 @@ from torch import Tensor
 
 
 def coarse(d: Tensor, scale: float) -> Tensor:
-    """A wide bell, exp(-(d / scale)^2): which way is home."""
+    """Wide bell exp(-(d / scale)^2), which guides from afar."""
     return torch.exp(-(d * d) * (1 / scale**2))
 
 
 def fine(d: Tensor, scale: float) -> Tensor:
-    """A sharp peak, 1 / (1 + (d / scale)^2): the last metre."""
+    """Sharp peak 1 / (1 + (d / scale)^2), for the last metre."""
     return 1 / (1 + (d * d) * (1 / scale**2))
 
 
@@ -27,12 +27,12 @@ def clearance(gap: Tensor, reach: float) -> Tensor:
 
 
 def penalty(happened: Tensor) -> Tensor:
-    """-1 where it happened: the paper's collision penalty (sec. 3.5), and that of an early ending."""
+    """-1 where `happened` is true: the paper's collision penalty (sec. 3.5) and that of an early ending."""
     return -happened.to(torch.get_default_dtype())
 
 
 def paid(terms: dict[str, Any], weights: Any, team: Any, ended: Any) -> Tensor:
-    """The weighted sum of `terms`; a weight of 0 costs nothing."""
+    """Weighted sum of `terms`; a term of weight 0 is not computed."""
     parts = [
         getattr(weights, name) * term(team, ended, weights) for name, term in terms.items() if getattr(weights, name)
     ]

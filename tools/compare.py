@@ -25,7 +25,7 @@ def parser() -> argparse.ArgumentParser:
 
     p = argparse.ArgumentParser(description=__doc__)
     p.add_argument("runs", nargs="+", type=Path, metavar="RUN", help="run folders of rl/train.py")
-    p.add_argument("--seed", type=cli.seed, default=None, help="of the unseen worlds (default: the scenario's)")
+    p.add_argument("--seed", type=cli.seed, default=None, help="of the held-out episodes (default: the scenario's)")
     p.add_argument("--episodes", type=cli.positive_int, default=None, help="of each run (default: the scenario's, 256)")
     cli.add_common(p)
     return p
@@ -55,14 +55,14 @@ def main(argv: list[str] | None = None) -> None:
 
 def on_bounds(run: Path, args: argparse.Namespace) -> dict[str, tuple[Any, Any]]:
     """What a run's policies make of the oracle's episodes: team -> the bound, and the numbers of each episode."""
-    from rl.evaluation.headroom import judge_all, read_bounds
+    from rl.evaluation.headroom import judge_on_bounds, read_bounds
     from rl.learn.policy import policies_of
     from rl.runs.folder import load_config
 
     config, source = load_config(run, args.overrides)
     if not (bounds := read_bounds(config)):
         return {}
-    found = judge_all(bounds, config, policies_of("policy", run, config), source)
+    found = judge_on_bounds(bounds, config, policies_of("policy", run, config), source)
     return {team: (bounds[team], episodes) for team, episodes in found.items()}
 
 

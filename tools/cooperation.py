@@ -73,7 +73,7 @@ def parser() -> argparse.ArgumentParser:
     p = argparse.ArgumentParser(description=__doc__)
     p.add_argument("runs", nargs="+", type=Path, metavar="RUN", help="run folders of rl/train.py --config escort")
     p.add_argument("--alone", nargs="*", type=Path, default=[], metavar="RUN", help="runs trained without messages")
-    p.add_argument("--seed", type=cli.seed, default=None, help="of the unseen worlds (default: the scenario's)")
+    p.add_argument("--seed", type=cli.seed, default=None, help="of the held-out episodes (default: the scenario's)")
     p.add_argument("--episodes", type=cli.positive_int, default=None, help="of each (default: the scenario's, 256)")
     p.add_argument("--only", default="", metavar="WORDS", help="cases whose name has these words in it")
     cli.add_common(p)

@@ -20,7 +20,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("scenario", help="name or file")
     p.add_argument("--team", action="append", help="only this team (may be given again); default: all that are trained")
     p.add_argument("--episodes", type=cli.positive_int, default=EPISODES, help=f"default: {EPISODES}")
-    p.add_argument("--seed", type=cli.seed, default=SEED, help=f"of the unseen worlds (default: {SEED})")
+    p.add_argument("--seed", type=cli.seed, default=SEED, help=f"of the held-out episodes (default: {SEED})")
     p.add_argument("--out", type=Path, default=None, help="default: configs/oracle/NAME.json")
     cli.add_common(p)
     return p

@@ -65,12 +65,12 @@ def train(config: Any, envs: int, iterations: int) -> dict[str, Any]:
     from tools.benchmarking.parts import Stopwatch
 
     stage = first_stage(config).model_copy(update={"num_envs": envs, "checkpoint_interval": 10**6})
-    own, rank = processes.of_each(envs), processes.here().rank
+    own, rank = processes.envs_each(envs), processes.here().rank
     task = make_mission(config, own, seed=rank, teams=(stage.team,))
     seconds, parts, talk = [], [], []
     with tempfile.TemporaryDirectory() as folder:
         runner = StageRunner(MissionEnv(task, stage.team), stage, Path(folder))
-        runner.go_on()
+        runner.continue_history()
         together, runner.is_distributed = runner.is_distributed, False
         traffic, stopwatch = Traffic(), Stopwatch()
         traffic.watch(processes, "_reduce_")  # gradients and divergence, what is logged, whether to go on

@@ -1,1 +1,1 @@
-"""The escort mission: vessels hold formation about one that manoeuvres as it likes, guided by aircraft that see it."""
+"""The escort mission: boats hold formation about a manoeuvring vessel, guided by aircraft that see it."""

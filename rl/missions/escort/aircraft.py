@@ -1,8 +1,8 @@
-"""The aircraft of the escort: circles about the vessel, what their cameras see, and what they know of all that."""
+"""The aircraft of the escort: their circle about the vessel, their cameras, and what they know."""
 
 import math
 from types import SimpleNamespace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import torch
 from torch import Tensor
@@ -13,21 +13,28 @@ from rl.guidance.geometry import SLOT_VELOCITY
 from rl.guidance.observations import RATE_SCALE, SPEED_SCALE
 from rl.guidance.targets import COS, COURSE, EAST, NORTH, SIN, SIZE, SPEED, seen_at
 from rl.missions.escort.boats import AGE_SCALE, SIGMA_SCALE, squashed
-from rl.missions.escort.picture import Group, Search
+from rl.missions.escort.picture import Group, Picture, Search
 from rl.perception.camera import Camera
 from rl.perception.contacts import Contacts
 from rl.perception.instruments import Readings
 from rl.perception.sensors import Sensor
 
-HEARD_OF = 5.0  # s: older news of another aircraft or boat is no use; assumed
-CIRCLE_SCALE, FAR_SCALE, SLOW_SCALE = 20.0, 200.0, 2.0  # m, m, m/s, where what is observed is half way to 1
-SEARCH_PITCH, SEARCH_SPEED = 1.0, 0.5  # of the circle's radius; of the cruising speed, along the spiral; assumed
-BEGINS = 1.5  # radii from where the vessel should be
+if TYPE_CHECKING:
+    from rl.missions.escort.mission import Escort
+
+HEARD_OF = 5.0  # s, greatest age of another aircraft's message; assumed
+CIRCLE_SCALE, FAR_SCALE, SLOW_SCALE = 20.0, 200.0, 2.0  # m, m, m/s at which an observation reaches 1/2
+SEARCH_PITCH, SEARCH_SPEED = 1.0, 0.5  # spiral: in radii of the circle; in cruising speeds; assumed
+BEGINS = 1.5  # radii from the expected vessel at which a search begins
 
 
 def gap_errors(angle: Tensor, present: Tensor, turn: float) -> Tensor:
-    """Half the difference of the gaps ahead and behind [.., n] (rad), of those at `angle` [.., n, n] as each has the
-    others (rad), of whom those are `present` [.., n, n]; they go round clockwise (turn 1) or not (-1).
+    """Half the difference between the gaps ahead and behind each aircraft on the circle, rad, [.., n].
+
+    Args:
+        angle: [.., n, n] rad, angles on the circle as each aircraft knows the others'.
+        present: [.., n, n], whether it knows them.
+        turn: 1 if they fly clockwise, else -1.
     """
     n = angle.shape[-1]
     if n == 1:
@@ -41,19 +48,21 @@ def gap_errors(angle: Tensor, present: Tensor, turn: float) -> Tensor:
 
 
 class Aircraft(Corrected):
-    """Measures the aircraft after each step; everything is [env, aircraft, ...].
+    """The team of aircraft, measured after each step; every tensor is [env, aircraft, ...].
 
     Attributes:
-        distance: m from the circle about the vessel as it is. gap_error: half the difference of the gaps to those
-            ahead and behind on it, rad. sees: whether its camera has the vessel. in_range: share of boats within radio
-            range. sensor: what is near.
+        distance: m from the circle about the true vessel.
+        gap_error: half the difference between the gaps ahead and behind on the circle, rad.
+        sees: whether its camera sees the vessel.
+        in_range: share of boats within radio range.
+        sensor: surrounding obstacles and team mates.
     """
 
     STATE = ("sensor", "distance", "gap_error", "in_range", "own", "camera", "known")
 
     axes = 3
 
-    def __init__(self, mission: Any, name: str):
+    def __init__(self, mission: "Escort", name: str):
         """Prepare team `name`."""
         super().__init__(mission, name)
         config, state, model = mission.config, self.fleet.state, self.fleet.model
@@ -69,15 +78,20 @@ class Aircraft(Corrected):
         self.known: Any
 
     def group(self, first: int, number: int) -> Group:
-        """As lookers, the first of which has that number; the team is the `number`-th of its mission."""
+        """The team as a group of observers.
+
+        Args:
+            first: index of its first observer.
+            number: the team's index in the mission.
+        """
         self.own = Readings(self.fleet, self.section.sensors, self.interval, 64 * number)
         cruise = self.fleet.model.limits.speeds[1]
         self._number = number
         radius = self.orbit.radius
         return Group(first, self.own, self.fleet, Search(SEARCH_PITCH * radius, SEARCH_SPEED * cruise, BEGINS * radius))
 
-    def join(self, picture: Any) -> None:
-        """Look down, and know what the `picture` has."""
+    def join(self, picture: Picture) -> None:
+        """Connect cameras and knowledge to the `picture`."""
         mission, number = self.mission, 64 * self._number
         self.picture = picture
         self.camera = Camera(
@@ -89,7 +103,7 @@ class Aircraft(Corrected):
         self.target = self.known.target
 
     def measure(self, which: Tensor, count: int) -> None:
-        """The truth, in environments `which` [env] int32, `count` of them; and what instruments say."""
+        """Measure the truth and read the instruments in environments `which` [env] int32, `count` of them."""
         self.forget()
         mission = self.mission
         self.sensor.look(mission.obstacles, mission.env_world, which, count, mission.bodies)
@@ -107,24 +121,27 @@ class Aircraft(Corrected):
             self.in_range = (far < mission.config.radio.range).to(far).mean(-1)
 
     def see(self, which: Tensor, rows: int, count: Tensor) -> None:
-        """Look where the vessel was believed to be when the last look was over, or was said to be at the beginning."""
+        """Point the cameras at the believed vessel and look.
+
+        At the start of an episode the vessel is believed where the cue says.
+        """
         self.camera.aim(self.known.believed)
         self.camera.see(which, rows, count)
 
     def conclude(self, which: Tensor, count: int) -> None:
-        """What they know, once the picture is up to date."""
+        """Update their knowledge after the picture."""
         self.known.measure(which, count)
 
     @property
     def sees(self) -> Tensor:
-        """bool [env, aircraft]: its camera has found the vessel in the last look."""
+        """Whether each camera saw the vessel in its last look, bool [env, aircraft]."""
         return self.picture.sees(self.name)
 
     def terms(self) -> dict[str, Tensor]:
-        """What each aircraft is told."""
-        return self._told(self.known)
+        """The observations of each aircraft, by name."""
+        return self._observations(self.known)
 
-    def _told(self, known: Any) -> dict[str, Tensor]:
+    def _observations(self, known: "KnownAircraft") -> dict[str, Tensor]:
         fleet, model, picture = known.fleet, self.fleet.model, self.picture
 
         def own_frame(v: Tensor) -> Tensor:
@@ -168,32 +185,36 @@ class Aircraft(Corrected):
 
     @property
     def privileged(self) -> Tensor | None:
-        """The truth [env, aircraft, n]: of the vessel and of the circle, and what varies."""
+        """Ground truth for the critic, [env, aircraft, n]: vessel, circle, boats' result, and varied numbers."""
         mission, fleet = self.mission, self.fleet
         to = mission.vessel_place.unsqueeze(1) - fleet.position_n[..., :2]
-        told = [
+        truth = [
             squashed(to, FAR_SCALE), squashed(mission.vessel_velocity.unsqueeze(1).expand_as(to), SLOW_SCALE),
             squashed(self.distance.unsqueeze(-1), CIRCLE_SCALE), self.gap_error.unsqueeze(-1) / math.pi,
             self.in_range.unsqueeze(-1), mission.boats_result().view(-1, 1, 1).expand(*to.shape[:2], 1),
         ]  # fmt: skip
         if mission.config.varies:
-            told.append(mission.world.truth[self.name])
-        return torch.cat(told, dim=-1)
+            truth.append(mission.world.truth[self.name])
+        return torch.cat(truth, dim=-1)
 
 
 class KnownAircraft:
-    """What the aircraft know; what is not here is as in the team.
+    """What the aircraft know; any other attribute is that of the true team.
 
-    Attributes: fleet, own state as measured. centre, centre_velocity: [env, aircraft, 2] the vessel as each knows it
-        (or where it is searched for). believed: where a camera on a gimbal looks. gap_error: as far as others have been
-        heard. height_error: down, of the height to be held less the own, m. target: the circle's tangent where each is.
-        boats: their mean place [.., 2] and its distance to the farthest of them [.., 1] as heard, 0: nobody was.
+    Attributes:
+        fleet: own state as measured.
+        centre, centre_velocity: [env, aircraft, 2] the vessel, or the point about which they search for it.
+        believed: the point at which a gimballed camera looks.
+        gap_error: from the others' messages, rad.
+        height_error: m, down, desired minus own.
+        target: the tangent of the circle at each aircraft.
+        boats: mean position [.., 2] and distance to the farthest [.., 1] from messages; 0 without any.
     """
 
     STATE = ("targets", "now", "centre_velocity", "gap_error", "height_error", "sensor", "_boats", "_farthest")
 
-    def __init__(self, team: Aircraft, picture: Any, number: int):
-        """Of `team`; `number` vehicles of others come before it, among the random numbers."""
+    def __init__(self, team: Aircraft, picture: Picture, number: int):
+        """Knowledge of `team`; `number` vehicles of other teams precede it in the streams of random numbers."""
         state = team.fleet.state
         self._team, self._picture, self.fleet = team, picture, team.own
         self.targets = SimpleNamespace(table=state.new_zeros((*state.shape[:2], SIZE)))
@@ -212,11 +233,11 @@ class KnownAircraft:
         self._boats, self._farthest = (state.new_zeros((*state.shape[:2], n)) for n in (2, 1))
 
     def __getattr__(self, name: str) -> Any:
-        """What is not known otherwise is known as it is."""
+        """Anything not measured falls through to the true team."""
         return getattr(self._team, name)
 
     def measure(self, which: Tensor, rows: int) -> None:
-        """In environments `which` [env] int32, `rows` of them."""
+        """Update in environments `which` [env] int32, `rows` of them."""
         team, mission = self._team, self._team.mission
         known = self._picture.rows(team.name)
         self.centre = known[..., NORTH : EAST + 1]
@@ -234,11 +255,11 @@ class KnownAircraft:
 
     @property
     def boats(self) -> tuple[Tensor, Tensor]:
-        """Mean place of the boats [env, aircraft, 2] (m), and how far the farthest is [env, aircraft, 1] (m)."""
+        """Mean position of the boats [env, aircraft, 2] and distance to the farthest [env, aircraft, 1], m."""
         return self._boats, self._farthest
 
     def _others(self, theta: Tensor) -> None:
-        """Those on the circle, and boats, as heard."""
+        """Update the gaps and the boats from messages."""
         team, picture = self._team, self._picture
         heard, age = picture.of(team.name, picture.radio.heard), picture.radio.said.shape[-1]
         group = picture.groups[team.name]

@@ -1,7 +1,7 @@
-"""The boats of the escort: errors from their slots about the vessel, and what they know of all that."""
+"""The boats of the escort: errors from their slots about the vessel, and what they know."""
 
 from types import SimpleNamespace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import torch
 from torch import Tensor
@@ -11,7 +11,7 @@ from rl.guidance.geometry import SLOT_SIZE, Geometry
 from rl.guidance.observations import Observer
 from rl.guidance.targets import SIZE as TARGET
 from rl.guidance.targets import seen_at
-from rl.missions.escort.picture import Group, Search
+from rl.missions.escort.picture import Group, Picture, Search
 from rl.missions.escort.shapes import escort_offsets
 from rl.perception.chart import Charted
 from rl.perception.contacts import Contacts
@@ -19,18 +19,22 @@ from rl.perception.instruments import Readings
 from rl.perception.lookout import Lookout
 from rl.perception.sensors import Sensor
 
-AGE_SCALE, SIGMA_SCALE = 5.0, 10.0  # s, m, where what is observed of a track is half way to 1
-SEARCH_SPEED = 0.7  # of the top speed, along the spiral; assumed
-SEARCH_PITCH = 1.6  # ranges at which the vessel is seen, between two turns of the spiral; assumed
-BEGINS = 15.0  # m from where the vessel should be
+if TYPE_CHECKING:
+    from rl.missions.escort.mission import Escort
+
+AGE_SCALE, SIGMA_SCALE = 5.0, 10.0  # s, m at which an observation of a track reaches 1/2
+SEARCH_SPEED = 0.7  # along the spiral, in top speeds; assumed
+SEARCH_PITCH = 1.6  # between two turns of the spiral, in ranges of the lookout; assumed
+BEGINS = 15.0  # m from the expected vessel at which a search begins
 
 
 class Boats(Corrected):
-    """Measures the boats after each step; everything is [env, boat, ...].
+    """The team of boats, measured after each step; every tensor is [env, boat, ...].
 
     Attributes:
-        now: errors from the slots about the vessel as it is; known.now: about the vessel as each boat knows it.
-        sensor: what is near, the vessel among it. distance, before: m from the slot, now and a decision ago.
+        now: errors from the slots about the true vessel; known.now: about the vessel as each boat knows it.
+        sensor: surrounding obstacles and team mates, and the vessel.
+        distance, before: m from the slot, now and one decision ago.
         known: what policies and controllers act by.
     """
 
@@ -38,7 +42,7 @@ class Boats(Corrected):
 
     axes = 2
 
-    def __init__(self, mission: Any, name: str):
+    def __init__(self, mission: "Escort", name: str):
         """Prepare team `name`."""
         super().__init__(mission, name)
         config, state, model = mission.config, self.fleet.state, self.fleet.model
@@ -59,7 +63,12 @@ class Boats(Corrected):
         self.before = torch.zeros_like(self.now.distance)
 
     def group(self, first: int, number: int) -> Group:
-        """As lookers, the first of which has that number; the team is the `number`-th of its mission."""
+        """The team as a group of observers.
+
+        Args:
+            first: index of its first observer.
+            number: the team's index in the mission.
+        """
         self.own = Readings(self.fleet, self.section.sensors, self.interval, 64 * number)
         search = Search(
             SEARCH_PITCH * self.section.lookout.vessel_range, SEARCH_SPEED * self.fleet.model.limits.speeds[2], BEGINS
@@ -67,8 +76,8 @@ class Boats(Corrected):
         self._number = number
         return Group(first, self.own, self.fleet, search)
 
-    def join(self, picture: Any) -> None:
-        """Look out, and know what the `picture` has."""
+    def join(self, picture: Picture) -> None:
+        """Connect lookouts and knowledge to the `picture`."""
         mission, number = self.mission, 64 * self._number
         self.picture = picture
         picture.lookers.append(
@@ -82,7 +91,7 @@ class Boats(Corrected):
         self.seen = Observer(self.known, "full")
 
     def measure(self, which: Tensor, count: int) -> None:
-        """The truth, in environments `which` [env] int32, `count` of them; and what instruments say."""
+        """Measure the truth and read the instruments in environments `which` [env] int32, `count` of them."""
         self.forget()
         self.before = torch.where((which == 1).unsqueeze(-1), self.now.distance, self.before)
         self.now.measure(which, count)
@@ -92,11 +101,13 @@ class Boats(Corrected):
         self.own.read(which, count, mission.noise.table)
 
     def conclude(self, which: Tensor, count: int) -> None:
-        """What they know, once the picture is up to date."""
+        """Update their knowledge after the picture."""
         self.known.measure(which, count)
 
     def terms(self) -> dict[str, Tensor]:
-        """What each boat is told: as in formations, and how old and how good its track of the vessel is."""
+        """The observations of each boat by name: those of formations, and age and accuracy of its track of the
+        vessel.
+        """
         flat = self._flat(self.seen)
         terms = dict(zip(self.seen.widths, flat.split(list(self.seen.widths.values()), dim=-1), strict=True))
         name, picture = self.name, self.picture
@@ -108,36 +119,39 @@ class Boats(Corrected):
 
     @property
     def privileged(self) -> Tensor | None:
-        """The truth [env, boat, n], and what varies."""
+        """Ground truth for the critic, [env, boat, n]: the same observations without errors, and varied numbers."""
         if self._true is None:
             self._true = Observer(self, "full")
-        told = [self._flat(self._true)]
+        truth = [self._flat(self._true)]
         if self.mission.config.varies:
-            told.append(self.mission.world.truth[self.name])
-        return torch.cat(told, dim=-1)
+            truth.append(self.mission.world.truth[self.name])
+        return torch.cat(truth, dim=-1)
 
     @property
     def distance(self) -> Tensor:
-        """m from the slot about the vessel as it is."""
+        """Distance from the slot about the true vessel, m."""
         return self.now.distance
 
 
 def squashed(x: Tensor, scale: float) -> Tensor:
-    """x / (|x| + scale)."""
+    """x / (|x| + scale), within (-1, 1)."""
     return x / (x.abs() + scale)
 
 
 class KnownBoats:
-    """What the boats know; what is not here is as in the team.
+    """What the boats know; any other attribute is that of the true team.
 
-    Attributes: fleet, own state as measured. now: errors from the slots about the vessel as known. sensor: things near
-        by the chart, team mates as measured. targets, target: the vessel as known, a row for each boat.
+    Attributes:
+        fleet: own state as measured.
+        now: errors from the slots about the vessel as known.
+        sensor: obstacles from the chart, team mates as measured.
+        targets, target: the vessel as known, a row for each boat.
     """
 
     STATE = ("targets", "now", "sensor")
 
-    def __init__(self, team: Boats, picture: Any, number: int):
-        """Of `team`; `number` vehicles of others come before it, among the random numbers."""
+    def __init__(self, team: Boats, picture: Picture, number: int):
+        """Knowledge of `team`; `number` vehicles of other teams precede it in the streams of random numbers."""
         interval = team.interval
         self._team, self._picture, self.fleet = team, picture, team.own
         table = picture.rows(team.name).contiguous().clone()
@@ -151,11 +165,11 @@ class KnownBoats:
         self._charted = Charted(self.sensor, picture.chart, first, picture.things, self.fleet)
 
     def __getattr__(self, name: str) -> Any:
-        """What is not known otherwise is known as it is."""
+        """Anything not measured falls through to the true team."""
         return getattr(self._team, name)
 
     def measure(self, which: Tensor, rows: int) -> None:
-        """In environments `which` [env] int32, `rows` of them."""
+        """Update in environments `which` [env] int32, `rows` of them."""
         mission = self._team.mission
         self.targets.table.copy_(self._picture.rows(self._team.name))
         self.now.measure(which, rows)

@@ -1,4 +1,4 @@
-"""Whether the teams of an escort can do their part: vehicles, circles in the wind, slots, speeds."""
+"""Checks of an escort's teams: vehicles, circles in the wind, slots, speeds."""
 
 import math
 import warnings
@@ -11,14 +11,14 @@ from rl.missions.escort.config import EscortScenario
 from rl.perception.wind_triangle import strongest_wind
 from taichi_sim.config import ConfigError
 
-MOST_WIND = 0.8  # of the cruising speed, that is left to be flown in; assumed
+MOST_WIND = 0.8  # greatest wind in which aircraft circle, in cruising speeds; assumed
 
 
 def check_parts(config: EscortScenario, teams: Mapping[str, Any]) -> None:
-    """Refuse teams that cannot do their part.
+    """Refuse teams that cannot play their part.
 
     Raises:
-        ConfigError: naming the key, and the numbers.
+        ConfigError: if so; the message names the key and the numbers.
     """
     parts = config.escort
     for name, medium in ((parts.boats, "water"), (parts.aircraft, "air")):
@@ -40,7 +40,7 @@ def check_parts(config: EscortScenario, teams: Mapping[str, Any]) -> None:
 
 
 def _check_orbit(config: EscortScenario, team: Any) -> None:
-    """Refuse a circle that cannot be flown in the wind, or that is too small for so many."""
+    """Refuse a circle that cannot be flown in the wind, or that is too small for the number of aircraft."""
     orbit, limits, name = team.orbit, team.fleet.model.limits, team.name
     around = 2 * math.pi * orbit.radius / team.fleet.count
     if team.fleet.count > 1 and orbit.height_step <= 2 * team.radius and around <= 4 * team.radius:
@@ -66,7 +66,7 @@ def _check_orbit(config: EscortScenario, team: Any) -> None:
 
 
 def tell_speeds(config: EscortScenario, boats: Any) -> None:
-    """Say what follows where the vessel may outrun the boats: it is allowed."""
+    """Warn if the vessel may outrun the boats; this is allowed."""
     top, fastest = boats.fleet.model.limits.speeds[2], config.course.speed[1]
     if fastest >= top:
         warnings.warn(
@@ -77,10 +77,10 @@ def tell_speeds(config: EscortScenario, boats: Any) -> None:
 
 
 def check_slots(boats: Any, radius: float) -> None:
-    """Refuse slots in which boats would touch the vessel, of that radius (m), or each other.
+    """Refuse slots in which boats would touch the vessel, of that `radius` (m), or each other.
 
     Raises:
-        ConfigError: naming the key, and the numbers.
+        ConfigError: if so; the message names the key and the numbers.
     """
     near = float(boats.offsets.norm(dim=-1).min())
     if near <= boats.radius + radius:

@@ -1,4 +1,4 @@
-"""Who steers a team of the escort without a policy, where its vehicle brings nobody."""
+"""Classical controllers of the escort's teams, for vehicles that bring none of their own."""
 
 from typing import Any
 
@@ -10,10 +10,10 @@ from taichi_sim.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
 
 
 def controller_of(team: Any) -> Any:
-    """For boats that of formations, for aircraft the orbit (orbit.py); None where there is none for the vehicle.
+    """The controller of formations for boats, the orbit (orbit.py) for aircraft; None if there is none for the vehicle.
 
     Raises:
-        ConfigError: for gains that it does not have.
+        ConfigError: if [TEAM.control] has a number that the controller lacks.
     """
     model = team.fleet.model
     if isinstance(team, Boats):

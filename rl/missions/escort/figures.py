@@ -1,4 +1,4 @@
-"""Pictures of an escort: who went where, how the boats came in and what was known, and the training."""
+"""Pictures of an escort: tracks, approach of the boats, knowledge, and the training."""
 
 from pathlib import Path
 from typing import Any
@@ -14,11 +14,11 @@ from taichi_sim.recording.overlays import Cylinders, Plot
 from taichi_sim.recording.palette import FOLLOWERS
 
 WIDE = 7.6  # inches
-EVERY = 60.0  # s between the marks on tracks
+EVERY = 60.0  # s between two marks on a track
 
 
 def write_escort_figures(out: Path, histories: Histories, episode: Episode | None, config: Any) -> list[Path]:
-    """Every figure there is something to draw for, into `out`; an old one stays until the new is whole."""
+    """Draw every figure that the data allow into `out`; old files are replaced atomically."""
     figures: dict[str, Figure] = {}
     if episode is not None:
         figures["scene"] = scene_figure(episode, config)
@@ -31,7 +31,7 @@ def write_escort_figures(out: Path, histories: Histories, episode: Episode | Non
 
 
 def scene_figure(episode: Episode, config: Any) -> Figure:
-    """From above: tracks of the vessel, the boats and the aircraft, with marks each minute, and obstacles."""
+    """Tracks of vessel, boats and aircraft from above, with a mark each minute, and obstacles."""
     parts = config.escort
     low, high = _reach(episode, parts.aircraft)
     tall = (high[0] - low[0]) / (high[1] - low[1])
@@ -69,7 +69,7 @@ def _disc(east: float, north: float, radius: float) -> Any:
 
 
 def _reach(episode: Episode, flying: str) -> tuple[Any, Any]:
-    """The least and the greatest north and east of what sails, with a margin."""
+    """Least and greatest north and east of all vessels, with a margin."""
     places = np.concatenate([t.position_n[..., :2].reshape(-1, 2) for n, t in episode.teams.items() if n != flying])
     places = places[np.isfinite(places).all(axis=1)]
     margin = 60.0
@@ -77,7 +77,7 @@ def _reach(episode: Episode, flying: str) -> tuple[Any, Any]:
 
 
 def approach_figure(episode: Episode, config: Any) -> Figure:
-    """Distance of the boats from the vessel and from their slots, and the age of what everybody knows, over time."""
+    """Distances of the boats from vessel and slots, and age of all tracks, over time."""
     parts = config.escort
     figure = new_figure(8.4, 8.0, "How the boats come in, and what is known of the vessel")
     rows = figure.subplots(3, 1, sharex=True)

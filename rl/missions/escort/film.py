@@ -1,12 +1,11 @@
-"""What a recording shows of an escort beside the vehicles: who sees and tells what, and what is made of it.
+"""Overlays of an escort's recording: sightings, messages, and knowledge of the vessel.
 
-Footprints of the cameras on the sea, sight lines to what they have found, messages as arcs (lost ones in red), the
-vessel where each team believes it to be, with its uncertainty, the circle and the aircraft's phases on it, and the age
-of what is known as a plot.
+They show footprints of the cameras on the sea, sight lines to the objects found, messages as arcs (lost ones in red),
+the vessel as each team believes it to be with its uncertainty, the circle, and a plot of the age of the tracks.
 """
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,26 +14,29 @@ from rl.course.traffic import BOTTOM, EAST, NORTH, RADIUS, TOP
 from rl.perception.camera import LOOK_VARIANCE
 from taichi_sim.recording.overlays import Cylinders, Ellipsoids, Lines, Plot
 
+if TYPE_CHECKING:
+    from rl.missions.escort.mission import Escort
+
 TRAFFIC, FOOTPRINT, SIGHT, MESSAGE, LOST, BELIEVED, CIRCLE = (
     (196, 120, 40), (255, 214, 90), (255, 230, 140), (90, 200, 120), (225, 60, 60), (250, 120, 220), (150, 170, 190)
 )  # fmt: skip
-RAYS, CROWDED = 20, 0.6  # corners of a footprint, and how much they crowd where it is far away, and so most stretched
-FLATTEST = 0.05  # slope of a ray, below which it meets the sea nowhere near
-FARTHEST = 1500.0  # m, of a footprint's corner from the aircraft
-ARC, HIGH = 7, 0.18  # points of an arc; its height over its length
+RAYS, CROWDED = 20, 0.6  # corners of a footprint; how much they crowd at its far end
+FLATTEST = 0.05  # least slope of a ray that is drawn
+FARTHEST = 1500.0  # m, greatest distance of a footprint's corner
+ARC, HIGH = 7, 0.18  # points of an arc; its height divided by its length
 ROUND = np.linspace(0.0, 2 * math.pi, 49)
 
 
 class Film:
-    """Frames of the environment that is shown, one each time `take` is called."""
+    """Collects frames of the shown environment and makes overlays of them."""
 
-    def __init__(self, mission: Any):
-        """Of `mission`, from now on."""
+    def __init__(self, mission: "Escort"):
+        """Collect from now on."""
         self.mission = mission
-        self._frames: list[dict[str, NDArray[np.float64]]] = []
+        self._frames: list[dict[str, NDArray]] = []
 
     def take(self) -> None:
-        """Keep what there is now."""
+        """Collect a frame."""
         mission, env = self.mission, self.mission.shown
         picture, radio = mission.picture, mission.picture.radio
         age = radio.heard[env, ..., -1].cpu().numpy()
@@ -51,7 +53,7 @@ class Film:
         self._frames.append(taken | {"arrived": due & (age <= fresh), "lost": due & (age > fresh)})
 
     def overlays(self) -> tuple[Any, ...]:
-        """All of it."""
+        """The overlays of all frames."""
         if not self._frames:
             return ()
         film = {name: np.stack([frame[name] for frame in self._frames]) for name in self._frames[0]}
@@ -61,7 +63,7 @@ class Film:
             found += [self._footprints(film), self._sights(film), self._circle(film["vessel"])]
         names = tuple(f"{name}{k}" for name, g in mission.picture.groups.items() for k in range(g.own.state.shape[1]))
         age = np.minimum(film["age"], 60.0)
-        found.append(Plot(name="age of what is known of the vessel", unit="s", lines=names, values=age))
+        found.append(Plot(name="age of the track of the vessel", unit="s", lines=names, values=age))
         return tuple(found)
 
     def _traffic(self, bodies: NDArray[np.float64]) -> Cylinders:
@@ -72,7 +74,7 @@ class Film:
         return Cylinders(name="traffic", colour=TRAFFIC, position_n=place, size_m=size)
 
     def _messages(self, film: dict[str, NDArray[np.float64]]) -> list[Lines]:
-        """From each aircraft to each boat."""
+        """Arcs from each aircraft to each boat."""
         groups, parts = self.mission.picture.groups, self.mission.config.escort
         if parts.boats not in groups or parts.aircraft not in groups:
             return []
@@ -99,7 +101,9 @@ class Film:
         return found
 
     def _believed(self, film: dict[str, NDArray[np.float64]]) -> list[Ellipsoids]:
-        """By the first of each team: one standard deviation, at least a metre to be seen."""
+        """Ellipsoids of one standard deviation around the vessel as each team's first vehicle knows it; at least 1 m
+        wide.
+        """
         found = []
         for name, g in self.mission.picture.groups.items():
             at = film["targets"][:, g.first : g.first + 1]
@@ -114,7 +118,7 @@ class Film:
         return found
 
     def _footprints(self, film: dict[str, NDArray[np.float64]]) -> Lines:
-        """Where the edge of each field of view meets mean sea level."""
+        """Where the edges of each field of view meet mean sea level."""
         flying = self.mission.flying
         g = self.mission.picture.groups[flying.name]
         place = film["place"][:, g.first : g.first + g.own.state.shape[1]]
@@ -135,7 +139,7 @@ class Film:
         return Lines(name="footprints", colour=FOOTPRINT, points_n=points, radius=-1.2, on_water=True)
 
     def _sights(self, film: dict[str, NDArray[np.float64]]) -> Lines:
-        """From each camera to what it has found in this look."""
+        """Lines from each camera to the objects that it has found."""
         g = self.mission.picture.groups[self.mission.flying.name]
         seen = film["looks"][:, g.first : g.first + g.own.state.shape[1], :, LOOK_VARIANCE] > 0
         place = film["place"][:, g.first : g.first + g.own.state.shape[1], None]
@@ -146,7 +150,7 @@ class Film:
         return Lines(name="sight lines", colour=SIGHT, points_n=flat, radius=-0.6, where="world")
 
     def _circle(self, vessel: NDArray[np.float64]) -> Lines:
-        """About the vessel, at the height of the first aircraft."""
+        """The circle about the vessel, at the height of the first aircraft."""
         orbit = self.mission.flying.orbit
         points = np.empty((len(vessel), 1, len(ROUND), 3))
         points[..., 0] = vessel[:, None, None, 0] + orbit.radius * np.cos(ROUND)

@@ -1,4 +1,4 @@
-"""What an evaluation measures of an escort: when boats arrive, errors after that, who sees and hears of the vessel."""
+"""Figures of an escort: arrival of the boats, errors after it, sightings and messages of the vessel."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -9,12 +9,14 @@ from torch import Tensor
 
 from rl.judge import COLLISION_LOSS, COMMON, Episodes, Judge, errors_of, known, median_of, over_time, p95, rms_of
 
-SEEN_SHARE = 0.9  # of the time after the vessel was first seen, that it must be in some camera: success of aircraft
+SEEN_SHARE = 0.9  # success of aircraft: least share of the time after the first sighting with the vessel in view
 
 
 class EscortJudge(Judge):
-    """Of boats: the time of arrival, errors [step, env, boat] after it, m, NaN where not measured. Of both: what is
-    known of the vessel, energy.
+    """Measures boats and aircraft.
+
+    For boats: time of arrival, and errors [step, env, boat] after it, m, NaN where not measured. For both: knowledge of
+    the vessel, and energy.
     """
 
     definitions = {
@@ -46,7 +48,7 @@ class EscortJudge(Judge):
                "collision_free_episodes", "success_rate")  # fmt: skip
 
     def __init__(self, mission: Any, team: str):
-        """Watch `team`."""
+        """Measure `team`."""
         super().__init__(mission, team)
         envs, vehicles = self.collided.shape
         self.boats = team == mission.config.escort.boats
@@ -60,7 +62,7 @@ class EscortJudge(Judge):
         self.has_work = False
 
     def see(self, step: Any, number: int) -> None:
-        """Take decision `number` (from 1) into account, until a vehicle of the team has ended."""
+        """Measure decision `number` (from 1), until a vehicle of the team has ended."""
         mission, config = self.mission, self.mission.config
         alive, team, dt = ~self.failed, mission.teams[self.name], config.decision_interval
         time = number * dt
@@ -98,7 +100,7 @@ class EscortJudge(Judge):
         return self.mission.config.escort.boats in self.mission.teams
 
     def series(self) -> dict[str, Tensor]:
-        """Distance from the slot or the circle, clearance, and the age of what is known of the vessel."""
+        """Distance from the slot or circle, clearance, and age of the track of the vessel."""
         team, picture = self.mission.teams[self.name], self.mission.picture
         label = "distance from slot (m)" if self.boats else "distance from circle (m)"
         age = picture.of(self.name, picture.age).clamp(max=60.0)
@@ -106,7 +108,7 @@ class EscortJudge(Judge):
 
     @classmethod
     def episodes(cls, seen: Sequence[Any], config: Any) -> dict[str, NDArray[np.float64]]:
-        """Also times, errors, shares of time, work and way of each episode."""
+        """Adds times, errors, shares of time, work and distance covered of each episode."""
         common = super().episodes(seen, config)
         errors = errors_of(seen)
         rms = rms_of(errors, (0,))
@@ -169,15 +171,18 @@ class EscortJudge(Judge):
 
     @classmethod
     def badness(cls, episodes: Episodes) -> NDArray[np.float64]:
-        """Collided, failed, how late the boats arrived, and their errors."""
+        """Criteria: collided, failed, time of arrival, errors."""
         error = np.nan_to_num(np.fmax(episodes["leader_error_rms_m"], episodes["follower_error_rms_m"]), nan=0.0)
         late = np.nan_to_num(episodes["arrival_counted_s"], nan=0.0)
         return np.stack(((episodes["collided"] > 0).astype(np.float64), episodes["failed"], late, error))
 
     @classmethod
     def loss(cls, episodes: Episodes, config: Any) -> NDArray[np.float64]:
-        """Collided, failed; of boats the time to arrive as a share of the episode and errors as shares of
-        evaluation.success_error; of aircraft the share of time in which no camera has the vessel.
+        """Loss: collisions and failures; for boats the time of arrival and the errors; for aircraft the time without a
+        view.
+
+        The time of arrival counts as a share of the episode, errors as shares of evaluation.success_error, and the time
+        without a view as the share in which no camera sees the vessel.
         """
         length, most = config.episode_duration, 4 * config.evaluation.success_error
         errors = (np.nan_to_num(episodes[f"{who}_error_rms_m"], nan=0.0) for who in ("leader", "follower"))
@@ -189,7 +194,9 @@ class EscortJudge(Judge):
 
     @classmethod
     def figures(cls, seen: Sequence[Any], config: Any) -> dict[str, float | None]:
-        """The figures of `definitions`; percentiles of errors need every single one, so they have no interval."""
+        """The figures of `definitions`; percentiles of errors have no interval, because they need every single
+        error.
+        """
         errors, pooled = errors_of(seen), super().figures(seen, config)
         both = {"leader": errors[:, :, 0], "follower": errors[:, :, 1:]}
         pooled |= {f"{who}_error_p95_m": p95(of) for who, of in both.items()}
@@ -197,7 +204,7 @@ class EscortJudge(Judge):
 
     @classmethod
     def line(cls, figures: dict[str, float | None]) -> str:
-        """The figures of one team as a line to read."""
+        """The figures of one team as a readable line."""
         free, success = (100 * (figures[key] or 0.0) for key in ("collision_free_episodes", "success_rate"))
         told = []
         if figures["mean_time_to_arrive_s"] is not None:
@@ -213,12 +220,12 @@ class EscortJudge(Judge):
 
 
 def _quantile(values: NDArray[np.float64], share: float) -> NDArray[np.float64]:
-    """Over the last axis: the value that `share` of them are not above; NaN where there are none."""
+    """The quantile `share` over the last axis; NaN where there are no values."""
     if not values.shape[-1] or np.isnan(values).all():
         return np.full(values.shape[:-1], np.nan)
     return np.quantile(values, share, axis=-1, method="inverted_cdf")
 
 
 def _finite(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """NaN instead of infinity."""
+    """Replace infinity by NaN."""
     return np.where(np.isfinite(values), values, np.nan)

@@ -1,8 +1,8 @@
-"""The escort mission: boats hold formation about a vessel that manoeuvres as it likes and that only aircraft can see.
+"""The escort mission: boats hold formation about a manoeuvring vessel that only aircraft can see from afar.
 
-The vessel is a scripted team (vessel.py). Boats see it, and obstacles, from near; aircraft circle it, and see it and
-the obstacles from afar; all tell each other what they see, by radio (picture.py). An episode begins with the boats some
-hundred metres off, with a word of where the vessel was.
+The vessel is a scripted team (vessel.py). Boats see vessel and obstacles from near; aircraft circle the vessel and see
+all of them from afar. All share their sightings by radio (picture.py). An episode begins with the boats some hundred
+metres away; a cue gives them an old position of the vessel.
 """
 
 from pathlib import Path
@@ -36,21 +36,24 @@ from taichi_sim.kernels.counters import Noise
 from taichi_sim.recording.episode import Scene
 
 VESSEL_TOP = 4.0  # m above the sea: aircraft pass above; assumed
-RESULT_SCALE = 8.0  # m from its slot, at which a boat's result is a half; assumed
-LINEAR = 10.0  # m from a boat's slot, beyond which a plan's cost grows as the distance
-NEAR_COST, ENDED_COST = 10.0, 2e3  # of plans: m for each m less than the berth; m of an ending
-SEEN_FROM_AFAR = 150.0  # m about the vessel, in recordings without aircraft
+RESULT_SCALE = 8.0  # m from its slot at which a boat's result is 1/2; assumed
+LINEAR = 10.0  # m from a boat's slot beyond which a plan's cost grows linearly
+NEAR_COST, ENDED_COST = 10.0, 2e3  # cost in plans of each m below the berth; of an ending
+OVERVIEW_M = 150.0  # m shown around the vessel in recordings without aircraft
 
 
 class Escort(Mission):
-    """Boats and aircraft about a vessel; see the module.
+    """Boats and aircraft about a vessel.
 
     Attributes:
-        worlds: the pool of beginnings (worlds.py). obstacles: [world, n, 4] of them, as sensors take them.
-        bodies: what moves, the vessel first; traffic: the rest of it. env_world: int64 [env].
+        worlds: the pool of starts (worlds.py).
+        obstacles: fixed obstacles [world, n, 4], for sensors.
+        bodies: all that moves, the vessel first; traffic: the rest of it.
+        env_world: int64 [env].
         vessel_place, vessel_velocity: [env, 2] NED, m, m/s; the velocity is averaged (vessel.py).
-        hs: [env] significant wave height, m. picture: what boats and aircraft know (picture.py).
-        noise: counts the random numbers of sensors and radio: decisions of all episodes.
+        hs: [env] significant wave height, m.
+        picture: knowledge of boats and aircraft (picture.py).
+        noise: counts the decisions of all episodes, for random numbers of sensors and radio.
     """
 
     STATE = (
@@ -65,14 +68,14 @@ class Escort(Mission):
 
     @staticmethod
     def Team(mission: Any, name: str) -> Any:  # noqa: N802
-        """A team by its part."""
+        """The class of a team, by its part."""
         return (Boats if name == mission.config.escort.boats else Aircraft)(mission, name)
 
     def prepare(self) -> None:
-        """Draw the worlds, and connect everybody.
+        """Draw the worlds and connect the teams.
 
         Raises:
-            ConfigError: where parts do not fit their vehicles, the wind or each other.
+            ConfigError: if the teams do not fit their vehicles, the wind or each other.
         """
         run, config = runtime.current(), self.config
         check_parts(config, self.teams)
@@ -90,7 +93,7 @@ class Escort(Mission):
         worlds = draw_worlds(config, count, offsets, radius, self.generator)
         self.worlds = worlds.to(run.device)
         self.obstacles = self.worlds.obstacles.to(run.torch_dtype).contiguous()
-        if not self.obstacles.shape[1]:  # a kernel needs one row: put it out of every vehicle's reach
+        if not self.obstacles.shape[1]:  # a kernel needs at least one row: put it far away
             far = self.obstacles.new_tensor([1e6, 1e6, 1.0, 1.0])
             self.obstacles = far.expand(config.escort.worlds, 1, 4).contiguous()
         pool = self.worlds.bodies.to(run.torch_dtype).unsqueeze(1)
@@ -101,7 +104,7 @@ class Escort(Mission):
         self._hs = (4 * (amplitude.double().square().sum(1) / 2).sqrt()).to(run.device, run.torch_dtype)
         self.hs = torch.zeros(self.num_envs, device=run.device, dtype=run.torch_dtype)
         self.vessel_place, self.vessel_velocity = self.hs.new_zeros((self.num_envs, 2)), self._script.velocity
-        self._cue = self.hs.new_zeros((self.num_envs, 2))  # the place of the vessel that was told, m
+        self._cue = self.hs.new_zeros((self.num_envs, 2))  # the cue: the vessel's position given at the start, m
         self.arrived = torch.zeros(self.num_envs, dtype=torch.bool, device=run.device)
         self._which = torch.zeros(self.num_envs, dtype=torch.int32, device=run.device)
         self.noise = Noise(self.num_envs, derive_seed(self.seed, "sensors"))
@@ -110,7 +113,7 @@ class Escort(Mission):
         self._film = Film(self)
 
     def _connect(self) -> None:
-        """Make the common picture of all who look."""
+        """Make the common picture of all observers."""
         config, groups, first = self.config, {}, 0
         self.scouts: Scouts | None = None
         for part in (config.escort.boats, config.escort.aircraft):
@@ -127,21 +130,21 @@ class Escort(Mission):
             member.join(self.picture)
 
     def reseed(self, seed: int) -> None:
-        """Also sensors and radio."""
+        """Also restart the random numbers of sensors and radio."""
         super().reseed(seed)
         self.noise.restart(derive_seed(seed, "sensors"))
 
     # -- one step --------------------------------------------------------------------------------------------------
 
     def measure(self) -> None:
-        """What moves; what everybody sees, says and hears; errors."""
+        """Move the traffic; let observers look and communicate; measure errors."""
         self._which.fill_(1)
         self.noise.tick()
         self.traffic.move(self.config.decision_interval, self.world.current.velocity)
         self._look(self.num_envs)
 
     def measure_again(self, envs: Tensor) -> None:
-        """Look where `begin` has placed everybody."""
+        """Measure at the start of an episode in environments `envs`."""
         self._which.zero_()
         self._which[envs] = 2
         self._look(len(envs), envs)
@@ -164,28 +167,28 @@ class Escort(Mission):
             self.arrived = torch.where(which == 2, here, self.arrived | here)
 
     def elevation(self, points: Tensor) -> Tensor:
-        """Of the sea (m, up) now at points [env, n, 2]."""
+        """Elevation of the sea (m, up) at points [env, n, 2]."""
         return self.world.elevation(self._all, points[..., 0].contiguous(), points[..., 1].contiguous())
 
     def observe(self, team: Any) -> dict[str, Tensor]:
-        """See boats.py and aircraft.py."""
+        """The observations of a team (boats.py, aircraft.py)."""
         return team.terms()
 
     def reward(self, team: Any, ended: Endings) -> Tensor:
-        """See rewards.py."""
+        """The reward of a team (rewards.py)."""
         if isinstance(team, Boats):
             return paid(rewards.BOAT_TERMS, team.section.boat_reward, team, ended)
         return paid(rewards.AIRCRAFT_TERMS, team.section.aircraft_reward, team, ended)
 
     def plan_cost(self, team: Any, ended: Tensor) -> Tensor:
-        """Of boats: how far each is from its slot, squared where it is near, and what it takes to stay clear."""
+        """Cost of plans: for boats the distance from the slot, squared where it is near, plus too little clearance."""
         if not isinstance(team, Boats):
             return super().plan_cost(team, ended)
         far, near = team.distance, (team.section.plan.berth - team.sensor.gap).clamp(min=0.0)
         return far.square() / (far + LINEAR) + NEAR_COST * near + ENDED_COST * ended
 
     def endings(self, team: Any) -> dict[str, Tensor]:
-        """Contact with an obstacle, the vessel or a team mate; out of the area."""
+        """Contact with an obstacle, the vessel or a team mate; leaving the area."""
         place = team.fleet.position_n[..., :2]
         return {"collided": team.sensor.gap < 0.0, "left": place.abs().amax(-1) > self.config.area / 2}
 
@@ -195,13 +198,13 @@ class Escort(Mission):
         return self.teams.get(self.config.escort.boats)
 
     def boats_result(self) -> Tensor:
-        """[env] mean of 1 / (1 + (d / RESULT_SCALE)^2), d from the boats' slots (m); 0 without boats."""
+        """Mean of 1 / (1 + (d / RESULT_SCALE)^2) over the boats, d from the slot, m: [env]; 0 without boats."""
         return torch.zeros_like(self.hs) if self.boats is None else fine(self.boats.distance, RESULT_SCALE).mean(-1)
 
     # -- episodes --------------------------------------------------------------------------------------------------
 
     def begin(self, envs: Tensor, *, worlds: Tensor | None = None) -> None:
-        """Place everybody in environments `envs` on `worlds`, int64 [n] (default: random ones)."""
+        """Place all vehicles in environments `envs` on `worlds`, int64 [n], default random."""
         n, config = len(envs), self.config
         worlds = self.draw(config.escort.worlds, n) if worlds is None else worlds
         self.env_world[envs] = worlds
@@ -224,19 +227,19 @@ class Escort(Mission):
 
     @classmethod
     def one_each(cls, config: EscortScenario, episodes: int) -> EscortScenario:
-        """One world and one sea for each episode, and all begin far."""
+        """The scenario with one world and one sea for each episode, so that all begin far from the vessel."""
         config = super().one_each(config, episodes)
         return config.model_copy(update={"escort": config.escort.model_copy(update={"worlds": episodes})})
 
     def begin_each(self) -> None:
-        """Environment e begins on world e and sea e."""
+        """Begin environment e on world e and sea e."""
         numbers = torch.arange(self.num_envs, device=self.device)
         self.reset(seas=numbers % self.world.sea.num_seas, worlds=numbers)
 
-    # -- what others ask -------------------------------------------------------------------------------------------
+    # -- logs, recordings, controllers -----------------------------------------------------------------------------
 
     def log(self, team: Any, step: Step) -> dict[str, Tensor]:
-        """Errors now; shares of episodes in which the leader has arrived, and a camera has the vessel; collisions."""
+        """Errors now; shares of episodes in which the leader has arrived and a camera sees the vessel; collisions."""
         hours = team.distance.numel() * self.config.decision_interval / 3600
         sees = self.picture.looks[..., 0, 2] > 0
         return {
@@ -247,18 +250,20 @@ class Escort(Mission):
         }
 
     def info(self, team: Any) -> dict[str, Tensor]:
-        """distance: m, from the slot, of boats; from the circle, of aircraft."""
+        """`distance`: m, of boats from the slot, of aircraft from the circle."""
         return {"distance": team.distance}
 
     @property
     def flying(self) -> Any:
-        """The aircraft, or the scouts in their place; None without either."""
+        """The aircraft, or the scouts that replace them; None without either."""
         return self.teams.get(self.config.escort.aircraft, self.scouts)
 
     def frame(self, team: Any) -> dict[str, Tensor]:
-        """Of boats, their slots, and the vessel as their target; of aircraft, how far they are from the circle."""
+        """For boats errors and slots; for aircraft the distance from the circle. Asked for the first team, it also
+        films.
+        """
         env = self.shown
-        if team is next(iter(self.teams.values())):  # once a step
+        if team is next(iter(self.teams.values())):  # the first call of a step
             if int(self.steps[env]) <= 1:
                 self._film = Film(self)
             self._film.take()
@@ -273,7 +278,7 @@ class Escort(Mission):
         """The obstacles inside the area."""
         obstacles = self.obstacles[int(self.env_world[self.shown])].cpu().numpy()
         half = self.config.area / 2
-        reach = SEEN_FROM_AFAR if self.flying is None else 1.6 * self.flying.orbit.radius
+        reach = OVERVIEW_M if self.flying is None else 1.6 * self.flying.orbit.radius
         return Scene(
             area_m=self.config.area,
             obstacles=obstacles[np.abs(obstacles[:, :2]).max(axis=1) <= half],
@@ -282,21 +287,21 @@ class Escort(Mission):
 
     @classmethod
     def draw_figures(cls, out: Path, histories: Any, episode: Any, config: EscortScenario) -> None:
-        """See figures.py."""
+        """Draw the figures of figures.py."""
         from rl.missions.escort.figures import write_escort_figures  # matplotlib takes a second
 
         write_escort_figures(out, histories, episode, config)
 
     def overlays(self) -> tuple[Any, ...]:
-        """Who sees and tells what (film.py), in the steps that `frame` was asked about."""
+        """Overlays of sightings and messages (film.py) in the frames collected so far."""
         return self._film.overlays()
 
     def forget_frames(self) -> None:
-        """Begin film.py's frames anew."""
+        """Drop the frames collected so far."""
         self._film = Film(self)
 
     def controller(self, team: Any) -> Any:
-        """What the vehicle brings, else see control.py."""
+        """The controller that the vehicle brings, else that of control.py."""
         own = super().controller(team)
         return controller_of(team) if own is None else own
 

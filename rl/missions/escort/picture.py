@@ -1,16 +1,17 @@
-"""What boats and aircraft know together: looks, messages, charts, and what each makes of the vessel by them.
+"""The common operational picture of boats and aircraft: sightings, messages, charts, and the vessel as each knows it.
 
-Lookers are the boats, then the aircraft; things are the vessel, then what moves, then what stands. Each decision: they
-look, say what they have seen, hear what arrives, and keep their charts (rl/perception/chart.py).
+Observers are the boats, then the aircraft. Observed objects ("things") are the vessel, then what moves, then fixed
+obstacles. In each decision all observers look, transmit what they have seen, receive messages, and update their charts
+(rl/perception/chart.py).
 
-A looker that has had nothing new of the vessel for `escort.lost`, and is where the vessel should be by then, searches:
-the place that it goes to (a boat) or circles about (an aircraft) moves out from there along an Archimedean spiral, each
-looker's turned by its share of a full turn. At a speed U along a spiral with the pitch b it is at r = sqrt(b U s / pi)
-after s seconds, at the angle 2 pi r / b.
+An observer without news of the vessel for `escort.lost` searches once it is near the expected position: the point that
+it approaches (a boat) or circles (an aircraft) moves out along an Archimedean spiral; each observer's spiral is turned
+by its share of a full turn. At speed U along a spiral of pitch b, the point is at r = sqrt(b U s / pi) after s seconds,
+at the angle 2 pi r / b.
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -21,14 +22,17 @@ from rl.perception.chart import AGE, P_PP, P_PV, P_VV, V_EAST, V_NORTH, Chart, w
 from rl.perception.radio import PLACE_AND_VELOCITY, Radio
 from taichi_sim.fleet import Views
 
-SLOWEST = 0.3  # m/s: a slower vessel keeps the course that it was last known to have
-CUE_SPEED = 1.5  # m/s, standard deviation of what the vessel's velocity may be, each way, at first; assumed
-THING = 6  # numbers of a thing: place (3), velocity, north and east, radius
+if TYPE_CHECKING:
+    from rl.missions.escort.mission import Escort
+
+SLOWEST = 0.3  # m/s: below this speed the last known course is kept
+CUE_SPEED = 1.5  # m/s, initial standard deviation of the vessel's velocity, each way; assumed
+THING = 6  # columns of an observed object: position (3), velocity north and east, radius
 
 
 class Search(NamedTuple):
-    """How a team searches: the pitch of its spiral (m), its speed along it (m/s), how near to the place where the
-    vessel should be it begins (m).
+    """How a team searches: pitch of the spiral (m), speed along it (m/s), and distance from the expected vessel at
+    which the search begins (m).
     """
 
     pitch: float
@@ -37,7 +41,7 @@ class Search(NamedTuple):
 
 
 class Group(NamedTuple):
-    """Some of the lookers: the number of the first, how they measure themselves, and how they search."""
+    """The observers of one team: index of the first, states as measured and as they are, and how they search."""
 
     first: int
     own: Views
@@ -46,21 +50,29 @@ class Group(NamedTuple):
 
 
 class Picture:
-    """The common picture of all lookers of a mission.
+    """The common picture of all observers of a mission.
 
     Attributes:
-        things: [env, thing, 6], the truth. looks: [env, looker, thing, 3]. radio, chart: see there.
-        targets: [env, looker, 8] the vessel as each knows it, as tables of targets have it
-            (rl/guidance/targets.py); the rate of its course is 0: estimated, it did more harm than good.
-        age, sigma: [env, looker] of that, s and m (standard deviation, each way).
+        things: [env, thing, 6], ground truth.
+        looks: [env, observer, thing, 3], the last sightings.
+        radio, chart: messages and tracks.
+        targets: [env, observer, 8] the vessel as each knows it, in the columns of rl/guidance/targets.py. Its rate of
+            turn is 0: estimating it did more harm than good.
+        age, sigma: [env, observer] of that track, s, and m (standard deviation, each way).
     """
 
     STATE = (
         "things", "looks", "place", "radio", "chart", "targets", "age", "sigma", "_course", "_searching", "lookers",
     )  # fmt: skip
 
-    def __init__(self, mission: Any, groups: dict[str, Group], things: int):
-        """Of the lookers of `mission` in `groups`, by team, in order; there is one at least."""
+    def __init__(self, mission: "Escort", groups: dict[str, Group], things: int):
+        """Build the picture of all observers.
+
+        Args:
+            mission: the mission.
+            groups: team -> its observers, in order; not empty.
+            things: number of observed objects.
+        """
         config, self._mission = mission.config, mission
         state = next(iter(groups.values())).own.state
         envs, lookers = state.shape[0], sum(g.own.state.shape[1] for g in groups.values())
@@ -82,10 +94,12 @@ class Picture:
         self.targets = state.new_zeros((envs, lookers, SIZE))
         self.age, self.sigma = state.new_zeros((envs, lookers)), state.new_zeros((envs, lookers))
         self._course, self._searching = state.new_zeros((envs, lookers)), state.new_zeros((envs, lookers))
-        self.lookers: list[Any] = []  # cameras and lookouts (rl/scene)
+        self.lookers: list[Any] = []  # cameras and lookouts (rl/perception)
 
     def begin(self, envs: Tensor, cue: Tensor) -> None:
-        """Episodes begin in environments `envs` [n]: all have been told of the place `cue` [n, 2] (m)."""
+        """Begin episodes in environments `envs` [n] with the cue [n, 2] (m), the vessel's position given at the
+        start.
+        """
         config = self._mission.config.escort
         self.chart.begin(envs)
         track = self.chart.tracks[envs]
@@ -101,8 +115,11 @@ class Picture:
         self.targets[envs, :, NORTH : EAST + 1] = cue.unsqueeze(1).to(here)
 
     def update(self, which: Tensor, rows: int) -> None:
-        """Look, talk, and make something of it, in environments [env] int32: 0 not at all, 1 after a step, 2 at the
-        beginning of an episode; `rows` of them are not 0.
+        """Look, communicate, and update tracks and targets.
+
+        Args:
+            which: [env] int32: 0 no update, 1 after a step, 2 at the start of an episode.
+            rows: number of environments that are not 0.
         """
         mission = self._mission
         for looker in self.lookers:
@@ -117,7 +134,7 @@ class Picture:
         self._conclude(which)
 
     def _conclude(self, which: Tensor) -> None:
-        """Where the vessel is, and is bound, for each looker."""
+        """Update the vessel's position and course as each observer knows them."""
         track = self.chart.tracks[:, :, 0]
         speed = torch.hypot(track[..., V_NORTH], track[..., V_EAST])
         course = torch.atan2(track[..., V_EAST], track[..., V_NORTH])
@@ -130,7 +147,7 @@ class Picture:
         t[..., COURSE], t[..., COS], t[..., SIN], t[..., SPEED] = self._course, c, s, speed
 
     def _offset(self, track: Tensor, which: Tensor) -> Tensor:
-        """Of the place to search at from where the vessel should be [env, looker, 2], m."""
+        """Offset of the search point from the vessel's expected position, [env, observer, 2], m."""
         lost, dt = self._mission.config.escort.lost, self._mission.config.decision_interval
         away, pitches, speeds, turned, begins = [], [], [], [], []
         for g in self.groups.values():
@@ -152,15 +169,15 @@ class Picture:
         return r.unsqueeze(-1) * torch.stack((angle.cos(), angle.sin()), dim=-1)
 
     def rows(self, name: str) -> Tensor:
-        """What the lookers of a team know of the vessel: a contiguous copy is made by whoever needs one."""
+        """The targets of a team's observers, a view."""
         g = self.groups[name]
         return self.targets[:, g.first : g.first + g.own.state.shape[1]]
 
     def of(self, name: str, values: Tensor) -> Tensor:
-        """The part of a team of `values` [env, looker, ...]."""
+        """The part of `values` [env, observer, ...] that belongs to a team."""
         g = self.groups[name]
         return values[:, g.first : g.first + g.own.state.shape[1]]
 
     def sees(self, name: str) -> Tensor:
-        """Whether each looker of a team has the vessel in its last look [env, looker]."""
+        """Whether each observer of a team saw the vessel in its last look, [env, observer]."""
         return self.of(name, self.looks)[..., 0, LOOK_VARIANCE] > 0

@@ -1,33 +1,37 @@
-"""Scripted scouts: what messages boats live on while there are no aircraft to train or to fly.
+"""Scripted scouts, which send messages to the boats in scenarios without aircraft to train or to fly.
 
-As many as the scenario has aircraft, points that fly level at a cruising speed along the field of orbit.py about the
-vessel as it is, from over the boats; each has a camera on a gimbal that looks at the vessel, and the radio of all. They
-have no instruments that err: their cameras' pixels, the radio's range, delay and loss are what they suffer from.
+There are as many as the scenario has aircraft. Each is a point that flies level at cruising speed along the field of
+orbit.py about the true vessel, starting above the boats. It has a gimballed camera that looks at the vessel, and a
+radio. Its instruments have no errors; its camera has finite pixels, and the radio has its range, delay and loss.
 """
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor
 
-from rl.missions.escort.picture import Group, Search
+from rl.missions.escort.config import EscortTeam
+from rl.missions.escort.picture import Group, Picture, Search
 from rl.perception.camera import Camera
 from rl.perception.instruments import InstrumentsConfig
 from taichi_sim.conventions import STATE_SIZE
 from taichi_sim.fleet import Views
 from taichi_sim.kernels.kinematics import DERIVED_SIZE, HEADING_COS, HEADING_SIN, ROTATION, VELOCITY_N
 
+if TYPE_CHECKING:
+    from rl.missions.escort.mission import Escort
+
 SPEED = 25.0  # m/s; assumed
 
 
 class Scouts:
-    """In the place of the aircraft of `section`."""
+    """Replace the aircraft of `section`."""
 
     STATE = ("views", "camera")
 
-    def __init__(self, mission: Any, name: str, section: Any):
-        """As many as that team has vehicles."""
+    def __init__(self, mission: "Escort", name: str, section: EscortTeam):
+        """Make as many scouts as that team has vehicles."""
         self.mission, self.name, self.section, self.orbit = mission, name, section, section.orbit
         like = mission.hs
         rows = mission.num_envs, section.count
@@ -40,11 +44,11 @@ class Scouts:
         self._height = self.orbit.height + self.orbit.height_step * steps
 
     def group(self, first: int) -> Group:
-        """As lookers, the first of which has that number."""
+        """The scouts as a group of observers; `first` is the index of the first."""
         return Group(first, self.views, self.views, Search(self.orbit.radius, SPEED, self.orbit.radius))
 
-    def join(self, picture: Any) -> None:
-        """Look down."""
+    def join(self, picture: Picture) -> None:
+        """Connect cameras to the `picture`."""
         number = list(self.mission.config.teams).index(self.name) * 64
         camera = self.section.camera.model_copy(update={"mount": "gimbal"})
         self.camera = Camera(
@@ -54,7 +58,7 @@ class Scouts:
         picture.lookers.append(self.camera)
 
     def begin(self, envs: Tensor, place: Tensor) -> None:
-        """Episodes begin in environments `envs` [n], scouts near `place` [n, 2] (m)."""
+        """Begin episodes in environments `envs` [n] with scouts near `place` [n, 2] (m)."""
         state = self.views.state
         turn = 2 * math.pi / self.section.count * torch.arange(self.section.count, device=state.device)
         about = 20.0 * torch.stack((turn.cos(), turn.sin()), dim=-1)

@@ -1,4 +1,4 @@
-"""States in which boats and aircraft begin an episode, [env, vehicle, 13] (taichi_sim/conventions.py)."""
+"""Initial states of boats and aircraft, [env, vehicle, 13] (taichi_sim/conventions.py)."""
 
 import math
 from typing import Any
@@ -9,12 +9,14 @@ from torch import Tensor
 from taichi_sim.conventions import STATE_SIZE
 from taichi_sim.kernels.rotation import torch_quaternion_from_euler
 
-BOAT_SPEED = (0.5, 1.5)  # m/s at which boats begin; assumed
-APART = 40.0  # m between aircraft that begin; assumed
+BOAT_SPEED = (0.5, 1.5)  # m/s, initial speed of boats; assumed
+APART = 40.0  # m between aircraft at the start; assumed
 
 
 def afloat(team: Any, place: Tensor, heading: Tensor, generator: torch.Generator) -> Tensor:
-    """Boats at `place` [env, boat, 2] (m) with `heading` [env, boat] (rad), all of an environment at one speed."""
+    """Boats at `place` [env, boat, 2] (m) with `heading` [env, boat] (rad), all boats of an environment at one
+    speed.
+    """
     heading = heading.to(team.fleet.state)
     state = _level(team, heading)
     state[..., :2] = place.to(state)
@@ -24,7 +26,7 @@ def afloat(team: Any, place: Tensor, heading: Tensor, generator: torch.Generator
 
 
 def aloft(team: Any, over: Tensor, generator: torch.Generator) -> Tensor:
-    """Aircraft in steady flight over `over` [env, 2] (m), side by side and one above the other, headed any way."""
+    """Aircraft in steady flight over `over` [env, 2] (m), side by side at different heights, with a random heading."""
     count = team.fleet.count
     heading = (2 * math.pi * torch.rand((len(over), 1), generator=generator)).to(team.fleet.state).expand(-1, count)
     state = _level(team, heading)
@@ -37,7 +39,7 @@ def aloft(team: Any, over: Tensor, generator: torch.Generator) -> Tensor:
 
 
 def _level(team: Any, heading: Tensor) -> Tensor:
-    """At the origin, level, at rest, with `heading` [env, vehicle] (rad)."""
+    """Level at the origin at rest, with `heading` [env, vehicle] (rad)."""
     state = team.fleet.state.new_zeros((*heading.shape, STATE_SIZE))
     state[..., 3:7] = torch_quaternion_from_euler(0 * heading, 0 * heading, heading)
     return state

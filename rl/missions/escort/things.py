@@ -1,17 +1,22 @@
-"""What there is to be seen in an escort: the vessel, what else moves, what stands."""
+"""The objects that an escort's observers can see: the vessel, moving and fixed obstacles."""
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 import torch
 from torch import Tensor
 
 from rl.course.traffic import EAST, NORTH, RADIUS, V_EAST, V_NORTH
+from rl.missions.escort.config import EscortScenario
+from taichi_sim.fleet import Fleet
+
+if TYPE_CHECKING:
+    from rl.missions.escort.mission import Escort
 
 
-def write_things(mission: Any, vessel: Any) -> Tensor:
-    """Put the fleet `vessel` among the bodies of `mission`, and these and its obstacles among the picture's things.
+def write_things(mission: "Escort", vessel: Fleet) -> Tensor:
+    """Write vessel, moving and fixed obstacles into the picture's things, and the vessel into the mission's bodies.
 
-    Returns the vessel's place [env, 2], NED, m.
+    Returns the vessel's position [env, 2], NED, m.
     """
     place, velocity = vessel.position_n[:, 0, :2].clone(), vessel.velocity_n[:, 0, :2]
     table = mission.bodies.table
@@ -25,7 +30,7 @@ def write_things(mission: Any, vessel: Any) -> Tensor:
     stands = mission.obstacles[mission.env_world]
     things[:, n:, :2], things[:, n:, 5] = stands[..., :2], stands[..., 2]
     if _on_waves(mission.config):
-        inside = things[..., 0].abs() < mission.config.area  # obstacles that a world has not are far away
+        inside = things[..., 0].abs() < mission.config.area  # absent obstacles are far away
         things[..., 2] = torch.where(inside, -mission.elevation(things[..., :2]), 0.0)
     boats = mission.boats
     if boats is not None:
@@ -37,7 +42,7 @@ def write_things(mission: Any, vessel: Any) -> Tensor:
     return place
 
 
-def _on_waves(config: Any) -> bool:
-    """Whether cameras see things at the height of the waves, not of the mean sea level."""
+def _on_waves(config: EscortScenario) -> bool:
+    """Whether cameras see objects at the height of the waves instead of mean sea level."""
     part = config.parts.get(config.escort.aircraft)
     return part is not None and part.camera.surface == "waves"

@@ -1,9 +1,9 @@
-"""The vessel that is escorted: a script that changes course and speed at random times, or runs from boats.
+"""The escorted vessel: a script that changes course and speed at random times, or flees from boats.
 
-What it will do is drawn as an episode begins, so that whoever escorts it meets the same. It sails by the classical
-controller of its model, keeps clear of obstacles, of which it knows all, and turns back at the edge of the area. Boats
-have to keep clear of it; it does what it can in the last moment (`leader_horizon` of its control), as rule 17 of the
-COLREGs asks.
+Its manoeuvres are drawn when an episode begins, so that all controllers meet the same. It sails by the classical
+controller of its model, avoids obstacles, all of which it knows, and turns back at the edge of the area. Boats must
+keep clear of it; it evades them only at the last moment (`leader_horizon` of its control), as rule 17 of the COLREGs
+demands.
 """
 
 import math
@@ -28,14 +28,14 @@ from taichi_sim.conventions import STATE_SIZE
 from taichi_sim.kernels.rotation import torch_quaternion_from_euler
 from taichi_sim.script import Script
 
-EDGE = 0.4  # of the area's side: further out it turns back
+EDGE = 0.4  # in sides of the area: further out it turns back
 SEEN, BOATS = 3, 2  # obstacles and boats that it keeps clear of at once
 REACH = 40.0  # m
-SMOOTH = 5.0  # s: its course over ground is that of its velocity, averaged so
+SMOOTH = 5.0  # s, averaging time of its velocity
 
 
 class Near(NamedTuple):
-    """What the vessel keeps clear of, as a `Sensor` has it."""
+    """Obstacles and boats that the vessel keeps clear of, with the attributes of a `Sensor`."""
 
     obstacles: Tensor
     team_mates: Tensor
@@ -44,10 +44,10 @@ class Near(NamedTuple):
 
 
 class Wanderer(Script):
-    """See the module.
+    """Script of the vessel.
 
     Attributes:
-        velocity: [env, 2] over ground, averaged over `SMOOTH`, NED, m/s: its course is this one's direction.
+        velocity: [env, 2] over ground, NED, m/s, averaged over `SMOOTH`; it defines the vessel's course.
     """
 
     STATE = (
@@ -56,18 +56,18 @@ class Wanderer(Script):
     )  # fmt: skip
 
     def __init__(self, world: Any, name: str):
-        """Act for the team `name`, of any vessel that has a classical controller for a velocity to sail."""
+        """Command team `name`, whose model needs a classical controller that sails a velocity."""
         super().__init__(world, name)
         self.config, self.fleet = world.config, world.teams[name]
         model, state = self.fleet.model, self.fleet.state
         kind = next((CONTROLLERS[base] for base in type(model).__mro__ if base in CONTROLLERS), None)
         section = world.config.teams[name]
         if kind is None or model.medium != "water":
-            raise ConfigError(f"{name}.vehicle = {section.vehicle!r}: no vessel that a script could sail")
+            raise ConfigError(f"{name}.vehicle = {section.vehicle!r}: its script needs a classical controller")
         self.controller = kind(model, validate(kind.Gains, dict(section.control), f"{name}.control"))
         if not hasattr(self.controller, "course"):
             raise ConfigError(
-                f"{name}.vehicle = {section.vehicle!r}: a script cannot sail it, but manoeuvring_3dof and hull_6dof"
+                f"{name}.vehicle = {section.vehicle!r}: the script sails only manoeuvring_3dof and hull_6dof"
             )
         top = model.limits.speeds[2]
         if world.config.course.speed[1] > top:
@@ -79,7 +79,7 @@ class Wanderer(Script):
         self._sensor = Sensor(self.fleet, SEEN, 0, REACH, model.collision_radius)
         table, errors = state.new_zeros((envs, 1, TARGET)), state.new_zeros((envs, self.fleet.count, ERRORS))
         self._errors, self._mates = errors, state.new_zeros((envs, self.fleet.count, BOATS, 7))
-        near = Near(self._sensor.obstacles, self._mates, SEEN, BOATS)  # boats count as mates of its own
+        near = Near(self._sensor.obstacles, self._mates, SEEN, BOATS)  # boats count as team mates
         self._view = SimpleNamespace(
             fleet=self.fleet, sensor=near, radius=model.collision_radius, axes=2,
             targets=SimpleNamespace(table=table), target=seen_at(table, state[:, 0, :3]),
@@ -93,12 +93,13 @@ class Wanderer(Script):
         self._mission: Any = None
 
     def attach(self, mission: Any) -> None:
-        """Know the obstacles of `mission`, and its boats."""
+        """Give it the obstacles and boats of `mission`."""
         self._mission = mission
 
     def start(self, envs: Tensor, course: Tensor, speed: Tensor, generator: torch.Generator) -> Tensor:
-        """Episodes begin in environments `envs` [n] on `course` [n] (rad) at `speed` [n] (m/s); the states [n, 1, 13]
-        that the vessel begins in.
+        """Begin episodes in environments `envs` [n] on `course` [n] (rad) at `speed` [n] (m/s).
+
+        Returns the vessel's initial states, [n, vehicle, 13].
         """
         way, n = self.config.course, len(envs)
         draws = torch.rand((n, self._plan.shape[1], 3), generator=generator, dtype=torch.float64)
@@ -116,7 +117,7 @@ class Wanderer(Script):
         level = torch.zeros_like(course)
         state[..., 3:7] = torch_quaternion_from_euler(level, level, course).unsqueeze(1)
         state[..., 7] = speed.unsqueeze(-1)
-        if self.fleet.count > 1:  # others of its kind follow in line, unescorted
+        if self.fleet.count > 1:  # further vessels of the team follow in line, without escort
             state[..., 1:, :2] = (
                 -20.0
                 * torch.arange(1, self.fleet.count).view(1, -1, 1)
@@ -125,7 +126,7 @@ class Wanderer(Script):
         return state
 
     def __call__(self, world: Any) -> Tensor:
-        """Steer and sail."""
+        """Actions for this decision."""
         way, dt = self.config.course, self.config.decision_interval
         self._time += dt
         rows = torch.arange(len(self._time), device=self._time.device)
@@ -155,7 +156,7 @@ class Wanderer(Script):
         return self.controller.act(self._view, Way(wanted, torch.zeros_like(wanted)))
 
     def _see_boats(self) -> None:
-        """The nearest boats, as mates."""
+        """Put the nearest boats into the table of team mates."""
         team = self._mission.boats
         mates = self._mates
         mates.zero_()
@@ -175,7 +176,7 @@ class Wanderer(Script):
         mates[:, :, :k, 5:7] = velocity
 
     def _run(self, place: Tensor, course: Tensor, speed: Tensor) -> tuple[Tensor, Tensor]:
-        """Away from the nearest boat within range, as fast as it goes."""
+        """Course and speed to flee from the nearest boat within range at top speed."""
         boats = self._mission.boats if self._mission is not None else None
         if boats is None:
             return course, speed
