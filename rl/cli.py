@@ -1,4 +1,4 @@
-"""What the entry points share: arguments, clear endings, and where Taichi is started."""
+"""What the entry points share: arguments, error messages, exit statuses, and the start of Taichi."""
 
 import argparse
 import os
@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-CONTROLLERS = ("policy", "classical", "plan", "oracle", "honest")  # rl.learn.policy says what each is
+CONTROLLERS = ("policy", "classical", "plan", "oracle", "honest")  # rl.learn.policy.policies_of explains them
 
 
 def add_common(parser: argparse.ArgumentParser) -> None:
@@ -17,70 +17,82 @@ def add_common(parser: argparse.ArgumentParser) -> None:
         metavar="KEY=VALUE",
         action="append",
         default=[],
-        help="override a key of the scenario, for example --set usv.count=5; may be given several times",
+        help="override a key of the scenario, for example --set usv.count=5; repeatable",
     )
     parser.add_argument(
-        "--threads", type=positive_int, default=0, help="CPU threads of each process (default: all cores, shared out)"
+        "--threads",
+        type=positive_int,
+        default=0,
+        help="CPU threads of each process (default: all cores, shared among processes)",
     )
     parser.add_argument("--arch", choices=("cpu", "cuda"), default="cpu", help="where kernels run (default: cpu)")
     parser.add_argument("--quiet", action="store_true", help="no progress bars")
 
 
 def add_processes(parser: argparse.ArgumentParser, shared: str) -> None:
-    """Add --processes, which `shared` are shared out over."""
+    """Add --processes; `shared` names what the processes share."""
     parser.add_argument(
         "--processes",
         type=positive_int,
         default=None,
         metavar="N",
-        help=f"run as so many processes, over which the {shared} are shared out, by torchrun's engine (default: one a "
-        "core, where that is faster; 1 with --threads)",
+        help=f"number of processes, started by torchrun's engine, that share the {shared} (default: one for each core "
+        "where that is faster; 1 with --threads)",
     )
 
 
 def agree(config, source: Path) -> None:
-    """Refuse to go on where processes were started with different scenarios or versions.
+    """Refuse processes with different scenarios or versions.
 
     Raises:
-        RunError: naming the process and what differs.
+        RunError: if they differ; the message names the process and the difference.
     """
     from rl import processes
     from rl.runs import folder as run_folder
 
     if processes.here().count > 1:
-        told = processes.of_all(lambda: (run_folder.digest(config, source), config, run_folder.versions()))
-        processes.told(lambda: _refuse_differences(told))
+        of_ranks = processes.gather(lambda: (run_folder.digest(config, source), config, run_folder.versions()))
+        processes.broadcast(lambda: _refuse_differences(of_ranks))
 
 
-def _refuse_differences(told: list) -> None:
+def _refuse_differences(of_ranks: list) -> None:
     from rl.runs.folder import RunError
 
-    first, config, versions = told[0]
-    for rank, (digest, other, theirs) in enumerate(told):
-        who = f"process {rank} of {len(told)}"
+    first, config, versions = of_ranks[0]
+    for rank, (digest, other, theirs) in enumerate(of_ranks):
+        who = f"process {rank} of {len(of_ranks)}"
         for name, version in versions.items():
             if theirs[name] != version:
-                raise RunError(f"{who} has {name} {theirs[name]}, process 0 has {version}: all need the same")
+                raise RunError(
+                    f"{who} has {name} {theirs[name]}, process 0 has {version}: all processes need the same version"
+                )
         if digest != first:
-            ours, of_it = config.model_dump(mode="json"), other.model_dump(mode="json")
-            keys = sorted(key for key in ours.keys() | of_it.keys() if ours.get(key) != of_it.get(key))
+            ours, its = config.model_dump(mode="json"), other.model_dump(mode="json")
+            keys = sorted(key for key in ours.keys() | its.keys() if ours.get(key) != its.get(key))
             differ = ", ".join(keys) or "a vehicle"
             raise RunError(f"{who} has another scenario than process 0: they differ in {differ}")
 
 
 def add_run(parser: argparse.ArgumentParser) -> None:
-    """Add what commands about a finished run share: RUN, --controller, --seed, --config, and the common ones."""
+    """Add the arguments of commands on a finished run: RUN, --controller, --seed, --config, and the common ones."""
     parser.add_argument("run", type=Path, metavar="RUN", help="run folder of rl/train.py")
     parser.add_argument(
-        "--controller", choices=CONTROLLERS, default="policy", help="who acts (default: policy; docs/planning.md)"
+        "--controller",
+        choices=CONTROLLERS,
+        default="policy",
+        help="controller of the vehicles (default: policy; docs/planning.md)",
     )
-    parser.add_argument("--seed", type=seed, default=None, help="of the unseen worlds (default: the scenario's)")
-    parser.add_argument("--config", type=Path, default=None, help="another scenario for the run's policies")
+    parser.add_argument(
+        "--seed", type=seed, default=None, help="seed of the held-out episodes (default: the scenario's)"
+    )
+    parser.add_argument("--config", type=Path, default=None, help="run the policies in another scenario")
     add_common(parser)
 
 
 def open_run(args: argparse.Namespace):
-    """The scenario of `args.run`, its file, a controller for each team, and the seed; Taichi is running then."""
+    """Start Taichi; return the scenario of `args.run`, its file, a policy for each team, and the seed of the
+    episodes.
+    """
     from rl.learn.policy import policies_of
     from rl.runs import folder as run_folder
 
@@ -95,7 +107,7 @@ def open_run(args: argparse.Namespace):
 
 
 def open_both(args: argparse.Namespace):
-    """What a sweep compares of `args.run` (rl.evaluation.sweep.run.Contest); Taichi is running then."""
+    """Start Taichi; return the controllers that a sweep of `args.run` compares."""
     from rl.evaluation.sweep.run import Contest
     from rl.learn.policy import policies_of
     from rl.missions import load_scenario
@@ -114,7 +126,7 @@ def open_both(args: argparse.Namespace):
 
 
 def add_shown(parser: argparse.ArgumentParser) -> None:
-    """Add --worst and --median: an episode of the last evaluation, run again."""
+    """Add --worst and --median, which repeat an episode of the last evaluation."""
     again = parser.add_mutually_exclusive_group()
     for name in ("worst", "median"):
         again.add_argument(
@@ -122,18 +134,22 @@ def add_shown(parser: argparse.ArgumentParser) -> None:
             dest="shown",
             action="store_const",
             const=name,
-            help=f"the {name} episode of the last evaluation, run again (default out: RUN/{name}.rrd)",
+            help=f"repeat the {name} episode of the last evaluation (default out: RUN/{name}.rrd)",
         )
 
 
 def add_film(parser: argparse.ArgumentParser) -> None:
-    """Add --film and how it is made."""
-    film = parser.add_argument_group("film", "drawn without a display or a GPU; alone, it takes the recording's place")
+    """Add --film and its options."""
+    film = parser.add_argument_group("film", "drawn without a display or a GPU; without --out, no recording is written")
     film.add_argument("--film", type=Path, metavar="FILE", help=".mp4 (extra `film`), or animated .png, .gif, .webp")
-    film.add_argument("--film-size", type=picture_size, default=(640, 480), metavar="WxH", help="px (default: 640x480)")
-    film.add_argument("--film-speed", type=positive_float, default=1.0, metavar="X", help="times as fast (default: 1)")
+    film.add_argument(
+        "--film-size", type=picture_size, default=(640, 480), metavar="WxH", help="size in px (default: 640x480)"
+    )
+    film.add_argument(
+        "--film-speed", type=positive_float, default=1.0, metavar="X", help="speed relative to real time (default: 1)"
+    )
     film.add_argument("--film-fps", type=positive_float, default=25.0, metavar="N", help="frames/s (default: 25)")
-    film.add_argument("--film-view", default="auto", metavar="VIEW", help="'overview', 'map', or a team, alone")
+    film.add_argument("--film-view", default="auto", metavar="VIEW", help="show only 'overview', 'map', or a team")
 
 
 def picture_size(text: str) -> tuple[int, int]:
@@ -145,7 +161,9 @@ def picture_size(text: str) -> tuple[int, int]:
 
 
 def recall(args: argparse.Namespace) -> tuple[int, int] | None:
-    """Set the conditions of the evaluation that `args.shown` is of; number of that episode, and of all.
+    """Set the conditions of the evaluation that --worst or --median repeats.
+
+    Returns the number of the episode and the number of all episodes; None without --worst or --median.
 
     Raises:
         RunError: if there was no evaluation, or other conditions are given.
@@ -156,9 +174,7 @@ def recall(args: argparse.Namespace) -> tuple[int, int] | None:
     if args.shown is None:
         return None
     if args.overrides or args.config or args.seed is not None:
-        raise RunError(
-            f"--{args.shown} runs an episode again as it was evaluated: leave out --config, --seed and --set"
-        )
+        raise RunError(f"--{args.shown} repeats an episode as it was evaluated: leave out --config, --seed and --set")
     found, number = shown_episode(args.run, args.controller, args.shown)
     args.config = None if found.conditions.config is None else Path(found.conditions.config)
     args.overrides, args.seed = list(found.conditions.overrides), found.result["seed"]
@@ -166,7 +182,7 @@ def recall(args: argparse.Namespace) -> tuple[int, int] | None:
 
 
 def start(args: argparse.Namespace) -> None:
-    """Start Taichi and torch as the arguments say."""
+    """Start Taichi and torch with the threads and device of the arguments."""
     import torch
 
     from rl import processes
@@ -174,7 +190,7 @@ def start(args: argparse.Namespace) -> None:
 
     place = processes.here()
     if args.arch == "cuda" and place.local_count > 1:
-        os.environ.setdefault("CUDA_VISIBLE_DEVICES", str(place.local_rank))  # before anybody looks for one
+        os.environ.setdefault("CUDA_VISIBLE_DEVICES", str(place.local_rank))  # before CUDA starts
     threads = args.threads or (processes.cores() if place.local_count > 1 else 0)
     runtime.init(arch=args.arch, threads=threads)
     if threads:
@@ -206,7 +222,7 @@ def seed(text: str) -> int:
 
 
 def user_errors() -> tuple[type[Exception], ...]:
-    """Exceptions that are a user's mistake: their message says all."""
+    """Exceptions whose message alone tells a user what to do."""
     from rl.learn.policy import CheckpointError
     from rl.learn.runner import DivergedError
     from rl.mission import ControllerError
@@ -223,10 +239,10 @@ def user_errors() -> tuple[type[Exception], ...]:
 
 
 def run(main: Callable[[list[str] | None], None], argv: list[str] | None = None) -> int:
-    """Run an entry point and return its exit status: 0; 1 after a user's mistake, told in one message; 130 after
-    Ctrl-C, 143 after SIGTERM.
+    """Run an entry point and return its exit status.
 
-    One that torchrun has started also leaves word of how it ended (rl/runs/launch.py).
+    The status is 0, 1 after an error of the user (printed as one message), 130 after Ctrl-C, 143 after SIGTERM. A
+    process that torchrun started also writes the reason of a failure to a file (rl/runs/launch.py).
     """
     from rl.processes import signals
 
@@ -234,7 +250,7 @@ def run(main: Callable[[list[str] | None], None], argv: list[str] | None = None)
         from rl.runs import launch
 
         return launch.run_worker(main, argv, mistake)
-    with signals.heeded():
+    with signals.sigterm_as_interrupt():
         try:
             main(argv)
             return 0
@@ -250,7 +266,7 @@ def run(main: Callable[[list[str] | None], None], argv: list[str] | None = None)
 
 
 def script(main: Callable[[list[str] | None], None]) -> None:
-    """Run an entry point as a script, and exit; a signal that comes when all is done changes nothing any more."""
+    """Run an entry point as a script and exit; signals during the exit are ignored."""
     from rl.processes import signals
 
     status = run(main)
@@ -259,7 +275,7 @@ def script(main: Callable[[list[str] | None], None]) -> None:
 
 
 def mistake(error: Exception) -> str | None:
-    """What a user is told of an error that is a user's, or the machine's; None for any other."""
+    """The message for an error of the user or of the machine; None for any other error."""
     if isinstance(error, OSError):
         return f"{f'{error.filename}: ' if error.filename else ''}{error.strerror or error}"
     notes = "".join(f" ({note})" for note in getattr(error, "__notes__", ()))

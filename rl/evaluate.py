@@ -1,4 +1,4 @@
-"""Evaluate a run's policies, or a classical controller, on episodes never trained on, and print the figures."""
+"""Evaluate a run's policies or a classical controller on held-out episodes, and print the figures."""
 
 import argparse
 import json
@@ -17,7 +17,7 @@ def parser() -> argparse.ArgumentParser:
     p = argparse.ArgumentParser(
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
-        epilog="figures, for each team, measured after the first evaluation.settle (20 s) of each episode\n"
+        epilog="figures of each team, measured after the first evaluation.settle (20 s) of each episode\n"
         + "\n".join(
             f"of the mission {name!r}:\n"
             + "\n".join(f"  {key}:\n      {text}" for key, text in find_mission(name).Judge.definitions.items())
@@ -25,14 +25,16 @@ def parser() -> argparse.ArgumentParser:
         ),
     )
     cli.add_run(p)
-    p.add_argument("--episodes", type=cli.positive_int, default=None, help="default: the scenario's (256)")
+    p.add_argument(
+        "--episodes", type=cli.positive_int, default=None, help="number of episodes (default: the scenario's, 256)"
+    )
     p.add_argument("--json", type=Path, default=None, metavar="FILE", help="also write the figures to FILE")
     p.add_argument(
         "--sweep",
         default=None,
         metavar="FILE",
-        help="the policy and --controller (default: classical) on the same episodes under each condition of a sweep "
-        "(configs/sweeps/*.toml, by name: default); an interrupted one goes on",
+        help="evaluate the policy and --controller (default: classical) on the same episodes under each condition of a "
+        "sweep: FILE, or a name in configs/sweeps, such as default; an interrupted sweep continues",
     )
     cli.add_processes(p, "episodes (by 256), or the conditions of a sweep,")
     return p
@@ -44,7 +46,7 @@ def main(argv: list[str] | None = None) -> None:
     from rl import processes
     from rl.runs import launch
 
-    if (number := launch.wanted(args.processes, args.threads, units(args), args.arch, enough=1)) > 1:
+    if (number := launch.process_count(args.processes, args.threads, units(args), args.arch, enough=1)) > 1:
         launch.run(Path(__file__), sys.argv[1:] if argv is None else argv, number)
         return
     with processes.joined(args.arch):
@@ -52,10 +54,10 @@ def main(argv: list[str] | None = None) -> None:
 
 
 def units(args: argparse.Namespace) -> int:
-    """How many parts the work has that processes can share.
+    """Number of parts of the work that processes can share.
 
     Raises:
-        ConfigError, RunError: if it cannot be done at all.
+        ConfigError, RunError: if the arguments cannot be used.
     """
     from rl.evaluation.episodes import CHUNK
     from rl.evaluation.sweep.cells import count_cells
@@ -71,34 +73,34 @@ def units(args: argparse.Namespace) -> int:
 
 
 def evaluate(args: argparse.Namespace) -> None:
-    """Evaluate; rank 0 prints the figures, writes them to --json, and keeps them in the run's folder."""
+    """Evaluate; rank 0 prints the figures, writes them to --json, and stores them in the run's folder."""
     from rl import cli
-    from rl.evaluation.episodes import Outcome, Trial, judge_trials
-    from rl.evaluation.store import keep
+    from rl.evaluation.episodes import EvaluationOutcome, Trial, judge_trials
+    from rl.evaluation.store import save_evaluation
     from rl.runs import folder as run_folder
     from rl.runs.main_job import report
 
     config, source, policies, seed = cli.open_run(args)
     cli.agree(config, source)
     trial = Trial(config, policies, args.episodes or config.evaluation.episodes, seed, args.controller, source)
-    for outcome in judge_trials([trial], show_progress=not args.quiet, look=True):
-        assert isinstance(outcome, Outcome)  # no error is taken as one
+    for outcome in judge_trials([trial], show_progress=not args.quiet, excerpts=True):
+        assert isinstance(outcome, EvaluationOutcome)  # judge_trials raises all errors
         print(report(outcome.result, config, source), file=sys.stderr)
         for team, policy in policies.items():
             if (price := getattr(policy, "price", None)) is not None:
-                print(f"  {team}: {price:.2f} s of computing for a second of an episode", file=sys.stderr)
+                print(f"  {team}: {price:.2f} s of computation for each second of an episode", file=sys.stderr)
         print(json.dumps(outcome.result, indent=2))
         if args.json:
             args.json.parent.mkdir(parents=True, exist_ok=True)
             run_folder.write_json(args.json, outcome.result)
         try:
-            keep(args.run, outcome, args.config, args.overrides)
-        except OSError as error:  # somebody else's run may be read-only
-            print(f"not kept for a report or --worst: {error}", file=sys.stderr)
+            save_evaluation(args.run, outcome, args.config, args.overrides)
+        except OSError as error:  # the folder may be read-only
+            print(f"not stored for a report or --worst: {error}", file=sys.stderr)
 
 
 def sweep(args: argparse.Namespace) -> None:
-    """Run --sweep, and write the run's report anew."""
+    """Run --sweep and rewrite the run's report."""
     from rl import cli, processes
     from rl.evaluation.report import write_report
     from rl.evaluation.sweep.config import find_sweep, load_sweep

@@ -1,4 +1,4 @@
-"""Figures of any mission: reward and policy loss while training (paper, figs. 3 and 4), from progress.csv."""
+"""Training figures of any mission, from progress.csv: reward and policy loss (paper, figs. 3 and 4)."""
 
 import os
 import uuid
@@ -21,9 +21,9 @@ SMOOTH = 0.05  # width of the smoothing window, as a share of a curve's length
 
 
 def _smooth(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Centred moving mean that steps over NaN."""
+    """Centred moving mean that ignores NaN."""
     if not len(values):
-        return values  # no episode has ended as yet
+        return values  # no episode has ended yet
     width = max(1, round(SMOOTH * len(values))) | 1
     known = np.isfinite(values)
     window = np.ones(width)
@@ -33,7 +33,7 @@ def _smooth(values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _history_figure(histories: Histories, liveries: Liveries, column: str, title: str, y: str, zero: bool) -> Figure:
-    """`column` of each team's history against the agent steps: as it was, and smoothed."""
+    """`column` of each team's history over agent steps, raw and smoothed."""
     figure = new_figure(5.6 * max(1, len(histories)), 4.3, title)
     panels = figure.subplots(1, len(histories), squeeze=False)[0]
     for axes, letter, (team, history) in zip(panels, ascii_lowercase, histories.items(), strict=False):
@@ -53,7 +53,7 @@ def _history_figure(histories: Histories, liveries: Liveries, column: str, title
 
 
 def reward_figure(histories: Histories, liveries: Liveries) -> Figure:
-    """Cumulative reward of an episode while training (paper, Fig. 3)."""
+    """Cumulative reward of an episode during training (paper, Fig. 3)."""
     return _history_figure(
         histories,
         liveries,
@@ -65,7 +65,7 @@ def reward_figure(histories: Histories, liveries: Liveries) -> Figure:
 
 
 def policy_loss_figure(histories: Histories, liveries: Liveries) -> Figure:
-    """PPO's policy loss while training (paper, Fig. 4)."""
+    """PPO's policy loss during training (paper, Fig. 4)."""
     return _history_figure(histories, liveries, "policy_loss", "Policy loss during training", "policy loss", zero=True)
 
 

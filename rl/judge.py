@@ -32,11 +32,11 @@ COMMON = {
 }
 
 Episodes = Mapping[str, NDArray[np.float64]]
-"""Numbers of single episodes by name, [episode], or of many sets of them, [..., episode]; NaN: not measured."""
+"""Numbers of episodes by name: [episode], or [..., episode] for many sets of episodes; NaN: not measured."""
 
 
-COLLISION_LOSS = 20.0  # of an episode with a collision; assumed
-ACTION_RANGE = 2.0  # of an action, from -1 to 1
+COLLISION_LOSS = 20.0  # loss of an episode with a collision; assumed
+ACTION_RANGE = 2.0  # actions reach from -1 to 1
 
 
 class Judge(Generic[M, C]):
@@ -72,7 +72,7 @@ class Judge(Generic[M, C]):
         alive, ended = ~self.failed, step.endings[self.name]
         self.reward[alive] += step.reward[self.name].double().mean(dim=1).cpu().numpy()[alive]
         self.measured[alive] += 1
-        if number > 1:  # the first decision changes nothing: before it there was none
+        if number > 1:  # the first decision has no predecessor
             team = self.mission.teams[self.name]
             change = (team.action - team.previous_action).double() / ACTION_RANGE
             self.action_changes[alive] += change.square().mean(dim=(1, 2)).cpu().numpy()[alive]
@@ -95,10 +95,10 @@ class Judge(Generic[M, C]):
             "collided": collided.sum(axis=1).astype(float),  # vehicles
             "failed": failed.astype(float),
             "succeeded": (~failed).astype(float),
-            "reward": reward,  # mean of the vehicles, sum of the decisions
+            "reward": reward,  # mean over vehicles, sum over decisions
             "decisions": measured,
             "hours": measured * config.decision_interval / 3600,
-            "action_changes": changes,  # squared shares of the range: mean of the vehicles, sum of the changes
+            "action_changes": changes,  # squared shares of the range: mean over vehicles, sum over changes
         }
 
     @classmethod
@@ -131,7 +131,7 @@ class Judge(Generic[M, C]):
 
     @classmethod
     def line(cls, figures: dict[str, float | None]) -> str:
-        """The figures of one team as a line to read."""
+        """The figures of one team as a readable line."""
         return ", ".join(f"{key} {value:.3g}" for key, value in figures.items() if value is not None)
 
 
@@ -169,7 +169,7 @@ def rms_of(errors: NDArray[np.float64], axes: tuple[int, ...]) -> NDArray[np.flo
 
 
 def over_time(episodes: Episodes, who: str) -> NDArray[np.float64]:
-    """Rms [...] of episodes [..., episode] of different length; NaN where none was measured."""
+    """Rms [...] of episodes [..., episode], weighted by their duration; NaN where none was measured."""
     time = episodes[f"{who}_s"]
     squares = (np.where(time > 0, episodes[f"{who}_error_rms_m"], 0.0) ** 2 * time).sum(-1)
     total = time.sum(-1)

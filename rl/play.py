@@ -1,4 +1,4 @@
-"""Record one episode of a run's policies on an unseen world: to open in rerun, as a film, or as a bag of ROS 2."""
+"""Record one held-out episode of a run's policies: for rerun, as a film, or as a ROS 2 bag."""
 
 import argparse
 import sys
@@ -28,13 +28,21 @@ def parser() -> argparse.ArgumentParser:
         nargs=2,
         default=None,
         metavar=("LAT", "LON"),
-        help="of a bag: latitude and longitude of the world's origin, degrees (default: 63.48 10.40)",
+        help="latitude and longitude of a bag's origin, degrees (default: 63.48 10.40)",
     )
     cli.add_film(p)
-    p.add_argument("--live", action="store_true", help="show it in a rerun viewer while it is simulated")
-    p.add_argument("--speed", type=cli.positive_float, default=1.0, help="of --live, in real time (default: 1)")
-    p.add_argument("--port", type=cli.positive_int, default=9876, help="of --live (default: %(default)s)")
-    p.add_argument("--duration", type=cli.positive_float, default=None, metavar="S", help="default: an episode")
+    p.add_argument("--live", action="store_true", help="show the episode in a rerun viewer while it is simulated")
+    p.add_argument(
+        "--speed", type=cli.positive_float, default=1.0, help="speed of --live relative to real time (default: 1)"
+    )
+    p.add_argument("--port", type=cli.positive_int, default=9876, help="port of --live (default: %(default)s)")
+    p.add_argument(
+        "--duration",
+        type=cli.positive_float,
+        default=None,
+        metavar="S",
+        help="duration, s (default: the scenario's episode)",
+    )
     return p
 
 
@@ -45,7 +53,7 @@ def main(argv: list[str] | None = None) -> None:
     from rl.evaluation.record import record_episode
     from rl.evaluation.store import recording_name
     from rl.runs.outputs import output_of
-    from rl.runs.watch import following, refuse_used
+    from rl.runs.watch import episode_view, refuse_used
     from taichi_sim.film.files import check_film, write_film
 
     output = output_of(args.out, args.origin, show_progress=not args.quiet)
@@ -56,7 +64,7 @@ def main(argv: list[str] | None = None) -> None:
     how = {"size": args.film_size, "fps": args.film_fps, "speed": args.film_speed, "view": args.film_view}
     if args.film:
         check_film(args.film, **how, teams=config.teams)
-    with following(args.live, args.port, args.speed) as seen:
+    with episode_view(args.live, args.port, args.speed) as seen:
         episode = record_episode(
             config, policies, seed=seed, number=number, duration=args.duration, source=source,
             show_progress=not args.quiet, seen=seen,

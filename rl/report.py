@@ -1,4 +1,4 @@
-"""Write one HTML page that tells a run, or two runs side by side, from what their folders hold."""
+"""Write a run, or two runs side by side, as one HTML page."""
 
 import argparse
 import sys
@@ -12,8 +12,8 @@ def parser() -> argparse.ArgumentParser:
     """The arguments."""
     p = argparse.ArgumentParser(description=__doc__)
     p.add_argument("run", type=Path, metavar="RUN", help="run folder of rl/train.py")
-    p.add_argument("other", type=Path, metavar="OTHER", nargs="?", help="another run, to be shown beside it")
-    p.add_argument("--out", type=Path, default=None, metavar="FILE.html", help="default: RUN/report.html")
+    p.add_argument("other", type=Path, metavar="OTHER", nargs="?", help="another run for a second column")
+    p.add_argument("--out", type=Path, default=None, metavar="FILE.html", help="the page (default: RUN/report.html)")
     return p
 
 

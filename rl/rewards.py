@@ -1,4 +1,4 @@
-"""Terms that rewards of any mission are made of, [env, vehicle], and their weighted sum."""
+"""Reward terms that all missions share, [env, vehicle], and their weighted sum."""
 
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, TypeVar

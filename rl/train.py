@@ -1,4 +1,4 @@
-"""Train the teams of a scenario stage by stage, evaluate them on unseen worlds, record and draw an episode."""
+"""Train the teams of a scenario stage by stage, evaluate them on held-out episodes, record and draw an episode."""
 
 import argparse
 import contextlib
@@ -21,16 +21,16 @@ def parser() -> argparse.ArgumentParser:
     p = argparse.ArgumentParser(
         description=__doc__,
         epilog="With no argument it runs the main job: configs/escort.toml. Ctrl-C saves a checkpoint; --resume "
-        "continues. Watch the curves with: tensorboard --logdir runs. It runs as several processes (--processes); over "
-        "machines: torchrun --nnodes=2 --nproc-per-node=8 --rdzv-backend=c10d --rdzv-endpoint=HOST:PORT --rdzv-id=NAME "
-        "rl/train.py ..., whose machines may come and go (--nnodes=1:2).",
+        "continues. Watch the curves with: tensorboard --logdir runs. On several machines: "
+        "torchrun --nnodes=2 --nproc-per-node=8 --rdzv-backend=c10d --rdzv-endpoint=HOST:PORT --rdzv-id=NAME "
+        "rl/train.py ...; with --nnodes=1:2 machines may come and go.",
     )
     p.add_argument("--config", default=None, metavar="FILE", help="scenario (default: configs/escort.toml)")
     p.add_argument("--out", type=Path, default=None, help="run folder (default: runs/SCENARIO-DATE-TIME)")
     p.add_argument("--seed", type=cli.seed, default=None, help="seed of the run (default: the scenario's)")
     p.add_argument("--resume", action="store_true", help="continue the run in --out (default: the newest in runs/)")
-    p.add_argument("--watch", action="store_true", help="show the training in a rerun viewer, on this machine alone")
-    p.add_argument("--port", type=cli.positive_int, default=9876, help="of --watch (default: %(default)s)")
+    p.add_argument("--watch", action="store_true", help="show the training in a rerun viewer on this machine")
+    p.add_argument("--port", type=cli.positive_int, default=9876, help="port of --watch (default: %(default)s)")
     cli.add_common(p)
     cli.add_processes(p, "stages' environments")
     return p
@@ -43,24 +43,24 @@ def main(argv: list[str] | None = None) -> None:
     from rl.runs import folder as run_folder
     from rl.runs import launch
     from rl.runs.main_job import report, run_main_job
-    from rl.runs.watch import refuse_used, watching
+    from rl.runs.watch import refuse_used, training_view
 
     if args.watch and processes.here().first and not launch.launched():
         refuse_used(args.port)
     config, source, out = run_of(args)
     fewest = min((stage.num_envs for stage in config.stages.values()), default=1)
-    if (number := launch.wanted(args.processes, args.threads, fewest, args.arch)) > 1:
+    if (number := launch.process_count(args.processes, args.threads, fewest, args.arch)) > 1:
         if not args.resume:
             run_folder.refuse_existing(out)
         launch.run(Path(__file__), [*(sys.argv[1:] if argv is None else argv), "--out", str(out)], number)
         return
     with processes.joined(args.arch) as place:
         cli.agree(config, source)
-        processes.told(lambda: None if args.resume else run_folder.begin(out, config, source))
+        processes.broadcast(lambda: None if args.resume else run_folder.begin(out, config, source))
         with contextlib.ExitStack() as held:
             if place.first:
                 held.enter_context(run_folder.lock(out))
-            watch = held.enter_context(watching(args.watch and place.first, args.port))
+            watch = held.enter_context(training_view(args.watch and place.first, args.port))
             cli.start(args)
             if place.first:
                 print(f"run folder: {out}")
@@ -73,10 +73,10 @@ def main(argv: list[str] | None = None) -> None:
 
 
 def run_of(args: argparse.Namespace) -> tuple["Scenario", Path, Path]:
-    """The scenario that is asked for, its file, and the run's folder.
+    """The scenario of the arguments, its file, and the run's folder.
 
     Raises:
-        RunError: if there is no such run, or no name for one that all processes agree on.
+        RunError: if there is no run to continue, or the processes have no common name for a new run.
     """
     from rl import processes
     from rl.missions import load_scenario
@@ -88,12 +88,12 @@ def run_of(args: argparse.Namespace) -> tuple["Scenario", Path, Path]:
         out = args.out or run_folder.newest(Path("runs"))
         run_folder.refuse_changes(args.config, overrides)
         if not processes.engine() and (other := run_folder.other_versions(out)):
-            print(f"warning: {other}: it goes on, but not to the same figures", file=sys.stderr)
+            print(f"warning: {other}: its figures will not be the same as without the change", file=sys.stderr)
         return *run_folder.load_config(out), out
     source = find_config(args.config or "configs/escort.toml")
     config = load_scenario(source, overrides)
     name = processes.engine() or time.strftime("%Y%m%d-%H%M%S")
-    if args.out is None and name == "none":  # torchrun's, if nothing is said
+    if args.out is None and name == "none":  # torchrun's default
         raise run_folder.RunError("several machines need one run folder: give --out, or torchrun's --rdzv-id")
     return config, source, args.out or Path("runs") / f"{config.name}-{name}"
 

@@ -1,6 +1,6 @@
-"""Tune a team's classical controller by a search over training worlds; print its numbers, or write them into the file.
+"""Tune a team's classical controller by a search over training worlds; print its numbers or write them to the scenario.
 
-The numbers are those of [TEAM.control] of a scenario (see its controller in rl/guidance/controllers).
+The numbers are those of [TEAM.control] in a scenario; the controllers in rl/guidance/controllers explain them.
 """
 
 import argparse
@@ -16,14 +16,14 @@ def parser() -> argparse.ArgumentParser:
     from rl import cli
 
     p = argparse.ArgumentParser(description=__doc__)
-    p.add_argument("config", metavar="SCENARIO", help="a file, or the name of a shipped one")
-    p.add_argument("--team", required=True, help="whose controller")
+    p.add_argument("config", metavar="SCENARIO", help="a file, or the name of a shipped scenario")
+    p.add_argument("--team", required=True, help="team whose controller is tuned")
     p.add_argument("--only", default="", metavar="NAME,...", help="numbers to search for (default: all)")
-    p.add_argument("--rounds", type=cli.positive_int, default=12, help="default: 12")
-    p.add_argument("--candidates", type=cli.positive_int, default=12, help="in each round (default: 12)")
-    p.add_argument("--episodes", type=cli.positive_int, default=128, help="with each candidate (default: 128)")
-    p.add_argument("--seed", type=cli.seed, default=0, help="of worlds, episodes and candidates (default: 0)")
-    p.add_argument("--write", action="store_true", help="put the numbers into the scenario's file")
+    p.add_argument("--rounds", type=cli.positive_int, default=12, help="rounds of the search (default: 12)")
+    p.add_argument("--candidates", type=cli.positive_int, default=12, help="candidates in each round (default: 12)")
+    p.add_argument("--episodes", type=cli.positive_int, default=128, help="episodes of each candidate (default: 128)")
+    p.add_argument("--seed", type=cli.seed, default=0, help="seed of worlds, episodes and candidates (default: 0)")
+    p.add_argument("--write", action="store_true", help="write the numbers into the scenario's file")
     cli.add_common(p)
     return p
 
@@ -36,7 +36,7 @@ def main(argv: list[str] | None = None) -> None:
     from rl import cli
     from rl.evaluation.episodes import mission_class
     from rl.missions import load_scenario
-    from rl.runs.tune import told, tune, write_numbers
+    from rl.runs.tune import summary, tune, write_numbers
     from taichi_sim.config import ConfigError
     from taichi_sim.config.io import find_config
 
@@ -56,7 +56,7 @@ def main(argv: list[str] | None = None) -> None:
         seed=args.seed,
         show_progress=not args.quiet,
     )
-    print(told(tuned, mission_class(config, source).Judge.line), file=sys.stderr)
+    print(summary(tuned, mission_class(config, source).Judge.line), file=sys.stderr)
     print(f"[{args.team}.control]\n{tomli_w.dumps(tuned.numbers)}", end="")
     if args.write:
         runs = f"{args.rounds} rounds of {args.candidates} x {args.episodes} episodes, seed {args.seed}"

@@ -1,1 +1,3 @@
-"""What developers and reviewers run: `python -m tools.NAME`, or `python tools/NAME.py` once taichi-sim is installed."""
+"""Tools for developers and reviewers: `python -m tools.NAME`, or `python tools/NAME.py` once taichi-sim is
+installed.
+"""

@@ -37,17 +37,17 @@ from taichi_sim.uav.multirotor.params import MultirotorParams
 MODEL = "fixed_wing_6dof"
 PARAMS = {MODEL: FixedWingParams, rotorcraft.MODEL: MultirotorParams}
 ROWS = 11  # airspeeds of the trim table and of the V-n table
-BISECTIONS = 30  # of the airspeeds between which it trims
-SLOWEST = 0.9  # of the stall's airspeed: where the trim table begins, to show what stops it there
+BISECTIONS = 30  # for the airspeeds at which trims end
+SLOWEST = 0.9  # first row of the trim table in stall airspeeds, to show why it cannot trim there
 FORMATS = (".png", ".pdf", ".svg", ".jpg")
 CURVE, LIMIT, CRUISE = "#0072B2", "#D55E00", "#22313F"
 
 
 def load_aircraft(name: str, overrides: list[str]) -> FixedWingParams | MultirotorParams:
-    """The numbers of a vehicle file, or of a shipped one by name, with KEY=VALUE overrides.
+    """The parameters of a vehicle file or of a shipped vehicle, with KEY=VALUE overrides.
 
     Raises:
-        ConfigError: if there is no such file, it holds another model, or a key or value is wrong.
+        ConfigError: if there is no such file, its model is not an aircraft's, or a key or value is wrong.
     """
     shipped = config_folder() / "vehicles" / f"{Path(name).stem}.toml"
     file = Path(name) if Path(name).suffix == ".toml" and Path(name).is_file() else shipped
@@ -71,7 +71,7 @@ def load_aircraft(name: str, overrides: list[str]) -> FixedWingParams | Multirot
 
 
 def trim_table(p: FixedWingParams, bounds: FlightEnvelope, gamma: float, radius: float | None) -> str:
-    """Trims over the airspeeds of the envelope; a line says why where there is none."""
+    """Trims over the airspeeds of the envelope; where there is none, the row gives the reason."""
     lines = [
         f"{'m/s':>7}{'alpha':>9}{'theta':>9}{'bank':>9}{'slip':>9}{'elevator':>10}{'aileron':>9}{'rudder':>9}"
         f"{'throttle':>10}{'thrust':>10}"
@@ -91,7 +91,7 @@ def trim_table(p: FixedWingParams, bounds: FlightEnvelope, gamma: float, radius:
         )
         flown.append(float(Va))
     if flown:
-        pitch = (bounds.top - SLOWEST * bounds.stall) / (ROWS - 1)  # from row to row
+        pitch = (bounds.top - SLOWEST * bounds.stall) / (ROWS - 1)  # between two rows
         low, high = (
             _edge(p, gamma, radius, speed, speed + step) for speed, step in ((flown[0], -pitch), (flown[-1], pitch))
         )
@@ -100,7 +100,7 @@ def trim_table(p: FixedWingParams, bounds: FlightEnvelope, gamma: float, radius:
 
 
 def _edge(p: FixedWingParams, gamma: float, radius: float | None, good: float, bad: float) -> float:
-    """The airspeed (m/s) between `good`, which trims, and `bad` where trims end; `bad` if it trims, too."""
+    """The airspeed (m/s) at which trims end, between `good`, which trims, and `bad`; `bad` if it trims too."""
 
     def trims(speed: float) -> bool:
         try:
@@ -118,7 +118,7 @@ def _edge(p: FixedWingParams, gamma: float, radius: float | None, good: float, b
 
 
 def mode_table(p: FixedWingParams, at: Trim, model: LinearModel) -> str:
-    """Frequency, damping and time constant of each mode, and the step they allow."""
+    """Frequency, damping and time constant of each mode, and the largest physics step for them."""
     lines = [f"{'mode':14}{'rad/s':>10}{'damping':>10}{'period s':>10}{'time constant s':>17}"]
     for mode in model.modes.values():
         if mode.oscillates:
@@ -132,7 +132,7 @@ def mode_table(p: FixedWingParams, at: Trim, model: LinearModel) -> str:
 
 
 def envelope_table(bounds: FlightEnvelope) -> str:
-    """The V-n diagram in rows."""
+    """The V-n diagram as a table."""
     lines = [
         f"C_L from {bounds.C_L_min:.3f} to {bounds.C_L_max:.3f}; stall {bounds.stall:.2f} m/s, corner "
         f"{bounds.corner:.2f} m/s, inverted corner {bounds.inverted_corner:.2f} m/s, at most {bounds.top:.2f} m/s",
@@ -144,7 +144,7 @@ def envelope_table(bounds: FlightEnvelope) -> str:
 
 
 def draw(bounds: FlightEnvelope, cruise: float, title: str, file: Path) -> None:
-    """The V-n diagram as a figure."""
+    """Draw the V-n diagram."""
     from taichi_sim.plotting.style import dress, new_figure
 
     figure = new_figure(8.0, 5.0, title)
@@ -167,8 +167,8 @@ def draw(bounds: FlightEnvelope, cruise: float, title: str, file: Path) -> None:
 def parser() -> argparse.ArgumentParser:
     """The arguments."""
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    p.add_argument("aircraft", metavar="AIRCRAFT", help="vehicle file, or the name of a shipped one")
-    p.add_argument("--airspeed", type=float, help="where the modes are taken, m/s (default: cruise)")
+    p.add_argument("aircraft", metavar="AIRCRAFT", help="vehicle file, or the name of a shipped vehicle")
+    p.add_argument("--airspeed", type=float, help="airspeed for the modes, m/s (default: cruise)")
     p.add_argument("--climb", type=float, default=0.0, metavar="DEG", help="angle of climb of the trims")
     p.add_argument("--radius", type=float, metavar="M", help="radius of the turn, positive to the right")
     p.add_argument(
@@ -179,7 +179,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def report(args: argparse.Namespace) -> str:
-    """What is printed; also draws."""
+    """Draw if asked; return the text to print."""
     p = load_aircraft(args.aircraft, args.overrides)
     if isinstance(p, MultirotorParams):
         if args.radius is not None:

@@ -37,8 +37,8 @@ from tools.benchmarking.timing import measure
 ROOT = Path(__file__).resolve().parents[1]
 QUICK = ("track.worlds=4", "sea.realisations=4", "stages.usv.num_envs=8", "stages.usv.steps_per_iteration=8")
 SIZES, QUICK_SIZES = (1, 64, 1024, 4096, 16384), (1, 16)
-LEARNING_SIZES = (1024, 2048)  # beside the configured one
-LEARNING_ITERATIONS = 20  # by which one is taken to pieces
+LEARNING_SIZES = (1024, 2048)  # environments, besides the configured number
+LEARNING_ITERATIONS = 20  # iterations whose parts are timed
 SCENARIO_SIZE = 512
 PARTS_SIZE, QUICK_PARTS_SIZE = 4096, 16
 REPETITIONS, QUICK_REPETITIONS = 9, 2
@@ -50,22 +50,31 @@ def parser() -> argparse.ArgumentParser:
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     p.add_argument("--json", type=Path, metavar="FILE", help="also write the figures to FILE")
     p.add_argument("--threads", type=cli.positive_int, default=0, help="CPU threads (default: all cores)")
-    p.add_argument("--seconds", type=cli.positive_float, default=None, help="of one repetition (default: 0.5)")
+    p.add_argument(
+        "--seconds", type=cli.positive_float, default=None, help="length of one repetition, s (default: 0.5)"
+    )
     p.add_argument(
         "--quick",
         action="store_true",
         help="tiny cases without the high-fidelity scenarios, to see that it runs; figures mean nothing",
     )
     p.add_argument("--quiet", action="store_true", help="no progress bars")
-    p.add_argument("--against", type=Path, metavar="CHECKOUT", help="compare with another checkout, both alternated")
-    p.add_argument("--only", nargs="+", choices=GROUPS, default=GROUPS, help="what to compare (default: everything)")
-    p.add_argument("--repetitions", type=cli.positive_int, default=REPETITIONS, help="of --against (%(default)s)")
+    p.add_argument(
+        "--against", type=Path, metavar="CHECKOUT", help="measure another checkout in alternation, and print ratios"
+    )
+    p.add_argument("--only", nargs="+", choices=GROUPS, default=GROUPS, help="groups to compare (default: all)")
+    p.add_argument(
+        "--repetitions",
+        type=cli.positive_int,
+        default=REPETITIONS,
+        help="repetitions of --against (default: %(default)s)",
+    )
     p.set_defaults(arch="cpu")
     return p
 
 
 def benchmark(config: FormationScenario, *, quick: bool, seconds: float, show_progress: bool) -> dict[str, Any]:
-    """Every figure, as --json writes it."""
+    """All figures, as --json writes them."""
     repetitions = QUICK_REPETITIONS if quick else REPETITIONS
     stage = first_stage(config)
     learning_sizes = (stage.num_envs,) if quick else tuple(sorted({stage.num_envs, *LEARNING_SIZES}))
@@ -125,7 +134,7 @@ def cpu_model() -> str:
 
 
 def table(result: dict[str, Any]) -> str:
-    """The figures to read."""
+    """The figures as a readable table."""
     machine, spread = result["machine"], result["method"]["spread"]
     lines = [f"{machine['cpu']}, {machine['cores']} cores, {machine['threads']} threads, "
              f"load {machine['load_average']:.1f}, Python {machine['python']}"]  # fmt: skip
@@ -181,14 +190,14 @@ def main(argv: list[str] | None = None) -> None:
 
 
 def against(args: argparse.Namespace, seconds: float) -> list[dict[str, Any]]:
-    """Compare with another checkout, and print the ratios.
+    """Compare with another checkout and print the ratios.
 
     Raises:
-        FileNotFoundError: if there is none.
+        FileNotFoundError: if there is no such checkout.
     """
     script = args.against / "tools" / "benchmark.py"
     if not script.is_file():
-        raise FileNotFoundError(f"{script}: there is none; --against takes a checkout of this project")
+        raise FileNotFoundError(f"{script}: no such file; --against takes a checkout of this project")
     rows = compare(
         args.against,
         ROOT,
@@ -202,7 +211,7 @@ def against(args: argparse.Namespace, seconds: float) -> list[dict[str, Any]]:
 
 
 def alone(args: argparse.Namespace, seconds: float) -> dict[str, Any]:
-    """Measure this checkout, and print the figures."""
+    """Measure this checkout and print the figures."""
     config = load_scenario("paper", QUICK if args.quick else ())
     cli.start(args)
     result = benchmark(config, quick=args.quick, seconds=seconds, show_progress=not args.quiet)

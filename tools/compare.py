@@ -1,10 +1,10 @@
-"""Runs against the classical controller on the same unseen episodes, with 95 % intervals: a table to paste into a page.
+"""Compare runs with the classical controller on the same held-out episodes: a Markdown table with 95 % intervals.
 
-Several runs of one scenario, trained with different seeds, are also judged together: the last row of a team. Its
-intervals are of the episodes that there are, each with what all the runs made of it.
+Runs of one scenario with different training seeds are also judged together, in the last row of a team. Its intervals
+draw episodes, each with the results of all runs.
 
-Where an oracle's episodes of a scenario are kept (tools/oracle.py), the policies do these, too: a second table says how
-much of the way from the classical controller to the oracle they go.
+If an oracle's episodes are stored for the scenario (tools/oracle.py), the policies run them too. A second table gives
+the share of the headroom between classical controller and oracle that they take.
 """
 
 import argparse
@@ -16,7 +16,7 @@ import numpy as np
 
 import taichi_sim  # noqa: F401  (makes rl, tools and tests importable from any folder)
 
-SHARES = ("collision_free_episodes", "success_rate")  # told in %
+SHARES = ("collision_free_episodes", "success_rate")  # printed in %
 
 
 def parser() -> argparse.ArgumentParser:
@@ -25,8 +25,12 @@ def parser() -> argparse.ArgumentParser:
 
     p = argparse.ArgumentParser(description=__doc__)
     p.add_argument("runs", nargs="+", type=Path, metavar="RUN", help="run folders of rl/train.py")
-    p.add_argument("--seed", type=cli.seed, default=None, help="of the unseen worlds (default: the scenario's)")
-    p.add_argument("--episodes", type=cli.positive_int, default=None, help="of each run (default: the scenario's, 256)")
+    p.add_argument(
+        "--seed", type=cli.seed, default=None, help="seed of the held-out episodes (default: the scenario's)"
+    )
+    p.add_argument(
+        "--episodes", type=cli.positive_int, default=None, help="episodes of each run (default: the scenario's, 256)"
+    )
     cli.add_common(p)
     return p
 
@@ -54,20 +58,20 @@ def main(argv: list[str] | None = None) -> None:
 
 
 def on_bounds(run: Path, args: argparse.Namespace) -> dict[str, tuple[Any, Any]]:
-    """What a run's policies make of the oracle's episodes: team -> the bound, and the numbers of each episode."""
-    from rl.evaluation.headroom import judge_all, read_bounds
+    """Results of a run's policies on the oracle's episodes: team -> the bound, and the numbers of each episode."""
+    from rl.evaluation.headroom import judge_on_bounds, read_bounds
     from rl.learn.policy import policies_of
     from rl.runs.folder import load_config
 
     config, source = load_config(run, args.overrides)
     if not (bounds := read_bounds(config)):
         return {}
-    found = judge_all(bounds, config, policies_of("policy", run, config), source)
+    found = judge_on_bounds(bounds, config, policies_of("policy", run, config), source)
     return {team: (bounds[team], episodes) for team, episodes in found.items()}
 
 
 def headroom_table(taken: dict[tuple[str, str], tuple[Any, list[Any]]], kinds: dict[str, Any]) -> str:
-    """Markdown: for each team classical, learned, oracle, and the share of the headroom that learning takes."""
+    """Markdown: classical, learned, oracle, and the share of the headroom that learning takes, for each team."""
     from rl.evaluation.headroom import headroom
     from rl.evaluation.intervals import intervals
 
@@ -90,9 +94,9 @@ def headroom_table(taken: dict[tuple[str, str], tuple[Any, list[Any]]], kinds: d
 
 
 def contest(run: Path, args: argparse.Namespace, classical: dict[str, Any]) -> tuple[Any, Any, Any, Any]:
-    """A run's scenario and judge, and the episodes of its policies and of the classical controller, by team.
+    """A run's scenario and judge, and the episodes of its policies and of the classical controller by team.
 
-    The latter are kept in `classical`, for runs that differ in their training alone.
+    The dictionary `classical` keeps the latter for other runs of the same scenario.
     """
     from rl.evaluation.episodes import judge_episodes, mission_class
     from rl.learn.policy import policies_of
@@ -118,7 +122,7 @@ def contest(run: Path, args: argparse.Namespace, classical: dict[str, Any]) -> t
 
 
 def table(found: dict[tuple[str, str], list[tuple[str, Any, Any]]], kinds: dict[str, Any]) -> str:
-    """Markdown: a row for each run's team, and one for all of them together."""
+    """Markdown: a row for each run and team, and one for all runs together."""
     lines = []
     for (name, team), rows in found.items():
         judge = kinds[name]
@@ -136,12 +140,14 @@ def table(found: dict[tuple[str, str], list[tuple[str, Any, Any]]], kinds: dict[
 
 
 def joined(parts: list[Any]) -> dict[str, Any]:
-    """Episodes of several runs as one set."""
+    """The episodes of several runs as one set."""
     return {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
 
 
 def cell(key: str, judge: Any, learned: Any, opponent: Any, times: int) -> str:
-    """One figure of both: the difference of shares in points, the ratio of anything else, with its interval."""
+    """One figure of both controllers and their difference (shares, in points) or ratio (other figures), with its
+    interval.
+    """
     from rl.evaluation.intervals import differences, intervals, ratios
 
     one, other = intervals(judge, learned)[key].value, intervals(judge, opponent)[key].value

@@ -1,11 +1,12 @@
-"""Whether two teams need each other: an escort's runs under conditions that take something away, on the same episodes.
+"""Measure whether two teams need each other: an escort's runs with parts taken away, on the same episodes.
 
-Each run's policies are judged together; without messages, with those of another environment, with many lost or late
-ones; beside a classical partner, or one of another training seed; and in teams of other sizes. Classical controllers of
-both are judged with and without messages. A table to paste into a page: shares and errors, and the mean time to arrive
-over that of classical controllers without messages and over that with them, with 95 % intervals (several runs together:
-of the episodes that there are, each with what all runs made of it). What has been judged is kept in RUN/cooperation, so
-that an interrupted command goes on.
+Each run's policies are judged together under several conditions: without messages, with those of another environment,
+with many lost or late messages; beside a classical partner or one of another training seed; in teams of other sizes.
+The classical controllers of both teams are judged with and without messages.
+
+The result is a Markdown table with 95 % intervals: shares, errors, and the mean time of arrival divided by that of
+classical controllers without and with messages. Several runs are judged together: intervals draw episodes, each with
+the results of all runs. Results are stored in RUN/cooperation, so that an interrupted command continues.
 """
 
 import argparse
@@ -23,8 +24,8 @@ NONE = 'escort.reports="none"'
 STEADY = ("course.speed=[1.2,1.2]", "sea.sea_state=3", "air.speed=7.72")  # 15 kt
 
 
-class Case(NamedTuple):
-    """One condition: what differs from the scenario, and who acts."""
+class Condition(NamedTuple):
+    """A condition: overrides of the scenario, and the controllers."""
 
     name: str
     overrides: tuple[str, ...] = ()
@@ -32,25 +33,25 @@ class Case(NamedTuple):
     aircraft: str = POLICY
 
 
-ALONE_BOTH = Case("classical both, no messages", (NONE,), CLASSICAL, CLASSICAL)
-TOGETHER_BOTH = Case("classical both, cooperating", (), CLASSICAL, CLASSICAL)
+ALONE_BOTH = Condition("classical both, no messages", (NONE,), CLASSICAL, CLASSICAL)
+TOGETHER_BOTH = Condition("classical both, cooperating", (), CLASSICAL, CLASSICAL)
 CASES = (
     ALONE_BOTH,
     TOGETHER_BOTH,
-    Case("learned, together"),
-    Case("the same, no messages", (NONE,)),
-    Case("the same, messages of another environment", ('escort.reports="others"',)),
-    Case("the same, half of all messages lost", ("radio.loss=0.5",)),
-    Case("the same, 90 % lost", ("radio.loss=0.9",)),
-    Case("the same, 2 s late", ("radio.delay=2.0",)),
-    Case("boats trained without messages, and sailing so", (NONE,), ALONE),
-    Case("boats learned, aircraft classical", (), POLICY, CLASSICAL),
-    Case("boats classical, aircraft learned", (), CLASSICAL, POLICY),
-    Case("partners of another training seed", (), POLICY, NEXT),
-    Case("5 boats, 2 aircraft", ("{boats}.count=5", "{aircraft}.count=2")),
-    Case("8 boats, 8 aircraft", ("{boats}.count=8", "{aircraft}.count=8")),
-    Case("steady: classical both", STEADY, CLASSICAL, CLASSICAL),
-    Case("steady: learned, together", STEADY),
+    Condition("learned, together"),
+    Condition("the same, no messages", (NONE,)),
+    Condition("the same, messages of another environment", ('escort.reports="others"',)),
+    Condition("the same, half of all messages lost", ("radio.loss=0.5",)),
+    Condition("the same, 90 % lost", ("radio.loss=0.9",)),
+    Condition("the same, 2 s late", ("radio.delay=2.0",)),
+    Condition("boats trained without messages, and sailing so", (NONE,), ALONE),
+    Condition("boats learned, aircraft classical", (), POLICY, CLASSICAL),
+    Condition("boats classical, aircraft learned", (), CLASSICAL, POLICY),
+    Condition("partners of another training seed", (), POLICY, NEXT),
+    Condition("5 boats, 2 aircraft", ("{boats}.count=5", "{aircraft}.count=2")),
+    Condition("8 boats, 8 aircraft", ("{boats}.count=8", "{aircraft}.count=8")),
+    Condition("steady: classical both", STEADY, CLASSICAL, CLASSICAL),
+    Condition("steady: learned, together", STEADY),
 )
 FIGURES = (  # part, figure, heading, factor, digits
     ("boats", "mean_time_to_arrive_s", "mean time to arrive, s", 1, 0),
@@ -73,9 +74,16 @@ def parser() -> argparse.ArgumentParser:
     p = argparse.ArgumentParser(description=__doc__)
     p.add_argument("runs", nargs="+", type=Path, metavar="RUN", help="run folders of rl/train.py --config escort")
     p.add_argument("--alone", nargs="*", type=Path, default=[], metavar="RUN", help="runs trained without messages")
-    p.add_argument("--seed", type=cli.seed, default=None, help="of the unseen worlds (default: the scenario's)")
-    p.add_argument("--episodes", type=cli.positive_int, default=None, help="of each (default: the scenario's, 256)")
-    p.add_argument("--only", default="", metavar="WORDS", help="cases whose name has these words in it")
+    p.add_argument(
+        "--seed", type=cli.seed, default=None, help="seed of the held-out episodes (default: the scenario's)"
+    )
+    p.add_argument(
+        "--episodes",
+        type=cli.positive_int,
+        default=None,
+        help="episodes of each condition (default: the scenario's, 256)",
+    )
+    p.add_argument("--only", default="", metavar="WORDS", help="only conditions whose name contains these words")
     cli.add_common(p)
     return p
 
@@ -86,7 +94,7 @@ def main(argv: list[str] | None = None) -> None:
     from rl import cli
 
     cli.start(args)
-    found: dict[Case, list[Any]] = {}
+    found: dict[Condition, list[Any]] = {}
     judge: Any = None
     for case in CASES:
         if args.only not in case.name or (case.boats == ALONE and not args.alone):
@@ -104,8 +112,8 @@ def main(argv: list[str] | None = None) -> None:
     print(table(found, judge))
 
 
-def judged(case: Case, run: Path, partner: Path, args: argparse.Namespace) -> tuple[Any, dict[str, Any]]:
-    """The mission's judge, and the episodes of both parts under one condition: kept ones, if there are."""
+def judged(case: Condition, run: Path, partner: Path, args: argparse.Namespace) -> tuple[Any, dict[str, Any]]:
+    """The mission's judge and the episodes of both teams under one condition, stored ones if there are."""
     from rl.evaluation.episodes import judge_episodes, mission_class
     from rl.learn.policy import ClassicalPolicy, checkpoints, load_policy
     from rl.runs.folder import load_config
@@ -142,7 +150,7 @@ def judged(case: Case, run: Path, partner: Path, args: argparse.Namespace) -> tu
     return kind, episodes
 
 
-def table(found: dict[Case, list[Any]], judge: Any) -> str:
+def table(found: dict[Condition, list[Any]], judge: Any) -> str:
     """Markdown: a row for each condition."""
     head = [heading for _, _, heading, _, _ in FIGURES]
     lines = [
@@ -164,7 +172,7 @@ def table(found: dict[Case, list[Any]], judge: Any) -> str:
 
 
 def ratio(together: dict[str, Any], other: list[Any], times: int, judge: Any) -> str:
-    """Of the mean times to arrive, with its interval."""
+    """Ratio of the mean times of arrival with its interval."""
     from rl.evaluation.intervals import ratios
 
     repeated = joined([other[0]["boats"]] * times)
@@ -173,7 +181,7 @@ def ratio(together: dict[str, Any], other: list[Any], times: int, judge: Any) ->
 
 
 def joined(parts: list[Any]) -> dict[str, Any]:
-    """Episodes of several runs as one set."""
+    """The episodes of several runs as one set."""
     return {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
 
 

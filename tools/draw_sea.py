@@ -1,4 +1,4 @@
-"""Draw the sea of a scenario: its surface, spectrum, directions and wave heights, each against its target.
+"""Draw the sea of a scenario: surface, spectrum, directions and wave heights, each with its target.
 
     python tools/draw_sea.py [SCENARIO] [--set KEY=VALUE ...] [--seed N] [--out FILE]
 
@@ -6,13 +6,13 @@
     python tools/draw_sea.py paper --set sea.spectrum=41010.data_spec --set sea.record="2020-06-08 03:50"
 
 - surface: one realisation as a landscape and as a map;
-- spectrum: Welch's estimate from records of the elevation at a point, averaged over realisations, over the density
-  asked for; bars are the components of the realisation drawn above, each spread over its bin;
-- directions: energy of all realisations by direction, over what is asked for, cos^2s or the measured distribution; of a
+- spectrum: Welch's estimate from records of the elevation at a point, averaged over realisations, and the target; bars
+  are the components of the drawn realisation, each spread over its bin;
+- directions: energy of all realisations by direction, and the target, cos^2s or the measured distribution; for a
   measured sea also mean direction and spread by frequency, of the record and of the components;
-- wave heights: from zero up-crossing to zero up-crossing in the records, over Rayleigh's law exp(-2 (H / hs)^2), which
-  is for a narrow band, and Forristall's (1978) fit to storms, exp(-(H / sigma)^2.126 / 8.42). A sea of 16 components
-  has fewer waves above 1.3 hs than either, one of 64 agrees with Forristall's.
+- wave heights between zero up-crossings of the records, with Rayleigh's law exp(-2 (H / hs)^2), which holds for a
+  narrow band, and Forristall's (1978) fit to storms, exp(-(H / sigma)^2.126 / 8.42). A sea of 16 components has fewer
+  waves above 1.3 hs than either; one of 64 agrees with Forristall's.
 
 Exit status: 0 drawn, 2 bad input.
 """
@@ -43,7 +43,7 @@ from tools.seas.records import Measured, crossing_heights, measure, target_densi
 
 WAVELENGTHS, GRID = 5, 160  # peak wavelengths and points along a side of the surface drawn
 RELIEF = 0.03  # height of the landscape, 4 standard deviations, over its side
-FORRISTALL = (2.126, 8.42)  # exponent and scale of his law of H / sigma, sigma = hs / 4
+FORRISTALL = (2.126, 8.42)  # exponent and scale of Forristall's law for H / sigma, sigma = hs / 4
 FORMATS = (".png", ".pdf", ".svg", ".jpg")
 
 WATER = LinearSegmentedColormap.from_list("water", ["#06243F", "#0B4A6F", "#1D7A94", "#63B4B8", "#D9F0EA"])
@@ -51,10 +51,11 @@ TARGET, REALISED, SWELL = "#D55E00", "#0072B2", "#8C3CBE"
 
 
 def draw(config: SeaConfig, seed: int, title: str) -> Figure:
-    """The whole page.
+    """Draw all panels.
 
     Raises:
-        ConfigError: for a calm sea. SteepSeaError: for one too steep to exist.
+        ConfigError: if the sea is calm.
+        SteepSeaError: if the sea is too steep to exist.
     """
     systems = wave_systems(config)
     hs = math.hypot(*(system.hs for system in systems))
@@ -81,7 +82,7 @@ def draw(config: SeaConfig, seed: int, title: str) -> Figure:
 
 
 def _surface(left, right, sea: Sea, systems: list[System], wavelength: float, hs: float) -> None:
-    """A landscape and a map of the first realisation."""
+    """Draw a landscape and a map of the first realisation."""
     side = WAVELENGTHS * wavelength
     axis = np.linspace(0, side, GRID)
     zeta = sea.elevation_grid(axis, axis).astype(float)
@@ -160,7 +161,7 @@ def _spectrum(axes: Axes, sea: Sea, systems: list[System], measured: Measured) -
 
 
 def _directions(axes, sea: Sea, systems: list[System]) -> None:
-    """Share of the energy per radian, by direction of travel."""
+    """Draw the share of energy per radian by direction of travel."""
     axes.set_theta_zero_location("N")
     axes.set_theta_direction(-1)
     edges = np.linspace(-np.pi, np.pi, 49)
@@ -181,7 +182,7 @@ def _directions(axes, sea: Sea, systems: list[System]) -> None:
 
 
 def _heights(axes: Axes, measured: Measured, hs: float) -> None:
-    """Share of waves higher than H, on a logarithmic axis."""
+    """Draw the share of waves higher than H on a logarithmic axis."""
     heights = np.sort(measured.heights)
     exceeded = 1 - (np.arange(len(heights)) + 0.5) / max(len(heights), 1)
     ratio = np.linspace(0, 2.2, 200)

@@ -1,22 +1,21 @@
-"""How far ahead a deck's motion can be foretold from its own past, by sea state and heading to the waves.
+"""Measure how far ahead a deck's motion can be forecast from its past, by sea state and heading to the waves.
 
     python tools/forecast.py VEHICLE [--sea-states 3 4 5 6] [--speed V] [--order N] [--out FILE] [--json FILE]
 
     python tools/forecast.py wamv --out wamv.png
     python tools/forecast.py fpso --sea-states 5 6 --roll 1.5
 
-VEHICLE is a vessel's file, or the name of a shipped one, with a [deck]; it lies or is carried at --speed (m/s) on a
-heading that is held by the load of an ideal helm. For each sea state and heading (0: the waves come from astern) it
-is simulated in --runs seas for --minutes; heave, roll, pitch and vertical velocity of the deck's middle are sampled
-each --interval s, and foretold by an autoregressive model (taichi_sim/forecast.py), one for each signal and run, that
-learns as it goes. After the first half of the time forecasts are counted. The skill at a horizon is
+VEHICLE is a vessel's file, or the name of a shipped vessel, with a [deck]. The load of an ideal helm holds its --speed
+(m/s) and heading. For each sea state and heading (0: waves from astern) it is simulated in --runs seas for --minutes.
+Heave, roll, pitch and vertical velocity of the deck's centre are sampled each --interval s. An autoregressive model
+(taichi_sim/forecast.py), one for each signal and run, learns online and forecasts them; forecasts of the second half
+count. The skill at a horizon is
 
     1 - mean (forecast - truth)^2 / variance of the truth,
 
-1 for the oracle, who knows the sea, 0 for who says the mean. `persistence` says that all stays as it is. A window is
-quiescent where |roll|, |pitch| and |vertical velocity| of the next --window s stay below --roll, --pitch (deg) and
---heave (m/s); what is told of it: its share of the time, how many of those are foretold, how many foretold ones are
-none.
+1 for an oracle that knows the sea, 0 for the mean. `persistence` forecasts no change. A window is quiescent if |roll|,
+|pitch| and |vertical velocity| of the next --window s stay below --roll, --pitch (deg) and --heave (m/s). The table
+gives its share of the time, the share of quiescent windows that are forecast, and the share of false forecasts.
 
 Exit status: 0 done, 2 bad input.
 """
@@ -43,24 +42,24 @@ SIGNALS = ("heave", "roll", "pitch", "vertical velocity")
 UNITS = ("m", "rad", "rad", "m/s")
 HEAVE, ROLL, PITCH, SPEED = range(4)
 HORIZONS = (1, 2, 3, 4, 5, 6, 8, 10)  # s
-HEADINGS = (0, 45, 90, 135, 180)  # deg, from the course of the waves
-DT, HELM = 0.02, 0.5  # s, physics step; 1/s, how fast the ideal helm brings heading and speed back
+HEADINGS = (0, 45, 90, 135, 180)  # deg, from the waves' direction of travel
+DT, HELM = 0.02, 0.5  # s, physics step; 1/s, rate at which the ideal helm restores heading and speed
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7")
 
 
 class Skill(NamedTuple):
-    """Of one sea state and heading."""
+    """Results of one sea state and heading."""
 
     rms: NDArray[np.float64]  # [signal]
     model: NDArray[np.float64]  # [signal, horizon]
     persistence: NDArray[np.float64]  # [signal, horizon]
     window_share: float
-    foretold: float  # of windows; NaN: there were none
-    false_alarms: float  # of foretold windows
+    foretold: float  # share of quiescent windows that are forecast; NaN: there were none
+    false_alarms: float  # share of forecast windows that are not quiescent
 
 
 def motion(vehicle: str, state: int, heading_deg: float, args: argparse.Namespace) -> Tensor:
-    """Signals [sample, run, 4] of the deck's middle, float64."""
+    """Simulate; return signals [sample, run, 4] of the deck's centre, float64."""
     config = ts.WorldConfig.model_validate({
         "dt": DT, "decision_interval": args.interval,
         "sea": {"sea_state": state, "direction_deg": 0.0, "components": 32, "realisations": args.runs},
@@ -70,7 +69,7 @@ def motion(vehicle: str, state: int, heading_deg: float, args: argparse.Namespac
     boat, heading = world.teams["boat"], math.radians(heading_deg)
     deck = boat.model.deck
     if deck is None:
-        raise ConfigError(f"{vehicle}: there is no [deck] whose motion could be foretold")
+        raise ConfigError(f"{vehicle}: it has no [deck]")
     start = boat.state.new_zeros((args.runs, 1, 13))
     angle = start.new_full((args.runs, 1), heading)
     start[..., 3:7], start[..., 7] = torch_quaternion_from_euler(0 * angle, 0 * angle, angle), args.speed
@@ -95,7 +94,7 @@ def motion(vehicle: str, state: int, heading_deg: float, args: argparse.Namespac
 
 
 def skill(signals: Tensor, args: argparse.Namespace) -> Skill:
-    """Of signals [sample, run, 4]."""
+    """Skill of forecasts of signals [sample, run, 4]."""
     steps = [round(h / args.interval) for h in HORIZONS]
     most, half = max(steps), len(signals) // 2
     mean = signals[:half].mean(dim=0)
@@ -129,7 +128,7 @@ def _quiet(signals: Tensor, limits: Tensor) -> Tensor:
 
 
 def table(found: dict[int, dict[int, Skill]]) -> str:
-    """Vertical velocity and windows as a table to read."""
+    """Skill of vertical velocity and of windows as a readable table."""
     marks = [HORIZONS.index(h) for h in (2, 4, 6, 10)]
     lines = [
         "| sea state | heading | heave rms | roll, pitch rms | skill of vertical velocity at 2, 4, 6, 10 s | "
@@ -149,7 +148,7 @@ def table(found: dict[int, dict[int, Skill]]) -> str:
 
 
 def picture(found: dict[int, dict[int, Skill]], vehicle: str, out: Path) -> None:
-    """Skill of each signal against horizon: a column a sea state, a line a heading."""
+    """Draw skill over horizon for each signal: a column for each sea state, a line for each heading."""
     from taichi_sim.plotting.style import dress, new_figure
 
     figure = new_figure(2.6 * len(found) + 1.0, 8.6, f"Forecasts of the deck of {vehicle} from its own past")

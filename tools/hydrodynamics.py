@@ -35,7 +35,7 @@ from taichi_sim.hydro.search import FitError
 from taichi_sim.hydro.vehicle import vehicle_text
 from taichi_sim.usv.hull.database import HydroDatabase, database_file, hull_hash
 
-DT = 1e-3  # s, to load a hull with: only its panels are asked
+DT = 1e-3  # s, to load a hull: only its panels are used
 
 
 def parser() -> argparse.ArgumentParser:
@@ -45,13 +45,27 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--out", type=Path, metavar="FILE", help="where to write (default: NAME.hydro.json beside HULL)")
     mesh = p.add_argument_group("meshes")
     mesh.add_argument("--mesh", type=Path, metavar="FILE", help="compute on this mesh of the vehicle, about its CO")
-    mesh.add_argument("--unit", choices=UNITS, default="m", help="of the mesh (default: m)")
+    mesh.add_argument("--unit", choices=UNITS, default="m", help="unit of the mesh (default: m)")
     mesh.add_argument("--waterline", type=float, default=0.0, metavar="Z", help="height of the water in the mesh, m")
     mesh.add_argument("--midships", type=float, metavar="X", help="x of the vehicle's origin in the mesh, m")
-    mesh.add_argument("--mass", type=positive_float, metavar="KG", help="default: what the mesh displaces")
-    mesh.add_argument("--cg", type=float, nargs=3, metavar=("X", "Y", "Z"), help="m, forward, starboard, down from CO")
-    mesh.add_argument("--gyration", type=positive_float, nargs=3, metavar=("KX", "KY", "KZ"), help="m, about the CG")
-    mesh.add_argument("--freeboard", type=positive_float, metavar="M", help="of the vehicle made (default: draught)")
+    mesh.add_argument("--mass", type=positive_float, metavar="KG", help="mass (default: the displacement of the mesh)")
+    mesh.add_argument(
+        "--cg",
+        type=float,
+        nargs=3,
+        metavar=("X", "Y", "Z"),
+        help="centre of gravity, m, forward, starboard, down from CO",
+    )
+    mesh.add_argument(
+        "--gyration",
+        type=positive_float,
+        nargs=3,
+        metavar=("KX", "KY", "KZ"),
+        help="radii of gyration, m, about the CG",
+    )
+    mesh.add_argument(
+        "--freeboard", type=positive_float, metavar="M", help="depth of the new vehicle (default: draught)"
+    )
     mesh.add_argument("--stations", type=int, default=24, metavar="N", help="of its offsets (default: 24)")
     mesh.add_argument("--points", type=int, default=3, metavar="N", help="of each, keel to waterline (default: 3)")
     what = p.add_argument_group("what is computed")
@@ -117,7 +131,7 @@ def _run(args: argparse.Namespace, command: str) -> None:
     )  # fmt: skip
     found, resonances = compute.run(craft, surface, wishes, code, command)
     out = args.out or database_file(file)
-    found.write(out)  # what took long is safe
+    found.write(out)  # saves the long computation
     if craft.shape is not None and surface is not None:
         file.write_text(vehicle_text(craft, surface, found, resonances.heave, command), encoding="utf-8")
         print(f"{file}: a vehicle of it")
@@ -126,7 +140,7 @@ def _run(args: argparse.Namespace, command: str) -> None:
 
 
 def _refit(args: argparse.Namespace) -> None:
-    """Fit once more what is there: after an interruption, or to another energy."""
+    """Fit the memory of an existing database again, after an interruption or with another tolerance."""
     if not hull.is_vehicle(args.hull):
         raise ConfigError(f"{args.hull}: --refit is of a vehicle file and its database")
     file = hull.vehicle_path(args.hull)
@@ -138,8 +152,8 @@ def _refit(args: argparse.Namespace) -> None:
 
 
 def _complete(found: HydroDatabase, file: Path, out: Path, args: argparse.Namespace) -> None:
-    """Write the database again with its memory, fitted for the vehicle that the simulator makes of `file`."""
-    from taichi_sim.hydro.complete import completed  # only here: workers of the boundary-element code need no Taichi
+    """Add a memory, fitted for the vehicle of `file`, to the database and write it."""
+    from taichi_sim.hydro.complete import completed  # here, because workers of the boundary-element code need no Taichi
     from taichi_sim.kernels import runtime
     from taichi_sim.usv.hull.hull_6dof import Hull6Dof
     from taichi_sim.vehicles import load_vehicle

@@ -1,7 +1,8 @@
-"""What can be done at all in a scenario: an oracle's episodes beside the classical controller's, kept for tables.
+"""Find the best possible result in a scenario: episodes of an oracle and of the classical controller, stored for
+tables.
 
-The oracle plans in forks of the truth, all that will happen included (rl/planning). What it makes of some episodes is
-written to configs/oracle/NAME.json, which tools/compare.py and reports read.
+The oracle plans in forks of the true simulation, including its future (rl/planning). Its episodes are written to
+configs/oracle/NAME.json, which tools/compare.py and reports read.
 """
 
 import argparse
@@ -20,7 +21,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("scenario", help="name or file")
     p.add_argument("--team", action="append", help="only this team (may be given again); default: all that are trained")
     p.add_argument("--episodes", type=cli.positive_int, default=EPISODES, help=f"default: {EPISODES}")
-    p.add_argument("--seed", type=cli.seed, default=SEED, help=f"of the unseen worlds (default: {SEED})")
+    p.add_argument("--seed", type=cli.seed, default=SEED, help=f"seed of the held-out episodes (default: {SEED})")
     p.add_argument("--out", type=Path, default=None, help="default: configs/oracle/NAME.json")
     cli.add_common(p)
     return p

@@ -1,9 +1,8 @@
-"""Run the last step of an environment that left the physical again, from its dump, and print what became of it.
+"""Repeat the last step of an environment whose state stopped being finite, from its dump, and print it.
 
     python tools/replay.py runs/NAME/dumps/000.dump
 
-Training writes a dump when a vehicle's state stops being finite (taichi_sim/dump.py). Exit status: 0 the step was run,
-2 the file is not a dump.
+Training writes such a dump (taichi_sim/dump.py). Exit status: 0 the step was repeated, 2 the file is not a dump.
 """
 
 import argparse
@@ -20,9 +19,11 @@ from taichi_sim.replay import replay
 
 def main() -> int:
     """Parse, replay, print."""
-    parser = argparse.ArgumentParser(description="Run the last step of a broken environment again, from its dump.")
+    parser = argparse.ArgumentParser(description="Repeat the last step of a diverged environment from its dump.")
     parser.add_argument("dump", type=Path, help="a file of runs/NAME/dumps")
-    parser.add_argument("--precision", choices=("f32", "f64"), default="f32", help="f64 tells rounding from physics")
+    parser.add_argument(
+        "--precision", choices=("f32", "f64"), default="f32", help="f64 shows whether rounding was the cause"
+    )
     arguments = parser.parse_args()
     runtime.init(precision=arguments.precision)
     try:

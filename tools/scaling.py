@@ -1,10 +1,10 @@
-"""Measure learning on one process and on several, where its time goes, and what more processes would bring.
+"""Measure learning on one process and on several, where its time goes, and predict more processes.
 
     python tools/scaling.py [--scenario NAME] [--environments N ...] [--repetitions N] [--json FILE]
-    python tools/scaling.py --against CHECKOUT     # each setting beside another checkout at 512 environments
+    python tools/scaling.py --against CHECKOUT     # each set-up beside another checkout at 512 environments
 
-Settings are measured in turn, so that a slow minute of the machine hits all alike, each with processes of its own;
-figures are medians, ratios medians of the ratios in one round. The model is in tools/benchmarking/cost.py.
+Set-ups are measured in turn, each with its own processes, so that a slow minute of the machine affects all alike.
+Figures are medians; ratios are medians of the ratios in one round. The model is in tools/benchmarking/cost.py.
 """
 
 import argparse
@@ -31,15 +31,15 @@ PREDICTED = (1, 2, 8, 64, 1000)  # cores
 MANY = 100_000  # environments
 
 
-class Setting(NamedTuple):
-    """How a stage is trained."""
+class StageSetup(NamedTuple):
+    """Processes, threads and environments of a stage."""
 
     processes: int
-    threads: int  # of each
-    envs: int  # of all together
+    threads: int  # of each process
+    envs: int  # of all processes together
 
     def __str__(self) -> str:
-        """As in a table."""
+        """Its name in tables."""
         return f"{self.processes} x {self.threads}, {self.envs} environments"
 
 
@@ -55,8 +55,8 @@ def parser() -> argparse.ArgumentParser:
     return p
 
 
-def measure(scenario: str, setting: Setting) -> dict[str, Any]:
-    """What an iteration takes (benchmarking/learning.py), in processes of its own."""
+def measure(scenario: str, setting: StageSetup) -> dict[str, Any]:
+    """Time an iteration (benchmarking/learning.py) in new processes."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "told.json"
         words = [scenario, str(setting.envs), str(ITERATIONS), str(setting.threads), str(file)]
@@ -64,14 +64,16 @@ def measure(scenario: str, setting: Setting) -> dict[str, Any]:
         return json.loads(file.read_text(encoding="utf-8"))
 
 
-def settings(envs: list[int]) -> list[Setting]:
-    """One process with all cores, one with a core, and one a core, for each number of environments; and one process
-    with a core for other numbers, which the model needs.
+def settings(envs: list[int]) -> list[StageSetup]:
+    """The set-ups to measure.
+
+    For each number of environments: one process with all cores, one with a single core, and one process for each core.
+    The model also needs one process with a single core at other numbers.
     """
     cores = len(os.sched_getaffinity(0))
-    found = [Setting(p, t, n) for n in envs for p, t in ((1, cores), (1, 1), (cores, 1))]
+    found = [StageSetup(p, t, n) for n in envs for p, t in ((1, cores), (1, 1), (cores, 1))]
     share = {max(1, n // cores) for n in envs} | {64, 2 * max(envs)}
-    return list(dict.fromkeys(found + [Setting(1, 1, n) for n in sorted(share)]))
+    return list(dict.fromkeys(found + [StageSetup(1, 1, n) for n in sorted(share)]))
 
 
 def main(argv: list[str] | None = None) -> None:
@@ -79,7 +81,7 @@ def main(argv: list[str] | None = None) -> None:
     args = parser().parse_args(argv)
     tried = settings(args.environments)
     other = Worker(args.against, ("learning",), (1,)) if args.against else None
-    told: dict[Setting, list[dict[str, Any]]] = {setting: [] for setting in tried}
+    told: dict[StageSetup, list[dict[str, Any]]] = {setting: [] for setting in tried}
     before: list[float] = []
     if other:
         other.ask("run 0 2")
@@ -94,8 +96,10 @@ def main(argv: list[str] | None = None) -> None:
         run_folder.write_json(args.json, result)
 
 
-def summary(tried: list[Setting], told: dict[Setting, list[dict[str, Any]]], before: list[float]) -> dict[str, Any]:
-    """Every figure, as --json writes it."""
+def summary(
+    tried: list[StageSetup], told: dict[StageSetup, list[dict[str, Any]]], before: list[float]
+) -> dict[str, Any]:
+    """All figures, as --json writes them."""
     rates = {setting: [of["agent_steps"] / of["seconds"] for of in found] for setting, found in told.items()}
     rows = []
     for number, (setting, found) in enumerate(told.items()):
@@ -116,8 +120,10 @@ def summary(tried: list[Setting], told: dict[Setting, list[dict[str, Any]]], bef
     return {"settings": rows, "model": model(tried, told)}
 
 
-def model(tried: list[Setting], told: dict[Setting, list[dict[str, Any]]]) -> dict[str, Any]:
-    """The model of cost, fitted to one process of one thread; what it says of the measured, and of more."""
+def model(tried: list[StageSetup], told: dict[StageSetup, list[dict[str, Any]]]) -> dict[str, Any]:
+    """Fit the cost model to single processes with one thread; return its predictions for the measured set-ups and
+    for more.
+    """
     alone = {s.envs: statistics.median(of["seconds"] for of in told[s]) for s in tried if s.processes == s.threads == 1}
     several = [s for s in tried if s.processes > 1]
     first = told[several[0]][0] if several else {"calls": 0, "bytes": 0}

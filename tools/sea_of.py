@@ -1,19 +1,19 @@
-"""What sea a file of measured spectra holds, and what becomes of each shipped vessel in it.
+"""Describe the sea in a file of measured spectra, and test which shipped vessels survive in it.
 
     python tools/sea_of.py FILE [--time "YYYY-MM-DD hh:mm"] [--site N] [--wind SPEED FROM] [--vessels NAME ...]
 
     python tools/sea_of.py 41010.data_spec --time "2020-06-08 03:50"
     python tools/sea_of.py era5.nc --site 12 --wind 9 210 --vessels otter
 
-FILE is what `sea.spectrum` takes (docs/seas.md). Prints height, periods, direction (where waves come from), spread,
-steepness, WMO sea state, and the systems that the watershed of the library wavespectra finds (extra `waves`): with
---wind (m/s at 10 m, degrees from) wind sea is what that wind drives (Hanson & Phillips 2001), without it what is
-steeper than 1/40; the rest is swell.
+FILE is a file for `sea.spectrum` (docs/seas.md). The tool prints height, periods, direction (where waves come from),
+spread, steepness, WMO sea state, and the wave systems that wavespectra's watershed finds (extra `waves`). With --wind
+(m/s at 10 m, degrees from), wind sea is the part that this wind drives (Hanson & Phillips 2001); without it, the part
+steeper than 1/40. The rest is swell.
 
-Then each vessel drifts in it, without a command: 64 of them, each in a realisation and on a heading of its own, for a
-minute from rest on the water. Counted are those that capsized (tilted past the angle of vanishing stability) or were
-swamped (the mean surface under the hull above the deck) at any time; a vessel survives a sea in which none was. Models
-of three degrees of freedom neither roll nor pitch, and cannot tell.
+Then 64 of each vessel drift without a command for a minute from rest, each in its own realisation and on its own
+heading. The tool counts those that capsized (tilted past the angle of vanishing stability) or were swamped (the mean
+surface under the hull rose above the deck). A vessel survives if none of them did. Models of three degrees of freedom
+do not roll or pitch and are left out.
 
 Exit status: 0 done, 2 bad input.
 """
@@ -42,17 +42,17 @@ from taichi_sim.vehicles import load_vehicle
 from taichi_sim.world import World
 
 ENVS, DURATION = 64, 60.0  # vessels of each kind, and s
-LATEST_START = 3600.0  # s, of the time of a sea at which a vessel begins
+LATEST_START = 3600.0  # s, latest time of the sea at which a vessel begins
 WORDS = ("calm (glassy)", "calm (rippled)", "smooth", "slight", "moderate", "rough", "very rough", "high", "very high",
          "phenomenal")  # fmt: skip
-STEEP = 0.025  # Hs over the wavelength of Tm-1,0, from which a system counts as wind sea (wavespectra's default)
-SWELLS, DIRECTIONS = 3, 36  # systems of swell at most; directions of the watershed
-LEAST = 0.05  # m, of a system that is told of
-DEEP = 1000.0  # m, where a depth must be given
+STEEP = 0.025  # least Hs over the wavelength of Tm-1,0 of wind sea (wavespectra's default)
+SWELLS, DIRECTIONS = 3, 36  # most systems of swell; directions of the watershed
+LEAST = 0.05  # m, least height of a system
+DEEP = 1000.0  # m, depth given for deep water
 
 
 class Fate(NamedTuple):
-    """What became of a kind of vessel: shares that capsized and were swamped, rms of roll and pitch (deg)."""
+    """Shares of a kind of vessel that capsized and were swamped; rms of roll and pitch (deg)."""
 
     capsized: float
     swamped: float
@@ -61,7 +61,7 @@ class Fate(NamedTuple):
 
 
 class System(NamedTuple):
-    """A part of a sea: name, height (m), peak period (s), direction it comes from (deg)."""
+    """A wave system: name, height (m), peak period (s), direction it comes from (deg)."""
 
     name: str
     hs: float
@@ -70,7 +70,7 @@ class System(NamedTuple):
 
 
 def describe(record: WaveRecord) -> list[str]:
-    """Lines about a sea."""
+    """Lines that describe a sea."""
     state = sea_state(record.hs)
     lines = [record.name, f"  height       Hs {record.hs:.2f} m, sea state {state} ({WORDS[state]})"]
     if record.calm:
@@ -89,15 +89,15 @@ def describe(record: WaveRecord) -> list[str]:
 
 
 def comes_from(travels_to: float) -> float:
-    """Degrees, 0 to 360, of a direction of travel in rad."""
+    """The direction (degrees, 0 to 360) from which waves come that travel to `travels_to` (rad)."""
     return (math.degrees(travels_to) + 180.0) % 360.0
 
 
 def systems(record: WaveRecord, wind: tuple[float, float] | None = None) -> list[System]:
-    """Wind sea and swells, by wavespectra's watershed; `wind` is its speed (m/s) and where it blows from (deg).
+    """Wind sea and swells by wavespectra's watershed; `wind` is its speed (m/s) and the direction it blows from (deg).
 
     Raises:
-        MissingExtraError: without wavespectra.
+        MissingExtraError: if wavespectra is not installed.
     """
     try:
         import wavespectra  # noqa: F401
@@ -130,10 +130,11 @@ def systems(record: WaveRecord, wind: tuple[float, float] | None = None) -> list
 
 
 def fate(vessel: str, sea: SeaConfig, envs: int, duration: float, seed: int, shown: bool = True) -> Fate | None:
-    """What becomes of `envs` vessels in a sea; None of a model that neither capsizes nor is swamped.
+    """Let `envs` vessels drift in a sea; None for a model that cannot capsize or be swamped.
 
     Raises:
-        ConfigError: for a vehicle that is none or no vessel. SteepSeaError: for a sea that could not be.
+        ConfigError: if the file is not a vessel's.
+        SteepSeaError: if the sea cannot exist.
     """
     data = {"seed": seed, "vessel": {"vehicle": vessel, "count": 1, "medium": "water"}}
     config = validate(WorldConfig, data, vessel).model_copy(update={"sea": sea})
@@ -169,7 +170,7 @@ def vessels() -> list[str]:
 
 
 def told(vessel: str, found: Fate | None) -> str:
-    """A line about a vessel."""
+    """One line on a vessel."""
     if found is None:
         return f"  {vessel:12} cannot tell: its model neither capsizes nor is swamped"
     survives = "survives" if found.capsized == found.swamped == 0 else "does not"

@@ -1,16 +1,16 @@
-"""Run this package against reference tables: published figures and results of independent codes.
+"""Check this package against reference tables: published figures and results of independent codes.
 
     python tools/validate.py --reference DIR [--json FILE] [--report PAGE.md] [--bem FOLDER]
 
-Tables are found by file name and columns, in DIR and its folders; the inputs of a case come from the columns,
-the name, and the JSON or TOML beside it. Prints check, largest error, tolerance, result, and the files that
-have no check. With --report also writes them as a page with pictures, which take another minute.
+Tables in DIR and its folders are found by file name and columns. The inputs of a case come from the columns, the name,
+and the JSON or TOML file beside it. The tool prints check, largest error, tolerance and result, and the files without a
+check. --report also writes a page with pictures, which takes another minute.
 
-Errors of signed quantities are relative to the table's largest magnitude of that quantity, those of positive
-ones relative to each value, those of lengths also in metres (tests/validation/case.py). Tolerances: 1e-6 in
-f64, 1e-4 in f32; Unity sequences 1e-4 (m, m/s, rad); trajectories metres and degrees, and where a model is no closed
-form what its checker says (tests/validation/*.py). To each is added half a unit of the table's last digit.
-A table whose inputs are missing, or contradict its own columns, says nothing about the physics: it is reported as such.
+Errors of signed quantities are relative to the table's largest magnitude of that quantity, errors of positive
+quantities to each value; errors of lengths are also given in metres (tests/validation/case.py). Tolerances are 1e-6 in
+f64, 1e-4 in f32; 1e-4 (m, m/s, rad) for Unity sequences; metres and degrees for trajectories; and those of its checker
+where a model has no closed form (tests/validation/*.py). Half a unit of the table's last digit is added. A table whose
+inputs are missing or contradict its columns is reported as such.
 
 Exit status: 0 all passed, 1 a check failed or lacks its inputs, 2 nothing to check.
 """
@@ -26,7 +26,7 @@ from tests.validation.report import NothingToCheckError, validate
 
 def main() -> int:
     """Parse, check, print."""
-    parser = argparse.ArgumentParser(description="Run this package against reference tables.")
+    parser = argparse.ArgumentParser(description="Check this package against reference tables.")
     parser.add_argument("--reference", type=Path, required=True, help="directory of the tables")
     parser.add_argument("--json", type=Path, help="also write the report here, as JSON")
     parser.add_argument("--report", type=Path, help="also write a page (Markdown), pictures in the folder of its name")

@@ -1,1 +1,1 @@
-"""A mission as other libraries see it: Gymnasium, PettingZoo, Stable-Baselines3, skrl, plain torch."""
+"""Missions behind the interfaces of other libraries: Gymnasium, PettingZoo, Stable-Baselines3, skrl, plain torch."""

@@ -1,25 +1,26 @@
-"""All vehicles of a mission in thousands of environments, as torch tensors: what a learner of whole teams takes.
+"""All vehicles of a mission in thousands of environments, as torch tensors: for learners that train whole teams.
 
-Dictionaries are by team, for the teams that act; the leader is vehicle 0:
+Each dictionary has one entry for each team that acts. Vehicle 0 is the leader.
 
     observations  [env, vehicle, n], of order one; `observation_names[team]` names the n
-    actions       [env, vehicle, a] in [-1, 1], tensors or arrays; clipped to that range; named by
-                  `action_names[team]`
+    actions       [env, vehicle, a], tensors or arrays, clipped to [-1, 1]; `action_names[team]` names the a
     rewards       [env, vehicle]
-    terminated    bool [env, vehicle]: an ending of this vehicle
-    truncated     bool [env, vehicle]: the episode is over, but not by an ending of this vehicle: time is up, or another
-                  vehicle's episode ended, of its team or another
-    infos         name -> [env, vehicle]: the mission's (`distance`, m, from the slot) and why vehicles ended, as of the
-                  end of the step, before any episode begins anew
+    terminated    bool [env, vehicle]: this vehicle's episode ended
+    truncated     bool [env, vehicle]: the episode is over for another reason: its time is up, or the episode of another
+                  vehicle of any team ended
+    infos         name -> [env, vehicle]: the mission's infos (`distance`, m, from the slot) and the reasons why
+                  vehicles ended, at the end of the step and before any reset
 
-An environment's episode is over for all its vehicles at once, when time is up or any vehicle's episode ends.
+The episode of an environment is over for all its vehicles at once: when its time is up or when any vehicle's episode
+ends.
 """
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
+import numpy as np
 import torch
 from gymnasium.error import ResetNeeded
 from torch import Tensor
@@ -27,6 +28,7 @@ from torch import Tensor
 from rl.adapters.other_teams import ABSENT, OTHERS, policy_of_other
 from rl.mission import Mission
 from rl.missions import load_scenario, make_mission
+from rl.scenario import Scenario
 from taichi_sim.config.explain import nearly
 from taichi_sim.config.io import find_config
 from taichi_sim.kernels import runtime
@@ -35,7 +37,7 @@ ByTeam = dict[str, Tensor]
 
 
 class Stepped(NamedTuple):
-    """What one decision brought, by team; see the module."""
+    """The result of one decision, by team; the module describes each field."""
 
     observations: ByTeam
     rewards: ByTeam
@@ -45,18 +47,21 @@ class Stepped(NamedTuple):
 
 
 class BatchedEnv:
-    """`num_envs` environments that step together; see the module.
+    """`num_envs` environments that step together; the module describes the tensors.
 
-    With `autoreset` an environment whose episode is over begins anew in the same step: the observations are of its new
-    episode. Without it, they are the last ones of the old, and `reset(envs=...)` begins the new.
+    With `autoreset`, an environment whose episode is over resets in the same step and returns the first observations of
+    its next episode. Without it, the environment returns the last observations of its episode and waits for
+    `reset(envs=...)`.
 
-    Worlds (tracks, obstacles, seas, starts) are made from the constructor's seed; `reset(seed=...)` fixes which of them
-    later episodes get. The same two seeds, `num_envs` and actions give the same bits.
+    The constructor's seed determines the worlds (courses, obstacles, seas, starts). `reset(seed=...)` determines which
+    of them the following episodes use. The same two seeds, `num_envs` and actions give the same bits.
 
     Attributes:
-        mission: the simulated mission (rl/mission.py). num_envs: environments. device: where tensors live.
-        vehicles: team -> number of its vehicles, of the teams that act. observations: as of now.
-        observation_names, action_names: team -> names. num_states: numbers of `state`.
+        mission: the simulated mission (rl/mission.py).
+        num_envs: number of environments. device: where tensors live.
+        vehicles: team -> number of vehicles, for the teams that act.
+        observations: the current ones.
+        observation_names, action_names: team -> names. num_states: width of `state`.
     """
 
     def __init__(
@@ -73,17 +78,21 @@ class BatchedEnv:
         """Build the mission of a scenario and begin an episode in every environment.
 
         Args:
-            scenario: a TOML file or a shipped name. num_envs: environments. overrides: KEY=VALUE each.
-            teams: those that act; default all that the scenario's stages train (of one without stages, all) and that
-                `others` does not name.
-            others: team -> what it does: "absent" (not simulated), "constant" (every command 0), "classical", or the
-                path of a run folder or of a checkpoint in one, whose frozen policy acts. Teams named neither here nor
-                in `teams` are absent.
-            seed: of the worlds; default the scenario's. autoreset: see the class.
+            scenario: a TOML file or the name of a shipped scenario.
+            num_envs: number of environments.
+            teams: the teams that act. Default: all teams that the scenario's stages train (without stages: all teams)
+                and that `others` does not name.
+            others: team -> policy: "absent" (not simulated), "constant" (every command 0), "classical", or the path of
+                a run folder or of a checkpoint in one, whose frozen policy acts. A team that neither `teams` nor
+                `others` names is absent.
+            overrides: KEY=VALUE each.
+            seed: of the worlds; default the scenario's.
+            autoreset: described above.
 
         Raises:
-            ValueError: for a wrong argument; ConfigError, ControllerError, RunError, CheckpointError: for an unusable
-                file, or a team without a controller.
+            ValueError: if an argument is wrong.
+            ConfigError, ControllerError, RunError, CheckpointError: if a file cannot be used, or a team has no
+                controller.
         """
         if num_envs < 1:
             raise ValueError(f"num_envs = {num_envs} must be at least 1")
@@ -102,14 +111,14 @@ class BatchedEnv:
         self.vehicles = {name: team.fleet.count for name, team in self._acting.items()}
         self.action_names = {name: team.action_names for name, team in self._acting.items()}
         self.observation_names = {name: team.observation_names for name, team in self._acting.items()}
-        self._over = torch.zeros(num_envs, dtype=torch.bool, device=self.device)  # and not begun anew
-        self._look()
+        self._over = torch.zeros(num_envs, dtype=torch.bool, device=self.device)  # over and not yet reset
+        self._observe()
         self.num_states = self.state().shape[1]
 
     def reset(self, seed: int | None = None, *, envs: Tensor | None = None) -> ByTeam:
-        """Begin new episodes in environments `envs` (numbers, or a bool [env]; default: all); return observations.
+        """Begin new episodes in environments `envs` (indices or a bool [env]; default all) and return observations.
 
-        Episodes continue one random sequence, the constructor's seed's at first, until `seed` begins another.
+        Episodes follow one random sequence. It starts from the constructor's seed; `seed` starts it anew.
         """
         if seed is not None:
             self.mission.reseed(seed)
@@ -118,14 +127,15 @@ class BatchedEnv:
             envs = given.nonzero().squeeze(1) if given.dtype == torch.bool else given.long()
         self.mission.reset(envs)
         self._over = torch.zeros_like(self._over) if envs is None else self._over.index_fill(0, envs, False)
-        return self._look()
+        return self._observe()
 
-    def step(self, actions: Mapping[str, Any]) -> Stepped:
-        """One decision in every environment; see the module.
+    def step(self, actions: Mapping[str, Tensor | np.ndarray]) -> Stepped:
+        """Take one decision in every environment.
 
         Raises:
-            ValueError: for a team too many or too few, a wrong shape, or an action that is not finite; nothing has
-                moved then. ResetNeeded: where an episode is over, without autoreset.
+            ValueError: if a team is missing or unknown, or an action has a wrong shape or is not finite. Nothing has
+                moved.
+            ResetNeeded: if an episode is over and autoreset is off.
         """
         if self._over.any():
             raise ResetNeeded(f"the episodes of environments {self._over.nonzero().squeeze(1).tolist()} are over")
@@ -140,21 +150,22 @@ class BatchedEnv:
         over = step.terminated | step.truncated
         terminated = {name: step.endings[name].any for name in self._acting}
         truncated = {name: over.unsqueeze(1) & ~ended for name, ended in terminated.items()}
-        told = {name: mission.info(team) for name, team in self._acting.items()}
         infos = {
-            name: {key: value.clone() for key, value in values.items()} | dict(step.endings[name])
-            for name, values in told.items()
+            name: {key: value.clone() for key, value in mission.info(team).items()} | dict(step.endings[name])
+            for name, team in self._acting.items()
         }
         rewards = {name: step.reward[name] for name in self._acting}
         if self.autoreset:
             mission.reset(over.nonzero().squeeze(1))
         else:
             self._over = over
-        return Stepped(self._look(), rewards, terminated, truncated, infos)
+        return Stepped(self._observe(), rewards, terminated, truncated, infos)
 
     def state(self) -> Tensor:
-        """What a central critic may be told now, [env, num_states]: for each team that acts the observations of its
-        vehicles, one after the other, then, of each vehicle, the truth that it does not know (`Team.privileged`).
+        """Privileged information for a central critic, [env, num_states].
+
+        It lists, for each team that acts, all vehicles' observations and then the ground truth that each vehicle does
+        not know (`Team.privileged`).
         """
         parts = []
         with runtime.torch_at_rest():
@@ -163,22 +174,22 @@ class BatchedEnv:
                 parts += [self.observations[name]] if truth is None else [self.observations[name], truth]
             return torch.cat([part.flatten(1) for part in parts], dim=1)
 
-    def _look(self) -> ByTeam:
+    def _observe(self) -> ByTeam:
         with runtime.torch_at_rest():
             self.observations = {name: team.observe() for name, team in self._acting.items()}
         return dict(self.observations)
 
-    def _checked(self, actions: Mapping[str, Any]) -> ByTeam:
+    def _checked(self, actions: Mapping[str, Tensor | np.ndarray]) -> ByTeam:
         if not isinstance(actions, Mapping) or set(actions) != set(self._acting):
             given = sorted(actions) if isinstance(actions, Mapping) else type(actions).__name__
             raise ValueError(f"actions are for {given}, expected is one tensor for each of {[*self._acting]}")
         return {name: self._finite(name, actions[name]) for name in self._acting}
 
-    def _finite(self, team: str, action: Any) -> Tensor:
-        """An action of the policy, as a tensor."""
+    def _finite(self, team: str, values: Tensor | np.ndarray) -> Tensor:
+        """The policy's action of one team as a tensor, checked for shape and finiteness."""
         names = self.action_names[team]
         shape = self.num_envs, self.vehicles[team], len(names)
-        action = torch.as_tensor(action, device=self.device).detach().to(self._acting[team].action.dtype)
+        action = torch.as_tensor(values, device=self.device).detach().to(self._acting[team].action.dtype)
         if tuple(action.shape) != shape:
             raise ValueError(f"actions of {team} have shape {tuple(action.shape)}, expected {shape}")
         if not math.isfinite(action.sum()) and not (finite := action.isfinite()).all():
@@ -191,12 +202,12 @@ class BatchedEnv:
 
 
 def _parts(
-    config: Any, teams: str | Sequence[str] | None, others: Mapping[str, str | Path]
+    config: Scenario, teams: str | Sequence[str] | None, others: Mapping[str, str | Path]
 ) -> tuple[list[str], Mapping[str, str | Path]]:
-    """The teams that act, in the order of the scenario, and what the others do.
+    """The acting teams in the order of the scenario, and the policies of the others.
 
     Raises:
-        ValueError: for a team that is not there, has a script, or is named as both; or if none acts.
+        ValueError: if a team does not exist, is scripted or is named twice, or if no team acts.
     """
     if not isinstance(others, Mapping):
         raise ValueError(f"others = {others!r}: a dictionary is expected, team -> {OTHERS}")
@@ -204,9 +215,9 @@ def _parts(
     if teams is None:
         teams = [name for name in config.trained or allowed if name not in others]
     acting = [teams] if isinstance(teams, str) else list(teams)
-    for told, names in (("teams", acting), ("others", others)):
+    for argument, names in (("teams", acting), ("others", others)):
         for name in names:
-            _check_commanded(config, told, name, allowed)
+            _check_commanded(config, argument, name, allowed)
     if both := [name for name in acting if name in others]:
         raise ValueError(f"others: {', '.join(both)} is also named in teams: it either acts or is one of the others")
     if not acting:
@@ -214,11 +225,11 @@ def _parts(
     return [name for name in allowed if name in acting], others
 
 
-def _check_commanded(config: Any, told: str, name: str, allowed: Sequence[str]) -> None:
-    """Refuse a team that is none of those `allowed`."""
+def _check_commanded(config: Scenario, argument: str, name: str, allowed: Sequence[str]) -> None:
+    """Refuse a team `name` that is not in `allowed`; `argument` names the argument in the message."""
     if name in config.scripted:
-        raise ValueError(f"{told}: a script acts for {name!r}; allowed are {', '.join(allowed)}")
+        raise ValueError(f"{argument}: a script acts for {name!r}; allowed are {', '.join(allowed)}")
     if name not in allowed:
         close = nearly(name, allowed)
         hint = f", did you mean {close!r}?" if close else ""
-        raise ValueError(f"{told}: there is no team {name!r}{hint}; allowed are {', '.join(allowed)}")
+        raise ValueError(f"{argument}: there is no team {name!r}{hint}; allowed are {', '.join(allowed)}")

@@ -1,21 +1,21 @@
-"""Gymnasium's view of one team, `taichi_sim/UsvFormation-v0` and others (registered in taichi_sim/__init__.py).
+"""One team of a mission as a Gymnasium environment, `taichi_sim/UsvFormation-v0` and others (taichi_sim/__init__.py).
 
-The vehicles of the team are stacked in one action and one observation, vehicle 0 (the leader) first:
+One action and one observation hold all vehicles of the team; vehicle 0 is the leader:
 
-    action       float32 [vehicles * a] in [-1, 1]; clipped to that range; refused if not finite
-    observation  float32 [vehicles * n], unbounded but of order one: the mission's terms, named in order by
+    action       float32 [vehicles * a], clipped to [-1, 1]; must be finite
+    observation  float32 [vehicles * n], unbounded but of order one: the mission's terms, named by
                  task.teams[team].observation_names
     reward       mean over the team's vehicles
-    terminated   an ending of a vehicle of the team
-    truncated    time is up, or the other team's mission ended: nothing that the action could have prevented
+    terminated   the episode of a vehicle of the team ended
+    truncated    time is up, or the other team's episode ended: the action could not prevent it
 
-    info         each [vehicles]; of many environments [num_envs, vehicles], with a mask `_KEY` [num_envs]
-      distance                        m, from the slot (the leader's: from the target), now
-      reward_vehicle                  of this step
-      collided, lost, ...             why vehicles ended in this step: the mission's endings and the vehicle's
+    info         [vehicles] each; with many environments [num_envs, vehicles], and a mask `_KEY` [num_envs]
+      distance              m, from the slot; the leader's is from the target
+      reward_vehicle        of this step
+      collided, lost, ...   reasons why vehicles ended in this step
 
-`gymnasium.make_vec` gives `TeamVectorEnv`, all environments in one simulation; `gymnasium.make` gives
-`TeamEnv`. Both end their episodes themselves (`episode_duration`), so no TimeLimit is registered.
+`gymnasium.make_vec` gives `TeamVectorEnv`, all environments in one simulation; `gymnasium.make` gives `TeamEnv`. Both
+limit the time of an episode themselves (`episode_duration`), so no TimeLimit is registered.
 """
 
 import math
@@ -39,16 +39,20 @@ from rl.mission import Mission, Step
 from rl.missions import load_scenario, make_mission
 from taichi_sim.config.io import find_config
 
+Infos = dict[str, Any]
+
 
 class TeamVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     """One team in `num_envs` environments that step together.
 
-    An environment whose episode ended begins anew in the same step (`AutoresetMode.SAME_STEP`; the last
-    observation and info are then in `infos["final_obs"]` and `infos["final_info"]`), in the next step, whose
-    action is ignored there (`NEXT_STEP`), or when `reset(options={"reset_mask": ...})` says so (`DISABLED`).
+    `autoreset_mode` says when an environment resets after its episode ended:
 
-    Worlds (tracks, obstacles, seas, starts) are made from the constructor's seed; `reset(seed=...)` fixes
-    which of them later episodes get. The same two seeds, `num_envs` and actions give the same bits.
+    - `SAME_STEP`: at once; `infos["final_obs"]` and `infos["final_info"]` hold the last observation and info.
+    - `NEXT_STEP`: in the next step, which ignores the action there.
+    - `DISABLED`: when `reset(options={"reset_mask": ...})` asks for it.
+
+    The constructor's seed determines the worlds (courses, obstacles, seas, starts). `reset(seed=...)` determines which
+    of them the following episodes use. The same two seeds, `num_envs` and actions give the same bits.
 
     Attributes:
         task: the simulated mission.
@@ -71,21 +75,23 @@ class TeamVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         render_mode: str | None = None,
         render_size: tuple[int, int] | None = None,
     ):
-        """Build the mission of `team`, one of the scenario's.
+        """Build the mission of a scenario in which `team` acts.
 
         Args:
-            team: the one that acts. num_envs: environments.
-            scenario: a TOML file or a shipped name. overrides: KEY=VALUE each.
+            team: the team that acts.
+            num_envs: number of environments.
+            scenario: a TOML file or the name of a shipped scenario.
+            overrides: KEY=VALUE each.
             seed: of the worlds; default the scenario's.
-            other: what the other team does: "absent" (not simulated), "constant" (every command 0),
-                "classical", or the path of a run folder or of a checkpoint in one, whose frozen policy acts.
-            autoreset_mode: see the class.
-            render_mode: None, "rgb_array" (`render` gives a picture of each environment), or "human" (a window).
-            render_size: width and height of each environment's picture, px; default 640x480 of one environment, less
-                of many (rl/adapters/render.py).
+            other: policy of the other teams: "absent" (not simulated), "constant" (every command 0), "classical", or
+                the path of a run folder or of a checkpoint in one, whose frozen policy acts.
+            autoreset_mode: described above.
+            render_mode: None, "rgb_array" (`render` returns a picture of each environment), or "human" (a window).
+            render_size: width and height of each picture, px. Default: 640x480 for one environment, smaller for more.
 
         Raises:
-            ValueError: for a wrong argument; ConfigError, RunError, CheckpointError: for an unusable file.
+            ValueError: if an argument is wrong.
+            ConfigError, RunError, CheckpointError: if a file cannot be used.
         """
         if num_envs < 1:
             raise ValueError(f"num_envs = {num_envs} must be at least 1")
@@ -102,7 +108,7 @@ class TeamVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self.task: Mission = make_mission(config, num_envs, seed=worlds_seed, teams=teams, source=source)
         others = [rival for name, rival in self.task.teams.items() if name != team]
         self._frozen = {rival.name: policy_of_other(other, rival, config) for rival in others}
-        self._ended = np.zeros(num_envs, dtype=bool)  # and not yet begun anew
+        self._ended = np.zeros(num_envs, dtype=bool)  # ended and not yet reset
 
         self.render_mode = render_mode
         self.metadata["render_fps"] = frames_per_second(config.decision_interval)
@@ -115,35 +121,33 @@ class TeamVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Begin new episodes: everywhere, or where `options["reset_mask"]` (bool [num_envs]) is true.
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[np.ndarray, Infos]:
+        """Begin new episodes everywhere, or where `options["reset_mask"]` (bool [num_envs]) is true.
 
-        Episodes continue one random sequence, the constructor's seed's at first, until `seed` begins another.
+        Episodes follow one random sequence. It starts from the constructor's seed; `seed` starts it anew.
 
         Raises:
-            ValueError: for another option or an unusable mask.
+            ValueError: if there is another option, or the mask cannot be used.
         """
         mask = self._reset_mask(options or {})
         super().reset(seed=seed)
         if seed is not None:
             self.task.reseed(seed)
         self._restart(mask)
-        self._look()
-        return self._observe(), _masked(self._told(), mask)
+        self._remember_frame()
+        return self._observe(), _masked(self._info(), mask)
 
-    def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """One decision in every environment; `actions` is [num_envs, vehicles * a].
+    def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, Infos]:
+        """Take one decision in every environment; `actions` is [num_envs, vehicles * a].
 
         Raises:
-            ValueError: for a wrong shape or an action that is not finite; nothing has moved then.
-            ResetNeeded: where an episode ended, in mode DISABLED.
+            ValueError: if an action has a wrong shape or is not finite. Nothing has moved.
+            ResetNeeded: if an episode ended and the mode is DISABLED.
         """
         if self.autoreset_mode is AutoresetMode.DISABLED and self._ended.any():
             ended = self._ended.nonzero()[0].tolist()
             raise ResetNeeded(f"the episodes of environments {ended} ended: reset them")
-        begins = self._ended  # in this step, whatever the action
+        begins = self._ended  # these reset in this step and ignore their action
         joint = {name: policy(self.task.teams[name]) for name, policy in self._frozen.items()}
         joint[self.team] = self.task.teams[self.team].command(self._unstacked(actions, begins))
         step = self.task.step(joint)
@@ -151,7 +155,7 @@ class TeamVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         terminated = _numpy(step.endings[self.team].any.any(dim=1)) & ~begins
         truncated = _numpy(step.terminated | step.truncated) & ~terminated & ~begins
         reward = np.where(begins, 0.0, _numpy(step.reward[self.team].mean(dim=1)).astype(np.float64))
-        infos = _masked(self._happened(step), ~begins)
+        infos = _masked(self._step_info(step), ~begins)
         ended = terminated | truncated
         self._ended = ended
         if self.autoreset_mode is AutoresetMode.SAME_STEP:
@@ -159,14 +163,14 @@ class TeamVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             self._restart(ended)
         else:
             self._restart(begins)
-        self._look()
-        infos |= _masked(self._told(), np.ones(self.num_envs, dtype=bool))
+        self._remember_frame()
+        infos |= _masked(self._info(), np.ones(self.num_envs, dtype=bool))
         return self._observe(), reward, terminated, truncated, infos
 
     def render(self) -> tuple[np.ndarray, ...] | None:
-        """In mode "rgb_array" a picture of each environment as it is now, uint8 [high, wide, 3]."""
+        """Pictures of all environments, uint8 [height, width, 3]; None unless the mode is "rgb_array"."""
         if self._pictures is None:
-            logger.warn("render() without a render_mode: there is none, so there is nothing to see")
+            logger.warn("render() draws nothing: the environment was made without a render_mode")
         return self._pictures.draw() if self._pictures is not None and self.render_mode == "rgb_array" else None
 
     def close_extras(self, **kwargs: Any) -> None:
@@ -174,18 +178,18 @@ class TeamVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if self._pictures is not None:
             self._pictures.close()
 
-    def _look(self) -> None:
+    def _remember_frame(self) -> None:
         if self._pictures is not None:
             self._pictures.keep()
 
-    # -- episodes --------------------------------------------------------------------------------------------
+    # -- reset -----------------------------------------------------------------------------------------------
 
     def _restart(self, mask: np.ndarray) -> None:
         """Begin new episodes where `mask` is true."""
         self.task.reset(torch.from_numpy(mask.nonzero()[0]).to(self.task.device))
         self._ended = self._ended & ~mask
 
-    def _reset_mask(self, options: dict[str, Any]) -> np.ndarray:
+    def _reset_mask(self, options: Infos) -> np.ndarray:
         if unknown := options.keys() - {"reset_mask"}:
             raise ValueError(f"reset options {sorted(unknown)} are unknown: allowed is 'reset_mask'")
         mask = options.get("reset_mask", np.ones(self.num_envs, dtype=bool))
@@ -195,45 +199,50 @@ class TeamVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             raise ValueError("reset_mask must be true somewhere")
         return mask.copy()
 
-    def _final(self, step: Step, ended: np.ndarray) -> dict[str, Any]:
-        """The last observation and info of the environments that `ended`, if any, before they begin anew."""
+    def _final(self, step: Step, ended: np.ndarray) -> Infos:
+        """Last observation and info of the environments that `ended`, before they reset."""
         if not ended.any():
             return {}
         rows, final_obs = self._observe(), np.full(self.num_envs, None, dtype=object)
         for env in ended.nonzero()[0]:
             final_obs[env] = rows[env].copy()
-        final_info = _masked(self._happened(step) | self._told(), ended)
+        final_info = _masked(self._step_info(step) | self._info(), ended)
         masks = {"_final_obs": ended.copy(), "_final_info": ended.copy()}
         return {"final_obs": final_obs, "final_info": final_info} | masks
 
-    # -- between torch [env, vehicle, n] and NumPy [env, vehicle * n] --------------------------------------
+    # -- torch [env, vehicle, n] to NumPy [env, vehicle * n] and back ---------------------------------------
 
     def _observe(self) -> np.ndarray:
         return _numpy(self.task.teams[self.team].observe().flatten(1).to(torch.float32))
 
     def _unstacked(self, actions: np.ndarray, ignored: np.ndarray) -> Tensor:
-        """Actions [env, vehicle, a] of stacked ones, 0 in environments to be `ignored`."""
+        """Reshape actions to [env, vehicle, a], with 0 in environments to be `ignored`."""
         rows = np.array(actions, dtype=np.float32)
         if rows.shape != self.action_space.shape:
             raise ValueError(f"actions have shape {rows.shape}, expected {self.action_space.shape}")
         rows[ignored] = 0.0
         return torch.from_numpy(rows.reshape(self._action_shape)).to(self.task.device)
 
-    def _happened(self, step: Step) -> dict[str, np.ndarray]:
+    def _step_info(self, step: Step) -> dict[str, np.ndarray]:
         ends = {reason: _numpy(flags) for reason, flags in step.endings[self.team].items()}
         return {"reward_vehicle": _numpy(step.reward[self.team])} | ends
 
-    def _told(self) -> dict[str, np.ndarray]:
+    def _info(self) -> dict[str, np.ndarray]:
         return {key: _numpy(value) for key, value in self.task.info(self.task.teams[self.team]).items()}
 
 
 class TeamEnv(gymnasium.Env[np.ndarray, np.ndarray]):
-    """One team in one environment, without autoreset; options are those of `TeamVectorEnv`."""
+    """One team in one environment, without autoreset."""
 
     metadata: dict[str, Any] = {"render_modes": MODES, "render_fps": 10}
 
     def __init__(self, team: str, **options: Any):
-        """Build the mission of `team`; `options` are scenario, overrides, seed, other, render_mode and render_size."""
+        """Build the mission of `team`.
+
+        Args:
+            team: the team that acts.
+            options: scenario, overrides, seed, other, render_mode and render_size of `TeamVectorEnv`.
+        """
         self._vector = TeamVectorEnv(team, 1, autoreset_mode=AutoresetMode.DISABLED, **options)
         self.action_space = self._vector.single_action_space
         self.observation_space = self._vector.single_observation_space
@@ -241,7 +250,7 @@ class TeamEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         self.metadata = {**self.metadata, "render_fps": self._vector.metadata["render_fps"]}
 
     def render(self) -> np.ndarray | None:  # pyright: ignore[reportIncompatibleMethodOverride]
-        """In mode "rgb_array" a picture as it is now, uint8 [high, wide, 3]."""
+        """A picture, uint8 [height, width, 3]; None unless the mode is "rgb_array"."""
         frames = self._vector.render()
         return None if frames is None else frames[0]
 
@@ -254,42 +263,41 @@ class TeamEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         """The simulated mission."""
         return self._vector.task
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[np.ndarray, dict[str, Any]]:
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[np.ndarray, Infos]:
         """Begin a new episode; see `TeamVectorEnv.reset`."""
         super().reset(seed=seed)
         if options:
             raise ValueError(f"reset options {sorted(options)} are unknown: there are none")
         observations, infos = self._vector.reset(seed=seed)
-        return observations[0], _alone(infos)
+        return observations[0], _first_env(infos)
 
-    def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
-        """One decision; `action` is [vehicles * a].
+    def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, Infos]:
+        """Take one decision; `action` is [vehicles * a].
 
         Raises:
-            ValueError: for a wrong shape or an action that is not finite. ResetNeeded: if the episode ended.
+            ValueError: if the action has a wrong shape or is not finite.
+            ResetNeeded: if the episode ended.
         """
         shape = np.shape(action)
         if shape != self.action_space.shape:
             raise ValueError(f"the action has shape {shape}, expected {self.action_space.shape}")
         observations, reward, terminated, truncated, infos = self._vector.step(np.asarray(action)[None])
-        return observations[0], float(reward[0]), bool(terminated[0]), bool(truncated[0]), _alone(infos)
+        return observations[0], float(reward[0]), bool(terminated[0]), bool(truncated[0]), _first_env(infos)
 
 
 def _numpy(values: Tensor) -> np.ndarray:
-    """A copy, which no later step changes."""
+    """Copy a tensor to an array; later steps do not change it."""
     return values.cpu().numpy().copy()
 
 
-def _masked(values: dict[str, np.ndarray], mask: np.ndarray) -> dict[str, Any]:
-    """Gymnasium's infos: values [env, vehicle], 0 where `mask` [env] is false, each beside its mask."""
-    infos: dict[str, Any] = {}
+def _masked(values: dict[str, np.ndarray], mask: np.ndarray) -> Infos:
+    """Gymnasium's infos: values [env, vehicle], 0 where `mask` [env] is false, and a mask for each key."""
+    infos: Infos = {}
     for key, value in values.items():
         infos[key] = np.where(mask[:, None], value, np.zeros_like(value))
         infos[f"_{key}"] = mask.copy()
     return infos
 
 
-def _alone(infos: dict[str, Any]) -> dict[str, Any]:
+def _first_env(infos: Infos) -> Infos:
     return {key: value[0] for key, value in infos.items() if not key.startswith("_")}

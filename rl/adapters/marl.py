@@ -1,6 +1,8 @@
-"""Missions for multi-agent learning: a PettingZoo environment, or thousands at once (docs/interfaces.md).
+"""Missions for multi-agent learning: one PettingZoo environment, or thousands of environments at once
+(docs/interfaces.md).
 
-Both have `rl.adapters.batched.BatchedEnv` behind them; what teams that do not act do is said by `others` there.
+Both are made of `rl.adapters.batched.BatchedEnv`. Its argument `others` chooses the policies of the teams that do not
+act.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -24,17 +26,20 @@ def parallel_env(
     render_mode: str | None = None,
     render_size: tuple[int, int] | None = None,
 ) -> "ParallelMission":
-    """A PettingZoo parallel environment of a scenario (rl/adapters/pettingzoo.py): each vehicle that acts is an agent.
+    """A scenario as a PettingZoo parallel environment in which each vehicle that acts is an agent.
 
     Args:
-        scenario: a TOML file or a shipped name. overrides: KEY=VALUE each. seed: of the worlds; default the scenario's.
-        teams, others: who acts, and what the others do; see `BatchedEnv`.
-        render_mode: None, "rgb_array" (`render` gives a picture), or "human" (a window). render_size: width and height
-            of the picture, px; default 640x480.
+        scenario: a TOML file or the name of a shipped scenario.
+        teams, others: the teams that act and the policies of the others, as for `BatchedEnv`.
+        overrides: KEY=VALUE each.
+        seed: of the worlds; default the scenario's.
+        render_mode: None, "rgb_array" (`render` returns a picture), or "human" (a window).
+        render_size: width and height of the picture, px; default 640x480.
 
     Raises:
-        MissingExtraError: if PettingZoo is not installed. ValueError: for a render mode or size that cannot be.
-            Otherwise as `BatchedEnv`.
+        MissingExtraError: if PettingZoo is not installed.
+        ValueError: if the render mode or the size is not allowed.
+        ConfigError, ControllerError, RunError, CheckpointError: as for `BatchedEnv`.
     """
     from rl.adapters.pettingzoo import ParallelMission
 
@@ -43,5 +48,8 @@ def parallel_env(
 
 
 def batched_env(scenario: str | Path = "escort", num_envs: int = 1, **options: Any) -> BatchedEnv:
-    """`num_envs` environments of a scenario as torch tensors by team; arguments, options and errors of `BatchedEnv`."""
+    """`num_envs` environments of a scenario as torch tensors by team.
+
+    Arguments, options and errors are those of `BatchedEnv`.
+    """
     return BatchedEnv(scenario, num_envs, **options)

@@ -1,10 +1,10 @@
-"""Pictures of a mission while it runs: what Gymnasium's `render` gives.
+"""Pictures of a mission while it runs, for `render` of Gymnasium and PettingZoo.
 
-Each picture is drawn (taichi_sim/film/) from an episode of one frame; only the vehicles' trails are kept from step to
-step, of all environments at once. Nothing is drawn at random and nothing of the mission changes: a rollout has the same
-bits with and without pictures.
+Each picture is drawn (taichi_sim/film/) from an episode of one frame. Only the vehicles' trails are kept from step to
+step, for all environments. Drawing uses no random number and changes nothing in the mission, so that a rollout has the
+same bits with and without pictures.
 
-A picture of 640x480 takes 14 to 20 ms on two cores, and a few ms go to each environment however small its picture is.
+A picture of 640x480 takes 14 to 20 ms on two cores. Each environment adds a few ms, however small its picture is.
 """
 
 from collections import deque
@@ -20,33 +20,34 @@ from taichi_sim.film.picture import Picture, check_picture
 from taichi_sim.recording import Recorder, Scene
 
 MODES = ["rgb_array", "human"]
-SIZES = ((1, (640, 480)), (4, (320, 240)), (16, (240, 180)))  # px, for up to so many environments
+SIZES = ((1, (640, 480)), (4, (320, 240)), (16, (240, 180)))  # up to this many environments: px
 SMALLEST = (160, 120)
 NO_WINDOWS = ("agg", "cairo", "pdf", "pgf", "ps", "svg", "template")  # backends of matplotlib
 
 
 def frames_per_second(decision_interval: float) -> int:
-    """How many pictures, one a decision, make a second."""
+    """Pictures per second if each decision gives one."""
     return max(1, round(1.0 / decision_interval))
 
 
 def picture_size(num_envs: int) -> tuple[int, int]:
-    """Width and height (px) of each environment's picture, where nothing else is asked for."""
+    """Default width and height of each environment's picture, px."""
     return next((size for most, size in SIZES if num_envs <= most), SMALLEST)
 
 
 class Pictures:
-    """Pictures of each environment of a mission."""
+    """Draws a picture of each environment of a mission."""
 
     def __init__(self, task: Mission, size: tuple[int, int] | None = None, mode: str = "rgb_array") -> None:
-        """Of `task`, whose vehicles are where an episode begins.
+        """Draw `task`, whose vehicles are at the start of an episode.
 
         Args:
-            task: the mission. size: width and height of each environment's picture, px; default by their number.
-            mode: "rgb_array", or "human": `show` is wanted.
+            task: the mission.
+            size: width and height of each environment's picture, px; the default depends on the number of environments.
+            mode: "rgb_array", or "human" for a window.
 
         Raises:
-            ValueError: for an unknown mode, a size that cannot be, or "human" without a display.
+            ValueError: if the mode is unknown, the size is not allowed, or "human" finds no display.
         """
         if mode not in MODES:
             raise ValueError(f"render_mode = {mode!r}: allowed are None, {', '.join(map(repr, MODES))}")
@@ -55,12 +56,12 @@ class Pictures:
         self._window = _Window() if mode == "human" else None
         self._cast, self._pictures = Cast(), {}
         interval = task.config.decision_interval
-        self._every = max(1, round(TRAIL_S / interval / TRAIL_POINTS))  # decisions between the points of a trail
+        self._every = max(1, round(TRAIL_S / interval / TRAIL_POINTS))  # decisions between two points of a trail
         self._trails: deque[tuple[torch.Tensor, dict[str, torch.Tensor]]] = deque(maxlen=TRAIL_POINTS)
         self._kept = 0
 
     def keep(self) -> None:
-        """Remember where everybody is: after each step and reset. What a person looks at is drawn, too."""
+        """Extend the trails; call this after each step and reset. In mode "human", also update the window."""
         if self._kept % self._every == 0:
             teams = {name: fleet.position_n.clone() for name, fleet in self.task.world.teams.items()}
             self._trails.append((self.task.steps.clone(), teams))
@@ -104,7 +105,7 @@ class Pictures:
         return moment._replace(teams=teams, time_s=float(task.steps[env]) * task.config.decision_interval)
 
     def _trail(self, env: int) -> dict[str, NDArray[np.floating]]:
-        """Team -> [n, V, 3] m, where it has been since its episode began, oldest first."""
+        """Positions of each team since its episode began, [n, V, 3] m, oldest first."""
         past, later = [], int(self.task.steps[env])
         for steps, teams in reversed(self._trails):
             if (then := int(steps[env])) > later:
@@ -120,7 +121,7 @@ class Pictures:
 
 
 def tiled(frames: tuple[NDArray[np.uint8], ...]) -> NDArray[np.uint8]:
-    """Pictures of one size as one, in about as many rows as columns."""
+    """Arrange pictures of one size in a grid of about as many rows as columns."""
     high, wide, _ = frames[0].shape
     across = int(np.ceil(np.sqrt(len(frames))))
     down = -(-len(frames) // across)
@@ -132,13 +133,13 @@ def tiled(frames: tuple[NDArray[np.uint8], ...]) -> NDArray[np.uint8]:
 
 
 class _Window:
-    """A window of matplotlib's."""
+    """A window of matplotlib."""
 
     def __init__(self) -> None:
-        """It opens with the first picture.
+        """Check that a window can be opened; `show` opens it.
 
         Raises:
-            ValueError: if there is no display, or no toolkit to draw windows.
+            ValueError: if there is no display or no toolkit for windows.
         """
         import matplotlib
         from matplotlib import pyplot  # chooses a backend by what there is
@@ -147,13 +148,13 @@ class _Window:
         backend = matplotlib.get_backend().lower()
         if backend in NO_WINDOWS:
             raise ValueError(
-                f"render_mode = 'human': no window can be opened here (matplotlib has {backend}, for want of a display "
-                "or of a toolkit); use 'rgb_array', whose pictures RecordVideo makes films of"
+                f"render_mode = 'human': no window can be opened here (matplotlib uses {backend}: there is no display "
+                "or no toolkit for windows); use 'rgb_array', with RecordVideo for films"
             )
         self._figure = self._image = None
 
     def show(self, picture: NDArray[np.uint8]) -> None:
-        """Show a picture, until the next one."""
+        """Show a picture until the next one."""
         from matplotlib import pyplot
 
         if self._figure is None or self._image is None:
@@ -167,7 +168,7 @@ class _Window:
         pyplot.pause(0.001)
 
     def close(self) -> None:
-        """Close it."""
+        """Close the window."""
         from matplotlib import pyplot
 
         if self._figure is not None:

@@ -1,7 +1,7 @@
-"""Periodic cubic splines in the plane, many at a time, as complex numbers north + i east.
+"""Periodic cubic splines in the plane, in batches, as complex numbers north + i east.
 
-The C2 closed curve through given points with the chord length as parameter: de Boor (1978), A Practical Guide to
-Splines, ch. IV. Arc lengths are by three-point Gauss quadrature on each cell between nodes.
+Each curve is the closed C2 spline through given points with the chord length as parameter: de Boor (1978), A Practical
+Guide to Splines, ch. IV. Three-point Gauss quadrature between nodes gives arc lengths.
 """
 
 from __future__ import annotations
@@ -14,14 +14,16 @@ from numpy.typing import NDArray
 Real = NDArray[np.float64]
 Complex = NDArray[np.complex128]  # north + i east
 
-NODES = 264, 8  # least per lap and per gap: of the drawn curve, of the checks and of the arc length
+NODES = 264, 8  # least number per lap and per gap
 GAUSS_POINT, GAUSS_WEIGHT = np.polynomial.legendre.leggauss(3)
 
 
 class ClosedSpline(NamedTuple):
-    """Periodic cubic splines: p(v) = sum_i coefficient_i v^i, v in [0, chord) on each gap.
+    """Periodic cubic splines: p(v) = sum_i coefficient_i v^i, v in [0, chord) on each gap between two points.
 
-    coefficient complex [world, gap, 4], chord [world, gap].
+    Attributes:
+        coefficient: complex [world, gap, 4].
+        chord: [world, gap].
     """
 
     coefficient: Complex
@@ -29,14 +31,14 @@ class ClosedSpline(NamedTuple):
 
     @staticmethod
     def through(point: Complex) -> ClosedSpline:
-        """Return the C2 curves through `point` [world, gap] with the chord length as parameter."""
+        """The closed C2 curves through `point` [world, gap] with the chord length as parameter."""
         worlds, gaps = point.shape
         rise = np.roll(point, -1, axis=1) - point
         chord = np.abs(rise)
         after = 1 / chord
         before = np.roll(after, 1, axis=1)
         j = np.arange(gaps)
-        continuity = np.zeros((worlds, gaps, gaps))  # of the second derivative, in terms of the first
+        continuity = np.zeros((worlds, gaps, gaps))  # continuity of the second derivative, in terms of the first
         continuity[:, j, j - 1] = before
         continuity[:, j, j] = 2 * (before + after)
         continuity[:, j, (j + 1) % gaps] = after
@@ -49,12 +51,12 @@ class ClosedSpline(NamedTuple):
         return ClosedSpline(np.stack((point, slope, second, third), axis=-1), chord)
 
     def scaled(self, factor: Real) -> ClosedSpline:
-        """Return the curves enlarged by `factor` [world]."""
+        """The curves enlarged by `factor` [world]."""
         power = factor[:, None] ** (1 - np.arange(4))
         return ClosedSpline(self.coefficient * power[:, None], self.chord * factor[:, None])
 
     def nodes(self) -> tuple[Jet, Real]:
-        """Evaluate the curves at nodes even on each gap [world, node], with arc length [world, node + 1]."""
+        """The curves at evenly spaced nodes on each gap [world, node], and their arc lengths [world, node + 1]."""
         worlds, gaps = self.chord.shape
         per_gap = nodes_per_gap(gaps)
         v = self.chord[..., None] * (np.arange(per_gap) / per_gap)
@@ -86,5 +88,5 @@ def evaluate(c: Complex, v: Real) -> Jet:
 
 
 def nodes_per_gap(gaps: int) -> int:
-    """Nodes on each gap between checkpoints."""
+    """Number of nodes on each gap between checkpoints."""
     return max(-(-NODES[0] // gaps), NODES[1])

@@ -1,12 +1,11 @@
-"""The obstacles of the mission: vertical cylinders standing on the sea beside the track.
+"""Fixed obstacles: vertical cylinders in the sea beside the track.
 
-Section 4 of the seed paper has multiple obstacles in the scene and gives no number; all numbers here are
-assumed. Obstacles are spread over the whole lap, one drawn in each of `count` equal stretches of it, on
-either side. The tall ones cross the flight height of the aircraft with `HEIGHT_BAND_M` to spare, the others
-stay as far below it: an obstacle is in an aircraft's way or it is not.
+The paper (sec. 4) has several obstacles and gives no numbers; all numbers here are assumed. The lap is divided into
+`count` equal stretches with one obstacle each, on either side. Tall obstacles end at least `HEIGHT_BAND_M` above the
+aircraft's flight height, all others as far below it, so that an obstacle clearly is in an aircraft's way or not.
 
-A drawn obstacle stays if it keeps its distance from the whole track, stands in the area, and is clear of its
-neighbours; the others are drawn again, further along and (late) further out. Frame: NED, m from the centre.
+A drawn obstacle is accepted if it keeps its distance from the whole track and from its neighbours and lies in the area.
+Otherwise it is drawn again, further along the track and later also further out. Frame: NED, m from the centre.
 """
 
 from __future__ import annotations
@@ -20,21 +19,21 @@ from torch import Tensor
 from rl.course.tracks import Real, Tracks, world_uniform
 from taichi_sim.config import Finite, Positive, Strict
 
-OBSTACLE_STREAM = 1 << 16  # and one stream after it per round
+OBSTACLE_STREAM = 1 << 16  # random stream of the first round; each round has the next one
 ROUNDS = 48
-STRETCH_GROWTH = 0.25  # per round, of the stretch of track in which an obstacle is drawn
-PATIENCE = 16  # rounds before an obstacle may stand further out than asked
-OUTWARD_GROWTH = 0.1  # per later round, of the widest clearance
-TRACK_CLEARANCE_M = 12.0  # from the surface of an obstacle to the track itself, unless asked for less
-LEAST_SPREAD_M = 2.0  # of distances: at one alone there would be no room
-PASSAGE_M = 10.0  # between the surfaces of two obstacles, at the least
-HEIGHT_BAND_M = 10.0  # either side of the flight height, in which no obstacle ends
+STRETCH_GROWTH = 0.25  # per round: growth of the stretch of track for an obstacle
+PATIENCE = 16  # rounds before obstacles may stand further out than clearance_m says
+OUTWARD_GROWTH = 0.1  # per later round: growth of the greatest clearance
+TRACK_CLEARANCE_M = 12.0  # default distance from an obstacle's surface to the track
+LEAST_SPREAD_M = 2.0  # least range of distances, so that there is room
+PASSAGE_M = 10.0  # least gap between two obstacles
+HEIGHT_BAND_M = 10.0  # no obstacle ends within this distance of the flight height
 CHUNK = 128  # obstacles measured at once: the working set stays in cache
 ROUNDING_M = 1e-3  # float32 at 1.5 km
 
 
 class FixedObstacle(Strict):
-    """One vertical cylinder that stands in every world."""
+    """A vertical cylinder that stands in every world."""
 
     north: Finite  # m
     east: Finite  # m
@@ -56,16 +55,23 @@ def generate_obstacles(
     flight_height_m: float = 60.0,
     area_m: float = 3000.0,
 ) -> Tensor:
-    """Draw `count` cylinders per world; return float32 [world, count, 4]: north, east, radius, height (m).
+    """Draw `count` cylinders for each world; return float32 [world, count, 4]: north, east, radius, height (m).
 
-    World w depends only on its track, the seed and w; obstacles are numbered roughly along the track.
+    World w depends only on its track, the seed and w. Obstacles are numbered roughly along the track.
 
-    lane_half_width_m  from the track to the outer edge of the widest formation's lanes
-    clearance_m        least and, where possible, greatest distance from a surface to the lanes' edge; if
-                       negative, obstacles may stand in followers' lanes
-    track_clearance_m  least distance from a surface to the track itself
-    tall_fraction      share, rounded, that reach above flight_height_m + 10; the others stay below
-                       flight_height_m - 10, or at height_m[0] if that is higher
+    Args:
+        tracks: the tracks.
+        seed: of the draw.
+        count: obstacles in each world.
+        lane_half_width_m: distance from the track to the outer edge of the widest formation's lanes.
+        clearance_m: least and, where possible, greatest distance from an obstacle's surface to the edge of the lanes; a
+            negative value allows obstacles in followers' lanes.
+        track_clearance_m: least distance from an obstacle's surface to the track.
+        radius_m, height_m: least and greatest.
+        tall_fraction: share of obstacles that reach above flight_height_m + 10; the others stay below
+            flight_height_m - 10, or at height_m[0] if that is higher.
+        flight_height_m: of the aircraft.
+        area_m: side of the square area.
     """
     _check(count, lane_half_width_m, clearance_m, radius_m, height_m, tall_fraction, flight_height_m)
     worlds = tracks.worlds
@@ -108,9 +114,9 @@ def generate_obstacles(
 
 
 def distance_to_tracks(tracks: Tracks, world: Tensor, position: Tensor) -> Tensor:
-    """Distance [point] (m) of `position` [point, 2] to the whole track of `world` [point], rounded down.
+    """Distance [point] (m) of `position` [point, 2] from the whole track of `world` [point], rounded down.
 
-    The distance to the polyline of all samples, less the greatest bow of the arc over its chord.
+    It is the distance to the polyline through all samples, minus the greatest bow of the arc over its chord.
     """
     here = tracks.table[..., :2]
     chord = (here.roll(-1, dims=1) - here).permute(2, 0, 1).contiguous()
@@ -129,7 +135,7 @@ def distance_to_tracks(tracks: Tracks, world: Tensor, position: Tensor) -> Tenso
 
 
 def _hits_earlier(obstacle: Tensor, candidate: Tensor, placed: Tensor) -> Tensor:
-    """Whether each obstacle [world, count] is too near a placed one, or a candidate of a lower number."""
+    """Whether each obstacle [world, count] is too near a placed obstacle or a candidate with a lower number."""
     apart = torch.hypot(*(obstacle[:, :, None, i] - obstacle[:, None, :, i] for i in (0, 1)))
     room = obstacle[:, :, None, 2] + obstacle[:, None, :, 2] + PASSAGE_M
     earlier = torch.ones(obstacle.shape[1], obstacle.shape[1], dtype=torch.bool).tril(-1)
@@ -139,7 +145,9 @@ def _hits_earlier(obstacle: Tensor, candidate: Tensor, placed: Tensor) -> Tensor
 
 
 def _heights(rank: Real, share: Real, height_m: tuple[float, float], tall_fraction: float, flight: float) -> Real:
-    """Heights [world, count] (m): those of lowest `rank` are tall; `share` is the place in the range."""
+    """Heights [world, count] (m): obstacles of the lowest `rank` are tall; `share` is the position within the height
+    range.
+    """
     count = rank.shape[1]
     tall = rank.argsort(axis=1).argsort(axis=1) < round(tall_fraction * count)
     low = np.where(tall, max(height_m[0], flight + HEIGHT_BAND_M), height_m[0])
@@ -156,7 +164,7 @@ def _check(
     tall_fraction: float,
     flight_height_m: float,
 ) -> None:
-    """Refuse what no placing can meet, naming the parameter and its range."""
+    """Refuse parameters that no placement can satisfy; the message names the parameter and its range."""
     tall = flight_height_m + HEIGHT_BAND_M
     for name, value, low, high in (
         ("count", count, 0, math.inf),

@@ -6,9 +6,9 @@ checkpoints unevenly distributed on it. One track per world, drawn from a seed:
     course        chi(t) = +-2 pi t + sum_k a_k cos(2 pi k t + phi_k), k = 2..6: one turn a lap, and meanders
     curve         the integral of exp(i chi) less its drift, so that it closes; checkpoints at uneven t on it
     track         the periodic cubic spline through them in chord length: C2, so course and curvature close
-    size          scaled until its arc length is `length_m`; placed at random inside the area less the margin
-    softening     drawn again, a_k a little smaller each time, until the reach of the curve is `min_radius_m`
-                  (no tighter bend, no two strands nearer than twice that) and it fits; the limit is a circle
+    size          scaled to the arc length `length_m`; placed at random inside the area less the margin
+    softening     the curve is drawn again with slightly smaller a_k until it fits the area, has no bend tighter than
+                  `min_radius_m`, and no two strands nearer than twice that; the limit is a circle
 
 Frame: NED, positions are [north, east] in m from the centre of the area, or the complex number north + i east
 while a track is made. Course is clockwise from north (the argument of the velocity), rad. Curvature
@@ -30,26 +30,26 @@ from torch import Tensor
 
 from rl.course.closed_spline import ClosedSpline, Complex, Real, evaluate, nodes_per_gap
 
-# All assumed: the paper gives a length, an area and a number of checkpoints.
+# All assumed: the paper gives only a length, an area and a number of checkpoints.
 HARMONICS = np.arange(2, 7)
-SWING_RAD = 2.6  # a_k is up to this / k ..
-SWING_LEAST = 0.3  # .. and from this share of it
-GAP_RATIO = (0.35, 1.65)  # between neighbouring checkpoints, over its mean, before the curve closes
+SWING_RAD = 2.6  # greatest a_k is this / k
+SWING_LEAST = 0.3  # least a_k as a share of the greatest
+GAP_RATIO = (0.35, 1.65)  # gap between neighbouring checkpoints over the mean gap, before the curve closes
 SHRINK = 0.96
 MAX_DRAWS = 150
-GAP_SOFTENING = 0.1  # below this share of the swing the gaps become even too, so that the limit is a circle
-BEND_SLACK = 1.03  # a bend may be a little tighter between the nodes that are checked
-REACH_SLACK = 1.02  # so may a gap between two strands
+GAP_SOFTENING = 0.1  # below this share of the swing the gaps become even too: the limit is a circle
+BEND_SLACK = 1.03  # between checked nodes a bend may be a little tighter
+REACH_SLACK = 1.02  # and two strands a little nearer
 LENGTH_SHARE = 0.98  # largest length_m, as a share of the longest circle's
 RADIUS_SHARE = 0.5  # largest min_radius_m, as a share of the circle's radius
-REACH_STRIDE = 3  # nodes to each one that is measured for distance
+REACH_STRIDE = 3  # every third node is checked for distance
 
 PI = math.pi
-TRACK_STREAM = 0  # and one stream after it per draw
+TRACK_STREAM = 0  # random stream of the first draw; each draw has the next one
 
 
 class TrackPoint(NamedTuple):
-    """A place on a track: position [.., 2] (north, east, m), course [..] in [-pi, pi), curvature [..] 1/m."""
+    """A point of a track: position [.., 2] (north, east, m), course [..] in [-pi, pi), curvature [..] 1/m."""
 
     position: Tensor
     course: Tensor
@@ -75,7 +75,7 @@ class Tracks:
     rows: Tensor = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        """Lay out the rows with the end of the lap after the last sample [world * (sample + 1), 4]."""
+        """Build the rows: each world's samples followed by the end of its lap, [world * (sample + 1), 4]."""
         end = self.table[:, :1].clone()
         end[..., 2] += 2 * torch.pi * torch.sign(self.table[:, -1:, 2] - end[..., 2])
         object.__setattr__(self, "rows", torch.cat((self.table, end), dim=1).flatten(0, 1).contiguous())
@@ -96,12 +96,12 @@ class Tracks:
         return Tracks(*(tensor.to(device) for tensor in tensors))
 
     def at(self, world: Tensor, s: Tensor) -> TrackPoint:
-        """Return the place at arc length `s` [..] (m, modulo the length) on the track of `world` [..].
+        """The point at arc length `s` [..] (m, modulo the length) on the track of `world` [..].
 
-        `world` is int64, of the shape of `s`; its values are not checked against the number of worlds.
-        Course and curvature are linear between samples. So is position, plus the bow of the arc over its
-        chord, kappa h^2 f (f - 1) / 2 to starboard: at the usual spacing h of 3.9 m a bare chord is off by
-        kappa h^2 / 8 = 19 mm in a bend of 100 m radius, and with the bow by less than 1 mm.
+        `world` is int64 with the shape of `s`; its values are not checked. Course and curvature are linear between
+        samples. Position is linear plus the bow of the arc over its chord, kappa h^2 f (f - 1) / 2 to starboard. At the
+        usual spacing h of 3.9 m the chord alone is off by kappa h^2 / 8 = 19 mm in a bend of 100 m radius; with the bow
+        the error is below 1 mm.
         """
         world, s_flat = world.to(self.table.device).flatten().contiguous(), s.to(self.length_m).flatten().contiguous()
         found = self.table.new_empty((s_flat.shape[0], 4))
@@ -144,9 +144,9 @@ def _look_up(
 
 
 def world_uniform(seed: int, stream: int, worlds: int, *shape: int) -> Real:
-    """Uniform numbers in [0, 1) [world, *shape]; world w's depend only on seed, stream, w and the shape.
+    """Uniform numbers in [0, 1) [world, *shape]; those of world w depend only on seed, stream, w and shape.
 
-    Philox is counter-based and spends one 64-bit draw per number: row w is a fixed stretch of its sequence.
+    Philox is counter-based and uses one 64-bit draw per number: each world has a fixed part of its sequence.
     """
     if not 0 <= seed < 2**64:
         raise ValueError(f"seed must be in [0, 2^64), got {seed}")
@@ -164,14 +164,17 @@ def generate_tracks(
     margin_m: float = 200.0,
     samples: int = 1024,
 ) -> Tracks:
-    """Draw one track per world; world w of a seed is the same whatever `num_worlds` is.
+    """Draw one track for each world; world w of a seed is the same for any `num_worlds`.
 
-    length_m      length of a lap (m), met exactly
-    area_m        side of the square area centred at the origin (m)
-    checkpoints   number of checkpoints, unevenly spaced
-    min_radius_m  no bend is tighter, and strands of the track keep twice this distance (m)
-    margin_m      kept between the track and the edge of the area (m)
-    samples       rows of the table per lap
+    Args:
+        num_worlds: number of worlds.
+        seed: of the draw.
+        length_m: length of a lap, exact.
+        area_m: side of the square area, centred at the origin.
+        checkpoints: number of checkpoints, unevenly spaced.
+        min_radius_m: least radius of bends; strands of the track keep twice this distance.
+        margin_m: least distance from the track to the edge of the area.
+        samples: rows of the table per lap.
     """
     _check(num_worlds, length_m, area_m, checkpoints, min_radius_m, margin_m, samples)
     side_m = area_m - 2 * margin_m
@@ -200,7 +203,7 @@ def _check(
     margin_m: float,
     samples: int,
 ) -> None:
-    """Refuse what no track can meet. The softest track is a circle, so a circle bounds every demand."""
+    """Refuse parameters that no track can satisfy. The softest track is a circle, so a circle sets the limits."""
     longest = LENGTH_SHARE * np.pi * (area_m - 2 * margin_m)
     widest = RADIUS_SHARE * length_m / (2 * np.pi)
     for name, value, low, high, note in (
@@ -216,7 +219,7 @@ def _check(
 
 
 def _checkpoints(uniform: Real, softness: float, count: int) -> Complex:
-    """Checkpoints [world, count] on a random closed curve of length about 1; at `softness` 0, on a circle."""
+    """Checkpoints [world, count] on a random closed curve of length about 1; `softness` 0 gives a circle."""
     reverse, turn, start = uniform[:, 0:1], uniform[:, 1:2], uniform[:, 2:3]
     gap, swing, phase = np.split(uniform[:, 3:], (count, count + len(HARMONICS)), axis=1)
     steps = nodes_per_gap(count) * count
@@ -244,7 +247,7 @@ def _extent(position: Complex) -> tuple[Real, Real]:
 
 
 def _acceptable(spline: ClosedSpline, length_m: float, min_radius_m: float, side_m: float) -> NDArray[np.bool_]:
-    """Whether each curve [world], at its final size, keeps to the radius and the distance, and fits."""
+    """Whether each curve [world] at its final size keeps the least radius and distance and fits the area."""
     jet, s = spline.nodes()
     scale = length_m / s[:, -1]
     bend = np.abs(jet.curvature()).max(axis=1) / scale
@@ -262,7 +265,7 @@ def _acceptable(spline: ClosedSpline, length_m: float, min_radius_m: float, side
 
 
 def _tabulate(spline: ClosedSpline, place: Real, length_m: float, side_m: float, samples: int) -> Tracks:
-    """Scale to the length, sample at equal arc lengths, and place by `place` [world, 2] in [0, 1)."""
+    """Scale to the length, sample at equal arc lengths, and move by `place` [world, 2] in [0, 1)."""
     spline = spline.scaled(length_m / spline.nodes()[1][:, -1])
     node, node_s = spline.nodes()
     worlds, cells = node.position.shape

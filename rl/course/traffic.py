@@ -1,15 +1,15 @@
-"""Traffic: bodies that move through the lanes, at constant course and speed, or as the current carries them.
+"""Moving obstacles that cross the lanes, at constant course and speed or with the current.
 
-A body is a vertical cylinder between two heights above the sea. Each start of each world (missions say where those are)
-has bodies of its own, timed so that each would meet one of the team's vehicles in its place, were that to keep to it;
-how many, how large and how fast, all assumed:
+An obstacle is a vertical cylinder between two heights above the sea. Each start of each world has its own (a mission
+says where starts are). Each is timed to meet one vehicle of the team, if that stays in its place. Number, size and
+speed are assumed:
 
-    crossing    at 50 to 130 degrees to the track, either way
-    overtaking  along the track to 15 degrees, slower than the team, which comes up from behind
-    drifting    carried by the current alone
+    crossing    at 50 to 130 degrees to the track, from either side
+    overtaken   along the track within 15 degrees, slower than the team, which overtakes it
+    drifting    carried by the current
 
-None passes through an obstacle, near a vehicle's start, or, while they both are near, another body. Frame: NED, m from
-the centre.
+No moving obstacle passes through a fixed one, near the start of a vehicle, or near another that is close at the same
+time. Frame: NED, m from the centre.
 """
 
 import math
@@ -23,7 +23,7 @@ from torch import Tensor
 from rl.course.tracks import Tracks
 from taichi_sim.recording.overlays import Cylinders
 
-NORTH, EAST, RADIUS, BOTTOM, TOP, V_NORTH, V_EAST, CARRIED, ROWS = range(9)  # of a body
+NORTH, EAST, RADIUS, BOTTOM, TOP, V_NORTH, V_EAST, CARRIED, ROWS = range(9)  # rows of a moving obstacle
 CROSSING, OVERTAKING, DRIFTING = range(3)
 CROSSING_ANGLE = math.radians(50.0), math.radians(130.0)
 OVERTAKING_ANGLE = math.radians(15.0)
@@ -38,7 +38,9 @@ COLOUR = (196, 120, 40)  # in recordings
 
 
 class Span(NamedTuple):
-    """Heights (m) above the sea between which bodies lie, their radii (m), and the places in the team that they meet:
+    """Size and meeting points of one kind of moving obstacle.
+
+    Heights (m) above the sea of its ends, its radii (m), and the places in the team that it meets:
     [world, start, vehicle, 2], ahead and to starboard of the target (m).
     """
 
@@ -50,11 +52,16 @@ class Span(NamedTuple):
 
 @dataclass(frozen=True)
 class Traffic:
-    """What is asked for.
+    """Parameters of the moving obstacles.
 
-    count: bodies of each span and start. spans: one for what sails, one for what flies. drifting, overtaking: shares of
-    all bodies; the rest crosses. speed: least and greatest over ground, m/s. current: mean velocity of the water, north
-    and east, m/s. duration: of an episode, s. team_speed: along the track, m/s.
+    Attributes:
+        count: obstacles of each span and start.
+        spans: one for boats, one for aircraft.
+        drifting, overtaking: shares of all obstacles; the rest crosses.
+        speed: least and greatest over ground, m/s.
+        current: mean velocity of the water, north and east, m/s.
+        duration: of an episode, s.
+        team_speed: along the track, m/s.
     """
 
     count: int
@@ -68,21 +75,23 @@ class Traffic:
 
     @property
     def bodies(self) -> int:
-        """Of each start."""
+        """Number of moving obstacles for each start."""
         return self.count * len(self.spans)
 
     def draw(
         self, tracks: Tracks, progress: Tensor, starts: Tensor, obstacles: Tensor, generator: torch.Generator
     ) -> Tensor:
-        """Bodies [world, start, 8, body] at the beginning of an episode, rows as above.
+        """Moving obstacles [world, start, 8, body] at the beginning of an episode; the constants above name the 8 rows.
 
         Args:
-            tracks: of the worlds. progress: [world, start], m along the track where the target begins.
+            tracks: the tracks of the worlds.
+            progress: [world, start], m along the track to where the target begins.
             starts: [world, start, vehicle, 2], m, where vehicles begin.
-            obstacles: [world, n, 4], north, east, radius, height, that stand. generator: of the numbers.
+            obstacles: fixed obstacles [world, n, 4]: north, east, radius, height.
+            generator: of random numbers.
 
         Raises:
-            ValueError: if more than a tenth of the bodies find no way through the obstacles.
+            ValueError: if more than a tenth of them find no way between the fixed obstacles.
         """
         shape = progress.shape
         found = torch.zeros((*shape, ROWS, self.bodies))
@@ -101,13 +110,13 @@ class Traffic:
             missing += int(open_.sum())
         if missing > 0.1 * progress.numel() * self.bodies:
             raise ValueError(
-                f"{missing} of {progress.numel() * self.bodies} moving obstacles find no way between those that stand: "
+                f"{missing} of {progress.numel() * self.bodies} moving obstacles find no way between the fixed ones: "
                 "lower obstacles.count or obstacles.radius_max"
             )
         return found
 
     def _drawn(self, tracks: Tracks, progress: Tensor, span: Span, generator: torch.Generator) -> Tensor:
-        """A body for each start [world, start, 8], wherever it comes."""
+        """A candidate for each start, [world, start, 8], without any check."""
 
         def uniform(low: float, high: float) -> Tensor:
             return low + (high - low) * torch.rand(progress.shape, generator=generator)
@@ -138,7 +147,7 @@ class Traffic:
         return torch.stack((*begin.unbind(-1), radius, *heights, *velocity.unbind(-1), carried), dim=-1)
 
     def _free(self, body: Tensor, starts: Tensor, obstacles: Tensor, others: Tensor) -> Tensor:
-        """Whether its way is free of what stands, of the other bodies, and of where vehicles start [world, start]."""
+        """Whether its way is free of fixed and other moving obstacles and of the vehicles' starts, [world, start]."""
         time = torch.linspace(0.0, self.duration, INSTANTS)
         velocity = body[..., V_NORTH : V_EAST + 1] + body[..., CARRIED, None] * torch.tensor(self.current)
         way = body[..., None, :2] + velocity.unsqueeze(-2) * time.unsqueeze(-1)  # [world, start, instant, 2]
@@ -162,30 +171,32 @@ class Traffic:
 
 
 class Bodies:
-    """The bodies of every environment, now.
+    """The moving obstacles of every environment.
 
     Attributes:
-        table: [env, 8, body], rows as above, written in place; the velocity of what is carried is that of the water.
+        table: [env, 8, body], written in place; drifting ones have the velocity of the water.
         present: whether there are any.
     """
 
     STATE = ("table",)
 
     def __init__(self, num_envs: int, pool: Tensor):
-        """Take those of the starts, `pool` [world, start, 8, body]; there is one row even of nothing."""
+        """Use the moving obstacles of all starts, `pool` [world, start, 8, body]; with none, the table has one far
+        away.
+        """
         self.present = pool.shape[-1] > 0
         self._pool = pool
         self.table = pool.new_zeros((num_envs, ROWS, max(pool.shape[-1], 1)))
         self.table[:, NORTH] = AWAY
 
     def begin(self, envs: Tensor, worlds: Tensor, starts: Tensor, current: Tensor) -> None:
-        """Episodes begin in environments `envs` [n] on `worlds` from `starts`; see `move` for the rest."""
+        """Begin episodes in environments `envs` [n] on `worlds` from `starts`; `current` as for `move`."""
         if self.present:
             self.table[envs] = self._pool[worlds, starts]
-            self.move(0.0, current)  # what is carried has the water's velocity
+            self.move(0.0, current)  # sets the velocity of drifting bodies
 
     def move(self, interval: float, current: Tensor) -> None:
-        """Move by `interval` (s) in water that moves with `current` [env, 2], m/s."""
+        """Move all by `interval` (s), in water with the velocity `current` [env, 2], m/s."""
         if self.present:
             velocity, carried = self.table[:, V_NORTH : V_EAST + 1], self.table[:, CARRIED : CARRIED + 1]
             velocity += carried * (current.unsqueeze(-1) - velocity)

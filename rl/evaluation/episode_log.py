@@ -1,7 +1,7 @@
-"""What a report shows of single episodes: how vehicles moved and acted, and what came before a collision.
+"""What a report shows of single episodes: motion, actions, and the seconds before each collision.
 
-A `Log` watches a whole chunk of episodes, thinned where they are long, because which of them is the worst or the median
-is known only at the end. What is shown of it is kept as arrays beside the figures (store.py).
+An `EpisodeLog` records a whole chunk of episodes, because the worst and the median are known only at the end; it skips
+decisions where episodes are long. The excerpts that a report shows are stored beside the figures (store.py).
 """
 
 import json
@@ -11,33 +11,35 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from torch import Tensor
 
 from rl.evaluation.events import event_of
-from rl.mission import Step
+from rl.judge import Judge
+from rl.mission import Mission, Step
 
 Array = NDArray[Any]
-BUDGET = 2.5e8  # bytes that a log may take
-BEFORE = 5.0  # s before a collision that are shown of it
-MOST = 12  # collisions that are shown
+BUDGET = 2.5e8  # most bytes of a log
+BEFORE = 5.0  # s shown before a collision
+MAX_CRASHES = 12  # collisions in a report
 
 
 class TeamLog(NamedTuple):
-    """One team over T moments; V vehicles, A actions."""
+    """One team at T moments, with V vehicles and A actions."""
 
     medium: str
-    place_n: Array  # [T, V, 3] m
+    position_n: Array  # [T, V, 3] m
     action: Array  # [T, V, A]
     action_names: tuple[str, ...]
     series: dict[str, Array]  # label with unit -> [T, V]
 
 
 class Ended(NamedTuple):
-    """A vehicle whose end was its team's."""
+    """The end of one vehicle."""
 
     time_s: float
     team: str
     vehicle: int
-    text: str  # what happened to it
+    text: str  # the reason
 
 
 class Excerpt(NamedTuple):
@@ -52,19 +54,19 @@ class Excerpt(NamedTuple):
 
 
 class Crash(NamedTuple):
-    """Vehicles of one team that collided at one moment, and the time before."""
+    """A collision of one team: the vehicles that collided at one moment, and the seconds before."""
 
     team: str
     vehicles: tuple[int, ...]
     time_s: float
-    before: Excerpt  # of that team alone
+    before: Excerpt  # of this team
 
 
-class Log:
-    """Watches every environment of a mission; environment 0 is episode `first`."""
+class EpisodeLog:
+    """Records every environment of a mission; environment 0 is episode `first`."""
 
-    def __init__(self, mission: Any, first: int = 0):
-        """Watch a mission whose episodes are about to begin."""
+    def __init__(self, mission: Mission, first: int = 0):
+        """Record a mission at the start of its episodes."""
         self.mission, self.first = mission, first
         numbers = sum(
             t.fleet.state.shape[0] * t.fleet.count * (6 + len(t.fleet.model.action_names))
@@ -75,8 +77,8 @@ class Log:
         self._rows: dict[str, list[dict[str, Array]]] = {name: [] for name in mission.teams}
         self._ends: dict[int, list[tuple[float, str, str, int]]] = {}  # environment -> time, team, ending, vehicle
 
-    def see(self, judges: Mapping[str, Any], step: Step, number: int) -> None:
-        """Keep decision `number` (from 1), before the judges have seen it."""
+    def see(self, judges: Mapping[str, Judge], step: Step, number: int) -> None:
+        """Record decision `number` (from 1); call this before the judges see the decision."""
         time = number * self.mission.config.decision_interval
         for name, judge in judges.items():
             for kind, flags in step.endings[name].items():
@@ -87,19 +89,21 @@ class Log:
         self._time.append(time)
         for name, judge in judges.items():
             team = self.mission.teams[name]
-            series = {label: _kept(value) for label, value in judge.series().items()}
-            self._rows[name].append({"place": _kept(team.fleet.position_n), "action": _kept(team.action)} | series)
+            series = {label: _to_array(value) for label, value in judge.series().items()}
+            self._rows[name].append(
+                {"place": _to_array(team.fleet.position_n), "action": _to_array(team.action)} | series
+            )
 
     def excerpt(self, env: int) -> Excerpt:
-        """The episode of an environment."""
+        """The whole episode of an environment."""
         return self._excerpt(env, np.ones(len(self._time), dtype=bool), tuple(self._rows))
 
     def crashes(self) -> list[Crash]:
-        """The first `MOST` collisions that the judges counted, by episode and time."""
+        """The first `MAX_CRASHES` collisions that count for the judges, by episode and time."""
         found: list[Crash] = []
         for env, ends in sorted(self._ends.items()):
             moments = sorted({(time, team) for time, team, kind, _ in ends if kind == "collided"})
-            for time, team in moments[: max(0, MOST - len(found))]:
+            for time, team in moments[: max(0, MAX_CRASHES - len(found))]:
                 who = tuple(v for t, name, kind, v in ends if (t, name, kind) == (time, team, "collided"))
                 times = np.array(self._time)
                 before = self._excerpt(env, (times > time - BEFORE) & (times <= time), (team,))
@@ -126,32 +130,32 @@ class Log:
         return TeamLog(model.medium, place, action, tuple(model.action_names), values)
 
 
-def _kept(value: Any) -> Array:
-    """A copy, small."""
+def _to_array(value: Tensor) -> Array:
+    """Copy a tensor to a float32 array."""
     return value.detach().float().cpu().numpy().copy()
 
 
 def save_log(file: Path, shown: Mapping[str, Excerpt], crashes: list[Crash]) -> None:
-    """Write what a report shows into one .npz file."""
+    """Write the excerpts and collisions that a report shows into one .npz file."""
     arrays: dict[str, Array] = {}
-    told = {name: _packed(shown[name], name, arrays) for name in sorted(shown)}  # whoever found them first
+    fields = {name: _packed(shown[name], name, arrays) for name in sorted(shown)}  # the same order on any rank
     crashed = [
         {"team": c.team, "vehicles": c.vehicles, "time": c.time_s, "before": _packed(c.before, f"crash{i}", arrays)}
         for i, c in enumerate(crashes)
     ]
     part = file.with_name(file.name + ".part.npz")
-    np.savez_compressed(part, about=np.array(json.dumps({"shown": told, "crashes": crashed})), **arrays)  # pyright: ignore[reportArgumentType]
+    np.savez_compressed(part, about=np.array(json.dumps({"shown": fields, "crashes": crashed})), **arrays)  # pyright: ignore[reportArgumentType]
     part.replace(file)
 
 
 def load_log(file: Path) -> tuple[dict[str, Excerpt], list[Crash]]:
-    """What `save_log` has written; nothing where there is no such file."""
+    """Read the file that `save_log` wrote; without a file, both results are empty."""
     if not file.is_file():
         return {}, []
     with np.load(file) as content:
         arrays = dict(content)
     about = json.loads(str(arrays.pop("about")))
-    shown = {name: _unpacked(told, name, arrays) for name, told in about["shown"].items()}
+    shown = {name: _unpacked(fields, name, arrays) for name, fields in about["shown"].items()}
     crashes = [
         Crash(c["team"], tuple(c["vehicles"]), c["time"], _unpacked(c["before"], f"crash{i}", arrays))
         for i, c in enumerate(about["crashes"])
@@ -160,11 +164,11 @@ def load_log(file: Path) -> tuple[dict[str, Excerpt], list[Crash]]:
 
 
 def _packed(excerpt: Excerpt, name: str, arrays: dict[str, Array]) -> dict[str, Any]:
-    """Put the arrays of an excerpt into `arrays`, under `name`; what else there is of it."""
+    """Put the arrays of an excerpt into `arrays`, under keys that begin with `name`; return its other fields."""
     arrays |= {f"{name}/time": excerpt.time_s, f"{name}/obstacles": excerpt.obstacles}
     arrays |= {f"{name}/track/{team}": track for team, track in excerpt.tracks_n.items()}
     for team, of in excerpt.teams.items():
-        arrays |= {f"{name}/{team}/place": of.place_n, f"{name}/{team}/action": of.action}
+        arrays |= {f"{name}/{team}/place": of.position_n, f"{name}/{team}/action": of.action}
         arrays |= {f"{name}/{team}/series/{k}": values for k, values in enumerate(of.series.values())}
     teams = {
         t: {"medium": of.medium, "actions": of.action_names, "series": [*of.series]} for t, of in excerpt.teams.items()
@@ -172,7 +176,7 @@ def _packed(excerpt: Excerpt, name: str, arrays: dict[str, Array]) -> dict[str, 
     return {"episode": excerpt.episode, "events": excerpt.events, "teams": teams, "tracks": [*excerpt.tracks_n]}
 
 
-def _unpacked(told: Mapping[str, Any], name: str, arrays: Mapping[str, Array]) -> Excerpt:
+def _unpacked(fields: Mapping[str, Any], name: str, arrays: Mapping[str, Array]) -> Excerpt:
     teams = {
         team: TeamLog(
             of["medium"],
@@ -181,13 +185,13 @@ def _unpacked(told: Mapping[str, Any], name: str, arrays: Mapping[str, Array]) -
             tuple(of["actions"]),
             {label: arrays[f"{name}/{team}/series/{k}"] for k, label in enumerate(of["series"])},
         )
-        for team, of in told["teams"].items()
+        for team, of in fields["teams"].items()
     }
     return Excerpt(
-        told["episode"],
+        fields["episode"],
         arrays[f"{name}/time"],
         teams,
-        tuple(Ended(*event) for event in told["events"]),
+        tuple(Ended(*event) for event in fields["events"]),
         arrays[f"{name}/obstacles"],
-        {team: arrays[f"{name}/track/{team}"] for team in told["tracks"]},
+        {team: arrays[f"{name}/track/{team}"] for team in fields["tracks"]},
     )

@@ -1,8 +1,8 @@
-"""Judging controllers on episodes never trained on: other worlds, seas and starts than any that was trained on.
+"""Evaluation of controllers on held-out episodes: worlds, seas and starts that no training has used.
 
-Every environment runs one episode; what is measured is the mission's (rl/judge.py). Policies run on one thread, so that
-the result does not depend on the number of threads. What an episode is depends on all that are run beside it: it is run
-again by running its whole chunk again.
+Every environment runs one episode, and the mission's judge measures it (rl/judge.py). Policies run on one thread, so
+that the result does not depend on the number of threads. An episode depends on the whole chunk that runs beside it:
+repeating one episode means running its chunk again.
 """
 
 from collections.abc import Mapping, Sequence
@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from rl import processes
-from rl.evaluation.episode_log import MOST, Crash, Excerpt, Log
-from rl.judge import Judge
+from rl.evaluation.episode_log import MAX_CRASHES, Crash, EpisodeLog, Excerpt
+from rl.judge import Episodes, Judge
 from rl.learn.policy import Policy
 from rl.mission import Mission
 from rl.missions import find_mission
@@ -25,8 +25,8 @@ from taichi_sim.config import ConfigError
 from taichi_sim.kernels import runtime
 
 CHUNK = 256  # episodes simulated at once
-LOGS = 2  # chunks whose log is kept, should an episode of theirs be shown
-SHOWN = ("worst", "median")  # the episodes that a report shows and that can be recorded
+LOGS = 2  # chunks whose log stays in memory, in case a report shows one of their episodes
+SHOWN = ("worst", "median")  # episodes that a report shows and a recording can repeat
 
 
 class Trial(NamedTuple):
@@ -41,21 +41,21 @@ class Trial(NamedTuple):
 
     @property
     def chunks(self) -> range:
-        """Numbers of the first episode of each chunk."""
+        """The number of the first episode of each chunk."""
         return range(0, self.episodes, CHUNK)
 
-    def mission(self, first: int) -> Any:
-        """The mission of a chunk, at its start."""
+    def mission(self, first: int) -> Mission:
+        """The mission of the chunk that begins with episode `first`, at its start."""
         count = min(CHUNK, self.episodes - first)
         return one_episode_each(self.config, tuple(self.policies), count, self.seed, self.source, first)
 
 
-class Outcome(NamedTuple):
-    """What an evaluation brought."""
+class EvaluationOutcome(NamedTuple):
+    """The result of an evaluation."""
 
     result: dict[str, Any]  # what `evaluate` returns
     episodes: dict[str, dict[str, NDArray[np.float64]]]  # team -> name -> [episode], see Judge.episodes
-    shown: dict[str, Excerpt]  # by the names in SHOWN
+    shown: dict[str, Excerpt]  # a name in SHOWN -> its episode
     crashes: list[Crash]
 
 
@@ -69,10 +69,10 @@ def evaluate(
     source: Path | None = None,
     show_progress: bool = True,
 ) -> dict[str, Any]:
-    """Run `episodes` episodes of the teams in `policies` and summarise them; the mission's judge defines the keys.
+    """Run `episodes` episodes of the teams in `policies` and return a summary; the mission's judge defines its keys.
 
     Raises:
-        ConfigError: if an episode is too short for anything to be measured.
+        ConfigError: if an episode is too short to measure anything.
     """
     return judge_episodes(
         config, policies, episodes=episodes, seed=seed, controller=controller, source=source,
@@ -89,21 +89,24 @@ def judge_episodes(
     controller: str = "policy",
     source: Path | None = None,
     show_progress: bool = True,
-    look: bool = False,
-) -> Outcome:
-    """The same, with the numbers of each episode; with `look`, also what a report shows of some of them.
+    excerpts: bool = False,
+) -> EvaluationOutcome:
+    """Run `evaluate` and also return the numbers of each episode; with `excerpts`, also what a report shows.
 
-    In a process alone; for several see `judge_trials`.
+    It runs in one process; `judge_trials` uses several.
+
+    Raises:
+        ConfigError: if an episode is too short to measure anything.
     """
     trial = Trial(config, policies, episodes, seed, controller, source)
-    outcome = judge_trials([trial], show_progress=show_progress, look=look)[0]
+    outcome = judge_trials([trial], show_progress=show_progress, excerpts=excerpts)[0]
     if isinstance(outcome, Exception):
         raise outcome
     return outcome
 
 
 class _Part(NamedTuple):
-    """What a chunk of a trial brought."""
+    """The result of one chunk of a trial."""
 
     judges: dict[str, Judge]
     crashes: list[Crash]
@@ -115,12 +118,12 @@ def judge_trials(
     *,
     cannot: tuple[type[Exception], ...] = (),
     show_progress: bool = True,
-    look: bool = False,
-) -> list[Outcome | Exception]:
-    """Outcomes of several trials, in their order; in the place of one that cannot be, the error, if `cannot` names it.
+    excerpts: bool = False,
+) -> list[EvaluationOutcome | Exception]:
+    """Run several trials and return their outcomes in order, or the error of a trial if `cannot` lists its type.
 
-    Chunks of episodes are shared out over processes (rl/processes): the outcomes are known to rank 0, the same to
-    the bit as of a process alone, and the others get an empty list.
+    Processes share the chunks (rl/processes). Rank 0 gets the outcomes, with the same bits as in a single process; the
+    other ranks get an empty list.
     """
     for trial in trials:
         check_measurable(trial.config)
@@ -128,25 +131,25 @@ def judge_trials(
     units = [(number, first) for number, trial in enumerate(trials) for first in trial.chunks]
     own = units[place.rank :: place.count]
     total = sum(trials[number].config.episode_steps for number, _ in own)
-    logs: dict[tuple[int, int], Log] = {}
+    logs: dict[tuple[int, int], EpisodeLog] = {}
     shown = show_progress and place.first
     with runtime.torch_at_rest(), tqdm(total=total, desc="evaluate", unit="step", disable=not shown) as bar:
 
         def run_all() -> dict[tuple[int, int], _Part]:
-            return {unit: _run_part(trials[unit[0]], unit, cannot, bar, logs if look else None) for unit in own}
+            return {unit: _run_part(trials[unit[0]], unit, cannot, bar, logs if excerpts else None) for unit in own}
 
-        parts = {unit: part for of_rank in processes.of_all(run_all) for unit, part in of_rank.items()}
-    found = [_pool(trial, [parts[n, first] for first in trial.chunks]) for n, trial in enumerate(trials) if parts]
-    if look:
-        chosen = processes.told(lambda: [{} if isinstance(of, Exception) else _chosen(of) for of in found])
-        wanted = [(n, name, episode) for n, of_it in enumerate(chosen) for name, episode in of_it.items()]
-        mine = [of for of in wanted if (of[0], of[2] - of[2] % CHUNK) in own]
-        seen = processes.of_all(lambda: [(n, name, _excerpt(trials[n], n, at, logs)) for n, name, at in mine])
-        for n, name, excerpt in (of for of_rank in seen for of in of_rank):
-            of_it = found[n]
-            assert isinstance(of_it, Outcome)
-            of_it.shown[name] = excerpt
-    return found
+        parts = {unit: part for of_rank in processes.gather(run_all) for unit, part in of_rank.items()}
+    outcomes = [_pool(trial, [parts[n, first] for first in trial.chunks]) for n, trial in enumerate(trials) if parts]
+    if excerpts:
+        chosen = processes.broadcast(lambda: [{} if isinstance(o, Exception) else _chosen(o) for o in outcomes])
+        shown_episodes = [(n, name, episode) for n, of_trial in enumerate(chosen) for name, episode in of_trial.items()]
+        mine = [(n, name, episode) for n, name, episode in shown_episodes if (n, episode - episode % CHUNK) in own]
+        gathered = processes.gather(lambda: [(n, name, _excerpt(trials[n], n, at, logs)) for n, name, at in mine])
+        for n, name, excerpt in (item for of_rank in gathered for item in of_rank):
+            outcome = outcomes[n]
+            assert isinstance(outcome, EvaluationOutcome)
+            outcome.shown[name] = excerpt
+    return outcomes
 
 
 def _run_part(
@@ -154,12 +157,12 @@ def _run_part(
     unit: tuple[int, int],
     cannot: tuple[type[Exception], ...],
     bar: tqdm,
-    logs: dict[tuple[int, int], Log] | None,
+    logs: dict[tuple[int, int], EpisodeLog] | None,
 ) -> _Part:
-    """Run a chunk; the logs of the last few are kept."""
+    """Run a chunk; `logs` keeps the logs of the last few chunks."""
     try:
         mission = trial.mission(unit[1])
-        log = None if logs is None else Log(mission, unit[1])
+        log = None if logs is None else EpisodeLog(mission, unit[1])
         judges = run_episodes(mission, trial.policies, bar, log)
     except cannot as error:
         return _Part({}, [], error)
@@ -171,8 +174,8 @@ def _run_part(
     return _Part(judges, log.crashes())
 
 
-def _pool(trial: Trial, parts: Sequence[_Part]) -> Outcome | Exception:
-    """The outcome of a trial from those of its chunks; as yet without what is shown."""
+def _pool(trial: Trial, parts: Sequence[_Part]) -> EvaluationOutcome | Exception:
+    """Combine the chunks of a trial into its outcome, without excerpts."""
     if wrong := next((part.cannot for part in parts if part.cannot is not None), None):
         return wrong
     kind = mission_class(trial.config, trial.source).Judge
@@ -186,28 +189,28 @@ def _pool(trial: Trial, parts: Sequence[_Part]) -> Outcome | Exception:
         "teams": {name: kind.figures(chunks, trial.config) for name, chunks in seen.items()},
         **{f"{name}_episode": episode for name, episode in choose(kind, of_each).items()},
     }
-    return Outcome(result, of_each, {}, [crash for part in parts for crash in part.crashes][:MOST])
+    return EvaluationOutcome(result, of_each, {}, [crash for part in parts for crash in part.crashes][:MAX_CRASHES])
 
 
-def _chosen(outcome: Outcome) -> dict[str, int]:
+def _chosen(outcome: EvaluationOutcome) -> dict[str, int]:
     """Numbers of the episodes that a report shows."""
     return {name: outcome.result[f"{name}_episode"] for name in SHOWN}
 
 
-def _excerpt(trial: Trial, number: int, episode: int, logs: Mapping[tuple[int, int], Log]) -> Excerpt:
-    """An episode of trial `number`, from the log of its chunk, which is run again if that is not kept."""
+def _excerpt(trial: Trial, number: int, episode: int, logs: Mapping[tuple[int, int], EpisodeLog]) -> Excerpt:
+    """One episode of trial `number` from the log of its chunk; without that log, the chunk runs again."""
     first = episode - episode % CHUNK
     log = logs.get((number, first))
     if log is None:
         with runtime.torch_at_rest():
             mission = trial.mission(first)
-            log = Log(mission, first)
+            log = EpisodeLog(mission, first)
             run_episodes(mission, trial.policies, log=log)
     return log.excerpt(episode - first)
 
 
-def choose(kind: type[Judge], episodes: Mapping[str, Any]) -> dict[str, int]:
-    """Numbers of the worst and of the median episode, of all teams together."""
+def choose(kind: type[Judge], episodes: Mapping[str, Episodes]) -> dict[str, int]:
+    """Numbers of the worst and of the median episode over all teams."""
     bad = np.maximum.reduce([kind.badness(of_team) for of_team in episodes.values()])
     order = np.lexsort(bad[::-1])
     return {"worst": int(order[-1]), "median": int(order[(len(order) - 1) // 2])}
@@ -220,7 +223,7 @@ def mission_class(config: Scenario, source: Path | None) -> type[Mission]:
 
 def one_episode_each(
     config: Scenario, teams: Sequence[str], episodes: int, seed: int, source: Path | None, first: int = 0
-) -> Any:
+) -> Mission:
     """A mission of `episodes` environments, each at the start of an episode of its own world and sea."""
     kind = mission_class(config, source)
     chunk = kind.one_each(config, min(episodes, CHUNK))
@@ -229,10 +232,12 @@ def one_episode_each(
     return mission
 
 
-def chunk_with(
+def chunk_of_episode(
     config: Scenario, teams: Sequence[str], episodes: int, seed: int, source: Path | None, episode: int
-) -> tuple[Any, int]:
-    """The mission in which an evaluation of `episodes` ran number `episode`, at its start; the number of its first."""
+) -> tuple[Mission, int]:
+    """The mission that ran `episode` in an evaluation of `episodes`, at its start, and the number of its first
+    episode.
+    """
     first = episode - episode % CHUNK
     return one_episode_each(config, teams, min(CHUNK, episodes - first), seed, source, first), first
 
@@ -241,7 +246,7 @@ def check_measurable(config: Scenario) -> None:
     """Refuse a scenario whose episodes end before measuring begins.
 
     Raises:
-        ConfigError: naming both keys.
+        ConfigError: if so; the message names both keys.
     """
     if config.episode_duration <= config.evaluation.settle:
         raise ConfigError(
@@ -251,9 +256,9 @@ def check_measurable(config: Scenario) -> None:
 
 
 def run_episodes(
-    mission: Any, policies: Mapping[str, Policy], bar: tqdm | None = None, log: Log | None = None
-) -> dict[str, Any]:
-    """One episode in every environment of `mission`, freshly reset: its judge of each team."""
+    mission: Mission, policies: Mapping[str, Policy], bar: tqdm | None = None, log: EpisodeLog | None = None
+) -> dict[str, Judge]:
+    """Run one episode in every environment of a freshly reset mission; return the judge of each team."""
     judges = {name: mission.Judge(mission, name) for name in mission.teams}
     for number in range(1, mission.config.episode_steps + 1):
         step = mission.step({name: policies[name](team) for name, team in mission.teams.items()})

@@ -1,9 +1,9 @@
-"""What endings are called where people read of them: recordings and reports."""
+"""Readable texts for endings, in recordings and reports."""
 
 EVENTS = {
     "collided": ("collision", "hit an obstacle or a team mate"),
     "lost": ("lost", "is too far from its slot"),
-    "crashed": ("crashed", "has touched the water, with a wing tip or else"),
+    "crashed": ("crashed", "has touched the water"),
     "stalled": ("stalled", "has not recovered from a stall"),
     "ditched": ("ditched", "has met the water, with its feet or a rotor"),
     "struck": ("struck", "has met a deck with a rotor"),
@@ -18,9 +18,9 @@ EVENTS = {
     "left": ("left", "has left the area"),
     "diverged": ("diverged", "has no finite state any more"),
 }
-"""Field of Endings -> kind of event and what is said of it."""
+"""Name of an ending -> kind of event and its text, which follows the vehicle's name."""
 
 
 def event_of(field: str) -> tuple[str, str]:
-    """Kind of event and what is said of it; a field that is not in `EVENTS` speaks for itself."""
+    """The kind and the text of an ending; an ending that is not in `EVENTS` gets a text made of its name."""
     return EVENTS.get(field, (field, f"has ended: {field.replace('_', ' ')}"))

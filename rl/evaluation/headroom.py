@@ -1,11 +1,11 @@
-"""Headroom: what can be done at all, and how much of it a policy takes.
+"""Headroom: how much better than the classical controller an oracle does, and the share of it that a policy takes.
 
-Planning 32 episodes takes minutes, so that what an oracle and the classical controller made of them is kept beside the
-scenario (configs/oracle/NAME.json). A policy is judged on the same episodes:
+Planning 32 episodes takes minutes. The episodes of the oracle and of the classical controller are therefore stored
+beside the scenario (configs/oracle/NAME.json). A policy is judged on the same episodes:
 
     headroom taken = (classical - learned) / (classical - oracle)
 
-of any figure of the mission's judge; 0 is the classical controller's, 1 the oracle's.
+for any figure of the mission's judge; 0 is the classical controller, 1 the oracle.
 """
 
 import hashlib
@@ -25,22 +25,23 @@ from rl.planning.planner import Planner
 from rl.scenario import Scenario
 from taichi_sim.config.io import config_folder
 
+Array = NDArray[np.float64]
 EPISODES, SEED = 32, 4242
 LEARNING = ("residual", "tracking_reward", "boat_reward", "aircraft_reward", "plan")  # keys that change no episode
 
 
 class Bound(NamedTuple):
-    """An oracle's and the classical controller's episodes of one team, which is alone with `beside`."""
+    """Episodes of one team under an oracle and under its classical controller."""
 
-    beside: tuple[str, ...]  # teams in the episodes, this one among them
+    beside: tuple[str, ...]  # simulated teams, including this one
     seed: int
-    classical: dict[str, NDArray[np.float64]]  # as Judge.episodes gives them
-    oracle: dict[str, NDArray[np.float64]]
-    price: float  # s of computing a second of an episode
+    classical: dict[str, Array]  # from Judge.episodes
+    oracle: dict[str, Array]
+    price: float  # s of computation for each second of an episode
 
     @property
     def episodes(self) -> int:
-        """How many there are."""
+        """Number of episodes."""
         return len(next(iter(self.oracle.values())))
 
 
@@ -48,10 +49,10 @@ def run_bound(
     config: Scenario, team: str, *, episodes: int = EPISODES, seed: int = SEED, source: Path | None = None,
     show_progress: bool = True,
 ) -> Bound:  # fmt: skip
-    """Let the classical controller and an oracle do the same episodes."""
+    """Run the same episodes under the classical controller and under an oracle."""
     beside = teams_beside(config, team)
 
-    def judged(policy: Policy) -> dict[str, NDArray[np.float64]]:
+    def judged(policy: Policy) -> dict[str, Array]:
         policies = {name: policy if name == team else ClassicalPolicy() for name in beside}
         return judge_episodes(
             config, policies, episodes=episodes, seed=seed, source=source, show_progress=show_progress
@@ -62,44 +63,49 @@ def run_bound(
     return Bound(beside, seed, classical, judged(oracle), oracle.price)
 
 
-def judge_all(
+def judge_on_bounds(
     bounds: Mapping[str, Bound], config: Scenario, policies: Mapping[str, Policy], source: Path | None = None
-) -> dict[str, dict[str, NDArray[np.float64]]]:
-    """Policies on the episodes of the bounds of their teams: team -> numbers, as Judge.episodes gives them."""
-    return {team: judge_like(bounds[team], config, team, of, source) for team, of in policies.items() if team in bounds}
+) -> dict[str, dict[str, Array]]:
+    """Run policies on the episodes of their teams' bounds: team -> numbers of each episode (Judge.episodes)."""
+    return {
+        team: judge_on_bound(bounds[team], config, team, of, source) for team, of in policies.items() if team in bounds
+    }
 
 
-def judge_like(bound: Bound, config: Scenario, team: str, policy: Policy, source: Path | None = None) -> Any:
-    """A policy on the episodes of a bound, as Judge.episodes gives them."""
+def judge_on_bound(
+    bound: Bound, config: Scenario, team: str, policy: Policy, source: Path | None = None
+) -> dict[str, Array]:
+    """Run a policy on the episodes of a bound; return the numbers of each episode (Judge.episodes)."""
     policies = {name: policy if name == team else ClassicalPolicy() for name in bound.beside}
     return judge_episodes(
         config, policies, episodes=bound.episodes, seed=bound.seed, source=source, show_progress=False
     ).episodes[team]
 
 
-def headroom(kind: type[Judge], learned: Mapping[str, Any], bound: Bound, times: int = 1) -> dict[str, Interval]:
-    """Of each figure, the share of the way from the classical controller to the oracle that `learned` goes.
+def headroom(kind: type[Judge], learned: Mapping[str, Array], bound: Bound, times: int = 1) -> dict[str, Interval]:
+    """The share of the headroom that `learned` takes, for each figure.
 
-    `learned` may hold the bound's episodes several `times`, one after the other, by several policies.
+    With `times` > 1, `learned` holds the bound's episodes that many times, one policy after the other.
     """
 
-    def share(classical: Any, of_it: Any, oracle: Any) -> Any:
-        with np.errstate(divide="ignore", invalid="ignore"):  # what is not finite is not known
-            return np.divide(classical - of_it, classical - oracle)
+    def share(classical: Array, learned: Array, oracle: Array) -> Array:
+        with np.errstate(divide="ignore", invalid="ignore"):  # a figure that is not finite counts as not measured
+            return np.divide(classical - learned, classical - oracle)
 
     several = [{key: np.concatenate([x] * times) for key, x in of.items()} for of in (bound.classical, bound.oracle)]
     return paired(share, kind, several[0], learned, several[1], times=times)
 
 
 def headroom_line(kind: type[Judge], team: str, bound: Bound) -> str:
-    """The figures of a bound as a line to read."""
+    """The figures of a bound as one readable line."""
     one, other = kind.pooled(bound.classical), kind.pooled(bound.oracle)
-    told = ", ".join(f"{key} {float(one[key]):.3g} -> {float(other[key]):.3g}" for key in kind.plotted)
-    return f"{team}, {bound.episodes} episodes, classical -> oracle: {told}; {bound.price:.2f} s a second of life"
+    figures = ", ".join(f"{key} {float(one[key]):.3g} -> {float(other[key]):.3g}" for key in kind.plotted)
+    cost = f"{bound.price:.2f} s of computation for each second"
+    return f"{team}, {bound.episodes} episodes, classical -> oracle: {figures}; {cost}"
 
 
 def teams_beside(config: Scenario, team: str) -> tuple[str, ...]:
-    """The teams that are simulated with a planned one: all that its mission lets act on it, else itself alone."""
+    """The teams that are simulated with a planned one: all teams that can act on it, or itself alone."""
     return tuple(config.trained) if config.mission != "formation" else (team,)
 
 
@@ -107,12 +113,12 @@ def teams_beside(config: Scenario, team: str) -> tuple[str, ...]:
 
 
 def bound_file(config: Scenario) -> Path:
-    """Where the bounds of a scenario are kept."""
+    """The file that stores the bounds of a scenario."""
     return config_folder() / "oracle" / f"{config.name}.json"
 
 
 def digest(config: Scenario) -> str:
-    """Tells scenarios apart whose episodes differ: what only learning reads does not count."""
+    """A hash that differs between scenarios whose episodes differ; keys that only learning reads do not count."""
     data = config.model_dump(mode="json", exclude={"stages", "seed", "evaluation"})
     for name in config.teams:
         for key in LEARNING:
@@ -121,9 +127,9 @@ def digest(config: Scenario) -> str:
 
 
 def write_bounds(file: Path, config: Scenario, bounds: Mapping[str, Bound]) -> None:
-    """Keep bounds, by team."""
+    """Write the bounds of each team."""
 
-    def plain(values: Mapping[str, NDArray[np.float64]]) -> dict[str, Any]:
+    def plain(values: Mapping[str, Array]) -> dict[str, Any]:
         return {key: [round(float(x), 5) if np.isfinite(x) else None for x in array] for key, array in values.items()}
 
     teams = {
@@ -139,7 +145,7 @@ def write_bounds(file: Path, config: Scenario, bounds: Mapping[str, Bound]) -> N
 
 
 def read_bounds(config: Scenario, file: Path | None = None) -> dict[str, Bound]:
-    """The kept bounds of a scenario, by team; none where there are none, or the episodes would be others."""
+    """The stored bounds of a scenario by team; empty without a file or if the scenario's episodes have changed."""
     file = file or bound_file(config)
     if not file.is_file():
         return {}
@@ -147,7 +153,7 @@ def read_bounds(config: Scenario, file: Path | None = None) -> dict[str, Bound]:
     if data["digest"] != digest(config):
         return {}
 
-    def arrays(values: Mapping[str, list[float | None]]) -> dict[str, NDArray[np.float64]]:
+    def arrays(values: Mapping[str, list[float | None]]) -> dict[str, Array]:
         return {key: np.array([np.nan if x is None else x for x in row]) for key, row in values.items()}
 
     return {

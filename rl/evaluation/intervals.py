@@ -1,9 +1,9 @@
 """95 % intervals of figures, by the bootstrap over episodes.
 
-Episodes are independent of each other, the moments within one are not: so whole episodes are drawn again, with
-replacement, and the figures computed of each draw. An interval is from the 2.5th to the 97.5th percentile of those (the
-percentile method, Efron & Tibshirani 1993, ch. 13). Of two controllers on the same episodes the same draws are taken of
-both, so that what makes an episode hard for both cancels in the difference.
+Episodes are independent of each other; moments within an episode are not. The bootstrap therefore draws whole episodes
+with replacement and computes the figures of each draw. An interval reaches from the 2.5th to the 97.5th percentile of
+the draws (percentile method, Efron & Tibshirani 1993, ch. 13). Two controllers on the same episodes get the same draws,
+so that the difficulty of an episode cancels in their difference.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -20,7 +20,7 @@ AT_ONCE = 1_000_000  # numbers drawn at once
 
 
 class Interval(NamedTuple):
-    """A figure of all episodes, and its interval; None where it was not measured."""
+    """A figure over all episodes with its interval; None where it was not measured."""
 
     value: float | None
     low: float | None
@@ -28,58 +28,65 @@ class Interval(NamedTuple):
 
 
 def intervals(kind: type[Judge], episodes: Episodes) -> dict[str, Interval]:
-    """Of each figure that `kind.pooled` gives of one team's episodes, as Judge.episodes gives them."""
-    return _of(kind.pooled(episodes), [kind.pooled(drawn) for (drawn,) in _draws(episodes)])
+    """The interval of each figure that `kind.pooled` computes from one team's `episodes` (Judge.episodes)."""
+    return _percentiles(kind.pooled(episodes), [kind.pooled(drawn) for (drawn,) in _draws(episodes)])
 
 
 def differences(kind: type[Judge], one: Episodes, other: Episodes, times: int = 1) -> dict[str, Interval]:
-    """Of the differences, one less the other, on the same episodes.
+    """The interval of each figure's difference, `one` minus `other`, on the same episodes.
 
-    Each may hold the same episodes several `times`, one after the other (by several policies): such are drawn together.
+    With `times` > 1, each argument holds the same episodes that many times, one policy after the other; all copies of
+    an episode are drawn together.
     """
     return paired(np.subtract, kind, one, other, times=times)
 
 
 def ratios(kind: type[Judge], one: Episodes, other: Episodes, times: int = 1) -> dict[str, Interval]:
-    """Of the ratios, one over the other, likewise."""
-    with np.errstate(divide="ignore", invalid="ignore"):  # what is not finite is not known
+    """The interval of each figure's ratio, `one` over `other`; arguments as for `differences`."""
+    with np.errstate(divide="ignore", invalid="ignore"):  # a figure that is not finite counts as not measured
         return paired(np.divide, kind, one, other, times=times)
 
 
 def paired(
-    how: Callable[..., NDArray[np.float64]], kind: type[Judge], *of: Episodes, times: int = 1
+    combine: Callable[..., NDArray[np.float64]], kind: type[Judge], *controllers: Episodes, times: int = 1
 ) -> dict[str, Interval]:
-    """Of what `how` makes of the same figure of several controllers, on the same episodes, `times` as above.
+    """The interval of `combine(figure, figure, ...)` over several controllers on the same episodes, for each figure.
+
+    Args:
+        combine: takes one figure of each controller.
+        kind: the mission's judge.
+        controllers: the episodes of each controller.
+        times: as for `differences`.
 
     Raises:
-        ValueError: if they have not as many episodes.
+        ValueError: if the numbers of episodes differ.
     """
-    counts = [_count(episodes) for episodes in of]
+    counts = [_count(episodes) for episodes in controllers]
     if len(set(counts)) > 1:
-        raise ValueError(f"{' and '.join(map(str, counts))} episodes: pairs are of the same episodes")
+        raise ValueError(f"{' and '.join(map(str, counts))} episodes: the controllers must have the same episodes")
 
     def together(parts: Sequence[Episodes]) -> dict[str, NDArray[np.float64]]:
         pooled = [kind.pooled(part) for part in parts]
-        return {key: np.asarray(how(*(figures[key] for figures in pooled))) for key in pooled[0]}
+        return {key: np.asarray(combine(*(figures[key] for figures in pooled))) for key in pooled[0]}
 
-    return _of(together(of), [together(drawn) for drawn in _draws(*of, times=times)])
+    return _percentiles(together(controllers), [together(drawn) for drawn in _draws(*controllers, times=times)])
 
 
 def _count(episodes: Episodes) -> int:
     return len(next(iter(episodes.values())))
 
 
-def _draws(*of: Episodes, times: int = 1) -> Iterator[list[dict[str, NDArray[np.float64]]]]:
-    """The same episodes of each, drawn again and again: [draw, episode]; they are there `times`."""
-    count, generator = _count(of[0]) // times, np.random.default_rng(0)
+def _draws(*controllers: Episodes, times: int = 1) -> Iterator[list[dict[str, NDArray[np.float64]]]]:
+    """Draws of the same episodes for every controller, each [draw, episode]; `times` as for `differences`."""
+    count, generator = _count(controllers[0]) // times, np.random.default_rng(0)
     rows = max(1, min(RESAMPLES, AT_ONCE // count))
     for begin in range(0, RESAMPLES, rows):
         drawn = generator.integers(count, size=(min(rows, RESAMPLES - begin), count))
         picks = np.concatenate([drawn + k * count for k in range(times)], axis=1)
-        yield [{name: values[picks] for name, values in episodes.items()} for episodes in of]
+        yield [{name: values[picks] for name, values in episodes.items()} for episodes in controllers]
 
 
-def _of(value: Mapping[str, NDArray], draws: list[dict[str, NDArray[np.float64]]]) -> dict[str, Interval]:
+def _percentiles(value: Mapping[str, NDArray], draws: list[dict[str, NDArray[np.float64]]]) -> dict[str, Interval]:
     found = {}
     for key in value:
         drawn = np.concatenate([np.atleast_1d(draw[key]) for draw in draws])

@@ -1,13 +1,12 @@
-"""One episode, written down: every state of every team, for recordings and figures."""
+"""One episode with every state of every team, for recordings and figures."""
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from tqdm import tqdm
 
-from rl.evaluation.episodes import chunk_with, one_episode_each
+from rl.evaluation.episodes import chunk_of_episode, one_episode_each
 from rl.evaluation.events import event_of
 from rl.evaluation.reel import Reel
 from rl.learn.policy import Policy
@@ -16,6 +15,7 @@ from rl.scenario import Scenario
 from taichi_sim.config.io import toml_text
 from taichi_sim.kernels import runtime
 from taichi_sim.recording import Episode, Event
+from taichi_sim.vehicle import Vehicle
 
 Seen = Callable[[Mission, int, Step, list[Event]], None]
 """Called after each step of an episode that is recorded: mission, its environment, the step, new events."""
@@ -32,31 +32,37 @@ def record_episode(
     show_progress: bool = False,
     seen: Seen | None = None,
 ) -> Episode:
-    """Run one episode of an unseen world (number 0 of evaluation seed `seed`) and keep all of it.
+    """Run one held-out episode (number 0 of evaluation seed `seed`) and record all of it.
 
-    With `number` = (i, n) it is the very episode i of an evaluation of n, run again with its chunk.
+    The episode goes on after a collision, to show what follows. It ends when a state is not finite or when all aircraft
+    of a team are in the water.
 
-    The episode goes on after a collision, so that one sees what follows, but not after a state that is no longer
-    finite, nor when a whole team of aircraft is in the water. `duration` in s, default the scenario's. `seen` is told
-    of each frame.
+    Args:
+        config, policies: the scenario, and the policy of each team.
+        seed: of the episodes.
+        number: (i, n) repeats episode i of an evaluation of n episodes, with its chunk.
+        duration: s; default the scenario's.
+        source: the scenario's file.
+        show_progress: show a progress bar.
+        seen: called with each frame.
 
     Raises:
-        ValueError: if there is nothing to record, for a state diverged in the first step.
+        ValueError: if a state diverged in the first step, so that there is nothing to record.
     """
     duration = config.episode_duration if duration is None else duration
     steps = max(2, round(duration / config.decision_interval))
     if number is None:
         task, env = one_episode_each(config, tuple(policies), 1, seed, source), 0
     else:
-        task, first = chunk_with(config, tuple(policies), number[1], seed, source, number[0])
+        task, first = chunk_of_episode(config, tuple(policies), number[1], seed, source, number[0])
         env = number[0] - first
     reel = Reel(task, env)
-    told: set[tuple[str, int, str]] = set()
+    known: set[tuple[str, int, str]] = set()
     events: list[Event] = []
     with runtime.torch_at_rest():
         for i in tqdm(range(steps), desc="record", unit="step", disable=not show_progress):
             step = task.step({name: policies[name](team) for name, team in task.teams.items()})
-            new = _events(step, (i + 1) * config.decision_interval, told, env)
+            new = _events(step, (i + 1) * config.decision_interval, known, env)
             events += new
             if any(bool(ended["diverged"][env].any()) for ended in step.endings.values()):
                 break  # what follows is no motion
@@ -64,7 +70,7 @@ def record_episode(
             if seen is not None:
                 seen(task, env, step, new)
             if any("crashed" in ended and bool(ended["crashed"][env].all()) for ended in step.endings.values()):
-                break  # nobody flies under water
+                break  # aircraft do not fly under water
     if not len(reel):
         raise ValueError(f"nothing to record: {events[0].text} in the first step")
     for name, team in task.teams.items():
@@ -76,20 +82,20 @@ def record_episode(
     )
 
 
-def _events(step: Step, time: float, seen: set[tuple[str, int, str]], env: int = 0) -> list[Event]:
+def _events(step: Step, time: float, known: set[tuple[str, int, str]], env: int = 0) -> list[Event]:
     found = []
     for team, ended in step.endings.items():
         for field in ended:
             kind, text = event_of(field)
             for vehicle in ended[field][env].nonzero().flatten().tolist():
-                if (team, vehicle, kind) not in seen:
-                    seen.add((team, vehicle, kind))
+                if (team, vehicle, kind) not in known:
+                    known.add((team, vehicle, kind))
                     found.append(Event(time, team, vehicle, kind, f"{team}{vehicle} {text}"))
     return found
 
 
-def _stalls(model: Any, team: str, aux: np.ndarray, time: np.ndarray) -> list[Event]:
-    """Each moment a wing began to stall, if the model's `aux` [T, V, n] tells for how long it has been stalled."""
+def _stalls(model: Vehicle, team: str, aux: np.ndarray, time: np.ndarray) -> list[Event]:
+    """An event for each moment at which a wing begins to stall; `aux` [T, V, n] is the model's."""
     if "stall_time" not in model.aux_names:
         return []
     stalled = aux[..., model.aux_names.index("stall_time")] > 0

@@ -1,4 +1,4 @@
-"""What is kept of one environment of a mission while it runs, frame by frame: a whole episode, or parts of one."""
+"""Recording of one environment of a mission while it runs, as a whole episode or in parts."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields, replace
@@ -25,12 +25,12 @@ class Reel:
         self._frames: list[tuple[Rows, tuple[Overlay, ...]]] = []
 
     def __len__(self) -> int:
-        """Frames since the last part."""
+        """Number of frames since the last part."""
         return len(self.recorder)
 
     @property
     def now(self) -> float:
-        """The clock, s."""
+        """Time of the clock, s."""
         return self.recorder.now
 
     def add(self, step: Step) -> None:

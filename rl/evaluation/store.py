@@ -1,8 +1,8 @@
-"""The last evaluation of each controller, kept in a run's folder: figures, numbers of each episode, what is shown.
+"""The last evaluation of each controller, stored in a run's folder.
 
-evaluation/policy.json, classical.json     what evaluate.py prints, how it was made, and the numbers of each episode
-evaluation/policy.npz, classical.npz       the worst and the median episode, and collisions (log.py)
-evaluation/headroom.json                   what the policies made of an oracle's episodes (headroom.py)
+evaluation/policy.json, classical.json     the figures, their conditions, and the numbers of each episode
+evaluation/policy.npz, classical.npz       the worst and the median episode, and collisions (episode_log.py)
+evaluation/headroom.json                   the policies' numbers on an oracle's episodes (headroom.py)
 """
 
 from collections.abc import Mapping, Sequence
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rl.evaluation.episode_log import save_log
-from rl.evaluation.episodes import SHOWN, Outcome
+from rl.evaluation.episodes import SHOWN, EvaluationOutcome
 from rl.runs import folder as run_folder
 from rl.runs.folder import RunError
 
@@ -21,33 +21,35 @@ FOLDER, HEADROOM = "evaluation", "headroom.json"
 CONTROLLERS = ("policy", "classical", "oracle", "honest")
 
 
-class Conditions(NamedTuple):
-    """What beside the run's own scenario an evaluation was made with."""
+class EvaluationConditions(NamedTuple):
+    """How an evaluation differs from the run's own scenario."""
 
-    config: str | None = None  # another scenario's file
+    config: str | None = None  # file of another scenario
     overrides: tuple[str, ...] = ()
 
     def __str__(self) -> str:
-        """As on the command line."""
+        """The arguments on the command line."""
         config = [] if self.config is None else [f"--config {self.config}"]
         return " ".join(config + [f"--set {text}" for text in self.overrides])
 
 
-class Kept(NamedTuple):
-    """An evaluation as it is kept."""
+class StoredEvaluation(NamedTuple):
+    """An evaluation in a run's folder."""
 
     result: dict[str, Any]  # what `evaluate` returned
-    conditions: Conditions
+    conditions: EvaluationConditions
     episodes: dict[str, dict[str, NDArray[np.float64]]]  # team -> name -> [episode]
 
     @property
-    def trial(self) -> tuple[Any, ...]:
-        """Two evaluations of the same trial have the same episodes."""
+    def trial(self) -> tuple[object, ...]:
+        """A key that is equal for evaluations of the same episodes."""
         return self.result["seed"], self.result["episodes"], tuple(self.result["teams"]), self.conditions
 
 
-def keep(run: Path, outcome: Outcome, config: Path | None = None, overrides: Sequence[str] = ()) -> None:
-    """Keep an evaluation in a run's folder, in the place of its controller's last."""
+def save_evaluation(
+    run: Path, outcome: EvaluationOutcome, config: Path | None = None, overrides: Sequence[str] = ()
+) -> None:
+    """Store an evaluation in a run's folder, in place of its controller's last one."""
     file = _file(run, outcome.result["controller"])
     file.parent.mkdir(exist_ok=True)
     numbers = {
@@ -59,11 +61,11 @@ def keep(run: Path, outcome: Outcome, config: Path | None = None, overrides: Seq
     run_folder.write_json(file, outcome.result | {"conditions": made, "of_each_episode": numbers})
 
 
-def kept(run: Path, controller: str) -> Kept | None:
-    """The last evaluation of a controller, if there is one.
+def load_evaluation(run: Path, controller: str) -> StoredEvaluation | None:
+    """The last evaluation of a controller; None if there is none.
 
     Raises:
-        RunError: if it cannot be read.
+        RunError: if the file cannot be read.
     """
     file = _file(run, controller)
     if not file.is_file():
@@ -72,13 +74,13 @@ def kept(run: Path, controller: str) -> Kept | None:
     try:
         made, numbers = content.pop("conditions"), content.pop("of_each_episode")
         arrays = {t: {name: np.array(v, dtype=float) for name, v in of.items()} for t, of in numbers.items()}
-        return Kept(content, Conditions(made["config"], tuple(made["set"])), arrays)
+        return StoredEvaluation(content, EvaluationConditions(made["config"], tuple(made["set"])), arrays)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise RunError(f"{file}: not a kept evaluation ({error!r}); evaluate again") from None
+        raise RunError(f"{file}: not a stored evaluation ({error!r}); evaluate again") from None
 
 
-def keep_headroom(run: Path, episodes: Mapping[str, Mapping[str, NDArray[np.float64]]]) -> None:
-    """Keep what a run's policies made of an oracle's episodes (headroom.py): team -> name -> [episode]."""
+def save_headroom(run: Path, episodes: Mapping[str, Mapping[str, NDArray[np.float64]]]) -> None:
+    """Store the numbers of a run's policies on an oracle's episodes (headroom.py): team -> name -> [episode]."""
     (run / FOLDER).mkdir(exist_ok=True)
     plain = {
         team: {name: [x if np.isfinite(x) else None for x in values.tolist()] for name, values in of_team.items()}
@@ -87,8 +89,8 @@ def keep_headroom(run: Path, episodes: Mapping[str, Mapping[str, NDArray[np.floa
     run_folder.write_json(run / FOLDER / HEADROOM, plain)
 
 
-def kept_headroom(run: Path) -> dict[str, dict[str, NDArray[np.float64]]]:
-    """What `keep_headroom` has kept; nothing if it was not."""
+def load_headroom(run: Path) -> dict[str, dict[str, NDArray[np.float64]]]:
+    """The numbers that `save_headroom` stored; empty without a file."""
     file = run / FOLDER / HEADROOM
     if not file.is_file():
         return {}
@@ -96,16 +98,16 @@ def kept_headroom(run: Path) -> dict[str, dict[str, NDArray[np.float64]]]:
     return {t: {k: np.array(v, dtype=float) for k, v in e.items()} for t, e in found.items()}
 
 
-def shown_episode(run: Path, controller: str, name: str) -> tuple[Kept, int]:
-    """The last evaluation of a controller, and the number of its episode `name` (SHOWN).
+def shown_episode(run: Path, controller: str, name: str) -> tuple[StoredEvaluation, int]:
+    """The last evaluation of a controller, and the number of its episode `name` (one of SHOWN).
 
     Raises:
-        RunError: if it was never evaluated.
+        RunError: if the controller was never evaluated.
     """
-    found = kept(run, controller)
+    found = load_evaluation(run, controller)
     if found is None:
         classical = "" if controller == "policy" else f" --controller {controller}"
-        raise RunError(f"{run}: no evaluation of {controller!r} in it: python rl/evaluate.py {run}{classical}")
+        raise RunError(f"{run}: no evaluation of {controller!r} in it: run python rl/evaluate.py {run}{classical}")
     if name not in SHOWN:
         raise ValueError(f"{name!r}: allowed are {', '.join(SHOWN)}")
     return found, found.result[f"{name}_episode"]
@@ -117,7 +119,7 @@ def recording_name(controller: str, name: str) -> str:
 
 
 def log_file(run: Path, controller: str) -> Path:
-    """Where what is shown of single episodes lies."""
+    """The file that holds the excerpts and collisions of an evaluation."""
     return run / FOLDER / f"{controller}.npz"
 
 

@@ -1,1 +1,1 @@
-"""Learning: rsl-rl's view of a mission, its runner, stages, policies."""
+"""Learning with rsl-rl: environments, PPO, stages, policies, export."""

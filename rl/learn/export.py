@@ -1,4 +1,4 @@
-"""A policy for use outside: TorchScript and ONNX, actions clipped to [-1, 1]."""
+"""Export of a policy to TorchScript and ONNX, with actions clipped to [-1, 1]."""
 
 import json
 import logging
@@ -17,7 +17,7 @@ SIGNATURE = "signature.json"
 
 
 class _Clipped(nn.Module):
-    """The exported network: observations [row, n] in, actions [row, action] in [-1, 1] out."""
+    """The exported network: observations [row, n] to actions [row, action] in [-1, 1]."""
 
     def __init__(self, network: nn.Module):
         super().__init__()
@@ -31,8 +31,8 @@ class _Clipped(nn.Module):
 def export_policy(actor: MLPModel, folder: Path, signature: Mapping[str, Sequence[str]]) -> None:
     """Write `policy.pt` (TorchScript) and `policy.onnx` (any number of rows) into `folder`.
 
-    Names of observations and actions, in order (`signature`), travel in both: TorchScript's extra file
-    `signature.json`, ONNX's metadata `observations` and `actions`, JSON lists.
+    Both files hold the names of observations and actions in order (`signature`) as JSON lists: TorchScript in its extra
+    file `signature.json`, ONNX in its metadata `observations` and `actions`.
     """
     example = torch.zeros(2, actor.obs_dim)
     script = torch.jit.trace(_Clipped(actor.as_jit()).eval(), example)

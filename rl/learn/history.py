@@ -1,4 +1,4 @@
-"""A stage's training history, progress.csv, as it is read."""
+"""Reads a stage's training history, progress.csv."""
 
 import csv
 import math
@@ -9,7 +9,11 @@ from numpy.typing import NDArray
 
 
 def read_history(path: Path) -> dict[str, NDArray[np.float64]]:
-    """A stage's progress.csv by column; a blank is NaN. Raises ValueError on what is not a number."""
+    """The columns of a stage's progress.csv; a blank is NaN.
+
+    Raises:
+        ValueError: if a cell is not a number.
+    """
     with Path(path).open(newline="") as file:
         reader = csv.DictReader(file, restval="")
         rows = list(reader)

@@ -110,7 +110,7 @@ class PlannedImprovement(LeanPPO):
         for _ in range(epochs):
             error = 0.0
             for rows in torch.randperm(count)[: batches * size].split(size):
-                self._told.zero_()
+                self._shared.zero_()
                 observed, wanted, weight = (part[rows].t() for part in lesson)
                 miss = self._actor.forward(observed.contiguous()) - wanted
                 error += float((weight * miss.square()).mean()) / batches

@@ -1,50 +1,52 @@
-"""Teams that learn at the same time: one runner leads through rsl-rl's loop, the others learn from its steps.
+"""Teams that learn at the same time: one team's runner drives rsl-rl's loop, and the others learn from its steps.
 
-Each team has its own policy, critic, optimiser and reward; all act in the same environments, and each is updated once
+Each team has its own policy, critic, optimiser and reward. All act in the same environments, and each is updated once
 an iteration (independent PPO, de Witt et al. 2020, arXiv:2011.09533).
 """
 
 import time
-from typing import Any
 
 import torch
 from torch import Tensor
 
-from rl.learn.env import Told
+from rl.learn.env import LearnerStep
 from rl.learn.runner import StageRunner
+from rl.team import Team
 
 
 class Companion:
-    """A team that learns while another one's runner leads: its policy in the other's environment."""
+    """A team that learns while another team's runner drives the loop; it is also its team's policy in that
+    environment.
+    """
 
     def __init__(self, runner: StageRunner):
-        """Learn by `runner`, whose environment is about the same mission."""
+        """Learn with `runner`, whose environment has the same mission."""
         self.runner, self.env = runner, runner.env
         self._observations = self.env.get_observations()
         self._collected = time.time()
 
     def begin(self) -> None:
-        """Go on from where the runner is."""
+        """Continue from the runner's last iteration."""
         self.runner.alg.train_mode()
-        self.runner.go_on()
+        self.runner.continue_history()
         self.runner.logger.init_logging_writer()
         self._first = self.runner.current_learning_iteration
         self._collected = time.time()
 
-    def __call__(self, team: Any) -> Tensor:
-        """Explore."""
+    def __call__(self, team: Team) -> Tensor:
+        """Explore: sample actions [env, vehicle, action]."""
         return self.env.commanded(self.runner.alg.act(self._observations))
 
-    def take(self, told: Told) -> None:
-        """What its actions came to; the mission has been reset where episodes ended."""
-        self.env.look()
+    def take(self, step: LearnerStep) -> None:
+        """Store the result of the last actions; call this after the mission has reset."""
+        self.env.observe()
         self._observations = self.env.get_observations()
-        reward, dones, extras = told
+        reward, dones, extras = step
         self.runner.alg.process_env_step(self._observations, reward, dones, extras)
         self.runner.logger.process_env_step(reward, dones, extras, None)
 
     def update(self) -> None:
-        """Learn from the steps since the last time."""
+        """Update the policy from the steps since the last update."""
         runner, start = self.runner, time.time()
         with torch.inference_mode():
             runner.alg.compute_returns(self._observations)
@@ -59,11 +61,11 @@ class Companion:
         self._collected = now
 
     def save(self, iterations: int) -> None:
-        """Write a checkpoint of so many iterations of the stage, those that its leader has completed."""
+        """Write a checkpoint after `iterations` of the stage, as many as the driving runner has completed."""
         self.runner.logger.completed = self.runner.first + iterations
         self.runner.save("")
 
     def end(self) -> None:
-        """Close its log."""
+        """Close the log."""
         if self.runner.logger.writer is not None:
             self.runner.logger.stop_logging_writer()

@@ -1,7 +1,7 @@
-"""Forward and backward passes of rsl-rl's MLPs without autograd: few operations, and products that use the whole CPU.
+"""Forward and backward passes of rsl-rl's MLPs without autograd: fewer operations, and products that use the whole CPU.
 
-In batches for learning features come first, [feature, sample]: every product then has its long dimension innermost,
-which is the fastest order for all three of a layer (forward, gradient of its weights, gradient of its input).
+Batches for learning have features first, [feature, sample]. The long dimension is then innermost in all three products
+of a layer (output, gradient of the weights, gradient of the input), which is the fastest order.
 """
 
 from collections.abc import Callable
@@ -32,8 +32,8 @@ output y."""
 def linear(x: Tensor, weight: Tensor, bias: Tensor | None = None) -> Tensor:
     """x [n, in] times weight [out, in] transposed, plus bias: [n, out].
 
-    On CPUs by oneDNN: torch's own default, MKL, leaves half the vector width of AMD's CPUs unused (100 instead of 220
-    Gflop/s on one core of an EPYC with AVX-512; on others both are alike). In float32 like MKL.
+    On CPUs it uses oneDNN. MKL, torch's default, uses half the vector width on AMD's CPUs: 100 instead of 220 Gflop/s
+    on one core of an EPYC with AVX-512. On other CPUs both are equally fast. The precision is float32, as with MKL.
     """
     if _ONEDNN is not None and x.device.type == "cpu":
         return _ONEDNN(x, weight, bias, "none", [], "")
@@ -46,19 +46,19 @@ def product(a: Tensor, b: Tensor) -> Tensor:
 
 
 def gradient(weights: Tensor) -> Tensor:
-    """Where that of `weights` is added up."""
+    """The tensor that accumulates the gradient of `weights`."""
     assert weights.grad is not None, "gradients are zeroed, not forgotten"
     return weights.grad
 
 
 class Perceptron:
-    """The passes of an MLP whose weights and gradients remain where they are, in rsl-rl's model."""
+    """Forward and backward passes of an MLP; weights and gradients stay in rsl-rl's model."""
 
     def __init__(self, model: MLPModel):
         """Take the layers of `model`.
 
         Raises:
-            TypeError: if it has others than linear ones with an ELU, ReLU or tanh between, or normalises what it takes.
+            TypeError: if it has other layers than linear ones with ELU, ReLU or tanh between, or normalises its input.
         """
         layers = list(model.mlp)
         self.layers = [layer for layer in layers[::2] if isinstance(layer, nn.Linear)]
@@ -71,14 +71,14 @@ class Perceptron:
 
     @torch.no_grad()
     def rows(self, x: Tensor) -> Tensor:
-        """Outputs [sample, out] for x [sample, in], of which nothing is kept."""
+        """Outputs [sample, out] for x [sample, in]; nothing is stored for a backward pass."""
         for layer in self.layers[:-1]:
             x = self._activate(linear(x, layer.weight, layer.bias))
         return linear(x, self.layers[-1].weight, self.layers[-1].bias)
 
     @torch.no_grad()
     def forward(self, x: Tensor) -> Tensor:
-        """Outputs [out, sample] for x [in, sample]."""
+        """Outputs [out, sample] for x [in, sample], stored for the backward pass."""
         self._inputs = []
         for layer in self.layers:
             if self._inputs:
@@ -89,7 +89,9 @@ class Perceptron:
 
     @torch.no_grad()
     def backward(self, grad: Tensor) -> None:
-        """Add to the gradients of all weights, for that of the last forward pass's outputs [out, sample]."""
+        """Accumulate the gradients of all weights, for the gradient `grad` of the last forward pass's outputs
+        [out, sample].
+        """
         for layer, x in zip(reversed(self.layers), reversed(self._inputs), strict=True):
             gradient(layer.weight).add_(product(grad, x.t()))
             gradient(layer.bias).add_(grad.sum(1))

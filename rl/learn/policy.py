@@ -1,4 +1,4 @@
-"""A trained team's policy, read from a checkpoint without executing anything in it."""
+"""Policies of trained teams, and reading and writing of checkpoints without executing code in them."""
 
 import contextlib
 import io
@@ -27,15 +27,15 @@ OBS_GROUPS = {"actor": ["policy"], "critic": ["policy"]}
 
 
 class CheckpointError(RuntimeError):
-    """A checkpoint that cannot be used: cut short, of another shape, or not a checkpoint."""
+    """A checkpoint that cannot be used: cut short, of another shape, or another kind of file."""
 
 
 def actor_config(stage: StageConfig) -> dict:
-    """rsl-rl's description of the actor network of a stage.
+    """rsl-rl's configuration of a stage's actor network.
 
-    No running normaliser: observations are of order one by themselves, and one would divide what is seldom seen (a
-    second obstacle in range) by its tiny spread. Policies then met such moments with inputs far outside all they had
-    learned from, and swerved: follower errors of 2-3 m rms became 0.1 m without it.
+    There is no running normaliser, because observations are of order one. A normaliser divides rare observations (a
+    second obstacle in range) by their tiny spread. Policies then met such moments with inputs far outside their
+    training, and swerved: follower errors of 2-3 m rms became 0.1 m without it.
     """
     return {
         "class_name": "MLPModel",
@@ -65,10 +65,10 @@ def read_checkpoint(file: Path) -> dict:
 
 
 def write_checkpoint(content: dict, file: Path) -> None:
-    """Write a checkpoint beside `file` and rename it: a kill or a full disk leaves the earlier ones whole."""
+    """Write a checkpoint to a temporary file and rename it: a kill or a full disk damages no earlier checkpoint."""
     beside = file.with_name(file.name + ".part")
     try:
-        memory = io.BytesIO()  # torch's own writer reports a full disk without saying so
+        memory = io.BytesIO()  # torch's own writer does not name a full disk
         torch.save(content, memory)
         beside.write_bytes(memory.getbuffer())
         os.replace(beside, file)
@@ -84,20 +84,26 @@ def checkpoints(folder: Path) -> list[Path]:
 
 
 class TrainedPolicy:
-    """The mean action of a trained actor: deterministic, its weights never change."""
+    """A trained actor with frozen weights; it acts by its mean action, without random numbers."""
 
     def __init__(self, actor: MLPModel, signature: Mapping[str, Sequence[str]] | None = None, source: str = "policy"):
-        """Freeze `actor`; `signature` names what it observes and commands, `source` is where it comes from."""
+        """Freeze an actor.
+
+        Args:
+            actor: the network.
+            signature: names of its observations and actions.
+            source: where it comes from, for messages.
+        """
         self.actor, self.source = actor.eval().requires_grad_(False), source
         self.signature = dict(signature or {})
-        self._fits: Any = None  # the team that it was last found to fit
+        self._fits: Team | None = None  # the last team that passed `check`
 
     @classmethod
     def load(cls, file: Path, stage: StageConfig) -> "TrainedPolicy":
-        """The policy of a checkpoint.
+        """Load the policy of a checkpoint.
 
         Raises:
-            CheckpointError: if the file is unusable or its network is not the stage's.
+            CheckpointError: if the file cannot be used or its network is not the stage's.
         """
         content = read_checkpoint(file)
         state, infos = content["actor_state_dict"], content.get("infos") or {}
@@ -116,14 +122,14 @@ class TrainedPolicy:
 
     @property
     def num_observations(self) -> int:
-        """Observations the network takes."""
+        """Number of the network's inputs."""
         return self.actor.obs_dim
 
     def __call__(self, team: Team) -> Tensor:
-        """Actions [env, vehicle, action] of a team's vehicles now.
+        """Actions [env, vehicle, action] of a team.
 
         Raises:
-            CheckpointError: naming what the policy was trained on and the team does not observe, or the reverse.
+            CheckpointError: if the team's observations are not those of the training; the message names the difference.
         """
         if self._fits is not team:
             self.check(team)
@@ -131,18 +137,18 @@ class TrainedPolicy:
         return team.command(self.act(team.observe()))
 
     def check(self, team: Team) -> None:
-        """Refuse a team that observes or commands other things than the policy was trained on.
+        """Refuse a team whose observations or actions are not those of the training.
 
         Raises:
-            CheckpointError: naming them.
+            CheckpointError: if they differ; the message names the difference.
         """
         check_signature(self.signature, team, self.source)
 
     def act(self, observations: Tensor) -> Tensor:
-        """Actions [env, vehicle, action] for observations [env, vehicle, n], clipped to [-1, 1].
+        """Actions [env, vehicle, action] in [-1, 1] for observations [env, vehicle, n].
 
         Raises:
-            CheckpointError: for another number of observations than the policy was trained on.
+            CheckpointError: if the number of observations is not that of the training.
         """
         if observations.shape[-1] != self.num_observations:
             raise CheckpointError(
@@ -156,19 +162,19 @@ class TrainedPolicy:
 
 
 def check_signature(signature: Mapping[str, Any], team: Team, source: str) -> None:
-    """Refuse a team that observes or commands other things than `signature` names, which comes from `source`.
+    """Refuse a team whose observations or actions are not those in `signature`, which comes from `source`.
 
     Raises:
-        CheckpointError: naming them.
+        CheckpointError: if they differ; the message names the difference.
     """
     for what, names in (("observations", team.observation_names), ("actions", team.action_names)):
         trained = signature.get(what)
         if trained is not None and list(trained) != list(names):
-            raise CheckpointError(f"{source}: its {what} are others: {_difference(trained, names, team.name)}")
+            raise CheckpointError(f"{source}: its {what} differ: {_difference(trained, names, team.name)}")
 
 
 def _difference(trained: Sequence[str], names: Sequence[str], team: str) -> str:
-    """How the names of terms that a policy was trained on differ from those that a team has now."""
+    """The difference between the trained names and the team's names as text."""
     before, now = (Counter(name.partition(".")[0] for name in given) for given in (trained, names))
     gone, new = (", ".join(repr(term) for term in a if term not in b) for a, b in ((before, now), (now, before)))
     told = [f"it was trained on {gone}, which {team} has not"] if gone else []
@@ -182,13 +188,13 @@ def _difference(trained: Sequence[str], names: Sequence[str], team: str) -> str:
 
 
 class ClassicalPolicy:
-    """Acts with the classical controller that a mission, or the vehicle, has for a team (`Team.controller`)."""
+    """A policy that acts by the team's classical controller (`Team.controller`)."""
 
     def __call__(self, team: Team) -> Tensor:
         """Actions [env, vehicle, action] in [-1, 1].
 
         Raises:
-            ControllerError: if there is no classical controller for the team's vehicles.
+            ControllerError: if the team's vehicles have no classical controller.
         """
         controller = team.controller
         if controller is None:
@@ -198,10 +204,14 @@ class ClassicalPolicy:
 
 
 def policies_of(kind: str, run: Path, config: Scenario) -> dict[str, Policy]:
-    """A policy for each team, by name.
+    """A policy for each team: team -> policy.
 
-    `kind` is "policy": those trained in `run`; or, of all teams that have no script, "classical": the mission's own;
-    "plan" or "oracle": a planner in forks of the truth; "honest": a planner in a world built from what vehicles know.
+    Args:
+        kind: "policy": the policies trained in `run`. The other kinds are for all teams without a script. "classical":
+            the classical controllers. "plan" or "oracle": a planner in forks of the true simulation. "honest": a
+            planner in a world built from what the vehicles know.
+        run: the run's folder.
+        config: its scenario.
 
     Raises:
         CheckpointError: if the run has no trained policy.
@@ -216,10 +226,10 @@ def policies_of(kind: str, run: Path, config: Scenario) -> dict[str, Policy]:
 
 
 def load_policy(run: Path, config: Scenario, team: str, iterations: int | None = None) -> TrainedPolicy:
-    """The newest policy of a team in a run folder, or that after so many iterations.
+    """The policy of a team in a run folder: the newest, or that after `iterations`.
 
     Raises:
-        CheckpointError: if the team has not been trained there, or its checkpoint is unusable.
+        CheckpointError: if the team has not been trained there, or its checkpoint cannot be used.
     """
     stage = config.stage_of(team)
     if stage is not None and iterations is not None:

@@ -1,9 +1,12 @@
 """rsl-rl's PPO with the same mathematics in fewer and faster operations (tests/rl/test_ppo.py compares the two).
 
-What differs: the gradient is written out instead of traced (perceptron.py); a rollout is put in order once instead of
-once an epoch (rsl-rl draws one order for all of them); a mini-batch is worked through in pieces that stay in a core's
-cache; gradients lie in one tensor, so that clipping and telling them to other processes is one operation each, and the
-divergence travels with them.
+The differences:
+
+- The gradient is written out instead of traced (perceptron.py).
+- A rollout is shuffled once, not once an epoch: rsl-rl uses one order for all epochs.
+- A mini-batch is processed in pieces that stay in a core's cache.
+- All gradients and the divergence lie in one tensor, so that clipping, and sharing them with other processes, is one
+  operation each.
 """
 
 import math
@@ -18,29 +21,29 @@ from rl import processes
 from rl.learn.perceptron import Perceptron, gradient
 
 SLOWER, FASTER, STEP = 1e-5, 1e-2, 1.5  # rsl-rl's limits of an adaptive learning rate, and its factor
-PIECE = 6144  # samples at a time: more fall out of the cache, fewer are all overhead
+PIECE = 6144  # samples at a time: more leave the cache, fewer cost overhead
 LOG_SQRT_2PI = 0.5 * math.log(2 * math.pi)
 
 
 class Piece(NamedTuple):
-    """Of a mini-batch, features first: [feature, sample] or [sample]."""
+    """A part of a mini-batch, [feature, sample] or [sample]."""
 
     actor_input: Tensor
     critic_input: Tensor
     actions: Tensor
     mean: Tensor  # of the policy that acted
-    log_prob: Tensor  # of the actions, by that policy
-    values: Tensor  # by the critic of then
+    log_prob: Tensor  # of the actions under that policy
+    values: Tensor  # of the critic at that time
     returns: Tensor
     advantages: Tensor
 
 
 class LeanPPO(PPO):
-    """PPO (Schulman et al. 2017, arXiv:1707.06347) with a Gaussian policy whose deviations do not depend on the state,
-    clipped value loss and adaptive learning rate, as rl.learn.runner.ppo_config asks for.
+    """PPO (Schulman et al. 2017, arXiv:1707.06347) as rl.learn.runner.ppo_config configures it.
 
-    With other processes every update uses the mean of all gradients, and all adapt the learning rate by the mean
-    divergence.
+    The policy is Gaussian with deviations that do not depend on the state; the value loss is clipped and the learning
+    rate adapts. With several processes, every update uses the mean gradient, and the mean divergence adapts the
+    learning rate.
     """
 
     def __init__(self, *args: Any, **options: Any):
@@ -49,21 +52,21 @@ class LeanPPO(PPO):
         self._actor, self._critic = Perceptron(self.actor), Perceptron(self.critic)
         policy = self.actor.distribution
         if type(policy) is not GaussianDistribution or policy.std_type != "scalar":
-            raise TypeError(f"no update for {policy}: allowed is a Gaussian whose deviations are weights themselves")
+            raise TypeError(f"no update for {policy}: only a Gaussian whose deviations are weights is allowed")
         self._policy, self._std_param = policy, policy.get_parameter("std_param")
         owned = [list(self.actor.parameters()), list(self.critic.parameters())]
         sizes = [sum(p.numel() for p in part) for part in owned]
-        self._told = torch.zeros(sum(sizes) + 1, device=self.device)  # gradients, and the divergence
-        self._gradients = self._told[:-1].split(sizes)
+        self._shared = torch.zeros(sum(sizes) + 1, device=self.device)  # gradients, and the divergence
+        self._gradients = self._shared[:-1].split(sizes)
         begin = 0
         for p in [*owned[0], *owned[1]]:
-            p.grad = self._told[begin : begin + p.numel()].view_as(p)
+            p.grad = self._shared[begin : begin + p.numel()].view_as(p)
             begin += p.numel()
         self._by_std = gradient(self._std_param)
 
     @torch.no_grad()
     def act(self, obs: Any) -> Tensor:
-        """Sample actions [row, action] and note what the update needs."""
+        """Sample actions [row, action] and store what the update needs."""
         now = self.transition
         mean = self._actor.rows(self.actor.get_latent(obs))
         self._policy.update(mean)
@@ -80,12 +83,12 @@ class LeanPPO(PPO):
 
     @staticmethod
     def _log_scale(std: Tensor) -> Tensor:
-        """Logarithm of what a Gaussian's exponential is divided by, for deviations [action]."""
+        """Logarithm of a Gaussian's normalising constant for deviations [action]."""
         return std.log().sum() + len(std) * LOG_SQRT_2PI
 
     @torch.no_grad()
     def update(self) -> dict[str, float]:
-        """Learn from the rollout; return mean losses."""
+        """Update the networks from the rollout; return mean losses."""
         batches, old_std = self._ordered()
         losses = torch.zeros(3, device=self.device)
         for _ in range(self.num_learning_epochs):
@@ -96,7 +99,7 @@ class LeanPPO(PPO):
         return dict(zip(("value", "surrogate", "entropy"), mean, strict=True))
 
     def _ordered(self) -> tuple[list[list[Piece]], Tensor]:
-        """The rollout's mini-batches in random order, and the deviations [action] that it was made with."""
+        """The rollout's mini-batches in random order, and the deviations [action] of the policy that acted."""
         st = self.storage
         samples = st.num_envs * st.num_transitions_per_env
         size = max(1, samples // self.num_mini_batches)
@@ -120,27 +123,29 @@ class LeanPPO(PPO):
         return [[piece(part) for part in whole.chunk(pieces)] for whole in order.split(size)], std[0, 0]
 
     def _learn(self, batch: list[Piece], old_std: Tensor) -> Tensor:
-        """One step of the optimiser; return losses of value, surrogate, entropy [3]."""
+        """Take one step of the optimiser; return the losses of value, surrogate and entropy, [3]."""
         low, high = self._policy.std_range
         std = self._std_param.clamp(low, high)
         count = sum(len(piece.returns) for piece in batch)
-        self._told.zero_()
+        self._shared.zero_()
         losses = torch.stack([self._trace(piece, std, count) for piece in batch]).sum(0)
         value, surrogate, moved = losses[0], losses[1], losses[2:]
         within = (self._std_param >= low) & (self._std_param <= high)
         self._by_std.sub_(self.entropy_coef / std).mul_(within)
-        self._told[-1] = ((std / old_std).log() + (old_std.square() + moved) / (2 * std.square()) - 0.5).sum()
+        self._shared[-1] = ((std / old_std).log() + (old_std.square() + moved) / (2 * std.square()) - 0.5).sum()
         if self.is_multi_gpu:
-            processes.average_(self._told)
-        self._adapt(float(self._told[-1]))
+            processes.average_(self._shared)
+        self._adapt(float(self._shared[-1]))
         for of_network in self._gradients:
             of_network.mul_((self.max_grad_norm / (of_network.norm() + 1e-6)).clamp_(max=1.0))
         self.optimizer.step()
         return torch.stack([value, surrogate, self._log_scale(std) + 0.5 * len(std)])
 
     def _trace(self, piece: Piece, std: Tensor, count: int) -> Tensor:
-        """Add a piece's part to the gradients of a mini-batch with `count` samples; return its part of the losses of
-        value and surrogate, and of the mean square by which the policy's mean has moved [2 + action].
+        """Add one piece to the gradients of a mini-batch of `count` samples.
+
+        Returns its part of the value loss, of the surrogate loss, and of the mean square change of the policy's mean,
+        [2 + action].
         """
         mean = self._actor.forward(piece.actor_input)
         error = (piece.actions - mean).div_(std.unsqueeze(1))
@@ -156,8 +161,8 @@ class LeanPPO(PPO):
         return torch.cat([torch.stack([value, surrogate]), moved]) / count
 
     def _surrogate(self, log_prob: Tensor, piece: Piece) -> tuple[Tensor, Tensor]:
-        """The sum of the clipped surrogate loss, and its gradient by the logarithm of the actions' probability,
-        [sample].
+        """Sum of the clipped surrogate loss, and its gradient [sample] with respect to the log probability of the
+        actions.
         """
         ratio = (log_prob - piece.log_prob).exp_()
         free = ratio * piece.advantages
@@ -166,7 +171,7 @@ class LeanPPO(PPO):
         return loss, free.mul_(free <= clipped).neg_()
 
     def _value(self, values: Tensor, piece: Piece) -> tuple[Tensor, Tensor]:
-        """The sum of the clipped value loss, and its gradient by the values, [sample]."""
+        """Sum of the clipped value loss, and its gradient [sample] with respect to the values."""
         moved = values - piece.values
         near = moved.abs() <= self.clip_param
         error = values - piece.returns
@@ -176,7 +181,7 @@ class LeanPPO(PPO):
         return torch.maximum(free, clipped).sum(), error.mul_(counts).mul_(2)
 
     def _adapt(self, divergence: float) -> None:
-        """The learning rate, so that the divergence stays near what is desired."""
+        """Adapt the learning rate, so that the divergence stays near its desired value."""
         if divergence > 2 * self.desired_kl:
             self.learning_rate = max(SLOWER, self.learning_rate / STEP)
         elif 0 < divergence < self.desired_kl / 2:

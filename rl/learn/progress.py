@@ -1,4 +1,6 @@
-"""The history of a training: a row of progress.csv, TensorBoard and a progress bar for each iteration, on rank 0."""
+"""History of a training on rank 0: for each iteration a row of progress.csv, TensorBoard scalars, and a progress
+bar.
+"""
 
 import contextlib
 import csv
@@ -16,42 +18,42 @@ from rl import processes
 from rl.processes import signals
 
 HISTORY = "progress.csv"
-COLUMNS = (  # and after these, what the mission logs
+COLUMNS = (  # the mission's logs follow
     "iteration", "agent_steps", "wall_time_s", "reward_per_step", "episode_reward", "policy_loss", "value_loss",
     "entropy", "action_std", "learning_rate",
 )  # fmt: skip
-SHOWN = 3  # of what is logged, beside the progress bar
+SHOWN = 3  # logs beside the progress bar
 
 
 class ProgressLogger(Logger):
-    """Writes TensorBoard scalars and progress.csv, and moves a progress bar instead of printing pages."""
+    """Logger of rsl-rl that writes TensorBoard and progress.csv and moves a progress bar instead of printing."""
 
     bar: tqdm | None = None
-    elapsed_before = 0.0  # s, of parts before an interruption, and of the team's earlier stages
-    steps_before, iterations_before = 0, 0  # of the team's earlier stages
+    elapsed_before = 0.0  # s, before an interruption and in the team's earlier stages
+    steps_before, iterations_before = 0, 0  # in the team's earlier stages
     completed = 0  # iterations
-    companions: Sequence[Any] = ()  # that learn in the same steps (joint.py)
+    companions: Sequence[Any] = ()  # teams that learn from the same steps (joint.py)
     columns: tuple[str, ...] = COLUMNS
-    scale = 1.0  # of rewards, as the learner is told them
+    scale = 1.0  # factor of the learner's rewards
 
     def __init__(self, *args: Any, **options: Any):
         """Take rsl-rl's arguments."""
         super().__init__(*args, **options)
-        self._told: list[dict[str, torch.Tensor]] = []  # what the mission logged in this iteration, on every rank
+        self._logs: list[dict[str, torch.Tensor]] = []  # logs of this iteration's steps, on every rank
 
     def _store_code_state(self) -> list[str]:
         return []  # the run folder already holds the commit and the package versions
 
     def process_env_step(self, rewards: Any, dones: Any, extras: dict, intrinsic_rewards: Any) -> None:
-        """Take a step into account."""
-        self._told.append(extras["log"])
+        """Count a step."""
+        self._logs.append(extras["log"])
         super().process_env_step(rewards, dones, extras | {"log": {}}, intrinsic_rewards)
 
     def log(self, it: int, start_it: int, total_it: int, *args: Any, **values: Any) -> None:
-        """Record one iteration; called by the runner with rsl-rl's arguments.
+        """Record one iteration; the runner calls this with rsl-rl's arguments.
 
         Raises:
-            KeyboardInterrupt: if a signal has been noted on any rank, on all of them after the same iteration.
+            KeyboardInterrupt: on all ranks after the same iteration, if a signal is pending on any of them.
         """
         for companion in self.companions:
             companion.update()
@@ -63,9 +65,9 @@ class ProgressLogger(Logger):
                 super().log(it, start_it, total_it, *args, **values)
             self._write_row(it, means, values)
         if self.bar is None:
-            return  # of a companion: its leader shows, and asks whether to go on
+            return  # a companion: the driving runner shows progress and handles signals
         self._show(self.bar, means, values)
-        if number := processes.greatest(signals.asked()):
+        if number := processes.greatest(signals.pending()):
             raise signals.interruption(number)
 
     def _show(self, bar: tqdm, means: dict[str, float], values: dict[str, Any]) -> None:
@@ -80,10 +82,10 @@ class ProgressLogger(Logger):
             bar.update(1)
 
     def _means(self) -> dict[str, float]:
-        """Of what the mission logged, over the iteration and all ranks."""
-        told, self._told = self._told, []
-        keys = dict.fromkeys(key for info in told for key in info)
-        return processes.mean({key: float(torch.stack([i[key].mean() for i in told]).mean()) for key in keys})
+        """Means of the mission's logs over the iteration and all ranks."""
+        logs, self._logs = self._logs, []
+        keys = dict.fromkeys(key for log in logs for key in log)
+        return processes.mean({key: float(torch.stack([log[key].mean() for log in logs]).mean()) for key in keys})
 
     def _write_row(self, it: int, means: dict[str, float], values: dict[str, Any]) -> None:
         losses, n = values["loss_dict"], self.cfg["num_steps_per_env"] * self.num_envs * self.gpu_world_size
@@ -110,7 +112,7 @@ class ProgressLogger(Logger):
 
 
 def trim_history(file: Path, done: int) -> float:
-    """Drop rows of progress.csv after iteration `done` (they come after the checkpoint); seconds spent until then."""
+    """Drop rows of progress.csv after iteration `done`, the last checkpoint; return the seconds up to it."""
     if not file.is_file():
         return 0.0
     with file.open(newline="", encoding="utf-8") as stream:
@@ -126,14 +128,16 @@ def trim_history(file: Path, done: int) -> float:
 
 
 class Spent(NamedTuple):
-    """What a team's training took so far."""
+    """Time and steps of a team's training so far."""
 
     seconds: float
     agent_steps: int
 
 
 def spent(file: Path, iterations: int | None = None) -> Spent:
-    """What its first `iterations` (default: all) took, by progress.csv, over all interruptions; 0 if there are none."""
+    """Time and steps of the first `iterations` (default all) in progress.csv, including earlier parts of a
+    resumed run.
+    """
     if iterations == 0 or not file.is_file():
         return Spent(0.0, 0)
     with file.open(newline="", encoding="utf-8") as stream:

@@ -1,4 +1,4 @@
-"""rsl-rl's runner, made quiet, safe to interrupt, and resumable."""
+"""rsl-rl's runner without prints, safe to interrupt, and resumable."""
 
 import contextlib
 import io
@@ -27,7 +27,9 @@ from rl.scenario import StageConfig
 
 
 def ppo_config(stage: StageConfig, privileged: bool = False) -> dict[str, Any]:
-    """rsl-rl's configuration of a stage; with `privileged`, its critic is told the truth too (asymmetric)."""
+    """rsl-rl's configuration of a stage; with `privileged`, the critic also gets privileged information
+    (asymmetric).
+    """
     network = actor_config(stage)
     critic = {k: v for k, v in network.items() if k != "distribution_cfg"}
     return {
@@ -62,18 +64,19 @@ DIVERGED = (
 
 
 class DivergedError(RuntimeError):
-    """Training produced values that are not finite."""
+    """Training has produced values that are not finite."""
 
 
 class StageRunner(OnPolicyRunner):
-    """OnPolicyRunner whose checkpoints are written beside and renamed, and read with `weights_only=True`.
+    """OnPolicyRunner with atomic checkpoints that are read with `weights_only=True`.
 
-    Iterations are counted over all stages of a team: one that goes on from another begins where that ended.
+    Iterations are counted over all stages of a team: a later stage continues the earlier one's count.
 
     Attributes:
-        signature: names of what the policy observes and commands, in order; they travel in its checkpoints.
-        first, last: iterations when the stage begins and ends.
-        batches: how many processes and environments the stage has had, since which iteration; a resumed one may change.
+        signature: names of the policy's observations and actions; every checkpoint holds them.
+        first, last: iterations at which the stage begins and ends.
+        batches: numbers of processes and environments, with the iteration from which they hold; a resumed stage may
+            change them.
     """
 
     logger: ProgressLogger
@@ -92,7 +95,7 @@ class StageRunner(OnPolicyRunner):
                 gpu_global_rank=self.gpu_global_rank, device=str(self.device),
             )  # fmt: skip
         for group in self.alg.optimizer.param_groups:
-            group["fused"], group["foreach"] = True, False  # one kernel a tensor instead of a dozen
+            group["fused"], group["foreach"] = True, False  # one kernel for each tensor instead of a dozen
         self._own = own = env.mission.teams[env.team]
         self.logger.scale = env.scale
         self.logger.columns = (*COLUMNS, *env.mission.logged)
@@ -100,17 +103,18 @@ class StageRunner(OnPolicyRunner):
         self.batches: list[dict[str, int]] = []
 
     def _configure_multi_gpu(self) -> None:
-        """Say which of how many processes this is: rsl-rl's own asks for nccl and `cuda:RANK`; here they are joined by
-        whoever has started them (rl/processes).
+        """Set rank and number of processes.
+
+        rsl-rl's own method requires nccl and `cuda:RANK`; here rl/processes has joined the processes already.
         """
         place = processes.here()
         self.gpu_world_size, self.gpu_global_rank, self.gpu_local_rank = place.count, place.rank, place.local_rank
         self.is_distributed = place.count > 1
-        told = {"global_rank": place.rank, "local_rank": place.local_rank, "world_size": place.count}
-        self.cfg["multi_gpu"] = told if self.is_distributed else None
+        ranks = {"global_rank": place.rank, "local_rank": place.local_rank, "world_size": place.count}
+        self.cfg["multi_gpu"] = ranks if self.is_distributed else None
 
-    def go_on(self) -> int:
-        """Prepare to write the history from where it is; return the iterations behind it."""
+    def continue_history(self) -> int:
+        """Prepare to append to the history; return the number of completed iterations."""
         done, logger = self.current_learning_iteration, self.logger
         logger.completed, logger.iterations_before = done, self.first
         if processes.here().first:
@@ -128,16 +132,16 @@ class StageRunner(OnPolicyRunner):
     def train(self, *, show_progress: bool = True, label: str = "") -> None:
         """Run the remaining iterations of the stage; on KeyboardInterrupt save a checkpoint and raise it again.
 
-        With other processes, all end after the same iteration, and rank 0 saves.
+        Several processes all end after the same iteration, and rank 0 saves.
         """
-        logger, done, together = self.logger, self.go_on(), self.is_distributed
-        self.is_distributed = False  # rsl-rl's loop would tell all the weights once more, and print that it does
+        logger, done, together = self.logger, self.continue_history(), self.is_distributed
+        self.is_distributed = False  # else rsl-rl's loop broadcasts all weights again and prints it
         total = self.stage.iterations
         logger.bar = tqdm(total=total, initial=done - self.first, desc=label, unit="it", disable=not show_progress)
         for companion in logger.companions:
             companion.begin()
         try:
-            with signals.noted(together):
+            with signals.deferred(together):
                 self.learn(self.last - done)
         except KeyboardInterrupt:
             if logger.completed > done and processes.here().first:
@@ -156,31 +160,32 @@ class StageRunner(OnPolicyRunner):
                 logger.stop_logging_writer()
 
     def is_finite(self) -> bool:
-        """Whether every weight of the actor is a number."""
+        """Whether all weights of the actor are finite."""
         return all(bool(torch.isfinite(p).all()) for p in self.alg.get_policy().parameters())
 
     def save(self, path: str, infos: dict | None = None) -> None:
-        """Write `model_N.pt`, N the iterations completed (rsl-rl's own `path` numbers the last one: not used), after
-        those of the companions, so that theirs are there.
+        """Write `model_N.pt` after N completed iterations, and before it the companions' checkpoints.
+
+        rsl-rl's `path` is not used: it counts the last iteration, not the completed ones.
         """
         completed = self.logger.completed
         for companion in self.logger.companions:
             companion.save(completed - self.first)
         if not self.is_finite():
             raise DivergedError(f"{self.folder}: {DIVERGED} {completed}")
-        told = self.signature | {"batches": self.batches} | (infos or {})
-        content = self.alg.save() | {"iter": completed, "infos": told}
+        infos = self.signature | {"batches": self.batches} | (infos or {})
+        content = self.alg.save() | {"iter": completed, "infos": infos}
         write_checkpoint(content, self.folder / f"model_{completed}.pt")
 
     def load(self, path: str, load_cfg: dict | None = None, strict: bool = True, map_location: str | None = None):
-        """Continue from a checkpoint: networks, optimiser, iterations completed.
+        """Continue from a checkpoint: networks, optimiser, completed iterations.
 
-        From where an earlier stage ended, networks alone, and exploration begins anew.
+        At the start of a stage only the networks are loaded, and the exploration noise is reset.
 
         Raises:
-            CheckpointError: if its networks are not the stage's, or it was trained on other observations.
+            CheckpointError: if the networks are not the stage's, or the observations are not those of the training.
         """
-        content = processes.told(lambda: read_checkpoint(Path(path)))
+        content = processes.broadcast(lambda: read_checkpoint(Path(path)))
         begins = content["iter"] == self.first
         check_signature(content.get("infos") or {}, self._own, path)
         if begins:

@@ -1,8 +1,7 @@
-"""Training stage by stage: each team learns while the teams of earlier stages act from their frozen policies.
+"""Training stage by stage: one team learns while the teams of earlier stages act by their frozen policies.
 
-A team may be trained by several stages. Its folder holds one history: iterations, progress.csv and checkpoints of a
-later stage go on from the earlier one's. Several may learn in one stage (joint.py); a stage that is to be kept only if
-it is better is judged beside what was there before it.
+Several stages may train one team; they share a folder with one history of iterations, progress.csv and checkpoints.
+Several teams may learn in one stage (joint.py). A stage with `keep = "better"` is compared with the policies before it.
 """
 
 from collections.abc import Callable, Mapping
@@ -32,7 +31,7 @@ from rl.scenario import Scenario, StageConfig, at_stage
 from rl.seeds import derive_seed
 
 Judged = Callable[[Mapping[str, TrainedPolicy]], float]
-"""How badly teams do together; a stage that is kept if it is better is judged by it."""
+"""Loss of a set of policies, team -> policy; it decides whether a stage with `keep = "better"` is kept."""
 
 
 def train_stages(
@@ -45,20 +44,25 @@ def train_stages(
     show_progress: bool = True,
     watch: Watch | None = None,
 ) -> list[dict[str, Any]]:
-    """Train every stage that `out` does not hold finished, continuing from checkpoints; return their results.
+    """Train every stage that is not finished in `out`, from its last checkpoint; return the stages' results.
 
-    Of several processes (rl/processes) each has its share of a stage's environments; rank 0 alone reads and writes
-    `out`, and tells the others.
+    With several processes (rl/processes), each has its share of a stage's environments; rank 0 alone reads and writes
+    `out`.
 
-    `source` is the scenario's file, beside which its vehicles are looked for; environments that leave the physical are
-    written to the folder `dumps` (taichi_sim/dump.py). Without `judged` every stage is kept. `watch` is told of each
-    step.
+    Args:
+        config: the scenario.
+        out: the run's folder.
+        source: the scenario's file; vehicle files lie beside it.
+        dumps: folder for environments whose state stopped being finite (taichi_sim/dump.py).
+        judged: loss of a set of policies; without it every stage is kept.
+        show_progress: show a progress bar.
+        watch: called after each step.
     """
     policies: dict[str, TrainedPolicy] = {}
     for name in config.stages:
         changed = train_stage(config, out, name, policies, source, dumps, show_progress, watch)
-        policies |= processes.told(partial(_ended, config, out, name, policies, judged, changed))
-    return processes.told(lambda: [stage_result(out, name, config) for name in config.stages])
+        policies |= processes.broadcast(partial(_ended, config, out, name, policies, judged, changed))
+    return processes.broadcast(lambda: [stage_result(out, name, config) for name in config.stages])
 
 
 def _ended(
@@ -69,7 +73,7 @@ def _ended(
     judged: Judged | None,
     changed: bool,
 ) -> dict[str, TrainedPolicy]:
-    """The policies of a stage that has been trained: those that are kept, exported."""
+    """The policies to use after a finished stage; new ones are exported."""
     stage = config.stages[name]
     ended = {team: config.iterations_before(name, team) + stage.iterations for team in stage.learners}
     now = {team: load_policy(out, config, team, ended[team]) for team in stage.learners}
@@ -91,18 +95,18 @@ def train_stage(
     show_progress: bool,
     watch: Watch | None = None,
 ) -> bool:
-    """Train the stage `name` to its last iteration; return whether there was anything to do."""
+    """Train the stage `name` to its last iteration; return False if it was finished already."""
     stage, first, place = config.stages[name], config.iterations_before(name), processes.here()
-    done = processes.told(partial(_completed, out, stage))
+    done = processes.broadcast(partial(_completed, out, stage))
     if done >= first + stage.iterations:
         return False
-    rank = (place.rank,) if place.rank else ()  # other worlds, seas, starts and exploration on each
+    rank = (place.rank,) if place.rank else ()  # each rank has its own worlds, seas, starts and exploration
     seed = derive_seed(config.seed, name, done, *rank)
     torch.manual_seed(seed)
     acting = policies if stage.frozen is None else stage.frozen
     teams = tuple(t for t in config.teams if t in stage.learners or t in acting)
     here = at_stage(config, name)
-    envs, worlds = processes.of_each(stage.num_envs), derive_seed(config.seed, name, *rank)
+    envs, worlds = processes.envs_each(stage.num_envs), derive_seed(config.seed, name, *rank)
     mission = make_mission(here, envs, seed=worlds, teams=teams, source=source)
     mission.reseed(seed)
     mission.world.dump_folder = dumps
@@ -112,7 +116,7 @@ def train_stage(
         begun = config.iterations_before(name, team)
         runner = StageRunner(env, stage, out / team, begun)
         begins = out / team / f"model_{done - first + begun}.pt"
-        if done - first + begun or processes.told(begins.is_file):
+        if done - first + begun or processes.broadcast(begins.is_file):
             runner.load(str(begins))
         return runner
 
@@ -128,7 +132,7 @@ def train_stage(
 
 
 def _completed(out: Path, stage: StageConfig) -> int:
-    """Iterations behind the newest checkpoint of a stage's team."""
+    """Completed iterations in the newest checkpoint of a stage's team."""
     for team in stage.learners:
         (out / team).mkdir(parents=True, exist_ok=True)
     saved = checkpoints(out / stage.team)
@@ -141,7 +145,7 @@ def exported(folder: Path) -> bool:
 
 
 def _verdict(out: Path, stage: StageConfig, ended: Mapping[str, int]) -> dict[str, Any] | None:
-    """Whether the stage was kept, if that has been decided."""
+    """The decision whether to keep the stage, if there is one yet."""
     return (read_checkpoint(out / stage.team / f"model_{ended[stage.team]}.pt").get("infos") or {}).get("verdict")
 
 
@@ -153,16 +157,16 @@ def _better(
     now: Mapping[str, TrainedPolicy],
     judged: Judged,
 ) -> dict[str, TrainedPolicy]:
-    """The policies of the stage's teams: those it has trained, or those before if they do better.
+    """The policies with the lower loss: those that the stage has trained, or those before it.
 
-    What is decided is written into the stage's last checkpoints, which hold the weights that are kept.
+    The decision and the chosen weights go into the stage's last checkpoints.
     """
     stage, kept = config.stages[name], dict(now)
     first = {team: config.iterations_before(name, team) for team in now}
     before = {team: load_policy(out, config, team, first[team]) for team in now}
     losses = judged({**others, **before}), judged({**others, **now})
     better = losses[1] < losses[0]
-    for team in (*stage.joint, stage.team):  # the leader's last: once it says so, all do
+    for team in (*stage.joint, stage.team):  # the driving team last: its verdict then implies the others'
         last = out / team / f"model_{first[team] + stage.iterations}.pt"
         content = read_checkpoint(last)
         if not better:
@@ -176,31 +180,32 @@ def _better(
 
 
 def starting_weights(config: Scenario, beside: Path) -> dict[str, dict[str, Any]]:
-    """Checkpoints that the training of teams begins with, by team: of stages whose `start_from` names one.
+    """Checkpoints from which teams begin their training: team -> content, for stages with `start_from`.
 
-    It is a run's folder (the team's newest) or a checkpoint, from here or from the folder `beside`.
+    `start_from` is a checkpoint or a run's folder (then the team's newest checkpoint), relative to the working
+    directory or to the folder `beside`.
 
     Raises:
-        CheckpointError: if there is none, or it is unusable.
+        CheckpointError: if there is none, or it cannot be used.
     """
     weights = {}
     for name, stage in config.stages.items():
         if stage.start_from is None:
             continue
-        told = f"stages.{name}.start_from = {stage.start_from!r}"
+        key = f"stages.{name}.start_from = {stage.start_from!r}"
         place = next((p for p in (Path(stage.start_from), beside / stage.start_from) if p.exists()), None)
         if place is None:
-            raise CheckpointError(f"{told}: no such run or checkpoint")
+            raise CheckpointError(f"{key}: no such run or checkpoint")
         for team in stage.learners:
             saved = checkpoints(place / team) if place.is_dir() else [place]
             if not saved:
-                raise CheckpointError(f"{told}: no trained {team} policy (no {team}/model_N.pt)")
+                raise CheckpointError(f"{key}: no trained {team} policy (no {team}/model_N.pt)")
             weights[team] = read_checkpoint(saved[-1]) | {"iter": 0}
     return weights
 
 
 def stage_result(out: Path, name: str, config: Scenario) -> dict[str, Any]:
-    """This stage's line of summary.json; its time is that of all its iterations, interruptions left out."""
+    """The stage's entry of summary.json; its time excludes interruptions."""
     stage, first = config.stages[name], config.iterations_before(name)
     history, last = out / stage.team / HISTORY, first + stage.iterations
     before, after = spent(history, first), spent(history, last)
@@ -221,5 +226,5 @@ def stage_result(out: Path, name: str, config: Scenario) -> dict[str, Any]:
     verdict, batches = infos.get("verdict"), infos.get("batches") or [{}]
     result |= {key: value for key, value in batches[-1].items() if key != "since_iteration"}
     if len(batches) > 1:
-        result["batches"] = batches  # it was resumed with another number of processes, and so of environments
+        result["batches"] = batches  # it was resumed with another number of processes or environments
     return result | ({"joint": list(stage.joint)} if stage.joint else {}) | ({"verdict": verdict} if verdict else {})

@@ -1,10 +1,10 @@
-"""Processes that work as one: which of them this is, and what they tell each other.
+"""Several processes that work as one: ranks, and exchange of values between them.
 
-torchrun starts them, on one machine or on many (rl/runs/launch.py does so for who does not), and says in the
-environment which is which: rank 0 alone writes and shows progress. A command that was started alone is rank 0 of 1, and
-every function here then does nothing but what it is asked to.
+torchrun starts the processes, on one machine or several (rl/runs/launch.py does it for `--processes`), and sets their
+ranks in environment variables. Rank 0 alone writes and shows progress. A command started alone is rank 0 of 1; every
+function here then only calls its argument.
 
-What is told travels by pickle: all ranks are the same user's processes of one run.
+Values travel by pickle: all ranks are processes of one user and one run.
 """
 
 import contextlib
@@ -19,12 +19,12 @@ import torch.distributed as dist
 from rl.processes import wires
 
 T = TypeVar("T")
-_wires: dict[int, Any] = {}  # to other ranks of this machine (wires.py)
-PATIENCE = timedelta(hours=2)  # that ranks wait for each other: rank 0 evaluates and draws alone
+_wires: dict[int, Any] = {}  # rank -> connection on this machine (wires.py)
+PATIENCE = timedelta(hours=2)  # longest wait for another rank: rank 0 evaluates and draws alone
 
 
 class Place(NamedTuple):
-    """Which process this is."""
+    """Rank of this process."""
 
     rank: int  # among all
     count: int  # of all
@@ -33,12 +33,12 @@ class Place(NamedTuple):
 
     @property
     def first(self) -> bool:
-        """Whether it is the one that writes."""
+        """Whether this is rank 0, which writes."""
         return self.rank == 0
 
 
 def here() -> Place:
-    """Which process this is, as torchrun has said."""
+    """Rank of this process, from torchrun's environment variables."""
     count = int(os.environ.get("WORLD_SIZE", "1"))
     if count == 1:
         return Place(0, 1, 0, 1)
@@ -47,23 +47,23 @@ def here() -> Place:
 
 
 def engine() -> str | None:
-    """The name of the run of the engine (torchrun) that has started this process; None: nobody has."""
+    """The run id of the torchrun engine that started this process; None if none did."""
     return os.environ.get("TORCHELASTIC_RUN_ID")
 
 
-def of_each(total: int) -> int:
-    """How many of `total` environments each process has: as many as any other, and together not fewer."""
+def envs_each(total: int) -> int:
+    """Environments of each process: the same for all, and together at least `total`."""
     return -(-total // here().count)
 
 
 def cores() -> int:
-    """Cores that this process may use: those of the machine, shared out over its processes."""
+    """Cores of this process: those of the machine shared among its processes."""
     return max(1, len(os.sched_getaffinity(0)) // here().local_count)
 
 
 @contextlib.contextmanager
 def joined(arch: str = "cpu") -> Iterator[Place]:
-    """Be connected with the others: gloo between CPUs, nccl between GPUs."""
+    """Join the processes: gloo between CPUs, nccl between GPUs."""
     place = here()
     if place.count == 1:
         yield place
@@ -79,7 +79,7 @@ def joined(arch: str = "cpu") -> Iterator[Place]:
 
 
 class _Failed(NamedTuple):
-    """What a rank tells in the place of a result."""
+    """Stands for the result of a rank that failed."""
 
     error: Exception
 
@@ -91,8 +91,8 @@ def _tried(make: Callable[[], Any]) -> Any:
         return _Failed(error)
 
 
-def told(make: Callable[[], T]) -> T:
-    """What `make` returns on rank 0, where alone it is called; what it raises is raised by all."""
+def broadcast(make: Callable[[], T]) -> T:
+    """The result of `make` on rank 0, which alone calls it; if it raises, all ranks raise."""
     if here().count == 1:
         return make()
     box = [_tried(make) if here().first else None]
@@ -102,29 +102,29 @@ def told(make: Callable[[], T]) -> T:
     return box[0]  # pyright: ignore[reportReturnType]
 
 
-def of_all(make: Callable[[], T]) -> list[T]:
-    """What `make` returns on each rank, in their order, on rank 0; nothing on the others. What one raises all do.
+def gather(make: Callable[[], T]) -> list[T]:
+    """On rank 0 the results of `make` on each rank, in order; on other ranks an empty list.
 
     Raises:
-        what the first rank that failed has raised, with a note that names it.
+        Exception: the error of the first rank that failed, on all ranks, with a note that names it.
     """
     if here().count == 1:
         return [make()]
     found: list[Any] | None = [None] * here().count if here().first else None
     dist.gather_object(_tried(make), found, dst=0)
-    told(lambda: _refuse_failures(found or []))
+    broadcast(lambda: _refuse_failures(found or []))
     return found or []
 
 
 def _refuse_failures(found: list[Any]) -> None:
-    for rank, of_it in enumerate(found):
-        if isinstance(of_it, _Failed):
-            of_it.error.add_note(f"on rank {rank} of {len(found)}")
-            raise of_it.error
+    for rank, result in enumerate(found):
+        if isinstance(result, _Failed):
+            result.error.add_note(f"on rank {rank} of {len(found)}")
+            raise result.error
 
 
 def mean(values: Mapping[str, float]) -> dict[str, float]:
-    """The mean over ranks of numbers that all have, by name."""
+    """The mean over ranks of named numbers."""
     if here().count == 1 or not values:
         return dict(values)
     numbers = torch.tensor(list(values.values()), dtype=torch.float64)
@@ -133,15 +133,16 @@ def mean(values: Mapping[str, float]) -> dict[str, float]:
 
 
 def average_(numbers: torch.Tensor) -> None:
-    """Put the mean over ranks in the place of numbers [n] that all have, the same bits on each."""
+    """Replace numbers [n] by their mean over ranks, with the same bits on each rank."""
     if here().count > 1:
         _reduce_(numbers, torch.add, dist.ReduceOp.SUM)
         numbers /= here().count
 
 
 def _reduce_(numbers: torch.Tensor, combine: Callable[..., Any], operation: Any) -> None:
-    """Put in the place of `numbers` what `combine` makes of those of all ranks: 2^n exchange with one other at a time
-    (recursive doubling), over wires where there are.
+    """Combine `numbers` of all ranks in place by recursive doubling: each round exchanges with one other rank.
+
+    Ranks of one machine exchange over wires (wires.py).
     """
     place = here()
     if place.count & (place.count - 1) or numbers.is_cuda:
@@ -150,7 +151,7 @@ def _reduce_(numbers: torch.Tensor, combine: Callable[..., Any], operation: Any)
     theirs = torch.empty_like(numbers)
     for other in wires.partners(place.rank, place.count):
         if other in _wires:
-            wires.swap(_wires[other], numbers, theirs, place.rank < other)
+            wires.exchange(_wires[other], numbers, theirs, place.rank < other)
         else:
             for work in (dist.isend(numbers, other), dist.irecv(theirs, other)):
                 if work is not None:
@@ -159,7 +160,7 @@ def _reduce_(numbers: torch.Tensor, combine: Callable[..., Any], operation: Any)
 
 
 def greatest(value: int) -> int:
-    """The greatest of the numbers that the ranks give."""
+    """The greatest of the ranks' values."""
     if here().count == 1:
         return value
     number = torch.tensor([value])

@@ -1,8 +1,8 @@
-"""Being asked to end: Ctrl-C (SIGINT), and SIGTERM, which Slurm, Docker and Kubernetes send before they kill.
+"""Interruption by Ctrl-C (SIGINT) and by SIGTERM, which Slurm, Docker and Kubernetes send before they kill.
 
-Alone, a command ends at once, with a KeyboardInterrupt wherever it is. Processes that learn together must end after
-the same iteration, or those that are left wait for each other: there the first signal is noted (`asked`), and all ask
-each other after every iteration; the second ends at once.
+A command that runs alone ends at once, with a KeyboardInterrupt. Processes that learn together must all end after the
+same iteration, or the remaining ones wait forever. There the first signal stays pending (`pending`), and the ranks
+compare after every iteration; a second signal ends at once.
 """
 
 import contextlib
@@ -15,19 +15,19 @@ ENDING = (signal.SIGINT, signal.SIGTERM)
 
 
 class Terminated(KeyboardInterrupt):
-    """SIGTERM has come: to be treated as Ctrl-C, but for the exit status."""
+    """SIGTERM: handled like Ctrl-C except for the exit status."""
 
 
-_asked = 0  # the number of the signal that has been noted
+_pending = 0  # number of the pending signal
 
 
 def interruption(number: int, text: str = "") -> KeyboardInterrupt:
-    """What a signal raises."""
+    """The exception that a signal raises."""
     return (Terminated if number == signal.SIGTERM else KeyboardInterrupt)(*([text] if text else []))
 
 
 def status(interrupt: KeyboardInterrupt) -> int:
-    """The exit status of a command that was interrupted, as shells have it."""
+    """The exit status of an interrupted command, by the shell's convention."""
     return 128 + (signal.SIGTERM if isinstance(interrupt, Terminated) else signal.SIGINT)
 
 
@@ -35,21 +35,21 @@ def _raise(number: int, frame: FrameType | None) -> None:
     raise interruption(number)
 
 
-def _note(number: int, frame: FrameType | None) -> None:
-    global _asked
-    if _asked:
+def _defer(number: int, frame: FrameType | None) -> None:
+    global _pending
+    if _pending:
         raise interruption(number)
-    _asked = number
+    _pending = number
 
 
-def asked() -> int:
-    """The number of the signal that has been noted; 0 if none has."""
-    return _asked
+def pending() -> int:
+    """Number of the pending signal; 0 if there is none."""
+    return _pending
 
 
 @contextlib.contextmanager
-def heeded() -> Iterator[None]:
-    """SIGTERM interrupts as Ctrl-C does."""
+def sigterm_as_interrupt() -> Iterator[None]:
+    """Let SIGTERM interrupt like Ctrl-C."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -61,22 +61,22 @@ def heeded() -> Iterator[None]:
 
 
 def ignore() -> None:
-    """Ignore both from now on: the work is done, what is left is to exit."""
+    """Ignore both signals from now on, when only the exit is left."""
     for number in ENDING:
         signal.signal(number, signal.SIG_IGN)
 
 
 @contextlib.contextmanager
-def noted(note: bool = True) -> Iterator[None]:
-    """The first signal is noted instead of raised, if `note` says so."""
-    global _asked
-    if not note or threading.current_thread() is not threading.main_thread():
+def deferred(defer: bool = True) -> Iterator[None]:
+    """Let the first signal stay pending instead of raising, if `defer` is true."""
+    global _pending
+    if not defer or threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = {number: signal.signal(number, _note) for number in ENDING}
+    before = {number: signal.signal(number, _defer) for number in ENDING}
     try:
         yield
     finally:
-        _asked = 0
+        _pending = 0
         for number, handler in before.items():
             signal.signal(number, handler)

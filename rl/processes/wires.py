@@ -1,7 +1,7 @@
-"""Connections between the processes of one machine, for what is told often and is small: gradients.
+"""Direct connections between the processes of one machine, for small and frequent messages: gradients.
 
-gloo hands messages to threads of its own. Where every core has a process that computes, such a thread waits for a core,
-1 to 3 ms a message; a process that reads a socket itself is woken at once, 0.1 ms.
+gloo hands messages to its own threads. Where every core runs a computing process, such a thread waits for a core, 1 to
+3 ms a message. A process that reads a socket itself is woken in 0.1 ms.
 """
 
 import contextlib
@@ -30,13 +30,13 @@ class _Address(NamedTuple):
 
 
 def partners(rank: int, count: int) -> list[int]:
-    """With whom a process exchanges in turn until it has met all (recursive doubling); `count` is a power of two."""
+    """The ranks with which a process exchanges in turn (recursive doubling); `count` is a power of two."""
     return [rank ^ (1 << n) for n in range(count.bit_length() - 1)]
 
 
 @contextlib.contextmanager
 def connected(rank: int, count: int) -> Iterator[dict[int, Connection]]:
-    """Wires to those partners that are on this machine; all ranks call this together, after torch has joined them."""
+    """Connections to the partners on this machine. All ranks call this together, after torch has joined them."""
     if count & (count - 1):
         yield {}
         return
@@ -49,12 +49,12 @@ def connected(rank: int, count: int) -> Iterator[dict[int, Connection]]:
         near = {k for k in partners(rank, count) if there[k].machine == own.machine and Path(there[k].path).exists()}
         dist.all_gather_object(seen, near)
         wires: dict[int, Connection] = {}
-        for other in partners(rank, count):  # in this order all ranks meet without waiting in a circle
+        for other in partners(rank, count):  # this order is free of deadlock
             if other not in near or rank not in seen[other]:
                 continue
             if rank < other:
                 wire = stack.enter_context(listener.accept())
-                other = int.from_bytes(wire.recv_bytes(4))  # one that meets us later may have come first
+                other = int.from_bytes(wire.recv_bytes(4))  # a later partner may have connected first
             else:
                 wire = stack.enter_context(Client(there[other].path, "AF_UNIX", there[other].key))
                 wire.send_bytes(rank.to_bytes(4))
@@ -62,8 +62,8 @@ def connected(rank: int, count: int) -> Iterator[dict[int, Connection]]:
         yield wires
 
 
-def swap(wire: Connection, mine: Tensor, theirs: Tensor, first: bool) -> None:
-    """Send `mine`, receive into `theirs`, of the same size; `first` at one end alone, or both would wait.
+def exchange(wire: Connection, mine: Tensor, theirs: Tensor, first: bool) -> None:
+    """Send `mine` and receive `theirs`, of the same size. `first` is true at one end only, or both would wait.
 
     Raises:
         WireError: if the process at the other end is gone.

@@ -1,1 +1,1 @@
-"""Runs: their folders, evaluation, recording, and the main job."""
+"""Run folders, the main job, processes, live views, tuning."""

@@ -1,11 +1,11 @@
-"""A run's folder: what is in it, and how it is made and read.
+"""A run's folder: its content, and how it is created and read.
 
-config.toml          the resolved scenario, every key      vehicles/*   vehicle files, and what they name
-measured/KEY/*       spectra, currents and winds over time that it names, if any
-*.py                 modules of your own that these name, unless they are installed
+config.toml          the resolved scenario, every key      vehicles/*   vehicle files, and the files that they name
+measured/KEY/*       the scenario's files of spectra, currents and winds over time
+*.py                 your own modules that the scenario or its vehicles name, unless they are installed
 meta.json            seed, versions, commit, machine       progress.csv, model_N.pt, policy.onnx/.pt in TEAM/
 summary.json         wall times, stages, evaluation        figures/*.png, episode.rrd, .webp, report.html
-evaluation/*         the last of each controller           sweeps/NAME/*    what each sweep found
+evaluation/*         last evaluation of each controller    sweeps/NAME/*    results of sweeps
 dumps/*.dump         environments whose state stopped being finite (tools/replay.py), if any
 """
 
@@ -36,27 +36,27 @@ from taichi_sim.vehicles import vehicle_files
 
 CONFIG, META, SUMMARY, DUMPS = "config.toml", "meta.json", "summary.json", "dumps"
 LOCK, MEASURED = ".lock", "measured"
-ABANDONED = 3600.0  # s, after which a folder that was not finished belongs to no process any more
+ABANDONED = 3600.0  # s, after which an unfinished folder counts as left by a killed process
 PACKAGES = ("taichi-sim", "taichi", "torch", "numpy", "rsl-rl-lib", "gymnasium", "rerun-sdk", "pydantic")
 
 
 class RunError(RuntimeError):
-    """A run folder that cannot be used, with what to do about it."""
+    """A run folder that cannot be used; the message says what to do."""
 
 
 def create(out: Path, config: Scenario, source: Path) -> None:
-    """Make a new run folder with its resolved configuration.
+    """Create a run folder with the resolved configuration.
 
     Raises:
-        RunError: if it exists already or cannot be written. CheckpointError: if a stage is to start from what is not
-            there.
+        RunError: if the folder exists already or cannot be written.
+        CheckpointError: if a stage's `start_from` does not exist.
     """
     from rl.learn.policy import write_checkpoint
     from rl.learn.stages import starting_weights
 
     weights = starting_weights(config, source.parent)
     refuse_existing(out)
-    made, out = out, _part(out)  # a kill leaves no half of a run
+    made, out = out, _part(out)  # so that a kill leaves no partial run
     try:
         (out / "vehicles").mkdir(parents=True)
         saved = {}
@@ -75,7 +75,7 @@ def create(out: Path, config: Scenario, source: Path) -> None:
             write_checkpoint(content, out / team / "model_0.pt")
         about = {"scenario_file": source.name, "seed": config.seed, "scenario_digest": digest(config, source)}
         write_json(out / META, describe_machine() | about)
-        refuse_existing(made)  # another has been as fast
+        refuse_existing(made)  # another process may have created it meanwhile
         out.replace(made)
     except OSError as error:
         raise RunError(f"{made}: cannot be written: {error.strerror or error}") from None
@@ -84,7 +84,7 @@ def create(out: Path, config: Scenario, source: Path) -> None:
 
 
 def _part(out: Path) -> Path:
-    """Where a run folder is made; what killed processes have left there is removed."""
+    """A temporary folder in which the run folder is made; old ones that killed processes left are removed."""
     for left in out.parent.glob(f"{glob.escape(out.name)}.*.part"):
         with contextlib.suppress(OSError):
             if time.time() - left.stat().st_mtime > ABANDONED:
@@ -93,52 +93,54 @@ def _part(out: Path) -> Path:
 
 
 def begin(out: Path, config: Scenario, source: Path) -> None:
-    """Make a new run folder, or, under torchrun, which starts its processes anew when one was lost, go on with it.
+    """Create a run folder. Under torchrun, which restarts all processes when one is lost, continue an existing one.
 
     Raises:
-        RunError: if it exists already, and is not that of the same scenario.
+        RunError: if the folder exists already and holds another scenario.
     """
     if processes.engine() is not None and (out / META).is_file():
         if read_json(out / META).get("scenario_digest") == digest(config, source):
             return
-        raise RunError(f"{out} exists already, of another scenario: give another --out, or torchrun another --rdzv-id")
+        raise RunError(f"{out} exists already and holds another scenario: change --out, or torchrun's --rdzv-id")
     create(out, config, source)
 
 
 def digest(config: Scenario, source: Path) -> str:
-    """What two processes of one run have in common: the scenario, and the files that it and its vehicles name."""
+    """A hash of the scenario and of all files that it and its vehicles name: equal for all processes of one run."""
     files = measured_files(config)
-    bare = with_measured(config, {key: named[0].name for key, named in files.items()})  # wherever they lie
-    told = hashlib.sha256(toml_text(bare).encode())
+    bare = with_measured(config, {key: named[0].name for key, named in files.items()})  # wherever the files are
+    hashed = hashlib.sha256(toml_text(bare).encode())
     for section in config.teams.values():
         for file in vehicle_files(vehicle_file(section, source), source):
-            told.update(file.read_bytes())
+            hashed.update(file.read_bytes())
     for file in sum(files.values(), []):
-        told.update(file.read_bytes())
-    return told.hexdigest()[:16]
+        hashed.update(file.read_bytes())
+    return hashed.hexdigest()[:16]
 
 
 def refuse_existing(out: Path) -> None:
-    """Refuse a folder that is there and not empty.
+    """Refuse a folder that exists and is not empty.
 
     Raises:
-        RunError: if it is.
+        RunError: if it does.
     """
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise RunError(f"{out} exists already: give another --out, or continue it with --resume")
 
 
 def _keep_files(files: list[Path], out: Path, place: str) -> str:
-    """Copy a file that the scenario names, and those that belong to it, into the run: its path from there."""
+    """Copy a file that the scenario names, with the files that it needs, into the run; return its path in the run."""
     (out / place).mkdir(parents=True)
     for file in files:
         shutil.copyfile(file, out / place / file.name)
     return f"{place}/{files[0].name}"
 
 
-def _keep_plugin(name: Any, beside: list[Path], out: Path) -> None:
-    """Copy the module of a `module:Class` that is not installed into the run, so that it can be continued anywhere."""
-    if isinstance(name, str) and is_plugin(name):
+def _keep_plugin(name: str | None, beside: list[Path], out: Path) -> None:
+    """Copy the module of a `module:Class` into the run unless it is installed, so that the run continues on any
+    machine.
+    """
+    if name is not None and is_plugin(name):
         place = plugin_source(name, beside)
         if place is not None and place.is_dir():
             shutil.copytree(place, out / place.name, dirs_exist_ok=True, ignore=shutil.ignore_patterns("__pycache__"))
@@ -147,10 +149,11 @@ def _keep_plugin(name: Any, beside: list[Path], out: Path) -> None:
 
 
 def load_config(run: Path, overrides=(), config: Path | None = None) -> tuple[Scenario, Path]:
-    """The scenario of a run (or `config` in its place) with overrides, and the file it came from.
+    """The scenario of a run (or the file `config` instead) with overrides, and the file it came from.
 
     Raises:
-        RunError: if the folder is not a run. ConfigError: if its configuration no longer parses.
+        RunError: if the folder is not a run.
+        ConfigError: if the configuration does not fit this version.
     """
     if config is not None:
         file = find_config(config)
@@ -162,7 +165,7 @@ def load_config(run: Path, overrides=(), config: Path | None = None) -> tuple[Sc
         return load_scenario(file, overrides), file
     except ConfigError as error:
         if overrides and _loads(file):
-            raise  # what is wrong is the overrides
+            raise  # the overrides are wrong
         raise ConfigError(
             f"{error}\nThe run's saved configuration does not fit this version; pass --config FILE to use another"
         ) from None
@@ -176,7 +179,7 @@ def _loads(file: Path) -> bool:
 
 
 def other_versions(run: Path) -> str:
-    """What a run was begun with that is another version now, as a sentence; empty if nothing is."""
+    """A sentence that lists the packages whose version has changed since the run began; empty if none has."""
     if not (run / META).is_file():
         return ""
     before, now = read_json(run / META).get("packages", {}), versions()
@@ -185,7 +188,7 @@ def other_versions(run: Path) -> str:
 
 
 def newest(folder: Path) -> Path:
-    """The run in `folder` that was begun last.
+    """The run in `folder` that began last.
 
     Raises:
         RunError: if there is none.
@@ -197,7 +200,7 @@ def newest(folder: Path) -> Path:
 
 
 def refuse_changes(config: str | None, overrides: list[str]) -> None:
-    """Refuse a changed scenario when continuing: the saved one counts.
+    """Refuse changes of the scenario on --resume: the saved one counts.
 
     Raises:
         RunError: if there is any change.
@@ -211,10 +214,10 @@ def refuse_changes(config: str | None, overrides: list[str]) -> None:
 
 @contextlib.contextmanager
 def lock(out: Path):
-    """Hold a run folder, so that two commands do not write to it at once.
+    """Lock a run folder, so that no other command writes to it.
 
     Raises:
-        RunError: if another process holds it.
+        RunError: if another process holds the lock.
     """
     with (out / LOCK).open("w") as file:
         try:
@@ -225,7 +228,7 @@ def lock(out: Path):
 
 
 def write_json(file: Path, content: Any) -> None:
-    """Write JSON beside `file` and rename it."""
+    """Write JSON to a temporary file and rename it to `file`."""
     beside = file.with_name(file.name + ".part")
     try:
         beside.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
@@ -248,7 +251,7 @@ def read_json(file: Path) -> Any:
 
 
 def versions() -> dict[str, str | None]:
-    """Of the packages that a result depends on; None for one that is not installed."""
+    """Versions of the packages that a result depends on; None for one that is not installed."""
     found: dict[str, str | None] = {}
     for name in PACKAGES:
         try:
@@ -259,7 +262,7 @@ def versions() -> dict[str, str | None]:
 
 
 def describe_machine() -> dict[str, Any]:
-    """Package versions, git commit, Python and machine: what a result depends on beside config and seed."""
+    """Package versions, git commit, Python and machine: everything besides config and seed that a result depends on."""
     return {
         "packages": versions(),
         "git_commit": _git_commit(),

@@ -1,9 +1,9 @@
-"""Starting a command as several processes, by torchrun's engine, and again after one of them was lost.
+"""Runs a command as several processes with torchrun's engine, and restarts them after one was lost.
 
-`--processes N` is what `torchrun --standalone --nproc-per-node=N` is, with two differences: a user's mistake ends the
-command with its message instead of being tried again, and a process that was killed is always worth another try.
+`--processes N` means `torchrun --standalone --nproc-per-node=N`, with two differences: an error of the user ends the
+command with its message instead of a restart, and a killed process always leads to a restart.
 
-Every worker that fails leaves a file that says why, which the engine names in TORCHELASTIC_ERROR_FILE.
+Each worker that fails writes the reason to a file, whose path the engine puts into TORCHELASTIC_ERROR_FILE.
 """
 
 import json
@@ -17,16 +17,16 @@ import traceback
 import uuid
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from rl import processes
 from rl.processes import signals
 from rl.runs.folder import RunError
 
-RESTARTS = 20  # after a process was lost
-MOST = 8  # processes a core
-ENOUGH = 128  # environments that a process should have at least: below, it mostly waits
-LAUNCHED = "TAICHI_SIM_LAUNCHED"  # in the environment of workers: the launcher's process
+RESTARTS = 20  # most restarts after lost processes
+MAX_PER_CORE = 8  # processes
+ENOUGH = 128  # least environments of a process: with fewer it mostly waits
+LAUNCHED = "TAICHI_SIM_LAUNCHED"  # environment variable of workers: process id of the launcher
 MINE, LOST, UNEXPECTED = "mistake", "lost", "unexpected"
 
 
@@ -34,33 +34,33 @@ class Failure(NamedTuple):
     """Why a worker ended."""
 
     rank: int
-    kind: str  # MINE: a user's mistake; LOST: the others were gone; UNEXPECTED: anything else
+    kind: str  # MINE: error of the user; LOST: another process is gone; UNEXPECTED: any other error
     text: str
     time: float
 
 
 def launched() -> bool:
-    """Whether this process is one of those that `run` has started."""
+    """Whether `run` started this process."""
     return LAUNCHED in os.environ and processes.engine() is not None
 
 
-def wanted(given: int | None, threads: int, share: int, arch: str = "cpu", enough: int = ENOUGH) -> int:
-    """How many processes to start to do `share` environments, episodes or cells: `given`, or by default one a core.
+def process_count(given: int | None, threads: int, share: int, arch: str = "cpu", enough: int = ENOUGH) -> int:
+    """Number of processes for `share` environments, episodes or cells: `given`, or by default one for each core.
 
-    By default it is one if the number of `threads` is given, on a GPU, and where each would have fewer than `enough`;
-    also in a process that the engine has started itself.
+    The default is one process if `threads` is set, on a GPU, or where each process would have fewer than `enough`. It
+    is also one in a process that the engine started.
 
     Raises:
-        RunError: for more than the machine bears, or than there is to share.
+        RunError: if `given` is more than the machine can bear or than there is work for.
     """
     if processes.engine() is not None:
         return 1
     cores = len(os.sched_getaffinity(0))
     if given is None:
         return 1 if threads or arch != "cpu" else max(1, min(cores, share // enough))
-    most = max(1, min(MOST * cores, share)) if enough > 1 else MOST * cores
+    most = max(1, min(MAX_PER_CORE * cores, share)) if enough > 1 else MAX_PER_CORE * cores
     if given > most:
-        why = f"this machine has {cores} cores" if most == MOST * cores else f"a stage has {share} environments"
+        why = f"this machine has {cores} cores" if most == MAX_PER_CORE * cores else f"a stage has {share} environments"
         raise RunError(f"--processes {given}: allowed are 1 to {most}; {why}")
     given = min(given, share)
     if given > cores:
@@ -69,11 +69,11 @@ def wanted(given: int | None, threads: int, share: int, arch: str = "cpu", enoug
 
 
 def run(script: Path, arguments: list[str], number: int) -> None:
-    """Run a script of rl/ as so many processes; return when all have succeeded.
+    """Run a script of rl/ as `number` processes; return when all have succeeded.
 
     Raises:
-        RunError: if one failed, with its message and rank. KeyboardInterrupt: if this process was asked to end; all
-            have ended then.
+        RunError: if one failed, with its message and rank.
+        KeyboardInterrupt: if this process was interrupted, after all others have ended.
     """
     for attempt in range(RESTARTS + 1):
         failures = _attempt(script, arguments, number)
@@ -87,12 +87,12 @@ def run(script: Path, arguments: list[str], number: int) -> None:
 
 
 def _attempt(script: Path, arguments: list[str], number: int) -> list[Failure] | None:
-    """What went wrong, if anything did."""
+    """Run the processes once; return their failures, None if all succeeded."""
     from torch.distributed.elastic.multiprocessing import DefaultLogsSpecs, SignalException
     from torch.distributed.elastic.multiprocessing.errors import ChildFailedError
     from torch.distributed.launcher.api import LaunchConfig, elastic_launch
 
-    logging.getLogger("torch.distributed").setLevel(logging.CRITICAL)  # what it would say is said here
+    logging.getLogger("torch.distributed").setLevel(logging.CRITICAL)  # `run` prints the failures
     os.environ[LAUNCHED] = str(os.getpid())
     os.environ.setdefault("OMP_NUM_THREADS", str(max(1, len(os.sched_getaffinity(0)) // number)))
     with tempfile.TemporaryDirectory(prefix="taichi-sim-") as logs:
@@ -104,14 +104,14 @@ def _attempt(script: Path, arguments: list[str], number: int) -> list[Failure] |
         try:
             elastic_launch(config, sys.executable)(str(script), *arguments)
         except SignalException as ended:
-            raise signals.interruption(ended.sigval, _told(logs)) from None
+            raise signals.interruption(ended.sigval, _last_message(logs)) from None
         except ChildFailedError as error:
             killed = [
                 Failure(rank, LOST, f"was killed ({of.signal_name()})", time.time())
                 for rank, of in error.failures.items()
                 if of.exitcode < 0
             ]
-            silent = [Failure(rank, UNEXPECTED, "ended without a word", time.time()) for rank in error.failures]
+            silent = [Failure(rank, UNEXPECTED, "ended without a message", time.time()) for rank in error.failures]
             return _failures(logs) + killed or silent
         finally:
             del os.environ[LAUNCHED]
@@ -119,24 +119,24 @@ def _attempt(script: Path, arguments: list[str], number: int) -> list[Failure] |
 
 
 def _failures(logs: str) -> list[Failure]:
-    """What workers have left."""
+    """The failures that workers wrote into the folder `logs`."""
     found = []
     for file in sorted(Path(logs).rglob("error.json")):
         try:
-            said = json.loads(file.read_text(encoding="utf-8"))["message"]
-            found.append(Failure(said["rank"], said["kind"], said["message"], float(said["time"])))
+            error = json.loads(file.read_text(encoding="utf-8"))["message"]
+            found.append(Failure(error["rank"], error["kind"], error["message"], float(error["time"])))
         except (OSError, ValueError, KeyError, TypeError):
-            continue  # of the engine itself, or cut short
+            continue  # written by the engine itself, or cut short
     return found
 
 
-def _told(logs: str) -> str:
-    """What rank 0 said when it was interrupted."""
+def _last_message(logs: str) -> str:
+    """The message of rank 0 when it was interrupted."""
     return next((failure.text for failure in _failures(logs) if failure.rank == 0 and failure.kind == MINE), "")
 
 
 def _cause(failures: list[Failure]) -> Failure:
-    """Of several, that of which the others are consequences: the first that is not just the loss of another."""
+    """The failure that caused the others: the first that is not merely the loss of another process."""
     order = (MINE, UNEXPECTED, LOST)
     return min(failures, key=lambda of: (order.index(of.kind), not of.text.startswith("was killed"), of.time))
 
@@ -144,39 +144,42 @@ def _cause(failures: list[Failure]) -> Failure:
 def run_worker(
     main: Callable[[list[str] | None], None], argv: list[str] | None, mistake: Callable[[Exception], str | None]
 ) -> int:
-    """Run an entry point as a process that torchrun has started; leave word of how it ended, return its exit status.
+    """Run an entry point as a process of torchrun; write the reason if it fails, return its exit status.
 
-    `mistake` gives what a user is told of an error that is the user's.
+    Args:
+        main: the entry point.
+        argv: its arguments.
+        mistake: returns the message for an error of the user, None for any other error.
     """
     _end_with_launcher()
-    silent = LAUNCHED in os.environ  # the launcher tells
-    with signals.heeded():
+    silent = LAUNCHED in os.environ  # the launcher prints the message
+    with signals.sigterm_as_interrupt():
         try:
             main(argv)
             return 0
         except KeyboardInterrupt as interrupt:
             text, kind, status = str(interrupt), MINE, signals.status(interrupt)
         except Exception as error:
-            said, status = mistake(error), 1
-            kind = MINE if said is not None else LOST if lost_another(error) else UNEXPECTED
-            text = said or ("lost the others" if kind == LOST else f"{type(error).__name__}: {error}")
+            message, status = mistake(error), 1
+            kind = MINE if message is not None else LOST if lost_another(error) else UNEXPECTED
+            text = message or ("lost the others" if kind == LOST else f"{type(error).__name__}: {error}")
             if kind == UNEXPECTED:
                 traceback.print_exc()
-    _leave_word(text, kind)
+    _write_error(text, kind)
     if not silent:
         print(f"process {processes.here().rank}: {text}", file=sys.stderr)
     return status
 
 
-def _leave_word(text: str, kind: str) -> None:
+def _write_error(text: str, kind: str) -> None:
     file = os.environ.get("TORCHELASTIC_ERROR_FILE")
     if not file:
         return
     now = time.time()
-    said: dict[str, Any] = {"message": text, "kind": kind, "rank": processes.here().rank, "time": now}
-    said["extraInfo"] = {"timestamp": str(int(now)), "py_callstack": ""}
+    extra = {"timestamp": str(int(now)), "py_callstack": ""}
+    error = {"message": text, "kind": kind, "rank": processes.here().rank, "time": now, "extraInfo": extra}
     with open(file, "w", encoding="utf-8") as stream:
-        json.dump({"message": said}, stream)
+        json.dump({"message": error}, stream)
 
 
 def lost_another(error: BaseException) -> bool:
@@ -187,7 +190,7 @@ def lost_another(error: BaseException) -> bool:
 
 
 def _end_with_launcher() -> None:
-    """In a worker: end when the process that has started it is gone, however it ended."""
+    """End this worker when the process that started it is gone, however that ended."""
     parent = os.environ.get(LAUNCHED)
     if parent is None:
         return

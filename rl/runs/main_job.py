@@ -1,4 +1,4 @@
-"""The main job: train the stages of a scenario, evaluate them on unseen worlds, record and draw an episode."""
+"""The main job: train a scenario's stages, evaluate them on held-out episodes, record and draw an episode."""
 
 import time
 from collections.abc import Mapping
@@ -16,11 +16,11 @@ from rl.evaluation.episodes import (
     one_episode_each,
     run_episodes,
 )
-from rl.evaluation.headroom import judge_all, read_bounds
+from rl.evaluation.headroom import judge_on_bounds, read_bounds
 from rl.evaluation.record import record_episode
 from rl.evaluation.report import write_report
 from rl.evaluation.report.sources import STRIP
-from rl.evaluation.store import keep, keep_headroom
+from rl.evaluation.store import save_evaluation, save_headroom
 from rl.learn.env import Watch
 from rl.learn.history import read_history
 from rl.learn.policy import Policy, load_policy, policies_of
@@ -47,18 +47,17 @@ def run_main_job(
     show_progress: bool = True,
     watch: Watch | None = None,
 ) -> dict[str, Any] | None:
-    """Train, evaluate, record and draw into the run folder `out`; return what summary.json holds. `watch` is told of
-    each step of the training.
+    """Train, evaluate, record and draw into the run folder `out`; return the content of summary.json.
 
-    Of several processes (rl/processes) rank 0 alone works with `out`, and the others, whose scenario comes from the
-    file `source`, return None.
+    With several processes (rl/processes), only rank 0 writes to `out`. The other ranks read their scenario from
+    `source` and return None. `watch` is called after each training step.
 
     Raises:
-        ConfigError: if the scenario has nothing to train or its episodes cannot be measured.
-        KeyboardInterrupt: saying how to go on, with the work so far in checkpoints.
+        ConfigError: if the scenario has nothing to train or its episodes are too short to measure.
+        KeyboardInterrupt: on Ctrl-C, after a checkpoint; the message says how to continue.
     """
     if not config.stages:
-        raise ConfigError("stages: the scenario has none, so there is nothing to train")
+        raise ConfigError("stages: the scenario has none: there is nothing to train")
     check_measurable(config)
     first = processes.here().first
     source = out / run_folder.CONFIG if first else source
@@ -68,7 +67,9 @@ def run_main_job(
             config, out, source=source, dumps=out / run_folder.DUMPS, judged=partial(_loss, config, source),
             show_progress=show_progress, watch=watch,
         )  # fmt: skip
-        policies: dict[str, Policy] = processes.told(lambda: {t: load_policy(out, config, t) for t in config.trained})
+        policies: dict[str, Policy] = processes.broadcast(
+            lambda: {t: load_policy(out, config, t) for t in config.trained}
+        )
         evaluation = _evaluate(config, policies, out, source, show_progress)
         if not first:
             return None
@@ -84,13 +85,13 @@ def run_main_job(
         run_folder.write_json(out / run_folder.SUMMARY, summary)
         write_report([out])
     except KeyboardInterrupt as interrupt:
-        told = f"checkpoints are in {out}; continue with --out {out} --resume"
-        raise type(interrupt)(told) from None
+        message = f"checkpoints are in {out}; continue with --out {out} --resume"
+        raise type(interrupt)(message) from None
     return summary
 
 
 def _picture(config: Scenario, policies: Mapping[str, Policy], out: Path, show_progress: bool) -> None:
-    """Record an episode, and draw figures of it and of the training."""
+    """Record an episode; draw figures of the episode and of the training."""
     source = out / run_folder.CONFIG
     seed = config.evaluation.seed
     episode = record_episode(config, policies, seed=seed, source=source, show_progress=show_progress)
@@ -101,7 +102,7 @@ def _picture(config: Scenario, policies: Mapping[str, Policy], out: Path, show_p
 
 
 def _loss(config: Scenario, source: Path | None, policies: Mapping[str, Policy]) -> float:
-    """How badly teams do together (Judge.loss), on episodes that no policy is trained on and no evaluation is of."""
+    """Loss of the teams (Judge.loss) on episodes used neither for training nor for evaluation."""
     judge, seed = mission_class(config, source).Judge, derive_seed(config.seed, "better")
     with runtime.torch_at_rest():
         teams = {name: policies[name] for name in config.teams if name in policies}
@@ -113,20 +114,22 @@ def _loss(config: Scenario, source: Path | None, policies: Mapping[str, Policy])
 def _evaluate(
     config: Scenario, policies: Mapping[str, Policy], out: Path, source: Path | None, show_progress: bool
 ) -> dict[str, Any]:
-    """The scenario's own evaluation of policies and of classical controllers, kept in the run's folder; the former."""
+    """Evaluate the policies and the classical controllers, store both in the run's folder, return the policies'
+    result.
+    """
     rivals = policies_of("classical", out, config)
     trials = [
         Trial(config, {team: of[team] for team in config.trained}, config.evaluation.episodes, config.evaluation.seed,
               controller, source)
         for controller, of in (("policy", policies), ("classical", rivals))
     ]  # fmt: skip
-    cannot = (ControllerError, ActionError)  # not every vehicle has a classical controller that can
-    outcomes = judge_trials(trials, cannot=cannot, show_progress=show_progress, look=True)
+    cannot = (ControllerError, ActionError)  # some vehicles have no classical controller, or one that fails
+    outcomes = judge_trials(trials, cannot=cannot, show_progress=show_progress, excerpts=True)
     for outcome in outcomes:
         if not isinstance(outcome, Exception):
-            keep(out, outcome)
+            save_evaluation(out, outcome)
     if processes.here().first and (bounds := read_bounds(config)):
-        keep_headroom(out, judge_all(bounds, config, policies, source))
+        save_headroom(out, judge_on_bounds(bounds, config, policies, source))
     learned = outcomes[0] if outcomes else None
     if isinstance(learned, Exception):
         raise learned
@@ -134,8 +137,8 @@ def _evaluate(
 
 
 def report(evaluation: dict[str, Any], config: Scenario, source: Path | None = None) -> str:
-    """An evaluation as lines to read."""
+    """An evaluation as readable lines."""
     judge = mission_class(config, source).Judge
-    lines = [f"{evaluation['episodes']} episodes of unseen worlds, {evaluation['controller']}:"]
+    lines = [f"{evaluation['episodes']} held-out episodes, {evaluation['controller']}:"]
     lines += [f"  {team}: {judge.line(figures)}" for team, figures in evaluation["teams"].items()]
     return "\n".join(lines)

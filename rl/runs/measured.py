@@ -8,7 +8,7 @@ from taichi_sim.config.files import files_of, named_files, with_files
 
 
 def measured_files(config: Scenario) -> dict[str, list[Path]]:
-    """Key -> files of measurements that a scenario names, those of its stages too (stages.X.set.KEY)."""
+    """The files of measurements of a scenario and of its stages: key -> files; a stage's key is stages.X.set.KEY."""
     found = named_files(config)
     for name, stage in config.stages.items():
         found |= {f"stages.{name}.set.{key}": files for key, files in files_of(stage.set).items()}
@@ -16,9 +16,9 @@ def measured_files(config: Scenario) -> dict[str, list[Path]]:
 
 
 def with_measured(config: Scenario, places: Mapping[str, str]) -> Scenario:
-    """The same scenario with other paths to them."""
+    """The same scenario with new paths for files of measurements, by key."""
     stages = {}
     for name, stage in config.stages.items():
-        own = {key: places[told] for key in stage.set if (told := f"stages.{name}.set.{key}") in places}
+        own = {key: places[full] for key in stage.set if (full := f"stages.{name}.set.{key}") in places}
         stages[name] = stage.model_copy(update={"set": stage.set | own})
     return with_files(config.model_copy(update={"stages": stages}), places)

@@ -1,4 +1,4 @@
-"""What a recording is written as: told by its name, and refused before there is anything to write."""
+"""The format of a recording, which follows from its file name."""
 
 import os
 from collections.abc import Callable, Sequence
@@ -14,9 +14,9 @@ RRD, MCAP = ".rrd", ".mcap"
 
 
 class Output(NamedTuple):
-    """Where a recording goes, and how."""
+    """Path and format of a recording."""
 
-    place: Path | None  # None: nobody has said
+    place: Path | None  # None: the default
     write: Callable[[Episode, Path], Path]
     reader: str  # the command that opens it
 
@@ -27,13 +27,14 @@ def output_of(out: str | None, origin: Sequence[float] | None = None, *, show_pr
     `origin` is the latitude and longitude (deg) of the world's origin in a bag.
 
     Raises:
-        RunError: for another suffix, or an `origin` without a bag. BagError: see `check_bag`.
+        RunError: if the suffix is another one, or `origin` is given without a bag.
+        BagError: if `check_bag` refuses the bag.
     """
     place = None if out is None else Path(out)
     folder = out is not None and (out.endswith(("/", os.sep)) or not Path(out).suffix)
     if place is None or (place.suffix == RRD and not folder):
         if origin is not None:
-            raise RunError(f"--origin: only a bag has one: --out FILE{MCAP} or --out FOLDER/")
+            raise RunError(f"--origin: only a bag has an origin: --out FILE{MCAP} or --out FOLDER/")
         return Output(place, write_recording, "rerun")
     if place.suffix != MCAP and not folder:
         raise RunError(f"--out {out}: allowed are FILE{RRD} (rerun), FILE{MCAP} (ROS 2) and FOLDER/ (rosbag2)")

@@ -1,16 +1,16 @@
-"""Tuning classical controllers: a search for the numbers that do best on training worlds.
+"""Tuning of classical controllers: a search for the numbers with the lowest loss on training worlds.
 
-The cross-entropy method (Rubinstein 1999) on the logarithms of the numbers: each round draws candidates about the best
-so far, runs the same episodes with each, and moves to the mean of the best quarter. Every round has episodes of its
-own, so that no candidate wins by luck with one set; the result is the mean after the last round, compared with the
-beginning on episodes of neither. What counts is the mission's (`Judge.loss`).
+The search is the cross-entropy method (Rubinstein 1999) on the logarithms of the numbers. Each round draws candidates
+around the current mean, runs the same episodes with each, and moves to the mean of the best quarter. Every round has
+new episodes, so that no candidate wins by luck. The result is the mean after the last round; further episodes compare
+it with the start. The mission defines the loss (`Judge.loss`).
 """
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import tomli_w
@@ -24,19 +24,19 @@ from rl.seeds import derive_seed
 from taichi_sim.config import ConfigError
 from taichi_sim.kernels import runtime
 
-SPREAD = 0.3  # of the logarithms, at first
+SPREAD = 0.3  # initial standard deviation of the logarithms
 LEAST_SPREAD = 0.03
-ELITE = 0.25  # of a round's candidates
-KEEP = 0.5  # of the spread of the round before
+ELITE = 0.25  # share of a round's candidates that gives the next mean
+KEEP = 0.5  # weight of the previous round's spread
 
 
 class Tuned(NamedTuple):
-    """What a search found."""
+    """The result of a search."""
 
-    numbers: dict[str, float]  # of the controller: those found, and the others that the scenario gives
+    numbers: dict[str, float]  # of the controller: found by the search, or given by the scenario
     loss: float
     loss_before: float
-    figures: dict[str, float | None]  # of the judge, with them
+    figures: dict[str, float | None]  # of the judge, with the new numbers
     figures_before: dict[str, float | None]
 
 
@@ -52,10 +52,11 @@ def tune(
     seed: int = 0,
     show_progress: bool = True,
 ) -> Tuned:
-    """Search for numbers of a team's classical controller, those in `names` (default: all of them).
+    """Search for numbers of a team's classical controller: those in `names`, default all.
 
     Raises:
-        ConfigError: for a name that it does not have. ControllerError: if there is nothing to tune.
+        ConfigError: if the controller lacks one of `names`.
+        ControllerError: if there is nothing to tune.
     """
     mission = make_mission(config, episodes, seed=derive_seed(seed, "tune"), teams=(team,), source=source)
     model, judge = mission.teams[team].fleet.model, mission_class(config, source).Judge
@@ -102,7 +103,9 @@ def _numbers(names: list[str], logarithms: np.ndarray) -> dict[str, float]:
 
 
 def write_numbers(file: Path, team: str, numbers: Mapping[str, float], comment: str) -> None:
-    """Put `[TEAM.control]` into a scenario's file, in the place of the one there; all else stays as it is."""
+    """Write `[TEAM.control]` into a scenario's file, in place of an existing one; the rest of the file stays as
+    it is.
+    """
     text = file.read_text(encoding="utf-8")
     head = f"[{team}.control]"
     section = f"{head}  # {comment}\n{tomli_w.dumps(dict(numbers))}"
@@ -114,8 +117,8 @@ def write_numbers(file: Path, team: str, numbers: Mapping[str, float], comment: 
     file.write_text(text, encoding="utf-8")
 
 
-def told(tuned: Tuned, line: Any) -> str:
-    """What a search brought, to read; `line` tells figures (Judge.line)."""
+def summary(tuned: Tuned, line: Callable[[dict[str, float | None]], str]) -> str:
+    """The result of a search as readable lines; `line` formats figures (Judge.line)."""
     return (
         f"before: loss {tuned.loss_before:.3f}: {line(tuned.figures_before)}\n"
         f"after:  loss {tuned.loss:.3f}: {line(tuned.figures)}"

@@ -1,15 +1,14 @@
-"""Live views (taichi_sim/recording/live.py) of an episode while it is played, and of a training.
+"""Live views (taichi_sim/recording/live.py) of an episode that is played, and of a training.
 
-Neither changes what is simulated: they read the environment that is shown, between its steps. A training is watched
-for some seconds of motion at a time, as real time goes, and then left alone, so that no more than a set share of its
-time is spent on it. The clock of its view is that of the wall, from when the training began: its curves grow there too.
+A view changes nothing in the simulation: it reads the shown environment between steps. The view of a training shows a
+few seconds of motion in real time and then pauses, so that it takes at most a set share of the training's time. Its
+clock counts real time since the training began, for motion and curves.
 """
 
 import contextlib
 import sys
 import time
 from collections.abc import Iterator, Mapping
-from typing import Any
 
 import torch
 
@@ -18,25 +17,25 @@ from rl.mission import Mission, Step
 from taichi_sim.recording import Event
 from taichi_sim.recording.live import PORT, Live, refuse_used
 
-__all__ = ["Follow", "Watch", "following", "refuse_used", "watching"]
+__all__ = ["EpisodeView", "TrainingView", "episode_view", "refuse_used", "training_view"]
 
-STAGE_S = 4.0  # motion that scales and layout are taken from; it is shown at once
-PIECE_S = 0.2  # motion that is sent at a time, about
-LATE_S = 0.5  # a view that is later than this goes on from where it is
-SHARE = 0.05  # of a training's time that watching it may take
-POINT_S = 1.0  # between points of a training's curves, at least
+STAGE_S = 4.0  # first piece of motion; it sets scales and layout
+PIECE_S = 0.2  # motion sent at a time
+LATE_S = 0.5  # a view that lags more than this stops catching up
+SHARE = 0.05  # most of a training's time that its view may take
+POINT_S = 1.0  # least time between two points of a training's curves
 
 
-class Follow:
-    """Shows an episode while it is simulated, at `speed` times real time, or slower if the simulation is."""
+class EpisodeView:
+    """Shows an episode while it is simulated, at `speed` times real time or slower if the simulation is slower."""
 
     def __init__(self, live: Live, speed: float = 1.0) -> None:
-        """Wait for the first frame."""
+        """Connect to a live view; the first frame comes later."""
         self.live, self.speed = live, speed
         self._reel: Reel | None = None
         self._events: list[Event] = []
-        self._zero = 0.0  # of time.monotonic, when the episode's clock was 0
-        self._shown = 0.0  # s of the episode
+        self._zero = 0.0  # time.monotonic at the start of the episode
+        self._shown = 0.0  # s of the episode shown so far
 
     def __call__(self, mission: Mission, env: int, step: Step, events: list[Event]) -> None:
         """Show environment `env` after a step."""
@@ -58,43 +57,43 @@ class Follow:
             self.finish()
 
     def finish(self) -> None:
-        """Show what there is."""
+        """Show the frames that are not shown yet."""
         if self._reel is not None and len(self._reel):
             self._shown = self._reel.now
             self.live.show(self._reel.part(events=self._events, like=self.live.like))
             self._events = []
 
 
-class Watch:
-    """Shows environment 0 of a training, which calls it after each step, before what has ended begins anew."""
+class TrainingView:
+    """Shows environment 0 of a training, which calls it after each step and before the resets."""
 
     def __init__(self, live: Live) -> None:
-        """Wait for the first step."""
+        """Connect to a live view; the first step comes later."""
         self.live, self._off = live, False
         self._begun, self._steps = time.monotonic(), 0
-        self._mission: Any = None
+        self._mission: Mission | None = None
         self._reel: Reel | None = None
         self._rolling = False
-        self._next = 0.0  # s of time.monotonic, when motion is shown again
-        self._at, self._from, self._cost = 0.0, 0.0, 0.0  # of the motion shown: monotonic, simulated time, time taken
+        self._next = 0.0  # time.monotonic when motion is shown again
+        self._at, self._from, self._cost = 0.0, 0.0, 0.0  # shown motion: time.monotonic, simulated time, cost
         self._sums: dict[str, dict[str, tuple[torch.Tensor, int]]] = {}
         self._point = self._begun
 
-    def __call__(self, mission: Any, step: Step, logs: Mapping[str, Mapping[str, torch.Tensor]]) -> None:
-        """A step of the training; `logs` is what it logs of each team. A fault ends the watching and nothing else."""
+    def __call__(self, mission: Mission, step: Step, logs: Mapping[str, Mapping[str, torch.Tensor]]) -> None:
+        """Take a training step; `logs` holds what each team logs. An error ends the view, not the training."""
         if self._off:
             return
         begin = time.perf_counter()
         try:
             self._plot(logs)
-            self._look(mission, step)
-        except Exception as error:  # whatever it is, the training goes on
+            self._update(mission, step)
+        except Exception as error:  # the training goes on after any error
             print(f"--watch has stopped: {type(error).__name__}: {error}", file=sys.stderr)
             self._off = True
         self._cost += time.perf_counter() - begin
 
-    def _look(self, mission: Any, step: Step) -> None:
-        if mission is not self._mission:  # another stage, of other teams maybe
+    def _update(self, mission: Mission, step: Step) -> None:
+        if mission is not self._mission:  # another stage, maybe with other teams
             if self._mission is not None:
                 self.live.begin(anew=True)
             self._mission, self._reel, self._rolling = mission, None, False
@@ -113,8 +112,8 @@ class Watch:
         if ended:
             self._reel = None
 
-    def _roll(self, mission: Any, dt: float) -> None:
-        """Begin to show motion, of an episode that was shown before or of another one."""
+    def _roll(self, mission: Mission, dt: float) -> None:
+        """Begin to show motion, of the same episode as before or of a new one."""
         if self._reel is None:
             self.live.begin()
             self._reel = Reel(mission, after=dt)
@@ -127,7 +126,7 @@ class Watch:
         self.live.show(part, after_s=self._at - self._begun - self._from, at=at)
 
     def _plot(self, logs: Mapping[str, Mapping[str, torch.Tensor]]) -> None:
-        """Means since the last point of what is logged: a plot for each name, a line for each team."""
+        """Plot means of the logged values since the last point: a plot for each name, a line for each team."""
         self._steps += 1
         for team, log in logs.items():
             for key, value in log.items():
@@ -145,8 +144,8 @@ class Watch:
 
 
 @contextlib.contextmanager
-def following(wanted: bool, port: int = PORT, speed: float = 1.0) -> Iterator[Follow | None]:
-    """What `play --live` tells of each frame, or None.
+def episode_view(wanted: bool, port: int = PORT, speed: float = 1.0) -> Iterator[EpisodeView | None]:
+    """The view for `play --live`, or None if not wanted.
 
     Raises:
         OSError: if the port is in use.
@@ -156,14 +155,14 @@ def following(wanted: bool, port: int = PORT, speed: float = 1.0) -> Iterator[Fo
         return
     with Live("play", port=port) as live:
         print(live.told, flush=True)
-        follow = Follow(live, speed)
+        follow = EpisodeView(live, speed)
         yield follow
         follow.finish()
 
 
 @contextlib.contextmanager
-def watching(wanted: bool, port: int = PORT) -> Iterator[Watch | None]:
-    """What `train --watch` tells of each step, or None.
+def training_view(wanted: bool, port: int = PORT) -> Iterator[TrainingView | None]:
+    """The view for `train --watch`, or None if not wanted.
 
     Raises:
         OSError: if the port is in use.
@@ -173,4 +172,4 @@ def watching(wanted: bool, port: int = PORT) -> Iterator[Watch | None]:
         return
     with Live("training", port=port, everywhere=True) as live:
         print(live.told, flush=True)
-        yield Watch(live)
+        yield TrainingView(live)

@@ -285,7 +285,7 @@ def test_a_recording_shows_who_sees_and_tells_what():
     np.testing.assert_allclose(ends[seen], boats[seen], atol=1e-3)
     prints = drawn["footprints"]
     assert isinstance(prints, Lines) and np.nanmax(np.abs(prints.points_n[..., 2])) == 0.0
-    ages = drawn["age of what is known of the vessel"]
+    ages = drawn["age of the track of the vessel"]
     assert isinstance(ages, Plot) and ages.lines == ("usv0", "usv1", "usv2", "uav0", "uav1", "uav2")
 
 

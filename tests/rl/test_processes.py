@@ -84,16 +84,16 @@ def talk(rank: int, count: int, port: int, pipe) -> None:
             raise RunError(f"wrong on {rank}")
         return rank
 
-    said: list = [processes.of_each(5)]
+    said: list = [processes.envs_each(5)]
     with processes.joined():
-        said.append(processes.told(lambda: f"from {rank}"))
-        said.append(processes.of_all(lambda: rank * 10))
+        said.append(processes.broadcast(lambda: f"from {rank}"))
+        said.append(processes.gather(lambda: rank * 10))
         said.append(processes.mean({"a": float(rank), "b": 1.0}))
         said.append(processes.greatest(rank))
         numbers = torch.arange(40_000.0) * (rank + 1)
         processes.average_(numbers)
         said.append(numbers[[0, 1, 39_999]].tolist())
-        for call, of in ((processes.told, 0), (processes.of_all, 1)):
+        for call, of in ((processes.broadcast, 0), (processes.gather, 1)):
             try:
                 call(lambda of=of: fails(of))
             except RunError as error:
@@ -123,29 +123,34 @@ def test_what_ranks_tell_each_other_and_what_one_raises_all_raise(count):
 
 def test_how_many_processes_there_are(monkeypatch, capsys):
     monkeypatch.setattr(os, "sched_getaffinity", lambda pid: {0, 1, 2, 3})
-    assert launch.wanted(None, 0, 512) == 4
-    assert launch.wanted(None, 0, 300) == 2  # none of them with too few environments
-    assert launch.wanted(None, 2, 512) == launch.wanted(None, 0, 512, "cuda") == launch.wanted(None, 0, 8) == 1
-    assert launch.wanted(6, 0, 512) == 6
+    assert launch.process_count(None, 0, 512) == 4
+    assert launch.process_count(None, 0, 300) == 2  # none of them with too few environments
+    assert (
+        launch.process_count(None, 2, 512)
+        == launch.process_count(None, 0, 512, "cuda")
+        == launch.process_count(None, 0, 8)
+        == 1
+    )
+    assert launch.process_count(6, 0, 512) == 6
     assert "6 processes share 4 cores" in capsys.readouterr().err
     with pytest.raises(RunError, match="--processes 1000: allowed are 1 to 32; this machine has 4 cores"):
-        launch.wanted(1000, 0, 5000)
+        launch.process_count(1000, 0, 5000)
     with pytest.raises(RunError, match="allowed are 1 to 3; a stage has 3 environments"):
-        launch.wanted(4, 0, 3)
-    assert launch.wanted(4, 0, 2, enough=1) == 2  # of episodes or cells there may be fewer
+        launch.process_count(4, 0, 3)
+    assert launch.process_count(4, 0, 2, enough=1) == 2  # of episodes or cells there may be fewer
     monkeypatch.setenv("TORCHELASTIC_RUN_ID", "x")
-    assert launch.wanted(None, 0, 512) == 1  # it is one of several
+    assert launch.process_count(None, 0, 512) == 1  # it is one of several
 
 
 def test_a_signal_is_noted_once_and_raised_the_second_time():
-    with signals.noted():
+    with signals.deferred():
         os.kill(os.getpid(), signal.SIGTERM)
-        assert signals.asked() == signal.SIGTERM
+        assert signals.pending() == signal.SIGTERM
         with pytest.raises(signals.Terminated):
             os.kill(os.getpid(), signal.SIGTERM)
             time.sleep(1)
-    assert signals.asked() == 0
-    with signals.heeded(), pytest.raises(signals.Terminated) as raised:
+    assert signals.pending() == 0
+    with signals.sigterm_as_interrupt(), pytest.raises(signals.Terminated) as raised:
         os.kill(os.getpid(), signal.SIGTERM)
         time.sleep(1)
     assert signals.status(raised.value) == 143 and signals.status(KeyboardInterrupt()) == 130
@@ -274,5 +279,5 @@ def test_a_process_that_differs_is_named_with_what_differs():
     cli._refuse_differences([same, same])
     with pytest.raises(RunError, match="process 1 of 2 has another scenario than process 0: they differ in sea, usv"):
         cli._refuse_differences([same, ("abd", other, same[2])])
-    with pytest.raises(RunError, match="process 2 of 3 has torch 2.12.0, process 0 has 2.13.0: all need the same"):
+    with pytest.raises(RunError, match="process 2 of 3 has torch 2.12.0, process 0 has 2.13.0: all processes need"):
         cli._refuse_differences([same, same, ("abc", config, same[2] | {"torch": "2.12.0"})])

@@ -12,7 +12,7 @@ from rl.evaluation import episodes as evaluation
 from rl.evaluation.episode_log import load_log, save_log
 from rl.evaluation.record import record_episode
 from rl.evaluation.report import write_report
-from rl.evaluation.store import kept
+from rl.evaluation.store import load_evaluation
 from rl.learn.policy import policies_of
 from rl.runs import folder as run_folder
 
@@ -94,7 +94,7 @@ def test_an_episode_that_was_judged_is_run_again(name, run, monkeypatch):
     config, source = run_folder.load_config(run)
     policies = policies_of("classical", run, config)  # none of whose vehicles ends early
     options = {"seed": 7, "source": source, "show_progress": False}
-    outcome = evaluation.judge_episodes(config, policies, episodes=7, look=True, **options)
+    outcome = evaluation.judge_episodes(config, policies, episodes=7, excerpts=True, **options)
     number = outcome.result[f"{name}_episode"]
     episode = record_episode(config, policies, number=(number, 7), **options)
     time = episode.time_s > config.evaluation.settle + 1e-6
@@ -111,7 +111,7 @@ def test_the_worst_is_of_the_last_evaluation_and_under_its_conditions(run, here)
     here("rl.play", run, "--worst", "--set", "sea.hs=1").fails("leave out")
     here("rl.play", run, "--worst", "--median").fails("not allowed", status=2)
     assert here("rl.evaluate", run, "--set", "sea.hs=0.8", "--episodes", "3").status == 0
-    found = kept(run, "policy")
+    found = load_evaluation(run, "policy")
     assert found is not None and str(found.conditions) == "--set sea.hs=0.8" and found.result["episodes"] == 3
     assert here("rl.play", run, "--worst").status == 0
     assert (run / "worst.rrd").is_file()
@@ -140,7 +140,7 @@ def test_five_seconds_before_a_collision_are_kept(run, tmp_path):
         return action
 
     outcome = evaluation.judge_episodes(
-        config, {"usv": turns}, episodes=6, seed=3, source=source, show_progress=False, look=True
+        config, {"usv": turns}, episodes=6, seed=3, source=source, show_progress=False, excerpts=True
     )
     assert 0 < len(outcome.crashes) <= 12
     for crash in outcome.crashes:
@@ -155,4 +155,6 @@ def test_five_seconds_before_a_collision_are_kept(run, tmp_path):
         (c.team, c.vehicles, c.time_s) for c in outcome.crashes
     ]
     assert shown["worst"].events == outcome.shown["worst"].events
-    np.testing.assert_array_equal(shown["worst"].teams["usv"].place_n, outcome.shown["worst"].teams["usv"].place_n)
+    np.testing.assert_array_equal(
+        shown["worst"].teams["usv"].position_n, outcome.shown["worst"].teams["usv"].position_n
+    )

@@ -183,7 +183,7 @@ def test_an_interrupted_sweep_goes_on_and_ends_in_the_same_bytes(run, file, monk
     monkeypatch.setattr(sweeping, "_measure", two_of_them)
     for table in tables:
         table.unlink()
-    with pytest.raises(KeyboardInterrupt, match="2 of 5 cells .* the same command goes on"):
+    with pytest.raises(KeyboardInterrupt, match="2 of 5 cells .* the same command continues"):
         swept(run, file)
     with (tables[0].parent / "cells.jsonl").open("a") as lines:
         lines.write('{"key": "cut sh')  # by a kill
@@ -209,6 +209,5 @@ def test_a_hundred_thousand_cells_are_told_of_and_begun(run, file, monkeypatch):
     with pytest.raises(KeyboardInterrupt, match="10 of 100001 cells"):
         swept(run, file, tell=told.append)
     assert told == [
-        "99998 cells more, about 2.3 days at the 2 s of the first 3; "
-        "Ctrl-C keeps those that are done, and the same command goes on"
+        "99998 cells left, about 2.3 days (the first 3 took 2 s each); after Ctrl-C the same command continues"
     ]

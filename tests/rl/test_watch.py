@@ -12,7 +12,7 @@ from small_missions import make
 from rl.learn.env import MissionEnv
 from rl.learn.policy import checkpoints
 from rl.runs import watch as watching
-from rl.runs.watch import Watch
+from rl.runs.watch import TrainingView
 from taichi_sim.recording.live import Live
 
 
@@ -44,7 +44,7 @@ def test_a_training_that_is_watched_goes_as_it_would(port, monkeypatch):
 
     with Live("test", port=port, viewer=False, everywhere=True) as live:
         monkeypatch.setattr(live, "show", show)
-        watched.watch = watcher = Watch(live)
+        watched.watch = watcher = TrainingView(live)
         for _ in range(60):  # three episodes at least
             for one, generator in ((watched, generators[0]), (alone, generators[1])):
                 one.step(2 * torch.rand(one.num_envs, one.num_actions, generator=generator) - 1)
@@ -65,7 +65,7 @@ def test_a_fault_of_the_view_does_not_end_the_training(port, monkeypatch, capsys
     one = env()
     with Live("test", port=port, viewer=False) as live:
         monkeypatch.setattr(live, "plot", lambda *_: 1 / 0)
-        one.watch = Watch(live)
+        one.watch = TrainingView(live)
         for _ in range(2):
             one.step(torch.zeros(one.num_envs, one.num_actions))
     assert capsys.readouterr().err.count("--watch has stopped: ZeroDivisionError") == 1

@@ -1,1 +1,1 @@
-"""Cases of tools/benchmark.py: what is timed, and how."""
+"""The cases of tools/benchmark.py and their timing."""

@@ -1,4 +1,6 @@
-"""This checkout against another one: both are measured in alternation, and what counts is the median of the ratios."""
+"""Comparison of this checkout with another one: both are measured in alternation; the result is the median of
+ratios.
+"""
 
 import json
 import os
@@ -19,7 +21,7 @@ class Worker:
     """A process that measures one checkout (worker.py)."""
 
     def __init__(self, checkout: Path, groups: Sequence[str], sizes: Sequence[int]):
-        """Start it and let it build its cases."""
+        """Start the process and let it build its cases."""
         command = [sys.executable, str(WORKER), str(checkout), ",".join(groups), ",".join(map(str, sizes))]
         places = checkout, checkout / "tools", *filter(None, [os.environ.get("PYTHONPATH")])
         environment = os.environ | {"PYTHONPATH": os.pathsep.join(map(str, places))}
@@ -54,9 +56,9 @@ class Worker:
 def compare(
     other: Path, own: Path, *, groups: Sequence[str], sizes: Sequence[int], seconds: float, repetitions: int
 ) -> list[dict[str, Any]]:
-    """Each case that both checkouts have: seconds per call of each, and the speed of `own` over that of `other`.
+    """Time each case that both checkouts have: seconds per call of both, and the ratio of speeds, `own` over `other`.
 
-    A repetition runs one, the other, the other, one; each of its two halves gives one ratio.
+    A repetition runs one, the other, the other, the first again; each half gives one ratio.
     """
     workers = Worker(other, groups, sizes), Worker(own, groups, sizes)
     shared = [case for case in workers[0].cases if case in workers[1].cases]
@@ -87,7 +89,7 @@ def _row(case: str, before: list[float], now: list[float]) -> dict[str, Any]:
 
 
 def table(rows: Sequence[dict[str, Any]]) -> str:
-    """The ratios to read."""
+    """The ratios as a readable table."""
     lines = [f"{'':44}{'other, ms':>12}{'this, ms':>12}{'times as fast':>15}   quartiles"]
     for row in rows:
         low, high = row["ratio_quartiles"]

@@ -1,9 +1,9 @@
-"""Where the time of learning goes: one of the processes that learn together, with a stopwatch on every part.
+"""Time of the parts of a learning iteration, in one of several processes that learn together.
 
-    learning.py SCENARIO ENVIRONMENTS ITERATIONS THREADS FILE      as many times as there are processes, by torchrun
+    learning.py SCENARIO ENVIRONMENTS ITERATIONS THREADS FILE      started by torchrun, once for each process
 
-It trains the first stage of a scenario with so many environments in all, warms up, times so many iterations, and rank 0
-writes what one took to FILE (JSON).
+It trains the first stage of a scenario with ENVIRONMENTS in all processes together, warms up, and times ITERATIONS.
+Rank 0 writes the result to FILE (JSON).
 """
 
 import argparse
@@ -21,16 +21,16 @@ WARM_UP = 3  # iterations
 INFERENCE, ENVIRONMENT, RETURNS, UPDATE, TALK = "inference", "environment", "returns", "update", "synchronisation"
 
 
-class Traffic:
-    """What processes tell each other while they learn: its number, bytes and time."""
+class Communication:
+    """Number, bytes and time of the messages between processes while they learn."""
 
     def __init__(self):
-        """Nothing yet."""
+        """Start with no messages."""
         self.calls, self.bytes, self.seconds = 0, 0, 0.0
         self._originals: list[tuple[Any, str, Any]] = []
 
     def watch(self, owner: Any, name: str) -> None:
-        """Count calls of a function whose first argument is what is told."""
+        """Measure calls of a function whose first argument is the message."""
         original = getattr(owner, name)
         self._originals.append((owner, name, original))
 
@@ -46,14 +46,15 @@ class Traffic:
         setattr(owner, name, counted)
 
     def stop(self) -> None:
-        """Watch no more."""
+        """Stop measuring."""
         for owner, name, original in self._originals:
             setattr(owner, name, original)
 
 
 def train(config: Any, envs: int, iterations: int) -> dict[str, Any]:
-    """What one iteration of a scenario's first stage takes, with `envs` environments on all processes together: seconds
-    in all and of its parts, medians; collectives and their bytes.
+    """Time iterations of a scenario's first stage with `envs` environments on all processes together.
+
+    Returns medians of the total and of each part, s, and the number and bytes of collective operations.
     """
     import torch.distributed as dist
 
@@ -65,15 +66,15 @@ def train(config: Any, envs: int, iterations: int) -> dict[str, Any]:
     from tools.benchmarking.parts import Stopwatch
 
     stage = first_stage(config).model_copy(update={"num_envs": envs, "checkpoint_interval": 10**6})
-    own, rank = processes.of_each(envs), processes.here().rank
+    own, rank = processes.envs_each(envs), processes.here().rank
     task = make_mission(config, own, seed=rank, teams=(stage.team,))
     seconds, parts, talk = [], [], []
     with tempfile.TemporaryDirectory() as folder:
         runner = StageRunner(MissionEnv(task, stage.team), stage, Path(folder))
-        runner.go_on()
+        runner.continue_history()
         together, runner.is_distributed = runner.is_distributed, False
-        traffic, stopwatch = Traffic(), Stopwatch()
-        traffic.watch(processes, "_reduce_")  # gradients and divergence, what is logged, whether to go on
+        communication, stopwatch = Communication(), Stopwatch()
+        communication.watch(processes, "_reduce_")  # gradients and divergence, logs, pending signals
         for owner, method, part in (
             (runner.alg, "act", INFERENCE),
             (runner.env, "step", ENVIRONMENT),
@@ -85,15 +86,20 @@ def train(config: Any, envs: int, iterations: int) -> dict[str, Any]:
             if together:
                 dist.barrier()
             stopwatch.read()
-            start, before, calls, told = time.perf_counter(), traffic.seconds, traffic.calls, traffic.bytes
+            start, before, calls, told = (
+                time.perf_counter(),
+                communication.seconds,
+                communication.calls,
+                communication.bytes,
+            )
             runner.learn(1)
             if number >= WARM_UP:
                 seconds.append(time.perf_counter() - start)
-                waited = traffic.seconds - before
+                waited = communication.seconds - before
                 read = stopwatch.read()
                 parts.append(read | {UPDATE: read[UPDATE] - waited, TALK: waited})
-                talk.append((traffic.calls - calls, traffic.bytes - told))
-        traffic.stop()
+                talk.append((communication.calls - calls, communication.bytes - told))
+        communication.stop()
         weights = sum(p.numel() * p.element_size() for p in runner.alg.get_policy().parameters())
     return {
         "seconds": statistics.median(seconds),
@@ -107,7 +113,7 @@ def train(config: Any, envs: int, iterations: int) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Train, time, and tell."""
+    """Train, time, and write the result."""
     from rl import cli, processes
     from rl.missions import load_scenario
 

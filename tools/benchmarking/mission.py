@@ -1,4 +1,4 @@
-"""A mission under the clock: the environment alone, with policies that act, with learning."""
+"""Cases that time a mission: the environment alone, with acting policies, with learning."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -16,26 +16,26 @@ from rl.scenario import Scenario, StageConfig
 from tools.benchmarking.timing import Case
 
 ACTION_SPREAD = 0.2  # standard deviation of random actions about cruise
-ACTION_SETS = 8  # drawn beforehand and taken in turn, so that drawing is not timed
+ACTION_SETS = 8  # sets of actions drawn beforehand, so that drawing is not timed
 STAGGER_SEED = 7
 
 
 def begin_anywhere(task: Mission) -> Mission:
-    """Spread the environments over the episode, so that they do not all run out of time in one step."""
+    """Spread the environments over the episode, so that their time does not run out in the same step."""
     generator = torch.Generator().manual_seed(STAGGER_SEED)
     task.steps.copy_(torch.randint(task.config.episode_steps, (task.num_envs,), generator=generator))
     return task
 
 
 def decide(task: Mission, actions: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
-    """One decision of every vehicle: step, reset what ended, observe."""
+    """Take one decision for every vehicle: step, reset ended episodes, observe."""
     step = task.step(actions)
     task.reset((step.terminated | step.truncated).nonzero().squeeze(1))
     return {name: team.observe() for name, team in task.teams.items()}
 
 
 def cruise(team: Team) -> torch.Tensor:
-    """Mean action [action] of the classical controller at the start of an episode: straight on, near cruise."""
+    """Mean action [action] of the classical controller at the start of an episode: straight ahead near cruise."""
     controller = team.mission.controller(team)
     if controller is None:
         return torch.zeros(team.action.shape[-1])
@@ -57,7 +57,7 @@ def random_decisions(task: Mission) -> Callable[[], object]:
 
 
 def untrained_policy(team: Team, stage: StageConfig) -> TrainedPolicy:
-    """A network of the configured size with the weights it would begin training with."""
+    """A network of the configured size with initial weights."""
     example = TensorDict({"policy": team.observe().flatten(0, 1)[:1]}, batch_size=[1])
     options = actor_config(stage)
     options.pop("class_name")
@@ -65,7 +65,7 @@ def untrained_policy(team: Team, stage: StageConfig) -> TrainedPolicy:
 
 
 def policy_decisions(task: Mission, stages: dict[str, StageConfig]) -> Callable[[], object]:
-    """A function that takes one decision of every team's network."""
+    """A function that takes one decision with every team's network."""
     policies = {name: untrained_policy(team, stages[name]) for name, team in task.teams.items()}
     observed = {name: team.observe() for name, team in task.teams.items()}
 
@@ -100,8 +100,9 @@ def environment_cases(config: Scenario, sizes: tuple[int, ...]) -> list[Case]:
 
 
 def scenario_cases(size: int, *overrides: str) -> list[Case]:
-    """Each high-fidelity scenario without policies: the team that it trains, or the whole escort, also with wave
-    crests in the way of its lookouts.
+    """Each high-fidelity scenario without policies: the team that it trains, or the whole escort.
+
+    The escort is also timed with wave crests that hide objects from lookouts.
     """
     cases = []
     for label, name, teams, own in (
@@ -133,7 +134,7 @@ def learning_cases(config: Scenario, sizes: tuple[int, ...], folder: Path) -> li
 
 
 def rates(cases: list[Case], group: str, config: Scenario) -> list[dict[str, float]]:
-    """The JSON of one group of cases: an agent step is one vehicle's decision."""
+    """One group of cases as JSON; an agent step is one vehicle's decision."""
     vehicles = config.teams[first_stage(config).team].count if group == "learning" else agents(config)
     return [
         {

@@ -1,4 +1,4 @@
-"""Where one step's time goes: real steps of the mission with a stopwatch around each part."""
+"""Time of each part of one step of a mission."""
 
 import statistics
 import time
@@ -15,10 +15,10 @@ OTHER = "other"
 
 
 class Stopwatch:
-    """Times methods of chosen objects; a timed method called inside another counts for the outer one."""
+    """Times methods of chosen objects; a timed method called within another counts for the outer one."""
 
     def __init__(self):
-        """Start with nothing on the watch."""
+        """Start with no methods."""
         self.seconds: dict[str, float] = defaultdict(float)
         self._inside = False
 
@@ -68,7 +68,7 @@ def watch(task: Formation) -> Stopwatch:
 def measure_parts(
     config: FormationScenario, num_envs: int, *, seconds: float, repetitions: int, show_progress: bool = True
 ) -> dict[str, float]:
-    """Median milliseconds of each part of one decision of `num_envs` environments, both teams."""
+    """Median milliseconds of each part of one decision of `num_envs` environments with both teams."""
     task = begin_anywhere(Formation(config, num_envs, seed=config.seed))
     call = random_decisions(task)
     call()

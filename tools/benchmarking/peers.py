@@ -1,6 +1,6 @@
-"""What a user would pick instead, on the same machine in the same minutes; only those that are installed.
+"""Other simulators on the same machine at the same time, as far as they are installed.
 
-Each is timed by its own plain loop, in calm water or still air, as its documentation runs it.
+Each runs in a plain loop in calm water or still air, as its documentation shows.
 """
 
 import statistics
@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 
 class Peer(NamedTuple):
-    """A peer ready to run: `call` does `steps` vehicle steps."""
+    """A simulator ready to run: `call` takes `steps` vehicle steps."""
 
     name: str
     version: str
@@ -112,7 +112,7 @@ PEERS = (otter, jsbsim_c172p, crazyflow_worlds, rotorpy_quadrotor)
 
 
 def measure_peers(*, seconds: float, repetitions: int) -> list[dict]:
-    """The JSON of the peers that are installed."""
+    """The installed simulators as JSON."""
     ready: list[Peer] = []
     for build in PEERS:
         try:

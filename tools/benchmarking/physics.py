@@ -1,4 +1,4 @@
-"""Each vehicle model alone: its kernel over many environments, no mission around it."""
+"""Cases that time each vehicle model alone: its kernel over many environments, without a mission."""
 
 import math
 from pathlib import Path
@@ -16,8 +16,8 @@ from tools.benchmarking.timing import Case
 
 COMPONENTS = (16, 32)
 COUNT = 3  # vehicles in an environment
-SPREAD, HEIGHT = 1000.0, 60.0  # m: half the side of the square where they start, and the height of aircraft
-AIR = AirConfig(speed=7.72, turbulence="dryden")  # 15 kt; what does not feel it pays nothing
+SPREAD, HEIGHT = 1000.0, 60.0  # m: half the side of the square of starts; height of aircraft
+AIR = AirConfig(speed=7.72, turbulence="dryden")  # 15 kt; models without wind are not slowed
 SEED = 7
 
 
@@ -26,12 +26,14 @@ def panel_count(model: Vehicle) -> int | None:
     return model.panels if isinstance(model, Hull6Dof) else None
 
 
-OTHER = {"memory": "constant", "constant": "memory"}  # radiation: what a hull with a database is measured with, too
+OTHER = {"memory": "constant", "constant": "memory"}  # the other kind of radiation, for hulls with a database
 
 
 def measured_vehicles(quick: bool) -> list[tuple[Path, int, dict[str, Any]]]:
-    """Vehicle files, numbers of wave components to measure, and what is changed: an aircraft in one sea, a hull with a
-    database with radiation memory and constant, `quick` one vehicle a model.
+    """Vehicle files with numbers of wave components and overrides.
+
+    Aircraft are measured in one sea, hulls with a database with radiation memory and with constant radiation. `quick`
+    measures one vehicle of each model.
     """
     files = shipped_vehicles()
     kind = {file: find_model(read_toml(file)["model"], file) for file in files}
@@ -48,7 +50,7 @@ def measured_vehicles(quick: bool) -> list[tuple[Path, int, dict[str, Any]]]:
 
 
 def physics_cases(config: WorldConfig, num_envs: int, quick: bool) -> list[tuple[Case, dict]]:
-    """A case and its description for each of `measured_vehicles`, in the sea of `config` and at its times."""
+    """A case and its description for each of `measured_vehicles`, in the sea of `config`."""
     return [_case(config, *vehicle, num_envs) for vehicle in measured_vehicles(quick)]
 
 
@@ -75,7 +77,7 @@ def _case(
 
 
 def _spread(bench: Bench) -> None:
-    """Put vehicles anywhere, in trim at cruise, or afloat."""
+    """Place vehicles at random, in trim at cruise or afloat."""
     generator = torch.Generator().manual_seed(SEED)
     where, psi = (torch.rand((*bench.state.shape[:2], n), generator=generator) for n in (3, 1))
     position = SPREAD * (2 * where - 1)

@@ -1,4 +1,4 @@
-"""How long a picture takes: of boats in waves, of several views at once."""
+"""Time of drawing a picture of boats in waves, with several views."""
 
 import statistics
 import time
@@ -17,7 +17,7 @@ SCENARIOS = {
 
 
 def measure_pictures(*, seconds: float, repetitions: int) -> dict[str, float]:
-    """Median milliseconds of a picture of 640x480 px of one environment, by scenario."""
+    """Median milliseconds for a picture of one environment, 640x480 px, by scenario."""
     found = {}
     for name, overrides in SCENARIOS.items():
         mission = make_mission(load_scenario(name, overrides), 1, seed=1)

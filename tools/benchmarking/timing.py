@@ -1,7 +1,7 @@
-"""Timing that a noisy machine disturbs least: every case in turn, several rounds, medians.
+"""Timing on a noisy machine: all cases in turn, several rounds, medians.
 
-After warm-up (compilation, caches) the number of calls of each case is set so that one repetition lasts about
-`seconds`. Then each round runs one repetition of every case, so that a slow minute of the machine hits all alike.
+After warm-up (compilation, caches), the number of calls of each case is chosen so that one repetition takes about
+`seconds`. Each round then runs one repetition of every case, so that a slow minute of the machine affects all alike.
 """
 
 import statistics
@@ -16,7 +16,7 @@ WARM_UP_CALLS = 2
 
 @dataclass
 class Case:
-    """One thing to time: `call` does `work` units (agent steps, substeps) of the group it is reported in."""
+    """A case to time: `call` does `work` units (agent steps, substeps) of its group."""
 
     group: str
     label: str
@@ -27,7 +27,7 @@ class Case:
     seconds: list[float] = field(default_factory=list)  # per call, one of each repetition
 
     def repeat(self) -> float:
-        """Run one repetition; seconds per call."""
+        """Run one repetition; return seconds per call."""
         if self.begin:
             self.begin()
         start = time.perf_counter()
@@ -42,13 +42,13 @@ class Case:
 
     @property
     def spread(self) -> tuple[float, float]:
-        """The slowest and the fastest repetition's rate over the median."""
+        """Rates of the slowest and the fastest repetition over the median."""
         median = statistics.median(self.seconds)
         return median / max(self.seconds), median / min(self.seconds)
 
 
 def measure(cases: Sequence[Case], *, seconds: float, repetitions: int, show_progress: bool = True) -> None:
-    """Fill `case.seconds` of all cases."""
+    """Time all cases; results go to `case.seconds`."""
     with tqdm(cases, desc="warm up", unit="case", disable=not show_progress) as bar:
         for case in bar:
             case.calls = WARM_UP_CALLS

@@ -1,10 +1,10 @@
-"""One checkout under the clock: a process that repeats the cases it is asked for.
+"""A process that times the cases of one checkout on request.
 
     python worker.py CHECKOUT GROUP[,GROUP ...] SIZE[,SIZE ...]
 
-It starts with CHECKOUT on PYTHONPATH, so that all it imports comes from there, the benchmark cases too; this file alone
-is the measuring checkout's. It reads orders from stdin and answers each on a line of JSON: `cases` (the names), `warm
-INDEX SECONDS` (how many calls fill that time), `run INDEX CALLS` (seconds per call).
+It starts with CHECKOUT on PYTHONPATH, so that all imports come from there, including the benchmark cases; only this
+file belongs to the measuring checkout. It reads orders from stdin and answers each with a line of JSON: `cases` (the
+names), `warm INDEX SECONDS` (number of calls in that time), `run INDEX CALLS` (seconds per call).
 """
 
 import argparse
@@ -20,7 +20,7 @@ ONE = "one environment"
 
 
 def gymnasium_cases(kind: Any) -> list[Any]:
-    """A step of Gymnasium's environment of each team of `paper`, reset where its episode ends; `kind` is `Case`."""
+    """A step of Gymnasium's environment of each team of `paper`, with resets; `kind` is the class `Case`."""
     import numpy as np
 
     from rl.adapters.gymnasium import TeamEnv
@@ -41,7 +41,7 @@ def gymnasium_cases(kind: Any) -> list[Any]:
 
 
 def build(checkout: Path, groups: list[str], sizes: tuple[int, ...], folder: Path) -> list[Any]:
-    """The cases of `groups` as `checkout` has them."""
+    """The cases of `groups` in `checkout`."""
     base = "tools." if (checkout / "tools" / "__init__.py").is_file() else ""
     benchmark = importlib.import_module(f"{base}benchmark")  # the checkout's
     Case = importlib.import_module(f"{base}benchmarking.timing").Case  # noqa: N806
@@ -63,7 +63,7 @@ def build(checkout: Path, groups: list[str], sizes: tuple[int, ...], folder: Pat
 def main() -> None:
     """Answer orders until stdin closes."""
     answers = os.fdopen(os.dup(1), "w")
-    os.dup2(2, 1)  # whatever the checkout prints
+    os.dup2(2, 1)  # prints of the checkout go to stderr
     checkout, groups, sizes = Path(sys.argv[1]).resolve(), sys.argv[2].split(","), sys.argv[3].split(",")
     with tempfile.TemporaryDirectory() as folder:
         cases = build(checkout, groups, tuple(map(int, sizes)), Path(folder))

@@ -1,1 +1,1 @@
-"""Parts of the tools that draw seas."""
+"""Parts of draw_sea.py and sea_of.py."""

@@ -1,4 +1,4 @@
-"""The panel of draw_sea.py that only a measured sea has: directions by frequency, as measured and as realised."""
+"""The panel of draw_sea.py for measured seas: directions by frequency, as measured and as realised."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -8,18 +8,18 @@ from taichi_sim.sea.measured import WaveRecord, band_moments
 from taichi_sim.sea.spectrum import Components
 
 TWO_PI = 2 * np.pi
-LEAST = 0.002  # of the energy of the densest band, that a band's directions are drawn from
+LEAST = 0.002  # least energy of a band whose directions are drawn, in energies of the densest band
 MEASURED, REALISED = "#D55E00", "#0072B2"
 
 
 def directions_by_frequency(axes: Axes, components: Components, record: WaveRecord) -> None:
-    """Mean direction of travel of each band, and the circular deviation to both sides of it, over angular frequency."""
+    """Draw mean direction of travel and circular deviation to both sides of it over angular frequency."""
     middle = np.pi * (record.edges[1:] + record.edges[:-1])
     drawn = record.energy > LEAST * record.energy.max()
     centre = np.rad2deg(record.direction)
 
     def degrees(moments: np.ndarray) -> np.ndarray:
-        """Angles within 180 degrees of the mean of all."""
+        """Angles within 180 degrees of the overall mean."""
         return centre + (np.rad2deg(np.angle(moments)) - centre + 180.0) % 360.0 - 180.0
 
     mean, width = degrees(record.c1), deviation(record.c1)

@@ -1,4 +1,4 @@
-"""Records of a sea at one point: what a wave staff would say of its spectrum and its wave heights."""
+"""Records of a sea at one point, as a wave staff measures them, with spectrum and wave heights."""
 
 import math
 from typing import NamedTuple
@@ -10,13 +10,13 @@ from taichi_sim.sea.measured import MeasuredSystem
 from taichi_sim.sea.sampling import System
 from taichi_sim.sea.spectrum import spectral_moment
 
-SEAS = 64  # realisations measured, at most
+SEAS = 64  # most realisations
 RECORD, SAMPLES_PER_PERIOD = 1200.0, 20  # s of each record; samples per peak period
 SEGMENT = 24  # peak periods of a Welch segment
 
 
 class Measured(NamedTuple):
-    """What records at a point say of the sea."""
+    """Spectrum and wave heights from records at a point."""
 
     omega: np.ndarray  # rad/s
     density: np.ndarray  # m^2 s
@@ -25,7 +25,7 @@ class Measured(NamedTuple):
 
 
 def measure(sea: Sea, tp: float) -> Measured:
-    """Records of the elevation at the origin of up to SEAS realisations: spectrum, heights."""
+    """Measure the elevation at the origin in up to SEAS realisations."""
     interval = tp / SAMPLES_PER_PERIOD
     time = np.arange(0, max(RECORD, 4 * SEGMENT * tp), interval)
     index = np.arange(min(SEAS, sea.num_seas))[:, None]
@@ -55,7 +55,7 @@ def crossing_heights(elevation: np.ndarray) -> np.ndarray:
 
 
 def target_density(system: System, omega: np.ndarray) -> np.ndarray:
-    """The density a system asks for, with exactly its height, m^2 s."""
+    """The density that a system asks for, scaled to its exact height, m^2 s."""
     if isinstance(system, MeasuredSystem):
         return system.density(omega)
     m0 = spectral_moment(system.density, 0, 2 * math.pi / system.tp)

@@ -1,18 +1,26 @@
-"""One HTML file that tells a run: self-contained, without scripts, made of what its folder holds.
+"""A run as one self-contained HTML file without scripts.
 
-sources.py reads; about.py, curves.py, sweeps.py and episodes.py each make a part; page.py is how it looks.
+sources.py reads the run's folder; about.py, curves.py, sweeps.py and episodes.py each make a part of the page.
 """
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:  # matplotlib takes a second
+    from rl.evaluation.report.sources import Run
 
 NAME = "report.html"
 
 
 def write_report(folders: Sequence[Path], out: Path | None = None) -> Path:
-    """Write the report of a run, or of two side by side, to `out`; default in the first run's folder.
+    """Write the report of a run, or of two runs side by side; return its file.
 
-    What is not there yet is named in its place, with the command that makes it.
+    The page names each missing part with the command that makes it.
+
+    Args:
+        folders: one or two run folders.
+        out: the file; default in the first run's folder.
 
     Raises:
         RunError: if a folder is not a run.
@@ -32,11 +40,14 @@ def write_report(folders: Sequence[Path], out: Path | None = None) -> Path:
             section("What was trained", beside(*map(about, runs))),
             section("Learning", curves(runs)),
             section("Figures", figures(runs[0], other)),
-            *(section(_of("What is possible", run, other), possible(run)) for run in runs),
-            *(section(_of("Conditions", run, other), sweeps(run, other if run is runs[0] else None)) for run in runs),
-            *(section(_of("The recorded episode", run, other), photograph(run.strip)) for run in runs if run.strip),
-            *(section(_of("Two episodes", run, other), shown_episodes(run)) for run in runs),
-            *(section(_of("Collisions", run, other), collisions(run)) for run in runs),
+            *(section(_titled("What is possible", run, other), possible(run)) for run in runs),
+            *(
+                section(_titled("Conditions", run, other), sweeps(run, other if run is runs[0] else None))
+                for run in runs
+            ),
+            *(section(_titled("The recorded episode", run, other), photograph(run.strip)) for run in runs if run.strip),
+            *(section(_titled("Two episodes", run, other), shown_episodes(run)) for run in runs),
+            *(section(_titled("Collisions", run, other), collisions(run)) for run in runs),
         ]
     lead = paragraph(f"Scenario {runs[0].config.name}, mission {runs[0].config.mission}.", "faint")
     default = NAME if other is None else f"report-and-{other.name}.html"
@@ -47,5 +58,5 @@ def write_report(folders: Sequence[Path], out: Path | None = None) -> Path:
     return out
 
 
-def _of(title, run, other) -> str:
+def _titled(title: str, run: "Run", other: "Run | None") -> str:
     return title if other is None else f"{title}: {run.name}"

@@ -1,4 +1,4 @@
-"""What was trained, on what, how long; and the figures against the classical controller."""
+"""The parts of a report on what was trained, and the figures against the classical controller and the oracle."""
 
 import shlex
 from collections.abc import Mapping
@@ -7,7 +7,7 @@ from typing import Any
 from rl.evaluation.headroom import headroom, read_bounds
 from rl.evaluation.intervals import Interval, differences, intervals
 from rl.evaluation.report.sources import Run
-from rl.evaluation.store import Kept
+from rl.evaluation.store import StoredEvaluation
 from taichi_sim.config.io import toml_text
 from taichi_sim.plotting.page import folded, missing, paragraph, table, text
 
@@ -15,7 +15,7 @@ NOTHING = "-"
 
 
 def about(run: Run) -> str:
-    """A run's scenario, teams, times and origin."""
+    """Table of a run's scenario, teams, times and machine."""
     config, machine = run.config, run.meta.get("machine", {})
     stages = [] if run.summary is None else run.summary["stages"]
     rows = [("scenario", f"{config.name}, mission {config.mission}, seed {config.seed}")]
@@ -30,21 +30,21 @@ def about(run: Run) -> str:
         ("on", f"{machine.get('processor', '?')}, {machine.get('cpus', '?')} CPUs, {machine.get('system', '?')}")
     )
     rows.append(("commit", str(run.meta.get("git_commit") or "not known")[:19]))
-    told = table(("", run.name), [(text(a), text(b)) for a, b in rows], numbers=False)
+    parts = table(("", run.name), [(text(a), text(b)) for a, b in rows], numbers=False)
     if run.summary is None:
-        told += missing("The training is not finished.", f"python rl/train.py --out {run.folder} --resume")
-    return told + folded("every key of the scenario", f"<pre>{text(toml_text(config))}</pre>")
+        parts += missing("The training is not finished.", f"python rl/train.py --out {run.folder} --resume")
+    return parts + folded("every key of the scenario", f"<pre>{text(toml_text(config))}</pre>")
 
 
 def _learned(stage: Mapping[str, Any]) -> str:
-    """What a stage has been."""
+    """One line on a stage: teams, iterations, time, verdict."""
     teams = " and ".join((stage["team"], *stage.get("joint", ())))
-    told = f"{teams}: {stage['iterations']} iterations, {stage['agent_steps'] / 1e6:.3g} million agent-steps"
-    told += f", {_duration(stage['wall_time_s'])}"
+    line = f"{teams}: {stage['iterations']} iterations, {stage['agent_steps'] / 1e6:.3g} million agent-steps"
+    line += f", {_duration(stage['wall_time_s'])}"
     if verdict := stage.get("verdict"):
         kept = "kept" if verdict["kept"] else "dropped"
-        told += f"; {kept}: its loss was {verdict['loss']:.3f}, before it {verdict['loss_before']:.3f}"
-    return told
+        line += f"; {kept}: loss {verdict['loss']:.3f}, before the stage {verdict['loss_before']:.3f}"
+    return line
 
 
 def _duration(seconds: float) -> str:
@@ -52,38 +52,37 @@ def _duration(seconds: float) -> str:
 
 
 def figures(run: Run, other: Run | None) -> str:
-    """Tables of the last evaluations, with intervals, a team each."""
+    """A table for each team: the figures of the last evaluations, with intervals."""
     parts = [_what_is_missing(r) for r in (run, other) if r is not None]
     columns = {f"{run.name}: {who}" if other else who: of for who, of in run.evaluations.items()}
     if other is not None and "policy" in other.evaluations:
         columns[f"{other.name}: policy"] = other.evaluations["policy"]
-    parts += [paragraph(f"{who}: {_told(of)}", "faint") for who, of in columns.items()]
+    parts += [paragraph(f"{who}: {_conditions(of)}", "faint") for who, of in columns.items()]
     if other is not None and (differing := _differing(run, other)):
-        told = f"The scenarios differ in {', '.join(differing)}: differences between the runs are of that too."
-        parts.append(paragraph(told))
+        parts.append(paragraph(f"The scenarios differ in {', '.join(differing)}: this also changes the figures."))
     teams = list(dict.fromkeys(team for of in columns.values() for team in of.episodes))
     parts += [_of_team(run, team, columns) for team in teams]
     if columns:
-        told = [(f"<code>{text(key)}</code>", text(words)) for key, words in run.judge.definitions.items()]
+        meanings = [(f"<code>{text(key)}</code>", text(words)) for key, words in run.judge.definitions.items()]
         parts.append(
             paragraph(
-                "In brackets 95 % intervals, by the bootstrap over episodes; a difference whose interval leaves out "
-                "zero is bold. Where all episodes were alike the interval has no width: of n episodes 3 / n may "
-                "still be otherwise. A figure without one depends on single moments, not on episodes.",
+                "Brackets hold 95 % intervals, by the bootstrap over episodes. A difference is bold if its interval "
+                "excludes zero. An interval has no width if all n episodes gave the same result; a share of 3 / n of "
+                "episodes may still differ. A figure without an interval depends on single moments.",
                 "faint",
             )
         )
-        parts.append(folded("what each figure means", table(("figure", "definition"), told, numbers=False)))
+        parts.append(folded("what each figure means", table(("figure", "definition"), meanings, numbers=False)))
     return "\n".join(parts)
 
 
 def possible(run: Run) -> str:
-    """How far the run's policies and the classical controller are from an oracle, on the oracle's episodes."""
+    """Tables that compare the run's policies and the classical controller with an oracle, on the oracle's episodes."""
     bounds, parts = read_bounds(run.config), []
     for team in (name for name in run.headroom if name in bounds):
         bound, learned = bounds[team], run.headroom[team]
         if len(next(iter(learned.values()))) != bound.episodes:
-            continue  # the oracle was run anew since
+            continue  # the oracle has run again since
         found = {who: intervals(run.judge, of) for who, of in
                  (("classical", bound.classical), ("policy", learned), ("oracle", bound.oracle))}  # fmt: skip
         taken = headroom(run.judge, learned, bound)
@@ -94,38 +93,41 @@ def possible(run: Run) -> str:
         ]
         parts.append(f"<h3>{text(team)}</h3>" + table(("", *found, "headroom taken"), rows))
     if not parts:
-        return missing("No oracle has done this scenario's episodes. Let one, then train or evaluate again:",
+        return missing("This scenario has no oracle. Run one, then train or evaluate again:",
                        f"python tools/oracle.py {shlex.quote(run.config.name)}")  # fmt: skip
-    told = (
-        "An oracle plans in forks of the simulation itself and knows all that will happen: what can be done at all, or "
-        "near it. Headroom taken is (classical - policy) / (classical - oracle), on the oracle's episodes."
+    lead = (
+        "An oracle plans in forks of the simulation and knows the future: its result is near the best possible. "
+        "Headroom taken is (classical - policy) / (classical - oracle), on the oracle's episodes."
     )
-    return paragraph(told, "faint") + "\n".join(parts)
+    return paragraph(lead, "faint") + "\n".join(parts)
 
 
 def _differing(run: Run, other: Run) -> list[str]:
-    """Sections of the scenario in which two runs differ, beside how they were trained."""
+    """The sections in which the scenarios of two runs differ, apart from the training."""
     one, two = (r.config.model_dump(exclude={"name", "seed", "stages"}) for r in (run, other))
     return [key for key in {**one, **two} if one.get(key) != two.get(key)]
 
 
 def _what_is_missing(run: Run) -> str:
     if "policy" not in run.evaluations:
-        return missing(f"{run.name} was not evaluated yet. Make it, then this report again:", run.command("evaluate"))
+        return missing(f"{run.name} is not evaluated yet. Evaluate it, then make this report again:",
+                       run.command("evaluate"))  # fmt: skip
     if "classical" not in run.evaluations:
         command = run.command("evaluate", "--controller", "classical")
-        return missing("Nothing to compare with: there is no classical evaluation. Make it, if the vehicles have "
-                       "controllers, then this report again:", command)  # fmt: skip
+        return missing("No evaluation of the classical controller. If the vehicles have one, evaluate it, then make "
+                       "this report again:", command)  # fmt: skip
     return ""
 
 
-def _told(of: Kept) -> str:
+def _conditions(of: StoredEvaluation) -> str:
     conditions = f", {of.conditions}" if str(of.conditions) else ""
-    return f"{of.result['episodes']} episodes of unseen worlds, seed {of.result['seed']}{conditions}"
+    return f"{of.result['episodes']} held-out episodes, seed {of.result['seed']}{conditions}"
 
 
-def _of_team(run: Run, team: str, columns: Mapping[str, Kept]) -> str:
-    """A row for each figure: each evaluation, and differences from the first where they are of the same episodes."""
+def _of_team(run: Run, team: str, columns: Mapping[str, StoredEvaluation]) -> str:
+    """A row for each figure: its value in each evaluation, and differences from the first evaluation on the same
+    episodes.
+    """
     having = {who: of for who, of in columns.items() if team in of.episodes}
     (first, of_first), *others = having.items()
     found = {who: intervals(run.judge, of.episodes[team]) for who, of in having.items()}
@@ -141,14 +143,14 @@ def _of_team(run: Run, team: str, columns: Mapping[str, Kept]) -> str:
             alone = Interval(of.result["teams"][team].get(key), None, None)
             row.append(number(found[who].get(key, alone)))
         if all(cell == NOTHING for cell in row[1:]):
-            continue  # another part's
+            continue  # no evaluation has this figure
         row += [number(of[key], against_zero=True) if key in of else NOTHING for of in compared.values()]
         rows.append(row)
     return f"<h3>{text(team)}</h3>" + table(("", *having, *compared), rows)
 
 
 def number(of: Interval, against_zero: bool = False) -> str:
-    """A figure with its interval."""
+    """A figure with its interval as text."""
     if of.value is None:
         return NOTHING
     value = f"{of.value:+.3g}" if against_zero else f"{of.value:.3g}"

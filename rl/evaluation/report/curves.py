@@ -1,4 +1,4 @@
-"""Learning curves, from each stage's history."""
+"""Learning curves of each stage."""
 
 from collections.abc import Sequence
 
@@ -11,14 +11,14 @@ from rl.runs.folder import CONFIG
 from taichi_sim.plotting.page import COLOURS, blank, missing, panel, svg
 
 SMOOTH = 0.05  # width of the moving mean, as a share of a curve's length
-COLUMNS = ("episode_reward", "policy_loss")  # those of any mission; its own follow
+COLUMNS = ("episode_reward", "policy_loss")  # of every mission; its own columns follow
 
 
 def curves(runs: Sequence[Run]) -> str:
-    """A row of panels for each team, all runs in each."""
+    """A row of panels for each team; each panel shows all runs."""
     teams = list(dict.fromkeys(team for run in runs for team in run.histories))
     if not teams:
-        return missing("Nothing was learned yet.", f"python rl/train.py --out {runs[0].folder} --resume")
+        return missing("No training yet.", f"python rl/train.py --out {runs[0].folder} --resume")
     of_mission = mission_class(runs[0].config, runs[0].folder / CONFIG).logged
     known = {column for run in runs for history in run.histories.values() for column in history}
     columns = [name for name in (*COLUMNS, *of_mission) if name in known]
@@ -41,7 +41,7 @@ def curves(runs: Sequence[Run]) -> str:
 
 
 def _smooth(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Centred moving mean that steps over NaN."""
+    """Centred moving mean that ignores NaN."""
     width = max(1, round(SMOOTH * len(values))) | 1
     known = np.isfinite(values)
     if not known.any():

@@ -1,4 +1,4 @@
-"""The worst and the median episode of the last evaluation, and its collisions, one by one."""
+"""The part of a report on single episodes: the worst, the median, and collisions."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -16,9 +16,9 @@ LINE = {"water": "-", "air": "--"}
 
 
 def shown_episodes(run: Run) -> str:
-    """Maps and time series of the median and the worst episode, and where their recordings are."""
+    """Maps and time series of the median and the worst episode, with links to their recordings."""
     if not run.shown:
-        return missing("No episode to show: the run was not evaluated yet.", run.command("evaluate"))
+        return missing("No episode to show: the run is not evaluated yet.", run.command("evaluate"))
     order = [name for name in ("median", "worst") if name in run.shown]
     heads = [f"<h3>{name} episode: number {run.shown[name].episode}</h3>{_events(run.shown[name])}" for name in order]
     maps = [_map(name, run.shown[name]) for name in order]
@@ -28,8 +28,8 @@ def shown_episodes(run: Run) -> str:
 
 
 def _events(of: Excerpt) -> str:
-    told = [f"{e.time_s:.1f} s: {e.team} {e.vehicle} {e.text}" for e in of.events]
-    return paragraph("; ".join(told) or "Nothing happened to anybody.", "faint")
+    lines = [f"{e.time_s:.1f} s: {e.team} {e.vehicle} {e.text}" for e in of.events]
+    return paragraph("; ".join(lines) or "No vehicle ended.", "faint")
 
 
 def _recording(run: Run, name: str) -> str:
@@ -40,10 +40,10 @@ def _recording(run: Run, name: str) -> str:
 
 
 def _map(name: str, of: Excerpt) -> str:
-    """Tracks from above."""
+    """Paths of all vehicles seen from above."""
     figure = blank(5.4, 5.0)
     axes = figure.subplots()
-    places = np.concatenate([team.place_n.reshape(-1, 3)[:, :2] for team in of.teams.values()])
+    places = np.concatenate([team.position_n.reshape(-1, 3)[:, :2] for team in of.teams.values()])
     places = places[np.isfinite(places).all(axis=1)]
     low, high = places.min(axis=0), places.max(axis=0)
     middle, half = (low + high) / 2, max(high - low) / 2 + MARGIN
@@ -54,12 +54,12 @@ def _map(name: str, of: Excerpt) -> str:
         if team in colours:
             axes.plot(track[:, 1], track[:, 0], color=rgb(colours[team].track), linewidth=3.0, alpha=0.45)
     for team, log in of.teams.items():
-        for vehicle in reversed(range(log.place_n.shape[1])):
-            path, colour = log.place_n[:, vehicle], rgb(colours[team].of(vehicle))
+        for vehicle in reversed(range(log.position_n.shape[1])):
+            path, colour = log.position_n[:, vehicle], rgb(colours[team].of(vehicle))
             axes.plot(path[:, 1], path[:, 0], LINE[log.medium], color=colour, linewidth=1.2, label=f"{team} {vehicle}")
             axes.plot(path[0, 1], path[0, 0], "o", color=colour, markersize=3.5)
     for event in of.events:
-        north, east, _ = of.teams[event.team].place_n[np.searchsorted(of.time_s, event.time_s - 1e-6), event.vehicle]
+        north, east, _ = of.teams[event.team].position_n[np.searchsorted(of.time_s, event.time_s - 1e-6), event.vehicle]
         axes.plot(east, north, "x", color=rgb(ALARM), markersize=8, markeredgewidth=2, zorder=5)
     panel(axes, "from above: dots begin, crosses end", "east (m)", "north (m)")
     axes.set(xlim=(middle[1] - half, middle[1] + half), ylim=(middle[0] - half, middle[0] + half), aspect="equal")
@@ -70,7 +70,7 @@ def _map(name: str, of: Excerpt) -> str:
 
 
 def _series(shown: dict[str, Excerpt]) -> str:
-    """What the judge plots of each team over time, and speeds: a column for each episode, on one scale."""
+    """The judge's time series and the speeds of each team: one column for each episode, with shared axes."""
     first = next(iter(shown.values()))
     rows = [(team, label) for team, log in first.teams.items() for label in (*log.series, "speed (m/s)")]
     figure = blank(11.0, 1.75 * len(rows) + 0.3)
@@ -94,23 +94,23 @@ def _series(shown: dict[str, Excerpt]) -> str:
 
 
 def _speed(of: Excerpt, log: TeamLog) -> np.ndarray:
-    """[T, V] m/s over ground, from where vehicles were."""
+    """Speed over ground from positions, [T, V] m/s."""
     if len(of.time_s) < 2:
-        return np.zeros(log.place_n.shape[:2])
-    return np.linalg.norm(np.gradient(log.place_n, of.time_s, axis=0), axis=-1)
+        return np.zeros(log.position_n.shape[:2])
+    return np.linalg.norm(np.gradient(log.position_n, of.time_s, axis=0), axis=-1)
 
 
 def collisions(run: Run) -> str:
-    """Each collision with the time before it."""
+    """Each collision with the seconds before it."""
     if "policy" not in run.evaluations:
-        return missing("No collision to show: the run was not evaluated yet.", run.command("evaluate"))
+        return missing("No collision to show: the run is not evaluated yet.", run.command("evaluate"))
     episodes = run.evaluations["policy"].episodes
     count = sum(int((of["collided"] > 0).sum()) for of in episodes.values())
     if not run.crashes:
         return paragraph(f"No vehicle collided in {run.evaluations['policy'].result['episodes']} episodes.")
-    told = f"{count} times did vehicles of a team collide in an episode"
-    told += f"; the first {len(run.crashes)} follow." if count > len(run.crashes) else "."
-    lead = paragraph(f"{told} Bold: who collided; the last {BEFORE:g} s before, contact at 0.")
+    total = f"Vehicles of a team collided in an episode {count} times"
+    total += f"; the first {len(run.crashes)} follow." if count > len(run.crashes) else "."
+    lead = paragraph(f"{total} Thick lines: vehicles that collided. Contact is at 0, after {BEFORE:g} s.")
     return lead + "\n".join(_crash(crash) for crash in run.crashes)
 
 
@@ -120,7 +120,7 @@ def _crash(crash: Crash) -> str:
     head = f"<h3>Episode {crash.before.episode}, {crash.time_s:.1f} s: {text(who)}</h3>"
     labels = [*log.series, "actions"]
     figure = blank(11.0, 1.8)
-    figure.set_layout_engine(None)  # the other takes most of a report's time
+    figure.set_layout_engine(None)  # constrained layout takes most of a report's time
     figure.subplots_adjust(left=0.05, right=0.99, bottom=0.24, top=0.86, wspace=0.16)
     grid = figure.subplots(1, len(labels), squeeze=False)[0]
     time = crash.before.time_s - crash.time_s
@@ -129,7 +129,7 @@ def _crash(crash: Crash) -> str:
         if label == "actions":
             _actions(axes, time, log, crash)
         else:
-            for vehicle in range(log.place_n.shape[1]):
+            for vehicle in range(log.position_n.shape[1]):
                 wide = 2.2 if vehicle in crash.vehicles else 0.8
                 colour = rgb(livery.of(vehicle))
                 axes.plot(time, log.series[label][:, vehicle], color=colour, linewidth=wide, label=f"{vehicle}")
@@ -141,13 +141,13 @@ def _crash(crash: Crash) -> str:
 
 
 def _legend(axes: Axes) -> None:
-    """Above the panel, beside its title."""
+    """Put the legend above the panel, beside its title."""
     place = {"loc": "lower right", "bbox_to_anchor": (1.0, 0.97), "borderaxespad": 0.0, "borderpad": 0.2}
     axes.legend(**place, ncols=4, handlelength=1.2, columnspacing=0.9)
 
 
 def _actions(axes: Axes, time: np.ndarray, log: TeamLog, crash: Crash) -> None:
-    """What the first of those who collided commanded."""
+    """Plot the actions of the first vehicle that collided."""
     for k, (name, line) in enumerate(zip(log.action_names, ("-", "--", ":", "-.") * 8, strict=False)):
         axes.plot(time, log.action[:, crash.vehicles[0], k], line, color=INK if k == 0 else FAINT, label=name)
     axes.set_ylim(-1.1, 1.1)

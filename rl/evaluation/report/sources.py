@@ -1,4 +1,4 @@
-"""What a report is made of: all that a run's folder holds, as far as it is there."""
+"""Everything in a run's folder that a report shows."""
 
 import shlex
 from pathlib import Path
@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 from rl.evaluation.episode_log import Crash, Excerpt, load_log
 from rl.evaluation.episodes import mission_class
-from rl.evaluation.store import CONTROLLERS, Kept, kept, kept_headroom, log_file
+from rl.evaluation.store import CONTROLLERS, StoredEvaluation, load_evaluation, load_headroom, log_file
 from rl.evaluation.sweep.config import FOLDER
 from rl.evaluation.sweep.tables import JSON
 from rl.judge import Judge
@@ -16,11 +16,11 @@ from rl.mission import Histories
 from rl.runs import folder as run_folder
 from rl.scenario import Scenario
 
-STRIP = "episode.webp"  # moments of the recorded episode
+STRIP = "episode.webp"  # pictures of the recorded episode in a row
 
 
 class Run(NamedTuple):
-    """One run."""
+    """The content of a run's folder."""
 
     folder: Path
     config: Scenario
@@ -28,36 +28,36 @@ class Run(NamedTuple):
     meta: dict[str, Any]
     summary: dict[str, Any] | None  # None: not finished
     histories: Histories
-    evaluations: dict[str, Kept]  # by controller
-    headroom: dict[str, Any]  # team -> numbers of each episode of an oracle's (headroom.py)
+    evaluations: dict[str, StoredEvaluation]  # by controller
+    headroom: dict[str, Any]  # team -> numbers on the oracle's episodes (headroom.py)
     shown: dict[str, Excerpt]  # of the policy
     crashes: list[Crash]  # of the policy
-    sweeps: dict[str, dict[str, Any] | None]  # name -> sweep.json, None: not finished
+    sweeps: dict[str, dict[str, Any] | None]  # name -> sweep.json; None: not finished
 
     @property
     def strip(self) -> Path | None:
-        """A picture of the recorded episode, if there is one."""
+        """The picture of the recorded episode, if there is one."""
         return file if (file := self.folder / STRIP).is_file() else None
 
     @property
     def name(self) -> str:
-        """What the run is called."""
+        """Name of the run: that of its folder."""
         return self.folder.resolve().name
 
     def command(self, script: str, *arguments: str) -> str:
-        """A command about this run."""
+        """A command line on this run."""
         return " ".join(("python", f"rl/{script}.py", shlex.quote(str(self.folder)), *arguments))
 
 
 def read_run(folder: Path) -> Run:
-    """All of a run that is there.
+    """Read a run's folder.
 
     Raises:
         RunError: if the folder is not a run, or a file in it is broken.
     """
     config, source = run_folder.load_config(folder)
     summary, meta = folder / run_folder.SUMMARY, folder / run_folder.META
-    found = {controller: kept(folder, controller) for controller in CONTROLLERS}
+    found = {controller: load_evaluation(folder, controller) for controller in CONTROLLERS}
     shown, crashes = load_log(log_file(folder, "policy"))
     teams = [team for team in config.trained if (folder / team / HISTORY).is_file()]
     sweeps = sorted((folder / FOLDER).iterdir()) if (folder / FOLDER).is_dir() else []
@@ -69,7 +69,7 @@ def read_run(folder: Path) -> Run:
         summary=run_folder.read_json(summary) if summary.is_file() else None,
         histories={team: read_history(folder / team / HISTORY) for team in teams},
         evaluations={controller: of for controller, of in found.items() if of is not None},
-        headroom=kept_headroom(folder),
+        headroom=load_headroom(folder),
         shown=shown,
         crashes=crashes,
         sweeps={s.name: _sweep(s / JSON) for s in sweeps if s.is_dir()},
@@ -77,5 +77,5 @@ def read_run(folder: Path) -> Run:
 
 
 def _sweep(file: Path) -> dict[str, Any] | None:
-    """A finished sweep's tables; those made before there was a choice are against the classical controller."""
+    """The tables of a finished sweep; old files name no opponent, which was the classical controller."""
     return {"opponent": "classical"} | run_folder.read_json(file) if file.is_file() else None

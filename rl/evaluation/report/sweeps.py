@@ -1,4 +1,4 @@
-"""What sweeps found: a figure for each axis, with the bands of the intervals, and a table of all cells."""
+"""The part of a report on sweeps: figures over each axis with bands of their intervals, and a table of all cells."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -13,12 +13,12 @@ from rl.evaluation.sweep.tables import named, value_text
 from taichi_sim.plotting.page import COLOURS, blank, folded, missing, panel, paragraph, svg, table, text
 
 Row = Mapping[str, Any]
-FEW = 8  # values that are marked on a panel one by one
-SPAN = 20.0  # from the largest to the least value of a panel, above which its scale is logarithmic
+FEW = 8  # up to this many values get a tick each
+SPAN = 20.0  # ratio of largest to least value above which a panel's scale is logarithmic
 
 
 def sweeps(run: Run, other: Run | None) -> str:
-    """Every sweep of a run; of the other run the policy, where it has the same sweep."""
+    """Every sweep of a run; where the other run has the same sweep, also its policy."""
     if not run.sweeps:
         return missing("No sweep yet:", run.command("evaluate", "--sweep", "default"))
     parts = []
@@ -43,14 +43,14 @@ def _sweep(run: Run, content: Row, beside: str, also: Row | None) -> str:
 
 
 def _axis(run: Run, content: Row, k: int, beside: str, also: Row | None) -> str:
-    """One axis: a row of panels for each team. Of a grid, the cells in which the other axes have their first value."""
+    """Panels of one axis, a row for each team. In a grid, the other axes have their first value."""
     axis = content["axes"][k]
     rows, others = _along(content, k), None if also is None else _along(also, k)
     unit = f" ({axis['unit']})" if axis["unit"] else ""
     teams = list(dict.fromkeys(team for row in rows for team in row["teams"]))
-    told = _reasons(axis, rows)
+    notes = _reasons(axis, rows)
     if not teams:
-        return paragraph(f"{axis['name']}: nothing could be simulated.") + told
+        return paragraph(f"{axis['name']}: nothing could be simulated.") + notes
     figures = run.judge.plotted
     figure = blank(2.9 * len(figures), 2.1 * len(teams) + 0.3)
     grid = figure.subplots(len(teams), len(figures), squeeze=False)
@@ -65,12 +65,12 @@ def _axis(run: Run, content: Row, k: int, beside: str, also: Row | None) -> str:
     grid[0][0].legend(loc="upper left")
     if content["grid"] and len(content["axes"]) > 1:
         fixed = ", ".join(f"{a['name']} {value_text(a['values'][0])}" for i, a in enumerate(content["axes"]) if i != k)
-        told = paragraph(f"at {fixed}; the other cells are in the table", "faint") + told
-    return svg(figure, f"sweep over {axis['name']}") + told
+        notes = paragraph(f"at {fixed}; the other cells are in the table", "faint") + notes
+    return svg(figure, f"sweep over {axis['name']}") + notes
 
 
 def _along(content: Row, k: int) -> list[Row]:
-    """The cells of an axis, in its order."""
+    """The cells along an axis, in its order."""
     names = [axis["name"] for axis in content["axes"]]
     first = {axis["name"]: axis["values"][0] for i, axis in enumerate(content["axes"]) if i != k}
     return [
@@ -93,7 +93,7 @@ def _band(axes: Axes, axis: Row, rows: Sequence[Row], team: str, who: str, key: 
 
 
 def _scale(axes: Axes) -> None:
-    """Logarithmic where a panel would else show the larger controller alone."""
+    """Make the axis logarithmic where values span more than SPAN, so that the smaller controller stays visible."""
     values = np.concatenate([[1.0], *(np.asarray(line.get_ydata(), dtype=float) for line in axes.lines)])[1:]
     values = values[np.isfinite(values)]
     if len(values) and values.min() > 0 and values.max() > SPAN * values.min():
@@ -101,15 +101,15 @@ def _scale(axes: Axes) -> None:
 
 
 def _reasons(axis: Row, rows: Sequence[Row]) -> str:
-    """What could not be, and why."""
-    told = []
+    """Paragraphs on the cells that cannot be simulated, with the reasons."""
+    notes = []
     for row in rows:
         values, why = f"{axis['name']} {value_text(row['values'][axis['name']])}", row["cannot_be"]
         if len(set(why.values())) == 1 and len(why) == 2:
-            told.append(f"{values} cannot be: {next(iter(why.values()))}")
+            notes.append(f"{values} cannot be: {next(iter(why.values()))}")
         else:
-            told += [f"{values}, {who}, cannot be: {reason}" for who, reason in why.items()]
-    return "".join(paragraph(line, "faint") for line in told)
+            notes += [f"{values}, {who}, cannot be: {reason}" for who, reason in why.items()]
+    return "".join(paragraph(line, "faint") for line in notes)
 
 
 def _table(run: Run, content: Row) -> str:

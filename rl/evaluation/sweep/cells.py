@@ -1,4 +1,4 @@
-"""The cells of a sweep: each a set of conditions, as overrides of a run's scenario."""
+"""The cells of a sweep: sets of conditions, each as overrides of a run's scenario."""
 
 import json
 import math
@@ -19,22 +19,29 @@ TEAMS = "*"  # in a key: every trained team
 class Cell(NamedTuple):
     """One set of conditions."""
 
-    values: dict[str, Any]  # axis -> its value, as in the file; axes that are not named are as in the run's scenario
+    values: dict[str, Any]  # axis -> its value, as in the file; other axes keep the run's value
     overrides: tuple[str, ...]  # KEY=VALUE
-    missing: str | None  # why this scenario cannot have them
+    missing: str | None  # why this scenario lacks an axis
 
 
 def count_cells(sweep: Sweep) -> int:
-    """How many there are: with `grid` the product, else the run's own conditions and the values of every axis."""
+    """Number of cells: with `grid` the product of the axes; else one for each value, and one for the run's own
+    conditions.
+    """
     lengths = [len(axis.values) for axis in sweep.axis]
     return math.prod(lengths) if sweep.grid else 1 + sum(lengths)
 
 
 def cells(sweep: Sweep, config: Scenario, file: Path) -> Iterator[Cell]:
-    """All of them, in order; `config` is the run's scenario, `file` the sweep's, for errors.
+    """All cells in order.
+
+    Args:
+        sweep: the sweep.
+        config: the run's scenario.
+        file: the sweep's file, for error messages.
 
     Raises:
-        ConfigError: for a key that no scenario has, before the first cell.
+        ConfigError: before the first cell, if no scenario has one of the keys.
     """
     missing = {axis.name: _missing(axis, config, file) for axis in sweep.axis}
     if sweep.grid:
@@ -49,7 +56,7 @@ def cells(sweep: Sweep, config: Scenario, file: Path) -> Iterator[Cell]:
 
 
 def _set(axis: Axis, value: Any, config: Scenario) -> Iterator[str]:
-    """The overrides by which a value is set."""
+    """The overrides that set an axis to a value."""
     factor = axis.scale * (1.0 if axis.times is None else _value(config, axis.times))
     for key, given in zip(axis.keys, axis.of_keys(value), strict=True):
         for name in _every(key, config):
@@ -63,22 +70,22 @@ def _set(axis: Axis, value: Any, config: Scenario) -> Iterator[str]:
 
 
 def _every(key: str, config: Scenario) -> list[str]:
-    """A key, for every trained team if it says so."""
+    """A key as a list; one that begins with `*` gives a key for each trained team."""
     return [key.replace(TEAMS, team, 1) for team in config.trained] if key.startswith(f"{TEAMS}.") else [key]
 
 
 def _value(config: Any, key: str) -> Any:
-    """What a scenario has for a key; None where there is nothing."""
+    """The scenario's value of a key; None if it has none."""
     for part in key.split("."):
         config = getattr(config, part, None)
     return config
 
 
 def _missing(axis: Axis, config: Scenario, file: Path) -> str | None:
-    """Why a scenario cannot have an axis, if it cannot.
+    """The reason why a scenario lacks an axis; None if it has the axis.
 
     Raises:
-        ConfigError: if no scenario can, for no mission has such a key.
+        ConfigError: if no mission has such a key.
     """
     reasons = []
     for key in (*axis.keys, *([axis.times] if axis.times else [])):
@@ -105,11 +112,13 @@ def _absent(key: str, config: Scenario, place: str) -> str | None:
 
 
 def _unknown(kind: type[Scenario], parts: list[str], teams: Mapping[str, Any]) -> tuple[int, list[str]] | None:
-    """The place in a key at which a scenario has no such name, and the names it has there; None if it has the key."""
+    """Position of the first part of a key that the scenario lacks, and the names allowed there; None if it has
+    the key.
+    """
     for depth, part in enumerate(parts):
         allowed = keys_at(kind, tuple(parts[:depth])) + (list(teams) if depth == 0 else [])
         if parts[depth - 1 : depth] == ["vary"]:
-            return None  # keys of a table of ranges, which say themselves what they are of
+            return None  # below `vary`, keys are paths
         if part not in allowed:
             return depth, allowed
     return None

@@ -1,4 +1,4 @@
-"""What a sweep's file says: axes of conditions, and how many episodes there are under each."""
+"""A sweep's file: axes of conditions, and the number of episodes for each."""
 
 from pathlib import Path
 from typing import Annotated, Any
@@ -8,22 +8,22 @@ from pydantic import Field, model_validator
 from taichi_sim.config import ConfigError, Positive, Strict
 from taichi_sim.config.io import config_folder, read_toml, validate
 
-FOLDER = "sweeps"  # of the shipped ones in configs/, and of those made in a run's folder
+FOLDER = "sweeps"  # of sweep files in configs/, and of results in a run's folder
 
 
 class Axis(Strict):
-    """One thing that is varied: `[[axis]]`.
+    """One axis of a sweep: `[[axis]]`.
 
-    Each of `values` goes to all `keys`, or is a list with one value for each of them. `*` in a key stands for every
-    trained team. A number is multiplied by `scale`, and by what the run's scenario has for the key `times`. Tables and
-    plots name a value by its one of `labels`, if there are such.
+    Each of `values` is set for all `keys`, or is a list with one value for each key. `*` in a key stands for every
+    trained team. Numbers are multiplied by `scale`, and by the scenario's value of the key `times`. Tables and plots
+    show `labels` in place of values, if given.
     """
 
     name: Annotated[str, Field(min_length=1)]
     keys: tuple[Annotated[str, Field(min_length=1)], ...]
     values: tuple[Any, ...]
     labels: tuple[str | int | float, ...] | None = None
-    unit: str = ""  # of `values`, as it is printed
+    unit: str = ""  # of `values`, as printed
     scale: Positive = 1.0  # from `unit` to the unit of the keys
     times: str | None = None
 
@@ -39,13 +39,13 @@ class Axis(Strict):
                 raise ValueError(f"axis {self.name!r}: {list(value)} has {len(value)} values for {len(self.keys)} keys")
             scaled = self.scale != 1.0 or self.times is not None
             if scaled and not all(isinstance(v, int | float) for v in self.of_keys(value)):
-                raise ValueError(f"axis {self.name!r}: {value!r} is no number, which scale and times need")
+                raise ValueError(f"axis {self.name!r}: {value!r} is not a number: scale and times need numbers")
         if self.labels is not None and len(self.labels) != len(self.values):
             raise ValueError(f"axis {self.name!r} has {len(self.labels)} labels for {len(self.values)} values")
         return self
 
     def label(self, value: Any) -> Any:
-        """What one of `values` is called."""
+        """The label of one of `values`."""
         return value if self.labels is None else self.labels[self.values.index(value)]
 
     def of_keys(self, value: Any) -> tuple[Any, ...]:
@@ -54,7 +54,7 @@ class Axis(Strict):
 
 
 class Sweep(Strict):
-    """A sweep: every axis alone, about the run's own scenario, or with `grid` all of them against each other."""
+    """A sweep: each axis alone around the run's own scenario, or with `grid` the product of all axes."""
 
     axis: tuple[Axis, ...]
     grid: bool = False
@@ -72,7 +72,7 @@ class Sweep(Strict):
 
 
 def find_sweep(name: str | Path) -> Path:
-    """`name` if it is a file; else the shipped sweep of that name ("default", "configs/sweeps/default.toml").
+    """The file `name`, or the shipped sweep of that name ("default", "configs/sweeps/default.toml").
 
     Raises:
         ConfigError: if there is neither.
@@ -88,10 +88,10 @@ def find_sweep(name: str | Path) -> Path:
 
 
 def load_sweep(file: Path, **changes: Any) -> Sweep:
-    """A sweep from its file; `changes` are of single keys, unless None.
+    """Read a sweep from its file; `changes` replace single keys, unless None.
 
     Raises:
-        ConfigError: naming file, key, value and what is allowed.
+        ConfigError: if a value is not allowed; the message names file, key, value and what is allowed.
     """
     data = read_toml(file) | {key: value for key, value in changes.items() if value is not None}
     return validate(Sweep, data, str(file))

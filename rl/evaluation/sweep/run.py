@@ -1,7 +1,7 @@
-"""Going through a sweep, cell by cell: what is done is kept, and a sweep that was interrupted goes on where it was.
+"""Evaluation of a sweep cell by cell. An interrupted sweep continues where it stopped.
 
-RUN/sweeps/NAME/cells.jsonl     a line for each cell that is done, with a key of all that it depends on
-RUN/sweeps/NAME/sweep.json, .csv     all cells, when all are done
+RUN/sweeps/NAME/cells.jsonl          a line for each finished cell, with a hash of all that it depends on
+RUN/sweeps/NAME/sweep.json, .csv     all cells, when all are finished
 """
 
 import contextlib
@@ -36,24 +36,24 @@ from taichi_sim.world import ActionError
 
 CELLS = "cells.jsonl"
 CANNOT = (ConfigError, SteepSeaError, ControllerError, CheckpointError, ActionError)
-"""Why a cell cannot be: a scenario or a sea refused, no controller, a policy that does not fit, a motion not finite."""
-TOLD_AFTER = 3  # cells, by which the time for the rest is estimated
-SIGNIFICANT = 6  # digits kept of each figure
-TELL = functools.partial(tqdm.write, file=sys.stderr)  # beside the progress bar
+"""Errors that make a cell impossible: scenario or sea refused, no controller, unfit policy, motion not finite."""
+ESTIMATE_AFTER = 3  # cells, from which the remaining time is estimated
+SIGNIFICANT = 6  # significant digits of each figure
+TELL = functools.partial(tqdm.write, file=sys.stderr)  # prints above the progress bar
 
 
 class Contest(NamedTuple):
-    """What is compared."""
+    """The controllers to compare, and the run that they belong to."""
 
     run: Path  # the run's folder
     config: Scenario  # its own scenario
-    source: Path  # the file of that
+    source: Path  # the file of `config`
     load: Callable[[tuple[str, ...]], Scenario]  # the scenario with a cell's overrides
     controllers: Mapping[str, Mapping[str, Policy]]  # "policy" and its opponent -> team -> its policy
 
     @property
     def opponent(self) -> str:
-        """What the policy is compared with: "classical", or another controller."""
+        """Name of the policy's opponent: "classical", or another controller."""
         return next((who for who in self.controllers if who != "policy"), "classical")
 
 
@@ -65,23 +65,30 @@ def run_sweep(
     show_progress: bool = True,
     tell: Callable[[str], None] = TELL,
 ) -> Path:
-    """Run a sweep, the content of `file`; return the folder of its tables. `tell` is told how long it will take.
+    """Run a sweep; return the folder of its tables.
 
-    Processes (rl/processes) share its cells, and rank 0 alone writes.
+    Processes (rl/processes) share the cells; rank 0 writes.
+
+    Args:
+        sweep: the content of `file`.
+        file: the sweep's file.
+        contest: the controllers to compare.
+        show_progress: show a progress bar.
+        tell: called with an estimate of the remaining time.
 
     Raises:
-        ConfigError: if the sweep is of the evaluation's or the training's seed, or names a key that no scenario has.
-        KeyboardInterrupt: saying how to go on.
+        ConfigError: if the sweep has the seed of the evaluation or of the training, or a key that no scenario has.
+        KeyboardInterrupt: on Ctrl-C; the message says how to continue.
     """
     config = contest.config
     for whose, other in (("the evaluation's", config.evaluation.seed), ("the training's", config.seed)):
         if sweep.seed == other:
-            raise ConfigError(f"{file}: seed = {other} is {whose}: a sweep's is another")
+            raise ConfigError(f"{file}: seed = {other} is {whose}: a sweep needs another seed")
     opponent, place = contest.opponent, processes.here()
     name = file.stem if opponent == "classical" else f"{file.stem}-{opponent}"
     out = contest.run / FOLDER / name
     todo = cells(sweep, config, file)
-    first = next(todo)  # names keys that no scenario has, before anything is made
+    first = next(todo)  # refuses unknown keys before any file is written
     judge, total = mission_class(config, contest.source).Judge, count_cells(sweep)
     common = _key(toml_text(config), _files(contest), sweep.episodes, sweep.seed)
     keyed = [(_key(common, cell.overrides, cell.missing), cell) for cell in chain([first], todo)]
@@ -90,7 +97,7 @@ def run_sweep(
             out.mkdir(parents=True, exist_ok=True)
             stack.enter_context(run_folder.lock(out))
             lines = stack.enter_context((out / CELLS).open("a+", encoding="utf-8"))
-        done: dict[str, dict[str, Any]] = processes.told(lambda: _read(lines))
+        done: dict[str, dict[str, Any]] = processes.broadcast(lambda: _read(lines))
         left = [(key, cell) for key, cell in keyed if key not in done]
         begun = total - len(left)
         shown = show_progress and place.first
@@ -103,17 +110,17 @@ def run_sweep(
                 batch = left[turn : turn + place.count]
                 mine = batch[place.rank][1] if place.rank < len(batch) else None
                 measure = functools.partial(_measure, mine, sweep, contest, judge)
-                for (key, _), found in zip(batch, processes.of_all(measure), strict=False):
+                for (key, _), found in zip(batch, processes.gather(measure), strict=False):
                     done[key] = found
                     lines.write(json.dumps({"key": key} | found) + "\n")
                     lines.flush()
                     bar.update(1)
                 now = turn + len(batch)
-                if place.first and turn < TOLD_AFTER <= now < len(left):
+                if place.first and turn < ESTIMATE_AFTER <= now < len(left):
                     tell(_estimate(len(left) - now, now, time.perf_counter() - start))
         except KeyboardInterrupt as interrupt:
-            kept = sum(key in done for key, _ in keyed)
-            text = f"{kept} of {total} cells are in {out}; the same command goes on"
+            finished = sum(key in done for key, _ in keyed)
+            text = f"{finished} of {total} cells are in {out}; the same command continues"
             raise type(interrupt)(text) from None
     if place.first:
         rows = [{"values": cell.values, "set": list(cell.overrides)} | done[key] for key, cell in keyed]
@@ -125,9 +132,9 @@ def run_sweep(
 
 
 def _measure(cell: Cell | None, sweep: Sweep, contest: Contest, judge: type[Judge]) -> dict[str, Any]:
-    """Both controllers on the cell's episodes: team -> controller or "difference" -> figure -> value, low, high."""
+    """Run both controllers on a cell's episodes: team -> controller or "difference" -> figure -> (value, low, high)."""
     if cell is None:
-        return {}  # there are fewer than processes
+        return {}  # fewer cells are left than there are processes
     cannot: dict[str, str] = {}
     found: dict[str, dict[str, Any]] = {}
     for who, policies in contest.controllers.items():
@@ -165,13 +172,13 @@ def _estimate(left: int, done: int, taken: float) -> str:
     units = ((86400, "days"), (3600, "h"), (60, "min"), (1, "s"))
     size, unit = next((s, u) for s, u in units if seconds >= s or s == 1)
     return (
-        f"{left} cells more, about {seconds / size:.1f} {unit} at the {taken / done:.2g} s of the first {done}; "
-        "Ctrl-C keeps those that are done, and the same command goes on"
+        f"{left} cells left, about {seconds / size:.1f} {unit} (the first {done} took {taken / done:.2g} s each); "
+        "after Ctrl-C the same command continues"
     )
 
 
 def _files(contest: Contest) -> list[str]:
-    """Digests of the policies and of the vehicles."""
+    """Digests of the policies' and vehicles' files."""
     config = contest.config
     files = [checkpoints(contest.run / team)[-1] for team in config.trained if checkpoints(contest.run / team)]
     files += [vehicle_file(section, contest.source) for section in config.teams.values()]
@@ -184,7 +191,7 @@ def _key(*parts: Any) -> str:
 
 
 def _read(lines: Any) -> dict[str, dict[str, Any]]:
-    """The cells that are done, by key; what a kill has cut short is removed."""
+    """The finished cells by hash; a line that a kill has cut short is removed from the file."""
     lines.seek(0)
     done: dict[str, dict[str, Any]] = {}
     whole = 0

@@ -1,4 +1,4 @@
-"""A finished sweep as JSON and CSV in the run's folder, the same bytes however often it was interrupted."""
+"""A finished sweep as JSON and CSV in the run's folder; interruptions do not change a byte."""
 
 import csv
 import os
@@ -12,7 +12,7 @@ JSON, CSV = "sweep.json", "sweep.csv"
 
 
 def write_tables(out: Path, about: Mapping[str, Any], rows: Sequence[Mapping[str, Any]]) -> None:
-    """Write `sweep.json`, which holds `about` and the cells' `rows` (run.py), and the same as `sweep.csv`."""
+    """Write `about` and the cells' `rows` (run.py) to `sweep.json`, and the same to `sweep.csv`."""
     run_folder.write_json(out / JSON, {**about, "cells": list(rows)})
     part = out / f"{CSV}.part"
     with part.open("w", newline="", encoding="utf-8") as file:
@@ -26,19 +26,19 @@ def write_tables(out: Path, about: Mapping[str, Any], rows: Sequence[Mapping[str
 
 
 def value_text(value: Any) -> str:
-    """The value of an axis, as it is printed."""
+    """The value of an axis as printed."""
     if isinstance(value, list | tuple):
         return ", ".join(map(value_text, value))
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def named(who: str, opponent: str) -> str:
-    """What a controller, or the "difference" from its `opponent`, is called in tables."""
+    """The name in tables of a controller, or of the "difference" from its `opponent`."""
     return f"policy - {opponent}" if who == "difference" else who
 
 
 def _lines(row: Mapping[str, Any], opponent: str) -> Iterator[list[Any]]:
-    """A line for each figure of a cell, and for each controller that cannot be."""
+    """A line for each figure of a cell, and for each controller that could not run."""
     for who, reason in row["cannot_be"].items():
         yield ["", named(who, opponent), "", "", "", "", " ".join(reason.split())]
     for team, of_team in row["teams"].items():

@@ -57,9 +57,11 @@ class Aircraft(ResidualTeam):
     """Measures the aircraft after each step; everything is [env, aircraft, ...].
 
     Attributes:
-        distance: m from the circle about the vessel as it is. gap_error: half the difference of the gaps to those
-            ahead and behind on it, rad. sees: whether its camera has the vessel. in_range: share of boats within radio
-            range. sensor: what is near.
+        distance: m from the circle about the true vessel.
+        gap_error: half the difference between the gaps ahead and behind on the circle, rad.
+        sees: whether its camera sees the vessel.
+        in_range: share of boats within radio range.
+        sensor: surrounding obstacles and team mates.
     """
 
     STATE = ("sensor", "distance", "gap_error", "in_range", "own", "camera", "known")
@@ -236,7 +238,7 @@ class MeasuredAircraft:
 
     @property
     def boats(self) -> tuple[Tensor, Tensor]:
-        """Mean place of the boats [env, aircraft, 2] (m), and how far the farthest is [env, aircraft, 1] (m)."""
+        """Mean position of the boats [env, aircraft, 2] and distance to the farthest [env, aircraft, 1], m."""
         return self._boats, self._farthest
 
     def _others(self, theta: Tensor) -> None:

@@ -23,10 +23,13 @@ from taichi_sim.kernels import runtime
 if TYPE_CHECKING:
     from rl.missions.escort.mission import Escort
 
-AGE_SCALE, SIGMA_SCALE = 5.0, 10.0  # s, m, where what is observed of a track is half way to 1
-SEARCH_SPEED = 0.7  # of the top speed, along the spiral; assumed
-SEARCH_PITCH = 1.6  # ranges at which the vessel is seen, between two turns of the spiral; assumed
-BEGINS = 15.0  # m from where the vessel should be
+if TYPE_CHECKING:
+    from rl.missions.escort.mission import Escort
+
+AGE_SCALE, SIGMA_SCALE = 5.0, 10.0  # s, m at which an observation of a track reaches 1/2
+SEARCH_SPEED = 0.7  # along the spiral, in top speeds; assumed
+SEARCH_PITCH = 1.6  # between two turns of the spiral, in ranges of the lookout; assumed
+BEGINS = 15.0  # m from the expected vessel at which a search begins
 
 
 def boat_observers(mission: "Escort", name: str, first: int) -> Group:
@@ -127,7 +130,7 @@ class Boats(ResidualTeam):
 
 
 def squashed(x: Tensor, scale: float) -> Tensor:
-    """x / (|x| + scale)."""
+    """x / (|x| + scale), within (-1, 1)."""
     return x / (x.abs() + scale)
 
 

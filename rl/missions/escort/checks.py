@@ -11,14 +11,14 @@ from rl.perception.wind_triangle import strongest_wind
 from taichi_sim.config import ConfigError
 from taichi_sim.fleet import Fleet
 
-MOST_WIND = 0.8  # of the cruising speed, that is left to be flown in; assumed
+MOST_WIND = 0.8  # greatest wind in which aircraft circle, in cruising speeds; assumed
 
 
 def check_parts(config: EscortScenario, fleets: Mapping[str, Fleet]) -> None:
     """Refuse teams whose vehicles cannot do their part.
 
     Raises:
-        ConfigError: naming the key, and the numbers.
+        ConfigError: if so; the message names the key and the numbers.
     """
     parts = config.escort
     for name, medium in ((parts.boats, "water"), (parts.aircraft, "air")):
@@ -78,7 +78,7 @@ def check_slots(config: EscortScenario, boats: Fleet, offsets: torch.Tensor, rad
     """Refuse slots at `offsets` [boat, 2] (m) in which boats would touch the vessel, of that radius (m), or each other.
 
     Raises:
-        ConfigError: naming the key, and the numbers.
+        ConfigError: if so; the message names the key and the numbers.
     """
     near, own, key = float(offsets.norm(dim=-1).min()), boats.model.collision_radius, f"{boats.name}.spacing"
     spacing = config.parts[boats.name].spacing

@@ -20,7 +20,7 @@ from taichi_sim.config import Fraction, NonNegative, Positive, Strict, TeamConfi
 
 ROOM = 12.0  # m from an obstacle's surface to where a vehicle begins; assumed
 
-Span = tuple[NonNegative, NonNegative]  # the least and the greatest of a draw
+Span = tuple[NonNegative, NonNegative]  # least and greatest value of a draw
 
 
 class EscortConfig(Strict):
@@ -29,18 +29,18 @@ class EscortConfig(Strict):
     vessel: Annotated[str, Field(min_length=1)] = "vessel"  # the scripted team that is escorted; its first vehicle
     boats: Annotated[str, Field(min_length=1)] = "usv"
     aircraft: Annotated[str, Field(min_length=1)] = "uav"
-    worlds: Annotated[int, Field(ge=1, le=8192)] = 256  # different beginnings (and obstacle fields) in one run
+    worlds: Annotated[int, Field(ge=1, le=8192)] = 256  # different starts (and obstacle fields) in one run
     start_distance: Span = (200.0, 500.0)  # of boats from the vessel, m
-    near_fraction: Fraction = 0.0  # of episodes, that begin near the vessel instead: for training
+    near_fraction: Fraction = 0.0  # share of episodes that begin near the vessel: for training
     cue_error: NonNegative = (
         30.0  # standard deviation of the place of the vessel that is given at the start, each way, m
     )
-    cue_age: NonNegative = 60.0  # s that this place is old
-    arrival: Positive = 15.0  # m: nearer than this to the vessel the leader has arrived
-    stale: Positive = 5.0  # s: who has not heard of the vessel for longer does not know of it
-    lost: Positive = 20.0  # s without a look or a message after which the vessel is searched for; assumed
-    reports: Literal["all", "none", "others"] = "all"  # messages: as they are; none; those of another environment
-    relay: bool = False  # aircraft pass on what did not arrive
+    cue_age: NonNegative = 60.0  # age of the cue at the start, s
+    arrival: Positive = 15.0  # m: the leader has arrived when it is nearer to the vessel
+    stale: Positive = 5.0  # s: an older track does not count as knowledge of the vessel
+    lost: Positive = 20.0  # s without a sighting or a message before a vehicle searches; assumed
+    reports: Literal["all", "none", "others"] = "all"  # messages: as sent; none; those of another environment
+    relay: bool = False  # aircraft repeat messages that were lost
 
     @model_validator(mode="after")
     def _ordered(self):
@@ -54,13 +54,13 @@ class EscortConfig(Strict):
 
 
 class CourseConfig(Strict):
-    """`[course]` of the vessel: it changes course and speed at random times."""
+    """`[course]` of the vessel, which changes course and speed at random times."""
 
     speed: Span = (0.8, 2.0)  # m/s
     every: Positive = 40.0  # s between two changes, on average (exponentially distributed); assumed
-    turn_deg: Annotated[float, Field(ge=0, le=180)] = 120.0  # the most of a change of course, either way; assumed
-    turn_rate_deg: Positive = 4.0  # deg/s, of the course that is steered; assumed
-    evasive: bool = False  # whether it runs from boats that come near
+    turn_deg: Annotated[float, Field(ge=0, le=180)] = 120.0  # greatest change of course, either way; assumed
+    turn_rate_deg: Positive = 4.0  # deg/s, rate of the commanded course; assumed
+    evasive: bool = False  # whether it flees from boats within evasive_range
     evasive_range: Positive = 40.0  # m
 
     @model_validator(mode="after")
@@ -71,14 +71,14 @@ class CourseConfig(Strict):
 
 
 class ObstaclesConfig(Strict):
-    """`[obstacles]`: vertical cylinders between the boats and the vessel and about it, some of which move; assumed."""
+    """`[obstacles]`: fixed and moving cylinders between the boats and the vessel and around it; assumed."""
 
-    count: Annotated[int, Field(ge=0, le=64)] = 10  # that stand
-    moving: Annotated[int, Field(ge=0, le=16)] = 2  # that cross the way of the boats
+    count: Annotated[int, Field(ge=0, le=64)] = 10  # fixed ones
+    moving: Annotated[int, Field(ge=0, le=16)] = 2  # moving ones, which cross the boats' way
     radius: Span = (1.0, 5.0)  # m
-    speed: Span = (0.3, 1.0)  # of what moves, m/s
-    spread: Positive = 60.0  # m to either side of the boats' way, and about where the vessel goes
-    fixed: tuple[FixedObstacle, ...] = ()  # in every world, m from where the vessel begins
+    speed: Span = (0.3, 1.0)  # of moving ones, m/s
+    spread: Positive = 60.0  # m to either side of the boats' way, and around the vessel's
+    fixed: tuple[FixedObstacle, ...] = ()  # in every world, m from the vessel's start
 
     @model_validator(mode="after")
     def _ordered(self):
@@ -100,16 +100,16 @@ class SensingConfig(Strict):
 
 
 class OrbitConfig(Strict):
-    """`[TEAM.orbit]`: the circle about the vessel that aircraft fly at even phases."""
+    """`[TEAM.orbit]`: the circle about the vessel on which aircraft fly at even phases."""
 
     radius: Positive = 150.0  # m
     height: Positive = 100.0  # m above the sea
-    height_step: NonNegative = 15.0  # m that each flies above the one before
+    height_step: NonNegative = 15.0  # m between the heights of successive aircraft
     direction: Literal["clockwise", "anticlockwise"] = "clockwise"
 
     @property
     def turn(self) -> float:
-        """1 clockwise, seen from above, or -1."""
+        """1 for clockwise, seen from above, else -1."""
         return 1.0 if self.direction == "clockwise" else -1.0
 
 
@@ -132,8 +132,8 @@ class EscortTeam(TeamConfig):
 class EscortEvaluation(Evaluation):
     """Held-out episodes, and the criterion of success."""
 
-    settle: NonNegative = 0.0  # s; errors are measured after the arrival, whenever that is
-    success_error: Positive = 5.0  # rms of every boat after the arrival below this is a success, m
+    settle: NonNegative = 0.0  # s; unused, as errors are measured after the arrival
+    success_error: Positive = 5.0  # success: every boat's rms error after the arrival is below, m
     settle_after: NonNegative = 40.0  # s after the arrival at which errors begin to be measured
 
 
@@ -154,7 +154,7 @@ class EscortScenario(Scenario):
 
     @property
     def parts(self) -> dict[str, EscortTeam]:
-        """Sections of the teams."""
+        """The sections of the teams."""
         return dict(self.__pydantic_extra__ or {})
 
     @model_validator(mode="after")

@@ -16,7 +16,7 @@ from taichi_sim.recording.overlays import Cylinders, Plot
 from taichi_sim.recording.palette import FOLLOWERS
 
 WIDE = 7.6  # inches
-EVERY = 60.0  # s between the marks on tracks
+EVERY = 60.0  # s between two marks on a track
 
 
 def write_escort_figures(

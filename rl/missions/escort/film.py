@@ -27,10 +27,10 @@ Frames = Mapping[str, NDArray[Any]]
 FOOTPRINT, SIGHT, MESSAGE, LOST, BELIEVED, CIRCLE = (
     (255, 214, 90), (255, 230, 140), (90, 200, 120), (225, 60, 60), (250, 120, 220), (150, 170, 190)
 )  # fmt: skip
-RAYS, CROWDED = 20, 0.6  # corners of a footprint, and how much they crowd where it is far away, and so most stretched
-FLATTEST = 0.05  # slope of a ray, below which it meets the sea nowhere near
-FARTHEST = 1500.0  # m, of a footprint's corner from the aircraft
-ARC, HIGH = 7, 0.18  # points of an arc; its height over its length
+RAYS, CROWDED = 20, 0.6  # corners of a footprint; how much they crowd at its far end
+FLATTEST = 0.05  # least slope of a ray that is drawn
+FARTHEST = 1500.0  # m, greatest distance of a footprint's corner
+ARC, HIGH = 7, 0.18  # points of an arc; its height divided by its length
 ROUND = np.linspace(0.0, 2 * math.pi, 49)
 
 

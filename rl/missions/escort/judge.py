@@ -15,7 +15,7 @@ from rl.missions.escort.config import EscortScenario
 if TYPE_CHECKING:
     from rl.missions.escort.mission import Escort
 
-SEEN_SHARE = 0.9  # of the time after the vessel was first seen, that it must be in some camera: success of aircraft
+SEEN_SHARE = 0.9  # success of aircraft: least share of the time after the first sighting with the vessel in view
 
 
 class EscortJudge(Judge["Escort", EscortScenario]):
@@ -175,7 +175,7 @@ class EscortJudge(Judge["Escort", EscortScenario]):
 
     @classmethod
     def badness(cls, episodes: Episodes) -> NDArray[np.float64]:
-        """Collided, failed, how late the boats arrived, and their errors."""
+        """Criteria: collided, failed, time of arrival, errors."""
         error = np.nan_to_num(np.fmax(episodes["leader_error_rms_m"], episodes["follower_error_rms_m"]), nan=0.0)
         late = np.nan_to_num(episodes["arrival_counted_s"], nan=0.0)
         return np.stack(((episodes["collided"] > 0).astype(np.float64), episodes["failed"], late, error))
@@ -204,7 +204,7 @@ class EscortJudge(Judge["Escort", EscortScenario]):
 
     @classmethod
     def line(cls, figures: dict[str, float | None]) -> str:
-        """The figures of one team as a line to read."""
+        """The figures of one team as a readable line."""
         free, success = (100 * (figures[key] or 0.0) for key in ("collision_free_episodes", "success_rate"))
         parts = []
         if figures["mean_time_to_arrive_s"] is not None:
@@ -220,12 +220,12 @@ class EscortJudge(Judge["Escort", EscortScenario]):
 
 
 def _quantile(values: NDArray[np.float64], share: float) -> NDArray[np.float64]:
-    """Over the last axis: the value that `share` of them are not above; NaN where there are none."""
+    """The quantile `share` over the last axis; NaN where there are no values."""
     if not values.shape[-1] or np.isnan(values).all():
         return np.full(values.shape[:-1], np.nan)
     return np.quantile(values, share, axis=-1, method="inverted_cdf")
 
 
 def _finite(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """NaN instead of infinity."""
+    """Replace infinity by NaN."""
     return np.where(np.isfinite(values), values, np.nan)

@@ -68,7 +68,7 @@ class Escort(Mission[EscortScenario, Boats | Aircraft]):
         """Draw the worlds, then make the tracking that all observers share, and the teams.
 
         Raises:
-            ConfigError: where parts do not fit their vehicles, the wind or each other.
+            ConfigError: if the teams do not fit their vehicles, the wind or each other.
         """
         run, config, fleets = runtime.current(), self.config, {name: self.world.teams[name] for name in names}
         check_parts(config, fleets)
@@ -84,7 +84,7 @@ class Escort(Mission[EscortScenario, Boats | Aircraft]):
         worlds = draw_worlds(config, section.count, offsets, radius, self.generator)
         self.worlds = worlds.to(run.device)
         self.obstacles = self.worlds.obstacles.to(run.torch_dtype).contiguous()
-        if not self.obstacles.shape[1]:  # a kernel needs one row: put it out of every vehicle's reach
+        if not self.obstacles.shape[1]:  # a kernel needs at least one row: put it far away
             far = self.obstacles.new_tensor([1e6, 1e6, 1.0, 1.0])
             self.obstacles = far.expand(config.escort.worlds, 1, 4).contiguous()
         pool = self.worlds.bodies.to(run.torch_dtype).unsqueeze(1)
@@ -191,7 +191,7 @@ class Escort(Mission[EscortScenario, Boats | Aircraft]):
         return team if isinstance(team, Boats) else None
 
     def boats_result(self) -> Tensor:
-        """[env] mean of 1 / (1 + (d / RESULT_SCALE)^2), d from the boats' slots (m); 0 without boats."""
+        """Mean of 1 / (1 + (d / RESULT_SCALE)^2) over the boats, d from the slot, m: [env]; 0 without boats."""
         return torch.zeros_like(self.hs) if self.boats is None else fine(self.boats.distance, RESULT_SCALE).mean(-1)
 
     # -- episodes --------------------------------------------------------------------------------------------------
@@ -225,11 +225,11 @@ class Escort(Mission[EscortScenario, Boats | Aircraft]):
         return config.model_copy(update={"escort": config.escort.model_copy(update={"worlds": episodes})})
 
     def begin_each(self) -> None:
-        """Environment e begins on world e and sea e."""
+        """Begin environment e on world e and sea e."""
         numbers = torch.arange(self.num_envs, device=self.device)
         self.reset(seas=numbers % self.world.sea.num_seas, worlds=numbers)
 
-    # -- what others ask -------------------------------------------------------------------------------------------
+    # -- logs, recordings, controllers -----------------------------------------------------------------------------
 
     def log(self, team: Boats | Aircraft, step: Step) -> dict[str, Tensor]:
         """Errors now; shares of episodes in which the leader has arrived, and a camera has the vessel; collisions."""

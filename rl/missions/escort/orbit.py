@@ -1,18 +1,18 @@
-"""Classical control of aircraft that circle a moving place: a Lyapunov guidance vector field through the wind.
+"""Classical control of aircraft that circle a moving point: a Lyapunov guidance vector field in wind.
 
-With x = position - centre, of length r, the field of the direction to fly, relative to the centre, on a circle of
-radius R (Frew, Lawrence & Morris 2008, J. Guidance, Control, and Dynamics 31(2), eq. 7; turned by sigma = 1 clockwise):
+With x = position - centre, of length r, the field is the direction of flight relative to the centre, for a circle of
+radius R (Frew, Lawrence & Morris 2008, J. Guidance, Control, and Dynamics 31(2), eq. 7; sigma = 1 turns clockwise):
 
     d = -(r^2 - R^2) / (r^2 + R^2) e_r + 2 r R / (r^2 + R^2) sigma e_theta.
 
-Whoever follows it gets to the circle from anywhere, and goes round. The centre moves with v_c, the air with w: the
-velocity over ground v* = v_c + s d is the one with |v* - w| = V (the wind triangle). The field turns as
+It leads to the circle from anywhere, and around it. The centre moves with v_c and the air with w. The velocity over
+ground v* = v_c + s d is the one with |v* - w| = V (wind triangle). The field turns as
 
     chi' = theta' + 2 sigma R r' / (r^2 + R^2),
 
-which is fed forward to the bank. Phases: each flies so fast that it gets midway between those ahead and behind,
-V = cruise + sat(k_phase R (gap ahead - gap behind) / 2) (loc. cit., sec. IV, by speed). What flies it, and evades what
-is near, is the controller of formations (rl/guidance/controllers/fixed_wing_6dof.py).
+which is fed forward to the bank. Each aircraft chooses its airspeed to fly midway between those ahead and behind,
+V = cruise + sat(k_phase R (gap ahead - gap behind) / 2) (loc. cit., sec. IV, by speed). The formations' controller
+flies the command and evades obstacles (rl/guidance/controllers/fixed_wing_6dof.py).
 """
 
 from typing import TYPE_CHECKING
@@ -37,22 +37,22 @@ LEAST_SHARE = 0.2  # of the airspeed, the least speed relative to the centre; as
 
 
 class OrbitGains(FixedWing6DofGains):
-    """Numbers of the orbit that may be tuned, besides those of flight and avoidance."""
+    """Gains of the orbit, besides those of flight and avoidance."""
 
-    leader_share: Positive = 2.0  # nobody leads
+    leader_share: Positive = 2.0  # there is no leader
     phase_gain: Positive = 0.05  # 1/s
-    phase_speed: Positive = 4.0  # m/s, the most that phases change the airspeed by
-    field_radius: Positive = 1.0  # of the circle's: above 1 the field turns in later
+    phase_speed: Positive = 4.0  # m/s, greatest change of airspeed for phases
+    field_radius: Positive = 1.0  # in radii of the circle; above 1 the field turns in later
 
 
 class OrbitController:
-    """Acts for aircraft that circle; keeps no memory."""
+    """Controller of aircraft that circle; it has no memory."""
 
     STATE = ()
     Gains = OrbitGains
 
     def __init__(self, model: FixedWing6DOF, gains: OrbitGains | None = None):
-        """Compute gains from those of the autopilot."""
+        """Derive gains from those of the autopilot."""
         self.gains = gains or self.Gains()
         self.flight = FixedWing6DofController(model, self.gains)
 

@@ -1,4 +1,4 @@
-"""Rewards: the weights, one function per term, and the terms of each part. Every term is [env, vehicle]."""
+"""Rewards: weights, one function for each term, and the terms of each team. Every term is [env, vehicle]."""
 
 from collections.abc import Callable
 from typing import TYPE_CHECKING
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 class BoatReward(Strict):
     """Weights and scales of a boat's terms; d is its distance from its slot about the vessel, m."""
 
-    closing: NonNegative = 1.0  # how fast d falls, over closing_scale
+    closing: NonNegative = 1.0  # -d(d)/dt / closing_scale
     closing_scale: Positive = 2.0  # m/s
     coarse: NonNegative = 1.0  # exp(-(d / coarse_scale)^2)
     coarse_scale: Positive = 8.0  # m
@@ -33,7 +33,7 @@ class AircraftReward(Strict):
     """Weights and scales of an aircraft's terms."""
 
     view: NonNegative = 1.0  # its own camera sees the vessel
-    any_view: NonNegative = 1.0  # some camera of the team does
+    any_view: NonNegative = 1.0  # any camera of the team sees the vessel
     radio: NonNegative = 0.5  # share of boats within radio range
     phases: NonNegative = 0.5  # exp(-(gap error / phase_scale)^2) to those ahead and behind on the circle
     phase_scale: Positive = 0.5  # rad

@@ -1,8 +1,8 @@
 """Scripted scouts, which send sightings to the boats while the team of aircraft does not take part.
 
-As many as the scenario has aircraft, points that fly level at a cruising speed along the field of orbit.py about the
-vessel as it is, from over the boats; each has a camera on a gimbal that looks at the vessel, and the radio of all. They
-have no instruments that err: their cameras' pixels, the radio's range, delay and loss are what they suffer from.
+There are as many as the scenario has aircraft. Each is a point that flies level at cruising speed along the field of
+orbit.py about the true vessel, starting above the boats. It has a gimballed camera that looks at the vessel, and a
+radio. Its instruments have no errors; its camera has finite pixels, and the radio has its range, delay and loss.
 """
 
 import math

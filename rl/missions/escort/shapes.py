@@ -1,8 +1,7 @@
 """Formations of boats about the vessel that they escort: offsets in the frame of its course.
 
-The first axis is the vessel's course, the second to starboard of it; the vessel is at (0, 0). `ring` puts n boats at
-even angles on a circle of R = spacing max(1, 1 / (2 sin(pi / n))), the leader astern; all others are the shapes of
-formations (rl/guidance/shapes.py) in which the vessel leads.
+The vessel is at (0, 0). `ring` puts n boats at even angles on a circle of R = spacing max(1, 1 / (2 sin(pi / n))), the
+leader astern. All other shapes are those of formations (rl/guidance/shapes.py) with the vessel as the leader.
 """
 
 import math

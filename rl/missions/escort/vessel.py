@@ -1,9 +1,9 @@
-"""The vessel that is escorted: a script that changes course and speed at random times, or runs from boats.
+"""The escorted vessel: a script that changes course and speed at random times, or flees from boats.
 
-What it will do is drawn as an episode begins, so that whoever escorts it meets the same. It sails by the classical
-controller of its model, keeps clear of obstacles, of which it knows all, and turns back at the edge of the area. Boats
-have to keep clear of it; it does what it can in the last moment (`leader_horizon` of its control), as rule 17 of the
-COLREGs asks.
+Its manoeuvres are drawn when an episode begins, so that all controllers meet the same. It sails by the classical
+controller of its model, avoids obstacles, all of which it knows, and turns back at the edge of the area. Boats must
+keep clear of it; it evades them only at the last moment (`leader_horizon` of its control), as rule 17 of the COLREGs
+demands.
 """
 
 import math
@@ -41,7 +41,7 @@ class Wanderer(Script):
     """See the module. It steers by the ground truth, and is its own `Knowledge` (rl/guidance/knowledge.py).
 
     Attributes:
-        velocity: [env, 2] over ground, averaged over `SMOOTH`, NED, m/s: its course is this one's direction.
+        velocity: [env, 2] over ground, NED, m/s, averaged over `SMOOTH`; it defines the vessel's course.
     """
 
     STATE = (
@@ -96,8 +96,9 @@ class Wanderer(Script):
         return self._next if self._mission is None else self._mission.steps
 
     def start(self, envs: Tensor, course: Tensor, speed: Tensor, generator: torch.Generator) -> Tensor:
-        """Episodes begin in environments `envs` [n] on `course` [n] (rad) at `speed` [n] (m/s); the states [n, 1, 13]
-        that the vessel begins in.
+        """Begin episodes in environments `envs` [n] on `course` [n] (rad) at `speed` [n] (m/s).
+
+        Returns the vessel's initial states, [n, vehicle, 13].
         """
         way, n = self.config.course, len(envs)
         draws = torch.rand((n, self._plan.shape[1], 3), generator=generator, dtype=torch.float64)
@@ -115,7 +116,7 @@ class Wanderer(Script):
         level = torch.zeros_like(course)
         state[..., 3:7] = torch_quaternion_from_euler(level, level, course).unsqueeze(1)
         state[..., 7] = speed.unsqueeze(-1)
-        if self.fleet.count > 1:  # others of its kind follow in line, unescorted
+        if self.fleet.count > 1:  # further vessels of the team follow in line, without escort
             state[..., 1:, :2] = (
                 -20.0
                 * torch.arange(1, self.fleet.count).view(1, -1, 1)
@@ -124,7 +125,7 @@ class Wanderer(Script):
         return state
 
     def __call__(self, world: Any) -> Tensor:
-        """Steer and sail."""
+        """Actions for this decision."""
         way, dt = self.config.course, self.config.decision_interval
         self._time += dt
         rows = torch.arange(len(self._time), device=self._time.device)

@@ -1,8 +1,8 @@
 """A pool of worlds in which episodes of the escort begin, each with its own obstacles, places and courses.
 
-The vessel is at the centre of the area and sails its first course; the boats are at some distance from it, on any side,
-side by side, and head for it roughly. Obstacles stand about the boats' way to it, the first right in it, and where the
-vessel is bound; what moves crosses the boats' way when they would be there. Nobody begins nearer than `ROOM` to an
+The vessel is at the centre of the area and sails its first course. The boats lie at some distance in any direction,
+side by side, and head roughly for it. Obstacles stand along the boats' way, the first right in it, and where the vessel
+is going; moving ones cross the boats' way when they would be there. No vehicle begins nearer than `ROOM` to an
 obstacle. All is drawn on the CPU: the same worlds on every device. Frame: NED, m from the centre.
 """
 
@@ -17,25 +17,25 @@ from rl.missions.escort.config import ROOM, EscortScenario
 from taichi_sim.config import ConfigError
 
 PASSAGE = 12.0  # m between the surfaces of two obstacles; assumed
-TRIES = 30  # draws of an obstacle; one that finds no room is left out
-AIM = 3.0  # m, the most by which the first obstacle's middle is beside the boats' way
-ABREAST = 12.0  # m between boats that begin; assumed
-TALLEST, LOWEST = 15.0, 4.0  # m, of obstacles: aircraft pass above; assumed
-CLOSING = 1.0  # m/s, about, at which boats get to where something crosses; assumed
+TRIES = 30  # draws of an obstacle before it is left out
+AIM = 3.0  # m, greatest distance of the first obstacle from the boats' way
+ABREAST = 12.0  # m between boats at the start; assumed
+TALLEST, LOWEST = 15.0, 4.0  # m, heights of obstacles; aircraft pass above; assumed
+CLOSING = 1.0  # m/s, speed of boats for timing the crossings; assumed
 CROSSING = math.radians(50.0), math.radians(130.0)
-NEAR = 12.0  # m, standard deviation of where boats begin that begin near, about their slots; assumed
+NEAR = 12.0  # m, standard deviation about the slots of boats that begin near the vessel; assumed
 
 
 class Worlds(NamedTuple):
-    """A pool of beginnings: [world, ...], m, rad, m/s."""
+    """A pool of starts: [world, ...], m, rad, m/s."""
 
     course: Tensor  # of the vessel
     speed: Tensor
     obstacles: Tensor  # [world, n, 4] north, east, radius, height
-    bodies: Tensor  # [world, 8, n] what moves (rl/course/traffic.py); the first is the vessel
+    bodies: Tensor  # [world, 8, n] moving bodies (rl/course/traffic.py); the first is the vessel
     place: Tensor  # [world, boat, 2]
     heading: Tensor  # [world, boat]
-    aloft: Tensor  # [world, 2] where aircraft begin, about
+    aloft: Tensor  # [world, 2] where aircraft begin, roughly
     near: Tensor  # bool: boats begin near the vessel
 
     def to(self, device: torch.device) -> "Worlds":
@@ -46,8 +46,14 @@ class Worlds(NamedTuple):
 def draw_worlds(
     config: EscortScenario, boats: int, offsets: Tensor, radius: float, generator: torch.Generator
 ) -> Worlds:
-    """Draw `config.escort.worlds` beginnings for so many boats, whose slots about the vessel are `offsets` [boat, 2]
-    (m); `radius` (m) is the vessel's.
+    """Draw `config.escort.worlds` starts.
+
+    Args:
+        config: the scenario.
+        boats: their number.
+        offsets: their slots about the vessel, [boat, 2], m.
+        radius: of the vessel, m.
+        generator: of random numbers.
     """
     n, ways = config.escort.worlds, config.escort
 
@@ -60,7 +66,7 @@ def draw_worlds(
     course, speed = uniform(-math.pi, math.pi), uniform(*config.course.speed)
     bearing, far = uniform(-math.pi, math.pi), uniform(*ways.start_distance)
     near = uniform(0.0, 1.0) < ways.near_fraction
-    out = torch.stack((bearing.cos(), bearing.sin()), dim=-1)  # from the vessel to the boats
+    out = torch.stack((bearing.cos(), bearing.sin()), dim=-1)  # direction from the vessel to the boats
     side = torch.stack((-bearing.sin(), bearing.cos()), dim=-1)
     middle = far.unsqueeze(-1) * out
     rank = (torch.arange(boats) - (boats - 1) / 2) * ABREAST
@@ -77,7 +83,7 @@ def draw_worlds(
         place = torch.where(near[:, None, None], by_slots, place)
         heading = torch.where(near[:, None], course.unsqueeze(-1) + 0.3 * normal(boats), heading)
     aloft = torch.where(near.unsqueeze(-1), 30.0 * normal(2), middle)
-    taken = torch.cat((place, torch.zeros(n, 1, 2)), dim=1)  # where somebody begins
+    taken = torch.cat((place, torch.zeros(n, 1, 2)), dim=1)  # positions of vehicles at the start
     forward = torch.stack((course.cos(), course.sin()), dim=-1)
     obstacles = _standing(config, taken, middle, side, forward, near, uniform)
     fixed = torch.tensor([[o.north, o.east, o.radius, o.height] for o in config.obstacles.fixed]).reshape(-1, 4)
@@ -95,13 +101,13 @@ def draw_worlds(
 
 
 def _apart(place: Tensor) -> Tensor:
-    """The least distance between two places [world, n, 2]: [world]; inf of one."""
+    """Least distance between two positions [world, n, 2]: [world]; inf for a single one."""
     gap = torch.cdist(place, place) + 1e9 * torch.eye(place.shape[1])
     return gap.amin(dim=(1, 2))
 
 
 def _standing(config, taken, middle, side, forward, near, uniform) -> Tensor:
-    """Obstacles [world, n, 4]; every other one about the boats' way, the others where the vessel is bound."""
+    """Fixed obstacles [world, n, 4], alternately along the boats' way and where the vessel is going."""
     count, spread, n = config.obstacles.count, config.obstacles.spread, len(middle)
     found = torch.zeros(n, count, 4)
     found[..., :2] = AWAY
@@ -128,7 +134,7 @@ def _standing(config, taken, middle, side, forward, near, uniform) -> Tensor:
 
 
 def _moving(config, taken, middle, side, bearing, far, near, uniform) -> Tensor:
-    """Bodies [world, 8, n] that cross the boats' way; the first is kept for the vessel."""
+    """Moving obstacles [world, 8, n] that cross the boats' way; the first column is left for the vessel."""
     count, n = config.obstacles.moving, len(middle)
     found = torch.zeros(n, ROWS, 1 + count)
     found[:, NORTH] = AWAY
