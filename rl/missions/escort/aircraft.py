@@ -13,7 +13,7 @@ from rl.guidance.geometry import SLOT_VELOCITY
 from rl.guidance.observations import RATE_SCALE, SPEED_SCALE
 from rl.guidance.targets import COS, COURSE, EAST, NORTH, SIN, SIZE, SPEED, seen_at
 from rl.missions.escort.boats import AGE_SCALE, SIGMA_SCALE, squashed
-from rl.missions.escort.picture import Group, Picture, Search
+from rl.missions.escort.picture import CommonPicture, ObserverGroup, SearchPattern
 from rl.perception.camera import Camera
 from rl.perception.contacts import Contacts
 from rl.perception.instruments import Readings
@@ -47,7 +47,7 @@ def gap_errors(angle: Tensor, present: Tensor, turn: float) -> Tensor:
     return torch.where(others.any(-1), 0.5 * (nearest - behind), 0.0)
 
 
-class Aircraft(Corrected):
+class EscortAircraft(Corrected):
     """The team of aircraft, measured after each step; every tensor is [env, aircraft, ...].
 
     Attributes:
@@ -77,7 +77,7 @@ class Aircraft(Corrected):
         self.gap_error, self.in_range = torch.zeros_like(self.distance), torch.zeros_like(self.distance)
         self.known: Any
 
-    def group(self, first: int, number: int) -> Group:
+    def group(self, first: int, number: int) -> ObserverGroup:
         """The team as a group of observers.
 
         Args:
@@ -88,9 +88,11 @@ class Aircraft(Corrected):
         cruise = self.fleet.model.limits.speeds[1]
         self._number = number
         radius = self.orbit.radius
-        return Group(first, self.own, self.fleet, Search(SEARCH_PITCH * radius, SEARCH_SPEED * cruise, BEGINS * radius))
+        return ObserverGroup(
+            first, self.own, self.fleet, SearchPattern(SEARCH_PITCH * radius, SEARCH_SPEED * cruise, BEGINS * radius)
+        )
 
-    def join(self, picture: Picture) -> None:
+    def join(self, picture: CommonPicture) -> None:
         """Connect cameras and knowledge to the `picture`."""
         mission, number = self.mission, 64 * self._number
         self.picture = picture
@@ -213,7 +215,7 @@ class KnownAircraft:
 
     STATE = ("targets", "now", "centre_velocity", "gap_error", "height_error", "sensor", "_boats", "_farthest")
 
-    def __init__(self, team: Aircraft, picture: Picture, number: int):
+    def __init__(self, team: EscortAircraft, picture: CommonPicture, number: int):
         """Knowledge of `team`; `number` vehicles of other teams precede it in the streams of random numbers."""
         state = team.fleet.state
         self._team, self._picture, self.fleet = team, picture, team.own

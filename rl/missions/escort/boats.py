@@ -11,7 +11,7 @@ from rl.guidance.geometry import SLOT_SIZE, Geometry
 from rl.guidance.observations import Observer
 from rl.guidance.targets import SIZE as TARGET
 from rl.guidance.targets import seen_at
-from rl.missions.escort.picture import Group, Picture, Search
+from rl.missions.escort.picture import CommonPicture, ObserverGroup, SearchPattern
 from rl.missions.escort.shapes import escort_offsets
 from rl.perception.chart import Charted
 from rl.perception.contacts import Contacts
@@ -28,7 +28,7 @@ SEARCH_PITCH = 1.6  # between two turns of the spiral, in ranges of the lookout;
 BEGINS = 15.0  # m from the expected vessel at which a search begins
 
 
-class Boats(Corrected):
+class EscortBoats(Corrected):
     """The team of boats, measured after each step; every tensor is [env, boat, ...].
 
     Attributes:
@@ -62,7 +62,7 @@ class Boats(Corrected):
         self._true: Observer | None = None
         self.before = torch.zeros_like(self.now.distance)
 
-    def group(self, first: int, number: int) -> Group:
+    def group(self, first: int, number: int) -> ObserverGroup:
         """The team as a group of observers.
 
         Args:
@@ -70,13 +70,13 @@ class Boats(Corrected):
             number: the team's index in the mission.
         """
         self.own = Readings(self.fleet, self.section.sensors, self.interval, 64 * number)
-        search = Search(
+        search = SearchPattern(
             SEARCH_PITCH * self.section.lookout.vessel_range, SEARCH_SPEED * self.fleet.model.limits.speeds[2], BEGINS
         )
         self._number = number
-        return Group(first, self.own, self.fleet, search)
+        return ObserverGroup(first, self.own, self.fleet, search)
 
-    def join(self, picture: Picture) -> None:
+    def join(self, picture: CommonPicture) -> None:
         """Connect lookouts and knowledge to the `picture`."""
         mission, number = self.mission, 64 * self._number
         self.picture = picture
@@ -150,7 +150,7 @@ class KnownBoats:
 
     STATE = ("targets", "now", "sensor")
 
-    def __init__(self, team: Boats, picture: Picture, number: int):
+    def __init__(self, team: EscortBoats, picture: CommonPicture, number: int):
         """Knowledge of `team`; `number` vehicles of other teams precede it in the streams of random numbers."""
         interval = team.interval
         self._team, self._picture, self.fleet = team, picture, team.own

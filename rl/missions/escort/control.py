@@ -3,7 +3,7 @@
 from typing import Any
 
 from rl.guidance.controllers import CONTROLLERS
-from rl.missions.escort.boats import Boats
+from rl.missions.escort.boats import EscortBoats
 from rl.missions.escort.orbit import OrbitController
 from taichi_sim.config.io import validate
 from taichi_sim.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
@@ -16,7 +16,7 @@ def controller_of(team: Any) -> Any:
         ConfigError: if [TEAM.control] has a number that the controller lacks.
     """
     model = team.fleet.model
-    if isinstance(team, Boats):
+    if isinstance(team, EscortBoats):
         kind = next((CONTROLLERS[base] for base in type(model).__mro__ if base in CONTROLLERS), None)
     else:
         kind = OrbitController if isinstance(model, FixedWing6DOF) else None

@@ -27,7 +27,7 @@ ARC, HIGH = 7, 0.18  # points of an arc; its height divided by its length
 ROUND = np.linspace(0.0, 2 * math.pi, 49)
 
 
-class Film:
+class EscortFilm:
     """Collects frames of the shown environment and makes overlays of them."""
 
     def __init__(self, mission: "Escort"):

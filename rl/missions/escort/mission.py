@@ -1,6 +1,6 @@
 """The escort mission: boats hold formation about a manoeuvring vessel that only aircraft can see from afar.
 
-The vessel is a scripted team (vessel.py). Boats see vessel and obstacles from near; aircraft circle the vessel and see
+The vessel is a scripted team (vessel.py). EscortBoats see vessel and obstacles from near; aircraft circle the vessel and see
 all of them from afar. All share their sightings by radio (picture.py). An episode begins with the boats some hundred
 metres away; a cue gives them an old position of the vessel.
 """
@@ -15,14 +15,14 @@ from torch import Tensor
 from rl.course.traffic import RADIUS, TOP, Bodies
 from rl.mission import Endings, Mission, Step
 from rl.missions.escort import rewards
-from rl.missions.escort.aircraft import Aircraft
-from rl.missions.escort.boats import Boats
+from rl.missions.escort.aircraft import EscortAircraft
+from rl.missions.escort.boats import EscortBoats
 from rl.missions.escort.checks import check_parts, check_slots, tell_speeds
 from rl.missions.escort.config import EscortScenario
 from rl.missions.escort.control import controller_of
-from rl.missions.escort.film import Film
+from rl.missions.escort.film import EscortFilm
 from rl.missions.escort.judge import EscortJudge
-from rl.missions.escort.picture import Picture
+from rl.missions.escort.picture import CommonPicture
 from rl.missions.escort.scouts import Scouts
 from rl.missions.escort.shapes import escort_offsets
 from rl.missions.escort.starts import afloat, aloft
@@ -43,7 +43,7 @@ OVERVIEW_M = 150.0  # m shown around the vessel in recordings without aircraft
 
 
 class Escort(Mission):
-    """Boats and aircraft about a vessel.
+    """EscortBoats and aircraft about a vessel.
 
     Attributes:
         worlds: the pool of starts (worlds.py).
@@ -69,7 +69,7 @@ class Escort(Mission):
     @staticmethod
     def Team(mission: Any, name: str) -> Any:  # noqa: N802
         """The class of a team, by its part."""
-        return (Boats if name == mission.config.escort.boats else Aircraft)(mission, name)
+        return (EscortBoats if name == mission.config.escort.boats else EscortAircraft)(mission, name)
 
     def prepare(self) -> None:
         """Draw the worlds and connect the teams.
@@ -110,7 +110,7 @@ class Escort(Mission):
         self.noise = Noise(self.num_envs, derive_seed(self.seed, "sensors"))
         self._connect()
         self._script.attach(self)
-        self._film = Film(self)
+        self._film = EscortFilm(self)
 
     def _connect(self) -> None:
         """Make the common picture of all observers."""
@@ -125,7 +125,7 @@ class Escort(Mission):
             if part in groups:
                 first += groups[part].own.state.shape[1]
         things = self.bodies.table.shape[2] + self.obstacles.shape[1]
-        self.picture = Picture(self, groups, things)
+        self.picture = CommonPicture(self, groups, things)
         for member in (*self.teams.values(), *((self.scouts,) if self.scouts else ())):
             member.join(self.picture)
 
@@ -176,13 +176,13 @@ class Escort(Mission):
 
     def reward(self, team: Any, ended: Endings) -> Tensor:
         """The reward of a team (rewards.py)."""
-        if isinstance(team, Boats):
+        if isinstance(team, EscortBoats):
             return paid(rewards.BOAT_TERMS, team.section.boat_reward, team, ended)
         return paid(rewards.AIRCRAFT_TERMS, team.section.aircraft_reward, team, ended)
 
     def plan_cost(self, team: Any, ended: Tensor) -> Tensor:
         """Cost of plans: for boats the distance from the slot, squared where it is near, plus too little clearance."""
-        if not isinstance(team, Boats):
+        if not isinstance(team, EscortBoats):
             return super().plan_cost(team, ended)
         far, near = team.distance, (team.section.plan.berth - team.sensor.gap).clamp(min=0.0)
         return far.square() / (far + LINEAR) + NEAR_COST * near + ENDED_COST * ended
@@ -265,10 +265,10 @@ class Escort(Mission):
         env = self.shown
         if team is next(iter(self.teams.values())):  # the first call of a step
             if int(self.steps[env]) <= 1:
-                self._film = Film(self)
+                self._film = EscortFilm(self)
             self._film.take()
         shown = {"error_m": team.distance[env]}
-        if isinstance(team, Boats):
+        if isinstance(team, EscortBoats):
             slot = team.now.slot[env].clone()
             slot[:, 2] = 0.0
             shown |= {"slot_n": slot}
@@ -298,7 +298,7 @@ class Escort(Mission):
 
     def forget_frames(self) -> None:
         """Drop the frames collected so far."""
-        self._film = Film(self)
+        self._film = EscortFilm(self)
 
     def controller(self, team: Any) -> Any:
         """The controller that the vehicle brings, else that of control.py."""

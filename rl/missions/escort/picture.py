@@ -30,7 +30,7 @@ CUE_SPEED = 1.5  # m/s, initial standard deviation of the vessel's velocity, eac
 THING = 6  # columns of an observed object: position (3), velocity north and east, radius
 
 
-class Search(NamedTuple):
+class SearchPattern(NamedTuple):
     """How a team searches: pitch of the spiral (m), speed along it (m/s), and distance from the expected vessel at
     which the search begins (m).
     """
@@ -40,16 +40,16 @@ class Search(NamedTuple):
     begins: float
 
 
-class Group(NamedTuple):
+class ObserverGroup(NamedTuple):
     """The observers of one team: index of the first, states as measured and as they are, and how they search."""
 
     first: int
     own: Views
     true: Views
-    search: Search
+    search: SearchPattern
 
 
-class Picture:
+class CommonPicture:
     """The common picture of all observers of a mission.
 
     Attributes:
@@ -65,7 +65,7 @@ class Picture:
         "things", "looks", "place", "radio", "chart", "targets", "age", "sigma", "_course", "_searching", "lookers",
     )  # fmt: skip
 
-    def __init__(self, mission: "Escort", groups: dict[str, Group], things: int):
+    def __init__(self, mission: "Escort", groups: dict[str, ObserverGroup], things: int):
         """Build the picture of all observers.
 
         Args:

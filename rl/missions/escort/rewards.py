@@ -9,7 +9,7 @@ from rl.rewards import action_rate, clearance, coarse, fine, penalty
 from taichi_sim.config import NonNegative, Positive, Strict
 
 
-class BoatReward(Strict):
+class EscortBoatReward(Strict):
     """Weights and scales of a boat's terms; d is its distance from its slot about the vessel, m."""
 
     closing: NonNegative = 1.0  # -d(d)/dt / closing_scale
@@ -24,7 +24,7 @@ class BoatReward(Strict):
     ending: NonNegative = 200.0  # -1 at a collision, or any other early ending
 
 
-class AircraftReward(Strict):
+class EscortAircraftReward(Strict):
     """Weights and scales of an aircraft's terms."""
 
     view: NonNegative = 1.0  # its own camera sees the vessel
@@ -46,7 +46,7 @@ def closing(before: Tensor, now: Tensor, interval: float) -> Tensor:
     return (before - now) / interval
 
 
-BOAT_TERMS: dict[str, Callable[[Any, Any, BoatReward], Tensor]] = {
+BOAT_TERMS: dict[str, Callable[[Any, Any, EscortBoatReward], Tensor]] = {
     "closing": lambda team, ended, w: closing(team.before, team.distance, team.interval) * (1 / w.closing_scale),
     "coarse": lambda team, ended, w: coarse(team.distance, w.coarse_scale),
     "fine": lambda team, ended, w: fine(team.distance, w.fine_scale),
@@ -56,7 +56,7 @@ BOAT_TERMS: dict[str, Callable[[Any, Any, BoatReward], Tensor]] = {
 }
 """A weight's name -> its term, of boats (boats.py), their endings, and the weights."""
 
-AIRCRAFT_TERMS: dict[str, Callable[[Any, Any, AircraftReward], Tensor]] = {
+AIRCRAFT_TERMS: dict[str, Callable[[Any, Any, EscortAircraftReward], Tensor]] = {
     "view": lambda team, ended, w: team.sees.to(team.distance.dtype),
     "any_view": lambda team, ended, w: team.sees.any(-1, keepdim=True).to(team.distance.dtype).expand_as(team.distance),
     "radio": lambda team, ended, w: team.in_range,

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from rl.missions.escort.config import EscortTeam
-from rl.missions.escort.picture import Group, Picture, Search
+from rl.missions.escort.picture import CommonPicture, ObserverGroup, SearchPattern
 from rl.perception.camera import Camera
 from rl.perception.instruments import InstrumentsConfig
 from taichi_sim.conventions import STATE_SIZE
@@ -43,11 +43,11 @@ class Scouts:
         steps = torch.arange(section.count, device=like.device, dtype=like.dtype)
         self._height = self.orbit.height + self.orbit.height_step * steps
 
-    def group(self, first: int) -> Group:
+    def group(self, first: int) -> ObserverGroup:
         """The scouts as a group of observers; `first` is the index of the first."""
-        return Group(first, self.views, self.views, Search(self.orbit.radius, SPEED, self.orbit.radius))
+        return ObserverGroup(first, self.views, self.views, SearchPattern(self.orbit.radius, SPEED, self.orbit.radius))
 
-    def join(self, picture: Picture) -> None:
+    def join(self, picture: CommonPicture) -> None:
         """Connect cameras to the `picture`."""
         number = list(self.mission.config.teams).index(self.name) * 64
         camera = self.section.camera.model_copy(update={"mount": "gimbal"})
