@@ -155,4 +155,4 @@ def test_two_checkouts_are_compared_case_by_case(tmp_path):
 def test_a_folder_without_a_benchmark_cannot_be_compared(tmp_path):
     result = subprocess.run([sys.executable, TOOL, "--against", tmp_path], capture_output=True, text=True)
     assert result.returncode == 1
-    assert result.stderr.startswith(f"error: {tmp_path / 'tools' / 'benchmark.py'}: there is none")
+    assert result.stderr.startswith(f"error: {tmp_path / 'tools' / 'benchmark.py'}: no such file")

@@ -9,7 +9,7 @@ from test_recording import make_episode
 
 from taichi_sim.config import SeaConfig
 from taichi_sim.film import raster, water
-from taichi_sim.film.camera import Camera, eye_that_holds, heading, look, look_at
+from taichi_sim.film.camera import FilmCamera, eye_that_holds, heading, look, look_at
 from taichi_sim.film.moment import moment_of
 from taichi_sim.film.pen import BALL, BALL_NORMALS
 from taichi_sim.film.raster import Raster
@@ -27,7 +27,7 @@ def shining(corners, *colours) -> Solids:
     return Solids(corners, np.zeros((len(corners), 3)), np.array(colours, np.uint8).reshape(-1, 3))
 
 
-def draw(solids: Solids, camera: Camera | None = None, strokes: Strokes = NO_STROKES):
+def draw(solids: Solids, camera: FilmCamera | None = None, strokes: Strokes = NO_STROKES):
     return Raster(WIDE, HIGH).draw(camera or look(np.zeros(3), NORTH, 1.0), solids, strokes)
 
 

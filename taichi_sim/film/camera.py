@@ -1,7 +1,8 @@
-"""A pinhole camera in the world frame n (north-east-down), and where to put one.
+"""A pinhole camera in the world frame n (north-east-down), and functions that place one.
 
-Rows of `axes` are right, down and forward of the picture, unit vectors in n. `focal` is the focal length in heights of
-the picture: a thing of height s at distance d is s / d * focal pictures high. A pixel's middle is at half numbers.
+The rows of `axes` are the right, down and forward unit vectors of the picture in n. `focal` is the focal length in
+heights of the picture: an object of height s at distance d is s / d * focal pictures high. A pixel's centre is at half
+numbers.
 """
 
 from typing import NamedTuple
@@ -16,7 +17,7 @@ AWAY = 2  # column of the distance ahead, in the axes of a camera
 LEVEL = 1e-6  # sine of the angle to the vertical below which a direction has no heading
 
 
-class Camera(NamedTuple):
+class FilmCamera(NamedTuple):
     """Position and orientation of a pinhole camera."""
 
     eye_n: Array  # [3] m
@@ -25,7 +26,8 @@ class Camera(NamedTuple):
     haze_m: float = HAZE_M  # distance at which half of what is seen is haze
 
     def pixels(self, place_n: Array, size: tuple[int, int]) -> Array:
-        """[..., 3]: column and row (px) and distance ahead (m) of places [..., 3] in a picture of `size` (wide, high).
+        """Column and row (px) and distance ahead (m) [..., 3] of points [..., 3] in a picture of `size` (width,
+        height).
 
         Column and row mean nothing where the distance is not above 0.
         """
@@ -40,17 +42,17 @@ class Camera(NamedTuple):
         return high / 2 - self.focal * high * float(forward[2] / down[2])
 
 
-def look(eye_n: Array, forward_n: Array, focal: float) -> Camera:
+def look(eye_n: Array, forward_n: Array, focal: float) -> FilmCamera:
     """A camera at `eye_n` that looks along `forward_n`, without roll; straight down, north is up."""
     forward = np.asarray(forward_n, dtype=np.float64) / np.linalg.norm(forward_n)
     right = np.cross(DOWN_N, forward)
     length = float(np.linalg.norm(right))
     right = right / length if length > LEVEL else np.array([0.0, 1.0, 0.0])
-    return Camera(np.asarray(eye_n, dtype=np.float64), np.stack([right, np.cross(forward, right), forward]), focal)
+    return FilmCamera(np.asarray(eye_n, dtype=np.float64), np.stack([right, np.cross(forward, right), forward]), focal)
 
 
-def look_at(eye_n: Array, target_n: Array, focal: float) -> Camera:
-    """A camera at `eye_n` with `target_n` in its middle."""
+def look_at(eye_n: Array, target_n: Array, focal: float) -> FilmCamera:
+    """A camera at `eye_n` with `target_n` in the centre."""
     return look(eye_n, np.asarray(target_n, dtype=np.float64) - np.asarray(eye_n, dtype=np.float64), focal)
 
 
@@ -60,15 +62,20 @@ def heading(course: float, pitch: float) -> Array:
 
 
 def eye_that_holds(places_n: Array, forward_n: Array, focal: float, aspect: float, filled: float) -> Array:
-    """Nearest place [3] from which a camera looking along `forward_n` sees all of `places_n` [N, 3].
+    """The nearest point [3] from which a camera that looks along `forward_n` sees all of `places_n` [N, 3].
 
-    aspect: of the picture, wide over high. filled: the share of its sides that they may take.
+    Args:
+        places_n: the points.
+        forward_n: direction of view.
+        focal: focal length.
+        aspect: width over height of the picture.
+        filled: share of its sides that the points may take.
     """
     axes = look(np.zeros(3), forward_n, focal).axes
     seen = np.asarray(places_n, dtype=np.float64) @ axes.T
     across, ahead = [], []
     for axis, half in ((0, 0.5 * aspect), (1, 0.5)):
-        reach = filled * half / focal  # tangent of half the angle they may take
+        reach = filled * half / focal  # tangent of half the angle that the points may take
         more, less = (float(np.max(sign * seen[:, axis] - reach * seen[:, AWAY])) for sign in (1.0, -1.0))
         across.append(0.5 * (more - less))
         ahead.append(-0.5 * (more + less) / reach)

@@ -13,7 +13,7 @@ from taichi_sim.film.pen import Pen, faces_of, moved
 from taichi_sim.film.shapes import Solids
 from taichi_sim.recording.bodies import body_mesh
 from taichi_sim.recording.episode import Array
-from taichi_sim.recording.overlays import Arrows, Cylinders, Ellipsoids, Geometry, Lines, Points
+from taichi_sim.recording.overlays import Arrows, Cylinders, Ellipsoids, Lines, Points
 from taichi_sim.recording.palette import CHECKPOINT, FRAME, OBSTACLE, PLUMB, TARGET, Colour, event_colour
 
 SUNK_M = 6.0  # how far an obstacle reaches below mean sea level
@@ -190,7 +190,7 @@ def _arrows(pen: Pen, overlay: Arrows, _: float) -> None:
     _label(pen, overlay, origin)
 
 
-def _label(pen: Pen, overlay: Geometry, places_n: Array) -> None:
+def _label(pen: Pen, overlay: Overlay3D, places_n: Array) -> None:
     for text, place in zip(overlay.labels, places_n, strict=False):
         pen.label(place, text, overlay.colour, overlay.where)
 

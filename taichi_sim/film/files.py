@@ -1,7 +1,7 @@
 """Films of an episode: mp4 by imageio-ffmpeg (the extra `film`), animated PNG, GIF and WebP by Pillow.
 
-A film is written beside its name and then renamed, so that what is there under its name is whole. What cannot be
-written is refused before the first picture is drawn; `check_film` does so before there is an episode.
+A film is written to a temporary file and then renamed, so that a file under its name is complete. Bad arguments are
+refused before the first picture is drawn; `check_film` refuses them before there is an episode.
 """
 
 import errno
@@ -21,7 +21,7 @@ from taichi_sim.recording.episode import Episode
 SIZE, FPS = (640, 480), 25.0
 CRF = 26  # of x264: lower is larger and better
 COLOURS = 128  # of an animated PNG or GIF
-SAMPLED, BINS, RARE = 8, 2, 0.45  # pictures that they are of; bits of a colour left out; power of how often it is there
+SAMPLED, BINS, RARE = 8, 2, 0.45  # sampled pictures; dropped bits of a colour; exponent of its frequency
 Samples = Callable[[], Iterable[NDArray[np.uint8]]]
 KINDS = (".mp4", ".png", ".gif", ".webp")
 
@@ -168,7 +168,7 @@ def _write_animation(frames: Iterable[NDArray[np.uint8]], part: Path, kind: str,
     from PIL import Image
 
     palette = None if kind == ".webp" else _palette(samples())
-    plain = Image.Dither.NONE  # grain would not pack
+    plain = Image.Dither.NONE  # dithering would compress badly
     first, *pages = (
         page if palette is None else page.quantize(palette=palette, dither=plain)
         for page in map(Image.fromarray, frames)
@@ -180,7 +180,7 @@ def _write_animation(frames: Iterable[NDArray[np.uint8]], part: Path, kind: str,
 
 
 def _palette(samples: Iterable[NDArray[np.uint8]]) -> Any:
-    """COLOURS colours of some pictures; rare ones count more than their share, since boats have few pixels."""
+    """A palette of COLOURS colours from some pictures; rare colours have extra weight, since boats have few pixels."""
     from PIL import Image
 
     pixels = np.concatenate([sample.reshape(-1, 3) for sample in samples])

@@ -1,4 +1,4 @@
-"""Small text on pictures: words are set once by Pillow in matplotlib's own sans serif, and laid over pixels."""
+"""Small text on pictures: Pillow draws words once in matplotlib's sans serif; they are then laid over pixels."""
 
 from functools import lru_cache
 from pathlib import Path
@@ -21,7 +21,7 @@ def _font(size: int):
 
 @lru_cache(maxsize=512)
 def _words(text: str, size: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Coverage [high, wide, 1], from 0 to 1, of the letters and of their edges."""
+    """Coverage [height, width, 1], 0 to 1, of letters and of their edges."""
     from PIL import Image, ImageDraw
 
     font, edge = _font(size), max(1, size // 9)
@@ -36,7 +36,7 @@ def _words(text: str, size: int) -> tuple[NDArray[np.float32], NDArray[np.float3
 
 @lru_cache(maxsize=512)
 def _tinted(text: str, size: int, colour: Colour) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Share of the pixels that remains under the words, from 0 to 1, and the colour added to them."""
+    """Share of the pixels that remains visible under the words, 0 to 1, and the colour added to them."""
     letters, around = _words(text, size)
     edge = PAPER if np.dot(colour, (0.3, 0.6, 0.1)) > 90 else INK
     shade = 0.75 * around * (1.0 - letters)
@@ -53,10 +53,16 @@ def write(
     colour: Colour = INK,
     anchor: tuple[float, float] = (0.0, 0.0),
 ) -> None:
-    """Write `text` into a picture [high, wide, 3], its letters `size` px, edged in dark (or light, if it is dark).
+    """Write `text` into a picture [height, width, 3], with dark edges, or light ones if the text is dark.
 
-    at: column and row. anchor: which point of the text lies there, in its widths and heights from the upper left; the
-    text is moved to be inside the picture.
+    Args:
+        picture: the pixels.
+        text: the words.
+        at: column and row.
+        size: of letters, px.
+        colour: of letters.
+        anchor: point of the text that lies at `at`, in its widths and heights from the upper left; the text is moved to
+            stay inside the picture.
     """
     left, added = _tinted(text, size, colour)
     high, wide = left.shape[:2]

@@ -1,8 +1,7 @@
-"""One moment of an episode, between two recorded steps: positions of everything, and what is drawn beside.
+"""One moment of an episode, between two recorded steps: positions of everything and the mission's overlays.
 
-Motion is interpolated, attitudes on the shorter way; things that a mission draws are where they were in the step
-before, moved towards the next where they are in both. What is not recorded (rl/adapters/render.py) is an episode of
-one step.
+Motion is interpolated, attitudes along the shorter arc. Overlays move from the earlier step towards the later one if
+both have them. A mission that runs (rl/adapters/render.py) gives an episode of one step.
 """
 
 from collections.abc import Callable
@@ -13,11 +12,11 @@ import numpy as np
 
 from taichi_sim.recording.episode import Array, Episode, Event, Scene, TeamTrack
 from taichi_sim.recording.frames import euler
-from taichi_sim.recording.overlays import Geometry
+from taichi_sim.recording.overlays import Overlay3D
 from taichi_sim.recording.palette import Livery
 
-TRAIL_S = 25.0  # how much of a vehicle's way is shown
-TRAIL_POINTS = 80  # of it, at most
+TRAIL_S = 25.0  # length of a trail
+TRAIL_POINTS = 80  # most points of a trail
 JUMP_M = 5.0  # a trail is broken where a vehicle moves farther than its speed allows by this much
 OVERLAY_ARRAYS = ("points_n", "position_n", "size_m", "half_axes_m", "heading", "origin_n", "vector_n")
 ANGLES = ("heading",)
@@ -31,10 +30,10 @@ class TeamMoment(NamedTuple):
     position_n: Array  # [V, 3]
     quaternion_nb: Array  # [V, 4]
     velocity_n: Array  # [V, 3]
-    course: float  # rad, where the team is bound
+    course: float  # rad, of the team
     target_n: Array | None  # [3]
     slot_n: Array | None  # [V, 3]
-    trail_n: Array  # [n, V, 3] the way here, oldest first; NaN where a vehicle was put elsewhere
+    trail_n: Array  # [n, V, 3] past positions, oldest first; NaN where a vehicle was placed anew
 
     @property
     def heading(self) -> Array:
@@ -50,17 +49,17 @@ class Happened(NamedTuple):
 
 
 class Moment(NamedTuple):
-    """All that one picture shows."""
+    """Everything that one picture shows."""
 
     name: str
     time_s: float
     teams: dict[str, TeamMoment]
     scene: Scene
-    overlays: tuple[Geometry, ...]  # of one frame each
+    overlays: tuple[Overlay3D, ...]  # of one frame each
     waves: Array | None  # [6, component] now; None: only `elevation` is known
     elevation: Callable[[Array, Array], Array]  # (north, east) -> m, up
     events: tuple[Happened, ...]  # so far
-    wind_n: Array | None  # [3] m/s, where it blows to
+    wind_n: Array | None  # [3] m/s, velocity of the air
 
     def finite(self) -> bool:
         """Whether all positions are finite."""
@@ -93,7 +92,7 @@ def moment_of(episode: Episode, time_s: float) -> Moment:
         time_s=now,
         teams=teams,
         scene=episode.scene,
-        overlays=tuple(_still(one, step, after, share) for one in episode.overlays if isinstance(one, Geometry)),
+        overlays=tuple(_still(one, step, after, share) for one in episode.overlays if isinstance(one, Overlay3D)),
         waves=None if episode.waves is None else episode.waves(now),
         elevation=lambda north, east: episode.elevation(north, east, now),
         events=tuple(_happened(episode, event) for event in episode.events if event.time_s <= now + 1e-6),
@@ -125,7 +124,7 @@ def _turned(one: Array, other: Array, share: float) -> Array:
 
 
 def _trail(track: TeamTrack, clock: Array, step: int, now: float, here: Array) -> Array:
-    """The last seconds of a path: fixed points, but for the newest, which is `here`."""
+    """The last seconds of a path: fixed points, and `here` as the newest."""
     first = int(np.searchsorted(clock, now - TRAIL_S))
     apart = max(1, -(-int(np.searchsorted(clock, clock[first] + TRAIL_S) - first) // TRAIL_POINTS))
     steps = np.arange(-(-first // apart) * apart, step + 1, apart)
@@ -144,7 +143,7 @@ def _still(overlay: Any, step: int, after: int, share: float) -> Any:
     for name in OVERLAY_ARRAYS:
         array = getattr(overlay, name, None)
         if array is not None:
-            last = len(array) - 1  # what stands still has one frame
+            last = len(array) - 1  # a fixed overlay has one frame
             one, other = array[min(step, last)], array[min(after, last)]
             found[name] = (_angle if name in ANGLES else _between)(one, other, share)[None]
     return replace(overlay, **found)

@@ -1,8 +1,8 @@
-"""One picture of a moment: its views side by side, with their labels.
+"""One picture of a moment: views side by side, with labels.
 
-With one team the picture follows it, with a small map in the corner. With several there is a large view (the overview,
-where the recording has one, else the first team), and beside it one of another team over the map. A picture that is
-small is one view without words.
+With one team the picture follows it, with a small map in the corner. With several teams it has a large view (the
+overview if the recording has one, else the first team), and beside it a view of another team above the map. A small
+picture has one view without words.
 """
 
 from collections.abc import Collection
@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taichi_sim.conventions import HORIZONTAL
-from taichi_sim.film.camera import Array, Camera
+from taichi_sim.film.camera import Array, FilmCamera
 from taichi_sim.film.draw import Cast, draw_moment
 from taichi_sim.film.glyphs import lines_of, write
 from taichi_sim.film.moment import Moment
 from taichi_sim.film.pen import Drawing, Pen, joined
 from taichi_sim.film.raster import Raster
-from taichi_sim.film.rigs import Follow, Map, Overview, Rig
+from taichi_sim.film.rigs import FollowRig, MapRig, Overview, Rig
 from taichi_sim.film.shapes import Solids
 from taichi_sim.film.water import NO_WATER, water_seen
 from taichi_sim.recording.palette import Colour, event_colour
@@ -28,9 +28,9 @@ LEAST, MOST_PX = (64, 48), 4096  # px of a picture
 SMALL = 300  # px: pictures that are lower or less wide show one view
 MAIN = 0.62  # width of the large view
 INSET, GAP = 0.3, 2  # height of a map in the corner; px between views
-FAR_PX, NEAR_PX = 36.0, 50.0  # how long bodies are drawn in an overview, and behind aircraft, if mates leave room
-MOST = 25.0  # times their size, at most
-ROOM = 0.8  # of the distance to the nearest mate, that a body may fill
+FAR_PX, NEAR_PX = 36.0, 50.0  # least length of bodies in an overview, and behind aircraft, if team mates leave room
+MOST = 25.0  # greatest enlargement
+ROOM = 0.8  # greatest length of an enlarged body, in distances to the nearest team mate
 ARROW = np.array([(0.7, 0.0), (-0.5, 0.4), (-0.3, 0.0), (-0.5, -0.4), (0.7, 0.0)])
 MARK_PX = 8.0  # length of a vehicle's mark on the map
 EVENT_S = 4.0  # how long the words of an event are shown
@@ -38,7 +38,7 @@ DARK = (30, 52, 70)
 
 
 class View(NamedTuple):
-    """One view: its place in the picture, its camera and its kind."""
+    """One view: its position in the picture, its camera and its kind."""
 
     left: int
     top: int
@@ -46,14 +46,14 @@ class View(NamedTuple):
     rig: Rig
     kind: str  # "near", "far" or "map" (pen.SHOWN)
     title: str
-    teams: dict[str, float]  # whose bodies are drawn so long, px of a picture 480 px high, at least
+    teams: dict[str, float]  # team -> least length of its bodies, px of a picture 480 px high
 
 
 def check_picture(size: tuple[int, int], view: str, teams: Collection[str] | None) -> None:
-    """Refuse a picture that cannot be drawn; `teams` if known.
+    """Refuse a size or a view that cannot be drawn; `teams` if known.
 
     Raises:
-        ValueError: for a size out of range or an unknown view.
+        ValueError: if the size is out of range or the view unknown.
     """
     if not (LEAST[0] <= size[0] <= MOST_PX and LEAST[1] <= size[1] <= MOST_PX):
         raise ValueError(f"a picture of {size[0]}x{size[1]}: allowed is {LEAST[0]}x{LEAST[1]} to {MOST_PX}x{MOST_PX}")
@@ -62,18 +62,19 @@ def check_picture(size: tuple[int, int], view: str, teams: Collection[str] | Non
 
 
 class Picture:
-    """Draws pictures of one size, of moments that come in order."""
+    """Draws pictures of one size; moments must come in order."""
 
     def __init__(self, moment: Moment, size: tuple[int, int], view: str = "auto", cast: Cast | None = None) -> None:
-        """Arrange the views for what there is in `moment`.
+        """Arrange the views for the teams in `moment`.
 
         Args:
-            moment: who takes part, and in what. size: width and height, px.
-            view: "auto"; or one view alone: "overview", "map", or a team's name.
+            moment: the first moment.
+            size: width and height, px.
+            view: "auto", or one view alone: "overview", "map", or a team's name.
             cast: bodies that several pictures of one mission share.
 
         Raises:
-            ValueError: for a size or a view that cannot be.
+            ValueError: if the size or the view cannot be drawn.
         """
         check_picture(size, view, moment.teams)
         self.size = size
@@ -81,7 +82,9 @@ class Picture:
         self._cast, self._views = cast or Cast(), _arranged(moment, size, view)
 
     def paint(self, moment: Moment, note: str = "") -> Pixels:
-        """A picture [high, wide, 3]; `note` stands beside the time. Where a state is not finite it is the last one."""
+        """A picture [height, width, 3] with `note` beside the time. If a state is not finite, the last picture
+        again.
+        """
         if not moment.finite():
             return self._last.copy()
         wide, high = self.size
@@ -129,7 +132,7 @@ class Picture:
 
 
 def _arranged(moment: Moment, size: tuple[int, int], view: str) -> list[View]:
-    """The views and their places in the picture."""
+    """The views and their positions in the picture."""
     wide, high = size
     teams = list(moment.teams)
     wet = [name for name, team in moment.teams.items() if team.track.on_water]
@@ -139,14 +142,14 @@ def _arranged(moment: Moment, size: tuple[int, int], view: str) -> list[View]:
     def of(name: str, left: int, top: int, right: int, bottom: int) -> View:
         raster = Raster(right - left, bottom - top)
         if name == "map":
-            return View(left, top, raster, Map(), "map", "", {})
+            return View(left, top, raster, MapRig(), "map", "", {})
         if name == "overview":
             rig = Overview(overview[0] if overview else first)
             return View(left, top, raster, rig, "far", "", dict.fromkeys(teams, FAR_PX))
         title = f"{name} team" if len(teams) > 1 else ""
         if name in wet:
-            return View(left, top, raster, Follow(name), "near", title, {})
-        return View(left, top, raster, Follow(name), "far", title, {name: NEAR_PX})
+            return View(left, top, raster, FollowRig(name), "near", title, {})
+        return View(left, top, raster, FollowRig(name), "far", title, {name: NEAR_PX})
 
     large = ("overview" if overview else first) if view == "auto" else view
     if min(wide / 4 * 3, high) < 0.75 * SMALL or view in ("map", "overview"):
@@ -163,7 +166,7 @@ def _arranged(moment: Moment, size: tuple[int, int], view: str) -> list[View]:
     ]
 
 
-def _metres(camera: Camera, size: tuple[int, int]) -> float:
+def _metres(camera: FilmCamera, size: tuple[int, int]) -> float:
     """Metres per px of the map."""
     return -float(camera.eye_n[2]) / (camera.focal * size[1])
 
@@ -178,8 +181,8 @@ def _letters(high: int) -> int:
     return int(np.clip(round(0.029 * high), 10, 40))
 
 
-def _scales(moment: Moment, camera: Camera, view: View) -> dict[str, float]:
-    """Factor by which bodies of teams are enlarged to be visible from afar; the same for all boats."""
+def _scales(moment: Moment, camera: FilmCamera, view: View) -> dict[str, float]:
+    """Factors by which bodies of teams are enlarged to be visible from afar; the same for all boats."""
     found, size = {}, view.raster.size
     for name, least in view.teams.items():
         team = moment.teams[name]
@@ -225,7 +228,7 @@ def _mark(pen: Pen, moment: Moment, metres: float) -> None:
 
 
 def _label(
-    part: Pixels, moment: Moment, view: View, camera: Camera, drawing: Drawing, scales: dict[str, float]
+    part: Pixels, moment: Moment, view: View, camera: FilmCamera, drawing: Drawing, scales: dict[str, float]
 ) -> None:
     """Write teams' names above their first vehicles, and a mission's labels, without overlaps."""
     letters = _letters(max(view.raster.size[1], 360))
@@ -254,7 +257,7 @@ def _light(colour: Colour) -> Colour:
     return red, green, blue
 
 
-def _caption(part: Pixels, view: View, camera: Camera, scales: dict[str, float]) -> None:
+def _caption(part: Pixels, view: View, camera: FilmCamera, scales: dict[str, float]) -> None:
     """Write a view's caption at the lower left: an overview's enlargement of bodies, a map's scale."""
     letters = _letters(max(view.raster.size[1], 360))
     high, wide = part.shape[:2]

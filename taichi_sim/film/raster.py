@@ -1,13 +1,13 @@
-"""A software rasteriser: triangles, lines and the sea's grid to pixels, with a depth buffer, on the CPU's cores.
+"""A software rasteriser: draws triangles, lines and the sea's grid to pixels with a depth buffer on the CPU's cores.
 
-Everything becomes triangles on the screen (screen.py), each with a colour that is linear over it. They are sorted into
-bands of rows, and each band is filled by one thread, so that a picture is the same bits on any number of threads. A
-pixel is the mean of SAMPLES x SAMPLES samples; sea and sky, whose colours change little from one to the next, have one
-sample in its middle, behind those. A sample is 64 bits: above, those of 1 / distance, which rise with it; below, the
-number of the triangle. Edges are followed from their upper to their lower end in either triangle, so that neighbours
-leave no gap.
+Everything becomes triangles on the screen (screen.py) with linearly varying colours. Triangles are sorted into bands of
+rows, and one thread fills each band, so that a picture has the same bits on any number of threads. A pixel is the mean
+of SAMPLES x SAMPLES samples. Sea and sky, whose colours change slowly, have one sample in its centre, behind those. A
+sample is 64 bits: the upper ones are the bits of 1 / distance, which increase with it; the lower ones are the number of
+the triangle. Both triangles at an edge follow it from its upper to its lower end, so that they leave no gap.
 
-Taichi compiles one kernel for all sizes of pictures. Its arrays have one axis: with more, access costs twice as much.
+Taichi compiles one kernel for all sizes of pictures. Its arrays have one axis, because access with more costs twice as
+much.
 """
 
 # Kernels are another language inside Python syntax.
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from taichi.math import vec3
 
 from taichi_sim.film import shade
-from taichi_sim.film.camera import Camera
+from taichi_sim.film.camera import FilmCamera
 from taichi_sim.film.screen import (
     BAND,
     CORNER,
@@ -47,15 +47,16 @@ FLOATS, WHOLE = ti.types.ndarray(dtype=ti.f32, ndim=1), ti.types.ndarray(dtype=t
 
 @ti.func
 def _bits(z, t):
-    """A sample: 1 / distance `z`, triangle `t`."""
+    """A sample of triangle `t` with 1 / distance `z`."""
     return ti.cast(ti.bit_cast(ti.cast(z, ti.f32), ti.i32), ti.i64) << 32 | ti.cast(t, ti.i64)
 
 
 @ti.func
 def _fill(samples: ti.template(), room, screen: ti.template(), t, top, bottom, wide, grain: ti.template()):
-    """Write triangle t into the places (from `room` on) of rows `top` to `bottom` where it is the nearest so far.
+    """Write triangle t into the samples of rows `top` to `bottom` (from index `room` on) where it is the nearest so
+    far.
 
-    Places are `grain` samples apart each way; `top`, `bottom` and `wide` count them.
+    `grain` is the spacing of samples each way; `top`, `bottom` and `wide` count them.
     """
     k = t * SCREEN
     a, b, c = triple(screen, k), triple(screen, k + 3), triple(screen, k + 6)
@@ -81,13 +82,13 @@ def _fill(samples: ti.template(), room, screen: ti.template(), t, top, bottom, w
 
 @ti.func
 def _painted(screen: ti.template(), t):
-    """Of triangle t, which has one colour."""
+    """Colour of triangle t, constant over it."""
     return triple(screen, t * SCREEN + 11)
 
 
 @ti.func
 def _colour(screen: ti.template(), t, sx, sy):
-    """Of triangle t at a sample."""
+    """Colour of triangle t at a sample."""
     k = t * SCREEN
     x, y = sx - screen[k], sy - screen[k + 1]
     return triple(screen, k + 11) + x * triple(screen, k + 14) + y * triple(screen, k + 17)
@@ -95,7 +96,7 @@ def _colour(screen: ti.template(), t, sx, sy):
 
 @ti.func
 def _sky(camera: ti.template(), sx, sy):
-    """Of the sky at a sample."""
+    """Colour of the sky at a sample."""
     u, v = (sx - camera[10]) / camera[9], (sy - camera[11]) / camera[9]
     return shade.sky((triple(camera, 6) + u * triple(camera, 0) + v * triple(camera, 3)).normalized())
 
@@ -105,7 +106,7 @@ def _resolve(
     picture: ti.template(), samples: ti.template(), room, behind, screen: ti.template(), camera: ti.template(),
     triangles, top, bottom, across,
 ):  # fmt: skip
-    """Write the pixels of rows `top` to `bottom`: what is behind, or the mean of the samples before it."""
+    """Write the pixels of rows `top` to `bottom`: the mean of the samples, or the background."""
     wide = SAMPLES * across
     for row in range(top, bottom):
         for column in range(across):
@@ -158,7 +159,7 @@ def _draw(
         place_point(flat, camera, sea, i)
     for t in range(triangles):
         settle(screen, bands, flat, t, pieces, points, size)
-    # which triangles each band has, in order: starts[b + 2] counts, then starts[b + 1] is where the next one goes
+    # sorts triangles into bands: starts[b + 2] counts them, then starts[b + 1] is the next free position
     ti.loop_config(serialize=True)
     for b in range(starts.shape[0]):
         starts[b] = 0
@@ -179,7 +180,7 @@ def _draw(
     own = ti.static(BAND // SAMPLES) * (SAMPLES * wide + across)
     workers = samples.shape[0] // own
     ti.loop_config(block_dim=1)
-    for worker in range(workers):  # each has room for one band, which stays in its core's cache
+    for worker in range(workers):  # each worker has a buffer of one band, which stays in its core's cache
         room = worker * own
         behind, nothing = room + BAND * wide, _bits(1.0 / FAR_M, triangles)
         for turn in range((starts.shape[0] - 2 - worker + workers - 1) // workers):
@@ -199,16 +200,16 @@ def _draw(
 
 
 class Raster:
-    """Draws pictures of one size, its buffers kept from one to the next."""
+    """Draws pictures of one size and reuses its buffers."""
 
     def __init__(self, wide: int, high: int):
-        """For pictures of `wide` x `high` pixels."""
+        """Prepare buffers for pictures of `wide` x `high` pixels."""
         self.size = (wide, high)
         self._starts = np.zeros(-(-SAMPLES * high // BAND) + 2, np.int32)
         self._screen, self._bands, self._order = np.empty(0, np.float32), np.empty(0, np.int32), np.empty(0, np.int32)
 
-    def draw(self, camera: Camera, solids: Solids, strokes: Strokes, water: Water = NO_WATER) -> NDArray[np.uint8]:
-        """A picture [high, wide, 3] of what is given, in front of the sky."""
+    def draw(self, camera: FilmCamera, solids: Solids, strokes: Strokes, water: Water = NO_WATER) -> NDArray[np.uint8]:
+        """A picture [height, width, 3] of solids, strokes and water in front of the sky."""
         wide, high = self.size
         run, bands = runtime.current(), len(self._starts) - 2
         workers = min(run.threads, bands) if run.arch == "cpu" else bands

@@ -1,6 +1,6 @@
-"""Camera rigs: they follow a moment smoothly, from where they looked before.
+"""Camera rigs that follow the vehicles smoothly from moment to moment.
 
-All are level: the horizon shows the roll. Distances in m, angles in rad.
+All are level, so that the horizon shows the roll. Distances in m, angles in rad.
 """
 
 from typing import Protocol
@@ -8,18 +8,18 @@ from typing import Protocol
 import numpy as np
 
 from taichi_sim.conventions import HORIZONTAL
-from taichi_sim.film.camera import Array, Camera, eye_that_holds, heading, look, look_at
+from taichi_sim.film.camera import Array, FilmCamera, eye_that_holds, heading, look, look_at
 from taichi_sim.film.moment import Moment, TeamMoment
 from taichi_sim.recording.episode import COMPANY_LENGTHS
 
 FOCAL = 1.15  # picture heights
-SOFT_S, TURN_S = 1.5, 6.0  # time constants of places, and of directions about boats
+SOFT_S, TURN_S = 1.5, 6.0  # time constants of positions, and of directions of view of boats
 BANK_S = 1.2  # of directions behind aircraft
-LEAP = 4.0  # of the picture's reach: a camera that would have to go farther is put there at once
+LEAP = 4.0  # in reaches of the picture: a camera that is further from its place jumps there
 OVERVIEW_PITCH, FOLLOW_PITCH, CHASE_PITCH = 0.52, 0.36, 0.2
-OVERVIEW_TURN = -0.6  # from the first course of whom it is about
-FILLED = 0.78  # of the picture
-AMID = 60.0  # m that an overview holds, at least
+OVERVIEW_TURN = -0.6  # direction of view relative to the first course of its team
+FILLED = 0.78  # share of the picture that the vehicles may take
+AMID = 60.0  # m, least extent of an overview
 MAP_EYE_M = 60e3  # height of the map's eye: so far that its rays are parallel
 CLEAR_M = 1e9  # haze of the map
 MAP_FILLED = 0.84
@@ -28,7 +28,7 @@ MAP_FILLED = 0.84
 class Rig(Protocol):
     """Carries a camera from moment to moment."""
 
-    def camera(self, moment: Moment, aspect: float) -> Camera:
+    def camera(self, moment: Moment, aspect: float) -> FilmCamera:
         """The camera for a picture of `aspect` (wide over high); moments come in order."""
         ...
 
@@ -52,18 +52,18 @@ class Soft:
         return self.value
 
 
-class Follow:
+class FollowRig:
     """Rig behind and above a team, near enough to show its vehicles' motion.
 
-    Boats are looked at from where they come from, which turns slowly; aircraft from behind.
+    It sees boats from where they come from, a direction that turns slowly, and aircraft from behind.
     """
 
     def __init__(self, team: str) -> None:
-        """Follow the team of that name."""
+        """FollowRig the team of that name."""
         self.team = team
         self._middle, self._course, self._reach = Soft(SOFT_S), Soft(TURN_S), Soft(SOFT_S)
 
-    def camera(self, moment: Moment, aspect: float) -> Camera:
+    def camera(self, moment: Moment, aspect: float) -> FilmCamera:
         """See Rig."""
         team = moment.teams[self.team]
         wet, size = team.track.on_water, max(team.track.size_m[:2])
@@ -84,14 +84,14 @@ class Follow:
 
 
 class Overview:
-    """Rig far away and above, as near as shows every vehicle; its direction is constant."""
+    """Rig above and far away, as near as shows every vehicle; its direction is constant."""
 
     def __init__(self, about: str) -> None:
         """`about` is the team whose first course gives the direction."""
         self.about, self._course = about, None
         self._eye = Soft(SOFT_S)
 
-    def camera(self, moment: Moment, aspect: float) -> Camera:
+    def camera(self, moment: Moment, aspect: float) -> FilmCamera:
         """See Rig."""
         if self._course is None or moment.time_s <= 0.0:
             self._course = self._way(moment)
@@ -113,14 +113,14 @@ class Overview:
         return about.course + OVERVIEW_TURN
 
 
-class Map:
+class MapRig:
     """Rig above, north up: all vehicles and their targets."""
 
     def __init__(self) -> None:
         """Start without a view."""
         self._reach, self._middle = Soft(2.0 * SOFT_S), Soft(2.0 * SOFT_S)
 
-    def camera(self, moment: Moment, aspect: float) -> Camera:
+    def camera(self, moment: Moment, aspect: float) -> FilmCamera:
         """See Rig."""
         tracks = [track[:, HORIZONTAL] for track in moment.scene.tracks_n.values()]
         teams = [team.position_n[:, HORIZONTAL] for team in moment.teams.values()]
@@ -135,7 +135,7 @@ class Map:
 
 
 def _company(team: TeamMoment) -> Array:
-    """Places [n, 3] of the vehicles that stay with the first: the formation, or those near it."""
+    """Positions [n, 3] of the vehicles that stay with the first: the formation, or those near it."""
     if team.slot_n is not None:
         return team.position_n
     apart = np.linalg.norm(team.position_n - team.position_n[0], axis=-1)
@@ -143,7 +143,7 @@ def _company(team: TeamMoment) -> Array:
 
 
 def _bound(team: TeamMoment) -> float:
-    """Course (rad) of the first vehicle: its target's, its own, or its heading where it lies still."""
+    """Course (rad) of the first vehicle: that of its target, else its own, else its heading if it lies still."""
     if team.target_n is not None:
         return team.course
     north, east = team.velocity_n[0, :2]

@@ -1,6 +1,6 @@
-"""Where triangles, lines and the sea's grid are on the screen: cut at the near plane, shaded, and found in its bands.
+"""Triangles, lines and the sea's grid on the screen: cut at the near plane, shaded, and sorted into bands.
 
-`camera` holds the numbers of `numbers`; lengths on the screen are in samples, places are in m from the eye, in n.
+`camera` holds the numbers of `numbers`; lengths on the screen are in samples; positions are in m from the eye, in n.
 """
 
 # Kernels are another language inside Python syntax.
@@ -13,14 +13,14 @@ from numpy.typing import NDArray
 from taichi.math import vec3
 
 from taichi_sim.film import shade
-from taichi_sim.film.camera import Array, Camera
+from taichi_sim.film.camera import Array, FilmCamera
 from taichi_sim.film.shapes import Solids, Strokes
 from taichi_sim.film.water import COLUMNS
 
 SAMPLES = 2  # along each side of a pixel
 BAND = 16  # rows of samples that one thread fills
 NEAR_M = 0.25  # nothing nearer is drawn
-SOLID, STROKE, CORNER = 15, 11, 6  # numbers of a painted triangle, of a stroke, and of a point of the sea on the screen
+SOLID, STROKE, CORNER = 15, 11, 6  # numbers for a painted triangle, a stroke, and a point of the sea
 SCREEN = 20
 """Numbers of a triangle on the screen: x, y (samples), 1 / distance of its corners from above; slopes of 1 / distance
 along x and y; colour at the first corner, its slopes along x, and along y."""
@@ -28,19 +28,19 @@ along x and y; colour at the first corner, its slopes along x, and along y."""
 
 @ti.func
 def triple(values: ti.template(), k):
-    """Three numbers from the k-th on."""
+    """Three numbers from index k on."""
     return vec3(values[k], values[k + 1], values[k + 2])
 
 
 @ti.func
 def ahead(camera: ti.template(), p: vec3):
-    """How far ahead of the eye a place is, m."""
+    """Distance of a point ahead of the eye, m."""
     return camera[6] * p.x + camera[7] * p.y + camera[8] * p.z
 
 
 @ti.func
 def corner(camera: ti.template(), p: vec3):
-    """(column, row, 1 / distance) in samples of a place (m from the eye, n) that is ahead of the near plane."""
+    """(column, row, 1 / distance) in samples of a point (m from the eye, n) that is ahead of the near plane."""
     w = 1.0 / ahead(camera, p)
     across, below = triple(camera, 0).dot(p), triple(camera, 3).dot(p)
     return vec3(camera[10] + camera[9] * across * w, camera[11] + camera[9] * below * w, w)
@@ -48,7 +48,7 @@ def corner(camera: ti.template(), p: vec3):
 
 @ti.func
 def above(a: vec3, b: vec3):
-    """Whether a comes before b, from above."""
+    """Whether a comes before b in order from the top."""
     return a.y < b.y or (a.y == b.y and a.x < b.x)
 
 
@@ -57,7 +57,7 @@ def keep(
     screen: ti.template(), bands: ti.template(), t, p: vec3, q: vec3, r: vec3, size,
     at_p: vec3, at_q: vec3, at_r: vec3,
 ):  # fmt: skip
-    """Store triangle t for the bands it is in, unless it is outside the picture or has no area; at_p: colour at p."""
+    """Store triangle t for its bands, unless it is outside the picture or has no area; at_p is the colour at p."""
     bands[2 * t], bands[2 * t + 1] = 1, 0
     area = (q.x - p.x) * (r.y - p.y) - (r.x - p.x) * (q.y - p.y)
     a, b, c = p, q, r
@@ -87,7 +87,7 @@ def keep(
 
 @ti.func
 def hold(screen: ti.template(), bands: ti.template(), t, p: vec3, q: vec3, r: vec3, colour: vec3):
-    """Put corners and a colour where triangle t will be."""
+    """Store the corners and the colour of triangle t."""
     for n in ti.static(range(3)):
         k = t * SCREEN + n
         screen[k], screen[k + 3], screen[k + 6], screen[k + 9] = p[n], q[n], r[n], colour[n]
@@ -96,7 +96,7 @@ def hold(screen: ti.template(), bands: ti.template(), t, p: vec3, q: vec3, r: ve
 
 @ti.func
 def place_solid(screen: ti.template(), bands: ti.template(), camera: ti.template(), solids: ti.template(), f):
-    """Cut painted triangle f at the near plane, and store what is left: up to two triangles."""
+    """Cut painted triangle f at the near plane and store the remaining one or two triangles."""
     k = f * SOLID
     colour, normal = triple(solids, k + 9), triple(solids, k + 12)
     shines = normal.dot(normal) < 0.5
@@ -126,7 +126,7 @@ def place_solid(screen: ti.template(), bands: ti.template(), camera: ti.template
 
 @ti.func
 def place_stroke(screen: ti.template(), bands: ti.template(), camera: ti.template(), strokes: ti.template(), s, t):
-    """Store stroke s as triangles t and t + 1, as wide on the screen wherever it is."""
+    """Store stroke s as triangles t and t + 1; its width on the screen does not depend on the distance."""
     k = s * STROKE
     p, q, colour = triple(strokes, k), triple(strokes, k + 3), triple(strokes, k + 6)
     d0, d1 = ahead(camera, p) - NEAR_M, ahead(camera, q) - NEAR_M
@@ -166,7 +166,7 @@ def place_point(flat: ti.template(), camera: ti.template(), sea: ti.template(), 
 
 @ti.func
 def settle(screen: ti.template(), bands: ti.template(), flat: ti.template(), t, pieces, across, size):
-    """Store triangle t: of those held, or, from `pieces` on, half a cell of the sea's grid."""
+    """Sort triangle t into bands: a held one, or, from index `pieces` on, half a cell of the sea's grid."""
     p, q, r, at_p, at_q, at_r = vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0), vec3(0.0)
     there = True
     if t < pieces:
@@ -185,7 +185,7 @@ def settle(screen: ti.template(), bands: ti.template(), flat: ti.template(), t, 
         keep(screen, bands, t, p, q, r, size, at_p, at_q, at_r)
 
 
-def numbers(camera: Camera, wide: int, high: int) -> NDArray[np.float32]:
+def numbers(camera: FilmCamera, wide: int, high: int) -> NDArray[np.float32]:
     """[14] axes, focal length and middle in samples, height of the eye (m), distance of haze (m)."""
     high, wide = SAMPLES * high, SAMPLES * wide
     inner = (camera.focal * high, 0.5 * wide, 0.5 * high, -camera.eye_n[2], camera.haze_m)

@@ -1,8 +1,8 @@
-"""Light that a ray brings to the eye: sky, water, painted surfaces, haze. Colours are RGB from 0 to 1.
+"""Light that reaches the eye along a ray: sky, water, painted surfaces, haze. Colours are RGB from 0 to 1.
 
 Water reflects the sky by Schlick's approximation of Fresnel's equations (Schlick 1994, 0.02 at normal incidence) and
-shows its own colour where it does not; waves too short for the grid make it rough, which is what keeps the far sea from
-being a mirror (`rough`, mean square slope). Surfaces take sunlight by Lambert's law and skylight from above.
+shows its own colour in the rest. Waves too short for the grid make it rough (`rough`, mean square slope); without them
+the far sea would be a mirror. Surfaces take sunlight by Lambert's law and skylight from above.
 """
 
 # Kernels are another language inside Python syntax.
@@ -24,7 +24,7 @@ FOAM_FROM = 0.9  # of a tall crest's height
 
 @ti.func
 def sky(ray: vec3):
-    """Along the unit vector `ray`."""
+    """Colour of the sky along the unit vector `ray`."""
     up = ti.max(-ray.z, 0.0)
     glow = ti.max(ray.dot(SUN_NED), 0.0)
     glow *= glow
@@ -34,14 +34,14 @@ def sky(ray: vec3):
 
 @ti.func
 def hazy(colour: vec3, distance, half):
-    """What is left of `colour` over `distance`; half: distance at which half the light is the haze's; m."""
+    """`colour` seen through haze at `distance`; at the distance `half`, m, half of the light is the haze's."""
     far = distance * distance
     return ti.math.mix(colour, HORIZON, far / (far + half * half))
 
 
 @ti.func
 def water(ray: vec3, normal: vec3, rough, height):
-    """The sea along the unit vector `ray`; height: of a tall crest's, 1 there, -1 in a trough."""
+    """Colour of the sea along the unit vector `ray`; `height` is 1 on a tall crest and -1 in a trough."""
     facing = ti.max(-ray.dot(normal), 0.0)
     facing = ti.sqrt(facing * facing + 0.35 * rough)
     graze = 1.0 - ti.min(facing, 1.0)
@@ -62,6 +62,6 @@ def water(ray: vec3, normal: vec3, rough, height):
 
 @ti.func
 def painted(colour: vec3, normal: vec3):
-    """A dull surface in sun and skylight."""
+    """Colour of a dull surface in sunlight and skylight."""
     sun = ti.max(normal.dot(SUN_NED), 0.0)
     return colour * ((0.42 - 0.14 * normal.z) + 0.62 * sun * WARM)

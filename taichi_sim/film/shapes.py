@@ -1,4 +1,4 @@
-"""Primitives of a picture: painted triangles and pieces of lines; places in n (north-east-down), m."""
+"""Primitives of a picture: painted triangles and straight pieces of lines; positions in n (north-east-down), m."""
 
 from typing import NamedTuple
 
@@ -10,12 +10,12 @@ class Solids(NamedTuple):
     """Painted triangles, one colour and one normal each."""
 
     corners_n: NDArray[np.floating]  # [F, 3, 3] m
-    normals_n: NDArray[np.floating]  # [F, 3] unit, outward; zero: it shines, and is seen from both sides
+    normals_n: NDArray[np.floating]  # [F, 3] unit, outward; zero: emits light, visible from both sides
     colours: NDArray[np.uint8]  # [F, 3]
 
 
 class Strokes(NamedTuple):
-    """Straight pieces of lines; one without length is a square dot."""
+    """Straight pieces of lines; one of length zero is a square dot."""
 
     ends_n: NDArray[np.floating]  # [S, 2, 3] m
     colours: NDArray[np.uint8]  # [S, 3]

@@ -1,9 +1,9 @@
 """The sea as a grid of points that are evenly spaced on the screen, from the horizon to the picture's lower edge.
 
-A point of the grid is a particle's label on the mean level, where a pixel's ray meets it; Gerstner's waves
-(taichi_sim/sea/waves.py) move it from there, so nothing is inverted. Each point leaves out the waves that its
-neighbours are too far apart for: at less than about four points a wave a component is gone, and adds to `rough`, the
-mean square slope of what is not drawn. Everything is relative to the eye, and phases are taken at the eye in f64.
+A grid point labels a particle on the mean level, where a pixel's ray meets it. Gerstner waves (taichi_sim/sea/waves.py)
+move it from there, so that nothing needs inversion. Waves that are too short for the spacing of neighbouring points are
+left out: below about four points a wave, a component fades and adds to `rough`, the mean square slope of all that is
+left out. Everything is relative to the eye, and phases at the eye are computed in f64.
 """
 
 # Kernels are another language inside Python syntax.
@@ -17,18 +17,18 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from taichi_sim.conventions import DOWN, EAST, GRAVITY, NORTH
-from taichi_sim.film.camera import Array, Camera
+from taichi_sim.film.camera import Array, FilmCamera
 from taichi_sim.film.moment import Moment
 from taichi_sim.kernels import fast
 
 CELL_PX = (5.0, 4.0)  # across and down
 FARTHEST_M = 12000.0
-RESOLVED, GONE = 1.1, 2.2  # rad of a wave between neighbouring points: all of it is drawn, nothing of it
+RESOLVED, GONE = 1.1, 2.2  # rad of phase between points: a wave below is whole, one above left out
 POINT, NORMAL, CREST = slice(0, 3), slice(3, 6), 7  # columns of a point
-COLUMNS = 8  # of a point: place 3 (m from the eye, n), normal 3, rough, height over a tall crest's
+COLUMNS = 8  # of a point: position 3 (m from the eye, n), normal 3, rough, height over that of a tall crest
 MARGIN_PX = 2.0
 CALM_M = 0.15  # crests lower than this are not tall
-RIPPLES, RIPPLE_M, RIPPLE_SLOPE = 9, (0.5, 2.2), 0.022  # how many, between which lengths (m), each how steep
+RIPPLES, RIPPLE_M, RIPPLE_SLOPE = 9, (0.5, 2.2), 0.022  # number, range of lengths (m), slope of each
 A, KX, KY, PHASE, BX, BY = range(6)
 
 
@@ -57,7 +57,7 @@ def _place(
     height: ti.f32,
     crest: ti.f32,
 ):
-    """Fill `out`; a ray is rays[2] + column rays[0] + row rays[1], `height` (m) that of the eye."""
+    """Fill `out`; a ray is rays[2] + column rays[0] + row rays[1], and `height` (m) is that of the eye."""
     across = columns.shape[0]
     right = ti.Vector([rays[0, 0], rays[0, 1], rays[0, 2]])
     down = ti.Vector([rays[1, 0], rays[1, 1], rays[1, 2]])
@@ -100,10 +100,10 @@ def _place(
         out[i, 6], out[i, 7] = rough, zeta / crest
 
 
-def water_seen(camera: Camera, size: tuple[int, int], moment: Moment) -> Water:
-    """The part of the sea that a camera without roll sees, in a picture of `size` (px).
+def water_seen(camera: FilmCamera, size: tuple[int, int], moment: Moment) -> Water:
+    """The part of the sea that a camera without roll sees in a picture of `size` (px).
 
-    A sea whose components are not known is sampled as it is.
+    A sea whose components are unknown is sampled by its elevation.
     """
     wide, high = size
     height = -float(camera.eye_n[2])
@@ -130,16 +130,18 @@ def water_seen(camera: Camera, size: tuple[int, int], moment: Moment) -> Water:
 
 
 def _ripples(time_s: float) -> Array:
-    """Waves [6, component] of some mm, shorter than any sea's, that make water look like water; nothing feels them."""
+    """Waves [6, component] of a few mm, shorter than those of any sea, that make water look like water; for pictures
+    only.
+    """
     number = np.arange(RIPPLES)
     k = 2.0 * np.pi / (RIPPLE_M[0] * (RIPPLE_M[1] / RIPPLE_M[0]) ** (number / (RIPPLES - 1)))
-    turn = 2.4 * number  # rad: the golden angle, so that no two are alike
+    turn = 2.4 * number  # rad: the golden angle spreads directions
     phase = 1.7 * number - np.sqrt(GRAVITY * k) * time_s
     return np.stack([RIPPLE_SLOPE / k, k * np.cos(turn), k * np.sin(turn), phase, 0.0 * k, 0.0 * k])
 
 
-def _rows(camera: Camera, high: int, height: float, crest: float) -> Array:
-    """Rows (px below the middle) of the grid: from far out to below the picture, since crests rise into it."""
+def _rows(camera: FilmCamera, high: int, height: float, crest: float) -> Array:
+    """Rows (px below the centre) of the grid, from far away to below the picture, since crests rise into it."""
     focal, (_, down, forward) = camera.focal * high, camera.axes
     top = max(-0.5 * high - MARGIN_PX, focal * (height / FARTHEST_M - forward[2]) / down[2] if down[2] > 1e-6 else -1e9)
     low = 0.5 * high
@@ -153,7 +155,7 @@ def _rows(camera: Camera, high: int, height: float, crest: float) -> Array:
 
 
 def _sample(water: Water, eye_n: Array, elevation: Callable[[Array, Array], Array]) -> None:
-    """Heights of a sea whose components are not known, and normals from neighbouring points."""
+    """Heights of a sea whose components are unknown, with normals from neighbouring points."""
     points = water.points.reshape(water.rows, water.across, COLUMNS)
     up = np.asarray(elevation(points[..., NORTH] + eye_n[NORTH], points[..., EAST] + eye_n[EAST]), dtype=np.float32)
     points[..., DOWN] -= up

@@ -1,18 +1,18 @@
-"""State to rerun: an `Episode` in the world frame n (north-east-down) becomes one `.rrd` file.
+"""Recordings: an `Episode` in the world frame n (north-east-down) becomes one `.rrd` file of rerun.
 
-episode.py      what an episode holds, with shape, unit and frame of each array
-overlays.py     what a mission may draw and plot beside the vehicles; draw_overlays.py draws it
-recorder.py     keeps the frames of a world, with or without a mission
-model.py        what a vehicle model may say of itself: its medium, its hull, its loads, its instruments
+episode.py      the data of an episode, with shape, unit and frame of each array
+overlays.py     what a mission may draw and plot besides the vehicles; draw_overlays.py draws it
+recorder.py     records the frames of a world, with or without a mission
+model.py        what a recording asks a vehicle model: medium, hull, loads, instruments
 meshes.py       a boat, in the body frame b (forward-right-down)
 aircraft.py     airplanes and flying wings; vessel.py: a body made of a hull's own panels
-bodies.py       which of these bodies a team has
-sea_grid.py     points of the piece of sea around a team; sea_patch.py: its waves; sea_light.py: its colours
-water_lines.py  what lies on it: rings and wakes
-space.py        what stands in the world; vehicles.py: the teams in it; arrows.py: loads, current, wind and air
-draw.py         all of these, of an episode or of its next part; stream.py: what goes on from part to part
-rrd.py          the writer of files; live.py: views of what goes on; frames.py: the only place where NED becomes ENU
-blueprint.py    what the viewer shows when it opens the file
+bodies.py       chooses the body of a team
+sea_grid.py     grid of the sea around a team; sea_patch.py: its waves; sea_light.py: its colours
+water_lines.py  lines on the water: rings and wakes
+space.py        the static scene; vehicles.py: the teams; arrows.py: loads, current, wind and air
+draw.py         draws all of these, for an episode or its next part; stream.py: the state between parts
+rrd.py          writes files; live.py: live views; frames.py: the only place where NED becomes ENU
+blueprint.py    layout of the viewer
 """
 
 from taichi_sim.recording.episode import Airframe, Body, Episode, Event, Force, Medium, Scene, Signal, TeamTrack

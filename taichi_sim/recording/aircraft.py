@@ -1,7 +1,7 @@
-"""Airplanes and flying wings from an aircraft's own span, chord, length and height, in b.
+"""Bodies of airplanes and flying wings from an aircraft's span, chord, length and height, in b.
 
-The origin is the centre of mass. Wings are coloured above and dark below, so that a bank reads from either side. How a
-tail is shared out, and what a fuselage looks like, is a draughtsman's: no physics knows of it.
+The origin is the centre of mass. Wings are coloured above and dark below, so that the bank is visible from either side.
+The proportions of tail and fuselage are drawn by eye; no physics uses them.
 """
 
 import numpy as np
@@ -10,7 +10,7 @@ from taichi_sim.recording.episode import Airframe
 from taichi_sim.recording.meshes import GLASS, HOUSE, KEEL, METAL, Mesh, box, loft
 from taichi_sim.recording.palette import Colour
 
-CHORD = 0.17  # of the length: the wing's, where nothing is known of it
+CHORD = 0.17  # default chord of the wing, in lengths
 BALANCE = 0.3  # share of the mean chord that lies ahead of the centre of mass
 THICK_WING, THICK_TAIL = 0.14, 0.1  # of the chord
 
@@ -25,7 +25,7 @@ def aircraft(size_m: tuple[float, float, float], airframe: Airframe | None, colo
 
 
 def _wing(stations: list[Station], thick: float, over: Colour, under: Colour, upright: bool = False) -> Mesh:
-    """Lens-shaped sections, one half `over` and one `under` the chord; `upright` is a fin."""
+    """A wing of lens-shaped sections, `over` above the chord and `under` below; `upright` makes a fin."""
     halves = []
     for bulge, shade in zip((-0.5, 0.5) if upright else (-0.6, 0.4), (over, under), strict=True):
         sections = []

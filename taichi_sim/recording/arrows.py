@@ -1,9 +1,9 @@
-"""Arrows: the loads on each vehicle, the velocities of aircraft, and current and wind at the formation.
+"""Arrows for the loads on each vehicle, the velocities of aircraft, and current and wind at the formation.
 
-Their scales stand in the entities' names. All loads of a team share one scale, so that their arrows compare. On a boat
-they are drawn above the deck, over the places where they attack, for under water nothing would be seen of them. An
-aircraft's velocities make the navigator's triangle: through the air, from its centre of mass; then the wind that it
-meets; their sum is the velocity over ground.
+Their scales are in the entities' names. All loads of a team share one scale, so that their arrows compare. A boat's
+loads are drawn above the deck over their points of attack, because water would hide them. An aircraft's velocities form
+the wind triangle: velocity through the air from its centre of mass, then the wind; their sum is the velocity over
+ground.
 """
 
 import numpy as np
@@ -16,12 +16,12 @@ from taichi_sim.recording.space import line_lift, map_bounds
 from taichi_sim.recording.stream import Stream
 
 SHOWN = 0.95  # quantile over time of the greatest load of the team
-LOAD_LENGTHS = 1.5  # vehicle lengths, at most, that it is drawn long
-RAISE = 0.14  # of the length: how far above the deck a load is drawn that attacks at the waterline
+LOAD_LENGTHS = 1.5  # greatest length of a load's arrow, in vehicle lengths
+RAISE = 0.14  # height above the deck of a load at the waterline, in vehicle lengths
 THICK = 0.016  # radius of an arrow, of the length
-FLOW_LENGTHS = 1.5  # vehicle lengths that the strongest current or wind is long
-ASTERN = 1.6  # vehicle lengths behind the first vehicle, by the course at the start, which is what the view keeps
-SPEED_SPANS = 2.5  # wing spans that an aircraft's greatest velocity is long
+FLOW_LENGTHS = 1.5  # length of the strongest current's or wind's arrow, in vehicle lengths
+ASTERN = 1.6  # vehicle lengths behind the first vehicle, against the course at the start, as in the view
+SPEED_SPANS = 2.5  # length of an aircraft's greatest velocity, in wing spans
 MAP_SHARE = 0.12  # of the map's shorter side: the wind on the map
 STILL = 1e-3  # m/s; slower water or air is no flow
 
@@ -101,7 +101,9 @@ def metres_per_second_per_metre(team: TeamTrack) -> float:
 
 
 def send_air(stream: Stream, episode: Episode, team: TeamTrack) -> None:
-    """Send each aircraft's triangle of velocities and a line along its nose; the angle between is that of attack."""
+    """Send each aircraft's wind triangle and a line along its nose; the angle of attack lies between line and
+    airspeed.
+    """
     if team.air_n is None:
         return
     whole = episode.whole.teams[team.name]
@@ -140,13 +142,13 @@ def _flows(episode: Episode) -> list[tuple[str, Array, Colour, float]]:
 
 
 def send_flow(stream: Stream, episode: Episode) -> None:
-    """Current and wind 10 m up beside the first of the boats, each with its own scale and its speed as a label; the
-    wind on the map.
+    """Send current and wind at 10 m beside the first boat, each with its own scale and a label, and the wind on the
+    map.
     """
     _send_wind_on_map(stream, episode)
     team = episode.whole.afloat
     if not team.on_water:
-        return  # what blows up there is each aircraft's own
+        return  # aircraft show their own wind
     length, course = team.size_m[0], float(team.course[0])
     for name, flow, colour, strongest in _flows(episode):
         speed = np.linalg.norm(flow, axis=-1)
@@ -155,7 +157,7 @@ def send_flow(stream: Stream, episode: Episode) -> None:
         vector = flow / scale
         path = f"world/{team.name}/follow/{name}_1m_is_{scale:g}m_s"
         stream.static(path, rr.Arrows3D.from_fields(colors=colour, radii=1.6 * THICK * length, show_labels=True))
-        # its middle is behind the first vehicle, towards the eye: it passes by, it does not push
+        # centred behind the first vehicle, towards the eye, so that the arrow does not seem to push it
         origin = enu(-0.5 * vector + [-ASTERN * length * np.cos(course), -ASTERN * length * np.sin(course), -height])
         labels = [f"{name} {value:.1f} m/s" for value in speed]
         stream.columns(path, rr.Arrows3D.columns(vectors=enu(vector), origins=origin, labels=labels))

@@ -1,6 +1,6 @@
-"""Layout of the viewer: a view that follows each team, the map, plots, events, the run's configuration.
+"""Layout of the viewer: a view that follows each team, map, plots, events, the run's configuration.
 
-Only of what there is: a view of nothing carries an error mark, a plot of nothing is a hole.
+Empty views and plots are left out: the viewer would mark them as errors or leave holes.
 """
 
 from collections.abc import Sequence
@@ -18,8 +18,8 @@ from taichi_sim.recording.sea_patch import patch_of
 from taichi_sim.recording.space import map_bounds
 from taichi_sim.recording.water_lines import TRAIL_S
 
-MAP_ROOM = 0.2  # of its sides, that the map of a live view has more about it
-CURVES = "curves"  # where a live view has plots that are of no episode
+MAP_ROOM = 0.2  # margin of a live view's map, in its sides
+CURVES = "curves"  # path of a live view's plots that belong to no episode
 COLUMNS = 2  # views of teams side by side; if there are more teams, those of one medium share a place
 NEAR_EYE = (-2.2, 1.1, -0.65)  # wing spans forward, right, down of the first vehicle
 NEAR_LOOK = (0.6, 0.0, 0.0)
@@ -30,7 +30,7 @@ class LiveLayout(NamedTuple):
     """Differences of a live view's layout."""
 
     curves: tuple[str, ...] = ()  # plots under plots/curves
-    everywhere: bool = False  # the map shows the whole area, for there will be other episodes
+    everywhere: bool = False  # the map shows the whole area, because other episodes follow
 
 
 def blueprint(episode: Episode, live: LiveLayout | None = None) -> rrb.Blueprint:
@@ -40,7 +40,7 @@ def blueprint(episode: Episode, live: LiveLayout | None = None) -> rrb.Blueprint
     if live and live.everywhere and episode.scene.area_m is not None:
         high = np.full(2, 0.5 * episode.scene.area_m)
         low = -high
-    elif live:  # it has only begun
+    elif live:  # the episode has only begun
         low, high = low - MAP_ROOM * (high - low), high + MAP_ROOM * (high - low)
     map_view = rrb.Spatial2DView(
         origin="map",
@@ -64,7 +64,7 @@ def blueprint(episode: Episode, live: LiveLayout | None = None) -> rrb.Blueprint
 
 
 def _views(episode: Episode) -> list[rrb.View | rrb.Tabs]:
-    """A view of each team; beside that of aircraft, where there is room, their first from near."""
+    """A view of each team; where there is room, also a close view of the first aircraft."""
     teams = list(episode.teams.values())
     of_team = {
         team.name: [_follow(episode, team)] if team.on_water else [_follow(episode, team), _near(episode, team)]
@@ -82,10 +82,10 @@ def _views(episode: Episode) -> list[rrb.View | rrb.Tabs]:
 
 
 def _follow(episode: Episode, team: TeamTrack) -> rrb.Spatial3DView:
-    """From behind and above, far enough to hold the formation; moves along with the first vehicle.
+    """View of a team from behind and above, far enough to hold the formation; it moves with the first vehicle.
 
-    It looks at that vehicle itself: the formation's middle is on another side of it after every bend. The view of boats
-    keeps the direction of the start. That of aircraft turns with the course, but stays level: the horizon shows the
+    It is centred on that vehicle, because the formation's centre changes sides in every bend. The view of boats keeps
+    the direction of the start. That of aircraft turns with the course but stays level, so that the horizon shows the
     bank.
     """
     name, size = f"{team.name.upper()} team", max(team.size_m[:2])
@@ -143,8 +143,8 @@ def _hidden(episode: Episode, team: TeamTrack) -> dict:
 
 
 def _last_seconds() -> rrb.VisibleTimeRanges:
-    """What a trail of segments shows. Nothing else has a past: a ring on the waves or an arrow would be drawn
-    once for each step.
+    """The time range of segmented trails. Other entities show only the present, or they would be drawn once for each
+    step.
     """
     return rrb.VisibleTimeRanges(
         timeline="sim_time",
@@ -167,7 +167,7 @@ def _series(name: str, *contents: str, hidden: Sequence[str] = ()) -> rrb.TimeSe
 
 
 def _each(team: TeamTrack, name: str, path: str) -> rrb.TimeSeriesView:
-    """A plot of each vehicle: the first's is shown, the others are one click away."""
+    """A plot of each vehicle; only the first's is switched on."""
     hidden = [f"{path}/{OTHERS}"] if team.vehicles > 1 else []
     return _series(f"{team.vehicle_name(0)} {name}", f"{path}/**", hidden=hidden)
 

@@ -1,4 +1,4 @@
-"""The body drawn for a vehicle: its model's own, else a boat or an aircraft of its size."""
+"""Chooses the body of a vehicle: its model's own, else a boat or an aircraft of its size."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from taichi_sim.recording.meshes import KEEL, METAL, Mesh, boat
 from taichi_sim.recording.palette import Colour
 from taichi_sim.recording.vessel import flat_shaded, normals, vessel
 
-LEVEL = 0.5  # a face whose unit normal points up or down by this much is seen from there
+LEVEL = 0.5  # least vertical component of the normal of a face that is visible from above or below
 
 
 def body_mesh(team: TeamTrack, colour: Colour) -> Mesh:

@@ -15,12 +15,12 @@ from taichi_sim.recording.plots import as_shown, send_plot
 from taichi_sim.recording.space import line_lift
 from taichi_sim.recording.stream import Stream
 
-RIGID_M = 2e-3  # a line whose points keep their places among each other to this moves as one piece
+RIGID_M = 2e-3  # greatest deformation of a line that counts as rigid
 ROUND = np.linspace(0.0, 2.0 * np.pi, 33)  # rad, an ellipse on the map
 
 
-class Look(NamedTuple):
-    """rerun's archetype for one overlay: a row for each item in each frame, without those that hold NaN."""
+class Style(NamedTuple):
+    """rerun's archetype of one overlay: a row for each item in each frame, without rows that hold NaN."""
 
     kind: Any  # rr.Points3D and the like
     rows: dict[str, Any]  # component -> [rows, ...]
@@ -28,7 +28,7 @@ class Look(NamedTuple):
 
 
 def send_overlays(stream: Stream, episode: Episode) -> None:
-    """Send all of `episode.overlays` but notes, which are events."""
+    """Send all of `episode.overlays` except notes, which are events."""
     lift = line_lift(episode)
     drawn = {overlay.name: overlay for overlay in episode.whole.overlays if not isinstance(overlay, Plot | Note)}
     for overlay in episode.overlays:
@@ -41,7 +41,7 @@ def send_overlays(stream: Stream, episode: Episode) -> None:
 
 
 def _send_geometry(stream: Stream, overlay: Any, like: Any, lift: float) -> None:
-    """Send an overlay in the style in which the whole episode's, `like`, is drawn."""
+    """Send an overlay in the style of `like`, the same overlay of the whole episode."""
     arrays, world, flat = KINDS[type(overlay)]
     moves = max(len(getattr(one, name)) for one in (overlay, like) for name in arrays) > 1
     given = [getattr(overlay, name) for name in arrays]
@@ -56,7 +56,7 @@ def _send_geometry(stream: Stream, overlay: Any, like: Any, lift: float) -> None
 
 
 def _known(name: str, array: Array) -> NDArray[np.bool_]:
-    """Whether items [F, N] are known in each frame: all their numbers, or two points of a strip."""
+    """Whether items [F, N] have values in each frame: all numbers, or at least two points of a line."""
     finite = np.isfinite(array)
     if name == "points_n":
         return np.asarray(finite.all(axis=-1).sum(axis=-1) >= 2)
@@ -64,7 +64,7 @@ def _known(name: str, array: Array) -> NDArray[np.bool_]:
 
 
 def _send(
-    stream: Stream, path: str, look: Look, overlay: Any, labels: Sequence[str], counts: NDArray[np.integer] | None
+    stream: Stream, path: str, look: Style, overlay: Any, labels: Sequence[str], counts: NDArray[np.integer] | None
 ) -> None:
     """Send rows with `counts` items in each step, or None for static ones."""
     rows = look.rows | ({"labels": labels} if labels else {})
@@ -77,14 +77,14 @@ def _send(
     if "strips" in rows and not labels and (counts == 1).all():
         still = _send_if_rigid(stream, path, look)
     if still is None:
-        if stream.memory.get(path) is not None:  # what moved as one piece does so no more
+        if stream.memory.get(path) is not None:  # the line was rigid before
             stream.columns(path, rr.Transform3D.columns(translation=np.zeros((1, 3))), np.arange(1))
         stream.columns(path, columns)
     stream.memory[path] = still
 
 
-def _send_if_rigid(stream: Stream, path: str, look: Look) -> Array | None:
-    """Send a single line that keeps its shape as that shape and its place; return the shape, or None if it changes."""
+def _send_if_rigid(stream: Stream, path: str, look: Style) -> Array | None:
+    """Send a line that moves as a rigid body as a shape and its pose; return the shape, or None if it deforms."""
     strips = look.rows["strips"]
     if any(strip.shape != strips[0].shape for strip in strips):
         return None
@@ -109,56 +109,58 @@ def _strips(points_n: Array) -> list[Array]:
     return [strip[np.isfinite(strip).all(axis=-1)] for strip in points_n]
 
 
-def _lines(overlay: Lines, lift: float, points: Array) -> Look:
+def _lines(overlay: Lines, lift: float, points: Array) -> Style:
     strips = [_raised(strip, lift) for strip in _strips(points)]
-    return Look(rr.LineStrips3D, {"strips": strips}, {"radii": overlay.radius})
+    return Style(rr.LineStrips3D, {"strips": strips}, {"radii": overlay.radius})
 
 
-def _flat_lines(overlay: Lines, _: float, points: Array) -> Look:
-    return Look(rr.LineStrips2D, {"strips": [map_point(strip) for strip in _strips(points)]}, {"radii": overlay.radius})
+def _flat_lines(overlay: Lines, _: float, points: Array) -> Style:
+    return Style(
+        rr.LineStrips2D, {"strips": [map_point(strip) for strip in _strips(points)]}, {"radii": overlay.radius}
+    )
 
 
-def _points(overlay: Points, lift: float, place: Array) -> Look:
-    return Look(rr.Points3D, {"positions": _raised(place, lift)}, {"radii": overlay.radius})
+def _points(overlay: Points, lift: float, place: Array) -> Style:
+    return Style(rr.Points3D, {"positions": _raised(place, lift)}, {"radii": overlay.radius})
 
 
-def _flat_points(overlay: Points, _: float, place: Array) -> Look:
-    return Look(rr.Points2D, {"positions": map_point(place)}, {"radii": overlay.radius})
+def _flat_points(overlay: Points, _: float, place: Array) -> Style:
+    return Style(rr.Points2D, {"positions": map_point(place)}, {"radii": overlay.radius})
 
 
-def _cylinders(_: Cylinders, lift: float, place: Array, size: Array) -> Look:
+def _cylinders(_: Cylinders, lift: float, place: Array, size: Array) -> Style:
     rows = {"centers": _raised(place, lift), "radii": size[:, 0], "lengths": size[:, 1]}
-    return Look(rr.Cylinders3D, rows, {"fill_mode": "solid"})
+    return Style(rr.Cylinders3D, rows, {"fill_mode": "solid"})
 
 
-def _flat_cylinders(_: Cylinders, __: float, place: Array, size: Array) -> Look:
-    return Look(rr.Points2D, {"positions": map_point(place), "radii": size[:, 0]}, {})
+def _flat_cylinders(_: Cylinders, __: float, place: Array, size: Array) -> Style:
+    return Style(rr.Points2D, {"positions": map_point(place), "radii": size[:, 0]}, {})
 
 
-def _ellipsoids(_: Ellipsoids, lift: float, place: Array, half_axes: Array, heading: Array) -> Look:
+def _ellipsoids(_: Ellipsoids, lift: float, place: Array, half_axes: Array, heading: Array) -> Style:
     rows = {"centers": _raised(place, lift), "half_sizes": half_axes, "quaternions": level_quaternion(heading)}
-    return Look(rr.Ellipsoids3D, rows, {"fill_mode": "majorwireframe"})
+    return Style(rr.Ellipsoids3D, rows, {"fill_mode": "majorwireframe"})
 
 
-def _flat_ellipsoids(overlay: Ellipsoids, _: float, place: Array, half_axes: Array, heading: Array) -> Look:
+def _flat_ellipsoids(overlay: Ellipsoids, _: float, place: Array, half_axes: Array, heading: Array) -> Style:
     if np.array_equal(overlay.half_axes_m[..., 0], overlay.half_axes_m[..., 1]):  # takes a tenth of the bytes
         round_about = {"centers": map_point(place), "half_sizes": half_axes[:, [0, 0]]}
-        return Look(rr.Ellipses2D, round_about, {"line_radii": -1.2})
+        return Style(rr.Ellipses2D, round_about, {"line_radii": -1.2})
     along, right = half_axes[:, :1] * np.cos(ROUND), half_axes[:, 1:2] * np.sin(ROUND)
     cos, sin = np.cos(heading)[:, None], np.sin(heading)[:, None]
     outline = place[:, None, :2] + np.stack([cos * along - sin * right, sin * along + cos * right], axis=-1)
-    return Look(rr.LineStrips2D, {"strips": list(map_point(outline))}, {"radii": -1.2})
+    return Style(rr.LineStrips2D, {"strips": list(map_point(outline))}, {"radii": -1.2})
 
 
-def _arrows(overlay: Arrows, lift: float, origin: Array, vector: Array) -> Look:
-    return Look(rr.Arrows3D, {"origins": _raised(origin, lift), "vectors": enu(vector)}, {"radii": overlay.radius})
+def _arrows(overlay: Arrows, lift: float, origin: Array, vector: Array) -> Style:
+    return Style(rr.Arrows3D, {"origins": _raised(origin, lift), "vectors": enu(vector)}, {"radii": overlay.radius})
 
 
-def _flat_arrows(overlay: Arrows, _: float, origin: Array, vector: Array) -> Look:
-    return Look(rr.Arrows2D, {"origins": map_point(origin), "vectors": map_point(vector)}, {"radii": overlay.radius})
+def _flat_arrows(overlay: Arrows, _: float, origin: Array, vector: Array) -> Style:
+    return Style(rr.Arrows2D, {"origins": map_point(origin), "vectors": map_point(vector)}, {"radii": overlay.radius})
 
 
-KINDS: dict[type, tuple[tuple[str, ...], Callable[..., Look], Callable[..., Look]]] = {
+KINDS: dict[type, tuple[tuple[str, ...], Callable[..., Style], Callable[..., Style]]] = {
     Lines: (("points_n",), _lines, _flat_lines),
     Points: (("position_n",), _points, _flat_points),
     Cylinders: (("position_n", "size_m"), _cylinders, _flat_cylinders),

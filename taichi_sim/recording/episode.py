@@ -1,7 +1,7 @@
 """The data of one recorded episode. Frames: n is north-east-down, b is forward-right-down.
 
-T control steps, V vehicles in a team (vehicle 0 leads where there is a formation), A actions, P points of a track,
-M obstacles. What belongs to a mission may be missing: nothing of it is drawn or plotted then.
+T control steps, V vehicles in a team (vehicle 0 leads a formation), A actions, P points of a track, M obstacles. Data
+of a mission may be missing; they are then neither drawn nor plotted.
 """
 
 from collections.abc import Callable, Mapping
@@ -17,7 +17,7 @@ from taichi_sim.recording.overlays import Note, Overlay, Plot
 from taichi_sim.recording.palette import Livery, liveries
 
 COMPANY_LENGTHS = 20.0  # without a formation, a view holds the vehicles this near to the first
-RESERVED = {"track", "checkpoints", "obstacles", "events", "overlay", "wind", "area"}  # beside the teams in the tree
+RESERVED = {"track", "checkpoints", "obstacles", "events", "overlay", "wind", "area"}  # no team may have these names
 Medium = Literal["water", "air"]
 Elevation = Callable[[Array, Array, float], Array]
 """(north, east, time_s) -> surface elevation, up, m. north and east share one shape, in m."""
@@ -49,12 +49,12 @@ class Platform(NamedTuple):
 class Force(NamedTuple):
     """A force on each vehicle of a team, drawn as an arrow."""
 
-    origin_b: tuple[float, float, float]  # m, where it attacks
+    origin_b: tuple[float, float, float]  # m, point of attack
     vector_b: Array  # [T, V, 3] N
 
 
 class Signal(NamedTuple):
-    """Numbers of each vehicle that share a plot. A plot shows rad in degrees."""
+    """Numbers of each vehicle that share a plot; a plot shows rad in degrees."""
 
     names: tuple[str, ...]  # S lines
     unit: str  # SI; "" for a ratio
@@ -78,10 +78,10 @@ class TeamTrack:
     target_n: Array | None = None  # [T, 3] m, what vehicle 0 follows
     target_course: Array | None = None  # [T] rad, clockwise from north
     slot_n: Array | None = None  # [T, V, 3] m, each vehicle's place in the formation; the leader's is the target
-    error_m: Array | None = None  # [T, V] m, distance of a vehicle from where it should be, as the mission defines it
+    error_m: Array | None = None  # [T, V] m, position error as the mission defines it
     reward: Array | None = None  # [T, V] per step
-    body: Body | None = None  # what is drawn; None: a boat or an aircraft of `size_m`
-    airframe: Airframe | None = None  # of that aircraft; None: of ordinary proportions
+    body: Body | None = None  # drawn surface; None: a boat or an aircraft of `size_m`
+    airframe: Airframe | None = None  # of an aircraft; None: default proportions
     deck: Platform | None = None  # of a boat on which others land
     air_n: Array | None = None  # [T, V, 3] m/s, velocity of the air that an aircraft meets; None: not known
     forces: Mapping[str, Force] = field(default_factory=dict)  # by name
@@ -137,26 +137,26 @@ class TeamTrack:
 
     @property
     def places_n(self) -> Array:
-        """Places [T, V, 3], m: of the slots, or else of the vehicles."""
+        """Positions [T, V, 3], m: of the slots, else of the vehicles."""
         return self.position_n if self.slot_n is None else self.slot_n
 
     @property
     def course(self) -> Array:
-        """Course [T] of the team, rad: its target's, or else the heading of vehicle 0."""
+        """Course [T] of the team, rad: that of its target, else the heading of vehicle 0."""
         return euler(self.quaternion_nb[:, 0])[HEADING] if self.target_course is None else self.target_course
 
     @property
     def company(self) -> NDArray[np.bool_]:
-        """Vehicles [V] that a view of the team includes; without a formation some may be far away."""
+        """Whether a view of the team includes each vehicle, [V]; without a formation some may be far away."""
         apart = np.linalg.norm(self.position_n - self.position_n[:, :1], axis=-1)
         reach = COMPANY_LENGTHS * max(self.size_m[:2])
         return np.ones(self.vehicles, dtype=bool) if self.slot_n is not None else np.median(apart, axis=0) <= reach
 
     @property
     def formation_radius_m(self) -> float:
-        """Greatest distance of a slot from what it hangs on, the target or the leader; median over time, m.
+        """Greatest distance of a slot from the target or the leader, median over time, m.
 
-        Without a formation, of a vehicle of the company from vehicle 0.
+        Without a formation: of a vehicle of the company from vehicle 0.
         """
         places = self.places_n[:, self.company]
         hangs_on = (places[:, :1], self.position_n[:, :1])
@@ -166,7 +166,7 @@ class TeamTrack:
 
 @dataclass(frozen=True)
 class Event:
-    """Something that happened to one vehicle."""
+    """An event of one vehicle."""
 
     time_s: float
     team: str
@@ -177,13 +177,13 @@ class Event:
 
 @dataclass(frozen=True)
 class Scene:
-    """Static things of an episode."""
+    """The static objects of an episode."""
 
     area_m: float | None = None  # side of the square, centred at the origin, m; None: the open sea
     tracks_n: Mapping[str, Array] = field(default_factory=dict)  # team -> [P, 3] m, the path its target follows
     checkpoints_n: Array = field(default_factory=lambda: np.zeros((0, 2)))  # [C, 2] north, east, m
     obstacles: Array = field(default_factory=lambda: np.zeros((0, 4)))  # [M, 4] north, east, radius, height (up), m
-    overview: tuple[str, float] | None = None  # a team, and how far about it (m) a view from afar shows everything
+    overview: tuple[str, float] | None = None  # team and radius (m) around it that the overview shows
 
 
 @dataclass(frozen=True)
@@ -195,13 +195,13 @@ class Episode:
     teams: dict[str, TeamTrack]
     elevation: Elevation
     scene: Scene = field(default_factory=Scene)
-    config_text: str = ""  # shown as it stands, as markdown
+    config_text: str = ""  # shown as Markdown
     events: tuple[Event, ...] = ()
-    overlays: tuple[Overlay, ...] = ()  # what a mission draws and plots beside the vehicles
+    overlays: tuple[Overlay, ...] = ()  # drawn and plotted by the mission, besides the vehicles
     current_n: Array | None = None  # [T, 2] north and east velocity of the water, m/s; None: still
-    wind_n: Array | None = None  # [T, 3] velocity of the air 10 m above the sea (where it blows to), m/s; None: calm
-    waves: Waves | None = None  # what `elevation` is the sum of; None: not known, or not of waves
-    like: "Episode | None" = None  # of a part of an episode: what its scales and its layout are taken from
+    wind_n: Array | None = None  # [T, 3] velocity of the air 10 m above the sea, m/s; None: calm
+    waves: Waves | None = None  # components of `elevation`; None: unknown, or no waves
+    like: "Episode | None" = None  # for a part of an episode: the episode that sets scales and layout
 
     def __post_init__(self) -> None:
         """Refuse arrays that do not fit together."""
@@ -229,7 +229,7 @@ class Episode:
 
     @property
     def whole(self) -> "Episode":
-        """The episode whose scales, grids and layout a part uses; itself for a whole one."""
+        """The episode whose scales, grids and layout a part uses; for a whole episode itself."""
         return self.like or self
 
     @property

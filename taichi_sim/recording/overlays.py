@@ -20,7 +20,7 @@ Where = Literal["world", "map", "both"]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Geometry:
+class Overlay3D:
     """Attributes common to all overlays in space."""
 
     name: str
@@ -43,7 +43,7 @@ class Geometry:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Lines(Geometry):
+class Lines(Overlay3D):
     """N line strips of P points each; a point with NaN is left out."""
 
     points_n: Array  # [F, N, P, 3] m
@@ -55,7 +55,7 @@ class Lines(Geometry):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Points(Geometry):
+class Points(Overlay3D):
     """N points."""
 
     position_n: Array  # [F, N, 3] m
@@ -67,7 +67,7 @@ class Points(Geometry):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Cylinders(Geometry):
+class Cylinders(Overlay3D):
     """N upright cylinders."""
 
     position_n: Array  # [F, N, 3] m, the middle
@@ -79,7 +79,7 @@ class Cylinders(Geometry):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Ellipsoids(Geometry):
+class Ellipsoids(Overlay3D):
     """N upright ellipsoids, of lines in 3D, an ellipse on the map: a ship's domain, an uncertainty."""
 
     position_n: Array  # [F, N, 3] m, the middle
@@ -97,7 +97,7 @@ class Ellipsoids(Geometry):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Arrows(Geometry):
+class Arrows(Overlay3D):
     """N arrows: velocities, forces and the like, scaled by the mission to what can be seen; the name says the scale."""
 
     origin_n: Array  # [F, N, 3] m
@@ -140,6 +140,6 @@ class Note:
 Overlay = Lines | Points | Cylinders | Ellipsoids | Arrows | Plot | Note
 
 
-def entity_name(overlay: Geometry | Plot) -> str:
+def entity_name(overlay: Overlay3D | Plot) -> str:
     """An overlay's place in the viewer's tree, under `world`, `map` or `plots`."""
     return f"overlay/{overlay.name.replace(' ', '_')}"

@@ -1,4 +1,4 @@
-"""What stands in the 3D views (`world/...`, east-north-up, m) and on the map (`map/...`, east and south, m)."""
+"""The static scene in the 3D views (`world/...`, east-north-up, m) and on the map (`map/...`, east and south, m)."""
 
 from collections.abc import Sequence
 
@@ -17,24 +17,24 @@ from taichi_sim.recording.stream import Stream
 LEVELS = {"stall": "WARN"} | dict.fromkeys(GOALS, "INFO")  # of kinds of event; all others are an "ERROR"
 SUNK_M = 6.0  # how far an obstacle reaches below mean sea level, so that no trough shows its foot
 CHECKPOINT_UP_M = 3.0  # height of a checkpoint's mark above the track
-MAP_MARGIN_M, MAP_LEAST_M = 120.0, 20.0  # around what the map shows: no more than what it shows, but at least so much
+MAP_MARGIN_M, MAP_LEAST_M = 120.0, 20.0  # margin of the map: at most its extent, at least the second
 # radii below zero are in points of the screen, whatever the distance
 TRACK_POINTS, MAP_POINTS = -1.2, -1.5
 
 
 def line_lift(episode: Episode) -> float:
-    """How much higher than they lie the lines on the sea are drawn, m: else the crests would hide them."""
+    """Lift of lines drawn on the sea, m, so that crests do not hide them."""
     return max(float(np.quantile(np.abs(episode.whole.afloat.wave_height), 0.9)), 0.1)
 
 
 def _flight_height(episode: Episode) -> float:
-    """Height (m) of the track of those whom the sea patch follows."""
+    """Height (m) of the track of the team that the sea patch follows."""
     track = episode.scene.tracks_n.get(episode.afloat.name)
     return 0.0 if track is None else -float(np.mean(track[:, DOWN]))
 
 
 def map_bounds(episode: Episode) -> tuple[Array, Array]:
-    """South-west and north-east corner [2] (north, east, m) of what the map shows."""
+    """South-west and north-east corner [2] (north, east, m) of the map."""
     episode = episode.whole
     tracks = [track[:, HORIZONTAL] for track in episode.scene.tracks_n.values()]
     ways = [team.position_n[..., HORIZONTAL].reshape(-1, 2) for team in episode.teams.values()]
@@ -45,7 +45,7 @@ def map_bounds(episode: Episode) -> tuple[Array, Array]:
 
 
 def send_scene(stream: Stream, episode: Episode) -> None:
-    """Tracks, checkpoints, obstacles and the border of the area, as far as there are any."""
+    """Send tracks, checkpoints, obstacles and the border of the area, as far as they exist."""
     scene = episode.scene
     for name, track in scene.tracks_n.items():
         path = enu(track)
@@ -78,7 +78,7 @@ def send_scene(stream: Stream, episode: Episode) -> None:
 
 
 def send_sea(stream: Stream, episode: Episode) -> None:
-    """The patches of sea that follow the teams."""
+    """Send the patches of sea that follow the teams."""
     for name in dict.fromkeys(patch_of(episode.whole).values()):
         team, path = episode.teams[name], f"world/{name}/sea"
         if path not in stream.memory:
@@ -97,7 +97,7 @@ def send_sea(stream: Stream, episode: Episode) -> None:
 
 
 def send_events(stream: Stream, episode: Episode) -> None:
-    """For each event and note a line in the log; for each event a mark in space that stays from then on."""
+    """Send each event and note to the log, and each event as a mark in space that stays."""
     log = [(note.time_s, note.text, note.level) for note in episode.overlays if isinstance(note, Note)]
     for event in episode.events:
         whose = episode.teams[event.team].vehicle_name(event.vehicle)
@@ -109,13 +109,13 @@ def send_events(stream: Stream, episode: Episode) -> None:
 
 
 def _steps(episode: Episode, times: Sequence[float]) -> NDArray[np.int64]:
-    """The steps in which something happened at `times` (s)."""
+    """The steps at `times` (s)."""
     index = np.searchsorted(episode.time_s, np.asarray(times) - 1e-6)
     return np.minimum(index, len(episode.time_s) - 1)
 
 
 def _mark_events(stream: Stream, episode: Episode) -> None:
-    """Each row holds the events so far: the latest row is what the viewer draws."""
+    """Send the marks: each row holds all events so far, because the viewer draws the latest row."""
     happened = sorted(episode.events, key=lambda event: event.time_s)
     if not happened:
         return

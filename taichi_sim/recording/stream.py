@@ -1,7 +1,7 @@
 """One rerun stream on two timelines: `sim_time` (s, rounded to whole ns) and `step`.
 
-An episode may come in parts, one after the other, each with its own clock: what is drawn goes on from part to part, for
-what it needs of the parts before is kept in `memory`. A file is one part; a live view has many.
+An episode may come in parts, each with its own clock; drawing continues from part to part with the state in `memory`. A
+file has one part, a live view many.
 """
 
 from collections.abc import Iterable
@@ -15,41 +15,44 @@ from taichi_sim.recording.episode import Array
 
 
 class Stream:
-    """Sends what never changes, and what changes by whole columns.
+    """Sends static data, and data that change as whole columns.
 
     Attributes:
-        ns: [T] clock of the part, ns. first: number of the part's first step. after_s: what is added to the clock of
-        the next part. memory: what drawing goes on from.
+        ns: [T] clock of the part, ns.
+        first: number of the part's first step.
+        after_s: offset of the next part's clock, s.
+        memory: state of drawing between parts.
     """
 
     def __init__(self, rec: Any, *, after_s: float = 0.0, first: int = 0) -> None:
-        """Begin an episode whose clock counts from `after_s` and whose steps count from `first`, on `rec`, a
-        rr.RecordingStream or what takes its place.
+        """Begin an episode on `rec`, a rr.RecordingStream or a replacement for it.
+
+        Its clock counts from `after_s`, its steps from `first`.
         """
         self.rec, self.first, self.after_s = rec, first, after_s
         self.ns = np.zeros(0, dtype=np.int64)
         self.memory: dict[str, Any] = {}
-        self.begins = True  # nothing was drawn before this part
+        self.begins = True  # this is the first part
         self._said: set[str] = set()
 
     def part(self, time_s: Array) -> None:
-        """Go on to the next part, whose steps are at `time_s` [T] (s since the episode began)."""
+        """Begin the next part, whose steps are at `time_s` [T] (s since the start of the episode)."""
         self.begins = not len(self.ns)
         self.first += len(self.ns)
         self.ns = np.rint((np.asarray(time_s, dtype=np.float64) + self.after_s) * 1e9).astype(np.int64)
 
     def has(self, path: str) -> bool:
-        """Whether there is something static at `path`."""
+        """Whether there are static data at `path`."""
         return path in self._said
 
     def static(self, path: str, thing: rr.AsComponents) -> None:
-        """Log what holds for the whole recording; a second time nothing happens."""
+        """Log static data for the whole recording; further calls for the same path do nothing."""
         if path not in self._said:
             self._said.add(path)
             self.rec.log(path, thing, static=True)
 
     def columns(self, path: str, columns: Iterable, index: NDArray[np.int64] | None = None) -> None:
-        """Send one row for each step of the part in `index`, by default for all. The arrays must not be reused."""
+        """Send one row for each step of the part in `index`, default all. The arrays must not be reused."""
         index = np.arange(len(self.ns)) if index is None else index
         if not len(index):
             return
@@ -60,7 +63,7 @@ class Stream:
         self.rec.send_columns(path, clock, columns)
 
     def before(self, key: str, rows: Array) -> Array:
-        """The last of `rows` [T, ...] in the part before, or else the first of them; those of this part are kept."""
+        """The last of `rows` [T, ...] in the previous part, else the first of them; the last of this part is stored."""
         last = self.memory.get(key, rows[0])
         self.memory[key] = rows[-1]
         return last

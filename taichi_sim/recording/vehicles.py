@@ -1,4 +1,4 @@
-"""The teams in the 3D views and on the map: bodies, trails, slots, targets, and what is special to aircraft."""
+"""The teams in the 3D views and on the map: bodies, trails, slots, targets, and lines of aircraft."""
 
 import numpy as np
 import rerun as rr
@@ -12,13 +12,13 @@ from taichi_sim.recording.water_lines import SLOT_RING, TRAIL_POINTS, jumps, sen
 
 PLUMB_POINTS = -0.5  # radius in points of the screen, whatever the distance
 RING = np.linspace(0.0, 2.0 * np.pi, 41)  # rad, of an upright ring
-TARGET_BALL = {"water": 0.14, "air": 0.05}  # radius of the target, of the length: an aircraft flies in it
+TARGET_BALL = {"water": 0.14, "air": 0.05}  # radius of the target in vehicle lengths; aircraft fly inside it
 TARGET_UP = 0.2  # of the length: height of a boat's target over the water
-COURSE_S = 1.5  # over which the course is averaged that the view of an aircraft turns with
+COURSE_S = 1.5  # averaging time of the course that turns the view of aircraft
 
 
 def send_team(stream: Stream, episode: Episode, team: TeamTrack) -> None:
-    """Bodies, trails, slots and the target of one team, and the frame that its view follows."""
+    """Send bodies, trails, slots and the target of one team, and the frame that its view follows."""
     if team.on_water:
         send_rings(stream, episode, team)
         send_wakes(stream, episode, team)
@@ -33,7 +33,7 @@ def send_team(stream: Stream, episode: Episode, team: TeamTrack) -> None:
 
 
 def _followed(stream: Stream, episode: Episode, team: TeamTrack) -> rr.ComponentColumnList:
-    """The frame of the team's view, at its first vehicle: upright; of aircraft along their course."""
+    """The frame of the team's view at its first vehicle: upright, and for aircraft along their course."""
     eye = enu(team.position_n[:, 0])
     if team.on_water:
         eye[:, 2] = 0.0  # the view does not heave
@@ -48,7 +48,7 @@ def _followed(stream: Stream, episode: Episode, team: TeamTrack) -> rr.Component
 
 
 def _send_bodies(stream: Stream, episode: Episode, team: TeamTrack) -> None:
-    """The body of each vehicle and its pose."""
+    """Send the body of each vehicle and its pose."""
     position, turn = enu(team.position_n), enu_quaternion(team.quaternion_nb)
     for vehicle in range(team.vehicles):
         path = f"world/{team.name}/vehicle_{vehicle}"
@@ -61,7 +61,7 @@ def _send_bodies(stream: Stream, episode: Episode, team: TeamTrack) -> None:
 
 
 def _send_dots(stream: Stream, episode: Episode, team: TeamTrack) -> None:
-    """The vehicles on the map: the first with the team's name, and the others."""
+    """Send the vehicles on the map, the first with the team's name."""
     spot, livery = map_point(team.position_n), episode.liveries[team.name]
     named = {"labels": team.name.upper(), "show_labels": True}
     for name, vehicles, look in (
@@ -76,7 +76,7 @@ def _send_dots(stream: Stream, episode: Episode, team: TeamTrack) -> None:
 
 
 def _send_trails(stream: Stream, episode: Episode, team: TeamTrack) -> None:
-    """One segment per step and vehicle; the view shows the last seconds of them."""
+    """Send one segment for each step and vehicle; the view shows the last seconds of them."""
     position, jumped = enu(team.position_n), jumps(stream, team)
     before = stream.before(f"{team.name}/trails", position)
     segment = np.stack([np.concatenate([before[None], position[:-1]]), position], axis=2)  # [T, V, 2, 3]
@@ -86,27 +86,29 @@ def _send_trails(stream: Stream, episode: Episode, team: TeamTrack) -> None:
 
 
 def _send_lines(stream: Stream, path: str, points: Array, colours: Colour | list[Colour], radius: float) -> None:
-    """A line of P points for each vehicle and step, [T, V, P, 3] (m, ENU)."""
+    """Send a line of P points for each vehicle and step, [T, V, P, 3] (m, ENU)."""
     stream.static(path, rr.LineStrips3D.from_fields(colors=colours, radii=radius))
     strips = rr.LineStrips3D.columns(strips=list(points.reshape(-1, *points.shape[2:])))
     stream.columns(path, strips.partition([points.shape[1]] * len(points)))
 
 
 def smooth_course(time: Array, velocity_n: Array) -> Array:
-    """[T] course (rad) by velocities [T, 3] at `time` (s), averaged over a short time: turbulence does not shake it."""
+    """Course [T] (rad) of velocities [T, 3] at `time` (s), averaged briefly, so that turbulence does not shake the
+    view.
+    """
     near = np.abs(time[:, None] - time) <= 0.5 * COURSE_S
     return np.arctan2(near @ velocity_n[:, 1], near @ velocity_n[:, 0])
 
 
 def _send_plumb_lines(stream: Stream, team: TeamTrack) -> None:
-    """From each aircraft down to the sea: how high it is, and over what."""
+    """Send a line from each aircraft down to the sea, which shows its height and position."""
     here = enu(team.position_n)
     foot = np.concatenate([here[..., :2], team.wave_height[..., None].astype(np.float32)], axis=-1)
     _send_lines(stream, f"world/{team.name}/plumb_lines", np.stack([here, foot], axis=2), PLUMB, PLUMB_POINTS)
 
 
 def _send_target(stream: Stream, episode: Episode, team: TeamTrack) -> None:
-    """A ball with an arrow along the course; that of the boats rides on the waves."""
+    """Send a ball with an arrow along the course; the boats' target rides on the waves."""
     if team.target_n is None:
         return
     length, root = team.size_m[0], f"world/{team.name}/target"
@@ -126,7 +128,7 @@ def _send_target(stream: Stream, episode: Episode, team: TeamTrack) -> None:
 
 
 def _send_rings_in_air(stream: Stream, episode: Episode, team: TeamTrack) -> None:
-    """A ring at each slot, upright and across the course."""
+    """Send a ring at each slot, upright across the course."""
     if team.slot_n is None:
         return
     length, beam = team.size_m[:2]

@@ -1,8 +1,8 @@
-"""A boat drawn from its hull's own surface: painted at the waterline, decked, and given what shows its attitude.
+"""A boat drawn from its hull's surface: painted at the waterline, with decks and superstructure that show its attitude.
 
-Faces that look straight up are decks: hull models may stand for a deck by one rectangle of the same area, so decks are
-drawn anew across the hull's open edge. What stands on them (bridge deck, house, mast) is made from the hull's extent;
-it has no physics.
+Faces that look straight up are decks. A hull model may replace a deck by one rectangle of the same area, so decks are
+drawn anew across the hull's open edge. The superstructure (bridge deck, house, mast) is made from the hull's extent; no
+physics uses it.
 """
 
 import numpy as np
@@ -15,12 +15,17 @@ from taichi_sim.recording.palette import Colour
 UPWARD = 0.99  # a face whose unit normal points up by this much is a deck
 GRID_M = 1e-5  # corners closer than this are one
 BOOT_TOP = 0.25  # the paint changes this share of the freeboard above the waterline
-MIN_RISE = 0.22  # of the length: the least height of the mast's top above the deck, that attitude may be read
+MIN_RISE = 0.22  # least height of the mast above the deck in lengths, so that the attitude is visible
 
 
 def vessel(body: Body, size_m: tuple[float, float, float], colour: Colour, platform: Platform | None = None) -> Mesh:
-    """The hull in `colour`, its bottom dark, with decks, a house and a mast, but for what would stand in the way of who
-    lands on the `platform`. size_m: length, beam, height.
+    """The hull in `colour` with a dark bottom, decks, a house and a mast.
+
+    Args:
+        body: the hull's surface.
+        size_m: length, beam, height.
+        colour: of the hull.
+        platform: a landing deck; parts above it are left out.
     """
     sides, rims = shell(body)
     low, high = sides.reshape(-1, 3).min(axis=0), sides.reshape(-1, 3).max(axis=0)
@@ -41,7 +46,7 @@ def vessel(body: Body, size_m: tuple[float, float, float], colour: Colour, platf
 
 
 def shell(body: Body) -> tuple[Array, list[Array]]:
-    """The hull without its decks: triangles [F, 3, 3] (m, b), and the rings [K, 3] round its openings."""
+    """The hull without its decks: triangles [F, 3, 3] (m, b), and the rings [K, 3] around its openings."""
     faces = np.asarray(body.vertices_b, dtype=np.float64)[body.triangles]
     sides = faces[-normals(faces)[:, 2] < UPWARD]
     return sides, open_loops(sides)
@@ -61,12 +66,12 @@ def normals(faces: Array) -> Array:
 
 
 def above(faces: Array, z: float) -> Array:
-    """What of triangles [F, 3, 3] lies above the level z (down, m)."""
+    """The part of triangles [F, 3, 3] above the level z (down, m)."""
     return _cut(faces, z - faces[..., 2])
 
 
 def below(faces: Array, z: float) -> Array:
-    """What of triangles [F, 3, 3] lies below the level z (down, m)."""
+    """The part of triangles [F, 3, 3] below the level z (down, m)."""
     return _cut(faces, faces[..., 2] - z)
 
 
@@ -113,12 +118,12 @@ def open_loops(faces: Array) -> list[Array]:
 
 
 def lid(ring: Array) -> Array:
-    """Triangles [K, 3, 3] from the middle of a ring [K, 3]."""
+    """Triangles [K, 3, 3] from the centre of a ring [K, 3]."""
     hub = np.broadcast_to(ring.mean(axis=0), ring.shape)
     return np.stack([hub, ring, np.roll(ring, -1, axis=0)], axis=1)
 
 
-# -- what stands on it -------------------------------------------------------------------------------------------------
+# -- the superstructure ------------------------------------------------------------------------------------------------
 
 
 def _slab(outline: list[tuple[float, float]], top: float, bottom: float, colour: Colour) -> Mesh:
@@ -143,7 +148,7 @@ def _house(x: tuple[float, float], half: float, foot: float, rise: float, colour
 
 
 def _bridge(low: NDArray, high: NDArray, gap: float, rise: float, colour: Colour) -> list[Mesh]:
-    """Between two hulls: cross beams, a pointed plate, and a house on it."""
+    """Cross beams between two hulls, a pointed plate, and a house on it."""
     length, deck = high[0] - low[0], low[2]
     thick, half = 0.016 * length, 0.5 * gap + 0.12 * (high[1] - 0.5 * gap)
     x = low[0] + length * np.array([0.16, 0.62, 0.84])
@@ -185,7 +190,7 @@ def _landing_deck(platform: Platform, foot: float) -> list[Mesh]:
 
 
 def _deckhouse(low: NDArray, high: NDArray, gap: float, rise: float, colour: Colour) -> list[Mesh]:
-    """On one hull: a house aft, and a mark on deck that points forward."""
+    """A house aft on a single hull, and a mark on deck that points forward."""
     length, beam, deck = high[0] - low[0], high[1] - low[1], low[2]
     x, half = low[0] + length * np.array([0.62, 0.9]), 0.3 * beam
     mark = _slab([(x[0], -half), (x[1], 0.0), (x[0], half)], deck - 0.012 * length, deck, colour)

@@ -1,6 +1,6 @@
-"""Lines that lie on the waves: a ring at each slot, one around each boat, and the boats' wakes.
+"""Lines on the waves: a ring at each slot, one around each boat, and the boats' wakes.
 
-They move as often as the water about a hull does (sea_patch.py), and like it are rounded so that a file packs well.
+They move as often as the water at a hull (sea_patch.py), with rounded heights, so that the file compresses well.
 """
 
 from dataclasses import dataclass
@@ -20,11 +20,11 @@ TRAIL_S = 25.0  # how much of a wake is shown
 TRAIL_POINTS = -1.5  # radius of a trail in points of the screen, whatever the distance
 WAKE_S, WAKE_LENGTHS = 0.25, 0.25  # between the points of a wake, at least: time, and vehicle lengths
 WAKE_MOST_S = 2.5  # the same, at most
-NEWEST = 3  # points of a wake, those at the hull, that move as often as the water there
-WAKE_OFF = 0.1  # m: a point of a wake is never off by more than this, and drawn so much higher
+NEWEST = 3  # points of a wake at the hull, which move as often as the water there
+WAKE_OFF = 0.1  # m: greatest error of a wake's height; the wake is drawn this much higher
 RING = np.linspace(0.0, 2.0 * np.pi, 29)  # rad
 SLOT_RING, WATER_RING = 0.75, 0.9  # radii, of the longer of length and beam
-ABOVE_WATER = 0.02  # of the length: lines on the water are drawn this much higher, that it may not hide them
+ABOVE_WATER = 0.02  # lift of lines on the water in lengths, so that the water does not hide them
 ROUND_M = 1.0 / 64.0  # heights are rounded to this
 JUMP_M = 5.0  # a trail is broken where a vehicle moves farther than its speed allows by this much
 
@@ -38,7 +38,7 @@ def surface(episode: Episode, place_n: Array, index: NDArray[np.int64]) -> Array
 
 
 def jumps(stream: Stream, team: TeamTrack) -> NDArray[np.bool_]:
-    """[T, V]: a vehicle has been put elsewhere since the step before, for it moved farther than its speed allows."""
+    """Whether a vehicle was placed anew since the previous step, [T, V]: it moved farther than its speed allows."""
     now, key = stream.ns * 1e-9, f"{team.name}/jumps"
     seconds = np.diff(now, prepend=stream.before(f"{key}/time", now))[:, None]
     place = np.asarray(team.position_n, dtype=np.float64)
@@ -52,7 +52,7 @@ def _rounded(up: Array) -> Array:
 
 
 def send_rings(stream: Stream, episode: Episode, team: TeamTrack) -> None:
-    """One at each slot, if there are any, and one around each boat that shows the water it floats in."""
+    """Send a ring at each slot, and one around each boat that shows the water it floats in."""
     length, beam = team.size_m[:2]
     index = Cadence.of(episode.whole.time_s).steps(stream)
     livery = episode.liveries[team.name]
@@ -79,7 +79,7 @@ def send_rings(stream: Stream, episode: Episode, team: TeamTrack) -> None:
 
 @dataclass
 class _Way:
-    """What a team's wakes are drawn of: the last seconds of its way, step by step."""
+    """The last seconds of a team's tracks, from which its wakes are drawn."""
 
     first: int  # number of its first step
     time: Array  # [n] s
@@ -88,7 +88,7 @@ class _Way:
     up: Array  # [n, V] m, where each point was drawn last
 
     def longer(self, time: Array, place: Array, broken: NDArray[np.bool_]) -> "_Way":
-        """With the steps of another part, without those that no wake shows any more."""
+        """The tracks with the steps of another part, without those too old for a wake."""
         gone = int(np.searchsorted(self.time, time[0] - TRAIL_S))
         new = (time, place, broken, np.full(broken.shape, np.nan))
         old = (self.time, self.place, self.broken, self.up)
@@ -96,7 +96,7 @@ class _Way:
 
 
 def send_wakes(stream: Stream, episode: Episode, team: TeamTrack) -> None:
-    """The last seconds of each boat's way, on the water as it is now: a whole line per frame."""
+    """Send each boat's wake on the current water: a whole line in each frame."""
     key, whole, livery = f"{team.name}/wakes", episode.whole, episode.liveries[team.name]
     cadence = Cadence.of(whole.time_s)
     apart = _steps_between_points(whole.teams[team.name], np.asarray(whole.time_s, dtype=np.float64))
@@ -125,8 +125,9 @@ def send_wakes(stream: Stream, episode: Episode, team: TeamTrack) -> None:
 
 
 def _draw(episode: Episode, team: TeamTrack, way: _Way, points: NDArray[np.int64], now: float) -> None:
-    """Put the points (the last is the boat's own place) on the water at `now`, those that are off it so that it shows:
-    the more the farther they are behind.
+    """Move points of a wake to the surface at step `now` where they are visibly off; distant points may be off by more.
+
+    The last point is the boat's own position.
     """
     place = way.place[points]
     up = np.asarray(episode.elevation(place[..., NORTH], place[..., EAST], now), dtype=np.float64)
@@ -137,7 +138,7 @@ def _draw(episode: Episode, team: TeamTrack, way: _Way, points: NDArray[np.int64
 
 
 def _steps_between_points(team: TeamTrack, time: Array) -> int:
-    """How many steps lie between the points of a wake."""
+    """Number of steps between two points of a wake."""
     if len(time) < 2:
         return 1
     speed = float(np.nanmedian(np.linalg.norm(team.velocity_n, axis=-1)))

@@ -185,6 +185,6 @@ def test_each_difference_of_observations_is_told(observations, said, trained, co
     actor = load_policy(trained, config, "boats").actor
     team = SimpleNamespace(name="boats", observation_names=tuple(SEEN), action_names=tuple(DONE))
     TrainedPolicy(actor, {"observations": SEEN, "actions": DONE}).check(team)
-    with pytest.raises(CheckpointError, match="policy: its observations are others") as caught:
+    with pytest.raises(CheckpointError, match="policy: its observations differ") as caught:
         TrainedPolicy(actor, {"observations": observations, "actions": DONE}).check(team)
     assert_says(str(caught.value), said)

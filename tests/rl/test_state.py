@@ -31,8 +31,16 @@ SCENARIOS = {
     ),
     str(PLUGIN): (),
 }
-# What later steps write anew before anybody reads it, and what is asked for again.
-SCRATCH = ("._wanted", "._which", ".marker._drawn", ".members['way']", ".members['place']", "].before")
+# What steps write anew before anybody reads it, and what is asked for again.
+SCRATCH = (
+    "._wanted",
+    ".members['turns']",
+    "._which",
+    ".marker._drawn",
+    ".members['way']",
+    ".members['place']",
+    "].before",
+)
 
 
 def begun(name: str, envs: int = 5, seed: int = 1) -> Mission:

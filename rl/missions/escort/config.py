@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 
 from rl.course.obstacles import FixedObstacle
 from rl.guidance.config import ResidualConfig
-from rl.missions.escort.rewards import AircraftReward, BoatReward
+from rl.missions.escort.rewards import EscortAircraftReward, EscortBoatReward
 from rl.missions.escort.shapes import Shape
 from rl.perception.camera import CameraConfig
 from rl.perception.config import SensorsConfig
@@ -53,7 +53,7 @@ class EscortConfig(Strict):
         return self
 
 
-class CourseConfig(Strict):
+class VesselCourseConfig(Strict):
     """`[course]` of the vessel, which changes course and speed at random times."""
 
     speed: Span = (0.8, 2.0)  # m/s
@@ -125,8 +125,8 @@ class EscortTeam(TeamConfig):
     residual: ResidualConfig | None = None
     control: dict[str, float] = {}  # gains of its classical controller; default: its own
     plan: PlanConfig = PlanConfig()
-    boat_reward: BoatReward = BoatReward()
-    aircraft_reward: AircraftReward = AircraftReward()
+    boat_reward: EscortBoatReward = EscortBoatReward()
+    aircraft_reward: EscortAircraftReward = EscortAircraftReward()
 
 
 class EscortEvaluation(Evaluation):
@@ -146,9 +146,9 @@ class EscortScenario(Scenario):
 
     area: Annotated[float, Field(ge=500, le=100_000)] = 4000.0  # side of the square centred at the origin, m
     escort: EscortConfig = EscortConfig()
-    course: CourseConfig = CourseConfig()
+    course: VesselCourseConfig = VesselCourseConfig()
     obstacles: ObstaclesConfig = ObstaclesConfig()
-    sensing: SensingConfig = SensingConfig()
+    sensing: EscortSensingConfig = EscortSensingConfig()
     radio: RadioConfig = RadioConfig()
     evaluation: EscortEvaluation = EscortEvaluation()
 

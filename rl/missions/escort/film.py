@@ -55,7 +55,7 @@ def overlays_of(mission: "Escort", env: int) -> tuple[Overlay, ...]:
         drawn += [_sights(frame, mission.tracking.groups[flying.name].rows), _circle(frame["vessel"], flying.orbit)]
     names = tuple(f"{name}{k}" for name, g in tracking.groups.items() for k in range(g.count))
     age = np.minimum(frame["age"], 60.0)
-    return (*drawn, Plot(name="age of what is known of the vessel", unit="s", lines=names, values=age))
+    return (*drawn, Plot(name="age of the track of the vessel", unit="s", lines=names, values=age))
 
 
 def _messages(mission: "Escort", film: Frames) -> list[Lines]:

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from rl.missions.escort.boats import Boats
 
 
-class BoatReward(Strict):
+class EscortBoatReward(Strict):
     """Weights and scales of a boat's terms; d is its distance from its slot about the vessel, m."""
 
     closing: NonNegative = 1.0  # -d(d)/dt / closing_scale
@@ -29,7 +29,7 @@ class BoatReward(Strict):
     ending: NonNegative = 200.0  # -1 at a collision, or any other early ending
 
 
-class AircraftReward(Strict):
+class EscortAircraftReward(Strict):
     """Weights and scales of an aircraft's terms."""
 
     view: NonNegative = 1.0  # its own camera sees the vessel

@@ -15,7 +15,7 @@ from taichi_sim.recording.episode import TeamTrack
 from taichi_sim.recording.frames import Array, enu, enu_flu_quaternion, flu
 
 
-class Motion(NamedTuple):
+class RosMotion(NamedTuple):
     """[T, V, ...] of a team's vehicles, and where they should be, if that is known."""
 
     position: Array  # [T, V, 3] m, map
@@ -28,13 +28,13 @@ class Motion(NamedTuple):
     course: Array  # [T, 4] (x, y, z, w) of a level body on the team's course
 
 
-def motion_of(team: TeamTrack, time_s: Array) -> Motion:
-    """Motion of a team at times `time_s` [T]."""
+def motion_of(team: TeamTrack, time_s: Array) -> RosMotion:
+    """RosMotion of a team at times `time_s` [T]."""
     orientation = _continuous(enu_flu_quaternion(team.quaternion_nb))
     velocity = enu(team.velocity_n, np.float64)
     acceleration = _rate(velocity, time_s) + (0.0, 0.0, GRAVITY)
     angular = team.angular_velocity_b
-    return Motion(
+    return RosMotion(
         position=enu(team.position_n, np.float64),
         orientation=orientation,
         velocity=into_body(orientation, velocity),

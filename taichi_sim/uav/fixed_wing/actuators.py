@@ -59,7 +59,7 @@ def lag(tau, dt: float) -> tuple[Any, Any]:
 def advance(servos: ti.template(), p: ti.template(), dt: ti.template(), delta, command):
     """Deflections after a step dt (s) toward `command`, and their means over the step: exact for a lag whose command
     is held, so that what the step feels is right to second order in dt. Limits are those of `servos` (Actuators), lags
-    those of p (AircraftNumbers).
+    those of p (FixedWingNumbers).
     """
     new, mean = delta, delta
     gone = ti.Vector([p.servo_gone, p.servo_gone, p.servo_gone, p.motor_gone])

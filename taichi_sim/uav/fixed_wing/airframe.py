@@ -6,7 +6,7 @@ forward-right-down body, quaternion body to world. Positive elevator is trailing
 aileron rolls right, positive rudder yaws left (C_n_delta_r < 0). delta = (elevator, aileron, rudder, throttle).
 
 An aircraft is data: `craft` is its FixedWingParams, of which what never varies is read, and compiled in; `p` are its
-AircraftNumbers, compiled in or an environment's own.
+FixedWingNumbers, compiled in or an environment's own.
 """
 
 # Kernels are another language inside Python syntax.

@@ -47,7 +47,7 @@ from taichi_sim.uav.fixed_wing.instruments import (
 )
 from taichi_sim.uav.fixed_wing.modes import largest_stable_dt
 from taichi_sim.uav.fixed_wing.motion import attitude, rk4, velocity, with_velocity
-from taichi_sim.uav.fixed_wing.numbers import VARYING, AircraftNumbers, aircraft_numbers
+from taichi_sim.uav.fixed_wing.numbers import VARYING, FixedWingNumbers, aircraft_numbers
 from taichi_sim.uav.fixed_wing.params import FixedWingParams
 from taichi_sim.uav.fixed_wing.propeller import propeller_power
 from taichi_sim.uav.fixed_wing.trim import trim
@@ -122,7 +122,7 @@ class FixedWing6DOF(Aircraft):
         """Mean chord (m), and whether there is a tail: a flying wing is one without rudder."""
         return self.p.physical.c, self.p.lateral.has_rudder
 
-    def own(self, values: Mapping[str, Any]) -> AircraftNumbers:
+    def own(self, values: Mapping[str, Any]) -> FixedWingNumbers:
         """What the kernel works with."""
         return aircraft_numbers(self.p, values, self.dt)
 

@@ -9,7 +9,7 @@ from taichi_sim.uav.fixed_wing.actuators import lag
 from taichi_sim.uav.fixed_wing.params import FixedWingParams
 
 
-class AircraftNumbers(NamedTuple):
+class FixedWingNumbers(NamedTuple):
     """What the equations work with: floats, or tensors of one shape; coefficients as in `Longitudinal`, `Lateral`."""
 
     inverse_mass: float  # 1/kg
@@ -59,7 +59,7 @@ class AircraftNumbers(NamedTuple):
     motor_kept: float
 
 
-COEFFICIENTS = tuple(name for name in AircraftNumbers._fields if name.startswith("C_"))
+COEFFICIENTS = tuple(name for name in FixedWingNumbers._fields if name.startswith("C_"))
 _PHYSICAL = ("mass", "Jx", "Jy", "Jz", "Jxz", "rho")
 
 
@@ -77,13 +77,13 @@ VARYING = (
 """Keys of the vehicle file that may differ between environments."""
 
 
-def aircraft_numbers(craft: FixedWingParams, values: Mapping[str, Any], dt: float) -> AircraftNumbers:
+def aircraft_numbers(craft: FixedWingParams, values: Mapping[str, Any], dt: float) -> FixedWingNumbers:
     """The numbers of an aircraft like `craft` but for `values` (by VARYING; floats or tensors), stepped by dt (s)."""
     mass, Jx, Jy, Jz, Jxz, rho = (values[f"physical.{name}"] for name in _PHYSICAL)
     determinant = Jx * Jz - Jxz * Jxz  # Gamma of the book
     servo_gone, servo_kept = lag(values["actuators.time_constant"], dt)
     motor_gone, motor_kept = lag(values["actuators.throttle_time_constant"], dt)
-    return AircraftNumbers(
+    return FixedWingNumbers(
         inverse_mass=1 / mass,
         Jx=Jx,
         Jy=Jy,
@@ -105,7 +105,7 @@ def aircraft_numbers(craft: FixedWingParams, values: Mapping[str, Any], dt: floa
 
 
 @cache
-def nominal_numbers(craft: FixedWingParams) -> AircraftNumbers:
+def nominal_numbers(craft: FixedWingParams) -> FixedWingNumbers:
     """Those of the vehicle file itself, with actuators that are where they are told to be."""
     values = {key: float(reduce(getattr, key.split("."), craft)) for key in VARYING}
     return aircraft_numbers(craft, values, math.inf)

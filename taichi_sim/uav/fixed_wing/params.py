@@ -14,7 +14,7 @@ from taichi_sim.uav.fixed_wing.autopilot import AutopilotParams
 from taichi_sim.uav.fixed_wing.propeller import DiscPropeller, ElectricPropeller
 
 
-class Physical(Strict):
+class FixedWingPhysical(Strict):
     """Mass, inertia [[Jx, 0, -Jxz], [0, Jy, 0], [-Jxz, 0, Jz]], wing, air."""
 
     mass: Positive  # kg
@@ -96,7 +96,7 @@ class Lateral(Strict):
         return self.C_Y_delta_r != 0 or self.C_n_delta_r != 0
 
 
-class Envelope(Strict):
+class FixedWingEnvelope(Strict):
     """Where the aircraft is meant to fly."""
 
     airspeed: Positive  # of cruise: what a zero action trims for, m/s
@@ -111,7 +111,7 @@ class Envelope(Strict):
         return self
 
 
-class Body(Strict):
+class FixedWingBody(Strict):
     """What others see of it and collide with."""
 
     length: Positive  # m
@@ -122,13 +122,13 @@ class Body(Strict):
 class FixedWingParams(Strict):
     """Numbers of a fixed-wing vehicle file."""
 
-    physical: Physical
+    physical: FixedWingPhysical
     longitudinal: Longitudinal
     lateral: Lateral
     propeller: Annotated[ElectricPropeller | DiscPropeller, Field(discriminator="law")]
     actuators: Actuators
-    envelope: Envelope
-    body: Body
+    envelope: FixedWingEnvelope
+    body: FixedWingBody
     autopilot: AutopilotParams | None = None
 
     @property

@@ -99,7 +99,7 @@ def disc_thrust_torque(propeller: ti.template(), rho, Va, delta_t):
 
 @ti.func
 def thrust_torque(propeller: ti.template(), p: ti.template(), Va, delta_t):
-    """(T, N; Q, N m) of a propeller at airspeed Va (m/s) and throttle delta_t, in the air of p (AircraftNumbers)."""
+    """(T, N; Q, N m) of a propeller at airspeed Va (m/s) and throttle delta_t, in the air of p (FixedWingNumbers)."""
     T, Q = Va, Va
     if ti.static(propeller.law == "electric"):
         T, Q = electric_thrust_torque(propeller, p.rho, Va, delta_t)

@@ -26,7 +26,7 @@ REACHED = 1e-6  # of a unit of thrust or moment: what a least-squares solution m
 SMALLEST = 1e-9  # N: a thrust below it does not bound a scale
 
 
-class Allocation(NamedTuple):
+class RotorAllocation(NamedTuple):
     """Thrusts f = P (T, M_x, M_y, M_z), and what hover asks for."""
 
     P: tuple[tuple[float, ...], ...]  # [rotor][4], 1 and 1/m
@@ -44,7 +44,7 @@ def effectiveness(craft: MultirotorParams) -> np.ndarray:
 
 
 @cache
-def allocation(craft: MultirotorParams) -> Allocation:
+def allocation(craft: MultirotorParams) -> RotorAllocation:
     """The allocation of a vehicle file's rotors.
 
     Raises:
@@ -77,7 +77,7 @@ def allocation(craft: MultirotorParams) -> Allocation:
             )
     speeds = tuple(float(x) for x in np.sqrt(thrust / rotor.k_f))
     shares = float(P[:, 0].min()), float(P[:, 0].max())
-    return Allocation(tuple(tuple(float(x) for x in row) for row in P), weight, speeds, float(ratio), shares)
+    return RotorAllocation(tuple(tuple(float(x) for x in row) for row in P), weight, speeds, float(ratio), shares)
 
 
 def _why(missing: list[str]) -> str:

@@ -50,8 +50,8 @@ NOSE = 1e-6  # of the nose's horizontal part: straight up or down there is no he
 
 
 @dataclass(frozen=True)
-class Gains:
-    """Gains of the loops, all computed (gains.py), 1/s; integrals' 1/s^2."""
+class ControllerGains:
+    """ControllerGains of the loops, all computed (gains.py), 1/s; integrals' 1/s^2."""
 
     rate: float  # roll and pitch
     rate_integral: float
@@ -133,7 +133,7 @@ def heading_rate(g: ti.template(), R, turn, held, dt: ti.template()):
 
 @ti.func
 def rates_toward(g: ti.template(), d: ti.template(), R, c, turn):
-    """Body rates (rad/s) that bring the thrust's direction to that of c (n), and turn the heading at `turn` (rad/s)."""
+    """MultirotorBody rates (rad/s) that bring the thrust's direction to that of c (n), and turn the heading at `turn` (rad/s)."""
     e = (R.transpose() @ c) / ti.sqrt(c.dot(c))
     k = g.attitude * ti.sqrt(2.0 / ti.max(1.0 + e[2], UPRIGHT))
     p = ti.max(ti.min(-k * e[1], d.rate), -d.rate)

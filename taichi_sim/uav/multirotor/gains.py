@@ -17,8 +17,8 @@ import numpy as np
 
 from taichi_sim.config import ConfigError
 from taichi_sim.conventions import GRAVITY
-from taichi_sim.uav.multirotor.allocation import Allocation
-from taichi_sim.uav.multirotor.controller import CLIMB_SHARE, LEAST_LIFT, Demands, Gains
+from taichi_sim.uav.multirotor.allocation import RotorAllocation
+from taichi_sim.uav.multirotor.controller import CLIMB_SHARE, LEAST_LIFT, ControllerGains, Demands
 from taichi_sim.uav.multirotor.params import MultirotorParams
 
 ZETA = 0.8  # of every loop: overshoot of 1.5 %
@@ -42,7 +42,7 @@ def lag(craft: MultirotorParams, dt: float) -> float:
     return 0.5 * (craft.rotor.tau_up + craft.rotor.tau_down + dt)
 
 
-def lead(craft: MultirotorParams, a: Allocation) -> float:
+def lead(craft: MultirotorParams, a: RotorAllocation) -> float:
     """Time constant (s) by which the rotors' inertia leads the yaw moment of their drag, in hover: J_r / (2 k_m omega).
 
     A rotor that speeds up pushes the airframe round at once.
@@ -50,13 +50,13 @@ def lead(craft: MultirotorParams, a: Allocation) -> float:
     return craft.rotor.J_r / (2 * craft.rotor.k_m * sum(a.hover) / len(a.hover))
 
 
-def gains(craft: MultirotorParams, dt: float) -> Gains:
+def gains(craft: MultirotorParams, dt: float) -> ControllerGains:
     """Of the drawing board's aircraft, commanded every dt (s)."""
     behind = 1 / (4 * ZETA**2)
     rate = behind / lag(craft, dt)
     attitude = behind * rate
     velocity = behind * attitude
-    return Gains(
+    return ControllerGains(
         rate=rate,
         rate_integral=rate**2 / INTEGRAL,
         yaw_rate=attitude,
@@ -70,7 +70,7 @@ def gains(craft: MultirotorParams, dt: float) -> Gains:
     )
 
 
-def demands(craft: MultirotorParams, a: Allocation) -> Demands:
+def demands(craft: MultirotorParams, a: RotorAllocation) -> Demands:
     """What actions ask for.
 
     Raises:
@@ -97,7 +97,7 @@ def demands(craft: MultirotorParams, a: Allocation) -> Demands:
     )
 
 
-def bandwidths(g: Gains, T: float, z: float) -> Bandwidths:
+def bandwidths(g: ControllerGains, T: float, z: float) -> Bandwidths:
     """Of the loops of gains g behind the lag T (s), with the lead z (s) in yaw."""
     s = 1j * FREQUENCIES
 

@@ -20,7 +20,7 @@ Place = tuple[Finite, Finite, Finite]
 Actions = Literal["rotors", "rates", "velocity"]
 
 
-class Physical(Strict):
+class MultirotorPhysical(Strict):
     """Mass, inertia about the centre of gravity, drag of the fuselage, and the air."""
 
     mass: Positive  # kg, rotors included
@@ -92,7 +92,7 @@ class Mount(Strict):
         return 1.0 if self.spin == "ccw" else -1.0
 
 
-class Envelope(Strict):
+class MultirotorEnvelope(Strict):
     """Where the aircraft is meant to fly."""
 
     airspeed: Positive  # of cruise, m/s
@@ -117,7 +117,7 @@ class Control(Strict):
     max_tilt_deg: Annotated[float, Field(gt=0, lt=80)] = 35.0
 
 
-class Body(Strict):
+class MultirotorBody(Strict):
     """What others see of it and collide with."""
 
     size: tuple[Positive, Positive, Positive]  # length, width, height, rotors included, m
@@ -128,11 +128,11 @@ class Body(Strict):
 class MultirotorParams(Strict):
     """Numbers of a multirotor's vehicle file."""
 
-    physical: Physical
+    physical: MultirotorPhysical
     rotor: Rotor
     rotors: Annotated[tuple[Mount, ...], Field(min_length=1, max_length=MOST_ROTORS)]
-    envelope: Envelope
-    body: Body
+    envelope: MultirotorEnvelope
+    body: MultirotorBody
     control: Control = Control()
     battery: Battery | None = None
     legs: Legs | None = None  # what it stands on (contact/parts.py)
