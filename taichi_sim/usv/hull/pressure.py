@@ -72,7 +72,7 @@ def panel_table(geometry: HullGeometry) -> NDArray[np.float64]:
     return table
 
 
-def read_tables(geometry: HullGeometry) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
+def read_tables(geometry: HullGeometry) -> tuple[NDArray, NDArray, NDArray]:
     """Which nodes of the wave lines the panels of each vector (lanes.py) read: first of each vector's reads, and of the
     next one's; node of each read; 1 in the lanes of the panels that read it, [read, lane].
     """
