@@ -65,14 +65,16 @@ __all__ = ["Hull6Dof", "Hull6DofParams"]
 
 TablesPack = ti.types.argpack(
     panels=laned2,
+    reads=ti.types.ndarray(dtype=ti.i32, ndim=1),
     node=ti.types.ndarray(dtype=ti.i32, ndim=1),
+    share=laned1,
     lines=ti.types.ndarray(ndim=2),
     deck=ti.types.ndarray(ndim=2),
     filters=laned1,
     diffraction=laned3,
 )
-"""The parts' tables: panels, the column of each panel's head in the auxiliary state, and pairs of wave lines
-(pressure.py); corners of the deck (geometry.py); filters of the memory, and diffraction in one sea (radiation.py)."""
+"""The parts' tables: panels, what they read of the heads in the auxiliary state, and pairs of wave lines (pressure.py);
+corners of the deck (geometry.py); filters of the memory, and diffraction in one sea (radiation.py)."""
 SEAS = 4  # for which a model keeps tables
 SeaKey = tuple[int, int, tuple[int, ...]]  # of a tensor: where it is, how often it was written, its shape
 
@@ -287,12 +289,14 @@ class Hull6Dof(Vessel):
         if key not in self._tables:
             if len(self._tables) >= SEAS:
                 self._tables.pop(next(iter(self._tables)))
-            g, first = self.geometry, self.pressure.first
-            node = torch.as_tensor(g.lines.node + first, dtype=torch.int32, device=runtime.current().device)
+            g = self.geometry
+            reads, node, share = pressure.read_tables(g)
             self._tables[key] = runtime.pack(
                 TablesPack,
                 panels=laned(device_table(pressure.panel_table(g))),
-                node=laned(node, first).flatten(),
+                reads=device_table(reads).int(),
+                node=device_table(node + self.pressure.first).int(),
+                share=device_table(share),
                 lines=device_table(pressure.line_table(g)),
                 deck=device_table(g.deck_corners),
                 **self.radiation.tables(sea),

@@ -72,6 +72,17 @@ def panel_table(geometry: HullGeometry) -> NDArray[np.float64]:
     return table
 
 
+def read_tables(geometry: HullGeometry) -> tuple[NDArray, NDArray, NDArray]:
+    """Which nodes of the wave lines the panels of each vector (lanes.py) read: first of each vector's reads, and of the
+    next one's; node of each read; 1 in the lanes of the panels that read it, [read, lane].
+    """
+    of_vectors = np.array_split(geometry.lines.node, np.arange(width(), len(geometry.panels), width()))
+    nodes = [np.unique(each) for each in of_vectors]
+    share = [np.equal.outer(node, each) for node, each in zip(nodes, of_vectors, strict=True)]
+    lanes = [np.pad(each, ((0, 0), (0, width() - each.shape[1]))) for each in share]
+    return np.cumsum([0, *map(len, nodes)]), np.concatenate(nodes), np.concatenate(lanes).astype(np.float64)
+
+
 def line_table(geometry: HullGeometry) -> NDArray[np.float64]:
     """[pair, 9]: first point of either line of a pair, and their common step, m, b."""
     start, step = geometry.lines.start, geometry.lines.step
@@ -105,12 +116,11 @@ def write_heads(
         r_b = R @ ti.Vector([lines[pair, 3], lines[pair, 4], lines[pair, 5]])
         a = line_start(sizes.points, r_a, h, pos, L, J, plane)
         b = line_start(sizes.points, r_b, h, pos, L, J, plane)
-        head_a, head_b, slope_a, slope_b = along_pair(build, around, sizes.points, s, e, a, b, step, across, tau)
-        first = ti.static(sizes.first) + pair * ti.static(2 * sizes.points)
-        for c in ti.static(range(sizes.points)):
-            aux[e, i, first + c], aux[e, i, first + ti.static(sizes.points) + c] = head_a[c], head_b[c]
-            aux[e, i, first + ti.static(sizes.nodes) + c] = slope_a[c]
-            aux[e, i, first + ti.static(sizes.nodes + sizes.points) + c] = slope_b[c]
+        found = along_pair(build, around, sizes.points, s, e, a, b, step, across, tau)
+        size = ti.static(2 * sizes.points)
+        first = ti.static(sizes.first) + pair * size
+        for c in ti.static(range(size)):
+            aux[e, i, first + c], aux[e, i, first + ti.static(sizes.nodes) + c] = found[c], found[size + c]
 
 
 @ti.func
@@ -139,9 +149,7 @@ def along_pair(
     Two lines share what depends on their direction, and hide each other's latency.
     """
     sea = ti.static(around.waves)
-    none = sea[s, AMPLITUDE, 0] * 0.0
-    head_a, slope_a = ti.static(variables(points, none), variables(points, none))
-    head_b, slope_b = ti.static(variables(points, none), variables(points, none))
+    found = ti.static(variables(4 * points, sea[s, AMPLITUDE, 0] * 0.0))
     for c in range(ti.static(blocks(build.components))):
         kx, ky, k, omega = sea[s, KX, c], sea[s, KY, c], sea[s, K, c], sea[s, OMEGA, c]
         rate = k
@@ -166,40 +174,35 @@ def along_pair(
             m_b * sine_step,
         )
         for i in ti.static(range(points)):
-            head_a[i] += re_a
-            head_b[i] += re_b
-            slope_a[i] = slope_a[i] - k_across * im_a
-            slope_b[i] = slope_b[i] - k_across * im_b
+            found[i] += re_a
+            found[points + i] += re_b
+            found[2 * points + i] = found[2 * points + i] - k_across * im_a
+            found[3 * points + i] = found[3 * points + i] - k_across * im_b
             if ti.static(i < points - 1):
                 t_a, t_b = re_a * step_re_a - im_a * step_im_a, re_b * step_re_b - im_b * step_im_b
                 im_a, im_b = re_a * step_im_a + im_a * step_re_a, re_b * step_im_b + im_b * step_re_b
                 re_a, re_b = t_a, t_b
-    return totals(head_a), totals(head_b), totals(slope_a), totals(slope_b)
+    return totals(found)
 
 
 @ti.func
 def strip_moments(p_c, d):
     """hydrostatics.pressure_moments: of the head up to 2 |d|, a ramp that begins in the strip, and of the rest."""
-    size = ti.max(d, 0.0 - d)
-    wet = ti.max(p_c + size, 0.0)
-    ramp = ti.min(wet, 2 * size)
+    size = fast.at_least(d, 0.0 - d)
+    wet = fast.at_least(p_c + size, 0.0)
+    ramp = fast.at_most(wet, 2 * size)
     over = wet - ramp
-    w = ramp / (2 * size + 1e-12)
+    inverse = 1.0 / (2 * size + 1e-12)
+    w = ramp * inverse
     m = 0.5 * ramp * w
-    m1 = m * (1 - w * (2.0 / 3))
-    return m + over, ti.select(d < 0, 0.0 - m1, m1), m * (1 - w * (4.0 / 3 - w * (2.0 / 3))) + over * (1.0 / 3)
+    m1 = m * (1 - w * (2.0 / 3)) * (2 * d * inverse)
+    return m + over, m1, m * (1 - w * (4.0 / 3 - w * (2.0 / 3))) + over * (1.0 / 3)
 
 
 @ti.func
 def along(panels: ti.template(), row: ti.template(), p, v):
     """Dot product of v with the vector that begins at `row` of the panel table."""
     return v[0] * panels[row, p] + v[1] * panels[row + 1, p] + v[2] * panels[row + 2, p]
-
-
-@ti.func
-def gathered(aux: ti.template(), e, i, node: ti.template(), p, columns: ti.template()):
-    """Heads of a block of panels, or what lies so many columns behind them."""
-    return ti.Vector([aux[e, i, node[p * ti.static(width()) + k] + columns] for k in ti.static(range(width()))])
 
 
 @ti.func
@@ -214,9 +217,10 @@ def panel_load(sizes: ti.template(), tables: ti.template(), aux: ti.template(), 
     sums = ti.static(variables(6, panels[0, 0] * 0.0))
     slope_b = k + g  # of the pressure head in space
     for p in range(ti.static(blocks(sizes.panels))):
-        p_c = z + along(panels, CENTRE, p, k)
-        p_c += gathered(aux, e, i, tables.node, p, 0) + panels[AHEAD, p] * g[0]
-        p_c += panels[ACROSS, p] * gathered(aux, e, i, tables.node, p, sizes.nodes)
+        p_c = z + along(panels, CENTRE, p, k) + panels[AHEAD, p] * g[0]
+        for n in range(tables.reads[p], tables.reads[p + 1]):
+            head = aux[e, i, tables.node[n]]
+            p_c += tables.share[n] * (head + panels[ACROSS, p] * aux[e, i, tables.node[n] + ti.static(sizes.nodes)])
         d1 = along(panels, ALONG, p, slope_b)
         d2 = along(panels, UP, p, slope_b)
         d3 = along(panels, TWIST, p, slope_b)
