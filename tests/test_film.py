@@ -82,11 +82,13 @@ def test_over_a_deck_nobody_is_drawn_larger_than_there_is_room():
     episode = make_episode(steps=4)
     assert not room_at_decks(moment_of(episode, 0.0))  # there is no deck
     boats = dataclasses.replace(episode.teams["usv"], deck=Platform((0.0, 0.0, -1.0), (1.0, 0.5)))
-    moment = moment_of(dataclasses.replace(episode, teams={**episode.teams, "usv": boats}), 0.0)
-    away = moment.teams["uav"].position_n[:, None] - moment.teams["usv"].position_n
-    nearest = np.linalg.norm(away, axis=-1).min()
-    room = room_at_decks(moment)
-    assert set(room) == {"usv", "uav"} and 0.0 < room["uav"] < nearest
+    teams = {**episode.teams, "usv": boats}
+    place = teams["uav"].position_n.copy()
+    place[:, 0] = boats.position_n[:, 0] + (0.0, 0.0, -1.1)  # 0.1 m above the first deck, of a boat that hardly leans
+    for above, (low, high) in ((False, (1.0, 1e3)), (True, (0.0, 0.5))):
+        teams["uav"] = dataclasses.replace(teams["uav"], position_n=place) if above else teams["uav"]
+        room = room_at_decks(moment_of(dataclasses.replace(episode, teams=teams), 0.0))
+        assert set(room) == {"usv", "uav"} and all(low < metres < high for metres in room.values()), room
 
 
 def test_a_state_that_is_not_finite_leaves_the_last_picture():

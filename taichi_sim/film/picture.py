@@ -205,9 +205,13 @@ def room_at_decks(moment: Moment) -> dict[str, float]:
     """How long (m) bodies may be drawn where teams have decks: near a deck no larger than they are."""
     room: dict[str, float] = {}
     for deck, boats in moment.teams.items():
+        if boats.track.deck is None:
+            continue
+        centre = np.array(boats.track.deck.centre_b)
+        decks = boats.position_n + np.stack([rotation(quaternion) @ centre for quaternion in boats.quaternion_nb])
         for name, team in moment.teams.items():
-            if name != deck and boats.track.deck is not None:
-                away = np.linalg.norm(team.position_n[:, None] - boats.position_n, axis=-1)
+            if name != deck:
+                away = np.linalg.norm(team.position_n[:, None] - decks, axis=-1)
                 for one in (deck, name):
                     room[one] = min(room.get(one, np.inf), ROOM * float(away.min()))
     return room
