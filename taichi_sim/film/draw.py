@@ -13,7 +13,7 @@ from taichi_sim.film.pen import Pen, faces_of, moved
 from taichi_sim.film.shapes import Solids
 from taichi_sim.recording.bodies import body_mesh
 from taichi_sim.recording.episode import Array
-from taichi_sim.recording.overlays import Arrows, Cylinders, Ellipsoids, Lines, Points
+from taichi_sim.recording.overlays import Arrows, Cylinders, Ellipsoids, Lines, Overlay3D, Points
 from taichi_sim.recording.palette import CHECKPOINT, FRAME, OBSTACLE, PLUMB, TARGET, Colour, event_colour
 
 SUNK_M = 6.0  # how far an obstacle reaches below mean sea level

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from taichi_sim.conventions import HORIZONTAL
 from taichi_sim.film.camera import Array, FilmCamera
-from taichi_sim.film.draw import Cast, draw_moment
+from taichi_sim.film.draw import Cast, draw_moment, rotation
 from taichi_sim.film.glyphs import lines_of, write
 from taichi_sim.film.moment import Moment
 from taichi_sim.film.pen import Drawing, Pen, joined

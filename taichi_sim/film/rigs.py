@@ -59,7 +59,7 @@ class FollowRig:
     """
 
     def __init__(self, team: str) -> None:
-        """FollowRig the team of that name."""
+        """Follow the team of that name."""
         self.team = team
         self._middle, self._course, self._reach = Soft(SOFT_S), Soft(TURN_S), Soft(SOFT_S)
 

@@ -91,7 +91,7 @@ class ObstaclesConfig(Strict):
         return self
 
 
-class SensingConfig(Strict):
+class EscortSensingConfig(Strict):
     """Obstacles and team mates that a vehicle observes."""
 
     detection_range: Positive = 60.0  # m: farther objects are not avoided
