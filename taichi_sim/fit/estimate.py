@@ -29,6 +29,8 @@ LEAD = 1.0  # s before a window, in which its actuators are brought to where the
 STEP = 0.02  # s, the longest physics step
 OUTLIER = 2.5  # standard deviations
 ITERATIONS = 60
+STATE_ROUNDS = 8  # of the search for first states alone, for each of
+GROWING = (0.2, 0.5, 1.0)  # parts of a window
 SHORT = 0.5  # of a window: length of those that come first
 LEAST = 10  # samples, least of them
 ENOUGH, ROUGHLY = 1e-5, 1e-3  # change of the cost, relative, that ends the search; that over short windows
@@ -239,12 +241,17 @@ def _weights(scaled: Array) -> Array:
     return np.sqrt(np.minimum(1.0, OUTLIER / np.maximum(np.abs(scaled), 1e-12)))
 
 
-def _cost(left: Array, sigma: Array, phi: Array, prior: Array, extra: Array) -> float:
-    """Huber's, and the priors'."""
+def _huber(left: Array, sigma: Array) -> Array:
+    """Cost of each residual."""
     x = np.abs(left / sigma)
     least = np.minimum(x, OUTLIER)
-    huber = (least * (x - 0.5 * least)).sum()
-    return float(huber + 0.5 * ((phi / prior) ** 2).sum() + 0.5 * ((extra / LOG_PRIOR) ** 2).sum())
+    return least * (x - 0.5 * least)
+
+
+def _cost(left: Array, sigma: Array, phi: Array, prior: Array, extra: Array) -> float:
+    """Huber's, and the priors'."""
+    of_priors = ((phi / prior) ** 2).sum() + ((extra / LOG_PRIOR) ** 2).sum()
+    return float(_huber(left, sigma).sum() + 0.5 * of_priors)
 
 
 class _Point(NamedTuple):
@@ -313,19 +320,18 @@ def _odd(normal: _Normal, prior: Array) -> dict[int, Array]:
 
 
 def _solve(
-    problem: _Problem, phi: Array, extra: Array, state: Array, prior: Array, sigma: Array, free: bool = True,
-    enough: float = ENOUGH,
+    problem: _Problem, phi: Array, extra: Array, state: Array, prior: Array, sigma: Array, enough: float = ENOUGH
 ):  # fmt: skip
     """The best point, the deviations of the residuals there, and how often normal equations were solved.
 
-    Numbers stay where not `free`. A change of the cost below `enough` ends the search.
+    A change of the cost below `enough` ends the search.
     """
     point, damping, rounds = problem.point(phi, extra, state), DAMPING, 0
     cost = _cost(point.left, sigma, phi, prior, extra)
     while rounds < ITERATIONS and damping < 1e10:
         rounds += 1
         normal = _normal(problem, point, prior, sigma, damping)
-        move = np.linalg.solve(normal.S + damping * np.diag(prior**-2.0), normal.g) if free else np.zeros(len(phi))
+        move = np.linalg.solve(normal.S + damping * np.diag(prior**-2.0), normal.g)
         move *= min(1.0, LONGEST / max(np.abs(move).max(), 1e-12))
         extra, state = point.extra.copy(), point.state.copy()
         for log, mine, B, C, b in normal.blocks:
@@ -343,6 +349,33 @@ def _solve(
         if better < enough * abs(new_cost):
             break
     return point, sigma, rounds
+
+
+def _left_over(problem: _Problem, phi: Array, extra: Array, state: Array, sigma: Array) -> Array:
+    """Residuals of windows whose first states alone are estimated, each window by itself: [window, sample, 4].
+
+    The begin of a window comes first: over all of it, a vessel that is unstable on its course turns to either side.
+    """
+    samples = problem.measured.shape[1]
+    for share in GROWING:
+        n = max(round(share * samples), 2)
+        point, damping = problem.point(phi, extra, state), np.full(len(state), 1e-3)
+        for _ in range(STATE_ROUNDS):
+            weight = _weights(point.left[:, :n] / sigma)
+            r = (point.left[:, :n] / sigma * weight).reshape(len(state), -1)
+            J = (point.slope[:, :n, :, -6:] * (weight / sigma)[..., None]).reshape(*r.shape, 6)
+            H = np.einsum("wni,wnj->wij", J, J)
+            H += damping[:, None, None] * H * np.eye(6)
+            trial = point.state + np.linalg.solve(H, np.einsum("wni,wn->wi", J, r)[..., None])[..., 0]
+            left = problem.residuals(phi, extra, trial)
+            gain = (_huber(point.left, sigma) - _huber(left, sigma))[:, :n].sum(axis=(1, 2))
+            better = gain > 0  # not of what is not finite
+            damping = np.clip(damping * np.where(better, 0.1, 10.0), 1e-9, 1e9)
+            point = problem.point(phi, extra, np.where(better[:, None], trial, point.state))
+            if np.where(better, gain < ENOUGH * left[0].size, damping > 1e6).all():
+                break
+        state = point.state
+    return point.left
 
 
 def fit(
@@ -388,14 +421,13 @@ def fit(
     values = nominal * np.exp(phi)
     ends = np.sort(nominal * np.exp(phi + 1.96 * np.array([[-1.0], [1.0]]) * deviation), axis=0)
     before = after = float("nan")
-    if held:
+    if held := [
+        w for w in held if w.log in {u.log for u in used}
+    ]:  # the current and the biases of a log are known then
         other = _Problem(simulator, held, len(logs))
         begin = np.array([first_state(w, interval) for w in held])
-        rms = []
-        for numbers in (np.zeros(len(keys)), phi):
-            found, *_ = _solve(other, numbers, extra, begin, prior, sigma, free=False)
-            rms.append(float(np.sqrt(np.mean((found.left / sigma) ** 2))))
-        before, after = rms
+        left = (_left_over(other, numbers, extra, begin, sigma) for numbers in (np.zeros(len(keys)), phi))
+        before, after = (float(np.sqrt(np.mean((x / sigma) ** 2))) for x in left)
     correlation = covariance / np.outer(deviation, deviation)
     told, low, high = deviation < KNOWN * prior, ends[0], ends[1]
     return Fit(
