@@ -88,9 +88,8 @@ class EscortAircraft(Corrected):
         cruise = self.fleet.model.limits.speeds[1]
         self._number = number
         radius = self.orbit.radius
-        return ObserverGroup(
-            first, self.own, self.fleet, SearchPattern(SEARCH_PITCH * radius, SEARCH_SPEED * cruise, BEGINS * radius)
-        )
+        search = SearchPattern(SEARCH_PITCH * radius, SEARCH_SPEED * cruise, BEGINS * radius)
+        return ObserverGroup(first, self.own, self.fleet, search)
 
     def join(self, picture: CommonPicture) -> None:
         """Connect cameras and knowledge to the `picture`."""

@@ -1,6 +1,6 @@
 """The escort mission: boats hold formation about a manoeuvring vessel that only aircraft can see from afar.
 
-The vessel is a scripted team (vessel.py). EscortBoats see vessel and obstacles from near; aircraft circle the vessel and see
+The vessel is a scripted team (vessel.py). Boats see vessel and obstacles from near; aircraft circle the vessel and see
 all of them from afar. All share their sightings by radio (picture.py). An episode begins with the boats some hundred
 metres away; a cue gives them an old position of the vessel.
 """
@@ -43,7 +43,7 @@ OVERVIEW_M = 150.0  # m shown around the vessel in recordings without aircraft
 
 
 class Escort(Mission):
-    """EscortBoats and aircraft about a vessel.
+    """Boats and aircraft about a vessel.
 
     Attributes:
         worlds: the pool of starts (worlds.py).

@@ -14,7 +14,7 @@ APART = 40.0  # m between aircraft at the start; assumed
 
 
 def afloat(team: Any, place: Tensor, heading: Tensor, generator: torch.Generator) -> Tensor:
-    """EscortBoats at `place` [env, boat, 2] (m) with `heading` [env, boat] (rad), all boats of an environment at one
+    """Boats at `place` [env, boat, 2] (m) with `heading` [env, boat] (rad), all boats of an environment at one
     speed.
     """
     heading = heading.to(team.fleet.state)
@@ -26,7 +26,7 @@ def afloat(team: Any, place: Tensor, heading: Tensor, generator: torch.Generator
 
 
 def aloft(team: Any, over: Tensor, generator: torch.Generator) -> Tensor:
-    """EscortAircraft in steady flight over `over` [env, 2] (m), side by side at different heights, with a random heading."""
+    """Aircraft in steady flight over `over` [env, 2] (m), side by side at different heights, with a random heading."""
     count = team.fleet.count
     heading = (2 * math.pi * torch.rand((len(over), 1), generator=generator)).to(team.fleet.state).expand(-1, count)
     state = _level(team, heading)

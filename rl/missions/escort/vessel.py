@@ -1,7 +1,7 @@
 """The escorted vessel: a script that changes course and speed at random times, or flees from boats.
 
 Its manoeuvres are drawn when an episode begins, so that all controllers meet the same. It sails by the classical
-controller of its model, avoids obstacles, all of which it knows, and turns back at the edge of the area. EscortBoats must
+controller of its model, avoids obstacles, all of which it knows, and turns back at the edge of the area. Boats must
 keep clear of it; it evades them only at the last moment (`leader_horizon` of its control), as rule 17 of the COLREGs
 demands.
 """

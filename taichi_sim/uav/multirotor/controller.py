@@ -133,7 +133,7 @@ def heading_rate(g: ti.template(), R, turn, held, dt: ti.template()):
 
 @ti.func
 def rates_toward(g: ti.template(), d: ti.template(), R, c, turn):
-    """MultirotorBody rates (rad/s) that bring the thrust's direction to that of c (n), and turn the heading at `turn` (rad/s)."""
+    """Body rates (rad/s) that bring the thrust's direction to that of c (n), and turn the heading at `turn` (rad/s)."""
     e = (R.transpose() @ c) / ti.sqrt(c.dot(c))
     k = g.attitude * ti.sqrt(2.0 / ti.max(1.0 + e[2], UPRIGHT))
     p = ti.max(ti.min(-k * e[1], d.rate), -d.rate)

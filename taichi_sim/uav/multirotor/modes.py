@@ -16,7 +16,7 @@ SLOWEST = 1e-9  # 1/s: an eigenvalue below it is zero but for rounding
 
 
 @dataclass(frozen=True)
-class MultirotorLinearModel:
+class LinearModel:
     """x' = A x + B omega about a trim, rotors held at their speeds; x = STATES (m/s, rad/s, rad), omega in rad/s."""
 
     A: np.ndarray  # [8, 8]
@@ -29,7 +29,7 @@ class MultirotorLinearModel:
         return self.A[np.ix_(at, at)]
 
 
-def linear_modes(craft: MultirotorParams, trim: Trim) -> MultirotorLinearModel:
+def linear_modes(craft: MultirotorParams, trim: Trim) -> LinearModel:
     """The linear model about `trim`, by central differences, in still air."""
     R_b = _attitude(np.array([trim.phi]), np.array([trim.theta]))
     v = _in_body(trim.velocity_air, trim.heading, R_b)
@@ -38,7 +38,7 @@ def linear_modes(craft: MultirotorParams, trim: Trim) -> MultirotorLinearModel:
     values = _euler_rhs(craft, np.concatenate((x + steps, x - steps)))
     J = ((values[: len(x)] - values[len(x) :]) / (2 * DIFFERENCE)).T
     A = J[:, : len(STATES)]
-    return MultirotorLinearModel(A, J[:, len(STATES) :], _modes(A))
+    return LinearModel(A, J[:, len(STATES) :], _modes(A))
 
 
 def _in_body(velocity_n: np.ndarray, heading: float, q: np.ndarray) -> np.ndarray:
