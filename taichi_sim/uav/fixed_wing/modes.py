@@ -46,7 +46,7 @@ class Mode:
 
 
 @dataclass(frozen=True)
-class FixedWingLinearModel:
+class LinearModel:
     """x' = A x + B delta about a trim, and its modes by name.
 
     Longitudinal: x = (u, w, q, theta), delta = (elevator, throttle). Lateral: x = (v, p, r, phi), delta = (aileron,
@@ -60,7 +60,7 @@ class FixedWingLinearModel:
     modes: dict[str, Mode]
 
 
-def linear_modes(p: FixedWingParams, trim: Trim) -> FixedWingLinearModel:
+def linear_modes(p: FixedWingParams, trim: Trim) -> LinearModel:
     """The linear model about `trim` (in still air), by central differences, and its modes: short_period, phugoid,
     dutch_roll, roll, spiral; where roll and spiral have become one oscillation, roll_spiral.
     """
@@ -83,7 +83,7 @@ def linear_modes(p: FixedWingParams, trim: Trim) -> FixedWingLinearModel:
 
     A_lon, A_lat = block(LONGITUDINAL, LONGITUDINAL), block(LATERAL, LATERAL)
     modes = (*_longitudinal(np.linalg.eigvals(A_lon)), *_lateral(np.linalg.eigvals(A_lat)))
-    return FixedWingLinearModel(
+    return LinearModel(
         A_lon,
         block(LONGITUDINAL, ("elevator", "throttle")),
         A_lat,

@@ -16,7 +16,7 @@ SLOWEST = 1e-9  # 1/s: an eigenvalue below it is zero but for rounding
 
 
 @dataclass(frozen=True)
-class MultirotorLinearModel:
+class LinearModel:
     """x' = A x + B omega about a trim, rotors held at their speeds; x = STATES (m/s, rad/s, rad), omega in rad/s."""
 
     A: np.ndarray  # [8, 8]
@@ -38,7 +38,7 @@ def linear_modes(craft: MultirotorParams, trim: HoverTrim) -> MultirotorLinearMo
     values = _euler_rhs(craft, np.concatenate((x + steps, x - steps)))
     J = ((values[: len(x)] - values[len(x) :]) / (2 * DIFFERENCE)).T
     A = J[:, : len(STATES)]
-    return MultirotorLinearModel(A, J[:, len(STATES) :], _modes(A))
+    return LinearModel(A, J[:, len(STATES) :], _modes(A))
 
 
 def _in_body(velocity_n: np.ndarray, heading: float, q: np.ndarray) -> np.ndarray:

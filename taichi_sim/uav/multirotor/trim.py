@@ -38,12 +38,12 @@ left of the accelerations (m/s^2, rad/s^2), rotor speeds (rad/s).
 _array2: Any = ti.types.ndarray(ndim=2)
 
 
-class HoverTrimError(ConfigError):
+class TrimError(ConfigError):
     """No steady flight at what is asked for; the message says why."""
 
 
 @dataclass(frozen=True)
-class HoverTrim:
+class Trim:
     """Steady flight; angles in rad."""
 
     velocity_air: np.ndarray  # [3], n, m/s
@@ -116,11 +116,11 @@ def solve(craft: ti.template(), air: _array2, out: _array2):
             out[row, SPEEDS + k] = omega[k]
 
 
-def trim(craft: MultirotorParams, velocity_n=(0.0, 0.0, 0.0), wind=(0.0, 0.0, 0.0), heading: float = 0.0) -> HoverTrim:
+def trim(craft: MultirotorParams, velocity_n=(0.0, 0.0, 0.0), wind=(0.0, 0.0, 0.0), heading: float = 0.0) -> Trim:
     """Steady flight over ground at velocity_n (NED, m/s) in a steady `wind` (NED, m/s), the nose at `heading` (rad).
 
     Raises:
-        HoverTrimError: if the rotors cannot give it.
+        TrimError: if the rotors cannot give it.
     """
     ground, blown = (np.asarray(x, dtype=np.float64) for x in (velocity_n, wind))
     air = np.array([[*(ground - blown), math.cos(heading), math.sin(heading)]])
@@ -130,10 +130,10 @@ def trim(craft: MultirotorParams, velocity_n=(0.0, 0.0, 0.0), wind=(0.0, 0.0, 0.
     omega, rotor = row[SPEEDS:].copy(), craft.rotor
     left = row[LEFT]
     if not left < RESIDUAL[runtime.current().precision]:
-        raise HoverTrimError(f"no steady flight at {fast:g} m/s through the air: {left:.3g} m/s^2 or rad/s^2 are left")
+        raise TrimError(f"no steady flight at {fast:g} m/s through the air: {left:.3g} m/s^2 or rad/s^2 are left")
     if omega.max() > rotor.omega_max or omega.min() < rotor.omega_min:
         worst = int(np.argmax(omega)) if omega.max() > rotor.omega_max else int(np.argmin(omega))
-        raise HoverTrimError(
+        raise TrimError(
             f"no steady flight at {fast:g} m/s through the air: rotors.{worst} would have to turn at "
             f"{omega[worst]:.4g} rad/s, of {rotor.omega_min:g} to {rotor.omega_max:g}"
         )
@@ -142,4 +142,4 @@ def trim(craft: MultirotorParams, velocity_n=(0.0, 0.0, 0.0), wind=(0.0, 0.0, 0.
     q = torch_quaternion_from_euler(*(torch.tensor(x, dtype=torch.float64) for x in (phi, theta, heading)))
     state[3:7] = q.numpy()
     state[7:10] = torch_rotation_matrix(q).numpy().T @ ground
-    return HoverTrim(air[0, :3], phi, theta, heading, omega, state)
+    return Trim(air[0, :3], phi, theta, heading, omega, state)
