@@ -29,7 +29,7 @@ class LinearModel:
         return self.A[np.ix_(at, at)]
 
 
-def linear_modes(craft: MultirotorParams, trim: HoverTrim) -> MultirotorLinearModel:
+def linear_modes(craft: MultirotorParams, trim: HoverTrim) -> LinearModel:
     """The linear model about `trim`, by central differences, in still air."""
     R_b = _attitude(np.array([trim.phi]), np.array([trim.theta]))
     v = _in_body(trim.velocity_air, trim.heading, R_b)
