@@ -166,10 +166,10 @@ def modes(p: FixedWingParams) -> Outcome:
 # -- multirotors -------------------------------------------------------------------------------------------------------
 
 
-def _hovers(p: MultirotorParams, ahead: float, climbing: float) -> hovering.HoverTrim | None:
+def _hovers(p: MultirotorParams, ahead: float, climbing: float) -> hovering.Trim | None:
     try:
         return hovering.trim(p, (ahead, 0.0, -climbing))
-    except hovering.HoverTrimError:
+    except hovering.TrimError:
         return None
 
 

@@ -11,7 +11,7 @@ from taichi_sim.uav.multirotor.gains import bandwidths, gains, lag, lead
 from taichi_sim.uav.multirotor.modes import largest_stable_dt, linear_modes
 from taichi_sim.uav.multirotor.params import MultirotorParams
 from taichi_sim.uav.multirotor.power import induced_velocity, shaft_power
-from taichi_sim.uav.multirotor.trim import HoverTrim, HoverTrimError, trim
+from taichi_sim.uav.multirotor.trim import Trim, TrimError, trim
 
 MODEL = "multirotor_6dof"
 ROWS = 11  # airspeeds of the trim table
@@ -21,7 +21,7 @@ SECONDS_PER_MINUTE = 60.0
 POWER, TILT, HOVER = "#0072B2", "#D55E00", "#22313F"
 
 
-def flight(p: MultirotorParams, airspeed: float, gamma: float) -> HoverTrim:
+def flight(p: MultirotorParams, airspeed: float, gamma: float) -> Trim:
     """Straight flight at an airspeed (m/s), climbing by gamma (rad), in still air, nose ahead."""
     return trim(p, (airspeed * math.cos(gamma), 0.0, -airspeed * math.sin(gamma)))
 
@@ -50,7 +50,7 @@ def trim_table(p: MultirotorParams, gamma: float) -> str:
     for speed in np.linspace(0.0, p.envelope.max_airspeed, ROWS):
         try:
             t = flight(p, float(speed), gamma)
-        except HoverTrimError as error:
+        except TrimError as error:
             lines.append(f"{speed:7.2f}   {str(error).split(': ', 1)[1]}")
             continue
         phi, theta = np.degrees([t.phi, t.theta]) + 0.0
@@ -59,7 +59,7 @@ def trim_table(p: MultirotorParams, gamma: float) -> str:
     return "\n".join(lines)
 
 
-def mode_table(p: MultirotorParams, at: HoverTrim) -> str:
+def mode_table(p: MultirotorParams, at: Trim) -> str:
     """Frequency, damping and time constant of each mode with the rotors held, and the step they allow."""
     lines = [f"{'mode':14}{'rad/s':>10}{'damping':>10}{'period s':>10}{'time constant s':>17}"]
     for mode in linear_modes(p, at).modes:
@@ -97,7 +97,7 @@ def draw(p: MultirotorParams, gamma: float, title: str, file: Path) -> None:
     for speed in np.linspace(0.0, p.envelope.max_airspeed, POINTS):
         try:
             t = flight(p, float(speed), gamma)
-        except HoverTrimError:
+        except TrimError:
             break
         flown.append((float(speed), shaft_power(p, t.omega), math.degrees(t.tilt), t.omega.max()))
     speed, power, tilt, fastest = np.array(flown).T

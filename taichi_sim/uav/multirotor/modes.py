@@ -7,7 +7,7 @@ import numpy as np
 from taichi_sim.uav.fixed_wing.modes import Mode, StableStep, rk4_limit
 from taichi_sim.uav.multirotor.equations import rhs
 from taichi_sim.uav.multirotor.params import MultirotorParams
-from taichi_sim.uav.multirotor.trim import HoverTrim
+from taichi_sim.uav.multirotor.trim import Trim
 
 DIFFERENCE = 1e-5  # of central differences: m/s, rad, rad/s
 STATES = ("u", "v", "w", "p", "q", "r", "phi", "theta")
@@ -29,7 +29,7 @@ class LinearModel:
         return self.A[np.ix_(at, at)]
 
 
-def linear_modes(craft: MultirotorParams, trim: HoverTrim) -> LinearModel:
+def linear_modes(craft: MultirotorParams, trim: Trim) -> LinearModel:
     """The linear model about `trim`, by central differences, in still air."""
     R_b = _attitude(np.array([trim.phi]), np.array([trim.theta]))
     v = _in_body(trim.velocity_air, trim.heading, R_b)
@@ -78,7 +78,7 @@ def _modes(A: np.ndarray) -> tuple[Mode, ...]:
     return tuple(sorted(found, key=lambda mode: -mode.frequency))
 
 
-def largest_stable_dt(craft: MultirotorParams, fastest: HoverTrim) -> StableStep:
+def largest_stable_dt(craft: MultirotorParams, fastest: Trim) -> StableStep:
     """The longest step of RK4 from the damped modes about the trim at the greatest airspeed; rotors do not bound it."""
     damped = [m for m in linear_modes(craft, fastest).modes if m.eigenvalues[0].real < -SLOWEST]
     if not damped:

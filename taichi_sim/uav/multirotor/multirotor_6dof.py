@@ -46,7 +46,7 @@ from taichi_sim.uav.multirotor.motion import rk4
 from taichi_sim.uav.multirotor.numbers import gains as rotor_gains
 from taichi_sim.uav.multirotor.numbers import multirotor_numbers, nominal_numbers, varying_keys
 from taichi_sim.uav.multirotor.params import MultirotorParams
-from taichi_sim.uav.multirotor.trim import HoverTrimError, trim
+from taichi_sim.uav.multirotor.trim import TrimError, trim
 from taichi_sim.vehicle import Limits, Vehicle
 
 if TYPE_CHECKING:
@@ -132,7 +132,7 @@ class Multirotor6DOF(Vehicle):
         def possible(speed: float) -> bool:
             try:
                 return trim(self.plan, (speed, 0.0, 0.0)).tilt <= steepest
-            except HoverTrimError:
+            except TrimError:
                 return False
 
         if not possible(most):
