@@ -7,13 +7,14 @@ import torch
 from torch import Tensor
 
 from taichi_sim.air import Wind
+from taichi_sim.conventions import OMEGA, K
 from taichi_sim.kernels import lanes, runtime
 from taichi_sim.kernels.counters import Noise
 from taichi_sim.kernels.packs import AroundPack
 from taichi_sim.sea.queries import elevations
 from taichi_sim.sea.sea import DEEP, Sea
 
-NO_WAVE = 1e-12  # m, rad/m, rad/s: of components that fill up the last lanes
+NO_WAVE = 1e-12  # rad/m, rad/s: of components without amplitude that fill up the last lanes, for divisions
 
 
 @dataclass(eq=False)
@@ -45,7 +46,7 @@ class Surroundings:
         self._pack = runtime.Packed(
             AroundPack, sea=self.sea, env_sea=self.env_sea, phase=self.phase, current=self.current, wind=self.wind,
             air=air, turbulence=air if self.turbulence is None else self.turbulence, count=self.noise.table,
-            waves=lanes.laned(self.sea, NO_WAVE), turns=lanes.laned(self.phase),
+            waves=_filled_up(self.sea), turns=lanes.laned(self.phase),
         )  # fmt: skip
 
     @classmethod
@@ -70,3 +71,12 @@ class Surroundings:
         rows = torch.arange(envs, dtype=torch.int32, device=points.device).repeat_interleave(each)
         flat = points.reshape(-1, 2).to(self.sea.dtype).contiguous()
         return elevations(self.sea, flat, rows, self.env_sea, self.phase).view(envs, each)
+
+
+def _filled_up(sea: Tensor) -> Tensor:
+    """The sea in lanes (lanes.py); components that fill up the last ones have no amplitude, so that a calm sea stays
+    exactly calm.
+    """
+    waves = lanes.laned(sea)
+    waves.flatten(-2)[:, (K, OMEGA), sea.shape[2] :] = NO_WAVE
+    return waves

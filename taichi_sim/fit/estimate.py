@@ -351,8 +351,8 @@ def _solve(
     return point, sigma, rounds
 
 
-def _left_over(problem: _Problem, phi: Array, extra: Array, state: Array, sigma: Array) -> Array:
-    """Residuals of windows whose first states alone are estimated, each window by itself: [window, sample, 4].
+def _first_states(problem: _Problem, phi: Array, extra: Array, state: Array, sigma: Array) -> _Point:
+    """Where only the first states of windows are estimated, each window by itself.
 
     The begin of a window comes first: over all of it, a vessel that is unstable on its course turns to either side.
     """
@@ -375,7 +375,7 @@ def _left_over(problem: _Problem, phi: Array, extra: Array, state: Array, sigma:
             if np.where(better, gain < ENOUGH * left[0].size, damping > 1e6).all():
                 break
         state = point.state
-    return point.left
+    return point
 
 
 def fit(
@@ -414,8 +414,15 @@ def fit(
     )
     problem, each = _Problem(simulator, used, len(logs)), len(short) // len(used)
     point, sigma, more = _solve(problem, point.phi, point.extra, point.state[::each], prior, sigma)
-    phi, extra = point.phi, point.extra
     normal = _normal(problem, point, prior, sigma)
+    if _odd(normal, prior):  # a first state in a minimum of its own looks so, too: begin each anew, keep the better one
+        begin = np.array([first_state(w, interval) for w in used])
+        anew = _first_states(problem, point.phi, point.extra, begin, sigma)
+        cost, cost_anew = (_huber(x.left, sigma).sum(axis=(1, 2)) for x in (point, anew))
+        state = np.where((cost_anew < cost)[:, None], anew.state, point.state)
+        point, sigma, again = _solve(problem, point.phi, point.extra, state, prior, sigma)
+        normal, more = _normal(problem, point, prior, sigma), more + again
+    phi, extra = point.phi, point.extra
     covariance = np.linalg.inv(normal.S) * samples / (samples - unknown)  # sigma is that of what is left of the noise
     deviation, nominal = np.sqrt(np.diag(covariance)), simulator.nominal
     values = nominal * np.exp(phi)
@@ -426,7 +433,7 @@ def fit(
     ]:  # the current and the biases of a log are known then
         other = _Problem(simulator, held, len(logs))
         begin = np.array([first_state(w, interval) for w in held])
-        left = (_left_over(other, numbers, extra, begin, sigma) for numbers in (np.zeros(len(keys)), phi))
+        left = (_first_states(other, numbers, extra, begin, sigma).left for numbers in (np.zeros(len(keys)), phi))
         before, after = (float(np.sqrt(np.mean((x / sigma) ** 2))) for x in left)
     correlation = covariance / np.outer(deviation, deviation)
     told, low, high = deviation < KNOWN * prior, ends[0], ends[1]

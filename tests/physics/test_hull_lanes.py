@@ -3,7 +3,8 @@
 import numpy as np
 import torch
 
-from taichi_sim.conventions import GRAVITY
+from taichi_sim.bench import calm_sea
+from taichi_sim.conventions import ANGULAR_VELOCITY, GRAVITY, POSITION, VELOCITY
 from taichi_sim.sea import Sea
 from taichi_sim.sea.spectrum import Components
 
@@ -26,3 +27,16 @@ def test_components_without_amplitude_change_nothing(constant_model, bench):
     assert (load - full_load).abs().max() < 1e-5 * model.params.weight
     assert (state - full_state).abs().max() < 1e-5
     assert load.std(dim=0).abs().max() > 0.01 * model.params.weight  # there are waves
+
+
+def test_a_straight_run_in_calm_water_is_straight_to_the_last_bit(constant_model, bench):
+    """What fills up the last lanes makes no wave: its side force, however small, an unstable course would multiply."""
+    team = bench(constant_model("otter", 0.02, 5, restoring="linear"), calm_sea(), envs=2)
+    team.put()
+    ahead = torch.zeros_like(team.fleet.action)
+    ahead[..., 0] = 0.8
+    for _ in range(100):  # 10 s
+        team.step(ahead)
+    state = team.state[:, 0]
+    aside = (POSITION.start + 1, VELOCITY.start + 1, ANGULAR_VELOCITY.start, ANGULAR_VELOCITY.start + 2)
+    assert state[:, VELOCITY.start].min() > 1.0 and (state[:, aside] == 0.0).all()
