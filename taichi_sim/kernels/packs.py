@@ -27,7 +27,7 @@ AroundPack = ti.types.argpack(
 )  # fmt: skip
 """The surroundings (surroundings.py); `air` = (shear, w20, w20_factor) is of the wind (`Wind.numbers`), `turbulence`
 [env] the factor of its intensity where that differs (else not to be read), `count` [2 + env] counts the random numbers
-(noise.py); `waves` and `turns` are sea and phase in lanes."""
+(counters.py); `waves` and `turns` are sea and phase in lanes."""
 
 
 TouchPack = ti.types.argpack(way=_array3, pressing=_array3, soles=_array3, struck=_array3, blow=_array3)
