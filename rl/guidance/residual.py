@@ -13,6 +13,7 @@ from rl.perception.columns import Mate, Obstacle
 from rl.team import Controller
 from taichi_sim.config import ConfigError
 
+CORRECTIONS = ("velocity ahead (correction)", "velocity to starboard (correction)")
 CHANGE_SCALE = 3.0  # m/s, where a squashed change of velocity is half way to 1
 
 
@@ -72,17 +73,12 @@ class ResidualTeam(Team):
     def residual(self) -> ResidualConfig | None:
         """Configuration of the residual policy; None if the policy acts alone."""
         residual = self.section.residual
-        return residual if residual is not None and (residual.share > 0 or residual.velocity > 0) else None
+        return residual if residual is not None and residual.velocity > 0 else None
 
     @property
     def action_names(self) -> tuple[str, ...]:
         """Names of the policy's outputs, each in [-1, 1]: the vehicle's actions, or corrections."""
-        names = super().action_names
-        if self.residual is None:
-            return names
-        velocity = ("velocity ahead (correction)", "velocity to starboard (correction)")
-        actions = tuple(f"{name} (correction)" for name in names)
-        return (velocity if self.residual.velocity else ()) + (actions if self.residual.share else ())
+        return super().action_names if self.residual is None else CORRECTIONS
 
     def command(self, action: Tensor) -> Tensor:
         """Vehicle actions: the policy's own, or the classical controller's with its corrections
@@ -98,15 +94,12 @@ class ResidualTeam(Team):
         if residual.room and mates.num_mates:
             nearest = mates.team_mates[..., Mate.DISTANCE].amin(-1, keepdim=True)
             correction = correction * (nearest * (2 / residual.room) - 1).clamp(0.0, 1.0)
-        wanted = self.wanted
-        if residual.velocity:
-            pushed = self.pushed(residual.velocity * correction[..., :2])
+        wanted, pushed = self.wanted, self.pushed(residual.velocity * correction)
+        if self._shield is None:
             velocity = wanted.velocity + pushed
-            if self._shield is not None:
-                velocity = self._shield.corrected(self.known, wanted.velocity, pushed)
-            wanted, correction = wanted._replace(velocity=velocity), correction[..., 2:]
-        actions = self.corrected.act(self.known, wanted)
-        return (actions + residual.share * correction if residual.share else actions).clamp(-1.0, 1.0)
+        else:
+            velocity = self._shield.corrected(self.known, wanted.velocity, pushed)
+        return self.corrected.act(self.known, wanted._replace(velocity=velocity)).clamp(-1.0, 1.0)
 
     def _opened(self, gate: float) -> Tensor:
         """Share [env, vehicle] of the correction that is applied, by the distance to the nearest obstacle and `gate`
@@ -168,20 +161,15 @@ class ResidualTeam(Team):
     @property
     def reference_width(self) -> int:
         """Number of values of `reference`; 0 if the policy acts alone."""
-        if self.residual is None:
-            return 0
-        return self.axes if self.residual.velocity else len(self.fleet.model.action_names)
+        return 0 if self.residual is None else self.axes
 
     def reference(self) -> Tensor | None:
         """Observation of what the policy corrects; None if it acts alone.
 
-        It is the desired change of velocity in the vehicle's frame [env, vehicle, axes], squashed; or the classical
-        actions, if the policy corrects only these.
+        It is the desired change of velocity in the vehicle's frame [env, vehicle, axes], squashed.
         """
         if self.residual is None:
             return None
-        if not self.residual.velocity:
-            return self.corrected.act(self.known, self.wanted)
         fleet, change = self.known.fleet, self.wanted.velocity - self.known.fleet.velocity_n[..., : self.axes]
         if self.axes == 3:
             own = (change.unsqueeze(-2) @ fleet.R_nb).squeeze(-2)

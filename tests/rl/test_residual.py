@@ -3,15 +3,29 @@
 import pytest
 import torch
 from small_missions import begin, make, wander
+from torch import Tensor
 
+from rl.guidance.residual import CHANGE_SCALE
 from rl.learn.policy import CheckpointError, ClassicalPolicy, TrainedPolicy
 from rl.perception.columns import Obstacle
 from taichi_sim.config import ConfigError
 
+MOST = 2.0  # m/s
+
 
 def corrected(*overrides: str):
-    """A mission whose boats correct the classical controller's actions by three tenths at most."""
-    return make("usv.residual={share=0.3}", *overrides, teams=("usv",))
+    """A mission whose boats correct the classical controller's desired velocity by MOST in each component."""
+    return make(f"usv.residual={{velocity={MOST}}}", *overrides, teams=("usv",))
+
+
+def pushes(team, monkeypatch) -> Tensor:
+    """Length [vehicle] of what a policy that asks for the most ahead changes in the desired velocity, m/s."""
+    asked = []
+    monkeypatch.setattr(team.corrected, "act", lambda known, wanted: asked.append(wanted.velocity) or team.action)
+    silent = torch.zeros(team.mission.num_envs, 3, 2)
+    for action in (silent, silent + torch.tensor([1.0, 0.0])):
+        team.command(action)
+    return (asked[1] - asked[0]).norm(dim=-1)[0]
 
 
 def test_a_silent_policy_is_the_classical_controller_and_a_loud_one_is_limited():
@@ -20,47 +34,45 @@ def test_a_silent_policy_is_the_classical_controller_and_a_loud_one_is_limited()
     team, classical = task.teams["usv"], ClassicalPolicy()
     wander(task, 2)
     expected = classical(team).clamp(-1.0, 1.0)
-    silent = torch.zeros_like(expected)
+    silent = torch.zeros(task.num_envs, 3, 2)
     assert team.command(silent).equal(expected)
-    torch.testing.assert_close(team.command(silent + 7.0), (expected + 0.3).clamp(-1.0, 1.0))
+    assert team.command(silent + 7.0).equal(team.command(silent + 1.0))
+    assert not team.command(silent + 1.0).equal(expected)
 
 
-def test_the_classical_action_of_now_is_observed():
+def test_the_change_of_velocity_that_the_controller_wants_now_is_observed():
     task = corrected()
     begin(task)
     team = task.teams["usv"]
     assert team.observation_names[-2:] == ("reference.0", "reference.1")
     for _ in range(2):
-        assert team.observe()[..., -2:].equal(ClassicalPolicy()(team))
+        squashed = team.observe()[..., -2:]
+        ahead, aside = (CHANGE_SCALE * squashed / (1 - squashed.abs())).unbind(-1)
+        c, s = team.known.fleet.heading
+        change = torch.stack((c * ahead - s * aside, s * ahead + c * aside), dim=-1)
+        wanted = team.corrected.wanted(team.known).velocity
+        torch.testing.assert_close(change, wanted - team.known.fleet.velocity_n[..., :2], rtol=1e-4, atol=1e-4)
         wander(task, 1)
-    task.reset(torch.tensor([1]))
-    assert team.observe()[1, :, -2:].equal(ClassicalPolicy()(team)[1])
 
 
-def test_a_gate_opens_where_an_obstacle_is_near():
+def test_a_gate_opens_where_an_obstacle_is_near(monkeypatch):
     task = corrected("usv.residual.gate=20.0", "sea.hs=0")
     begin(task)
     team = task.teams["usv"]
     near = torch.tensor([40.0, 20.0, 15.0]) + team.radius
     team.sensor.obstacles[..., 0, 0] = near.expand(task.num_envs, 3)
     team.sensor.obstacles[..., 0, Obstacle.NUMBER] = 0.0
-    silent = torch.zeros(task.num_envs, 3, 2)
-    added = team.command(silent + 1.0) - team.command(silent)
-    room = (1.0 - team.command(silent)).clamp(max=1.0)[0, :, 1]
-    torch.testing.assert_close(added[0, :, 1], torch.minimum(torch.tensor([0.0, 0.0, 0.15]), room))
+    torch.testing.assert_close(pushes(team, monkeypatch), MOST * torch.tensor([0.0, 0.0, 0.5]))
     team.sensor.obstacles[..., 0, Obstacle.NUMBER] = -1.0  # there is nothing: what stands in the table is the range
-    assert team.command(silent + 1.0).equal(team.command(silent))
+    assert pushes(team, monkeypatch).equal(torch.zeros(3))
 
 
-def test_corrections_fade_out_where_a_team_mate_is_near():
+def test_corrections_fade_out_where_a_team_mate_is_near(monkeypatch):
     task = corrected("usv.residual.room=20.0", "sea.hs=0")
     begin(task)
     team = task.teams["usv"]
     team.sensor.team_mates[..., 0] = torch.tensor([25.0, 16.0, 9.0]).expand(task.num_envs, 3).unsqueeze(-1)
-    silent = torch.zeros(task.num_envs, 3, 2)
-    added = team.command(silent + 1.0) - team.command(silent)
-    room = (1.0 - team.command(silent)).clamp(max=1.0)[0, :, 1]
-    torch.testing.assert_close(added[0, :, 1], torch.minimum(torch.tensor([0.3, 0.18, 0.0]), room))
+    torch.testing.assert_close(pushes(team, monkeypatch), MOST * torch.tensor([1.0, 0.6, 0.0]))
 
 
 @pytest.mark.parametrize("team", ["usv", "uav"])
