@@ -1,6 +1,7 @@
 """Numbers from logs: known numbers come back, what data do not tell is said, and bad logs are told."""
 
 import csv
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -31,6 +32,11 @@ def test_known_numbers_come_back_within_their_intervals(logs):
     assert found.sigma == pytest.approx([0.1, 0.1, np.radians(0.5), np.radians(0.2)], rel=0.15)
     assert found.after < 1.2 < found.before
     assert not found.odd  # logs of one boat agree
+    held = [track for track in found.tracks if track.by_file is not None]
+    assert len(held) == len(found.tracks) // 5
+    by_fit, by_file = (np.std(np.concatenate([(t.measured - m)[:, 0] for t, m in zip(held, motions, strict=True)]))
+                       for motions in ([t.fitted for t in held], [t.by_file for t in held]))  # fmt: skip
+    assert by_fit < 0.12 < by_file  # north, m: only the noise is left
 
 
 @pytest.mark.slow
@@ -158,8 +164,11 @@ def test_the_command_makes_logs_fits_them_and_writes_a_file(capsys, tmp_path):
     words = ["otter_3dof", "--synthetic", str(tmp_path), "--factor", "X_u=1.2", "--count", "2"]
     assert command.main(words) == 0
     files = capsys.readouterr().out.split()
-    out = tmp_path / "mine.toml"
-    assert command.main(["otter_3dof", *files, "--numbers", "X_u,surge_force_max", "--out", str(out)]) == 0
+    out, page = tmp_path / "mine.toml", tmp_path / "fit.html"
+    numbers = ["--numbers", "X_u,surge_force_max"]
+    assert command.main(["otter_3dof", *files, *numbers, "--out", str(out), "--report", str(page)]) == 0
+    html = page.read_text()
+    assert all(Path(file).name in html for file in files) and html.count("<svg") == 2 + len(files)
     told = capsys.readouterr().out
     assert "95 % interval" in told and "current" in told and "1 is the noise" in told
     assert load_vehicle(out).params.X_u == pytest.approx(1.2 * load_vehicle("otter_3dof").params.X_u, rel=0.03)

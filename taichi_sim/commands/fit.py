@@ -1,10 +1,10 @@
 """Fit numbers of a vehicle file to logs of a vessel's motion.
 
-    taichi-sim fit VEHICLE LOG... [--numbers KEY,KEY...] [--prior KEY=SHARE] [--out FILE]
+    taichi-sim fit VEHICLE LOG... [--numbers KEY,KEY...] [--prior KEY=SHARE] [--out FILE] [--report FILE]
     taichi-sim fit VEHICLE --synthetic DIR [--factor KEY=X ...]      # makes logs to try it on
 
     taichi-sim fit otter_3dof --synthetic logs --factor X_u=1.2 --factor surge_force_max=0.9
-    taichi-sim fit otter_3dof logs/*.csv --prior mass=0.02 --out mine.toml
+    taichi-sim fit otter_3dof logs/*.csv --prior mass=0.02 --out mine.toml --report fit.html
 
 VEHICLE is a vehicle file, or the name of a shipped one: its numbers are the first guess. LOG is a CSV with the columns
 t, north, east, heading (or heading_deg), yaw_rate (or yaw_rate_deg) and the actions. Intervals are of 95 %. What the
@@ -142,6 +142,7 @@ def parser() -> argparse.ArgumentParser:
                    help=f"how well it is known beforehand [{PRIOR:g}; mass {PRIORS['mass']:g}]")  # fmt: skip
     p.add_argument("--window", type=float, default=6.0, metavar="S", help="length of what is simulated at once [6]")
     p.add_argument("--out", type=Path, metavar="FILE", help="write the vehicle file with the fitted numbers here")
+    p.add_argument("--report", type=Path, metavar="FILE", help="write numbers, tracks and residuals as a page of HTML")
     p.add_argument("--synthetic", type=Path, metavar="DIR", help="make logs of the vehicle instead")
     p.add_argument("--factor", action="append", default=[], metavar="KEY=X", help="of a number, in synthetic logs")
     p.add_argument("--count", type=int, default=10, help="of synthetic logs [10]")
@@ -169,6 +170,11 @@ def run(args: argparse.Namespace) -> None:
     logs = [read_log(log, model) for log in args.logs]
     found = fit(args.vehicle, logs, {key: given.get(key, PRIOR) for key in keys}, seconds=args.window)
     print("\n".join([f"{args.vehicle}, {len(logs)} logs", *lines(found, logs)]))
+    if args.report is not None:
+        from taichi_sim.commands.fit_page import page_of  # matplotlib takes a second
+
+        args.report.write_text(page_of(args.vehicle, found, logs), encoding="utf-8")
+        print(args.report)
     if args.out is not None:
         args.out.write_text(written(file, found, logs), encoding="utf-8")
         load_vehicle(args.out)

@@ -55,6 +55,18 @@ class Window(NamedTuple):
     actions: Array  # [lead + step, action]
 
 
+class Track(NamedTuple):
+    """A window as measured, by the fitted numbers and, if it was held out, by the file's; begun at its own first state.
+
+    Motions are [sample, 4]: north, east (m), heading (rad), yaw rate (rad/s), as the instruments would show them.
+    """
+
+    log: int
+    measured: Array
+    fitted: Array
+    by_file: Array | None
+
+
 class Fit(NamedTuple):
     """What was found."""
 
@@ -71,6 +83,7 @@ class Fit(NamedTuple):
     after: float  # by the fitted ones
     iterations: int
     odd: dict[int, Array]  # logs that ask for other numbers than the rest, and by how much, change of the logarithm
+    tracks: list[Track]
 
 
 def windows_of(logs: Sequence[Log], seconds: float) -> list[Window]:
@@ -428,16 +441,18 @@ def fit(
     values = nominal * np.exp(phi)
     ends = np.sort(nominal * np.exp(phi + 1.96 * np.array([[-1.0], [1.0]]) * deviation), axis=0)
     before = after = float("nan")
+    tracks = [Track(w.log, m, m - left, None) for w, m, left in zip(used, problem.measured, point.left, strict=True)]
     if held := [
         w for w in held if w.log in {u.log for u in used}
     ]:  # the current and the biases of a log are known then
         other = _Problem(simulator, held, len(logs))
         begin = np.array([first_state(w, interval) for w in held])
-        left = (_first_states(other, numbers, extra, begin, sigma).left for numbers in (np.zeros(len(keys)), phi))
+        left = [_first_states(other, numbers, extra, begin, sigma).left for numbers in (np.zeros(len(keys)), phi)]
         before, after = (float(np.sqrt(np.mean((x / sigma) ** 2))) for x in left)
+        tracks += [Track(w.log, m, m - b, m - a) for w, m, a, b in zip(held, other.measured, *left, strict=True)]
     correlation = covariance / np.outer(deviation, deviation)
     told, low, high = deviation < KNOWN * prior, ends[0], ends[1]
     return Fit(
         keys, nominal, values, low, high, told, correlation, sigma, extra[:, :2], before, after, rounds + more,
-        _odd(normal, prior),
+        _odd(normal, prior), tracks,
     )  # fmt: skip
