@@ -1,18 +1,19 @@
-"""exp without libm in f32."""
+"""The exponential function in f32 without a call of libm."""
 
 import taichi as ti
 
 from taichi_sim.kernels import runtime
 
 LOG2_E, LN2 = 1.4426950408889634, 0.6931471805599453
-LOWEST, HIGHEST = -87.0, 88.0  # exp of these is a normal f32
+LOWEST, HIGHEST = -87.0, 88.0  # exp of every argument between them is a normal f32
 
 
 @ti.func
 def exp(x):
-    """e^x, to 1e-7 (1 + |x|) relative: x = n ln 2 + r, |r| <= ln 2 / 2; x is clamped to [-87, 88] in f32.
+    """Return e^x with a relative error of 1e-7 (1 + |x|); in f32, x is clamped to [-87, 88].
 
-    The polynomial in r is expf's of Moshier's Cephes library. In f64 the library's function.
+    Range reduction is x = n ln 2 + r with |r| <= ln 2 / 2. The polynomial in r is that of expf in Moshier's Cephes
+    library. In f64 this is the library's function.
     """
     y = x
     if ti.static(runtime.is_f64()):
