@@ -41,8 +41,8 @@ import math
 import taichi as ti
 import torch
 
-from taichi_sim.air.exponential import exp
 from taichi_sim.kernels import runtime
+from taichi_sim.kernels.fast import exp
 
 STATES = 5  # per vehicle: one of u, two of v, two of w
 

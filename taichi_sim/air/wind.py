@@ -20,11 +20,11 @@ import numpy as np
 import taichi as ti
 import torch
 
-from taichi_sim.air.exponential import exp
 from taichi_sim.config import AirConfig
 from taichi_sim.config.series import Series, mean_of, read_series
 from taichi_sim.conventions import GRAVITY
 from taichi_sim.kernels import runtime
+from taichi_sim.kernels.fast import exp
 from taichi_sim.kernels.gauss_markov import SlowVariation
 from taichi_sim.kernels.random import log
 
