@@ -145,7 +145,7 @@ def check_floating(craft: FloatingHull, surface: WettedSurface, rho: float, g: f
     displaced, whole = rho * surface.volume, rho * Hydrostatics(craft.panels, craft.mass, craft.cg).volume_below_deck
     if craft.mass >= whole:
         raise ConfigError(
-            f"{craft.name}: its mass of {craft.mass:.6g} kg is above its displacement up to the deck, {whole:.6g} kg"
+            f"{craft.name}: its mass of {craft.mass:.6g} kg is above the {whole:.6g} kg it displaces up to its deck"
         )
     if displaced > LIGHTER * craft.mass:
         raise ConfigError(

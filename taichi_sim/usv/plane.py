@@ -1,7 +1,7 @@
-"""A hull that moves in the plane and rides on the surface of the water: what its models share.
+"""Shared parts of models that move in the plane and ride on the surface of the water.
 
-s = [x, y, psi, u_r, v_r, r] is its motion in the plane, relative to water that moves by V_c (m/s, n). Heave, roll and
-pitch follow the plane through the elevations under the four corners of the water plane.
+The planar motion s = [x, y, psi, u_r, v_r, r] is relative to water that moves by V_c (m/s, n). Heave, roll and pitch
+follow the plane through the elevations under the four corners of the waterplane.
 """
 
 # Kernels are another language inside Python syntax.
@@ -18,8 +18,8 @@ from taichi_sim.sea import waves
 def water_plane(length, beam, heights):
     """Mean elevation (m), slopes ahead and to starboard, and the change of the latter per metre ahead (1/m).
 
-    `heights` (m, up) are those of the bow port, bow starboard, stern port and stern starboard corners of a water plane
-    of `length` and `beam` (m).
+    `heights` (m, up) are the elevations under the corners of a waterplane of `length` and `beam` (m): bow port, bow
+    starboard, stern port, stern starboard.
     """
     bow, stern = heights[1] - heights[0], heights[3] - heights[2]
     ahead = (heights[0] + heights[1] - heights[2] - heights[3]) / (2.0 * length)
@@ -37,7 +37,7 @@ def heading(R):
 
 @ti.func
 def planar(y, V_c):
-    """s = [x, y, psi, u_r, v_r, r] and the water plane (water_plane; its twist is not kept) of a state."""
+    """Planar motion s = [x, y, psi, u_r, v_r, r] and water plane (see `water_plane`; without its twist) of a state."""
     R = rotation_matrix(ti.Vector([y[3], y[4], y[5], y[6]]))
     v = R @ ti.Vector([y[7], y[8], y[9]])
     c, sine = heading(R)
@@ -52,8 +52,10 @@ def planar(y, V_c):
 
 @ti.func
 def elevations(around: ti.template(), build: ti.template(), e, tau, s, D, length: ti.template(), beam: ti.template()):
-    """Displacement (m) at the centre, from its prediction D, and elevations (m, up) at the four corners of a water
-    plane of `length` and `beam` (m), `tau` (s) into the control step.
+    """Displacement (m) of the water at the centre, from its prediction D, and elevations (m, up) under the four
+    corners.
+
+    The waterplane has `length` and `beam` (m); `tau` (s) is the time in the control step.
     """
     sine, cosine = fast.sincos(s[2])
     x, y = s[0] + D[0], s[1] + D[1]
@@ -68,9 +70,9 @@ def elevations(around: ti.template(), build: ti.template(), e, tau, s, D, length
 
 @ti.func
 def attitude(psi, r, plane, rate):
-    """Quaternion of heading psi on the water plane, and body rates (rad/s) as the plane changes by `rate`.
+    """Quaternion of heading psi on the water plane, and body rates (rad/s) while the plane changes by `rate`.
 
-    tan theta = slope ahead, tan phi = -slope to starboard cos theta; half angles by square roots.
+    tan theta = slope ahead, tan phi = -(slope to starboard) cos theta. Half angles are by square roots.
     """
     cos_t = 1.0 / ti.sqrt(1.0 + plane[1] * plane[1])
     sin_t = plane[1] * cos_t
@@ -80,7 +82,7 @@ def attitude(psi, r, plane, rate):
     half_ct, half_cp = ti.sqrt(0.5 * (1.0 + cos_t)), ti.sqrt(0.5 * (1.0 + cos_p))
     half_st, half_sp = 0.5 * sin_t / half_ct, 0.5 * sin_p / half_cp
     tilt = ti.Vector([half_ct * half_cp, half_ct * half_sp, half_st * half_cp, -half_st * half_sp])
-    # libm here: an error of the stored heading would grow from step to step
+    # libm is used here, because an error of the stored heading would grow from step to step.
     yaw = ti.Vector([ti.cos(0.5 * psi), psi * 0.0, psi * 0.0, ti.sin(0.5 * psi)])
     theta_dot = rate[1] * cos_t * cos_t
     phi_dot = -(rate[2] * cos_t - plane[2] * sin_t * theta_dot) * cos_p * cos_p
