@@ -39,7 +39,6 @@ PRINTED = 0.00051  # Hz; largest error of a printed frequency
 TAIL = 4  # power of the frequency in the decay of a spectrum's tail
 STEPS = 100  # steps up to the largest density in code FM 65
 DISCERNIBLE = 3  # steps of the code are recognised if they are at least this many units of the last printed digit
-DATES = ("YY", "MM", "DD", "HH", "MN")
 
 
 class Part(NamedTuple):

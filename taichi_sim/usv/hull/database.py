@@ -102,7 +102,7 @@ class HydroDatabase:
             data = json.loads(Path(path).read_text(encoding="utf-8"))
         except FileNotFoundError:
             raise ConfigError(
-                f"{path}: there is no such file: a copy of a vehicle file needs its database in the same folder; or "
+                f"{path}: there is no such file: a copy of a vehicle needs its database in the same folder; or "
                 'set hydrodynamics.radiation = "constant"'
             ) from None
         except (OSError, UnicodeDecodeError) as error:
