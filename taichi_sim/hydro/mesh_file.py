@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from taichi_sim.config import ConfigError
 from taichi_sim.config.extras import MissingExtraError
-from taichi_sim.hydro.surface import WettedSurface, area_vectors, reverse
+from taichi_sim.hydro.surface import WettedSurface, area_vectors, as_triangles, reverse
 
 Array = NDArray[np.float64]
 UNITS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "in": 0.0254, "ft": 0.3048}
@@ -171,11 +171,7 @@ def _snapped(panels: Array, tiny: float) -> Array:
     """Merge corners within `tiny`, and drop panels without area."""
     grid = np.rint(panels / tiny) * tiny
     panels = np.where(np.abs(grid) < tiny / 2, 0.0, grid)
-    edge = np.linalg.norm(np.roll(panels, -1, axis=1) - panels, axis=2)
-    order = (edge.argmin(axis=1)[:, None] + [2, 3, 0, 1]) % 4
-    three = np.take_along_axis(panels, order[..., None], axis=1)
-    three[:, 3] = three[:, 2]
-    panels = np.where((edge.min(axis=1) < tiny / 2)[:, None, None], three, panels)
+    panels = as_triangles(panels, tiny / 2)
     return panels[np.linalg.norm(area_vectors(panels), axis=1) > tiny**2]
 
 

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from taichi_sim.hydro.surface import PLANES, WettedSurface, area_vectors
+from taichi_sim.hydro.surface import PLANES, WettedSurface, area_vectors, as_triangles
 from taichi_sim.usv.hull.mesh import Panels
 
 Array = NDArray[np.float64]
@@ -197,10 +197,6 @@ def _wet(patch: Patch, s: Array) -> tuple[Array, Array]:
 
 
 def _tidy(quads: Array, short: float) -> Array:
-    """Drop panels without area; convert those with an edge of no length to triangles (last corner doubled)."""
-    length = np.linalg.norm(np.roll(quads, -1, axis=1) - quads, axis=2)  # of the edge after each corner
-    order = (length.argmin(axis=1)[:, None] + [2, 3, 0, 1]) % 4
-    three = np.take_along_axis(quads, order[..., None], axis=1)
-    three[:, 3] = three[:, 2]
-    quads = np.where((length.min(axis=1) < short)[:, None, None], three, quads)
+    """Drop panels without area; convert those with an edge of no length to triangles."""
+    quads = as_triangles(quads, short)
     return quads[np.linalg.norm(area_vectors(quads), axis=1) > short**2]

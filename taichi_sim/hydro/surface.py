@@ -110,6 +110,15 @@ def area_vectors(panels: Array) -> Array:
     return 0.5 * np.cross(panels[:, 2] - panels[:, 0], panels[:, 3] - panels[:, 1])
 
 
+def as_triangles(panels: Array, short: float) -> Array:
+    """Convert panels [n, 4, 3] with an edge shorter than `short` (m) to triangles (last corner doubled)."""
+    length = np.linalg.norm(np.roll(panels, -1, axis=1) - panels, axis=2)  # of the edge after each corner
+    order = (length.argmin(axis=1)[:, None] + [2, 3, 0, 1]) % 4
+    three = np.take_along_axis(panels, order[..., None], axis=1)
+    three[:, 3] = three[:, 2]
+    return np.where((length.min(axis=1) < short)[:, None, None], three, panels)
+
+
 def mirrored(panels: Array, axis: int) -> Array:
     """Mirror images of panels in the plane through CO normal to `axis`; normals stay outward."""
     image = panels.copy()

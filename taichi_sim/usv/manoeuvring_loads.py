@@ -28,7 +28,7 @@ from pydantic import model_validator
 
 from taichi_sim.config import Finite, NonNegative, Positive, Strict
 from taichi_sim.conventions import GRAVITY
-from taichi_sim.kernels.rigid_body import Number
+from taichi_sim.usv.vessel import Number, steady_speed
 
 AT_ONCE = 1e-300  # s; added to an actuator's time constant, so that one without lag follows at once
 
@@ -89,9 +89,7 @@ class Manoeuvring3dofParams(Strict):
 
     def steady_surge(self, force: float) -> float:
         """Speed (m/s) of a straight run under `force` (N >= 0), from X_uuu u^3 + X_uu u^2 + X_u u + force = 0."""
-        roots = np.roots([self.X_uuu, self.X_uu, self.X_u, force])
-        ahead = roots.real[(np.abs(roots.imag) < 1e-9) & (roots.real > 0)]
-        return float(ahead.min(initial=np.inf))
+        return steady_speed(force, -self.X_u, -self.X_uu, -self.X_uuu)
 
     def eigenvalues(self, u: float) -> np.ndarray:
         """Eigenvalues [3] (1/s) of the model linearised about a straight run at u (m/s)."""

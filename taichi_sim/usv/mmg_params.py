@@ -9,11 +9,11 @@ The units are 0.5 rho L^2 d (mass), 0.5 rho L^4 d (inertia), 0.5 rho L d U^2 (fo
 import math
 from typing import Annotated
 
-import numpy as np
 from pydantic import Field, model_validator
 
 from taichi_sim.config import Finite, NonNegative, Positive, Strict
 from taichi_sim.usv.hull.params import Windage
+from taichi_sim.usv.vessel import steady_speed
 
 Count = Annotated[int, Field(ge=1, le=2)]
 Fraction = Annotated[float, Field(ge=0, lt=1)]
@@ -148,9 +148,8 @@ class MmgParams(Strict):
         p, wake = self.propeller, 1 - self.propeller.w_P0
         push = (1 - p.t_P) * p.count * p.diameter**2
         quadratic = push * p.k_2 * wake**2 - 0.5 * self.length * self.draft * self.hull.R_0
-        roots = np.roots([quadratic, push * p.k_1 * wake * n * p.diameter, push * p.k_0 * (n * p.diameter) ** 2])
-        ahead = roots.real[(np.abs(roots.imag) < 1e-9 * np.abs(roots)) & (roots.real > 0)]
-        return float(ahead.min(initial=np.inf))
+        linear, constant = push * p.k_1 * wake * n * p.diameter, push * p.k_0 * (n * p.diameter) ** 2
+        return steady_speed(constant, -linear, -quadratic)
 
     def revolutions(self, speed: float) -> float:
         """Revolutions n (1/s) of a straight run at `speed` > 0 (m/s), the inverse of `steady_speed`."""

@@ -31,7 +31,6 @@ SUFFIX = ".hydro.json"
 MICROMETRES = 1e6  # per metre; grid on which corners are compared
 FEWEST = 4  # frequencies, at least
 DIGITS = 6  # significant digits of the numbers in a file
-CORNERS = ((-1, -1), (1, -1), (1, 1), (-1, 1))
 
 
 def database_file(vehicle_file: Path) -> Path:
@@ -41,10 +40,7 @@ def database_file(vehicle_file: Path) -> Path:
 
 def hull_hash(panels: Panels) -> str:
     """Hash (16 hexadecimal digits) of the panels' corners, rounded to micrometres; independent of their order."""
-    corners = np.stack(
-        [panels.centre + s * panels.along + t * panels.up + s * t * panels.twist for s, t in CORNERS], axis=1
-    )
-    whole = np.rint(corners * MICROMETRES).astype("<i8")
+    whole = np.rint(panels.corners * MICROMETRES).astype("<i8")
     rows = sorted(tuple(sorted(map(tuple, panel))) for panel in whole.tolist())
     return hashlib.sha256(np.array(rows, dtype="<i8").tobytes()).hexdigest()[:16]
 

@@ -66,9 +66,12 @@ class Panels:
     @property
     def draft(self) -> float:
         """Deepest point below the design waterline, m."""
-        e3 = self.twist[:, 2]
-        corners = [self.centre[:, 2] + i * self.along[:, 2] + j * self.up[:, 2] + i * j * e3 for i, j in _CORNERS]
-        return float(np.max(corners))
+        return float(self.corners[..., 2].max())
+
+    @property
+    def corners(self) -> Array:
+        """Corners [N, 4, 3] in order around each panel, m, b."""
+        return np.stack([self.centre + s * self.along + t * self.up + s * t * self.twist for s, t in _CORNERS], axis=1)
 
     @property
     def area_slopes(self) -> tuple[Array, Array]:
@@ -78,7 +81,7 @@ class Panels:
 
     def surface(self) -> tuple[Array, NDArray[np.int64]]:
         """Vertices [4 N, 3] (m, b) and triangles [2 N, 3] to draw the hull, counter-clockwise from outside."""
-        corners = np.stack([self.centre + s * self.along + t * self.up + s * t * self.twist for s, t in _CORNERS], 1)
+        corners = self.corners
         inward = np.sum(np.cross(self.along, self.up) * self.area, axis=1) < 0
         corners[inward] = corners[inward, ::-1]
         first = 4 * np.arange(len(self))[:, None, None]
