@@ -25,12 +25,9 @@ from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
 from taichi_sim.config import ConfigError
-from taichi_sim.conventions import ELEVATION
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import fast
-from taichi_sim.kernels.kinematics import store
 from taichi_sim.kernels.packs import AroundPack, FleetPack, load_at, numbers_at
-from taichi_sim.kernels.rotation import quaternion_product, rotation_matrix
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.usv.manoeuvring_loads import (
     VARYING,
@@ -40,7 +37,7 @@ from taichi_sim.usv.manoeuvring_loads import (
     numbers_of,
     wave_load,
 )
-from taichi_sim.usv.plane import attitude, elevations, heading, planar, water_plane
+from taichi_sim.usv.plane import elevations, planar, water_plane, write_rates, write_state
 from taichi_sim.usv.vessel import Number, Vessel, steady_speed
 from taichi_sim.vehicle import Limits
 
@@ -123,15 +120,7 @@ class Manoeuvring3dof(Vessel):
             tau = ti.Vector([controls[n, 0] + load[n, 0], controls[n, 1] + load[n, 1], controls[n, 2] + load[n, 5]])
             s, _ = planar(y, V_c)
             rate = self.derivatives(self.constants, s, tau, V_c)
-            sine, cosine = fast.sincos(s[2])
-            u_c, v_c = cosine * V_c[0] + sine * V_c[1], cosine * V_c[1] - sine * V_c[0]
-            turn = ti.Vector([y[3] * 0.0, y[3] * 0.0, y[3] * 0.0, 0.5 * s[5]])  # about the vertical
-            q_dot = quaternion_product(turn, ti.Vector([y[3], y[4], y[5], y[6]]))
-            out[n, 0], out[n, 1] = rate[0], rate[1]
-            for k in ti.static(range(4)):
-                out[n, 3 + k] = q_dot[k]
-            # rates of the velocity over ground; nu_c turns in b
-            out[n, 7], out[n, 8], out[n, 12] = rate[3] + s[5] * v_c, rate[4] - s[5] * u_c, rate[5]
+            write_rates(out, n, y, s, rate, V_c)
 
     @ti.kernel
     def _step(self, fleet: FleetPack, around: AroundPack, build: ti.template()):
@@ -151,21 +140,7 @@ class Manoeuvring3dof(Vessel):
                 s, plane, before, memory = self.advance(
                     self.constants, build, around, e, s, plane, memory, actions, tau, V_c
                 )
-            q, omega = attitude(s[2], s[5], plane, (plane - before) / ti.static(self.dt))
-            R_nb = rotation_matrix(q)
-            c, sine = heading(R_nb)
-            v_n = ti.Vector([c * s[3] - sine * s[4] + V_c[0], sine * s[3] + c * s[4] + V_c[1], 0.0])
-            v_n[2] = (before[0] - plane[0]) / ti.static(self.dt)
-            store(fleet.derived, e, i, R_nb, v_n)
-            v_b = R_nb.transpose() @ v_n
-            fleet.state[e, i, 0], fleet.state[e, i, 1], fleet.state[e, i, 2] = s[0], s[1], -plane[0]
-            for k in ti.static(range(4)):
-                fleet.state[e, i, 3 + k] = q[k]
-            for k in ti.static(range(3)):
-                fleet.state[e, i, 7 + k], fleet.state[e, i, 10 + k] = v_b[k], omega[k]
-            for k in ti.static(range(len(AUX))):
-                fleet.aux[e, i, k] = memory[k]
-            fleet.surface[e, i, ELEVATION] = plane[0]
+            write_state(fleet, e, i, s, plane, before, memory, V_c, self.dt)
 
     @ti.func
     def advance(self, p: ti.template(), build: ti.template(), around: ti.template(), e, s, plane, memory, actions, tau,

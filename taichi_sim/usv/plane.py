@@ -9,7 +9,9 @@ follow the plane through the elevations under the four corners of the waterplane
 
 import taichi as ti
 
+from taichi_sim.conventions import ELEVATION
 from taichi_sim.kernels import fast
+from taichi_sim.kernels.kinematics import store
 from taichi_sim.kernels.rotation import quaternion_product, rotation_matrix
 from taichi_sim.sea import waves
 
@@ -89,3 +91,43 @@ def attitude(psi, r, plane, rate):
     p = phi_dot - r * sin_t
     omega = ti.Vector([p, theta_dot * cos_p + r * cos_t * sin_p, r * cos_t * cos_p - theta_dot * sin_p])
     return quaternion_product(yaw, tilt), omega
+
+
+@ti.func
+def write_state(fleet: ti.template(), e, i, s, plane, before, memory, V_c, dt: ti.template()):
+    """Write all columns of vehicle i in environment e: planar motion s on the water plane, auxiliary state `memory`.
+
+    `before` is the water plane a substep of dt (s) earlier.
+    """
+    q, omega = attitude(s[2], s[5], plane, (plane - before) / ti.static(dt))
+    R_nb = rotation_matrix(q)
+    c, sine = heading(R_nb)
+    v_n = ti.Vector([c * s[3] - sine * s[4] + V_c[0], sine * s[3] + c * s[4] + V_c[1], 0.0])
+    v_n[2] = (before[0] - plane[0]) / ti.static(dt)
+    store(fleet.derived, e, i, R_nb, v_n)
+    v_b = R_nb.transpose() @ v_n
+    fleet.state[e, i, 0], fleet.state[e, i, 1], fleet.state[e, i, 2] = s[0], s[1], -plane[0]
+    for k in ti.static(range(4)):
+        fleet.state[e, i, 3 + k] = q[k]
+    for k in ti.static(range(3)):
+        fleet.state[e, i, 7 + k], fleet.state[e, i, 10 + k] = v_b[k], omega[k]
+    for k in ti.static(range(memory.n)):
+        fleet.aux[e, i, k] = memory[k]
+    fleet.surface[e, i, ELEVATION] = plane[0]
+
+
+@ti.func
+def write_rates(out: ti.template(), n, y, s, rate, V_c):
+    """Write d(state)/dt of state y to row n of `out`, from its planar motion s and the rate of s.
+
+    Rates of heave, roll and pitch stay as they are.
+    """
+    sine, cosine = fast.sincos(s[2])
+    u_c, v_c = cosine * V_c[0] + sine * V_c[1], cosine * V_c[1] - sine * V_c[0]
+    turn = ti.Vector([y[3] * 0.0, y[3] * 0.0, y[3] * 0.0, 0.5 * s[5]])  # about the vertical
+    q_dot = quaternion_product(turn, ti.Vector([y[3], y[4], y[5], y[6]]))
+    out[n, 0], out[n, 1] = rate[0], rate[1]
+    for k in ti.static(range(4)):
+        out[n, 3 + k] = q_dot[k]
+    # rates of the velocity over ground; nu_c turns in b
+    out[n, 7], out[n, 8], out[n, 12] = rate[3] + s[5] * v_c, rate[4] - s[5] * u_c, rate[5]
