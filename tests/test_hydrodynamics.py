@@ -11,11 +11,10 @@ import pytest
 from taichi_sim.config import ConfigError
 from taichi_sim.config.io import config_folder
 from taichi_sim.hydro import hull as hulls
-from taichi_sim.hydro.frames import TURN, turned_matrix
 from taichi_sim.hydro.frequencies import ABOVE, BELOW, spikes
 from taichi_sim.hydro.offsets import compared, offsets
 from taichi_sim.hydro.panels import wetted
-from taichi_sim.hydro.surface import Surface, mirrored, reverse
+from taichi_sim.hydro.surface import TURN, WettedSurface, mirrored, reverse, turned_matrix
 from taichi_sim.usv.hull.database import HydroDatabase, database_file, hull_hash
 from taichi_sim.usv.hull.hydrostatics import Hydrostatics
 from taichi_sim.usv.hull.mesh import Panels, mesh
@@ -29,7 +28,7 @@ RHO, G = 1025.0, 9.81
 BOX = BoxHull(length=4.0, beam=2.0, draft=0.5, freeboard=0.5, panels_along=4, panels_across=2, panels_up=2)
 
 
-def shipped(name: str) -> tuple[hulls.Craft, HydroDatabase]:
+def shipped(name: str) -> tuple[hulls.FloatingHull, HydroDatabase]:
     file = VEHICLES / f"{name}.toml"
     return hulls.of_vehicle(file)[0], HydroDatabase.read(database_file(file))
 
@@ -232,7 +231,7 @@ def test_normals_are_mended(tmp_path, capsys):
     [(9000.0, 0.0, "above the"), (4100.0, -1.0, "metacentric height"), (10.0, 0.0, "check mass")],
 )
 def test_what_does_not_float_is_refused(mass, cg, says):
-    craft = hulls.Craft("box", mesh(BOX), mass, (0.0, 0.0, cg), np.eye(6))
+    craft = hulls.FloatingHull("box", mesh(BOX), mass, (0.0, 0.0, cg), np.eye(6))
     with pytest.raises(ConfigError, match=says):
         hulls.check_floating(craft, wetted(mesh(BOX), 0.5), RHO, G)
 
@@ -256,4 +255,6 @@ def test_only_a_vehicles_own_database_is_fitted_again(capsys, tmp_path):
 def test_images_keep_their_normals_outward():
     panels = wetted(mesh(BOX), 0.5).panels
     for axis in (0, 1):
-        assert Surface(mirrored(panels, axis)).area[:, 2].sum() == pytest.approx(Surface(panels).area[:, 2].sum())
+        assert WettedSurface(mirrored(panels, axis)).area[:, 2].sum() == pytest.approx(
+            WettedSurface(panels).area[:, 2].sum()
+        )

@@ -8,10 +8,9 @@ import pytest
 
 pytest.importorskip("capytaine")
 
-from taichi_sim.hydro.drift import mean_drift
-from taichi_sim.hydro.frames import turned_matrix
+from taichi_sim.hydro.far_field import mean_drift
 from taichi_sim.hydro.problem import Tank, solve
-from taichi_sim.hydro.surface import Surface
+from taichi_sim.hydro.surface import WettedSurface, turned_matrix
 from taichi_sim.usv.hull.database import HydroDatabase
 from taichi_sim.usv.hull.hull_6dof import Hull6Dof
 from taichi_sim.vehicles import load_vehicle
@@ -27,13 +26,13 @@ TABLES = ROOT / "tests" / "data" / "reference" / "hydrostatics"
 NO_LID = np.empty((0, 4, 3))
 
 
-def cylinder(radius: float, depth: float, around: int, down: int) -> Surface:
+def cylinder(radius: float, depth: float, around: int, down: int) -> WettedSurface:
     """A quarter of the side of a cylinder that stands on the bottom."""
     angle, z = np.linspace(0, np.pi / 2, around + 1), np.linspace(-depth, 0, down + 1)
     x, y = radius * np.cos(angle), radius * np.sin(angle)
     points = np.stack(np.broadcast_arrays(x[:, None], y[:, None], z), axis=-1)
     quads = np.stack([points[:-1, :-1], points[1:, :-1], points[1:, 1:], points[:-1, 1:]], axis=2)
-    return Surface(quads.reshape(-1, 4, 3), (1, 0))
+    return WettedSurface(quads.reshape(-1, 4, 3), (1, 0))
 
 
 @pytest.mark.parametrize("method", ["direct", "sources"])

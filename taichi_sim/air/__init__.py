@@ -1,4 +1,4 @@
-"""The air: mean wind and its profile over the sea, Dryden turbulence, discrete gusts."""
+"""Air: mean wind and its profile over height, Dryden turbulence, discrete gusts."""
 
 from taichi_sim.air.wind import Wind
 

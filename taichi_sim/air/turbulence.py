@@ -1,34 +1,36 @@
-"""Continuous turbulence: the Dryden form of MIL-F-8785C (1980, sec. 3.7.1.2) at low altitude (3.7.3.4).
+"""Continuous turbulence: the Dryden model of MIL-F-8785C (1980, sec. 3.7.1.2) at low altitude (3.7.3.4).
 
-With the height h in feet, held to 10..1000 ft (below, and so at sea level, the air of 10 ft; above, that of 1000 ft),
-and W20 the mean wind at 20 ft:
+h is the height in feet, clamped to 10..1000 ft. W20 is the mean wind at 20 ft. Lengths and intensities are
 
     L_w = h,          L_u = L_v = h / (0.177 + 0.000823 h)^1.2
     sigma_w = 0.1 W20,  sigma_u = sigma_v = sigma_w / (0.177 + 0.000823 h)^0.4
 
-An aircraft of airspeed V meets gusts with one-sided spectra (per rad/s), T = L / V,
+An aircraft of airspeed V meets gusts with these one-sided spectra (per rad/s), with T = L / V:
 
     Phi_u = sigma^2 2 T / pi / (1 + (T omega)^2),
     Phi_v, Phi_w = sigma^2 T / pi (1 + 3 (T omega)^2) / (1 + (T omega)^2)^2.
 
-Axes: u along the aircraft's horizontal velocity through the air (the horizontal relative mean wind, which MIL-F-8785C
-names at low altitude), v to its right, w down. Positive gusts are air moving that way. `gust_n` turns them into NED.
+Axes: u points along the aircraft's horizontal velocity through the air, v to its right, w down. (MIL-F-8785C takes the
+horizontal relative mean wind at low altitude.) A positive gust is air that moves along the axis. `gust_n` converts to
+NED.
 
-State. u / sigma is an Ornstein-Uhlenbeck process x0. v / sigma = cos 15 deg x1 + sin 15 deg x2, with s = t / T and dW
-white,
+State: u / sigma is an Ornstein-Uhlenbeck process x0. v / sigma = cos 15 deg x1 + sin 15 deg x2. With s = t / T and
+white noise dW,
 
-    dx1 = -x1 ds + sqrt 2 dW,   dx2 = -(2 x1 + x2) ds + sqrt 2 dW,
+    dx1 = -x1 ds + sqrt 2 dW,   dx2 = -(2 x1 + x2) ds + sqrt 2 dW.
 
-which are Laguerre's functions: their covariance is the identity whatever V, L and sigma. The same with w: x3, x4. So
-the five states are independent standard normal numbers at any time (draw them so at a reset), a change of airspeed or
-height changes how fast they go on from where they are, and a gust changes at once only as sigma(h, W20) does.
+These are Laguerre's functions: their covariance is the identity for any V, L and sigma. x3 and x4 do the same for w.
+The five states are therefore independent standard normal numbers at any time, and a reset draws them so. A change of
+airspeed or height changes only how fast they evolve. A gust jumps only where sigma(h, W20) jumps.
 
-Steps are exact for any dt with V and h held: with tau = dt / T, a = e^-tau, x1, x2 go to F x + N z, z standard normal,
+A step is exact for any dt while V and h are constant. With tau = dt / T, a = e^-tau and z standard normal, x1 and x2
+become F x + N z, where
 
     F = a [[1, 0], [-2 tau, 1]],   N N^T = 1 - F F^T,   N lower triangular.
 
-`dryden_filter` and `dryden_sigma` are most of the cost and change slowly: a kernel of many substeps calls them once,
-then `dryden_advance` and `dryden_output` in each. MIL-F-8785C's rotary gusts (p, q, r) are not here.
+`dryden_filter` and `dryden_sigma` are most of the cost, and their results change slowly. A kernel of many substeps
+calls them once, then `dryden_advance` and `dryden_output` in each substep. The rotary gusts (p, q, r) of MIL-F-8785C
+are not modelled.
 """
 
 # Kernels are another language inside Python syntax.
@@ -39,33 +41,33 @@ import math
 import taichi as ti
 import torch
 
-from taichi_sim.air.exponential import exp
 from taichi_sim.kernels import runtime
+from taichi_sim.kernels.fast import exp
 
-STATES = 5  # per vehicle: of u, of v (2), of w (2)
+STATES = 5  # per vehicle: one of u, two of v, two of w
 
 FOOT = 0.3048  # m
 LOWEST, HIGHEST = 10 * FOOT, 1000 * FOOT  # m, ends of the low-altitude model
 RATIO_0, RATIO_1 = 0.177, 0.000823 / FOOT  # y = RATIO_0 + RATIO_1 h, h in m
 INTENSITY = 0.1  # sigma_w / W20
 
-# y^-0.4 on [0.185, 1]: least squares at Chebyshev nodes, relative error 7e-4, which one Newton step for
-# r^-5 = y^2 makes 1.3e-6 and two 5e-12
+# Polynomial of y^-0.4 on [0.185, 1], a least-squares fit at Chebyshev nodes with a relative error of 7e-4. One Newton
+# step for r^-5 = y^2 reduces the error to 1.3e-6, two steps to 5e-12.
 SEED = (3.36590721, -12.67740378, 38.17499484, -70.05698598, 75.17589619, -43.32291445, 10.34080659)
 NEWTON_STEPS = {"f32": 2, "f64": 3}
 
-OUT_1, OUT_2 = math.cos(math.pi / 12), math.sin(math.pi / 12)  # v / sigma in x1 and x2
+OUT_1, OUT_2 = math.cos(math.pi / 12), math.sin(math.pi / 12)  # v / sigma = OUT_1 x1 + OUT_2 x2
 
-SERIES_END = 0.5  # tau below which N comes from the series of (sinh tau - tau) / tau^3: differences would lose digits
+SERIES_END = 0.5  # below this tau, N comes from the series of (sinh tau - tau) / tau^3; a difference would lose digits
 SERIES = tuple(1 / math.factorial(2 * k + 3) for k in range(7))
 SERIES_TERMS = {"f32": 4, "f64": 7}
 
-AT_REST = 0.01  # m/s, horizontal airspeed below which the gust's axes are north and east
+AT_REST = 0.01  # m/s; below this horizontal airspeed the gust's axes are north and east
 
 
 @ti.func
 def dryden_ratio(h):
-    """(h held to the model's range in m, y = 0.177 + 0.000823 h_ft, y^-0.4 = sigma_u / sigma_w)."""
+    """Return (h clamped to the model's range (m), y = 0.177 + 0.000823 h_ft, y^-0.4 = sigma_u / sigma_w)."""
     held = ti.min(ti.max(h, LOWEST), HIGHEST)
     y = RATIO_0 + RATIO_1 * held
     r = y * 0.0 + SEED[6]
@@ -79,7 +81,7 @@ def dryden_ratio(h):
 
 @ti.func
 def filter_step(tau):
-    """(a, 2 tau a, N11, N21, N22) of a step of tau >= 0 time constants."""
+    """Return (a, 2 tau a, N11, N21, N22) for a step of tau >= 0 time constants."""
     a = exp(-tau)
     n11, n21, n22 = a, a, a
     if tau < SERIES_END:
@@ -102,7 +104,9 @@ def filter_step(tau):
 
 @ti.func
 def dryden_filter(V, h, dt):
-    """What a step of dt (s) at airspeed V (m/s, >= 0) and height h (m) does: `filter_step` of u and v, then of w."""
+    """Coefficients (10) of a step of dt (s) at airspeed V (m/s, >= 0) and height h (m): `filter_step` of u and v, then
+    of w.
+    """
     held, y, r = dryden_ratio(h)
     tau_w = V * dt / held
     f, g = filter_step(tau_w * (y * r) * (y * r)), filter_step(tau_w)  # y^1.2 = y^2 (y^-0.4)^2
@@ -111,7 +115,7 @@ def dryden_filter(V, h, dt):
 
 @ti.func
 def dryden_advance(x, f, z):
-    """State (5) after one step of the filter f (10) with five standard normal numbers z."""
+    """State (5) after one step with the coefficients f (10) and five standard normal numbers z."""
     return ti.Vector(
         [
             f[0] * x[0] + f[2] * z[0],
@@ -125,33 +129,33 @@ def dryden_advance(x, f, z):
 
 @ti.func
 def dryden_step(x, V, h, dt, z):
-    """State (5) after dt (s) at airspeed V (m/s, >= 0) and height h (m); z: five standard normal numbers."""
+    """State (5) after dt (s) at airspeed V (m/s, >= 0) and height h (m); z holds five standard normal numbers."""
     return dryden_advance(x, dryden_filter(V, h, dt), z)
 
 
 @ti.func
 def dryden_sigma(h, W20):
-    """(sigma_u = sigma_v, sigma_w; m/s) at height h (m) in a wind W20 (m/s) at 20 ft."""
+    """Intensities (sigma_u = sigma_v, sigma_w; m/s) at height h (m) in a wind of W20 (m/s) at 20 ft."""
     _, _, r = dryden_ratio(h)
     return ti.Vector([INTENSITY * W20 * r, INTENSITY * W20])
 
 
 @ti.func
 def dryden_output(x, sigma):
-    """Gust (u, v, w; m/s) in the turbulence's axes, of the state x (5) and `dryden_sigma`."""
+    """Gust (u, v, w; m/s) in the turbulence axes from the state x (5) and the intensities of `dryden_sigma`."""
     v, w = OUT_1 * x[1] + OUT_2 * x[2], OUT_1 * x[3] + OUT_2 * x[4]
     return ti.Vector([sigma[0] * x[0], sigma[0] * v, sigma[1] * w])
 
 
 @ti.func
 def dryden_gust(x, h, W20):
-    """Gust (u, v, w; m/s) in the turbulence's axes, of the state x (5) at height h (m) in a wind W20 (m/s) at 20 ft."""
+    """Gust (u, v, w; m/s) in the turbulence axes, from the state x (5), the height h (m) and W20 (m/s)."""
     return dryden_output(x, dryden_sigma(h, W20))
 
 
 @ti.func
 def gust_n(gust, v_air_n):
-    """A gust (u, v, w) in NED, for an aircraft whose velocity relative to the mean wind is v_air_n (NED, m/s)."""
+    """Convert a gust (u, v, w) to NED for an aircraft with velocity v_air_n (NED, m/s) relative to the mean wind."""
     square = v_air_n[0] * v_air_n[0] + v_air_n[1] * v_air_n[1]
     c, s = square * 0.0 + 1.0, square * 0.0
     if square > AT_REST * AT_REST:
@@ -178,13 +182,15 @@ def _matrices(
 
 
 def dryden_matrices(V, h, W20: float, dt: float) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-    """What the kernels do, as matrices: x' = F x + N z and gust = C x.
+    """Return the kernels' step as matrices: x' = F x + N z and gust = C x.
 
     Args:
-        V, h: airspeeds (m/s) and heights (m), [n] each. W20: wind at 20 ft, m/s. dt: step, s.
+        V, h: airspeeds (m/s) and heights (m), [n] each.
+        W20: wind at 20 ft, m/s.
+        dt: step, s.
 
     Returns:
-        F [n, 5, 5], N [n, 5, 5], C [n, 3, 5], run precision.
+        F [n, 5, 5], N [n, 5, 5] and C [n, 3, 5], in run precision.
     """
     run = runtime.current()
     V, h = (torch.as_tensor(v, dtype=run.torch_dtype, device=run.device).contiguous() for v in (V, h))
@@ -194,9 +200,9 @@ def dryden_matrices(V, h, W20: float, dt: float) -> tuple[torch.Tensor, torch.Te
 
 
 def dryden_scales(h) -> tuple[torch.Tensor, torch.Tensor]:
-    """Lengths (L_u = L_v, L_w; m) and intensities (sigma_u = sigma_v, sigma_w; over W20) at heights h (m, [n]).
+    """Return lengths (L_u = L_v, L_w; m) and intensities over W20 (sigma_u = sigma_v, sigma_w), [n, 2] each.
 
-    [n, 2] each, read off the kernels' step at 1 m/s and their gust.
+    They are read off the kernels' step at 1 m/s and their gust, at heights h (m, [n]).
     """
     h = torch.as_tensor(h, dtype=runtime.current().torch_dtype)
     F, _, C = dryden_matrices(torch.ones_like(h), h, 1.0, 1.0)

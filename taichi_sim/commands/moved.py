@@ -26,6 +26,8 @@ MOVED = {
     "taichi_sim.kinematics": "taichi_sim.kernels.kinematics",
     "taichi_sim.rigid_body": "taichi_sim.kernels.rigid_body",
     "taichi_sim.runtime": "taichi_sim.kernels.runtime",
+    "taichi_sim.air.exponential": "taichi_sim.kernels.fast",
+    "taichi_sim.sea.tide": "taichi_sim.sea.current",
 }
 
 

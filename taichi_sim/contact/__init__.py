@@ -1,1 +1,1 @@
-"""Decks and legs: vehicles that stand on other vehicles (docs/contact.md); contacts.py says how and when."""
+"""Contact between vehicles: legs that stand on decks of other vehicles (docs/contact.md)."""

@@ -1,23 +1,21 @@
-"""The way of a deck through a control step, and what a contact does to what carries it.
+"""Motion of a deck during a control step, and the reaction of a contact on the vehicle that carries the deck.
 
-A carrier makes its control step first, alone, under the mean load that each vehicle pressed on its decks with in the
-step before. So both ends of its way are known, and between them its way is the cubic that has the positions and
-velocities of both ends (attitude likewise, by its rotation vector). The vehicle with legs then makes its own control
-step against the deck
+A carrier makes its control step first. In it, a constant load stands for the vehicles that press on its decks: their
+mean load over the previous step. The states at both ends of the step are then known. Between them the carrier follows
+the cubic with the positions and velocities of both ends; its rotation vector does likewise. The vehicle with legs
+then makes its own control step against the deck
 
-    x_D = x + dx,   R_D = exp(S(dtheta)) R,   (dx, dtheta)'' = W (tau - tau_before),
+    x_D = x + dx,   R_D = exp(S(dtheta)) R,   (dx, dtheta)'' = W (tau - tau_before).
 
-which answers at once to the wrench tau on it, beyond the one that the carrier has had, tau_before: W is the carrier's
-mobility, the acceleration that a load gives it (`Vehicle.mobility`). After that the carrier is moved by dx and dtheta,
-and its momentum gets exactly the impulse that it has not had. So linear and angular momentum of both are conserved
-to rounding, and what rests on a deck presses on its carrier as a steady load.
+This deck answers at once to the wrench tau on it, less the wrench tau_before that the carrier has already had. W is the
+carrier's mobility: the acceleration per unit load (`Vehicle.mobility`). Afterwards the carrier is moved by dx and
+dtheta, and receives exactly the impulse that it has not had yet. Linear and angular momentum of both vehicles are
+therefore conserved to rounding, and a vehicle at rest on a deck presses on the carrier as a steady load.
 """
 
 # Kernels are another language inside Python syntax.
 # pyright: reportInvalidTypeForm=false, reportIndexIssue=false, reportAttributeAccessIssue=false
-# pyright: reportOptionalCall=false
-
-from typing import Any
+# pyright: reportOptionalCall=false, reportGeneralTypeIssues=false
 
 import taichi as ti
 
@@ -25,45 +23,49 @@ from taichi_sim.kernels.kinematics import store
 from taichi_sim.kernels.rigid_body import cross
 from taichi_sim.kernels.rotation import quaternion_advance, quaternion_product, rotation_matrix
 
-_array3: Any = ti.types.ndarray(ndim=3)
+_array3 = ti.types.ndarray(ndim=3)
 
-# Columns of a carrier's table: the deck in b (m), its friction, mobility W and its inverse (rows)
+# Columns of a carrier's table: the deck's centre and half size in b (m), its friction, the mobility W and the inverse
+# of W (by rows)
 CENTRE, HALF, FRICTION, MOBILITY, MASS, TABLE_SIZE = 0, 3, 5, 6, 42, 78
-# Columns of a way: which deck (0: none, else 1 + its number) and how far (m); position n (m), quaternion, velocity n
-# (m/s) and rates b (rad/s) of the carrier at the beginning; from there to the end: displacement n (m), rotation vector
-# b (rad), velocity n (m/s) and rate of the rotation vector (rad/s) there; the load that it has had (N, N m, b); its
-# table; then what the vehicle with legs does to it: displacement and rotation vector n (m, rad), impulse and angular
-# impulse about the position at the beginning, n (N s, N m s).
+# Columns of a way, that is, the motion of one deck during one control step:
+# - WHICH deck (0: none, else 1 + its number), and its DISTANCE (m);
+# - at the beginning: the carrier's position n (m), quaternion, velocity n (m/s) and rates b (rad/s);
+# - from the beginning to the end: displacement n (m) and rotation vector b (rad);
+# - at the end: velocity n (m/s) and rate of the rotation vector (rad/s);
+# - the load that the carrier has already had (N, N m, b), and the carrier's table;
+# - what the vehicle with legs does to the carrier: displacement and rotation vector n (m, rad), impulse and angular
+#   impulse about the position at the beginning, n (N s, N m s).
 (WHICH, DISTANCE, PLACE, TURN, VELOCITY, RATES, STEP, ROTATION, LAST_VELOCITY, LAST_RATES, HAD, TABLE) = (
     0, 1, 2, 5, 9, 12, 15, 18, 21, 24, 27, 33,
 )  # fmt: skip
 SHIFT, IMPULSE = TABLE + TABLE_SIZE, TABLE + TABLE_SIZE + 6
 WAY_SIZE = IMPULSE + 6
 PRESSING_SIZE = 7  # 1 + number of the deck (0: none), mean wrench on its carrier in the last step, b (N, N m)
-SMALL_ANGLE = 1e-4  # rad, below which a rotation vector is twice the quaternion's
+SMALL_ANGLE = 1e-4  # rad; a smaller rotation vector is twice the vector part of the quaternion
 
 
 @ti.func
 def three_at(table: ti.template(), e, i, first: ti.template()):
-    """Three numbers in a row of a table."""
+    """Three successive numbers in a row of a table."""
     return ti.Vector([table[e, i, first], table[e, i, first + 1], table[e, i, first + 2]])
 
 
 @ti.func
 def four_at(table: ti.template(), e, i, first: ti.template()):
-    """Four numbers in a row of a table."""
+    """Four successive numbers in a row of a table."""
     return ti.Vector([table[e, i, first + k] for k in ti.static(range(4))])
 
 
 @ti.func
 def turned(v):
-    """The quaternion of the rotation vector v (rad)."""
+    """Quaternion of the rotation vector v (rad)."""
     return quaternion_advance(ti.Vector([v[0] * 0.0 + 1.0, v[0] * 0.0, v[0] * 0.0, v[0] * 0.0]), v, 1.0)
 
 
 @ti.func
 def rotation_vector(q, r):
-    """The rotation vector (rad) from attitude q to attitude r, in the axes of q."""
+    """Rotation vector (rad) from attitude q to attitude r, in the axes of q."""
     d = quaternion_product(ti.Vector([q[0], -q[1], -q[2], -q[3]]), r)
     d *= ti.select(d[0] < 0.0, -1.0, 1.0)
     v = ti.Vector([d[1], d[2], d[3]])
@@ -74,7 +76,7 @@ def rotation_vector(q, r):
 
 @ti.func
 def cubic(along, first, last, t, T: ti.template()):
-    """Value and rate at t (s) of the cubic from 0 to `along`, whose rates are `first` at 0 and `last` at T (s)."""
+    """Value and rate at t (s) of the cubic from 0 to `along` at T (s), with the rates `first` at 0 and `last` at T."""
     s = t * ti.static(1.0 / T)
     value = T * s * (1 - s) * (1 - s) * first + s * s * (3 - 2 * s) * along + T * s * s * (s - 1) * last
     rate = (1 - s) * (1 - 3 * s) * first + 6 * s * (1 - s) * ti.static(1.0 / T) * along + s * (3 * s - 2) * last
@@ -83,7 +85,9 @@ def cubic(along, first, last, t, T: ti.template()):
 
 @ti.func
 def carried(way: ti.template(), e, i, t, T: ti.template()):
-    """The carrier at t (s) of a control step T (s): position from PLACE (m, n), R_nb, velocity and rates (n)."""
+    """Displacement of the carrier from PLACE (m), R_nb, velocity and rates at t (s) of a control step T (s), all
+    in n.
+    """
     x, v = cubic(three_at(way, e, i, STEP), three_at(way, e, i, VELOCITY), three_at(way, e, i, LAST_VELOCITY), t, T)
     turn, rate = cubic(three_at(way, e, i, ROTATION), three_at(way, e, i, RATES), three_at(way, e, i, LAST_RATES), t, T)
     R = rotation_matrix(quaternion_advance(four_at(way, e, i, TURN), turn, 1.0))
@@ -93,8 +97,9 @@ def carried(way: ti.template(), e, i, t, T: ti.template()):
 
 @ti.func
 def answer(way: ti.template(), e, i, R, force, moment):
-    """Acceleration (m/s^2) and angular acceleration (rad/s^2) that a force (N) and a moment (N m) about the origin of
-    the carrier give it, all in n; R is its attitude.
+    """Linear and angular acceleration (m/s^2, rad/s^2) of a carrier of attitude R under a force (N) and a moment (N m).
+
+    All vectors are in n; the moment is about the carrier's origin.
     """
     F, M = R.transpose() @ force, R.transpose() @ moment
     a, alpha = F * 0.0, F * 0.0
@@ -108,14 +113,15 @@ def answer(way: ti.template(), e, i, R, force, moment):
 
 @ti.func
 def attitude_at(state: ti.template(), e, i):
-    """Quaternion of a row of states."""
+    """Quaternion in a row of states."""
     return four_at(state, e, i, 3)
 
 
 @ti.kernel
 def press(load: _array3, pressing: _array3, base: ti.template(), serial: ti.template()):
-    """Add to `load` [env, carrier, 6] what vehicles press with (`pressing` [env, vehicle, 7]); the deck of the first
-    carrier has number `base`.
+    """Add the loads of vehicles on decks (`pressing` [env, vehicle, 7]) to their carriers' `load` [env, carrier, 6].
+
+    `base` is the number of the first carrier's deck.
     """
     ti.loop_config(serialize=serial)
     for e, j in ti.ndrange(load.shape[0], load.shape[1]):
@@ -130,11 +136,14 @@ def meet(
     state: _array3, pressing: _array3, way: _array3, before: _array3, after: _array3, table: _array3,
     base: ti.template(), reach: ti.template(), T: ti.template(), serial: ti.template(),
 ):  # fmt: skip
-    """Write the ways [env, vehicle, WAY_SIZE] of the decks that vehicles with legs at `state` [env, vehicle, 13] are
-    near: those whose rectangle they can come within `reach` (m) of in a control step T (s), of several the nearest.
+    """Find the nearest deck within reach of each vehicle with legs, and write its motion to `way` [env, vehicle,
+    WAY_SIZE].
 
-    before, after: states [env, carrier, 13] at both ends of the step. table: [env or 1, carrier or 1, TABLE_SIZE].
-    base: number of the first carrier's deck. A vehicle that has pressed on a deck is near that one.
+    A deck is within reach if the vehicle can come within `reach` (m) of its rectangle in a control step T (s). A
+    vehicle that pressed on a deck in the last step stays with that deck.
+
+    state: states [env, vehicle, 13] of the vehicles with legs. before, after: states [env, carrier, 13] of the carriers
+    at both ends of the step. table: [env or 1, carrier or 1, TABLE_SIZE]. base: number of the first carrier's deck.
     """
     ti.loop_config(serialize=serial)
     for e, i in ti.ndrange(state.shape[0], state.shape[1]):
@@ -150,7 +159,7 @@ def meet(
             beside = ti.max(ti.abs(r[0]) - table[te, tj, HALF], 0.0)
             beside = ti.max(beside, ti.abs(r[1]) - table[te, tj, HALF + 1])
             distance = ti.max(beside, ti.abs(r[2]))
-            # of the deck, not of the carrier's origin: its rates count, too
+            # velocity of the deck's centre, not of the carrier's origin: the carrier's rates count, too
             own = R @ (three_at(before, e, j, 7) + cross(three_at(before, e, j, 10), three_at(table, te, tj, CENTRE)))
             near = distance < reach + T * (v - own).norm()
             mine = pressed == 1 + base + j
@@ -167,7 +176,7 @@ def meet(
 
 @ti.func
 def write_way(way: ti.template(), e, i, before: ti.template(), after: ti.template(), j):
-    """Write both ends of carrier j's way."""
+    """Write the states of carrier j at both ends of the step to `way`."""
     q, last = attitude_at(before, e, j), attitude_at(after, e, j)
     v, v_last = (rotation_matrix(q) @ three_at(before, e, j, 7)), (rotation_matrix(last) @ three_at(after, e, j, 7))
     turn, rates = rotation_vector(q, last), three_at(after, e, j, 10)
@@ -187,8 +196,11 @@ def react(
     state: _array3, derived: _array3, before: _array3, table: _array3, way: _array3, base: ti.template(),
     serial: ti.template(),
 ):  # fmt: skip
-    """Give carriers [env, carrier, 13] what vehicles with legs have done to them beyond the loads that they have had
-    (`way` [env, vehicle, WAY_SIZE]), in the order of these; `before` are the carriers at the beginning of the step.
+    """Apply to the carriers `state` [env, carrier, 13] what the vehicles with legs did beyond the loads already
+    applied.
+
+    `way` [env, vehicle, WAY_SIZE] holds the displacements and impulses; they are added in the order of the vehicles.
+    `before` holds the carriers at the beginning of the step.
     """
     ti.loop_config(serialize=serial)
     for e, j in ti.ndrange(state.shape[0], state.shape[1]):
@@ -226,7 +238,9 @@ def react(
 
 @ti.func
 def momentum(state: ti.template(), table: ti.template(), e, j, te, tj):
-    """Linear and angular momentum (kg m/s, kg m^2/s) about its origin, in b, of carrier j as its mobility has it."""
+    """Linear and angular momentum (kg m/s, kg m^2/s), in b, of carrier j about its origin, by the inverse of its
+    mobility.
+    """
     zero = state[e, j, 0] * 0.0
     P = ti.Vector([zero, zero, zero])
     H = P

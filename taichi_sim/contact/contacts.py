@@ -1,19 +1,20 @@
-"""Contact between teams: any vehicle with legs on any vehicle with a deck in the same environment.
+"""Contact between teams: a vehicle with legs can stand on any deck in the same environment.
 
-The order of a control step (World.step):
+A control step (World.step) has this order:
 
-1. `begin`: each carrier's load gets what vehicles pressed on its decks with in the last step, as a mean over it.
-2. Carriers step, alone. `meet`: which vehicles with legs are near which decks, and how these have moved (carrier.py).
-3. Vehicles with legs step. Where a sole may touch, their physics step is made in contact steps of about a millisecond,
-   against a deck that answers at once; else nothing differs from a flight.
-4. `end`: carriers are moved, and given the impulse, by what the loads of 1 were not.
+1. `begin`: each carrier's load gets the mean load of the vehicles that pressed on its decks in the last step.
+2. Carriers step, alone. Then `meet` finds the decks near each vehicle with legs, and their motion (carrier.py).
+3. Vehicles with legs step. Where a sole may touch, the physics step is split into contact steps of about a millisecond,
+   against a deck that answers at once. Elsewhere the step is the same as in free flight.
+4. `end`: carriers receive the displacement and impulse that the loads of 1 did not include.
 
-Why so: a stiff leg needs steps of a millisecond, a hull in waves must not be stepped so; and a reaction that came a
-control step late would be no law of motion: it would give energy. A reaction that is held as a load is smooth, and
-right while it does not change; the rest, in a touchdown or a take-off, comes as an impulse at the end of the step.
+A stiff leg needs steps of a millisecond, which would be far too expensive for a hull in waves. A reaction that is
+applied one control step late would violate Newton's third law and add energy. A constant reaction can be applied as a
+load: it is smooth, and right while the contact does not change. The rest, in a touchdown or a take-off, is applied as
+an impulse at the end of the step.
 
-A vehicle is near one deck at a time. Where several press on one carrier, each sees the others' loads of the step
-before. A team that has legs carries nobody.
+A vehicle is near one deck at a time. Where several press on one carrier, each one sees the others' loads of the
+previous step. A team with legs carries nobody.
 """
 
 from collections.abc import Mapping
@@ -29,23 +30,25 @@ from taichi_sim.fleet import Fleet
 from taichi_sim.kernels.rotation import torch_rotation_matrix
 from taichi_sim.kernels.runtime import Launcher
 
-FRICTION_KEY = "deck.friction"  # in `Vehicle.varying`, it may differ between environments
-DEEPEST_START = 0.02  # m: soles that begin further below a deck are in it, not on it; assumed
+FRICTION_KEY = "deck.friction"  # may differ between environments if `Vehicle.varying` has it
+DEEPEST_START = 0.02  # m; a sole that begins deeper below a deck's plane is inside the deck, not on it; assumed
 
 
 class PlacementError(ValueError):
-    """Vehicles that have been placed where they cannot be."""
+    """A vehicle was placed where it cannot be."""
 
 
 class Carriers:
     """A team with decks.
 
     Attributes:
-        fleet: the team. base: number of its first deck. before: [env, vehicle, 13], at the beginning of a step.
+        fleet: the team.
+        base: number of the team's first deck.
+        before: states at the beginning of a step, [env, vehicle, 13].
     """
 
     def __init__(self, fleet: Fleet, deck: Deck, base: int):
-        """`deck` is that of each of the team's vehicles."""
+        """Take a team whose vehicles all carry `deck`."""
         self.fleet, self.deck, self.base = fleet, deck, base
         self.before = torch.zeros_like(fleet.state)
         self.press, self.meet, self.react = Launcher(carrier.press), Launcher(carrier.meet), Launcher(carrier.react)
@@ -55,7 +58,9 @@ class Carriers:
 
     @property
     def table(self) -> Tensor:
-        """[env or 1, vehicle or 1, TABLE_SIZE] deck and mobility (carrier.py), as the fleet's numbers are now."""
+        """Deck and mobility of each carrier (carrier.py) from the fleet's current numbers: [env or 1, vehicle or 1,
+        TABLE_SIZE].
+        """
         numbers = self.fleet.numbers
         version = -1 if numbers is None else numbers._version
         if numbers is not self._numbers or version != self._version:
@@ -78,16 +83,17 @@ class Carriers:
 
 
 class Contacts:
-    """All decks and legs of a world; see the module.
+    """All decks and legs of a world (see the module's docstring).
 
     Attributes:
-        carriers: teams with decks. legged: name -> team with legs, where there is a deck for them; each has a `Touch`.
+        carriers: teams with decks.
+        legged: name -> team with legs, if the world has a deck for them; each of these teams has a `Touch`.
     """
 
     STATE = ("placed",)
 
     def __init__(self, teams: Mapping[str, Fleet], interval: float):
-        """Of `teams` that make control steps of `interval` (s)."""
+        """Find the decks and legs of `teams`, whose control steps take `interval` (s)."""
         self.interval = interval
         self.carriers: list[Carriers] = []
         self.legged: dict[str, Fleet] = {}
@@ -101,7 +107,7 @@ class Contacts:
             assert fleet.model.deck is not None
             base = self.carriers[-1].base + self.carriers[-1].fleet.count if self.carriers else 0
             self.carriers.append(Carriers(fleet, fleet.model.deck, base))
-            fleet.load  # noqa: B018 - kernels are compiled with it from the beginning
+            fleet.load  # noqa: B018 - creates the tensor, so that kernels are compiled with a load from the beginning
         for fleet in legged.values():
             legs = fleet.model.legs
             assert legs is not None
@@ -109,20 +115,20 @@ class Contacts:
             self.placed = torch.zeros(fleet.num_envs, dtype=torch.bool, device=fleet.state.device)
 
     def __bool__(self) -> bool:
-        """Whether anything can touch."""
+        """Whether any contact is possible."""
         return bool(self.legged)
 
     def ordered(self, teams: Mapping[str, Fleet]) -> list[str]:
-        """Names of `teams` as they step: those with legs after what may carry them."""
+        """Names of `teams` in the order in which they step: those with legs after their carriers."""
         return sorted(teams, key=lambda name: name in self.legged)
 
     # -- a step ----------------------------------------------------------------------------------------------------
 
     def begin(self) -> dict[str, Tensor]:
-        """Carriers get the loads of what presses on them; returns the loads from others, for `restore`.
+        """Add the loads of vehicles on decks to the carriers' loads; return the loads without them, for `meet`.
 
         Raises:
-            PlacementError: for a vehicle that has been placed inside a deck.
+            PlacementError: for a vehicle that was placed inside a deck.
         """
         if self.placed is not None and bool(self.placed.any()):
             self._check_starts(self.placed.nonzero().flatten())
@@ -139,7 +145,7 @@ class Contacts:
         return held
 
     def meet(self, held: Mapping[str, Tensor]) -> None:
-        """Carriers have stepped: `held` are their loads again; vehicles with legs learn of decks that are near."""
+        """Restore the carriers' loads `held` after their step, and find the decks near each vehicle with legs."""
         for carriers in self.carriers:
             if carriers.fleet.name in held:
                 carriers.fleet.load.copy_(held[carriers.fleet.name])
@@ -150,7 +156,7 @@ class Contacts:
                 )  # fmt: skip
 
     def end(self) -> None:
-        """Vehicles with legs have stepped: carriers get what is left of the reactions."""
+        """Apply the remaining reactions to the carriers after the vehicles with legs have stepped."""
         for touch in self._touches:
             if not bool(touch.way[..., carrier.WHICH].any()):
                 continue
@@ -161,7 +167,7 @@ class Contacts:
                 )
 
     def remembered(self) -> dict[str, dict[str, Tensor]]:
-        """Copies of what teams with legs remember: team -> name -> [env, vehicle, n]."""
+        """Copies of the memory of teams with legs: team -> name -> [env, vehicle, n]."""
         return {
             fleet.name: {name: getattr(fleet.touch, name).clone() for name in Touch.STATE}
             for fleet in self.legged.values()
@@ -174,7 +180,7 @@ class Contacts:
     # -- beginning -------------------------------------------------------------------------------------------------
 
     def place(self, fleet: Fleet, envs: Tensor) -> None:
-        """Vehicles of a team have been placed in environments `envs` [n]: what they touched is forgotten."""
+        """Forget the contacts of a team whose vehicles were placed anew in environments `envs` [n]."""
         if self.placed is None:
             return
         self.placed[envs] = True
@@ -186,7 +192,7 @@ class Contacts:
                     touch.leave(envs, carriers.base, carriers.base + fleet.count)
 
     def _check_starts(self, envs: Tensor) -> None:
-        """Refuse vehicles with legs that a deck's plane passes through, in environments `envs` [n]."""
+        """Refuse a start in environments `envs` [n] in which a deck's plane passes through a vehicle with legs."""
         for name, fleet in self.legged.items():
             for carriers in self.carriers:
                 depth = soles_in_deck(fleet, carriers, envs)
@@ -201,8 +207,9 @@ class Contacts:
 
 
 def soles_in_deck(fleet: Fleet, carriers: Carriers, envs: Tensor) -> Tensor:
-    """How far [n, vehicle, carrier] (m) soles over a deck's rectangle are below its plane, of vehicles with legs whose
-    centre of gravity is above that plane; 0 elsewhere.
+    """Depth [n, vehicle, carrier] (m) of the deepest sole below the plane of a deck and within its rectangle.
+
+    It is 0 where no sole is below, or where the vehicle's centre of gravity is not above the plane.
     """
     own, theirs = fleet.state[envs].double(), carriers.fleet.state[envs].double()
     points = fleet.model.soles(fleet).to(own)

@@ -1,4 +1,4 @@
-"""The two sides of a contact, as sections of vehicle files: `[deck]` of what carries, `[legs]` of what lands."""
+"""The two sides of a contact, as sections of vehicle files: `[deck]` of a carrier, `[legs]` of a vehicle that lands."""
 
 import math
 from typing import Annotated
@@ -11,33 +11,33 @@ from taichi_sim.config import Finite, NonNegative, Positive, Strict
 from taichi_sim.kernels.rigid_body import skew
 
 MOST_LEGS = 8
-LONGEST_STEP = 1.25e-3  # s, of a contact: shorter than the 2 ms that reference tables of legs ask for
-MOST_STEPS = 80  # contact steps of a physics step: of the longest one, 0.1 s, still LONGEST_STEP
-PHASE = 0.25  # rad: frequency of the stiffest motion on legs times the contact step, at most; error of a sink below 1 %
-DECAY = 0.5  # rate of the fastest decay on legs times the contact step, at most
-OVERHANG = 1.0  # a deck ends where the hull does
+LONGEST_STEP = 1.25e-3  # s, of a contact step; shorter than the 2 ms that reference tables of legs require
+MOST_STEPS = 80  # contact steps in a physics step; the longest physics step, 0.1 s, has steps of LONGEST_STEP
+PHASE = 0.25  # rad; limit of (frequency of the stiffest motion on legs) x (contact step): sinkage error below 1 %
+DECAY = 0.5  # limit of (rate of the fastest decay on legs) x (contact step)
+OVERHANG = 1.0  # largest extent of a deck, over that of the hull
 
 
 class Deck(Strict):
-    """A level rectangle of a vehicle on which others land, in its frame b (forward-right-down)."""
+    """A level rectangle of a vehicle on which others land, in the frame b (forward-right-down)."""
 
-    place: tuple[Finite, Finite]  # of its centre, x and y, m
+    place: tuple[Finite, Finite]  # x and y of the centre, m
     size: tuple[Positive, Positive]  # along x and along y, m
-    height: Positive  # above the origin, of a vessel the design waterline, m
-    friction: NonNegative  # coefficient of Coulomb's law, sticking and sliding
+    height: Positive  # above the origin (for a vessel, the design waterline), m
+    friction: NonNegative  # Coulomb's coefficient, the same for sticking and sliding
 
     @property
     def centre(self) -> tuple[float, float, float]:
-        """m, b."""
+        """Centre of the deck, m, b."""
         return (*self.place, -self.height)
 
     @property
     def half(self) -> tuple[float, float]:
-        """Half of its size, m."""
+        """Half of the size, m."""
         return 0.5 * self.size[0], 0.5 * self.size[1]
 
     def check_inside(self, length: float, beam: float) -> None:
-        """Refuse a deck that reaches over a hull of `length` and `beam` (m), midships at the origin.
+        """Refuse a deck that extends beyond a hull of `length` and `beam` (m) with its midship at the origin.
 
         Raises:
             ValueError: naming key, value and range.
@@ -56,15 +56,15 @@ class Deck(Strict):
 
 
 class Legs(Strict):
-    """Contact points of an aircraft: each presses with a spring and a damper, and sticks with the same ones."""
+    """Contact points of an aircraft. Each has one spring and one damper, the same along the normal and in the plane."""
 
     points: Annotated[tuple[tuple[Finite, Finite, Finite], ...], Field(min_length=1, max_length=MOST_LEGS)]
-    """Soles, in the frame of the vehicle file's other places (forward-right-down), m."""
-    stiffness: Positive  # of each, along and across, N/m
-    damping: NonNegative  # of each, N s/m
+    """Positions of the soles, in the frame of the vehicle file's other positions (forward-right-down), m."""
+    stiffness: Positive  # of each sole, along the normal and in the plane, N/m
+    damping: NonNegative  # of each sole, N s/m
 
     def check_below(self, rotors: NDArray[np.float64]) -> None:
-        """Refuse legs above the rotors, whose hubs are at `rotors` [rotor, 3] (m, the same frame).
+        """Refuse legs that are not below the rotors, whose hubs are at `rotors` [rotor, 3] (m, the same frame).
 
         Raises:
             ValueError: naming key, value and range.
@@ -77,10 +77,13 @@ class Legs(Strict):
                 )
 
     def rates(self, mass: float, cg: tuple[float, float, float], inertia: NDArray[np.float64]) -> tuple[float, float]:
-        """Frequency (rad/s) and rate of decay (1/s) of the stiffest motion on all legs, on a deck that stays.
+        """Frequency (rad/s) and decay rate (1/s) of the stiffest motion of a body that stands on all legs on a fixed
+        deck.
 
         Args:
-            mass: kg. cg: in the frame of `points`, m. inertia: [3, 3] about it, kg m^2.
+            mass: kg.
+            cg: centre of gravity, in the frame of `points`, m.
+            inertia: [3, 3] about the CG, kg m^2.
         """
         stiffness = np.zeros((6, 6))
         for point in self.points:
@@ -92,10 +95,11 @@ class Legs(Strict):
         return math.sqrt(largest), largest * self.damping / self.stiffness
 
     def steps(self, dt: float, mass: float, cg: tuple[float, float, float], inertia: NDArray[np.float64]) -> int:
-        """Contact steps in a physics step `dt` (s) that follow the stiffest motion of a body as in `rates`.
+        """Number of contact steps in a physics step `dt` (s) that resolve the stiffest motion of a body (arguments as
+        in `rates`).
 
         Raises:
-            ValueError: where they would be more than `MOST_STEPS`: naming the step that it needs.
+            ValueError: if more than `MOST_STEPS` would be needed; it names the dt that works.
         """
         frequency, decay = self.rates(mass, cg, inertia)
         longest = min(LONGEST_STEP, PHASE / frequency, DECAY / decay if decay > 0 else math.inf)
@@ -105,8 +109,8 @@ class Legs(Strict):
             if DECAY * frequency < PHASE * decay:
                 key, value, most = "damping", self.damping, self.damping * slower
             raise ValueError(
-                f"legs.{key} = {value:g}: dt = {dt:g} s cannot follow it (its motion takes {frequency:.4g} rad/s and "
-                f"decays by {decay:.4g} 1/s): it needs a dt of at most {MOST_STEPS * longest:.3g} s, or a {key} of at "
-                f"most {most:.4g}"
+                f"legs.{key} = {value:g}: dt = {dt:g} s cannot follow it: the motion on these legs has "
+                f"{frequency:.4g} rad/s and decays by {decay:.4g} 1/s. Use a dt of at most "
+                f"{MOST_STEPS * longest:.3g} s, or a {key} of at most {most:.4g}"
             )
         return max(1, math.ceil(dt / longest - 1e-9))

@@ -1,1 +1,1 @@
-"""Hydrodynamic databases of hulls by boundary elements (capytaine); tools/hydrodynamics.py is the command."""
+"""Hydrodynamic databases of hulls by boundary elements (capytaine). The command is tools/hydrodynamics.py."""

@@ -1,4 +1,6 @@
-"""Completes a hydrodynamic database for the simulator: a memory of radiated waves, and the loads on its own panels."""
+"""Completion of a hydrodynamic database for the simulator: a memory of radiated waves, and the loads on its own
+panels.
+"""
 
 from dataclasses import replace
 
@@ -16,13 +18,15 @@ from taichi_sim.usv.hull.database import HydroDatabase
 from taichi_sim.usv.hull.hull_6dof import Hull6Dof
 from taichi_sim.usv.hull.radiation import OSCILLATING, natural_frequency
 
-SMALL = 1e-4  # of the draught: amplitude of the waves, so that what is nonlinear does not count
+SMALL = 1e-4  # amplitude of the waves over the draught, so small that nonlinear terms vanish
 
 
 def completed(
     database: HydroDatabase, hull: Hull6Dof, energy: float = ENERGY, *, quiet: bool = False
 ) -> tuple[HydroDatabase, tuple[Pair, ...]]:
-    """The database with `by_panels` and `memory`, and the errors of the fit; needs a Taichi program of f64.
+    """Return the database with `by_panels` and `memory`, and the errors of the fit.
+
+    It needs a Taichi program of f64.
 
     Raises:
         FitError: see fit_memory.
@@ -36,7 +40,9 @@ def completed(
 
 
 def resonances(database: HydroDatabase, hull: Hull6Dof) -> list[float | None]:
-    """Natural frequencies (rad/s) of uncoupled heave, roll and pitch, at the indexes of their modes; else None."""
+    """Natural frequencies (rad/s) of uncoupled heave, roll and pitch at the indices of their modes; None for other
+    modes.
+    """
     found: list[float | None] = [None] * 6
     stiffness = hull.geometry.hydrostatics.stiffness()
     for place, mode in enumerate(OSCILLATING):
@@ -45,8 +51,9 @@ def resonances(database: HydroDatabase, hull: Hull6Dof) -> list[float | None]:
 
 
 def by_panels(database: HydroDatabase, hull: Hull6Dof) -> NDArray[np.complex128]:
-    """What the panels of `hull`, held upright at its design waterline, take of undisturbed waves per amplitude, at the
-    frequencies and headings of `database`: [n, m, 6].
+    """Froude-Krylov load per wave amplitude on the panels of `hull`, upright at its design waterline, [n, m, 6].
+
+    Frequencies (n) and headings (m) are those of `database`.
     """
     omega, heading = np.meshgrid(database.omega, np.deg2rad(database.heading_deg), indexing="ij")
     omega, heading = omega.ravel()[:, None], heading.ravel()[:, None]

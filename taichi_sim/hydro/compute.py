@@ -1,40 +1,39 @@
-"""From a hull to its database: panels, lids, resonances, frequencies, and messages about each."""
+"""Computation of a hull's database: panels, lids, resonances, frequencies, with messages about each."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from taichi_sim.config import ConfigError
 from taichi_sim.hydro import frequencies
-from taichi_sim.hydro.hull import Craft, check_floating, divided
+from taichi_sim.hydro.hull import FloatingHull, check_floating, divided
 from taichi_sim.hydro.lids import gap_lid, inner_lid
 from taichi_sim.hydro.mesh_file import refined
 from taichi_sim.hydro.offsets import compared
 from taichi_sim.hydro.panels import wetted
 from taichi_sim.hydro.problem import Tank, solve
 from taichi_sim.hydro.run import Floating, database, solve_all
-from taichi_sim.hydro.surface import PLANES, Surface
+from taichi_sim.hydro.surface import PLANES, WettedSurface
 from taichi_sim.usv.hull.database import HydroDatabase, hull_hash
 
 Array = NDArray[np.float64]
-COARSE = 120  # panels of the pass that finds the resonances
-MOST = 4000  # panels: matrices of 2 x 16 x MOST^2 bytes for each process and symmetry
-PER_WAVE = 3.0  # panels to the shortest wave, at least: of the tail
-GOOD = 7.0  # panels to a wave, from which loads are good to about a per cent
-GAP_SIZE = 2.0  # of the damping lid's panels over the hull's
-COUNT, COUNT_TWIN = 50, 90  # frequencies; between hulls the water resonates sharply
-HEADING_STEPS, MORE_ORDERS = (15.0, 10.0, 7.5, 5.0), 2.0  # deg; beyond k L / 2, of loads over headings
-GAP_DAMPING = 0.03  # epsilon of the damping lid: assumed (docs/hydrodynamics.md)
-OFF = 0.005  # share by which a mesh may differ from the simulator's panels in volume and waterplane
+COARSE = 120  # panels of the coarse pass that finds the resonances
+MOST = 4000  # most panels; matrices take 2 x 16 x MOST^2 bytes per process and symmetry
+PER_WAVE = 3.0  # fewest panels per shortest wave, in the tail of the frequencies
+GAP_SIZE = 2.0  # panel size of the damping lid over that of the hull
+COUNT, COUNT_TWIN = 50, 90  # frequencies of a single and of a twin hull, where the water resonates sharply
+HEADING_STEPS, MORE_ORDERS = (15.0, 10.0, 7.5, 5.0), 2.0  # deg; harmonics of loads over headings beyond k L / 2
+GAP_DAMPING = 0.03  # epsilon of the damping lid; assumed (docs/hydrodynamics.md)
+OFF = 0.005  # tolerated relative difference of a mesh from the simulator's panels in volume and waterplane
 
 
 class Spectrum(NamedTuple):
-    """Frequencies and headings of the waves."""
+    """Wave frequencies and headings that the user asked for."""
 
     count: int | None
     range: tuple[float, float] | None  # rad/s
-    also: tuple[float, ...]  # rad/s
+    also: tuple[float, ...]  # additional frequencies, rad/s
     heading_step: float | None  # deg
 
 
@@ -43,7 +42,7 @@ class Wishes(NamedTuple):
 
     rho: float  # kg/m^3
     g: float  # m/s^2
-    depth: float  # m; inf is deep
+    depth: float  # m; inf: deep water
     panels: int
     divisions: int
     gap_damping: float | None
@@ -55,12 +54,13 @@ class Wishes(NamedTuple):
 
 
 def run(
-    craft: Craft, mesh: Surface | None, wishes: Wishes, code: str, command: str
+    craft: FloatingHull, mesh: WettedSurface | None, wishes: Wishes, code: str, command: str
 ) -> tuple[HydroDatabase, frequencies.Resonances]:
     """Compute the database of a hull on its own panels, or on `mesh`.
 
     Raises:
-        ConfigError: if the hull does not float, the mesh is another hull's or too large, or --range misses a resonance.
+        ConfigError: if the hull does not float, the mesh is of another hull or too large, or --range misses a
+        resonance.
     """
     surface, size = _surface(craft, mesh, wishes)
     for line in check_floating(craft, surface, wishes.rho, wishes.g):
@@ -79,30 +79,31 @@ def run(
     alike = " and ".join(PLANES[a] for a in surface.planes)
     print(
         f"{len(surface)} panels{f' ({alike} alike)' if alike else ''}, {len(lid)} of a lid, {len(gap)} between hulls; "
-        f"{_per_wave(omega[-1], size, wishes.g):.1f} panels to the shortest wave, "
-        f"{_per_wave(frequencies.ABOVE * max(of), size, wishes.g):.1f} at {frequencies.ABOVE} of the highest resonance"
+        f"{_per_wave(omega[-1], size, wishes.g):.1f} panels per shortest wave, "
+        f"{_per_wave(frequencies.ABOVE * max(of), size, wishes.g):.1f} at {frequencies.ABOVE} x the highest resonance"
     )
     *loads, endless = solve_all(tank, floating, [*omega, np.inf], heading, wishes.jobs, wishes.quiet)
     left_out = frequencies.spikes(omega, np.stack([of_one.damping for of_one in loads]), wishes.spectrum.also)
     if len(left_out):
         print(
-            f"left out {', '.join(f'{w:.4g}' for w in omega[left_out])} rad/s, where damping is more than "
-            f"{frequencies.SPIKE:g} times that at both neighbours: an irregular frequency, or too sharp a resonance"
+            f"left out {', '.join(f'{w:.4g}' for w in omega[left_out])} rad/s: damping there is more than "
+            f"{frequencies.SPIKE:g} times that at both neighbours (an irregular frequency, or too sharp a resonance)"
         )
         omega, loads = np.delete(omega, left_out), [of_one for n, of_one in enumerate(loads) if n not in left_out]
     uneven = max(_asymmetry(of_one.added_mass) for of_one in loads)
-    settings: dict[str, Any] = {
+    settings: dict[str, object] = {
         "command": command, "method": wishes.method, "panels": len(surface), "alike": alike,
         "lid_panels": len(lid), "gap_panels": len(gap),
         "gap_damping": epsilon if len(gap) else 0.0, "panel_size": float(f"{size:.3g}"),
         "mesh": mesh is not None, "resonances": [float(f"{w:.4g}") for w in of],
         "reciprocity": float(f"{uneven:.2g}"), "drift": "far field, free hull without viscous damping",
     }  # fmt: skip
-    about = {"hull": hull_hash(craft.panels), "code": code, "settings": settings}
-    return database(tank, floating, loads, endless, omega, heading, **about), of
+    hull = hull_hash(craft.panels)
+    found = database(tank, floating, loads, endless, omega, heading, hull=hull, code=code, settings=settings)
+    return found, of
 
 
-def _surface(craft: Craft, mesh: Surface | None, wishes: Wishes) -> tuple[Surface, float]:
+def _surface(craft: FloatingHull, mesh: WettedSurface | None, wishes: Wishes) -> tuple[WettedSurface, float]:
     if mesh is None:
         if not wishes.divisions:
             return divided(craft.panels, wishes.panels)
@@ -115,15 +116,17 @@ def _surface(craft: Craft, mesh: Surface | None, wishes: Wishes) -> tuple[Surfac
         off = (ours - theirs) / scale
         print(f"{name:24}{ours:14.6g}{theirs:14.6g}{100 * off:9.2f} %{' of the length' * name.startswith('LCB')}")
         if abs(off) > 4 * OFF and name.startswith(("volume", "waterplane, ")):
-            raise ConfigError(f"the mesh is not of {craft.name}: its {name}: {theirs:.6g}, of the panels {ours:.6g}")
+            raise ConfigError(
+                f"the mesh is not of {craft.name}: {name}: {theirs:.6g} of the mesh, {ours:.6g} of the panels"
+            )
     if len(mesh) < wishes.panels / 2:
         mesh = refined(mesh, float(np.sqrt(np.linalg.norm(mesh.area, axis=1).sum() / 2 / wishes.panels)))
     if len(mesh) > MOST:
-        raise ConfigError(f"the mesh has {len(mesh)} panels below water, {MOST} at most: thin it out, or leave it out")
+        raise ConfigError(f"the mesh has {len(mesh)} panels below water; allowed are {MOST}: coarsen it, or omit it")
     return mesh, float(np.median(mesh.edge))
 
 
-def _resonances(craft: Craft, floating: Floating, wishes: Wishes) -> frequencies.Resonances:
+def _resonances(craft: FloatingHull, floating: Floating, wishes: Wishes) -> frequencies.Resonances:
     surface, size = divided(craft.panels, COARSE)
     tank = Tank(surface, inner_lid(surface, size), np.empty((0, 4, 3)), wishes.rho, wishes.g, wishes.depth, 0.0)
     trial = frequencies.trial(floating.C, floating.M)
@@ -147,14 +150,14 @@ def _omega(of: frequencies.Resonances, wanted: Spectrum, twin: bool, size: float
     return frequencies.with_also(omega, wanted.also)
 
 
-def _heading_step(surface: Surface, omega: float, g: float) -> float:
-    """Step of headings, deg, that resolves the k L / 2 harmonics of loads of waves of omega (rad/s)."""
+def _heading_step(surface: WettedSurface, omega: float, g: float) -> float:
+    """Step of headings (deg) that resolves the k L / 2 harmonics of the loads of waves of omega (rad/s)."""
     order = omega**2 / g * float(np.ptp(surface.whole[..., 0])) / 2 + MORE_ORDERS
     return next((step for step in HEADING_STEPS if 180 / step >= order), HEADING_STEPS[-1])
 
 
-def _headings(surface: Surface, step: float) -> Array:
-    """Headings towards port, deg; those of one side where port and starboard are alike."""
+def _headings(surface: WettedSurface, step: float) -> Array:
+    """Headings towards port, deg; only those of one side if port and starboard are alike."""
     if not 0 < step <= 90 or abs(180 / step - round(180 / step)) > 1e-9:
         raise ConfigError(f"--heading-step {step:g}: must divide 180 deg")
     if 1 in surface.planes:
@@ -167,6 +170,6 @@ def _per_wave(omega: float, size: float, g: float) -> float:
 
 
 def _asymmetry(A: Array) -> float:
-    """Largest difference of A and its transpose over the geometric mean of the diagonal."""
+    """Largest difference of A and its transpose over the geometric mean of the diagonal entries."""
     d = np.sqrt(np.abs(np.diag(A)))
     return float((np.abs(A - A.T) / np.maximum(np.outer(d, d), 1e-300))[np.ix_(*[d > 1e-6 * d.max()] * 2)].max())

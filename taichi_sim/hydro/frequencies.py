@@ -1,7 +1,7 @@
-"""Which frequencies to compute: from well below to well above the resonances, and a tail for the memory of waves.
+"""Choice of frequencies: from well below to well above the resonances, plus a tail for the memory of waves.
 
-The resonances of heave, roll and pitch come from a coarse pass: with added mass A(omega) known at a few frequencies,
-each natural frequency is where omega^2 is an eigenvalue of (M + A(omega))^-1 C.
+A coarse pass gives the resonances of heave, roll and pitch. With added mass A(omega) known at a few frequencies, a
+natural frequency is an omega whose square is an eigenvalue of (M + A(omega))^-1 C.
 """
 
 from typing import NamedTuple
@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-BELOW, ABOVE = 0.2, 2.5  # of the lowest and of the highest resonance: what motions in waves need
-TAIL = 4.5  # of the highest resonance: damping has died away there, and the kernel's beginning depends on it
-IN_TAIL = 0.2  # of the frequencies
+BELOW, ABOVE = 0.2, 2.5  # times the lowest and highest resonance: the range that motions in waves need
+TAIL = 4.5  # times the highest resonance: damping has decayed there, and the kernel's beginning depends on it
+IN_TAIL = 0.2  # share of the frequencies in the tail
 VERTICAL = [2, 3, 4]
-SPIKE = 6.0  # times the damping at either neighbour: no frequencies are close enough for that
+SPIKE = 6.0  # times the damping at either neighbour: a peak that the frequencies do not resolve
 NAMES = ("heave", "roll", "pitch")
 
 
@@ -27,9 +27,10 @@ class Resonances(NamedTuple):
 
 
 def resonances(omega: Array, added_mass: Array, M: Array, C: Array) -> Resonances:
-    """From A [n, 6, 6] at omega [n], rigid-body M and stiffness C [6, 6], of heave, roll and pitch coupled.
+    """Natural frequencies of coupled heave, roll and pitch, from A [n, 6, 6] at omega [n], rigid-body M and stiffness C
+    [6, 6].
 
-    Each mode is followed by its largest share of the eigenvector.
+    Each mode is identified by its largest share of an eigenvector.
     """
     found = []
     V = np.ix_(VERTICAL, VERTICAL)
@@ -49,13 +50,13 @@ def resonances(omega: Array, added_mass: Array, M: Array, C: Array) -> Resonance
 
 
 def trial(C: Array, M: Array) -> Array:
-    """Frequencies [8] of the coarse pass: a quarter to 1.5 times the resonances without added mass."""
+    """Frequencies [8] of the coarse pass: 0.25 to 1.5 times the resonances without added mass."""
     w = np.sqrt(np.diag(C)[VERTICAL] / np.diag(M)[VERTICAL])
     return np.geomspace(0.25 * w.min(), 1.5 * w.max(), 8)
 
 
 def chosen(of: Resonances, count: int, top: float) -> Array:
-    """Frequencies [count], rad/s: even over the resonances, wider apart in the tail, none above `top`."""
+    """Frequencies [count], rad/s: evenly spaced over the resonances, wider apart in the tail, none above `top`."""
     low, high, end = BELOW * min(of), min(ABOVE * max(of), top), min(TAIL * max(of), top)
     tail = round(IN_TAIL * count * min(1.0, np.log(end / high) / np.log(TAIL / ABOVE)))
     even = np.linspace(low, high, count - tail)
@@ -63,7 +64,7 @@ def chosen(of: Resonances, count: int, top: float) -> Array:
 
 
 def with_also(omega: Array, also: tuple[float, ...]) -> Array:
-    """`omega` with the frequencies `also`; each replaces the nearest one within half a step."""
+    """Add the frequencies `also` to `omega`; each replaces the nearest one within half a step."""
     kept = list(omega)
     for w in also:
         near = int(np.abs(omega - w).argmin())
@@ -87,10 +88,11 @@ def missed(omega: Array, of: Resonances) -> list[str]:
 
 
 def spikes(omega: Array, damping: Array, kept: tuple[float, ...]) -> NDArray[np.intp]:
-    """Indexes of omega [n] at which the damping [n, 6, 6] of a mode stands out alone, without those in `kept`.
+    """Indices of omega [n] at which the damping [n, 6, 6] of a mode has an isolated peak, except at frequencies in
+    `kept`.
 
-    What happens there is narrower than a step, so that nothing can be made of it: an irregular frequency that no lid
-    took away, in a gap between hulls perhaps a resonance without damping.
+    Such a peak is narrower than a step, so it cannot be resolved: an irregular frequency that no lid removed, or
+    perhaps a resonance without damping in a gap between hulls.
     """
     size = np.einsum("nii->ni", damping)
     beside = np.maximum(np.maximum(size[:-2], size[2:]), 1e-3 * size.max(axis=0))

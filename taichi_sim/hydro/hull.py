@@ -1,4 +1,4 @@
-"""The hull that a command names: a vehicle file with panels, or a mesh, of which a vehicle file will be made."""
+"""The hull that a command names: a vehicle file with panels, or a mesh to make a vehicle file of."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,10 +11,9 @@ from taichi_sim.config import ConfigError
 from taichi_sim.config.io import config_folder, read_toml, validate
 from taichi_sim.conventions import RHO_SEA
 from taichi_sim.hydro import mesh_file
-from taichi_sim.hydro.frames import turned_matrix
 from taichi_sim.hydro.offsets import offsets
 from taichi_sim.hydro.panels import Z_UP, wetted
-from taichi_sim.hydro.surface import Surface
+from taichi_sim.hydro.surface import WettedSurface, turned_matrix
 from taichi_sim.kernels.rigid_body import rigid_body_mass
 from taichi_sim.usv.hull.hydrostatics import Hydrostatics
 from taichi_sim.usv.hull.mesh import Panels, mesh
@@ -23,21 +22,21 @@ from taichi_sim.usv.hull.shapes import HullShape, StationsHull
 
 Array = NDArray[np.float64]
 MODEL = "hull_6dof"
-HEAVIER = 0.05  # share of the displaced mass by which a hull's may differ before it is worth a warning
-LIGHTER = 20.0  # times its mass that a hull may displace before something must be wrong
-TRIES = 40  # steps towards a wanted number of panels
+HEAVIER = 0.05  # relative difference of mass and displaced mass that gives a warning
+LIGHTER = 20.0  # displaced mass over mass from which the input must be wrong
+TRIES = 40  # iterations towards a wanted number of panels
 
 
 @dataclass(frozen=True)
-class Craft:
-    """A floating hull: the simulator's panels, mass (kg), CG (m) and rigid-body matrix, in the vehicle's frame."""
+class FloatingHull:
+    """A floating hull in the vehicle's frame: the simulator's panels, mass (kg), CG (m) and rigid-body matrix."""
 
     name: str
     panels: Panels
     mass: float
     cg: tuple[float, float, float]
     M: Array  # [6, 6] about CO
-    shape: StationsHull | None = None  # made of a mesh: a vehicle file is to be written
+    shape: StationsHull | None = None  # offsets made of a mesh, for a new vehicle file
 
     @property
     def cg_z_up(self) -> Array:
@@ -51,15 +50,15 @@ class Craft:
 
 
 def is_vehicle(name: str) -> bool:
-    """Whether `name` names a vehicle file, a path or a shipped one, and not a mesh."""
+    """Whether `name` names a vehicle file (a path, or a shipped one) rather than a mesh."""
     return Path(name).suffix in ("", ".toml")
 
 
 def vehicle_path(name: str) -> Path:
-    """Path of a vehicle file, given by path or, for a shipped one, by name.
+    """Path of a vehicle file, given by its path or, if it is shipped, by its name.
 
     Raises:
-        ConfigError: if there is neither.
+        ConfigError: if there is no such file.
     """
     if Path(name).suffix == ".toml" and Path(name).is_file():
         return Path(name)
@@ -71,11 +70,11 @@ def vehicle_path(name: str) -> Path:
     raise ConfigError(f"{name}: no such vehicle; shipped hulls are {', '.join(known)}, or give a .toml or a mesh file")
 
 
-def of_vehicle(file: Path) -> tuple[Craft, float]:
-    """The hull of a vehicle file, and its length, m.
+def of_vehicle(file: Path) -> tuple[FloatingHull, float]:
+    """Read the hull of a vehicle file; also return its length, m.
 
     Raises:
-        ConfigError: naming file and key, if it is of another model or a section is wrong.
+        ConfigError: for another model, or a wrong section; the message names file and key.
     """
     data = read_toml(file)
     if data.get("model") != MODEL:
@@ -88,21 +87,21 @@ def of_vehicle(file: Path) -> tuple[Craft, float]:
         shape = TypeAdapter(HullShape).validate_python(_tuples(data["hull"]))
     except ValueError as error:
         raise ConfigError(f"{file}: hull: {error}") from None
-    craft = Craft(file.stem, mesh(shape), body.mass, tuple(body.cg), np.asarray(body.matrix, dtype=float))
+    craft = FloatingHull(file.stem, mesh(shape), body.mass, tuple(body.cg), np.asarray(body.matrix, dtype=float))
     return craft, float(data["length"])
 
 
 def _tuples(value):
-    """Turn lists into tuples, as strict sections require."""
+    """Convert lists to tuples, as strict sections require."""
     if isinstance(value, dict):
         return {key: _tuples(v) for key, v in value.items()}
     return tuple(map(_tuples, value)) if isinstance(value, list) else value
 
 
-def read_mesh(path: Path, unit: str, waterline: float, midships: float | None, length: float | None) -> Surface:
-    """The wetted surface of a mesh file, about CO: `waterline` and `midships` are z and x of CO in the mesh (m).
+def read_mesh(path: Path, unit: str, waterline: float, midships: float | None, length: float | None) -> WettedSurface:
+    """Read the wetted surface of a mesh file and move it to CO.
 
-    midships None: the middle of the mesh.
+    `waterline` and `midships` are z and x of CO in the mesh (m); without `midships`, the middle of the mesh.
     """
     found = mesh_file.read(path, unit)
     panels = found.panels.copy()
@@ -113,15 +112,18 @@ def read_mesh(path: Path, unit: str, waterline: float, midships: float | None, l
 
 
 def of_mesh(
-    surface: Surface, name: str, mass: float | None, cg: tuple[float, float, float] | None,
+    surface: WettedSurface, name: str, mass: float | None, cg: tuple[float, float, float] | None,
     gyration: tuple[float, float, float] | None, table: tuple[int, int, float],
-) -> Craft:  # fmt: skip
-    """Make a hull of offsets (stations, points, freeboard) from a wetted mesh; print each number that is assumed."""
+) -> FloatingHull:  # fmt: skip
+    """Make a hull of offsets from a wetted mesh, and print each number that is assumed.
+
+    `table` holds the number of stations, the number of points and the freeboard (m).
+    """
     whole = surface.whole.reshape(-1, 3)
     length, beam = np.ptp(whole[:, 0]), np.ptp(whole[:, 1])
     if mass is None:
         mass = float(f"{RHO_SEA * surface.volume:.6g}")
-        print(f"{name}: no --mass: {mass:g} kg, what it displaces in sea water")
+        print(f"{name}: no --mass: {mass:g} kg, its displacement in sea water")
     if cg is None:
         cg = (round(float(surface.centre_of_buoyancy[0]), 4) + 0.0, 0.0, 0.0)
         print(f"{name}: no --cg: {cg}, over the centre of buoyancy in the waterline")
@@ -131,14 +133,14 @@ def of_mesh(
         print(f"{name}: no --gyration: {gyration} m, 0.35 of the beam and 0.25 of the length")
     shape = offsets(surface, *table)
     M = rigid_body_mass(mass, cg, mass * np.diag(np.square(np.array(gyration))))
-    return Craft(name, mesh(shape), mass, cg, np.asarray(M, dtype=float), shape)
+    return FloatingHull(name, mesh(shape), mass, cg, np.asarray(M, dtype=float), shape)
 
 
-def check_floating(craft: Craft, surface: Surface, rho: float, g: float) -> list[str]:
-    """Messages about mass, displacement and stability.
+def check_floating(craft: FloatingHull, surface: WettedSurface, rho: float, g: float) -> list[str]:
+    """Return messages about mass, displacement and stability.
 
     Raises:
-        ConfigError: if the hull is heavier than it displaces up to its deck, or not stable upright.
+        ConfigError: if the hull is heavier than its displacement up to the deck, or not stable upright.
     """
     displaced, whole = rho * surface.volume, rho * Hydrostatics(craft.panels, craft.mass, craft.cg).volume_below_deck
     if craft.mass >= whole:
@@ -165,17 +167,17 @@ def check_floating(craft: Craft, surface: Surface, rho: float, g: float) -> list
     ]
     if abs(off) > HEAVIER:
         told.append(
-            f"warning: mass and displaced mass differ by {100 * off:+.1f} %: it does not float at the design waterline "
-            "that loads are computed for"
+            f"warning: mass and displaced mass differ by {100 * off:+.1f} %: the hull does not float at the design "
+            "waterline, for which the loads are computed"
         )
     trim = craft.cg[0] - surface.centre_of_buoyancy[0]
     if abs(trim) > 0.02 * np.ptp(surface.whole[..., 0]):
-        told.append(f"warning: the centre of gravity is {trim:+.3g} m ahead of the centre of buoyancy: it trims")
+        told.append(f"warning: the centre of gravity is {trim:+.3g} m ahead of the centre of buoyancy: the hull trims")
     return told
 
 
-def divided(panels: Panels, wanted: int) -> tuple[Surface, float]:
-    """Divide the hull into about `wanted` panels, images not counted; also their size, m."""
+def divided(panels: Panels, wanted: int) -> tuple[WettedSurface, float]:
+    """Divide the hull into about `wanted` panels, not counting images; also return their size, m."""
     high = float(np.ptp(panels.centre, axis=0).max())
     low = 1e-3 * high
     for _ in range(TRIES):

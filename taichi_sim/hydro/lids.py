@@ -1,48 +1,48 @@
-"""Lids: panels in the water's surface, inside the hull and between hulls.
+"""Lids: panels in the water's surface, inside a hull and between hulls.
 
-Inside: a boundary-element code finds a hull's loads wrong near the frequencies at which water inside it would slosh
-("irregular frequencies"); a rigid lid over the inner waterplane takes them away (Ohmatsu 1975; Lee and Sclavounos
-1989).
+Inside a hull: a boundary-element code gives wrong loads near the frequencies at which water inside the hull would slosh
+("irregular frequencies"). A rigid lid over the inner waterplane removes them (Ohmatsu 1975; Lee and Sclavounos 1989).
 
-Between the hulls of a catamaran real water rises and falls and sloshes; potential theory lets it do so too freely near
-resonance, for it has no viscosity. A damping lid takes energy there (Chen 2004; problem.py).
+Between the hulls of a catamaran, real water oscillates. Potential theory has no viscosity and exaggerates this near
+resonance. A damping lid absorbs energy there (Chen 2004; problem.py).
 
-The inner lid keeps half a panel's size away from the waterline: a lid that touches it shifts the loads by some per cent
-(panels of lid and hull meet in the logarithmic singularity of the surface), one that keeps away takes the irregular
-frequencies out as well and hardly shifts them (docs/hydrodynamics.md).
+The inner lid keeps half a panel's size away from the waterline. A lid that touches the waterline shifts the loads by
+some per cent, because panels of lid and hull meet in the logarithmic singularity of the surface. A lid with a distance
+also removes the irregular frequencies, and hardly shifts the loads (docs/hydrodynamics.md).
 
-Both are found strip by strip along x from where the waterline crosses: inside and gap alternate across the hull.
+Both lids are built strip by strip along x, from the crossings of the waterline: inside and gap alternate across the
+hull.
 """
 
 import numpy as np
 from numpy.typing import NDArray
 
-from taichi_sim.hydro.surface import Surface
+from taichi_sim.hydro.surface import WettedSurface
 
 Array = NDArray[np.float64]
-INSET = 1e-6  # of a strip's width: where the waterline is crossed, next to the strip's ends
-AWAY = 0.5  # of a panel's size: between inner lid and waterline
-LEVEL = 1e-6  # m, within which an edge lies in the surface
+INSET = 1e-6  # distance, over a strip's width, from its ends at which crossings of the waterline are found
+AWAY = 0.5  # distance of the inner lid from the waterline, over a panel's size
+LEVEL = 1e-6  # m; an edge lies in the surface within this height
 
 
-def inner_lid(hull: Surface, size: float) -> Array:
+def inner_lid(hull: WettedSurface, size: float) -> Array:
     """Panels [n, 4, 3] of a lid inside `hull`, on its positive sides, normals down."""
     return _lid(hull, size, AWAY * size, inside=True)
 
 
-def gap_lid(hull: Surface, size: float) -> Array:
+def gap_lid(hull: WettedSurface, size: float) -> Array:
     """Panels [n, 4, 3] of a lid over the water between two hulls; none for a single hull."""
     return _lid(hull, size, 0.0, inside=False)
 
 
-def waterline(hull: Surface) -> Array:
-    """Edges [n, 2, 2] (x, y) of the panels that lie in the water's surface, images not counted."""
+def waterline(hull: WettedSurface) -> Array:
+    """Edges [n, 2, 2] (x, y) of panels that lie in the water's surface, without images."""
     ends = np.stack([hull.panels, np.roll(hull.panels, -1, axis=1)], axis=2).reshape(-1, 2, 3)
     length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
     return ends[(np.abs(ends[..., 2]) < LEVEL).all(axis=1) & (length > LEVEL)][..., :2]
 
 
-def _lid(hull: Surface, size: float, away: float, inside: bool) -> Array:
+def _lid(hull: WettedSurface, size: float, away: float, inside: bool) -> Array:
     """Quadrilaterals between consecutive stations, `away` (m) from the waterline."""
     edges = waterline(hull)
     if not len(edges):
@@ -70,7 +70,7 @@ def _lid(hull: Surface, size: float, away: float, inside: bool) -> Array:
 
 
 def _stations(edges: Array, x_first: float, x_last: float, size: float) -> Array:
-    """x of stations at most `size` apart, with the knuckles of the waterline among them."""
+    """x of stations at most `size` apart, including the knuckles of the waterline."""
     ends = np.unique(np.round(edges[..., 0].ravel(), 6))
     ends = ends[(ends > x_first + size / 2) & (ends < x_last - size / 2)]
     kept = [x_first]
@@ -90,7 +90,7 @@ def _crossings(edges: Array, x: float) -> Array:
 
 
 def _intervals(y: Array, half: bool, inside: bool, away: float) -> list[tuple[float, float]]:
-    """Intervals of y inside the hulls, or in the gaps between them; a half hull begins at the centreplane."""
+    """Intervals of y inside the hulls, or in the gaps between them; those of a half hull begin at the centreplane."""
     if half:
         y = np.concatenate([-y[::-1], y])
     bounds = [(y[i] + away, y[i + 1] - away) for i in range(0 if inside else 1, len(y) - 1, 2)]

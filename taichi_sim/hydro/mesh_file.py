@@ -1,8 +1,9 @@
-"""Reads a hull's surface from a file and prepares it for boundary elements: units, cut, orientation, closedness.
+"""Reading of a hull's surface from a file, and its preparation for boundary elements: unit, cut, orientation,
+closedness.
 
-Formats: STL, OBJ, PLY, VTK, MSH and what else meshio reads; WAMIT's GDF of flat panels; CSV of panels with the columns
-x1, y1, z1 ... x4, y4, z4. Expected: x forward, y to port, z up; a GDF of one half says so (ISX, ISY), a CSV of one half
-has no y below 0.
+Formats are STL, OBJ, PLY, VTK, MSH and others that meshio reads, WAMIT's GDF of flat panels, and CSV of panels with the
+columns x1, y1, z1 ... x4, y4, z4. The frame is x forward, y to port, z up. A GDF of one half declares this (ISX, ISY);
+a CSV of one half has no y below 0.
 """
 
 import warnings
@@ -14,29 +15,29 @@ from numpy.typing import NDArray
 
 from taichi_sim.config import ConfigError
 from taichi_sim.config.extras import MissingExtraError
-from taichi_sim.hydro.surface import Surface, area_vectors, reverse
+from taichi_sim.hydro.surface import WettedSurface, area_vectors, as_triangles, reverse
 
 Array = NDArray[np.float64]
 UNITS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "in": 0.0254, "ft": 0.3048}
-LONGEST = 500.0  # m; longer than any ship but a few: the unit is wrong
-MERGE = 1e-6  # of the mesh's size, within which corners are one
-OPEN = 2e-3  # of the volume, by which it may depend on how it is computed: panels that meet at T-junctions
-ALIKE = 1e-3  # of the mesh's size, within which corners of port and starboard are images of each other
-DRY = 1e-4  # of the mesh's size, below which an edge at the water is at the water
+LONGEST = 500.0  # m; only a few ships are longer, so the unit is wrong
+MERGE = 1e-6  # tolerance over the mesh's size: closer corners are merged
+OPEN = 2e-3  # tolerated relative difference of volumes by different integrals (panels that meet at T-junctions)
+ALIKE = 1e-3  # tolerance over the mesh's size: corners of port and starboard that are images of each other
+DRY = 1e-4  # tolerance over the mesh's size: corners this close to the water lie in its surface
 
 
 class Polygons(NamedTuple):
-    """Panels [n, 4, 3] as read, and the planes of symmetry that the file declares."""
+    """Panels [n, 4, 3] of a file, and the planes of symmetry that it declares."""
 
     panels: Array
     planes: tuple[int, ...]
 
 
 def read(path: Path, unit: str = "m") -> Polygons:
-    """The panels of a file, m.
+    """Read the panels of a file, in m.
 
     Raises:
-        ConfigError: naming the file, if it cannot be read or holds no surface.
+        ConfigError: if the file cannot be read or has no surface; the message names it.
         MissingExtraError: if meshio is needed and not installed.
     """
     if not path.is_file():
@@ -72,7 +73,7 @@ def _gdf(path: Path) -> Polygons:
     count = int(first[0])
     numbers = np.array(" ".join(lines[3:]).split(), dtype=float)
     if numbers.size < 12 * count:
-        raise ValueError(f"{count} panels announced, numbers for {numbers.size // 12} found: is the file cut?")
+        raise ValueError(f"{count} panels announced, numbers for {numbers.size // 12} found: is the file truncated?")
     planes = tuple(axis for axis, on in ((1, is_y), (0, is_x)) if on == 1)
     return Polygons(scale * numbers[: 12 * count].reshape(-1, 4, 3), planes)
 
@@ -84,7 +85,7 @@ def _meshio(path: Path) -> Polygons:
         raise MissingExtraError("meshio", "bem") from error
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", RuntimeWarning)  # of a text STL read as a binary one
+            warnings.simplefilter("ignore", RuntimeWarning)  # from a text STL that is first read as a binary one
             mesh = meshio.read(path)
     except (meshio.ReadError, SystemExit) as error:
         raise ValueError(str(error) or "unknown format") from None
@@ -98,15 +99,15 @@ def _meshio(path: Path) -> Polygons:
     return Polygons(np.concatenate(parts) if parts else np.empty((0, 4, 3)), ())
 
 
-def checked(mesh: Polygons, name: str, length: float | None) -> Surface:
-    """The wetted surface of a mesh whose water is z = 0, normals outward; repairs are printed.
+def checked(mesh: Polygons, name: str, length: float | None) -> WettedSurface:
+    """Return the wetted surface of a mesh whose water is z = 0, with outward normals, and print repairs.
 
-    Of a mesh that is alike to port and starboard it is the port half.
-
-    length: the vehicle's, m, to find a wrong unit.
+    For a mesh whose port and starboard are alike, it is the port half. `length` (m) is the vehicle's, to find a wrong
+    unit.
 
     Raises:
-        ConfigError: if it is implausibly large, above the water, has holes, or its normals cannot be made consistent.
+        ConfigError: if the mesh is implausibly large, above the water, not closed, or its normals cannot be made
+        consistent.
     """
     panels = mesh.panels
     size = float(np.ptp(panels.reshape(-1, 3), axis=0).max())
@@ -123,37 +124,37 @@ def checked(mesh: Polygons, name: str, length: float | None) -> Surface:
         raise ConfigError(f"{name}: lies wholly under water (z up to {z.max():.4g} m); give --waterline")
     panels = _consistent(_snapped(panels, MERGE * size), name)
     wet = _cut(panels, DRY * size)
-    surface = Surface(wet, mesh.planes)
+    surface = WettedSurface(wet, mesh.planes)
     if surface.volume < 0:
         print(f"{name}: its normals pointed inward; turned over")
-        panels, surface = reverse(panels), Surface(reverse(wet), mesh.planes)
+        panels, surface = reverse(panels), WettedSurface(reverse(wet), mesh.planes)
     _check_closed(surface, name, size)
     if not mesh.planes and _alike(panels, size):
-        return Surface(_cut(_port(panels, DRY * size), DRY * size), (1,))
+        return WettedSurface(_cut(_port(panels, DRY * size), DRY * size), (1,))
     return surface
 
 
 def _alike(panels: Array, size: float) -> bool:
-    """Whether port and starboard have mirrored corners."""
+    """Whether the corners of port and starboard are mirror images."""
     corners = np.unique(np.round(panels.reshape(-1, 3), 9), axis=0)
     image = corners * [1.0, -1.0, 1.0]
     return all(np.abs(corners - own).max(axis=1).min() <= ALIKE * size for own in image)
 
 
 def _port(panels: Array, tiny: float) -> Array:
-    """Parts of panels on the port side, cut as at the water."""
+    """Parts of panels on the port side; panels that cross the centreplane are cut."""
     return _cut(panels[..., [0, 2, 1]] * [1.0, 1.0, -1.0], tiny)[..., [0, 2, 1]] * [1.0, -1.0, 1.0]
 
 
-def refined(surface: Surface, size: float) -> Surface:
+def refined(surface: WettedSurface, size: float) -> WettedSurface:
     """Divide panels at the middles of their edges until edges are at most about `size` (m)."""
     panels = surface.panels
     for _ in range(12):
-        large = Surface(panels).edge > size * 1.2
+        large = WettedSurface(panels).edge > size * 1.2
         if not large.any():
             break
         panels = np.concatenate([panels[~large], _quartered(panels[large])])
-    return Surface(panels, surface.planes)
+    return WettedSurface(panels, surface.planes)
 
 
 def _quartered(panels: Array) -> Array:
@@ -170,16 +171,12 @@ def _snapped(panels: Array, tiny: float) -> Array:
     """Merge corners within `tiny`, and drop panels without area."""
     grid = np.rint(panels / tiny) * tiny
     panels = np.where(np.abs(grid) < tiny / 2, 0.0, grid)
-    edge = np.linalg.norm(np.roll(panels, -1, axis=1) - panels, axis=2)
-    order = (edge.argmin(axis=1)[:, None] + [2, 3, 0, 1]) % 4
-    three = np.take_along_axis(panels, order[..., None], axis=1)
-    three[:, 3] = three[:, 2]
-    panels = np.where((edge.min(axis=1) < tiny / 2)[:, None, None], three, panels)
+    panels = as_triangles(panels, tiny / 2)
     return panels[np.linalg.norm(area_vectors(panels), axis=1) > tiny**2]
 
 
 def _edges(panels: Array) -> tuple[list[list[tuple[int, int]]], Array]:
-    """Edges of each panel as pairs of corner numbers, in order, and the corners."""
+    """Edges of each panel, in order, as pairs of corner numbers; and the corners."""
     corners, number = np.unique(panels.reshape(-1, 3), axis=0, return_inverse=True)
     number = number.reshape(-1, 4)
     edges = []
@@ -190,7 +187,7 @@ def _edges(panels: Array) -> tuple[list[list[tuple[int, int]]], Array]:
 
 
 def _consistent(panels: Array, name: str) -> Array:
-    """Turn panels so that neighbours run along their common edge in opposite senses."""
+    """Turn panels so that neighbours traverse their common edge in opposite directions."""
     edges, _ = _edges(panels)
     at: dict[tuple[int, int], list[tuple[int, bool]]] = {}
     for panel, ring in enumerate(edges):
@@ -213,7 +210,7 @@ def _consistent(panels: Array, name: str) -> Array:
                     turn[other[0]] = wanted
                     heap.append(other[0])
                 elif turn[other[0]] != wanted:
-                    raise ConfigError(f"{name}: its surface has but one side: normals cannot be made consistent")
+                    raise ConfigError(f"{name}: its surface has only one side: normals cannot be made consistent")
     turned = np.array([turn[i] for i in range(len(panels))])
     if turned.any():
         print(f"{name}: the normals of {min(turned.sum(), (~turned).sum())} of {len(panels)} panels were turned over")
@@ -221,7 +218,7 @@ def _consistent(panels: Array, name: str) -> Array:
 
 
 def _cut(panels: Array, tiny: float) -> Array:
-    """The parts of panels below z = 0; panels in the water's surface itself are left out."""
+    """Parts of panels below z = 0, without panels in the water's surface itself."""
     panels = panels.copy()
     panels[..., 2][np.abs(panels[..., 2]) < tiny] = 0.0
     z = panels[..., 2]
@@ -241,8 +238,8 @@ def _cut(panels: Array, tiny: float) -> Array:
     return np.concatenate(found)
 
 
-def _check_closed(surface: Surface, name: str, size: float) -> None:
-    """Require a panel on either side of every edge below water and off the planes of symmetry."""
+def _check_closed(surface: WettedSurface, name: str, size: float) -> None:
+    """Require panels on both sides of every edge that is below water and off the planes of symmetry."""
     panels = _snapped(surface.panels, MERGE * size)
     edges, corners = _edges(panels)
     count: dict[tuple[int, int], int] = {}
@@ -264,7 +261,7 @@ def _check_closed(surface: Surface, name: str, size: float) -> None:
         )
 
 
-def _missing(surface: Surface) -> float:
+def _missing(surface: WettedSurface) -> float:
     """Relative spread of the volumes from x-, y- and z-integrals; a closed surface has one volume."""
     whole = surface.whole
     centre, area = whole.mean(axis=1), area_vectors(whole)

@@ -1,28 +1,30 @@
-"""A table of offsets from a mesh: the few stations and points with which the simulator floats a hull.
+"""Table of offsets from a mesh: a few stations and points with which the simulator floats a hull.
 
-At each station the half-breadth at some levels is read off the wetted mesh; of two hulls, also where they begin.
-Chords lie inside a rounded hull, so the half-breadths are stretched (by a per cent or so): those at the waterline until
-the waterplane's area is the mesh's, those below until the volume is.
+At each station, half-breadths at some levels are read off the wetted mesh; for two hulls, the inner half-breadths as
+well. Chords lie inside a rounded hull. The half-breadths are therefore stretched, by about a per cent: those at the
+waterline until the waterplane has the mesh's area, those below until the volume is the mesh's.
 """
 
 import numpy as np
 from numpy.typing import NDArray
 
 from taichi_sim.hydro.panels import wetted
-from taichi_sim.hydro.surface import Surface
+from taichi_sim.hydro.surface import WettedSurface
 from taichi_sim.usv.hull.mesh import Panels, mesh
 from taichi_sim.usv.hull.shapes import StationsHull
 
 Array = NDArray[np.float64]
-INSIDE = 1e-4  # of the length, from its ends: where end sections are read
-NEAR = 2e-3  # of the draught: how far above a flat bottom, and below the waterline, half-breadths are read
+INSIDE = 1e-4  # distance of the end sections from the ends, over the length
+NEAR = 2e-3  # distance of the readings from a flat bottom and from the waterline, over the draught
 FINE = 400  # sections from which stations are chosen
-ROUNDS = 12  # of stretching
-DIGITS = 4  # decimals of offsets over a length of 10 m, one less for each factor of ten
+ROUNDS = 12  # iterations of the stretching
+DIGITS = 4  # decimals of offsets for a length of 10 m; one less for each factor of ten
 
 
-def offsets(hull: Surface, stations: int, points: int, freeboard: float) -> StationsHull:
-    """Hull of `stations` sections with `points` levels from keel to waterline, and walls `freeboard` (m) high."""
+def offsets(hull: WettedSurface, stations: int, points: int, freeboard: float) -> StationsHull:
+    """Hull of `stations` sections with `points` levels from keel to waterline, and vertical walls of height
+    `freeboard` (m).
+    """
     triangles = _triangles(hull)
     x = triangles[..., 0]
     ends = np.array([x.min(), x.max()])
@@ -46,9 +48,9 @@ def offsets(hull: Surface, stations: int, points: int, freeboard: float) -> Stat
 
 
 def compared(
-    made: Panels, hull: Surface, mass: float, cg: Array, rho: float, g: float
+    made: Panels, hull: WettedSurface, mass: float, cg: Array, rho: float, g: float
 ) -> dict[str, tuple[float, float]]:
-    """Values of the offsets (first) and of the mesh (second), by name with unit."""
+    """Compare quantities of the offsets (first) and of the mesh (second), by name with unit."""
     out: dict[str, tuple[float, float]] = {}
     ours = _measured(made)
     pairs = (("volume, m^3", lambda s: s.volume), ("waterplane, m^2", lambda s: s.waterplane["A"]),
@@ -62,20 +64,20 @@ def compared(
     return out
 
 
-def _measured(panels: Panels) -> Surface:
-    """The wetted panels, divided a few times each way, for integrals."""
+def _measured(panels: Panels) -> WettedSurface:
+    """The wetted panels, divided a few times in each direction, for integrals."""
     return wetted(panels, 0.01 * float(np.ptp(panels.centre, axis=0).max()), divisions=4)
 
 
-def _triangles(hull: Surface) -> Array:
-    """[n, 3, 3] of the whole wetted hull."""
+def _triangles(hull: WettedSurface) -> Array:
+    """Triangles [n, 3, 3] of the whole wetted hull."""
     a, b, c, d = np.moveaxis(hull.whole, 1, 0)
     both = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
     return both[np.linalg.norm(np.cross(both[:, 1] - both[:, 0], both[:, 2] - both[:, 0]), axis=1) > 0]
 
 
 def _cut(triangles: Array, at: float) -> Array:
-    """Segments [n, 2, 2] (y, z) of the plane x = at through triangles."""
+    """Segments [n, 2, 2] (y, z) in which the plane x = at intersects triangles."""
     side = triangles[..., 0] - at
     across = triangles[(side.min(axis=1) < 0) & (side.max(axis=1) > 0)]
     segments = []
@@ -90,20 +92,22 @@ def _cut(triangles: Array, at: float) -> Array:
 
 
 def _is_twin(triangles: Array) -> bool:
-    """Whether nothing crosses the centreplane amidships."""
+    """Whether no section crosses the centreplane amidships."""
     at = (triangles[..., 0].min() + triangles[..., 0].max()) / 2 + 1e-7
     y = _cut(triangles, at)[..., 0]
     return bool(len(y)) and not ((y.min(axis=1) <= 1e-9) & (y.max(axis=1) >= -1e-9)).any()
 
 
 def _section(triangles: Array, at: float, ends: Array, points: int, twin: bool) -> Array:
-    """Points [n, 2] (y, z down) of the starboard half at a station, from the keel (twin: from the inner waterline)."""
+    """Points [n, 2] (y, z down) of the starboard half at a station, from the keel (of a twin hull: from the inner
+    waterline).
+    """
     inset = INSIDE * np.ptp(ends)
     segments = _cut(triangles, float(np.clip(at, ends[0] + inset, ends[1] - inset)) + 1e-9)
     segments = segments[segments[..., 0].mean(axis=1) > 0]
     keel = float(-segments[..., 1].min())
     angle = np.linspace(0, np.pi / 2, points)
-    levels = keel * np.cos(angle)  # closer at the keel, where bilges turn
+    levels = keel * np.cos(angle)  # closer at the keel, for the turn of the bilge
     levels[-1] = 0.0
     inner, outer = np.array([_breadths(segments, -level, NEAR * keel) for level in levels]).T
     if twin:
@@ -123,8 +127,11 @@ def _breadths(segments: Array, z: float, tiny: float) -> tuple[float, float]:
 
 
 def _places(triangles: Array, ends: Array, stations: int, points: int, twin: bool) -> Array:
-    """x of stations: the ends, then by turns where straight lines between them miss the sections most, and midway
-    between the two that are farthest apart: waves are read off at the stations."""
+    """x of stations: both ends, then by turns two kinds of places.
+
+    One is where linear interpolation between the stations has the largest error. The other is midway between the two
+    stations that are farthest apart, because waves are evaluated at the stations.
+    """
     x = np.linspace(*ends, FINE)
     shape = np.stack([_section(triangles, at, ends, points, twin).ravel() for at in x])
     chosen = [0, FINE - 1]
@@ -140,7 +147,7 @@ def _places(triangles: Array, ends: Array, stations: int, points: int, twin: boo
 
 
 def _hull(places: Array, sections: Array, freeboard: float, decimals: int) -> StationsHull:
-    """Hull of the sections, with walls on the waterline."""
+    """Hull of the sections, with vertical walls above the waterline."""
     stations = []
     for x, section in zip(places, sections, strict=True):
         y, z = np.round(section, decimals).T + 0.0

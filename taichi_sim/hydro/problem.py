@@ -1,14 +1,14 @@
 """The boundary-element problem of one hull at one frequency: linear potential flow at zero speed, by capytaine.
 
-Waves go as exp(-i omega t). The potential phi on the hull follows from its normal velocity v_n (normal out of the hull,
-into the water), as the tank's method says:
+The time factor is exp(-i omega t). The potential phi on the hull follows from its normal velocity v_n (the normal
+points out of the hull into the water), by one of two methods:
 
     direct:   D phi = S v_n                     Green's theorem, as in WAMIT
     sources:  K sigma = v_n,  phi = S sigma     sources on the hull, capytaine's default
 
-On the meshes of ships the direct method errs a quarter as much, and lids hardly shift it (docs/hydrodynamics.md). The
-problems are the six motions of unit velocity and the scattering of the waves of each heading. Lids are lids.py's: the
-inner one is rigid, the one between hulls is damped (engine.py).
+On the meshes of ships the direct method has a quarter of the error, and lids hardly shift its results
+(docs/hydrodynamics.md). The problems are the six motions of unit velocity, and the scattering of waves from each
+heading. The lids are those of lids.py: the inner one is rigid, the one between hulls is damped (engine.py).
 """
 
 from dataclasses import dataclass
@@ -18,14 +18,14 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from taichi_sim.hydro.surface import Surface, area_vectors
+from taichi_sim.hydro.surface import WettedSurface, area_vectors
 
 if TYPE_CHECKING:
     from capytaine import FloatingBody
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complexfloating]
-PARITY = {  # of the six motions' normal velocities, in the plane normal to an axis
+PARITY = {  # of the normal velocities of the six motions, about the plane normal to an axis
     0: np.array([-1, 1, 1, 1, -1, -1]),
     1: np.array([1, -1, 1, -1, 1, -1]),
 }
@@ -34,57 +34,57 @@ NO_PANELS = np.empty((0, 4, 3))
 
 @dataclass(frozen=True)
 class Tank:
-    """A hull with lids in water, on the positive sides of the hull's planes of symmetry."""
+    """A hull with lids in water, given on the positive sides of the hull's planes of symmetry."""
 
-    hull: Surface
+    hull: WettedSurface
     inner_lid: Array  # [n, 4, 3]
     gap_lid: Array  # [n, 4, 3]
     rho: float  # kg/m^3
     g: float  # m/s^2
-    depth: float  # m; inf is deep
-    gap_damping: float  # epsilon of the gap lid; 0: none
+    depth: float  # m; inf: deep water
+    gap_damping: float  # epsilon of the gap lid; 0: no damping
     method: Literal["direct", "sources"] = "direct"
 
     @property
     def damping_lid(self) -> Array:
-        """Panels [n, 4, 3] of the gap lid, none where it does not damp."""
+        """Panels [n, 4, 3] of the gap lid; empty if it has no damping."""
         return self.gap_lid if self.gap_damping else NO_PANELS
 
     @cached_property
     def body(self) -> "FloatingBody":
-        """The hull with its lids, as capytaine takes it."""
-        from taichi_sim.hydro.engine import as_body  # needs capytaine: heavy, and optional
+        """The hull with its lids as a body of capytaine."""
+        from taichi_sim.hydro.engine import as_body  # capytaine is heavy and optional
 
         return as_body(self.hull, np.concatenate([self.inner_lid, self.damping_lid]))
 
     @property
     def coupled(self) -> NDArray[np.bool_]:
-        """Which motions [6, 6] may influence each other by the hull's symmetry."""
+        """Which pairs of motions [6, 6] the hull's symmetry allows to influence each other."""
         alike = [np.equal.outer(PARITY[axis], PARITY[axis]) for axis in self.hull.planes]
         return np.logical_and.reduce([np.ones((6, 6), dtype=bool), *alike])
 
 
 class Solution(NamedTuple):
-    """Results of one frequency, in the frame of surface.py; n headings."""
+    """Results at one frequency, in the frame of surface.py, for n headings."""
 
     wavenumber: float  # rad/m
     added_mass: Array  # [6, 6]
     damping: Array  # [6, 6]
-    froude_krylov: Complex  # [n, 6] per metre of amplitude
-    diffraction: Complex  # [n, 6]
-    potential: Complex  # [panel, 6 + n] of unit velocities and of the scattered waves, images too; none with sources
-    flow: Complex  # [panel, 6 + n] normal velocity, or sources, times area, and what a damping lid sends out
-    points: Array  # [panel, 3] where they are
-    area: Array  # [panel, 3] area vectors, zero on lids
-    gap_potential: Complex  # [lid panel, 6 + n] on the damping lid and its images
-    gap_area: Array  # [lid panel] m^2
+    froude_krylov: Complex  # [n, 6], per metre of amplitude
+    diffraction: Complex  # [n, 6], per metre of amplitude
+    potential: Complex  # [panel, 6 + n], of unit velocities and scattered waves, with images; 0 with sources
+    flow: Complex  # [panel, 6 + n], normal velocity (or source) times area, with the flow from a damping lid
+    points: Array  # [panel, 3], their positions
+    area: Array  # [panel, 3], area vectors; zero on lids
+    gap_potential: Complex  # [lid panel, 6 + n], on the damping lid and its images
+    gap_area: Array  # [lid panel], m^2
 
 
 def solve(tank: Tank, omega: float, heading_deg: Array) -> Solution:
-    """Loads and potentials at a finite `omega` (rad/s).
+    """Solve for loads and potentials at a finite `omega` (rad/s).
 
-    Loads are sums over the panels' area vectors, which close the hull exactly; capytaine's areas of twisted panels do
-    not (0.5 % of the loads on the Otter).
+    Loads are sums over the panels' area vectors, which close the hull exactly. capytaine's areas of twisted panels do
+    not; on the Otter this makes 0.5 % of the loads.
     """
     from capytaine import BEMSolver, DiffractionProblem, RadiationProblem
     from capytaine.bem.airy_waves import airy_waves_potential, airy_waves_pressure
@@ -102,7 +102,7 @@ def solve(tank: Tank, omega: float, heading_deg: Array) -> Solution:
         wave.boundary_condition[gap] = -1j * damping * airy_waves_potential(mesh.faces_centers[gap], wave)
     solver = BEMSolver(engine=DampedEngine(lid, damping, direct), method="direct" if direct else "indirect")
     found = [solver.solve(problem, _check_wavelength=False) for problem in (*motions, *waves)]
-    unit = np.repeat([1j / omega, 1.0], [6, len(waves)])  # capytaine's motions are of unit amplitude
+    unit = np.repeat([1j / omega, 1.0], [6, len(waves)])  # capytaine's motions have unit amplitude
     phi = unit * np.stack([of.potential for of in found], axis=1)
     sent = [of.problem.boundary_condition if direct else of.sources for of in found]
     flow = unit * np.stack(sent, axis=1)
@@ -137,11 +137,11 @@ def added_mass_inf(tank: Tank) -> Array:
     solver = BEMSolver(method="direct" if tank.method == "direct" else "indirect")
     case = {"body": body, "omega": np.inf, "water_depth": tank.depth, "rho": tank.rho, "g": tank.g}
     found = [solver.solve(RadiationProblem(radiating_dof=dof, **case), _check_wavelength=False) for dof in body.dofs]
-    pressure = np.stack([of.pressure / of.omega / of.omega for of in found], axis=1)  # of unit acceleration
+    pressure = np.stack([of.pressure / of.omega / of.omega for of in found], axis=1)  # for unit acceleration
     weights = generalised_normals(body.mesh.faces_centers, tank.hull.area)
     return np.where(tank.coupled, -weights.T @ pressure.real, 0.0)
 
 
 def generalised_normals(centre: Array, area: Array) -> Array:
-    """Area vectors and their moments about CO [n, 6]."""
+    """Area vectors and their moments about CO, [n, 6]."""
     return np.concatenate([area, np.cross(centre, area)], axis=1)

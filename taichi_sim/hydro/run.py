@@ -1,22 +1,22 @@
-"""Solves all frequencies of one hull in several processes, and makes the database."""
+"""Solution of all frequencies of one hull in several processes, and the database made of it."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from concurrent.futures import as_completed
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
 from taichi_sim.config.extras import MissingExtraError
-from taichi_sim.hydro.drift import mean_drift, response
-from taichi_sim.hydro.far_field import radiated_damping
-from taichi_sim.hydro.frames import TURN_HORIZONTAL, turned_load, turned_matrix
+from taichi_sim.hydro.far_field import mean_drift, radiated_damping, response
 from taichi_sim.hydro.problem import Tank, added_mass_inf, solve
+from taichi_sim.hydro.surface import TURN_HORIZONTAL, turned_load, turned_matrix
 from taichi_sim.hydro.workers import workers
 from taichi_sim.usv.hull.database import HydroDatabase
 
 Array = NDArray[np.float64]
+Complex = NDArray[np.complexfloating]
 
 
 class Floating(NamedTuple):
@@ -27,17 +27,17 @@ class Floating(NamedTuple):
 
 
 class Loads(NamedTuple):
-    """Loads of one frequency, in the frame of surface.py; m headings."""
+    """Loads at one frequency, in the frame of surface.py, for m headings."""
 
     added_mass: Array  # [6, 6]
     damping: Array  # [6, 6]
-    froude_krylov: Any  # [m, 6]
-    excitation: Any  # [m, 6]
+    froude_krylov: Complex  # [m, 6]
+    excitation: Complex  # [m, 6]
     drift: Array  # [m, 3]
 
 
 def require_capytaine() -> str:
-    """Name and version of capytaine.
+    """Return name and version of capytaine.
 
     Raises:
         MissingExtraError: if it is not installed.
@@ -50,12 +50,12 @@ def require_capytaine() -> str:
 
 
 def loads_at(tank: Tank, floating: Floating | None, omega: float, heading_deg: Array) -> Loads:
-    """Solve one frequency; `floating` None: no mean drift. At infinity there is only an added mass."""
+    """Solve one frequency; at infinity there is only an added mass. Without `floating` there is no mean drift."""
     if not np.isfinite(omega):
         none = np.empty((0, 6), dtype=complex)
         return Loads(added_mass_inf(tank), np.zeros((6, 6)), none, none, np.empty((0, 3)))
     found = solve(tank, omega, heading_deg)
-    if tank.method == "direct":  # with sources integrated pressures err less
+    if tank.method == "direct":  # with sources, integrated pressures are more accurate
         found = found._replace(damping=radiated_damping(tank, found, omega))
     drift = np.zeros((len(found.diffraction), 3))
     if floating is not None:
@@ -68,7 +68,7 @@ def loads_at(tank: Tank, floating: Floating | None, omega: float, heading_deg: A
 def solve_all(
     tank: Tank, floating: Floating | None, omega: Iterable[float], heading_deg: Array, jobs: int, quiet: bool = False
 ) -> list[Loads]:
-    """Loads at each of `omega` (rad/s, inf allowed), in `jobs` processes, with a bar on the terminal."""
+    """Loads at each of `omega` (rad/s, inf allowed), computed in `jobs` processes with a progress bar."""
     omega = list(omega)
     found: dict[int, Loads] = {}
     with workers(jobs) as pool:
@@ -81,16 +81,18 @@ def solve_all(
 
 
 def database(
-    tank: Tank, floating: Floating, loads: list[Loads], endless: Loads, omega: Array, heading_deg: Array, **about: Any
-) -> HydroDatabase:
-    """The database, in the vehicle's frame; `about` gives hull, code and settings.
+    tank: Tank, floating: Floating, loads: list[Loads], endless: Loads, omega: Array, heading_deg: Array, *,
+    hull: str, code: str, settings: Mapping[str, object],
+) -> HydroDatabase:  # fmt: skip
+    """Make the database in the vehicle's frame; `hull`, `code` and `settings` are entered as they are.
 
-    A heading turns over with the frame: -30 deg, to starboard there, is +30 deg here.
+    A heading changes sign with the frame: -30 deg, to starboard in the frame of surface.py, is +30 deg in the
+    vehicle's.
     """
     turned = np.round(-np.asarray(heading_deg) % 360.0, 9)
     order = np.argsort(turned)
 
-    def stack(name: str) -> Any:
+    def stack(name: str) -> NDArray:
         return np.stack([getattr(of, name) for of in loads])
 
     return HydroDatabase(
@@ -107,10 +109,12 @@ def database(
         volume=tank.hull.volume,
         stiffness=turned_matrix(floating.C),
         drift=(stack("drift") * TURN_HORIZONTAL)[:, order],
-        **about,
+        hull=hull,
+        code=code,
+        settings=settings,
     )
 
 
 def _even(matrix: Array) -> Array:
-    """Symmetric part of a matrix; exact theory has no other."""
+    """Symmetric part of a matrix; in exact theory the matrix is symmetric."""
     return (matrix + np.swapaxes(matrix, -1, -2)) / 2

@@ -1,13 +1,13 @@
-"""The search for a memory's masses: of one group of motions that symmetry couples (fit.py).
+"""Search for the masses of a memory, for one group of motions that symmetry couples (fit.py).
 
-Nonlinear least squares (scipy, trust region) over frequencies, dampers and shapes of the masses, of B(w) and A(w)
-together, each pair of modes over the geometric mean of its two largest values. A search begins with the masses found
-before and one more where most is missing, and at random. Where MOST masses are not enough, each is put once where more
-is missing without it.
+The search is a nonlinear least-squares problem (scipy, trust region) in the frequencies, dampers and shapes of the
+masses. It fits B(w) and A(w) together. Each pair of modes is scaled by the geometric mean of its two largest values. A
+search starts from the masses found before plus one where most is missing, and from random ones. If MOST masses are not
+enough, each one is moved once to where most is missing without it.
 """
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,26 +15,27 @@ from numpy.typing import NDArray
 from taichi_sim.usv.hull.memory import Memory
 
 Array = NDArray[np.float64]
-Tell = Callable[[int, int], None]  # masses done, and more to do
+Complex = NDArray[np.complexfloating]
+Tell = Callable[[int, int], None]  # report of masses done, and of additional masses to do
 MODES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
-AT_RESONANCE = 0.02  # share by which damping may be off at a resonance: as much is a response there
-MOST = 12  # masses of a group: each costs the simulator as much as half a component of the sea
-POOR = 10.0  # times what was wanted: with MOST masses so much is taken and told (water between hulls needs many)
-STARTS = 2  # of the search at random, the second only of few masses; and one from what was found before
+AT_RESONANCE = 0.02  # tolerated relative error of the damping at a resonance; the response has the same error
+MOST = 12  # most masses of a group; each costs the simulator as much as half a component of the sea
+POOR = 10.0  # multiple of the wanted errors that is accepted with MOST masses; gaps between hulls need many
+STARTS = 2  # random starts, the second one only with up to FEW masses
 FEW = 4
-EVALUATIONS = 300  # of a search
-ROUNDS, BETTER = 3, 0.97  # of moving masses about: at most, and what a round must make of the cost
+EVALUATIONS = 300  # most evaluations of one search
+ROUNDS, BETTER = 3, 0.97  # rounds of moving masses, at most; ratio of costs that a round must reach to go on
 FAR = 1e3  # an error that no search accepts
-LEAST = 1e-6  # of a mass's frequency: its damper, at least
-OVERDAMPED = 10.0  # times the highest frequency: a damper, at most; a mass that is of no use would get any
-ENOUGH = 1e-5  # relative change of the cost, and of the numbers, below which a search ends
+LEAST = 1e-6  # smallest damper, over its mass's frequency
+OVERDAMPED = 10.0  # largest damper, over the highest frequency; a useless mass would take any value
+ENOUGH = 1e-5  # relative change of the cost, and of the unknowns, at which a search ends
 INERTIA = 0.3  # weight of an error of A against one of B
 STIFF = 1.0  # weight of a change of A_inf against one of A
-COUPLED = 1.0  # of the two kernels' own: what a pair's energy is at least compared with
-NEAR, LIGHTEST = 0.1, 20.0  # of a resonance: width in ln(omega), most of its weight
-TUNED = 30.0  # weight that added mass has there, of all modes that are coupled: it says where the resonance is
-BELOW = 0.1, 0.5  # of the lowest frequency: there added mass is held to that at it, and damping goes with the cube
-BAND = 0.7, 1.5  # times the lowest and the highest frequency of a table: where masses may resonate
+COUPLED = 1.0  # smallest reference for a pair's energy, over the geometric mean of the two modes' own energies
+NEAR, LIGHTEST = 0.1, 20.0  # at a resonance: width in ln(omega), and upper limit of the additional weight
+TUNED = 30.0  # additional weight of added mass at a resonance, which it places, for all coupled modes
+BELOW = 0.1, 0.5  # added points, times the lowest frequency: added mass is constant there, damping goes with the cube
+BAND = 0.7, 1.5  # times the lowest and highest frequency of a table: range of the masses' frequencies
 
 
 class FitError(ValueError):
@@ -45,17 +46,19 @@ class Pair(NamedTuple):
     """Errors of the fitted kernel of two modes."""
 
     modes: tuple[str, str]
-    missing: float  # share of its energy
-    off: float = 0.0  # share by which the damping is off at the mode's resonance
+    missing: float  # missing share of the kernel's energy
+    off: float = 0.0  # relative error of the damping at the mode's resonance
 
 
-class Search:
-    """Search for the masses of one group of g modes."""
+class MemorySearch:
+    """MemorySearch for the masses of one group of g modes."""
 
     def __init__(
         self, omega: Array, A: Array, B: Array, A_inf: Array, group: tuple[int, ...], at: Sequence[float | None]
     ):
-        """Take A, B [n, g, g] at omega [n] (rad/s), A_inf [g, g], and resonances `at` (rad/s; None without one)."""
+        """Take A, B [n, g, g] at omega [n] (rad/s), A_inf [g, g], and resonances `at` (rad/s; None for a mode
+        without one).
+        """
         slow = np.array(BELOW)
         omega = np.concatenate([slow * omega[0], omega])
         A, B = np.concatenate([A[[0, 0]], A]), np.concatenate([slow[:, None, None] ** 3 * B[0], B])
@@ -76,7 +79,11 @@ class Search:
         self.own = np.sqrt(more[:, self.upper[0]] * more[:, self.upper[1]])
 
     def run(self, energy: float, tell: Tell) -> tuple[Memory, Array, list[Pair]]:
-        """Memory, A_inf and errors with the fewest masses that miss at most `energy`."""
+        """Return memory, A_inf and errors with the fewest masses that miss at most `energy`.
+
+        Raises:
+            FitError: if more than POOR times that is missing with MOST masses.
+        """
         if not self.B.any():
             return Memory.none(), self.A_inf, []
         pairs: list[Pair] = []
@@ -100,13 +107,13 @@ class Search:
             return memory, self.A_inf + added, pairs
         raise FitError(
             f"{worst.modes[0]} and {worst.modes[1]}: {100 * worst.missing:.2g} % of the kernel's energy is missing "
-            f"(wanted: {100 * energy:.2g} %) and damping at resonance {100 * worst.off:.2g} % off (wanted: "
-            f"{100 * AT_RESONANCE:g} %) with {MOST} masses: are the frequencies enough, and close enough?"
+            f"(wanted: {100 * energy:.2g} %) and the damping at resonance is {100 * worst.off:.2g} % off (wanted: "
+            f"{100 * AT_RESONANCE:g} %) with {MOST} masses: use more frequencies, or a wider range"
         )
 
     @property
     def _ends(self) -> tuple[float, float]:
-        """Bounds of ln(frequency) of masses."""
+        """Bounds of ln(frequency) of the masses."""
         return float(np.log(BAND[0] * self.omega[len(BELOW)])), float(np.log(BAND[1] * self.omega[-1]))
 
     def _random(self, masses: int, start: int) -> Array:
@@ -121,7 +128,7 @@ class Search:
         return np.concatenate([spread, L[np.tril_indices(masses)], G.ravel(), np.zeros(len(self.upper[0]))])
 
     def _one_more(self, x: Array, masses: int) -> Array:
-        """Start with the masses found before and a small one where most damping is missing."""
+        """Start from the masses found before, with a small one added where most damping is missing."""
         frequency, L, G, change = self._parts(x, masses - 1)
         K = self._response(x, masses - 1)[2]
         missing = np.einsum("nii->ni", K.real - self.B / self.of_B)
@@ -133,7 +140,7 @@ class Search:
         return np.concatenate([log, L_more[np.tril_indices(masses)], G_more.ravel(), change[self.upper]])
 
     def _polished(self, x: Array, tell: Tell) -> Array:
-        """MOST masses after moving some, one at a time, to where more is missing without them."""
+        """Move some of MOST masses, one at a time, to where most is missing without them."""
         least = float(np.square(self._residual(x, MOST)).sum()) / 2
         for _ in range(ROUNDS):
             before = least
@@ -148,7 +155,7 @@ class Search:
         return x
 
     def _without(self, x: Array, mass: int) -> Array:
-        """The numbers without one of the masses."""
+        """Unknowns without one of the masses."""
         frequency, L, G, change = self._parts(x, MOST)
         R = np.delete(np.delete(L @ L.T, mass, 0), mass, 1)
         L = np.linalg.cholesky(R + 1e-9 * np.trace(R) * np.eye(MOST - 1))
@@ -174,23 +181,25 @@ class Search:
         return float(found.cost), found.x
 
     def _parts(self, x: Array, masses: int) -> tuple[Array, Array, Array, Array]:
-        """Frequency, L of R = L L^T, scaled shape, and scaled change of A_inf, from the vector of unknowns."""
+        """Frequencies, L of R = L L^T, scaled shape, and scaled change of A_inf, from the vector of unknowns."""
         g, n = len(self.group), masses * (masses + 1) // 2
         L, change = np.zeros((masses, masses)), np.zeros((g, g))
         L[np.tril_indices(masses)] = x[masses : masses + n]
         change[self.upper] = x[masses + n + masses * g :]
         return np.exp(x[:masses]), L, x[masses + n : masses + n + masses * g].reshape(masses, g), change
 
-    def _response(self, x: Array, masses: int) -> tuple[Any, Any, Any]:
-        """i w [n, 1, 1], H = (s^2 + s R + W^2)^-1 G [n, M, g], and K over `of_B` [n, g, g]."""
+    def _response(self, x: Array, masses: int) -> tuple[Complex, Complex, Complex]:
+        """Return i w [n, 1, 1], H = (s^2 + s R + W^2)^-1 G [n, M, g], and K over `of_B` [n, g, g]."""
         frequency, L, G, _change = self._parts(x, masses)
         s = 1j * self.omega[:, None, None]
         Z = s * (L @ L.T + np.diag(LEAST * frequency)) + np.diag(frequency**2) + s**2 * np.eye(masses)
         H = np.linalg.solve(Z, np.broadcast_to(G.astype(np.complex128), (len(s), *G.shape)))
         return s, H, s * (G.T @ H)
 
-    def _weighed(self, K: NDArray[np.complex128], A: Any, B: Any, change: Array) -> Array:
-        """Errors [..., 2 n u + u] of K [..., n, g, g] against B and A, and of the change of A_inf, u pairs."""
+    def _weighed(self, K: Complex, A: Array | float, B: Array | float, change: Array) -> Array:
+        """Weighted errors [..., 2 n u + u] of K [..., n, g, g] against B and A, and of the change of A_inf, for u
+        pairs.
+        """
         rows, lead = (..., *self.upper), K.shape[:-3]
         damping = (K.real - B)[rows] * self.weight * self.own
         added = (K.imag * self.of_B / self.omega[:, None, None] / self.of_A - A)[rows] + change[..., None, :]
@@ -201,12 +210,12 @@ class Search:
         change = x[len(x) - len(self.upper[0]) :]
         try:
             K = self._response(x, masses)[2]
-        except np.linalg.LinAlgError:  # two masses became one: far from anything wanted
+        except np.linalg.LinAlgError:  # two masses coincide: far from any solution
             return np.full(len(self.upper[0]) * (2 * len(self.omega) + 1), FAR)
         return self._weighed(K, (self.A - self.A_inf) / self.of_A, self.B / self.of_B, change)
 
     def _jacobian(self, x: Array, masses: int) -> Array:
-        """Derivative of `_residual` [error, unknown]."""
+        """Derivative of `_residual`, [error, unknown]."""
         g, u = len(self.group), len(self.upper[0])
         frequency, L, _G, _change = self._parts(x, masses)
         s, H, _K = self._response(x, masses)
@@ -221,7 +230,7 @@ class Search:
         return self._weighed(K, 0.0, 0.0, change).T
 
     def _made(self, x: Array, masses: int) -> tuple[Memory, Array]:
-        """The memory, and the change of A_inf [g, g], from the vector of unknowns."""
+        """Memory, and change of A_inf [g, g], from the vector of unknowns."""
         frequency, L, G, change = self._parts(x, masses)
         order = np.argsort(frequency)
         shape = np.zeros((masses, 6))
@@ -231,7 +240,7 @@ class Search:
         return Memory(frequency[order], damping, shape[order]), change * self.of_A
 
     def _pairs(self, memory: Memory) -> list[Pair]:
-        """Errors for every two modes of the group."""
+        """Errors of every pair of modes in the group."""
         rows = np.ix_(range(len(self.omega)), self.group, self.group)
         energy = np.asarray(np.trapezoid(self.B**2, self.omega, axis=0))
         short = np.asarray(np.trapezoid((self.B - memory.damps(self.omega)[rows]) ** 2, self.omega, axis=0))

@@ -2,17 +2,21 @@
 
 import numpy as np
 
-from taichi_sim.hydro.hull import Craft
-from taichi_sim.hydro.surface import Surface
+from taichi_sim.hydro.hull import FloatingHull
+from taichi_sim.hydro.surface import WettedSurface
 from taichi_sim.usv.hull.database import SUFFIX, HydroDatabase
 
-VISCOUS = (0.02, 0.1, 0.0, 0.03, 0.0, 0.02)  # of critical or of mass times resonance, beside radiation: assumed
-LEVEL = [0, 1, 5]  # surge, sway, yaw: without stiffness, so that slow motions radiate nothing
+VISCOUS = (0.02, 0.1, 0.0, 0.03, 0.0, 0.02)  # viscous damping over 2 x mass x resonance; assumed
+LEVEL = [0, 1, 5]  # surge, sway, yaw have no stiffness; slow motions radiate nothing
 
 
-def vehicle_text(craft: Craft, surface: Surface, found: HydroDatabase, resonance: float, command: str) -> str:
-    """The TOML: hull by offsets, rigid body as given, radiation of the database beside it; and what counts beside that
-    or with `radiation = "constant"`: added mass and, in heave, roll and pitch, damping at `resonance`, rad/s.
+def vehicle_text(
+    craft: FloatingHull, surface: WettedSurface, found: HydroDatabase, resonance: float, command: str
+) -> str:
+    """Return the TOML: hull by offsets, rigid body as given, radiation from the database in the same folder.
+
+    It also has constant added mass and, in heave, roll and pitch, constant damping at `resonance` (rad/s). They are
+    used in addition, or with `radiation = "constant"`.
     """
     assert craft.shape is not None
     whole = surface.whole.reshape(-1, 3)
@@ -63,7 +67,7 @@ def _row(values) -> str:
     return "[" + ", ".join(f"{float(v):.6g}" if v else "0.0" for v in values).replace("e+", "e") + "]"
 
 
-def _moved(craft: Craft) -> np.ndarray:
-    """Moments of inertia added by the distance of the CG from CO, kg m^2."""
+def _moved(craft: FloatingHull) -> np.ndarray:
+    """Moments of inertia due to the distance of the CG from CO, kg m^2."""
     x, y, z = craft.cg
     return craft.mass * np.array([y * y + z * z, x * x + z * z, x * x + y * y])

@@ -7,27 +7,26 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from multiprocessing import get_context
-from typing import Any
 
 CONTEXT = get_context("spawn")
-WATCHED_S = 1.0  # from one look at whether the command still runs to the next
-# One thread each, for they share the cores, and matrices are small (threads of a BLAS that wait for each other take ten
-# times as long); and (glibc) what a frequency's matrices took is kept for the next one's, since getting it anew page by
-# page is up to half the time
+WATCHED_S = 1.0  # s between checks that the command still runs
+# Workers have one thread each, because they share the cores and the matrices are small. (Threads of a BLAS that wait
+# for each other take ten times as long.) glibc keeps the memory of a frequency's matrices for the next frequency,
+# because to allocate it anew page by page takes up to half the time.
 ENVIRONMENT = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")} | {
     f"MALLOC_{name}_": str(2**33) for name in ("MMAP_THRESHOLD", "TRIM_THRESHOLD")
 }
 
 
 @contextmanager
-def workers(count: int, begin: Callable[..., None] | None = None, *given: Any) -> Iterator[ProcessPoolExecutor]:
+def workers(count: int, begin: Callable[..., None] | None = None, *given: object) -> Iterator[ProcessPoolExecutor]:
     """Pool of `count` processes, each of which first calls `begin(*given)`."""
     with _environment(), ProcessPoolExecutor(count, CONTEXT, _begin, (os.getpid(), begin, given)) as pool:
         yield pool
 
 
-def _begin(parent: int, begin: Callable[..., None] | None, given: tuple[Any, ...]) -> None:
-    """Start a worker: end it when its parent has ended, for whatever reason."""
+def _begin(parent: int, begin: Callable[..., None] | None, given: tuple[object, ...]) -> None:
+    """Start a worker that ends when its parent ends, for whatever reason."""
 
     def watch() -> None:
         while os.getppid() == parent:

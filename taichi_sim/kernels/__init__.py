@@ -1,1 +1,1 @@
-"""Mathematics that kernels share: vectorisable functions, rotations."""
+"""What kernels share: start of Taichi, arguments, vectors, fast functions, rotations, rigid bodies, random numbers."""

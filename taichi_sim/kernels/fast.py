@@ -1,9 +1,9 @@
-"""Branch-free sine, cosine and decay that LLVM can vectorise inside an innermost loop.
+"""Branch-free sine, cosine and exponential that LLVM can vectorise inside an innermost loop.
 
-Range reduction subtracts the nearest multiple of 2 pi with `floor` (two-term Cody-Waite constant), then
-polynomials in r^2 on [-pi, pi]: least-squares fits at Chebyshev nodes, absolute error below 1e-6 in f32
-(tests/test_maths.py measures it). libm's scalar sine is about 17 times slower per wave component.
-In f64 the library functions are used: precision matters there, speed does not.
+Range reduction subtracts the nearest multiple of 2 pi with `floor` (a two-term Cody-Waite constant). Polynomials in r^2
+on [-pi, pi] follow: least-squares fits at Chebyshev nodes with an absolute error below 1e-6 in f32 (measured by
+tests/test_maths.py). The scalar sine of libm is about 17 times slower per wave component. In f64 the library functions
+are used, because precision matters there and speed does not.
 """
 
 import taichi as ti
@@ -14,20 +14,24 @@ TWO_PI_HI = 6.28125  # exact in 11 bits: n * TWO_PI_HI is exact in f32 for |n| <
 TWO_PI_LO = 1.9353071795864769e-3
 TWO_PI = 6.283185307179586
 INV_TWO_PI = 0.15915494309189535
-DECAYED = 12.0  # exp(-x) stays at 6e-6 from here on
+LOG2_E, LN2 = 1.4426950408889634, 0.6931471805599453
+LOWEST_EXPONENT, HIGHEST_EXPONENT = -87.0, 88.0  # exp of every argument between them is a normal f32
+DECAYED = 12.0  # for larger x, exp(-x) stays at 6e-6
 
 
 @ti.func
 def wrap_two_pi(x):
-    """The angle x (rad) minus the nearest multiple of 2 pi: in [-pi, pi]."""
+    """Return the angle x (rad) minus the nearest multiple of 2 pi, in [-pi, pi]."""
     n = ti.floor(x * INV_TWO_PI + 0.5)
-    # The bound never binds; without it fast math would merge the two terms into one rounded constant.
+    # The bound is never reached. Without it, fast math would merge the two terms into one rounded constant.
     return ti.max(x - n * TWO_PI_HI, -1e6) - n * TWO_PI_LO
 
 
 @ti.func
 def sinc_reduced(r):
-    """sin(r) / r for r in [-pi, pi]; Estrin's scheme: what a call costs is its longest chain, not its operations."""
+    """sin(r) / r for r in [-pi, pi], by Estrin's scheme: the longest chain of operations sets the cost, not their
+    number.
+    """
     s = r * r
     s2 = s * s
     low = (9.9999993782e-01 - 1.6666621108e-01 * s) + (8.3327915028e-03 - 1.9817630988e-04 * s) * s2
@@ -105,7 +109,9 @@ def cos_short(r):
 
 @ti.func
 def sincos_short(x):
-    """(sin x, cos x), x in rad: in f32 to 5e-5 and twice the rounding of x, for two thirds of the price of sincos."""
+    """(sin x, cos x), x in rad. In f32 the error is 5e-5 plus twice the rounding of x, at two thirds of the cost
+    of `sincos`.
+    """
     s, c = x, x
     if ti.static(runtime.is_f64()):
         s, c = ti.sin(x), ti.cos(x)
@@ -117,19 +123,21 @@ def sincos_short(x):
 
 @ti.func
 def at_most(x, limit):
-    """min(x, limit) in one instruction: ti.min takes two more to say what it does with NaN."""
+    """min(x, limit) in one instruction; ti.min takes two more to handle NaN."""
     return ti.select(x < limit, x, limit)
 
 
 @ti.func
 def at_least(x, limit):
-    """max(x, limit), see `at_most`."""
+    """max(x, limit) in one instruction (see `at_most`)."""
     return ti.select(x > limit, x, limit)
 
 
 @ti.func
 def exp_decay(x):
-    """exp(-x): in f32 the eighth power of a quartic, to 5e-4 of the value for x in [-2, 8] and to 8e-6 above."""
+    """exp(-x). In f32 it is the eighth power of a quartic: relative error 5e-4 for x in [-2, 8], absolute error
+    8e-6 above.
+    """
     y = x
     if ti.static(runtime.is_f64()):
         y = ti.exp(-x)
@@ -145,7 +153,9 @@ def exp_decay(x):
 
 @ti.func
 def exp_near_one(x):
-    """exp(-x) for |x| below 1, to 1.3e-2 in f32 (3e-4 below 0.3), and positive everywhere: a power of a quadratic."""
+    """exp(-x) for |x| < 1, positive everywhere. In f32 it is the fourth power of a quadratic: error 1.3e-2, and 3e-4
+    for |x| < 0.3.
+    """
     y = x
     if ti.static(runtime.is_f64()):
         y = ti.exp(-x)
@@ -153,4 +163,25 @@ def exp_near_one(x):
         b = 1 - 0.25 * x + 0.03125 * (x * x)
         b = b * b
         y = b * b
+    return y
+
+
+@ti.func
+def exp(x):
+    """Return e^x with a relative error of 1e-7 (1 + |x|); in f32, x is clamped to [-87, 88].
+
+    Range reduction is x = n ln 2 + r with |r| <= ln 2 / 2. The polynomial in r is that of expf in Moshier's Cephes
+    library. In f64 this is the library's function.
+    """
+    y = x
+    if ti.static(runtime.is_f64()):
+        y = ti.exp(x)
+    else:
+        bounded = ti.min(ti.max(x, LOWEST_EXPONENT), HIGHEST_EXPONENT)
+        n = ti.floor(bounded * LOG2_E + 0.5)
+        r = bounded - n * LN2
+        p = x * 0.0 + 1.9875691500e-4
+        for c in ti.static((1.3981999507e-3, 8.3334519073e-3, 4.1665795894e-2, 1.6666665459e-1, 5.0000001201e-1)):
+            p = p * r + c
+        y = (p * r * r + r + 1.0) * ti.bit_cast((ti.cast(n, ti.i32) + 127) << 23, ti.f32)
     return y

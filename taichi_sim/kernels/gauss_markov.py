@@ -1,6 +1,6 @@
-"""The slow random part of a current or a wind: one first-order Gauss-Markov process for each horizontal component.
+"""Slow random part of a current or a wind: one first-order Gauss-Markov process for each horizontal component.
 
-Stepped by its exact solution whatever the step (Gelb 1974, Applied Optimal Estimation, sec. 3.8):
+The step is the exact solution for any dt (Gelb 1974, Applied Optimal Estimation, sec. 3.8):
 
     v(t + dt) = phi v(t) + std sqrt(1 - phi^2) xi,   phi = exp(-dt / T),   xi standard normal.
 """
@@ -19,7 +19,7 @@ from taichi_sim.kernels import runtime
 from taichi_sim.kernels.counters import Noise
 from taichi_sim.kernels.random import SLOW_VARIATION, normal6
 
-WALK = 60.0  # ns of one environment, about
+WALK = 60.0  # ns per environment, approximate
 
 
 @ti.kernel
@@ -37,17 +37,20 @@ def _walk(
 
 
 class SlowVariation:
-    """One such process for each environment.
+    """The two processes of each environment.
 
     Attributes:
-        value: [env, 2] north and east, m/s, run precision; written in place. varies: whether `std` is above 0.
+        value: north and east, [env, 2], m/s, in run precision; written in place.
+        varies: whether `std` is above 0.
     """
 
     STATE = ("value", "_noise")
     SHARED = ("_generator",)
 
     def __init__(self, num_envs: int, std: float, time_constant: float, *, seed: int, stream: int):
-        """At zero; `std` in m/s, `time_constant` in s. `stream` keeps the random numbers apart from other uses."""
+        """Begin at zero. `std` is in m/s, `time_constant` in s. `stream` separates the random numbers from other
+        uses.
+        """
         run = runtime.current()
         self.varies, self._std, self._time, self._stream = std > 0, std, time_constant, stream
         self.value = torch.zeros((num_envs, 2), dtype=run.torch_dtype, device=run.device)
@@ -71,7 +74,7 @@ class SlowVariation:
             self.value[envs] = self._std * normal
 
     def advance(self, dt: float) -> None:
-        """Step by `dt` (s), exactly."""
+        """Advance by `dt` (s), exactly."""
         if self.varies:
             if dt != self._step:
                 decay = -dt / self._time

@@ -1,11 +1,11 @@
-"""Loops over wave components, panels and filters in vectors, of which a processor takes all lanes at once.
+"""Vectors for loops over wave components, panels and filters, so that all SIMD lanes of the processor are used.
 
-LLVM vectorises a loop of numbers by what it knows of the processor. Taichi's knows none that is newer than itself, and
-takes a quarter of their width. So the loops of hulls are written in vectors: an array [..., n] goes into a kernel as
-[..., block] vectors of `width()` lanes (`laned`), which stay whole in kernels compiled under `vectors()`; others are
-taken apart into numbers.
+LLVM vectorises a scalar loop for the processor that it knows. Taichi's LLVM knows no processor newer than itself, and
+so uses a quarter of the lanes of newer ones. The loops of hulls are therefore written in vectors: an array [..., n]
+enters a kernel as [..., block] vectors of `width()` lanes (`laned`). Kernels compiled under `vectors()` keep these
+vectors whole; others take them apart into scalars.
 
-Of whole vectors Taichi makes no code for -v, abs(v), v -= w, nor for comparisons outside `ti.select`.
+For whole vectors, Taichi cannot compile -v, abs(v), v -= w, or comparisons outside `ti.select`.
 """
 
 # Kernels are another language inside Python syntax.
@@ -13,7 +13,7 @@ Of whole vectors Taichi makes no code for -v, abs(v), v -= w, nor for comparison
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import TypeVar, cast
 
 import taichi as ti
 import torch
@@ -22,19 +22,21 @@ from torch import Tensor
 
 from taichi_sim.kernels import runtime
 
-WIDTH = 16  # lanes in f32: a register of AVX-512, two of AVX2, four of SSE and NEON
+WIDTH = 16  # lanes in f32: one register of AVX-512, two of AVX2, four of SSE or NEON
+Variable = TypeVar("Variable")
 laned1, laned2, laned3 = (ti.types.ndarray(element_dim=1, ndim=n) for n in (1, 2, 3))
 
 
 def width() -> int:
-    """Lanes of the running Taichi program: 1 where its vectors are not kept whole."""
+    """Number of lanes in the running Taichi program; 1 where vectors are not kept whole."""
     run = runtime.current()
     return WIDTH if run.arch == "cpu" and run.precision == "f32" else 1
 
 
 def laned(values: Tensor, fill: float = 0.0) -> Tensor:
-    """`values` [..., n] as [..., block, lane]: a view where n is a multiple of the width, else a copy that ends in
-    `fill`.
+    """Return `values` [..., n] as [..., block, lane].
+
+    The result is a view if n is a multiple of the width, else a copy padded with `fill`.
     """
     missing = blocks(values.shape[-1]) * width() - values.shape[-1]
     if missing:
@@ -43,19 +45,21 @@ def laned(values: Tensor, fill: float = 0.0) -> Tensor:
 
 
 def blocks(count: int) -> int:
-    """Vectors of `count` numbers."""
+    """Number of vectors that hold `count` numbers."""
     return -(-count // width())
 
 
 def filled(count: int) -> int:
-    """`count` numbers, filled up to whole vectors of any program."""
+    """`count` rounded up to whole vectors of the widest program."""
     return -(-count // WIDTH) * WIDTH
 
 
 @contextmanager
 def vectors() -> Iterator[None]:
-    """Kernels that are compiled meanwhile keep their vectors whole; LLVM alone optimises them, in a quarter of the time
-    that Taichi takes to do it first.
+    """Within this context, compile kernels with whole vectors.
+
+    LLVM alone optimises these kernels. Their compilation takes a quarter of the time that it takes with Taichi's own
+    passes.
     """
     config = impl.current_cfg()
     level, config.opt_level, config.real_matrix_scalarize = config.opt_level, 0, width() == 1
@@ -65,20 +69,20 @@ def vectors() -> Iterator[None]:
         config.opt_level, config.real_matrix_scalarize = level, True
 
 
-def variables(count: int, value: Any) -> list[Any]:
-    """In a kernel, inside `ti.static`: so many variables that begin at `value`."""
-    return [impl.expr_init(value) for _ in range(count)]
+def variables(count: int, value: Variable) -> list[Variable]:
+    """Return `count` variables with the initial value `value`; to be called in a kernel inside `ti.static`."""
+    return [cast(Variable, impl.expr_init(value)) for _ in range(count)]
 
 
 @ti.func
 def part(v: ti.template(), first: ti.template(), size: ti.template()):
-    """`size` lanes of v from `first` on."""
+    """`size` lanes of v, from lane `first` on."""
     return ti.Vector([v[first + k] for k in ti.static(range(size))])
 
 
 @ti.func
 def quarter(v: ti.template()):
-    """Four lanes (of one lane: one) with the same sum."""
+    """Four lanes with the same sum as v (one lane if v has one)."""
     if ti.static(v.n == 1):
         return v
     else:
@@ -88,13 +92,15 @@ def quarter(v: ti.template()):
 
 @ti.func
 def total(v: ti.template()):
-    """Sum of a vector's lanes."""
+    """Sum of the lanes of a vector."""
     return quarter(v).sum()
 
 
 @ti.func
 def totals(several: ti.template()):
-    """`total` of each of the `variables`, by fours: their lanes, turned into columns, are added as vectors."""
+    """`total` of each vector in `several`: four vectors at a time are transposed, and their columns added as
+    vectors.
+    """
     count = ti.static(len(several))
     sums = ti.Vector([several[0][0] * 0.0 for _ in ti.static(range(count))])
     for n in ti.static(range(0, count, 4)):

@@ -1,12 +1,14 @@
-"""Arguments of vehicle kernels: packs of tensors, compile-time choices, and each vehicle's own numbers."""
+"""Arguments of vehicle kernels: packs of tensors, compile-time options, and the numbers of each vehicle."""
 
 # Kernels are another language inside Python syntax.
 # pyright: reportInvalidTypeForm=false
 
+from collections.abc import Hashable
 from functools import cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import taichi as ti
+from taichi.lang.struct import StructType
 
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.lanes import laned2, laned3
@@ -18,56 +20,55 @@ FleetPack = ti.types.argpack(
     state=_array3, derived=_array3, aux=_array3, surface=_array3, action=_array3, numbers=_array3, load=_array3,
     lanes=laned3,
 )  # fmt: skip
-"""A team, each [env, vehicle, n] (fleet.py); `numbers` and `load` are [1, 1, 1] where they are not used; `lanes`
-is aux in lanes, of models whose `aux_size` fills them."""
+"""Tensors of a team, each [env, vehicle, n] (fleet.py). `numbers` and `load` are [1, 1, 1] where they are not used.
+`lanes` is `aux` as vectors (lanes.py), for models whose `aux_size` is a multiple of the width."""
 
 AroundPack = ti.types.argpack(
     sea=_array3, env_sea=_whole1, phase=_array2, current=_array2, wind=_array2, air=_array1,
     turbulence=_array1, count=_whole1, waves=laned3, turns=laned2,
 )  # fmt: skip
-"""The surroundings (surroundings.py); `air` = (shear, w20, w20_factor) is of the wind (`Wind.numbers`), `turbulence`
-[env] the factor of its intensity where that differs (else not to be read), `count` [2 + env] counts the random numbers
-(counters.py); `waves` and `turns` are sea and phase in lanes."""
-
+"""The surroundings (surroundings.py). `air` = (shear, w20, w20_factor) comes from `Wind.numbers`. `turbulence` [env] is
+a factor of the turbulence intensity; it is read only where the factor varies. `count` [2 + env] is the counter of
+random numbers (counters.py). `waves` and `turns` are `sea` and `phase` as vectors (lanes.py)."""
 
 TouchPack = ti.types.argpack(way=_array3, pressing=_array3, soles=_array3, struck=_array3, blow=_array3)
-"""Of a team with legs, each [env, vehicle, n]: the decks near by and what it remembers of them (contact/touch.py)."""
+"""Nearby decks and remembered contacts of a team with legs, each [env, vehicle, n] (contact/touch.py)."""
 
 
 class Build(NamedTuple):
-    """Compile-time choices of a kernel; read inside `ti.static`."""
+    """Compile-time options of a kernel, read inside `ti.static`."""
 
-    components: int = 1  # of the sea
-    finite: bool = False  # depth of the water
-    varied: bool = False  # numbers differ between environments: `fleet.numbers` counts
-    loaded: bool = False  # `fleet.load` counts
-    air: Any = None  # kind of air (uav/local_air.py), of models that ask
-    decked: bool = False  # there are decks for it to stand on: `fleet.touch` counts
-    serial: bool = False  # on the calling thread: so few vehicles that waking others would cost more
+    components: int = 1  # number of wave components
+    finite: bool = False  # whether the water has finite depth
+    varied: bool = False  # whether numbers differ between environments, so that `fleet.numbers` is read
+    loaded: bool = False  # whether `fleet.load` is read
+    air: Hashable = None  # kind of air (uav/local_air.py), for models that use it
+    decked: bool = False  # whether there are decks to stand on, so that `fleet.touch` is read
+    serial: bool = False  # whether to run on the calling thread, because waking other threads would cost more
 
 
 @cache
-def struct_of(names: tuple[str, ...], precision: runtime.Precision) -> Any:
-    """A Taichi struct with a float of that precision for each of `names`."""
+def struct_of(names: tuple[str, ...], precision: runtime.Precision) -> StructType:
+    """Return a Taichi struct type with one float of the given precision for each of `names`."""
     kind = ti.f64 if precision == "f64" else ti.f32
     return ti.types.struct(**{name: kind for name in names})
 
 
 @ti.func
 def numbers_at(kind: ti.template(), numbers: ti.template(), e, i):
-    """The row of `numbers` [env, vehicle, n] of vehicle i in environment e, as a struct of the type `kind`."""
+    """Numbers of vehicle i in environment e, a row of `numbers` [env, vehicle, n], as a struct of type `kind`."""
     return kind(*[numbers[e, i, k] for k in ti.static(range(len(kind.members)))])
 
 
 @ti.func
 def values_at(kind: ti.template(), values: ti.template()):
-    """The first of `values` [n], as a struct of the type `kind`."""
+    """The first entries of `values` [n] as a struct of type `kind`."""
     return kind(*[values[k] for k in ti.static(range(len(kind.members)))])
 
 
 @ti.func
 def load_at(build: ti.template(), load: ti.template(), e, i):
-    """Load from outside on vehicle i in environment e: six numbers (N, N m, b), zero where none is built in."""
+    """External load on vehicle i in environment e: six numbers (N, N m, b), zero where `build` has no load."""
     tau = ti.Vector([0.0 for _ in ti.static(range(6))])
     if ti.static(build.loaded):
         for c in ti.static(range(6)):

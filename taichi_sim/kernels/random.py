@@ -1,13 +1,14 @@
-"""Random numbers without state, for kernels: a function of (seed, stream, env, vehicle, step) and nothing else.
+"""Stateless random numbers for kernels: a function of (seed, stream, env, vehicle, step) and nothing else.
 
-So a run has the same bits whatever the number of threads, and no environment disturbs another. The bits are those of
-Philox4x32 with 7 rounds (Salmon, Moraes, Dror & Shaw 2011, Parallel random numbers: as easy as 1, 2, 3; 7 rounds is the
-fewest that passes BigCrush there), counter = (step, vehicle, env, 0), key = (seed, stream).
+A run therefore has the same bits on any number of threads, and no environment disturbs another. The bits are those of
+Philox4x32 with 7 rounds (Salmon, Moraes, Dror & Shaw 2011, Parallel random numbers: as easy as 1, 2, 3). 7 rounds are
+the fewest that pass BigCrush there. counter = (step, vehicle, env, 0), key = (seed, stream).
 
-`step` must count on through a run: a counter that starts again with each episode repeats the noise of the last one.
+`step` must keep counting through a run. A counter that restarts with each episode would repeat the noise of the last
+one.
 
-Normal numbers are Box & Muller's (1958). One call's 128 bits make six: three radii of 24 bits and three angles of 18,
-so that |z| <= sqrt(2 ln 2^24) = 5.77.
+Normal numbers are by Box & Muller (1958). The 128 bits of one call make six of them, from three radii of 24 bits and
+three angles of 18 bits: |z| <= sqrt(2 ln 2^24) = 5.77.
 """
 
 # Kernels are another language inside Python syntax.
@@ -19,26 +20,27 @@ from taichi_sim.kernels import fast, runtime
 
 # Streams: one for each use of random numbers, so that no two uses share them.
 TURBULENCE, SLOW_VARIATION = 1, 2
-INSTRUMENTS, RADIO, CONTACTS = 16, 32, 48  # and up to 15 after each; 31 after the last
-CAMERA, LOOKOUT = 80, 96  # and up to 15 after each
+INSTRUMENTS, RADIO, CONTACTS = 16, 32, 48  # each use also has the next 15 streams, CONTACTS the next 31
+CAMERA, LOOKOUT = 80, 96  # each use also has the next 15 streams
 
 ROUNDS = 7
-MULTIPLIER_0, MULTIPLIER_1 = 0xD2511F53, 0xCD9E8D57  # Philox's
-WEYL_0, WEYL_1 = 0x9E3779B9, 0xBB67AE85  # what the key grows by each round
+MULTIPLIER_0, MULTIPLIER_1 = 0xD2511F53, 0xCD9E8D57  # constants of Philox
+WEYL_0, WEYL_1 = 0x9E3779B9, 0xBB67AE85  # increments of the key in each round
 
 UNIFORM_BITS, RADIUS_BITS, ANGLE_BITS = 23, 24, 18
-ANGLE_BITS_OF_LAST = 10  # of an angle's bits, those from the fourth word; the others are left over from its radius
+ANGLE_BITS_OF_LAST = 10  # bits of an angle from the fourth word; its other bits are left over from the radius
 
 SQRT_HALF_BITS = 0x3F3504F3  # sqrt(1/2) as an f32
-LN2_HI, LN2_LO = 0.693359375, -2.12194440e-4  # ln 2 in two parts: n LN2_HI is exact in f32
+LN2_HI, LN2_LO = 0.693359375, -2.12194440e-4  # ln 2 split in two, so that n LN2_HI is exact in f32
 TWO_PI = 6.283185307179586
 
 
 @ti.func
 def log(x):
-    """ln x of x > 0 (a normal f32), to 2e-7 of max(1, |ln x|): x = 2^n (1 + f), f in [-0.293, 0.414].
+    """Return ln x of x > 0 (a normal f32) with an error of 2e-7 max(1, |ln x|).
 
-    The polynomial in f is logf's of Moshier's Cephes library. In f64 the library's function.
+    Range reduction is x = 2^n (1 + f), f in [-0.293, 0.414]. The polynomial in f is that of logf in Moshier's Cephes
+    library. In f64 this is the library's function.
     """
     y = x
     if ti.static(runtime.is_f64()):
@@ -60,7 +62,7 @@ def log(x):
 
 @ti.func
 def philox(counter, key, rounds: ti.template()):
-    """Philox4x32: four random words of a counter (4 u32) and a key (2 u32)."""
+    """Philox4x32: four random words from a counter (4 u32) and a key (2 u32)."""
     c0, c1, c2, c3 = counter[0], counter[1], counter[2], counter[3]
     k0, k1 = key[0], key[1]
     for _ in ti.static(range(rounds)):
@@ -75,14 +77,14 @@ def philox(counter, key, rounds: ti.template()):
 
 @ti.func
 def words4(seed, stream, env, vehicle, step):
-    """Four random u32 of integers, each taken modulo 2^32."""
+    """Four random u32 from integers, each of them taken modulo 2^32."""
     counter = ti.Vector([ti.cast(step, ti.u32), ti.cast(vehicle, ti.u32), ti.cast(env, ti.u32), ti.u32(0)])
     return philox(counter, ti.Vector([ti.cast(seed, ti.u32), ti.cast(stream, ti.u32)]), ROUNDS)
 
 
 @ti.func
 def uniform4(seed, stream, env, vehicle, step):
-    """Four uniform numbers, strictly between 0 and 1, in steps of 2^-23; of the run's precision, the same in both."""
+    """Four uniform numbers strictly between 0 and 1, in steps of 2^-23, the same in f32 and f64."""
     w = words4(seed, stream, env, vehicle, step)
     u = ti.Vector([0.0, 0.0, 0.0, 0.0])
     for i in ti.static(range(4)):

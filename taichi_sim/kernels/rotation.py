@@ -1,6 +1,6 @@
-"""Attitude: unit quaternions (w, x, y, z), body to world, and Euler angles in the z-y-x order.
+"""Attitude: unit quaternions (w, x, y, z), body to world, and Euler angles in z-y-x order.
 
-`*_func` versions are Taichi functions on values, the others work on torch tensors [..., 4] or [..., 3].
+Functions named `torch_*` work on torch tensors [..., 4] or [..., 3]; the others are Taichi functions on values.
 Source: Fossen (2021), Handbook of Marine Craft Hydrodynamics and Motion Control, ch. 2.
 """
 
@@ -39,9 +39,11 @@ def quaternion_product(a, b):
 
 @ti.func
 def quaternion_advance(q, omega_b, dt):
-    """q after turning at the constant body rate omega_b (rad/s) for dt (s): exact exponential map."""
+    """Quaternion after a rotation from q at the constant body rate omega_b (rad/s) for dt (s), by the exact
+    exponential map.
+    """
     square = omega_b.dot(omega_b) * (dt * dt)
-    # cos(angle/2) and sin(angle/2)/angle: by their series below 0.3 rad per step, where they are exact to 1e-11
+    # cos(angle/2) and sin(angle/2)/angle; below 0.3 rad per step by their series, which are exact to 1e-11 there
     h = 0.25 * square
     c = 1 - h * (0.5 - h * (1.0 / 24 - h * (1.0 / 720)))
     k = 0.5 * (1 - h * (1.0 / 6 - h * (1.0 / 120 - h * (1.0 / 5040))))
@@ -51,13 +53,13 @@ def quaternion_advance(q, omega_b, dt):
         k = ti.sin(0.5 * angle) / angle
     d = ti.Vector([c, k * omega_b[0] * dt, k * omega_b[1] * dt, k * omega_b[2] * dt])
     p = quaternion_product(q, d)
-    # one Newton step of 1/|p|: |p| - 1 is of rounding size, so its square is nothing
+    # One Newton step towards 1/|p| suffices, because |p| - 1 is a rounding error.
     return p * (1.5 - 0.5 * p.dot(p))
 
 
 @ti.func
 def quaternion_from_euler(phi, theta, psi):
-    """Quaternion of roll phi, pitch theta, yaw psi (rad), z-y-x order."""
+    """Quaternion of roll phi, pitch theta and yaw psi (rad), z-y-x order."""
     sr, cr = fast.sincos(0.5 * phi)
     sp, cp = fast.sincos(0.5 * theta)
     sy, cy = fast.sincos(0.5 * psi)
@@ -72,7 +74,7 @@ def quaternion_from_euler(phi, theta, psi):
 
 
 def torch_quaternion_from_euler(phi: torch.Tensor, theta: torch.Tensor, psi: torch.Tensor) -> torch.Tensor:
-    """Quaternion [..., 4] of roll, pitch, yaw (rad, [...]), z-y-x order."""
+    """Quaternion [..., 4] of roll, pitch and yaw (rad, [...]), z-y-x order."""
     cr, sr = torch.cos(0.5 * phi), torch.sin(0.5 * phi)
     cp, sp = torch.cos(0.5 * theta), torch.sin(0.5 * theta)
     cy, sy = torch.cos(0.5 * psi), torch.sin(0.5 * psi)
@@ -88,7 +90,7 @@ def torch_quaternion_from_euler(phi: torch.Tensor, theta: torch.Tensor, psi: tor
 
 
 def torch_euler_from_quaternion(q: torch.Tensor) -> torch.Tensor:
-    """Roll, pitch, yaw (rad) [..., 3] of quaternions [..., 4]; pitch in [-pi/2, pi/2]."""
+    """Roll, pitch and yaw (rad) [..., 3] of quaternions [..., 4]; pitch is in [-pi/2, pi/2]."""
     w, x, y, z = q.unbind(-1)
     phi = torch.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
     theta = torch.asin((2 * (w * y - z * x)).clamp(-1.0, 1.0))
@@ -109,5 +111,5 @@ def torch_rotation_matrix(q: torch.Tensor) -> torch.Tensor:
 
 @ti.func
 def wrap_pi(x):
-    """The angle x (rad) in [-pi, pi)."""
+    """The angle x (rad) wrapped to [-pi, pi)."""
     return x - 2.0 * tm.pi * ti.floor((x + tm.pi) / (2.0 * tm.pi))

@@ -1,1 +1,1 @@
-"""What differs between environments: sea and wind of each realisation, numbers of each vehicle."""
+"""Differences between environments: sea, wind and current of each realisation, numbers of each vehicle."""

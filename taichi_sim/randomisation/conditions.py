@@ -1,20 +1,22 @@
-"""Conditions: the size and direction of the sea, the mean wind and the mean current that belong to a realisation.
+"""Conditions of a realisation: size and direction of its sea, its mean wind and its mean current.
 
-Realisation r has its own of each that `[vary]` names (config/vary.py), drawn once from the world's seed and r alone:
-more realisations keep the earlier ones. An environment that draws a realisation has all of them. Others are the
-scenario's own, the nominal ones.
+Each realisation r has its own value of every condition that `[vary]` names (config/vary.py). It is drawn once, from the
+world's seed and r alone, so more realisations keep the earlier ones. An environment that uses a realisation has all of
+its conditions. All other conditions are nominal: those of the scenario.
 
-What follows from what:
+Conditions depend on one another:
 
-- A drawn height without a drawn period keeps the nominal steepness: tp grows as sqrt(hs). A drawn sea state, a number
-  between those of WMO's codes, is the height between the middles of the codes' heights, and the period of its developed
-  sea. A sea that follows the wind is that of its own realisation's wind. Swell stays as it is.
-- Of a measured sea with `record = "all"` a realisation has height, period and direction of its own record.
-- A drawn sea that could not be is lengthened until it can (sea/varied.py).
-- A range of directions is at most the whole circle. Ends beyond what a condition can be (`CONDITIONS`) are refused
-  where the scenario gives them, and moved inside where only `variation` > 1 has brought them there.
-- The profile of the wind over height, its roughness, and W20 over the mean wind are those of the nominal wind; the slow
-  variations of wind and current are about the realisation's own means. One that is given over time counts as its mean.
+- A drawn height without a drawn period keeps the nominal steepness: tp grows as sqrt(hs).
+- A drawn sea state lies between WMO codes. Its height is interpolated between the middles of the codes' ranges, and its
+  period is that of the developed sea.
+- A sea that follows the wind takes the wind of its own realisation. Swell stays the same.
+- With a measured sea and `record = "all"`, a realisation takes height, period and direction from its own record.
+- The period of a drawn sea that cannot exist is raised until it can (sea/varied.py).
+- A range of directions is at most the whole circle. If a scenario's range exceeds the limits of a condition
+  (`CONDITIONS`), it is refused. If only `variation` > 1 makes it exceed them, its ends are moved to the limits.
+- The wind's profile over height, its roughness and the ratio of W20 to the mean wind are those of the nominal wind. The
+  slow variations of wind and current are about the realisation's own means. A wind or current given over time counts by
+  its mean.
 """
 
 import math
@@ -38,28 +40,28 @@ from taichi_sim.sea.spectrum import CALM_PERIOD
 from taichi_sim.sea.varied import varied_components
 from taichi_sim.sea.wind_sea import SeaSize, developed_period, sea_size
 
-STREAM = 0xD0  # keeps these random numbers apart from those of the waves of the same seed
+STREAM = 0xD0  # separates these random numbers from those of the waves of the same seed
 CIRCLE = 360.0  # deg
 STATES = np.arange(7.0)
 MIDDLES = np.array([sum(sea_state_range(code)) / 2 for code in range(7)])  # m
-Values = Mapping[str, np.ndarray]  # by the keys of `CONDITIONS`, [realisation]
-TOLD_PERIOD, TOLD_WIND = 10.0, 10.0  # s and m/s that count as 1 in `told`
+Values = Mapping[str, np.ndarray]  # key of `CONDITIONS` -> [realisation]
+TOLD_PERIOD, TOLD_WIND = 10.0, 10.0  # s, m/s; units of the columns of `told`
 
 
 class Conditions(NamedTuple):
     """Wave height, period, direction, wind and current of each realisation, float64 [realisation]."""
 
     hs: np.ndarray  # of the wind sea, m
-    tp: np.ndarray  # s
+    tp: np.ndarray  # of the wind sea, s
     wave_direction_deg: np.ndarray  # travels to
     current_speed: np.ndarray  # m/s
     current_direction_deg: np.ndarray  # flows to
     wind_speed: np.ndarray  # 10 m above the sea, m/s
     wind_direction_deg: np.ndarray  # blows from
-    turbulence: np.ndarray  # its intensity over that of the scenario
+    turbulence: np.ndarray  # intensity over that of the scenario
 
     def tables(self) -> "Tables":
-        """The same conditions as tensors, for kernels and critics."""
+        """Convert the conditions to tensors, for kernels and critics."""
         run, waves = runtime.current(), np.deg2rad(self.wave_direction_deg)
         current = _vector(self.current_speed, self.current_direction_deg)
         wind = -_vector(self.wind_speed, self.wind_direction_deg)
@@ -74,22 +76,24 @@ class Tables(NamedTuple):
 
     current: torch.Tensor  # [sea, 2], mean velocity of the water at the surface, north and east, m/s
     wind: torch.Tensor  # [sea, 3], mean velocity of the air 10 m above the sea, NED, m/s
-    turbulence: torch.Tensor  # [sea], factor of its intensity
-    told: torch.Tensor  # [sea, TOLD], all conditions, of order one
+    turbulence: torch.Tensor  # [sea], factor of the turbulence intensity
+    told: torch.Tensor  # [sea, TOLD], all conditions, scaled to order one
 
 
 TOLD = (
     "sea.hs", "sea.tp", "sea.direction.cos", "sea.direction.sin", "sea.current.north", "sea.current.east",
     "air.north", "air.east", "air.turbulence",
 )  # fmt: skip
-"""Names of the columns of `Tables.told`: m, 10 s, where waves travel to, m/s, 10 m/s (where the wind blows to), 1."""
+"""Names of the columns of `Tables.told`. Units: hs m, tp 10 s, current m/s, wind 10 m/s (where it blows to), others 1.
+The wave direction is where waves travel to."""
 
 
 def realise(config: WorldConfig, seed: int) -> tuple[Sea, Conditions]:
-    """Draw the sea realisations of a world and the conditions of each.
+    """Draw the sea realisations of a world, and the conditions of each.
 
     Raises:
-        ConfigError: for a range of what cannot be. SteepSeaError: if a realisation could loop.
+        ConfigError: for a range beyond the limits of a condition.
+        SteepSeaError: if a realisation could loop.
     """
     found = _drawn(config, seed)
     if not (varied(config) & {*SIZE, "sea.direction_deg"}) and not (config.sea.follows_wind and _windy(config)):
@@ -109,16 +113,16 @@ def _windy(config: WorldConfig) -> bool:
 
 
 def bounds(config: WorldConfig, key: str) -> tuple[float, float]:
-    """Lowest and highest value of each condition; its nominal value twice where it does not vary.
+    """Lowest and highest value of a condition; the nominal value twice if it does not vary.
 
     Raises:
-        ConfigError: if the scenario's range goes beyond what the condition can be.
+        ConfigError: if the scenario's range exceeds the limits of the condition.
     """
     return _bounds(config, key, nominal_conditions(config)[key])
 
 
 def nominal_conditions(config: WorldConfig) -> dict[str, float]:
-    """Conditions of a scenario in which nothing varies, by the keys of `CONDITIONS`."""
+    """Nominal conditions of a scenario, by the keys of `CONDITIONS`."""
     sea, current = resolved_sea(config), config.sea.current or CurrentConfig()
     size, (speed, blows_from) = sea_size(sea), mean_wind(config.air)
     flow = mean_of(current.series) if current.series else (current.speed, current.direction_deg)
@@ -136,9 +140,9 @@ def nominal_conditions(config: WorldConfig) -> dict[str, float]:
 
 
 def resolved_sea(config: WorldConfig, wind: tuple[float, float] | None = None) -> SeaConfig:
-    """The sea configuration of a scenario, with the wind's numbers filled in where the sea follows the wind.
+    """Sea configuration of a scenario; if the sea follows the wind, with the wind's numbers filled in.
 
-    `wind` is its speed (m/s) and direction (deg, blows from); default the scenario's own.
+    `wind` is the speed (m/s) and direction (deg, blows from); default: the scenario's own wind.
     """
     sea = config.sea
     if not sea.follows_wind:
@@ -149,11 +153,11 @@ def resolved_sea(config: WorldConfig, wind: tuple[float, float] | None = None) -
 
 
 def _drawn(config: WorldConfig, seed: int) -> Conditions:
-    """Draw the conditions of each realisation; periods too short for their height are still in."""
+    """Draw the conditions of each realisation; periods that are too short for their height are not raised yet."""
     nominal, varying, n = nominal_conditions(config), varied(config), config.sea.realisations
     values = {key: np.full(n, value) for key, value in nominal.items()}
     ends = {key: _bounds(config, key, nominal[key]) for key in config.vary}
-    if varying:  # each key has its own column: what is drawn of it does not depend on what else varies
+    if varying:  # each key has its own column, so its numbers do not depend on which other keys vary
         chance = np.array([realisation_seed(seed, r, STREAM).random(len(CONDITIONS)) for r in range(n)])
         for column, key in enumerate(CONDITIONS):
             if key in varying:
@@ -169,7 +173,7 @@ def _drawn(config: WorldConfig, seed: int) -> Conditions:
 
 
 def _sizes(config: WorldConfig, nominal: Mapping[str, float], values: Values) -> dict[str, np.ndarray]:
-    """Height, period and direction of each realisation's waves, from what was drawn."""
+    """Height, period and direction of each realisation's waves, derived from the drawn `values`."""
     varying, least = varied(config), CONDITIONS["sea.tp"][0]
     if config.sea.follows_wind and _windy(config):
         winds = zip(values["air.speed"], values["air.direction_deg"], strict=True)
@@ -190,7 +194,7 @@ def _sizes(config: WorldConfig, nominal: Mapping[str, float], values: Values) ->
 
 
 def _directions(sea: SeaConfig) -> list[float]:
-    """Wave directions, deg, where they travel to: the configuration's, or those of the records in turn."""
+    """Directions of travel of the waves, deg: that of the configuration, or those of the records in turn."""
     return [math.degrees(r.direction) for r in records_of(sea)] if sea.measured else [sea.direction_deg]
 
 

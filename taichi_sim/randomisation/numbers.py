@@ -1,7 +1,6 @@
-"""Numbers drawn from ranges: how a chance becomes a number, and those of a fleet's vehicles for each episode."""
+"""Numbers of a fleet's vehicles, drawn from ranges for each episode."""
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 import torch
@@ -10,32 +9,35 @@ from torch import Tensor
 from taichi_sim.config import ConfigError, Range
 from taichi_sim.fleet import Fleet
 
-SIGMAS = 2.0  # of a normal distribution, from its middle to the ends of a range
-TAIL = float(torch.special.ndtr(torch.tensor(-SIGMAS, dtype=torch.float64)))  # beyond one of them
-STREAM = 0xF1  # keeps these random numbers apart from others of the same seed
-BATCH = 4096  # vehicles drawn at once: what a model makes of their numbers costs little more than of one vehicle's
-HALVINGS = 50  # of the way to a number that a vehicle file could not hold
+SIGMAS = 2.0  # standard deviations of a normal distribution from the middle to either end of a range
+TAIL = float(torch.special.ndtr(torch.tensor(-SIGMAS, dtype=torch.float64)))  # probability beyond one end
+STREAM = 0xF1  # separates these random numbers from others of the same seed
+BATCH = 4096  # vehicles drawn at once; their derived numbers cost little more than those of one vehicle
+HALVINGS = 50  # steps of the bisection for the nearest number that a vehicle file accepts
 
 
-def spread(chance: Tensor, low: Any, high: Any, normal: Tensor) -> Tensor:
-    """Numbers between `low` and `high` for a `chance` uniform in [0, 1), float64: spread evenly, or, where `normal`
-    (bool), normally about the middle, cut off at the ends, 2 standard deviations away. All broadcast.
+def spread(chance: Tensor, low: Tensor | float, high: Tensor | float, normal: Tensor) -> Tensor:
+    """Map a `chance`, uniform in [0, 1), to numbers between `low` and `high`, float64; all arguments broadcast.
+
+    The numbers are uniform or, where `normal` (bool), normal about the middle and cut off at the ends, which lie 2
+    standard deviations away.
     """
     bell = 0.5 + torch.special.ndtri(TAIL + (1 - 2 * TAIL) * chance) / (2 * SIGMAS)
     return low + (high - low) * torch.where(normal, bell.clamp(0.0, 1.0), chance)
 
 
 class NumberDraws:
-    """Draws new numbers for a fleet's vehicles when an episode begins; those without a range go back to the vehicle
-    file's.
+    """Draws new numbers for a fleet's vehicles when an episode begins; those without a range get the vehicle file's
+    numbers.
 
-    Each range is checked with the other numbers as in the vehicle file. Mass, inertia and CG of one vehicle are drawn
-    independently of each other, as their keys are; a hull's inertia follows its mass and CG (rigid_body.changed_mass),
-    an aircraft's does not.
+    Each range is checked together with the other numbers of the vehicle file. Mass, inertia and CG of a vehicle are
+    drawn independently of each other. A hull's inertia follows its mass and CG (rigid_body.changed_mass); an aircraft's
+    does not.
 
     Attributes:
-        names: keys that have a range. told: [env, vehicle, name], run precision: how far each number is from that of
-            the vehicle file, over that; over the range's end where that is 0. Written in place.
+        names: keys that have a range.
+        told: relative deviation of each number from the vehicle file, [env, vehicle, name], in run precision; where the
+            file's number is 0, over the end of the range. Written in place.
     """
 
     STATE = ("told",)
@@ -44,10 +46,11 @@ class NumberDraws:
     def __init__(self, fleet: Fleet, ranges: Mapping[str, Range], variation: float, seed: int):
         """Draw for `fleet` from `ranges`, whose widths are multiplied by `variation`; at 0 nothing is drawn.
 
-        Ends that only `variation` > 1 has brought beyond what the vehicle file could hold are moved back to it.
+        If only `variation` > 1 makes a range exceed what the vehicle file accepts, its ends are moved to the nearest
+        accepted values.
 
         Raises:
-            ConfigError: for a key that does not vary, or a range with numbers that the vehicle file could not hold.
+            ConfigError: for a key that cannot vary, or a range with numbers that the vehicle file does not accept.
         """
         self.fleet, self.names = fleet, tuple(ranges)
         ends, scale = [], []
@@ -56,17 +59,18 @@ class NumberDraws:
             value = fleet.model.nominal[key]
             scale.append(value or max(abs(low), abs(high)) or 1.0)
             ends.append(_held(fleet, key, given, variation))
-        options: dict[str, Any] = {"dtype": torch.float64, "device": fleet.state.device}
-        low, high = torch.tensor(ends, **options).reshape(-1, 2).unbind(-1)
+        device = fleet.state.device
+        low, high = torch.tensor(ends, dtype=torch.float64, device=device).reshape(-1, 2).unbind(-1)
         self._low, self._high = low, high
         self._normal = torch.tensor(
-            [given.distribution == "normal" for given in ranges.values()], dtype=torch.bool, device=fleet.state.device
+            [given.distribution == "normal" for given in ranges.values()], dtype=torch.bool, device=device
         )
-        self._nominal = torch.tensor([fleet.model.nominal[key] for key in ranges], **options)
-        self._scale = torch.tensor(scale, **options)
+        nominal = [fleet.model.nominal[key] for key in ranges]
+        self._nominal = torch.tensor(nominal, dtype=torch.float64, device=device)
+        self._scale = torch.tensor(scale, dtype=torch.float64, device=device)
         self._columns = [fleet.model.varying.index(key) for key in ranges]
         self._batch: tuple[Tensor, ...] | None = None
-        self._generator = torch.Generator()  # on the CPU: the same numbers on every device
+        self._generator = torch.Generator()  # on the CPU, so that every device has the same numbers
         self.told = fleet.state.new_zeros((*fleet.state.shape[:2], len(self.names)))
         self.drawn = bool(ranges) and variation > 0
         self.reseed(seed)
@@ -91,7 +95,9 @@ class NumberDraws:
         self.told[envs] = told
 
     def _make(self, rows: int) -> tuple[Tensor, Tensor, Tensor]:
-        """Draw further vehicles' numbers [row, ..]: the varied values, the model's own numbers, the normalised ones."""
+        """Draw the numbers of `rows` more vehicles, [row, ..]: varied values, the model's own numbers, relative
+        deviations.
+        """
         chance = torch.rand((rows, len(self.names)), generator=self._generator, dtype=torch.float64)
         values = spread(chance.to(self._low.device), self._low, self._high, self._normal)
         vary = self.fleet.nominal.repeat(rows, 1)
@@ -118,7 +124,7 @@ def _held(fleet: Fleet, key: str, given: Range, variation: float) -> tuple[float
 
 
 def _nearest(fleet: Fleet, key: str, good: float, bad: float) -> float:
-    """The accepted value nearest to `bad` between it and `good`, found by bisection."""
+    """The accepted value nearest to `bad` between `bad` and `good`, by bisection."""
     for _ in range(HALVINGS):
         middle = (good + bad) / 2
         if fleet.refusal(key, middle) is None:

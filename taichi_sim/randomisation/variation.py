@@ -1,4 +1,4 @@
-"""Assigns conditions and vehicles' numbers to environments when episodes begin, and normalises them for critics."""
+"""Assignment of conditions and vehicles' numbers to environments when episodes begin, and their values for critics."""
 
 import torch
 from torch import Tensor
@@ -13,18 +13,19 @@ from taichi_sim.sea.current import Current
 
 
 class Variation:
-    """Conditions of the realisations (conditions.py) and numbers of the vehicles (numbers.py), and who has which.
+    """Conditions of the realisations (conditions.py) and numbers of the vehicles (numbers.py) of every environment.
 
     Attributes:
-        turbulence: [env], factor of the turbulence's intensity; None where it does not vary.
-        truth: team -> [env, vehicle, n], run precision, of order one: numbers and conditions as drawn for the episode,
-            in this order, as many whatever the `variation`. Written in place. names: team -> n names.
+        turbulence: factor of the turbulence intensity, [env]; None if it does not vary.
+        truth: team -> [env, vehicle, n], in run precision, of order one: numbers, then conditions, as drawn for the
+            episode. The columns are the same for any `variation`. Written in place.
+        names: team -> names of these columns.
     """
 
     STATE = ("turbulence", "truth", "_draws")
 
     def __init__(self, config: WorldConfig, conditions: Conditions, num_envs: int, seed: int):
-        """Take a world's configuration and seed; call `add` for each of its teams."""
+        """Take the configuration and seed of a world; call `add` for each of its teams."""
         run = runtime.current()
         self.config, self.seed = config, seed
         self.turbulence: Tensor | None = None
@@ -36,7 +37,7 @@ class Variation:
         self._draws: dict[str, NumberDraws] = {}
 
     def add(self, fleet: Fleet) -> None:
-        """Also draw numbers for the vehicles of a team.
+        """Include the vehicles of a team.
 
         Raises:
             ConfigError: for a range that its section must not have.
@@ -47,9 +48,9 @@ class Variation:
         self.truth[fleet.name] = fleet.state.new_zeros((*fleet.state.shape[:2], len(self.names[fleet.name])))
 
     def begin(self, envs: Tensor, seas: Tensor, current: Current, wind: Wind) -> None:
-        """Assign environments `envs` [n], on realisations `seas` [n], their conditions, and vehicles their numbers.
+        """Assign conditions to environments `envs` [n] on realisations `seas` [n], and draw their vehicles' numbers.
 
-        `current` and `wind` get their means; their slow variations are still to be drawn about these.
+        The means of `current` and `wind` are set; the caller draws the slow variations about them.
         """
         self.set_conditions(envs, seas, current, wind)
         for name, draws in self._draws.items():
@@ -57,7 +58,7 @@ class Variation:
             self.truth[name][envs, :, : len(draws.names)] = draws.told[envs]
 
     def set_conditions(self, envs: Tensor, seas: Tensor, current: Current, wind: Wind) -> None:
-        """Assign conditions only, not numbers of vehicles."""
+        """Assign conditions only, not the vehicles' numbers."""
         if self._keys & {"sea.current.speed", "sea.current.direction_deg"}:
             current.set_mean(envs, self._tables.current[seas])
         if self._keys & {"air.speed", "air.direction_deg"}:

@@ -1,4 +1,4 @@
-"""The sea: spectra, Gerstner waves, queries of the surface and the water under it, current."""
+"""Sea: spectra, Gerstner waves, queries of the surface and of the water below it, current."""
 
 from taichi_sim.sea.current import Current
 from taichi_sim.sea.sea import Kinematics, Sea, SteepSeaError, Surface

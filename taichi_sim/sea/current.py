@@ -1,32 +1,61 @@
-"""Current: the water's mean velocity, a tide, a slow random part, and its profile over depth.
+"""Current: mean velocity of the water, tide, slow random part, and profile over depth.
 
-The mean is steady, or of a file over time (series.py); a tide (tide.py) is added to it. The random part is a
-first-order Gauss-Markov process (kernels/gauss_markov.py).
+The mean is steady or follows a file over time (config/series.py). A tide is added to it:
 
-Below the surface the current is uniform or falls with depth d as (1 - d / depth)^(1/7), the tidal profile of
-DNV-RP-C205 (2010), sec. 4.1.4.
+    u(t) = sum_i A_i cos(omega_i t - phase_i)
+
+along one direction, so that the ebb runs against the flood. omega_i are the speeds of the harmonic constituents
+(config/current.py), t is the world's time. The phases are those at the beginning of that time, without the nodal
+corrections of a yearly prediction. The random part is a first-order Gauss-Markov process (kernels/gauss_markov.py).
+
+Over depth d the current is uniform, or decreases as (1 - d / depth)^(1/7), the tidal profile of DNV-RP-C205 (2010),
+sec. 4.1.4.
 """
 
 import math
+from collections.abc import Iterable
 
 import torch
 
-from taichi_sim.config import ConfigError, CurrentConfig
+from taichi_sim.config import ConfigError, CurrentConfig, TideConfig
+from taichi_sim.config.current import CONSTITUENTS
 from taichi_sim.config.series import Series, read_series
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.gauss_markov import SlowVariation
-from taichi_sim.sea.tide import Tide
 
-POWER = 1 / 7  # of the tidal profile
-FASTEST = 10.0  # m/s, of a series
-STREAM = 0xC0  # keeps the current's random numbers apart from those of the waves of the same seed
+POWER = 1 / 7  # exponent of the tidal profile
+FASTEST = 10.0  # m/s; a series with a higher speed is refused
+STREAM = 0xC0  # separates the current's random numbers from those of the waves of the same seed
+
+
+class Tide:
+    """Tidal current along one direction (see the module's docstring)."""
+
+    def __init__(self, config: TideConfig):
+        """Read direction, amplitudes and phases from a configuration."""
+        run, parts = runtime.current(), list(config.constituents.items())
+
+        def column(values: Iterable[float]) -> torch.Tensor:
+            return torch.tensor(list(values), dtype=torch.float64, device=run.device)
+
+        self._omega = column(math.radians(CONSTITUENTS[name]) / 3600.0 for name, _ in parts)
+        self._amplitude = column(part.amplitude for _, part in parts)
+        self._phase = column(math.radians(part.phase_deg) for _, part in parts)
+        heading = math.radians(config.direction_deg)
+        self._along = column((math.cos(heading), math.sin(heading)))
+
+    def at(self, time: torch.Tensor) -> torch.Tensor:
+        """Velocity [env, 2] (north, east, m/s; run precision) at times [env] (float64, s)."""
+        speed = (self._amplitude * torch.cos(time.unsqueeze(1) * self._omega - self._phase)).sum(dim=1, keepdim=True)
+        return (speed * self._along).to(runtime.current().torch_dtype)
 
 
 class Current:
-    """The current of every environment.
+    """Current of every environment.
 
     Attributes:
-        velocity: [env, 2], north and east, m/s, at the surface, run precision; written in place, never replaced.
+        velocity: velocity at the surface, [env, 2], north and east, m/s, in run precision. It is written in place and
+            never replaced.
     """
 
     STATE = ("velocity", "_mean", "_steady", "_variation")
@@ -35,8 +64,10 @@ class Current:
         """Draw the current of each environment.
 
         Args:
-            config: of the current, None for still water. num_envs: environments. seed: of the run.
-            depth: of the water in m, None for deep; a power profile needs it.
+            config: configuration of the current; None for still water.
+            num_envs: number of environments.
+            seed: seed of the run.
+            depth: depth of the water, m; None for deep water. A power profile needs it.
 
         Raises:
             ConfigError: for a power profile in deep water.
@@ -50,7 +81,7 @@ class Current:
         self._mean = torch.tensor(mean, dtype=run.torch_dtype, device=run.device).repeat(num_envs, 1)
         self._series = Series(*read_series(self.config.series, fastest=FASTEST)) if self.config.series else None
         self._tide = Tide(self.config.tide) if self.config.tide else None
-        self._steady = self._mean.clone()  # the part of the mean that no time changes
+        self._steady = self._mean.clone()  # the steady part of the mean
         std, time_constant = self.config.std, self.config.time_constant
         self._variation = SlowVariation(num_envs, std, time_constant, seed=seed, stream=STREAM)
         self.velocity = self._mean.clone()
@@ -63,12 +94,14 @@ class Current:
         self._variation.reseed(seed)
 
     def set_mean(self, envs: torch.Tensor, mean: torch.Tensor) -> None:
-        """From now on environments `envs` [n] have the means `mean` [n, 2] (m/s); what the random part is stays."""
+        """Set the mean current of environments `envs` [n] to `mean` [n, 2] (m/s); the random part stays."""
         self._steady[envs] = mean
         self._set(envs, mean)
 
     def follow(self, envs: torch.Tensor, time: torch.Tensor) -> None:
-        """Have the means of `envs` [n] be those of their times [n] (float64, s); nothing to do for a steady current."""
+        """Set the mean current of `envs` [n] from series and tide at their times [n] (float64, s); a steady mean
+        stays.
+        """
         if self._series is None and self._tide is None:
             return
         mean = self._steady[envs] if self._series is None else self._series.at(time)
@@ -84,16 +117,16 @@ class Current:
         self.velocity[envs] = self._mean[envs] + self._variation.value[envs]
 
     def advance(self, dt: float) -> None:
-        """Step the random part by dt (s), exactly; nothing to do for a steady current."""
+        """Advance the random part by dt (s), exactly; a current without one stays."""
         if self._variation.varies:
             self._variation.advance(dt)
             torch.add(self._mean, self._variation.value, out=self.velocity)
 
     def mean_factor(self, draft: float) -> float:
-        """Mean of the current over depths 0 to `draft` (m) as a fraction of the current at the surface.
+        """Ratio of the mean current over depths 0 to `draft` (m) to the current at the surface.
 
         Raises:
-            ConfigError: if the draft is deeper than the water of a power profile.
+            ConfigError: if the draft exceeds the depth of a power profile.
         """
         if self.config.profile == "uniform" or draft == 0:
             return 1.0
@@ -101,6 +134,6 @@ class Current:
         x = draft / self.depth
         if x > 1:
             raise ConfigError(f"a draft of {draft:g} m does not float in water of sea.depth = {self.depth:g} m")
-        # (1 - (1 - x)^(8/7)) / (8/7 x), without cancellation at small x
+        # (1 - (1 - x)^(8/7)) / (8/7 x), written without cancellation at small x
         power = 1 + POWER
         return -math.expm1(power * math.log1p(-x)) / (power * x) if x < 1 else 1 / power

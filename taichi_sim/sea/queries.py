@@ -1,6 +1,6 @@
-"""Kernels of `Sea`: each asks waves.py or water_column.py about every row of a tensor of points.
+"""Kernels of `Sea`. Each evaluates waves.py or water_column.py at every row of a tensor of points.
 
-`sea` is the table of conventions.py, `phase` and `env_sea` have one row per point unless a kernel says otherwise.
+`sea` is the table of conventions.py. `phase` and `env_sea` have one row per point unless a kernel says otherwise.
 """
 
 # Kernels are another language inside Python syntax.
@@ -15,14 +15,14 @@ from taichi_sim.conventions import GRAVITY
 from taichi_sim.kernels import runtime
 from taichi_sim.sea import water_column, waves
 
-NEWTON_ITERATIONS = 12  # queries are exact to rounding for seas, and for one wave of k a up to 0.99
+NEWTON_ITERATIONS = 12  # exact to rounding for seas, and for a single wave of k a up to 0.99
 TWO_PI = 2 * math.pi
-PHASE, ELEVATION = 5.0, 100.0  # ns of one component, about: reduced, and inverted
+PHASE, ELEVATION = 5.0, 100.0  # ns per component, approximate: of `advance_phases`, of `elevation`
 SURFACE_COLUMNS, COLUMN_COLUMNS, AIRY_COLUMNS = 12, 7, 4
-# columns of `surface`: elevation, label, Jacobian, slope, velocity, acceleration
+# Columns of `surface`: elevation, label, Jacobian, slope, velocity, acceleration
 HEIGHT, LABEL, JACOBIAN, SLOPE, VELOCITY, ACCELERATION = 0, slice(1, 3), 3, slice(4, 6), slice(6, 9), slice(9, 12)
-COLUMN_PRESSURE, COLUMN_VELOCITY, COLUMN_ACCELERATION = 0, slice(1, 4), slice(4, 7)  # of `column`
-AIRY_VELOCITY, AIRY_PRESSURE = slice(0, 3), 3  # of `airy`
+COLUMN_PRESSURE, COLUMN_VELOCITY, COLUMN_ACCELERATION = 0, slice(1, 4), slice(4, 7)  # columns of `column`
+AIRY_VELOCITY, AIRY_PRESSURE = slice(0, 3), 3  # columns of `airy`
 
 
 @ti.kernel
@@ -35,7 +35,7 @@ def advance_phases(
     count: ti.template(),
     serial: ti.template(),
 ):
-    """phase - omega t of every component of every row, in [0, 2 pi)."""
+    """Write phase - omega t of every component of every row, in [0, 2 pi)."""
     ti.loop_config(serialize=serial)
     for row in range(phase.shape[0]):
         s = env_sea[row]
@@ -80,7 +80,7 @@ def elevation(
     count: ti.template(),
     serial: ti.template(),
 ):
-    """Elevation at points [point, 2]; point_row [point] is the row of `phase` and `env_sea` of each."""
+    """Elevation at points [point, 2]; point_row [point] is each point's row in `phase` and `env_sea`."""
     ti.loop_config(serialize=serial)
     for i in range(points.shape[0]):
         row = point_row[i]
@@ -93,7 +93,9 @@ _elevation = runtime.Launcher(elevation)
 
 
 def elevations(sea: Tensor, points: Tensor, point_row: Tensor, env_sea: Tensor, phase: Tensor) -> Tensor:
-    """Elevation [point] (m, up) at points [point, 2] of the seas and phases in rows `point_row` [point] int32."""
+    """Elevation [point] (m, up) at points [point, 2]; point_row [point] (int32) is each point's row in `env_sea`
+    and `phase`.
+    """
     out, components = sea.new_empty(points.shape[0]), sea.shape[2]
     serial = runtime.few(points.shape[0], ELEVATION * components)
     _elevation.once(out, points.contiguous(), phase, sea, point_row, env_sea, components, serial)
@@ -110,7 +112,7 @@ def column(
     depth: float,
     count: ti.template(),
 ):
-    """Gauge pressure over rho g (m), velocity (3), acceleration (3), NED, at points [point, 3] (down below)."""
+    """Gauge pressure over rho g (m), velocity (3) and acceleration (3), NED, at points [point, 3] (NED)."""
     for i in range(points.shape[0]):
         s, zero, z = env_sea[i], points[i, 0] * 0.0, -points[i, 2]
         L = waves.invert_label(sea, phase, count, s, i, points[i, 0], points[i, 1], zero, NEWTON_ITERATIONS)
@@ -131,7 +133,7 @@ def airy(
     depth: float,
     count: ti.template(),
 ):
-    """Linear velocity (3, NED) and dynamic pressure over rho of realisation 0 at points [point, 3]."""
+    """Linear velocity (3, NED) and dynamic pressure over rho, in realisation 0, at points [point, 3] (NED)."""
     for i in range(points.shape[0]):
         zero = points[i, 0] * 0.0
         r = waves.airy_at(sea, phase, count, 0, i, points[i, 0], points[i, 1], -points[i, 2], depth, GRAVITY, zero)

@@ -1,4 +1,4 @@
-"""The sea: a table of wave components and what may be asked of it anywhere, at any time."""
+"""The sea: a table of wave components, and queries at any place and time."""
 
 from collections.abc import Sequence
 from functools import partial
@@ -18,19 +18,23 @@ from taichi_sim.sea.sea_state import sea_state
 from taichi_sim.sea.spectrum import Components, jonswap
 from taichi_sim.sea.wind_sea import SeaSize, sea_size
 
-DEEP = -1.0  # depth of deep water, to kernels
+DEEP = -1.0  # value of the depth of deep water in kernels
 
 
 class SteepSeaError(ValueError):
-    """The sum of k a reaches 1: the Gerstner surface could loop through itself."""
+    """The sum of k a reaches 1, so that the Gerstner surface could loop through itself."""
 
 
 class Surface(NamedTuple):
-    """The free surface at horizontal points, all tensors of the points' shape [...] plus the last axis given.
+    """Free surface at horizontal points; each tensor has the points' shape [...] plus the axis given.
 
-    elevation [...] m, up; normal [..., 3] unit, NED, pointing out of the water (down component < 0);
-    velocity [..., 3] and acceleration [..., 3] of the surface particle, NED, m/s and m/s^2;
-    label [..., 2] m; jacobian [...] of label -> position.
+    Attributes:
+        elevation: [...], m, up.
+        normal: [..., 3], unit vector, NED, out of the water (its down component is negative).
+        velocity: of the surface particle, [..., 3], NED, m/s.
+        label: of the surface particle, [..., 2], m.
+        jacobian: of the map from label to position, [...].
+        acceleration: of the surface particle, [..., 3], NED, m/s^2.
     """
 
     elevation: torch.Tensor
@@ -42,17 +46,17 @@ class Surface(NamedTuple):
 
 
 class Kinematics(NamedTuple):
-    """Orbital motion of the water at points [...]: velocity [..., 3] m/s, acceleration [..., 3] m/s^2, NED."""
+    """Orbital motion of the water at points [...]: velocity [..., 3] (m/s) and acceleration [..., 3] (m/s^2), NED."""
 
     velocity: torch.Tensor
     acceleration: torch.Tensor
 
 
 def realised_systems(config: SeaConfig) -> list[Sequence[System]]:
-    """The systems of each realisation: of a measured sea with several records, those of one after the other.
+    """Wave systems of each realisation; those of a measured sea take its records in turn.
 
     Raises:
-        ConfigError: for a measured spectrum that cannot be had.
+        ConfigError: for a measured spectrum that cannot be read.
     """
     if not config.measured:
         return [wave_systems(config)] * config.realisations
@@ -66,10 +70,12 @@ def wave_systems(
     direction_deg: float | None = None,
     record: WaveRecord | None = None,
 ) -> list[System]:
-    """The wind sea of a configuration, or the measured one, and its swell if there is one.
+    """Wave systems of a configuration: its wind sea or measured sea, then its swell if it has one.
 
-    `size` and `direction_deg` are the wind sea's; default those of the configuration. `record` is that of a measured
-    sea; default the first of the configuration's.
+    Args:
+        config: configuration of the sea.
+        size, direction_deg: of the wind sea; default: those of the configuration.
+        record: of a measured sea; default: the configuration's first.
     """
     gamma = config.gamma_js if config.spectrum == "jonswap" else 1.0
     heading = config.direction_deg if direction_deg is None else direction_deg
@@ -85,15 +91,15 @@ def wave_systems(
 
 def _system(config: SeaConfig | SwellConfig, size: SeaSize, direction_deg: float, gamma_js: float) -> WaveSystem:
     direction = float(np.deg2rad(direction_deg))
-    density = partial(jonswap, hs=1.0, tp=size.tp, gamma_js=gamma_js)  # its shape: a calm sea has one too
+    density = partial(jonswap, hs=1.0, tp=size.tp, gamma_js=gamma_js)  # shape only, so that a calm sea has one, too
     return WaveSystem(density, size.hs, size.tp, direction, config.spreading_s, config.components)
 
 
 class Sea:
-    """Sea realisations in one table; each environment points at one and has its own time.
+    """Sea realisations in one table. Each environment uses one of them, at its own time.
 
     Attributes:
-        table: [sea, 8, component], rows as in conventions.py, run precision.
+        table: [sea, 8, component], rows as in conventions.py, in run precision.
         depth: m, or None for deep water.
     """
 
@@ -102,10 +108,10 @@ class Sea:
 
         Args:
             components: arrays [sea, component].
-            depth: water depth in m, None for deep.
+            depth: depth of the water, m; None for deep water.
 
         Raises:
-            SteepSeaError: if any realisation's sum of k a coth(k depth) is 1 or more.
+            SteepSeaError: if the sum of k a coth(k depth) of any realisation is 1 or more.
         """
         run = runtime.current()
         self.depth = depth
@@ -116,7 +122,7 @@ class Sea:
                 f"the sea is too steep to exist: sum of k a = {steepness.max():.2f} in realisation "
                 f"{steepness.argmax()}, allowed below 1 (the surface would loop). Lower sea.hs (or sea.sea_state, "
                 "sea.wind_speed, sea.swell.hs), raise sea.tp (or sea.fetch, sea.depth), or use fewer sea.components "
-                "(of a measured sea, that alone helps)"
+                "(the only remedy for a measured sea)"
             )
         cos, sin = np.cos(components.direction), np.sin(components.direction)
         rows = np.stack(
@@ -126,13 +132,13 @@ class Sea:
         )  # fmt: skip
         assert rows.shape[1] == SEA_ROWS
         self.table = torch.as_tensor(rows, dtype=run.torch_dtype, device=run.device).contiguous()
-        # The frequencies that kernels use, in f64, so that phases agree with the table over any length of time.
+        # f64 copies of the table's own frequencies, so that phases agree with the table over any length of time
         self._omega64 = self.table[:, OMEGA].double().contiguous()
         self._advance = runtime.Launcher(queries.advance_phases)
         self._phase64 = torch.as_tensor(rows[:, PHASE], dtype=torch.float64, device=run.device).contiguous()
 
     def __repr__(self) -> str:
-        """Realisations, height of their waves, depth."""
+        """State the wave heights, the depth and the number of realisations."""
         hs, depth = self.components.hs, "deep water" if self.depth is None else f"{self.depth:g} m deep"
         codes = sorted({sea_state(float(x)) for x in (hs.min(), hs.max())})
         state = f"hs {span(hs, 'm')}, sea state {' to '.join(map(str, codes))}" if hs.any() else "calm"
@@ -141,7 +147,7 @@ class Sea:
 
     @classmethod
     def from_config(cls, config: SeaConfig, seed: int) -> "Sea":
-        """A sea from its configuration (a calm sea when hs is 0); `seed` draws the realisations.
+        """Draw the sea of a configuration from `seed`; hs = 0 is a calm sea.
 
         Raises:
             SteepSeaError: if any realisation could loop.
@@ -157,21 +163,24 @@ class Sea:
 
     @property
     def num_components(self) -> int:
-        """Components per realisation."""
+        """Number of components per realisation."""
         return self.table.shape[2]
 
     def mean_level(self, sea: int = 0) -> float:
-        """Mean elevation (m) of a realisation: -sum k a b / 2 (troughs of Gerstner waves are wider)."""
+        """Mean elevation (m) of a realisation: -sum k a b / 2, because troughs of Gerstner waves are wider than
+        crests.
+        """
         c = self.components
         coth = 1.0 if self.depth is None else 1 / np.tanh(c.k[sea] * self.depth)
         return float(-(c.k[sea] * c.amplitude[sea] ** 2 * coth).sum() / 2)
 
     def phases(self, env_sea: torch.Tensor, time: torch.Tensor, out: torch.Tensor | None = None) -> torch.Tensor:
-        """phase - omega t of every component, reduced to [0, 2 pi) in f64.
+        """Return phase - omega t of every component, [row, component], reduced to [0, 2 pi) in f64.
 
         Args:
-            env_sea: int32 [row], the realisation of each row. time: float64 [row], s.
-            out: [row, component] to write to, or None for a new tensor.
+            env_sea: realisation of each row, int32 [row].
+            time: float64 [row], s.
+            out: [row, component] to write to; None for a new tensor.
         """
         if out is None:
             out = self.table.new_empty((env_sea.shape[0], self.num_components))
@@ -181,8 +190,10 @@ class Sea:
         return out
 
     def waves_at(self, time: float, sea: int = 0) -> np.ndarray:
-        """The waves of a realisation at `time` (s), all that a picture of it takes: [6, component] amplitude (m), k_x,
-        k_y (rad/m), phase now (rad, in [0, 2 pi)), b_x, b_y (m), as in waves.py.
+        """Return the waves of a realisation at `time` (s), [6, component], for drawing.
+
+        The rows are amplitude (m), k_x, k_y (rad/m), phase at that time (rad, in [0, 2 pi)), b_x, b_y (m), as in
+        waves.py.
         """
         device = self.table.device
         which = torch.tensor([sea], dtype=torch.int32, device=device)
@@ -191,7 +202,7 @@ class Sea:
         return torch.stack((a, kx, ky, phase[0], bx, by)).double().cpu().numpy()
 
     def surface(self, north, east, time, sea=0) -> Surface:
-        """The surface at points [...] (m) and times (s); arguments broadcast, `sea` is the realisation."""
+        """Return the surface at points [...] (m) and times (s) of realisation `sea`; arguments broadcast."""
         points, env_sea, time64, shape = self._points((north, east), time, sea)
         raw = self.table.new_empty((points.shape[0], queries.SURFACE_COLUMNS))
         queries.surface(raw, points, self.phases(env_sea, time64), self.table, env_sea, self.num_components)
@@ -208,24 +219,28 @@ class Sea:
         )
 
     def elevation(self, north, east, time=0.0, sea=0) -> torch.Tensor:
-        """Elevation zeta (m, up) at points [...] (m) and times (s); arguments broadcast."""
+        """Elevation zeta (m, up) at points [...] (m) and times (s) of realisation `sea`; arguments broadcast."""
         return self.surface(north, east, time, sea).elevation
 
     def elevation_at(
         self, points: torch.Tensor, point_row: torch.Tensor, env_sea: torch.Tensor, phase: torch.Tensor
     ) -> torch.Tensor:
-        """Elevation [point] at points [point, 2] whose sea and phases are rows of `env_sea` and `phase`."""
+        """Elevation [point] (m, up) at points [point, 2]; point_row [point] is each point's row in `env_sea` and
+        `phase`.
+        """
         return queries.elevations(self.table, points, point_row, env_sea, phase)
 
     def elevation_grid(self, north, east, time: float = 0.0, sea: int = 0) -> np.ndarray:
-        """The sea surface as an array: elevation (m, up) on a grid, to plot, to record, or to export.
+        """Elevation (m, up) of the sea surface on a grid, to plot, record or export.
 
         Args:
-            north, east: the grid's axes, m, any sequences of numbers. time: s. sea: realisation.
+            north, east: axes of the grid, m, any sequences of numbers.
+            time: s.
+            sea: realisation.
 
         Returns:
             NumPy array [len(north), len(east)]; `heights[i, j]` is at (north[i], east[j]). For scattered points use
-            `elevation`, for normals, velocities and accelerations `surface`.
+            `elevation`; for normals, velocities and accelerations use `surface`.
         """
         run = runtime.current()
         axes = [torch.as_tensor(np.asarray(a), dtype=run.torch_dtype, device=run.device) for a in (north, east)]
@@ -237,9 +252,9 @@ class Sea:
         return self.elevation_at(points, rows, env_sea, phase).reshape(mesh[0].shape).cpu().numpy()
 
     def airy(self, north, east, down, time) -> tuple[torch.Tensor, torch.Tensor]:
-        """Linear-theory water velocity [..., 3] (NED, m/s) and dynamic pressure [...] (Pa) of realisation 0.
+        """Velocity [..., 3] (NED, m/s) and dynamic pressure [...] (Pa) of realisation 0 by linear wave theory.
 
-        `down` (m) is the depth of the point below mean sea level (>= 0).
+        `down` (m, >= 0) is the depth of the point below mean sea level.
         """
         points, env_sea, time64, shape = self._points((north, east, down), time, 0)
         raw = self.table.new_empty((points.shape[0], queries.AIRY_COLUMNS))
@@ -248,10 +263,10 @@ class Sea:
         return velocity.reshape(*shape, 3), RHO_SEA * pressure.reshape(shape)
 
     def pressure(self, north, east, down, time, sea=0) -> torch.Tensor:
-        """Gauge pressure (Pa) [...], hydrostatic and dynamic; 0 at the instantaneous surface and above it.
+        """Gauge pressure [...] (Pa), hydrostatic plus dynamic; 0 at the instantaneous surface and above it.
 
-        Arguments broadcast: `down` (m) is below mean sea level (negative in a crest), `sea` the realisation.
-        Stretched linear theory (water_column.py); below the bottom the pressure goes on hydrostatically.
+        Arguments broadcast: `down` (m) counts from mean sea level (negative in a crest), `sea` is the realisation. The
+        theory is stretched linear theory (water_column.py). Below the bottom the pressure continues hydrostatically.
         """
         raw, shape = self._column(north, east, down, time, sea)
         return RHO_SEA * GRAVITY * raw[:, queries.COLUMN_PRESSURE].reshape(shape)
@@ -259,7 +274,7 @@ class Sea:
     def kinematics(self, north, east, down, time, sea=0) -> Kinematics:
         """Orbital velocity and acceleration of the water, from the instantaneous surface to the bottom.
 
-        Arguments as of `pressure`. At the surface they are those of the surface particle, above it too.
+        Arguments are those of `pressure`. At and above the surface the result is that of the surface particle.
         """
         raw, shape = self._column(north, east, down, time, sea)
         velocity, acceleration = raw[:, queries.COLUMN_VELOCITY], raw[:, queries.COLUMN_ACCELERATION]
@@ -267,7 +282,7 @@ class Sea:
 
     @property
     def kernel_depth(self) -> float:
-        """Depth (m) as kernels take it: DEEP in deep water."""
+        """Depth (m) as kernels take it; DEEP for deep water."""
         return DEEP if self.depth is None else self.depth
 
     def _column(self, north, east, down, time, sea) -> tuple[torch.Tensor, torch.Size]:
@@ -278,7 +293,7 @@ class Sea:
         return raw, shape
 
     def _points(self, coordinates, time, sea):
-        """Broadcast coordinates, time and sea to flat contiguous tensors, and their common shape."""
+        """Broadcast coordinates, time and sea to flat contiguous tensors; also return their common shape."""
         run = runtime.current()
         values = [torch.as_tensor(v, dtype=torch.float64) for v in (*coordinates, time, sea)]
         values = torch.broadcast_tensors(*values)

@@ -1,15 +1,15 @@
 """Sea states by number: WMO Code Table 3700 (Manual on Codes, WMO-No. 306).
 
-The number is a range of significant wave height; a limit belongs to the lower number (exactly 4 m is code 5).
+A number is a range of significant wave height. A limit belongs to the lower number: exactly 4 m is code 5.
 """
 
 import math
 
-UPPER_HS = (0.0, 0.1, 0.5, 1.25, 2.5, 4.0, 6.0, 9.0, 14.0, math.inf)  # m, of codes 0 to 9
+UPPER_HS = (0.0, 0.1, 0.5, 1.25, 2.5, 4.0, 6.0, 9.0, 14.0, math.inf)  # m, upper limits of codes 0 to 9
 
 
 def sea_state_range(code: int) -> tuple[float, float]:
-    """Smallest and largest significant wave height (m) of sea state `code`, 0 to 9; 9 has no upper limit.
+    """Smallest and largest significant wave height (m) of sea state `code`, 0 to 9; code 9 has no upper limit.
 
     Raises:
         ValueError: for a code outside 0..9.

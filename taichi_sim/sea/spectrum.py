@@ -18,7 +18,7 @@ import numpy as np
 from taichi_sim.conventions import GRAVITY
 
 PM_ALPHA, PM_BETA = 8.1e-3, 0.74  # constants of Pierson & Moskowitz (1964)
-CALM_PERIOD = 4.0  # s, given to a calm sea, whose components have no height
+CALM_PERIOD = 4.0  # s, nominal period of a calm sea
 QUADRATURE_PANEL = 0.02  # width in ln(omega) of a quadrature panel; the peak is about 0.07 wide
 
 
@@ -34,20 +34,22 @@ class Components:
 
     @property
     def hs(self) -> np.ndarray:
-        """Significant wave height 4 sqrt(m0), m0 = sum a^2 / 2, of each realisation, m."""
+        """Significant wave height 4 sqrt(m0), with m0 = sum a^2 / 2, of each realisation, m."""
         return 4 * np.sqrt(np.sum(self.amplitude**2, axis=1) / 2)
 
     @property
     def sum_ka(self) -> np.ndarray:
-        """Largest possible slope of each realisation's linear surface; Gerstner waves may loop from 1 on."""
+        """Largest possible slope of each realisation's linear surface; from 1 on, Gerstner waves may loop."""
         return np.sum(self.k * self.amplitude, axis=1)
 
     def steepness(self, depth: float | None = None) -> np.ndarray:
-        """sum of k a coth(k depth) of each realisation: at 1 its Gerstner surface could loop; depth in m, None deep."""
+        """Sum of k a coth(k depth) of each realisation; from 1 on its Gerstner surface could loop. depth is in m,
+        None for deep.
+        """
         return (self.k * self.semi_axis(depth)).sum(axis=1)
 
     def semi_axis(self, depth: float | None = None) -> np.ndarray:
-        """a coth(k depth): horizontal semi-axis of the particles' paths at the surface, m."""
+        """Horizontal semi-axis a coth(k depth) of the particles' paths at the surface, m."""
         return self.amplitude * (1.0 if depth is None else 1 / np.tanh(self.k * depth))
 
     @property
@@ -57,7 +59,7 @@ class Components:
 
 
 def jonswap(omega: np.ndarray, hs: float, tp: float, gamma_js: float = 3.3) -> np.ndarray:
-    """One-sided JONSWAP density S(omega) in m^2 s; omega (rad/s, > 0, any shape), hs in m, tp in s."""
+    """One-sided JONSWAP density S(omega) (m^2 s); omega in rad/s (> 0, any shape), hs in m, tp in s."""
     omega = np.asarray(omega, dtype=np.float64)
     wp = 2 * math.pi / tp
     width = np.where(omega <= wp, 0.07, 0.09)
@@ -67,7 +69,7 @@ def jonswap(omega: np.ndarray, hs: float, tp: float, gamma_js: float = 3.3) -> n
 
 
 def pierson_moskowitz(omega: np.ndarray, wind_speed_19_5: float, g: float = GRAVITY) -> np.ndarray:
-    """Fully developed sea S(omega) in m^2 s under a wind (m/s) at 19.5 m (Pierson & Moskowitz 1964):
+    """S(omega) (m^2 s) of a fully developed sea under a wind (m/s) at 19.5 m (Pierson & Moskowitz 1964):
 
     S(w) = 8.1e-3 g^2 w^-5 exp(-0.74 (g / (U w))^4).
     """
@@ -76,7 +78,7 @@ def pierson_moskowitz(omega: np.ndarray, wind_speed_19_5: float, g: float = GRAV
 
 
 def pierson_moskowitz_hs_tp(wind_speed_19_5: float, g: float = GRAVITY) -> tuple[float, float]:
-    """Significant height (m), 0.2092 U^2/g, and peak period (s), wp = 0.877 g/U, of that sea."""
+    """Significant height 0.2092 U^2/g (m) and peak period (s; wp = 0.877 g/U) of the `pierson_moskowitz` sea."""
     hs = 2 * math.sqrt(PM_ALPHA / PM_BETA) * wind_speed_19_5**2 / g
     return hs, 2 * math.pi * wind_speed_19_5 / ((0.8 * PM_BETA) ** 0.25 * g)
 
@@ -87,9 +89,10 @@ def spectral_moment(
     wp: float,
     band: tuple[float, float] = (0.2, 200.0),
 ) -> float:
-    """Moment m_n = integral of w^n S(w) dw over `band`, in multiples of the peak frequency wp (rad/s).
+    """Moment m_n = integral of w^n S(w) dw over `band`, given in multiples of the peak frequency wp (rad/s).
 
-    Gauss-Legendre panels in log w, split at wp, where JONSWAP's width jumps; exact to about 1e-12 relative.
+    The quadrature has Gauss-Legendre panels in log w, split at wp, where JONSWAP's width jumps; relative error about
+    1e-12.
     """
     node, weight = np.polynomial.legendre.leggauss(8)
     low, high = np.log(band)
@@ -104,15 +107,15 @@ def spectral_moment(
 
 
 def spreading(angle: np.ndarray, s: float) -> np.ndarray:
-    """cos^2s density D (1/rad) at an angle from the mean direction (rad, [-pi, pi])."""
+    """cos^2s density D (1/rad) at an angle from the mean direction (rad, in [-pi, pi])."""
     norm = math.exp(math.lgamma(s + 1) - math.lgamma(s + 0.5)) / (2 * math.sqrt(math.pi))
     return norm * np.abs(np.cos(np.asarray(angle) / 2)) ** (2 * s)
 
 
 def wavenumber(omega: np.ndarray, depth: float | None = None, g: float = GRAVITY) -> np.ndarray:
-    """Wavenumber k (rad/m) of omega^2 = g k tanh(k depth); depth in m, None for deep water.
+    """Wavenumber k (rad/m) that solves omega^2 = g k tanh(k depth); depth in m, None for deep water.
 
-    Newton iteration from Guo's (2002) explicit estimate; converges to rounding in five steps.
+    Newton's method starts at Guo's (2002) explicit estimate and converges to rounding in five steps.
     """
     omega = np.asarray(omega, dtype=np.float64)
     deep = omega**2 / g
@@ -127,12 +130,12 @@ def wavenumber(omega: np.ndarray, depth: float | None = None, g: float = GRAVITY
 
 
 def group_speed(k: np.ndarray, depth: float | None = None, g: float = GRAVITY) -> np.ndarray:
-    """Group speed d omega / d k (m/s) at wavenumber k (rad/m); depth in m, None for deep water."""
+    """Group speed d omega / d k (m/s) at the wavenumber k (rad/m); depth in m, None for deep water."""
     k = np.asarray(k, dtype=np.float64)
     if depth is None:
         return np.sqrt(g / k) / 2
     kh = k * depth
-    # 2 kh / sinh(2 kh) in a form that cannot overflow
+    # 2 kh / sinh(2 kh), in a form that cannot overflow
     ratio = 4 * kh * np.exp(-2 * kh) / -np.expm1(-4 * kh)
     return np.sqrt(g * np.tanh(kh) / k) * (1 + ratio) / 2
 
@@ -140,9 +143,10 @@ def group_speed(k: np.ndarray, depth: float | None = None, g: float = GRAVITY) -
 def encounter_frequency(
     omega: np.ndarray, speed: np.ndarray, angle: np.ndarray, depth: float | None = None
 ) -> np.ndarray:
-    """Frequency omega - k U cos(angle) (rad/s) at which a vessel meets waves of frequency omega (rad/s).
+    """Frequency omega - k U cos(angle) (rad/s) at which a vessel of `speed` U (m/s) meets waves of frequency omega
+    (rad/s).
 
-    `angle` (rad) is between heading and wave direction: 0 following sea, pi head sea. Negative when the
-    vessel overtakes the waves (Lewandowski 2004, The Dynamics of Marine Craft, ch. 5).
+    `angle` (rad) is between heading and wave direction: 0 in a following sea, pi in a head sea. The result is negative
+    when the vessel overtakes the waves (Lewandowski 2004, The Dynamics of Marine Craft, ch. 5).
     """
     return np.asarray(omega) - wavenumber(omega, depth) * np.asarray(speed) * np.cos(angle)

@@ -1,9 +1,9 @@
-"""Seas of many sizes in one table: realisations that each have a height, a period and a direction of their own.
+"""Realisations with different heights, periods and directions in one table.
 
-Not every pair of height and period can be. A drawn period is raised, for that realisation alone, until
+Not every pair of height and period can exist. A drawn period is raised, for its realisation alone, until
 
     hs / (g tp^2 / 2 pi) <= 1/15   the steepest sea of DNV-RP-C205 (2010), sec. 3.5.4, for tp up to 8 s, and
-    sum of k a < 0.98              with room below 1, where a surface of Gerstner waves could loop.
+    sum of k a < 0.98              with a margin to 1, where a Gerstner surface could loop.
 """
 
 import math
@@ -18,22 +18,22 @@ from taichi_sim.sea.spectrum import Components
 from taichi_sim.sea.wind_sea import SeaSize
 
 STEEPEST = 1 / 15  # significant steepness
-ROOM = 0.98  # of the sum of k a at which the surface could loop
-TRIES = 8  # of longer periods; in deep water without swell the first one does
+ROOM = 0.98  # limit of the sum of k a; the surface could loop from 1 on
+TRIES = 8  # attempts with longer periods; in deep water without swell the first one suffices
 
 
 def shortest_period(hs: np.ndarray) -> np.ndarray:
-    """The least peak period (s) of seas of significant height hs (m)."""
+    """Shortest peak period (s) of seas of significant height hs (m)."""
     return np.sqrt(2 * math.pi * hs / (GRAVITY * STEEPEST))
 
 
 def varied_components(
     config: SeaConfig, hs: np.ndarray, tp: np.ndarray, direction_deg: np.ndarray, seed: int
 ) -> tuple[Components, np.ndarray]:
-    """Components of realisations like `config` whose wind sea has hs (m), tp (s) and direction_deg [realisation], and
-    their periods, of which those that could not be have been raised.
+    """Draw components of realisations like `config`, each with its own wind sea; also return their periods.
 
-    Realisation r depends on `seed`, its own numbers and r alone.
+    hs (m), tp (s) and direction_deg describe the wind seas, [realisation]. Periods too short for their height are
+    raised. Realisation r depends on `seed`, its own numbers and r alone.
     """
     tp = np.maximum(tp, shortest_period(hs))
     for _ in range(TRIES):

@@ -1,28 +1,28 @@
-"""The water between the surface and the bottom: pressure, velocity and acceleration.
+"""Water between the surface and the bottom: pressure, velocity and acceleration.
 
-Linear theory holds below still water; carried on to a crest, its pressure is not zero at the surface and its exp(k z)
-grows without bound for short waves on long ones. So the water is stretched (Wheeler 1970, J. Petroleum Technology
-22, 359): the decay counts from the instantaneous surface,
+Linear theory holds below still water. Extended into a crest, its pressure is not zero at the surface, and exp(k z)
+grows without bound for short waves on long ones. The water is therefore stretched (Wheeler 1970, J. Petroleum
+Technology 22, 359): the decay counts from the instantaneous surface,
 
     z' = (z - zeta) / (1 + zeta / depth),
 
-which is z - zeta in deep water, 0 at the surface and -depth at the bottom. With theta_c of the surface particle
-straight above (its label X, Y), so that zeta = sum a cos theta exactly,
+which is z - zeta in deep water, 0 at the surface and -depth at the bottom. theta_c is that of the surface particle
+straight above (label X, Y), so that zeta = sum a cos theta exactly. Then
 
     p / (rho g) = -z + sum a cosh k(z' + depth) / cosh k depth  cos theta         (0 at z = zeta, exactly)
     u_n = sum b_n omega cosh k(z' + depth) / cosh k depth  cos theta              (b = a coth k depth, as in waves.py)
     w   = sum a omega sinh k(z' + depth) / sinh k depth  sin theta                (up; 0 at the bottom)
 
-and the acceleration is the rate of u and w at a fixed label and z'. At the surface all of it is the Gerstner
-particle's own motion; far below it dies out as in linear theory. In deep water pressure grows with depth everywhere,
-because sum k a < 1.
+The acceleration is the rate of u and w at a fixed label and z'. At the surface the motion is that of the Gerstner
+particle; far below, it decays as in linear theory. In deep water the pressure grows with depth everywhere, because
+sum k a < 1.
 
-The pressure differs from Gerstner's exact one by second order in k a: it is higher by rho g k a^2 (1 - exp k z')^2 / 2
-of each component, because it counts from still water and the mean of Gerstner's surface is lower (`Sea.mean_level`);
-for one wave of k a = 0.16 by at most 0.6 % at any depth (tests/physics/test_waves.py).
+The pressure differs from Gerstner's exact one by second order in k a. Each component makes it higher by rho g k a^2 (1
+- exp k z')^2 / 2, because it counts from still water, and the mean of Gerstner's surface is lower (`Sea.mean_level`).
+For one wave of k a = 0.16 the difference is at most 0.6 % at any depth (tests/physics/test_waves.py).
 
-Written with exponentials of -2k(depth + z') and -2k depth, so that deep and finite depth share one form and nothing
-overflows; depth < 0 means deep water.
+The exponentials of -2k(depth + z') and -2k depth give deep and finite water one form without overflow; depth < 0 means
+deep water.
 """
 
 # Kernels are another language inside Python syntax.
@@ -36,9 +36,10 @@ from taichi_sim.kernels import fast
 
 @ti.func
 def stretched(z, zeta, depth):
-    """Height z' <= 0 (m) under the instantaneous surface zeta at which linear theory is read, for the height z (m, up).
+    """Height z' <= 0 (m) below the instantaneous surface zeta at which linear theory is evaluated, for the height z (m,
+    up).
 
-    Above the surface it is 0, below the bottom -depth.
+    It is 0 above the surface and -depth below the bottom.
     """
     below = ti.min(z - zeta, 0.0)
     if depth > 0:
@@ -48,9 +49,9 @@ def stretched(z, zeta, depth):
 
 @ti.func
 def column_at_label(sea: ti.template(), phase: ti.template(), count: ti.template(), s, row, X, Y, below, depth, tau):
-    """(eta, velocity 3, acceleration 3) at stretched height `below` (m, <= 0) under the surface particle (X, Y).
+    """(eta, velocity 3, acceleration 3) at the stretched height `below` (m, <= 0) under the surface particle (X, Y).
 
-    eta (m) is the dynamic pressure over rho g; velocity (m/s) and acceleration (m/s^2) are north, east, up.
+    eta (m) is the dynamic pressure over rho g. Velocity (m/s) and acceleration (m/s^2) are north, east, up.
     """
     eta = X * 0.0
     vx, vy, vz = eta, eta, eta

@@ -1,16 +1,16 @@
 """Gerstner (trochoidal) waves as Taichi functions on values.
 
-A surface particle with label (X, Y) is, with theta_c = kx X + ky Y - omega t + phase,
+A surface particle with label (X, Y) has the position, with theta_c = kx X + ky Y - omega t + phase,
 
     x = X - sum bx sin theta,   y = Y - sum by sin theta,   zeta = sum a cos theta
 
-(Gerstner 1802; Lamb 1932, art. 251), (bx, by) = a coth(k depth) (kx, ky) / k. Quantities at a point (x, y)
-need the label first: `invert_label` solves x = X - sum b sin theta.
+(Gerstner 1802; Lamb 1932, art. 251), where (bx, by) = a coth(k depth) (kx, ky) / k. A query at a point (x, y) needs the
+label first: `invert_label` solves x = X - sum b sin theta.
 
-`sea` is the table [sea, 8, component] of conventions.py, `s` the sea's index, and `phase[row, component]` holds
-each component's phase - omega t, reduced in f64 (`Sea.phases`): positions and times stay small in f32. `tau` (s) is
-a time since that phase. `count`, the number of components, is a constant of the compiled kernel: only a loop of known
-length is unrolled over whole vectors, which halves its time at 16 components.
+`sea` is the table [sea, 8, component] of conventions.py, and `s` the index of the realisation. `phase[row, component]`
+is phase - omega t of each component, reduced in f64 (`Sea.phases`), so that angles and times stay small in f32. `tau`
+(s) is the time since then. `count`, the number of components, is a constant of the compiled kernel: only a loop of
+known length is unrolled into whole vectors, which halves its time at 16 components.
 """
 
 # Kernels are another language inside Python syntax.
@@ -21,7 +21,7 @@ import taichi as ti
 from taichi_sim.conventions import AMPLITUDE, BX, BY, KX, KY, OMEGA, K
 from taichi_sim.kernels import fast
 
-SMALLEST_DETERMINANT = 1e-4  # of the Jacobian in Newton's method: keeps a step finite at a cusp
+SMALLEST_DETERMINANT = 1e-4  # lower limit of the Jacobian in Newton's method, to keep a step finite at a cusp
 
 
 @ti.func
@@ -48,9 +48,9 @@ def elevation_at_label(sea: ti.template(), phase: ti.template(), count: ti.templ
 
 @ti.func
 def displacement_and_four_elevations(sea: ti.template(), phase: ti.template(), count: ti.template(), s, row, X, Y, tau):
-    """In one pass: displacement (north, east, m) at label 0 and elevations (m, up) at labels 1-4 of X, Y (5-vectors).
+    """Displacement (north, east, m) at label 0 and elevations (m, up) at labels 1-4 of X, Y (5-vectors), in one pass.
 
-    The sums wait for each other's rounding chain when taken one after the other; together they overlap.
+    Separate sums would each wait for their own chain of additions; in one pass the chains overlap.
     """
     dx, dy = X[0] * 0.0, X[0] * 0.0
     z1, z2, z3, z4 = X[0] * 0.0, X[0] * 0.0, X[0] * 0.0, X[0] * 0.0
@@ -69,7 +69,7 @@ def displacement_and_four_elevations(sea: ti.template(), phase: ti.template(), c
 
 @ti.func
 def jacobian(sea: ti.template(), phase: ti.template(), count: ti.template(), s, row, X, Y, tau):
-    """(dx/dX, dx/dY = dy/dX, dy/dY) at the label (X, Y); symmetric because b is parallel to k."""
+    """(dx/dX, dx/dY = dy/dX, dy/dY) at the label (X, Y); it is symmetric because b is parallel to k."""
     jxx, jxy, jyy = X * 0.0 + 1.0, X * 0.0, X * 0.0 + 1.0
     for c in range(count):
         kx, ky = sea[s, KX, c], sea[s, KY, c]
@@ -84,15 +84,15 @@ def jacobian(sea: ti.template(), phase: ti.template(), count: ti.template(), s, 
 def invert_label(
     sea: ti.template(), phase: ti.template(), count: ti.template(), s, row, x, y, tau, iterations: ti.template()
 ):
-    """Label (X, Y) of the particle now at (x, y), by Newton's method with step halving.
+    """Label (X, Y) of the particle at (x, y), by Newton's method with step halving.
 
-    The map from labels to points is the gradient of a convex function while the surface does not loop
-    (sum k b < 1), so a step short enough always comes closer: a step that does not is undone and halved. Seas
-    reach rounding in 5 iterations; one wave of k a = 0.99, nearly a cusp, needs them all.
+    While the surface does not loop (sum k b < 1), the map from labels to points is the gradient of a convex function. A
+    step that is short enough then always comes closer, so a step that does not is undone and halved. Seas converge to
+    rounding in 5 iterations; a single wave of k a = 0.99, nearly a cusp, needs all of them.
     """
     label, trial = ti.Vector([x, y]), ti.Vector([x, y])
     step = label * 0.0
-    residual = x * 0.0 - 1.0  # squared distance (m^2) of the best label's point from (x, y); none yet
+    residual = x * 0.0 - 1.0  # squared distance (m^2) of the best label's point from (x, y); -1: none yet
     for _ in range(iterations):
         d = displacement(sea, phase, count, s, row, trial[0], trial[1], tau)
         rx, ry = x - trial[0] + d[0], y - trial[1] + d[1]
@@ -154,8 +154,8 @@ def surface_acceleration(sea: ti.template(), phase: ti.template(), count: ti.tem
 def airy_at(sea: ti.template(), phase: ti.template(), count: ti.template(), s, row, x, y, z, depth, g, tau):
     """Linear (Airy) orbital velocity (north, east, up; m/s) and p_dyn / rho (m^2/s^2) at height z <= 0 (up, m).
 
-    Written with exponentials of -2k(depth + z) and -2k depth, so that deep and finite depth share one form and
-    nothing overflows; depth < 0 means deep water.
+    The exponentials of -2k(depth + z) and -2k depth give deep and finite water one form without overflow; depth < 0
+    means deep water.
     """
     vx, vy, vz, p = x * 0.0, x * 0.0, x * 0.0, x * 0.0
     for c in range(count):

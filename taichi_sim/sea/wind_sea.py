@@ -1,14 +1,14 @@
-"""Height and period of a wind sea: from a sea state, a wind and a fetch, or a wind alone.
+"""Height and period of a wind sea, from a sea state, from wind and fetch, or from a wind alone.
 
-Fully developed (Pierson & Moskowitz 1964), U at 19.5 m:  hs = 0.2092 U^2 / g,  omega_p = 0.877 g / U.
+A fully developed sea (Pierson & Moskowitz 1964), with U at 19.5 m, has hs = 0.2092 U^2 / g and omega_p = 0.877 g / U.
 
-Fetch-limited (fetch laws of Hasselmann et al. 1973, JONSWAP, in Kitaigorodskii's scaling; also Stewart 2008,
-Introduction to Physical Oceanography, sec. 16.4), with U10 at 10 m and x = g fetch / U10^2, E = g^2 m0 / U10^4,
+A fetch-limited sea follows the laws of Hasselmann et al. (1973, JONSWAP) in Kitaigorodskii's scaling (also in Stewart
+2008, Introduction to Physical Oceanography, sec. 16.4), with U10 at 10 m and x = g fetch / U10^2, E = g^2 m0 / U10^4,
 f = f_p U10 / g:
 
-    E = 1.6e-7 x,  f = 3.5 x^-0.33,
+    E = 1.6e-7 x,  f = 3.5 x^-0.33.
 
-no larger and no longer than the fully developed sea of the same wind, which these laws meet near x = 2e4.
+It is never larger or longer than the fully developed sea of the same wind, which these laws reach near x = 2e4.
 
 Winds at two heights follow the neutral logarithmic profile U(z) = U10 (1 + sqrt(C_D) / kappa ln(z / 10 m)) with
 C_D = 1.3e-3, so that U19.5 = 1.060 U10. (Stewart's eq. 16.29 prints 1.026 for this C_D, which the profile does not
@@ -28,8 +28,8 @@ from taichi_sim.sea.spectrum import CALM_PERIOD, pierson_moskowitz_hs_tp
 JONSWAP_ENERGY = 1.6e-7  # E / x
 JONSWAP_FREQUENCY, JONSWAP_FREQUENCY_POWER = 3.5, -0.33  # f = 3.5 x^-0.33
 
-WIND_HEIGHT, PM_WIND_HEIGHT = 10.0, 19.5  # m, of wind_speed and of Pierson & Moskowitz's ship-borne anemometers
-DRAG_COEFFICIENT = 1.3e-3  # of the sea at 10 m (Stewart 2008, sec. 16.4)
+WIND_HEIGHT, PM_WIND_HEIGHT = 10.0, 19.5  # m; of wind_speed, and of the anemometers of Pierson & Moskowitz
+DRAG_COEFFICIENT = 1.3e-3  # of the sea surface, at 10 m (Stewart 2008, sec. 16.4)
 VON_KARMAN = 0.4
 
 
@@ -41,24 +41,24 @@ class SeaSize(NamedTuple):
 
 
 def wind_19_5(wind_speed: float) -> float:
-    """Wind speed (m/s) at 19.5 m over one at 10 m: neutral logarithmic profile."""
+    """Convert a wind speed (m/s) at 10 m to 19.5 m by the neutral logarithmic profile."""
     slope = math.sqrt(DRAG_COEFFICIENT) / VON_KARMAN
     return wind_speed * (1 + slope * math.log(PM_WIND_HEIGHT / WIND_HEIGHT))
 
 
 def developed_sea(wind_speed: float) -> SeaSize:
-    """Fully developed Pierson-Moskowitz sea of a wind (m/s) at 10 m."""
+    """Fully developed Pierson-Moskowitz sea under a wind (m/s) at 10 m."""
     return SeaSize(*pierson_moskowitz_hs_tp(wind_19_5(wind_speed)))
 
 
 def developed_period(hs: float) -> float:
-    """Peak period (s) of the fully developed sea of height hs (m, > 0): tp grows as sqrt(hs)."""
+    """Peak period (s) of the fully developed sea of height hs (m, > 0); it grows as sqrt(hs)."""
     unit = SeaSize(*pierson_moskowitz_hs_tp(1.0))
     return unit.tp * math.sqrt(hs / unit.hs)
 
 
 def growing_sea(wind_speed: float, fetch: float, g: float = GRAVITY) -> SeaSize:
-    """JONSWAP sea of a wind (m/s) at 10 m over a fetch (m), at most fully developed."""
+    """JONSWAP sea under a wind (m/s) at 10 m over a fetch (m), at most fully developed."""
     x = g * fetch / wind_speed**2
     hs = 4 * math.sqrt(JONSWAP_ENERGY * x) * wind_speed**2 / g
     tp = wind_speed / g / (JONSWAP_FREQUENCY * x**JONSWAP_FREQUENCY_POWER)
@@ -67,9 +67,9 @@ def growing_sea(wind_speed: float, fetch: float, g: float = GRAVITY) -> SeaSize:
 
 
 def sea_size(config: SeaConfig) -> SeaSize:
-    """Height and period of the wind sea (without swell) of a configuration, whichever way it gives them.
+    """Height and period of the wind sea (without swell) of a configuration.
 
-    Of a measured sea those of its record; of all records their mean.
+    For a measured sea they are those of its record, or the mean over its records.
     """
     if config.measured:
         records = records_of(config)
@@ -81,5 +81,5 @@ def sea_size(config: SeaConfig) -> SeaSize:
         if config.fetch is not None:
             return growing_sea(config.wind_speed, config.fetch)
         return developed_sea(config.wind_speed)
-    assert config.hs is not None and config.tp is not None  # SeaConfig has seen to it
+    assert config.hs is not None and config.tp is not None  # SeaConfig ensures it
     return SeaSize(config.hs, config.tp)

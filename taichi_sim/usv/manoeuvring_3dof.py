@@ -2,22 +2,21 @@
 
     eta_dot = R(psi) nu,   M nu_dot = -C(nu) nu - D(nu) nu - g + tau,
 
-with eta = [x, y, psi] in n, nu = [u, v, r] in b; M, C, D and the wave disturbance g are in manoeuvring_loads.py.
+with eta = [x, y, psi] in n and nu = [u, v, r] in b. M, C, D and the wave disturbance g are in manoeuvring_loads.py.
 
-Current: the water moves with V_c, constant in n, so that nu_c = R^T V_c turns in b, nu_c_dot = -S(r) nu_c. Rigid-body
-terms act on nu, hydrodynamic ones on nu_r = nu - nu_c and its derivative. As M_rb nu_c_dot + C_rb(nu) nu -
-C_rb(nu_r) nu_r = 0, this is the same equation in nu_r (Fossen 2021, Handbook of Marine Craft Hydrodynamics and Motion
-Control, sec. 10.3), which is what is integrated: eta_dot = R nu_r + V_c.
+Current: the water moves with V_c, constant in n. In b, nu_c = R^T V_c turns: nu_c_dot = -S(r) nu_c. Rigid-body terms
+act on nu, hydrodynamic ones on nu_r = nu - nu_c and its derivative. Because M_rb nu_c_dot + C_rb(nu) nu - C_rb(nu_r)
+nu_r = 0, this is the same equation in nu_r (Fossen 2021, Handbook of Marine Craft Hydrodynamics and Motion Control,
+sec. 10.3). The model integrates that equation, with eta_dot = R nu_r + V_c.
 
-Heave, roll and pitch follow the plane through the elevations under the four corners of the water plane. A load from
-outside acts by its X, Y and N, as in a hull that floats upright; its Z, K and M do nothing.
+Heave, roll and pitch follow the plane through the elevations under the four corners of the waterplane. X, Y and N of an
+external load act as on a hull that floats upright; Z, K and M have no effect.
 """
 
 # Kernels are another language inside Python syntax.
 # pyright: reportIndexIssue=false, reportInvalidTypeForm=false
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 import taichi as ti
@@ -26,12 +25,9 @@ from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
 from taichi_sim.config import ConfigError
-from taichi_sim.conventions import ELEVATION
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import fast
-from taichi_sim.kernels.kinematics import store
 from taichi_sim.kernels.packs import AroundPack, FleetPack, load_at, numbers_at
-from taichi_sim.kernels.rotation import quaternion_product, rotation_matrix
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.usv.manoeuvring_loads import (
     VARYING,
@@ -41,8 +37,8 @@ from taichi_sim.usv.manoeuvring_loads import (
     numbers_of,
     wave_load,
 )
-from taichi_sim.usv.plane import attitude, elevations, heading, planar, water_plane
-from taichi_sim.usv.vessel import Vessel, steady_speed
+from taichi_sim.usv.plane import elevations, planar, water_plane, write_rates, write_state
+from taichi_sim.usv.vessel import Number, Vessel, steady_speed
 from taichi_sim.vehicle import Limits
 
 ACTION_NAMES = {"acceleration_yaw": ("acceleration", "yaw"), "surge_sway_yaw": ("surge", "sway", "yaw")}
@@ -50,20 +46,20 @@ AUX = (
     "displacement_north", "displacement_east", "displacement_change_north", "displacement_change_east",  # m
     "wave_X", "wave_Y", "wave_N", "X", "Y", "N",  # N, N m
 )  # fmt: skip
-LABEL, WAVE, CONTROLS = (AUX.index(name) for name in ("displacement_north", "wave_X", "X"))  # first columns
+LABEL, WAVE, CONTROLS = (AUX.index(name) for name in ("displacement_north", "wave_X", "X"))  # first column of each
 
 
 @ti.data_oriented
 class Manoeuvring3dof(Vessel):
-    """Steps a team of vessels in place: RK4 in (x, y, psi, u_r, v_r, r), waves and thrust held over a substep.
+    """Steps a team of vessels in place: RK4 in (x, y, psi, u_r, v_r, r), with waves and thrust constant over a substep.
 
-    Actions are in [-1, 1]: acceleration maps to X in [0, surge_force_max], yaw to N = yaw_moment_max yaw; with
-    actions = "surge_sway_yaw" all three are symmetric. Controls are the forces X, Y (N) and N (N m).
+    Actions are in [-1, 1]. Acceleration maps to X in [0, surge_force_max], yaw to N = yaw_moment_max yaw. With actions
+    = "surge_sway_yaw" all three are symmetric. Controls are the forces X, Y (N) and the moment N (N m).
 
-    Auxiliary state (`aux_names`): displacement of the surface particle at the hull's centre and its change in the last
-    substep (found as in unity_boat.py); wave load of the surface met at the end of the last substep (none before the
-    first); the controls. It follows the surface: it cannot capsize or be swamped. It feels the current at
-    the surface, and no wind.
+    The auxiliary state (`aux_names`) holds three parts. The first is the displacement of the surface particle at the
+    hull's centre and its change in the last substep (found as in unity_boat.py). The second is the wave load of the
+    surface at the end of the last substep, zero before the first. The third is the controls. The vessel follows the
+    surface, so it cannot capsize or be swamped. The current at the surface acts on it; the wind does not.
     """
 
     Params = Manoeuvring3dofParams
@@ -73,10 +69,10 @@ class Manoeuvring3dof(Vessel):
     varying = VARYING
 
     def __init__(self, params: Manoeuvring3dofParams, dt: float, substeps: int):
-        """Take the numbers of `params`, the step dt (s) and the substeps of a control step.
+        """Take `params`, the step dt (s) and the number of substeps in a control step.
 
         Raises:
-            ConfigError: if dt is beyond the largest at which RK4 is stable.
+            ConfigError: if dt is too large for a stable RK4.
         """
         super().__init__(params, dt, substeps)
         if not dt <= params.largest_dt:
@@ -87,29 +83,29 @@ class Manoeuvring3dof(Vessel):
 
     @property
     def limits(self) -> Limits:
-        """Its top speed is where damping takes all the thrust."""
+        """Limits of the vessel; the top speed is that at which damping equals the whole thrust."""
         p = self.params
         return Limits((0.0, 0.0, steady_speed(p.surge_force_max, -p.X_u, -p.X_uu, -p.X_uuu)))
 
     def steer(self, ahead: ArrayLike, helm: ArrayLike) -> NDArray[np.float64]:
-        """Actions of a helmsman: `ahead` and `helm` are shares of surge_force_max and yaw_moment_max."""
+        """Return the actions of a helmsman: `ahead` and `helm` are shares of surge_force_max and yaw_moment_max."""
         ahead, helm = np.broadcast_arrays(np.asarray(ahead, dtype=np.float64), helm)
         if self.backs:
             return np.stack((ahead, np.zeros_like(ahead), helm), axis=-1)
         return np.stack((2.0 * ahead - 1.0, helm), axis=-1)
 
-    def own(self, values: Mapping[str, Any]) -> ManoeuvringNumbers:
-        """What the kernel works with."""
+    def own(self, values: Mapping[str, Number]) -> ManoeuvringNumbers:
+        """Numbers that the kernel uses."""
         return numbers_of(values, self.p.length, self.dt)
 
     def step(self, fleet: Fleet, around: Surroundings) -> None:
-        """Advance one control step."""
+        """Advance by one control step."""
         fleet.launch(self._step, fleet.pack, around.pack, self.build(fleet, around))
 
     def equations(self, state: Tensor, controls: Tensor, current: Tensor, wind: Tensor, load: Tensor) -> Tensor:
-        """d(state)/dt [n, 13] of motion in the plane: position, heading, u, v, r; the rest of the rates is zero.
+        """d(state)/dt [n, 13] of the planar motion (position, heading, u, v, r); all other rates are zero.
 
-        Heave, roll and pitch of `state` do not count, nor does the wind.
+        Heave, roll and pitch of `state`, and the wind, have no effect.
         """
         out = torch.zeros_like(state)
         self._rhs(out, state, controls, current, load)
@@ -124,15 +120,7 @@ class Manoeuvring3dof(Vessel):
             tau = ti.Vector([controls[n, 0] + load[n, 0], controls[n, 1] + load[n, 1], controls[n, 2] + load[n, 5]])
             s, _ = planar(y, V_c)
             rate = self.derivatives(self.constants, s, tau, V_c)
-            sine, cosine = fast.sincos(s[2])
-            u_c, v_c = cosine * V_c[0] + sine * V_c[1], cosine * V_c[1] - sine * V_c[0]
-            turn = ti.Vector([y[3] * 0.0, y[3] * 0.0, y[3] * 0.0, 0.5 * s[5]])  # about the vertical
-            q_dot = quaternion_product(turn, ti.Vector([y[3], y[4], y[5], y[6]]))
-            out[n, 0], out[n, 1] = rate[0], rate[1]
-            for k in ti.static(range(4)):
-                out[n, 3 + k] = q_dot[k]
-            # over ground: nu_c turns in b
-            out[n, 7], out[n, 8], out[n, 12] = rate[3] + s[5] * v_c, rate[4] - s[5] * u_c, rate[5]
+            write_rates(out, n, y, s, rate, V_c)
 
     @ti.kernel
     def _step(self, fleet: FleetPack, around: AroundPack, build: ti.template()):
@@ -152,26 +140,12 @@ class Manoeuvring3dof(Vessel):
                 s, plane, before, memory = self.advance(
                     self.constants, build, around, e, s, plane, memory, actions, tau, V_c
                 )
-            q, omega = attitude(s[2], s[5], plane, (plane - before) / ti.static(self.dt))
-            R_nb = rotation_matrix(q)
-            c, sine = heading(R_nb)
-            v_n = ti.Vector([c * s[3] - sine * s[4] + V_c[0], sine * s[3] + c * s[4] + V_c[1], 0.0])
-            v_n[2] = (before[0] - plane[0]) / ti.static(self.dt)
-            store(fleet.derived, e, i, R_nb, v_n)
-            v_b = R_nb.transpose() @ v_n
-            fleet.state[e, i, 0], fleet.state[e, i, 1], fleet.state[e, i, 2] = s[0], s[1], -plane[0]
-            for k in ti.static(range(4)):
-                fleet.state[e, i, 3 + k] = q[k]
-            for k in ti.static(range(3)):
-                fleet.state[e, i, 7 + k], fleet.state[e, i, 10 + k] = v_b[k], omega[k]
-            for k in ti.static(range(len(AUX))):
-                fleet.aux[e, i, k] = memory[k]
-            fleet.surface[e, i, ELEVATION] = plane[0]
+            write_state(fleet, e, i, s, plane, before, memory, V_c, self.dt)
 
     @ti.func
     def advance(self, p: ti.template(), build: ti.template(), around: ti.template(), e, s, plane, memory, actions, tau,
                 V_c):  # fmt: skip
-        """s, water plane now and one substep before, and auxiliary state, one control step later."""
+        """s, water plane now and one substep earlier, and auxiliary state, after one control step."""
         before = plane
         D = ti.Vector([memory[LABEL], memory[LABEL + 1]])
         change = ti.Vector([memory[LABEL + 2], memory[LABEL + 3]])
@@ -200,7 +174,7 @@ class Manoeuvring3dof(Vessel):
 
     @ti.func
     def commanded(self, p: ti.template(), actions):
-        """Forces X, Y (N) and moment N (N m) that the actions ask for."""
+        """Forces X, Y (N) and moment N (N m) that the actions command."""
         X, Y, N = actions[0], actions[0] * 0.0, actions[1]
         if ti.static(self.p.actions == "surge_sway_yaw"):
             Y, N = actions[1], actions[2]
@@ -210,7 +184,7 @@ class Manoeuvring3dof(Vessel):
 
     @ti.func
     def derivatives(self, p: ti.template(), s, tau, V_c):
-        """Rates of s = [x, y, psi, u_r, v_r, r] under tau = [X, Y, N], velocity relative to water that moves by V_c."""
+        """Rates of s = [x, y, psi, u_r, v_r, r] under tau = [X, Y, N], in water that moves by V_c."""
         sine, cosine = fast.sincos(s[2])
         a = acceleration(p, s[3], s[4], s[5], tau)
         x_dot, y_dot = cosine * s[3] - sine * s[4] + V_c[0], sine * s[3] + cosine * s[4] + V_c[1]

@@ -1,6 +1,6 @@
-"""Numbers and forces of a surface vessel in the plane: the M, C, D and g of `manoeuvring_3dof`.
+"""Parameters and loads of a vessel in the plane: M, C, D and g of `manoeuvring_3dof`.
 
-Inertia, Coriolis and damping are those of eqs (3)-(4) of the seed paper in the notation of Skjetne, Smogeli & Fossen
+Inertia, Coriolis and damping are those of eqs (3)-(4) of the seed paper, in the notation of Skjetne, Smogeli & Fossen
 (2004), Modeling, Identification and Control 25(1), 3-27:
 
     m11 = m - X_udot, m22 = m - Y_vdot, m23 = m x_g - Y_rdot, m32 = m x_g - N_vdot, m33 = I_z - N_rdot,
@@ -9,9 +9,10 @@ Inertia, Coriolis and damping are those of eqs (3)-(4) of the seed paper in the 
     d22 = -(Y_v + Y_vv |v| + Y_rv |r|),  d23 = -(Y_r + Y_vr |v| + Y_rr |r|),
     d32 = -(N_v + N_vv |v| + N_rv |r|),  d33 = -(N_r + N_vr |v| + N_rr |r|).
 
-Waves are the disturbance g. The water of a long wave is accelerated by -g grad(zeta), and a body in accelerated water
-feels (mass displaced + added mass) times that (Taylor 1928): a wall-sided block of the hull's length and beam, with
-the slope averaged over it. Its yaw moment is that of a transverse acceleration that changes along the hull.
+The disturbance g is the load of waves. A long wave accelerates the water by -g grad(zeta). The load on a body in
+accelerated water is (displaced mass + added mass) times that acceleration (Taylor 1928). The body is a wall-sided block
+of the hull's length and beam, and the slope is averaged over it. The yaw moment comes from the change of the transverse
+acceleration along the hull.
 """
 
 # Kernels are another language inside Python syntax.
@@ -19,7 +20,7 @@ the slope averaged over it. Its yaw moment is that of a transverse acceleration 
 
 import math
 from collections.abc import Mapping
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 import taichi as ti
@@ -27,18 +28,19 @@ from pydantic import model_validator
 
 from taichi_sim.config import Finite, NonNegative, Positive, Strict
 from taichi_sim.conventions import GRAVITY
+from taichi_sim.usv.vessel import Number, steady_speed
 
-AT_ONCE = 1e-300  # s, added to the time constant of an actuator: of one without lag nothing is left after any step
+AT_ONCE = 1e-300  # s; added to an actuator's time constant, so that one without lag follows at once
 
 
 class Manoeuvring3dofParams(Strict):
-    """Numbers of a vehicle file with model = "manoeuvring_3dof"; derivatives not given are zero."""
+    """Parameters of a vehicle file with model = "manoeuvring_3dof"; derivatives that are not given are zero."""
 
     length: Positive  # m
     beam: Positive  # m
     height: Positive  # m
     collision_radius: Positive  # m
-    mass: Positive  # kg, which is also the mass of the water displaced
+    mass: Positive  # kg, also of the displaced water
     I_z: Positive  # kg m^2, about the body origin
     x_g: Finite = 0.0  # centre of mass ahead of the body origin, m
     X_udot: Finite = 0.0  # added mass, kg (negative)
@@ -63,10 +65,10 @@ class Manoeuvring3dofParams(Strict):
     N_rr: Finite = 0.0  # N m s^2, of |r| r
     actions: Literal["acceleration_yaw", "surge_sway_yaw"] = "acceleration_yaw"
     surge_force_max: Positive  # N
-    sway_force_max: NonNegative = 0.0  # N, of actions = "surge_sway_yaw"
+    sway_force_max: NonNegative = 0.0  # N, for actions = "surge_sway_yaw"
     yaw_moment_max: Positive  # N m
     time_constant: NonNegative = 0.0  # of the actuators, s; 0: a command acts at once
-    wave_response: bool = True  # whether waves push the hull; it rides on them either way
+    wave_response: bool = True  # whether waves push the hull; it rides on them in any case
 
     @model_validator(mode="after")
     def _inertia_is_positive(self):
@@ -81,15 +83,13 @@ class Manoeuvring3dofParams(Strict):
 
     @property
     def M(self) -> np.ndarray:  # noqa: N802
-        """Inertia matrix [3, 3] of eq. (4), rigid body and added mass."""
+        """Inertia matrix [3, 3] of eq. (4): rigid body plus added mass."""
         m11, m22, m23, m32, m33 = _inertia(self.model_dump())
         return np.array([[m11, 0.0, 0.0], [0.0, m22, m23], [0.0, m32, m33]])
 
     def steady_surge(self, force: float) -> float:
-        """Speed (m/s) of a straight run under `force` (N >= 0): X_uuu u^3 + X_uu u^2 + X_u u + force = 0."""
-        roots = np.roots([self.X_uuu, self.X_uu, self.X_u, force])
-        ahead = roots.real[(np.abs(roots.imag) < 1e-9) & (roots.real > 0)]
-        return float(ahead.min(initial=np.inf))
+        """Speed (m/s) of a straight run under `force` (N >= 0), from X_uuu u^3 + X_uu u^2 + X_u u + force = 0."""
+        return steady_speed(force, -self.X_u, -self.X_uu, -self.X_uuu)
 
     def eigenvalues(self, u: float) -> np.ndarray:
         """Eigenvalues [3] (1/s) of the model linearised about a straight run at u (m/s)."""
@@ -102,14 +102,14 @@ class Manoeuvring3dofParams(Strict):
 
     @property
     def largest_dt(self) -> float:
-        """Largest step (s) of RK4 at which what decays, at rest and in a straight run at full force, does not grow."""
+        """Largest step (s) at which RK4 is stable, at rest and in a straight run at full force."""
         top = self.steady_surge(self.surge_force_max)
         speeds = (0.0, top) if np.isfinite(top) else (0.0,)
         return min(_rk4_limit(value) for u in speeds for value in self.eigenvalues(u))
 
 
-def _inertia(values: Mapping[str, Any]) -> tuple[Any, Any, Any, Any, Any]:
-    """m11, m22, m23, m32, m33 (see the module)."""
+def _inertia(values: Mapping[str, Number]) -> tuple[Number, Number, Number, Number, Number]:
+    """Return m11, m22, m23, m32 and m33 (see the module's docstring)."""
     mass, x_g = values["mass"], values["x_g"]
     m23, m32 = mass * x_g - values["Y_rdot"], mass * x_g - values["N_vdot"]
     return mass - values["X_udot"], mass - values["Y_vdot"], m23, m32, values["I_z"] - values["N_rdot"]
@@ -120,43 +120,43 @@ def _rk4_limit(eigenvalue: complex) -> float:
     if eigenvalue.real >= 0:
         return np.inf
     growth = np.array([eigenvalue**k / math.factorial(k) for k in range(5)])
-    square_less_one = np.convolve(growth, growth.conj()).real[1:]  # over dt
+    square_less_one = np.convolve(growth, growth.conj()).real[1:]  # (|growth|^2 - 1) / dt
     roots = np.roots(square_less_one[::-1])
     return float(roots.real[(np.abs(roots.imag) < 1e-9 * np.abs(roots)) & (roots.real > 0)].min())
 
 
 class ManoeuvringNumbers(NamedTuple):
-    """What the kernel works with; the derivatives by their names in the vehicle file."""
+    """Numbers of one vessel that the kernel uses; derivatives have their names in the vehicle file."""
 
-    m11: float  # kg
-    m22: float  # kg
-    m23: float  # kg m
-    m32: float  # kg m
-    m33: float  # kg m^2
-    c13_r: float  # (m23 + m32) / 2, kg m
-    inverse_m11: float
-    inverse_det: float  # of m22 m33 - m23 m32
-    block_yaw: float  # inertia in yaw of the water that a wall-sided block displaces, with the added one, kg m^2
-    X_max: float  # N
-    Y_max: float  # N
-    N_max: float  # N m
-    lag_end: float  # of what an actuator lacks, left after a step
-    lag_mean: float  # the same, mean over the step
-    X_u: float
-    X_uu: float
-    X_uuu: float
-    Y_v: float
-    Y_vv: float
-    Y_rv: float
-    Y_r: float
-    Y_vr: float
-    Y_rr: float
-    N_v: float
-    N_vv: float
-    N_rv: float
-    N_r: float
-    N_vr: float
-    N_rr: float
+    m11: Number  # kg
+    m22: Number  # kg
+    m23: Number  # kg m
+    m32: Number  # kg m
+    m33: Number  # kg m^2
+    c13_r: Number  # (m23 + m32) / 2, kg m
+    inverse_m11: Number
+    inverse_det: Number  # of m22 m33 - m23 m32
+    block_yaw: Number  # yaw inertia of the water that a wall-sided block displaces, plus added inertia, kg m^2
+    X_max: Number  # N
+    Y_max: Number  # N
+    N_max: Number  # N m
+    lag_end: Number  # remaining share of an actuator's deviation from its command after a step
+    lag_mean: Number  # mean of that share over the step
+    X_u: Number
+    X_uu: Number
+    X_uuu: Number
+    Y_v: Number
+    Y_vv: Number
+    Y_rv: Number
+    Y_r: Number
+    Y_vr: Number
+    Y_rr: Number
+    N_v: Number
+    N_vv: Number
+    N_rv: Number
+    N_r: Number
+    N_vr: Number
+    N_rr: Number
 
 
 DAMPING = ManoeuvringNumbers._fields[ManoeuvringNumbers._fields.index("X_u") :]
@@ -166,10 +166,10 @@ VARYING = (
 )  # fmt: skip
 
 
-def numbers_of(values: Mapping[str, Any], length: float, dt: float) -> ManoeuvringNumbers:
-    """What a kernel of step dt (s) works with, of a hull of `length` (m) and of `values` of all that varies."""
+def numbers_of(values: Mapping[str, Number], length: float, dt: float) -> ManoeuvringNumbers:
+    """Numbers for a kernel with step dt (s), of a hull of `length` (m) with `values` for all keys that vary."""
     m11, m22, m23, m32, m33 = _inertia(values)
-    # Actuators close in on a command by exp(-dt / T) per step; the mean over the step is what the hull feels.
+    # An actuator's deviation from its command decays by exp(-dt / T) per step; its mean over the step acts on the hull.
     x = dt / (values["time_constant"] + AT_ONCE)
     lag_end = math.e**-x
     return ManoeuvringNumbers(
@@ -193,7 +193,7 @@ def numbers_of(values: Mapping[str, Any], length: float, dt: float) -> Manoeuvri
 
 @ti.func
 def acceleration(p: ti.template(), u, v, r, tau):
-    """nu_dot (m/s^2, rad/s^2) of eq. (3) at velocity [u v r] relative to the water, under tau [X Y N]."""
+    """nu_dot (m/s^2, rad/s^2) of eq. (3) at velocity [u v r] relative to the water, under tau = [X Y N]."""
     au, av, ar = ti.abs(u), ti.abs(v), ti.abs(r)
     c13, c23 = -p.m22 * v - p.c13_r * r, p.m11 * u
     d11 = -(p.X_u + p.X_uu * au + p.X_uuu * u * u)
@@ -211,6 +211,6 @@ def acceleration(p: ti.template(), u, v, r, tau):
 
 @ti.func
 def wave_load(p: ti.template(), plane):
-    """Force X, Y (N) and moment N (N m) of the waves on the hull, from its water plane."""
+    """Wave force X, Y (N) and moment N (N m) on the hull, from its water plane."""
     a_x, a_y, a_yx = -GRAVITY * plane[1], -GRAVITY * plane[2], -GRAVITY * plane[3]
     return ti.Vector([p.m11 * a_x, p.m22 * a_y + p.m23 * a_yx, p.m32 * a_y + p.block_yaw * a_yx])

@@ -5,16 +5,18 @@ Technol. 20, 37-52. About midships, with x and X ahead, y and Y to starboard, r 
 
     (m + m_x) u' - (m + m_y) v r - x_G m r^2 = X,
     (m + m_y) v' + (m + m_x) u r + x_G m r'  = Y,
-    (I_zG + x_G^2 m + J_z) r' + x_G m (v' + u r) = N,
+    (I_zG + x_G^2 m + J_z) r' + x_G m (v' + u r) = N.
 
-X, Y, N those of hull, propeller and rudder (mmg_loads.py), and of wind, waves and what acts from outside.
+X, Y and N are the loads of hull, propeller and rudder (mmg_loads.py), of wind and waves, and external loads.
 
-The water moves with the current V_c; the equations hold for the velocity relative to it (manoeuvring_3dof.py says why).
+The water moves with the current V_c, and the equations hold for the velocity relative to it (see manoeuvring_3dof.py).
 Heave, roll and pitch follow the surface under the hull (plane.py).
 
-Propeller and rudder follow their commands with a lag and a greatest rate,
+Propeller and rudder follow their commands with a lag T and a rate limit:
 
-    x' = (command - x) / T, at most `rate` either way;   without a lag (T = 0) at that rate until it is there.
+    x' = (command - x) / T, limited to `rate` in either direction.
+
+With T = 0 they move at that rate until they reach the command.
 """
 
 # Kernels are another language inside Python syntax.
@@ -22,7 +24,6 @@ Propeller and rudder follow their commands with a lag and a greatest rate,
 
 import math
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 import taichi as ti
@@ -30,18 +31,15 @@ import torch
 from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
-from taichi_sim.conventions import ELEVATION
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import fast
-from taichi_sim.kernels.kinematics import store
 from taichi_sim.kernels.packs import AroundPack, FleetPack, load_at, numbers_at
-from taichi_sim.kernels.rotation import quaternion_product, rotation_matrix
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.usv.manoeuvring_loads import wave_load
 from taichi_sim.usv.mmg_loads import VARYING, MmgNumbers, acceleration, loads, numbers_of, thrust, wind_load
 from taichi_sim.usv.mmg_params import MmgParams
-from taichi_sim.usv.plane import attitude, elevations, heading, planar, water_plane
-from taichi_sim.usv.vessel import Vessel
+from taichi_sim.usv.plane import elevations, planar, water_plane, write_rates, write_state
+from taichi_sim.usv.vessel import Number, Vessel
 from taichi_sim.vehicle import Limits
 
 AUX = (
@@ -54,16 +52,16 @@ LABEL, WAVE, CONTROLS, THRUST = (AUX.index(name) for name in ("displacement_nort
 
 @ti.data_oriented
 class Mmg3Dof(Vessel):
-    """Steps a team of ships in place: RK4 in (x, y, psi, u_r, v_r, r); waves are held over a substep.
+    """Steps a team of ships in place: RK4 in (x, y, psi, u_r, v_r, r), with waves constant over a substep.
 
-    Actions are in [-1, 1]: `propeller` maps to revolutions from -n_astern to n_ahead, 0 is stopped; `rudder` to angles
-    from -angle_max to angle_max, positive turns to starboard. Controls are the revolutions (1/s) and the angle (rad) as
-    they are.
+    Actions are in [-1, 1]. `propeller` maps to revolutions from -n_astern to n_ahead; 0 is stopped. `rudder` maps to
+    angles from -angle_max to angle_max; positive turns to starboard. Controls are the actual revolutions (1/s) and
+    rudder angle (rad).
 
-    Auxiliary state (`aux_names`): displacement of the surface particle at the hull's centre and its change in the last
-    substep (found as in unity_boat.py); wave load of the surface met at the end of the last substep; the controls, and
-    the thrust of all propellers. It follows the surface: it cannot capsize or be swamped. It feels the current at the
-    surface, and the wind on its areas.
+    The auxiliary state (`aux_names`) holds the displacement of the surface particle at the hull's centre and its change
+    in the last substep (found as in unity_boat.py), the wave load of the surface at the end of the last substep, the
+    controls, and the thrust of all propellers. The ship follows the surface, so it cannot capsize or be swamped. The
+    current at the surface and the wind on its areas act on it.
     """
 
     Params = MmgParams
@@ -74,7 +72,7 @@ class Mmg3Dof(Vessel):
     varying = VARYING
 
     def __init__(self, params: MmgParams, dt: float, substeps: int):
-        """Take the numbers of `params`, the step dt (s) and the substeps of a control step."""
+        """Take `params`, the step dt (s) and the number of substeps in a control step."""
         super().__init__(params, dt, substeps)
         self.p = params
         self.helm_max, self.backs = math.radians(params.rudder.angle_max_deg), params.propeller.n_astern > 0
@@ -86,7 +84,7 @@ class Mmg3Dof(Vessel):
 
     @property
     def limits(self) -> Limits:
-        """Its top speed is that of full revolutions ahead."""
+        """Limits of the ship; the top speed is that at full revolutions ahead."""
         return Limits((0.0, 0.0, self.params.steady_speed(self.params.propeller.n_ahead)))
 
     @property
@@ -96,12 +94,12 @@ class Mmg3Dof(Vessel):
 
     @property
     def wind_height(self) -> float:
-        """Height above the sea at which it feels the wind, m."""
+        """Height above the sea of the wind that acts on the ship, m."""
         return self.params.windage.height
 
     @property
     def forces(self) -> Mapping[str, tuple[tuple[float, float, float], tuple[str | None, str | None, str | None]]]:
-        """The thrust, at the propeller."""
+        """Load arrow of the thrust, at the propeller."""
         return {"thrust": ((self.params.propeller.x * self.params.length, 0.0, 0.0), ("thrust", None, None))}
 
     def power(self, fleet: Fleet) -> Tensor:
@@ -109,21 +107,23 @@ class Mmg3Dof(Vessel):
         return fleet.aux[..., THRUST] * fleet.velocity_b[..., 0]
 
     def steer(self, ahead: ArrayLike, helm: ArrayLike) -> NDArray[np.float64]:
-        """Actions of a helmsman: `ahead` is a share of n_ahead or, below 0, of n_astern; `helm` of angle_max."""
+        """Return the actions of a helmsman: `ahead` is a share of n_ahead or, below 0, of n_astern; `helm` is one
+        of angle_max.
+        """
         return np.stack(np.broadcast_arrays(np.asarray(ahead, dtype=np.float64), helm), axis=-1)
 
-    def own(self, values: Mapping[str, Any]) -> MmgNumbers:
-        """What the kernel works with."""
+    def own(self, values: Mapping[str, Number]) -> MmgNumbers:
+        """Numbers that the kernel uses."""
         return numbers_of(values, self.params, self.dt)
 
     def step(self, fleet: Fleet, around: Surroundings) -> None:
-        """Advance one control step."""
+        """Advance by one control step."""
         fleet.launch(self._step, fleet.pack, around.pack, self.build(fleet, around))
 
     def equations(self, state: Tensor, controls: Tensor, current: Tensor, wind: Tensor, load: Tensor) -> Tensor:
-        """d(state)/dt [n, 13] of motion in the plane: position, heading, u, v, r; the rest of the rates is zero.
+        """d(state)/dt [n, 13] of the planar motion (position, heading, u, v, r); all other rates are zero.
 
-        Heave, roll and pitch of `state` do not count.
+        Heave, roll and pitch of `state` have no effect.
         """
         out = torch.zeros_like(state)
         self._rhs(out, state, controls, current, wind, load)
@@ -139,15 +139,7 @@ class Mmg3Dof(Vessel):
             outside = ti.Vector([load[n, 0], load[n, 1], load[n, 5]])
             s, _ = planar(y, V_c)
             rate = self.derivatives(self.constants, s, ti.Vector([controls[n, 0], controls[n, 1]]), outside, V_c, V_w)
-            sine, cosine = fast.sincos(s[2])
-            u_c, v_c = cosine * V_c[0] + sine * V_c[1], cosine * V_c[1] - sine * V_c[0]
-            turn = ti.Vector([y[3] * 0.0, y[3] * 0.0, y[3] * 0.0, 0.5 * s[5]])  # about the vertical
-            q_dot = quaternion_product(turn, ti.Vector([y[3], y[4], y[5], y[6]]))
-            out[n, 0], out[n, 1] = rate[0], rate[1]
-            for k in ti.static(range(4)):
-                out[n, 3 + k] = q_dot[k]
-            # over ground: nu_c turns in b
-            out[n, 7], out[n, 8], out[n, 12] = rate[3] + s[5] * v_c, rate[4] - s[5] * u_c, rate[5]
+            write_rates(out, n, y, s, rate, V_c)
 
     @ti.kernel
     def _step(self, fleet: FleetPack, around: AroundPack, build: ti.template()):
@@ -168,26 +160,12 @@ class Mmg3Dof(Vessel):
                 s, plane, before, memory = self.advance(
                     self.constants, build, around, e, s, plane, memory, asked, tau, V_c, V_w
                 )
-            q, omega = attitude(s[2], s[5], plane, (plane - before) / ti.static(self.dt))
-            R_nb = rotation_matrix(q)
-            c, sine = heading(R_nb)
-            v_n = ti.Vector([c * s[3] - sine * s[4] + V_c[0], sine * s[3] + c * s[4] + V_c[1], 0.0])
-            v_n[2] = (before[0] - plane[0]) / ti.static(self.dt)
-            store(fleet.derived, e, i, R_nb, v_n)
-            v_b = R_nb.transpose() @ v_n
-            fleet.state[e, i, 0], fleet.state[e, i, 1], fleet.state[e, i, 2] = s[0], s[1], -plane[0]
-            for k in ti.static(range(4)):
-                fleet.state[e, i, 3 + k] = q[k]
-            for k in ti.static(range(3)):
-                fleet.state[e, i, 7 + k], fleet.state[e, i, 10 + k] = v_b[k], omega[k]
-            for k in ti.static(range(len(AUX))):
-                fleet.aux[e, i, k] = memory[k]
-            fleet.surface[e, i, ELEVATION] = plane[0]
+            write_state(fleet, e, i, s, plane, before, memory, V_c, self.dt)
 
     @ti.func
     def advance(self, p: ti.template(), build: ti.template(), around: ti.template(), e, s, plane, memory, action, tau,
                 V_c, V_w):  # fmt: skip
-        """s, water plane now and one substep before, and auxiliary state, one control step later."""
+        """s, water plane now and one substep earlier, and auxiliary state, after one control step."""
         before = plane
         D = ti.Vector([memory[LABEL], memory[LABEL + 1]])
         change = ti.Vector([memory[LABEL + 2], memory[LABEL + 3]])
@@ -218,7 +196,9 @@ class Mmg3Dof(Vessel):
 
     @ti.func
     def followed(self, p: ti.template(), controls, command, close_n, close_delta, share):
-        """Controls after `share` of a substep, in which a lag alone would close the shares `close` of what lacks."""
+        """Controls after `share` of a substep. A lag alone closes the shares `close_n` and `close_delta` of the
+        deviation.
+        """
         most = ti.Vector([share * p.n_step, share * p.delta_step])
         way = command - controls
         way = ti.Vector([way[0] * close_n, way[1] * close_delta])
@@ -226,10 +206,10 @@ class Mmg3Dof(Vessel):
 
     @ti.func
     def derivatives(self, p: ti.template(), s, controls, outside, V_c, V_w):
-        """Rates of s = [x, y, psi, u_r, v_r, r] with these controls and loads [X Y N] from outside."""
+        """Rates of s = [x, y, psi, u_r, v_r, r] at the given controls, under the external load [X Y N]."""
         sine, cosine = fast.sincos(s[2])
         tau = loads(p, s[3], s[4], s[5], controls[0], controls[1]) + outside
-        met = V_w - V_c  # of the air, relative to the water
+        met = V_w - V_c  # velocity of the air relative to the water
         u_w, v_w = cosine * met[0] + sine * met[1] - s[3], cosine * met[1] - sine * met[0] - s[4]
         tau += wind_load(p, u_w, v_w)
         a = acceleration(p, s[3], s[4], s[5], tau)
@@ -238,7 +218,7 @@ class Mmg3Dof(Vessel):
 
     @ti.func
     def runge_kutta(self, p: ti.template(), s, begin, middle, end, outside, V_c, V_w):
-        """s after one step of the classical fourth-order method, the controls as they are at its stages."""
+        """s after one step of the classical fourth-order method, with the controls at the time of each stage."""
         h = ti.static(self.dt)
         k1 = self.derivatives(p, s, begin, outside, V_c, V_w)
         k2 = self.derivatives(p, s + (0.5 * h) * k1, middle, outside, V_c, V_w)

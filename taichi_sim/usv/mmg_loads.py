@@ -10,15 +10,15 @@ With U the speed through the water, beta = atan(-v / u) the drift angle, v' = v 
     v_R = U gamma_R beta_R,   beta_R = beta - l_R' r',   eta = D / H_R
     X_R = -(1 - t_R) F_N sin(delta),   Y_R = -(1 + a_H) F_N cos(delta),   N_R = -(x_R + a_H x_H) F_N cos(delta)
 
-The method is of motion ahead. Beyond it, all of it assumed:
+The method is made for motion ahead. The extensions beyond it are assumed:
 
-- Astern, resistance and the terms N_v, Y_r change sign with u (the first is drag, the others are of the order u v and
-  u r), smoothly over drift angles from 78 to 102 degrees.
-- v'^4 of X_vvvv counts up to |v'| = V_LIMIT, r'^3 up to |r'| = R_LIMIT, from where on it grows with r' |r'|: captive
-  tests do not go further, and r' has no bound as a ship stops.
-- The propeller is written without the division by n and u: T = rho D^2 (k_0 n^2 D^2 + k_1 n D u_P + k_2 u_P |u_P|).
-  Astern T = rho D^2 (-astern k_0 n^2 D^2 + k_2 u_P |u_P|), without a side force.
-- The rudder's inflow is written likewise, and its flow comes from astern where u_R < 0.
+- Astern, the resistance and the terms N_v and Y_r change sign with u (the first is drag; the others are of the order u
+  v and u r). They change smoothly over drift angles from 78 to 102 degrees.
+- |v'| in v'^4 of X_vvvv is limited to V_LIMIT. r'^3 grows as r' |r'| above |r'| = R_LIMIT. Captive tests do not go
+  further, and r' has no bound as a ship stops.
+- The propeller has no division by n or u: T = rho D^2 (k_0 n^2 D^2 + k_1 n D u_P + k_2 u_P |u_P|). Astern,
+  T = rho D^2 (-astern k_0 n^2 D^2 + k_2 u_P |u_P|), without a side force.
+- The rudder's inflow has no such division either, and comes from astern where u_R < 0.
 """
 
 # Kernels are another language inside Python syntax.
@@ -27,18 +27,19 @@ The method is of motion ahead. Beyond it, all of it assumed:
 
 import math
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import taichi as ti
 
+from taichi_sim.kernels.rigid_body import Number
 from taichi_sim.usv.hull.wind import RHO_AIR, STILL
 from taichi_sim.usv.manoeuvring_loads import AT_ONCE
 from taichi_sim.usv.mmg_params import HullDerivatives, MmgParams
 
-V_LIMIT = 0.45  # of |v'| in X_vvvv; assumed
-R_LIMIT = 2.0  # of |r'| in Y_rrr, N_rrr; assumed
+V_LIMIT = 0.45  # limit of |v'| in X_vvvv; assumed
+R_LIMIT = 2.0  # limit of |r'| in Y_rrr, N_rrr; assumed
 CROSSING = 0.2  # |u| / U below which terms change sign with u; assumed
-SLOWEST = 1e-9  # m/s, keeps the direction of no motion finite
+SLOWEST = 1e-9  # m/s; avoids a division by zero at rest
 
 DERIVATIVES = tuple(name for name in HullDerivatives.model_fields if name not in ("m_x", "m_y", "J_z"))
 VARYING = (
@@ -55,72 +56,72 @@ VARYING = (
 
 
 class MmgNumbers(NamedTuple):
-    """What the kernel works with; the hull's derivatives with their dimension, of SI velocities."""
+    """Numbers of one ship that the kernel uses; the hull's derivatives are for SI velocities."""
 
-    m11: float  # kg, added mass included
-    m22: float  # kg
-    m23: float  # x_G m, kg m
-    m32: float  # the same
-    m33: float  # kg m^2
-    mass: float  # kg
-    inverse_m11: float
-    inverse_det: float  # of m22 m33 - m23^2
-    block_yaw: float  # as in manoeuvring_loads.py, kg m^2
-    length: float  # m
-    R_0: float  # q's of the derivatives: 0.5 rho L d, and L of each r and of N
-    X_vv: float
-    X_vr: float
-    X_rr: float
-    X_vvvv: float
-    Y_v: float
-    Y_r: float
-    Y_vvv: float
-    Y_vvr: float
-    Y_vrr: float
-    Y_rrr: float
-    N_v: float
-    N_r: float
-    N_vvv: float
-    N_vvr: float
-    N_vrr: float
-    N_rrr: float
-    T_nn: float  # thrust of all propellers, of n^2, N s^2
-    T_nu: float  # of n u_P, N s^2/m
-    T_uu: float  # of u_P^2, N s^2/m^2
-    T_astern: float  # of n^2 astern, N s^2
-    race: float  # 8 T / (pi rho D^2), of the thrust of all propellers, m^2/s^2/N
-    push: float  # 1 - t_P
-    wake: float  # 1 - w_P0
-    C_1: float
-    C_2_positive: float  # C_2 - 1
-    C_2_negative: float
-    x_P: float  # over L
-    n_ahead: float  # 1/s
-    n_astern: float
-    normal: float  # 0.5 rho A_R f_alpha, of all rudders, N s^2/m^2
-    X_delta: float  # 1 - t_R
-    Y_delta: float  # 1 + a_H
-    N_delta: float  # x_R + a_H x_H, m
-    gamma_positive: float
-    gamma_negative: float
-    l_R: float  # m
-    epsilon: float
-    kappa: float
-    eta: float
-    angle_max: float  # rad
-    lag_n: float  # share of what lacks that a lag closes in a step
-    lag_half_n: float  # in half of one
-    lag_delta: float
-    lag_half_delta: float
-    n_step: float  # most change in a step, 1/s
-    delta_step: float  # rad
-    wind_x: float  # as in hull/wind.py
-    wind_y: float
-    wind_n: float
+    m11: Number  # kg, added mass included
+    m22: Number  # kg
+    m23: Number  # x_G m, kg m
+    m32: Number  # equal to m23
+    m33: Number  # kg m^2
+    mass: Number  # kg
+    inverse_m11: Number
+    inverse_det: Number  # of m22 m33 - m23^2
+    block_yaw: Number  # as in manoeuvring_loads.py, kg m^2
+    length: Number  # m
+    R_0: Number  # this and all derivatives include 0.5 rho L d, and a factor L for each r and for N
+    X_vv: Number
+    X_vr: Number
+    X_rr: Number
+    X_vvvv: Number
+    Y_v: Number
+    Y_r: Number
+    Y_vvv: Number
+    Y_vvr: Number
+    Y_vrr: Number
+    Y_rrr: Number
+    N_v: Number
+    N_r: Number
+    N_vvv: Number
+    N_vvr: Number
+    N_vrr: Number
+    N_rrr: Number
+    T_nn: Number  # thrust of all propellers per n^2, N s^2
+    T_nu: Number  # thrust per n u_P, N s^2/m
+    T_uu: Number  # thrust per u_P^2, N s^2/m^2
+    T_astern: Number  # thrust per n^2 astern, N s^2
+    race: Number  # 8 / (pi rho count D^2), speed^2 in the race over the thrust of all propellers, m^2/s^2/N
+    push: Number  # 1 - t_P
+    wake: Number  # 1 - w_P0
+    C_1: Number
+    C_2_positive: Number  # C_2 - 1
+    C_2_negative: Number
+    x_P: Number  # x_P', in units of L
+    n_ahead: Number  # 1/s
+    n_astern: Number
+    normal: Number  # 0.5 rho A_R f_alpha of all rudders, N s^2/m^2
+    X_delta: Number  # 1 - t_R
+    Y_delta: Number  # 1 + a_H
+    N_delta: Number  # x_R + a_H x_H, m
+    gamma_positive: Number
+    gamma_negative: Number
+    l_R: Number  # m
+    epsilon: Number
+    kappa: Number
+    eta: Number
+    angle_max: Number  # rad
+    lag_n: Number  # share of the deviation from a command that the lag closes in a step
+    lag_half_n: Number  # the same in half a step
+    lag_delta: Number
+    lag_half_delta: Number
+    n_step: Number  # largest change in a step, 1/s
+    delta_step: Number  # rad
+    wind_x: Number  # as in hull/wind.py
+    wind_y: Number
+    wind_n: Number
 
 
-def numbers_of(values: Mapping[str, Any], params: MmgParams, dt: float) -> MmgNumbers:
-    """What a kernel of step dt (s) works with, of `values` of all that varies and the rest of `params`."""
+def numbers_of(values: Mapping[str, Number], params: MmgParams, dt: float) -> MmgNumbers:
+    """Numbers for a kernel with step dt (s): `values` for all keys that vary, all others from `params`."""
     L, d, rho = params.length, params.draft, params.density
     propeller, rudder, windage = params.propeller, params.rudder, params.windage
     D, area = propeller.diameter, 0.5 * rho * L * d
@@ -185,7 +186,7 @@ def numbers_of(values: Mapping[str, Any], params: MmgParams, dt: float) -> MmgNu
 
 @ti.func
 def acceleration(p: ti.template(), u, v, r, tau):
-    """nu_dot (m/s^2, rad/s^2) of eq. (4) at velocity [u v r] through the water, under tau [X Y N]."""
+    """nu_dot (m/s^2, rad/s^2) of eq. (4) at velocity [u v r] through the water, under tau = [X Y N]."""
     X = tau[0] + p.m22 * v * r + p.m23 * r * r
     Y = tau[1] - p.m11 * u * r
     N = tau[2] - p.m23 * u * r
@@ -196,14 +197,16 @@ def acceleration(p: ti.template(), u, v, r, tau):
 
 @ti.func
 def loads(p: ti.template(), u, v, r, n, delta):
-    """[X Y N] (N, N m) of hull, propellers at n (1/s) and rudders at delta (rad), at velocity [u v r] in the water."""
+    """[X Y N] (N, N m) of hull, propellers at n (1/s) and rudders at delta (rad), at velocity [u v r] through the
+    water.
+    """
     T = thrust(p, u, v, r, n)
     return hull_load(p, u, v, r) + rudder_load(p, u, v, r, T, delta) + ti.Vector([p.push * T, 0.0, 0.0])
 
 
 @ti.func
 def hull_load(p: ti.template(), u, v, r):
-    """[X Y N] of the hull (eq. 7). The derivatives carry their dimension; what is left is velocities over U."""
+    """[X Y N] of the hull (eq. 7). The derivatives have their dimensions, so that only velocities over U remain."""
     U = ti.sqrt(u * u + v * v) + SLOWEST
     a = v / U
     way = ti.max(ti.min(u / (CROSSING * U), 1.0), -1.0)
@@ -217,13 +220,13 @@ def hull_load(p: ti.template(), u, v, r):
 
 @ti.func
 def drift(u, v):
-    """Drift angle (rad), of motion astern as of ahead."""
+    """Drift angle (rad), the same for motion astern and ahead."""
     return ti.atan2(-v, ti.abs(u) + SLOWEST)
 
 
 @ti.func
 def inflow(p: ti.template(), u, v, r):
-    """u_P (m/s), speed of the water at the propeller."""
+    """Speed u_P (m/s) of the water at the propeller."""
     U = ti.sqrt(u * u + v * v) + SLOWEST
     beta = drift(u, v) - p.x_P * p.length * r / U
     change = (1.0 - ti.exp(-p.C_1 * ti.abs(beta))) * ti.select(beta > 0, p.C_2_positive, p.C_2_negative)
@@ -232,7 +235,7 @@ def inflow(p: ti.template(), u, v, r):
 
 @ti.func
 def thrust(p: ti.template(), u, v, r, n):
-    """T (N) of all propellers at n (1/s)."""
+    """Thrust T (N) of all propellers at n (1/s)."""
     u_P = inflow(p, u, v, r)
     T = p.T_nn * n * n + p.T_nu * n * u_P
     if n < 0:
@@ -256,6 +259,6 @@ def rudder_load(p: ti.template(), u, v, r, T, delta):
 
 @ti.func
 def wind_load(p: ti.template(), u, v):
-    """[X Y N] of air that moves by u, v (m/s, b) relative to the hull (hull/wind.py)."""
+    """[X Y N] of the wind that moves by u, v (m/s, b) relative to the hull (hull/wind.py)."""
     speed = ti.sqrt(u * u + v * v + STILL)
     return ti.Vector([p.wind_x * speed * u, p.wind_y * speed * v, -p.wind_n * u * v])

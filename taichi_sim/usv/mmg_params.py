@@ -1,7 +1,7 @@
-"""Numbers of a vehicle file with model = "mmg_3dof", in the dimensionless form in which they are published.
+"""Parameters of a vehicle file with model = "mmg_3dof", in the dimensionless form in which they are published.
 
-Dimensionless by 0.5 rho L^2 d (mass), 0.5 rho L^4 d (inertia), 0.5 rho L d U^2 (force), 0.5 rho L^2 d U^2 (moment),
-places by L, with length L, draft d and the speed U through the water (Yasukawa & Yoshimura 2015, sec. 2.2 to 2.5).
+The units are 0.5 rho L^2 d (mass), 0.5 rho L^4 d (inertia), 0.5 rho L d U^2 (force), 0.5 rho L^2 d U^2 (moment) and L
+(positions), with length L, draft d and the speed U through the water (Yasukawa & Yoshimura 2015, sec. 2.2 to 2.5).
 """
 
 # ruff: noqa: N815
@@ -9,11 +9,11 @@ places by L, with length L, draft d and the speed U through the water (Yasukawa 
 import math
 from typing import Annotated
 
-import numpy as np
 from pydantic import Field, model_validator
 
 from taichi_sim.config import Finite, NonNegative, Positive, Strict
 from taichi_sim.usv.hull.params import Windage
+from taichi_sim.usv.vessel import steady_speed
 
 Count = Annotated[int, Field(ge=1, le=2)]
 Fraction = Annotated[float, Field(ge=0, lt=1)]
@@ -21,7 +21,9 @@ Angle = Annotated[float, Field(gt=0, le=90)]
 
 
 class HullDerivatives(Strict):
-    """Resistance, added mass and the polynomial of v' = v / U and r' = r L / U (eq. 7); not given is zero."""
+    """Resistance, added mass and the polynomial of v' = v / U and r' = r L / U (eq. 7); derivatives not given are
+    zero.
+    """
 
     R_0: Positive  # resistance in a straight run
     m_x: NonNegative  # added mass
@@ -52,39 +54,39 @@ class Propeller(Strict):
     (1 - w_P) / (1 - w_P0) = 1 + (1 - exp(-C_1 |beta_P|)) (C_2 - 1).
     """
 
-    count: Count = 1  # on the centreline, or abreast and turning alike
+    count: Count = 1  # one on the centreline, or two abreast at the same speed
     diameter: Positive  # D, m
-    x: Finite  # x_P', place ahead of midships
+    x: Finite  # x_P', position ahead of midships
     t_P: Fraction  # thrust deduction
     w_P0: Fraction  # wake fraction in a straight run
-    C_1: NonNegative = 0.0  # of the wake in drift and turning
+    C_1: NonNegative = 0.0  # coefficient of the wake in drift and turning
     C_2_positive: Positive = 1.0  # C_2 where beta_P > 0
     C_2_negative: Positive = 1.0  # C_2 where beta_P < 0
     k_0: Positive
     k_1: Finite
     k_2: Finite
-    n_ahead: Positive  # most revolutions, 1/s
-    n_astern: NonNegative = 0.0  # most revolutions astern, 1/s
-    astern: NonNegative = 0.7  # K_T at J = 0 of revolutions astern, over k_0; assumed
+    n_ahead: Positive  # highest revolutions, 1/s
+    n_astern: NonNegative = 0.0  # highest revolutions astern, 1/s
+    astern: NonNegative = 0.7  # K_T at J = 0 with revolutions astern, over k_0; assumed
     time_constant: NonNegative = 0.0  # s
-    rate: Positive = 1e3  # most change of revolutions, 1/s^2
+    rate: Positive = 1e3  # highest rate of change of the revolutions, 1/s^2
 
 
 class Rudder(Strict):
-    """Normal force and its interaction with the hull (eqs. 18 to 26)."""
+    """Normal force of the rudder, and its interaction with the hull (eqs. 18 to 26)."""
 
     count: Count = 1  # each behind a propeller
     area: Positive  # A_R, m^2
     span: Positive  # H_R, m
-    x: Finite = -0.5  # x_R', place ahead of midships
-    f_alpha: Positive | None = None  # gradient of the lift; default: Fujii's formula of `aspect_ratio`
+    x: Finite = -0.5  # x_R', position ahead of midships
+    f_alpha: Positive | None = None  # gradient of the lift; default: Fujii's formula with `aspect_ratio`
     aspect_ratio: Positive | None = None  # Lambda; default: span^2 / area
     t_R: Finite = 0.0  # steering resistance deduction
-    a_H: Finite = 0.0  # increase of the rudder's side force by the hull
-    x_H: Finite = 0.0  # x_H', where that acts
+    a_H: Finite = 0.0  # additional side force on the hull over that of the rudder
+    x_H: Finite = 0.0  # x_H', position of the additional side force
     gamma_R_positive: Finite  # flow straightening where beta_R > 0
     gamma_R_negative: Finite  # flow straightening where beta_R < 0
-    l_R: Finite  # l_R', effective place in beta_R = beta - l_R' r'
+    l_R: Finite  # l_R', effective position in beta_R = beta - l_R' r'
     epsilon: Positive  # wake at the rudder over wake at the propeller
     kappa: NonNegative  # acceleration of the slipstream
     angle_max_deg: Angle = 35.0
@@ -93,7 +95,7 @@ class Rudder(Strict):
 
     @property
     def lift_gradient(self) -> float:
-        """f_alpha; by Fujii, 6.13 Lambda / (2.25 + Lambda), where it is not given (eq. 24's note)."""
+        """f_alpha; if it is not given, by Fujii: 6.13 Lambda / (2.25 + Lambda) (note to eq. 24)."""
         if self.f_alpha is not None:
             return self.f_alpha
         ratio = self.span**2 / self.area if self.aspect_ratio is None else self.aspect_ratio
@@ -101,7 +103,7 @@ class Rudder(Strict):
 
 
 class MmgParams(Strict):
-    """A vehicle file of `mmg_3dof`."""
+    """Parameters of a vehicle file of `mmg_3dof`."""
 
     length: Positive  # L, between perpendiculars, m
     beam: Positive  # m
@@ -109,10 +111,10 @@ class MmgParams(Strict):
     height: Positive  # keel to the highest part, for drawing, m
     collision_radius: Positive  # m
     density: Positive  # rho, of the water, kg/m^3
-    displacement: Positive  # volume, m^3
+    displacement: Positive  # displaced volume, m^3
     x_G: Finite = 0.0  # centre of mass ahead of midships, m
     gyration: Positive  # radius of gyration in yaw about the centre of mass, m
-    wave_response: bool = True  # whether waves push the hull; it rides on them either way
+    wave_response: bool = True  # whether waves push the hull; it rides on them in any case
     hull: HullDerivatives
     propeller: Propeller
     rudder: Rudder
@@ -135,7 +137,7 @@ class MmgParams(Strict):
 
     @property
     def mass(self) -> float:
-        """kg."""
+        """Mass, kg."""
         return self.density * self.displacement
 
     def steady_speed(self, n: float) -> float:
@@ -146,10 +148,9 @@ class MmgParams(Strict):
         p, wake = self.propeller, 1 - self.propeller.w_P0
         push = (1 - p.t_P) * p.count * p.diameter**2
         quadratic = push * p.k_2 * wake**2 - 0.5 * self.length * self.draft * self.hull.R_0
-        roots = np.roots([quadratic, push * p.k_1 * wake * n * p.diameter, push * p.k_0 * (n * p.diameter) ** 2])
-        ahead = roots.real[(np.abs(roots.imag) < 1e-9 * np.abs(roots)) & (roots.real > 0)]
-        return float(ahead.min(initial=np.inf))
+        linear, constant = push * p.k_1 * wake * n * p.diameter, push * p.k_0 * (n * p.diameter) ** 2
+        return steady_speed(constant, -linear, -quadratic)
 
     def revolutions(self, speed: float) -> float:
-        """n (1/s) at which it runs straight at `speed` > 0 (m/s): `steady_speed` the other way."""
+        """Revolutions n (1/s) of a straight run at `speed` > 0 (m/s), the inverse of `steady_speed`."""
         return speed / self.steady_speed(1.0)

@@ -1,7 +1,7 @@
-"""A hull that moves in the plane and rides on the surface of the water: what its models share.
+"""Shared parts of models that move in the plane and ride on the surface of the water.
 
-s = [x, y, psi, u_r, v_r, r] is its motion in the plane, relative to water that moves by V_c (m/s, n). Heave, roll and
-pitch follow the plane through the elevations under the four corners of the water plane.
+The planar motion s = [x, y, psi, u_r, v_r, r] is relative to water that moves by V_c (m/s, n). Heave, roll and pitch
+follow the plane through the elevations under the four corners of the waterplane.
 """
 
 # Kernels are another language inside Python syntax.
@@ -9,7 +9,9 @@ pitch follow the plane through the elevations under the four corners of the wate
 
 import taichi as ti
 
+from taichi_sim.conventions import ELEVATION
 from taichi_sim.kernels import fast
+from taichi_sim.kernels.kinematics import store
 from taichi_sim.kernels.rotation import quaternion_product, rotation_matrix
 from taichi_sim.sea import waves
 
@@ -18,8 +20,8 @@ from taichi_sim.sea import waves
 def water_plane(length, beam, heights):
     """Mean elevation (m), slopes ahead and to starboard, and the change of the latter per metre ahead (1/m).
 
-    `heights` (m, up) are those of the bow port, bow starboard, stern port and stern starboard corners of a water plane
-    of `length` and `beam` (m).
+    `heights` (m, up) are the elevations under the corners of a waterplane of `length` and `beam` (m): bow port, bow
+    starboard, stern port, stern starboard.
     """
     bow, stern = heights[1] - heights[0], heights[3] - heights[2]
     ahead = (heights[0] + heights[1] - heights[2] - heights[3]) / (2.0 * length)
@@ -37,7 +39,7 @@ def heading(R):
 
 @ti.func
 def planar(y, V_c):
-    """s = [x, y, psi, u_r, v_r, r] and the water plane (water_plane; its twist is not kept) of a state."""
+    """Planar motion s = [x, y, psi, u_r, v_r, r] and water plane (see `water_plane`; without its twist) of a state."""
     R = rotation_matrix(ti.Vector([y[3], y[4], y[5], y[6]]))
     v = R @ ti.Vector([y[7], y[8], y[9]])
     c, sine = heading(R)
@@ -52,8 +54,10 @@ def planar(y, V_c):
 
 @ti.func
 def elevations(around: ti.template(), build: ti.template(), e, tau, s, D, length: ti.template(), beam: ti.template()):
-    """Displacement (m) at the centre, from its prediction D, and elevations (m, up) at the four corners of a water
-    plane of `length` and `beam` (m), `tau` (s) into the control step.
+    """Displacement (m) of the water at the centre, from its prediction D, and elevations (m, up) under the four
+    corners.
+
+    The waterplane has `length` and `beam` (m); `tau` (s) is the time in the control step.
     """
     sine, cosine = fast.sincos(s[2])
     x, y = s[0] + D[0], s[1] + D[1]
@@ -68,9 +72,9 @@ def elevations(around: ti.template(), build: ti.template(), e, tau, s, D, length
 
 @ti.func
 def attitude(psi, r, plane, rate):
-    """Quaternion of heading psi on the water plane, and body rates (rad/s) as the plane changes by `rate`.
+    """Quaternion of heading psi on the water plane, and body rates (rad/s) while the plane changes by `rate`.
 
-    tan theta = slope ahead, tan phi = -slope to starboard cos theta; half angles by square roots.
+    tan theta = slope ahead, tan phi = -(slope to starboard) cos theta. Half angles are by square roots.
     """
     cos_t = 1.0 / ti.sqrt(1.0 + plane[1] * plane[1])
     sin_t = plane[1] * cos_t
@@ -80,10 +84,50 @@ def attitude(psi, r, plane, rate):
     half_ct, half_cp = ti.sqrt(0.5 * (1.0 + cos_t)), ti.sqrt(0.5 * (1.0 + cos_p))
     half_st, half_sp = 0.5 * sin_t / half_ct, 0.5 * sin_p / half_cp
     tilt = ti.Vector([half_ct * half_cp, half_ct * half_sp, half_st * half_cp, -half_st * half_sp])
-    # libm here: an error of the stored heading would grow from step to step
+    # libm is used here, because an error of the stored heading would grow from step to step.
     yaw = ti.Vector([ti.cos(0.5 * psi), psi * 0.0, psi * 0.0, ti.sin(0.5 * psi)])
     theta_dot = rate[1] * cos_t * cos_t
     phi_dot = -(rate[2] * cos_t - plane[2] * sin_t * theta_dot) * cos_p * cos_p
     p = phi_dot - r * sin_t
     omega = ti.Vector([p, theta_dot * cos_p + r * cos_t * sin_p, r * cos_t * cos_p - theta_dot * sin_p])
     return quaternion_product(yaw, tilt), omega
+
+
+@ti.func
+def write_state(fleet: ti.template(), e, i, s, plane, before, memory, V_c, dt: ti.template()):
+    """Write all columns of vehicle i in environment e: planar motion s on the water plane, auxiliary state `memory`.
+
+    `before` is the water plane a substep of dt (s) earlier.
+    """
+    q, omega = attitude(s[2], s[5], plane, (plane - before) / ti.static(dt))
+    R_nb = rotation_matrix(q)
+    c, sine = heading(R_nb)
+    v_n = ti.Vector([c * s[3] - sine * s[4] + V_c[0], sine * s[3] + c * s[4] + V_c[1], 0.0])
+    v_n[2] = (before[0] - plane[0]) / ti.static(dt)
+    store(fleet.derived, e, i, R_nb, v_n)
+    v_b = R_nb.transpose() @ v_n
+    fleet.state[e, i, 0], fleet.state[e, i, 1], fleet.state[e, i, 2] = s[0], s[1], -plane[0]
+    for k in ti.static(range(4)):
+        fleet.state[e, i, 3 + k] = q[k]
+    for k in ti.static(range(3)):
+        fleet.state[e, i, 7 + k], fleet.state[e, i, 10 + k] = v_b[k], omega[k]
+    for k in ti.static(range(memory.n)):
+        fleet.aux[e, i, k] = memory[k]
+    fleet.surface[e, i, ELEVATION] = plane[0]
+
+
+@ti.func
+def write_rates(out: ti.template(), n, y, s, rate, V_c):
+    """Write d(state)/dt of state y to row n of `out`, from its planar motion s and the rate of s.
+
+    Rates of heave, roll and pitch stay as they are.
+    """
+    sine, cosine = fast.sincos(s[2])
+    u_c, v_c = cosine * V_c[0] + sine * V_c[1], cosine * V_c[1] - sine * V_c[0]
+    turn = ti.Vector([y[3] * 0.0, y[3] * 0.0, y[3] * 0.0, 0.5 * s[5]])  # about the vertical
+    q_dot = quaternion_product(turn, ti.Vector([y[3], y[4], y[5], y[6]]))
+    out[n, 0], out[n, 1] = rate[0], rate[1]
+    for k in ti.static(range(4)):
+        out[n, 3 + k] = q_dot[k]
+    # rates of the velocity over ground; nu_c turns in b
+    out[n, 7], out[n, 8], out[n, 12] = rate[3] + s[5] * v_c, rate[4] - s[5] * u_c, rate[5]

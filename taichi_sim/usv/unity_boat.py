@@ -1,27 +1,27 @@
-"""`unity_boat`: the USV of the seed paper (sec. 3.1), a rigid body in Unity's rules on a Gerstner sea.
+"""`unity_boat`: the USV of the seed paper (sec. 3.1), a rigid body by Unity's rules on a Gerstner sea.
 
-In Unity's axes (x right, y up, z forward; left-handed) each physics step applies, with the acceleration signal
-I_v in [0, 1] and the yaw signal I_h in [-1, 1],
+In Unity's axes (x right, y up, z forward; left-handed), each physics step applies, with the acceleration signal I_v in
+[0, 1] and the yaw signal I_h in [-1, 1],
 
-    force J I_v along z;  torque -T_a I_v about x, K I_h about y, -T_s I_h about z,
+    force J I_v along z;  torque -T_a I_v about x, K I_h about y, -T_s I_h about z.
 
-which in forward-right-down axes is X = J I_v, K = T_s I_h (banks into the turn), M = T_a I_v (bow up),
-N = K I_h. PhysX integrates v <- (v + F/m dt) (1 - drag dt), then x <- x + v dt, and the same for rates, with no
-gyroscopic torque: omega_b <- (omega_b + I^-1 tau_b dt) (1 - angular_drag dt).
+In forward-right-down axes this is X = J I_v, K = T_s I_h (banks into the turn), M = T_a I_v (bow up), N = K I_h. PhysX
+integrates v <- (v + F/m dt) (1 - drag dt), then x <- x + v dt. Rates are integrated likewise, without a gyroscopic
+torque: omega_b <- (omega_b + I^-1 tau_b dt) (1 - angular_drag dt).
 
-The script knows no current. Here the drag is the water's, which moves with the current V_c of its surface: PhysX's rule
-holds for the velocity relative to the water, v - V_c.
+The Unity script has no current. Here the drag is that of the water, which moves with the current V_c at its surface:
+PhysX's rule holds for the velocity relative to the water, v - V_c.
 
-Buoyancy acts at the four corners of the hull: a spring and a damper on the height of the corner over the surface
-at that place (unclipped, as in the Unity script), preloaded to float with the body origin on the surface. The sum
-pushes the boat down the slope of the plane through the four heights: waves shorter than the hull do not push.
+Buoyancy acts at the four corners of the hull. Each has a spring and a damper on its height above the surface
+(unclipped, as in the Unity script), preloaded so that the boat floats with its origin on the surface. The sum pushes
+the boat down the slope of the plane through the four elevations, so waves shorter than the hull do not push it.
 """
 
 # Kernels are another language inside Python syntax.
 # pyright: reportIndexIssue=false, reportInvalidTypeForm=false
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import taichi as ti
@@ -38,12 +38,12 @@ from taichi_sim.kernels.rigid_body import quaternion_rate
 from taichi_sim.kernels.rotation import quaternion_advance, rotation_matrix
 from taichi_sim.sea import waves
 from taichi_sim.surroundings import Surroundings
-from taichi_sim.usv.vessel import Vessel, steady_speed
+from taichi_sim.usv.vessel import Number, Vessel, steady_speed
 from taichi_sim.vehicle import Limits
 
 
 class UnityBoatParams(Strict):
-    """Numbers of configs/vehicles/unity_boat.toml."""
+    """Parameters in configs/vehicles/unity_boat.toml."""
 
     mass: Positive  # kg
     length: Positive  # m
@@ -61,13 +61,13 @@ class UnityBoatParams(Strict):
 
     @property
     def inertia(self) -> tuple[float, float, float]:
-        """Diagonal inertia of a solid box about forward, right, down, kg m^2."""
+        """Diagonal inertia of a solid box about the forward, right and down axes, kg m^2."""
         x, y, z = self.inertia_shares
         return self.mass * x, self.mass * y, self.mass * z
 
     @property
     def inertia_shares(self) -> tuple[float, float, float]:
-        """The same over the mass, m^2."""
+        """Diagonal inertia over the mass, m^2."""
         a, b, c = self.length, self.beam, self.height
         return (b * b + c * c) / 12, (a * a + c * c) / 12, (a * a + b * b) / 12
 
@@ -78,35 +78,35 @@ class UnityBoatParams(Strict):
 
 
 class BoatNumbers(NamedTuple):
-    """What the kernel works with."""
+    """Numbers of one boat that the kernel uses."""
 
-    weight: float  # N
-    preload: float  # of a corner's spring, N
-    inverse_mass: float  # 1/kg
-    inverse_Ix: float  # 1/(kg m^2)  # noqa: N815
-    inverse_Iy: float  # noqa: N815
-    inverse_Iz: float  # noqa: N815
-    force: float  # J, N
-    roll: float  # T_s, N m
-    pitch: float  # T_a, N m
-    yaw: float  # K, N m
-    drag: float  # 1/s
-    angular_drag: float  # 1/s
-    stiffness: float  # N/m per corner
-    damping: float  # N s/m per corner
+    weight: Number  # N
+    preload: Number  # preload of a corner's spring, N
+    inverse_mass: Number  # 1/kg
+    inverse_Ix: Number  # 1/(kg m^2)  # noqa: N815
+    inverse_Iy: Number  # noqa: N815
+    inverse_Iz: Number  # noqa: N815
+    force: Number  # J, N
+    roll: Number  # T_s, N m
+    pitch: Number  # T_a, N m
+    yaw: Number  # K, N m
+    drag: Number  # 1/s
+    angular_drag: Number  # 1/s
+    stiffness: Number  # N/m per corner
+    damping: Number  # N s/m per corner
 
 
 @ti.data_oriented
 class UnityBoat(Vessel):
-    """Steps a team of boats in place. Actions in [-1, 1] map to I_v in [0, 1] and to I_h; controls are I_v and I_h.
+    """Steps a team of boats in place. Actions in [-1, 1] map to I_v in [0, 1] and to I_h; the controls are I_v and I_h.
 
-    The corners' labels (waves.py) are their places plus the horizontal displacement D of the surface particle at the
-    hull's centre, one for all four. D follows the boat by one fixed-point step per physics step, from a linear
-    prediction: auxiliary state [env, vehicle, 4] is D (north, east, m) and its change in the last step. The mean
-    height under the hull is then within 5 % of hs of the exact inverse on the paper's sea, at speed
-    (tests/physics/test_unity_boat.py): four inverses would cost four times the time and a boat whose mass is a guess
-    does not earn them. The buoyancy of its corners rights it until it lies on its side, and it cannot be swamped. It
-    feels the current of the surface, and no wind.
+    The labels of the corners (waves.py) are their positions plus the horizontal displacement D of the surface particle
+    at the hull's centre, one for all four. D is updated by one fixed-point step per physics step, from a linear
+    prediction. The auxiliary state [env, vehicle, 4] is D (north, east, m) and its change in the last step. On the
+    paper's sea, at speed, the mean height under the hull is within 5 % of hs of the exact inverse
+    (tests/physics/test_unity_boat.py). Four exact inverses would take four times as long, which a boat with a guessed
+    mass does not justify. The buoyancy of the corners rights the boat until it lies on its side, and it cannot be
+    swamped. The current at the surface acts on it; the wind does not.
     """
 
     Params = UnityBoatParams
@@ -119,21 +119,21 @@ class UnityBoat(Vessel):
     )  # fmt: skip
 
     def __init__(self, params: UnityBoatParams, dt: float, substeps: int):
-        """Take the numbers of `params`, the step dt (s) and the substeps of a control step."""
+        """Take `params`, the step dt (s) and the number of substeps in a control step."""
         super().__init__(params, dt, substeps)
         self.p = params
 
     @property
     def limits(self) -> Limits:
-        """Its top speed is where drag takes all the thrust."""
+        """Limits of the boat; the top speed is that at which drag equals the whole thrust."""
         return Limits((0.0, 0.0, steady_speed(self.p.force_factor, self.p.mass * self.p.drag)))
 
     def steer(self, ahead: ArrayLike, helm: ArrayLike) -> NDArray[np.float64]:
-        """Actions of a helmsman: `ahead` is I_v, `helm` I_h."""
+        """Return the actions of a helmsman: `ahead` is I_v, `helm` is I_h."""
         return np.stack(np.broadcast_arrays(2.0 * np.asarray(ahead) - 1.0, helm), axis=-1)
 
-    def own(self, values: Mapping[str, Any]) -> BoatNumbers:
-        """What the kernel works with."""
+    def own(self, values: Mapping[str, Number]) -> BoatNumbers:
+        """Numbers that the kernel uses."""
         mass = values["mass"]
         Ix, Iy, Iz = (mass * share for share in self.p.inertia_shares)
         return BoatNumbers(
@@ -154,11 +154,11 @@ class UnityBoat(Vessel):
         )
 
     def step(self, fleet: Fleet, around: Surroundings) -> None:
-        """Advance one control step."""
+        """Advance by one control step."""
         fleet.launch(self._step, fleet.pack, around.pack, self.build(fleet, around))
 
     def equations(self, state: Tensor, controls: Tensor, current: Tensor, wind: Tensor, load: Tensor) -> Tensor:
-        """d(state)/dt [n, 13] in the limit of short PhysX steps; the wind does nothing."""
+        """d(state)/dt [n, 13] in the limit of short PhysX steps; the wind has no effect."""
         out = torch.empty_like(state)
         self._rhs(out, state, controls, current, load)
         return out
@@ -215,7 +215,7 @@ class UnityBoat(Vessel):
 
     @ti.func
     def advance(self, p: ti.template(), build: ti.template(), around: ti.template(), e, y, label, V_c, I_v, I_h, tau):
-        """State (with the velocity in n), label (D and its change) and mean elevation one control step later."""
+        """State (with its velocity in n), label (D and its change) and mean elevation after one control step."""
         pos, omega = ti.Vector([y[0], y[1], y[2]]), ti.Vector([y[10], y[11], y[12]])
         q = ti.Vector([y[3], y[4], y[5], y[6]])
         D, change = ti.Vector([label[0], label[1]]), ti.Vector([label[2], label[3]])
@@ -228,7 +228,9 @@ class UnityBoat(Vessel):
             D = D_next
             force, torque = self.loads(p, pos, R, v, omega, heights, I_v, I_h, tau)
             v, omega = self.physx_velocities(p, v, omega, force, torque)
-            pos += v * ti.static(self.dt) + V_c * ti.static(self.dt)  # apart: without current, the same bits
+            pos += v * ti.static(self.dt) + V_c * ti.static(
+                self.dt
+            )  # two terms, so that a boat without current has the same bits
             q = quaternion_advance(q, omega, ti.static(self.dt))
             level = 0.25 * heights.sum()
         v += V_c
@@ -237,7 +239,7 @@ class UnityBoat(Vessel):
 
     @ti.func
     def loads(self, p: ti.template(), pos, R, v, omega, heights, I_v, I_h, tau):
-        """Force (N, n) and torque (N m, b) of buoyancy, weight, the two signals and the load tau from outside."""
+        """Force (N, n) and torque (N m, b) of buoyancy, weight, the two signals and the external load tau."""
         force, torque_n = self.buoyancy(p, pos, R, v, omega, heights)
         force += R @ ti.Vector([p.force * I_v + tau[0], tau[1], tau[2]])
         control = ti.Vector([p.roll * I_h, p.pitch * I_v, p.yaw * I_h])
@@ -245,8 +247,9 @@ class UnityBoat(Vessel):
 
     @ti.func
     def surface(self, around: ti.template(), build: ti.template(), e, tau, pos, R, D):
-        """Displacement (m) at the centre, from its prediction D, and elevations (m, up) under the corners: bow port,
-        bow starboard, stern port, stern starboard.
+        """Displacement (m) of the water at the centre, from its prediction D, and elevations (m, up) under the corners.
+
+        The corners are bow port, bow starboard, stern port, stern starboard.
         """
         x, y = pos[0] + D[0], pos[1] + D[1]
         fx, fy = 0.5 * self.p.length * R[0, 0], 0.5 * self.p.length * R[1, 0]
@@ -259,7 +262,7 @@ class UnityBoat(Vessel):
 
     @ti.func
     def buoyancy(self, p: ti.template(), pos, R, v, omega, heights):
-        """Force (N) and torque (N m) of the corner springs and of gravity, both in n, about the body origin."""
+        """Force (N) and torque (N m) of the corner springs and of gravity, both in n and about the body origin."""
         a, b = 0.5 * ti.static(self.p.length), 0.5 * ti.static(self.p.beam)
         omega_n = R @ omega
         total = pos[2] * 0.0
@@ -280,12 +283,12 @@ class UnityBoat(Vessel):
 
     @ti.func
     def angular_acceleration(self, p: ti.template(), torque):
-        """rad/s^2, b: PhysX knows no gyroscopic torque."""
+        """Angular acceleration (rad/s^2, b); PhysX has no gyroscopic torque."""
         return ti.Vector([torque[0] * p.inverse_Ix, torque[1] * p.inverse_Iy, torque[2] * p.inverse_Iz])
 
     @ti.func
     def physx_velocities(self, p: ti.template(), v, omega, force, torque):
-        """Velocity in n and rate in b after one step of PhysX: impulse first, then drag."""
+        """Velocity in n and rates in b after one step of PhysX: the impulse first, then the drag."""
         v_next = (v + force * (self.dt * p.inverse_mass)) * (1 - p.drag * self.dt)
         omega_next = omega + self.angular_acceleration(p, torque) * ti.static(self.dt)
         return v_next, omega_next * (1 - p.angular_drag * self.dt)

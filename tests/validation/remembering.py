@@ -134,7 +134,7 @@ def _made(case: Case, name: str) -> tuple[HydroDatabase, Hull6DofParams]:
     if not panels.is_file():
         raise InputsMissingError(f"inputs missing: neither {name}{SUFFIX} nor {panels.name}")
     from taichi_sim.hydro import hull
-    from taichi_sim.hydro.frames import turned_matrix
+    from taichi_sim.hydro.surface import turned_matrix
 
     data = read_json(case.folder.use(meta))
     M = turned_matrix(matrix(data, "M"))

@@ -1,10 +1,11 @@
-"""Measured seas: spectra by frequency and direction that buoys and wave models give, and the components drawn of them.
+"""Measured seas: directional spectra from buoys and wave models, and wave components drawn from them.
 
-files.py     a file as it is known by its content, its records by time: the whole way from `sea.spectrum`
-ndbc.py      text of the US National Data Buoy Center;  gridded.py  all else, by the library wavespectra
-record.py    one sea state: density, directions, and what is computed of them
-entropy.py   a distribution of directions from its first moments
-system.py    components of a record: the same contract as those of a spectrum by formula (sampling.py)
+files.py     opens the file of `sea.spectrum` and selects its records
+ndbc.py      reads text files of the US National Data Buoy Center
+gridded.py   reads all other formats with the library wavespectra
+record.py    one sea state: density, directions, and statistics
+entropy.py   a directional distribution from its first moments
+system.py    wave components of a record, with the same interface as those of a formula (sampling.py)
 """
 
 from taichi_sim.sea.measured.files import SpectraFile, open_spectra, records_of

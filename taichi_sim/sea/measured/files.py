@@ -1,4 +1,4 @@
-"""From `sea.spectrum = "FILE"` to records: what file it is, which place and time of it, and what a record lacks."""
+"""Records of the file that `sea.spectrum` names: format, place, time, and substitutes for missing directions."""
 
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -15,17 +15,22 @@ from taichi_sim.sea.measured.record import WaveRecord, band_edges
 from taichi_sim.sea.spectrum import spreading
 
 ALL = "all"
-NAMED = 6  # places of a file that an error names, at most
+NAMED = 6  # most places of a file that an error names
 
 
 @dataclass(frozen=True, eq=False)
 class SpectraFile:
-    """The records of a file at one place, the earliest first.
+    """Records of a file at one place, the earliest first.
 
     Attributes:
-        times: [t], UTC. edges: of the bands [f + 1], Hz. density: [t, f], m^2/Hz, NaN where there is no value.
-        c1, c2: [t, f] moments of the direction of travel, or None; angles, grid: [d] and [t, f, d] energy by it, or
-            None. A file without directions has neither.
+        path: the file.
+        place: name of the place.
+        times: [t], UTC.
+        edges: edges of the frequency bands, [f + 1], Hz.
+        density: [t, f], m^2/Hz; NaN where a value is missing.
+        c1, c2: moments of the direction of travel, [t, f], or None.
+        angles, grid: directions of travel [d] and energy by direction [t, f, d], or None. A file without directions has
+            neither moments nor a grid.
     """
 
     path: Path
@@ -39,10 +44,10 @@ class SpectraFile:
     grid: np.ndarray | None = None
 
     def find(self, time: str | None) -> int:
-        """The record of a time ("2020-06-08 03:50", UTC), or the latest.
+        """Index of the record of a time ("2020-06-08 03:50", UTC); without a time, of the latest record.
 
         Raises:
-            ConfigError: for a time that is none, or of which there is no record, naming the nearest.
+            ConfigError: for text that is not a time, or a time without a record (the message names the nearest).
         """
         if time is None:
             return self.times.size - 1
@@ -66,16 +71,16 @@ class SpectraFile:
         return nearest
 
     def whole(self) -> list[int]:
-        """Records that lack no density."""
+        """Indices of the records without a missing density."""
         return np.flatnonzero(np.isfinite(self.density).all(axis=1)).tolist()
 
     def record(self, t: int, direction_deg: float | None = None, spreading_s: float | None = None) -> WaveRecord:
-        """A record; one without directions has the mean direction and the cos^2s spreading given.
+        """Return record t. The arguments give mean direction and cos^2s spreading to a record without directions.
 
-        Bands without directions have those of the nearest that has.
+        A band without directions takes those of the nearest band that has some.
 
         Raises:
-            ConfigError: for a record without a density, or without directions where none are given.
+            ConfigError: for a record with a missing density, or without directions where none are given.
         """
         name, density = f"{self.place}, {_text(self.times[t])}", self.density[t]
         if not np.isfinite(density).all():
@@ -87,7 +92,7 @@ class SpectraFile:
         return WaveRecord(name, self.edges, np.maximum(density, 0.0), spread)
 
     def _spread(self, t: int) -> np.ndarray | None:
-        """Directions of each band of a record [f, ANGLES], if any of them is known."""
+        """Directional distribution of each band of a record, [f, ANGLES]; None if no band has directions."""
         if self.grid is not None and self.angles is not None:
             cell = 2 * np.pi / self.angles.size
             index = np.floor((direction_grid() - (self.angles[0] - cell / 2)) / cell).astype(int) % self.angles.size
@@ -112,24 +117,24 @@ class SpectraFile:
             raise ConfigError(
                 f"{self.path}: there are no directions for {name}"
                 f"{' (files .swdir, .swdir2, .swr1, .swr2)' if is_ndbc(self.path) else ''}: give sea.direction_deg and "
-                "sea.spreading_s, which then count for all of it"
+                "sea.spreading_s for the whole sea"
             )
         offset = (direction_grid() - np.deg2rad(direction_deg or 0.0) + np.pi) % (2 * np.pi) - np.pi
         return normalised(np.broadcast_to(spreading(offset, spreading_s or 1.0), (density.size, offset.size)))
 
 
 def open_spectra(path: Path, site: int | None = None) -> SpectraFile:
-    """Read a file of measured spectra; `site` is the number of a place in one that has several.
+    """Read a file of measured spectra; `site` is the index of a place in a file with several places.
 
     Raises:
-        ConfigError: for a file that cannot be read, or a site that is not there. MissingExtraError: without wavespectra
-            for what that reads.
+        ConfigError: for a file that cannot be read, or a site that it does not have.
+        MissingExtraError: for a format that needs wavespectra, if that is not installed.
     """
     if not path.is_file():
         raise ConfigError(f"sea.spectrum = {str(path)!r}: no such file")
     if is_ndbc(path):
         if site:
-            raise ConfigError(f"sea.site = {site}: {path.name} is of one place: remove it")
+            raise ConfigError(f"sea.site = {site}: {path.name} has one place only: remove the key")
         found = read_ndbc(path)
         return SpectraFile(path, path.name.partition(".")[0], found.times, band_edges(found.frequency), found.density,
                            found.c1, found.c2)  # fmt: skip
@@ -152,10 +157,10 @@ def open_spectra(path: Path, site: int | None = None) -> SpectraFile:
 
 
 def records_of(config: SeaConfig) -> list[WaveRecord]:
-    """The records of a measured sea: one, or all, of which realisation r has number r modulo their count.
+    """Records of a measured sea: one, or all of the file. Realisation r takes record r modulo their number.
 
     Raises:
-        ConfigError: naming file or key, for what is not there.
+        ConfigError: for a missing file, record or direction; the message names the file or the key.
     """
     given = config.model_fields_set
     direction = config.direction_deg if "direction_deg" in given else None
@@ -168,17 +173,17 @@ def records_of(config: SeaConfig) -> list[WaveRecord]:
 @lru_cache(maxsize=16)
 def _records(path: Path, stamp: int, time: str | None, site: int | None, direction_deg: float | None,
              spreading_s: float | None) -> tuple[WaveRecord, ...]:  # fmt: skip
-    """Read once for each file, as it is now (`stamp`)."""
+    """Read each file once, in its present version (`stamp`)."""
     file = open_spectra(path, site)
     if time != ALL:
         return (file.record(file.find(time), direction_deg, spreading_s),)
     if not file.whole():
-        raise ConfigError(f"{path}: no record in it is whole")
+        raise ConfigError(f"{path}: every record has a missing density")
     return tuple(file.record(t, direction_deg, spreading_s) for t in file.whole())
 
 
 def _nearest(known: np.ndarray) -> np.ndarray:
-    """For each of a row the number of the nearest that is known [f]."""
+    """For each position in a row, the index of the nearest known entry [f]."""
     there = np.flatnonzero(known)
     return there[np.abs(np.arange(known.size)[:, None] - there).argmin(axis=1)]
 

@@ -1,40 +1,51 @@
 """Spectra that the library wavespectra reads: ERA5, WAVEWATCH III, SWAN, NDBC's netCDF, Sofar's Spotter.
 
-A file is known by its content: a netCDF by the names of its variables, text by its first line. Models give energy by
-frequency and direction, which is taken as it is, the same all over a cell; directions come from, and are turned about.
-Buoys give moments, of which the distribution of largest entropy is made (entropy.py). A Spotter's a1, b1, a2 and b2,
-of the direction of travel, counter-clockwise from east, the library keeps if it is asked for no directions. Of NDBC's
-netCDF it would make a Fourier series cut off, which is negative for some directions, and no record at all where one
-value is missing: its variables are read here.
+The content of a file identifies its format: the variables of a netCDF, the first line of a text. Wave models give
+energy by frequency and direction. Their values are used as they are, constant over a cell; only the directions are
+turned from "comes from" to "travels to". Buoys give moments, from which the distribution of maximum entropy is made
+(entropy.py). wavespectra keeps a Spotter's a1, b1, a2 and b2 (direction of travel, counter-clockwise from east) if it
+is asked for no directions. From NDBC's netCDF it would make a truncated Fourier series, which is negative for some
+directions, and no record where one value is missing. This module therefore reads NDBC's variables itself.
 """
 
 import warnings
 from pathlib import Path
-from typing import Any, NamedTuple
+from types import ModuleType
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from taichi_sim.config import ConfigError
 from taichi_sim.config.extras import MissingExtraError
 
+if TYPE_CHECKING:
+    from xarray import DataArray, Dataset
+
 NETCDF = (".nc", ".nc4", ".cdf", ".netcdf")
-NDBC = "ndbc"  # is read here
+NDBC = "ndbc"  # read by this module, not by the library
 NDBC_NAMES = {"waveFrequency": "frequency", "waveTime": "time", "waveEnergyDensity": "spectral_wave_density"}
-READERS = {  # variable of a netCDF -> reader of the library
+READERS = {  # variable of a netCDF -> reader of wavespectra
     "d2fd": "read_era5", "density": "read_ncswan", "spectral_wave_density": NDBC, "waveEnergyDensity": NDBC,
 }  # fmt: skip
 KNOWN = (
     "NDBC's text, and by wavespectra netCDF of ERA5, WAVEWATCH III, SWAN and NDBC, text of SWAN and WAVEWATCH III, "
     "Spotter's JSON and CSV"
 )
-FEWEST_ANGLES = 3  # of a spectrum with directions
-EVEN = 0.1  # by which directions, rounded in text, may be apart from evenly spaced ones
+FEWEST_ANGLES = 3  # directions of a directional spectrum, at least
+EVEN = 0.1  # relative tolerance for the spacing of directions, which text rounds
 
 
 class Gridded(NamedTuple):
-    """What a file says: times [t], places [p] in words, frequency [f] (Hz), density [t, p, f] (m^2/Hz), and either
-    `grid` [t, p, f, d], m^2/Hz/rad, by direction of travel `angles` [d] (rad, rising, evenly spaced), or the moments
-    c1, c2 [t, p, f] (complex).
+    """Content of a file: a grid of energy by direction, or moments of the direction.
+
+    Attributes:
+        times: [t].
+        places: names of the places, [p].
+        frequency: [f], Hz.
+        density: [t, p, f], m^2/Hz.
+        angles: directions of travel, [d], rad, rising and evenly spaced.
+        grid: energy by direction, [t, p, f, d], m^2/Hz/rad.
+        c1, c2: moments of the direction of travel, [t, p, f], complex.
     """
 
     times: np.ndarray
@@ -48,10 +59,11 @@ class Gridded(NamedTuple):
 
 
 def read_gridded(path: Path) -> Gridded:
-    """The spectra in a file.
+    """Read the spectra of a file.
 
     Raises:
-        ConfigError: for a file that none of the readers can read. MissingExtraError: without wavespectra.
+        ConfigError: for a file that no reader can read.
+        MissingExtraError: without wavespectra.
     """
     try:
         import wavespectra
@@ -73,8 +85,8 @@ def read_gridded(path: Path) -> Gridded:
         raise ConfigError(f"{path}: wavespectra cannot read it ({type(error).__name__}: {error})") from None
 
 
-def _reader(path: Path, xarray: Any) -> tuple[str, dict[str, Any]]:
-    """The library's reader for a file, and what it is told."""
+def _reader(path: Path, xarray: ModuleType) -> tuple[str, dict[str, str | None]]:
+    """Name of the library's reader for a file, and its options."""
     if path.suffix.lower() in NETCDF:
         with xarray.open_dataset(path) as data:
             names = {*data.variables}
@@ -82,7 +94,7 @@ def _reader(path: Path, xarray: Any) -> tuple[str, dict[str, Any]]:
         if reader is None and "efth" in names:
             reader = "read_wavespectra" if "freq" in names else "read_ww3"
         if reader is None:
-            raise ConfigError(f"{path}: no spectrum in it that is known: variables are {', '.join(sorted(names))}")
+            raise ConfigError(f"{path}: no known spectrum in it; its variables are {', '.join(sorted(names))}")
         return reader, {}
     try:
         begin = path.read_text(encoding="utf-8", errors="replace")[:4000]
@@ -96,11 +108,11 @@ def _reader(path: Path, xarray: Any) -> tuple[str, dict[str, Any]]:
         return "read_spotter", {"filetype": "json", "dd": None}
     if "a1_0" in begin and "Epoch Time" in begin:
         return "read_spotter", {"filetype": "csv", "dd": None}
-    raise ConfigError(f"{path}: not known as a spectrum; what can be read is {KNOWN}")
+    raise ConfigError(f"{path}: not known as a spectrum; known formats are {KNOWN}")
 
 
-def _of_moments(path: Path, data: Any) -> Gridded:
-    """A Spotter's: from east counter-clockwise to north clockwise, exp(i (pi/2 - x))."""
+def _of_moments(path: Path, data: "Dataset") -> Gridded:
+    """Convert a Spotter's moments from east, counter-clockwise, to north, clockwise: exp(i (pi/2 - x))."""
 
     def values(name: str) -> np.ndarray:
         return np.asarray(data[name].transpose("time", "freq"), dtype=float)[:, None, :]
@@ -110,8 +122,8 @@ def _of_moments(path: Path, data: Any) -> Gridded:
     return Gridded(_times(data), [path.stem], np.asarray(data.freq, dtype=float), values("efth"), c1=c1, c2=c2)
 
 
-def _of_ndbc(path: Path, data: Any) -> Gridded:
-    """NDBC's netCDF, whose alpha1, alpha2 (degrees from), r1 and r2 are taken as in its text (ndbc.py)."""
+def _of_ndbc(path: Path, data: "Dataset") -> Gridded:
+    """Read NDBC's netCDF. Its alpha1, alpha2 (degrees, comes from), r1 and r2 are those of NDBC's text (ndbc.py)."""
     data = data.rename({old: new for old, new in NDBC_NAMES.items() if old in data.variables})
 
     def values(name: str) -> np.ndarray:
@@ -127,8 +139,10 @@ def _of_ndbc(path: Path, data: Any) -> Gridded:
     return Gridded(_times(data), places, np.asarray(data["frequency"], dtype=float), density, c1=c1, c2=c2)
 
 
-def _of_directions(path: Path, data: Any) -> Gridded:
-    """A model's: energy by frequency and direction, m^2/Hz/degree; of one direction, it is a spectrum without any."""
+def _of_directions(path: Path, data: "Dataset") -> Gridded:
+    """Read a wave model's energy by frequency and direction (m^2/Hz/degree); a single direction means no
+    directions at all.
+    """
     energy = data["efth"]
     for name in ("time", "dir"):
         energy = energy if name in energy.dims else energy.expand_dims(name)
@@ -150,12 +164,12 @@ def _of_directions(path: Path, data: Any) -> Gridded:
     return Gridded(_times(data), places, frequency, density, angles=angles, grid=values)
 
 
-def _times(data: Any) -> np.ndarray:
+def _times(data: "Dataset") -> np.ndarray:
     return np.atleast_1d(np.asarray(data["time"], dtype="datetime64[m]"))
 
 
-def _places(data: Any, energy: Any) -> list[str]:
-    """In words: 30.25 N 75.00 W."""
+def _places(data: "Dataset", energy: "DataArray") -> list[str]:
+    """Names of the places by their coordinates: 30.25 N 75.00 W."""
     count = energy.sizes["place"]
     try:
         given = [np.asarray(energy[name] if name in energy.coords else data[name]) for name in ("lat", "lon")]

@@ -1,22 +1,24 @@
-"""Spectra of the US National Data Buoy Center as it publishes them in text, from r1, r2, alpha1 and alpha2.
+"""Spectra that the US National Data Buoy Center publishes as text, with r1, r2, alpha1 and alpha2.
 
-    41010.data_spec, .swdir, .swdir2, .swr1, .swr2     of the last 45 days: value (frequency) value (frequency) ...
-    41010w2019.txt, 41010d..., i..., j..., k...        of a year: frequencies in the header, r1 and r2 in hundredths
+    41010.data_spec, .swdir, .swdir2, .swr1, .swr2     last 45 days: value (frequency) value (frequency) ...
+    41010w2019.txt, 41010d..., i..., j..., k...        one year: frequencies in the header, r1 and r2 in hundredths
 
-Density (m^2/Hz), alpha1, alpha2 (degrees clockwise from north where waves come FROM), r1, r2; 999 and MM are no value.
-The libraries' readers make a two-dimensional spectrum of them at once, by a Fourier series cut off behind two terms,
-which is negative for some directions, and lose the hours with a 999: so these columns are read here.
+The files hold density (m^2/Hz), alpha1, alpha2 (degrees clockwise from north, where waves come FROM), r1 and r2. 999
+and MM mark a missing value. The readers of libraries convert them at once to a two-dimensional spectrum, by a Fourier
+series truncated after two terms. That series is negative for some directions, and hours with a 999 are lost. This
+module therefore reads the columns itself.
 
-Bands. Frequencies are printed with three decimals, 0.0325 Hz as 0.033: those of NDBC's wave processing module are
-known (www.ndbc.noaa.gov/faq/wavespectra.shtml) and put in their place.
+Bands: frequencies are printed with three decimals (0.0325 Hz as 0.033). They are replaced by those of NDBC's wave
+processing module, which are known (www.ndbc.noaa.gov/faq/wavespectra.shtml).
 
-Hundredths. Spectra of the last days come by WMO code FM 65 WAVEOB: each density in hundredths of the largest, what is
-beyond the last hundredth cut off. A record all of whose densities are such multiples is taken for one, and half a
-hundredth is added to each but the largest, from the first band with energy on; behind the last one with energy no more
-than a tail as f^-4 would have (the equilibrium range: Toba 1973, Donelan et al. 1985). Without that the 24 hours of
-41010 in June 2020 are 0.019 m low and 0.10 s long on the mean (Hs, Tm02), with it 0.004 m and 0.004 s. What is left
-open is the wind sea under a swell a hundred times as dense: the mean period of a JONSWAP swell of 13 s alone is then
-0.4 s short, and with a wind sea that the code has lost it is long. Directions have steps of 4 degrees there.
+Hundredths: spectra of the last days arrive in WMO code FM 65 WAVEOB. It gives each density in hundredths of the largest
+one, rounded down. A record whose densities are all such multiples is taken to be in this code. Half a hundredth is
+added to each density but the largest, from the first band with energy on. Above the last band with energy, no more is
+added than a tail of f^-4 has (the equilibrium range: Toba 1973, Donelan et al. 1985). Without this correction the 24
+hours of 41010 in June 2020 are on average 0.019 m too low and 0.10 s too long (Hs, Tm02); with it, 0.004 m and 0.004 s.
+One case remains open: a wind sea under a swell that is a hundred times as dense. The mean period of a pure JONSWAP
+swell of 13 s becomes 0.4 s too short; it is too long if the code has lost a wind sea. Directions have steps of 4
+degrees in this code.
 """
 
 import gzip
@@ -31,28 +33,32 @@ import numpy as np
 from taichi_sim.config import ConfigError
 from taichi_sim.config.files import ndbc_set
 
-MISSING = 998.0  # and more: NDBC's 999 for no value
+MISSING = 998.0  # from here on a value is missing (NDBC writes 999)
 BANDS = np.concatenate((0.0325 + 0.005 * np.arange(13), 0.1 + 0.01 * np.arange(26), 0.365 + 0.02 * np.arange(7)))  # Hz
-PRINTED = 0.00051  # Hz, by which a printed frequency may differ
-TAIL = 4  # power of the frequency with which a spectrum falls off
-STEPS = 100  # of the largest density, in code FM 65
-DISCERNIBLE = 3  # steps of a density that are as large as this many of its last digit are seen
-DATES = ("YY", "MM", "DD", "HH", "MN")
+PRINTED = 0.00051  # Hz; largest error of a printed frequency
+TAIL = 4  # power of the frequency in the decay of a spectrum's tail
+STEPS = 100  # steps up to the largest density in code FM 65
+DISCERNIBLE = 3  # steps of the code are recognised if they are at least this many units of the last printed digit
 
 
 class Part(NamedTuple):
-    """One file: its times [t], frequencies [f] (Hz) and values [t, f], NaN where there is none."""
+    """Content of one file: times [t], frequencies [f] (Hz) and values [t, f], NaN where a value is missing."""
 
     times: np.ndarray
     frequency: np.ndarray
     values: np.ndarray
     digit: float  # unit of the last printed digit
-    hundredths: bool  # r1 and r2 are given so
+    hundredths: bool  # whether r1 and r2 are in hundredths
 
 
 class Moments(NamedTuple):
-    """What a set of files says: times [t] latest last, frequency [f] (Hz), density (m^2/Hz), c1, c2 (complex, where
-    waves travel to, clockwise from north) [t, f], NaN where there is no value.
+    """Content of a set of files; NaN marks a missing value.
+
+    Attributes:
+        times: [t], rising.
+        frequency: [f], Hz.
+        density: [t, f], m^2/Hz.
+        c1, c2: moments of the direction of travel (clockwise from north), [t, f], complex.
     """
 
     times: np.ndarray
@@ -63,7 +69,7 @@ class Moments(NamedTuple):
 
 
 def is_ndbc(path: Path) -> bool:
-    """Whether a file is one of NDBC's text: by the beginning of its header."""
+    """Whether the header of a file is that of NDBC's text."""
     try:
         with _open(path) as file:
             return bool(re.match(r"#?\s*YY(YY)?\s+MM\s+DD\s+hh", file.readline(200)))
@@ -72,15 +78,15 @@ def is_ndbc(path: Path) -> bool:
 
 
 def read_ndbc(path: Path) -> Moments:
-    """The records of a set of files, one of which is named.
+    """Read the records of a set of files; `path` is any of them.
 
     Raises:
-        ConfigError: for a file that is cut short or not of this form.
+        ConfigError: for a file that is truncated or has another format.
     """
     parts = ndbc_set(path)
     density = read_part(parts.get("density", path))
     if "density" not in parts and parts:
-        raise ConfigError(f"{path}: the file of the densities is not beside it: there is no spectrum without it")
+        raise ConfigError(f"{path}: the file of the densities, which every spectrum needs, is not in the same folder")
     given = {kind: _aligned(read_part(file), density, file) for kind, file in parts.items() if kind != "density"}
     nothing = np.full(density.values.shape, np.nan)
     alpha1, r1, alpha2, r2 = (given.get(kind, nothing) for kind in ("alpha1", "r1", "alpha2", "r2"))
@@ -92,13 +98,15 @@ def read_ndbc(path: Path) -> Moments:
 
 
 def bands(printed: np.ndarray) -> np.ndarray:
-    """Frequencies in the place of those printed, where they are NDBC's."""
+    """Replace printed frequencies by the exact ones of NDBC, if they are NDBC's."""
     known = BANDS[-printed.size :]
     return known if known.size == printed.size and np.allclose(known, printed, rtol=0, atol=PRINTED) else printed
 
 
 def with_cut_off_returned(density: np.ndarray, digit: float, frequency: np.ndarray) -> np.ndarray:
-    """Densities [t, f] of which those sent in hundredths of the largest have back half of what was cut off."""
+    """Add half a step to densities [t, f] that were rounded down to hundredths of the largest (see the module's
+    docstring).
+    """
     density = density.copy()
     for row in density:
         if not np.isfinite(row).all() or row.max() < DISCERNIBLE * STEPS * digit:
@@ -114,10 +122,10 @@ def with_cut_off_returned(density: np.ndarray, digit: float, frequency: np.ndarr
 
 
 def read_part(path: Path) -> Part:
-    """One file of a set.
+    """Read one file of a set.
 
     Raises:
-        ConfigError: naming file and line, for one that is cut short or not of this form.
+        ConfigError: for a file that is truncated or has another format; the message names file and line.
     """
     try:
         with _open(path) as file:
@@ -126,13 +134,13 @@ def read_part(path: Path) -> Part:
         raise ConfigError(f"{path}: cannot be read: {error or 'it is empty'}") from None
     names = header.lstrip("#").split()
     if "WVHT" in names:
-        raise ConfigError(f"{path}: a summary of heights and periods, no spectrum: name {path.stem}.data_spec")
+        raise ConfigError(f"{path}: a summary of heights and periods, not a spectrum: name {path.stem}.data_spec")
     dates = 5 if len(names) > 4 and names[4].lower() == "mm" else 4
     pairs = "(" in header or any("(" in line for line in lines[:1])
     columns = None if pairs else names[dates:]
     rows = [(n, line.split()) for n, line in enumerate(lines, 2) if line.strip() and not line.startswith("#")]
     if not rows:
-        raise ConfigError(f"{path}: there is no record in it")
+        raise ConfigError(f"{path}: it has no record")
     parsed = [_row(path, n, cells, dates, columns) for n, cells in rows]
     frequency = parsed[0][1]
     if frequency.size < 3:
@@ -141,7 +149,7 @@ def read_part(path: Path) -> Part:
         if there.size != frequency.size:
             raise ConfigError(f"{path}, line {number}: cut short: {there.size} of {frequency.size} frequencies")
         if not np.array_equal(there, frequency):
-            raise ConfigError(f"{path}, line {number}: other frequencies than in line {rows[0][0]}")
+            raise ConfigError(f"{path}, line {number}: its frequencies differ from those in line {rows[0][0]}")
     if not (np.diff(frequency) > 0).all() or frequency[0] <= 0:
         raise ConfigError(f"{path}: frequencies must rise from above 0")
     values = np.array([row[2] for row in parsed])
@@ -151,7 +159,7 @@ def read_part(path: Path) -> Part:
 
 
 def _row(path: Path, number: int, cells: list[str], dates: int, columns: list[str] | None):
-    """Time, frequencies and values of a line."""
+    """Time, frequencies and values of one line."""
     try:
         year, month, day, hour, minute = ([int(x) for x in cells[:dates]] + [0])[:5]
         time = np.datetime64(datetime(year + 1900 if year < 100 else year, month, day, hour, minute), "m")
@@ -181,9 +189,9 @@ def _numbers(texts: list[str]) -> Iterator[float]:
 
 
 def _aligned(part: Part, density: Part, path: Path) -> np.ndarray:
-    """Values of a file for the times of the densities [t, f]; NaN for times that it has not."""
+    """Values [t, f] of a file at the times of the densities; NaN where the file lacks a time."""
     if part.frequency.shape != density.frequency.shape or not np.allclose(part.frequency, density.frequency):
-        raise ConfigError(f"{path}: other frequencies than the file of the densities")
+        raise ConfigError(f"{path}: its frequencies differ from those in the file of the densities")
     rows: Mapping[np.datetime64, np.ndarray] = dict(zip(part.times, part.values, strict=True))
     nothing = np.full(density.frequency.size, np.nan)
     values = np.array([rows.get(time, nothing) for time in density.times])

@@ -1,4 +1,4 @@
-"""One measured sea state: energy by frequency and direction, and what is computed of it."""
+"""One measured sea state: energy by frequency and direction, and its statistics."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -8,13 +8,14 @@ import numpy as np
 from taichi_sim.sea.measured.entropy import direction_grid
 from taichi_sim.sea.spectrum import CALM_PERIOD
 
-JUMP = 1.2  # from one distance of frequencies to the next: more is a change of band width
+JUMP = 1.2  # a larger ratio of successive frequency spacings is a change of band width
 
 
 def band_edges(frequency: np.ndarray) -> np.ndarray:
-    """Edges [f + 1] of the bands whose middles are given [f], both in Hz; the outermost are symmetric.
+    """Edges [f + 1] of the bands with the given middles [f], both in Hz; the outermost bands are symmetric.
 
-    Halfway; where widths change from one band to the next (NDBC: 0.005 to 0.01 to 0.02 Hz) at half the width of each.
+    An edge lies halfway between two middles. Where the band width changes (NDBC: 0.005 to 0.01 to 0.02 Hz), it lies at
+    half of each band's own width.
     """
     distance = np.diff(frequency)
     inner = (frequency[1:] + frequency[:-1]) / 2
@@ -29,20 +30,20 @@ def band_edges(frequency: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class WaveRecord:
-    """A sea state as it was measured, or modelled, at one place and time."""
+    """A sea state, measured or modelled, at one place and time."""
 
-    name: str  # of the place and the time
-    edges: np.ndarray  # [f + 1], of the bands, Hz
-    density: np.ndarray  # [f], m^2/Hz, the same all over a band
-    spread: np.ndarray  # [f, ANGLES], 1/rad: energy of each band by where it travels to (entropy.direction_grid)
+    name: str  # place and time
+    edges: np.ndarray  # [f + 1], edges of the bands, Hz
+    density: np.ndarray  # [f], m^2/Hz, constant over a band
+    spread: np.ndarray  # [f, ANGLES], 1/rad: distribution of each band over directions of travel (entropy.py)
 
     @cached_property
     def energy(self) -> np.ndarray:
-        """Variance of each band [f], m^2."""
+        """Variance of each band, [f], m^2."""
         return self.density * np.diff(self.edges)
 
     def moment(self, order: int) -> float:
-        """m_n, the integral of f^n S(f) df, m^2 Hz^n; n from -1."""
+        """m_n, the integral of f^n S(f) df, m^2 Hz^n, for n >= -1."""
         low, high = self.edges[:-1], self.edges[1:]
         part = np.log(high / low) if order == -1 else (high ** (order + 1) - low ** (order + 1)) / (order + 1)
         return float((self.density * part).sum())
@@ -59,12 +60,12 @@ class WaveRecord:
 
     @property
     def peak(self) -> int:
-        """The band of the largest density."""
+        """Index of the band with the largest density."""
         return int(self.density.argmax())
 
     @property
     def tp(self) -> float:
-        """Period of the middle of the densest band, s."""
+        """Peak period, s: that of the middle of the densest band."""
         return 2 / float(self.edges[self.peak] + self.edges[self.peak + 1]) if not self.calm else CALM_PERIOD
 
     @property
@@ -74,35 +75,35 @@ class WaveRecord:
 
     @property
     def tm02(self) -> float:
-        """Mean period sqrt(m0 / m2) between zero up-crossings, s: NDBC's APD."""
+        """Mean zero up-crossing period sqrt(m0 / m2), s (NDBC's APD)."""
         return (self.moment(0) / self.moment(2)) ** 0.5 if not self.calm else CALM_PERIOD
 
     @property
     def energy_period(self) -> float:
-        """Tm-1,0 = m-1 / m0, s."""
+        """Energy period Tm-1,0 = m-1 / m0, s."""
         return self.moment(-1) / self.moment(0) if not self.calm else CALM_PERIOD
 
     @cached_property
     def c1(self) -> np.ndarray:
-        """E[exp(i theta)] of each band [f]: its modulus is r1, its angle the mean direction of travel."""
+        """E[exp(i theta)] of each band, [f]: its modulus is r1, its angle the mean direction of travel."""
         return (self.spread * np.exp(1j * direction_grid())).mean(axis=1) * 2 * np.pi
 
     @property
     def c1_of_all(self) -> complex:
-        """The same of all bands together, by energy; 0 of a calm."""
+        """E[exp(i theta)] of all bands together, weighted by energy; 0 for a calm sea."""
         return complex((self.energy * self.c1).sum() / (self.energy.sum() or 1.0))
 
     @property
     def direction(self) -> float:
-        """Mean direction of all waves, where they travel to, rad clockwise from north."""
+        """Mean direction of travel of all waves, rad clockwise from north."""
         return float(np.angle(self.c1_of_all))
 
     @property
     def peak_direction(self) -> float:
-        """Mean direction of the densest band (NDBC's MWD, turned about), rad."""
+        """Mean direction of travel of the densest band, rad (NDBC's MWD plus pi)."""
         return float(np.angle(self.c1[self.peak]))
 
     @property
     def circular_deviation(self) -> float:
-        """sqrt(2 (1 - r1)) of all waves, rad."""
+        """Circular standard deviation sqrt(2 (1 - r1)) of all waves, rad."""
         return (2 * (1 - abs(self.c1_of_all))) ** 0.5

@@ -1,21 +1,22 @@
-"""Components of a measured sea, drawn by energy and direction.
+"""Wave components of a measured sea, drawn by energy and direction.
 
-The record's bands are cut into bins, one component each, of equal shares of
+The bands of the record are divided into bins, one component each, with equal shares of
 
-    w(f) = (S(f) / m0 + f^2 S(f) / m2) / 2:
+    w(f) = (S(f) / m0 + f^2 S(f) / m2) / 2.
 
-bins of equal energy would leave one, wide, for the tail, which has most of m2 and so makes the mean period. A component
-carries the energy of its bin, so that of a realisation is exact; its frequency is drawn inside the bin by the density,
-then all are stretched by one factor, so that Tm02 of every realisation is that of the record, too (the factor's
-standard deviation is 0.5 % with 32 components, 1.2 % with 16). Directions are drawn from the distribution of the band
-that the frequency was drawn from. Components next to each other in frequency take quantiles far apart (the golden
-ratio's sequence), so that any few neighbours have about the mean direction and the spread of their bands.
+(Bins of equal energy would leave one wide bin for the tail, which has most of m2 and so determines the mean period.) A
+component has the energy of its bin, so the energy of every realisation is exact. Its frequency is drawn inside the bin
+by the density. All frequencies are then scaled by one factor, so that Tm02 of every realisation is also that of the
+record (the factor's standard deviation is 0.5 % with 32 components, 1.2 % with 16). The direction is drawn from the
+distribution of the band that the frequency lies in. Components with neighbouring frequencies take distant quantiles
+(the golden ratio's sequence), so that any few neighbours have nearly the mean direction and the spread of their bands.
 
-Realisations are drawn TOGETHER: the quantiles that a component takes in them are spread evenly, and so are, among
-any eight of neighbouring quantiles, its places in its bin (a stratified design in both, drawn at random). What they
-have on the mean, by frequency, is then much nearer to the record than by chance: 64 of 32 components have the direction
-at the peak within 2.3 degrees (24 hours of 41010, 6 seeds), independent ones within 7. Each is still a random sea, and
-depends on the seed and its own number alone; phases are its own.
+Realisations are drawn together, by a design that is stratified in two ways and random in both. The quantiles that a
+component takes in the realisations are spread evenly. So are its places in the bin, among any eight realisations with
+neighbouring quantiles. The mean over realisations, by frequency, is then much nearer to the record than independent
+draws: 64 realisations of 32 components have the direction at the peak within 2.3 degrees (24 hours of 41010, 6 seeds),
+independent ones within 7. Each is still a random sea that depends on the seed and its own number alone, with phases of
+its own.
 """
 
 import math
@@ -29,16 +30,16 @@ from taichi_sim.sea.measured.entropy import ANGLES, direction_grid
 from taichi_sim.sea.measured.record import WaveRecord
 from taichi_sim.sea.spectrum import CALM_PERIOD, Components
 
-STREAM = 0xE5  # keeps the random numbers of designs apart from those of realisations
-FINE = 64  # points in a band at which shares are known
+STREAM = 0xE5  # separates the random numbers of designs from those of realisations
+FINE = 64  # points per band at which the shares are tabulated
 GOLDEN = (math.sqrt(5) - 1) / 2
-TOGETHER, STRATA = 64, 8  # realisations of a design, and strata of places for quantiles that are neighbours
+TOGETHER, STRATA = 64, 8  # realisations per design; strata of places among neighbouring quantiles
 TWO_PI = 2 * math.pi
 
 
 @dataclass(frozen=True, eq=False)
 class MeasuredSystem:
-    """A record to draw components from; as `WaveSystem` of sampling.py."""
+    """A record to draw components from; it has the interface of `WaveSystem` (sampling.py)."""
 
     record: WaveRecord
     components: int  # per realisation
@@ -55,16 +56,16 @@ class MeasuredSystem:
 
     @property
     def direction(self) -> float:
-        """Mean direction of travel, rad."""
+        """Mean direction of travel, rad clockwise from north."""
         return self.record.direction
 
     @property
     def circular_deviation(self) -> float:
-        """Of the directions of all waves, rad."""
+        """Circular standard deviation of the directions of all waves, rad."""
         return self.record.circular_deviation
 
     def by_direction(self, angle: np.ndarray) -> np.ndarray:
-        """Share of the energy by direction of travel, 1/rad, at angles (rad, clockwise from north)."""
+        """Share of the energy per angle (1/rad) at directions of travel (rad, clockwise from north)."""
         share = (self.record.energy @ self.record.spread) / (self.record.energy.sum() or 1.0)
         return np.interp(angle, direction_grid(), share, period=TWO_PI)
 
@@ -86,13 +87,14 @@ class MeasuredSystem:
 
     @cached_property
     def amplitudes(self) -> np.ndarray:
-        """Amplitude of the component of each bin, m: that bin's energy."""
+        """Amplitude of the component of each bin, m, from the bin's energy."""
         return np.sqrt(2 * np.diff(self._energy_below(self.bins)))
 
     def draw(self, rng: np.random.Generator, seed: int, realisation: int, index: int) -> np.ndarray:
-        """Frequency (rad/s), direction and phase (rad) [3, component] of a realisation, by its own generator `rng`.
+        """Draw frequency (rad/s), direction and phase (rad), [3, component], of a realisation with its own generator
+        `rng`.
 
-        `seed` and `index`, the system's number, are those of the design that realisations share.
+        `seed` and `index` (number of the system) select the design that realisations share.
         """
         n, phase = self.components, rng.random(self.components)
         quantiles, places = design(seed, realisation // TOGETHER, index, n)
@@ -108,12 +110,12 @@ class MeasuredSystem:
         return np.stack((TWO_PI * stretch * frequency, direction, TWO_PI * phase))
 
     def _energy_below(self, omega: np.ndarray) -> np.ndarray:
-        """Variance below omega [..] (rad/s), m^2."""
+        """Variance (m^2) below omega [..] (rad/s)."""
         edges, energy = self.record.edges, self.record.energy
         return np.interp(omega / TWO_PI, edges, np.concatenate(([0.0], np.cumsum(energy))))
 
     def _frequency_of(self, energy: np.ndarray) -> np.ndarray:
-        """Frequency [..] (Hz) below which there is that variance: never in a band without any."""
+        """Frequency [..] (Hz) below which the given variance lies; never inside a band without energy."""
         full = np.flatnonzero(self.record.energy > 0)
         above = np.cumsum(self.record.energy[full])
         k = np.searchsorted(above, energy, side="right").clip(0, full.size - 1)
@@ -123,7 +125,7 @@ class MeasuredSystem:
 
     @cached_property
     def _cumulative(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Frequencies (Hz), and the energy (m^2) and the m2 (m^2 Hz^2) below each."""
+        """Frequencies (Hz), and the m0 (m^2) and m2 (m^2 Hz^2) below each of them."""
         full = np.flatnonzero(self.record.density)
         first, last = full[0], full[-1] + 1
         edges, density = self.record.edges[first : last + 1], self.record.density[first:last]
@@ -135,11 +137,13 @@ class MeasuredSystem:
 
     @cached_property
     def _by_direction(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Of each band the share of its energy up to an angle, and the angles (rad), from opposite its mean on."""
+        """For each band, the cumulative share of its energy and the angles (rad), from opposite its mean direction
+        on.
+        """
         cell, middle = TWO_PI / ANGLES, direction_grid()
         found = []
         for spread, mean in zip(self.record.spread, np.angle(self.record.c1), strict=True):
-            first = int(np.searchsorted(middle, (mean + TWO_PI) % TWO_PI - math.pi))  # the cell behind mean - pi
+            first = int(np.searchsorted(middle, (mean + TWO_PI) % TWO_PI - math.pi))  # first cell after mean - pi
             share = np.concatenate(([0.0], np.cumsum(np.roll(spread, -first)) * cell))
             start = -math.pi + first * cell
             found.append((share / share[-1], start + cell * np.arange(ANGLES + 1)))
@@ -148,7 +152,7 @@ class MeasuredSystem:
 
 @lru_cache(maxsize=32)
 def design(seed: int, block: int, index: int, components: int) -> tuple[np.ndarray, np.ndarray]:
-    """Quantiles of the direction and places in the bin, both in [0, 1), of the components of TOGETHER realisations
+    """Direction quantiles and places in the bin, both in [0, 1), of the components of TOGETHER realisations, each
     [realisation, component].
     """
     rng = np.random.Generator(np.random.Philox(np.random.SeedSequence([seed, block, index, STREAM])))
@@ -162,16 +166,16 @@ def design(seed: int, block: int, index: int, components: int) -> tuple[np.ndarr
 
 
 class Realised(NamedTuple):
-    """What realisations have come to, to be held against the record, [sea]."""
+    """Statistics of realisations, [sea], to compare with the record."""
 
     hs: np.ndarray  # m
     tm02: np.ndarray  # s
-    direction: np.ndarray  # mean of all energy, where it travels to, rad
-    peak_direction: np.ndarray  # of the components in the densest band, NaN where there is none
+    direction: np.ndarray  # mean direction of travel, weighted by energy, rad
+    peak_direction: np.ndarray  # the same of the components in the record's densest band; NaN without any, rad
 
 
 def realised(components: Components, record: WaveRecord) -> Realised:
-    """Heights, periods and directions of realisations of a record; directions by energy."""
+    """Heights, periods and mean directions (weighted by energy) of realisations of a record."""
     energy, frequency = components.amplitude**2 / 2, components.omega / TWO_PI
     m0, m2 = energy.sum(axis=1), (energy * frequency**2).sum(axis=1)
     around = energy * np.exp(1j * components.direction)
@@ -182,8 +186,9 @@ def realised(components: Components, record: WaveRecord) -> Realised:
 
 
 def band_moments(components: Components, record: WaveRecord) -> np.ndarray:
-    """Sum of a^2 / 2 exp(i theta) of the components in each of the record's bands [sea, f], complex, m^2: its angle is
-    the direction that realisations have there, of one or, summed, of all.
+    """Sum of a^2 / 2 exp(i theta) over the components in each of the record's bands, [sea, f], complex, m^2.
+
+    Its angle is the mean direction of a realisation in that band; summed over realisations, that of all together.
     """
     around = components.amplitude**2 / 2 * np.exp(1j * components.direction)
     band = np.searchsorted(record.edges, components.omega / TWO_PI) - 1

@@ -1,1 +1,1 @@
-"""`hull_6dof`: hulls in six degrees of freedom; hull_6dof.py is where to begin."""
+"""`hull_6dof`: hulls in six degrees of freedom. Start reading at hull_6dof.py."""

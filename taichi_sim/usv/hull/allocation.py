@@ -1,14 +1,15 @@
-"""Thrust allocation: a wanted wrench (X, Y, N) shared out to thrusters by a weighted pseudo-inverse, computed once.
+"""Thrust allocation: distribution of a wanted wrench (X, Y, N) to thrusters by a weighted pseudo-inverse, computed
+once.
 
-A fixed thruster has one component, its thrust; one that turns has two, its push ahead and to starboard, from which
-angle and thrust follow (extended thrust: Sordalen 1997, Optimal thrust allocation for marine vessels, Control
-Engineering Practice 5 (9); Fossen 2021, sec. 11.2). Of all f with B f = tau, that with the least sum of
-(f_i / f_max,i)^2,
+A fixed thruster has one component, its thrust. An azimuth thruster has two, its push ahead and to starboard; angle and
+thrust follow from them (extended thrust: Sordalen 1997, Optimal thrust allocation for marine vessels, Control
+Engineering Practice 5 (9); Fossen 2021, sec. 11.2). Of all f with B f = tau, the one with the least sum of (f_i /
+f_max,i)^2 is
 
-    f = W^-1 B^T (B W^-1 B^T)^-1 tau,   W = diag(1 / f_max^2),
+    f = W^-1 B^T (B W^-1 B^T)^-1 tau,   W = diag(1 / f_max^2).
 
-is exact for every tau that B reaches. What B does not reach (sway by two propellers ahead) is left out. A wrench beyond
-the thrusters' limits becomes the largest one of its direction (`allocated`).
+It is exact for every tau in the range of B. Any other part of tau (such as sway with two propellers ahead) is ignored.
+A wrench beyond the thrusters' limits is replaced by the largest one in the same direction (`allocated`).
 """
 
 # Kernels are another language inside Python syntax.
@@ -25,19 +26,21 @@ from numpy.typing import NDArray
 from taichi_sim.usv.hull.thrusters import Thruster, shaft_speed
 
 Array = NDArray[np.float64]
-IDLE = 1e-3  # of its greatest thrust: for less, a thruster does not turn; assumed (rounding has no direction)
-NONE = 1e-12  # of its greatest thrust; keeps the direction of no thrust finite
+IDLE = 1e-3  # share of the largest thrust; below, a thruster does not turn (rounding has no direction); assumed
+NONE = 1e-12  # share of the largest thrust; avoids a division by zero
 PLANE = (0, 1, 5)  # X, Y, N of a wrench
-SINGULAR = 1e-9  # of the largest singular value, below which B is taken not to reach
+SINGULAR = 1e-9  # smaller singular values, over the largest one, count as zero
 
 
 def components(thrusters: Sequence[Thruster]) -> tuple[tuple[int, int], ...]:
-    """Thruster and axis of each component. Axis 0: thrust, or of one that turns its push ahead; 1: to starboard."""
+    """Thruster and axis of each component. Axis 0 is the thrust, or the push ahead of an azimuth thruster; 1 is to
+    starboard.
+    """
     return tuple((k, axis) for k, thruster in enumerate(thrusters) for axis in range(1 + thruster.azimuth))
 
 
 def reach(thrusters: Sequence[Thruster]) -> Array:
-    """B [3, component]: X (N), Y (N), N (N m) of 1 N of each component."""
+    """B [3, component]: X (N), Y (N) and N (N m) of 1 N of each component."""
     loads = [
         thrusters[k].arm[axis] if thrusters[k].azimuth else thrusters[k].wrench for k, axis in components(thrusters)
     ]
@@ -45,17 +48,19 @@ def reach(thrusters: Sequence[Thruster]) -> Array:
 
 
 def pseudo_inverse(thrusters: Sequence[Thruster]) -> Array:
-    """Components [component, 3] of a wrench of 1 N, 1 N, 1 N m, so weighted."""
+    """Weighted pseudo-inverse [component, 3]: components of a wrench of 1 N, 1 N and 1 N m."""
     most = np.array([thrusters[k].thrust_max for k, _ in components(thrusters)])
     weighted = reach(thrusters) * most
-    size = np.abs(weighted).sum(axis=1, keepdims=True)  # makes newtons and newton metres comparable
+    size = np.abs(weighted).sum(axis=1, keepdims=True)  # makes N and N m comparable
     size[size == 0] = 1.0
     return most[:, None] * np.linalg.pinv(weighted / size, rcond=SINGULAR) / size.T
 
 
 def largest(thrusters: Sequence[Thruster]) -> tuple[Array, Array]:
-    """The largest X, Y, N [3] above zero, and below (not above 0), each alone, that the pseudo-inverse gets from the
-    thrusters' limits; 0 where they make none.
+    """Largest X, Y and N [3] in the positive direction, and in the negative one (not above 0), within the thrusters'
+    limits.
+
+    Each is made alone, by the pseudo-inverse. It is 0 where the thrusters make none.
     """
     share, B = pseudo_inverse(thrusters), reach(thrusters)
     found = np.zeros((2, 3))
@@ -67,7 +72,7 @@ def largest(thrusters: Sequence[Thruster]) -> tuple[Array, Array]:
 
 
 def _factor(thrusters: Sequence[Thruster], f: Array) -> float:
-    """By how much all components may be multiplied until the first thruster is at its limit."""
+    """Factor by which all components may grow until the first thruster reaches its limit."""
     factors = []
     for k, thruster in enumerate(thrusters):
         own = f[[k == one for one, _ in components(thrusters)]]
@@ -78,7 +83,7 @@ def _factor(thrusters: Sequence[Thruster], f: Array) -> float:
 
 
 def limit(thruster: Thruster, own: Array) -> float:
-    """Of the size of a thruster's components, in the direction that they have, N."""
+    """Largest size (N) of a thruster's components in their present direction."""
     forwards = own[0] > 0
     if thruster.azimuth:
         c, s = thruster.direction
@@ -88,21 +93,23 @@ def limit(thruster: Thruster, own: Array) -> float:
 
 
 def reaches_round(thruster: Thruster) -> bool:
-    """Whether a thruster that turns can push every way: all round, or half of it, with thrust either way."""
+    """Whether an azimuth thruster can push in every direction: it turns all round, or half round with thrust both
+    ways.
+    """
     return thruster.turns is None or (thruster.thrust_min < 0 and thruster.turns[1] - thruster.turns[0] >= np.pi - 1e-9)
 
 
 class Allocation(NamedTuple):
-    """What `allocated` is compiled with."""
+    """Compile-time tables of `allocated`."""
 
-    shares: tuple[tuple[float, ...], ...]  # `pseudo_inverse`
-    first: tuple[int, ...]  # component of each thruster, the first one
-    largest: tuple[float, ...]  # X, Y (N), N (N m) that the actions 1 stand for
-    smallest: tuple[float, ...]  # that the actions -1 stand for
+    shares: tuple[tuple[float, ...], ...]  # rows of `pseudo_inverse`
+    first: tuple[int, ...]  # first component of each thruster
+    largest: tuple[float, ...]  # X, Y (N), N (N m) of actions of 1
+    smallest: tuple[float, ...]  # X, Y (N), N (N m) of actions of -1
 
     @classmethod
     def of(cls, thrusters: Sequence[Thruster]) -> "Allocation":
-        """For these thrusters."""
+        """Make the tables for the given thrusters."""
         order, (most, least) = components(thrusters), largest(thrusters)
         return cls(
             tuple(tuple(map(float, row)) for row in pseudo_inverse(thrusters)),
@@ -114,12 +121,13 @@ class Allocation(NamedTuple):
 
 @ti.func
 def allocated(fitted: ti.template(), tau, controls):
-    """Command that makes tau (X, Y, N), or as much of it as all thrusters of `fitted` (a ThrusterSet) can make in its
-    direction. A thruster that turns is told where to push; meanwhile it pushes with the part of that which its present
-    angle (in `controls`) has.
+    """Command that makes tau (X, Y, N), or the largest wrench in its direction that `fitted` (a ThrusterSet) can make.
+
+    An azimuth thruster is commanded to the angle of its push. Meanwhile its thrust is the part of that push along its
+    present angle (in `controls`).
     """
     command, push, share = controls, controls * 0.0, tau[0] * 0.0 + 1.0
-    ahead, right = controls * 0.0, controls * 0.0  # of the thrusters, as they are unturned
+    ahead, right = controls * 0.0, controls * 0.0  # pushes, relative to each thruster's unturned direction
     for k in ti.static(range(len(fitted.thrusters))):
         t, first = ti.static(fitted.thrusters[k], fitted.allocation.first[k])
         limit = tau[0] * 0.0
@@ -133,7 +141,7 @@ def allocated(fitted: ti.template(), tau, controls):
             ahead[k], right[k] = c * x + s * y, c * y - s * x
             angle, at = ti.atan2(right[k], ahead[k]), ti.static(fitted.angle_of[k])
             push[k], limit = 1.0, ti.static(t.thrust_max)
-            if ti.static(not t.all_round):  # out of its range it pushes the other way
+            if ti.static(not t.all_round):  # outside its range the thruster pushes the other way
                 low, high = ti.static(t.turns)
                 if angle < low or angle > high:
                     push[k], limit = -1.0, ti.static(-t.thrust_min)

@@ -1,8 +1,8 @@
-"""Damping and cross-flow drag: the load (N, N m, about CO, b) of the velocity nu_r relative to the water.
+"""Damping and cross-flow drag: the load (N, N m, about CO, b) due to the velocity nu_r relative to the water.
 
     X_i = -(d_i + d_ii |nu_r,i|) nu_r,i        diagonal, linear and quadratic (Fossen 2021, sec. 6.4)
 
-and the strip integral of cross-flow, over strips of width dx at x along the hull,
+The cross-flow drag is an integral over strips of width dx at x along the hull,
 
     Y = -1/2 rho T C_d sum |v + x r| (v + x r) dx,   N = -1/2 rho T C_d sum x |v + x r| (v + x r) dx,
 
@@ -19,7 +19,7 @@ from taichi_sim.usv.hull.numbers import vector
 
 @ti.func
 def load(h: ti.template(), p: ti.template(), nu_r):
-    """Both; `h` is the Hydrodynamics section, `p` what the kernel works with (numbers.py)."""
+    """Total of damping and cross-flow drag. `h` is the Hydrodynamics section, `p` the kernel's numbers (numbers.py)."""
     tau = diagonal_damping(ti.static(vector(p, "linear", 6)), ti.static(vector(p, "quadratic", 6)), nu_r)
     if ti.static(h.cross_flow_length > 0):
         YN = cross_flow(h, nu_r[1], nu_r[5])

@@ -1,28 +1,28 @@
-"""Waves that a hull throws back: the load of diffraction, by component of the sea.
+"""Diffraction load of each component of the sea.
 
-What a boundary-element database has of the whole excitation of a held hull, less what the simulator's panels take of
-the undisturbed wave (`by_panels`), is a load per unit amplitude X(omega, heading), complex, about CO in b. It is
-applied on top of the pressure on the panels: for small waves the sum is the database's excitation, however few panels
-there are, and what is nonlinear in the undisturbed wave's pressure stays. A component of amplitude a loads the hull by
+The load per unit amplitude X(omega, heading), complex, about CO in b, is the database's excitation minus the
+Froude-Krylov load on the simulator's own panels (`by_panels`). It is added to the pressure on the panels. For small
+waves the sum is the database's excitation, however few panels there are; the nonlinearity of the undisturbed wave's
+pressure remains. A component of amplitude a loads the hull by
 
-    Re(a X(omega, beta) exp(i theta)),   theta: its phase at the hull's label, beta: its direction from the bow,
+    Re(a X(omega, beta) exp(i theta)),   theta: its phase at the hull's label, beta: its direction from the bow.
 
-with X at the component's own frequency (that of encounter counts in radiation alone), cubic in omega, linear between
-equal courses, to which the database is resampled by its Fourier series. Over the course of a long hull in short waves X
-turns k L / 2 times, so there are as many courses as leave it OFF of its largest off, halfway between two
-(`courses_of`). Slower waves than the database has are thrown back as omega^2, faster ones less and less up to FADED
-times its highest frequency.
+X is taken at the component's own frequency (the encounter frequency matters in radiation only). It is cubic in omega
+and linear between equally spaced courses, to which the database is resampled by its Fourier series. Around a long hull
+in short waves, X turns k L / 2 times. The number of courses is therefore chosen so that the error halfway between two
+of them is at most OFF times the largest load (`courses_of`). For slower waves than those of the database, diffraction
+goes as omega^2; for faster ones it fades to zero at FADED times the highest frequency.
 
-In a step it is summed once for every STRETCH of phase of waves at the hull's highest resonance, with its first and
-second rates of change: shorter waves, which move it little, are off by more.
+In a control step the load is summed once per STRETCH of phase of waves at the hull's highest resonance, together with
+its first and second rates of change. For shorter waves, which hardly move the hull, the error is larger.
 
-Mean drift, an option, is Newman's (1974) approximation: of the slowly varying load by pairs of components i and j,
+Mean drift is an option, by Newman's (1974) approximation of the slowly varying load of pairs of components i and j,
 
     sum_ij a_i a_j (D_i + D_j) / 2 cos(theta_i - theta_j) = C sum(a D cos theta) + S sum(a D sin theta),
 
-    C + i S = sum(a exp(i theta)),
+    C + i S = sum(a exp(i theta)).
 
-whose mean is sum a_i^2 D_i, D(omega, beta) the mean surge, sway and yaw load per squared amplitude.
+Its mean is sum a_i^2 D_i, where D(omega, beta) is the mean surge, sway and yaw load per squared amplitude.
 """
 
 # Kernels are another language inside Python syntax.
@@ -38,54 +38,70 @@ from torch import Tensor
 
 from taichi_sim.conventions import AMPLITUDE, KX, KY, OMEGA
 from taichi_sim.kernels import fast
-from taichi_sim.kernels.interpolation import cubic
 from taichi_sim.kernels.lanes import blocks, total, totals, variables
 from taichi_sim.usv.hull.database import HydroDatabase
 
-FEWEST = 96  # courses of a table
-OFF = 0.03  # of the largest load of a mode at a frequency: at most so much is a table off halfway between two courses
-ABSENT = 1e-6  # of a mode's largest load at any frequency: what is smaller is rounding
-FADED = 1.3  # times the highest frequency of a database: from there on nothing is thrown back
-STRETCH = 0.9  # rad: half of it, cubed, over six is 1.5 % of the load, the third term of its Taylor series
-TOP = 2.5  # highest frequency of a database over its highest resonance, where it does not say
-WAVE, DRIFT = 12, 3  # numbers of an entry: real and imaginary parts of six loads, and, with drift, three more
+FEWEST = 96  # courses of a table, at least
+OFF = 0.03  # largest error halfway between two courses, over the largest load of a mode at a frequency
+ABSENT = 1e-6  # smaller loads, over a mode's largest load at any frequency, are rounding errors
+FADED = 1.3  # times the highest frequency of a database: no diffraction from there on
+STRETCH = 0.9  # rad; the third term of the Taylor series, (STRETCH / 2)^3 / 6, is 1.5 % of the load
+TOP = 2.5  # default ratio of the highest frequency of a database to its highest resonance
+WAVE, DRIFT = 12, 3  # numbers per entry: real and imaginary parts of six loads; three more with drift
+POINTS = 4  # points of a cubic
+
+
+def cubic(x: NDArray[np.float64], y: NDArray, at: NDArray[np.float64]) -> NDArray:
+    """Interpolate the rows y [n, ...] at rising x [n] by cubics (Lagrange) through four rows; return [m, ...].
+
+    The four rows are those nearest to each of `at` [m]; n is at least 4. Beyond the table the cubics extrapolate.
+    """
+    first = np.clip(np.searchsorted(x, at) - POINTS // 2, 0, len(x) - POINTS)
+    out = np.zeros((len(at), *y.shape[1:]), dtype=np.result_type(y, np.float64))
+    for i in range(POINTS):
+        others = [first + j for j in range(POINTS) if j != i]
+        weight = np.prod([(at - x[o]) / (x[first + i] - x[o]) for o in others], axis=0)
+        out += weight.reshape(-1, *[1] * (y.ndim - 1)) * y[first + i]
+    return out
 
 
 class Diffraction:
-    """Tables of one hull, for whatever sea."""
+    """Diffraction tables of one hull, for any sea."""
 
     def __init__(self, database: HydroDatabase, drift: bool):
-        """Resample a database, which has `by_panels`, and `drift` if that is wanted."""
+        """Resample a database that has `by_panels`; `drift` adds mean drift."""
         assert database.by_panels is not None
         self.drifts = drift
-        self.resonance = float(max(database.settings.get("resonances") or [database.omega[-1] / TOP]))
+        self.resonance = float(max(database.resonances or [database.omega[-1] / TOP]))
         given = database.excitation - database.by_panels
         if drift:
             assert database.drift is not None
             given = np.concatenate([given, _six(database.drift)])
-        self.courses = courses_of(database, given)  # equal ones, of the whole circle, from the bow on
+        self.courses = courses_of(database, given)  # equally spaced over the circle, from the bow on
         found = around(database, given, self.courses)
         left, mean = found[: len(database.omega)], found[len(database.omega) :]
         parts = [left.real, left.imag, *([mean.real[..., [0, 1, 5]]] if drift else [])]
         self.omega, self.table = database.omega, np.concatenate(parts, axis=-1)  # [n, courses, size]
 
     def stretch(self, dt: float) -> int:
-        """Steps of dt (s) for which the load is summed once."""
+        """Number of steps of dt (s) for which the load is summed once."""
         return max(1, int(STRETCH / (self.resonance * dt)))
 
     @property
     def size(self) -> int:
-        """Numbers of an entry."""
+        """Numbers per entry."""
         return int(self.table.shape[-1])
 
     def of(self, sea: Tensor) -> Tensor:
-        """For components sea [sea, 8, component] (conventions.py): loads of the amplitudes they have (drift: per
-        amplitude) on a hull with each of `courses` + 1 headings from north on,
-        [sea * (courses + 1), size, component].
+        """Loads of the components of `sea` [sea, 8, component] (conventions.py), [sea * (courses + 1), size,
+        component].
+
+        They are for hulls with each of `courses` + 1 headings from north on, and include the amplitudes (drift: per
+        amplitude).
         """
         rows = sea.detach().to("cpu", torch.float64).numpy()
         out = torch.empty((len(rows), self.courses + 1, self.size, rows.shape[2]), dtype=sea.dtype)
-        for s, row in enumerate(rows):  # one by one: the loads of all in double precision are many
+        for s, row in enumerate(rows):  # one by one, because the loads of all in double precision need much memory
             out[s] = torch.from_numpy(np.ascontiguousarray(np.moveaxis(self._by_heading(row), 0, 2)))
         return out.flatten(0, 1).to(sea.device)
 
@@ -98,15 +114,17 @@ class Diffraction:
         found *= (slow * fade * row[AMPLITUDE])[:, None, None]
         course = np.arctan2(row[KY], row[KX])
         turn = np.exp(1j * course[:, None] * np.arange(self.courses // 2 + 1))[..., None]
-        by_course = np.fft.irfft(np.fft.rfft(found, axis=1) * turn, self.courses, axis=1)  # from the own one on
+        by_course = np.fft.irfft(
+            np.fft.rfft(found, axis=1) * turn, self.courses, axis=1
+        )  # from the component's own course on
         return by_course[:, -np.arange(self.courses + 1) % self.courses]
 
 
 def courses_of(database: HydroDatabase, loads: NDArray) -> int:
-    """How many equal courses leave loads [n, m, 6], linear between them, off by OFF or less of a mode's largest load at
-    a frequency: FEWEST, or as many more as it takes.
+    """Smallest number of equal courses at which loads [n, m, 6], linear between courses, meet the tolerance OFF.
 
-    A multiple of the database's headings round the circle, so that there, if they are equal, loads are not in between.
+    It is at least FEWEST, and a multiple of the database's headings around the circle: if those are equally spaced,
+    they are courses themselves.
     """
     headings = len(_whole(database, loads)[0])
     step = math.lcm(headings, 2)
@@ -123,7 +141,7 @@ def courses_of(database: HydroDatabase, loads: NDArray) -> int:
 
 
 def around(database: HydroDatabase, loads: NDArray, courses: int) -> NDArray[np.complex128]:
-    """Loads [n, m, 6] of a database's headings at equal `courses` of the whole circle, [n, courses, 6]."""
+    """Loads [n, m, 6] at a database's headings, converted to equal `courses` around the circle, [n, courses, 6]."""
     heading, whole = _whole(database, loads)
     beta, orders = np.deg2rad(heading), np.arange(-((len(heading) - 1) // 2), (len(heading) - 1) // 2 + 1)
     by_heading = whole.swapaxes(0, 1).reshape(len(beta), -1)
@@ -134,7 +152,7 @@ def around(database: HydroDatabase, loads: NDArray, courses: int) -> NDArray[np.
 
 
 def _whole(database: HydroDatabase, loads: NDArray) -> tuple[NDArray, NDArray[np.complex128]]:
-    """Headings (deg) round the whole circle, and the loads [n, m, 6] at them."""
+    """Headings (deg) around the whole circle, and the loads [n, m, 6] at them."""
     heading = database.heading_deg
     whole = np.asarray(loads, dtype=np.complex128)
     if database.symmetric:
@@ -148,7 +166,7 @@ def _whole(database: HydroDatabase, loads: NDArray) -> tuple[NDArray, NDArray[np
 
 
 def _six(drift: NDArray) -> NDArray:
-    """Surge, sway and yaw [n, m, 3] as six loads."""
+    """Surge, sway and yaw drift [n, m, 3] as six loads."""
     whole = np.zeros((*drift.shape[:2], 6))
     whole[..., [0, 1, 5]] = drift
     return whole
@@ -159,9 +177,10 @@ def diffracted(
     diffraction: ti.template(), table: ti.template(), build: ti.template(), around: ti.template(),
     e, label, velocity, tau, psi
 ):  # fmt: skip
-    """Load (N, N m, about CO, b) on a hull at the label `label` [2] (m), which moves with `velocity` [2] (m/s), with
-    heading psi (rad), tau s after the beginning of a step; and its first and second rate of change, drift taken as
-    steady. `table` is Diffraction.of in lanes.
+    """Diffraction load (N, N m, about CO, b) on a hull, and its first and second rates of change.
+
+    The hull is at the label `label` [2] (m), moves with `velocity` [2] (m/s) and has the heading psi (rad), tau s after
+    the beginning of a step. The drift counts as steady. `table` is Diffraction.of in lanes.
     """
     sea, courses, drifts = ti.static(around.waves, diffraction.courses, diffraction.drifts)
     s = around.env_sea[e]
@@ -176,7 +195,7 @@ def diffracted(
     for c in range(ti.static(blocks(build.components))):
         kx, ky, omega = sea[s, KX, c], sea[s, KY, c], sea[s, OMEGA, c]
         sine, cosine = fast.sincos_short(kx * label[0] + ky * label[1] + around.turns[e, c] - omega * tau)
-        turn = kx * velocity[0] + ky * velocity[1] - omega  # of the phase, rad/s
+        turn = kx * velocity[0] + ky * velocity[1] - omega  # rate of the phase, rad/s
         for j in ti.static(range(6)):
             real, imaginary = between(table, n, j, c, share), between(table, n, 6 + j, c, share)
             now = real * cosine - imaginary * sine
@@ -201,5 +220,5 @@ def diffracted(
 
 @ti.func
 def between(table: ti.template(), n, row: ti.template(), c, share):
-    """Entry `row` of a heading that lies `share` of the way from the n-th to the next."""
+    """Entry `row` at a heading that lies `share` of the way from the n-th heading to the next."""
     return table[n, row, c] + share * (table[n + 1, row, c] - table[n, row, c])

@@ -1,17 +1,18 @@
-"""How much of a wave is left in averages over a hull's waterplane: of its height, and of its slope.
+"""Averages of a wave's height and slope over a hull's waterplane.
 
-A component cos(k x) counts, over a waterplane A with its centre at x = 0,
+For a component cos(k x) and a waterplane A with its centre at x = 0, the factors of mean height and of slope are
 
-    M(k) = 1/A int cos(k x) dA   in the mean,      S(k) = int x sin(k x) dA / (k int x^2 dA)   in the slope
+    M(k) = 1/A int cos(k x) dA,      S(k) = int x sin(k x) dA / (k int x^2 dA).
 
-of the plane that fits best (S = -M' / (k m_2), with m_n the n-th moment over A). Of a rectangle of half length h these
-are sin(z)/z and 3 (sin z - z cos z)/z^3, z = k h; of two thin pontoons at +-y, cos(k y) and sin(k y)/(k y). Waves
-longer than a quarter of the hull get them by polynomials of k^2, fitted once to the hull's own waterplane:
+The slope is that of the plane with the best fit (S = -M' / (k m_2), with m_n the n-th moment over A). For a rectangle
+of half length h they are sin(z)/z and 3 (sin z - z cos z)/z^3, z = k h; for two thin pontoons at +-y, cos(k y) and
+sin(k y)/(k y). For waves longer than a quarter of the hull they are polynomials of k^2, fitted once to the hull's own
+waterplane:
 
     M = 1 - m_2 k^2/2 + m_4 k^4/24 - ...,      S = 1 - m_4 k^2/(6 m_2) + ...
 
-with these first terms exact. Shorter waves cancel. Along and across are taken apart: a wave's mean is the product of
-both, exact where every part of the hull has the same section.
+These first terms are exact. Shorter waves cancel. The directions along and across the hull are treated separately: a
+wave's mean is the product of both factors, which is exact if every part of the hull has the same section.
 """
 
 # Kernels are another language inside Python syntax.
@@ -26,23 +27,23 @@ from numpy.typing import NDArray
 from taichi_sim.kernels import fast
 
 Array = NDArray[np.float64]
-SHORTEST, FITTED = 0.25, 0.3  # of the hull's extent: waves this short are left out, those this long are fitted
+SHORTEST, FITTED = 0.25, 0.3  # of the hull's extent; waves shorter than the first are ignored, above the second fitted
 MEAN_TERMS, SLOPE_TERMS = 9, 8  # coefficients of powers of k^2; `averages` writes them out
 NODES = 200  # wavenumbers of the fit
-FADING = 0.03  # weight in the fit of waves that are shorter than FITTED
-SMALL = 0.01  # rad, below which a series serves
+FADING = 0.03  # weight in the fit of waves shorter than FITTED
+SMALL = 0.01  # rad; a series is used below
 
 
 class Rule(NamedTuple):
-    """M and S along one direction, as polynomials of t = (k scale)^2; at t = 1, the shortest waves, they end at 0."""
+    """M and S along one direction, as polynomials of t = (k scale)^2; at t = 1, the shortest waves, both are 0."""
 
     scale: float  # m
-    mean: tuple[float, ...]  # MEAN_TERMS coefficients, constant first
-    slope: tuple[float, ...]  # SLOPE_TERMS, of S / scale, 1/m
+    mean: tuple[float, ...]  # MEAN_TERMS coefficients, the constant first
+    slope: tuple[float, ...]  # SLOPE_TERMS coefficients of S / scale, 1/m
 
     @classmethod
     def of(cls, elements: "Elements") -> "Rule":
-        """Fitted to the averages over `elements`."""
+        """Fit the polynomials to the averages over `elements`."""
         extent = float((elements.x + elements.half).max() - (elements.x - elements.half).min())
         k_end, k_fitted = 2 * np.pi / (extent * SHORTEST), 2 * np.pi / (extent * FITTED)
         t = 0.5 - 0.5 * np.cos(np.pi * (np.arange(NODES) + 0.5) / NODES)
@@ -56,11 +57,11 @@ class Rule(NamedTuple):
 
 
 class Elements(NamedTuple):
-    """A waterplane along one direction: rectangles of their share of the area, about its centre."""
+    """A waterplane along one direction, as rectangles about its centre."""
 
     x: Array  # [n] middle, m
     half: Array  # [n] half length, m
-    share: Array  # [n], 1 in all
+    share: Array  # [n] share of the area; the sum is 1
 
     def moment(self, order: int) -> float:
         """Mean of x^order over the waterplane, order 2 or 4."""
@@ -75,7 +76,7 @@ class Elements(NamedTuple):
     def slope(self, k: Array) -> Array:
         """S at wavenumbers k [m] (rad/m), none of them 0."""
         kx, kh = np.multiply.outer(k, self.x), np.multiply.outer(k, self.half)
-        # of one element: x sin(kx) sinc(kh) + cos(kx) h j(kh), j(z) = (sin z - z cos z)/z^2 = z/3 - z^3/30 + ...
+        # One element has x sin(kx) sinc(kh) + cos(kx) h j(kh), j(z) = (sin z - z cos z)/z^2 = z/3 - z^3/30 + ...
         z = np.maximum(kh, SMALL)
         j = np.where(kh < SMALL, kh / 3 - kh**3 / 30, (np.sin(z) - z * np.cos(z)) / z**2)
         first = self.x * np.sin(kx) * np.sinc(kh / np.pi) + self.half * np.cos(kx) * j
@@ -83,15 +84,15 @@ class Elements(NamedTuple):
 
 
 class Gauge(NamedTuple):
-    """What a hull averages of the water around it; see the module."""
+    """Averages of the water over a hull (see the module's docstring)."""
 
     along: Rule
     across: Rule
-    depth: float  # m, where the water's motion is taken: the draft
+    depth: float  # m; depth at which the water's motion is evaluated: the draft
 
     @classmethod
     def of(cls, point: Array, weight: Array, half_size: Array, depth: float) -> "Gauge":
-        """From waterplane elements at `point` [n, 2], of area `weight` [n], each 2 half_size [n, 2] long and wide."""
+        """From waterplane elements at `point` [n, 2] with areas `weight` [n], each 2 half_size [n, 2] long and wide."""
         share = weight / weight.sum()
         x = point - share @ point
         along, across = (Rule.of(Elements(x[:, i], half_size[:, i], share)) for i in (0, 1))
@@ -99,9 +100,9 @@ class Gauge(NamedTuple):
 
 
 def _fit(t: Array, values: Array, weight: Array, first: list[float], terms: int) -> tuple[float, ...]:
-    """`terms` coefficients of the polynomial nearest to `values` at t: the `first` ones given, their sum 0."""
+    """Fit `terms` coefficients of a polynomial to `values` at t; the `first` ones are given, and their sum is 0."""
     known, powers = len(first), np.power.outer(t, np.arange(terms))
-    # the last coefficient makes the sum 0: t^n becomes t^n - t^(terms - 1)
+    # The last coefficient makes the sum 0, so t^n becomes t^n - t^(terms - 1).
     basis = powers[:, known:-1] - powers[:, -1:]
     left = values - powers[:, :known] @ first + sum(first) * powers[:, -1]
     found = np.linalg.lstsq(weight[:, None] * basis, weight * left, rcond=None)[0]
@@ -110,11 +111,11 @@ def _fit(t: Array, values: Array, weight: Array, first: list[float], terms: int)
 
 @ti.func
 def averages(rule: ti.template(), x):
-    """M, and k S (rad/m), of a component of wavenumber k along the rule's direction, from x = k rule.scale."""
+    """M, and k S (rad/m), of a component of wavenumber k along the rule's direction; x = k rule.scale."""
     m, s = ti.static(rule.mean, rule.slope)
     t = fast.at_most(x * x, 1.0)
     t2 = t * t
-    # Estrin's scheme: what polynomials cost is their longest chain
+    # Estrin's scheme: the longest chain of operations sets the cost of a polynomial.
     mean_end = (m[4] + m[5] * t) + ((m[6] + m[7] * t) + m[8] * t2) * t2
     slope_end = (s[4] + s[5] * t) + (s[6] + s[7] * t) * t2
     t4 = t2 * t2

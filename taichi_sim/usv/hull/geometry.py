@@ -1,4 +1,4 @@
-"""What follows from a hull's shape, once: its panels, wave lines, gauge, hydrostatics and deck."""
+"""Everything that follows from a hull's shape: panels, wave lines, gauge, hydrostatics and deck; computed once."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,12 +15,12 @@ from taichi_sim.usv.hull.mesh import HullShape, Panels, mesh
 from taichi_sim.usv.hull.wave_lines import WaveLines, wave_lines
 
 Array = NDArray[np.float64]
-PIECES = 8  # of a panel each way, as a waterplane
+PIECES = 8  # divisions of a panel in each direction, for the waterplane
 
 
 @dataclass(frozen=True)
 class HullGeometry:
-    """Of one hull, in b."""
+    """Geometry of one hull, in b."""
 
     panels: Panels
     lines: WaveLines
@@ -35,20 +35,22 @@ class HullGeometry:
 
     @cached_property
     def deck_corners(self) -> Array:
-        """[corner, 3] points of the deck edge that reach farthest in one of eight directions: the lowest is one."""
+        """Points [corner, 3] of the deck edge that are the outermost in any of eight directions; the lowest point
+        is one of them.
+        """
         deck, angle = self.panels.deck, np.arange(8) * np.pi / 4
         reach = deck[:, :2] @ np.stack([np.cos(angle), np.sin(angle)])
         return deck[np.unique(reach.argmax(axis=0))]
 
 
 def device_table(values: NDArray) -> Tensor:
-    """Real numbers in the run's precision, on its device, as kernels read them."""
+    """Convert real numbers to a tensor for kernels, in run precision and on the run's device."""
     run = runtime.current()
     return torch.as_tensor(np.ascontiguousarray(values), dtype=run.torch_dtype, device=run.device)
 
 
 def _gauge(panels: Panels) -> Gauge:
-    """The waterplane as the panels that face down show it, each cut into PIECES x PIECES."""
+    """Gauge of the waterplane that the downward-facing panels show, each cut into PIECES x PIECES."""
     facing = panels.area[:, 2] > 0
     edges = panels.centre, panels.along, panels.up, panels.twist
     centre, along, up, twist = (v[facing, None, None, :2] for v in edges)

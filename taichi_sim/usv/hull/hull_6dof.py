@@ -1,27 +1,27 @@
-"""`hull_6dof`: a USV in six degrees of freedom by Fossen's vectorial model, on the water's instantaneous surface.
+"""`hull_6dof`: a USV in six degrees of freedom by Fossen's vectorial model, on the instantaneous surface of the water.
 
-    M nu_dot = M nu_c_dot + M_a nu_o_dot + tau - C_rb (nu - nu_c) - C_a(nu_r) nu_r - D(nu_r) nu_r,   M = M_rb + M_a,
+    M nu_dot = M nu_c_dot + M_a nu_o_dot + tau - C_rb (nu - nu_c) - C_a(nu_r) nu_r - D(nu_r) nu_r,   M = M_rb + M_a
 
-nu_r = nu - nu_c - nu_o, with the current nu_c (constant in n) and the orbital motion nu_o of the waves averaged over
-the hull: added mass and damping act on the motion relative to the water, which stands for radiation and diffraction
+with nu_r = nu - nu_c - nu_o. nu_c is the current (constant in n), nu_o the orbital motion of the waves averaged over
+the hull. Added mass and damping act on the motion relative to the water; this represents radiation and diffraction
 (Fossen 2021, Handbook of Marine Craft Hydrodynamics and Motion Control, ch. 6, 8 and 10; Faltinsen 1990, Sea Loads on
-Ships and Offshore Structures, ch. 3). tau is thrust, wind, loads from outside, and what holds the hull up:
+Ships and Offshore Structures, ch. 3). tau is the sum of thrust, wind, external loads and restoring:
 
-- `restoring = "panels"`: weight, and pressure on panels of the hull under the instantaneous surface, hydrostatic and
-  Froude-Krylov. With `hydrodynamics.radiation = "memory"` radiation and diffraction are a boundary-element code's.
+- `restoring = "panels"`: weight, and pressure on panels of the hull under the instantaneous surface, hydrostatic plus
+  Froude-Krylov. With `hydrodynamics.radiation = "memory"`, radiation and diffraction come from a boundary-element code.
 - `restoring = "linear"`: -G eta of the source, for comparison with published codes.
 
-A hull is composed of parts, each a module of functions that kernels inline, with what they are compiled with:
+A hull is composed of parts. Each is a module of functions that kernels inline, with a table of compile-time numbers:
 
     water.py, gauge.py            mean surface plane, orbital motion, current        HullGeometry.gauge
     pressure.py, wave_lines.py    hydrostatic and Froude-Krylov load                 Pressure
     restoring.py                  weight, linear restoring                           params.LinearRestoring
-    radiation.py, memory.py, diffraction.py    the hull's own waves                  Radiation
+    radiation.py, memory.py, diffraction.py    radiation and diffraction             Radiation
     thruster_set.py, thrusters.py, allocation.py    from action to thrust            ThrusterSet
     damping.py, wind.py           damping and cross-flow; wind                       params.Hydrodynamics, Windage
-    motion.py                     equations of motion, and their integrators
-    start.py                      how a hull begins
-    numbers.py                    `p`: the numbers that may differ from vehicle to vehicle
+    motion.py                     equations of motion and their integrators
+    start.py                      start on the waves
+    numbers.py                    `p`: the numbers that may differ between vehicles
     instruments.py                columns of the auxiliary state
 """
 
@@ -73,39 +73,42 @@ TablesPack = ti.types.argpack(
     filters=laned1,
     diffraction=laned3,
 )
-"""The parts' tables: panels, what they read of the heads in the auxiliary state, and pairs of wave lines (pressure.py);
-corners of the deck (geometry.py); filters of the memory, and diffraction in one sea (radiation.py)."""
-SEAS = 4  # for which a model keeps tables
-SeaKey = tuple[int, int, tuple[int, ...]]  # of a tensor: where it is, how often it was written, its shape
+"""Tables of the parts: panels, their reads of pressure heads in the auxiliary state, and pairs of wave lines
+(pressure.py); corners of the deck (geometry.py); filters of the memory, and diffraction in one sea (radiation.py)."""
+SEAS = 4  # number of seas for which a model keeps tables
+SeaKey = tuple[int, int, tuple[int, ...]]  # address, version and shape of a sea's tensor
 
 
 @ti.data_oriented
 class Hull6Dof(Vessel):
-    """Steps a team of hulls in place; see the module. Actions [env, vehicle, action] in [-1, 1] are, by `actions`,
+    """Steps a team of hulls in place (see the module's docstring).
 
-    - "surge_yaw" (acceleration, yaw), of two propellers: surge force from 0 to full thrust, as in the paper; yaw moment
-      to either side by differential thrust, which changes the surge force where a propeller is at its limit;
-    - "left_right", of two propellers: shaft speed of each, from n_min to n_max;
-    - "wrench" (surge, sway, yaw): force and moment as shares of the largest of each alone, shared out to the thrusters
-      (allocation.py); more than they can make is less of the same direction;
-    - "units": speed of each thruster, from n_min to n_max, then the angle of each that turns, from one end of its range
-      to the other.
+    Actions [env, vehicle, action] are in [-1, 1]. Their meaning depends on `actions`:
 
-    Controls are the speeds of the thrusters, rad/s, then the angles of those that turn, rad.
+    - "surge_yaw" (acceleration, yaw), for two propellers: surge force from 0 to full thrust, as in the paper, and yaw
+      moment to either side by differential thrust. The latter changes the surge force if a propeller is at its limit.
+    - "left_right", for two propellers: shaft speed of each, from n_min to n_max.
+    - "wrench" (surge, sway, yaw): force and moment as shares of the largest of each alone, distributed to the thrusters
+      (allocation.py). A wrench beyond their limits is reduced to the largest one in the same direction.
+    - "units": speed of each thruster, from n_min to n_max, then the angle of each azimuth thruster, over its range.
+
+    Controls are the speeds of the thrusters (rad/s), then the angles of the azimuth thrusters (rad).
 
     Attributes:
-        geometry, pressure, radiation, thrusters: the parts. gauge: of the geometry. by_panels: `restoring = "panels"`.
-        wrench_max, wrench_min: X, Y (N), N (N m) of the actions 1 and -1, where `actions = "wrench"`.
+        geometry, pressure, radiation, thrusters: the parts.
+        gauge: gauge of the geometry.
+        by_panels: whether `restoring = "panels"`.
+        wrench_max, wrench_min: X, Y (N), N (N m) of the actions 1 and -1, with `actions = "wrench"`.
     """
 
     Params = Hull6DofParams
     file_keys = ("hydrodynamics.database",)
 
     def __init__(self, params: Hull6DofParams, dt: float, substeps: int):
-        """Mesh the hull, check that it floats and that dt (s) is stable.
+        """Mesh the hull; check that it floats and that dt (s) is stable.
 
         Raises:
-            ConfigError: if the hull does not float upright, its database cannot serve, or dt is too large.
+            ConfigError: if the hull does not float upright, its database cannot be used, or dt is too large.
         """
         super().__init__(params, dt, substeps)
         body = params.rigid_body
@@ -134,28 +137,29 @@ class Hull6Dof(Vessel):
                 f"dt = {dt} s is unstable for this hull: the largest stable step is {limit:.3g} s (its stiffest motion "
                 "in heave, roll or pitch, or its fastest decay); lower dt"
             )
-        self._tables: dict[SeaKey | None, ArgPack] = {}  # of the running Taichi program
+        self._tables: dict[SeaKey | None, ArgPack] = {}  # packs of the running Taichi program
         self._generation = -1
         self._float, self._label = runtime.Launcher(start.float_on_waves), runtime.Launcher(start.find_label)
 
     # -- numbers that vary -----------------------------------------------------------------------------------------
 
     def own(self, values: Mapping[str, Number]):
-        """What the kernel works with (numbers.py)."""
+        """Numbers that the kernel uses (numbers.py)."""
         return hull_numbers(self.params, self.radiation, self.dt, values)
 
     def with_numbers(self, values: Mapping[str, float]) -> Hull6DofParams:
-        """The `Params` of a vehicle file that differs from this one in `values`; a published M_rb follows mass and CG
-        (rigid_body.changed_mass).
+        """Return the `Params` of a vehicle file that differs from this one in `values`.
+
+        A published M_rb follows mass and CG (rigid_body.changed_mass).
 
         Raises:
-            ValueError: for a key that does not vary, or a value that the file could not hold.
+            ValueError: for a key that cannot vary, or a value that the file does not accept.
         """
         params = super().with_numbers(values)
         return params.model_copy(update={"rigid_body": self.params.rigid_body.changed(params.rigid_body)})
 
     def mobility(self, fleet: Fleet) -> Tensor:
-        """Inverse of the rigid body's inertia and of the added mass that answers at once; of each vehicle's numbers."""
+        """Inverse [6, 6] of rigid-body inertia plus instantaneous added mass, from each vehicle's numbers."""
         one = fleet.state.new_ones(fleet.state.shape[:2] if fleet.varied else (1, 1)).double()
         rows = symmetric(fleet.own, "inverse")
         return torch.stack([torch.stack([one * x for x in row], dim=-1) for row in rows], dim=-2)
@@ -164,14 +168,14 @@ class Hull6Dof(Vessel):
 
     @property
     def capsize_cosine(self) -> float:
-        """Cosine of the tilt from which the hull no longer rights itself."""
+        """Cosine of the tilt beyond which the hull no longer rights itself."""
         if not self.by_panels:
             return 0.0
         return math.cos(min(self.geometry.hydrostatics.angle_of_vanishing_stability, math.pi / 2))
 
     @property
     def limits(self) -> Limits:
-        """Its top speed is where damping takes all the thrust, if it has thrusters."""
+        """Limits of the hull; the top speed is that at which damping equals the whole thrust, if it has thrusters."""
         h = self.params.hydrodynamics
         if not self.thrusters:
             return Limits()
@@ -179,11 +183,11 @@ class Hull6Dof(Vessel):
         return Limits((0.0, 0.0, steady_speed(force, h.linear[0], h.quadratic[0])))
 
     def steer(self, ahead: ArrayLike, helm: ArrayLike) -> NDArray[np.float64] | None:
-        """Actions of a helmsman (thruster_set.py); None of a hull whose thrusters are commanded one by one."""
+        """Return the actions of a helmsman (thruster_set.py); None if the thrusters are commanded one by one."""
         return self.thrusters.steer(ahead, helm)
 
     def power(self, fleet: Fleet) -> Tensor | None:
-        """Of its thrusters [env, vehicle], W; None without any."""
+        """Power of the thrusters, [env, vehicle], W; None without thrusters."""
         return self.thrusters.power(fleet)
 
     @property
@@ -193,12 +197,14 @@ class Hull6Dof(Vessel):
 
     @property
     def slow_mass(self) -> np.ndarray:
-        """Mass [6, 6] (kg, kg m, kg m^2) of slow motion about CO, added mass included: what a controller moves."""
+        """Mass matrix [6, 6] (kg, kg m, kg m^2) of slow motion about CO, with added mass; the mass that a
+        controller moves.
+        """
         return self.params.M_rb + self.radiation.inertia + self.radiation.memory.slow_inertia
 
     @property
     def wind_height(self) -> float:
-        """Height above the sea at which the hull feels the wind, m."""
+        """Height above the sea of the wind that acts on the hull, m."""
         return self.params.windage.height
 
     @property
@@ -213,7 +219,7 @@ class Hull6Dof(Vessel):
 
     @property
     def forces(self) -> Mapping[str, tuple[tuple[float, float, float], tuple[str | None, str | None, str | None]]]:
-        """Load arrows of a recording: name -> where it attacks (m, b), columns of its x, y, z (N, b)."""
+        """Load arrows of a recording: name -> (point of attack (m, b), columns of its x, y and z (N, b))."""
         origin = (0.0, 0.0, 0.0)
         return {
             "pressure_less_weight": (origin, ("pressure_x", "pressure_y", "pressure_z")),
@@ -223,7 +229,7 @@ class Hull6Dof(Vessel):
         }
 
     def body(self) -> tuple[np.ndarray, np.ndarray]:
-        """Vertices [4 N, 3] (m, b) and triangles [2 N, 3], counter-clockwise from outside, of the panels."""
+        """Vertices [4 N, 3] (m, b) and triangles [2 N, 3] of the panels, counter-clockwise from outside."""
         return self.geometry.panels.surface()
 
     def largest_dt(self) -> float:
@@ -254,9 +260,9 @@ class Hull6Dof(Vessel):
     def settle(self, state: Tensor, surface: Tensor, around: Surroundings) -> Tensor:
         """States [n, vehicle, 13] of hulls afloat on the waves of `around`, so that their first step is calm.
 
-        `state` is as placed on level, still water: heights are over it, velocities through it. The hulls are raised and
-        tilted with the mean surface plane under them, with the current and the orbital motion of the water, averaged
-        over the hull, on top of their own velocity. `surface` [n, vehicle, 2] is written.
+        `state` is a placement on level, still water: its heights are above the water, its velocities through the water.
+        The hulls are raised and tilted with the mean surface plane below them. The current, and the orbital motion of
+        the water averaged over the hull, are added to their velocity. `surface` [n, vehicle, 2] is written.
         """
         state, deck = state.contiguous(), device_table(self.geometry.deck_corners)
         out = torch.empty_like(state)
@@ -265,7 +271,7 @@ class Hull6Dof(Vessel):
         return out
 
     def reset_aux(self, aux: Tensor, state: Tensor, around: Surroundings) -> None:
-        """Propellers at rest, and the label of the water under the hull."""
+        """Stop the propellers, and find the label of the water under the hull."""
         aux.zero_()
         with vectors():
             self._label.once(self, aux, state.contiguous(), around.pack, self.water_build(around))
@@ -273,15 +279,15 @@ class Hull6Dof(Vessel):
     # -- moving ----------------------------------------------------------------------------------------------------
 
     def water_build(self, around: Surroundings) -> Build:
-        """What a kernel is compiled for that asks for the water alone."""
+        """Compile-time options of a kernel that evaluates the water alone."""
         return Build(around.sea.shape[2], around.depth > 0)
 
     def tables(self, around: Surroundings | None = None) -> ArgPack:
-        """What kernels take of the hull: a TablesPack, the same object from step to step in the sea of `around`; for no
-        sea, without diffraction.
+        """Return the hull's TablesPack, the same object in every step in the sea of `around`; without a sea, without
+        diffraction.
 
         Raises:
-            ConfigError: for water that the hydrodynamic database is not of.
+            ConfigError: if the hydrodynamic database is for another depth of water.
         """
         if self._generation != runtime.generation():
             self._tables, self._generation = {}, runtime.generation()
@@ -305,7 +311,7 @@ class Hull6Dof(Vessel):
         return self._tables[key]
 
     def step(self, fleet: Fleet, around: Surroundings) -> None:
-        """Advance one control step."""
+        """Advance by one control step."""
         with vectors():
             fleet.launch(self._step, fleet.pack, around.pack, self.tables(around), self.build(fleet, around))
 
@@ -324,7 +330,7 @@ class Hull6Dof(Vessel):
         self, p: ti.template(), build: ti.template(), fleet: ti.template(), around: ti.template(),
         tables: ti.template(), e, i,
     ):  # fmt: skip
-        """Vehicle i of environment e one control step later; `p` is what it works with."""
+        """Advance vehicle i of environment e by one control step; `p` holds its numbers."""
         state, aux = ti.static(fleet.state, fleet.aux)
         pos, q, nu = motion.unpack(ti.Vector([state[e, i, c] for c in range(13)]))
         nu_dot, R = ti.Vector([aux[e, i, at.NU_DOT + c] for c in range(6)]), rotation_matrix(q)
@@ -337,16 +343,16 @@ class Hull6Dof(Vessel):
         outside = load_at(build, fleet.load, e, i)
         plane = ti.Vector([pos[0] * 0.0, 0.0, 0.0])
         sums = ti.Vector([pos[0] * 0.0 for _ in range(water.SUMS)])
-        tau_D, rate_D, bend_D = nu * 0.0, nu * 0.0, nu * 0.0  # of diffraction (radiation.py)
+        tau_D, rate_D, bend_D = nu * 0.0, nu * 0.0, nu * 0.0  # diffraction load and its rates (radiation.py)
         up, blown = nu * 0.0, nu * 0.0
         for n in range(self.substeps):
             tau = (n + 0.5) * ti.static(self.dt)
-            if ti.static(self.by_panels):  # two halves of a turn, of this step and the last one, make one
+            if ti.static(self.by_panels):  # the half turns of this step and the last one are made as one
                 turn = ti.select(n == 0, ti.static(0.5 * self.dt), ti.static(self.dt))
                 pos, q, R = motion.drift(self.dt, pos, q, nu, turn)
             sums, L, J = water.at(self.gauge, build, around, e, tau, pos, R, D + change)
             D_next = L - ti.Vector([pos[0], pos[1]])
-            fresh = D.norm_sqr() + change.norm_sqr() == 0.0  # no last step to tell a change from
+            fresh = D.norm_sqr() + change.norm_sqr() == 0.0  # without a last step there is no change
             change = ti.select(fresh, 0.0, 1.0) * (D_next - D)
             D = D_next
             plane = water.mean_plane(sums, R)
@@ -422,9 +428,10 @@ class Hull6Dof(Vessel):
                 out[n, c] = dy[c]
 
     def pressure_load(self, state: Tensor, around: Surroundings) -> Tensor:
-        """Hydrostatic and Froude-Krylov load [env, vehicle, 6] (N, N m, about CO, b) of hulls held at `state`.
+        """Hydrostatic plus Froude-Krylov load [env, vehicle, 6] (N, N m, about CO, b) on hulls at `state` [env,
+        vehicle, 13].
 
-        `state` [env, vehicle, 13]; waves are those of `around` at the beginning of a step.
+        The waves are those of `around` at the beginning of a step.
         """
         state = state.contiguous()
         out = state.new_empty((*state.shape[:2], 6))

@@ -1,25 +1,27 @@
-"""Hydrostatics of a panelled hull: pressure loads, restoring matrix, equilibrium, righting arm, and whether it floats.
+"""Hydrostatics of a panelled hull: pressure loads, restoring matrix, equilibrium, righting arm, and a check that it
+floats.
 
-A panel of mesh.py counts as a few straight strips at the Gauss-Legendre points s_j of its length, along which
+A panel of mesh.py is replaced by a few straight strips at the Gauss-Legendre points s_j of its length, along which
 
     x(t) = c + t u,    dA = w_j (A + t A_t) dt / 2,    t in [-1, 1].
 
-A pressure that is linear in space, clipped at zero (the part out of the water), has exact averages on a strip,
+A pressure that is linear in space, and clipped at zero out of the water, has exact averages on a strip,
 
-    m0 = <p>,  m1 = <p t>,  m2 = <p t^2>,
+    m0 = <p>,  m1 = <p t>,  m2 = <p t^2>.
 
-and the load on the hull is exactly linear in them:
+The load on the hull is exactly linear in them:
 
     force = -w_j (A m0 + A_t m1),    moment = -<x x dA p>  about CO.
 
-Two strips are exact for panels that are wholly wet, warped ones too, and for the force on flat ones that a water line
-crosses from side to side; elsewhere the error is of third order in the panel's length. So the kernel takes two: a hull
-in still water is pushed upwards only, and its load is the gradient of an energy, to five digits (a single strip a panel
-loses one in a hundred: an undamped hull would gain energy). `Hydrostatics` takes more, for heels at which decks and
-keels cross the surface.
+Two strips are exact for panels that are wholly wet, including warped ones, and for the force on flat panels that a
+water line crosses from side to side. Elsewhere the error is of third order in the panel's length. The kernel therefore
+uses two. A hull in still water is then pushed upwards only, and its load is the gradient of an energy, to five digits.
+(With one strip per panel the load is wrong by a hundredth, and an undamped hull would gain energy.) `Hydrostatics` uses
+more strips, for heels at which decks and keels cross the surface.
 
-Attitude: heave z (m, down) of CO below the water, roll phi and pitch theta (rad); G as in Fossen (2011), sec. 4.2,
-with the weight of the hull included. GZ: dU/dphi / weight, with U the potential energy at free heave and trim.
+A pose is heave z (m, down) of CO below the water, roll phi and pitch theta (rad). G is that of Fossen (2011), sec. 4.2,
+with the weight of the hull included. GZ is dU/dphi over the weight, where U is the potential energy at free heave and
+trim.
 """
 
 from collections.abc import Iterator
@@ -32,34 +34,34 @@ from numpy.typing import ArrayLike, NDArray
 from taichi_sim.conventions import GRAVITY, RHO_SEA
 from taichi_sim.usv.hull.mesh import Panels
 
-HEAVE, ROLL, PITCH = 0, 1, 2  # of a pose
+HEAVE, ROLL, PITCH = 0, 1, 2  # columns of a pose
 
 Array = NDArray[np.float64]
 
-FINE = 8  # strips of a panel: GZ of twin hulls to 1 mm at any heel
-STEP = 1e-3  # of numerical derivatives, m and rad: fourth order, so 1e-12 of the value
-MAX_STEP = 0.1  # of a Newton iteration, m and rad
-LEAST_CURVATURE = 1e-3  # of the energy over weight, so that a flat minimum still ends a Newton step
-QUADRATURE = 64  # Gauss points of the depth of the centre of buoyancy
-LARGEST_LIST = np.pi / 4  # rad; a hull that lies further over does not float upright
+FINE = 8  # strips per panel; GZ of twin hulls is exact to 1 mm at any heel
+STEP = 1e-3  # m and rad, of numerical derivatives; they are of fourth order, so the relative error is 1e-12
+MAX_STEP = 0.1  # m and rad, largest step of Newton's method
+LEAST_CURVATURE = 1e-3  # smallest curvature of the energy over the weight, which limits a step at a flat minimum
+QUADRATURE = 64  # Gauss points for the depth of the centre of buoyancy
+LARGEST_LIST = np.pi / 4  # rad; a hull with a larger list does not float upright
 MAX_TRIM = 1.4  # rad, of a heeled hull
-RELAXATION = (1.0,) * 40 + (0.5,) * 40 + (0.25,) * 80  # of Newton's iterations; shorter steps settle on a kink
+RELAXATION = (1.0,) * 40 + (0.5,) * 40 + (0.25,) * 80  # of Newton's steps; shorter ones converge at a kink
 TOLERANCE = 1e-6  # m and rad
-HEEL_STEP = np.deg2rad(1.0)  # the most from one heel to the next: the trim follows
+HEEL_STEP = np.deg2rad(1.0)  # largest step of the heel, so that the trim follows
 HEEL_GRID = np.deg2rad(np.arange(1.0, 180.0, 1.0))
 
 
 @dataclass(frozen=True)
 class Strips:
-    """The strips of a hull's N panels."""
+    """Strips of a hull's N panels."""
 
     centre: Array  # [count, N, 3] c, m, b
     up: Array  # [count, N, 3] u, m
-    wrench: Array  # [count, N, 3, 6] unit wrenches (force, moment about CO; b) of m0, m1, m2: m^2 and m^3
+    wrench: Array  # [count, N, 3, 6] unit wrenches (force, moment about CO; b) for m0, m1, m2: m^2 and m^3
 
     @classmethod
     def of(cls, panels: Panels, count: int) -> "Strips":
-        """`count` strips of each of `panels`."""
+        """Divide each of `panels` into `count` strips."""
         A_s, A_t = panels.area_slopes
         node, weight = (v[:, None, None] for v in np.polynomial.legendre.leggauss(count))
         c, u = panels.centre + node * panels.along, panels.up + node * panels.twist
@@ -72,7 +74,7 @@ class Strips:
 
 
 def pressure_moments(p_c: Array, d: Array) -> Array:
-    """Averages m0, m1, m2 [..., 3] on strips of a pressure p_c + t d that is clipped at zero."""
+    """Averages m0, m1, m2 [..., 3] over strips of a pressure p_c + t d that is clipped at zero."""
     size = np.abs(d)
     p_hi = np.maximum(p_c + size, 0.0)
     wet = p_c >= size
@@ -84,7 +86,7 @@ def pressure_moments(p_c: Array, d: Array) -> Array:
 
 
 def down_in_body(phi: ArrayLike, theta: ArrayLike) -> Array:
-    """Unit vector downwards in b [..., 3]."""
+    """Unit vector downwards, in b, [..., 3]."""
     phi, theta = np.broadcast_arrays(np.asarray(phi, dtype=np.float64), np.asarray(theta, dtype=np.float64))
     return np.stack([-np.sin(theta), np.cos(theta) * np.sin(phi), np.cos(theta) * np.cos(phi)], axis=-1)
 
@@ -98,7 +100,7 @@ class Hydrostatics:
     cg: tuple[float, float, float]
     rho: float = RHO_SEA
     g: float = GRAVITY
-    strips: int = FINE  # of a panel
+    strips: int = FINE  # per panel
 
     @cached_property
     def _strips(self) -> Strips:
@@ -110,7 +112,7 @@ class Hydrostatics:
         return self.mass * self.g
 
     def buoyancy(self, pose: ArrayLike) -> Array:
-        """Wrench of the water [..., 6] (N, N m, about CO, b) at poses [..., 3] = heave, roll, pitch."""
+        """Wrench of the water [..., 6] (N, N m, about CO, b) at poses [..., 3] = (heave, roll, pitch)."""
         pose = np.asarray(pose, dtype=np.float64)
         k = down_in_body(pose[..., ROLL], pose[..., PITCH])
         strips, p = self._strips, self.rho * self.g
@@ -135,7 +137,7 @@ class Hydrostatics:
         return -np.stack([down, load[..., 3], level], axis=-1)
 
     def stiffness(self, pose: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
-        """Matrix [..., 3, 3] of second derivatives of the energy in heave, roll, pitch; G about CO when upright."""
+        """Second derivatives of the energy by heave, roll and pitch, [..., 3, 3]; upright, this is G about CO."""
         pose = np.asarray(pose, dtype=np.float64)[..., None, :]
         h = STEP * np.eye(3)
         near = self.energy_gradient(pose + h) - self.energy_gradient(pose - h)
@@ -156,7 +158,7 @@ class Hydrostatics:
     def centre_of_buoyancy(self) -> Array:
         """Centroid of the displaced volume at the design waterline [3], m, b."""
         upright = self.buoyancy(np.zeros(3)) / (self.rho * self.g * self.volume)
-        # Its depth is the mean over heave of the volume, lowering the hull from the air to its waterline.
+        # The depth is the mean volume while the hull is lowered from the air to its waterline.
         node, weight = np.polynomial.legendre.leggauss(QUADRATURE)
         heave = -self.panels.draft * (1 - node) / 2
         volume = -self.buoyancy(heave[:, None] * [1.0, 0.0, 0.0])[:, 2] / (self.rho * self.g)
@@ -164,24 +166,24 @@ class Hydrostatics:
 
     @cached_property
     def waterplane(self) -> tuple[float, float]:
-        """Area (m^2) of the design waterplane and x of its centroid (LCF, m)."""
+        """Area (m^2) of the design waterplane, and x of its centroid (LCF, m)."""
         G = self.stiffness()
         return float(G[0, 0] / (self.rho * self.g)), float(-G[0, 2] / G[0, 0])
 
     @cached_property
     def metacentric_heights(self) -> tuple[float, float]:
-        """GM_T and GM_L at the design waterline, the latter for pitch about the centre of flotation, m."""
+        """GM_T and GM_L at the design waterline, m; GM_L is for pitch about the centre of flotation."""
         G = self.stiffness()
         about_flotation = G[2, 2] - G[0, 2] * G[2, 0] / G[0, 0]
         return float(G[1, 1] / self.weight), float(about_flotation / self.weight)
 
     def settle(self, pose: ArrayLike, free: tuple[bool, bool, bool] = (True, True, True)) -> Array:
-        """Poses [..., 3] of least potential energy near `pose`, its components that are not `free` held.
+        """Poses [..., 3] of least potential energy near `pose`; components that are not `free` stay.
 
-        Newton's method downhill: curvatures count by their size, so it leaves maxima.
+        Newton's method with absolute values of the curvatures goes downhill, and so leaves maxima.
 
         Raises:
-            ValueError: if it does not settle.
+            ValueError: if it does not converge.
         """
         pose = np.array(pose, dtype=np.float64)
         index = np.flatnonzero(free)
@@ -198,17 +200,17 @@ class Hydrostatics:
             change = np.abs(pose - before).max()
             if change < TOLERANCE:
                 return pose
-        raise ValueError(f"the hull finds no equilibrium in {len(RELAXATION)} iterations: last change {change:.1e}")
+        raise ValueError(f"the hull has no equilibrium after {len(RELAXATION)} iterations: last change {change:.1e}")
 
     @cached_property
     def equilibrium(self) -> Array:
-        """Heave (m), roll and pitch (rad) [3] in which the hull comes to rest from upright."""
+        """Heave (m), roll and pitch (rad) [3] at which the hull comes to rest from upright."""
         return self.settle(np.zeros(3))
 
     def righting_arm(self, heel: ArrayLike) -> Array:
-        """GZ (m) [...] at heel angles (rad), heave and trim free; positive rights the hull.
+        """GZ (m) [...] at heel angles (rad), with free heave and trim; a positive GZ rights the hull.
 
-        Heave and trim follow the hull from upright: at a large heel a hull may float at two trims.
+        Heave and trim are followed from upright, because a hull may float at two trims at a large heel.
         """
         heel = np.asarray(heel, dtype=np.float64)
         flat, GZ = heel.ravel(), np.zeros(heel.size)
@@ -220,7 +222,7 @@ class Hydrostatics:
         return GZ.reshape(heel.shape)
 
     def _heeled(self, heels: Array) -> Iterator[Array]:
-        """Poses at `heels` (rad), each followed from the last, the first from upright."""
+        """Poses at `heels` (rad), each followed from the previous one, beginning upright."""
         pose, last = np.zeros(3), 0.0
         for heel in heels:
             steps = max(int(np.ceil(abs(heel - last) / HEEL_STEP)), 1)
@@ -249,7 +251,11 @@ class Hydrostatics:
 
 
 def check_floats(hull: Hydrostatics) -> None:
-    """Raise ValueError, with numbers and what to change, for a hull that sinks, capsizes, or puts its deck under."""
+    """Refuse a hull that sinks, capsizes or puts its deck under water.
+
+    Raises:
+        ValueError: stating the numbers and what to change.
+    """
     afloat = hull.rho * hull.volume_below_deck
     if hull.mass >= afloat:
         raise ValueError(

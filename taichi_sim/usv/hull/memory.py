@@ -1,18 +1,19 @@
-"""Radiation memory: the load of the waves that a hull has made before.
+"""Radiation memory: the load of the waves that a hull has radiated before.
 
 Cummins (1962) splits radiation into added mass at infinite frequency, A_inf, and a convolution with the past velocity,
 
     tau_rad = -A_inf nu_dot - mu,   mu(t) = int_0^t K(t - s) nu(s) ds,   K(i w) = B(w) + i w (A(w) - A_inf).
 
-Here the convolution is made by a mechanical system of M unit masses on springs, with dampers on and between them, that
-the hull shakes, about CO in b:
+Here the convolution is realised by a mechanical system that the hull shakes, about CO in b. The system has M unit
+masses on springs, with dampers on them and between them:
 
     y_ddot + R y_dot + W^2 y = G nu,   mu = G^T y_dot,      K(s) = s G^T (s^2 + s R + W^2)^-1 G,
 
-W diagonal, R symmetric and not negative. By its form K has what radiation has (Perez and Fossen 2009, Modeling,
-Identification and Control 30, 1): stable, K(0) = 0, strictly proper, symmetric and passive: no fit can make energy. The
-system is stepped in its modes, x_f' = p_f x_f + b_f nu, mu = Re sum_f c_f x_f, by the implicit midpoint rule, which
-keeps passivity: over a step h the masses and springs store h (mu nu - y_dot^T R y_dot), all at the step's middle.
+W is diagonal; R is symmetric and positive semidefinite. By this form, K has the properties of radiation (Perez and
+Fossen 2009, Modeling, Identification and Control 30, 1): it is stable, strictly proper, symmetric and passive, and K(0)
+= 0. No fit can create energy. The system is stepped in its modes, x_f' = p_f x_f + b_f nu, mu = Re sum_f c_f x_f, by
+the implicit midpoint rule, which keeps passivity: over a step h the masses and springs store h (mu nu - y_dot^T R
+y_dot), all evaluated at the middle of the step.
 """
 
 # Kernels are another language inside Python syntax.
@@ -33,14 +34,14 @@ REAL = 1e-9  # imaginary part of a real pole, over its size
 
 
 class Modes(NamedTuple):
-    """A bank of first-order filters with complex poles, of conjugate pairs one each."""
+    """A bank of first-order filters with complex poles; one filter stands for a conjugate pair."""
 
     pole: Complex  # [F], rad/s
-    enters: Complex  # [F, 6] b
-    leaves: Complex  # [F, 6] c
+    enters: Complex  # [F, 6], b
+    leaves: Complex  # [F, 6], c
 
     def bank(self, dt: float) -> "Bank":
-        """The filters for steps of dt (s)."""
+        """Discretise the filters for steps of dt (s)."""
         seen = (self.enters != 0) | (self.leaves != 0)
         groups, rows, first, begin = [], [], 0, 0
         for pattern in sorted({tuple(row) for row in seen.tolist()}):
@@ -50,43 +51,46 @@ class Modes(NamedTuple):
             columns = [gain, *(x[:, mode] for mode in modes for x in (enters, self.leaves[use]))]
             size = filled(len(gain))
             rows += [np.pad(part, (0, size - len(gain))) for column in columns for part in (column.real, column.imag)]
-            groups.append(Group(begin, first, size, modes))
+            groups.append(FilterGroup(begin, first, size, modes))
             begin, first = begin + 2 * len(columns) * size, first + 2 * size
         return Bank(tuple(groups), first, np.concatenate([*rows, np.zeros(filled(1))]))
 
 
-class Group(NamedTuple):
-    """Filters that see the same modes."""
+class FilterGroup(NamedTuple):
+    """Filters that are coupled to the same modes of motion."""
 
-    begin: int  # of their numbers
-    first: int  # of their states: real, then imaginary parts
-    size: int  # filters, filled up with such as do nothing to whole vectors (lanes.py)
+    begin: int  # index of their first number
+    first: int  # index of their first state; real parts, then imaginary parts
+    size: int  # number of filters, padded with idle ones to whole vectors (lanes.py)
     modes: tuple[int, ...]
 
 
 class Bank(NamedTuple):
-    """Filters as a kernel runs through them. A group's numbers, each of all its filters: real and imaginary part of
-    1 / (1 - p dt/2), then of b dt/2 and of c for every mode.
+    """Filters as a kernel processes them.
+
+    The numbers of a group are, for all its filters each: real and imaginary part of 1 / (1 - p dt/2), then of b dt/2
+    and of c for every mode.
     """
 
-    groups: tuple[Group, ...]
-    size: int  # states
-    numbers: Array  # after the last one there are zeros, so that there are any
+    groups: tuple[FilterGroup, ...]
+    size: int  # number of states
+    numbers: Array  # ends with zeros, so that it is never empty
 
 
 class Memory:
-    """M masses; see the module. None is a hull without memory.
+    """M masses on springs with dampers (see the module's docstring); a hull without memory has none.
 
     Attributes:
-        frequency: [M], diagonal of W, rad/s. damping: [M, M], R, 1/s. shape: [M, 6], G: shape^T shape is in N s/m, N s
-            and N m s per second.
+        frequency: diagonal of W, [M], rad/s.
+        damping: R, [M, M], 1/s.
+        shape: G, [M, 6]; shape^T shape is in N s/m, N s and N m s per second.
     """
 
     def __init__(self, frequency: ArrayLike, damping: ArrayLike, shape: ArrayLike):
         """Take the numbers.
 
         Raises:
-            ValueError: if the dampers would make energy.
+            ValueError: if the dampers would create energy.
         """
         self.frequency = np.asarray(frequency, dtype=np.float64)
         self.damping = np.asarray(damping, dtype=np.float64).reshape(len(self.frequency), len(self.frequency))
@@ -96,7 +100,7 @@ class Memory:
 
     @classmethod
     def none(cls) -> "Memory":
-        """No mass."""
+        """A memory without masses."""
         return cls(np.zeros(0), np.zeros((0, 0)), np.zeros((0, 6)))
 
     def __len__(self) -> int:
@@ -120,7 +124,7 @@ class Memory:
 
     @property
     def slow_inertia(self) -> Array:
-        """A - A_inf [6, 6] of motion without end, omega to 0."""
+        """A - A_inf [6, 6] in the limit of omega = 0."""
         return (self.shape / self.frequency[:, None] ** 2).T @ self.shape
 
     def kernel(self, time: ArrayLike) -> Array:
@@ -130,7 +134,7 @@ class Memory:
 
     @cached_property
     def modes(self) -> Modes:
-        """The same system in its modes."""
+        """The modes of the system."""
         n = len(self)
         if not n:
             return Modes(np.zeros(0, complex), np.zeros((0, 6), complex), np.zeros((0, 6), complex))
@@ -142,22 +146,25 @@ class Memory:
         real = np.abs(pole.imag) < REAL * np.abs(pole)
         keep = real | (pole.imag > 0)
         enters, leaves = enters * size, leaves / size * np.where(real, 1.0, 2.0)[:, None]
-        scale = np.abs(self.shape).max(axis=0)  # what is nothing by symmetry is nothing to the kernel, too
+        scale = np.abs(self.shape).max(axis=0)  # entries that symmetry makes zero stay zero in the kernel
         enters, leaves = (np.where(scale > 0, values, 0.0) for values in (enters, leaves))
         return Modes(pole[keep], _cleaned(enters[keep]), _cleaned(leaves[keep]))
 
 
 def _cleaned(values: Complex) -> Complex:
-    """`values` [F, 6] without the rounding errors of motions that symmetry does not couple, by scale of the column."""
+    """`values` [F, 6] without rounding errors of motions that symmetry does not couple, judged by each column's
+    scale.
+    """
     size = np.abs(values) / np.maximum(np.abs(values).max(axis=0), 1e-300)
     return np.where(size < 1e-9 * np.maximum(size.max(axis=1, keepdims=True), 1e-300), 0.0, values)
 
 
 @ti.func
 def radiate(bank: ti.template(), numbers: ti.template(), states: ti.template(), e, i, first: ti.template(), nu):
-    """Load -mu (N, N m, about CO, b) in the middle of a step, where the velocity through the water is `nu`; the states
-    of the filters, in the auxiliary state from column `first` on, are taken to the end of the step. `bank` is
-    Modes.bank, `numbers` its numbers, `states` the auxiliary state, both in lanes.
+    """Load -mu (N, N m, about CO, b) in the middle of a step, where the velocity through the water is `nu`.
+
+    The states of the filters are advanced to the end of the step. They lie in the auxiliary state from column `first`
+    on. `bank` is Modes.bank, `numbers` are its numbers, `states` is the auxiliary state, both in lanes.
     """
     load = ti.static(variables(6, numbers[0] * 0.0))
     for g in ti.static(range(len(bank.groups))):

@@ -2,12 +2,12 @@
 
 CO is midships, on the centreline, in the design waterline. A panel is the bilinear patch
 
-    x(s, t) = centre + s along + t up + s t twist,    s, t in [-1, 1],
+    x(s, t) = centre + s along + t up + s t twist,    s, t in [-1, 1].
 
-with the half-edge vectors `along` and `up`, of which `up` is the one closer to the vertical: a level water line cuts
-across it. `twist` is zero for a rectangle and carries taper and warp otherwise. The area vector of the patch is
-4 along x `up` up to sign, half the cross product of its diagonals. Decks are panels too, so that the hull is closed and
-floats on its own deck when it capsizes.
+`along` and `up` are half-edge vectors; `up` is the one closer to the vertical, so that a level water line cuts across
+it. `twist` is zero for a rectangle, and describes taper and warp. The area vector of the patch is 4 along x `up` up to
+sign, half the cross product of its diagonals. Decks are panels, too, so that the hull is closed and floats on its own
+deck when it capsizes.
 """
 
 from dataclasses import dataclass
@@ -18,26 +18,27 @@ from numpy.typing import NDArray
 from taichi_sim.usv.hull.shapes import BoxHull, HullShape, StationsHull, TwinPontoons, WigleyHull
 
 Array = NDArray[np.float64]
-MIN_AREA = 1e-12  # m^2; panels below this are the closed ends of pointed hulls and are left out
+MIN_AREA = 1e-12  # m^2; smaller panels are the closed ends of pointed hulls and are left out
 
 
 @dataclass(frozen=True)
 class Panels:
-    """N panels of a closed hull and the M corners of its deck edge; b, metres."""
+    """N panels of a closed hull, and the M corners of its deck edge, in b, m."""
 
     centre: Array  # [N, 3] mean of the corners
     along: Array  # [N, 3] half-edge vector e1
     up: Array  # [N, 3] half-edge vector e2, the one closer to the vertical
-    twist: Array  # [N, 3] vector e3 of s t
+    twist: Array  # [N, 3] vector e3, factor of s t
     area: Array  # [N, 3] area vector out of the hull, m^2
-    row: NDArray[np.int64]  # [N] panels of one number follow each other along the hull (or across it, at its ends)
-    deck: Array  # [M, 3]
+    row: NDArray[np.int64]  # [N] panels with the same number form a row along the hull (at its ends, across it)
+    deck: Array  # [M, 3] corners of the deck edge
 
     @classmethod
     def of(cls, patches: list[Array], deck: Array) -> "Panels":
-        """Panels of patches [n, m, 4, 3] of corners in order round each panel, clockwise seen from inside the hull.
+        """Make panels from patches [n, m, 4, 3] of corners, ordered clockwise around each panel as seen from inside the
+        hull.
 
-        The n panels of each of the m columns of a patch make a row.
+        The n panels of each of the m columns of a patch form a row.
         """
         corners = np.concatenate([patch.reshape(-1, 4, 3) for patch in patches])
         first = np.cumsum([0, *(patch.shape[1] for patch in patches)])
@@ -65,19 +66,22 @@ class Panels:
     @property
     def draft(self) -> float:
         """Deepest point below the design waterline, m."""
-        e3 = self.twist[:, 2]
-        corners = [self.centre[:, 2] + i * self.along[:, 2] + j * self.up[:, 2] + i * j * e3 for i, j in _CORNERS]
-        return float(np.max(corners))
+        return float(self.corners[..., 2].max())
+
+    @property
+    def corners(self) -> Array:
+        """Corners [N, 4, 3] in order around each panel, m, b."""
+        return np.stack([self.centre + s * self.along + t * self.up + s * t * self.twist for s, t in _CORNERS], axis=1)
 
     @property
     def area_slopes(self) -> tuple[Array, Array]:
-        """Change of the area vector along s and along t [N, 3], m^2: dA = (area + s . + t .) ds dt / 4."""
+        """Change of the area vector along s and along t, [N, 3], m^2: dA = (area + s . + t .) ds dt / 4."""
         sign = np.sign(np.sum(np.cross(self.along, self.up) * self.area, axis=1))[:, None]
         return 4 * sign * np.cross(self.along, self.twist), 4 * sign * np.cross(self.twist, self.up)
 
     def surface(self) -> tuple[Array, NDArray[np.int64]]:
-        """Vertices [4 N, 3] (m, b) and triangles [2 N, 3], counter-clockwise from outside, to draw the hull."""
-        corners = np.stack([self.centre + s * self.along + t * self.up + s * t * self.twist for s, t in _CORNERS], 1)
+        """Vertices [4 N, 3] (m, b) and triangles [2 N, 3] to draw the hull, counter-clockwise from outside."""
+        corners = self.corners
         inward = np.sum(np.cross(self.along, self.up) * self.area, axis=1) < 0
         corners[inward] = corners[inward, ::-1]
         first = 4 * np.arange(len(self))[:, None, None]
@@ -92,13 +96,13 @@ _CORNERS = ((-1, -1), (1, -1), (1, 1), (-1, 1))
 
 
 def _steepness(edge: Array) -> Array:
-    """How vertical edges [N, 3] are; of two level edges the transverse one wins, for heel is larger than trim."""
+    """How vertical edges [N, 3] are; of two level edges the transverse one wins, because heel is larger than trim."""
     length = np.maximum(np.linalg.norm(edge, axis=1), 1e-300)
     return (np.abs(edge[:, 2]) + 1e-6 * np.abs(edge[:, 1])) / length
 
 
 def mesh(hull: HullShape) -> Panels:
-    """Panels of a hull section of a vehicle file."""
+    """Make panels of the hull section of a vehicle file."""
     if isinstance(hull, StationsHull):
         return _stations(hull)
     if isinstance(hull, BoxHull):
@@ -109,24 +113,24 @@ def mesh(hull: HullShape) -> Panels:
 
 
 def _patch(points: Array) -> Array:
-    """Corners [n, m, 4, 3] of a grid of points [n+1, m+1, 3], whose outward normal is d/di x d/dj."""
+    """Corners [n, m, 4, 3] of a grid of points [n+1, m+1, 3]; the outward normal is d/di x d/dj."""
     return np.stack([points[:-1, :-1], points[1:, :-1], points[1:, 1:], points[:-1, 1:]], axis=2)
 
 
 def _grid(x, y, z) -> Array:
-    """Points [n, m, 3] of coordinates that broadcast to [n, m]."""
+    """Points [n, m, 3] from coordinates that broadcast to [n, m]."""
     return np.stack(np.broadcast_arrays(*(np.asarray(v, dtype=np.float64) for v in (x, y, z))), axis=-1)
 
 
 def _rows(draft: float, freeboard: float, rows: int) -> Array:
-    """Levels z [rows + 1] of a side, from the keel up: the last row is above the design waterline."""
+    """Levels z [rows + 1] of a side from the keel up; the last row is above the design waterline."""
     if rows == 1:
         return np.array([draft, -freeboard])
     return np.append(np.linspace(draft, 0.0, rows), -freeboard)
 
 
 def _box(hull: BoxHull) -> Panels:
-    """The six faces, each a grid."""
+    """The six faces, each of them a grid."""
     x = np.linspace(-hull.length / 2, hull.length / 2, hull.panels_along + 1)
     y = np.linspace(-hull.beam / 2, hull.beam / 2, hull.panels_across + 1)
     z = _rows(hull.draft, hull.freeboard, hull.panels_up)
@@ -150,12 +154,12 @@ def _wigley(hull: WigleyHull) -> Panels:
     y = hull.beam / 2 * (1 - (2 * x[:, None] / hull.length) ** 2) * (1 - below**2)
     sections = np.concatenate(
         [_grid(x[:, None], -y[:, ::-1], z[::-1]), _grid(x[:, None], y[:, 1:], z[1:])], axis=1
-    )  # from the port deck edge round the keel
+    )  # from the port deck edge around the keel
     return Panels.of(*_close(sections))
 
 
 def _twin_pontoons(hull: TwinPontoons) -> Panels:
-    """One pontoon about its centreline, set to port and starboard."""
+    """One pontoon about its centreline, placed to port and to starboard."""
     x, beam, keel = np.array(hull.stations, dtype=np.float64).T
     girth = _vee(beam, keel, hull.freeboard) if hull.section == "vee" else _round(beam, keel, hull)
     patches, deck = _close(_grid(x[:, None], girth[..., 0], girth[..., 1]))
@@ -164,7 +168,7 @@ def _twin_pontoons(hull: TwinPontoons) -> Panels:
 
 
 def _stations(hull: StationsHull) -> Panels:
-    """Both halves of a hull across the centreline, or both hulls, each about its middle."""
+    """Both halves of a single hull, or both hulls of a twin hull, each about its own middle."""
     points = hull.points
     port = points[:, ::-1] * [1.0, -1.0, 1.0]
     if not hull.twin:
@@ -183,10 +187,12 @@ def _vee(beam: Array, keel: Array, freeboard: float) -> Array:
 
 
 def _round(beam: Array, keel: Array, hull: TwinPontoons) -> Array:
-    """Section points (y, z) [station, girth + 1 or + 3, 2] from the port to the starboard deck edge."""
+    """Section points (y, z) from the port to the starboard deck edge, [station, girth + 1, 2] or [station, girth +
+    3, 2].
+    """
     n = hull.panels_girth
     angle = np.linspace(-np.pi / 2, np.pi / 2, n + 1)  # from the keel's direction
-    radius = beam / 2 * np.sqrt(np.pi / (n * np.sin(np.pi / n)))  # of the polygon of the half circle's area
+    radius = beam / 2 * np.sqrt(np.pi / (n * np.sin(np.pi / n)))  # so that the polygon has the area of the half circle
     centre = keel - beam / 2
     girth = np.stack([radius[:, None] * np.sin(angle), centre[:, None] + radius[:, None] * np.cos(angle)], axis=-1)
     if np.allclose(centre, -hull.freeboard):
@@ -199,10 +205,10 @@ def _round(beam: Array, keel: Array, hull: TwinPontoons) -> Array:
 def _close(sections: Array) -> tuple[list[Array], Array]:
     """Patches [n, m, 4, 3] of a hull of sections [station, point, 3] about y = 0, and its deck edge [M, 3].
 
-    Sections run from the port to the starboard deck edge, round the keel, stations from stern to bow.
+    Sections run from the port to the starboard deck edge around the keel, stations from stern to bow.
     """
     half = (sections.shape[1] + 1) // 2
-    # Transoms join port and starboard points (of one level), down to a keel point (a triangle) or a flat bottom.
+    # Transoms join port and starboard points at the same level, down to a keel point (a triangle) or a flat bottom.
     stern = np.stack([sections[0, :half], sections[0, ::-1][:half]], axis=1)
     bow = np.stack([sections[-1, :half], sections[-1, ::-1][:half]], axis=0)
     edge = sections[:, [0, -1]]
@@ -210,9 +216,9 @@ def _close(sections: Array) -> tuple[list[Array], Array]:
 
 
 def _deck(edge: Array) -> Array:
-    """Patch [1, 1, 4, 3] of one rectangle that has area, centroid and longitudinal second moment of a flat deck.
+    """Patch [1, 1, 4, 3]: a rectangle with the area, centroid and longitudinal second moment of a flat deck.
 
-    edge [station, 2, 3]: port and starboard; straight between stations.
+    edge [station, 2, 3] holds port and starboard; it is straight between stations.
     """
     x, beam = edge[:, 0, 0], edge[:, 1, 1] - edge[:, 0, 1]
     node = np.array([-1.0, 1.0]) / np.sqrt(3.0)  # Gauss points, exact for beam x^2

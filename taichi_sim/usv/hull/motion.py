@@ -1,11 +1,12 @@
-"""How loads move a hull: its equations of motion (hull_6dof.py), and the two ways to step them.
+"""Equations of motion of a hull (hull_6dof.py), and the two methods to integrate them.
 
     M nu_dot = M nu_c_dot + tau + radiation.orbital_load - C_rb (nu - nu_c) - C_a(nu_r) nu_r - D(nu_r) nu_r
 
-Hulls on panels: a step drifts by half, evaluates waves and pressure once, changes the velocity by the midpoint rule,
-whose middle velocity the last step's nu_dot foretells, and drifts by half again (Strang 1968: second order, and
-symmetric in time but for damping: still water makes no energy). Hulls of linear restoring: the classical Runge-Kutta
-method of fourth order. `hull` is the Hull6Dof, `p` what its kernel works with (numbers.py), `sums` of water.at.
+Hulls on panels use a splitting method. A step drifts by half its time, evaluates waves and pressure once, changes the
+velocity by the midpoint rule, and drifts by half again. The velocity in the middle is predicted with nu_dot of the last
+step. The method is of second order and, apart from damping, symmetric in time (Strang 1968): still water creates no
+energy. Hulls with linear restoring use the classical fourth-order Runge-Kutta method. `hull` is the Hull6Dof, `p` holds
+the kernel's numbers (numbers.py), `sums` come from water.at.
 """
 
 # Kernels are another language inside Python syntax.
@@ -21,26 +22,26 @@ from taichi_sim.usv.hull.numbers import diagonal, symmetric
 
 @ti.func
 def pack(pos, q, nu):
-    """The 13 numbers of conventions.py."""
+    """State of 13 numbers (conventions.py) from its parts."""
     return ti.Vector([pos[0], pos[1], pos[2], q[0], q[1], q[2], q[3], nu[0], nu[1], nu[2], nu[3], nu[4], nu[5]])
 
 
 @ti.func
 def unpack(y):
-    """Position, attitude and nu of the 13 numbers of conventions.py."""
+    """Position, attitude and nu from a state of 13 numbers (conventions.py)."""
     return ti.Vector([y[0], y[1], y[2]]), ti.Vector([y[3], y[4], y[5], y[6]]), ti.Vector([y[7 + c] for c in range(6)])
 
 
 @ti.func
 def drag_force(hull: ti.template(), p: ti.template(), nu, R, V_c, sums):
-    """Force (N, b) of damping and cross-flow."""
+    """Force (N, b) of damping and cross-flow drag."""
     nu_c, _, nu_o, _ = water.flow(hull.params.current_frame, R, angular(nu), V_c, sums)
     return linear(damping.load(hull.params.hydrodynamics, p, nu - nu_c - nu_o))
 
 
 @ti.func
 def acceleration(hull: ti.template(), p: ti.template(), nu, R, tau, V_c, sums):
-    """nu_dot under the load tau (N, N m) of all that does not depend on the velocity relative to the water."""
+    """nu_dot under tau (N, N m), which holds all loads that do not depend on the velocity relative to the water."""
     M_rb, M_a, M_inverse = ti.static(symmetric(p, "M_rb"), diagonal(p, "added"), symmetric(p, "inverse"))
     nu_c, nu_c_dot, nu_o, nu_o_dot = water.flow(hull.params.current_frame, R, angular(nu), V_c, sums)
     nu_r = nu - nu_c - nu_o
@@ -52,7 +53,7 @@ def acceleration(hull: ti.template(), p: ti.template(), nu, R, tau, V_c, sums):
 
 @ti.func
 def drift(dt: ti.template(), pos, q, nu, turn):
-    """Position, attitude and R_nb in the middle of a step: after turning for `turn` s and half a step's way."""
+    """Position, attitude and R_nb in the middle of a step, after a turn for `turn` s and half a step's translation."""
     q = quaternion_advance(q, angular(nu), turn)
     R = rotation_matrix(q)
     return pos + ti.static(0.5 * dt) * (R @ linear(nu)), q, R
@@ -60,8 +61,9 @@ def drift(dt: ti.template(), pos, q, nu, turn):
 
 @ti.func
 def kick(hull: ti.template(), p: ti.template(), pos, nu, nu_dot, R, tau, V_c, sums):
-    """Position at the end of a step, nu there, and nu_dot, under the load tau in the middle of the step, whose
-    velocity, for damping and Coriolis, the last step's nu_dot foretells.
+    """Position at the end of a step, nu there, and nu_dot, under the load tau in the middle of the step.
+
+    For damping and Coriolis, the velocity in the middle is predicted with the last step's nu_dot.
     """
     nu_dot = acceleration(hull, p, nu + ti.static(0.5 * hull.dt) * nu_dot, R, tau, V_c, sums)
     nu = nu + ti.static(hull.dt) * nu_dot
@@ -70,15 +72,18 @@ def kick(hull: ti.template(), p: ti.template(), pos, nu, nu_dot, R, tau, V_c, su
 
 @ti.func
 def derivative(hull: ti.template(), p: ti.template(), y, R, tau, V_c, sums):
-    """dy/dt at attitude R = R_nb under the load tau of all that does not depend on the velocity in the water."""
+    """dy/dt at attitude R = R_nb under tau, which holds all loads that do not depend on the velocity through the
+    water.
+    """
     _, q, nu = unpack(y)
     return pack(R @ linear(nu), quaternion_rate(q, angular(nu)), acceleration(hull, p, nu, R, tau, V_c, sums))
 
 
 @ti.func
 def runge_kutta(hull: ti.template(), p: ti.template(), y, controls, command, load, V_c, sums):
-    """Position, attitude and nu of a hull of linear restoring one step after y. The water is held, and so is `load`, of
-    all but restoring and thrust.
+    """Position, attitude and nu of a hull with linear restoring, one step after y.
+
+    The water is constant during the step, and so is `load`, which holds all loads but restoring and thrust.
     """
     total, slope = y * 0.0, y * 0.0
     for stage in range(4):

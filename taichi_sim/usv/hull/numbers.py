@@ -1,14 +1,14 @@
-"""The numbers that a hull's kernels work with: compiled in, or read for each vehicle where they vary.
+"""Numbers that a hull's kernels use: compiled in, or read for each vehicle if they vary.
 
-Mass and CG reach everything that they are part of: M_rb (rigid_body.changed_mass), the weight, and with it the draught,
-list and trim of a hull on panels. `restoring = "linear"` keeps the published G, so there the mass changes no draught.
+Mass and CG affect everything that depends on them: M_rb (rigid_body.changed_mass) and the weight, and through it the
+draught, list and trim of a hull on panels. `restoring = "linear"` keeps the published G, so mass does not change the
+draught there.
 """
 
 import math
 from collections import namedtuple
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
-from typing import Any
 
 import numpy as np
 import torch
@@ -37,19 +37,21 @@ FIELDS = (
     *(f"added_{i}" for i in range(6)),  # diagonal of M_a, kg, kg m^2
     *(f"linear_{i}" for i in range(6)),  # damping, N s/m, N m s
     *(f"quadratic_{i}" for i in range(6)),  # N s^2/m^2, N m s^2
-    "wind_x", "wind_y", "wind_n",  # of the products of relative wind speeds (wind.load), N s^2/m^2, N s^2/m
+    "wind_x", "wind_y", "wind_n",  # factors of products of relative wind speeds (wind.load), N s^2/m^2, N s^2/m
     *(f"M_rb_{i}{j}" for i, j in UPPER),
-    *(f"inverse_{i}{j}" for i, j in UPPER),  # of M_rb + M_a
+    *(f"inverse_{i}{j}" for i, j in UPPER),  # inverse of M_rb + M_a
 )  # fmt: skip
-THRUSTER_FIELDS = (  # of each thruster (`THRUSTER_FIELDS`_k), after FIELDS
-    "keep_half", "keep",  # of its speed's way to its command, what is left after half a step, and after one
-    "gain",  # factor on its thrust
+THRUSTER_FIELDS = (  # for each thruster k (`THRUSTER_FIELDS`_k), after FIELDS
+    "keep_half", "keep",  # share of its speed's deviation from the command that is left after half a step, after one
+    "gain",  # factor of its thrust
 )  # fmt: skip
 
 
 @cache
-def numbers_of(thrusters: int) -> Any:
-    """The NamedTuple of a hull of so many thrusters, see `FIELDS`: floats, or tensors of one shape."""
+def numbers_of(thrusters: int) -> Callable[..., tuple[Number, ...]]:
+    """NamedTuple type of a hull with this many thrusters (see `FIELDS`); its entries are floats, or tensors of one
+    shape.
+    """
     return namedtuple("HullNumbers", (*FIELDS, *(f"{name}_{k}" for name in THRUSTER_FIELDS for k in range(thrusters))))
 
 
@@ -62,14 +64,16 @@ def varying_keys(p: Hull6DofParams) -> tuple[str, ...]:
 
 
 def thruster_keys(p: Hull6DofParams) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Keys of the gains, and of the lags, of its thrusters."""
+    """Keys of the thrusters' gains, and of their lags."""
     if p.thrusters:
         return GAINS, (LAG, LAG)
     return tuple(f"actuators.{name}.gain" for name in p.actuators), tuple(f"actuators.{n}.lag" for n in p.actuators)
 
 
-def hull_numbers(p: Hull6DofParams, radiation: Radiation, dt: float, values: Mapping[str, Number]) -> Any:
-    """Of a hull with `values` for `varying_keys`, floats or float64 tensors, stepped by `dt` (s)."""
+def hull_numbers(
+    p: Hull6DofParams, radiation: Radiation, dt: float, values: Mapping[str, Number]
+) -> tuple[Number, ...]:
+    """Numbers of a hull with `values` for `varying_keys` (floats or float64 tensors), stepped by `dt` (s)."""
     mass, cg = values[MASS], [values[key] for key in CG]
     added, linear, quadratic = ([values[key] for key in keys] for keys in (ADDED_MASS, LINEAR, QUADRATIC))
     M_rb = changed_mass(p.M_rb, p.rigid_body.mass, p.rigid_body.cg, mass, cg)
@@ -90,21 +94,23 @@ def hull_numbers(p: Hull6DofParams, radiation: Radiation, dt: float, values: Map
 
 
 def _beyond(value: Number, counted: float) -> Number:
-    """What of a damping is not counted already."""
+    """The part of a damping that is not in `counted`."""
     if counted == 0.0:
         return value
     return (value - counted).clamp(min=0.0) if isinstance(value, Tensor) else max(value - counted, 0.0)
 
 
 def _left(time: float, lag: Number) -> Number:
-    """exp(-time / lag): the share of a first-order lag (s) that is left after `time` (s); none without a lag."""
+    """exp(-time / lag): share of the deviation that is left after `time` (s) with a first-order lag (s); 0 without
+    a lag.
+    """
     if isinstance(lag, Tensor):
         return torch.exp(-time / lag)
     return math.exp(-time / lag) if lag > 0 else 0.0
 
 
 def _inverse(rows: list[list[Number]]) -> Sequence[Sequence[Number]]:
-    """Inverse of a 6 x 6 matrix of floats, or of tensors of one shape and floats, in the same kind."""
+    """Inverse of a 6 x 6 matrix of floats, or of floats and tensors of one shape; the entries are of the same kind."""
     entries = [x for row in rows for x in row]
     given = next((x for x in entries if isinstance(x, Tensor)), None)
     if given is None:
@@ -114,19 +120,19 @@ def _inverse(rows: list[list[Number]]) -> Sequence[Sequence[Number]]:
     return [row.unbind(-1) for row in inverse.unbind(-2)]
 
 
-# -- inside `ti.static`: `p` is a HullNumbers, or the struct of one vehicle's -------------------------------------
+# -- inside `ti.static`: `p` is a HullNumbers, or the struct with those of one vehicle -----------------------------
 
 
-def vector(p: Any, name: str, size: int) -> tuple[Any, ...]:
+def vector(p: object, name: str, size: int) -> tuple[Number, ...]:
     """The numbers `name`_0, `name`_1, ..."""
     return tuple(getattr(p, f"{name}_{i}") for i in range(size))
 
 
-def diagonal(p: Any, name: str) -> tuple[tuple[Any, ...], ...]:
-    """Rows of the 6 x 6 matrix of which `name`_i are the diagonal."""
+def diagonal(p: object, name: str) -> tuple[tuple[Number, ...], ...]:
+    """Rows of the 6 x 6 matrix with the diagonal `name`_i."""
     return tuple(tuple(x if i == j else 0.0 for j in range(6)) for i, x in enumerate(vector(p, name, 6)))
 
 
-def symmetric(p: Any, name: str) -> tuple[tuple[Any, ...], ...]:
+def symmetric(p: object, name: str) -> tuple[tuple[Number, ...], ...]:
     """Rows of the symmetric 6 x 6 matrix `name`_ij."""
     return tuple(tuple(getattr(p, f"{name}_{min(i, j)}{max(i, j)}") for j in range(6)) for i in range(6))

@@ -1,4 +1,4 @@
-"""Numbers of a `hull_6dof` vehicle file: strict sections, and the matrices that follow from them.
+"""Parameters of a `hull_6dof` vehicle file: strict sections, and the matrices that follow from them.
 
 Frame b is forward-right-down with its origin CO midships, on the centreline, at the design waterline.
 """
@@ -20,15 +20,15 @@ Diagonal = tuple[NonNegative, NonNegative, NonNegative, NonNegative, NonNegative
 Row = tuple[Finite, Finite, Finite, Finite, Finite, Finite]
 Matrix = tuple[Row, Row, Row, Row, Row, Row]
 Name = Annotated[str, Field(pattern="^[a-z][a-z0-9_]*$")]
-ASYMMETRY = 1e-6  # of a published M_rb, over its largest entry: its digits
-OVERHANG = 1.1  # a thruster may hang this far outside the hull: 1 is flush; assumed (outboard engines)
+ASYMMETRY = 1e-6  # tolerated asymmetry of a published M_rb over its largest entry, from its rounding
+OVERHANG = 1.1  # limit of a thruster's position over that of the hull's side, for outboard engines; assumed
 
 
 class RigidBody(Strict):
-    """Mass and how it is spread: radii of gyration about the CG, or the whole matrix as published."""
+    """Mass and its distribution: radii of gyration about the CG, or a published matrix."""
 
     mass: Positive  # kg, payload included
-    cg: Vector3  # m, of the whole
+    cg: Vector3  # m, payload included
     gyration: tuple[Positive, Positive, Positive] | None = None  # m, about the CG, for roll, pitch, yaw
     M_rb: Matrix | None = None  # 6 x 6 about CO, symmetric, where a source gives it
 
@@ -50,7 +50,9 @@ class RigidBody(Strict):
         return rigid_body_mass(self.mass, self.cg, self.mass * np.diag(np.square(np.array(self.gyration))))
 
     def changed(self, other: "RigidBody") -> "RigidBody":
-        """`other`, which is this with another mass or CG: a published M_rb follows them (`changed_mass`)."""
+        """Return `other`, a copy of this with another mass or CG, with a published M_rb changed accordingly
+        (`changed_mass`).
+        """
         if self.M_rb is None:
             return other
         M_rb = changed_mass(self.M_rb, self.mass, self.cg, other.mass, other.cg)
@@ -58,26 +60,31 @@ class RigidBody(Strict):
 
 
 class Hydrodynamics(Strict):
-    """Added mass and damping about CO, acting on the motion relative to the water.
+    """Added mass and damping about CO, for the motion relative to the water.
 
-    `radiation = "constant"`: added mass and damping are the same at every frequency, and stand for radiation and
-    diffraction. `radiation = "memory"`: both come from a boundary-element `database` (radiation.py), and what is here
-    counts for the rest: `added_mass` for Coriolis and Munk loads, `linear` in surge, sway and yaw (where slow motion
-    radiates nothing), in heave, roll and pitch as far as it exceeds the radiation at the natural frequency, for a
-    published linear damping includes that; `quadratic` and cross-flow in full. With `restoring = "linear"`, which is
-    for comparison with published codes, radiation is constant whatever is written here.
+    With `radiation = "constant"`, added mass and damping are the same at every frequency, and represent radiation and
+    diffraction. With `radiation = "memory"`, both come from a boundary-element `database` (radiation.py), and this
+    section adds the rest:
+
+    - `added_mass` is for Coriolis and Munk loads only.
+    - `linear` counts in full in surge, sway and yaw, where slow motion radiates nothing. In heave, roll and pitch it
+      counts as far as it exceeds the radiation at the natural frequency, because a published linear damping includes
+      that.
+    - `quadratic` and cross-flow count in full.
+
+    With `restoring = "linear"`, for comparison with published codes, radiation is always constant.
     """
 
     radiation: Literal["constant", "memory"] = "constant"
-    database: str | None = None  # NAME.hydro.json, beside the vehicle file (tools/hydrodynamics.py)
-    drift: bool = False  # mean and slowly varying wave drift by Newman's approximation; of the database
+    database: str | None = None  # NAME.hydro.json, in the folder of the vehicle file (tools/hydrodynamics.py)
+    drift: bool = False  # mean and slowly varying wave drift of the database, by Newman's approximation
     added_mass: Diagonal  # -X_udot, -Y_vdot, -Z_wdot (kg), -K_pdot, -M_qdot, -N_rdot (kg m^2)
     linear: Diagonal  # -X_u ... (N s/m, N m s)
-    quadratic: Diagonal = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)  # -X_uu ... (N s^2/m^2, N m s^2): of |nu| nu
-    cross_flow_length: NonNegative = 0.0  # m, of the strip integral; 0 is none
+    quadratic: Diagonal = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)  # -X_uu ... (N s^2/m^2, N m s^2), factors of |nu| nu
+    cross_flow_length: NonNegative = 0.0  # m, of the strip integral; 0: no cross-flow drag
     cross_flow_draft: NonNegative = 0.0  # m
     cross_flow_coefficient: NonNegative = 0.0  # 2-D drag coefficient of a section (Hoerner 1965)
-    cross_flow_strips: Annotated[int, Field(ge=2, le=101)] = 21  # both ends included, each length / (strips - 1)
+    cross_flow_strips: Annotated[int, Field(ge=2, le=101)] = 21  # including both ends; width = length / (strips - 1)
     cross_flow_density: Positive = RHO_SEA  # kg/m^3
 
     @model_validator(mode="after")
@@ -90,18 +97,18 @@ class Hydrodynamics(Strict):
 
 
 class LinearRestoring(Strict):
-    """`restoring = "linear"`: -G eta of the source, and the payload as a force (PythonVehicleSimulator's otter)."""
+    """`restoring = "linear"`: -G eta of the source, and the payload as a weight (PythonVehicleSimulator's otter)."""
 
     G33: Positive  # N/m
     G44: Positive  # N m
     G55: Positive  # N m
     G35: Finite = 0.0  # N
-    payload_mass: NonNegative = 0.0  # kg, whose weight the source adds to -G eta
+    payload_mass: NonNegative = 0.0  # kg; the source adds its weight to -G eta
     payload_position: Vector3 = (0.0, 0.0, 0.0)  # m
 
 
 class Windage(Strict):
-    """Wind on the part above water: X = q C_X A_f, Y = q C_Y A_l, N = q C_N A_l L, q from the relative wind.
+    """Wind on the part above water: X = q C_X A_f, Y = q C_Y A_l, N = q C_N A_l L, with q from the relative wind.
 
     C_X = -c_x cos(gamma), C_Y = c_y sin(gamma), C_N = c_n sin(2 gamma) (Fossen 2021, eqs. 10.26-10.28).
     """
@@ -115,7 +122,7 @@ class Windage(Strict):
 
 
 class Hull6DofParams(Strict):
-    """A vehicle file of `hull_6dof`."""
+    """Parameters of a vehicle file of `hull_6dof`."""
 
     length: Positive  # m, overall
     beam: Positive  # m, overall
@@ -131,7 +138,7 @@ class Hull6DofParams(Strict):
     thrusters: PropellerPair | None = None
     actuators: Annotated[dict[Name, NamedThruster], Field(max_length=MOST_THRUSTERS)] = {}
     windage: Windage = Windage()
-    deck: Deck | None = None  # where aircraft land (contact/parts.py)
+    deck: Deck | None = None  # for aircraft that land on it (contact/parts.py)
 
     @model_validator(mode="after")
     def _consistent(self):
@@ -143,11 +150,11 @@ class Hull6DofParams(Strict):
         return self
 
     def __hash__(self) -> int:
-        """As of every frozen model, with the thrusters by name as pairs, for a dict has none."""
+        """Hash as every frozen model, with the dictionary of thrusters as pairs, because a dict has no hash."""
         return hash(tuple(tuple(x.items()) if isinstance(x, dict) else x for x in self.__dict__.values()))
 
     def _check_thrusters(self) -> None:
-        """Refuse what no hull has, and actions that its thrusters cannot take."""
+        """Refuse impossible thrusters, and actions that do not suit them."""
         if self.thrusters and self.actuators:
             raise ValueError("give either [thrusters], two propellers, or [actuators.NAME], each by itself")
         h = self.hydrodynamics
@@ -167,7 +174,7 @@ class Hull6DofParams(Strict):
         if self.actuators and self.actions in ("surge_yaw", "left_right"):
             raise ValueError(
                 f'actions = "{self.actions}" is for the two propellers of [thrusters]; for [actuators] write '
-                'actions = "wrench" (surge, sway, yaw) or "units" (each by itself)'
+                'actions = "wrench" (surge, sway, yaw) or "units" (each thruster)'
             )
         for thruster in self.all_thrusters:
             if self.actions == "wrench" and thruster.azimuth and not reaches_round(thruster):
@@ -178,14 +185,14 @@ class Hull6DofParams(Strict):
 
     @property
     def all_thrusters(self) -> tuple[Thruster, ...]:
-        """Its thrusters, whichever way they are given."""
+        """All thrusters, from either section."""
         if self.thrusters:
             return self.thrusters.both
         return tuple(given.thruster(name) for name, given in self.actuators.items())
 
     @property
     def gains(self) -> tuple[float, ...]:
-        """Of `all_thrusters`."""
+        """Gains of `all_thrusters`."""
         if self.thrusters:
             return self.thrusters.gain_left, self.thrusters.gain_right
         return tuple(given.gain for given in self.actuators.values())
@@ -197,15 +204,15 @@ class Hull6DofParams(Strict):
 
     @property
     def M_rb(self) -> np.ndarray:  # noqa: N802
-        """[6, 6]."""
+        """Rigid-body mass matrix about CO, [6, 6]."""
         return self.rigid_body.matrix
 
     @property
     def M_a(self) -> np.ndarray:  # noqa: N802
-        """[6, 6]."""
+        """Added-mass matrix about CO, [6, 6]."""
         return np.diag(self.hydrodynamics.added_mass)
 
     @property
     def weight(self) -> float:
-        """N."""
+        """Weight, N."""
         return self.rigid_body.mass * GRAVITY

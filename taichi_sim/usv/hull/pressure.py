@@ -1,14 +1,14 @@
-"""The load of the water's pressure on a hull's panels: hydrostatic, and Froude-Krylov, of the undisturbed wave.
+"""Load of the water's pressure on a hull's panels: hydrostatic plus Froude-Krylov (the undisturbed wave).
 
-The pressure head at a point, p / (rho g) in m, is its depth below mean sea level and, of every component of the sea,
+The pressure head at a point, p / (rho g) in m, is its depth below mean sea level plus, for every component of the sea,
 
-    a exp(-k d) cos(k . x + phase - omega t),
+    a exp(-k d) cos(k . x + phase - omega t).
 
-at the depth d below the hull's mean surface plane (Wheeler 1970, J. Petrol. Technol. 22, 359, whose stretching counts
-from the elevation at the point: here that of the plane, so that one exponential serves a line). In finite depth the
-decay is exp(-omega^2/g d), for hulls lie near the surface. Waves are summed at the points of lines (wave_lines.py) and
-carried from there to the panels; on a panel the pressure is linear, and clipped at zero out of the water, so that its
-averages over strips times constant unit wrenches are the load (hydrostatics.py).
+d is the depth below the hull's mean surface plane. (Wheeler's stretching (1970, J. Petrol. Technol. 22, 359) counts
+from the elevation at the point. Counting from the plane lets one exponential serve a whole line.) In finite depth the
+decay is exp(-omega^2/g d), because hulls lie near the surface. Waves are summed at the points of lines (wave_lines.py)
+and carried from there to the panels. On a panel the pressure is linear, and clipped at zero out of the water. The load
+is the sum of its averages over strips times constant unit wrenches (hydrostatics.py).
 """
 
 # Kernels are another language inside Python syntax.
@@ -26,43 +26,41 @@ from taichi_sim.kernels.lanes import blocks, totals, variables, width
 from taichi_sim.usv.hull.geometry import HullGeometry
 from taichi_sim.usv.hull.hydrostatics import Strips
 
-HALF_TURN = 3.14159265  # waves shorter than a line's step cancel over it
+HALF_TURN = 3.14159265  # rad; waves shorter than a line's step cancel over it
 
-# Rows of the panel table [row, panel]: middle of the panel (m, b); half of the way between its two strips; half a
-# strip's length, mean of the two and half their difference; how far to starboard and ahead of its wave point it lies;
-# then the unit wrenches of either strip that are not zero (hydrostatics.Strips).
+# Rows of the panel table [row, panel] (m, b): middle of the panel; half the vector between its two strips; half a
+# strip's vector, mean of the two and half their difference; position of the panel to starboard and ahead of its wave
+# point; then the unit wrenches of both strips that are not zero (hydrostatics.Strips).
 STRIPS = 2
 CENTRE, ALONG, UP, TWIST, ACROSS, AHEAD, WRENCH = 0, 3, 6, 9, 12, 13, 14
-# moment (m0, m1, m2) and component (X Y Z K M N) of the wrench rows of a strip
+# Moment (m0, m1, m2) and component (X Y Z K M N) of the wrench rows of a strip
 WRENCH_ROWS = tuple((m, j) for m in range(3) for j in range(6) if m < 2 or j > 2)
-SECOND = len(WRENCH_ROWS)  # first row of the second strip's, from WRENCH on
+SECOND = len(WRENCH_ROWS)  # first wrench row of the second strip, counted from WRENCH
 PANEL_ROWS = WRENCH + STRIPS * SECOND
 
 
 class Pressure(NamedTuple):
-    """What kernels are compiled with."""
+    """Compile-time sizes of the pressure kernels."""
 
-    panels: int  # how many
-    points: int  # of a wave line
+    panels: int  # number of panels
+    points: int  # points per wave line
     nodes: int  # points of all lines
-    first: (
-        int  # column of the auxiliary state where the heads (m) of the nodes begin; their change to starboard follows
-    )
+    first: int  # first column, in the auxiliary state, of the nodes' heads (m); their change to starboard follows
 
     @classmethod
     def of(cls, geometry: HullGeometry, first: int) -> "Pressure":
-        """For the panels and lines of a hull."""
+        """Sizes for the panels and lines of a hull."""
         lines = geometry.lines
         return cls(len(geometry.panels), lines.points, len(lines.start) * lines.points, first)
 
     @property
     def columns(self) -> int:
-        """Of the auxiliary state."""
+        """Number of columns in the auxiliary state."""
         return 2 * self.nodes
 
 
 def panel_table(geometry: HullGeometry) -> NDArray[np.float64]:
-    """[PANEL_ROWS, panel]."""
+    """Panel table, [PANEL_ROWS, panel]."""
     strips = Strips.of(geometry.panels, STRIPS)
     (c1, c2), (u1, u2) = strips.centre, strips.up
     table = np.zeros((PANEL_ROWS, len(geometry.panels)))
@@ -73,8 +71,11 @@ def panel_table(geometry: HullGeometry) -> NDArray[np.float64]:
 
 
 def read_tables(geometry: HullGeometry) -> tuple[NDArray, NDArray, NDArray]:
-    """Which nodes of the wave lines the panels of each vector (lanes.py) read: first of each vector's reads, and of the
-    next one's; node of each read; 1 in the lanes of the panels that read it, [read, lane].
+    """Tables of which nodes of the wave lines the panels of each vector (lanes.py) read.
+
+    Returns:
+        The first read of each vector and of the next one; the node of each read; and [read, lane], 1 in the lanes of
+        the panels that read it.
     """
     of_vectors = np.array_split(geometry.lines.node, np.arange(width(), len(geometry.panels), width()))
     nodes = [np.unique(each) for each in of_vectors]
@@ -84,7 +85,7 @@ def read_tables(geometry: HullGeometry) -> tuple[NDArray, NDArray, NDArray]:
 
 
 def line_table(geometry: HullGeometry) -> NDArray[np.float64]:
-    """[pair, 9]: first point of either line of a pair, and their common step, m, b."""
+    """Line table, [pair, 9]: first point of both lines of a pair, and their common step, m, b."""
     start, step = geometry.lines.start, geometry.lines.step
     return np.concatenate([start[::2], start[1::2], step[::2]], axis=1)
 
@@ -94,8 +95,10 @@ def load(
     sizes: ti.template(), build: ti.template(), around: ti.template(), tables: ti.template(), aux: ti.template(),
     e, i, tau, pos, R, L, J, plane
 ):  # fmt: skip
-    """Load (N, N m, about CO, b) on vehicle i in environment e, tau s after the beginning of a step; the heads are
-    written to the auxiliary state. `sizes` is a Pressure; L, J and plane are of water.at and water.mean_plane.
+    """Load (N, N m, about CO, b) on vehicle i in environment e, tau s after the beginning of a step.
+
+    The heads are written to the auxiliary state. `sizes` is a Pressure; L and J come from water.at, `plane` from
+    water.mean_plane.
     """
     write_heads(sizes, build, around, tables.lines, aux, e, i, tau, pos, R, L, J, plane)
     return panel_load(sizes, tables, aux, e, i, pos[2], R, plane)
@@ -125,8 +128,11 @@ def write_heads(
 
 @ti.func
 def line_start(points: ti.template(), r, h, pos, L, J, plane):
-    """Label of a line's first point, at r from CO (m, n), its depth below the mean plane, and the change of depth
-    with each step h (m, n). An end in the air counts as on the surface."""
+    """Label of a line's first point, at r from CO (m, n), its depth below the mean plane, and the change of depth per
+    step.
+
+    h (m, n) is the step. The end of a line that is in the air counts as on the surface.
+    """
     last = ti.static(max(points - 1, 1))
     d = pos[2] + r[2] + plane[0] + plane[1] * r[0] + plane[2] * r[1]
     end = d + last * (h[2] + plane[1] * h[0] + plane[2] * h[1])
@@ -141,12 +147,12 @@ def along_pair(
 ):  # fmt: skip
     """Dynamic pressure head p / (rho g) (m) at `points` points on each of two parallel lines.
 
-    `a` and `b` give the label and the depth (m, below the mean plane) of either line's first point, and the change of
-    depth from one to the next; `step` is the change of label, shared. Returns the heads on a and on b, and their
-    changes (m/m) in the direction `across` of labels.
+    `a` and `b` hold, for each line, the label and the depth (m, below the mean plane) of its first point, and the
+    change of depth per step. `step` is the change of label per step, the same for both. Returns the heads on a and on
+    b, and their changes (m/m) in the direction `across` of labels.
 
-    Each is a mean over one step's length around the point, so that a row of panels adds up to the integral along it.
-    Two lines share what depends on their direction, and hide each other's latency.
+    Each head is a mean over one step's length around the point, so that a row of panels adds up to the integral along
+    it. Two lines share the terms that depend on their direction, and hide each other's latency.
     """
     sea = ti.static(around.waves)
     found = ti.static(variables(4 * points, sea[s, AMPLITUDE, 0] * 0.0))
@@ -155,7 +161,7 @@ def along_pair(
         rate = k
         if ti.static(build.finite):
             rate = omega * omega * ti.static(1 / GRAVITY)
-        # of half a turn, so that the mean over a step's length, its sinc, comes along; waves shorter than that cancel
+        # Half a turn also gives the mean over a step's length, by its sinc. Waves shorter than a step cancel.
         turn, k_across = kx * step[0] + ky * step[1], kx * across[0] + ky * across[1]
         half = fast.at_least(fast.at_most(0.5 * turn, HALF_TURN), -HALF_TURN)
         sinc, half_cosine = fast.sinc_short(half), fast.cos_short(half)
@@ -187,7 +193,7 @@ def along_pair(
 
 @ti.func
 def strip_moments(p_c, d):
-    """hydrostatics.pressure_moments: of the head up to 2 |d|, a ramp that begins in the strip, and of the rest."""
+    """hydrostatics.pressure_moments, split into the head up to 2 |d| (a ramp that begins in the strip) and the rest."""
     size = fast.at_least(d, 0.0 - d)
     wet = fast.at_least(p_c + size, 0.0)
     ramp = fast.at_most(wet, 2 * size)
@@ -209,13 +215,13 @@ def along(panels: ti.template(), row: ti.template(), p, v):
 def panel_load(sizes: ti.template(), tables: ti.template(), aux: ti.template(), e, i, z, R, plane):
     """Load (N, N m, about CO, b) of the heads in the auxiliary state, with CO at the depth z (m) below mean sea level.
 
-    Over a panel the wave's pressure changes with the mean surface plane.
+    Over a panel, the wave's pressure changes with the mean surface plane.
     """
     k = ti.Vector([R[2, 0], R[2, 1], R[2, 2]])  # downwards in b
     g = R.transpose() @ ti.Vector([plane[1], plane[2], 0.0])  # slope of the surface plane in b
     panels = ti.static(tables.panels)
     sums = ti.static(variables(6, panels[0, 0] * 0.0))
-    slope_b = k + g  # of the pressure head in space
+    slope_b = k + g  # gradient of the pressure head, b
     for p in range(ti.static(blocks(sizes.panels))):
         p_c = z + along(panels, CENTRE, p, k) + panels[AHEAD, p] * g[0]
         for n in range(tables.reads[p], tables.reads[p + 1]):

@@ -1,21 +1,21 @@
-"""What the waves do that a hull makes, and throws back: one of two parts, chosen by the vehicle file.
+"""Radiation and diffraction of a hull: one of two kinds, chosen by the vehicle file.
 
-`radiation = "constant"` (ConstantRadiation): the added mass of the vehicle file is inertia, and damping and added mass
-on the motion relative to the water stand for radiation and diffraction,
+`radiation = "constant"` (ConstantRadiation): the added mass of the vehicle file is inertia. Damping and added mass act
+on the motion relative to the water, and so represent radiation and diffraction:
 
     (M_rb + M_a) nu_dot = ... + M_a nu_o_dot.
 
-`radiation = "memory"` (DatabaseRadiation): both are a boundary-element code's,
+`radiation = "memory"` (DatabaseRadiation): both come from a boundary-element code:
 
     (M_rb + A_inf) nu_dot = ... + tau_D - mu
 
-(Cummins 1962; Fossen 2021, sec. 5.4 and 6.3): A_inf and mu (memory.py) are radiation, tau_D is diffraction
-(diffraction.py), beside the pressure on the panels, which stays nonlinear. Coriolis and Munk loads are those of the
-file's own added mass. So is damping, less the radiation at the natural frequency in heave, roll and pitch: nothing is
-counted twice.
+(Cummins 1962; Fossen 2021, sec. 5.4 and 6.3). A_inf and mu (memory.py) are radiation, tau_D is diffraction
+(diffraction.py). The pressure on the panels stays nonlinear. Coriolis and Munk loads use the file's own added mass.
+Damping is the file's, minus the radiation at the natural frequency in heave, roll and pitch, so that nothing counts
+twice.
 
-Not modelled: the change of added mass, damping and diffraction with forward speed (zero speed at the frequency of the
-waves at rest is used at any speed), and with the depth of the water (one depth a database).
+Two effects are not modelled. Forward speed does not change added mass, damping or diffraction: those of zero speed at
+the wave frequency are used at any speed. The depth of the water does not change them either: a database has one depth.
 """
 
 # Kernels are another language inside Python syntax.
@@ -41,18 +41,21 @@ from taichi_sim.usv.hull.params import Hull6DofParams
 from taichi_sim.usv.vessel import Number
 
 Array = NDArray[np.float64]
-OSCILLATING = (2, 3, 4)  # heave, roll, pitch: they have a stiffness
-ROUNDS = 30  # of the fixed point of a natural frequency
-DEEP_ENOUGH = 4.0  # draughts: shallower water than this is not deep to a hull; assumed
-DEPTH_RATIO = 1.25  # of the water to a database's own depth, either way; assumed
+OSCILLATING = (2, 3, 4)  # heave, roll, pitch: the modes with a stiffness
+ROUNDS = 30  # iterations for a natural frequency
+DEEP_ENOUGH = 4.0  # draughts from which water counts as deep; assumed
+DEPTH_RATIO = 1.25  # tolerated ratio of the water's depth to the database's, in either direction; assumed
 
 
 class Radiation:
-    """The contract of both kinds. Its defaults: no load, no column.
+    """Contract of both kinds. The defaults have no load and no columns.
 
     Attributes:
-        inertia: [6, 6] added mass that counts as inertia, beside M_rb. counted: [6] linear damping (N s/m, N m s) that
-            `memory` has already. database: of what is not constant. columns: of the auxiliary state.
+        inertia: added mass that counts as inertia, beside M_rb, [6, 6].
+        counted: linear damping that `memory` already includes, [6], N s/m, N m s.
+        memory: memory of radiated waves.
+        database: hydrodynamic database; None for constant radiation.
+        columns: number of columns in the auxiliary state.
     """
 
     inertia: Array
@@ -62,24 +65,28 @@ class Radiation:
     columns: int = 0
 
     def inertia_change(self, change: Sequence[Number]) -> Sequence[Number]:
-        """Change of the diagonal [6] of `inertia` where a vehicle's added mass differs from the file's by `change`."""
+        """Change of the diagonal [6] of `inertia` for a vehicle whose added mass differs from the file's by
+        `change`.
+        """
         return (0.0,) * 6
 
     def sea(self, around: Surroundings) -> Tensor | None:
-        """The sea for which `tables` are made; None: they are the same for any.
+        """Return the sea that `tables` depend on; None if they are the same for any sea.
 
         Raises:
-            ConfigError: for water of a depth that the database is not of.
+            ConfigError: if the database is for another depth of water.
         """
         return None
 
     def tables(self, sea: Tensor | None) -> Mapping[str, Tensor]:
-        """What kernels read: numbers of the memory's `filters`, and loads of `diffraction` in a sea (without: zero)."""
+        """Tables for kernels: numbers of the memory's `filters`, and `diffraction` loads in a sea (zero without a
+        sea).
+        """
         return {"filters": laned(device_table(np.zeros(1))), "diffraction": laned(device_table(np.zeros((1, 1, 1))))}
 
     @ti.func
     def orbital_load(self, M_a: ti.template(), nu_o_dot):
-        """Load (N, N m, about CO, b) by which added mass, M_a (rows), follows the water's orbital acceleration."""
+        """Load (N, N m, about CO, b) of the water's orbital acceleration on the added mass M_a (rows)."""
         return nu_o_dot * 0.0
 
     @ti.func
@@ -87,23 +94,24 @@ class Radiation:
         self, build: ti.template(), around: ti.template(), tables: ti.template(), e, n, tau, R, nu, L, change,
         load, rate, bend
     ):  # fmt: skip
-        """Load of diffraction, and its first and second rate of change, in the middle of the stretch of steps to which
-        step n belongs: those of the step before, or new ones where a stretch begins.
+        """Diffraction load, and its first and second rates of change, in the middle of the stretch of steps that
+        contains step n.
 
-        tau (s) is the middle of step n, L the hull's label there (water.at), whose displacement changes by `change` (m)
-        in a step.
+        They are new at the beginning of a stretch; else they are those of the previous step. tau (s) is the time in the
+        middle of step n. L is the hull's label there (water.at); its displacement changes by `change` (m) per step.
         """
         return load, rate, bend
 
     @ti.func
     def diffraction_load(self, n, load, rate, bend):
-        """Load (N, N m, about CO, b) in the middle of step n, of those in the middle of its stretch."""
+        """Load (N, N m, about CO, b) in the middle of step n, from load and rates in the middle of its stretch."""
         return load * 0.0
 
     @ti.func
     def memory_load(self, tables: ti.template(), states: ti.template(), e, i, R, nu, nu_dot, V_c):
-        """Load (N, N m, about CO, b) of the waves radiated before, in the middle of a step; the memory's states, in
-        the auxiliary state, given in lanes, are taken to the step's end.
+        """Load (N, N m, about CO, b) of previously radiated waves in the middle of a step.
+
+        The memory's states, in the auxiliary state in lanes, are advanced to the end of the step.
         """
         return nu * 0.0
 
@@ -113,11 +121,11 @@ class ConstantRadiation(Radiation):
     """Added mass and damping that are the same at every frequency."""
 
     def __init__(self, added_mass: Sequence[float]):
-        """Of a diagonal added mass [6]."""
+        """Take a diagonal added mass [6]."""
         self.inertia = np.diag(added_mass)
 
     def inertia_change(self, change: Sequence[Number]) -> Sequence[Number]:
-        """All of it."""
+        """Return the whole change."""
         return change
 
     @ti.func
@@ -128,13 +136,13 @@ class ConstantRadiation(Radiation):
 
 @ti.data_oriented
 class DatabaseRadiation(Radiation):
-    """Radiation with memory, and diffraction, of a boundary-element database."""
+    """Radiation with memory, and diffraction, from a boundary-element database."""
 
     def __init__(self, params: Hull6DofParams, geometry: HullGeometry, dt: float, substeps: int, first: int):
-        """The database that `params` name, for steps of `dt` (s), its columns of the auxiliary state from `first` on.
+        """Read the database of `params`, for steps of `dt` (s); its columns in the auxiliary state begin at `first`.
 
         Raises:
-            ConfigError: if it is not this hull's, or lacks what is asked for.
+            ConfigError: if the database is of another hull, or lacks a table that is needed.
         """
         h, file = params.hydrodynamics, Path(str(params.hydrodynamics.database))
         database, own = HydroDatabase.read(file), hull_hash(geometry.panels)
@@ -157,7 +165,7 @@ class DatabaseRadiation(Radiation):
         self.stretch = min(self.diffraction.stretch(dt), substeps)  # steps for which diffraction is summed once
 
     def sea(self, around: Surroundings) -> Tensor:
-        """Diffraction is of one sea."""
+        """Return the sea of `around`, on which diffraction depends."""
         assert self.database is not None
         ours, water = self.database.depth, around.depth if around.depth > 0 else None
         if ours is None:
@@ -168,9 +176,9 @@ class DatabaseRadiation(Radiation):
             of_water = "deep" if water is None else f"{water:g} m deep"
             of_data = "deep water" if ours is None else f"water of {ours:g} m"
             raise ConfigError(
-                f"sea.depth: the water is {of_water}, the hydrodynamic database of the hull is of {of_data} (deep "
-                f"counts from {DEEP_ENOUGH:g} draughts, {DEEP_ENOUGH * self.draft:.3g} m, on; another depth within "
-                '25 %): make one with tools/hydrodynamics.py --depth, or set hydrodynamics.radiation = "constant"'
+                f"sea.depth: the water is {of_water}, the hydrodynamic database of the hull is of {of_data}. (Water "
+                f"is deep from {DEEP_ENOUGH:g} draughts, {DEEP_ENOUGH * self.draft:.3g} m, on; other depths may differ "
+                'by 25 %.) Make one with tools/hydrodynamics.py --depth, or set hydrodynamics.radiation = "constant"'
             )
         return around.sea
 
@@ -184,7 +192,7 @@ class DatabaseRadiation(Radiation):
         self, build: ti.template(), around: ti.template(), tables: ti.template(), e, n, tau, R, nu, L, change,
         load, rate, bend
     ):  # fmt: skip
-        """Summed over the components of the sea where a stretch begins."""
+        """Sum over the components of the sea at the beginning of a stretch."""
         if n % ti.static(self.stretch) == 0:
             ahead = ti.static(0.5 * (self.stretch - 1) * self.dt)
             velocity = (R @ linear(nu))[:2] + change * ti.static(1 / self.dt)
@@ -196,23 +204,25 @@ class DatabaseRadiation(Radiation):
 
     @ti.func
     def diffraction_load(self, n, load, rate, bend):
-        """By its Taylor series."""
+        """Evaluate the Taylor series."""
         since = (n % ti.static(self.stretch) - ti.static(0.5 * (self.stretch - 1))) * ti.static(self.dt)
         return load + since * (rate + 0.5 * since * bend)
 
     @ti.func
     def memory_load(self, tables: ti.template(), states: ti.template(), e, i, R, nu, nu_dot, V_c):
-        """By the velocity through the water in the middle of the step, which the last step's nu_dot foretells."""
+        """Load for the velocity through the water in the middle of the step, predicted with the last step's nu_dot."""
         still = R.transpose() @ V_c
         middle = nu + ti.static(0.5 * self.dt) * nu_dot - six(still, still * 0.0)
         return radiate(self.filters, tables.filters, states, e, i, self.first, middle)
 
 
 def radiation_of(params: Hull6DofParams, geometry: HullGeometry, dt: float, substeps: int, first: int) -> Radiation:
-    """The kind that a vehicle file asks for; arguments of DatabaseRadiation. Linear restoring has constant radiation.
+    """Return the kind of radiation that a vehicle file selects; linear restoring has constant radiation.
+
+    Arguments are those of DatabaseRadiation.
 
     Raises:
-        ConfigError: for a database that cannot serve.
+        ConfigError: for a database that cannot be used.
     """
     if params.restoring == "panels" and params.hydrodynamics.radiation == "memory":
         return DatabaseRadiation(params, geometry, dt, substeps, first)
@@ -220,11 +230,12 @@ def radiation_of(params: Hull6DofParams, geometry: HullGeometry, dt: float, subs
 
 
 def counted_damping(database: HydroDatabase, memory: Memory, M_rb: Array, stiffness: Array) -> Array:
-    """Damping [6] of heave, roll and pitch by the memory, at the natural frequencies of the database or, if it has
-    none, of a hull of M_rb [6, 6] and `stiffness` [3, 3], about CO.
+    """Damping [6] of heave, roll and pitch in the memory, at the natural frequencies.
+
+    These are the database's or, if it has none, those of a hull with M_rb [6, 6] and `stiffness` [3, 3] about CO.
     """
-    counted, known = np.zeros(6), database.settings.get("resonances")
-    for place, mode in enumerate(OSCILLATING):  # known ones are the design's, whatever a vehicle carries
+    counted, known = np.zeros(6), database.resonances
+    for place, mode in enumerate(OSCILLATING):  # known frequencies are the design's, whatever load a vehicle carries
         omega = known[place] if known else None
         omega = omega or natural_frequency(database, mode, M_rb[mode, mode], stiffness[place, place])
         counted[mode] = max(float(memory.damps(omega)[0, mode, mode]), 0.0)
@@ -232,7 +243,7 @@ def counted_damping(database: HydroDatabase, memory: Memory, M_rb: Array, stiffn
 
 
 def natural_frequency(database: HydroDatabase, mode: int, mass: float, stiffness: float) -> float:
-    """omega (rad/s) of omega^2 (mass + A(omega)) = stiffness, of one uncoupled mode."""
+    """Natural frequency omega (rad/s) of one uncoupled mode, from omega^2 (mass + A(omega)) = stiffness."""
     added = database.added_mass[:, mode, mode]
     omega = np.sqrt(stiffness / (mass + added.mean()))
     for _ in range(ROUNDS):

@@ -1,11 +1,11 @@
-"""What holds a hull up besides the pressure on its panels (pressure.py): its weight, or a published restoring matrix.
+"""Restoring loads besides the pressure on the panels (pressure.py): the weight, or a published restoring matrix.
 
-Weight m g acts at the centre of gravity. With `restoring = "linear"` there are no panels: the load is
+The weight m g acts at the centre of gravity. With `restoring = "linear"` there are no panels. The load is then
 
     -G eta,   eta = (heave, roll, pitch) relative to the mean surface plane (water.py),
 
-with G of the source (Fossen 2021, sec. 4.2), the weight's component down the slope of that plane, and the payload's
-weight where the source adds it (PythonVehicleSimulator's otter). Loads are N and N m about CO, in b.
+with G of the source (Fossen 2021, sec. 4.2), plus the weight's component down the slope of that plane. It also has the
+payload's weight if the source adds it (PythonVehicleSimulator's otter). Loads are in N and N m about CO, in b.
 """
 
 # Kernels are another language inside Python syntax.
@@ -20,7 +20,7 @@ from taichi_sim.usv.hull import water
 
 @ti.func
 def down(R):
-    """Unit vector downwards in b."""
+    """Unit vector downwards, in b."""
     return ti.Vector([R[2, 0], R[2, 1], R[2, 2]])
 
 
@@ -33,7 +33,10 @@ def weight_load(weight: ti.template(), position: ti.template(), k):
 
 @ti.func
 def linear_load(source: ti.template(), p: ti.template(), z, R, sums):
-    """Load of linear restoring at the depth z (m) of CO; `source` is the LinearRestoring section, `sums` water.at."""
+    """Load of linear restoring at the depth z (m) of CO.
+
+    `source` is the LinearRestoring section, `sums` come from water.at.
+    """
     along, across = sums[water.ALONG], sums[water.ACROSS]
     heave = z + sums[water.ELEVATION]
     roll = ti.atan2(R[2, 1], R[2, 2]) + across

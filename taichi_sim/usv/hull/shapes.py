@@ -1,8 +1,9 @@
-"""Hull sections of vehicle files: the shapes there are, and what they must keep to. mesh.py makes panels of them.
+"""Hull sections of vehicle files: shapes and their limits. mesh.py makes panels of them.
 
-All in the body frame b (forward-right-down), origin CO midships, on the centreline, in the design waterline; metres.
+All are in the body frame b (forward-right-down), origin CO midships, on the centreline, in the design waterline; in
+metres.
 
-Wigley's hull: Wigley (1942), y = +-B/2 (1 - (2x/L)^2) (1 - (z/T)^2).
+The Wigley hull is y = +-B/2 (1 - (2x/L)^2) (1 - (z/T)^2) (Wigley 1942).
 """
 
 from typing import Annotated, Literal
@@ -16,11 +17,11 @@ from taichi_sim.config import Finite, NonNegative, Positive, Strict
 Array = NDArray[np.float64]
 Count = Annotated[int, Field(ge=1, le=400)]
 Section = Annotated[tuple[tuple[NonNegative, Finite], ...], Field(min_length=2, max_length=50)]
-DECK_STEP = 1e-9  # m, within which a deck is level
+DECK_STEP = 1e-9  # m, tolerance for a level deck
 
 
 class BoxHull(Strict):
-    """A box: bottom `draft` below the design waterline, deck `freeboard` above it."""
+    """A box with its bottom `draft` below the design waterline, and its deck `freeboard` above it."""
 
     shape: Literal["box"] = "box"
     length: Positive  # m
@@ -29,7 +30,7 @@ class BoxHull(Strict):
     freeboard: Positive  # m
     panels_along: Count = 2
     panels_across: Count = 2
-    panels_up: Count = 2  # rows of the sides; from 2 on, the last one is above the design waterline
+    panels_up: Count = 2  # rows of the sides; with 2 or more, the last row is above the design waterline
 
 
 class WigleyHull(Strict):
@@ -45,18 +46,19 @@ class WigleyHull(Strict):
 
 
 class TwinPontoons(Strict):
-    """Two equal pontoons with straight lines between stations; ends of some beam are closed by transoms.
+    """Two equal pontoons with straight lines between stations; ends with a beam are closed by transoms.
 
-    `section = "vee"` has flat sides from the keel to the deck edge. `"round"` is a half circle of the station's beam,
-    replaced by a polygon of `panels_girth` equal sides, of the same area and centre, wall-sided above the centre.
+    With `section = "vee"` the sides are flat from the keel to the deck edge. With `"round"` a section is a half circle
+    of the station's beam, replaced by a polygon of `panels_girth` equal sides with the same area and centre, wall-sided
+    above the centre.
     """
 
     shape: Literal["twin_pontoons"] = "twin_pontoons"
-    y: Positive  # of the pontoon centrelines, m to either side
+    y: Positive  # distance of the pontoons' centrelines from the hull's, m
     stations: Annotated[tuple[tuple[Finite, NonNegative, Finite], ...], Field(min_length=2, max_length=100)]
     freeboard: Positive  # m
     section: Literal["vee", "round"] = "vee"
-    panels_girth: Annotated[int, Field(ge=2, le=200)] = 3  # of a round section
+    panels_girth: Annotated[int, Field(ge=2, le=200)] = 3  # sides of a round section
 
     @model_validator(mode="after")
     def _sensible(self):
@@ -76,19 +78,19 @@ class TwinPontoons(Strict):
 
 
 class StationsHull(Strict):
-    """A hull of a table of offsets: sections of points (y, z), straight between points and between stations.
+    """A hull given by a table of offsets: sections of points (y, z), straight between points and between stations.
 
-    Points are of the starboard half, as many at each station. Those of a hull across the centreline run from the keel
-    (y = 0) to the deck edge; those of one of two hulls from the inner deck edge round the keel to the outer one.
+    Points are those of the starboard half, the same number at each station. Those of a single hull run from the keel (y
+    = 0) to the deck edge. Those of a twin hull run from the inner deck edge around the keel to the outer one.
     """
 
     shape: Literal["stations"] = "stations"
-    # x from stern to bow, and [y, z] of each point, z down from the design waterline, m
+    # x from stern to bow, and [y, z] of each point with z down from the design waterline, m
     stations: Annotated[tuple[tuple[Finite, Section], ...], Field(min_length=2, max_length=100)]
 
     @property
     def points(self) -> Array:
-        """[station, point, 3] of the starboard half."""
+        """Points [station, point, 3] of the starboard half."""
         return np.array([[(x, y, z) for y, z in section] for x, section in self.stations], dtype=np.float64)
 
     @property

@@ -1,6 +1,7 @@
-"""The largest step a hull's integrator can take: from the eigenvalues of its linear motion about rest.
+"""Largest stable step of a hull's integrator, from the eigenvalues of its linear motion about rest.
 
-State (heave, roll, pitch, nu); position and heading do not stiffen it. Damping is linear, and quadratic at top speed.
+The state is (heave, roll, pitch, nu); position and heading do not affect stability. Damping is the linear one, plus the
+quadratic one at top speed.
 """
 
 from collections.abc import Callable
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from taichi_sim.usv.hull.memory import Modes
 
 Array = NDArray[np.float64]
-LARGEST, HALVINGS = 10.0, 40  # s, of the bisection
+LARGEST, HALVINGS = 10.0, 40  # s, largest step considered; halvings of the bisection
 
 
 def linear_motion(M: Array, D: Array, G: Array) -> Array:
@@ -26,7 +27,7 @@ def linear_motion(M: Array, D: Array, G: Array) -> Array:
 
 
 def runge_kutta_step(A: Array, dt: float) -> Array:
-    """The matrix by which classical Runge-Kutta advances y' = A y."""
+    """Matrix by which the classical Runge-Kutta method advances y' = A y."""
     x, step, term = A * dt, np.eye(len(A)), np.eye(len(A))
     for n in range(1, 5):
         term = term @ x / n
@@ -35,13 +36,17 @@ def runge_kutta_step(A: Array, dt: float) -> Array:
 
 
 def strang_step(A: Array, dt: float, modes: Modes | None = None, inverse: Array | None = None) -> Array:
-    """The matrix by which drift, midpoint rule and drift advance (pose, nu, the last step's change of nu), and with a
-    memory, of a hull whose inverse mass is `inverse` [6, 6], real and imaginary parts of its filters (memory.py).
+    """Matrix of one step of drift, midpoint rule and drift (motion.py).
+
+    Its state is (pose, nu, last change of nu) and, with a memory, the real and imaginary parts of its filters
+    (memory.py). `inverse` [6, 6] is the inverse mass of a hull with memory.
     """
     filters = 0 if modes is None else len(modes.pole)
     drift, kick = np.eye(15 + 2 * filters), np.eye(15 + 2 * filters)
     drift[:3, 3:9] = A[:3, 3:] * dt / 2
-    middle = np.hstack([np.zeros((6, 3)), np.eye(6), np.eye(6) / 2])  # its velocity is foretold by the last change
+    middle = np.hstack(
+        [np.zeros((6, 3)), np.eye(6), np.eye(6) / 2]
+    )  # velocity in the middle, predicted with the last change
     change = np.zeros((6, len(kick)))
     change[:, :15] = A[3:, 3:] @ middle
     change[:, :3] = A[3:, :3]
@@ -59,12 +64,12 @@ def strang_step(A: Array, dt: float, modes: Modes | None = None, inverse: Array 
 
 
 def remembering(modes: Modes, M: Array) -> Callable[[Array, float], Array]:
-    """`strang_step` of a hull of mass M [6, 6] with a memory."""
+    """`strang_step` for a hull of mass M [6, 6] with a memory."""
     return partial(strang_step, modes=modes, inverse=np.asarray(np.linalg.inv(M), dtype=np.float64))
 
 
 def largest_stable_dt(A: Array, step) -> float:
-    """Largest dt (s) at which `step(A, dt)` lets no motion grow."""
+    """Largest dt (s) at which no motion grows under `step(A, dt)`."""
 
     def stable(dt: float) -> bool:
         return bool(np.abs(np.linalg.eigvals(step(A, dt))).max() <= 1 + 1e-9)

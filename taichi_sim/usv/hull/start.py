@@ -1,4 +1,4 @@
-"""How a hull begins: afloat, moving with the water around it."""
+"""Start of a hull: afloat, moving with the water around it."""
 
 # Kernels are another language inside Python syntax.
 # pyright: reportIndexIssue=false, reportInvalidTypeForm=false
@@ -15,8 +15,9 @@ from taichi_sim.usv.hull.motion import pack, unpack
 
 @ti.func
 def tilted(q, R, along, across):
-    """Attitude q, whose R_nb is R, turned with a surface that was level and now rises by `along` (m/m) ahead and by
-    `across` to starboard.
+    """Attitude q (with R_nb = R), tilted with a surface that was level and now rises ahead and to starboard.
+
+    `along` and `across` are its slopes (m/m) ahead and to starboard.
     """
     cos_h, sin_h = water.heading(R)
     pitch = ti.atan2(along, 1.0)
@@ -37,7 +38,7 @@ def float_on_waves(
     around: AroundPack,
     build: ti.template(),
 ):
-    """`Hull6Dof.settle` of `state`, into `out`."""
+    """Write the result of `Hull6Dof.settle` for `state` to `out`."""
     for e, i in ti.ndrange(state.shape[0], state.shape[1]):
         pos, q, nu = unpack(ti.Vector([state[e, i, c] for c in range(13)]))
         R, now = rotation_matrix(q), pos[0] * 0.0

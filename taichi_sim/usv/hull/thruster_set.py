@@ -1,13 +1,13 @@
-"""The thrusters of a hull: from the action to the load on the hull.
+"""Thrusters of a hull: from the action to the load on the hull.
 
-    action     what a policy says, each in [-1, 1]                             `commanded`
-    command    speed of each thruster, then angle (rad) of each that turns     `lagged`
-    controls   the same, as they are: speeds follow their commands with a
+    action     of a policy, each in [-1, 1]                                    `commanded`
+    command    speed of each thruster, then angle (rad) of each azimuth one    `lagged`
+    controls   the actual settings: speeds follow their commands with a
                first-order lag, exact for a held command, angles at a rate     `thrusts`
     thrust     N of each, k |n| n (thrusters.py)                               `load`
     load       N, N m, about CO, b
 
-`p` is what the kernel works with (numbers.py). All is unrolled over the thrusters.
+`p` holds the kernel's numbers (numbers.py). All loops over the thrusters are unrolled.
 """
 
 # Kernels are another language inside Python syntax.
@@ -28,24 +28,34 @@ from taichi_sim.usv.hull.numbers import vector
 from taichi_sim.usv.hull.params import Hull6DofParams
 from taichi_sim.usv.hull.thrusters import shaft_speed, thrust
 
-ACTION_NAMES = {"surge_yaw": ("acceleration", "yaw"), "wrench": ("surge", "sway", "yaw")}  # of others: the thrusters'
+ACTION_NAMES = {
+    "surge_yaw": ("acceleration", "yaw"),
+    "wrench": ("surge", "sway", "yaw"),
+}  # other actions have the thrusters' names
 Arrow = tuple[tuple[float, float, float], tuple[str | None, str | None, str | None]]
 
 
 class ThrusterSet:
-    """What kernels are compiled with, and what there is to read of it; no thruster has the columns of two at rest.
+    """Compile-time tables of the thrusters, and their names; a hull without thrusters has the columns of two at rest.
 
     Attributes:
-        thrusters: in the order of the vehicle file. turning: those that turn. actions: how they are commanded.
-        action_names, control_names: of actions and controls. columns: of the auxiliary state, controls first.
-        first, first_thrust: columns of the auxiliary state where controls, and thrusts, begin. push_of: of each
-            thruster, the column of its push ahead, its push to starboard being the next; -1 where its thrust says it.
-        angle_of: of each thruster, the control that is its angle; -1 of one that does not turn.
-        allocation: of `actions = "wrench"`. signals: plots of a recording (`Vehicle.signals`).
+        thrusters: in the order of the vehicle file.
+        turning: the azimuth thrusters.
+        actions: how the thrusters are commanded.
+        action_names, control_names: names of actions and controls.
+        columns: names of the columns in the auxiliary state, controls first.
+        first, first_thrust: first column of the controls, and of the thrusts, in the auxiliary state.
+        push_of: for each thruster, the column of its push ahead, followed by its push to starboard; -1 if its thrust is
+        its push.
+        angle_of: for each thruster, the index of its angle among the controls; -1 for a fixed thruster.
+        allocation: tables for `actions = "wrench"`.
+        signals: plots of a recording (`Vehicle.signals`).
     """
 
     def __init__(self, params: Hull6DofParams, dt: float, first: int):
-        """Those of `params`, stepped by `dt` (s), with columns of the auxiliary state from `first` on."""
+        """Take the thrusters of `params`, for steps of `dt` (s); their columns in the auxiliary state begin at
+        `first`.
+        """
         self.thrusters, self.actions, self.dt = params.all_thrusters, params.actions, dt
         self.turning = tuple(t for t in self.thrusters if t.azimuth)
         names = tuple(t.name for t in self.thrusters) or ("left", "right")
@@ -70,16 +80,17 @@ class ThrusterSet:
 
     @property
     def backs(self) -> bool:
-        """Whether `steer` can push astern."""
+        """Whether `steer` can command a push astern."""
         if self.allocation is not None:
             return self.allocation.smallest[0] < 0
         return self.actions == "left_right" and all(t.n_min < 0 for t in self.thrusters)
 
     def steer(self, ahead: ArrayLike, helm: ArrayLike) -> NDArray[np.float64] | None:
-        """Actions of a helmsman (`Vessel.steer`); None of thrusters that are commanded one by one, or of none.
+        """Return the actions of a helmsman (`Vessel.steer`); None without thrusters, or if they are commanded one by
+        one.
 
-        "surge_yaw", "wrench": shares of the largest force and moment. "left_right": shares ahead + helm and
-        ahead - helm of the shaft speeds of the two propellers, as far as they go.
+        "surge_yaw" and "wrench" take shares of the largest force and moment. "left_right" takes the shares ahead + helm
+        and ahead - helm of the two propellers' shaft speeds, clipped to their range.
         """
         ahead, helm = np.broadcast_arrays(np.asarray(ahead, dtype=np.float64), helm)
         if not self.thrusters or self.actions == "units":
@@ -108,7 +119,7 @@ class ThrusterSet:
         return found
 
     def power(self, fleet: Fleet) -> Tensor | None:
-        """Thrust times the speed of the hull along it, summed [env, vehicle], W; None without thrusters."""
+        """Sum of thrust times the hull's speed in its direction, [env, vehicle], W; None without thrusters."""
         if not self.thrusters:
             return None
         if all(t.direction[0] == 1.0 and not t.azimuth for t in self.thrusters):
@@ -124,7 +135,7 @@ class ThrusterSet:
 
 @ti.func
 def within_half_turn(angle):
-    """The angle (rad) in [-pi, pi) of the same direction."""
+    """The angle (rad) wrapped to [-pi, pi)."""
     return angle - ti.static(2 * math.pi) * ti.floor((angle + ti.static(math.pi)) * ti.static(0.5 / math.pi))
 
 
@@ -136,7 +147,7 @@ def controls_at(fitted: ti.template(), aux: ti.template(), e, i):
 
 @ti.func
 def commanded(fitted: ti.template(), action: ti.template(), e, i, controls):
-    """Command of an action; what actions mean is in hull_6dof.py."""
+    """Command for an action; hull_6dof.py defines the actions."""
     command = controls * 0.0
     if ti.static(len(fitted) > 0):
         if ti.static(fitted.actions == "wrench"):
@@ -166,7 +177,7 @@ def commanded(fitted: ti.template(), action: ti.template(), e, i, controls):
 
 @ti.func
 def lagged(fitted: ti.template(), p: ti.template(), controls, command, ahead):
-    """Controls `ahead` (0, 1/2 or 1) of a step later, on their way to the command; without a lag, the command."""
+    """Controls after `ahead` (0, 1/2 or 1) of a step towards the command; without a lag, the command itself."""
     found = controls
     if ti.static(len(fitted) > 0):
         halves, wholes = ti.static(vector(p, "keep_half", len(fitted)), vector(p, "keep", len(fitted)))
@@ -187,7 +198,7 @@ def lagged(fitted: ti.template(), p: ti.template(), controls, command, ahead):
 
 @ti.func
 def thrusts(fitted: ti.template(), p: ti.template(), controls):
-    """Thrusts (N), and their parts ahead and to starboard: three vectors."""
+    """Thrusts (N), their parts ahead and their parts to starboard: three vectors."""
     size = ti.static(max(len(fitted), 1))
     force = ti.Vector([controls[0] * 0.0 for _ in range(size)])
     ahead, right = force, force
@@ -209,7 +220,7 @@ def thrusts(fitted: ti.template(), p: ti.template(), controls):
 
 @ti.func
 def load(fitted: ti.template(), p: ti.template(), controls):
-    """Load (N, N m, about CO, b) of the thrusters at these controls."""
+    """Load (N, N m, about CO, b) of the thrusters at the given controls."""
     tau = ti.Vector([controls[0] * 0.0 for _ in range(6)])
     if ti.static(len(fitted) > 0):
         force, ahead, right = thrusts(fitted, p, controls)

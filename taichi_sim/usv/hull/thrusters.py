@@ -1,12 +1,12 @@
-"""One thruster: its numbers, as vehicle files give them and as kernels take them, and its thrust.
+"""One thruster: its parameters in vehicle files and in kernels, and its thrust.
 
-    [thrusters]        two propellers of one kind that push along the hull, one to port and one to starboard
-    [actuators.NAME]   up to eight, each by itself: a propeller (direction_deg = 0), a tunnel thruster (90), or one that
-                       turns (turn_rate_deg)
+    [thrusters]        two equal propellers that push along the hull, one to port and one to starboard [actuators.NAME]
+    up to eight thrusters, each by itself: a propeller (direction_deg = 0), a tunnel thruster (90), or
+                       an azimuth thruster (turn_rate_deg)
 
-Either way the thrust is T = k |n| n at the speed n (Fossen 2021, sec. 9.1), with one k ahead and one astern. Not
-modelled: losses to inflow, to the wake of another thruster, along the hull (Coanda), or when a wave lays it bare. How
-thrusters follow their commands, and their loads on the hull: thruster_set.py.
+In both cases the thrust is T = k |n| n at the speed n (Fossen 2021, sec. 9.1), with one k ahead and one astern. Losses
+due to inflow, to the wake of another thruster, along the hull (Coanda) and to ventilation in waves are not modelled.
+thruster_set.py has the response of thrusters to commands, and their loads on the hull.
 """
 
 # Kernels are another language inside Python syntax.
@@ -23,21 +23,21 @@ from taichi_sim.config import Finite, NonNegative, Positive, Strict
 Vector3 = tuple[Finite, Finite, Finite]
 NonPositive = Annotated[float, Field(le=0, allow_inf_nan=False)]
 MOST_THRUSTERS = 8
-DIGITS = 12  # to which cosines and sines of directions are rounded, so that 90 degrees have no part ahead
+DIGITS = 12  # digits of cosines and sines of directions, so that 90 degrees have no part ahead
 
 
 class Thruster(NamedTuple):
-    """A thruster as kernels take it. Without a `turn_rate` it cannot turn; without `turns` it turns all round."""
+    """A thruster as kernels use it. Without a `turn_rate` it is fixed; without `turns` it turns all round."""
 
     name: str
     position: Vector3  # m, b
-    direction: tuple[float, float]  # cosine and sine of where it pushes when it is not turned
-    k_positive: float  # N over the speed squared
+    direction: tuple[float, float]  # cosine and sine of the direction of its push when it is not turned
+    k_positive: float  # thrust over speed squared, N / (rad/s)^2, or N
     k_negative: float
-    n_max: float  # speed; rad/s, or 1
+    n_max: float  # highest speed, rad/s, or 1
     n_min: float
     turn_rate: float = 0.0  # rad/s
-    turns: tuple[float, float] | None = None  # lowest and greatest angle from `direction`, rad
+    turns: tuple[float, float] | None = None  # smallest and largest angle from `direction`, rad
 
     @property
     def azimuth(self) -> bool:
@@ -46,39 +46,39 @@ class Thruster(NamedTuple):
 
     @property
     def all_round(self) -> bool:
-        """Whether it turns without a stop."""
+        """Whether it turns without a limit."""
         return self.azimuth and self.turns is None
 
     @property
     def span(self) -> tuple[float, float]:
-        """Lowest and greatest angle that can be commanded, rad."""
+        """Smallest and largest angle that can be commanded, rad."""
         return self.turns or (-np.pi, np.pi)
 
     @property
     def thrust_max(self) -> float:
-        """N."""
+        """Largest thrust, N."""
         return self.k_positive * self.n_max**2
 
     @property
     def thrust_min(self) -> float:
-        """N, not above 0."""
+        """Smallest thrust, N, not above 0."""
         return -self.k_negative * self.n_min**2
 
     @property
     def arm(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """Loads (six numbers, about CO, b) of a push of 1 N ahead, and of one to starboard."""
+        """Loads (six numbers, about CO, b) of a push of 1 N ahead, and of 1 N to starboard."""
         x, y, z = self.position
         return (1.0, 0.0, 0.0, 0.0, z, -y), (0.0, 1.0, 0.0, -z, 0.0, x)
 
     @property
     def wrench(self) -> tuple[float, ...]:
-        """Load (six numbers, about CO, b) of a thrust of 1 N when it is not turned."""
+        """Load (six numbers, about CO, b) of a thrust of 1 N when the thruster is not turned."""
         c, s = self.direction
         return tuple(c * ahead + s * right for ahead, right in zip(*self.arm, strict=True))
 
     @property
     def ahead(self) -> float:
-        """The most that it pushes ahead, N."""
+        """Largest push ahead, N."""
         low, high = self.span if self.azimuth else (0.0, 0.0)
         share = np.cos(np.arctan2(self.direction[1], self.direction[0]) + np.linspace(low, high, 361))
         return float(max(share.max() * self.thrust_max, share.min() * self.thrust_min, 0.0))
@@ -87,17 +87,17 @@ class Thruster(NamedTuple):
 class PropellerPair(Strict):
     """`[thrusters]`: two propellers that push along the hull.
 
-    Commands are made as if the gains were 1: nobody who steers knows them.
+    Commands are made as if the gains were 1, because a controller does not know them.
     """
 
-    left: Vector3  # m, position of the left one
-    right: Vector3  # m
+    left: Vector3  # m, position of the left propeller
+    right: Vector3  # m, position of the right propeller
     k_positive: Positive  # N / (rad/s)^2, ahead
     k_negative: Positive  # N / (rad/s)^2, astern
     n_max: Positive  # rad/s
     n_min: NonPositive  # rad/s
     lag: NonNegative  # s, time constant of the shaft speed
-    gain_left: NonNegative = 1.0  # of its thrust at a shaft speed: below 1, it is fouled or damaged
+    gain_left: NonNegative = 1.0  # factor of its thrust; below 1, the propeller is fouled or damaged
     gain_right: NonNegative = 1.0
 
     @model_validator(mode="before")
@@ -106,24 +106,24 @@ class PropellerPair(Strict):
         tables = [key for key, value in given.items() if isinstance(value, dict)] if isinstance(given, dict) else []
         if tables:
             raise ValueError(
-                "[thrusters] is two propellers, left and right; thrusters with names are sections of their own, "
+                "[thrusters] is two propellers, left and right; thrusters with names have sections of their own, "
                 f"[actuators.{tables[0]}]"
             )
         return given
 
     @property
     def thrust_max(self) -> float:
-        """Of one thruster ahead whose gain is 1, N."""
+        """Largest thrust of one propeller with gain 1, N."""
         return self.k_positive * self.n_max**2
 
     @property
     def thrust_min(self) -> float:
-        """Of one thruster astern whose gain is 1 (negative), N."""
+        """Smallest thrust of one propeller with gain 1, N, not above 0."""
         return -self.k_negative * self.n_min**2
 
     @property
     def both(self) -> tuple[Thruster, Thruster]:
-        """Left and right, as kernels take them."""
+        """Left and right propeller as kernels use them."""
         left, right = (
             Thruster(name, at, (1.0, 0.0), self.k_positive, self.k_negative, self.n_max, self.n_min)
             for name, at in (("left", self.left), ("right", self.right))
@@ -132,37 +132,36 @@ class PropellerPair(Strict):
 
 
 class NamedThruster(Strict):
-    """`[actuators.NAME]`: one thruster. Its thrust goes with the square of its speed, to thrust_max at n_max and to
-    thrust_min at n_min.
+    """`[actuators.NAME]`: one thruster. Its thrust is quadratic in its speed: thrust_max at n_max, thrust_min at n_min.
 
-    Commands are made as if the gain were 1: nobody who steers knows it.
+    Commands are made as if the gain were 1, because a controller does not know it.
     """
 
     position: Vector3  # m, b
-    direction_deg: Finite = 0.0  # where a thrust above 0 pushes the hull (if it turns: unturned): 0 ahead, 90 starboard
+    direction_deg: Finite = 0.0  # direction of a positive push on the hull, when not turned: 0 ahead, 90 starboard
     thrust_max: Positive  # N
-    thrust_min: NonPositive  # N, the other way; 0: none
-    n_max: Positive | None = None  # rad/s; without it speeds are shares of the greatest
+    thrust_min: NonPositive  # N, in the opposite direction; 0: none
+    n_max: Positive | None = None  # rad/s; without it, speeds are shares of the highest
     n_min: NonPositive | None = None  # rad/s, default -n_max
     lag: NonNegative  # s, time constant of the speed
-    turn_rate_deg: NonNegative = 0.0  # deg/s, the fastest that it turns; 0: it does not
-    range_deg: tuple[NonPositive, NonNegative] | None = None  # that it turns in, clockwise from above; None: all round
-    gain: NonNegative = 1.0  # of its thrust at a speed: below 1, it is fouled or damaged
+    turn_rate_deg: NonNegative = 0.0  # deg/s, highest turn rate; 0: fixed
+    range_deg: tuple[NonPositive, NonNegative] | None = None  # range of its angle, clockwise; None: all round
+    gain: NonNegative = 1.0  # factor of its thrust; below 1, the thruster is fouled or damaged
 
     @model_validator(mode="after")
     def _consistent(self):
         if self.range_deg and not self.turn_rate_deg:
-            raise ValueError("range_deg is of a thruster that turns: give turn_rate_deg (deg/s) too")
+            raise ValueError("range_deg is for a thruster that turns: give turn_rate_deg (deg/s), too")
         if self.range_deg and max(map(abs, self.range_deg)) > 180.0:
             raise ValueError(f"range_deg = {list(self.range_deg)} must lie between -180 and 180")
         if self.n_min is not None and self.n_max is None:
             raise ValueError("n_min needs n_max")
         if self.thrust_min < 0 and self.n_min == 0:
-            raise ValueError(f"n_min = 0 makes no thrust_min = {self.thrust_min}")
+            raise ValueError(f"n_min = 0 cannot make thrust_min = {self.thrust_min}")
         return self
 
     def thruster(self, name: str) -> Thruster:
-        """As kernels take it."""
+        """Convert to the form that kernels use."""
         n_max = self.n_max or 1.0
         n_min = 0.0 if self.thrust_min == 0 else -n_max if self.n_min is None else self.n_min
         k_positive, angle = self.thrust_max / n_max**2, np.deg2rad(self.direction_deg)
@@ -181,7 +180,7 @@ class NamedThruster(Strict):
 
 @ti.func
 def thrust(t: ti.template(), n):
-    """Thrust (N) of a Thruster, of gain 1, at the speed n (rad/s), limited to its range."""
+    """Thrust (N) of a Thruster with gain 1 at the speed n (rad/s), limited to its range."""
     n = ti.max(ti.min(n, t.n_max), t.n_min)
     k = ti.select(n > 0, t.k_positive, t.k_negative)
     return k * ti.abs(n) * n
@@ -189,7 +188,7 @@ def thrust(t: ti.template(), n):
 
 @ti.func
 def shaft_speed(t: ti.template(), force):
-    """Speed (rad/s) at which the thrust is `force` (N)."""
+    """Speed (rad/s) that gives the thrust `force` (N)."""
     k = ti.select(force > 0, t.k_positive, t.k_negative)
     n = ti.sqrt(ti.abs(force) / k)
     return ti.select(force > 0, n, -n)

@@ -1,10 +1,10 @@
-"""The water at a hull: its mean surface plane, its motion averaged over the hull, the current, the freeboard.
+"""Water at a hull: its mean surface plane, its motion averaged over the hull, the current, the freeboard.
 
-Waves are summed at the label of the hull's centre: where in still water the particle is that waves have displaced to
-there (sea/waves.py). Means over the hull are those over its waterplane (gauge.py): elevation and slopes of the plane
-that fits best and, at the depth of the draft, the orbital motion nu_o of the water. In finite depth the decay of
-horizontal motion is exp(-omega^2/g d), that of vertical motion exp(-g k^2/omega^2 d): equal to exp(-k d) in deep water,
-and to the exact factors to first order in k d.
+Waves are summed at the label of the hull's centre: the position in still water of the particle that waves have
+displaced to the centre (sea/waves.py). Means are over the hull's waterplane (gauge.py): elevation and slopes of the
+plane with the best fit and, at the depth of the draft, the orbital motion nu_o of the water. In finite depth,
+horizontal motion decays by exp(-omega^2/g d), vertical motion by exp(-g k^2/omega^2 d). Both equal exp(-k d) in deep
+water, and the exact factors to first order in k d.
 """
 
 # Kernels are another language inside Python syntax.
@@ -18,10 +18,10 @@ from taichi_sim.kernels.lanes import blocks, totals, variables
 from taichi_sim.kernels.rigid_body import cross, six
 from taichi_sim.usv.hull.gauge import averages
 
-SUMS = 18  # what `at_centre` returns:
+SUMS = 18  # numbers that `at_centre` returns:
 D_N, D_E, J_XX, J_XY, J_YY, ELEVATION, ALONG, ACROSS, *_motion = range(SUMS)
 V_N, V_E, V_D, A_N, A_E, A_D, P, Q, P_DOT, Q_DOT = _motion
-LABEL_STEPS = 4  # of Newton's method from no displacement
+LABEL_STEPS = 4  # of Newton's method, from zero displacement
 
 
 @ti.func
@@ -36,13 +36,13 @@ def at_centre(
     sea: ti.template(), phase: ti.template(), count: ti.template(), gauge: ti.template(), finite: ti.template(),
     s, row, X, Y, tau, cos_h, sin_h
 ):  # fmt: skip
-    """Sums at the label (X, Y) of the hull's centre; (cos_h, sin_h) is its heading. `sea` and `phase`, of `count`
-    components, are in lanes.
+    """Sums over the waves at the label (X, Y) of the hull's centre; (cos_h, sin_h) is its heading.
 
-    Returns 18 numbers: displacement (D_N, D_E) and Jacobian (J_XX, J_XY, J_YY) of the label; elevation (ELEVATION, m,
-    up) and slopes along and across the heading (ALONG, ACROSS) of the mean plane; the water's motion averaged over the
-    hull at gauge.depth: velocity (V_N, V_E, V_D, m/s, n) and acceleration (A_N, A_E, A_D), roll and pitch rate about
-    the heading axes (P, Q, rad/s) and their accelerations (P_DOT, Q_DOT).
+    `sea` and `phase`, with `count` components, are in lanes. The 18 numbers returned are displacement (D_N, D_E) and
+    Jacobian (J_XX, J_XY, J_YY) of the label; elevation (ELEVATION, m, up) and slopes along and across the heading
+    (ALONG, ACROSS) of the mean plane; and the water's motion averaged over the hull at gauge.depth: velocity (V_N, V_E,
+    V_D, m/s, n), acceleration (A_N, A_E, A_D), roll and pitch rate about the heading axes (P, Q, rad/s) and their rates
+    (P_DOT, Q_DOT).
     """
     r = ti.static(variables(SUMS, sea[s, AMPLITUDE, 0] * 0.0))
     cos_u, sin_u = cos_h * gauge.along.scale, sin_h * gauge.along.scale
@@ -62,7 +62,8 @@ def at_centre(
             decay_h = fast.exp_decay(omega * omega * ti.static(gauge.depth / GRAVITY))
             decay = fast.exp_decay(k * k * ti.static(gauge.depth * GRAVITY) / (omega * omega))
         speed_h, speed = mean * decay_h * omega, a * decay * omega
-        # all terms before the first sum: many live values keep LLVM from interleaving iterations, which would spill
+        # All terms are computed before the first sum: many live values keep LLVM from interleaving iterations, which
+        # would spill registers.
         a_sine, bx_cosine, by_cosine = a * sine, bx * cosine, by * cosine
         bx_sine, by_sine = bx * sine, by * sine
         up_sine, up_cosine = speed * sine, speed * cosine
@@ -93,7 +94,7 @@ def at_centre(
 def at(gauge: ti.template(), build: ti.template(), around: ti.template(), e, tau, pos, R, D):
     """Sums at the hull's centre (`at_centre`) in environment e, its label, and the inverse Jacobian (xx, xy, yy) there.
 
-    D (m) is the predicted displacement of the label: one step of Newton's method makes it exact to second order.
+    D (m) is the predicted displacement of the label; one step of Newton's method makes it exact to second order.
     """
     cos_h, sin_h = heading(R)
     X, Y = pos[0] + D[0], pos[1] + D[1]
@@ -110,7 +111,7 @@ def at(gauge: ti.template(), build: ti.template(), around: ti.template(), e, tau
 
 @ti.func
 def displacement(gauge: ti.template(), build: ti.template(), around: ti.template(), e, pos, R):
-    """Displacement (m) of the label under the hull at the beginning of a step, with none to predict it from."""
+    """Displacement (m) of the label under the hull at the beginning of a step, without a prediction."""
     now = pos[0] * 0.0
     D = ti.Vector([now, now])
     for _ in range(LABEL_STEPS):
@@ -129,7 +130,7 @@ def mean_plane(sums, R):
 
 @ti.func
 def flow(frame: ti.template(), R, omega, V_c, sums):
-    """nu_c, nu_c_dot, nu_o and nu_o_dot in b, of the current V_c (m/s, n) and of waves; `frame`: current_frame."""
+    """nu_c, nu_c_dot, nu_o and nu_o_dot in b, from the current V_c (m/s, n) and the waves; `frame` is current_frame."""
     v_c, v_c_dot = R.transpose() @ V_c, V_c * 0.0
     if ti.static(frame == "heading"):
         cos_h, sin_h = heading(R)

@@ -1,12 +1,12 @@
-"""Where a hull samples the wave pressure: straight lines of equally spaced points in b.
+"""Points at which a hull samples the wave pressure: straight lines of equally spaced points, in b.
 
-A component is exp(kappa . r) on the hull, with a complex kappa: wavenumber along the surface, decay downwards. From one
+On the hull, a component is exp(kappa . r) with a complex kappa: wavenumber along the surface, decay downwards. From one
 point of a line to the next it is multiplied by one complex number, so a line of points costs little more than its first
-(waves at the hull would otherwise be the whole cost of a step). Each row of panels (mesh.py) wants a line through
-the points where its pressure is looked for: the middle of what is wet at the design waterline. Rows that run side by
-side closer than waves can tell, the two sides of a slender pontoon, share a line and take the pressure's change across
-it. Panels alone in their row, and rows that are dry at rest, take the nearest point of a line. Lines come in parallel
-pairs, port and starboard, which share their step; a line with no parallel is its own partner.
+point. (Otherwise the waves at the hull would be nearly the whole cost of a step.) Each row of panels (mesh.py) needs a
+line through the points at which its pressure is evaluated: the middle of its wet part at the design waterline. Rows
+side by side that are closer than waves can resolve, such as the two sides of a slender pontoon, share a line and use
+the pressure's change across it. Single panels, and rows that are dry at rest, use the nearest point of a line. Lines
+come in parallel pairs, port and starboard, with the same step; a line without a parallel is its own partner.
 """
 
 from dataclasses import dataclass
@@ -17,34 +17,36 @@ from numpy.typing import NDArray
 from taichi_sim.usv.hull.mesh import Panels
 
 Array = NDArray[np.float64]
-LONGEST = 8  # points of a line; longer rows are cut: every point of a line holds registers
-NEAR = 0.2, 0.5  # rows this close (m, and shares of their own step) share a line: 2 % of a wave of 3 m is lost
+LONGEST = 8  # points per line; longer rows are divided, because every point of a line occupies registers
+NEAR = 0.2, 0.5  # rows closer than this (m, share of their own step) share a line; 2 % of a wave of 3 m is lost
 
 
 @dataclass(frozen=True)
 class WaveLines:
-    """Pairs of lines of `points` points each, and which point each panel reads; a pair's lines follow each other."""
+    """Pairs of lines of `points` points each, and the point that each panel reads; the lines of a pair are adjacent."""
 
     start: Array  # [line, 3] first point, m, b
     step: Array  # [line, 3] from one point to the next, m; the same in a pair
     points: int
-    node: NDArray[np.int32]  # [N] line * points + place of every panel
-    across: Array  # [N] how far to starboard of its point a panel looks, m
-    ahead: Array  # [N] how far ahead of it, m
+    node: NDArray[np.int32]  # [N] line * points + index of the point that each panel reads
+    across: Array  # [N] distance of a panel's wave point to starboard of the point that it reads, m
+    ahead: Array  # [N] distance ahead of it, m
 
     @property
     def position(self) -> Array:
-        """[line * points, 3] every point, m, b."""
+        """All points [line * points, 3], m, b."""
         return _positions(self.start, self.step, self.points)
 
 
 def wave_points(panels: Panels) -> Array:
-    """[N, 3] where each panel wants its wave pressure, m, b: at its centre, in the middle of the depths that it wets at
-    the design waterline (of a dry panel: at the depth nearest to the water).
+    """Points [N, 3] (m, b) at which each panel evaluates the wave pressure.
+
+    They are at the panel's centre, in the middle of the depths that it wets at the design waterline; for a dry panel,
+    at the depth nearest to the water.
     """
     rise = panels.up[:, 2]
     steep = np.abs(rise) > 1e-9
-    # z = centre + t up is the water line at t0; the wet part reaches from there to the lower end of the panel
+    # z = centre + t up is at the water line at t0; the wet part extends from there to the lower end of the panel
     t0 = np.clip(-panels.centre[:, 2] / np.where(steep, rise, 1.0), -1.0, 1.0)
     lower = np.sign(rise)
     t = np.where(steep, (t0 + lower) / 2, 0.0)
@@ -68,7 +70,7 @@ def wave_lines(panels: Panels) -> WaveLines:
         for piece in bundle:
             node[piece] = line * points + np.arange(len(piece))
     place = _positions(start, step, points)
-    used = np.unique(node[node >= 0])  # a short line goes on beyond its rows: nobody reads there
+    used = np.unique(node[node >= 0])  # a short line continues beyond its rows, where no panel reads
     alone = node < 0
     for panel in np.flatnonzero(alone):
         node[panel] = used[np.argmin(np.linalg.norm(place[used] - point[panel], axis=1))]
@@ -85,12 +87,12 @@ def _positions(start: Array, step: Array, points: int) -> Array:
 
 
 def _pieces(row: NDArray[np.int64]) -> list[NDArray[np.int64]]:
-    """A row cut into pieces of nearly equal length, none longer than LONGEST."""
+    """Divide a row into pieces of nearly equal length, none longer than LONGEST."""
     return np.array_split(row, -(-len(row) // LONGEST))
 
 
 def _bundles(pieces: list[NDArray[np.int64]], point: Array) -> list[list[NDArray[np.int64]]]:
-    """Pieces that run side by side, near to the first of their bundle."""
+    """Bundles of pieces side by side, each near the first one of its bundle."""
     bundles: list[list[NDArray[np.int64]]] = []
     for piece in pieces:
         step = np.linalg.norm(_fit(point[piece])[1])
@@ -106,22 +108,22 @@ def _bundles(pieces: list[NDArray[np.int64]], point: Array) -> list[list[NDArray
 
 
 def _forward(piece: NDArray[np.int64], point: Array) -> NDArray[np.int64]:
-    """The piece in the order that runs forward (or to starboard, or down, whichever it does most)."""
+    """The piece in the order that runs mostly forward, to starboard or down."""
     way = point[piece[-1]] - point[piece[0]]
     return piece if way[np.abs(way).argmax()] >= 0 else piece[::-1]
 
 
 def _middle(bundle: list[NDArray[np.int64]], point: Array) -> Array:
-    """[n, 3] where the line of a bundle should pass."""
+    """Points [n, 3] through which the line of a bundle should pass."""
     return np.mean([point[piece] for piece in bundle], axis=0)
 
 
 def _pair(lines: list[tuple], points: int) -> tuple[Array, Array, list]:
-    """Starts, steps and bundles of `lines` = (bundle, start, step) in pairs of nearly the same step."""
+    """Starts, steps and bundles of `lines` = (bundle, start, step), in pairs of nearly the same step."""
     start, step, bundles, left = [], [], [], list(lines)
     while left:
         bundle, at, way = left.pop(0)
-        # with the mean step of both, the ends of a line stay as near to their places as those of a bundle
+        # With the mean step of both, the ends of a line stay as close to their points as those of a bundle.
         allowed = 4 * min(NEAR[0], NEAR[1] * float(np.linalg.norm(way))) / max(points - 1, 1)
         other = next((n for n, line in enumerate(left) if np.linalg.norm(line[2] - way) < allowed), None)
         bundle_b, at_b, way_b = (list[NDArray[np.int64]](), at, way) if other is None else left.pop(other)
@@ -133,7 +135,7 @@ def _pair(lines: list[tuple], points: int) -> tuple[Array, Array, list]:
 
 
 def _fit(points: Array) -> tuple[Array, Array]:
-    """First point and step of the equally spaced straight line nearest to `points` [n, 3]."""
+    """First point and step of the equally spaced straight line that best fits `points` [n, 3]."""
     place = np.arange(len(points)) - (len(points) - 1) / 2
     step = place @ points / max(place @ place, 1.0)
     return points.mean(axis=0) + place[0] * step, step

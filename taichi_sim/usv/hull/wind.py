@@ -1,10 +1,10 @@
-"""Wind on the part of a hull above water, from the velocity (u, v) of the air relative to the hull, in b:
+"""Wind load on the part of a hull above water, from the velocity (u, v) of the air relative to the hull, in b:
 
     X = q C_X A_f,   Y = q C_Y A_l,   N = q C_N A_l L,   q = 1/2 rho (u^2 + v^2),
 
-    C_X = c_x u / V,   C_Y = c_y v / V,   C_N = -c_n 2 u v / V^2    (Fossen 2021, eqs. 10.26-10.28),
+    C_X = c_x u / V,   C_Y = c_y v / V,   C_N = -c_n 2 u v / V^2    (Fossen 2021, eqs. 10.26-10.28).
 
-X and Y at the height of the areas' centre. The coefficients are those of params.Windage.
+X and Y act at the height of the centre of the areas. The coefficients are those of params.Windage.
 """
 
 # Kernels are another language inside Python syntax.
@@ -15,12 +15,12 @@ import taichi as ti
 from taichi_sim.kernels.rigid_body import is_nothing, linear
 
 RHO_AIR = 1.225  # kg/m^3, standard atmosphere at sea level
-STILL = 1e-9  # m^2/s^2, keeps the direction of no wind finite
+STILL = 1e-9  # m^2/s^2; avoids a division by zero without wind
 
 
 @ti.func
 def load(height: ti.template(), p: ti.template(), R, nu, air):
-    """Load (N, N m, about CO, b) of the wind `air` (m/s, n) on areas whose centre is `height` (m) above CO.
+    """Load (N, N m, about CO, b) of the wind `air` (m/s, n) on areas with their centre `height` (m) above CO.
 
     `p` has wind_x = rho c_x A_f / 2, wind_y = rho c_y A_l / 2 and wind_n = rho c_n A_l L (numbers.py).
     """

@@ -41,7 +41,7 @@ def _kernel(axis, database: HydroDatabase) -> None:
     """K(t) of heave: of the memory, and the cosine transform of the computed damping as far as it reaches."""
     mode, what, _ = ROWS[0]
     assert database.memory is not None
-    resonance = float(database.settings["resonances"][0])
+    resonance = float(database.resonances[0])
     time = np.linspace(0, LASTS * 2 * np.pi / resonance, 400)
     whole = np.concatenate([[0.0], database.omega])
     B = np.concatenate([[0.0], database.damping[:, mode, mode]])

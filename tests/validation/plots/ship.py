@@ -28,7 +28,7 @@ def draw(folder: Folder) -> Figure:
     table, name = read_csv(found[0]), found[0].name.removesuffix("_rao.csv")
     model, database = hull_of(case, name)
     shown = [h for h in HEADINGS if (table["heading_deg"] == h).any()]
-    roll = 2 * np.pi / float(database.settings["resonances"][1])
+    roll = 2 * np.pi / float(database.resonances[1])
     period = np.unique(np.concatenate([np.geomspace(*SHOWN, PERIODS), roll * np.linspace(0.94, 1.06, 9)]))
     rows = np.array([(2 * np.pi / t, h) for h in shown for t in period])
     ours = np.abs(motions(model, rows[:, 0], -np.deg2rad(rows[:, 1]), slowest_decay(model, database)))
