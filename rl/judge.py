@@ -10,7 +10,7 @@ to `episodes` and `pooled` therefore gets an interval in evaluations, sweeps and
 """
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, Self, SupportsFloat, TypeVar
+from typing import TYPE_CHECKING, ClassVar, Generic, Protocol, Self, SupportsFloat, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,7 +63,7 @@ class Judge(Generic[M, C]):
         self.measured = np.zeros(envs)
         self.action_changes = np.zeros(envs)
 
-    def __getstate__(self) -> dict[str, Any]:
+    def __getstate__(self) -> dict[str, object]:
         """The measurements, for transfer to another process; the mission itself is left out."""
         return {key: value for key, value in self.__dict__.items() if key != "mission"}
 

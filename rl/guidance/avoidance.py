@@ -29,7 +29,7 @@ with it. Frame: NED.
 # pyright: reportInvalidTypeForm=false
 
 import math
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import taichi as ti
 import torch
@@ -43,6 +43,7 @@ from rl.perception.columns import Mate, Obstacle
 from taichi_sim.config import NonNegative, Positive, Strict
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.packs import struct_of, values_at
+from taichi_sim.vehicle import Vehicle
 
 FAN, RAYS = math.radians(100.0), 20  # to either side, and how many
 PACES = (1.0, 0.75, 0.5)  # shares of the lesser of desired and slot's speed; who cannot stop tries the first alone
@@ -58,7 +59,7 @@ AroundPack = ti.types.argpack(
 )
 
 
-class Gains(Strict):
+class AvoidanceGains(Strict):
     """Gains of a controller that may be tuned, `[TEAM.control]` of a scenario; these are of avoidance."""
 
     acceleration: Positive  # a, m/s^2
@@ -74,8 +75,11 @@ class Gains(Strict):
     parting: NonNegative = 0.0  # s from now at which a gap to a team mate inside the margin counts too; 0: at the least
 
 
+Gains = AvoidanceGains  # its earlier name
+
+
 class Numbers(NamedTuple):
-    """Parameters of the kernel: `Gains`, and the vehicle's radius, m."""
+    """Parameters of the kernel: `AvoidanceGains`, and the vehicle's radius, m."""
 
     acceleration: float
     horizon: float
@@ -95,6 +99,33 @@ class Wanted(NamedTuple):
     """Demand of a controller's guidance to its inner loops; some controllers add fields."""
 
     velocity: Tensor  # [env, vehicle, 2 or 3] v*, NED, m/s
+
+
+class SlotController:
+    """A classical controller that holds slots, in two steps between which a residual policy may correct it.
+
+    `Gains` is the class of its gains; `gains` are those that it was built from.
+    """
+
+    STATE: tuple[str, ...] = ()
+    Gains: ClassVar[type[AvoidanceGains]]
+    gains: AvoidanceGains
+
+    def __init__(self, model: Vehicle, gains: AvoidanceGains | None = None):
+        """Compute what follows from the parameters of `model` and the `gains` (default: those of `Gains`)."""
+        raise NotImplementedError
+
+    def __call__(self, team: Knowledge) -> Tensor:
+        """Actions [env, vehicle, action] in [-1, 1]."""
+        return self.act(team, self.wanted(team))
+
+    def wanted(self, team: Knowledge) -> Wanted:
+        """The velocity command that leads to the slots, and what else the controller adds to it."""
+        raise NotImplementedError
+
+    def act(self, team: Knowledge, wanted: Wanted) -> Tensor:
+        """Actions [env, vehicle, action] in [-1, 1] that follow the command."""
+        raise NotImplementedError
 
 
 class Form(NamedTuple):
@@ -240,7 +271,7 @@ def _shield(velocity: ti.types.ndarray(ndim=3), correction: ti.types.ndarray(ndi
 class Avoider:
     """Collision avoidance of a team."""
 
-    def __init__(self, gains: Gains):
+    def __init__(self, gains: AvoidanceGains):
         """Use these gains."""
         self.gains = gains
         self._team: Knowledge | None = None
@@ -274,7 +305,7 @@ class Shield(Avoider):
     The share s of a correction c that is kept minimises  (1 - s) |c| / |v| + the risks of all bodies with v + s c.
     """
 
-    def __init__(self, gains: Gains):
+    def __init__(self, gains: AvoidanceGains):
         """Use these gains."""
         super().__init__(gains)
         self._launch = runtime.Launcher(_shield)

@@ -20,7 +20,7 @@ One kernel writes all of them, in the order of `widths`.
 # pyright: reportInvalidTypeForm=false
 
 from collections import namedtuple
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import taichi as ti
 from torch import Tensor
@@ -84,7 +84,7 @@ class Form(NamedTuple):
     air: tuple[int, ...] = ()  # columns of `aux`: airspeed, and the air's velocity, north, east, down
     speeds: tuple[float, ...] = ()  # airspeeds: lowest, cruise, highest, m/s
     serial: bool = False  # run on the calling thread
-    at: Any = None  # the column in which each term begins (`columns`)
+    at: tuple[int, ...] = ()  # the column in which each term begins (`columns`)
 
 
 def widths(form: Form) -> dict[str, int]:
@@ -104,7 +104,7 @@ def widths(form: Form) -> dict[str, int]:
     return terms
 
 
-def columns(form: Form) -> Any:
+def columns(form: Form) -> tuple[int, ...]:
     """The column in which each term begins, as a named tuple."""
     sizes = list(widths(form).values())
     return namedtuple("Columns", widths(form))(*(sum(sizes[:k]) for k in range(len(sizes))))

@@ -42,8 +42,8 @@ class Companion:
         self.env.observe()
         self._observations = self.env.get_observations()
         reward, dones, extras = step
-        self.runner.alg.process_env_step(self._observations, reward, dones, extras)
-        self.runner.logger.process_env_step(reward, dones, extras, None)
+        self.runner.alg.process_env_step(self._observations, reward, dones, {"time_outs": extras["time_outs"]})
+        self.runner.logger.process_env_step(reward, dones, extras)
 
     def update(self) -> None:
         """Update the policy from the steps since the last update."""

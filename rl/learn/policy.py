@@ -7,7 +7,6 @@ import pickle
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import torch
 from rsl_rl.models import MLPModel
@@ -19,7 +18,7 @@ from rl.planning.honest import HonestPlanner
 from rl.planning.planner import Planner
 from rl.scenario import Scenario, StageConfig
 
-Policy = Callable[[Any], Tensor]
+Policy = Callable[[Team], Tensor]
 """What decides for a team: reads the mission's view of it (rl.mission.Team), returns actions [env, vehicle, action] in
 [-1, 1]."""
 
@@ -161,7 +160,7 @@ class TrainedPolicy:
             return actions.view(*observations.shape[:2], -1).clamp(-1.0, 1.0)
 
 
-def check_signature(signature: Mapping[str, Any], team: Team, source: str) -> None:
+def check_signature(signature: Mapping[str, Sequence[str]], team: Team, source: str) -> None:
     """Refuse a team whose observations or actions are not those in `signature`, which comes from `source`.
 
     Raises:

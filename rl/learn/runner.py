@@ -3,7 +3,6 @@
 import contextlib
 import io
 from pathlib import Path
-from typing import Any
 
 import torch
 from rsl_rl.runners import OnPolicyRunner
@@ -26,7 +25,7 @@ from rl.processes import signals
 from rl.scenario import StageConfig
 
 
-def ppo_config(stage: StageConfig, privileged: bool = False) -> dict[str, Any]:
+def ppo_config(stage: StageConfig, privileged: bool = False) -> dict[str, object]:
     """rsl-rl's configuration of a stage; with `privileged`, the critic also gets privileged information
     (asymmetric).
     """

@@ -7,7 +7,7 @@ Several teams may learn in one stage (joint.py). A stage with `keep = "better"` 
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import torch
 
@@ -30,6 +30,9 @@ from rl.missions import make_mission
 from rl.scenario import Scenario, StageConfig, at_stage
 from rl.seeds import derive_seed
 
+if TYPE_CHECKING:
+    from rl.runs.records import Batch, StageResult, Verdict
+
 Judged = Callable[[Mapping[str, TrainedPolicy]], float]
 """Loss of a set of policies, team -> policy; it decides whether a stage with `keep = "better"` is kept."""
 
@@ -43,7 +46,7 @@ def train_stages(
     judged: Judged | None = None,
     show_progress: bool = True,
     watch: Watch | None = None,
-) -> list[dict[str, Any]]:
+) -> "list[StageResult]":
     """Train every stage that is not finished in `out`, from its last checkpoint; return the stages' results.
 
     With several processes (rl/processes), each has its share of a stage's environments; rank 0 alone reads and writes
@@ -144,7 +147,7 @@ def exported(folder: Path) -> bool:
     return all((folder / name).is_file() for name in (TORCHSCRIPT, ONNX))
 
 
-def _verdict(out: Path, stage: StageConfig, ended: Mapping[str, int]) -> dict[str, Any] | None:
+def _verdict(out: Path, stage: StageConfig, ended: Mapping[str, int]) -> "Verdict | None":
     """The decision whether to keep the stage, if there is one yet."""
     return (read_checkpoint(out / stage.team / f"model_{ended[stage.team]}.pt").get("infos") or {}).get("verdict")
 
@@ -179,7 +182,7 @@ def _better(
     return kept
 
 
-def starting_weights(config: Scenario, beside: Path) -> dict[str, dict[str, Any]]:
+def starting_weights(config: Scenario, beside: Path) -> dict[str, dict]:
     """Checkpoints from which teams begin their training: team -> content, for stages with `start_from`.
 
     `start_from` is a checkpoint or a run's folder (then the team's newest checkpoint), relative to the working
@@ -204,7 +207,7 @@ def starting_weights(config: Scenario, beside: Path) -> dict[str, dict[str, Any]
     return weights
 
 
-def stage_result(out: Path, name: str, config: Scenario) -> dict[str, Any]:
+def stage_result(out: Path, name: str, config: Scenario) -> "StageResult":
     """The stage's entry of summary.json; its time excludes interruptions."""
     stage, first = config.stages[name], config.iterations_before(name)
     history, last = out / stage.team / HISTORY, first + stage.iterations
@@ -214,7 +217,7 @@ def stage_result(out: Path, name: str, config: Scenario) -> dict[str, Any]:
         begun = config.iterations_before(name, team)
         file = out / team / HISTORY
         steps += spent(file, begun + stage.iterations).agent_steps - spent(file, begun).agent_steps
-    result = {
+    result: StageResult = {
         "name": name,
         "team": stage.team,
         "iterations": stage.iterations,
@@ -223,8 +226,15 @@ def stage_result(out: Path, name: str, config: Scenario) -> dict[str, Any]:
         "agent_steps_per_s": round(steps / max(seconds, 1e-9), 1),
     }
     infos = read_checkpoint(out / stage.team / f"model_{last}.pt").get("infos") or {}
-    verdict, batches = infos.get("verdict"), infos.get("batches") or [{}]
-    result |= {key: value for key, value in batches[-1].items() if key != "since_iteration"}
+    verdict: Verdict | None = infos.get("verdict")
+    batches: list[Batch] = infos.get("batches") or [{}]
+    latest = batches[-1]
+    if "processes" in latest and "environments" in latest:
+        result["processes"], result["environments"] = latest["processes"], latest["environments"]
     if len(batches) > 1:
         result["batches"] = batches  # it was resumed with another number of processes or environments
-    return result | ({"joint": list(stage.joint)} if stage.joint else {}) | ({"verdict": verdict} if verdict else {})
+    if stage.joint:
+        result["joint"] = list(stage.joint)
+    if verdict:
+        result["verdict"] = verdict
+    return result

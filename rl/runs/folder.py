@@ -23,11 +23,12 @@ import time
 import uuid
 from importlib import metadata
 from pathlib import Path
-from typing import Any
+from typing import TypeVar
 
 from rl import processes
 from rl.missions import load_scenario
 from rl.runs.measured import measured_files, with_measured
+from rl.runs.records import Software
 from rl.scenario import Scenario
 from taichi_sim.config import ConfigError
 from taichi_sim.config.io import find_config, read_toml, toml_text, vehicle_file, write_toml
@@ -38,6 +39,8 @@ CONFIG, META, SUMMARY, DUMPS = "config.toml", "meta.json", "summary.json", "dump
 LOCK, MEASURED = ".lock", "measured"
 ABANDONED = 3600.0  # s, after which an unfinished folder counts as left by a killed process
 PACKAGES = ("taichi-sim", "taichi", "torch", "numpy", "rsl-rl-lib", "gymnasium", "rerun-sdk", "pydantic")
+
+T = TypeVar("T")
 
 
 class RunError(RuntimeError):
@@ -99,7 +102,7 @@ def begin(out: Path, config: Scenario, source: Path) -> None:
         RunError: if the folder exists already and holds another scenario.
     """
     if processes.engine() is not None and (out / META).is_file():
-        if read_json(out / META).get("scenario_digest") == digest(config, source):
+        if read_json(out / META, dict).get("scenario_digest") == digest(config, source):
             return
         raise RunError(f"{out} exists already and holds another scenario: change --out, or torchrun's --rdzv-id")
     create(out, config, source)
@@ -182,7 +185,7 @@ def other_versions(run: Path) -> str:
     """A sentence that lists the packages whose version has changed since the run began; empty if none has."""
     if not (run / META).is_file():
         return ""
-    before, now = read_json(run / META).get("packages", {}), versions()
+    before, now = read_json(run / META, dict).get("packages", {}), versions()
     changed = [f"{name} {before[name]} (now {now[name]})" for name in before if before[name] != now.get(name)]
     return f"this run was begun with {', '.join(changed)}" if changed else ""
 
@@ -227,7 +230,7 @@ def lock(out: Path):
         yield
 
 
-def write_json(file: Path, content: Any) -> None:
+def write_json(file: Path, content: object) -> None:
     """Write JSON to a temporary file and rename it to `file`."""
     beside = file.with_name(file.name + ".part")
     try:
@@ -238,8 +241,8 @@ def write_json(file: Path, content: Any) -> None:
             beside.unlink(missing_ok=True)
 
 
-def read_json(file: Path) -> Any:
-    """The content of a JSON file.
+def read_json(file: Path, kind: type[T]) -> T:
+    """The content of a JSON file, which is taken for a `kind` without a check.
 
     Raises:
         RunError: if it cannot be read.
@@ -261,7 +264,7 @@ def versions() -> dict[str, str | None]:
     return found
 
 
-def describe_machine() -> dict[str, Any]:
+def describe_machine() -> Software:
     """Package versions, git commit, Python and machine: everything besides config and seed that a result depends on."""
     return {
         "packages": versions(),

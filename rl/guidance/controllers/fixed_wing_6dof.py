@@ -24,7 +24,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from rl.guidance.avoidance import Avoider, Gains
+from rl.guidance.avoidance import AvoidanceGains, Avoider, SlotController
 from rl.guidance.controllers.course import into
 from rl.guidance.controllers.force_vector import approach, turning
 from rl.guidance.knowledge import Knowledge
@@ -39,7 +39,7 @@ BRAKING = 1.0  # m/s^2 along, to count on: less than the drag at an idle throttl
 EVADING = 1e-3  # m/s: less of a change by avoidance is rounding
 
 
-class FixedWing6DofGains(Gains):
+class FixedWing6DofGains(AvoidanceGains):
     """Tuned by rl/tune.py on `aerosonde`."""
 
     acceleration: Positive = 3.0
@@ -49,11 +49,12 @@ class FixedWing6DofGains(Gains):
     intercept_share: Positive = 0.7  # of cruise, the most that an error aside adds: an angle of 35 deg or so
 
 
-class FixedWing6DofController:
+class FixedWing6DofController(SlotController):
     """Acts for a team of aircraft with an autopilot; keeps no memory."""
 
     STATE = ()
     Gains = FixedWing6DofGains
+    gains: FixedWing6DofGains
 
     def __init__(self, model: FixedWing6DOF, gains: FixedWing6DofGains | None = None):
         """Compute gains from those of the autopilot: each loop waits for the one within it (gains.behind).
@@ -69,7 +70,7 @@ class FixedWing6DofController:
                 "there is no classical controller for a fixed_wing_6dof that is flown by its surfaces: it needs "
                 'autopilot.actions = "guidance" or "altitude"'
             )
-        self.gains = gains or self.Gains()
+        self.gains = gains or FixedWing6DofGains()
         self.avoid = Avoider(self.gains)
         self.actions, self.loops, self.limits = model.actions, model.gains, model.autopilot_limits
         self.k_aside = behind(1 / model.gains.course)
@@ -78,16 +79,12 @@ class FixedWing6DofController:
         low, cruise, high = self.limits.speeds
         self.closing, self.intercept = self.gains.closing_share * (high - low), self.gains.intercept_share * cruise
 
-    def __call__(self, team: Knowledge) -> Tensor:
-        """Actions [env, vehicle, (pitch or climb, yaw, boost)] in [-1, 1]; none where the state is not finite."""
-        return self.act(team, self.wanted(team))
-
     def wanted(self, team: Knowledge) -> "Way":
         """Towards the slots."""
         return self._wanted(team, self._way_flown(velocity_through_air(team))[1])
 
     def act(self, team: Knowledge, wanted: "Way") -> Tensor:
-        """Actions that fly what is wanted."""
+        """Actions [env, vehicle, (pitch or climb, yaw, boost)] in [-1, 1]; none where the state is not finite."""
         v, air = team.fleet.velocity_n, velocity_through_air(team)
         flown = air[..., :2]
         level, nose = self._way_flown(air)

@@ -7,6 +7,7 @@ mean is kept where both propellers stay within their limits with the difference 
 import torch
 from torch import Tensor
 
+from rl.guidance.avoidance import SlotController
 from rl.guidance.controllers.course import Course, Load, Way
 from rl.guidance.controllers.vessel import CourseGains, Resistance, Vessel
 from rl.guidance.knowledge import Knowledge
@@ -27,7 +28,7 @@ class Hull6DofGains(CourseGains):
     lean: Positive = 0.16
 
 
-class Hull6DofController:
+class Hull6DofController(SlotController):
     """Acts for a team of hulls; remembers their drift alone (drift.py)."""
 
     STATE = ("course",)
@@ -46,19 +47,15 @@ class Hull6DofController:
             )
         self.thrusters, self.actions = model.params.thrusters, model.params.actions
         craft = vessel(model, self.thrusters)
-        self.gains = gains or self.Gains()
+        self.gains = gains or Hull6DofGains()
         self.course = Course(craft, self.gains, model.dt * model.substeps)
-
-    def __call__(self, team: Knowledge) -> Tensor:
-        """Actions [env, vehicle, 2] in [-1, 1]; none for a vehicle whose state is not finite."""
-        return self.act(team, self.wanted(team))
 
     def wanted(self, team: Knowledge) -> Way:
         """Towards the slots."""
         return self.course.wanted(team)
 
     def act(self, team: Knowledge, wanted: Way) -> Tensor:
-        """Actions that sail what is wanted."""
+        """Actions [env, vehicle, 2] in [-1, 1]; none for a vehicle whose state is not finite."""
         left, right = shares(self.thrusters, self.course.load(team, wanted), astern=self.actions == "left_right")
         if self.actions == "left_right":
             action = torch.stack((shaft(self.thrusters, left), shaft(self.thrusters, right)), dim=-1)

@@ -3,6 +3,7 @@
 import torch
 from torch import Tensor
 
+from rl.guidance.avoidance import SlotController
 from rl.guidance.controllers.course import Course, Way
 from rl.guidance.controllers.vessel import CourseGains, Resistance, Vessel
 from rl.guidance.knowledge import Knowledge
@@ -19,7 +20,7 @@ class Manoeuvring3dofGains(CourseGains):
     margin: Positive = 0.4
 
 
-class Manoeuvring3dofController:
+class Manoeuvring3dofController(SlotController):
     """Acts for a team of vessels; remembers their drift alone (drift.py)."""
 
     STATE = ("course",)
@@ -28,19 +29,15 @@ class Manoeuvring3dofController:
     def __init__(self, model: Manoeuvring3dof, gains: Manoeuvring3dofGains | None = None):
         """Compute what follows from the parameters of `model` and the `gains`."""
         self.params = model.params
-        self.gains = gains or self.Gains()
+        self.gains = gains or Manoeuvring3dofGains()
         self.course = Course(vessel(model.params), self.gains, model.dt * model.substeps)
-
-    def __call__(self, team: Knowledge) -> Tensor:
-        """Actions [env, vehicle, 2 or 3] in [-1, 1]; none for a vehicle whose state is not finite."""
-        return self.act(team, self.wanted(team))
 
     def wanted(self, team: Knowledge) -> Way:
         """Towards the slots."""
         return self.course.wanted(team)
 
     def act(self, team: Knowledge, wanted: Way) -> Tensor:
-        """Actions that sail what is wanted."""
+        """Actions [env, vehicle, 2 or 3] in [-1, 1]; none for a vehicle whose state is not finite."""
         p, load = self.params, self.course.load(team, wanted)
         X, N = load.X / p.surge_force_max, load.N / p.yaw_moment_max
         if p.actions == "acceleration_yaw":

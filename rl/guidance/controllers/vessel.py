@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 from torch import Tensor
 
-from rl.guidance.avoidance import Gains
+from rl.guidance.avoidance import AvoidanceGains
 from rl.guidance.controllers.sampled import decaying, place_poles
 from taichi_sim.config import NonNegative, Positive
 from taichi_sim.usv.vessel import steady_speed
@@ -29,7 +29,7 @@ LAG_SHARE = 0.25  # of s (1 + lead): the poles of the position loop are no more;
 SWAY_SHARE = 0.05  # of the top speed: the sway at which its resistance is linearised; assumed
 
 
-class CourseGains(Gains):
+class CourseGains(AvoidanceGains):
     """Numbers of track control that may be tuned (course.py), besides those of avoidance."""
 
     heading_error: Positive = 0.35  # rad

@@ -7,9 +7,10 @@ news of the vessel.
 
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
 from rl.missions.escort.config import OrbitConfig
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
     from rl.missions.escort.mission import Escort
     from rl.missions.escort.scouts import Scouts
 
-Frames = Mapping[str, NDArray[Any]]
+Frames = Mapping[str, NDArray[np.float64]]
 """What is drawn, by name, [frame, ...]."""
 
 FOOTPRINT, SIGHT, MESSAGE, LOST, BELIEVED, CIRCLE = (
@@ -46,8 +47,8 @@ def overlays_of(mission: "Escort", env: int) -> tuple[Overlay, ...]:
     }  # fmt: skip
     if flying is not None:
         now |= {"axis": flying.camera.axis[env], "R": flying.camera.true.R_nb[env]}
-    frame: dict[str, NDArray[Any]] = {name: value.cpu().numpy().astype(np.float64)[None] for name, value in now.items()}
-    frame |= {"arrived": (due & (age <= fresh))[None], "lost": (due & (age > fresh))[None]}
+    now |= {"arrived": torch.from_numpy(due & (age <= fresh)), "lost": torch.from_numpy(due & (age > fresh))}
+    frame = {name: value.cpu().numpy().astype(np.float64)[None] for name, value in now.items()}
     drawn: list[Overlay] = [*mission.traffic.cylinders(env, mission.config.area)]
     drawn += [*_messages(mission, frame), *_believed(mission, frame)]
     if flying is not None:

@@ -1,7 +1,7 @@
 """Configuration of the formation mission, besides world, stages and evaluation."""
 
 from collections.abc import Mapping
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
@@ -75,7 +75,7 @@ class FormationConfig(Strict):
 
     @model_validator(mode="before")
     @classmethod
-    def _plain(cls, given: Any) -> Any:
+    def _plain(cls, given: object) -> object:
         return {"shape": given} if isinstance(given, str) else given
 
     @model_validator(mode="after")
