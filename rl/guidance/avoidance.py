@@ -76,23 +76,7 @@ class AvoidanceGains(Strict):
 
 
 Gains = AvoidanceGains  # its earlier name
-
-
-class Numbers(NamedTuple):
-    """Parameters of the kernel: `AvoidanceGains`, and the vehicle's radius, m."""
-
-    acceleration: float
-    horizon: float
-    berth: float
-    margin: float
-    follower_horizon: float
-    leader_horizon: float
-    soft: float
-    hard: float
-    lean: float
-    slowing: float
-    parting: float
-    radius: float
+NUMBERS = (*AvoidanceGains.model_fields, "radius")  # parameters of the kernel; radius of a vehicle, m
 
 
 class Wanted(NamedTuple):
@@ -128,7 +112,7 @@ class SlotController:
         raise NotImplementedError
 
 
-class Form(NamedTuple):
+class AvoidanceForm(NamedTuple):
     """Compile-time parameters of the kernel."""
 
     obstacles: int
@@ -279,16 +263,19 @@ class Avoider:
 
     def __call__(self, team: Knowledge, velocity: Tensor) -> Tensor:
         """The velocity [env, vehicle, 2 or 3] (m/s) nearest to `velocity` with which `team` keeps clear."""
+        return self._run(team, velocity)
+
+    def _run(self, team: Knowledge, velocity: Tensor, *correction: Tensor) -> Tensor:
         if self._team is not team:
             self._bind(team)
         kept = velocity.clone(memory_format=torch.contiguous_format)
-        kind = struct_of(Numbers._fields, runtime.current().precision)
-        self._launch.once(kept, self._around(), kind, self._form)
+        kind = struct_of(NUMBERS, runtime.current().precision)
+        self._launch.once(kept, *correction, self._around(), kind, self._form)
         return kept
 
     def _bind(self, team: Knowledge) -> None:
         self._team, sensor = team, team.sensor
-        numbers = Numbers(**{key: getattr(self.gains, key) for key in Numbers._fields[:-1]}, radius=team.radius)
+        numbers = [getattr(self.gains, key) for key in AvoidanceGains.model_fields] + [team.radius]
         self._around = runtime.Packed(
             AroundPack, obstacles=sensor.obstacles, mates=sensor.team_mates, table=team.now.table,
             derived=team.fleet.derived, target=team.target.table, numbers=team.fleet.state.new_tensor(numbers),
@@ -296,7 +283,7 @@ class Avoider:
         few = runtime.few(team.fleet.num_envs * team.fleet.count, AVOID)
         paces = PACES if team.fleet.model.limits.stops else PACES[:1]
         chases = CHASES if team.now.about else ()
-        self._form = Form(sensor.num_obstacles, sensor.num_mates, paces, chases, few)
+        self._form = AvoidanceForm(sensor.num_obstacles, sensor.num_mates, paces, chases, few)
 
 
 class Shield(Avoider):
@@ -312,9 +299,4 @@ class Shield(Avoider):
 
     def corrected(self, team: Knowledge, velocity: Tensor, correction: Tensor) -> Tensor:
         """`velocity` [env, vehicle, 2 or 3] (m/s) plus the safe share of a level `correction` of the same shape."""
-        if self._team is not team:
-            self._bind(team)
-        kept = velocity.clone(memory_format=torch.contiguous_format)
-        kind = struct_of(Numbers._fields, runtime.current().precision)
-        self._launch.once(kept, correction.contiguous(), self._around(), kind, self._form)
-        return kept
+        return self._run(team, velocity, correction.contiguous())

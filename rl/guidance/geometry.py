@@ -40,7 +40,7 @@ ErrorsPack = ti.types.argpack(table=_array3, plain=_array3)
 TeamPack = ti.types.argpack(target=_array3, down=_array1, slots=_array3, state=_array3, derived=_array3, heard=_array4)
 
 
-class Form(NamedTuple):
+class ErrorsForm(NamedTuple):
     """Compile-time parameters of the kernel."""
 
     axes: int  # of the vehicle's own frame
@@ -217,5 +217,5 @@ class Geometry(SlotErrors):
 
         `count` is the number of environments that are not 0.
         """
-        form = Form(self.axes, self._heard, self.about, runtime.few(count * self._rows, MEASURE))
+        form = ErrorsForm(self.axes, self._heard, self.about, runtime.few(count * self._rows, MEASURE))
         self._launch(self._errors(), self._team(), which, form)

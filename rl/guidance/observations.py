@@ -70,7 +70,7 @@ SeenPack = ti.types.argpack(
 )
 
 
-class Form(NamedTuple):
+class ObservationForm(NamedTuple):
     """Compile-time parameters of the kernel."""
 
     axes: int  # of the vehicle's own frame
@@ -87,7 +87,7 @@ class Form(NamedTuple):
     at: tuple[int, ...] = ()  # the column in which each term begins (`columns`)
 
 
-def widths(form: Form) -> dict[str, int]:
+def widths(form: ObservationForm) -> dict[str, int]:
     """Width of each term, in order."""
     n = form.axes
     terms = {"sight": 1 + n, "previous_sight": 1 + n, "surroundings": form.signals}
@@ -104,7 +104,7 @@ def widths(form: Form) -> dict[str, int]:
     return terms
 
 
-def columns(form: Form) -> tuple[int, ...]:
+def columns(form: ObservationForm) -> tuple[int, ...]:
     """The column in which each term begins, as a named tuple."""
     sizes = list(widths(form).values())
     return namedtuple("Columns", widths(form))(*(sum(sizes[:k]) for k in range(len(sizes))))
@@ -252,7 +252,7 @@ class ObservationWriter:
         serial = runtime.few(fleet.num_envs * fleet.count, OBSERVE)
         actions = len(model.action_names)
         radio = team.radio
-        form = Form(
+        form = ObservationForm(
             team.axes, signals.shape[-1], actions, kind == "full", team.sensor.num_obstacles, team.sensor.num_mates,
             residual, radio is not None, air, speeds, serial,
         )  # fmt: skip

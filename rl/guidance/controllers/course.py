@@ -28,7 +28,7 @@ from torch import Tensor
 from rl.guidance.avoidance import Avoider
 from rl.guidance.controllers.drift import Drift
 from rl.guidance.controllers.force_vector import approach, turning, wrap
-from rl.guidance.controllers.vessel import CourseGains, Vessel, loops
+from rl.guidance.controllers.vessel import CourseGains, VesselDynamics, loops
 from rl.guidance.knowledge import Knowledge
 from taichi_sim.conventions import GRAVITY
 
@@ -46,11 +46,14 @@ class Load(NamedTuple):
     N: Tensor  # N m
 
 
-class Way(NamedTuple):
+class CourseCommand(NamedTuple):
     """The velocity command, each [env, vehicle, 2], NED."""
 
     velocity: Tensor  # v*, m/s
     change: Tensor  # v*', m/s^2
+
+
+Way = CourseCommand  # its earlier name
 
 
 class Course:
@@ -58,7 +61,7 @@ class Course:
 
     STATE = ("drift",)
 
-    def __init__(self, vessel: Vessel, gains: CourseGains, interval: float):
+    def __init__(self, vessel: VesselDynamics, gains: CourseGains, interval: float):
         """Compute what follows from the `gains` for decisions every `interval` s."""
         self.vessel, self.interval, self.gains = vessel, interval, gains
         self.loops, self.avoid = loops(vessel, gains, interval), Avoider(gains)
@@ -67,7 +70,7 @@ class Course:
         self.top_rate = RATE_SHARE * vessel.top_rate
         self.turn = vessel.moment / vessel.m33
 
-    def load(self, team: Knowledge, wanted: "Way") -> Load:
+    def load(self, team: Knowledge, wanted: CourseCommand) -> Load:
         """Loads that follow what is wanted."""
         k, ship = self.loops, self.vessel
         heading = team.fleet.heading
@@ -88,7 +91,7 @@ class Course:
         r = (team.fleet.R_nb[..., 2, :] * team.fleet.angular_velocity_b).sum(-1)
         return Load(X, Y, ship.m33 * k.k_r * (rate - r) + ship.yaw.at(rate))
 
-    def wanted(self, team: Knowledge) -> "Way":
+    def wanted(self, team: Knowledge) -> CourseCommand:
         """v* and v*' that lead to the team's slots."""
         slot, error, v = formation_velocity(team), team.now.error[..., :2], team.fleet.velocity_n[..., :2]
         chase = self.loops.k_e * error
@@ -104,7 +107,7 @@ class Course:
         if team.now.about:
             self.drift.correct(wanted, v, share < 1)
         change = turning(team, slot) + torch.where(able, self.loops.k_e * (slot - v), 0.0)
-        return Way(wanted + drift, change)
+        return CourseCommand(wanted + drift, change)
 
     def _fastest(self, slot: Tensor, chase: Tensor, about: bool) -> Tensor:
         """The speed [env, vehicle, 1] (m/s) that may be added to the slot's velocity, so that their sum stays below the

@@ -79,11 +79,11 @@ class FixedWing6DofController(SlotController):
         low, cruise, high = self.limits.speeds
         self.closing, self.intercept = self.gains.closing_share * (high - low), self.gains.intercept_share * cruise
 
-    def wanted(self, team: Knowledge) -> "Way":
+    def wanted(self, team: Knowledge) -> "FlightCommand":
         """Towards the slots."""
         return self._wanted(team, self._way_flown(velocity_through_air(team))[1])
 
-    def act(self, team: Knowledge, wanted: "Way") -> Tensor:
+    def act(self, team: Knowledge, wanted: "FlightCommand") -> Tensor:
         """Actions [env, vehicle, (pitch or climb, yaw, boost)] in [-1, 1]; none where the state is not finite."""
         v, air = team.fleet.velocity_n, velocity_through_air(team)
         flown = air[..., :2]
@@ -104,7 +104,7 @@ class FixedWing6DofController(SlotController):
         level = air[..., :2].norm(dim=-1).clamp(min=self.limits.floor)
         return level, (air[..., 0] / level, air[..., 1] / level)
 
-    def _wanted(self, team: Knowledge, nose: tuple[Tensor, Tensor]) -> "Way":
+    def _wanted(self, team: Knowledge, nose: tuple[Tensor, Tensor]) -> "FlightCommand":
         """v* where (cos, sin) `nose` is the way flown through the air."""
         slot, now, climb = team.now.slot_velocity, team.now, self.limits.climb
         (along, aside), (along_rate, aside_rate) = (into(x[..., :2], nose) for x in (now.error, now.error_rate))
@@ -114,9 +114,9 @@ class FixedWing6DofController(SlotController):
         down = (self.loops.height * now.error[..., 2]).clamp(-climb, climb)
         direct = slot + torch.stack((north, east, down), dim=-1)
         velocity = self.avoid(team, direct)
-        return Way(velocity, (x_rate, y_rate), (velocity - direct).norm(dim=-1) > EVADING)
+        return FlightCommand(velocity, (x_rate, y_rate), (velocity - direct).norm(dim=-1) > EVADING)
 
-    def _turn_rate(self, team: Knowledge, wanted: "Way", to_fly, nose, most: Tensor) -> Tensor:
+    def _turn_rate(self, team: Knowledge, wanted: "FlightCommand", to_fly, nose, most: Tensor) -> Tensor:
         """Rate (rad/s) of the course that follows `to_fly` (along, aside); `most` in the steepest turn."""
         x, y = to_fly
         square = (x * x + y * y).clamp(min=self.limits.floor**2)
@@ -135,12 +135,15 @@ class FixedWing6DofController(SlotController):
         return torch.where(over > 0, over / (high - cruise), over / (cruise - low))
 
 
-class Way(NamedTuple):
+class FlightCommand(NamedTuple):
     """The velocity command of each vehicle, [env, vehicle]."""
 
     velocity: Tensor  # [.., 3] v*, NED, m/s
     change: tuple[Tensor, Tensor]  # of what the error adds to it, along and aside, m/s^2
     evading: Tensor  # bool: something near has changed it
+
+
+Way = FlightCommand  # its earlier name
 
 
 def velocity_through_air(team: Knowledge) -> Tensor:

@@ -8,8 +8,8 @@ import torch
 from torch import Tensor
 
 from rl.guidance.avoidance import SlotController
-from rl.guidance.controllers.course import Course, Load, Way
-from rl.guidance.controllers.vessel import CourseGains, Resistance, Vessel
+from rl.guidance.controllers.course import Course, CourseCommand, Load
+from rl.guidance.controllers.vessel import CourseGains, Resistance, VesselDynamics
 from rl.guidance.knowledge import Knowledge
 from rl.mission import ControllerError
 from taichi_sim.config import Positive
@@ -50,11 +50,11 @@ class Hull6DofController(SlotController):
         self.gains = gains or Hull6DofGains()
         self.course = Course(craft, self.gains, model.dt * model.substeps)
 
-    def wanted(self, team: Knowledge) -> Way:
+    def wanted(self, team: Knowledge) -> CourseCommand:
         """Towards the slots."""
         return self.course.wanted(team)
 
-    def act(self, team: Knowledge, wanted: Way) -> Tensor:
+    def act(self, team: Knowledge, wanted: CourseCommand) -> Tensor:
         """Actions [env, vehicle, 2] in [-1, 1]; none for a vehicle whose state is not finite."""
         left, right = shares(self.thrusters, self.course.load(team, wanted), astern=self.actions == "left_right")
         if self.actions == "left_right":
@@ -67,12 +67,12 @@ class Hull6DofController(SlotController):
         return torch.nan_to_num(action).clamp(-1.0, 1.0)
 
 
-def vessel(model: Hull6Dof, thrusters: PropellerPair) -> Vessel:
+def vessel(model: Hull6Dof, thrusters: PropellerPair) -> VesselDynamics:
     """The hull in the plane; cross-flow drag of a sway, or of a yaw, alone: L and L^4 / 32 of the strip integral."""
     h, M = model.params.hydrodynamics, model.slow_mass
     section = 0.5 * h.cross_flow_density * h.cross_flow_draft * h.cross_flow_coefficient
     L = h.cross_flow_length
-    return Vessel(
+    return VesselDynamics(
         m11=float(M[0, 0]),
         m22=float(M[1, 1]),
         m33=float(M[5, 5]),

@@ -4,8 +4,8 @@ import torch
 from torch import Tensor
 
 from rl.guidance.avoidance import SlotController
-from rl.guidance.controllers.course import Course, Way
-from rl.guidance.controllers.vessel import CourseGains, Resistance, Vessel
+from rl.guidance.controllers.course import Course, CourseCommand
+from rl.guidance.controllers.vessel import CourseGains, Resistance, VesselDynamics
 from rl.guidance.knowledge import Knowledge
 from taichi_sim.config import Positive
 from taichi_sim.usv.manoeuvring_3dof import Manoeuvring3dof, Manoeuvring3dofParams
@@ -32,11 +32,11 @@ class Manoeuvring3dofController(SlotController):
         self.gains = gains or Manoeuvring3dofGains()
         self.course = Course(vessel(model.params), self.gains, model.dt * model.substeps)
 
-    def wanted(self, team: Knowledge) -> Way:
+    def wanted(self, team: Knowledge) -> CourseCommand:
         """Towards the slots."""
         return self.course.wanted(team)
 
-    def act(self, team: Knowledge, wanted: Way) -> Tensor:
+    def act(self, team: Knowledge, wanted: CourseCommand) -> Tensor:
         """Actions [env, vehicle, 2 or 3] in [-1, 1]; none for a vehicle whose state is not finite."""
         p, load = self.params, self.course.load(team, wanted)
         X, N = load.X / p.surge_force_max, load.N / p.yaw_moment_max
@@ -48,10 +48,10 @@ class Manoeuvring3dofController(SlotController):
         return torch.nan_to_num(action).clamp(-1.0, 1.0)
 
 
-def vessel(p: Manoeuvring3dofParams) -> Vessel:
+def vessel(p: Manoeuvring3dofParams) -> VesselDynamics:
     """The vessel with the sway force of a yaw rate, and without the yaw moment of a sway."""
     M = p.M
-    return Vessel(
+    return VesselDynamics(
         m11=float(M[0, 0]),
         m22=float(M[1, 1]),
         m33=float(M[2, 2]),

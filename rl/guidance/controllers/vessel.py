@@ -55,7 +55,7 @@ class Resistance(NamedTuple):
         return steady_speed(load, self.a, self.b, self.c)
 
 
-class Vessel(NamedTuple):
+class VesselDynamics(NamedTuple):
     """Inertia with added mass, resistance, and the most that the actuators give."""
 
     m11: float  # kg
@@ -96,6 +96,9 @@ class Vessel(NamedTuple):
         return 2 * load / (a + (a * a + 4 * b * load.abs()).sqrt()).clamp(min=1e-6)
 
 
+Vessel = VesselDynamics  # its earlier name
+
+
 class Loops(NamedTuple):
     """Gains of the position loop e' = -k_e e - k_i (integral of e), the speed loop, and the heading loop; all 1/s."""
 
@@ -107,7 +110,7 @@ class Loops(NamedTuple):
     lead: float  # of the nose over the course, per course error; no unit
 
 
-def loops(vessel: Vessel, gains: CourseGains, interval: float) -> Loops:
+def loops(vessel: VesselDynamics, gains: CourseGains, interval: float) -> Loops:
     """Gains of the loops for decisions every `interval` s.
 
     The heading loop, N = m33 k_r (r* - r) + d_r(r*) with r* = k_psi (psi* - psi), has both its poles at

@@ -11,10 +11,10 @@ from rl.guidance.observations import RATE_SCALE, SPEED_SCALE
 from rl.guidance.residual import ResidualTeam
 from rl.guidance.targets import COS, COURSE, EAST, NORTH, SIN, SIZE, SPEED, Target
 from rl.missions.escort.boats import AGE_SCALE, SIGMA_SCALE, squashed
-from rl.missions.escort.tracking import Group, Search, SharedTracking
+from rl.missions.escort.tracking import ObserverGroup, SharedTracking, SpiralSearch
 from rl.perception.camera import Camera
 from rl.perception.columns import Message
-from rl.perception.contacts import Contacts
+from rl.perception.contacts import TrackedContacts
 from rl.perception.instruments import Readings
 from rl.perception.sensors import Sensor
 
@@ -44,16 +44,16 @@ def gap_errors(angle: Tensor, present: Tensor, turn: float) -> Tensor:
     return torch.where(others.any(-1), 0.5 * (nearest - behind), 0.0)
 
 
-def aircraft_observers(mission: "Escort", name: str, first: int) -> Group:
+def aircraft_observers(mission: "Escort", name: str, first: int) -> ObserverGroup:
     """The aircraft of team `name` as observers, numbered from `first` on."""
     config, fleet = mission.config, mission.world.teams[name]
     section = config.parts[name]
     own = Readings(fleet, section.sensors, config.decision_interval, config.first_number(name))
     radius, cruise = section.orbit.radius, fleet.model.limits.speeds[1]
-    return Group(first, own, fleet, Search(SEARCH_PITCH * radius, SEARCH_SPEED * cruise, BEGINS * radius))
+    return ObserverGroup(first, own, fleet, SpiralSearch(SEARCH_PITCH * radius, SEARCH_SPEED * cruise, BEGINS * radius))
 
 
-class Aircraft(ResidualTeam):
+class EscortAircraft(ResidualTeam):
     """Measures the aircraft after each step; everything is [env, aircraft, ...].
 
     Attributes:
@@ -180,6 +180,9 @@ class Aircraft(ResidualTeam):
         return torch.cat(parts, dim=-1)
 
 
+Aircraft = EscortAircraft  # its earlier name
+
+
 class MeasuredAircraft:
     """Knowledge of the aircraft (rl/guidance/knowledge.py), with the inputs of their orbit (orbit.py).
 
@@ -193,17 +196,17 @@ class MeasuredAircraft:
 
     STATE = ("target", "now", "centre_velocity", "gap_error", "height_error", "sensor", "_boats", "_farthest")
 
-    axes = Aircraft.axes
+    axes = EscortAircraft.axes
     radio = None
 
-    def __init__(self, team: Aircraft, number: int):
+    def __init__(self, team: EscortAircraft, number: int):
         """Measure for `team`, whose first aircraft has that `number` among the random numbers."""
         state, tracking = team.fleet.state, team.tracking
         self._team, self._tracking, self.fleet = team, tracking, team.own
         self.radius, self.orbit = team.radius, team.orbit
         self.now, self.slot_table = SlotErrors(state, self.axes), state.new_zeros((*state.shape[:2], SLOT_SIZE))
         self.target = Target(state.new_zeros((*state.shape[:2], SIZE)), team.fleet.position_n[:, 0])
-        self.sensor = Contacts(
+        self.sensor = TrackedContacts(
             team.section.sensors.scaled_contacts, team.sensor, team.fleet, self.fleet, team.interval, number
         )
         self.centre, self.centre_velocity = (

@@ -18,7 +18,7 @@ from rl.perception.columns import Sighting
 from taichi_sim.recording.overlays import Ellipsoids, Lines, Overlay, Plot
 
 if TYPE_CHECKING:
-    from rl.missions.escort.aircraft import Aircraft
+    from rl.missions.escort.aircraft import EscortAircraft
     from rl.missions.escort.mission import Escort
     from rl.missions.escort.scouts import Scouts
 
@@ -103,7 +103,7 @@ def _believed(mission: "Escort", film: Frames) -> list[Ellipsoids]:
     return found
 
 
-def _footprints(film: Frames, flying: "Aircraft | Scouts", rows: slice) -> Lines:
+def _footprints(film: Frames, flying: "EscortAircraft | Scouts", rows: slice) -> Lines:
     """Edges of the fields of view on mean sea level."""
     place = film["place"][:, rows]
     axis = np.einsum("fvij,fvj->fvi", film["R"], film["axis"])

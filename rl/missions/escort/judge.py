@@ -9,7 +9,7 @@ from torch import Tensor
 
 from rl.judge import COLLISION_LOSS, COMMON, Episodes, Judge, errors_of, finite, median_of, over_time, p95, rms_of
 from rl.mission import Step
-from rl.missions.escort.aircraft import Aircraft
+from rl.missions.escort.aircraft import EscortAircraft
 from rl.missions.escort.config import EscortScenario
 
 if TYPE_CHECKING:
@@ -76,7 +76,7 @@ class EscortJudge(Judge["Escort", EscortScenario]):
         if self.boats:
             ready = alive & (time >= self.arrival + config.evaluation.settle_after)
             self.errors[number - 1, ready] = team.distance.cpu().numpy()[ready]
-        elif isinstance(team, Aircraft):
+        elif isinstance(team, EscortAircraft):
             sees = team.sees.any(-1).cpu().numpy()
             self.first_seen[alive & sees & np.isnan(self.first_seen)] = time
             since = alive & ~np.isnan(self.first_seen)

@@ -30,7 +30,7 @@ SLOWEST = 0.3  # m/s: the course of a slower vessel is not updated
 CUE_SPEED = 1.5  # m/s, standard deviation of the vessel's velocity at first, each way; assumed
 
 
-class Search(NamedTuple):
+class SpiralSearch(NamedTuple):
     """Search of a team: pitch of the spiral (m), speed along it (m/s), and the distance (m) from the place where the
     vessel should be at which it begins.
     """
@@ -40,13 +40,13 @@ class Search(NamedTuple):
     begins: float
 
 
-class Group(NamedTuple):
+class ObserverGroup(NamedTuple):
     """The observers of one team."""
 
     first: int  # number of the first among all observers
     own: Views  # state as they measure it
     true: Views
-    search: Search
+    search: SpiralSearch
 
     @property
     def count(self) -> int:
@@ -73,7 +73,7 @@ class SharedTracking:
         "objects", "sightings", "place", "radio", "chart", "targets", "age", "sigma", "_course", "_searching",
     )  # fmt: skip
 
-    def __init__(self, mission: "Escort", groups: Mapping[str, Group], objects: int):
+    def __init__(self, mission: "Escort", groups: Mapping[str, ObserverGroup], objects: int):
         """Make it for the observers in `groups`, team -> group, in order and not empty; `objects` is their number."""
         config, self._mission = mission.config, mission
         state = next(iter(groups.values())).own.state

@@ -14,7 +14,7 @@ from torch import Tensor
 
 from rl.guidance.avoidance import Avoider
 from rl.guidance.controllers import CONTROLLERS
-from rl.guidance.controllers.course import Way
+from rl.guidance.controllers.course import CourseCommand
 from rl.guidance.controllers.force_vector import wrap
 from rl.guidance.controllers.hull_6dof import Hull6DofController
 from rl.guidance.controllers.manoeuvring_3dof import Manoeuvring3dofController
@@ -31,7 +31,7 @@ from taichi_sim.kernels.rotation import torch_quaternion_from_euler
 from taichi_sim.script import Script
 
 if TYPE_CHECKING:
-    from rl.missions.escort.boats import Boats
+    from rl.missions.escort.boats import EscortBoats
     from rl.missions.escort.mission import Escort
     from taichi_sim.world import World
 
@@ -154,9 +154,9 @@ class Wanderer(Script):
             wanted = self._avoid(self, wanted)
         share = dt / (SMOOTH + dt)
         self.velocity += share * (self.fleet.velocity_n[:, 0, :2] - self.velocity)
-        return self.controller.act(self, Way(wanted, torch.zeros_like(wanted)))
+        return self.controller.act(self, CourseCommand(wanted, torch.zeros_like(wanted)))
 
-    def _see_boats(self, team: "Boats | None") -> None:
+    def _see_boats(self, team: "EscortBoats | None") -> None:
         """Write the nearest boats as mates."""
         mates = self.sensor.team_mates
         mates.zero_()

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from rl.guidance.geometry import Geometry, SlotErrors
-from rl.perception.contacts import Contacts
+from rl.perception.contacts import TrackedContacts
 from rl.perception.instruments import Readings
 from rl.perception.radio import Radio
 from rl.perception.sensors import Nearby
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from rl.missions.formation.team import TeamTask
 
 
-class Measured:
+class MeasuredFormation:
     """One team's measured knowledge (rl/guidance/knowledge.py); parts without errors are those of the team itself."""
 
     STATE = ("fleet", "now", "sensor", "radio")
@@ -41,7 +41,7 @@ class Measured:
             self.now = Geometry(self.fleet, team.target.table, down, team.slot_table, team.axes, heard)
         self.sensor: Nearby = team.sensor
         if not (exact and contacts.exact):
-            self.sensor = Contacts(contacts, team.sensor, team.fleet, self.fleet, interval, number)
+            self.sensor = TrackedContacts(contacts, team.sensor, team.fleet, self.fleet, interval, number)
 
     @property
     def steps(self) -> Tensor:
@@ -57,5 +57,5 @@ class Measured:
             self.radio.talk(which, rows, self.steps, self._count)
         if isinstance(self.now, Geometry) and self.now is not self._team.now:
             self.now.measure(which, rows)
-        if isinstance(self.sensor, Contacts):
+        if isinstance(self.sensor, TrackedContacts):
             self.sensor.update(which, rows, self.steps, self._count)

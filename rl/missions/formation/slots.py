@@ -75,7 +75,7 @@ def offsets_of(units: Tensor, drawn: Drawn) -> Tensor:
     return units[drawn.shape] * drawn.spacing[..., None, None]
 
 
-class Form(NamedTuple):
+class SlotsForm(NamedTuple):
     """Compile-time parameters of the kernel."""
 
     every: int  # decisions between two changes
@@ -176,7 +176,7 @@ class Slots:
                 units=self._units.to(state),
                 numbers=state.new_tensor([interval, glide]),
             )
-            self._form = Form(self._every, runtime.few(envs, ADVANCE))
+            self._form = SlotsForm(self._every, runtime.few(envs, ADVANCE))
             self._launch = runtime.Launcher(_advance)
         everywhere = torch.zeros(envs, dtype=torch.int64, device=state.device)
         self._place(slice(None), Drawn(everywhere, everywhere + torch.tensor(section.spacings[0], dtype=torch.float64)))

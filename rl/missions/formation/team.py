@@ -12,7 +12,7 @@ from rl.guidance.knowledge import Knowledge
 from rl.guidance.observations import ObservationWriter
 from rl.guidance.residual import ResidualTeam
 from rl.guidance.targets import Target, Targets
-from rl.missions.formation.measured import Measured
+from rl.missions.formation.measured import MeasuredFormation
 from rl.missions.formation.slots import Slots
 from rl.perception.sensors import Sensor
 from taichi_sim.kernels import runtime
@@ -28,7 +28,8 @@ class TeamTask(ResidualTeam):
 
     Attributes:
         target: what its leader tracks. now: errors as of the last step or reset (geometry.py).
-        known: what its vehicles know, the input of policies and controllers: the team itself, or `Measured`.
+        known: what its vehicles know, the input of policies and controllers: the team itself, or
+            `MeasuredFormation`.
         observations: writes what its policy observes. sensor: true obstacles and team mates.
         slots: about the leader (slots.py). offsets: [env, vehicle, 2] of them, a live view, m.
     """
@@ -56,7 +57,7 @@ class TeamTask(ResidualTeam):
         self.now = Geometry(self.fleet, targets.table, down, self.slot_table, self.axes)
         self.target = Target(targets.table, self.now.slot[:, 0])
         exact = config.radio is None and config.sensors.exact and config.sensors.scaled_contacts.exact
-        self.measured = None if exact else Measured(self, down)
+        self.measured = None if exact else MeasuredFormation(self, down)
         self.known: Knowledge = self.measured or self
         self.observations = ObservationWriter(self.known, config.observations, self.reference_width)
         self._true = None if exact else ObservationWriter(self, config.observations, self.reference_width)
