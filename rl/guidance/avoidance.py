@@ -124,9 +124,7 @@ class AvoidanceForm(NamedTuple):
 
 @ti.func
 def nearest(place, v, its, turn, horizon):
-    """Time (s) and distance (m) of the closest approach of a vehicle that moves with v and turns at `turn` (rad/s) to a
-    body at `place` (m), which moves with `its`.
-    """
+    """Time (s) and distance (m) of the closest approach to a body at `place` (m), which moves with `its`."""
     w = v - its
     t = ti.min(ti.max(place.dot(w) / ti.max(w.dot(w), 1e-6), SOONEST), horizon)
     half = 0.5 * turn * t

@@ -183,16 +183,9 @@ class Geometry(SlotErrors):
     STATE = ()
 
     def __init__(
-        self,
-        fleet: Views,
-        target: Tensor,
-        down: float,
-        slots: Tensor,
-        axes: int,
-        heard: Tensor | None = None,
-        *,
+        self, fleet: Views, target: Tensor, down: float, slots: Tensor, axes: int, heard: Tensor | None = None, *,
         about: bool = False,
-    ):
+    ):  # fmt: skip
         """Measure `fleet` against `target` (targets.py) at `down` (m) and the table of `slots`.
 
         Followers know their leader from the messages `heard` (rl/perception/radio.py); None: exactly. With `about`,
@@ -203,14 +196,9 @@ class Geometry(SlotErrors):
         self._heard, self._rows, self._launch = heard is not None, state.shape[1], runtime.Launcher(_measure)
         self._errors = runtime.Packed(ErrorsPack, table=self.table, plain=self._plain)
         self._team = runtime.Packed(
-            TeamPack,
-            target=target,
-            down=state.new_tensor([down]),
-            slots=slots,
-            state=state,
-            derived=fleet.derived,
+            TeamPack, target=target, down=state.new_tensor([down]), slots=slots, state=state, derived=fleet.derived,
             heard=state.new_zeros((1, 1, 1, 1)) if heard is None else heard,
-        )
+        )  # fmt: skip
 
     def measure(self, which: Tensor, count: int) -> None:
         """Measure environments by `which` [env] int32: 0 not at all, 1 after a step, 2 at the beginning of an episode.

@@ -150,9 +150,7 @@ def put_own(out: ti.template(), e, i, seen: ti.template(), action: ti.template()
 
 @ti.func
 def encounter(out: ti.template(), e, i, at, place, v, turn, R):
-    """Write how a body at `place` (m, relative, NED) will be passed by a vehicle that moves with v (m/s, relative) and
-    turns (rad/s): distance ahead, distance aside (to starboard of the motion), and gap. R (m) is the sum of radii.
-    """
+    """Write an encounter with a body at `place` (m, NED): v relative, m/s; turn, rad/s; R, sum of radii, m."""
     w = v
     speed = ti.max(w.norm(), SLOWEST)
     t = ti.max(place.dot(w), 0.0) / (speed * speed)
@@ -212,12 +210,9 @@ def put_air(out: ti.template(), e, i, seen: ti.template(), form: ti.template()):
 
 @ti.kernel
 def _observe(
-    out: ti.types.ndarray(ndim=3),
-    seen: SeenPack,
-    action: ti.types.ndarray(ndim=3),
-    reference: ti.types.ndarray(ndim=3),
-    form: ti.template(),
-):
+    out: ti.types.ndarray(ndim=3), seen: SeenPack, action: ti.types.ndarray(ndim=3),
+    reference: ti.types.ndarray(ndim=3), form: ti.template(),
+):  # fmt: skip
     ti.loop_config(serialize=form.serial)
     for e, i in ti.ndrange(out.shape[0], out.shape[1]):
         n = ti.static(1 + form.axes)

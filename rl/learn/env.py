@@ -49,13 +49,9 @@ class MissionEnv(VecEnv):
     def __init__(
         self, mission: Mission, team: str, frozen: Mapping[str, Policy | None] | None = None, *, scale: float = 1.0
     ):
-        """Adapt `mission` for the learning `team`.
+        """Adapt `mission` for the learning `team`, with rewards times `scale`.
 
-        Args:
-            mission: the mission.
-            team: the learning team.
-            frozen: a policy for each other team; None for the team in whose environment `team` is a companion.
-            scale: factor of the rewards.
+        `frozen` holds a policy of each other team; None for the team in whose environment `team` is a companion.
 
         Raises:
             ValueError: if a team has no policy.

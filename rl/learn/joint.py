@@ -15,9 +15,7 @@ from rl.team import Team
 
 
 class Companion:
-    """A team that learns while another team's runner drives the loop; it is also its team's policy in that
-    environment.
-    """
+    """A team that learns while another team's runner drives the loop, and its policy in that environment."""
 
     def __init__(self, runner: StageRunner):
         """Learn with `runner`, whose environment has the same mission."""

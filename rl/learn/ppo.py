@@ -162,9 +162,7 @@ class LeanPPO(PPO):
         return torch.cat([torch.stack([value, surrogate]), moved]) / count
 
     def _surrogate(self, log_prob: Tensor, piece: Piece) -> tuple[Tensor, Tensor]:
-        """Sum of the clipped surrogate loss, and its gradient [sample] with respect to the log probability of the
-        actions.
-        """
+        """Sum of the clipped surrogate loss, and its gradient [sample] by the log probability of the actions."""
         ratio = (log_prob - piece.log_prob).exp_()
         free = ratio * piece.advantages
         clipped = ratio.clamp_(1 - self.clip_param, 1 + self.clip_param).mul_(piece.advantages)

@@ -5,12 +5,15 @@ bar.
 import contextlib
 import csv
 import io
+import math
 import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, TypedDict, Unpack
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from rsl_rl.utils.logger import Logger
 from torch import Tensor
 from tqdm import tqdm
@@ -153,11 +156,20 @@ class Spent(NamedTuple):
 
 
 def spent(file: Path, iterations: int | None = None) -> Spent:
-    """Time and steps of the first `iterations` (default all) in progress.csv, including earlier parts of a
-    resumed run.
+    """Time and steps of the first `iterations` (default all) in progress.csv, with those before a resumption."""
+    history = read_history(file) if file.is_file() else {}
+    seconds, steps = (history.get(name, np.empty(0))[:iterations] for name in ("wall_time_s", "agent_steps"))
+    return Spent(float(seconds[-1]), int(steps[-1])) if len(steps) else Spent(0.0, 0)
+
+
+def read_history(path: Path) -> dict[str, NDArray[np.float64]]:
+    """The columns of a stage's progress.csv; a blank is NaN.
+
+    Raises:
+        ValueError: if a cell is not a number.
     """
-    if iterations == 0 or not file.is_file():
-        return Spent(0.0, 0)
-    with file.open(newline="", encoding="utf-8") as stream:
-        rows = list(csv.DictReader(stream))[:iterations]
-    return Spent(float(rows[-1]["wall_time_s"]), int(rows[-1]["agent_steps"])) if rows else Spent(0.0, 0)
+    with Path(path).open(newline="") as file:
+        reader = csv.DictReader(file, restval="")
+        rows = list(reader)
+        names = reader.fieldnames or []
+    return {name: np.array([float(row[name]) if row[name] else math.nan for row in rows]) for name in names}

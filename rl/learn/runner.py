@@ -26,9 +26,7 @@ from rl.scenario import StageConfig
 
 
 def ppo_config(stage: StageConfig, privileged: bool = False) -> dict[str, object]:
-    """rsl-rl's configuration of a stage; with `privileged`, the critic also gets privileged information
-    (asymmetric).
-    """
+    """rsl-rl's configuration of a stage; `privileged`: the critic also gets privileged information."""
     network = actor_config(stage)
     critic = {k: v for k, v in network.items() if k != "distribution_cfg"}
     return {
@@ -52,7 +50,7 @@ def ppo_config(stage: StageConfig, privileged: bool = False) -> dict[str, object
             "value_loss_coef": 1.0,
             "max_grad_norm": 1.0,
             "use_clipped_value_loss": True,
-        },
+        },  # fmt: skip
     }
 
 

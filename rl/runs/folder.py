@@ -21,16 +21,17 @@ import subprocess
 import sys
 import time
 import uuid
+from collections.abc import Mapping
 from importlib import metadata
 from pathlib import Path
 from typing import TypeVar
 
 from rl import processes
 from rl.missions import load_scenario
-from rl.runs.measured import measured_files, with_measured
 from rl.runs.records import Software
 from rl.scenario import Scenario
 from taichi_sim.config import ConfigError
+from taichi_sim.config.files import files_of, named_files, with_files
 from taichi_sim.config.io import find_config, read_toml, toml_text, vehicle_file, write_toml
 from taichi_sim.config.plugins import is_plugin, plugin_source
 from taichi_sim.vehicles import vehicle_files
@@ -287,3 +288,20 @@ def _git_commit() -> str | None:
     except (OSError, subprocess.SubprocessError):
         return None
     return commit + ("+changes" if dirty else "")
+
+
+def measured_files(config: Scenario) -> dict[str, list[Path]]:
+    """The files of measurements of a scenario and of its stages: key -> files; a stage's key is stages.X.set.KEY."""
+    found = named_files(config)
+    for name, stage in config.stages.items():
+        found |= {f"stages.{name}.set.{key}": files for key, files in files_of(stage.set).items()}
+    return found
+
+
+def with_measured(config: Scenario, places: Mapping[str, str]) -> Scenario:
+    """The same scenario with new paths for files of measurements, by key."""
+    stages = {}
+    for name, stage in config.stages.items():
+        own = {key: places[full] for key in stage.set if (full := f"stages.{name}.set.{key}") in places}
+        stages[name] = stage.model_copy(update={"set": stage.set | own})
+    return with_files(config.model_copy(update={"stages": stages}), places)

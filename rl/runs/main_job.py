@@ -21,9 +21,8 @@ from rl.evaluation.report import write_report
 from rl.evaluation.report.sources import STRIP
 from rl.evaluation.store import save_evaluation, save_headroom
 from rl.learn.env import Watch
-from rl.learn.history import read_history
 from rl.learn.policy import Policy, load_policy, policies_of
-from rl.learn.progress import HISTORY, spent
+from rl.learn.progress import HISTORY, read_history, spent
 from rl.learn.stages import train_stages
 from rl.mission import ControllerError
 from rl.runs import folder as run_folder

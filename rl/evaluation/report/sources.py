@@ -13,8 +13,7 @@ from rl.evaluation.store import CONTROLLERS, StoredEvaluation, load_evaluation, 
 from rl.evaluation.sweep.config import FOLDER
 from rl.evaluation.sweep.tables import JSON
 from rl.judge import Judge
-from rl.learn.history import read_history
-from rl.learn.progress import HISTORY
+from rl.learn.progress import HISTORY, read_history
 from rl.mission import Histories
 from rl.runs import folder as run_folder
 from rl.runs.records import Meta, Summary, SweepTable

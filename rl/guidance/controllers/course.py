@@ -1,6 +1,6 @@
 """Track control of a displacement vessel that pushes along its nose and turns: the X and N that follow the slot.
 
-Over ground, with the error e = slot - position, the drift z (drift.py), and evasion (../avoidance.py) of what is near:
+Over ground, with the error e = slot - position, the drift z (`Drift`), and evasion (../avoidance.py) of what is near:
 
     v* = v_s + sat(k_e e) + z,   v*' = chi' x v_s + k_e (v_s - v).
 
@@ -26,7 +26,6 @@ import torch
 from torch import Tensor
 
 from rl.guidance.avoidance import Avoider
-from rl.guidance.controllers.drift import Drift
 from rl.guidance.controllers.force_vector import approach, turning, wrap
 from rl.guidance.controllers.vessel import CourseGains, VesselDynamics, loops
 from rl.guidance.knowledge import Knowledge
@@ -35,6 +34,9 @@ from taichi_sim.conventions import GRAVITY
 SPEED_SHARE = 0.95  # of the top speed, the most that is asked for; assumed
 LEAST_SHARE = 0.1  # of the top speed: a shorter velocity has no direction to follow; assumed
 RATE_SHARE = 0.9  # of the top yaw rate, the most that is asked for; assumed
+COURSE_TIME = 8.0  # s of the integral of the course error; assumed
+COURSE_ERROR = 0.5  # its sine: greater ones are turns; assumed
+DRIFT_SHARE = 0.2  # of the top speed, the greatest drift; assumed
 EVADING = 1e-3  # m/s: less of a change by avoidance is rounding
 
 
@@ -125,6 +127,58 @@ class Course:
         R, omega = team.fleet.R_nb, team.fleet.angular_velocity_b
         down_rate = R[..., :2, 0] * omega[..., 1:2] - R[..., :2, 1] * omega[..., 0:1]  # of R e_3: R (omega x e_3)
         return -GRAVITY * (R[..., :2, 2] + 0.5 * self.interval * down_rate)
+
+
+class Drift:
+    """Drift of a team: the velocity over ground that compensates current, wind and sway, added to the desired one.
+
+    It is the integral of the position error, z' = k_i e, in n, where a current is constant however the hull turns. It
+    does not wind up: it waits while the hull cannot follow its command, or is farther off than a drift explains, and it
+    is limited. Far from a slot about a target, the course over ground is held instead, by the integral of the velocity
+    error to the side of the command: the integral action of line-of-sight guidance (Børhaug, Pavlov & Pettersen 2008,
+    IEEE CDC, eq. 7, in terms of velocities). An episode begins without a drift.
+    """
+
+    STATE = ("place", "moved", "value", "given")
+
+    def __init__(self, k_i: float, top_speed: float, interval: float):
+        """`k_i` 1/s^2, `top_speed` m/s, `interval` s."""
+        self.interval, self.step, self.most = interval, k_i * interval, DRIFT_SHARE * top_speed
+        self.place: Tensor | None = None  # as are the others, before the first decision
+        self.moved: Tensor | None = None
+        self.value: Tensor | None = None
+        self.given: Tensor | None = None
+
+    def at(self, position: Tensor, begins: Tensor) -> Tensor:
+        """The drift (m/s) of vehicles at `position` (m), both [env, vehicle, 2]; 0 where an episode `begins` [env]."""
+        place, value, given = self.place, self.value, self.given
+        if place is None or value is None or given is None or place.shape != position.shape:
+            place, value = position, torch.zeros_like(position)
+            given = value
+        fresh = begins.view(-1, 1, 1)
+        self.value = torch.where(fresh, 0.0, value)
+        self.moved = ~fresh & (position != place).any(-1, keepdim=True)
+        self.given = torch.where(self.moved | fresh, self.value, given)  # or asked again about the same moment
+        self.place = position.clone()
+        return self.given
+
+    def learn(self, error: Tensor, able: Tensor) -> None:
+        """Integrate `error` [env, vehicle, 2] (m) of those that are `able` [env, vehicle, 1] to follow."""
+        self._add(self.step * error, able)
+
+    def correct(self, wanted: Tensor, velocity: Tensor, able: Tensor) -> None:
+        """Integrate the part of `velocity` across `wanted` (m/s), both [env, vehicle, 2], of those that are `able`."""
+        speed = wanted.norm(dim=-1, keepdim=True).clamp(min=1e-6)
+        side = torch.stack((-wanted[..., 1], wanted[..., 0]), dim=-1) / speed
+        off = (velocity * side).sum(-1, keepdim=True)
+        steady = off.abs() < COURSE_ERROR * velocity.norm(dim=-1, keepdim=True)
+        self._add(-self.interval / COURSE_TIME * off * side, able & steady)
+
+    def _add(self, change: Tensor, able: Tensor) -> None:
+        assert self.value is not None and self.moved is not None, "`at` comes first"
+        value = self.value + change
+        value = value * (self.most / value.norm(dim=-1, keepdim=True).clamp(min=1e-6)).clamp(max=1.0)
+        self.value = torch.where(able & self.moved & value.isfinite(), value, self.value)
 
 
 def formation_velocity(team: Knowledge) -> Tensor:

@@ -80,8 +80,17 @@ class FixedWing6DofController(SlotController):
         self.closing, self.intercept = self.gains.closing_share * (high - low), self.gains.intercept_share * cruise
 
     def wanted(self, team: Knowledge) -> "FlightCommand":
-        """Towards the slots."""
-        return self._wanted(team, self._way_flown(velocity_through_air(team))[1])
+        """Towards the slots, along and aside of the way flown through the air."""
+        nose = self._way_flown(velocity_through_air(team))[1]
+        slot, now, climb = team.now.slot_velocity, team.now, self.limits.climb
+        (along, aside), (along_rate, aside_rate) = (into(x[..., :2], nose) for x in (now.error, now.error_rate))
+        x, x_rate = _chase(along, along_rate, self.k_along, BRAKING, self.closing)
+        y, y_rate = _chase(aside, aside_rate, self.k_aside, self.gains.bank_share * self.side, self.intercept)
+        north, east = into(torch.stack((x, y), dim=-1), (nose[0], -nose[1]))
+        down = (self.loops.height * now.error[..., 2]).clamp(-climb, climb)
+        direct = slot + torch.stack((north, east, down), dim=-1)
+        velocity = self.avoid(team, direct)
+        return FlightCommand(velocity, (x_rate, y_rate), (velocity - direct).norm(dim=-1) > EVADING)
 
     def act(self, team: Knowledge, wanted: "FlightCommand") -> Tensor:
         """Actions [env, vehicle, (pitch or climb, yaw, boost)] in [-1, 1]; none where the state is not finite."""
@@ -103,18 +112,6 @@ class FixedWing6DofController(SlotController):
         """Level speed (m/s) and (cos, sin) of the course of a velocity `air` [.., 3]."""
         level = air[..., :2].norm(dim=-1).clamp(min=self.limits.floor)
         return level, (air[..., 0] / level, air[..., 1] / level)
-
-    def _wanted(self, team: Knowledge, nose: tuple[Tensor, Tensor]) -> "FlightCommand":
-        """v* where (cos, sin) `nose` is the way flown through the air."""
-        slot, now, climb = team.now.slot_velocity, team.now, self.limits.climb
-        (along, aside), (along_rate, aside_rate) = (into(x[..., :2], nose) for x in (now.error, now.error_rate))
-        x, x_rate = _chase(along, along_rate, self.k_along, BRAKING, self.closing)
-        y, y_rate = _chase(aside, aside_rate, self.k_aside, self.gains.bank_share * self.side, self.intercept)
-        north, east = into(torch.stack((x, y), dim=-1), (nose[0], -nose[1]))
-        down = (self.loops.height * now.error[..., 2]).clamp(-climb, climb)
-        direct = slot + torch.stack((north, east, down), dim=-1)
-        velocity = self.avoid(team, direct)
-        return FlightCommand(velocity, (x_rate, y_rate), (velocity - direct).norm(dim=-1) > EVADING)
 
     def _turn_rate(self, team: Knowledge, wanted: "FlightCommand", to_fly, nose, most: Tensor) -> Tensor:
         """Rate (rad/s) of the course that follows `to_fly` (along, aside); `most` in the steepest turn."""

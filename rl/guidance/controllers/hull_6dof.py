@@ -29,7 +29,7 @@ class Hull6DofGains(CourseGains):
 
 
 class Hull6DofController(SlotController):
-    """Acts for a team of hulls; remembers their drift alone (drift.py)."""
+    """Acts for a team of hulls; remembers their drift alone."""
 
     STATE = ("course",)
     Gains = Hull6DofGains
@@ -73,15 +73,11 @@ def vessel(model: Hull6Dof, thrusters: PropellerPair) -> VesselDynamics:
     section = 0.5 * h.cross_flow_density * h.cross_flow_draft * h.cross_flow_coefficient
     L = h.cross_flow_length
     return VesselDynamics(
-        m11=float(M[0, 0]),
-        m22=float(M[1, 1]),
-        m33=float(M[5, 5]),
-        surge=Resistance(h.linear[0], h.quadratic[0]),
+        m11=float(M[0, 0]), m22=float(M[1, 1]), m33=float(M[5, 5]), surge=Resistance(h.linear[0], h.quadratic[0]),
         sway=Resistance(h.linear[1], h.quadratic[1] + section * L),
-        yaw=Resistance(h.linear[5], h.quadratic[5] + section * L**4 / 32),
-        thrust=2 * thrusters.thrust_max,
+        yaw=Resistance(h.linear[5], h.quadratic[5] + section * L**4 / 32), thrust=2 * thrusters.thrust_max,
         moment=_arm(thrusters) * (thrusters.thrust_max - thrusters.thrust_min),
-    )
+    )  # fmt: skip
 
 
 def shares(t: PropellerPair, load: Load, *, astern: bool) -> tuple[Tensor, Tensor]:

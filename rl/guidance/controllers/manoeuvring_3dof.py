@@ -21,7 +21,7 @@ class Manoeuvring3dofGains(CourseGains):
 
 
 class Manoeuvring3dofController(SlotController):
-    """Acts for a team of vessels; remembers their drift alone (drift.py)."""
+    """Acts for a team of vessels; remembers their drift alone."""
 
     STATE = ("course",)
     Gains = Manoeuvring3dofGains
@@ -52,13 +52,7 @@ def vessel(p: Manoeuvring3dofParams) -> VesselDynamics:
     """The vessel with the sway force of a yaw rate, and without the yaw moment of a sway."""
     M = p.M
     return VesselDynamics(
-        m11=float(M[0, 0]),
-        m22=float(M[1, 1]),
-        m33=float(M[2, 2]),
-        surge=Resistance(-p.X_u, -p.X_uu, -p.X_uuu),
-        sway=Resistance(-p.Y_v, -p.Y_vv),
-        yaw=Resistance(-p.N_r, -p.N_rr),
-        thrust=p.surge_force_max,
-        moment=p.yaw_moment_max,
-        sway_yaw=-p.Y_r,
-    )
+        m11=float(M[0, 0]), m22=float(M[1, 1]), m33=float(M[2, 2]), surge=Resistance(-p.X_u, -p.X_uu, -p.X_uuu),
+        sway=Resistance(-p.Y_v, -p.Y_vv), yaw=Resistance(-p.N_r, -p.N_rr), thrust=p.surge_force_max,
+        moment=p.yaw_moment_max, sway_yaw=-p.Y_r,
+    )  # fmt: skip

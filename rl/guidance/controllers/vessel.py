@@ -123,10 +123,6 @@ def loops(vessel: VesselDynamics, gains: CourseGains, interval: float) -> Loops:
     lead = 0.0 if vessel.turns_outward else min(max(COURSE_SHARE * w / s - 1, 0.0), MOST_LEAD)
     p = min(gains.position_share * w, LAG_SHARE * s * (1 + lead))
     return Loops(
-        k_e=2 * p,
-        k_i=p * p,
-        k_u=(1 - math.exp(-gains.speed_bandwidth * interval)) / interval,
-        k_psi=k / (k_r + d),
-        k_r=k_r,
-        lead=lead,
-    )
+        k_e=2 * p, k_i=p * p, k_u=(1 - math.exp(-gains.speed_bandwidth * interval)) / interval, k_psi=k / (k_r + d),
+        k_r=k_r, lead=lead,
+    )  # fmt: skip

@@ -13,16 +13,17 @@ import torch
 from torch import Tensor
 
 from rl.course.traffic import RADIUS, TOP, Bodies
+from rl.guidance.controllers import CONTROLLERS
 from rl.mission import Endings, Frame, Histories, Mission, Step
 from rl.missions.escort import rewards
 from rl.missions.escort.aircraft import EscortAircraft, aircraft_observers
 from rl.missions.escort.boats import EscortBoats, boat_observers
 from rl.missions.escort.checks import check_parts, check_slots, warn_of_speeds
 from rl.missions.escort.config import EscortScenario
-from rl.missions.escort.control import controller_of
 from rl.missions.escort.film import overlays_of
 from rl.missions.escort.judge import EscortJudge
 from rl.missions.escort.objects import write_objects
+from rl.missions.escort.orbit import OrbitController, OrbitGains
 from rl.missions.escort.scouts import Scouts, scout_observers
 from rl.missions.escort.shapes import escort_offsets
 from rl.missions.escort.starts import afloat, aloft
@@ -33,9 +34,11 @@ from rl.perception.columns import Sighting
 from rl.rewards import fine, paid
 from rl.seeds import derive_seed
 from rl.team import Controller
+from taichi_sim.config.io import validate
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.counters import Noise
 from taichi_sim.recording.episode import Episode, Scene
+from taichi_sim.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
 
 VESSEL_TOP = 4.0  # m above the sea: aircraft pass above; assumed
 RESULT_SCALE = 8.0  # m from its slot, at which a boat's result is a half; assumed
@@ -281,9 +284,20 @@ class Escort(Mission[EscortScenario, EscortBoats | EscortAircraft]):
         write_escort_figures(out, histories, episode, config)
 
     def controller(self, team: EscortBoats | EscortAircraft) -> Controller | None:
-        """The vehicle's own controller, else that of control.py."""
-        own = super().controller(team)
-        return controller_of(team) if own is None else own
+        """The vehicle's own controller; else for boats that of formations, for aircraft that of orbit.py, if any.
+
+        Raises:
+            ConfigError: for unknown gains.
+        """
+        own, model = super().controller(team), team.fleet.model
+        gains, key = dict(team.section.control), f"{team.name}.control"
+        if own is not None:
+            return own
+        if isinstance(team, EscortAircraft):
+            flies = isinstance(model, FixedWing6DOF)
+            return OrbitController(model, validate(OrbitGains, gains, key)) if flies else None
+        kind = next((CONTROLLERS[base] for base in type(model).__mro__ if base in CONTROLLERS), None)
+        return None if kind is None else kind(model, validate(kind.Gains, gains, key))
 
 
 MISSION = Escort

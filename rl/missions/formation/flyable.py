@@ -39,16 +39,12 @@ def check_teams(config: FormationScenario, models: Mapping[str, Vehicle]) -> Non
         )
     for name, model in models.items():
         section = config.formations[name]
-        check_lanes(config.track, name, section)
-        check_flyable(config, f"{name}.vehicle = {section.vehicle!r}", model)
+        _check_lanes(config.track, name, section)
+        _check_flyable(config, f"{name}.vehicle = {section.vehicle!r}", model)
 
 
-def check_lanes(track: TrackConfig, name: str, team: FormationTeam) -> None:
-    """Refuse a formation of the team `name` that is wider than the tightest bend.
-
-    Raises:
-        ConfigError: naming the keys, and the numbers.
-    """
+def _check_lanes(track: TrackConfig, name: str, team: FormationTeam) -> None:
+    """Refuse a formation of the team `name` that is wider than the tightest bend."""
     spacing = team.spacings[1]
     for shape in team.shapes:
         width = lane_half_width((shape,), team.count, spacing)
@@ -60,13 +56,8 @@ def check_lanes(track: TrackConfig, name: str, team: FormationTeam) -> None:
             )
 
 
-def check_flyable(config: FormationScenario, vehicle: str, model: Vehicle) -> None:
-    """Refuse a track that `model`, of the vehicle file `vehicle`, cannot follow. A vehicle that can stop follows any
-    track.
-
-    Raises:
-        ConfigError: naming the key, and the numbers.
-    """
+def _check_flyable(config: FormationScenario, vehicle: str, model: Vehicle) -> None:
+    """Refuse a track that `model`, of the file `vehicle`, cannot follow; a vehicle that can stop follows any track."""
     low, cruise, high = model.limits.speeds
     if model.limits.stops or math.isinf(high):
         return

@@ -169,13 +169,9 @@ class Slots:
             self._left = state.new_zeros(envs)
             self._changes = state.new_zeros((envs, max(1, (steps - 1) // self._every), 2))
             self._pack = runtime.Packed(
-                SlotsPack,
-                table=self.table,
-                left=self._left,
-                changes=self._changes,
-                units=self._units.to(state),
+                SlotsPack, table=self.table, left=self._left, changes=self._changes, units=self._units.to(state),
                 numbers=state.new_tensor([interval, glide]),
-            )
+            )  # fmt: skip
             self._form = SlotsForm(self._every, runtime.few(envs, ADVANCE))
             self._launch = runtime.Launcher(_advance)
         everywhere = torch.zeros(envs, dtype=torch.int64, device=state.device)

@@ -54,12 +54,9 @@ class Starts(NamedTuple):
 
 
 def draw_starts(
-    config: FormationScenario,
-    tracks: Tracks,
-    obstacles: Tensor,
-    models: Mapping[str, Vehicle],
+    config: FormationScenario, tracks: Tracks, obstacles: Tensor, models: Mapping[str, Vehicle],
     generator: torch.Generator,
-) -> Starts:
+) -> Starts:  # fmt: skip
     """Draw `PER_WORLD` starts in each world for the teams named in `models`."""
     shape = (tracks.worlds, PER_WORLD)
     world = torch.arange(tracks.worlds).unsqueeze(1).expand(shape).contiguous()
