@@ -1,9 +1,7 @@
 """Classical controllers that hold slots, by the class of the vehicle model they are made for.
 
-A controller is a class, built from the model and its `Gains`. It acts by what a team knows (rl/guidance/knowledge.py),
-in two steps between which a policy may correct it: `wanted(team)` gives a tuple whose `velocity` is the velocity
-command v* [env, vehicle, 2 or 3] (m/s, NED); `act(team, wanted)` gives the actions that follow it. `gains` are those it
-was built from. A vehicle may bring a controller of its own (`Vehicle.controller`), which then takes precedence.
+Each derives from `SlotController` (avoidance.py). A controller that a vehicle brings (`Vehicle.controller`) takes
+precedence.
 """
 
 from rl.guidance.avoidance import SlotController

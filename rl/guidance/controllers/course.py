@@ -41,10 +41,10 @@ EVADING = 1e-3  # m/s: less of a change by avoidance is rounding
 
 
 class Load(NamedTuple):
-    """Asked of the actuators, each [env, vehicle]; not limited."""
+    """Loads demanded of the actuators, without limits, each [env, vehicle]."""
 
     X: Tensor  # N
-    Y: Tensor  # N, of those who can push to the side
+    Y: Tensor  # N, for vessels that can push to the side
     N: Tensor  # N m
 
 
@@ -73,7 +73,7 @@ class Course:
         self.turn = vessel.moment / vessel.m33
 
     def load(self, team: Knowledge, wanted: CourseCommand) -> Load:
-        """Loads that follow what is wanted."""
+        """Loads that follow the command."""
         k, ship = self.loops, self.vessel
         heading = team.fleet.heading
         u, sway = into(team.fleet.velocity_n[..., :2], heading)
@@ -112,9 +112,9 @@ class Course:
         return CourseCommand(wanted + drift, change)
 
     def _fastest(self, slot: Tensor, chase: Tensor, about: bool) -> Tensor:
-        """The speed [env, vehicle, 1] (m/s) that may be added to the slot's velocity, so that their sum stays below the
-        top speed: in any direction; or, of slots `about` a target that may be far, in that of the `chase` (constant
-        bearing guidance: Breivik & Fossen 2009, Guidance laws for autonomous underwater vehicles, sec. 5.2).
+        """Most speed [env, vehicle, 1] (m/s) of the `chase`, so that with the slot's velocity it stays below the top
+        speed: in any direction; for slots `about` a target, which may be far, in its own direction (constant bearing
+        guidance: Breivik & Fossen 2009, Guidance laws for autonomous underwater vehicles, sec. 5.2).
         """
         own = slot.norm(dim=-1, keepdim=True)
         if not about:

@@ -39,8 +39,7 @@ def boat_observers(mission: "Escort", name: str, first: int) -> ObserverGroup:
 
 
 class EscortBoats(ResidualTeam):
-    """Measures the boats after each step; everything is [env, boat, ...]. The team is its own ground truth
-    (`Knowledge`).
+    """The team of boats, measured after each step; every tensor is [env, boat, ...]. It is its own ground truth.
 
     Attributes:
         now: errors from the slots about the true vessel; known.now: about the vessel as each boat knows it.
@@ -114,7 +113,7 @@ class EscortBoats(ResidualTeam):
 
     @property
     def privileged(self) -> Tensor | None:
-        """Ground truth [env, boat, n]: the observations of a boat that knew it, and what varies."""
+        """Ground truth [env, boat, n]: the observations without errors of measurement, and the numbers that vary."""
         parts = [self._true(self.action, self.reference())]
         if self.mission.config.varies:
             parts.append(self.mission.world.truth[self.name])
@@ -137,8 +136,9 @@ def squashed(x: Tensor, scale: float) -> Tensor:
 class MeasuredBoats:
     """Knowledge of the boats (rl/guidance/knowledge.py).
 
-    Attributes: fleet: own state as measured. now: errors from the slots about the vessel as known. sensor: charted
-        objects near, team mates as measured. target: the vessel as known, a row for each boat.
+    Attributes:
+        fleet: own state as measured. target: each boat's estimate of the vessel, a row for each boat.
+        now: errors from the slots about that estimate. sensor: charted objects near, team mates as measured.
     """
 
     STATE = ("target", "now", "sensor")

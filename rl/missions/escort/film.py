@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from rl.missions.escort.scouts import Scouts
 
 Frames = Mapping[str, NDArray[np.float64]]
-"""What is drawn, by name, [frame, ...]."""
+"""Data of the drawings: name -> [frame, ...]."""
 
 FOOTPRINT, SIGHT, MESSAGE, LOST, BELIEVED, CIRCLE = (
     (255, 214, 90), (255, 230, 140), (90, 200, 120), (225, 60, 60), (250, 120, 220), (150, 170, 190)

@@ -19,8 +19,8 @@ SEEN_SHARE = 0.9  # success of aircraft: least share of the time after the first
 
 
 class EscortJudge(ErrorJudge["Escort", EscortScenario]):
-    """Measures boats: time of arrival, errors [step, env, boat] after it (m; NaN where not measured). Measures
-    aircraft: view of the vessel, gaps on the circle. Measures both: age of their news of the vessel, energy.
+    """Measures of boats the time of arrival and the errors after it; of aircraft their view of the vessel and the gaps
+    on the circle; of both the age of their estimate of the vessel, and energy.
     """
 
     definitions = {
@@ -52,7 +52,7 @@ class EscortJudge(ErrorJudge["Escort", EscortScenario]):
                "collision_free_episodes", "success_rate")  # fmt: skip
 
     def __init__(self, mission: "Escort", team: str):
-        """Watch `team`."""
+        """Measure `team`."""
         super().__init__(mission, team)
         envs, vehicles = self.collided.shape
         self.boats = team == mission.config.escort.boats

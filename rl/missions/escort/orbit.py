@@ -61,11 +61,11 @@ class OrbitController:
         return self.act(team, self.wanted(team))
 
     def act(self, team: "MeasuredAircraft", wanted: FlightCommand) -> Tensor:
-        """Actions that fly what is wanted."""
+        """Actions [env, aircraft, action] in [-1, 1] that follow the command."""
         return self.flight.act(team, wanted)
 
     def wanted(self, team: "MeasuredAircraft") -> FlightCommand:
-        """v* of `team` (aircraft.py), and how it turns."""
+        """The velocity command of the field above, its change, and whether it evades."""
         loops, limits = self.flight.loops, self.flight.limits
         v, air, R = team.fleet.velocity_n, velocity_through_air(team), team.orbit.radius
         low, cruise, high = limits.speeds

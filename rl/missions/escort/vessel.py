@@ -36,9 +36,9 @@ if TYPE_CHECKING:
     from taichi_sim.world import World
 
 EDGE = 0.4  # of the area's side: further out it turns back
-SEEN, BOATS = 3, 2  # obstacles and boats that it keeps clear of at once
+SEEN, BOATS = 3, 2  # nearest obstacles and boats that it avoids
 REACH = 40.0  # m, detection range
-SMOOTH = 5.0  # s: its course over ground is that of its velocity, averaged so
+SMOOTH = 5.0  # s, time constant of the averaged velocity, whose direction is the course; assumed
 
 
 class Wanderer(Script):
@@ -57,7 +57,7 @@ class Wanderer(Script):
     radio = None
 
     def __init__(self, world: "World", name: str):
-        """Act for the team `name`, of vessels whose classical controller can sail a velocity."""
+        """Command team `name`, of vessels whose classical controller follows velocity commands."""
         super().__init__(world, name)
         self.config, self.fleet = cast(EscortScenario, world.config), world.teams[name]
         model, state = self.fleet.model, self.fleet.state
@@ -83,7 +83,7 @@ class Wanderer(Script):
         self.sensor.obstacles = self._sensor.obstacles
         self._avoid = Avoider(self.controller.gains)
         self._time, self._next = state.new_zeros(envs), torch.zeros(envs, dtype=torch.int64, device=state.device)
-        self._plan = state.new_zeros((envs, changes, 3))  # when (s), to what course (rad) and speed (m/s)
+        self._plan = state.new_zeros((envs, changes, 3))  # of each change: time (s), course (rad), speed (m/s)
         self._steered, self._course = state.new_zeros(envs), state.new_zeros(envs)
         self._speed, self.velocity = state.new_zeros(envs), state.new_zeros((envs, 2))
         self._mission: Escort | None = None

@@ -12,7 +12,7 @@ import math
 from collections.abc import Mapping
 
 from rl.guidance.shapes import lane_half_width
-from rl.missions.formation.config import FormationScenario, FormationTeam, TrackConfig
+from rl.missions.formation.config import FormationScenario
 from rl.perception.wind_triangle import LEAST_SHARE, strongest_wind
 from taichi_sim.config import ConfigError
 from taichi_sim.vehicle import Vehicle
@@ -38,22 +38,16 @@ def check_teams(config: FormationScenario, models: Mapping[str, Vehicle]) -> Non
             f"track.speed_over = 'air': only {', '.join(models)} is simulated, and nothing flies; it needs 'ground'"
         )
     for name, model in models.items():
-        section = config.formations[name]
-        _check_lanes(config.track, name, section)
+        section, least = config.formations[name], config.track.min_radius
+        for shape in section.shapes:
+            width = lane_half_width((shape,), section.count, section.spacings[1])
+            if width >= least:
+                raise ConfigError(
+                    f"track.min_radius = {least}: {name}'s formation {shape!r} ({name}.count = {section.count}, "
+                    f"{section.spacings[1]:g} m apart) reaches {width:.3g} m to the side of its leader: slots on the "
+                    "inside of the tightest bends would stand still or go backwards"
+                )
         _check_flyable(config, f"{name}.vehicle = {section.vehicle!r}", model)
-
-
-def _check_lanes(track: TrackConfig, name: str, team: FormationTeam) -> None:
-    """Refuse a formation of the team `name` that is wider than the tightest bend."""
-    spacing = team.spacings[1]
-    for shape in team.shapes:
-        width = lane_half_width((shape,), team.count, spacing)
-        if width >= track.min_radius:
-            raise ConfigError(
-                f"track.min_radius = {track.min_radius}: {name}'s formation {shape!r} ({name}.count = {team.count}, "
-                f"{spacing:g} m apart) reaches {width:.3g} m to the side of its leader: slots on the inside of the "
-                "tightest bends would stand still or go backwards"
-            )
 
 
 def _check_flyable(config: FormationScenario, vehicle: str, model: Vehicle) -> None:

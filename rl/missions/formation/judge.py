@@ -20,10 +20,7 @@ if TYPE_CHECKING:
 
 
 class FormationJudge(ErrorJudge["Formation", FormationScenario]):
-    """Measures the distance of every vehicle from its slot: errors [step, env, vehicle] in m, NaN where not measured.
-
-    gap: [env], m, least clearance of any vehicle of the team in the measured time; inf before.
-    """
+    """Measures errors, evasions, and `gap` [env], the team's least clearance (m) so far; inf before any."""
 
     definitions = {
         "leader_error_rms_m": "root mean square distance of the leader from its target, over time and episodes",
@@ -113,7 +110,7 @@ class FormationJudge(ErrorJudge["Formation", FormationScenario]):
 
     @classmethod
     def line(cls, figures: dict[str, float | None]) -> str:
-        """The figures of one team as a line to read."""
+        """The figures of one team as a readable line."""
         leader, followers = (
             "not measured" if figures[f"{who}_error_rms_m"] is None else f"{figures[f'{who}_error_rms_m']:.2f} m rms"
             for who in ("leader", "follower")

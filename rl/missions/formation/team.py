@@ -27,7 +27,7 @@ GLIDE_SHARE = 0.15  # of the target's speed, with which slots glide to a new for
 
 
 class TeamTask(ResidualTeam):
-    """Measures one team after each step; everything is [env, vehicle, ...]. It is its own ground truth (`Knowledge`).
+    """One team, measured after each step; every tensor is [env, vehicle, ...]. It is its own ground truth.
 
     Attributes:
         target: what its leader tracks. now: errors as of the last step or reset (geometry.py).
@@ -55,7 +55,7 @@ class TeamTask(ResidualTeam):
         self.offsets, self.slot_table = self.slots.offsets, self.slots.table
         sensing, frame = config.sensing, "body" if flies else "heading"
         reach = sensing.detection_range
-        # As many team mates in a team of one as in one of sixteen: what is not there is out of range.
+        # The number of mates observed does not depend on the team's size: one that does not exist is out of range.
         self.sensor = Sensor(self.fleet, sensing.obstacles, sensing.team_mates, reach, self.radius, frame)
         self.now = Geometry(self.fleet, targets.table, down, self.slot_table, self.axes)
         self.target = Target(targets.table, self.now.slot[:, 0])
@@ -77,7 +77,7 @@ class TeamTask(ResidualTeam):
 
     @property
     def privileged(self) -> Tensor | None:
-        """Ground truth [env, vehicle, n] that its vehicles do not know: errors and surroundings, and what varies."""
+        """Ground truth [env, vehicle, n] that its vehicles do not know: errors, surroundings, numbers that vary."""
         parts = []
         if self._true is not None:
             parts.append(self._true(self.action, self.reference()))
