@@ -184,15 +184,15 @@ def _pool(trial: Trial, parts: Sequence[_Part]) -> EvaluationOutcome | Exception
     kind = mission_class(trial.config, trial.source).Judge
     seen = {name: [part.judges[name] for part in parts] for name in trial.policies}
     of_each = {name: kind.episodes(chunks, trial.config) for name, chunks in seen.items()}
-    worst, median = choose(kind, of_each)
+    chosen = choose(kind, of_each)
     result: EvaluationResult = {
         "controller": trial.controller,
         "scenario": trial.config.name,
         "seed": trial.seed,
         "episodes": trial.episodes,
         "teams": {name: kind.figures(chunks, trial.config) for name, chunks in seen.items()},
-        "worst_episode": worst,
-        "median_episode": median,
+        "worst_episode": chosen["worst"],
+        "median_episode": chosen["median"],
     }
     return EvaluationOutcome(result, of_each, {}, [crash for part in parts for crash in part.crashes][:MAX_CRASHES])
 
@@ -214,11 +214,11 @@ def _excerpt(trial: Trial, number: int, episode: int, logs: Mapping[tuple[int, i
     return log.excerpt(episode - first)
 
 
-def choose(kind: type[Judge], episodes: Mapping[str, Episodes]) -> tuple[int, int]:
+def choose(kind: type[Judge], episodes: Mapping[str, Episodes]) -> dict[str, int]:
     """Numbers of the worst and of the median episode over all teams."""
     bad = np.maximum.reduce([kind.badness(of_team) for of_team in episodes.values()])
     order = np.lexsort(bad[::-1])
-    return int(order[-1]), int(order[(len(order) - 1) // 2])
+    return {"worst": int(order[-1]), "median": int(order[(len(order) - 1) // 2])}
 
 
 def mission_class(config: Scenario, source: Path | None) -> type[Mission]:
