@@ -24,6 +24,8 @@ Controller = Callable[..., Tensor]
 class Team(Generic[M, S]):
     """One team of a mission, as its policy sees it; a mission may derive a class of its own.
 
+    Type parameters: the class of the mission, and that of the team's section (`Team["Ferry", FerrySection]`).
+
     Attributes:
         mission: the mission. name: of the team. section: the team's section of the scenario. fleet: the vehicles.
         action, previous_action: [env, vehicle, action] of the last two steps, zero at the start of an episode.
