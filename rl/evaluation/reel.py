@@ -12,7 +12,7 @@ from taichi_sim.recording import Episode, Event, Recorder, Scene
 from taichi_sim.recording.overlays import Note, Overlay
 
 Rows = Mapping[str, Mapping[str, np.ndarray]]
-"""team -> what a recording shows of it in one frame, besides its vehicles."""
+"""Team -> name -> values that a recording shows in one frame, besides the vehicles."""
 
 
 class EpisodeOptions(TypedDict, total=False):
@@ -34,7 +34,7 @@ class Reel:
     """Frames of environment `env` of a mission."""
 
     def __init__(self, mission: Mission, env: int = 0, after: float = 0.0) -> None:
-        """Begin; the clock says by now `after` (s)."""
+        """Record environment `env` of `mission`; the clock begins at `after` (s)."""
         self.mission, self.env = mission, env
         self.recorder = Recorder(mission.world, env, after)
         self._frames: list[tuple[Rows, tuple[Overlay, ...]]] = []

@@ -8,7 +8,7 @@ J. Robotics Research 17(7), sampled). With v the present velocity, the v' of lea
 
 Without the third term a vehicle that comes up from behind would stay there, slowly, instead of passing. A vehicle
 whose slot surrounds a target, itself an obstacle, also tries shares of its closing velocity: at full speed the risks
-say that it cannot stop in time. It evades at its own speed, because its slot may be far away and have another speed.
+say that it cannot stop in time. It then evades at its own speed, not the slot's, which may be far away and differ.
 
 A vehicle changes its velocity with an acceleration a, in T = |v' - v| / a. It is then where it would be if it had begun
 (v - v') T / 2 further on (acceleration-velocity obstacles, van den Berg, Snape, Guy & Manocha 2011, ICRA). The risk of
@@ -60,7 +60,7 @@ AroundPack = ti.types.argpack(
 
 
 class AvoidanceGains(Strict):
-    """Gains of a controller that may be tuned, `[TEAM.control]` of a scenario; these are of avoidance."""
+    """Gains of avoidance. Controllers add their own; `[TEAM.control]` of a scenario sets them, and rl/tune.py tunes."""
 
     acceleration: Positive  # a, m/s^2
     horizon: Positive = 8.0  # s

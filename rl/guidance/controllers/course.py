@@ -4,8 +4,9 @@ Over ground, with the error e = slot - position, the drift z (`Drift`), and evas
 
     v* = v_s + sat(k_e e) + z,   v*' = chi' x v_s + k_e (v_s - v).
 
-The slot's velocity v_s is that of the formation (target's, and swing about the leader): the leader's own also has the
-waves in it, which a follower would chase in vain. Speed, u* being the part of v* along the nose and a the waves' push:
+The slot's velocity v_s is that of the formation (the target's, plus the swing about the leader). The leader's measured
+velocity also contains its motion in waves, which a follower would chase in vain. Speed, u* being the part of v* along
+the nose and a the waves' push:
 
     X = m11 (v*'_x + k_u (u* - u) - a_x) + d_u(u*).
 
@@ -16,8 +17,9 @@ target's rate; more so (`lead`, vessel.py) where the course is slow to follow:
     N = m33 k_r (r* - r) + d_r(r*).
 
 Waves: the hull floats on the water's slope, so its tilt measures a = -g (R_nb e_3)_{n,e}. Thrust cancels that along the
-nose. To starboard, only a turn can, and a turn in every wave costs the moment, and the thrust, that steering needs:
-hence heading and not the course over ground is fed back, in which the waves' sway is not seen, and wave_share is small.
+nose. To starboard only a turn can, and a turn in every wave costs moment and thrust that steering needs. Therefore
+wave_share is small, and the heading is fed back, which does not contain the sway in waves as the course over ground
+does.
 """
 
 from typing import NamedTuple

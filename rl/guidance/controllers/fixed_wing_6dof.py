@@ -15,7 +15,7 @@ chi_a through the air (ch. 9.2), follows the turning of v* - w, of which v_s' is
 
     tan phi = (V_a / g) (chi_a*' + k_course (chi_a* - chi_a)).
 
-Followers must be able to turn with their leader: to get back to its slot it spends leader_share of the bank alone.
+A leader turns back to its slot with at most leader_share of the bank, so that its followers can turn with it.
 Height: the climb of the slot and k_height times the error; the pitch that climbs so, as in the autopilot's own loop.
 """
 

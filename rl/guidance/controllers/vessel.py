@@ -8,8 +8,8 @@ How quickly a vessel can turn is set by its greatest moment: the heading loop ha
 
 so that it spends the whole moment on a heading error of heading_error. The slower loops around it are shares of w.
 Sway dies out at s = d_v / m22, and with it the course chi follows the nose psi: chi' = s (psi - chi) + ... Where that
-is slower than COURSE_SHARE w, the nose is held ahead of the course by `lead` times the course error, which makes it so:
-chi' = s (1 + lead) (chi* - chi). Not where turning pushes the hull out of the turn first: there a lead would do harm.
+is slower than COURSE_SHARE w, the nose is held ahead of the course by `lead` times the course error, which gives
+chi' = s (1 + lead) (chi* - chi). There is no lead where a yaw rate first pushes the hull outward: it would harm.
 """
 
 import math
