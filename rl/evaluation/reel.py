@@ -30,7 +30,7 @@ class _Drawn(TypedDict):
     scene: Scene | None
 
 
-class Reel:
+class EpisodeReel:
     """Frames of environment `env` of a mission."""
 
     def __init__(self, mission: Mission, env: int = 0, after: float = 0.0) -> None:

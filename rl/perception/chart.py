@@ -25,7 +25,7 @@ from typing import NamedTuple
 import taichi as ti
 from torch import Tensor
 
-from rl.perception.columns import Message, Object, Report, Sighting
+from rl.perception.columns import Message, Object, Sighting, SightingReport
 from rl.perception.encoding import store_obstacle
 from rl.perception.radio import NEVER
 from rl.perception.sensors import Nearby, Sight, insert
@@ -115,18 +115,20 @@ def _keep(
                         0.0,
                         speed,
                     )
-                at = Message.SIZE + Report.SIZE * k
+                at = Message.SIZE + SightingReport.SIZE * k
                 for j in range(senders):
-                    then = chart.heard[e, i, j, at + Report.AGE]  # age of the sighting when the message was sent
+                    then = chart.heard[e, i, j, at + SightingReport.AGE]  # when the message was sent
                     old = then + chart.heard[e, i, j, age]
                     if which[e] == 1:
                         chart.taken[e, i, j, k] += dt
                     # `taken` is how long ago the last look that was taken of this sender was made
                     if j != i and then >= 0 and old < OLDEST and old < chart.taken[e, i, j, k] - 0.5 * dt:
                         chart.taken[e, i, j, k] = old
-                        fold(t, chart.heard[e, i, j, at + Report.NORTH],
-                             chart.heard[e, i, j, at + Report.EAST], chart.heard[e, i, j, at + Report.VARIANCE],
-                             old, speed)  # fmt: skip
+                        fold(
+                            t, chart.heard[e, i, j, at + SightingReport.NORTH],
+                            chart.heard[e, i, j, at + SightingReport.EAST],
+                            chart.heard[e, i, j, at + SightingReport.VARIANCE], old, speed,
+                        )  # fmt: skip
                 for c in ti.static(range(TRACK)):
                     chart.tracks[e, i, k, c] = t[c]
 
@@ -138,13 +140,13 @@ def _say(chart: ChartPack, which: ti.types.ndarray(dtype=ti.i32, ndim=1), serial
     for e, i in ti.ndrange(chart.sightings.shape[0], chart.sightings.shape[1]):
         if which[e] != 0:
             for k in range(chart.sightings.shape[2]):
-                at = Message.SIZE + Report.SIZE * k
+                at = Message.SIZE + SightingReport.SIZE * k
                 if chart.sightings[e, i, k, Sighting.VARIANCE] > 0:
                     for c in ti.static(range(Sighting.SIZE)):
                         chart.said[e, i, at + c] = chart.sightings[e, i, k, c]
-                    chart.said[e, i, at + Report.AGE] = 0.0
-                elif chart.said[e, i, at + Report.AGE] >= 0 and which[e] == 1:
-                    chart.said[e, i, at + Report.AGE] += chart.numbers[0]
+                    chart.said[e, i, at + SightingReport.AGE] = 0.0
+                elif chart.said[e, i, at + SightingReport.AGE] >= 0 and which[e] == 1:
+                    chart.said[e, i, at + SightingReport.AGE] += chart.numbers[0]
 
 
 class Chart:
@@ -173,7 +175,7 @@ class Chart:
         self.tracks[envs] = 0.0
         self.tracks[envs, :, :, AGE] = NEVER
         self._taken[envs] = NEVER
-        self._said[envs, :, Message.SIZE + Report.AGE :: Report.SIZE] = -1.0
+        self._said[envs, :, Message.SIZE + SightingReport.AGE :: SightingReport.SIZE] = -1.0
 
     def say(self, which: Tensor, rows: int) -> None:
         """Write sightings into the next messages, in environments as of `keep`; to be called before `Radio.talk`."""
@@ -188,7 +190,7 @@ class Chart:
 
 def width_of(objects: int) -> int:
     """Width of a message about so many objects."""
-    return Message.SIZE + Report.SIZE * objects
+    return Message.SIZE + SightingReport.SIZE * objects
 
 
 _array2 = ti.types.ndarray(ndim=2)
