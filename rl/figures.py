@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from rl.mission import Histories
 from taichi_sim.plotting.style import INK, dress, new_figure, rgb
+from taichi_sim.recording import Episode
 from taichi_sim.recording.palette import Livery
 
 Liveries = Mapping[str, Livery]
@@ -50,6 +51,14 @@ def _history_figure(histories: Histories, liveries: Liveries, column: str, title
         dress(axes, f"({letter}) {team.upper()} team", "agent steps (millions)", y)
         axes.legend(loc="best", framealpha=0.9)
     return figure
+
+
+def training_figures(histories: Histories, episode: Episode | None) -> dict[str, Figure]:
+    """The figures of a training, in the colours of an episode if there is one: name -> figure."""
+    if not histories:
+        return {}
+    liveries = {} if episode is None else episode.liveries
+    return {"reward": reward_figure(histories, liveries), "policy_loss": policy_loss_figure(histories, liveries)}
 
 
 def reward_figure(histories: Histories, liveries: Liveries) -> Figure:

@@ -10,7 +10,7 @@ to `episodes` and `pooled` therefore gets an interval in evaluations, sweeps and
 """
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, Self, SupportsFloat, TypeVar
+from typing import TYPE_CHECKING, ClassVar, Generic, Self, SupportsFloat, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,7 +63,7 @@ class Judge(Generic[M, C]):
         self.measured = np.zeros(envs)
         self.action_changes = np.zeros(envs)
 
-    def __getstate__(self) -> dict[str, Any]:
+    def __getstate__(self) -> dict[str, object]:
         """The measurements, for transfer to another process; the mission itself is left out."""
         return {key: value for key, value in self.__dict__.items() if key != "mission"}
 
@@ -135,6 +135,43 @@ class Judge(Generic[M, C]):
         return ", ".join(f"{key} {value:.3g}" for key, value in figures.items() if value is not None)
 
 
+class ErrorJudge(Judge[M, C]):
+    """Also measures the distance of vehicles from their slots; vehicle 0 leads.
+
+    errors: [step, env, vehicle] m, NaN where not measured; a mission's judge writes them.
+    """
+
+    def __init__(self, mission: M, team: str):
+        """Measure `team`."""
+        super().__init__(mission, team)
+        self.errors = np.full((mission.config.episode_steps, *self.collided.shape), np.nan)
+
+    @classmethod
+    def episodes(cls, seen: Sequence[Self], config: C) -> dict[str, NDArray[np.float64]]:
+        """Also rms errors (m) of leader and followers, and for how long they were measured (vehicle-seconds)."""
+        errors = errors_of(seen)
+        time = np.isfinite(errors).sum(axis=0) * config.decision_interval
+        return super().episodes(seen, config) | {
+            "leader_error_rms_m": rms_of(errors, (0,))[:, 0],
+            "follower_error_rms_m": rms_of(errors[:, :, 1:], (0, 2)),
+            "leader_s": time[:, 0],
+            "follower_s": time[:, 1:].sum(axis=1),
+        }
+
+    @classmethod
+    def figures(cls, seen: Sequence[Self], config: C) -> dict[str, float | None]:
+        """The figures of `definitions`; percentiles have no interval, because they need every single error."""
+        errors, pooled = errors_of(seen), super().figures(seen, config)
+        pooled |= {"leader_error_p95_m": p95(errors[:, :, 0]), "follower_error_p95_m": p95(errors[:, :, 1:])}
+        return {key: pooled[key] for key in cls.definitions}
+
+    @staticmethod
+    def error_loss(episodes: Episodes, success_error: float) -> NDArray[np.float64]:
+        """[episode], errors of leader and followers as shares of `success_error` (m), each limited to 4, added."""
+        errors = [np.nan_to_num(episodes[f"{who}_error_rms_m"], nan=0.0) for who in ("leader", "follower")]
+        return (np.fmin(errors[0], 4 * success_error) + np.fmin(errors[1], 4 * success_error)) / success_error
+
+
 def _change_of(episodes: Episodes) -> NDArray[np.float64]:
     """Rms [...] change of an action; NaN for episodes of one decision and for evaluations older than this figure."""
     if "action_changes" not in episodes:
@@ -149,13 +186,7 @@ def finite(value: SupportsFloat) -> float | None:
     return float(value) if np.isfinite(float(value)) else None
 
 
-class WithErrors(Protocol):
-    """A judge that keeps errors [step, env, vehicle]."""
-
-    errors: NDArray[np.float64]
-
-
-def errors_of(seen: Sequence[WithErrors]) -> NDArray[np.float64]:
+def errors_of(seen: Sequence[ErrorJudge]) -> NDArray[np.float64]:
     """Errors [step, episode, vehicle] of all chunks."""
     return np.concatenate([j.errors for j in seen], axis=1)
 

@@ -5,7 +5,7 @@ A mission's scenario class derives from `Scenario` and adds keys (rl/mission.py)
 
 import difflib
 import itertools
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Literal, TypeVar
 
 from pydantic import BeforeValidator, Field, model_validator
 
@@ -43,7 +43,7 @@ class StageConfig(Strict):
     frozen: tuple[Annotated[str, Field(min_length=1)], ...] | None = None  # act frozen; default: all trained before
     keep: Literal["last", "better"] = "last"  # better: the stage is dropped if the team then does worse than before
     start_from: Annotated[str, Field(min_length=1)] | None = None  # a run's folder, or a checkpoint: its weights
-    set: Annotated[dict[str, Any], BeforeValidator(flattened)] = {}  # changes of the scenario in this stage, by key
+    set: Annotated[dict[str, object], BeforeValidator(flattened)] = {}  # changes of the scenario in this stage, by key
     iterations: Annotated[int, Field(ge=1, le=1_000_000)] = 200
     num_envs: Annotated[int, Field(ge=1, le=1_000_000)] = 512
     steps_per_iteration: Annotated[int, Field(ge=2, le=1000)] = 24

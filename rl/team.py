@@ -2,11 +2,12 @@
 
 from collections.abc import Callable, Mapping
 from itertools import chain
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 import torch
 from torch import Tensor
 
+from taichi_sim.config import TeamConfig
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import runtime
 
@@ -14,13 +15,16 @@ if TYPE_CHECKING:
     from rl.mission import Mission
 
 M = TypeVar("M", bound="Mission")
+S = TypeVar("S", bound=TeamConfig)
 
 Controller = Callable[..., Tensor]
 """A classical controller: what a team knows (`Team.known`) -> actions [env, vehicle, action] in [-1, 1]."""
 
 
-class Team(Generic[M]):
+class Team(Generic[M, S]):
     """One team of a mission, as its policy sees it; a mission may derive a class of its own.
+
+    Type parameters: the class of the mission, and that of the team's section (`Team["Ferry", FerrySection]`).
 
     Attributes:
         mission: the mission. name: of the team. section: the team's section of the scenario. fleet: the vehicles.
@@ -35,13 +39,13 @@ class Team(Generic[M]):
     def __init__(self, mission: M, name: str):
         """Make team `name` of a mission whose world exists."""
         self.mission, self.name = mission, name
-        self.section: Any = mission.config.teams[name]
+        self.section: S = mission.config.teams[name]
         self.fleet: Fleet = mission.world.teams[name]
         self.action = self.fleet.state.new_zeros(
             (mission.num_envs, self.fleet.count, len(self.fleet.model.action_names))
         )
         self.previous_action = self.action
-        self.known: Any = self
+        self.known: object = self
         self._controller: Controller | None = None
 
     @property

@@ -50,7 +50,7 @@ LAYERS = (
     ("rl.guidance", "rl.figures"),
     ("rl.missions", "rl.adapters.render", "rl.planning"),
     ("rl.learn",),
-    ("rl.runs.folder", "rl.runs.outputs", "rl.runs.measured", "rl.runs.launch"),
+    ("rl.runs.folder", "rl.runs.records", "rl.runs.outputs", "rl.runs.launch"),
     ("rl.evaluation",),
     ("rl.runs",),
     ("rl.adapters",),

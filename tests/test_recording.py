@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 from rerun.chunk import RrdReader
 
-from rl.learn.history import read_history
+from rl.learn.progress import read_history
 from rl.missions.formation.figures import write_figures
 from taichi_sim.recording import Episode, Event, Medium, Scene, TeamTrack, write_recording
 from taichi_sim.recording.sea_grid import SeaGrid

@@ -21,7 +21,7 @@ limit the time of an episode themselves (`episode_duration`), so no TimeLimit is
 import math
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
+from typing import TypedDict, Unpack
 
 import gymnasium
 import numpy as np
@@ -39,7 +39,8 @@ from rl.mission import Mission, Step
 from rl.missions import load_scenario, make_mission
 from taichi_sim.config.io import find_config
 
-Infos = dict[str, Any]
+Options = dict[str, np.ndarray]
+Infos = dict[str, np.ndarray | dict[str, np.ndarray]]
 
 
 class TeamVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
@@ -58,7 +59,7 @@ class TeamVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         task: the simulated mission.
     """
 
-    metadata: dict[str, Any] = {
+    metadata: dict[str, object] = {
         "render_modes": MODES, "render_fps": 10, "autoreset_mode": AutoresetMode.SAME_STEP
     }  # fmt: skip
 
@@ -121,7 +122,9 @@ class TeamVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
 
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[np.ndarray, Infos]:
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, np.ndarray] | None = None
+    ) -> tuple[np.ndarray, Infos]:
         """Begin new episodes everywhere, or where `options["reset_mask"]` (bool [num_envs]) is true.
 
         Episodes follow one random sequence. It starts from the constructor's seed; `seed` starts it anew.
@@ -173,7 +176,7 @@ class TeamVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             logger.warn("render() draws nothing: the environment was made without a render_mode")
         return self._pictures.draw() if self._pictures is not None and self.render_mode == "rgb_array" else None
 
-    def close_extras(self, **kwargs: Any) -> None:
+    def close_extras(self, **kwargs: object) -> None:
         """Close the window, if there is one."""
         if self._pictures is not None:
             self._pictures.close()
@@ -189,7 +192,7 @@ class TeamVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self.task.reset(torch.from_numpy(mask.nonzero()[0]).to(self.task.device))
         self._ended = self._ended & ~mask
 
-    def _reset_mask(self, options: Infos) -> np.ndarray:
+    def _reset_mask(self, options: Options) -> np.ndarray:
         if unknown := options.keys() - {"reset_mask"}:
             raise ValueError(f"reset options {sorted(unknown)} are unknown: allowed is 'reset_mask'")
         mask = options.get("reset_mask", np.ones(self.num_envs, dtype=bool))
@@ -231,12 +234,23 @@ class TeamVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return {key: _numpy(value) for key, value in self.task.info(self.task.teams[self.team]).items()}
 
 
+class TeamOptions(TypedDict, total=False):
+    """Arguments of `TeamVectorEnv` that `TeamEnv` passes on."""
+
+    scenario: str | Path
+    overrides: Iterable[str]
+    seed: int | None
+    other: str | Path
+    render_mode: str | None
+    render_size: tuple[int, int] | None
+
+
 class TeamEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     """One team in one environment, without autoreset."""
 
-    metadata: dict[str, Any] = {"render_modes": MODES, "render_fps": 10}
+    metadata: dict[str, object] = {"render_modes": MODES, "render_fps": 10}
 
-    def __init__(self, team: str, **options: Any):
+    def __init__(self, team: str, **options: Unpack[TeamOptions]):
         """Build the mission of `team`.
 
         Args:
@@ -263,7 +277,9 @@ class TeamEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         """The simulated mission."""
         return self._vector.task
 
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[np.ndarray, Infos]:
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, np.ndarray] | None = None
+    ) -> tuple[np.ndarray, Infos]:
         """Begin a new episode; see `TeamVectorEnv.reset`."""
         super().reset(seed=seed)
         if options:
@@ -300,4 +316,4 @@ def _masked(values: dict[str, np.ndarray], mask: np.ndarray) -> Infos:
 
 
 def _first_env(infos: Infos) -> Infos:
-    return {key: value[0] for key, value in infos.items() if not key.startswith("_")}
+    return {key: value[0] for key, value in infos.items() if isinstance(value, np.ndarray) and key[0] != "_"}

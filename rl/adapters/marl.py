@@ -7,13 +7,23 @@ act.
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, TypedDict, Unpack
 
 from rl.adapters.batched import BatchedEnv
 from taichi_sim.config.io import find_config
 
 if TYPE_CHECKING:  # PettingZoo is an extra
     from rl.adapters.pettingzoo import ParallelMission
+
+
+class BatchedOptions(TypedDict, total=False):
+    """Further arguments of `BatchedEnv`."""
+
+    teams: str | Sequence[str] | None
+    others: Mapping[str, str | Path] | None
+    overrides: Iterable[str]
+    seed: int | None
+    autoreset: bool
 
 
 def parallel_env(
@@ -47,7 +57,7 @@ def parallel_env(
     return ParallelMission(env, find_config(scenario).stem, render_mode, render_size)
 
 
-def batched_env(scenario: str | Path = "escort", num_envs: int = 1, **options: Any) -> BatchedEnv:
+def batched_env(scenario: str | Path = "escort", num_envs: int = 1, **options: Unpack[BatchedOptions]) -> BatchedEnv:
     """`num_envs` environments of a scenario as torch tensors by team.
 
     Arguments, options and errors are those of `BatchedEnv`.

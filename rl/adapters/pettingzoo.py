@@ -12,7 +12,7 @@ The episode is over for all agents at once: when its time is up or when any vehi
 """
 
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from gymnasium import logger
@@ -41,7 +41,7 @@ class ParallelMission(ParallelEnv[str, np.ndarray, np.ndarray]):
         observation_spaces, action_spaces: agent -> space. state_space: of `state`.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": MODES, "name": "taichi_sim", "is_parallelizable": True}
+    metadata: ClassVar[dict[str, object]] = {"render_modes": MODES, "name": "taichi_sim", "is_parallelizable": True}
 
     def __init__(
         self,
@@ -90,7 +90,7 @@ class ParallelMission(ParallelEnv[str, np.ndarray, np.ndarray]):
         return self.action_spaces[agent]
 
     def reset(
-        self, seed: int | None = None, options: dict[str, Any] | None = None
+        self, seed: int | None = None, options: dict[str, object] | None = None
     ) -> tuple[dict[str, np.ndarray], dict[str, dict[str, float | bool]]]:
         """Begin the next episode of one random sequence, which `seed` starts anew. There are no options."""
         observations = self._env.reset(seed)

@@ -5,12 +5,10 @@ SubprocVecEnv nor DummyVecEnv is needed. One action and one observation hold all
 (rl/adapters/gymnasium.py).
 """
 
-from typing import Any
-
 import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 
-from rl.adapters.gymnasium import TeamVectorEnv
+from rl.adapters.gymnasium import Infos, TeamVectorEnv
 from taichi_sim.config.extras import MissingExtraError
 
 try:
@@ -55,7 +53,7 @@ class TeamVecEnv(VecEnv):
         """Store the actions for the next `step_wait`."""
         self._actions = actions
 
-    def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
+    def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, object]]]:
         """Take one decision in every environment; return observations, rewards, dones and infos."""
         observations, rewards, terminated, truncated, infos = self.envs.step(self._actions)
         dones, listed = terminated | truncated, self._listed(infos)
@@ -72,17 +70,17 @@ class TeamVecEnv(VecEnv):
         """Close the environments."""
         self.envs.close()
 
-    def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
+    def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[object]:
         """An attribute that the environments share, once for each of `indices`."""
         return [getattr(self.envs, attr_name) for _ in self._get_indices(indices)]
 
-    def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
+    def set_attr(self, attr_name: str, value: object, indices: VecEnvIndices = None) -> None:
         """Set an attribute that the environments share."""
         setattr(self.envs, attr_name, value)
 
     def env_method(
-        self, method_name: str, *method_args: Any, indices: VecEnvIndices = None, **method_kwargs: Any
-    ) -> list[Any]:
+        self, method_name: str, *method_args: object, indices: VecEnvIndices = None, **method_kwargs: object
+    ) -> list[object]:
         """Call a method for all environments at once; return its result once for each of `indices`."""
         result = getattr(self.envs, method_name)(*method_args, **method_kwargs)
         return [result for _ in self._get_indices(indices)]
@@ -91,9 +89,10 @@ class TeamVecEnv(VecEnv):
         """Whether environments are wrapped: never."""
         return [False for _ in self._get_indices(indices)]
 
-    def _listed(self, infos: dict[str, Any]) -> list[dict[str, Any]]:
+    def _listed(self, infos: Infos) -> list[dict[str, object]]:
         """Convert Gymnasium's infos to one dictionary for each environment, without masked values."""
-        values = {key: value for key, value in infos.items() if f"_{key}" in infos and not key.startswith("final_")}
+        arrays = {key: value for key, value in infos.items() if isinstance(value, np.ndarray)}
+        values = {key: value for key, value in arrays.items() if f"_{key}" in arrays and not key.startswith("final_")}
         return [
-            {key: value[env] for key, value in values.items() if infos[f"_{key}"][env]} for env in range(self.num_envs)
+            {key: value[env] for key, value in values.items() if arrays[f"_{key}"][env]} for env in range(self.num_envs)
         ]

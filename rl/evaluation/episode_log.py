@@ -5,9 +5,9 @@ decisions where episodes are long. The excerpts that a report shows are stored b
 """
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from rl.evaluation.events import event_of
 from rl.judge import Judge
 from rl.mission import Mission, Step
 
-Array = NDArray[Any]
+Array = NDArray[np.floating]
 BUDGET = 2.5e8  # most bytes of a log
 BEFORE = 5.0  # s shown before a collision
 MAX_CRASHES = 12  # collisions in a report
@@ -60,6 +60,23 @@ class Crash(NamedTuple):
     vehicles: tuple[int, ...]
     time_s: float
     before: Excerpt  # of this team
+
+
+class TeamFields(TypedDict):
+    """Fields of a `TeamLog` that are no arrays."""
+
+    medium: str
+    actions: Sequence[str]
+    series: list[str]
+
+
+class ExcerptFields(TypedDict):
+    """Fields of an `Excerpt` that are no arrays."""
+
+    episode: int
+    events: Sequence[Ended]
+    teams: dict[str, TeamFields]
+    tracks: list[str]
 
 
 class EpisodeLog:
@@ -110,7 +127,7 @@ class EpisodeLog:
                 found.append(Crash(team, who, time, before))
         return found
 
-    def _excerpt(self, env: int, when: Array, teams: tuple[str, ...]) -> Excerpt:
+    def _excerpt(self, env: int, when: NDArray[np.bool_], teams: tuple[str, ...]) -> Excerpt:
         scene = self.mission.scene(env)
         ends = [Ended(time, team, vehicle, event_of(kind)[1]) for time, team, kind, vehicle in self._ends.get(env, [])]
         return Excerpt(
@@ -122,7 +139,7 @@ class EpisodeLog:
             tracks_n={} if scene is None else {name: np.asarray(track) for name, track in scene.tracks_n.items()},
         )
 
-    def _team(self, name: str, env: int, when: Array) -> TeamLog:
+    def _team(self, name: str, env: int, when: NDArray[np.bool_]) -> TeamLog:
         model = self.mission.teams[name].fleet.model
         rows = [row for row, wanted in zip(self._rows[name], when, strict=True) if wanted]
         values = {key: np.stack([row[key][env] for row in rows]) for key in self._rows[name][0]} if rows else {}
@@ -163,20 +180,20 @@ def load_log(file: Path) -> tuple[dict[str, Excerpt], list[Crash]]:
     return shown, crashes
 
 
-def _packed(excerpt: Excerpt, name: str, arrays: dict[str, Array]) -> dict[str, Any]:
+def _packed(excerpt: Excerpt, name: str, arrays: dict[str, Array]) -> ExcerptFields:
     """Put the arrays of an excerpt into `arrays`, under keys that begin with `name`; return its other fields."""
     arrays |= {f"{name}/time": excerpt.time_s, f"{name}/obstacles": excerpt.obstacles}
     arrays |= {f"{name}/track/{team}": track for team, track in excerpt.tracks_n.items()}
     for team, of in excerpt.teams.items():
         arrays |= {f"{name}/{team}/place": of.position_n, f"{name}/{team}/action": of.action}
         arrays |= {f"{name}/{team}/series/{k}": values for k, values in enumerate(of.series.values())}
-    teams = {
+    teams: dict[str, TeamFields] = {
         t: {"medium": of.medium, "actions": of.action_names, "series": [*of.series]} for t, of in excerpt.teams.items()
     }
     return {"episode": excerpt.episode, "events": excerpt.events, "teams": teams, "tracks": [*excerpt.tracks_n]}
 
 
-def _unpacked(fields: Mapping[str, Any], name: str, arrays: Mapping[str, Array]) -> Excerpt:
+def _unpacked(fields: ExcerptFields, name: str, arrays: Mapping[str, Array]) -> Excerpt:
     teams = {
         team: TeamLog(
             of["medium"],

@@ -7,7 +7,7 @@ repeating one episode means running its chunk again.
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from rl.judge import Episodes, Judge
 from rl.learn.policy import Policy
 from rl.mission import Mission
 from rl.missions import find_mission
+from rl.runs.records import EvaluationResult
 from rl.scenario import Scenario
 from rl.seeds import derive_seed
 from taichi_sim.config import ConfigError
@@ -53,7 +54,7 @@ class Trial(NamedTuple):
 class EvaluationOutcome(NamedTuple):
     """The result of an evaluation."""
 
-    result: dict[str, Any]  # what `evaluate` returns
+    result: EvaluationResult  # what `evaluate` returns
     episodes: dict[str, dict[str, NDArray[np.float64]]]  # team -> name -> [episode], see Judge.episodes
     shown: dict[str, Excerpt]  # a name in SHOWN -> its episode
     crashes: list[Crash]
@@ -68,7 +69,7 @@ def evaluate(
     controller: str = "policy",
     source: Path | None = None,
     show_progress: bool = True,
-) -> dict[str, Any]:
+) -> EvaluationResult:
     """Run `episodes` episodes of the teams in `policies` and return a summary; the mission's judge defines its keys.
 
     Raises:
@@ -141,7 +142,9 @@ def judge_trials(
         parts = {unit: part for of_rank in processes.gather(run_all) for unit, part in of_rank.items()}
     outcomes = [_pool(trial, [parts[n, first] for first in trial.chunks]) for n, trial in enumerate(trials) if parts]
     if excerpts:
-        chosen = processes.broadcast(lambda: [{} if isinstance(o, Exception) else _chosen(o) for o in outcomes])
+        chosen = processes.broadcast(
+            lambda: [{} if isinstance(o, Exception) else shown_numbers(o.result) for o in outcomes]
+        )
         shown_episodes = [(n, name, episode) for n, of_trial in enumerate(chosen) for name, episode in of_trial.items()]
         mine = [(n, name, episode) for n, name, episode in shown_episodes if (n, episode - episode % CHUNK) in own]
         gathered = processes.gather(lambda: [(n, name, _excerpt(trials[n], n, at, logs)) for n, name, at in mine])
@@ -181,20 +184,22 @@ def _pool(trial: Trial, parts: Sequence[_Part]) -> EvaluationOutcome | Exception
     kind = mission_class(trial.config, trial.source).Judge
     seen = {name: [part.judges[name] for part in parts] for name in trial.policies}
     of_each = {name: kind.episodes(chunks, trial.config) for name, chunks in seen.items()}
-    result = {
+    chosen = choose(kind, of_each)
+    result: EvaluationResult = {
         "controller": trial.controller,
         "scenario": trial.config.name,
         "seed": trial.seed,
         "episodes": trial.episodes,
         "teams": {name: kind.figures(chunks, trial.config) for name, chunks in seen.items()},
-        **{f"{name}_episode": episode for name, episode in choose(kind, of_each).items()},
+        "worst_episode": chosen["worst"],
+        "median_episode": chosen["median"],
     }
     return EvaluationOutcome(result, of_each, {}, [crash for part in parts for crash in part.crashes][:MAX_CRASHES])
 
 
-def _chosen(outcome: EvaluationOutcome) -> dict[str, int]:
-    """Numbers of the episodes that a report shows."""
-    return {name: outcome.result[f"{name}_episode"] for name in SHOWN}
+def shown_numbers(result: EvaluationResult) -> dict[str, int]:
+    """Numbers of the episodes that a report shows: a name in SHOWN -> its number."""
+    return {"worst": result["worst_episode"], "median": result["median_episode"]}
 
 
 def _excerpt(trial: Trial, number: int, episode: int, logs: Mapping[tuple[int, int], EpisodeLog]) -> Excerpt:

@@ -12,7 +12,7 @@ import hashlib
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -129,7 +129,7 @@ def digest(config: Scenario) -> str:
 def write_bounds(file: Path, config: Scenario, bounds: Mapping[str, Bound]) -> None:
     """Write the bounds of each team."""
 
-    def plain(values: Mapping[str, Array]) -> dict[str, Any]:
+    def plain(values: Mapping[str, Array]) -> dict[str, list[float | None]]:
         return {key: [round(float(x), 5) if np.isfinite(x) else None for x in array] for key, array in values.items()}
 
     teams = {

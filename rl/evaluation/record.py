@@ -8,7 +8,7 @@ from tqdm import tqdm
 
 from rl.evaluation.episodes import chunk_of_episode, one_episode_each
 from rl.evaluation.events import event_of
-from rl.evaluation.reel import Reel
+from rl.evaluation.reel import EpisodeReel
 from rl.learn.policy import Policy
 from rl.mission import Mission, Step
 from rl.scenario import Scenario
@@ -56,7 +56,7 @@ def record_episode(
     else:
         task, first = chunk_of_episode(config, tuple(policies), number[1], seed, source, number[0])
         env = number[0] - first
-    reel = Reel(task, env)
+    reel = EpisodeReel(task, env)
     known: set[tuple[str, int, str]] = set()
     events: list[Event] = []
     with runtime.torch_at_rest():

@@ -3,23 +3,38 @@
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields, replace
 from itertools import chain
-from typing import Any
+from typing import TypedDict, Unpack
 
 import numpy as np
 
 from rl.mission import Mission, Step
-from taichi_sim.recording import Episode, Recorder
+from taichi_sim.recording import Episode, Event, Recorder, Scene
 from taichi_sim.recording.overlays import Note, Overlay
 
 Rows = Mapping[str, Mapping[str, np.ndarray]]
-"""team -> what a recording shows of it in one frame, besides its vehicles."""
+"""Team -> name -> values that a recording shows in one frame, besides the vehicles."""
 
 
-class Reel:
+class EpisodeOptions(TypedDict, total=False):
+    """Arguments of `Recorder.episode` that are not the mission's."""
+
+    name: str | None
+    events: Iterable[Event]
+    config_text: str | None
+    like: Episode | None
+
+
+class _Drawn(TypedDict):
+    mission: dict[str, dict[str, np.ndarray]]
+    overlays: tuple[Overlay, ...]
+    scene: Scene | None
+
+
+class EpisodeReel:
     """Frames of environment `env` of a mission."""
 
     def __init__(self, mission: Mission, env: int = 0, after: float = 0.0) -> None:
-        """Begin; the clock says by now `after` (s)."""
+        """Record environment `env` of `mission`; the clock begins at `after` (s)."""
         self.mission, self.env = mission, env
         self.recorder = Recorder(mission.world, env, after)
         self._frames: list[tuple[Rows, tuple[Overlay, ...]]] = []
@@ -42,17 +57,17 @@ class Reel:
             rows[name] = {key: value.detach().cpu().numpy().copy() for key, value in row.items()}
         self._frames.append((rows, frame.overlays))
 
-    def episode(self, **parts: Any) -> Episode:
+    def episode(self, **parts: Unpack[EpisodeOptions]) -> Episode:
         """All frames; `parts` as Recorder.episode has them."""
         return self.recorder.episode(**self._drawn(), **parts)
 
-    def part(self, **parts: Any) -> Episode:
+    def part(self, **parts: Unpack[EpisodeOptions]) -> Episode:
         """The frames since the last part, which are then forgotten."""
         part = self.recorder.part(**self._drawn(), **parts)
         self._frames = []
         return part
 
-    def _drawn(self) -> dict[str, Any]:
+    def _drawn(self) -> _Drawn:
         rows, overlays = zip(*self._frames, strict=True)
         mission = {name: {key: np.stack([row[name][key] for row in rows]) for key in rows[0][name]} for name in rows[0]}
         return {"mission": mission, "overlays": joined(overlays), "scene": self.mission.scene(self.env)}

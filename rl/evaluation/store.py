@@ -7,15 +7,16 @@ evaluation/headroom.json                   the policies' numbers on an oracle's 
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rl.evaluation.episode_log import save_log
-from rl.evaluation.episodes import SHOWN, EvaluationOutcome
+from rl.evaluation.episodes import SHOWN, EvaluationOutcome, shown_numbers
 from rl.runs import folder as run_folder
 from rl.runs.folder import RunError
+from rl.runs.records import EvaluationResult
 
 FOLDER, HEADROOM = "evaluation", "headroom.json"
 CONTROLLERS = ("policy", "classical", "oracle", "honest")
@@ -36,7 +37,7 @@ class EvaluationConditions(NamedTuple):
 class StoredEvaluation(NamedTuple):
     """An evaluation in a run's folder."""
 
-    result: dict[str, Any]  # what `evaluate` returned
+    result: EvaluationResult  # what `evaluate` returned
     conditions: EvaluationConditions
     episodes: dict[str, dict[str, NDArray[np.float64]]]  # team -> name -> [episode]
 
@@ -70,11 +71,13 @@ def load_evaluation(run: Path, controller: str) -> StoredEvaluation | None:
     file = _file(run, controller)
     if not file.is_file():
         return None
-    content = run_folder.read_json(file)
+    content = run_folder.read_json(file, dict)
     try:
         made, numbers = content.pop("conditions"), content.pop("of_each_episode")
         arrays = {t: {name: np.array(v, dtype=float) for name, v in of.items()} for t, of in numbers.items()}
-        return StoredEvaluation(content, EvaluationConditions(made["config"], tuple(made["set"])), arrays)
+        return StoredEvaluation(
+            EvaluationResult(**content), EvaluationConditions(made["config"], tuple(made["set"])), arrays
+        )
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise RunError(f"{file}: not a stored evaluation ({error!r}); evaluate again") from None
 
@@ -94,7 +97,7 @@ def load_headroom(run: Path) -> dict[str, dict[str, NDArray[np.float64]]]:
     file = run / FOLDER / HEADROOM
     if not file.is_file():
         return {}
-    found = run_folder.read_json(file)
+    found = run_folder.read_json(file, dict)
     return {t: {k: np.array(v, dtype=float) for k, v in e.items()} for t, e in found.items()}
 
 
@@ -110,7 +113,7 @@ def shown_episode(run: Path, controller: str, name: str) -> tuple[StoredEvaluati
         raise RunError(f"{run}: no evaluation of {controller!r} in it: run python rl/evaluate.py {run}{classical}")
     if name not in SHOWN:
         raise ValueError(f"{name!r}: allowed are {', '.join(SHOWN)}")
-    return found, found.result[f"{name}_episode"]
+    return found, shown_numbers(found.result)[name]
 
 
 def recording_name(controller: str, name: str) -> str:

@@ -8,7 +8,7 @@ J. Robotics Research 17(7), sampled). With v the present velocity, the v' of lea
 
 Without the third term a vehicle that comes up from behind would stay there, slowly, instead of passing. A vehicle
 whose slot surrounds a target, itself an obstacle, also tries shares of its closing velocity: at full speed the risks
-say that it cannot stop in time. It evades at its own speed, because its slot may be far away and have another speed.
+say that it cannot stop in time. It then evades at its own speed, not the slot's, which may be far away and differ.
 
 A vehicle changes its velocity with an acceleration a, in T = |v' - v| / a. It is then where it would be if it had begun
 (v - v') T / 2 further on (acceleration-velocity obstacles, van den Berg, Snape, Guy & Manocha 2011, ICRA). The risk of
@@ -29,7 +29,7 @@ with it. Frame: NED.
 # pyright: reportInvalidTypeForm=false
 
 import math
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import taichi as ti
 import torch
@@ -43,6 +43,7 @@ from rl.perception.columns import Mate, Obstacle
 from taichi_sim.config import NonNegative, Positive, Strict
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.packs import struct_of, values_at
+from taichi_sim.vehicle import Vehicle
 
 FAN, RAYS = math.radians(100.0), 20  # to either side, and how many
 PACES = (1.0, 0.75, 0.5)  # shares of the lesser of desired and slot's speed; who cannot stop tries the first alone
@@ -58,8 +59,8 @@ AroundPack = ti.types.argpack(
 )
 
 
-class Gains(Strict):
-    """Gains of a controller that may be tuned, `[TEAM.control]` of a scenario; these are of avoidance."""
+class AvoidanceGains(Strict):
+    """Gains of avoidance. Controllers add their own; `[TEAM.control]` of a scenario sets them, and rl/tune.py tunes."""
 
     acceleration: Positive  # a, m/s^2
     horizon: Positive = 8.0  # s
@@ -74,21 +75,8 @@ class Gains(Strict):
     parting: NonNegative = 0.0  # s from now at which a gap to a team mate inside the margin counts too; 0: at the least
 
 
-class Numbers(NamedTuple):
-    """Parameters of the kernel: `Gains`, and the vehicle's radius, m."""
-
-    acceleration: float
-    horizon: float
-    berth: float
-    margin: float
-    follower_horizon: float
-    leader_horizon: float
-    soft: float
-    hard: float
-    lean: float
-    slowing: float
-    parting: float
-    radius: float
+Gains = AvoidanceGains  # its earlier name
+NUMBERS = (*AvoidanceGains.model_fields, "radius")  # parameters of the kernel; radius of a vehicle, m
 
 
 class Wanted(NamedTuple):
@@ -97,7 +85,34 @@ class Wanted(NamedTuple):
     velocity: Tensor  # [env, vehicle, 2 or 3] v*, NED, m/s
 
 
-class Form(NamedTuple):
+class SlotController:
+    """A classical controller that holds slots, in two steps between which a residual policy may correct it.
+
+    `Gains` is the class of its gains; `gains` are those that it was built from.
+    """
+
+    STATE: tuple[str, ...] = ()
+    Gains: ClassVar[type[AvoidanceGains]]
+    gains: AvoidanceGains
+
+    def __init__(self, model: Vehicle, gains: AvoidanceGains | None = None):
+        """Compute what follows from the parameters of `model` and the `gains` (default: those of `Gains`)."""
+        raise NotImplementedError
+
+    def __call__(self, team: Knowledge) -> Tensor:
+        """Actions [env, vehicle, action] in [-1, 1]."""
+        return self.act(team, self.wanted(team))
+
+    def wanted(self, team: Knowledge) -> Wanted:
+        """The velocity command that leads to the slots, and what else the controller adds to it."""
+        raise NotImplementedError
+
+    def act(self, team: Knowledge, wanted: Wanted) -> Tensor:
+        """Actions [env, vehicle, action] in [-1, 1] that follow the command."""
+        raise NotImplementedError
+
+
+class AvoidanceForm(NamedTuple):
     """Compile-time parameters of the kernel."""
 
     obstacles: int
@@ -109,9 +124,7 @@ class Form(NamedTuple):
 
 @ti.func
 def nearest(place, v, its, turn, horizon):
-    """Time (s) and distance (m) of the closest approach of a vehicle that moves with v and turns at `turn` (rad/s) to a
-    body at `place` (m), which moves with `its`.
-    """
+    """Time (s) and distance (m) of the closest approach to a body at `place` (m), which moves with `its`."""
     w = v - its
     t = ti.min(ti.max(place.dot(w) / ti.max(w.dot(w), 1e-6), SOONEST), horizon)
     half = 0.5 * turn * t
@@ -240,7 +253,7 @@ def _shield(velocity: ti.types.ndarray(ndim=3), correction: ti.types.ndarray(ndi
 class Avoider:
     """Collision avoidance of a team."""
 
-    def __init__(self, gains: Gains):
+    def __init__(self, gains: AvoidanceGains):
         """Use these gains."""
         self.gains = gains
         self._team: Knowledge | None = None
@@ -248,16 +261,19 @@ class Avoider:
 
     def __call__(self, team: Knowledge, velocity: Tensor) -> Tensor:
         """The velocity [env, vehicle, 2 or 3] (m/s) nearest to `velocity` with which `team` keeps clear."""
+        return self._run(team, velocity)
+
+    def _run(self, team: Knowledge, velocity: Tensor, *correction: Tensor) -> Tensor:
         if self._team is not team:
             self._bind(team)
         kept = velocity.clone(memory_format=torch.contiguous_format)
-        kind = struct_of(Numbers._fields, runtime.current().precision)
-        self._launch.once(kept, self._around(), kind, self._form)
+        kind = struct_of(NUMBERS, runtime.current().precision)
+        self._launch.once(kept, *correction, self._around(), kind, self._form)
         return kept
 
     def _bind(self, team: Knowledge) -> None:
         self._team, sensor = team, team.sensor
-        numbers = Numbers(**{key: getattr(self.gains, key) for key in Numbers._fields[:-1]}, radius=team.radius)
+        numbers = [getattr(self.gains, key) for key in AvoidanceGains.model_fields] + [team.radius]
         self._around = runtime.Packed(
             AroundPack, obstacles=sensor.obstacles, mates=sensor.team_mates, table=team.now.table,
             derived=team.fleet.derived, target=team.target.table, numbers=team.fleet.state.new_tensor(numbers),
@@ -265,7 +281,7 @@ class Avoider:
         few = runtime.few(team.fleet.num_envs * team.fleet.count, AVOID)
         paces = PACES if team.fleet.model.limits.stops else PACES[:1]
         chases = CHASES if team.now.about else ()
-        self._form = Form(sensor.num_obstacles, sensor.num_mates, paces, chases, few)
+        self._form = AvoidanceForm(sensor.num_obstacles, sensor.num_mates, paces, chases, few)
 
 
 class Shield(Avoider):
@@ -274,16 +290,11 @@ class Shield(Avoider):
     The share s of a correction c that is kept minimises  (1 - s) |c| / |v| + the risks of all bodies with v + s c.
     """
 
-    def __init__(self, gains: Gains):
+    def __init__(self, gains: AvoidanceGains):
         """Use these gains."""
         super().__init__(gains)
         self._launch = runtime.Launcher(_shield)
 
     def corrected(self, team: Knowledge, velocity: Tensor, correction: Tensor) -> Tensor:
         """`velocity` [env, vehicle, 2 or 3] (m/s) plus the safe share of a level `correction` of the same shape."""
-        if self._team is not team:
-            self._bind(team)
-        kept = velocity.clone(memory_format=torch.contiguous_format)
-        kind = struct_of(Numbers._fields, runtime.current().precision)
-        self._launch.once(kept, correction.contiguous(), self._around(), kind, self._form)
-        return kept
+        return self._run(team, velocity, correction.contiguous())

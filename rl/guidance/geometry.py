@@ -40,7 +40,7 @@ ErrorsPack = ti.types.argpack(table=_array3, plain=_array3)
 TeamPack = ti.types.argpack(target=_array3, down=_array1, slots=_array3, state=_array3, derived=_array3, heard=_array4)
 
 
-class Form(NamedTuple):
+class ErrorsForm(NamedTuple):
     """Compile-time parameters of the kernel."""
 
     axes: int  # of the vehicle's own frame
@@ -183,16 +183,9 @@ class Geometry(SlotErrors):
     STATE = ()
 
     def __init__(
-        self,
-        fleet: Views,
-        target: Tensor,
-        down: float,
-        slots: Tensor,
-        axes: int,
-        heard: Tensor | None = None,
-        *,
+        self, fleet: Views, target: Tensor, down: float, slots: Tensor, axes: int, heard: Tensor | None = None, *,
         about: bool = False,
-    ):
+    ):  # fmt: skip
         """Measure `fleet` against `target` (targets.py) at `down` (m) and the table of `slots`.
 
         Followers know their leader from the messages `heard` (rl/perception/radio.py); None: exactly. With `about`,
@@ -203,19 +196,14 @@ class Geometry(SlotErrors):
         self._heard, self._rows, self._launch = heard is not None, state.shape[1], runtime.Launcher(_measure)
         self._errors = runtime.Packed(ErrorsPack, table=self.table, plain=self._plain)
         self._team = runtime.Packed(
-            TeamPack,
-            target=target,
-            down=state.new_tensor([down]),
-            slots=slots,
-            state=state,
-            derived=fleet.derived,
+            TeamPack, target=target, down=state.new_tensor([down]), slots=slots, state=state, derived=fleet.derived,
             heard=state.new_zeros((1, 1, 1, 1)) if heard is None else heard,
-        )
+        )  # fmt: skip
 
     def measure(self, which: Tensor, count: int) -> None:
         """Measure environments by `which` [env] int32: 0 not at all, 1 after a step, 2 at the beginning of an episode.
 
         `count` is the number of environments that are not 0.
         """
-        form = Form(self.axes, self._heard, self.about, runtime.few(count * self._rows, MEASURE))
+        form = ErrorsForm(self.axes, self._heard, self.about, runtime.few(count * self._rows, MEASURE))
         self._launch(self._errors(), self._team(), which, form)

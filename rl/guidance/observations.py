@@ -20,7 +20,7 @@ One kernel writes all of them, in the order of `widths`.
 # pyright: reportInvalidTypeForm=false
 
 from collections import namedtuple
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import taichi as ti
 from torch import Tensor
@@ -70,7 +70,7 @@ SeenPack = ti.types.argpack(
 )
 
 
-class Form(NamedTuple):
+class ObservationForm(NamedTuple):
     """Compile-time parameters of the kernel."""
 
     axes: int  # of the vehicle's own frame
@@ -84,10 +84,10 @@ class Form(NamedTuple):
     air: tuple[int, ...] = ()  # columns of `aux`: airspeed, and the air's velocity, north, east, down
     speeds: tuple[float, ...] = ()  # airspeeds: lowest, cruise, highest, m/s
     serial: bool = False  # run on the calling thread
-    at: Any = None  # the column in which each term begins (`columns`)
+    at: tuple[int, ...] = ()  # the column in which each term begins (`columns`)
 
 
-def widths(form: Form) -> dict[str, int]:
+def widths(form: ObservationForm) -> dict[str, int]:
     """Width of each term, in order."""
     n = form.axes
     terms = {"sight": 1 + n, "previous_sight": 1 + n, "surroundings": form.signals}
@@ -104,7 +104,7 @@ def widths(form: Form) -> dict[str, int]:
     return terms
 
 
-def columns(form: Form) -> Any:
+def columns(form: ObservationForm) -> tuple[int, ...]:
     """The column in which each term begins, as a named tuple."""
     sizes = list(widths(form).values())
     return namedtuple("Columns", widths(form))(*(sum(sizes[:k]) for k in range(len(sizes))))
@@ -150,9 +150,7 @@ def put_own(out: ti.template(), e, i, seen: ti.template(), action: ti.template()
 
 @ti.func
 def encounter(out: ti.template(), e, i, at, place, v, turn, R):
-    """Write how a body at `place` (m, relative, NED) will be passed by a vehicle that moves with v (m/s, relative) and
-    turns (rad/s): distance ahead, distance aside (to starboard of the motion), and gap. R (m) is the sum of radii.
-    """
+    """Write an encounter with a body at `place` (m, NED): v relative, m/s; turn, rad/s; R, sum of radii, m."""
     w = v
     speed = ti.max(w.norm(), SLOWEST)
     t = ti.max(place.dot(w), 0.0) / (speed * speed)
@@ -212,12 +210,9 @@ def put_air(out: ti.template(), e, i, seen: ti.template(), form: ti.template()):
 
 @ti.kernel
 def _observe(
-    out: ti.types.ndarray(ndim=3),
-    seen: SeenPack,
-    action: ti.types.ndarray(ndim=3),
-    reference: ti.types.ndarray(ndim=3),
-    form: ti.template(),
-):
+    out: ti.types.ndarray(ndim=3), seen: SeenPack, action: ti.types.ndarray(ndim=3),
+    reference: ti.types.ndarray(ndim=3), form: ti.template(),
+):  # fmt: skip
     ti.loop_config(serialize=form.serial)
     for e, i in ti.ndrange(out.shape[0], out.shape[1]):
         n = ti.static(1 + form.axes)
@@ -252,7 +247,7 @@ class ObservationWriter:
         serial = runtime.few(fleet.num_envs * fleet.count, OBSERVE)
         actions = len(model.action_names)
         radio = team.radio
-        form = Form(
+        form = ObservationForm(
             team.axes, signals.shape[-1], actions, kind == "full", team.sensor.num_obstacles, team.sensor.num_mates,
             residual, radio is not None, air, speeds, serial,
         )  # fmt: skip

@@ -30,27 +30,6 @@ def _sides(i: Tensor) -> tuple[Tensor, Tensor]:
     return rank, torch.where(i % 2 == 1, rank, -rank)
 
 
-def _abreast(i: Tensor) -> tuple[Tensor, Tensor]:
-    return torch.zeros_like(i), _sides(i)[1]
-
-
-def _astern(i: Tensor) -> tuple[Tensor, Tensor]:
-    return -i, torch.zeros_like(i)
-
-
-def _wedge(i: Tensor) -> tuple[Tensor, Tensor]:
-    rank, aside = _sides(i)
-    return -rank * math.sqrt(0.5), aside * math.sqrt(0.5)
-
-
-def _echelon(i: Tensor) -> tuple[Tensor, Tensor]:
-    return -i * math.sqrt(0.5), i * math.sqrt(0.5)
-
-
-def _pairs(i: Tensor) -> tuple[Tensor, Tensor]:
-    return -torch.floor(i / 2), i % 2
-
-
 def _circle(i: Tensor) -> tuple[Tensor, Tensor]:
     radius = 0.5 / math.sin(math.pi / len(i)) if len(i) > 1 else 0.0
     angle = _sides(i)[1] * (2 * math.pi / len(i))
@@ -58,14 +37,14 @@ def _circle(i: Tensor) -> tuple[Tensor, Tensor]:
 
 
 SHAPES: dict[Shape, Callable[[Tensor], tuple[Tensor, Tensor]]] = {
-    "abreast": _abreast,
-    "astern": _astern,
-    "wedge": _wedge,
-    "echelon": _echelon,
-    "pairs": _pairs,
+    "abreast": lambda i: (torch.zeros_like(i), _sides(i)[1]),
+    "astern": lambda i: (-i, torch.zeros_like(i)),
+    "wedge": lambda i: (-_sides(i)[0] * math.sqrt(0.5), _sides(i)[1] * math.sqrt(0.5)),
+    "echelon": lambda i: (-i * math.sqrt(0.5), i * math.sqrt(0.5)),
+    "pairs": lambda i: (-torch.floor(i / 2), i % 2),
     "circle": _circle,
 }
-"""name -> ahead and to starboard, each [vehicle], of vehicles numbered 0, 1, .. with a spacing of 1."""
+"""Name -> ahead and to starboard, each [vehicle], of vehicles numbered 0, 1, .. with a spacing of 1."""
 
 
 def formation_offsets(shape: Shape, count: int, spacing: float) -> Tensor:

@@ -47,13 +47,10 @@ TrackPack = ti.types.argpack(rows=_array2, length=_array1, wind=_array2, numbers
 
 @ti.kernel
 def _follow(
-    target: ti.types.ndarray(ndim=3),
-    progress: ti.types.ndarray(ndim=1),
-    env_world: ti.types.ndarray(dtype=ti.i64, ndim=1),
-    track: TrackPack,
-    which: ti.types.ndarray(dtype=ti.i32, ndim=1),
+    target: ti.types.ndarray(ndim=3), progress: ti.types.ndarray(ndim=1),
+    env_world: ti.types.ndarray(dtype=ti.i64, ndim=1), track: TrackPack, which: ti.types.ndarray(dtype=ti.i32, ndim=1),
     serial: ti.template(),
-):
+):  # fmt: skip
     ti.loop_config(serialize=serial)
     for e in range(target.shape[0]):
         if which[e] != 0:
@@ -80,22 +77,13 @@ class Targets:
     STATE = ("table", "progress")
 
     def __init__(
-        self,
-        tracks: Tracks,
-        env_world: Tensor,
-        wind: Tensor,
-        *,
-        speed: float,
-        interval: float,
-        wind_factor: float,
+        self, tracks: Tracks, env_world: Tensor, wind: Tensor, *, speed: float, interval: float, wind_factor: float,
         over_air: bool,
-    ):
-        """Let targets move along `tracks`.
+    ):  # fmt: skip
+        """Let targets move at `speed` (m/s) along `tracks`; environments are on those of `env_world` int64 [env].
 
-        Args:
-            env_world: int64 [env], whose track. wind: [env, 3], 10 m above the sea, m/s; both read in place.
-            speed: m/s, over ground or through the air. interval: of a decision, s. wind_factor: wind at the flight
-                height over that at 10 m. over_air: whether `speed` is through the air.
+        `speed` is over ground, or with `over_air` through the air. A decision takes `interval` (s). `wind` [env, 3] is
+        at 10 m (m/s); `wind_factor` is the wind at the flight height over it. `env_world` and `wind` are live views.
         """
         self.table = wind.new_zeros((wind.shape[0], 1, SIZE))
         self.progress = tracks.length_m.new_zeros(wind.shape[0])

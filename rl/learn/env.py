@@ -3,7 +3,7 @@ policy.
 """
 
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, TypedDict
 
 import torch
 from rsl_rl.env import VecEnv
@@ -13,8 +13,18 @@ from torch import Tensor
 from rl.learn.policy import Policy
 from rl.mission import Mission, Step
 
+if TYPE_CHECKING:
+    from rl.learn.joint import Companion
+
 Watch = Callable[[Mission, Step, Mapping[str, Mapping[str, Tensor]]], None]
 """Called after each step and before the resets: the mission, the step, and the logs of each learning team."""
+
+
+class Extras(TypedDict):
+    """What rsl-rl reads besides rewards and dones."""
+
+    time_outs: Tensor  # [row]: 1 where the episode was truncated, not terminated
+    log: dict[str, Tensor]  # "/" and a name -> its value
 
 
 class LearnerStep(NamedTuple):
@@ -22,7 +32,7 @@ class LearnerStep(NamedTuple):
 
     reward: Tensor  # [row], scaled
     dones: Tensor  # [row] int64
-    extras: dict[str, Any]  # time_outs, log
+    extras: Extras
 
 
 class MissionEnv(VecEnv):
@@ -39,19 +49,15 @@ class MissionEnv(VecEnv):
     def __init__(
         self, mission: Mission, team: str, frozen: Mapping[str, Policy | None] | None = None, *, scale: float = 1.0
     ):
-        """Adapt `mission` for the learning `team`.
+        """Adapt `mission` for the learning `team`, with rewards times `scale`.
 
-        Args:
-            mission: the mission.
-            team: the learning team.
-            frozen: a policy for each other team; None for the team in whose environment `team` is a companion.
-            scale: factor of the rewards.
+        `frozen` holds a policy of each other team; None for the team in whose environment `team` is a companion.
 
         Raises:
             ValueError: if a team has no policy.
         """
         self.mission, self.team, self.scale = mission, team, scale
-        self.frozen: dict[str, Any] = dict(frozen or {})
+        self.frozen = dict(frozen or {})
         missing = set(mission.teams) - {team} - set(self.frozen)
         if missing:
             raise ValueError(f"no policy for {sorted(missing)}: teams that do not learn need a frozen policy")
@@ -65,7 +71,7 @@ class MissionEnv(VecEnv):
         self.observe()
         self.last: Step | None = None
         self.watch: Watch | None = None
-        self.companions: list[Any] = []
+        self.companions: list[Companion] = []
         steps = torch.randint(mission.config.episode_steps, (mission.num_envs,), generator=mission.generator)
         mission.steps.copy_(steps)
 
@@ -89,10 +95,10 @@ class MissionEnv(VecEnv):
         """The vehicles' actions [env, vehicle, action] for the learner's actions [row, n]."""
         return self.mission.teams[self.team].command(actions.view(-1, self.vehicles, self.num_actions))
 
-    def step(self, actions: Tensor) -> tuple[TensorDict, Tensor, Tensor, dict]:
+    def step(self, actions: Tensor) -> tuple[TensorDict, Tensor, Tensor, Extras]:
         """Take one decision in every row; the class describes endings."""
         mission = self.mission
-        joint = {name: policy(mission.teams[name]) for name, policy in self.frozen.items()}
+        joint = {name: policy(mission.teams[name]) for name, policy in self.frozen.items() if policy is not None}
         joint[self.team] = self.commanded(actions)
         self.last = step = mission.step(joint)
         reward, dones, extras = self.learner_step(step)
@@ -113,7 +119,7 @@ class MissionEnv(VecEnv):
         time_outs = done_env.unsqueeze(1) & ~step.endings[self.team].any
         reward = step.reward[self.team]
         log = {f"/{key}": value.float() for key, value in mission.log(own, step).items()}
-        extras = {"time_outs": time_outs.flatten().float(), "log": {"/reward": reward.mean(), **log}}
+        extras: Extras = {"time_outs": time_outs.flatten().float(), "log": {"/reward": reward.mean(), **log}}
         return LearnerStep(self.scale * reward.flatten(), done_env.repeat_interleave(self.vehicles).long(), extras)
 
     def observe(self) -> None:

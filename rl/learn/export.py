@@ -44,16 +44,10 @@ def export_policy(actor: MLPModel, folder: Path, signature: Mapping[str, Sequenc
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         torch.onnx.export(
-            _Clipped(actor.as_onnx(verbose=False)).eval(),
-            (example,),
-            str(beside),
-            input_names=["obs"],
-            output_names=["actions"],
-            dynamic_axes={"obs": {0: "row"}, "actions": {0: "row"}},
-            opset_version=18,
-            dynamo=False,
-            verbose=False,
-        )
+            _Clipped(actor.as_onnx(verbose=False)).eval(), (example,), str(beside), input_names=["obs"],
+            output_names=["actions"], dynamic_axes={"obs": {0: "row"}, "actions": {0: "row"}}, opset_version=18,
+            dynamo=False, verbose=False,
+        )  # fmt: skip
     model = onnx.load(str(beside))
     onnx.helper.set_model_props(model, {key: json.dumps(list(names)) for key, names in signature.items()})
     onnx.save(model, str(beside))

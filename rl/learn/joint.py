@@ -15,9 +15,7 @@ from rl.team import Team
 
 
 class Companion:
-    """A team that learns while another team's runner drives the loop; it is also its team's policy in that
-    environment.
-    """
+    """A team that learns while another team's runner drives the loop, and its policy in that environment."""
 
     def __init__(self, runner: StageRunner):
         """Learn with `runner`, whose environment has the same mission."""
@@ -42,8 +40,8 @@ class Companion:
         self.env.observe()
         self._observations = self.env.get_observations()
         reward, dones, extras = step
-        self.runner.alg.process_env_step(self._observations, reward, dones, extras)
-        self.runner.logger.process_env_step(reward, dones, extras, None)
+        self.runner.alg.process_env_step(self._observations, reward, dones, {"time_outs": extras["time_outs"]})
+        self.runner.logger.process_env_step(reward, dones, extras)
 
     def update(self) -> None:
         """Update the policy from the steps since the last update."""

@@ -89,9 +89,7 @@ class Perceptron:
 
     @torch.no_grad()
     def backward(self, grad: Tensor) -> None:
-        """Accumulate the gradients of all weights, for the gradient `grad` of the last forward pass's outputs
-        [out, sample].
-        """
+        """Accumulate gradients of all weights, for `grad` [out, sample] of the last forward pass's outputs."""
         for layer, x in zip(reversed(self.layers), reversed(self._inputs), strict=True):
             gradient(layer.weight).add_(product(grad, x.t()))
             gradient(layer.bias).add_(grad.sum(1))

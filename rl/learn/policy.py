@@ -7,7 +7,6 @@ import pickle
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import torch
 from rsl_rl.models import MLPModel
@@ -19,7 +18,7 @@ from rl.planning.honest import HonestPlanner
 from rl.planning.planner import Planner
 from rl.scenario import Scenario, StageConfig
 
-Policy = Callable[[Any], Tensor]
+Policy = Callable[[Team], Tensor]
 """What decides for a team: reads the mission's view of it (rl.mission.Team), returns actions [env, vehicle, action] in
 [-1, 1]."""
 
@@ -87,13 +86,7 @@ class TrainedPolicy:
     """A trained actor with frozen weights; it acts by its mean action, without random numbers."""
 
     def __init__(self, actor: MLPModel, signature: Mapping[str, Sequence[str]] | None = None, source: str = "policy"):
-        """Freeze an actor.
-
-        Args:
-            actor: the network.
-            signature: names of its observations and actions.
-            source: where it comes from, for messages.
-        """
+        """Freeze an actor; `signature` names its observations and actions, `source` its file, for messages."""
         self.actor, self.source = actor.eval().requires_grad_(False), source
         self.signature = dict(signature or {})
         self._fits: Team | None = None  # the last team that passed `check`
@@ -137,11 +130,7 @@ class TrainedPolicy:
         return team.command(self.act(team.observe()))
 
     def check(self, team: Team) -> None:
-        """Refuse a team whose observations or actions are not those of the training.
-
-        Raises:
-            CheckpointError: if they differ; the message names the difference.
-        """
+        """As `check_signature`, with the names of the training."""
         check_signature(self.signature, team, self.source)
 
     def act(self, observations: Tensor) -> Tensor:
@@ -161,7 +150,7 @@ class TrainedPolicy:
             return actions.view(*observations.shape[:2], -1).clamp(-1.0, 1.0)
 
 
-def check_signature(signature: Mapping[str, Any], team: Team, source: str) -> None:
+def check_signature(signature: Mapping[str, Sequence[str]], team: Team, source: str) -> None:
     """Refuse a team whose observations or actions are not those in `signature`, which comes from `source`.
 
     Raises:
@@ -206,12 +195,9 @@ class ClassicalPolicy:
 def policies_of(kind: str, run: Path, config: Scenario) -> dict[str, Policy]:
     """A policy for each team: team -> policy.
 
-    Args:
-        kind: "policy": the policies trained in `run`. The other kinds are for all teams without a script. "classical":
-            the classical controllers. "plan" or "oracle": a planner in forks of the true simulation. "honest": a
-            planner in a world built from what the vehicles know.
-        run: the run's folder.
-        config: its scenario.
+    Of `kind` "policy" are the policies trained in the folder `run`. The other kinds are for all teams without a script.
+    "classical": the classical controllers. "plan" or "oracle": a planner in forks of the true simulation. "honest": a
+    planner in a world built from what the vehicles know.
 
     Raises:
         CheckpointError: if the run has no trained policy.

@@ -10,11 +10,12 @@ The differences:
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import torch
 from rsl_rl.algorithms import PPO
 from rsl_rl.modules.distribution import GaussianDistribution
+from tensordict import TensorDict
 from torch import Tensor
 
 from rl import processes
@@ -46,7 +47,7 @@ class LeanPPO(PPO):
     learning rate.
     """
 
-    def __init__(self, *args: Any, **options: Any):
+    def __init__(self, *args, **options):
         """Take rsl-rl's arguments."""
         super().__init__(*args, **options)
         self._actor, self._critic = Perceptron(self.actor), Perceptron(self.critic)
@@ -65,7 +66,7 @@ class LeanPPO(PPO):
         self._by_std = gradient(self._std_param)
 
     @torch.no_grad()
-    def act(self, obs: Any) -> Tensor:
+    def act(self, obs: TensorDict) -> Tensor:
         """Sample actions [row, action] and store what the update needs."""
         now = self.transition
         mean = self._actor.rows(self.actor.get_latent(obs))
@@ -161,9 +162,7 @@ class LeanPPO(PPO):
         return torch.cat([torch.stack([value, surrogate]), moved]) / count
 
     def _surrogate(self, log_prob: Tensor, piece: Piece) -> tuple[Tensor, Tensor]:
-        """Sum of the clipped surrogate loss, and its gradient [sample] with respect to the log probability of the
-        actions.
-        """
+        """Sum of the clipped surrogate loss, and its gradient [sample] by the log probability of the actions."""
         ratio = (log_prob - piece.log_prob).exp_()
         free = ratio * piece.advantages
         clipped = ratio.clamp_(1 - self.clip_param, 1 + self.clip_param).mul_(piece.advantages)

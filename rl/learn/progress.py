@@ -5,17 +5,25 @@ bar.
 import contextlib
 import csv
 import io
+import math
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, TypedDict, Unpack
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from rsl_rl.utils.logger import Logger
+from torch import Tensor
 from tqdm import tqdm
 
 from rl import processes
 from rl.processes import signals
+
+if TYPE_CHECKING:
+    from rl.learn.env import Extras
+    from rl.learn.joint import Companion
 
 HISTORY = "progress.csv"
 COLUMNS = (  # the mission's logs follow
@@ -25,6 +33,17 @@ COLUMNS = (  # the mission's logs follow
 SHOWN = 3  # logs beside the progress bar
 
 
+class Iteration(TypedDict):
+    """What rsl-rl tells of an iteration."""
+
+    collect_time: float  # s
+    learn_time: float  # s
+    loss_dict: dict[str, float]
+    learning_rate: float
+    action_std: Tensor
+    rnd_weight: float | None
+
+
 class ProgressLogger(Logger):
     """Logger of rsl-rl that writes TensorBoard and progress.csv and moves a progress bar instead of printing."""
 
@@ -32,24 +51,26 @@ class ProgressLogger(Logger):
     elapsed_before = 0.0  # s, before an interruption and in the team's earlier stages
     steps_before, iterations_before = 0, 0  # in the team's earlier stages
     completed = 0  # iterations
-    companions: Sequence[Any] = ()  # teams that learn from the same steps (joint.py)
+    companions: Sequence["Companion"] = ()  # teams that learn from the same steps (joint.py)
     columns: tuple[str, ...] = COLUMNS
     scale = 1.0  # factor of the learner's rewards
 
-    def __init__(self, *args: Any, **options: Any):
+    def __init__(self, *args, **options):
         """Take rsl-rl's arguments."""
         super().__init__(*args, **options)
-        self._logs: list[dict[str, torch.Tensor]] = []  # logs of this iteration's steps, on every rank
+        self._logs: list[dict[str, Tensor]] = []  # logs of this iteration's steps, on every rank
 
     def _store_code_state(self) -> list[str]:
         return []  # the run folder already holds the commit and the package versions
 
-    def process_env_step(self, rewards: Any, dones: Any, extras: dict, intrinsic_rewards: Any) -> None:
+    def process_env_step(
+        self, rewards: Tensor, dones: Tensor, extras: "Extras", intrinsic_rewards: Tensor | None = None
+    ) -> None:
         """Count a step."""
         self._logs.append(extras["log"])
-        super().process_env_step(rewards, dones, extras | {"log": {}}, intrinsic_rewards)
+        super().process_env_step(rewards, dones, {**extras, "log": {}}, intrinsic_rewards)
 
-    def log(self, it: int, start_it: int, total_it: int, *args: Any, **values: Any) -> None:
+    def log(self, it: int, start_it: int, total_it: int, **values: Unpack[Iteration]) -> None:  # pyright: ignore[reportIncompatibleMethodOverride]
         """Record one iteration; the runner calls this with rsl-rl's arguments.
 
         Raises:
@@ -62,7 +83,7 @@ class ProgressLogger(Logger):
         if self.writer is not None:
             self.ep_extras = [{key: torch.tensor([value]) for key, value in means.items()}]
             with contextlib.redirect_stdout(io.StringIO()):
-                super().log(it, start_it, total_it, *args, **values)
+                super().log(it, start_it, total_it, **values)
             self._write_row(it, means, values)
         if self.bar is None:
             return  # a companion: the driving runner shows progress and handles signals
@@ -70,7 +91,7 @@ class ProgressLogger(Logger):
         if number := processes.greatest(signals.pending()):
             raise signals.interruption(number)
 
-    def _show(self, bar: tqdm, means: dict[str, float], values: dict[str, Any]) -> None:
+    def _show(self, bar: tqdm, means: dict[str, float], values: Iteration) -> None:
         """Move the progress bar."""
         if not bar.disable:
             steps = self.cfg["num_steps_per_env"] * self.num_envs * self.gpu_world_size
@@ -87,7 +108,7 @@ class ProgressLogger(Logger):
         keys = dict.fromkeys(key for log in logs for key in log)
         return processes.mean({key: float(torch.stack([log[key].mean() for log in logs]).mean()) for key in keys})
 
-    def _write_row(self, it: int, means: dict[str, float], values: dict[str, Any]) -> None:
+    def _write_row(self, it: int, means: dict[str, float], values: Iteration) -> None:
         losses, n = values["loss_dict"], self.cfg["num_steps_per_env"] * self.num_envs * self.gpu_world_size
         row = {
             "iteration": it,
@@ -135,11 +156,20 @@ class Spent(NamedTuple):
 
 
 def spent(file: Path, iterations: int | None = None) -> Spent:
-    """Time and steps of the first `iterations` (default all) in progress.csv, including earlier parts of a
-    resumed run.
+    """Time and steps of the first `iterations` (default all) in progress.csv, with those before a resumption."""
+    history = read_history(file) if file.is_file() else {}
+    seconds, steps = (history.get(name, np.empty(0))[:iterations] for name in ("wall_time_s", "agent_steps"))
+    return Spent(float(seconds[-1]), int(steps[-1])) if len(steps) else Spent(0.0, 0)
+
+
+def read_history(path: Path) -> dict[str, NDArray[np.float64]]:
+    """The columns of a stage's progress.csv; a blank is NaN.
+
+    Raises:
+        ValueError: if a cell is not a number.
     """
-    if iterations == 0 or not file.is_file():
-        return Spent(0.0, 0)
-    with file.open(newline="", encoding="utf-8") as stream:
-        rows = list(csv.DictReader(stream))[:iterations]
-    return Spent(float(rows[-1]["wall_time_s"]), int(rows[-1]["agent_steps"])) if rows else Spent(0.0, 0)
+    with Path(path).open(newline="") as file:
+        reader = csv.DictReader(file, restval="")
+        rows = list(reader)
+        names = reader.fieldnames or []
+    return {name: np.array([float(row[name]) if row[name] else math.nan for row in rows]) for name in names}

@@ -3,7 +3,6 @@
 import contextlib
 import io
 from pathlib import Path
-from typing import Any
 
 import torch
 from rsl_rl.runners import OnPolicyRunner
@@ -26,10 +25,8 @@ from rl.processes import signals
 from rl.scenario import StageConfig
 
 
-def ppo_config(stage: StageConfig, privileged: bool = False) -> dict[str, Any]:
-    """rsl-rl's configuration of a stage; with `privileged`, the critic also gets privileged information
-    (asymmetric).
-    """
+def ppo_config(stage: StageConfig, privileged: bool = False) -> dict[str, object]:
+    """rsl-rl's configuration of a stage; `privileged`: the critic also gets privileged information."""
     network = actor_config(stage)
     critic = {k: v for k, v in network.items() if k != "distribution_cfg"}
     return {
@@ -53,7 +50,7 @@ def ppo_config(stage: StageConfig, privileged: bool = False) -> dict[str, Any]:
             "value_loss_coef": 1.0,
             "max_grad_norm": 1.0,
             "use_clipped_value_loss": True,
-        },
+        },  # fmt: skip
     }
 
 

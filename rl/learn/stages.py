@@ -7,7 +7,7 @@ Several teams may learn in one stage (joint.py). A stage with `keep = "better"` 
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import torch
 
@@ -30,33 +30,24 @@ from rl.missions import make_mission
 from rl.scenario import Scenario, StageConfig, at_stage
 from rl.seeds import derive_seed
 
+if TYPE_CHECKING:
+    from rl.runs.records import Batch, StageResult, Verdict
+
 Judged = Callable[[Mapping[str, TrainedPolicy]], float]
 """Loss of a set of policies, team -> policy; it decides whether a stage with `keep = "better"` is kept."""
 
 
 def train_stages(
-    config: Scenario,
-    out: Path,
-    *,
-    source: Path | None = None,
-    dumps: Path | None = None,
-    judged: Judged | None = None,
-    show_progress: bool = True,
-    watch: Watch | None = None,
-) -> list[dict[str, Any]]:
+    config: Scenario, out: Path, *, source: Path | None = None, dumps: Path | None = None, judged: Judged | None = None,
+    show_progress: bool = True, watch: Watch | None = None,
+) -> "list[StageResult]":  # fmt: skip
     """Train every stage that is not finished in `out`, from its last checkpoint; return the stages' results.
 
     With several processes (rl/processes), each has its share of a stage's environments; rank 0 alone reads and writes
     `out`.
 
-    Args:
-        config: the scenario.
-        out: the run's folder.
-        source: the scenario's file; vehicle files lie beside it.
-        dumps: folder for environments whose state stopped being finite (taichi_sim/dump.py).
-        judged: loss of a set of policies; without it every stage is kept.
-        show_progress: show a progress bar.
-        watch: called after each step.
+    Vehicle files lie beside the scenario's file `source`. `dumps` is a folder for environments whose state stopped
+    being finite (taichi_sim/dump.py). Without `judged`, every stage is kept. `watch` is called after each step.
     """
     policies: dict[str, TrainedPolicy] = {}
     for name in config.stages:
@@ -66,35 +57,26 @@ def train_stages(
 
 
 def _ended(
-    config: Scenario,
-    out: Path,
-    name: str,
-    others: Mapping[str, TrainedPolicy],
-    judged: Judged | None,
-    changed: bool,
-) -> dict[str, TrainedPolicy]:
+    config: Scenario, out: Path, name: str, others: Mapping[str, TrainedPolicy], judged: Judged | None, changed: bool,
+) -> dict[str, TrainedPolicy]:  # fmt: skip
     """The policies to use after a finished stage; new ones are exported."""
     stage = config.stages[name]
     ended = {team: config.iterations_before(name, team) + stage.iterations for team in stage.learners}
     now = {team: load_policy(out, config, team, ended[team]) for team in stage.learners}
-    if stage.keep == "better" and judged is not None and _verdict(out, stage, ended) is None:
-        now, changed = _better(config, out, name, others, now, judged), True
+    if stage.keep == "better" and judged is not None:
+        last = read_checkpoint(out / stage.team / f"model_{ended[stage.team]}.pt")
+        if "verdict" not in (last.get("infos") or {}):
+            now, changed = _better(config, out, name, others, now, judged), True
     for team in stage.learners:
-        if changed or not exported(out / team):
+        if changed or not all((out / team / name).is_file() for name in (TORCHSCRIPT, ONNX)):
             export_policy(now[team].actor, out / team, now[team].signature)
     return now
 
 
 def train_stage(
-    config: Scenario,
-    out: Path,
-    name: str,
-    policies: Mapping[str, TrainedPolicy],
-    source: Path | None,
-    dumps: Path | None,
-    show_progress: bool,
-    watch: Watch | None = None,
-) -> bool:
+    config: Scenario, out: Path, name: str, policies: Mapping[str, TrainedPolicy], source: Path | None,
+    dumps: Path | None, show_progress: bool, watch: Watch | None = None,
+) -> bool:  # fmt: skip
     """Train the stage `name` to its last iteration; return False if it was finished already."""
     stage, first, place = config.stages[name], config.iterations_before(name), processes.here()
     done = processes.broadcast(partial(_completed, out, stage))
@@ -139,24 +121,10 @@ def _completed(out: Path, stage: StageConfig) -> int:
     return read_checkpoint(saved[-1])["iter"] if saved else 0
 
 
-def exported(folder: Path) -> bool:
-    """Whether the policy in a team's folder has been exported."""
-    return all((folder / name).is_file() for name in (TORCHSCRIPT, ONNX))
-
-
-def _verdict(out: Path, stage: StageConfig, ended: Mapping[str, int]) -> dict[str, Any] | None:
-    """The decision whether to keep the stage, if there is one yet."""
-    return (read_checkpoint(out / stage.team / f"model_{ended[stage.team]}.pt").get("infos") or {}).get("verdict")
-
-
 def _better(
-    config: Scenario,
-    out: Path,
-    name: str,
-    others: Mapping[str, TrainedPolicy],
-    now: Mapping[str, TrainedPolicy],
+    config: Scenario, out: Path, name: str, others: Mapping[str, TrainedPolicy], now: Mapping[str, TrainedPolicy],
     judged: Judged,
-) -> dict[str, TrainedPolicy]:
+) -> dict[str, TrainedPolicy]:  # fmt: skip
     """The policies with the lower loss: those that the stage has trained, or those before it.
 
     The decision and the chosen weights go into the stage's last checkpoints.
@@ -179,7 +147,7 @@ def _better(
     return kept
 
 
-def starting_weights(config: Scenario, beside: Path) -> dict[str, dict[str, Any]]:
+def starting_weights(config: Scenario, beside: Path) -> dict[str, dict]:
     """Checkpoints from which teams begin their training: team -> content, for stages with `start_from`.
 
     `start_from` is a checkpoint or a run's folder (then the team's newest checkpoint), relative to the working
@@ -204,27 +172,28 @@ def starting_weights(config: Scenario, beside: Path) -> dict[str, dict[str, Any]
     return weights
 
 
-def stage_result(out: Path, name: str, config: Scenario) -> dict[str, Any]:
+def stage_result(out: Path, name: str, config: Scenario) -> "StageResult":
     """The stage's entry of summary.json; its time excludes interruptions."""
-    stage, first = config.stages[name], config.iterations_before(name)
-    history, last = out / stage.team / HISTORY, first + stage.iterations
-    before, after = spent(history, first), spent(history, last)
-    seconds, steps = after.seconds - before.seconds, after.agent_steps - before.agent_steps
-    for team in stage.joint:
-        begun = config.iterations_before(name, team)
-        file = out / team / HISTORY
-        steps += spent(file, begun + stage.iterations).agent_steps - spent(file, begun).agent_steps
-    result = {
-        "name": name,
-        "team": stage.team,
-        "iterations": stage.iterations,
-        "agent_steps": steps,
-        "wall_time_s": round(seconds, 3),
-        "agent_steps_per_s": round(steps / max(seconds, 1e-9), 1),
-    }
-    infos = read_checkpoint(out / stage.team / f"model_{last}.pt").get("infos") or {}
-    verdict, batches = infos.get("verdict"), infos.get("batches") or [{}]
-    result |= {key: value for key, value in batches[-1].items() if key != "since_iteration"}
+    stage, steps = config.stages[name], 0
+    for team in reversed(stage.learners):  # the driving team last: the time is its own
+        first, file = config.iterations_before(name, team), out / team / HISTORY
+        before, after = spent(file, first), spent(file, first + stage.iterations)
+        steps += after.agent_steps - before.agent_steps
+        seconds = after.seconds - before.seconds
+    result: StageResult = {
+        "name": name, "team": stage.team, "iterations": stage.iterations, "agent_steps": steps,
+        "wall_time_s": round(seconds, 3), "agent_steps_per_s": round(steps / max(seconds, 1e-9), 1),
+    }  # fmt: skip
+    infos = read_checkpoint(out / stage.team / f"model_{first + stage.iterations}.pt").get("infos") or {}
+    verdict: Verdict | None = infos.get("verdict")
+    batches: list[Batch] = infos.get("batches") or [{}]
+    latest = batches[-1]
+    if "processes" in latest and "environments" in latest:
+        result["processes"], result["environments"] = latest["processes"], latest["environments"]
     if len(batches) > 1:
         result["batches"] = batches  # it was resumed with another number of processes or environments
-    return result | ({"joint": list(stage.joint)} if stage.joint else {}) | ({"verdict": verdict} if verdict else {})
+    if stage.joint:
+        result["joint"] = list(stage.joint)
+    if verdict:
+        result["verdict"] = verdict
+    return result

@@ -4,7 +4,6 @@ import importlib
 import pkgutil
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
 
 from rl.mission import Mission
 from rl.scenario import Scenario, at_stage
@@ -19,7 +18,7 @@ def shipped() -> tuple[str, ...]:
     return tuple(sorted(module.name for module in pkgutil.iter_modules(__path__) if module.ispkg))
 
 
-def find_mission(name: Any, beside: Sequence[Path] = ()) -> type[Mission]:
+def find_mission(name: object, beside: Sequence[Path] = ()) -> type[Mission]:
     """The class of a mission: a package of rl/missions by name, or `module:Class`, looked for in `beside` first.
 
     Raises:
@@ -32,7 +31,7 @@ def find_mission(name: Any, beside: Sequence[Path] = ()) -> type[Mission]:
     return importlib.import_module(f"{__name__}.{name}.mission").MISSION
 
 
-def load_scenario(path: str | Path = "paper", overrides: Iterable[str] = (), then: Iterable[str] = ()) -> Any:
+def load_scenario(path: str | Path = "paper", overrides: Iterable[str] = (), then: Iterable[str] = ()) -> Scenario:
     """A scenario from a TOML file (or the name of a shipped one) and `KEY=VALUE` overrides: its mission's `Config`.
 
     Overrides in `then` take the place of earlier ones (of another way to size a sea, too).
@@ -66,7 +65,7 @@ def load_scenario(path: str | Path = "paper", overrides: Iterable[str] = (), the
 
 def make_mission(
     config: Scenario, num_envs: int, *, seed: int, teams: Sequence[str] | None = None, source: Path | None = None
-) -> Any:
+) -> Mission:
     """The mission of a scenario in `num_envs` environments; arguments as of `Mission`."""
     kind = find_mission(config.mission, [source.parent] if source else [])
     return kind(config, num_envs, seed=seed, teams=teams, source=source)

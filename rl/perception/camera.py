@@ -63,7 +63,7 @@ class CameraConfig(Strict):
         return math.cos(math.radians(self.field_of_view_deg / 2))
 
 
-class Numbers(NamedTuple):
+class CameraNumbers(NamedTuple):
     """Parameters of the kernel, SI."""
 
     cos_half: float
@@ -81,7 +81,7 @@ TruePack = ti.types.argpack(true_state=_array3, true_derived=_array3)
 OwnPack = ti.types.argpack(state=_array3, derived=_array3)
 
 
-class Form(NamedTuple):
+class CameraForm(NamedTuple):
     """Compile-time parameters of the kernel."""
 
     first: int  # number of the first aircraft among all observers
@@ -172,7 +172,7 @@ class Camera:
         """
         self.config, state = config, own.state
         n = instruments.numbers
-        self._numbers = Numbers(
+        self._numbers = CameraNumbers(
             config.cos_half, config.reach, config.rough, math.radians(config.noise_deg), n.tilt,
             math.hypot(n.heading, n.heading_bias), math.hypot(n.place, n.walk, n.common, n.height_bias),
         )  # fmt: skip
@@ -188,7 +188,7 @@ class Camera:
         )
         self._true = runtime.Packed(TruePack, true_state=true.state, true_derived=true.derived)
         self._at = runtime.Packed(OwnPack, state=state, derived=own.derived)
-        self._form, self._launch = Form(first, vehicles), runtime.Launcher(_see)
+        self._form, self._launch = CameraForm(first, vehicles), runtime.Launcher(_see)
 
     def aim(self, place: Tensor) -> None:
         """Point cameras on gimbals at `place` [env, aircraft, 2] (north, east, m)."""
@@ -201,6 +201,6 @@ class Camera:
         """Look in environments [env] int32 that are not 0, `rows` of them; `count` int32 [2 + env] counts the random
         numbers (taichi_sim/kernels/counters.py).
         """
-        kind = struct_of(Numbers._fields, runtime.current().precision)
+        kind = struct_of(CameraNumbers._fields, runtime.current().precision)
         form = self._form._replace(serial=runtime.few(rows * self._rows, SEE))
         self._launch(self._sightings(), self._true(), self._at(), which, count, kind, form)

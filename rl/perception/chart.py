@@ -25,7 +25,7 @@ from typing import NamedTuple
 import taichi as ti
 from torch import Tensor
 
-from rl.perception.columns import Message, Object, Report, Sighting
+from rl.perception.columns import Message, Object, Sighting, SightingReport
 from rl.perception.encoding import store_obstacle
 from rl.perception.radio import NEVER
 from rl.perception.sensors import Nearby, Sight, insert
@@ -40,7 +40,7 @@ VAGUE = 8.0  # m, standard deviation of a place: objects known less well are not
 KEEP = 25.0  # ns of one vehicle, object and sender, about
 
 
-class Numbers(NamedTuple):
+class TrackNoise(NamedTuple):
     """Assumed for the first object and for the others: q, m^2/s^3, and the standard deviation of a velocity before the
     first sighting, each way, m/s.
     """
@@ -51,18 +51,12 @@ class Numbers(NamedTuple):
     others_speed: float = 0.5
 
 
-ASSUMED = Numbers()
+ASSUMED = TrackNoise()
 
 _array1, _array3, _array4 = (ti.types.ndarray(ndim=n) for n in (1, 3, 4))
 ChartPack = ti.types.argpack(
     tracks=_array4, sightings=_array4, said=_array3, heard=_array4, taken=_array4, numbers=_array1
 )
-
-
-class Form(NamedTuple):
-    """Compile-time parameters of the kernel."""
-
-    serial: bool = False  # run on the calling thread
 
 
 @ti.func
@@ -97,9 +91,9 @@ def carried_on(t: ti.template(), dt, q):
 def _keep(
     chart: ChartPack,
     which: ti.types.ndarray(dtype=ti.i32, ndim=1),
-    form: ti.template(),
+    serial: ti.template(),
 ):
-    ti.loop_config(serialize=form.serial)
+    ti.loop_config(serialize=serial)
     for e, i in ti.ndrange(chart.tracks.shape[0], chart.tracks.shape[1]):
         if which[e] != 0:
             dt, senders = chart.numbers[0], chart.heard.shape[2]
@@ -121,36 +115,38 @@ def _keep(
                         0.0,
                         speed,
                     )
-                at = Message.SIZE + Report.SIZE * k
+                at = Message.SIZE + SightingReport.SIZE * k
                 for j in range(senders):
-                    then = chart.heard[e, i, j, at + Report.AGE]  # age of the sighting when the message was sent
+                    then = chart.heard[e, i, j, at + SightingReport.AGE]  # when the message was sent
                     old = then + chart.heard[e, i, j, age]
                     if which[e] == 1:
                         chart.taken[e, i, j, k] += dt
                     # `taken` is how long ago the last look that was taken of this sender was made
                     if j != i and then >= 0 and old < OLDEST and old < chart.taken[e, i, j, k] - 0.5 * dt:
                         chart.taken[e, i, j, k] = old
-                        fold(t, chart.heard[e, i, j, at + Report.NORTH],
-                             chart.heard[e, i, j, at + Report.EAST], chart.heard[e, i, j, at + Report.VARIANCE],
-                             old, speed)  # fmt: skip
+                        fold(
+                            t, chart.heard[e, i, j, at + SightingReport.NORTH],
+                            chart.heard[e, i, j, at + SightingReport.EAST],
+                            chart.heard[e, i, j, at + SightingReport.VARIANCE], old, speed,
+                        )  # fmt: skip
                 for c in ti.static(range(TRACK)):
                     chart.tracks[e, i, k, c] = t[c]
 
 
 @ti.kernel
-def _say(chart: ChartPack, which: ti.types.ndarray(dtype=ti.i32, ndim=1), form: ti.template()):
+def _say(chart: ChartPack, which: ti.types.ndarray(dtype=ti.i32, ndim=1), serial: ti.template()):
     """Write the last sighting of every object into the next message."""
-    ti.loop_config(serialize=form.serial)
+    ti.loop_config(serialize=serial)
     for e, i in ti.ndrange(chart.sightings.shape[0], chart.sightings.shape[1]):
         if which[e] != 0:
             for k in range(chart.sightings.shape[2]):
-                at = Message.SIZE + Report.SIZE * k
+                at = Message.SIZE + SightingReport.SIZE * k
                 if chart.sightings[e, i, k, Sighting.VARIANCE] > 0:
                     for c in ti.static(range(Sighting.SIZE)):
                         chart.said[e, i, at + c] = chart.sightings[e, i, k, c]
-                    chart.said[e, i, at + Report.AGE] = 0.0
-                elif chart.said[e, i, at + Report.AGE] >= 0 and which[e] == 1:
-                    chart.said[e, i, at + Report.AGE] += chart.numbers[0]
+                    chart.said[e, i, at + SightingReport.AGE] = 0.0
+                elif chart.said[e, i, at + SightingReport.AGE] >= 0 and which[e] == 1:
+                    chart.said[e, i, at + SightingReport.AGE] += chart.numbers[0]
 
 
 class Chart:
@@ -162,7 +158,7 @@ class Chart:
 
     STATE = ("tracks", "_taken")
 
-    def __init__(self, sightings: Tensor, said: Tensor, heard: Tensor, interval: float, numbers: Numbers = ASSUMED):
+    def __init__(self, sightings: Tensor, said: Tensor, heard: Tensor, interval: float, numbers: TrackNoise = ASSUMED):
         """Make charts of `sightings` [env, vehicle, object, 3] (camera.py); see radio.py for `said` and `heard`."""
         envs, vehicles, objects, _ = sightings.shape
         self.tracks = sightings.new_zeros((envs, vehicles, objects, TRACK))
@@ -179,23 +175,22 @@ class Chart:
         self.tracks[envs] = 0.0
         self.tracks[envs, :, :, AGE] = NEVER
         self._taken[envs] = NEVER
-        self._said[envs, :, Message.SIZE + Report.AGE :: Report.SIZE] = -1.0
+        self._said[envs, :, Message.SIZE + SightingReport.AGE :: SightingReport.SIZE] = -1.0
 
     def say(self, which: Tensor, rows: int) -> None:
         """Write sightings into the next messages, in environments as of `keep`; to be called before `Radio.talk`."""
-        self._say(self._chart(), which, Form(runtime.few(rows * self._rows, KEEP)))
+        self._say(self._chart(), which, runtime.few(rows * self._rows, KEEP))
 
     def keep(self, which: Tensor, rows: int) -> None:
         """Update tracks by sightings and messages, in environments [env] int32: 0 not at all, 1 after a step, 2 at the
         beginning of an episode; `rows` of them are not 0.
         """
-        form = Form(runtime.few(rows * self._rows, KEEP))
-        self._keep(self._chart(), which, form)
+        self._keep(self._chart(), which, runtime.few(rows * self._rows, KEEP))
 
 
 def width_of(objects: int) -> int:
     """Width of a message about so many objects."""
-    return Message.SIZE + Report.SIZE * objects
+    return Message.SIZE + SightingReport.SIZE * objects
 
 
 _array2 = ti.types.ndarray(ndim=2)

@@ -36,7 +36,7 @@ class Message:
     V_NORTH, SIZE = 3, 6
 
 
-class Report:
+class SightingReport:
     """The last sighting of an object in a message: place, variance, AGE (s; below 0: not seen yet)."""
 
     NORTH, EAST, VARIANCE, AGE, SIZE = range(5)

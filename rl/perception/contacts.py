@@ -58,7 +58,7 @@ class ContactsConfig(Strict):
         return not (self.range_noise or self.bearing_noise_deg or self.dropout or self.late)
 
 
-class Numbers(NamedTuple):
+class ContactsNumbers(NamedTuple):
     """Parameters of the kernel, SI."""
 
     reach: float
@@ -80,7 +80,7 @@ TruePack = ti.types.argpack(seen=_array4, near=_array4, true_derived=_array3)  #
 OwnPack = ti.types.argpack(state=_array3, derived=_array3, numbers=_array1)
 
 
-class Form(NamedTuple):
+class ContactsForm(NamedTuple):
     """Compile-time parameters of the kernel."""
 
     sight: Sight
@@ -254,7 +254,7 @@ def _contact(
             out.gap[e, i] = clear
 
 
-class Contacts(Nearby):
+class TrackedContacts(Nearby):
     """Obstacles and team mates of one team as its vehicles measure and track them."""
 
     STATE = ("_waiting", "_tracks")
@@ -269,7 +269,7 @@ class Contacts(Nearby):
         state = fleet.state
         super().__init__(state, sensor.num_obstacles, sensor.num_mates, sensor.reach, sensor.radius, sensor.axes)
         both, rows = sensor.num_obstacles + sensor.num_mates, state.shape[:2]
-        self._numbers = Numbers(
+        self._numbers = ContactsNumbers(
             sensor.reach, sensor.radius, config.range_noise, math.radians(config.bearing_noise_deg), config.dropout,
             config.speed, config.acceleration, config.mate_acceleration, interval,
         )  # fmt: skip
@@ -283,7 +283,7 @@ class Contacts(Nearby):
         self._own = runtime.Packed(
             OwnPack, state=own.state, derived=own.derived, numbers=state.new_tensor(self._numbers)
         )
-        self._form = Form(Sight(sensor.num_obstacles, sensor.num_mates, sensor.axes), config.late, vehicles)
+        self._form = ContactsForm(Sight(sensor.num_obstacles, sensor.num_mates, sensor.axes), config.late, vehicles)
         self._rows, self._launch = state.shape[1], runtime.Launcher(_contact)
 
     def update(self, which: Tensor, rows: int, steps: Tensor, count: Tensor) -> None:
@@ -292,6 +292,6 @@ class Contacts(Nearby):
         `rows` of them are not 0; `steps` int64 [env] of their episodes have gone by; `count` int32 [2 + env] counts the
         random numbers (taichi_sim/kernels/counters.py).
         """
-        kind = struct_of(Numbers._fields, runtime.current().precision)
+        kind = struct_of(ContactsNumbers._fields, runtime.current().precision)
         form = self._form._replace(serial=runtime.few(rows * self._rows, TRACK))
         self._launch(self._out(), self._true(), self._own(), which, steps, count, kind, form)

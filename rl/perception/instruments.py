@@ -93,10 +93,10 @@ class InstrumentsConfig(Strict):
     altimeter: AltimeterConfig = AltimeterConfig()
 
     @property
-    def numbers(self) -> "Numbers":
+    def numbers(self) -> "InstrumentErrors":
         """Parameters of the kernel, except the decision interval."""
         g, deg = self.gnss, math.pi / 180
-        given = Numbers(
+        given = InstrumentErrors(
             place=g.noise,
             walk=g.bias * math.sqrt(1 - g.shared),
             common=g.bias * math.sqrt(g.shared),
@@ -122,7 +122,7 @@ class InstrumentsConfig(Strict):
         return not any(value for name, value in self.numbers._asdict().items() if name != "time")
 
 
-class Numbers(NamedTuple):
+class InstrumentErrors(NamedTuple):
     """Standard deviations, SI; and the time constant of the walk, s."""
 
     place: float
@@ -147,7 +147,7 @@ TruthPack = ti.types.argpack(true_state=_array3, true_aux=_array3)  # two packs 
 ReadPack = ti.types.argpack(state=_array3, derived=_array3, aux=_array3, memory=_array3, numbers=_array1)
 
 
-class Form(NamedTuple):
+class InstrumentsForm(NamedTuple):
     """Compile-time parameters of the kernel."""
 
     vehicles: int  # number of the first vehicle among the random numbers
@@ -273,7 +273,7 @@ class Readings(Views):
         measured = ("airspeed", "alpha", "beta")
         air_data = tuple(names.index(name) for name in measured) if set(measured) <= set(names) else ()
         air = tuple(names.index(name) for name in model.air) if air_data and model.air is not None else ()
-        self._form = Form(vehicles, model.medium == "air", air_data, air)
+        self._form = InstrumentsForm(vehicles, model.medium == "air", air_data, air)
         self._launch = runtime.Launcher(_read)
 
     def read(self, which: Tensor, rows: int, count: Tensor) -> None:

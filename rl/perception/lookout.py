@@ -44,7 +44,7 @@ class LookoutConfig(Strict):
     vessel_height: Positive = 1.0  # m above the water, of what is looked for
 
 
-class Numbers(NamedTuple):
+class LookoutNumbers(NamedTuple):
     """Parameters of the kernel, SI."""
 
     vessel_range: float
@@ -62,7 +62,7 @@ TruePack = ti.types.argpack(true_state=_array3, true_derived=_array3)
 OwnPack = ti.types.argpack(state=_array3, derived=_array3)
 
 
-class Form(NamedTuple):
+class LookoutForm(NamedTuple):
     """Compile-time parameters of the kernel."""
 
     vehicles: int  # number of the first vehicle among the random numbers
@@ -127,7 +127,7 @@ class Lookout:
         """
         state, n = own.state, instruments.numbers
         self.config, self._elevation, self._true_state, self._objects = config, elevation, true.state, objects
-        self._numbers = Numbers(
+        self._numbers = LookoutNumbers(
             config.vessel_range, config.obstacle_range, config.range_noise, math.radians(config.bearing_noise_deg),
             config.dropout, math.hypot(n.heading, n.heading_bias), math.hypot(n.place, n.walk),
         )  # fmt: skip
@@ -142,7 +142,7 @@ class Lookout:
         )
         self._true = runtime.Packed(TruePack, true_state=true.state, true_derived=true.derived)
         self._at = runtime.Packed(OwnPack, state=state, derived=own.derived)
-        self._form, self._launch = Form(vehicles), runtime.Launcher(_see)
+        self._form, self._launch = LookoutForm(vehicles), runtime.Launcher(_see)
 
     def see(self, which: Tensor, rows: int, count: Tensor) -> None:
         """Look in environments [env] int32 that are not 0, `rows` of them; `count` int32 [2 + env] counts the random
@@ -150,7 +150,7 @@ class Lookout:
         """
         if self.config.crests:
             self._hidden.copy_(self.behind_crests())
-        kind = struct_of(Numbers._fields, runtime.current().precision)
+        kind = struct_of(LookoutNumbers._fields, runtime.current().precision)
         form = self._form._replace(serial=runtime.few(rows * self._rows, SEE))
         self._launch(self._sightings(), self._true(), self._at(), which, count, kind, form)
 

@@ -44,7 +44,7 @@ _array1, _array3, _array4 = (ti.types.ndarray(ndim=n) for n in (1, 3, 4))
 TalkPack = ti.types.argpack(heard=_array4, sent=_array4, said=_array3, place=_array3, numbers=_array1)
 
 
-class Form(NamedTuple):
+class RadioForm(NamedTuple):
     """Compile-time parameters of the kernel."""
 
     delay: int  # decisions
@@ -173,7 +173,7 @@ class Radio:
         delay, period = round(config.delay / interval), 1
         if config.rate is not None:
             period = max(1, round(1 / (config.rate * interval)))
-        self._form, self._each = Form(delay, period, vehicles * MOST, known, relays, shift), n
+        self._form, self._each = RadioForm(delay, period, vehicles * MOST, known, relays, shift), n
         self._interval = interval
         self.said = place.new_zeros((envs, n, width))
         self.heard = place.new_zeros((envs, n, n, width + 1))

@@ -9,9 +9,10 @@ Values travel by pickle: all ranks are processes of one user and one run.
 
 import contextlib
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from datetime import timedelta
-from typing import Any, NamedTuple, TypeVar
+from multiprocessing.connection import Connection
+from typing import NamedTuple, TypeVar
 
 import torch
 import torch.distributed as dist
@@ -19,7 +20,7 @@ import torch.distributed as dist
 from rl.processes import wires
 
 T = TypeVar("T")
-_wires: dict[int, Any] = {}  # rank -> connection on this machine (wires.py)
+_wires: dict[int, Connection] = {}  # rank -> connection on this machine (wires.py)
 PATIENCE = timedelta(hours=2)  # longest wait for another rank: rank 0 evaluates and draws alone
 
 
@@ -84,7 +85,7 @@ class _Failed(NamedTuple):
     error: Exception
 
 
-def _tried(make: Callable[[], Any]) -> Any:
+def _tried(make: Callable[[], T]) -> T | _Failed:
     try:
         return make()
     except Exception as error:
@@ -110,13 +111,13 @@ def gather(make: Callable[[], T]) -> list[T]:
     """
     if here().count == 1:
         return [make()]
-    found: list[Any] | None = [None] * here().count if here().first else None
+    found: list | None = [None] * here().count if here().first else None
     dist.gather_object(_tried(make), found, dst=0)
     broadcast(lambda: _refuse_failures(found or []))
     return found or []
 
 
-def _refuse_failures(found: list[Any]) -> None:
+def _refuse_failures(found: Sequence[object]) -> None:
     for rank, result in enumerate(found):
         if isinstance(result, _Failed):
             result.error.add_note(f"on rank {rank} of {len(found)}")
@@ -139,7 +140,7 @@ def average_(numbers: torch.Tensor) -> None:
         numbers /= here().count
 
 
-def _reduce_(numbers: torch.Tensor, combine: Callable[..., Any], operation: Any) -> None:
+def _reduce_(numbers: torch.Tensor, combine: Callable[..., torch.Tensor], operation: dist.ReduceOp.RedOpType) -> None:
     """Combine `numbers` of all ranks in place by recursive doubling: each round exchanges with one other rank.
 
     Ranks of one machine exchange over wires (wires.py).

@@ -21,15 +21,17 @@ import subprocess
 import sys
 import time
 import uuid
+from collections.abc import Mapping
 from importlib import metadata
 from pathlib import Path
-from typing import Any
+from typing import TypeVar
 
 from rl import processes
 from rl.missions import load_scenario
-from rl.runs.measured import measured_files, with_measured
+from rl.runs.records import Software
 from rl.scenario import Scenario
 from taichi_sim.config import ConfigError
+from taichi_sim.config.files import files_of, named_files, with_files
 from taichi_sim.config.io import find_config, read_toml, toml_text, vehicle_file, write_toml
 from taichi_sim.config.plugins import is_plugin, plugin_source
 from taichi_sim.vehicles import vehicle_files
@@ -38,6 +40,8 @@ CONFIG, META, SUMMARY, DUMPS = "config.toml", "meta.json", "summary.json", "dump
 LOCK, MEASURED = ".lock", "measured"
 ABANDONED = 3600.0  # s, after which an unfinished folder counts as left by a killed process
 PACKAGES = ("taichi-sim", "taichi", "torch", "numpy", "rsl-rl-lib", "gymnasium", "rerun-sdk", "pydantic")
+
+T = TypeVar("T")
 
 
 class RunError(RuntimeError):
@@ -99,7 +103,7 @@ def begin(out: Path, config: Scenario, source: Path) -> None:
         RunError: if the folder exists already and holds another scenario.
     """
     if processes.engine() is not None and (out / META).is_file():
-        if read_json(out / META).get("scenario_digest") == digest(config, source):
+        if read_json(out / META, dict).get("scenario_digest") == digest(config, source):
             return
         raise RunError(f"{out} exists already and holds another scenario: change --out, or torchrun's --rdzv-id")
     create(out, config, source)
@@ -182,7 +186,7 @@ def other_versions(run: Path) -> str:
     """A sentence that lists the packages whose version has changed since the run began; empty if none has."""
     if not (run / META).is_file():
         return ""
-    before, now = read_json(run / META).get("packages", {}), versions()
+    before, now = read_json(run / META, dict).get("packages", {}), versions()
     changed = [f"{name} {before[name]} (now {now[name]})" for name in before if before[name] != now.get(name)]
     return f"this run was begun with {', '.join(changed)}" if changed else ""
 
@@ -227,7 +231,7 @@ def lock(out: Path):
         yield
 
 
-def write_json(file: Path, content: Any) -> None:
+def write_json(file: Path, content: object) -> None:
     """Write JSON to a temporary file and rename it to `file`."""
     beside = file.with_name(file.name + ".part")
     try:
@@ -238,8 +242,8 @@ def write_json(file: Path, content: Any) -> None:
             beside.unlink(missing_ok=True)
 
 
-def read_json(file: Path) -> Any:
-    """The content of a JSON file.
+def read_json(file: Path, kind: type[T]) -> T:
+    """The content of a JSON file, which is taken for a `kind` without a check.
 
     Raises:
         RunError: if it cannot be read.
@@ -261,7 +265,7 @@ def versions() -> dict[str, str | None]:
     return found
 
 
-def describe_machine() -> dict[str, Any]:
+def describe_machine() -> Software:
     """Package versions, git commit, Python and machine: everything besides config and seed that a result depends on."""
     return {
         "packages": versions(),
@@ -284,3 +288,20 @@ def _git_commit() -> str | None:
     except (OSError, subprocess.SubprocessError):
         return None
     return commit + ("+changes" if dirty else "")
+
+
+def measured_files(config: Scenario) -> dict[str, list[Path]]:
+    """The files of measurements of a scenario and of its stages: key -> files; a stage's key is stages.X.set.KEY."""
+    found = named_files(config)
+    for name, stage in config.stages.items():
+        found |= {f"stages.{name}.set.{key}": files for key, files in files_of(stage.set).items()}
+    return found
+
+
+def with_measured(config: Scenario, places: Mapping[str, str]) -> Scenario:
+    """The same scenario with new paths for files of measurements, by key."""
+    stages = {}
+    for name, stage in config.stages.items():
+        own = {key: places[full] for key in stage.set if (full := f"stages.{name}.set.{key}") in places}
+        stages[name] = stage.model_copy(update={"set": stage.set | own})
+    return with_files(config.model_copy(update={"stages": stages}), places)

@@ -4,7 +4,6 @@ import time
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from rl import processes
 from rl.evaluation.episodes import (
@@ -22,12 +21,12 @@ from rl.evaluation.report import write_report
 from rl.evaluation.report.sources import STRIP
 from rl.evaluation.store import save_evaluation, save_headroom
 from rl.learn.env import Watch
-from rl.learn.history import read_history
 from rl.learn.policy import Policy, load_policy, policies_of
-from rl.learn.progress import HISTORY, spent
+from rl.learn.progress import HISTORY, read_history, spent
 from rl.learn.stages import train_stages
 from rl.mission import ControllerError
 from rl.runs import folder as run_folder
+from rl.runs.records import EvaluationResult, Summary
 from rl.scenario import Scenario
 from rl.seeds import derive_seed
 from taichi_sim.config import ConfigError
@@ -46,7 +45,7 @@ def run_main_job(
     source: Path | None = None,
     show_progress: bool = True,
     watch: Watch | None = None,
-) -> dict[str, Any] | None:
+) -> Summary | None:
     """Train, evaluate, record and draw into the run folder `out`; return the content of summary.json.
 
     With several processes (rl/processes), only rank 0 writes to `out`. The other ranks read their scenario from
@@ -71,10 +70,10 @@ def run_main_job(
             lambda: {t: load_policy(out, config, t) for t in config.trained}
         )
         evaluation = _evaluate(config, policies, out, source, show_progress)
-        if not first:
+        if evaluation is None:  # not rank 0
             return None
         _picture(config, policies, out, show_progress)
-        summary = {
+        summary: Summary = {
             "scenario": config.name,
             "seed": config.seed,
             "wall_time_s": round(time.perf_counter() - start, 3),
@@ -113,7 +112,7 @@ def _loss(config: Scenario, source: Path | None, policies: Mapping[str, Policy])
 
 def _evaluate(
     config: Scenario, policies: Mapping[str, Policy], out: Path, source: Path | None, show_progress: bool
-) -> dict[str, Any]:
+) -> EvaluationResult | None:
     """Evaluate the policies and the classical controllers, store both in the run's folder, return the policies'
     result.
     """
@@ -133,10 +132,10 @@ def _evaluate(
     learned = outcomes[0] if outcomes else None
     if isinstance(learned, Exception):
         raise learned
-    return {} if learned is None else learned.result
+    return None if learned is None else learned.result
 
 
-def report(evaluation: dict[str, Any], config: Scenario, source: Path | None = None) -> str:
+def report(evaluation: EvaluationResult, config: Scenario, source: Path | None = None) -> str:
     """An evaluation as readable lines."""
     judge = mission_class(config, source).Judge
     lines = [f"{evaluation['episodes']} held-out episodes, {evaluation['controller']}:"]

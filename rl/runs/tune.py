@@ -10,10 +10,11 @@ import math
 import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, Protocol, cast
 
 import numpy as np
 import tomli_w
+from torch import Tensor
 from tqdm import tqdm
 
 from rl.evaluation.episodes import mission_class, run_episodes
@@ -21,13 +22,27 @@ from rl.mission import ControllerError
 from rl.missions import make_mission
 from rl.scenario import Scenario
 from rl.seeds import derive_seed
-from taichi_sim.config import ConfigError
+from taichi_sim.config import ConfigError, Strict
 from taichi_sim.kernels import runtime
+from taichi_sim.vehicle import Vehicle
 
 SPREAD = 0.3  # initial standard deviation of the logarithms
 LEAST_SPREAD = 0.03
 ELITE = 0.25  # share of a round's candidates that gives the next mean
 KEEP = 0.5  # weight of the previous round's spread
+
+
+class TunableController(Protocol):
+    """A classical controller that can be built with other gains."""
+
+    Gains: type[Strict]
+
+    def __init__(self, model: Vehicle, gains: Strict):
+        """Control `model` with `gains`."""
+
+    def __call__(self, known: object) -> Tensor:
+        """Actions [env, vehicle, action] in [-1, 1]."""
+        ...
 
 
 class Tuned(NamedTuple):
@@ -60,7 +75,7 @@ def tune(
     """
     mission = make_mission(config, episodes, seed=derive_seed(seed, "tune"), teams=(team,), source=source)
     model, judge = mission.teams[team].fleet.model, mission_class(config, source).Judge
-    kind = type(mission.controller(mission.teams[team]))
+    kind = cast(type[TunableController], type(mission.controller(mission.teams[team])))
     if not hasattr(kind, "Gains"):
         raise ControllerError(f"{team}: its classical controller has no numbers to tune")
     given = {**kind.Gains().model_dump(), **mission.teams[team].section.control}

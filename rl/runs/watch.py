@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping
 
 import torch
 
-from rl.evaluation.reel import Reel
+from rl.evaluation.reel import EpisodeReel
 from rl.mission import Mission, Step
 from taichi_sim.recording import Event
 from taichi_sim.recording.live import PORT, Live, refuse_used
@@ -32,7 +32,7 @@ class EpisodeView:
     def __init__(self, live: Live, speed: float = 1.0) -> None:
         """Connect to a live view; the first frame comes later."""
         self.live, self.speed = live, speed
-        self._reel: Reel | None = None
+        self._reel: EpisodeReel | None = None
         self._events: list[Event] = []
         self._zero = 0.0  # time.monotonic at the start of the episode
         self._shown = 0.0  # s of the episode shown so far
@@ -41,7 +41,7 @@ class EpisodeView:
         """Show environment `env` after a step."""
         dt = mission.config.decision_interval
         if self._reel is None:
-            self._reel = Reel(mission, env, dt)
+            self._reel = EpisodeReel(mission, env, dt)
         reel, now = self._reel, self._reel.now
         reel.add(step)
         self._events += events
@@ -72,7 +72,7 @@ class TrainingView:
         self.live, self._off = live, False
         self._begun, self._steps = time.monotonic(), 0
         self._mission: Mission | None = None
-        self._reel: Reel | None = None
+        self._reel: EpisodeReel | None = None
         self._rolling = False
         self._next = 0.0  # time.monotonic when motion is shown again
         self._at, self._from, self._cost = 0.0, 0.0, 0.0  # shown motion: time.monotonic, simulated time, cost
@@ -116,11 +116,11 @@ class TrainingView:
         """Begin to show motion, of the same episode as before or of a new one."""
         if self._reel is None:
             self.live.begin()
-            self._reel = Reel(mission, after=dt)
+            self._reel = EpisodeReel(mission, after=dt)
         self._rolling, self._cost = True, 0.0
         self._at, self._from = time.monotonic(), self._reel.now
 
-    def _show(self, reel: Reel) -> None:
+    def _show(self, reel: EpisodeReel) -> None:
         part = reel.part(like=self.live.like)
         at = 0.0 if self.live.like is None else self._at + float(part.time_s[0]) - self._from
         self.live.show(part, after_s=self._at - self._begun - self._from, at=at)

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from rl.perception.camera import UNSEEN, Camera, CameraConfig
-from rl.perception.chart import AGE, ASSUMED, P_PP, P_VV, V_NORTH, Chart, Numbers, width_of
+from rl.perception.chart import AGE, ASSUMED, P_PP, P_VV, V_NORTH, Chart, TrackNoise, width_of
 from rl.perception.columns import Sighting
 from rl.perception.instruments import InstrumentsConfig
 from rl.perception.lookout import Lookout, LookoutConfig
@@ -149,7 +149,7 @@ def test_crests_hide_the_vessel():
 class Net:
     """Lookers, their radio and their charts; what they see is written by hand."""
 
-    def __init__(self, lookers: int, things: int = 1, envs: int = 1, numbers: Numbers = ASSUMED, **radio):
+    def __init__(self, lookers: int, things: int = 1, envs: int = 1, numbers: TrackNoise = ASSUMED, **radio):
         place = torch.zeros((envs, lookers, 3))
         self.looks = torch.full((envs, lookers, things, 3), UNSEEN)
         shift, relays = radio.pop("shift", 0), radio.pop("relays", (0, 0))
@@ -176,7 +176,7 @@ class Net:
         return self.chart.tracks
 
 
-STILL = Numbers(first=0.0, others=0.0, first_speed=100.0, others_speed=100.0)
+STILL = TrackNoise(first=0.0, others=0.0, first_speed=100.0, others_speed=100.0)
 
 
 def test_a_track_is_the_line_of_least_squares():

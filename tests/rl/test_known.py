@@ -7,7 +7,7 @@ import torch
 from small_missions import begin, make, wander
 
 from rl.missions import load_scenario
-from rl.perception.contacts import Contacts
+from rl.perception.contacts import TrackedContacts
 from rl.perception.instruments import Readings
 from taichi_sim.config import ConfigError
 
@@ -119,7 +119,7 @@ def test_late_measurements_of_steady_bodies_are_exact_in_time():
     begin(task)
     team = task.teams["usv"]
     contacts = team.known.sensor
-    assert isinstance(contacts, Contacts)
+    assert isinstance(contacts, TrackedContacts)
     settled = []
     for _ in range(60):
         wander(task, 1, size=0.2)

@@ -2,12 +2,12 @@
 
 import shlex
 from collections.abc import Mapping
-from typing import Any
 
 from rl.evaluation.headroom import headroom, read_bounds
 from rl.evaluation.intervals import Interval, differences, intervals
 from rl.evaluation.report.sources import Run
 from rl.evaluation.store import StoredEvaluation
+from rl.runs.records import StageResult
 from taichi_sim.config.io import toml_text
 from taichi_sim.plotting.page import folded, missing, paragraph, table, text
 
@@ -16,7 +16,8 @@ NOTHING = "-"
 
 def about(run: Run) -> str:
     """Table of a run's scenario, teams, times and machine."""
-    config, machine = run.config, run.meta.get("machine", {})
+    config, meta = run.config, run.meta or {}
+    machine = meta.get("machine", {})
     stages = [] if run.summary is None else run.summary["stages"]
     rows = [("scenario", f"{config.name}, mission {config.mission}, seed {config.seed}")]
     for name, team in config.teams.items():
@@ -29,14 +30,14 @@ def about(run: Run) -> str:
     rows.append(
         ("on", f"{machine.get('processor', '?')}, {machine.get('cpus', '?')} CPUs, {machine.get('system', '?')}")
     )
-    rows.append(("commit", str(run.meta.get("git_commit") or "not known")[:19]))
+    rows.append(("commit", str(meta.get("git_commit") or "not known")[:19]))
     parts = table(("", run.name), [(text(a), text(b)) for a, b in rows], numbers=False)
     if run.summary is None:
         parts += missing("The training is not finished.", f"python rl/train.py --out {run.folder} --resume")
     return parts + folded("every key of the scenario", f"<pre>{text(toml_text(config))}</pre>")
 
 
-def _learned(stage: Mapping[str, Any]) -> str:
+def _learned(stage: StageResult) -> str:
     """One line on a stage: teams, iterations, time, verdict."""
     teams = " and ".join((stage["team"], *stage.get("joint", ())))
     line = f"{teams}: {stage['iterations']} iterations, {stage['agent_steps'] / 1e6:.3g} million agent-steps"

@@ -2,7 +2,10 @@
 
 import shlex
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from rl.evaluation.episode_log import Crash, Excerpt, load_log
 from rl.evaluation.episodes import mission_class
@@ -10,10 +13,10 @@ from rl.evaluation.store import CONTROLLERS, StoredEvaluation, load_evaluation, 
 from rl.evaluation.sweep.config import FOLDER
 from rl.evaluation.sweep.tables import JSON
 from rl.judge import Judge
-from rl.learn.history import read_history
-from rl.learn.progress import HISTORY
+from rl.learn.progress import HISTORY, read_history
 from rl.mission import Histories
 from rl.runs import folder as run_folder
+from rl.runs.records import Meta, Summary, SweepTable
 from rl.scenario import Scenario
 
 STRIP = "episode.webp"  # pictures of the recorded episode in a row
@@ -25,14 +28,14 @@ class Run(NamedTuple):
     folder: Path
     config: Scenario
     judge: type[Judge]
-    meta: dict[str, Any]
-    summary: dict[str, Any] | None  # None: not finished
+    meta: Meta | None  # None: no file
+    summary: Summary | None  # None: not finished
     histories: Histories
     evaluations: dict[str, StoredEvaluation]  # by controller
-    headroom: dict[str, Any]  # team -> numbers on the oracle's episodes (headroom.py)
+    headroom: dict[str, dict[str, NDArray[np.float64]]]  # team -> numbers on the oracle's episodes (headroom.py)
     shown: dict[str, Excerpt]  # of the policy
     crashes: list[Crash]  # of the policy
-    sweeps: dict[str, dict[str, Any] | None]  # name -> sweep.json; None: not finished
+    sweeps: dict[str, SweepTable | None]  # name -> sweep.json; None: not finished
 
     @property
     def strip(self) -> Path | None:
@@ -65,8 +68,8 @@ def read_run(folder: Path) -> Run:
         folder=folder,
         config=config,
         judge=mission_class(config, source).Judge,
-        meta=run_folder.read_json(meta) if meta.is_file() else {},
-        summary=run_folder.read_json(summary) if summary.is_file() else None,
+        meta=run_folder.read_json(meta, Meta) if meta.is_file() else None,
+        summary=run_folder.read_json(summary, Summary) if summary.is_file() else None,
         histories={team: read_history(folder / team / HISTORY) for team in teams},
         evaluations={controller: of for controller, of in found.items() if of is not None},
         headroom=load_headroom(folder),
@@ -76,6 +79,10 @@ def read_run(folder: Path) -> Run:
     )
 
 
-def _sweep(file: Path) -> dict[str, Any] | None:
+def _sweep(file: Path) -> SweepTable | None:
     """The tables of a finished sweep; old files name no opponent, which was the classical controller."""
-    return {"opponent": "classical"} | run_folder.read_json(file) if file.is_file() else None
+    if not file.is_file():
+        return None
+    found = run_folder.read_json(file, SweepTable)
+    found.setdefault("opponent", "classical")
+    return found

@@ -1,7 +1,6 @@
 """The part of a report on sweeps: figures over each axis with bands of their intervals, and a table of all cells."""
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -10,9 +9,9 @@ from rl.evaluation.intervals import Interval
 from rl.evaluation.report.about import number
 from rl.evaluation.report.sources import Run
 from rl.evaluation.sweep.tables import named, value_text
+from rl.runs.records import AxisTable, CellRow, SweepTable
 from taichi_sim.plotting.page import COLOURS, blank, folded, missing, panel, paragraph, svg, table, text
 
-Row = Mapping[str, Any]
 FEW = 8  # up to this many values get a tick each
 SPAN = 20.0  # ratio of largest to least value above which a panel's scale is logarithmic
 
@@ -32,7 +31,7 @@ def sweeps(run: Run, other: Run | None) -> str:
     return "\n".join(parts)
 
 
-def _sweep(run: Run, content: Row, beside: str, also: Row | None) -> str:
+def _sweep(run: Run, content: SweepTable, beside: str, also: SweepTable | None) -> str:
     base = "all axes against each other" if content["grid"] else "each axis alone, about the run's own scenario"
     head = f"<h3>Sweep {text(content['sweep'])}</h3>" + paragraph(
         f"{content['episodes']} episodes under each condition, seed {content['seed']}; {base}; bands: 95 % intervals",
@@ -42,7 +41,7 @@ def _sweep(run: Run, content: Row, beside: str, also: Row | None) -> str:
     return head + "".join(drawn) + folded("all cells", _table(run, content))
 
 
-def _axis(run: Run, content: Row, k: int, beside: str, also: Row | None) -> str:
+def _axis(run: Run, content: SweepTable, k: int, beside: str, also: SweepTable | None) -> str:
     """Panels of one axis, a row for each team. In a grid, the other axes have their first value."""
     axis = content["axes"][k]
     rows, others = _along(content, k), None if also is None else _along(also, k)
@@ -69,7 +68,7 @@ def _axis(run: Run, content: Row, k: int, beside: str, also: Row | None) -> str:
     return svg(figure, f"sweep over {axis['name']}") + notes
 
 
-def _along(content: Row, k: int) -> list[Row]:
+def _along(content: SweepTable, k: int) -> list[CellRow]:
     """The cells along an axis, in its order."""
     names = [axis["name"] for axis in content["axes"]]
     first = {axis["name"]: axis["values"][0] for i, axis in enumerate(content["axes"]) if i != k}
@@ -80,7 +79,9 @@ def _along(content: Row, k: int) -> list[Row]:
     ]
 
 
-def _band(axes: Axes, axis: Row, rows: Sequence[Row], team: str, who: str, key: str, colour: str, label: str) -> None:
+def _band(
+    axes: Axes, axis: AxisTable, rows: Sequence[CellRow], team: str, who: str, key: str, colour: str, label: str
+) -> None:
     values = [row["values"][axis["name"]] for row in rows]
     numeric = all(isinstance(value, int | float) and not isinstance(value, bool) for value in values)
     x = np.array(values, dtype=float) if numeric else np.arange(len(values), dtype=float)
@@ -100,7 +101,7 @@ def _scale(axes: Axes) -> None:
         axes.set_yscale("log")
 
 
-def _reasons(axis: Row, rows: Sequence[Row]) -> str:
+def _reasons(axis: AxisTable, rows: Sequence[CellRow]) -> str:
     """Paragraphs on the cells that cannot be simulated, with the reasons."""
     notes = []
     for row in rows:
@@ -112,7 +113,7 @@ def _reasons(axis: Row, rows: Sequence[Row]) -> str:
     return "".join(paragraph(line, "faint") for line in notes)
 
 
-def _table(run: Run, content: Row) -> str:
+def _table(run: Run, content: SweepTable) -> str:
     units = {axis["name"]: f" {axis['unit']}".rstrip() for axis in content["axes"]}
     keys = [key for key in run.judge.definitions if key in _figures(content)]
     rows = []
@@ -130,5 +131,5 @@ def _table(run: Run, content: Row) -> str:
     return table(("condition", "team", "controller", *keys), rows)
 
 
-def _figures(content: Row) -> set[str]:
+def _figures(content: SweepTable) -> set[str]:
     return {key for row in content["cells"] for team in row["teams"].values() for of in team.values() for key in of}

@@ -5,7 +5,7 @@ import math
 from collections.abc import Iterator, Mapping
 from itertools import chain, product
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from rl.evaluation.sweep.config import Axis, Sweep
 from rl.missions import find_mission, shipped
@@ -19,7 +19,7 @@ TEAMS = "*"  # in a key: every trained team
 class Cell(NamedTuple):
     """One set of conditions."""
 
-    values: dict[str, Any]  # axis -> its value, as in the file; other axes keep the run's value
+    values: dict[str, object]  # axis -> its value, as in the file; other axes keep the run's value
     overrides: tuple[str, ...]  # KEY=VALUE
     missing: str | None  # why this scenario lacks an axis
 
@@ -55,9 +55,11 @@ def cells(sweep: Sweep, config: Scenario, file: Path) -> Iterator[Cell]:
         yield Cell({axis.name: axis.label(value) for axis, value in given}, overrides, reason)
 
 
-def _set(axis: Axis, value: Any, config: Scenario) -> Iterator[str]:
+def _set(axis: Axis, value: object, config: Scenario) -> Iterator[str]:
     """The overrides that set an axis to a value."""
-    factor = axis.scale * (1.0 if axis.times is None else _value(config, axis.times))
+    times = 1.0 if axis.times is None else _value(config, axis.times)
+    assert isinstance(times, int | float)  # `_missing` has looked
+    factor = axis.scale * times
     for key, given in zip(axis.keys, axis.of_keys(value), strict=True):
         for name in _every(key, config):
             if isinstance(given, str):
@@ -65,6 +67,7 @@ def _set(axis: Axis, value: Any, config: Scenario) -> Iterator[str]:
             elif factor == 1.0:
                 yield f"{name}={json.dumps(given)}"
             else:
+                assert isinstance(given, int | float)  # `Axis` has looked
                 whole = isinstance(_value(config, name), int)
                 yield f"{name}={round(given * factor) if whole else given * factor}"
 
@@ -74,7 +77,7 @@ def _every(key: str, config: Scenario) -> list[str]:
     return [key.replace(TEAMS, team, 1) for team in config.trained] if key.startswith(f"{TEAMS}.") else [key]
 
 
-def _value(config: Any, key: str) -> Any:
+def _value(config: object, key: str) -> object:
     """The scenario's value of a key; None if it has none."""
     for part in key.split("."):
         config = getattr(config, part, None)
@@ -111,7 +114,7 @@ def _absent(key: str, config: Scenario, place: str) -> str | None:
     raise ConfigError(f"{place}: unknown key{meant(parts[depth], allowed)}; allowed here: {', '.join(sorted(allowed))}")
 
 
-def _unknown(kind: type[Scenario], parts: list[str], teams: Mapping[str, Any]) -> tuple[int, list[str]] | None:
+def _unknown(kind: type[Scenario], parts: list[str], teams: Mapping[str, object]) -> tuple[int, list[str]] | None:
     """Position of the first part of a key that the scenario lacks, and the names allowed there; None if it has
     the key.
     """

@@ -1,7 +1,7 @@
 """A sweep's file: axes of conditions, and the number of episodes for each."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 from pydantic import Field, model_validator
 
@@ -21,7 +21,7 @@ class Axis(Strict):
 
     name: Annotated[str, Field(min_length=1)]
     keys: tuple[Annotated[str, Field(min_length=1)], ...]
-    values: tuple[Any, ...]
+    values: tuple[object, ...]
     labels: tuple[str | int | float, ...] | None = None
     unit: str = ""  # of `values`, as printed
     scale: Positive = 1.0  # from `unit` to the unit of the keys
@@ -44,11 +44,11 @@ class Axis(Strict):
             raise ValueError(f"axis {self.name!r} has {len(self.labels)} labels for {len(self.values)} values")
         return self
 
-    def label(self, value: Any) -> Any:
+    def label(self, value: object) -> object:
         """The label of one of `values`."""
         return value if self.labels is None else self.labels[self.values.index(value)]
 
-    def of_keys(self, value: Any) -> tuple[Any, ...]:
+    def of_keys(self, value: object) -> tuple[object, ...]:
         """One value for each key."""
         return value if isinstance(value, tuple) else (value,) * len(self.keys)
 
@@ -87,7 +87,7 @@ def find_sweep(name: str | Path) -> Path:
     raise ConfigError(f"{path}: no such sweep file; shipped sweeps: {names}")
 
 
-def load_sweep(file: Path, **changes: Any) -> Sweep:
+def load_sweep(file: Path, **changes: int | None) -> Sweep:
     """Read a sweep from its file; `changes` replace single keys, unless None.
 
     Raises:

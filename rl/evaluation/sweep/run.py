@@ -13,13 +13,15 @@ import time
 from collections.abc import Callable, Mapping
 from itertools import chain
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple, TextIO
 
+import numpy as np
+from numpy.typing import NDArray
 from tqdm import tqdm
 
 from rl import processes
 from rl.evaluation.episodes import judge_episodes, mission_class
-from rl.evaluation.intervals import differences, intervals
+from rl.evaluation.intervals import Interval, differences, intervals
 from rl.evaluation.sweep.cells import Cell, cells, count_cells
 from rl.evaluation.sweep.config import FOLDER, Sweep
 from rl.evaluation.sweep.tables import write_tables
@@ -27,6 +29,7 @@ from rl.judge import Judge
 from rl.learn.policy import CheckpointError, Policy, checkpoints
 from rl.mission import ControllerError
 from rl.runs import folder as run_folder
+from rl.runs.records import AxisTable, CellResult, CellRow, SweepAbout
 from rl.scenario import Scenario
 from taichi_sim.config import ConfigError
 from taichi_sim.config.files import named_files
@@ -97,7 +100,7 @@ def run_sweep(
             out.mkdir(parents=True, exist_ok=True)
             stack.enter_context(run_folder.lock(out))
             lines = stack.enter_context((out / CELLS).open("a+", encoding="utf-8"))
-        done: dict[str, dict[str, Any]] = processes.broadcast(lambda: _read(lines))
+        done = processes.broadcast(lambda: _read(lines))
         left = [(key, cell) for key, cell in keyed if key not in done]
         begun = total - len(left)
         shown = show_progress and place.first
@@ -123,20 +126,22 @@ def run_sweep(
             text = f"{finished} of {total} cells are in {out}; the same command continues"
             raise type(interrupt)(text) from None
     if place.first:
-        rows = [{"values": cell.values, "set": list(cell.overrides)} | done[key] for key, cell in keyed]
-        axes = [{"name": a.name, "unit": a.unit, "values": [a.label(value) for value in a.values]} for a in sweep.axis]
-        about = {"sweep": name, "scenario": config.name, "seed": sweep.seed, "episodes": sweep.episodes}
-        about["opponent"] = opponent
-        write_tables(out, about | {"grid": sweep.grid, "axes": axes}, rows)
+        rows = [CellRow(values=cell.values, set=list(cell.overrides), **done[key]) for key, cell in keyed]
+        axes = [AxisTable(name=a.name, unit=a.unit, values=[a.label(v) for v in a.values]) for a in sweep.axis]
+        about = SweepAbout(
+            sweep=name, scenario=config.name, seed=sweep.seed, episodes=sweep.episodes, opponent=opponent,
+            grid=sweep.grid, axes=axes,
+        )  # fmt: skip
+        write_tables(out, about, rows)
     return out
 
 
-def _measure(cell: Cell | None, sweep: Sweep, contest: Contest, judge: type[Judge]) -> dict[str, Any]:
+def _measure(cell: Cell | None, sweep: Sweep, contest: Contest, judge: type[Judge]) -> CellResult:
     """Run both controllers on a cell's episodes: team -> controller or "difference" -> figure -> (value, low, high)."""
     if cell is None:
-        return {}  # fewer cells are left than there are processes
+        return {"cannot_be": {}, "teams": {}}  # fewer cells are left than there are processes
     cannot: dict[str, str] = {}
-    found: dict[str, dict[str, Any]] = {}
+    found: dict[str, dict[str, dict[str, NDArray[np.float64]]]] = {}
     for who, policies in contest.controllers.items():
         if cell.missing:
             cannot[who] = cell.missing
@@ -149,7 +154,7 @@ def _measure(cell: Cell | None, sweep: Sweep, contest: Contest, judge: type[Judg
             found[who] = outcome.episodes
         except CANNOT as error:
             cannot[who] = str(error)
-    teams: dict[str, Any] = {}
+    teams: dict[str, dict[str, dict[str, list[float | None]]]] = {}
     for who, of_teams in found.items():
         for team, episodes in of_teams.items():
             teams.setdefault(team, {})[who] = _rounded(intervals(judge, episodes))
@@ -160,7 +165,7 @@ def _measure(cell: Cell | None, sweep: Sweep, contest: Contest, judge: type[Judg
     return {"cannot_be": cannot, "teams": teams}
 
 
-def _rounded(figures: Mapping[str, Any]) -> dict[str, list[float | None]]:
+def _rounded(figures: Mapping[str, Interval]) -> dict[str, list[float | None]]:
     return {
         name: [None if x is None else float(f"{x:.{SIGNIFICANT}g}") for x in interval]
         for name, interval in figures.items()
@@ -186,14 +191,14 @@ def _files(contest: Contest) -> list[str]:
     return [hashlib.sha256(file.read_bytes()).hexdigest() for file in files]
 
 
-def _key(*parts: Any) -> str:
+def _key(*parts: object) -> str:
     return hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:24]
 
 
-def _read(lines: Any) -> dict[str, dict[str, Any]]:
+def _read(lines: TextIO) -> dict[str, CellResult]:
     """The finished cells by hash; a line that a kill has cut short is removed from the file."""
     lines.seek(0)
-    done: dict[str, dict[str, Any]] = {}
+    done: dict[str, CellResult] = {}
     whole = 0
     for line in iter(lines.readline, ""):
         try:

@@ -2,16 +2,16 @@
 
 import csv
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 from rl.runs import folder as run_folder
+from rl.runs.records import CellRow, SweepAbout
 
 JSON, CSV = "sweep.json", "sweep.csv"
 
 
-def write_tables(out: Path, about: Mapping[str, Any], rows: Sequence[Mapping[str, Any]]) -> None:
+def write_tables(out: Path, about: SweepAbout, rows: Sequence[CellRow]) -> None:
     """Write `about` and the cells' `rows` (run.py) to `sweep.json`, and the same to `sweep.csv`."""
     run_folder.write_json(out / JSON, {**about, "cells": list(rows)})
     part = out / f"{CSV}.part"
@@ -25,7 +25,7 @@ def write_tables(out: Path, about: Mapping[str, Any], rows: Sequence[Mapping[str
     os.replace(part, out / CSV)
 
 
-def value_text(value: Any) -> str:
+def value_text(value: object) -> str:
     """The value of an axis as printed."""
     if isinstance(value, list | tuple):
         return ", ".join(map(value_text, value))
@@ -37,7 +37,7 @@ def named(who: str, opponent: str) -> str:
     return f"policy - {opponent}" if who == "difference" else who
 
 
-def _lines(row: Mapping[str, Any], opponent: str) -> Iterator[list[Any]]:
+def _lines(row: CellRow, opponent: str) -> Iterator[list[str | float]]:
     """A line for each figure of a cell, and for each controller that could not run."""
     for who, reason in row["cannot_be"].items():
         yield ["", named(who, opponent), "", "", "", "", " ".join(reason.split())]

@@ -1,11 +1,12 @@
 """Track control of a displacement vessel that pushes along its nose and turns: the X and N that follow the slot.
 
-Over ground, with the error e = slot - position, the drift z (drift.py), and evasion (../avoidance.py) of what is near:
+Over ground, with the error e = slot - position, the drift z (`Drift`), and evasion (../avoidance.py) of what is near:
 
     v* = v_s + sat(k_e e) + z,   v*' = chi' x v_s + k_e (v_s - v).
 
-The slot's velocity v_s is that of the formation (target's, and swing about the leader): the leader's own also has the
-waves in it, which a follower would chase in vain. Speed, u* being the part of v* along the nose and a the waves' push:
+The slot's velocity v_s is that of the formation (the target's, plus the swing about the leader). The leader's measured
+velocity also contains its motion in waves, which a follower would chase in vain. Speed, u* being the part of v* along
+the nose and a the waves' push:
 
     X = m11 (v*'_x + k_u (u* - u) - a_x) + d_u(u*).
 
@@ -16,8 +17,9 @@ target's rate; more so (`lead`, vessel.py) where the course is slow to follow:
     N = m33 k_r (r* - r) + d_r(r*).
 
 Waves: the hull floats on the water's slope, so its tilt measures a = -g (R_nb e_3)_{n,e}. Thrust cancels that along the
-nose. To starboard, only a turn can, and a turn in every wave costs the moment, and the thrust, that steering needs:
-hence heading and not the course over ground is fed back, in which the waves' sway is not seen, and wave_share is small.
+nose. To starboard only a turn can, and a turn in every wave costs moment and thrust that steering needs. Therefore
+wave_share is small, and the heading is fed back, which does not contain the sway in waves as the course over ground
+does.
 """
 
 from typing import NamedTuple
@@ -26,31 +28,36 @@ import torch
 from torch import Tensor
 
 from rl.guidance.avoidance import Avoider
-from rl.guidance.controllers.drift import Drift
 from rl.guidance.controllers.force_vector import approach, turning, wrap
-from rl.guidance.controllers.vessel import CourseGains, Vessel, loops
+from rl.guidance.controllers.vessel import CourseGains, VesselDynamics, loops
 from rl.guidance.knowledge import Knowledge
 from taichi_sim.conventions import GRAVITY
 
 SPEED_SHARE = 0.95  # of the top speed, the most that is asked for; assumed
 LEAST_SHARE = 0.1  # of the top speed: a shorter velocity has no direction to follow; assumed
 RATE_SHARE = 0.9  # of the top yaw rate, the most that is asked for; assumed
+COURSE_TIME = 8.0  # s of the integral of the course error; assumed
+COURSE_ERROR = 0.5  # its sine: greater ones are turns; assumed
+DRIFT_SHARE = 0.2  # of the top speed, the greatest drift; assumed
 EVADING = 1e-3  # m/s: less of a change by avoidance is rounding
 
 
 class Load(NamedTuple):
-    """Asked of the actuators, each [env, vehicle]; not limited."""
+    """Loads demanded of the actuators, without limits, each [env, vehicle]."""
 
     X: Tensor  # N
-    Y: Tensor  # N, of those who can push to the side
+    Y: Tensor  # N, for vessels that can push to the side
     N: Tensor  # N m
 
 
-class Way(NamedTuple):
+class CourseCommand(NamedTuple):
     """The velocity command, each [env, vehicle, 2], NED."""
 
     velocity: Tensor  # v*, m/s
     change: Tensor  # v*', m/s^2
+
+
+Way = CourseCommand  # its earlier name
 
 
 class Course:
@@ -58,7 +65,7 @@ class Course:
 
     STATE = ("drift",)
 
-    def __init__(self, vessel: Vessel, gains: CourseGains, interval: float):
+    def __init__(self, vessel: VesselDynamics, gains: CourseGains, interval: float):
         """Compute what follows from the `gains` for decisions every `interval` s."""
         self.vessel, self.interval, self.gains = vessel, interval, gains
         self.loops, self.avoid = loops(vessel, gains, interval), Avoider(gains)
@@ -67,8 +74,8 @@ class Course:
         self.top_rate = RATE_SHARE * vessel.top_rate
         self.turn = vessel.moment / vessel.m33
 
-    def load(self, team: Knowledge, wanted: "Way") -> Load:
-        """Loads that follow what is wanted."""
+    def load(self, team: Knowledge, wanted: CourseCommand) -> Load:
+        """Loads that follow the command."""
         k, ship = self.loops, self.vessel
         heading = team.fleet.heading
         u, sway = into(team.fleet.velocity_n[..., :2], heading)
@@ -88,7 +95,7 @@ class Course:
         r = (team.fleet.R_nb[..., 2, :] * team.fleet.angular_velocity_b).sum(-1)
         return Load(X, Y, ship.m33 * k.k_r * (rate - r) + ship.yaw.at(rate))
 
-    def wanted(self, team: Knowledge) -> "Way":
+    def wanted(self, team: Knowledge) -> CourseCommand:
         """v* and v*' that lead to the team's slots."""
         slot, error, v = formation_velocity(team), team.now.error[..., :2], team.fleet.velocity_n[..., :2]
         chase = self.loops.k_e * error
@@ -104,12 +111,12 @@ class Course:
         if team.now.about:
             self.drift.correct(wanted, v, share < 1)
         change = turning(team, slot) + torch.where(able, self.loops.k_e * (slot - v), 0.0)
-        return Way(wanted + drift, change)
+        return CourseCommand(wanted + drift, change)
 
     def _fastest(self, slot: Tensor, chase: Tensor, about: bool) -> Tensor:
-        """The speed [env, vehicle, 1] (m/s) that may be added to the slot's velocity, so that their sum stays below the
-        top speed: in any direction; or, of slots `about` a target that may be far, in that of the `chase` (constant
-        bearing guidance: Breivik & Fossen 2009, Guidance laws for autonomous underwater vehicles, sec. 5.2).
+        """Most speed [env, vehicle, 1] (m/s) of the `chase`, so that with the slot's velocity it stays below the top
+        speed: in any direction; for slots `about` a target, which may be far, in its own direction (constant bearing
+        guidance: Breivik & Fossen 2009, Guidance laws for autonomous underwater vehicles, sec. 5.2).
         """
         own = slot.norm(dim=-1, keepdim=True)
         if not about:
@@ -122,6 +129,58 @@ class Course:
         R, omega = team.fleet.R_nb, team.fleet.angular_velocity_b
         down_rate = R[..., :2, 0] * omega[..., 1:2] - R[..., :2, 1] * omega[..., 0:1]  # of R e_3: R (omega x e_3)
         return -GRAVITY * (R[..., :2, 2] + 0.5 * self.interval * down_rate)
+
+
+class Drift:
+    """Drift of a team: the velocity over ground that compensates current, wind and sway, added to the desired one.
+
+    It is the integral of the position error, z' = k_i e, in n, where a current is constant however the hull turns. It
+    does not wind up: it waits while the hull cannot follow its command, or is farther off than a drift explains, and it
+    is limited. Far from a slot about a target, the course over ground is held instead, by the integral of the velocity
+    error to the side of the command: the integral action of line-of-sight guidance (Børhaug, Pavlov & Pettersen 2008,
+    IEEE CDC, eq. 7, in terms of velocities). An episode begins without a drift.
+    """
+
+    STATE = ("place", "moved", "value", "given")
+
+    def __init__(self, k_i: float, top_speed: float, interval: float):
+        """`k_i` 1/s^2, `top_speed` m/s, `interval` s."""
+        self.interval, self.step, self.most = interval, k_i * interval, DRIFT_SHARE * top_speed
+        self.place: Tensor | None = None  # as are the others, before the first decision
+        self.moved: Tensor | None = None
+        self.value: Tensor | None = None
+        self.given: Tensor | None = None
+
+    def at(self, position: Tensor, begins: Tensor) -> Tensor:
+        """The drift (m/s) of vehicles at `position` (m), both [env, vehicle, 2]; 0 where an episode `begins` [env]."""
+        place, value, given = self.place, self.value, self.given
+        if place is None or value is None or given is None or place.shape != position.shape:
+            place, value = position, torch.zeros_like(position)
+            given = value
+        fresh = begins.view(-1, 1, 1)
+        self.value = torch.where(fresh, 0.0, value)
+        self.moved = ~fresh & (position != place).any(-1, keepdim=True)
+        self.given = torch.where(self.moved | fresh, self.value, given)  # or asked again about the same moment
+        self.place = position.clone()
+        return self.given
+
+    def learn(self, error: Tensor, able: Tensor) -> None:
+        """Integrate `error` [env, vehicle, 2] (m) of those that are `able` [env, vehicle, 1] to follow."""
+        self._add(self.step * error, able)
+
+    def correct(self, wanted: Tensor, velocity: Tensor, able: Tensor) -> None:
+        """Integrate the part of `velocity` across `wanted` (m/s), both [env, vehicle, 2], of those that are `able`."""
+        speed = wanted.norm(dim=-1, keepdim=True).clamp(min=1e-6)
+        side = torch.stack((-wanted[..., 1], wanted[..., 0]), dim=-1) / speed
+        off = (velocity * side).sum(-1, keepdim=True)
+        steady = off.abs() < COURSE_ERROR * velocity.norm(dim=-1, keepdim=True)
+        self._add(-self.interval / COURSE_TIME * off * side, able & steady)
+
+    def _add(self, change: Tensor, able: Tensor) -> None:
+        assert self.value is not None and self.moved is not None, "`at` comes first"
+        value = self.value + change
+        value = value * (self.most / value.norm(dim=-1, keepdim=True).clamp(min=1e-6)).clamp(max=1.0)
+        self.value = torch.where(able & self.moved & value.isfinite(), value, self.value)
 
 
 def formation_velocity(team: Knowledge) -> Tensor:

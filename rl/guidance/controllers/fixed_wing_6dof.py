@@ -15,7 +15,7 @@ chi_a through the air (ch. 9.2), follows the turning of v* - w, of which v_s' is
 
     tan phi = (V_a / g) (chi_a*' + k_course (chi_a* - chi_a)).
 
-Followers must be able to turn with their leader: to get back to its slot it spends leader_share of the bank alone.
+A leader turns back to its slot with at most leader_share of the bank, so that its followers can turn with it.
 Height: the climb of the slot and k_height times the error; the pitch that climbs so, as in the autopilot's own loop.
 """
 
@@ -24,7 +24,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from rl.guidance.avoidance import Avoider, Gains
+from rl.guidance.avoidance import AvoidanceGains, Avoider, SlotController
 from rl.guidance.controllers.course import into
 from rl.guidance.controllers.force_vector import approach, turning
 from rl.guidance.knowledge import Knowledge
@@ -39,7 +39,7 @@ BRAKING = 1.0  # m/s^2 along, to count on: less than the drag at an idle throttl
 EVADING = 1e-3  # m/s: less of a change by avoidance is rounding
 
 
-class FixedWing6DofGains(Gains):
+class FixedWing6DofGains(AvoidanceGains):
     """Tuned by rl/tune.py on `aerosonde`."""
 
     acceleration: Positive = 3.0
@@ -49,11 +49,12 @@ class FixedWing6DofGains(Gains):
     intercept_share: Positive = 0.7  # of cruise, the most that an error aside adds: an angle of 35 deg or so
 
 
-class FixedWing6DofController:
+class FixedWing6DofController(SlotController):
     """Acts for a team of aircraft with an autopilot; keeps no memory."""
 
     STATE = ()
     Gains = FixedWing6DofGains
+    gains: FixedWing6DofGains
 
     def __init__(self, model: FixedWing6DOF, gains: FixedWing6DofGains | None = None):
         """Compute gains from those of the autopilot: each loop waits for the one within it (gains.behind).
@@ -69,7 +70,7 @@ class FixedWing6DofController:
                 "there is no classical controller for a fixed_wing_6dof that is flown by its surfaces: it needs "
                 'autopilot.actions = "guidance" or "altitude"'
             )
-        self.gains = gains or self.Gains()
+        self.gains = gains or FixedWing6DofGains()
         self.avoid = Avoider(self.gains)
         self.actions, self.loops, self.limits = model.actions, model.gains, model.autopilot_limits
         self.k_aside = behind(1 / model.gains.course)
@@ -78,16 +79,21 @@ class FixedWing6DofController:
         low, cruise, high = self.limits.speeds
         self.closing, self.intercept = self.gains.closing_share * (high - low), self.gains.intercept_share * cruise
 
-    def __call__(self, team: Knowledge) -> Tensor:
+    def wanted(self, team: Knowledge) -> "FlightCommand":
+        """Towards the slots, along and aside of the way flown through the air."""
+        nose = self._way_flown(velocity_through_air(team))[1]
+        slot, now, climb = team.now.slot_velocity, team.now, self.limits.climb
+        (along, aside), (along_rate, aside_rate) = (into(x[..., :2], nose) for x in (now.error, now.error_rate))
+        x, x_rate = _chase(along, along_rate, self.k_along, BRAKING, self.closing)
+        y, y_rate = _chase(aside, aside_rate, self.k_aside, self.gains.bank_share * self.side, self.intercept)
+        north, east = into(torch.stack((x, y), dim=-1), (nose[0], -nose[1]))
+        down = (self.loops.height * now.error[..., 2]).clamp(-climb, climb)
+        direct = slot + torch.stack((north, east, down), dim=-1)
+        velocity = self.avoid(team, direct)
+        return FlightCommand(velocity, (x_rate, y_rate), (velocity - direct).norm(dim=-1) > EVADING)
+
+    def act(self, team: Knowledge, wanted: "FlightCommand") -> Tensor:
         """Actions [env, vehicle, (pitch or climb, yaw, boost)] in [-1, 1]; none where the state is not finite."""
-        return self.act(team, self.wanted(team))
-
-    def wanted(self, team: Knowledge) -> "Way":
-        """Towards the slots."""
-        return self._wanted(team, self._way_flown(velocity_through_air(team))[1])
-
-    def act(self, team: Knowledge, wanted: "Way") -> Tensor:
-        """Actions that fly what is wanted."""
         v, air = team.fleet.velocity_n, velocity_through_air(team)
         flown = air[..., :2]
         level, nose = self._way_flown(air)
@@ -107,19 +113,7 @@ class FixedWing6DofController:
         level = air[..., :2].norm(dim=-1).clamp(min=self.limits.floor)
         return level, (air[..., 0] / level, air[..., 1] / level)
 
-    def _wanted(self, team: Knowledge, nose: tuple[Tensor, Tensor]) -> "Way":
-        """v* where (cos, sin) `nose` is the way flown through the air."""
-        slot, now, climb = team.now.slot_velocity, team.now, self.limits.climb
-        (along, aside), (along_rate, aside_rate) = (into(x[..., :2], nose) for x in (now.error, now.error_rate))
-        x, x_rate = _chase(along, along_rate, self.k_along, BRAKING, self.closing)
-        y, y_rate = _chase(aside, aside_rate, self.k_aside, self.gains.bank_share * self.side, self.intercept)
-        north, east = into(torch.stack((x, y), dim=-1), (nose[0], -nose[1]))
-        down = (self.loops.height * now.error[..., 2]).clamp(-climb, climb)
-        direct = slot + torch.stack((north, east, down), dim=-1)
-        velocity = self.avoid(team, direct)
-        return Way(velocity, (x_rate, y_rate), (velocity - direct).norm(dim=-1) > EVADING)
-
-    def _turn_rate(self, team: Knowledge, wanted: "Way", to_fly, nose, most: Tensor) -> Tensor:
+    def _turn_rate(self, team: Knowledge, wanted: "FlightCommand", to_fly, nose, most: Tensor) -> Tensor:
         """Rate (rad/s) of the course that follows `to_fly` (along, aside); `most` in the steepest turn."""
         x, y = to_fly
         square = (x * x + y * y).clamp(min=self.limits.floor**2)
@@ -138,12 +132,15 @@ class FixedWing6DofController:
         return torch.where(over > 0, over / (high - cruise), over / (cruise - low))
 
 
-class Way(NamedTuple):
+class FlightCommand(NamedTuple):
     """The velocity command of each vehicle, [env, vehicle]."""
 
     velocity: Tensor  # [.., 3] v*, NED, m/s
     change: tuple[Tensor, Tensor]  # of what the error adds to it, along and aside, m/s^2
     evading: Tensor  # bool: something near has changed it
+
+
+Way = FlightCommand  # its earlier name
 
 
 def velocity_through_air(team: Knowledge) -> Tensor:

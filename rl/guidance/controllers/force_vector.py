@@ -17,7 +17,7 @@ loop needs as feed-forward, follows from the acceleration a the vehicle is about
 import torch
 from torch import Tensor
 
-from rl.guidance.avoidance import Avoider, Gains
+from rl.guidance.avoidance import AvoidanceGains, Avoider
 from rl.guidance.controllers.sampled import held, place_poles
 from rl.guidance.knowledge import Knowledge
 from taichi_sim.config import Positive
@@ -25,7 +25,7 @@ from taichi_sim.config import Positive
 SPEED_SHARE = 0.95  # of the top speed, the most that is asked for; assumed
 
 
-class ForceGains(Gains):
+class ForceGains(AvoidanceGains):
     """Gains of the position loop, besides those of avoidance."""
 
     bandwidth: Positive = 2.0  # rad/s

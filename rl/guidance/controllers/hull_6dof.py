@@ -7,8 +7,9 @@ mean is kept where both propellers stay within their limits with the difference 
 import torch
 from torch import Tensor
 
-from rl.guidance.controllers.course import Course, Load, Way
-from rl.guidance.controllers.vessel import CourseGains, Resistance, Vessel
+from rl.guidance.avoidance import SlotController
+from rl.guidance.controllers.course import Course, CourseCommand, Load
+from rl.guidance.controllers.vessel import CourseGains, Resistance, VesselDynamics
 from rl.guidance.knowledge import Knowledge
 from rl.mission import ControllerError
 from taichi_sim.config import Positive
@@ -27,8 +28,8 @@ class Hull6DofGains(CourseGains):
     lean: Positive = 0.16
 
 
-class Hull6DofController:
-    """Acts for a team of hulls; remembers their drift alone (drift.py)."""
+class Hull6DofController(SlotController):
+    """Acts for a team of hulls; remembers their drift alone."""
 
     STATE = ("course",)
     Gains = Hull6DofGains
@@ -46,19 +47,15 @@ class Hull6DofController:
             )
         self.thrusters, self.actions = model.params.thrusters, model.params.actions
         craft = vessel(model, self.thrusters)
-        self.gains = gains or self.Gains()
+        self.gains = gains or Hull6DofGains()
         self.course = Course(craft, self.gains, model.dt * model.substeps)
 
-    def __call__(self, team: Knowledge) -> Tensor:
-        """Actions [env, vehicle, 2] in [-1, 1]; none for a vehicle whose state is not finite."""
-        return self.act(team, self.wanted(team))
-
-    def wanted(self, team: Knowledge) -> Way:
+    def wanted(self, team: Knowledge) -> CourseCommand:
         """Towards the slots."""
         return self.course.wanted(team)
 
-    def act(self, team: Knowledge, wanted: Way) -> Tensor:
-        """Actions that sail what is wanted."""
+    def act(self, team: Knowledge, wanted: CourseCommand) -> Tensor:
+        """Actions [env, vehicle, 2] in [-1, 1]; none for a vehicle whose state is not finite."""
         left, right = shares(self.thrusters, self.course.load(team, wanted), astern=self.actions == "left_right")
         if self.actions == "left_right":
             action = torch.stack((shaft(self.thrusters, left), shaft(self.thrusters, right)), dim=-1)
@@ -70,21 +67,17 @@ class Hull6DofController:
         return torch.nan_to_num(action).clamp(-1.0, 1.0)
 
 
-def vessel(model: Hull6Dof, thrusters: PropellerPair) -> Vessel:
+def vessel(model: Hull6Dof, thrusters: PropellerPair) -> VesselDynamics:
     """The hull in the plane; cross-flow drag of a sway, or of a yaw, alone: L and L^4 / 32 of the strip integral."""
     h, M = model.params.hydrodynamics, model.slow_mass
     section = 0.5 * h.cross_flow_density * h.cross_flow_draft * h.cross_flow_coefficient
     L = h.cross_flow_length
-    return Vessel(
-        m11=float(M[0, 0]),
-        m22=float(M[1, 1]),
-        m33=float(M[5, 5]),
-        surge=Resistance(h.linear[0], h.quadratic[0]),
+    return VesselDynamics(
+        m11=float(M[0, 0]), m22=float(M[1, 1]), m33=float(M[5, 5]), surge=Resistance(h.linear[0], h.quadratic[0]),
         sway=Resistance(h.linear[1], h.quadratic[1] + section * L),
-        yaw=Resistance(h.linear[5], h.quadratic[5] + section * L**4 / 32),
-        thrust=2 * thrusters.thrust_max,
+        yaw=Resistance(h.linear[5], h.quadratic[5] + section * L**4 / 32), thrust=2 * thrusters.thrust_max,
         moment=_arm(thrusters) * (thrusters.thrust_max - thrusters.thrust_min),
-    )
+    )  # fmt: skip
 
 
 def shares(t: PropellerPair, load: Load, *, astern: bool) -> tuple[Tensor, Tensor]:

@@ -3,8 +3,9 @@
 import torch
 from torch import Tensor
 
-from rl.guidance.controllers.course import Course, Way
-from rl.guidance.controllers.vessel import CourseGains, Resistance, Vessel
+from rl.guidance.avoidance import SlotController
+from rl.guidance.controllers.course import Course, CourseCommand
+from rl.guidance.controllers.vessel import CourseGains, Resistance, VesselDynamics
 from rl.guidance.knowledge import Knowledge
 from taichi_sim.config import Positive
 from taichi_sim.usv.manoeuvring_3dof import Manoeuvring3dof, Manoeuvring3dofParams
@@ -19,8 +20,8 @@ class Manoeuvring3dofGains(CourseGains):
     margin: Positive = 0.4
 
 
-class Manoeuvring3dofController:
-    """Acts for a team of vessels; remembers their drift alone (drift.py)."""
+class Manoeuvring3dofController(SlotController):
+    """Acts for a team of vessels; remembers their drift alone."""
 
     STATE = ("course",)
     Gains = Manoeuvring3dofGains
@@ -28,19 +29,15 @@ class Manoeuvring3dofController:
     def __init__(self, model: Manoeuvring3dof, gains: Manoeuvring3dofGains | None = None):
         """Compute what follows from the parameters of `model` and the `gains`."""
         self.params = model.params
-        self.gains = gains or self.Gains()
+        self.gains = gains or Manoeuvring3dofGains()
         self.course = Course(vessel(model.params), self.gains, model.dt * model.substeps)
 
-    def __call__(self, team: Knowledge) -> Tensor:
-        """Actions [env, vehicle, 2 or 3] in [-1, 1]; none for a vehicle whose state is not finite."""
-        return self.act(team, self.wanted(team))
-
-    def wanted(self, team: Knowledge) -> Way:
+    def wanted(self, team: Knowledge) -> CourseCommand:
         """Towards the slots."""
         return self.course.wanted(team)
 
-    def act(self, team: Knowledge, wanted: Way) -> Tensor:
-        """Actions that sail what is wanted."""
+    def act(self, team: Knowledge, wanted: CourseCommand) -> Tensor:
+        """Actions [env, vehicle, 2 or 3] in [-1, 1]; none for a vehicle whose state is not finite."""
         p, load = self.params, self.course.load(team, wanted)
         X, N = load.X / p.surge_force_max, load.N / p.yaw_moment_max
         if p.actions == "acceleration_yaw":
@@ -51,17 +48,11 @@ class Manoeuvring3dofController:
         return torch.nan_to_num(action).clamp(-1.0, 1.0)
 
 
-def vessel(p: Manoeuvring3dofParams) -> Vessel:
+def vessel(p: Manoeuvring3dofParams) -> VesselDynamics:
     """The vessel with the sway force of a yaw rate, and without the yaw moment of a sway."""
     M = p.M
-    return Vessel(
-        m11=float(M[0, 0]),
-        m22=float(M[1, 1]),
-        m33=float(M[2, 2]),
-        surge=Resistance(-p.X_u, -p.X_uu, -p.X_uuu),
-        sway=Resistance(-p.Y_v, -p.Y_vv),
-        yaw=Resistance(-p.N_r, -p.N_rr),
-        thrust=p.surge_force_max,
-        moment=p.yaw_moment_max,
-        sway_yaw=-p.Y_r,
-    )
+    return VesselDynamics(
+        m11=float(M[0, 0]), m22=float(M[1, 1]), m33=float(M[2, 2]), surge=Resistance(-p.X_u, -p.X_uu, -p.X_uuu),
+        sway=Resistance(-p.Y_v, -p.Y_vv), yaw=Resistance(-p.N_r, -p.N_rr), thrust=p.surge_force_max,
+        moment=p.yaw_moment_max, sway_yaw=-p.Y_r,
+    )  # fmt: skip

@@ -14,7 +14,7 @@ import math
 import torch
 from torch import Tensor
 
-from rl.guidance.avoidance import Wanted
+from rl.guidance.avoidance import SlotController, Wanted
 from rl.guidance.controllers.force_vector import ForceGains, ForceVector, approach, wrap
 from rl.guidance.knowledge import Knowledge
 from taichi_sim.config import Positive
@@ -35,7 +35,7 @@ class UnityAircraftGains(ForceGains):
     attitude_bandwidth: Positive = 8.0  # rad/s, of pitch and yaw
 
 
-class UnityAircraftController:
+class UnityAircraftController(SlotController):
     """Acts for a team of aircraft; keeps no memory."""
 
     STATE = ()
@@ -43,7 +43,7 @@ class UnityAircraftController:
 
     def __init__(self, model: UnityAircraft, gains: UnityAircraftGains | None = None):
         """Compute what follows from the parameters of `model` and the `gains`."""
-        p, gains = model.params, gains or self.Gains()
+        p, gains = model.params, gains or UnityAircraftGains()
         self.gains = gains
         self.interval = model.dt * model.substeps
         self.per_boost = p.thrust_factor * p.thrust / p.mass  # m/s^2
@@ -54,16 +54,12 @@ class UnityAircraftController:
         self.smooth_rate = p.smooth_rate
         self.max_climb = min(MAX_CLIMB, DEG * p.max_pitch_deg)
 
-    def __call__(self, team: Knowledge) -> Tensor:
-        """Actions [env, vehicle, (pitch, yaw, boost)] in [-1, 1]."""
-        return self.act(team, self.wanted(team))
-
     def wanted(self, team: Knowledge) -> Wanted:
         """Towards the slots."""
         return Wanted(self.force.velocity(team))
 
     def act(self, team: Knowledge, wanted: Wanted) -> Tensor:
-        """Actions that fly what is wanted."""
+        """Actions [env, vehicle, (pitch, yaw, boost)] in [-1, 1]."""
         pull, nose = self.force.wanted(team, wanted.velocity), team.fleet.R_nb[..., 0]
         force = (pull * nose).sum(-1).clamp(self.per_boost * self.boost_min, self.per_boost * self.boost_max)
         climb_rate, turn_rate = _turn(pull, self.force.change(team, force.unsqueeze(-1) * nose))

@@ -12,7 +12,7 @@ its poles at exp(-heading_bandwidth T) under the yaw inertia and angular drag of
 import torch
 from torch import Tensor
 
-from rl.guidance.avoidance import Wanted
+from rl.guidance.avoidance import SlotController, Wanted
 from rl.guidance.controllers.force_vector import ForceGains, ForceVector, approach, wrap
 from rl.guidance.controllers.sampled import held, place_poles
 from rl.guidance.knowledge import Knowledge
@@ -35,7 +35,7 @@ class UnityBoatGains(ForceGains):
     heading_bandwidth: Positive = 6.0  # rad/s
 
 
-class UnityBoatController:
+class UnityBoatController(SlotController):
     """Acts for a team of boats; keeps no memory."""
 
     STATE = ()
@@ -43,7 +43,7 @@ class UnityBoatController:
 
     def __init__(self, model: UnityBoat, gains: UnityBoatGains | None = None):
         """Compute what follows from the parameters of `model` and the `gains`."""
-        p, gains = model.params, gains or self.Gains()
+        p, gains = model.params, gains or UnityBoatGains()
         self.gains = gains
         self.thrust = p.force_factor / p.mass
         self.interval = model.dt * model.substeps
@@ -53,16 +53,12 @@ class UnityBoatController:
         self.damping = (1 - yaw.keep) / yaw.gain
         self.yaw_acceleration = p.yaw_factor / p.inertia[2]
 
-    def __call__(self, team: Knowledge) -> Tensor:
-        """Actions [env, vehicle, (acceleration, yaw)] in [-1, 1]."""
-        return self.act(team, self.wanted(team))
-
     def wanted(self, team: Knowledge) -> Wanted:
         """Towards the slots."""
         return Wanted(self.force.velocity(team))
 
     def act(self, team: Knowledge, wanted: Wanted) -> Tensor:
-        """Actions that fly what is wanted."""
+        """Actions [env, vehicle, (acceleration, yaw)] in [-1, 1]."""
         R, omega = team.fleet.R_nb, team.fleet.angular_velocity_b
         down_rate = R[..., :2, 0] * omega[..., 1:2] - R[..., :2, 1] * omega[..., 0:1]  # of R e_3: R (omega x e_3)
         push_rate = -GRAVITY * down_rate

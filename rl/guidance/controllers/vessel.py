@@ -8,8 +8,8 @@ How quickly a vessel can turn is set by its greatest moment: the heading loop ha
 
 so that it spends the whole moment on a heading error of heading_error. The slower loops around it are shares of w.
 Sway dies out at s = d_v / m22, and with it the course chi follows the nose psi: chi' = s (psi - chi) + ... Where that
-is slower than COURSE_SHARE w, the nose is held ahead of the course by `lead` times the course error, which makes it so:
-chi' = s (1 + lead) (chi* - chi). Not where turning pushes the hull out of the turn first: there a lead would do harm.
+is slower than COURSE_SHARE w, the nose is held ahead of the course by `lead` times the course error, which gives
+chi' = s (1 + lead) (chi* - chi). There is no lead where a yaw rate first pushes the hull outward: it would harm.
 """
 
 import math
@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 from torch import Tensor
 
-from rl.guidance.avoidance import Gains
+from rl.guidance.avoidance import AvoidanceGains
 from rl.guidance.controllers.sampled import decaying, place_poles
 from taichi_sim.config import NonNegative, Positive
 from taichi_sim.usv.vessel import steady_speed
@@ -29,7 +29,7 @@ LAG_SHARE = 0.25  # of s (1 + lead): the poles of the position loop are no more;
 SWAY_SHARE = 0.05  # of the top speed: the sway at which its resistance is linearised; assumed
 
 
-class CourseGains(Gains):
+class CourseGains(AvoidanceGains):
     """Numbers of track control that may be tuned (course.py), besides those of avoidance."""
 
     heading_error: Positive = 0.35  # rad
@@ -55,7 +55,7 @@ class Resistance(NamedTuple):
         return steady_speed(load, self.a, self.b, self.c)
 
 
-class Vessel(NamedTuple):
+class VesselDynamics(NamedTuple):
     """Inertia with added mass, resistance, and the most that the actuators give."""
 
     m11: float  # kg
@@ -96,6 +96,9 @@ class Vessel(NamedTuple):
         return 2 * load / (a + (a * a + 4 * b * load.abs()).sqrt()).clamp(min=1e-6)
 
 
+Vessel = VesselDynamics  # its earlier name
+
+
 class Loops(NamedTuple):
     """Gains of the position loop e' = -k_e e - k_i (integral of e), the speed loop, and the heading loop; all 1/s."""
 
@@ -107,7 +110,7 @@ class Loops(NamedTuple):
     lead: float  # of the nose over the course, per course error; no unit
 
 
-def loops(vessel: Vessel, gains: CourseGains, interval: float) -> Loops:
+def loops(vessel: VesselDynamics, gains: CourseGains, interval: float) -> Loops:
     """Gains of the loops for decisions every `interval` s.
 
     The heading loop, N = m33 k_r (r* - r) + d_r(r*) with r* = k_psi (psi* - psi), has both its poles at
@@ -120,10 +123,6 @@ def loops(vessel: Vessel, gains: CourseGains, interval: float) -> Loops:
     lead = 0.0 if vessel.turns_outward else min(max(COURSE_SHARE * w / s - 1, 0.0), MOST_LEAD)
     p = min(gains.position_share * w, LAG_SHARE * s * (1 + lead))
     return Loops(
-        k_e=2 * p,
-        k_i=p * p,
-        k_u=(1 - math.exp(-gains.speed_bandwidth * interval)) / interval,
-        k_psi=k / (k_r + d),
-        k_r=k_r,
-        lead=lead,
-    )
+        k_e=2 * p, k_i=p * p, k_u=(1 - math.exp(-gains.speed_bandwidth * interval)) / interval, k_psi=k / (k_r + d),
+        k_r=k_r, lead=lead,
+    )  # fmt: skip

@@ -11,10 +11,10 @@ from rl.guidance.observations import RATE_SCALE, SPEED_SCALE
 from rl.guidance.residual import ResidualTeam
 from rl.guidance.targets import COS, COURSE, EAST, NORTH, SIN, SIZE, SPEED, Target
 from rl.missions.escort.boats import AGE_SCALE, SIGMA_SCALE, squashed
-from rl.missions.escort.tracking import Group, Search, SharedTracking
+from rl.missions.escort.tracking import ObserverGroup, SharedTracking, SpiralSearch
 from rl.perception.camera import Camera
 from rl.perception.columns import Message
-from rl.perception.contacts import Contacts
+from rl.perception.contacts import TrackedContacts
 from rl.perception.instruments import Readings
 from rl.perception.sensors import Sensor
 
@@ -22,16 +22,16 @@ if TYPE_CHECKING:
     from rl.missions.escort.mission import Escort
 
 HEARD_OF = 5.0  # s: older messages of other aircraft and boats are ignored; assumed
-CIRCLE_SCALE, FAR_SCALE, SLOW_SCALE = 20.0, 200.0, 2.0  # m, m, m/s, where what is observed is half way to 1
+CIRCLE_SCALE, FAR_SCALE, SLOW_SCALE = 20.0, 200.0, 2.0  # m, m, m/s, at which a squashed observation is 1/2
 SEARCH_PITCH, SEARCH_SPEED = 1.0, 0.5  # of the circle's radius; of the cruising speed, along the spiral; assumed
-BEGINS = 1.5  # radii from where the vessel should be
+BEGINS = 1.5  # radii of the circle from the vessel's expected place, within which a search begins; assumed
 
 
 def gap_errors(angle: Tensor, present: Tensor, turn: float) -> Tensor:
-    """Half the difference of the gaps ahead and behind on the circle, [.., n] (rad).
+    """Half the difference between the gaps ahead and behind on the circle, [.., n] (rad).
 
-    angle: [.., n, n] (rad) of all aircraft, as each knows them. present: [.., n, n], those that each knows of. turn: 1
-    if they go clockwise, else -1.
+    Row i of `angle` [.., n, n] (rad) holds the angles of all aircraft on the circle as aircraft i knows them. `present`
+    [.., n, n] says which of them it knows. `turn` is 1 for clockwise, else -1.
     """
     n = angle.shape[-1]
     if n == 1:
@@ -44,17 +44,17 @@ def gap_errors(angle: Tensor, present: Tensor, turn: float) -> Tensor:
     return torch.where(others.any(-1), 0.5 * (nearest - behind), 0.0)
 
 
-def aircraft_observers(mission: "Escort", name: str, first: int) -> Group:
+def aircraft_observers(mission: "Escort", name: str, first: int) -> ObserverGroup:
     """The aircraft of team `name` as observers, numbered from `first` on."""
     config, fleet = mission.config, mission.world.teams[name]
     section = config.parts[name]
     own = Readings(fleet, section.sensors, config.decision_interval, config.first_number(name))
     radius, cruise = section.orbit.radius, fleet.model.limits.speeds[1]
-    return Group(first, own, fleet, Search(SEARCH_PITCH * radius, SEARCH_SPEED * cruise, BEGINS * radius))
+    return ObserverGroup(first, own, fleet, SpiralSearch(SEARCH_PITCH * radius, SEARCH_SPEED * cruise, BEGINS * radius))
 
 
-class Aircraft(ResidualTeam):
-    """Measures the aircraft after each step; everything is [env, aircraft, ...].
+class EscortAircraft(ResidualTeam):
+    """The team of aircraft, measured after each step; every tensor is [env, aircraft, ...].
 
     Attributes:
         distance: m from the circle about the true vessel.
@@ -167,7 +167,7 @@ class Aircraft(ResidualTeam):
 
     @property
     def privileged(self) -> Tensor | None:
-        """Ground truth [env, aircraft, n]: vessel, circle, the boats' result, and what varies."""
+        """Ground truth [env, aircraft, n]: vessel, circle, the boats' result, and the numbers that vary."""
         mission, fleet = self.mission, self.fleet
         to = mission.vessel_place.unsqueeze(1) - fleet.position_n[..., :2]
         parts = [
@@ -180,30 +180,36 @@ class Aircraft(ResidualTeam):
         return torch.cat(parts, dim=-1)
 
 
+Aircraft = EscortAircraft  # its earlier name
+
+
 class MeasuredAircraft:
     """Knowledge of the aircraft (rl/guidance/knowledge.py), with the inputs of their orbit (orbit.py).
 
-    Attributes: fleet: own state as measured. orbit: the circle to fly. now: errors, of which the slot's velocity alone
-    is
-        written, by the controller. centre, centre_velocity: [env, aircraft, 2] the vessel as each knows it
-        (or where it is searched for). believed: where a camera on a gimbal looks. gap_error: as far as others have been
-        heard. height_error: down, of the height to be held less the own, m. target: the circle's tangent where each is.
-        boats: their mean place [.., 2] and its distance to the farthest of them [.., 1] as heard, 0: nobody was.
+    Attributes:
+        fleet: own state as measured. orbit: the circle to fly.
+        now: slot errors; only the velocity of the slot is used, and the controller writes it.
+        centre, centre_velocity: [env, aircraft, 2] the vessel's place (m) and velocity (m/s) as each aircraft knows
+            them; during a search, the place that it searches.
+        believed: [env, aircraft, 2] the place that a camera on a gimbal looks at, m.
+        gap_error: [env, aircraft] (rad) from the aircraft that have been heard.
+        height_error: [env, aircraft] (m, down) height to be held less own height.
+        target: the tangent of the circle at each aircraft.
     """
 
     STATE = ("target", "now", "centre_velocity", "gap_error", "height_error", "sensor", "_boats", "_farthest")
 
-    axes = Aircraft.axes
+    axes = EscortAircraft.axes
     radio = None
 
-    def __init__(self, team: Aircraft, number: int):
+    def __init__(self, team: EscortAircraft, number: int):
         """Measure for `team`, whose first aircraft has that `number` among the random numbers."""
         state, tracking = team.fleet.state, team.tracking
         self._team, self._tracking, self.fleet = team, tracking, team.own
         self.radius, self.orbit = team.radius, team.orbit
         self.now, self.slot_table = SlotErrors(state, self.axes), state.new_zeros((*state.shape[:2], SLOT_SIZE))
         self.target = Target(state.new_zeros((*state.shape[:2], SIZE)), team.fleet.position_n[:, 0])
-        self.sensor = Contacts(
+        self.sensor = TrackedContacts(
             team.section.sensors.scaled_contacts, team.sensor, team.fleet, self.fleet, team.interval, number
         )
         self.centre, self.centre_velocity = (
@@ -238,11 +244,11 @@ class MeasuredAircraft:
 
     @property
     def boats(self) -> tuple[Tensor, Tensor]:
-        """Mean position of the boats [env, aircraft, 2] and distance to the farthest [env, aircraft, 1], m."""
+        """Mean place of the boats heard [env, aircraft, 2] and distance to the farthest [env, aircraft, 1], m, or 0."""
         return self._boats, self._farthest
 
     def _others(self, theta: Tensor) -> None:
-        """Update the gaps to other aircraft, and the boats, by the last messages."""
+        """Update the gap errors, and the places of the boats, from the last messages."""
         team, tracking = self._team, self._tracking
         heard, age = tracking.of(team.name, tracking.radio.heard), tracking.radio.said.shape[-1]
         n = theta.shape[1]

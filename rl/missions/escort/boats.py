@@ -12,16 +12,13 @@ from rl.guidance.residual import ResidualTeam
 from rl.guidance.targets import SIZE as TARGET
 from rl.guidance.targets import Target
 from rl.missions.escort.shapes import escort_offsets
-from rl.missions.escort.tracking import Group, Search, SharedTracking
+from rl.missions.escort.tracking import ObserverGroup, SharedTracking, SpiralSearch
 from rl.perception.chart import Charted
-from rl.perception.contacts import Contacts
+from rl.perception.contacts import TrackedContacts
 from rl.perception.instruments import Readings
 from rl.perception.lookout import Lookout
 from rl.perception.sensors import Sensor
 from taichi_sim.kernels import runtime
-
-if TYPE_CHECKING:
-    from rl.missions.escort.mission import Escort
 
 if TYPE_CHECKING:
     from rl.missions.escort.mission import Escort
@@ -32,18 +29,17 @@ SEARCH_PITCH = 1.6  # between two turns of the spiral, in ranges of the lookout;
 BEGINS = 15.0  # m from the expected vessel at which a search begins
 
 
-def boat_observers(mission: "Escort", name: str, first: int) -> Group:
+def boat_observers(mission: "Escort", name: str, first: int) -> ObserverGroup:
     """The boats of team `name` as observers, numbered from `first` on."""
     config, fleet = mission.config, mission.world.teams[name]
     section = config.parts[name]
     own = Readings(fleet, section.sensors, config.decision_interval, config.first_number(name))
     pitch, speed = SEARCH_PITCH * section.lookout.vessel_range, SEARCH_SPEED * fleet.model.limits.speeds[2]
-    return Group(first, own, fleet, Search(pitch, speed, BEGINS))
+    return ObserverGroup(first, own, fleet, SpiralSearch(pitch, speed, BEGINS))
 
 
-class Boats(ResidualTeam):
-    """Measures the boats after each step; everything is [env, boat, ...]. The team is its own ground truth
-    (`Knowledge`).
+class EscortBoats(ResidualTeam):
+    """The team of boats, measured after each step; every tensor is [env, boat, ...]. It is its own ground truth.
 
     Attributes:
         now: errors from the slots about the true vessel; known.now: about the vessel as each boat knows it.
@@ -117,7 +113,7 @@ class Boats(ResidualTeam):
 
     @property
     def privileged(self) -> Tensor | None:
-        """Ground truth [env, boat, n]: the observations of a boat that knew it, and what varies."""
+        """Ground truth [env, boat, n]: the observations without errors of measurement, and the numbers that vary."""
         parts = [self._true(self.action, self.reference())]
         if self.mission.config.varies:
             parts.append(self.mission.world.truth[self.name])
@@ -129,6 +125,9 @@ class Boats(ResidualTeam):
         return self.now.distance
 
 
+Boats = EscortBoats  # its earlier name
+
+
 def squashed(x: Tensor, scale: float) -> Tensor:
     """x / (|x| + scale), within (-1, 1)."""
     return x / (x.abs() + scale)
@@ -137,16 +136,17 @@ def squashed(x: Tensor, scale: float) -> Tensor:
 class MeasuredBoats:
     """Knowledge of the boats (rl/guidance/knowledge.py).
 
-    Attributes: fleet: own state as measured. now: errors from the slots about the vessel as known. sensor: charted
-        objects near, team mates as measured. target: the vessel as known, a row for each boat.
+    Attributes:
+        fleet: own state as measured. target: each boat's estimate of the vessel, a row for each boat.
+        now: errors from the slots about that estimate. sensor: charted objects near, team mates as measured.
     """
 
     STATE = ("target", "now", "sensor")
 
-    axes = Boats.axes
+    axes = EscortBoats.axes
     radio = None
 
-    def __init__(self, team: Boats, number: int):
+    def __init__(self, team: EscortBoats, number: int):
         """Measure for `team`, whose first boat has that `number` among the random numbers."""
         tracking = team.tracking
         self._team, self.fleet = team, team.own
@@ -154,7 +154,7 @@ class MeasuredBoats:
         table = tracking.of(team.name, tracking.targets).contiguous().clone()
         self.now = Geometry(self.fleet, table, 0.0, team.slot_table, team.axes, about=True)
         self.target = Target(table, self.now.slot[:, 0])
-        self.sensor = Contacts(
+        self.sensor = TrackedContacts(
             team.section.sensors.scaled_contacts, team.sensor, team.fleet, self.fleet, team.interval, number
         )
         first = tracking.groups[team.name].first

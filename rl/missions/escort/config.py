@@ -32,9 +32,7 @@ class EscortConfig(Strict):
     worlds: Annotated[int, Field(ge=1, le=8192)] = 256  # different starts (and obstacle fields) in one run
     start_distance: Span = (200.0, 500.0)  # of boats from the vessel, m
     near_fraction: Fraction = 0.0  # share of episodes that begin near the vessel: for training
-    cue_error: NonNegative = (
-        30.0  # standard deviation of the place of the vessel that is given at the start, each way, m
-    )
+    cue_error: NonNegative = 30.0  # m, standard deviation, each way, of the cue: the vessel's place given at the start
     cue_age: NonNegative = 60.0  # age of the cue at the start, s
     arrival: Positive = 15.0  # m: the leader has arrived when it is nearer to the vessel
     stale: Positive = 5.0  # s: an older track does not count as knowledge of the vessel

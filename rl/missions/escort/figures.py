@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
-from rl.figures import policy_loss_figure, reward_figure, save_figures
+from rl.figures import save_figures, training_figures
 from rl.mission import Histories
 from rl.missions.escort.config import EscortScenario
 from taichi_sim.plotting.style import INK, dress, new_figure, rgb
@@ -27,11 +27,7 @@ def write_escort_figures(
     if episode is not None:
         figures["scene"] = scene_figure(episode, config)
         figures["approach"] = approach_figure(episode, config)
-    if histories:
-        colours = {} if episode is None else episode.liveries
-        figures["reward"] = reward_figure(histories, colours)
-        figures["policy_loss"] = policy_loss_figure(histories, colours)
-    return save_figures(out, figures)
+    return save_figures(out, figures | training_figures(histories, episode))
 
 
 def scene_figure(episode: Episode, config: EscortScenario) -> Figure:

@@ -7,9 +7,10 @@ news of the vessel.
 
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
 from rl.missions.escort.config import OrbitConfig
@@ -17,12 +18,12 @@ from rl.perception.columns import Sighting
 from taichi_sim.recording.overlays import Ellipsoids, Lines, Overlay, Plot
 
 if TYPE_CHECKING:
-    from rl.missions.escort.aircraft import Aircraft
+    from rl.missions.escort.aircraft import EscortAircraft
     from rl.missions.escort.mission import Escort
     from rl.missions.escort.scouts import Scouts
 
-Frames = Mapping[str, NDArray[Any]]
-"""What is drawn, by name, [frame, ...]."""
+Frames = Mapping[str, NDArray[np.float64]]
+"""Data of the drawings: name -> [frame, ...]."""
 
 FOOTPRINT, SIGHT, MESSAGE, LOST, BELIEVED, CIRCLE = (
     (255, 214, 90), (255, 230, 140), (90, 200, 120), (225, 60, 60), (250, 120, 220), (150, 170, 190)
@@ -46,8 +47,8 @@ def overlays_of(mission: "Escort", env: int) -> tuple[Overlay, ...]:
     }  # fmt: skip
     if flying is not None:
         now |= {"axis": flying.camera.axis[env], "R": flying.camera.true.R_nb[env]}
-    frame: dict[str, NDArray[Any]] = {name: value.cpu().numpy().astype(np.float64)[None] for name, value in now.items()}
-    frame |= {"arrived": (due & (age <= fresh))[None], "lost": (due & (age > fresh))[None]}
+    now |= {"arrived": torch.from_numpy(due & (age <= fresh)), "lost": torch.from_numpy(due & (age > fresh))}
+    frame = {name: value.cpu().numpy().astype(np.float64)[None] for name, value in now.items()}
     drawn: list[Overlay] = [*mission.traffic.cylinders(env, mission.config.area)]
     drawn += [*_messages(mission, frame), *_believed(mission, frame)]
     if flying is not None:
@@ -102,7 +103,7 @@ def _believed(mission: "Escort", film: Frames) -> list[Ellipsoids]:
     return found
 
 
-def _footprints(film: Frames, flying: "Aircraft | Scouts", rows: slice) -> Lines:
+def _footprints(film: Frames, flying: "EscortAircraft | Scouts", rows: slice) -> Lines:
     """Edges of the fields of view on mean sea level."""
     place = film["place"][:, rows]
     axis = np.einsum("fvij,fvj->fvi", film["R"], film["axis"])

@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
-from rl.judge import COLLISION_LOSS, COMMON, Episodes, Judge, errors_of, finite, median_of, over_time, p95, rms_of
+from rl.judge import COLLISION_LOSS, COMMON, Episodes, ErrorJudge, errors_of, median_of, over_time, rms_of
 from rl.mission import Step
-from rl.missions.escort.aircraft import Aircraft
+from rl.missions.escort.aircraft import EscortAircraft
 from rl.missions.escort.config import EscortScenario
 
 if TYPE_CHECKING:
@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 SEEN_SHARE = 0.9  # success of aircraft: least share of the time after the first sighting with the vessel in view
 
 
-class EscortJudge(Judge["Escort", EscortScenario]):
-    """Measures boats: time of arrival, errors [step, env, boat] after it (m; NaN where not measured). Measures
-    aircraft: view of the vessel, gaps on the circle. Measures both: age of their news of the vessel, energy.
+class EscortJudge(ErrorJudge["Escort", EscortScenario]):
+    """Measures of boats the time of arrival and the errors after it; of aircraft their view of the vessel and the gaps
+    on the circle; of both the age of their estimate of the vessel, and energy.
     """
 
     definitions = {
@@ -52,11 +52,10 @@ class EscortJudge(Judge["Escort", EscortScenario]):
                "collision_free_episodes", "success_rate")  # fmt: skip
 
     def __init__(self, mission: "Escort", team: str):
-        """Watch `team`."""
+        """Measure `team`."""
         super().__init__(mission, team)
         envs, vehicles = self.collided.shape
         self.boats = team == mission.config.escort.boats
-        self.errors = np.full((mission.config.episode_steps, envs, vehicles), np.nan)
         self.arrival = np.full(envs, np.nan)
         self.first_seen = np.full(envs, np.nan)
         self.seen_after, self.after, self.seen, self.aware = (np.zeros(envs) for _ in range(4))
@@ -76,7 +75,7 @@ class EscortJudge(Judge["Escort", EscortScenario]):
         if self.boats:
             ready = alive & (time >= self.arrival + config.evaluation.settle_after)
             self.errors[number - 1, ready] = team.distance.cpu().numpy()[ready]
-        elif isinstance(team, Aircraft):
+        elif isinstance(team, EscortAircraft):
             sees = team.sees.any(-1).cpu().numpy()
             self.first_seen[alive & sees & np.isnan(self.first_seen)] = time
             since = alive & ~np.isnan(self.first_seen)
@@ -122,7 +121,6 @@ class EscortJudge(Judge["Escort", EscortScenario]):
                         "gap", "failed")
         }  # fmt: skip
         length = config.episode_steps * config.decision_interval
-        time = np.isfinite(errors).sum(axis=0) * config.decision_interval
         boats = bool(seen and seen[0].boats)
         if boats:
             good = np.isfinite(rms) & (rms < config.evaluation.success_error)
@@ -136,10 +134,6 @@ class EscortJudge(Judge["Escort", EscortScenario]):
             "succeeded": success.astype(float),
             "arrival_counted_s": np.where(np.isnan(arrival), length, arrival) if boats else none,
             "never": np.isnan(arrival).astype(float) if boats else none,
-            "leader_error_rms_m": rms[:, 0],
-            "follower_error_rms_m": rms_of(errors[:, :, 1:], (0, 2)),
-            "leader_s": time[:, 0],
-            "follower_s": time[:, 1:].sum(axis=1),
             "after": get["after"],
             "seen_after": none if boats else get["seen_after"],
             "seen": none if boats else get["seen"],
@@ -185,22 +179,11 @@ class EscortJudge(Judge["Escort", EscortScenario]):
         """Collided, failed; of boats the time to arrive as a share of the episode and errors as shares of
         evaluation.success_error; of aircraft the share of time in which no camera has the vessel.
         """
-        length, most = config.episode_duration, 4 * config.evaluation.success_error
-        errors = (np.nan_to_num(episodes[f"{who}_error_rms_m"], nan=0.0) for who in ("leader", "follower"))
-        shares = sum(np.fmin(error, most) for error in errors) / config.evaluation.success_error
-        late = np.nan_to_num(episodes["arrival_counted_s"], nan=0.0) / length
+        shares = cls.error_loss(episodes, config.evaluation.success_error)
+        late = np.nan_to_num(episodes["arrival_counted_s"], nan=0.0) / config.episode_duration
         unseen = np.nan_to_num(1 - episodes["seen"] / np.maximum(episodes["decisions"], 1), nan=0.0)
         failed = COLLISION_LOSS * (episodes["collided"] > 0) + 2 * (1 - episodes["succeeded"])
         return failed + 4 * late + shares + 10 * unseen
-
-    @classmethod
-    def figures(cls, seen: Sequence[Self], config: EscortScenario) -> dict[str, float | None]:
-        """The figures of `definitions`; percentiles of errors need every single one, so they have no interval."""
-        errors, pooled = errors_of(seen), super().figures(seen, config)
-        both = {"leader": errors[:, :, 0], "follower": errors[:, :, 1:]}
-        pooled |= {f"{who}_error_p95_m": p95(of) for who, of in both.items()}
-        found = {key: pooled[key] for key in cls.definitions}
-        return {key: None if value is None else finite(value) for key, value in found.items()}
 
     @classmethod
     def line(cls, figures: dict[str, float | None]) -> str:

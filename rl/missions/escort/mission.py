@@ -13,16 +13,17 @@ import torch
 from torch import Tensor
 
 from rl.course.traffic import RADIUS, TOP, Bodies
+from rl.guidance.controllers import CONTROLLERS
 from rl.mission import Endings, Frame, Histories, Mission, Step
 from rl.missions.escort import rewards
-from rl.missions.escort.aircraft import Aircraft, aircraft_observers
-from rl.missions.escort.boats import Boats, boat_observers
+from rl.missions.escort.aircraft import EscortAircraft, aircraft_observers
+from rl.missions.escort.boats import EscortBoats, boat_observers
 from rl.missions.escort.checks import check_parts, check_slots, warn_of_speeds
 from rl.missions.escort.config import EscortScenario
-from rl.missions.escort.control import controller_of
 from rl.missions.escort.film import overlays_of
 from rl.missions.escort.judge import EscortJudge
 from rl.missions.escort.objects import write_objects
+from rl.missions.escort.orbit import OrbitController, OrbitGains
 from rl.missions.escort.scouts import Scouts, scout_observers
 from rl.missions.escort.shapes import escort_offsets
 from rl.missions.escort.starts import afloat, aloft
@@ -33,9 +34,11 @@ from rl.perception.columns import Sighting
 from rl.rewards import fine, paid
 from rl.seeds import derive_seed
 from rl.team import Controller
+from taichi_sim.config.io import validate
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.counters import Noise
 from taichi_sim.recording.episode import Episode, Scene
+from taichi_sim.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
 
 VESSEL_TOP = 4.0  # m above the sea: aircraft pass above; assumed
 RESULT_SCALE = 8.0  # m from its slot, at which a boat's result is a half; assumed
@@ -44,7 +47,7 @@ NEAR_COST, ENDED_COST = 10.0, 2e3  # of plans, m: for each m less than the berth
 OVERVIEW = 150.0  # m about the vessel, in recordings without aircraft
 
 
-class Escort(Mission[EscortScenario, Boats | Aircraft]):
+class Escort(Mission[EscortScenario, EscortBoats | EscortAircraft]):
     """Boats and aircraft about a vessel; see the module.
 
     Attributes:
@@ -64,7 +67,7 @@ class Escort(Mission[EscortScenario, Boats | Aircraft]):
     logged = ("error_m", "arrived", "seen", "collisions_per_hour")
     Judge = EscortJudge
 
-    def make_teams(self, names: Sequence[str]) -> dict[str, Boats | Aircraft]:
+    def make_teams(self, names: Sequence[str]) -> dict[str, EscortBoats | EscortAircraft]:
         """Draw the worlds, then make the tracking that all observers share, and the teams.
 
         Raises:
@@ -103,7 +106,8 @@ class Escort(Mission[EscortScenario, Boats | Aircraft]):
         aircraft = config.escort.aircraft
         scouted = aircraft in config.teams and aircraft not in names
         self.scouts = Scouts(self, aircraft, self.tracking) if scouted else None
-        return {name: (Boats if name == config.escort.boats else Aircraft)(self, name, self.tracking) for name in names}
+        kinds = {config.escort.boats: EscortBoats}
+        return {name: kinds.get(name, EscortAircraft)(self, name, self.tracking) for name in names}
 
     def _shared_tracking(self, names: Sequence[str]) -> SharedTracking:
         """The tracking of all observers: boats, then aircraft or the scouts in their place."""
@@ -162,33 +166,33 @@ class Escort(Mission[EscortScenario, Boats | Aircraft]):
         """Elevation of the sea (m, up) now at points [env, n, 2]."""
         return self.world.elevation(self._all, points[..., 0].contiguous(), points[..., 1].contiguous())
 
-    def observe(self, team: Boats | Aircraft) -> dict[str, Tensor]:
+    def observe(self, team: EscortBoats | EscortAircraft) -> dict[str, Tensor]:
         """Observations of boats.py and aircraft.py."""
         return team.terms()
 
-    def reward(self, team: Boats | Aircraft, ended: Endings) -> Tensor:
+    def reward(self, team: EscortBoats | EscortAircraft, ended: Endings) -> Tensor:
         """Rewards of rewards.py."""
-        if isinstance(team, Boats):
+        if isinstance(team, EscortBoats):
             return paid(rewards.BOAT_TERMS, team.section.boat_reward, team, ended)
         return paid(rewards.AIRCRAFT_TERMS, team.section.aircraft_reward, team, ended)
 
-    def plan_cost(self, team: Boats | Aircraft, ended: Tensor) -> Tensor:
+    def plan_cost(self, team: EscortBoats | EscortAircraft, ended: Tensor) -> Tensor:
         """Cost of boats: distance from the slot, squared where it is small, plus NEAR_COST and ENDED_COST."""
-        if not isinstance(team, Boats):
+        if not isinstance(team, EscortBoats):
             return super().plan_cost(team, ended)
         far, near = team.distance, (team.section.plan.berth - team.sensor.gap).clamp(min=0.0)
         return far.square() / (far + LINEAR) + NEAR_COST * near + ENDED_COST * ended
 
-    def endings(self, team: Boats | Aircraft) -> dict[str, Tensor]:
+    def endings(self, team: EscortBoats | EscortAircraft) -> dict[str, Tensor]:
         """Contact with an obstacle, the vessel or a team mate; out of the area."""
         place = team.fleet.position_n[..., :2]
         return {"collided": team.sensor.gap < 0.0, "left": place.abs().amax(-1) > self.config.area / 2}
 
     @property
-    def boats(self) -> Boats | None:
+    def boats(self) -> EscortBoats | None:
         """The team of boats (boats.py), or None."""
         team = self.teams.get(self.config.escort.boats)
-        return team if isinstance(team, Boats) else None
+        return team if isinstance(team, EscortBoats) else None
 
     def boats_result(self) -> Tensor:
         """Mean of 1 / (1 + (d / RESULT_SCALE)^2) over the boats, d from the slot, m: [env]; 0 without boats."""
@@ -231,7 +235,7 @@ class Escort(Mission[EscortScenario, Boats | Aircraft]):
 
     # -- logs, recordings, controllers -----------------------------------------------------------------------------
 
-    def log(self, team: Boats | Aircraft, step: Step) -> dict[str, Tensor]:
+    def log(self, team: EscortBoats | EscortAircraft, step: Step) -> dict[str, Tensor]:
         """Errors now; shares of episodes in which the leader has arrived, and a camera has the vessel; collisions."""
         hours = team.distance.numel() * self.config.decision_interval / 3600
         sees = self.tracking.sightings[..., 0, Sighting.VARIANCE] > 0
@@ -242,15 +246,15 @@ class Escort(Mission[EscortScenario, Boats | Aircraft]):
             "collisions_per_hour": step.endings[team.name]["collided"].sum() / hours,
         }
 
-    def info(self, team: Boats | Aircraft) -> dict[str, Tensor]:
+    def info(self, team: EscortBoats | EscortAircraft) -> dict[str, Tensor]:
         """distance: m, from the slot, of boats; from the circle, of aircraft."""
         return {"distance": team.distance}
 
     @property
-    def flying(self) -> Aircraft | Scouts | None:
+    def flying(self) -> EscortAircraft | Scouts | None:
         """The aircraft, or the scouts in their place; None without either."""
         team = self.teams.get(self.config.escort.aircraft)
-        return team if isinstance(team, Aircraft) else self.scouts
+        return team if isinstance(team, EscortAircraft) else self.scouts
 
     def frame(self, env: int) -> Frame:
         """Errors of all teams, slots of boats; observations, messages and estimates of the vessel (film.py)."""
@@ -279,10 +283,21 @@ class Escort(Mission[EscortScenario, Boats | Aircraft]):
 
         write_escort_figures(out, histories, episode, config)
 
-    def controller(self, team: Boats | Aircraft) -> Controller | None:
-        """The vehicle's own controller, else that of control.py."""
-        own = super().controller(team)
-        return controller_of(team) if own is None else own
+    def controller(self, team: EscortBoats | EscortAircraft) -> Controller | None:
+        """The vehicle's own controller; else for boats that of formations, for aircraft that of orbit.py, if any.
+
+        Raises:
+            ConfigError: for unknown gains.
+        """
+        own, model = super().controller(team), team.fleet.model
+        gains, key = dict(team.section.control), f"{team.name}.control"
+        if own is not None:
+            return own
+        if isinstance(team, EscortAircraft):
+            flies = isinstance(model, FixedWing6DOF)
+            return OrbitController(model, validate(OrbitGains, gains, key)) if flies else None
+        kind = next((CONTROLLERS[base] for base in type(model).__mro__ if base in CONTROLLERS), None)
+        return None if kind is None else kind(model, validate(kind.Gains, gains, key))
 
 
 MISSION = Escort

@@ -24,7 +24,7 @@ from rl.guidance.controllers.fixed_wing_6dof import (
     EVADING,
     FixedWing6DofController,
     FixedWing6DofGains,
-    Way,
+    FlightCommand,
     velocity_through_air,
 )
 from taichi_sim.config import Positive
@@ -60,12 +60,12 @@ class OrbitController:
         """Actions [env, aircraft, action] in [-1, 1]; none where the state is not finite."""
         return self.act(team, self.wanted(team))
 
-    def act(self, team: "MeasuredAircraft", wanted: Way) -> Tensor:
-        """Actions that fly what is wanted."""
+    def act(self, team: "MeasuredAircraft", wanted: FlightCommand) -> Tensor:
+        """Actions [env, aircraft, action] in [-1, 1] that follow the command."""
         return self.flight.act(team, wanted)
 
-    def wanted(self, team: "MeasuredAircraft") -> Way:
-        """v* of `team` (aircraft.py), and how it turns."""
+    def wanted(self, team: "MeasuredAircraft") -> FlightCommand:
+        """The velocity command of the field above, its change, and whether it evades."""
         loops, limits = self.flight.loops, self.flight.limits
         v, air, R = team.fleet.velocity_n, velocity_through_air(team), team.orbit.radius
         low, cruise, high = limits.speeds
@@ -95,4 +95,4 @@ class OrbitController:
         nose = air[..., :2] / speed.unsqueeze(-1)
         aside = change[..., 1] * nose[..., 0] - change[..., 0] * nose[..., 1]
         evading = (velocity - direct).norm(dim=-1) > EVADING
-        return Way(velocity, ((change * nose).sum(-1), aside), evading)
+        return FlightCommand(velocity, ((change * nose).sum(-1), aside), evading)

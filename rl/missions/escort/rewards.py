@@ -10,8 +10,8 @@ from rl.rewards import action_rate, clearance, coarse, fine, penalty
 from taichi_sim.config import NonNegative, Positive, Strict
 
 if TYPE_CHECKING:
-    from rl.missions.escort.aircraft import Aircraft
-    from rl.missions.escort.boats import Boats
+    from rl.missions.escort.aircraft import EscortAircraft
+    from rl.missions.escort.boats import EscortBoats
 
 
 class EscortBoatReward(Strict):
@@ -51,7 +51,7 @@ def closing(before: Tensor, now: Tensor, interval: float) -> Tensor:
     return (before - now) / interval
 
 
-BOAT_TERMS: dict[str, Callable[["Boats", Endings, EscortBoatReward], Tensor]] = {
+BOAT_TERMS: dict[str, Callable[["EscortBoats", Endings, EscortBoatReward], Tensor]] = {
     "closing": lambda team, ended, w: closing(team.before, team.distance, team.interval) * (1 / w.closing_scale),
     "coarse": lambda team, ended, w: coarse(team.distance, w.coarse_scale),
     "fine": lambda team, ended, w: fine(team.distance, w.fine_scale),
@@ -61,7 +61,7 @@ BOAT_TERMS: dict[str, Callable[["Boats", Endings, EscortBoatReward], Tensor]] = 
 }
 """A weight's name -> its term, of boats (boats.py), their endings, and the weights."""
 
-AIRCRAFT_TERMS: dict[str, Callable[["Aircraft", Endings, EscortAircraftReward], Tensor]] = {
+AIRCRAFT_TERMS: dict[str, Callable[["EscortAircraft", Endings, EscortAircraftReward], Tensor]] = {
     "view": lambda team, ended, w: team.sees.to(team.distance.dtype),
     "any_view": lambda team, ended, w: team.sees.any(-1, keepdim=True).to(team.distance.dtype).expand_as(team.distance),
     "radio": lambda team, ended, w: team.in_range,

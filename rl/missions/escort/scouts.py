@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import torch
 from torch import Tensor
 
-from rl.missions.escort.tracking import Group, Search, SharedTracking
+from rl.missions.escort.tracking import ObserverGroup, SharedTracking, SpiralSearch
 from rl.perception.camera import Camera
 from rl.perception.instruments import InstrumentsConfig
 from taichi_sim.conventions import QUATERNION, STATE_SIZE
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 SPEED = 25.0  # m/s; assumed
 
 
-def scout_observers(mission: "Escort", name: str, first: int) -> Group:
+def scout_observers(mission: "Escort", name: str, first: int) -> ObserverGroup:
     """Scouts in the place of the aircraft of team `name` as observers, numbered from `first` on."""
     section, like = mission.config.parts[name], mission.hs
     rows = mission.num_envs, section.count
@@ -33,7 +33,7 @@ def scout_observers(mission: "Escort", name: str, first: int) -> Group:
         like.new_zeros((*rows, STATE_SIZE)), like.new_zeros((*rows, DERIVED_SIZE)), like.new_zeros((*rows, 1)),
     )  # fmt: skip
     views.state[..., QUATERNION.start] = 1.0
-    return Group(first, views, views, Search(section.orbit.radius, SPEED, section.orbit.radius))
+    return ObserverGroup(first, views, views, SpiralSearch(section.orbit.radius, SPEED, section.orbit.radius))
 
 
 class Scouts:

@@ -10,14 +10,14 @@ from taichi_sim.conventions import STATE_SIZE
 from taichi_sim.kernels.rotation import torch_quaternion_from_euler
 
 if TYPE_CHECKING:
-    from rl.missions.escort.aircraft import Aircraft
-    from rl.missions.escort.boats import Boats
+    from rl.missions.escort.aircraft import EscortAircraft
+    from rl.missions.escort.boats import EscortBoats
 
 BOAT_SPEED = (0.5, 1.5)  # m/s at which boats begin; assumed
 APART = 40.0  # m between aircraft that begin; assumed
 
 
-def afloat(team: "Boats", place: Tensor, heading: Tensor, generator: torch.Generator) -> Tensor:
+def afloat(team: "EscortBoats", place: Tensor, heading: Tensor, generator: torch.Generator) -> Tensor:
     """Boats at `place` [env, boat, 2] (m) with `heading` [env, boat] (rad), at one speed in each environment."""
     heading = heading.to(team.fleet.state)
     state = _level(team, heading)
@@ -27,7 +27,7 @@ def afloat(team: "Boats", place: Tensor, heading: Tensor, generator: torch.Gener
     return state
 
 
-def aloft(team: "Aircraft", over: Tensor, generator: torch.Generator) -> Tensor:
+def aloft(team: "EscortAircraft", over: Tensor, generator: torch.Generator) -> Tensor:
     """Aircraft in steady flight over `over` [env, 2] (m), side by side at different heights, with a random heading."""
     count = team.fleet.count
     heading = (2 * math.pi * torch.rand((len(over), 1), generator=generator)).to(team.fleet.state).expand(-1, count)
@@ -40,7 +40,7 @@ def aloft(team: "Aircraft", over: Tensor, generator: torch.Generator) -> Tensor:
     return state
 
 
-def _level(team: "Boats | Aircraft", heading: Tensor) -> Tensor:
+def _level(team: "EscortBoats | EscortAircraft", heading: Tensor) -> Tensor:
     """At the origin, level, at rest, with `heading` [env, vehicle] (rad)."""
     state = team.fleet.state.new_zeros((*heading.shape, STATE_SIZE))
     state[..., 3:7] = torch_quaternion_from_euler(0 * heading, 0 * heading, heading)

@@ -3,10 +3,10 @@
 Observers are the boats, then the aircraft. Objects are the vessel, then moving bodies, then obstacles. In each decision
 the observers look, transmit their sightings, receive messages, and update their charts (rl/perception/chart.py).
 
-An observer searches if it has had no news of the vessel for `escort.lost` and is near the place where the vessel should
-be by then. The place that it goes to (a boat) or circles about (an aircraft) then moves outwards along an Archimedean
-spiral; the spirals of a team are turned against each other. At a speed U along a spiral of pitch b, the radius after s
-seconds is r = sqrt(b U s / pi), and the angle is 2 pi r / b.
+An observer begins to search when it has had no news of the vessel for `escort.lost` seconds and is near the vessel's
+predicted place. Its estimate of that place, to which a boat sails and about which an aircraft circles, then moves
+outwards along an Archimedean spiral. The spirals of a team start in different directions. At a speed U along a spiral
+of pitch b, the radius after s seconds is r = sqrt(b U s / pi), and the angle is 2 pi r / b.
 """
 
 import math
@@ -30,9 +30,9 @@ SLOWEST = 0.3  # m/s: the course of a slower vessel is not updated
 CUE_SPEED = 1.5  # m/s, standard deviation of the vessel's velocity at first, each way; assumed
 
 
-class Search(NamedTuple):
-    """Search of a team: pitch of the spiral (m), speed along it (m/s), and the distance (m) from the place where the
-    vessel should be at which it begins.
+class SpiralSearch(NamedTuple):
+    """Search of a team: pitch of the spiral (m), speed along it (m/s), and the distance (m) from the vessel's predicted
+    place within which it begins.
     """
 
     pitch: float
@@ -40,13 +40,13 @@ class Search(NamedTuple):
     begins: float
 
 
-class Group(NamedTuple):
+class ObserverGroup(NamedTuple):
     """The observers of one team."""
 
     first: int  # number of the first among all observers
     own: Views  # state as they measure it
     true: Views
-    search: Search
+    search: SpiralSearch
 
     @property
     def count(self) -> int:
@@ -73,8 +73,8 @@ class SharedTracking:
         "objects", "sightings", "place", "radio", "chart", "targets", "age", "sigma", "_course", "_searching",
     )  # fmt: skip
 
-    def __init__(self, mission: "Escort", groups: Mapping[str, Group], objects: int):
-        """Make it for the observers in `groups`, team -> group, in order and not empty; `objects` is their number."""
+    def __init__(self, mission: "Escort", groups: Mapping[str, ObserverGroup], objects: int):
+        """Track `objects` objects by the observers in `groups`, team -> group, in order and not empty."""
         config, self._mission = mission.config, mission
         state = next(iter(groups.values())).own.state
         envs, observers = state.shape[0], sum(g.count for g in groups.values())
@@ -141,7 +141,7 @@ class SharedTracking:
         t[..., COURSE], t[..., COS], t[..., SIN], t[..., SPEED] = self._course, c, s, speed
 
     def _offset(self, track: Tensor, which: Tensor) -> Tensor:
-        """Offset of the place to search from the place where the vessel should be [env, observer, 2], m."""
+        """Offset of the place to search from the vessel's predicted place [env, observer, 2], m."""
         lost, dt = self._mission.config.escort.lost, self._mission.config.decision_interval
         away, pitches, speeds, turned, begins = [], [], [], [], []
         for g in self.groups.values():

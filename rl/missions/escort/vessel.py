@@ -7,18 +7,21 @@ demands.
 """
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, cast
 
 import torch
 from torch import Tensor
 
 from rl.guidance.avoidance import Avoider
 from rl.guidance.controllers import CONTROLLERS
-from rl.guidance.controllers.course import Way
+from rl.guidance.controllers.course import CourseCommand
 from rl.guidance.controllers.force_vector import wrap
+from rl.guidance.controllers.hull_6dof import Hull6DofController
+from rl.guidance.controllers.manoeuvring_3dof import Manoeuvring3dofController
 from rl.guidance.geometry import SLOT_SIZE, SlotErrors
 from rl.guidance.targets import SIZE as TARGET
 from rl.guidance.targets import Target
+from rl.missions.escort.config import EscortScenario
 from rl.perception.columns import Mate
 from rl.perception.sensors import Nearby, Sensor
 from taichi_sim.config import ConfigError
@@ -28,13 +31,14 @@ from taichi_sim.kernels.rotation import torch_quaternion_from_euler
 from taichi_sim.script import Script
 
 if TYPE_CHECKING:
-    from rl.missions.escort.boats import Boats
+    from rl.missions.escort.boats import EscortBoats
     from rl.missions.escort.mission import Escort
+    from taichi_sim.world import World
 
 EDGE = 0.4  # of the area's side: further out it turns back
-SEEN, BOATS = 3, 2  # obstacles and boats that it keeps clear of at once
+SEEN, BOATS = 3, 2  # nearest obstacles and boats that it avoids
 REACH = 40.0  # m, detection range
-SMOOTH = 5.0  # s: its course over ground is that of its velocity, averaged so
+SMOOTH = 5.0  # s, time constant of the averaged velocity, whose direction is the course; assumed
 
 
 class Wanderer(Script):
@@ -52,27 +56,25 @@ class Wanderer(Script):
     axes = 2
     radio = None
 
-    def __init__(self, world: Any, name: str):
-        """Act for the team `name`, of vessels whose classical controller can sail a velocity."""
+    def __init__(self, world: "World", name: str):
+        """Command team `name`, of vessels whose classical controller follows velocity commands."""
         super().__init__(world, name)
-        self.config, self.fleet = world.config, world.teams[name]
+        self.config, self.fleet = cast(EscortScenario, world.config), world.teams[name]
         model, state = self.fleet.model, self.fleet.state
         kind = next((CONTROLLERS[base] for base in type(model).__mro__ if base in CONTROLLERS), None)
-        section = world.config.teams[name]
+        section = self.config.parts[name]
         if kind is None or model.medium != "water":
             raise ConfigError(f"{name}.vehicle = {section.vehicle!r}: not a vessel that a script can sail")
-        self.controller = kind(model, validate(kind.Gains, dict(section.control), f"{name}.control"))
-        if not hasattr(self.controller, "course"):
+        controller = kind(model, validate(kind.Gains, dict(section.control), f"{name}.control"))
+        if not isinstance(controller, Hull6DofController | Manoeuvring3dofController):
             raise ConfigError(
                 f"{name}.vehicle = {section.vehicle!r}: the script sails only manoeuvring_3dof and hull_6dof"
             )
-        top = model.limits.speeds[2]
-        if world.config.course.speed[1] > top:
-            raise ConfigError(
-                f"course.speed = {list(world.config.course.speed)}: {name}'s vehicle can go {top:.3g} m/s"
-            )
+        self.controller, top = controller, model.limits.speeds[2]
+        if self.config.course.speed[1] > top:
+            raise ConfigError(f"course.speed = {list(self.config.course.speed)}: {name}'s vehicle can go {top:.3g} m/s")
         envs = state.shape[0]
-        changes = 4 + math.ceil(2 * world.config.episode_duration / world.config.course.every)
+        changes = 4 + math.ceil(2 * self.config.episode_duration / self.config.course.every)
         self.radius = model.collision_radius
         self.now, self.slot_table = SlotErrors(state, self.axes), state.new_zeros((envs, self.fleet.count, SLOT_SIZE))
         self.target = Target(state.new_zeros((envs, 1, TARGET)), state[:, 0, :3])
@@ -81,7 +83,7 @@ class Wanderer(Script):
         self.sensor.obstacles = self._sensor.obstacles
         self._avoid = Avoider(self.controller.gains)
         self._time, self._next = state.new_zeros(envs), torch.zeros(envs, dtype=torch.int64, device=state.device)
-        self._plan = state.new_zeros((envs, changes, 3))  # when (s), to what course (rad) and speed (m/s)
+        self._plan = state.new_zeros((envs, changes, 3))  # of each change: time (s), course (rad), speed (m/s)
         self._steered, self._course = state.new_zeros(envs), state.new_zeros(envs)
         self._speed, self.velocity = state.new_zeros(envs), state.new_zeros((envs, 2))
         self._mission: Escort | None = None
@@ -124,7 +126,7 @@ class Wanderer(Script):
             )
         return state
 
-    def __call__(self, world: Any) -> Tensor:
+    def __call__(self, world: "World") -> Tensor:
         """Actions for this decision."""
         way, dt = self.config.course, self.config.decision_interval
         self._time += dt
@@ -152,9 +154,9 @@ class Wanderer(Script):
             wanted = self._avoid(self, wanted)
         share = dt / (SMOOTH + dt)
         self.velocity += share * (self.fleet.velocity_n[:, 0, :2] - self.velocity)
-        return self.controller.act(self, Way(wanted, torch.zeros_like(wanted)))
+        return self.controller.act(self, CourseCommand(wanted, torch.zeros_like(wanted)))
 
-    def _see_boats(self, team: "Boats | None") -> None:
+    def _see_boats(self, team: "EscortBoats | None") -> None:
         """Write the nearest boats as mates."""
         mates = self.sensor.team_mates
         mates.zero_()

@@ -1,9 +1,10 @@
 """A pool of worlds in which episodes of the escort begin, each with its own obstacles, places and courses.
 
-The vessel is at the centre of the area and sails its first course. The boats lie at some distance in any direction,
-side by side, and head roughly for it. Obstacles stand along the boats' way, the first right in it, and where the vessel
-is going; moving ones cross the boats' way when they would be there. No vehicle begins nearer than `ROOM` to an
-obstacle. All is drawn on the CPU: the same worlds on every device. Frame: NED, m from the centre.
+The vessel begins at the centre of the area, on its first course. The boats begin at some distance from it in any
+direction, side by side, and head roughly for it. Fixed obstacles stand along the boats' way to the vessel, the first
+nearly on it, and ahead of the vessel. Moving obstacles cross that way at the time when the boats would be there. No
+vehicle begins nearer than `ROOM` to an obstacle. All is drawn on the CPU: the same worlds on every device. Frame: NED,
+m from the centre.
 """
 
 import math
@@ -35,7 +36,7 @@ class Worlds(NamedTuple):
     bodies: Tensor  # [world, 8, n] moving bodies (rl/course/traffic.py); the first is the vessel
     place: Tensor  # [world, boat, 2]
     heading: Tensor  # [world, boat]
-    aloft: Tensor  # [world, 2] where aircraft begin, roughly
+    aloft: Tensor  # [world, 2] about which the aircraft begin
     near: Tensor  # bool: boats begin near the vessel
 
     def to(self, device: torch.device) -> "Worlds":

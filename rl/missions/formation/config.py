@@ -1,7 +1,7 @@
 """Configuration of the formation mission, besides world, stages and evaluation."""
 
 from collections.abc import Mapping
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
@@ -47,12 +47,10 @@ class ObstacleConfig(Strict):
 
     @model_validator(mode="after")
     def _ordered(self):
-        if self.clearance_max < self.clearance_min:
-            raise ValueError(f"clearance_max = {self.clearance_max} must not be below clearance_min")
-        if self.radius_max < self.radius_min:
-            raise ValueError(f"radius_max = {self.radius_max} must not be below radius_min")
-        if self.speed_max < self.speed_min:
-            raise ValueError(f"speed_max = {self.speed_max} must not be below speed_min = {self.speed_min}")
+        for key in ("clearance", "radius", "speed"):
+            low, high = getattr(self, f"{key}_min"), getattr(self, f"{key}_max")
+            if high < low:
+                raise ValueError(f"{key}_max = {high} must not be below {key}_min = {low}")
         if self.drifting_fraction + self.overtaking_fraction > 1:
             raise ValueError(
                 f"drifting_fraction = {self.drifting_fraction} and overtaking_fraction = {self.overtaking_fraction} "
@@ -75,7 +73,7 @@ class FormationConfig(Strict):
 
     @model_validator(mode="before")
     @classmethod
-    def _plain(cls, given: Any) -> Any:
+    def _plain(cls, given: object) -> object:
         return {"shape": given} if isinstance(given, str) else given
 
     @model_validator(mode="after")

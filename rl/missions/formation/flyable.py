@@ -12,7 +12,7 @@ import math
 from collections.abc import Mapping
 
 from rl.guidance.shapes import lane_half_width
-from rl.missions.formation.config import FormationScenario, FormationTeam, TrackConfig
+from rl.missions.formation.config import FormationScenario
 from rl.perception.wind_triangle import LEAST_SHARE, strongest_wind
 from taichi_sim.config import ConfigError
 from taichi_sim.vehicle import Vehicle
@@ -38,35 +38,20 @@ def check_teams(config: FormationScenario, models: Mapping[str, Vehicle]) -> Non
             f"track.speed_over = 'air': only {', '.join(models)} is simulated, and nothing flies; it needs 'ground'"
         )
     for name, model in models.items():
-        section = config.formations[name]
-        check_lanes(config.track, name, section)
-        check_flyable(config, f"{name}.vehicle = {section.vehicle!r}", model)
+        section, least = config.formations[name], config.track.min_radius
+        for shape in section.shapes:
+            width = lane_half_width((shape,), section.count, section.spacings[1])
+            if width >= least:
+                raise ConfigError(
+                    f"track.min_radius = {least}: {name}'s formation {shape!r} ({name}.count = {section.count}, "
+                    f"{section.spacings[1]:g} m apart) reaches {width:.3g} m to the side of its leader: slots on the "
+                    "inside of the tightest bends would stand still or go backwards"
+                )
+        _check_flyable(config, f"{name}.vehicle = {section.vehicle!r}", model)
 
 
-def check_lanes(track: TrackConfig, name: str, team: FormationTeam) -> None:
-    """Refuse a formation of the team `name` that is wider than the tightest bend.
-
-    Raises:
-        ConfigError: naming the keys, and the numbers.
-    """
-    spacing = team.spacings[1]
-    for shape in team.shapes:
-        width = lane_half_width((shape,), team.count, spacing)
-        if width >= track.min_radius:
-            raise ConfigError(
-                f"track.min_radius = {track.min_radius}: {name}'s formation {shape!r} ({name}.count = {team.count}, "
-                f"{spacing:g} m apart) reaches {width:.3g} m to the side of its leader: slots on the inside of the "
-                "tightest bends would stand still or go backwards"
-            )
-
-
-def check_flyable(config: FormationScenario, vehicle: str, model: Vehicle) -> None:
-    """Refuse a track that `model`, of the vehicle file `vehicle`, cannot follow. A vehicle that can stop follows any
-    track.
-
-    Raises:
-        ConfigError: naming the key, and the numbers.
-    """
+def _check_flyable(config: FormationScenario, vehicle: str, model: Vehicle) -> None:
+    """Refuse a track that `model`, of the file `vehicle`, cannot follow; a vehicle that can stop follows any track."""
     low, cruise, high = model.limits.speeds
     if model.limits.stops or math.isinf(high):
         return

@@ -1,26 +1,26 @@
 """Measurements of a formation: errors after the start has settled, gaps, collisions, success."""
 
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from rl.judge import COLLISION_LOSS, COMMON, Episodes, Judge, errors_of, median_of, over_time, p95, rms_of
+from rl.course.traffic import BOTTOM, EAST, NORTH, RADIUS, TOP
+from rl.judge import COLLISION_LOSS, COMMON, Episodes, ErrorJudge, errors_of, median_of, over_time, rms_of
 from rl.mission import Step
 from rl.missions.formation.config import FormationScenario
-from rl.missions.formation.evasions import slot_clearance
 
 if TYPE_CHECKING:
     from rl.missions.formation.mission import Formation
+    from rl.missions.formation.team import TeamTask
 
 
-class FormationJudge(Judge["Formation", FormationScenario]):
-    """Measures the distance of every vehicle from its slot: errors [step, env, vehicle] in m, NaN where not measured.
-
-    gap: [env], m, least clearance of any vehicle of the team in the measured time; inf before.
-    """
+class FormationJudge(ErrorJudge["Formation", FormationScenario]):
+    """Measures errors, evasions, and `gap` [env], the team's least clearance (m) so far; inf before any."""
 
     definitions = {
         "leader_error_rms_m": "root mean square distance of the leader from its target, over time and episodes",
@@ -41,7 +41,6 @@ class FormationJudge(Judge["Formation", FormationScenario]):
     def __init__(self, mission: "Formation", team: str):
         """Measure `team`."""
         super().__init__(mission, team)
-        self.errors = np.full((mission.config.episode_steps, *self.collided.shape), np.nan)
         self.gap = np.full(len(self.failed), np.inf)
         self.evasions = np.zeros(len(self.failed))
         self._blocked = self._blocked_now()
@@ -76,13 +75,8 @@ class FormationJudge(Judge["Formation", FormationScenario]):
         failed = np.concatenate([j.failed for j in seen])
         success = ~failed & measured[-1].all(axis=1) & (rms < config.evaluation.success_error).all(axis=1)
         gap = np.concatenate([j.gap for j in seen])
-        time = measured.sum(axis=0) * config.decision_interval
         return super().episodes(seen, config) | {
             "succeeded": success.astype(float),
-            "leader_error_rms_m": rms[:, 0],
-            "follower_error_rms_m": rms_of(errors[:, :, 1:], (0, 2)),
-            "leader_s": time[:, 0],
-            "follower_s": time[:, 1:].sum(axis=1),
             "least_gap_m": np.where(np.isfinite(gap), gap, np.nan),
             "evasions": np.concatenate([j.evasions for j in seen]),
             "vehicle_hours": np.concatenate([j.measured * j.collided.shape[1] for j in seen])
@@ -111,22 +105,12 @@ class FormationJudge(Judge["Formation", FormationScenario]):
     @classmethod
     def loss(cls, episodes: Episodes, config: FormationScenario) -> NDArray[np.float64]:
         """Collided, failed, and both errors as shares of evaluation.success_error, each limited to 4."""
-        most = 4 * config.evaluation.success_error
-        errors = (np.nan_to_num(episodes[f"{who}_error_rms_m"], nan=0.0) for who in ("leader", "follower"))
-        shares = sum(np.fmin(error, most) for error in errors) / config.evaluation.success_error
+        shares = cls.error_loss(episodes, config.evaluation.success_error)
         return COLLISION_LOSS * (episodes["collided"] > 0) + 2 * (1 - episodes["succeeded"]) + 2 * shares
 
     @classmethod
-    def figures(cls, seen: Sequence[Self], config: FormationScenario) -> dict[str, float | None]:
-        """The figures of `definitions`; percentiles have no interval, because they need every single error."""
-        errors, pooled = errors_of(seen), super().figures(seen, config)
-        both = {"leader": errors[:, :, 0], "follower": errors[:, :, 1:]}
-        pooled |= {f"{who}_error_p95_m": p95(of) for who, of in both.items()}
-        return {key: pooled[key] for key in cls.definitions}
-
-    @classmethod
     def line(cls, figures: dict[str, float | None]) -> str:
-        """The figures of one team as a line to read."""
+        """The figures of one team as a readable line."""
         leader, followers = (
             "not measured" if figures[f"{who}_error_rms_m"] is None else f"{figures[f'{who}_error_rms_m']:.2f} m rms"
             for who in ("leader", "follower")
@@ -136,3 +120,24 @@ class FormationJudge(Judge["Formation", FormationScenario]):
             f"leader error {leader}, followers {followers}, {free:.1f} % of episodes without collision, "
             f"{success:.1f} % succeed"
         )
+
+
+def slot_clearance(mission: "Formation", team: "TeamTask") -> Tensor:
+    """Clearance (m) [env, vehicle] of each vehicle, if it were in its slot, to the side of the nearest obstacle.
+
+    Obstacles that it would pass above or below do not count.
+    """
+    slot, radius = team.now.slot, team.radius
+    height = -slot[..., 2:] if team.axes == 3 else torch.zeros_like(slot[..., 2:])
+    stands, moves = mission.obstacles[mission.env_world].unsqueeze(1), mission.bodies.table.unsqueeze(1)
+    bodies: list[tuple[Tensor | float, ...]] = [
+        (stands[..., 0], stands[..., 1], stands[..., 2], -math.inf, stands[..., 3])
+    ]
+    if mission.bodies.present:
+        bodies.append(tuple(moves[..., row, :] for row in (NORTH, EAST, RADIUS, BOTTOM, TOP)))
+    nearest = torch.full_like(slot[..., 0], math.inf)
+    for north, east, size, bottom, top in bodies:
+        beside = torch.hypot(north - slot[..., :1], east - slot[..., 1:2]) - size - radius
+        passed = (height - radius > top) | (height + radius < bottom)
+        nearest = torch.minimum(nearest, beside.masked_fill(passed, math.inf).amin(-1))
+    return nearest

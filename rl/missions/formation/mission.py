@@ -18,14 +18,15 @@ from rl.mission import Endings, Frame, Histories, Mission, Step
 from rl.missions.formation import rewards
 from rl.missions.formation.config import FormationScenario
 from rl.missions.formation.flyable import check_teams
-from rl.missions.formation.imagined import imagined_scenario
 from rl.missions.formation.judge import FormationJudge
 from rl.missions.formation.starts import PER_WORLD, draw_starts, in_wind
 from rl.missions.formation.team import TeamTask
 from rl.missions.formation.worlds import draw_traffic, generate_worlds
+from rl.perception.config import SensorsConfig
 from rl.planning.honest import write_obstacles_as_bodies
 from rl.seeds import derive_seed
 from rl.team import Controller
+from taichi_sim.config import AirConfig, SeaConfig
 from taichi_sim.config.io import validate
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.counters import Noise
@@ -33,6 +34,8 @@ from taichi_sim.recording.episode import Episode, Scene
 from taichi_sim.state import transfer
 
 NEAR_COST, ENDED_COST = 300.0, 2e4  # of plans, m^2: for each m less than the berth; for an ending
+
+CALM = {"hs": 0.0, "tp": 4.0, "components": 1, "realisations": 1}  # sea of the honest planner's model
 
 
 class Formation(Mission[FormationScenario, TeamTask]):
@@ -77,14 +80,9 @@ class Formation(Mission[FormationScenario, TeamTask]):
             self.obstacles = far.expand(self.tracks.worlds, 1, 4).contiguous()
         self.env_world = torch.zeros(self.num_envs, dtype=torch.int64, device=run.device)
         self.targets = Targets(
-            self.tracks,
-            self.env_world,
-            self.world.wind.velocity,
-            speed=config.track.target_speed,
-            interval=config.decision_interval,
-            wind_factor=self.wind_factor,
-            over_air=config.track.speed_over == "air",
-        )
+            self.tracks, self.env_world, self.world.wind.velocity, speed=config.track.target_speed,
+            interval=config.decision_interval, wind_factor=self.wind_factor, over_air=config.track.speed_over == "air",
+        )  # fmt: skip
         self._which = torch.zeros(self.num_envs, dtype=torch.int32, device=run.device)
         self.noise = Noise(self.num_envs, derive_seed(self.seed, "sensors"))
         return {name: TeamTask(self, name, self.targets) for name in names}
@@ -152,12 +150,12 @@ class Formation(Mission[FormationScenario, TeamTask]):
         self._which.zero_()
         self._which[envs] = 2
         self.targets.move(self._which, n)
-        wind = self.world.wind.velocity.index_select(0, envs)
+        aloft = self.world.wind.velocity.index_select(0, envs)[:, :2] * self.wind_factor  # at the flight height
         for name, team in self.teams.items():
             state = self.starts.states[name][worlds, starts].to(team.fleet.state)
             if self.config.track.speed_over == "air":
                 over_ground, airspeed = team.target.speed[envs, 0], self.config.track.target_speed
-                state = in_wind(state, self._aloft(wind), over_ground, airspeed, team.fleet.model)
+                state = in_wind(state, aloft, over_ground, airspeed, team.fleet.model)
             self.world.place(name, envs, state)
             team.slots.begin(envs, self.starts.formations[name].at(worlds, starts), self.generator)
 
@@ -177,10 +175,6 @@ class Formation(Mission[FormationScenario, TeamTask]):
         seas = numbers % self.world.sea.num_seas
         self.reset(seas=seas, worlds=numbers, starts=torch.zeros_like(numbers))
 
-    def _aloft(self, wind: Tensor) -> Tensor:
-        """Wind [env, 2] at the flight height, of `wind` [env, 3] at 10 m, its slow variation included."""
-        return wind[:, :2] * self.wind_factor
-
     # -- what others ask -------------------------------------------------------------------------------------------
 
     def log(self, team: TeamTask, step: Step) -> dict[str, Tensor]:
@@ -196,7 +190,7 @@ class Formation(Mission[FormationScenario, TeamTask]):
         }
 
     def imagined(self, team: TeamTask) -> Mission:
-        """The model of imagined.py."""
+        """An `ImaginedFormation`."""
         config = imagined_scenario(self.config, team.name)
         return ImaginedFormation(config, self.num_envs, seed=self.seed, teams=(team.name,), source=self.source)
 
@@ -251,8 +245,32 @@ class Formation(Mission[FormationScenario, TeamTask]):
         return kind(model, validate(kind.Gains, dict(team.section.control), f"{team.name}.control"))
 
 
+def imagined_scenario(config: FormationScenario, name: str) -> FormationScenario:
+    """The scenario of the model of team `name`."""
+    current = config.sea.current and config.sea.current.model_copy(update={"std": 0.0})
+    steady = {"std": 0.0, "turbulence": "none", "gust": None}
+    obstacles = config.obstacles.model_copy(update={"count": 0, "fixed": ()})
+    section = config.formations[name].model_copy(update={"vary": {}, "residual": None})
+    return config.model_copy(
+        update={
+            "sea": SeaConfig(**CALM, depth=config.sea.depth, current=current),
+            "air": config.air.model_copy(update=steady) if config.air else AirConfig(),
+            "vary": {},
+            "obstacles": obstacles,
+            "sensors": SensorsConfig(),
+            "radio": None,
+            name: section,
+        }
+    )
+
+
 class ImaginedFormation(Formation):
-    """The model of one team for an honest planner (imagined.py)."""
+    """The model in which an honest planner (rl/planning/honest.py) tries plans of one team.
+
+    It has nominal vehicles, calm water, the scenario's mean wind and current, exact sensors and no radio. Track, target
+    and slots are the plan, which all vehicles know. Its obstacles are those that the vehicles sense; they keep their
+    velocity.
+    """
 
     STATE = ()
 

@@ -5,13 +5,12 @@ during an episode, every `change_every` seconds of it, both are drawn anew, and 
 for their new places in straight lines of the path frame, to arrive together: the one with the longest way at `glide`,
 the others slower.
 
-Which follower takes which new slot is settled so that for any two of them, with the vector x from one to the other
-before and g after the change, x . g >= 0: two that do not meet this swap their slots, which shortens the sum of their
-squared ways, until all do. Then they are never nearer than |x| |g| / sqrt(x^2 + g^2) on the way: spacing / sqrt(2)
-between two formations of one spacing (as in Turpin, Michael & Kumar 2014, CAPT, Int. J. Robotics Research 33(1)). A
-change that comes while slots are still on their way begins with as little between them as there is then. The leader
-keeps its place, so there is no such bound on how near a follower's slot passes it: 0.38 spacings were the least found
-in teams of up to 16, from an echelon to a line abreast or back. All of this is about slots, not about who is in them.
+New slots are assigned to followers so that x . g >= 0 for any two, x being the vector from one slot to the other before
+the change and g after it. Two slots that violate this swap their goals, which shortens the sum of the squared ways,
+until none does. On the way they are then never nearer than |x| |g| / sqrt(x^2 + g^2), which is spacing / sqrt(2) where
+both formations have one spacing (Turpin, Michael & Kumar 2014, CAPT, Int. J. Robotics Research 33(1)). In a change that
+begins before the last one has ended, x is smaller. The leader keeps its place, so there is no bound between it and a
+follower's slot: the least found was 0.38 spacings, in teams of up to 16. The bounds are on slots, not on vehicles.
 """
 
 # Kernels are another language inside Python syntax.
@@ -49,10 +48,6 @@ class Drawn(NamedTuple):
         """The formations at an index."""
         return Drawn(self.shape[index], self.spacing[index])
 
-    def to(self, device: torch.device) -> "Drawn":
-        """A copy on another device."""
-        return Drawn(self.shape.to(device), self.spacing.to(device))
-
 
 def draw_formations(section: FormationTeam, size: tuple[int, ...], generator: torch.Generator) -> Drawn:
     """Draw formations of a team; no random numbers are used if there is no choice."""
@@ -75,7 +70,7 @@ def offsets_of(units: Tensor, drawn: Drawn) -> Tensor:
     return units[drawn.shape] * drawn.spacing[..., None, None]
 
 
-class Form(NamedTuple):
+class SlotsForm(NamedTuple):
     """Compile-time parameters of the kernel."""
 
     every: int  # decisions between two changes
@@ -169,14 +164,10 @@ class Slots:
             self._left = state.new_zeros(envs)
             self._changes = state.new_zeros((envs, max(1, (steps - 1) // self._every), 2))
             self._pack = runtime.Packed(
-                SlotsPack,
-                table=self.table,
-                left=self._left,
-                changes=self._changes,
-                units=self._units.to(state),
+                SlotsPack, table=self.table, left=self._left, changes=self._changes, units=self._units.to(state),
                 numbers=state.new_tensor([interval, glide]),
-            )
-            self._form = Form(self._every, runtime.few(envs, ADVANCE))
+            )  # fmt: skip
+            self._form = SlotsForm(self._every, runtime.few(envs, ADVANCE))
             self._launch = runtime.Launcher(_advance)
         everywhere = torch.zeros(envs, dtype=torch.int64, device=state.device)
         self._place(slice(None), Drawn(everywhere, everywhere + torch.tensor(section.spacings[0], dtype=torch.float64)))

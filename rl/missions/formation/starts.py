@@ -2,9 +2,8 @@
 
 The target is at a random place of the track; the leader within `start_distance` of it, near the slot's heading and
 speed; followers near their slots, of a formation that is drawn with the start. A team that touches an obstacle is
-pulled in towards its slots; where those are not clear either (an obstacle in the lanes, a long line astern in a bend)
-another place is drawn. So is one where vehicles that cannot stop would meet before they have turned away. Where no
-place is found, the world's other starts are taken instead.
+pulled in towards its slots. Another place is drawn if the slots are not clear either, or if vehicles that cannot stop
+would meet before they can turn away. Where no place is found, the world's other starts are used.
 """
 
 import math
@@ -49,23 +48,20 @@ class Starts(NamedTuple):
     def to(self, device: torch.device) -> "Starts":
         """A copy on another device."""
         states = {name: s.to(device) for name, s in self.states.items()}
-        formations = {name: f.to(device) for name, f in self.formations.items()}
+        formations = {name: Drawn(f.shape.to(device), f.spacing.to(device)) for name, f in self.formations.items()}
         return Starts(self.progress.to(device), states, formations)
 
 
 def draw_starts(
-    config: FormationScenario,
-    tracks: Tracks,
-    obstacles: Tensor,
-    models: Mapping[str, Vehicle],
+    config: FormationScenario, tracks: Tracks, obstacles: Tensor, models: Mapping[str, Vehicle],
     generator: torch.Generator,
-) -> Starts:
+) -> Starts:  # fmt: skip
     """Draw `PER_WORLD` starts in each world for the teams named in `models`."""
     shape = (tracks.worlds, PER_WORLD)
     world = torch.arange(tracks.worlds).unsqueeze(1).expand(shape).contiguous()
     progress = torch.zeros(shape)
     states = {t: torch.zeros((*shape, config.teams[t].count, STATE_SIZE)) for t in models}
-    # Once: drawn again with the place, shapes that seldom fit would be taken seldom.
+    # Drawn once: if they were drawn again with each place, shapes that seldom fit would be rare.
     formations = {t: draw_formations(config.formations[t], shape, generator) for t in models}
     missing = torch.ones(shape, dtype=torch.bool)
     fastest = config.track.target_speed
@@ -107,10 +103,10 @@ def _others_for(missing: Tensor, starts: Starts) -> Starts:
 
 
 def in_wind(state: Tensor, wind: Tensor, over_ground: Tensor, airspeed: float, model: Vehicle) -> Tensor:
-    """Starts [env, vehicle, 13] of a target that flies at `airspeed`, `over_ground` [env], in a `wind` [env, 2], m/s.
+    """Starts [env, vehicle, 13] behind a target with `airspeed`, `over_ground` [env], in a `wind` [env, 2], m/s.
 
-    Speeds are the same shares of the target's speed over ground. A `model` that cannot stop begins in steady flight,
-    at its cruising airspeed: it is turned into the wind by the crab angle, so that what was its heading is its course.
+    Speeds scale with the target's speed over ground. A `model` that cannot stop begins in steady flight at its cruising
+    airspeed; it heads into the wind by the crab angle, so that the drawn heading becomes its course.
     """
     state = state.clone()
     state[..., 7] *= (over_ground * (1 / airspeed)).unsqueeze(1)

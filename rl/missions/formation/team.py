@@ -1,4 +1,4 @@
-"""One team of the formation mission: true errors and surroundings of its vehicles, its observations."""
+"""One team of the formation mission: true errors and surroundings of its vehicles, what they know, its observations."""
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
@@ -7,14 +7,17 @@ import torch
 from torch import Tensor
 
 from rl.course.traffic import Bodies
-from rl.guidance.geometry import Geometry
+from rl.guidance.geometry import Geometry, SlotErrors
 from rl.guidance.knowledge import Knowledge
 from rl.guidance.observations import ObservationWriter
 from rl.guidance.residual import ResidualTeam
 from rl.guidance.targets import Target, Targets
-from rl.missions.formation.measured import Measured
 from rl.missions.formation.slots import Slots
-from rl.perception.sensors import Sensor
+from rl.perception.contacts import TrackedContacts
+from rl.perception.instruments import Readings
+from rl.perception.radio import Radio
+from rl.perception.sensors import Nearby, Sensor
+from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import runtime
 
 if TYPE_CHECKING:
@@ -24,11 +27,12 @@ GLIDE_SHARE = 0.15  # of the target's speed, with which slots glide to a new for
 
 
 class TeamTask(ResidualTeam):
-    """Measures one team after each step; everything is [env, vehicle, ...]. It is its own ground truth (`Knowledge`).
+    """One team, measured after each step; every tensor is [env, vehicle, ...]. It is its own ground truth.
 
     Attributes:
         target: what its leader tracks. now: errors as of the last step or reset (geometry.py).
-        known: what its vehicles know, the input of policies and controllers: the team itself, or `Measured`.
+        known: what its vehicles know, the input of policies and controllers: the team itself, or
+            `MeasuredFormation`.
         observations: writes what its policy observes. sensor: true obstacles and team mates.
         slots: about the leader (slots.py). offsets: [env, vehicle, 2] of them, a live view, m.
     """
@@ -51,12 +55,12 @@ class TeamTask(ResidualTeam):
         self.offsets, self.slot_table = self.slots.offsets, self.slots.table
         sensing, frame = config.sensing, "body" if flies else "heading"
         reach = sensing.detection_range
-        # As many team mates in a team of one as in one of sixteen: what is not there is out of range.
+        # The number of mates observed does not depend on the team's size: one that does not exist is out of range.
         self.sensor = Sensor(self.fleet, sensing.obstacles, sensing.team_mates, reach, self.radius, frame)
         self.now = Geometry(self.fleet, targets.table, down, self.slot_table, self.axes)
         self.target = Target(targets.table, self.now.slot[:, 0])
         exact = config.radio is None and config.sensors.exact and config.sensors.scaled_contacts.exact
-        self.measured = None if exact else Measured(self, down)
+        self.measured = None if exact else MeasuredFormation(self, down)
         self.known: Knowledge = self.measured or self
         self.observations = ObservationWriter(self.known, config.observations, self.reference_width)
         self._true = None if exact else ObservationWriter(self, config.observations, self.reference_width)
@@ -73,7 +77,7 @@ class TeamTask(ResidualTeam):
 
     @property
     def privileged(self) -> Tensor | None:
-        """Ground truth [env, vehicle, n] that its vehicles do not know: errors and surroundings, and what varies."""
+        """Ground truth [env, vehicle, n] that its vehicles do not know: errors, surroundings, numbers that vary."""
         parts = []
         if self._true is not None:
             parts.append(self._true(self.action, self.reference()))
@@ -82,9 +86,7 @@ class TeamTask(ResidualTeam):
         return torch.cat(parts, dim=-1) if parts else None
 
     def measure(self, obstacles: Tensor, bodies: Bodies, env_world: Tensor, which: Tensor, count: int) -> None:
-        """Measure errors and surroundings: obstacles [world, m, 4] and moving `bodies`, in environments `which`
-        (geometry.py), `count` of them.
-        """
+        """Measure in `count` environments `which` (geometry.py), among obstacles [world, m, 4] and `bodies`."""
         self.forget()
         self.now.measure(which, count)
         self.sensor.look(obstacles, env_world, which, count, bodies)
@@ -95,3 +97,48 @@ class TeamTask(ResidualTeam):
     def distance(self) -> Tensor:
         """Distance (m) of each vehicle from its slot: the leader's tracking error, a follower's formation error."""
         return self.now.distance
+
+
+class MeasuredFormation:
+    """One team's measured knowledge (rl/guidance/knowledge.py); parts without errors are those of the team itself.
+
+    Rewards, endings and figures use the truth. Target and formation are the plan, which every vehicle knows exactly.
+    """
+
+    STATE = ("fleet", "now", "sensor", "radio")
+
+    def __init__(self, team: TeamTask, down: float):
+        """Measure for `team`, whose target is at `down` (m)."""
+        mission = team.mission
+        config, interval = mission.config, mission.config.decision_interval
+        number = config.first_number(team.name)
+        exact, contacts = config.sensors.exact, config.sensors.scaled_contacts
+        self.axes, self.radius = team.axes, team.radius
+        self.target, self.slot_table = team.target, team.slot_table
+        self._team, self._count = team, mission.noise.table
+        self.fleet: Fleet | Readings = team.fleet if exact else Readings(team.fleet, config.sensors, interval, number)
+        self.radio = None if config.radio is None else Radio(config.radio, team.fleet.state, interval, vehicles=number)
+        self.now: SlotErrors = team.now
+        if not exact or self.radio is not None:
+            heard = None if self.radio is None else self.radio.heard
+            self.now = Geometry(self.fleet, team.target.table, down, team.slot_table, team.axes, heard)
+        self.sensor: Nearby = team.sensor
+        if not (exact and contacts.exact):
+            self.sensor = TrackedContacts(contacts, team.sensor, team.fleet, self.fleet, interval, number)
+
+    @property
+    def steps(self) -> Tensor:
+        """int64 [env], decisions since the episode began."""
+        return self._team.steps
+
+    def measure(self, which: Tensor, rows: int) -> None:
+        """Measure after the truth has been measured; arguments as of `Geometry.measure`."""
+        if isinstance(self.fleet, Readings):
+            self.fleet.read(which, rows, self._count)
+        if self.radio is not None:
+            torch.cat((self.fleet.position_n, self.fleet.velocity_n), dim=-1, out=self.radio.said)
+            self.radio.talk(which, rows, self.steps, self._count)
+        if isinstance(self.now, Geometry) and self.now is not self._team.now:
+            self.now.measure(which, rows)
+        if isinstance(self.sensor, TrackedContacts):
+            self.sensor.update(which, rows, self.steps, self._count)

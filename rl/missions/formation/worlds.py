@@ -31,39 +31,26 @@ def generate_worlds(config: FormationScenario, seed: int) -> tuple[Tracks, Tenso
         ConfigError: if the scenario's sections track, obstacles and area leave no room for them.
     """
     track, cylinders = config.track, config.obstacles
+    widest = max(lane_half_width(t.shapes, t.count, t.spacings[1]) for t in config.formations.values())
     try:
         tracks = generate_tracks(
-            track.worlds,
-            derive_seed(seed, "tracks"),
-            length_m=track.length,
-            area_m=config.area,
-            checkpoints=track.checkpoints,
-            min_radius_m=track.min_radius,
-        )
+            track.worlds, derive_seed(seed, "tracks"), length_m=track.length, area_m=config.area,
+            checkpoints=track.checkpoints, min_radius_m=track.min_radius,
+        )  # fmt: skip
         obstacles = generate_obstacles(
-            tracks,
-            derive_seed(seed, "obstacles"),
+            tracks, derive_seed(seed, "obstacles"),
             count=cylinders.count - round(cylinders.moving_fraction * cylinders.count),
-            lane_half_width_m=widest_lane(config),
-            clearance_m=(cylinders.clearance_min, cylinders.clearance_max),
-            track_clearance_m=cylinders.track_clearance,
-            radius_m=(cylinders.radius_min, cylinders.radius_max),
-            height_m=(5.0, max(TALLEST, track.flight_height + 30.0)),
-            tall_fraction=cylinders.tall_fraction,
-            flight_height_m=track.flight_height,
-            area_m=config.area,
-        )
+            lane_half_width_m=widest, clearance_m=(cylinders.clearance_min, cylinders.clearance_max),
+            track_clearance_m=cylinders.track_clearance, radius_m=(cylinders.radius_min, cylinders.radius_max),
+            height_m=(5.0, max(TALLEST, track.flight_height + 30.0)), tall_fraction=cylinders.tall_fraction,
+            flight_height_m=track.flight_height, area_m=config.area,
+        )  # fmt: skip
     except ValueError as error:
         raise ConfigError(
             f"scenario {config.name!r}: the tracks (track.length = {track.length}, track.min_radius = "
             f"{track.min_radius}, area = {config.area}) or the obstacles do not fit: {error}"
         ) from None
     return tracks, obstacles
-
-
-def widest_lane(config: FormationScenario) -> float:
-    """Distance from the track to the outermost slot of any team, m."""
-    return max(lane_half_width(t.shapes, t.count, t.spacings[1]) for t in config.formations.values())
 
 
 def traffic_of(config: FormationScenario, places: Mapping[str, Tensor]) -> Traffic:
@@ -81,23 +68,17 @@ def traffic_of(config: FormationScenario, places: Mapping[str, Tensor]) -> Traff
     return Traffic(
         count=math.ceil(cylinders.moving_fraction * met) if config.episode_duration > SHORTEST else 0,
         spans=tuple(Span(*heights[medium], radius, there) for medium, there in places.items()),
-        drifting=cylinders.drifting_fraction,
-        overtaking=cylinders.overtaking_fraction,
+        drifting=cylinders.drifting_fraction, overtaking=cylinders.overtaking_fraction,
         speed=(cylinders.speed_min, cylinders.speed_max),
-        current=(speed * math.cos(heading), speed * math.sin(heading)),
-        duration=config.episode_duration,
+        current=(speed * math.cos(heading), speed * math.sin(heading)), duration=config.episode_duration,
         team_speed=track.target_speed,
-    )
+    )  # fmt: skip
 
 
 def draw_traffic(
-    config: FormationScenario,
-    tracks: Tracks,
-    starts: Starts,
-    obstacles: Tensor,
-    models: Mapping[str, Vehicle],
+    config: FormationScenario, tracks: Tracks, starts: Starts, obstacles: Tensor, models: Mapping[str, Vehicle],
     generator: torch.Generator,
-) -> Tensor:
+) -> Tensor:  # fmt: skip
     """Draw traffic for each start [world, start, 8, body] (rl/course/traffic.py), among `obstacles` [world, n, 4].
 
     Raises:

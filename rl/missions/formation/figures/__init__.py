@@ -7,19 +7,14 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from rl.figures import policy_loss_figure, reward_figure, save_figures
+from rl.figures import save_figures, training_figures
 from rl.mission import Histories
 from rl.missions.formation.figures.formation import formation_figure
 from rl.missions.formation.figures.scene import scene_figure
 from rl.missions.formation.figures.tracking import tracking_error_figure
 from taichi_sim.recording import Episode
 
-__all__ = [
-    "formation_figure",
-    "scene_figure",
-    "tracking_error_figure",
-    "write_figures",
-]
+__all__ = ["formation_figure", "scene_figure", "tracking_error_figure", "write_figures"]
 
 
 def write_figures(out: Path, histories: Histories, episode: Episode | None, settle: float = 0.0) -> list[Path]:
@@ -32,8 +27,4 @@ def write_figures(out: Path, histories: Histories, episode: Episode | None, sett
         figures["scene"] = scene_figure(episode)
         figures["tracking_error"] = tracking_error_figure(episode, settle)
         figures["formation"] = formation_figure(episode)
-    if histories:
-        liveries = {} if episode is None else episode.liveries
-        figures["reward"] = reward_figure(histories, liveries)
-        figures["policy_loss"] = policy_loss_figure(histories, liveries)
-    return save_figures(out, figures)
+    return save_figures(out, figures | training_figures(histories, episode))

@@ -27,14 +27,10 @@ def formation_figure(episode: Episode) -> Figure:
     teams = [team for team in episode.teams.values() if team.slot_n is not None]
     figure = new_figure(13.5, 4.0 * len(teams) + 0.8, f"Formation from several viewpoints: {episode.name}\n")
     figure.text(
-        0.5,
-        1.0 - 0.42 / figure.get_figheight(),
+        0.5, 1.0 - 0.42 / figure.get_figheight(),
         "rings are the slots, the leader's in magenta; what is in the way is brown; distances from the middle",
-        ha="center",
-        va="top",
-        fontsize=9,
-        color=INK,
-    )
+        ha="center", va="top", fontsize=9, color=INK,
+    )  # fmt: skip
     for row, team in enumerate(teams):
         for column, (share, view) in enumerate(zip(INSTANTS, VIEWS, strict=True)):
             axes = figure.add_subplot(
@@ -63,18 +59,9 @@ def _formation_panel(
         up = episode.elevation(north + middle[0], east + middle[1], time)
         crest = max(0.1, float(np.abs(up).max()))
         axes.plot_surface(
-            east,
-            north,
-            up,
-            cmap="ocean",
-            vmin=-3.2 * crest,
-            vmax=2.2 * crest,
-            rcount=SEA_POINTS,
-            ccount=SEA_POINTS,
-            linewidth=0,
-            antialiased=False,
-            zorder=1,
-        )
+            east, north, up, cmap="ocean", vmin=-3.2 * crest, vmax=2.2 * crest, rcount=SEA_POINTS, ccount=SEA_POINTS,
+            linewidth=0, antialiased=False, zorder=1,
+        )  # fmt: skip
     axes.view_init(elev=elevation, azim=90.0 - bearing - float(np.degrees(team.course[step])))
     base = 0.0 if team.on_water else -middle[2]
     for vehicle in range(team.vehicles):
@@ -85,13 +72,9 @@ def _formation_panel(
         angle = np.linspace(0.0, 2.0 * np.pi, 40)
         ring = 0.75 * grow * length
         axes.plot(
-            slot[1] + ring * np.cos(angle),
-            slot[0] + ring * np.sin(angle),
-            height + 0.0 * angle,
-            color=rgb(TARGET if vehicle == 0 else livery.of(vehicle)),
-            linewidth=1.2,
-            zorder=3,
-        )
+            slot[1] + ring * np.cos(angle), slot[0] + ring * np.sin(angle), height + 0.0 * angle,
+            color=rgb(TARGET if vehicle == 0 else livery.of(vehicle)), linewidth=1.2, zorder=3,
+        )  # fmt: skip
     for cylinder in cylinders(episode, step):
         _outline(axes, cylinder - np.array([middle[0], middle[1], 0.0, 0.0, 0.0]), half, base)
     axes.set(xlim=(-half, half), ylim=(-half, half), zlim=(base - 0.4 * half, base + 0.4 * half))
@@ -138,14 +121,8 @@ def _outline(axes: Axes3D, cylinder: NDArray[np.floating], half: float, base: fl
 
 
 def _body(
-    axes: Axes3D,
-    team: TeamTrack,
-    step: int,
-    vehicle: int,
-    place: NDArray[np.floating],
-    grow: float,
-    livery: Livery,
-) -> None:
+    axes: Axes3D, team: TeamTrack, step: int, vehicle: int, place: NDArray[np.floating], grow: float, livery: Livery,
+) -> None:  # fmt: skip
     """The body's triangles at `place` (north, east, down, m), `grow` times too large, lit from above."""
     body = body_mesh(team, livery.of(vehicle))
     w, x, y, z = team.quaternion_nb[step, vehicle].tolist()

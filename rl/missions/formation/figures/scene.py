@@ -31,14 +31,9 @@ def scene_figure(episode: Episode) -> Figure:
         length = float(np.linalg.norm(np.diff(track, axis=0), axis=1).sum())
         medium = episode.teams[name].medium
         top.plot(
-            track[:, 1],
-            track[:, 0],
-            color=rgb(episode.liveries[name].first),
-            linestyle=STYLE[medium],
-            linewidth=WIDE[medium],
-            zorder=4,
-            label=f"{name.upper()} track, {length:.0f} m",
-        )
+            track[:, 1], track[:, 0], color=rgb(episode.liveries[name].first), linestyle=STYLE[medium],
+            linewidth=WIDE[medium], zorder=4, label=f"{name.upper()} track, {length:.0f} m",
+        )  # fmt: skip
     for number, (north, east) in enumerate(scene.checkpoints_n, start=1):
         top.plot(east, north, "o", markersize=12, markerfacecolor="white", markeredgecolor=INK, zorder=6)
         top.text(east, north, str(number), ha="center", va="center_baseline", fontsize=7, zorder=7, color=INK)
@@ -54,10 +49,8 @@ def _extent(episode: Episode) -> float:
     """Half the side of the square shown, m: what there is to see, within the area."""
     scene = episode.scene
     places = [
-        *(track[:, :2] for track in scene.tracks_n.values()),
-        scene.checkpoints_n,
-        scene.obstacles[:, :2],
-    ]
+        *(track[:, :2] for track in scene.tracks_n.values()), scene.checkpoints_n, scene.obstacles[:, :2],
+    ]  # fmt: skip
     half = np.inf if scene.area_m is None else 0.5 * scene.area_m
     return min(half, 1.12 * max(float(np.abs(part).max(initial=50.0)) for part in places))
 
@@ -75,13 +68,9 @@ def _side_view(axes: Axes, episode: Episode) -> None:
         edge = int(np.argmax(track[:, 1]))
         axes.annotate(
             f"{name.upper()} track, {up.min():.0f} to {up.max():.0f} m" if np.ptp(up) > 1 else f"{name.upper()} track",
-            (track[edge, 1], up[edge]),
-            xytext=(0.99, (up[edge] + 0.2 * ceiling) / (1.45 * ceiling)),
-            textcoords="axes fraction",
-            ha="right",
-            color=colour,
-            arrowprops={"arrowstyle": "->", "color": colour},
-        )
+            (track[edge, 1], up[edge]), xytext=(0.99, (up[edge] + 0.2 * ceiling) / (1.45 * ceiling)),
+            textcoords="axes fraction", ha="right", color=colour, arrowprops={"arrowstyle": "->", "color": colour},
+        )  # fmt: skip
     axes.axhspan(-0.1 * ceiling, 0.0, color=SEA_COLOUR, zorder=1)  # pyright: ignore[reportArgumentType]
     dress(axes, "(b) from the side, looking north (heights stretched)", "east (m)", "height (m)")
     axes.set(xlim=(-half, half), ylim=(-0.1 * ceiling, 1.35 * ceiling))

@@ -25,13 +25,9 @@ def tracking_error_figure(episode: Episode, settle: float = 0.0) -> Figure:
             error = of_team[:, vehicle]
             mean = np.nanmean(error[measured]) if np.isfinite(error[measured]).any() else math.nan
             axes.plot(
-                time,
-                error,
-                color=rgb(livery.of(vehicle)),
-                linewidth=2.0 if vehicle == 0 else 1.2,
-                label=f"{team.vehicle_name(vehicle)}: mean {mean:.2f} m",
-                zorder=5 if vehicle == 0 else 3,
-            )
+                time, error, color=rgb(livery.of(vehicle)), linewidth=2.0 if vehicle == 0 else 1.2,
+                label=f"{team.vehicle_name(vehicle)}: mean {mean:.2f} m", zorder=5 if vehicle == 0 else 3,
+            )  # fmt: skip
         finite = of_team[measured][np.isfinite(of_team[measured])]
         ceiling = max(1.0, 1.35 * float(finite.max())) if len(finite) else 1.0
         if settle > 0:
@@ -40,13 +36,8 @@ def tracking_error_figure(episode: Episode, settle: float = 0.0) -> Figure:
         axes.set(xlim=(0.0, time[-1]), ylim=(0.0, ceiling))
         handles, labels = axes.get_legend_handles_labels()
         axes.legend(
-            handles[::-1],
-            labels[::-1],
-            loc="upper left",
-            bbox_to_anchor=(1.0, 1.0),
-            framealpha=0.9,
-            fontsize=8,
-        )
+            handles[::-1], labels[::-1], loc="upper left", bbox_to_anchor=(1.0, 1.0), framealpha=0.9, fontsize=8,
+        )  # fmt: skip
     panels[-1].set_xlabel("time (s)")
     return figure
 
@@ -55,12 +46,5 @@ def _shade_approach(axes, until: float, ceiling: float) -> None:
     """Grey the part of an episode, up to `until` (s), that is not measured."""
     axes.axvspan(0.0, until, color=NOT_MEASURED, alpha=0.5, linewidth=0)
     axes.text(
-        0.5 * until,
-        0.96 * ceiling,
-        "approach,\nnot measured",
-        ha="center",
-        va="top",
-        fontsize=8,
-        color=INK,
-        zorder=6,
-    )
+        0.5 * until, 0.96 * ceiling, "approach,\nnot measured", ha="center", va="top", fontsize=8, color=INK, zorder=6,
+    )  # fmt: skip
