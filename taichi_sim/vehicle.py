@@ -24,7 +24,7 @@ from collections import namedtuple
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeAlias
 
 import numpy as np
 import torch
@@ -43,6 +43,8 @@ if TYPE_CHECKING:
     from taichi_sim.world import World
 
 Medium = Literal["water", "air"]
+Number: TypeAlias = float | Tensor
+"""A number of a vehicle file: one for all vehicles, or a tensor with one for each."""
 
 
 @dataclass(frozen=True)
@@ -265,7 +267,7 @@ class Vehicle:
         data = self.params.model_dump()
         return {key: float(_at(data, key)) for key in self.varying}
 
-    def own(self, values: Mapping[str, Any]) -> Any:
+    def own(self, values: Mapping[str, Number]) -> Any:
         """Numbers as the kernel uses them, a NamedTuple, by arithmetic that works on floats and tensors.
 
         `values` has each key of `varying`. Other numbers are those of the vehicle file. Default: the values themselves,

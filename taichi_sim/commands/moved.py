@@ -11,6 +11,7 @@ ADAPTERS = {
     "skrl_env": "skrl", "marl": "marl", "others": "other_teams", "render": "render",
 }  # fmt: skip
 MOVED = {
+    "taichi_sim.uav.multirotor.power": "taichi_sim.uav.multirotor.equations",
     **{f"rl.{old}": f"rl.adapters.{new}" for old, new in ADAPTERS.items()},
     "rl.scene": "rl.course (tracks, obstacles, traffic) and rl.perception (all that is sensed)",
     "rl.guidance.corrected": "rl.guidance.residual",

@@ -16,8 +16,8 @@ from taichi_sim.uav.fixed_wing.params import FixedWingParams
 from taichi_sim.uav.fixed_wing.trim import Trim, TrimError, trim
 from taichi_sim.uav.multirotor import trim as hovering
 from taichi_sim.uav.multirotor.allocation import allocation
+from taichi_sim.uav.multirotor.equations import induced_velocity, shaft_power
 from taichi_sim.uav.multirotor.params import MultirotorParams
-from taichi_sim.uav.multirotor.power import induced_velocity, shaft_power
 
 SPEEDS = 17  # airspeeds at which climb, glide and turn are tried
 BISECTIONS = 24
@@ -166,10 +166,10 @@ def modes(p: FixedWingParams) -> Outcome:
 # -- multirotors -------------------------------------------------------------------------------------------------------
 
 
-def _hovers(p: MultirotorParams, ahead: float, climbing: float) -> hovering.Trim | None:
+def _hovers(p: MultirotorParams, ahead: float, climbing: float) -> hovering.MultirotorTrim | None:
     try:
         return hovering.trim(p, (ahead, 0.0, -climbing))
-    except hovering.TrimError:
+    except TrimError:
         return None
 
 

@@ -6,12 +6,13 @@ from pathlib import Path
 import numpy as np
 
 from taichi_sim.config import ConfigError
+from taichi_sim.uav.aircraft import TrimError
 from taichi_sim.uav.multirotor.allocation import allocation
+from taichi_sim.uav.multirotor.equations import induced_velocity, shaft_power
 from taichi_sim.uav.multirotor.gains import bandwidths, gains, lag, lead
 from taichi_sim.uav.multirotor.modes import largest_stable_dt, linear_modes
 from taichi_sim.uav.multirotor.params import MultirotorParams
-from taichi_sim.uav.multirotor.power import induced_velocity, shaft_power
-from taichi_sim.uav.multirotor.trim import Trim, TrimError, trim
+from taichi_sim.uav.multirotor.trim import MultirotorTrim, trim
 
 MODEL = "multirotor_6dof"
 ROWS = 11  # airspeeds of the trim table
@@ -21,7 +22,7 @@ SECONDS_PER_MINUTE = 60.0
 POWER, TILT, HOVER = "#0072B2", "#D55E00", "#22313F"
 
 
-def flight(p: MultirotorParams, airspeed: float, gamma: float) -> Trim:
+def flight(p: MultirotorParams, airspeed: float, gamma: float) -> MultirotorTrim:
     """Straight flight at an airspeed (m/s), climbing by gamma (rad), in still air, nose ahead."""
     return trim(p, (airspeed * math.cos(gamma), 0.0, -airspeed * math.sin(gamma)))
 
@@ -59,7 +60,7 @@ def trim_table(p: MultirotorParams, gamma: float) -> str:
     return "\n".join(lines)
 
 
-def mode_table(p: MultirotorParams, at: Trim) -> str:
+def mode_table(p: MultirotorParams, at: MultirotorTrim) -> str:
     """Frequency, damping and time constant of each mode with the rotors held, and the step they allow."""
     lines = [f"{'mode':14}{'rad/s':>10}{'damping':>10}{'period s':>10}{'time constant s':>17}"]
     for mode in linear_modes(p, at).modes:
