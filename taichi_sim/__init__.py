@@ -1,6 +1,6 @@
-"""taichi-sim: a sea and an atmosphere, and vehicles that feel them, for thousands of environments at once.
+"""taichi-sim: a sea, an atmosphere, and vehicles in them, for thousands of environments at once.
 
-`import taichi_sim as ts` gives the names below; each is imported when it is first asked for.
+`import taichi_sim as ts` gives the names below; each is imported at its first use.
 """
 
 import importlib as _importlib
@@ -23,14 +23,19 @@ _os.environ.setdefault("GOMP_SPINCOUNT", "30000")
 
 __version__ = "0.1.0"
 
-# Names only: Gymnasium imports the adapters when an environment is made.
+# Only names are registered: Gymnasium imports the adapters when an environment is made.
 for _name, _scenario, _team, _other in (
     ("UsvFormation", "paper", "usv", "absent"),
     ("UavFormation", "paper", "uav", "absent"),
     ("OtterFormation", "otter", "usv", "absent"),
     ("AerosondeFormation", "aerosonde", "uav", "absent"),
-    ("EscortUsv", "escort", "usv", "absent"),  # scripted scouts fly in the place of the aircraft
-    ("EscortUav", "escort", "uav", "classical"),  # aircraft are paid for what the boats make of their messages
+    ("EscortUsv", "escort", "usv", "absent"),  # scripted scouts replace the aircraft
+    (
+        "EscortUav",
+        "escort",
+        "uav",
+        "classical",
+    ),  # the aircraft's reward depends on what the boats do with their messages
     ("LandingUav", "landing", "uav", "absent"),  # a helm holds the boat's course
 ):
     _gymnasium.register(
@@ -40,7 +45,7 @@ for _name, _scenario, _team, _other in (
         kwargs={"team": _team, "scenario": _scenario, "other": _other},
     )
 
-# Also of rl, by name only: nothing of it is imported before it is asked for.
+# Names of rl too: none of its modules is imported before its first use.
 _PUBLIC = {
     "rl.adapters.batched": ("BatchedEnv",),
     "rl.adapters.marl": ("batched_env", "parallel_env"),

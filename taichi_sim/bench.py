@@ -7,7 +7,7 @@
     bench.step((0.5, 0.1), times=500)                       # ten seconds of steps of 0.02 s
     print(bench.position, bench.euler)                      # of the first vehicle, arrays
 
-What is read off it is float64, whatever the precision of the run.
+Results read from it are float64, whatever the precision of the run.
 """
 
 from pathlib import Path
@@ -62,18 +62,21 @@ def pack_state(eta: ArrayLike, nu: ArrayLike = (0.0,) * 6) -> Array:
 
 
 def calm_sea(depth: float | None = None) -> Sea:
-    """One realisation without waves; depth in m, None is deep."""
+    """A sea of one realisation without waves; depth in m, None is deep."""
     zero = np.zeros((1, 1))
     return Sea(Components(zero, zero + 1, zero + 1, zero, zero), depth)
 
 
 class Bench:
-    """`envs` x `count` vehicles of one model; environment e is on realisation e of the sea (modulo their number).
+    """`envs` x `count` vehicles of one model; environment e has realisation e of the sea (modulo their number).
 
     Attributes:
-        fleet: the vehicles, their state, loads and numbers (fleet.py). model: theirs. sea: the realisations.
-        time: float64 [env], s. around: what the vehicles are told of sea, current and wind: as in a World, the current
-            averaged over their draft and the wind at their own height.
+        fleet: the vehicles, their state, loads and numbers (fleet.py).
+        model: model of the vehicles.
+        sea: the realisations.
+        time: float64 [env], s.
+        around: surroundings that the vehicles feel; as in a World, the current is averaged over their draft and the
+            wind is that at their height.
     """
 
     def __init__(
@@ -89,20 +92,23 @@ class Bench:
         seed: int = 0,
         name: str = "fleet",
     ):
-        """At rest at the origin.
+        """Make the vehicles, at rest at the origin.
 
         Args:
-            vehicle: a model, or the file or name of one, stepped by `dt` (s), `substeps` to a control step. sea: calm
-                by default. air: calm by default; a configuration's wind, turbulence and gusts. envs, count:
-                environments, and vehicles in each. seed: of the sea's realisations, of what varies slowly, of the
-                turbulence.
+            vehicle: a model, or the file or name of one.
+            sea: default: calm.
+            air: default: calm; otherwise a configuration with wind, turbulence and gusts.
+            envs, count: environments, and vehicles in each.
+            dt, substeps: physics step, s, and physics steps of a control step, for a file or name.
+            seed: seed of the sea's realisations, of slow variations, and of the turbulence.
+            name: name of the fleet.
 
-        A SeaConfig brings its current, one that varies slowly, follows a series or a tide too; an AirConfig its wind
-        likewise. Both are stepped as in a World (world.py), from the time 0 on. A `Sea` has no current.
+        A SeaConfig includes its current, an AirConfig its wind; both may vary slowly or follow a series, the current
+        also a tide. They are stepped as in a World (world.py), from time 0 on. A `Sea` has no current.
 
         Raises:
-            ConfigError: for a vehicle that cannot be used, a series that cannot be read, a current whose profile needs
-                a depth.
+            ConfigError: for a vehicle that cannot be used, a series that cannot be read, or a current whose profile
+                needs a depth.
         """
         run = runtime.current()
         self.model = vehicle if isinstance(vehicle, Vehicle) else load_vehicle(vehicle, dt, substeps)
@@ -135,7 +141,7 @@ class Bench:
         )
 
     def __repr__(self) -> str:
-        """Vehicles and time; sea, current and wind now."""
+        """Vehicles and time; present sea, current and wind."""
         flow, air = (span(x.norm(dim=-1), "m/s") for x in (self.current, self.wind))
         return f"<Bench: {self.fleet.made_of}, t = {span(self.time, 's')};\n {self.sea}, current {flow}, wind {air}>"
 
@@ -152,7 +158,7 @@ class Bench:
     ) -> "Bench":
         """Place every vehicle; each argument is [3] or broadcasts to [env, vehicle, 3]: NED m, rad, m/s, rad/s.
 
-        `settle` brings them to rest, or into trim, where they are (`Vehicle.settle`).
+        With `settle` the vehicles are brought to rest, or into trim, at these places (`Vehicle.settle`).
         """
         shape = (*self.state.shape[:2], 3)
         place, angles, v, omega = (
@@ -192,7 +198,7 @@ class Bench:
     # -- moving ----------------------------------------------------------------------------------------------------
 
     def step(self, action: ArrayLike | Tensor, times: int = 1) -> "Bench":
-        """Step `times` control steps with `action` [action], or what broadcasts to [env, vehicle, action], held."""
+        """Step `times` control steps with the action held: [action], or what broadcasts to [env, vehicle, action]."""
         given = torch.as_tensor(action, dtype=self.state.dtype, device=self.state.device)
         self.fleet.action.copy_(given.expand_as(self.fleet.action))
         interval = self.model.dt * self.model.substeps
@@ -226,17 +232,17 @@ class Bench:
 
     @property
     def current(self) -> Tensor:
-        """[env, 2] velocity of the water at the surface, north and east, m/s.
+        """Velocity of the water at the surface [env, 2], north and east, m/s.
 
-        To be written in place where the sea's configuration has no current that varies: one that does takes it back.
+        It may be written in place, unless the sea's configuration has a current that varies: that one overwrites it.
         """
         return self._current.velocity
 
     @property
     def wind(self) -> Tensor:
-        """[env, 3] velocity of the air 10 m above the sea, NED, m/s.
+        """Velocity of the air 10 m above the sea [env, 3], NED, m/s.
 
-        To be written in place where the air's configuration has no wind that varies: one that does takes it back.
+        It may be written in place, unless the air's configuration has a wind that varies: that one overwrites it.
         """
         return self._wind
 
@@ -250,16 +256,16 @@ class Bench:
 
     @property
     def position(self) -> Array:
-        """[3] of the first vehicle, NED, m."""
+        """Position of the first vehicle [3], NED, m."""
         return self.state[0, 0, POSITION].double().cpu().numpy().copy()
 
     @property
     def velocity(self) -> Array:
-        """[3] of the first vehicle, NED, m/s."""
+        """Velocity of the first vehicle over ground [3], NED, m/s."""
         state = self.state[0, 0].double().cpu()
         return (torch_rotation_matrix(state[QUATERNION]) @ state[VELOCITY]).numpy()
 
     @property
     def euler(self) -> Array:
-        """[3] roll, pitch, heading of the first vehicle, rad."""
+        """Roll, pitch and heading of the first vehicle [3], rad."""
         return torch_euler_from_quaternion(self.state[0, 0, QUATERNION].double().cpu()).numpy()

@@ -24,7 +24,7 @@ STATE_SIZE = 13
 # components of vectors in n, of vectors in b, and of Euler angles
 NORTH, EAST, DOWN = 0, 1, 2
 AHEAD, STARBOARD, BELOW = 0, 1, 2
-HORIZONTAL = slice(0, 2)  # the first two of either
+HORIZONTAL = slice(0, 2)  # the two horizontal components of a vector in n or b
 ROLL, PITCH, HEADING = 0, 1, 2
 
 # surface columns

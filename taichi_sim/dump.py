@@ -1,6 +1,6 @@
-"""Dumps: the last step of an environment whose state stopped being finite, as a file to run it again from.
+"""Dumps: files with the last step of an environment whose state stopped being finite, for running that step again.
 
-`World.dump_folder` turns dumps on; taichi_sim/replay.py runs one again.
+`World.dump_folder` turns dumps on; taichi_sim/replay.py replays one.
 """
 
 from dataclasses import dataclass, field
@@ -12,7 +12,7 @@ from torch import Tensor
 from taichi_sim.config import WorldConfig
 from taichi_sim.config.io import validate
 
-MAX_DUMPS = 20  # in one folder: a fault that repeats needs no more
+MAX_DUMPS = 20  # largest number in one folder: a repeated fault needs no more
 
 
 @dataclass(frozen=True)
@@ -20,19 +20,19 @@ class Dump:
     """One environment before the failed step; tensors have no environment axis."""
 
     config: WorldConfig
-    seed: int  # of the world's seas
-    env: int  # its number, which its random numbers are counted by
-    sea: int  # realisation
+    seed: int  # seed of the world's seas
+    env: int  # number of the environment, which its random numbers depend on
+    sea: int  # realisation of the sea
     time: float  # s
-    clock: int  # control steps that the world had made
+    clock: int  # number of control steps that the world had made
     current: Tensor  # [2], m/s
     wind: Tensor  # [3], m/s
     states: dict[str, Tensor]  # team -> [vehicle, 13]
     aux: dict[str, Tensor]  # team -> [vehicle, n]
     actions: dict[str, Tensor]  # team -> [vehicle, action]
     fault: str
-    vary: dict[str, dict[str, Tensor]] = field(default_factory=dict)  # team -> key -> [vehicle], where numbers vary
-    loads: dict[str, Tensor] = field(default_factory=dict)  # team -> [vehicle, 6], where loads act from outside
+    vary: dict[str, dict[str, Tensor]] = field(default_factory=dict)  # team -> key -> [vehicle], if numbers vary
+    loads: dict[str, Tensor] = field(default_factory=dict)  # team -> [vehicle, 6], if loads from outside are in use
     touch: dict[str, dict[str, Tensor]] = field(default_factory=dict)  # team -> name of Touch.STATE -> [vehicle, n]
 
 
@@ -55,7 +55,7 @@ def load_dump(path: Path) -> Dump:
     """Read a dump.
 
     Raises:
-        ValueError: if the file is not one.
+        ValueError: if the file is not a dump.
     """
     try:
         data = torch.load(path, weights_only=True)
@@ -63,5 +63,5 @@ def load_dump(path: Path) -> Dump:
         return Dump(config=config, **data)
     except (OSError, RuntimeError, KeyError, TypeError, AttributeError, EOFError) as error:
         raise ValueError(f"{path}: not a dump of an environment: {error}") from None
-    except Exception as error:  # the unpickler has errors of its own
+    except Exception as error:  # the unpickler raises errors of many kinds
         raise ValueError(f"{path}: not a dump of an environment: {error}") from None

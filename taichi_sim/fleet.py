@@ -1,9 +1,10 @@
-"""One team: the state of its vehicles in every environment, and what follows from it."""
+"""One team: the state of its vehicles in every environment, and quantities derived from it."""
 
 from collections.abc import Mapping
 from typing import Any
 
 import torch
+from numpy.typing import ArrayLike
 from torch import Tensor
 
 from taichi_sim.config import ConfigError
@@ -27,16 +28,17 @@ from taichi_sim.kernels.rotation import torch_euler_from_quaternion
 from taichi_sim.kernels.runtime import Launcher
 from taichi_sim.vehicle import Vehicle
 
-VEHICLE_STEP = 4e3  # ns of a control step of one vehicle, about: hulls take more, other models less
+VEHICLE_STEP = 4e3  # ns, approximate time of a control step of one vehicle: more for hulls, less for others
 
 
 class Views:
-    """Named views of a team's state and its derived quantities: they share memory with the tensors.
+    """Named views of a team's state and its derived quantities; they share memory with the tensors.
 
     Attributes:
-        model: the vehicles'. state: [env, vehicle, 13], packed as in conventions.py. derived: [env, vehicle, 14], what
-            follows from the state (kinematics.py). aux: [env, vehicle, n], the model's own state; `reading` names its
-            columns.
+        model: model of the vehicles.
+        state: [env, vehicle, 13], packed as in conventions.py.
+        derived: [env, vehicle, 14], quantities derived from the state (kinematics.py).
+        aux: [env, vehicle, n], the model's own state; `reading` names its columns.
     """
 
     STATE: tuple[str, ...] = ("state", "derived", "aux")
@@ -46,37 +48,37 @@ class Views:
         self.model, self.state, self.derived, self.aux = model, state, derived, aux
 
     def reading(self, name: str) -> Tensor:
-        """One of the model's instruments [env, vehicle], as of the last step: a name of `model.aux_names`."""
+        """An instrument of the model [env, vehicle], as of the last step; `name` is one of `model.aux_names`."""
         return self.aux[..., self.model.aux_names.index(name)]
 
     @property
     def position_n(self) -> Tensor:
-        """[env, vehicle, 3] north, east, down, m."""
+        """Position [env, vehicle, 3], north, east, down, m."""
         return self.state[..., POSITION]
 
     @property
     def quaternion_nb(self) -> Tensor:
-        """[env, vehicle, 4] w, x, y, z, body to world."""
+        """Attitude [env, vehicle, 4], (w, x, y, z), body to world."""
         return self.state[..., QUATERNION]
 
     @property
     def velocity_b(self) -> Tensor:
-        """[env, vehicle, 3] forward, right, down, m/s."""
+        """Velocity [env, vehicle, 3], forward, right, down, m/s."""
         return self.state[..., VELOCITY]
 
     @property
     def angular_velocity_b(self) -> Tensor:
-        """[env, vehicle, 3] roll, pitch, yaw rate, rad/s."""
+        """Angular velocity [env, vehicle, 3], roll, pitch, yaw rate, rad/s."""
         return self.state[..., ANGULAR_VELOCITY]
 
     @property
     def R_nb(self) -> Tensor:  # noqa: N802
-        """[env, vehicle, 3, 3] rotation of body vectors into the world, as of the last step."""
+        """Rotation of body vectors into the world [env, vehicle, 3, 3], as of the last step."""
         return self.derived[..., ROTATION].unflatten(-1, (3, 3))
 
     @property
     def velocity_n(self) -> Tensor:
-        """[env, vehicle, 3] north, east, down, m/s, as of the last step."""
+        """Velocity [env, vehicle, 3], north, east, down, m/s, as of the last step."""
         return self.derived[..., VELOCITY_N]
 
     @property
@@ -86,25 +88,26 @@ class Views:
 
     @property
     def down_b(self) -> Tensor:
-        """[env, vehicle, 3] the world's down in b, as of the last step: roll and pitch without a jump."""
+        """The world's down direction in b [env, vehicle, 3], as of the last step: roll and pitch without a jump."""
         return self.derived[..., DOWN]
 
     @property
     def euler(self) -> Tensor:
-        """[env, vehicle, 3] roll, pitch, heading, rad (a copy)."""
+        """Roll, pitch and heading [env, vehicle, 3], rad (a copy)."""
         return torch_euler_from_quaternion(self.quaternion_nb)
 
 
 class Fleet(Views):
-    """Vehicles of one model in every environment; the views share memory with what kernels work on.
+    """Vehicles of one model in every environment; the views share memory with the tensors of the kernels.
 
     Attributes, besides those of `Views`:
-        surface: [env, vehicle, 2], what the sea does to a vessel: elevation under it and freeboard (conventions.py).
-        action: [env, vehicle, action], what is commanded in the coming or the last step.
-        never: bool [env, vehicle], false: of endings that cannot happen; not to be written to.
-        varied: whether numbers differ between environments (`set_numbers`). loaded: whether `load` has been asked for.
-        touch: of a team with legs in a world with decks, what it remembers of them; None elsewhere.
-        few: whether there are so few vehicles that kernels run on the calling thread alone.
+        surface: [env, vehicle, 2], elevation under a vessel and its freeboard (conventions.py).
+        action: [env, vehicle, action], actions of the coming or the last step.
+        never: bool [env, vehicle], false, for endings that cannot happen; read only.
+        varied: whether numbers differ between environments (`set_numbers`).
+        loaded: whether `load` has been used.
+        touch: contact memory of a team with legs in a world with decks; None otherwise.
+        few: whether there are so few vehicles that kernels run on the calling thread only.
     """
 
     STATE = ("surface", "action", "_vary", "_numbers", "_load", "touch")
@@ -173,7 +176,7 @@ class Fleet(Views):
             self._pack = self._packed()
 
     def launch(self, kernel: Any, *args: Any) -> None:
-        """Call a kernel of the model; a call with the arguments of the last one costs a fraction."""
+        """Call a kernel of the model. A call with the same arguments as the last one costs a fraction."""
         key = id(kernel._primal), id(getattr(kernel, "_kernel_owner", None))
         if key not in self._launchers:
             self._launchers[key] = Launcher(kernel)
@@ -203,9 +206,9 @@ class Fleet(Views):
 
     @property
     def load(self) -> Tensor:
-        """External load [env, vehicle, 6], N and N m about the origin, in b, held over a step; zero at first.
+        """External load [env, vehicle, 6], N and N m about the origin, in b, held over a step; initially zero.
 
-        To be written in place. Until it is first asked for it costs nothing.
+        It may be written in place. It costs nothing until its first use.
         """
         if self._load is None:
             self._load = self.state.new_zeros((*self.state.shape[:2], 6))
@@ -214,24 +217,26 @@ class Fleet(Views):
 
     @property
     def numbers(self) -> Tensor | None:
-        """Each vehicle's numbers as the model uses them [env, vehicle, n]; None where all share the file's."""
+        """Each vehicle's numbers as the model uses them [env, vehicle, n]; None if all share those of the file."""
         return self._numbers
 
     @property
     def vary(self) -> dict[str, Tensor]:
-        """Present values of the numbers that may vary: key -> [env, vehicle] (a copy)."""
+        """Present values of the parameters that may vary: key -> [env, vehicle] (a copy)."""
         values = self.nominal if self._vary is None else self._vary
         return {key: values[..., k].expand(self.state.shape[:2]).clone() for k, key in enumerate(self.model.varying)}
 
-    def set_numbers(self, values: Mapping[str, Any], envs: Tensor | None = None) -> None:
-        """Set numbers of vehicles, until set or drawn again (randomisation/numbers.py); other numbers stay.
+    def set_numbers(self, values: Mapping[str, ArrayLike | Tensor], envs: Tensor | None = None) -> None:
+        """Set parameters of vehicles, until they are set or drawn again (randomisation/numbers.py); other parameters
+        stay.
 
         Args:
-            values: key of `model.varying` -> number, or what broadcasts to [n, vehicle]. envs: int64 [n], default all.
+            values: key of `model.varying` -> number, or what broadcasts to [n, vehicle].
+            envs: int64 [n]; default: all.
 
         Raises:
             ConfigError: for a key that does not vary, or a value that the vehicle file could not hold.
-            ValueError: for a value that is not finite, or of another shape.
+            ValueError: for a value that is not finite, or has a wrong shape.
         """
         rows = self._all if envs is None else envs
         shape = (len(rows), self.count)
@@ -246,8 +251,9 @@ class Fleet(Views):
         """Set all numbers of the vehicles of environments `envs` [n], int64, without checks.
 
         Args:
-            vary: [n, vehicle, len(model.varying)], float64. numbers: [n, vehicle, m], what the model makes of them
-                (`Vehicle.numbers`).
+            vary: [n, vehicle, len(model.varying)], float64.
+            numbers: [n, vehicle, m], the model's numbers for them (`Vehicle.numbers`).
+            envs: the environments.
         """
         if self._vary is None:
             self._vary = whole = self.nominal.expand(*self.state.shape[:2], -1).clone()
@@ -257,8 +263,8 @@ class Fleet(Views):
         self._vary[envs] = vary
         self._numbers[envs] = numbers.to(self.state.dtype)
 
-    def _checked(self, key: str, value: Any, shape: tuple[int, int]) -> Tensor:
-        """Values [n, vehicle], float64, of a number; the extreme ones are checked by the vehicle file's rules."""
+    def _checked(self, key: str, value: ArrayLike | Tensor, shape: tuple[int, int]) -> Tensor:
+        """Values [n, vehicle], float64, of a parameter; the vehicle file's rules check the extreme ones."""
         given = torch.as_tensor(value, dtype=torch.float64, device=self.state.device)
         if not bool(given.isfinite().all()):
             raise ValueError(f"{self.name}: {key} = {value}: must be finite")
@@ -275,13 +281,13 @@ class Fleet(Views):
         """Reason why the vehicle file refuses a value of a varying number; None if it accepts it."""
         try:
             self.model.with_numbers({key: value})
-        except ValueError as error:  # pydantic's
+        except ValueError as error:  # raised by pydantic
             return str(error).splitlines()[-2 if "\n" in str(error) else -1].strip()
         return None
 
     @property
     def own(self) -> Any:
-        """Numbers as the model uses them (`Vehicle.own`): floats, or tensors [env, vehicle] where they vary."""
+        """Numbers as the model uses them (`Vehicle.own`): floats, or tensors [env, vehicle] if they vary."""
         if self._vary is None:
             return self.model.constants
         return self.model.own({key: self._vary[..., k].to(self.state) for k, key in enumerate(self.model.varying)})

@@ -1,35 +1,37 @@
 """Forecasts of a deck's motion from its own past: an autoregressive model by recursive least squares.
 
-A signal x, sampled evenly, is taken to follow
+The model of an evenly sampled signal x is
 
-    x[k] = a_1 x[k-1] + ... + a_n x[k-n] + e[k],
+    x[k] = a_1 x[k-1] + ... + a_n x[k-n] + e[k].
 
-with coefficients that recursive least squares (Ljung 1999, System Identification, sec. 11.2) learns from what comes in,
-the past being forgotten by the factor lambda each sample. h samples ahead, the prediction is the model's own, run on;
-what was learnt of few samples may be unstable, so no prediction is beyond `MOST` times the signal's root mean square.
-Everything is batched: one model for each element of a tensor.
+Recursive least squares (Ljung 1999, System Identification, sec. 11.2) learns the coefficients from the samples and
+forgets the past by the factor lambda per sample. The prediction h samples ahead is the model, run on. Coefficients
+learnt from few samples may be unstable, so predictions are limited to `MOST` times the signal's root mean square.
+Everything is batched: there is one model for each element of a tensor.
 """
 
 import torch
 from torch import Tensor
 
 FORGETTING = 0.998  # lambda; assumed
-PRIOR = 1e3  # variance of the coefficients before anything is learnt, over that of the error; assumed
-MOST = 3.0  # times the root mean square of all samples so far; assumed
-FEWEST = 2.0  # times the order: samples from which on a model is ready; assumed
+PRIOR = 1e3  # prior variance of the coefficients over that of the error; assumed
+MOST = 3.0  # largest prediction over the root mean square of all samples; assumed
+FEWEST = 2.0  # samples over the order, from which a model is ready; assumed
 
 
 class Autoregression:
     """Models of order n of signals of any shape [...].
 
     Attributes:
-        coefficients: [..., n]. past: [..., n] the newest sample first. count: [...] samples learnt from.
+        coefficients: [..., n].
+        past: [..., n], the newest sample first.
+        count: [...], number of samples learnt from.
     """
 
     STATE = ("coefficients", "past", "count", "_covariance", "_power")
 
     def __init__(self, like: Tensor, order: int, forgetting: float = FORGETTING, prior: float = PRIOR):
-        """Of signals of the shape of `like` [...].
+        """Make models of signals of the shape of `like` [...].
 
         Raises:
             ValueError: for an order below 1.
@@ -43,7 +45,7 @@ class Autoregression:
         self._covariance = prior * torch.eye(order, dtype=like.dtype, device=like.device).repeat(*like.shape, 1, 1)
 
     def begin(self, which: Tensor) -> None:
-        """Forget all, in rows `which` [n] of the first axis."""
+        """Forget everything in rows `which` [n] of the first axis."""
         for memory in (self.coefficients, self.past, self.count, self._power):
             memory[which] = 0.0
         eye = torch.eye(self.order, dtype=self.past.dtype, device=self.past.device)
@@ -51,11 +53,11 @@ class Autoregression:
 
     @property
     def ready(self) -> Tensor:
-        """Bool [...]: whether enough has been learnt from for a forecast."""
+        """Bool [...]: whether there are enough samples for a forecast."""
         return self.count >= (1.0 + FEWEST) * self.order
 
     def learn(self, sample: Tensor, where: Tensor | None = None) -> None:
-        """Take the next sample [...] into account, where `where` (bool, broadcast to [...]) says so."""
+        """Learn from the next sample [...], where `where` (bool, broadcast to [...]) is true."""
         x, P = self.past.unsqueeze(-1), self._covariance
         Px = P @ x
         gain = Px / (self._forgetting + (x.mT @ Px))

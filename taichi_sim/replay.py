@@ -1,4 +1,4 @@
-"""Runs the step of a dump again (dump.py)."""
+"""Replays the step of a dump (dump.py)."""
 
 from pathlib import Path
 
@@ -9,9 +9,9 @@ from taichi_sim.world import World
 
 
 def replay(dump: Dump, source: Path | None = None) -> World:
-    """Run the step of a dump again, alone; return the world after it.
+    """Run the step of a dump again, in a world of one environment; return the world after it.
 
-    `source` is the scenario's file, beside which its vehicles are looked for.
+    `source` is the scenario's file, beside which vehicle files are searched.
     """
     world = World(dump.config, 1, seed=dump.seed, teams=tuple(dump.states), source=source)
     world.env_sea[0], world.time[0] = dump.sea, dump.time

@@ -1,20 +1,21 @@
-"""Snapshots, restoring, copies and forks of all that a world or a mission remembers.
+"""Snapshots, restoring, copies and forks of everything that a world or a mission remembers.
 
-Every class that remembers anything between two steps names it in two class attributes:
+Every class that keeps state between two steps names it in two class attributes:
 
-    STATE    what differs between environments: tensors [env, ...], and parts that have state of their own (objects with
-             these attributes, or dictionaries, lists and tuples of such)
-    SHARED   what all environments share and that changes: counters, seeds, generators, numbers, tensors of any shape
+    STATE    state that differs between environments: tensors [env, ...], and parts with state of their own (objects
+             with these attributes, or dictionaries, lists and tuples of such)
+    SHARED   state that all environments share: counters, seeds, generators, numbers, tensors of any shape
 
-Names that an object does not have (yet) are skipped; a value may be None. A subclass adds to what its bases name. A
-method `restored()`, if there is one, is called after any state has been written: to drop caches, to bind kernels anew.
+Names that an object does not have (yet) are skipped; a value may be None. A subclass adds to the names of its bases. A
+method `restored()`, if there is one, is called after any state has been written, to drop caches or to bind kernels
+again.
 
-A class of somebody else's module that names nothing has a default. Every attribute of its objects that no class with
-names has assigned counts: tensors whose first dimension is the number of environments, and parts, as STATE; numbers,
-texts, generators, arrays and other tensors as SHARED; tuples, functions, configurations and kernels are constants. What
-the default cannot see into is refused by name.
+A user's class that names nothing has a default, which covers every attribute that no class with names assigns. Tensors
+whose first dimension is the number of environments, and parts, count as STATE. Numbers, texts, generators, arrays and
+other tensors count as SHARED. Tuples, functions, configurations and kernels are constants. Any other value is refused
+by name.
 
-Tensors are written in place wherever the shape allows it, so that kernels stay bound to them.
+Tensors are written in place if the shape allows it, so that kernels stay bound to them.
 """
 
 import dis
@@ -36,7 +37,7 @@ from torch import Tensor
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.counters import FIRST_FORKED, Noise
 
-VERSION = 1  # of the layout of a snapshot
+VERSION = 1  # version of a snapshot's layout
 GIB = 2**30
 WORKING_SHARE = 4.0  # memory of an environment over that of its state: buffers of kernels and torch; assumed
 
@@ -50,10 +51,13 @@ class StateError(ValueError):
 
 @dataclass(frozen=True)
 class Snapshot:
-    """A copy of all that a world or a mission remembers; `torch.save` can write it.
+    """A copy of everything that a world or a mission remembers; `torch.save` can write it.
 
     Attributes:
-        version: of the layout. about: what it was taken of. num_envs: environments. values: path -> value.
+        version: version of the layout.
+        about: identity of the world or mission.
+        num_envs: number of environments.
+        values: path -> value.
     """
 
     version: int
@@ -68,7 +72,7 @@ class Entry(NamedTuple):
     path: str
     owner: Any  # an object, a dictionary or a list
     key: Any
-    of_env: bool  # differs between environments
+    of_env: bool  # whether it differs between environments
 
     @property
     def value(self) -> Any:
@@ -117,7 +121,7 @@ class _Walk:
             self._object(value, path)
 
     def _state(self, owner: Any, key: Any, value: Any, path: str) -> None:
-        """A value under STATE; a property that is None has no state now."""
+        """Add a value under STATE; a property that is None has no state at present."""
         if value is None and isinstance(getattr(type(owner), str(key), None), property):
             return
         if value is None or isinstance(value, Tensor):
@@ -140,7 +144,7 @@ class _Walk:
                     self._default(value, name, item, f"{path}.{name}")
 
     def _default(self, owner: Any, key: Any, value: Any, path: str) -> None:
-        """An attribute of a class that names nothing."""
+        """Add an attribute of a class that names nothing."""
         if isinstance(value, Tensor):
             self.entries.append(Entry(path, owner, key, value.dim() > 0 and value.shape[0] == self.num_envs))
         elif value is None or isinstance(value, _NUMBERS | _GENERATORS | np.ndarray | str):
@@ -170,9 +174,11 @@ class _Walk:
 
 
 class _Names(NamedTuple):
+    """Names of the state of a class."""
+
     state: tuple[str, ...]
     shared: tuple[str, ...]
-    complete: bool  # the class itself says what it remembers
+    complete: bool  # whether the class itself names its state
     assigned: frozenset[str]  # attributes that classes with names assign
 
 
@@ -227,7 +233,7 @@ def about(root: Any) -> dict[str, Any]:
 
 
 def snapshot(root: Any) -> Snapshot:
-    """Copy all that `root` remembers."""
+    """Copy everything that `root` remembers."""
     values = {entry.path: _taken(entry.value) for entry in walk(root).entries}
     return Snapshot(VERSION, about(root), root.num_envs, values)
 
@@ -236,7 +242,7 @@ def restore(root: Any, saved: Snapshot) -> None:
     """Write a snapshot back.
 
     Raises:
-        StateError: for one of another world, number of environments, or version; nothing is written then.
+        StateError: for a snapshot of another world, number of environments, or version; nothing is written then.
     """
     if not isinstance(saved, Snapshot):
         raise StateError(f"a {type(saved).__name__} is no snapshot")
@@ -270,13 +276,14 @@ def _taken(value: Any) -> Any:
         return value.bit_generator.state
     if isinstance(value, random.Random):
         return value.getstate()
-    return value  # a number or a text; a tuple, into which nobody writes
+    return value  # numbers, texts and tuples are immutable
 
 
 class _Writer:
-    """Writes values, in place where it can.
+    """Writes values, in place if possible.
 
-    Two entries may hold one tensor now. Where their values are the same it stays so; else each gets a tensor.
+    Two entries may hold the same tensor. If their new values are equal they keep sharing it; otherwise each gets its
+    own.
     """
 
     def __init__(self):
@@ -323,7 +330,7 @@ def copy(root: Any, source_envs: Any, target_envs: Any, noise: NoiseOf = "shared
     """Make environments `target_envs` [n] of `root` equal to `source_envs` [n].
 
     Raises:
-        StateError: for environments that are not there, a target that is named twice, or another number of targets.
+        StateError: for environments that do not exist, a target that is named twice, or another number of targets.
     """
     source, target = (_envs(given, root.num_envs, f"{name}_envs") for given, name in
                       ((source_envs, "source"), (target_envs, "target")))  # fmt: skip
@@ -345,15 +352,20 @@ def copy(root: Any, source_envs: Any, target_envs: Any, noise: NoiseOf = "shared
 def fork(
     root: Any, make: Callable[[int], Any], envs: Any, copies: int, noise: NoiseOf = "shared", into: Any = None
 ) -> Any:
-    """Environments `envs` [n] of `root`, `copies` times each, as environments of their own: copy c of envs[i] is number
-    i copies + c.
+    """Environments `envs` [n] of `root`, `copies` times each, as new environments: copy c of envs[i] is number i copies
+    + c.
 
     Args:
-        make: builds a `root` of that many environments. into: what an earlier fork of as many environments returned:
-            written anew, which takes milliseconds; None builds one, which takes as long as `root` did.
+        root: the world or mission.
+        make: builds a `root` with a given number of environments.
+        envs: environments to copy.
+        copies: copies of each.
+        noise: see `NoiseOf`.
+        into: an earlier fork of the same size, which is overwritten in milliseconds; None builds one, which takes as
+            long as `root` did.
 
     Raises:
-        StateError: for environments that are not there, `into` of another kind or size, or more than memory holds.
+        StateError: for environments that do not exist, `into` of another kind or size, or too little memory.
     """
     rows = _envs(envs, root.num_envs, "envs")
     if copies < 1 or not len(rows):
@@ -387,7 +399,8 @@ def fork(
 
 
 def transfer(source: Any, target: Any) -> None:
-    """Write what part `source` of one mission remembers into `target`, a part of the same kind and size of another.
+    """Copy the state of part `source` of one mission into `target`, a part of the same kind and size of another
+    mission.
 
     Raises:
         StateError: if their entries differ.
@@ -423,7 +436,7 @@ def _check_noise(noise: str) -> None:
 
 
 def _check_memory(source: _Walk, total: int) -> None:
-    """Refuse a fork that memory cannot hold."""
+    """Refuse a fork that does not fit into memory."""
     each = sum(_bytes(entry) for entry in source.entries) / source.num_envs
     need, free = WORKING_SHARE * each * total, _free_memory()
     if need > free:
@@ -460,7 +473,7 @@ class Stateful:
     num_envs: int
 
     def snapshot(self) -> Snapshot:
-        """Copy all that the environments remember; `restore` goes on from there, to the bit."""
+        """Copy everything that the environments remember; `restore` continues from there, to the bit."""
         with runtime.torch_at_rest():
             return snapshot(self)
 
@@ -477,7 +490,7 @@ class Stateful:
         """Make environments `target_envs` [n] equal to `source_envs` [n]; see `NoiseOf`.
 
         Raises:
-            StateError: for environments that are not there, or a target that is named twice.
+            StateError: for environments that do not exist, or a target that is named twice.
         """
         with runtime.torch_at_rest():
             copy(self, source_envs, target_envs, noise)
@@ -485,11 +498,12 @@ class Stateful:
     def fork(self, envs: Any, copies: int = 1, *, noise: NoiseOf = "shared", into: Any = None) -> Any:
         """Environments `envs` [n], `copies` times each, in a world of their own: copy c of envs[i] is i copies + c.
 
-        With the same actions a copy that shares the noise does what its source does, until an episode begins anew.
-        `into` is an earlier fork of the same size: to write it anew takes milliseconds.
+        With the same actions a copy that shares the noise does what its source does, until a new episode begins. `into`
+        is an earlier fork of the same size, which is overwritten in milliseconds.
 
         Raises:
-            StateError: for environments that are not there, a wrong `into`, or more than memory holds (how much).
+            StateError: for environments that do not exist, a wrong `into`, or too little memory; the message says how
+                much.
         """
         with runtime.torch_at_rest():
             return fork(self, self._alike, envs, copies, noise, into)

@@ -14,14 +14,14 @@ from taichi_sim.kernels.packs import AroundPack
 from taichi_sim.sea.queries import elevations
 from taichi_sim.sea.sea import DEEP, Sea
 
-NO_WAVE = 1e-12  # rad/m, rad/s: of components without amplitude that fill up the last lanes, for divisions
+NO_WAVE = 1e-12  # rad/m, rad/s, nonzero for divisions: k and omega of components that pad the last lanes
 
 
 @dataclass(eq=False)
 class Surroundings:
     """Tables and per-environment values of one control step; float tensors have the run's precision.
 
-    The tensors are written in place from step to step, never replaced: what a kernel has been bound to stays.
+    The tensors are written in place from step to step and never replaced, so kernels stay bound to them.
     """
 
     STATE: ClassVar[tuple[str, ...]] = ("current", "wind")
@@ -31,7 +31,7 @@ class Surroundings:
     phase: Tensor  # [env, component], phase - omega t at the beginning of the step, rad (Sea.phases)
     current: Tensor  # [env, 2], north and east velocity of the water at the surface, m/s
     wind: Tensor  # [env, 3], velocity of the air 10 m above the sea, NED, m/s (where it blows to)
-    depth: float = DEEP  # of the water, m; negative is deep
+    depth: float = DEEP  # depth of the water, m; negative is deep
     air: Wind | None = None  # profile over height, turbulence and gusts; None is a steady, uniform wind
     noise: Noise | None = None  # counts the random numbers: control steps since the world was made; None: seed 0
     turbulence: Tensor | None = None  # [env], factor of the turbulence's intensity; None is 1 everywhere
@@ -39,7 +39,7 @@ class Surroundings:
     _copied: int = field(default=-1, init=False, repr=False)  # version of the sea that is copied into lanes
 
     def __post_init__(self) -> None:
-        """Pack what kernels take."""
+        """Pack the arguments of kernels."""
         if self.noise is None:
             self.noise = Noise(self.env_sea.shape[0])
         numbers = (0.0, 0.0, 0.0) if self.air is None else self.air.numbers
@@ -79,7 +79,7 @@ class Surroundings:
     @property
     def pack(self) -> Any:
         """The AroundPack for kernels; the same object from step to step."""
-        if (components := self.sea.shape[2]) % lanes.width():  # then lanes are copies
+        if (components := self.sea.shape[2]) % lanes.width():  # padding makes copies
             self._pack.members["turns"].flatten(-2)[:, :components] = self.phase
             if self._copied != self.sea._version:
                 self._pack.members["waves"].flatten(-2)[..., :components] = self.sea
@@ -87,7 +87,7 @@ class Surroundings:
         return self._pack()
 
     def elevation(self, points: Tensor) -> Tensor:
-        """Elevation of the sea (m, up) [env, point] at points [env, point, 2] (north, east, m), now."""
+        """Present elevation of the sea (m, up) [env, point] at points [env, point, 2] (north, east, m)."""
         envs, each = points.shape[:2]
         rows = torch.arange(envs, dtype=torch.int32, device=points.device).repeat_interleave(each)
         flat = points.reshape(-1, 2).to(self.sea.dtype).contiguous()
@@ -95,8 +95,8 @@ class Surroundings:
 
 
 def _filled_up(sea: Tensor) -> Tensor:
-    """The sea in lanes (lanes.py); components that fill up the last ones have no amplitude, so that a calm sea stays
-    exactly calm.
+    """The sea, padded to whole lanes (lanes.py) with components without amplitude, so that a calm sea stays exactly
+    calm.
     """
     waves = lanes.laned(sea)
     waves.flatten(-2)[:, (K, OMEGA), sea.shape[2] :] = NO_WAVE

@@ -1,9 +1,9 @@
-"""The contract of a vehicle model: all that World, missions, recordings and tools may ask of one.
+"""The contract of a vehicle model: everything that World, missions, recordings and tools may ask of one.
 
-A vehicle file (configs/vehicles/*.toml) names its model: one of ours (vehicles.py), or `module:Class` of anybody's. The
-class derives from `Vehicle`, says what it is in class attributes, and gives at least `step` and `equations`. What it
-leaves out has the default written here. A model holds numbers and kernels, never the state of a vehicle: one model
-serves any number of fleets (fleet.py), which own the tensors that it steps in place.
+A vehicle file (configs/vehicles/*.toml) names its model: one of ours (vehicles.py), or a user's as `module:Class`. The
+class derives from `Vehicle`, describes itself in class attributes, and defines at least `step` and `equations`.
+Defaults for everything else are below. A model holds numbers and kernels, never the state of a vehicle: one model
+serves any number of fleets (fleet.py), whose tensors it steps in place.
 
 Frames and units: NED world n, forward-right-down body b, SI, radians (conventions.py).
 
@@ -13,10 +13,11 @@ A model's kernels take packs, not lists of tensors:
     around   AroundPack: sea, phases, current, wind of one step (surroundings.py)
     build    Build: what the kernel is compiled for; read inside `ti.static` (packs.py)
 
-Numbers that differ between environments: `varying` names keys of the vehicle file, and `own` makes of their values what
-the kernel works with, a NamedTuple: of floats, compiled in, while nobody has varied the fleet; of tensors, whose rows
-the kernel reads by `numbers_at(self.Own, ...)`, once somebody has (`build.varied`). The physics takes either as `p`.
-Loads from outside (`build.loaded`) are `load_at(...)`: N and N m about the origin, b, held over a step.
+Numbers that differ between environments: `varying` names keys of the vehicle file, and `own` computes the kernel's
+numbers from their values, as a NamedTuple. Its entries are floats, compiled in, until numbers of the fleet are varied.
+From then on (`build.varied`) they are tensors, whose rows the kernel reads by `numbers_at(self.Own, ...)`. The physics
+takes either as `p`. Loads from outside (`build.loaded`) are `load_at(...)`: N and N m about the origin, b, held over a
+step.
 """
 
 import math
@@ -24,7 +25,7 @@ from collections import namedtuple
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeAlias
 
 import numpy as np
 import torch
@@ -43,38 +44,42 @@ if TYPE_CHECKING:
     from taichi_sim.world import World
 
 Medium = Literal["water", "air"]
+Number: TypeAlias = float | Tensor
+"""A number of a vehicle file: one for all vehicles, or a tensor with one for each."""
 
 
 @dataclass(frozen=True)
 class Limits:
-    """Capabilities of a vehicle, for planning: nothing beyond them is asked for."""
+    """Capabilities of a vehicle; planning stays within them."""
 
-    speeds: tuple[float, float, float] = (0.0, 0.0, math.inf)  # through its medium: least, cruise, greatest, m/s
-    turn_radius: float = 0.0  # smallest, at cruise, m
+    speeds: tuple[float, float, float] = (0.0, 0.0, math.inf)  # speeds through its medium: least, cruise, greatest, m/s
+    turn_radius: float = 0.0  # smallest turning radius at cruise, m
 
     @property
     def stops(self) -> bool:
-        """Whether it can stop."""
+        """Whether the vehicle can stop."""
         return self.speeds[0] == 0.0
 
 
 class Vehicle:
     """A vehicle model; see the module.
 
-    Class attributes, to be given: `Params`, the strict pydantic model of the vehicle file's numbers; `medium`;
-    `action_names`, what is commanded, each in [-1, 1] (an instance may set its own); `control_names`, its actuators'
-    settings, in the order in which `equations` takes them.
+    Required class attributes: `Params`, the strict pydantic model of the vehicle file's numbers; `medium`;
+    `action_names`, the actions, each in [-1, 1] (an instance may set its own); `control_names`, the settings of its
+    actuators, in the order of the `controls` of `equations`.
 
-    Optional: `aux_names`, the first columns of the auxiliary state, which are its instruments; `aux_size`, all of its
-    columns; `varying`, keys of the vehicle file that may differ between environments, dotted, a number of a list by
-    its place ("rigid_body.cg.0"); `file_keys`, those that name files beside the vehicle file; `ending_names`, what
-    `endings` may find; `signals`, `forces`, `air` and `airframe` for recordings.
+    Optional: `aux_names`, the first columns of the auxiliary state, which are its instruments; `aux_size`, the number
+    of all its columns; `varying`, dotted keys of the vehicle file that may differ between environments, with the index
+    for an entry of a list ("rigid_body.cg.0"); `file_keys`, keys that name files beside the vehicle file;
+    `ending_names`, the keys of `endings`; `signals`, `forces`, `air` and `airframe` for recordings.
 
-    Contact (contact/contacts.py): `deck`, a place on it where others land; `legs`, what it lands on, with `soles` and
-    `deck_reach`. A model with legs steps against the decks that `fleet.touch` tells of, where that is not None.
+    Contact (contact/contacts.py): `deck`, a place on it where others land; `legs`, on which it lands, with `soles` and
+    `deck_reach`. A model with legs steps against the decks in `fleet.touch`, if that is not None.
 
     Attributes:
-        params: the vehicle file's numbers. dt: physics step, s. substeps: physics steps of a control step.
+        params: the vehicle file's numbers.
+        dt: physics step, s.
+        substeps: physics steps of a control step.
     """
 
     Params: ClassVar[type[Strict]]
@@ -87,27 +92,27 @@ class Vehicle:
     file_keys: ClassVar[tuple[str, ...]] = ()
     ending_names: tuple[str, ...] = ()
     controller: ClassVar[Any] = None
-    """A classical controller of this vehicle, for missions that know none: a class built from the model."""
+    """A classical controller class for missions that have none for this vehicle; it is built from the model."""
 
     signals: Mapping[str, tuple[str, tuple[str, ...]]] = {}
     """Plots of a recording: name -> SI unit ("" for a ratio) and the columns of `aux_names` that share the plot."""
     air: tuple[str, str, str] | None = None
-    """Columns of `aux_names` with the velocity of the air that it meets (north, east, down, m/s)."""
+    """Columns of `aux_names` that hold the velocity of the air that it meets (north, east, down, m/s)."""
     airframe: tuple[float, bool] | None = None
-    """Of an aircraft, as a recording draws it: mean chord (m), and whether it has a tail."""
+    """For recordings of an aircraft: mean chord (m), and whether it has a tail."""
 
     deck: Deck | None = None
-    """Where others may land on it; its frame is b."""
+    """The deck on which others may land; its frame is b."""
     legs: Legs | None = None
-    """What it stands on."""
+    """The legs on which it stands."""
     deck_reach: float = 0.0
-    """How far from a deck it is concerned with it: by its legs, its rotors and their ground effect, m."""
+    """Distance from a deck within which it feels it, by its legs, its rotors and their ground effect, m."""
 
     def __init__(self, params: Any, dt: float, substeps: int):
         """Take the numbers of a vehicle file, the physics step (s) and the substeps of a control step.
 
         Raises:
-            ConfigError: where a model refuses its numbers, or dt.
+            ConfigError: if a model refuses its numbers, or dt.
         """
         self.params, self.dt, self.substeps = params, dt, substeps
 
@@ -120,12 +125,12 @@ class Vehicle:
 
     @property
     def collision_radius(self) -> float:
-        """Of the sphere around it that others collide with, m."""
+        """Radius of the sphere around it for collisions, m."""
         return self.params.collision_radius
 
     @property
     def limits(self) -> Limits:
-        """Its capabilities."""
+        """Capabilities of the vehicle."""
         return Limits()
 
     @property
@@ -140,25 +145,27 @@ class Vehicle:
 
     @property
     def forces(self) -> Mapping[str, tuple[tuple[float, float, float], tuple[str | None, str | None, str | None]]]:
-        """Load arrows of a recording: name -> where it attacks (m, b), columns of its x, y, z (N, b; None is zero).
+        """Load arrows of a recording: name -> point of attack (m, b), columns of its x, y, z (N, b; None is zero).
 
-        Names that begin alike up to the first "_" share a colour.
+        Names that agree up to the first "_" share a colour.
         """
         return {}
 
     def body(self) -> tuple[np.ndarray, np.ndarray] | None:
-        """Its surface: vertices [N, 3] (m, b) and corners [F, 3] of triangles, counter-clockwise from outside."""
+        """Surface of the vehicle: vertices [N, 3] (m, b) and corners [F, 3] of triangles, counter-clockwise from
+        outside.
+        """
         return None
 
     # -- beginning -------------------------------------------------------------------------------------------------
 
     def settle(self, state: Tensor, surface: Tensor, around: Surroundings) -> Tensor:
-        """Placed states [n, vehicle, 13] brought to rest, or into trim, in their surroundings (a row for each of n).
+        """States [n, vehicle, 13] at rest, or in trim, in the surroundings `around` (one row for each of n).
 
-        Position (of a vessel, its horizontal part) and heading count, and the velocity through the medium (over ground
-        where the model hovers) where the model can begin with it. `surface` [n, vehicle, 2] is to be written where the
-        sea is felt (conventions.py).
-        Default: a vessel is lifted onto the wave under it, an aircraft stays as placed.
+        Position (for a vessel, its horizontal part) and heading of `state` are kept, and the velocity through the
+        medium (over ground for a model that hovers) if the model can begin with it. A model that feels the sea writes
+        `surface` [n, vehicle, 2] (conventions.py). Default: a vessel is lifted onto the wave under it, an aircraft
+        stays as placed.
         """
         if self.medium == "air":
             return state
@@ -178,7 +185,7 @@ class Vehicle:
 
         `fleet.action` [env, vehicle, action] holds the actions, finite and within [-1, 1]. Launch a kernel with
         `fleet.launch(self.kernel, fleet.pack, around.pack, ..., build)`, which costs less than calling it. A model in
-        plain torch writes `fleet.state`, and `fleet.surface` if the sea is felt, and calls `fleet.update()`, which
+        plain torch writes `fleet.state`, and `fleet.surface` if it feels the sea, and calls `fleet.update()`, which
         writes `derived`; `fleet.own` are its numbers, `around.current.unsqueeze(1)` is [env, 1, 2].
         """
         raise NotImplementedError(f"{type(self).__name__} has no step (taichi_sim/vehicle.py)")
@@ -202,10 +209,12 @@ class Vehicle:
         """d(state)/dt in calm water and in air that moves steadily.
 
         Args:
-            state: [n, 13], packed as in conventions.py. controls: [n, control] settings of the actuators, in the order
-                and units of `control_names`, as they are, not as they are commanded.
-            current: [2] or [n, 2], velocity of the water, north and east, m/s. wind: [3] or [n, 3], velocity of the
-                air, NED, m/s. load: [6] or [n, 6], from outside, N and N m about the origin, b.
+            state: [n, 13], packed as in conventions.py.
+            controls: [n, control], actual settings of the actuators (not the commanded ones), in the order and units of
+                `control_names`.
+            current: [2] or [n, 2], velocity of the water, north and east, m/s.
+            wind: [3] or [n, 3], velocity of the air, NED, m/s.
+            load: [6] or [n, 6], load from outside, N and N m about the origin, b.
 
         Returns:
             [n, 13] float64: velocity in n, quaternion's rate, accelerations in b.
@@ -228,10 +237,10 @@ class Vehicle:
         return self.equations(*given).double().cpu().numpy()
 
     def mobility(self, fleet: "Fleet") -> Tensor:
-        """What a load makes it do: W [env or 1, vehicle or 1, 6, 6], float64, symmetric, d(accelerations in b) = W
-        d(load about the origin, b), of the fleet's vehicles; zero of what nothing can move.
+        """Response to a load: W [env or 1, vehicle or 1, 6, 6], float64, symmetric, for the fleet's vehicles.
 
-        A model whose numbers vary tells of each vehicle's own. Default: of the vehicle file's, by `rhs`.
+        d(accelerations in b) = W d(load about the origin, b); zero for motions that no load can cause. A model whose
+        numbers vary returns each vehicle's own. Default: that of the vehicle file, by `rhs`.
         """
         still = np.zeros((7, STATE_SIZE))
         still[:, 3] = 1.0
@@ -247,13 +256,15 @@ class Vehicle:
     # -- ending ----------------------------------------------------------------------------------------------------
 
     def endings(self, fleet: "Fleet", world: "World") -> dict[str, Tensor]:
-        """Endings of vehicles of `fleet` in `world`, in any mission: `ending_names` -> bool [env, vehicle]."""
+        """Endings of vehicles of `fleet` in `world`, in any mission: each of `ending_names` -> bool [env, vehicle]."""
         return {}
 
     def power(self, fleet: "Fleet") -> Tensor | None:
-        """Propulsive power of each vehicle of `fleet` in the last step [env, vehicle], W: thrust times the speed
-        through its medium or, of a vessel, ahead; of what hovers, the power from its rotors' shafts. None: the model
-        does not tell.
+        """Propulsive power [env, vehicle] of the vehicles of `fleet` in the last step, W; None if the model does not
+        compute it.
+
+        It is thrust times the speed through the medium (for a vessel, the speed ahead), or the shaft power of rotors of
+        a vehicle that hovers.
         """
         return None
 
@@ -265,23 +276,23 @@ class Vehicle:
         data = self.params.model_dump()
         return {key: float(_at(data, key)) for key in self.varying}
 
-    def own(self, values: Mapping[str, Any]) -> Any:
-        """Numbers as the kernel uses them, a NamedTuple, by arithmetic that works on floats and tensors.
+    def own(self, values: Mapping[str, Number]) -> Any:
+        """Numbers as the kernel uses them, a NamedTuple, computed by arithmetic that works on floats and tensors.
 
-        `values` has each key of `varying`. Other numbers are those of the vehicle file. Default: the values themselves,
-        their keys' dots as underscores.
+        `values` has each key of `varying`; other numbers are those of the vehicle file. Default: the values themselves,
+        with underscores instead of the dots in their keys.
         """
         names = [key.replace(".", "_") for key in self.varying]
         return namedtuple(f"{type(self).__name__}Numbers", names)(*(values[key] for key in self.varying))
 
     @cached_property
     def constants(self) -> Any:
-        """`own` for the vehicle file's numbers: floats, which kernels compile in."""
+        """`own` of the vehicle file's numbers: floats, which kernels compile in."""
         return self.own(self.nominal)
 
     @property
     def Own(self) -> Any:  # noqa: N802
-        """Struct for `own` of one vehicle, in a kernel that is compiled now."""
+        """Struct type of `own` of one vehicle, for a kernel that is being compiled."""
         return struct_of(self.constants._fields, runtime.current().precision)
 
     def numbers(self, vary: Tensor) -> Tensor:
@@ -311,7 +322,7 @@ class Vehicle:
         return type(self.params).model_validate(data)
 
     def check_varies(self, key: str) -> None:
-        """Refuse a key that cannot vary; the message names the nearest that can.
+        """Refuse a key that cannot vary; the message names the nearest one that can.
 
         Raises:
             ConfigError: for such a key.

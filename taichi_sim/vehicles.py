@@ -1,9 +1,12 @@
-"""Table of vehicle models: a vehicle file names its `model` in it, or gives `module:Class`."""
+"""Table of our vehicle models, and loading of vehicle files. A vehicle file names its `model` in the table, or gives
+`module:Class`.
+"""
 
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 from taichi_sim.config import ConfigError, TeamConfig
+from taichi_sim.config.base import Table
 from taichi_sim.config.io import config_folder, read_toml, validate, vehicle_file
 from taichi_sim.config.plugins import is_plugin, load_class
 from taichi_sim.kernels import runtime
@@ -16,7 +19,7 @@ from taichi_sim.usv.mmg import Mmg3Dof
 from taichi_sim.usv.unity_boat import UnityBoat
 from taichi_sim.vehicle import Vehicle
 
-# Vehicles of the same numbers share one model, and so one compiled kernel: models hold no state.
+# Vehicles with the same numbers share one model and its compiled kernel, because models hold no state.
 _models: dict[tuple, Vehicle] = {}
 
 MODELS: dict[str, type[Vehicle]] = {
@@ -30,11 +33,15 @@ MODELS: dict[str, type[Vehicle]] = {
 }
 
 
-def find_model(name: Any, file: Path, source: Path | None = None) -> type[Vehicle]:
-    """Class of the model that a vehicle file names; a user's is searched beside it and beside `source`.
+Changes: TypeAlias = dict[str, Any]
+"""Changed numbers of a vehicle file by key, or sections with their changed keys."""
+
+
+def find_model(name: object, file: Path, source: Path | None = None) -> type[Vehicle]:
+    """Class of the model that a vehicle file names. A user's class is searched beside the file and beside `source`.
 
     Raises:
-        ConfigError: if there is none of that name.
+        ConfigError: if there is no such model.
     """
     if isinstance(name, str) and is_plugin(name):
         try:
@@ -52,9 +59,11 @@ def load_vehicle(
     """Model of a vehicle file (or of a shipped one, by name), ready to step.
 
     Args:
-        file: a path, or a name in configs/vehicles. dt: physics step, s. substeps: physics steps of a control step.
-        source: the scenario's file, beside which a model of somebody else's is looked for too.
-        changes: sections or numbers of the file that are to be others; a section's other numbers stay.
+        file: a path, or a name in configs/vehicles.
+        dt: physics step, s.
+        substeps: physics steps of a control step.
+        source: the scenario's file, beside which a user's model is searched too.
+        changes: changed sections or numbers of the file; other numbers of a section stay.
 
     Raises:
         ConfigError: for a missing or unknown model, or a wrong key or value.
@@ -77,10 +86,10 @@ def load_vehicle(
 
 
 def vehicle_files(file: Path, source: Path | None = None) -> list[Path]:
-    """A vehicle file and the files that it names: all that is needed to load it elsewhere.
+    """A vehicle file and the files that it names: everything needed to load it elsewhere.
 
     Raises:
-        ConfigError: for an unknown model, or a file that is not there.
+        ConfigError: for an unknown model, or a file that does not exist.
     """
     data = read_toml(file)
     found = [file, *_resolve_files(data, find_model(data.get("model"), file, source).file_keys, file.parent)]
@@ -90,20 +99,22 @@ def vehicle_files(file: Path, source: Path | None = None) -> list[Path]:
     return found
 
 
-def _resolve_files(data: dict[str, Any], keys: tuple[str, ...], folder: Path) -> list[Path]:
-    """Make the values of `keys` ("section.key") that name files in a vehicle's own folder paths; return these."""
+def _resolve_files(data: Table, keys: tuple[str, ...], folder: Path) -> list[Path]:
+    """Turn values of `keys` ("section.key") that name files in a vehicle's folder into full paths; return these
+    paths.
+    """
     found = []
     for key in keys:
         *sections, last = key.split(".")
-        section: Any = data
+        section: object = data
         for name in sections:
             section = section.get(name) if isinstance(section, dict) else None
-        if isinstance(section, dict) and isinstance(section.get(last), str):
-            found.append(folder / section[last])
+        if isinstance(section, dict) and isinstance(name := section.get(last), str):
+            found.append(folder / name)
             section[last] = str(found[-1])
     return found
 
 
 def shipped_vehicles() -> list[Path]:
-    """Vehicle files that come with the package, by name."""
+    """Vehicle files that come with the package, sorted by name."""
     return sorted((config_folder() / "vehicles").glob("*.toml"))

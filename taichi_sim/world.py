@@ -3,9 +3,9 @@
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import torch
+from numpy.typing import ArrayLike
 
 from taichi_sim.air import Wind
 from taichi_sim.config import ConfigError, WorldConfig
@@ -33,21 +33,25 @@ class ActionError(ValueError):
 
 
 class World(Stateful):
-    """A sea, an atmosphere, and teams of vehicles, in `num_envs` environments that share nothing but tables.
+    """A sea, an atmosphere, and teams of vehicles, in `num_envs` environments that share only tables.
 
     Attributes:
-        sea: the realisations. env_sea: int32 [env], which one each environment is on.
-        time: float64 [env], s. teams: name -> Fleet, those simulated.
-        scripts: name -> what acts for a team that nobody else commands (script.py).
-        conditions: of each realisation (conditions.py); an environment gets those of its realisation in `renew`.
-        current, wind: of each environment. around: what vehicles at the surface are told of all, as of the last step.
-        noise: counts the random numbers of the turbulence: control steps since the world was made, of all episodes.
-        truth: team -> [env, vehicle, n], run precision, of order one: numbers of the vehicles and conditions as drawn
-            for the episode, for who may be told what no vehicle knows (a critic). Written in place by `renew`; as wide
-            in a scenario whatever its `variation`. truth_names: team -> n names.
-        contacts: what of the teams may stand on what (contact/contacts.py).
-        dump_folder: where the last step of an environment whose state is no longer finite is written, to be replayed
-            (dump.py); None is nowhere.
+        sea: the realisations.
+        env_sea: int32 [env], realisation of each environment.
+        time: float64 [env], s.
+        teams: name -> Fleet, the simulated teams.
+        scripts: name -> script that acts for a team (script.py).
+        conditions: conditions of each realisation (randomisation/conditions.py); `renew` gives them to environments.
+        current, wind: those of each environment.
+        around: surroundings at the surface, as of the last step.
+        noise: counter of the turbulence's random numbers: control steps since the world was made, through all episodes.
+        truth: team -> [env, vehicle, n], run precision, of order one: privileged information, such as for a critic. It
+            holds the numbers of the vehicles and the conditions as drawn for the episode. `renew` writes it in place;
+            its width in a scenario does not depend on `variation`.
+        truth_names: team -> n names.
+        contacts: teams with legs and the decks that may carry them (contact/contacts.py).
+        dump_folder: folder for the last step of an environment whose state is no longer finite (dump.py); None: no
+            dumps.
     """
 
     STATE = (
@@ -66,11 +70,15 @@ class World(Stateful):
         """Build a world from a configuration.
 
         Args:
-            config: the world's, or a scenario's. num_envs: environments. seed: of the seas; default config.seed.
-            teams: which teams to simulate, default all. source: the file beside which vehicles are looked for.
+            config: that of a world or a scenario.
+            num_envs: number of environments.
+            seed: seed of the seas; default: config.seed.
+            teams: teams to simulate; default: all.
+            source: file beside which vehicle files are searched.
 
         Raises:
-            ConfigError: for a vehicle that cannot be used. ValueError: for a team that is not there.
+            ConfigError: for a vehicle that cannot be used.
+            ValueError: for an unknown team.
         """
         run = runtime.current()
         self.config, self.num_envs, self._source = config, num_envs, source
@@ -105,7 +113,7 @@ class World(Stateful):
         return type(self)(self.config, num_envs, seed=self.seed, teams=tuple(self.teams), source=self._source)
 
     def __repr__(self) -> str:
-        """Size, time and teams; sea, current and wind now."""
+        """Size, time and teams; present sea, current and wind."""
         teams = (f"{name} ({fleet.count} x {type(fleet.model).__name__})" for name, fleet in self.teams.items())
         size = f"{number(self.num_envs, 'environment')}, t = {span(self.time, 's')}"
         flow, air = (span(x.velocity.norm(dim=-1), "m/s") for x in (self.current, self.wind))
@@ -153,12 +161,12 @@ class World(Stateful):
         """World of a scenario's file or name, without its mission: `World.from_scenario("paper", num_envs=16)`."""
         return cls(load_world(scenario, overrides), num_envs, source=find_config(scenario), **options)
 
-    def step(self, actions: Mapping[str, Any] | None = None) -> dict[str, torch.Tensor]:
+    def step(self, actions: Mapping[str, ArrayLike | torch.Tensor] | None = None) -> dict[str, torch.Tensor]:
         """Advance every environment by one decision interval; return the actions as taken (clipped).
 
         Args:
-            actions: team name -> [env, vehicle, action] in [-1, 1], a tensor or an array; clipped to that range. Of
-                every team that has no script; of one that has, they count instead of its script.
+            actions: team name -> [env, vehicle, action] in [-1, 1], a tensor or an array; clipped to that range. Every
+                team without a script needs an entry; an entry for a team with a script replaces the script.
 
         Raises:
             ValueError: for a wrong shape, or an action that is not finite; nothing has moved then.
@@ -179,7 +187,7 @@ class World(Stateful):
         return checked
 
     def _move(self, actions: Mapping[str, torch.Tensor]) -> None:
-        """Step all vehicles; those with legs after those that may carry them."""
+        """Step all vehicles; those with legs after those with decks."""
         met, held = not self.contacts, self.contacts.begin()
         for name in self.contacts.ordered(self.teams):
             if not met and name in self.contacts.legged:
@@ -204,9 +212,10 @@ class World(Stateful):
         self.wind.follow(envs, self.time[envs])
 
     def renew(self, envs: torch.Tensor) -> None:
-        """An episode begins in environments `envs` [n], whose realisation of the sea (`env_sea`) has been drawn: they
-        get its conditions, currents and winds about their means, vehicles with numbers of their own; scripted teams are
-        placed.
+        """Begin an episode in environments `envs` [n], whose realisation of the sea (`env_sea`) has been drawn.
+
+        They get the conditions of that realisation, new slow variations of current and wind, and vehicles with their
+        own numbers. Scripted teams are placed.
         """
         self._variation.begin(envs, self.env_sea[envs], self.current, self.wind)
         self._follow(envs)
@@ -226,7 +235,7 @@ class World(Stateful):
         self.noise.tick(seed - self.noise.clock)
 
     def felt(self, team: str) -> Surroundings:
-        """Surroundings as `team` feels them: the current averaged over its draft, the wind at its own height."""
+        """Surroundings that `team` feels: the current averaged over its draft, the wind at its height."""
         felt, water, air = self._felt[team]
         if water != 1.0:
             torch.mul(self.around.current, water, out=felt.current)
@@ -238,7 +247,7 @@ class World(Stateful):
         return {name: (fleet.state.clone(), fleet.aux.clone()) for name, fleet in self.teams.items()}
 
     def _dump_faults(self, before, touch, actions: Mapping[str, torch.Tensor], folder: Path) -> None:
-        """Write a dump for every environment whose state has just stopped being finite."""
+        """Write a dump for every environment whose state has just become not finite."""
         for name, fleet in self.teams.items():
             fine = fleet.state.sum(dim=(1, 2)).isfinite()
             if bool(fine.all()):
@@ -268,7 +277,7 @@ class World(Stateful):
         """Place the vehicles of a team in environments `envs` [n] at `state` [n, vehicle, 13].
 
         The model brings them to rest or into trim (`Vehicle.settle`) in the sea, current and wind of those
-        environments: set `env_sea` and `time` first.
+        environments, so set `env_sea` and `time` first.
         """
         fleet, around = self.teams[name], self._placing(name, envs)
         surface = fleet.surface[envs]
@@ -296,7 +305,7 @@ class World(Stateful):
         return made
 
     def elevation(self, envs: torch.Tensor, north: torch.Tensor, east: torch.Tensor) -> torch.Tensor:
-        """Elevation (m, up) now in environments `envs` [n] at points [n, point]."""
+        """Present elevation (m, up) in environments `envs` [n] at points [n, point] (north, east, m)."""
         env_sea = self.env_sea[envs]
         phase = self.sea.phases(env_sea, self.time[envs])
         points = torch.stack((north, east), dim=-1)
@@ -305,9 +314,9 @@ class World(Stateful):
         return self.sea.elevation_at(points.reshape(-1, 2), rows, env_sea, phase).reshape(north.shape)
 
     def elevation_below(self, team: Fleet, height: torch.Tensor) -> torch.Tensor:
-        """Elevation (m, up) now under each vehicle of `team` that flies at `height` [env, vehicle] (m).
+        """Present elevation (m, up) under each vehicle of `team` that flies at `height` [env, vehicle] (m).
 
-        Of vehicles above any wave of this sea it is -inf, and costs nothing.
+        For vehicles above any wave of this sea it is -inf and costs nothing.
         """
         elevation = torch.full_like(height, -math.inf)
         env, vehicle = (height < self._highest_crest).nonzero(as_tuple=True)
@@ -316,7 +325,7 @@ class World(Stateful):
             elevation[env, vehicle] = self.elevation(env, place[:, :1], place[:, 1:2]).squeeze(1)
         return elevation
 
-    def _checked(self, fleet: Fleet, action: Any) -> torch.Tensor:
+    def _checked(self, fleet: Fleet, action: ArrayLike | torch.Tensor) -> torch.Tensor:
         shape = (self.num_envs, fleet.count, len(fleet.model.action_names))
         action = torch.as_tensor(action, device=fleet.state.device)
         if tuple(action.shape) != shape:

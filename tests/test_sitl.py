@@ -18,7 +18,7 @@ from taichi_sim.conventions import GRAVITY
 from taichi_sim.sitl.channels import read_channels
 from taichi_sim.sitl.craft import Craft
 from taichi_sim.sitl.packets import PacketError, Servos, pack, parse
-from taichi_sim.sitl.record import Reel, View
+from taichi_sim.sitl.record import CraftRecording, CraftView
 from taichi_sim.sitl.session import Session
 from taichi_sim.vehicles import load_vehicle
 
@@ -166,7 +166,7 @@ def test_channels_are_named_and_turned_round():
 def test_a_recording_shows_what_was_flown_and_a_restart_begins_another(tmp_path):
     """At two frame rates, in waves: places, times and actions of the file are those that the autopilot was told."""
     session = _session("kvlcc2", sea=SeaConfig(hs=0.1, tp=2.0))
-    reel = Reel(tmp_path / "run.rrd", session.craft)
+    reel = CraftRecording(tmp_path / "run.rrd", session.craft)
     session.seen.append(reel.see)
     peer = Peer(_wire(session), 200)
     for _ in range(100):
@@ -203,7 +203,7 @@ def test_a_live_view_goes_on_after_a_restart():
             self.begun += 1
 
     session, screen = _session(), Screen()
-    session.seen.append(View(screen, session.craft).see)
+    session.seen.append(CraftView(screen, session.craft).see)
     peer = Peer(_wire(session), 100)
     for _ in range(400):
         peer.step(_pwm(0))

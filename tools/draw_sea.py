@@ -39,7 +39,7 @@ from taichi_sim.sea.sampling import System
 from taichi_sim.sea.sea import wave_systems
 from taichi_sim.sea.spectrum import wavenumber
 from tools.seas.measured_panel import directions_by_frequency
-from tools.seas.records import Measured, crossing_heights, measure, target_density, welch  # noqa: F401
+from tools.seas.records import WaveStatistics, crossing_heights, measure, target_density, welch  # noqa: F401
 
 WAVELENGTHS, GRID = 5, 160  # peak wavelengths and points along a side of the surface drawn
 RELIEF = 0.03  # height of the landscape, 4 standard deviations, over its side
@@ -138,7 +138,7 @@ def _arrow(chart: Axes, side: float, direction: float, name: str, colour: str, p
     )
 
 
-def _spectrum(axes: Axes, sea: Sea, systems: list[System], measured: Measured) -> None:
+def _spectrum(axes: Axes, sea: Sea, systems: list[System], measured: WaveStatistics) -> None:
     low, high = systems[0].bins[0], systems[0].bins[-1]
     for system in systems[1:]:
         low, high = min(low, system.bins[0]), max(high, system.bins[-1])
@@ -181,7 +181,7 @@ def _directions(axes, sea: Sea, systems: list[System]) -> None:
     axes.set_title("Energy by direction of travel", fontsize=11, color=INK)
 
 
-def _heights(axes: Axes, measured: Measured, hs: float) -> None:
+def _heights(axes: Axes, measured: WaveStatistics, hs: float) -> None:
     """Draw the share of waves higher than H on a logarithmic axis."""
     heights = np.sort(measured.heights)
     exceeded = 1 - (np.arange(len(heights)) + 0.5) / max(len(heights), 1)
@@ -196,7 +196,7 @@ def _heights(axes: Axes, measured: Measured, hs: float) -> None:
     axes.legend(frameon=False, fontsize=9, loc="lower left")
 
 
-def _caption(config: SeaConfig, sea: Sea, systems: list[System], measured: Measured, hs: float) -> str:
+def _caption(config: SeaConfig, sea: Sea, systems: list[System], measured: WaveStatistics, hs: float) -> str:
     c = sea.components
     water = "deep water" if config.depth is None else f"{config.depth:g} m of water"
     lines = [

@@ -43,7 +43,7 @@ UNITS = ("m", "rad", "rad", "m/s")
 HEAVE, ROLL, PITCH, SPEED = range(4)
 HORIZONS = (1, 2, 3, 4, 5, 6, 8, 10)  # s
 HEADINGS = (0, 45, 90, 135, 180)  # deg, from the waves' direction of travel
-DT, HELM = 0.02, 0.5  # s, physics step; 1/s, rate at which the ideal helm restores heading and speed
+DT, HELM = 0.02, 0.5  # physics step, s; rate at which the ideal helm restores heading and speed, 1/s
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7")
 
 
@@ -175,13 +175,19 @@ def parser() -> argparse.ArgumentParser:
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     p.add_argument("vehicle")
     p.add_argument("--sea-states", type=int, nargs="+", default=[3, 4, 5, 6], choices=range(1, 9))
-    p.add_argument("--headings", type=float, nargs="+", default=list(HEADINGS), help="deg, from the waves' course")
-    p.add_argument("--speed", type=float, default=1.0, help="m/s, that is held")
-    p.add_argument("--order", type=int, default=12, help="of the model")
-    p.add_argument("--interval", type=float, default=0.4, help="s between samples, a multiple of 0.02")
+    p.add_argument(
+        "--headings",
+        type=float,
+        nargs="+",
+        default=list(HEADINGS),
+        help="headings from the waves' course, deg",
+    )
+    p.add_argument("--speed", type=float, default=1.0, help="speed that is held, m/s")
+    p.add_argument("--order", type=int, default=12, help="order of the model")
+    p.add_argument("--interval", type=float, default=0.4, help="interval of samples, s, a multiple of 0.02")
     p.add_argument("--minutes", type=float, default=4.0)
     p.add_argument("--runs", type=int, default=16, help="seas for each sea state and heading")
-    p.add_argument("--window", type=float, default=4.0, help="s, of quiescence")
+    p.add_argument("--window", type=float, default=4.0, help="length of a quiescent window, s")
     p.add_argument("--roll", type=float, default=2.5, help="deg")
     p.add_argument("--pitch", type=float, default=1.5, help="deg")
     p.add_argument("--heave", type=float, default=1.0, help="m/s")

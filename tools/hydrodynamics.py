@@ -6,9 +6,10 @@
     python tools/hydrodynamics.py my_boat.stl --unit mm --waterline 0.35 --mass 180 --cg 0.1 0 -0.2
     python tools/hydrodynamics.py fpso --mesh fpso_half_hull_panels.csv
 
-HULL is a vehicle file of the model hull_6dof (or the name of a shipped one), or a mesh: STL, OBJ, PLY, GDF, and what
-else meshio reads, x forward, y to port, z up. NAME.hydro.json is written beside the vehicle file; of a mesh alone also
-NAME.toml, a vehicle of its offsets. Needs the extra `bem` (capytaine). More in docs/hydrodynamics.md.
+HULL is a vehicle file of the model hull_6dof (or the name of a shipped one), or a mesh: STL, OBJ, PLY, GDF, or another
+format of meshio, x forward, y to port, z up. NAME.hydro.json is written beside the vehicle file. For a mesh alone the
+tool also writes NAME.toml, a vehicle with the mesh's offsets. It needs the extra `bem` (capytaine). More:
+docs/hydrodynamics.md.
 
 Exit status: 0 done, 1 bad input, 130 interrupted.
 """
@@ -35,11 +36,11 @@ from taichi_sim.hydro.search import FitError
 from taichi_sim.hydro.vehicle import vehicle_text
 from taichi_sim.usv.hull.database import HydroDatabase, database_file, hull_hash
 
-DT = 1e-3  # s, to load a hull: only its panels are used
+DT = 1e-3  # s, step for loading a hull, of which only the panels are used
 
 
 def parser() -> argparse.ArgumentParser:
-    """What `--help` says."""
+    """The parser of the arguments."""
     p = argparse.ArgumentParser(description="Compute a hull's hydrodynamic database by boundary elements.")
     p.add_argument("hull", metavar="HULL", help="a vehicle file, the name of a shipped one, or a mesh file")
     p.add_argument("--out", type=Path, metavar="FILE", help="where to write (default: NAME.hydro.json beside HULL)")
@@ -153,7 +154,8 @@ def _refit(args: argparse.Namespace) -> None:
 
 def _complete(found: HydroDatabase, file: Path, out: Path, args: argparse.Namespace) -> None:
     """Add a memory, fitted for the vehicle of `file`, to the database and write it."""
-    from taichi_sim.hydro.complete import completed  # here, because workers of the boundary-element code need no Taichi
+    # imported here, because workers of the boundary-element code need no Taichi
+    from taichi_sim.hydro.complete import completed
     from taichi_sim.kernels import runtime
     from taichi_sim.usv.hull.hull_6dof import Hull6Dof
     from taichi_sim.vehicles import load_vehicle

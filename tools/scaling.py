@@ -35,11 +35,11 @@ class StageSetup(NamedTuple):
     """Processes, threads and environments of a stage."""
 
     processes: int
-    threads: int  # of each process
-    envs: int  # of all processes together
+    threads: int  # threads of each process
+    envs: int  # environments of all processes together
 
     def __str__(self) -> str:
-        """Its name in tables."""
+        """Name of the set-up in tables."""
         return f"{self.processes} x {self.threads}, {self.envs} environments"
 
 

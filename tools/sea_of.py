@@ -41,12 +41,12 @@ from taichi_sim.sea.sea_state import sea_state
 from taichi_sim.vehicles import load_vehicle
 from taichi_sim.world import World
 
-ENVS, DURATION = 64, 60.0  # vessels of each kind, and s
+ENVS, DURATION = 64, 60.0  # vessels of each kind; duration, s
 LATEST_START = 3600.0  # s, latest time of the sea at which a vessel begins
 WORDS = ("calm (glassy)", "calm (rippled)", "smooth", "slight", "moderate", "rough", "very rough", "high", "very high",
          "phenomenal")  # fmt: skip
 STEEP = 0.025  # least Hs over the wavelength of Tm-1,0 of wind sea (wavespectra's default)
-SWELLS, DIRECTIONS = 3, 36  # most systems of swell; directions of the watershed
+SWELLS, DIRECTIONS = 3, 36  # largest number of swell systems; directions of the watershed
 LEAST = 0.05  # m, least height of a system
 DEEP = 1000.0  # m, depth given for deep water
 
@@ -170,7 +170,7 @@ def vessels() -> list[str]:
 
 
 def told(vessel: str, found: Fate | None) -> str:
-    """One line on a vessel."""
+    """A line about the fate of a vessel."""
     if found is None:
         return f"  {vessel:12} cannot tell: its model neither capsizes nor is swamped"
     survives = "survives" if found.capsized == found.swamped == 0 else "does not"

@@ -1,16 +1,17 @@
-"""A run's policies and classical controllers in somebody else's simulator: the same episodes and figures.
+"""Judge a run's policies and classical controllers in another simulator, on the same episodes and with the same
+figures.
 
     git clone https://github.com/cybergalactic/PythonVehicleSimulator
     python tools/transfer.py RUN --path PythonVehicleSimulator      # its Otter
     python tools/transfer.py RUN --simulator mymodule:Class --controller classical --episodes 16
 
 RUN is a run folder of rl/train.py. Worlds, targets, sensors, radio, controllers and judge are ours. In each decision
-the other simulator moves the team's vehicles instead of our model. Both sail calm water without wind, in the scenario's
-current, with the numbers of the vehicle file: [TEAM.vary] is left out. A simulator of your own derives from Simulator,
-in this file.
+the other simulator moves the team's vehicles instead of our model. Both move in calm water without wind, in the
+scenario's current, with the numbers of the vehicle file; [TEAM.vary] is ignored. A simulator of your own derives from
+Simulator, in this file.
 
-Prints a table in Markdown: each figure there / here, and their ratio (of shares the difference, in points) with its
-95 % interval.
+It prints a Markdown table: each figure there / here, and the ratio (for shares the difference, in points) with its 95 %
+interval.
 """
 
 # Kernels are another language inside Python syntax.
@@ -48,35 +49,38 @@ PUBLISHED = "https://github.com/cybergalactic/PythonVehicleSimulator"
 
 
 class Simulator:
-    """The contract of what moves vehicles in the place of our model. NED, b, SI, radians (taichi_sim/conventions.py).
+    """The contract of a simulator that moves vehicles in the place of our model. NED, b, SI, radians
+    (taichi_sim/conventions.py).
 
     Attributes:
-        model: ours.
+        model: our model of the vehicles.
     """
 
     def __init__(self, model: Vehicle, path: Path | None):
-        """For a team of `model`; `path` is the --path of the command.
+        """Prepare for a team of `model`; `path` is the --path of the command.
 
         Raises:
-            ConfigError: if the simulator is not there, or has no such vehicle.
+            ConfigError: if the simulator is missing, or has no such vehicle.
         """
         self.model = model
 
     def advance(self, fleet: Fleet, around: Surroundings) -> Array:
         """States [env * vehicle, 13] one control step later.
 
-        `fleet` (taichi_sim/fleet.py) holds states and actions; `fleet.aux` remembers what a simulator writes there, and
-        is as our model begins where an episode begins. `around.current` [env, 2] is the water's velocity, m/s.
+        `fleet` (taichi_sim/fleet.py) holds states and actions. A simulator may keep state of its own in `fleet.aux`,
+        which our model resets at the beginning of an episode. `around.current` [env, 2] is the water's velocity, m/s.
         """
         raise NotImplementedError(f"{type(self).__name__} has no advance (tools/transfer.py)")
 
 
 class PythonVehicleSimulator(Simulator):
-    """The Otter of T. I. Fossen's PythonVehicleSimulator (its class `otter`, MIT), stepped as its own main loop does:
-    Euler steps of 0.02 s, the attitude by the new velocities. Actions become shaft speeds as in our model.
+    """The Otter of T. I. Fossen's PythonVehicleSimulator (its class `otter`, MIT).
+
+    It is stepped as in that program's main loop: Euler steps of 0.02 s, the attitude with the new velocities. Actions
+    become shaft speeds as in our model.
     """
 
-    STEP = 0.02  # s, of its main.py
+    STEP = 0.02  # s, step of its main.py
     MASS, LENGTH = 80.0, 2.0  # kg, m
 
     def __init__(self, model: Vehicle, path: Path | None):
@@ -119,7 +123,7 @@ SIMULATORS: Mapping[str, type[Simulator]] = {"python_vehicle_simulator": PythonV
 
 @ti.kernel
 def shaft_speeds(thrusters: ti.template(), fleet: FleetPack, out: ti.types.ndarray(ndim=3)):
-    """Commanded controls [env, vehicle, control] of the actions of a team of hulls."""
+    """Write the controls [env, vehicle, control] that the actions of a team of hulls command."""
     for e, i in ti.ndrange(out.shape[0], out.shape[1]):
         now = thruster_set.controls_at(thrusters, fleet.aux, e, i)
         command = thruster_set.commanded(thrusters, fleet.action, e, i, now)
@@ -128,10 +132,10 @@ def shaft_speeds(thrusters: ti.template(), fleet: FleetPack, out: ti.types.ndarr
 
 
 def published_otter(path: Path | None) -> tuple[Any, Any]:
-    """PythonVehicleSimulator's Otter and its attitudeEuler, as installed, or of a checkout at `path`.
+    """PythonVehicleSimulator's Otter and its attitudeEuler, as installed, or from a checkout at `path`.
 
     Raises:
-        ConfigError: if it is not there.
+        ConfigError: if it is missing.
     """
     folders = [] if path is None else [folder for folder in (path, path / "src") if _holds(folder)]
     if path is not None and not folders:
@@ -156,10 +160,10 @@ def _holds(folder: Path) -> bool:
 
 @contextlib.contextmanager
 def in_place(mission: Mission, team: str, kind: type[Simulator], path: Path | None) -> Iterator[None]:
-    """Meanwhile a simulator moves a team of `mission`.
+    """Let a simulator move a team of `mission` inside this context.
 
     Raises:
-        ConfigError: as the simulator says.
+        ConfigError: if the simulator refuses.
     """
     fleet = mission.teams[team].fleet
     simulator = kind(fleet.model, path)
@@ -175,7 +179,7 @@ def in_place(mission: Mission, team: str, kind: type[Simulator], path: Path | No
     try:
         yield
     finally:
-        del fleet.model.step  # what the class says again; missions may share a model
+        del fleet.model.step  # the class's method takes over again; missions may share a model
 
 
 def parser() -> argparse.ArgumentParser:
@@ -184,10 +188,12 @@ def parser() -> argparse.ArgumentParser:
 
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     p.add_argument("run", type=Path, metavar="RUN", help="run folder of rl/train.py")
-    p.add_argument("--team", default=None, help="which is moved there (default: the first that was trained)")
+    p.add_argument("--team", default=None, help="team that is moved there (default: the first that was trained)")
     p.add_argument("--simulator", default="python_vehicle_simulator", metavar="NAME",
                    help=f"{', '.join(SIMULATORS)}, or module:Class of your own (default: %(default)s)")  # fmt: skip
-    p.add_argument("--path", type=Path, default=None, metavar="DIR", help="where it lies, if it is not installed")
+    p.add_argument(
+        "--path", type=Path, default=None, metavar="DIR", help="folder of the simulator, if it is not installed"
+    )
     p.add_argument("--controller", choices=("policy", "classical"), action="append", default=None,
                    help="may be given twice (default: both)")  # fmt: skip
     p.add_argument("--episodes", type=cli.positive_int, default=EPISODES, help=f"default: {EPISODES}; at most 256")
@@ -232,7 +238,9 @@ def judged(
     config: Any, source: Path, team: str, policy: Any, episodes: int, seed: int, kind: type[Simulator] | None,
     path: Path | None,
 ) -> dict[str, Array]:  # fmt: skip
-    """Numbers of each episode (`Judge.episodes`) of `policy`, moved by a simulator of `kind`; None: by our model."""
+    """Numbers of each episode (`Judge.episodes`) of `policy`, moved by a simulator of `kind`, or by our model for
+    None.
+    """
     from rl.evaluation.episodes import one_episode_each, run_episodes
     from taichi_sim.kernels import runtime
 
@@ -258,4 +266,5 @@ if __name__ == "__main__":
 
     from rl.cli import run
 
-    sys.exit(run(import_module("tools.transfer").main))  # a user's class derives from that module's Simulator
+    # a user's class derives from the Simulator of tools.transfer, not of __main__
+    sys.exit(run(import_module("tools.transfer").main))

@@ -1,1 +1,1 @@
-"""The command `taichi-sim`, and those of its commands that need no learning."""
+"""The command `taichi-sim`, and those of its subcommands that need no learning."""

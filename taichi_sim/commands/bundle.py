@@ -1,8 +1,8 @@
-"""Finds `rl` and `tools`: beside taichi_sim in a checkout, inside it when it was installed.
+"""Finds `rl` and `tools`: beside taichi_sim in a checkout, inside it in an installation.
 
-The wheel does not put packages of such general names into site-packages, where another project's may lie: they are in
-the folder `_bundle` of taichi_sim, which is looked into after everything else (`import taichi_sim` sees to that), and
-by the command `taichi-sim` before everything else.
+Names as general as `rl` and `tools` may belong to another project's packages, so the wheel does not install them into
+site-packages but into the folder `_bundle` of taichi_sim. `import taichi_sim` puts that folder at the end of the search
+path; the command `taichi-sim` puts it at the beginning.
 """
 
 import sys
@@ -18,7 +18,7 @@ def bundle() -> Path:
 
 
 def find_rl(*, first: bool = False) -> None:
-    """Make our `rl` importable: after any other package of that name, or before it (`first`)."""
+    """Make our `rl` importable, after any other package of that name, or before it if `first`."""
     place = str(bundle())
     if first:
         sys.path.insert(0, place)

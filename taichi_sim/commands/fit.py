@@ -7,8 +7,8 @@
     taichi-sim fit otter_3dof logs/*.csv --prior mass=0.02 --out mine.toml --report fit.html
 
 VEHICLE is a vehicle file, or the name of a shipped one: its numbers are the first guess. LOG is a CSV with the columns
-t, north, east, heading (or heading_deg), yaw_rate (or yaw_rate_deg) and the actions. Intervals are of 95 %. What the
-data do not tell is said, and kept near the file's value. Method, and what it assumes: docs/fit.md.
+t, north, east, heading (or heading_deg), yaw_rate (or yaw_rate_deg) and the actions. Intervals are 95 % intervals. A
+number that the data do not determine is reported, and stays near the file's value. Method and assumptions: docs/fit.md.
 
 Exit status: 0 done, 2 bad input.
 """
@@ -31,20 +31,20 @@ from taichi_sim.usv.manoeuvring_3dof import Manoeuvring3dof
 from taichi_sim.vehicle import Vehicle
 from taichi_sim.vehicles import load_vehicle
 
-PRIOR = 0.4  # standard deviation of a number's logarithm beforehand; assumed
+PRIOR = 0.4  # prior standard deviation of a number's logarithm; assumed
 PRIORS = {"mass": 0.02}  # a vessel can be weighed; assumed
 USUAL: dict[type[Vehicle], tuple[str, ...]] = {
     Manoeuvring3dof: ("mass", "I_z", "X_u", "X_uu", "X_uuu", "Y_v", "Y_vv", "N_r", "N_rr", "surge_force_max",
                       "yaw_moment_max"),
 }  # fmt: skip
-CLOSE = 0.95  # correlation of two numbers that is told
+CLOSE = 0.95  # correlations of two numbers above this are reported
 
 
 def shares(texts: list[str], option: str) -> dict[str, float]:
-    """KEY=NUMBER above 0.
+    """Positive numbers from texts KEY=NUMBER.
 
     Raises:
-        ConfigError: for anything else.
+        ConfigError: for any other text.
     """
     found = {}
     for text in texts:
@@ -60,10 +60,10 @@ def shares(texts: list[str], option: str) -> dict[str, float]:
 
 
 def numbers_of(model: Vehicle, asked: str, vehicle: str) -> tuple[str, ...]:
-    """Keys to fit: those asked for, or the usual ones that are not zero.
+    """Keys to fit: those asked for, or the model's usual ones that are not zero.
 
     Raises:
-        ConfigError: where there are no usual ones.
+        ConfigError: if the model has no usual ones.
     """
     if asked:
         return tuple(key.strip() for key in asked.split(","))
@@ -74,7 +74,7 @@ def numbers_of(model: Vehicle, asked: str, vehicle: str) -> tuple[str, ...]:
 
 
 def lines(found: Fit, logs: list[Log]) -> list[str]:
-    """What is printed."""
+    """The printed lines."""
     wide = max(map(len, found.keys)) + 2
     told = [f"  {'':{wide}}{'file':>12}{'fitted':>12}{'95 % interval':>28}"]
     for key, before, value, low, high, known in zip(found.keys, found.nominal, found.values, found.low, found.high,
@@ -130,23 +130,25 @@ def written(file: Path, found: Fit, logs: list[Log]) -> str:
 
 
 def parser() -> argparse.ArgumentParser:
-    """The arguments."""
+    """The parser of the arguments."""
     summary, _, rest = (__doc__ or "").partition("\n\n")
     p = argparse.ArgumentParser(
         prog="taichi-sim fit", description=summary, epilog=rest, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     p.add_argument("vehicle", metavar="VEHICLE", help="vehicle file, or the name of a shipped one")
     p.add_argument("logs", nargs="*", type=Path, metavar="LOG", help="CSV")
-    p.add_argument("--numbers", default="", metavar="KEY,...", help="what to fit [the usual ones of the model]")
+    p.add_argument("--numbers", default="", metavar="KEY,...", help="numbers to fit [the usual ones of the model]")
     p.add_argument("--prior", action="append", default=[], metavar="KEY=SHARE",
                    help=f"how well it is known beforehand [{PRIOR:g}; mass {PRIORS['mass']:g}]")  # fmt: skip
-    p.add_argument("--window", type=float, default=6.0, metavar="S", help="length of what is simulated at once [6]")
+    p.add_argument("--window", type=float, default=6.0, metavar="S", help="length of a simulated window [6]")
     p.add_argument("--out", type=Path, metavar="FILE", help="write the vehicle file with the fitted numbers here")
     p.add_argument("--report", type=Path, metavar="FILE", help="write numbers, tracks and residuals as a page of HTML")
     p.add_argument("--synthetic", type=Path, metavar="DIR", help="make logs of the vehicle instead")
-    p.add_argument("--factor", action="append", default=[], metavar="KEY=X", help="of a number, in synthetic logs")
-    p.add_argument("--count", type=int, default=10, help="of synthetic logs [10]")
-    p.add_argument("--seed", type=int, default=0, help="of synthetic logs [0]")
+    p.add_argument(
+        "--factor", action="append", default=[], metavar="KEY=X", help="factor of a number in synthetic logs"
+    )
+    p.add_argument("--count", type=int, default=10, help="number of synthetic logs [10]")
+    p.add_argument("--seed", type=int, default=0, help="seed of synthetic logs [0]")
     return p
 
 
@@ -182,7 +184,7 @@ def run(args: argparse.Namespace) -> None:
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Parse, run."""
+    """Run the command; return the exit status."""
     p = parser()
     args = p.parse_args(argv)
     for name, low, high in (("window", 1.0, 600.0), ("count", 1, 1000), ("seed", 0, 2**31 - 1)):

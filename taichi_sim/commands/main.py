@@ -1,4 +1,4 @@
-"""The command `taichi-sim`: all that the scripts of a checkout do, from any folder, after `pip install`."""
+"""The command `taichi-sim`: everything that the scripts of a checkout do, from any folder, after `pip install`."""
 
 import argparse
 import importlib
@@ -10,17 +10,17 @@ from pathlib import Path
 from taichi_sim.commands.bundle import find_rl
 
 COMMANDS = "taichi_sim.commands"
-SCRIPTS = {  # name -> module, arguments given beside, and what it does
+SCRIPTS = {  # name -> module, further arguments, description
     "train": ("rl.train", (), "train the teams of a scenario, evaluate, record, report"),
     "evaluate": ("rl.evaluate", (), "judge a run's policies on unseen episodes"),
     "sweep": ("rl.evaluate", ("--sweep",), "the same under many conditions, beside the classical controller"),
     "play": ("rl.play", (), "record, film or watch an episode"),
-    "report": ("rl.report", (), "write a run's report.html anew, or of two runs"),
+    "report": ("rl.report", (), "write report.html of a run again, or one that compares two runs"),
     "tune": ("rl.tune", (), "search for the numbers of a classical controller"),
     "compare": ("tools.compare", (), "several training seeds against classical control, with intervals"),
     "benchmark": ("tools.benchmark", (), "measure speed on this machine"),
     "draw-sea": ("tools.draw_sea", (), "a picture of a scenario's sea"),
-    "sea-of": ("tools.sea_of", (), "what sea a file of measured spectra holds, and which vessels survive it"),
+    "sea-of": ("tools.sea_of", (), "the seas in a file of measured spectra, and which vessels survive them"),
     "aircraft": ("tools.aircraft", (), "trim, modes and V-n diagram, or control loops, of an aircraft"),
     "trials": (f"{COMMANDS}.trials", (), "standard trials of a vessel (turning circle, zigzag ...) or an aircraft"),
     "fit": (f"{COMMANDS}.fit", (), "numbers of a vehicle file from logs of a vessel's motion, with intervals"),
@@ -42,11 +42,11 @@ def parser() -> argparse.ArgumentParser:
         prog="taichi-sim",
         description="Simulation and reinforcement learning for teams of vessels on a real sea and aircraft above it.",
         epilog="commands:\n" + "\n".join(f"  {name:{wide}}  {text}" for name, text in told.items())
-        + "\n\ntaichi-sim COMMAND --help tells more of each; taichi-sim train, alone, does the main job.",
+        + "\n\ntaichi-sim COMMAND --help explains each; taichi-sim train without arguments does the main job.",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )  # fmt: skip
-    p.add_argument("command", choices=told, metavar="COMMAND", help="one of those below")
-    p.add_argument("arguments", nargs=argparse.REMAINDER, metavar="...", help="of the command")
+    p.add_argument("command", choices=told, metavar="COMMAND", help="one of the commands below")
+    p.add_argument("arguments", nargs=argparse.REMAINDER, metavar="...", help="arguments of the command")
     return p
 
 
@@ -55,12 +55,12 @@ def starter_parser(name: str) -> argparse.ArgumentParser:
     p = argparse.ArgumentParser(prog=f"taichi-sim {name}", description=f"{STARTERS[name]}.".capitalize())
     p.add_argument("name", metavar="NAME")
     if name == "new-scenario":
-        p.add_argument("--like", default="paper", metavar="SCENARIO", help="the one to copy (default: paper)")
+        p.add_argument("--like", default="paper", metavar="SCENARIO", help="scenario to copy (default: paper)")
     return p
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run it; return the exit status."""
+    """Run the command; return the exit status."""
     given = sys.argv[1:] if argv is None else list(argv)
     if not given:
         parser().print_help()

@@ -1,4 +1,4 @@
-"""Modules that have moved: importing one by its old name says where it is now."""
+"""Modules that have moved: importing one by its old name raises an error that names the new place."""
 
 import sys
 from collections.abc import Sequence
@@ -11,6 +11,19 @@ ADAPTERS = {
     "skrl_env": "skrl", "marl": "marl", "others": "other_teams", "render": "render",
 }  # fmt: skip
 MOVED = {
+    "taichi_sim.beside": "taichi_sim.commands.bundle",
+    "taichi_sim.command": "taichi_sim.commands.main",
+    "taichi_sim.conditions": "taichi_sim.randomisation.conditions",
+    "taichi_sim.draws": "taichi_sim.randomisation.numbers",
+    "taichi_sim.extras": "taichi_sim.config.extras",
+    "taichi_sim.frontend": "taichi_sim.kernels.frontend",
+    "taichi_sim.plugins": "taichi_sim.config.plugins",
+    "taichi_sim.series": "taichi_sim.config.series",
+    "taichi_sim.starters": "taichi_sim.commands.starters",
+    "taichi_sim.variation": "taichi_sim.randomisation.variation",
+    "taichi_sim.uav.fixed_wing.local_air": "taichi_sim.uav.local_air",
+    "taichi_sim.recording.ros.build": "taichi_sim.recording.ros.messages",
+    "taichi_sim.uav.multirotor.power": "taichi_sim.uav.multirotor.equations",
     **{f"rl.{old}": f"rl.adapters.{new}" for old, new in ADAPTERS.items()},
     "rl.scene": "rl.course (tracks, obstacles, traffic) and rl.perception (all that is sensed)",
     "rl.guidance.corrected": "rl.guidance.residual",
@@ -37,12 +50,12 @@ MOVED = {
 
 
 class Signpost(MetaPathFinder):
-    """Looked into last, when a module is nowhere."""
+    """An import finder that comes last, for modules that no other finder has found."""
 
     def find_spec(
         self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        """Say where the module is now.
+        """Explain where the module is now.
 
         Raises:
             ModuleNotFoundError: if it has moved.
@@ -53,6 +66,6 @@ class Signpost(MetaPathFinder):
 
 
 def put_up() -> None:
-    """Have old names explained from now on."""
+    """Install the signpost: from now on, old names are explained."""
     if not any(isinstance(finder, Signpost) for finder in sys.meta_path):
         sys.meta_path.append(Signpost())

@@ -21,10 +21,11 @@ import signal
 import socket
 import sys
 import time
+from collections.abc import Callable
 from contextlib import ExitStack
 from ipaddress import ip_address
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, TextIO
 
 from taichi_sim.commands.trials import changes_of, conditions_of
 from taichi_sim.config import ConfigError
@@ -37,11 +38,11 @@ from taichi_sim.sitl.session import Session
 from taichi_sim.vehicles import load_vehicle
 
 if TYPE_CHECKING:
-    from taichi_sim.sitl.record import Reel
+    from taichi_sim.sitl.record import CraftRecording
 
-NEXT_INSTANCE = 10  # ports from one instance of SITL to the next
-LARGEST = 65536  # bytes, of a packet
-TOLD_EVERY = 5.0  # s
+NEXT_INSTANCE = 10  # difference of the ports of consecutive instances of SITL
+LARGEST = 65536  # bytes of the largest packet
+TOLD_EVERY = 5.0  # s between lines of progress
 COLUMNS = (
     "t",
     "north",
@@ -63,7 +64,7 @@ COLUMNS = (
 
 
 def craft_of(args: argparse.Namespace) -> Craft:
-    """The vehicle that the arguments ask for.
+    """The vehicle that the arguments describe.
 
     Raises:
         ConfigError: for bad input.
@@ -80,13 +81,13 @@ def craft_of(args: argparse.Namespace) -> Craft:
 
 
 def row(sensors: Sensors) -> tuple[float, ...]:
-    """Of the log."""
+    """A row of the log."""
     return (sensors.timestamp, *sensors.position, *sensors.attitude, *sensors.velocity, *sensors.gyro,
             *sensors.accel_body)  # fmt: skip
 
 
 def listen(args: argparse.Namespace) -> None:
-    """Answer until Ctrl-C, or for --duration seconds of simulated time.
+    """Answer autopilots until Ctrl-C, or for --duration seconds of simulated time.
 
     Raises:
         ConfigError: for bad input, or a port that is taken.
@@ -106,18 +107,18 @@ def listen(args: argparse.Namespace) -> None:
                 file = _of_instance(args, args.log, k)
                 session.seen.append(_logger(open_things.enter_context(file.open("w", newline=""))))
             if args.record is not None:
-                from taichi_sim.sitl.record import Reel  # rerun takes a second
+                from taichi_sim.sitl.record import CraftRecording  # importing rerun takes a second
 
-                reel = Reel(_of_instance(args, args.record, k), session.craft)
+                reel = CraftRecording(_of_instance(args, args.record, k), session.craft)
                 open_things.callback(_finish, reel)
                 session.seen.append(reel.see)
             if args.live and k == 0:
                 from taichi_sim.recording.live import Live
-                from taichi_sim.sitl.record import View
+                from taichi_sim.sitl.record import CraftView
 
                 live = open_things.enter_context(Live("sitl", port=args.live_port))
                 print(live.told, flush=True)
-                session.seen.append(View(live, session.craft).see)
+                session.seen.append(CraftView(live, session.craft).see)
             sessions.append(session)
             wires.register(wire, selectors.EVENT_READ, session)
             driven = ", ".join(
@@ -126,7 +127,7 @@ def listen(args: argparse.Namespace) -> None:
             print(f"{args.vehicle} on {args.address}:{port}, channels {driven}", flush=True)
         if not ip_address(args.address).is_loopback:
             print(f"{args.address} is open to other machines: whoever sends first drives the vehicle", file=sys.stderr)
-        signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends as Ctrl-C does: files are finished
+        signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends like Ctrl-C, so that files are completed
         told, began = time.monotonic(), time.monotonic()
         while True:
             for key, _ in wires.select(timeout=TOLD_EVERY):
@@ -148,12 +149,12 @@ def _of_instance(args: argparse.Namespace, file: Path, k: int) -> Path:
     return file if args.instances == 1 else file.with_stem(f"{file.stem}-{k}")
 
 
-def _finish(reel: "Reel") -> None:
+def _finish(reel: "CraftRecording") -> None:
     if (file := reel.write()) is not None:
         print(file, flush=True)
 
 
-def _logger(file: Any):
+def _logger(file: TextIO) -> Callable[[Servos, Sensors], None]:
     table = csv.writer(file)
 
     def seen(servos: Servos, sensors: Sensors) -> None:
@@ -178,36 +179,47 @@ def _state_of(session: Session, seconds: float) -> str:
 
 
 def parser() -> argparse.ArgumentParser:
-    """The arguments."""
+    """The parser of the arguments."""
     summary, _, rest = (__doc__ or "").partition("\n\n")
     p = argparse.ArgumentParser(
         prog="taichi-sim sitl", description=summary, epilog=rest, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     p.add_argument("vehicle", metavar="VEHICLE", help="vehicle file, or the name of a shipped one")
-    p.add_argument("--port", type=int, default=9002, help="UDP [9002, ArduPilot's]")
-    p.add_argument("--address", default="127.0.0.1", help="to listen on [127.0.0.1: this machine alone]")
-    p.add_argument("--instances", type=int, default=1, metavar="N", help="of vehicles, on ports 10 apart [1]")
-    p.add_argument("--channels", default="", metavar="NAME=N,...", help="servo channels; -N turns one round")
-    p.add_argument("--pwm", type=float, nargs=2, default=PWM, metavar=("LOW", "HIGH"), help="microseconds [1000 2000]")
+    p.add_argument("--port", type=int, default=9002, help="UDP port [9002, ArduPilot's]")
+    p.add_argument("--address", default="127.0.0.1", help="address to listen on [127.0.0.1: this machine only]")
+    p.add_argument("--instances", type=int, default=1, metavar="N", help="number of vehicles, on ports 10 apart [1]")
+    p.add_argument("--channels", default="", metavar="NAME=N,...", help="servo channels; -N reverses one")
+    p.add_argument(
+        "--pwm",
+        type=float,
+        nargs=2,
+        default=PWM,
+        metavar=("LOW", "HIGH"),
+        help="pulse widths, microseconds [1000 2000]",
+    )
     p.add_argument("--set", dest="overrides", action="append", default=[], metavar="KEY=VALUE",
                    help="override KEY or SECTION.KEY of the vehicle file; several times")  # fmt: skip
     p.add_argument("--sea", metavar="KEY=VALUE,...", help="keys of [sea], for example hs=0.5,tp=4 [calm]")
     p.add_argument("--wind", type=float, nargs=2, metavar=("SPEED", "FROM"), help="m/s at 10 m, deg [none]")
     p.add_argument("--current", type=float, nargs=2, metavar=("SPEED", "TO"), help="m/s, deg [none]")
-    p.add_argument("--heading", type=float, default=0.0, metavar="DEG", help="to begin with [0]")
-    p.add_argument("--seed", type=int, default=1, help="of the sea [1]")
+    p.add_argument("--heading", type=float, default=0.0, metavar="DEG", help="initial heading [0]")
+    p.add_argument("--seed", type=int, default=1, help="seed of the sea [1]")
     p.add_argument("--log", type=Path, metavar="FILE", help="a CSV of all frames: motion in SI, and servo outputs")
     p.add_argument("--record", type=Path, metavar="FILE.rrd",
                    help="for rerun, 10 frames a second; written at the end and at restarts")  # fmt: skip
     p.add_argument("--live", action="store_true", help="show it (the first instance) in a rerun viewer as it moves")
-    p.add_argument("--live-port", type=int, default=9876, metavar="PORT", help="of the view, on this machine [9876]")
-    p.add_argument("--duration", type=float, default=0.0, metavar="S", help="end after so much simulated time [never]")
-    p.add_argument("--quiet", action="store_true", help="no word of progress")
+    p.add_argument(
+        "--live-port", type=int, default=9876, metavar="PORT", help="port of the view, on this machine [9876]"
+    )
+    p.add_argument(
+        "--duration", type=float, default=0.0, metavar="S", help="end after this much simulated time [never]"
+    )
+    p.add_argument("--quiet", action="store_true", help="print no progress")
     return p
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Parse, serve."""
+    """Run the command; return the exit status."""
     p = parser()
     args = p.parse_args(argv)
     for name, low, high in (

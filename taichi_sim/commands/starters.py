@@ -17,7 +17,7 @@ def new_scenario(name: str, folder: Path, like: str = "paper") -> list[Path]:
     """Write NAME.toml, a commented copy of the scenario `like`.
 
     Raises:
-        ConfigError: if the name is none, there is such a file, or no such scenario.
+        ConfigError: for an invalid name, an existing file, or an unknown scenario.
     """
     source = find_config(like)
     text = source.read_text(encoding="utf-8")
@@ -37,7 +37,7 @@ def new_vehicle(name: str, folder: Path) -> list[Path]:
 
 
 def new_mission(name: str, folder: Path) -> list[Path]:
-    """Write NAME.toml, a scenario, and NAME.py, its mission, with a vehicle that is shipped.
+    """Write NAME.toml, a scenario, and NAME.py, its mission, with a shipped vehicle.
 
     Raises:
         ConfigError: as `new_scenario`.
@@ -60,10 +60,10 @@ def _examples(names: dict[str, str]) -> dict[str, str]:
 
 
 def _name(name: str) -> str:
-    """Check that a name can name a module.
+    """Return a name that can name a module.
 
     Raises:
-        ConfigError: if it cannot.
+        ConfigError: for any other name.
     """
     if not name.isidentifier() or name != name.lower():
         raise ConfigError(f"{name!r}: a name is of small letters, digits and _, and begins with a letter: harbour_2")
@@ -75,10 +75,10 @@ def _class(name: str) -> str:
 
 
 def _write(folder: Path, files: dict[str, str]) -> list[Path]:
-    """Write all files, or none.
+    """Write all files, or none of them.
 
     Raises:
-        ConfigError: if one is there already.
+        ConfigError: if one exists already.
     """
     for name in files:
         if (folder / name).exists():

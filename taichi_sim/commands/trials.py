@@ -22,14 +22,14 @@ import math
 import sys
 import time
 import tomllib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from taichi_sim.config import AirConfig, ConfigError, SeaConfig
+from taichi_sim.config import AirConfig, ConfigError, SeaConfig, Strict
+from taichi_sim.config.base import Table
 from taichi_sim.config.io import validate
 from taichi_sim.kernels import runtime
 from taichi_sim.sea import SteepSeaError
@@ -41,7 +41,7 @@ from taichi_sim.uav.fixed_wing.params import FixedWingParams
 from taichi_sim.uav.multirotor.params import MultirotorParams
 from taichi_sim.usv.vessel import Vessel
 from taichi_sim.vehicle import Vehicle
-from taichi_sim.vehicles import load_vehicle
+from taichi_sim.vehicles import Changes, load_vehicle
 
 VESSELS: dict[str, Callable[[Setting], Outcome]] = {
     "turning": ship.turning_circle,
@@ -62,8 +62,8 @@ ROTORS: dict[str, Callable[[MultirotorParams], Outcome]] = {
 
 
 @dataclass(frozen=True)
-class Report:
-    """All that the trials of a craft found."""
+class TrialsReport:
+    """Results of all trials of a craft."""
 
     vehicle: str
     kind: str
@@ -73,13 +73,13 @@ class Report:
     length: float
 
 
-def pairs(text: str) -> dict[str, Any]:
-    """KEY=VALUE,KEY=VALUE as TOML values.
+def pairs(text: str) -> Table:
+    """TOML values from a text KEY=VALUE,KEY=VALUE.
 
     Raises:
-        ConfigError: naming the part that is not one.
+        ConfigError: for a part of another form; the message names it.
     """
-    found: dict[str, Any] = {}
+    found: Table = {}
     for part in text.split(","):
         key, equals, value = part.partition("=")
         try:
@@ -91,13 +91,13 @@ def pairs(text: str) -> dict[str, Any]:
     return found
 
 
-def changes_of(overrides: Sequence[str]) -> dict[str, Any]:
-    """Keys of a vehicle file, or SECTION.KEY, to other values.
+def changes_of(overrides: Sequence[str]) -> Changes:
+    """Changed values of a vehicle file from texts KEY=VALUE or SECTION.KEY=VALUE.
 
     Raises:
-        ConfigError: for what is not KEY=VALUE.
+        ConfigError: for any other text.
     """
-    found: dict[str, Any] = {}
+    found: Changes = {}
     for text in overrides:
         key, _, value = text.partition("=")
         section, dot, last = key.strip().partition(".")
@@ -116,7 +116,7 @@ def changes_of(overrides: Sequence[str]) -> dict[str, Any]:
 
 
 def conditions_of(args: argparse.Namespace) -> tuple[SeaConfig | None, AirConfig | None, str]:
-    """Sea, air, and both in words."""
+    """Sea, air, and a description of both."""
     sea, air, told = None, None, []
     data = {} if args.sea is None else pairs(args.sea)
     if args.sea is not None:
@@ -135,11 +135,11 @@ def conditions_of(args: argparse.Namespace) -> tuple[SeaConfig | None, AirConfig
     return sea, air, ", ".join(told) or "calm"
 
 
-def kind_of(model: Vehicle, vehicle: str) -> tuple[str, dict[str, Any]]:
-    """What a craft is, and its trials by name.
+def kind_of(model: Vehicle, vehicle: str) -> tuple[str, Mapping[str, Callable[..., Outcome]]]:
+    """The kind of a craft, and its trials by name.
 
     Raises:
-        ConfigError: for one that has none.
+        ConfigError: for a craft without trials.
     """
     if isinstance(model, Vessel):
         return "vessel", VESSELS
@@ -153,8 +153,8 @@ def kind_of(model: Vehicle, vehicle: str) -> tuple[str, dict[str, Any]]:
     )
 
 
-def run(args: argparse.Namespace, shown: Callable[[str], None]) -> Report:
-    """All trials that are asked for.
+def run(args: argparse.Namespace, shown: Callable[[str], None]) -> TrialsReport:
+    """Do all trials that are asked for.
 
     Raises:
         ConfigError: for bad input, or for a trial asked for by name that the craft cannot do.
@@ -166,7 +166,7 @@ def run(args: argparse.Namespace, shown: Callable[[str], None]) -> Report:
     for name in args.trial:
         if name not in trials:
             raise ConfigError(f"{args.vehicle}: a {kind} has no trial {name!r}; it has {', '.join(trials)}")
-    argument: Any = model.params
+    argument: Strict | Setting = model.params
     if kind == "vessel":
         argument = Setting(
             args.vehicle, changes, sea, air, args.runs, math.radians(args.heading), args.ahead, args.helm, args.speed,
@@ -187,11 +187,11 @@ def run(args: argparse.Namespace, shown: Callable[[str], None]) -> Report:
         outcomes.append(found)
         shown(f"{found.title}: {found.refused or f'{time.perf_counter() - began:.1f} s'}")
     met = criteria(outcomes, model.size[0], args.scale) if kind == "vessel" else []
-    return Report(Path(args.vehicle).stem, kind, told, outcomes, met, model.size[0])
+    return TrialsReport(Path(args.vehicle).stem, kind, told, outcomes, met, model.size[0])
 
 
-def write(report: Report, folder: Path) -> None:
-    """The CSVs and the page."""
+def write(report: TrialsReport, folder: Path) -> None:
+    """Write the CSV files and the page into `folder`."""
     from taichi_sim.commands.trials_page import page_of
 
     folder.mkdir(parents=True, exist_ok=True)
@@ -217,8 +217,8 @@ def write(report: Report, folder: Path) -> None:
     (folder / "report.html").write_text(page_of(report), encoding="utf-8")
 
 
-def lines(report: Report) -> list[str]:
-    """What is printed: means over the runs."""
+def lines(report: TrialsReport) -> list[str]:
+    """The printed lines: means over the runs."""
     found = [f"{report.vehicle}, a {report.kind}, {report.conditions}"]
     for out in report.outcomes:
         found.append(f"\n{out.title}" + (f": {out.refused}" if out.refused else ""))
@@ -246,36 +246,46 @@ def lines(report: Report) -> list[str]:
 
 
 def parser() -> argparse.ArgumentParser:
-    """The arguments."""
+    """The parser of the arguments."""
     summary, _, rest = (__doc__ or "").partition("\n\n")
     p = argparse.ArgumentParser(
         prog="taichi-sim trials", description=summary, epilog=rest, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     p.add_argument("vehicle", metavar="VEHICLE", help="vehicle file, or the name of a shipped one")
-    p.add_argument("--trial", action="append", default=[], metavar="NAME", help="this one; several times [all]")
-    p.add_argument("--out", type=Path, metavar="DIR", help="where the report goes [trials-VEHICLE]")
+    p.add_argument("--trial", action="append", default=[], metavar="NAME", help="a trial to do; several times [all]")
+    p.add_argument("--out", type=Path, metavar="DIR", help="folder of the report [trials-VEHICLE]")
     p.add_argument("--set", dest="overrides", action="append", default=[], metavar="KEY=VALUE",
                    help="override KEY or SECTION.KEY of the vehicle file; several times")  # fmt: skip
-    p.add_argument("--quiet", action="store_true", help="no word of progress")
+    p.add_argument("--quiet", action="store_true", help="print no progress")
     v = p.add_argument_group("vessels")
-    v.add_argument("--ahead", type=float, default=1.0, metavar="SHARE", help="of full thrust or revolutions [1]")
-    v.add_argument("--helm", type=float, default=1.0, metavar="SHARE", help="of full helm, of turning circles [1]")
-    v.add_argument("--speed", type=float, metavar="V", help="of the approach, held as by a carriage, m/s [its own]")
-    v.add_argument("--scale", type=float, default=1.0, metavar="N", help="it is a model at 1 : N, for IMO's limits [1]")
+    v.add_argument("--ahead", type=float, default=1.0, metavar="SHARE", help="share of full thrust or revolutions [1]")
+    v.add_argument("--helm", type=float, default=1.0, metavar="SHARE", help="share of full helm in turning circles [1]")
+    v.add_argument(
+        "--speed", type=float, metavar="V", help="speed of the approach, held as by a carriage, m/s [its own]"
+    )
+    v.add_argument(
+        "--scale", type=float, default=1.0, metavar="N", help="scale 1 : N of the model, for IMO's limits [1]"
+    )
     v.add_argument(
         "--sea", metavar="KEY=VALUE,...", help="keys of [sea], for example hs=0.5,tp=4,direction_deg=90 [calm]"
     )
     v.add_argument("--wind", type=float, nargs=2, metavar=("SPEED", "FROM"), help="m/s at 10 m, deg [none]")
     v.add_argument("--current", type=float, nargs=2, metavar=("SPEED", "TO"), help="m/s, deg [none]")
-    v.add_argument("--heading", type=float, default=0.0, metavar="DEG", help="of the approach, in these [0]")
+    v.add_argument(
+        "--heading",
+        type=float,
+        default=0.0,
+        metavar="DEG",
+        help="heading of the approach, for wind, waves and current [0]",
+    )
     v.add_argument("--runs", type=int, default=1, metavar="N", help="realisations of the sea, side by side [1]")
-    v.add_argument("--seed", type=int, default=1, help="of the realisations [1]")
+    v.add_argument("--seed", type=int, default=1, help="seed of the realisations [1]")
     v.add_argument("--dt", type=float, metavar="S", help="physics step [0.014 s times the root of the length in m]")
     return p
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Parse, run, print."""
+    """Run the command; return the exit status."""
     p = parser()
     args = p.parse_args(argv)
     limits = {"ahead": (0.01, 1), "helm": (0.01, 1), "scale": (1, 1000), "runs": (1, 4096), "speed": (0.01, 50),

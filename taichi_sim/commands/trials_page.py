@@ -1,7 +1,7 @@
-"""The page of taichi_sim/commands/trials.py: figures in tables, curves as pictures, IMO's limits."""
+"""The HTML page of taichi_sim/commands/trials.py: figures in tables, curves as pictures, IMO's limits."""
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -9,11 +9,16 @@ from taichi_sim.plotting.page import blank, page, panel, paragraph, section, sty
 from taichi_sim.trials.criteria import Criterion
 from taichi_sim.trials.figures import Outcome, Panel
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from taichi_sim.commands.trials import TrialsReport
+
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7")
 
 
-def page_of(report: Any) -> str:
-    """HTML of a `trials.Report`, self-contained."""
+def page_of(report: "TrialsReport") -> str:
+    """HTML of a `trials.TrialsReport`, self-contained."""
     with style():
         parts = [section(out.title, _figures(out), _pictures(out)) for out in report.outcomes if not out.refused]
     if report.criteria:
@@ -28,7 +33,7 @@ def page_of(report: Any) -> str:
 
 
 def shown(value: float, unit: str) -> str:
-    """A figure in the units that people read: degrees for radians."""
+    """A figure in common units: degrees for radians."""
     if math.isnan(value):
         return "-"
     if unit == "rad":
@@ -70,7 +75,7 @@ def _pictures(out: Outcome) -> str:
     return svg(figure, out.name)
 
 
-def _draw(axes: Any, out: Outcome, wanted: Panel) -> None:
+def _draw(axes: "Axes", out: Outcome, wanted: Panel) -> None:
     for k, curve in enumerate(out.curves):
         x, y = curve.columns[wanted.x], curve.columns[wanted.y]
         colour = COLOURS[k % len(COLOURS)]

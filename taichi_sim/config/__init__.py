@@ -1,7 +1,7 @@
 """Strict pydantic models of a world's TOML sections.
 
-Every key has a unit, a range and a default; unknown keys are refused. SI units and radians, except names that
-say so (`_deg`). Reading, overriding and writing TOML is in config/io.py.
+Every key has a unit, a range and a default; unknown keys are refused. Units are SI and radians, except in names that
+say so (`_deg`). config/io.py reads, overrides and writes TOML.
 """
 
 from taichi_sim.config.air import AirConfig, GustConfig

@@ -1,6 +1,6 @@
 """Base of every configuration section: number types, the strict model, the error."""
 
-from typing import Annotated
+from typing import Annotated, TypeAlias
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -8,6 +8,8 @@ Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Fraction = Annotated[float, Field(ge=0, le=1)]
+Table: TypeAlias = dict[str, object]
+"""A table of TOML: values, arrays and tables by key."""
 
 
 class ConfigError(ValueError):
@@ -15,6 +17,8 @@ class ConfigError(ValueError):
 
 
 class Strict(BaseModel):
-    """Base of every section: unknown keys and values of another type are errors; nothing changes after reading."""
+    """Base of every section. Unknown keys and values of another type are errors; a section cannot be changed after
+    reading.
+    """
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)

@@ -17,19 +17,19 @@ File = Annotated[str, Field(min_length=1)]
 
 
 class ConstituentConfig(Strict):
-    """One harmonic of the tide, A cos(omega t - phase)."""
+    """One harmonic constituent of the tide, A cos(omega t - phase)."""
 
-    amplitude: NonNegative  # of the current, m/s
-    phase_deg: Finite = 0.0  # the flood is strongest when omega t is this, t from the beginning of the world's time
+    amplitude: NonNegative  # amplitude of the current, m/s
+    phase_deg: Finite = 0.0  # omega t at the strongest flood; t counts from the beginning of the world's time
 
 
 class TideConfig(Strict):
     """`[sea.current.tide]`: an oscillating current along one direction, added to the mean current.
 
-    `constituents = { M2 = { amplitude = 0.6, phase_deg = 40.0 }, ... }`, by their usual names.
+    `constituents = { M2 = { amplitude = 0.6, phase_deg = 40.0 }, ... }`, with their usual names.
     """
 
-    direction_deg: Finite = 0.0  # the flood flows to, clockwise from north
+    direction_deg: Finite = 0.0  # direction the flood flows to, clockwise from north
     constituents: Annotated[dict[str, ConstituentConfig], Field(min_length=1)]
 
     @model_validator(mode="after")
@@ -40,18 +40,18 @@ class TideConfig(Strict):
 
 
 class CurrentConfig(Strict):
-    """`[sea.current]`: the water's own velocity, one per environment.
+    """`[sea.current]`: the velocity of the water, one for each environment.
 
-    The mean is steady (`speed`, `direction_deg`) or that of a file over time (`series`); a `tide` is added to either.
+    The mean is steady (`speed`, `direction_deg`) or read from a file over time (`series`); a `tide` is added to either.
     """
 
     speed: Annotated[float, Field(ge=0, le=10)] = 0.0  # mean at the surface, m/s
-    direction_deg: Finite = 0.0  # the mean current flows to, clockwise from north
-    series: File | None = None  # CSV of the mean over time (series.py), in the place of these two
+    direction_deg: Finite = 0.0  # direction the mean current flows to, clockwise from north
+    series: File | None = None  # CSV of the mean over time (series.py), instead of these two
     tide: TideConfig | None = None
     profile: Literal["uniform", "power"] = "uniform"  # over depth; power: (1 - d / depth)^(1/7), needs sea.depth
-    std: Annotated[float, Field(ge=0, le=5)] = 0.0  # of the fluctuation of each component (north, east), m/s
-    time_constant: Positive = 300.0  # of that fluctuation, s (assumed)
+    std: Annotated[float, Field(ge=0, le=5)] = 0.0  # deviation of the fluctuation of each component (north, east), m/s
+    time_constant: Positive = 300.0  # time constant of that fluctuation, s (assumed)
 
     @model_validator(mode="after")
     def _one_mean(self):

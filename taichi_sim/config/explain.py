@@ -3,13 +3,16 @@
 import difflib
 import re
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, TypeGuard
 
 from pydantic import BaseModel, ValidationError
 
 from taichi_sim.config.world import TeamConfig, WorldConfig
 
-SLIP = 0.75  # likeness (difflib) to a known key from which another counts as a slip of the pen
+if TYPE_CHECKING:
+    from pydantic_core import ErrorDetails
+
+SLIP = 0.75  # similarity (difflib) from which an unknown key counts as a misspelling of a known one
 
 
 def nearly(name: str, known: Iterable[str]) -> str | None:
@@ -18,12 +21,12 @@ def nearly(name: str, known: Iterable[str]) -> str | None:
 
 
 def source_of(key: str, file: str, sources: Mapping[str, str]) -> str:
-    """Source of a key of `file` for error messages; `sources` holds the overrides that have set keys.
+    """Source of a key of `file` for error messages; `sources` maps keys that overrides have set to those overrides.
 
-    Of a section, the file with what has been set in it.
+    For a section it is the file together with the overrides inside it.
     """
     parts = key.split(".")
-    for depth in range(len(parts), 0, -1):  # itself, or a section around it that was set as a whole
+    for depth in range(len(parts), 0, -1):  # the key itself, or a section around it that was set as a whole
         if ".".join(parts[:depth]) in sources:
             return sources[".".join(parts[:depth])]
     inside = [name for other, name in sources.items() if key and other.startswith(f"{key}.")]
@@ -40,12 +43,12 @@ def explain(error: ValidationError, model: type[BaseModel], file: str, sources: 
     return "\n".join(lines)
 
 
-def _telling(errors: Iterable[Any], model: type[BaseModel]) -> list[Any]:
+def _telling(errors: Iterable["ErrorDetails"], model: type[BaseModel]) -> list["ErrorDetails"]:
     """Select the errors that tell a user what to change.
 
-    For a section that is not a team: the misspelling of `vehicle` inside it, or else that its name is unknown.
+    For a section that is not a team, that is the misspelling of `vehicle` inside it, or otherwise its unknown name.
     """
-    inside: dict[Any, list[Any]] = {}
+    inside: dict[tuple[int | str, ...], list[ErrorDetails]] = {}
     for item in errors:
         inside.setdefault(item["loc"][:1], []).append(item)
     told = []
@@ -56,7 +59,7 @@ def _telling(errors: Iterable[Any], model: type[BaseModel]) -> list[Any]:
     return told
 
 
-def _in_words(item: Any, key: str, model: type[BaseModel]) -> str:
+def _in_words(item: "ErrorDetails", key: str, model: type[BaseModel]) -> str:
     if _is_no_team(item, model):
         fields = keys_at(model, ())
         value = "" if item["type"] == "missing" else f" = {item['input']!r}"
@@ -70,19 +73,19 @@ def _in_words(item: Any, key: str, model: type[BaseModel]) -> str:
         return f"{key}: missing, and it has no default"
     message = item["msg"].removeprefix("Value error, ")
     if item["type"] == "literal_error":
-        message += meant(item["input"], re.findall("'(.*?)'", item["ctx"]["expected"]))
+        message += meant(item["input"], re.findall("'(.*?)'", item.get("ctx", {})["expected"]))
     if not key or isinstance(item["input"], dict | BaseModel):
         return f"{key}: {message}" if key else message
     return f"{key} = {item['input']!r}: {message[0].lower()}{message[1:]}"
 
 
-def meant(name: Any, fields: Iterable[str]) -> str:
-    """Hint to append to "unknown key" where `name` resembles one of `fields`."""
+def meant(name: object, fields: Iterable[str]) -> str:
+    """Hint to append to "unknown key" if `name` resembles one of `fields`."""
     close = difflib.get_close_matches(str(name), list(fields), n=1)
     return f", did you mean {close[0]!r}?" if close else ""
 
 
-def _is_no_team(item: Any, model: type[BaseModel]) -> bool:
+def _is_no_team(item: "ErrorDetails", model: type[BaseModel]) -> bool:
     """Whether the error concerns an unknown key that was parsed as a team."""
     loc = item["loc"]
     if not issubclass(model, WorldConfig) or not loc or loc[0] in model.model_fields:
@@ -90,10 +93,10 @@ def _is_no_team(item: Any, model: type[BaseModel]) -> bool:
     return (item["type"], loc[1:]) in (("model_type", ()), ("missing", ("vehicle",)))
 
 
-def keys_at(model: Any, loc: tuple) -> list[str]:
+def keys_at(model: object, loc: tuple[int | str, ...]) -> list[str]:
     """Field names at `loc`, as far as the path can be followed."""
     for part in loc:
-        field = model.model_fields.get(part) if _is_model(model) else None
+        field = model.model_fields.get(str(part)) if _is_model(model) else None
         if field is None and _is_model(model) and issubclass(model, WorldConfig):
             model = _team_model(model)
             continue
@@ -103,7 +106,7 @@ def keys_at(model: Any, loc: tuple) -> list[str]:
     return sorted(model.model_fields) if _is_model(model) else []
 
 
-def _is_model(kind: Any) -> bool:
+def _is_model(kind: object) -> TypeGuard[type[BaseModel]]:
     return isinstance(kind, type) and issubclass(kind, BaseModel)
 
 

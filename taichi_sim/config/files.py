@@ -1,18 +1,18 @@
-"""Files that a scenario names beside those of its vehicles: where they are searched, and which files belong together.
+"""Files that a scenario names besides vehicle files: where they are searched, and which files belong together.
 
-    sea.spectrum                    measured spectra (sea/measured); of NDBC's sets of text one file is named, all count
+    sea.spectrum                    measured spectra (sea/measured); naming one text file of an NDBC set names them all
     sea.current.series, air.series  current and wind over time (series.py)
 
-A path counts from the folder of the scenario's file, or else from where the command runs, as those of vehicles do. Read
-in a scenario it becomes absolute.
+A path is relative to the folder of the scenario's file, or else to the working folder, like those of vehicles. Reading
+a scenario makes it absolute.
 """
 
 import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
-from taichi_sim.config.base import ConfigError
+from taichi_sim.config.base import ConfigError, Table
 from taichi_sim.config.explain import source_of
 from taichi_sim.config.sea import is_measured
 from taichi_sim.config.world import WorldConfig
@@ -21,7 +21,7 @@ World = TypeVar("World", bound=WorldConfig)
 
 KEYS = ("sea.spectrum", "sea.current.series", "air.series")
 
-# What a file of NDBC's holds, by the end of its name (the last 45 days), or the letter behind the station's (a year).
+# Content of an NDBC file, by the end of its name (last 45 days), or by the letter after the station's name (a year).
 KINDS = ("density", "alpha1", "alpha2", "r1", "r2")
 ENDINGS = dict(zip((".data_spec", ".swdir", ".swdir2", ".swr1", ".swr2"), KINDS, strict=True))
 LETTERS = dict(zip("wdijk", KINDS, strict=True))
@@ -39,11 +39,11 @@ def ndbc_set(path: Path) -> dict[str, Path]:
     return {kind: file for kind, file in members.items() if file.is_file()}
 
 
-def resolve_files(data: dict[str, Any], scenario_file: Path, sources: Mapping[str, str]) -> None:
-    """Make the paths in a scenario's `data` absolute, its stages' included.
+def resolve_files(data: Table, scenario_file: Path, sources: Mapping[str, str]) -> None:
+    """Make the paths in a scenario's `data` absolute, those in its stages included.
 
     Raises:
-        ConfigError: for a file that is not there; `sources` as in `validate`.
+        ConfigError: for a file that does not exist; `sources` as in `validate`.
     """
     for holder, key, name, told in _places(data):
         value = holder[name]
@@ -64,8 +64,8 @@ def named_files(world: WorldConfig) -> dict[str, list[Path]]:
     return files_of({"sea.spectrum": world.sea.spectrum, "sea.current.series": current, "air.series": world.air.series})
 
 
-def files_of(values: Mapping[str, Any]) -> dict[str, list[Path]]:
-    """The same for values by full key, as in the `set` of a stage."""
+def files_of(values: Mapping[str, object]) -> dict[str, list[Path]]:
+    """Each key that names a file, with its files, from values by full key, as in the `set` of a stage."""
     found: dict[str, list[Path]] = {}
     for key in KEYS:
         value = values.get(key)
@@ -78,7 +78,7 @@ def files_of(values: Mapping[str, Any]) -> dict[str, list[Path]]:
 
 
 def with_files(world: World, places: Mapping[str, str]) -> World:
-    """Copy of a world configuration with other paths, by key."""
+    """Copy of a world configuration with the given paths, by key."""
     sea, air = world.sea, world.air
     if "sea.spectrum" in places:
         sea = sea.model_copy(update={"spectrum": places["sea.spectrum"]})
@@ -94,8 +94,8 @@ def _path_like(value: str) -> bool:
     return bool(Path(value).suffix) or "/" in value or "\\" in value
 
 
-def _places(data: dict[str, Any]) -> Iterator[tuple[dict[str, Any], str, str, str]]:
-    """Every path in `data`: its table, key, key's name in the table, and name in error messages."""
+def _places(data: Table) -> Iterator[tuple[Table, str, str, str]]:
+    """Every path in `data`: its table, key, the key's name in the table, and its name in error messages."""
     stages = data.get("stages")
     sets = {f"stages.{name}.set.": stage.get("set") for name, stage in stages.items() if isinstance(stage, dict)} \
         if isinstance(stages, dict) else {}  # fmt: skip

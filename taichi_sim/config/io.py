@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 import tomli_w
 from pydantic import BaseModel, ValidationError
 
-from taichi_sim.config.base import ConfigError, Strict
+from taichi_sim.config.base import ConfigError, Strict, Table
 from taichi_sim.config.explain import explain, nearly, source_of
 from taichi_sim.config.files import resolve_files
 from taichi_sim.config.sea import is_measured
@@ -16,18 +16,20 @@ from taichi_sim.config.vary import FIXED_BY, flattened, with_range
 from taichi_sim.config.world import TeamConfig, WorldConfig
 
 Model = TypeVar("Model", bound=Strict)
-MEASURED = "sea.record"  # stands for a measured spectrum among the ways of giving a sea
+MEASURED = "sea.record"  # stands for a measured spectrum among the alternatives that define a sea
 
 
 def config_folder() -> Path:
-    """The shipped configs: beside the packages in a checkout, inside the package when installed."""
+    """Folder of the shipped configurations: beside the packages in a checkout, inside the package in an
+    installation.
+    """
     here = Path(__file__).resolve().parent.parent
     beside = here.parent / "configs"
     return beside if (beside / "paper.toml").is_file() else here / "configs"
 
 
 def find_config(path: str | Path) -> Path:
-    """`path` if it is a file; else the shipped scenario of that name ("paper", "configs/paper.toml").
+    """`path` if it is a file, otherwise the shipped scenario of that name ("paper", "configs/paper.toml").
 
     Raises:
         ConfigError: if there is neither.
@@ -44,13 +46,13 @@ def find_config(path: str | Path) -> Path:
 
 
 def load_world(path: str | Path = "paper", overrides: Iterable[str] = ()) -> WorldConfig:
-    """The world of a scenario file (or of a shipped one, by name) and `KEY=VALUE` overrides.
+    """The world of a scenario file (or of a shipped one, by name) with `KEY=VALUE` overrides.
 
-    What a world does not know (the keys of a mission, stages, evaluation) is left out, unless it looks like a slip of
-    the pen for what it does know.
+    Keys that do not belong to a world (those of a mission, stages, evaluation) are ignored, unless one looks like a
+    misspelling of a key of the world.
 
     Raises:
-        ConfigError: naming file, key, value and what is allowed.
+        ConfigError: for any mistake; the message names file, key, value and what is allowed.
     """
     file = find_config(path)
     data = read_toml(file)
@@ -69,11 +71,11 @@ def load_world(path: str | Path = "paper", overrides: Iterable[str] = ()) -> Wor
     return config
 
 
-def _known(data: dict, known: set[str], file: str, sources: Mapping[str, str], section: str = "") -> dict[str, Any]:
+def _known(data: dict, known: set[str], file: str, sources: Mapping[str, str], section: str = "") -> Table:
     """Entries of `data` whose keys are in `known`.
 
     Raises:
-        ConfigError: for another key that is nearly a known one.
+        ConfigError: for another key that resembles a known one.
     """
     for key in data.keys() - known:
         if close := nearly(key, known):
@@ -85,10 +87,10 @@ def _known(data: dict, known: set[str], file: str, sources: Mapping[str, str], s
 
 
 def vehicle_file(team: TeamConfig, scenario_file: Path | None = None) -> Path:
-    """The TOML of a team's vehicle: a path, or a name in `vehicles/` beside the scenario or as shipped.
+    """The vehicle file of a team: a path, or a name in `vehicles/` beside the scenario or among the shipped ones.
 
     Raises:
-        ConfigError: if it is missing, listing what there is.
+        ConfigError: if it is missing; the message lists the known ones.
     """
     name = Path(team.vehicle)
     folders = [scenario_file.parent / "vehicles"] if scenario_file else []
@@ -109,7 +111,11 @@ def vehicle_file(team: TeamConfig, scenario_file: Path | None = None) -> Path:
 
 
 def read_toml(file: Path) -> dict[str, Any]:
-    """The content of a TOML file, or a ConfigError that says where it is malformed."""
+    """The content of a TOML file.
+
+    Raises:
+        ConfigError: if it cannot be read; the message says where it is malformed.
+    """
     try:
         return tomllib.loads(Path(file).read_text(encoding="utf-8"))
     except tomllib.TOMLDecodeError as error:
@@ -128,10 +134,11 @@ def toml_text(model: BaseModel) -> str:
     return tomli_w.dumps(model.model_dump(mode="json", exclude_none=True))
 
 
-def validate(model: type[Model], data: dict[str, Any], source: str, sources: Mapping[str, str] | None = None) -> Model:
-    """`model` from data; a ConfigError names the source, each wrong key, its value and what is allowed.
+def validate(model: type[Model], data: Table, source: str, sources: Mapping[str, str] | None = None) -> Model:
+    """`model` from `data`. `sources` names another source for single keys ("usv.count"): the override that has set it.
 
-    `sources` names another source for single keys ("usv.count"), those that an override has set.
+    Raises:
+        ConfigError: for mistakes; the message names the source, each wrong key, its value and what is allowed.
     """
     try:
         return model.model_validate(_with_tuples(data))
@@ -139,16 +146,14 @@ def validate(model: type[Model], data: dict[str, Any], source: str, sources: Map
         raise ConfigError(explain(error, model, source, sources or {})) from None
 
 
-def _with_tuples(value: Any) -> Any:
+def _with_tuples(value: object) -> object:
     """Turn TOML arrays into tuples, as strict models require."""
     if isinstance(value, dict):
         return {key: _with_tuples(item) for key, item in value.items()}
     return tuple(_with_tuples(item) for item in value) if isinstance(value, list) else value
 
 
-def apply_overrides(
-    data: dict[str, Any], overrides: Iterable[str], kind: type[WorldConfig] = WorldConfig
-) -> dict[str, str]:
+def apply_overrides(data: Table, overrides: Iterable[str], kind: type[WorldConfig] = WorldConfig) -> dict[str, str]:
     """Apply `KEY=VALUE` overrides to a file's `data` of type `kind`; return each key's source for error messages.
 
     Raises:
@@ -164,12 +169,10 @@ def apply_overrides(
     return sources
 
 
-def set_values(
-    data: dict[str, Any], values: Mapping[str, Any], kind: type[WorldConfig], sources: Mapping[str, str]
-) -> None:
+def set_values(data: Table, values: Mapping[str, object], kind: type[WorldConfig], sources: Mapping[str, str]) -> None:
     """Set dotted keys to `values` in a file's `data` of type `kind`, and remove the keys that they replace.
 
-    `sources` says where each comes from, for an error.
+    `sources` gives the source of each key for error messages.
 
     Raises:
         ConfigError: for a key that leads through a value.
@@ -178,8 +181,8 @@ def set_values(
     if "sea.spectrum" in values and is_measured(values["sea.spectrum"]):
         keys.append(MEASURED)
         _take_variation_back(data, MEASURED)
-        if "sea.components" not in keys and isinstance(data.get("sea"), dict):
-            data["sea"].pop("components", None)  # those of another spectrum
+        if "sea.components" not in keys and isinstance(sea := data.get("sea"), dict):
+            sea.pop("components", None)  # they belong to another spectrum
     for section in dict.fromkeys(key.rpartition(".")[0] for key in keys):
         _take_other_ways_back(data, section, keys, kind)
     for key in keys:
@@ -189,12 +192,12 @@ def set_values(
 
 
 def key_of(override: str) -> str:
-    """KEY of a `KEY=VALUE`, without quotes around its parts."""
+    """KEY of an override `KEY=VALUE`, without quotes around its parts."""
     return override.partition("=")[0].strip().replace('"', "")
 
 
-def _take_other_ways_back(data: dict[str, Any], section: str, keys: list[str], kind: type[WorldConfig]) -> None:
-    """Drop the file's other ways of giving what an override gives (its `hs` where `sea_state` is set)."""
+def _take_other_ways_back(data: Table, section: str, keys: list[str], kind: type[WorldConfig]) -> None:
+    """Remove the file's alternatives to what an override gives (its `hs` if `sea_state` is set)."""
     ways, node = kind.ways.get(section.rpartition(".")[2], ()), data
     for part in section.split("."):
         node = node.get(part) if isinstance(node, dict) else None
@@ -208,22 +211,22 @@ def _take_other_ways_back(data: dict[str, Any], section: str, keys: list[str], k
         del node["spectrum"]
 
 
-def _take_variation_back(data: dict[str, Any], key: str) -> None:
+def _take_variation_back(data: Table, key: str) -> None:
     """Remove the range of an overridden value: a condition of sea or air, or numbers of another vehicle."""
     fixed, (section, _, name) = {key, *FIXED_BY.get(key, ())}, key.partition(".")
-    if isinstance(data.get("vary"), dict):
-        kept = flattened(data["vary"]).items()
+    if isinstance(ranges := data.get("vary"), dict):
+        kept = flattened(ranges).items()
         data["vary"] = {k: v for k, v in kept if k not in fixed and not k.startswith(f"{key}.")}
-    if name == "vehicle" and isinstance(data.get(section), dict):
-        data[section].pop("vary", None)
+    if name == "vehicle" and isinstance(team := data.get(section), dict):
+        team.pop("vary", None)
 
 
-def _set_value(data: dict[str, Any], key: str, value: Any, kind: type[WorldConfig], source: str) -> None:
+def _set_value(data: Table, key: str, value: object, kind: type[WorldConfig], source: str) -> None:
     """Set one dotted key."""
     parts, node = key.split("."), data
     for depth, part in enumerate(parts[:-1]):
-        if part == "vary" and depth < 2 and isinstance(node.get("vary", {}), dict):
-            node["vary"] = with_range(node.get("vary", {}), ".".join(parts[depth + 1 :]), value)
+        if part == "vary" and depth < 2 and isinstance(ranges := node.get("vary", {}), dict):
+            node["vary"] = with_range(ranges, ".".join(parts[depth + 1 :]), value)
             return
         inner = node.setdefault(part, {})
         if not isinstance(inner, dict) and part in kind.plain:
@@ -234,7 +237,7 @@ def _set_value(data: dict[str, Any], key: str, value: Any, kind: type[WorldConfi
     node[parts[-1]] = value
 
 
-def _parse_value(text: str) -> Any:
+def _parse_value(text: str) -> object:
     try:
         return tomllib.loads(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:

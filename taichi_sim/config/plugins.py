@@ -1,7 +1,7 @@
 """User classes that a configuration names as `module:Class`.
 
-The module is looked for beside the file that names it, in the working folder, and among what is installed. Naming one
-runs its code: a configuration from a stranger is a program from a stranger.
+The module is searched beside the file that names it, in the working folder, and among the installed packages. Naming a
+class runs its code, so a configuration from a stranger is a program from a stranger.
 """
 
 import importlib
@@ -9,15 +9,17 @@ import importlib.util
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from types import ModuleType
+from typing import TypeVar, overload
 
 from taichi_sim.config import ConfigError
 
-OURS = ("taichi_sim", "rl")  # packages that are never anybody else's, wherever a folder of that name lies
+Class = TypeVar("Class")
+OURS = ("taichi_sim", "rl")  # names that always mean our packages, even beside a folder of that name
 
 
 def plugin_source(name: str, beside: Sequence[Path] = ()) -> Path | None:
-    """File, or package folder, of `module:Class`; None for a class of ours, an installed or a missing one."""
+    """File or package folder of `module:Class`; None for a class of ours, an installed one, or a missing one."""
     top = name.partition(":")[0].partition(".")[0]
     if top in OURS:
         return None
@@ -33,12 +35,17 @@ def is_plugin(name: str) -> bool:
     return ":" in name
 
 
-def load_class(name: str, base: type | None = None, beside: Sequence[Path] = ()) -> Any:
-    """Import the class (or function) that `name`, `module:Class`, names.
+@overload
+def load_class(name: str, base: type[Class], beside: Sequence[Path] = ()) -> type[Class]: ...
+@overload
+def load_class(name: str, base: None = None, beside: Sequence[Path] = ()) -> object: ...
+def load_class(name: str, base: type | None = None, beside: Sequence[Path] = ()) -> object:
+    """Import the class (or function) with the name `module:Class`.
 
     Args:
-        name: `package.module:Class`. base: what it must derive from. beside: folders to look in first, those of the
-            files that name it.
+        name: `package.module:Class`.
+        base: class that it must derive from; None: any object.
+        beside: folders to search first, those of the files that name it.
 
     Raises:
         ConfigError: if the module cannot be found or imported, or has no such class.
@@ -47,7 +54,7 @@ def load_class(name: str, base: type | None = None, beside: Sequence[Path] = ())
     if not module_name or not attribute:
         raise ConfigError(f"{name!r}: expected module:Class")
     module = _import(name, module_name, [*beside, Path.cwd()])
-    found: Any = module
+    found: object = module
     for part in attribute.split("."):
         found = getattr(found, part, None)
         if found is None:
@@ -60,11 +67,13 @@ def load_class(name: str, base: type | None = None, beside: Sequence[Path] = ())
 _origins: dict[str, Path] = {}  # top-level names imported here from a folder -> that folder
 
 
-def _import(name: str, module_name: str, folders: list[Path]) -> Any:
-    """Import the module from the first of `folders` that holds it, else from the installed packages."""
+def _import(name: str, module_name: str, folders: list[Path]) -> ModuleType:
+    """Import the module from the first of `folders` that holds it, otherwise from the installed packages."""
     top = module_name.partition(".")[0]
     folder = next((folder.resolve() for folder in folders if top not in OURS and _holds(folder, module_name)), None)
-    if top in sys.modules and top in _origins and _origins[top] != folder:  # of the same name, from another folder
+    if (
+        top in sys.modules and top in _origins and _origins[top] != folder
+    ):  # another module of that name was imported from another folder
         for key in [key for key in sys.modules if key.partition(".")[0] == top]:
             del sys.modules[key]
     if folder is None:
@@ -83,13 +92,13 @@ def _import(name: str, module_name: str, folders: list[Path]) -> Any:
         sys.path.remove(str(folder))
 
 
-def _lies_in(top: Any, folder: Path) -> bool:
+def _lies_in(top: ModuleType, folder: Path) -> bool:
     """Whether an imported top-level module or package comes from `folder`."""
     places = getattr(top, "__path__", None) or [getattr(top, "__file__", None) or ""]
     return any(Path(place).resolve().parent == folder for place in places)
 
 
-def _imported(name: str, module_name: str) -> Any:
+def _imported(name: str, module_name: str) -> ModuleType:
     try:
         return importlib.import_module(module_name)
     except ModuleNotFoundError as error:
@@ -98,7 +107,7 @@ def _imported(name: str, module_name: str) -> Any:
                 f"{name!r}: no module {module_name!r} beside the file, in the working folder, or installed"
             ) from None
         raise ConfigError(f"{name!r}: importing {module_name} failed: {error}") from error
-    except Exception as error:  # whatever is wrong in it
+    except Exception as error:  # any error in the user's module
         raise ConfigError(f"{name!r}: importing {module_name} failed: {type(error).__name__}: {error}") from error
 
 

@@ -9,8 +9,8 @@ from pydantic import AfterValidator, Field, model_validator
 from taichi_sim.config.base import Finite, Positive, Strict
 from taichi_sim.config.current import CurrentConfig
 
-MAX_COMPONENTS = 64  # per realisation, of wind sea and swell together
-MEASURED_COMPONENTS = 32  # of a measured sea, unless it says otherwise: several systems share them
+MAX_COMPONENTS = 64  # largest number of components per realisation, wind sea and swell together
+MEASURED_COMPONENTS = 32  # default for a measured sea, whose wave systems share them
 SPECTRA = ("jonswap", "bretschneider", "pierson_moskowitz")  # known by name
 
 
@@ -38,7 +38,7 @@ ComponentCount = Annotated[int, Field(ge=1, le=MAX_COMPONENTS)]
 
 
 class SwellConfig(Strict):
-    """`[sea.swell]`: a second wave system, from a distant storm, added to the wind sea; JONSWAP shape.
+    """`[sea.swell]`: a second wave system from a distant storm, added to the wind sea, with a JONSWAP spectrum.
 
     Swell is narrow in frequency and direction: gamma_js 5 and s 50 (17 degrees circular deviation) are assumed.
     """
@@ -48,40 +48,42 @@ class SwellConfig(Strict):
     gamma_js: Peakedness = 5.0
     direction_deg: Finite = 0.0  # mean direction the swell travels to, clockwise from north
     spreading_s: SpreadingExponent = 50.0
-    components: ComponentCount = 8  # added to those of the wind sea; together at most 64
+    components: ComponentCount = 8  # in addition to those of the wind sea; together at most 64
 
 
 class SeaConfig(Strict):
-    """`[sea]`: a directional sea of Gerstner components, its size given in exactly one way.
+    """`[sea]`: a directional sea of Gerstner components. Its size is given in exactly one way:
 
     - `hs` and `tp`;
     - `sea_state`, WMO code 0 to 8: middle of the code's heights, period of the fully developed sea;
     - `wind_speed` and `fetch`: growing JONSWAP sea (`spectrum = "jonswap"`);
     - `wind_speed` alone: fully developed sea (`spectrum = "pierson_moskowitz"`, which is then the default);
-    - `follows_wind`: the scenario's own wind (`[air]`) takes the place of wind_speed and of direction_deg;
-    - `spectrum = "FILE"`: a measured sea (sea/measured), as large as it was, from where it came.
+    - `follows_wind`: the scenario's wind (`[air]`) gives wind_speed and direction_deg;
+    - `spectrum = "FILE"`: a measured sea (sea/measured), with its measured size and directions.
 
-    With none of them: hs 0.5 m, tp 4 s. `taichi_sim.sea.sea_size(config)` says what hs and tp any of them means.
-    Bretschneider and Pierson-Moskowitz (DNV-RP-C205, sec. 3.5.5) have one shape, JONSWAP's with gamma 1: `gamma_js`
-    counts for JONSWAP only.
+    The default is hs 0.5 m, tp 4 s. `taichi_sim.sea.sea_size(config)` returns hs and tp for each of these.
+    Bretschneider and Pierson-Moskowitz (DNV-RP-C205, sec. 3.5.5) have the same shape, JONSWAP's with gamma 1;
+    `gamma_js` applies to JONSWAP only.
     """
 
     spectrum: Spectrum = "jonswap"  # a name of SPECTRA, or a file of measured spectra
-    record: str | None = None  # of that file: a time, "2020-06-08 03:50" (UTC), or "all"; omitted: the latest
-    site: Annotated[int, Field(ge=0)] | None = None  # of a file with several places: number of one, from 0
+    record: str | None = None  # record of that file: a time, "2020-06-08 03:50" (UTC), or "all"; omitted: the latest
+    site: Annotated[int, Field(ge=0)] | None = None  # number of the site in a file with several sites, from 0
     hs: Height | None = None  # m
     tp: Period | None = None  # s
     sea_state: Annotated[int, Field(ge=0, le=8)] | None = None  # code of WMO table 3700; 9 has no upper end
     wind_speed: Annotated[float, Field(gt=0, le=60)] | None = None  # 10 m above the sea, m/s
-    fetch: Annotated[float, Field(gt=0, le=1e7)] | None = None  # over which that wind blows, m
+    fetch: Annotated[float, Field(gt=0, le=1e7)] | None = None  # distance over which that wind blows, m
     follows_wind: bool = False  # the sea is raised by the wind of [air] and travels with it
-    gamma_js: Peakedness = 3.3  # of a JONSWAP spectrum (Hasselmann et al. 1973: 3.3)
+    gamma_js: Peakedness = 3.3  # peakedness of a JONSWAP spectrum (Hasselmann et al. 1973: 3.3)
     direction_deg: Finite = 45.0  # mean direction the waves travel to, clockwise from north
-    spreading_s: SpreadingExponent = 10.0  # these two also for a measured spectrum without directions
-    components: ComponentCount = 16  # per realisation, of the wind sea; of a measured sea 32, if nothing is said
-    amplitudes: Literal["exact", "random"] = "exact"  # random: Rayleigh's, by component (Tucker et al. 1984)
-    realisations: Annotated[int, Field(ge=1, le=4096)] = 64  # different seas in one run
-    depth: Positive | None = None  # of the water, m; omitted: deep
+    spreading_s: SpreadingExponent = 10.0  # this and direction_deg also apply to a measured spectrum without directions
+    components: ComponentCount = 16  # components of the wind sea per realisation; default for a measured sea: 32
+    amplitudes: Literal["exact", "random"] = (
+        "exact"  # random: Rayleigh distributed, for each component (Tucker et al. 1984)
+    )
+    realisations: Annotated[int, Field(ge=1, le=4096)] = 64  # number of different seas in one run
+    depth: Positive | None = None  # depth of the water, m; omitted: deep water
     swell: SwellConfig | None = None
     current: CurrentConfig | None = None
 
@@ -93,7 +95,7 @@ class SeaConfig(Strict):
     @model_validator(mode="before")
     @classmethod
     def _defaults(cls, data):
-        """Without a size, the default one; a wind alone makes a fully developed sea."""
+        """Set the default size if none is given; a wind alone gives a fully developed sea."""
         if not isinstance(data, dict):
             return data
         if is_measured(data.get("spectrum")):

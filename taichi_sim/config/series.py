@@ -4,10 +4,10 @@
     0, 0.40, 120                                    2020-06-08 03:00, -0.20, 0.35
     600, 0.55, 130                                  2020-06-08 03:10, -0.35, 0.42
 
-`time` is in s of the world's time, or a date and time (the first row is then the world's time 0). Speeds are m/s. A
-direction is, clockwise from north, where a current flows to and where a wind blows from, as everywhere in a scenario;
-`north` and `east` are the velocity itself, of air too where it goes to. Other columns are not read. Between rows each
-component is linear in time; before the first row and after the last it is held.
+`time` is in s of the world's time, or a date and time (the first row is then the world's time 0). Speeds are in m/s. A
+direction is clockwise from north: where a current flows to, and where a wind blows from, as everywhere in a scenario.
+`north` and `east` are the velocity itself, for air too: where it goes to. Other columns are ignored. Between rows each
+component is linear in time; before the first row and after the last it is constant.
 """
 
 import csv
@@ -30,7 +30,8 @@ class Series:
     """A velocity over time.
 
     Attributes:
-        time: [n], s, rising. velocity: [n, 2], north and east, where it goes to, m/s. float64 arrays.
+        time: increasing times [n], s, float64.
+        velocity: velocity [n, 2], north and east, m/s, float64.
     """
 
     def __init__(self, time: np.ndarray, velocity: np.ndarray):
@@ -41,7 +42,7 @@ class Series:
         self._velocity = torch.as_tensor(velocity, dtype=torch.float64, device=run.device)
 
     def at(self, time: Tensor) -> Tensor:
-        """Velocity [env, 2], run precision, at times [env] float64, s."""
+        """Velocity [env, 2] (m/s), run precision, at times [env] (s), float64."""
         if self._time.numel() == 1:
             return self._velocity.to(runtime.current().torch_dtype).expand(time.shape[0], 2)
         time = time.clamp(self.time[0], self.time[-1])
@@ -53,17 +54,17 @@ class Series:
 
 
 def mean_of(file: str, blows_from: bool = False) -> tuple[float, float]:
-    """Speed (m/s) and direction (deg, to or from as in the file) of the mean velocity of a series' rows."""
+    """Speed (m/s) and direction (deg, to or from as in the file) of the mean velocity over a file's rows."""
     north, east = read_series(file, blows_from)[1].mean(axis=0)
     turn = 180.0 if blows_from else 0.0
     return math.hypot(north, east), (math.degrees(math.atan2(east, north)) + turn) % 360.0
 
 
 def read_series(file: str, blows_from: bool = False, fastest: float = math.inf) -> tuple[np.ndarray, np.ndarray]:
-    """Times [n] (s) and velocities [n, 2] (north, east, where it goes to, m/s) of a file.
+    """Times [n] (s) and velocities [n, 2] (north, east, m/s) of a file.
 
     Raises:
-        ConfigError: naming file, line and what is wrong; for speeds above `fastest`, too.
+        ConfigError: for a mistake in the file or a speed above `fastest`; the message names file and line.
     """
     path = Path(file)
     try:

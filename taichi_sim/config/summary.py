@@ -1,13 +1,13 @@
 """Text helpers for `repr`."""
 
-from typing import Any
-
 import numpy as np
+from numpy.typing import ArrayLike
+from torch import Tensor
 
 
-def span(values: Any, unit: str) -> str:
-    """The values' range to four digits: "0.5 m", or "0.5 to 1.25 m"; `values` an array or a tensor of any shape."""
-    flat = np.asarray(values.detach().cpu() if hasattr(values, "detach") else values, dtype=np.float64).ravel()
+def span(values: ArrayLike | Tensor, unit: str) -> str:
+    """Range of `values` to four digits: "0.5 m", or "0.5 to 1.25 m". `values` is an array or a tensor of any shape."""
+    flat = np.asarray(values.detach().cpu() if isinstance(values, Tensor) else values, dtype=np.float64).ravel()
     if not flat.size:
         return "none"
     low, high = f"{flat.min():.4g}", f"{flat.max():.4g}"
@@ -15,5 +15,5 @@ def span(values: Any, unit: str) -> str:
 
 
 def number(count: int, thing: str) -> str:
-    """ "1 environment", "3 environments"."""
+    """A count with its noun: "1 environment", "3 environments"."""
     return f"{count} {thing}" if count == 1 else f"{count} {thing}s"

@@ -1,24 +1,24 @@
 """Ranges from which numbers are drawn for each environment, in tables by key.
 
-    [usv.vary]                                      # of each vehicle of a team, drawn anew for every episode
+    [usv.vary]                                      # numbers of each vehicle of a team, drawn for every episode
     "rigid_body.mass" = { factor = [0.9, 1.2] }
 
-    [vary]                                          # of sea and air, one draw for each realisation of the sea
+    [vary]                                          # sea and air, one draw for each realisation of the sea
     "sea.hs" = [0.2, 1.0]                           # the same as { range = [0.2, 1.0] }
     "air.direction_deg" = { add = [-30, 30], distribution = "normal" }
 
-Keys are dotted; TOML may as well nest them (`rigid_body.mass = ...`), which is the same.
+Keys are dotted; nested TOML tables (`rigid_body.mass = ...`) are equivalent.
 """
 
 import difflib
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal, overload
 
 from pydantic import BeforeValidator, model_validator
 
-from taichi_sim.config.base import Finite, Strict
+from taichi_sim.config.base import Finite, Strict, Table
 
-WAYS = ("range", "factor", "add")  # of giving a range
+WAYS = ("range", "factor", "add")  # alternatives for giving a range
 
 SIZE = ("sea.hs", "sea.tp", "sea.sea_state")
 CONDITIONS: Mapping[str, tuple[float, float]] = {
@@ -30,9 +30,9 @@ CONDITIONS: Mapping[str, tuple[float, float]] = {
     "sea.current.direction_deg": (-3600.0, 3600.0),
     "air.speed": (0.0, 60.0),  # m/s
     "air.direction_deg": (-3600.0, 3600.0),
-    "air.turbulence": (0.0, 10.0),  # of its intensity, 1
+    "air.turbulence": (0.0, 10.0),  # factor of the intensity, 1
 }
-"""What may vary of sea and air, and between what (conditions.py)."""
+"""Conditions of sea and air that may vary, with their allowed bounds (randomisation/conditions.py)."""
 
 FIXED_BY: Mapping[str, tuple[str, ...]] = {
     **{f"sea.{key}": SIZE for key in ("hs", "tp", "sea_state", "wind_speed", "fetch")},
@@ -42,27 +42,27 @@ FIXED_BY: Mapping[str, tuple[str, ...]] = {
     "air.series": ("air.speed", "air.direction_deg"),
     "sea.current.series": ("sea.current.speed", "sea.current.direction_deg"),
 }
-"""Key of a scenario -> other conditions than itself that are given with it, and then no longer drawn (io.py)."""
+"""Key of a scenario -> other conditions that it fixes, so that they are no longer drawn (io.py)."""
 
 Pair = tuple[Finite, Finite]
 
 
 class Range(Strict):
-    """One range to draw a number from, given in exactly one way; a plain list is a `range`.
+    """A range to draw a number from, given in exactly one way; a plain list is a `range`.
 
-    About the value that the file itself gives, its nominal one, a range is as wide as the world's `variation` says:
-    at 1 as given, at 0 it is the nominal value alone, between and beyond, both ends move in proportion from there
-    (whether the range contains the nominal value or not).
+    The world's `variation` scales the range about the nominal value, which the file itself gives: at 1 the range is as
+    given, at 0 it is the nominal value alone. Between and beyond, both ends move in proportion, whether or not the
+    range contains the nominal value.
     """
 
     range: Pair | None = None  # the lowest and the highest value
-    factor: Pair | None = None  # times the nominal value
-    add: Pair | None = None  # to the nominal value
+    factor: Pair | None = None  # factors of the nominal value
+    add: Pair | None = None  # terms added to the nominal value
     distribution: Literal["uniform", "normal"] = "uniform"  # normal: the ends are 2 standard deviations from the middle
 
     @model_validator(mode="before")
     @classmethod
-    def _plain(cls, given: Any) -> Any:
+    def _plain(cls, given: object) -> object:
         return {"range": tuple(given)} if isinstance(given, list | tuple) else given
 
     @model_validator(mode="after")
@@ -77,14 +77,14 @@ class Range(Strict):
 
     @property
     def way(self) -> str:
-        """Name in `WAYS` of the way in which it is given."""
+        """The name in `WAYS` of the key that gives it."""
         return next(way for way in WAYS if getattr(self, way) is not None)
 
     def ends(self, nominal: float, variation: float = 1.0) -> tuple[float, float]:
-        """Lowest and highest value for a nominal one.
+        """Lowest and highest value for a `nominal` value.
 
         Raises:
-            ValueError: for a factor of zero, which changes nothing.
+            ValueError: for a factor of a nominal value of zero, which changes nothing.
         """
         pair = getattr(self, self.way)
         if self.way == "factor" and nominal == 0.0:
@@ -99,11 +99,15 @@ class Range(Strict):
         return f"{{ {self.way} = {list(getattr(self, self.way))}{shape} }}"
 
 
-def flattened(table: Any) -> Any:
+@overload
+def flattened(table: dict) -> Table: ...
+@overload
+def flattened(table: object) -> object: ...
+def flattened(table: object) -> object:
     """A table of ranges with dotted keys in place of nested tables; other values unchanged."""
     if not isinstance(table, dict):
         return table
-    flat: dict[str, Any] = {}
+    flat: Table = {}
     for key, value in table.items():
         if isinstance(value, dict) and not _is_range(value):
             flat |= {f"{key}.{inner}": item for inner, item in flattened(value).items()}
@@ -117,10 +121,10 @@ def _is_range(table: dict) -> bool:
     return not table or any(difflib.get_close_matches(str(key), Range.model_fields, n=1, cutoff=0.7) for key in table)
 
 
-def with_range(table: Any, key: str, value: Any) -> dict[str, Any]:
-    """A table of ranges with `key` set to `value`; "KEY.factor" (range, add, distribution) sets one number of a range.
+def with_range(table: dict, key: str, value: object) -> Table:
+    """A table of ranges with `key` set to `value`; "KEY.factor" (range, add, distribution) sets one part of a range.
 
-    As an override has it: another way of giving that range is taken back, and another size of the sea.
+    Like any override, it removes other ways of giving that range, and other sizes of the sea.
     """
     flat = dict(flattened(table))
     head, _, last = key.rpartition(".")
@@ -135,4 +139,4 @@ def with_range(table: Any, key: str, value: Any) -> dict[str, Any]:
 
 
 Ranges = Annotated[dict[str, Range], BeforeValidator(flattened)]
-"""Key, dotted -> what its value is drawn from."""
+"""Dotted key -> the range from which its value is drawn."""

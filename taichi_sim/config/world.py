@@ -1,4 +1,4 @@
-"""What a world is made of: times, sea, air, and teams of vehicles. A mission's scenario adds its own keys to these."""
+"""The parts of a world: times, sea, air, and teams of vehicles. A mission's scenario adds its own keys to these."""
 
 import difflib
 from collections.abc import Mapping
@@ -27,12 +27,7 @@ class TeamConfig(Strict):
 
 
 class WorldConfig(Strict):
-    """Seed, times, sea, air, teams. Every section that is not a key of the model is a team.
-
-    Class attributes, for overrides of a file:
-        ways: section -> ways of saying what it says, each some keys: an override of one takes the file's others back.
-        plain: section that a file may also give as a plain value -> the key that the value is of.
-    """
+    """Seed, times, sea, air, teams. Every section that is not a key of the model is a team."""
 
     ways: ClassVar[Mapping[str, tuple[tuple[str, ...], ...]]] = {
         "sea": (("hs", "tp"), ("sea_state",), ("wind_speed", "fetch"), ("follows_wind",), ("record", "site")),

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.floating]
 DOWN_N = np.array([0.0, 0.0, 1.0])
 HAZE_M = 3500.0
-AWAY = 2  # column of the distance ahead, in the axes of a camera
+AWAY = 2  # column of the distance ahead in a camera's axes
 LEVEL = 1e-6  # sine of the angle to the vertical below which a direction has no heading
 
 

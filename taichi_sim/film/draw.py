@@ -16,13 +16,13 @@ from taichi_sim.recording.episode import Array
 from taichi_sim.recording.overlays import Arrows, Cylinders, Ellipsoids, Lines, Overlay3D, Points
 from taichi_sim.recording.palette import CHECKPOINT, FRAME, OBSTACLE, PLUMB, TARGET, Colour, event_colour
 
-SUNK_M = 6.0  # how far an obstacle reaches below mean sea level
+SUNK_M = 6.0  # depth of an obstacle below mean sea level
 RING = np.linspace(0.0, 2.0 * np.pi, 33)  # rad
-SLOT_RING = 0.75  # of the longer of length and beam
-TARGET_BALL, TARGET_UP = {"water": 0.11, "air": 0.08}, 0.2  # of the length
-ON_WATER = 0.05  # of the length: trails and rings lie so much above the waves
+SLOT_RING = 0.75  # radius over the larger of length and beam
+TARGET_BALL, TARGET_UP = {"water": 0.11, "air": 0.08}, 0.2  # radius and height of a target over the vehicle's length
+ON_WATER = 0.05  # height of trails and rings above the waves over the vehicle's length
 TRACK, WAKE, THIN, THICK = 1.4, 1.8, 1.0, 2.4  # px
-METRES_PX = 1.5  # px of a line whose radius is in m
+METRES_PX = 1.5  # width of a line whose radius is in m, px
 
 
 class Cast:
@@ -40,7 +40,7 @@ class Cast:
         return self._bodies[key]
 
     def bodies(self, pen: Pen, moment: Moment, scales: Mapping[str, float]) -> None:
-        """Faces of all vehicles; those of a team are `scales[team]` times as large."""
+        """Draw all vehicles; those of a team are `scales[team]` times as large."""
         for name, team in moment.teams.items():
             for vehicle in range(len(team.position_n)):
                 R_nb = rotation(team.quaternion_nb[vehicle])
@@ -75,7 +75,7 @@ def draw_moment(pen: Pen, moment: Moment) -> None:
 
 
 def wave_height(moment: Moment) -> float:
-    """Half the significant wave height, m; 0.3 m where the sea is unknown."""
+    """Half the significant wave height, m; 0.3 m if the sea is unknown."""
     return 0.3 if moment.waves is None else max(2.0 * float(np.sqrt(0.5 * np.sum(moment.waves[0] ** 2))), 0.05)
 
 
@@ -85,7 +85,7 @@ def _draw_scene(pen: Pen, moment: Moment, chop: float) -> None:
         team = moment.teams[name]
         pen.lines(track, team.livery.track, TRACK, 2.0 * chop if team.track.on_water else 0.0)
     if len(scene.checkpoints_n):
-        flown = next((float(track[:, DOWN].mean()) for track in scene.tracks_n.values()), 0.0)  # the first track's
+        flown = next((float(track[:, DOWN].mean()) for track in scene.tracks_n.values()), 0.0)  # of the first track
         level = np.full((len(scene.checkpoints_n), 1), flown)
         pen.dots(np.concatenate([scene.checkpoints_n, level], axis=1), CHECKPOINT, 4.0, chop)
     if len(scene.obstacles):
@@ -125,7 +125,7 @@ def _of_slot(team: TeamMoment, vehicle: int) -> Colour:
 
 
 def _draw_in_air(pen: Pen, team: TeamMoment) -> None:
-    """Trails of aircraft, lines from them down to the sea, and a ring at each slot, upright across the course."""
+    """Draw trails of aircraft, lines from them down to the sea, and a ring at each slot, upright across the course."""
     for vehicle, way in enumerate(np.swapaxes(team.trail_n, 0, 1)):
         pen.lines(way, team.livery.of(vehicle), WAKE)
     foot = team.position_n * (1.0, 1.0, 0.0)

@@ -8,7 +8,8 @@ import errno
 import os
 from collections.abc import Callable, Collection, Iterable, Iterator
 from pathlib import Path
-from typing import Any
+from types import ModuleType
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,9 +19,12 @@ from taichi_sim.film.moment import moment_of
 from taichi_sim.film.picture import Picture, check_picture
 from taichi_sim.recording.episode import Episode
 
+if TYPE_CHECKING:
+    from PIL.Image import Image
+
 SIZE, FPS = (640, 480), 25.0
-CRF = 26  # of x264: lower is larger and better
-COLOURS = 128  # of an animated PNG or GIF
+CRF = 26  # quality of x264; lower means larger files and better pictures
+COLOURS = 128  # colours of an animated PNG or GIF
 SAMPLED, BINS, RARE = 8, 2, 0.45  # sampled pictures; dropped bits of a colour; exponent of its frequency
 Samples = Callable[[], Iterable[NDArray[np.uint8]]]
 KINDS = (".mp4", ".png", ".gif", ".webp")
@@ -39,11 +43,11 @@ def check_film(
     view: str = "auto",
     teams: Collection[str] | None = None,
 ) -> Path:
-    """Check the arguments of `write_film`, `teams` if known; return the path.
+    """Check the arguments of `write_film`, and `teams` if known; return the path.
 
     Raises:
-        FilmError: for an unknown suffix or view, numbers that cannot be, or an extra that is missing.
-        OSError: if its folder does not exist.
+        FilmError: for an unknown suffix or view, numbers out of range, or a missing extra.
+        OSError: if the folder does not exist.
     """
     path = Path(path)
     kind = path.suffix.lower()
@@ -79,13 +83,17 @@ def write_film(
     """Write a film of `episode`; return its path.
 
     Args:
-        episode: what is shown. path: .mp4, .png, .gif or .webp.
-        size: width and height, px. fps: pictures per second of film. speed: seconds of the episode in one of the film.
-        view: "auto" (picture.py), or one alone: "overview", "map", or a team's name.
+        episode: the episode.
+        path: a file that ends in .mp4, .png, .gif or .webp.
+        size: width and height, px.
+        fps: pictures per second of the film.
+        speed: seconds of the episode per second of the film.
+        view: "auto" (picture.py), or one view alone: "overview", "map", or a team's name.
+        show_progress: whether to print progress.
 
     Raises:
-        FilmError: for an unknown suffix or view, numbers that cannot be, or a missing extra; OSError: for a folder that
-            does not exist or a disk that is full. Nothing is written then.
+        FilmError: for an unknown suffix or view, numbers out of range, or a missing extra.
+        OSError: for a folder that does not exist, or a full disk. Nothing is written then.
     """
     path = check_film(path, size=size, fps=fps, speed=speed, view=view, teams=episode.teams)
     times = film_times(episode, fps, speed)
@@ -136,7 +144,7 @@ def film_times(episode: Episode, fps: float, speed: float) -> NDArray[np.floatin
     return np.arange(first, last + 1e-6, speed / fps)
 
 
-def _ffmpeg() -> Any:
+def _ffmpeg() -> ModuleType:
     try:
         import imageio_ffmpeg
     except ImportError as fault:
@@ -173,14 +181,16 @@ def _write_animation(frames: Iterable[NDArray[np.uint8]], part: Path, kind: str,
         page if palette is None else page.quantize(palette=palette, dither=plain)
         for page in map(Image.fromarray, frames)
     )
-    how: dict[str, Any] = {"format": {".png": "PNG", ".gif": "GIF", ".webp": "WEBP"}[kind]}
-    how |= {".webp": {"quality": 60, "method": 3}, ".gif": {"optimize": False}, ".png": {}}[kind]
+    format = {".png": "PNG", ".gif": "GIF", ".webp": "WEBP"}[kind]
+    how: dict[str, int] = {".webp": {"quality": 60, "method": 3}, ".gif": {"optimize": False}, ".png": {}}[kind]
     with part.open("wb") as file:
-        first.save(file, save_all=True, append_images=pages, duration=round(1000.0 / fps), loop=0, **how)
+        first.save(file, save_all=True, append_images=pages, duration=round(1000.0 / fps), loop=0, format=format, **how)
 
 
-def _palette(samples: Iterable[NDArray[np.uint8]]) -> Any:
-    """A palette of COLOURS colours from some pictures; rare colours have extra weight, since boats have few pixels."""
+def _palette(samples: Iterable[NDArray[np.uint8]]) -> "Image":
+    """A palette of COLOURS colours from some pictures. Rare colours have extra weight, because boats have few
+    pixels.
+    """
     from PIL import Image
 
     pixels = np.concatenate([sample.reshape(-1, 3) for sample in samples])

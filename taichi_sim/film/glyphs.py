@@ -53,14 +53,14 @@ def write(
     colour: Colour = INK,
     anchor: tuple[float, float] = (0.0, 0.0),
 ) -> None:
-    """Write `text` into a picture [height, width, 3], with dark edges, or light ones if the text is dark.
+    """Write `text` into a picture [height, width, 3]. Letters have dark edges, or light ones if they are dark.
 
     Args:
         picture: the pixels.
         text: the words.
         at: column and row.
-        size: of letters, px.
-        colour: of letters.
+        size: size of letters, px.
+        colour: colour of letters.
         anchor: point of the text that lies at `at`, in its widths and heights from the upper left; the text is moved to
             stay inside the picture.
     """

@@ -6,7 +6,7 @@ both have them. A mission that runs (rl/adapters/render.py) gives an episode of 
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple, TypeVar, overload
 
 import numpy as np
 
@@ -20,17 +20,18 @@ TRAIL_POINTS = 80  # most points of a trail
 JUMP_M = 5.0  # a trail is broken where a vehicle moves farther than its speed allows by this much
 OVERLAY_ARRAYS = ("points_n", "position_n", "size_m", "half_axes_m", "heading", "origin_n", "vector_n")
 ANGLES = ("heading",)
+Shown = TypeVar("Shown", bound=Overlay3D)
 
 
 class TeamMoment(NamedTuple):
     """One team at one moment; frames and units as in TeamTrack, without the time axis."""
 
-    track: TeamTrack  # what does not change
+    track: TeamTrack  # data that do not change
     livery: Livery
     position_n: Array  # [V, 3]
     quaternion_nb: Array  # [V, 4]
     velocity_n: Array  # [V, 3]
-    course: float  # rad, of the team
+    course: float  # course of the team, rad
     target_n: Array | None  # [3]
     slot_n: Array | None  # [V, 3]
     trail_n: Array  # [n, V, 3] past positions, oldest first; NaN where a vehicle was placed anew
@@ -42,7 +43,7 @@ class TeamMoment(NamedTuple):
 
 
 class Happened(NamedTuple):
-    """An event with its place."""
+    """An event and its position."""
 
     event: Event
     place_n: Array  # [3] m
@@ -55,10 +56,10 @@ class Moment(NamedTuple):
     time_s: float
     teams: dict[str, TeamMoment]
     scene: Scene
-    overlays: tuple[Overlay3D, ...]  # of one frame each
+    overlays: tuple[Overlay3D, ...]  # one frame each
     waves: Array | None  # [6, component] now; None: only `elevation` is known
     elevation: Callable[[Array, Array], Array]  # (north, east) -> m, up
-    events: tuple[Happened, ...]  # so far
+    events: tuple[Happened, ...]  # events up to this moment
     wind_n: Array | None  # [3] m/s, velocity of the air
 
     def finite(self) -> bool:
@@ -75,7 +76,13 @@ def moment_of(episode: Episode, time_s: float) -> Moment:
     after = min(step + 1, len(clock) - 1)
     share = (now - clock[step]) / (clock[after] - clock[step]) if after > step else 0.0
 
-    def between(array: Any) -> Any:
+    @overload
+    def between(array: Array) -> Array: ...
+    @overload
+    def between(array: None) -> None: ...
+    @overload
+    def between(array: Array | None) -> Array | None: ...
+    def between(array: Array | None) -> Array | None:
         return None if array is None else _between(array[step], array[after], share)
 
     liveries, teams = episode.liveries, {}
@@ -124,7 +131,7 @@ def _turned(one: Array, other: Array, share: float) -> Array:
 
 
 def _trail(track: TeamTrack, clock: Array, step: int, now: float, here: Array) -> Array:
-    """The last seconds of a path: fixed points, and `here` as the newest."""
+    """The last seconds of a path: fixed points, and `here` as the newest one."""
     first = int(np.searchsorted(clock, now - TRAIL_S))
     apart = max(1, -(-int(np.searchsorted(clock, clock[first] + TRAIL_S) - first) // TRAIL_POINTS))
     steps = np.arange(-(-first // apart) * apart, step + 1, apart)
@@ -137,8 +144,8 @@ def _trail(track: TeamTrack, clock: Array, step: int, now: float, here: Array) -
     return way
 
 
-def _still(overlay: Any, step: int, after: int, share: float) -> Any:
-    """One frame of an overlay."""
+def _still(overlay: Shown, step: int, after: int, share: float) -> Shown:
+    """An overlay of one frame: `overlay` between `step` and the next one."""
     found = {}
     for name in OVERLAY_ARRAYS:
         array = getattr(overlay, name, None)

@@ -4,9 +4,10 @@ Lengths are m, places in n (north-east-down); widths are px of a picture 480 px 
 """
 
 from collections.abc import Sequence
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from taichi_sim.conventions import DOWN, HORIZONTAL
 from taichi_sim.film.shapes import NO_SOLIDS, NO_STROKES, Solids, Strokes
@@ -18,13 +19,13 @@ Where = Literal["world", "map", "both", "aloft"]
 """In the 3D views, on the map, in both, in all 3D views but those that follow boats."""
 SHOWN = {"near": ("world", "both"), "far": ("world", "both", "aloft"), "map": ("map", "both")}
 """Kind of view -> what is seen there."""
-SIDES = 20  # of a cylinder
+SIDES = 20  # faces around a cylinder
 ROUND = np.linspace(0.0, 2.0 * np.pi, SIDES + 1)
-HEAD = 0.22  # length of an arrow's head, of the arrow's
+HEAD = 0.22  # length of an arrow's head over the arrow's
 
 
 class Label(NamedTuple):
-    """Words at a place."""
+    """A text at a position."""
 
     place_n: Array  # [3] m
     text: str
@@ -106,7 +107,7 @@ class Pen:
         self.solids(_in_one_colour(middle_n + radius * BALL, BALL_NORMALS, colour), where)
 
     def label(self, place_n: Array, text: str, colour: Colour, where: Where = "both") -> None:
-        """Add words at [3]."""
+        """Add a text at [3]."""
         if np.isfinite(place_n).all():
             self._labels.append((where, Label(np.asarray(place_n, dtype=np.float64), text, colour)))
 
@@ -132,7 +133,7 @@ def moved(body: Solids, position_n: Array, R_nb: Array, scale: float = 1.0) -> S
 
 
 def joined(*solids: Solids) -> Solids:
-    """Several drawings' faces as one."""
+    """Faces of several drawings as one."""
     return Solids(*_joined(solids))
 
 
@@ -140,7 +141,7 @@ def _in_one_colour(corners: Array, normals: Array, colour: Colour) -> Solids:
     return Solids(corners, normals, np.broadcast_to(np.array(colour, np.uint8), normals.shape))
 
 
-def _joined(parts: Sequence[tuple]) -> list[Any]:
+def _joined(parts: Sequence[tuple[NDArray, ...]]) -> list[NDArray]:
     return [np.concatenate(columns) for columns in zip(*parts, strict=True)]
 
 

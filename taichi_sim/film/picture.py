@@ -30,10 +30,10 @@ MAIN = 0.62  # width of the large view
 INSET, GAP = 0.3, 2  # height of a map in the corner; px between views
 FAR_PX, NEAR_PX = 36.0, 50.0  # least length of bodies in an overview, and behind aircraft, if team mates leave room
 MOST = 25.0  # greatest enlargement
-ROOM = 0.8  # greatest length of an enlarged body, in distances to the nearest team mate
+ROOM = 0.8  # greatest length of an enlarged body over the distance to the nearest team mate
 ARROW = np.array([(0.7, 0.0), (-0.5, 0.4), (-0.3, 0.0), (-0.5, -0.4), (0.7, 0.0)])
 MARK_PX = 8.0  # length of a vehicle's mark on the map
-EVENT_S = 4.0  # how long the words of an event are shown
+EVENT_S = 4.0  # time for which the text of an event is shown
 DARK = (30, 52, 70)
 
 
@@ -82,8 +82,8 @@ class Picture:
         self._cast, self._views = cast or Cast(), _arranged(moment, size, view)
 
     def paint(self, moment: Moment, note: str = "") -> Pixels:
-        """A picture [height, width, 3] with `note` beside the time. If a state is not finite, the last picture
-        again.
+        """A picture [height, width, 3] with `note` beside the time. If a state is not finite, the last picture is
+        returned again.
         """
         if not moment.finite():
             return self._last.copy()
@@ -202,7 +202,7 @@ def _scales(moment: Moment, camera: FilmCamera, view: View) -> dict[str, float]:
 
 
 def room_at_decks(moment: Moment) -> dict[str, float]:
-    """How long (m) bodies may be drawn where teams have decks: near a deck no larger than they are."""
+    """Largest length (m) of enlarged bodies in teams with decks: bodies near a deck keep their true size."""
     room: dict[str, float] = {}
     for deck, boats in moment.teams.items():
         if boats.track.deck is None:

@@ -1,13 +1,13 @@
 """A software rasteriser: draws triangles, lines and the sea's grid to pixels with a depth buffer on the CPU's cores.
 
 Everything becomes triangles on the screen (screen.py) with linearly varying colours. Triangles are sorted into bands of
-rows, and one thread fills each band, so that a picture has the same bits on any number of threads. A pixel is the mean
-of SAMPLES x SAMPLES samples. Sea and sky, whose colours change slowly, have one sample in its centre, behind those. A
-sample is 64 bits: the upper ones are the bits of 1 / distance, which increase with it; the lower ones are the number of
-the triangle. Both triangles at an edge follow it from its upper to its lower end, so that they leave no gap.
+rows, and one thread fills each band, so a picture has the same bits on any number of threads. A pixel is the mean of
+SAMPLES x SAMPLES samples. Sea and sky, whose colours change slowly, have one sample in the pixel's centre, behind the
+others. A sample is 64 bits: the upper ones are the bits of 1 / distance, which increase with it; the lower ones are the
+number of the triangle. Both triangles at an edge follow it from its upper to its lower end, so they leave no gap.
 
-Taichi compiles one kernel for all sizes of pictures. Its arrays have one axis, because access with more costs twice as
-much.
+Taichi compiles one kernel for all sizes of pictures. Its arrays have one axis, because access to arrays with more axes
+costs twice as much.
 """
 
 # Kernels are another language inside Python syntax.
@@ -41,7 +41,7 @@ from taichi_sim.film.shapes import Solids, Strokes
 from taichi_sim.film.water import COLUMNS, NO_WATER, Water
 from taichi_sim.kernels import runtime
 
-FAR_M = 3e5  # nothing farther is drawn
+FAR_M = 3e5  # largest distance that is drawn
 FLOATS, WHOLE = ti.types.ndarray(dtype=ti.f32, ndim=1), ti.types.ndarray(dtype=ti.i32, ndim=1)
 
 

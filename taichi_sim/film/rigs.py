@@ -1,6 +1,6 @@
 """Camera rigs that follow the vehicles smoothly from moment to moment.
 
-All are level, so that the horizon shows the roll. Distances in m, angles in rad.
+All rigs are level, so that the picture shows the roll of the vehicles. Distances are in m, angles in rad.
 """
 
 from typing import Protocol
@@ -12,10 +12,10 @@ from taichi_sim.film.camera import Array, FilmCamera, eye_that_holds, heading, l
 from taichi_sim.film.moment import Moment, TeamMoment
 from taichi_sim.recording.episode import COMPANY_LENGTHS
 
-FOCAL = 1.15  # picture heights
+FOCAL = 1.15  # focal length in picture heights
 SOFT_S, TURN_S = 1.5, 6.0  # time constants of positions, and of directions of view of boats
-BANK_S = 1.2  # of directions behind aircraft
-LEAP = 4.0  # in reaches of the picture: a camera that is further from its place jumps there
+BANK_S = 1.2  # time constant of directions behind aircraft
+LEAP = 4.0  # a camera farther from its place than this, over the reach of the picture, jumps there
 OVERVIEW_PITCH, FOLLOW_PITCH, CHASE_PITCH = 0.52, 0.36, 0.2
 OVERVIEW_TURN = -0.6  # direction of view relative to the first course of its team
 FILLED = 0.78  # share of the picture that the vehicles may take
@@ -53,13 +53,13 @@ class Soft:
 
 
 class FollowRig:
-    """Rig behind and above a team, near enough to show its vehicles' motion.
+    """Rig behind and above a team, close enough to show its vehicles' motion.
 
-    It sees boats from where they come from, a direction that turns slowly, and aircraft from behind.
+    It looks at boats along their course, which it follows slowly, and at aircraft from behind.
     """
 
     def __init__(self, team: str) -> None:
-        """Follow the team of that name."""
+        """Follow the team of the given name."""
         self.team = team
         self._middle, self._course, self._reach = Soft(SOFT_S), Soft(TURN_S), Soft(SOFT_S)
 
@@ -84,7 +84,7 @@ class FollowRig:
 
 
 class Overview:
-    """Rig above and far away, as near as shows every vehicle; its direction is constant."""
+    """Rig above and far away, as close as shows every vehicle. Its direction is constant."""
 
     def __init__(self, about: str) -> None:
         """`about` is the team whose first course gives the direction."""
@@ -104,7 +104,7 @@ class Overview:
                     FOCAL)  # fmt: skip
 
     def _way(self, moment: Moment) -> float:
-        """Direction from the boats to the team `about`; along its course where they are together."""
+        """Direction from the boats to the team `about`, or the course of that team if they are together."""
         about = moment.teams[self.about]
         for team in moment.teams.values():
             way = (about.position_n[0] - team.position_n.mean(axis=0))[:2]
@@ -114,7 +114,7 @@ class Overview:
 
 
 class MapRig:
-    """Rig above, north up: all vehicles and their targets."""
+    """Rig vertically above, north up, which shows all vehicles and their targets."""
 
     def __init__(self) -> None:
         """Start without a view."""

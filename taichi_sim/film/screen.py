@@ -17,9 +17,9 @@ from taichi_sim.film.camera import Array, FilmCamera
 from taichi_sim.film.shapes import Solids, Strokes
 from taichi_sim.film.water import COLUMNS
 
-SAMPLES = 2  # along each side of a pixel
+SAMPLES = 2  # samples along each side of a pixel
 BAND = 16  # rows of samples that one thread fills
-NEAR_M = 0.25  # nothing nearer is drawn
+NEAR_M = 0.25  # smallest distance that is drawn
 SOLID, STROKE, CORNER = 15, 11, 6  # numbers for a painted triangle, a stroke, and a point of the sea
 SCREEN = 20
 """Numbers of a triangle on the screen: x, y (samples), 1 / distance of its corners from above; slopes of 1 / distance
@@ -186,20 +186,20 @@ def settle(screen: ti.template(), bands: ti.template(), flat: ti.template(), t, 
 
 
 def numbers(camera: FilmCamera, wide: int, high: int) -> NDArray[np.float32]:
-    """[14] axes, focal length and middle in samples, height of the eye (m), distance of haze (m)."""
+    """Camera as numbers [14]: axes, focal length and middle in samples, height of the eye (m), distance of haze (m)."""
     high, wide = SAMPLES * high, SAMPLES * wide
     inner = (camera.focal * high, 0.5 * wide, 0.5 * high, -camera.eye_n[2], camera.haze_m)
     return np.concatenate([camera.axes.ravel(), inner]).astype(np.float32)
 
 
 def solid_numbers(solids: Solids, eye_n: Array) -> NDArray[np.float32]:
-    """[F * SOLID] corners from the eye (m), colour, normal."""
+    """Solids as numbers [F * SOLID]: corners from the eye (m), colour, normal."""
     corners = (solids.corners_n - eye_n).reshape(-1, 9)
     return np.concatenate([corners, solids.colours / 255.0, solids.normals_n], axis=1).astype(np.float32).ravel()
 
 
 def stroke_numbers(strokes: Strokes, eye_n: Array) -> NDArray[np.float32]:
-    """[S * STROKE] ends from the eye (m), colour, half the width (samples), lift (m)."""
+    """Strokes as numbers [S * STROKE]: ends from the eye (m), colour, half the width (samples), lift (m)."""
     ends = (strokes.ends_n - eye_n).reshape(-1, 6)
     half = 0.5 * SAMPLES * strokes.width_px
     parts = (ends, strokes.colours / 255.0, half[:, None], strokes.lift_m[:, None])

@@ -15,11 +15,11 @@ from taichi_sim.recording.sea_light import CREST, DEEP, FOAM, HAZE, SUN_ENU
 
 SUN_NED = vec3(SUN_ENU[1], SUN_ENU[0], -SUN_ENU[2])  # towards the sun
 HORIZON, ZENITH = vec3(*(HAZE / 255.0)), vec3(0.30, 0.50, 0.74)
-WARM = vec3(1.0, 0.95, 0.82)  # of sunlight
+WARM = vec3(1.0, 0.95, 0.82)  # colour of sunlight
 ABYSS, SHALLOW, WHITE = (vec3(*(colour / 255.0)) for colour in (DEEP, CREST, FOAM))
 F0 = 0.02  # reflectance of water at normal incidence
 SHINE = 7  # doublings: the exponent of the sun's glitter is 2 ** SHINE
-FOAM_FROM = 0.9  # of a tall crest's height
+FOAM_FROM = 0.9  # height over that of a tall crest, above which there is foam
 
 
 @ti.func
@@ -34,7 +34,7 @@ def sky(ray: vec3):
 
 @ti.func
 def hazy(colour: vec3, distance, half):
-    """`colour` seen through haze at `distance`; at the distance `half`, m, half of the light is the haze's."""
+    """`colour` seen through haze at `distance` (m); at the distance `half` (m) the haze gives half of the light."""
     far = distance * distance
     return ti.math.mix(colour, HORIZON, far / (far + half * half))
 
@@ -48,7 +48,7 @@ def water(ray: vec3, normal: vec3, rough, height):
     g2 = graze * graze
     mirror = F0 + (1.0 - F0) * g2 * g2 * graze
     bounced = ray + 2.0 * ti.max(-ray.dot(normal), 0.0) * normal
-    bounced.z = -ti.sqrt(bounced.z * bounced.z + 0.5 * rough)  # rough water mirrors higher sky
+    bounced.z = -ti.sqrt(bounced.z * bounced.z + 0.5 * rough)  # rough water mirrors the sky at a higher elevation
     bounced = bounced.normalized()
     glitter = ti.max(bounced.dot(SUN_NED), 0.0)
     for _ in ti.static(range(SHINE)):

@@ -2,8 +2,8 @@
 
 A grid point labels a particle on the mean level, where a pixel's ray meets it. Gerstner waves (taichi_sim/sea/waves.py)
 move it from there, so that nothing needs inversion. Waves that are too short for the spacing of neighbouring points are
-left out: below about four points a wave, a component fades and adds to `rough`, the mean square slope of all that is
-left out. Everything is relative to the eye, and phases at the eye are computed in f64.
+left out: below about four points per wave, a component fades and adds to `rough`, the mean square slope of everything
+left out. Positions are relative to the eye; phases at the eye are computed in f64.
 """
 
 # Kernels are another language inside Python syntax.
@@ -21,9 +21,9 @@ from taichi_sim.film.camera import Array, FilmCamera
 from taichi_sim.film.moment import Moment
 from taichi_sim.kernels import fast
 
-CELL_PX = (5.0, 4.0)  # across and down
+CELL_PX = (5.0, 4.0)  # spacing across and down, px
 FARTHEST_M = 12000.0
-RESOLVED, GONE = 1.1, 2.2  # rad of phase between points: a wave below is whole, one above left out
+RESOLVED, GONE = 1.1, 2.2  # rad of phase between points, below which a wave is whole, and above which it is left out
 POINT, NORMAL, CREST = slice(0, 3), slice(3, 6), 7  # columns of a point
 COLUMNS = 8  # of a point: position 3 (m from the eye, n), normal 3, rough, height over that of a tall crest
 MARGIN_PX = 2.0
@@ -148,7 +148,7 @@ def _rows(camera: FilmCamera, high: int, height: float, crest: float) -> Array:
     steep = forward[2] + low / focal * down[2]  # sine, times the ray's length, of the lowest ray
     if steep <= 0.0:
         return np.zeros(0)
-    t = max(height - 1.5 * crest, 0.3 * height) / steep  # where it meets a crest
+    t = max(height - 1.5 * crest, 0.3 * height) / steep  # where the ray meets a crest
     under = t * (forward + low / focal * down) + np.array([0.0, 0.0, height - t * steep])
     low = max(low, focal * float(under @ down) / max(float(under @ forward), 1e-3)) + MARGIN_PX
     return np.linspace(top, low, max(int(np.ceil((low - top) / CELL_PX[1])) + 1, 2))

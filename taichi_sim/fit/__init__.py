@@ -1,1 +1,1 @@
-"""Numbers of a vehicle file from logs of its motion (docs/fit.md)."""
+"""Estimates numbers of a vehicle file from logs of its motion (docs/fit.md)."""

@@ -1,13 +1,14 @@
-"""Numbers of a vehicle by simulation error: least squares over windows of logs, all simulated side by side.
+"""Estimates numbers of a vehicle by simulation error: least squares over windows of logs, all simulated side by side.
 
-A window begins with a state of its own (position, heading, u, v, r), which is estimated too, as are the current and the
-biases of compass and gyro of each log. Numbers are theta_k = theta0_k exp(phi_k), phi_k ~ N(0, prior_k) beforehand. The
-cost is the sum of squares of residuals over their standard deviations (Huber's weights beyond OUTLIER), plus those of
-the priors. Gauss-Newton with Levenberg's damping; derivatives are differences, simulated in the same batch. What
-belongs to a log alone is eliminated log by log (Schur complement). Short windows come first, for a bad first guess.
+Estimated are the numbers, the initial state of each window (position, heading, u, v, r), and for each log the current
+and the biases of compass and gyro. The numbers are theta_k = theta0_k exp(phi_k), with the prior phi_k ~ N(0, prior_k).
+The cost is the sum of squares of residuals over their standard deviations (Huber's weights beyond OUTLIER), plus those
+of the priors. The search is Gauss-Newton with Levenberg's damping; derivatives are differences, simulated in the same
+batch. Unknowns of a single log are eliminated log by log (Schur complement). Short windows come first, because the
+first guess may be bad.
 
-The intervals are those of the linearised posterior (Fisher information and priors): they hold for white errors of
-measurement, and a model that is right.
+The intervals are those of the linearised posterior (Fisher information and priors): they hold for white measurement
+errors and a correct model.
 """
 
 from collections.abc import Mapping, Sequence
@@ -25,30 +26,30 @@ from taichi_sim.usv.vessel import Vessel
 from taichi_sim.vehicles import load_vehicle
 
 Array = NDArray[np.float64]
-LEAD = 1.0  # s before a window, in which its actuators are brought to where the commands have them
-STEP = 0.02  # s, the longest physics step
-OUTLIER = 2.5  # standard deviations
+LEAD = 1.0  # s before a window, in which its actuators reach the commanded settings
+STEP = 0.02  # s, longest physics step
+OUTLIER = 2.5  # standard deviations beyond which a residual has less weight
 ITERATIONS = 60
-STATE_ROUNDS = 8  # of the search for first states alone, for each of
-GROWING = (0.2, 0.5, 1.0)  # parts of a window
-SHORT = 0.5  # of a window: length of those that come first
-LEAST = 10  # samples, least of them
-ENOUGH, ROUGHLY = 1e-5, 1e-3  # change of the cost, relative, that ends the search; that over short windows
-DAMPING = 10.0  # of the first step, over the precision of the priors
-OF_STATES = 1e-4  # the same of states, currents and biases, over their own precision
-LONGEST = 0.3  # change of a number's logarithm in a step
-DELTA = 1e-4  # of differences: of phi, and of states in m, rad, m/s, rad/s
+STATE_ROUNDS = 8  # iterations of the search for initial states alone, for each of GROWING
+GROWING = (0.2, 0.5, 1.0)  # fitted fractions of a window
+SHORT = 0.5  # length of the windows that are fitted first, over the full length
+LEAST = 10  # least number of samples in a window
+ENOUGH, ROUGHLY = 1e-5, 1e-3  # relative change of the cost that ends the search: over full windows, over short ones
+DAMPING = 10.0  # damping of the first step over the precision of the priors
+OF_STATES = 1e-4  # damping of states, currents and biases over their own precision
+LONGEST = 0.3  # largest change of a number's logarithm in a step
+DELTA = 1e-4  # step of differences: phi, and states in m, rad, m/s, rad/s
 STATES = ("north", "east", "heading", "u", "v", "r")
 OF_LOG = ("current_north", "current_east", "heading_bias", "yaw_rate_bias")
-LOG_PRIOR = np.array([1.0, 1.0, np.radians(3.0), np.radians(1.0)])  # their standard deviations before: m/s, rad, rad/s
-SIGMA = np.array([0.5, 0.5, np.radians(1.0), np.radians(1.0)])  # of the four channels, to begin with
-KNOWN = 0.7  # of a number's prior deviation: with more than that left, the data do not tell it
-ODD = 4.0  # normal deviations, from which on a log asks for other numbers than the rest
+LOG_PRIOR = np.array([1.0, 1.0, np.radians(3.0), np.radians(1.0)])  # their prior standard deviations: m/s, rad, rad/s
+SIGMA = np.array([0.5, 0.5, np.radians(1.0), np.radians(1.0)])  # initial deviations of the four channels
+KNOWN = 0.7  # a number is determined by the data if its deviation is below this fraction of the prior's
+ODD = 4.0  # standard deviations from which a log counts as inconsistent with the others
 HELD_OUT = 5  # every fifth window is not fitted
 
 
 class Window(NamedTuple):
-    """A part of a log, on the grid of steps, and what lies before it."""
+    """A part of a log on the grid of steps, with LEAD before it."""
 
     log: int
     motion: Array  # [lead + step + 1, 4]
@@ -68,26 +69,26 @@ class Track(NamedTuple):
 
 
 class Fit(NamedTuple):
-    """What was found."""
+    """Result of a fit."""
 
     keys: tuple[str, ...]
-    nominal: Array  # of the vehicle file
+    nominal: Array  # numbers of the vehicle file
     values: Array
-    low: Array  # 95 % intervals
+    low: Array  # bounds of the 95 % intervals
     high: Array
-    told: NDArray[np.bool_]  # whether the data tell the number, rather than the prior
+    told: NDArray[np.bool_]  # whether the data determine the number, rather than the prior
     correlation: Array  # [number, number]
-    sigma: Array  # of the residuals, by channel: m, m, rad, rad/s
+    sigma: Array  # deviation of the residuals by channel: m, m, rad, rad/s
     currents: Array  # [log, 2] m/s
-    before: float  # rms of the weighted residuals of the held-out windows by the file's numbers
-    after: float  # by the fitted ones
+    before: float  # rms of the weighted residuals of the held-out windows with the file's numbers
+    after: float  # the same with the fitted numbers
     iterations: int
-    odd: dict[int, Array]  # logs that ask for other numbers than the rest, and by how much, change of the logarithm
+    odd: dict[int, Array]  # inconsistent logs -> changes of the logarithms that they would make
     tracks: list[Track]
 
 
 def windows_of(logs: Sequence[Log], seconds: float) -> list[Window]:
-    """Windows of `seconds`, one after the other, of each part of each log.
+    """Consecutive windows of `seconds` in each part of each log.
 
     Raises:
         LogError: if there is none, or logs differ in their interval.
@@ -104,7 +105,7 @@ def windows_of(logs: Sequence[Log], seconds: float) -> list[Window]:
             motion = np.stack([np.interp(grid, t, column) for column in log.motion[part].T], axis=1)
             held = np.clip(np.searchsorted(t, grid + 1e-6 * first, side="right") - 1, 0, len(t) - 1)
             actions = log.actions[part][held]
-            for k in range(lead, len(grid) - steps, steps + 1):  # no sample counts twice
+            for k in range(lead, len(grid) - steps, steps + 1):  # no sample is used twice
                 found.append(Window(number, motion[k - lead : k + steps + 1], actions[k - lead : k + steps]))
     if not found:
         raise LogError(f"no log has {seconds:g} s without a gap: give a shorter --window")
@@ -112,12 +113,12 @@ def windows_of(logs: Sequence[Log], seconds: float) -> list[Window]:
 
 
 def lead_steps(interval: float) -> int:
-    """Steps of LEAD."""
+    """Number of steps of `interval` (s) in LEAD."""
     return max(round(LEAD / interval), 1)
 
 
 def _cut(windows: Sequence[Window], lead: int, steps: int) -> list[Window]:
-    """Windows of so many steps each, out of longer ones."""
+    """Windows of `steps` steps each, cut from longer ones."""
     return [
         Window(w.log, w.motion[k : k + lead + steps + 1], w.actions[k : k + lead + steps])
         for w in windows
@@ -126,7 +127,7 @@ def _cut(windows: Sequence[Window], lead: int, steps: int) -> list[Window]:
 
 
 def first_state(window: Window, interval: float) -> Array:
-    """North, east, heading, u, v, r at the begin, from parabolas through a second before and after it."""
+    """Initial north, east, heading, u, v, r, from parabolas through a second of data before and after the beginning."""
     lead = lead_steps(interval)
     t = interval * np.arange(-lead, lead + 1)
     _, (vn, ve, _, _), (north, east, psi, r) = np.polyfit(t, window.motion[: len(t)], 2)
@@ -134,11 +135,11 @@ def first_state(window: Window, interval: float) -> Array:
     return np.array([north, east, psi, c * vn + s * ve, c * ve - s * vn, r])
 
 
-class Simulator:
-    """Windows under candidate numbers, currents and first states, side by side."""
+class WindowSimulator:
+    """Simulates windows side by side, with candidate numbers, currents and initial states."""
 
     def __init__(self, vehicle: str, keys: Sequence[str], interval: float, changes: Mapping | None = None):
-        """Of a vehicle file, whose `keys` vary.
+        """Load a vehicle file whose `keys` vary.
 
         Raises:
             ConfigError: for a vehicle that is no vessel, or a key that does not vary.
@@ -153,13 +154,16 @@ class Simulator:
                 raise ConfigError(f"{vehicle}: {key} is 0 in the file: write a first guess there")
         self.model, self.keys, self.interval = model, tuple(keys), interval
         self.nominal = np.array([model.nominal[key] for key in keys])
-        self.benches: dict[int, Bench] = {}  # by the number of environments
+        self.benches: dict[int, Bench] = {}  # number of environments -> bench
 
     def run(self, windows: Sequence[Window], phi: Array, current: Array, state: Array) -> Array:
-        """[step + 1, env, 4] north, east, heading, yaw rate.
+        """Simulated north, east (m), heading (rad), yaw rate (rad/s) [step + 1, env, 4].
 
         Args:
-            windows: of each environment. phi: [env, number]. current: [env, 2]. state: [env, 6].
+            windows: the window of each environment.
+            phi: logarithms of the factors of the numbers, [env, number].
+            current: [env, 2], m/s.
+            state: initial states, [env, 6].
         """
         envs = len(windows)
         if envs not in self.benches:
@@ -206,15 +210,15 @@ def _read(b: Bench, near: Array) -> Array:
 
 
 class _Problem:
-    """Residuals and their derivatives of some windows."""
+    """Residuals of some windows and their derivatives."""
 
-    def __init__(self, simulator: Simulator, windows: Sequence[Window], logs: int):
+    def __init__(self, simulator: WindowSimulator, windows: Sequence[Window], logs: int):
         self.simulator, self.windows, self.logs = simulator, list(windows), logs
         self.measured = np.stack([w.motion[lead_steps(simulator.interval) :] for w in windows])  # [window, step + 1, 4]
         self.of = np.array([w.log for w in windows])
 
     def residuals(self, phi: Array, extra: Array, state: Array) -> Array:
-        """Measured less simulated [window, sample, 4]."""
+        """Residuals, measured minus simulated, [window, sample, 4]."""
         w = len(self.windows)
         found = self.simulator.run(self.windows, np.tile(phi, (w, 1)), extra[self.of, :2], state)
         return self._left(np.moveaxis(found, 1, 0), extra)
@@ -255,20 +259,20 @@ def _weights(scaled: Array) -> Array:
 
 
 def _huber(left: Array, sigma: Array) -> Array:
-    """Cost of each residual."""
+    """Huber's cost of each residual."""
     x = np.abs(left / sigma)
     least = np.minimum(x, OUTLIER)
     return least * (x - 0.5 * least)
 
 
 def _cost(left: Array, sigma: Array, phi: Array, prior: Array, extra: Array) -> float:
-    """Huber's, and the priors'."""
+    """Total cost of residuals and priors."""
     of_priors = ((phi / prior) ** 2).sum() + ((extra / LOG_PRIOR) ** 2).sum()
     return float(_huber(left, sigma).sum() + 0.5 * of_priors)
 
 
 class _Point(NamedTuple):
-    """Where the search is."""
+    """A point of the search."""
 
     phi: Array
     extra: Array  # [log, 4]
@@ -278,16 +282,16 @@ class _Point(NamedTuple):
 
 
 class _Normal(NamedTuple):
-    """Normal equations at a point: of the numbers, what belongs to logs eliminated."""
+    """Normal equations of the numbers at a point; unknowns of single logs are eliminated."""
 
     S: Array  # [number, number]
     g: Array  # [number]
-    blocks: list  # of each log: its number, its windows, B, C, b
-    of_log: dict[int, tuple[Array, Array]]  # of each log alone, without priors: S, g
+    blocks: list  # for each log: its number, its windows, B, C, b
+    of_log: dict[int, tuple[Array, Array]]  # S and g of each log alone, without priors
 
 
 def _normal(problem: _Problem, point: _Point, prior: Array, sigma: Array, damping: float = 0.0) -> _Normal:
-    """Of the residuals and derivatives at a point."""
+    """Normal equations from the residuals and derivatives at a point."""
     p = len(point.phi)
     scaled = point.left / sigma
     weight = _weights(scaled)
@@ -318,10 +322,10 @@ def _normal(problem: _Problem, point: _Point, prior: Array, sigma: Array, dampin
 
 
 def _odd(normal: _Normal, prior: Array) -> dict[int, Array]:
-    """Logs that ask for other numbers than all of them do, and by how much: changes of the logarithms.
+    """Logs that would change the numbers significantly: log -> changes of the logarithms of the numbers.
 
-    Of one boat, each log's part of the gradient at the best point has the covariance S of that log: the score test
-    (Rao 1948), whose statistic is chi-squared with a degree for each number.
+    If all logs are of one boat, each log's part of the gradient at the best point has the covariance S of that log.
+    This is the score test (Rao 1948); its statistic is chi-squared with one degree of freedom per number.
     """
     p, found = len(prior), {}
     limit = p * (1 - 2 / (9 * p) + ODD * np.sqrt(2 / (9 * p))) ** 3  # Wilson & Hilferty (1931)
@@ -335,7 +339,7 @@ def _odd(normal: _Normal, prior: Array) -> dict[int, Array]:
 def _solve(
     problem: _Problem, phi: Array, extra: Array, state: Array, prior: Array, sigma: Array, enough: float = ENOUGH
 ):  # fmt: skip
-    """The best point, the deviations of the residuals there, and how often normal equations were solved.
+    """The best point, the deviations of the residuals there, and how often the normal equations were solved.
 
     A change of the cost below `enough` ends the search.
     """
@@ -365,9 +369,10 @@ def _solve(
 
 
 def _first_states(problem: _Problem, phi: Array, extra: Array, state: Array, sigma: Array) -> _Point:
-    """Where only the first states of windows are estimated, each window by itself.
+    """The best point for the initial states of windows alone, each window by itself.
 
-    The begin of a window comes first: over all of it, a vessel that is unstable on its course turns to either side.
+    The beginning of a window is fitted first, because over all of it a vessel that is unstable on its course may turn
+    to either side.
     """
     samples = problem.measured.shape[1]
     for share in GROWING:
@@ -382,7 +387,7 @@ def _first_states(problem: _Problem, phi: Array, extra: Array, state: Array, sig
             trial = point.state + np.linalg.solve(H, np.einsum("wni,wn->wi", J, r)[..., None])[..., 0]
             left = problem.residuals(phi, extra, trial)
             gain = (_huber(point.left, sigma) - _huber(left, sigma))[:, :n].sum(axis=(1, 2))
-            better = gain > 0  # not of what is not finite
+            better = gain > 0  # False if not finite
             damping = np.clip(damping * np.where(better, 0.1, 10.0), 1e-9, 1e9)
             point = problem.point(phi, extra, np.where(better[:, None], trial, point.state))
             if np.where(better, gain < ENOUGH * left[0].size, damping > 1e6).all():
@@ -399,19 +404,23 @@ def fit(
     seconds: float = 6.0,
     changes: Mapping | None = None,
 ) -> Fit:
-    """Numbers from logs.
+    """Fit numbers of a vehicle file to logs.
 
     Args:
-        vehicle: a file or a name, which holds the first guess. logs: read by `read_log`. priors: key -> standard
-            deviation of its logarithm beforehand. seconds: length of a window.
+        vehicle: a file or a name, which holds the first guess.
+        logs: logs from `read_log`.
+        priors: key -> prior standard deviation of the number's logarithm.
+        seconds: length of a window.
+        changes: changed keys of the vehicle file (load_vehicle).
 
     Raises:
-        ConfigError: for a vehicle or a key that cannot be fitted. LogError: for logs that hold too little.
+        ConfigError: for a vehicle or a key that cannot be fitted.
+        LogError: for logs with too few data.
     """
     if runtime.current().precision != "f64":
         raise ConfigError("a fit needs double precision: runtime.init(precision='f64')")
     keys, prior = tuple(priors), np.array(list(priors.values()))
-    simulator = Simulator(vehicle, keys, logs[0].interval, changes)
+    simulator = WindowSimulator(vehicle, keys, logs[0].interval, changes)
     windows = windows_of(logs, seconds)
     held = [w for k, w in enumerate(windows) if len(windows) >= HELD_OUT and k % HELD_OUT == HELD_OUT - 1]
     used = [w for k, w in enumerate(windows) if not (len(windows) >= HELD_OUT and k % HELD_OUT == HELD_OUT - 1)]
@@ -428,7 +437,9 @@ def fit(
     problem, each = _Problem(simulator, used, len(logs)), len(short) // len(used)
     point, sigma, more = _solve(problem, point.phi, point.extra, point.state[::each], prior, sigma)
     normal = _normal(problem, point, prior, sigma)
-    if _odd(normal, prior):  # a first state in a minimum of its own looks so, too: begin each anew, keep the better one
+    if _odd(
+        normal, prior
+    ):  # a local minimum of an initial state looks like this too: fit each again, keep the better one
         begin = np.array([first_state(w, interval) for w in used])
         anew = _first_states(problem, point.phi, point.extra, begin, sigma)
         cost, cost_anew = (_huber(x.left, sigma).sum(axis=(1, 2)) for x in (point, anew))
@@ -436,7 +447,7 @@ def fit(
         point, sigma, again = _solve(problem, point.phi, point.extra, state, prior, sigma)
         normal, more = _normal(problem, point, prior, sigma), more + again
     phi, extra = point.phi, point.extra
-    covariance = np.linalg.inv(normal.S) * samples / (samples - unknown)  # sigma is that of what is left of the noise
+    covariance = np.linalg.inv(normal.S) * samples / (samples - unknown)  # sigma is that of the residuals, not of noise
     deviation, nominal = np.sqrt(np.diag(covariance)), simulator.nominal
     values = nominal * np.exp(phi)
     ends = np.sort(nominal * np.exp(phi + 1.96 * np.array([[-1.0], [1.0]]) * deviation), axis=0)
@@ -444,7 +455,7 @@ def fit(
     tracks = [Track(w.log, m, m - left, None) for w, m, left in zip(used, problem.measured, point.left, strict=True)]
     if held := [
         w for w in held if w.log in {u.log for u in used}
-    ]:  # the current and the biases of a log are known then
+    ]:  # the current and the biases of a log are known by now
         other = _Problem(simulator, held, len(logs))
         begin = np.array([first_state(w, interval) for w in held])
         left = [_first_states(other, numbers, extra, begin, sigma).left for numbers in (np.zeros(len(keys)), phi)]

@@ -1,7 +1,8 @@
-"""Logs of a vessel's motion: CSV with named columns, checked for what commonly is wrong with logs.
+"""Logs of a vessel's motion: CSV with named columns, checked for common mistakes.
 
 Columns: t (s); north, east (m); heading (rad, clockwise from north) or heading_deg; yaw_rate (rad/s, bow to starboard)
-or yaw_rate_deg; each action of the vehicle by its name, -1 to 1, as commanded from that time on. Others are not read.
+or yaw_rate_deg; each action of the vehicle by its name, -1 to 1, as commanded from that time on. Other columns are
+ignored.
 """
 
 import csv
@@ -16,17 +17,15 @@ from taichi_sim.config import ConfigError
 from taichi_sim.vehicle import Vehicle
 
 Array = NDArray[np.float64]
-GAP = 3.5  # over the usual interval, from where on a log is in two parts
+GAP = 3.5  # interval over the usual one, from which a gap divides the log into two parts
 FASTEST, SLOWEST = 1e-3, 2.0  # s, intervals between samples
-SMALL, LARGE = 1 / 40, 40.0  # ratio of two rates that should be one, from which on one of them is in degrees
-COURSE_OVER = 2.0  # s, over which a course is taken
-MOVES = 0.3  # m/s, below which a course is not compared with a heading
-ENOUGH = 20  # samples that a course and a heading are compared by
-CLEAR, CLEARER = (
-    0.8,
-    0.3,
-)  # length of the mean direction, over 1, from which on two angles go together; more than others
-ASIDE = np.radians([50.0, 130.0])  # of a course from the heading, which no current or turn makes of a whole log
+SMALL, LARGE = 1 / 40, 40.0  # ratios of two rates that should agree, beyond which one of them is in degrees
+COURSE_OVER = 2.0  # s, time over which a course is computed
+MOVES = 0.3  # m/s, least speed for comparing a course with a heading
+ENOUGH = 20  # least number of samples for comparing a course with a heading
+# Two angles agree if the mean direction of their difference has the length CLEAR, and CLEARER more than another pair.
+CLEAR, CLEARER = 0.8, 0.3
+ASIDE = np.radians([50.0, 130.0])  # angles from heading to course that no current or turn keeps up over a whole log
 
 
 class LogError(ConfigError):
@@ -40,12 +39,12 @@ class Log(NamedTuple):
     t: Array  # s
     motion: Array  # [sample, 4]: north, east (m), heading (rad, unwrapped), yaw rate (rad/s)
     actions: Array  # [sample, action], held from each sample on
-    parts: tuple[slice, ...]  # without gaps
+    parts: tuple[slice, ...]  # ranges without gaps
     digest: str  # sha256 of the file
 
     @property
     def interval(self) -> float:
-        """Between samples, s."""
+        """Interval between samples, s."""
         return float(np.median(np.diff(self.t)))
 
 
@@ -53,11 +52,11 @@ CHANNELS = ("north", "east", "heading", "yaw_rate")
 
 
 def read_log(file: Path, model: Vehicle) -> Log:
-    """A log for `model`.
+    """Read a log for `model`.
 
     Raises:
-        LogError: for a file that is not a log, NaN, times that run back, angles in degrees, other frames, and actions
-            out of their range.
+        LogError: for a file that is not a log, NaN, decreasing times, angles in degrees, other frames, or actions out
+            of range.
     """
     try:
         raw = file.read_bytes()
@@ -112,7 +111,7 @@ def _column(file: Path, header: list[str], rows: list[list[str]], name: str) -> 
 
 
 def _check_angles(file: Path, t: Array, motion: Array, parts: tuple[slice, ...]) -> None:
-    """Course against heading, as it is read: they show degrees and other frames."""
+    """Compare heading with course over ground, to find degrees and other frames."""
     headings, courses = [np.zeros(0)], [np.zeros(0)]
     for part in parts:
         n, e, psi, _ = motion[part].T
@@ -143,7 +142,7 @@ def _check_angles(file: Path, t: Array, motion: Array, parts: tuple[slice, ...])
 
 
 def _check_rates(file: Path, t: Array, motion: Array, parts: tuple[slice, ...]) -> None:
-    """Heading, unwrapped, against yaw rate: they show degrees, and signs."""
+    """Compare the unwrapped heading with the yaw rate, to find degrees and wrong signs."""
     whole = [part for part in parts if part.stop - part.start >= 5]
     turning = np.concatenate([np.zeros(0), *(np.gradient(motion[part, 2], t[part]) for part in whole)])
     r = np.concatenate([np.zeros(0), *(motion[part, 3] for part in whole)])

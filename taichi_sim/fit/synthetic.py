@@ -1,4 +1,4 @@
-"""Logs of a vessel whose numbers are known, to test a fit: random commands, an unknown current, instrument errors."""
+"""Synthetic logs of a vessel with known numbers, for testing a fit: random commands, a current, instrument errors."""
 
 import csv
 from collections.abc import Mapping
@@ -6,20 +6,20 @@ from pathlib import Path
 
 import numpy as np
 
-from taichi_sim.fit.estimate import Simulator, Window, lead_steps
+from taichi_sim.fit.estimate import Window, WindowSimulator, lead_steps
 
 INTERVAL = 0.1  # s
-HELD = (2.0, 6.0)  # for which a command is held, s
-NOISE = np.array([0.1, 0.1, np.radians(0.5), np.radians(0.2)])  # of GNSS (m), compass and gyro (rad, rad/s); assumed
-BIAS = np.radians([1.0, 0.1])  # of compass and gyro, standard deviations; assumed
-CURRENT = 0.3  # m/s, the most; assumed
+HELD = (2.0, 6.0)  # s, range of times for which a command is held
+NOISE = np.array([0.1, 0.1, np.radians(0.5), np.radians(0.2)])  # GNSS (m), compass and gyro (rad, rad/s); assumed
+BIAS = np.radians([1.0, 0.1])  # standard deviations of the biases of compass and gyro; assumed
+CURRENT = 0.3  # m/s, largest current; assumed
 
 
 def write_logs(
     vehicle: str, factors: Mapping[str, float], folder: Path, *, count: int = 10, seconds: float = 60.0, seed: int = 0
 ) -> list[Path]:
-    """`count` logs of a vehicle file whose numbers are multiplied by `factors`."""
-    rng, simulator = np.random.default_rng(seed), Simulator(vehicle, tuple(factors), INTERVAL)
+    """Write `count` logs of a vehicle file whose numbers are multiplied by `factors`; return their paths."""
+    rng, simulator = np.random.default_rng(seed), WindowSimulator(vehicle, tuple(factors), INTERVAL)
     names, steps, lead = simulator.model.action_names, round(seconds / INTERVAL), lead_steps(INTERVAL)
     windows = []
     for log in range(count):

@@ -1,1 +1,1 @@
-"""Plots and HTML pages: one style."""
+"""The style of plots and HTML pages."""

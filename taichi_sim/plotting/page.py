@@ -1,4 +1,4 @@
-"""A page of HTML: its pieces, and figures as SVG inside it, in the page's own ink so that they are read on dark too."""
+"""Building blocks of an HTML page. Figures are SVG in the page's own text colour, so that dark pages can show them."""
 
 import base64
 import html
@@ -49,27 +49,27 @@ svg, img { max-width: 100%; height: auto; display: block; margin: .4rem 0 }
 
 
 def text(words: object) -> str:
-    """Words, safe inside HTML."""
+    """`words`, escaped for HTML."""
     return html.escape(str(words))
 
 
 def section(title: str, *parts: str) -> str:
-    """A part of the page under a heading."""
+    """A part of the page, under a heading."""
     return f"<section><h2>{text(title)}</h2>\n" + "\n".join(part for part in parts if part) + "</section>\n"
 
 
 def paragraph(words: str, kind: str = "") -> str:
-    """Words as they stand, a `kind` of paragraph."""
+    """A paragraph of the class `kind`; `words` are HTML."""
     return f'<p class="{kind}">{text(words)}</p>' if kind else f"<p>{text(words)}</p>"
 
 
 def missing(what: str, command: str) -> str:
-    """What is not there, and how to make it."""
+    """A note that `what` is missing, with the command that makes it."""
     return f'<p class="missing">{text(what)} <code>{text(command)}</code></p>'
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]], numbers: bool = True) -> str:
-    """A table of cells that are HTML already; all but the first column are `numbers`."""
+    """A table of HTML cells; all columns but the first have the class `numbers`."""
     kind = ' class="n"' if numbers else ""
     top = "".join(f"<th>{text(name)}</th>" for name in head)
     body = "".join(
@@ -80,38 +80,38 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]], numbers: bool = Tr
 
 
 def folded(title: str, content: str) -> str:
-    """Something that is opened by a click."""
+    """Content that opens at a click."""
     return f"<details><summary>{text(title)}</summary>\n{content}</details>"
 
 
 def beside(*parts: str) -> str:
-    """Parts next to each other where there is room."""
+    """Parts side by side if there is room."""
     return '<div class="beside">' + "".join(f"<div>{part}</div>" for part in parts) + "</div>"
 
 
 @contextmanager
 def style():
-    """Inside, figures are drawn in the style of the page."""
+    """Draw figures in the style of the page inside this context."""
     with matplotlib.rc_context(STYLE):  # pyright: ignore[reportArgumentType]
         yield
 
 
 def blank(width: float, height: float) -> Figure:
-    """A figure without ground, in inches."""
+    """A transparent figure; width and height in inches."""
     figure = new_figure(width, height, "")
     figure.set_facecolor("none")
     return figure
 
 
 def panel(axes: Axes, title: str, x: str, y: str) -> None:
-    """The house's dress, with a grid that is seen on any ground."""
+    """Set title, labels and a grid that is visible on any background."""
     dress(axes, title, x, y)
     axes.title.set_fontsize(9)
     axes.grid(True, color=FAINT, linewidth=0.5, alpha=0.35)
 
 
 def svg(figure: Figure, name: str) -> str:
-    """A figure as an element of the page; `name` is read aloud in its place."""
+    """A figure as an SVG element; screen readers read `name` in its place."""
     file = io.StringIO()
     figure.savefig(file, format="svg", metadata={"Date": None}, facecolor="none")
     drawn = file.getvalue()
@@ -123,19 +123,19 @@ def svg(figure: Figure, name: str) -> str:
 
 
 def photograph(file: Path) -> str:
-    """A picture out of a file, inside the page."""
+    """A picture file as an element inside the page."""
     kind = file.suffix.removeprefix(".").lower()
     inside = base64.b64encode(file.read_bytes()).decode("ascii")
     return f'<img alt="moments of an episode" src="data:image/{kind};base64,{inside}">'
 
 
 def _shorter(attribute: re.Match[str]) -> str:
-    """An attribute to a hundredth of a point."""
+    """A coordinate attribute, rounded to a hundredth of a point."""
     return re.sub(r"(\d+\.\d\d)\d+", r"\1", attribute[0])
 
 
 def page(title: str, lead: str, sections: Iterable[str]) -> str:
-    """The whole page."""
+    """The whole page as HTML."""
     return (
         f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{text(title)}</title>\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'

@@ -1,4 +1,4 @@
-"""The style of plots: page, axes, colours (those of a recording)."""
+"""The style of plots: size, axes, and the colours of recordings."""
 
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -8,7 +8,7 @@ INK = "#22313F"
 
 
 def new_figure(width: float, height: float, title: str) -> Figure:
-    """A white page, in inches, drawn by Agg whatever the display."""
+    """A white figure with a title, drawn by Agg, so that no display is needed; width and height in inches."""
     figure = Figure(figsize=(width, height), layout="constrained", facecolor="white")
     FigureCanvasAgg(figure)
     figure.suptitle(title, fontsize=13, fontweight="bold", color=INK)
@@ -16,13 +16,13 @@ def new_figure(width: float, height: float, title: str) -> Figure:
 
 
 def rgb(colour: tuple[int, int, int]) -> tuple[float, float, float]:
-    """A colour of a recording, each part from 0 to 1."""
+    """A recording's colour, each component from 0 to 1."""
     red, green, blue = colour
     return red / 255, green / 255, blue / 255
 
 
 def dress(axes: Axes, title: str, x: str, y: str) -> None:
-    """Title, labels with their units, a faint grid."""
+    """Set title, labels with units, and a faint grid."""
     axes.set_title(title, fontsize=11, loc="left", color=INK)
     axes.set_xlabel(x)
     axes.set_ylabel(y)

@@ -10,22 +10,24 @@ from taichi_sim.recording.episode import Airframe
 from taichi_sim.recording.meshes import GLASS, HOUSE, KEEL, METAL, Mesh, box, loft
 from taichi_sim.recording.palette import Colour
 
-CHORD = 0.17  # default chord of the wing, in lengths
+CHORD = 0.17  # default chord of the wing over the length
 BALANCE = 0.3  # share of the mean chord that lies ahead of the centre of mass
-THICK_WING, THICK_TAIL = 0.14, 0.1  # of the chord
+THICK_WING, THICK_TAIL = 0.14, 0.1  # thickness over chord
 
 Station = tuple[float, float, float, float]
 """Section of a wing: place along the span, x of the leading edge, chord, offset across the span; m."""
 
 
 def aircraft(size_m: tuple[float, float, float], airframe: Airframe | None, colour: Colour) -> Mesh:
-    """Mesh of an aircraft; size_m is length, span, height; an unknown `airframe` gives an airplane."""
+    """Mesh of an aircraft. size_m is length, span, height; None for `airframe` gives an airplane of default
+    proportions.
+    """
     airframe = airframe or Airframe(chord=CHORD * size_m[0], tail=True)
     return (_airplane if airframe.tail else _flying_wing)(size_m, airframe.chord, colour)
 
 
 def _wing(stations: list[Station], thick: float, over: Colour, under: Colour, upright: bool = False) -> Mesh:
-    """A wing of lens-shaped sections, `over` above the chord and `under` below; `upright` makes a fin."""
+    """A wing of lens-shaped sections, coloured `over` above the chord and `under` below; `upright` makes a fin."""
     halves = []
     for bulge, shade in zip((-0.5, 0.5) if upright else (-0.6, 0.4), (over, under), strict=True):
         sections = []
@@ -37,14 +39,14 @@ def _wing(stations: list[Station], thick: float, over: Colour, under: Colour, up
 
 
 def _tube(x: list[float], r: list[float], shade: Colour) -> Mesh:
-    """Round sections of radius r at stations x."""
+    """A tube of round sections with radii r at stations x."""
     angle = np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False)
     sections = [[(xi, ri * np.cos(a), ri * np.sin(a)) for a in angle] for xi, ri in zip(x, r, strict=True)]
     return loft(np.array(sections), shade)
 
 
 def _propeller(x: float, radius: float) -> Mesh:
-    """Two blades, upright, at station x."""
+    """Two vertical blades at station x."""
     thick = 0.05 * radius
     return box((x - thick, -2.0 * thick, -radius), (x + thick, 2.0 * thick, radius), METAL)
 
@@ -86,8 +88,8 @@ def _flying_wing(size_m: tuple[float, float, float], chord: float, colour: Colou
     """A swept wing with winglets, of the given length; a pod and a propeller behind."""
     length, span, height = size_m
     half, root, tip = 0.5 * span, 1.2 * chord, 0.8 * chord
-    sweep = max(length - tip, 0.0)  # of the leading edge, from root to tip
-    lead = 0.5 * sweep + BALANCE * chord  # its mean chord is half way out
+    sweep = max(length - tip, 0.0)  # of the leading edge from root to tip, m
+    lead = 0.5 * sweep + BALANCE * chord  # the mean chord is half way to the tip
     panels, tips = [], []
     for side in (-1.0, 1.0):
         at = (side * 0.7 * half, lead - 0.7 * sweep, root + 0.7 * (tip - root), 0.0)

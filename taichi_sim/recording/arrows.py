@@ -15,19 +15,19 @@ from taichi_sim.recording.palette import AIRSPEED, BORESIGHT, CURRENT, GROUND_SP
 from taichi_sim.recording.space import line_lift, map_bounds
 from taichi_sim.recording.stream import Stream
 
-SHOWN = 0.95  # quantile over time of the greatest load of the team
-LOAD_LENGTHS = 1.5  # greatest length of a load's arrow, in vehicle lengths
+SHOWN = 0.95  # quantile over time of the team's largest load; sets the scale
+LOAD_LENGTHS = 1.5  # length of the arrow of that load, in vehicle lengths
 RAISE = 0.14  # height above the deck of a load at the waterline, in vehicle lengths
-THICK = 0.016  # radius of an arrow, of the length
+THICK = 0.016  # radius of an arrow over the vehicle's length
 FLOW_LENGTHS = 1.5  # length of the strongest current's or wind's arrow, in vehicle lengths
-ASTERN = 1.6  # vehicle lengths behind the first vehicle, against the course at the start, as in the view
+ASTERN = 1.6  # vehicle lengths behind the first vehicle, against its initial course, where current and wind are drawn
 SPEED_SPANS = 2.5  # length of an aircraft's greatest velocity, in wing spans
-MAP_SHARE = 0.12  # of the map's shorter side: the wind on the map
-STILL = 1e-3  # m/s; slower water or air is no flow
+MAP_SHARE = 0.12  # length of the wind's arrow on the map over the map's shorter side
+STILL = 1e-3  # m/s: slower water or air counts as still
 
 
 def round_scale(per_metre: float) -> float:
-    """The next greater number among 1, 2 and 5 times a power of ten."""
+    """The smallest of 1, 2 and 5 times a power of ten that is not below `per_metre`."""
     power = 10.0 ** np.floor(np.log10(per_metre))
     return float(next(step * power for step in (1.0, 2.0, 5.0, 10.0) if step * power >= per_metre * (1 - 1e-9)))
 
@@ -101,8 +101,9 @@ def metres_per_second_per_metre(team: TeamTrack) -> float:
 
 
 def send_air(stream: Stream, episode: Episode, team: TeamTrack) -> None:
-    """Send each aircraft's wind triangle and a line along its nose; the angle of attack lies between line and
-    airspeed.
+    """Send each aircraft's wind triangle and a line along its nose.
+
+    The angle of attack is the angle between that line and the airspeed.
     """
     if team.air_n is None:
         return

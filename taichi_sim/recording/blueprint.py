@@ -18,16 +18,16 @@ from taichi_sim.recording.sea_patch import patch_of
 from taichi_sim.recording.space import map_bounds
 from taichi_sim.recording.water_lines import TRAIL_S
 
-MAP_ROOM = 0.2  # margin of a live view's map, in its sides
+MAP_ROOM = 0.2  # margin of a live view's map over its side
 CURVES = "curves"  # path of a live view's plots that belong to no episode
-COLUMNS = 2  # views of teams side by side; if there are more teams, those of one medium share a place
+COLUMNS = 2  # views of teams side by side; with more teams, those of one medium share a place
 NEAR_EYE = (-2.2, 1.1, -0.65)  # wing spans forward, right, down of the first vehicle
 NEAR_LOOK = (0.6, 0.0, 0.0)
-UP, DOWN = (0, 0, 1), (0, 0, -1)  # what is up on the screen, in the frame of boats and of aircraft
+UP, DOWN = (0, 0, 1), (0, 0, -1)  # upward direction on the screen, in the frames of boats and of aircraft
 
 
 class LiveLayout(NamedTuple):
-    """Differences of a live view's layout."""
+    """Additions to the layout in a live view."""
 
     curves: tuple[str, ...] = ()  # plots under plots/curves
     everywhere: bool = False  # the map shows the whole area, because other episodes follow
@@ -101,7 +101,7 @@ def _follow(episode: Episode, team: TeamTrack) -> rrb.Spatial3DView:
 
 
 def _overview(episode: Episode, name: str, reach: float) -> rrb.Spatial3DView:
-    """View of all within `reach` (m) of the first vehicle of team `name`, from abeam of its initial course."""
+    """View of everything within `reach` (m) of the first vehicle of team `name`, from abeam of its initial course."""
     eye = reach * np.array([-0.9, -1.3, 0.95])
     return _view(episode, episode.teams[name], "Overview", eye, np.zeros(3), UP)
 
@@ -129,7 +129,7 @@ def _view(
 
 
 def _trails(episode: Episode) -> dict:
-    """Parts of segmented trails that views show; boats' trails are whole lines."""
+    """Visible time ranges of segmented trails. Boats' trails are whole lines, so they need none."""
     return {f"world/{one.name}/trails": _last_seconds() for one in episode.teams.values() if not one.on_water}
 
 
@@ -143,8 +143,8 @@ def _hidden(episode: Episode, team: TeamTrack) -> dict:
 
 
 def _last_seconds() -> rrb.VisibleTimeRanges:
-    """The time range of segmented trails. Other entities show only the present, or they would be drawn once for each
-    step.
+    """The time range of segmented trails. Other entities show the present only; otherwise each would be drawn once
+    per step.
     """
     return rrb.VisibleTimeRanges(
         timeline="sim_time",
@@ -167,7 +167,7 @@ def _series(name: str, *contents: str, hidden: Sequence[str] = ()) -> rrb.TimeSe
 
 
 def _each(team: TeamTrack, name: str, path: str) -> rrb.TimeSeriesView:
-    """A plot of each vehicle; only the first's is switched on."""
+    """A plot of each vehicle; only that of the first is switched on."""
     hidden = [f"{path}/{OTHERS}"] if team.vehicles > 1 else []
     return _series(f"{team.vehicle_name(0)} {name}", f"{path}/**", hidden=hidden)
 

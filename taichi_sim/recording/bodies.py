@@ -1,4 +1,4 @@
-"""Chooses the body of a vehicle: its model's own, else a boat or an aircraft of its size."""
+"""Chooses the mesh of a vehicle: its model's own surface, else a boat or an aircraft of its size."""
 
 import numpy as np
 
@@ -19,7 +19,9 @@ def body_mesh(team: TeamTrack, colour: Colour) -> Mesh:
 
 
 def _flown(body: Body, colour: Colour) -> Mesh:
-    """An aircraft's surface: in its colour from above, dark from below, so that a bank reads from either side."""
+    """Mesh of an aircraft's surface, in its colour from above and dark from below, so that a bank is visible from
+    either side.
+    """
     faces = np.asarray(body.vertices_b, dtype=np.float64)[body.triangles]
     down = normals(faces)[:, 2]
     over, under = down < -LEVEL, down > LEVEL

@@ -1,7 +1,7 @@
 """A mission's overlays in the 3D views, on the map, in the plots and in the log of events."""
 
-from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple, Protocol
 
 import numpy as np
 import rerun as rr
@@ -15,16 +15,33 @@ from taichi_sim.recording.plots import as_shown, send_plot
 from taichi_sim.recording.space import line_lift
 from taichi_sim.recording.stream import Stream
 
-RIGID_M = 2e-3  # greatest deformation of a line that counts as rigid
+RIGID_M = 2e-3  # m: largest deformation of a line that counts as rigid
 ROUND = np.linspace(0.0, 2.0 * np.pi, 33)  # rad, an ellipse on the map
 
 
-class Style(NamedTuple):
-    """rerun's archetype of one overlay: a row for each item in each frame, without rows that hold NaN."""
+Geometry = Lines | Points | Cylinders | Ellipsoids | Arrows
 
-    kind: Any  # rr.Points3D and the like
-    rows: dict[str, Any]  # component -> [rows, ...]
-    look: dict[str, Any]  # components that hold for all
+
+class Archetype(Protocol):
+    """A class of rerun such as rr.Points3D."""
+
+    @property
+    def from_fields(self) -> Callable[..., rr.AsComponents]:
+        """Make one from components."""
+        ...
+
+    @property
+    def columns(self) -> Callable[..., rr.ComponentColumnList]:
+        """Make columns of components, one row for each item."""
+        ...
+
+
+class Style(NamedTuple):
+    """rerun's archetype and data of one overlay, without items that hold NaN."""
+
+    kind: Archetype
+    rows: Mapping[str, Array | list[Array]]  # component -> [rows, ...]
+    look: Mapping[str, float | str]  # components that hold for all rows
 
 
 def send_overlays(stream: Stream, episode: Episode) -> None:
@@ -40,8 +57,8 @@ def send_overlays(stream: Stream, episode: Episode) -> None:
             _send_geometry(stream, overlay, drawn.get(overlay.name, overlay), lift if overlay.on_water else 0.0)
 
 
-def _send_geometry(stream: Stream, overlay: Any, like: Any, lift: float) -> None:
-    """Send an overlay in the style of `like`, the same overlay of the whole episode."""
+def _send_geometry(stream: Stream, overlay: Geometry, like: Geometry, lift: float) -> None:
+    """Send an overlay that looks like `like`, the same overlay of the whole episode."""
     arrays, world, flat = KINDS[type(overlay)]
     moves = max(len(getattr(one, name)) for one in (overlay, like) for name in arrays) > 1
     given = [getattr(overlay, name) for name in arrays]
@@ -56,7 +73,7 @@ def _send_geometry(stream: Stream, overlay: Any, like: Any, lift: float) -> None
 
 
 def _known(name: str, array: Array) -> NDArray[np.bool_]:
-    """Whether items [F, N] have values in each frame: all numbers, or at least two points of a line."""
+    """Mask of items [F, N] that can be drawn: all numbers finite, or at least two points of a line."""
     finite = np.isfinite(array)
     if name == "points_n":
         return np.asarray(finite.all(axis=-1).sum(axis=-1) >= 2)
@@ -64,11 +81,11 @@ def _known(name: str, array: Array) -> NDArray[np.bool_]:
 
 
 def _send(
-    stream: Stream, path: str, look: Style, overlay: Any, labels: Sequence[str], counts: NDArray[np.integer] | None
+    stream: Stream, path: str, look: Style, overlay: Geometry, labels: Sequence[str], counts: NDArray[np.integer] | None
 ) -> None:
-    """Send rows with `counts` items in each step, or None for static ones."""
-    rows = look.rows | ({"labels": labels} if labels else {})
-    whole = {"colors": overlay.colour} | ({"show_labels": True} if labels else {}) | look.look
+    """Send `look` with counts[t] items in step t; `counts` None: the overlay is static."""
+    rows = {**look.rows, **({"labels": labels} if labels else {})}
+    whole = {"colors": overlay.colour, **({"show_labels": True} if labels else {}), **look.look}
     if counts is None:
         stream.static(path, look.kind.from_fields(**rows, **whole))
         return
@@ -85,7 +102,7 @@ def _send(
 
 def _send_if_rigid(stream: Stream, path: str, look: Style) -> Array | None:
     """Send a line that moves as a rigid body as a shape and its pose; return the shape, or None if it deforms."""
-    strips = look.rows["strips"]
+    strips = [*look.rows["strips"]]
     if any(strip.shape != strips[0].shape for strip in strips):
         return None
     lines = np.stack(strips)
@@ -143,7 +160,7 @@ def _ellipsoids(_: Ellipsoids, lift: float, place: Array, half_axes: Array, head
 
 
 def _flat_ellipsoids(overlay: Ellipsoids, _: float, place: Array, half_axes: Array, heading: Array) -> Style:
-    if np.array_equal(overlay.half_axes_m[..., 0], overlay.half_axes_m[..., 1]):  # takes a tenth of the bytes
+    if np.array_equal(overlay.half_axes_m[..., 0], overlay.half_axes_m[..., 1]):  # circles take a tenth of the bytes
         round_about = {"centers": map_point(place), "half_sizes": half_axes[:, [0, 0]]}
         return Style(rr.Ellipses2D, round_about, {"line_radii": -1.2})
     along, right = half_axes[:, :1] * np.cos(ROUND), half_axes[:, 1:2] * np.sin(ROUND)

@@ -1,7 +1,7 @@
 """The data of one recorded episode. Frames: n is north-east-down, b is forward-right-down.
 
-T control steps, V vehicles in a team (vehicle 0 leads a formation), A actions, P points of a track, M obstacles. Data
-of a mission may be missing; they are then neither drawn nor plotted.
+Sizes: T control steps, V vehicles in a team (vehicle 0 leads a formation), A actions, P points of a track, M obstacles.
+Data of a mission are optional; what is missing is neither drawn nor plotted.
 """
 
 from collections.abc import Callable, Mapping
@@ -16,7 +16,7 @@ from taichi_sim.recording.frames import Array, euler
 from taichi_sim.recording.overlays import Note, Overlay, Plot
 from taichi_sim.recording.palette import Livery, liveries
 
-COMPANY_LENGTHS = 20.0  # without a formation, a view holds the vehicles this near to the first
+COMPANY_LENGTHS = 20.0  # vehicle lengths: without a formation, a view includes vehicles this close to the first
 RESERVED = {"track", "checkpoints", "obstacles", "events", "overlay", "wind", "area"}  # no team may have these names
 Medium = Literal["water", "air"]
 Elevation = Callable[[Array, Array, float], Array]
@@ -26,7 +26,7 @@ Waves = Callable[[float], Array]
 
 
 class Body(NamedTuple):
-    """The surface of a vehicle, closed, in b; its origin is the vehicle's reference point."""
+    """The closed surface of a vehicle in b; its origin is the vehicle's reference point."""
 
     vertices_b: Array  # [N, 3] m
     triangles: NDArray[np.integer]  # [F, 3] corners, counter-clockwise seen from outside
@@ -35,15 +35,15 @@ class Body(NamedTuple):
 class Airframe(NamedTuple):
     """Details of an aircraft's shape beyond length, span and height."""
 
-    chord: float  # of the wing, mean, m
-    tail: bool  # or a flying wing
+    chord: float  # mean chord of the wing, m
+    tail: bool  # False: a flying wing
 
 
 class Platform(NamedTuple):
-    """A deck on which others land, a level rectangle in b."""
+    """A deck on which others land: a level rectangle in b."""
 
-    centre_b: tuple[float, float, float]  # m, of its upper face
-    half_m: tuple[float, float]  # half of its length and width, m
+    centre_b: tuple[float, float, float]  # centre of its upper face, m
+    half_m: tuple[float, float]  # half length and half width, m
 
 
 class Force(NamedTuple):
@@ -54,9 +54,9 @@ class Force(NamedTuple):
 
 
 class Signal(NamedTuple):
-    """Numbers of each vehicle that share a plot; a plot shows rad in degrees."""
+    """Quantities of each vehicle that share a plot; a plot shows rad in degrees."""
 
-    names: tuple[str, ...]  # S lines
+    names: tuple[str, ...]  # S names of lines
     unit: str  # SI; "" for a ratio
     values: Array  # [T, V, S]
 
@@ -65,24 +65,24 @@ class Signal(NamedTuple):
 class TeamTrack:
     """One team over one episode."""
 
-    name: str  # as in titles
-    medium: Medium  # of all its vehicles: boats ride the water, aircraft fly
+    name: str  # shown in titles
+    medium: Medium  # "water": boats, "air": aircraft
     position_n: Array  # [T, V, 3] m, of the body's reference point
     quaternion_nb: Array  # [T, V, 4] (w, x, y, z), body to world
     velocity_n: Array  # [T, V, 3] m/s, over ground
     size_m: tuple[float, float, float]  # length; beam (wing span); height (hull depth, or to the fin's top), m
     wave_height: Array  # [T, V] m, surface elevation at the vehicle, up
     angular_velocity_b: Array | None = None  # [T, V, 3] rad/s, about forward, right, down; None: not recorded
-    action: Array | None = None  # [T, V, A] as taken
+    action: Array | None = None  # [T, V, A] actions taken
     action_names: tuple[str, ...] = ()  # A names
-    target_n: Array | None = None  # [T, 3] m, what vehicle 0 follows
+    target_n: Array | None = None  # [T, 3] m, the target that vehicle 0 follows
     target_course: Array | None = None  # [T] rad, clockwise from north
     slot_n: Array | None = None  # [T, V, 3] m, each vehicle's place in the formation; the leader's is the target
     error_m: Array | None = None  # [T, V] m, position error as the mission defines it
     reward: Array | None = None  # [T, V] per step
     body: Body | None = None  # drawn surface; None: a boat or an aircraft of `size_m`
-    airframe: Airframe | None = None  # of an aircraft; None: default proportions
-    deck: Platform | None = None  # of a boat on which others land
+    airframe: Airframe | None = None  # for an aircraft; None: default proportions
+    deck: Platform | None = None  # for a boat on which others land
     air_n: Array | None = None  # [T, V, 3] m/s, velocity of the air that an aircraft meets; None: not known
     forces: Mapping[str, Force] = field(default_factory=dict)  # by name
     signals: Mapping[str, Signal] = field(default_factory=dict)  # by the plot's name
@@ -125,7 +125,7 @@ class TeamTrack:
 
     @property
     def vehicles(self) -> int:
-        """V, the leader included."""
+        """Number of vehicles V, the leader included."""
         return self.position_n.shape[1]
 
     def vehicle_name(self, vehicle: int) -> str:
@@ -137,26 +137,26 @@ class TeamTrack:
 
     @property
     def places_n(self) -> Array:
-        """Positions [T, V, 3], m: of the slots, else of the vehicles."""
+        """Positions [T, V, 3] of the slots, or of the vehicles if there are no slots, m."""
         return self.position_n if self.slot_n is None else self.slot_n
 
     @property
     def course(self) -> Array:
-        """Course [T] of the team, rad: that of its target, else the heading of vehicle 0."""
+        """Course [T] of the team's target, or the heading of vehicle 0 if there is none, rad."""
         return euler(self.quaternion_nb[:, 0])[HEADING] if self.target_course is None else self.target_course
 
     @property
     def company(self) -> NDArray[np.bool_]:
-        """Whether a view of the team includes each vehicle, [V]; without a formation some may be far away."""
+        """Mask [V] of the vehicles that a view of the team includes; without a formation some may be far away."""
         apart = np.linalg.norm(self.position_n - self.position_n[:, :1], axis=-1)
         reach = COMPANY_LENGTHS * max(self.size_m[:2])
         return np.ones(self.vehicles, dtype=bool) if self.slot_n is not None else np.median(apart, axis=0) <= reach
 
     @property
     def formation_radius_m(self) -> float:
-        """Greatest distance of a slot from the target or the leader, median over time, m.
+        """Largest distance of a slot from the target or the leader, median over time, m.
 
-        Without a formation: of a vehicle of the company from vehicle 0.
+        Without a formation: largest distance of a vehicle of the company from vehicle 0.
         """
         places = self.places_n[:, self.company]
         hangs_on = (places[:, :1], self.position_n[:, :1])
@@ -166,7 +166,7 @@ class TeamTrack:
 
 @dataclass(frozen=True)
 class Event:
-    """An event of one vehicle."""
+    """An event of one vehicle of a team."""
 
     time_s: float
     team: str
@@ -188,7 +188,7 @@ class Scene:
 
 @dataclass(frozen=True)
 class Episode:
-    """One episode of every team on one clock."""
+    """One episode of all teams on one clock."""
 
     name: str
     time_s: Array  # [T] s, rising
@@ -229,12 +229,12 @@ class Episode:
 
     @property
     def whole(self) -> "Episode":
-        """The episode whose scales, grids and layout a part uses; for a whole episode itself."""
+        """The episode that sets scales, grids and layout: `like` for a part, otherwise this episode."""
         return self.like or self
 
     @property
     def afloat(self) -> TeamTrack:
-        """Team whose first vehicle the sea patch follows: the first on water, or else the first."""
+        """The team whose first vehicle the sea patch follows: the first team on water, or the first team."""
         teams = list(self.teams.values())
         return next((team for team in teams if team.on_water), teams[0])
 

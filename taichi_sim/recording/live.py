@@ -1,12 +1,13 @@
 """A live view: parts of an episode, streamed to a rerun viewer on this machine while it is simulated.
 
-A server of rerun's own runs beside the simulation, on the loopback alone, and keeps what viewers that come later are to
-see; it ends with this process. Where there is a display, a viewer is opened on it. Everything is sent from a thread of
-its own: a viewer that is closed, or a server that has died or hangs, costs the simulation nothing.
+A rerun server runs beside the simulation, on the loopback interface only, and ends with this process. It keeps the data
+for viewers that connect later. If there is a display, a viewer is opened on it. A thread sends all data, so a viewer
+that is closed, or a server that has died or hangs, does not slow the simulation.
 """
 
 import contextlib
 import errno
+import functools
 import os
 import queue
 import shlex
@@ -16,9 +17,9 @@ import sys
 import threading
 import time
 import uuid
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import ParamSpec
 
 import numpy as np
 import rerun as rr
@@ -28,15 +29,18 @@ from taichi_sim.recording.draw import draw
 from taichi_sim.recording.episode import Episode
 from taichi_sim.recording.stream import Stream
 
-PORT = 9876  # rerun's own
+PORT = 9876  # rerun's default
 HOST = "127.0.0.1"
-SERVER_MEMORY, VIEWER_MEMORY = "512MB", "2GB"  # then the oldest goes
-WAITING = 100  # parts not sent yet, at most; more are dropped
-STARTS_S, ENDS_S = 60.0, 2.0  # how long the server may take to start, and what is left to be sent
-ROOTS = ("world", "map")  # where an episode's things are
-QUIET = {"RERUN_APP_ONLY": "true"}  # rerun asks and tells nothing when it starts
+SERVER_MEMORY, VIEWER_MEMORY = "512MB", "2GB"  # beyond it the oldest data are dropped
+WAITING = 100  # largest number of parts that wait to be sent; further ones are dropped
+STARTS_S, ENDS_S = 60.0, 2.0  # time limits: for the server to start, for the last parts to be sent
+ROOTS = ("world", "map")  # roots of an episode's entities
+QUIET = {"RERUN_APP_ONLY": "true"}  # rerun shows no questions or notices when it starts
 # the server ends when the pipe to this process closes, however that happens
 TIED = "{command} & child=$!; cat > /dev/null; kill -9 $child"
+
+
+P = ParamSpec("P")
 
 
 class Live:
@@ -48,13 +52,16 @@ class Live:
                 live.show(recorder.part(like=live.like))
 
     Attributes:
-        url: where viewers connect. told: what to tell the user. like: what parts are to be drawn like, None before the
-            first; that one should be some seconds long, for scales and layout are taken from it.
+        url: address to which viewers connect.
+        told: line of text for the user, with the address.
+        like: episode that sets scales and layout of all parts; None before the first part, which becomes it and should
+            therefore be some seconds long.
     """
 
     def __init__(self, name: str, *, port: int = PORT, viewer: bool | None = None, everywhere: bool = False) -> None:
-        """Start a server at `port`, and a `viewer` (default: if there is a display); if `everywhere`, the map shows
-        the whole area, for there will be more than one episode.
+        """Start a server at `port`, and a viewer if `viewer` (default: if there is a display).
+
+        With `everywhere` the map shows the whole area, because several episodes will follow.
 
         Raises:
             OSError: if the port is in use, or the server does not start.
@@ -72,7 +79,7 @@ class Live:
                 start_new_session=True, env=os.environ | QUIET,
             )  # fmt: skip
         self.told = f"live: {'a viewer is opening; another: ' if viewer else ''}rerun {self.url}"
-        # a viewer keeps one layout for each application
+        # a viewer stores one layout per application name
         self._rec = rr.RecordingStream(f"taichi_sim live {name} {uuid.uuid4().hex[:6]}")
         self._rec.connect_grpc(self.url)
         self._outbox = _Outbox(self._rec)
@@ -82,16 +89,17 @@ class Live:
         self.like: Episode | None = None
 
     def __enter__(self) -> "Live":
-        """Itself."""
+        """Return the view itself."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Close."""
+        """Close the view."""
         self.close()
 
     def show(self, part: Episode, *, after_s: float = 0.0, at: float = 0.0) -> None:
-        """Draw the next part of an episode, its clock counted from `after_s`; viewers get it at `at` (s, of
-        time.monotonic), or when what was before it is through.
+        """Draw the next part of an episode; its clock counts from `after_s` (s).
+
+        Viewers receive it at `at` (s, of time.monotonic), or once earlier parts have been sent.
         """
         if self.like is None:
             self.like = part
@@ -108,10 +116,12 @@ class Live:
         draw(self._stream, part)
         self._first = self._stream.first + len(part.time_s)
         if not self._outbox.end(at):
-            self._stream = None  # what is to come would go on from what never came
+            self._stream = None  # the next part must not continue one that was dropped
 
     def begin(self, *, anew: bool = False) -> None:
-        """Announce that the next part belongs to another episode; `anew`: with other teams, so lay out again."""
+        """Announce that the next part belongs to another episode; `anew`: it has other teams, so the layout is made
+        again.
+        """
         self._stream = None
         if anew:
             self.like, self._curves = None, {}
@@ -128,7 +138,7 @@ class Live:
         self._outbox.end(0.0)
 
     def _clear(self, time_s: float) -> None:
-        """Clear all entities of the episode before."""
+        """Clear all entities of the previous episode."""
         clock = {"sim_time": np.timedelta64(round(time_s * 1e9) - 1, "ns")}
         for root in ROOTS:
             self._outbox.call(_log_at, self._rec, clock, root, rr.Clear(recursive=True))
@@ -145,12 +155,12 @@ class Live:
 
 
 class _Outbox:
-    """Stands in for a recording stream: a thread sends what is logged later, a whole part or nothing."""
+    """Takes the place of a recording stream; a thread sends what is logged, whole parts only."""
 
     def __init__(self, rec: rr.RecordingStream) -> None:
         self._rec = rec
-        self._calls: list[tuple[Any, tuple, dict]] = []
-        self._parts: queue.Queue[tuple[float, list] | None] = queue.Queue(WAITING)
+        self._calls: list[Callable[[], object]] = []
+        self._parts: queue.Queue[tuple[float, list[Callable[[], object]]] | None] = queue.Queue(WAITING)
         self._thread = threading.Thread(target=self._send, name="live", daemon=True)
         self._thread.start()
 
@@ -158,20 +168,20 @@ class _Outbox:
         """Begin a part."""
         self._calls = []
 
-    def call(self, function: Any, *args: Any, **kwargs: Any) -> None:
+    def call(self, function: Callable[P, object], *args: P.args, **kwargs: P.kwargs) -> None:
         """Queue a call."""
-        self._calls.append((function, args, kwargs))
+        self._calls.append(functools.partial(function, *args, **kwargs))
 
-    def log(self, *args: Any, **kwargs: Any) -> None:
-        """See RecordingStream.log."""
-        self.call(self._rec.log, *args, **kwargs)
+    def log(self, path: str, thing: rr.AsComponents, *, static: bool = False) -> None:
+        """Queue RecordingStream.log."""
+        self.call(self._rec.log, path, thing, static=static)
 
-    def send_columns(self, *args: Any, **kwargs: Any) -> None:
-        """See RecordingStream.send_columns."""
-        self.call(self._rec.send_columns, *args, **kwargs)
+    def send_columns(self, path: str, clock: Iterable[rr.TimeColumn], columns: Iterable) -> None:
+        """Queue RecordingStream.send_columns."""
+        self.call(self._rec.send_columns, path, clock, columns)
 
     def end(self, at: float) -> bool:
-        """Schedule the part for `at`; False if too many wait already, so that it is dropped."""
+        """Schedule the part for `at`; return False if too many parts wait already, so that this one is dropped."""
         try:
             self._parts.put_nowait((at, self._calls))
         except queue.Full:
@@ -182,11 +192,11 @@ class _Outbox:
         while (part := self._parts.get()) is not None:
             at, calls = part
             time.sleep(max(0.0, at - time.monotonic()))
-            for function, args, kwargs in calls:
-                function(*args, **kwargs)
+            for call in calls:
+                call()
 
     def close(self) -> bool:
-        """Send what waits, if that does not take long; return whether all was sent."""
+        """Send the waiting parts within ENDS_S; return whether all were sent."""
         with contextlib.suppress(queue.Full):
             self._parts.put_nowait(None)
         self._thread.join(ENDS_S)
@@ -204,7 +214,7 @@ def has_display() -> bool:
     return sys.platform in ("darwin", "win32") or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
-def _log_at(rec: rr.RecordingStream, clock: Mapping[str, Any], path: str, thing: Any) -> None:
+def _log_at(rec: rr.RecordingStream, clock: Mapping[str, np.timedelta64], path: str, thing: rr.AsComponents) -> None:
     for timeline, now in clock.items():
         rec.set_time(timeline, duration=now)
     rec.log(path, thing)
@@ -215,7 +225,7 @@ def refuse_used(port: int) -> None:
     """Refuse a port that is in use.
 
     Raises:
-        OSError: naming the port.
+        OSError: if the port is in use or out of range; the message names it.
     """
     if port > 65535:
         raise OSError(errno.EINVAL, f"port {port} is above 65535: give another with --port")

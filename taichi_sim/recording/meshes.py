@@ -1,4 +1,4 @@
-"""Triangles of bodies in the body frame b (x forward, y right, z down), and a boat, its origin at the reference point.
+"""Triangle meshes in the body frame b (x forward, y right, z down), and a boat whose origin is the reference point.
 
 Every part is a loft: a row of closed sections joined by quads and capped at both ends. Triangles do not
 share vertices, so each keeps its own normal and colour and the body looks faceted.
@@ -21,7 +21,7 @@ PAD: Colour = (52, 74, 66)
 
 @dataclass(frozen=True)
 class Mesh:
-    """Triangles, three vertices each, in order."""
+    """Triangles as three vertices each, in order."""
 
     vertices_b: NDArray[np.float32]  # [3 F, 3] m
     normals_b: NDArray[np.float32]  # [3 F, 3] unit, outward
@@ -29,7 +29,7 @@ class Mesh:
 
     @staticmethod
     def join(*parts: "Mesh") -> "Mesh":
-        """One mesh of several."""
+        """Several meshes as one."""
         return Mesh(
             np.concatenate([part.vertices_b for part in parts]),
             np.concatenate([part.normals_b for part in parts]),
@@ -47,7 +47,7 @@ def loft(sections: NDArray[np.floating], colour: Colour) -> Mesh:
         hub = np.broadcast_to(ring.mean(axis=0), ring.shape)
         caps.append(np.stack([hub, ring, np.roll(ring, -1, axis=0)], axis=1))
     faces = np.concatenate(sides + caps)
-    # outward is away from the middle of the piece between two sections, for a long solid may be bent
+    # outward is away from the middle of the piece between two sections, because a long solid may be bent
     core = 0.5 * (sections[:-1] + sections[1:]).mean(axis=1)
     bay = np.repeat(np.arange(len(core)), sections.shape[1])
     ends = np.repeat([0, len(core) - 1], sections.shape[1])
@@ -75,7 +75,7 @@ def box(low: tuple[float, float, float], high: tuple[float, float, float], colou
 
 
 def boat(size_m: tuple[float, float, float], colour: Colour) -> Mesh:
-    """A hull with a deckhouse and a mast. Height is the hull's depth; the waterline is at half of it."""
+    """A hull with a deckhouse and a mast. The third size is the hull's depth; the waterline is at half of it."""
     length, beam, depth = size_m
     x = length * np.array([-0.5, -0.3, 0.0, 0.25, 0.4, 0.5])
     half_deck = 0.5 * beam * np.array([0.86, 0.97, 1.0, 0.86, 0.5, 0.03])

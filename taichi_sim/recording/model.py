@@ -12,23 +12,25 @@ def columns_of(model: Vehicle) -> int:
 
 
 def body_of(model: Vehicle) -> Body | None:
-    """The model's own surface, or None."""
+    """The model's own surface, or None if it has none."""
     surface = model.body()
     return None if surface is None else Body(*surface)
 
 
 def airframe_of(model: Vehicle) -> Airframe | None:
-    """Proportions of an aircraft, or None."""
+    """Proportions of an aircraft, or None for other vehicles."""
     return None if model.airframe is None else Airframe(*model.airframe)
 
 
 def deck_of(model: Vehicle) -> Platform | None:
-    """Where others land on it, or None."""
+    """The deck on which others land, or None if there is none."""
     return None if model.deck is None else Platform(model.deck.centre, model.deck.half)
 
 
 def air_of(model: Vehicle, aux: Array) -> Array | None:
-    """Velocity of the air met [T, V, 3] (m/s, n) from the named columns `aux` [T, V, n], or None."""
+    """Velocity of the air met [T, V, 3] (m/s, n) from the named columns `aux` [T, V, n], or None if the model has
+    none.
+    """
     if model.air is None:
         return None
     return np.stack([_column(model, aux, column) for column in model.air], axis=-1)
@@ -51,7 +53,7 @@ def signals_of(model: Vehicle, aux: Array) -> dict[str, Signal]:
 
 
 def _column(model: Vehicle, aux: Array, name: str | None) -> Array:
-    """[T, V] of one column; zeros for None."""
+    """The column `name` [T, V] of `aux`; zeros if `name` is None."""
     if name is None:
         return np.zeros_like(aux[..., 0])
     if name not in model.aux_names:

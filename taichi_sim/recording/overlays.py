@@ -1,13 +1,15 @@
 """Overlays of a mission, drawn and plotted beside the vehicles: lanes, contacts, safety domains, risks.
 
-Every geometric overlay holds arrays [F, N, ...]: N things in F frames, where F is 1 for what stands still or T, a frame
-for each step of the episode. A row with NaN is not drawn in that frame, so that N is the most there ever are. Positions
-are m in the world frame n (north, east, down); draw_overlays.py turns them, and nothing else does.
+Every geometric overlay holds arrays [F, N, ...] of N items in F frames. F is T, one frame for each step of the episode,
+or 1 for what does not move. An item with NaN is not drawn in that frame, so N is the largest number of items. Positions
+are m in the world frame n (north, east, down); only draw_overlays.py converts them.
 
-An overlay's name is its place in the viewer's tree, "contacts/range": under `world/overlay` in 3D, `map/overlay` on the
-map, `plots/overlay` in the plots. Overlays of one kind and one look are one overlay; two names must not be the same.
+An overlay's name is its place in the viewer's tree, for instance "contacts/range": under `world/overlay` in 3D,
+`map/overlay` on the map, `plots/overlay` in the plots. Items of one kind and one look belong into one overlay; names
+must be unique.
 
-radius, for lines, points and arrows: m; below zero in points of the screen, whatever the distance.
+The radius of lines, points and arrows is in m if positive, and in points of the screen, whatever the distance, if
+negative.
 """
 
 from dataclasses import dataclass
@@ -25,12 +27,12 @@ class Overlay3D:
 
     name: str
     colour: Colour
-    labels: tuple[str, ...] = ()  # N, or none; they do not change
+    labels: tuple[str, ...] = ()  # N constant labels, or none
     where: Where = "both"
     on_water: bool = False  # in 3D, `down` counts from just above the waves instead of from mean sea level
 
     def _check(self, steps: int, **arrays: tuple[Array, tuple[int | None, ...]]) -> None:
-        """Refuse arrays that are not [F, N, *shape], with one N; None is any size."""
+        """Refuse arrays whose shape is not [F, N, *shape] with one N for all; None stands for any size."""
         count: int | None = len(self.labels) or None
         for key, (array, shape) in arrays.items():
             fits = array.ndim == 2 + len(shape) and len(array) in (1, steps) and count in (None, array.shape[1])
@@ -44,7 +46,7 @@ class Overlay3D:
 
 @dataclass(frozen=True, kw_only=True)
 class Lines(Overlay3D):
-    """N line strips of P points each; a point with NaN is left out."""
+    """N line strips of P points each; points with NaN are left out."""
 
     points_n: Array  # [F, N, P, 3] m
     radius: float = -1.2
@@ -80,7 +82,7 @@ class Cylinders(Overlay3D):
 
 @dataclass(frozen=True, kw_only=True)
 class Ellipsoids(Overlay3D):
-    """N upright ellipsoids, of lines in 3D, an ellipse on the map: a ship's domain, an uncertainty."""
+    """N upright ellipsoids, such as a ship's domain or an uncertainty: wireframes in 3D, ellipses on the map."""
 
     position_n: Array  # [F, N, 3] m, the middle
     half_axes_m: Array  # [F, N, 3] m: along the heading, to its right, vertical
@@ -98,7 +100,9 @@ class Ellipsoids(Overlay3D):
 
 @dataclass(frozen=True, kw_only=True)
 class Arrows(Overlay3D):
-    """N arrows: velocities, forces and the like, scaled by the mission to what can be seen; the name says the scale."""
+    """N arrows, such as velocities or forces. The mission scales them to a visible length and puts the scale in the
+    name.
+    """
 
     origin_n: Array  # [F, N, 3] m
     vector_n: Array  # [F, N, 3] m, as drawn
@@ -111,7 +115,7 @@ class Arrows(Overlay3D):
 
 @dataclass(frozen=True, kw_only=True)
 class Plot:
-    """K lines over the episode in a plot of their own."""
+    """K lines over the episode, in a plot of their own."""
 
     name: str
     unit: str  # SI; "" for a ratio; rad is shown in degrees
@@ -130,7 +134,7 @@ class Plot:
 
 @dataclass(frozen=True, kw_only=True)
 class Note:
-    """A line in the log of events, of no vehicle in particular."""
+    """A line in the log of events that belongs to no vehicle."""
 
     time_s: float
     text: str

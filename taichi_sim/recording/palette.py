@@ -1,4 +1,4 @@
-"""Colours, the same in a recording and in a figure. No line is white or black."""
+"""Colours of recordings and figures. No line is white or black."""
 
 from collections.abc import Mapping
 from itertools import cycle
@@ -14,7 +14,7 @@ class Livery(NamedTuple):
     track: Colour  # of the path that its target follows
 
     def of(self, vehicle: int) -> Colour:
-        """RGB of a vehicle's body, trail, slot and plots."""
+        """RGB colour of a vehicle's body, trail, slot and plots."""
         return self.first if vehicle == 0 else FOLLOWERS[(vehicle - 1) % len(FOLLOWERS)]
 
 
@@ -47,8 +47,8 @@ CURRENT = (0, 150, 170)
 WIND = (250, 205, 70)
 AIRSPEED = (72, 196, 255)
 GROUND_SPEED = (120, 214, 96)
-BORESIGHT = (206, 64, 56)  # where the nose points
-PLUMB = (176, 204, 212)  # from an aircraft down to the sea
+BORESIGHT = (206, 64, 56)  # line along the nose
+PLUMB = (176, 204, 212)  # line from an aircraft down to the sea
 LOADS: dict[str, Colour] = {
     "blue": (60, 130, 246),
     "green": (52, 199, 89),
@@ -59,7 +59,7 @@ LOADS: dict[str, Colour] = {
 """Load arrows, in the order in which a model names its forces."""
 
 
-GOALS = ("landed",)  # kinds of event that a vehicle is there for
+GOALS = ("landed",)  # kinds of event that are a success
 
 
 def event_colour(kind: str) -> Colour:
@@ -68,6 +68,6 @@ def event_colour(kind: str) -> Colour:
 
 
 def liveries(media: Mapping[str, str]) -> dict[str, Livery]:
-    """The colours of each team, by its place among the teams: `media` is name -> "water" or "air", in order."""
+    """The colours of each team, by its place among the teams; `media` is name -> "water" or "air", in order."""
     first, others = dict(FIRST), cycle(OTHERS)
     return {name: first.pop(medium) if medium in first else next(others) for name, medium in media.items()}

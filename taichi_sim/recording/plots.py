@@ -1,4 +1,4 @@
-"""The plots of one team: an entity per plot, its lines named and coloured."""
+"""Plots of one team: one entity per plot, its lines named and coloured."""
 
 from collections.abc import Sequence
 
@@ -11,12 +11,12 @@ from taichi_sim.recording.frames import euler
 from taichi_sim.recording.palette import FOLLOWERS, TARGET, Colour
 from taichi_sim.recording.stream import Stream
 
-OTHERS = "others"  # where a plot has the lines of all vehicles but the first
+OTHERS = "others"  # suffix of a plot with the lines of all vehicles but the first
 DEGREES = {"rad": ("deg", float(np.degrees(1.0)))}  # unit -> as shown, factor
 
 
 def send_plot(stream: Stream, path: str, values: Array, names: list[str], colours: list[Colour]) -> None:
-    """Values [T, K] as K lines."""
+    """Send values [T, K] as K lines."""
     lines = rr.SeriesLines(names=names, colors=colours, widths=[1.5] * len(names))
     stream.static(path, lines)
     flat = np.array(values, dtype=np.float64).reshape(-1)
@@ -31,7 +31,9 @@ def as_shown(lines: Sequence[str], unit: str) -> tuple[list[str], float]:
 
 
 def send_plots(stream: Stream, episode: Episode, team: TeamTrack) -> None:
-    """Errors (m) and reward of the team, if it has a mission; heading (deg) of the first; what each vehicle does."""
+    """Send the plots of a team: errors (m) and reward if it has a mission, heading (deg) of the first vehicle, signals
+    and actions of each vehicle.
+    """
     name, everyone = team.name, range(team.vehicles)
     names = [team.vehicle_name(vehicle) for vehicle in everyone]
     livery = episode.liveries[name]
@@ -55,13 +57,13 @@ def send_plots(stream: Stream, episode: Episode, team: TeamTrack) -> None:
 
 
 def _shades(colour: Colour, lines: int) -> list[Colour]:
-    """Colours of the lines of a vehicle of that `colour`."""
+    """Colours of the lines of a vehicle whose colour is `colour`."""
     shades = [colour, *(shade for shade in FOLLOWERS if shade != colour)]
     return [shades[line % len(shades)] for line in range(lines)]
 
 
 def error_plots(team: TeamTrack) -> dict[str, slice]:
-    """Plots of the team's errors and their vehicles; a leader's errors differ in size from followers'."""
+    """Plots of the team's errors: path -> its vehicles. A leader's errors differ in size from followers'."""
     if team.error_m is None:
         return {}
     if team.slot_n is None or team.vehicles == 1:
@@ -89,7 +91,7 @@ def _unwrapped(stream: Stream, team: TeamTrack, angle: Array) -> Array:
 
 
 def vehicle_plots(team: TeamTrack, vehicle: int) -> dict[str, tuple[list[str], Array]]:
-    """What plots show of each vehicle: path -> names of K lines with their units, values [T, K]."""
+    """Plots of one vehicle: path -> names of K lines with their units, values [T, K]."""
     roll, pitch, _ = (np.degrees(angle) for angle in euler(team.quaternion_nb[:, vehicle]))
     plots = {f"attitude/{team.name}": (["roll (deg)", "pitch (deg)"], np.stack([roll, pitch], axis=1))}
     height = -team.position_n[:, vehicle, 2:]

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TypedDict, Unpack
 
 import numpy as np
 import torch
@@ -18,15 +18,27 @@ from taichi_sim.recording.rrd import write_recording
 from taichi_sim.world import World
 
 
+class EpisodeParts(TypedDict, total=False):
+    """Arguments of `Recorder.episode`."""
+
+    name: str | None
+    mission: Mapping[str, Mapping[str, Array]] | None
+    scene: Scene | None
+    events: Iterable[Event]
+    overlays: Iterable[Overlay]
+    config_text: str | None
+    like: Episode | None
+
+
 class Recorder:
-    """Records environment `env` of a world, one frame for each `add`, and makes an `Episode` of it.
+    """Records environment `env` of a world, one frame for each `add`, and makes an `Episode` of the frames.
 
         recorder = Recorder(world)
         for _ in range(600):
             recorder.add(world.step(actions))
         recorder.write("world.rrd")
 
-    Its clock begins where the world's is when it is made.
+    Its clock starts at the world's time when it is made.
     """
 
     def __init__(self, world: World, env: int = 0, after: float = 0.0) -> None:
@@ -49,11 +61,11 @@ class Recorder:
         return len(self._time)
 
     def add(self, actions: Mapping[str, torch.Tensor] | None = None) -> None:
-        """Add a frame: the world now, and the `actions` (team -> [env, vehicle, action]) that led there.
+        """Add a frame: the world now, and the `actions` (team -> [env, vehicle, action]) that led to it.
 
         Raises:
-            ValueError: if the world's clock does not go on, or its sea is another: an episode was begun anew, which
-                takes a recorder of its own.
+            ValueError: if the world's clock does not advance or its sea is another: a new episode has begun, which
+                needs a recorder of its own.
         """
         now = self.now
         if int(self.world.env_sea[self.env]) != self._sea or now <= self._last:
@@ -83,24 +95,25 @@ class Recorder:
 
     @property
     def now(self) -> float:
-        """The clock, s."""
+        """Time of the clock, s."""
         return float(self.world.time[self.env]) - self._begin
 
     @property
     def time_s(self) -> Array:
-        """Times of the frames [T]."""
+        """Times of the frames [T], s."""
         return np.array(self._time)
 
     def aux(self, team: str) -> Array:
         """Named columns of a team's auxiliary state [T, V, n]."""
         return np.stack([row["aux"] for row in self._rows[team]])
 
-    def track(self, name: str, **mission: Any) -> TeamTrack:
+    def track(self, name: str, **mission: Array) -> TeamTrack:
         """TeamTrack of one team; `mission` gives its other fields: targets, slots, errors, rewards."""
         model, rows = self.world.teams[name].model, self._rows[name]
         keys = ("position_n", "quaternion_nb", "velocity_n", "angular_velocity_b", "wave_height")
         aux, freeboard = self.aux(name), np.stack([row["freeboard"] for row in rows])
         signals = signals_of(model, aux)
+        action_names, action = _actions(model.action_names, [row.get("action") for row in rows])
         if np.any(freeboard < NO_DECK):
             signals["freeboard"] = Signal(("freeboard",), "m", freeboard[..., None])
         return TeamTrack(
@@ -113,8 +126,9 @@ class Recorder:
             air_n=air_of(model, aux),
             forces=forces_of(model, aux),
             signals=signals,
+            action=action,
+            action_names=action_names,
             **{key: np.stack([row[key] for row in rows]) for key in keys},
-            **_actions(model.action_names, [row.get("action") for row in rows]),
             **mission,
         )
 
@@ -122,24 +136,24 @@ class Recorder:
         self,
         name: str | None = None,
         *,
-        mission: Mapping[str, Mapping[str, Any]] | None = None,
+        mission: Mapping[str, Mapping[str, Array]] | None = None,
         scene: Scene | None = None,
         events: Iterable[Event] = (),
         overlays: Iterable[Overlay] = (),
         config_text: str | None = None,
         like: Episode | None = None,
     ) -> Episode:
-        """Episode of all frames; a mission passes its own parts, which a bare world lacks.
+        """Episode of all frames. A mission passes its own parts, which a bare world lacks.
 
         Args:
-            name: default the scenario's.
-            mission: team -> what else of a TeamTrack there is, by name.
+            name: default: the scenario's.
+            mission: team -> further fields of its TeamTrack, [T, ...].
             scene, events, overlays: see Episode.
-            config_text: markdown; default the world's configuration.
-            like: of a part, see Episode.
+            config_text: Markdown; default: the world's configuration.
+            like: for a part of an episode, see Episode.
 
         Raises:
-            ValueError: if there is no frame yet, or something does not fit the frames.
+            ValueError: if there is no frame yet, or an argument does not fit the frames.
         """
         if not self._time:
             raise ValueError("nothing to record: no frame was added")
@@ -165,8 +179,8 @@ class Recorder:
             like=like,
         )
 
-    def part(self, **parts: Any) -> Episode:
-        """Episode of the frames since the last part, which are then forgotten; see `episode`."""
+    def part(self, **parts: Unpack[EpisodeParts]) -> Episode:
+        """Episode of the frames since the last part, which are then dropped. `parts` are arguments of `episode`."""
         part = self.episode(**parts)
         self._time, self._flows = [], []
         self._rows = {name: [] for name in self._rows}
@@ -186,7 +200,7 @@ class Recorder:
 
         return elevation
 
-    def write(self, path: str | Path, **parts: Any) -> Path:
+    def write(self, path: str | Path, **parts: Unpack[EpisodeParts]) -> Path:
         """Write `episode(**parts)` to an .rrd file; see write_recording."""
         return write_recording(self.episode(**parts), Path(path))
 
@@ -195,10 +209,12 @@ def _copy(tensor: torch.Tensor) -> Array:
     return tensor.detach().cpu().numpy().copy()
 
 
-def _actions(names: tuple[str, ...], rows: list[Array | None]) -> dict[str, Any]:
-    """The actions of a TeamTrack; NaN in a frame without, and nothing if there never were any."""
+def _actions(names: tuple[str, ...], rows: list[Array | None]) -> tuple[tuple[str, ...], Array | None]:
+    """Names and values [T, V, A] of the actions of a TeamTrack: NaN in frames without actions, nothing if there are
+    none.
+    """
     known = next((row for row in rows if row is not None), None)
     if known is None:
-        return {}
+        return (), None
     blank = np.full_like(known, np.nan)
-    return {"action_names": names, "action": np.stack([blank if row is None else row for row in rows])}
+    return names, np.stack([blank if row is None else row for row in rows])

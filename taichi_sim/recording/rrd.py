@@ -1,4 +1,4 @@
-"""Writes an `Episode` as one `.rrd` file: beside the old one, then in its place."""
+"""Writes an `Episode` as one `.rrd` file: under a temporary name, then renamed over the old one."""
 
 import os
 import uuid
@@ -17,7 +17,8 @@ APPLICATION = "taichi_sim"
 def write_recording(episode: Episode, path: Path) -> Path:
     """Write `episode` to `path`; an old file stays until the new one is complete.
 
-    Raises OSError, with the operating system's reason, where the disk or the folder cannot take it.
+    Raises:
+        OSError: if the disk or the folder cannot take it, with the operating system's reason.
     """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -34,9 +35,9 @@ def write_recording(episode: Episode, path: Path) -> Path:
 
 
 def _write(episode: Episode, part: Path) -> None:
-    """Fill the temporary file `part` from memory: rerun itself would wait forever on a disk that fills up."""
+    """Write the temporary file `part` from memory, because rerun itself would wait forever on a full disk."""
     recording = uuid.uuid4()
-    # a viewer keeps one layout for each application: under one name, an episode would open in that of another
+    # a viewer stores one layout per application name: with a common name, an episode would open in another's layout
     application = f"{APPLICATION} {episode.name} {recording.hex[:6]}"
     with rr.RecordingStream(application, recording_id=str(recording)) as rec:
         memory = rec.memory_recording()

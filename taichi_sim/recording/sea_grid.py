@@ -1,6 +1,6 @@
 """Points and triangles of the sea patch: a square of cells, finer ones in its middle, and two rings to the horizon.
 
-The finer square is where the vehicles are. The first ring lets the waves fade, the second is flat.
+The finer square is around the vehicles. In the first ring the waves fade out; the second ring is flat.
 """
 
 from dataclasses import dataclass
@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from taichi_sim.recording.episode import Array, TeamTrack
 
-CELLS, CELLS_ALOFT = 20, 40  # per side of the coarse square, about boats and under aircraft
+CELLS, CELLS_ALOFT = 20, 40  # coarse cells per side, around boats and below aircraft
 MIN_HALF_M = 30.0  # half the side of the smallest patch
 MAX_HALF_M = 160.0
-FINE_CELLS = 32  # per side of the finer square, at most; two of them always fit a coarse one
-FINE_LENGTHS, FINE_HALF_M = 0.5, 9.0  # the finer square reaches so far beyond the formation, and at least so far
-FINE_SHARE = 0.5  # of a vehicle's length: a finer cell's side, where the cells last
-FADE = 1.6  # the first ring, in half sides
+FINE_CELLS = 32  # largest number of finer cells per side; at least two fit into a coarse one
+FINE_LENGTHS, FINE_HALF_M = 0.5, 9.0  # margin of the finer square around the formation; its least half side
+FINE_SHARE = 0.5  # side of a finer cell over a vehicle's length, if FINE_CELLS allows
+FADE = 1.6  # outer radius of the first ring over half a side of the square
 RINGS = 2
 
 
@@ -24,16 +24,18 @@ RINGS = 2
 class SeaGrid:
     """Cells of the patch: a coarse square, in which finer cells replace the middle."""
 
-    cells: int  # coarse ones per side
+    cells: int  # coarse cells per side
     cell: float  # m, side of a coarse cell
-    middle: int  # coarse cells per side that are replaced; even, so that the centre is a point of both
-    parts: int  # finer cells along a coarse one; 1: nothing is replaced
+    middle: int  # replaced coarse cells per side; even, so that the centre is a point of both squares
+    parts: int  # finer cells along a coarse one; 1: no cell is replaced
 
     @classmethod
     def of(cls, team: TeamTrack) -> "SeaGrid":
-        """Cells that hold the formation with room to spare, and resolve the waves along a hull where they can."""
+        """A grid that holds the formation with room to spare, and resolves the waves along a hull if the number of
+        cells allows.
+        """
         cells = CELLS if team.on_water else CELLS_ALOFT
-        height = 0.0 if team.on_water else -float(np.median(team.places_n[:, 0, 2]))  # from where it is seen
+        height = 0.0 if team.on_water else -float(np.median(team.places_n[:, 0, 2]))  # height of the eye over the sea
         half = np.clip(0.75 * team.formation_radius_m + 16.0 + height, MIN_HALF_M, MAX_HALF_M)
         cell = float(np.ceil(2.0 * 2.0 * half / cells) / 2.0)
         reach = max(team.formation_radius_m + FINE_LENGTHS * team.size_m[0], FINE_HALF_M)
@@ -53,7 +55,7 @@ class SeaGrid:
 
     @property
     def fine_line(self) -> Array:
-        """Coordinates of the finer points, m; none if nothing is replaced."""
+        """Coordinates of the finer points from the centre, m; empty if no cell is replaced."""
         count = self.middle * self.parts
         return self.cell / self.parts * (np.arange(count + 1) - count / 2) if self.parts > 1 else np.zeros(0)
 
@@ -77,9 +79,9 @@ class SeaGrid:
         return np.concatenate([index[0, :-1], index[:-1, -1], index[-1, :0:-1], index[:0:-1, 0]])
 
     def triangles(self) -> NDArray[np.uint32]:
-        """[N, 3] corners, counter-clockwise from above.
+        """Corners [N, 3] of the triangles, counter-clockwise from above.
 
-        The coarse points shown come first, row by row from the south, then the finer ones, then the rings.
+        The coarse points in the mesh come first, row by row from the south, then the finer ones, then the rings.
         """
         number = np.cumsum(self.shown) - 1
         first, side = number[-1] + 1, len(self.fine_line)
@@ -103,8 +105,8 @@ class SeaGrid:
         return np.concatenate(parts).astype(np.uint32)
 
     def _seam(self, square: NDArray[np.int64], fine: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Triangles [N, 3] of the coarse cells south of the finer square, out of the points' numbers: fans to all the
-        points on its border, so that no crack shows.
+        """Triangles [N, 3] of the coarse cells south of the finer square: fans to all points on its border, so that
+        there is no gap.
         """
         far, near = square[self._edge - 1, self._edge : self.cells - self._edge + 1], fine[0]
         fans = np.stack([np.repeat(far[:-1], self.parts), near[1:], near[:-1]], axis=1)
@@ -112,7 +114,7 @@ class SeaGrid:
 
 
 def _cells(count: int) -> NDArray[np.int64]:
-    """Triangles [2 count^2, 3] of a square of cells: all the lower ones, then all the upper ones."""
+    """Triangles [2 count^2, 3] of a square of cells: all lower ones, then all upper ones."""
     side = count + 1
     corner = (np.arange(count)[:, None] * side + np.arange(count)).ravel()
     lower, upper = (corner, corner + 1, corner + side + 1), (corner, corner + side + 1, corner + side)

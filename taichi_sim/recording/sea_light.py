@@ -5,8 +5,8 @@ import numpy as np
 from taichi_sim.recording.episode import Array
 from taichi_sim.recording.sea_grid import SeaGrid
 
-LEVEL = 4.0  # colours (of 255) are rounded to this, so that the file packs well
-FADE_SHARE = 0.15  # of the side, inside the border: the light of the waves fades there
+LEVEL = 4.0  # colours (0 to 255) are rounded to this, so that the file compresses well
+FADE_SHARE = 0.15  # width of the border in which the light of the waves fades, over the side
 SUN_ENU = np.array([-0.45, -0.35, 0.82]) / np.linalg.norm([-0.45, -0.35, 0.82])
 DEEP = np.array([12.0, 62.0, 92.0])
 CREST = np.array([58.0, 142.0, 158.0])
@@ -27,7 +27,9 @@ def light(up: Array, cell: float, scale: float) -> Array:
 
 
 def patch_colours(grid: SeaGrid, lights: list[Array]) -> Array:
-    """[N, 3] of the patch's points, in their order, by the light on its squares: it fades towards the border."""
+    """Colours [N, 3] of the patch's points, in their order, from the `lights` of its squares; they fade towards the
+    border.
+    """
     flat = 0.5 * (DEEP + CREST)
     inside = np.minimum(np.arange(grid.cells + 1), np.arange(grid.cells, -1, -1)) / (FADE_SHARE * grid.cells)
     fade = np.clip(np.minimum(inside[:, None], inside), 0.0, 1.0)[..., None]

@@ -1,9 +1,10 @@
 """The piece of sea that follows a team, east-north-up.
 
-Its grid (sea_grid.py) is held to whole cells of the world so that its points do not swim. Only the squares are the
-simulated sea, not the rings around them. Most of a recording's bytes are here, so a point is drawn anew only when it is
-off by what could be seen: by a little more the farther it is from the boats, and its colour by a few levels. The whole
-patch is looked at a few times a second, and in between only the water about each hull.
+Its grid (sea_grid.py) keeps to whole cells of the world, so that its points do not swim. The squares are the simulated
+sea; the rings around them are not. The patch takes most of a recording's bytes, so a point is sent again only when its
+error would be visible: when its height is off by more than a tolerance that grows with the distance from the boats, or
+its colour by more than a few levels. The whole patch is checked a few times a second; in between only the water around
+each hull is checked.
 """
 
 from collections.abc import Iterator
@@ -19,28 +20,28 @@ from taichi_sim.recording.sea_grid import FADE, SeaGrid
 from taichi_sim.recording.sea_light import light, patch_colours
 from taichi_sim.recording.stream import Stream
 
-FRAME_S = 0.1  # the water about a hull moves this often: a hull heaves by half its draft in 0.2 s
-ALOFT_S = 0.4  # all of it where there are no boats: nothing rides on the waves
-INSIDE = 0.8  # of half its side: who stays within this much of a patch is on it
-HULL_LENGTHS = 1.25  # how far from a boat the water is about its hull, and drawn to the rounding
-MAX_FRAMES = 1200  # fewer per second in a longer episode
-HORIZON_M = 4000.0  # half the side of the outer ring, at least
+FRAME_S = 0.1  # interval of the water around a hull: a hull heaves by half its draft in 0.2 s
+ALOFT_S = 0.4  # interval of a patch without boats, where nothing rides on the waves
+INSIDE = 0.8  # a vehicle within this fraction of a patch's half side is on the patch
+HULL_LENGTHS = 1.25  # boat lengths within which the water counts as around the hull, and has no tolerance
+MAX_FRAMES = 1200  # longer episodes have fewer frames per second
+HORIZON_M = 4000.0  # least half side of the outer ring
 BATCH = 150  # frames sent at a time
-ROUND_M = 1.0 / 64.0  # heights are rounded to this, so that the file packs well
-OFF, OFF_CRESTS = 0.025, 0.35  # what a height may be off, of the distance to the nearest hull; at most, of a tall crest
-OFF_SHADE = 10.0  # what a colour may be off, of 255
-SLACK = 1.0  # cells that a team may leave the middle of its patch before this moves: with it every point is sent anew
+ROUND_M = 1.0 / 64.0  # heights are rounded to this, so that the file compresses well
+OFF, OFF_CRESTS = 0.025, 0.35  # tolerance of heights over the distance to the nearest hull; at most, over a tall crest
+OFF_SHADE = 10.0  # tolerance of colours, of 255
+SLACK = 1.0  # cells that a team may leave the centre before the patch moves, which sends every point again
 
 
 class Cadence(NamedTuple):
-    """Steps that have a frame: every `stride`-th; every `whole`-th frame updates all the water."""
+    """The steps that have a frame: every `stride`-th; every `whole`-th frame updates the whole patch."""
 
     stride: int
     whole: int
 
     @classmethod
     def of(cls, time: Array, seconds: float = FRAME_S, most: int | None = None) -> "Cadence":
-        """A frame about every `seconds` of the clock `time` [T] (s), at `most` so many."""
+        """A frame about every `seconds` of the clock `time` [T] (s), but not more than `most` frames."""
         step = float(np.median(np.diff(time))) if len(time) > 1 else seconds
         stride = max(1, round(seconds / step), 1 if most is None else -(-len(time) // most))
         return cls(stride, 2 if stride * step < 0.75 * ALOFT_S else 1)
@@ -65,16 +66,17 @@ class SeaFrames:
 
 
 def bias(height: float) -> float:
-    """Height (m) to count others from that are up to `height`: as float32 they differ in their last bytes alone then,
-    which packs better.
+    """Height (m) from which heights up to `height` are counted.
+
+    As float32 they then differ in their last bytes only, which compresses better.
     """
     return 1.5 * 2.0 ** float(np.ceil(np.log2(4.0 * height)))
 
 
 def patch_of(episode: Episode) -> dict[str, str]:
-    """The team whose patch of sea each team's view shows.
+    """For each team, the name of the team whose patch of sea its view shows.
 
-    Boats that leave the patches of the teams before them have their own; aircraft see that of the first boats.
+    Boats that leave the patches of the teams before them have their own; aircraft see the patch of the first boats.
     """
     patches: dict[str, str] = {}
     leads = episode.afloat.name
@@ -92,17 +94,19 @@ def _stays_on_patch(team: TeamTrack, lead: TeamTrack) -> bool:
 
 
 def _middle(team: TeamTrack) -> Array:
-    """[T, 2] north, east (m): between the first and the middle of all, for followers mostly trail."""
+    """Centre [T, 2] (north, east, m) between the first vehicle and the middle of all, because followers usually
+    trail.
+    """
     places = team.places_n[:, team.company]
     middle = team.position_n[:, 0] + 0.5 * (places.mean(axis=1) - places[:, 0])
     return np.asarray(middle[:, HORIZONTAL], dtype=np.float64)
 
 
 class SeaPatch:
-    """The patch that follows a team, as last drawn."""
+    """The patch that follows a team, as it was drawn last."""
 
     def __init__(self, episode: Episode, team: TeamTrack) -> None:
-        """Of the team `team` of an episode, or of its first part."""
+        """Make the patch of the team `team` of an episode, or of its first part."""
         self.grid = grid = SeaGrid.of(episode.whole.teams[team.name])
         self.cadence = Cadence.of(episode.whole.time_s, FRAME_S if team.on_water else ALOFT_S, MAX_FRAMES)
         crest = _crest(episode, grid, episode.time_s[:: self.cadence.stride][:8])
@@ -111,10 +115,10 @@ class SeaPatch:
             self._squares.append(_Square(grid.fine_line, crest, 1))
         self._far = max(2.0 * (episode.scene.area_m or 0.0), HORIZON_M) / grid.half_m
         self._bias = bias(crest)
-        self._centre = np.full(2, np.nan)  # north, east, m; nowhere yet
+        self._centre = np.full(2, np.nan)  # north, east, m; NaN before the first frame
 
     def frames(self, stream: Stream, episode: Episode, team: TeamTrack) -> Iterator[SeaFrames]:
-        """Those of the stream's part of the episode, in batches."""
+        """Frames of the stream's part of the episode, in batches."""
         steps, middle = self.cadence.steps(stream), _middle(team)
         for start in range(0, len(steps), BATCH):
             index = steps[start : start + BATCH]
@@ -132,9 +136,9 @@ class SeaPatch:
             yield SeaFrames(index, np.array(origin, np.float32), np.stack(vertices).astype(np.float32), shades)
 
     def _follow(self, middle: Array) -> bool:
-        """Move the centre if the team's `middle` (north, east, m) has left it; whether it did.
+        """Move the centre if the team's `middle` (north, east, m) has left it; return whether it moved.
 
-        It gets ahead of the team then, so that it rarely moves.
+        The new centre is ahead of the team, so that it rarely moves.
         """
         cell, old = self.grid.cell, self._centre
         begins, away = np.isnan(old), np.nan_to_num(middle - old)
@@ -143,7 +147,7 @@ class SeaPatch:
         return bool(np.any(self._centre != old))
 
     def _vertices(self) -> Array:
-        """[N, 3] m, in the order of the grid's triangles."""
+        """Points [N, 3] (m) in the order of the grid's triangles."""
         coarse, *fine = (square.points(self._bias) for square in self._squares)
         rings = [
             np.column_stack([coarse[self.grid.rim, :2] * share, np.full(len(self.grid.rim), self._bias)])
@@ -153,7 +157,7 @@ class SeaPatch:
 
 
 def _boats(team: TeamTrack, step: int) -> Array:
-    """[V, 3] north, east, length (m) of a team of boats."""
+    """North, east and length (m) [V, 3] of a team of boats."""
     return np.column_stack([team.position_n[step, :, :2], np.full(team.vehicles, team.size_m[0])])
 
 
@@ -161,19 +165,17 @@ class _Square:
     """The water on the points of one square, as it was drawn last."""
 
     def __init__(self, line: Array, crest: float, between: int) -> None:
-        """Wait to be drawn.
-
-        `crest` is a tall crest's height, m; slopes are taken over 2 / `between` cells.
-        """
+        """Make an empty square. `crest` is a tall crest's height, m; slopes are taken over 2 / `between` cells."""
         self.crest, self.between = crest, between
         self.line = np.linspace(line[0], line[-1], between * (len(line) - 1) + 1)
         self.north, self.east = np.meshgrid(line, line, indexing="ij")
         self.up, self.light = np.zeros_like(self.north), np.zeros((*self.north.shape, 3))
 
     def draw(self, episode: Episode, step: int, centre: Array, boats: Array, *, whole: bool, anew: bool) -> None:
-        """Heights (m) and light at `step` with the square about `centre` (north, east, m) among `boats` [B, 3].
+        """Update heights (m) and colours at `step`, with the square centred at `centre` (north, east, m) among `boats`
+        [B, 3].
 
-        If not `whole` only the water about hulls is looked at, if `anew` there is nothing that may stay.
+        Unless `whole`, only the water around hulls is checked. With `anew` every point is drawn again.
         """
         time = float(episode.time_s[step])
         off = self._off(centre, boats)
@@ -192,7 +194,7 @@ class _Square:
         self.light = np.where(changed[..., None], shade, self.light)
 
     def _off(self, centre: Array, boats: Array) -> Array:
-        """[side, side] m: what a height may be off; nothing at a hull."""
+        """Tolerance [side, side] of heights, m; zero at a hull."""
         most = OFF_CRESTS * self.crest
         if not len(boats):
             return np.full(self.north.shape, most)
@@ -201,7 +203,7 @@ class _Square:
         return np.clip(OFF * away.min(axis=0), 0.0, most)
 
     def points(self, bias: float) -> Array:
-        """[N, 3] m, east, north and up from the centre, `bias` below mean sea level."""
+        """Points [N, 3] (m), east, north and up from the centre, `bias` below mean sea level."""
         return np.stack([self.east, self.north, self.up + bias], axis=-1).reshape(-1, 3)
 
 

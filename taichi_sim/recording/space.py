@@ -14,10 +14,10 @@ from taichi_sim.recording.palette import CHECKPOINT, FRAME, GOALS, OBSTACLE, eve
 from taichi_sim.recording.sea_patch import SeaPatch, patch_of
 from taichi_sim.recording.stream import Stream
 
-LEVELS = {"stall": "WARN"} | dict.fromkeys(GOALS, "INFO")  # of kinds of event; all others are an "ERROR"
-SUNK_M = 6.0  # how far an obstacle reaches below mean sea level, so that no trough shows its foot
+LEVELS = {"stall": "WARN"} | dict.fromkeys(GOALS, "INFO")  # log level of each kind of event; others are an "ERROR"
+SUNK_M = 6.0  # depth of an obstacle below mean sea level, so that no trough shows its foot
 CHECKPOINT_UP_M = 3.0  # height of a checkpoint's mark above the track
-MAP_MARGIN_M, MAP_LEAST_M = 120.0, 20.0  # margin of the map: at most its extent, at least the second
+MAP_MARGIN_M, MAP_LEAST_M = 120.0, 20.0  # margin of the map: the second plus the extent, at most the first
 # radii below zero are in points of the screen, whatever the distance
 TRACK_POINTS, MAP_POINTS = -1.2, -1.5
 
@@ -45,7 +45,7 @@ def map_bounds(episode: Episode) -> tuple[Array, Array]:
 
 
 def send_scene(stream: Stream, episode: Episode) -> None:
-    """Send tracks, checkpoints, obstacles and the border of the area, as far as they exist."""
+    """Send tracks, checkpoints, obstacles and the border of the area, where they exist."""
     scene = episode.scene
     for name, track in scene.tracks_n.items():
         path = enu(track)
@@ -85,7 +85,7 @@ def send_sea(stream: Stream, episode: Episode) -> None:
             stream.memory[path] = SeaPatch(episode, team)
             triangles = stream.memory[path].grid.triangles()
             corners = rr.Mesh3D.columns(triangle_indices=triangles).partition([len(triangles)])
-            # as the first row: rerun writes columns in order, and what is static at its leisure
+            # sent as the first row, because rerun writes columns in order but static data at any time
             stream.columns(path, corners, np.arange(1))
         for frames in stream.memory[path].frames(stream, episode, team):
             count, points = frames.vertices.shape[:2]

@@ -5,13 +5,23 @@ file has one part, a live view many.
 """
 
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
 from taichi_sim.recording.episode import Array
+
+
+class RecordingStream(Protocol):
+    """The methods of rr.RecordingStream that draw an episode."""
+
+    def log(self, path: str, thing: rr.AsComponents, /, *, static: bool = False) -> None:
+        """Log `thing` at `path`."""
+
+    def send_columns(self, path: str, clock: Iterable[rr.TimeColumn], columns: Iterable, /) -> None:
+        """Send one row of `columns` for each time of `clock` to `path`."""
 
 
 class Stream:
@@ -24,8 +34,8 @@ class Stream:
         memory: state of drawing between parts.
     """
 
-    def __init__(self, rec: Any, *, after_s: float = 0.0, first: int = 0) -> None:
-        """Begin an episode on `rec`, a rr.RecordingStream or a replacement for it.
+    def __init__(self, rec: RecordingStream, *, after_s: float = 0.0, first: int = 0) -> None:
+        """Begin an episode on `rec`, an rr.RecordingStream or a replacement for it.
 
         Its clock counts from `after_s`, its steps from `first`.
         """
@@ -42,7 +52,7 @@ class Stream:
         self.ns = np.rint((np.asarray(time_s, dtype=np.float64) + self.after_s) * 1e9).astype(np.int64)
 
     def has(self, path: str) -> bool:
-        """Whether there are static data at `path`."""
+        """Whether static data were sent to `path`."""
         return path in self._said
 
     def static(self, path: str, thing: rr.AsComponents) -> None:
@@ -52,7 +62,7 @@ class Stream:
             self.rec.log(path, thing, static=True)
 
     def columns(self, path: str, columns: Iterable, index: NDArray[np.int64] | None = None) -> None:
-        """Send one row for each step of the part in `index`, default all. The arrays must not be reused."""
+        """Send one row for each step of the part in `index` (default: all). The caller must not reuse the arrays."""
         index = np.arange(len(self.ns)) if index is None else index
         if not len(index):
             return
@@ -63,7 +73,7 @@ class Stream:
         self.rec.send_columns(path, clock, columns)
 
     def before(self, key: str, rows: Array) -> Array:
-        """The last of `rows` [T, ...] in the previous part, else the first of them; the last of this part is stored."""
+        """The last of `rows` [T, ...] of the previous part, or the first of these; the last of these is stored."""
         last = self.memory.get(key, rows[0])
         self.memory[key] = rows[-1]
         return last

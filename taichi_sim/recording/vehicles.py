@@ -1,4 +1,4 @@
-"""The teams in the 3D views and on the map: bodies, trails, slots, targets, and lines of aircraft."""
+"""The teams in the 3D views and on the map: bodies, trails, slots, targets, and lines from aircraft."""
 
 import numpy as np
 import rerun as rr
@@ -11,9 +11,9 @@ from taichi_sim.recording.stream import Stream
 from taichi_sim.recording.water_lines import SLOT_RING, TRAIL_POINTS, jumps, send_rings, send_wakes, surface
 
 PLUMB_POINTS = -0.5  # radius in points of the screen, whatever the distance
-RING = np.linspace(0.0, 2.0 * np.pi, 41)  # rad, of an upright ring
+RING = np.linspace(0.0, 2.0 * np.pi, 41)  # rad, points of an upright ring
 TARGET_BALL = {"water": 0.14, "air": 0.05}  # radius of the target in vehicle lengths; aircraft fly inside it
-TARGET_UP = 0.2  # of the length: height of a boat's target over the water
+TARGET_UP = 0.2  # height of a boat's target above the water, in vehicle lengths
 COURSE_S = 1.5  # averaging time of the course that turns the view of aircraft
 
 
@@ -93,8 +93,8 @@ def _send_lines(stream: Stream, path: str, points: Array, colours: Colour | list
 
 
 def smooth_course(time: Array, velocity_n: Array) -> Array:
-    """Course [T] (rad) of velocities [T, 3] at `time` (s), averaged briefly, so that turbulence does not shake the
-    view.
+    """Course [T] (rad) of velocities [T, 3] at `time` (s), averaged over COURSE_S, so that turbulence does not shake
+    the view.
     """
     near = np.abs(time[:, None] - time) <= 0.5 * COURSE_S
     return np.arctan2(near @ velocity_n[:, 1], near @ velocity_n[:, 0])

@@ -1,8 +1,8 @@
 """A boat drawn from its hull's surface: painted at the waterline, with decks and superstructure that show its attitude.
 
-Faces that look straight up are decks. A hull model may replace a deck by one rectangle of the same area, so decks are
-drawn anew across the hull's open edge. The superstructure (bridge deck, house, mast) is made from the hull's extent; no
-physics uses it.
+Faces that point straight up are decks. A hull model may replace a deck by one rectangle of the same area, so decks are
+drawn again across the hull's open edge. The superstructure (bridge deck, house, mast) follows from the hull's extent;
+no physics uses it.
 """
 
 import numpy as np
@@ -12,9 +12,9 @@ from taichi_sim.recording.episode import Array, Body, Platform
 from taichi_sim.recording.meshes import DECK, GLASS, HOUSE, KEEL, METAL, PAD, Mesh, box, loft
 from taichi_sim.recording.palette import Colour
 
-UPWARD = 0.99  # a face whose unit normal points up by this much is a deck
-GRID_M = 1e-5  # corners closer than this are one
-BOOT_TOP = 0.25  # the paint changes this share of the freeboard above the waterline
+UPWARD = 0.99  # a face is a deck if its unit normal has at least this upward component
+GRID_M = 1e-5  # corners closer than this are the same
+BOOT_TOP = 0.25  # height above the waterline at which the paint changes, over the freeboard
 MIN_RISE = 0.22  # least height of the mast above the deck in lengths, so that the attitude is visible
 
 
@@ -92,7 +92,9 @@ def _cut(faces: Array, inside: Array) -> Array:
 
 
 def open_loops(faces: Array) -> list[Array]:
-    """Closed rings [K, 3] of the edges that only one triangle of [F, 3, 3] has, in the order of a lid seen outside."""
+    """Closed rings [K, 3] of the edges that only one triangle of [F, 3, 3] has, in the order of a lid seen from
+    outside.
+    """
     place: dict[tuple[int, ...], Array] = {}
     edges: set[tuple] = set()
     for corners in faces:
@@ -105,7 +107,7 @@ def open_loops(faces: Array) -> list[Array]:
                 edges.remove((keys[b], keys[a]))
             else:
                 edges.add((keys[a], keys[b]))
-    following = {b: a for a, b in edges}  # a lid runs against the faces it closes
+    following = {b: a for a, b in edges}  # the edges of a lid run opposite to those of the faces
     rings = []
     while following:
         start, here = following.popitem()
@@ -127,12 +129,12 @@ def lid(ring: Array) -> Array:
 
 
 def _slab(outline: list[tuple[float, float]], top: float, bottom: float, colour: Colour) -> Mesh:
-    """A flat plate: (x, y) outline between two levels z, m."""
+    """A flat plate with the outline (x, y) between two levels z, m."""
     return loft(np.array([[(x, y, z) for x, y in outline] for z in (bottom, top)]), colour)
 
 
 def _house(x: tuple[float, float], half: float, foot: float, rise: float, colour: Colour) -> list[Mesh]:
-    """A house from x[0] to x[1], its front raked, with windows round it and a roof in the vehicle's colour."""
+    """A house from x[0] to x[1] with a raked front, windows around it and a roof in the vehicle's colour."""
     aft, fore = x
     rake = 0.55 * rise
 
@@ -167,7 +169,7 @@ def _bridge(low: NDArray, high: NDArray, gap: float, rise: float, colour: Colour
 
 
 def _in_the_way(part: Mesh, platform: Platform) -> bool:
-    """Whether a part reaches above the platform, over it."""
+    """Whether a part reaches above the platform within its outline."""
     low, high = part.vertices_b.min(axis=0), part.vertices_b.max(axis=0)
     centre, half = np.array(platform.centre_b), np.array(platform.half_m)
     beside = (low[:2] > centre[:2] + half) | (high[:2] < centre[:2] - half)
@@ -175,7 +177,7 @@ def _in_the_way(part: Mesh, platform: Platform) -> bool:
 
 
 def _landing_deck(platform: Platform, foot: float) -> list[Mesh]:
-    """A pad with a cross on four posts that stand at the level `foot` (down, m)."""
+    """A pad with a cross, on four posts that stand at the level `foot` (z, m)."""
     (x, y, z), (a, b) = platform.centre_b, platform.half_m
     thick, arm = 0.06 * min(a, b), 0.1 * min(a, b)
     parts = [box((x - a, y - b, z), (x + a, y + b, z + thick), PAD)]
@@ -190,7 +192,7 @@ def _landing_deck(platform: Platform, foot: float) -> list[Mesh]:
 
 
 def _deckhouse(low: NDArray, high: NDArray, gap: float, rise: float, colour: Colour) -> list[Mesh]:
-    """A house aft on a single hull, and a mark on deck that points forward."""
+    """A house in the stern of a single hull, and a mark on deck that points forward."""
     length, beam, deck = high[0] - low[0], high[1] - low[1], low[2]
     x, half = low[0] + length * np.array([0.62, 0.9]), 0.3 * beam
     mark = _slab([(x[0], -half), (x[1], 0.0), (x[0], half)], deck - 0.012 * length, deck, colour)
@@ -199,7 +201,7 @@ def _deckhouse(low: NDArray, high: NDArray, gap: float, rise: float, colour: Col
 
 
 def _mast(low: NDArray, high: NDArray, rise: float, twin: bool, colour: Colour) -> list[Mesh]:
-    """A mast with a yard, a lantern on top."""
+    """A mast with a yard and a lantern on top."""
     length, beam, deck = high[0] - low[0], high[1] - low[1], low[2]
     x, thick = low[0] + (0.32 if twin else 0.22) * length, 0.009 * length
     top, yard, lamp = deck - rise, deck - 0.8 * rise, 2.2 * thick

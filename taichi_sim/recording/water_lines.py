@@ -1,6 +1,7 @@
 """Lines on the waves: a ring at each slot, one around each boat, and the boats' wakes.
 
-They move as often as the water at a hull (sea_patch.py), with rounded heights, so that the file compresses well.
+They move as often as the water around a hull (sea_patch.py). Their heights are rounded, so that the file compresses
+well.
 """
 
 from dataclasses import dataclass
@@ -16,14 +17,14 @@ from taichi_sim.recording.palette import TARGET, WATER
 from taichi_sim.recording.sea_patch import OFF, Cadence, bias
 from taichi_sim.recording.stream import Stream
 
-TRAIL_S = 25.0  # how much of a wake is shown
+TRAIL_S = 25.0  # age of the oldest point of a wake
 TRAIL_POINTS = -1.5  # radius of a trail in points of the screen, whatever the distance
-WAKE_S, WAKE_LENGTHS = 0.25, 0.25  # between the points of a wake, at least: time, and vehicle lengths
-WAKE_MOST_S = 2.5  # the same, at most
+WAKE_S, WAKE_LENGTHS = 0.25, 0.25  # least interval between the points of a wake: time, and vehicle lengths
+WAKE_MOST_S = 2.5  # largest interval between the points of a wake
 NEWEST = 3  # points of a wake at the hull, which move as often as the water there
 WAKE_OFF = 0.1  # m: greatest error of a wake's height; the wake is drawn this much higher
 RING = np.linspace(0.0, 2.0 * np.pi, 29)  # rad
-SLOT_RING, WATER_RING = 0.75, 0.9  # radii, of the longer of length and beam
+SLOT_RING, WATER_RING = 0.75, 0.9  # radii over the larger of length and beam
 ABOVE_WATER = 0.02  # lift of lines on the water in lengths, so that the water does not hide them
 ROUND_M = 1.0 / 64.0  # heights are rounded to this
 JUMP_M = 5.0  # a trail is broken where a vehicle moves farther than its speed allows by this much
@@ -38,7 +39,9 @@ def surface(episode: Episode, place_n: Array, index: NDArray[np.int64]) -> Array
 
 
 def jumps(stream: Stream, team: TeamTrack) -> NDArray[np.bool_]:
-    """Whether a vehicle was placed anew since the previous step, [T, V]: it moved farther than its speed allows."""
+    """Mask [T, V] of vehicles that were placed anew since the previous step: they moved farther than their speed
+    allows.
+    """
     now, key = stream.ns * 1e-9, f"{team.name}/jumps"
     seconds = np.diff(now, prepend=stream.before(f"{key}/time", now))[:, None]
     place = np.asarray(team.position_n, dtype=np.float64)
@@ -52,7 +55,7 @@ def _rounded(up: Array) -> Array:
 
 
 def send_rings(stream: Stream, episode: Episode, team: TeamTrack) -> None:
-    """Send a ring at each slot, and one around each boat that shows the water it floats in."""
+    """Send a ring at each slot, and a ring around each boat that shows the water it floats in."""
     length, beam = team.size_m[:2]
     index = Cadence.of(episode.whole.time_s).steps(stream)
     livery = episode.liveries[team.name]
@@ -84,11 +87,11 @@ class _Way:
     first: int  # number of its first step
     time: Array  # [n] s
     place: Array  # [n, V, 3] m
-    broken: NDArray[np.bool_]  # [n, V]: put there from elsewhere
-    up: Array  # [n, V] m, where each point was drawn last
+    broken: NDArray[np.bool_]  # [n, V]: placed anew at this step
+    up: Array  # [n, V] m, height at which each point was drawn last
 
     def longer(self, time: Array, place: Array, broken: NDArray[np.bool_]) -> "_Way":
-        """The tracks with the steps of another part, without those too old for a wake."""
+        """The tracks with the steps of another part, without steps too old for a wake."""
         gone = int(np.searchsorted(self.time, time[0] - TRAIL_S))
         new = (time, place, broken, np.full(broken.shape, np.nan))
         old = (self.time, self.place, self.broken, self.up)
@@ -96,7 +99,7 @@ class _Way:
 
 
 def send_wakes(stream: Stream, episode: Episode, team: TeamTrack) -> None:
-    """Send each boat's wake on the current water: a whole line in each frame."""
+    """Send each boat's wake on the present water: a whole line in each frame."""
     key, whole, livery = f"{team.name}/wakes", episode.whole, episode.liveries[team.name]
     cadence = Cadence.of(whole.time_s)
     apart = _steps_between_points(whole.teams[team.name], np.asarray(whole.time_s, dtype=np.float64))
@@ -113,7 +116,7 @@ def send_wakes(stream: Stream, episode: Episode, team: TeamTrack) -> None:
     for step in index + (stream.first - way.first):
         number, now = int(step) + way.first, float(way.time[step])
         begin = int(np.searchsorted(way.time, now - TRAIL_S))
-        points = np.append(np.arange(begin + -(begin + way.first) % apart, step, apart), step)  # the same every time
+        points = np.append(np.arange(begin + -(begin + way.first) % apart, step, apart), step)  # fixed points
         _draw(episode, team, way, points if number // cadence.stride % cadence.whole == 0 else points[-NEWEST:], now)
         line = enu(np.concatenate([way.place[points, :, :2], -way.up[points, :, None]], axis=-1))
         for vehicle in range(team.vehicles):
@@ -125,7 +128,8 @@ def send_wakes(stream: Stream, episode: Episode, team: TeamTrack) -> None:
 
 
 def _draw(episode: Episode, team: TeamTrack, way: _Way, points: NDArray[np.int64], now: float) -> None:
-    """Move points of a wake to the surface at step `now` where they are visibly off; distant points may be off by more.
+    """Move the points of a wake to the surface at step `now` where their error is visible; distant points have more
+    tolerance.
 
     The last point is the boat's own position.
     """
@@ -133,7 +137,7 @@ def _draw(episode: Episode, team: TeamTrack, way: _Way, points: NDArray[np.int64
     up = np.asarray(episode.elevation(place[..., NORTH], place[..., EAST], now), dtype=np.float64)
     off = np.clip(OFF * (np.linalg.norm(place - place[-1], axis=-1) - team.size_m[0]), 0.0, WAKE_OFF)
     up = _rounded(up + ABOVE_WATER * team.size_m[0] + off)
-    stays = np.abs(up - way.up[points]) <= off  # never where there was no height yet
+    stays = np.abs(up - way.up[points]) <= off  # False for points without a height yet
     way.up[points] = np.where(stays, way.up[points], up)
 
 

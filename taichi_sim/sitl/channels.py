@@ -7,8 +7,8 @@
 | fixed wing | 1 aileron (high: rolls right), 2 elevator (high: nose up), 3 throttle, 4 rudder (high: nose right) |
 | multirotor | 1, 2 ... the rotors, in the order of the vehicle file: speed from omega_min to omega_max |
 
-Pulse widths from `low` to `high` are -1 to 1 of what has a middle, and 0 to 1 of throttles and rotors. A width of 0 (no
-output) is the middle, or 0.
+Pulse widths from `low` to `high` give -1 to 1 for controls with a middle position, and 0 to 1 for throttles and rotors.
+A width of 0 (no output) gives 0.
 """
 
 import re
@@ -24,23 +24,24 @@ from taichi_sim.uav.fixed_wing.params import FixedWingParams
 from taichi_sim.uav.multirotor.params import MultirotorParams
 from taichi_sim.usv.vessel import Vessel
 from taichi_sim.vehicle import Vehicle
+from taichi_sim.vehicles import Changes
 
-PWM = (1000, 2000)  # microseconds, ArduPilot's SITL
+PWM = (1000, 2000)  # lowest and highest pulse width of ArduPilot's SITL, microseconds
 
-DIRECT: Mapping[type, dict[str, Any]] = {
+DIRECT: Mapping[type, Changes] = {
     FixedWingParams: {"autopilot": {"actions": "surfaces"}},
     MultirotorParams: {"control": {"actions": "rotors"}},
 }
-"""What must be changed in a vehicle file so that its actions are its actuators."""
+"""Changes of a vehicle file that make its actions its actuators: parameters -> section -> key -> value."""
 
 
-def changes_for(model: Vehicle) -> dict[str, Any]:
-    """Of the vehicle file, so that an autopilot commands the actuators."""
+def changes_for(model: Vehicle) -> Changes:
+    """Changes of the vehicle file that let an autopilot command the actuators: section -> key -> value."""
     return DIRECT.get(type(model.params), {})
 
 
 def default_channels(model: Vehicle) -> dict[str, int]:
-    """What is commanded -> channel, negative where high is its negative.
+    """Default channels: control -> channel, negative if a high pulse width gives a negative control.
 
     Raises:
         ConfigError: for a vehicle that an autopilot cannot drive.
@@ -59,10 +60,10 @@ def default_channels(model: Vehicle) -> dict[str, int]:
 
 
 def read_channels(text: str, model: Vehicle) -> dict[str, int]:
-    """NAME=CHANNEL,... over the defaults; -CHANNEL turns it round.
+    """Channels from NAME=CHANNEL,... in `text`, over the defaults; -CHANNEL reverses the control.
 
     Raises:
-        ConfigError: for a name that is not commanded, or no channel.
+        ConfigError: for an unknown control or channel.
     """
     found = default_channels(model)
     for part in text.split(","):
@@ -78,15 +79,15 @@ def read_channels(text: str, model: Vehicle) -> dict[str, int]:
 
 
 class Mixer:
-    """Actions from pulse widths, of one vehicle."""
+    """Turns pulse widths into the actions of one vehicle."""
 
     def __init__(self, model: Vehicle, channels: Mapping[str, int], pwm: tuple[float, float] = PWM):
-        """For `model`, whose actions are its actuators (`changes_for`)."""
+        """Take `model`, whose actions must be its actuators (`changes_for`)."""
         self.model, self.channels, self.low, self.high = model, dict(channels), *pwm
         self.one_sided = {"throttle"} | set(model.action_names if isinstance(model.params, MultirotorParams) else ())
 
     def share(self, name: str, pwm: tuple[int, ...]) -> float:
-        """-1 to 1, or 0 to 1, of what is commanded."""
+        """Value of the control `name`: -1 to 1, or 0 to 1 for throttles and rotors."""
         channel = self.channels[name]
         width = pwm[abs(channel) - 1] if abs(channel) <= len(pwm) else 0
         if name in self.one_sided:
@@ -96,7 +97,7 @@ class Mixer:
         return -x if channel < 0 else x
 
     def actions(self, pwm: tuple[int, ...]) -> NDArray[np.float64]:
-        """[action]."""
+        """Actions [action] for the pulse widths `pwm` (microseconds)."""
         shares = {name: self.share(name, pwm) for name in self.channels}
         model: Any = self.model
         if "helm" in shares:

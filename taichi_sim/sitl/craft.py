@@ -1,14 +1,15 @@
-"""A vehicle stepped frame by frame for an autopilot: begins anew, advances, measures.
+"""A vehicle that an autopilot steps frame by frame: it begins, advances and measures.
 
-A vessel begins afloat, at rest. A multirotor stands at its place until its rotors lift it, for there is no ground here
-but decks. An aircraft is held at its place, level, until its throttle opens; then it flies from there at its cruising
-airspeed.
+A vessel begins afloat, at rest. A multirotor stands at its place until its rotors lift it, because decks are the only
+ground here. A fixed-wing aircraft is held at its place, level, until its throttle opens; from there it flies at its
+cruising airspeed.
 """
 
 import math
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
+from torch import Tensor
 
 from taichi_sim.bench import Bench
 from taichi_sim.config import AirConfig, ConfigError, SeaConfig
@@ -18,26 +19,28 @@ from taichi_sim.sitl.channels import PWM, Mixer, changes_for, default_channels
 from taichi_sim.sitl.packets import Sensors
 from taichi_sim.uav.fixed_wing.params import FixedWingParams
 from taichi_sim.vehicle import Vehicle
-from taichi_sim.vehicles import load_vehicle
+from taichi_sim.vehicles import Changes, load_vehicle
 
-LONGEST_STEP = 0.02  # s, physics steps within a frame of less than 50 Hz
+LONGEST_STEP = 0.02  # s, longest physics step; frames below 50 Hz have several
 MOST_SUBSTEPS = 256
 WARM_UP = 5  # frames
-HELD_HEIGHT = 50.0  # m, at which aircraft are held; they report it as where they began
-OPEN = 0.6  # throttle at which a held aircraft is let go
+HELD_HEIGHT = 50.0  # m, height at which aircraft are held; they report their position from there
+OPEN = 0.6  # throttle at which a held aircraft is released
 
 
 class Craft:
     """One vehicle in a sea and a wind.
 
     Attributes:
-        model, bench: of the present frame rate. rate: Hz. frames: since it began.
+        model, bench: those of the present frame rate.
+        rate: frame rate, Hz.
+        frames: number of frames since the beginning.
     """
 
     def __init__(
         self,
         vehicle: str,
-        changes: dict[str, Any] | None = None,
+        changes: Changes | None = None,
         *,
         sea: SeaConfig | None = None,
         air: AirConfig | None = None,
@@ -46,7 +49,9 @@ class Craft:
         heading: float = 0.0,
         seed: int = 0,
     ):
-        """Of a vehicle file or name, with other values of its keys; `heading` (rad) to begin with.
+        """Load a vehicle file or name, with `changes` of its keys and the initial `heading` (rad).
+
+        `channels` and `pwm` are explained in channels.py.
 
         Raises:
             ConfigError: for a vehicle that cannot be loaded, or that an autopilot cannot drive.
@@ -65,25 +70,25 @@ class Craft:
     # -- beginning -------------------------------------------------------------------------------------------------
 
     def begin(self, rate: int) -> None:
-        """At its place, at rest, at frames of `rate` Hz."""
+        """Place the vehicle at rest at its initial position, for frames of `rate` Hz."""
         self._build(rate)
         b, air = self.bench, self.model.medium == "air"
         b.time.zero_()
         down = -HELD_HEIGHT if air else 0.0
         b.put((0.0, 0.0, down), (0.0, 0.0, self.heading), settle=not air)
         b.fleet.action.zero_()
-        for name in self.model.control_names:  # rotors and propellers stand
+        for name in self.model.control_names:  # rotors and propellers stand still
             if air and name in self.model.aux_names:
                 b.fleet.reading(name).zero_()
         self.frames, self.held = 0, air
         self.origin = self._state()[:3].copy()
-        if not air:  # until it moves with the water under it
+        if not air:  # let it reach the motion of the water under it
             b.step(self.mixer.actions(()), times=WARM_UP)
             self.origin[2] = 0.0
         self.before = self._velocity()
 
     def change_rate(self, rate: int) -> None:
-        """Go on at frames of another rate: motion and time stay."""
+        """Continue with frames of another rate, Hz; motion and time stay."""
         old, seconds = self.bench, self.frames / self.rate
         self._build(rate)
         for new, kept in ((self.bench.state, old.state), (self.bench.aux, old.aux), (self.bench.surface, old.surface)):
@@ -113,7 +118,7 @@ class Craft:
     # -- moving ----------------------------------------------------------------------------------------------------
 
     def advance(self, pwm: tuple[int, ...]) -> None:
-        """One frame under these servo outputs."""
+        """Advance by one frame under the servo outputs `pwm` (microseconds)."""
         b, kept = self.bench, None
         if self.held:
             kept = b.state.clone()
@@ -124,8 +129,12 @@ class Craft:
             b.state.copy_(kept)
             b.fleet.update()
 
-    def _released(self, kept: Any, pwm: tuple[int, ...]) -> bool:
-        """Whether what is held lets go; a multirotor where its rotors lift it, an aircraft where its throttle opens."""
+    def _released(self, kept: Tensor, pwm: tuple[int, ...]) -> bool:
+        """Whether a held vehicle is released: a multirotor when its rotors lift it, an aircraft when its throttle
+        opens.
+
+        `kept` is the state before the frame.
+        """
         b = self.bench
         if isinstance(self.model.params, FixedWingParams):
             if self.mixer.share("throttle", pwm) < OPEN:
@@ -146,16 +155,16 @@ class Craft:
         return self.bench.state[0, 0].double().cpu().numpy()
 
     def _velocity(self) -> np.ndarray:
-        """[3], NED, m/s."""
+        """Velocity over ground [3], NED, m/s."""
         return _rotation(self._state()[3:7]) @ self._state()[7:10]
 
     def sensors(self) -> Sensors:
-        """As of the end of the last frame; the specific force is the mean over it."""
+        """Measurements at the end of the last frame; the specific force is the mean over that frame."""
         s = self._state()
         R, velocity = _rotation(s[3:7]), self._velocity()
         force = R.T @ ((velocity - self.before) * self.rate - np.array([0.0, 0.0, GRAVITY]))
         euler = torch_euler_from_quaternion(self.bench.state[0, 0, QUATERNION].double()).tolist()
-        met = R.T @ (self.bench.around.wind[0].double().cpu().numpy() - velocity)  # of the air, relative to it, b
+        met = R.T @ (self.bench.around.wind[0].double().cpu().numpy() - velocity)  # of the air, b
         air = self.model.medium == "air"
         speed = float(np.linalg.norm(met)) if air else None
         if air and "airspeed" in self.model.aux_names and not self.held:
@@ -168,12 +177,12 @@ class Craft:
         )  # fmt: skip
 
 
-def _three(x: Any) -> tuple[float, float, float]:
+def _three(x: np.ndarray | Sequence[float]) -> tuple[float, float, float]:
     return float(x[0]), float(x[1]), float(x[2])
 
 
 def _rotation(q: np.ndarray) -> np.ndarray:
-    """R_nb of a quaternion."""
+    """R_nb of the quaternion q (w, x, y, z)."""
     w, x, y, z = q
     return np.array([
         [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],

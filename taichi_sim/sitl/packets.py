@@ -1,7 +1,7 @@
 """Packets of ArduPilot's JSON interface (ardupilot, libraries/SITL/examples/JSON/readme.md).
 
-To us, binary, little-endian: magic (uint16), frame_rate (uint16, Hz), frame_count (uint32), pulse widths of 16 or 32
-servos (uint16, microseconds). To ArduPilot, a line of JSON: time, IMU, position, attitude, velocity.
+From ArduPilot, binary, little-endian: magic (uint16), frame_rate (uint16, Hz), frame_count (uint32), pulse widths of 16
+or 32 servos (uint16, microseconds). To ArduPilot, a line of JSON: time, IMU, position, attitude, velocity.
 """
 
 import json
@@ -9,41 +9,41 @@ import struct
 from typing import NamedTuple
 
 MAGIC = {18458: 16, 29569: 32}  # magic -> servo channels
-RATES = (1, 10000)  # Hz, of frames
+RATES = (1, 10000)  # lowest and highest frame rate, Hz
 
 
 class PacketError(ValueError):
-    """A packet that is not one of the interface; the message says why."""
+    """Data that are no valid packet; the message says why."""
 
 
 class Servos(NamedTuple):
     """A packet from ArduPilot."""
 
-    rate: int  # Hz, of frames
-    frame: int  # counts from 0 on; the same once more where no answer came
+    rate: int  # frame rate, Hz
+    frame: int  # counts from 0; repeated if no answer arrived
     pwm: tuple[int, ...]  # microseconds; 0: no output
 
 
 class Sensors(NamedTuple):
-    """What a vehicle measures at the end of a frame; SI, NED and forward-right-down."""
+    """Measurements of a vehicle at the end of a frame; SI, NED and forward-right-down."""
 
-    timestamp: float  # s, of the physics
+    timestamp: float  # simulated time, s
     gyro: tuple[float, float, float]  # rad/s, b
     accel_body: tuple[float, float, float]  # specific force, m/s^2, b: (0, 0, -9.8) at rest
-    position: tuple[float, float, float]  # from where it began, m, NED
+    position: tuple[float, float, float]  # from the initial position, m, NED
     attitude: tuple[float, float, float]  # roll, pitch, yaw, rad
     quaternion: tuple[float, float, float, float]  # w, x, y, z, b to NED
     velocity: tuple[float, float, float]  # over ground, m/s, NED
     airspeed: float | None = None  # m/s
-    wind_direction: float | None = None  # of the wind that it meets, from the bow clockwise, rad
-    wind_speed: float | None = None  # m/s
+    wind_direction: float | None = None  # direction that the apparent wind blows from, clockwise from the bow, rad
+    wind_speed: float | None = None  # apparent wind, m/s
 
 
 def parse(data: bytes) -> Servos:
-    """A packet of either length.
+    """Decode a packet with 16 or 32 channels.
 
     Raises:
-        PacketError: for one cut short, of another magic, or of a frame rate of nothing.
+        PacketError: for a wrong length, an unknown magic, or a frame rate out of range.
     """
     if len(data) < 2:
         raise PacketError(f"{len(data)} bytes are no packet")
@@ -62,13 +62,13 @@ def parse(data: bytes) -> Servos:
 
 
 def pack(servos: Servos) -> bytes:
-    """The other way, for peers that play ArduPilot."""
+    """Encode a packet, for peers that play ArduPilot."""
     magic = {n: m for m, n in MAGIC.items()}[len(servos.pwm)]
     return struct.pack(f"<HHI{len(servos.pwm)}H", magic, servos.rate, servos.frame, *servos.pwm)
 
 
 def told(sensors: Sensors) -> bytes:
-    """The answer: JSON between line feeds, as ArduPilot's parser wants it."""
+    """Encode the answer: JSON between line feeds, as ArduPilot's parser expects."""
     data = {
         "timestamp": sensors.timestamp,
         "imu": {"gyro": sensors.gyro, "accel_body": sensors.accel_body},

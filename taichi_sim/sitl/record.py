@@ -1,7 +1,10 @@
-"""Recordings and a live view (rerun) of what an autopilot drives, from frame 0 to a restart."""
+"""Recordings and live views (rerun) of a vehicle that an autopilot drives.
+
+A recording runs from frame 0 to a restart.
+"""
 
 from pathlib import Path
-from typing import cast
+from typing import TypedDict, cast
 
 from torch import Tensor
 
@@ -15,47 +18,57 @@ from taichi_sim.sitl.packets import Sensors, Servos
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.world import World
 
-RATE = 10.0  # recorded frames a second, at most
-FIRST, PART = 30, 5  # frames of the first part of a live view, by which it is laid out, and of each later one
+RATE = 10.0  # largest number of recorded frames per second
+FIRST, PART = 30, 5  # frames of a live view's first part, which sets its layout; frames of a later part
+
+
+class Described(TypedDict):
+    """Name and description of a recording, arguments of `Recorder.episode`."""
+
+    name: str
+    config_text: str
 
 
 class Stage:
-    """What a Recorder reads of a world, of a craft's bench, which is another one after a change of the frame rate."""
+    """The parts of a World that a Recorder reads, taken from a craft's bench.
+
+    The bench changes with the frame rate, so each property asks the craft anew.
+    """
 
     num_envs = 1
 
     def __init__(self, craft: Craft):
-        """Of `craft`, which has begun."""
+        """Read `craft`, which has begun."""
         self.craft, self.name = craft, Path(craft.vehicle).stem
         self.config = WorldConfig(name=self.name)
 
     @property
     def teams(self) -> dict[str, Fleet]:
-        """The one vehicle."""
+        """The fleet of the one vehicle, by its name."""
         return {self.name: self.craft.bench.fleet}
 
     @property
     def sea(self) -> Sea:
-        """Its sea."""
+        """The sea of the bench."""
         return self.craft.bench.sea
 
     @property
     def time(self) -> Tensor:
-        """[1] s."""
+        """Time [1], s."""
         return self.craft.bench.time
 
     @property
     def around(self) -> Surroundings:
-        """Its surroundings."""
+        """Surroundings of the vehicle."""
         return self.craft.bench.around
 
     @property
     def env_sea(self) -> Tensor:
-        """[1] realisation of the sea."""
+        """Realisation of the sea [1]."""
         return self.around.env_sea
 
     def elevation(self, envs: Tensor, north: Tensor, east: Tensor) -> Tensor:
-        """Elevation (m, up) now at points [1, point], shaped like them."""
+        """Elevation (m, up) now at points north, east [1, point] (m), in their shape."""
         points = north.new_empty((north.numel(), 2))
         points[:, 0], points[:, 1] = north[0], east[0]
         phase = self.sea.phases(self.env_sea, self.time)
@@ -64,19 +77,19 @@ class Stage:
 
 
 class Frames:
-    """Frames of a craft, RATE a second, from its begin on."""
+    """Recorded frames of a craft since its beginning, RATE per second."""
 
     def __init__(self, craft: Craft):
-        """None yet."""
+        """Start without frames."""
         self.craft, self.stage, self.due = craft, Stage(craft), 0.0
         self.recorder: Recorder | None = None
 
     def begin(self, sensors: Sensors) -> None:
-        """The craft has just begun: forget what was before."""
+        """Drop earlier frames, because the craft has just begun."""
         self.recorder, self.due = Recorder(cast(World, self.stage), after=sensors.timestamp), 0.0
 
     def take(self, sensors: Sensors) -> None:
-        """Take a frame, if it is time for one."""
+        """Record a frame if it is due."""
         if self.recorder is not None and sensors.timestamp >= self.due:
             self.recorder.add({self.stage.name: self.craft.bench.fleet.action})
             self.due = sensors.timestamp + 1 / RATE - 1e-6
@@ -86,21 +99,21 @@ class Frames:
         return 0 if self.recorder is None else len(self.recorder)
 
     @property
-    def parts(self) -> dict[str, str]:
-        """Name and description of what is recorded."""
+    def parts(self) -> Described:
+        """Name and description of the recording."""
         told = f"# {self.stage.name}\n\nDriven by an autopilot at {self.craft.rate} Hz, from frame 0 on.\n"
         return {"name": self.stage.name, "config_text": told}
 
 
-class Reel:
-    """Keeps frames, and writes them to `file`; those after a restart to a file beside it, -2, -3 and so on."""
+class CraftRecording:
+    """Records frames and writes them to `file`; frames after a restart go to files beside it, -2, -3 and so on."""
 
     def __init__(self, file: Path, craft: Craft):
-        """Nothing is kept yet."""
+        """Start without frames."""
         self.file, self.frames, self.lives = file, Frames(craft), 0
 
     def see(self, servos: Servos, sensors: Sensors) -> None:
-        """Keep this frame, if it is time for one (`Session.seen`)."""
+        """Record this frame if it is due (one of `Session.seen`)."""
         if self.frames.craft.frames == 1:  # it has just begun
             self.write()
             self.frames.begin(sensors)
@@ -108,7 +121,7 @@ class Reel:
         self.frames.take(sensors)
 
     def write(self) -> Path | None:
-        """Write the file of the present life; None if nothing was kept."""
+        """Write the file of the frames since the last restart; return None if there are none."""
         recorder, self.frames.recorder = self.frames.recorder, None
         if recorder is None or not len(recorder):
             return None
@@ -117,15 +130,15 @@ class Reel:
         return file
 
 
-class View:
-    """Shows frames live, half a second at a time; after a restart, its clock goes on."""
+class CraftView:
+    """Shows frames live, half a second at a time. Its clock continues after a restart."""
 
     def __init__(self, live: Live, craft: Craft):
-        """Nothing is shown yet."""
+        """Start without frames."""
         self.live, self.frames, self.after, self.last = live, Frames(craft), 0.0, 0.0
 
     def see(self, servos: Servos, sensors: Sensors) -> None:
-        """Show this frame, with those about it (`Session.seen`)."""
+        """Show this frame together with its neighbours (one of `Session.seen`)."""
         if self.frames.craft.frames == 1:  # it has just begun
             if self.frames.recorder is not None:
                 self.live.begin()
@@ -134,5 +147,5 @@ class View:
         self.last = sensors.timestamp
         self.frames.take(sensors)
         if self.frames.recorder is not None and len(self.frames) >= (FIRST if self.live.like is None else PART):
-            part = self.frames.recorder.part(like=self.live.like, **self.frames.parts)
+            part = self.frames.recorder.part(**self.frames.parts, like=self.live.like)
             self.live.show(part, after_s=self.after)

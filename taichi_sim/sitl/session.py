@@ -1,9 +1,9 @@
-"""One autopilot's side of the conversation: which frames are new, repeated, lost, or the first after a restart.
+"""The conversation with one autopilot: which frames are new, repeated, lost, or the first after a restart.
 
-Lockstep: ArduPilot sends frame k and waits. It gets an answer once the vehicle has moved on by one frame. Where the
-answer was lost it sends the same frame again, and gets the same answer. A jump ahead means that frames were lost on the
-way: the vehicle moves on by as many, the lost ones under the last outputs known. Frame 0 after others is a restart. A
-frame that is older otherwise was late, and gets no answer.
+Lockstep: ArduPilot sends frame k and waits. It receives an answer once the vehicle has advanced by one frame. If the
+answer is lost, ArduPilot sends the same frame again and receives the same answer. A jump ahead means that frames were
+lost: the vehicle advances by as many frames, the lost ones under the last known outputs. Frame 0 after other frames is
+a restart. Any other older frame came late, and gets no answer.
 """
 
 from collections.abc import Callable
@@ -13,32 +13,35 @@ from ipaddress import ip_address
 from taichi_sim.sitl.craft import Craft
 from taichi_sim.sitl.packets import PacketError, Sensors, Servos, parse, told
 
-LONGEST_GAP = 2.0  # s; after more than that a conversation goes on with the frame that came
-MOST_REASONS = 16  # that are counted apart
+LONGEST_GAP = 2.0  # s; after a longer gap the lost frames are skipped
+MOST_REASONS = 16  # largest number of reasons that are counted separately
 Address = tuple[str, int]
 
 
 @dataclass
 class Counts:
-    """What came."""
+    """Numbers of packets received, by kind."""
 
-    frames: int = 0  # answered anew
+    frames: int = 0  # new frames
     repeated: int = 0
-    lost: int = 0  # frames that never came
+    lost: int = 0  # frames that never arrived
     late: int = 0
     restarts: int = 0
-    refused: dict[str, int] = field(default_factory=dict)  # why -> how many
+    refused: dict[str, int] = field(default_factory=dict)  # reason -> number
 
 
 class Session:
     """A craft and the one peer that drives it.
 
     Attributes:
-        craft. peer: who sends, from the first good packet on. counts. seen: all are called after each new frame.
+        craft: the vehicle.
+        peer: address of the sender, from the first valid packet on.
+        counts: numbers of packets.
+        seen: functions that are called after each new frame.
     """
 
     def __init__(self, craft: Craft):
-        """Nobody drives it yet."""
+        """Start without a peer."""
         self.craft, self.counts = craft, Counts()
         self.seen: list[Callable[[Servos, Sensors], None]] = []
         self.peer: Address | None = None
@@ -46,7 +49,7 @@ class Session:
         self.answer = b""
 
     def receive(self, data: bytes, sender: Address) -> bytes | None:
-        """The answer to a packet; None where there is none to give."""
+        """The answer to a packet, or None if there is none."""
         try:
             servos = parse(data)
             self._check_sender(sender, servos)
@@ -86,10 +89,11 @@ class Session:
         return self.answer
 
     def _check_sender(self, sender: Address, servos: Servos) -> None:
-        """Another port of the same machine may take over with frame 0, as a restarted SITL does; nobody else may.
+        """Refuse other senders than the peer. Another port of the same machine may take over with frame 0, as a
+        restarted SITL does.
 
         Raises:
-            PacketError: for anybody else.
+            PacketError: for any other sender.
         """
         if self.peer is None or sender == self.peer:
             return

@@ -1,1 +1,1 @@
-"""Trials: what is measured of a vehicle alone, by the field's definitions: of ships, aircraft and multirotors."""
+"""Trials of a single ship, aircraft or multirotor: measured quantities by the field's definitions."""

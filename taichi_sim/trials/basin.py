@@ -1,50 +1,56 @@
 """A basin for trials: vessels side by side, each with its own helm, and events timed between steps.
 
-A helmsman acts at the instant at which the heading reaches a mark. Where that lies within a step, the step is made
-again in FINE parts by a second model of the same numbers, and the command changes between two of these.
+A helmsman acts at the instant at which the heading reaches a mark. If that instant lies within a step, a second model
+with the same numbers repeats the step in FINE parts, and the command changes between two of these.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from taichi_sim.bench import Bench
 from taichi_sim.config import AirConfig, ConfigError, SeaConfig
 from taichi_sim.conventions import ANGULAR_VELOCITY, GRAVITY, POSITION, QUATERNION, VELOCITY
 from taichi_sim.trials.figures import Array, TrialError
 from taichi_sim.usv.vessel import Vessel
-from taichi_sim.vehicles import load_vehicle
+from taichi_sim.vehicles import Changes, load_vehicle
 
 Due = Callable[[Array], NDArray[np.bool_]]
 Act = Callable[[NDArray[np.bool_], float], Array]
-FINE = 256  # parts of a step in which an event lies
-COARSE = 0.014  # step over sqrt(L), s / sqrt(m): 0.02 s of a hull of 2 m; it only bounds the error between events
-ALMOST = 1e-3  # the same, below which the longest approach will do
-STEADY = 1e-6  # change of speed in a ship's length of travel, over the speed, at which an approach is over
-LONGEST = 600.0  # of any phase of a trial, in lengths over the speed of sqrt(g L) / 10
-SHIP_HELM = np.radians(35.0)  # what full helm of a vessel without rudders counts as
-RUN_UP = 5.0  # least time of an approach that is towed or in waves, in lengths over the same speed
-COURSE_GAIN, RATE_GAIN = 2.0, 1.0  # of the helm that keeps a course in wind and waves, 1/rad, and of r L / U; assumed
+FINE = 256  # parts of a step that contains an event
+COARSE = 0.014  # step over sqrt(L), s / sqrt(m): 0.02 s for a hull of 2 m; it only bounds the error between events
+ALMOST = 1e-3  # the same, accepted after the longest approach
+STEADY = 1e-6  # relative change of speed per ship length of travel, below which an approach ends
+LONGEST = 600.0  # longest phase of a trial, in `slowness`
+SHIP_HELM = np.radians(35.0)  # rudder angle that stands for full helm of a vessel without rudders
+RUN_UP = 5.0  # shortest approach that is towed or in waves, in `slowness`
+COURSE_GAIN, RATE_GAIN = 2.0, 1.0  # helmsman in wind and waves: gains of course (1/rad) and of r L / U; assumed
 
 
 @dataclass(frozen=True)
 class Setting:
-    """What a trial is made with.
+    """Conditions of a trial.
 
     Attributes:
-        vehicle: a file or a name. changes: of the vehicle file's keys (load_vehicle).
-        sea, air: None is calm; a sea has its current. runs: realisations of the sea. seed: of them.
-        heading: of the approach, rad, in wind and waves. ahead: share of full thrust. helm: share of full helm.
-        speed: of the approach, m/s, held as by a carriage; None: the vessel's own. dt: s; None follows from the length.
+        vehicle: a file or a name.
+        changes: changed keys of the vehicle file (load_vehicle).
+        sea, air: None is calm; the current is part of the sea.
+        runs: number of realisations of the sea.
+        heading: heading of the approach, rad, for wind and waves.
+        ahead: share of full thrust.
+        helm: share of full helm.
+        speed: speed of the approach, m/s, held as by a towing carriage; None: the vessel's own.
+        dt: step, s; None: it follows from the length.
+        seed: seed of the realisations.
     """
 
     vehicle: str | Path
-    changes: dict[str, Any]
+    changes: Changes
     sea: SeaConfig | None = None
     air: AirConfig | None = None
     runs: int = 1
@@ -57,30 +63,30 @@ class Setting:
 
     @property
     def calm(self) -> bool:
-        """Whether nothing disturbs the vessel."""
+        """Whether there are no waves, wind or current."""
         return self.sea is None and self.air is None
 
 
 class Track(NamedTuple):
-    """Motion over time, [sample] or [sample, env]: SI, rad; headings are counted on through full turns."""
+    """Motion over time, [sample] or [sample, env]: SI, rad. Headings continue through full turns."""
 
     t: Array
     north: Array
     east: Array
     roll: Array
     heading: Array
-    u: Array  # over ground, in b
+    u: Array  # velocity over ground, in b
     v: Array
-    r: Array  # of the heading
-    helm: Array  # rudder angle, rad, or the same share of 35 degrees
+    r: Array  # rate of the heading
+    helm: Array  # rudder angle, rad, or the share of full helm times 35 degrees
 
     def of(self, env: int) -> "Track":
-        """That of one environment."""
+        """The track of one environment."""
         return Track(self.t, *(column[:, env] for column in self[1:]))
 
     @property
     def speed(self) -> Array:
-        """Over ground, m/s."""
+        """Speed over ground, m/s."""
         return np.hypot(self.u, self.v)
 
 
@@ -88,7 +94,8 @@ def vessel_of(setting: Setting) -> Vessel:
     """The model, with a step that suits its length.
 
     Raises:
-        ConfigError: for a vehicle that cannot be loaded. TrialError: for one that is not a vessel.
+        ConfigError: for a vehicle that cannot be loaded.
+        TrialError: for a vehicle that is not a vessel.
     """
     first = load_vehicle(setting.vehicle, 1e-3, 1, **setting.changes)
     if not isinstance(first, Vessel):
@@ -113,15 +120,17 @@ def _model(setting: Setting, dt: float) -> Vessel:
 
 
 class Basin:
-    """`cases` x `setting.runs` vessels of one model; environment case * runs + run is on realisation `run`.
+    """`cases` x `setting.runs` vessels of one model; environment case * runs + run has realisation `run`.
 
     Attributes:
-        model, setting, bench. time: since the trial's beginning, s. length: of the vessel, m. slowness: L over a Froude
-            speed of 0.1, s, which bounds the phases of a trial.
+        model, setting, bench: the vessel, the conditions, and the bench that steps it.
+        time: since the beginning of the trial, s.
+        length: length of the vessel, m.
+        slowness: length over the speed at a Froude number of 0.1, s; it bounds the phases of a trial.
     """
 
     def __init__(self, setting: Setting, cases: int):
-        """At rest."""
+        """Make the vessels, at rest."""
         self.setting, self.model = setting, vessel_of(setting)
         self.envs, self.cases = cases * setting.runs, cases
         self.bench = self._bench(self.model)
@@ -147,17 +156,17 @@ class Basin:
 
     @property
     def longest(self) -> float:
-        """Of a phase, s."""
+        """Longest duration of a phase, s."""
         return LONGEST * self.slowness
 
-    def spread(self, values: Any) -> Array:
-        """Values [case], for every environment."""
+    def spread(self, values: ArrayLike) -> Array:
+        """Values [case], repeated for every environment."""
         return np.repeat(np.asarray(values, dtype=np.float64), self.setting.runs)
 
     # -- moving ----------------------------------------------------------------------------------------------------
 
     def lie(self, speed: float = 0.0) -> None:
-        """Place all at the origin, with `speed` (m/s) ahead through the water."""
+        """Place all vessels at the origin, with `speed` (m/s) ahead through the water."""
         self.bench.put(
             (0.0, 0.0, 0.0),
             (0.0, 0.0, 0.0 if self.setting.calm else self.setting.heading),
@@ -167,13 +176,13 @@ class Basin:
         self.begin()
 
     def begin(self) -> None:
-        """Time and places count from here."""
+        """Count time and positions from here."""
         self.time = 0.0
         self.bench.state[..., :2] = 0.0
         self._heading = self._raw()
 
     def step(self, ahead: Array, helm: Array) -> None:
-        """A step with these commands [env]."""
+        """Step all vessels with these commands [env]."""
         self._advance(self.bench, ahead, helm)
         self.time += self.model.dt
 
@@ -187,10 +196,10 @@ class Basin:
         bench.step(self._actions)
 
     def step_to(self, ahead: Array, helm: Array, due: Due, act: Act) -> Array:
-        """A step within which commands may change; the helm [env] after it.
+        """Step all vessels; commands may change within the step. Return the helm [env] after it.
 
-        `due(heading)` says of each environment whether its helm is to change at this heading (rad), and
-        `act(which, time)` gives the helm of all after it did, in those, at that time (s).
+        `due(heading)` says for each environment whether its helm is to change at this heading (rad). `act(which, time)`
+        gives the helm of all environments after it has changed in `which` at that time (s).
         """
         b = self.bench
         parts = (b.state, b.fleet.aux, b.fleet.surface, b.fleet.derived)
@@ -230,11 +239,11 @@ class Basin:
         return self._heading
 
     def headings(self) -> Array:
-        """[env], rad, counted on through full turns."""
+        """Headings [env], rad, continued through full turns."""
         return self._follow()
 
     def sample(self, helm: Array) -> tuple[Array, ...]:
-        """A row of a track."""
+        """The present row of a track."""
         s = self.bench.state[:, 0].double().cpu().numpy()
         w, x, y, z = s[:, 3], s[:, 4], s[:, 5], s[:, 6]
         up, across, ahead = 1 - 2 * (x * x + y * y), 2 * (y * z + w * x), 2 * (x * z - w * y)  # last row of R_nb
@@ -249,13 +258,13 @@ class Basin:
     # -- approaching -----------------------------------------------------------------------------------------------
 
     def approach(self, ahead: Array | None = None) -> Array:
-        """A steady straight run, after which the trial begins; speeds ahead over ground [env], m/s.
+        """Sail a steady straight run, after which the trial begins; return speeds ahead over ground [env], m/s.
 
-        In calm water the vessel is kept on its course as by rails: of an unstable one there is no other straight run.
-        In wind and waves a helmsman keeps it.
+        In calm water the vessel is kept on its course as by rails, because an unstable vessel has no other straight
+        run. In wind and waves a helmsman keeps the course.
 
         Raises:
-            TrialError: if the vessel does not get going, or never becomes steady.
+            TrialError: if the vessel does not get under way, or never becomes steady.
         """
         setting, state = self.setting, self.bench.state
         ahead = np.full(self.envs, setting.ahead) if ahead is None else ahead
@@ -280,7 +289,7 @@ class Basin:
             travelled = steps * self.model.dt * np.maximum(np.abs(speed), 1e-9) / self.length
             change, last = float(np.max(np.abs(speed - last) / (np.abs(speed) * travelled + 1e-12))), speed
             settled = change <= STEADY
-            if given is not None or not setting.calm:  # as far as it can become steady: shafts, heave and pitch
+            if given is not None or not setting.calm:  # only shafts, heave and pitch can become steady
                 settled &= self.time > RUN_UP * self.slowness
                 settled |= self.time > 4 * RUN_UP * self.slowness
             if settled:
@@ -298,12 +307,12 @@ class Basin:
 
 
 def last_speed(state: torch.Tensor) -> Array:
-    """Ahead, over ground [env], m/s."""
+    """Speeds ahead over ground [env], m/s."""
     return state[:, 0, 7].double().cpu().numpy().copy()
 
 
 def _on_rails(state: torch.Tensor) -> None:
-    """Take out of states [env, 1, 13] what is not a straight run north: heading, roll, their rates, and sway."""
+    """Remove from states [env, 1, 13] everything but a straight run north: heading, roll, their rates, and sway."""
     q = state[..., QUATERNION]
     q[..., 1] = 0.0
     q[..., 3] = 0.0

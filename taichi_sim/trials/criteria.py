@@ -1,6 +1,6 @@
-"""Standards for ship manoeuvrability, IMO resolution MSC.137(76), of figures of a ship's trials.
+"""Standards for ship manoeuvrability, IMO resolution MSC.137(76), applied to the figures of a ship's trials.
 
-They are for ships of 100 m and more, ahead at their test speed. A model is judged as the ship that it is a model of:
+They are for ships of 100 m and more, ahead at their test speed. A model is judged as the ship that it represents:
 lengths by its scale, times by the root of it (Froude).
 """
 
@@ -14,7 +14,7 @@ ADVANCE, TACTICAL, INITIAL, REACH, OVERSHOOT_20 = 4.5, 5.0, 2.5, 15.0, math.radi
 
 
 class Criterion(NamedTuple):
-    """A figure beside its limit."""
+    """A figure and its limit."""
 
     name: str
     case: str
@@ -24,22 +24,30 @@ class Criterion(NamedTuple):
 
     @property
     def met(self) -> bool:
-        """Whether the figure keeps to the limit."""
+        """Whether the figure is within the limit."""
         return self.value <= self.limit
 
 
 def first_overshoot_limit(slowness: float) -> float:
-    """Of a 10/10 zigzag, rad: 10 degrees where L / V < 10 s, 20 from 30 s on, 5 + (L / V) / 2 between."""
+    """Limit of the first overshoot of a 10/10 zigzag, rad; slowness is L / V (s).
+
+    10 degrees for L / V < 10 s, 20 degrees from 30 s, 5 + (L / V) / 2 degrees between.
+    """
     return math.radians(min(max(5.0 + 0.5 * slowness, 10.0), 20.0))
 
 
 def second_overshoot_limit(slowness: float) -> float:
-    """Of a 10/10 zigzag, rad: 25 degrees where L / V < 10 s, 40 from 30 s on, 17.5 + 0.75 (L / V) between."""
+    """Limit of the second overshoot of a 10/10 zigzag, rad; slowness is L / V (s).
+
+    25 degrees for L / V < 10 s, 40 degrees from 30 s, 17.5 + 0.75 (L / V) degrees between.
+    """
     return math.radians(min(max(17.5 + 0.75 * slowness, 25.0), 40.0))
 
 
 def criteria(outcomes: Sequence[Outcome], length: float, scale: float = 1.0) -> list[Criterion]:
-    """Those of MSC.137(76) that the trials tell of, of a vessel of `length` (m), a model at 1 : `scale`."""
+    """Criteria of MSC.137(76) for which the trials have figures. The vessel of `length` (m) is a model at 1 :
+    `scale`.
+    """
     found = []
     for out in outcomes:
         for case in dict.fromkeys(f.case for f in out.figures):

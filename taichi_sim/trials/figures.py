@@ -1,4 +1,4 @@
-"""What trials find: figures with their units, and curves to draw."""
+"""Results of trials: figures with their units, and curves to draw."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -13,11 +13,11 @@ Array = NDArray[np.float64]
 
 
 class TrialError(ConfigError):
-    """A trial that a craft cannot do, or did not do; the message says why."""
+    """A trial that a craft cannot do or did not complete; the message says why."""
 
 
 class Figure(NamedTuple):
-    """A number of a trial, in SI units (angles in rad)."""
+    """A figure of a trial, in SI units (angles in rad)."""
 
     trial: str
     case: str  # "starboard", "port", "10/10 starboard" ...
@@ -28,44 +28,44 @@ class Figure(NamedTuple):
 
 
 class Curve(NamedTuple):
-    """Samples of one case, to draw and to write."""
+    """Samples of one case, for pictures and CSV files."""
 
     case: str
     columns: dict[str, Array]  # name with unit -> [sample]
 
 
 class Panel(NamedTuple):
-    """One picture of a trial: what is drawn over what."""
+    """One picture of a trial: which column is drawn over which."""
 
     title: str
     x: str  # column
     y: str  # column
-    equal: bool = False  # equal scales, of a track
+    equal: bool = False  # equal scales, for a track
 
 
 @dataclass
 class Outcome:
-    """A trial of a craft."""
+    """Results of one trial of a craft."""
 
     name: str
     title: str
     figures: list[Figure] = field(default_factory=list)
     curves: list[Curve] = field(default_factory=list)
     panels: tuple[Panel, ...] = ()
-    refused: str = ""  # why it was not done
+    refused: str = ""  # reason why it was not done
 
     def add(self, case: str, run: int, values: Iterable[tuple[str, float, str]]) -> None:
-        """Figures (name, value, unit) of a case."""
+        """Add the figures (name, value, unit) of a case and a run."""
         self.figures += [Figure(self.name, case, run, name, float(value), unit) for name, value, unit in values]
 
     def mean(self, case: str, name: str) -> float:
-        """Of a figure over all runs; NaN where there is none."""
+        """Mean of a figure over all runs; NaN if there is none."""
         found = [f.value for f in self.figures if f.case == case and f.name == name]
         return float(np.mean(found)) if found else float("nan")
 
 
 def crossing(x: Array, y: Array, level: float) -> float:
-    """The first x at which y(x), between samples a straight line, reaches `level` from below; NaN if it does not."""
+    """The first x at which y(x), linear between samples, reaches `level` from below; NaN if it does not."""
     above = np.flatnonzero((y[:-1] < level) & (y[1:] >= level))
     if not len(above):
         return float("nan")
@@ -74,7 +74,7 @@ def crossing(x: Array, y: Array, level: float) -> float:
 
 
 def peaks(x: Array, y: Array) -> tuple[Array, Array]:
-    """Places and heights of the maxima of y(x), by the parabola through three evenly spaced samples."""
+    """Positions and heights of the maxima of y(x), by the parabola through three evenly spaced samples."""
     k = np.flatnonzero((y[1:-1] > y[:-2]) & (y[1:-1] >= y[2:])) + 1
     left, middle, right = y[k - 1], y[k], y[k + 1]
     bend = left - 2 * middle + right

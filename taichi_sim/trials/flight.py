@@ -1,6 +1,6 @@
-"""Trials of aircraft and multirotors: steady flight from their trims, natural modes from their linear models.
+"""Trials of fixed-wing aircraft and multirotors: steady flight from their trims, modes from their linear models.
 
-All of them are flights through still air, so a steady wind changes none of the figures but those over ground.
+All flights are through still air, so a steady wind changes only figures over ground.
 """
 
 import math
@@ -16,19 +16,19 @@ from taichi_sim.uav.fixed_wing.params import FixedWingParams
 from taichi_sim.uav.fixed_wing.trim import Trim, TrimError, trim
 from taichi_sim.uav.multirotor import trim as hovering
 from taichi_sim.uav.multirotor.allocation import allocation
+from taichi_sim.uav.multirotor.equations import induced_velocity, shaft_power
 from taichi_sim.uav.multirotor.params import MultirotorParams
-from taichi_sim.uav.multirotor.power import induced_velocity, shaft_power
 
 SPEEDS = 17  # airspeeds at which climb, glide and turn are tried
 BISECTIONS = 24
-STEEPEST = 1.4  # rad, of climb and glide
+STEEPEST = 1.4  # rad, steepest climb and glide tried
 THRUSTLESS = 1e-3  # thrust over weight that counts as none
-WIDEST, TIGHTEST = 1e4, 1.0  # m, radii of turns
-FASTEST = 100.0  # m/s, of a multirotor, beyond which nothing is tried
+WIDEST, TIGHTEST = 1e4, 1.0  # m, radii of turns tried
+FASTEST = 100.0  # m/s, highest speed of a multirotor tried
 
 
 def _last(good: float, bad: float, flies: Callable[[float], bool]) -> float:
-    """The edge between `good`, which flies, and `bad`, which does not; `bad` if it does."""
+    """The edge between `good`, which flies, and `bad`, which does not; `bad` if it flies too."""
     if flies(bad):
         return bad
     for _ in range(BISECTIONS):
@@ -53,7 +53,9 @@ def _airspeeds(p: FixedWingParams) -> np.ndarray:
 
 
 def stall(p: FixedWingParams) -> Outcome:
-    """Stall speed: where the wing's greatest lift, elevator at zero, is the weight. Where level trims begin and end."""
+    """Stall speed, at which the wing's largest lift, elevator at zero, is the weight; lowest and highest speed of
+    level trims.
+    """
     out, bounds = Outcome("stall", "Stall and level flight"), flight_envelope(p)
     cruise = p.envelope.airspeed
     if _flies(p, cruise) is None:
@@ -166,15 +168,15 @@ def modes(p: FixedWingParams) -> Outcome:
 # -- multirotors -------------------------------------------------------------------------------------------------------
 
 
-def _hovers(p: MultirotorParams, ahead: float, climbing: float) -> hovering.Trim | None:
+def _hovers(p: MultirotorParams, ahead: float, climbing: float) -> hovering.MultirotorTrim | None:
     try:
         return hovering.trim(p, (ahead, 0.0, -climbing))
-    except hovering.TrimError:
+    except TrimError:
         return None
 
 
 def hover(p: MultirotorParams) -> Outcome:
-    """Hover: rotor speed, power, and how long a battery lasts."""
+    """Hover: rotor speed, power, and endurance on a battery."""
     out, at, a = Outcome("hover", "Hover"), hovering.trim(p), allocation(p)  # pyright: ignore[reportArgumentType]
     ideal, shaft = a.weight * induced_velocity(p), shaft_power(p, at.omega)
     values = [
@@ -192,7 +194,7 @@ def hover(p: MultirotorParams) -> Outcome:
 
 
 def rise(p: MultirotorParams) -> Outcome:
-    """Vertical flight: the fastest climb that the rotors bear, and its power."""
+    """Vertical flight: the fastest climb that the rotors allow, and its power."""
     out = Outcome("climb", "Vertical climb", panels=(Panel("Power", "climb m/s", "power W"),))
     most = _last(0.0, FASTEST, lambda w: _hovers(p, 0.0, w) is not None)
     rates = np.linspace(0.0, most, SPEEDS)
@@ -203,7 +205,9 @@ def rise(p: MultirotorParams) -> Outcome:
 
 
 def terminal(p: MultirotorParams) -> Outcome:
-    """Level flight: terminal speed by its rotors (and by its file), and the speeds of longest stay and furthest way."""
+    """Level flight: terminal speed by the rotors and by the vehicle file, and the speeds of longest endurance and
+    range.
+    """
     out = Outcome("terminal", "Level flight", panels=(Panel("Power", "airspeed m/s", "power W"),))
     rotors = _last(0.0, FASTEST, lambda v: _hovers(p, v, 0.0) is not None)
     top = min(rotors, p.envelope.max_airspeed)

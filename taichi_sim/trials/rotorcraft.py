@@ -1,4 +1,4 @@
-"""What tools/aircraft.py prints and draws of a multirotor: hover, trims over airspeed, modes, loops of control."""
+"""Tables and plots of a multirotor for tools/aircraft.py: hover, trims over airspeed, modes, control loops."""
 
 import math
 from pathlib import Path
@@ -6,28 +6,29 @@ from pathlib import Path
 import numpy as np
 
 from taichi_sim.config import ConfigError
+from taichi_sim.uav.aircraft import TrimError
 from taichi_sim.uav.multirotor.allocation import allocation
+from taichi_sim.uav.multirotor.equations import induced_velocity, shaft_power
 from taichi_sim.uav.multirotor.gains import bandwidths, gains, lag, lead
 from taichi_sim.uav.multirotor.modes import largest_stable_dt, linear_modes
 from taichi_sim.uav.multirotor.params import MultirotorParams
-from taichi_sim.uav.multirotor.power import induced_velocity, shaft_power
-from taichi_sim.uav.multirotor.trim import Trim, TrimError, trim
+from taichi_sim.uav.multirotor.trim import MultirotorTrim, trim
 
 MODEL = "multirotor_6dof"
 ROWS = 11  # airspeeds of the trim table
-POINTS = 60  # of a curve
-STEP = 0.02  # s, for which the controller's gains are told
+POINTS = 60  # points of a curve
+STEP = 0.02  # s, step for which the controller's gains are printed
 SECONDS_PER_MINUTE = 60.0
 POWER, TILT, HOVER = "#0072B2", "#D55E00", "#22313F"
 
 
-def flight(p: MultirotorParams, airspeed: float, gamma: float) -> Trim:
-    """Straight flight at an airspeed (m/s), climbing by gamma (rad), in still air, nose ahead."""
+def flight(p: MultirotorParams, airspeed: float, gamma: float) -> MultirotorTrim:
+    """Straight flight at an airspeed (m/s), climbing by gamma (rad), in still air, nose forward."""
     return trim(p, (airspeed * math.cos(gamma), 0.0, -airspeed * math.sin(gamma)))
 
 
 def hover_table(p: MultirotorParams) -> str:
-    """Hover in figures."""
+    """Figures of hover."""
     a, v = allocation(p), induced_velocity(p)  # pyright: ignore[reportArgumentType]
     ideal, shaft = a.weight * v, shaft_power(p, trim(p).omega)
     speeds = ", ".join(f"{w:.1f}" for w in a.hover)
@@ -45,7 +46,7 @@ def hover_table(p: MultirotorParams) -> str:
 
 
 def trim_table(p: MultirotorParams, gamma: float) -> str:
-    """Trims up to the greatest airspeed; a line says why where there is none."""
+    """Trims up to the largest airspeed; the line of an airspeed without trim gives the reason."""
     lines = [f"{'m/s':>7}{'roll':>9}{'pitch':>9}{'slowest':>10}{'fastest rotor':>15}{'shaft power':>13}"]
     for speed in np.linspace(0.0, p.envelope.max_airspeed, ROWS):
         try:
@@ -59,8 +60,8 @@ def trim_table(p: MultirotorParams, gamma: float) -> str:
     return "\n".join(lines)
 
 
-def mode_table(p: MultirotorParams, at: Trim) -> str:
-    """Frequency, damping and time constant of each mode with the rotors held, and the step they allow."""
+def mode_table(p: MultirotorParams, at: MultirotorTrim) -> str:
+    """Frequency, damping and time constant of each mode with the rotors held, and the largest stable step."""
     lines = [f"{'mode':14}{'rad/s':>10}{'damping':>10}{'period s':>10}{'time constant s':>17}"]
     for mode in linear_modes(p, at).modes:
         if mode.oscillates:
@@ -90,7 +91,7 @@ def loop_table(p: MultirotorParams) -> str:
 
 
 def draw(p: MultirotorParams, gamma: float, title: str, file: Path) -> None:
-    """Power and tilt over airspeed, as a figure."""
+    """Write a figure of power and tilt over airspeed to `file`."""
     from taichi_sim.plotting.style import dress, new_figure
 
     flown = []
@@ -115,10 +116,10 @@ def draw(p: MultirotorParams, gamma: float, title: str, file: Path) -> None:
 
 
 def report(name: str, p: MultirotorParams, airspeed: float | None, climb_deg: float, out: Path | None) -> str:
-    """What is printed; also draws to `out`.
+    """Text with all tables; the figure is written to `out`.
 
     Raises:
-        ConfigError: if it cannot fly at the airspeed of the modes.
+        ConfigError: if the multirotor cannot fly at the airspeed of the modes.
     """
     gamma, speed = math.radians(climb_deg), airspeed or 0.0
     if not math.isfinite(speed) or speed < 0:

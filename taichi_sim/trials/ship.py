@@ -1,10 +1,11 @@
 """Manoeuvring trials of vessels, by the definitions of IMO MSC.137(76) and MSC/Circ.1053.
 
-Positions are those of the vessel's origin (midships) over ground, from where the order was given: advance along the
-approach's course, transfer to its side, positive to the side of the turn. Headings are changes from the approach's.
+Positions are those of the vessel's origin (midships) over ground, from where the order was given. Advance is along the
+approach's course; transfer is perpendicular to it, positive to the side of the turn. Headings are relative to that of
+the approach.
 
-A vessel without rudders is steered by its own means: full helm is its greatest yaw command, and 10 degrees of helm are
-10/35 of that, for 35 degrees is a ship's full helm.
+A vessel without rudders is steered by its own means: full helm is its largest yaw command and stands for 35 degrees of
+rudder, full helm of a ship, so 10 degrees of helm are 10/35 of it.
 """
 
 import math
@@ -20,28 +21,25 @@ from taichi_sim.trials.basin import SHIP_HELM, Array, Basin, Setting, Track, las
 from taichi_sim.trials.figures import Curve, Outcome, Panel, TrialError, crossing, peaks
 
 SIDES = (("starboard", 1.0), ("port", -1.0))
-TURNS = 3.0  # of a turning circle, full circles; its steady figures are means over the last one
-REVERSALS = 5  # of a zigzag
+TURNS = 3.0  # full circles of a turning circle; its steady figures are means over the last one
+REVERSALS = 5  # reversals of the helm in a zigzag
 SPIRAL_HELMS = np.array([0.0, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.5, 10.0, 15.0, 20.0, 25.0])  # deg
-APART = 0.02  # of r', from which on the branches of a spiral differ
-EDGE_HELMS, EDGE_ROUNDS = (
-    8,
-    2,
-)  # between two helms, and how often: an edge of the loop is found to 1/162 of their distance
+APART = 0.02  # difference of r' from which the branches of a spiral count as different
+EDGE_HELMS = 8  # helms tried between two of a spiral: they find an edge of the loop to 1/18 of the distance
 PULL_OUT_HELM = math.radians(20.0)
-SETTLED = 1e-4  # change of the yaw rate in a length of travel, over U / L, that counts as none
-SHARES = np.arange(1, 11) / 10  # of full thrust ahead, of speed trials
-HEEL = math.radians(10.0)  # at which a roll decay begins
-REST = 60.0  # in which a hull comes to rest before it, s
-DECAY = 60.0  # of which a roll decay is watched, s
+SETTLED = 1e-4  # change of the yaw rate per length of travel, over U / L, that counts as zero
+SHARES = np.arange(1, 11) / 10  # shares of full thrust ahead in speed trials
+HEEL = math.radians(10.0)  # initial heel of a roll decay
+REST = 60.0  # s, time for a hull to come to rest before a roll decay
+DECAY = 60.0  # s, duration of a roll decay
 TRACK = Panel("Track", "east m", "north m", equal=True)
-SAMPLES = 2000  # of a curve
+SAMPLES = 2000  # largest number of samples of a curve
 
 
 def _watch(
     basin: Basin, ahead: Array, helm: Array, longest: float, done: Callable[[Track], bool], every: int = 200
 ) -> Track:
-    """Motion under held commands until `done`, asked every so many steps, or for `longest` s."""
+    """Motion under held commands until `done`, which is asked every `every` steps, or for `longest` s."""
     rows, times = [basin.sample(helm)], [0.0]
     while basin.time < longest:
         basin.step(ahead, helm)
@@ -57,7 +55,7 @@ def _track(times: list[float], rows: list[tuple[Array, ...]]) -> Track:
 
 
 def _curve(case: str, track: Track) -> Curve:
-    """A track with names and units, thinned to draw."""
+    """A track with names and units, thinned for drawing."""
     every = max(1, len(track.t) // SAMPLES)
     names = ("t s", "north m", "east m", "roll rad", "heading rad", "u m/s", "v m/s", "r rad/s", "helm rad")
     return Curve(case, {name: column[::every] for name, column in zip(names, track, strict=True)})
@@ -75,10 +73,10 @@ def _at(t: Array, values: Array, when: float) -> float:
 
 
 def helm_share(basin: Basin, angle: float) -> float:
-    """The share of full helm that an angle (rad) of helm is.
+    """Share of full helm for an `angle` (rad) of helm.
 
     Raises:
-        TrialError: for more than there is.
+        TrialError: for more than full helm.
     """
     most = basin.model.helm_max or SHIP_HELM
     if angle > most * (1 + 1e-9):
@@ -89,7 +87,7 @@ def helm_share(basin: Basin, angle: float) -> float:
 
 
 def turning_circle(setting: Setting) -> Outcome:
-    """Full turns to either side under held helm (`setting.helm` of the fullest).
+    """Full turns to either side under held helm (`setting.helm` is the share of full helm).
 
     Raises:
         TrialError: for a vessel that does not turn.
@@ -138,18 +136,18 @@ def turning_circle(setting: Setting) -> Outcome:
 
 
 def _mean(t: Array, y: Array) -> float:
-    """Over time, by trapezia."""
+    """Mean of y over time t, by the trapezoidal rule."""
     return float(np.sum(0.5 * (y[1:] + y[:-1]) * np.diff(t)) / (t[-1] - t[0]))
 
 
 def zigzag(setting: Setting, helm_deg: float, heading_deg: float) -> Outcome:
-    """The zigzag (Kempf) trial, beginning to either side: helm is reversed whenever the heading has changed by
-    `heading_deg` to the side of the helm.
+    """The zigzag (Kempf) trial, beginning to either side.
 
-    Overshoot k is how far the heading goes on after reversal k. Track reach and times count from the first order.
+    Helm is reversed whenever the heading has changed by `heading_deg` to the side of the helm. Overshoot k is the
+    change of heading after reversal k. Track reach and times count from the first order.
 
     Raises:
-        TrialError: for a helm that there is not, or a vessel that never gets to the heading.
+        TrialError: for a helm beyond full helm, or a vessel that never reaches the heading.
     """
     kind = f"{helm_deg:g}/{heading_deg:g}"
     name = f"zigzag{helm_deg:g}_{heading_deg:g}"
@@ -229,7 +227,7 @@ def _settle(basin: Basin, ahead: Array, helm: Array) -> tuple[Array, Array]:
 
 
 def _branches(setting: Setting, helms: Array) -> tuple[Array, Array, float]:
-    """Steady yaw rates and speeds [2, helm] under `helms` (rad), come from hard to starboard and to port; length, m."""
+    """Steady yaw rates and speeds [2, helm] under `helms` (rad), from hard starboard and from hard port; length, m."""
     basin = Basin(replace(setting, runs=1), 2 * len(helms))
     basin.approach()
     ahead, branch = np.full(basin.envs, setting.ahead), np.repeat([1.0, -1.0], len(helms))
@@ -239,24 +237,25 @@ def _branches(setting: Setting, helms: Array) -> tuple[Array, Array, float]:
 
 
 def _loop_edges(setting: Setting, helms: Array, differ: NDArray[np.bool_]) -> tuple[float, float]:
-    """Least and greatest helm (rad) at which both branches differ, found between the helms of a spiral."""
+    """Least and largest helm (rad) at which the branches differ, found between the helms of a spiral."""
     inside = np.flatnonzero(differ)
-    edges = [(helms[inside[0]], helms[max(inside[0] - 1, 0)])]  # each: a helm at which they differ, and one where not
+    # pairs: a helm at which the branches differ, and the next one, at which they do not
+    edges = [(helms[inside[0]], helms[max(inside[0] - 1, 0)])]
     edges.append((helms[inside[-1]], helms[min(inside[-1] + 1, len(helms) - 1)]))
     between = np.array([np.linspace(*edge, EDGE_HELMS + 2) for edge in edges])
     rate, speed, length = _branches(setting, between[:, 1:-1].ravel())
     apart = (np.abs(np.subtract(*(rate * length / speed))) > APART).reshape(2, -1)
-    last = [len(row) if row.all() else int(np.argmin(row)) for row in apart]  # where they still differ
+    last = [len(row) if row.all() else int(np.argmin(row)) for row in apart]  # the last helms at which they differ
     low, high = (0.5 * (row[k] + row[k + 1]) for row, k in zip(between, last, strict=True))
     return float(low), float(high)
 
 
 def spiral(setting: Setting) -> Outcome:
-    """The direct spiral (Dieudonne): steady yaw rate over helm, come to from hard to starboard and from hard to port.
+    """The direct spiral (Dieudonne): steady yaw rate over helm, approached from hard starboard and from hard port.
 
-    All helms are sailed at once, each from a steady turn under full helm to that side. That is the same as to go
-    through them in order: on its branch, a steady turn depends on the helm alone. The loop is where they differ. Its
-    edges are then looked for between the helms.
+    All helms are sailed at once, each from a steady turn under full helm to that side. This equals going through them
+    in order, because on its branch a steady turn depends on the helm alone. The loop is where the branches differ. Its
+    edges are then found between the helms.
     """
     out = Outcome("spiral", "Spiral", panels=(Panel("Steady yaw rate", "helm deg", "r' 1"),))
     full = math.degrees(vessel_of(setting).helm_max or SHIP_HELM)
@@ -283,8 +282,9 @@ def spiral(setting: Setting) -> Outcome:
 
 
 def pull_out(setting: Setting) -> Outcome:
-    """From a steady turn with 20 degrees of helm to either side, helm amidships: a vessel that is stable on its course
-    comes to the same yaw rate from both.
+    """Helm amidships after a steady turn with 20 degrees of helm to either side.
+
+    A vessel that is stable on its course reaches the same yaw rate from both.
     """
     out = Outcome("pull_out", "Pull-out", panels=(Panel("Yaw rate", "t s", "r rad/s"),))
     basin = Basin(setting, len(SIDES))
@@ -358,7 +358,7 @@ def _water(basin: Basin) -> Callable[[Track], Array]:
 
 
 def speed_run(setting: Setting) -> Outcome:
-    """Steady speed of straight runs at shares of full thrust (what a share is of: `Vessel.steer` of the model)."""
+    """Steady speed of straight runs at shares of full thrust (the model's `Vessel.steer` defines full thrust)."""
     out = Outcome("speed", "Speed", panels=(Panel("Steady speed", "ahead 1", "speed m/s"),))
     basin = Basin(replace(setting, runs=1, speed=None), len(SHARES))
     speed = basin.approach(basin.spread(SHARES))
@@ -374,12 +374,12 @@ def speed_run(setting: Setting) -> Outcome:
 
 
 def roll_decay(setting: Setting) -> Outcome:
-    """From rest, heeled by 10 degrees and let go.
+    """Free roll from rest at a heel of 10 degrees.
 
-    Period is the mean between maxima; the damping ratio is that of their logarithmic decrement.
+    The period is the mean between maxima; the damping ratio is that of their logarithmic decrement.
 
     Raises:
-        TrialError: for a hull that has no roll of its own, or that does not swing.
+        TrialError: for a hull without a roll of its own, or one that does not oscillate.
     """
     out = Outcome("roll", "Roll decay", panels=(Panel("Roll", "t s", "roll deg"),))
     basin = Basin(replace(setting, sea=None, air=None, runs=1), 1)

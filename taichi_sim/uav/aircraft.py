@@ -1,9 +1,10 @@
-"""What every aircraft has in common: how it may end, whatever its mission."""
+"""What fixed-wing aircraft and multirotors share: endings of an aircraft in flight, and the error of a trim."""
 
 from typing import TYPE_CHECKING
 
 from torch import Tensor
 
+from taichi_sim.config import ConfigError
 from taichi_sim.conventions import DOWN
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels.kinematics import WING_TILT
@@ -12,19 +13,25 @@ from taichi_sim.vehicle import Vehicle
 if TYPE_CHECKING:
     from taichi_sim.world import World
 
-LARGEST_STALL = 3.0  # s beyond the stall angle: a stall that is not recovered by then is an end; assumed
-STALL_TIME = "stall_time"  # the instrument that counts it
+LARGEST_STALL = 3.0  # s: a longer stall ends the episode; assumed
+STALL_TIME = "stall_time"  # the instrument that shows how long the wing has been stalled
+
+
+class TrimError(ConfigError):
+    """There is no steady flight under the given conditions; the message names the limits in the way."""
 
 
 class Aircraft(Vehicle):
-    """A vehicle in the air; it may crash into the sea, and stall. Its width is its span."""
+    """A vehicle in the air that may crash into the sea or stall. Its width is its span."""
 
     medium = "air"
     ending_names = ("crashed", "stalled")
 
     def endings(self, fleet: Fleet, world: "World") -> dict[str, Tensor]:
-        """Crashed: the lower wing tip, or the middle where that is lower, has met the water, a crest included. Stalled:
-        for longer than `LARGEST_STALL`.
+        """Endings [env, vehicle] of an episode.
+
+        `crashed`: the lower wing tip, or the fuselage if that is lower, has touched the water, a crest included.
+        `stalled`: the wing has been stalled for longer than `LARGEST_STALL`.
         """
         height = -fleet.state[..., DOWN] - 0.5 * self.size[1] * fleet.derived[..., WING_TILT].abs()
         stalled = fleet.never

@@ -1,14 +1,14 @@
 """The air that an aircraft meets: mean wind at its height, Dryden turbulence, a discrete gust.
 
-Turbulence takes one exact step of its filter (air/turbulence.py) per substep, so that none of its variance is lost;
-the filter's coefficients, its intensity and its axes are those at the beginning of the control step. The air's velocity
-is held over a substep: mean wind and turbulence as at its beginning, a discrete gust as in its middle, which makes the
-flight through one right to second order in the substep, while the motion in steady air is of fourth order. Substeps of
-half the length take three quarters of the error; held from its beginning, a gust would come half a substep late.
+Turbulence takes one exact step of its filter (air/turbulence.py) per substep, so that none of its variance is lost. The
+filter's coefficients, intensity and axes are those at the beginning of the control step. The air's velocity is held
+over a substep: mean wind and turbulence as at its beginning, a discrete gust as in its middle. Flight through a gust is
+therefore second order in the substep, and motion in steady air fourth order. Halving the substep removes three quarters
+of the error; a gust held from the beginning of the substep would come half a substep late.
 
-Random numbers are counted by control step and substep through all episodes, so that no episode repeats another's: a
-control step of S substeps has S + 1 counts, one of the substeps each and the last for the stationary state with which
-a flight begins.
+Random numbers are counted by control step and substep through all episodes, so that no episode repeats another's. A
+control step of S substeps has S + 1 counts: one for each substep, and the last for the stationary state with which a
+flight begins.
 """
 
 # Kernels are another language inside Python syntax.
@@ -32,7 +32,7 @@ from taichi_sim.surroundings import Surroundings
 
 @dataclass(frozen=True)
 class LocalAir:
-    """What of the air a kernel is compiled for."""
+    """The kinds of wind that a kernel is compiled for."""
 
     profile: Profile = "uniform"
     turbulent: bool = False
@@ -51,7 +51,10 @@ class LocalAir:
 
 
 def local_air(air: Wind | None, uneven: bool = False) -> LocalAir:
-    """The kind of air of a `Wind`; None is a steady, uniform one. `uneven`: its turbulence differs in intensity."""
+    """The kinds of wind of a `Wind`; None stands for a steady, uniform one.
+
+    `uneven`: the intensity of turbulence differs between environments.
+    """
     config = AirConfig(profile="uniform") if air is None else air.config
     gust = None if config.gust is None else Gust.of(config.gust)
     turbulent = config.turbulence == "dryden"
@@ -79,7 +82,9 @@ def initial_turbulence(air: ti.template(), seed, clock, substeps: ti.template(),
 
 @ti.func
 def wind_at_20_feet(air: ti.template(), around: ti.template(), wind, e):
-    """W20 (m/s), which sets the intensity of the turbulence in environment e, in a mean wind of `wind` at 10 m."""
+    """W20 (m/s), which sets the intensity of turbulence in environment e; `wind` is the mean wind 10 m above the
+    sea.
+    """
     W20 = around.air[1] + around.air[2] * wind.xy.norm()
     if ti.static(air.uneven):
         W20 *= around.turbulence[e]
@@ -88,7 +93,9 @@ def wind_at_20_feet(air: ti.template(), around: ti.template(), wind, e):
 
 @ti.func
 def turbulence_filter(air: ti.template(), Va, h, W20, dt: ti.template()):
-    """Coefficients of a substep dt (s), (12): those of `dryden_filter`, and `dryden_sigma`; zero in smooth air."""
+    """Coefficients (12) of a substep dt (s): those of `dryden_filter`, then `dryden_sigma`; zeros without
+    turbulence.
+    """
     zero = Va * 0.0
     f = ti.Vector([zero] * 12)
     if ti.static(air.turbulent):
@@ -101,7 +108,7 @@ def turbulence_filter(air: ti.template(), Va, h, W20, dt: ti.template()):
 
 @ti.func
 def turbulence_step(air: ti.template(), x, f, seed, count, e, i):
-    """State (5) of the turbulence one substep later; `count` numbers the substeps of all time."""
+    """State (5) of the turbulence one substep later; `count` numbers substeps through all episodes."""
     new = x
     if ti.static(air.turbulent):
         new = dryden_advance(x, f, normal6(seed, TURBULENCE, e, i, count))
@@ -110,14 +117,16 @@ def turbulence_step(air: ti.template(), x, f, seed, count, e, i):
 
 @ti.func
 def mean_wind(air: ti.template(), wind, shear, position):
-    """Mean wind (NED, m/s) at `position` (NED, m), of `wind`, that 10 m above the sea."""
+    """Mean wind (NED, m/s) at `position` (NED, m); `wind` is the mean wind 10 m above the sea."""
     return wind * mean_wind_factor(air.profile, shear, -position[2])
 
 
 @ti.func
 def velocity_at(air: ti.template(), wind, shear, x, f, v_air, position, time):
-    """Velocity of the air (NED, m/s): the mean wind of `wind`, 10 m above the sea, at `position` (NED, m); turbulence
-    in state x with coefficients f, along the velocity v_air (NED) through the mean wind; the gust at `time` (s).
+    """Velocity of the air (NED, m/s) at `position` (NED, m) and `time` (s): mean wind, turbulence and gust.
+
+    `wind` is the mean wind 10 m above the sea. The turbulence, in state x with coefficients f, has its axes along
+    v_air, the velocity (NED) through the mean wind.
     """
     total = mean_wind(air, wind, shear, position)
     if ti.static(air.turbulent):
@@ -129,8 +138,9 @@ def velocity_at(air: ti.template(), wind, shear, x, f, v_air, position, time):
 
 @ti.func
 def gust_ahead(air: ti.template(), position, v_n, time, dt: ti.template()):
-    """What the discrete gust (NED, m/s) adds from now to the middle of a substep dt (s), for an aircraft at `position`
-    (NED, m) and `time` (s) that moves over ground with v_n (NED, m/s).
+    """Change of the discrete gust (NED, m/s) from now to the middle of a substep dt (s).
+
+    The aircraft is at `position` (NED, m) at `time` (s) and moves over ground with v_n (NED, m/s).
     """
     ahead, half = v_n * 0.0, ti.static(0.5 * dt)
     if ti.static(air.gusty):

@@ -3,14 +3,14 @@
 Smoothed increments of pitch, yaw and roll move toward their commands by `smooth_rate` dt per step, and each angle
 advances by increment x dt x speed (eqs 7-9; speed 100 deg/s). Pitch and roll are clamped. The force
 thrust_factor T a acts along the nose as it was before the step's rotation; PhysX integrates
-v <- (v + F/m dt) (1 - drag dt), x <- x + v dt. No gravity, no lift, no wind: with these rules attitude is the control.
+v <- (v + F/m dt) (1 - drag dt), x <- x + v dt. There is no gravity, lift or wind: the attitude is what is controlled.
 
 The paper lists pitch, yaw and boost as actions, so roll follows from yaw, by one of two rules:
-- "script", the public one: the roll command is minus the yaw command, or levels (-roll / max_roll) when the yaw
+- "script", the published one: the roll command is minus the yaw command, or levels (-roll / max_roll) when the yaw
   command is exactly zero, which a continuous policy never commands;
 - "coordinated" (default): bank command + yaw - roll / max_roll levels and banks at once; at the script's three
   yaw values -1, 0, 1 it starts and ends alike.
-Roll does not turn the nose, so the choice changes what one sees, not the path.
+Roll does not turn the nose, so the rule changes the picture, not the path.
 
 Signs here are forward-right-down: pitch up, yaw right and bank right are positive (Unity: nose down, right, left).
 """
@@ -20,7 +20,7 @@ Signs here are forward-right-down: pitch up, yaw right and bank right are positi
 
 import math
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 import taichi as ti
 import torch
@@ -42,21 +42,21 @@ from taichi_sim.kernels.rotation import (
 )
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.uav.aircraft import Aircraft
-from taichi_sim.vehicle import Limits
+from taichi_sim.vehicle import Limits, Number
 
 DEG = 0.017453292519943295
-AUX = ("roll_increment", "pitch_increment", "yaw_increment", "roll", "pitch", "yaw")  # in [-1, 1]; rad
+AUX = ("roll_increment", "pitch_increment", "yaw_increment", "roll", "pitch", "yaw")  # increments in [-1, 1]; rad
 INCREMENT, ANGLE = AUX.index("roll_increment"), AUX.index("roll")  # first of three columns each
 
 
 class UnityAircraftParams(Strict):
-    """Numbers of configs/vehicles/unity_aircraft.toml."""
+    """Parameters of configs/vehicles/unity_aircraft.toml."""
 
     mass: Positive  # kg
     thrust: Positive  # T, N
     thrust_factor: Positive  # 2.5 in the paper
-    boost_min: Positive  # the action -1
-    boost_max: Positive  # the action 1
+    boost_min: Positive  # boost at the action -1
+    boost_max: Positive  # boost at the action 1
     drag: NonNegative  # 1/s
     pitch_speed_deg: Positive  # deg/s
     yaw_speed_deg: Positive  # deg/s
@@ -77,15 +77,15 @@ class UnityAircraftParams(Strict):
 
 
 class AircraftNumbers(NamedTuple):
-    """What the kernel works with."""
+    """Numbers that the kernel uses."""
 
-    inverse_mass: float  # 1/kg
-    acceleration: float  # of a boost of 1, m/s^2
-    drag: float  # 1/s
-    roll_speed: float  # of a whole increment, rad/s
-    pitch_speed: float
-    yaw_speed: float
-    smooth_rate: float  # 1/s
+    inverse_mass: Number  # 1/kg
+    acceleration: Number  # at a boost of 1, m/s^2
+    drag: Number  # 1/s
+    roll_speed: Number  # at an increment of 1, rad/s
+    pitch_speed: Number
+    yaw_speed: Number
+    smooth_rate: Number  # 1/s
 
 
 @ti.data_oriented
@@ -93,8 +93,9 @@ class UnityAircraft(Aircraft):
     """Steps a team of aircraft in place. Actions pitch and yaw are in [-1, 1]; boost in [-1, 1] maps geometrically to
     [boost_min, boost_max], because cruise needs a small part of the range. Controls are the increments and the boost.
 
-    The angles are state of their own (`aux_names`): a quaternion cannot tell roll from yaw at a pitch of 90 degrees.
-    A force from outside accelerates it. A moment cannot turn it, for its attitude is commanded.
+    The angles are state of their own (`aux_names`), because a quaternion cannot tell roll from yaw at a pitch of 90
+    degrees. A force from outside accelerates the aircraft. A moment from outside has no effect, because the attitude is
+    commanded.
     """
 
     Params = UnityAircraftParams
@@ -105,20 +106,20 @@ class UnityAircraft(Aircraft):
     varying = ("mass", "thrust", "drag", "pitch_speed_deg", "yaw_speed_deg", "roll_speed_deg", "smooth_rate")
 
     def __init__(self, params: UnityAircraftParams, dt: float, substeps: int):
-        """Take the numbers of `params`, the step dt (s) and the substeps of a control step."""
+        """Take the parameters `params`, the step dt (s) and the substeps of a control step."""
         super().__init__(params, dt, substeps)
         self.p = params
         self.boost_ratio = params.boost_max / params.boost_min
 
     @property
     def limits(self) -> Limits:
-        """Its top speed is where drag takes all the thrust."""
+        """The top speed, at which drag takes all the thrust."""
         p = self.p
         top = p.thrust_factor * p.thrust * p.boost_max / p.mass
         return Limits((0.0, 0.0, top / p.drag if p.drag else math.inf))
 
-    def own(self, values: Mapping[str, Any]) -> AircraftNumbers:
-        """What the kernel works with."""
+    def own(self, values: Mapping[str, Number]) -> AircraftNumbers:
+        """The numbers of the kernel for `values`, by the keys of `varying`."""
         return AircraftNumbers(
             inverse_mass=1 / values["mass"],
             acceleration=self.p.thrust_factor * values["thrust"] / values["mass"],
@@ -134,7 +135,7 @@ class UnityAircraft(Aircraft):
         return 2 * math.log(boost / self.p.boost_min) / math.log(self.boost_ratio) - 1
 
     def reset_aux(self, aux: Tensor, state: Tensor, around: Surroundings) -> None:
-        """No increments; the angles are those of `state`."""
+        """Set increments to zero and angles to those of `state`."""
         aux[..., INCREMENT : INCREMENT + 3] = 0.0
         aux[..., ANGLE : ANGLE + 3] = torch_euler_from_quaternion(state[..., QUATERNION])
 
@@ -143,9 +144,10 @@ class UnityAircraft(Aircraft):
         fleet.launch(self._step, fleet.pack, self.build(fleet, around))
 
     def equations(self, state: Tensor, controls: Tensor, current: Tensor, wind: Tensor, load: Tensor) -> Tensor:
-        """d(state)/dt [n, 13] in the limit of short PhysX steps, while the increments are held; the wind does nothing.
+        """d(state)/dt [n, 13] in the limit of short PhysX steps, with the increments held; the wind has no effect.
 
-        The rates of `state` do not count: attitude turns by the increments, and its acceleration is that of their turn.
+        The rates of `state` are ignored: the increments turn the attitude, and its acceleration is that of this
+        rotation.
         """
         out = torch.empty_like(state)
         angles = torch_euler_from_quaternion(state[:, QUATERNION]).contiguous()
@@ -202,7 +204,9 @@ class UnityAircraft(Aircraft):
 
     @ti.func
     def advance(self, p: ti.template(), build: ti.template(), y, increment, angles, command, tau):
-        """State (position, and velocity in n), increments, angles and their rates one control step later."""
+        """One control step: the state (position, and velocity in n), increments, angles, and rates of the angles
+        after it.
+        """
         pos = ti.Vector([y[0], y[1], y[2]])
         v = rotation_matrix(ti.Vector([y[3], y[4], y[5], y[6]])) @ ti.Vector([y[7], y[8], y[9]])
         boost = self.p.boost_min * ti.pow(self.boost_ratio, 0.5 * (command[2] + 1.0))
@@ -221,12 +225,12 @@ class UnityAircraft(Aircraft):
 
     @ti.func
     def acceleration(self, p: ti.template(), loaded: ti.template(), angles, boost, tau):
-        """Of the thrust along the nose and, where one counts, of the load tau from outside (b): m/s^2, n."""
+        """Acceleration (m/s^2, n) by the thrust along the nose and, if `loaded`, by the load tau from outside (b)."""
         ahead, right, down = p.acceleration * boost, angles[0] * 0.0, angles[0] * 0.0
         if ti.static(loaded):
             sr, cr = fast.sincos(angles[0])
             ahead += tau[0] * p.inverse_mass
-            right = (cr * tau[1] - sr * tau[2]) * p.inverse_mass  # rolled back; then pitched, then turned
+            right = (cr * tau[1] - sr * tau[2]) * p.inverse_mass  # rotated by roll; pitch and yaw follow
             down = (sr * tau[1] + cr * tau[2]) * p.inverse_mass
         sp, cp = fast.sincos(angles[1])
         sy, cy = fast.sincos(angles[2])
@@ -246,7 +250,7 @@ class UnityAircraft(Aircraft):
 
     @ti.func
     def turned(self, p: ti.template(), angles, increment):
-        """Angles after one step; pitch and roll clamped."""
+        """Angles after one step, with pitch and roll clamped."""
         roll = angles[0] + increment[0] * (p.roll_speed * self.dt)
         pitch = angles[1] + increment[1] * (p.pitch_speed * self.dt)
         yaw = angles[2] + increment[2] * (p.yaw_speed * self.dt)
@@ -255,7 +259,7 @@ class UnityAircraft(Aircraft):
 
     @ti.func
     def angle_rates(self, p: ti.template(), angles, increment):
-        """Rates (rad/s) of the angles; none beyond where pitch and roll are clamped."""
+        """Rates (rad/s) of the angles; zero where pitch and roll are clamped."""
         rates = ti.Vector([increment[0] * p.roll_speed, increment[1] * p.pitch_speed, increment[2] * p.yaw_speed])
         for k, most in ti.static(enumerate((self.p.max_roll_deg * DEG, self.p.max_pitch_deg * DEG))):
             if ti.abs(angles[k]) >= most and angles[k] * rates[k] > 0.0:

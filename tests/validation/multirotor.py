@@ -24,7 +24,7 @@ from taichi_sim.conventions import ANGULAR_VELOCITY, GRAVITY, POSITION, QUATERNI
 from taichi_sim.kernels.rotation import torch_rotation_matrix
 from taichi_sim.uav.multirotor.allocation import allocation
 from taichi_sim.uav.multirotor.equations import ground_ratios, rotor_rates
-from taichi_sim.uav.multirotor.modes import LinearModel, linear_modes
+from taichi_sim.uav.multirotor.modes import MultirotorLinearModel, linear_modes
 from taichi_sim.uav.multirotor.multirotor_6dof import Multirotor6DOF
 from taichi_sim.uav.multirotor.params import MultirotorParams
 from taichi_sim.uav.multirotor.trim import trim
@@ -198,7 +198,7 @@ def _hover(case: Case, p: MultirotorParams, given: dict) -> None:
     _close(case, "hover: induced velocity", induced, number(given, "disc_induced_velocity_rho1_225"))
 
 
-def _linear(p: MultirotorParams) -> LinearModel:
+def _linear(p: MultirotorParams) -> MultirotorLinearModel:
     return linear_modes(p, trim(p))
 
 

@@ -21,7 +21,7 @@ class Link(NamedTuple):
     """Latency and bandwidth between processes."""
 
     name: str
-    latency: float  # of a message, s
+    latency: float  # latency of a message, s
     bandwidth: float  # bytes/s
 
 
@@ -39,26 +39,26 @@ class Cost(NamedTuple):
     each: float  # c, s for each environment
     spread: float  # s
     calls: int  # S
-    bytes: float  # b, of one synchronisation
+    bytes: float  # b, bytes of one synchronisation
     steps: float  # agent-steps of one environment in an iteration
 
     def work(self, envs: float) -> float:
-        """W, s."""
+        """Time W of a process with `envs` environments, s."""
         return self.fixed + self.each * envs
 
     def seconds(self, envs: int, processes: int, link: Link) -> float:
-        """T, s."""
+        """Time T of an iteration, s."""
         late = 1 + self.spread * math.sqrt(2 * math.log(processes)) if processes > 1 else 1.0
         talk = 2 * math.log2(processes) * link.latency
         talk += 2 * (processes - 1) / processes * self.bytes / link.bandwidth
         return self.work(envs / processes) * late + self.calls * talk
 
     def rate(self, envs: int, processes: int, link: Link) -> float:
-        """Agent-steps/s."""
+        """Learning speed, agent-steps/s."""
         return envs * self.steps / self.seconds(envs, processes, link)
 
     def worth(self, envs: int, link: Link, least: float = 0.5) -> int:
-        """The greatest power of two of processes whose efficiency, compared with one process, is at least `least`."""
+        """The largest power of two of processes whose efficiency, compared with one process, is at least `least`."""
         one, count = self.rate(envs, 1, link), 1
         while count < envs and self.rate(envs, 2 * count, link) >= least * 2 * count * one:
             count *= 2

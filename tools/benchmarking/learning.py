@@ -17,7 +17,7 @@ from typing import Any
 
 import taichi_sim  # noqa: F401  (makes rl, tools and tests importable from any folder)
 
-WARM_UP = 3  # iterations
+WARM_UP = 3  # iterations before timing
 INFERENCE, ENVIRONMENT, RETURNS, UPDATE, TALK = "inference", "environment", "returns", "update", "synchronisation"
 
 

@@ -1,4 +1,4 @@
-"""Other simulators on the same machine at the same time, as far as they are installed.
+"""Other simulators on the same machine at the same time, if they are installed.
 
 Each runs in a plain loop in calm water or still air, as its documentation shows.
 """

@@ -22,9 +22,9 @@ class Case:
     label: str
     call: Callable[[], object]
     work: float
-    begin: Callable[[], object] | None = None  # before each repetition, not timed
-    calls: int = 1  # per repetition
-    seconds: list[float] = field(default_factory=list)  # per call, one of each repetition
+    begin: Callable[[], object] | None = None  # called before each repetition, not timed
+    calls: int = 1  # calls per repetition
+    seconds: list[float] = field(default_factory=list)  # time per call in each repetition
 
     def repeat(self) -> float:
         """Run one repetition; return seconds per call."""

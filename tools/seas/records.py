@@ -10,21 +10,21 @@ from taichi_sim.sea.measured import MeasuredSystem
 from taichi_sim.sea.sampling import System
 from taichi_sim.sea.spectrum import spectral_moment
 
-SEAS = 64  # most realisations
+SEAS = 64  # largest number of realisations
 RECORD, SAMPLES_PER_PERIOD = 1200.0, 20  # s of each record; samples per peak period
 SEGMENT = 24  # peak periods of a Welch segment
 
 
-class Measured(NamedTuple):
+class WaveStatistics(NamedTuple):
     """Spectrum and wave heights from records at a point."""
 
     omega: np.ndarray  # rad/s
     density: np.ndarray  # m^2 s
-    heights: np.ndarray  # m, zero up-crossing, all records
+    heights: np.ndarray  # m, between zero up-crossings, all records
     hs: float  # 4 standard deviations, m
 
 
-def measure(sea: Sea, tp: float) -> Measured:
+def measure(sea: Sea, tp: float) -> WaveStatistics:
     """Measure the elevation at the origin in up to SEAS realisations."""
     interval = tp / SAMPLES_PER_PERIOD
     time = np.arange(0, max(RECORD, 4 * SEGMENT * tp), interval)
@@ -33,7 +33,7 @@ def measure(sea: Sea, tp: float) -> Measured:
     record -= record.mean(axis=1, keepdims=True)
     omega, density = welch(record, interval, SEGMENT * SAMPLES_PER_PERIOD)
     heights = np.concatenate([crossing_heights(row) for row in record])
-    return Measured(omega, density, heights, 4 * float(np.sqrt((record**2).mean())))
+    return WaveStatistics(omega, density, heights, 4 * float(np.sqrt((record**2).mean())))
 
 
 def welch(record: np.ndarray, interval: float, length: int) -> tuple[np.ndarray, np.ndarray]:
@@ -55,7 +55,7 @@ def crossing_heights(elevation: np.ndarray) -> np.ndarray:
 
 
 def target_density(system: System, omega: np.ndarray) -> np.ndarray:
-    """The density that a system asks for, scaled to its exact height, m^2 s."""
+    """Target density of a wave system, scaled to its exact height, m^2 s."""
     if isinstance(system, MeasuredSystem):
         return system.density(omega)
     m0 = spectral_moment(system.density, 0, 2 * math.pi / system.tp)

@@ -1,8 +1,8 @@
 """Writes an `Episode` as a bag of ROS 2, without ROS: an MCAP file, or a rosbag2 folder with its metadata.yaml.
 
-CDR bytes and message definitions are those of `rosbags` (ROS 2 Humble's; later distributions have the same types). The
-file is written by Foxglove's `mcap`, the folder by `rosbags`, with SQLite storage, which every distribution reads. Both
-are written beside, and take their place when they are whole.
+CDR bytes and message definitions are those of `rosbags` (ROS 2 Humble; later distributions have the same types).
+Foxglove's `mcap` writes the file. `rosbags` writes the folder, with SQLite storage, which every distribution reads.
+Both are written under a temporary name and renamed when they are complete.
 """
 
 import errno
@@ -14,15 +14,18 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from tqdm import tqdm
 
 from taichi_sim.recording.episode import Episode
-from taichi_sim.recording.ros.build import Builder
 from taichi_sim.recording.ros.geodesy import FJORD, Origin
-from taichi_sim.recording.ros.messages import Messages
+from taichi_sim.recording.ros.messages import Builder, Messages
 from taichi_sim.recording.ros.topics import EPOCH_S, Topic
+
+if TYPE_CHECKING:
+    from rosbags.interfaces import Qos
+    from rosbags.typesys.store import Typestore
 
 PACKAGES = ("rosbags", "mcap")
 
@@ -35,7 +38,7 @@ def check_bag(path: Path, *, folder: bool, origin: Origin = FJORD) -> None:
     """Refuse a path that cannot be written, before an episode is simulated.
 
     Raises:
-        BagError: for a missing package, a place that there is not or that is taken, an origin that is nowhere.
+        BagError: for a missing package, a folder that does not exist, a path that is taken, or an impossible origin.
     """
     if missing := [name for name in PACKAGES if find_spec(name) is None]:
         raise BagError(f'{path}: bags need {" and ".join(missing)}: pip install "taichi-sim[ros]"')
@@ -53,10 +56,11 @@ def check_bag(path: Path, *, folder: bool, origin: Origin = FJORD) -> None:
 
 
 def write_mcap(episode: Episode, file: Path, *, origin: Origin = FJORD, show_progress: bool = False) -> Path:
-    """Write `episode` as an MCAP file; it replaces an old one.
+    """Write `episode` as an MCAP file, which replaces an old one.
 
     Raises:
-        BagError: see `check_bag`. OSError: where the disk cannot take it.
+        BagError: see `check_bag`.
+        OSError: if the disk cannot take it.
     """
     check_bag(file, folder=False, origin=origin)
     from mcap.writer import Writer
@@ -85,10 +89,11 @@ def write_mcap(episode: Episode, file: Path, *, origin: Origin = FJORD, show_pro
 
 
 def write_rosbag2(episode: Episode, folder: Path, *, origin: Origin = FJORD, show_progress: bool = False) -> Path:
-    """Write `episode` as a rosbag2 folder, which must not be there yet, or be empty.
+    """Write `episode` as a rosbag2 folder, which must not exist yet, or be empty.
 
     Raises:
-        BagError: see `check_bag`. OSError: where the disk cannot take it.
+        BagError: see `check_bag`.
+        OSError: if the disk cannot take it.
     """
     check_bag(folder, folder=True, origin=origin)
     from rosbags.rosbag2 import StoragePlugin, Writer
@@ -113,7 +118,7 @@ def write_rosbag2(episode: Episode, folder: Path, *, origin: Origin = FJORD, sho
     return folder
 
 
-def _messages(episode: Episode, origin: Origin) -> tuple[Any, Messages]:
+def _messages(episode: Episode, origin: Origin) -> tuple["Typestore", Messages]:
     """A typestore, and the messages of `episode` in its types."""
     from rosbags.typesys import Stores, get_typestore
 
@@ -121,7 +126,7 @@ def _messages(episode: Episode, origin: Origin) -> tuple[Any, Messages]:
     return typestore, Messages(episode, origin, Builder(typestore))
 
 
-def _serialised(messages: Messages, typestore: Any, show_progress: bool) -> Iterator[tuple[Topic, int, bytes]]:
+def _serialised(messages: Messages, typestore: "Typestore", show_progress: bool) -> Iterator[tuple[Topic, int, bytes]]:
     """Topic, stamp (ns) and bytes of every message."""
     steps = range(len(messages.stamps))
     for step in tqdm(steps, desc="bag", unit="step", disable=not show_progress):
@@ -129,7 +134,7 @@ def _serialised(messages: Messages, typestore: Any, show_progress: bool) -> Iter
             yield topic, stamp, bytes(typestore.serialize_cdr(message, topic.type))
 
 
-def _qos(latched: bool) -> Any:
+def _qos(latched: bool) -> "Qos":
     """Reliable quality of service; `latched`, for /tf_static, also reaches late subscribers."""
     from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 
@@ -147,7 +152,7 @@ def _qos(latched: bool) -> Any:
 
 
 def _about(episode: Episode, origin: Origin) -> dict[str, str]:
-    """Metadata of a bag."""
+    """Metadata of a bag, as text."""
     return {
         "episode": episode.name,
         "origin_latitude_deg": repr(float(origin.latitude)),

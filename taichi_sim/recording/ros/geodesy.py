@@ -1,17 +1,18 @@
-"""Latitude, longitude and height of places in the local frame: east-north-up on the plane that touches the WGS-84
-ellipsoid at an origin, as GeographicLib's LocalCartesian and ROS's navsat tools have it.
+"""Latitude, longitude and height of positions in the local frame, east-north-up on the plane that touches the WGS-84
+ellipsoid at an origin, as in GeographicLib's LocalCartesian and ROS's navsat tools.
+
+A position in Earth-centred coordinates is
 
     x = ((N + h) cos phi cos lambda, (N + h) cos phi sin lambda, (N (1 - e^2) + h) sin phi),
-    N = a / sqrt(1 - e^2 sin^2 phi)
+    N = a / sqrt(1 - e^2 sin^2 phi).
 
-is a place in Earth-centred coordinates, the origin's is moved by east, north and up there, and what that gives is made
-geodetic again by Bowring's iteration (Survey Review 23, 1976) of the reduced latitude beta, of which three steps leave
-less than 1e-8 m:
+That of the origin is moved by east, north and up. The result is made geodetic again by Bowring's iteration (Survey
+Review 23, 1976) of the reduced latitude beta; three steps leave less than 1e-8 m:
 
     tan phi = (z + e'^2 b sin^3 beta) / (p - e^2 a cos^3 beta),   tan beta = (1 - f) tan phi.
 
-The simulated sea is that plane, so that far from the origin its level rises over the ellipsoid, by d^2 / 2R: 8 cm at
-1 km. Heights are over the ellipsoid, not over the geoid.
+The simulated sea is that plane. Far from the origin its level therefore rises above the ellipsoid by d^2 / 2R: 8 cm at
+1 km. Heights are above the ellipsoid, not above the geoid.
 """
 
 from typing import NamedTuple
@@ -21,7 +22,7 @@ import numpy as np
 from taichi_sim.recording.frames import Array
 
 A = 6378137.0  # m, semi-major axis of WGS-84
-F = 1 / 298.257223563  # its flattening
+F = 1 / 298.257223563  # flattening of WGS-84
 B = A * (1 - F)
 E2 = F * (2 - F)  # first eccentricity, squared
 STEPS = 3
@@ -34,11 +35,11 @@ class Origin(NamedTuple):
     longitude: float  # deg, east
 
 
-FJORD = Origin(63.48, 10.40)  # in the Trondheimsfjord, off Munkholmen: where Otters are at home
+FJORD = Origin(63.48, 10.40)  # in the Trondheimsfjord, off Munkholmen
 
 
 def ecef(latitude: Array, longitude: Array, height: Array) -> Array:
-    """[..., 3] Earth-centred, Earth-fixed (m) of geodetic coordinates (rad, rad, m)."""
+    """Earth-centred, Earth-fixed coordinates (m) [..., 3] of geodetic coordinates (rad, rad, m)."""
     normal = A / np.sqrt(1 - E2 * np.sin(latitude) ** 2)
     level = (normal + height) * np.cos(latitude)
     up = (normal * (1 - E2) + height) * np.sin(latitude)
@@ -46,7 +47,9 @@ def ecef(latitude: Array, longitude: Array, height: Array) -> Array:
 
 
 def geodetic(enu_m: Array, origin: Origin) -> Array:
-    """[..., 3] latitude (deg), longitude (deg, -180 to 180), height (m) of places [..., 3] east, north, up (m)."""
+    """Latitude (deg), longitude (deg, -180 to 180) and height (m) [..., 3] of positions [..., 3] (east, north,
+    up, m).
+    """
     phi, lam = np.radians(origin)
     sin, cos, sin_l, cos_l = np.sin(phi), np.cos(phi), np.sin(lam), np.cos(lam)
     axes = np.array([[-sin_l, cos_l, 0.0], [-sin * cos_l, -sin * sin_l, cos], [cos * cos_l, cos * sin_l, sin]])

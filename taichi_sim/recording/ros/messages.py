@@ -1,21 +1,69 @@
-"""An episode as messages in the order of time. All of it is the truth: covariances are zero, "unknown" to ROS."""
+"""An episode as messages in the order of time. All values are true ones: covariances are zero, "unknown" to ROS."""
 
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from taichi_sim.recording.episode import Episode, Force, TeamTrack
 from taichi_sim.recording.frames import flu
-from taichi_sim.recording.ros.build import Builder
 from taichi_sim.recording.ros.geodesy import Origin, geodetic
 from taichi_sim.recording.ros.motion import motion_of
-from taichi_sim.recording.ros.topics import BODY, CLOCK, MAP, TF, TF_STATIC, Sent, Topic, ros_name, stamps_ns
+from taichi_sim.recording.ros.topics import BODY, CLOCK, MAP, NS, TF, TF_STATIC, Sent, Topic, ros_name, stamps_ns
 
+if TYPE_CHECKING:
+    from rosbags.typesys.store import Msg, Msgarg, Typestore
+
+XYZ = Sequence[float]
 LEVEL = (0.0, 0.0, 0.0, 1.0)
 NO_TORQUE = (0.0, 0.0, 0.0)
 NO_COVARIANCE_3, NO_COVARIANCE_6 = np.zeros(9), np.zeros(36)
-STATUS_FIX, SERVICE_GPS, COVARIANCE_UNKNOWN = 0, 1, 0  # of NavSatStatus and NavSatFix
+STATUS_FIX, SERVICE_GPS, COVARIANCE_UNKNOWN = 0, 1, 0  # constants of NavSatStatus and NavSatFix
+
+
+class Builder:
+    """Builds messages; quaternions are (x, y, z, w)."""
+
+    def __init__(self, typestore: "Typestore"):
+        """Use the types of `typestore` (rosbags.typesys)."""
+        self._types = typestore.types
+
+    def make(self, kind: str, *fields: "Msgarg") -> "Msg":
+        """A message of a type, its fields in their order."""
+        return self._types[kind](*fields)
+
+    def time(self, stamp_ns: int) -> "Msg":
+        """A Time."""
+        return self.make("builtin_interfaces/msg/Time", *divmod(stamp_ns, NS))
+
+    def header(self, time: "Msg", frame: str) -> "Msg":
+        """A Header."""
+        return self.make("std_msgs/msg/Header", time, frame)
+
+    def vector(self, xyz: XYZ) -> "Msg":
+        """A Vector3."""
+        return self.make("geometry_msgs/msg/Vector3", *xyz)
+
+    def quaternion(self, xyzw: XYZ) -> "Msg":
+        """A Quaternion."""
+        return self.make("geometry_msgs/msg/Quaternion", *xyzw)
+
+    def pose(self, xyz: XYZ, xyzw: XYZ) -> "Msg":
+        """A Pose."""
+        return self.make("geometry_msgs/msg/Pose", self.make("geometry_msgs/msg/Point", *xyz), self.quaternion(xyzw))
+
+    def twist(self, linear: XYZ, angular: XYZ) -> "Msg":
+        """A Twist."""
+        return self.make("geometry_msgs/msg/Twist", self.vector(linear), self.vector(angular))
+
+    def pose_stamped(self, header: "Msg", xyz: XYZ, xyzw: XYZ) -> "Msg":
+        """A PoseStamped."""
+        return self.make("geometry_msgs/msg/PoseStamped", header, self.pose(xyz, xyzw))
+
+    def transform(self, header: "Msg", child: str, xyz: XYZ, xyzw: XYZ) -> "Msg":
+        """A TransformStamped: the pose of the frame `child` in the header's."""
+        turn = self.make("geometry_msgs/msg/Transform", self.vector(xyz), self.quaternion(xyzw))
+        return self.make("geometry_msgs/msg/TransformStamped", header, child, turn)
 
 
 class Messages:
@@ -25,7 +73,7 @@ class Messages:
         """Take `episode`, whose world has its origin at `origin`.
 
         Raises:
-            ValueError: if two topics would have one name.
+            ValueError: if two topics would have the same name.
         """
         self.build, self.stamps = build, stamps_ns(episode.time_s)
         self.teams = [_Team(team, episode, origin, build) for team in episode.teams.values()]
@@ -77,25 +125,25 @@ class _Team:
 
     @property
     def topics(self) -> list[Topic]:
-        """Topics of all its vehicles and of its target."""
+        """Topics of all vehicles of the team and of its target."""
         own = [topic for topics in self.of_vehicles for topic in topics.values()]
         return own if self.target is None else [*own, self.target_topic]
 
-    def fixed(self, time: Any) -> Iterator[Any]:
-        """Static frames at the points where its forces attack."""
+    def fixed(self, time: "Msg") -> Iterator["Msg"]:
+        """Static frames at the points of attack of the team's forces."""
         for name in self.names:
             for arrow, (place, _) in self.arrows.items():
                 header = self.build.header(time, f"{name}/{BODY}")
                 yield self.build.transform(header, f"{name}/wrench/{arrow}", place, LEVEL)
 
-    def moving(self, step: int, time: Any) -> Iterator[Any]:
-        """Transforms of its vehicles."""
+    def moving(self, step: int, time: "Msg") -> Iterator["Msg"]:
+        """Transforms of the team's vehicles."""
         for vehicle, name in enumerate(self.names):
             header, child = self.build.header(time, MAP), f"{name}/{BODY}"
             yield self.build.transform(header, child, self.place[step][vehicle], self.turn[step][vehicle])
 
-    def messages(self, step: int, time: Any) -> Iterator[tuple[Topic, Any]]:
-        """Messages of all its vehicles and of its target."""
+    def messages(self, step: int, time: "Msg") -> Iterator[tuple[Topic, "Msg"]]:
+        """Messages of all vehicles of the team and of its target."""
         world = self.build.header(time, MAP)
         for vehicle, topics in enumerate(self.of_vehicles):
             frame = f"{self.names[vehicle]}/{BODY}"
@@ -112,7 +160,7 @@ class _Team:
         if self.target is not None:
             yield self.target_topic, self.build.pose_stamped(world, self.target[step], self.course[step])
 
-    def _odometry(self, step: int, vehicle: int, header: Any, frame: str) -> Any:
+    def _odometry(self, step: int, vehicle: int, header: "Msg", frame: str) -> "Msg":
         make = self.build.make
         pose = self.build.pose(self.place[step][vehicle], self.turn[step][vehicle])
         twist = self.build.twist(self.velocity[step][vehicle], self.rates[step][vehicle])
@@ -124,22 +172,22 @@ class _Team:
             make("geometry_msgs/msg/TwistWithCovariance", twist, NO_COVARIANCE_6),
         )
 
-    def _imu(self, step: int, vehicle: int, header: Any) -> Any:
+    def _imu(self, step: int, vehicle: int, header: "Msg") -> "Msg":
         turn = self.build.quaternion(self.turn[step][vehicle])
         rates, felt = (self.build.vector(of[step][vehicle]) for of in (self.rates, self.felt))
         none = NO_COVARIANCE_3
         return self.build.make("sensor_msgs/msg/Imu", header, turn, none, rates, none, felt, none)
 
-    def _fix(self, step: int, vehicle: int, header: Any) -> Any:
+    def _fix(self, step: int, vehicle: int, header: "Msg") -> "Msg":
         status = self.build.make("sensor_msgs/msg/NavSatStatus", STATUS_FIX, SERVICE_GPS)
         place = self.fix[step][vehicle]
         return self.build.make("sensor_msgs/msg/NavSatFix", header, status, *place, NO_COVARIANCE_3, COVARIANCE_UNKNOWN)
 
-    def _wrench(self, time: Any, frame: str, force: list[float]) -> Any:
+    def _wrench(self, time: "Msg", frame: str, force: list[float]) -> "Msg":
         wrench = self.build.make("geometry_msgs/msg/Wrench", self.build.vector(force), self.build.vector(NO_TORQUE))
         return self.build.make("geometry_msgs/msg/WrenchStamped", self.build.header(time, frame), wrench)
 
 
 def _arrow(force: Force) -> tuple[list[float], list[list[list[float]]]]:
-    """Where a force attacks (m) and what it is [T, V, 3] (N), in base_link."""
+    """Point of attack (m) and values [T, V, 3] (N) of a force, in base_link."""
     return flu(np.asarray(force.origin_b)).tolist(), flu(force.vector_b).tolist()

@@ -1,14 +1,17 @@
 """Names, types and stamps of a bag. Topics and frames are listed in docs/ros.md."""
 
 import re
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from taichi_sim.recording.frames import Array
 
+if TYPE_CHECKING:
+    from rosbags.typesys.store import Msg
+
 NS = 1_000_000_000
-EPOCH_S = 1_000_000_000  # s, stamp of time 0 (2001-09-09 01:46:40 UTC): to ROS, a stamp of 0 is no time at all
+EPOCH_S = 1_000_000_000  # s, stamp of time 0 (2001-09-09 01:46:40 UTC), because a stamp of 0 means "no time" to ROS
 MAP, BODY = "map", "base_link"
 
 
@@ -17,7 +20,7 @@ class Topic(NamedTuple):
 
     name: str
     type: str
-    latched: bool = False  # who subscribes later is sent the last message
+    latched: bool = False  # late subscribers receive the last message
 
 
 class Sent(NamedTuple):
@@ -25,7 +28,7 @@ class Sent(NamedTuple):
 
     topic: Topic
     stamp_ns: int
-    message: Any
+    message: "Msg"
 
 
 CLOCK = Topic("/clock", "rosgraph_msgs/msg/Clock")
@@ -34,11 +37,11 @@ TF_STATIC = Topic("/tf_static", "tf2_msgs/msg/TFMessage", latched=True)
 
 
 def ros_name(name: str) -> str:
-    """A name as topics and frames may have it: letters, digits and underscores, no digit first."""
+    """`name` made valid for topics and frames: letters, digits and underscores, no digit first."""
     plain = re.sub(r"\W", "_", name, flags=re.ASCII)
     return f"_{plain}" if plain[:1].isdigit() else plain
 
 
 def stamps_ns(time_s: Array) -> list[int]:
-    """Stamps (ns) of times (s), rounded to whole ones."""
+    """Stamps (ns) of times (s), rounded to whole ns."""
     return (np.rint(np.asarray(time_s, dtype=np.float64) * NS).astype(np.int64) + EPOCH_S * NS).tolist()

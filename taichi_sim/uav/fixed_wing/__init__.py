@@ -1,1 +1,1 @@
-"""`fixed_wing_6dof`: fixed-wing aircraft in wind; fixed_wing_6dof.py is where to begin."""
+"""`fixed_wing_6dof`: fixed-wing aircraft in wind. Start reading at fixed_wing_6dof.py."""

@@ -1,33 +1,34 @@
-"""Control surfaces and throttle that follow their commands: first-order lag, rate limit, saturation.
+"""Control surfaces and throttle follow their commands with a first-order lag, a rate limit and saturation.
 
-Deflections are packed as delta = (elevator, aileron, rudder, throttle): rad, and a fraction of full throttle.
+Deflections are packed as delta = (elevator, aileron, rudder, throttle): three in rad, the throttle from 0 to 1.
 """
 
 # Kernels are another language inside Python syntax.
 # pyright: reportInvalidTypeForm=false
 
 import math
-from typing import Annotated, Any
+from typing import Annotated
 
 import taichi as ti
 import torch
 from pydantic import Field
 
 from taichi_sim.config import NonNegative, Strict
+from taichi_sim.vehicle import Number
 
 DEG = math.pi / 180.0
 Limit = Annotated[float, Field(gt=0, le=90)]
 
 
 class Actuators(Strict):
-    """Numbers of the servos and of the motor's response."""
+    """Parameters of the servos and of the motor's response."""
 
-    time_constant: NonNegative  # of the servos, s; 0 is ideal
+    time_constant: NonNegative  # of the servos, s; 0: they follow at once
     rate_limit_deg: Annotated[float, Field(gt=0)]  # of the servos, deg/s; inf is no limit
-    elevator_limit_deg: Limit  # either way, deg
+    elevator_limit_deg: Limit  # largest deflection to either side, deg
     aileron_limit_deg: Limit
     rudder_limit_deg: Limit
-    throttle_time_constant: NonNegative  # s; 0 is ideal
+    throttle_time_constant: NonNegative  # s; 0: thrust follows at once
 
     @property
     def lower(self) -> tuple[float, float, float, float]:
@@ -44,10 +45,14 @@ class Actuators(Strict):
         return math.inf if k == 3 else self.rate_limit_deg * DEG * dt
 
 
-def lag(tau, dt: float) -> tuple[Any, Any]:
-    """Of an actuator of time constant tau (s; 0 is ideal) over a step dt (s): the part of the way to its command that
-    it goes, 1 - exp(-dt/tau), and the part of that change which is missing in the mean over the step. Floats, or
-    tensors of the shape of tau.
+def lag(tau: Number, dt: float) -> tuple[Number, Number]:
+    """Response of a first-order actuator with time constant tau (s; 0 is ideal) over a step dt (s).
+
+    Returns:
+        gone: fraction of the change to the command that is made by the end of the step, 1 - exp(-dt / tau).
+        kept: fraction of that change by which the mean over the step falls short of the end.
+
+    Both are floats, or tensors of the shape of tau.
     """
     t = torch.as_tensor(tau, dtype=torch.float64)
     gone = -torch.expm1(-dt / t)
@@ -57,9 +62,10 @@ def lag(tau, dt: float) -> tuple[Any, Any]:
 
 @ti.func
 def advance(servos: ti.template(), p: ti.template(), dt: ti.template(), delta, command):
-    """Deflections after a step dt (s) toward `command`, and their means over the step: exact for a lag whose command
-    is held, so that what the step feels is right to second order in dt. Limits are those of `servos` (Actuators), lags
-    those of p (FixedWingNumbers).
+    """Deflections after a step dt (s) toward `command`, and their means over the step.
+
+    The mean is exact for a lag whose command is held, so forces in the step are second order in dt. The limits are
+    those of `servos` (Actuators), the lags those of p (FixedWingNumbers).
     """
     new, mean = delta, delta
     gone = ti.Vector([p.servo_gone, p.servo_gone, p.servo_gone, p.motor_gone])

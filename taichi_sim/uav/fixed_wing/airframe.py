@@ -1,12 +1,13 @@
 """A fixed-wing aircraft's aerodynamics and its equations of motion.
 
-The model of R. Beard and T. McLain, Small Unmanned Aircraft, Princeton University Press 2012, chapters 3 and 4:
-lift that blends into a flat plate's beyond the stall, a parabolic polar, linear coefficients elsewhere. NED world,
-forward-right-down body, quaternion body to world. Positive elevator is trailing edge down (C_m_delta_e < 0), positive
-aileron rolls right, positive rudder yaws left (C_n_delta_r < 0). delta = (elevator, aileron, rudder, throttle).
+The model is that of R. Beard and T. McLain, Small Unmanned Aircraft, Princeton University Press 2012, chapters 3 and 4.
+Lift blends into that of a flat plate beyond the stall; the polar is parabolic; other coefficients are linear. NED
+world, forward-right-down body, quaternion body to world. Positive elevator is trailing edge down (C_m_delta_e < 0),
+positive aileron rolls right, positive rudder yaws left (C_n_delta_r < 0). delta = (elevator, aileron, rudder,
+throttle).
 
-An aircraft is data: `craft` is its FixedWingParams, of which what never varies is read, and compiled in; `p` are its
-FixedWingNumbers, compiled in or an environment's own.
+`craft` is a FixedWingParams: the kernels read the parameters that never vary from it, and these are compiled in. `p` is
+a FixedWingNumbers, either compiled in or loaded for each environment.
 """
 
 # Kernels are another language inside Python syntax.
@@ -19,14 +20,14 @@ from taichi_sim.kernels.rotation import rotation_matrix
 from taichi_sim.uav.fixed_wing import angles
 from taichi_sim.uav.fixed_wing.propeller import thrust_torque
 
-STILL = 1e-6  # m/s: below this speed the angle of attack has no meaning, and no force
+STILL = 1e-6  # m/s: below this speed the angle of attack is undefined, and forces are negligible
 
 
 @ti.func
 def air_data(v_r):
     """(Va, alpha, beta, cos alpha, sin alpha) of the velocity v_r relative to the air, in b (m/s; rad)."""
     h2 = v_r[0] * v_r[0] + v_r[2] * v_r[2]
-    h, Va = ti.sqrt(h2), ti.sqrt(h2 + v_r[1] * v_r[1])  # side by side: what a step costs is its longest chain
+    h, Va = ti.sqrt(h2), ti.sqrt(h2 + v_r[1] * v_r[1])  # in parallel: the longest chain sets a step's cost
     inv = 1.0 / ti.max(h, STILL)
     alpha, beta = angles.atan2(v_r[2], v_r[0]), angles.atan2(v_r[1], h)
     return ti.Vector([Va, alpha, beta, v_r[0] * inv, v_r[2] * inv])
@@ -34,7 +35,7 @@ def air_data(v_r):
 
 @ti.func
 def lift_coefficient(craft: ti.template(), p: ti.template(), alpha, cos_alpha, sin_alpha):
-    """C_L(alpha): linear below the stall, a flat plate's beyond, blended by sigma (eqs 4.9, 4.10)."""
+    """C_L(alpha): linear below the stall, that of a flat plate beyond it, blended by sigma (eqs 4.9, 4.10)."""
     sigma = angles.stall_blend(craft.longitudinal.M_blend, craft.longitudinal.alpha0, alpha)
     plate = 2.0 * sin_alpha * ti.abs(sin_alpha) * cos_alpha
     return (1.0 - sigma) * (p.C_L_0 + p.C_L_alpha * alpha) + sigma * plate
@@ -79,7 +80,7 @@ def aerodynamic_moment(craft: ti.template(), p: ti.template(), air, omega, delta
 
 @ti.func
 def loads(craft: ti.template(), p: ti.template(), air, omega, delta):
-    """Force (N) and moment (N m) in b of air and propeller; gravity is not in them."""
+    """Force (N) and moment (N m) in b of air and propeller, without gravity."""
     T, Q = thrust_torque(craft.propeller, p, air[0], delta[3])
     force = aerodynamic_force(craft, p, air, omega, delta)
     moment = aerodynamic_moment(craft, p, air, omega, delta)
@@ -112,8 +113,9 @@ def rigid_body(p: ti.template(), y, R, force, moment):
 
 @ti.func
 def derivative(craft: ti.template(), p: ti.template(), y, air_n, delta, tau):
-    """Derivative [13] of state y in air that moves with air_n (NED, m/s), with surfaces and throttle at delta, under
-    the load tau (6) from outside (N, N m about the centre of mass, b).
+    """Derivative [13] of state y in air that moves with air_n (NED, m/s), with surfaces and throttle at delta.
+
+    tau (6) is the load from outside (N, N m about the centre of mass, b).
     """
     R = rotation_matrix(ti.Vector([y[3], y[4], y[5], y[6]]))
     v_r = ti.Vector([y[7], y[8], y[9]]) - R.transpose() @ air_n

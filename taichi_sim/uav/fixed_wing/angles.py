@@ -1,4 +1,4 @@
-"""Angles of the air and the blending of the stall, without calls of libm in f32 (in f64 the library functions).
+"""Angles of the airflow and the blending function of the stall. In f32 they call no libm; in f64 they call the library.
 
 The arctangent is a polynomial in t^2 on [0, 1]: least-squares fit at Chebyshev nodes, error below 3e-7 of the value
 and of 1 rad (tests/physics/test_fixed_wing_loads.py measures it).
@@ -15,8 +15,8 @@ from taichi_sim.kernels import runtime
 
 HALF_PI = math.pi / 2
 TINY = 1e-30  # keeps 0 / 0 out of atan2(0, 0)
-ATTACHED, STALLED = -17.0, 17.0  # exponents beyond which f32 cannot tell the blend from 0 and from 1
-LARGEST = 300.0  # exponent whose exponential's square is finite in f64
+ATTACHED, STALLED = -17.0, 17.0  # exponents beyond which the blend rounds to 0 and to 1 in f32
+LARGEST = 300.0  # exp(300)^2 is still finite in f64
 SQUARINGS = 6  # exp(x) = exp(x / 64)^64
 
 
@@ -65,15 +65,15 @@ def exp_clamped(x):
 def stall_blend(M: ti.template(), alpha0: ti.template(), alpha):
     """sigma(alpha) of Beard & McLain 2012, eq. 4.10: 0 in attached flow, 1 far beyond +-alpha0, sharpness M (1/rad).
 
-    With c = exp(-M alpha0) their quotient of exponentials is x / (1 + x), x = c^2 + 2 c cosh(M alpha): one
-    exponential, and nothing cancels.
+    With c = exp(-M alpha0) their quotient of exponentials is x / (1 + x), x = c^2 + 2 c cosh(M alpha). This form needs
+    one exponential and loses no digits to cancellation.
     """
     sigma = alpha * 0.0
     exponent = M * ti.abs(alpha) - ti.static(M * alpha0)
-    # a branch that is nearly always foretold: what a step costs is its longest chain, and this leaves it
+    # this branch is nearly always predicted; it keeps the exponential out of the longest chain of operations
     if exponent > ti.static(-LARGEST if runtime.is_f64() else ATTACHED):
         c2 = ti.static(math.exp(-2.0 * M * alpha0))
         growing = exp_clamped(exponent)
-        x = growing * (growing + c2) + c2  # times `growing`, which saves a division
+        x = growing * (growing + c2) + c2  # scaled by `growing`, which saves a division
         sigma = x / (growing + x)
     return sigma

@@ -1,25 +1,26 @@
 """Autopilot of a fixed-wing aircraft: successive loop closure (Beard & McLain 2012, ch. 6), with envelope protection.
 
-Attitude errors are those of sines, so that no angle is computed: sin(phi_c - phi), sin theta_c - sin theta.
+Attitude errors are differences of sines, so no angle is computed: sin(phi_c - phi), sin theta_c - sin theta.
 
     aileron   trim + s (k_phi sin(phi_c - phi) - k_p p)
     elevator  trim + s (k_theta (sin theta_c - sin theta) - k_q theta_dot)
-    rudder    trim - s k_r (r - r_turn),  r_turn = (g / Va) sin phi cos theta, that of a coordinated turn
+    rudder    trim - s k_r (r - r_turn),  r_turn = (g / Va) sin phi cos theta: yaw rate of a coordinated turn
     throttle  trim + k_V (V_c - Va) + integral
 
-s = V_0 / Va keeps the loops' bandwidths over airspeed. k_theta, k_q and k_r are negative: positive elevator pitches
-down, positive rudder yaws left. Trims are fits to steady climbs and turns (gains.py); a turn's
-are those of the bank demanded, so that neither height nor sideslip waits for an error. The one integrator, of the
-throttle, is unwound by what the throttle's limits cut off. The plant itself integrates the others.
+s = V_0 / Va keeps the bandwidths of the loops constant over airspeed. k_theta, k_q and k_r are negative, because
+positive elevator pitches down and positive rudder yaws left. The trims are fits to steady climbs and turns (gains.py).
+In a turn they are those of the demanded bank, so neither height nor sideslip waits for an error. Only the throttle has
+an integrator; what the throttle's limits cut off is unwound from it. In the other loops the plant integrates.
 
-Demands are in [-1, 1]. Turn: lateral acceleration g tan phi over that of the largest bank, so a heading rate of
-(g / Va) tan phi. Airspeed: least, cruise, largest at -1, 0, 1. Then either `pitch`: sin theta above that of level
-flight, over sin max_pitch; or `climb`: of the largest climb rate, which also moves the height that is held.
+Demands are in [-1, 1]. The turn demand is lateral acceleration, g tan phi, as a fraction of that in the steepest bank;
+the heading rate is (g / Va) tan phi. The airspeed demand is the least, cruise and largest airspeed at -1, 0, 1. The
+third demand is either `pitch`, sin theta above that of level flight as a fraction of sin max_pitch, or `climb`, a
+fraction of the largest climb rate, which also moves the height that is held.
 
-Protection is by feedback, so its limits yield a little. Under full stick held in calm air the bank settles some 15 %
-above max_bank_deg (the roll loop has no integrator), the airspeed half a metre per second below its floor. Stick that
-reverses every second takes the Aerosonde to 11.8 m/s (floor 15.3, stall 11.3), never into a stall; the Zagi, whose
-ailerons without a rudder drive its Dutch roll, stalls for up to half a second in two flights of five.
+Protection works by feedback, so its limits can be exceeded a little. Under full stick held in calm air the bank settles
+some 15 % above max_bank_deg (the roll loop has no integrator), and the airspeed half a metre per second below its
+floor. Stick that reverses every second takes the Aerosonde to 11.8 m/s (floor 15.3, stall 11.3), never into a stall.
+The Zagi, whose ailerons without a rudder excite its Dutch roll, stalls for up to half a second in two flights of five.
 """
 
 # Kernels are another language inside Python syntax.
@@ -41,27 +42,31 @@ ACTION_NAMES = {
     "altitude": ("climb", "yaw", "boost"),
     "surfaces": ("elevator", "aileron", "rudder", "throttle"),
 }
-STALL_MARGIN = 1.2  # lift that the wing could still give over that of a turn: the bank stays below
-SLOW = 0.5  # of the gains' airspeed, below which they grow no more
+STALL_MARGIN = 1.2  # the bank is limited so that the largest lift stays this multiple of the lift in the turn
+SLOW = 0.5  # fraction of V_0: below this airspeed the gains grow no more
 
 
 class AutopilotParams(Strict):
-    """`[autopilot]` of a vehicle file; without it the aircraft is flown by its surfaces, unprotected."""
+    """`[autopilot]` of a vehicle file. Without it the actions are deflections of the surfaces, without protection."""
 
-    actions: Actions = "guidance"  # pitch, turn and airspeed; climb rate, turn and airspeed; or deflections
+    actions: Actions = "guidance"
     protection: bool = True  # of angle of attack, load factor, airspeed and bank
     max_bank_deg: Annotated[float, Field(gt=0, lt=80)] = 45.0
-    max_pitch_deg: Annotated[float, Field(gt=0, le=45)] = 20.0  # about that of level flight
-    min_airspeed: Positive | None = None  # that can be demanded, m/s; omitted: 1.3 times the stall's
+    max_pitch_deg: Annotated[float, Field(gt=0, le=45)] = 20.0  # largest difference from the pitch of level flight
+    min_airspeed: Positive | None = None  # least airspeed demand, m/s; omitted: 1.3 times the stall airspeed
 
 
 @dataclass(frozen=True)
-class Gains:
-    """Numbers of the autopilot, all computed (gains.py). Surfaces rad, sines and rates 1 and rad/s, throttle 1.
+class AutopilotGains:
+    """Gains and trims of the autopilot, all computed by gains.py. Units: surfaces and angles rad, rates rad/s, throttle
+    1.
 
-    Trims, with x = (V_0 / V)^2 and load factor n: alpha = alpha[0] + alpha[1] x n;
-    elevator = elevator[0] + x (elevator[1] n + elevator[2] (n - 1 / n)); aileron and rudder c[0] + x (c[1] + c[2]
-    sin phi); throttle[:4] times (1, v, v^2, x (n^2 - 1)) + sin gamma (throttle[4] + throttle[5] v), v = V / V_0.
+    Trims, with v = V / V_0, x = 1 / v^2 and load factor n:
+
+        alpha             alpha[0] + alpha[1] x n
+        elevator          elevator[0] + x (elevator[1] n + elevator[2] (n - 1 / n))
+        aileron, rudder   c[0] + x (c[1] + c[2] sin phi)
+        throttle          throttle[:4] . (1, v, v^2, x (n^2 - 1)) + sin gamma (throttle[4] + throttle[5] v)
     """
 
     airspeed: float  # V_0, m/s
@@ -72,10 +77,10 @@ class Gains:
     yaw_rate: float
     throttle_airspeed: float  # s/m
     throttle_integral: float  # 1/m
-    climb: float  # climb rate through the air per that missing over the ground, 1
-    height: float  # climb rate per height, 1/s
-    course: float  # rate of the course per course, 1/s
-    pitch_airspeed: float  # sine of pitch per airspeed outside its range, s/m
+    climb: float  # change of the commanded climb rate per error of the climb rate over ground, 1
+    height: float  # climb rate per height error, 1/s
+    course: float  # course rate per course error, 1/s
+    pitch_airspeed: float  # sine of pitch per m/s of airspeed outside its range, s/m
     alpha: tuple[float, ...]
     elevator: tuple[float, ...]
     aileron: tuple[float, ...]
@@ -83,16 +88,19 @@ class Gains:
     throttle: tuple[float, ...]
 
 
+Gains = AutopilotGains  # its former name
+
+
 @dataclass(frozen=True)
 class AutopilotLimits:
-    """Where the autopilot keeps the aircraft."""
+    """Limits within which the autopilot keeps the aircraft."""
 
-    speeds: tuple[float, float, float]  # least, cruise, largest demand, m/s
+    speeds: tuple[float, float, float]  # least, cruise and largest airspeed demand, m/s
     stall: float  # airspeed at n = 1, m/s
     floor: float  # airspeed below which the nose goes down, m/s
-    top: float  # airspeed above which it goes up, m/s
+    top: float  # airspeed above which the nose goes up, m/s
     tan_bank: float
-    sin_pitch: float  # about that of level flight
+    sin_pitch: float  # largest difference from the sine of pitch in level flight
     climb: float  # m/s
     alpha_low: float  # rad
     alpha_high: float
@@ -106,8 +114,10 @@ class AutopilotLimits:
 
 @ti.func
 def demands(g: ti.template(), m: ti.template(), protection: ti.template(), turn, boost, Va):
-    """What a control step asks for, from its actions and the airspeed now: (sin phi_c, cos phi_c, V_c, elevator's
-    multiple of x, sine of pitch in level flight, aileron, rudder, throttle, throttle per sin gamma).
+    """Demands of a control step, from its actions and the airspeed Va at its beginning (m/s).
+
+    Returns (sin phi_c, cos phi_c, V_c, factor of x in the elevator's trim, sine of pitch in level flight, aileron,
+    rudder, throttle, throttle per sin gamma).
     """
     t = turn * m.tan_bank
     if ti.static(protection):
@@ -149,14 +159,18 @@ def flight(g: ti.template(), R, v_air):
 
 @ti.func
 def climb_to_fly(g: ti.template(), m: ti.template(), wanted, actual):
-    """Climb rate through the air (m/s) for the one wanted over the ground, within limits, and the actual one."""
+    """Climb rate through the air (m/s) to command, within limits, for the `wanted` and `actual` climb rates over
+    ground (m/s).
+    """
     climb = ti.max(ti.min(wanted, m.climb), -m.climb)
     return climb + g.climb * (climb - actual)
 
 
 @ti.func
 def sine_of_pitch(g: ti.template(), m: ti.template(), protection: ti.template(), Va, level, sin_gamma):
-    """sin theta_c of a climb by gamma; protected, the nose goes down below the floor of airspeed, up above its top."""
+    """sin theta_c of a climb by gamma. With protection the nose goes down below the airspeed floor and up above the
+    top.
+    """
     wanted = sin_gamma
     if ti.static(protection):
         outside = ti.min(Va - m.floor, 0.0) + ti.max(Va - m.top, 0.0)
@@ -166,7 +180,7 @@ def sine_of_pitch(g: ti.template(), m: ti.template(), protection: ti.template(),
 
 @ti.func
 def surfaces(g: ti.template(), d, air, R, omega, sin_theta_c):
-    """Elevator, aileron, rudder (rad) toward demands d at the attitude R, rates omega (rad/s), air = flight(..)."""
+    """Elevator, aileron, rudder (rad) that meet demands d at attitude R and rates omega (rad/s); air = flight(..)."""
     inv, s, sine, cosine = air[1], air[2], air[3], air[4]
     theta_dot = omega[1] * cosine - omega[2] * sine
     r_turn = GRAVITY * inv * R[2, 1]
@@ -179,9 +193,11 @@ def surfaces(g: ti.template(), d, air, R, omega, sin_theta_c):
 
 @ti.func
 def protected_elevator(g: ti.template(), m: ti.template(), elevator, Va, s, alpha, q):
-    """`elevator` within those that turn the aircraft back from the largest and least angles of attack (rad) that stall
-    and load factor allow: static trim there, more as it goes beyond, and damping of q (rad/s). Below the floor of
-    airspeed Va the largest is less, so that the nose falls before the wing stops flying.
+    """`elevator` (rad), limited so that the angle of attack (rad) returns between the bounds that stall and load factor
+    set.
+
+    At a bound the elevator is that of static trim; beyond it there is more, and damping of q (rad/s). Below the floor
+    of airspeed Va the upper bound is lower, so that the nose falls before the wing stalls.
     """
     x = s * s
     high = ti.min(m.alpha_high, m.alpha_zero_lift + ti.static(m.alpha_per_n * m.n_high) * x)
@@ -195,8 +211,9 @@ def protected_elevator(g: ti.template(), m: ti.template(), elevator, Va, s, alph
 
 @ti.func
 def throttle(g: ti.template(), d, Va, sin_gamma, integral, dt: ti.template()):
-    """(throttle, integral one substep dt (s) later): what the limits cut off runs out of the integral within the loop's
-    own time.
+    """(throttle, integral) one substep dt (s) later.
+
+    What the throttle's limits cut off decays from the integral with the time constant of the loop.
     """
     error = d[2] - Va
     wanted = d[7] + d[8] * sin_gamma + g.throttle_airspeed * error + integral

@@ -1,4 +1,4 @@
-"""What the actions of a control step command: by way of the autopilot, or the surfaces themselves.
+"""From actions to commanded deflections, through the autopilot or directly.
 
 `m` is the model: its `gains`, `autopilot_limits`, `actions`, `protected`, `neutral` are compiled in.
 """
@@ -14,7 +14,7 @@ from taichi_sim.uav.fixed_wing.motion import velocity
 
 @ti.func
 def demands(m: ti.template(), action: ti.template(), e, i, Va):
-    """`autopilot.demands` of vehicle i of environment e; nothing if its surfaces are commanded."""
+    """`autopilot.demands` of vehicle i of environment e; zeros if the actions are deflections."""
     asked = ti.Vector([Va * 0.0] * 9)
     if ti.static(m.actions != "surfaces"):
         turn, boost = action[e, i, 1], action[e, i, 2]
@@ -24,8 +24,10 @@ def demands(m: ti.template(), action: ti.template(), e, i, Va):
 
 @ti.func
 def commands(m: ti.template(), action: ti.template(), e, i, asked, R, y, met, pilot):
-    """Commanded deflections, and the autopilot's own state (its integral, the height it holds), at attitude R and the
-    state y relative to the air that moves with `met` (NED, m/s); asked = demands(..).
+    """Commanded deflections (4), and the autopilot's state (integral of the throttle, height that is held).
+
+    R is the attitude; y the state relative to the air, which moves with `met` (NED, m/s); asked = demands(..); pilot
+    the autopilot's state before.
     """
     v_air, omega = velocity(y), ti.Vector([y[10], y[11], y[12]])
     command, state = ti.Vector([0.0, 0.0, 0.0, 0.0]), pilot
@@ -55,7 +57,11 @@ def commands(m: ti.template(), action: ti.template(), e, i, asked, R, y, met, pi
 
 @ti.func
 def deflections(m: ti.template(), action: ti.template(), e, i):
-    """The deflections that the actions command themselves: from the lower limit by the value in cruise to the upper."""
+    """Deflections that the actions command directly.
+
+    Each goes from its lower limit at -1 through its value in cruise at 0 to its upper limit at 1, linear on either
+    side.
+    """
     command = ti.Vector([action[e, i, 0], action[e, i, 1], action[e, i, 2], action[e, i, 3]])
     for k in ti.static(range(4)):
         neutral, lower, upper = ti.static(m.neutral[k], m.p.actuators.lower[k], m.p.actuators.upper[k])

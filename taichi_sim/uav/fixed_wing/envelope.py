@@ -23,11 +23,11 @@ class FlightEnvelope(NamedTuple):
     n_min: float
 
     def largest(self, Va):
-        """Load factor at most, at Va."""
+        """Largest load factor at Va."""
         return np.minimum(self.n_max * (np.asarray(Va) / self.corner) ** 2, self.n_max)
 
     def least(self, Va):
-        """Load factor at least, at Va."""
+        """Least load factor at Va."""
         return np.maximum(self.n_min * (np.asarray(Va) / self.inverted_corner) ** 2, self.n_min)
 
 

@@ -1,13 +1,11 @@
-"""A fixed-wing aircraft's equations (airframe.py) over many states at once, of its vehicle file alone.
+"""A fixed-wing aircraft's equations (airframe.py) over many states at once, from its vehicle file alone.
 
-What trims, gains and modes are found with, before there is a model to step. In an f32 run the kernels use f32's
-constants and polynomials whatever the arrays are, so that what is found here is true of the model that is flown.
+Trims, gains and modes are computed with them, before there is a model to step. In an f32 run the kernels use f32's
+constants and polynomials whatever the arrays are, so the results hold for the model that flies.
 """
 
 # Kernels are another language inside Python syntax.
-# pyright: reportIndexIssue=false, reportInvalidTypeForm=false
-
-from typing import Any
+# pyright: reportIndexIssue=false, reportInvalidTypeForm=false, reportGeneralTypeIssues=false
 
 import numpy as np
 import taichi as ti
@@ -17,13 +15,13 @@ from taichi_sim.uav.fixed_wing import airframe
 from taichi_sim.uav.fixed_wing.numbers import nominal_numbers
 from taichi_sim.uav.fixed_wing.params import FixedWingParams
 
-STALL_GRID = 2001  # angles of attack at which the lift curve is looked through
-_array2: Any = ti.types.ndarray(ndim=2)
+STALL_GRID = 2001  # angles of attack at which the lift curve is evaluated
+_array2 = ti.types.ndarray(ndim=2)
 
 
 @ti.kernel
 def derivatives(craft: ti.template(), state: _array2, controls: _array2, wind: _array2, load: _array2, out: _array2):
-    """Write derivatives [n, 13] of states [n, 13] of `craft`: `Vehicle.rhs`, with the vehicle file's numbers."""
+    """Write derivatives [n, 13] of states [n, 13] of `craft`: `Vehicle.rhs`, with the vehicle file's parameters."""
     for n in range(state.shape[0]):
         y = ti.Vector([state[n, k] for k in ti.static(range(STATE_SIZE))])
         delta = ti.Vector([controls[n, k] for k in ti.static(range(4))])
@@ -59,8 +57,9 @@ def _loads(craft: ti.template(), v_r: _array2, omega: _array2, controls: _array2
 
 
 def loads(p: FixedWingParams, v_r, omega, controls) -> np.ndarray:
-    """Force (N) and moment (N m) in b of air and propeller [n, :6], of these thrust (N) and the propeller's torque
-    (N m) [n, 6:], at velocities relative to the air v_r [n, 3] (m/s), rates omega [n, 3], controls [n, 4].
+    """Loads [n, 8] at velocities relative to the air v_r [n, 3] (m/s), rates omega [n, 3] (rad/s), controls [n, 4].
+
+    Columns: force (N) and moment (N m) in b of air and propeller; then the thrust (N) and the propeller's torque (N m).
     """
     v_r = np.ascontiguousarray(np.atleast_2d(v_r), dtype=np.float64)
     omega, controls = (
@@ -88,7 +87,7 @@ def lift_curve(p: FixedWingParams, alpha) -> np.ndarray:
 
 
 def stall_angles(p: FixedWingParams) -> tuple[float, float]:
-    """Angles of attack (rad) of the least and of the largest lift: inverted and upright stall."""
+    """Angles of attack (rad) with the least and the largest lift: inverted and upright stall."""
     alpha = np.linspace(-p.longitudinal.alpha0, p.longitudinal.alpha0, STALL_GRID)
     C_L = lift_curve(p, alpha)
     return float(alpha[C_L.argmin()]), float(alpha[C_L.argmax()])

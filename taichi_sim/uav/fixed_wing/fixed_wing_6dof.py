@@ -1,10 +1,10 @@
 """`fixed_wing_6dof`: a team of Beard-McLain aircraft (airframe.py) in wind, with actuators and an autopilot.
 
-One kernel launch per control step: each aircraft's state is loaded once, goes through RK4 substeps on local values,
-and is stored once. Deflections and the air's velocity (in n: local_air.py) are held over a substep, which is made in
-the frame of the air: so a steady wind is exact, the motion relative to the air is that in still air, of fourth order in
-the step. Through a discrete gust it is of second order, by the air that is held: with steps of 0.02 s an Aerosonde that
-meets 3 m/s within half a second, controls fixed, is less than 2 mm off after 10 s.
+One kernel launch per control step loads each aircraft's state once, makes RK4 substeps on local values, and stores the
+state once. Deflections and the air's velocity (in n: local_air.py) are held over a substep. The substep is made in the
+frame of the air, so a steady wind is exact and motion relative to the air is fourth order in the step. Flight through a
+discrete gust is second order, because the air is held: with steps of 0.02 s an Aerosonde that meets 3 m/s within half a
+second, controls fixed, is less than 2 mm off after 10 s.
 """
 
 # Kernels are another language inside Python syntax.
@@ -12,7 +12,6 @@ meets 3 m/s within half a second, controls fixed, is less than 2 mm off after 10
 
 import math
 from collections.abc import Mapping
-from typing import Any
 
 import taichi as ti
 import torch
@@ -51,21 +50,24 @@ from taichi_sim.uav.fixed_wing.numbers import VARYING, FixedWingNumbers, aircraf
 from taichi_sim.uav.fixed_wing.params import FixedWingParams
 from taichi_sim.uav.fixed_wing.propeller import propeller_power
 from taichi_sim.uav.fixed_wing.trim import trim
-from taichi_sim.vehicle import Limits
+from taichi_sim.vehicle import Limits, Number
 
 
 @ti.data_oriented
 class FixedWing6DOF(Aircraft):
-    """Steps a team of aircraft in place; its auxiliary state is in instruments.py.
+    """Steps a team of aircraft in place; instruments.py lists its auxiliary state.
 
-    Who flies an aircraft knows the one of the drawing board: trim, gains, limits and stall angles are those of
-    `design`, whatever numbers a single aircraft has.
+    Controllers know the nominal aircraft: trim, gains, limits and stall angles are those of `design`, even where an
+    aircraft's own parameters differ.
 
     Attributes:
-        action_names: what is commanded: (pitch, yaw, boost) by default (autopilot.py). Where it is the surfaces, each
-            goes from its lower limit by its value in cruise at 0 to its upper limit, linear on either side.
-        cruise: the trim at cruising airspeed. neutral: its controls. stall_angles: rad, inverted and upright.
-        gains, autopilot_limits: of the autopilot.
+        action_names: names of the actions: (pitch, yaw, boost) by default (autopilot.py). Actions that are deflections
+            go from the lower limit at -1 through the value in cruise at 0 to the upper limit at 1, linear on either
+            side.
+        cruise: the trim at cruising airspeed.
+        neutral: the controls of `cruise`.
+        stall_angles: angles of attack of the inverted and the upright stall, rad.
+        gains, autopilot_limits: those of the autopilot.
     """
 
     Params = FixedWingParams
@@ -76,14 +78,14 @@ class FixedWing6DOF(Aircraft):
     air = WIND_NAMES
 
     def __init__(self, params: FixedWingParams, dt: float, substeps: int, design: FixedWingParams | None = None):
-        """Take the numbers of `params`, the step dt (s) and the substeps of a control step.
+        """Take the parameters `params`, the step dt (s) and the substeps of a control step.
 
-        `design` is the aircraft for which trim and autopilot are made; default `params`. With it, a model of a file's
-        numbers flies as an aircraft of `design` to which `Fleet.set_numbers` has given them.
+        `design` is the nominal aircraft, for which trim and autopilot are computed; default `params`. A model with
+        other `params` then flies like an aircraft of `design` whose parameters `Fleet.set_numbers` has changed.
 
         Raises:
-            ConfigError: if that aircraft cannot trim at its cruising airspeed, its autopilot is asked for what it
-                cannot fly, or dt is too long for its modes.
+            ConfigError: if the nominal aircraft cannot trim at its cruising airspeed, its autopilot's settings cannot
+                be flown, or dt is too long for its modes.
         """
         super().__init__(params, dt, substeps)
         self.p, plan = params, design or params
@@ -102,13 +104,14 @@ class FixedWing6DOF(Aircraft):
 
     @property
     def limits(self) -> Limits:
-        """Airspeeds at boost -1, 0, 1, and the radius at cruise in the steepest bank."""
+        """Airspeeds at boost -1, 0, 1, and the turning radius at cruise in the steepest bank."""
         radius = self.cruise.airspeed**2 / (GRAVITY * self.autopilot_limits.tan_bank)
         return Limits(self.autopilot_limits.speeds, radius)
 
     def power(self, fleet: Fleet) -> Tensor | None:
-        """Thrust times airspeed [env, vehicle], W, in the air and with the propeller of the vehicle file, times `gain`
-        where that varies.
+        """Propulsive power [env, vehicle], thrust times airspeed, W.
+
+        Air and propeller are those of the vehicle file, times `gain` where that varies.
         """
         Va, delta = fleet.reading("airspeed").contiguous(), fleet.reading("throttle").contiguous()
         out = torch.empty_like(Va)
@@ -119,17 +122,19 @@ class FixedWing6DOF(Aircraft):
 
     @property
     def airframe(self) -> tuple[float, bool]:
-        """Mean chord (m), and whether there is a tail: a flying wing is one without rudder."""
+        """Mean chord (m), and whether there is a tail. An aircraft without rudder counts as a flying wing."""
         return self.p.physical.c, self.p.lateral.has_rudder
 
-    def own(self, values: Mapping[str, Any]) -> FixedWingNumbers:
-        """What the kernel works with."""
+    def own(self, values: Mapping[str, Number]) -> FixedWingNumbers:
+        """The numbers of the kernel for `values`, by the keys of `varying`."""
         return aircraft_numbers(self.p, values, self.dt)
 
-    # -- for who flies it ------------------------------------------------------------------------------------------
+    # -- for controllers --------------------------------------------------------------------------------------------
 
     def action(self, controls: Tensor) -> Tensor:
-        """Actions [.., 4] that command `controls` [.., 4]: elevator, aileron, rudder (rad), throttle; on its device."""
+        """Actions [.., 4] that command `controls` [.., 4]: elevator, aileron, rudder (rad), throttle; on the device
+        of `controls`.
+        """
         neutral, lower, upper = (
             torch.tensor(x, dtype=torch.float64, device=controls.device)
             for x in (self.neutral, self.p.actuators.lower, self.p.actuators.upper)
@@ -138,14 +143,16 @@ class FixedWing6DOF(Aircraft):
         return (away / torch.where(away > 0, upper - neutral, neutral - lower)).to(controls.dtype)
 
     def turn(self, course_error: Tensor, speed) -> Tensor:
-        """The `yaw` action that takes an error of the course (rad, wanted less actual) away, at a ground speed (m/s):
-        chi_dot = g tan(phi) / V_g. Or of the heading, at an airspeed, where a rudder keeps the nose from swinging.
+        """The `yaw` action that corrects a course error (rad, wanted minus actual) at a ground speed (m/s).
+
+        chi_dot = g tan(phi) / V_g. The same holds for a heading error and the airspeed, if a rudder keeps the sideslip
+        small.
         """
         error = torch.remainder(course_error + math.pi, 2 * math.pi) - math.pi
         return (self.gains.course / (GRAVITY * self.autopilot_limits.tan_bank) * speed * error).clamp(-1.0, 1.0)
 
     def climb(self, height_error: Tensor, airspeed) -> Tensor:
-        """The `pitch` action that takes a height error (m, wanted less actual) away, at an airspeed (m/s)."""
+        """The `pitch` action that corrects a height error (m, wanted minus actual) at an airspeed (m/s)."""
         m = self.autopilot_limits
         most = min(m.climb / m.speeds[1], m.sin_pitch)
         return (self.gains.height * height_error / airspeed).clamp(-most, most) / m.sin_pitch
@@ -153,17 +160,19 @@ class FixedWing6DOF(Aircraft):
     # -- beginning -------------------------------------------------------------------------------------------------
 
     def settle(self, state: Tensor, surface: Tensor, around: Surroundings) -> Tensor:
-        """Placed states in steady flight: level, at cruising airspeed in the mean wind, heading and position kept."""
+        """States in steady level flight at cruising airspeed in the mean wind; positions and headings of `state` are
+        kept.
+        """
         return start.trimmed(state, self.cruise, around)
 
     def reset_aux(self, aux: Tensor, state: Tensor, around: Surroundings) -> None:
-        """Deflections of cruise, instruments in the mean wind, this height held."""
+        """Set deflections to cruise, instruments to the mean wind, and the height to hold to the present one."""
         start.show(aux, state, around, self.neutral)
 
     # -- moving ----------------------------------------------------------------------------------------------------
 
     def build(self, fleet: Fleet, around: Surroundings) -> Build:
-        """What the kernel is compiled for: the kind of air; the sea does not matter."""
+        """What the kernel is compiled for: the kind of air. The sea does not matter."""
         air = local_air.local_air(around.air, uneven=around.turbulence is not None)
         return Build(varied=fleet.varied, loaded=fleet.loaded, air=air, serial=fleet.few)
 
@@ -172,7 +181,7 @@ class FixedWing6DOF(Aircraft):
         fleet.launch(self._step, fleet.pack, around.pack, self.build(fleet, around))
 
     def equations(self, state: Tensor, controls: Tensor, current: Tensor, wind: Tensor, load: Tensor) -> Tensor:
-        """d(state)/dt [n, 13]; the current does nothing."""
+        """d(state)/dt [n, 13]; the current has no effect."""
         out = torch.empty_like(state)
         derivatives(self.p, state, controls, wind, load, out)
         return out
@@ -189,7 +198,7 @@ class FixedWing6DOF(Aircraft):
 
     @ti.func
     def advance(self, p: ti.template(), build: ti.template(), fleet: ti.template(), around: ti.template(), e, i):
-        """Take vehicle i of environment e one control step further, from what is stored to what is stored."""
+        """Advance vehicle i of environment e by one control step: load its state, step it, store it."""
         clock, seed, env = around.count[0], around.count[1], around.count[2 + e]
         y, delta, gust, pilot = self.stored(fleet, e, i)
         tau = load_at(build, fleet.load, e, i)
@@ -234,7 +243,9 @@ class FixedWing6DOF(Aircraft):
 
     @ti.func
     def save(self, p: ti.template(), fleet: ti.template(), e, i, y, met, delta):
-        """Store the state y, whose velocity is relative to the air that moves with `met`, and all that is read off."""
+        """Store state y, whose velocity is relative to the air that moves with `met`, with its derived values and
+        instruments.
+        """
         R = attitude(y)
         readings = self.readings(p, y, delta)
         v = velocity(y) + R.transpose() @ met
@@ -252,7 +263,7 @@ class FixedWing6DOF(Aircraft):
 
     @ti.func
     def readings(self, p: ti.template(), y, delta):
-        """Airspeed (m/s), alpha, beta (rad), load factor of a state y relative to the air."""
+        """Airspeed (m/s), alpha, beta (rad) and load factor of a state y relative to the air."""
         air = air_data(velocity(y))
         force = aerodynamic_force(self.p, p, air, ti.Vector([y[10], y[11], y[12]]), delta)
         return ti.Vector([air[0], air[1], air[2], -force[2] * p.inverse_mass / GRAVITY])

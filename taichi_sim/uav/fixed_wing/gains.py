@@ -1,49 +1,60 @@
-"""The autopilot's numbers, from the aircraft's own model: trims, linear model in cruise, actuators.
+"""The autopilot's gains, from the aircraft's own model: trims, linear model in cruise, actuators.
 
 Each loop is closed around the one before (Beard & McLain 2012, ch. 6). With tau the servo's lag and half a step,
 
 - roll rate: a_phi2 / (s + a_phi1) and the servo, made critically damped by k_p;
 - an integrator behind an inner loop of lag T has damping zeta with the gain 1 / (4 zeta^2 T): roll angle behind roll
   rate, course behind roll angle, height behind pitch and heave, airspeed behind pitch and throttle;
-- pitch rate: k_q gives the short period the damping zeta, its servo's loss at that frequency made good;
+- pitch rate: k_q gives the short period the damping zeta, and compensates the servo's attenuation at that frequency;
 - pitch: at frequencies below the short period elevator gives the pitch rate M_delta Z_w / omega^2 (heave lets it turn),
-  so k_theta sets where that loop crosses;
+  so k_theta sets the crossover frequency of that loop;
 - yaw rate: k_r gives the Dutch roll the damping zeta.
 
-All go as 1 / V, which keeps the bandwidths of the loops. Trims are least squares, exact in cruise. What damping is left
-with all loops and servos together is in tests/physics/test_autopilot.py: the shipped Aerosonde's least is 0.33.
+All gains go as 1 / V, which keeps the bandwidths of the loops. The trims are least squares, exact in cruise.
+tests/physics/test_autopilot.py computes the damping with all loops and servos together: the least of the shipped
+Aerosonde's modes is 0.33.
 """
 
 import math
 from collections.abc import Callable, Iterator
-from typing import Any
+from typing import TypedDict
 
 import numpy as np
 
 from taichi_sim.config import ConfigError
 from taichi_sim.conventions import GRAVITY
-from taichi_sim.uav.fixed_wing.autopilot import AutopilotLimits, AutopilotParams, Gains
+from taichi_sim.uav.fixed_wing.autopilot import AutopilotGains, AutopilotLimits, AutopilotParams
 from taichi_sim.uav.fixed_wing.equations import lift_curve, stall_angles
 from taichi_sim.uav.fixed_wing.modes import linear_modes
 from taichi_sim.uav.fixed_wing.params import FixedWingParams
 from taichi_sim.uav.fixed_wing.trim import Trim, TrimError, trim
 
-ZETA = 0.8  # of every loop but the innermost of roll: overshoot of 1.5 %
-PITCH_SEPARATION = 4.0  # of the short period's frequency over the pitch loop's crossing
-CLIMB_GAIN = 1.0  # of the climb-rate loop, which halves its lag and what vertical gusts do
-STALL_SPEED_FACTOR = 1.3  # least airspeed over the stall's: that of a landing approach (14 CFR 23.73, 1996)
-FLOOR = 0.9  # of the least airspeed: where the nose goes down
-THROTTLE_RESERVE = 0.05  # that level flight at the largest airspeed and the steepest climb leave unused
-ALPHA_MARGIN = 0.15  # of the stall's angle of attack, for what overshoots
-SPEEDS, CLIMBS, BANKS = 5, (-0.1, 0.1), (0.5, 1.0)  # of the trims fitted: airspeeds, rad, parts of the largest bank
+ZETA = 0.8  # damping of every loop but roll rate: overshoot of 1.5 %
+PITCH_SEPARATION = 4.0  # frequency of the short period over the crossover of the pitch loop
+CLIMB_GAIN = 1.0  # gain of the climb-rate loop: it halves the lag and the response to vertical gusts
+STALL_SPEED_FACTOR = 1.3  # least airspeed over the stall airspeed, as in a landing approach (14 CFR 23.73, 1996)
+FLOOR = 0.9  # floor of the airspeed, below which the nose goes down, over the least demand
+THROTTLE_RESERVE = 0.05  # throttle left unused at the largest airspeed in level flight and in the steepest climb
+ALPHA_MARGIN = 0.15  # margin to the stall's angle of attack, as a fraction of it, for overshoot
+SPEEDS, CLIMBS, BANKS = 5, (-0.1, 0.1), (0.5, 1.0)  # grid of the trims: airspeeds, rad, over the largest bank
 BISECTIONS = 7
 
 
+class TrimFits(TypedDict):
+    """Polynomials of the trims, as in `AutopilotGains`."""
+
+    alpha: tuple[float, ...]
+    elevator: tuple[float, ...]
+    aileron: tuple[float, ...]
+    rudder: tuple[float, ...]
+    throttle: tuple[float, ...]
+
+
 def speed_range(p: FixedWingParams, pilot: AutopilotParams) -> tuple[float, float, float]:
-    """Least, cruise and largest airspeed (m/s) to be demanded.
+    """Least, cruise and largest airspeed (m/s) that can be demanded.
 
     Raises:
-        ConfigError: if cruise is below the least airspeed, or that below the stall's.
+        ConfigError: if cruise is slower than the least airspeed, or the least airspeed slower than the stall.
     """
     stall, cruise = stall_airspeed(p), p.envelope.airspeed
     slowest = min(STALL_SPEED_FACTOR * stall, cruise)
@@ -67,10 +78,10 @@ def stall_airspeed(p: FixedWingParams) -> float:
 
 
 def limits(p: FixedWingParams, pilot: AutopilotParams) -> AutopilotLimits:
-    """Where the autopilot keeps the aircraft.
+    """Limits within which the autopilot keeps the aircraft.
 
     Raises:
-        ConfigError: for a bank beyond the limit load factor, or airspeeds that make no range.
+        ConfigError: for a bank beyond the limit load factor, or an empty range of airspeeds.
     """
     bank, lon, body = math.radians(pilot.max_bank_deg), p.longitudinal, p.physical
     if 1 / math.cos(bank) > p.envelope.n_max:
@@ -103,7 +114,7 @@ def limits(p: FixedWingParams, pilot: AutopilotParams) -> AutopilotLimits:
 
 
 def _largest(fly: Callable[[float], Trim], low: float, high: float) -> float:
-    """The largest number up to `high`, above `low`, of which `fly` is a trim that leaves the throttle its reserve."""
+    """The largest number between `low` and `high` for which `fly` finds a trim that leaves the throttle its reserve."""
 
     def possible(x: float) -> bool:
         try:
@@ -125,8 +136,10 @@ def behind(lag: float) -> float:
     return 1 / (4 * ZETA**2 * lag)
 
 
-def gains(p: FixedWingParams, cruise: Trim, m: AutopilotLimits, dt: float) -> Gains:
-    """The autopilot of an aircraft stepped by dt (s), from its linear model in `cruise` and its trims within m."""
+def gains(p: FixedWingParams, cruise: Trim, m: AutopilotLimits, dt: float) -> AutopilotGains:
+    """Gains of the autopilot of an aircraft with step dt (s), from its linear model in `cruise` and its trims
+    within m.
+    """
     model, V = linear_modes(p, cruise), cruise.airspeed
     tau, motor = p.actuators.time_constant + dt / 2, p.actuators.throttle_time_constant + dt / 2
 
@@ -170,13 +183,12 @@ def gains(p: FixedWingParams, cruise: Trim, m: AutopilotLimits, dt: float) -> Ga
         "course": behind(1 / roll),
         "pitch_airspeed": speed / GRAVITY,
     }
-    numbers: dict[str, Any] = {name: float(value) for name, value in loops.items()}
-    numbers.update(_fits([cruise, *_trims(p, m)], V))
-    return Gains(**numbers)
+    numbers = {name: float(value) for name, value in loops.items()}
+    return AutopilotGains(**_fits([cruise, *_trims(p, m)], V), **numbers)
 
 
 def _trims(p: FixedWingParams, m: AutopilotLimits) -> Iterator[Trim]:
-    """Steady flights within the limits; those for which the throttle does not reach are left out."""
+    """Steady flights within the limits, without those that need more than full throttle."""
     for V in np.linspace(m.speeds[0], m.speeds[2], SPEEDS):
         turns = [GRAVITY / V * part * m.tan_bank * side for part in BANKS for side in (-1, 1)]
         flights = [(0.0, 0.0), *((gamma, 0.0) for gamma in CLIMBS), *((0.0, rate) for rate in turns)]
@@ -187,8 +199,8 @@ def _trims(p: FixedWingParams, m: AutopilotLimits) -> Iterator[Trim]:
                 continue
 
 
-def _fits(trims: list[Trim], V_0: float) -> dict[str, tuple[float, ...]]:
-    """The polynomials of `Gains`: least squares over the trims, exact for the first of them."""
+def _fits(trims: list[Trim], V_0: float) -> TrimFits:
+    """Polynomials of `AutopilotGains`: least squares over the trims, exact for the first of them."""
     V, phi, gamma, alpha = (np.array([getattr(t, k) for t in trims]) for k in ("airspeed", "phi", "gamma", "alpha"))
     elevator, aileron, rudder, given = np.stack([t.controls for t in trims], axis=1)
     v, n, climb = V / V_0, 1 / np.cos(phi), np.sin(gamma)

@@ -1,4 +1,4 @@
-"""The auxiliary state of a fixed-wing aircraft, by name: what it shows, and what it carries from step to step."""
+"""Names of a fixed-wing aircraft's auxiliary state: its instruments, and what it carries from step to step."""
 
 from taichi_sim.uav.aircraft import STALL_TIME as STALL_TIME_NAME
 
@@ -19,7 +19,7 @@ DEFLECTIONS, READINGS, LOAD_FACTOR, WIND, STALL_TIME, TIME, TURBULENCE, INTEGRAL
     for name in ("elevator", "airspeed", "load_factor", WIND_NAMES[0], STALL_TIME_NAME, "time", "turbulence_u",
                  "throttle_integral", "height_demand")
 )  # fmt: skip
-"""Columns: of the first deflection (of 4), reading (of 4), component of the wind, state of the turbulence; single."""
+"""Columns of aux. DEFLECTIONS and READINGS begin 4 columns, WIND 3, TURBULENCE 5; the others are single columns."""
 
 SIGNALS = {
     "airspeed": ("m/s", ("airspeed",)),
@@ -29,4 +29,4 @@ SIGNALS = {
     "throttle": ("", ("throttle",)),
     "air met": ("m/s", WIND_NAMES),
 }
-"""Plots of a recording: unit and columns."""
+"""Plots of a recording: title -> (unit, columns)."""

@@ -1,4 +1,4 @@
-"""Small motions about steady flight: linear models, natural modes, and the longest step that RK4 bears."""
+"""Small motions about steady flight: linear models, natural modes, and the longest stable step of RK4."""
 
 from dataclasses import dataclass
 
@@ -8,24 +8,24 @@ from taichi_sim.uav.fixed_wing.equations import rhs
 from taichi_sim.uav.fixed_wing.params import FixedWingParams
 from taichi_sim.uav.fixed_wing.trim import Trim
 
-DIFFERENCE = 1e-5  # of central differences: m/s, rad, rad/s, 1
+DIFFERENCE = 1e-5  # step of the central differences: m/s, rad, rad/s, 1
 LONGITUDINAL = ("u", "w", "q", "theta")
 LATERAL = ("v", "p", "r", "phi")
-RK4_REACH = 3.0  # |lambda dt| beyond which RK4 lets every mode grow
+RK4_REACH = 3.0  # |lambda dt| beyond which RK4 is unstable for every mode
 RK4_GRID = 30001
-GROWTH = 1e-9  # per step, that rounding leaves in |R| of a mode without damping
+GROWTH = 1e-9  # growth per step that counts as rounding
 
 
 @dataclass(frozen=True)
 class Mode:
-    """One or two eigenvalues (1/s): a pair that oscillates, or real ones."""
+    """A natural mode: an oscillating pair of eigenvalues (1/s), or one or two real ones."""
 
     name: str
     eigenvalues: tuple[complex, ...]
 
     @property
     def oscillates(self) -> bool:
-        """Whether it is a conjugate pair."""
+        """Whether the eigenvalues are a complex conjugate pair."""
         return abs(self.eigenvalues[0].imag) > 0
 
     @property
@@ -35,12 +35,12 @@ class Mode:
 
     @property
     def damping(self) -> float:
-        """Damping ratio of a pair; 1 or -1 of a real eigenvalue."""
+        """Damping ratio; 1 or -1 for a real eigenvalue."""
         return -self.eigenvalues[0].real / self.frequency if self.frequency else 0.0
 
     @property
     def time_constant(self) -> float:
-        """-1 / (real part), s: negative if it grows, infinite if it stays."""
+        """-1 / (real part), s: negative if the mode grows, infinite if it neither grows nor decays."""
         real = self.eigenvalues[0].real
         return -1.0 / real if real else float("inf")
 
@@ -50,7 +50,7 @@ class LinearModel:
     """x' = A x + B delta about a trim, and its modes by name.
 
     Longitudinal: x = (u, w, q, theta), delta = (elevator, throttle). Lateral: x = (v, p, r, phi), delta = (aileron,
-    rudder). m/s, rad, rad/s.
+    rudder). Units: m/s, rad, rad/s.
     """
 
     A_lon: np.ndarray
@@ -61,8 +61,10 @@ class LinearModel:
 
 
 def linear_modes(p: FixedWingParams, trim: Trim) -> LinearModel:
-    """The linear model about `trim` (in still air), by central differences, and its modes: short_period, phugoid,
-    dutch_roll, roll, spiral; where roll and spiral have become one oscillation, roll_spiral.
+    """The linear model about `trim` in still air, by central differences, and its modes.
+
+    The modes are short_period, phugoid, dutch_roll, roll and spiral; where roll and spiral have become one oscillation,
+    roll_spiral takes their place.
     """
     phi, theta = trim.phi, trim.theta
     v = trim.airspeed * np.array(
@@ -105,13 +107,13 @@ def _euler_rhs(p: FixedWingParams, x: np.ndarray) -> np.ndarray:
 
 
 def _longitudinal(eigenvalues: np.ndarray) -> tuple[Mode, Mode]:
-    """The fast pair and the slow one."""
+    """Short period (the fast pair) and phugoid (the slow pair)."""
     fast_first = sorted(eigenvalues.tolist(), key=lambda x: (-abs(x), -x.imag))
     return Mode("short_period", tuple(fast_first[:2])), Mode("phugoid", tuple(fast_first[2:]))
 
 
 def _lateral(eigenvalues: np.ndarray) -> tuple[Mode, ...]:
-    """Dutch roll: the (faster) pair that oscillates. Of the others, roll is the fast one, spiral the slow one."""
+    """Dutch roll is the faster oscillating pair; of the other eigenvalues roll is the fast one, spiral the slow one."""
     values = sorted(eigenvalues.tolist(), key=lambda x: (-abs(x), -x.imag))
     pairs = [x for x in values if abs(x.imag) > 0]
     real = [x for x in values if x.imag == 0]
@@ -124,21 +126,21 @@ def _lateral(eigenvalues: np.ndarray) -> tuple[Mode, ...]:
 
 @dataclass(frozen=True)
 class StableStep:
-    """The longest stable step, s, and the reason in words."""
+    """The longest stable step (s), and the reason in words."""
 
     dt: float
     reason: str
 
 
 def rk4_limit(eigenvalue: complex) -> float:
-    """Longest step (s) at which the classical RK4 does not let a damped mode of this eigenvalue (1/s) grow."""
+    """Longest step (s) with which the classical RK4 does not let a damped mode of this eigenvalue (1/s) grow."""
     z = eigenvalue / abs(eigenvalue) * np.linspace(0.0, RK4_REACH, RK4_GRID)[1:]
     growth = np.abs(1 + z * (1 + z / 2 * (1 + z / 3 * (1 + z / 4))))
     return float(abs(z[np.argmax(growth > 1 + GROWTH)]) / abs(eigenvalue))
 
 
 def largest_stable_dt(p: FixedWingParams, trim: Trim) -> StableStep:
-    """The longest step of RK4 from the damped modes about `trim`, up to the aircraft's max_airspeed.
+    """The longest step of RK4 that is stable for all damped modes about `trim`, up to the aircraft's max_airspeed.
 
     Aerodynamic rates grow in proportion to airspeed, so the limit at max_airspeed is that at the trim times the
     ratio of the airspeeds.

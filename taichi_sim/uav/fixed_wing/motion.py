@@ -11,7 +11,7 @@ from taichi_sim.uav.fixed_wing.airframe import derivative
 
 @ti.func
 def rk4(craft: ti.template(), p: ti.template(), y, delta, tau, dt: ti.template()):
-    """State in still air after a step dt (s); deflections delta and load tau are held (airframe.derivative)."""
+    """State in still air after a step dt (s); deflections delta and load tau are held."""
     still = ti.Vector([0.0, 0.0, 0.0])
     k, new = 0.0 * y, y
     for stage in range(4):  # a loop, not four copies: as fast within 5 %, and compiled in a quarter of the time
@@ -19,7 +19,7 @@ def rk4(craft: ti.template(), p: ti.template(), y, delta, tau, dt: ti.template()
         weight = ti.select(stage == 0 or stage == 3, ti.static(dt / 6.0), ti.static(dt / 3.0))
         k = derivative(craft, p, y + ahead * k, still, delta, tau)
         new += weight * k
-    # one Newton step of 1/|q|: |q| - 1 is of the method's error per step, so its square is nothing
+    # one Newton step of 1/|q| suffices: |q| - 1 is as small as the method's error per step
     norm2 = new[3] * new[3] + new[4] * new[4] + new[5] * new[5] + new[6] * new[6]
     for k in ti.static(range(3, 7)):
         new[k] *= 1.5 - 0.5 * norm2
@@ -40,7 +40,7 @@ def velocity(y):
 
 @ti.func
 def with_velocity(y, v):
-    """State y with velocity v (m/s) in b."""
+    """State y with its velocity replaced by v (m/s) in b."""
     new = y
     for k in ti.static(range(3)):
         new[7 + k] = v[k]

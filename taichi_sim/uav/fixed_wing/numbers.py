@@ -1,62 +1,65 @@
-"""The numbers of an aircraft that may differ between environments, and what its equations make of them."""
+"""Parameters of an aircraft that may differ between environments, and the numbers that its equations use."""
 
 import math
 from collections.abc import Mapping
 from functools import cache, reduce
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from taichi_sim.uav.fixed_wing.actuators import lag
 from taichi_sim.uav.fixed_wing.params import FixedWingParams
+from taichi_sim.vehicle import Number
 
 
 class FixedWingNumbers(NamedTuple):
-    """What the equations work with: floats, or tensors of one shape; coefficients as in `Longitudinal`, `Lateral`."""
+    """Numbers that the equations use: Numbers, or tensors of one shape. Coefficients are those of `Longitudinal`,
+    `Lateral`.
+    """
 
-    inverse_mass: float  # 1/kg
-    Jx: float  # kg m^2
-    Jy: float
-    Jz: float
-    Jxz: float
-    inverse_xx: float  # of the inertia's inverse, 1/(kg m^2)
-    inverse_xz: float
-    inverse_yy: float
-    inverse_zz: float
-    rho: float  # kg/m^3
-    half_rho_S: float  # noqa: N815  # dynamic pressure times wing area over Va^2, kg/m
-    C_L_0: float
-    C_L_alpha: float
-    C_L_q: float
-    C_L_delta_e: float
-    C_D_p: float
-    C_D_q: float
-    C_D_delta_e: float
-    C_m_0: float
-    C_m_alpha: float
-    C_m_q: float
-    C_m_delta_e: float
-    C_Y_0: float
-    C_Y_beta: float
-    C_Y_p: float
-    C_Y_r: float
-    C_Y_delta_a: float
-    C_Y_delta_r: float
-    C_ell_0: float
-    C_ell_beta: float
-    C_ell_p: float
-    C_ell_r: float
-    C_ell_delta_a: float
-    C_ell_delta_r: float
-    C_n_0: float
-    C_n_beta: float
-    C_n_p: float
-    C_n_r: float
-    C_n_delta_a: float
-    C_n_delta_r: float
-    gain: float  # of thrust and torque, 1
-    servo_gone: float  # of `actuators.lag` over a step
-    servo_kept: float
-    motor_gone: float
-    motor_kept: float
+    inverse_mass: Number  # 1/kg
+    Jx: Number  # kg m^2
+    Jy: Number
+    Jz: Number
+    Jxz: Number
+    inverse_xx: Number  # of the inertia's inverse, 1/(kg m^2)
+    inverse_xz: Number
+    inverse_yy: Number
+    inverse_zz: Number
+    rho: Number  # kg/m^3
+    half_rho_S: Number  # noqa: N815  # dynamic pressure times wing area over Va^2, kg/m
+    C_L_0: Number
+    C_L_alpha: Number
+    C_L_q: Number
+    C_L_delta_e: Number
+    C_D_p: Number
+    C_D_q: Number
+    C_D_delta_e: Number
+    C_m_0: Number
+    C_m_alpha: Number
+    C_m_q: Number
+    C_m_delta_e: Number
+    C_Y_0: Number
+    C_Y_beta: Number
+    C_Y_p: Number
+    C_Y_r: Number
+    C_Y_delta_a: Number
+    C_Y_delta_r: Number
+    C_ell_0: Number
+    C_ell_beta: Number
+    C_ell_p: Number
+    C_ell_r: Number
+    C_ell_delta_a: Number
+    C_ell_delta_r: Number
+    C_n_0: Number
+    C_n_beta: Number
+    C_n_p: Number
+    C_n_r: Number
+    C_n_delta_a: Number
+    C_n_delta_r: Number
+    gain: Number  # of thrust and torque, 1
+    servo_gone: Number  # these four: `actuators.lag` over a step
+    servo_kept: Number
+    motor_gone: Number
+    motor_kept: Number
 
 
 COEFFICIENTS = tuple(name for name in FixedWingNumbers._fields if name.startswith("C_"))
@@ -77,8 +80,14 @@ VARYING = (
 """Keys of the vehicle file that may differ between environments."""
 
 
-def aircraft_numbers(craft: FixedWingParams, values: Mapping[str, Any], dt: float) -> FixedWingNumbers:
-    """The numbers of an aircraft like `craft` but for `values` (by VARYING; floats or tensors), stepped by dt (s)."""
+def aircraft_numbers(craft: FixedWingParams, values: Mapping[str, Number], dt: float) -> FixedWingNumbers:
+    """Numbers of an aircraft like `craft` with the parameters `values`, for a step dt (s).
+
+    Args:
+        craft: parameters that do not vary.
+        values: value of each key of VARYING: Numbers, or tensors of one shape.
+        dt: step, s.
+    """
     mass, Jx, Jy, Jz, Jxz, rho = (values[f"physical.{name}"] for name in _PHYSICAL)
     determinant = Jx * Jz - Jxz * Jxz  # Gamma of the book
     servo_gone, servo_kept = lag(values["actuators.time_constant"], dt)
@@ -106,6 +115,6 @@ def aircraft_numbers(craft: FixedWingParams, values: Mapping[str, Any], dt: floa
 
 @cache
 def nominal_numbers(craft: FixedWingParams) -> FixedWingNumbers:
-    """Those of the vehicle file itself, with actuators that are where they are told to be."""
+    """Numbers of the vehicle file itself, with actuators that follow their commands at once."""
     values = {key: float(reduce(getattr, key.split("."), craft)) for key in VARYING}
     return aircraft_numbers(craft, values, math.inf)

@@ -1,4 +1,4 @@
-"""Numbers of a fixed-wing vehicle file, named as R. Beard and T. McLain name them.
+"""Parameters of a fixed-wing vehicle file, with the names of R. Beard and T. McLain.
 
 Small Unmanned Aircraft, Princeton University Press 2012, chapters 3 and 4; configs/vehicles/*.toml hold the numbers.
 """
@@ -51,7 +51,7 @@ class FixedWingPhysical(Strict):
 
 
 class Longitudinal(Strict):
-    """Lift, drag, and pitching moment; per rad, and rates as q c / (2 Va)."""
+    """Coefficients of lift, drag and pitching moment: per rad, and rates as q c / (2 Va)."""
 
     C_L_0: Finite
     C_L_alpha: Finite
@@ -59,7 +59,7 @@ class Longitudinal(Strict):
     C_L_delta_e: Finite
     C_D_p: Finite  # parasitic; the rest of the polar is (C_L_0 + C_L_alpha alpha)^2 / (pi e AR)
     C_D_q: Finite
-    C_D_delta_e: Finite  # times the signed elevator, as the book has it
+    C_D_delta_e: Finite  # times the signed elevator, as in the book
     C_m_0: Finite
     C_m_alpha: Finite
     C_m_q: Finite
@@ -69,7 +69,9 @@ class Longitudinal(Strict):
 
 
 class Lateral(Strict):
-    """Side force, rolling (ell) and yawing (n) moment; per rad, and rates as p b / (2 Va), r b / (2 Va)."""
+    """Coefficients of side force, rolling (ell) and yawing (n) moment: per rad, and rates as p b / (2 Va), r b / (2
+    Va).
+    """
 
     C_Y_0: Finite
     C_Y_beta: Finite
@@ -92,15 +94,15 @@ class Lateral(Strict):
 
     @property
     def has_rudder(self) -> bool:
-        """Whether the rudder does anything."""
+        """Whether the rudder has any effect."""
         return self.C_Y_delta_r != 0 or self.C_n_delta_r != 0
 
 
 class FixedWingEnvelope(Strict):
-    """Where the aircraft is meant to fly."""
+    """Airspeeds and load factors of normal flight."""
 
-    airspeed: Positive  # of cruise: what a zero action trims for, m/s
-    max_airspeed: Positive  # never to be passed, m/s
+    airspeed: Positive  # cruising airspeed, which zero actions hold, m/s
+    max_airspeed: Positive  # never-exceed airspeed, m/s
     n_max: Annotated[float, Field(gt=1)]  # limit load factors, 1
     n_min: Annotated[float, Field(lt=0)]
 
@@ -112,7 +114,7 @@ class FixedWingEnvelope(Strict):
 
 
 class FixedWingBody(Strict):
-    """What others see of it and collide with."""
+    """Dimensions for pictures and collisions."""
 
     length: Positive  # m
     height: Positive  # m
@@ -120,7 +122,7 @@ class FixedWingBody(Strict):
 
 
 class FixedWingParams(Strict):
-    """Numbers of a fixed-wing vehicle file."""
+    """All parameters of a fixed-wing vehicle file."""
 
     physical: FixedWingPhysical
     longitudinal: Longitudinal
@@ -133,7 +135,7 @@ class FixedWingParams(Strict):
 
     @property
     def collision_radius(self) -> float:
-        """Of the sphere around the aircraft, m."""
+        """Radius of the sphere around the aircraft, m."""
         return self.body.collision_radius
 
     @property

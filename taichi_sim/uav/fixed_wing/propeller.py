@@ -8,8 +8,8 @@
   T = 0.5 rho S_prop C_prop ((k_motor delta_t)^2 - Va^2), Q = k_T_p (k_Omega delta_t)^2 (Beard & McLain 2012,
   sec. 4.3).
 
-Q is the torque that turns the propeller, N m: the airframe feels -Q about its nose. Either law's T and Q are times
-`gain`: of a worn propeller, or a battery run down.
+Q is the torque that turns the propeller, N m: the airframe feels -Q about its nose. T and Q of either law are
+multiplied by `gain`, which is below 1 for a worn propeller or a low battery.
 """
 
 # Kernels are another language inside Python syntax.
@@ -50,19 +50,19 @@ class ElectricPropeller(Strict):
 
     @property
     def thrust_polynomial(self) -> tuple[float, float, float]:
-        """Factors of Omega^2, Omega Va, Va^2 in the thrust over the density of the air (N m^3/kg)."""
+        """Coefficients of Omega^2, Omega Va, Va^2 in the thrust over the air density (N m^3/kg)."""
         D = self.D
         return self.C_T0 * D**4 / TURN**2, self.C_T1 * D**3 / TURN, self.C_T2 * D**2
 
     @property
     def torque_polynomial(self) -> tuple[float, float, float]:
-        """Factors of Omega^2, Omega Va, Va^2 in the torque over the density of the air (N m m^3/kg)."""
+        """Coefficients of Omega^2, Omega Va, Va^2 in the torque over the air density (N m m^3/kg)."""
         D = self.D
         return self.C_Q0 * D**5 / TURN**2, self.C_Q1 * D**4 / TURN, self.C_Q2 * D**3
 
 
 class DiscPropeller(Strict):
-    """Numbers of Bernoulli's law."""
+    """Numbers of a propeller by Bernoulli's law."""
 
     law: Literal["disc"]
     S_prop: Positive  # m^2
@@ -82,7 +82,7 @@ def electric_thrust_torque(propeller: ti.template(), rho, Va, delta_t):
     a, Va2 = rho * q0, Va * Va
     b = rho * q1 * Va + ti.static(K**2 / R)
     c = rho * q2 * Va2 + ti.static(K * propeller.i0) - ti.static(K * propeller.V_max / R) * delta_t
-    # the root (-b + sqrt(b^2 - 4 a c)) / (2 a), in the form that loses no digits where b > 0; no-load current
+    # the root (-b + sqrt(b^2 - 4 a c)) / (2 a), in the form that loses no digits where b > 0; the no-load current
     # cannot drive the motor backward
     root = ti.sqrt(ti.max(b * b - 4.0 * a * c, 0.0))
     Omega = ti.max(-2.0 * c / (b + root), 0.0)
@@ -116,7 +116,7 @@ def propeller_power(
     propeller: ti.template(),
     rho: float,
 ):
-    """Thrust times airspeed (W) of propellers whose gain is 1, in air of density `rho` (kg/m^3)."""
+    """Write thrust times airspeed (W) of propellers with a gain of 1, in air of density `rho` (kg/m^3)."""
     for e, i in ti.ndrange(out.shape[0], out.shape[1]):
         T, Q = airspeed[e, i], airspeed[e, i]
         if ti.static(propeller.law == "electric"):

@@ -1,4 +1,4 @@
-"""Where a flight begins: in steady flight, whatever the wind, its instruments showing it."""
+"""Initial states of fixed-wing aircraft: steady flight in any wind, with instruments that show it."""
 
 import torch
 from torch import Tensor
@@ -16,8 +16,8 @@ from taichi_sim.uav.local_air import wind_at
 
 
 def trimmed(state: Tensor, at: Trim, around: Surroundings) -> Tensor:
-    """States [n, vehicle, 13] at the positions and headings of `state`, otherwise in the straight flight `at`, in the
-    mean wind there.
+    """States [n, vehicle, 13] in the straight flight `at` in the mean wind, at the positions and headings of
+    `state`.
     """
     heading = torch_euler_from_quaternion(state[..., QUATERNION])[..., HEADING]
     phi, theta = (torch.full_like(heading, angle) for angle in (at.phi, at.theta))
@@ -31,10 +31,10 @@ def trimmed(state: Tensor, at: Trim, around: Surroundings) -> Tensor:
 
 
 def show(aux: Tensor, state: Tensor, around: Surroundings, delta: tuple[float, ...]) -> None:
-    """Write what the instruments (aux [n, vehicle, ..]) show before the first step of aircraft that begin at `state`
-    [n, vehicle, 13], with the actuators at `delta` [4], in the mean wind there; this height is the one to hold.
+    """Write the instruments aux [n, vehicle, ..] of aircraft that begin at `state` [n, vehicle, 13].
 
-    The turbulence around them is drawn in their first step.
+    `delta` [4] are the actuators' positions. The air moves with the mean wind, and the present height is the one to
+    hold. The first step draws the turbulence.
     """
     aux.zero_()
     wind = wind_at(state, around)
@@ -46,7 +46,9 @@ def show(aux: Tensor, state: Tensor, around: Surroundings, delta: tuple[float, .
 
 
 def air_readings(state: Tensor, wind: Tensor) -> Tensor:
-    """Airspeed (m/s), angle of attack and of sideslip (rad) [.., 3] of `state` [.., 13] in the wind [.., 3] there."""
+    """Airspeed (m/s), angles of attack and of sideslip (rad) [.., 3] of `state` [.., 13] in `wind` [.., 3] (NED,
+    m/s).
+    """
     u, v, w = (state[..., VELOCITY] - _to_body(wind, state[..., QUATERNION])).unbind(-1)
     return torch.stack(
         (torch.sqrt(u * u + v * v + w * w), torch.atan2(w, u), torch.atan2(v, torch.hypot(u, w))), dim=-1

@@ -1,35 +1,31 @@
-"""Steady flight of a fixed-wing aircraft: climbing, turning, at a given airspeed, by Newton's method in float64."""
+"""Steady flight of a fixed-wing aircraft, climbing or turning at a given airspeed, by Newton's method in float64."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from taichi_sim.config import ConfigError
 from taichi_sim.conventions import ANGULAR_VELOCITY, GRAVITY, QUATERNION, STATE_SIZE, VELOCITY
+from taichi_sim.uav.aircraft import TrimError as TrimError
 from taichi_sim.uav.fixed_wing.equations import loads, rhs, stall_angles
 from taichi_sim.uav.fixed_wing.params import FixedWingParams
 
-DIFFERENCE = 1e-6  # of the Jacobian's central differences, rad and 1
-RESIDUAL = 1e-9  # of a trim, m/s^2 and rad/s^2; rounding leaves 1e-13
+DIFFERENCE = 1e-6  # step of the Jacobian's central differences, rad and 1
+RESIDUAL = 1e-9  # largest residual of a trim, m/s^2 and rad/s^2; rounding leaves 1e-13
 ITERATIONS = 100
-STEP_PARTS = 0.5 ** np.arange(12)  # of a step of the search, tried at once
+STEP_PARTS = 0.5 ** np.arange(12)  # fractions of a search step, all tried at once
 MAX_BANK = 1.45  # rad
-MAX_SIDESLIP = 0.5  # rad, where there is no rudder to hold it at zero
-AT_LIMIT = 1e-3  # part of the range within which a search counts as stopped by its end
-FIRST_THROTTLE = 0.6  # where the search begins
-
-
-class TrimError(ConfigError):
-    """No steady flight at what is asked for; the message says which limits stand in the way."""
+MAX_SIDESLIP = 0.5  # rad, for aircraft without rudder
+AT_LIMIT = 1e-3  # a search this close to a bound, as a fraction of the range, counts as stopped by it
+FIRST_THROTTLE = 0.6  # initial guess
 
 
 @dataclass(frozen=True)
 class Trim:
-    """Steady flight: angles in rad; `state` [13] at the origin, heading north; `controls` [4]."""
+    """Steady flight. Angles are in rad; `state` [13] is at the origin, heading north."""
 
     airspeed: float  # m/s
-    gamma: float  # climb relative to the air
+    gamma: float  # angle of climb relative to the air
     turn_rate: float  # of the heading, rad/s, positive to the right
     alpha: float
     beta: float
@@ -38,7 +34,7 @@ class Trim:
     controls: np.ndarray  # elevator, aileron, rudder (rad), throttle
     state: np.ndarray
     thrust: float  # N
-    torque: float  # that turns the propeller, N m
+    torque: float  # of the motor on the propeller, N m
 
     @property
     def elevator(self) -> float:
@@ -57,7 +53,7 @@ class Trim:
 
     @property
     def throttle(self) -> float:
-        """Part of full throttle."""
+        """Fraction of full throttle."""
         return float(self.controls[3])
 
 
@@ -69,14 +65,21 @@ def trim(
     turn_rate: float | None = None,
     wind=(0.0, 0.0, 0.0),
 ) -> Trim:
-    """Steady flight at airspeed Va (m/s), climbing by gamma (rad), straight or turning (positive to the right: radius
-    in m or rate in rad/s, relative to the air), without sideslip; an aircraft without rudder slips as it must.
-    `wind` (NED, m/s) adds to the velocity over the ground in `state`.
+    """Steady flight at airspeed Va (m/s), climbing by gamma (rad), straight or turning.
 
-    Six accelerations are zero; the unknowns are alpha, phi, elevator, throttle, aileron, and rudder (or beta).
+    Args:
+        p: the aircraft.
+        Va: airspeed, m/s.
+        gamma: angle of climb relative to the air, rad.
+        turn_radius: radius relative to the air, m, positive to the right; or
+        turn_rate: heading rate, rad/s, positive to the right; neither: straight flight.
+        wind: velocity of the air (NED, m/s), added to the velocity over ground in `state`.
+
+    There is no sideslip, except for an aircraft without rudder. Six accelerations are zero; the unknowns are alpha,
+    phi, elevator, throttle, aileron, and rudder (or beta).
 
     Raises:
-        TrimError: naming the limits reached, if there is no such flight inside them.
+        TrimError: if there is no such flight within the limits; the message names the limits reached.
         ValueError: for both a radius and a rate, a radius of zero, or an airspeed that is not positive.
     """
     if turn_radius is not None and turn_rate is not None:
@@ -123,7 +126,7 @@ def pitch_for_climb(alpha, beta, phi, gamma):
 
 
 def steady_state(Va: float, gamma: float, turn_rate: float, alpha, beta, phi) -> np.ndarray:
-    """States [n, 13] of steady turns in still air, heading north, at alpha, beta, phi [n] (rad)."""
+    """States [n, 13] of steady flight in still air, heading north, at alpha, beta, phi [n] (rad)."""
     theta = pitch_for_climb(alpha, beta, phi, gamma)
     state = np.zeros((len(theta), STATE_SIZE))
     cr, sr, cp, sp = np.cos(phi / 2), np.sin(phi / 2), np.cos(theta / 2), np.sin(theta / 2)
@@ -137,7 +140,7 @@ def steady_state(Va: float, gamma: float, turn_rate: float, alpha, beta, phi) ->
 
 
 def _bounds(p: FixedWingParams) -> tuple[np.ndarray, np.ndarray]:
-    """Least and largest alpha, phi, elevator, throttle, aileron, and rudder or beta."""
+    """Lower and upper bounds of alpha, phi, elevator, throttle, aileron, and rudder or beta."""
     low, high = p.actuators.lower, p.actuators.upper
     stall = stall_angles(p)
     last = (low[2], high[2]) if p.lateral.has_rudder else (-MAX_SIDESLIP, MAX_SIDESLIP)
@@ -146,7 +149,7 @@ def _bounds(p: FixedWingParams) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _limits_reached(p: FixedWingParams, x: np.ndarray, low: np.ndarray, high: np.ndarray) -> str:
-    """Which of the bounds stopped the search, in words; empty if none did."""
+    """Names of the bounds that stopped the search, as text; empty if none did."""
     last = "rudder" if p.lateral.has_rudder else "sideslip"
     told = []
     for name, value, a, b in zip(("alpha", "bank", "elevator", "throttle", "aileron", last), x, low, high, strict=True):
@@ -162,7 +165,7 @@ def _limits_reached(p: FixedWingParams, x: np.ndarray, low: np.ndarray, high: np
 
 
 def _remaining(left: np.ndarray) -> str:
-    """The largest acceleration that nothing balances, in words."""
+    """The largest unbalanced acceleration, as text."""
     names = ("forward", "sideways", "downward", "in roll", "in pitch", "in yaw")
     worst = int(np.argmax(np.abs(left)))
     unit = "m/s^2" if worst < 3 else "rad/s^2"
@@ -171,7 +174,7 @@ def _remaining(left: np.ndarray) -> str:
 
 
 def _guess(p: FixedWingParams, Va: float, turn_rate: float) -> np.ndarray:
-    """Where to begin: a coordinated turn, lift equal to weight times load factor, no pitching moment."""
+    """Initial guess: a coordinated turn, lift equal to weight times load factor, no pitching moment."""
     lon, body = p.longitudinal, p.physical
     phi = np.arctan(Va * turn_rate / GRAVITY)
     C_L = body.mass * GRAVITY / (np.cos(phi) * 0.5 * body.rho * Va**2 * body.S)
@@ -181,8 +184,10 @@ def _guess(p: FixedWingParams, Va: float, turn_rate: float) -> np.ndarray:
 
 
 def _newton(residual: Callable, x: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """A root of residual [n, 6] -> [n, 6] between the bounds, or the least residual that the search against them found:
-    Gauss-Newton with shorter steps where a whole one does not help; what would leave its bounds stays on them.
+    """A root of residual [n, 6] -> [n, 6] between the bounds, or the least residual that the search found.
+
+    Gauss-Newton, with shorter steps where a whole one does not reduce the residual. Unknowns at a bound that a step
+    would cross stay there.
     """
     steps = DIFFERENCE * np.eye(len(x))
     for _ in range(ITERATIONS):
@@ -201,7 +206,7 @@ def _newton(residual: Callable, x: np.ndarray, low: np.ndarray, high: np.ndarray
 
 
 def _in_body(vector_n, q: np.ndarray) -> np.ndarray:
-    """vector_n turned into the body of attitude q (w, x, y, z): v + 2 w (v x r) + 2 (v x r) x r, r the vector part."""
+    """vector_n in the body axes of attitude q (w, x, y, z): v + 2 w (v x r) + 2 (v x r) x r, r the vector part."""
     v, w, r = np.asarray(vector_n, dtype=np.float64), q[0], q[1:]
     t = 2 * np.cross(v, r)
     return v + w * t + np.cross(t, r)

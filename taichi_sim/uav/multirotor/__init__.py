@@ -1,1 +1,1 @@
-"""`multirotor_6dof`: aircraft on any number of rotors; multirotor_6dof.py is where to begin."""
+"""`multirotor_6dof`: aircraft on any number of rotors. Start reading at multirotor_6dof.py."""

@@ -6,8 +6,8 @@ axes:
 
     m (v' + omega x v) = F + m g down,   J omega' = M - omega x (J omega) - omega x h - h'.
 
-`craft` is a MultirotorParams, of which what never varies is read and compiled in; `p` are its numbers (numbers.py),
-compiled in or an environment's own.
+`craft` is a MultirotorParams: the kernels read the parameters that never vary from it, and these are compiled in. `p`
+are its numbers (numbers.py), either compiled in or loaded for each environment.
 """
 
 # Kernels are another language inside Python syntax.
@@ -22,7 +22,7 @@ from taichi_sim.uav.multirotor import ground, rotors
 
 @ti.func
 def inertia_times(p: ti.template(), x):
-    """J x."""
+    """J x, of the inertia J and a vector x in b."""
     y = ti.Vector([p.Jx * x[0], p.Jy * x[1], p.Jz * x[2]])
     if ti.static(not (is_nothing(p.Jxy) and is_nothing(p.Jxz) and is_nothing(p.Jyz))):
         y -= ti.Vector([p.Jxy * x[1] + p.Jxz * x[2], p.Jxy * x[0] + p.Jyz * x[2], p.Jxz * x[0] + p.Jyz * x[1]])
@@ -31,7 +31,7 @@ def inertia_times(p: ti.template(), x):
 
 @ti.func
 def inverse_inertia_times(p: ti.template(), x):
-    """J^-1 x."""
+    """J^-1 x, of the inertia J and a vector x in b."""
     y = ti.Vector([p.inverse_00 * x[0], p.inverse_11 * x[1], p.inverse_22 * x[2]])
     if ti.static(not (is_nothing(p.inverse_01) and is_nothing(p.inverse_02) and is_nothing(p.inverse_12))):
         y += ti.Vector(
@@ -46,7 +46,7 @@ def inverse_inertia_times(p: ti.template(), x):
 
 @ti.func
 def loads(craft: ti.template(), p: ti.template(), v_r, omega_b, omega, ratio):
-    """Force (N) and moment (N m) in b of rotors and air; weight and the rotors' angular momentum are not in them."""
+    """Force (N) and moment (N m) in b of rotors and air, without weight and the rotors' angular momentum."""
     force, moment = rotors.rotor_loads(craft, p, v_r, omega_b, omega, ratio)
     speed = ti.sqrt(v_r.dot(v_r))
     force -= speed * ti.Vector([p.drag_0 * v_r[0], p.drag_1 * v_r[1], p.drag_2 * v_r[2]])
@@ -55,8 +55,8 @@ def loads(craft: ti.template(), p: ti.template(), v_r, omega_b, omega, ratio):
 
 @ti.func
 def ground_ratios(craft: ti.template(), p: ti.template(), kind: ti.template(), R, v_r, omega, below):
-    """Ratio of each rotor's thrust [rotor] to that in free air over level water or a deck (`below`, ground.py); ones
-    over NOTHING.
+    """Thrust of each rotor over that in free air [rotor], over water or a deck (`below`, ground.py); ones over
+    NOTHING.
     """
     ratio = omega * 0.0 + 1.0
     down_b, speed2 = ti.Vector([R[2, 0], R[2, 1], R[2, 2]]), v_r[0] * v_r[0] + v_r[1] * v_r[1]
@@ -89,8 +89,10 @@ def rigid_body(p: ti.template(), y, R, force, moment):
 
 @ti.func
 def derivative(craft: ti.template(), p: ti.template(), kind: ti.template(), y, R, v_r, omega, rate, below, tau):
-    """Derivative [13] of state y with attitude R, moving with v_r (m/s, b) through the air; rotor speeds omega and
-    their rates [rotor], under the load tau (6) from outside, over what `below` is (ground.py).
+    """Derivative [13] of state y with attitude R, which moves with v_r (m/s, b) through the air.
+
+    omega and rate are the rotors' speeds and their rates [rotor]; below describes what is below (ground.py); tau (6) is
+    the load from outside.
     """
     omega_b = ti.Vector([y[10], y[11], y[12]])
     ratio = ground_ratios(craft, p, kind, R, v_r, omega, below)

@@ -2,10 +2,10 @@
 geometry.
 
 With the thrust f_i of rotor i at r_i, up: (T, M_x, M_y, M_z) = B f, B_i = (1, -r_iy, r_ix, s_i k_m / k_f); f = B^+ (T,
-M) has the least sum of squares. Who commands knows the rotors of the drawing board: all gains 1.
+M) has the least sum of squares. Controllers know the nominal rotors, whose gains are all 1.
 
-Where the rotors cannot give it all, roll and pitch come first: their moments are scaled until some collective thrust
-fits them, the collective moves into what then fits, and yaw takes what is left.
+Where the rotors cannot give everything, roll and pitch have priority: their moments are scaled until some collective
+thrust fits them, the collective is moved into the range that then fits, and yaw takes what is left.
 """
 
 # Kernels are another language inside Python syntax.
@@ -22,22 +22,22 @@ from taichi_sim.conventions import GRAVITY
 from taichi_sim.uav.multirotor.params import MultirotorParams
 
 AXES = ("thrust", "roll", "pitch", "yaw")
-REACHED = 1e-6  # of a unit of thrust or moment: what a least-squares solution may leave
+REACHED = 1e-6  # largest residual of a least-squares solution for a unit of thrust or moment
 SMALLEST = 1e-9  # N: a thrust below it does not bound a scale
 
 
 class RotorAllocation(NamedTuple):
-    """Thrusts f = P (T, M_x, M_y, M_z), and what hover asks for."""
+    """Thrusts f = P (T, M_x, M_y, M_z), and the thrusts and speeds in hover."""
 
     P: tuple[tuple[float, ...], ...]  # [rotor][4], 1 and 1/m
     weight: float  # N
     hover: tuple[float, ...]  # rotor speeds, rad/s
     thrust_to_weight: float  # of all rotors at omega_max, 1
-    shares: tuple[float, float]  # least and largest part of a collective thrust that a rotor has
+    shares: tuple[float, float]  # least and largest share of a rotor in a collective thrust
 
 
 def effectiveness(craft: MultirotorParams) -> np.ndarray:
-    """B [4, rotor]: thrust and moments (about the centre of gravity, b) of a unit of thrust of each rotor."""
+    """B [4, rotor]: thrust and moments (about the centre of gravity, b) per unit of thrust of each rotor."""
     arms, lever = craft.arms, craft.rotor.k_m / craft.rotor.k_f
     yaw = [mount.yaw * lever for mount in craft.rotors]
     return np.stack((np.ones(len(arms)), -arms[:, 1], arms[:, 0], np.array(yaw)))
@@ -81,7 +81,7 @@ def allocation(craft: MultirotorParams) -> RotorAllocation:
 
 
 def _why(missing: list[str]) -> str:
-    """What is wrong with rotors that cannot turn about these axes."""
+    """The reason why the rotors cannot turn the aircraft about the `missing` axes, as text."""
     if missing == ["yaw"]:
         return "all turn the same way, or those of each way are balanced against roll and pitch"
     return "their hubs lie in one line, or there are too few"
@@ -89,8 +89,9 @@ def _why(missing: list[str]) -> str:
 
 @ti.func
 def allocate(a: ti.template(), T, M, low, high):
-    """Thrusts [rotor] (N), each from `low` to `high`, for a collective T (N) and moments M (N m, b); and the parts of
-    the moments about roll and pitch, and about yaw, that they give.
+    """Thrusts [rotor] (N), each from `low` to `high`, for a collective thrust T (N) and moments M (N m, b).
+
+    Also returns the fractions of the moments that these thrusts give: about roll and pitch, and about yaw.
     """
     N = ti.static(len(a.P))
     turn, yaw = ti.Vector([T * 0.0 for _ in ti.static(range(N))]), ti.Vector([T * 0.0 for _ in ti.static(range(N))])
@@ -106,7 +107,7 @@ def allocate(a: ti.template(), T, M, low, high):
     if least > most:
         free = high * ti.static(1.0 / a.shares[1]) - low * ti.static(1.0 / a.shares[0])
         free = ti.max(free, 0.0)
-        scale = free / (free + least - most)  # the gap between them is convex in the scale: no larger than this fits
+        scale = free / (free + least - most)  # the gap between them is convex in the scale, so no larger scale fits
         least, most = -1e30 + 0.0 * T, 1e30 + 0.0 * T
         for k in ti.static(range(N)):
             turn[k] *= scale

@@ -1,4 +1,4 @@
-"""A multirotor's surface for pictures: a hub with a nose, an arm and a disc for each rotor, legs. No physics knows of
+"""A multirotor's surface for pictures: a hub with a nose, an arm and a disc for each rotor, legs. Physics ignores
 it.
 """
 
@@ -7,11 +7,11 @@ from numpy.typing import NDArray
 
 from taichi_sim.uav.multirotor.params import MultirotorParams
 
-CORNERS = 16  # of a rotor's disc
-THICK_DISC, THICK_ARM, THICK_LEG = 0.05, 0.1, 0.06  # of the rotor's radius: half heights and half widths
-HUB = (0.42, 0.3, 0.16)  # half length, half width and half height of the hub, of the mean arm
-NOSE = 0.5  # length of the nose, of the hub's half length
-LEG = 0.4  # where along an arm its leg stands
+CORNERS = 16  # corners of a rotor's disc
+THICK_DISC, THICK_ARM, THICK_LEG = 0.05, 0.1, 0.06  # half heights and half widths over the rotor's radius
+HUB = (0.42, 0.3, 0.16)  # half length, half width and half height of the hub over the mean arm
+NOSE = 0.5  # length of the nose over the hub's half length
+LEG = 0.4  # position of a leg along its arm, as a fraction
 
 Surface = tuple[NDArray[np.float64], NDArray[np.int64]]
 
@@ -31,14 +31,16 @@ def body_surface(craft: MultirotorParams) -> Surface:
 
 
 def _joined(parts: list[Surface]) -> Surface:
-    """One surface of several."""
+    """Several surfaces as one."""
     first = np.cumsum([0, *(len(vertices) for vertices, _ in parts[:-1])])
     faces = [triangles + start for start, (_, triangles) in zip(first, parts, strict=True)]
     return np.concatenate([vertices for vertices, _ in parts]), np.concatenate(faces)
 
 
 def _prism(low: NDArray[np.float64], high: NDArray[np.float64]) -> Surface:
-    """Between two rings [K, 3] of as many corners, the second where the normal of the first points (right-handed)."""
+    """The surface between two rings [K, 3] of as many corners; `high` lies where the right-handed normal of `low`
+    points.
+    """
     K = len(low)
     here = np.arange(K)
     after = (here + 1) % K
@@ -75,7 +77,7 @@ def _beam(start: NDArray[np.float64], end: NDArray[np.float64], half: float) -> 
 
 
 def _disc(hub: NDArray[np.float64], R: float) -> Surface:
-    """A rotor's disc, level."""
+    """A rotor's horizontal disc."""
     angle = np.linspace(0.0, 2.0 * np.pi, CORNERS, endpoint=False)
     ring = R * np.column_stack((np.cos(angle), np.sin(angle), np.zeros(CORNERS)))
     half = np.array([0.0, 0.0, THICK_DISC * R])

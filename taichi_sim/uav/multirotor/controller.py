@@ -1,29 +1,29 @@
-"""What the actions command, and the loops that follow: velocity, acceleration, attitude, rates, rotors.
+"""A multirotor's actions and control loops: velocity, acceleration, attitude, rates, rotors.
 
 Actions, each in [-1, 1], by `control.actions`:
 
-- "rotors": one for each rotor, its speed: omega_min, its speed in hover, omega_max at -1, 0, 1, linear on either side.
-- "rates" (thrust, roll_rate, pitch_rate, yaw_rate): collective thrust, none, the weight, all that the rotors give at
-  -1, 0, 1; body rates over max_rate_deg, and yaw_rate_deg.
-- "velocity" (forward, right, down, yaw_rate): velocity over ground in the heading frame, level and turned by the
-  heading psi_c that is held, which the nose follows: forward and right over `speed`, down over `descent` and, negative,
-  over `climb`; the rate of psi_c over yaw_rate_deg.
+- "rotors": the speed of each rotor: omega_min, its speed in hover, omega_max at -1, 0, 1, linear on either side.
+- "rates" (thrust, roll_rate, pitch_rate, yaw_rate): collective thrust is zero, the weight, the rotors' largest at
+  -1, 0, 1; roll and pitch rates are fractions of max_rate_deg, the yaw rate of yaw_rate_deg.
+- "velocity" (forward, right, down, yaw_rate): velocity over ground in the heading frame, which is level and turned by
+  the held heading psi_c; the nose follows psi_c. Forward and right are fractions of `speed`, down of `descent` and, if
+  negative, of `climb`; the rate of psi_c is a fraction of yaw_rate_deg.
 
-Loops, in the order in which PX4 and ArduPilot have them, with feedback alone (gains.py computes the gains):
+The loops are in the order of PX4 and ArduPilot, with feedback alone (gains.py computes the gains):
 
-    a_c = K_v (v_c - v) + I_v + turning x v_c       n, m/s^2; the last for v_c turns with psi_c
-    c = g down - a_c,  T = m c . z_b                specific thrust, whose direction z_b is to have
+    a_c = K_v (v_c - v) + I_v + turning x v_c       n, m/s^2; the last term because v_c turns with psi_c
+    c = g down - a_c,  T = m c . z_b                specific thrust; its direction is the one that z_b should have
     omega_c = K_a sqrt(2 / (1 + e_z)) (-e_y, e_x, 0) + psi_dot down_b,   e = c / |c| in b
-    psi_dot = psi_dot_c + K_psi sin(psi_c - psi),   psi_c the integral of psi_dot_c, never FARTHEST from psi
+    psi_dot = psi_dot_c + K_psi sin(psi_c - psi),   psi_c integrates psi_dot_c and stays within FARTHEST of psi
     M = J (K_r (omega_c - omega) + I_r) + omega x J omega
 
-and allocation.py makes rotor speeds of T and M. The error of attitude is that of the thrust's direction, 2 sin(angle /
-2): heading does not matter to it. c keeps to max_tilt_deg, to CLIMB_SHARE of the greatest thrust and LEAST_LIFT of the
-weight, vertical before horizontal. What limits cut off runs out of the integrals within their loop's own time.
+allocation.py turns T and M into rotor speeds. The attitude error is that of the thrust's direction, 2 sin(angle / 2);
+heading does not enter it. c is limited to max_tilt_deg, to CLIMB_SHARE of the largest thrust and at least LEAST_LIFT of
+the weight, vertical before horizontal. What limits cut off decays from the integrals with the loop's own time constant.
 
-With a sole on a deck and at least IDLE_FROM of `descent` commanded, all rotors carry EASED of the weight together, and
-none with all soles down, where they turn at omega_min; integrals are zero. So switches in the legs would have it: loops
-that hold a position against the wind would topple the aircraft over that sole.
+On a deck, with at least IDLE_FROM of `descent` commanded: with one sole down all rotors together carry EASED of the
+weight, with all soles down they turn at omega_min, and the integrals are zero. This is how switches in the legs would
+work: loops that hold a position against the wind would topple the aircraft over the sole that is down.
 """
 
 # Kernels are another language inside Python syntax.
@@ -40,18 +40,18 @@ from taichi_sim.uav.multirotor.allocation import allocate
 
 RATE_ACTIONS = ("thrust", "roll_rate", "pitch_rate", "yaw_rate")
 VELOCITY_ACTIONS = ("forward", "right", "down", "yaw_rate")
-CLIMB_SHARE = 0.9  # of all rotors' thrust that velocities are followed with: the rest turns
-LEAST_LIFT = 0.3  # of the weight, vertical
-UPRIGHT = 1e-3  # of 1 + e_z: keeps the turn of a vehicle that hangs upside down finite
-FARTHEST = 0.5  # sine of the angle by which the heading held may lead or trail the nose
-IDLE_FROM = 0.5  # of `descent`, down: rotors of who touches a deck let go; assumed
-EASED = 0.5  # of the weight, carried until all soles are down; assumed
-NOSE = 1e-6  # of the nose's horizontal part: straight up or down there is no heading
+CLIMB_SHARE = 0.9  # share of the rotors' largest thrust for following velocities; the rest is for attitude
+LEAST_LIFT = 0.3  # least vertical thrust over the weight
+UPRIGHT = 1e-3  # least 1 + e_z: keeps the rates of an aircraft that is upside down finite
+FARTHEST = 0.5  # sine of the largest angle between the held heading and the nose
+IDLE_FROM = 0.5  # fraction of `descent` from which rotors ease off on a deck; assumed
+EASED = 0.5  # share of the weight that the rotors carry until all soles are down; assumed
+NOSE = 1e-6  # least horizontal part of the nose's direction: straight up or down there is no heading
 
 
 @dataclass(frozen=True)
 class ControllerGains:
-    """ControllerGains of the loops, all computed (gains.py), 1/s; integrals' 1/s^2."""
+    """Gains of the loops, all computed by gains.py: 1/s, those of integrals 1/s^2."""
 
     rate: float  # roll and pitch
     rate_integral: float
@@ -67,7 +67,7 @@ class ControllerGains:
 
 @dataclass(frozen=True)
 class Demands:
-    """What actions of 1 ask for, and what commands keep to."""
+    """Demands of actions of 1, and limits of the commands."""
 
     speed: float  # m/s
     climb: float
@@ -75,13 +75,13 @@ class Demands:
     yaw_rate: float  # rad/s
     rate: float
     tan_tilt: float
-    most: float  # specific thrust, m/s^2
-    least: float  # its vertical part
+    most: float  # largest specific thrust, m/s^2
+    least: float  # its least vertical part, m/s^2
 
 
 @ti.func
 def velocity_wanted(d: ti.template(), action: ti.template(), e, i, c, s):
-    """Velocity (m/s, n) that the actions ask for, at the cosine c and sine s of the heading held."""
+    """Velocity (m/s, n) that the actions demand, at the cosine c and sine s of the held heading."""
     forward, right, down = d.speed * action[e, i, 0], d.speed * action[e, i, 1], action[e, i, 2]
     fall = ti.max(down, 0.0) * d.descent + ti.min(down, 0.0) * d.climb
     return ti.Vector([c * forward - s * right, s * forward + c * right, fall])
@@ -89,8 +89,10 @@ def velocity_wanted(d: ti.template(), action: ti.template(), e, i, c, s):
 
 @ti.func
 def specific_thrust(g: ti.template(), d: ti.template(), v_c, v, turning, integral, dt: ti.template()):
-    """Specific thrust c (m/s^2, n) toward the velocity v_c, which turns at `turning` (rad/s), from v (m/s, n); and the
-    integral (m/s^2) a step dt (s) later.
+    """Specific thrust c (m/s^2, n) that brings the velocity v (m/s, n) to v_c, and the integral (m/s^2) a step dt (s)
+    later.
+
+    v_c turns at `turning` (rad/s).
     """
     error = v_c - v
     wanted = ti.Vector(
@@ -115,7 +117,7 @@ def specific_thrust(g: ti.template(), d: ti.template(), v_c, v, turning, integra
 
 @ti.func
 def heading_rate(g: ti.template(), R, turn, held, dt: ti.template()):
-    """Rate of the heading (rad/s) for a turn that is commanded (rad/s); the heading held (cosine, sine) a step dt (s)
+    """Heading rate (rad/s) for the commanded `turn` (rad/s), and the held heading (cosine, sine) a step dt (s)
     later.
     """
     inv = 1.0 / ti.sqrt(R[0, 0] * R[0, 0] + R[1, 0] * R[1, 0] + NOSE * NOSE)
@@ -133,7 +135,7 @@ def heading_rate(g: ti.template(), R, turn, held, dt: ti.template()):
 
 @ti.func
 def rates_toward(g: ti.template(), d: ti.template(), R, c, turn):
-    """Body rates (rad/s) that bring the thrust's direction to that of c (n), and turn the heading at `turn` (rad/s)."""
+    """Body rates (rad/s) that turn the thrust toward the direction of c (n), and the heading at `turn` (rad/s)."""
     e = (R.transpose() @ c) / ti.sqrt(c.dot(c))
     k = g.attitude * ti.sqrt(2.0 / ti.max(1.0 + e[2], UPRIGHT))
     p = ti.max(ti.min(-k * e[1], d.rate), -d.rate)
@@ -145,8 +147,9 @@ def rates_toward(g: ti.template(), d: ti.template(), R, c, turn):
 def rotor_thrusts(
     a: ti.template(), g: ti.template(), body: ti.template(), T, wanted, omega, integral, low, high, dt: ti.template()
 ):
-    """Thrusts [rotor] (N) for a collective T (N) and body rates `wanted` (rad/s) at rates omega, and the integral
-    (rad/s^2) a step dt (s) later; `body` are the numbers of the drawing board.
+    """Thrusts [rotor] (N) for a collective thrust T (N) and body rates `wanted` (rad/s) at rates omega (rad/s).
+
+    Also returns the integral (rad/s^2) a step dt (s) later. `body` are the numbers of the nominal aircraft.
     """
     error = wanted - omega
     alpha = ti.Vector([g.rate * error[0], g.rate * error[1], g.yaw_rate * error[2]]) + integral

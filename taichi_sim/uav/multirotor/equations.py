@@ -1,12 +1,12 @@
-"""A multirotor's equations (airframe.py) over many states at once, of its vehicle file alone.
+"""A multirotor's equations (airframe.py) over many states at once, from its vehicle file alone.
 
-What modes are found with, and what `Vehicle.rhs` gives.
+Modes and `Vehicle.rhs` are computed with them.
 """
 
 # Kernels are another language inside Python syntax.
-# pyright: reportIndexIssue=false, reportInvalidTypeForm=false
+# pyright: reportIndexIssue=false, reportInvalidTypeForm=false, reportGeneralTypeIssues=false
 
-from typing import Any
+import math
 
 import numpy as np
 import taichi as ti
@@ -14,10 +14,11 @@ import taichi as ti
 from taichi_sim.conventions import STATE_SIZE
 from taichi_sim.kernels.rotation import rotation_matrix
 from taichi_sim.uav.multirotor import airframe, ground, rotors
+from taichi_sim.uav.multirotor.allocation import allocation
 from taichi_sim.uav.multirotor.numbers import nominal_numbers
 from taichi_sim.uav.multirotor.params import MultirotorParams
 
-_array2: Any = ti.types.ndarray(ndim=2)
+_array2 = ti.types.ndarray(ndim=2)
 
 
 @ti.kernel
@@ -30,8 +31,10 @@ def derivatives(
     load: _array2,
     out: _array2,
 ):
-    """Write derivatives [n, 13] of states [n, 13] with the vehicle file's numbers and rotors held at omega [n, rotor]
-    (rad/s); over calm water or nothing (`kind`, ground.py).
+    """Write derivatives [n, 13] of states [n, 13], with the vehicle file's numbers and rotors held at omega [n, rotor]
+    (rad/s).
+
+    `kind` (ground.py) says what is below: calm water or nothing.
     """
     for n in range(state.shape[0]):
         y = ti.Vector([state[n, k] for k in ti.static(range(STATE_SIZE))])
@@ -47,7 +50,9 @@ def derivatives(
 
 
 def rhs(craft: MultirotorParams, state, omega) -> np.ndarray:
-    """Derivative [n, 13] float64 of states [n, 13] in still air, far from the ground, rotors at omega [n, rotor]."""
+    """Derivative [n, 13] float64 of states [n, 13] in still air, far from the ground, with rotors at omega
+    [n, rotor] (rad/s).
+    """
     state, omega = (np.ascontiguousarray(x, dtype=np.float64) for x in (state, omega))
     out, none = np.empty_like(state), np.zeros((len(state), 6))
     derivatives(craft, False, state, omega, none, none, out)
@@ -66,7 +71,9 @@ def _rates(craft: ti.template(), omega: _array2, command: _array2, out: _array2)
 
 
 def rotor_rates(craft: MultirotorParams, omega, command) -> np.ndarray:
-    """Rates [n, rotor] (rad/s^2) of rotors at omega that are commanded to go to `command` [n, rotor] (rad/s)."""
+    """Rates [n, rotor] (rad/s^2) of rotors at omega [n, rotor] (rad/s) with the commands `command` [n, rotor]
+    (rad/s).
+    """
     omega, command = (np.ascontiguousarray(x, dtype=np.float64) for x in (omega, command))
     out = np.empty_like(omega)
     _rates(craft, omega, command, out)
@@ -87,7 +94,10 @@ def _ratios(craft: ti.template(), heights: _array2, weights: _array2, omega: _ar
 
 def ground_ratios(craft: MultirotorParams, heights, weights, omega, speed=0.0) -> np.ndarray:
     """Thrust over that in free air [n, rotor] of rotors at `heights` [n, rotor] (m) over a ground of `weights`
-    [n, rotor] (0 to 1), at speeds omega [n, rotor] (rad/s), moving across their axes at `speed` (m/s).
+    [n, rotor].
+
+    Weights are from 0 to 1 (ground.py); omega [n, rotor] are the speeds (rad/s), `speed` the airspeed across the axes
+    (m/s).
     """
     heights = np.ascontiguousarray(np.atleast_2d(heights), dtype=np.float64)
     weights, omega = (
@@ -96,3 +106,15 @@ def ground_ratios(craft: MultirotorParams, heights, weights, omega, speed=0.0) -
     fast, out = np.full((len(heights), 1), float(speed)), np.empty_like(heights)
     _ratios(craft, heights, weights, omega, fast, out)
     return out
+
+
+def shaft_power(craft: MultirotorParams, omega: np.ndarray) -> float:
+    """Shaft power (W) of rotors at speeds omega [rotor] (rad/s)."""
+    return float(sum(mount.gain * craft.rotor.k_m * w**3 for mount, w in zip(craft.rotors, omega, strict=True)))
+
+
+def induced_velocity(craft: MultirotorParams) -> float:
+    """Velocity (m/s) of the air through the rotors' discs in hover, by momentum theory."""
+    area = math.pi * craft.rotor.radius**2 * len(craft.rotors)
+    weight = allocation(craft).weight  # pyright: ignore[reportArgumentType]
+    return math.sqrt(weight / (2 * craft.physical.rho * area))

@@ -1,10 +1,11 @@
 """The controller's gains, from the aircraft's own model: its rotors' lag and the step.
 
 Each loop is closed around the one before. An integrator behind an inner loop of lag T has the damping zeta with the
-gain 1 / (4 zeta^2 T): rates behind the rotors (T: the mean of tau_up and tau_down, since half of them speed up where
-the others slow down, and half a step, for which a command is held), attitude behind rates, velocity behind attitude.
-Yaw and climb behind what attitude has, for their thrust is limited: yaw by the rotors' torque, climb by their thrust.
-Integrals take up what is steady: drag of rotors above the centre of gravity, wind, a payload.
+gain 1 / (4 zeta^2 T): rates behind the rotors, attitude behind rates, velocity behind attitude. The rotors' lag is the
+mean of tau_up and tau_down, since half of them speed up while the others slow down, plus half a step, since a command
+is held. Yaw and climb get fractions of the gains of attitude, because their thrust is limited: yaw by the rotors'
+torque, climb by their thrust. Integrals compensate steady loads: drag of rotors above the centre of gravity, wind, a
+payload.
 
 Bandwidths are those of the linear chain with all of this in it: the frequency above which less than 1 / sqrt 2 of a
 command arrives.
@@ -21,14 +22,14 @@ from taichi_sim.uav.multirotor.allocation import RotorAllocation
 from taichi_sim.uav.multirotor.controller import CLIMB_SHARE, LEAST_LIFT, ControllerGains, Demands
 from taichi_sim.uav.multirotor.params import MultirotorParams
 
-ZETA = 0.8  # of every loop: overshoot of 1.5 %
-INTEGRAL = 8.0  # a loop's gain squared over its integral's: 7 deg of phase at its crossing
-FREQUENCIES = np.geomspace(1e-2, 1e3, 20001)  # rad/s, among which bandwidths are looked for
+ZETA = 0.8  # damping of every loop: overshoot of 1.5 %
+INTEGRAL = 8.0  # square of a loop's gain over the gain of its integral: costs 7 deg of phase at crossover
+FREQUENCIES = np.geomspace(1e-2, 1e3, 20001)  # rad/s, grid for the bandwidths
 HALF_POWER = 1 / math.sqrt(2)
 
 
 class Bandwidths(NamedTuple):
-    """Of the closed loops, rad/s."""
+    """Bandwidths of the closed loops, rad/s."""
 
     rate: float  # roll and pitch
     yaw_rate: float
@@ -38,20 +39,20 @@ class Bandwidths(NamedTuple):
 
 
 def lag(craft: MultirotorParams, dt: float) -> float:
-    """From a command to thrust, s: rotors, and half a step of dt (s)."""
+    """Time from a command to thrust, s: the rotors' lag and half a step dt (s)."""
     return 0.5 * (craft.rotor.tau_up + craft.rotor.tau_down + dt)
 
 
 def lead(craft: MultirotorParams, a: RotorAllocation) -> float:
     """Time constant (s) by which the rotors' inertia leads the yaw moment of their drag, in hover: J_r / (2 k_m omega).
 
-    A rotor that speeds up pushes the airframe round at once.
+    A rotor that speeds up turns the airframe at once.
     """
     return craft.rotor.J_r / (2 * craft.rotor.k_m * sum(a.hover) / len(a.hover))
 
 
 def gains(craft: MultirotorParams, dt: float) -> ControllerGains:
-    """Of the drawing board's aircraft, commanded every dt (s)."""
+    """Gains of the controller of the nominal aircraft, for commands every dt (s)."""
     behind = 1 / (4 * ZETA**2)
     rate = behind / lag(craft, dt)
     attitude = behind * rate
@@ -71,10 +72,10 @@ def gains(craft: MultirotorParams, dt: float) -> ControllerGains:
 
 
 def demands(craft: MultirotorParams, a: RotorAllocation) -> Demands:
-    """What actions ask for.
+    """Demands of actions of 1.
 
     Raises:
-        ConfigError: for more than the rotors, or the envelope, allow.
+        ConfigError: for demands beyond the rotors or the envelope.
     """
     c, most = craft.control, CLIMB_SHARE * a.thrust_to_weight
     if c.speed > craft.envelope.max_airspeed:
@@ -98,7 +99,7 @@ def demands(craft: MultirotorParams, a: RotorAllocation) -> Demands:
 
 
 def bandwidths(g: ControllerGains, T: float, z: float) -> Bandwidths:
-    """Of the loops of gains g behind the lag T (s), with the lead z (s) in yaw."""
+    """Bandwidths of the loops with gains g, behind the lag T (s), with the lead z (s) in yaw."""
     s = 1j * FREQUENCIES
 
     def closed(open_loop: np.ndarray) -> np.ndarray:

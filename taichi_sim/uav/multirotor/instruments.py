@@ -1,4 +1,4 @@
-"""The auxiliary state of a multirotor, by name: what it shows, and what it carries from step to step."""
+"""Names of a multirotor's auxiliary state: its instruments, and what it carries from step to step."""
 
 from taichi_sim.uav.multirotor.gains import Bandwidths
 from taichi_sim.uav.multirotor.params import MultirotorParams
@@ -38,17 +38,17 @@ SPEEDS = len(READINGS) + len(HIDDEN)  # the first rotor's column
 
 
 def rotor_names(craft: MultirotorParams) -> tuple[str, ...]:
-    """Instruments that show the rotors' speeds, rad/s."""
+    """Names of the instruments that show the rotors' speeds, rad/s."""
     return tuple(f"rotor_{k + 1}" for k in range(len(craft.rotors)))
 
 
 def aux_names(craft: MultirotorParams) -> tuple[str, ...]:
-    """All columns."""
+    """Names of all columns."""
     return (*READINGS, *HIDDEN, *rotor_names(craft))
 
 
 def signals(craft: MultirotorParams, loops: Bandwidths) -> dict[str, tuple[str, tuple[str, ...]]]:
-    """Plots of a recording: unit and columns; those of a closed loop say its bandwidth."""
+    """Plots of a recording: title -> (unit, columns). Titles of closed loops include the bandwidth."""
     found = {
         "rotor speeds": ("rad/s", rotor_names(craft)),
         "thrust": ("N", ("thrust",)),

@@ -1,8 +1,8 @@
 """A multirotor's physics step on a deck: contact steps of about a millisecond, rotors and air included.
 
-Each is a drift by half, a kick, and a drift by half again (Strang 1968), of position, velocity, attitude and angular
-momentum in n, so that kicks conserve both momenta to rounding. The kick is that of the middle: forces of the soles
-(contact/forces.py) take velocities that half a kick of their own foretells. The deck's way, and how it answers, are
+A contact step is half a drift, a kick, and half a drift (Strang 1968) of position, velocity, attitude and angular
+momentum in n, so that kicks conserve both momenta to rounding. The kick uses the forces in its middle: those of the
+soles (contact/forces.py) take velocities predicted by half a kick. The deck's motion, and its response to contact, are
 those of contact/carrier.py. Rotor speeds are exact; the air's velocity is held over the physics step.
 """
 
@@ -26,21 +26,23 @@ BODY_SIZE = 24
 the carrier's way (n; m, rad, m/s, rad/s); impulse and angular impulse beyond the carrier's load (as carrier.IMPULSE);
 impulse and angular impulse of all about the carrier's origin, in its b (N s, N m s).
 """
-STRUCK_BELOW = 2.0  # radii below a deck's plane down to which a rotor has met the deck; farther down it is under it
-EDGE = 2.0  # radii over which the ground effect fades at a deck's edge; assumed
-NEARING = 2.0  # a touch is expected in a physics step from so many times the way made in one
+STRUCK_BELOW = 2.0  # radii: a rotor up to this far below the deck's plane has struck it; one farther down is under it
+EDGE = 2.0  # width over which the ground effect fades at a deck's edge, in radii; assumed
+NEARING = 2.0  # a touch is expected from a distance of this many times the motion in a physics step
 
 
 @ti.func
 def part(body, first: ti.template()):
-    """Three numbers of `body`."""
+    """Three numbers of `body`, from column `first`."""
     return ti.Vector([body[first], body[first + 1], body[first + 2]])
 
 
 @ti.func
 def deck_now(way: ti.template(), e, i, t, T: ti.template(), body):
-    """The deck's carrier at t (s) as it has answered: position from carrier.PLACE, R_nb, velocity and rates (n); then
-    the same position and attitude without the answer.
+    """The deck's carrier at t (s), with its response to contact: position from carrier.PLACE, R_nb, velocity and rates
+    (n).
+
+    Then the same position and attitude without the response.
     """
     x, R, v, w = carrier.carried(way, e, i, t, T)
     R_D = rotation_matrix(carrier.turned(part(body, 3))) @ R
@@ -56,8 +58,9 @@ def sole_arm(craft: ti.template(), p: ti.template(), k: ti.template()):
 
 @ti.func
 def rotors_over(craft: ti.template(), p: ti.template(), way: ti.template(), e, i, y, t, T: ti.template(), body):
-    """Height (m) of each hub over the deck's plane and how far it is inside its edge (m), [rotor] each, at t (s);
-    whether a rotor has met the deck.
+    """Height (m) of each hub over the deck's plane, and how far it is inside the edge (m), [rotor] each, at t (s).
+
+    Also returns whether a rotor has touched the deck.
     """
     x_D, R_D, _v, _w, _x, _R = deck_now(way, e, i, t, T, body)
     R = rotation_matrix(ti.Vector([y[3], y[4], y[5], y[6]]))
@@ -81,8 +84,10 @@ def rotors_over(craft: ti.template(), p: ti.template(), way: ti.template(), e, i
 
 @ti.func
 def deck_ground(craft: ti.template(), p: ti.template(), height, inside, omega, speed2):
-    """Of a deck below: weight [rotor] of the sea beside it, upwash [rotor] of the rotors' images in the deck over their
-    induced velocity. speed2 is the square of the airspeed across the axes (m^2/s^2).
+    """Weight [rotor] of the sea beside a deck, and upwash [rotor] of the rotors' images in the deck over their induced
+    velocity.
+
+    speed2 is the square of the airspeed across the axes (m^2/s^2).
     """
     weight = height * 0.0
     for k in ti.static(range(len(craft.rotors))):
@@ -95,7 +100,7 @@ def deck_ground(craft: ti.template(), p: ti.template(), height, inside, omega, s
 @ti.func
 def touches_soon(craft: ti.template(), p: ti.template(), way: ti.template(), e, i, y, v_n, t, T: ti.template(), body,
                  dt: ti.template()):  # fmt: skip
-    """Whether a sole is below the deck's plane, or may be in a physics step dt (s) from t (s) on."""
+    """Whether a sole is below the deck's plane, or may be within a physics step dt (s) from t (s)."""
     x_D, R_D, v_D, w_D, _x, _R = deck_now(way, e, i, t, T, body)
     R = rotation_matrix(ti.Vector([y[3], y[4], y[5], y[6]]))
     x = ti.Vector([y[0], y[1], y[2]]) - carrier.three_at(way, e, i, carrier.PLACE)
@@ -114,9 +119,11 @@ def touches_soon(craft: ti.template(), p: ti.template(), way: ti.template(), e, 
 
 @ti.func
 def soles_on(craft: ti.template(), p: ti.template(), way: ti.template(), e, i, x, R, v, w, x_D, R_D, v_D, w_D, soles):
-    """Force of all soles on the aircraft (N), its moment about the centre of gravity, and that of the opposite force
-    about the carrier's origin (N m), in n; the soles' memory after it; the greatest speed (m/s) along the normal of
-    soles that come down. Positions are from carrier.PLACE.
+    """Loads of all soles, in n: force on the aircraft (N), its moment about the centre of gravity (N m), and the moment
+    of the opposite force about the carrier's origin (N m).
+
+    Also returns the soles' memory after it, and the largest speed (m/s) along the normal of soles that come down.
+    Positions are from carrier.PLACE.
     """
     centre = carrier.three_at(way, e, i, carrier.TABLE + carrier.CENTRE)
     friction = way[e, i, carrier.TABLE + carrier.FRICTION]
@@ -157,10 +164,11 @@ def land(
     way: ti.template(), e, i, y, met, omega, command, tau, ratio, soles, body, begun, blow,
 ):  # fmt: skip
     """State y, rotor speeds omega [rotor] (rad/s), the soles' memory, `body` and the blow (m/s, contact/touch.py) after
-    a physics step dt (s) that begins `begun` s after the control step T (s), in `steps` contact steps.
+    a physics step.
 
-    Velocities in y are relative to the air, which moves with `met` (n, m/s); positions are over ground. command
-    [rotor] (rad/s) and the load tau (6, b) are held; ratio [rotor] is the ground effect's.
+    The step dt (s) begins `begun` s after the control step T (s), and consists of `steps` contact steps. Velocities in
+    y are relative to the air, which moves with `met` (n, m/s); positions are over ground. command [rotor] (rad/s) and
+    the load tau (6, b) are held; ratio [rotor] is that of the ground effect.
     """
     h = ti.static(dt / steps)
     place = carrier.three_at(way, e, i, carrier.PLACE)
@@ -174,7 +182,7 @@ def land(
     F_had = carrier.three_at(way, e, i, carrier.HAD)
     M_had = carrier.three_at(way, e, i, carrier.HAD + 3)
     for n in range(ti.static(2 * steps)):
-        # half a drift, by the rates of its middle
+        # half a drift, with the rates in its middle
         w_b = inverse_inertia_times(p, R.transpose() @ H)
         R_m = rotation_matrix(quaternion_advance(q, w_b, ti.static(0.25 * h)))
         q = quaternion_advance(q, inverse_inertia_times(p, R_m.transpose() @ H), ti.static(0.5 * h))
@@ -230,7 +238,7 @@ def land(
 
 @ti.func
 def soles_down(soles, legs: ti.template()):
-    """How many soles are on a deck."""
+    """Number of soles on a deck."""
     down = 0
     for k in ti.static(range(legs)):
         if soles[SOLE_SIZE * k + 2] > ti.static(0.5 * (FREE + DOWN)):
@@ -240,7 +248,9 @@ def soles_down(soles, legs: ti.template()):
 
 @ti.func
 def remember(touch: ti.template(), T: ti.template(), e, i, soles, body, met):
-    """Store what the control step T (s) has made of the soles and of the carrier; met: a rotor has struck."""
+    """Store the soles' memory and the carrier's response after the control step T (s); met: a rotor has touched the
+    deck.
+    """
     for c in ti.static(range(soles.n)):
         touch.soles[e, i, c] = soles[c]
     if met != 0:

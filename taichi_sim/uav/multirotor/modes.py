@@ -1,4 +1,4 @@
-"""Small motions about steady flight: the linear model, its modes, and the longest step that RK4 bears."""
+"""Small motions about steady flight: the linear model, its modes, and the longest stable step of RK4."""
 
 from dataclasses import dataclass
 
@@ -7,30 +7,30 @@ import numpy as np
 from taichi_sim.uav.fixed_wing.modes import Mode, StableStep, rk4_limit
 from taichi_sim.uav.multirotor.equations import rhs
 from taichi_sim.uav.multirotor.params import MultirotorParams
-from taichi_sim.uav.multirotor.trim import Trim
+from taichi_sim.uav.multirotor.trim import MultirotorTrim
 
-DIFFERENCE = 1e-5  # of central differences: m/s, rad, rad/s
+DIFFERENCE = 1e-5  # step of the central differences: m/s, rad, rad/s
 STATES = ("u", "v", "w", "p", "q", "r", "phi", "theta")
 PLANES = {"pitch": ("u", "q", "theta"), "roll": ("v", "p", "phi"), "heave": ("w",), "yaw": ("r",)}
-SLOWEST = 1e-9  # 1/s: an eigenvalue below it is zero but for rounding
+SLOWEST = 1e-9  # 1/s: a smaller eigenvalue is zero within rounding
 
 
 @dataclass(frozen=True)
-class LinearModel:
+class MultirotorLinearModel:
     """x' = A x + B omega about a trim, rotors held at their speeds; x = STATES (m/s, rad/s, rad), omega in rad/s."""
 
     A: np.ndarray  # [8, 8]
     B: np.ndarray  # [8, rotor]
-    modes: tuple[Mode, ...]  # named for the motion that has most of their eigenvector (PLANES), the fast ones first
+    modes: tuple[Mode, ...]  # named for the motion that dominates the eigenvector (PLANES), fast ones first
 
     def block(self, states: tuple[str, ...]) -> np.ndarray:
-        """A of some states alone."""
+        """The part of A for the given states alone."""
         at = [STATES.index(name) for name in states]
         return self.A[np.ix_(at, at)]
 
 
-def linear_modes(craft: MultirotorParams, trim: Trim) -> LinearModel:
-    """The linear model about `trim`, by central differences, in still air."""
+def linear_modes(craft: MultirotorParams, trim: MultirotorTrim) -> MultirotorLinearModel:
+    """The linear model about `trim` in still air, by central differences."""
     R_b = _attitude(np.array([trim.phi]), np.array([trim.theta]))
     v = _in_body(trim.velocity_air, trim.heading, R_b)
     x = np.concatenate((v, np.zeros(3), [trim.phi, trim.theta], trim.omega))
@@ -38,11 +38,11 @@ def linear_modes(craft: MultirotorParams, trim: Trim) -> LinearModel:
     values = _euler_rhs(craft, np.concatenate((x + steps, x - steps)))
     J = ((values[: len(x)] - values[len(x) :]) / (2 * DIFFERENCE)).T
     A = J[:, : len(STATES)]
-    return LinearModel(A, J[:, len(STATES) :], _modes(A))
+    return MultirotorLinearModel(A, J[:, len(STATES) :], _modes(A))
 
 
 def _in_body(velocity_n: np.ndarray, heading: float, q: np.ndarray) -> np.ndarray:
-    """A velocity (n) in the axes of attitude q [1, 4], whose heading is zero."""
+    """A velocity (n), turned by -heading, in the axes of attitude q [1, 4], whose heading is zero."""
     c, s = np.cos(heading), np.sin(heading)
     level = np.array([c * velocity_n[0] + s * velocity_n[1], c * velocity_n[1] - s * velocity_n[0], velocity_n[2]])
     w, r = q[0, 0], q[0, 1:]
@@ -66,7 +66,7 @@ def _euler_rhs(craft: MultirotorParams, x: np.ndarray) -> np.ndarray:
 
 
 def _modes(A: np.ndarray) -> tuple[Mode, ...]:
-    """A mode for each real eigenvalue and each pair."""
+    """One mode for each real eigenvalue and each conjugate pair."""
     values, vectors = np.linalg.eig(A)
     found = []
     for value, vector in zip(values.tolist(), vectors.T, strict=True):
@@ -78,8 +78,11 @@ def _modes(A: np.ndarray) -> tuple[Mode, ...]:
     return tuple(sorted(found, key=lambda mode: -mode.frequency))
 
 
-def largest_stable_dt(craft: MultirotorParams, fastest: Trim) -> StableStep:
-    """The longest step of RK4 from the damped modes about the trim at the greatest airspeed; rotors do not bound it."""
+def largest_stable_dt(craft: MultirotorParams, fastest: MultirotorTrim) -> StableStep:
+    """The longest step of RK4 that is stable for all damped modes about the trim at the largest airspeed.
+
+    Rotors do not limit it.
+    """
     damped = [m for m in linear_modes(craft, fastest).modes if m.eigenvalues[0].real < -SLOWEST]
     if not damped:
         return StableStep(np.inf, "nothing is damped")

@@ -1,7 +1,7 @@
 """One step of a multirotor's equations of motion: classical Runge-Kutta, in the frame of the air, rotors exact.
 
-The rotors' speeds at the stages are those of their exact solution for the held command (rotors.py): a lag of half the
-step or less costs no accuracy of its own, and no stability.
+The rotors' speeds at the stages come from their exact solution for the held command (rotors.py). A lag as short as half
+a step costs neither accuracy nor stability.
 """
 
 # Kernels are another language inside Python syntax.
@@ -16,7 +16,7 @@ from taichi_sim.uav.multirotor.airframe import derivative
 
 @ti.func
 def rk4(craft: ti.template(), p: ti.template(), kind: ti.template(), y, omega, command, below, tau, dt: ti.template()):
-    """State and rotor speeds [rotor] (rad/s) in still air after a step dt (s), the load tau and the command held.
+    """State and rotor speeds [rotor] (rad/s) in still air after a step dt (s), with the load tau and the command held.
 
     kind, below: what is below the centre of gravity at the beginning of the step (ground.py).
     """
@@ -36,7 +36,7 @@ def rk4(craft: ti.template(), p: ti.template(), kind: ti.template(), y, omega, c
         there = ground.lowered(kind, below, start[2] - at[2])
         k = derivative(craft, p, kind, at, R, v_r, speed, rate, there, tau)
         new += weight * k
-    # one Newton step of 1/|q|: |q| - 1 is of the method's error per step, so its square is nothing
+    # one Newton step of 1/|q| suffices: |q| - 1 is as small as the method's error per step
     norm2 = new[3] * new[3] + new[4] * new[4] + new[5] * new[5] + new[6] * new[6]
     for c in ti.static(range(3, 7)):
         new[c] *= 1.5 - 0.5 * norm2

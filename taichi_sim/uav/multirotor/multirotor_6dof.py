@@ -1,12 +1,12 @@
 """`multirotor_6dof`: a team of multirotors (airframe.py) in wind, with rotors that lag and a controller.
 
-One kernel launch per control step: each aircraft's state is loaded once, goes through substeps on local values, and is
-stored once. The controller (controller.py) works at the physics step. The air's velocity (uav/local_air.py) is held
-over a substep, which is made in the frame of the air: so a steady wind is exact. Rotor speeds are exact for the command
-held over a substep (motion.py).
+One kernel launch per control step loads each aircraft's state once, makes substeps on local values, and stores the
+state once. The controller (controller.py) runs at the physics step. The air's velocity (uav/local_air.py) is held over
+a substep, which is made in the frame of the air, so a steady wind is exact. Rotor speeds are exact for the command held
+over a substep (motion.py).
 
-Near a deck (contact/contacts.py) the ground effect has its images, too; a substep in which a sole may touch is made of
-contact steps (landing.py). Far from decks, and in a world without any, nothing differs.
+Near a deck (contact/contacts.py) the ground effect includes the rotors' images in it, and a substep in which a sole may
+touch consists of contact steps (landing.py). Far from decks the results are those of a world without decks.
 """
 
 # Kernels are another language inside Python syntax.
@@ -32,6 +32,7 @@ from taichi_sim.kernels.packs import AroundPack, Build, FleetPack, TouchPack, lo
 from taichi_sim.sea import waves
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.uav import local_air
+from taichi_sim.uav.aircraft import TrimError
 from taichi_sim.uav.fixed_wing.motion import attitude, velocity, with_velocity
 from taichi_sim.uav.multirotor import battery, controller, ground, landing, rotors, start
 from taichi_sim.uav.multirotor import instruments as at
@@ -39,33 +40,36 @@ from taichi_sim.uav.multirotor.airframe import ground_ratios
 from taichi_sim.uav.multirotor.allocation import allocation
 from taichi_sim.uav.multirotor.body import body_surface
 from taichi_sim.uav.multirotor.controller import RATE_ACTIONS, VELOCITY_ACTIONS
-from taichi_sim.uav.multirotor.equations import derivatives
+from taichi_sim.uav.multirotor.equations import derivatives, induced_velocity
 from taichi_sim.uav.multirotor.gains import bandwidths, demands, gains, lag, lead
 from taichi_sim.uav.multirotor.modes import largest_stable_dt
 from taichi_sim.uav.multirotor.motion import rk4
 from taichi_sim.uav.multirotor.numbers import gains as rotor_gains
 from taichi_sim.uav.multirotor.numbers import multirotor_numbers, nominal_numbers, varying_keys
 from taichi_sim.uav.multirotor.params import MultirotorParams
-from taichi_sim.uav.multirotor.trim import TrimError, trim
-from taichi_sim.vehicle import Limits, Vehicle
+from taichi_sim.uav.multirotor.trim import trim
+from taichi_sim.vehicle import Limits, Number, Vehicle
 
 if TYPE_CHECKING:
     from taichi_sim.world import World
 
-LONGEST_OUTSIDE = 3.0  # s where the model does not hold: longer is an end; assumed
-NEWTON_ITERATIONS = 5  # for the point of the sea below: exact to rounding for seas (waves.invert_label)
+LONGEST_OUTSIDE = 3.0  # s: a longer time outside the model's validity ends the episode; assumed
+NEWTON_ITERATIONS = 5  # for the point of the sea below; exact to rounding in real seas (waves.invert_label)
 BISECTIONS = 30
 
 
 @ti.data_oriented
 class Multirotor6DOF(Vehicle):
-    """Steps a team of multirotors in place; actions are in controller.py, the auxiliary state in instruments.py.
+    """Steps a team of multirotors in place. controller.py explains the actions, instruments.py lists the auxiliary
+    state.
 
-    Who flies an aircraft knows the one of the drawing board: allocation, gains and limits are those of `design`,
-    whatever numbers a single aircraft has.
+    Controllers know the nominal aircraft: allocation, gains and limits are those of `design`, even where an aircraft's
+    own parameters differ.
 
     Attributes:
-        allocation: of the rotors. gains, demands: of the controller. bandwidths: of its loops, rad/s.
+        allocation: that of the rotors.
+        gains, demands: those of the controller.
+        bandwidths: those of the control loops, rad/s.
         induced: velocity of the air through the rotors in hover, m/s.
     """
 
@@ -75,14 +79,14 @@ class Multirotor6DOF(Vehicle):
     air = at.WIND_NAMES
 
     def __init__(self, params: MultirotorParams, dt: float, substeps: int, design: MultirotorParams | None = None):
-        """Take the numbers of `params`, the step dt (s) and the substeps of a control step.
+        """Take the parameters `params`, the step dt (s) and the substeps of a control step.
 
-        `design` is the aircraft for which the controller is made; default `params`. With it, a model of a file's
-        numbers flies as an aircraft of `design` to which `Fleet.set_numbers` has given them.
+        `design` is the nominal aircraft, for which the controller is computed; default `params`. A model with other
+        `params` then flies like an aircraft of `design` whose parameters `Fleet.set_numbers` has changed.
 
         Raises:
-            ConfigError: for rotors that cannot carry or turn it, an envelope that they cannot fly, or a dt that is too
-            long.
+            ConfigError: for rotors that cannot lift or turn the aircraft, an envelope beyond them, or a dt that is too
+                long.
         """
         super().__init__(params, dt, substeps)
         self.p = params
@@ -107,15 +111,18 @@ class Multirotor6DOF(Vehicle):
         self.aux_size = len(self.aux_names)
         self.varying = varying_keys(plan)
         self.signals = at.signals(plan, self.bandwidths)
-        disc = math.pi * plan.rotor.radius**2 * self.count
-        self.induced = math.sqrt(self.allocation.weight / (2 * plan.physical.rho * disc))
+        self.induced = induced_velocity(plan)
         limit = largest_stable_dt(plan, self._fastest())
         if dt > limit.dt:
             raise ConfigError(f"dt = {dt} s: {limit.reason}; the largest stable dt is {limit.dt:.3g} s")
         self.contact_steps = self._contact_steps()
 
     def _contact_steps(self) -> int:
-        """Contact steps of a substep; refuses legs that dt cannot follow."""
+        """Contact steps in a substep.
+
+        Raises:
+            ConfigError: for legs that are too stiff for dt.
+        """
         if self.p.legs is None:
             return 1
         body = self.p.physical
@@ -125,7 +132,7 @@ class Multirotor6DOF(Vehicle):
             raise ConfigError(str(error)) from None
 
     def _fastest(self):
-        """The trim at the greatest airspeed."""
+        """The trim at the largest airspeed."""
         most = self.plan.envelope.max_airspeed
         steepest = math.radians(self.plan.control.max_tilt_deg)
 
@@ -149,21 +156,23 @@ class Multirotor6DOF(Vehicle):
 
     @property
     def limits(self) -> Limits:
-        """It hovers; airspeeds of cruise and at most."""
+        """Airspeeds in hover, in cruise and at most."""
         return Limits((0.0, self.plan.envelope.airspeed, self.plan.envelope.max_airspeed), 0.0)
 
     def body(self) -> tuple[np.ndarray, np.ndarray]:
-        """Hub, arms, rotors' discs and legs."""
+        """Surface of hub, arms, rotors' discs and legs: vertices [N, 3] (m, b) and triangles [F, 3]."""
         return body_surface(self.plan)
 
     def power(self, fleet: Fleet) -> Tensor | None:
-        """What the rotors take from their shafts [env, vehicle], W: torque times speed, thrust or none."""
+        """Shaft power of the rotors [env, vehicle], torque times speed, W."""
         return fleet.reading("shaft_power")
 
     def endings(self, fleet: Fleet, world: "World") -> dict[str, Tensor]:
-        """Ditched: feet or rotors have met the water, a crest included. Struck: a rotor has met a deck. Outside the
-        model: for longer than
-        `LONGEST_OUTSIDE` upside down, faster than max_airspeed, or sinking through its own wake (docs/multirotor.md).
+        """Endings [env, vehicle] of an episode.
+
+        `ditched`: feet or rotors have touched the water, a crest included. `struck`: a rotor has touched a deck.
+        `outside_model`: for longer than `LONGEST_OUTSIDE` the aircraft has been upside down, faster than max_airspeed,
+        or sinking through its own wake (docs/multirotor.md).
         """
         upright = fleet.derived[..., UPRIGHT].abs()
         side = 0.5 * max(self.size[:2]) * torch.sqrt((1.0 - upright.square()).clamp(min=0.0))
@@ -174,17 +183,17 @@ class Multirotor6DOF(Vehicle):
         return {"ditched": ditched, "struck": struck, "outside_model": outside}
 
     def soles(self, fleet: Fleet) -> Tensor:
-        """From the centre of gravity, each vehicle's own."""
+        """Soles of the legs from each vehicle's own centre of gravity, m, b."""
         own = fleet.own
         cg = torch.stack([torch.as_tensor(x, dtype=torch.float64) for x in (own.cg_0, own.cg_1, own.cg_2)], dim=-1)
         return super().soles(fleet).to(cg) - (cg if fleet.varied else cg.view(1, 1, 3)).unsqueeze(-2)
 
-    def own(self, values: Mapping[str, Any]) -> Any:
-        """What the kernel works with."""
+    def own(self, values: Mapping[str, Number]) -> Any:
+        """The numbers of the kernel for `values`, by the keys of `varying`."""
         return multirotor_numbers(self.p, values, self.dt)
 
     def action(self, speeds: Tensor) -> Tensor:
-        """Actions [.., rotor] that command rotor `speeds` [.., rotor] (rad/s) where the actions are the rotors'."""
+        """Actions [.., rotor] that command the rotor `speeds` [.., rotor] (rad/s), for actions "rotors"."""
         rotor, hover = self.plan.rotor, torch.tensor(self.allocation.hover, dtype=torch.float64)
         away = speeds.double() - hover
         return (away / torch.where(away > 0, rotor.omega_max - hover, hover - rotor.omega_min)).to(speeds.dtype)
@@ -192,17 +201,19 @@ class Multirotor6DOF(Vehicle):
     # -- beginning -------------------------------------------------------------------------------------------------
 
     def settle(self, state: Tensor, surface: Tensor, around: Surroundings) -> Tensor:
-        """Placed states in steady flight in the mean wind: position, heading and velocity over ground are kept."""
+        """States in steady flight in the mean wind; positions, headings and velocities over ground of `state` are
+        kept.
+        """
         return start.trimmed(self.plan, state, around)
 
     def reset_aux(self, aux: Tensor, state: Tensor, around: Surroundings) -> None:
-        """Rotors and controller as in steady flight there."""
+        """Set rotors and controller to steady flight at `state`."""
         start.show(self.plan, aux, state, around)
 
     # -- moving ----------------------------------------------------------------------------------------------------
 
     def build(self, fleet: Fleet, around: Surroundings) -> Build:
-        """What the kernel is compiled for: the kind of air; the sea where there is a ground effect over it."""
+        """What the kernel is compiled for: the kind of air, and the sea if there is ground effect over it."""
         air = local_air.local_air(around.air, uneven=around.turbulence is not None)
         components = around.sea.shape[2] if self.p.ground_effect else 1
         decked = fleet.touch is not None
@@ -216,7 +227,7 @@ class Multirotor6DOF(Vehicle):
             fleet.launch(self._step_by_decks, fleet.pack, around.pack, fleet.touch.pack(), self.build(fleet, around))
 
     def equations(self, state: Tensor, controls: Tensor, current: Tensor, wind: Tensor, load: Tensor) -> Tensor:
-        """d(state)/dt [n, 13] with the rotors held at their speeds; the current does nothing."""
+        """d(state)/dt [n, 13] with the rotors held at their speeds; the current has no effect."""
         out = torch.empty_like(state)
         derivatives(self.p, self.p.ground_effect, state, controls, wind, load, out)
         return out
@@ -246,8 +257,9 @@ class Multirotor6DOF(Vehicle):
         self, p: ti.template(), build: ti.template(), fleet: ti.template(), around: ti.template(),
         touch: ti.template(), e, i,
     ):  # fmt: skip
-        """Take vehicle i of environment e one control step further, from what is stored to what is stored; `touch`
-        counts where the build is `decked`.
+        """Advance vehicle i of environment e by one control step: load its state, step it, store it.
+
+        `touch` is used if the build is `decked`.
         """
         clock, seed, env = around.count[0], around.count[1], around.count[2 + e]
         y = ti.Vector([fleet.state[e, i, k] for k in ti.static(range(13))])
@@ -340,9 +352,10 @@ class Multirotor6DOF(Vehicle):
 
     @ti.func
     def commanded(self, fleet: ti.template(), e, i, y, R, v_n, held, most, landed):
-        """Rotor speeds (rad/s) that the actions ask for at the state y, moving over ground with v_n (n, m/s); the
-        controller's state (8: integrals, heading held) a substep later; body rates (rad/s), velocity (n, m/s) wanted.
-        landed: how many soles are on a deck.
+        """Rotor speeds (rad/s) that the actions command at the state y, which moves over ground with v_n (n, m/s).
+
+        Also returns the controller's state (8: integrals, held heading) a substep later, and the body rates (rad/s) and
+        velocity (n, m/s) demanded. landed: number of soles on a deck.
         """
         command = ti.Vector([y[0] * 0.0 for _ in ti.static(range(self.count))])
         omega_b, new = ti.Vector([y[10], y[11], y[12]]), held
@@ -402,7 +415,9 @@ class Multirotor6DOF(Vehicle):
 
     @ti.func
     def water_below(self, build: ti.template(), around: ti.template(), e, y):
-        """Elevation (m, up) of the sea below y now, and how much it rises in a substep; far below: any that is far."""
+        """Elevation (m, up) of the sea below y now, and its rise in a substep. Above the reach of ground effect any
+        value does.
+        """
         now, rise = y[0] * 0.0, y[0] * 0.0
         if ti.static(self.p.ground_effect):
             s, crest = around.env_sea[e], y[0] * 0.0
@@ -425,8 +440,10 @@ class Multirotor6DOF(Vehicle):
 
     @ti.func
     def save(self, p: ti.template(), kind: ti.template(), fleet: ti.template(), e, i, y, met, omega, below):
-        """Store the state y, whose velocity is relative to the air that moves with `met`, and all that is read off;
-        kind, below: ground.py.
+        """Store state y, whose velocity is relative to the air that moves with `met`, with its derived values and
+        instruments.
+
+        kind, below: what is below (ground.py).
         """
         R, v_r = attitude(y), velocity(y)
         v = v_r + R.transpose() @ met

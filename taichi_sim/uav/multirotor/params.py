@@ -1,7 +1,7 @@
-"""Numbers of a multirotor's vehicle file; configs/vehicles/x500.toml is the one to read.
+"""Parameters of a multirotor's vehicle file; configs/vehicles/x500.toml is an example.
 
-Places are in the airframe's own frame: axes of b (forward, right, down), origin wherever its drawing has one. The
-state's origin is the centre of gravity, `physical.cg` in that frame.
+Places are in the airframe's own frame: the axes of b (forward, right, down) from any origin. The origin of the state is
+the centre of gravity, `physical.cg` in that frame.
 """
 
 import math
@@ -15,7 +15,7 @@ from taichi_sim.contact.parts import Legs
 from taichi_sim.uav.multirotor.battery import Battery
 
 MOST_ROTORS = 12
-APART = 1e-3  # m: rotors on one axis and spin that are closer than this are a mistake
+APART = 1e-3  # m: rotors of the same spin that are closer than this are a mistake in the file
 Place = tuple[Finite, Finite, Finite]
 Actions = Literal["rotors", "rates", "velocity"]
 
@@ -36,7 +36,7 @@ class MultirotorPhysical(Strict):
 
     @property
     def inertia(self) -> np.ndarray:
-        """[3, 3], kg m^2."""
+        """Inertia [3, 3], kg m^2."""
         return np.array(
             [
                 [self.Jx, -self.Jxy, -self.Jxz],
@@ -57,7 +57,7 @@ class MultirotorPhysical(Strict):
 
 
 class Rotor(Strict):
-    """Numbers that all rotors share. Their force and moment: rotors.py."""
+    """Parameters that all rotors share; rotors.py gives their force and moment."""
 
     radius: Positive  # m
     k_f: Positive  # thrust over rotor speed squared, N s^2
@@ -70,7 +70,7 @@ class Rotor(Strict):
     omega_min: NonNegative = 0.0  # rad/s
     omega_max: Positive  # rad/s
     tau_up: Positive  # time constant of the speed when it rises, s
-    tau_down: Positive  # when it falls, s
+    tau_down: Positive  # time constant of the speed when it falls, s
 
     @model_validator(mode="after")
     def _a_range(self):
@@ -80,22 +80,22 @@ class Rotor(Strict):
 
 
 class Mount(Strict):
-    """One rotor: where it is, and how it turns."""
+    """One rotor: its position and its direction of rotation."""
 
     position: Place  # of its hub, in the airframe's frame, m
     spin: Literal["ccw", "cw"]  # seen from above
-    gain: NonNegative = 1.0  # of its thrust and torque: below 1 worn, 0 lost
+    gain: NonNegative = 1.0  # factor of thrust and torque: below 1 worn, 0 lost
 
     @property
     def yaw(self) -> float:
-        """Sign of the moment about b's z (down) that its drag gives the airframe."""
+        """Sign of the moment about b's z (down) that the rotor's drag exerts on the airframe."""
         return 1.0 if self.spin == "ccw" else -1.0
 
 
 class MultirotorEnvelope(Strict):
-    """Where the aircraft is meant to fly."""
+    """Airspeeds of normal flight."""
 
-    airspeed: Positive  # of cruise, m/s
+    airspeed: Positive  # cruising airspeed, m/s
     max_airspeed: Positive  # m/s
 
     @model_validator(mode="after")
@@ -106,10 +106,10 @@ class MultirotorEnvelope(Strict):
 
 
 class Control(Strict):
-    """What is commanded, and how much of it (controller.py)."""
+    """The actions, and the demands of actions of 1 (controller.py)."""
 
     actions: Actions = "velocity"
-    speed: Positive = 8.0  # horizontal, over ground, at actions of 1, m/s
+    speed: Positive = 8.0  # horizontal speed over ground at actions of 1, m/s
     climb: Positive = 3.0  # m/s
     descent: Positive = 2.0  # m/s
     yaw_rate_deg: Annotated[float, Field(gt=0, le=720)] = 90.0  # deg/s
@@ -118,15 +118,15 @@ class Control(Strict):
 
 
 class MultirotorBody(Strict):
-    """What others see of it and collide with."""
+    """Dimensions for pictures and collisions."""
 
     size: tuple[Positive, Positive, Positive]  # length, width, height, rotors included, m
-    below: NonNegative  # from the centre of gravity down to the feet, m
+    below: NonNegative  # distance from the centre of gravity down to the feet, m
     collision_radius: Positive  # m
 
 
 class MultirotorParams(Strict):
-    """Numbers of a multirotor's vehicle file."""
+    """All parameters of a multirotor's vehicle file."""
 
     physical: MultirotorPhysical
     rotor: Rotor
@@ -140,7 +140,7 @@ class MultirotorParams(Strict):
 
     @property
     def collision_radius(self) -> float:
-        """Of the sphere around the aircraft, m."""
+        """Radius of the sphere around the aircraft, m."""
         return self.body.collision_radius
 
     @property

@@ -8,7 +8,7 @@ where it falls. A held command is never passed, so one tau holds through a step,
 is exact: the equations of motion get these values at the stages of their Runge-Kutta step.
 
 Force and moment of rotor i at r_i, with v_i = v + omega_b x r_i relative to the air, s_i = +1 for one that turns
-counter- clockwise seen from above (all in b, forward-right-down):
+counter-clockwise seen from above (all in b, forward-right-down):
 
     F_i = -omega diag(k_d, k_d, k_z) v_i - (0, 0, k_f omega^2 + k_h (v_ix^2 + v_iy^2))
     M_i = r_i x F_i + (0, 0, s_i k_m omega^2) + k_flap omega (v_iy, -v_ix, 0)
@@ -29,7 +29,7 @@ from taichi_sim.uav.multirotor.numbers import gains
 
 @ti.func
 def clipped(craft: ti.template(), command, most):
-    """Commands [rotor] (rad/s) within what the rotors can do, `most` rad/s now."""
+    """Commands [rotor] (rad/s) limited to the rotors' range; `most` is their largest speed now (rad/s)."""
     held = command
     for k in ti.static(range(len(craft.rotors))):
         held[k] = ti.max(ti.min(command[k], most), craft.rotor.omega_min)
@@ -38,7 +38,9 @@ def clipped(craft: ti.template(), command, most):
 
 @ti.func
 def lag_left(craft: ti.template(), p: ti.template(), omega, command):
-    """What is left [rotor] of each way to the command after half a step: its square is left after a whole one."""
+    """Fraction [rotor] of the change to the command that is left after half a step; its square is left after a whole
+    one.
+    """
     left = omega
     for k in ti.static(range(len(craft.rotors))):
         left[k] = ti.select(command[k] >= omega[k], p.left_up, p.left_down)
@@ -47,7 +49,7 @@ def lag_left(craft: ti.template(), p: ti.template(), omega, command):
 
 @ti.func
 def acceleration(craft: ti.template(), p: ti.template(), omega, command):
-    """omega' [rotor], rad/s^2, of rotors on their way to `command`."""
+    """Rates omega' [rotor] (rad/s^2) of rotors that follow `command`."""
     rate = omega
     for k in ti.static(range(len(craft.rotors))):
         rate[k] = (command[k] - omega[k]) * ti.select(command[k] >= omega[k], p.per_tau_up, p.per_tau_down)
@@ -63,8 +65,10 @@ def arm(craft: ti.template(), p: ti.template(), k: ti.template()):
 
 @ti.func
 def rotor_loads(craft: ti.template(), p: ti.template(), v_r, omega_b, omega, ratio):
-    """Force (N) and moment (N m) in b of all rotors, at speeds omega [rotor] (rad/s): velocity v_r (m/s) through the
-    air of the centre of gravity, rates omega_b (rad/s), thrusts times `ratio` [rotor] of the ground effect.
+    """Force (N) and moment (N m) in b of all rotors at speeds omega [rotor] (rad/s).
+
+    v_r is the velocity (m/s) of the centre of gravity through the air, omega_b the body rates (rad/s), and `ratio`
+    [rotor] the factor of the ground effect on the thrusts.
     """
     zero = v_r[0] * 0.0
     force, moment = ti.Vector([zero, zero, zero]), ti.Vector([zero, zero, zero])

@@ -1,4 +1,6 @@
-"""Where a flight begins: in steady flight over ground, whatever the wind, instruments and controller settled in it."""
+"""Initial states of multirotors: steady flight over ground in any wind, with instruments and controller settled
+in it.
+"""
 
 import torch
 from torch import Tensor
@@ -17,8 +19,9 @@ from taichi_sim.uav.multirotor.trim import MOMENT, PHI, SPECIFIC, SPEEDS, THETA,
 
 
 def steady(craft: MultirotorParams, state: Tensor, wind: Tensor) -> Tensor:
-    """What steady flight at the velocity over ground and the heading of `state` [n, vehicle, 13] asks for in the wind
-    [n, vehicle, 3] there: [n, vehicle, column], columns of trim.py.
+    """Steady flight [n, vehicle, column] at the velocity over ground and the heading of `state` [n, vehicle, 13].
+
+    The columns are those of trim.py; `wind` [n, vehicle, 3] is NED, m/s.
     """
     heading = torch_euler_from_quaternion(state[..., QUATERNION])[..., HEADING:]
     air = torch.cat((_velocity_n(state) - wind, torch.cos(heading), torch.sin(heading)), dim=-1)
@@ -28,8 +31,8 @@ def steady(craft: MultirotorParams, state: Tensor, wind: Tensor) -> Tensor:
 
 
 def trimmed(craft: MultirotorParams, state: Tensor, around: Surroundings) -> Tensor:
-    """States [n, vehicle, 13] with the positions, headings and velocities over ground of `state`, tilted into the mean
-    wind there.
+    """States [n, vehicle, 13] with the positions, headings and velocities over ground of `state`, tilted into the
+    mean wind.
     """
     found = steady(craft, state, wind_at(state, around))
     heading = torch_euler_from_quaternion(state[..., QUATERNION])[..., HEADING]
@@ -42,10 +45,9 @@ def trimmed(craft: MultirotorParams, state: Tensor, around: Surroundings) -> Ten
 
 
 def show(craft: MultirotorParams, aux: Tensor, state: Tensor, around: Surroundings) -> None:
-    """Write aux [n, vehicle, ..] of vehicles that begin at `state` [n, vehicle, 13]: rotors at the speeds, the
-    controller's integrals at the values of steady flight there.
+    """Write aux [n, vehicle, ..] of vehicles that begin at `state` [n, vehicle, 13].
 
-    The turbulence around them is drawn in their first step.
+    Rotor speeds and the controller's integrals are those of steady flight there. The first step draws the turbulence.
     """
     aux.zero_()
     wind, rotor = wind_at(state, around), craft.rotor
@@ -70,5 +72,5 @@ def show(craft: MultirotorParams, aux: Tensor, state: Tensor, around: Surroundin
 
 
 def _velocity_n(state: Tensor) -> Tensor:
-    """Velocity over ground [.., 3], n, m/s."""
+    """Velocity over ground [.., 3] (n, m/s) of `state` [.., 13]."""
     return (torch_rotation_matrix(state[..., QUATERNION]) @ state[..., VELOCITY].unsqueeze(-1)).squeeze(-1)

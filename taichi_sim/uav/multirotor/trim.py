@@ -1,26 +1,25 @@
-"""Steady straight flight of a multirotor: attitude and rotor speeds at a velocity through the air, heading given.
+"""Steady straight flight of a multirotor: attitude and rotor speeds at a given velocity through the air and heading.
 
-Six accelerations are zero. The thrust must balance weight and all other forces, so its direction gives the attitude and
-its size the collective; the moments of rotor drag and flapping ask for differences between rotors (allocation.py).
-Forces and moments depend on attitude and rotor speeds in their turn: repeating this converges, for they do so weakly.
+Six accelerations are zero. The thrust balances weight and all other forces, so its direction gives the attitude and its
+size the collective thrust. The moments of rotor drag and flapping require differences between rotors (allocation.py).
+Forces and moments depend only weakly on attitude and rotor speeds, so a fixed-point iteration converges.
 """
 
 # Kernels are another language inside Python syntax.
-# pyright: reportInvalidTypeForm=false, reportAttributeAccessIssue=false, reportIndexIssue=false
+# pyright: reportInvalidTypeForm=false, reportGeneralTypeIssues=false, reportAttributeAccessIssue=false, reportIndexIssue=false
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import taichi as ti
 import torch
 
-from taichi_sim.config import ConfigError
 from taichi_sim.conventions import GRAVITY, STATE_SIZE
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.rigid_body import cross
 from taichi_sim.kernels.rotation import torch_quaternion_from_euler, torch_rotation_matrix
+from taichi_sim.uav.aircraft import TrimError
 from taichi_sim.uav.multirotor.airframe import loads
 from taichi_sim.uav.multirotor.allocation import allocation
 from taichi_sim.uav.multirotor.numbers import gains, nominal_numbers
@@ -28,23 +27,19 @@ from taichi_sim.uav.multirotor.params import MultirotorParams
 from taichi_sim.uav.multirotor.rotors import arm
 
 ITERATIONS = 60
-RESIDUAL = {"f64": 1e-9, "f32": 1e-4}  # m/s^2 and rad/s^2, of a trim
-ENOUGH = {"f64": 1e-13, "f32": 1e-6}  # m/s^2 and rad/s^2, with which the search ends
-BEYOND, FLATTEST = 2.0, 0.1  # of omega_max, and of the weight as vertical thrust: to where the search goes
+RESIDUAL = {"f64": 1e-9, "f32": 1e-4}  # largest residual of a trim, m/s^2 and rad/s^2
+ENOUGH = {"f64": 1e-13, "f32": 1e-6}  # residual at which the search ends, m/s^2 and rad/s^2
+BEYOND, FLATTEST = 2.0, 0.1  # bounds of the search: largest speed over omega_max, least vertical thrust over weight
 PHI, THETA, SPECIFIC, MOMENT, LEFT, SPEEDS = 0, 1, 2, 5, 8, 9
 """Columns of a solution: roll, pitch (rad), specific thrust (3, m/s^2, n), moment of the thrusts (3, N m, b), what is
 left of the accelerations (m/s^2, rad/s^2), rotor speeds (rad/s).
 """
-_array2: Any = ti.types.ndarray(ndim=2)
-
-
-class TrimError(ConfigError):
-    """No steady flight at what is asked for; the message says why."""
+_array2 = ti.types.ndarray(ndim=2)
 
 
 @dataclass(frozen=True)
-class Trim:
-    """Steady flight; angles in rad."""
+class MultirotorTrim:
+    """Steady flight of a multirotor; angles in rad."""
 
     velocity_air: np.ndarray  # [3], n, m/s
     phi: float
@@ -55,14 +50,16 @@ class Trim:
 
     @property
     def tilt(self) -> float:
-        """Between thrust and vertical, rad."""
+        """Angle between thrust and vertical, rad."""
         return math.acos(math.cos(self.phi) * math.cos(self.theta))
 
 
 @ti.kernel
 def solve(craft: ti.template(), air: _array2, out: _array2):
-    """Write the solution [n, SPEEDS + rotor] of flight at `air` [n, 5]: velocity through the air (n, m/s), cosine and
-    sine of the heading. Rotors may be asked for more than they can; where there is no such flight it is finite.
+    """Write the solutions [n, SPEEDS + rotor] of steady flight at `air` [n, 5].
+
+    The columns of `air` are the velocity through the air (n, m/s), and cosine and sine of the heading. Rotor speeds may
+    lie outside the rotors' range; where there is no steady flight the result is finite and LEFT is large.
     """
     for row in range(air.shape[0]):
         p, a = ti.static(nominal_numbers(craft), allocation(craft))
@@ -116,7 +113,9 @@ def solve(craft: ti.template(), air: _array2, out: _array2):
             out[row, SPEEDS + k] = omega[k]
 
 
-def trim(craft: MultirotorParams, velocity_n=(0.0, 0.0, 0.0), wind=(0.0, 0.0, 0.0), heading: float = 0.0) -> Trim:
+def trim(
+    craft: MultirotorParams, velocity_n=(0.0, 0.0, 0.0), wind=(0.0, 0.0, 0.0), heading: float = 0.0
+) -> MultirotorTrim:
     """Steady flight over ground at velocity_n (NED, m/s) in a steady `wind` (NED, m/s), the nose at `heading` (rad).
 
     Raises:
@@ -142,4 +141,4 @@ def trim(craft: MultirotorParams, velocity_n=(0.0, 0.0, 0.0), wind=(0.0, 0.0, 0.
     q = torch_quaternion_from_euler(*(torch.tensor(x, dtype=torch.float64) for x in (phi, theta, heading)))
     state[3:7] = q.numpy()
     state[7:10] = torch_rotation_matrix(q).numpy().T @ ground
-    return Trim(air[0, :3], phi, theta, heading, omega, state)
+    return MultirotorTrim(air[0, :3], phi, theta, heading, omega, state)
