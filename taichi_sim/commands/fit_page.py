@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from taichi_sim.fit.estimate import Fit, Track
+from taichi_sim.fit.estimate import Fit, SimulatedWindow
 from taichi_sim.fit.log import Log
 from taichi_sim.plotting.page import COLOURS, FAINT, blank, page, panel, paragraph, section, style, svg, table, text
 
@@ -116,7 +116,7 @@ def _tracks(found: Fit, k: int, log: Log) -> str:
     return svg(figure, f"{log.name}: measured and simulated tracks")
 
 
-def _left(track: Track, motion: np.ndarray) -> np.ndarray:
+def _left(track: SimulatedWindow, motion: np.ndarray) -> np.ndarray:
     """Measured less simulated [sample, 4]; heading in (-pi, pi]."""
     left = track.measured - motion
     left[:, 2] = np.angle(np.exp(1j * left[:, 2]))

@@ -56,7 +56,7 @@ class Window(NamedTuple):
     actions: Array  # [lead + step, action]
 
 
-class Track(NamedTuple):
+class SimulatedWindow(NamedTuple):
     """A window as measured, by the fitted numbers and, if it was held out, by the file's; begun at its own first state.
 
     Motions are [sample, 4]: north, east (m), heading (rad), yaw rate (rad/s), as the instruments would show them.
@@ -84,7 +84,7 @@ class Fit(NamedTuple):
     after: float  # the same with the fitted numbers
     iterations: int
     odd: dict[int, Array]  # inconsistent logs -> changes of the logarithms that they would make
-    tracks: list[Track]
+    tracks: list[SimulatedWindow]
 
 
 def windows_of(logs: Sequence[Log], seconds: float) -> list[Window]:
@@ -452,7 +452,9 @@ def fit(
     values = nominal * np.exp(phi)
     ends = np.sort(nominal * np.exp(phi + 1.96 * np.array([[-1.0], [1.0]]) * deviation), axis=0)
     before = after = float("nan")
-    tracks = [Track(w.log, m, m - left, None) for w, m, left in zip(used, problem.measured, point.left, strict=True)]
+    tracks = [
+        SimulatedWindow(w.log, m, m - left, None) for w, m, left in zip(used, problem.measured, point.left, strict=True)
+    ]
     if held := [
         w for w in held if w.log in {u.log for u in used}
     ]:  # the current and the biases of a log are known by now
@@ -460,7 +462,9 @@ def fit(
         begin = np.array([first_state(w, interval) for w in held])
         left = [_first_states(other, numbers, extra, begin, sigma).left for numbers in (np.zeros(len(keys)), phi)]
         before, after = (float(np.sqrt(np.mean((x / sigma) ** 2))) for x in left)
-        tracks += [Track(w.log, m, m - b, m - a) for w, m, a, b in zip(held, other.measured, *left, strict=True)]
+        tracks += [
+            SimulatedWindow(w.log, m, m - b, m - a) for w, m, a, b in zip(held, other.measured, *left, strict=True)
+        ]
     correlation = covariance / np.outer(deviation, deviation)
     told, low, high = deviation < KNOWN * prior, ends[0], ends[1]
     return Fit(
