@@ -325,9 +325,9 @@ class World(Stateful):
             elevation[env, vehicle] = self.elevation(env, place[:, :1], place[:, 1:2]).squeeze(1)
         return elevation
 
-    def _checked(self, fleet: Fleet, action: ArrayLike | torch.Tensor) -> torch.Tensor:
+    def _checked(self, fleet: Fleet, given: ArrayLike | torch.Tensor) -> torch.Tensor:
         shape = (self.num_envs, fleet.count, len(fleet.model.action_names))
-        action = torch.as_tensor(action, device=fleet.state.device)
+        action: torch.Tensor = torch.as_tensor(given, device=fleet.state.device)
         if tuple(action.shape) != shape:
             raise ValueError(f"{fleet.name} actions have shape {tuple(action.shape)}, expected {shape}")
         if not math.isfinite(action.sum()) and not torch.isfinite(action).all():
