@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from itertools import chain
-from typing import TYPE_CHECKING, Generic, TypeVar
+from typing import TYPE_CHECKING, Generic, TypeVar, cast
 
 import torch
 from torch import Tensor
@@ -39,7 +39,7 @@ class Team(Generic[M, S]):
     def __init__(self, mission: M, name: str):
         """Make team `name` of a mission whose world exists."""
         self.mission, self.name = mission, name
-        self.section: S = mission.config.teams[name]
+        self.section = cast(S, mission.config.teams[name])
         self.fleet: Fleet = mission.world.teams[name]
         self.action = self.fleet.state.new_zeros(
             (mission.num_envs, self.fleet.count, len(self.fleet.model.action_names))
