@@ -1,6 +1,6 @@
 """Surroundings of every vehicle: sea, current and wind, one row per environment."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import torch
@@ -36,7 +36,6 @@ class Surroundings:
     noise: Noise | None = None  # counts the random numbers: control steps since the world was made; None: seed 0
     turbulence: Tensor | None = None  # [env], factor of the turbulence's intensity; None is 1 everywhere
     _pack: runtime.Packed = field(init=False, repr=False)
-    _copied: int = field(default=-1, init=False, repr=False)  # version of the sea that is copied into lanes
 
     def __post_init__(self) -> None:
         """Pack the arguments of kernels."""
@@ -58,32 +57,12 @@ class Surroundings:
         depth = DEEP if sea.depth is None else sea.depth
         return cls(sea.table, env_sea, sea.phases(env_sea, time), current, wind, depth)
 
-    def part(self, envs: Tensor, phase: Tensor) -> "Surroundings":
-        """A copy of the rows of environments `envs` [n], with the phases `phase` [n, component]."""
-        assert self.noise is not None
-        return replace(
-            self, env_sea=self.env_sea[envs], phase=phase, current=self.current[envs], wind=self.wind[envs],
-            noise=self.noise.at(envs), turbulence=None if self.turbulence is None else self.turbulence[envs],
-        )  # fmt: skip
-
-    def renew(self, whole: "Surroundings", envs: Tensor, phase: Tensor) -> None:
-        """Write `whole.part(envs, phase)` in place; of the same number of environments as this one."""
-        assert self.noise is not None and whole.noise is not None
-        self.phase.copy_(phase)
-        for name in ("env_sea", "current", "wind"):
-            torch.index_select(getattr(whole, name), 0, envs, out=getattr(self, name))
-        if self.turbulence is not None and whole.turbulence is not None:
-            torch.index_select(whole.turbulence, 0, envs, out=self.turbulence)
-        self.noise.renew(whole.noise, envs)
-
     @property
     def pack(self) -> Any:
         """The AroundPack for kernels; the same object from step to step."""
-        if (components := self.sea.shape[2]) % lanes.width():  # padding makes copies
-            self._pack.members["turns"].flatten(-2)[:, :components] = self.phase
-            if self._copied != self.sea._version:
-                self._pack.members["waves"].flatten(-2)[..., :components] = self.sea
-                self._copied = self.sea._version
+        if self.sea.shape[2] % lanes.width():  # padding makes copies
+            for name, values in (("waves", self.sea), ("turns", self.phase)):
+                self._pack.members[name].flatten(-2)[..., : values.shape[-1]] = values
         return self._pack()
 
     def elevation(self, points: Tensor) -> Tensor:

@@ -40,7 +40,6 @@ SCRATCH = (
     ".members['way']",
     ".members['place']",
     "].before",
-    "._few[",  # written anew before each use
 )
 
 

@@ -139,7 +139,6 @@ class Hull6Dof(Vessel):
             )
         self._tables: dict[SeaKey | None, ArgPack] = {}  # packs of the running Taichi program
         self._generation = -1
-        self._float, self._label = runtime.Launcher(start.float_on_waves), runtime.Launcher(start.find_label)
 
     # -- numbers that vary -----------------------------------------------------------------------------------------
 
@@ -267,14 +266,14 @@ class Hull6Dof(Vessel):
         state, deck = state.contiguous(), device_table(self.geometry.deck_corners)
         out = torch.empty_like(state)
         with vectors():
-            self._float.once(self, out, surface, state, deck, around.pack, self.water_build(around))
+            start.float_on_waves(self, out, surface, state, deck, around.pack, self.water_build(around))
         return out
 
     def reset_aux(self, aux: Tensor, state: Tensor, around: Surroundings) -> None:
         """Stop the propellers, and find the label of the water under the hull."""
         aux.zero_()
         with vectors():
-            self._label.once(self, aux, state.contiguous(), around.pack, self.water_build(around))
+            start.find_label(self, aux, state.contiguous(), around.pack, self.water_build(around))
 
     # -- moving ----------------------------------------------------------------------------------------------------
 
