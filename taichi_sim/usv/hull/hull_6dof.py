@@ -137,7 +137,8 @@ class Hull6Dof(Vessel):
                 f"dt = {dt} s is unstable for this hull: the largest stable step is {limit:.3g} s (its stiffest motion "
                 "in heave, roll or pitch, or its fastest decay); lower dt"
             )
-        self._tables: dict[SeaKey | None, ArgPack] = {}  # packs of the running Taichi program
+        # packs of the running Taichi program; each holds its sea, so that no other sea gets that address
+        self._tables: dict[SeaKey | None, tuple[Tensor | None, ArgPack]] = {}
         self._generation = -1
 
     # -- numbers that vary -----------------------------------------------------------------------------------------
@@ -297,7 +298,7 @@ class Hull6Dof(Vessel):
                 self._tables.pop(next(iter(self._tables)))
             g = self.geometry
             reads, node, share = pressure.read_tables(g)
-            self._tables[key] = runtime.pack(
+            self._tables[key] = sea, runtime.pack(
                 TablesPack,
                 panels=laned(device_table(pressure.panel_table(g))),
                 reads=device_table(reads).int(),
@@ -307,7 +308,7 @@ class Hull6Dof(Vessel):
                 deck=device_table(g.deck_corners),
                 **self.radiation.tables(sea),
             )
-        return self._tables[key]
+        return self._tables[key][1]
 
     def step(self, fleet: Fleet, around: Surroundings) -> None:
         """Advance by one control step."""
