@@ -6,6 +6,7 @@ from typing import Annotated
 from pydantic import Field, model_validator
 
 from taichi_sim.config import ConfigError, Positive, Strict
+from taichi_sim.config.base import Table
 from taichi_sim.config.io import config_folder, read_toml, validate
 
 FOLDER = "sweeps"  # of sweep files in configs/, and of results in a run's folder
@@ -93,5 +94,5 @@ def load_sweep(file: Path, **changes: int | None) -> Sweep:
     Raises:
         ConfigError: if a value is not allowed; the message names file, key, value and what is allowed.
     """
-    data = read_toml(file) | {key: value for key, value in changes.items() if value is not None}
-    return validate(Sweep, data, str(file))
+    given: Table = {key: value for key, value in changes.items() if value is not None}
+    return validate(Sweep, {**read_toml(file), **given}, str(file))

@@ -298,15 +298,18 @@ class Hull6Dof(Vessel):
                 self._tables.pop(next(iter(self._tables)))
             g = self.geometry
             reads, node, share = pressure.read_tables(g)
-            self._tables[key] = sea, runtime.pack(
-                TablesPack,
-                panels=laned(device_table(pressure.panel_table(g))),
-                reads=device_table(reads).int(),
-                node=device_table(node + self.pressure.first).int(),
-                share=device_table(share),
-                lines=device_table(pressure.line_table(g)),
-                deck=device_table(g.deck_corners),
-                **self.radiation.tables(sea),
+            self._tables[key] = (
+                sea,
+                runtime.pack(
+                    TablesPack,
+                    panels=laned(device_table(pressure.panel_table(g))),
+                    reads=device_table(reads).int(),
+                    node=device_table(node + self.pressure.first).int(),
+                    share=device_table(share),
+                    lines=device_table(pressure.line_table(g)),
+                    deck=device_table(g.deck_corners),
+                    **self.radiation.tables(sea),
+                ),
             )
         return self._tables[key][1]
 
