@@ -4,13 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 
 from taichi_sim.config.io import config_folder
 from taichi_sim.conventions import GRAVITY
 from taichi_sim.sea import Sea
 from taichi_sim.sea.spectrum import Components
+from taichi_sim.surroundings import Surroundings
 from taichi_sim.usv.hull.database import HydroDatabase
 from taichi_sim.usv.hull.diffraction import Diffraction
+from taichi_sim.vehicles import load_vehicle
 
 pytestmark = pytest.mark.usefixtures("f64")
 DIRECTION = 0.3  # rad, of the waves: no course of a table
@@ -77,3 +80,16 @@ def test_two_points_far_apart_have_the_load_of_their_phases():
     )  # fmt: skip
     found = off(data, load(DIRECTION - HEADINGS))
     assert np.nanmax(found) < AT_MOST * 1.1  # the series itself ends at the database's headings
+
+
+def test_every_sea_has_its_own_loads_even_if_it_lies_where_an_earlier_one_lay():
+    """A model serves all worlds of a process; a world that is gone leaves its memory to the next one's sea."""
+    model = load_vehicle("otter", 0.02, 1)
+    for amplitude in np.linspace(0.01, 0.12, 12):
+        one = np.ones((1, 8))
+        sea = Sea(Components(amplitude * one, 0.4 * one, 2.0 * one, 0 * one, 0 * one))
+        around = Surroundings.of(sea, torch.zeros(1, dtype=torch.int32), torch.zeros(1, dtype=torch.float64))
+        members = dict(model.tables(around).items)
+        expected = model.radiation.tables(sea.table)["diffraction"]
+        assert members["diffraction"].equal(expected), amplitude
+        del sea, around, members
