@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from taichi_sim.fit.estimate import Window, WindowSimulator, lead_steps
+from taichi_sim.fit.windows import Window, WindowSimulator, lead_steps
 
 INTERVAL = 0.1  # s
 HELD = (2.0, 6.0)  # s, range of times for which a command is held

@@ -1,0 +1,146 @@
+"""Windows of logs, and their simulation side by side under candidate numbers, currents and initial states."""
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+import torch
+
+from taichi_sim.bench import Bench
+from taichi_sim.config import ConfigError
+from taichi_sim.fit.log import Array, Log, LogError
+from taichi_sim.usv.vessel import Vessel
+from taichi_sim.vehicles import load_vehicle
+
+LEAD = 1.0  # s before a window, in which its actuators reach the commanded settings
+STEP = 0.02  # s, longest physics step
+
+
+class Window(NamedTuple):
+    """A part of a log on the grid of steps, with LEAD before it."""
+
+    log: int
+    motion: Array  # [lead + step + 1, 4]
+    actions: Array  # [lead + step, action]
+
+
+def windows_of(logs: Sequence[Log], seconds: float) -> list[Window]:
+    """Consecutive windows of `seconds` in each part of each log.
+
+    Raises:
+        LogError: if there is none, or logs differ in their interval.
+    """
+    found, first = [], logs[0].interval
+    for number, log in enumerate(logs):
+        if abs(log.interval - first) > 0.01 * first:
+            raise LogError(f"{log.name}: an interval of {log.interval:g} s, {logs[0].name} has {first:g} s: resample")
+        lead = lead_steps(first)
+        steps = max(round(seconds / first), lead)
+        for part in log.parts:
+            t = log.t[part]
+            grid = t[0] + first * np.arange(int((t[-1] - t[0]) / first + 1e-6) + 1)
+            motion = np.stack([np.interp(grid, t, column) for column in log.motion[part].T], axis=1)
+            held = np.clip(np.searchsorted(t, grid + 1e-6 * first, side="right") - 1, 0, len(t) - 1)
+            actions = log.actions[part][held]
+            for k in range(lead, len(grid) - steps, steps + 1):  # no sample is used twice
+                found.append(Window(number, motion[k - lead : k + steps + 1], actions[k - lead : k + steps]))
+    if not found:
+        raise LogError(f"no log has {seconds:g} s without a gap: give a shorter --window")
+    return found
+
+
+def lead_steps(interval: float) -> int:
+    """Number of steps of `interval` (s) in LEAD."""
+    return max(round(LEAD / interval), 1)
+
+
+def cut(windows: Sequence[Window], lead: int, steps: int) -> list[Window]:
+    """Windows of `steps` steps each, cut from longer ones."""
+    return [
+        Window(w.log, w.motion[k : k + lead + steps + 1], w.actions[k : k + lead + steps])
+        for w in windows
+        for k in range(0, len(w.actions) - lead - steps + 1, steps)
+    ]
+
+
+def first_state(window: Window, interval: float) -> Array:
+    """Initial north, east, heading, u, v, r, from parabolas through a second of data before and after the beginning."""
+    lead = lead_steps(interval)
+    t = interval * np.arange(-lead, lead + 1)
+    _, (vn, ve, _, _), (north, east, psi, r) = np.polyfit(t, window.motion[: len(t)], 2)
+    c, s = np.cos(psi), np.sin(psi)
+    return np.array([north, east, psi, c * vn + s * ve, c * ve - s * vn, r])
+
+
+class WindowSimulator:
+    """Simulates windows side by side, with candidate numbers, currents and initial states."""
+
+    def __init__(self, vehicle: str, keys: Sequence[str], interval: float, changes: Mapping | None = None):
+        """Load a vehicle file whose `keys` vary.
+
+        Raises:
+            ConfigError: for a vehicle that is no vessel, or a key that does not vary.
+        """
+        substeps = max(1, int(np.ceil(interval / STEP - 1e-9)))
+        model = load_vehicle(vehicle, interval / substeps, substeps, **dict(changes or {}))
+        if not isinstance(model, Vessel):
+            raise ConfigError(f"{vehicle}: only vessels can be fitted")
+        for key in keys:
+            model.check_varies(key)
+            if model.nominal[key] == 0.0:
+                raise ConfigError(f"{vehicle}: {key} is 0 in the file: write a first guess there")
+        self.model, self.keys, self.interval = model, tuple(keys), interval
+        self.nominal = np.array([model.nominal[key] for key in keys])
+        self.benches: dict[int, Bench] = {}  # number of environments -> bench
+
+    def run(self, windows: Sequence[Window], phi: Array, current: Array, state: Array) -> Array:
+        """Simulated north, east (m), heading (rad), yaw rate (rad/s) [step + 1, env, 4].
+
+        Args:
+            windows: the window of each environment.
+            phi: logarithms of the factors of the numbers, [env, number].
+            current: [env, 2], m/s.
+            state: initial states, [env, 6].
+        """
+        envs = len(windows)
+        if envs not in self.benches:
+            self.benches[envs] = Bench(self.model, envs=envs)
+        b = self.benches[envs]
+        like = b.state
+        b.time.zero_()
+        b.current[:] = torch.as_tensor(current).to(like)
+        place, euler, zero = np.zeros((3, envs, 1, 3))
+        place[:, 0, :2], euler[:, 0, 2] = state[:, :2], state[:, 2]
+        values = self.nominal * np.exp(phi)
+        vary = b.fleet.nominal.expand(envs, 1, -1).clone()
+        for k, key in enumerate(self.keys):
+            vary[:, 0, self.model.varying.index(key)] = torch.as_tensor(values[:, k])
+        b.fleet.give_numbers(vary, self.model.numbers(vary), torch.arange(envs))
+        actions = torch.as_tensor(np.stack([w.actions for w in windows], axis=1)).to(like)
+        lead = lead_steps(self.interval)
+        steps = actions.shape[0] - lead
+        _place(b, place, euler, zero, state)
+        for k in range(lead):
+            b.step(actions[k][:, None])
+        kept = b.aux.clone()
+        _place(b, place, euler, zero, state)
+        b.aux.copy_(kept)
+        out = np.empty((steps + 1, envs, 4))
+        out[0] = _read(b, state[:, 2])
+        for k in range(steps):
+            b.step(actions[lead + k][:, None])
+            out[k + 1] = _read(b, out[k, :, 2])
+        return out
+
+
+def _place(b: Bench, place: Array, euler: Array, zero: Array, state: Array) -> None:
+    b.put(place, euler, zero, settle=False)
+    for column, k in ((7, 3), (8, 4), (12, 5)):
+        b.state[:, 0, column] = torch.as_tensor(state[:, k]).to(b.state)
+    b.fleet.update()
+
+
+def _read(b: Bench, near: Array) -> Array:
+    s = b.state[:, 0].double().numpy()
+    psi = np.arctan2(2 * (s[:, 3] * s[:, 6] + s[:, 4] * s[:, 5]), 1 - 2 * (s[:, 5] ** 2 + s[:, 6] ** 2))
+    return np.stack((s[:, 0], s[:, 1], near + np.angle(np.exp(1j * (psi - near))), s[:, 12]), axis=1)
