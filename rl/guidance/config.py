@@ -1,5 +1,7 @@
 """Configuration of residual policies, `[TEAM.residual]`."""
 
+from pydantic import model_validator
+
 from taichi_sim.config import NonNegative, Positive, Strict
 
 
@@ -19,3 +21,13 @@ class ResidualConfig(Strict):
     caution: Positive = 1.0  # weight of the risks in the shield, relative to the controller's
     room: NonNegative = 0.0  # m from a team mate's origin: no correction below half of it
     gate: Positive | None = None  # m
+
+    @model_validator(mode="before")
+    @classmethod
+    def _without_share(cls, data: object) -> object:
+        """Accept files of earlier versions, whose `share` of 0 corrected no actions."""
+        if not isinstance(data, dict) or "share" not in data:
+            return data
+        if data["share"]:
+            raise ValueError("share: actions are not corrected any more; `velocity` corrects the controller's velocity")
+        return {key: value for key, value in data.items() if key != "share"}
