@@ -29,6 +29,7 @@ A hull is composed of parts. Each is a module of functions that kernels inline, 
 # pyright: reportIndexIssue=false, reportInvalidTypeForm=false, reportOptionalCall=false
 
 import math
+import weakref
 from collections.abc import Mapping
 
 import numpy as np
@@ -137,8 +138,8 @@ class Hull6Dof(Vessel):
                 f"dt = {dt} s is unstable for this hull: the largest stable step is {limit:.3g} s (its stiffest motion "
                 "in heave, roll or pitch, or its fastest decay); lower dt"
             )
-        # packs of the running Taichi program; each holds its sea, so that no other sea gets that address
-        self._tables: dict[SeaKey | None, tuple[Tensor | None, ArgPack]] = {}
+        # packs of the running Taichi program, with their sea: a later one may lie at the same address
+        self._tables: dict[SeaKey | None, tuple[weakref.ref[Tensor] | None, ArgPack]] = {}
         self._generation = -1
 
     # -- numbers that vary -----------------------------------------------------------------------------------------
@@ -293,25 +294,24 @@ class Hull6Dof(Vessel):
             self._tables, self._generation = {}, runtime.generation()
         sea = None if around is None else self.radiation.sea(around)
         key = None if sea is None else (sea.data_ptr(), sea._version, tuple(sea.shape))
-        if key not in self._tables:
+        of, tables = self._tables.get(key, (None, None))
+        if tables is None or (of is not None and of() is not sea):
             if len(self._tables) >= SEAS:
                 self._tables.pop(next(iter(self._tables)))
             g = self.geometry
             reads, node, share = pressure.read_tables(g)
-            self._tables[key] = (
-                sea,
-                runtime.pack(
-                    TablesPack,
-                    panels=laned(device_table(pressure.panel_table(g))),
-                    reads=device_table(reads).int(),
-                    node=device_table(node + self.pressure.first).int(),
-                    share=device_table(share),
-                    lines=device_table(pressure.line_table(g)),
-                    deck=device_table(g.deck_corners),
-                    **self.radiation.tables(sea),
-                ),
+            tables = runtime.pack(
+                TablesPack,
+                panels=laned(device_table(pressure.panel_table(g))),
+                reads=device_table(reads).int(),
+                node=device_table(node + self.pressure.first).int(),
+                share=device_table(share),
+                lines=device_table(pressure.line_table(g)),
+                deck=device_table(g.deck_corners),
+                **self.radiation.tables(sea),
             )
-        return self._tables[key][1]
+            self._tables[key] = (None if sea is None else weakref.ref(sea)), tables
+        return tables
 
     def step(self, fleet: Fleet, around: Surroundings) -> None:
         """Advance by one control step."""
