@@ -1,6 +1,6 @@
 """Surroundings of every vehicle: sea, current and wind, one row per environment."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
 import torch
@@ -56,6 +56,24 @@ class Surroundings:
         current, wind = calm[:, :2].contiguous(), calm[:, 2:].contiguous()
         depth = DEEP if sea.depth is None else sea.depth
         return cls(sea.table, env_sea, sea.phases(env_sea, time), current, wind, depth)
+
+    def part(self, envs: Tensor, phase: Tensor) -> "Surroundings":
+        """Return a copy of the rows of environments `envs` [n], with the phases `phase` [n, component]."""
+        assert self.noise is not None
+        return replace(
+            self, env_sea=self.env_sea[envs], phase=phase, current=self.current[envs], wind=self.wind[envs],
+            noise=self.noise.at(envs), turbulence=None if self.turbulence is None else self.turbulence[envs],
+        )  # fmt: skip
+
+    def renew(self, whole: "Surroundings", envs: Tensor, phase: Tensor) -> None:
+        """Write `whole.part(envs, phase)` in place; of the same number of environments as this one."""
+        assert self.noise is not None and whole.noise is not None
+        self.phase.copy_(phase)
+        for name in ("env_sea", "current", "wind"):
+            torch.index_select(getattr(whole, name), 0, envs, out=getattr(self, name))
+        if self.turbulence is not None and whole.turbulence is not None:
+            torch.index_select(whole.turbulence, 0, envs, out=self.turbulence)
+        self.noise.renew(whole.noise, envs)
 
     @property
     def pack(self) -> Any:

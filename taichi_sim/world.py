@@ -25,6 +25,8 @@ from taichi_sim.state import Stateful
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.vehicles import load_vehicle
 
+FEW = 32  # environments that are placed at once and whose surroundings are kept; assumed
+
 
 class ActionError(ValueError):
     """An action that is not finite."""
@@ -95,6 +97,7 @@ class World(Stateful):
         self.teams: dict[str, Fleet] = {}
         self.scripts: dict[str, Script] = {}
         self._felt: dict[str, tuple[Surroundings, float, float]] = {}
+        self._few: dict[tuple[str, int], Surroundings] = {}  # by team and number of environments: _placing
         self.truth, self.truth_names = self._variation.truth, self._variation.names
         for name in config.teams if teams is None else teams:
             self._add_team(name, source)
@@ -276,13 +279,7 @@ class World(Stateful):
         The model brings them to rest or into trim (`Vehicle.settle`) in the sea, current and wind of those
         environments, so set `env_sea` and `time` first.
         """
-        fleet = self.teams[name]
-        felt = self.felt(name)
-        around = Surroundings(
-            felt.sea, self.env_sea[envs], self.sea.phases(self.env_sea[envs], self.time[envs]), felt.current[envs],
-            felt.wind[envs], felt.depth, felt.air, self.noise.at(envs),
-            None if felt.turbulence is None else felt.turbulence[envs],
-        )  # fmt: skip
+        fleet, around = self.teams[name], self._placing(name, envs)
         surface = fleet.surface[envs]
         state = fleet.model.settle(state, surface, around)
         aux = torch.empty((*state.shape[:-1], fleet.aux.shape[-1]), dtype=state.dtype, device=state.device)
@@ -292,6 +289,21 @@ class World(Stateful):
         fleet.aux.index_copy_(0, envs, aux)
         fleet.update(envs)
         self.contacts.place(fleet, envs)
+
+    def _placing(self, name: str, envs: torch.Tensor) -> Surroundings:
+        """Return the surroundings of a team in environments `envs` [n] alone.
+
+        Those of few environments are kept: packing them takes longer than all else in placing.
+        """
+        felt, phase = self.felt(name), self.sea.phases(self.env_sea[envs], self.time[envs])
+        kept = self._few.get((name, len(envs)))
+        if kept is not None and kept.sea is felt.sea:
+            kept.renew(felt, envs, phase)
+            return kept
+        made = felt.part(envs, phase)
+        if len(envs) <= FEW:
+            self._few[name, len(envs)] = made
+        return made
 
     def elevation(self, envs: torch.Tensor, north: torch.Tensor, east: torch.Tensor) -> torch.Tensor:
         """Present elevation (m, up) in environments `envs` [n] at points [n, point] (north, east, m)."""

@@ -45,9 +45,14 @@ class Noise:
 
     def at(self, envs: Tensor) -> "Noise":
         """Return a copy of the counter for environments `envs` [n] alone."""
-        part = Noise(len(envs), self.seed, self.clock)
-        part.keys.copy_(self.keys[envs])
+        part = Noise(len(envs))
+        part.renew(self, envs)
         return part
+
+    def renew(self, whole: "Noise", envs: Tensor) -> None:
+        """Write `whole.at(envs)` in place; of the same number of environments as this one."""
+        self.keys.copy_(whole.keys[envs])
+        self.restart(whole.seed, whole.clock)
 
     def _write(self) -> None:
         self._head[0], self._head[1] = as_i32(self.clock), as_i32(self.seed)

@@ -40,6 +40,7 @@ SCRATCH = (
     ".members['way']",
     ".members['place']",
     "].before",
+    "._few[",  # written anew before each use
 )
 
 

@@ -141,6 +141,7 @@ class Hull6Dof(Vessel):
         # packs of the running Taichi program, with their sea: a later one may lie at the same address
         self._tables: dict[SeaKey | None, tuple[weakref.ref[Tensor] | None, ArgPack]] = {}
         self._generation = -1
+        self._float, self._label = runtime.Launcher(start.float_on_waves), runtime.Launcher(start.find_label)
 
     # -- numbers that vary -----------------------------------------------------------------------------------------
 
@@ -268,14 +269,14 @@ class Hull6Dof(Vessel):
         state, deck = state.contiguous(), device_table(self.geometry.deck_corners)
         out = torch.empty_like(state)
         with vectors():
-            start.float_on_waves(self, out, surface, state, deck, around.pack, self.water_build(around))
+            self._float.once(self, out, surface, state, deck, around.pack, self.water_build(around))
         return out
 
     def reset_aux(self, aux: Tensor, state: Tensor, around: Surroundings) -> None:
         """Stop the propellers, and find the label of the water under the hull."""
         aux.zero_()
         with vectors():
-            start.find_label(self, aux, state.contiguous(), around.pack, self.water_build(around))
+            self._label.once(self, aux, state.contiguous(), around.pack, self.water_build(around))
 
     # -- moving ----------------------------------------------------------------------------------------------------
 
