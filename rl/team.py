@@ -78,6 +78,27 @@ class Team(Generic[M, S]):
         return action
 
     @property
+    def plan_names(self) -> tuple[str, ...]:
+        """Names of the numbers by which plans of this team (rl/planning) correct its classical controller. Default: its
+        vehicles' actions.
+        """
+        return self.fleet.model.action_names
+
+    def planned(self, correction: Tensor, known: object = None) -> Tensor:
+        """Vehicle actions [env, vehicle, a] of the classical controller, corrected [env, vehicle, `plan_names`].
+
+        The controller acts by `known`, default: this team as it is.
+
+        Raises:
+            ControllerError: if the team has no classical controller.
+        """
+        from rl.mission import ControllerError
+
+        if self.controller is None:
+            raise ControllerError(f"{self.name}: there is no classical controller whose actions a plan could correct")
+        return (self.controller(self if known is None else known) + correction).clamp(-1.0, 1.0)
+
+    @property
     def in_effect(self) -> Tensor:
         """Where actions of the policy have an effect now, bool [env, vehicle]. Default: everywhere."""
         return torch.ones_like(self.fleet.state[..., 0], dtype=torch.bool)

@@ -101,6 +101,22 @@ class ResidualTeam(Team):
             velocity = self._shield.corrected(self.known, wanted.velocity, pushed)
         return self.corrected.act(self.known, wanted._replace(velocity=velocity)).clamp(-1.0, 1.0)
 
+    @property
+    def plan_names(self) -> tuple[str, ...]:
+        """Of the velocity that the classical controller asks for, along and to starboard of the course, m/s; of the
+        vehicle's actions, where it asks for none.
+        """
+        return CORRECTIONS if hasattr(self.controller, "wanted") else super().plan_names
+
+    def planned(self, correction: Tensor, known: object = None) -> Tensor:
+        """Vehicle actions of the classical controller, whose velocity is corrected; see Team.planned."""
+        if not hasattr(self.controller, "wanted"):
+            return super().planned(correction, known)
+        controller = cast(VelocityController, self.controller)
+        view = cast(Knowledge, self if known is None else known)
+        wanted = controller.wanted(view)
+        return controller.act(view, wanted._replace(velocity=wanted.velocity + self.pushed(correction)))
+
     def _opened(self, gate: float) -> Tensor:
         """Share [env, vehicle] of the correction that is applied, by the distance to the nearest obstacle and `gate`
         (m).

@@ -1,15 +1,14 @@
 """A planner as a policy: sampling MPC in forks of the mission itself.
 
-A plan is a correction of the velocity that the team's classical controller asks for, ahead and to starboard of the
-target's course, at evenly spaced knots with straight lines between them; or of the actions, where the controller has no
-velocity to ask for. Every `every` seconds the environment is forked into `samples` copies, each follows a plan of its
-own for the `horizon`, and the costs (`Mission.plan_cost`) of what happens choose: the path-integral update (Williams,
-Drews, Goldfain, Rehg & Theodorou 2018, IEEE Trans. Robotics 34(6)) for each vehicle of the team by its own cost, and
-for the leader also by a share of its followers', whose slots go where it goes. Later rounds draw about that mean with
-half the spread. Among the samples are always the plan of before or the mean of the round before, the classical
-controller alone, and, if there is one, a learned policy. At last the mean is tried against the best sample, the
-classical controller and the learned policy; what costs the team least is followed. So a plan is never worse in the
-model than the classical controller.
+A plan is a correction of what the team's classical controller asks for (`Team.planned`), at evenly spaced knots with
+straight lines between them: in a formation of its velocity, ahead and to starboard of the target's course. Every
+`every` seconds the environment is forked into `samples` copies, each follows a plan of its own for the `horizon`, and
+the costs (`Mission.plan_cost`) of what happens choose: the path-integral update (Williams, Drews, Goldfain, Rehg &
+Theodorou 2018, IEEE Trans. Robotics 34(6)) for each vehicle of the team by its own cost, and for the leader also by a
+share of its followers', whose slots go where it goes. Later rounds draw about that mean with half the spread. Among the
+samples are always the plan of before or the mean of the round before, the classical controller alone, and, if there is
+one, a learned policy. At last the mean is tried against the best sample, the classical controller and the learned
+policy; what costs the team least is followed. So a plan is never worse in the model than the classical controller.
 """
 
 import math
@@ -20,8 +19,6 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from rl.guidance.residual import ResidualTeam
-from rl.mission import ControllerError
 from rl.planning.config import PlanConfig
 from taichi_sim.config import ConfigError
 from taichi_sim.kernels import runtime
@@ -70,7 +67,7 @@ class Planner:
         start = time.perf_counter()
         with torch.no_grad():
             self.renew(team)
-            action = act(team, self.correction(), self._view(team))
+            action = team.planned(self.correction(), self._view(team))
             if self._proposal is not None and bool(self.follows_policy.any()):
                 action = torch.where(self.follows_policy.view(-1, 1, 1), self._proposal(team), action)
         self._seconds += time.perf_counter() - start
@@ -191,11 +188,11 @@ class Planner:
 
     def _width(self, team: Any) -> int:
         """Numbers of a correction for each vehicle."""
-        return width_of(team)
+        return len(team.plan_names)
 
     def _action(self, team: Any, correction: Tensor) -> Tensor:
         """Actions [env, vehicle, action] in the model by a correction [env, vehicle, n]."""
-        return act(team, correction)
+        return team.planned(correction)
 
     def _view(self, team: Any) -> Any:
         """What the controller acts by: the team as it is."""
@@ -253,32 +250,3 @@ def path_integral_mean(plans: Tensor, costs: Tensor, temperature: float = TEMPER
 def _classical(team: Any) -> Tensor:
     """Actions of a team's classical controller; none where there is no controller."""
     return torch.zeros_like(team.fleet.action) if team.controller is None else team.controller(team.known)
-
-
-def width_of(team: Any) -> int:
-    """Numbers of a correction for each vehicle of a team: 2 of the velocity, or one for each action."""
-    return 2 if corrects_velocity(team) else len(team.fleet.model.action_names)
-
-
-def corrects_velocity(team: Any) -> bool:
-    """Whether plans correct the velocity that the team's classical controller asks for, and not actions."""
-    return isinstance(team, ResidualTeam) and hasattr(team.controller, "wanted")
-
-
-def act(team: Any, correction: Tensor, view: Any = None) -> Tensor:
-    """Actions [env, vehicle, action] of a team's classical controller, corrected [env, vehicle, n].
-
-    The controller acts by `view`: the team as it is (default), or as its vehicles know it.
-
-    Raises:
-        ControllerError: if the team has no classical controller.
-    """
-    view = team if view is None else view
-    if corrects_velocity(team):
-        wanted = team.controller.wanted(view)
-        pushed = team.pushed(correction)
-        return team.controller.act(view, wanted._replace(velocity=wanted.velocity + pushed))
-    controller = team.controller
-    if controller is None:
-        raise ControllerError(f"{team.name}: there is no classical controller whose actions a plan could correct")
-    return (controller(view) + correction).clamp(-1.0, 1.0)

@@ -10,7 +10,7 @@ from rl.mission import ControllerError
 from rl.missions import load_scenario, make_mission
 from rl.planning.config import PlanConfig
 from rl.planning.honest import HonestPlanner
-from rl.planning.planner import Planner, act
+from rl.planning.planner import Planner
 from taichi_sim.config import ConfigError
 
 PLUGIN = Path(__file__).parents[1] / "data" / "plugins" / "buoys.toml"
@@ -42,10 +42,10 @@ def test_what_an_oracle_predicts_is_what_happens(scenario):
     cost_of(team, 5, lambda k: ClassicalPolicy()(team))
     planner(team)
     saved = team.mission.snapshot()
-    happened = cost_of(team, steps, lambda k: act(team, planner.correction_at(k)))
+    happened = cost_of(team, steps, lambda k: team.planned(planner.correction_at(k)))
     assert happened == pytest.approx(planner.cost.numpy(), rel=2e-4)
     team.mission.restore(saved)
-    assert cost_of(team, steps, lambda k: act(team, planner.correction_at(k) * 0)) == pytest.approx(
+    assert cost_of(team, steps, lambda k: team.planned(planner.correction_at(k) * 0)) == pytest.approx(
         planner.classical.numpy(), rel=2e-4
     )
     assert (planner.cost <= planner.classical).all() and (planner.cost < planner.classical).any()
