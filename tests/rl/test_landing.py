@@ -61,6 +61,29 @@ def test_it_has_landed_after_standing_and_not_before():
     assert float(quarters.cos().min()) > math.cos(4 * math.radians(6))
 
 
+def test_a_policy_that_asks_for_all_sink_there_is_touches_softly():
+    """Its sink over the deck is limited by the height, so a bad policy is late or off the middle, but not hard."""
+    mission = shared()
+    mission.reset()
+    team, down = mission.teams["uav"], torch.tensor((0.0, 0.0, 1.0)).expand(4, 1, 3)
+    for _ in range(mission.config.episode_steps):
+        mission.step({"uav": team.command(down)})
+        if bool(team.touched.all()):
+            break
+    assert bool(team.touched.all()) and float(team.touch_speed.max()) < 0.75
+
+
+def test_plans_of_a_landing_count_a_landing_and_its_failures():
+    mission = shared()
+    mission.reset()
+    team = mission.teams["uav"]
+    ended, weights = torch.ones((4, 1), dtype=torch.bool), team.section.aircraft_reward
+    none, failed = mission.plan_cost(team, ~ended), mission.plan_cost(team, ended)
+    assert torch.allclose(failed - none, torch.full((4, 1), weights.failed))
+    team.stood = torch.full_like(team.stood, mission.config.landing.stand)
+    assert torch.allclose(mission.plan_cost(team, ended) - none, torch.full((4, 1), -weights.landed))
+
+
 def test_a_fork_lands_as_its_source_does_to_the_bit():
     mission = shared()
     mission.reset()

@@ -19,6 +19,7 @@ NEAR = 1.0  # m, where what is observed near the deck is of order one
 FAR, FAST, SLOW = 10.0, 3.0, 1.0  # m, m/s, m/s, where what is observed is half way to 1
 WENT_LOW, WENT_UP = 1.0, 2.5  # m above the deck: who was lower and is then higher has aborted; assumed
 SITS = math.cos(math.radians(8.0))  # cosine of the tilt to the deck up to which it lets go; assumed
+FINEST = 0.15  # share of its authority that a policy has at the deck; assumed
 SQUARE = 1.5  # 1/s, at which it turns its nose square to the deck, for legs to have the most room; assumed
 
 
@@ -27,8 +28,9 @@ class Aircraft(Team):
 
     Attributes:
         own: what they measure of themselves. known_deck: what they know of their decks.
-        offset: [.., 3] from the deck's middle, b of the boat, m. height: of the soles above the deck, m. distance,
-            before: m from the deck's middle, level distance and height together, now and a decision ago.
+        offset: [.., 3] from the deck's middle, b of the boat, m. height: of the soles above the deck, m.
+        distance: from the deck's middle, level distance and height together, m. to_go, before: time to the deck's
+            middle at the greatest speed and rate of descent, now and a decision ago, s.
         tilt: to the deck, rad. touched, touching: has touched, for the first time in this step. touch_error (m, level),
             touch_tilt (rad): then. touch_speed: greatest normal speed of a sole that has come down so far, m/s.
         settled, settling: all soles have been on the deck, for the first time in this step.
@@ -37,8 +39,9 @@ class Aircraft(Team):
     """
 
     STATE = (
-        "own", "known_deck", "offset", "height", "distance", "before", "tilt", "touched", "touching", "settled",
-        "settling", "touch_error", "touch_tilt", "touch_speed", "stood", "drifted", "aborts", "time", "_anchor", "_low",
+        "own", "known_deck", "offset", "height", "distance", "to_go", "before", "tilt", "touched", "touching",
+        "settled", "settling", "touch_error", "touch_tilt", "touch_speed", "stood", "drifted", "aborts", "time",
+        "_anchor", "_low",
     )  # fmt: skip
 
     def __init__(self, mission: Any, name: str):
@@ -66,9 +69,9 @@ class Aircraft(Team):
         shape = state.shape[:2]
         self.offset, self._anchor = (state.new_zeros((*shape, 3)) for _ in range(2))
         (
-            self.height, self.distance, self.before, self.tilt, self.touch_error, self.touch_tilt, self.touch_speed,
-            self.stood, self.drifted, self.aborts, self.time,
-        ) = (state.new_zeros(shape) for _ in range(11))  # fmt: skip
+            self.height, self.distance, self.to_go, self.before, self.tilt, self.touch_error, self.touch_tilt,
+            self.touch_speed, self.stood, self.drifted, self.aborts, self.time,
+        ) = (state.new_zeros(shape) for _ in range(12))  # fmt: skip
         self.touched, self.touching, self.settled, self.settling, self._low = (
             torch.zeros(shape, dtype=torch.bool, device=state.device) for _ in range(5)
         )
@@ -102,7 +105,7 @@ class Aircraft(Team):
         """What its policy commands: corrections of the velocity that the pilot wants, or the vehicle's own actions."""
         if self.section.correction is None:
             return super().action_names
-        return ("ahead (correction)", "to starboard (correction)", "down (correction)")
+        return self.plan_names
 
     @property
     def in_effect(self) -> Tensor:
@@ -151,8 +154,21 @@ class Aircraft(Team):
         c = self.section.correction
         if c is None:
             return action
-        correction = action.clamp(-1.0, 1.0) + 0.0 * action  # what is not finite stays so
-        return self.flown(corrected(self.wanted, correction, self.known_deck.heading, c.level, c.vertical))
+        known = self.known_deck
+        away = torch.hypot(known.to[..., :2].norm(dim=-1), self.known_height)
+        share = (away / c.reach).clamp(FINEST, 1.0).unsqueeze(-1)
+        correction = share * action.clamp(-1.0, 1.0) + 0.0 * action  # what is not finite stays so
+        velocity = corrected(self.wanted, correction, known.heading, c.level, c.vertical)
+        return self.flown(self.pilot.limited(self, velocity, self.pilot.config.approach + c.level))
+
+    @property
+    def plan_names(self) -> tuple[str, ...]:
+        """Of the velocity that the pilot wants, m/s, in the deck's level frame."""
+        return ("ahead (correction)", "to starboard (correction)", "down (correction)")
+
+    def planned(self, correction: Tensor, known: object = None) -> Tensor:
+        """As `command` in m/s, from whatever height; see Team.planned. A pilot always acts by what is known."""
+        return self.flown(corrected(self.wanted, correction, self.known_deck.heading, 1.0, 1.0))
 
     def flown(self, velocity: Tensor) -> Tensor:
         """Actions [env, aircraft, a] that fly a velocity [env, aircraft, 3] (NED, m/s), square to the deck; once a sole
@@ -184,8 +200,10 @@ class Aircraft(Team):
         self.offset = (deck.R.mT @ away.unsqueeze(-1)).squeeze(-1)
         self.height = -self.offset[..., 2] - self.soles_below
         level = self.offset[..., :2].norm(dim=-1)
-        before, self.distance = self.distance, torch.hypot(level, self.height.clamp(min=0.0))
-        self.before = torch.where(on, before, torch.where(fresh, self.distance, self.before))
+        above, demands = self.height.clamp(min=0.0), self._model.demands
+        self.distance = torch.hypot(level, above)
+        before, self.to_go = self.to_go, torch.hypot(level / demands.speed, above / demands.descent)
+        self.before = torch.where(on, before, torch.where(fresh, self.to_go, self.before))
         upright = (self.fleet.R_nb[..., 2] * deck.down).sum(-1)
         self.tilt = upright.clamp(-1.0, 1.0).acos()
         self._touch(on, fresh, level)

@@ -112,8 +112,9 @@ class PilotConfig(Strict):
 class CorrectionConfig(Strict):
     """`[TEAM.correction]`: a policy corrects the velocity that the pilot wants, in the level frame of the deck."""
 
-    level: NonNegative = 2.0  # m/s, the most, ahead and to starboard of the deck
-    vertical: NonNegative = 1.5  # m/s, the most
+    level: NonNegative = 4.0  # m/s, the most, ahead and to starboard of the deck
+    vertical: NonNegative = 4.0  # m/s, the most
+    reach: Positive = 8.0  # m from the deck: nearer, both fall in proportion, to 0.15 of themselves at it
 
 
 class LandingTeam(TeamConfig):

@@ -14,7 +14,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from rl.mission import Endings, Frame, Histories, Mission, Step
+from rl.mission import COLLIDED, Endings, Frame, Histories, Mission, Step
 from rl.missions.landing import rewards
 from rl.missions.landing.aircraft import Aircraft
 from rl.missions.landing.boats import MESSAGE, Boats, Helm, Hold
@@ -148,6 +148,11 @@ class Landing(Mission):
         if isinstance(team, Boats):
             return paid(rewards.BOAT_TERMS, team.section.boat_reward, team, ended)
         return paid(rewards.AIRCRAFT_TERMS, team.section.aircraft_reward, team, ended)
+
+    def plan_cost(self, team: Any, ended: Tensor) -> Tensor:
+        """Minus the reward, which tells landings from other ends."""
+        ends = {} if isinstance(team, Boats) else self.endings(team)
+        return -self.reward(team, Endings({name: flag & ended for name, flag in ends.items()} | {COLLIDED: ended}))
 
     def endings(self, team: Any) -> dict[str, Tensor]:
         """Of aircraft: landed, or how they have failed to."""

@@ -4,6 +4,8 @@ The level part is the same for all: over the deck's own velocity v_d, toward it 
 
     v = v_d + min(k r, sqrt(2 a r), approach) r / |r|,
 
+and slower while it leans far into the wind, since its airspeed is near the greatest then.
+
 `descend` takes v_d as averaged over some seconds, as the integral of a PID does: it knows no motion of the deck.
 
     descend   holds its height above mean sea level while it approaches, hovers `hover` above the deck's mean height
@@ -33,6 +35,9 @@ LEANS = 0.5  # s, over which the push of the wind is averaged; assumed
 STEEPEST = math.radians(8.0)  # to the deck, at which it may touch; assumed
 LIFT = 1.5  # m that it stays higher for each rad more; assumed
 WAITED = 1.0  # s near the deck's middle before "descend" goes down; assumed
+UPRIGHT = math.sin(math.radians(12.0))  # lean into the wind up to which it approaches at full speed; assumed
+EASED, LEAST = math.sin(math.radians(22.0)), 0.2  # lean from which this share of the speed is left; assumed
+SINK, STEEP = 0.35, 1.0  # m/s, and 1/s times the height: the fastest that a policy sinks over the deck; assumed
 
 
 class Pilot:
@@ -88,8 +93,9 @@ class Pilot:
         r = to.norm(dim=-1)
         away = torch.maximum(r, known.to[..., :2].norm(dim=-1))
         slow, most = c.position * r, (2 * c.braking * r).sqrt()
-        speed = torch.minimum(slow, most).clamp(max=c.approach)
-        braked = torch.where(most < slow, c.braking, 0.0) * (speed < c.approach)
+        fastest = c.approach * self._ease(-(self.lean[..., :2] * to).sum(-1) / r.clamp(min=1e-3))
+        speed = torch.minimum(torch.minimum(slow, most), fastest)
+        braked = torch.where(most < slow, c.braking, 0.0) * (speed < fastest)
         toward = ((speed - lead * braked) / r.clamp(min=1e-3)).unsqueeze(-1) * to
         if c.kind == "descend":
             level = self.velocity[..., :2] + toward
@@ -98,6 +104,29 @@ class Pilot:
             level = self._flared(team, level, away)
         fall = {"descend": self._descend, "glide": self._glide, "forecast": self._forecast}[c.kind](team, away, since)
         return torch.cat((level, fall.unsqueeze(-1)), dim=-1)
+
+    @staticmethod
+    def _ease(lean: Tensor) -> Tensor:
+        """Return the share of the speed over the deck that is flown while leaning that way by the sine `lean`: a large
+        lean means an airspeed near the greatest.
+        """
+        return ((EASED - lean) / (EASED - UPRIGHT)).clamp(LEAST, 1.0)
+
+    def limited(self, team: Any, velocity: Tensor, fastest: float) -> Tensor:
+        """Return a policy's velocity [env, aircraft, 3] (NED, m/s) within the pilot's limits.
+
+        The lower the aircraft is, the slower it sinks. It stays above the height that its lean to the deck allows
+        (`_lift`). Into the wind it flies over the deck at `fastest` (m/s), and slower while it leans far.
+        """
+        known, height, lift = team.known_deck, team.known_height, self._lift(team)
+        most = SINK + STEEP * height.clamp(min=0.0)
+        most = torch.where(lift > 0, torch.minimum(most, self.config.position * (height - lift)), most)
+        down = torch.minimum(velocity[..., 2], self._deck_falls(team) + most)
+        lean = self.lean[..., :2].norm(dim=-1)
+        wind = -self.lean[..., :2] / lean.clamp(min=1e-3).unsqueeze(-1)
+        into = ((velocity - known.velocity)[..., :2] * wind).sum(-1)
+        over = (into - fastest * self._ease(lean)).clamp(min=0.0)
+        return torch.cat((velocity[..., :2] - over.unsqueeze(-1) * wind, down.unsqueeze(-1)), dim=-1)
 
     def _average(self, known: Any, own: Any, since: Tensor) -> None:
         """Averages, `since` [env, 1] s after the last ones."""
@@ -149,8 +178,12 @@ class Pilot:
         height = team.known_height
         sink = c.sink + c.steep * height.clamp(min=0.0)
         sink = torch.where(least > 0, torch.minimum(sink, c.position * (height - least)), sink)
+        return self._deck_falls(team) + sink
+
+    def _deck_falls(self, team: Any) -> Tensor:
+        """Return the deck's velocity down (m/s) at the time when a command has its effect."""
         known, lead = team.known_deck, 1 / team.fleet.model.gains.climb + 0.5 * self.interval
-        return known.velocity[..., 2] + lead * known.acceleration[..., 2] + sink
+        return known.velocity[..., 2] + lead * known.acceleration[..., 2]
 
     def _cone(self, r: Tensor) -> Tensor:
         """Height (m) above the deck that is kept at a distance r (m) from its middle."""

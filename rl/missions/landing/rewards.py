@@ -14,8 +14,7 @@ from taichi_sim.config import NonNegative, Positive, Strict
 class AircraftReward(Strict):
     """Weights and scales of an aircraft's terms."""
 
-    closing: NonNegative = 1.0  # how fast the distance from the deck's middle falls, over closing_scale
-    closing_scale: Positive = 5.0  # m/s
+    closing: NonNegative = 1.0  # how fast the time falls that it takes to the deck's middle, s/s
     time: NonNegative = 0.3  # -1 until the first touch
     touch: NonNegative = 100.0  # once all soles are down: a third each for how near the middle, how soft, how level
     touch_error: Positive = 0.2  # m
@@ -39,11 +38,6 @@ class BoatReward(Strict):
     action_rate: NonNegative = 0.05
 
 
-def closing(before: Tensor, now: Tensor, interval: float) -> Tensor:
-    """How fast a distance falls, m/s."""
-    return (before - now) / interval
-
-
 def touchdown(settling: Tensor, error: Tensor, speed: Tensor, tilt: Tensor, w: AircraftReward) -> Tensor:
     """When all soles are down, the first of them `error` (m) from the middle and at a `tilt` (rad), the fastest at a
     normal `speed` (m/s): at most 1.
@@ -58,7 +52,7 @@ def failure(ended: Any) -> Tensor:
 
 
 AIRCRAFT_TERMS: dict[str, Callable[[Any, Any, AircraftReward], Tensor]] = {
-    "closing": lambda team, ended, w: closing(team.before, team.distance, team.interval) * (1 / w.closing_scale),
+    "closing": lambda team, ended, w: (team.before - team.to_go) / team.interval,
     "time": lambda team, ended, w: penalty(~team.touched),
     "touch": lambda team, ended, w: touchdown(team.settling, team.touch_error, team.touch_speed, team.touch_tilt, w),
     "landed": lambda team, ended, w: ended["landed"].to(team.distance),
