@@ -228,7 +228,7 @@ def user_errors() -> tuple[type[Exception], ...]:
     from rl.mission import ControllerError
     from rl.runs.folder import RunError
     from taichi_sim.config import ConfigError
-    from taichi_sim.config.extras import MissingExtraError
+    from taichi_sim.config.base import MissingExtraError
     from taichi_sim.film.files import FilmError
     from taichi_sim.recording.ros import BagError
     from taichi_sim.sea import SteepSeaError

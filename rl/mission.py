@@ -24,8 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
 from rl.judge import Judge
-from rl.scenario import Scenario
-from rl.seeds import derive_seed
+from rl.scenario import Scenario, derive_seed
 from rl.team import Controller, Team
 from taichi_sim.config.summary import number, span
 from taichi_sim.kernels import runtime

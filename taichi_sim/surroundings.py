@@ -9,8 +9,8 @@ from torch import Tensor
 from taichi_sim.air import Wind
 from taichi_sim.conventions import OMEGA, K
 from taichi_sim.kernels import lanes, runtime
-from taichi_sim.kernels.counters import Noise
 from taichi_sim.kernels.packs import AroundPack
+from taichi_sim.kernels.random import Noise
 from taichi_sim.sea.queries import elevations
 from taichi_sim.sea.sea import DEEP, Sea
 

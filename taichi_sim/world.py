@@ -16,7 +16,7 @@ from taichi_sim.contact.contacts import Contacts
 from taichi_sim.dump import Dump, save_dump
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import runtime
-from taichi_sim.kernels.counters import Noise
+from taichi_sim.kernels.random import Noise
 from taichi_sim.randomisation.conditions import realise
 from taichi_sim.randomisation.variation import Variation
 from taichi_sim.script import Script

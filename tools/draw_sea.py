@@ -28,7 +28,7 @@ from matplotlib.colors import LightSource, LinearSegmentedColormap
 from matplotlib.figure import Figure
 
 from taichi_sim.config import ConfigError, SeaConfig
-from taichi_sim.config.extras import MissingExtraError
+from taichi_sim.config.base import MissingExtraError
 from taichi_sim.config.io import load_world
 from taichi_sim.kernels import runtime
 from taichi_sim.plotting.style import INK, dress, new_figure
@@ -38,8 +38,7 @@ from taichi_sim.sea.measured import MeasuredSystem
 from taichi_sim.sea.sampling import System
 from taichi_sim.sea.sea import wave_systems
 from taichi_sim.sea.spectrum import wavenumber
-from tools.seas.measured_panel import directions_by_frequency
-from tools.seas.records import WaveStatistics, crossing_heights, measure, target_density, welch  # noqa: F401
+from tools.seas.records import WaveStatistics, crossing_heights, directions_by_frequency, measure, target_density, welch  # noqa: F401
 
 WAVELENGTHS, GRID = 5, 160  # peak wavelengths and points along a side of the surface drawn
 RELIEF = 0.03  # height of the landscape, 4 standard deviations, over its side

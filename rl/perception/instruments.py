@@ -279,7 +279,7 @@ class Readings(Views):
     def read(self, which: Tensor, rows: int, count: Tensor) -> None:
         """Measure in environments [env] int32: 0 not at all, 1 after a step, 2 at the beginning of an episode.
 
-        `rows` of them are not 0. `count` int32 [2 + env] counts the random numbers (taichi_sim/kernels/counters.py).
+        `rows` of them are not 0. `count` int32 [2 + env] counts the random numbers (taichi_sim/kernels/random.py).
         """
         kind = struct_of(self._numbers._fields, runtime.current().precision)
         form = self._form._replace(serial=runtime.few(rows * self.count, READ))

@@ -146,7 +146,7 @@ class Lookout:
 
     def see(self, which: Tensor, rows: int, count: Tensor) -> None:
         """Look in environments [env] int32 that are not 0, `rows` of them; `count` int32 [2 + env] counts the random
-        numbers (taichi_sim/kernels/counters.py).
+        numbers (taichi_sim/kernels/random.py).
         """
         if self.config.crests:
             self._hidden.copy_(self.behind_crests())

@@ -27,8 +27,7 @@ from rl.learn.stages import train_stages
 from rl.mission import ControllerError
 from rl.runs import folder as run_folder
 from rl.runs.records import EvaluationResult, Summary
-from rl.scenario import Scenario
-from rl.seeds import derive_seed
+from rl.scenario import Scenario, derive_seed
 from taichi_sim.config import ConfigError
 from taichi_sim.film.files import write_strip
 from taichi_sim.kernels import runtime

@@ -20,8 +20,7 @@ from tqdm import tqdm
 from rl.evaluation.episodes import mission_class, run_episodes
 from rl.mission import ControllerError
 from rl.missions import make_mission
-from rl.scenario import Scenario
-from rl.seeds import derive_seed
+from rl.scenario import Scenario, derive_seed
 from taichi_sim.config import ConfigError, Strict
 from taichi_sim.kernels import runtime
 from taichi_sim.vehicle import Vehicle

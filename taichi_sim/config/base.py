@@ -1,4 +1,4 @@
-"""Base of every configuration section: number types, the strict model, the error."""
+"""Base of every configuration section: number types, the strict model, the errors."""
 
 from typing import Annotated, TypeAlias
 
@@ -22,3 +22,11 @@ class Strict(BaseModel):
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+
+class MissingExtraError(ImportError):
+    """An optional package is not installed; the message says how to install it."""
+
+    def __init__(self, package: str, extra: str):
+        """Name the missing `package` and the extra that installs it."""
+        super().__init__(f'{package} is not installed: pip install "taichi-sim[{extra}]"', name=package)

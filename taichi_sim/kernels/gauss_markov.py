@@ -16,8 +16,7 @@ import torch
 from torch import Tensor
 
 from taichi_sim.kernels import runtime
-from taichi_sim.kernels.counters import Noise
-from taichi_sim.kernels.random import SLOW_VARIATION, normal6
+from taichi_sim.kernels.random import SLOW_VARIATION, Noise, normal6
 
 WALK = 60.0  # ns per environment, approximate
 

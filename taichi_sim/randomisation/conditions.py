@@ -35,10 +35,9 @@ from taichi_sim.randomisation.numbers import spread
 from taichi_sim.sea.measured import records_of
 from taichi_sim.sea.sampling import realisation_seed
 from taichi_sim.sea.sea import Sea
-from taichi_sim.sea.sea_state import sea_state_range
 from taichi_sim.sea.spectrum import CALM_PERIOD
 from taichi_sim.sea.varied import varied_components
-from taichi_sim.sea.wind_sea import SeaSize, developed_period, sea_size
+from taichi_sim.sea.wind_sea import SeaSize, developed_period, sea_size, sea_state_range
 
 STREAM = 0xD0  # separates these random numbers from those of the waves of the same seed
 CIRCLE = 360.0  # deg

@@ -13,8 +13,7 @@ import rerun.blueprint as rrb
 from taichi_sim.recording.episode import Array, Episode, TeamTrack
 from taichi_sim.recording.overlays import Note, Plot, entity_name
 from taichi_sim.recording.plots import OTHERS, error_plots, signal_path
-from taichi_sim.recording.sea_light import HAZE
-from taichi_sim.recording.sea_patch import patch_of
+from taichi_sim.recording.sea_patch import HAZE, patch_of
 from taichi_sim.recording.space import map_bounds
 from taichi_sim.recording.water_lines import TRAIL_S
 

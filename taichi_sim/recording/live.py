@@ -25,8 +25,8 @@ import numpy as np
 import rerun as rr
 
 from taichi_sim.recording.blueprint import CURVES, LiveLayout, blueprint
-from taichi_sim.recording.draw import draw
 from taichi_sim.recording.episode import Episode
+from taichi_sim.recording.rrd import draw
 from taichi_sim.recording.stream import Stream
 
 PORT = 9876  # rerun's default

@@ -14,9 +14,8 @@ from taichi_sim.kernels import runtime
 from taichi_sim.sea import queries
 from taichi_sim.sea.measured import MeasuredSystem, WaveRecord, records_of
 from taichi_sim.sea.sampling import System, WaveSystem, draw_components
-from taichi_sim.sea.sea_state import sea_state
 from taichi_sim.sea.spectrum import Components, jonswap
-from taichi_sim.sea.wind_sea import SeaSize, sea_size
+from taichi_sim.sea.wind_sea import SeaSize, sea_size, sea_state
 
 DEEP = -1.0  # value of the depth of deep water in kernels
 

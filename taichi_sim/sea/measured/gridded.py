@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from taichi_sim.config import ConfigError
-from taichi_sim.config.extras import MissingExtraError
+from taichi_sim.config.base import MissingExtraError
 
 if TYPE_CHECKING:
     from xarray import DataArray, Dataset

@@ -26,7 +26,7 @@ from taichi_sim.surroundings import Surroundings
 from taichi_sim.uav import local_air
 from taichi_sim.uav.aircraft import Aircraft
 from taichi_sim.uav.fixed_wing import actuators, start
-from taichi_sim.uav.fixed_wing.airframe import aerodynamic_force, air_data
+from taichi_sim.uav.fixed_wing.airframe import aerodynamic_force, air_data, attitude, rk4, velocity, with_velocity
 from taichi_sim.uav.fixed_wing.autopilot import ACTION_NAMES, AutopilotParams
 from taichi_sim.uav.fixed_wing.commands import commands, demands
 from taichi_sim.uav.fixed_wing.equations import derivatives, stall_angles
@@ -45,7 +45,6 @@ from taichi_sim.uav.fixed_wing.instruments import (
     WIND_NAMES,
 )
 from taichi_sim.uav.fixed_wing.modes import largest_stable_dt
-from taichi_sim.uav.fixed_wing.motion import attitude, rk4, velocity, with_velocity
 from taichi_sim.uav.fixed_wing.numbers import VARYING, FixedWingNumbers, aircraft_numbers
 from taichi_sim.uav.fixed_wing.params import FixedWingParams
 from taichi_sim.uav.fixed_wing.propeller import propeller_power

@@ -3,7 +3,7 @@
 One kernel launch per control step loads each aircraft's state once, makes substeps on local values, and stores the
 state once. The controller (controller.py) runs at the physics step. The air's velocity (uav/local_air.py) is held over
 a substep, which is made in the frame of the air, so a steady wind is exact. Rotor speeds are exact for the command held
-over a substep (motion.py).
+over a substep (airframe.py).
 
 Near a deck (contact/contacts.py) the ground effect includes the rotors' images in it, and a substep in which a sole may
 touch consists of contact steps (landing.py). Far from decks the results are those of a world without decks.
@@ -33,17 +33,16 @@ from taichi_sim.sea import waves
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.uav import local_air
 from taichi_sim.uav.aircraft import TrimError
-from taichi_sim.uav.fixed_wing.motion import attitude, velocity, with_velocity
+from taichi_sim.uav.fixed_wing.airframe import attitude, velocity, with_velocity
 from taichi_sim.uav.multirotor import battery, controller, ground, landing, rotors, start
 from taichi_sim.uav.multirotor import instruments as at
-from taichi_sim.uav.multirotor.airframe import ground_ratios
+from taichi_sim.uav.multirotor.airframe import ground_ratios, rk4
 from taichi_sim.uav.multirotor.allocation import allocation
 from taichi_sim.uav.multirotor.body import body_surface
 from taichi_sim.uav.multirotor.controller import RATE_ACTIONS, VELOCITY_ACTIONS
 from taichi_sim.uav.multirotor.equations import derivatives, induced_velocity
 from taichi_sim.uav.multirotor.gains import bandwidths, demands, gains, lag, lead
 from taichi_sim.uav.multirotor.modes import largest_stable_dt
-from taichi_sim.uav.multirotor.motion import rk4
 from taichi_sim.uav.multirotor.numbers import gains as rotor_gains
 from taichi_sim.uav.multirotor.numbers import multirotor_numbers, nominal_numbers, varying_keys
 from taichi_sim.uav.multirotor.params import MultirotorParams

@@ -11,7 +11,7 @@ from tests.validation.buoys import SEED
 from tests.validation.case import Folder
 from tests.validation.plots.style import legend
 from tests.validation.tables import TableError
-from tools.seas.measured_panel import MEASURED, REALISED, band_energy, directions_by_frequency
+from tools.seas.records import MEASURED, REALISED, band_energy, directions_by_frequency
 
 SEAS, COMPONENTS = 64, 32
 TWO_PI = 2 * np.pi
