@@ -26,7 +26,7 @@ from torch import Tensor
 from rl.judge import Judge
 from rl.scenario import Scenario, derive_seed
 from rl.team import Controller, Team
-from taichi_sim.config.summary import number, span
+from taichi_sim.config.base import number, span
 from taichi_sim.kernels import runtime
 from taichi_sim.recording.episode import Episode, Scene
 from taichi_sim.recording.overlays import Overlay

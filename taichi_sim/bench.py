@@ -20,7 +20,7 @@ from torch import Tensor
 
 from taichi_sim.air import Wind
 from taichi_sim.config import AirConfig, SeaConfig, WorldConfig
-from taichi_sim.config.summary import span
+from taichi_sim.config.base import span
 from taichi_sim.conventions import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import runtime

@@ -9,9 +9,9 @@ from numpy.typing import ArrayLike
 
 from taichi_sim.air import Wind
 from taichi_sim.config import ConfigError, WorldConfig
+from taichi_sim.config.base import number, span
 from taichi_sim.config.io import find_config, load_world, vehicle_file
 from taichi_sim.config.plugins import load_class
-from taichi_sim.config.summary import number, span
 from taichi_sim.contact.contacts import Contacts
 from taichi_sim.dump import Dump, save_dump
 from taichi_sim.fleet import Fleet

@@ -145,7 +145,7 @@ def envelope_table(bounds: FlightEnvelope) -> str:
 
 def draw(bounds: FlightEnvelope, cruise: float, title: str, file: Path) -> None:
     """Draw the V-n diagram."""
-    from taichi_sim.plotting.style import dress, new_figure
+    from taichi_sim.plotting import dress, new_figure
 
     figure = new_figure(8.0, 5.0, title)
     axes = figure.subplots()

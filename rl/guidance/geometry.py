@@ -20,7 +20,7 @@ from rl.guidance.targets import COS, COURSE_RATE, DOWN, EAST, NORTH, SIN, SPEED
 from rl.perception.columns import Message
 from taichi_sim.fleet import Views
 from taichi_sim.kernels import runtime
-from taichi_sim.kernels.kinematics import HEADING_COS, HEADING_SIN, VELOCITY_N
+from taichi_sim.kernels.rotation import HEADING_COS, HEADING_SIN, VELOCITY_N
 
 DISTANCE_SCALE = 10.0  # m, where squashed distances are half way to 1
 NEAR = 1e-3  # m: a slot nearer than this has no direction

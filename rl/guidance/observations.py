@@ -42,7 +42,7 @@ from rl.guidance.knowledge import Knowledge
 from rl.guidance.targets import COS, COURSE_RATE, SIN, SPEED
 from rl.perception.columns import Mate, Message, Obstacle
 from taichi_sim.kernels import runtime
-from taichi_sim.kernels.kinematics import DOWN
+from taichi_sim.kernels.rotation import DOWN
 
 SPEED_SCALE = 10.0  # m/s: squashed speeds are half way to 1 here
 RATE_SCALE = 2.0  # rad/s, rotation of the vehicle

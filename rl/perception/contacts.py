@@ -20,16 +20,15 @@ import taichi as ti
 from pydantic import Field
 from torch import Tensor
 
-from rl.perception.columns import Mate, Obstacle
-from rl.perception.encoding import store_mate, store_obstacle
+from rl.perception.columns import Mate, Obstacle, store_mate, store_obstacle
 from rl.perception.instruments import InstrumentsConfig
 from rl.perception.sensors import Nearby, Sight
 from taichi_sim.config import NonNegative, Positive, Strict
 from taichi_sim.fleet import Views
 from taichi_sim.kernels import runtime
-from taichi_sim.kernels.kinematics import HEADING_COS, HEADING_SIN, VELOCITY_N
 from taichi_sim.kernels.packs import struct_of, values_at
 from taichi_sim.kernels.random import CONTACTS, normal6, uniform4
+from taichi_sim.kernels.rotation import HEADING_COS, HEADING_SIN, VELOCITY_N
 
 # Columns of a measurement that waits: whose (-1 nobody's), seen or not, place, variance, radius, height above or below.
 WHO, SEEN, AT, VARIANCE, SIZE, ASIDE, MEASURED = 0, 1, 2, 5, 6, 7, 8

@@ -26,10 +26,9 @@ from torch import Tensor
 from taichi_sim.config import Fraction, NonNegative, Positive, Strict
 from taichi_sim.fleet import Fleet, Views
 from taichi_sim.kernels import runtime
-from taichi_sim.kernels.kinematics import store
 from taichi_sim.kernels.packs import struct_of, values_at
 from taichi_sim.kernels.random import INSTRUMENTS, normal6
-from taichi_sim.kernels.rotation import quaternion_product, rotation_matrix
+from taichi_sim.kernels.rotation import quaternion_product, rotation_matrix, store
 
 READ = 250.0  # ns of one vehicle, about
 EVERYBODY = 1 << 20  # number, among the random numbers, of errors that all vehicles of an environment share

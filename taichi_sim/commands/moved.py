@@ -41,7 +41,7 @@ MOVED = {
     "rl.runs.sweep": "rl.evaluation.sweep",
     "taichi_sim.maths": "taichi_sim.kernels",
     "taichi_sim.packs": "taichi_sim.kernels.packs",
-    "taichi_sim.kinematics": "taichi_sim.kernels.kinematics",
+    "taichi_sim.kinematics": "taichi_sim.kernels.rotation",
     "taichi_sim.rigid_body": "taichi_sim.kernels.rigid_body",
     "taichi_sim.runtime": "taichi_sim.kernels.runtime",
     "taichi_sim.air.exponential": "taichi_sim.kernels.fast",
@@ -68,6 +68,18 @@ MOVED = {
     "taichi_sim.uav.fixed_wing.motion": "taichi_sim.uav.fixed_wing.airframe",
     "taichi_sim.uav.multirotor.motion": "taichi_sim.uav.multirotor.airframe",
     "taichi_sim.sea.sea_state": "taichi_sim.sea.wind_sea",
+    "taichi_sim.config.summary": "taichi_sim.config.base",
+    "taichi_sim.kernels.kinematics": "taichi_sim.kernels.rotation",
+    "taichi_sim.sea.varied": "taichi_sim.sea.sea",
+    "taichi_sim.sea.measured.entropy": "taichi_sim.sea.measured.record",
+    "taichi_sim.uav.fixed_wing.start": "taichi_sim.uav.fixed_wing.trim",
+    "taichi_sim.uav.multirotor.battery": "taichi_sim.uav.multirotor.rotors",
+    "taichi_sim.usv.hull.restoring": "taichi_sim.usv.hull.loads",
+    "taichi_sim.usv.hull.damping": "taichi_sim.usv.hull.loads",
+    "taichi_sim.usv.hull.wind": "taichi_sim.usv.hull.loads",
+    "rl.perception.encoding": "rl.perception.columns",
+    "rl.evaluation.report.curves": "rl.evaluation.report.about",
+    "taichi_sim.plotting.style": "taichi_sim.plotting",
 }
 
 

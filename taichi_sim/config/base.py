@@ -2,7 +2,10 @@
 
 from typing import Annotated, TypeAlias
 
+import numpy as np
+from numpy.typing import ArrayLike
 from pydantic import BaseModel, ConfigDict, Field
+from torch import Tensor
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -30,3 +33,17 @@ class MissingExtraError(ImportError):
     def __init__(self, package: str, extra: str):
         """Name the missing `package` and the extra that installs it."""
         super().__init__(f'{package} is not installed: pip install "taichi-sim[{extra}]"', name=package)
+
+
+def span(values: ArrayLike | Tensor, unit: str) -> str:
+    """Range of `values` to four digits: "0.5 m", or "0.5 to 1.25 m". `values` is an array or a tensor of any shape."""
+    flat = np.asarray(values.detach().cpu() if isinstance(values, Tensor) else values, dtype=np.float64).ravel()
+    if not flat.size:
+        return "none"
+    low, high = f"{flat.min():.4g}", f"{flat.max():.4g}"
+    return f"{low} {unit}" if low == high else f"{low} to {high} {unit}"
+
+
+def number(count: int, thing: str) -> str:
+    """A count with its noun: "1 environment", "3 environments"."""
+    return f"{count} {thing}" if count == 1 else f"{count} {thing}s"

@@ -19,9 +19,8 @@ therefore conserved to rounding, and a vehicle at rest on a deck presses on the 
 
 import taichi as ti
 
-from taichi_sim.kernels.kinematics import store
 from taichi_sim.kernels.rigid_body import cross
-from taichi_sim.kernels.rotation import quaternion_advance, quaternion_product, rotation_matrix
+from taichi_sim.kernels.rotation import quaternion_advance, quaternion_product, rotation_matrix, store
 
 _array3 = ti.types.ndarray(ndim=3)
 

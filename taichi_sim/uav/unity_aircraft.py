@@ -31,12 +31,12 @@ from taichi_sim.config import NonNegative, Positive, Strict
 from taichi_sim.conventions import QUATERNION
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import fast
-from taichi_sim.kernels.kinematics import store
 from taichi_sim.kernels.packs import FleetPack, load_at, numbers_at
 from taichi_sim.kernels.rigid_body import quaternion_rate
 from taichi_sim.kernels.rotation import (
     quaternion_from_euler,
     rotation_matrix,
+    store,
     torch_euler_from_quaternion,
     wrap_pi,
 )

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from rl.figures import save_figures, training_figures
 from rl.mission import Histories
-from taichi_sim.plotting.style import INK, dress, new_figure, rgb
+from taichi_sim.plotting import INK, dress, new_figure, rgb
 from taichi_sim.recording import Episode, TeamTrack
 from taichi_sim.recording.bodies import body_mesh
 from taichi_sim.recording.overlays import Cylinders

@@ -26,8 +26,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from taichi_sim.sea.measured.entropy import ANGLES, direction_grid
-from taichi_sim.sea.measured.record import WaveRecord
+from taichi_sim.sea.measured.record import ANGLES, WaveRecord, direction_grid
 from taichi_sim.sea.spectrum import CALM_PERIOD, Components
 
 STREAM = 0xE5  # separates the random numbers of designs from those of realisations

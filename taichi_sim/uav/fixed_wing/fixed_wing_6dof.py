@@ -20,12 +20,12 @@ from torch import Tensor
 from taichi_sim.config import ConfigError
 from taichi_sim.conventions import GRAVITY, VELOCITY
 from taichi_sim.fleet import Fleet
-from taichi_sim.kernels.kinematics import store
 from taichi_sim.kernels.packs import AroundPack, Build, FleetPack, load_at, numbers_at
+from taichi_sim.kernels.rotation import store
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.uav import local_air
 from taichi_sim.uav.aircraft import Aircraft
-from taichi_sim.uav.fixed_wing import actuators, start
+from taichi_sim.uav.fixed_wing import actuators
 from taichi_sim.uav.fixed_wing.airframe import aerodynamic_force, air_data, attitude, rk4, velocity, with_velocity
 from taichi_sim.uav.fixed_wing.autopilot import ACTION_NAMES, AutopilotParams
 from taichi_sim.uav.fixed_wing.commands import commands, demands
@@ -48,7 +48,7 @@ from taichi_sim.uav.fixed_wing.modes import largest_stable_dt
 from taichi_sim.uav.fixed_wing.numbers import VARYING, FixedWingNumbers, aircraft_numbers
 from taichi_sim.uav.fixed_wing.params import FixedWingParams
 from taichi_sim.uav.fixed_wing.propeller import propeller_power
-from taichi_sim.uav.fixed_wing.trim import trim
+from taichi_sim.uav.fixed_wing.trim import show, trim, trimmed
 from taichi_sim.vehicle import Limits, Number
 
 
@@ -162,11 +162,11 @@ class FixedWing6DOF(Aircraft):
         """States in steady level flight at cruising airspeed in the mean wind; positions and headings of `state` are
         kept.
         """
-        return start.trimmed(state, self.cruise, around)
+        return trimmed(state, self.cruise, around)
 
     def reset_aux(self, aux: Tensor, state: Tensor, around: Surroundings) -> None:
         """Set deflections to cruise, instruments to the mean wind, and the height to hold to the present one."""
-        start.show(aux, state, around, self.neutral)
+        show(aux, state, around, self.neutral)
 
     # -- moving ----------------------------------------------------------------------------------------------------
 

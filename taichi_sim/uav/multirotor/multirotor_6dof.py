@@ -27,14 +27,14 @@ from taichi_sim.contact import carrier
 from taichi_sim.contact.touch import SOLE_SIZE
 from taichi_sim.conventions import AMPLITUDE, DOWN, VELOCITY
 from taichi_sim.fleet import Fleet
-from taichi_sim.kernels.kinematics import UPRIGHT, store
 from taichi_sim.kernels.packs import AroundPack, Build, FleetPack, TouchPack, load_at, numbers_at
+from taichi_sim.kernels.rotation import UPRIGHT, store
 from taichi_sim.sea import waves
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.uav import local_air
 from taichi_sim.uav.aircraft import TrimError
 from taichi_sim.uav.fixed_wing.airframe import attitude, velocity, with_velocity
-from taichi_sim.uav.multirotor import battery, controller, ground, landing, rotors, start
+from taichi_sim.uav.multirotor import controller, ground, landing, rotors, start
 from taichi_sim.uav.multirotor import instruments as at
 from taichi_sim.uav.multirotor.airframe import ground_ratios, rk4
 from taichi_sim.uav.multirotor.allocation import allocation
@@ -288,7 +288,7 @@ class Multirotor6DOF(Vehicle):
             R = attitude(y)
             most = time * 0.0 + self.plan.rotor.omega_max
             if ti.static(self.battery):
-                voltage, current = battery.terminal(self.p.battery, charge, rotors.shaft_power(self.p, p, omega))
+                voltage, current = rotors.battery_terminal(self.p.battery, charge, rotors.shaft_power(self.p, p, omega))
                 charge = ti.max(charge - current * ti.static(self.dt / self.p.battery.coulombs), 0.0)
                 most *= ti.min(voltage * ti.static(1.0 / self.p.battery.nominal), 1.0)
             if ti.static(build.decked and self.sole_numbers > 0):
