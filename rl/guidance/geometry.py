@@ -2,7 +2,7 @@
 
 The leader's slot is the target. A follower's slot is the leader's position plus an offset in the path frame, whose
 first axis is the target's course. The slot moves with the leader, swings about it as the course turns, and glides when
-the formation changes. Alternatively all slots, the leader's too, are offsets from the target.
+the formation changes. With `about`, all slots, the leader's too, are offsets from the target.
 
 Errors are vectors in n, and in the vehicle's own frame: its body frame (3 axes), or the heading frame (2: ahead,
 starboard), which stays level.

@@ -1,18 +1,17 @@
-"""The moving target of each environment: a place that goes along its world's track, at a speed over ground or through
-the air.
+"""The moving target of each environment: a point on its world's track, at a speed over ground or through the air.
 
 `target[env, row, 8]` = position (north, east, down, m), course (rad), its cosine and sine, its rate (rad/s), and the
-speed over ground (m/s). Here there is one row, of all vehicles; where each has a target of its own, there are as many
-as vehicles. It moves on the sea; above it, at the flight height, that of aircraft (geometry.py).
+speed over ground (m/s). Here one row serves all vehicles; a table in which each vehicle has a target of its own has a
+row for each. The target moves on the sea, or at the flight height above it (geometry.py).
 
-An aircraft's target moves by the wind triangle, as something does that flies at a constant airspeed. Its velocity over
-ground is that through the air plus the wind's. On a course at the angle D from where the wind blows to, with airspeed
-V_a and wind w, the nose is turned into the wind by the crab angle c, and the speed over ground is v:
+An aircraft's target moves as if it flew at a constant airspeed, by the wind triangle: velocity over ground is velocity
+through the air plus wind. On a course at the angle D from where the wind blows to, with airspeed V_a and wind w, the
+nose is turned into the wind by the crab angle c, and the speed over ground is v:
 
     sin c = (w / V_a) sin D,    v = w cos D + V_a cos c       (so |v - w| = V_a; Beard & McLain 2012, sec. 2.4)
 
-On a path of curvature k the heading turns at v k v / (V_a cos c), hence the acceleration, normal to the velocity
-through the air, is v^2 k / cos c. That is largest straight downwind, where v = V_a + w and c = 0.
+On a path of curvature k the heading turns at v k v / (V_a cos c). The acceleration, normal to the velocity through the
+air, is therefore v^2 k / cos c. It is largest straight downwind, where v = V_a + w and c = 0.
 """
 
 # Kernels are another language inside Python syntax.
@@ -118,7 +117,7 @@ class Targets:
         self, tracks: Tracks, env_world: Tensor, wind: Tensor, *, speed: float, interval: float, wind_factor: float,
         over_air: bool,
     ):  # fmt: skip
-        """Let targets move at `speed` (m/s) along `tracks`; environments are on those of `env_world` int64 [env].
+        """Move targets at `speed` (m/s) along `tracks`; `env_world` int64 [env] is the track of each environment.
 
         `speed` is over ground, or with `over_air` through the air. A decision takes `interval` (s). `wind` [env, 3] is
         at 10 m (m/s); `wind_factor` is the wind at the flight height over it. `env_world` and `wind` are live views.
