@@ -90,9 +90,7 @@ def add_run(parser: argparse.ArgumentParser) -> None:
 
 
 def open_run(args: argparse.Namespace):
-    """Start Taichi; return the scenario of `args.run`, its file, a policy for each team, and the seed of the
-    episodes.
-    """
+    """Start Taichi; return the scenario of `args.run`, its file, the teams' policies, and the seed of the episodes."""
     from rl.learn.policy import policies_of
     from rl.runs import folder as run_folder
 

@@ -261,9 +261,7 @@ class Mission(Stateful, Generic[C, T]):
         return config.model_copy(update={"sea": config.sea.model_copy(update={"realisations": episodes})})
 
     def begin_each(self) -> None:
-        """Begin an episode in every environment: environment e uses sea e, and entry e of every other pool of
-        `one_each`.
-        """
+        """Begin an episode in every environment: environment e uses sea e, and entry e of every pool of `one_each`."""
         self.reset(seas=self._all % self.world.sea.num_seas)
 
     @classmethod

@@ -74,9 +74,7 @@ class Surroundings:
 
 
 def _filled_up(sea: Tensor) -> Tensor:
-    """The sea, padded to whole lanes (lanes.py) with components without amplitude, so that a calm sea stays exactly
-    calm.
-    """
+    """The sea, padded to whole lanes (lanes.py) by components without amplitude: a calm sea stays exactly calm."""
     waves = lanes.laned(sea)
     waves.flatten(-2)[:, (K, OMEGA), sea.shape[2] :] = NO_WAVE
     return waves

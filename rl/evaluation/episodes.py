@@ -239,9 +239,7 @@ def one_episode_each(
 def chunk_of_episode(
     config: Scenario, teams: Sequence[str], episodes: int, seed: int, source: Path | None, episode: int
 ) -> tuple[Mission, int]:
-    """The mission that ran `episode` in an evaluation of `episodes`, at its start, and the number of its first
-    episode.
-    """
+    """The mission that ran `episode` in an evaluation of `episodes`, at its start, and its first episode."""
     first = episode - episode % CHUNK
     return one_episode_each(config, teams, min(CHUNK, episodes - first), seed, source, first), first
 

@@ -66,9 +66,7 @@ def store_seen(out: ti.template(), e, i, k, distance, n):
 
 @ti.func
 def store_signal(signals: ti.template(), e, i, at, distance, reach, n, derived: ti.template(), axes: ti.template()):
-    """Write a signal from column `at` on: closeness 1 - d / reach, and the direction in the vehicle's own frame times
-    closeness.
-    """
+    """Write a signal from column `at` on: closeness 1 - d / reach; the direction in the own frame, times closeness."""
     near = ti.max(1.0 - distance / reach, 0.0)
     signals[e, i, at] = near
     if ti.static(axes == 3):

@@ -112,9 +112,7 @@ def _loss(config: Scenario, source: Path | None, policies: Mapping[str, Policy])
 def _evaluate(
     config: Scenario, policies: Mapping[str, Policy], out: Path, source: Path | None, show_progress: bool
 ) -> EvaluationResult | None:
-    """Evaluate the policies and the classical controllers, store both in the run's folder, return the policies'
-    result.
-    """
+    """Evaluate policies and classical controllers, store both in the run's folder, return the policies' result."""
     rivals = policies_of("classical", out, config)
     trials = [
         Trial(config, {team: of[team] for team in config.trained}, config.evaluation.episodes, config.evaluation.seed,

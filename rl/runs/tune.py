@@ -117,9 +117,7 @@ def _numbers(names: list[str], logarithms: np.ndarray) -> dict[str, float]:
 
 
 def write_numbers(file: Path, team: str, numbers: Mapping[str, float], comment: str) -> None:
-    """Write `[TEAM.control]` into a scenario's file, in place of an existing one; the rest of the file stays as
-    it is.
-    """
+    """Write `[TEAM.control]` into a scenario's file, in place of an existing one; the rest of it stays."""
     text = file.read_text(encoding="utf-8")
     head = f"[{team}.control]"
     section = f"{head}  # {comment}\n{tomli_w.dumps(dict(numbers))}"

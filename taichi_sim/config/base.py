@@ -20,9 +20,7 @@ class ConfigError(ValueError):
 
 
 class Strict(BaseModel):
-    """Base of every section. Unknown keys and values of another type are errors; a section cannot be changed after
-    reading.
-    """
+    """Base of every section: unknown keys and values of another type are errors; a section is frozen."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 

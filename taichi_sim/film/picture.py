@@ -81,9 +81,7 @@ class Picture:
         self._cast, self._views = cast or Cast(), _arranged(moment, size, view)
 
     def paint(self, moment: Moment, note: str = "") -> Pixels:
-        """A picture [height, width, 3] with `note` beside the time. If a state is not finite, the last picture is
-        returned again.
-        """
+        """A picture [height, width, 3] with `note` beside the time; the last one again if a state is not finite."""
         if not moment.finite():
             return self._last.copy()
         wide, high = self.size

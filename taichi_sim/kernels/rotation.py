@@ -51,9 +51,7 @@ def quaternion_product(a, b):
 
 @ti.func
 def quaternion_advance(q, omega_b, dt):
-    """Quaternion after a rotation from q at the constant body rate omega_b (rad/s) for dt (s), by the exact
-    exponential map.
-    """
+    """Quaternion after a rotation from q at the constant body rate omega_b (rad/s) for dt (s), exact."""
     square = omega_b.dot(omega_b) * (dt * dt)
     # cos(angle/2) and sin(angle/2)/angle; below 0.3 rad per step by their series, which are exact to 1e-11 there
     h = 0.25 * square

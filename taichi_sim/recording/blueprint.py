@@ -142,9 +142,7 @@ def _hidden(episode: Episode, team: TeamTrack) -> dict:
 
 
 def _last_seconds() -> rrb.VisibleTimeRanges:
-    """The time range of segmented trails. Other entities show the present only; otherwise each would be drawn once
-    per step.
-    """
+    """Time range of segmented trails; other entities show the present only, or each would be drawn once a step."""
     return rrb.VisibleTimeRanges(
         timeline="sim_time",
         start=rr.TimeRangeBoundary.cursor_relative(seconds=-TRAIL_S),

@@ -21,9 +21,7 @@ Station = tuple[float, float, float, float]
 
 
 def aircraft(size_m: tuple[float, float, float], airframe: Airframe | None, colour: Colour) -> Mesh:
-    """Mesh of an aircraft. size_m is length, span, height; None for `airframe` gives an airplane of default
-    proportions.
-    """
+    """Mesh of an aircraft; size_m is length, span, height. Without `airframe`, an airplane of default proportions."""
     airframe = airframe or Airframe(chord=CHORD * size_m[0], tail=True)
     return (_airplane if airframe.tail else _flying_wing)(size_m, airframe.chord, colour)
 
@@ -124,9 +122,7 @@ def body_mesh(team: TeamTrack, colour: Colour) -> Mesh:
 
 
 def _flown(body: Body, colour: Colour) -> Mesh:
-    """Mesh of an aircraft's surface, in its colour from above and dark from below, so that a bank is visible from
-    either side.
-    """
+    """Mesh of an aircraft's surface, in its colour from above and dark from below, so that a bank is visible."""
     faces = np.asarray(body.vertices_b, dtype=np.float64)[body.triangles]
     down = normals(faces)[:, 2]
     over, under = down < -LEVEL, down > LEVEL

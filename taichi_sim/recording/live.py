@@ -119,9 +119,7 @@ class Live:
             self._stream = None  # the next part must not continue one that was dropped
 
     def begin(self, *, anew: bool = False) -> None:
-        """Announce that the next part belongs to another episode; `anew`: it has other teams, so the layout is made
-        again.
-        """
+        """Announce that the next part belongs to another episode; `anew`: with other teams, hence another layout."""
         self._stream = None
         if anew:
             self.like, self._curves = None, {}

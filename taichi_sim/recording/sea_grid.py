@@ -31,9 +31,7 @@ class SeaGrid:
 
     @classmethod
     def of(cls, team: TeamTrack) -> "SeaGrid":
-        """A grid that holds the formation with room to spare, and resolves the waves along a hull if the number of
-        cells allows.
-        """
+        """A grid that holds the formation with room to spare and, if cells allow, resolves the waves along a hull."""
         cells = CELLS if team.on_water else CELLS_ALOFT
         height = 0.0 if team.on_water else -float(np.median(team.places_n[:, 0, 2]))  # height of the eye over the sea
         half = np.clip(0.75 * team.formation_radius_m + 16.0 + height, MIN_HALF_M, MAX_HALF_M)

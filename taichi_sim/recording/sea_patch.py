@@ -41,9 +41,7 @@ def light(up: Array, cell: float, scale: float) -> Array:
 
 
 def patch_colours(grid: SeaGrid, lights: list[Array]) -> Array:
-    """Colours [N, 3] of the patch's points, in their order, from the `lights` of its squares; they fade towards the
-    border.
-    """
+    """Colours [N, 3] of the patch's points, in order, from the `lights` of its squares; they fade at the border."""
     flat = 0.5 * (DEEP + CREST)
     inside = np.minimum(np.arange(grid.cells + 1), np.arange(grid.cells, -1, -1)) / (FADE_SHARE * grid.cells)
     fade = np.clip(np.minimum(inside[:, None], inside), 0.0, 1.0)[..., None]
@@ -128,9 +126,7 @@ def _stays_on_patch(team: TeamTrack, lead: TeamTrack) -> bool:
 
 
 def _middle(team: TeamTrack) -> Array:
-    """Centre [T, 2] (north, east, m) between the first vehicle and the middle of all, because followers usually
-    trail.
-    """
+    """Centre [T, 2] (north, east, m) between the first vehicle and the middle of all: followers usually trail."""
     places = team.places_n[:, team.company]
     middle = team.position_n[:, 0] + 0.5 * (places.mean(axis=1) - places[:, 0])
     return np.asarray(middle[:, HORIZONTAL], dtype=np.float64)

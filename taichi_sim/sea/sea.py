@@ -177,9 +177,7 @@ class Sea:
         return self.table.shape[2]
 
     def mean_level(self, sea: int = 0) -> float:
-        """Mean elevation (m) of a realisation: -sum k a b / 2, because troughs of Gerstner waves are wider than
-        crests.
-        """
+        """Mean elevation (m) of a realisation, -sum k a b / 2: troughs of Gerstner waves are wider than crests."""
         c = self.components
         coth = 1.0 if self.depth is None else 1 / np.tanh(c.k[sea] * self.depth)
         return float(-(c.k[sea] * c.amplitude[sea] ** 2 * coth).sum() / 2)

@@ -133,9 +133,7 @@ def _conditions(of: StoredEvaluation) -> str:
 
 
 def _of_team(run: Run, team: str, columns: Mapping[str, StoredEvaluation]) -> str:
-    """A row for each figure: its value in each evaluation, and differences from the first evaluation on the same
-    episodes.
-    """
+    """A row for each figure: each evaluation's value, and differences from the first on the same episodes."""
     having = {who: of for who, of in columns.items() if team in of.episodes}
     (first, of_first), *others = having.items()
     found = {who: intervals(run.judge, of.episodes[team]) for who, of in having.items()}

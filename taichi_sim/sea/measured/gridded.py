@@ -140,9 +140,7 @@ def _of_ndbc(path: Path, data: "Dataset") -> Gridded:
 
 
 def _of_directions(path: Path, data: "Dataset") -> Gridded:
-    """Read a wave model's energy by frequency and direction (m^2/Hz/degree); a single direction means no
-    directions at all.
-    """
+    """Read a wave model's energy by frequency and direction (m^2/Hz/degree); one direction means none at all."""
     energy = data["efth"]
     for name in ("time", "dir"):
         energy = energy if name in energy.dims else energy.expand_dims(name)

@@ -136,9 +136,7 @@ class MeasuredSystem:
 
     @cached_property
     def _by_direction(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """For each band, the cumulative share of its energy and the angles (rad), from opposite its mean direction
-        on.
-        """
+        """For each band, its cumulative share of energy and the angles (rad), from opposite its mean direction on."""
         cell, middle = TWO_PI / ANGLES, direction_grid()
         found = []
         for spread, mean in zip(self.record.spread, np.angle(self.record.c1), strict=True):

@@ -159,9 +159,7 @@ class FixedWing6DOF(Aircraft):
     # -- beginning -------------------------------------------------------------------------------------------------
 
     def settle(self, state: Tensor, surface: Tensor, around: Surroundings) -> Tensor:
-        """States in steady level flight at cruising airspeed in the mean wind; positions and headings of `state` are
-        kept.
-        """
+        """States in steady level flight at cruising airspeed in the mean wind, at positions and headings of `state`."""
         return trimmed(state, self.cruise, around)
 
     def reset_aux(self, aux: Tensor, state: Tensor, around: Surroundings) -> None:
@@ -242,9 +240,7 @@ class FixedWing6DOF(Aircraft):
 
     @ti.func
     def save(self, p: ti.template(), fleet: ti.template(), e, i, y, met, delta):
-        """Store state y, whose velocity is relative to the air that moves with `met`, with its derived values and
-        instruments.
-        """
+        """Store state y, relative to the air that moves with `met`, with its derived values and instruments."""
         R = attitude(y)
         readings = self.readings(p, y, delta)
         v = velocity(y) + R.transpose() @ met

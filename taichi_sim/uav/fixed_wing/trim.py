@@ -226,9 +226,7 @@ def _in_body(vector_n, q: np.ndarray) -> np.ndarray:
 
 
 def trimmed(state: Tensor, at: Trim, around: Surroundings) -> Tensor:
-    """States [n, vehicle, 13] in the straight flight `at` in the mean wind, at the positions and headings of
-    `state`.
-    """
+    """States [n, vehicle, 13] in the flight `at` in the mean wind, at the positions and headings of `state`."""
     heading = torch_euler_from_quaternion(state[..., QUATERNION])[..., HEADING]
     phi, theta = (torch.full_like(heading, angle) for angle in (at.phi, at.theta))
     q = torch_quaternion_from_euler(phi, theta, heading)
@@ -256,9 +254,7 @@ def show(aux: Tensor, state: Tensor, around: Surroundings, delta: tuple[float, .
 
 
 def air_readings(state: Tensor, wind: Tensor) -> Tensor:
-    """Airspeed (m/s), angles of attack and of sideslip (rad) [.., 3] of `state` [.., 13] in `wind` [.., 3] (NED,
-    m/s).
-    """
+    """Airspeed (m/s), angles of attack and sideslip (rad) [.., 3] of `state` [.., 13] in `wind` [.., 3] (NED, m/s)."""
     u, v, w = (state[..., VELOCITY] - _to_body(wind, state[..., QUATERNION])).unbind(-1)
     return torch.stack(
         (torch.sqrt(u * u + v * v + w * w), torch.atan2(w, u), torch.atan2(v, torch.hypot(u, w))), dim=-1

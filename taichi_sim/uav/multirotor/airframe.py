@@ -59,9 +59,7 @@ def loads(craft: ti.template(), p: ti.template(), v_r, omega_b, omega, ratio):
 
 @ti.func
 def ground_ratios(craft: ti.template(), p: ti.template(), kind: ti.template(), R, v_r, omega, below):
-    """Thrust of each rotor over that in free air [rotor], over water or a deck (`below`, ground.py); ones over
-    NOTHING.
-    """
+    """Thrust of each rotor [rotor] over that in free air, over water or a deck (`below`); ones over NOTHING."""
     ratio = omega * 0.0 + 1.0
     down_b, speed2 = ti.Vector([R[2, 0], R[2, 1], R[2, 2]]), v_r[0] * v_r[0] + v_r[1] * v_r[1]
     if ti.static(kind == ground.SEA):

@@ -71,9 +71,7 @@ def _rates(craft: ti.template(), omega: _array2, command: _array2, out: _array2)
 
 
 def rotor_rates(craft: MultirotorParams, omega, command) -> np.ndarray:
-    """Rates [n, rotor] (rad/s^2) of rotors at omega [n, rotor] (rad/s) with the commands `command` [n, rotor]
-    (rad/s).
-    """
+    """Rates [n, rotor] (rad/s^2) of rotors at omega [n, rotor] with commands `command` [n, rotor] (rad/s)."""
     omega, command = (np.ascontiguousarray(x, dtype=np.float64) for x in (omega, command))
     out = np.empty_like(omega)
     _rates(craft, omega, command, out)

@@ -247,9 +247,7 @@ def soles_down(soles, legs: ti.template()):
 
 @ti.func
 def remember(touch: ti.template(), T: ti.template(), e, i, soles, body, met):
-    """Store the soles' memory and the carrier's response after the control step T (s); met: a rotor has touched the
-    deck.
-    """
+    """Store the soles' memory and the carrier's response after the control step T (s); met: a rotor has struck."""
     for c in ti.static(range(soles.n)):
         touch.soles[e, i, c] = soles[c]
     if met != 0:

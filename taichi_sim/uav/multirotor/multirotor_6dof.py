@@ -200,9 +200,7 @@ class Multirotor6DOF(Vehicle):
     # -- beginning -------------------------------------------------------------------------------------------------
 
     def settle(self, state: Tensor, surface: Tensor, around: Surroundings) -> Tensor:
-        """States in steady flight in the mean wind; positions, headings and velocities over ground of `state` are
-        kept.
-        """
+        """States in steady flight in the mean wind, with positions, headings and velocities over ground of `state`."""
         return start.trimmed(self.plan, state, around)
 
     def reset_aux(self, aux: Tensor, state: Tensor, around: Surroundings) -> None:
@@ -414,9 +412,7 @@ class Multirotor6DOF(Vehicle):
 
     @ti.func
     def water_below(self, build: ti.template(), around: ti.template(), e, y):
-        """Elevation (m, up) of the sea below y now, and its rise in a substep. Above the reach of ground effect any
-        value does.
-        """
+        """Elevation (m, up) of the sea below y, and its rise in a substep; any value does above the ground effect."""
         now, rise = y[0] * 0.0, y[0] * 0.0
         if ti.static(self.p.ground_effect):
             s, crest = around.env_sea[e], y[0] * 0.0

@@ -44,9 +44,7 @@ def clipped(craft: ti.template(), command, most):
 
 @ti.func
 def lag_left(craft: ti.template(), p: ti.template(), omega, command):
-    """Fraction [rotor] of the change to the command that is left after half a step; its square is left after a whole
-    one.
-    """
+    """Fraction [rotor] of the change to the command left after half a step; its square: after a whole one."""
     left = omega
     for k in ti.static(range(len(craft.rotors))):
         left[k] = ti.select(command[k] >= omega[k], p.left_up, p.left_down)
@@ -121,9 +119,7 @@ def shaft_power(craft: ti.template(), p: ti.template(), omega):
 
 @ti.func
 def battery_terminal(b: ti.template(), charge, shaft):
-    """(voltage, V; current, A) of a Battery with `charge` (0 to 1) left, while the rotors take the shaft power
-    `shaft` (W).
-    """
+    """(voltage, V; current, A) of a Battery with `charge` (0 to 1) left, at the rotors' shaft power `shaft` (W)."""
     V_0 = b.empty + ti.static(b.full - b.empty) * ti.max(charge, 0.0)
     P = shaft * ti.static(1.0 / b.efficiency) + b.avionics
     V = 0.5 * (V_0 + ti.sqrt(ti.max(V_0 * V_0 - ti.static(4.0 * b.resistance) * P, 0.0)))
