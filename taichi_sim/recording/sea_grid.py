@@ -103,9 +103,7 @@ class SeaGrid:
         return np.concatenate(parts).astype(np.uint32)
 
     def _seam(self, square: NDArray[np.int64], fine: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Triangles [N, 3] of the coarse cells south of the finer square: fans to all points on its border, so that
-        there is no gap.
-        """
+        """Triangles [N, 3] of the coarse cells south of the finer square: fans to all its border points, no gaps."""
         far, near = square[self._edge - 1, self._edge : self.cells - self._edge + 1], fine[0]
         fans = np.stack([np.repeat(far[:-1], self.parts), near[1:], near[:-1]], axis=1)
         return np.concatenate([fans, np.stack([far[:-1], far[1:], near[self.parts :: self.parts]], axis=1)])

@@ -233,9 +233,7 @@ class Sea:
     def elevation_at(
         self, points: torch.Tensor, point_row: torch.Tensor, env_sea: torch.Tensor, phase: torch.Tensor
     ) -> torch.Tensor:
-        """Elevation [point] (m, up) at points [point, 2]; point_row [point] is each point's row in `env_sea` and
-        `phase`.
-        """
+        """Elevation [point] (m, up) at points [point, 2]; point_row [point]: its row in `env_sea` and `phase`."""
         return queries.elevations(self.table, points, point_row, env_sea, phase)
 
     def elevation_grid(self, north, east, time: float = 0.0, sea: int = 0) -> np.ndarray:

@@ -204,9 +204,7 @@ class UnityAircraft(Aircraft):
 
     @ti.func
     def advance(self, p: ti.template(), build: ti.template(), y, increment, angles, command, tau):
-        """One control step: the state (position, and velocity in n), increments, angles, and rates of the angles
-        after it.
-        """
+        """One control step: state (position, velocity in n), increments, angles, and rates of the angles after it."""
         pos = ti.Vector([y[0], y[1], y[2]])
         v = rotation_matrix(ti.Vector([y[3], y[4], y[5], y[6]])) @ ti.Vector([y[7], y[8], y[9]])
         boost = self.p.boost_min * ti.pow(self.boost_ratio, 0.5 * (command[2] + 1.0))

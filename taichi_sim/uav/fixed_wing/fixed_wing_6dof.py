@@ -131,9 +131,7 @@ class FixedWing6DOF(Aircraft):
     # -- for controllers --------------------------------------------------------------------------------------------
 
     def action(self, controls: Tensor) -> Tensor:
-        """Actions [.., 4] that command `controls` [.., 4]: elevator, aileron, rudder (rad), throttle; on the device
-        of `controls`.
-        """
+        """Actions [.., 4] that command `controls` [.., 4]: elevator, aileron, rudder (rad), throttle."""
         neutral, lower, upper = (
             torch.tensor(x, dtype=torch.float64, device=controls.device)
             for x in (self.neutral, self.p.actuators.lower, self.p.actuators.upper)

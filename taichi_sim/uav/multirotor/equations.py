@@ -50,9 +50,7 @@ def derivatives(
 
 
 def rhs(craft: MultirotorParams, state, omega) -> np.ndarray:
-    """Derivative [n, 13] float64 of states [n, 13] in still air, far from the ground, with rotors at omega
-    [n, rotor] (rad/s).
-    """
+    """Derivative [n, 13] float64 of states [n, 13] in still air, far from ground; rotors at omega [n, rotor], rad/s."""
     state, omega = (np.ascontiguousarray(x, dtype=np.float64) for x in (state, omega))
     out, none = np.empty_like(state), np.zeros((len(state), 6))
     derivatives(craft, False, state, omega, none, none, out)
