@@ -37,6 +37,8 @@ if TYPE_CHECKING:  # rsl-rl doubles the time to import: only a frozen policy nee
     from rl.learn.policy import Policy
 
 ByTeam = dict[str, Tensor]
+ABSENT = "absent"
+OTHERS = f"{ABSENT!r}, 'constant', 'classical', or the path of a run folder or of a checkpoint in one"
 
 
 class Stepped(NamedTuple):
@@ -236,10 +238,6 @@ def _check_commanded(config: Scenario, argument: str, name: str, allowed: Sequen
         close = nearly(name, allowed)
         hint = f", did you mean {close!r}?" if close else ""
         raise ValueError(f"{argument}: there is no team {name!r}{hint}; allowed are {', '.join(allowed)}")
-
-
-ABSENT = "absent"
-OTHERS = f"{ABSENT!r}, 'constant', 'classical', or the path of a run folder or of a checkpoint in one"
 
 
 def policy_of_other(other: str | Path, team: Team, config: Scenario, argument: str = "other") -> "Policy":

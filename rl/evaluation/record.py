@@ -1,4 +1,4 @@
-"""One episode with every state of every team, for recordings and figures."""
+"""One episode with every state of every team, for recordings and figures; the format of a recording by its name."""
 
 import os
 from collections.abc import Callable, Mapping, Sequence
@@ -22,6 +22,7 @@ from taichi_sim.recording import Episode, Event, write_recording
 from taichi_sim.recording.ros import FJORD, Origin, check_bag, write_mcap, write_rosbag2
 from taichi_sim.vehicle import Vehicle
 
+RRD, MCAP = ".rrd", ".mcap"
 Seen = Callable[[Mission, int, Step, list[Event]], None]
 """Called after each step of an episode that is recorded: mission, its environment, the step, new events."""
 
@@ -109,9 +110,6 @@ def _stalls(model: Vehicle, team: str, aux: np.ndarray, time: np.ndarray) -> lis
         Event(float(time[step]), team, int(vehicle), "stall", f"{team}{vehicle}'s wing has stalled")
         for step, vehicle in np.argwhere(began)
     ]
-
-
-RRD, MCAP = ".rrd", ".mcap"
 
 
 class Output(NamedTuple):

@@ -11,6 +11,8 @@ import taichi as ti
 
 from taichi_sim.kernels.rotation import HEADING_COS, HEADING_SIN
 
+SPEED_SCALE = 10.0  # m/s, where an obstacle's squashed speed is half way to 1
+
 
 class Obstacle:
     """An obstacle near a vehicle, as the vehicle senses it (`Nearby.obstacles`).
@@ -51,9 +53,6 @@ class SightingReport:
     """The last sighting of an object in a message: place, variance, AGE (s; below 0: not seen yet)."""
 
     NORTH, EAST, VARIANCE, AGE, SIZE = range(5)
-
-
-SPEED_SCALE = 10.0  # m/s, where an obstacle's squashed speed is half way to 1
 
 
 @ti.func

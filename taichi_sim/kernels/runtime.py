@@ -36,6 +36,7 @@ from taichi.lang.kernel_impl import Kernel
 from taichi.types.annotations import template
 
 Precision = Literal["f32", "f64"]
+_with_carets = ASTTransformerContext.get_pos_info
 
 
 @dataclass(frozen=True)
@@ -333,9 +334,6 @@ def _same(args: tuple[object, ...], before: tuple[object, ...]) -> bool:
     return len(args) == len(before) and all(
         a is b or (isinstance(a, tuple) and a == b) for a, b in zip(args, before, strict=True)
     )
-
-
-_with_carets = ASTTransformerContext.get_pos_info
 
 
 def quicken() -> None:

@@ -18,6 +18,7 @@ THICK_WING, THICK_TAIL = 0.14, 0.1  # thickness over chord
 
 Station = tuple[float, float, float, float]
 """Section of a wing: place along the span, x of the leading edge, chord, offset across the span; m."""
+LEVEL = 0.5  # least vertical component of the normal of a face that is visible from above or below
 
 
 def aircraft(size_m: tuple[float, float, float], airframe: Airframe | None, colour: Colour) -> Mesh:
@@ -109,9 +110,6 @@ def _flying_wing(size_m: tuple[float, float, float], chord: float, colour: Colou
         ),
         _propeller(stern - 0.2 * radius, 2.2 * radius),
     )
-
-
-LEVEL = 0.5  # least vertical component of the normal of a face that is visible from above or below
 
 
 def body_mesh(team: TeamTrack, colour: Colour) -> Mesh:

@@ -18,6 +18,8 @@ from taichi_sim.recording.space import send_events, send_scene, send_sea
 from taichi_sim.recording.stream import Stream
 from taichi_sim.recording.vehicles import send_team
 
+APPLICATION = "taichi_sim"
+
 
 def draw(stream: Stream, episode: Episode) -> None:
     """Draw the whole episode, or the part that follows what the stream already holds."""
@@ -36,9 +38,6 @@ def draw(stream: Stream, episode: Episode) -> None:
     send_flow(stream, episode)
     send_overlays(stream, episode)
     send_events(stream, episode)
-
-
-APPLICATION = "taichi_sim"
 
 
 def write_recording(episode: Episode, path: Path) -> Path:

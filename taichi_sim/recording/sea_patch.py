@@ -26,6 +26,17 @@ DEEP = np.array([12.0, 62.0, 92.0])
 CREST = np.array([58.0, 142.0, 158.0])
 FOAM = np.array([222.0, 234.0, 236.0])
 HAZE = np.array([168.0, 196.0, 214.0])  # the horizon, and the sky behind it
+FRAME_S = 0.1  # interval of the water around a hull: a hull heaves by half its draft in 0.2 s
+ALOFT_S = 0.4  # interval of a patch without boats, where nothing rides on the waves
+INSIDE = 0.8  # a vehicle within this fraction of a patch's half side is on the patch
+HULL_LENGTHS = 1.25  # boat lengths within which the water counts as around the hull, and has no tolerance
+MAX_FRAMES = 1200  # longer episodes have fewer frames per second
+HORIZON_M = 4000.0  # least half side of the outer ring
+BATCH = 150  # frames sent at a time
+ROUND_M = 1.0 / 64.0  # heights are rounded to this, so that the file compresses well
+OFF, OFF_CRESTS = 0.025, 0.35  # tolerance of heights over the distance to the nearest hull; at most, over a tall crest
+OFF_SHADE = 10.0  # tolerance of colours, of 255
+SLACK = 1.0  # cells that a team may leave the centre before the patch moves, which sends every point again
 
 
 def light(up: Array, cell: float, scale: float) -> Array:
@@ -50,19 +61,6 @@ def patch_colours(grid: SeaGrid, lights: list[Array]) -> Array:
     rings = [np.broadcast_to(shade, (len(grid.rim), 3)) for shade in (flat, HAZE)]
     waves = np.concatenate([coarse.reshape(-1, 3)[grid.shown], *fine])
     return np.concatenate([flat + np.round((waves - flat) / LEVEL) * LEVEL, *rings])
-
-
-FRAME_S = 0.1  # interval of the water around a hull: a hull heaves by half its draft in 0.2 s
-ALOFT_S = 0.4  # interval of a patch without boats, where nothing rides on the waves
-INSIDE = 0.8  # a vehicle within this fraction of a patch's half side is on the patch
-HULL_LENGTHS = 1.25  # boat lengths within which the water counts as around the hull, and has no tolerance
-MAX_FRAMES = 1200  # longer episodes have fewer frames per second
-HORIZON_M = 4000.0  # least half side of the outer ring
-BATCH = 150  # frames sent at a time
-ROUND_M = 1.0 / 64.0  # heights are rounded to this, so that the file compresses well
-OFF, OFF_CRESTS = 0.025, 0.35  # tolerance of heights over the distance to the nearest hull; at most, over a tall crest
-OFF_SHADE = 10.0  # tolerance of colours, of 255
-SLACK = 1.0  # cells that a team may leave the centre before the patch moves, which sends every point again
 
 
 class Cadence(NamedTuple):

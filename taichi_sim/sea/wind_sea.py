@@ -33,6 +33,7 @@ JONSWAP_FREQUENCY, JONSWAP_FREQUENCY_POWER = 3.5, -0.33  # f = 3.5 x^-0.33
 WIND_HEIGHT, PM_WIND_HEIGHT = 10.0, 19.5  # m; of wind_speed, and of the anemometers of Pierson & Moskowitz
 DRAG_COEFFICIENT = 1.3e-3  # of the sea surface, at 10 m (Stewart 2008, sec. 16.4)
 VON_KARMAN = 0.4
+UPPER_HS = (0.0, 0.1, 0.5, 1.25, 2.5, 4.0, 6.0, 9.0, 14.0, math.inf)  # m, upper limits of codes 0 to 9
 
 
 class SeaSize(NamedTuple):
@@ -85,9 +86,6 @@ def sea_size(config: SeaConfig) -> SeaSize:
         return developed_sea(config.wind_speed)
     assert config.hs is not None and config.tp is not None  # SeaConfig ensures it
     return SeaSize(config.hs, config.tp)
-
-
-UPPER_HS = (0.0, 0.1, 0.5, 1.25, 2.5, 4.0, 6.0, 9.0, 14.0, math.inf)  # m, upper limits of codes 0 to 9
 
 
 def sea_state_range(code: int) -> tuple[float, float]:

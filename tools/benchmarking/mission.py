@@ -21,6 +21,12 @@ from tools.benchmarking.timing import Case
 ACTION_SPREAD = 0.2  # standard deviation of random actions about cruise
 ACTION_SETS = 8  # sets of actions drawn beforehand, so that drawing is not timed
 STAGGER_SEED = 7
+SIZE = (640, 480)
+SCENARIOS = {
+    "paper": ("track.worlds=4", "sea.realisations=4"),
+    "otter": ("sea.realisations=4",),
+    "escort": ("escort.worlds=4", "sea.realisations=4"),
+}
 
 
 def begin_anywhere(task: Mission) -> Mission:
@@ -148,14 +154,6 @@ def rates(cases: list[Case], group: str, config: Scenario) -> list[dict[str, flo
         for case in cases
         if case.group == group
     ]
-
-
-SIZE = (640, 480)
-SCENARIOS = {
-    "paper": ("track.worlds=4", "sea.realisations=4"),
-    "otter": ("sea.realisations=4",),
-    "escort": ("escort.worlds=4", "sea.realisations=4"),
-}
 
 
 def measure_pictures(*, seconds: float, repetitions: int) -> dict[str, float]:

@@ -44,6 +44,7 @@ CANNOT = (ConfigError, SteepSeaError, ControllerError, CheckpointError, ActionEr
 ESTIMATE_AFTER = 3  # cells, from which the remaining time is estimated
 SIGNIFICANT = 6  # significant digits of each figure
 TELL = functools.partial(tqdm.write, file=sys.stderr)  # prints above the progress bar
+JSON, CSV = "sweep.json", "sweep.csv"
 
 
 class Contest(NamedTuple):
@@ -210,9 +211,6 @@ def _read(lines: TextIO) -> dict[str, CellResult]:
         whole = lines.tell()
     lines.truncate(whole)
     return done
-
-
-JSON, CSV = "sweep.json", "sweep.csv"
 
 
 def write_tables(out: Path, about: SweepAbout, rows: Sequence[CellRow]) -> None:
