@@ -1,11 +1,9 @@
 """Commands as a user runs them, and one tiny run.
 
 Commands and listings run in processes of their own, forked from a server that has imported the packages; `tiny_run` is
-one real call of the script, shared by all tests of a process. Tests of modules that use this one run in one worker
-(conftest.py).
+one real call of the script, shared by all tests of a session.
 """
 
-import atexit
 import csv
 import dataclasses
 import functools
@@ -20,6 +18,8 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
+
+from filelock import FileLock
 
 from rl import cli
 from rl.learn.policy import checkpoints
@@ -50,6 +50,7 @@ TINY = (
 )
 TEAMS = ("usv", "uav")
 TIMEOUT = 900  # s, after which a command hangs: a busy machine takes minutes for what takes ten seconds
+place = Path()  # of the tiny run
 
 
 def sets(*overrides: str) -> list[str]:
@@ -160,9 +161,20 @@ def printed(module: str, *arguments: object, cwd: Path) -> str:
 
 @functools.cache
 def tiny_run() -> Path:
-    """Return the folder of one whole tiny main job, run by the script; not to be changed."""
-    folder = Path(tempfile.mkdtemp())
-    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    """Return the folder of one whole tiny main job, run by the script; not to be changed.
+
+    The worker that needs it first makes it in `place`, which tests/rl/conftest.py sets; others wait for it.
+    """
+    folder = place / "tiny"
+    with FileLock(place / "tiny.lock"):
+        if not folder.is_dir():
+            folder.mkdir()
+            _make_tiny_run(folder)
+    assert (folder / "run" / "summary.json").is_file(), "another worker could not make the tiny run"
+    return folder / "run"
+
+
+def _make_tiny_run(folder: Path) -> None:
     script = [
         sys.executable,
         str(ROOT / "rl" / "train.py"),
@@ -178,7 +190,6 @@ def tiny_run() -> Path:
     assert done.returncode == 0, done.stderr
     assert "summary.json" in done.stdout and "episode.rrd" in done.stdout
     assert "stage 2/2 uav" in done.stderr  # progress
-    return folder / "run"
 
 
 def tiny_config() -> FormationScenario:

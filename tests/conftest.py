@@ -1,8 +1,7 @@
 """Fixtures shared by all tests, and their order: what Taichi has compiled serves as many tests as possible.
 
 Taichi compiles a kernel anew after every change of precision or threads, and in every worker. So a worker takes all
-tests of a file in one precision (--dist loadgroup), double first, and changes once. One worker takes all files that run
-commands: it makes the tiny run, and imports what commands need, once.
+tests of a file in one precision (--dist loadgroup), double first, and changes once.
 """
 
 import os
@@ -31,9 +30,7 @@ def _precision_of(item: pytest.Item) -> runtime.Precision:
 def pytest_collection_modifyitems(items):
     items.sort(key=lambda item: _precision_of(item) == "f32")
     for item in items:
-        runs = any(getattr(thing, "__module__", "") == "command_line" for thing in vars(item.module).values())
-        group = "commands" if runs or "run" in item.fixturenames else item.path.stem
-        item.add_marker(pytest.mark.xdist_group(f"{group}-{_precision_of(item)}"))
+        item.add_marker(pytest.mark.xdist_group(f"{item.path.stem}-{_precision_of(item)}"))
 
 
 @pytest.hookimpl(tryfirst=True)
