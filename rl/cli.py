@@ -90,9 +90,7 @@ def add_run(parser: argparse.ArgumentParser) -> None:
 
 
 def open_run(args: argparse.Namespace):
-    """Start Taichi; return the scenario of `args.run`, its file, a policy for each team, and the seed of the
-    episodes.
-    """
+    """Start Taichi; return the scenario of `args.run`, its file, the teams' policies, and the seed of the episodes."""
     from rl.learn.policy import policies_of
     from rl.runs import folder as run_folder
 
@@ -228,7 +226,7 @@ def user_errors() -> tuple[type[Exception], ...]:
     from rl.mission import ControllerError
     from rl.runs.folder import RunError
     from taichi_sim.config import ConfigError
-    from taichi_sim.config.extras import MissingExtraError
+    from taichi_sim.config.base import MissingExtraError
     from taichi_sim.film.files import FilmError
     from taichi_sim.recording.ros import BagError
     from taichi_sim.sea import SteepSeaError

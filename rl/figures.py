@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from rl.mission import Histories
-from taichi_sim.plotting.style import INK, dress, new_figure, rgb
+from taichi_sim.plotting import INK, dress, new_figure, rgb
 from taichi_sim.recording import Episode
 from taichi_sim.recording.palette import Livery
 

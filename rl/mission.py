@@ -24,10 +24,9 @@ from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
 from rl.judge import Judge
-from rl.scenario import Scenario
-from rl.seeds import derive_seed
+from rl.scenario import Scenario, derive_seed
 from rl.team import Controller, Team
-from taichi_sim.config.summary import number, span
+from taichi_sim.config.base import number, span
 from taichi_sim.kernels import runtime
 from taichi_sim.recording.episode import Episode, Scene
 from taichi_sim.recording.overlays import Overlay
@@ -262,9 +261,7 @@ class Mission(Stateful, Generic[C, T]):
         return config.model_copy(update={"sea": config.sea.model_copy(update={"realisations": episodes})})
 
     def begin_each(self) -> None:
-        """Begin an episode in every environment: environment e uses sea e, and entry e of every other pool of
-        `one_each`.
-        """
+        """Begin an episode in every environment: environment e uses sea e, and entry e of every pool of `one_each`."""
         self.reset(seas=self._all % self.world.sea.num_seas)
 
     @classmethod

@@ -50,9 +50,8 @@ def main(argv: list[str] | None = None) -> None:
     """Run the command."""
     args = parser().parse_args(argv)
     from rl import cli
-    from rl.evaluation.record import record_episode
+    from rl.evaluation.record import output_of, record_episode
     from rl.evaluation.store import recording_name
-    from rl.runs.outputs import output_of
     from rl.runs.watch import episode_view, refuse_used
     from taichi_sim.film.files import check_film, write_film
 

@@ -4,6 +4,7 @@ A mission's scenario class derives from `Scenario` and adds keys (rl/mission.py)
 """
 
 import difflib
+import hashlib
 import itertools
 from typing import Annotated, Literal, TypeVar
 
@@ -191,3 +192,9 @@ def at_stage(config: C, name: str) -> C:
     data = config.model_dump(mode="json", exclude_none=True)
     set_values(data, changes, type(config), sources)
     return validate(type(config), data, config.name, sources)
+
+
+def derive_seed(seed: int, *purpose: str | int) -> int:
+    """A 31-bit seed for `purpose`: equal words give equal seeds, other words give unrelated ones."""
+    digest = hashlib.sha256(repr((int(seed), *purpose)).encode()).digest()
+    return int.from_bytes(digest[:4], "little") >> 1

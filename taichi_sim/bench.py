@@ -20,11 +20,11 @@ from torch import Tensor
 
 from taichi_sim.air import Wind
 from taichi_sim.config import AirConfig, SeaConfig, WorldConfig
-from taichi_sim.config.summary import span
+from taichi_sim.config.base import span
 from taichi_sim.conventions import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOCITY
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import runtime
-from taichi_sim.kernels.counters import Noise
+from taichi_sim.kernels.random import Noise
 from taichi_sim.kernels.rotation import (
     torch_euler_from_quaternion,
     torch_quaternion_from_euler,

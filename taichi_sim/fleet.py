@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from torch import Tensor
 
 from taichi_sim.config import ConfigError
-from taichi_sim.config.summary import number
+from taichi_sim.config.base import number
 from taichi_sim.contact.touch import Touch
 from taichi_sim.conventions import (
     ANGULAR_VELOCITY,
@@ -21,10 +21,18 @@ from taichi_sim.conventions import (
     VELOCITY,
 )
 from taichi_sim.kernels import runtime
-from taichi_sim.kernels.kinematics import DERIVED_SIZE, DOWN, HEADING_COS, HEADING_SIN, ROTATION, VELOCITY_N, derive
 from taichi_sim.kernels.lanes import laned, width
 from taichi_sim.kernels.packs import FleetPack
-from taichi_sim.kernels.rotation import torch_euler_from_quaternion
+from taichi_sim.kernels.rotation import (
+    DERIVED_SIZE,
+    DOWN,
+    HEADING_COS,
+    HEADING_SIN,
+    ROTATION,
+    VELOCITY_N,
+    derive,
+    torch_euler_from_quaternion,
+)
 from taichi_sim.kernels.runtime import Launcher
 from taichi_sim.vehicle import Vehicle
 
@@ -37,7 +45,7 @@ class Views:
     Attributes:
         model: model of the vehicles.
         state: [env, vehicle, 13], packed as in conventions.py.
-        derived: [env, vehicle, 14], quantities derived from the state (kinematics.py).
+        derived: [env, vehicle, 14], quantities derived from the state (kernels/rotation.py).
         aux: [env, vehicle, n], the model's own state; `reading` names its columns.
     """
 

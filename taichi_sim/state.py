@@ -35,7 +35,7 @@ from pydantic import BaseModel
 from torch import Tensor
 
 from taichi_sim.kernels import runtime
-from taichi_sim.kernels.counters import FIRST_FORKED, Noise
+from taichi_sim.kernels.random import FIRST_FORKED, Noise
 
 VERSION = 1  # version of a snapshot's layout
 GIB = 2**30

@@ -9,8 +9,8 @@ from torch import Tensor
 from taichi_sim.air import Wind
 from taichi_sim.conventions import OMEGA, K
 from taichi_sim.kernels import lanes, runtime
-from taichi_sim.kernels.counters import Noise
 from taichi_sim.kernels.packs import AroundPack
+from taichi_sim.kernels.random import Noise
 from taichi_sim.sea.queries import elevations
 from taichi_sim.sea.sea import DEEP, Sea
 
@@ -92,9 +92,7 @@ class Surroundings:
 
 
 def _filled_up(sea: Tensor) -> Tensor:
-    """The sea, padded to whole lanes (lanes.py) with components without amplitude, so that a calm sea stays exactly
-    calm.
-    """
+    """The sea, padded to whole lanes (lanes.py) by components without amplitude: a calm sea stays exactly calm."""
     waves = lanes.laned(sea)
     waves.flatten(-2)[:, (K, OMEGA), sea.shape[2] :] = NO_WAVE
     return waves

@@ -152,9 +152,7 @@ class Vehicle:
         return {}
 
     def body(self) -> tuple[np.ndarray, np.ndarray] | None:
-        """Surface of the vehicle: vertices [N, 3] (m, b) and corners [F, 3] of triangles, counter-clockwise from
-        outside.
-        """
+        """Surface of the vehicle: vertices [N, 3] (m, b), triangles' corners [F, 3], counter-clockwise from outside."""
         return None
 
     # -- beginning -------------------------------------------------------------------------------------------------

@@ -100,9 +100,7 @@ def vehicle_files(file: Path, source: Path | None = None) -> list[Path]:
 
 
 def _resolve_files(data: Table, keys: tuple[str, ...], folder: Path) -> list[Path]:
-    """Turn values of `keys` ("section.key") that name files in a vehicle's folder into full paths; return these
-    paths.
-    """
+    """Turn values of `keys` ("section.key") that name files in a vehicle's folder into full paths; return these."""
     found = []
     for key in keys:
         *sections, last = key.split(".")

@@ -9,14 +9,14 @@ from numpy.typing import ArrayLike
 
 from taichi_sim.air import Wind
 from taichi_sim.config import ConfigError, WorldConfig
+from taichi_sim.config.base import number, span
 from taichi_sim.config.io import find_config, load_world, vehicle_file
 from taichi_sim.config.plugins import load_class
-from taichi_sim.config.summary import number, span
 from taichi_sim.contact.contacts import Contacts
 from taichi_sim.dump import Dump, save_dump
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import runtime
-from taichi_sim.kernels.counters import Noise
+from taichi_sim.kernels.random import Noise
 from taichi_sim.randomisation.conditions import realise
 from taichi_sim.randomisation.variation import Variation
 from taichi_sim.script import Script

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from rl import cli
 from taichi_sim.vehicles import MODELS
 from tools.benchmarking.mission import scenario_cases
 from tools.benchmarking.parts import Stopwatch
@@ -152,7 +153,8 @@ def test_two_checkouts_are_compared_case_by_case(tmp_path):
     assert "times as fast" in result.stdout
 
 
-def test_a_folder_without_a_benchmark_cannot_be_compared(tmp_path):
-    result = subprocess.run([sys.executable, TOOL, "--against", tmp_path], capture_output=True, text=True)
-    assert result.returncode == 1
-    assert result.stderr.startswith(f"error: {tmp_path / 'tools' / 'benchmark.py'}: no such file")
+def test_a_folder_without_a_benchmark_cannot_be_compared(tmp_path, capsys):
+    from tools import benchmark
+
+    assert cli.run(benchmark.main, ["--against", str(tmp_path)]) == 1
+    assert capsys.readouterr().err.startswith(f"error: {tmp_path / 'tools' / 'benchmark.py'}: no such file")

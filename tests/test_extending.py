@@ -1,13 +1,11 @@
 """docs/extending.md: its examples, run as they are written, from a folder outside the repository."""
 
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from command_line import ROOT, printed
 
-ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "extending.md"
 BLOCK = re.compile(r"^```\w+ file=(\S+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 FEW = ("--set", "stages.first.iterations=2", "--set", "evaluation.episodes=2", "--set", "episode_duration=5")
@@ -22,15 +20,8 @@ def folder(tmp_path_factory) -> Path:
     return place
 
 
-def run(folder: Path, *command: str) -> str:
-    """Output of a command in `folder`, which must end well."""
-    done = subprocess.run([sys.executable, *command], cwd=folder, capture_output=True, text=True, timeout=900)
-    assert done.returncode == 0, done.stdout + done.stderr
-    return done.stdout
-
-
 def test_the_vehicle_is_driven_alone(folder):
-    text = run(folder, "try_ferry.py")
+    text = printed("try_ferry.py", cwd=folder)
     light, laden = map(float, re.search(r"\[(.*)\]", text).group(1).split(","))
     # u = (F / d) (1 - exp(-d t / m)): 4.82 and 4.05 m/s after ten seconds; Euler's method at 0.1 s is 1 % off
     assert light == pytest.approx(5.0 * (1 - 2.718281828 ** (-300 * 10 / 900)), rel=0.01)
@@ -40,8 +31,8 @@ def test_the_vehicle_is_driven_alone(folder):
 
 def test_the_mission_is_trained_evaluated_recorded_and_judged_by_its_own_figures(folder):
     """Nothing of the repository is touched: the files of the mission are its own."""
-    run(folder, str(ROOT / "rl" / "train.py"), "--config", "rendezvous.toml", "--out", "run", "--quiet", *FEW)
-    told = run(folder, str(ROOT / "rl" / "evaluate.py"), "run", "--quiet", "--episodes", "2")
+    printed("rl.train", "--config", "rendezvous.toml", "--out", "run", *FEW, cwd=folder)
+    told = printed("rl.evaluate", "run", "--episodes", "2", cwd=folder)
     assert "final_distance_m" in told
     assert {"ferry.py", "rendezvous.py"} <= {file.name for file in (folder / "run").rglob("*.py")}
     assert (folder / "run" / "episode.rrd").is_file()
@@ -50,6 +41,6 @@ def test_the_mission_is_trained_evaluated_recorded_and_judged_by_its_own_figures
 @pytest.mark.slow
 def test_the_mission_learns(folder):
     """Vehicles that begin 50 m away on average end within 25 m."""
-    run(folder, str(ROOT / "rl" / "train.py"), "--config", "rendezvous.toml", "--out", "long", "--quiet")
-    told = run(folder, str(ROOT / "rl" / "evaluate.py"), "long", "--quiet")
+    printed("rl.train", "--config", "rendezvous.toml", "--out", "long", cwd=folder)
+    told = printed("rl.evaluate", "long", cwd=folder)
     assert float(re.search(r'"final_distance_m": ([\d.]+)', told).group(1)) < 25.0

@@ -25,7 +25,6 @@ LAYERS = (
     (
         "taichi_sim.surroundings",
         "taichi_sim.contact.parts",
-        "taichi_sim.contact.forces",
         "taichi_sim.contact.carrier",
         "taichi_sim.contact.touch",
     ),
@@ -41,7 +40,7 @@ LAYERS = (
     ("taichi_sim.trials", "taichi_sim.sitl", "taichi_sim.fit"),
     ("taichi_sim.film",),
     ("taichi_sim.commands",),
-    ("rl.seeds", "rl.processes", "rl.course"),
+    ("rl.processes", "rl.course"),
     ("rl.perception",),
     ("rl.scenario",),
     ("rl.judge", "rl.rewards"),
@@ -50,7 +49,7 @@ LAYERS = (
     ("rl.guidance", "rl.figures"),
     ("rl.missions", "rl.adapters.render", "rl.planning"),
     ("rl.learn",),
-    ("rl.runs.folder", "rl.runs.records", "rl.runs.outputs", "rl.runs.launch"),
+    ("rl.runs.folder", "rl.runs.records", "rl.runs.launch"),
     ("rl.evaluation",),
     ("rl.runs",),
     ("rl.adapters",),
@@ -155,7 +154,7 @@ def test_every_package_was_walked():
 @pytest.mark.parametrize(
     ("module", "statement"),
     [
-        ("taichi_sim/world.py", "from rl.seeds import derive_seed"),
+        ("taichi_sim/world.py", "from rl.scenario import derive_seed"),
         ("rl/perception/sensors.py", "import tools"),
         ("rl/missions/formation/team.py", "def late():\n    from rl import train"),
         ("rl/missions/formation/team.py", "from ...train import main"),
@@ -164,13 +163,13 @@ def test_every_package_was_walked():
         ("taichi_sim/usv/unity_boat.py", "from taichi_sim.uav import unity_aircraft"),
         ("rl/learn/stages.py", "from tools import validate"),
         ("taichi_sim/__init__.py", "from taichi_sim.world import World"),
-        ("taichi_sim/world.py", "if TYPE_CHECKING:\n    from rl.seeds import derive_seed"),
+        ("taichi_sim/world.py", "if TYPE_CHECKING:\n    from rl.scenario import derive_seed"),
         ("rl/novelty.py", "import math"),
     ],
 )
 def test_an_arrow_that_runs_back_is_found(tmp_path, module, statement):
     for name in (
-        "taichi_sim/usv/unity_boat", "taichi_sim/uav/unity_aircraft", "rl/train", "rl/play", "rl/seeds",
+        "taichi_sim/usv/unity_boat", "taichi_sim/uav/unity_aircraft", "rl/train", "rl/play", "rl/scenario",
         "taichi_sim/__init__", "rl/__init__", "tools/validate", "taichi_sim/world",
     ):  # fmt: skip
         file = tmp_path / f"{name}.py"

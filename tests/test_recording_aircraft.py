@@ -10,15 +10,15 @@ import torch
 from numpy.typing import NDArray
 from test_recording import column, elevation, make_episode, rows
 
-from rl.evaluation.events import EVENTS
+from rl.evaluation.episode_log import EVENTS
 from rl.evaluation.record import _stalls, record_episode
 from rl.missions import load_scenario
 from rl.missions.formation.team import TeamTask
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.rotation import torch_rotation_matrix
 from taichi_sim.recording import Airframe, Episode, write_recording
-from taichi_sim.recording.aircraft import aircraft
 from taichi_sim.recording.arrows import metres_per_second_per_metre
+from taichi_sim.recording.bodies import aircraft
 from taichi_sim.recording.sea_grid import SeaGrid
 from taichi_sim.recording.vehicles import smooth_course
 from taichi_sim.uav.aircraft import Aircraft

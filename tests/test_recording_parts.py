@@ -11,8 +11,8 @@ from rerun.chunk import RrdReader
 from test_recording import make_episode
 
 from taichi_sim.recording import Episode, Event, Force, write_recording
-from taichi_sim.recording.draw import draw
 from taichi_sim.recording.overlays import Ellipsoids, Lines, Plot
+from taichi_sim.recording.rrd import draw
 from taichi_sim.recording.stream import Stream
 
 STEPS = 60

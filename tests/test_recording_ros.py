@@ -16,8 +16,8 @@ from rosbags.highlevel import AnyReader
 from rosbags.interfaces import QosDurability
 from test_recording import make_episode
 
+from rl.evaluation.record import output_of
 from rl.runs.folder import RunError
-from rl.runs.outputs import output_of
 from taichi_sim.recording import Episode, Force
 from taichi_sim.recording.ros import FJORD, BagError, Origin, write_mcap, write_rosbag2
 from taichi_sim.recording.ros.geodesy import ecef, geodetic

@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 from typing import NamedTuple
 
@@ -206,34 +207,46 @@ def test_packs_of_an_ended_program_are_freed_without_harm():
 
 
 COMPILED = """
-from test_runtime import Given, Launcher, Made, Options, mix, runtime, tensors
+import taichi as ti
+import torch
+
+from taichi_sim.kernels import runtime
+
+
+@ti.kernel
+def double(x: ti.types.ndarray(ndim=1)):
+    for i in x:
+        x[i] *= 2.0
+
 
 runtime.init(threads=1)
-a, b, plain, c, d = tensors()
-packs = runtime.pack(Given, a=a, b=b), runtime.pack(Made, c=c, d=d)
-Launcher(mix)(packs[0], plain, packs[1], Options())
+runtime.Launcher(double)(torch.ones(3))
 """
 
 
 def test_a_process_leaves_what_it_compiled_to_the_next_one(tmp_path):
     """Although a process that was killed while it wrote has left its lock; a lock in use is respected."""
-    lock = tmp_path / "ticache.lock"
+    cache, script = tmp_path / "cache", tmp_path / "double.py"
+    cache.mkdir()
+    script.write_text(COMPILED)
+    lock = cache / "ticache.lock"
 
     def run():
-        environment = PATHS | {"TI_OFFLINE_CACHE_FILE_PATH": str(tmp_path)}
-        done = subprocess.run([sys.executable, "-c", COMPILED], capture_output=True, text=True, env=environment)
+        environment = PATHS | {"TI_OFFLINE_CACHE_FILE_PATH": str(cache)}
+        done = subprocess.run([sys.executable, script], capture_output=True, text=True, env=environment)
         assert done.returncode == 0, done.stderr
-        return sorted(file.name for file in tmp_path.iterdir())
+        return sorted(file.name for file in cache.iterdir())
 
     lock.touch()
+    os.utime(lock, (time.time() + 3600,) * 2)  # in use, however slowly the process starts
     assert run() == ["ticache.lock"]
     os.utime(lock, (0, 0))
     kernel, index = run()
     assert kernel.endswith(".tic")
     assert index == "ticache.tcb"
-    written = (tmp_path / kernel).stat().st_mtime_ns
+    written = (cache / kernel).stat().st_mtime_ns
     assert run() == [kernel, index]
-    assert (tmp_path / kernel).stat().st_mtime_ns == written  # read, not compiled again
+    assert (cache / kernel).stat().st_mtime_ns == written  # read, not compiled again
 
 
 def test_a_fleet_goes_on_in_another_program():

@@ -7,8 +7,7 @@ import pytest
 
 from taichi_sim.config import SeaConfig
 from taichi_sim.sea.measured import records_of
-from taichi_sim.sea.measured.entropy import direction_grid, normalised
-from taichi_sim.sea.measured.record import WaveRecord
+from taichi_sim.sea.measured.record import WaveRecord, direction_grid, normalised
 from taichi_sim.sea.spectrum import jonswap, spreading
 from tools import sea_of
 

@@ -7,7 +7,7 @@ import torch
 from rl.missions import load_scenario, make_mission
 from taichi_sim.bench import Bench
 from taichi_sim.config import AirConfig, CurrentConfig, SeaConfig
-from taichi_sim.config.summary import number, span
+from taichi_sim.config.base import number, span
 from taichi_sim.world import World
 
 SMALL = ("sea.realisations=2", "sea.components=4", "usv.count=1", "uav.count=1")

@@ -7,11 +7,12 @@ import sys
 from pathlib import Path
 
 import pytest
+from command_line import ROOT, printed
 
-ROOT = Path(__file__).resolve().parents[1]
 PAGES = ROOT / "docs" / "tutorials"
 FILE = re.compile(r"^```\w+ file=(\S+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 COMMANDS = re.compile(r"^```sh\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+LISTING = re.compile(r"python (\S+\.py)\n")
 LESSONS = ("sea", "boat", "mission", "policy", "report")
 
 
@@ -20,16 +21,20 @@ def lesson(folder: Path, name: str) -> str:
     text = (PAGES / f"{name}.md").read_text(encoding="utf-8")
     for file, content in FILE.findall(text):
         (folder / file).write_text(content, encoding="utf-8")
+    return "".join(_output(folder, commands) for commands in COMMANDS.findall(text))
+
+
+def _output(folder: Path, commands: str) -> str:
+    """Output of commands of a shell; a line `python FILE.py` is spared the import of what a server has imported."""
+    if listing := LISTING.fullmatch(commands):
+        return printed(listing[1], cwd=folder)
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     environment = os.environ | {"PATH": path, "PYTHONPATH": str(ROOT)}
-    printed = ""
-    for commands in COMMANDS.findall(text):
-        done = subprocess.run(
-            ["bash", "-euc", commands], cwd=folder, env=environment, capture_output=True, text=True, timeout=1800
-        )
-        assert done.returncode == 0, done.stdout + done.stderr
-        printed += done.stdout
-    return printed
+    done = subprocess.run(
+        ["bash", "-euc", commands], cwd=folder, env=environment, capture_output=True, text=True, timeout=1800
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
 
 
 def number(pattern: str, text: str) -> float:

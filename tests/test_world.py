@@ -1,5 +1,3 @@
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -194,12 +192,11 @@ class TestDumps:
         with pytest.raises(ValueError, match="x.dump: not a dump"):
             load_dump(file)
 
-    def test_the_command_says_what_is_wrong(self, tmp_path):
-        done = subprocess.run(
-            [sys.executable, ROOT / "tools" / "replay.py", tmp_path / "missing.dump"], capture_output=True, text=True
-        )
-        assert done.returncode == 2
-        assert "missing.dump" in done.stderr
+    def test_the_command_says_what_is_wrong(self, tmp_path, capsys):
+        from tools.replay import main
+
+        assert main([str(tmp_path / "missing.dump")]) == 2
+        assert "missing.dump" in capsys.readouterr().err
 
 
 class TestSurroundings:

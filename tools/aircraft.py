@@ -28,7 +28,7 @@ from taichi_sim.config import ConfigError
 from taichi_sim.config.io import config_folder, read_toml, validate
 from taichi_sim.kernels import runtime
 from taichi_sim.trials import rotorcraft
-from taichi_sim.uav.fixed_wing.envelope import FlightEnvelope, flight_envelope
+from taichi_sim.uav.fixed_wing.equations import FlightEnvelope, flight_envelope
 from taichi_sim.uav.fixed_wing.modes import LinearModel, largest_stable_dt, linear_modes
 from taichi_sim.uav.fixed_wing.params import FixedWingParams
 from taichi_sim.uav.fixed_wing.trim import Trim, TrimError, trim
@@ -145,7 +145,7 @@ def envelope_table(bounds: FlightEnvelope) -> str:
 
 def draw(bounds: FlightEnvelope, cruise: float, title: str, file: Path) -> None:
     """Draw the V-n diagram."""
-    from taichi_sim.plotting.style import dress, new_figure
+    from taichi_sim.plotting import dress, new_figure
 
     figure = new_figure(8.0, 5.0, title)
     axes = figure.subplots()

@@ -27,11 +27,17 @@ from rl.runs import folder as run_folder
 from tools.benchmarking.against import GROUPS, compare
 from tools.benchmarking.against import table as ratios_table
 from tools.benchmarking.learning import train
-from tools.benchmarking.mission import environment_cases, first_stage, learning_cases, rates, scenario_cases
+from tools.benchmarking.mission import (
+    environment_cases,
+    first_stage,
+    learning_cases,
+    measure_pictures,
+    rates,
+    scenario_cases,
+)
 from tools.benchmarking.parts import measure_parts
 from tools.benchmarking.peers import measure_peers
 from tools.benchmarking.physics import physics_cases
-from tools.benchmarking.pictures import measure_pictures
 from tools.benchmarking.timing import measure
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -145,9 +145,7 @@ def joined(parts: list[Any]) -> dict[str, Any]:
 
 
 def cell(key: str, judge: Any, learned: Any, opponent: Any, times: int) -> str:
-    """One figure of both controllers and their difference (shares, in points) or ratio (other figures), with its
-    interval.
-    """
+    """One figure of both controllers, and their difference (shares, in points) or ratio (others), with interval."""
     from rl.evaluation.intervals import differences, intervals, ratios
 
     one, other = intervals(judge, learned)[key].value, intervals(judge, opponent)[key].value

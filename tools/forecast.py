@@ -149,7 +149,7 @@ def table(found: dict[int, dict[int, Skill]]) -> str:
 
 def picture(found: dict[int, dict[int, Skill]], vehicle: str, out: Path) -> None:
     """Draw skill over horizon for each signal: a column for each sea state, a line for each heading."""
-    from taichi_sim.plotting.style import dress, new_figure
+    from taichi_sim.plotting import dress, new_figure
 
     figure = new_figure(2.6 * len(found) + 1.0, 8.6, f"Forecasts of the deck of {vehicle} from its own past")
     axes = figure.subplots(len(SIGNALS), len(found), squeeze=False, sharex=True, sharey=True)

@@ -26,7 +26,7 @@ import numpy as np
 import taichi_sim  # noqa: F401  (makes rl, tools and tests importable from any folder)
 from rl.cli import positive_float
 from taichi_sim.config import ConfigError
-from taichi_sim.config.extras import MissingExtraError
+from taichi_sim.config.base import MissingExtraError
 from taichi_sim.conventions import GRAVITY, RHO_SEA
 from taichi_sim.hydro import compute, hull
 from taichi_sim.hydro.fit import ENERGY

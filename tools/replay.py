@@ -17,17 +17,17 @@ from taichi_sim.kernels import runtime
 from taichi_sim.replay import replay
 
 
-def main() -> int:
+def main(argv: list[str] | None = None) -> int:
     """Parse, replay, print."""
     parser = argparse.ArgumentParser(description="Repeat the last step of a diverged environment from its dump.")
     parser.add_argument("dump", type=Path, help="a file of runs/NAME/dumps")
     parser.add_argument(
         "--precision", choices=("f32", "f64"), default="f32", help="f64 shows whether rounding was the cause"
     )
-    arguments = parser.parse_args()
-    runtime.init(precision=arguments.precision)
+    arguments = parser.parse_args(argv)
     try:
         dump = load_dump(arguments.dump)
+        runtime.init(precision=arguments.precision)
         world = replay(dump, arguments.dump.resolve().parents[1] / "config.toml")
     except (ValueError, ConfigError, IndexError) as error:
         print(f"replay: {error}", file=sys.stderr)

@@ -121,9 +121,7 @@ def summary(
 
 
 def model(tried: list[StageSetup], told: dict[StageSetup, list[dict[str, Any]]]) -> dict[str, Any]:
-    """Fit the cost model to single processes with one thread; return its predictions for the measured set-ups and
-    for more.
-    """
+    """Fit the cost model to single processes with one thread; predict the measured set-ups and more."""
     alone = {s.envs: statistics.median(of["seconds"] for of in told[s]) for s in tried if s.processes == s.threads == 1}
     several = [s for s in tried if s.processes > 1]
     first = told[several[0]][0] if several else {"calls": 0, "bytes": 0}

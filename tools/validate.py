@@ -24,7 +24,7 @@ from tests.validation.document import write
 from tests.validation.report import NothingToCheckError, validate
 
 
-def main() -> int:
+def main(argv: list[str] | None = None) -> int:
     """Parse, check, print."""
     parser = argparse.ArgumentParser(description="Check this package against reference tables.")
     parser.add_argument("--reference", type=Path, required=True, help="directory of the tables")
@@ -32,7 +32,7 @@ def main() -> int:
     parser.add_argument("--report", type=Path, help="also write a page (Markdown), pictures in the folder of its name")
     text = "keep the databases there that are computed for ships without one (minutes each; extra `bem`)"
     parser.add_argument("--bem", type=Path, metavar="FOLDER", help=text)
-    arguments = parser.parse_args()
+    arguments = parser.parse_args(argv)
     try:
         report = validate(arguments.reference, bem=arguments.bem)
     except NothingToCheckError as error:

@@ -33,7 +33,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from torch import Tensor
 
-from rl.adapters.other_teams import policy_of_other
+from rl.adapters.batched import policy_of_other
 from rl.adapters.render import MODES, Pictures, frames_per_second
 from rl.mission import Mission, Step
 from rl.missions import load_scenario, make_mission

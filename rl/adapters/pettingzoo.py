@@ -24,7 +24,7 @@ from rl.adapters.agents import Agents
 from rl.adapters.batched import BatchedEnv
 from rl.adapters.render import MODES, Pictures, frames_per_second
 from rl.mission import Mission
-from taichi_sim.config.extras import MissingExtraError
+from taichi_sim.config.base import MissingExtraError
 
 try:
     from pettingzoo.utils.env import ParallelEnv

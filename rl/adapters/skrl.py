@@ -8,7 +8,7 @@ from torch import Tensor
 
 from rl.adapters.agents import Agents
 from rl.adapters.batched import BatchedEnv
-from taichi_sim.config.extras import MissingExtraError
+from taichi_sim.config.base import MissingExtraError
 
 try:
     from skrl.envs.wrappers.torch import MultiAgentEnvWrapper

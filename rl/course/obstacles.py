@@ -145,9 +145,7 @@ def _hits_earlier(obstacle: Tensor, candidate: Tensor, placed: Tensor) -> Tensor
 
 
 def _heights(rank: Real, share: Real, height_m: tuple[float, float], tall_fraction: float, flight: float) -> Real:
-    """Heights [world, count] (m): obstacles of the lowest `rank` are tall; `share` is the position within the height
-    range.
-    """
+    """Heights [world, count] (m): the lowest `rank` are tall; `share` is the position within the height range."""
     count = rank.shape[1]
     tall = rank.argsort(axis=1).argsort(axis=1) < round(tall_fraction * count)
     low = np.where(tall, max(height_m[0], flight + HEIGHT_BAND_M), height_m[0])

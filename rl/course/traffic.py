@@ -181,9 +181,7 @@ class Bodies:
     STATE = ("table",)
 
     def __init__(self, num_envs: int, pool: Tensor):
-        """Use the moving obstacles of all starts, `pool` [world, start, 8, body]; with none, the table has one far
-        away.
-        """
+        """Use the moving obstacles of all starts, `pool` [world, start, 8, body]; without any, one is far away."""
         self.present = pool.shape[-1] > 0
         self._pool = pool
         self.table = pool.new_zeros((num_envs, ROWS, max(pool.shape[-1], 1)))

@@ -20,8 +20,7 @@ from rl.learn.policy import Policy
 from rl.mission import Mission
 from rl.missions import find_mission
 from rl.runs.records import EvaluationResult
-from rl.scenario import Scenario
-from rl.seeds import derive_seed
+from rl.scenario import Scenario, derive_seed
 from taichi_sim.config import ConfigError
 from taichi_sim.kernels import runtime
 
@@ -240,9 +239,7 @@ def one_episode_each(
 def chunk_of_episode(
     config: Scenario, teams: Sequence[str], episodes: int, seed: int, source: Path | None, episode: int
 ) -> tuple[Mission, int]:
-    """The mission that ran `episode` in an evaluation of `episodes`, at its start, and the number of its first
-    episode.
-    """
+    """The mission that ran `episode` in an evaluation of `episodes`, at its start, and its first episode."""
     first = episode - episode % CHUNK
     return one_episode_each(config, teams, min(CHUNK, episodes - first), seed, source, first), first
 

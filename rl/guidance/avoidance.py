@@ -1,4 +1,4 @@
-"""Avoidance of obstacles and team mates: the best of many velocities, by the risk that each leads to.
+"""Avoidance of obstacles and team mates: of many velocities, the one with the lowest cost, which includes risk.
 
 A desired velocity v* that passes everything sensed with room to spare is kept. Otherwise a fan of velocities is tried.
 They are turned from v* by up to `FAN` to either side, and slowed down (velocity obstacles, Fiorini & Shiller 1998, Int.
@@ -46,7 +46,8 @@ from taichi_sim.kernels.packs import struct_of, values_at
 from taichi_sim.vehicle import Vehicle
 
 FAN, RAYS = math.radians(100.0), 20  # to either side, and how many
-PACES = (1.0, 0.75, 0.5)  # shares of the lesser of desired and slot's speed; who cannot stop tries the first alone
+PACES = (1.0, 0.75, 0.5)
+"""Shares of the desired or the slot's speed, whichever is less; a vehicle that cannot stop tries the first alone."""
 CHASES, CALM = (0.7, 0.45, 0.25, 0.1), 0.5  # shares of the velocity to a slot about a target; cost of staying
 SLOWEST = 0.1  # m/s: a slower velocity has no direction
 STEPS = 5  # number of shares of a correction that are tried
@@ -201,7 +202,7 @@ def _avoid(velocity: ti.types.ndarray(ndim=3), around: AroundPack, kind: ti.temp
             share, best = ti.min(ti.max(slot.norm(), SLOWEST) / speed, 1.0), direct
             straight = ti.Vector([share * direct[0], share * direct[1]])
             least += g.lean * apart(direct, now) / speed
-            stay = least * 0.0  # the cost of no chase at all
+            stay = least * 0.0  # the cost of not closing at all
             if ti.static(len(form.chases) > 0):
                 stay = CALM * apart(direct, slot) / speed
                 straight = direct

@@ -2,7 +2,7 @@
 
 The leader's slot is the target. A follower's slot is the leader's position plus an offset in the path frame, whose
 first axis is the target's course. The slot moves with the leader, swings about it as the course turns, and glides when
-the formation changes. Alternatively all slots, the leader's too, are offsets from the target.
+the formation changes. With `about`, all slots, the leader's too, are offsets from the target.
 
 Errors are vectors in n, and in the vehicle's own frame: its body frame (3 axes), or the heading frame (2: ahead,
 starboard), which stays level.
@@ -20,7 +20,7 @@ from rl.guidance.targets import COS, COURSE_RATE, DOWN, EAST, NORTH, SIN, SPEED
 from rl.perception.columns import Message
 from taichi_sim.fleet import Views
 from taichi_sim.kernels import runtime
-from taichi_sim.kernels.kinematics import HEADING_COS, HEADING_SIN, VELOCITY_N
+from taichi_sim.kernels.rotation import HEADING_COS, HEADING_SIN, VELOCITY_N
 
 DISTANCE_SCALE = 10.0  # m, where squashed distances are half way to 1
 NEAR = 1e-3  # m: a slot nearer than this has no direction

@@ -9,9 +9,9 @@ radio observe the age of their leader's last message. Every term is as the vehic
 policy also observes what it corrects, "reference". Directions are in the body frame (of USVs: its horizontal part), so
 a policy needs no compass. No width depends on the size of the team.
 
-"encounters" predicts how each obstacle will be passed if the vehicle keeps its motion, and how its slot will pass it if
-the formation does, and how each team mate will be passed: the distance ahead, the distance aside (to starboard of the
-motion), the gap.
+"encounters" predicts how the vehicle will pass each obstacle and team mate if it keeps its motion, and how its slot
+will pass each obstacle if the formation keeps its own. An encounter is the distance ahead, the distance aside (to
+starboard of the motion), and the gap.
 
 One kernel writes all of them, in the order of `widths`.
 """
@@ -42,7 +42,7 @@ from rl.guidance.knowledge import Knowledge
 from rl.guidance.targets import COS, COURSE_RATE, SIN, SPEED
 from rl.perception.columns import Mate, Message, Obstacle
 from taichi_sim.kernels import runtime
-from taichi_sim.kernels.kinematics import DOWN
+from taichi_sim.kernels.rotation import DOWN
 
 SPEED_SCALE = 10.0  # m/s: squashed speeds are half way to 1 here
 RATE_SCALE = 2.0  # rad/s, rotation of the vehicle
@@ -81,7 +81,7 @@ class ObservationForm(NamedTuple):
     mates: int
     residual: int = 0  # numbers of "reference"
     radio: bool = False
-    air: tuple[int, ...] = ()  # columns of `aux`: airspeed, and the air's velocity, north, east, down
+    air: tuple[int, ...] = ()  # columns of `aux`: airspeed; velocity of the air, north, east, down
     speeds: tuple[float, ...] = ()  # airspeeds: lowest, cruise, highest, m/s
     serial: bool = False  # run on the calling thread
     at: tuple[int, ...] = ()  # the column in which each term begins (`columns`)

@@ -1,17 +1,46 @@
-"""Base class of a team whose policy may be a residual policy (config.ResidualConfig)."""
+"""Residual policies: a policy corrects the velocity command of its team's classical controller (`ResidualConfig`)."""
 
 from typing import Protocol, cast, runtime_checkable
 
 import torch
+from pydantic import model_validator
 from torch import Tensor
 
 from rl.guidance.avoidance import Gains, Shield, Wanted
-from rl.guidance.config import ResidualConfig
 from rl.guidance.knowledge import Knowledge
 from rl.mission import Mission, Team
 from rl.perception.columns import Mate, Obstacle
 from rl.team import Controller
-from taichi_sim.config import ConfigError
+from taichi_sim.config import ConfigError, NonNegative, Positive, Strict
+
+
+class ResidualConfig(Strict):
+    """A residual policy corrects the classical controller instead of acting alone.
+
+    It corrects the controller's desired velocity, ahead and to starboard along the target's course, after evasion.
+    Three limits apply. The `shield` reduces a correction where the risk that it adds within that time is greater than
+    its size (avoidance.py): no correction then leads into an obstacle that is sensed. Corrections fade out where a team
+    mate is nearer than `room`, to zero at half of it: two vehicles that both corrected, each expecting the other to go
+    straight on, collided more often than two that did not. With a `gate`, corrections fade in as the gap to an obstacle
+    falls from `gate` to half of it, and are exactly zero where no obstacle is within `gate`.
+    """
+
+    velocity: NonNegative = 0.0  # m/s, the largest correction of each component; 0: the policy acts alone
+    shield: NonNegative = 0.0  # s; 0: no shield
+    caution: Positive = 1.0  # weight of the risks in the shield, relative to the controller's
+    room: NonNegative = 0.0  # m from a team mate's origin: no correction below half of it
+    gate: Positive | None = None  # m
+
+    @model_validator(mode="before")
+    @classmethod
+    def _without_share(cls, data: object) -> object:
+        """Accept files of earlier versions, whose `share` of 0 corrected no actions."""
+        if not isinstance(data, dict) or "share" not in data:
+            return data
+        if data["share"]:
+            raise ValueError("share: actions are not corrected any more; `velocity` corrects the controller's velocity")
+        return {key: value for key, value in data.items() if key != "share"}
+
 
 CORRECTIONS = ("velocity ahead (correction)", "velocity to starboard (correction)")
 CHANGE_SCALE = 3.0  # m/s, where a squashed change of velocity is half way to 1
@@ -81,9 +110,7 @@ class ResidualTeam(Team):
         return super().action_names if self.residual is None else CORRECTIONS
 
     def command(self, action: Tensor) -> Tensor:
-        """Vehicle actions: the policy's own, or the classical controller's with its corrections
-        (config.ResidualConfig).
-        """
+        """Vehicle actions: the policy's own, or the classical controller's with its corrections."""
         residual = self.residual
         if residual is None:
             return action
@@ -118,9 +145,7 @@ class ResidualTeam(Team):
         return controller.act(view, wanted._replace(velocity=wanted.velocity + self.pushed(correction)))
 
     def _opened(self, gate: float) -> Tensor:
-        """Share [env, vehicle] of the correction that is applied, by the distance to the nearest obstacle and `gate`
-        (m).
-        """
+        """Share [env, vehicle] of a correction that the `gate` (m) lets through."""
         nearest = self.known.sensor.obstacles[..., 0, :]
         opened = (2 - (nearest[..., Obstacle.DISTANCE] - self.radius) * (2 / gate)).clamp(0.0, 1.0)
         return opened * (nearest[..., Obstacle.NUMBER] >= 0)  # no obstacle is sensed: the gate is closed

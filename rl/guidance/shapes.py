@@ -12,6 +12,9 @@ j = ceil(i / 2), on the side sigma = +1 of odd and -1 of even i. With a spacing 
     circle     (R cos(theta) - R, R sin(theta)), theta = sigma j 2 pi / n, R = 1 / (2 sin(pi / n)): the leader foremost
 
 No two vehicles are nearer than the spacing.
+
+An escort has the vessel at (0, 0) and all boats about it: its shapes are those above with the vessel as the leader, and
+`ring`, n boats at even angles on a circle of R = spacing max(1, 1 / (2 sin(pi / n))), the first astern.
 """
 
 import math
@@ -22,6 +25,7 @@ import torch
 from torch import Tensor
 
 Shape = Literal["abreast", "astern", "wedge", "echelon", "pairs", "circle"]
+EscortShape = Literal["abreast", "astern", "wedge", "echelon", "ring"]
 
 
 def _sides(i: Tensor) -> tuple[Tensor, Tensor]:
@@ -55,3 +59,12 @@ def formation_offsets(shape: Shape, count: int, spacing: float) -> Tensor:
 def lane_half_width(shapes: Iterable[Shape], count: int, spacing: float) -> float:
     """Largest distance (m) of a slot from the leader, sideways, in any of `shapes`."""
     return max(float(formation_offsets(shape, count, spacing)[:, 1].abs().max()) for shape in shapes)
+
+
+def escort_offsets(shape: EscortShape, count: int, spacing: float) -> Tensor:
+    """Offsets [boat, 2] (m, float64) of an escort, ahead and to starboard of the vessel."""
+    if shape == "ring":
+        radius = spacing * (max(1.0, 0.5 / math.sin(math.pi / count)) if count > 1 else 1.0)
+        angle = math.pi + 2 * math.pi / count * torch.arange(count, dtype=torch.float64)
+        return radius * torch.stack((angle.cos(), angle.sin()), dim=1)
+    return formation_offsets(shape, count + 1, spacing)[1:]

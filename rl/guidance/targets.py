@@ -1,25 +1,62 @@
-"""The moving target of each environment: a place that goes along its world's track, at a speed over ground or through
-the air.
+"""The moving target of each environment: a point on its world's track, at a speed over ground or through the air.
 
 `target[env, row, 8]` = position (north, east, down, m), course (rad), its cosine and sine, its rate (rad/s), and the
-speed over ground (m/s). Here there is one row, of all vehicles; where each has a target of its own, there are as many
-as vehicles. It moves on the sea; above it, at the flight height, that of aircraft (geometry.py).
+speed over ground (m/s). Here one row serves all vehicles; a table in which each vehicle has a target of its own has a
+row for each. The target moves on the sea, or at the flight height above it (geometry.py).
+
+An aircraft's target moves as if it flew at a constant airspeed, by the wind triangle: velocity over ground is velocity
+through the air plus wind. On a course at the angle D from where the wind blows to, with airspeed V_a and wind w, the
+nose is turned into the wind by the crab angle c, and the speed over ground is v:
+
+    sin c = (w / V_a) sin D,    v = w cos D + V_a cos c       (so |v - w| = V_a; Beard & McLain 2012, sec. 2.4)
+
+On a path of curvature k the heading turns at v k v / (V_a cos c). The acceleration, normal to the velocity through the
+air, is therefore v^2 k / cos c. It is largest straight downwind, where v = V_a + w and c = 0.
 """
 
 # Kernels are another language inside Python syntax.
 # pyright: reportInvalidTypeForm=false
 
 import taichi as ti
+import torch
 from torch import Tensor
 
 from rl.course.tracks import Tracks, track_point
-from rl.perception.wind_triangle import speed_over_ground
+from taichi_sim.air.wind import wind_factor, wind_shear
+from taichi_sim.config import WorldConfig
 from taichi_sim.kernels import runtime
+from taichi_sim.randomisation.conditions import bounds
 
 NORTH, EAST, DOWN, COURSE, COS, SIN, COURSE_RATE, SPEED, SIZE = range(9)
 TARGET_SPEED, INTERVAL, WIND_FACTOR, OVER_AIR = range(4)  # parameters of the kernel
 
 POINT = 60.0  # ns of one target, about
+SIGMAS = 3.0  # standard deviations of the slow variation in the strongest wind
+LEAST_SHARE = 0.2  # of the airspeed, the least speed over ground; assumed: the wind must leave that much
+
+
+@ti.func
+def speed_over_ground(airspeed, north, east, cos, sin):
+    """Speed over ground (m/s) on a course (cos, sin) at an airspeed in the wind (north, east), m/s.
+
+    It is held at `LEAST_SHARE` of the airspeed where the wind would leave less.
+    """
+    along, across = cos * north + sin * east, cos * east - sin * north
+    through = ti.sqrt(ti.max(airspeed * airspeed - across * across, 0.0))
+    return ti.max(along + through, LEAST_SHARE * airspeed)
+
+
+def crab(airspeed: float, wind: Tensor, cos: Tensor, sin: Tensor) -> Tensor:
+    """Heading less course [..] (rad) that keeps to a course in the wind [.., 2] at an airspeed (m/s)."""
+    across = cos * wind[..., 1] - sin * wind[..., 0]  # to starboard
+    return -torch.asin((across * (1 / airspeed)).clamp(-1.0, 1.0))
+
+
+def strongest_wind(config: WorldConfig, height: float) -> float:
+    """The strongest mean wind of any realisation plus `SIGMAS` of its slow variation (m/s) at `height` (m)."""
+    air = config.air
+    factor = float(wind_factor(air.profile, wind_shear(air), height))
+    return factor * (bounds(config, "air.speed")[1] + SIGMAS * air.std)
 
 
 class Target:
@@ -80,7 +117,7 @@ class Targets:
         self, tracks: Tracks, env_world: Tensor, wind: Tensor, *, speed: float, interval: float, wind_factor: float,
         over_air: bool,
     ):  # fmt: skip
-        """Let targets move at `speed` (m/s) along `tracks`; environments are on those of `env_world` int64 [env].
+        """Move targets at `speed` (m/s) along `tracks`; `env_world` int64 [env] is the track of each environment.
 
         `speed` is over ground, or with `over_air` through the air. A decision takes `interval` (s). `wind` [env, 3] is
         at 10 m (m/s); `wind_factor` is the wind at the flight height over it. `env_world` and `wind` are live views.

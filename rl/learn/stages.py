@@ -27,8 +27,7 @@ from rl.learn.policy import (
 from rl.learn.progress import HISTORY, spent
 from rl.learn.runner import StageRunner
 from rl.missions import make_mission
-from rl.scenario import Scenario, StageConfig, at_stage
-from rl.seeds import derive_seed
+from rl.scenario import Scenario, StageConfig, at_stage, derive_seed
 
 if TYPE_CHECKING:
     from rl.runs.records import Batch, StageResult, Verdict

@@ -199,7 +199,7 @@ class Camera:
 
     def see(self, which: Tensor, rows: int, count: Tensor) -> None:
         """Look in environments [env] int32 that are not 0, `rows` of them; `count` int32 [2 + env] counts the random
-        numbers (taichi_sim/kernels/counters.py).
+        numbers (taichi_sim/kernels/random.py).
         """
         kind = struct_of(CameraNumbers._fields, runtime.current().precision)
         form = self._form._replace(serial=runtime.few(rows * self._rows, SEE))

@@ -25,8 +25,7 @@ from typing import NamedTuple
 import taichi as ti
 from torch import Tensor
 
-from rl.perception.columns import Message, Object, Sighting, SightingReport
-from rl.perception.encoding import store_obstacle
+from rl.perception.columns import Message, Object, Sighting, SightingReport, store_obstacle
 from rl.perception.radio import NEVER
 from rl.perception.sensors import Nearby, Sight, insert
 from taichi_sim.fleet import Views

@@ -20,21 +20,22 @@ import taichi as ti
 from pydantic import Field
 from torch import Tensor
 
-from rl.perception.columns import Mate, Obstacle
-from rl.perception.encoding import store_mate, store_obstacle
+from rl.perception.columns import Mate, Obstacle, store_mate, store_obstacle
+from rl.perception.instruments import InstrumentsConfig
 from rl.perception.sensors import Nearby, Sight
 from taichi_sim.config import NonNegative, Positive, Strict
 from taichi_sim.fleet import Views
 from taichi_sim.kernels import runtime
-from taichi_sim.kernels.kinematics import HEADING_COS, HEADING_SIN, VELOCITY_N
 from taichi_sim.kernels.packs import struct_of, values_at
 from taichi_sim.kernels.random import CONTACTS, normal6, uniform4
+from taichi_sim.kernels.rotation import HEADING_COS, HEADING_SIN, VELOCITY_N
 
 # Columns of a measurement that waits: whose (-1 nobody's), seen or not, place, variance, radius, height above or below.
 WHO, SEEN, AT, VARIANCE, SIZE, ASIDE, MEASURED = 0, 1, 2, 5, 6, 7, 8
 # Columns of a track: WHO, place, velocity, covariance (place, both, velocity), radius, height above or below.
 PLACE, SPEED, P_PP, P_PV, P_VV, RADIUS, BESIDE, TRACKED = 1, 4, 7, 8, 9, 10, 11, 12
 NOBODY = -1.0
+MOST_DROPOUT = 0.99  # share of measurements, the most after scaling
 VARIANCE_FLOOR = 1e-4  # m^2: of what is measured exactly
 LUCK = 16  # streams of random numbers after those of noise
 V = VELOCITY_N.start
@@ -56,6 +57,20 @@ class ContactsConfig(Strict):
     def exact(self) -> bool:
         """Whether there are no errors."""
         return not (self.range_noise or self.bearing_noise_deg or self.dropout or self.late)
+
+
+class SensorsConfig(InstrumentsConfig):
+    """`[sensors]`: errors of instruments and contacts; what is left out is exact."""
+
+    contacts: ContactsConfig = ContactsConfig()
+
+    @property
+    def scaled_contacts(self) -> ContactsConfig:
+        """Contacts with their errors multiplied by `errors`; their delay stays, unless `errors` is 0."""
+        c, e = self.contacts, self.errors
+        noise = {"range_noise": e * c.range_noise, "bearing_noise_deg": e * c.bearing_noise_deg}
+        rest = {"dropout": min(e * c.dropout, MOST_DROPOUT), "late": c.late if e > 0 else 0}
+        return c.model_copy(update=noise | rest)
 
 
 class ContactsNumbers(NamedTuple):
@@ -290,7 +305,7 @@ class TrackedContacts(Nearby):
         """Measure in environments [env] int32: 0 not at all, 1 after a step, 2 at the beginning of an episode.
 
         `rows` of them are not 0; `steps` int64 [env] of their episodes have gone by; `count` int32 [2 + env] counts the
-        random numbers (taichi_sim/kernels/counters.py).
+        random numbers (taichi_sim/kernels/random.py).
         """
         kind = struct_of(ContactsNumbers._fields, runtime.current().precision)
         form = self._form._replace(serial=runtime.few(rows * self._rows, TRACK))

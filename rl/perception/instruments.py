@@ -26,10 +26,9 @@ from torch import Tensor
 from taichi_sim.config import Fraction, NonNegative, Positive, Strict
 from taichi_sim.fleet import Fleet, Views
 from taichi_sim.kernels import runtime
-from taichi_sim.kernels.kinematics import store
 from taichi_sim.kernels.packs import struct_of, values_at
 from taichi_sim.kernels.random import INSTRUMENTS, normal6
-from taichi_sim.kernels.rotation import quaternion_product, rotation_matrix
+from taichi_sim.kernels.rotation import quaternion_product, rotation_matrix, store
 
 READ = 250.0  # ns of one vehicle, about
 EVERYBODY = 1 << 20  # number, among the random numbers, of errors that all vehicles of an environment share
@@ -279,7 +278,7 @@ class Readings(Views):
     def read(self, which: Tensor, rows: int, count: Tensor) -> None:
         """Measure in environments [env] int32: 0 not at all, 1 after a step, 2 at the beginning of an episode.
 
-        `rows` of them are not 0. `count` int32 [2 + env] counts the random numbers (taichi_sim/kernels/counters.py).
+        `rows` of them are not 0. `count` int32 [2 + env] counts the random numbers (taichi_sim/kernels/random.py).
         """
         kind = struct_of(self._numbers._fields, runtime.current().precision)
         form = self._form._replace(serial=runtime.few(rows * self.count, READ))

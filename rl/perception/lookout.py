@@ -24,9 +24,9 @@ from rl.perception.instruments import InstrumentsConfig
 from taichi_sim.config import NonNegative, Positive, Strict
 from taichi_sim.fleet import Views
 from taichi_sim.kernels import runtime
-from taichi_sim.kernels.kinematics import HEADING_COS, HEADING_SIN
 from taichi_sim.kernels.packs import struct_of, values_at
 from taichi_sim.kernels.random import LOOKOUT, normal6, uniform4
+from taichi_sim.kernels.rotation import HEADING_COS, HEADING_SIN
 
 POINTS = 8  # of a line of sight at which the sea is looked at
 
@@ -146,7 +146,7 @@ class Lookout:
 
     def see(self, which: Tensor, rows: int, count: Tensor) -> None:
         """Look in environments [env] int32 that are not 0, `rows` of them; `count` int32 [2 + env] counts the random
-        numbers (taichi_sim/kernels/counters.py).
+        numbers (taichi_sim/kernels/random.py).
         """
         if self.config.crests:
             self._hidden.copy_(self.behind_crests())

@@ -199,7 +199,7 @@ class Radio:
         """Send and receive in environments [env] int32: 0 not at all, 1 after a step, 2 as an episode begins.
 
         `rows` of them are not 0; `steps` int64 [env] of their episodes have gone by; `count` int32 [2 + env] counts the
-        random numbers (taichi_sim/kernels/counters.py).
+        random numbers (taichi_sim/kernels/random.py).
         """
         form = self._form._replace(serial=runtime.few(rows * self._each**2, TALK))
         self._send(self._pack(), which, steps, form)

@@ -14,11 +14,10 @@ import taichi as ti
 import torch
 
 from rl.course.traffic import AWAY, BOTTOM, EAST, NORTH, RADIUS, ROWS, TOP, V_EAST, V_NORTH, Bodies
-from rl.perception.columns import Mate, Obstacle
-from rl.perception.encoding import store_mate, store_obstacle
+from rl.perception.columns import Mate, Obstacle, store_mate, store_obstacle
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import runtime
-from taichi_sim.kernels.kinematics import VELOCITY_N
+from taichi_sim.kernels.rotation import VELOCITY_N
 
 _array3, _array4 = (ti.types.ndarray(ndim=n) for n in (3, 4))
 SensedPack = ti.types.argpack(gap=ti.types.ndarray(ndim=2), obstacles=_array4, mates=_array4, signals=_array3)

@@ -141,9 +141,7 @@ def _keep_files(files: list[Path], out: Path, place: str) -> str:
 
 
 def _keep_plugin(name: str | None, beside: list[Path], out: Path) -> None:
-    """Copy the module of a `module:Class` into the run unless it is installed, so that the run continues on any
-    machine.
-    """
+    """Copy the module of a `module:Class` into the run, unless installed, so that the run continues anywhere."""
     if name is not None and is_plugin(name):
         place = plugin_source(name, beside)
         if place is not None and place.is_dir():

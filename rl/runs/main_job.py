@@ -27,8 +27,7 @@ from rl.learn.stages import train_stages
 from rl.mission import ControllerError
 from rl.runs import folder as run_folder
 from rl.runs.records import EvaluationResult, Summary
-from rl.scenario import Scenario
-from rl.seeds import derive_seed
+from rl.scenario import Scenario, derive_seed
 from taichi_sim.config import ConfigError
 from taichi_sim.film.files import write_strip
 from taichi_sim.kernels import runtime
@@ -113,9 +112,7 @@ def _loss(config: Scenario, source: Path | None, policies: Mapping[str, Policy])
 def _evaluate(
     config: Scenario, policies: Mapping[str, Policy], out: Path, source: Path | None, show_progress: bool
 ) -> EvaluationResult | None:
-    """Evaluate the policies and the classical controllers, store both in the run's folder, return the policies'
-    result.
-    """
+    """Evaluate policies and classical controllers, store both in the run's folder, return the policies' result."""
     rivals = policies_of("classical", out, config)
     trials = [
         Trial(config, {team: of[team] for team in config.trained}, config.evaluation.episodes, config.evaluation.seed,

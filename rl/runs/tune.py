@@ -20,8 +20,7 @@ from tqdm import tqdm
 from rl.evaluation.episodes import mission_class, run_episodes
 from rl.mission import ControllerError
 from rl.missions import make_mission
-from rl.scenario import Scenario
-from rl.seeds import derive_seed
+from rl.scenario import Scenario, derive_seed
 from taichi_sim.config import ConfigError, Strict
 from taichi_sim.kernels import runtime
 from taichi_sim.vehicle import Vehicle
@@ -118,9 +117,7 @@ def _numbers(names: list[str], logarithms: np.ndarray) -> dict[str, float]:
 
 
 def write_numbers(file: Path, team: str, numbers: Mapping[str, float], comment: str) -> None:
-    """Write `[TEAM.control]` into a scenario's file, in place of an existing one; the rest of the file stays as
-    it is.
-    """
+    """Write `[TEAM.control]` into a scenario's file, in place of an existing one; the rest of it stays."""
     text = file.read_text(encoding="utf-8")
     head = f"[{team}.control]"
     section = f"{head}  # {comment}\n{tomli_w.dumps(dict(numbers))}"

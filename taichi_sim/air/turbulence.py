@@ -104,9 +104,7 @@ def filter_step(tau):
 
 @ti.func
 def dryden_filter(V, h, dt):
-    """Coefficients (10) of a step of dt (s) at airspeed V (m/s, >= 0) and height h (m): `filter_step` of u and v, then
-    of w.
-    """
+    """Coefficients (10) of a step dt (s) at airspeed V (m/s, >= 0) and height h (m): `filter_step` of u and v, of w."""
     held, y, r = dryden_ratio(h)
     tau_w = V * dt / held
     f, g = filter_step(tau_w * (y * r) * (y * r)), filter_step(tau_w)  # y^1.2 = y^2 (y^-0.4)^2

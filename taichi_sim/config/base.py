@@ -1,8 +1,11 @@
-"""Base of every configuration section: number types, the strict model, the error."""
+"""Base of every configuration section: number types, the strict model, the errors."""
 
 from typing import Annotated, TypeAlias
 
+import numpy as np
+from numpy.typing import ArrayLike
 from pydantic import BaseModel, ConfigDict, Field
+from torch import Tensor
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -17,8 +20,28 @@ class ConfigError(ValueError):
 
 
 class Strict(BaseModel):
-    """Base of every section. Unknown keys and values of another type are errors; a section cannot be changed after
-    reading.
-    """
+    """Base of every section: unknown keys and values of another type are errors; a section is frozen."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+
+class MissingExtraError(ImportError):
+    """An optional package is not installed; the message says how to install it."""
+
+    def __init__(self, package: str, extra: str):
+        """Name the missing `package` and the extra that installs it."""
+        super().__init__(f'{package} is not installed: pip install "taichi-sim[{extra}]"', name=package)
+
+
+def span(values: ArrayLike | Tensor, unit: str) -> str:
+    """Range of `values` to four digits: "0.5 m", or "0.5 to 1.25 m". `values` is an array or a tensor of any shape."""
+    flat = np.asarray(values.detach().cpu() if isinstance(values, Tensor) else values, dtype=np.float64).ravel()
+    if not flat.size:
+        return "none"
+    low, high = f"{flat.min():.4g}", f"{flat.max():.4g}"
+    return f"{low} {unit}" if low == high else f"{low} to {high} {unit}"
+
+
+def number(count: int, thing: str) -> str:
+    """A count with its noun: "1 environment", "3 environments"."""
+    return f"{count} {thing}" if count == 1 else f"{count} {thing}s"

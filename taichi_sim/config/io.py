@@ -20,9 +20,7 @@ MEASURED = "sea.record"  # stands for a measured spectrum among the alternatives
 
 
 def config_folder() -> Path:
-    """Folder of the shipped configurations: beside the packages in a checkout, inside the package in an
-    installation.
-    """
+    """Folder of the shipped configurations: beside the packages in a checkout, inside an installed package."""
     here = Path(__file__).resolve().parent.parent
     beside = here.parent / "configs"
     return beside if (beside / "paper.toml").is_file() else here / "configs"

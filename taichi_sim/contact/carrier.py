@@ -19,9 +19,8 @@ therefore conserved to rounding, and a vehicle at rest on a deck presses on the 
 
 import taichi as ti
 
-from taichi_sim.kernels.kinematics import store
 from taichi_sim.kernels.rigid_body import cross
-from taichi_sim.kernels.rotation import quaternion_advance, quaternion_product, rotation_matrix
+from taichi_sim.kernels.rotation import quaternion_advance, quaternion_product, rotation_matrix, store
 
 _array3 = ti.types.ndarray(ndim=3)
 
@@ -85,9 +84,7 @@ def cubic(along, first, last, t, T: ti.template()):
 
 @ti.func
 def carried(way: ti.template(), e, i, t, T: ti.template()):
-    """Displacement of the carrier from PLACE (m), R_nb, velocity and rates at t (s) of a control step T (s), all
-    in n.
-    """
+    """Displacement of the carrier from PLACE (m), R_nb, velocity, rates at t (s) of a control step T (s), all in n."""
     x, v = cubic(three_at(way, e, i, STEP), three_at(way, e, i, VELOCITY), three_at(way, e, i, LAST_VELOCITY), t, T)
     turn, rate = cubic(three_at(way, e, i, ROTATION), three_at(way, e, i, RATES), three_at(way, e, i, LAST_RATES), t, T)
     R = rotation_matrix(quaternion_advance(four_at(way, e, i, TURN), turn, 1.0))
@@ -238,9 +235,7 @@ def react(
 
 @ti.func
 def momentum(state: ti.template(), table: ti.template(), e, j, te, tj):
-    """Linear and angular momentum (kg m/s, kg m^2/s), in b, of carrier j about its origin, by the inverse of its
-    mobility.
-    """
+    """Linear and angular momentum (kg m/s, kg m^2/s, b) of carrier j about its origin, by its inverse mobility."""
     zero = state[e, j, 0] * 0.0
     P = ti.Vector([zero, zero, zero])
     H = P

@@ -58,9 +58,7 @@ class Carriers:
 
     @property
     def table(self) -> Tensor:
-        """Deck and mobility of each carrier (carrier.py) from the fleet's current numbers: [env or 1, vehicle or 1,
-        TABLE_SIZE].
-        """
+        """Deck and mobility of each carrier (carrier.py) with current numbers: [env or 1, vehicle or 1, TABLE_SIZE]."""
         numbers = self.fleet.numbers
         version = -1 if numbers is None else numbers._version
         if numbers is not self._numbers or version != self._version:

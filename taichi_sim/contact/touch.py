@@ -1,5 +1,21 @@
-"""What a team with legs remembers of decks."""
+"""Contact of legs with decks: the force of one sole, and what a team with legs remembers of decks.
 
+The force is a spring and a damper along the deck's normal, and Coulomb friction that sticks or slips. The sole is at
+depth d (m) below the deck's plane, and sinks at the speed d'. It has the displacement s (m, in the plane) from the
+point where it was set down, and the velocity v (m/s, in the plane). All are relative to the deck's point there.
+
+    N = max(0, k d + c d'),    |k s| <= mu N,    f = -k s - c v,  |f| <= mu N.
+
+A contact pushes and never pulls. Friction is elastic until the sole slips: s is the elastic displacement, and the point
+where the sole was set down follows a sole that slips (Cundall and Strack 1979, A discrete numerical model for granular
+assemblies, Geotechnique 29:47-65). A sole that sticks therefore does not creep, however fast the deck moves. With
+constant N friction only takes energy: f v + k s v <= 0.
+"""
+
+# Kernels are another language inside Python syntax.
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false
+
+import taichi as ti
 import torch
 from torch import Tensor
 
@@ -7,11 +23,30 @@ from taichi_sim.contact.carrier import PRESSING_SIZE, WAY_SIZE
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.packs import TouchPack
 
-SOLE_SIZE = (
-    3  # columns per sole: x and y of the point where it was set down (carrier's b, from the deck's centre, m); mark
-)
+SOLE_SIZE = 3
+"""Columns of a sole: x and y of the point where it was set down (carrier's b, from the deck's centre, m); mark."""
 FREE, DOWN, UNDER = 0.0, 1.0, -1.0
 """Marks of a sole: above the deck; set down on it; below its plane without having come from above."""
+SMALLEST = 1e-12  # m or N; a shorter vector has no direction
+
+
+@ti.func
+def shortened(a, most):
+    """The plane vector a, shortened to a length of at most `most`."""
+    length = ti.sqrt(a[0] * a[0] + a[1] * a[1])
+    return a * ti.select(length > most, most / ti.max(length, SMALLEST), 1.0)
+
+
+@ti.func
+def sole_force(depth, sinking, bent, sliding, stiffness, damping, friction):
+    """Return the normal force N (N), the friction [2] (N), and the remaining elastic displacement [2] (m) of one sole.
+
+    depth: of the sole below the deck's plane, m. sinking: its rate, m/s. bent: displacement [2] from the point where
+    the sole was set down, m. sliding: velocity [2] in the plane, m/s.
+    """
+    N = ti.max(stiffness * depth + damping * sinking, 0.0)
+    left = shortened(bent, friction * N / stiffness)
+    return N, shortened(-stiffness * left - damping * sliding, friction * N), left
 
 
 class Touch:

@@ -188,9 +188,7 @@ def _write_animation(frames: Iterable[NDArray[np.uint8]], part: Path, kind: str,
 
 
 def _palette(samples: Iterable[NDArray[np.uint8]]) -> "Image":
-    """A palette of COLOURS colours from some pictures. Rare colours have extra weight, because boats have few
-    pixels.
-    """
+    """A palette of COLOURS colours from some pictures; rare ones have extra weight, because boats have few pixels."""
     from PIL import Image
 
     pixels = np.concatenate([sample.reshape(-1, 3) for sample in samples])

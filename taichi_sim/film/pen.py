@@ -1,4 +1,4 @@
-"""A pen that draws lines and bodies, each for some of the views.
+"""A pen that draws lines and bodies, each for some of the views, as painted triangles and straight strokes.
 
 Lengths are m, places in n (north-east-down); widths are px of a picture 480 px high.
 """
@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taichi_sim.conventions import DOWN, HORIZONTAL
-from taichi_sim.film.shapes import NO_SOLIDS, NO_STROKES, Solids, Strokes
 from taichi_sim.recording.episode import Array
 from taichi_sim.recording.meshes import Mesh
 from taichi_sim.recording.palette import Colour
@@ -22,6 +21,27 @@ SHOWN = {"near": ("world", "both"), "far": ("world", "both", "aloft"), "map": ("
 SIDES = 20  # faces around a cylinder
 ROUND = np.linspace(0.0, 2.0 * np.pi, SIDES + 1)
 HEAD = 0.22  # length of an arrow's head over the arrow's
+
+
+class Solids(NamedTuple):
+    """Painted triangles, one colour and one normal each."""
+
+    corners_n: NDArray[np.floating]  # [F, 3, 3] m
+    normals_n: NDArray[np.floating]  # [F, 3] unit, outward; zero: emits light, visible from both sides
+    colours: NDArray[np.uint8]  # [F, 3]
+
+
+class Strokes(NamedTuple):
+    """Straight pieces of lines; one of length zero is a square dot."""
+
+    ends_n: NDArray[np.floating]  # [S, 2, 3] m
+    colours: NDArray[np.uint8]  # [S, 3]
+    width_px: NDArray[np.floating]  # [S]
+    lift_m: NDArray[np.floating]  # [S] waves up to this height do not hide what lies on the mean level of the sea
+
+
+NO_SOLIDS = Solids(np.zeros((0, 3, 3)), np.zeros((0, 3)), np.zeros((0, 3), np.uint8))
+NO_STROKES = Strokes(np.zeros((0, 2, 3)), np.zeros((0, 3), np.uint8), np.zeros(0), np.zeros(0))
 
 
 class Label(NamedTuple):

@@ -16,10 +16,9 @@ from taichi_sim.film.camera import Array, FilmCamera
 from taichi_sim.film.draw import Cast, draw_moment, rotation
 from taichi_sim.film.glyphs import lines_of, write
 from taichi_sim.film.moment import Moment
-from taichi_sim.film.pen import Drawing, Pen, joined
+from taichi_sim.film.pen import Drawing, Pen, Solids, joined
 from taichi_sim.film.raster import Raster
 from taichi_sim.film.rigs import FollowRig, MapRig, Overview, Rig
-from taichi_sim.film.shapes import Solids
 from taichi_sim.film.water import NO_WATER, water_seen
 from taichi_sim.recording.palette import Colour, event_colour
 
@@ -82,9 +81,7 @@ class Picture:
         self._cast, self._views = cast or Cast(), _arranged(moment, size, view)
 
     def paint(self, moment: Moment, note: str = "") -> Pixels:
-        """A picture [height, width, 3] with `note` beside the time. If a state is not finite, the last picture is
-        returned again.
-        """
+        """A picture [height, width, 3] with `note` beside the time; the last one again if a state is not finite."""
         if not moment.finite():
             return self._last.copy()
         wide, high = self.size

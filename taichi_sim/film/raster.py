@@ -21,6 +21,7 @@ from taichi.math import vec3
 
 from taichi_sim.film import shade
 from taichi_sim.film.camera import FilmCamera
+from taichi_sim.film.pen import Solids, Strokes
 from taichi_sim.film.screen import (
     BAND,
     CORNER,
@@ -37,7 +38,6 @@ from taichi_sim.film.screen import (
     stroke_numbers,
     triple,
 )
-from taichi_sim.film.shapes import Solids, Strokes
 from taichi_sim.film.water import COLUMNS, NO_WATER, Water
 from taichi_sim.kernels import runtime
 

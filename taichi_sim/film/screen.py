@@ -14,7 +14,7 @@ from taichi.math import vec3
 
 from taichi_sim.film import shade
 from taichi_sim.film.camera import Array, FilmCamera
-from taichi_sim.film.shapes import Solids, Strokes
+from taichi_sim.film.pen import Solids, Strokes
 from taichi_sim.film.water import COLUMNS
 
 SAMPLES = 2  # samples along each side of a pixel

@@ -11,7 +11,7 @@ the far sea would be a mirror. Surfaces take sunlight by Lambert's law and skyli
 import taichi as ti
 from taichi.math import vec3
 
-from taichi_sim.recording.sea_light import CREST, DEEP, FOAM, HAZE, SUN_ENU
+from taichi_sim.recording.sea_patch import CREST, DEEP, FOAM, HAZE, SUN_ENU
 
 SUN_NED = vec3(SUN_ENU[1], SUN_ENU[0], -SUN_ENU[2])  # towards the sun
 HORIZON, ZENITH = vec3(*(HAZE / 255.0)), vec3(0.30, 0.50, 0.74)

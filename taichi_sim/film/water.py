@@ -130,9 +130,7 @@ def water_seen(camera: FilmCamera, size: tuple[int, int], moment: Moment) -> Wat
 
 
 def _ripples(time_s: float) -> Array:
-    """Waves [6, component] of a few mm, shorter than those of any sea, that make water look like water; for pictures
-    only.
-    """
+    """Waves [6, component] of a few mm, shorter than any sea's, that make water look like water; for pictures only."""
     number = np.arange(RIPPLES)
     k = 2.0 * np.pi / (RIPPLE_M[0] * (RIPPLE_M[1] / RIPPLE_M[0]) ** (number / (RIPPLES - 1)))
     turn = 2.4 * number  # rad: the golden angle spreads directions

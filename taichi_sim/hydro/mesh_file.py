@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taichi_sim.config import ConfigError
-from taichi_sim.config.extras import MissingExtraError
+from taichi_sim.config.base import MissingExtraError
 from taichi_sim.hydro.surface import WettedSurface, area_vectors, as_triangles, reverse
 
 Array = NDArray[np.float64]

@@ -29,9 +29,7 @@ def wrap_two_pi(x):
 
 @ti.func
 def sinc_reduced(r):
-    """sin(r) / r for r in [-pi, pi], by Estrin's scheme: the longest chain of operations sets the cost, not their
-    number.
-    """
+    """sin(r) / r for r in [-pi, pi], by Estrin's scheme: the longest chain of operations sets the cost."""
     s = r * r
     s2 = s * s
     low = (9.9999993782e-01 - 1.6666621108e-01 * s) + (8.3327915028e-03 - 1.9817630988e-04 * s) * s2
@@ -109,9 +107,7 @@ def cos_short(r):
 
 @ti.func
 def sincos_short(x):
-    """(sin x, cos x), x in rad. In f32 the error is 5e-5 plus twice the rounding of x, at two thirds of the cost
-    of `sincos`.
-    """
+    """(sin x, cos x), x in rad. In f32 the error is 5e-5 plus twice the rounding of x; 2/3 of the cost of `sincos`."""
     s, c = x, x
     if ti.static(runtime.is_f64()):
         s, c = ti.sin(x), ti.cos(x)
@@ -135,9 +131,7 @@ def at_least(x, limit):
 
 @ti.func
 def exp_decay(x):
-    """exp(-x). In f32 it is the eighth power of a quartic: relative error 5e-4 for x in [-2, 8], absolute error
-    8e-6 above.
-    """
+    """exp(-x). In f32 the eighth power of a quartic: relative error 5e-4 for x in [-2, 8], absolute 8e-6 above."""
     y = x
     if ti.static(runtime.is_f64()):
         y = ti.exp(-x)
@@ -153,9 +147,7 @@ def exp_decay(x):
 
 @ti.func
 def exp_near_one(x):
-    """exp(-x) for |x| < 1, positive everywhere. In f32 it is the fourth power of a quadratic: error 1.3e-2, and 3e-4
-    for |x| < 0.3.
-    """
+    """exp(-x) > 0 for |x| < 1. In f32 the fourth power of a quadratic: error 1.3e-2, and 3e-4 for |x| < 0.3."""
     y = x
     if ti.static(runtime.is_f64()):
         y = ti.exp(-x)

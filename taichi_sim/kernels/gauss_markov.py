@@ -16,8 +16,7 @@ import torch
 from torch import Tensor
 
 from taichi_sim.kernels import runtime
-from taichi_sim.kernels.counters import Noise
-from taichi_sim.kernels.random import SLOW_VARIATION, normal6
+from taichi_sim.kernels.random import SLOW_VARIATION, Noise, normal6
 
 WALK = 60.0  # ns per environment, approximate
 
@@ -48,9 +47,7 @@ class SlowVariation:
     SHARED = ("_generator",)
 
     def __init__(self, num_envs: int, std: float, time_constant: float, *, seed: int, stream: int):
-        """Begin at zero. `std` is in m/s, `time_constant` in s. `stream` separates the random numbers from other
-        uses.
-        """
+        """Begin at zero. `std` m/s, `time_constant` s; `stream` separates the random numbers from other uses."""
         run = runtime.current()
         self.varies, self._std, self._time, self._stream = std > 0, std, time_constant, stream
         self.value = torch.zeros((num_envs, 2), dtype=run.torch_dtype, device=run.device)

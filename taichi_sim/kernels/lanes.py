@@ -98,9 +98,7 @@ def total(v: ti.template()):
 
 @ti.func
 def totals(several: ti.template()):
-    """`total` of each vector in `several`: four vectors at a time are transposed, and their columns added as
-    vectors.
-    """
+    """`total` of each vector in `several`: four vectors at a time are transposed, and their columns added."""
     count = ti.static(len(several))
     sums = ti.Vector([several[0][0] * 0.0 for _ in ti.static(range(count))])
     for n in ti.static(range(0, count, 4)):

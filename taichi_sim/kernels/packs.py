@@ -29,7 +29,7 @@ AroundPack = ti.types.argpack(
 )  # fmt: skip
 """The surroundings (surroundings.py). `air` = (shear, w20, w20_factor) comes from `Wind.numbers`. `turbulence` [env] is
 a factor of the turbulence intensity; it is read only where the factor varies. `count` [2 + env] is the counter of
-random numbers (counters.py). `waves` and `turns` are `sea` and `phase` as vectors (lanes.py)."""
+random numbers (random.py). `waves` and `turns` are `sea` and `phase` as vectors (lanes.py)."""
 
 TouchPack = ti.types.argpack(way=_array3, pressing=_array3, soles=_array3, struck=_array3, blow=_array3)
 """Nearby decks and remembered contacts of a team with legs, each [env, vehicle, n] (contact/touch.py)."""

@@ -2,32 +2,41 @@
 
 Taichi holds one program per process. `init` starts it. A second call with the same arguments does nothing. A call with
 other arguments starts a new program, and every kernel is compiled again at its next launch.
+
+`quicken` patches internals of Taichi 1.7, the version that pyproject.toml pins, so that it reads kernels in about half
+the time. Taichi inlines every use of a function: it looks up the source, wraps it line by line and parses it anew. For
+each node it also composes an error message with the node's source lines and carets, which is hardly ever printed. Here
+sources and wrapped lines are cached, and carets are drawn for errors only.
 """
 
 # Kernels are another language inside Python syntax.
-# pyright: reportOptionalMemberAccess=false
+# pyright: reportOptionalMemberAccess=false, reportAttributeAccessIssue=false
 
+import ast
 import atexit
 import contextlib
 import io
 import os
+import textwrap
 import time
 import weakref
 from collections.abc import Callable, Hashable, Iterator
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Literal, NamedTuple, Protocol, cast
 
 import taichi as ti
 import torch
-from taichi.lang import impl
+from taichi.lang import impl, kernel_impl
 from taichi.lang.argpack import ArgPack, ArgPackType
+from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext
 from taichi.lang.kernel_impl import Kernel
 from taichi.types.annotations import template
 
-from taichi_sim.kernels.frontend import quicken
-
 Precision = Literal["f32", "f64"]
+_with_carets = ASTTransformerContext.get_pos_info
 
 
 @dataclass(frozen=True)
@@ -325,3 +334,20 @@ def _same(args: tuple[object, ...], before: tuple[object, ...]) -> bool:
     return len(args) == len(before) and all(
         a is b or (isinstance(a, tuple) and a == b) for a, b in zip(args, before, strict=True)
     )
+
+
+def quicken() -> None:
+    """Install the faster front end in this process; a second call does nothing."""
+    if ASTTransformerContext.get_pos_info is _position:
+        return
+    ASTTransformerContext.get_pos_info = _position
+    kernel_impl.getsourcelines = cache(kernel_impl.getsourcelines)
+    kernel_impl.getsourcefile = cache(kernel_impl.getsourcefile)
+    kernel_impl.textwrap = SimpleNamespace(fill=cache(textwrap.fill), dedent=cache(textwrap.dedent))
+
+
+def _position(context: ASTTransformerContext, node: ast.expr | ast.stmt) -> str:
+    """Return the position of a node; source lines and carets are added once an error was raised there."""
+    if context.raised:
+        return _with_carets(context, node)
+    return f'File "{context.file}", line {node.lineno + context.lineno_offset}, in {context.func.func.__name__}:\n'

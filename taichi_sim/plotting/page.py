@@ -12,7 +12,7 @@ import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from taichi_sim.plotting.style import INK, dress, new_figure
+from taichi_sim.plotting import INK, dress, new_figure
 
 COLOURS = {"policy": "#0072B2", "classical": "#D55E00", "other": "#009E73"}
 """Okabe and Ito; "other" is the policy of the run beside."""

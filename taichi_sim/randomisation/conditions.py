@@ -11,7 +11,7 @@ Conditions depend on one another:
   period is that of the developed sea.
 - A sea that follows the wind takes the wind of its own realisation. Swell stays the same.
 - With a measured sea and `record = "all"`, a realisation takes height, period and direction from its own record.
-- The period of a drawn sea that cannot exist is raised until it can (sea/varied.py).
+- The period of a drawn sea that cannot exist is raised until it can (sea/sea.py).
 - A range of directions is at most the whole circle. If a scenario's range exceeds the limits of a condition
   (`CONDITIONS`), it is refused. If only `variation` > 1 makes it exceed them, its ends are moved to the limits.
 - The wind's profile over height, its roughness and the ratio of W20 to the mean wind are those of the nominal wind. The
@@ -34,11 +34,9 @@ from taichi_sim.kernels import runtime
 from taichi_sim.randomisation.numbers import spread
 from taichi_sim.sea.measured import records_of
 from taichi_sim.sea.sampling import realisation_seed
-from taichi_sim.sea.sea import Sea
-from taichi_sim.sea.sea_state import sea_state_range
+from taichi_sim.sea.sea import Sea, varied_components
 from taichi_sim.sea.spectrum import CALM_PERIOD
-from taichi_sim.sea.varied import varied_components
-from taichi_sim.sea.wind_sea import SeaSize, developed_period, sea_size
+from taichi_sim.sea.wind_sea import SeaSize, developed_period, sea_size, sea_state_range
 
 STREAM = 0xD0  # separates these random numbers from those of the waves of the same seed
 CIRCLE = 360.0  # deg

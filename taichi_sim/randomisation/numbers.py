@@ -95,9 +95,7 @@ class NumberDraws:
         self.told[envs] = told
 
     def _make(self, rows: int) -> tuple[Tensor, Tensor, Tensor]:
-        """Draw the numbers of `rows` more vehicles, [row, ..]: varied values, the model's own numbers, relative
-        deviations.
-        """
+        """Draw numbers of `rows` more vehicles, [row, ..]: varied values, the model's own, relative deviations."""
         chance = torch.rand((rows, len(self.names)), generator=self._generator, dtype=torch.float64)
         values = spread(chance.to(self._low.device), self._low, self._high, self._normal)
         vary = self.fleet.nominal.repeat(rows, 1)

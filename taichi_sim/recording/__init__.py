@@ -5,13 +5,12 @@ overlays.py     what a mission may draw and plot besides the vehicles; draw_over
 recorder.py     records the frames of a world, with or without a mission
 model.py        what a recording asks a vehicle model: medium, hull, loads, instruments
 meshes.py       a boat, in the body frame b (forward-right-down)
-aircraft.py     airplanes and flying wings; vessel.py: a body made of a hull's own panels
-bodies.py       chooses the body of a team
-sea_grid.py     grid of the sea around a team; sea_patch.py: its waves; sea_light.py: its colours
+bodies.py       chooses the body of a team; airplanes and flying wings; vessel.py: a body made of a hull's own panels
+sea_grid.py     grid of the sea around a team; sea_patch.py: its waves and colours
 water_lines.py  lines on the water: rings and wakes
 space.py        the static scene; vehicles.py: the teams; arrows.py: loads, current, wind and air
-draw.py         draws all of these, for an episode or its next part; stream.py: the state between parts
-rrd.py          writes files; live.py: live views; frames.py: the only place where NED becomes ENU
+rrd.py          draws all of these, for an episode or its next part, and writes files
+stream.py       the state between parts; live.py: live views; frames.py: the only place where NED becomes ENU
 blueprint.py    layout of the viewer
 """
 

@@ -143,9 +143,7 @@ def _flows(episode: Episode) -> list[tuple[str, Array, Colour, float]]:
 
 
 def send_flow(stream: Stream, episode: Episode) -> None:
-    """Send current and wind at 10 m beside the first boat, each with its own scale and a label, and the wind on the
-    map.
-    """
+    """Send current and wind at 10 m beside the first boat, each with a scale and a label, and the wind on the map."""
     _send_wind_on_map(stream, episode)
     team = episode.whole.afloat
     if not team.on_water:

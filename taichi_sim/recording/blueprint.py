@@ -13,8 +13,7 @@ import rerun.blueprint as rrb
 from taichi_sim.recording.episode import Array, Episode, TeamTrack
 from taichi_sim.recording.overlays import Note, Plot, entity_name
 from taichi_sim.recording.plots import OTHERS, error_plots, signal_path
-from taichi_sim.recording.sea_light import HAZE
-from taichi_sim.recording.sea_patch import patch_of
+from taichi_sim.recording.sea_patch import HAZE, patch_of
 from taichi_sim.recording.space import map_bounds
 from taichi_sim.recording.water_lines import TRAIL_S
 
@@ -143,9 +142,7 @@ def _hidden(episode: Episode, team: TeamTrack) -> dict:
 
 
 def _last_seconds() -> rrb.VisibleTimeRanges:
-    """The time range of segmented trails. Other entities show the present only; otherwise each would be drawn once
-    per step.
-    """
+    """Time range of segmented trails; other entities show the present only, or each would be drawn once a step."""
     return rrb.VisibleTimeRanges(
         timeline="sim_time",
         start=rr.TimeRangeBoundary.cursor_relative(seconds=-TRAIL_S),

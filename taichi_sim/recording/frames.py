@@ -30,9 +30,7 @@ def flu(vector_b: Array) -> Array:
 
 
 def enu_flu_quaternion(quaternion_nb: Array) -> Array:
-    """Quaternions [..., 4] (w, x, y, z) b to NED, as (x, y, z, w) forward-left-up to ENU, float64: -P q F, F = (0,
-    1, 0, 0).
-    """
+    """Quaternions [..., 4] (w, x, y, z) b to NED, as (x, y, z, w) forward-left-up to ENU, float64: -P q F."""
     x, y, z, w = np.moveaxis(enu_quaternion(quaternion_nb, np.float64), -1, 0)
     return np.stack([-w, -z, y, x], -1)
 

@@ -25,8 +25,8 @@ import numpy as np
 import rerun as rr
 
 from taichi_sim.recording.blueprint import CURVES, LiveLayout, blueprint
-from taichi_sim.recording.draw import draw
 from taichi_sim.recording.episode import Episode
+from taichi_sim.recording.rrd import draw
 from taichi_sim.recording.stream import Stream
 
 PORT = 9876  # rerun's default
@@ -119,9 +119,7 @@ class Live:
             self._stream = None  # the next part must not continue one that was dropped
 
     def begin(self, *, anew: bool = False) -> None:
-        """Announce that the next part belongs to another episode; `anew`: it has other teams, so the layout is made
-        again.
-        """
+        """Announce that the next part belongs to another episode; `anew`: with other teams, hence another layout."""
         self._stream = None
         if anew:
             self.like, self._curves = None, {}

@@ -28,9 +28,7 @@ def deck_of(model: Vehicle) -> Platform | None:
 
 
 def air_of(model: Vehicle, aux: Array) -> Array | None:
-    """Velocity of the air met [T, V, 3] (m/s, n) from the named columns `aux` [T, V, n], or None if the model has
-    none.
-    """
+    """Velocity of the air met [T, V, 3] (m/s, n) from the named columns `aux` [T, V, n]; None if there is none."""
     if model.air is None:
         return None
     return np.stack([_column(model, aux, column) for column in model.air], axis=-1)

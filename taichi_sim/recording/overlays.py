@@ -100,9 +100,7 @@ class Ellipsoids(Overlay3D):
 
 @dataclass(frozen=True, kw_only=True)
 class Arrows(Overlay3D):
-    """N arrows, such as velocities or forces. The mission scales them to a visible length and puts the scale in the
-    name.
-    """
+    """N arrows, such as velocities or forces; the mission scales them to a visible length and names the scale."""
 
     origin_n: Array  # [F, N, 3] m
     vector_n: Array  # [F, N, 3] m, as drawn

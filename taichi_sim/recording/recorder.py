@@ -210,9 +210,7 @@ def _copy(tensor: torch.Tensor) -> Array:
 
 
 def _actions(names: tuple[str, ...], rows: list[Array | None]) -> tuple[tuple[str, ...], Array | None]:
-    """Names and values [T, V, A] of the actions of a TeamTrack: NaN in frames without actions, nothing if there are
-    none.
-    """
+    """Names and values [T, V, A] of the actions of a TeamTrack: NaN in frames without; nothing if there are none."""
     known = next((row for row in rows if row is not None), None)
     if known is None:
         return (), None

@@ -31,9 +31,7 @@ class SeaGrid:
 
     @classmethod
     def of(cls, team: TeamTrack) -> "SeaGrid":
-        """A grid that holds the formation with room to spare, and resolves the waves along a hull if the number of
-        cells allows.
-        """
+        """A grid that holds the formation with room to spare and, if cells allow, resolves the waves along a hull."""
         cells = CELLS if team.on_water else CELLS_ALOFT
         height = 0.0 if team.on_water else -float(np.median(team.places_n[:, 0, 2]))  # height of the eye over the sea
         half = np.clip(0.75 * team.formation_radius_m + 16.0 + height, MIN_HALF_M, MAX_HALF_M)
@@ -105,9 +103,7 @@ class SeaGrid:
         return np.concatenate(parts).astype(np.uint32)
 
     def _seam(self, square: NDArray[np.int64], fine: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Triangles [N, 3] of the coarse cells south of the finer square: fans to all points on its border, so that
-        there is no gap.
-        """
+        """Triangles [N, 3] of the coarse cells south of the finer square: fans to all its border points, no gaps."""
         far, near = square[self._edge - 1, self._edge : self.cells - self._edge + 1], fine[0]
         fans = np.stack([np.repeat(far[:-1], self.parts), near[1:], near[:-1]], axis=1)
         return np.concatenate([fans, np.stack([far[:-1], far[1:], near[self.parts :: self.parts]], axis=1)])

@@ -4,7 +4,7 @@ Its grid (sea_grid.py) keeps to whole cells of the world, so that its points do 
 sea; the rings around them are not. The patch takes most of a recording's bytes, so a point is sent again only when its
 error would be visible: when its height is off by more than a tolerance that grows with the distance from the boats, or
 its colour by more than a few levels. The whole patch is checked a few times a second; in between only the water around
-each hull is checked.
+each hull is checked. Light is baked into the colours of its points, which fade towards the horizon.
 """
 
 from collections.abc import Iterator
@@ -17,9 +17,15 @@ from numpy.typing import NDArray
 from taichi_sim.conventions import HORIZONTAL
 from taichi_sim.recording.episode import Array, Episode, TeamTrack
 from taichi_sim.recording.sea_grid import FADE, SeaGrid
-from taichi_sim.recording.sea_light import light, patch_colours
 from taichi_sim.recording.stream import Stream
 
+LEVEL = 4.0  # colours (0 to 255) are rounded to this, so that the file compresses well
+FADE_SHARE = 0.15  # width of the border in which the light of the waves fades, over the side
+SUN_ENU = np.array([-0.45, -0.35, 0.82]) / np.linalg.norm([-0.45, -0.35, 0.82])
+DEEP = np.array([12.0, 62.0, 92.0])
+CREST = np.array([58.0, 142.0, 158.0])
+FOAM = np.array([222.0, 234.0, 236.0])
+HAZE = np.array([168.0, 196.0, 214.0])  # the horizon, and the sky behind it
 FRAME_S = 0.1  # interval of the water around a hull: a hull heaves by half its draft in 0.2 s
 ALOFT_S = 0.4  # interval of a patch without boats, where nothing rides on the waves
 INSIDE = 0.8  # a vehicle within this fraction of a patch's half side is on the patch
@@ -31,6 +37,30 @@ ROUND_M = 1.0 / 64.0  # heights are rounded to this, so that the file compresses
 OFF, OFF_CRESTS = 0.025, 0.35  # tolerance of heights over the distance to the nearest hull; at most, over a tall crest
 OFF_SHADE = 10.0  # tolerance of colours, of 255
 SLACK = 1.0  # cells that a team may leave the centre before the patch moves, which sends every point again
+
+
+def light(up: Array, cell: float, scale: float) -> Array:
+    """Colours [side, side, 3] of elevations `up` [north, east], m; `scale` is a tall crest's height, m."""
+    slope_n, slope_e = np.gradient(up, cell)
+    normal = np.stack([-slope_e, -slope_n, np.ones_like(up)], axis=-1)
+    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+    diffuse = np.clip(normal @ SUN_ENU, 0.0, 1.0) / SUN_ENU[2]
+    height = np.clip(0.5 + 0.5 * up / scale, 0.0, 1.0)[..., None]
+    colour = (DEEP + height * (CREST - DEEP)) * (0.2 + 0.8 * diffuse[..., None] ** 3)
+    foam = np.clip(up / scale - 0.85, 0.0, 0.3)[..., None] / 0.3
+    return colour + 0.6 * foam * (FOAM - colour)
+
+
+def patch_colours(grid: SeaGrid, lights: list[Array]) -> Array:
+    """Colours [N, 3] of the patch's points, in order, from the `lights` of its squares; they fade at the border."""
+    flat = 0.5 * (DEEP + CREST)
+    inside = np.minimum(np.arange(grid.cells + 1), np.arange(grid.cells, -1, -1)) / (FADE_SHARE * grid.cells)
+    fade = np.clip(np.minimum(inside[:, None], inside), 0.0, 1.0)[..., None]
+    coarse = flat + fade * (lights[0] - flat)
+    fine = [one.reshape(-1, 3) for one in lights[1:]]
+    rings = [np.broadcast_to(shade, (len(grid.rim), 3)) for shade in (flat, HAZE)]
+    waves = np.concatenate([coarse.reshape(-1, 3)[grid.shown], *fine])
+    return np.concatenate([flat + np.round((waves - flat) / LEVEL) * LEVEL, *rings])
 
 
 class Cadence(NamedTuple):
@@ -94,9 +124,7 @@ def _stays_on_patch(team: TeamTrack, lead: TeamTrack) -> bool:
 
 
 def _middle(team: TeamTrack) -> Array:
-    """Centre [T, 2] (north, east, m) between the first vehicle and the middle of all, because followers usually
-    trail.
-    """
+    """Centre [T, 2] (north, east, m) between the first vehicle and the middle of all: followers usually trail."""
     places = team.places_n[:, team.company]
     middle = team.position_n[:, 0] + 0.5 * (places.mean(axis=1) - places[:, 0])
     return np.asarray(middle[:, HORIZONTAL], dtype=np.float64)

@@ -93,9 +93,7 @@ def _send_lines(stream: Stream, path: str, points: Array, colours: Colour | list
 
 
 def smooth_course(time: Array, velocity_n: Array) -> Array:
-    """Course [T] (rad) of velocities [T, 3] at `time` (s), averaged over COURSE_S, so that turbulence does not shake
-    the view.
-    """
+    """Course [T] (rad) of velocities [T, 3] at `time` (s), averaged over COURSE_S against turbulence."""
     near = np.abs(time[:, None] - time) <= 0.5 * COURSE_S
     return np.arctan2(near @ velocity_n[:, 1], near @ velocity_n[:, 0])
 

@@ -92,9 +92,7 @@ def _cut(faces: Array, inside: Array) -> Array:
 
 
 def open_loops(faces: Array) -> list[Array]:
-    """Closed rings [K, 3] of the edges that only one triangle of [F, 3, 3] has, in the order of a lid seen from
-    outside.
-    """
+    """Closed rings [K, 3] of the edges that one triangle of [F, 3, 3] alone has, ordered as a lid seen from outside."""
     place: dict[tuple[int, ...], Array] = {}
     edges: set[tuple] = set()
     for corners in faces:

@@ -39,9 +39,7 @@ def surface(episode: Episode, place_n: Array, index: NDArray[np.int64]) -> Array
 
 
 def jumps(stream: Stream, team: TeamTrack) -> NDArray[np.bool_]:
-    """Mask [T, V] of vehicles that were placed anew since the previous step: they moved farther than their speed
-    allows.
-    """
+    """Mask [T, V] of vehicles placed anew since the previous step: they moved farther than their speed allows."""
     now, key = stream.ns * 1e-9, f"{team.name}/jumps"
     seconds = np.diff(now, prepend=stream.before(f"{key}/time", now))[:, None]
     place = np.asarray(team.position_n, dtype=np.float64)

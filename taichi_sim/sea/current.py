@@ -99,9 +99,7 @@ class Current:
         self._set(envs, mean)
 
     def follow(self, envs: torch.Tensor, time: torch.Tensor) -> None:
-        """Set the mean current of `envs` [n] from series and tide at their times [n] (float64, s); a steady mean
-        stays.
-        """
+        """Set the mean current of `envs` [n] from series and tide at their times [n] (s); a steady mean stays."""
         if self._series is None and self._tide is None:
             return
         mean = self._steady[envs] if self._series is None else self._series.at(time)

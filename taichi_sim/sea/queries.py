@@ -93,9 +93,7 @@ _elevation = runtime.Launcher(elevation)
 
 
 def elevations(sea: Tensor, points: Tensor, point_row: Tensor, env_sea: Tensor, phase: Tensor) -> Tensor:
-    """Elevation [point] (m, up) at points [point, 2]; point_row [point] (int32) is each point's row in `env_sea`
-    and `phase`.
-    """
+    """Elevation [point] (m, up) at points [point, 2]; point_row [point] (int32): row in `env_sea` and `phase`."""
     out, components = sea.new_empty(points.shape[0]), sea.shape[2]
     serial = runtime.few(points.shape[0], ELEVATION * components)
     _elevation.once(out, points.contiguous(), phase, sea, point_row, env_sea, components, serial)

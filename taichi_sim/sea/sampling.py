@@ -128,9 +128,7 @@ def draw_components(
 
 
 def _draw(system: System, index: int, realisation: int, seed: int) -> np.ndarray:
-    """Frequency, direction, phase and a uniform number in [0, 1) (for a random amplitude) of each component, [4,
-    component].
-    """
+    """Frequency, direction, phase, and a number in [0, 1) for a random amplitude, of each component, [4, component]."""
     rng = realisation_seed(seed, realisation, index)
     drawn = system.draw(rng, seed, realisation, index)
     return np.vstack((drawn, rng.random(system.components)))

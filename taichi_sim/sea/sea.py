@@ -1,5 +1,13 @@
-"""The sea: a table of wave components, and queries at any place and time."""
+"""The sea: a table of wave components, and queries at any place and time.
 
+Realisations in one table may differ in height, period and direction. Not every pair of height and period can exist. A
+drawn period is raised, for its realisation alone, until
+
+    hs / (g tp^2 / 2 pi) <= 1/15   the steepest sea of DNV-RP-C205 (2010), sec. 3.5.4, for tp up to 8 s, and
+    sum of k a < 0.98              with a margin to 1, where a Gerstner surface could loop.
+"""
+
+import math
 from collections.abc import Sequence
 from functools import partial
 from typing import NamedTuple
@@ -8,17 +16,19 @@ import numpy as np
 import torch
 
 from taichi_sim.config import SeaConfig, SwellConfig
-from taichi_sim.config.summary import number, span
+from taichi_sim.config.base import number, span
 from taichi_sim.conventions import AMPLITUDE, BX, BY, GRAVITY, KX, KY, OMEGA, PHASE, RHO_SEA, SEA_ROWS
 from taichi_sim.kernels import runtime
 from taichi_sim.sea import queries
 from taichi_sim.sea.measured import MeasuredSystem, WaveRecord, records_of
 from taichi_sim.sea.sampling import System, WaveSystem, draw_components
-from taichi_sim.sea.sea_state import sea_state
 from taichi_sim.sea.spectrum import Components, jonswap
-from taichi_sim.sea.wind_sea import SeaSize, sea_size
+from taichi_sim.sea.wind_sea import SeaSize, sea_size, sea_state
 
 DEEP = -1.0  # value of the depth of deep water in kernels
+STEEPEST = 1 / 15  # significant steepness
+ROOM = 0.98  # limit of the sum of k a; the surface could loop from 1 on
+TRIES = 8  # attempts with longer periods; in deep water without swell the first one suffices
 
 
 class SteepSeaError(ValueError):
@@ -167,9 +177,7 @@ class Sea:
         return self.table.shape[2]
 
     def mean_level(self, sea: int = 0) -> float:
-        """Mean elevation (m) of a realisation: -sum k a b / 2, because troughs of Gerstner waves are wider than
-        crests.
-        """
+        """Mean elevation (m) of a realisation, -sum k a b / 2: troughs of Gerstner waves are wider than crests."""
         c = self.components
         coth = 1.0 if self.depth is None else 1 / np.tanh(c.k[sea] * self.depth)
         return float(-(c.k[sea] * c.amplitude[sea] ** 2 * coth).sum() / 2)
@@ -225,9 +233,7 @@ class Sea:
     def elevation_at(
         self, points: torch.Tensor, point_row: torch.Tensor, env_sea: torch.Tensor, phase: torch.Tensor
     ) -> torch.Tensor:
-        """Elevation [point] (m, up) at points [point, 2]; point_row [point] is each point's row in `env_sea` and
-        `phase`.
-        """
+        """Elevation [point] (m, up) at points [point, 2]; point_row [point]: its row in `env_sea` and `phase`."""
         return queries.elevations(self.table, points, point_row, env_sea, phase)
 
     def elevation_grid(self, north, east, time: float = 0.0, sea: int = 0) -> np.ndarray:
@@ -304,3 +310,29 @@ class Sea:
         if index.numel() and not (int(index.min()) >= 0 and int(index.max()) < self.num_seas):
             raise IndexError(f"sea index outside 0..{self.num_seas - 1}")
         return points, index, flat[-2].contiguous(), shape
+
+
+def shortest_period(hs: np.ndarray) -> np.ndarray:
+    """Shortest peak period (s) of seas of significant height hs (m)."""
+    return np.sqrt(2 * math.pi * hs / (GRAVITY * STEEPEST))
+
+
+def varied_components(
+    config: SeaConfig, hs: np.ndarray, tp: np.ndarray, direction_deg: np.ndarray, seed: int
+) -> tuple[Components, np.ndarray]:
+    """Draw components of realisations like `config`, each with its own wind sea; also return their periods.
+
+    hs (m), tp (s) and direction_deg describe the wind seas, [realisation]. Periods too short for their height are
+    raised. Realisation r depends on `seed`, its own numbers and r alone.
+    """
+    tp = np.maximum(tp, shortest_period(hs))
+    for _ in range(TRIES):
+        sizes = [SeaSize(float(height), float(period)) for height, period in zip(hs, tp, strict=True)]
+        systems = [wave_systems(config, *each) for each in zip(sizes, map(float, direction_deg), strict=True)]
+        random = config.amplitudes == "random"
+        components = draw_components(systems, seed=seed, depth=config.depth, random_amplitudes=random)
+        over = components.steepness(config.depth) / ROOM
+        if not (over >= 1).any():
+            break
+        tp = np.where(over >= 1, tp * np.sqrt(over) * (1 + 1e-9), tp)
+    return components, tp

@@ -43,9 +43,7 @@ class Components:
         return np.sum(self.k * self.amplitude, axis=1)
 
     def steepness(self, depth: float | None = None) -> np.ndarray:
-        """Sum of k a coth(k depth) of each realisation; from 1 on its Gerstner surface could loop. depth is in m,
-        None for deep.
-        """
+        """Sum of k a coth(k depth) of each realisation; from 1 on its surface could loop. depth: m, None for deep."""
         return (self.k * self.semi_axis(depth)).sum(axis=1)
 
     def semi_axis(self, depth: float | None = None) -> np.ndarray:

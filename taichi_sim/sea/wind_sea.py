@@ -1,4 +1,4 @@
-"""Height and period of a wind sea, from a sea state, from wind and fetch, or from a wind alone.
+"""Height and period of a wind sea, from a sea state, from wind and fetch, or from a wind alone; sea states by number.
 
 A fully developed sea (Pierson & Moskowitz 1964), with U at 19.5 m, has hs = 0.2092 U^2 / g and omega_p = 0.877 g / U.
 
@@ -9,6 +9,9 @@ f = f_p U10 / g:
     E = 1.6e-7 x,  f = 3.5 x^-0.33.
 
 It is never larger or longer than the fully developed sea of the same wind, which these laws reach near x = 2e4.
+
+The number of a sea state is a range of significant wave height: WMO Code Table 3700 (Manual on Codes, WMO-No. 306). A
+limit belongs to the lower number: exactly 4 m is code 5.
 
 Winds at two heights follow the neutral logarithmic profile U(z) = U10 (1 + sqrt(C_D) / kappa ln(z / 10 m)) with
 C_D = 1.3e-3, so that U19.5 = 1.060 U10. (Stewart's eq. 16.29 prints 1.026 for this C_D, which the profile does not
@@ -22,7 +25,6 @@ from typing import NamedTuple
 from taichi_sim.config import SeaConfig
 from taichi_sim.conventions import GRAVITY
 from taichi_sim.sea.measured import records_of
-from taichi_sim.sea.sea_state import sea_state_range
 from taichi_sim.sea.spectrum import CALM_PERIOD, pierson_moskowitz_hs_tp
 
 JONSWAP_ENERGY = 1.6e-7  # E / x
@@ -31,6 +33,7 @@ JONSWAP_FREQUENCY, JONSWAP_FREQUENCY_POWER = 3.5, -0.33  # f = 3.5 x^-0.33
 WIND_HEIGHT, PM_WIND_HEIGHT = 10.0, 19.5  # m; of wind_speed, and of the anemometers of Pierson & Moskowitz
 DRAG_COEFFICIENT = 1.3e-3  # of the sea surface, at 10 m (Stewart 2008, sec. 16.4)
 VON_KARMAN = 0.4
+UPPER_HS = (0.0, 0.1, 0.5, 1.25, 2.5, 4.0, 6.0, 9.0, 14.0, math.inf)  # m, upper limits of codes 0 to 9
 
 
 class SeaSize(NamedTuple):
@@ -83,3 +86,25 @@ def sea_size(config: SeaConfig) -> SeaSize:
         return developed_sea(config.wind_speed)
     assert config.hs is not None and config.tp is not None  # SeaConfig ensures it
     return SeaSize(config.hs, config.tp)
+
+
+def sea_state_range(code: int) -> tuple[float, float]:
+    """Smallest and largest significant wave height (m) of sea state `code`, 0 to 9; code 9 has no upper limit.
+
+    Raises:
+        ValueError: for a code outside 0..9.
+    """
+    if code not in range(len(UPPER_HS)):
+        raise ValueError(f"sea state {code!r}: allowed are 0 to {len(UPPER_HS) - 1}")
+    return (UPPER_HS[code - 1] if code > 0 else 0.0), UPPER_HS[code]
+
+
+def sea_state(hs: float) -> int:
+    """Sea state number of a significant wave height (m).
+
+    Raises:
+        ValueError: for a negative height or one that is not a number.
+    """
+    if not hs >= 0:
+        raise ValueError(f"hs = {hs!r}: must be 0 m or more")
+    return next(code for code, upper in enumerate(UPPER_HS) if hs <= upper)

@@ -10,7 +10,7 @@ import numpy as np
 
 from taichi_sim.conventions import GRAVITY
 from taichi_sim.trials.figures import Curve, Outcome, Panel, TrialError
-from taichi_sim.uav.fixed_wing.envelope import flight_envelope
+from taichi_sim.uav.fixed_wing.equations import flight_envelope
 from taichi_sim.uav.fixed_wing.modes import linear_modes
 from taichi_sim.uav.fixed_wing.params import FixedWingParams
 from taichi_sim.uav.fixed_wing.trim import Trim, TrimError, trim

@@ -92,7 +92,7 @@ def loop_table(p: MultirotorParams) -> str:
 
 def draw(p: MultirotorParams, gamma: float, title: str, file: Path) -> None:
     """Write a figure of power and tilt over airspeed to `file`."""
-    from taichi_sim.plotting.style import dress, new_figure
+    from taichi_sim.plotting import dress, new_figure
 
     flown = []
     for speed in np.linspace(0.0, p.envelope.max_airspeed, POINTS):

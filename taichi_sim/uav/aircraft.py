@@ -7,7 +7,7 @@ from torch import Tensor
 from taichi_sim.config import ConfigError
 from taichi_sim.conventions import DOWN
 from taichi_sim.fleet import Fleet
-from taichi_sim.kernels.kinematics import WING_TILT
+from taichi_sim.kernels.rotation import WING_TILT
 from taichi_sim.vehicle import Vehicle
 
 if TYPE_CHECKING:

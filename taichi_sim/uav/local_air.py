@@ -82,9 +82,7 @@ def initial_turbulence(air: ti.template(), seed, clock, substeps: ti.template(),
 
 @ti.func
 def wind_at_20_feet(air: ti.template(), around: ti.template(), wind, e):
-    """W20 (m/s), which sets the intensity of turbulence in environment e; `wind` is the mean wind 10 m above the
-    sea.
-    """
+    """W20 (m/s), which sets the turbulence intensity in environment e; `wind` is the mean wind 10 m above the sea."""
     W20 = around.air[1] + around.air[2] * wind.xy.norm()
     if ti.static(air.uneven):
         W20 *= around.turbulence[e]
@@ -93,9 +91,7 @@ def wind_at_20_feet(air: ti.template(), around: ti.template(), wind, e):
 
 @ti.func
 def turbulence_filter(air: ti.template(), Va, h, W20, dt: ti.template()):
-    """Coefficients (12) of a substep dt (s): those of `dryden_filter`, then `dryden_sigma`; zeros without
-    turbulence.
-    """
+    """Coefficients (12) of a substep dt (s): `dryden_filter`, then `dryden_sigma`; zeros without turbulence."""
     zero = Va * 0.0
     f = ti.Vector([zero] * 12)
     if ti.static(air.turbulent):

@@ -31,12 +31,12 @@ from taichi_sim.config import NonNegative, Positive, Strict
 from taichi_sim.conventions import QUATERNION
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import fast
-from taichi_sim.kernels.kinematics import store
 from taichi_sim.kernels.packs import FleetPack, load_at, numbers_at
 from taichi_sim.kernels.rigid_body import quaternion_rate
 from taichi_sim.kernels.rotation import (
     quaternion_from_euler,
     rotation_matrix,
+    store,
     torch_euler_from_quaternion,
     wrap_pi,
 )
@@ -204,9 +204,7 @@ class UnityAircraft(Aircraft):
 
     @ti.func
     def advance(self, p: ti.template(), build: ti.template(), y, increment, angles, command, tau):
-        """One control step: the state (position, and velocity in n), increments, angles, and rates of the angles
-        after it.
-        """
+        """One control step: state (position, velocity in n), increments, angles, and rates of the angles after it."""
         pos = ti.Vector([y[0], y[1], y[2]])
         v = rotation_matrix(ti.Vector([y[3], y[4], y[5], y[6]])) @ ti.Vector([y[7], y[8], y[9]])
         boost = self.p.boost_min * ti.pow(self.boost_ratio, 0.5 * (command[2] + 1.0))

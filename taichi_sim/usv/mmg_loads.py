@@ -32,7 +32,8 @@ from typing import NamedTuple
 import taichi as ti
 
 from taichi_sim.kernels.rigid_body import Number
-from taichi_sim.usv.hull.wind import RHO_AIR, STILL
+from taichi_sim.usv.hull.loads import STILL
+from taichi_sim.usv.hull.numbers import RHO_AIR
 from taichi_sim.usv.manoeuvring_loads import AT_ONCE
 from taichi_sim.usv.mmg_params import HullDerivatives, MmgParams
 
@@ -115,7 +116,7 @@ class MmgNumbers(NamedTuple):
     lag_half_delta: Number
     n_step: Number  # largest change in a step, 1/s
     delta_step: Number  # rad
-    wind_x: Number  # as in hull/wind.py
+    wind_x: Number  # as in hull/loads.py
     wind_y: Number
     wind_n: Number
 
@@ -259,6 +260,6 @@ def rudder_load(p: ti.template(), u, v, r, T, delta):
 
 @ti.func
 def wind_load(p: ti.template(), u, v):
-    """[X Y N] of the wind that moves by u, v (m/s, b) relative to the hull (hull/wind.py)."""
+    """[X Y N] of the wind that moves by u, v (m/s, b) relative to the hull (hull/loads.py)."""
     speed = ti.sqrt(u * u + v * v + STILL)
     return ti.Vector([p.wind_x * speed * u, p.wind_y * speed * v, -p.wind_n * u * v])

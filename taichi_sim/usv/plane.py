@@ -11,8 +11,7 @@ import taichi as ti
 
 from taichi_sim.conventions import ELEVATION
 from taichi_sim.kernels import fast
-from taichi_sim.kernels.kinematics import store
-from taichi_sim.kernels.rotation import quaternion_product, rotation_matrix
+from taichi_sim.kernels.rotation import quaternion_product, rotation_matrix, store
 from taichi_sim.sea import waves
 
 

@@ -32,10 +32,9 @@ from torch import Tensor
 from taichi_sim.config import Finite, NonNegative, Positive, Strict
 from taichi_sim.conventions import ELEVATION, GRAVITY
 from taichi_sim.fleet import Fleet
-from taichi_sim.kernels.kinematics import store
 from taichi_sim.kernels.packs import AroundPack, FleetPack, load_at, numbers_at
 from taichi_sim.kernels.rigid_body import quaternion_rate
-from taichi_sim.kernels.rotation import quaternion_advance, rotation_matrix
+from taichi_sim.kernels.rotation import quaternion_advance, rotation_matrix, store
 from taichi_sim.sea import waves
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.usv.vessel import Number, Vessel, steady_speed

@@ -9,8 +9,8 @@ from torch import Tensor
 
 from taichi_sim.conventions import DOWN, ELEVATION
 from taichi_sim.fleet import Fleet
-from taichi_sim.kernels.kinematics import UPRIGHT
 from taichi_sim.kernels.rigid_body import Number
+from taichi_sim.kernels.rotation import UPRIGHT
 from taichi_sim.vehicle import Vehicle
 
 if TYPE_CHECKING:

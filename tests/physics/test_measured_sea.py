@@ -8,12 +8,11 @@ import pytest
 from physics.conftest import REFERENCE
 
 from taichi_sim.config import ConfigError, SeaConfig
-from taichi_sim.config.extras import MissingExtraError
+from taichi_sim.config.base import MissingExtraError
 from taichi_sim.sea import Sea, sea_size
 from taichi_sim.sea.measured import MeasuredSystem, WaveRecord, band_moments, open_spectra, realised, records_of
-from taichi_sim.sea.measured.entropy import ROOM, direction_grid, maximum_entropy, normalised, possible
 from taichi_sim.sea.measured.ndbc import with_cut_off_returned
-from taichi_sim.sea.measured.record import band_edges
+from taichi_sim.sea.measured.record import ROOM, band_edges, direction_grid, maximum_entropy, normalised, possible
 from taichi_sim.sea.sampling import sample_components
 from taichi_sim.sea.spectrum import jonswap
 

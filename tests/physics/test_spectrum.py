@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from taichi_sim.conventions import GRAVITY
-from taichi_sim.sea import sea_state as wmo
 from taichi_sim.sea import spectrum
+from taichi_sim.sea import wind_sea as wmo
 
 
 @pytest.fixture

@@ -1,16 +1,25 @@
 """Missions, and commands in this process, shared by the tests of training and task."""
 
 import importlib
+import os
 import shutil
 import traceback
 from pathlib import Path
 
+import command_line
 import pytest
 from command_line import Ending, tiny_run
 from small_missions import make
 
 from rl import cli
 from rl.missions.formation.mission import Formation
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _place_of_the_tiny_run(tmp_path_factory):
+    """Put the tiny run where all workers of a session find it."""
+    own = tmp_path_factory.getbasetemp()
+    command_line.place = own.parent if "PYTEST_XDIST_WORKER" in os.environ else own
 
 
 @pytest.fixture(scope="module")

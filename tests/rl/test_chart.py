@@ -14,9 +14,8 @@ from rl.perception.instruments import InstrumentsConfig
 from rl.perception.lookout import Lookout, LookoutConfig
 from rl.perception.radio import NEVER, Radio, RadioConfig
 from taichi_sim.conventions import STATE_SIZE
-from taichi_sim.kernels.counters import Noise
-from taichi_sim.kernels.kinematics import DERIVED_SIZE, HEADING_COS, HEADING_SIN, ROTATION
-from taichi_sim.kernels.rotation import torch_quaternion_from_euler
+from taichi_sim.kernels.random import Noise
+from taichi_sim.kernels.rotation import DERIVED_SIZE, HEADING_COS, HEADING_SIN, ROTATION, torch_quaternion_from_euler
 
 EXACT = InstrumentsConfig()
 DT = 0.2

@@ -92,19 +92,21 @@ def test_evaluate_help_defines_every_figure():
         assert f"{key}:" in text and definition in text
 
 
-def test_the_script_itself_ends_with_the_message_and_status(tmp_path):
-    script = [sys.executable, str(ROOT / "rl" / "train.py"), "--set", "usv.cuont=5"]
-    done = subprocess.run(script, cwd=tmp_path, capture_output=True, text=True, timeout=TIMEOUT)
-    Ending(done.returncode, done.stdout, done.stderr).fails("usv.cuont")
-    assert not list(tmp_path.iterdir())
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["evaluate", "play"])
-def test_the_other_scripts_end_with_the_message_and_status(name, tmp_path):
-    script = [sys.executable, str(ROOT / "rl" / f"{name}.py"), "gone"]
+@pytest.mark.parametrize(
+    ("name", "arguments", "words"),
+    [
+        ("train", ["--set", "usv.cuont=5"], "usv.cuont"),
+        ("evaluate", ["gone"], "not a run folder"),
+        ("play", ["gone"], "not a run folder"),
+    ],
+)
+def test_the_scripts_themselves_end_with_the_message_and_status(name, arguments, words, tmp_path):
+    """By default the same messages and statuses are tested in this process, and tiny_run is a script that ends well."""
+    script = [sys.executable, str(ROOT / "rl" / f"{name}.py"), *arguments]
     done = subprocess.run(script, cwd=tmp_path, capture_output=True, text=True, timeout=TIMEOUT)
-    Ending(done.returncode, done.stdout, done.stderr).fails("not a run folder")
+    Ending(done.returncode, done.stdout, done.stderr).fails(words)
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_team_without_measured_time_is_reported():

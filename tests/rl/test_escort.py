@@ -13,11 +13,11 @@ from refusal import assert_says
 import taichi_sim as ts
 from rl.evaluation.episodes import evaluate
 from rl.evaluation.record import record_episode
+from rl.guidance.shapes import escort_offsets
 from rl.learn.policy import ClassicalPolicy
 from rl.missions import load_scenario, make_mission
 from rl.missions.escort.aircraft import gap_errors
 from rl.missions.escort.mission import Escort
-from rl.missions.escort.shapes import escort_offsets
 from rl.perception.chart import AGE
 from rl.perception.columns import Sighting
 from rl.perception.radio import NEVER

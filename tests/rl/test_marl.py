@@ -16,7 +16,7 @@ import taichi_sim as ts
 from rl.adapters.batched import BatchedEnv
 from rl.adapters.gymnasium import TeamVectorEnv
 from taichi_sim.config import ConfigError
-from taichi_sim.config.extras import MissingExtraError
+from taichi_sim.config.base import MissingExtraError
 
 LONG = (*SMALL, "episode_duration=100", "usv.lost_distance=10000")  # m: no slot is that far
 

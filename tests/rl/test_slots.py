@@ -12,7 +12,7 @@ from rl.guidance.geometry import OFFSET, RATE, Geometry
 from rl.guidance.geometry import SLOT_SIZE as SIZE
 from rl.guidance.shapes import SHAPES, formation_offsets, lane_half_width
 from taichi_sim.conventions import POSITION, STATE_SIZE
-from taichi_sim.kernels.kinematics import DERIVED_SIZE, VELOCITY_N
+from taichi_sim.kernels.rotation import DERIVED_SIZE, VELOCITY_N
 
 DOUBLE = torch.float64
 pytestmark = pytest.mark.usefixtures("f64")

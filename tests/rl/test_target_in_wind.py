@@ -7,10 +7,9 @@ import taichi as ti
 import torch
 from torch import Tensor
 
-from rl.guidance.targets import Target
+from rl.guidance.targets import Target, crab, speed_over_ground
 from rl.missions import load_scenario
 from rl.missions.formation.mission import Formation
-from rl.perception.wind_triangle import crab, speed_over_ground
 from taichi_sim.config import ConfigError
 from taichi_sim.kernels.rotation import torch_euler_from_quaternion
 

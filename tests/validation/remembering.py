@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from taichi_sim.config.extras import MissingExtraError
+from taichi_sim.config.base import MissingExtraError
 from taichi_sim.config.io import config_folder, read_toml, validate
 from taichi_sim.conventions import GRAVITY
 from taichi_sim.usv.hull.database import SUFFIX, HydroDatabase

@@ -7,7 +7,6 @@ import numpy as np
 
 from taichi_sim.conventions import AMPLITUDE, BX
 from taichi_sim.sea import Sea
-from taichi_sim.sea.sea_state import sea_state_range
 from taichi_sim.sea.spectrum import (
     Components,
     encounter_frequency,
@@ -19,6 +18,7 @@ from taichi_sim.sea.spectrum import (
     spreading,
     wavenumber,
 )
+from taichi_sim.sea.wind_sea import sea_state_range
 from tests.validation.case import Case
 from tests.validation.tables import TableError, number, numbers, read_csv, read_json, records
 

@@ -1,6 +1,6 @@
 """A run as one self-contained HTML file without scripts.
 
-sources.py reads the run's folder; about.py, curves.py, sweeps.py and episodes.py each make a part of the page.
+sources.py reads the run's folder; about.py, sweeps.py and episodes.py each make parts of the page.
 """
 
 from collections.abc import Sequence
@@ -25,8 +25,7 @@ def write_report(folders: Sequence[Path], out: Path | None = None) -> Path:
     Raises:
         RunError: if a folder is not a run.
     """
-    from rl.evaluation.report.about import about, figures, possible  # matplotlib takes a second
-    from rl.evaluation.report.curves import curves
+    from rl.evaluation.report.about import about, curves, figures, possible  # matplotlib takes a second
     from rl.evaluation.report.episodes import collisions, shown_episodes
     from rl.evaluation.report.sources import read_run
     from rl.evaluation.report.sweeps import sweeps

@@ -7,8 +7,8 @@ from matplotlib.patches import Circle
 from rl.evaluation.episode_log import BEFORE, Crash, Excerpt, TeamLog
 from rl.evaluation.report.sources import Run
 from rl.evaluation.store import recording_name
+from taichi_sim.plotting import INK, rgb
 from taichi_sim.plotting.page import FAINT, beside, blank, missing, panel, paragraph, svg, text
-from taichi_sim.plotting.style import INK, rgb
 from taichi_sim.recording.palette import ALARM, OBSTACLE, liveries
 
 MARGIN = 60.0  # m around the motion on a map

@@ -11,7 +11,7 @@ from rl.evaluation.episode_log import Crash, Excerpt, load_log
 from rl.evaluation.episodes import mission_class
 from rl.evaluation.store import CONTROLLERS, StoredEvaluation, load_evaluation, load_headroom, log_file
 from rl.evaluation.sweep.config import FOLDER
-from rl.evaluation.sweep.tables import JSON
+from rl.evaluation.sweep.run import JSON
 from rl.judge import Judge
 from rl.learn.progress import HISTORY, read_history
 from rl.mission import Histories

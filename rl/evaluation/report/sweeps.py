@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from rl.evaluation.intervals import Interval
 from rl.evaluation.report.about import number
 from rl.evaluation.report.sources import Run
-from rl.evaluation.sweep.tables import named, value_text
+from rl.evaluation.sweep.run import named, value_text
 from rl.runs.records import AxisTable, CellRow, SweepTable
 from taichi_sim.plotting.page import COLOURS, blank, folded, missing, panel, paragraph, svg, table, text
 

@@ -25,9 +25,7 @@ class Cell(NamedTuple):
 
 
 def count_cells(sweep: Sweep) -> int:
-    """Number of cells: with `grid` the product of the axes; else one for each value, and one for the run's own
-    conditions.
-    """
+    """Number of cells: with `grid` the product of the axes; else one a value, and one for the run's own conditions."""
     lengths = [len(axis.values) for axis in sweep.axis]
     return math.prod(lengths) if sweep.grid else 1 + sum(lengths)
 
@@ -115,9 +113,7 @@ def _absent(key: str, config: Scenario, place: str) -> str | None:
 
 
 def _unknown(kind: type[Scenario], parts: list[str], teams: Mapping[str, object]) -> tuple[int, list[str]] | None:
-    """Position of the first part of a key that the scenario lacks, and the names allowed there; None if it has
-    the key.
-    """
+    """Position of the first part of a key that the scenario lacks, and the allowed names; None without such a part."""
     for depth, part in enumerate(parts):
         allowed = keys_at(kind, tuple(parts[:depth])) + (list(teams) if depth == 0 else [])
         if parts[depth - 1 : depth] == ["vary"]:

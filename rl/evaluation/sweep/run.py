@@ -5,12 +5,14 @@ RUN/sweeps/NAME/sweep.json, .csv     all cells, when all are finished
 """
 
 import contextlib
+import csv
 import functools
 import hashlib
 import json
+import os
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import chain
 from pathlib import Path
 from typing import NamedTuple, TextIO
@@ -24,7 +26,6 @@ from rl.evaluation.episodes import judge_episodes, mission_class
 from rl.evaluation.intervals import Interval, differences, intervals
 from rl.evaluation.sweep.cells import Cell, cells, count_cells
 from rl.evaluation.sweep.config import FOLDER, Sweep
-from rl.evaluation.sweep.tables import write_tables
 from rl.judge import Judge
 from rl.learn.policy import CheckpointError, Policy, checkpoints
 from rl.mission import ControllerError
@@ -43,6 +44,7 @@ CANNOT = (ConfigError, SteepSeaError, ControllerError, CheckpointError, ActionEr
 ESTIMATE_AFTER = 3  # cells, from which the remaining time is estimated
 SIGNIFICANT = 6  # significant digits of each figure
 TELL = functools.partial(tqdm.write, file=sys.stderr)  # prints above the progress bar
+JSON, CSV = "sweep.json", "sweep.csv"
 
 
 class Contest(NamedTuple):
@@ -209,3 +211,39 @@ def _read(lines: TextIO) -> dict[str, CellResult]:
         whole = lines.tell()
     lines.truncate(whole)
     return done
+
+
+def write_tables(out: Path, about: SweepAbout, rows: Sequence[CellRow]) -> None:
+    """Write `about` and the cells' `rows` (run.py) to `sweep.json`, and the same to `sweep.csv`."""
+    run_folder.write_json(out / JSON, {**about, "cells": list(rows)})
+    part = out / f"{CSV}.part"
+    with part.open("w", newline="", encoding="utf-8") as file:
+        names = [axis["name"] for axis in about["axes"]]
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow([*names, "team", "controller", "figure", "value", "low", "high", "cannot be"])
+        for row in rows:
+            values = [value_text(row["values"].get(name, "")) for name in names]
+            writer.writerows([*values, *line] for line in _lines(row, about["opponent"]))
+    os.replace(part, out / CSV)
+
+
+def value_text(value: object) -> str:
+    """The value of an axis as printed."""
+    if isinstance(value, list | tuple):
+        return ", ".join(map(value_text, value))
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def named(who: str, opponent: str) -> str:
+    """The name in tables of a controller, or of the "difference" from its `opponent`."""
+    return f"policy - {opponent}" if who == "difference" else who
+
+
+def _lines(row: CellRow, opponent: str) -> Iterator[list[str | float]]:
+    """A line for each figure of a cell, and for each controller that could not run."""
+    for who, reason in row["cannot_be"].items():
+        yield ["", named(who, opponent), "", "", "", "", " ".join(reason.split())]
+    for team, of_team in row["teams"].items():
+        for who, figures in of_team.items():
+            for figure, numbers in figures.items():
+                yield [team, named(who, opponent), figure, *("" if x is None else x for x in numbers), ""]

@@ -1,7 +1,6 @@
-"""Classical controllers that hold slots, by the class of the vehicle model they are made for.
+"""Classical controllers that hold slots, by the class of the vehicle model.
 
-Each derives from `SlotController` (avoidance.py). A controller that a vehicle brings (`Vehicle.controller`) takes
-precedence.
+Each derives from `SlotController` (avoidance.py). A vehicle's own controller (`Vehicle.controller`) takes precedence.
 """
 
 from rl.guidance.avoidance import SlotController

@@ -1,25 +1,24 @@
-"""Track control of a displacement vessel that pushes along its nose and turns: the X and N that follow the slot.
+"""Track control of a displacement vessel with surge force X and yaw moment N: loads that follow the slot.
 
 Over ground, with the error e = slot - position, the drift z (`Drift`), and evasion (../avoidance.py) of what is near:
 
     v* = v_s + sat(k_e e) + z,   v*' = chi' x v_s + k_e (v_s - v).
 
 The slot's velocity v_s is that of the formation (the target's, plus the swing about the leader). The leader's measured
-velocity also contains its motion in waves, which a follower would chase in vain. Speed, u* being the part of v* along
-the nose and a the waves' push:
+velocity also contains its motion in waves, which a follower would chase in vain. Speed, where u* is the part of v*
+along the nose and a the waves' push:
 
     X = m11 (v*'_x + k_u (u* - u) - a_x) + d_u(u*).
 
-The nose goes where v* points, chi*, and inwards by the angle beta at which the hull slides in a steady turn of the
-target's rate; more so (`lead`, vessel.py) where the course is slow to follow:
+The nose follows the direction chi* of v*, turned inwards by the drift angle beta of a steady turn at the target's rate.
+It leads further (`lead`, vessel.py) where the course is slow to follow:
 
     r* = (v*'_y - wave_share a_y) / |v*| + approach(chi* + beta - psi + lead (chi* - chi)),
     N = m33 k_r (r* - r) + d_r(r*).
 
-Waves: the hull floats on the water's slope, so its tilt measures a = -g (R_nb e_3)_{n,e}. Thrust cancels that along the
-nose. To starboard only a turn can, and a turn in every wave costs moment and thrust that steering needs. Therefore
-wave_share is small, and the heading is fed back, which does not contain the sway in waves as the course over ground
-does.
+Waves: the hull floats on the water's slope, so its tilt measures a = -g (R_nb e_3)_{n,e}. Thrust cancels the part along
+the nose. Only a turn can cancel the part to starboard, and a turn in every wave costs moment and thrust that steering
+needs: wave_share is small. The heading is fed back and not the course over ground, which contains the sway in waves.
 """
 
 from typing import NamedTuple
@@ -33,11 +32,11 @@ from rl.guidance.controllers.vessel import CourseGains, VesselDynamics, loops
 from rl.guidance.knowledge import Knowledge
 from taichi_sim.conventions import GRAVITY
 
-SPEED_SHARE = 0.95  # of the top speed, the most that is asked for; assumed
-LEAST_SHARE = 0.1  # of the top speed: a shorter velocity has no direction to follow; assumed
-RATE_SHARE = 0.9  # of the top yaw rate, the most that is asked for; assumed
+SPEED_SHARE = 0.95  # largest desired speed, as a share of the top speed; assumed
+LEAST_SHARE = 0.1  # a shorter velocity has no direction to follow; share of the top speed; assumed
+RATE_SHARE = 0.9  # largest desired yaw rate, as a share of the top yaw rate; assumed
 COURSE_TIME = 8.0  # s of the integral of the course error; assumed
-COURSE_ERROR = 0.5  # its sine: greater ones are turns; assumed
+COURSE_ERROR = 0.5  # sine of the course error: larger ones are turns; assumed
 DRIFT_SHARE = 0.2  # of the top speed, the greatest drift; assumed
 EVADING = 1e-3  # m/s: less of a change by avoidance is rounding
 
@@ -61,7 +60,7 @@ Way = CourseCommand  # its earlier name
 
 
 class Course:
-    """Decides the loads for a team of one vessel; remembers the team's drift alone."""
+    """Computes the loads for a team of one kind of vessel; its only state is the drift."""
 
     STATE = ("drift",)
 
@@ -104,7 +103,7 @@ class Course:
         )
         share = (limit / chase.norm(dim=-1, keepdim=True).clamp(min=1e-6)).clamp(max=1.0)
         direct, drift = slot + share * chase, self.drift.at(team.fleet.position_n[..., :2], team.steps == 0)
-        wanted = self.avoid(team, direct)  # without the drift, which goes nowhere
+        wanted = self.avoid(team, direct)  # without the drift, which is no motion over ground
         evading = (wanted - direct).norm(dim=-1, keepdim=True) > EVADING
         able = (share >= 1) & ~evading
         self.drift.learn(error, able & (chase.norm(dim=-1, keepdim=True) < self.drift.most))
@@ -114,9 +113,10 @@ class Course:
         return CourseCommand(wanted + drift, change)
 
     def _fastest(self, slot: Tensor, chase: Tensor, about: bool) -> Tensor:
-        """Most speed [env, vehicle, 1] (m/s) of the `chase`, so that with the slot's velocity it stays below the top
-        speed: in any direction; for slots `about` a target, which may be far, in its own direction (constant bearing
-        guidance: Breivik & Fossen 2009, Guidance laws for autonomous underwater vehicles, sec. 5.2).
+        """Limit [env, vehicle, 1] (m/s) of the `chase`: its sum with the slot's velocity stays below the top speed.
+
+        The sum is limited in any direction; for slots `about` a target, which may be far, in the chase's own direction
+        (constant bearing guidance: Breivik & Fossen 2009, Guidance laws for autonomous underwater vehicles, sec. 5.2).
         """
         own = slot.norm(dim=-1, keepdim=True)
         if not about:
@@ -132,11 +132,11 @@ class Course:
 
 
 class Drift:
-    """Drift of a team: the velocity over ground that compensates current, wind and sway, added to the desired one.
+    """Drift of a team: a velocity, added to the desired one, that compensates current, wind and sway.
 
-    It is the integral of the position error, z' = k_i e, in n, where a current is constant however the hull turns. It
-    does not wind up: it waits while the hull cannot follow its command, or is farther off than a drift explains, and it
-    is limited. Far from a slot about a target, the course over ground is held instead, by the integral of the velocity
+    It is the integral of the position error in n, z' = k_i e: in n a current is constant however the hull turns.
+    Against wind-up it is limited, and held while the hull cannot follow its command or is farther off than a drift
+    explains. Far from a slot about a target, the course over ground is held instead, by the integral of the velocity
     error to the side of the command: the integral action of line-of-sight guidance (Børhaug, Pavlov & Pettersen 2008,
     IEEE CDC, eq. 7, in terms of velocities). An episode begins without a drift.
     """
@@ -146,7 +146,7 @@ class Drift:
     def __init__(self, k_i: float, top_speed: float, interval: float):
         """`k_i` 1/s^2, `top_speed` m/s, `interval` s."""
         self.interval, self.step, self.most = interval, k_i * interval, DRIFT_SHARE * top_speed
-        self.place: Tensor | None = None  # as are the others, before the first decision
+        self.place: Tensor | None = None  # as the other states are before the first decision
         self.moved: Tensor | None = None
         self.value: Tensor | None = None
         self.given: Tensor | None = None
@@ -160,7 +160,7 @@ class Drift:
         fresh = begins.view(-1, 1, 1)
         self.value = torch.where(fresh, 0.0, value)
         self.moved = ~fresh & (position != place).any(-1, keepdim=True)
-        self.given = torch.where(self.moved | fresh, self.value, given)  # or asked again about the same moment
+        self.given = torch.where(self.moved | fresh, self.value, given)  # or a second call at the same moment
         self.place = position.clone()
         return self.given
 

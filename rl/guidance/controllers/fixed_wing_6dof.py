@@ -1,22 +1,23 @@
 """Classical control of `fixed_wing_6dof`: a field of velocities about the slot, flown through the wind.
 
-Over ground (Beard & McLain 2012, ch. 10: a field that leads back to the path), with the error e = slot - position in
-axes along and aside of the way flown through the air, and evasion (../avoidance.py) of what is near:
+Over ground (Beard & McLain 2012, ch. 10: a vector field that leads back to the path), with the error e = slot -
+position along and aside of the velocity through the air, and evasion of near bodies (../avoidance.py):
 
     v* = v_s + sat(k e).
 
-What is flown is v_a = v - w (the wind triangle, ch. 2.4). The wind w is the velocity measured over ground less that
-measured through the air, gusts included: v* - w less v_a is then v* - v, whatever they are, and the airspeed demand
+The velocity through the air is v_a = v - w (the wind triangle, ch. 2.4). The wind w, gusts included, is measured
+velocity over ground minus measured velocity through the air. Then (v* - w) - v_a = v* - v in any wind, and the airspeed
+demand
 
     V* = |v* - w|
 
-holds the speed over ground and not that through the air. A coordinated turn, chi_a' = (g / V_a) tan phi of the course
-chi_a through the air (ch. 9.2), follows the turning of v* - w, of which v_s' is that of the target's course:
+holds the speed over ground. A coordinated turn of the course chi_a through the air, chi_a' = (g / V_a) tan phi
+(ch. 9.2), follows the direction of v* - w, whose rate comes from the target's course rate:
 
     tan phi = (V_a / g) (chi_a*' + k_course (chi_a* - chi_a)).
 
-A leader turns back to its slot with at most leader_share of the bank, so that its followers can turn with it.
-Height: the climb of the slot and k_height times the error; the pitch that climbs so, as in the autopilot's own loop.
+A leader turns back to its slot with at most leader_share of the bank, so that its followers can turn with it. The climb
+demand is the slot's climb plus k_height times the height error; pitch follows as in the autopilot's own loop.
 """
 
 from typing import NamedTuple
@@ -35,29 +36,29 @@ from taichi_sim.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
 from taichi_sim.uav.fixed_wing.gains import ZETA, behind
 from taichi_sim.uav.fixed_wing.instruments import READINGS
 
-BRAKING = 1.0  # m/s^2 along, to count on: less than the drag at an idle throttle; assumed
+BRAKING = 1.0  # m/s^2, deceleration along: less than the drag at idle throttle; assumed
 EVADING = 1e-3  # m/s: less of a change by avoidance is rounding
 
 
 class FixedWing6DofGains(AvoidanceGains):
-    """Tuned by rl/tune.py on `aerosonde`."""
+    """Gains, tuned by rl/tune.py on `aerosonde`."""
 
     acceleration: Positive = 3.0
-    bank_share: Positive = 0.5  # of the largest bank's acceleration, with which an error aside is braked
-    leader_share: Positive = 0.5  # of the largest bank, the most to turn back to its slot with, if ahead
-    closing_share: Positive = 0.3  # of the range of airspeeds, the most that an error along adds to the slot's velocity
-    intercept_share: Positive = 0.7  # of cruise, the most that an error aside adds: an angle of 35 deg or so
+    bank_share: Positive = 0.5  # deceleration aside, as a share of the largest bank's acceleration
+    leader_share: Positive = 0.5  # bank of a leader that returns to its slot from ahead, as a share of the largest
+    closing_share: Positive = 0.3  # limit of what an error along adds, as a share of the range of airspeeds
+    intercept_share: Positive = 0.7  # limit of what an error aside adds, as a share of cruise: about 35 deg
 
 
 class FixedWing6DofController(SlotController):
-    """Acts for a team of aircraft with an autopilot; keeps no memory."""
+    """Acts for a team of aircraft with an autopilot; it has no state."""
 
     STATE = ()
     Gains = FixedWing6DofGains
     gains: FixedWing6DofGains
 
     def __init__(self, model: FixedWing6DOF, gains: FixedWing6DofGains | None = None):
-        """Compute gains from those of the autopilot: each loop waits for the one within it (gains.behind).
+        """Compute gains from those of the autopilot: each loop is slower than the one within it (gains.behind).
 
         The course aside follows in 1 / `course`. The airspeed, under proportional and integral throttle, first follows
         in 1 / (2 ZETA omega) of that loop's frequency omega.
@@ -80,7 +81,7 @@ class FixedWing6DofController(SlotController):
         self.closing, self.intercept = self.gains.closing_share * (high - low), self.gains.intercept_share * cruise
 
     def wanted(self, team: Knowledge) -> "FlightCommand":
-        """Towards the slots, along and aside of the way flown through the air."""
+        """The velocity command that leads to the slots, along and aside of the velocity through the air."""
         nose = self._way_flown(velocity_through_air(team))[1]
         slot, now, climb = team.now.slot_velocity, team.now, self.limits.climb
         (along, aside), (along_rate, aside_rate) = (into(x[..., :2], nose) for x in (now.error, now.error_rate))
@@ -136,8 +137,8 @@ class FlightCommand(NamedTuple):
     """The velocity command of each vehicle, [env, vehicle]."""
 
     velocity: Tensor  # [.., 3] v*, NED, m/s
-    change: tuple[Tensor, Tensor]  # of what the error adds to it, along and aside, m/s^2
-    evading: Tensor  # bool: something near has changed it
+    change: tuple[Tensor, Tensor]  # rate of what the error adds to it, along and aside, m/s^2
+    evading: Tensor  # bool: avoidance has changed it
 
 
 Way = FlightCommand  # its earlier name
@@ -152,7 +153,7 @@ def velocity_through_air(team: Knowledge) -> Tensor:
 
 
 def _chase(error: Tensor, rate: Tensor, gain: float, acceleration: float, most: float) -> tuple[Tensor, Tensor]:
-    """Velocity (m/s) towards a zero of `error` (m), at most `most`, and how it changes where it is linear (m/s^2)."""
+    """Velocity (m/s) that reduces `error` (m), at most `most`, and its rate where it is linear (m/s^2)."""
     velocity = approach(error, gain, acceleration).clamp(-most, most)
     linear = gain * error.abs() <= min(most, 2 * acceleration / gain)
     return velocity, torch.where(linear, gain * rate, 0.0)

@@ -1,15 +1,15 @@
 """Force-vector tracking: the force a vehicle needs to follow its slot, and how fast that vector turns.
 
-Both Unity vehicles push along the nose only, against an isotropic drag, v' = f - drag v + d, so a wanted
-acceleration is a wanted force vector: its direction is where the nose should point, its projection on the nose the
-thrust. With error e = slot - position and the slot's velocity and centripetal acceleration as feed-forward,
+Both Unity vehicles push along the nose only, against an isotropic drag: v' = f - drag v + d. A desired acceleration is
+therefore a desired force vector. The nose should point along it; the thrust is its projection on the nose. With the
+error e = slot - position, and the slot's velocity and centripetal acceleration as feed-forward,
 
-    v* = v_s + sat(k_e / k_v e), kept clear by ../avoidance.py       velocity to have
-    a* = chi' x v_s + k_v (v* - v)                                    acceleration to have
+    v* = v_s + sat(k_e / k_v e), kept clear by ../avoidance.py       desired velocity
+    a* = chi' x v_s + k_v (v* - v)                                    desired acceleration
     f* = ((v + a* T) - keep v) / gain - d                             force per mass, exact over the interval T
 
-k_e and k_v place both poles of the double integrator e at exp(-bandwidth T). The turning of f*, which the attitude
-loop needs as feed-forward, follows from the acceleration a the vehicle is about to have:
+k_e and k_v place both poles of the double integrator e at exp(-bandwidth T). The attitude loop needs the rate of f* as
+feed-forward. It follows from the acceleration a that the vehicle is about to have:
 
     f*' = ((1 - keep) a + T a*') / gain - d',   a*' = chi' x (chi' x v_s) + k_v (chi' x v_s - a) + k_e e'
 """
@@ -22,15 +22,15 @@ from rl.guidance.controllers.sampled import held, place_poles
 from rl.guidance.knowledge import Knowledge
 from taichi_sim.config import Positive
 
-SPEED_SHARE = 0.95  # of the top speed, the most that is asked for; assumed
+SPEED_SHARE = 0.95  # largest desired speed, as a share of the top speed; assumed
 
 
 class ForceGains(AvoidanceGains):
     """Gains of the position loop, besides those of avoidance."""
 
     bandwidth: Positive = 2.0  # rad/s
-    closing: Positive = 6.0  # m/s, the most that an error adds to the slot's velocity
-    braking: Positive = 3.0  # m/s^2, with which that is braked again: sqrt(2 braking |e|) is the most, too
+    closing: Positive = 6.0  # m/s, limit of what an error adds to the slot's velocity
+    braking: Positive = 3.0  # m/s^2, deceleration near the slot: sqrt(2 braking |e|) is a limit, too
 
 
 class ForceVector:

@@ -1,7 +1,7 @@
-"""Classical control of `hull_6dof`: track control (course.py), and its loads shared out to two propellers.
+"""Classical control of `hull_6dof`: track control (course.py), with its loads allocated to two propellers.
 
-Half the difference of the propellers' thrusts makes the moment, their mean the surge force. The moment comes first: the
-mean is kept where both propellers stay within their limits with the difference that was asked for.
+Half the difference of the two thrusts makes the moment, their mean the surge force. The moment has priority: the mean
+is limited so that both propellers stay within their range with the desired difference.
 """
 
 import torch
@@ -18,7 +18,7 @@ from taichi_sim.usv.hull.thrusters import PropellerPair
 
 
 class Hull6DofGains(CourseGains):
-    """Tuned by rl/tune.py on `otter`."""
+    """Gains, tuned by rl/tune.py on `otter`."""
 
     acceleration: Positive = 0.94
     horizon: Positive = 26.0
@@ -29,7 +29,7 @@ class Hull6DofGains(CourseGains):
 
 
 class Hull6DofController(SlotController):
-    """Acts for a team of hulls; remembers their drift alone."""
+    """Acts for a team of hulls; its only state is their drift."""
 
     STATE = ("course",)
     Gains = Hull6DofGains
@@ -51,7 +51,7 @@ class Hull6DofController(SlotController):
         self.course = Course(craft, self.gains, model.dt * model.substeps)
 
     def wanted(self, team: Knowledge) -> CourseCommand:
-        """Towards the slots."""
+        """The velocity command that leads to the slots."""
         return self.course.wanted(team)
 
     def act(self, team: Knowledge, wanted: CourseCommand) -> Tensor:
@@ -68,7 +68,7 @@ class Hull6DofController(SlotController):
 
 
 def vessel(model: Hull6Dof, thrusters: PropellerPair) -> VesselDynamics:
-    """The hull in the plane; cross-flow drag of a sway, or of a yaw, alone: L and L^4 / 32 of the strip integral."""
+    """The hull in the plane; cross-flow drag of pure sway and of pure yaw: L and L^4 / 32 in the strip integral."""
     h, M = model.params.hydrodynamics, model.slow_mass
     section = 0.5 * h.cross_flow_density * h.cross_flow_draft * h.cross_flow_coefficient
     L = h.cross_flow_length

@@ -1,4 +1,4 @@
-"""Classical control of `manoeuvring_3dof`: track control (course.py), each load within its own limit."""
+"""Classical control of `manoeuvring_3dof`: track control (course.py), with each load clipped to its limit."""
 
 import torch
 from torch import Tensor
@@ -12,7 +12,7 @@ from taichi_sim.usv.manoeuvring_3dof import Manoeuvring3dof, Manoeuvring3dofPara
 
 
 class Manoeuvring3dofGains(CourseGains):
-    """As of `hull_6dof`; not tuned."""
+    """Gains, named as those of `hull_6dof`; not tuned."""
 
     acceleration: Positive = 0.3
     horizon: Positive = 25.0
@@ -21,7 +21,7 @@ class Manoeuvring3dofGains(CourseGains):
 
 
 class Manoeuvring3dofController(SlotController):
-    """Acts for a team of vessels; remembers their drift alone."""
+    """Acts for a team of vessels; its only state is their drift."""
 
     STATE = ("course",)
     Gains = Manoeuvring3dofGains
@@ -33,7 +33,7 @@ class Manoeuvring3dofController(SlotController):
         self.course = Course(vessel(model.params), self.gains, model.dt * model.substeps)
 
     def wanted(self, team: Knowledge) -> CourseCommand:
-        """Towards the slots."""
+        """The velocity command that leads to the slots."""
         return self.course.wanted(team)
 
     def act(self, team: Knowledge, wanted: CourseCommand) -> Tensor:
@@ -49,7 +49,7 @@ class Manoeuvring3dofController(SlotController):
 
 
 def vessel(p: Manoeuvring3dofParams) -> VesselDynamics:
-    """The vessel with the sway force of a yaw rate, and without the yaw moment of a sway."""
+    """The vessel for its controller: with the sway force due to yaw, without the yaw moment due to sway."""
     M = p.M
     return VesselDynamics(
         m11=float(M[0, 0]), m22=float(M[1, 1]), m33=float(M[2, 2]), surge=Resistance(-p.X_u, -p.X_uu, -p.X_uuu),

@@ -1,12 +1,12 @@
-"""Classical control of `unity_aircraft`: the nose along the wanted force, the boost its projection.
+"""Classical control of `unity_aircraft`: the nose follows the desired force, the boost is its projection.
 
-The rates of pitch and yaw are commanded: a rate gets there at `smooth_rate` of its range per second, so an angle is
-a double integrator with a bounded acceleration, and within that bound a rate command is obeyed at once:
+Pitch and yaw rates are commanded. A rate changes by at most `smooth_rate` of its range per second: an angle is a double
+integrator with a bounded acceleration, and within that bound a rate command is obeyed at once:
 
     psi' = psi*' + approach(psi* - psi),   theta' likewise,   k = (1 - exp(-attitude_bandwidth T)) / T.
 
-The boost inverts the drag exactly over the interval (force_vector.py), and the action the geometric boost mapping.
-The bank does not matter to the path.
+The boost inverts the drag exactly over the interval (force_vector.py), and the action inverts the geometric mapping of
+the boost. The bank does not affect the path.
 """
 
 import math
@@ -25,7 +25,7 @@ LEAST_FORCE = 0.5  # m/s^2: a shorter force vector has no direction to follow; a
 
 
 class UnityAircraftGains(ForceGains):
-    """Tuned by rl/tune.py on `paper`."""
+    """Gains, tuned by rl/tune.py on `paper`."""
 
     acceleration: Positive = 5.1
     horizon: Positive = 5.2
@@ -36,7 +36,7 @@ class UnityAircraftGains(ForceGains):
 
 
 class UnityAircraftController(SlotController):
-    """Acts for a team of aircraft; keeps no memory."""
+    """Acts for a team of aircraft; it has no state."""
 
     STATE = ()
     Gains = UnityAircraftGains
@@ -55,7 +55,7 @@ class UnityAircraftController(SlotController):
         self.max_climb = min(MAX_CLIMB, DEG * p.max_pitch_deg)
 
     def wanted(self, team: Knowledge) -> Wanted:
-        """Towards the slots."""
+        """The velocity command that leads to the slots."""
         return Wanted(self.force.velocity(team))
 
     def act(self, team: Knowledge, wanted: Wanted) -> Tensor:
@@ -80,7 +80,7 @@ class UnityAircraftController(SlotController):
 
 
 def _turn(vector: Tensor, change: Tensor) -> tuple[Tensor, Tensor]:
-    """Rates (rad/s) of the climb angle and of the course of `vector` (NED) that changes by `change` per second."""
+    """Rates (rad/s) of the climb angle and the course of `vector` (NED), which changes by `change` per second."""
     level2 = vector[..., :2].square().sum(-1).clamp(min=LEAST_FORCE**2)
     along = (vector[..., :2] * change[..., :2]).sum(-1) / level2  # relative growth of the level part
     turn = (vector[..., 0] * change[..., 1] - vector[..., 1] * change[..., 0]) / level2

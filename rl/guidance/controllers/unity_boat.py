@@ -1,12 +1,12 @@
-"""Classical control of `unity_boat`: heading along the wanted force, thrust its projection.
+"""Classical control of `unity_boat`: the heading follows the desired force, the thrust is its projection.
 
-The waves push the hull down their slope; the hull floats on that slope, so its own tilt measures the push:
-d = -g (R_nb e_3)_{n,e}, with the rate of that vector from the body rates. Half an interval ahead, because the
-command is held. The heading loop, with the turning of the wanted force as feed-forward, is
+The waves push the hull down their slope. The hull floats on that slope, so its own tilt measures the push,
+d = -g (R_nb e_3)_{n,e}. The rate of that vector comes from the body rates; it predicts the push half an interval ahead,
+because the command is held. The heading loop, with the rate of the desired force (force_vector.py) as feed-forward, is
 
     r* = psi*' + approach(psi* - psi),   N = I_z (k_r (r* - r) + damping r*),
 
-its poles at exp(-heading_bandwidth T) under the yaw inertia and angular drag of the vehicle.
+with its poles at exp(-heading_bandwidth T) for the yaw inertia and angular drag of the vehicle.
 """
 
 import torch
@@ -24,7 +24,7 @@ LEAST_FORCE = 0.5  # m/s^2: a shorter force vector has no direction to follow; a
 
 
 class UnityBoatGains(ForceGains):
-    """Tuned by rl/tune.py on `paper`."""
+    """Gains, tuned by rl/tune.py on `paper`."""
 
     acceleration: Positive = 9.5
     horizon: Positive = 5.3
@@ -36,7 +36,7 @@ class UnityBoatGains(ForceGains):
 
 
 class UnityBoatController(SlotController):
-    """Acts for a team of boats; keeps no memory."""
+    """Acts for a team of boats; it has no state."""
 
     STATE = ()
     Gains = UnityBoatGains
@@ -54,7 +54,7 @@ class UnityBoatController(SlotController):
         self.yaw_acceleration = p.yaw_factor / p.inertia[2]
 
     def wanted(self, team: Knowledge) -> Wanted:
-        """Towards the slots."""
+        """The velocity command that leads to the slots."""
         return Wanted(self.force.velocity(team))
 
     def act(self, team: Knowledge, wanted: Wanted) -> Tensor:

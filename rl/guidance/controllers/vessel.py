@@ -1,15 +1,15 @@
-"""The model of a displacement vessel for its controller, and the gains that follow from it.
+"""Model of a displacement vessel for its controller, and the gains that follow from it.
 
     m11 (u' - v r) = X - d_u(u),   m33 r' = N - d_r(r),   d(x) = (a + b |x| + c x^2) x.
 
-How quickly a vessel can turn is set by its greatest moment: the heading loop has both poles at
+The largest moment limits how quickly a vessel can turn. The heading loop has both poles at
 
     w = sqrt(N_max / (m33 heading_error)),
 
-so that it spends the whole moment on a heading error of heading_error. The slower loops around it are shares of w.
-Sway dies out at s = d_v / m22, and with it the course chi follows the nose psi: chi' = s (psi - chi) + ... Where that
-is slower than COURSE_SHARE w, the nose is held ahead of the course by `lead` times the course error, which gives
-chi' = s (1 + lead) (chi* - chi). There is no lead where a yaw rate first pushes the hull outward: it would harm.
+so that a heading error of heading_error takes the whole moment. The bandwidths of the slower loops around it are shares
+of w. Sway decays at s = d_v / m22, and so the course chi follows the heading psi: chi' = s (psi - chi) + ... Where that
+is slower than COURSE_SHARE w, the nose leads the course by `lead` times the course error, which gives
+chi' = s (1 + lead) (chi* - chi). There is no lead where a yaw rate first pushes the hull outward: it would do harm.
 """
 
 import math
@@ -22,21 +22,21 @@ from rl.guidance.controllers.sampled import decaying, place_poles
 from taichi_sim.config import NonNegative, Positive
 from taichi_sim.usv.vessel import steady_speed
 
-SAMPLED_SHARE = 0.5  # w is at most this over the decision interval; assumed
-COURSE_SHARE = 0.3  # of w: how fast the course should follow; assumed
+SAMPLED_SHARE = 0.5  # limit of w times the decision interval; assumed
+COURSE_SHARE = 0.3  # desired bandwidth of the course, as a share of w; assumed
 MOST_LEAD = 3.0  # assumed
-LAG_SHARE = 0.25  # of s (1 + lead): the poles of the position loop are no more; assumed
-SWAY_SHARE = 0.05  # of the top speed: the sway at which its resistance is linearised; assumed
+LAG_SHARE = 0.25  # limit of the poles of the position loop, as a share of s (1 + lead); assumed
+SWAY_SHARE = 0.05  # sway at which its resistance is linearised, as a share of the top speed; assumed
 
 
 class CourseGains(AvoidanceGains):
-    """Numbers of track control that may be tuned (course.py), besides those of avoidance."""
+    """Gains of track control (course.py), besides those of avoidance."""
 
     heading_error: Positive = 0.35  # rad
-    position_share: Positive = 0.11  # of w: both poles of the position loop
+    position_share: Positive = 0.11  # both poles of the position loop, as a share of w
     speed_bandwidth: Positive = 2.0  # rad/s, of the speed loop
-    closing_share: Positive = 0.35  # of the top speed, the most that an error adds to the slot's velocity
-    wave_share: NonNegative = 0.15  # of the waves' push to starboard that is turned against
+    closing_share: Positive = 0.35  # limit of what an error adds to the slot's velocity, as a share of the top speed
+    wave_share: NonNegative = 0.15  # share of the waves' push to starboard that a turn compensates
 
 
 class Resistance(NamedTuple):
@@ -56,7 +56,7 @@ class Resistance(NamedTuple):
 
 
 class VesselDynamics(NamedTuple):
-    """Inertia with added mass, resistance, and the most that the actuators give."""
+    """Inertia with added mass, resistance, and limits of the actuators."""
 
     m11: float  # kg
     m22: float  # kg

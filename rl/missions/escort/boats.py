@@ -9,9 +9,9 @@ from torch import Tensor
 from rl.guidance.geometry import OFFSET, RATE, SLOT_SIZE, Geometry
 from rl.guidance.observations import ObservationWriter
 from rl.guidance.residual import ResidualTeam
+from rl.guidance.shapes import escort_offsets
 from rl.guidance.targets import SIZE as TARGET
 from rl.guidance.targets import Target
-from rl.missions.escort.shapes import escort_offsets
 from rl.missions.escort.tracking import ObserverGroup, SharedTracking, SpiralSearch
 from rl.perception.chart import Charted
 from rl.perception.contacts import TrackedContacts

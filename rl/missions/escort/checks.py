@@ -6,8 +6,8 @@ from collections.abc import Mapping
 
 import torch
 
+from rl.guidance.targets import strongest_wind
 from rl.missions.escort.config import EscortScenario
-from rl.perception.wind_triangle import strongest_wind
 from taichi_sim.config import ConfigError
 from taichi_sim.fleet import Fleet
 

@@ -7,11 +7,11 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field, model_validator
 
 from rl.course.obstacles import FixedObstacle
-from rl.guidance.config import ResidualConfig
+from rl.guidance.residual import ResidualConfig
+from rl.guidance.shapes import EscortShape
 from rl.missions.escort.rewards import EscortAircraftReward, EscortBoatReward
-from rl.missions.escort.shapes import Shape
 from rl.perception.camera import CameraConfig
-from rl.perception.config import SensorsConfig
+from rl.perception.contacts import SensorsConfig
 from rl.perception.lookout import LookoutConfig
 from rl.perception.radio import RadioConfig
 from rl.planning.config import PlanConfig
@@ -114,7 +114,7 @@ class OrbitConfig(Strict):
 class EscortTeam(TeamConfig):
     """One team: its vehicle and size (TeamConfig), and the parameters of its part."""
 
-    formation: Shape = "astern"  # of boats about the vessel (shapes.py)
+    formation: EscortShape = "astern"  # of boats about the vessel (shapes.py)
     spacing: Annotated[float, Field(gt=0, le=100)] = 10.0  # between neighbours, m
     sensors: SensorsConfig = SensorsConfig()
     lookout: LookoutConfig = LookoutConfig()  # of boats

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from rl.figures import save_figures, training_figures
 from rl.mission import Histories
 from rl.missions.escort.config import EscortScenario
-from taichi_sim.plotting.style import INK, dress, new_figure, rgb
+from taichi_sim.plotting import INK, dress, new_figure, rgb
 from taichi_sim.recording import Episode
 from taichi_sim.recording.overlays import Cylinders, Plot
 from taichi_sim.recording.palette import FOLLOWERS

@@ -14,6 +14,7 @@ from torch import Tensor
 
 from rl.course.traffic import RADIUS, TOP, Bodies
 from rl.guidance.controllers import CONTROLLERS
+from rl.guidance.shapes import escort_offsets
 from rl.mission import Endings, Frame, Histories, Mission, Step
 from rl.missions.escort import rewards
 from rl.missions.escort.aircraft import EscortAircraft, aircraft_observers
@@ -22,21 +23,18 @@ from rl.missions.escort.checks import check_parts, check_slots, warn_of_speeds
 from rl.missions.escort.config import EscortScenario
 from rl.missions.escort.film import overlays_of
 from rl.missions.escort.judge import EscortJudge
-from rl.missions.escort.objects import write_objects
 from rl.missions.escort.orbit import OrbitController, OrbitGains
 from rl.missions.escort.scouts import Scouts, scout_observers
-from rl.missions.escort.shapes import escort_offsets
-from rl.missions.escort.starts import afloat, aloft
-from rl.missions.escort.tracking import SharedTracking
+from rl.missions.escort.tracking import SharedTracking, write_objects
 from rl.missions.escort.vessel import Wanderer
-from rl.missions.escort.worlds import draw_worlds
+from rl.missions.escort.worlds import afloat, aloft, draw_worlds
 from rl.perception.columns import Sighting
 from rl.rewards import fine, paid
-from rl.seeds import derive_seed
+from rl.scenario import derive_seed
 from rl.team import Controller
 from taichi_sim.config.io import validate
 from taichi_sim.kernels import runtime
-from taichi_sim.kernels.counters import Noise
+from taichi_sim.kernels.random import Noise
 from taichi_sim.recording.episode import Episode, Scene
 from taichi_sim.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
 

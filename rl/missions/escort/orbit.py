@@ -42,7 +42,7 @@ class OrbitGains(FixedWing6DofGains):
     leader_share: Positive = 2.0  # there is no leader
     phase_gain: Positive = 0.05  # 1/s
     phase_speed: Positive = 4.0  # m/s, greatest change of airspeed for phases
-    field_radius: Positive = 1.0  # in radii of the circle; above 1 the field turns in later
+    field_radius: Positive = 1.0  # without effect; tuned scenarios may hold it
 
 
 class OrbitController:

@@ -16,7 +16,7 @@ from rl.perception.camera import Camera
 from rl.perception.instruments import InstrumentsConfig
 from taichi_sim.conventions import QUATERNION, STATE_SIZE
 from taichi_sim.fleet import Views
-from taichi_sim.kernels.kinematics import DERIVED_SIZE, HEADING_COS, HEADING_SIN, ROTATION, VELOCITY_N
+from taichi_sim.kernels.rotation import DERIVED_SIZE, HEADING_COS, HEADING_SIN, ROTATION, VELOCITY_N
 
 if TYPE_CHECKING:
     from rl.missions.escort.mission import Escort

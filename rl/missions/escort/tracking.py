@@ -16,18 +16,25 @@ from typing import TYPE_CHECKING, NamedTuple
 import torch
 from torch import Tensor
 
+from rl.course import traffic
 from rl.guidance.targets import COS, COURSE, EAST, NORTH, SIN, SIZE, SPEED
+from rl.missions.escort.config import EscortScenario
 from rl.perception.camera import UNSEEN
 from rl.perception.chart import AGE, P_PP, P_PV, P_VV, V_EAST, V_NORTH, Chart, width_of
 from rl.perception.columns import Message, Object, Sighting
 from rl.perception.radio import Radio
-from taichi_sim.fleet import Views
+from taichi_sim.fleet import Fleet, Views
 
 if TYPE_CHECKING:
     from rl.missions.escort.mission import Escort
 
 SLOWEST = 0.3  # m/s: the course of a slower vessel is not updated
 CUE_SPEED = 1.5  # m/s, standard deviation of the vessel's velocity at first, each way; assumed
+COPIED = (
+    (Object.NORTH, traffic.NORTH), (Object.EAST, traffic.EAST), (Object.V_NORTH, traffic.V_NORTH),
+    (Object.V_EAST, traffic.V_EAST), (Object.RADIUS, traffic.RADIUS),
+)  # fmt: skip
+"""Columns of an object, and the rows of a body that they are copied from."""
 
 
 class SpiralSearch(NamedTuple):
@@ -169,3 +176,38 @@ class SharedTracking:
     def sees(self, name: str) -> Tensor:
         """Whether each observer of a team sees the vessel [env, observer]."""
         return self.of(name, self.sightings)[..., 0, Sighting.VARIANCE] > 0
+
+
+def write_objects(mission: "Escort", vessel: Fleet) -> Tensor:
+    """Write the fleet `vessel` into the bodies of `mission`, and bodies and obstacles into the objects of its tracking.
+
+    Returns the vessel's place [env, 2], NED, m.
+    """
+    place, velocity = vessel.position_n[:, 0, :2].clone(), vessel.velocity_n[:, 0, :2]
+    table = mission.bodies.table
+    table[:, : traffic.EAST + 1, 0], table[:, traffic.V_NORTH : traffic.V_EAST + 1, 0] = place, velocity
+    if mission.traffic.present:
+        table[..., 1:] = mission.traffic.table
+    objects = mission.tracking.objects
+    n = table.shape[2]
+    for column, row in COPIED:
+        objects[:, :n, column] = table[:, row]
+    stands = mission.obstacles[mission.env_world]
+    objects[:, n:, :2], objects[:, n:, Object.RADIUS] = stands[..., :2], stands[..., 2]
+    if _on_waves(mission.config):
+        inside = objects[..., Object.NORTH].abs() < mission.config.area  # obstacles that a world has not are far away
+        objects[..., Object.DOWN] = torch.where(inside, -mission.elevation(objects[..., :2]), 0.0)
+    boats = mission.boats
+    if boats is not None:
+        course = mission.vessel_velocity
+        speed = course.norm(dim=-1)
+        angle = torch.atan2(course[:, 1], course[:, 0])
+        target = (place[:, 0], place[:, 1], 0 * speed, angle, angle.cos(), angle.sin(), 0 * speed, speed)
+        boats.target.table[:, 0] = torch.stack(target, dim=-1)
+    return place
+
+
+def _on_waves(config: EscortScenario) -> bool:
+    """Whether cameras see objects at the height of the waves, not of the mean sea level."""
+    part = config.parts.get(config.escort.aircraft)
+    return part is not None and part.camera.surface == "waves"

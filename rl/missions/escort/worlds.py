@@ -3,12 +3,12 @@
 The vessel begins at the centre of the area, on its first course. The boats begin at some distance from it in any
 direction, side by side, and head roughly for it. Fixed obstacles stand along the boats' way to the vessel, the first
 nearly on it, and ahead of the vessel. Moving obstacles cross that way at the time when the boats would be there. No
-vehicle begins nearer than `ROOM` to an obstacle. All is drawn on the CPU: the same worlds on every device. Frame: NED,
-m from the centre.
+vehicle begins nearer than `ROOM` to an obstacle. All is drawn on the CPU: the same worlds on every device. `afloat` and
+`aloft` make initial states [env, vehicle, 13] of boats and aircraft. Frame: NED, m from the centre.
 """
 
 import math
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import torch
 from torch import Tensor
@@ -16,6 +16,12 @@ from torch import Tensor
 from rl.course.traffic import AWAY, BOTTOM, CARRIED, EAST, NORTH, RADIUS, ROWS, TOP, V_EAST, V_NORTH
 from rl.missions.escort.config import ROOM, EscortScenario
 from taichi_sim.config import ConfigError
+from taichi_sim.conventions import STATE_SIZE
+from taichi_sim.kernels.rotation import torch_quaternion_from_euler
+
+if TYPE_CHECKING:
+    from rl.missions.escort.aircraft import EscortAircraft
+    from rl.missions.escort.boats import EscortBoats
 
 PASSAGE = 12.0  # m between the surfaces of two obstacles; assumed
 TRIES = 30  # draws of an obstacle before it is left out
@@ -25,6 +31,8 @@ TALLEST, LOWEST = 15.0, 4.0  # m, heights of obstacles; aircraft pass above; ass
 CLOSING = 1.0  # m/s, speed of boats for timing the crossings; assumed
 CROSSING = math.radians(50.0), math.radians(130.0)
 NEAR = 12.0  # m, standard deviation about the slots of boats that begin near the vessel; assumed
+BOAT_SPEED = (0.5, 1.5)  # m/s at which boats begin; assumed
+APART = 40.0  # m between aircraft that begin; assumed
 
 
 class Worlds(NamedTuple):
@@ -160,3 +168,33 @@ def _moving(config, taken, middle, side, bearing, far, near, uniform) -> Tensor:
             if not missing.any():
                 break
     return found
+
+
+def afloat(team: "EscortBoats", place: Tensor, heading: Tensor, generator: torch.Generator) -> Tensor:
+    """Boats at `place` [env, boat, 2] (m) with `heading` [env, boat] (rad), at one speed in each environment."""
+    heading = heading.to(team.fleet.state)
+    state = _level(team, heading)
+    state[..., :2] = place.to(state)
+    low, high = BOAT_SPEED
+    state[..., 7] = low + (high - low) * torch.rand((len(state), 1), generator=generator).to(state)
+    return state
+
+
+def aloft(team: "EscortAircraft", over: Tensor, generator: torch.Generator) -> Tensor:
+    """Aircraft in steady flight over `over` [env, 2] (m), side by side at different heights, with a random heading."""
+    count = team.fleet.count
+    heading = (2 * math.pi * torch.rand((len(over), 1), generator=generator)).to(team.fleet.state).expand(-1, count)
+    state = _level(team, heading)
+    rank = (torch.arange(count, device=state.device) - (count - 1) / 2) * APART
+    side = torch.stack((-heading.sin(), heading.cos()), dim=-1)
+    state[..., :2] = over.unsqueeze(1).to(state) + rank.view(1, -1, 1) * side
+    state[..., 2] = team.down
+    state[..., 7] = team.fleet.model.limits.speeds[1]
+    return state
+
+
+def _level(team: "EscortBoats | EscortAircraft", heading: Tensor) -> Tensor:
+    """At the origin, level, at rest, with `heading` [env, vehicle] (rad)."""
+    state = team.fleet.state.new_zeros((*heading.shape, STATE_SIZE))
+    state[..., 3:7] = torch_quaternion_from_euler(0 * heading, 0 * heading, heading)
+    return state

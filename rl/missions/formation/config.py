@@ -6,10 +6,10 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field, model_validator
 
 from rl.course.obstacles import FixedObstacle
-from rl.guidance.config import ResidualConfig
+from rl.guidance.residual import ResidualConfig
 from rl.guidance.shapes import Shape
 from rl.missions.formation.rewards import TrackingReward
-from rl.perception.config import SensorsConfig
+from rl.perception.contacts import SensorsConfig
 from rl.perception.radio import RadioConfig
 from rl.planning.config import PlanConfig
 from rl.scenario import Evaluation, Scenario

@@ -22,14 +22,14 @@ from rl.missions.formation.judge import FormationJudge
 from rl.missions.formation.starts import PER_WORLD, draw_starts, in_wind
 from rl.missions.formation.team import TeamTask
 from rl.missions.formation.worlds import draw_traffic, generate_worlds
-from rl.perception.config import SensorsConfig
+from rl.perception.contacts import SensorsConfig
 from rl.planning.honest import write_obstacles_as_bodies
-from rl.seeds import derive_seed
+from rl.scenario import derive_seed
 from rl.team import Controller
 from taichi_sim.config import AirConfig, SeaConfig
 from taichi_sim.config.io import validate
 from taichi_sim.kernels import runtime
-from taichi_sim.kernels.counters import Noise
+from taichi_sim.kernels.random import Noise
 from taichi_sim.recording.episode import Episode, Scene
 from taichi_sim.state import transfer
 

@@ -14,9 +14,9 @@ import torch
 from torch import Tensor
 
 from rl.course.tracks import Tracks
+from rl.guidance.targets import crab, strongest_wind
 from rl.missions.formation.config import FormationScenario
 from rl.missions.formation.slots import Drawn, draw_formations, offsets_of, unit_offsets
-from rl.perception.wind_triangle import crab, strongest_wind
 from taichi_sim.config import ConfigError
 from taichi_sim.conventions import QUATERNION, STATE_SIZE
 from taichi_sim.kernels.rotation import torch_euler_from_quaternion, torch_quaternion_from_euler

@@ -13,7 +13,7 @@ from rl.guidance.shapes import lane_half_width
 from rl.missions.formation.config import FormationScenario
 from rl.missions.formation.slots import offsets_of, unit_offsets
 from rl.missions.formation.starts import Starts
-from rl.seeds import derive_seed
+from rl.scenario import derive_seed
 from taichi_sim.config import ConfigError
 from taichi_sim.randomisation.conditions import nominal_conditions
 from taichi_sim.vehicle import Vehicle

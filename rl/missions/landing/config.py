@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from rl.missions.landing.rewards import AircraftReward, BoatReward
-from rl.perception.config import SensorsConfig
+from rl.perception.contacts import SensorsConfig
 from rl.perception.radio import RadioConfig
 from rl.planning.config import PlanConfig
 from rl.scenario import Evaluation, Scenario

@@ -11,7 +11,7 @@ from matplotlib.patches import Rectangle
 from rl.figures import policy_loss_figure, reward_figure, save_figures
 from rl.mission import Histories
 from taichi_sim.kernels.rotation import torch_rotation_matrix
-from taichi_sim.plotting.style import INK, dress, new_figure, rgb
+from taichi_sim.plotting import INK, dress, new_figure, rgb
 from taichi_sim.recording import Episode
 from taichi_sim.recording.episode import TeamTrack
 from taichi_sim.recording.frames import Array

@@ -25,10 +25,10 @@ from rl.missions.landing.pilots import Pilot
 from rl.missions.landing.starts import afloat, aloft
 from rl.perception.radio import Radio
 from rl.rewards import paid
-from rl.seeds import derive_seed
+from rl.scenario import derive_seed
 from taichi_sim.config import ConfigError
 from taichi_sim.kernels import runtime
-from taichi_sim.kernels.counters import Noise
+from taichi_sim.kernels.random import Noise
 from taichi_sim.recording.episode import Scene
 
 SEEN_FROM_AFAR = 40.0  # m about the first boat, in recordings

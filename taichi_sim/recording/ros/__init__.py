@@ -1,7 +1,7 @@
 """An `Episode` as bags of ROS 2 (docs/ros.md): true motion in east-north-up (`map`) and forward-left-up (`base_link`).
 
 geodesy.py    positions as latitude, longitude and height; motion.py: a team's motion in ROS's frames (../frames.py)
-topics.py     names, types and stamps; messages.py: the messages of each frame
+messages.py   names, types and stamps of topics; the messages of each frame
 bag.py        the writers, and what they refuse
 """
 

@@ -20,8 +20,7 @@ from tqdm import tqdm
 
 from taichi_sim.recording.episode import Episode
 from taichi_sim.recording.ros.geodesy import FJORD, Origin
-from taichi_sim.recording.ros.messages import Builder, Messages
-from taichi_sim.recording.ros.topics import EPOCH_S, Topic
+from taichi_sim.recording.ros.messages import EPOCH_S, Builder, Messages, Topic
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Qos

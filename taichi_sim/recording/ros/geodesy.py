@@ -47,9 +47,7 @@ def ecef(latitude: Array, longitude: Array, height: Array) -> Array:
 
 
 def geodetic(enu_m: Array, origin: Origin) -> Array:
-    """Latitude (deg), longitude (deg, -180 to 180) and height (m) [..., 3] of positions [..., 3] (east, north,
-    up, m).
-    """
+    """Latitude, longitude (deg, -180 to 180), height (m) [..., 3] of positions [..., 3] (east, north, up, m)."""
     phi, lam = np.radians(origin)
     sin, cos, sin_l, cos_l = np.sin(phi), np.cos(phi), np.sin(lam), np.cos(lam)
     axes = np.array([[-sin_l, cos_l, 0.0], [-sin * cos_l, -sin * sin_l, cos], [cos * cos_l, cos * sin_l, sin]])

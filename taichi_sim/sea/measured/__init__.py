@@ -3,8 +3,7 @@
 files.py     opens the file of `sea.spectrum` and selects its records
 ndbc.py      reads text files of the US National Data Buoy Center
 gridded.py   reads all other formats with the library wavespectra
-record.py    one sea state: density, directions, and statistics
-entropy.py   a directional distribution from its first moments
+record.py    one sea state: density, directions from their first moments, and statistics
 system.py    wave components of a record, with the same interface as those of a formula (sampling.py)
 """
 

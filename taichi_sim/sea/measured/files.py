@@ -8,10 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from taichi_sim.config import ConfigError, SeaConfig
-from taichi_sim.sea.measured.entropy import direction_grid, maximum_entropy, narrowed, normalised
 from taichi_sim.sea.measured.gridded import read_gridded
 from taichi_sim.sea.measured.ndbc import is_ndbc, read_ndbc
-from taichi_sim.sea.measured.record import WaveRecord, band_edges
+from taichi_sim.sea.measured.record import WaveRecord, band_edges, direction_grid, maximum_entropy, narrowed, normalised
 from taichi_sim.sea.spectrum import spreading
 
 ALL = "all"

@@ -3,7 +3,7 @@
 The content of a file identifies its format: the variables of a netCDF, the first line of a text. Wave models give
 energy by frequency and direction. Their values are used as they are, constant over a cell; only the directions are
 turned from "comes from" to "travels to". Buoys give moments, from which the distribution of maximum entropy is made
-(entropy.py). wavespectra keeps a Spotter's a1, b1, a2 and b2 (direction of travel, counter-clockwise from east) if it
+(record.py). wavespectra keeps a Spotter's a1, b1, a2 and b2 (direction of travel, counter-clockwise from east) if it
 is asked for no directions. From NDBC's netCDF it would make a truncated Fourier series, which is negative for some
 directions, and no record where one value is missing. This module therefore reads NDBC's variables itself.
 """
@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from taichi_sim.config import ConfigError
-from taichi_sim.config.extras import MissingExtraError
+from taichi_sim.config.base import MissingExtraError
 
 if TYPE_CHECKING:
     from xarray import DataArray, Dataset
@@ -140,9 +140,7 @@ def _of_ndbc(path: Path, data: "Dataset") -> Gridded:
 
 
 def _of_directions(path: Path, data: "Dataset") -> Gridded:
-    """Read a wave model's energy by frequency and direction (m^2/Hz/degree); a single direction means no
-    directions at all.
-    """
+    """Read a wave model's energy by frequency and direction (m^2/Hz/degree); one direction means none at all."""
     energy = data["efth"]
     for name in ("time", "dir"):
         energy = energy if name in energy.dims else energy.expand_dims(name)

@@ -104,9 +104,7 @@ def bands(printed: np.ndarray) -> np.ndarray:
 
 
 def with_cut_off_returned(density: np.ndarray, digit: float, frequency: np.ndarray) -> np.ndarray:
-    """Add half a step to densities [t, f] that were rounded down to hundredths of the largest (see the module's
-    docstring).
-    """
+    """Add half a step to densities [t, f] that were rounded down to hundredths of the largest."""
     density = density.copy()
     for row in density:
         if not np.isfinite(row).all() or row.max() < DISCERNIBLE * STEPS * digit:

@@ -26,8 +26,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from taichi_sim.sea.measured.entropy import ANGLES, direction_grid
-from taichi_sim.sea.measured.record import WaveRecord
+from taichi_sim.sea.measured.record import ANGLES, WaveRecord, direction_grid
 from taichi_sim.sea.spectrum import CALM_PERIOD, Components
 
 STREAM = 0xE5  # separates the random numbers of designs from those of realisations
@@ -137,9 +136,7 @@ class MeasuredSystem:
 
     @cached_property
     def _by_direction(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """For each band, the cumulative share of its energy and the angles (rad), from opposite its mean direction
-        on.
-        """
+        """For each band, its cumulative share of energy and the angles (rad), from opposite its mean direction on."""
         cell, middle = TWO_PI / ANGLES, direction_grid()
         found = []
         for spread, mean in zip(self.record.spread, np.angle(self.record.c1), strict=True):

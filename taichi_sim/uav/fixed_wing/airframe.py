@@ -1,10 +1,10 @@
-"""A fixed-wing aircraft's aerodynamics and its equations of motion.
+"""A fixed-wing aircraft's aerodynamics, its equations of motion, and one step of them.
 
 The model is that of R. Beard and T. McLain, Small Unmanned Aircraft, Princeton University Press 2012, chapters 3 and 4.
 Lift blends into that of a flat plate beyond the stall; the polar is parabolic; other coefficients are linear. NED
 world, forward-right-down body, quaternion body to world. Positive elevator is trailing edge down (C_m_delta_e < 0),
 positive aileron rolls right, positive rudder yaws left (C_n_delta_r < 0). delta = (elevator, aileron, rudder,
-throttle).
+throttle). A step is by the classical Runge-Kutta method, in the frame of the air.
 
 `craft` is a FixedWingParams: the kernels read the parameters that never vary from it, and these are compiled in. `p` is
 a FixedWingNumbers, either compiled in or loaded for each environment.
@@ -123,3 +123,41 @@ def derivative(craft: ti.template(), p: ti.template(), y, air_n, delta, tau):
     force += ti.Vector([tau[0], tau[1], tau[2]])
     moment += ti.Vector([tau[3], tau[4], tau[5]])
     return rigid_body(p, y, R, force, moment)
+
+
+@ti.func
+def rk4(craft: ti.template(), p: ti.template(), y, delta, tau, dt: ti.template()):
+    """State in still air after a step dt (s); deflections delta and load tau are held."""
+    still = ti.Vector([0.0, 0.0, 0.0])
+    k, new = 0.0 * y, y
+    for stage in range(4):  # a loop, not four copies: as fast within 5 %, and compiled in a quarter of the time
+        ahead = ti.select(stage == 0, 0.0, ti.select(stage == 3, dt, ti.static(0.5 * dt)))
+        weight = ti.select(stage == 0 or stage == 3, ti.static(dt / 6.0), ti.static(dt / 3.0))
+        k = derivative(craft, p, y + ahead * k, still, delta, tau)
+        new += weight * k
+    # one Newton step of 1/|q| suffices: |q| - 1 is as small as the method's error per step
+    norm2 = new[3] * new[3] + new[4] * new[4] + new[5] * new[5] + new[6] * new[6]
+    for k in ti.static(range(3, 7)):
+        new[k] *= 1.5 - 0.5 * norm2
+    return new
+
+
+@ti.func
+def attitude(y):
+    """R_nb of state y."""
+    return rotation_matrix(ti.Vector([y[3], y[4], y[5], y[6]]))
+
+
+@ti.func
+def velocity(y):
+    """Velocity (m/s) in b of state y."""
+    return ti.Vector([y[7], y[8], y[9]])
+
+
+@ti.func
+def with_velocity(y, v):
+    """State y with its velocity replaced by v (m/s) in b."""
+    new = y
+    for k in ti.static(range(3)):
+        new[7 + k] = v[k]
+    return new

@@ -159,18 +159,14 @@ def flight(g: ti.template(), R, v_air):
 
 @ti.func
 def climb_to_fly(g: ti.template(), m: ti.template(), wanted, actual):
-    """Climb rate through the air (m/s) to command, within limits, for the `wanted` and `actual` climb rates over
-    ground (m/s).
-    """
+    """Climb rate through the air (m/s) to command, within limits, for `wanted` and `actual` ones over ground."""
     climb = ti.max(ti.min(wanted, m.climb), -m.climb)
     return climb + g.climb * (climb - actual)
 
 
 @ti.func
 def sine_of_pitch(g: ti.template(), m: ti.template(), protection: ti.template(), Va, level, sin_gamma):
-    """sin theta_c of a climb by gamma. With protection the nose goes down below the airspeed floor and up above the
-    top.
-    """
+    """sin theta_c of a climb by gamma; with protection, nose down below the airspeed floor and up above the top."""
     wanted = sin_gamma
     if ti.static(protection):
         outside = ti.min(Va - m.floor, 0.0) + ti.max(Va - m.top, 0.0)

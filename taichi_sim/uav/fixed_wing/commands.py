@@ -9,7 +9,7 @@
 import taichi as ti
 
 from taichi_sim.uav.fixed_wing import autopilot
-from taichi_sim.uav.fixed_wing.motion import velocity
+from taichi_sim.uav.fixed_wing.airframe import velocity
 
 
 @ti.func

@@ -20,13 +20,13 @@ from torch import Tensor
 from taichi_sim.config import ConfigError
 from taichi_sim.conventions import GRAVITY, VELOCITY
 from taichi_sim.fleet import Fleet
-from taichi_sim.kernels.kinematics import store
 from taichi_sim.kernels.packs import AroundPack, Build, FleetPack, load_at, numbers_at
+from taichi_sim.kernels.rotation import store
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.uav import local_air
 from taichi_sim.uav.aircraft import Aircraft
-from taichi_sim.uav.fixed_wing import actuators, start
-from taichi_sim.uav.fixed_wing.airframe import aerodynamic_force, air_data
+from taichi_sim.uav.fixed_wing import actuators
+from taichi_sim.uav.fixed_wing.airframe import aerodynamic_force, air_data, attitude, rk4, velocity, with_velocity
 from taichi_sim.uav.fixed_wing.autopilot import ACTION_NAMES, AutopilotParams
 from taichi_sim.uav.fixed_wing.commands import commands, demands
 from taichi_sim.uav.fixed_wing.equations import derivatives, stall_angles
@@ -45,11 +45,10 @@ from taichi_sim.uav.fixed_wing.instruments import (
     WIND_NAMES,
 )
 from taichi_sim.uav.fixed_wing.modes import largest_stable_dt
-from taichi_sim.uav.fixed_wing.motion import attitude, rk4, velocity, with_velocity
 from taichi_sim.uav.fixed_wing.numbers import VARYING, FixedWingNumbers, aircraft_numbers
 from taichi_sim.uav.fixed_wing.params import FixedWingParams
 from taichi_sim.uav.fixed_wing.propeller import propeller_power
-from taichi_sim.uav.fixed_wing.trim import trim
+from taichi_sim.uav.fixed_wing.trim import show, trim, trimmed
 from taichi_sim.vehicle import Limits, Number
 
 
@@ -132,9 +131,7 @@ class FixedWing6DOF(Aircraft):
     # -- for controllers --------------------------------------------------------------------------------------------
 
     def action(self, controls: Tensor) -> Tensor:
-        """Actions [.., 4] that command `controls` [.., 4]: elevator, aileron, rudder (rad), throttle; on the device
-        of `controls`.
-        """
+        """Actions [.., 4] that command `controls` [.., 4]: elevator, aileron, rudder (rad), throttle."""
         neutral, lower, upper = (
             torch.tensor(x, dtype=torch.float64, device=controls.device)
             for x in (self.neutral, self.p.actuators.lower, self.p.actuators.upper)
@@ -160,14 +157,12 @@ class FixedWing6DOF(Aircraft):
     # -- beginning -------------------------------------------------------------------------------------------------
 
     def settle(self, state: Tensor, surface: Tensor, around: Surroundings) -> Tensor:
-        """States in steady level flight at cruising airspeed in the mean wind; positions and headings of `state` are
-        kept.
-        """
-        return start.trimmed(state, self.cruise, around)
+        """States in steady level flight at cruising airspeed in the mean wind, at positions and headings of `state`."""
+        return trimmed(state, self.cruise, around)
 
     def reset_aux(self, aux: Tensor, state: Tensor, around: Surroundings) -> None:
         """Set deflections to cruise, instruments to the mean wind, and the height to hold to the present one."""
-        start.show(aux, state, around, self.neutral)
+        show(aux, state, around, self.neutral)
 
     # -- moving ----------------------------------------------------------------------------------------------------
 
@@ -243,9 +238,7 @@ class FixedWing6DOF(Aircraft):
 
     @ti.func
     def save(self, p: ti.template(), fleet: ti.template(), e, i, y, met, delta):
-        """Store state y, whose velocity is relative to the air that moves with `met`, with its derived values and
-        instruments.
-        """
+        """Store state y, relative to the air that moves with `met`, with its derived values and instruments."""
         R = attitude(y)
         readings = self.readings(p, y, delta)
         v = velocity(y) + R.transpose() @ met

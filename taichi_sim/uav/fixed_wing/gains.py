@@ -137,9 +137,7 @@ def behind(lag: float) -> float:
 
 
 def gains(p: FixedWingParams, cruise: Trim, m: AutopilotLimits, dt: float) -> AutopilotGains:
-    """Gains of the autopilot of an aircraft with step dt (s), from its linear model in `cruise` and its trims
-    within m.
-    """
+    """Gains of the autopilot of an aircraft with step dt (s), from its linear model in `cruise` and its trims."""
     model, V = linear_modes(p, cruise), cruise.airspeed
     tau, motor = p.actuators.time_constant + dt / 2, p.actuators.throttle_time_constant + dt / 2
 

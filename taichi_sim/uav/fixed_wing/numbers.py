@@ -11,9 +11,7 @@ from taichi_sim.vehicle import Number
 
 
 class FixedWingNumbers(NamedTuple):
-    """Numbers that the equations use: Numbers, or tensors of one shape. Coefficients are those of `Longitudinal`,
-    `Lateral`.
-    """
+    """Numbers of the equations: floats, or tensors of one shape. Coefficients as of `Longitudinal`, `Lateral`."""
 
     inverse_mass: Number  # 1/kg
     Jx: Number  # kg m^2

@@ -69,9 +69,7 @@ class Longitudinal(Strict):
 
 
 class Lateral(Strict):
-    """Coefficients of side force, rolling (ell) and yawing (n) moment: per rad, and rates as p b / (2 Va), r b / (2
-    Va).
-    """
+    """Coefficients of side force, rolling (ell), yawing (n) moment: per rad; rates as p b / (2 Va), r b / (2 Va)."""
 
     C_Y_0: Finite
     C_Y_beta: Finite

@@ -38,9 +38,7 @@ def _joined(parts: list[Surface]) -> Surface:
 
 
 def _prism(low: NDArray[np.float64], high: NDArray[np.float64]) -> Surface:
-    """The surface between two rings [K, 3] of as many corners; `high` lies where the right-handed normal of `low`
-    points.
-    """
+    """The surface between two rings [K, 3] of as many corners; `high` is where the normal of `low` points."""
     K = len(low)
     here = np.arange(K)
     after = (here + 1) % K

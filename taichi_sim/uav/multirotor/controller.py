@@ -117,9 +117,7 @@ def specific_thrust(g: ti.template(), d: ti.template(), v_c, v, turning, integra
 
 @ti.func
 def heading_rate(g: ti.template(), R, turn, held, dt: ti.template()):
-    """Heading rate (rad/s) for the commanded `turn` (rad/s), and the held heading (cosine, sine) a step dt (s)
-    later.
-    """
+    """Heading rate (rad/s) for the commanded `turn` (rad/s), and the held heading (cosine, sine) after dt (s)."""
     inv = 1.0 / ti.sqrt(R[0, 0] * R[0, 0] + R[1, 0] * R[1, 0] + NOSE * NOSE)
     c, s = R[0, 0] * inv, R[1, 0] * inv
     ahead, beside = held[0] * c + held[1] * s, held[1] * c - held[0] * s

@@ -50,9 +50,7 @@ def derivatives(
 
 
 def rhs(craft: MultirotorParams, state, omega) -> np.ndarray:
-    """Derivative [n, 13] float64 of states [n, 13] in still air, far from the ground, with rotors at omega
-    [n, rotor] (rad/s).
-    """
+    """Derivative [n, 13] float64 of states [n, 13] in still air, far from ground; rotors at omega [n, rotor], rad/s."""
     state, omega = (np.ascontiguousarray(x, dtype=np.float64) for x in (state, omega))
     out, none = np.empty_like(state), np.zeros((len(state), 6))
     derivatives(craft, False, state, omega, none, none, out)
@@ -71,9 +69,7 @@ def _rates(craft: ti.template(), omega: _array2, command: _array2, out: _array2)
 
 
 def rotor_rates(craft: MultirotorParams, omega, command) -> np.ndarray:
-    """Rates [n, rotor] (rad/s^2) of rotors at omega [n, rotor] (rad/s) with the commands `command` [n, rotor]
-    (rad/s).
-    """
+    """Rates [n, rotor] (rad/s^2) of rotors at omega [n, rotor] with commands `command` [n, rotor] (rad/s)."""
     omega, command = (np.ascontiguousarray(x, dtype=np.float64) for x in (omega, command))
     out = np.empty_like(omega)
     _rates(craft, omega, command, out)

@@ -63,9 +63,7 @@ def lowered(kind: ti.template(), below, by):
 
 @ti.func
 def edge_weight(inside, width):
-    """Weight (0 to 1, smooth) of a ground at a point `inside` its edge (m; negative: outside), which fades over
-    `width` (m).
-    """
+    """Weight (0 to 1, smooth) of a ground `inside` its edge (m; negative: outside); it fades over `width` (m)."""
     x = ti.max(ti.min(inside / width + 0.5, 1.0), 0.0)
     return x * x * (3.0 - 2.0 * x)
 

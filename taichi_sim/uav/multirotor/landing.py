@@ -2,7 +2,7 @@
 
 A contact step is half a drift, a kick, and half a drift (Strang 1968) of position, velocity, attitude and angular
 momentum in n, so that kicks conserve both momenta to rounding. The kick uses the forces in its middle: those of the
-soles (contact/forces.py) take velocities predicted by half a kick. The deck's motion, and its response to contact, are
+soles (contact/touch.py) take velocities predicted by half a kick. The deck's motion, and its response to contact, are
 those of contact/carrier.py. Rotor speeds are exact; the air's velocity is held over the physics step.
 """
 
@@ -12,8 +12,7 @@ those of contact/carrier.py. Rotor speeds are exact; the air's velocity is held 
 import taichi as ti
 
 from taichi_sim.contact import carrier
-from taichi_sim.contact.forces import sole_force
-from taichi_sim.contact.touch import DOWN, FREE, SOLE_SIZE, UNDER
+from taichi_sim.contact.touch import DOWN, FREE, SOLE_SIZE, UNDER, sole_force
 from taichi_sim.conventions import GRAVITY
 from taichi_sim.kernels.rigid_body import cross, is_nothing
 from taichi_sim.kernels.rotation import quaternion_advance, rotation_matrix
@@ -248,9 +247,7 @@ def soles_down(soles, legs: ti.template()):
 
 @ti.func
 def remember(touch: ti.template(), T: ti.template(), e, i, soles, body, met):
-    """Store the soles' memory and the carrier's response after the control step T (s); met: a rotor has touched the
-    deck.
-    """
+    """Store the soles' memory and the carrier's response after the control step T (s); met: a rotor has struck."""
     for c in ti.static(range(soles.n)):
         touch.soles[e, i, c] = soles[c]
     if met != 0:

@@ -3,7 +3,7 @@
 One kernel launch per control step loads each aircraft's state once, makes substeps on local values, and stores the
 state once. The controller (controller.py) runs at the physics step. The air's velocity (uav/local_air.py) is held over
 a substep, which is made in the frame of the air, so a steady wind is exact. Rotor speeds are exact for the command held
-over a substep (motion.py).
+over a substep (airframe.py).
 
 Near a deck (contact/contacts.py) the ground effect includes the rotors' images in it, and a substep in which a sole may
 touch consists of contact steps (landing.py). Far from decks the results are those of a world without decks.
@@ -27,23 +27,22 @@ from taichi_sim.contact import carrier
 from taichi_sim.contact.touch import SOLE_SIZE
 from taichi_sim.conventions import AMPLITUDE, DOWN, VELOCITY
 from taichi_sim.fleet import Fleet
-from taichi_sim.kernels.kinematics import UPRIGHT, store
 from taichi_sim.kernels.packs import AroundPack, Build, FleetPack, TouchPack, load_at, numbers_at
+from taichi_sim.kernels.rotation import UPRIGHT, store
 from taichi_sim.sea import waves
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.uav import local_air
 from taichi_sim.uav.aircraft import TrimError
-from taichi_sim.uav.fixed_wing.motion import attitude, velocity, with_velocity
-from taichi_sim.uav.multirotor import battery, controller, ground, landing, rotors, start
+from taichi_sim.uav.fixed_wing.airframe import attitude, velocity, with_velocity
+from taichi_sim.uav.multirotor import controller, ground, landing, rotors, start
 from taichi_sim.uav.multirotor import instruments as at
-from taichi_sim.uav.multirotor.airframe import ground_ratios
+from taichi_sim.uav.multirotor.airframe import ground_ratios, rk4
 from taichi_sim.uav.multirotor.allocation import allocation
 from taichi_sim.uav.multirotor.body import body_surface
 from taichi_sim.uav.multirotor.controller import RATE_ACTIONS, VELOCITY_ACTIONS
 from taichi_sim.uav.multirotor.equations import derivatives, induced_velocity
 from taichi_sim.uav.multirotor.gains import bandwidths, demands, gains, lag, lead
 from taichi_sim.uav.multirotor.modes import largest_stable_dt
-from taichi_sim.uav.multirotor.motion import rk4
 from taichi_sim.uav.multirotor.numbers import gains as rotor_gains
 from taichi_sim.uav.multirotor.numbers import multirotor_numbers, nominal_numbers, varying_keys
 from taichi_sim.uav.multirotor.params import MultirotorParams
@@ -201,9 +200,7 @@ class Multirotor6DOF(Vehicle):
     # -- beginning -------------------------------------------------------------------------------------------------
 
     def settle(self, state: Tensor, surface: Tensor, around: Surroundings) -> Tensor:
-        """States in steady flight in the mean wind; positions, headings and velocities over ground of `state` are
-        kept.
-        """
+        """States in steady flight in the mean wind, with positions, headings and velocities over ground of `state`."""
         return start.trimmed(self.plan, state, around)
 
     def reset_aux(self, aux: Tensor, state: Tensor, around: Surroundings) -> None:
@@ -289,7 +286,7 @@ class Multirotor6DOF(Vehicle):
             R = attitude(y)
             most = time * 0.0 + self.plan.rotor.omega_max
             if ti.static(self.battery):
-                voltage, current = battery.terminal(self.p.battery, charge, rotors.shaft_power(self.p, p, omega))
+                voltage, current = rotors.battery_terminal(self.p.battery, charge, rotors.shaft_power(self.p, p, omega))
                 charge = ti.max(charge - current * ti.static(self.dt / self.p.battery.coulombs), 0.0)
                 most *= ti.min(voltage * ti.static(1.0 / self.p.battery.nominal), 1.0)
             if ti.static(build.decked and self.sole_numbers > 0):
@@ -415,9 +412,7 @@ class Multirotor6DOF(Vehicle):
 
     @ti.func
     def water_below(self, build: ti.template(), around: ti.template(), e, y):
-        """Elevation (m, up) of the sea below y now, and its rise in a substep. Above the reach of ground effect any
-        value does.
-        """
+        """Elevation (m, up) of the sea below y, and its rise in a substep; any value does above the ground effect."""
         now, rise = y[0] * 0.0, y[0] * 0.0
         if ti.static(self.p.ground_effect):
             s, crest = around.env_sea[e], y[0] * 0.0

@@ -12,9 +12,9 @@ from pydantic import Field, model_validator
 
 from taichi_sim.config import Finite, NonNegative, Positive, Strict
 from taichi_sim.contact.parts import Legs
-from taichi_sim.uav.multirotor.battery import Battery
 
 MOST_ROTORS = 12
+HOUR, MILLI = 3600.0, 1e-3  # s; of a unit
 APART = 1e-3  # m: rotors of the same spin that are closer than this are a mistake in the file
 Place = tuple[Finite, Finite, Finite]
 Actions = Literal["rotors", "rates", "velocity"]
@@ -123,6 +123,30 @@ class MultirotorBody(Strict):
     size: tuple[Positive, Positive, Positive]  # length, width, height, rotors included, m
     below: NonNegative  # distance from the centre of gravity down to the feet, m
     collision_radius: Positive  # m
+
+
+class Battery(Strict):
+    """`[battery]` of a vehicle file (rotors.py). Without it the rotors always have their nominal voltage."""
+
+    capacity_mah: Positive  # mA h
+    full: Positive  # open-circuit voltage, full, V
+    empty: Positive  # open-circuit voltage, empty, V
+    nominal: Positive  # voltage at which a rotor reaches omega_max, V
+    resistance: NonNegative  # of battery and leads, ohm
+    efficiency: Annotated[float, Field(gt=0, le=1)]  # of motors and their controllers
+    avionics: NonNegative = 0.0  # power of everything else, W
+    charge: Annotated[float, Field(gt=0, le=1)] = 1.0  # at the beginning of a flight
+
+    @property
+    def coulombs(self) -> float:
+        """Capacity, A s."""
+        return self.capacity_mah * MILLI * HOUR
+
+    @model_validator(mode="after")
+    def _falls(self):
+        if self.empty > self.full:
+            raise ValueError(f"empty = {self.empty:g} V: must not be above full = {self.full:g} V")
+        return self
 
 
 class MultirotorParams(Strict):

@@ -16,6 +16,12 @@ counter-clockwise seen from above (all in b, forward-right-down):
 (drag of rotors: Martin & Salaun 2010, The true role of accelerometer feedback in quadrotor control, ICRA; lift and
 flapping: Hoffmann et al. 2007, AIAA 2007-6461; the form is that of Folk et al. 2023, RotorPy, arXiv:2306.04485). With a
 rotor's inertia J_r there is its angular momentum h = -s_i J_r omega about z, and the moment -omega_b x h - dh/dt.
+
+A battery limits the rotors: its voltage falls with charge and load, and the rotors' speed falls with it. The
+open-circuit voltage V_0 is linear in the charge, behind a resistance R. The power P is the rotors' shaft power over
+their efficiency, plus that of the avionics. The terminal voltage is the larger root of V (V_0 - V) / R = P; where there
+is none, the battery gives its largest power, at V_0 / 2. The largest rotor speed of the vehicle file holds at the
+nominal voltage and is proportional to the voltage, like the no-load speed of a motor.
 """
 
 # Kernels are another language inside Python syntax.
@@ -38,9 +44,7 @@ def clipped(craft: ti.template(), command, most):
 
 @ti.func
 def lag_left(craft: ti.template(), p: ti.template(), omega, command):
-    """Fraction [rotor] of the change to the command that is left after half a step; its square is left after a whole
-    one.
-    """
+    """Fraction [rotor] of the change to the command left after half a step; its square: after a whole one."""
     left = omega
     for k in ti.static(range(len(craft.rotors))):
         left[k] = ti.select(command[k] >= omega[k], p.left_up, p.left_down)
@@ -111,3 +115,12 @@ def shaft_power(craft: ti.template(), p: ti.template(), omega):
     for k in ti.static(range(len(craft.rotors))):
         power += gain[k] * p.k_m * omega[k] * omega[k] * omega[k]
     return power
+
+
+@ti.func
+def battery_terminal(b: ti.template(), charge, shaft):
+    """(voltage, V; current, A) of a Battery with `charge` (0 to 1) left, at the rotors' shaft power `shaft` (W)."""
+    V_0 = b.empty + ti.static(b.full - b.empty) * ti.max(charge, 0.0)
+    P = shaft * ti.static(1.0 / b.efficiency) + b.avionics
+    V = 0.5 * (V_0 + ti.sqrt(ti.max(V_0 * V_0 - ti.static(4.0 * b.resistance) * P, 0.0)))
+    return V, P / V

@@ -31,9 +31,7 @@ def steady(craft: MultirotorParams, state: Tensor, wind: Tensor) -> Tensor:
 
 
 def trimmed(craft: MultirotorParams, state: Tensor, around: Surroundings) -> Tensor:
-    """States [n, vehicle, 13] with the positions, headings and velocities over ground of `state`, tilted into the
-    mean wind.
-    """
+    """States [n, vehicle, 13] at places, headings, velocities over ground of `state`, tilted into the mean wind."""
     found = steady(craft, state, wind_at(state, around))
     heading = torch_euler_from_quaternion(state[..., QUATERNION])[..., HEADING]
     new = state.clone()

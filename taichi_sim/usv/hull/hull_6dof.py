@@ -15,10 +15,9 @@ A hull is composed of parts. Each is a module of functions that kernels inline, 
 
     water.py, gauge.py            mean surface plane, orbital motion, current        HullGeometry.gauge
     pressure.py, wave_lines.py    hydrostatic and Froude-Krylov load                 Pressure
-    restoring.py                  weight, linear restoring                           params.LinearRestoring
     radiation.py, memory.py, diffraction.py    radiation and diffraction             Radiation
     thruster_set.py, thrusters.py, allocation.py    from action to thrust            ThrusterSet
-    damping.py, wind.py           damping and cross-flow; wind                       params.Hydrodynamics, Windage
+    loads.py                      weight, linear restoring, damping, cross-flow, wind
     motion.py                     equations of motion and their integrators
     start.py                      start on the waves
     numbers.py                    `p`: the numbers that may differ between vehicles
@@ -43,14 +42,13 @@ from taichi_sim.config import ConfigError
 from taichi_sim.conventions import ELEVATION, FREEBOARD
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import runtime
-from taichi_sim.kernels.kinematics import store
 from taichi_sim.kernels.lanes import filled, laned, laned1, laned2, laned3, vectors
 from taichi_sim.kernels.packs import AroundPack, Build, FleetPack, load_at, numbers_at
 from taichi_sim.kernels.rigid_body import angular, linear
-from taichi_sim.kernels.rotation import quaternion_advance, rotation_matrix
+from taichi_sim.kernels.rotation import quaternion_advance, rotation_matrix, store
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.usv.hull import instruments as at
-from taichi_sim.usv.hull import motion, pressure, restoring, start, thruster_set, water, wind
+from taichi_sim.usv.hull import loads, motion, pressure, start, thruster_set, water
 from taichi_sim.usv.hull.geometry import HullGeometry, device_table
 from taichi_sim.usv.hull.hydrostatics import check_floats
 from taichi_sim.usv.hull.numbers import hull_numbers, symmetric, varying_keys, vector
@@ -360,10 +358,10 @@ class Hull6Dof(Vessel):
             change = ti.select(fresh, 0.0, 1.0) * (D_next - D)
             D = D_next
             plane = water.mean_plane(sums, R)
-            blown = wind.load(self.params.windage.height, p, R, nu, air)
+            blown = loads.wind_load(self.params.windage.height, p, R, nu, air)
             if ti.static(self.by_panels):
                 up = pressure.load(self.pressure, build, around, tables, aux, e, i, tau, pos, R, L, J, plane)
-                up += restoring.weight_load(p.weight, ti.static(vector(p, "cg", 3)), restoring.down(R))
+                up += loads.weight_load(p.weight, ti.static(vector(p, "cg", 3)), loads.down(R))
                 now = thruster_set.lagged(self.thrusters, p, controls, command, 0.5)
                 driven = thruster_set.load(self.thrusters, p, now)
                 tau_D, rate_D, bend_D = self.radiation.diffraction_from(
@@ -419,14 +417,14 @@ class Hull6Dof(Vessel):
             V_c, air = ti.Vector([current[n, 0], current[n, 1], 0.0]), ti.Vector([wind_n[n, c] for c in range(3)])
             calm = ti.Vector([y[0] * 0.0 for _ in range(water.SUMS)])
             p, height = ti.static(self.constants, self.params.windage.height)
-            tau = ti.Vector([load[n, c] for c in range(6)]) + wind.load(height, p, R, nu, air)
+            tau = ti.Vector([load[n, c] for c in range(6)]) + loads.wind_load(height, p, R, nu, air)
             now = ti.Vector([controls[n, c] for c in ti.static(range(len(self.control_names)))])
             tau += thruster_set.load(self.thrusters, p, now)
             if ti.static(self.by_panels):
                 tau += pressure.panel_load(self.pressure, tables, no_waves, n, 0, pos[2], R, linear(calm))
-                tau += restoring.weight_load(p.weight, ti.static(vector(p, "cg", 3)), restoring.down(R))
+                tau += loads.weight_load(p.weight, ti.static(vector(p, "cg", 3)), loads.down(R))
             else:
-                tau += restoring.linear_load(self.params.linear, p, pos[2], R, calm)
+                tau += loads.linear_load(self.params.linear, p, pos[2], R, calm)
             dy = motion.derivative(self, p, y, R, tau, V_c, calm)
             for c in ti.static(range(13)):
                 out[n, c] = dy[c]

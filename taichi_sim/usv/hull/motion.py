@@ -16,7 +16,7 @@ import taichi as ti
 
 from taichi_sim.kernels.rigid_body import angular, coriolis, linear, quaternion_rate, times
 from taichi_sim.kernels.rotation import quaternion_advance, rotation_matrix
-from taichi_sim.usv.hull import damping, restoring, thruster_set, water
+from taichi_sim.usv.hull import loads, thruster_set, water
 from taichi_sim.usv.hull.numbers import diagonal, symmetric
 
 
@@ -36,7 +36,7 @@ def unpack(y):
 def drag_force(hull: ti.template(), p: ti.template(), nu, R, V_c, sums):
     """Force (N, b) of damping and cross-flow drag."""
     nu_c, _, nu_o, _ = water.flow(hull.params.current_frame, R, angular(nu), V_c, sums)
-    return linear(damping.load(hull.params.hydrodynamics, p, nu - nu_c - nu_o))
+    return linear(loads.damping_load(hull.params.hydrodynamics, p, nu - nu_c - nu_o))
 
 
 @ti.func
@@ -45,7 +45,7 @@ def acceleration(hull: ti.template(), p: ti.template(), nu, R, tau, V_c, sums):
     M_rb, M_a, M_inverse = ti.static(symmetric(p, "M_rb"), diagonal(p, "added"), symmetric(p, "inverse"))
     nu_c, nu_c_dot, nu_o, nu_o_dot = water.flow(hull.params.current_frame, R, angular(nu), V_c, sums)
     nu_r = nu - nu_c - nu_o
-    load = tau + damping.load(hull.params.hydrodynamics, p, nu_r)
+    load = tau + loads.damping_load(hull.params.hydrodynamics, p, nu_r)
     load += hull.radiation.orbital_load(M_a, nu_o_dot)
     load = load - coriolis(M_rb, nu - nu_c) - coriolis(M_a, nu_r)
     return nu_c_dot + times(M_inverse, load)
@@ -91,7 +91,7 @@ def runge_kutta(hull: ti.template(), p: ti.template(), y, controls, command, loa
         now = thruster_set.lagged(hull.thrusters, p, controls, command, ahead)
         y_s = y + (ahead * ti.static(hull.dt)) * slope
         R = rotation_matrix(ti.Vector([y_s[3], y_s[4], y_s[5], y_s[6]]))
-        tau = load + restoring.linear_load(hull.params.linear, p, y_s[2], R, sums)
+        tau = load + loads.linear_load(hull.params.linear, p, y_s[2], R, sums)
         tau += thruster_set.load(hull.thrusters, p, now)
         slope = derivative(hull, p, y_s, R, tau, V_c, sums)
         total += ti.select(stage % 3 == 0, 1.0, 2.0) * slope

@@ -18,7 +18,6 @@ from taichi_sim.conventions import GRAVITY
 from taichi_sim.kernels.rigid_body import changed_mass
 from taichi_sim.usv.hull.params import Hull6DofParams
 from taichi_sim.usv.hull.radiation import Radiation
-from taichi_sim.usv.hull.wind import RHO_AIR
 from taichi_sim.usv.vessel import Number
 
 MASS, LAG = "rigid_body.mass", "thrusters.lag"
@@ -29,6 +28,7 @@ ADDED_MASS, LINEAR, QUADRATIC = (
 GAINS = ("thrusters.gain_left", "thrusters.gain_right")
 DECK_FRICTION = "deck.friction"
 AREAS = ("windage.frontal_area", "windage.lateral_area")
+RHO_AIR = 1.225  # kg/m^3, standard atmosphere at sea level
 UPPER = tuple((i, j) for i in range(6) for j in range(i, 6))  # entries of a symmetric 6 x 6 matrix
 
 FIELDS = (
@@ -37,7 +37,7 @@ FIELDS = (
     *(f"added_{i}" for i in range(6)),  # diagonal of M_a, kg, kg m^2
     *(f"linear_{i}" for i in range(6)),  # damping, N s/m, N m s
     *(f"quadratic_{i}" for i in range(6)),  # N s^2/m^2, N m s^2
-    "wind_x", "wind_y", "wind_n",  # factors of products of relative wind speeds (wind.load), N s^2/m^2, N s^2/m
+    "wind_x", "wind_y", "wind_n",  # factors of products of relative wind speeds (loads.wind_load), N s^2/m^2, N s^2/m
     *(f"M_rb_{i}{j}" for i, j in UPPER),
     *(f"inverse_{i}{j}" for i, j in UPPER),  # inverse of M_rb + M_a
 )  # fmt: skip

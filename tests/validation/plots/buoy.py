@@ -4,14 +4,14 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from taichi_sim.config import SeaConfig
-from taichi_sim.plotting.style import dress, new_figure
+from taichi_sim.plotting import dress, new_figure
 from taichi_sim.sea import Sea
 from taichi_sim.sea.measured import open_spectra, realised, records_of
 from tests.validation.buoys import SEED
 from tests.validation.case import Folder
 from tests.validation.plots.style import legend
 from tests.validation.tables import TableError
-from tools.seas.measured_panel import MEASURED, REALISED, band_energy, directions_by_frequency
+from tools.draw_sea import MEASURED, REALISED, band_energy, directions_by_frequency
 
 SEAS, COMPONENTS = 64, 32
 TWO_PI = 2 * np.pi

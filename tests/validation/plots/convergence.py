@@ -8,9 +8,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from taichi_sim.config.extras import MissingExtraError
+from taichi_sim.config.base import MissingExtraError
 from taichi_sim.conventions import GRAVITY, RHO_SEA
-from taichi_sim.plotting.style import INK, dress, new_figure
+from taichi_sim.plotting import INK, dress, new_figure
 from taichi_sim.usv.hull.database import SUFFIX, HydroDatabase
 from taichi_sim.usv.hull.diffraction import cubic
 from tests.validation.case import Folder

@@ -5,7 +5,7 @@ from matplotlib.figure import Figure
 
 from taichi_sim.bench import Bench
 from taichi_sim.config.io import validate
-from taichi_sim.plotting.style import dress, new_figure
+from taichi_sim.plotting import dress, new_figure
 from taichi_sim.usv.hull.params import Hull6DofParams
 from tests.validation.case import Case, Folder
 from tests.validation.otter import POSE, fly, place

@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from taichi_sim.kernels import runtime
-from taichi_sim.plotting.style import dress, new_figure
+from taichi_sim.plotting import dress, new_figure
 from taichi_sim.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
 from tests.validation import aerosonde
 from tests.validation.aerosonde_numbers import parameters

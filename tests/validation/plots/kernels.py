@@ -3,7 +3,7 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from taichi_sim.plotting.style import INK, dress, new_figure
+from taichi_sim.plotting import INK, dress, new_figure
 from taichi_sim.usv.hull.database import SUFFIX, HydroDatabase
 from tests.validation.case import Folder
 from tests.validation.plots.style import OTHER, OURS, legend, points

@@ -5,7 +5,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from taichi_sim.conventions import GRAVITY
-from taichi_sim.plotting.style import INK, dress, new_figure
+from taichi_sim.plotting import INK, dress, new_figure
 from taichi_sim.uav.fixed_wing.equations import loads, stall_angles
 from taichi_sim.uav.fixed_wing.params import FixedWingParams
 from tests.validation.case import Folder

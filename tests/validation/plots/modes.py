@@ -4,7 +4,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from taichi_sim.plotting.style import INK, dress, new_figure
+from taichi_sim.plotting import INK, dress, new_figure
 from taichi_sim.uav.fixed_wing.modes import linear_modes
 from taichi_sim.uav.fixed_wing.trim import Trim
 from tests.validation.case import Folder

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from matplotlib.figure import Figure
 
-from taichi_sim.plotting.style import INK, dress, new_figure
+from taichi_sim.plotting import INK, dress, new_figure
 from taichi_sim.sea.spectrum import wavenumber
 from tests.validation.case import Case, Folder
 from tests.validation.plots.style import FAINT, OTHER, OURS, THIRD, legend, points

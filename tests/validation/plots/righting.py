@@ -4,7 +4,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from taichi_sim.config.io import validate
-from taichi_sim.plotting.style import INK, dress, new_figure
+from taichi_sim.plotting import INK, dress, new_figure
 from taichi_sim.usv.hull.geometry import HullGeometry
 from taichi_sim.usv.hull.hydrostatics import Hydrostatics
 from taichi_sim.usv.hull.mesh import mesh

@@ -4,7 +4,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from taichi_sim.config import SeaConfig
-from taichi_sim.plotting.style import dress, new_figure
+from taichi_sim.plotting import dress, new_figure
 from taichi_sim.sea import Sea
 from taichi_sim.sea.sea import wave_systems
 from tests.validation.case import Folder

@@ -1,17 +1,33 @@
-"""Fig. 6: the formation at three instants, each from another viewpoint, the boats on their waves."""
+"""The seed paper's figures 2 to 6 as PNG files: from a recorded episode, and from the training's history.
+
+Positions are drawn as on a map, east to the right and north up, heights up from mean sea level, in m.
+"""
+
+import math
+from pathlib import Path
+from string import ascii_lowercase
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import Circle, Rectangle
 from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from numpy.typing import NDArray
 
-from taichi_sim.plotting.style import INK, new_figure, rgb
+from rl.figures import save_figures, training_figures
+from rl.mission import Histories
+from taichi_sim.plotting import INK, dress, new_figure, rgb
 from taichi_sim.recording import Episode, TeamTrack
 from taichi_sim.recording.bodies import body_mesh
 from taichi_sim.recording.overlays import Cylinders
 from taichi_sim.recording.palette import OBSTACLE, TARGET, Livery
 
+STYLE = {"water": "-", "air": (0, (4, 3))}
+WIDE = {"water": 4.0, "air": 1.6}  # tracks may lie one above the other
+SEA_COLOUR = "#DCEAF2"
+OBSTACLE_COLOUR = "#8C6D5A"
+NOT_MEASURED = "#C9CED3"
 VIEWS = (
     ("from behind", 20.0, 205.0, 1.25),
     ("from the side", 14.0, 110.0, 1.25),
@@ -20,6 +36,119 @@ VIEWS = (
 """Title; the eye's elevation (deg) and bearing (deg, clockwise from the target's course); zoom."""
 INSTANTS = (0.3, 0.6, 0.9)  # share of the episode
 SEA_POINTS = 70  # per side of the drawn wave surface
+
+
+def write_figures(out: Path, histories: Histories, episode: Episode | None, settle: float = 0.0) -> list[Path]:
+    """Every figure there is something to draw for, into `out`; an old one stays until the new is whole.
+
+    `settle` (s) at the start of an episode counts for no error.
+    """
+    figures: dict[str, Figure] = {}
+    if episode is not None:
+        figures["scene"] = scene_figure(episode)
+        figures["tracking_error"] = tracking_error_figure(episode, settle)
+        figures["formation"] = formation_figure(episode)
+    return save_figures(out, figures | training_figures(histories, episode))
+
+
+def scene_figure(episode: Episode) -> Figure:
+    """The tracks with the checkpoints and the obstacles, from above and from the side (paper, Fig. 2)."""
+    scene = episode.scene
+    figure = new_figure(9.0, 11.6, f"Tracks, checkpoints and obstacles: {episode.name}")
+    top, side = figure.subplots(2, 1, gridspec_kw={"height_ratios": [3.2, 1]})
+    half = _extent(episode)
+    top.set_facecolor(SEA_COLOUR)
+    for north, east, radius, _ in scene.obstacles:
+        top.add_patch(Circle((east, north), radius, color=OBSTACLE_COLOUR, zorder=3))
+    if len(scene.obstacles):
+        label = f"{len(scene.obstacles)} obstacles"
+        top.plot([], [], "o", color=OBSTACLE_COLOUR, label=label)
+        top.scatter(scene.obstacles[:, 1], scene.obstacles[:, 0], s=7, color=OBSTACLE_COLOUR, zorder=3)
+    for name, track in scene.tracks_n.items():
+        length = float(np.linalg.norm(np.diff(track, axis=0), axis=1).sum())
+        medium = episode.teams[name].medium
+        top.plot(
+            track[:, 1], track[:, 0], color=rgb(episode.liveries[name].first), linestyle=STYLE[medium],
+            linewidth=WIDE[medium], zorder=4, label=f"{name.upper()} track, {length:.0f} m",
+        )  # fmt: skip
+    for number, (north, east) in enumerate(scene.checkpoints_n, start=1):
+        top.plot(east, north, "o", markersize=12, markerfacecolor="white", markeredgecolor=INK, zorder=6)
+        top.text(east, north, str(number), ha="center", va="center_baseline", fontsize=7, zorder=7, color=INK)
+    area = "" if scene.area_m is None else f"; the area is {scene.area_m:.0f} m square"
+    dress(top, f"(a) from above{area}", "east (m)", "north (m)")
+    top.set(xlim=(-half, half), ylim=(-half, half), aspect="equal")
+    top.legend(loc="upper right", framealpha=0.95)
+    _side_view(side, episode)
+    return figure
+
+
+def _extent(episode: Episode) -> float:
+    """Half the side of the square shown, m: what there is to see, within the area."""
+    scene = episode.scene
+    places = [
+        *(track[:, :2] for track in scene.tracks_n.values()), scene.checkpoints_n, scene.obstacles[:, :2],
+    ]  # fmt: skip
+    half = np.inf if scene.area_m is None else 0.5 * scene.area_m
+    return min(half, 1.12 * max(float(np.abs(part).max(initial=50.0)) for part in places))
+
+
+def _side_view(axes: Axes, episode: Episode) -> None:
+    """Heights against east, looking north."""
+    scene, half = episode.scene, _extent(episode)
+    for _, east, radius, height in scene.obstacles:
+        axes.add_patch(Rectangle((east - radius, 0.0), 2 * radius, height, color=OBSTACLE_COLOUR, alpha=0.75, zorder=2))
+    ceiling = max([30.0, *(-track[:, 2].min() for track in scene.tracks_n.values()), *scene.obstacles[:, 3:].ravel()])
+    for name, track in scene.tracks_n.items():
+        up = -track[:, 2]
+        colour, style = rgb(episode.liveries[name].first), STYLE[episode.teams[name].medium]
+        axes.plot(track[:, 1], up, color=colour, linestyle=style, linewidth=2.2, zorder=4)
+        edge = int(np.argmax(track[:, 1]))
+        axes.annotate(
+            f"{name.upper()} track, {up.min():.0f} to {up.max():.0f} m" if np.ptp(up) > 1 else f"{name.upper()} track",
+            (track[edge, 1], up[edge]), xytext=(0.99, (up[edge] + 0.2 * ceiling) / (1.45 * ceiling)),
+            textcoords="axes fraction", ha="right", color=colour, arrowprops={"arrowstyle": "->", "color": colour},
+        )  # fmt: skip
+    axes.axhspan(-0.1 * ceiling, 0.0, color=SEA_COLOUR, zorder=1)  # pyright: ignore[reportArgumentType]
+    dress(axes, "(b) from the side, looking north (heights stretched)", "east (m)", "height (m)")
+    axes.set(xlim=(-half, half), ylim=(-0.1 * ceiling, 1.35 * ceiling))
+
+
+def tracking_error_figure(episode: Episode, settle: float = 0.0) -> Figure:
+    """Distance of each vehicle from its slot over the episode (paper, Fig. 5); the first `settle` (s) do not count."""
+    time = np.asarray(episode.time_s) - episode.time_s[0]
+    errors = {name: team.error_m for name, team in episode.teams.items() if team.error_m is not None}
+    figure = new_figure(10.0, 3.6 * len(errors) + 0.5, f"Tracking error of leaders and followers: {episode.name}")
+    panels = figure.subplots(len(errors), 1, sharex=True, squeeze=False)[:, 0]
+    measured = time >= settle if time[-1] > settle else np.ones(len(time), dtype=bool)
+    for axes, letter, (name, of_team) in zip(panels, ascii_lowercase, errors.items(), strict=False):
+        team, livery = episode.teams[name], episode.liveries[name]
+        for vehicle in reversed(range(team.vehicles)):
+            error = of_team[:, vehicle]
+            mean = np.nanmean(error[measured]) if np.isfinite(error[measured]).any() else math.nan
+            axes.plot(
+                time, error, color=rgb(livery.of(vehicle)), linewidth=2.0 if vehicle == 0 else 1.2,
+                label=f"{team.vehicle_name(vehicle)}: mean {mean:.2f} m", zorder=5 if vehicle == 0 else 3,
+            )  # fmt: skip
+        finite = of_team[measured][np.isfinite(of_team[measured])]
+        ceiling = max(1.0, 1.35 * float(finite.max())) if len(finite) else 1.0
+        if settle > 0:
+            _shade_approach(axes, min(settle, time[-1]), ceiling)
+        dress(axes, f"({letter}) {name.upper()} team", "", "distance from slot (m)")
+        axes.set(xlim=(0.0, time[-1]), ylim=(0.0, ceiling))
+        handles, labels = axes.get_legend_handles_labels()
+        axes.legend(
+            handles[::-1], labels[::-1], loc="upper left", bbox_to_anchor=(1.0, 1.0), framealpha=0.9, fontsize=8,
+        )  # fmt: skip
+    panels[-1].set_xlabel("time (s)")
+    return figure
+
+
+def _shade_approach(axes, until: float, ceiling: float) -> None:
+    """Grey the part of an episode, up to `until` (s), that is not measured."""
+    axes.axvspan(0.0, until, color=NOT_MEASURED, alpha=0.5, linewidth=0)
+    axes.text(
+        0.5 * until, 0.96 * ceiling, "approach,\nnot measured", ha="center", va="top", fontsize=8, color=INK, zorder=6,
+    )  # fmt: skip
 
 
 def formation_figure(episode: Episode) -> Figure:

@@ -1,10 +1,9 @@
 """Commands as a user runs them, and one tiny run.
 
-Commands run in processes of their own, forked from a server that has imported the packages; `tiny_run` is one real
-call of the script, shared by all tests of a process.
+Commands and listings run in processes of their own, forked from a server that has imported the packages; `tiny_run` is
+one real call of the script, shared by all tests of a session.
 """
 
-import atexit
 import csv
 import dataclasses
 import functools
@@ -12,6 +11,7 @@ import importlib
 import json
 import multiprocessing
 import os
+import runpy
 import shutil
 import signal
 import subprocess
@@ -19,12 +19,14 @@ import sys
 import tempfile
 from pathlib import Path
 
+from filelock import FileLock
+
 from rl import cli
 from rl.learn.policy import checkpoints
 from rl.missions import load_scenario
 from rl.missions.formation.config import FormationScenario
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[1]
 ITERATIONS = 4
 CHECKPOINT_INTERVAL = 2  # checkpoints after iterations 1, 3 and 4
 TINY = (
@@ -48,6 +50,7 @@ TINY = (
 )
 TEAMS = ("usv", "uav")
 TIMEOUT = 900  # s, after which a command hangs: a busy machine takes minutes for what takes ten seconds
+place = Path()  # of the tiny run
 
 
 def sets(*overrides: str) -> list[str]:
@@ -90,14 +93,19 @@ def server():
 
 
 class Running:
-    """A command in a process of its own; `fault` = (team, iteration, signal) hits it right after that iteration."""
+    """A command in a process of its own, begun in `cwd`.
 
-    def __init__(self, module: str, *arguments: object, fault: tuple[str, int, int] | None = None):
+    `fault` = (team, iteration, signal) hits it right after that iteration. A `module` FILE.py is a listing.
+    """
+
+    def __init__(
+        self, module: str, *arguments: object, fault: tuple[str, int, int] | None = None, cwd: Path | None = None
+    ):
         self.folder = Path(tempfile.mkdtemp())
-        arguments = tuple(map(str, (*arguments, "--quiet")))
-        if "--threads" not in arguments:
-            arguments += ("--threads", "1")
-        self.process = server().Process(target=_child, args=(module, arguments, str(self.folder), fault))
+        if not module.endswith(".py"):
+            arguments = (*arguments, "--quiet", *(() if "--threads" in arguments else ("--threads", "1")))
+        words = tuple(map(str, arguments))
+        self.process = server().Process(target=_child, args=(module, words, str(self.folder), fault, cwd))
         self.process.start()
 
     def wait(self) -> Ending:
@@ -108,12 +116,21 @@ class Running:
         return Ending(self.process.exitcode, *texts)
 
 
-def _child(module: str, arguments: tuple[str, ...], folder: str, fault: tuple[str, int, int] | None) -> None:
+def _child(
+    module: str, arguments: tuple[str, ...], folder: str, fault: tuple[str, int, int] | None, cwd: Path | None
+) -> None:
     for descriptor, name in ((1, "out"), (2, "err")):
         os.dup2(os.open(Path(folder, name), os.O_WRONLY | os.O_CREAT, 0o600), descriptor)
     signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell has it ignored by what runs in the background
     if fault:
         _plan(*fault)
+    if cwd is not None:
+        os.chdir(cwd)
+    if module.endswith(".py"):
+        sys.path.insert(0, str(cwd))
+        sys.argv = [module, *arguments]
+        runpy.run_path(module, run_name="__main__")
+        sys.exit(0)
     sys.exit(cli.run(importlib.import_module(module).main, list(arguments)))
 
 
@@ -130,16 +147,34 @@ def _plan(team: str, iteration: int, number: int) -> None:
     ProgressLogger.log = log
 
 
-def command(module: str, *arguments: object, fault=None) -> Ending:
+def command(module: str, *arguments: object, fault=None, cwd: Path | None = None) -> Ending:
     """Run a command to its end."""
-    return Running(module, *arguments, fault=fault).wait()
+    return Running(module, *arguments, fault=fault, cwd=cwd).wait()
+
+
+def printed(module: str, *arguments: object, cwd: Path) -> str:
+    """Output of a command or a listing in `cwd`, which must end well."""
+    ending = command(module, *arguments, cwd=cwd)
+    assert ending.status == 0, ending.out + ending.err
+    return ending.out
 
 
 @functools.cache
 def tiny_run() -> Path:
-    """Return the folder of one whole tiny main job, run by the script; not to be changed."""
-    folder = Path(tempfile.mkdtemp())
-    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    """Return the folder of one whole tiny main job, run by the script; not to be changed.
+
+    The worker that needs it first makes it in `place`, which tests/rl/conftest.py sets; others wait for it.
+    """
+    folder = place / "tiny"
+    with FileLock(place / "tiny.lock"):
+        if not folder.is_dir():
+            folder.mkdir()
+            _make_tiny_run(folder)
+    assert (folder / "run" / "summary.json").is_file(), "another worker could not make the tiny run"
+    return folder / "run"
+
+
+def _make_tiny_run(folder: Path) -> None:
     script = [
         sys.executable,
         str(ROOT / "rl" / "train.py"),
@@ -155,7 +190,6 @@ def tiny_run() -> Path:
     assert done.returncode == 0, done.stderr
     assert "summary.json" in done.stdout and "episode.rrd" in done.stdout
     assert "stage 2/2 uav" in done.stderr  # progress
-    return folder / "run"
 
 
 def tiny_config() -> FormationScenario:

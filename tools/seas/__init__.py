@@ -1,1 +1,0 @@
-"""Parts of draw_sea.py and sea_of.py."""
