@@ -1,15 +1,21 @@
 """Numbers from logs: known numbers come back, what data do not tell is said, and bad logs are told."""
 
 import csv
+import struct
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+from test_recording import make_episode
 
 from taichi_sim.commands import fit as command
 from taichi_sim.fit.estimate import fit
-from taichi_sim.fit.log import LogError, read_log
+from taichi_sim.fit.log import LogError, Source, read_columns, read_log
 from taichi_sim.fit.synthetic import write_logs
+from taichi_sim.recording.ros import write_mcap
 from taichi_sim.vehicles import load_vehicle
 
 pytestmark = pytest.mark.usefixtures("f64")
@@ -125,6 +131,182 @@ def test_bad_logs_are_told(name, logs, tmp_path):
         read_log(_changed(logs[0], tmp_path / "bad.csv", change), load_vehicle("otter_3dof"))
 
 
+def test_columns_of_other_names_are_read_where_a_file_says(logs, tmp_path):
+    """Other names, other units, a wind, and empty rows at the end."""
+
+    def renamed(rows):
+        new = [
+            {"time [ms]": 1000 * float(r["t"]), "N": r["north"], "E": r["east"], "psi": np.degrees(float(r["heading"])),
+             "r": r["yaw_rate"], "acceleration": r["acceleration"], "rudder [deg]": 35 * float(r["yaw"]), "w": 3.0,
+             "from": 90.0} for r in rows
+        ]  # fmt: skip
+        return [*new, dict.fromkeys(new[0], "")]
+
+    model, file = load_vehicle("otter_3dof"), _changed(logs[0], tmp_path / "other.csv", renamed)
+    where = tmp_path / "columns.toml"
+    where.write_text('t = ["time [ms]", 1e-3]\nnorth = "N"\neast = "E"\nheading_deg = "psi"\nyaw_rate = "r"\n'
+                     f'yaw = ["rudder [deg]", {1 / 35}]\nwind_speed = "w"\nwind_from_deg = "from"\n')  # fmt: skip
+    found, plain = read_log(file, model, Source(read_columns(where))), read_log(logs[0], model)
+    np.testing.assert_allclose(found.motion, plain.motion, atol=1e-9)
+    np.testing.assert_allclose(found.actions, plain.actions, atol=1e-9)
+    np.testing.assert_allclose(found.wind, np.tile([0.0, -3.0], (len(plain.t), 1)), atol=1e-12)  # from the east
+    where.write_text('t = "x"')
+    with pytest.raises(LogError, match="no column x for t; it has time .ms., N"):
+        read_log(file, model, Source(read_columns(where)))
+    where.write_text('north = ["x", 0]')
+    with pytest.raises(LogError, match="north = .'x', 0.: expected"):
+        read_columns(where)
+    where.write_text('speed = "u"')
+    with pytest.raises(LogError, match="speed is no column of a log of this vehicle"):
+        read_log(file, model, Source(read_columns(where)))
+
+
+def _bag(folder, log, storage, *, last=None):
+    """A bag of the topics of docs/ros.md with the motion and the actions of a log, until `last`."""
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    kinds = store.types
+
+    def make(kind, *values):
+        return kinds[kind](*values)
+
+    names, none = load_vehicle("otter_3dof").action_names, np.zeros(36)
+    with Writer(folder, version=8, storage_plugin=storage) as bag:
+        topics = {"odom": "nav_msgs/msg/Odometry", "actions": "sensor_msgs/msg/JointState"}
+        on = {key: bag.add_connection(f"/usv_0/{key}", kind, typestore=store) for key, kind in topics.items()}
+        for t, (north, east, heading, rate), action in list(zip(log.t, log.motion, log.actions, strict=True))[:last]:
+            ns = 10**18 + round(1e9 * t)
+            header = make("std_msgs/msg/Header", make("builtin_interfaces/msg/Time", *divmod(ns, 10**9)), "map")
+            half = 0.5 * (0.5 * np.pi - heading)
+            turn = make("geometry_msgs/msg/Quaternion", 0.0, 0.0, np.sin(half), np.cos(half))
+            pose = make("geometry_msgs/msg/Pose", make("geometry_msgs/msg/Point", east, north, 0.0), turn)
+            still = make("geometry_msgs/msg/Vector3", 0.0, 0.0, 0.0)
+            twist = make("geometry_msgs/msg/Twist", still, make("geometry_msgs/msg/Vector3", 0.0, 0.0, -rate))
+            odom = make(topics["odom"], header, "usv_0/base_link",
+                        make("geometry_msgs/msg/PoseWithCovariance", pose, none),
+                        make("geometry_msgs/msg/TwistWithCovariance", twist, none))  # fmt: skip
+            command = make(topics["actions"], header, list(names), action, np.zeros(0), np.zeros(0))
+            for key, message in (("odom", odom), ("actions", command)):
+                bag.write(on[key], ns, store.serialize_cdr(message, topics[key]))
+    return folder
+
+
+@pytest.mark.parametrize("storage", [StoragePlugin.SQLITE3, StoragePlugin.MCAP])
+def test_a_bag_holds_the_same_log(storage, logs, tmp_path):
+    """ENU to NED, body forward-left-up to forward-right-down, and commands by their stamps."""
+    model = load_vehicle("otter_3dof")
+    plain = read_log(logs[0], model)
+    folder = _bag(tmp_path / "bag", plain, storage)
+    for path in [folder, *folder.glob("*.mcap")]:
+        found = read_log(path, model)
+        np.testing.assert_allclose(found.t, plain.t - plain.t[0], atol=1e-6)
+        np.testing.assert_allclose(found.motion[:, [0, 1, 3]], plain.motion[:, [0, 1, 3]], atol=1e-12)
+        np.testing.assert_allclose(np.exp(1j * found.motion[:, 2]), np.exp(1j * plain.motion[:, 2]), atol=1e-9)
+        np.testing.assert_array_equal(found.actions, plain.actions)
+        assert len(found.digest) == 64 and len(found.parts) == 1
+
+
+def test_bags_without_what_a_fit_needs_are_told(logs, tmp_path, monkeypatch):
+    model = load_vehicle("otter_3dof")
+    own = write_mcap(make_episode(2, steps=5), tmp_path / "own.mcap")
+    with pytest.raises(LogError, match="it has uav_0, uav_1, usv_0, usv_1: choose by --name"):
+        read_log(own, model)
+    with pytest.raises(LogError, match="no topic /usv_1/actions; it has .*Actions are read from /usv_1/actions"):
+        read_log(own, model, Source(name="usv_1"))
+    short = _bag(tmp_path / "short", read_log(logs[0], model), StoragePlugin.SQLITE3, last=2)
+    with pytest.raises(LogError, match="2 messages of /usv_0/odom after the first command"):
+        read_log(short, model)
+    (tmp_path / "empty.mcap").write_bytes(b"nothing")
+    for bad in (tmp_path, tmp_path / "empty.mcap"):
+        with pytest.raises(LogError, match="no bag of ROS 2 that can be read"):
+            read_log(bad, model)
+    monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
+    with pytest.raises(ImportError, match="taichi-sim.ros."):
+        read_log(own, model)
+
+
+FORMATS = {  # name: number, format, columns, as ArduPilot's logger has them
+    "FMT": (128, "BBnNZ", "Type,Length,Name,Format,Columns"),
+    "PARM": (129, "QNff", "TimeUS,Name,Value,Default"),
+    "XKF1": (130, "QBccCfffffffccce", "TimeUS,C,Roll,Pitch,Yaw,VN,VE,VD,dPD,PN,PE,PD,GX,GY,GZ,OH"),
+    "IMU": (131, "QBffffffIIfBBHH", "TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ,EG,EA,T,GH,AH,GHz,AHz"),
+    "RCOU": (132, "Q" + 14 * "H", "TimeUS," + ",".join(f"C{n}" for n in range(1, 15))),
+}
+CODES = {"n": "4s", "N": "16s", "Z": "64s", "c": "h", "C": "H", "e": "i"}  # where struct has another letter
+
+
+def _layout(letters):
+    return "<" + "".join(CODES.get(letter, letter) for letter in letters)
+
+
+def _record(name, *values):
+    number, letters, _ = FORMATS[name]
+    values = [v.encode() if isinstance(v, str) else v for v in values]
+    return b"\xa3\x95" + bytes([number]) + struct.pack(_layout(letters), *values)
+
+
+def _dataflash(file, log, *, leave_out=(), parameters=None, gap=()):
+    """A dataflash log of a boat with a throttle on output 3 and a reversed rudder on output 1."""
+    parts = []
+    for name, (number, letters, columns) in FORMATS.items():
+        size = 3 + struct.calcsize(_layout(letters))
+        parts.append(_record("FMT", number, size, name, letters, columns))
+    given = {"SERVO1_FUNCTION": 26, "SERVO1_REVERSED": 1, "SERVO1_MIN": 1100, "SERVO1_MAX": 1900, "SERVO3_FUNCTION": 70}
+    for key, value in (given if parameters is None else parameters).items():
+        parts.append(_record("PARM", 1000, key, value, value))
+    for k, ((north, east, heading, rate), (acceleration, yaw)) in enumerate(zip(log.motion, log.actions, strict=True)):
+        us = 5_000_000 + 100_000 * k
+        width = round(1500 + 500 * 0.5 * (acceleration + 1))
+        outputs = [round(1500 - 400 * yaw), 0, width, *[0] * 11]
+        degrees = round(100 * np.degrees(heading) % 36000)
+        records = {
+            "XKF1": [_record("XKF1", us, core, 0, 0, degrees, 0, 0, 0, 0, north + 50 * core, east, 0, 0, 0, 0, 0)
+                     for core in (0, 1)],
+            "IMU": [_record("IMU", us + 20_000 * j, 0, 0, 0, rate, 0, 0, -9.8, 0, 0, 20, 1, 1, 1000, 1000)
+                    for j in range(-2, 3)],
+            "RCOU": [_record("RCOU", us, *outputs)],
+        }  # fmt: skip
+        parts += [r for name, made in records.items() if name not in leave_out and k not in gap for r in made]
+    file.write_bytes(b"".join(parts))
+    return file
+
+
+def test_a_dataflash_log_holds_the_same_log(logs, tmp_path):
+    """Channels and ends of the pulse widths by the log's parameters, or by --channels where it has none."""
+    model = load_vehicle("otter_3dof")
+    plain = read_log(logs[0], model)
+    found = read_log(_dataflash(tmp_path / "run.bin", plain, gap=range(100, 120)), model)
+    assert [p.stop - p.start for p in found.parts] == [100, 280]
+    kept = np.r_[:100, 120:400]
+    np.testing.assert_allclose(found.t, 5.0 + 0.1 * kept, atol=1e-6)
+    np.testing.assert_allclose(found.motion[:, [0, 1, 3]], plain.motion[kept][:, [0, 1, 3]], atol=1e-5)  # float32
+    turned = np.angle(np.exp(1j * (found.motion[:, 2] - plain.motion[kept, 2])))
+    np.testing.assert_allclose(turned, 0.0, atol=np.radians(0.0051))
+    np.testing.assert_allclose(found.actions, plain.actions[kept], atol=0.003)  # whole microseconds
+    bare = _dataflash(tmp_path / "bare.BIN", plain, parameters={})
+    np.testing.assert_allclose(read_log(bare, model).actions[:, 1], -0.8 * plain.actions[:, 1], atol=0.003)
+    asked = read_log(bare, model, Source(channels="helm=-1"))
+    np.testing.assert_allclose(asked.actions[:, 1], 0.8 * plain.actions[:, 1], atol=0.003)
+
+
+def test_bad_dataflash_logs_are_told(logs, tmp_path, monkeypatch):
+    model, plain = load_vehicle("otter_3dof"), read_log(logs[0], load_vehicle("otter_3dof"))
+    for name in ("XKF1", "IMU", "RCOU"):
+        with pytest.raises(LogError, match=f"0 messages {name}; wanted are"):
+            read_log(_dataflash(tmp_path / "less.bin", plain, leave_out=(name,)), model)
+    two = {"SERVO1_FUNCTION": 70, "SERVO2_FUNCTION": 70, "SERVO3_FUNCTION": 26}
+    with pytest.raises(LogError, match="2 servo outputs have the function 70 of ahead: name its channel"):
+        read_log(_dataflash(tmp_path / "two.bin", plain, parameters=two), model)
+    ends = {"SERVO1_MIN": 1600, "SERVO1_FUNCTION": 26, "SERVO3_FUNCTION": 70}
+    with pytest.raises(LogError, match="SERVO1_MIN, _TRIM, _MAX are 1600, 1500, 2000: they must increase"):
+        read_log(_dataflash(tmp_path / "ends.bin", plain, parameters=ends), model)
+    (tmp_path / "text.bin").write_text("t,north\n")
+    with pytest.raises(LogError, match="no dataflash log of ArduPilot"):
+        read_log(tmp_path / "text.bin", model)
+    monkeypatch.setitem(sys.modules, "pymavlink.DFReader", None)
+    with pytest.raises(ImportError, match="taichi-sim.ardupilot."):
+        read_log(tmp_path / "text.bin", model)
+
+
 def test_a_gap_parts_a_log(logs, tmp_path):
     file = _changed(logs[0], tmp_path / "gap.csv", lambda rows: rows[:150] + rows[220:])
     assert [p.stop - p.start for p in read_log(file, load_vehicle("otter_3dof")).parts] == [150, 180]
@@ -157,7 +339,7 @@ def test_too_few_samples_are_told(tmp_path, capsys):
     assert "no log has 60 s without a gap" in capsys.readouterr().err
     (tmp_path / "flight.bin").write_bytes(b"\xa3\x95\x80\xff")
     assert command.main(["otter_3dof", str(tmp_path / "flight.bin")]) == 2
-    assert "this is no text; a CSV" in capsys.readouterr().err
+    assert "0 messages XKF1" in capsys.readouterr().err
 
 
 def test_the_command_makes_logs_fits_them_and_writes_a_file(capsys, tmp_path):

@@ -8,7 +8,7 @@ import torch
 
 from taichi_sim.bench import Bench
 from taichi_sim.config import ConfigError
-from taichi_sim.fit.log import Array, Log, LogError
+from taichi_sim.fit.log import Array, Log, LogError, held
 from taichi_sim.usv.vessel import Vessel
 from taichi_sim.vehicles import load_vehicle
 
@@ -22,6 +22,7 @@ class Window(NamedTuple):
     log: int
     motion: Array  # [lead + step + 1, 4]
     actions: Array  # [lead + step, action]
+    wind: Array | None = None  # [lead + step, 2]: velocity of the air to the north and east, m/s; None: calm
 
 
 def windows_of(logs: Sequence[Log], seconds: float) -> list[Window]:
@@ -40,10 +41,11 @@ def windows_of(logs: Sequence[Log], seconds: float) -> list[Window]:
             t = log.t[part]
             grid = t[0] + first * np.arange(int((t[-1] - t[0]) / first + 1e-6) + 1)
             motion = np.stack([np.interp(grid, t, column) for column in log.motion[part].T], axis=1)
-            held = np.clip(np.searchsorted(t, grid + 1e-6 * first, side="right") - 1, 0, len(t) - 1)
-            actions = log.actions[part][held]
+            actions = held(t, log.actions[part], grid)
+            wind = None if log.wind is None else held(t, log.wind[part], grid)
+            whole = Window(number, motion, actions, wind)
             for k in range(lead, len(grid) - steps, steps + 1):  # no sample is used twice
-                found.append(Window(number, motion[k - lead : k + steps + 1], actions[k - lead : k + steps]))
+                found.append(_cut(whole, k - lead, k + steps))
     if not found:
         raise LogError(f"no log has {seconds:g} s without a gap: give a shorter --window")
     return found
@@ -56,11 +58,13 @@ def lead_steps(interval: float) -> int:
 
 def cut(windows: Sequence[Window], lead: int, steps: int) -> list[Window]:
     """Windows of `steps` steps each, cut from longer ones."""
-    return [
-        Window(w.log, w.motion[k : k + lead + steps + 1], w.actions[k : k + lead + steps])
-        for w in windows
-        for k in range(0, len(w.actions) - lead - steps + 1, steps)
-    ]
+    return [_cut(w, k, k + lead + steps) for w in windows for k in range(0, len(w.actions) - lead - steps + 1, steps)]
+
+
+def _cut(window: Window, first: int, last: int) -> Window:
+    """The steps of a window from `first` until before `last`."""
+    log, motion, actions, wind = window
+    return Window(log, motion[first : last + 1], actions[first:last], None if wind is None else wind[first:last])
 
 
 def first_state(window: Window, interval: float) -> Array:
@@ -108,6 +112,7 @@ class WindowSimulator:
         b = self.benches[envs]
         like = b.state
         b.time.zero_()
+        b.wind.zero_()
         b.current[:] = torch.as_tensor(current).to(like)
         place, euler, zero = np.zeros((3, envs, 1, 3))
         place[:, 0, :2], euler[:, 0, 2] = state[:, :2], state[:, 2]
@@ -119,18 +124,33 @@ class WindowSimulator:
         actions = torch.as_tensor(np.stack([w.actions for w in windows], axis=1)).to(like)
         lead = lead_steps(self.interval)
         steps = actions.shape[0] - lead
+        wind = self._wind(windows)
         _place(b, place, euler, zero, state)
         for k in range(lead):
-            b.step(actions[k][:, None])
+            self._step(b, actions[k], wind, k)
         kept = b.aux.clone()
         _place(b, place, euler, zero, state)
         b.aux.copy_(kept)
         out = np.empty((steps + 1, envs, 4))
         out[0] = _read(b, state[:, 2])
         for k in range(steps):
-            b.step(actions[lead + k][:, None])
+            self._step(b, actions[lead + k], wind, lead + k)
             out[k + 1] = _read(b, out[k, :, 2])
         return out
+
+    @staticmethod
+    def _wind(windows: Sequence[Window]) -> torch.Tensor | None:
+        """Velocity of the air [step, env, 2], m/s; None if it is calm in all windows."""
+        if all(w.wind is None for w in windows):
+            return None
+        calm = np.zeros((len(windows[0].actions), 2))
+        return torch.as_tensor(np.stack([calm if w.wind is None else w.wind for w in windows], axis=1))
+
+    @staticmethod
+    def _step(b: Bench, actions: torch.Tensor, wind: torch.Tensor | None, k: int) -> None:
+        if wind is not None:
+            b.wind[:, :2] = wind[k]
+        b.step(actions[:, None])
 
 
 def _place(b: Bench, place: Array, euler: Array, zero: Array, state: Array) -> None:
