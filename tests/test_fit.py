@@ -1,6 +1,7 @@
 """Numbers from logs: known numbers come back, what data do not tell is said, and bad logs are told."""
 
 import csv
+import re
 import struct
 import sys
 from pathlib import Path
@@ -12,7 +13,7 @@ from rosbags.typesys import Stores, get_typestore
 from test_recording import make_episode
 
 from taichi_sim.commands import fit as command
-from taichi_sim.fit.estimate import fit
+from taichi_sim.fit.estimate import Start, _directions, _given_the_rest, fit
 from taichi_sim.fit.log import LogError, Source, read_columns, read_log
 from taichi_sim.fit.synthetic import write_logs
 from taichi_sim.recording.ros import write_mcap
@@ -29,7 +30,7 @@ def logs(f64, tmp_path_factory):
 
 def test_known_numbers_come_back_within_their_intervals(logs):
     model = load_vehicle("otter_3dof")
-    found = fit("otter_3dof", [read_log(file, model) for file in logs], dict.fromkeys(FACTORS, 0.4))
+    found = fit("otter_3dof", [read_log(file, model) for file in logs], dict.fromkeys(FACTORS, 0.4), starts=1)
     true = found.nominal * list(FACTORS.values())
     assert found.values == pytest.approx(true, rel=0.05)
     assert found.told.all()
@@ -95,6 +96,11 @@ def _all_degrees(rows):
         row["yaw_rate"] = np.degrees(float(row["yaw_rate"]))
 
 
+def _as_degrees(rows):
+    for row in rows:
+        row["heading_deg"], row["yaw_rate_deg"] = row.pop("heading"), row.pop("yaw_rate")
+
+
 def _enu(rows):
     """Heading counter-clockwise from east, and so the yaw rate."""
     for row in rows:
@@ -108,6 +114,7 @@ def _straight(rows, heading=0.0):
 
 BAD = {
     "all in degrees": (_all_degrees, "heading looks like degrees, by the course over ground: name .* heading_deg"),
+    "radians": (_as_degrees, "heading_deg looks like radians"),
     "enu": (_enu, "counted from east .ENU."),
     "enu, straight": (lambda rows: _straight(rows, 0.5 * np.pi), "lies 90 degrees to port of the heading, .* .ENU."),
     "milliseconds": (_each("t", lambda r: 1000 * float(r["t"])), "samples are 100 s apart: is t in other units"),
@@ -129,6 +136,27 @@ def test_bad_logs_are_told(name, logs, tmp_path):
     change, told = BAD[name]
     with pytest.raises(LogError, match=told):
         read_log(_changed(logs[0], tmp_path / "bad.csv", change), load_vehicle("otter_3dof"))
+
+
+def _mirrored(rows):
+    """ENU as a whole: it agrees with itself."""
+    _swapped(rows)
+    _enu(rows)
+
+
+def _kilometres(rows):
+    for row in rows:
+        row["north"], row["east"] = 1e-3 * float(row["north"]), 1e-3 * float(row["east"])
+
+
+@pytest.mark.parametrize(("change", "told"), [
+    (_mirrored, "log.csv: the vessel turns against its commands: the log is mirrored .ENU"),
+    (_kilometres, r"goes 0.00\d+ m in a window where its commands drive it .* are north and east in m"),
+])  # fmt: skip
+def test_logs_that_agree_with_themselves_alone_are_told(change, told, logs, tmp_path):
+    bad = read_log(_changed(logs[0], tmp_path / "log.csv", change), load_vehicle("otter_3dof"))
+    with pytest.raises(LogError, match=told):
+        fit("otter_3dof", [bad], {"X_u": 0.4}, starts=1)
 
 
 def test_columns_of_other_names_are_read_where_a_file_says(logs, tmp_path):
@@ -316,15 +344,53 @@ def test_what_data_do_not_tell_is_said_and_kept(tmp_path):
     """A boat that never turned says nothing of its yaw damping."""
     files = write_logs("otter_3dof", {"X_u": 1.1}, tmp_path, count=1, seconds=40.0)
     straight = _changed(files[0], tmp_path / "straight.csv", _straight)
-    found = fit("otter_3dof", [read_log(straight, load_vehicle("otter_3dof"))], {"X_u": 0.4, "N_rr": 0.4})
-    assert list(found.told) == [True, False] and found.values[1] == pytest.approx(found.nominal[1], rel=0.2)
+    found = fit("otter_3dof", [read_log(straight, load_vehicle("otter_3dof"))], {"X_u": 0.4, "N_rr": 0.4}, starts=1)
+    assert list(found.told) == [True, False] and found.values[1] == found.nominal[1]
+    assert sorted((found.low[1], found.high[1])) == pytest.approx(  # the prior's
+        sorted(found.nominal[1] * np.exp(0.4 * 1.96 * np.array([-1, 1])))
+    )
+
+
+def test_changes_that_data_do_not_tell_are_named():
+    """Data that tell a ratio alone leave the product to the priors; a single number is no joint change."""
+    ratio, prior = np.array([1.0, -1.0, 0.0]) / 0.01, np.array([0.4, 0.4, 0.02])
+    S = np.outer(ratio, ratio) + np.diag(prior**-2.0)
+    [change] = _directions(S, prior)
+    assert change == pytest.approx([0.4 / np.sqrt(2), 0.4 / np.sqrt(2), 0.0], abs=1e-9)
+    assert _directions(S + np.diag([1e4, 0.0, 0.0]), prior) == []
+
+
+def test_numbers_that_data_tell_follow_those_that_keep_the_file_s_value():
+    """The mean of a normal distribution under a condition, by its precision matrix (Schur complement)."""
+    rng = np.random.default_rng(3)
+    root, phi = rng.normal(size=(4, 6)), rng.normal(size=4)
+    precision, told = root @ root.T, np.array([True, False, True, False])
+    kept = _given_the_rest(phi, np.linalg.inv(precision), told)
+    assert (kept[~told] == 0).all()
+    best = np.linalg.solve(precision[np.ix_(told, told)], (precision @ phi)[told])  # least (x - phi) S (x - phi)
+    assert kept[told] == pytest.approx(best, rel=1e-9)
+    assert (_given_the_rest(phi, precision, np.ones(4, bool)) == phi).all()
+    assert (_given_the_rest(phi, precision, np.zeros(4, bool)) == 0).all()
+
+
+def test_starts_that_disagree_are_told(logs):
+    """One as likely as the best, one in a local minimum, by the lines of the command."""
+    found = fit("otter_3dof", [read_log(logs[0], load_vehicle("otter_3dof"))], {"X_u": 0.4}, starts=2)
+    assert found.asked == 2 and len(found.starts) == 1
+    [line] = command.of_starts(found)
+    assert line.startswith("2 starts end at the same numbers: ")
+    best = found.starts[0]
+    others = [Start(best.phi + np.log(1.5), 0.5), Start(best.phi - np.log(2.0), 40.0)]
+    lines = command.of_starts(found._replace(starts=[best, *others]))
+    assert lines[0].startswith("2 starts end at 3 places, the most likely one is kept")
+    assert "X_u +50 %: as likely" in lines[1] and "X_u -50 %: a worse local minimum" in lines[2]
 
 
 def test_logs_of_two_boats_are_told_apart(tmp_path, capsys):
     """Two logs of one boat, and one of a boat of half its drag."""
     one, two = (write_logs("otter_3dof", {"X_u": f}, tmp_path / str(f), count=2, seconds=20.0) for f in (1.0, 0.5))
     other = two[0].rename(tmp_path / "other.csv")
-    assert command.main(["otter_3dof", *map(str, one), str(other), "--numbers", "X_u"]) == 0
+    assert command.main(["otter_3dof", *map(str, one), str(other), "--numbers", "X_u", "--starts", "1"]) == 0
     told = capsys.readouterr().out
     assert "would not ask for such different numbers" in told
     assert "log0.csv: X_u +" in told and "log1.csv: X_u +" in told and "other.csv: X_u -" in told
@@ -348,11 +414,15 @@ def test_the_command_makes_logs_fits_them_and_writes_a_file(capsys, tmp_path):
     files = capsys.readouterr().out.split()
     out, page = tmp_path / "mine.toml", tmp_path / "fit.html"
     numbers = ["--numbers", "X_u,surge_force_max"]
-    assert command.main(["otter_3dof", *files, *numbers, "--out", str(out), "--report", str(page)]) == 0
+    asked = ["--test", files[1], "--out", str(out), "--report", str(page)]
+    assert command.main(["otter_3dof", files[0], *numbers, *asked]) == 0
     html = page.read_text()
     assert all(Path(file).name in html for file in files) and html.count("<svg") == 2 + len(files)
     told = capsys.readouterr().out
     assert "95 % interval" in told and "current" in told and "1 is the noise" in told
+    assert "starts end at the same numbers" in told
+    file, by_fit = map(float, re.findall(r"(\S+) m, \S+ deg, \S+ deg/s rms", told))
+    assert 0.13 < by_fit < 0.16 < file  # m: both components have 0.1 m of noise
     assert load_vehicle(out).params.X_u == pytest.approx(1.2 * load_vehicle("otter_3dof").params.X_u, rel=0.03)
     assert "sha256" in out.read_text() and "95 %:" in out.read_text()
 
@@ -363,6 +433,7 @@ def test_the_command_makes_logs_fits_them_and_writes_a_file(capsys, tmp_path):
     ("otter_3dof --synthetic x --factor X_u", "expected KEY=NUMBER"),
     ("otter", "no logs"),
     ("otter --synthetic x", "name what to fit by --numbers"),
+    ("otter_3dof --columns nofile.toml nolog.csv", "nofile.toml"),
 ])  # fmt: skip
 def test_bad_input_is_told(words, told, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

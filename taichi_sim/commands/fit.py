@@ -109,11 +109,18 @@ def lines(found: Fit, logs: list[Log]) -> list[str]:
     for log, change in found.odd.items():
         asked = ", ".join(f"{found.keys[k]} {100 * np.expm1(change[k]):+.0f} %" for k in _largest(change)[:3])
         told.append(f"    {logs[log].name}: {asked}")
-    told.append(f"  windows that were not fitted: residuals of {found.before:.2f} standard deviations by the file, "
-                f"{found.after:.2f} by the fit (1 is the noise)")  # fmt: skip
+    told.append(f"  {of_held_out(found)}")
     for test in found.tests:
         told.append(f"  test {test.log.name}: {_rms(test.by_file)} by the file, {_rms(test.by_fit)} by the fit")
     return told
+
+
+def of_held_out(found: Fit) -> str:
+    """How well the windows that were not fitted are simulated."""
+    if np.isnan(found.after):
+        return "no window was held out, there are too few: give longer logs, or a --test"
+    return (f"windows that were not fitted: residuals of {found.before:.2f} standard deviations by the file, "
+            f"{found.after:.2f} by the fit (1 is the noise)")  # fmt: skip
 
 
 def _rms(left: np.ndarray) -> str:
@@ -229,7 +236,9 @@ def run(args: argparse.Namespace) -> None:
     if args.report is not None:
         from taichi_sim.commands.fit_page import page_of  # matplotlib takes a second
 
-        args.report.write_text(page_of(args.vehicle, found, logs, of_starts(found)), encoding="utf-8")
+        args.report.write_text(
+            page_of(args.vehicle, found, logs, of_held_out(found), of_starts(found)), encoding="utf-8"
+        )
         print(args.report)
     if args.out is not None:
         args.out.write_text(written(file, found, logs), encoding="utf-8")

@@ -10,8 +10,8 @@ CHANNELS = (("north", "m"), ("east", "m"), ("heading", "deg"), ("yaw rate", "deg
 FITTED, FILE = COLOURS["policy"], COLOURS["classical"]
 
 
-def page_of(vehicle: str, found: Fit, logs: list[Log], starts: list[str]) -> str:
-    """HTML of a fit, self-contained; `starts` are lines on where the searches ended."""
+def page_of(vehicle: str, found: Fit, logs: list[Log], held_out: str, starts: list[str]) -> str:
+    """HTML of a fit, self-contained, with sentences on the windows held out and on where the searches ended."""
     with style():
         parts = [
             section("Numbers", _numbers(found), _interval_plot(found)),
@@ -25,10 +25,8 @@ def page_of(vehicle: str, found: Fit, logs: list[Log], starts: list[str]) -> str
             ),
         ]
     lead = paragraph(
-        f"{len(logs)} logs, {len(found.tracks)} windows. Residuals of the windows that were not fitted: "
-        f"{found.before:.2f} standard deviations by the file, {found.after:.2f} by the fit (1 is the noise). "
-        "Method and assumptions: docs/fit.md.", "faint",
-    )  # fmt: skip
+        f"{len(logs)} logs, {len(found.tracks)} windows; {held_out}. Method and assumptions: docs/fit.md.", "faint"
+    )
     return page(f"{vehicle}, fitted to logs", lead, parts)
 
 

@@ -20,9 +20,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from taichi_sim.config.extras import MissingExtraError
-from taichi_sim.fit.log import GAP, Array, LogError, Source, Table, held
+from taichi_sim.fit.log import CLOCK, GAP, Array, LogError, Source, Table, held
 from taichi_sim.sitl.channels import default_channels, read_channels
 from taichi_sim.vehicle import Vehicle
 
@@ -66,13 +67,8 @@ def read_dataflash(file: Path, model: Vehicle, source: Source) -> Table:
     place, t_place = _columns(file, "XKF1", first["XKF1"], ("PN", "PE", "Yaw"))
     gyro, t_gyro = _columns(file, "IMU", first["IMU"], ("GyrZ",))
     widths, t_widths = _columns(file, "RCOU", found["RCOU"], [c for c in OUTPUTS if hasattr(found["RCOU"][0], c)])
-    t = _even(t_place, INTERVAL)
-    t = t[(t >= max(t_gyro[0], t_widths[0])) & (t <= min(t_gyro[-1], t_widths[-1]))]
-    for clock in (t_gyro, t_widths):
-        steps = np.diff(clock)
-        before = np.clip(np.searchsorted(clock, t, side="right") - 1, 0, len(steps) - 1)
-        t_kept = steps[before] <= max(GAP * float(np.median(steps)), GAP * INTERVAL)
-        t = t[t_kept]
+    t = t_place[0] + INTERVAL * np.arange(int((t_place[-1] - t_place[0]) / INTERVAL + CLOCK) + 1)
+    t = t[np.all([_covered(clock, t) for clock in (t_place, t_gyro, t_widths)], axis=0)]
     if len(t) < 3:
         raise LogError(f"{file}: XKF1, IMU and RCOU have no time in common")
     heading = np.unwrap(np.radians(place[:, 2]))
@@ -150,13 +146,13 @@ def _actions(
     return dict(zip(model.action_names, np.moveaxis(steered, -1, 0), strict=True))
 
 
-def _even(t: Array, interval: float) -> Array:
-    """Times `interval` apart from t[0] to t[-1], without those that lie in a gap of `t`."""
-    grid = t[0] + interval * np.arange(int((t[-1] - t[0]) / interval + 1e-6) + 1)
-    steps = np.diff(t)
-    gap = max(GAP * float(np.median(steps)), GAP * interval)
-    after = np.clip(np.searchsorted(t, grid - 1e-9), 1, len(t) - 1)
-    return grid[(steps[after - 1] <= gap) | np.isclose(t[after], grid, atol=1e-6, rtol=0)]
+def _covered(clock: Array, at: Array) -> NDArray[np.bool_]:
+    """Which of the times `at` are on a sample of `clock`, or between two that no gap parts."""
+    gap = GAP * max(float(np.median(np.diff(clock))), INTERVAL)
+    after = np.searchsorted(clock, at - CLOCK)
+    inside = np.clip(after, 1, len(clock) - 1)
+    between = (after > 0) & (after < len(clock)) & (clock[inside] - clock[inside - 1] <= gap)
+    return between | (np.abs(clock[np.clip(after, 0, len(clock) - 1)] - at) <= CLOCK)
 
 
 def _means(t: Array, values: Array, at: Array, interval: float) -> Array:

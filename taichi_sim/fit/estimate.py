@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from taichi_sim.config import ConfigError
 from taichi_sim.fit.log import Array, Log, LogError
-from taichi_sim.fit.windows import Window, WindowSimulator, cut, first_state, lead_steps, windows_of
+from taichi_sim.fit.windows import Window, WindowSimulator, check_against, cut, first_state, lead_steps, windows_of
 from taichi_sim.kernels import runtime
 
 OUTLIER = 2.5  # standard deviations beyond which a residual has less weight
@@ -366,13 +366,14 @@ def _distinct(found: Sequence[_Found], prior: Array) -> list[_Found]:
 
 
 def _searched(
-    simulator: WindowSimulator, used: list[Window], logs: int, prior: Array, seconds: float, starts: int
+    simulator: WindowSimulator, used: list[Window], logs: Sequence[Log], prior: Array, seconds: float, starts: int
 ) -> tuple[_Problem, list[_Found]]:  # fmt: skip
     """The problem of the full windows, and where searches from several starts ended in it, the likeliest first."""
     interval, lead = simulator.interval, lead_steps(simulator.interval)
     short = cut(used, lead, max(round(SHORT * seconds / interval), lead, LEAST))
     state = np.array([first_state(w, interval) for w in short])
-    begin, extra = _Problem(short, interval, logs), np.zeros((logs, 4))
+    check_against(simulator, logs, short, state)
+    begin, extra = _Problem(short, interval, len(logs)), np.zeros((len(logs), 4))
     guesses = [np.zeros(len(prior))]  # the file's numbers
     if starts > 1:
         [drawn] = _side_by_side(simulator, [_candidates(begin, state, prior, SIGMA, starts - 1)])
@@ -380,7 +381,7 @@ def _searched(
     first = _side_by_side(
         simulator, [_solve(begin, phi, extra, state, prior, SIGMA, enough=ROUGHLY) for phi in guesses]
     )
-    problem, each = _Problem(used, interval, logs), len(short) // len(used)
+    problem, each = _Problem(used, interval, len(logs)), len(short) // len(used)
     apart = _distinct(first, prior)
     full = _side_by_side(
         simulator,
@@ -457,7 +458,7 @@ def fit(
     if samples < 2 * unknown:
         raise LogError(f"{samples} measured values for {unknown} unknowns: give longer logs, or fewer --numbers")
     clock = time.perf_counter()
-    problem, ends = _searched(simulator, used, len(logs), prior, seconds, starts)
+    problem, ends = _searched(simulator, used, logs, prior, seconds, starts)
     took, (point, sigma, rounds) = time.perf_counter() - clock, ends[0]
     others = [
         Start(f.point.phi, ends[0].log_likelihood(prior) - f.log_likelihood(prior)) for f in _distinct(ends, prior)

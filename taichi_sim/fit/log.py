@@ -243,12 +243,17 @@ def _check_angles(file: Path, t: Array, motion: Array, parts: tuple[slice, ...])
     psi, chi = np.concatenate(headings), np.concatenate(courses)
     if len(psi) < ENOUGH:
         return
-    right, in_degrees, enu = (complex(np.mean(np.exp(1j * x))) for x in (chi - psi, chi - np.radians(psi), chi + psi))
+    right, in_degrees, in_radians, enu = (
+        complex(np.mean(np.exp(1j * x))) for x in (chi - psi, chi - np.radians(psi), chi - np.degrees(psi), chi + psi)
+    )
     if abs(in_degrees) > max(CLEAR, abs(right) + CLEARER):
         raise LogError(
             f"{file}: heading looks like degrees, by the course over ground: name the column heading_deg (and yaw_rate "
             "yaw_rate_deg, if it is in degrees per second)"
         )
+    if abs(in_radians) > max(CLEAR, abs(right) + CLEARER):
+        raise LogError(f"{file}: heading_deg looks like radians, by the course over ground: name the column heading "
+                       "(and yaw_rate_deg yaw_rate, if it is in radians per second)")  # fmt: skip
     if abs(enu) > max(CLEAR, abs(right) + CLEARER):
         raise LogError(f"{file}: the course turns against the heading: north and east are exchanged, or the heading is "
                        "counted from east (ENU); wanted is clockwise from north")  # fmt: skip
@@ -270,11 +275,11 @@ def _check_rates(file: Path, t: Array, motion: Array, parts: tuple[slice, ...]) 
         return
     slope = float(turning @ r / (r @ r))
     if abs(slope) > LARGE:
-        raise LogError(f"{file}: heading changes {slope:.0f} times as fast as yaw_rate says: it looks like degrees "
-                       "(name the column heading_deg)")  # fmt: skip
+        raise LogError(f"{file}: heading changes {slope:.0f} times as fast as yaw_rate says: heading looks like "
+                       "degrees (name the column heading_deg), or yaw_rate_deg like radians (yaw_rate)")  # fmt: skip
     if 0 < abs(slope) < SMALL:
-        raise LogError(f"{file}: yaw_rate is {1 / slope:.0f} times the change of heading: it looks like degrees "
-                       "per second (name the column yaw_rate_deg)")  # fmt: skip
+        raise LogError(f"{file}: yaw_rate is {1 / slope:.0f} times the change of heading: it looks like degrees per "
+                       "second (name the column yaw_rate_deg), or heading_deg like radians (heading)")  # fmt: skip
     if slope < -0.5:
         raise LogError(f"{file}: heading turns against yaw_rate: one of them counts to port (heading is clockwise "
                        "from north, yaw_rate is bow to starboard)")  # fmt: skip

@@ -16,6 +16,12 @@ LEAD = 1.0  # s before a window, in which its actuators reach the commanded sett
 STEP = 0.02  # s, longest physics step
 
 
+AGAINST = -0.5  # correlation of measured and simulated turns below which a log is mirrored
+TURNS = 0.01  # rad/s, least deviation of a simulated yaw rate for such a comparison
+MOVES = 0.3  # m, least way for such a comparison
+FARTHER = 50.0  # ratio of measured and simulated ways beyond which positions are in other units
+
+
 class Window(NamedTuple):
     """A part of a log on the grid of steps, with LEAD before it."""
 
@@ -151,6 +157,34 @@ class WindowSimulator:
         if wind is not None:
             b.wind[:, :2] = wind[k]
         b.step(actions[:, None])
+
+
+def check_against(simulator: WindowSimulator, logs: Sequence[Log], windows: Sequence[Window], state: Array) -> None:
+    """Compare windows, begun at the initial states `state` [window, 6], with their simulation by the file's numbers.
+
+    A frame that is mirrored as a whole, or positions in other units, agree with themselves: only the commands tell.
+
+    Raises:
+        LogError: for a log whose vessel turns against its commands, or goes a way of another order than they drive it.
+    """
+    n, lead = len(windows), lead_steps(simulator.interval)
+    found = simulator.run(windows, np.zeros((n, len(simulator.keys))), np.zeros((n, 2)), state)
+    for number, log in enumerate(logs):
+        mine = [k for k, w in enumerate(windows) if w.log == number]
+        if not mine:
+            continue
+        measured = np.stack([windows[k].motion[lead:] for k in mine], axis=1)
+        here, there = (x - x[0] for x in (measured, found[:, mine]))
+        r, expected = here[..., 3].ravel(), there[..., 3].ravel()
+        if expected.std() > TURNS and r.std() > 0 and np.corrcoef(r, expected)[0, 1] < AGAINST:
+            raise LogError(
+                f"{log.name}: the vessel turns against its commands: the log is mirrored (ENU: north and east "
+                "exchanged, heading from east, yaw rate to port), or an action has the wrong sign"
+            )
+        way, expected = (float(np.hypot(x[-1, :, 0], x[-1, :, 1]).sum()) for x in (here, there))
+        if not 1 / FARTHER < way / max(expected, 1e-9) < FARTHER and max(way, expected) > len(mine) * MOVES:
+            raise LogError(f"{log.name}: the vessel goes {way / len(mine):.2g} m in a window where its commands drive "
+                           f"it {expected / len(mine):.2g} m: are north and east in m?")  # fmt: skip
 
 
 def _place(b: Bench, place: Array, euler: Array, zero: Array, state: Array) -> None:
