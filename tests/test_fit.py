@@ -402,7 +402,13 @@ def test_too_few_samples_are_told(tmp_path, capsys):
     assert command.main(["otter_3dof", str(few)]) == 2
     assert "measured values for 19 unknowns" in capsys.readouterr().err
     assert command.main(["otter_3dof", str(few), "--window", "60"]) == 2
-    assert "no log has 60 s without a gap" in capsys.readouterr().err
+    assert "few.csv: no log has 60 s without a gap" in capsys.readouterr().err
+    assert command.main(["otter_3dof", str(file), "--test", str(file)]) == 2
+    assert "log0.csv is given twice" in capsys.readouterr().err
+    assert command.main(["otter_3dof", str(file), "--prior", "mas=0.1"]) == 2
+    assert "--prior mas: it is not fitted; fitted are mass, I_z" in capsys.readouterr().err
+    assert command.main(["otter_3dof", str(file), "--out", "nowhere/mine.toml"]) == 2
+    assert "there is no folder nowhere" in capsys.readouterr().err
     (tmp_path / "flight.bin").write_bytes(b"\xa3\x95\x80\xff")
     assert command.main(["otter_3dof", str(tmp_path / "flight.bin")]) == 2
     assert "0 messages XKF1" in capsys.readouterr().err
@@ -433,7 +439,7 @@ def test_the_command_makes_logs_fits_them_and_writes_a_file(capsys, tmp_path):
     ("otter_3dof --synthetic x --factor X_u", "expected KEY=NUMBER"),
     ("otter", "no logs"),
     ("otter --synthetic x", "name what to fit by --numbers"),
-    ("otter_3dof --columns nofile.toml nolog.csv", "nofile.toml"),
+    ("otter_3dof nolog.csv --columns nofile.toml", "nofile.toml"),
 ])  # fmt: skip
 def test_bad_input_is_told(words, told, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

@@ -225,9 +225,18 @@ def run(args: argparse.Namespace) -> None:
     if not args.logs:
         raise ConfigError("no logs: name some, or make some by --synthetic DIR")
     keys = numbers_of(model, args.numbers, args.vehicle)
-    given = PRIORS | shares(args.prior, "--prior")
+    asked = shares(args.prior, "--prior")
+    if unknown := sorted(set(asked) - set(keys)):
+        raise ConfigError(f"--prior {unknown[0]}: it is not fitted; fitted are {', '.join(keys)}")
+    for target in (args.out, args.report):
+        if target is not None and not target.parent.is_dir():
+            raise ConfigError(f"{target}: there is no folder {target.parent}")
+    given = PRIORS | asked
     source = Source(read_columns(args.columns) if args.columns else {}, args.name, args.channels)
     logs, tests = ([read_log(log, model, source) for log in files] for files in (args.logs, args.test))
+    for k, log in enumerate(every := [*logs, *tests]):
+        if log.digest in {other.digest for other in every[:k]}:
+            raise ConfigError(f"{log.name} is given twice")
     found = fit(
         args.vehicle, logs, {key: given.get(key, PRIOR) for key in keys}, seconds=args.window, starts=args.starts,
         tests=tests,

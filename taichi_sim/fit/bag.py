@@ -6,13 +6,14 @@ given, `odom` names another topic of odometry, and an action a topic whose messa
 Float32, Float64). Each command holds from its time on.
 """
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from taichi_sim.config.extras import MissingExtraError
-from taichi_sim.fit.log import Array, LogError, Source, Table, held
+from taichi_sim.fit.log import CHANNELS, Array, LogError, Source, Table, held
 
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
@@ -67,7 +68,7 @@ def _table(path: Path, bag: "AnyReader", action_names: tuple[str, ...], source: 
         if not messages:
             raise LogError(f"{path}: {topic} has no messages")
     t, poses = times(odom), read[odom][1]
-    columns = dict(zip(("north", "east", "heading", "yaw_rate"), _motion(poses), strict=True))
+    columns: dict[str, Array] = dict(zip(CHANNELS, _motion(poses), strict=True))
     begin = t[0]
     for name in action_names:
         topic = given[name].source if name in given else f"{near}/actions"
@@ -86,7 +87,7 @@ def _table(path: Path, bag: "AnyReader", action_names: tuple[str, ...], source: 
     return Table({name: x[kept] for name, x in columns.items()}, lambda k: f"message {kept[k] + 1} of {odom}")
 
 
-def _odometry(path: Path, kinds: dict[str, str | None], source: Source) -> str:
+def _odometry(path: Path, kinds: Mapping[str, str | None], source: Source) -> str:
     """The topic of odometry.
 
     Raises:

@@ -123,8 +123,13 @@ def _side_by_side(simulator: WindowSimulator, searches: Sequence[_Search[T]]) ->
     results: dict[int, T] = {}
     requests = {k: next(search) for k, search in enumerate(searches)}
     while requests:
-        phi, current, state = (np.concatenate([r[part] for r in requests.values()]) for part in (1, 2, 3))
-        found = simulator.run([w for r in requests.values() for w in r.windows], phi, current, state)
+        all_of = list(requests.values())
+        found = simulator.run(
+            [w for r in all_of for w in r.windows],
+            np.concatenate([r.phi for r in all_of]),
+            np.concatenate([r.current for r in all_of]),
+            np.concatenate([r.state for r in all_of]),
+        )
         first, going = 0, requests
         requests = {}
         for k, request in going.items():
@@ -449,7 +454,10 @@ def fit(
         raise ConfigError("a fit needs double precision: runtime.init(precision='f64')")
     keys, prior = tuple(priors), np.array(list(priors.values()))
     simulator = WindowSimulator(vehicle, keys, logs[0].interval, changes)
-    windows_of([logs[0], *tests], seconds)  # tests of another interval are told before the search
+    for test in tests:  # what is wrong with them is told before the search
+        if test.interval != logs[0].interval:
+            windows_of([logs[0], test], seconds)
+        windows_of([test], seconds)
     windows = windows_of(logs, seconds)
     held = [w for k, w in enumerate(windows) if len(windows) >= HELD_OUT and k % HELD_OUT == HELD_OUT - 1]
     used = [w for k, w in enumerate(windows) if not (len(windows) >= HELD_OUT and k % HELD_OUT == HELD_OUT - 1)]

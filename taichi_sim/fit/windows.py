@@ -16,8 +16,8 @@ LEAD = 1.0  # s before a window, in which its actuators reach the commanded sett
 STEP = 0.02  # s, longest physics step
 
 
-AGAINST = -0.5  # correlation of measured and simulated turns below which a log is mirrored
-TURNS = 0.01  # rad/s, least deviation of a simulated yaw rate for such a comparison
+MIRRORED = 0.5  # rms deviation from the simulation of a log, mirrored, over that as it is, below which it is mirrored
+TURNS = 0.02  # rad/s, least rms deviation of yaw rates for such a comparison
 MOVES = 0.3  # m, least way for such a comparison
 FARTHER = 50.0  # ratio of measured and simulated ways beyond which positions are in other units
 
@@ -53,7 +53,8 @@ def windows_of(logs: Sequence[Log], seconds: float) -> list[Window]:
             for k in range(lead, len(grid) - steps, steps + 1):  # no sample is used twice
                 found.append(_cut(whole, k - lead, k + steps))
     if not found:
-        raise LogError(f"no log has {seconds:g} s without a gap: give a shorter --window")
+        names = ", ".join(log.name for log in logs)
+        raise LogError(f"{names}: no log has {seconds:g} s without a gap: give a shorter --window")
     return found
 
 
@@ -168,19 +169,23 @@ def check_against(simulator: WindowSimulator, logs: Sequence[Log], windows: Sequ
         LogError: for a log whose vessel turns against its commands, or goes a way of another order than they drive it.
     """
     n, lead = len(windows), lead_steps(simulator.interval)
-    found = simulator.run(windows, np.zeros((n, len(simulator.keys))), np.zeros((n, 2)), state)
+    across = np.array([1.0, 1.0, 1.0, 1.0, -1.0, -1.0]) * state[:, [1, 0, 2, 3, 4, 5]]
+    across[:, 2] = 0.5 * np.pi - state[:, 2]
+    begin = np.concatenate((state, across))
+    found = simulator.run([*windows, *windows], np.zeros((2 * n, len(simulator.keys))), np.zeros((2 * n, 2)), begin)
     for number, log in enumerate(logs):
         mine = [k for k, w in enumerate(windows) if w.log == number]
         if not mine:
             continue
         measured = np.stack([windows[k].motion[lead:] for k in mine], axis=1)
-        here, there = (x - x[0] for x in (measured, found[:, mine]))
-        r, expected = here[..., 3].ravel(), there[..., 3].ravel()
-        if expected.std() > TURNS and r.std() > 0 and np.corrcoef(r, expected)[0, 1] < AGAINST:
+        as_it_is = np.sqrt(np.mean((measured[..., 3] - found[:, mine, 3]) ** 2))
+        mirrored = np.sqrt(np.mean((-measured[..., 3] - found[:, [n + k for k in mine], 3]) ** 2))
+        if as_it_is > TURNS and mirrored < MIRRORED * as_it_is:
             raise LogError(
                 f"{log.name}: the vessel turns against its commands: the log is mirrored (ENU: north and east "
                 "exchanged, heading from east, yaw rate to port), or an action has the wrong sign"
             )
+        here, there = (x - x[0] for x in (measured, found[:, mine]))
         way, expected = (float(np.hypot(x[-1, :, 0], x[-1, :, 1]).sum()) for x in (here, there))
         if not 1 / FARTHER < way / max(expected, 1e-9) < FARTHER and max(way, expected) > len(mine) * MOVES:
             raise LogError(f"{log.name}: the vessel goes {way / len(mine):.2g} m in a window where its commands drive "
