@@ -189,6 +189,33 @@ def test_columns_of_other_names_are_read_where_a_file_says(logs, tmp_path):
         read_log(file, model, Source(read_columns(where)))
 
 
+def test_the_page_s_files_read_the_esso_osaka_s_logs(tmp_path):
+    """Columns as FRT-DS-ESSO has them, values made up: a turn to starboard, wind from x0, empty rows at the end."""
+    page = (Path(__file__).parents[1] / "docs" / "fit.md").read_text()
+    blocks = re.findall(r"^```toml\n(.*?)^```$", page, re.M | re.S)
+    for name, first in (("columns.toml", 't = "t [s]"'), ("esso_osaka.toml", "# Esso Osaka")):
+        [block] = [text for text in blocks if text.startswith(first)]
+        (tmp_path / name).write_text(block)
+    header = ("t [s],x_position_mid [m],u_velo [m/s],y_position_mid [m],vm_velo [m/s],psi_hat [rad],r_angvelo [rad/s],"
+              "n_prop [rps],delta_rudder [rad],wind_velo_relative_mid [m/s],wind_dir_relative_mid [rad],"
+              "wind_velo_true [m/s],wind_dir_true [rad]")  # fmt: skip
+    t = 1176.1 + 0.1 * np.arange(100)
+    psi, rate = 0.05 * (t - t[0]), np.full(100, 0.05)
+    x, y = 10 * np.sin(psi), 10 * (1 - np.cos(psi))
+    rows = np.stack(
+        [t, x, 0.5 + 0 * t, y, 0 * t, psi, rate, -10 + 0 * t, np.radians(35) + 0 * t, *4 * [1.5 + 0 * t]], 1
+    )
+    rows[:, -1] = 0.0
+    lines = [header, *(",".join(map(repr, row)) for row in rows.tolist()), "," * 12, "," * 12]
+    (tmp_path / "turn.csv").write_text("\n".join(lines))
+    model = load_vehicle(tmp_path / "esso_osaka.toml")
+    log = read_log(tmp_path / "turn.csv", model, Source(read_columns(tmp_path / "columns.toml")))
+    np.testing.assert_allclose(log.motion, np.stack([x, y, psi, rate], 1))
+    np.testing.assert_allclose(log.actions, np.tile([-0.5, 35 / 40], (100, 1)), rtol=1e-9)  # n_astern 20, 40 deg
+    np.testing.assert_allclose(log.wind, np.tile([-1.5, 0.0], (100, 1)))
+    assert model.params.mass == pytest.approx(244.6, abs=0.1) and log.interval == pytest.approx(0.1)
+
+
 def _bag(folder, log, storage, *, last=None):
     """A bag of the topics of docs/ros.md with the motion and the actions of a log, until `last`."""
     store = get_typestore(Stores.ROS2_HUMBLE)

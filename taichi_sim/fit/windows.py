@@ -19,7 +19,7 @@ STEP = 0.02  # s, longest physics step
 MIRRORED = 0.5  # rms deviation from the simulation of a log, mirrored, over that as it is, below which it is mirrored
 TURNS = 0.02  # rad/s, least rms deviation of yaw rates for such a comparison
 MOVES = 0.3  # m, least way for such a comparison
-FARTHER = 50.0  # ratio of measured and simulated ways beyond which positions are in other units
+FARTHER = 30.0  # ratio of measured and simulated ways, or yaw rates, beyond which they are in other units
 
 
 class Window(NamedTuple):
@@ -185,9 +185,13 @@ def check_against(simulator: WindowSimulator, logs: Sequence[Log], windows: Sequ
                 f"{log.name}: the vessel turns against its commands: the log is mirrored (ENU: north and east "
                 "exchanged, heading from east, yaw rate to port), or an action has the wrong sign"
             )
+        r, expected = (float(np.sqrt(np.mean(x[..., 3] ** 2))) for x in (measured, found[:, mine]))
+        if expected > TURNS and not 1 / FARTHER < r / expected < FARTHER:
+            raise LogError(f"{log.name}: the yaw rate is {r:.2g} rad/s rms where the commands give {expected:.2g}: are "
+                           "heading and yaw_rate in rad, heading_deg and yaw_rate_deg in degrees?")  # fmt: skip
         here, there = (x - x[0] for x in (measured, found[:, mine]))
         way, expected = (float(np.hypot(x[-1, :, 0], x[-1, :, 1]).sum()) for x in (here, there))
-        if not 1 / FARTHER < way / max(expected, 1e-9) < FARTHER and max(way, expected) > len(mine) * MOVES:
+        if expected > len(mine) * MOVES and not 1 / FARTHER < way / expected < FARTHER:
             raise LogError(f"{log.name}: the vessel goes {way / len(mine):.2g} m in a window where its commands drive "
                            f"it {expected / len(mine):.2g} m: are north and east in m?")  # fmt: skip
 
