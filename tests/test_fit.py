@@ -14,8 +14,9 @@ from test_recording import make_episode
 
 from taichi_sim.commands import fit as command
 from taichi_sim.fit.estimate import Start, _directions, _given_the_rest, fit
-from taichi_sim.fit.log import LogError, Source, read_columns, read_log
+from taichi_sim.fit.log import read_columns, read_log
 from taichi_sim.fit.synthetic import write_logs
+from taichi_sim.fit.table import LogError, Source
 from taichi_sim.recording.ros import write_mcap
 from taichi_sim.vehicles import load_vehicle
 

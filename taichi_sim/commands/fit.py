@@ -32,8 +32,9 @@ from taichi_sim.config import ConfigError, TeamConfig
 from taichi_sim.config.extras import MissingExtraError
 from taichi_sim.config.io import vehicle_file
 from taichi_sim.fit.estimate import LOST, STARTS, Fit, fit
-from taichi_sim.fit.log import Log, Source, read_columns, read_log
+from taichi_sim.fit.log import Log, read_columns, read_log
 from taichi_sim.fit.synthetic import write_logs
+from taichi_sim.fit.table import Source
 from taichi_sim.kernels import runtime
 from taichi_sim.usv.manoeuvring_3dof import Manoeuvring3dof
 from taichi_sim.vehicle import Vehicle

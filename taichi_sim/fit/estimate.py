@@ -23,7 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taichi_sim.config import ConfigError
-from taichi_sim.fit.log import Array, Log, LogError
+from taichi_sim.fit.log import Log
+from taichi_sim.fit.table import Array, LogError
 from taichi_sim.fit.windows import Window, WindowSimulator, check_against, cut, first_state, lead_steps, windows_of
 from taichi_sim.kernels import runtime
 

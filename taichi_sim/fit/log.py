@@ -9,20 +9,17 @@ Other columns are ignored. `Source.columns` says where columns of other names ar
 import csv
 import hashlib
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from taichi_sim.config import ConfigError
+from taichi_sim.fit.bag import read_bag
+from taichi_sim.fit.dataflash import read_dataflash
+from taichi_sim.fit.table import CHANNELS, GAP, Array, Column, LogError, Source, Table
 from taichi_sim.vehicle import Vehicle
 
-Array = NDArray[np.float64]
-CLOCK = 1e-6  # s, to which clocks are compared
-GAP = 3.5  # interval over the usual one, from which a gap divides the log into two parts
 FASTEST, SLOWEST = 1e-3, 2.0  # s, intervals between samples
 SMALL, LARGE = 1 / 40, 40.0  # ratios of two rates that should agree, beyond which one of them is in degrees
 COURSE_OVER = 2.0  # s, time over which a course is computed
@@ -31,13 +28,8 @@ ENOUGH = 20  # least number of samples for comparing a course with a heading
 # Two angles agree if the mean direction of their difference has the length CLEAR, and CLEARER more than another pair.
 CLEAR, CLEARER = 0.8, 0.3
 ASIDE = np.radians([50.0, 130.0])  # angles from heading to course that no current or turn keeps up over a whole log
-CHANNELS = ("north", "east", "heading", "yaw_rate")
 WIND = ("wind_speed", "wind_from")
 ANGLES = ("heading", "yaw_rate", "wind_from")  # columns that may be in degrees, by the ending _deg
-
-
-class LogError(ConfigError):
-    """A log that cannot be used; the message says where and why."""
 
 
 class Log(NamedTuple):
@@ -55,34 +47,6 @@ class Log(NamedTuple):
     def interval(self) -> float:
         """Interval between samples, s."""
         return float(np.median(np.diff(self.t)))
-
-
-class Column(NamedTuple):
-    """Where a column is, and what its values are multiplied by."""
-
-    source: str  # header of a CSV, topic of a bag
-    factor: float = 1.0
-
-
-@dataclass(frozen=True)
-class Source:
-    """How logs are to be read."""
-
-    columns: Mapping[str, Column] = field(default_factory=dict)  # name of a column -> where it is
-    name: str = ""  # vehicle of a bag; "": the only one
-    channels: str = ""  # servo channels of a .bin, NAME=CHANNEL,...; "": by the log's own parameters
-
-
-class Table(NamedTuple):
-    """What a log holds, in SI, not yet checked."""
-
-    columns: dict[str, Array]  # t, CHANNELS, the actions, and WIND if it was measured; all of one length
-    place: Callable[[int], str]  # number of a sample -> where it is in the file
-
-
-def held(t: Array, values: Array, at: Array) -> Array:
-    """Values [sample, ..] that hold at the times `at`: each from its own time `t` on."""
-    return values[np.clip(np.searchsorted(t, at + CLOCK, side="right") - 1, 0, len(t) - 1)]
 
 
 def read_columns(file: Path) -> dict[str, Column]:
@@ -126,12 +90,8 @@ def read_log(file: Path, model: Vehicle, source: Source | None = None) -> Log:
         raise LogError(f"--columns: {min(unknown)} is no column of a log of this vehicle; it has "
                        f"{', '.join(sorted(known_columns(model)))}")  # fmt: skip
     if file.is_dir() or file.suffix.lower() in (".mcap", ".db3"):
-        from taichi_sim.fit.bag import read_bag
-
         table = read_bag(file, model.action_names, source)
     elif file.suffix.lower() == ".bin":
-        from taichi_sim.fit.dataflash import read_dataflash
-
         table = read_dataflash(file, model, source)
     else:
         table = _read_csv(file, model.action_names, source.columns)

@@ -8,7 +8,8 @@ import torch
 
 from taichi_sim.bench import Bench
 from taichi_sim.config import ConfigError
-from taichi_sim.fit.log import Array, Log, LogError, held
+from taichi_sim.fit.log import Log
+from taichi_sim.fit.table import Array, LogError, held
 from taichi_sim.usv.vessel import Vessel
 from taichi_sim.vehicles import load_vehicle
 
