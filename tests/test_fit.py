@@ -1,15 +1,23 @@
 """Numbers from logs: known numbers come back, what data do not tell is said, and bad logs are told."""
 
 import csv
+import re
+import struct
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+from test_recording import make_episode
 
 from taichi_sim.commands import fit as command
-from taichi_sim.fit.estimate import fit
-from taichi_sim.fit.log import LogError, read_log
+from taichi_sim.fit.estimate import Start, _directions, _given_the_rest, fit
+from taichi_sim.fit.log import read_columns, read_log
 from taichi_sim.fit.synthetic import write_logs
+from taichi_sim.fit.table import LogError, Source
+from taichi_sim.recording.ros import write_mcap
 from taichi_sim.vehicles import load_vehicle
 
 pytestmark = pytest.mark.usefixtures("f64")
@@ -23,7 +31,7 @@ def logs(f64, tmp_path_factory):
 
 def test_known_numbers_come_back_within_their_intervals(logs):
     model = load_vehicle("otter_3dof")
-    found = fit("otter_3dof", [read_log(file, model) for file in logs], dict.fromkeys(FACTORS, 0.4))
+    found = fit("otter_3dof", [read_log(file, model) for file in logs], dict.fromkeys(FACTORS, 0.4), starts=1)
     true = found.nominal * list(FACTORS.values())
     assert found.values == pytest.approx(true, rel=0.05)
     assert found.told.all()
@@ -89,6 +97,11 @@ def _all_degrees(rows):
         row["yaw_rate"] = np.degrees(float(row["yaw_rate"]))
 
 
+def _as_degrees(rows):
+    for row in rows:
+        row["heading_deg"], row["yaw_rate_deg"] = row.pop("heading"), row.pop("yaw_rate")
+
+
 def _enu(rows):
     """Heading counter-clockwise from east, and so the yaw rate."""
     for row in rows:
@@ -102,6 +115,7 @@ def _straight(rows, heading=0.0):
 
 BAD = {
     "all in degrees": (_all_degrees, "heading looks like degrees, by the course over ground: name .* heading_deg"),
+    "radians": (_as_degrees, "heading_deg looks like radians"),
     "enu": (_enu, "counted from east .ENU."),
     "enu, straight": (lambda rows: _straight(rows, 0.5 * np.pi), "lies 90 degrees to port of the heading, .* .ENU."),
     "milliseconds": (_each("t", lambda r: 1000 * float(r["t"])), "samples are 100 s apart: is t in other units"),
@@ -125,6 +139,230 @@ def test_bad_logs_are_told(name, logs, tmp_path):
         read_log(_changed(logs[0], tmp_path / "bad.csv", change), load_vehicle("otter_3dof"))
 
 
+def _mirrored(rows):
+    """ENU as a whole: it agrees with itself."""
+    _swapped(rows)
+    _enu(rows)
+
+
+def _kilometres(rows):
+    for row in rows:
+        row["north"], row["east"] = 1e-3 * float(row["north"]), 1e-3 * float(row["east"])
+
+
+@pytest.mark.parametrize(("change", "told"), [
+    (_mirrored, "log.csv: the vessel turns against its commands: the log is mirrored .ENU"),
+    (_kilometres, r"goes 0.00\d+ m in a window where its commands drive it .* are north and east in m"),
+])  # fmt: skip
+def test_logs_that_agree_with_themselves_alone_are_told(change, told, logs, tmp_path):
+    bad = read_log(_changed(logs[0], tmp_path / "log.csv", change), load_vehicle("otter_3dof"))
+    with pytest.raises(LogError, match=told):
+        fit("otter_3dof", [bad], {"X_u": 0.4}, starts=1)
+
+
+def test_columns_of_other_names_are_read_where_a_file_says(logs, tmp_path):
+    """Other names, other units, a wind, and empty rows at the end."""
+
+    def renamed(rows):
+        new = [
+            {"time [ms]": 1000 * float(r["t"]), "N": r["north"], "E": r["east"], "psi": np.degrees(float(r["heading"])),
+             "r": r["yaw_rate"], "acceleration": r["acceleration"], "rudder [deg]": 35 * float(r["yaw"]), "w": 3.0,
+             "from": 90.0} for r in rows
+        ]  # fmt: skip
+        return [*new, dict.fromkeys(new[0], "")]
+
+    model, file = load_vehicle("otter_3dof"), _changed(logs[0], tmp_path / "other.csv", renamed)
+    where = tmp_path / "columns.toml"
+    where.write_text('t = ["time [ms]", 1e-3]\nnorth = "N"\neast = "E"\nheading_deg = "psi"\nyaw_rate = "r"\n'
+                     f'yaw = ["rudder [deg]", {1 / 35}]\nwind_speed = "w"\nwind_from_deg = "from"\n')  # fmt: skip
+    found, plain = read_log(file, model, Source(read_columns(where))), read_log(logs[0], model)
+    np.testing.assert_allclose(found.motion, plain.motion, atol=1e-9)
+    np.testing.assert_allclose(found.actions, plain.actions, atol=1e-9)
+    np.testing.assert_allclose(found.wind, np.tile([0.0, -3.0], (len(plain.t), 1)), atol=1e-12)  # from the east
+    where.write_text('t = "x"')
+    with pytest.raises(LogError, match="no column x for t; it has time .ms., N"):
+        read_log(file, model, Source(read_columns(where)))
+    where.write_text('north = ["x", 0]')
+    with pytest.raises(LogError, match="north = .'x', 0.: expected"):
+        read_columns(where)
+    where.write_text('speed = "u"')
+    with pytest.raises(LogError, match="speed is no column of a log of this vehicle"):
+        read_log(file, model, Source(read_columns(where)))
+
+
+def test_the_page_s_files_read_the_esso_osaka_s_logs(tmp_path):
+    """Columns as FRT-DS-ESSO has them, values made up: a turn to starboard, wind from x0, empty rows at the end."""
+    page = (Path(__file__).parents[1] / "docs" / "fit.md").read_text()
+    blocks = re.findall(r"^```toml\n(.*?)^```$", page, re.M | re.S)
+    for name, first in (("columns.toml", 't = "t [s]"'), ("esso_osaka.toml", "# Esso Osaka")):
+        [block] = [text for text in blocks if text.startswith(first)]
+        (tmp_path / name).write_text(block)
+    header = ("t [s],x_position_mid [m],u_velo [m/s],y_position_mid [m],vm_velo [m/s],psi_hat [rad],r_angvelo [rad/s],"
+              "n_prop [rps],delta_rudder [rad],wind_velo_relative_mid [m/s],wind_dir_relative_mid [rad],"
+              "wind_velo_true [m/s],wind_dir_true [rad]")  # fmt: skip
+    t = 1176.1 + 0.1 * np.arange(100)
+    psi, rate = 0.05 * (t - t[0]), np.full(100, 0.05)
+    x, y = 10 * np.sin(psi), 10 * (1 - np.cos(psi))
+    rows = np.stack(
+        [t, x, 0.5 + 0 * t, y, 0 * t, psi, rate, -10 + 0 * t, np.radians(35) + 0 * t, *4 * [1.5 + 0 * t]], 1
+    )
+    rows[:, -1] = 0.0
+    lines = [header, *(",".join(map(repr, row)) for row in rows.tolist()), "," * 12, "," * 12]
+    (tmp_path / "turn.csv").write_text("\n".join(lines))
+    model = load_vehicle(tmp_path / "esso_osaka.toml")
+    log = read_log(tmp_path / "turn.csv", model, Source(read_columns(tmp_path / "columns.toml")))
+    np.testing.assert_allclose(log.motion, np.stack([x, y, psi, rate], 1))
+    np.testing.assert_allclose(log.actions, np.tile([-0.5, 35 / 40], (100, 1)), rtol=1e-9)  # n_astern 20, 40 deg
+    np.testing.assert_allclose(log.wind, np.tile([-1.5, 0.0], (100, 1)))
+    assert model.params.mass == pytest.approx(244.6, abs=0.1) and log.interval == pytest.approx(0.1)
+
+
+def _bag(folder, log, storage, *, last=None):
+    """A bag of the topics of docs/ros.md with the motion and the actions of a log, until `last`."""
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    kinds = store.types
+
+    def make(kind, *values):
+        return kinds[kind](*values)
+
+    names, none = load_vehicle("otter_3dof").action_names, np.zeros(36)
+    with Writer(folder, version=8, storage_plugin=storage) as bag:
+        topics = {"odom": "nav_msgs/msg/Odometry", "actions": "sensor_msgs/msg/JointState"}
+        on = {key: bag.add_connection(f"/usv_0/{key}", kind, typestore=store) for key, kind in topics.items()}
+        for t, (north, east, heading, rate), action in list(zip(log.t, log.motion, log.actions, strict=True))[:last]:
+            ns = 10**18 + round(1e9 * t)
+            header = make("std_msgs/msg/Header", make("builtin_interfaces/msg/Time", *divmod(ns, 10**9)), "map")
+            half = 0.5 * (0.5 * np.pi - heading)
+            turn = make("geometry_msgs/msg/Quaternion", 0.0, 0.0, np.sin(half), np.cos(half))
+            pose = make("geometry_msgs/msg/Pose", make("geometry_msgs/msg/Point", east, north, 0.0), turn)
+            still = make("geometry_msgs/msg/Vector3", 0.0, 0.0, 0.0)
+            twist = make("geometry_msgs/msg/Twist", still, make("geometry_msgs/msg/Vector3", 0.0, 0.0, -rate))
+            odom = make(topics["odom"], header, "usv_0/base_link",
+                        make("geometry_msgs/msg/PoseWithCovariance", pose, none),
+                        make("geometry_msgs/msg/TwistWithCovariance", twist, none))  # fmt: skip
+            command = make(topics["actions"], header, list(names), action, np.zeros(0), np.zeros(0))
+            for key, message in (("odom", odom), ("actions", command)):
+                bag.write(on[key], ns, store.serialize_cdr(message, topics[key]))
+    return folder
+
+
+@pytest.mark.parametrize("storage", [StoragePlugin.SQLITE3, StoragePlugin.MCAP])
+def test_a_bag_holds_the_same_log(storage, logs, tmp_path):
+    """ENU to NED, body forward-left-up to forward-right-down, and commands by their stamps."""
+    model = load_vehicle("otter_3dof")
+    plain = read_log(logs[0], model)
+    folder = _bag(tmp_path / "bag", plain, storage)
+    for path in [folder, *folder.glob("*.mcap")]:
+        found = read_log(path, model)
+        np.testing.assert_allclose(found.t, plain.t - plain.t[0], atol=1e-6)
+        np.testing.assert_allclose(found.motion[:, [0, 1, 3]], plain.motion[:, [0, 1, 3]], atol=1e-12)
+        np.testing.assert_allclose(np.exp(1j * found.motion[:, 2]), np.exp(1j * plain.motion[:, 2]), atol=1e-9)
+        np.testing.assert_array_equal(found.actions, plain.actions)
+        assert len(found.digest) == 64 and len(found.parts) == 1
+
+
+def test_bags_without_what_a_fit_needs_are_told(logs, tmp_path, monkeypatch):
+    model = load_vehicle("otter_3dof")
+    own = write_mcap(make_episode(2, steps=5), tmp_path / "own.mcap")
+    with pytest.raises(LogError, match="it has uav_0, uav_1, usv_0, usv_1: choose by --name"):
+        read_log(own, model)
+    with pytest.raises(LogError, match="no topic /usv_1/actions; it has .*Actions are read from /usv_1/actions"):
+        read_log(own, model, Source(name="usv_1"))
+    short = _bag(tmp_path / "short", read_log(logs[0], model), StoragePlugin.SQLITE3, last=2)
+    with pytest.raises(LogError, match="2 messages of /usv_0/odom after the first command"):
+        read_log(short, model)
+    (tmp_path / "empty.mcap").write_bytes(b"nothing")
+    for bad in (tmp_path, tmp_path / "empty.mcap"):
+        with pytest.raises(LogError, match="no bag of ROS 2 that can be read"):
+            read_log(bad, model)
+    monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
+    with pytest.raises(ImportError, match="taichi-sim.ros."):
+        read_log(own, model)
+
+
+FORMATS = {  # name: number, format, columns, as ArduPilot's logger has them
+    "FMT": (128, "BBnNZ", "Type,Length,Name,Format,Columns"),
+    "PARM": (129, "QNff", "TimeUS,Name,Value,Default"),
+    "XKF1": (130, "QBccCfffffffccce", "TimeUS,C,Roll,Pitch,Yaw,VN,VE,VD,dPD,PN,PE,PD,GX,GY,GZ,OH"),
+    "IMU": (131, "QBffffffIIfBBHH", "TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ,EG,EA,T,GH,AH,GHz,AHz"),
+    "RCOU": (132, "Q" + 14 * "H", "TimeUS," + ",".join(f"C{n}" for n in range(1, 15))),
+}
+CODES = {"n": "4s", "N": "16s", "Z": "64s", "c": "h", "C": "H", "e": "i"}  # where struct has another letter
+
+
+def _layout(letters):
+    return "<" + "".join(CODES.get(letter, letter) for letter in letters)
+
+
+def _record(name, *values):
+    number, letters, _ = FORMATS[name]
+    values = [v.encode() if isinstance(v, str) else v for v in values]
+    return b"\xa3\x95" + bytes([number]) + struct.pack(_layout(letters), *values)
+
+
+def _dataflash(file, log, *, leave_out=(), parameters=None, gap=()):
+    """A dataflash log of a boat with a throttle on output 3 and a reversed rudder on output 1."""
+    parts = []
+    for name, (number, letters, columns) in FORMATS.items():
+        size = 3 + struct.calcsize(_layout(letters))
+        parts.append(_record("FMT", number, size, name, letters, columns))
+    given = {"SERVO1_FUNCTION": 26, "SERVO1_REVERSED": 1, "SERVO1_MIN": 1100, "SERVO1_MAX": 1900, "SERVO3_FUNCTION": 70}
+    for key, value in (given if parameters is None else parameters).items():
+        parts.append(_record("PARM", 1000, key, value, value))
+    for k, ((north, east, heading, rate), (acceleration, yaw)) in enumerate(zip(log.motion, log.actions, strict=True)):
+        us = 5_000_000 + 100_000 * k
+        width = round(1500 + 500 * 0.5 * (acceleration + 1))
+        outputs = [round(1500 - 400 * yaw), 0, width, *[0] * 11]
+        degrees = round(100 * np.degrees(heading) % 36000)
+        records = {
+            "XKF1": [_record("XKF1", us, core, 0, 0, degrees, 0, 0, 0, 0, north + 50 * core, east, 0, 0, 0, 0, 0)
+                     for core in (0, 1)],
+            "IMU": [_record("IMU", us + 20_000 * j, 0, 0, 0, rate, 0, 0, -9.8, 0, 0, 20, 1, 1, 1000, 1000)
+                    for j in range(-2, 3)],
+            "RCOU": [_record("RCOU", us, *outputs)],
+        }  # fmt: skip
+        parts += [r for name, made in records.items() if name not in leave_out and k not in gap for r in made]
+    file.write_bytes(b"".join(parts))
+    return file
+
+
+def test_a_dataflash_log_holds_the_same_log(logs, tmp_path):
+    """Channels and ends of the pulse widths by the log's parameters, or by --channels where it has none."""
+    model = load_vehicle("otter_3dof")
+    plain = read_log(logs[0], model)
+    found = read_log(_dataflash(tmp_path / "run.bin", plain, gap=range(100, 120)), model)
+    assert [p.stop - p.start for p in found.parts] == [100, 280]
+    kept = np.r_[:100, 120:400]
+    np.testing.assert_allclose(found.t, 5.0 + 0.1 * kept, atol=1e-6)
+    np.testing.assert_allclose(found.motion[:, [0, 1, 3]], plain.motion[kept][:, [0, 1, 3]], atol=1e-5)  # float32
+    turned = np.angle(np.exp(1j * (found.motion[:, 2] - plain.motion[kept, 2])))
+    np.testing.assert_allclose(turned, 0.0, atol=np.radians(0.0051))
+    np.testing.assert_allclose(found.actions, plain.actions[kept], atol=0.003)  # whole microseconds
+    bare = _dataflash(tmp_path / "bare.BIN", plain, parameters={})
+    np.testing.assert_allclose(read_log(bare, model).actions[:, 1], -0.8 * plain.actions[:, 1], atol=0.003)
+    asked = read_log(bare, model, Source(channels="helm=-1"))
+    np.testing.assert_allclose(asked.actions[:, 1], 0.8 * plain.actions[:, 1], atol=0.003)
+
+
+def test_bad_dataflash_logs_are_told(logs, tmp_path, monkeypatch):
+    model, plain = load_vehicle("otter_3dof"), read_log(logs[0], load_vehicle("otter_3dof"))
+    for name in ("XKF1", "IMU", "RCOU"):
+        with pytest.raises(LogError, match=f"0 messages {name}; wanted are"):
+            read_log(_dataflash(tmp_path / "less.bin", plain, leave_out=(name,)), model)
+    two = {"SERVO1_FUNCTION": 70, "SERVO2_FUNCTION": 70, "SERVO3_FUNCTION": 26}
+    with pytest.raises(LogError, match="2 servo outputs have the function 70 of ahead: name its channel"):
+        read_log(_dataflash(tmp_path / "two.bin", plain, parameters=two), model)
+    ends = {"SERVO1_MIN": 1600, "SERVO1_FUNCTION": 26, "SERVO3_FUNCTION": 70}
+    with pytest.raises(LogError, match="SERVO1_MIN, _TRIM, _MAX are 1600, 1500, 2000: they must increase"):
+        read_log(_dataflash(tmp_path / "ends.bin", plain, parameters=ends), model)
+    (tmp_path / "text.bin").write_text("t,north\n")
+    with pytest.raises(LogError, match="no dataflash log of ArduPilot"):
+        read_log(tmp_path / "text.bin", model)
+    monkeypatch.setitem(sys.modules, "pymavlink.DFReader", None)
+    with pytest.raises(ImportError, match="taichi-sim.ardupilot."):
+        read_log(tmp_path / "text.bin", model)
+
+
 def test_a_gap_parts_a_log(logs, tmp_path):
     file = _changed(logs[0], tmp_path / "gap.csv", lambda rows: rows[:150] + rows[220:])
     assert [p.stop - p.start for p in read_log(file, load_vehicle("otter_3dof")).parts] == [150, 180]
@@ -134,15 +372,53 @@ def test_what_data_do_not_tell_is_said_and_kept(tmp_path):
     """A boat that never turned says nothing of its yaw damping."""
     files = write_logs("otter_3dof", {"X_u": 1.1}, tmp_path, count=1, seconds=40.0)
     straight = _changed(files[0], tmp_path / "straight.csv", _straight)
-    found = fit("otter_3dof", [read_log(straight, load_vehicle("otter_3dof"))], {"X_u": 0.4, "N_rr": 0.4})
-    assert list(found.told) == [True, False] and found.values[1] == pytest.approx(found.nominal[1], rel=0.2)
+    found = fit("otter_3dof", [read_log(straight, load_vehicle("otter_3dof"))], {"X_u": 0.4, "N_rr": 0.4}, starts=1)
+    assert list(found.told) == [True, False] and found.values[1] == found.nominal[1]
+    assert sorted((found.low[1], found.high[1])) == pytest.approx(  # the prior's
+        sorted(found.nominal[1] * np.exp(0.4 * 1.96 * np.array([-1, 1])))
+    )
+
+
+def test_changes_that_data_do_not_tell_are_named():
+    """Data that tell a ratio alone leave the product to the priors; a single number is no joint change."""
+    ratio, prior = np.array([1.0, -1.0, 0.0]) / 0.01, np.array([0.4, 0.4, 0.02])
+    S = np.outer(ratio, ratio) + np.diag(prior**-2.0)
+    [change] = _directions(S, prior)
+    assert change == pytest.approx([0.4 / np.sqrt(2), 0.4 / np.sqrt(2), 0.0], abs=1e-9)
+    assert _directions(S + np.diag([1e4, 0.0, 0.0]), prior) == []
+
+
+def test_numbers_that_data_tell_follow_those_that_keep_the_file_s_value():
+    """The mean of a normal distribution under a condition, by its precision matrix (Schur complement)."""
+    rng = np.random.default_rng(3)
+    root, phi = rng.normal(size=(4, 6)), rng.normal(size=4)
+    precision, told = root @ root.T, np.array([True, False, True, False])
+    kept = _given_the_rest(phi, np.linalg.inv(precision), told)
+    assert (kept[~told] == 0).all()
+    best = np.linalg.solve(precision[np.ix_(told, told)], (precision @ phi)[told])  # least (x - phi) S (x - phi)
+    assert kept[told] == pytest.approx(best, rel=1e-9)
+    assert (_given_the_rest(phi, precision, np.ones(4, bool)) == phi).all()
+    assert (_given_the_rest(phi, precision, np.zeros(4, bool)) == 0).all()
+
+
+def test_starts_that_disagree_are_told(logs):
+    """One as likely as the best, one in a local minimum, by the lines of the command."""
+    found = fit("otter_3dof", [read_log(logs[0], load_vehicle("otter_3dof"))], {"X_u": 0.4}, starts=2)
+    assert found.asked == 2 and len(found.starts) == 1
+    [line] = command.of_starts(found)
+    assert line.startswith("2 starts end at the same numbers: ")
+    best = found.starts[0]
+    others = [Start(best.phi + np.log(1.5), 0.5), Start(best.phi - np.log(2.0), 40.0)]
+    lines = command.of_starts(found._replace(starts=[best, *others]))
+    assert lines[0].startswith("2 starts end at 3 places, the most likely one is kept")
+    assert "X_u +50 %: as likely" in lines[1] and "X_u -50 %: a worse local minimum" in lines[2]
 
 
 def test_logs_of_two_boats_are_told_apart(tmp_path, capsys):
     """Two logs of one boat, and one of a boat of half its drag."""
     one, two = (write_logs("otter_3dof", {"X_u": f}, tmp_path / str(f), count=2, seconds=20.0) for f in (1.0, 0.5))
     other = two[0].rename(tmp_path / "other.csv")
-    assert command.main(["otter_3dof", *map(str, one), str(other), "--numbers", "X_u"]) == 0
+    assert command.main(["otter_3dof", *map(str, one), str(other), "--numbers", "X_u", "--starts", "1"]) == 0
     told = capsys.readouterr().out
     assert "would not ask for such different numbers" in told
     assert "log0.csv: X_u +" in told and "log1.csv: X_u +" in told and "other.csv: X_u -" in told
@@ -154,10 +430,16 @@ def test_too_few_samples_are_told(tmp_path, capsys):
     assert command.main(["otter_3dof", str(few)]) == 2
     assert "measured values for 19 unknowns" in capsys.readouterr().err
     assert command.main(["otter_3dof", str(few), "--window", "60"]) == 2
-    assert "no log has 60 s without a gap" in capsys.readouterr().err
+    assert "few.csv: no log has 60 s without a gap" in capsys.readouterr().err
+    assert command.main(["otter_3dof", str(file), "--test", str(file)]) == 2
+    assert "log0.csv is given twice" in capsys.readouterr().err
+    assert command.main(["otter_3dof", str(file), "--prior", "mas=0.1"]) == 2
+    assert "--prior mas: it is not fitted; fitted are mass, I_z" in capsys.readouterr().err
+    assert command.main(["otter_3dof", str(file), "--out", "nowhere/mine.toml"]) == 2
+    assert "there is no folder nowhere" in capsys.readouterr().err
     (tmp_path / "flight.bin").write_bytes(b"\xa3\x95\x80\xff")
     assert command.main(["otter_3dof", str(tmp_path / "flight.bin")]) == 2
-    assert "this is no text; a CSV" in capsys.readouterr().err
+    assert "0 messages XKF1" in capsys.readouterr().err
 
 
 def test_the_command_makes_logs_fits_them_and_writes_a_file(capsys, tmp_path):
@@ -166,11 +448,15 @@ def test_the_command_makes_logs_fits_them_and_writes_a_file(capsys, tmp_path):
     files = capsys.readouterr().out.split()
     out, page = tmp_path / "mine.toml", tmp_path / "fit.html"
     numbers = ["--numbers", "X_u,surge_force_max"]
-    assert command.main(["otter_3dof", *files, *numbers, "--out", str(out), "--report", str(page)]) == 0
+    asked = ["--test", files[1], "--out", str(out), "--report", str(page)]
+    assert command.main(["otter_3dof", files[0], *numbers, *asked]) == 0
     html = page.read_text()
     assert all(Path(file).name in html for file in files) and html.count("<svg") == 2 + len(files)
     told = capsys.readouterr().out
     assert "95 % interval" in told and "current" in told and "1 is the noise" in told
+    assert "starts end at the same numbers" in told
+    file, by_fit = map(float, re.findall(r"(\S+) m, \S+ deg, \S+ deg/s rms", told))
+    assert 0.13 < by_fit < 0.16 < file  # m: both components have 0.1 m of noise
     assert load_vehicle(out).params.X_u == pytest.approx(1.2 * load_vehicle("otter_3dof").params.X_u, rel=0.03)
     assert "sha256" in out.read_text() and "95 %:" in out.read_text()
 
@@ -181,6 +467,7 @@ def test_the_command_makes_logs_fits_them_and_writes_a_file(capsys, tmp_path):
     ("otter_3dof --synthetic x --factor X_u", "expected KEY=NUMBER"),
     ("otter", "no logs"),
     ("otter --synthetic x", "name what to fit by --numbers"),
+    ("otter_3dof nolog.csv --columns nofile.toml", "nofile.toml"),
 ])  # fmt: skip
 def test_bad_input_is_told(words, told, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

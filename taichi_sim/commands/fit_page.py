@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from taichi_sim.fit.estimate import Fit, SimulatedWindow
+from taichi_sim.fit.estimate import Fit, SimulatedWindow, Tested
 from taichi_sim.fit.log import Log
 from taichi_sim.plotting.page import COLOURS, FAINT, blank, page, panel, paragraph, section, style, svg, table, text
 
@@ -10,20 +10,23 @@ CHANNELS = (("north", "m"), ("east", "m"), ("heading", "deg"), ("yaw rate", "deg
 FITTED, FILE = COLOURS["policy"], COLOURS["classical"]
 
 
-def page_of(vehicle: str, found: Fit, logs: list[Log]) -> str:
-    """HTML of a fit, self-contained."""
+def page_of(vehicle: str, found: Fit, logs: list[Log], held_out: str, starts: list[str]) -> str:
+    """HTML of a fit, self-contained, with sentences on the windows held out and on where the searches ended."""
     with style():
         parts = [
             section("Numbers", _numbers(found), _interval_plot(found)),
             section("Correlation of their errors", _correlation(found)),
             section("Residuals", _residuals(found)),
-            *(section(log.name, _about(found, k, log), _tracks(found, k, log)) for k, log in enumerate(logs)),
+            section("Starts", *(paragraph(line) for line in starts)),
+            *(section(log.name, _about(found, k, log), _tracks(found.tracks, k, log)) for k, log in enumerate(logs)),
+            *(
+                section(f"Test: {test.log.name}", _result(test), _tracks(test.tracks, len(logs) + k, test.log))
+                for k, test in enumerate(found.tests)
+            ),
         ]
     lead = paragraph(
-        f"{len(logs)} logs, {len(found.tracks)} windows. Residuals of the windows that were not fitted: "
-        f"{found.before:.2f} standard deviations by the file, {found.after:.2f} by the fit (1 is the noise). "
-        "Method and assumptions: docs/fit.md.", "faint",
-    )  # fmt: skip
+        f"{len(logs)} logs, {len(found.tracks)} windows; {held_out}. Method and assumptions: docs/fit.md.", "faint"
+    )
     return page(f"{vehicle}, fitted to logs", lead, parts)
 
 
@@ -83,9 +86,17 @@ def _about(found: Fit, k: int, log: Log) -> str:
     return paragraph(f"Current {np.hypot(north, east):.2f} m/s towards {towards:.0f} deg{odd}. sha256 {log.digest}")
 
 
-def _tracks(found: Fit, k: int, log: Log) -> str:
+def _result(test: Tested) -> str:
+    rows = [
+        (name, *(f"{np.degrees(x) if c > 1 else x:.3g} {unit}" for x in (test.by_file[c], test.by_fit[c])))
+        for c, (name, unit) in enumerate(CHANNELS)
+    ]
+    return table(("residuals, rms", "by the file", "by the fit"), rows)
+
+
+def _tracks(tracks: list[SimulatedWindow], k: int, log: Log) -> str:
     """The path of a log, and its channels' residuals over time."""
-    mine = [t for t in found.tracks if t.log == k]
+    mine = [t for t in tracks if t.log == k]
     if not mine:
         return paragraph("No window of this log was long enough.")
     figure = blank(12.0, 3.6)
@@ -105,12 +116,12 @@ def _tracks(found: Fit, k: int, log: Log) -> str:
     for c, (name, unit) in enumerate(CHANNELS):
         rms = np.sqrt(np.mean(np.concatenate([_left(t, t.fitted)[:, c] for t in mine]) ** 2))
         told = f"{name}: {np.degrees(rms) if c > 1 else rms:.2g} {unit} rms"
-        values = [np.sqrt(np.mean((_left(t, t.fitted)[:, c] / found.sigma[c]) ** 2)) for t in mine]
+        values = [np.sqrt(np.mean((_left(t, t.fitted)[:, c] / rms) ** 2)) for t in mine]
         left.plot(values, marker="o", markersize=3, linewidth=0.8, label=told)
     for n, track in enumerate(mine):
         if track.by_file is not None:
             left.axvline(n, color=FILE, linewidth=0.8, linestyle=":")
-    panel(left, "residuals of each window (held-out ones last, dotted)", "window", "rms / standard deviation")
+    panel(left, "residuals of each window (held-out ones last, dotted)", "window", "rms / rms of all windows")
     left.set_ylim(bottom=0)
     left.legend(frameon=False)
     return svg(figure, f"{log.name}: measured and simulated tracks")

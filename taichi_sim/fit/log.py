@@ -1,23 +1,25 @@
-"""Logs of a vessel's motion: CSV with named columns, checked for common mistakes.
+"""Logs of a vessel's motion, checked for common mistakes: CSV, bags of ROS 2 (bag.py), ArduPilot's .bin (dataflash.py).
 
 Columns: t (s); north, east (m); heading (rad, clockwise from north) or heading_deg; yaw_rate (rad/s, bow to starboard)
-or yaw_rate_deg; each action of the vehicle by its name, -1 to 1, as commanded from that time on. Other columns are
-ignored.
+or yaw_rate_deg; each action of the vehicle by its name, -1 to 1, as commanded from that time on; and, where the wind
+was measured, wind_speed (m/s) with wind_from or wind_from_deg (where the true wind blows from, clockwise from north).
+Other columns are ignored. `Source.columns` says where columns of other names are.
 """
 
 import csv
 import hashlib
+import tomllib
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from taichi_sim.config import ConfigError
+from taichi_sim.fit.bag import read_bag
+from taichi_sim.fit.dataflash import read_dataflash
+from taichi_sim.fit.table import CHANNELS, GAP, Array, Column, LogError, Source, Table
 from taichi_sim.vehicle import Vehicle
 
-Array = NDArray[np.float64]
-GAP = 3.5  # interval over the usual one, from which a gap divides the log into two parts
 FASTEST, SLOWEST = 1e-3, 2.0  # s, intervals between samples
 SMALL, LARGE = 1 / 40, 40.0  # ratios of two rates that should agree, beyond which one of them is in degrees
 COURSE_OVER = 2.0  # s, time over which a course is computed
@@ -26,10 +28,8 @@ ENOUGH = 20  # least number of samples for comparing a course with a heading
 # Two angles agree if the mean direction of their difference has the length CLEAR, and CLEARER more than another pair.
 CLEAR, CLEARER = 0.8, 0.3
 ASIDE = np.radians([50.0, 130.0])  # angles from heading to course that no current or turn keeps up over a whole log
-
-
-class LogError(ConfigError):
-    """A log that cannot be used; the message says where and why."""
+WIND = ("wind_speed", "wind_from")
+ANGLES = ("heading", "yaw_rate", "wind_from")  # columns that may be in degrees, by the ending _deg
 
 
 class Log(NamedTuple):
@@ -40,7 +40,8 @@ class Log(NamedTuple):
     motion: Array  # [sample, 4]: north, east (m), heading (rad, unwrapped), yaw rate (rad/s)
     actions: Array  # [sample, action], held from each sample on
     parts: tuple[slice, ...]  # ranges without gaps
-    digest: str  # sha256 of the file
+    digest: str  # sha256 of the file, or of the files of a folder
+    wind: Array | None = None  # [sample, 2]: velocity of the air to the north and east, m/s; None: not measured
 
     @property
     def interval(self) -> float:
@@ -48,32 +49,75 @@ class Log(NamedTuple):
         return float(np.median(np.diff(self.t)))
 
 
-CHANNELS = ("north", "east", "heading", "yaw_rate")
+def read_columns(file: Path) -> dict[str, Column]:
+    """Where columns are, from a TOML file of lines NAME = "SOURCE" or NAME = ["SOURCE", FACTOR].
+
+    Raises:
+        LogError: for a file that is not of this kind.
+    """
+    try:
+        lines = tomllib.loads(file.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise LogError(f"{file}: {error}") from None
+    found = {}
+    for name, value in lines.items():
+        source, factor = value if isinstance(value, list) and len(value) == 2 else (value, 1.0)
+        if (
+            not isinstance(source, str)
+            or isinstance(factor, bool)
+            or not isinstance(factor, int | float)
+            or factor == 0
+        ):
+            raise LogError(
+                f'{file}: {name} = {value!r}: expected "COLUMN" or ["COLUMN", FACTOR], a factor that is not 0'
+            )
+        found[name] = Column(source, float(factor))
+    return found
 
 
-def read_log(file: Path, model: Vehicle) -> Log:
-    """Read a log for `model`.
+def read_log(file: Path, model: Vehicle, source: Source | None = None) -> Log:
+    """Read a log for `model`; its kind goes by its name: .csv, .bin, or .mcap and folders for bags.
 
     Raises:
         LogError: for a file that is not a log, NaN, decreasing times, angles in degrees, other frames, or actions out
             of range.
+        MissingExtraError: for a bag or a .bin, if the package that reads it is not installed.
     """
-    try:
-        raw = file.read_bytes()
-        rows = list(csv.reader(raw.decode("utf-8").splitlines()))
-    except UnicodeDecodeError:
-        raise LogError(f"{file}: this is no text; a CSV with named columns is wanted (docs/fit.md)") from None
-    if len(rows) < 3:
-        raise LogError(f"{file}: a header and at least two rows are wanted, there are {len(rows)} lines")
-    header = [name.strip() for name in rows[0]]
-    columns: dict[str, Array] = {}
-    for name in ("t", *CHANNELS, *model.action_names):
-        columns[name] = _column(file, header, rows, name)
-    t = columns.pop("t")
+    source = source or Source()
+    if not file.exists():
+        raise LogError(f"{file}: No such file or folder")
+    if unknown := set(source.columns) - known_columns(model):
+        raise LogError(f"--columns: {min(unknown)} is no column of a log of this vehicle; it has "
+                       f"{', '.join(sorted(known_columns(model)))}")  # fmt: skip
+    if file.is_dir() or file.suffix.lower() in (".mcap", ".db3"):
+        table = read_bag(file, model.action_names, source)
+    elif file.suffix.lower() == ".bin":
+        table = read_dataflash(file, model, source)
+    else:
+        table = _read_csv(file, model.action_names, source.columns)
+    return _checked(file, table, model.action_names)
+
+
+def known_columns(model: Vehicle) -> set[str]:
+    """Names that columns may have."""
+    return {"t", *CHANNELS, *WIND, *(f"{name}_deg" for name in ANGLES), "odom", *model.action_names}
+
+
+def _checked(file: Path, table: Table, action_names: Sequence[str]) -> Log:
+    """The log of a table.
+
+    Raises:
+        LogError: see `read_log`.
+    """
+    columns = table.columns
+    for name, values in columns.items():
+        if len(bad := np.flatnonzero(~np.isfinite(values))):
+            raise LogError(f"{file}: {table.place(int(bad[0]))}: {name} = {values[bad[0]]}: leave out such samples")
+    t = columns["t"]
     steps = np.diff(t)
     if (steps <= 0).any():
         k = int(np.flatnonzero(steps <= 0)[0])
-        raise LogError(f"{file}: line {k + 3}: time goes from {t[k]:g} to {t[k + 1]:g} s: it must increase")
+        raise LogError(f"{file}: {table.place(k + 1)}: time goes from {t[k]:g} to {t[k + 1]:g} s: it must increase")
     usual = float(np.median(steps))
     if not FASTEST <= usual <= SLOWEST:
         raise LogError(f"{file}: samples are {usual:g} s apart: is t in other units than s? Allowed are {FASTEST:g} to "
@@ -81,33 +125,69 @@ def read_log(file: Path, model: Vehicle) -> Log:
     motion = np.stack([columns[name] for name in CHANNELS], axis=1)
     breaks = [0, *(np.flatnonzero(steps > GAP * usual) + 1), len(t)]
     parts = tuple(slice(int(a), int(b)) for a, b in zip(breaks[:-1], breaks[1:], strict=True))
-    actions = np.stack([columns[name] for name in model.action_names], axis=1)
-    for k, name in enumerate(model.action_names):
+    actions = np.stack([columns[name] for name in action_names], axis=1)
+    for k, name in enumerate(action_names):
         worst = float(np.abs(actions[:, k]).max())
         if worst > 1 + 1e-6:
             raise LogError(f"{file}: {name} goes to {worst:g}: actions are from -1 to 1")
     _check_angles(file, t, motion, parts)
     motion[:, 2] = np.unwrap(motion[:, 2])
     _check_rates(file, t, motion, parts)
-    return Log(file.name, t, motion, actions, parts, hashlib.sha256(raw).hexdigest())
+    wind = None
+    if "wind_speed" in columns:
+        speed, origin = columns["wind_speed"], columns["wind_from"]
+        if (speed < 0).any():
+            raise LogError(f"{file}: wind_speed goes to {speed.min():g}: it must not be negative")
+        wind = -speed[:, None] * np.stack((np.cos(origin), np.sin(origin)), axis=1)
+    return Log(file.name, t, motion, actions, parts, _digest(file), wind)
 
 
-def _column(file: Path, header: list[str], rows: list[list[str]], name: str) -> Array:
-    degrees = f"{name}_deg" if name in ("heading", "yaw_rate") else None
-    found = name if name in header else degrees
-    if found not in header:
-        also = f" or {degrees}" if degrees else ""
-        raise LogError(f"{file}: no column {name}{also}; it has {', '.join(header)}")
-    place = header.index(found)
-    values = np.empty(len(rows) - 1)
-    for k, row in enumerate(rows[1:]):
-        try:
-            values[k] = float(row[place])
-        except (ValueError, IndexError):
-            raise LogError(f"{file}: line {k + 2}: {found} is not a number") from None
-        if not np.isfinite(values[k]):
-            raise LogError(f"{file}: line {k + 2}: {found} = {values[k]}: leave out such rows")
-    return np.radians(values) if found == degrees else values
+def _digest(file: Path) -> str:
+    """SHA-256 of a file, or of all files of a folder in the order of their names."""
+    whole = hashlib.sha256()
+    for part in [file] if file.is_file() else sorted(p for p in file.iterdir() if p.is_file()):
+        whole.update(part.read_bytes())
+    return whole.hexdigest()
+
+
+def _read_csv(file: Path, action_names: Sequence[str], where: Mapping[str, Column]) -> Table:
+    try:
+        rows = list(csv.reader(file.read_bytes().decode("utf-8-sig").splitlines()))
+    except UnicodeDecodeError:
+        raise LogError(f"{file}: this is no text; wanted is a CSV with named columns, an ArduPilot .bin or a bag of "
+                       "ROS 2 (docs/fit.md)") from None  # fmt: skip
+    numbered = [(k + 1, row) for k, row in enumerate(rows) if any(cell.strip() for cell in row)]
+    if len(numbered) < 3:
+        raise LogError(f"{file}: a header and at least two rows are wanted, there are {len(numbered)} lines")
+    header, numbered = [name.strip() for name in numbered[0][1]], numbered[1:]
+
+    def column(name: str, needed: bool = True) -> Array | None:
+        """Values of a column, in rad if it is in degrees; None if it is neither there nor needed."""
+        for found in (name, f"{name}_deg") if name in ANGLES else (name,):
+            source, factor = where.get(found, Column(found))
+            if source in header:
+                break
+            if found in where:
+                raise LogError(f"{file}: no column {source} for {found}; it has {', '.join(header)}")
+        else:
+            if not needed:
+                return None
+            also = f" or {name}_deg" if name in ANGLES else ""
+            raise LogError(f"{file}: no column {name}{also}; it has {', '.join(header)}")
+        place, values = header.index(source), np.empty(len(numbered))
+        for k, (line, row) in enumerate(numbered):
+            try:
+                values[k] = float(row[place])
+            except (ValueError, IndexError):
+                raise LogError(f"{file}: line {line}: {source} is not a number") from None
+            if not np.isfinite(values[k]):
+                raise LogError(f"{file}: line {line}: {source} = {values[k]}: leave out such rows")
+        return np.radians(factor * values) if found.endswith("_deg") else factor * values
+
+    columns = {name: column(name) for name in ("t", *CHANNELS, *action_names)}
+    if (speed := column("wind_speed", needed=False)) is not None:
+        columns |= {"wind_speed": speed, "wind_from": column("wind_from")}
+    return Table({k: v for k, v in columns.items() if v is not None}, lambda k: f"line {numbered[k][0]}")
 
 
 def _check_angles(file: Path, t: Array, motion: Array, parts: tuple[slice, ...]) -> None:
@@ -123,12 +203,17 @@ def _check_angles(file: Path, t: Array, motion: Array, parts: tuple[slice, ...])
     psi, chi = np.concatenate(headings), np.concatenate(courses)
     if len(psi) < ENOUGH:
         return
-    right, in_degrees, enu = (complex(np.mean(np.exp(1j * x))) for x in (chi - psi, chi - np.radians(psi), chi + psi))
+    right, in_degrees, in_radians, enu = (
+        complex(np.mean(np.exp(1j * x))) for x in (chi - psi, chi - np.radians(psi), chi - np.degrees(psi), chi + psi)
+    )
     if abs(in_degrees) > max(CLEAR, abs(right) + CLEARER):
         raise LogError(
             f"{file}: heading looks like degrees, by the course over ground: name the column heading_deg (and yaw_rate "
             "yaw_rate_deg, if it is in degrees per second)"
         )
+    if abs(in_radians) > max(CLEAR, abs(right) + CLEARER):
+        raise LogError(f"{file}: heading_deg looks like radians, by the course over ground: name the column heading "
+                       "(and yaw_rate_deg yaw_rate, if it is in radians per second)")  # fmt: skip
     if abs(enu) > max(CLEAR, abs(right) + CLEARER):
         raise LogError(f"{file}: the course turns against the heading: north and east are exchanged, or the heading is "
                        "counted from east (ENU); wanted is clockwise from north")  # fmt: skip
@@ -150,11 +235,11 @@ def _check_rates(file: Path, t: Array, motion: Array, parts: tuple[slice, ...]) 
         return
     slope = float(turning @ r / (r @ r))
     if abs(slope) > LARGE:
-        raise LogError(f"{file}: heading changes {slope:.0f} times as fast as yaw_rate says: it looks like degrees "
-                       "(name the column heading_deg)")  # fmt: skip
+        raise LogError(f"{file}: heading changes {slope:.0f} times as fast as yaw_rate says: heading looks like "
+                       "degrees (name the column heading_deg), or yaw_rate_deg like radians (yaw_rate)")  # fmt: skip
     if 0 < abs(slope) < SMALL:
-        raise LogError(f"{file}: yaw_rate is {1 / slope:.0f} times the change of heading: it looks like degrees "
-                       "per second (name the column yaw_rate_deg)")  # fmt: skip
+        raise LogError(f"{file}: yaw_rate is {1 / slope:.0f} times the change of heading: it looks like degrees per "
+                       "second (name the column yaw_rate_deg), or heading_deg like radians (heading)")  # fmt: skip
     if slope < -0.5:
         raise LogError(f"{file}: heading turns against yaw_rate: one of them counts to port (heading is clockwise "
                        "from north, yaw_rate is bow to starboard)")  # fmt: skip

@@ -8,12 +8,19 @@ import torch
 
 from taichi_sim.bench import Bench
 from taichi_sim.config import ConfigError
-from taichi_sim.fit.log import Array, Log, LogError
+from taichi_sim.fit.log import Log
+from taichi_sim.fit.table import Array, LogError, held
 from taichi_sim.usv.vessel import Vessel
 from taichi_sim.vehicles import load_vehicle
 
 LEAD = 1.0  # s before a window, in which its actuators reach the commanded settings
 STEP = 0.02  # s, longest physics step
+
+
+MIRRORED = 0.5  # rms deviation from the simulation of a log, mirrored, over that as it is, below which it is mirrored
+TURNS = 0.02  # rad/s, least rms deviation of yaw rates for such a comparison
+MOVES = 0.3  # m, least way for such a comparison
+FARTHER = 30.0  # ratio of measured and simulated ways, or yaw rates, beyond which they are in other units
 
 
 class Window(NamedTuple):
@@ -22,6 +29,7 @@ class Window(NamedTuple):
     log: int
     motion: Array  # [lead + step + 1, 4]
     actions: Array  # [lead + step, action]
+    wind: Array | None = None  # [lead + step, 2]: velocity of the air to the north and east, m/s; None: calm
 
 
 def windows_of(logs: Sequence[Log], seconds: float) -> list[Window]:
@@ -40,12 +48,14 @@ def windows_of(logs: Sequence[Log], seconds: float) -> list[Window]:
             t = log.t[part]
             grid = t[0] + first * np.arange(int((t[-1] - t[0]) / first + 1e-6) + 1)
             motion = np.stack([np.interp(grid, t, column) for column in log.motion[part].T], axis=1)
-            held = np.clip(np.searchsorted(t, grid + 1e-6 * first, side="right") - 1, 0, len(t) - 1)
-            actions = log.actions[part][held]
+            actions = held(t, log.actions[part], grid)
+            wind = None if log.wind is None else held(t, log.wind[part], grid)
+            whole = Window(number, motion, actions, wind)
             for k in range(lead, len(grid) - steps, steps + 1):  # no sample is used twice
-                found.append(Window(number, motion[k - lead : k + steps + 1], actions[k - lead : k + steps]))
+                found.append(_cut(whole, k - lead, k + steps))
     if not found:
-        raise LogError(f"no log has {seconds:g} s without a gap: give a shorter --window")
+        names = ", ".join(log.name for log in logs)
+        raise LogError(f"{names}: no log has {seconds:g} s without a gap: give a shorter --window")
     return found
 
 
@@ -56,11 +66,13 @@ def lead_steps(interval: float) -> int:
 
 def cut(windows: Sequence[Window], lead: int, steps: int) -> list[Window]:
     """Windows of `steps` steps each, cut from longer ones."""
-    return [
-        Window(w.log, w.motion[k : k + lead + steps + 1], w.actions[k : k + lead + steps])
-        for w in windows
-        for k in range(0, len(w.actions) - lead - steps + 1, steps)
-    ]
+    return [_cut(w, k, k + lead + steps) for w in windows for k in range(0, len(w.actions) - lead - steps + 1, steps)]
+
+
+def _cut(window: Window, first: int, last: int) -> Window:
+    """The steps of a window from `first` until before `last`."""
+    log, motion, actions, wind = window
+    return Window(log, motion[first : last + 1], actions[first:last], None if wind is None else wind[first:last])
 
 
 def first_state(window: Window, interval: float) -> Array:
@@ -108,6 +120,7 @@ class WindowSimulator:
         b = self.benches[envs]
         like = b.state
         b.time.zero_()
+        b.wind.zero_()
         b.current[:] = torch.as_tensor(current).to(like)
         place, euler, zero = np.zeros((3, envs, 1, 3))
         place[:, 0, :2], euler[:, 0, 2] = state[:, :2], state[:, 2]
@@ -119,18 +132,69 @@ class WindowSimulator:
         actions = torch.as_tensor(np.stack([w.actions for w in windows], axis=1)).to(like)
         lead = lead_steps(self.interval)
         steps = actions.shape[0] - lead
+        wind = self._wind(windows)
         _place(b, place, euler, zero, state)
         for k in range(lead):
-            b.step(actions[k][:, None])
+            self._step(b, actions[k], wind, k)
         kept = b.aux.clone()
         _place(b, place, euler, zero, state)
         b.aux.copy_(kept)
         out = np.empty((steps + 1, envs, 4))
         out[0] = _read(b, state[:, 2])
         for k in range(steps):
-            b.step(actions[lead + k][:, None])
+            self._step(b, actions[lead + k], wind, lead + k)
             out[k + 1] = _read(b, out[k, :, 2])
         return out
+
+    @staticmethod
+    def _wind(windows: Sequence[Window]) -> torch.Tensor | None:
+        """Velocity of the air [step, env, 2], m/s; None if it is calm in all windows."""
+        if all(w.wind is None for w in windows):
+            return None
+        calm = np.zeros((len(windows[0].actions), 2))
+        return torch.as_tensor(np.stack([calm if w.wind is None else w.wind for w in windows], axis=1))
+
+    @staticmethod
+    def _step(b: Bench, actions: torch.Tensor, wind: torch.Tensor | None, k: int) -> None:
+        if wind is not None:
+            b.wind[:, :2] = wind[k]
+        b.step(actions[:, None])
+
+
+def check_against(simulator: WindowSimulator, logs: Sequence[Log], windows: Sequence[Window], state: Array) -> None:
+    """Compare windows, begun at the initial states `state` [window, 6], with their simulation by the file's numbers.
+
+    A frame that is mirrored as a whole, or positions in other units, agree with themselves: only the commands tell.
+
+    Raises:
+        LogError: for a log whose vessel turns against its commands, or goes a way of another order than they drive it.
+    """
+    n, lead = len(windows), lead_steps(simulator.interval)
+    across = np.array([1.0, 1.0, 1.0, 1.0, -1.0, -1.0]) * state[:, [1, 0, 2, 3, 4, 5]]
+    across[:, 2] = 0.5 * np.pi - state[:, 2]
+    begin = np.concatenate((state, across))
+    found = simulator.run([*windows, *windows], np.zeros((2 * n, len(simulator.keys))), np.zeros((2 * n, 2)), begin)
+    for number, log in enumerate(logs):
+        mine = [k for k, w in enumerate(windows) if w.log == number]
+        if not mine:
+            continue
+        measured = np.stack([windows[k].motion[lead:] for k in mine], axis=1)
+        as_it_is = np.sqrt(np.mean((measured[..., 3] - found[:, mine, 3]) ** 2))
+        mirrored = np.sqrt(np.mean((-measured[..., 3] - found[:, [n + k for k in mine], 3]) ** 2))
+        if as_it_is > TURNS and mirrored < MIRRORED * as_it_is:
+            raise LogError(
+                f"{log.name}: the vessel turns against its commands: the log is mirrored (ENU: north and east "
+                "exchanged, heading from east, yaw rate to port), or an action has the wrong sign"
+            )
+        r, expected = (float(np.sqrt(np.mean(x[..., 3] ** 2))) for x in (measured, found[:, mine]))
+        if expected > TURNS and not 1 / FARTHER < r / expected < FARTHER:
+            raise LogError(f"{log.name}: the yaw rate is {r:.2g} rad/s rms where the commands give {expected:.2g}: are "
+                           "heading and yaw_rate in rad, heading_deg and yaw_rate_deg in degrees?")  # fmt: skip
+        here, there = (x - x[0] for x in (measured, found[:, mine]))
+        way, expected = (float(np.hypot(x[-1, :, 0], x[-1, :, 1]).sum()) for x in (here, there))
+        if expected > len(mine) * MOVES and not 1 / FARTHER < way / expected < FARTHER:
+            raise LogError(f"{log.name}: the vessel goes {way / len(mine):.2g} m in a window where its commands drive "
+                           f"it {expected / len(mine):.2g} m: are north and east in m?")  # fmt: skip
 
 
 def _place(b: Bench, place: Array, euler: Array, zero: Array, state: Array) -> None:

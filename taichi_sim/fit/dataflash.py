@@ -1,0 +1,164 @@
+"""Dataflash logs of ArduPilot (.bin) as logs, by `pymavlink`.
+
+| taken | message and field | |
+|---|---|---|
+| north, east | XKF1.PN, PE | m, EKF3's estimate of core 0, from the EKF's origin |
+| heading | XKF1.Yaw | deg, clockwise from north |
+| yaw rate | IMU.GyrZ | rad/s, sensor 0; mean over each interval |
+| commands | RCOU.C1 ... C14 | pulse widths, microseconds; each holds until the next message |
+| channels | PARM, SERVOn_FUNCTION | 70 throttle, 26 ground steering; 73 and 74 throttle left and right |
+| ends, middle of a width | PARM, SERVOn_MIN, _TRIM, _MAX, _REVERSED | 1000, 1500, 2000, 0 where not logged |
+
+All is resampled to INTERVAL: positions and headings by interpolation, rates by means, commands as held. A gap in XKF1,
+IMU or RCOU is a gap of the log.
+"""
+
+import contextlib
+import io
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from taichi_sim.config.extras import MissingExtraError
+from taichi_sim.fit.table import CLOCK, GAP, Array, LogError, Source, Table, held
+from taichi_sim.sitl.channels import default_channels, read_channels
+from taichi_sim.vehicle import Vehicle
+
+INTERVAL = 0.1  # s; assumed, enough for a vessel
+FUNCTIONS = {"ahead": 70, "helm": 26, "left": 73, "right": 74}  # SERVOn_FUNCTION of a control
+OUTPUTS = tuple(f"C{n}" for n in range(1, 15))
+WIDTHS = {"MIN": 1000.0, "TRIM": 1500.0, "MAX": 2000.0, "REVERSED": 0.0}  # assumed where PARM does not say
+MICRO = 1e-6
+
+
+def read_dataflash(file: Path, model: Vehicle, source: Source) -> Table:
+    """The table of a dataflash log.
+
+    Raises:
+        LogError: for what is no such log, or lacks messages.
+        MissingExtraError: without `pymavlink`.
+    """
+    try:
+        from pymavlink.DFReader import DFReader_binary
+    except ImportError:
+        raise MissingExtraError("pymavlink", "ardupilot") from None
+    found: dict[str, list[Any]] = {name: [] for name in ("XKF1", "IMU", "RCOU", "PARM")}
+    if file.read_bytes()[:3] != b"\xa3\x95\x80":
+        raise LogError(f"{file}: this is no dataflash log of ArduPilot: it begins with no FMT record")
+    with (
+        contextlib.redirect_stdout(io.StringIO()),
+        contextlib.redirect_stderr(io.StringIO()),
+    ):  # it prints what it skips
+        try:
+            log = DFReader_binary(str(file))
+            while (message := log.recv_match(type=list(found))) is not None:
+                found[message.get_type()].append(message)
+        except Exception as error:  # pymavlink documents none
+            raise LogError(f"{file}: this dataflash log cannot be read: {error}") from None
+    first = {name: [m for m in found[name] if getattr(m, core, 0) == 0] for name, core in (("XKF1", "C"), ("IMU", "I"))}
+    parameters = {m.Name: float(m.Value) for m in found["PARM"]}
+    for name, messages in {**first, "RCOU": found["RCOU"]}.items():
+        if len(messages) < 3:
+            raise LogError(f"{file}: {len(messages)} messages {name}; wanted are XKF1 (EKF3, core 0), IMU (sensor 0) "
+                           "and RCOU: see LOG_BITMASK and EK3_ENABLE")  # fmt: skip
+    place, t_place = _columns(file, "XKF1", first["XKF1"], ("PN", "PE", "Yaw"))
+    gyro, t_gyro = _columns(file, "IMU", first["IMU"], ("GyrZ",))
+    widths, t_widths = _columns(file, "RCOU", found["RCOU"], [c for c in OUTPUTS if hasattr(found["RCOU"][0], c)])
+    t = t_place[0] + INTERVAL * np.arange(int((t_place[-1] - t_place[0]) / INTERVAL + CLOCK) + 1)
+    t = t[np.all([_covered(clock, t) for clock in (t_place, t_gyro, t_widths)], axis=0)]
+    if len(t) < 3:
+        raise LogError(f"{file}: XKF1, IMU and RCOU have no time in common")
+    heading = np.unwrap(np.radians(place[:, 2]))
+    channels = _channels(file, model, source.channels, parameters)
+    columns = {
+        "t": t,
+        "north": np.interp(t, t_place, place[:, 0]),
+        "east": np.interp(t, t_place, place[:, 1]),
+        "heading": np.interp(t, t_place, heading),
+        "yaw_rate": _means(t_gyro, gyro[:, 0], t, INTERVAL),
+        **_actions(file, model, channels, parameters, held(t_widths, widths, t)),
+    }
+    return Table(columns, lambda k: f"at {t[k]:.1f} s")
+
+
+def _columns(file: Path, name: str, messages: list[Any], fields: tuple[str, ...] | list[str]) -> tuple[Array, Array]:
+    """Fields [message, field] of messages, and their times, s. Times that do not increase are an error.
+
+    Raises:
+        LogError: for a missing field, or a clock that runs back.
+    """
+    try:
+        rows = np.array([[m.TimeUS, *(getattr(m, field) for field in fields)] for m in messages], dtype=np.float64)
+    except AttributeError as error:
+        raise LogError(f"{file}: {name} lacks a field: {error}") from None
+    t = MICRO * rows[:, 0]
+    if (back := np.flatnonzero(np.diff(t) <= 0)).size:
+        k = int(back[0])
+        raise LogError(f"{file}: message {k + 2} of {name}: time goes from {t[k]:g} to {t[k + 1]:g} s: it must "
+                       "increase (two flights in one file?)")  # fmt: skip
+    return rows[:, 1:], t
+
+
+def _channels(file: Path, model: Vehicle, asked: str, parameters: Mapping[str, float]) -> dict[str, int]:
+    """Channels of the vehicle's controls: control -> channel, negative if reversed.
+
+    Raises:
+        LogError: if the log has several channels of a control, or none, and none is asked for.
+    """
+    if asked:
+        return read_channels(asked, model)
+    found = {}
+    for control, usual in default_channels(model).items():
+        function = FUNCTIONS.get(control)
+        mine = [n for n in range(1, 15) if parameters.get(f"SERVO{n}_FUNCTION") == function]
+        if function is None or not any(key.startswith("SERVO") for key in parameters):
+            mine = [usual]
+        if len(mine) != 1:
+            raise LogError(f"{file}: {len(mine)} servo outputs have the function {function} of {control}: name its "
+                           f"channel by --channels {control}=N")  # fmt: skip
+        found[control] = mine[0]
+    return found
+
+
+def _actions(
+    file: Path, model: Vehicle, channels: Mapping[str, int], parameters: Mapping[str, float], widths: Array
+) -> dict[str, Array]:
+    """Actions from pulse widths [sample, output]."""
+    shares = {}
+    for control, channel in channels.items():
+        n = abs(channel)
+        if n > widths.shape[1]:
+            raise LogError(f"{file}: no output {n} for {control}; RCOU has {widths.shape[1]}")
+        low, middle, high, back = (parameters.get(f"SERVO{n}_{key}", usual) for key, usual in WIDTHS.items())
+        if not low < middle < high:
+            raise LogError(f"{file}: SERVO{n}_MIN, _TRIM, _MAX are {low:g}, {middle:g}, {high:g}: they must increase")
+        width = widths[:, n - 1]
+        share = np.where(width > middle, (width - middle) / (high - middle), (width - middle) / (middle - low))
+        share = np.where(width > 0, share.clip(-1.0, 1.0), 0.0)  # a width of 0 is no output
+        shares[control] = -share if (back == 1.0) != (channel < 0) else share
+    if "helm" not in shares:
+        return {name: shares[name] for name in model.action_names}
+    ahead = shares["ahead"] if getattr(model, "backs", False) else shares["ahead"].clip(0.0)
+    steered = model.steer(ahead, shares["helm"])  # pyright: ignore[reportAttributeAccessIssue]
+    return dict(zip(model.action_names, np.moveaxis(steered, -1, 0), strict=True))
+
+
+def _covered(clock: Array, at: Array) -> NDArray[np.bool_]:
+    """Which of the times `at` are on a sample of `clock`, or between two that no gap parts."""
+    gap = GAP * max(float(np.median(np.diff(clock))), INTERVAL)
+    after = np.searchsorted(clock, at - CLOCK)
+    inside = np.clip(after, 1, len(clock) - 1)
+    between = (after > 0) & (after < len(clock)) & (clock[inside] - clock[inside - 1] <= gap)
+    return between | (np.abs(clock[np.clip(after, 0, len(clock) - 1)] - at) <= CLOCK)
+
+
+def _means(t: Array, values: Array, at: Array, interval: float) -> Array:
+    """Mean of the samples within half an `interval` of each time `at`; where there are none, interpolated."""
+    sums = np.concatenate(([0.0], np.cumsum(values)))
+    first, last = (np.searchsorted(t, at + side * 0.5 * interval) for side in (-1, 1))
+    count = last - first
+    between = np.interp(at, t, values)
+    return np.where(count > 0, (sums[last] - sums[first]) / np.maximum(count, 1), between)

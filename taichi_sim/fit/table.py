@@ -1,0 +1,47 @@
+"""What a log is read into, and what its readers share: errors, columns and the clock to which commands are held."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from taichi_sim.config import ConfigError
+
+Array = NDArray[np.float64]
+CLOCK = 1e-6  # s, to which clocks are compared
+GAP = 3.5  # interval over the usual one, from which a gap divides the log into two parts
+CHANNELS = ("north", "east", "heading", "yaw_rate")
+
+
+class LogError(ConfigError):
+    """A log that cannot be used; the message says where and why."""
+
+
+class Column(NamedTuple):
+    """Where a column is, and what its values are multiplied by."""
+
+    source: str  # header of a CSV, topic of a bag
+    factor: float = 1.0
+
+
+@dataclass(frozen=True)
+class Source:
+    """How logs are to be read."""
+
+    columns: Mapping[str, Column] = field(default_factory=dict)  # name of a column -> where it is
+    name: str = ""  # vehicle of a bag; "": the only one
+    channels: str = ""  # servo channels of a .bin, NAME=CHANNEL,...; "": by the log's own parameters
+
+
+class Table(NamedTuple):
+    """What a log holds, in SI, not yet checked."""
+
+    columns: dict[str, Array]  # t, CHANNELS, the actions, and WIND if it was measured; all of one length
+    place: Callable[[int], str]  # number of a sample -> where it is in the file
+
+
+def held(t: Array, values: Array, at: Array) -> Array:
+    """Values [sample, ..] that hold at the times `at`: each from its own time `t` on."""
+    return values[np.clip(np.searchsorted(t, at + CLOCK, side="right") - 1, 0, len(t) - 1)]
