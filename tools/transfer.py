@@ -126,7 +126,7 @@ def shaft_speeds(thrusters: ti.template(), fleet: FleetPack, out: ti.types.ndarr
     """Write the controls [env, vehicle, control] that the actions of a team of hulls command."""
     for e, i in ti.ndrange(out.shape[0], out.shape[1]):
         now = thruster_set.controls_at(thrusters, fleet.aux, e, i)
-        command = thruster_set.commanded(thrusters, fleet.action, e, i, now)
+        command = thruster_set.commanded(thrusters, None, fleet.action, e, i, now)
         for c in ti.static(range(len(thrusters.control_names))):
             out[e, i, c] = command[c]
 
