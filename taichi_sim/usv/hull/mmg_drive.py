@@ -19,7 +19,7 @@ Propeller and rudder follow their commands by lag and rate, as in usv/mmg.py. `p
 # pyright: reportInvalidTypeForm=false, reportAttributeAccessIssue=false
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 import taichi as ti
@@ -29,6 +29,7 @@ from torch import Tensor
 from taichi_sim.conventions import AHEAD
 from taichi_sim.fleet import Fleet
 from taichi_sim.usv.hull.thruster_set import Arrow
+from taichi_sim.usv.hull.thrusters import Thruster
 from taichi_sim.usv.mmg_loads import followed, hull_load, rudder_load, thrust
 from taichi_sim.usv.mmg_params import MmgSection
 
@@ -47,7 +48,7 @@ class MmgDrive:
     """
 
     in_flow = True  # whether loads depend on the velocity through the water
-    thrusters: Sequence[object] = ()
+    thrusters: tuple[Thruster, ...] = ()
     allocation = None
 
     def __init__(self, section: MmgSection, first: int):
