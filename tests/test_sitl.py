@@ -1,4 +1,4 @@
-"""ArduPilot's JSON interface and PX4's, held to their documented packets by peers of our own: no autopilot is at hand."""
+"""ArduPilot's JSON interface and PX4's, held to their documented packets by peers of our own: none is at hand."""
 
 import csv
 import json
