@@ -25,13 +25,15 @@ from torch import Tensor
 
 from rl.judge import Judge
 from rl.scenario import Scenario, derive_seed
-from rl.team import Controller, Team
+from rl.team import Controller, ControllerError, Team
 from taichi_sim.config.base import number, span
 from taichi_sim.kernels import runtime
 from taichi_sim.recording.episode import Episode, Scene
 from taichi_sim.recording.overlays import Overlay
 from taichi_sim.state import Snapshot, Stateful
 from taichi_sim.world import World
+
+__all__ = ["COLLIDED", "DIVERGED", "ControllerError", "Endings", "Frame", "Histories", "Mission", "Step", "Team"]
 
 TIME_SPAN = 3600.0  # s: an episode begins at a random time of its sea
 COLLIDED, DIVERGED = "collided", "diverged"  # endings that other modules know, too
@@ -43,10 +45,6 @@ _Judge = Judge
 
 Histories = Mapping[str, Mapping[str, NDArray[np.float64]]]
 """team -> column of a stage's progress.csv -> [iterations]."""
-
-
-class ControllerError(RuntimeError):
-    """There is no classical controller for a team's vehicles."""
 
 
 class Endings(Mapping[str, Tensor]):

@@ -21,6 +21,10 @@ Controller = Callable[..., Tensor]
 """A classical controller: what a team knows (`Team.known`) -> actions [env, vehicle, action] in [-1, 1]."""
 
 
+class ControllerError(RuntimeError):
+    """There is no classical controller for a team's vehicles."""
+
+
 class Team(Generic[M, S]):
     """One team of a mission, as its policy sees it; a mission may derive a class of its own.
 
@@ -92,8 +96,6 @@ class Team(Generic[M, S]):
         Raises:
             ControllerError: if the team has no classical controller.
         """
-        from rl.mission import ControllerError
-
         if self.controller is None:
             raise ControllerError(f"{self.name}: there is no classical controller whose actions a plan could correct")
         return (self.controller(self if known is None else known) + correction).clamp(-1.0, 1.0)

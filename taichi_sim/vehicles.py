@@ -71,8 +71,7 @@ def load_vehicle(
     file = vehicle_file(TeamConfig(vehicle=str(file)))
     data = read_toml(file)
     for key, value in changes.items():
-        old = data.get(key)
-        data[key] = old | value if isinstance(value, dict) and isinstance(old, dict) else value
+        data[key] = _merged(data.get(key), value)
     model = find_model(data.pop("model", None), file, source)
     _resolve_files(data, model.file_keys, file.parent)
     params = validate(model.Params, data, str(file))
@@ -83,6 +82,13 @@ def load_vehicle(
         except ConfigError as error:
             raise ConfigError(f"{file}: {error}") from None
     return _models[key]
+
+
+def _merged(old: object, new: Any) -> Any:
+    """`new`, or a table `old` with the keys of the table `new` changed, in its tables too."""
+    if not (isinstance(old, dict) and isinstance(new, dict)):
+        return new
+    return old | {key: _merged(old.get(key), value) for key, value in new.items()}
 
 
 def vehicle_files(file: Path, source: Path | None = None) -> list[Path]:

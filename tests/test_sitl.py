@@ -1,4 +1,4 @@
-"""ArduPilot's JSON interface, held to its documented packets by a peer of our own: no autopilot is at hand."""
+"""ArduPilot's JSON interface and PX4's, held to their documented packets by peers of our own: none is at hand."""
 
 import csv
 import json
@@ -214,6 +214,145 @@ def test_a_live_view_goes_on_after_a_restart():
     assert screen.begun == 1 and screen.times[40:] == pytest.approx(4.01 + 0.1 * np.arange(20))
 
 
+# -- PX4 ------------------------------------------------------------------------------------------------------------
+
+
+class Px4Peer:
+    """Plays PX4's side of its simulator interface, by pymavlink: controls in lockstep with HIL_SENSOR.
+
+    Attributes:
+        heard: frames by time (us): the last message of each kind. answered: times of the answered frames.
+    """
+
+    def __init__(self, send):
+        self.dialect = pytest.importorskip("pymavlink.dialects.v20.common")
+        self.link = self.dialect.MAVLink(None, srcSystem=1, srcComponent=1)
+        self.send, self.heard, self.kinds, self.new = send, {}, {}, []
+
+    def take(self, data):
+        """Bytes from the simulator."""
+        for message in self.link.parse_buffer(data) or ():
+            self.kinds[message.get_type()] = message
+            if message.get_type() == "HIL_SENSOR":
+                self.new.append(message.time_usec)
+                self.heard[message.time_usec] = message
+
+    def controls(self, when, values, armed=True):
+        """HIL_ACTUATOR_CONTROLS, as bytes."""
+        full = [*values, *[math.nan] * (16 - len(values))]
+        return self.link.hil_actuator_controls_encode(when, full, 128 if armed else 0, 1).pack(self.link)
+
+
+def _px4(vehicle="cybership2", peer_of=Px4Peer):
+    from taichi_sim.sitl.px4 import Px4Session
+
+    pytest.importorskip("pymavlink")
+    session = Px4Session(Craft(vehicle, {"actions": "surge_sway_yaw"} if vehicle == "cybership2" else {}))
+    peer = peer_of(session.receive)
+    session.connect(peer.take)
+    return session, peer
+
+
+def test_px4_drives_in_lockstep_and_what_it_loses_or_repeats_changes_nothing(monkeypatch):
+    """Against a peer that answers each frame at once: one that leaves frames unanswered until they come again, repeats
+    controls, sends old ones and noise, in pieces.
+    """
+    from taichi_sim.sitl import px4
+
+    ends = []
+    for rough in (False, True):
+        session, peer = _px4()
+        assert session.counts.waiting == 0 and session.craft.frames == 1
+        session.receive(peer.controls(peer.new[-1], [0.3, math.nan, 0.2]))  # the first controls
+        old = []
+        for frame in range(200):
+            when = peer.new[-1]
+            data = peer.controls(when, [math.sin(frame / 50), math.nan, 0.5])
+            if rough and frame % 7 == 0:  # lost: the frame comes again after a while
+                with monkeypatch.context() as m:
+                    m.setattr(px4, "RESEND", 0.0)
+                    session.tick()
+                assert peer.new[-1] == when and len(peer.new) > 2
+            if rough and frame % 5 == 0:
+                session.receive(b"\xfd\x01noise" + data[:9])
+                session.receive(data[9:])  # the rest of a message whose beginning was drowned in noise
+            while peer.new[-1] == when:  # noise may swallow a message, which PX4 then sends again
+                session.receive(data[:20])
+                session.receive(data[20:])
+            if rough and frame % 3 == 0:
+                session.receive(data)
+                session.receive(old[-1] if old else data)
+            old.append(data)
+        ends.append((session.craft.frames, session.craft.bench.state.numpy().copy()))
+        assert session.counts.frames == 201
+        if rough:
+            assert session.counts.resent > 20 and session.counts.late > 60 and session.counts.refused
+    assert ends[0][0] == ends[1][0] == 202 and np.array_equal(ends[0][1], ends[1][1])
+
+
+def test_px4_begins_when_it_is_ready_and_restarts_with_a_new_connection():
+    session, peer = _px4("x500")
+    time.sleep(0.02)
+    for _ in range(3):  # before the first controls frames pass by the clock
+        session.tick()
+    assert session.counts.waiting >= 1 and session.craft.frames == 1 + session.counts.waiting
+    for _ in range(300):  # disarmed, then all rotors at full
+        session.receive(peer.controls(peer.new[-1], [1.0] * 4, armed=False))
+    assert session.craft.held
+    for _ in range(300):
+        session.receive(peer.controls(peer.new[-1], [1.0] * 4))
+    truth, gps = peer.kinds["HIL_STATE_QUATERNION"], peer.kinds["HIL_GPS"]
+    assert truth.vz < -100 and truth.alt > 51_000 and gps.lat == pytest.approx(634_800_000, abs=200)
+    last = peer.heard[peer.new[-1]]
+    assert np.linalg.norm([last.xmag, last.ymag, last.zmag]) == pytest.approx(0.52, abs=0.01)  # gauss
+    assert last.pressure_alt == pytest.approx(truth.alt / 1e3, abs=2.0) and last.zacc < -12.0
+    session.disconnect()
+    again = Px4Peer(session.receive)
+    session.connect(again.take)
+    assert session.counts.restarts == 1 and session.craft.frames == 1 and session.craft.held
+    assert again.heard[4000].zacc == pytest.approx(-GRAVITY, abs=0.1)
+
+
+def test_the_command_serves_px4_over_tcp(tmp_path):
+    pytest.importorskip("pymavlink")
+    with socket.socket() as s:
+        s.bind(("127.0.0.1", 0))
+        port = s.getsockname()[1]
+    log = tmp_path / "run.csv"
+    server = _start("cybership2", "--protocol", "px4", "--port", str(port), "--duration", "1", "--log", str(log))
+    try:
+        assert f"127.0.0.1:{port}" in server.stdout.readline()
+        with socket.create_connection(("127.0.0.1", port), timeout=60.0) as mine:
+            peer = Px4Peer(mine.sendall)
+            with socket.create_connection(("127.0.0.1", port), timeout=60.0) as stranger:
+                assert stranger.recv(100) == b""  # another one drives
+            answered = None
+            while data := mine.recv(65536):
+                peer.take(data)
+                if peer.new and peer.new[-1] != answered:
+                    answered = peer.new[-1]
+                    try:
+                        peer.send(peer.controls(answered, [0.1, math.nan, 0.6]))
+                    except OSError:
+                        break
+        assert server.wait(timeout=60) == 0 and "refused" in server.stderr.read()
+    finally:
+        server.kill()
+    with log.open() as file:
+        rows = list(csv.DictReader(file))
+    assert float(rows[-1]["t"]) == pytest.approx(1.0) and rows[-1]["pwm_3"] == "1800"
+    assert float(rows[-1]["v_north"]) > float(rows[20]["v_north"])
+
+
+def test_without_pymavlink_the_extra_is_named(monkeypatch, capsys):
+    from taichi_sim.commands import sitl
+
+    for name in ("pymavlink", "pymavlink.dialects", "pymavlink.dialects.v20"):
+        monkeypatch.setitem(sys.modules, name, None)
+    assert sitl.main(["cybership2", "--protocol", "px4"]) == 2
+    assert 'pip install "taichi-sim[px4]"' in capsys.readouterr().err
+
+
 def _start(*words):
     command = [sys.executable, "-m", "taichi_sim.commands.sitl", *words]
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
@@ -265,6 +404,7 @@ def test_the_command_answers_over_udp(tmp_path):
     ("kvlcc2 --record run.mp4", "must end in .rrd"),
     ("kvlcc2 --live --live-port 0", "--live-port 0: allowed are 1 to"),
     ("kvlcc2 --port {port}", "in use"),
+    ("kvlcc2 --protocol px4 --port 65530 --instances 9", "go beyond 65535"),
 ])  # fmt: skip
 def test_bad_input_is_told(words, told, capsys):
     from taichi_sim.commands import sitl

@@ -3,6 +3,8 @@ figures.
 
     git clone https://github.com/cybergalactic/PythonVehicleSimulator
     python tools/transfer.py RUN --path PythonVehicleSimulator      # its Otter
+    pip install rotorpy
+    python tools/transfer.py RUN --team uav --simulator rotorpy     # any multirotor of four rotors
     python tools/transfer.py RUN --simulator mymodule:Class --controller classical --episodes 16
 
 RUN is a run folder of rl/train.py. Worlds, targets, sensors, radio, controllers and judge are ours. In each decision
@@ -28,6 +30,7 @@ import numpy as np
 import taichi as ti
 import torch
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 import taichi_sim  # noqa: F401  (makes rl, tools and tests importable from any folder)
 from rl.mission import Mission
@@ -37,8 +40,10 @@ from taichi_sim.config.plugins import load_class
 from taichi_sim.conventions import POSITION, QUATERNION, STATE_SIZE
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels.packs import FleetPack
-from taichi_sim.kernels.rotation import torch_euler_from_quaternion
+from taichi_sim.kernels.rotation import rotation_matrix, torch_euler_from_quaternion
 from taichi_sim.surroundings import Surroundings
+from taichi_sim.uav.multirotor import instruments
+from taichi_sim.uav.multirotor.multirotor_6dof import Multirotor6DOF
 from taichi_sim.usv.hull import thruster_set
 from taichi_sim.usv.hull.hull_6dof import Hull6Dof
 from taichi_sim.vehicle import Vehicle
@@ -118,7 +123,100 @@ class PythonVehicleSimulator(Simulator):
         return pack_state(eta, nu)
 
 
-SIMULATORS: Mapping[str, type[Simulator]] = {"python_vehicle_simulator": PythonVehicleSimulator}
+class RotorPy(Simulator):
+    """A multirotor of four rotors by RotorPy (S. Folk, J. Paulos, V. Kumar 2023, MIT), its class `Multirotor`.
+
+    It has the numbers of the vehicle file. Our controller commands the rotors' speeds, anew in each substep from the
+    state there, and RotorPy integrates (Runge-Kutta 4(5), adaptive). Different there: rotors have one time constant,
+    the mean of ours; they have no gyroscopic moment; there is no ground effect. Its frames are ours turned by 180
+    degrees about x: north-west-up, forward-left-up.
+    """
+
+    TURN = np.array([1.0, -1.0, -1.0])
+
+    def __init__(self, model: Vehicle, path: Path | None):
+        """See Simulator."""
+        super().__init__(model, path)
+        if not isinstance(model, Multirotor6DOF) or model.count != 4:
+            raise ConfigError("rotorpy: it has multirotors of four rotors alone (multirotor_6dof)")
+        if model.battery:
+            raise ConfigError("rotorpy: it has no battery; leave out [battery]")
+        try:
+            from rotorpy.vehicles.multirotor import Multirotor
+        except ImportError as error:
+            raise ConfigError(f"RotorPy cannot be imported ({error}): pip install rotorpy") from None
+        body, rotor, rotors = model.p.physical, model.p.rotor, model.p.rotors
+        if any(mount.gain != 1.0 for mount in rotors):
+            raise ConfigError("rotorpy: all of its rotors are sound: every gain must be 1")
+        self.craft = Multirotor({
+            "mass": body.mass, "Ixx": body.Jx, "Iyy": body.Jy, "Izz": body.Jz,
+            "Ixy": body.Jxy, "Ixz": body.Jxz, "Iyz": -body.Jyz,  # entries of the matrix, in its frame
+            **{f"c_D{axis}": c for axis, c in zip("xyz", body.drag, strict=True)},
+            "num_rotors": model.count,
+            "rotor_pos": {f"r{k + 1}": arm * self.TURN for k, arm in enumerate(model.p.arms)},
+            "rotor_directions": np.array([-mount.yaw for mount in rotors]),
+            "rotor_speed_min": rotor.omega_min, "rotor_speed_max": rotor.omega_max,
+            "k_eta": rotor.k_f, "k_m": rotor.k_m, "k_d": rotor.k_d, "k_z": rotor.k_z, "k_h": rotor.k_h,
+            "k_flap": rotor.k_flap, "tau_m": 0.5 * (rotor.tau_up + rotor.tau_down),
+        })  # fmt: skip
+        self.speeds = slice(instruments.SPEEDS, instruments.SPEEDS + model.count)
+
+    def advance(self, fleet: Fleet, around: Surroundings) -> Array:
+        """See Simulator."""
+        model = self.model
+        assert isinstance(model, Multirotor6DOF)
+        rows, found = fleet.num_envs * fleet.count, np.empty((0, STATE_SIZE))
+        wanted = fleet.state.new_empty((*fleet.state.shape[:2], model.count))
+        state = fleet.state.double().cpu().view(rows, STATE_SIZE).numpy().copy()
+        omega = fleet.aux[..., self.speeds].double().cpu().reshape(rows, -1).numpy().copy()
+        for _ in range(model.substeps):
+            fleet.state.copy_(torch.from_numpy(state).view(fleet.state.shape))
+            rotor_speeds(model, fleet.pack, wanted)
+            command = wanted.double().cpu().view(rows, -1).numpy()
+            for n in range(rows):
+                state[n], omega[n] = self._moved(state[n], omega[n], command[n], model.dt)
+            found = state
+        fleet.aux[..., self.speeds] = torch.from_numpy(omega).view(wanted.shape).to(fleet.aux)
+        fleet.aux[..., instruments.TIME] += model.dt * model.substeps
+        speed = np.linalg.norm(found[:, 7:10], axis=1)  # in still air
+        fleet.aux[..., instruments.AIRSPEED] = torch.from_numpy(speed).view(wanted.shape[:2]).to(fleet.aux)
+        return found
+
+    def _moved(self, y: Array, omega: Array, command: Array, dt: float) -> tuple[Array, Array]:
+        """State [13] and rotor speeds [rotor] after dt (s)."""
+        turn, q = self.TURN, y[QUATERNION] * (1.0, *self.TURN)
+        velocity = Rotation.from_quat([*q[1:], q[0]]).apply(y[7:10] * turn)
+        there = {
+            "x": y[POSITION] * turn, "v": velocity, "q": np.array([*q[1:], q[0]]), "w": y[10:13] * turn,
+            "wind": np.zeros(3), "rotor_speeds": omega,
+        }  # fmt: skip
+        new = self.craft.step(there, {"cmd_motor_speeds": command}, dt)
+        body = Rotation.from_quat(new["q"]).inv().apply(new["v"]) * turn
+        q = np.array([new["q"][3], *new["q"][:3]]) * (1.0, *turn)
+        return np.concatenate([new["x"] * turn, q, body, new["w"] * turn]), new["rotor_speeds"]
+
+
+SIMULATORS: Mapping[str, type[Simulator]] = {
+    "python_vehicle_simulator": PythonVehicleSimulator,
+    "rotorpy": RotorPy,
+}
+
+
+@ti.kernel
+def rotor_speeds(model: ti.template(), fleet: FleetPack, out: ti.types.ndarray(ndim=3)):
+    """Write the rotor speeds [env, vehicle, rotor] (rad/s) that the controllers of a team of multirotors command, and
+    advance the controllers by a substep.
+    """
+    for e, i in ti.ndrange(out.shape[0], out.shape[1]):
+        y = ti.Vector([fleet.state[e, i, k] for k in ti.static(range(STATE_SIZE))])
+        held = ti.Vector([fleet.aux[e, i, instruments.INTEGRALS + k] for k in ti.static(range(8))])
+        R = rotation_matrix(ti.Vector([y[3], y[4], y[5], y[6]]))
+        v_n, most = R @ ti.Vector([y[7], y[8], y[9]]), y[0] * 0.0 + ti.static(model.plan.rotor.omega_max)
+        command, held, _rates, _toward = model.commanded(fleet, e, i, y, R, v_n, held, most, 0)
+        for k in ti.static(range(model.count)):
+            out[e, i, k] = command[k]
+        for k in ti.static(range(8)):
+            fleet.aux[e, i, instruments.INTEGRALS + k] = held[k]
 
 
 @ti.kernel
@@ -126,7 +224,7 @@ def shaft_speeds(thrusters: ti.template(), fleet: FleetPack, out: ti.types.ndarr
     """Write the controls [env, vehicle, control] that the actions of a team of hulls command."""
     for e, i in ti.ndrange(out.shape[0], out.shape[1]):
         now = thruster_set.controls_at(thrusters, fleet.aux, e, i)
-        command = thruster_set.commanded(thrusters, fleet.action, e, i, now)
+        command = thruster_set.commanded(thrusters, None, fleet.action, e, i, now)
         for c in ti.static(range(len(thrusters.control_names))):
             out[e, i, c] = command[c]
 

@@ -24,7 +24,7 @@ SCRIPTS = {  # name -> module, further arguments, description
     "aircraft": ("tools.aircraft", (), "trim, modes and V-n diagram, or control loops, of an aircraft"),
     "trials": (f"{COMMANDS}.trials", (), "standard trials of a vessel (turning circle, zigzag ...) or an aircraft"),
     "fit": (f"{COMMANDS}.fit", (), "numbers of a vehicle file from logs of a vessel's motion, with intervals"),
-    "sitl": (f"{COMMANDS}.sitl", (), "be the physics of ArduPilot's SITL, by its JSON interface"),
+    "sitl": (f"{COMMANDS}.sitl", (), "be the physics of ArduPilot's SITL (JSON interface) or PX4's (MAVLink)"),
     "hydrodynamics": ("tools.hydrodynamics", (), "a hull's added mass, damping and wave loads from its mesh"),
 }
 STARTERS = {

@@ -57,7 +57,6 @@ MOVED = {
     "taichi_sim.uav.multirotor.battery": "taichi_sim.uav.multirotor.rotors",
     "taichi_sim.usv.hull.restoring": "taichi_sim.usv.hull.loads",
     "taichi_sim.usv.hull.damping": "taichi_sim.usv.hull.loads",
-    "taichi_sim.usv.hull.wind": "taichi_sim.usv.hull.loads",
     "taichi_sim.plotting.style": "taichi_sim.plotting",
 }
 

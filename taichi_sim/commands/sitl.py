@@ -1,14 +1,16 @@
-"""Be the physics of ArduPilot's SITL: a vehicle in our sea and wind, driven by its servo outputs (JSON interface).
+"""Be the physics of an autopilot's SITL: a vehicle in our sea and wind, driven by its outputs.
 
-    taichi-sim sitl VEHICLE [--port 9002] [options]
+    taichi-sim sitl VEHICLE [--protocol ardupilot|px4] [--port N] [options]
 
     taichi-sim sitl otter --set 'actions="left_right"' --sea hs=0.5,tp=4   # sim_vehicle -v Rover --model JSON
     taichi-sim sitl kvlcc2 --wind 6 270 --log run.csv --record run.rrd
     taichi-sim sitl aerosonde --wind 8 200                                 # sim_vehicle -v ArduPlane --model JSON
     taichi-sim sitl x500 --instances 3                                     # ports 9002, 9012, 9022: -I 0, 1, 2
+    taichi-sim sitl x500 --protocol px4                                    # PX4's HIL by MAVLink (extra px4)
 
-VEHICLE is a vehicle file, or the name of a shipped one. It moves in lockstep, at the frame rate that ArduPilot asks for
-(SIM_RATE_HZ). Ctrl-C ends it. Channels, conventions, and what no real autopilot has confirmed: docs/sitl.md.
+VEHICLE is a vehicle file, or the name of a shipped one. It moves in lockstep: at the frame rate that ArduPilot asks for
+(SIM_RATE_HZ; JSON interface over UDP), or at 250 Hz with PX4 (MAVLink over TCP). Ctrl-C ends it. Channels, conventions,
+and what no real autopilot has confirmed: docs/sitl.md.
 
 Exit status: 0 ended, 2 bad input.
 """
@@ -29,6 +31,7 @@ from typing import TYPE_CHECKING, TextIO
 
 from taichi_sim.commands.trials import changes_of, conditions_of
 from taichi_sim.config import ConfigError
+from taichi_sim.config.extras import MissingExtraError
 from taichi_sim.kernels import runtime
 from taichi_sim.sea import SteepSeaError
 from taichi_sim.sitl.channels import PWM, changes_for, read_channels
@@ -38,9 +41,10 @@ from taichi_sim.sitl.session import Session
 from taichi_sim.vehicles import load_vehicle
 
 if TYPE_CHECKING:
+    from taichi_sim.sitl.px4 import Px4Session
     from taichi_sim.sitl.record import CraftRecording
 
-NEXT_INSTANCE = 10  # difference of the ports of consecutive instances of SITL
+PORTS = {"ardupilot": (9002, 10), "px4": (4560, 1)}  # protocol -> first port, difference of consecutive instances
 LARGEST = 65536  # bytes of the largest packet
 TOLD_EVERY = 5.0  # s between lines of progress
 COLUMNS = (
@@ -86,8 +90,139 @@ def row(sensors: Sensors) -> tuple[float, ...]:
             *sensors.accel_body)  # fmt: skip
 
 
+def fit_out(args: argparse.Namespace, open_things: ExitStack, session: "Session | Px4Session", k: int) -> None:
+    """Give instance k its log, recording and live view, and say where it listens."""
+    if args.log is not None:
+        file = _of_instance(args, args.log, k)
+        session.seen.append(_logger(open_things.enter_context(file.open("w", newline=""))))
+    if args.record is not None:
+        from taichi_sim.sitl.record import CraftRecording  # importing rerun takes a second
+
+        reel = CraftRecording(_of_instance(args, args.record, k), session.craft)
+        open_things.callback(_finish, reel)
+        session.seen.append(reel.see)
+    if args.live and k == 0:
+        from taichi_sim.recording.live import Live
+        from taichi_sim.sitl.record import CraftView
+
+        live = open_things.enter_context(Live("sitl", port=args.live_port))
+        print(live.told, flush=True)
+        session.seen.append(CraftView(live, session.craft).see)
+    driven = ", ".join(f"{abs(c)}{' reversed' if c < 0 else ''} {name}" for name, c in session.craft.channels.items())
+    print(f"{args.vehicle} on {args.address}:{port_of(args, k)}, channels {driven}", flush=True)
+
+
+def port_of(args: argparse.Namespace, k: int) -> int:
+    """Port of instance k."""
+    first, step = PORTS[args.protocol]
+    return (args.port or first) + step * k
+
+
+def bound(args: argparse.Namespace, wire: socket.socket, k: int) -> socket.socket:
+    """`wire`, bound to the address of instance k.
+
+    Raises:
+        ConfigError: if the port is taken.
+    """
+    try:
+        wire.bind((args.address, port_of(args, k)))
+    except OSError as error:
+        raise ConfigError(f"--address {args.address} --port {port_of(args, k)}: {error.strerror or error}") from None
+    return wire
+
+
+def serve(args: argparse.Namespace) -> None:
+    """Serve PX4s until Ctrl-C, or for --duration seconds of simulated time, one connection an instance.
+
+    Raises:
+        ConfigError: for bad input, or a port that is taken.
+        MissingExtraError: if pymavlink is not installed.
+    """
+    from taichi_sim.sitl.px4 import Px4Session, mavlink
+
+    mavlink()
+    with ExitStack() as open_things:
+        wires = open_things.enter_context(selectors.DefaultSelector())
+        sessions: list[Px4Session] = []
+        for k in range(args.instances):
+            door = open_things.enter_context(socket.socket(socket.AF_INET, socket.SOCK_STREAM))
+            door.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            bound(args, door, k).listen(1)
+            session = Px4Session(craft_of(args), seed=args.seed)
+            fit_out(args, open_things, session, k)
+            sessions.append(session)
+            wires.register(door, selectors.EVENT_READ, (session, door))
+        _warn_of_others(args)
+        signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends like Ctrl-C, so that files are completed
+        told, began = time.monotonic(), time.monotonic()
+        while True:
+            for key, _ in wires.select(timeout=min(TOLD_EVERY, *(s.tick() for s in sessions))):
+                session, door = key.data
+                wire = key.fileobj
+                assert isinstance(wire, socket.socket)
+                if wire is door:
+                    _let_in(door, session, wires, open_things)
+                elif not _hear(wire, session):
+                    session.disconnect()
+                    wires.unregister(wire)
+                    wire.close()
+            if not args.quiet and time.monotonic() - told > TOLD_EVERY:
+                told = time.monotonic()
+                for session in sessions:
+                    print(_state_of_px4(session, told - began), flush=True)
+            if args.duration and all(s.last and s.craft.frames >= args.duration * s.craft.rate for s in sessions):
+                return
+
+
+def _let_in(door: socket.socket, session: "Px4Session", wires: selectors.BaseSelector, open_things: ExitStack) -> None:
+    """Connect whoever knocks, unless a PX4 drives the vehicle already."""
+    wire, sender = door.accept()
+    if session.connected:
+        print(f"refused {sender[0]}:{sender[1]}: another PX4 drives this vehicle", file=sys.stderr, flush=True)
+        wire.close()
+        return
+    open_things.callback(wire.close)
+    wire.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+
+    def send(data: bytes) -> None:
+        try:
+            wire.sendall(data)
+        except OSError:  # it has gone; reading says so, too
+            session.disconnect()
+
+    wires.register(wire, selectors.EVENT_READ, (session, door))
+    session.connect(send)
+
+
+def _hear(wire: socket.socket, session: "Px4Session") -> bool:
+    """Pass on what has arrived; return whether the connection still stands."""
+    try:
+        data = wire.recv(LARGEST)
+    except OSError:
+        return False
+    if data:
+        session.receive(data)
+    return bool(data) and session.connected
+
+
+def _state_of_px4(session: "Px4Session", seconds: float) -> str:
+    c = session.counts
+    refused = "".join(f"; refused {n}: {why}" for why, n in c.refused.items())
+    if not session.connected:
+        return f"waiting for PX4{refused}"
+    return (
+        f"t {session.craft.frames / session.craft.rate:.1f} s, {c.frames} frames ({c.frames / seconds:.0f}/s), "
+        f"{c.waiting} before the first controls, sent again {c.resent}, late {c.late}, restarts {c.restarts}{refused}"
+    )
+
+
+def _warn_of_others(args: argparse.Namespace) -> None:
+    if not ip_address(args.address).is_loopback:
+        print(f"{args.address} is open to other machines: whoever sends first drives the vehicle", file=sys.stderr)
+
+
 def listen(args: argparse.Namespace) -> None:
-    """Answer autopilots until Ctrl-C, or for --duration seconds of simulated time.
+    """Answer ArduPilots until Ctrl-C, or for --duration seconds of simulated time.
 
     Raises:
         ConfigError: for bad input, or a port that is taken.
@@ -96,37 +231,12 @@ def listen(args: argparse.Namespace) -> None:
         wires = open_things.enter_context(selectors.DefaultSelector())
         sessions: list[Session] = []
         for k in range(args.instances):
-            port = args.port + NEXT_INSTANCE * k
-            wire = open_things.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
-            try:
-                wire.bind((args.address, port))
-            except OSError as error:
-                raise ConfigError(f"--address {args.address} --port {port}: {error.strerror or error}") from None
+            wire = bound(args, open_things.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)), k)
             session = Session(craft_of(args))
-            if args.log is not None:
-                file = _of_instance(args, args.log, k)
-                session.seen.append(_logger(open_things.enter_context(file.open("w", newline=""))))
-            if args.record is not None:
-                from taichi_sim.sitl.record import CraftRecording  # importing rerun takes a second
-
-                reel = CraftRecording(_of_instance(args, args.record, k), session.craft)
-                open_things.callback(_finish, reel)
-                session.seen.append(reel.see)
-            if args.live and k == 0:
-                from taichi_sim.recording.live import Live
-                from taichi_sim.sitl.record import CraftView
-
-                live = open_things.enter_context(Live("sitl", port=args.live_port))
-                print(live.told, flush=True)
-                session.seen.append(CraftView(live, session.craft).see)
+            fit_out(args, open_things, session, k)
             sessions.append(session)
             wires.register(wire, selectors.EVENT_READ, session)
-            driven = ", ".join(
-                f"{abs(c)}{' reversed' if c < 0 else ''} {name}" for name, c in session.craft.channels.items()
-            )
-            print(f"{args.vehicle} on {args.address}:{port}, channels {driven}", flush=True)
-        if not ip_address(args.address).is_loopback:
-            print(f"{args.address} is open to other machines: whoever sends first drives the vehicle", file=sys.stderr)
+        _warn_of_others(args)
         signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends like Ctrl-C, so that files are completed
         told, began = time.monotonic(), time.monotonic()
         while True:
@@ -185,9 +295,13 @@ def parser() -> argparse.ArgumentParser:
         prog="taichi-sim sitl", description=summary, epilog=rest, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     p.add_argument("vehicle", metavar="VEHICLE", help="vehicle file, or the name of a shipped one")
-    p.add_argument("--port", type=int, default=9002, help="UDP port [9002, ArduPilot's]")
+    p.add_argument("--protocol", choices=tuple(PORTS), default="ardupilot",
+                   help="ardupilot: its JSON interface; px4: its HIL by MAVLink [ardupilot]")  # fmt: skip
+    p.add_argument("--port", type=int, help="UDP port of ArduPilot [9002], TCP port of PX4 [4560]")
     p.add_argument("--address", default="127.0.0.1", help="address to listen on [127.0.0.1: this machine only]")
-    p.add_argument("--instances", type=int, default=1, metavar="N", help="number of vehicles, on ports 10 apart [1]")
+    p.add_argument(
+        "--instances", type=int, default=1, metavar="N", help="number of vehicles, on ports 10 apart, or 1 with PX4 [1]"
+    )
     p.add_argument("--channels", default="", metavar="NAME=N,...", help="servo channels; -N reverses one")
     p.add_argument(
         "--pwm",
@@ -229,10 +343,11 @@ def main(argv: list[str] | None = None) -> int:
         ("seed", 0, 2**31 - 1),
         ("duration", 0, 1e6),
     ):
-        if not low <= getattr(args, name) <= high:
-            p.error(f"--{name.replace('_', '-')} {getattr(args, name):g}: allowed are {low:g} to {high:g}")
-    if args.port + NEXT_INSTANCE * (args.instances - 1) > 65535:
-        p.error(f"--instances {args.instances}: their ports from {args.port} on go beyond 65535")
+        value = getattr(args, name)
+        if value is not None and not low <= value <= high:
+            p.error(f"--{name.replace('_', '-')} {value:g}: allowed are {low:g} to {high:g}")
+    if port_of(args, args.instances - 1) > 65535:
+        p.error(f"--instances {args.instances}: their ports from {port_of(args, 0)} on go beyond 65535")
     if not args.pwm[0] < args.pwm[1]:
         p.error(f"--pwm {args.pwm[0]:g} {args.pwm[1]:g}: the first must be less")
     if args.record is not None and args.record.suffix != ".rrd":
@@ -243,10 +358,10 @@ def main(argv: list[str] | None = None) -> int:
         p.error(f"--address {args.address}: not an IP address")
     runtime.init(threads=1)
     try:
-        listen(args)
+        (serve if args.protocol == "px4" else listen)(args)
     except KeyboardInterrupt:
         return 0
-    except (ConfigError, SteepSeaError, OSError) as error:
+    except (ConfigError, MissingExtraError, SteepSeaError, OSError) as error:
         print(f"sitl: {error}", file=sys.stderr)
         return 2
     return 0

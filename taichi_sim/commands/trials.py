@@ -100,7 +100,7 @@ def changes_of(overrides: Sequence[str]) -> Changes:
     found: Changes = {}
     for text in overrides:
         key, _, value = text.partition("=")
-        section, dot, last = key.strip().partition(".")
+        *sections, last = key.strip().split(".")
         try:
             parsed = tomllib.loads(f"value = {value}")["value"]
         except tomllib.TOMLDecodeError:
@@ -108,10 +108,12 @@ def changes_of(overrides: Sequence[str]) -> Changes:
                 f"--set {text}: expected KEY=VALUE or SECTION.KEY=VALUE in TOML (quote strings), for example "
                 "--set rudder.rate_deg=5 or --set 'actions=\"left_right\"'"
             ) from None
-        if dot:
-            found.setdefault(section, {})[last] = parsed
-        else:
-            found[section] = parsed
+        table = found
+        for section in sections:
+            if not isinstance(table.setdefault(section, {}), dict):
+                raise ConfigError(f"--set {text}: {section} is a value, not a section")
+            table = table[section]
+        table[last] = parsed
     return found
 
 

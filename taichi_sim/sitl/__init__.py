@@ -1,1 +1,1 @@
-"""ArduPilot in the loop: our vehicles as the physics of its SITL, by its JSON interface (docs/sitl.md)."""
+"""An autopilot in the loop: our vehicles as the physics of ArduPilot's SITL, or of PX4's (docs/sitl.md)."""

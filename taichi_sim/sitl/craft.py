@@ -156,12 +156,12 @@ class Craft:
 
     def _velocity(self) -> np.ndarray:
         """Velocity over ground [3], NED, m/s."""
-        return _rotation(self._state()[3:7]) @ self._state()[7:10]
+        return rotation(self._state()[3:7]) @ self._state()[7:10]
 
     def sensors(self) -> Sensors:
         """Measurements at the end of the last frame; the specific force is the mean over that frame."""
         s = self._state()
-        R, velocity = _rotation(s[3:7]), self._velocity()
+        R, velocity = rotation(s[3:7]), self._velocity()
         force = R.T @ ((velocity - self.before) * self.rate - np.array([0.0, 0.0, GRAVITY]))
         euler = torch_euler_from_quaternion(self.bench.state[0, 0, QUATERNION].double()).tolist()
         met = R.T @ (self.bench.around.wind[0].double().cpu().numpy() - velocity)  # of the air, b
@@ -181,7 +181,7 @@ def _three(x: np.ndarray | Sequence[float]) -> tuple[float, float, float]:
     return float(x[0]), float(x[1]), float(x[2])
 
 
-def _rotation(q: np.ndarray) -> np.ndarray:
+def rotation(q: np.ndarray) -> np.ndarray:
     """R_nb of the quaternion q (w, x, y, z)."""
     w, x, y, z = q
     return np.array([

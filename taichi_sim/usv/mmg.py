@@ -36,7 +36,7 @@ from taichi_sim.kernels import fast
 from taichi_sim.kernels.packs import AroundPack, FleetPack, load_at, numbers_at
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.usv.manoeuvring_loads import wave_load
-from taichi_sim.usv.mmg_loads import VARYING, MmgNumbers, acceleration, loads, numbers_of, thrust, wind_load
+from taichi_sim.usv.mmg_loads import VARYING, MmgNumbers, acceleration, followed, loads, numbers_of, thrust, wind_load
 from taichi_sim.usv.mmg_params import MmgParams
 from taichi_sim.usv.plane import elevations, planar, water_plane, write_rates, write_state
 from taichi_sim.usv.vessel import Number, Vessel
@@ -174,8 +174,8 @@ class Mmg3Dof(Vessel):
         command = ti.Vector([action[0] * ti.select(action[0] > 0, p.n_ahead, p.n_astern), action[1] * p.angle_max])
         outside = ti.Vector([tau[0], tau[1], tau[5]])
         for n in range(self.substeps):
-            middle = self.followed(p, controls, command, p.lag_half_n, p.lag_half_delta, 0.5)
-            end = self.followed(p, controls, command, p.lag_n, p.lag_delta, 1.0)
+            middle = followed(p, controls, command, p.lag_half_n, p.lag_half_delta, 0.5)
+            end = followed(p, controls, command, p.lag_n, p.lag_delta, 1.0)
             s = self.runge_kutta(p, s, controls, middle, end, wave + outside, V_c, V_w)
             controls = end
             D_next, heights = elevations(
@@ -193,16 +193,6 @@ class Mmg3Dof(Vessel):
             memory[WAVE + k] = wave[k]
         memory[THRUST] = thrust(p, s[3], s[4], s[5], controls[0])
         return s, plane, before, memory
-
-    @ti.func
-    def followed(self, p: ti.template(), controls, command, close_n, close_delta, share):
-        """Controls after `share` of a substep. A lag alone closes the shares `close_n` and `close_delta` of the
-        deviation.
-        """
-        most = ti.Vector([share * p.n_step, share * p.delta_step])
-        way = command - controls
-        way = ti.Vector([way[0] * close_n, way[1] * close_delta])
-        return controls + ti.max(ti.min(way, most), -most)
 
     @ti.func
     def derivatives(self, p: ti.template(), s, controls, outside, V_c, V_w):

@@ -32,26 +32,27 @@ from typing import NamedTuple
 import taichi as ti
 
 from taichi_sim.kernels.rigid_body import Number
-from taichi_sim.usv.hull.loads import STILL
-from taichi_sim.usv.hull.numbers import RHO_AIR
+from taichi_sim.usv.hull.wind import RHO_AIR, STILL
 from taichi_sim.usv.manoeuvring_loads import AT_ONCE
-from taichi_sim.usv.mmg_params import HullDerivatives, MmgParams
+from taichi_sim.usv.mmg_params import HullDerivatives, HullPolynomial, MmgParams, Propeller, Rudder
 
-V_LIMIT = 0.45  # limit of |v'| in X_vvvv; assumed
+V_LIMIT = 0.40  # limit of |v'| in X_vvvv, beyond which it would push kvlcc2 ahead; assumed
 R_LIMIT = 2.0  # limit of |r'| in Y_rrr, N_rrr; assumed
 CROSSING = 0.2  # |u| / U below which terms change sign with u; assumed
 SLOWEST = 1e-9  # m/s; avoids a division by zero at rest
 
-DERIVATIVES = tuple(name for name in HullDerivatives.model_fields if name not in ("m_x", "m_y", "J_z"))
-VARYING = (
-    "displacement", "x_G", "gyration",
-    *(f"hull.{name}" for name in HullDerivatives.model_fields),
+DERIVATIVES = tuple(HullPolynomial.model_fields)
+OF_PARTS = (
     *(f"propeller.{name}" for name in (
         "t_P", "w_P0", "C_1", "C_2_positive", "C_2_negative", "k_0", "k_1", "k_2", "n_ahead", "n_astern",
         "time_constant", "rate")),
     *(f"rudder.{name}" for name in (
         "area", "t_R", "a_H", "x_H", "gamma_R_positive", "gamma_R_negative", "l_R", "epsilon", "kappa",
         "time_constant", "rate_deg")),
+)  # fmt: skip
+"""Keys of propellers and rudders that may vary."""
+VARYING = (
+    "displacement", "x_G", "gyration", *(f"hull.{name}" for name in HullDerivatives.model_fields), *OF_PARTS,
     "windage.frontal_area", "windage.lateral_area",
 )  # fmt: skip
 
@@ -116,42 +117,33 @@ class MmgNumbers(NamedTuple):
     lag_half_delta: Number
     n_step: Number  # largest change in a step, 1/s
     delta_step: Number  # rad
-    wind_x: Number  # as in hull/loads.py
+    wind_x: Number  # as in hull/wind.py
     wind_y: Number
     wind_n: Number
 
 
-def numbers_of(values: Mapping[str, Number], params: MmgParams, dt: float) -> MmgNumbers:
-    """Numbers for a kernel with step dt (s): `values` for all keys that vary, all others from `params`."""
-    L, d, rho = params.length, params.draft, params.density
-    propeller, rudder, windage = params.propeller, params.rudder, params.windage
-    D, area = propeller.diameter, 0.5 * rho * L * d
-    mass = rho * values["displacement"]
-    m11, m22 = mass + area * L * values["hull.m_x"], mass + area * L * values["hull.m_y"]
-    m23 = mass * values["x_G"]
-    m33 = mass * (values["gyration"] ** 2 + values["x_G"] ** 2) + area * L**3 * values["hull.J_z"]
-    derivatives = {}
-    for name in DERIVATIVES:
-        power = name.count("r") + (name[0] == "N")
-        derivatives[name] = area * L**power * values[f"hull.{name}"]
-    thrust = rho * propeller.count * D**2
+def polynomial_numbers(values: Mapping[str, Number], length: float, draft: float, density: float) -> dict[str, Number]:
+    """Derivatives for SI velocities, from `values` of "hull.NAME": those of MmgNumbers with the same names."""
+    area = 0.5 * density * length * draft
+    return {
+        name: area * length ** (name.count("r") + (name[0] == "N")) * values[f"hull.{name}"] for name in DERIVATIVES
+    }
+
+
+def part_numbers(
+    values: Mapping[str, Number], propeller: Propeller, rudder: Rudder, propellers: int, rudders: int, length: float,
+    density: float, dt: float,
+) -> dict[str, Number]:  # fmt: skip
+    """Numbers of MmgNumbers for `propellers` propellers and `rudders` rudders together, from `values` of `OF_PARTS`."""
+    D = propeller.diameter
+    thrust = density * propellers * D**2
     lags = {}
     for name, key in (("n", "propeller"), ("delta", "rudder")):
         x = dt / (values[f"{key}.time_constant"] + AT_ONCE)
         lags |= {f"lag_{name}": 1 - math.e**-x, f"lag_half_{name}": 1 - math.e ** (-0.5 * x)}
     a_H = values["rudder.a_H"]
-    return MmgNumbers(
-        m11=m11,
-        m22=m22,
-        m23=m23,
-        m32=m23,
-        m33=m33,
-        mass=mass,
-        inverse_m11=1 / m11,
-        inverse_det=1 / (m22 * m33 - m23 * m23),
-        block_yaw=mass * L**2 / 12 + area * L**3 * values["hull.J_z"],
-        length=L,
-        **derivatives,
+    return dict(
+        length=length,
         T_nn=thrust * D**2 * values["propeller.k_0"],
         T_nu=thrust * D * values["propeller.k_1"],
         T_uu=thrust * values["propeller.k_2"],
@@ -165,24 +157,57 @@ def numbers_of(values: Mapping[str, Number], params: MmgParams, dt: float) -> Mm
         x_P=propeller.x,
         n_ahead=values["propeller.n_ahead"],
         n_astern=values["propeller.n_astern"],
-        normal=0.5 * rho * rudder.count * rudder.lift_gradient * values["rudder.area"],
+        normal=0.5 * density * rudders * rudder.lift_gradient * values["rudder.area"],
         X_delta=1 - values["rudder.t_R"],
         Y_delta=1 + a_H,
-        N_delta=L * (rudder.x + a_H * values["rudder.x_H"]),
+        N_delta=length * (rudder.x + a_H * values["rudder.x_H"]),
         gamma_positive=values["rudder.gamma_R_positive"],
         gamma_negative=values["rudder.gamma_R_negative"],
-        l_R=L * values["rudder.l_R"],
+        l_R=length * values["rudder.l_R"],
         epsilon=values["rudder.epsilon"],
         kappa=values["rudder.kappa"],
         eta=D / rudder.span,
         angle_max=math.radians(rudder.angle_max_deg),
         n_step=dt * values["propeller.rate"],
         delta_step=dt * math.pi / 180 * values["rudder.rate_deg"],
-        wind_x=0.5 * RHO_AIR * windage.c_x * values["windage.frontal_area"],
-        wind_y=0.5 * RHO_AIR * windage.c_y * values["windage.lateral_area"],
-        wind_n=0.5 * RHO_AIR * windage.c_n * L * values["windage.lateral_area"],
         **lags,
     )
+
+
+def numbers_of(values: Mapping[str, Number], params: MmgParams, dt: float) -> MmgNumbers:
+    """Numbers for a kernel with step dt (s): `values` for all keys that vary, all others from `params`."""
+    L, d, rho, windage = params.length, params.draft, params.density, params.windage
+    propeller, rudder, area = params.propeller, params.rudder, 0.5 * rho * L * d
+    mass = rho * values["displacement"]
+    m11, m22 = mass + area * L * values["hull.m_x"], mass + area * L * values["hull.m_y"]
+    m23 = mass * values["x_G"]
+    m33 = mass * (values["gyration"] ** 2 + values["x_G"] ** 2) + area * L**3 * values["hull.J_z"]
+    return MmgNumbers(
+        m11=m11,
+        m22=m22,
+        m23=m23,
+        m32=m23,
+        m33=m33,
+        mass=mass,
+        inverse_m11=1 / m11,
+        inverse_det=1 / (m22 * m33 - m23 * m23),
+        block_yaw=mass * L**2 / 12 + area * L**3 * values["hull.J_z"],
+        wind_x=0.5 * RHO_AIR * windage.c_x * values["windage.frontal_area"],
+        wind_y=0.5 * RHO_AIR * windage.c_y * values["windage.lateral_area"],
+        wind_n=RHO_AIR * windage.c_n * L * values["windage.lateral_area"],
+        **polynomial_numbers(values, L, d, rho),
+        **part_numbers(values, propeller, rudder, propeller.count, rudder.count, L, rho, dt),
+    )
+
+
+@ti.func
+def followed(p: ti.template(), now, command, close_n, close_delta, share):
+    """Controls [n, delta] after `share` of a step. A lag alone closes the shares `close_n` and `close_delta` of the
+    deviation from the command; the rates limit both.
+    """
+    most = ti.Vector([share * p.n_step, share * p.delta_step])
+    way = ti.Vector([(command[0] - now[0]) * close_n, (command[1] - now[1]) * close_delta])
+    return now + ti.max(ti.min(way, most), -most)
 
 
 @ti.func
@@ -260,6 +285,6 @@ def rudder_load(p: ti.template(), u, v, r, T, delta):
 
 @ti.func
 def wind_load(p: ti.template(), u, v):
-    """[X Y N] of the wind that moves by u, v (m/s, b) relative to the hull (hull/loads.py)."""
+    """[X Y N] of the wind that moves by u, v (m/s, b) relative to the hull (hull/wind.py)."""
     speed = ti.sqrt(u * u + v * v + STILL)
     return ti.Vector([p.wind_x * speed * u, p.wind_y * speed * v, -p.wind_n * u * v])

@@ -1,4 +1,5 @@
-"""Parameters of a vehicle file with model = "mmg_3dof", in the dimensionless form in which they are published.
+"""Parameters of a vehicle file with model = "mmg_3dof", and of the section [mmg] of a `hull_6dof`, in the dimensionless
+form in which they are published.
 
 The units are 0.5 rho L^2 d (mass), 0.5 rho L^4 d (inertia), 0.5 rho L d U^2 (force), 0.5 rho L^2 d U^2 (moment) and L
 (positions), with length L, draft d and the speed U through the water (Yasukawa & Yoshimura 2015, sec. 2.2 to 2.5).
@@ -12,7 +13,7 @@ from typing import Annotated
 from pydantic import Field, model_validator
 
 from taichi_sim.config import Finite, NonNegative, Positive, Strict
-from taichi_sim.usv.hull.params import Windage
+from taichi_sim.usv.hull.wind import Windage
 from taichi_sim.usv.vessel import steady_speed
 
 Count = Annotated[int, Field(ge=1, le=2)]
@@ -20,15 +21,10 @@ Fraction = Annotated[float, Field(ge=0, lt=1)]
 Angle = Annotated[float, Field(gt=0, le=90)]
 
 
-class HullDerivatives(Strict):
-    """Resistance, added mass and the polynomial of v' = v / U and r' = r L / U (eq. 7); derivatives not given are
-    zero.
-    """
+class HullPolynomial(Strict):
+    """Resistance, and the polynomial of v' = v / U and r' = r L / U (eq. 7); derivatives not given are zero."""
 
     R_0: Positive  # resistance in a straight run
-    m_x: NonNegative  # added mass
-    m_y: NonNegative
-    J_z: NonNegative  # added inertia
     X_vv: Finite = 0.0
     X_vr: Finite = 0.0
     X_rr: Finite = 0.0
@@ -45,6 +41,14 @@ class HullDerivatives(Strict):
     N_vvr: Finite = 0.0
     N_vrr: Finite = 0.0
     N_rrr: Finite = 0.0
+
+
+class HullDerivatives(HullPolynomial):
+    """The polynomial, and added mass."""
+
+    m_x: NonNegative  # added mass
+    m_y: NonNegative
+    J_z: NonNegative  # added inertia
 
 
 class Propeller(Strict):
@@ -70,6 +74,15 @@ class Propeller(Strict):
     astern: NonNegative = 0.7  # K_T at J = 0 with revolutions astern, over k_0; assumed
     time_constant: NonNegative = 0.0  # s
     rate: Positive = 1e3  # highest rate of change of the revolutions, 1/s^2
+
+    def steady_speed(self, n: float, density: float, linear: float, quadratic: float) -> float:
+        """Speed u (m/s) of a straight run in calm water at n > 0 (1/s), against (linear + quadratic u) u (N):
+
+        (linear + quadratic u) u = (1 - t_P) rho count D^2 (k_0 n^2 D^2 + k_1 n D u_P + k_2 u_P^2), u_P = (1 - w_P0) u.
+        """
+        wake, push = 1 - self.w_P0, (1 - self.t_P) * density * self.count * self.diameter**2
+        slope, bend = push * self.k_1 * wake * n * self.diameter, push * self.k_2 * wake**2
+        return steady_speed(push * self.k_0 * (n * self.diameter) ** 2, linear - slope, quadratic - bend)
 
 
 class Rudder(Strict):
@@ -102,6 +115,67 @@ class Rudder(Strict):
         return 6.13 * ratio / (2.25 + ratio)
 
 
+def check_slipstream(propeller: Propeller, rudder: Rudder) -> None:
+    """Refuse a propeller whose slipstream is wider than the rudder's span.
+
+    Raises:
+        ValueError: naming both keys.
+    """
+    if propeller.diameter > rudder.span:
+        raise ValueError(f"propeller.diameter = {propeller.diameter} must be at most rudder.span = {rudder.span}")
+
+
+class HullOnPanels(HullPolynomial):
+    """The polynomial of a hull in six degrees of freedom."""
+
+    z: Finite  # depth below CO at which its forces act, m
+
+
+class PropellerOnPanels(Propeller):
+    """The propellers of a hull in six degrees of freedom. Two have their own revolutions."""
+
+    y: NonNegative = 0.0  # distance of two propellers from the centreline, m
+    z: Finite  # depth of the shafts below CO, m
+
+
+class RudderOnPanels(Rudder):
+    """The rudders of a hull in six degrees of freedom. Two turn together."""
+
+    y: NonNegative = 0.0  # distance of two rudders from the centreline, m
+    z: Finite  # depth below CO at which their forces act, m
+
+
+class MmgSection(Strict):
+    """`[mmg]`: propellers and rudders of a `hull_6dof` (hull/mmg_drive.py), and its manoeuvring polynomial."""
+
+    length: Positive  # L, between perpendiculars, m
+    draft: Positive  # d, m
+    density: Positive  # rho, of the water, kg/m^3
+    hull: HullOnPanels | None = None  # instead of the damping of surge, sway and yaw in [hydrodynamics]
+    propeller: PropellerOnPanels
+    rudder: RudderOnPanels
+
+    @model_validator(mode="after")
+    def _consistent(self):
+        check_slipstream(self.propeller, self.rudder)
+        for name, part in (("propeller", self.propeller), ("rudder", self.rudder)):
+            if part.y > 0 and part.count == 1:
+                raise ValueError(f"{name}.y = {part.y} is the distance of two from the centreline: one has y = 0")
+        return self
+
+    @property
+    def resistance(self) -> float:
+        """Resistance in a straight run over the squared speed, N s^2/m^2; 0 without a polynomial."""
+        return 0.0 if self.hull is None else 0.5 * self.density * self.length * self.draft * self.hull.R_0
+
+    def steady_speed(self, linear: float, quadratic: float) -> float:
+        """Speed (m/s) of a straight run in calm water at n_ahead, against the resistance and a further damping of
+        (linear + quadratic u) u (N).
+        """
+        p = self.propeller
+        return p.steady_speed(p.n_ahead, self.density, linear, quadratic + self.resistance)
+
+
 class MmgParams(Strict):
     """Parameters of a vehicle file of `mmg_3dof`."""
 
@@ -122,10 +196,7 @@ class MmgParams(Strict):
 
     @model_validator(mode="after")
     def _consistent(self):
-        if self.propeller.diameter > self.rudder.span:
-            raise ValueError(
-                f"propeller.diameter = {self.propeller.diameter} must be at most rudder.span = {self.rudder.span}"
-            )
+        check_slipstream(self.propeller, self.rudder)
         if not 0 < self.steady_speed(self.propeller.n_ahead) < math.inf:
             raise ValueError("propeller.k_0, k_1, k_2 with hull.R_0 give no steady speed at n_ahead")
         return self
@@ -141,15 +212,11 @@ class MmgParams(Strict):
         return self.density * self.displacement
 
     def steady_speed(self, n: float) -> float:
-        """Speed (m/s) of a straight run in calm water at n > 0 revolutions (1/s), rudder amidships.
-
-        0.5 rho L d R_0 u^2 = (1 - t_P) rho count D^2 (k_0 n^2 D^2 + k_1 n D u_P + k_2 u_P^2), u_P = (1 - w_P0) u.
+        """Speed (m/s) of a straight run in calm water at n > 0 revolutions (1/s), rudder amidships; the resistance is
+        0.5 rho L d R_0 u^2.
         """
-        p, wake = self.propeller, 1 - self.propeller.w_P0
-        push = (1 - p.t_P) * p.count * p.diameter**2
-        quadratic = push * p.k_2 * wake**2 - 0.5 * self.length * self.draft * self.hull.R_0
-        linear, constant = push * p.k_1 * wake * n * p.diameter, push * p.k_0 * (n * p.diameter) ** 2
-        return steady_speed(constant, -linear, -quadratic)
+        resistance = 0.5 * self.density * self.length * self.draft * self.hull.R_0
+        return self.propeller.steady_speed(n, self.density, 0.0, resistance)
 
     def revolutions(self, speed: float) -> float:
         """Revolutions n (1/s) of a straight run at `speed` > 0 (m/s), the inverse of `steady_speed`."""

@@ -1,4 +1,7 @@
-"""The MMG model: closed forms and invariants. Its manoeuvres against published ones are in test_trials.py."""
+"""The MMG model in the plane and on panels: closed forms and invariants.
+
+Its manoeuvres against published ones are in test_trials.py.
+"""
 
 import math
 
@@ -35,9 +38,10 @@ def _sail(model, bench, action, seconds, velocity=(1.0, 0.0, 0.0), envs=1, curre
 
 @pytest.mark.parametrize(("name", "rudder", "n", "u"), [("turn_35", 35.0, 10.0, 1.0), ("turn_-20", -20.0, 12.0, 1.179)])
 def test_an_independent_code_turns_alike(name, rudder, n, u, make_model, bench, columns):
-    """Without x_G and wake, which that code has in another form."""
+    """Without x_G and wake, which that code has in another form, and with the resistance that it was given."""
     table = columns(f"kvlcc2/{name}.csv")
-    model = make_model(NAME, DT, 1, x_G=0.0, propeller={"w_P0": 0.0, "C_1": 0.0, "n_ahead": 12.0}, windage=VACUUM)
+    model = make_model(NAME, DT, 1, x_G=0.0, hull={"R_0": 0.022}, propeller={"w_P0": 0.0, "C_1": 0.0, "n_ahead": 12.0},
+                       windage=VACUUM)  # fmt: skip
     team = bench(model).put(velocity_b=(u, 0.0, 0.0))
     team.aux[..., 7], team.aux[..., 8] = n, math.radians(rudder)
     found = [np.zeros(6)]
@@ -204,3 +208,84 @@ def test_numbers_that_cannot_be_are_refused(make_model):
     ):
         with pytest.raises(ConfigError, match=told):
             make_model(NAME, DT, 1, **{section: values})
+
+
+# -- in six degrees of freedom --------------------------------------------------------------------------------------
+
+SIX = "kvlcc2_6dof"
+
+
+def _on_panels(make_model, propeller=None, rudder=None):
+    """The ship on panels, with all forces and its centre of gravity at the waterline: nothing heels or trims it."""
+    parts = {"hull": {"z": 0.0}, "propeller": {"z": 0.0, **(propeller or {})}, "rudder": {"z": 0.0, **(rudder or {})}}
+    return make_model(SIX, 0.02, 1, rigid_body={"cg": [0.25, 0.0, 0.0]}, mmg=parts)
+
+
+def test_on_panels_its_loads_are_those_in_the_plane(make_model):
+    """Of two propellers and rudders, which lie in the centreline here."""
+    rng, count = np.random.default_rng(4), {"count": 2}
+    plane = make_model(NAME, 0.02, 1, density=1025.0, propeller=count, rudder=count)
+    panels = _on_panels(make_model, propeller=count, rudder=count)
+    assert panels.limits.speeds[2] == pytest.approx(plane.limits.speeds[2])
+    for _ in range(16):
+        nu, (n, delta) = rng.uniform(-1, 1, 3) * (1.2, 0.4, 0.1), rng.uniform(-1, 1, 2) * (10.0, 0.6)
+        level = pack_state([0.0, 0.0, 0.0, 0.0, 0.0, 0.3], [nu[0], nu[1], 0.0, 0.0, 0.0, nu[2]])
+        found = panels.rhs(level, [n, n, delta], current=[0.2, -0.1])[0, [7, 8, 12]]
+        assert found == pytest.approx(plane.rhs(level, [n, delta], current=[0.2, -0.1])[0, [7, 8, 12]], abs=1e-5)
+
+
+def test_on_panels_it_turns_as_in_the_plane(make_model, bench):
+    """In calm water, as far as the second-order step allows, and its shaft and rudder follow alike."""
+    action, found = np.array([[[1.0, 1.0]], [[0.6, -0.4]]]), []
+    for model in (make_model(NAME, 0.02, 1, density=1025.0), _on_panels(make_model)):
+        team = bench(model, envs=2).put((0.0, 0.0, 0.0), (0.0, 0.0, 0.3), (1.179, 0.0, 0.0), settle=True)
+        motion = team.step(action, 1000).read()
+        controls = [team.fleet.reading(name)[:, 0].numpy() for name in ("propeller", "rudder", "thrust")]
+        found.append((motion.position[:, :2], motion.nu[:, [0, 1, 5]], np.array(controls)))
+    for there, here, within in zip(*found, (1e-3, 1e-4, 1e-3), strict=True):
+        assert here == pytest.approx(there, abs=within)
+    assert np.hypot(*found[0][0].T).min() > 14.0  # m
+
+
+def test_a_mirrored_ship_with_two_propellers_and_rudders_moves_mirrored(make_model, bench):
+    """Also by its propellers alone; and a ship heels outwards in a turn."""
+    side = {"C_2_positive": 1.3, "C_2_negative": 1.3, "count": 2, "y": 0.2, "diameter": 0.15}
+    blades = {"gamma_R_positive": 0.5, "gamma_R_negative": 0.5, "count": 2, "y": 0.2}
+    model = make_model(SIX, 0.04, 1, mmg={"propeller": side, "rudder": blades})
+    assert model.action_names == ("propeller_left", "propeller_right", "rudder")
+    action = np.array([[[0.9, 0.3, 0.7]], [[0.3, 0.9, -0.7]], [[1.0, 0.2, 0.0]]])
+    team = bench(model, envs=3).put((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.8, 0.0, 0.0), settle=True)
+    motion = team.step(action, 500).read()
+    assert motion.position[0] * (1, -1, 1) == pytest.approx(motion.position[1], abs=1e-9)
+    assert motion.euler[0] * (-1, 1, -1) == pytest.approx(motion.euler[1], abs=1e-9)
+    assert motion.nu[0] * (1, -1, 1, -1, 1, -1) == pytest.approx(motion.nu[1], abs=1e-9)
+    assert motion.euler[0, 0] < -1e-3 and motion.euler[0, 2] > 0.3  # to port in a turn to starboard
+    assert motion.euler[2, 2] > 3e-3  # the left propeller pushes the bow to starboard
+
+
+@pytest.mark.slow
+def test_on_panels_an_environment_is_what_a_vehicle_file_of_its_numbers_is(make_model, bench):
+    model = make_model(SIX, 0.05, 1)
+    keys = [key for key in model.varying if key.startswith("mmg.")]
+    changed = {key: 1.1 * model.nominal[key] for key in keys}
+    vary = {key: torch.tensor([[model.nominal[key]], [changed[key]]], dtype=torch.float64) for key in keys}
+    states = _varied(model, bench, 2, vary)
+    other = type(model)(model.with_numbers(changed), model.dt, 1)
+    assert states[0] == pytest.approx(_varied(model, bench)[0], abs=1e-9)
+    assert states[1] == pytest.approx(_varied(other, bench)[0], abs=1e-9)
+    assert np.abs(states[1] - states[0]).max() > 1e-3
+
+
+@pytest.mark.parametrize(("changes", "told"), [
+    ({"actions": "wrench"}, 'with \\[mmg\\] write actions = "propeller_rudder"'),
+    ({"hydrodynamics": {"quadratic": [5.0, 0.0, 0.0, 0.0, 0.0, 9.0]}}, r"quadratic\[0\], quadratic\[5\]: must be 0"),
+    ({"hydrodynamics": {"cross_flow_length": 7.0}}, "cross_flow_length: must be 0"),
+    ({"mmg": {"rudder": {"y": 0.3}}}, "rudder.y = 0.3 is the distance of two"),
+    ({"mmg": {"propeller": {"diameter": 0.5}}}, "must be at most rudder.span"),
+    ({"mmg": {"rudder": {"flap": 0.3}}}, "mmg.rudder.flap"),
+    ({"actuators": {"bow": {"position": [3.0, 0.0, 0.3], "thrust_max": 9.0, "thrust_min": -9.0, "lag": 1.0}}},
+     "give either \\[mmg\\]"),
+])  # fmt: skip
+def test_propellers_and_rudders_that_cannot_be_on_panels_are_refused(changes, told, make_model):
+    with pytest.raises(ConfigError, match=told):
+        make_model(SIX, 0.02, 1, **changes)

@@ -11,10 +11,12 @@ import torch
 from rl.evaluation.episodes import one_episode_each
 from rl.learn.policy import ClassicalPolicy
 from rl.missions import load_scenario
+from taichi_sim.bench import Bench
 from taichi_sim.config import ConfigError
 from taichi_sim.config.io import find_config
 from taichi_sim.conventions import STATE_SIZE
 from taichi_sim.fleet import Fleet
+from taichi_sim.vehicles import load_vehicle
 from tools import transfer
 
 SMALL = (
@@ -121,7 +123,8 @@ def test_the_published_otter_gets_shaft_speeds_and_current(checkout):
 
 
 @pytest.mark.parametrize(("words", "told"), [
-    (("--simulator", "gazebo"), "python_vehicle_simulator, or module:Class"),
+    (("--simulator", "gazebo"), "python_vehicle_simulator, rotorpy, or module:Class"),
+    (("--simulator", "rotorpy"), "multirotors of four rotors alone"),
     (("--simulator", "nothing:There"), "no module 'nothing'"),
     (("--team", "fish"), "allowed are usv, uav"),
     (("--episodes", "1000"), "at most 256"),
@@ -138,6 +141,30 @@ def test_what_is_not_there_is_told(here, tmp_path):
     here("tools.transfer", tmp_path).fails("not a run folder")
     with pytest.raises(ConfigError, match="there is no python_vehicle_simulator: name a checkout"):
         transfer.published_otter(tmp_path)
+
+
+@pytest.mark.parametrize("action", [(0.4, -0.3, 0.2, 0.0), (0.0, 0.0, -0.5, 0.8)])
+def test_a_multirotor_in_rotorpy_flies_as_ours(action):
+    """It has our equations: with equal time constants, and without gyroscopic moment and ground effect, it ends where
+    ours does.
+    """
+    pytest.importorskip("rotorpy.vehicles.multirotor")
+    equal = {"rotor": {"J_r": 0.0, "tau_up": 0.02, "tau_down": 0.02}, "ground_effect": False}
+    model, ends = load_vehicle("x500", 0.01, 2, **equal), []
+    for there in (False, True):
+        team = Bench(model, envs=2, count=1).put((0.0, 0.0, -30.0), (0.0, 0.0, 0.4), (1.0, 0.0, 0.0), settle=True)
+        team.fleet.action[:] = torch.tensor(action).to(team.fleet.action)
+        simulator = transfer.RotorPy(model, None)
+        for _ in range(50):
+            if there:
+                team.fleet.state.copy_(
+                    torch.from_numpy(simulator.advance(team.fleet, team.around)).view(team.state.shape)
+                )
+            else:
+                model.step(team.fleet, team.around)
+        ends.append(team.fleet.state[:, 0].double().numpy().copy())
+    assert ends[1] == pytest.approx(ends[0], abs=2e-3)
+    assert np.abs(ends[0][:, 7:10] - (1.0, 0.0, 0.0)).max() > 0.5
 
 
 @pytest.mark.slow

@@ -17,7 +17,9 @@ A hull is composed of parts. Each is a module of functions that kernels inline, 
     pressure.py, wave_lines.py    hydrostatic and Froude-Krylov load                 Pressure
     radiation.py, memory.py, diffraction.py    radiation and diffraction             Radiation
     thruster_set.py, thrusters.py, allocation.py    from action to thrust            ThrusterSet
-    loads.py                      weight, linear restoring, damping, cross-flow, wind
+    mmg_drive.py                  instead: propellers and rudders, polynomial        MmgDrive
+    loads.py                      weight, linear restoring, damping, cross-flow
+    wind.py                       wind                                               Windage
     motion.py                     equations of motion and their integrators
     start.py                      start on the waves
     numbers.py                    `p`: the numbers that may differ between vehicles
@@ -48,9 +50,10 @@ from taichi_sim.kernels.rigid_body import angular, linear
 from taichi_sim.kernels.rotation import quaternion_advance, rotation_matrix, store
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.usv.hull import instruments as at
-from taichi_sim.usv.hull import loads, motion, pressure, start, thruster_set, water
+from taichi_sim.usv.hull import loads, mmg_drive, motion, pressure, start, thruster_set, water, wind
 from taichi_sim.usv.hull.geometry import HullGeometry, device_table
 from taichi_sim.usv.hull.hydrostatics import check_floats
+from taichi_sim.usv.hull.mmg_drive import MmgDrive
 from taichi_sim.usv.hull.numbers import hull_numbers, symmetric, varying_keys, vector
 from taichi_sim.usv.hull.params import Hull6DofParams
 from taichi_sim.usv.hull.pressure import Pressure
@@ -90,11 +93,15 @@ class Hull6Dof(Vessel):
     - "wrench" (surge, sway, yaw): force and moment as shares of the largest of each alone, distributed to the thrusters
       (allocation.py). A wrench beyond their limits is reduced to the largest one in the same direction.
     - "units": speed of each thruster, from n_min to n_max, then the angle of each azimuth thruster, over its range.
+    - "propeller_rudder", with [mmg]: revolutions of each propeller, from -n_astern to n_ahead, and rudder angle, to
+      port and to starboard.
 
-    Controls are the speeds of the thrusters (rad/s), then the angles of the azimuth thrusters (rad).
+    Controls are the speeds of the thrusters (rad/s), then the angles of the azimuth thrusters (rad); with [mmg], the
+    revolutions (1/s) and the rudder angle (rad).
 
     Attributes:
         geometry, pressure, radiation, thrusters: the parts.
+        drive: the module with the functions of `thrusters`.
         gauge: gauge of the geometry.
         by_panels: whether `restoring = "panels"`.
         wrench_max, wrench_min: X, Y (N), N (N m) of the actions 1 and -1, with `actions = "wrench"`.
@@ -119,14 +126,17 @@ class Hull6Dof(Vessel):
                 check_floats(self.geometry.hydrostatics)
             except ValueError as error:
                 raise ConfigError(f"hull: {error}") from None
-        self.thrusters = ThrusterSet(params, dt, at.CONTROLS)
+        if params.mmg is None:
+            self.thrusters, self.drive = ThrusterSet(params, dt, at.CONTROLS), thruster_set
+        else:
+            self.thrusters, self.drive = MmgDrive(params.mmg, at.CONTROLS), mmg_drive
         self.aux_names = (*at.AUX, *self.thrusters.columns)
         self.pressure = Pressure.of(self.geometry, len(self.aux_names))
         first = filled(len(self.aux_names) + self.pressure.columns)
         self.radiation = radiation_of(params, self.geometry, dt, substeps, first)
         self.aux_size = first + self.radiation.columns
         self.action_names, self.control_names = self.thrusters.action_names, self.thrusters.control_names
-        self.backs = self.thrusters.backs
+        self.backs, self.helm_max = self.thrusters.backs, self.thrusters.helm_max
         self.signals, self.varying = self.thrusters.signals, varying_keys(params)
         if self.thrusters.allocation is not None:
             self.wrench_max, self.wrench_min = self.thrusters.allocation.largest, self.thrusters.allocation.smallest
@@ -176,14 +186,16 @@ class Hull6Dof(Vessel):
     @property
     def limits(self) -> Limits:
         """Limits of the hull; the top speed is that at which damping equals the whole thrust, if it has thrusters."""
-        h = self.params.hydrodynamics
+        h, mmg = self.params.hydrodynamics, self.params.mmg
+        if mmg is not None:
+            return Limits((0.0, 0.0, mmg.steady_speed(h.linear[0], h.quadratic[0])))
         if not self.thrusters:
             return Limits()
         force = sum(t.ahead for t in self.thrusters.thrusters)
         return Limits((0.0, 0.0, steady_speed(force, h.linear[0], h.quadratic[0])))
 
     def steer(self, ahead: ArrayLike, helm: ArrayLike) -> NDArray[np.float64] | None:
-        """Return the actions of a helmsman (thruster_set.py); None if the thrusters are commanded one by one."""
+        """Return the actions of a helmsman (thruster_set.py, mmg_drive.py); None for single thrusters."""
         return self.thrusters.steer(ahead, helm)
 
     def power(self, fleet: Fleet) -> Tensor | None:
@@ -237,6 +249,10 @@ class Hull6Dof(Vessel):
         p, M = self.params, self.params.M_rb + self.radiation.inertia
         h, speed = p.hydrodynamics, self.top_speed
         D = np.diag(np.array(h.linear) + np.array(h.quadratic) * np.array([speed, speed, speed, 1.0, 1.0, 1.0]))
+        if p.mmg is not None and p.mmg.hull is not None:
+            d, L = p.mmg.hull, p.mmg.length
+            scale = 0.5 * p.mmg.density * L * p.mmg.draft * speed
+            D[(0, 1, 5), (0, 1, 5)] = scale * 2 * d.R_0, scale * abs(d.Y_v), scale * L**2 * abs(d.N_r)
         if p.linear is None or self.by_panels:
             D = np.maximum(D - np.diag(self.radiation.counted), 0.0)
             G, step = self.geometry.hydrostatics.stiffness(), remembering(self.radiation.memory.modes, M)
@@ -248,7 +264,9 @@ class Hull6Dof(Vessel):
     @property
     def top_speed(self) -> float:
         """Steady speed (m/s) under full thrust in calm water; 0 without thrusters."""
-        h = self.params.hydrodynamics
+        h, mmg = self.params.hydrodynamics, self.params.mmg
+        if mmg is not None:
+            return mmg.steady_speed(h.linear[0], h.quadratic[0])
         if not self.thrusters:
             return 0.0
         a, b = h.quadratic[0], h.linear[0]
@@ -336,8 +354,8 @@ class Hull6Dof(Vessel):
         state, aux = ti.static(fleet.state, fleet.aux)
         pos, q, nu = motion.unpack(ti.Vector([state[e, i, c] for c in range(13)]))
         nu_dot, R = ti.Vector([aux[e, i, at.NU_DOT + c] for c in range(6)]), rotation_matrix(q)
-        controls = thruster_set.controls_at(self.thrusters, aux, e, i)
-        command = thruster_set.commanded(self.thrusters, fleet.action, e, i, controls)
+        controls = self.drive.controls_at(self.thrusters, aux, e, i)
+        command = self.drive.commanded(self.thrusters, p, fleet.action, e, i, controls)
         D = ti.Vector([aux[e, i, at.LABEL], aux[e, i, at.LABEL + 1]])
         change = ti.Vector([aux[e, i, at.LABEL_CHANGE], aux[e, i, at.LABEL_CHANGE + 1]])
         V_c = ti.Vector([around.current[e, 0], around.current[e, 1], 0.0])
@@ -358,23 +376,24 @@ class Hull6Dof(Vessel):
             change = ti.select(fresh, 0.0, 1.0) * (D_next - D)
             D = D_next
             plane = water.mean_plane(sums, R)
-            blown = loads.wind_load(self.params.windage.height, p, R, nu, air)
+            blown = wind.load(self.params.windage.height, p, R, nu, air)
             if ti.static(self.by_panels):
                 up = pressure.load(self.pressure, build, around, tables, aux, e, i, tau, pos, R, L, J, plane)
                 up += loads.weight_load(p.weight, ti.static(vector(p, "cg", 3)), loads.down(R))
-                now = thruster_set.lagged(self.thrusters, p, controls, command, 0.5)
-                driven = thruster_set.load(self.thrusters, p, now)
+                now = self.drive.lagged(self.thrusters, p, controls, command, 0.5)
+                driven = self.drive.load(self.thrusters, p, now)
                 tau_D, rate_D, bend_D = self.radiation.diffraction_from(
                     build, around, tables, e, n, tau, R, nu, L, change, tau_D, rate_D, bend_D
                 )
                 driven += self.radiation.diffraction_load(n, tau_D, rate_D, bend_D)
                 driven += self.radiation.memory_load(tables, fleet.lanes, e, i, R, nu, nu_dot, V_c)
-                pos, nu, nu_dot = motion.kick(self, p, pos, nu, nu_dot, R, up + driven + blown + outside, V_c, sums)
+                driven = up + driven + blown + outside
+                pos, nu, nu_dot = motion.kick(self, p, pos, nu, nu_dot, R, driven, now, V_c, sums)
             else:
                 y = motion.pack(pos, q, nu)
                 pos, q, nu = motion.runge_kutta(self, p, y, controls, command, blown + outside, V_c, sums)
                 R = rotation_matrix(q)
-            controls = thruster_set.lagged(self.thrusters, p, controls, command, 1.0)
+            controls = self.drive.lagged(self.thrusters, p, controls, command, 1.0)
         if ti.static(self.by_panels):
             q = quaternion_advance(q, angular(nu), ti.static(0.5 * self.dt))
             R = rotation_matrix(q)
@@ -382,9 +401,10 @@ class Hull6Dof(Vessel):
         y = motion.pack(pos, q, nu)
         for c in ti.static(range(13)):
             state[e, i, c] = y[c]
-        drag = motion.drag_force(self, p, nu, R, V_c, sums)
+        nu_r = motion.through_water(self, nu, R, V_c, sums)
+        drag = linear(loads.damping_load(self.params.hydrodynamics, p, nu_r))
         at.note(aux, e, i, D, change, nu_dot, linear(up), drag, linear(blown))
-        thruster_set.note(self.thrusters, p, aux, e, i, controls)
+        self.drive.note(self.thrusters, p, aux, e, i, controls, nu_r)
         fleet.surface[e, i, ELEVATION] = plane[0]
         fleet.surface[e, i, FREEBOARD] = water.freeboard(tables.deck, R, pos[2], plane)
 
@@ -417,15 +437,15 @@ class Hull6Dof(Vessel):
             V_c, air = ti.Vector([current[n, 0], current[n, 1], 0.0]), ti.Vector([wind_n[n, c] for c in range(3)])
             calm = ti.Vector([y[0] * 0.0 for _ in range(water.SUMS)])
             p, height = ti.static(self.constants, self.params.windage.height)
-            tau = ti.Vector([load[n, c] for c in range(6)]) + loads.wind_load(height, p, R, nu, air)
+            tau = ti.Vector([load[n, c] for c in range(6)]) + wind.load(height, p, R, nu, air)
             now = ti.Vector([controls[n, c] for c in ti.static(range(len(self.control_names)))])
-            tau += thruster_set.load(self.thrusters, p, now)
+            tau += self.drive.load(self.thrusters, p, now)
             if ti.static(self.by_panels):
                 tau += pressure.panel_load(self.pressure, tables, no_waves, n, 0, pos[2], R, linear(calm))
                 tau += loads.weight_load(p.weight, ti.static(vector(p, "cg", 3)), loads.down(R))
             else:
                 tau += loads.linear_load(self.params.linear, p, pos[2], R, calm)
-            dy = motion.derivative(self, p, y, R, tau, V_c, calm)
+            dy = motion.derivative(self, p, y, R, tau, now, V_c, calm)
             for c in ti.static(range(13)):
                 out[n, c] = dy[c]
 

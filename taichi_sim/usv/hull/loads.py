@@ -1,4 +1,4 @@
-"""Loads on a hull besides those of pressure, radiation and thrust: restoring, damping, wind. N, N m, about CO, in b.
+"""Loads on a hull besides those of pressure, radiation and thrust: restoring and damping. N, N m, about CO, in b.
 
 Restoring: the weight m g acts at the centre of gravity. With `restoring = "linear"` there are no panels (pressure.py),
 and the load is
@@ -17,14 +17,6 @@ The cross-flow drag is an integral over strips of width dx at x along the hull,
     Y = -1/2 rho T C_d sum |v + x r| (v + x r) dx,   N = -1/2 rho T C_d sum x |v + x r| (v + x r) dx,
 
 with Hoerner's (1965) section coefficient C_d (Faltinsen 1990; Fossen 2021, eqs. 6.91-6.92).
-
-Wind on the part above water, from the velocity (u, v) of the air relative to the hull, in b:
-
-    X = q C_X A_f,   Y = q C_Y A_l,   N = q C_N A_l L,   q = 1/2 rho (u^2 + v^2),
-
-    C_X = c_x u / V,   C_Y = c_y v / V,   C_N = -c_n 2 u v / V^2    (Fossen 2021, eqs. 10.26-10.28).
-
-X and Y act at the height of the centre of the areas. The coefficients are those of params.Windage.
 """
 
 # Kernels are another language inside Python syntax.
@@ -33,11 +25,9 @@ X and Y act at the height of the centre of the areas. The coefficients are those
 import taichi as ti
 
 from taichi_sim.conventions import GRAVITY
-from taichi_sim.kernels.rigid_body import cross, is_nothing, linear, six
+from taichi_sim.kernels.rigid_body import cross, six
 from taichi_sim.usv.hull import water
 from taichi_sim.usv.hull.numbers import vector
-
-STILL = 1e-9  # m^2/s^2; avoids a division by zero without wind
 
 
 @ti.func
@@ -105,22 +95,3 @@ def cross_flow(h: ti.template(), v, r):
         N -= x * drag
     scale = ti.static(0.5 * h.cross_flow_density * h.cross_flow_draft * h.cross_flow_coefficient) * dx
     return ti.Vector([Y * scale, N * scale])
-
-
-@ti.func
-def wind_load(height: ti.template(), p: ti.template(), R, nu, air):
-    """Load (N, N m, about CO, b) of the wind `air` (m/s, n) on areas with their centre `height` (m) above CO.
-
-    `p` has wind_x = rho c_x A_f / 2, wind_y = rho c_y A_l / 2 and wind_n = rho c_n A_l L (numbers.py).
-    """
-    tau = nu * 0.0
-    if ti.static(not (is_nothing(p.wind_x) and is_nothing(p.wind_y))):
-        met = R.transpose() @ air - linear(nu)
-        u, v = met[0], met[1]
-        speed = ti.sqrt(u * u + v * v + STILL)
-        X = p.wind_x * speed * u
-        Y = p.wind_y * speed * v
-        # sin(2 gamma) V^2 = -2 u v: the force acts towards the end that the wind meets first
-        N = -p.wind_n * u * v
-        tau = ti.Vector([X, Y, 0.0, height * Y, -height * X, N])
-    return tau

@@ -16,7 +16,7 @@ import taichi as ti
 
 from taichi_sim.kernels.rigid_body import angular, coriolis, linear, quaternion_rate, times
 from taichi_sim.kernels.rotation import quaternion_advance, rotation_matrix
-from taichi_sim.usv.hull import loads, thruster_set, water
+from taichi_sim.usv.hull import loads, mmg_drive, water
 from taichi_sim.usv.hull.numbers import diagonal, symmetric
 
 
@@ -33,19 +33,23 @@ def unpack(y):
 
 
 @ti.func
-def drag_force(hull: ti.template(), p: ti.template(), nu, R, V_c, sums):
-    """Force (N, b) of damping and cross-flow drag."""
+def through_water(hull: ti.template(), nu, R, V_c, sums):
+    """Velocity nu_r relative to the water."""
     nu_c, _, nu_o, _ = water.flow(hull.params.current_frame, R, angular(nu), V_c, sums)
-    return linear(loads.damping_load(hull.params.hydrodynamics, p, nu - nu_c - nu_o))
+    return nu - nu_c - nu_o
 
 
 @ti.func
-def acceleration(hull: ti.template(), p: ti.template(), nu, R, tau, V_c, sums):
-    """nu_dot under tau (N, N m), which holds all loads that do not depend on the velocity relative to the water."""
+def acceleration(hull: ti.template(), p: ti.template(), nu, R, tau, controls, V_c, sums):
+    """nu_dot under tau (N, N m), which holds all loads that do not depend on the velocity relative to the water; those
+    of propellers and rudders that do follow from `controls`.
+    """
     M_rb, M_a, M_inverse = ti.static(symmetric(p, "M_rb"), diagonal(p, "added"), symmetric(p, "inverse"))
     nu_c, nu_c_dot, nu_o, nu_o_dot = water.flow(hull.params.current_frame, R, angular(nu), V_c, sums)
     nu_r = nu - nu_c - nu_o
     load = tau + loads.damping_load(hull.params.hydrodynamics, p, nu_r)
+    if ti.static(hull.thrusters.in_flow):
+        load += mmg_drive.load_in_flow(hull.thrusters, p, controls, nu_r)
     load += hull.radiation.orbital_load(M_a, nu_o_dot)
     load = load - coriolis(M_rb, nu - nu_c) - coriolis(M_a, nu_r)
     return nu_c_dot + times(M_inverse, load)
@@ -60,23 +64,21 @@ def drift(dt: ti.template(), pos, q, nu, turn):
 
 
 @ti.func
-def kick(hull: ti.template(), p: ti.template(), pos, nu, nu_dot, R, tau, V_c, sums):
-    """Position at the end of a step, nu there, and nu_dot, under the load tau in the middle of the step.
+def kick(hull: ti.template(), p: ti.template(), pos, nu, nu_dot, R, tau, controls, V_c, sums):
+    """Position at the end of a step, nu there, and nu_dot, under load tau and `controls` in the middle of the step.
 
     For damping and Coriolis, the velocity in the middle is predicted with the last step's nu_dot.
     """
-    nu_dot = acceleration(hull, p, nu + ti.static(0.5 * hull.dt) * nu_dot, R, tau, V_c, sums)
+    nu_dot = acceleration(hull, p, nu + ti.static(0.5 * hull.dt) * nu_dot, R, tau, controls, V_c, sums)
     nu = nu + ti.static(hull.dt) * nu_dot
     return pos + ti.static(0.5 * hull.dt) * (R @ linear(nu)), nu, nu_dot
 
 
 @ti.func
-def derivative(hull: ti.template(), p: ti.template(), y, R, tau, V_c, sums):
-    """dy/dt at attitude R = R_nb under tau, which holds all loads that do not depend on the velocity through the
-    water.
-    """
+def derivative(hull: ti.template(), p: ti.template(), y, R, tau, controls, V_c, sums):
+    """dy/dt at attitude R = R_nb under tau and `controls` (see `acceleration`)."""
     _, q, nu = unpack(y)
-    return pack(R @ linear(nu), quaternion_rate(q, angular(nu)), acceleration(hull, p, nu, R, tau, V_c, sums))
+    return pack(R @ linear(nu), quaternion_rate(q, angular(nu)), acceleration(hull, p, nu, R, tau, controls, V_c, sums))
 
 
 @ti.func
@@ -88,12 +90,12 @@ def runge_kutta(hull: ti.template(), p: ti.template(), y, controls, command, loa
     total, slope = y * 0.0, y * 0.0
     for stage in range(4):
         ahead = 0.5 * ((stage + 1) // 2)  # 0, 1/2, 1/2, 1 of the step
-        now = thruster_set.lagged(hull.thrusters, p, controls, command, ahead)
+        now = hull.drive.lagged(hull.thrusters, p, controls, command, ahead)
         y_s = y + (ahead * ti.static(hull.dt)) * slope
         R = rotation_matrix(ti.Vector([y_s[3], y_s[4], y_s[5], y_s[6]]))
         tau = load + loads.linear_load(hull.params.linear, p, y_s[2], R, sums)
-        tau += thruster_set.load(hull.thrusters, p, now)
-        slope = derivative(hull, p, y_s, R, tau, V_c, sums)
+        tau += hull.drive.load(hull.thrusters, p, now)
+        slope = derivative(hull, p, y_s, R, tau, now, V_c, sums)
         total += ti.select(stage % 3 == 0, 1.0, 2.0) * slope
     pos, q, nu = unpack(y + ti.static(hull.dt / 6) * total)
     return pos, q / q.norm(), nu

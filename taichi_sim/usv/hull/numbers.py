@@ -18,6 +18,8 @@ from taichi_sim.conventions import GRAVITY
 from taichi_sim.kernels.rigid_body import changed_mass
 from taichi_sim.usv.hull.params import Hull6DofParams
 from taichi_sim.usv.hull.radiation import Radiation
+from taichi_sim.usv.hull.wind import RHO_AIR
+from taichi_sim.usv.mmg_loads import DERIVATIVES, OF_PARTS, part_numbers, polynomial_numbers
 from taichi_sim.usv.vessel import Number
 
 MASS, LAG = "rigid_body.mass", "thrusters.lag"
@@ -28,7 +30,6 @@ ADDED_MASS, LINEAR, QUADRATIC = (
 GAINS = ("thrusters.gain_left", "thrusters.gain_right")
 DECK_FRICTION = "deck.friction"
 AREAS = ("windage.frontal_area", "windage.lateral_area")
-RHO_AIR = 1.225  # kg/m^3, standard atmosphere at sea level
 UPPER = tuple((i, j) for i in range(6) for j in range(i, 6))  # entries of a symmetric 6 x 6 matrix
 
 FIELDS = (
@@ -37,7 +38,7 @@ FIELDS = (
     *(f"added_{i}" for i in range(6)),  # diagonal of M_a, kg, kg m^2
     *(f"linear_{i}" for i in range(6)),  # damping, N s/m, N m s
     *(f"quadratic_{i}" for i in range(6)),  # N s^2/m^2, N m s^2
-    "wind_x", "wind_y", "wind_n",  # factors of products of relative wind speeds (loads.wind_load), N s^2/m^2, N s^2/m
+    "wind_x", "wind_y", "wind_n",  # factors of products of relative wind speeds (wind.py), N s^2/m^2, N s^2/m
     *(f"M_rb_{i}{j}" for i, j in UPPER),
     *(f"inverse_{i}{j}" for i, j in UPPER),  # inverse of M_rb + M_a
 )  # fmt: skip
@@ -48,11 +49,12 @@ THRUSTER_FIELDS = (  # for each thruster k (`THRUSTER_FIELDS`_k), after FIELDS
 
 
 @cache
-def numbers_of(thrusters: int) -> Callable[..., tuple[Number, ...]]:
-    """NamedTuple type of a hull with this many thrusters (see `FIELDS`); its entries are floats, or tensors of one
-    shape.
+def numbers_of(thrusters: int, mmg: tuple[str, ...] = ()) -> Callable[..., tuple[Number, ...]]:
+    """NamedTuple type of a hull with this many thrusters, or with the fields `mmg` of its propellers and rudders (see
+    `FIELDS`); its entries are floats, or tensors of one shape.
     """
-    return namedtuple("HullNumbers", (*FIELDS, *(f"{name}_{k}" for name in THRUSTER_FIELDS for k in range(thrusters))))
+    fitted = (f"{name}_{k}" for name in THRUSTER_FIELDS for k in range(thrusters))
+    return namedtuple("HullNumbers", (*FIELDS, *fitted, *mmg))
 
 
 def varying_keys(p: Hull6DofParams) -> tuple[str, ...]:
@@ -60,7 +62,25 @@ def varying_keys(p: Hull6DofParams) -> tuple[str, ...]:
     gains, lags = thruster_keys(p)
     thrusters = (*gains, *dict.fromkeys(lags))
     deck = (DECK_FRICTION,) if p.deck else ()  # contact/contacts.py reads it
-    return (MASS, *CG, *ADDED_MASS, *LINEAR, *QUADRATIC, *thrusters, *AREAS, *deck)
+    return (MASS, *CG, *ADDED_MASS, *LINEAR, *QUADRATIC, *thrusters, *mmg_keys(p), *AREAS, *deck)
+
+
+def mmg_keys(p: Hull6DofParams) -> tuple[str, ...]:
+    """Keys of propellers, rudders and polynomial."""
+    if p.mmg is None:
+        return ()
+    derivatives = tuple(f"hull.{name}" for name in DERIVATIVES) if p.mmg.hull else ()
+    return tuple(f"mmg.{key}" for key in (*derivatives, *OF_PARTS))
+
+
+def mmg_numbers(p: Hull6DofParams, dt: float, values: Mapping[str, Number]) -> dict[str, Number]:
+    """Numbers of one propeller, one rudder and the polynomial (mmg_loads.py), by field."""
+    m = p.mmg
+    if m is None:
+        return {}
+    own = {key.removeprefix("mmg."): values[key] for key in mmg_keys(p)}
+    found = part_numbers(own, m.propeller, m.rudder, 1, 1, m.length, m.density, dt)
+    return found | (polynomial_numbers(own, m.length, m.draft, m.density) if m.hull else {})
 
 
 def thruster_keys(p: Hull6DofParams) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -85,11 +105,12 @@ def hull_numbers(
     inverse = _inverse(M)
     w, (frontal, lateral) = p.windage, (values[key] for key in AREAS)
     gains, lags = ([values[key] for key in keys] for keys in thruster_keys(p))
-    return numbers_of(len(gains))(
+    mmg = mmg_numbers(p, dt, values)
+    return numbers_of(len(gains), tuple(mmg))(
         mass * GRAVITY, *cg, *added, *linear, *quadratic,
         0.5 * RHO_AIR * w.c_x * frontal, 0.5 * RHO_AIR * w.c_y * lateral, RHO_AIR * w.c_n * lateral * p.length,
         *(M_rb[i][j] for i, j in UPPER), *(inverse[i][j] for i, j in UPPER),
-        *(_left(0.5 * dt, lag) for lag in lags), *(_left(dt, lag) for lag in lags), *gains,
+        *(_left(0.5 * dt, lag) for lag in lags), *(_left(dt, lag) for lag in lags), *gains, *mmg.values(),
     )  # fmt: skip
 
 

@@ -15,6 +15,8 @@ from taichi_sim.kernels.rigid_body import changed_mass, constant, rigid_body_mas
 from taichi_sim.usv.hull.allocation import reaches_round
 from taichi_sim.usv.hull.mesh import HullShape
 from taichi_sim.usv.hull.thrusters import MOST_THRUSTERS, NamedThruster, PropellerPair, Thruster, Vector3
+from taichi_sim.usv.hull.wind import Windage
+from taichi_sim.usv.mmg_params import MmgSection
 
 Diagonal = tuple[NonNegative, NonNegative, NonNegative, NonNegative, NonNegative, NonNegative]
 Row = tuple[Finite, Finite, Finite, Finite, Finite, Finite]
@@ -107,20 +109,6 @@ class LinearRestoring(Strict):
     payload_position: Vector3 = (0.0, 0.0, 0.0)  # m
 
 
-class Windage(Strict):
-    """Wind on the part above water: X = q C_X A_f, Y = q C_Y A_l, N = q C_N A_l L, with q from the relative wind.
-
-    C_X = -c_x cos(gamma), C_Y = c_y sin(gamma), C_N = c_n sin(2 gamma) (Fossen 2021, eqs. 10.26-10.28).
-    """
-
-    frontal_area: NonNegative = 0.0  # A_f, m^2
-    lateral_area: NonNegative = 0.0  # A_l, m^2
-    c_x: NonNegative = 0.7  # Fossen (2021), sec. 10.1: 0.50-0.90
-    c_y: NonNegative = 0.85  # Fossen (2021), sec. 10.1: 0.70-0.95
-    c_n: NonNegative = 0.1  # Fossen (2021), sec. 10.1: 0.05-0.20
-    height: NonNegative = 0.0  # of the centre of the areas above CO, m
-
-
 class Hull6DofParams(Strict):
     """Parameters of a vehicle file of `hull_6dof`."""
 
@@ -130,13 +118,14 @@ class Hull6DofParams(Strict):
     collision_radius: Positive  # m
     restoring: Literal["panels", "linear"] = "panels"
     current_frame: Literal["body", "heading"] = "body"  # "heading": the source's own, level frame
-    actions: Literal["surge_yaw", "left_right", "wrench", "units"] = "surge_yaw"
+    actions: Literal["surge_yaw", "left_right", "wrench", "units", "propeller_rudder"] = "surge_yaw"
     rigid_body: RigidBody
     hydrodynamics: Hydrodynamics
     hull: HullShape
     linear: LinearRestoring | None = None
     thrusters: PropellerPair | None = None
     actuators: Annotated[dict[Name, NamedThruster], Field(max_length=MOST_THRUSTERS)] = {}
+    mmg: MmgSection | None = None
     windage: Windage = Windage()
     deck: Deck | None = None  # for aircraft that land on it (contact/parts.py)
 
@@ -155,6 +144,14 @@ class Hull6DofParams(Strict):
 
     def _check_thrusters(self) -> None:
         """Refuse impossible thrusters, and actions that do not suit them."""
+        if self.mmg and (self.thrusters or self.actuators):
+            raise ValueError("give either [mmg], propellers and rudders, or [thrusters], or [actuators.NAME]")
+        if (self.mmg is not None) != (self.actions == "propeller_rudder"):
+            raise ValueError(
+                f'actions = "{self.actions}": with [mmg] write actions = "propeller_rudder" (revolutions of each '
+                "propeller, rudder), which is for [mmg] alone"
+            )
+        self._check_damping()
         if self.thrusters and self.actuators:
             raise ValueError("give either [thrusters], two propellers, or [actuators.NAME], each by itself")
         h = self.hydrodynamics
@@ -182,6 +179,18 @@ class Hull6DofParams(Strict):
                     f'actions = "wrench" needs an actuators.{thruster.name} that pushes every way: a range_deg of 180 '
                     'degrees or more and a thrust_min below 0, or no range_deg; or write actions = "units"'
                 )
+
+    def _check_damping(self) -> None:
+        """Refuse damping of surge, sway and yaw beside a polynomial, and propellers without resistance."""
+        h = self.hydrodynamics
+        planar = [f"{name}[{i}]" for name in ("linear", "quadratic") for i in (0, 1, 5) if getattr(h, name)[i] != 0]
+        if self.mmg and self.mmg.hull and (planar or h.cross_flow_length):
+            given = ", ".join(planar) or "cross_flow_length"
+            raise ValueError(
+                f"hydrodynamics.{given}: must be 0, for [mmg.hull] holds all damping of surge, sway and yaw"
+            )
+        if self.mmg and not 0 < self.mmg.steady_speed(h.linear[0], h.quadratic[0]) < np.inf:
+            raise ValueError("mmg.propeller.k_0, k_1, k_2 with the resistance give no steady speed at n_ahead")
 
     @property
     def all_thrusters(self) -> tuple[Thruster, ...]:

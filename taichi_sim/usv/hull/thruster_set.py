@@ -37,6 +37,7 @@ Arrow = tuple[tuple[float, float, float], tuple[str | None, str | None, str | No
 
 class ThrusterSet:
     """Compile-time tables of the thrusters, and their names; a hull without thrusters has the columns of two at rest.
+    MmgDrive (mmg_drive.py) takes its place on a hull with propellers and rudders.
 
     Attributes:
         thrusters: in the order of the vehicle file.
@@ -51,6 +52,9 @@ class ThrusterSet:
         allocation: tables for `actions = "wrench"`.
         signals: plots of a recording (`Vehicle.signals`).
     """
+
+    in_flow = False  # whether loads depend on the velocity through the water
+    helm_max = None  # angle of rudders at full helm, rad
 
     def __init__(self, params: Hull6DofParams, dt: float, first: int):
         """Take the thrusters of `params`, for steps of `dt` (s); their columns in the auxiliary state begin at
@@ -146,7 +150,7 @@ def controls_at(fitted: ti.template(), aux: ti.template(), e, i):
 
 
 @ti.func
-def commanded(fitted: ti.template(), action: ti.template(), e, i, controls):
+def commanded(fitted: ti.template(), p: ti.template(), action: ti.template(), e, i, controls):
     """Command for an action; hull_6dof.py defines the actions."""
     command = controls * 0.0
     if ti.static(len(fitted) > 0):
@@ -235,7 +239,7 @@ def load(fitted: ti.template(), p: ti.template(), controls):
 
 
 @ti.func
-def note(fitted: ti.template(), p: ti.template(), aux: ti.template(), e, i, controls):
+def note(fitted: ti.template(), p: ti.template(), aux: ti.template(), e, i, controls, nu_r):
     """Write controls and thrusts at the end of the step to the auxiliary state."""
     for c in ti.static(range(len(fitted.control_names))):
         aux[e, i, ti.static(fitted.first) + c] = controls[c]
