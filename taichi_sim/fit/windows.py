@@ -167,7 +167,7 @@ def check_against(simulator: WindowSimulator, logs: Sequence[Log], windows: Sequ
     A frame that is mirrored as a whole, or positions in other units, agree with themselves: only the commands tell.
 
     Raises:
-        LogError: for a log whose vessel turns against its commands, or goes a way of another order than they drive it.
+        LogError: for a log whose vessel turns against its commands, or turns or goes far from as much as they drive it.
     """
     n, lead = len(windows), lead_steps(simulator.interval)
     across = np.array([1.0, 1.0, 1.0, 1.0, -1.0, -1.0]) * state[:, [1, 0, 2, 3, 4, 5]]
@@ -179,6 +179,10 @@ def check_against(simulator: WindowSimulator, logs: Sequence[Log], windows: Sequ
         if not mine:
             continue
         measured = np.stack([windows[k].motion[lead:] for k in mine], axis=1)
+        r, expected = (float(np.sqrt(np.mean(x[..., 3] ** 2))) for x in (measured, found[:, mine]))
+        if expected > TURNS and not 1 / FARTHER < r / expected < FARTHER:
+            raise LogError(f"{log.name}: the yaw rate is {r:.2g} rad/s rms where the commands give {expected:.2g}: are "
+                           "heading and yaw_rate in rad, heading_deg and yaw_rate_deg in degrees?")  # fmt: skip
         as_it_is = np.sqrt(np.mean((measured[..., 3] - found[:, mine, 3]) ** 2))
         mirrored = np.sqrt(np.mean((-measured[..., 3] - found[:, [n + k for k in mine], 3]) ** 2))
         if as_it_is > TURNS and mirrored < MIRRORED * as_it_is:
@@ -186,10 +190,6 @@ def check_against(simulator: WindowSimulator, logs: Sequence[Log], windows: Sequ
                 f"{log.name}: the vessel turns against its commands: the log is mirrored (ENU: north and east "
                 "exchanged, heading from east, yaw rate to port), or an action has the wrong sign"
             )
-        r, expected = (float(np.sqrt(np.mean(x[..., 3] ** 2))) for x in (measured, found[:, mine]))
-        if expected > TURNS and not 1 / FARTHER < r / expected < FARTHER:
-            raise LogError(f"{log.name}: the yaw rate is {r:.2g} rad/s rms where the commands give {expected:.2g}: are "
-                           "heading and yaw_rate in rad, heading_deg and yaw_rate_deg in degrees?")  # fmt: skip
         here, there = (x - x[0] for x in (measured, found[:, mine]))
         way, expected = (float(np.hypot(x[-1, :, 0], x[-1, :, 1]).sum()) for x in (here, there))
         if expected > len(mine) * MOVES and not 1 / FARTHER < way / expected < FARTHER:
