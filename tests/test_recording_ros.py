@@ -184,6 +184,9 @@ def test_transforms_forces_and_slots_stand_where_the_recording_has_them(written,
     force = episode.teams["usv"].forces["thrust left"].vector_b[:, 1]
     np.testing.assert_array_equal(numbers(pushed, "wrench.force"), force * (1, -1, -1))
     assert {message.header.frame_id for _, message in pushed} == {"usv_1/wrench/thrust_left"}
+    taken = bag["/usv_1/actions"]  # a frame has the action that led to it, a message the one that follows
+    np.testing.assert_array_equal([one.position for _, one in taken], episode.teams["usv"].action[1:, 1])
+    assert taken[0][1].name == list(episode.teams["usv"].action_names)
     slots = numbers(bag["/usv_1/slot"], "pose.position")
     np.testing.assert_array_equal(slots[:, :2], episode.teams["usv"].slot_n[:, 1, 1::-1])
     ahead = matrices(numbers(bag["/usv/target"], "pose.orientation", "xyzw"))[:, :2, 0]

@@ -152,6 +152,7 @@ class _Team:
         self.slot = None if motion.slot is None else motion.slot.tolist()
         self.target = None if motion.target is None else motion.target.tolist()
         self.course = motion.course.tolist()
+        self.action, self.action_names = team.action, list(team.action_names)
         self.arrows = {ros_name(name): _arrow(force) for name, force in team.forces.items()}
         self.target_topic = Topic(f"/{ros_name(team.name)}/target", "geometry_msgs/msg/PoseStamped")
         self.of_vehicles = [self._topics(name) for name in self.names]
@@ -160,6 +161,8 @@ class _Team:
         types = {"odom": "nav_msgs/msg/Odometry", "imu": "sensor_msgs/msg/Imu", "fix": "sensor_msgs/msg/NavSatFix"}
         if self.slot is not None:
             types["slot"] = "geometry_msgs/msg/PoseStamped"
+        if self.action is not None:
+            types["actions"] = "sensor_msgs/msg/JointState"
         types |= {f"wrench/{arrow}": "geometry_msgs/msg/WrenchStamped" for arrow in self.arrows}
         return {last: Topic(f"/{name}/{last}", kind) for last, kind in types.items()}
 
@@ -194,6 +197,14 @@ class _Team:
             if self.slot is not None:
                 slot = self.build.pose_stamped(world, self.slot[step][vehicle], self.course[step])
                 yield topics["slot"], slot
+            if self.action is not None and step + 1 < len(self.action):
+                taken = self.action[step + 1, vehicle]  # a frame has the action that led to it
+                if np.isfinite(taken).all():
+                    none = np.zeros(0)
+                    values = np.asarray(taken, dtype=np.float64)
+                    yield topics["actions"], self.build.make(
+                        topics["actions"].type, own, self.action_names, values, none, none
+                    )
             for arrow, (_, force) in self.arrows.items():
                 topic = topics[f"wrench/{arrow}"]
                 yield topic, self._wrench(time, topic.name.removeprefix("/"), force[step][vehicle])
