@@ -16,7 +16,7 @@ from rl.mission import Endings
 from taichi_sim.recording import Body, Episode, Force, Signal, write_recording
 from taichi_sim.recording.arrows import newtons_per_metre, round_scale
 from taichi_sim.recording.bodies import body_mesh
-from taichi_sim.recording.model import body_of, columns_of, forces_of, signals_of
+from taichi_sim.recording.recorder import body_of, columns_of, forces_of, signals_of
 from taichi_sim.recording.sea_grid import SeaGrid
 from taichi_sim.recording.sea_patch import Cadence, SeaPatch
 from taichi_sim.recording.stream import Stream

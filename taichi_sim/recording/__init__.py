@@ -2,8 +2,7 @@
 
 episode.py      the data of an episode, with shape, unit and frame of each array
 overlays.py     what a mission may draw and plot besides the vehicles; draw_overlays.py draws it
-recorder.py     records the frames of a world, with or without a mission
-model.py        what a recording asks a vehicle model: medium, hull, loads, instruments
+recorder.py     records the frames of a world, with or without a mission; what it asks a vehicle model
 meshes.py       a boat, in the body frame b (forward-right-down)
 bodies.py       chooses the body of a team; airplanes and flying wings; vessel.py: a body made of a hull's own panels
 sea_grid.py     grid of the sea around a team; sea_patch.py: its waves and colours
