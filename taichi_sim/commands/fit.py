@@ -29,7 +29,7 @@ from pathlib import Path
 import numpy as np
 
 from taichi_sim.config import ConfigError, TeamConfig
-from taichi_sim.config.extras import MissingExtraError
+from taichi_sim.config.base import MissingExtraError
 from taichi_sim.config.io import vehicle_file
 from taichi_sim.fit.estimate import LOST, STARTS, Fit, fit
 from taichi_sim.fit.log import Log, read_columns, read_log

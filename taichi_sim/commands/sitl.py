@@ -31,7 +31,7 @@ from typing import TYPE_CHECKING, TextIO
 
 from taichi_sim.commands.trials import changes_of, conditions_of
 from taichi_sim.config import ConfigError
-from taichi_sim.config.extras import MissingExtraError
+from taichi_sim.config.base import MissingExtraError
 from taichi_sim.kernels import runtime
 from taichi_sim.sea import SteepSeaError
 from taichi_sim.sitl.channels import PWM, changes_for, read_channels

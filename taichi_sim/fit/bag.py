@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from taichi_sim.config.extras import MissingExtraError
+from taichi_sim.config.base import MissingExtraError
 from taichi_sim.fit.table import CHANNELS, Array, LogError, Source, Table, held
 
 if TYPE_CHECKING:

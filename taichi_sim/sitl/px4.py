@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from taichi_sim.config.extras import MissingExtraError
+from taichi_sim.config.base import MissingExtraError
 from taichi_sim.conventions import GRAVITY
 from taichi_sim.recording.ros.geodesy import FJORD, geodetic
 from taichi_sim.sitl.craft import HELD_HEIGHT, Craft, rotation

@@ -202,8 +202,9 @@ class _Team:
                 if np.isfinite(taken).all():
                     none = np.zeros(0)
                     values = np.asarray(taken, dtype=np.float64)
-                    yield topics["actions"], self.build.make(
-                        topics["actions"].type, own, self.action_names, values, none, none
+                    yield (
+                        topics["actions"],
+                        self.build.make(topics["actions"].type, own, self.action_names, values, none, none),
                     )
             for arrow, (_, force) in self.arrows.items():
                 topic = topics[f"wrench/{arrow}"]
