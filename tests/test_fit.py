@@ -4,6 +4,7 @@ import csv
 import re
 import struct
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -263,10 +264,16 @@ def test_a_bag_holds_the_same_log(storage, logs, tmp_path):
 
 def test_bags_without_what_a_fit_needs_are_told(logs, tmp_path, monkeypatch):
     model = load_vehicle("otter_3dof")
-    own = write_mcap(make_episode(2, steps=5), tmp_path / "own.mcap")
+    episode = make_episode(2, steps=5)
+    silent = replace(episode, teams={name: replace(team, action=None) for name, team in episode.teams.items()})
+    own, mute = (write_mcap(one, tmp_path / f"{name}.mcap") for name, one in (("own", episode), ("mute", silent)))
     with pytest.raises(LogError, match="it has uav_0, uav_1, usv_0, usv_1: choose by --name"):
         read_log(own, model)
     with pytest.raises(LogError, match="no topic /usv_1/actions; it has .*Actions are read from /usv_1/actions"):
+        read_log(mute, model, Source(name="usv_1"))
+    with pytest.raises(
+        LogError, match="actions has no position of acceleration; it has thrust, turn"
+    ):
         read_log(own, model, Source(name="usv_1"))
     short = _bag(tmp_path / "short", read_log(logs[0], model), StoragePlugin.SQLITE3, last=2)
     with pytest.raises(LogError, match="2 messages of /usv_0/odom after the first command"):
