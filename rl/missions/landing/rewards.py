@@ -5,6 +5,7 @@ from collections.abc import Callable
 from typing import Any
 
 import torch
+from pydantic import model_validator
 from torch import Tensor
 
 from rl.rewards import action_rate, coarse, penalty
@@ -23,6 +24,12 @@ class AircraftReward(Strict):
     landed: NonNegative = 60.0  # 1 when it has landed
     failed: NonNegative = 200.0  # -1 at any other end
     action_rate: NonNegative = 0.02  # -|a - a_previous|^2
+
+    @model_validator(mode="before")
+    @classmethod
+    def _without_scale(cls, data: object) -> object:
+        """Accept files of earlier versions, in which metres of distance were paid for, over `closing_scale`."""
+        return {key: value for key, value in data.items() if key != "closing_scale"} if isinstance(data, dict) else data
 
 
 class BoatReward(Strict):
