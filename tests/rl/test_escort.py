@@ -47,6 +47,7 @@ def sail(mission: Escort, steps: int, each=None) -> None:
             each(step)
 
 
+@pytest.mark.slow  # one more world to compile
 def test_the_vessel_does_the_same_whoever_escorts_it():
     """With other boats, none, scouts, or no messages: its way is drawn, not made."""
     ways = []

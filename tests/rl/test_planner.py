@@ -33,7 +33,7 @@ def cost_of(team, steps: int, action) -> torch.Tensor:
     return cost
 
 
-@pytest.mark.parametrize("scenario", ["paper", "otter"])
+@pytest.mark.parametrize("scenario", ["paper", pytest.param("otter", marks=pytest.mark.slow)])
 def test_what_an_oracle_predicts_is_what_happens(scenario):
     """Sensors' noise, currents and bodies that move included; and it is no worse than the classical controller."""
     team = team_of(scenario)
