@@ -48,10 +48,8 @@ def read_dataflash(file: Path, model: Vehicle, source: Source) -> Table:
     found: dict[str, list[Any]] = {name: [] for name in ("XKF1", "IMU", "RCOU", "PARM")}
     if file.read_bytes()[:3] != b"\xa3\x95\x80":
         raise LogError(f"{file}: this is no dataflash log of ArduPilot: it begins with no FMT record")
-    with (
-        contextlib.redirect_stdout(io.StringIO()),
-        contextlib.redirect_stderr(io.StringIO()),
-    ):  # it prints what it skips
+    silent = io.StringIO()  # it prints what it skips
+    with contextlib.redirect_stdout(silent), contextlib.redirect_stderr(silent):
         try:
             log = DFReader_binary(str(file))
             while (message := log.recv_match(type=list(found))) is not None:

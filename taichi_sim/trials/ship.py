@@ -28,6 +28,7 @@ APART = 0.02  # difference of r' from which the branches of a spiral count as di
 EDGE_HELMS = 8  # helms tried between two of a spiral: they find an edge of the loop to 1/18 of the distance
 PULL_OUT_HELM = math.radians(20.0)
 SETTLED = 1e-4  # change of the yaw rate per length of travel, over U / L, that counts as zero
+STEPS = (1.0, 0.1, 0.02, 0.0)  # of a spiral, on the way from full helm to the one that is wanted; assumed
 SHARES = np.arange(1, 11) / 10  # shares of full thrust ahead in speed trials
 HEEL = math.radians(10.0)  # initial heel of a roll decay
 REST = 60.0  # s, time for a hull to come to rest before a roll decay
@@ -231,8 +232,9 @@ def _branches(setting: Setting, helms: Array) -> tuple[Array, Array, float]:
     basin = Basin(replace(setting, runs=1), 2 * len(helms))
     basin.approach()
     ahead, branch = np.full(basin.envs, setting.ahead), np.repeat([1.0, -1.0], len(helms))
-    _settle(basin, ahead, branch)
-    rate, speed = _settle(basin, ahead, np.tile(helms / (basin.model.helm_max or SHIP_HELM), 2))
+    wanted, rate, speed = np.tile(helms / (basin.model.helm_max or SHIP_HELM), 2), branch, branch
+    for share in STEPS:
+        rate, speed = _settle(basin, ahead, wanted + share * (branch - wanted))
     return rate.reshape(2, -1), speed.reshape(2, -1), basin.length
 
 
@@ -253,9 +255,9 @@ def _loop_edges(setting: Setting, helms: Array, differ: NDArray[np.bool_]) -> tu
 def spiral(setting: Setting) -> Outcome:
     """The direct spiral (Dieudonne): steady yaw rate over helm, approached from hard starboard and from hard port.
 
-    All helms are sailed at once, each from a steady turn under full helm to that side. This equals going through them
-    in order, because on its branch a steady turn depends on the helm alone. The loop is where the branches differ. Its
-    edges are then found between the helms.
+    All helms are sailed at once. Each is approached from a steady turn under full helm to that side, by steady turns
+    under less and less helm (`STEPS`): a vessel that a hard turn has slowed down would leave its branch before the
+    branch ends. The loop is where the branches differ. Its edges are then found between the helms.
     """
     out = Outcome("spiral", "Spiral", panels=(Panel("Steady yaw rate", "helm deg", "r' 1"),))
     full = math.degrees(vessel_of(setting).helm_max or SHIP_HELM)
