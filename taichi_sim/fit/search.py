@@ -1,0 +1,259 @@
+"""The search of a fit: Gauss-Newton with Levenberg's damping, over windows that are simulated side by side.
+
+The cost is the sum of squares of residuals over their standard deviations (Huber's weights beyond OUTLIER), plus those
+of the priors. Derivatives are differences, simulated in the same batch. Unknowns of a single log are eliminated log by
+log (Schur complement). Searches are generators that ask for simulations, so that several of them share a batch.
+"""
+
+from collections.abc import Generator, Sequence
+from typing import NamedTuple, TypeVar
+
+import numpy as np
+
+from taichi_sim.fit.table import Array
+from taichi_sim.fit.windows import Window, WindowSimulator, lead_steps
+
+OUTLIER = 2.5  # standard deviations beyond which a residual has less weight
+ITERATIONS = 60
+STATE_ROUNDS = 8  # iterations of the search for initial states alone, for each of GROWING
+GROWING = (0.2, 0.5, 1.0)  # fitted fractions of a window
+ENOUGH, ROUGHLY = 1e-5, 1e-3  # relative change of the cost that ends the search: over full windows, over short ones
+DAMPING = 10.0  # damping of the first step over the precision of the priors
+OF_STATES = 1e-4  # damping of states, currents and biases over their own precision
+LONGEST = 0.3  # largest change of a number's logarithm in a step
+DELTA = 1e-4  # step of differences: phi, and states in m, rad, m/s, rad/s
+# prior standard deviations of a log's current (north, east; m/s), heading bias (rad) and yaw rate bias (rad/s)
+LOG_PRIOR = np.array([1.0, 1.0, np.radians(3.0), np.radians(1.0)])
+
+
+class Request(NamedTuple):
+    """Simulations that a search wants, as of `WindowSimulator.run`."""
+
+    windows: list[Window]
+    phi: Array
+    current: Array
+    state: Array
+
+
+T = TypeVar("T")
+Search = Generator[Request, Array, T]
+
+
+def side_by_side(simulator: WindowSimulator, searches: Sequence[Search[T]]) -> list[T]:
+    """Results of searches whose simulations run in one batch as long as they go on."""
+    results: dict[int, T] = {}
+    requests = {k: next(search) for k, search in enumerate(searches)}
+    while requests:
+        all_of = list(requests.values())
+        found = simulator.run(
+            [w for r in all_of for w in r.windows],
+            np.concatenate([r.phi for r in all_of]),
+            np.concatenate([r.current for r in all_of]),
+            np.concatenate([r.state for r in all_of]),
+        )
+        first, going = 0, requests
+        requests = {}
+        for k, request in going.items():
+            mine = found[:, first : first + len(request.windows)]
+            first += len(request.windows)
+            try:
+                requests[k] = searches[k].send(mine)
+            except StopIteration as end:
+                results[k] = end.value
+    return [results[k] for k in range(len(searches))]
+
+
+class Problem:
+    """Residuals of some windows and their derivatives.
+
+    With `known`, the numbers are these and not estimated: the unknown ones (`phi`) are none.
+    """
+
+    def __init__(self, windows: Sequence[Window], interval: float, logs: int, known: Array | None = None):
+        """Of `windows` of so many logs, whose samples are `interval` s apart."""
+        self.windows, self.logs, self.known = list(windows), logs, known
+        self.measured = np.stack([w.motion[lead_steps(interval) :] for w in windows])  # [window, step + 1, 4]
+        self.of = np.array([w.log for w in windows])
+
+    def _request(self, windows: list[Window], phis: Array, currents: Array, states: Array) -> Request:
+        if self.known is not None:
+            phis = np.tile(self.known, (len(windows), 1))
+        return Request(windows, phis, currents, states)
+
+    def residuals(self, phi: Array, extra: Array, state: Array) -> Search[Array]:
+        """Residuals, measured minus simulated, [window, sample, 4]."""
+        phis = np.tile(phi, (len(self.windows), 1))
+        found = yield self._request(self.windows, phis, extra[self.of, :2], state)
+        return self.left(np.moveaxis(found, 1, 0), extra)
+
+    def left(self, found: Array, extra: Array) -> Array:
+        """Residuals of the motions `found` [window, sample, 4] by the simulator."""
+        base = found.copy()
+        base[..., 2:] += extra[self.of, 2:][:, None]
+        left = self.measured - base
+        left[..., 2] = np.angle(np.exp(1j * left[..., 2]))
+        return left
+
+    def point(self, phi: Array, extra: Array, state: Array) -> "Search[Point]":
+        """Residuals and their derivatives."""
+        p, w = len(phi), len(self.windows)
+        columns = p + 2 + 6
+        envs = w * (1 + columns)
+        phis, currents = np.tile(phi, (envs, 1)), np.tile(extra[self.of, :2], (1 + columns, 1))
+        states = np.tile(state, (1 + columns, 1))
+        for k in range(columns):
+            part = slice(w * (k + 1), w * (k + 2))
+            if k < p:
+                phis[part, k] += DELTA
+            elif k < p + 2:
+                currents[part, k - p] += DELTA
+            else:
+                states[part, k - p - 2] += DELTA
+        found = yield self._request(self.windows * (1 + columns), phis, currents, states)
+        found = np.moveaxis(found, 1, 0).reshape(1 + columns, w, -1, 4)
+        slope = np.moveaxis((found[1:] - found[0]) / DELTA, 0, -1)
+        bias = np.zeros((*slope.shape[:-1], 2))
+        bias[..., 2, 0], bias[..., 3, 1] = 1.0, 1.0
+        slope = np.concatenate((slope[..., : p + 2], bias, slope[..., p + 2 :]), axis=-1)
+        return Point(phi, extra, state, self.left(found[0], extra), slope)
+
+
+def _weights(scaled: Array) -> Array:
+    return np.sqrt(np.minimum(1.0, OUTLIER / np.maximum(np.abs(scaled), 1e-12)))
+
+
+def huber(left: Array, sigma: Array) -> Array:
+    """Huber's cost of each residual."""
+    x = np.abs(left / sigma)
+    least = np.minimum(x, OUTLIER)
+    return least * (x - 0.5 * least)
+
+
+def _cost(left: Array, sigma: Array, phi: Array, prior: Array, extra: Array) -> float:
+    """Total cost of residuals and priors."""
+    of_priors = ((phi / prior) ** 2).sum() + ((extra / LOG_PRIOR) ** 2).sum()
+    return float(huber(left, sigma).sum() + 0.5 * of_priors)
+
+
+class Point(NamedTuple):
+    """A point of the search."""
+
+    phi: Array
+    extra: Array  # [log, 4]
+    state: Array  # [window, 6]
+    left: Array  # measured less simulated [window, sample, 4]
+    slope: Array  # d(simulated) [window, sample, 4, number + 4 + 6]
+
+
+class SearchEnd(NamedTuple):
+    """Where a search ended."""
+
+    point: Point
+    sigma: Array  # deviation of the residuals by channel
+    rounds: int  # how often the normal equations were solved
+
+    def log_likelihood(self, prior: Array) -> float:
+        """Logarithm of the posterior, but for a constant: its deviations are those of the residuals."""
+        each = self.point.left[..., 0].size
+        return float(-each * np.log(self.sigma).sum() - 0.5 * ((self.point.phi / prior) ** 2).sum())
+
+
+class NormalEquations(NamedTuple):
+    """Normal equations of the numbers at a point; unknowns of single logs are eliminated."""
+
+    S: Array  # [number, number]
+    g: Array  # [number]
+    blocks: list  # for each log: its number, its windows, B, C, b
+    of_log: dict[int, tuple[Array, Array]]  # S and g of each log alone, without priors
+
+
+def normal_equations(
+    problem: Problem, point: Point, prior: Array, sigma: Array, damping: float = 0.0
+) -> NormalEquations:
+    """Normal equations from the residuals and derivatives at a point."""
+    p = len(point.phi)
+    scaled = point.left / sigma
+    weight = _weights(scaled)
+    r, J = scaled * weight, point.slope * (weight / sigma)[..., None]
+    S, g, blocks, of_log = np.diag(prior**-2.0), -point.phi / prior**2, [], {}
+    for log in range(problem.logs):
+        mine = np.flatnonzero(problem.of == log)
+        if not len(mine):
+            continue
+        m = 4 + 6 * len(mine)
+        A, B = np.zeros((p, p)), np.zeros((p, m))
+        C, a, b = np.zeros((m, m)), np.zeros(p), np.zeros(m)
+        C[:4, :4], b[:4] = np.diag(LOG_PRIOR**-2.0), -point.extra[log] / LOG_PRIOR**2
+        for k, w in enumerate(mine):
+            j, own = J[w].reshape(-1, p + 10), np.r_[0:4, 4 + 6 * k : 10 + 6 * k]
+            residual, theta, rest = r[w].ravel(), j[:, :p], j[:, p:]
+            A += theta.T @ theta
+            B[:, own] += theta.T @ rest
+            C[np.ix_(own, own)] += rest.T @ rest
+            a += theta.T @ residual
+            b[own] += rest.T @ residual
+        C += OF_STATES * damping * np.diag(np.diag(C))
+        half = np.linalg.solve(C, np.column_stack((B.T, b)))
+        of_log[log] = A - B @ half[:, :p], a - B @ half[:, p]
+        S, g = S + of_log[log][0], g + of_log[log][1]
+        blocks.append((log, mine, B, C, b))
+    return NormalEquations(S, g, blocks, of_log)
+
+
+def search(
+    problem: Problem, phi: Array, extra: Array, state: Array, prior: Array, sigma: Array, enough: float = ENOUGH
+) -> "Search[SearchEnd]":  # fmt: skip
+    """The best point; a change of the cost below `enough` ends the search."""
+    point, damping, rounds = (yield from problem.point(phi, extra, state)), DAMPING, 0
+    cost = _cost(point.left, sigma, phi, prior, extra)
+    while rounds < ITERATIONS and damping < 1e10:
+        rounds += 1
+        normal = normal_equations(problem, point, prior, sigma, damping)
+        move = np.linalg.solve(normal.S + damping * np.diag(prior**-2.0), normal.g)
+        move *= min(1.0, LONGEST / np.abs(move).max(initial=1e-12))
+        extra, state = point.extra.copy(), point.state.copy()
+        for log, mine, B, C, b in normal.blocks:
+            change = np.linalg.solve(C, b - B.T @ move)
+            extra[log] += change[:4]
+            state[mine] += change[4:].reshape(-1, 6)
+        phi = point.phi + move
+        left = yield from problem.residuals(phi, extra, state)
+        new_cost = _cost(left, sigma, phi, prior, extra)
+        if not np.isfinite(new_cost) or new_cost > cost:
+            damping *= 10
+            continue
+        better, damping = cost - new_cost, max(0.1 * damping, 1e-9)
+        point = yield from problem.point(phi, extra, state)
+        sigma = np.maximum(1.4826 * np.median(np.abs(point.left), axis=(0, 1)), 1e-6)
+        cost = _cost(point.left, sigma, point.phi, prior, extra)
+        if better < enough * abs(new_cost):
+            break
+    return SearchEnd(point, sigma, rounds)
+
+
+def search_first_states(problem: Problem, phi: Array, extra: Array, state: Array, sigma: Array) -> Search[Point]:
+    """The best point for the initial states of windows alone, each window by itself.
+
+    The beginning of a window is fitted first, because over all of it a vessel that is unstable on its course may turn
+    to either side.
+    """
+    samples = problem.measured.shape[1]
+    for share in GROWING:
+        n = max(round(share * samples), 2)
+        point, damping = (yield from problem.point(phi, extra, state)), np.full(len(state), 1e-3)
+        for _ in range(STATE_ROUNDS):
+            weight = _weights(point.left[:, :n] / sigma)
+            r = (point.left[:, :n] / sigma * weight).reshape(len(state), -1)
+            J = (point.slope[:, :n, :, -6:] * (weight / sigma)[..., None]).reshape(*r.shape, 6)
+            H = np.einsum("wni,wnj->wij", J, J)
+            H += damping[:, None, None] * H * np.eye(6)
+            trial = point.state + np.linalg.solve(H, np.einsum("wni,wn->wi", J, r)[..., None])[..., 0]
+            left = yield from problem.residuals(phi, extra, trial)
+            gain = (huber(point.left, sigma) - huber(left, sigma))[:, :n].sum(axis=(1, 2))
+            better = gain > 0  # False if not finite
+            damping = np.clip(damping * np.where(better, 0.1, 10.0), 1e-9, 1e9)
+            point = yield from problem.point(phi, extra, np.where(better[:, None], trial, point.state))
+            if np.where(better, gain < ENOUGH * left[0].size, damping > 1e6).all():
+                break
+        state = point.state
+    return point
