@@ -14,7 +14,7 @@ from typing import Any
 from tqdm import tqdm
 
 WORKER = Path(__file__).with_name("worker.py")
-GROUPS = ("environment", "one environment", "inference", "learning", "physics")
+GROUPS = ("environment", "one environment", "inference", "scenarios", "learning", "physics")
 
 
 class Worker:

@@ -9,6 +9,7 @@ names), `warm INDEX SECONDS` (number of calls in that time), `run INDEX CALLS` (
 
 import argparse
 import importlib
+import importlib.util
 import json
 import os
 import sys
@@ -17,17 +18,18 @@ from pathlib import Path
 from typing import Any
 
 ONE = "one environment"
+SCENARIO_SIZE = 1024
 
 
 def gymnasium_cases(kind: Any) -> list[Any]:
     """A step of Gymnasium's environment of each team of `paper`, with resets; `kind` is the class `Case`."""
     import numpy as np
 
-    from rl.adapters.gymnasium import TeamEnv
-
+    place = "rl.adapters.gymnasium" if importlib.util.find_spec("rl.adapters") else "rl.gym"  # the latter until 380d926
+    kept = importlib.import_module(place).TeamEnv
     cases = []
     for team in ("usv", "uav"):
-        env = TeamEnv(team, scenario="paper", seed=1)
+        env = kept(team, scenario="paper", seed=1)
         env.reset(seed=2)
         still = np.zeros(env.action_space.shape, dtype=np.float32)
 
@@ -53,6 +55,8 @@ def build(checkout: Path, groups: list[str], sizes: tuple[int, ...], folder: Pat
         cases += [case for case in benchmark.environment_cases(config, sizes) if case.group in groups]
     if ONE in groups:
         cases += gymnasium_cases(Case)
+    if "scenarios" in groups:
+        cases += benchmark.scenario_cases(SCENARIO_SIZE)
     if "learning" in groups:
         cases += benchmark.learning_cases(config, (512,), folder)
     if "physics" in groups:
