@@ -258,7 +258,7 @@ class Avoider:
         """Use these gains."""
         self.gains = gains
         self._team: Knowledge | None = None
-        self._launch = runtime.Launcher(_avoid)
+        self._launch = runtime.Launcher(_avoid, plain=True)
 
     def __call__(self, team: Knowledge, velocity: Tensor) -> Tensor:
         """The velocity [env, vehicle, 2 or 3] (m/s) nearest to `velocity` with which `team` keeps clear."""
@@ -294,7 +294,7 @@ class Shield(Avoider):
     def __init__(self, gains: AvoidanceGains):
         """Use these gains."""
         super().__init__(gains)
-        self._launch = runtime.Launcher(_shield)
+        self._launch = runtime.Launcher(_shield, plain=True)
 
     def corrected(self, team: Knowledge, velocity: Tensor, correction: Tensor) -> Tensor:
         """`velocity` [env, vehicle, 2 or 3] (m/s) plus the safe share of a level `correction` of the same shape."""

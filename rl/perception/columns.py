@@ -79,7 +79,7 @@ def store_signal(signals: ti.template(), e, i, at, distance, reach, n, derived: 
 
 
 @ti.func
-def store_obstacle(out: ti.template(), derived: ti.template(), sight: ti.template(), e, i, k: ti.template(), distance,
+def store_obstacle(out: ti.template(), derived: ti.template(), sight: ti.template(), e, i, k, distance,
                    number, place, there, reach):  # fmt: skip
     """Write the k-th nearest obstacle; `number` is -1 if there is none, `there` is as in `numbered`."""
     direction, spread, moves = place * 0.0, reach * 0.0, ti.Vector([reach * 0.0, reach * 0.0])
@@ -93,7 +93,7 @@ def store_obstacle(out: ti.template(), derived: ti.template(), sight: ti.templat
     out.obstacles[e, i, k, Obstacle.V_NORTH], out.obstacles[e, i, k, Obstacle.V_EAST] = moves[0], moves[1]
     out.obstacles[e, i, k, Obstacle.RADIUS], out.obstacles[e, i, k, Obstacle.LEVEL] = radius, level
     out.obstacles[e, i, k, Obstacle.NUMBER] = number
-    at = ti.static(k * (sight.axes + 4))
+    at = k * ti.static(sight.axes + 4)
     store_signal(out.signals, e, i, at, ti.max(distance, 0.0), reach, direction, derived, sight.axes)
     c, s, speed = derived[e, i, HEADING_COS], derived[e, i, HEADING_SIN], moves.norm() + SPEED_SCALE
     out.signals[e, i, at + ti.static(sight.axes + 1)] = spread
@@ -102,7 +102,7 @@ def store_obstacle(out: ti.template(), derived: ti.template(), sight: ti.templat
 
 
 @ti.func
-def store_mate(out: ti.template(), derived: ti.template(), sight: ti.template(), e, i, k: ti.template(), distance,
+def store_mate(out: ti.template(), derived: ti.template(), sight: ti.template(), e, i, k, distance,
                number, direction, moves, reach):  # fmt: skip
     """Write the k-th nearest team mate, number -1 if there is none, in `direction` (unit vector, NED); `moves` is its
     velocity, north and east, m/s.
@@ -110,5 +110,5 @@ def store_mate(out: ti.template(), derived: ti.template(), sight: ti.template(),
     store_seen(out.mates, e, i, k, distance, direction)
     out.mates[e, i, k, Mate.NUMBER] = number
     out.mates[e, i, k, Mate.V_NORTH], out.mates[e, i, k, Mate.V_EAST] = moves[0], moves[1]
-    at = ti.static(sight.obstacles * (sight.axes + 4) + k * (sight.axes + 1))
+    at = ti.static(sight.obstacles * (sight.axes + 4)) + k * ti.static(sight.axes + 1)
     store_signal(out.signals, e, i, at, distance, reach, direction, derived, sight.axes)

@@ -126,6 +126,13 @@ def measured(true: ti.template(), own: ti.template(), e, i, relative, origin, as
 
 
 @ti.func
+def drawn(count: ti.template(), e, k, vehicle):
+    """Normal and uniform random numbers for the k-th contact of a vehicle in environment e."""
+    z = normal6(count[1], CONTACTS + k, count[2 + e], vehicle, count[0])
+    return z, uniform4(count[1], CONTACTS + LUCK + k, count[2 + e], vehicle, count[0])[0]
+
+
+@ti.func
 def begun(m, g: ti.template()):
     """A track from its first measurement; without a body (`NOBODY`) if that failed."""
     t = ti.Vector([0.0 for _ in ti.static(range(TRACKED))])
@@ -187,7 +194,7 @@ def queued(out: ti.template(), e, i, k, m, which, slot, form: ti.template()):
 
 
 @ti.func
-def put_obstacle(out: ti.template(), own: ti.template(), e, i, k: ti.template(), t, g: ti.template(),
+def put_obstacle(out: ti.template(), own: ti.template(), e, i, k, t, g: ti.template(),
                   form: ti.template()):  # fmt: skip
     """Write the k-th obstacle by its track t, extrapolated to now; return the clearance (m)."""
     ahead = ti.static(form.late) * g.interval
@@ -207,7 +214,7 @@ def put_obstacle(out: ti.template(), own: ti.template(), e, i, k: ti.template(),
 
 
 @ti.func
-def put_mate(out: ti.template(), own: ti.template(), e, i, k: ti.template(), t, g: ti.template(),
+def put_mate(out: ti.template(), own: ti.template(), e, i, k, t, g: ti.template(),
               form: ti.template()):  # fmt: skip
     """Write the k-th team mate likewise."""
     ahead, direction, distance = ti.static(form.late) * g.interval, ti.Vector([0.0, 0.0, 0.0]), g.reach
@@ -243,29 +250,26 @@ def _contact(
             if which[e] == 2:
                 for k in range(ends[1]):
                     out.tracks[e, i, 1 - now, k, WHO] = NOBODY
-            for k in ti.static(range(ends[1])):
-                z = normal6(count[1], CONTACTS + k, count[2 + e], form.vehicles + i, count[0])
-                u = uniform4(count[1], CONTACTS + LUCK + k, count[2 + e], form.vehicles + i, count[0])
-                if ti.static(k < ends[0]):
-                    n = ti.Vector([true.seen[e, i, k, Obstacle.NORTH], true.seen[e, i, k, Obstacle.EAST], 0.0])
-                    level, size = true.seen[e, i, k, Obstacle.LEVEL], true.seen[e, i, k, Obstacle.RADIUS]
-                    far = true.seen[e, i, k, Obstacle.DISTANCE]
-                    aside = ti.select(level > 0, ti.sqrt(ti.max(far * far - level * level, 0.0)), ti.max(far, 0.0))
-                    who = true.seen[e, i, k, Obstacle.NUMBER]
-                    m = measured(true, own, e, i, (level + size) * n, here, aside, size, who, z, u[0], g)
-                    m = queued(out, e, i, k, m, which[e], slot, form)
-                    t = tracked(out, e, i, k, 0, ends[0], m, g.acceleration, now, g)
-                    clear = ti.min(clear, put_obstacle(out, own, e, i, k, t, g, form))
-                else:
-                    mate = ti.static(k - ends[0])
-                    n = ti.Vector([true.near[e, i, mate, Mate.NORTH + a] for a in ti.static(range(3))])
-                    who = true.near[e, i, mate, Mate.NUMBER]
-                    m = measured(
-                        true, own, e, i, true.near[e, i, mate, Mate.DISTANCE] * n, nowhere, 0.0, 0.0, who, z, u[0], g
-                    )
-                    m = queued(out, e, i, k, m, which[e], slot, form)
-                    t = tracked(out, e, i, k, ends[0], ends[1], m, g.mates, now, g)
-                    clear = ti.min(clear, put_mate(out, own, e, i, mate, t, g, form))
+            for k in range(ends[0]):
+                z, u = drawn(count, e, k, form.vehicles + i)
+                n = ti.Vector([true.seen[e, i, k, Obstacle.NORTH], true.seen[e, i, k, Obstacle.EAST], 0.0])
+                level, size = true.seen[e, i, k, Obstacle.LEVEL], true.seen[e, i, k, Obstacle.RADIUS]
+                far = true.seen[e, i, k, Obstacle.DISTANCE]
+                aside = ti.select(level > 0, ti.sqrt(ti.max(far * far - level * level, 0.0)), ti.max(far, 0.0))
+                who = true.seen[e, i, k, Obstacle.NUMBER]
+                m = measured(true, own, e, i, (level + size) * n, here, aside, size, who, z, u, g)
+                m = queued(out, e, i, k, m, which[e], slot, form)
+                t = tracked(out, e, i, k, 0, ends[0], m, g.acceleration, now, g)
+                clear = ti.min(clear, put_obstacle(out, own, e, i, k, t, g, form))
+            for k in range(ends[0], ends[1]):
+                z, u = drawn(count, e, k, form.vehicles + i)
+                mate = k - ti.static(form.sight.obstacles)
+                n = ti.Vector([true.near[e, i, mate, Mate.NORTH + a] for a in ti.static(range(3))])
+                who, far = true.near[e, i, mate, Mate.NUMBER], true.near[e, i, mate, Mate.DISTANCE]
+                m = measured(true, own, e, i, far * n, nowhere, 0.0, 0.0, who, z, u, g)
+                m = queued(out, e, i, k, m, which[e], slot, form)
+                t = tracked(out, e, i, k, ends[0], ends[1], m, g.mates, now, g)
+                clear = ti.min(clear, put_mate(out, own, e, i, mate, t, g, form))
             out.gap[e, i] = clear
 
 
@@ -299,7 +303,7 @@ class TrackedContacts(Nearby):
             OwnPack, state=own.state, derived=own.derived, numbers=state.new_tensor(self._numbers)
         )
         self._form = ContactsForm(Sight(sensor.num_obstacles, sensor.num_mates, sensor.axes), config.late, vehicles)
-        self._rows, self._launch = state.shape[1], runtime.Launcher(_contact)
+        self._rows, self._launch = state.shape[1], runtime.Launcher(_contact, plain=True)
 
     def update(self, which: Tensor, rows: int, steps: Tensor, count: Tensor) -> None:
         """Measure in environments [env] int32: 0 not at all, 1 after a step, 2 at the beginning of an episode.

@@ -273,7 +273,7 @@ class Readings(Views):
         air_data = tuple(names.index(name) for name in measured) if set(measured) <= set(names) else ()
         air = tuple(names.index(name) for name in model.air) if air_data and model.air is not None else ()
         self._form = InstrumentsForm(vehicles, model.medium == "air", air_data, air)
-        self._launch = runtime.Launcher(_read)
+        self._launch = runtime.Launcher(_read, plain=True)
 
     def read(self, which: Tensor, rows: int, count: Tensor) -> None:
         """Measure in environments [env] int32: 0 not at all, 1 after a step, 2 at the beginning of an episode.

@@ -220,7 +220,7 @@ class Sensor(Nearby):
         self._all = torch.ones(len(state), dtype=torch.int32, device=state.device)
         self._field: torch.Tensor | None = None
         self._columns = state
-        self._sight, self._launch = Sight(num_obstacles, num_mates, self.axes), runtime.Launcher(_sense)
+        self._sight, self._launch = Sight(num_obstacles, num_mates, self.axes), runtime.Launcher(_sense, plain=True)
         self._sensed = runtime.Packed(
             SensedPack, gap=self.gap, obstacles=self.obstacles, mates=self.team_mates, signals=self.written
         )

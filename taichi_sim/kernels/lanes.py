@@ -58,15 +58,15 @@ def filled(count: int) -> int:
 def vectors() -> Iterator[None]:
     """Within this context, compile kernels with whole vectors.
 
-    LLVM alone optimises these kernels. Their compilation takes a quarter of the time that it takes with Taichi's own
-    passes.
+    LLVM alone optimises these kernels (`runtime.without_passes`): Taichi's passes gain nothing here.
     """
     config = impl.current_cfg()
-    level, config.opt_level, config.real_matrix_scalarize = config.opt_level, 0, width() == 1
-    try:
-        yield
-    finally:
-        config.opt_level, config.real_matrix_scalarize = level, True
+    with runtime.without_passes():
+        config.real_matrix_scalarize = width() == 1
+        try:
+            yield
+        finally:
+            config.real_matrix_scalarize = True
 
 
 def variables(count: int, value: Variable) -> list[Variable]:
