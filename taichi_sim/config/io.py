@@ -1,7 +1,9 @@
 """Reading, overriding, and writing configurations, with errors that name file, key, value and what is allowed."""
 
+import contextlib
+import os
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -120,6 +122,21 @@ def read_toml(file: Path) -> dict[str, Any]:
         raise ConfigError(f"{file}: not valid TOML: {error}") from None
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(f"{file}: cannot be read: {error}") from None
+
+
+@contextlib.contextmanager
+def replacing(file: Path) -> Iterator[Path]:
+    """A temporary file beside `file` to write to, which takes its place after the block.
+
+    So a file under its name is complete. After an error the old one stays.
+    """
+    part = file.with_name(f".{file.stem}.part{file.suffix}")
+    try:
+        yield part
+        os.replace(part, file)
+    finally:
+        with contextlib.suppress(OSError):
+            part.unlink(missing_ok=True)
 
 
 def write_toml(model: BaseModel, file: Path) -> None:
