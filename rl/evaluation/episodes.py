@@ -236,14 +236,6 @@ def one_episode_each(
     return mission
 
 
-def chunk_of_episode(
-    config: Scenario, teams: Sequence[str], episodes: int, seed: int, source: Path | None, episode: int
-) -> tuple[Mission, int]:
-    """The mission that ran `episode` in an evaluation of `episodes`, at its start, and its first episode."""
-    first = episode - episode % CHUNK
-    return one_episode_each(config, teams, min(CHUNK, episodes - first), seed, source, first), first
-
-
 def check_measurable(config: Scenario) -> None:
     """Refuse a scenario whose episodes end before measuring begins.
 
