@@ -91,7 +91,7 @@ def judge_episodes(
     show_progress: bool = True,
     excerpts: bool = False,
 ) -> EvaluationOutcome:
-    """Run `evaluate` and also return the numbers of each episode; with `excerpts`, also what a report shows.
+    """As `evaluate`, with the numbers of each episode and, with `excerpts`, the episodes that a report shows.
 
     It runs in one process; `judge_trials` uses several.
 

@@ -3,8 +3,8 @@
 The policy acts in its environments. Where its actions have an effect, a planner (rl/planning/improvement.py) looks in
 forks of the truth for what it should do, and the network is fitted to that: one step of approximate policy
 iteration (Bertsekas 2011, J. Control Theory Appl. 9(3)) an iteration, by dataset aggregation over the last few
-(DAgger: Ross, Gordon & Bagnell 2011, AISTATS). A sample counts by the square root of what is at stake in it: what to do
-beside an obstacle is learnt more exactly than what to do far from all of them.
+(DAgger: Ross, Gordon & Bagnell 2011, AISTATS). A sample's weight is the square root of the costs at stake in it, so
+that actions beside an obstacle are learnt more exactly than actions far from all obstacles.
 """
 
 from collections import deque
@@ -26,7 +26,7 @@ MOST = 5.0  # weight of a sample, over the mean; assumed
 
 
 class Lesson(NamedTuple):
-    """What was suggested in an iteration."""
+    """The planner's suggestions in an iteration."""
 
     observed: Tensor  # [row, n]
     wanted: Tensor  # [row, action]
@@ -64,7 +64,7 @@ class PlannedImprovement(LeanPPO):
 
     @torch.no_grad()
     def act(self, obs: Any) -> Tensor:
-        """The policy's mean actions [row, action]; note what it should do."""
+        """The policy's mean actions [row, action]; the planner's suggestions are noted."""
         own, planning = self._env.mission.teams[self._env.team], self._stage.planning
         assert planning is not None
         self._planner.renew(own)
@@ -84,7 +84,7 @@ class PlannedImprovement(LeanPPO):
         """Nothing is learnt from returns."""
 
     def update(self) -> dict[str, float]:
-        """Fit the actor to what was noted; return the mean squared error where PPO has the surrogate loss."""
+        """Fit the actor to the noted suggestions; the mean squared error stands for PPO's surrogate loss."""
         noted = Lesson(*(torch.cat(part) for part in zip(*self._noted, strict=True)))
         mean = noted.weight.mean().clamp(min=1e-9) if len(noted.weight) else 1.0
         self._lessons.append(noted._replace(weight=(noted.weight / mean).clamp(max=MOST)))

@@ -18,8 +18,7 @@ from rl.scenario import Scenario, StageConfig
 from taichi_sim.config.io import replacing
 
 Policy = Callable[[Team], Tensor]
-"""What decides for a team: reads the mission's view of it (rl.mission.Team), returns actions [env, vehicle, action] in
-[-1, 1]."""
+"""A function from the mission's view of a team (rl.mission.Team) to actions [env, vehicle, action] in [-1, 1]."""
 
 OBS_GROUPS = {"actor": ["policy"], "critic": ["policy"]}
 

@@ -34,7 +34,7 @@ SHOWN = 3  # logs beside the progress bar
 
 
 class Iteration(TypedDict):
-    """What rsl-rl tells of an iteration."""
+    """Arguments with which rsl-rl logs an iteration."""
 
     collect_time: float  # s
     learn_time: float  # s

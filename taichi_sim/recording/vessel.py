@@ -92,7 +92,7 @@ def _cut(faces: Array, inside: Array) -> Array:
 
 
 def open_loops(faces: Array) -> list[Array]:
-    """Closed rings [K, 3] of the edges that one triangle of [F, 3, 3] alone has, ordered as a lid seen from outside."""
+    """Rings [K, 3] around the openings of a surface of triangles [F, 3, 3], ordered as a lid's seen from outside."""
     place: dict[tuple[int, ...], Array] = {}
     edges: set[tuple] = set()
     for corners in faces:
