@@ -8,7 +8,7 @@ that actions beside an obstacle are learnt more exactly than actions far from al
 """
 
 from collections import deque
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import torch
 from tensordict import TensorDict
@@ -19,6 +19,10 @@ from rl.learn.ppo import LeanPPO
 from rl.planning.config import PlanConfig
 from rl.planning.improvement import Improver
 from rl.scenario import StageConfig
+from rl.team import Team
+
+if TYPE_CHECKING:
+    from rl.learn.env import Extras, MissionEnv
 
 BATCH = 1024  # rows in a step of the optimiser; assumed
 DECAY = 1e-3  # of the network's weights; assumed
@@ -36,7 +40,7 @@ class Lesson(NamedTuple):
 class PlannedImprovement(LeanPPO):
     """An algorithm for rsl-rl's runner: `update` fits the actor to the planner's suggestions; the critic stays."""
 
-    def begin(self, env: Any, stage: StageConfig, done: int) -> None:
+    def begin(self, env: "MissionEnv", stage: StageConfig, done: int) -> None:
         """Improve the policy of `env` (env.MissionEnv); `done` iterations of the stage have been completed."""
         assert stage.planning is not None
         self._env, self._stage, self._done = env, stage, done
@@ -55,7 +59,7 @@ class PlannedImprovement(LeanPPO):
         first, last = self._stage.planning.spread
         self._planner.aim(first + (last - first) * min(1.0, self._done / max(1, self._stage.iterations - 1)))
 
-    def _mean(self, team: Any) -> Tensor:
+    def _mean(self, team: Team) -> Tensor:
         """Mean actions [env, vehicle, a] of the policy."""
         observed = team.observe()
         rows = observed.flatten(0, 1)
@@ -63,7 +67,7 @@ class PlannedImprovement(LeanPPO):
         return mean.view(*observed.shape[:2], -1).clamp(-1.0, 1.0)
 
     @torch.no_grad()
-    def act(self, obs: Any) -> Tensor:
+    def act(self, obs: TensorDict) -> Tensor:
         """The policy's mean actions [row, action]; the planner's suggestions are noted."""
         own, planning = self._env.mission.teams[self._env.team], self._stage.planning
         assert planning is not None
@@ -77,10 +81,10 @@ class PlannedImprovement(LeanPPO):
         self._noted.append(Lesson(observed[effective], better[effective], weight))
         return mean
 
-    def process_env_step(self, obs: Any, rewards: Tensor, dones: Tensor, extras: dict) -> None:
+    def process_env_step(self, obs: TensorDict, rewards: Tensor, dones: Tensor, extras: "Extras") -> None:
         """Nothing is learnt from rewards."""
 
-    def compute_returns(self, obs: Any) -> None:
+    def compute_returns(self, obs: TensorDict) -> None:
         """Nothing is learnt from returns."""
 
     def update(self) -> dict[str, float]:
