@@ -13,7 +13,7 @@ from taichi_sim.conventions import RHO_SEA
 from taichi_sim.hydro import mesh_file
 from taichi_sim.hydro.offsets import offsets
 from taichi_sim.hydro.panels import Z_UP, wetted
-from taichi_sim.hydro.surface import WettedSurface, turned_matrix
+from taichi_sim.hydro.surface import WettedSurface, X, Z, turned_matrix
 from taichi_sim.kernels.rigid_body import rigid_body_mass
 from taichi_sim.usv.hull.hydrostatics import Hydrostatics
 from taichi_sim.usv.hull.mesh import Panels, mesh
@@ -105,9 +105,9 @@ def read_mesh(path: Path, unit: str, waterline: float, midships: float | None, l
     """
     found = mesh_file.read(path, unit)
     panels = found.panels.copy()
-    x = panels[..., 0]
-    panels[..., 0] -= (x.min() + x.max()) / 2 if midships is None else midships
-    panels[..., 2] -= waterline
+    x = panels[..., X]
+    panels[..., X] -= (x.min() + x.max()) / 2 if midships is None else midships
+    panels[..., Z] -= waterline
     return mesh_file.checked(mesh_file.Polygons(panels, found.planes), path.name, length)
 
 
@@ -171,7 +171,7 @@ def check_floating(craft: FloatingHull, surface: WettedSurface, rho: float, g: f
             "waterline, for which the loads are computed"
         )
     trim = craft.cg[0] - surface.centre_of_buoyancy[0]
-    if abs(trim) > 0.02 * np.ptp(surface.whole[..., 0]):
+    if abs(trim) > 0.02 * np.ptp(surface.whole[..., X]):
         told.append(f"warning: the centre of gravity is {trim:+.3g} m ahead of the centre of buoyancy: the hull trims")
     return told
 

@@ -8,6 +8,7 @@ no physics uses it.
 import numpy as np
 from numpy.typing import NDArray
 
+from taichi_sim.conventions import BELOW
 from taichi_sim.recording.episode import Array, Body, Platform
 from taichi_sim.recording.meshes import DECK, GLASS, HOUSE, KEEL, METAL, PAD, Mesh, box, loft
 from taichi_sim.recording.palette import Colour
@@ -67,12 +68,12 @@ def normals(faces: Array) -> Array:
 
 def above(faces: Array, z: float) -> Array:
     """The part of triangles [F, 3, 3] above the level z (down, m)."""
-    return _cut(faces, z - faces[..., 2])
+    return _cut(faces, z - faces[..., BELOW])
 
 
 def below(faces: Array, z: float) -> Array:
     """The part of triangles [F, 3, 3] below the level z (down, m)."""
-    return _cut(faces, faces[..., 2] - z)
+    return _cut(faces, faces[..., BELOW] - z)
 
 
 def _cut(faces: Array, inside: Array) -> Array:

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from taichi_sim.conventions import BELOW
 from taichi_sim.usv.hull.shapes import BoxHull, HullShape, StationsHull, TwinPontoons, WigleyHull
 
 Array = NDArray[np.float64]
@@ -66,7 +67,7 @@ class Panels:
     @property
     def draft(self) -> float:
         """Deepest point below the design waterline, m."""
-        return float(self.corners[..., 2].max())
+        return float(self.corners[..., BELOW].max())
 
     @property
     def corners(self) -> Array:
@@ -162,7 +163,7 @@ def _twin_pontoons(hull: TwinPontoons) -> Panels:
     """One pontoon about its centreline, placed to port and to starboard."""
     x, beam, keel = np.array(hull.stations, dtype=np.float64).T
     girth = _vee(beam, keel, hull.freeboard) if hull.section == "vee" else _round(beam, keel, hull)
-    patches, deck = _close(_grid(x[:, None], girth[..., 0], girth[..., 1]))
+    patches, deck = _close(_grid(x[:, None], *np.moveaxis(girth, -1, 0)))
     sides = [np.array([0.0, side * hull.y, 0.0]) for side in (-1, 1)]
     return Panels.of([patch + s for s in sides for patch in patches], np.concatenate([deck + s for s in sides]))
 
