@@ -88,10 +88,6 @@ class Panels:
         first = 4 * np.arange(len(self))[:, None, None]
         return corners.reshape(-1, 3), (first + [[0, 1, 2], [0, 2, 3]]).reshape(-1, 3)
 
-    def closed_error(self) -> float:
-        """|sum of the area vectors|, m^2: zero for a closed body."""
-        return float(np.linalg.norm(self.area.sum(axis=0)))
-
 
 _CORNERS = ((-1, -1), (1, -1), (1, 1), (-1, 1))
 
