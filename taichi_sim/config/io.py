@@ -156,16 +156,16 @@ def validate(model: type[Model], data: Table, source: str, sources: Mapping[str,
         ConfigError: for mistakes; the message names the source, each wrong key, its value and what is allowed.
     """
     try:
-        return model.model_validate(_with_tuples(data))
+        return model.model_validate(with_tuples(data))
     except ValidationError as error:
         raise ConfigError(explain(error, model, source, sources or {})) from None
 
 
-def _with_tuples(value: object) -> object:
+def with_tuples(value: object) -> object:
     """Turn TOML arrays into tuples, as strict models require."""
     if isinstance(value, dict):
-        return {key: _with_tuples(item) for key, item in value.items()}
-    return tuple(_with_tuples(item) for item in value) if isinstance(value, list) else value
+        return {key: with_tuples(item) for key, item in value.items()}
+    return tuple(with_tuples(item) for item in value) if isinstance(value, list) else value
 
 
 def apply_overrides(data: Table, overrides: Iterable[str], kind: type[WorldConfig] = WorldConfig) -> dict[str, str]:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
 from taichi_sim.config import ConfigError
-from taichi_sim.config.io import config_folder, read_toml, validate
+from taichi_sim.config.io import config_folder, read_toml, validate, with_tuples
 from taichi_sim.conventions import RHO_SEA
 from taichi_sim.hydro import mesh_file
 from taichi_sim.hydro.offsets import offsets
@@ -84,18 +84,11 @@ def of_vehicle(file: Path) -> tuple[FloatingHull, float]:
             raise ConfigError(f"{file}: {key} is missing")
     body = validate(RigidBody, data["rigid_body"], f"{file}: rigid_body")
     try:
-        shape = TypeAdapter(HullShape).validate_python(_tuples(data["hull"]))
+        shape = TypeAdapter(HullShape).validate_python(with_tuples(data["hull"]))
     except ValueError as error:
         raise ConfigError(f"{file}: hull: {error}") from None
     craft = FloatingHull(file.stem, mesh(shape), body.mass, tuple(body.cg), np.asarray(body.matrix, dtype=float))
     return craft, float(data["length"])
-
-
-def _tuples(value):
-    """Convert lists to tuples, as strict sections require."""
-    if isinstance(value, dict):
-        return {key: _tuples(v) for key, v in value.items()}
-    return tuple(map(_tuples, value)) if isinstance(value, list) else value
 
 
 def read_mesh(path: Path, unit: str, waterline: float, midships: float | None, length: float | None) -> WettedSurface:
