@@ -1,7 +1,5 @@
 """Training figures of any mission, from progress.csv: reward and policy loss (paper, figs. 3 and 4)."""
 
-import os
-import uuid
 from collections.abc import Mapping
 from pathlib import Path
 from string import ascii_lowercase
@@ -11,6 +9,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from rl.mission import Histories
+from taichi_sim.config.io import replacing
 from taichi_sim.plotting import INK, dress, new_figure, rgb
 from taichi_sim.recording import Episode
 from taichi_sim.recording.palette import Livery
@@ -82,15 +81,8 @@ def save_figures(out: Path, figures: Mapping[str, Figure]) -> list[Path]:
     """Write each figure as NAME.png into the folder `out`; an old picture stays until the new one is complete."""
     out = Path(out)
     out.mkdir(parents=True, exist_ok=True)
-    return [_save(figure, out / f"{name}.png") for name, figure in figures.items()]
-
-
-def _save(figure: Figure, path: Path) -> Path:
-    """Write to a temporary file, then rename it."""
-    part = path.with_name(f".{path.stem}.{uuid.uuid4().hex[:8]}.part.png")
-    try:
-        figure.savefig(part, dpi=150)
-        os.replace(part, path)
-    finally:
-        part.unlink(missing_ok=True)
-    return path
+    files = [out / f"{name}.png" for name in figures]
+    for file, figure in zip(files, figures.values(), strict=True):
+        with replacing(file) as part:
+            figure.savefig(part, dpi=150)
+    return files

@@ -3,8 +3,10 @@
 `import taichi_sim as ts` gives the names below; each is imported at its first use.
 """
 
+import ast as _ast
 import importlib as _importlib
 import os as _os
+from pathlib import Path as _Path
 from typing import Any as _Any
 
 import gymnasium as _gymnasium
@@ -45,33 +47,12 @@ for _name, _scenario, _team, _other in (
         kwargs={"team": _team, "scenario": _scenario, "other": _other},
     )
 
-# Names of rl too: none of its modules is imported before its first use.
-_PUBLIC = {
-    "rl.adapters.batched": ("BatchedEnv",),
-    "rl.adapters.marl": ("batched_env", "parallel_env"),
-    "taichi_sim.air": ("Wind",),
-    "taichi_sim.bench": ("Bench", "calm_sea"),
-    "taichi_sim.config": (
-        "AirConfig", "ConfigError", "CurrentConfig", "Finite", "Fraction", "GustConfig", "NonNegative", "Positive",
-        "Range", "SeaConfig", "Strict", "SwellConfig", "TeamConfig", "WorldConfig",
-    ),
-    "taichi_sim.config.io": ("load_world",),
-    "taichi_sim.fleet": ("Fleet",),
-    "taichi_sim.kernels.packs": ("AroundPack", "Build", "FleetPack", "load_at", "numbers_at"),
-    "taichi_sim.recording": ("Episode", "Recorder", "write_recording"),
-    "taichi_sim.replay": ("replay",),
-    "taichi_sim.kernels.runtime": ("init",),
-    "taichi_sim.script": ("Script",),
-    "taichi_sim.sea": ("Sea",),
-    "taichi_sim.sea.current": ("Current",),
-    "taichi_sim.surroundings": ("Surroundings",),
-    "taichi_sim.uav.aircraft": ("Aircraft",),
-    "taichi_sim.usv.vessel": ("Vessel",),
-    "taichi_sim.vehicle": ("Limits", "Vehicle"),
-    "taichi_sim.vehicles": ("load_vehicle", "shipped_vehicles"),
-    "taichi_sim.world": ("ActionError", "World"),
+# The stub lists the names, also those of rl: none of their modules is imported before its first use.
+_STUB = _ast.parse(_Path(__file__).with_suffix(".pyi").read_text(encoding="utf-8"))
+_HOME = {
+    alias.name: node.module for node in _STUB.body if isinstance(node, _ast.ImportFrom) and node.module
+    for alias in node.names
 }  # fmt: skip
-_HOME = {name: module for module, names in _PUBLIC.items() for name in names}
 __all__ = sorted(_HOME)  # pyright: ignore[reportUnsupportedDunderAll]
 
 

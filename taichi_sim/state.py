@@ -27,10 +27,11 @@ import types
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, Self, TypeAlias
 
 import numpy as np
 import torch
+from numpy.typing import ArrayLike
 from pydantic import BaseModel
 from torch import Tensor
 
@@ -43,6 +44,10 @@ WORKING_SHARE = 4.0  # memory of an environment over that of its state: buffers 
 
 NoiseOf = Literal["shared", "own"]
 """Whether copies draw the noise of their source (sensors, radio, gusts), or their own."""
+
+
+Envs: TypeAlias = ArrayLike | Tensor
+"""Numbers of environments [n]."""
 
 
 class StateError(ValueError):
@@ -61,9 +66,9 @@ class Snapshot:
     """
 
     version: int
-    about: dict[str, Any]
+    about: dict[str, object]
     num_envs: int
-    values: dict[str, Any]
+    values: dict[str, object]
 
 
 class Entry(NamedTuple):
@@ -81,7 +86,7 @@ class Entry(NamedTuple):
             return self.owner[self.key]
         return getattr(self.owner, self.key)
 
-    def put(self, value: Any) -> None:
+    def put(self, value: object) -> None:
         """Replace its value."""
         if isinstance(self.owner, dict | list):
             self.owner[self.key] = value
@@ -103,10 +108,10 @@ class _Walk:
     def __init__(self, num_envs: int):
         self.num_envs = num_envs
         self.entries: list[Entry] = []
-        self.objects: list[Any] = []
+        self.objects: list[object] = []
         self._seen: set[int] = set()
 
-    def part(self, value: Any, path: str) -> None:
+    def part(self, value: object, path: str) -> None:
         """Walk a part: an object, or a container of parts."""
         if isinstance(value, _PLAIN | _CONSTANT) or id(value) in self._seen:
             return
@@ -120,7 +125,7 @@ class _Walk:
         else:
             self._object(value, path)
 
-    def _state(self, owner: Any, key: Any, value: Any, path: str) -> None:
+    def _state(self, owner: object, key: object, value: object, path: str) -> None:
         """Add a value under STATE; a property that is None has no state at present."""
         if value is None and isinstance(getattr(type(owner), str(key), None), property):
             return
@@ -129,7 +134,7 @@ class _Walk:
         else:
             self.part(value, path)
 
-    def _object(self, value: Any, path: str) -> None:
+    def _object(self, value: object, path: str) -> None:
         self.objects.append(value)
         names = _names(type(value))
         for name in names.state:
@@ -143,7 +148,7 @@ class _Walk:
                 if name not in names.assigned:
                     self._default(value, name, item, f"{path}.{name}")
 
-    def _default(self, owner: Any, key: Any, value: Any, path: str) -> None:
+    def _default(self, owner: object, key: object, value: object, path: str) -> None:
         """Add an attribute of a class that names nothing."""
         if isinstance(value, Tensor):
             self.entries.append(Entry(path, owner, key, value.dim() > 0 and value.shape[0] == self.num_envs))
@@ -215,7 +220,7 @@ def walk(root: Any) -> _Walk:
     return found
 
 
-def about(root: Any) -> dict[str, Any]:
+def about(root: Any) -> dict[str, object]:
     """Identity of a world or mission, whatever its number of environments."""
     kind, config = type(root), root.config
     digest = hashlib.sha256(config.model_dump_json().encode()).hexdigest()[:16]
@@ -264,7 +269,7 @@ def restore(root: Any, saved: Snapshot) -> None:
     _restored(found)
 
 
-def _taken(value: Any) -> Any:
+def _taken(value: object) -> object:
     """A copy that later steps do not change."""
     if isinstance(value, Tensor):
         return value.clone()
@@ -289,7 +294,7 @@ class _Writer:
     def __init__(self):
         self._written: dict[tuple[int, int], Tensor] = {}
 
-    def __call__(self, entry: Entry, value: Any) -> None:
+    def __call__(self, entry: Entry, value: object) -> None:
         now = entry.value
         if not isinstance(value, Tensor) or isinstance(now, torch.Generator):
             if isinstance(now, np.ndarray) and isinstance(value, np.ndarray) and now.shape == value.shape:
@@ -326,7 +331,7 @@ def _restored(found: _Walk) -> None:
 # -- copies and forks --------------------------------------------------------------------------------------------------
 
 
-def copy(root: Any, source_envs: Any, target_envs: Any, noise: NoiseOf = "shared") -> None:
+def copy(root: Any, source_envs: Envs, target_envs: Envs, noise: NoiseOf = "shared") -> None:
     """Make environments `target_envs` [n] of `root` equal to `source_envs` [n].
 
     Raises:
@@ -350,7 +355,7 @@ def copy(root: Any, source_envs: Any, target_envs: Any, noise: NoiseOf = "shared
 
 
 def fork(
-    root: Any, make: Callable[[int], Any], envs: Any, copies: int, noise: NoiseOf = "shared", into: Any = None
+    root: Any, make: Callable[[int], Any], envs: Envs, copies: int, noise: NoiseOf = "shared", into: Any = None
 ) -> Any:
     """Environments `envs` [n] of `root`, `copies` times each, as new environments: copy c of envs[i] is number i copies
     + c.
@@ -398,7 +403,7 @@ def fork(
     return into
 
 
-def transfer(source: Any, target: Any) -> None:
+def transfer(source: object, target: object) -> None:
     """Copy the state of part `source` of one mission into `target`, a part of the same kind and size of another
     mission.
 
@@ -413,13 +418,13 @@ def transfer(source: Any, target: Any) -> None:
         write(there[entry.path], _taken(entry.value))
 
 
-def _entries_of(part: Any) -> list[Entry]:
+def _entries_of(part: object) -> list[Entry]:
     found = _Walk(-1)
     found.part(part, type(part).__name__)
     return found.entries
 
 
-def _envs(given: Any, num_envs: int, name: str) -> Tensor:
+def _envs(given: Envs, num_envs: int, name: str) -> Tensor:
     """Numbers of environments, int64 [n]."""
     envs = torch.as_tensor(given, device=runtime.current().device).flatten()
     if envs.is_floating_point() or envs.dtype == torch.bool:
@@ -461,7 +466,7 @@ def _free_memory() -> float:
     return float(os.sysconf("SC_AVPHYS_PAGES")) * os.sysconf("SC_PAGE_SIZE")
 
 
-def reachable(root: Any) -> Iterator[tuple[str, Any]]:
+def reachable(root: Any) -> Iterator[tuple[str, object]]:
     """Path and value of each entry of `root`, for tests that look for forgotten state."""
     for entry in walk(root).entries:
         yield entry.path, entry.value
@@ -486,7 +491,7 @@ class Stateful:
         with runtime.torch_at_rest():
             restore(self, saved)
 
-    def copy(self, source_envs: Any, target_envs: Any, *, noise: NoiseOf = "shared") -> None:
+    def copy(self, source_envs: Envs, target_envs: Envs, *, noise: NoiseOf = "shared") -> None:
         """Make environments `target_envs` [n] equal to `source_envs` [n]; see `NoiseOf`.
 
         Raises:
@@ -495,7 +500,7 @@ class Stateful:
         with runtime.torch_at_rest():
             copy(self, source_envs, target_envs, noise)
 
-    def fork(self, envs: Any, copies: int = 1, *, noise: NoiseOf = "shared", into: Any = None) -> Any:
+    def fork(self, envs: Envs, copies: int = 1, *, noise: NoiseOf = "shared", into: Self | None = None) -> Self:
         """Environments `envs` [n], `copies` times each, in a world of their own: copy c of envs[i] is i copies + c.
 
         With the same actions a copy that shares the noise does what its source does, until a new episode begins. `into`
@@ -508,6 +513,6 @@ class Stateful:
         with runtime.torch_at_rest():
             return fork(self, self._alike, envs, copies, noise, into)
 
-    def _alike(self, num_envs: int) -> Any:
+    def _alike(self, num_envs: int) -> Self:
         """Another world or mission of the same configuration, seed and teams."""
         raise NotImplementedError

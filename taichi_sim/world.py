@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Self
 
 import torch
 from numpy.typing import ArrayLike
@@ -108,7 +109,7 @@ class World(Stateful):
         for script in self.scripts.values():
             script.begin(self, everywhere)
 
-    def _alike(self, num_envs: int) -> "World":
+    def _alike(self, num_envs: int) -> Self:
         """Another world of the same configuration, seed and teams."""
         return type(self)(self.config, num_envs, seed=self.seed, teams=tuple(self.teams), source=self._source)
 

@@ -107,7 +107,8 @@ def test_the_horizon_is_where_the_camera_looks_level(pitch):
     size, focal = (160, 120), 1.2
     camera = look([0.0, 0.0, -8.0], heading(0.7, pitch), focal)
     row = size[1] / 2 - focal * size[1] * math.tan(pitch)
-    assert camera.horizon_row(size[1]) == pytest.approx(row)
+    far = 1e6 * heading(0.7, 0.0) - (0.0, 0.0, 8.0)
+    assert camera.pixels(far, size)[1] == pytest.approx(row)
     moment = moment_of(make_episode(steps=2), 0.0)._replace(waves=np.zeros((6, 1)))
     sea = water.water_seen(camera, size, moment)
     with_sea = Raster(*size).draw(camera, NO_SOLIDS, NO_STROKES, sea)

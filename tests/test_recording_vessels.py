@@ -16,7 +16,7 @@ from rl.mission import Endings
 from taichi_sim.recording import Body, Episode, Force, Signal, write_recording
 from taichi_sim.recording.arrows import newtons_per_metre, round_scale
 from taichi_sim.recording.bodies import body_mesh
-from taichi_sim.recording.recorder import body_of, columns_of, forces_of, signals_of
+from taichi_sim.recording.recorder import forces_of, signals_of
 from taichi_sim.recording.sea_grid import SeaGrid
 from taichi_sim.recording.sea_patch import Cadence, SeaPatch
 from taichi_sim.recording.stream import Stream
@@ -91,10 +91,6 @@ class Described:
 
 def test_a_model_is_read_as_it_describes_itself() -> None:
     model, aux = Described(), np.arange(24.0).reshape(4, 2, 3)
-    assert columns_of(model) == 3
-    body = body_of(model)
-    assert body is not None
-    assert body.triangles.shape == (2 * len(mesh(BOX)), 3)
     lift = forces_of(model, aux)["lift"]
     assert lift.origin_b == (0.5, 0.0, 0.0)
     np.testing.assert_array_equal(lift.vector_b[3, 1], [0.0, 0.0, 21.0])
@@ -105,7 +101,7 @@ def test_a_model_is_read_as_it_describes_itself() -> None:
 
 def test_a_model_need_not_describe_itself() -> None:
     model, aux = Vehicle(None, 0.02, 1), np.zeros((4, 2, 0))
-    assert (columns_of(model), body_of(model), forces_of(model, aux), signals_of(model, aux)) == (0, None, {}, {})
+    assert (forces_of(model, aux), signals_of(model, aux)) == ({}, {})
 
 
 def test_a_column_that_is_not_there_is_named() -> None:

@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import taichi_sim  # noqa: F401  (makes rl, tools and tests importable from any folder)
+from tools.compare import joined
 
 POLICY, CLASSICAL, NEXT, ALONE = "policy", "classical", "of the next run", "trained alone"
 NONE = 'escort.reports="none"'
@@ -178,11 +179,6 @@ def ratio(together: dict[str, Any], other: list[Any], times: int, judge: Any) ->
     repeated = joined([other[0]["boats"]] * times)
     middle, low, high = (x or 0.0 for x in ratios(judge, together["boats"], repeated, times)["mean_time_to_arrive_s"])
     return f"{middle:.2f} ({low:.2f} to {high:.2f})"
-
-
-def joined(parts: list[Any]) -> dict[str, Any]:
-    """The episodes of several runs as one set."""
-    return {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
 
 
 if __name__ == "__main__":

@@ -316,7 +316,7 @@ def _caption(config: SeaConfig, sea: Sea, systems: list[System], measured: WaveS
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Parse, draw, write."""
+    """Run the command; return the exit status."""
     summary, _, rest = (__doc__ or "").partition("\n\n")
     parser = argparse.ArgumentParser(
         description=summary, epilog=rest, formatter_class=argparse.RawDescriptionHelpFormatter

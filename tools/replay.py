@@ -18,7 +18,7 @@ from taichi_sim.replay import replay
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Parse, replay, print."""
+    """Run the command; return the exit status."""
     parser = argparse.ArgumentParser(description="Repeat the last step of a diverged environment from its dump.")
     parser.add_argument("dump", type=Path, help="a file of runs/NAME/dumps")
     parser.add_argument(

@@ -52,7 +52,7 @@ DEEP = 1000.0  # m, depth given for deep water
 
 
 class Fate(NamedTuple):
-    """Shares of a kind of vessel that capsized and were swamped; rms of roll and pitch (deg)."""
+    """Result of a vessel's trial in a sea: shares that capsized and were swamped; rms of roll and pitch (deg)."""
 
     capsized: float
     swamped: float
@@ -199,7 +199,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Parse, print."""
+    """Run the command; return the exit status."""
     p = parser()
     args = p.parse_args(argv)
     for name, low, high in (("envs", 1, 4096), ("duration", 0.1, 3600.0), ("seed", 0, 2**31 - 1)):

@@ -25,7 +25,7 @@ from tests.validation.report import NothingToCheckError, validate
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Parse, check, print."""
+    """Run the command; return the exit status."""
     parser = argparse.ArgumentParser(description="Check this package against reference tables.")
     parser.add_argument("--reference", type=Path, required=True, help="directory of the tables")
     parser.add_argument("--json", type=Path, help="also write the report here, as JSON")

@@ -15,6 +15,7 @@ from torch import Tensor
 
 from rl.judge import Judge
 from rl.mission import Mission, Step
+from taichi_sim.config.io import replacing
 
 Array = NDArray[np.floating]
 BUDGET = 2.5e8  # most bytes of a log
@@ -184,9 +185,8 @@ def save_log(file: Path, shown: Mapping[str, Excerpt], crashes: list[Crash]) -> 
         {"team": c.team, "vehicles": c.vehicles, "time": c.time_s, "before": _packed(c.before, f"crash{i}", arrays)}
         for i, c in enumerate(crashes)
     ]
-    part = file.with_name(file.name + ".part.npz")
-    np.savez_compressed(part, about=np.array(json.dumps({"shown": fields, "crashes": crashed})), **arrays)  # pyright: ignore[reportArgumentType]
-    part.replace(file)
+    with replacing(file) as part:
+        np.savez_compressed(part, about=np.array(json.dumps({"shown": fields, "crashes": crashed})), **arrays)  # pyright: ignore[reportArgumentType]
 
 
 def load_log(file: Path) -> tuple[dict[str, Excerpt], list[Crash]]:

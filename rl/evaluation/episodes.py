@@ -91,7 +91,7 @@ def judge_episodes(
     show_progress: bool = True,
     excerpts: bool = False,
 ) -> EvaluationOutcome:
-    """Run `evaluate` and also return the numbers of each episode; with `excerpts`, also what a report shows.
+    """As `evaluate`, with the numbers of each episode and, with `excerpts`, the episodes that a report shows.
 
     It runs in one process; `judge_trials` uses several.
 
@@ -234,14 +234,6 @@ def one_episode_each(
     mission = kind(chunk, episodes, seed=derive_seed(seed, "evaluation", first), teams=teams, source=source)
     mission.begin_each()
     return mission
-
-
-def chunk_of_episode(
-    config: Scenario, teams: Sequence[str], episodes: int, seed: int, source: Path | None, episode: int
-) -> tuple[Mission, int]:
-    """The mission that ran `episode` in an evaluation of `episodes`, at its start, and its first episode."""
-    first = episode - episode % CHUNK
-    return one_episode_each(config, teams, min(CHUNK, episodes - first), seed, source, first), first
 
 
 def check_measurable(config: Scenario) -> None:

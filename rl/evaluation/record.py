@@ -10,7 +10,7 @@ import numpy as np
 from tqdm import tqdm
 
 from rl.evaluation.episode_log import event_of
-from rl.evaluation.episodes import chunk_of_episode, one_episode_each
+from rl.evaluation.episodes import CHUNK, Trial
 from rl.evaluation.reel import EpisodeReel
 from rl.learn.policy import Policy
 from rl.mission import Mission, Step
@@ -57,11 +57,9 @@ def record_episode(
     """
     duration = config.episode_duration if duration is None else duration
     steps = max(2, round(duration / config.decision_interval))
-    if number is None:
-        task, env = one_episode_each(config, tuple(policies), 1, seed, source), 0
-    else:
-        task, first = chunk_of_episode(config, tuple(policies), number[1], seed, source, number[0])
-        env = number[0] - first
+    episode, count = number or (0, 1)
+    env = episode % CHUNK
+    task = Trial(config, policies, count, seed, source=source).mission(episode - env)
     reel = EpisodeReel(task, env)
     known: set[tuple[str, int, str]] = set()
     events: list[Event] = []

@@ -53,13 +53,9 @@ def save_evaluation(
     """Store an evaluation in a run's folder, in place of its controller's last one."""
     file = _file(run, outcome.result["controller"])
     file.parent.mkdir(exist_ok=True)
-    numbers = {
-        team: {name: [x if np.isfinite(x) else None for x in values.tolist()] for name, values in of_team.items()}
-        for team, of_team in outcome.episodes.items()
-    }
     made = {"config": None if config is None else str(Path(config).resolve()), "set": list(overrides)}
     save_log(log_file(run, outcome.result["controller"]), outcome.shown, outcome.crashes)
-    run_folder.write_json(file, outcome.result | {"conditions": made, "of_each_episode": numbers})
+    run_folder.write_json(file, outcome.result | {"conditions": made, "of_each_episode": _plain(outcome.episodes)})
 
 
 def load_evaluation(run: Path, controller: str) -> StoredEvaluation | None:
@@ -73,8 +69,7 @@ def load_evaluation(run: Path, controller: str) -> StoredEvaluation | None:
         return None
     content = run_folder.read_json(file, dict)
     try:
-        made, numbers = content.pop("conditions"), content.pop("of_each_episode")
-        arrays = {t: {name: np.array(v, dtype=float) for name, v in of.items()} for t, of in numbers.items()}
+        made, arrays = content.pop("conditions"), _arrays(content.pop("of_each_episode"))
         return StoredEvaluation(
             EvaluationResult(**content), EvaluationConditions(made["config"], tuple(made["set"])), arrays
         )
@@ -85,11 +80,7 @@ def load_evaluation(run: Path, controller: str) -> StoredEvaluation | None:
 def save_headroom(run: Path, episodes: Mapping[str, Mapping[str, NDArray[np.float64]]]) -> None:
     """Store the numbers of a run's policies on an oracle's episodes (headroom.py): team -> name -> [episode]."""
     (run / FOLDER).mkdir(exist_ok=True)
-    plain = {
-        team: {name: [x if np.isfinite(x) else None for x in values.tolist()] for name, values in of_team.items()}
-        for team, of_team in episodes.items()
-    }
-    run_folder.write_json(run / FOLDER / HEADROOM, plain)
+    run_folder.write_json(run / FOLDER / HEADROOM, _plain(episodes))
 
 
 def load_headroom(run: Path) -> dict[str, dict[str, NDArray[np.float64]]]:
@@ -97,8 +88,7 @@ def load_headroom(run: Path) -> dict[str, dict[str, NDArray[np.float64]]]:
     file = run / FOLDER / HEADROOM
     if not file.is_file():
         return {}
-    found = run_folder.read_json(file, dict)
-    return {t: {k: np.array(v, dtype=float) for k, v in e.items()} for t, e in found.items()}
+    return _arrays(run_folder.read_json(file, dict))
 
 
 def shown_episode(run: Path, controller: str, name: str) -> tuple[StoredEvaluation, int]:
@@ -124,6 +114,18 @@ def recording_name(controller: str, name: str) -> str:
 def log_file(run: Path, controller: str) -> Path:
     """The file that holds the excerpts and collisions of an evaluation."""
     return run / FOLDER / f"{controller}.npz"
+
+
+def _plain(episodes: Mapping[str, Mapping[str, NDArray[np.float64]]]) -> dict[str, dict[str, list[float | None]]]:
+    """Numbers of episodes for JSON; None in place of those that are not finite."""
+    return {
+        team: {name: [x if np.isfinite(x) else None for x in values.tolist()] for name, values in of_team.items()}
+        for team, of_team in episodes.items()
+    }
+
+
+def _arrays(plain: Mapping[str, Mapping[str, list[float | None]]]) -> dict[str, dict[str, NDArray[np.float64]]]:
+    return {team: {name: np.array(v, dtype=float) for name, v in of.items()} for team, of in plain.items()}
 
 
 def _file(run: Path, controller: str) -> Path:

@@ -2,7 +2,6 @@
 
 import json
 import logging
-import os
 import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -11,6 +10,8 @@ import onnx
 import torch
 from rsl_rl.models import MLPModel
 from torch import Tensor, nn
+
+from taichi_sim.config.io import replacing
 
 TORCHSCRIPT, ONNX = "policy.pt", "policy.onnx"
 SIGNATURE = "signature.json"
@@ -36,19 +37,16 @@ def export_policy(actor: MLPModel, folder: Path, signature: Mapping[str, Sequenc
     """
     example = torch.zeros(2, actor.obs_dim)
     script = torch.jit.trace(_Clipped(actor.as_jit()).eval(), example)
-    beside = folder / f"{TORCHSCRIPT}.part"
-    torch.jit.save(script, str(beside), _extra_files={SIGNATURE: json.dumps(dict(signature))})
-    os.replace(beside, folder / TORCHSCRIPT)
-    beside = folder / f"{ONNX}.part"
+    with replacing(folder / TORCHSCRIPT) as part:
+        torch.jit.save(script, str(part), _extra_files={SIGNATURE: json.dumps(dict(signature))})
     logging.getLogger("torch.onnx").setLevel(logging.ERROR)
-    with warnings.catch_warnings():
+    with replacing(folder / ONNX) as part, warnings.catch_warnings():
         warnings.simplefilter("ignore")
         torch.onnx.export(
-            _Clipped(actor.as_onnx(verbose=False)).eval(), (example,), str(beside), input_names=["obs"],
+            _Clipped(actor.as_onnx(verbose=False)).eval(), (example,), str(part), input_names=["obs"],
             output_names=["actions"], dynamic_axes={"obs": {0: "row"}, "actions": {0: "row"}}, opset_version=18,
             dynamo=False, verbose=False,
         )  # fmt: skip
-    model = onnx.load(str(beside))
-    onnx.helper.set_model_props(model, {key: json.dumps(list(names)) for key, names in signature.items()})
-    onnx.save(model, str(beside))
-    os.replace(beside, folder / ONNX)
+        model = onnx.load(str(part))
+        onnx.helper.set_model_props(model, {key: json.dumps(list(names)) for key, names in signature.items()})
+        onnx.save(model, str(part))

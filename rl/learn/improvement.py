@@ -3,12 +3,12 @@
 The policy acts in its environments. Where its actions have an effect, a planner (rl/planning/improvement.py) looks in
 forks of the truth for what it should do, and the network is fitted to that: one step of approximate policy
 iteration (Bertsekas 2011, J. Control Theory Appl. 9(3)) an iteration, by dataset aggregation over the last few
-(DAgger: Ross, Gordon & Bagnell 2011, AISTATS). A sample counts by the square root of what is at stake in it: what to do
-beside an obstacle is learnt more exactly than what to do far from all of them.
+(DAgger: Ross, Gordon & Bagnell 2011, AISTATS). A sample's weight is the square root of the costs at stake in it, so
+that actions beside an obstacle are learnt more exactly than actions far from all obstacles.
 """
 
 from collections import deque
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import torch
 from tensordict import TensorDict
@@ -19,6 +19,10 @@ from rl.learn.ppo import LeanPPO
 from rl.planning.config import PlanConfig
 from rl.planning.improvement import Improver
 from rl.scenario import StageConfig
+from rl.team import Team
+
+if TYPE_CHECKING:
+    from rl.learn.env import Extras, MissionEnv
 
 BATCH = 1024  # rows in a step of the optimiser; assumed
 DECAY = 1e-3  # of the network's weights; assumed
@@ -26,7 +30,7 @@ MOST = 5.0  # weight of a sample, over the mean; assumed
 
 
 class Lesson(NamedTuple):
-    """What was suggested in an iteration."""
+    """The planner's suggestions in an iteration."""
 
     observed: Tensor  # [row, n]
     wanted: Tensor  # [row, action]
@@ -36,7 +40,7 @@ class Lesson(NamedTuple):
 class PlannedImprovement(LeanPPO):
     """An algorithm for rsl-rl's runner: `update` fits the actor to the planner's suggestions; the critic stays."""
 
-    def begin(self, env: Any, stage: StageConfig, done: int) -> None:
+    def begin(self, env: "MissionEnv", stage: StageConfig, done: int) -> None:
         """Improve the policy of `env` (env.MissionEnv); `done` iterations of the stage have been completed."""
         assert stage.planning is not None
         self._env, self._stage, self._done = env, stage, done
@@ -55,7 +59,7 @@ class PlannedImprovement(LeanPPO):
         first, last = self._stage.planning.spread
         self._planner.aim(first + (last - first) * min(1.0, self._done / max(1, self._stage.iterations - 1)))
 
-    def _mean(self, team: Any) -> Tensor:
+    def _mean(self, team: Team) -> Tensor:
         """Mean actions [env, vehicle, a] of the policy."""
         observed = team.observe()
         rows = observed.flatten(0, 1)
@@ -63,8 +67,8 @@ class PlannedImprovement(LeanPPO):
         return mean.view(*observed.shape[:2], -1).clamp(-1.0, 1.0)
 
     @torch.no_grad()
-    def act(self, obs: Any) -> Tensor:
-        """The policy's mean actions [row, action]; note what it should do."""
+    def act(self, obs: TensorDict) -> Tensor:
+        """The policy's mean actions [row, action]; the planner's suggestions are noted."""
         own, planning = self._env.mission.teams[self._env.team], self._stage.planning
         assert planning is not None
         self._planner.renew(own)
@@ -77,14 +81,14 @@ class PlannedImprovement(LeanPPO):
         self._noted.append(Lesson(observed[effective], better[effective], weight))
         return mean
 
-    def process_env_step(self, obs: Any, rewards: Tensor, dones: Tensor, extras: dict) -> None:
+    def process_env_step(self, obs: TensorDict, rewards: Tensor, dones: Tensor, extras: "Extras") -> None:
         """Nothing is learnt from rewards."""
 
-    def compute_returns(self, obs: Any) -> None:
+    def compute_returns(self, obs: TensorDict) -> None:
         """Nothing is learnt from returns."""
 
     def update(self) -> dict[str, float]:
-        """Fit the actor to what was noted; return the mean squared error where PPO has the surrogate loss."""
+        """Fit the actor to the noted suggestions; the mean squared error stands for PPO's surrogate loss."""
         noted = Lesson(*(torch.cat(part) for part in zip(*self._noted, strict=True)))
         mean = noted.weight.mean().clamp(min=1e-9) if len(noted.weight) else 1.0
         self._lessons.append(noted._replace(weight=(noted.weight / mean).clamp(max=MOST)))

@@ -15,7 +15,7 @@ from rl.team import Team
 
 
 class Companion:
-    """A team that learns while another team's runner drives the loop, and its policy in that environment."""
+    """A team that learns while another team's runner drives the loop; called, it is the team's policy there."""
 
     def __init__(self, runner: StageRunner):
         """Learn with `runner`, whose environment has the same mission."""

@@ -1,8 +1,6 @@
 """Policies of trained teams, and reading and writing of checkpoints without executing code in them."""
 
-import contextlib
 import io
-import os
 import pickle
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
@@ -17,10 +15,10 @@ from rl.mission import ControllerError, Team
 from rl.planning.honest import HonestPlanner
 from rl.planning.planner import Planner
 from rl.scenario import Scenario, StageConfig
+from taichi_sim.config.io import replacing
 
 Policy = Callable[[Team], Tensor]
-"""What decides for a team: reads the mission's view of it (rl.mission.Team), returns actions [env, vehicle, action] in
-[-1, 1]."""
+"""A function from the mission's view of a team (rl.mission.Team) to actions [env, vehicle, action] in [-1, 1]."""
 
 OBS_GROUPS = {"actor": ["policy"], "critic": ["policy"]}
 
@@ -65,15 +63,10 @@ def read_checkpoint(file: Path) -> dict:
 
 def write_checkpoint(content: dict, file: Path) -> None:
     """Write a checkpoint to a temporary file and rename it: a kill or a full disk damages no earlier checkpoint."""
-    beside = file.with_name(file.name + ".part")
-    try:
-        memory = io.BytesIO()  # torch's own writer does not name a full disk
-        torch.save(content, memory)
-        beside.write_bytes(memory.getbuffer())
-        os.replace(beside, file)
-    finally:
-        with contextlib.suppress(OSError):
-            beside.unlink(missing_ok=True)
+    memory = io.BytesIO()  # torch's own writer does not name a full disk
+    torch.save(content, memory)
+    with replacing(file) as part:
+        part.write_bytes(memory.getbuffer())
 
 
 def checkpoints(folder: Path) -> list[Path]:

@@ -6,7 +6,6 @@ import contextlib
 import csv
 import io
 import math
-import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, TypedDict, Unpack
@@ -20,6 +19,7 @@ from tqdm import tqdm
 
 from rl import processes
 from rl.processes import signals
+from taichi_sim.config.io import replacing
 
 if TYPE_CHECKING:
     from rl.learn.env import Extras
@@ -34,7 +34,7 @@ SHOWN = 3  # logs beside the progress bar
 
 
 class Iteration(TypedDict):
-    """What rsl-rl tells of an iteration."""
+    """Arguments with which rsl-rl logs an iteration."""
 
     collect_time: float  # s
     learn_time: float  # s
@@ -139,12 +139,10 @@ def trim_history(file: Path, done: int) -> float:
     with file.open(newline="", encoding="utf-8") as stream:
         reader = csv.DictReader(stream)
         rows = [r for r in reader if r["iteration"].isdigit() and int(r["iteration"]) < done]
-    beside = file.with_name(file.name + ".part")
-    with beside.open("w", newline="", encoding="utf-8") as stream:
+    with replacing(file) as part, part.open("w", newline="", encoding="utf-8") as stream:
         writer = csv.DictWriter(stream, reader.fieldnames or COLUMNS)
         writer.writeheader()
         writer.writerows(rows)
-    os.replace(beside, file)
     return float(rows[-1]["wall_time_s"]) if rows else 0.0
 
 

@@ -32,7 +32,7 @@ from rl.runs.records import Software
 from rl.scenario import Scenario
 from taichi_sim.config import ConfigError
 from taichi_sim.config.files import files_of, named_files, with_files
-from taichi_sim.config.io import find_config, read_toml, toml_text, vehicle_file, write_toml
+from taichi_sim.config.io import find_config, read_toml, replacing, toml_text, vehicle_file, write_toml
 from taichi_sim.config.plugins import is_plugin, plugin_source
 from taichi_sim.vehicles import vehicle_files
 
@@ -231,13 +231,8 @@ def lock(out: Path):
 
 def write_json(file: Path, content: object) -> None:
     """Write JSON to a temporary file and rename it to `file`."""
-    beside = file.with_name(file.name + ".part")
-    try:
-        beside.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
-        os.replace(beside, file)
-    finally:
-        with contextlib.suppress(OSError):
-            beside.unlink(missing_ok=True)
+    with replacing(file) as part:
+        part.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
 
 
 def read_json(file: Path, kind: type[T]) -> T:

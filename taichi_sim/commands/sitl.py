@@ -175,7 +175,7 @@ def serve(args: argparse.Namespace) -> None:
 
 
 def _let_in(door: socket.socket, session: "Px4Session", wires: selectors.BaseSelector, open_things: ExitStack) -> None:
-    """Connect whoever knocks, unless a PX4 drives the vehicle already."""
+    """Accept a connection, unless a PX4 drives the vehicle already."""
     wire, sender = door.accept()
     if session.connected:
         print(f"refused {sender[0]}:{sender[1]}: another PX4 drives this vehicle", file=sys.stderr, flush=True)
@@ -195,7 +195,7 @@ def _let_in(door: socket.socket, session: "Px4Session", wires: selectors.BaseSel
 
 
 def _hear(wire: socket.socket, session: "Px4Session") -> bool:
-    """Pass on what has arrived; return whether the connection still stands."""
+    """Handle the bytes that have arrived; return whether the connection is still open."""
     try:
         data = wire.recv(LARGEST)
     except OSError:

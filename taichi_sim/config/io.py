@@ -1,7 +1,9 @@
 """Reading, overriding, and writing configurations, with errors that name file, key, value and what is allowed."""
 
+import contextlib
+import os
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -122,6 +124,21 @@ def read_toml(file: Path) -> dict[str, Any]:
         raise ConfigError(f"{file}: cannot be read: {error}") from None
 
 
+@contextlib.contextmanager
+def replacing(file: Path) -> Iterator[Path]:
+    """A temporary file beside `file` to write to, which takes its place after the block.
+
+    So a file under its name is complete. After an error the old one stays.
+    """
+    part = file.with_name(f".{file.stem}.part{file.suffix}")
+    try:
+        yield part
+        os.replace(part, file)
+    finally:
+        with contextlib.suppress(OSError):
+            part.unlink(missing_ok=True)
+
+
 def write_toml(model: BaseModel, file: Path) -> None:
     """Write every key of a model, defaults included, as TOML."""
     file.write_text(toml_text(model), encoding="utf-8")
@@ -139,16 +156,16 @@ def validate(model: type[Model], data: Table, source: str, sources: Mapping[str,
         ConfigError: for mistakes; the message names the source, each wrong key, its value and what is allowed.
     """
     try:
-        return model.model_validate(_with_tuples(data))
+        return model.model_validate(with_tuples(data))
     except ValidationError as error:
         raise ConfigError(explain(error, model, source, sources or {})) from None
 
 
-def _with_tuples(value: object) -> object:
+def with_tuples(value: object) -> object:
     """Turn TOML arrays into tuples, as strict models require."""
     if isinstance(value, dict):
-        return {key: _with_tuples(item) for key, item in value.items()}
-    return tuple(_with_tuples(item) for item in value) if isinstance(value, list) else value
+        return {key: with_tuples(item) for key, item in value.items()}
+    return tuple(with_tuples(item) for item in value) if isinstance(value, list) else value
 
 
 def apply_overrides(data: Table, overrides: Iterable[str], kind: type[WorldConfig] = WorldConfig) -> dict[str, str]:

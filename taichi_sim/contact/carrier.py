@@ -193,8 +193,7 @@ def react(
     state: _array3, derived: _array3, before: _array3, table: _array3, way: _array3, base: ti.template(),
     serial: ti.template(),
 ):  # fmt: skip
-    """Apply to the carriers `state` [env, carrier, 13] what the vehicles with legs did beyond the loads already
-    applied.
+    """Move the carriers `state` [env, carrier, 13] by the reactions of vehicles with legs that loads did not include.
 
     `way` [env, vehicle, WAY_SIZE] holds the displacements and impulses; they are added in the order of the vehicles.
     `before` holds the carriers at the beginning of the step.

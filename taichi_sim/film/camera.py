@@ -36,11 +36,6 @@ class FilmCamera(NamedTuple):
         spot = np.array(size) / 2 + self.focal * size[1] * seen[..., :AWAY] / ahead
         return np.concatenate([spot, seen[..., AWAY:]], axis=-1)
 
-    def horizon_row(self, high: int) -> float:
-        """Row (px) of the horizon of a flat earth at the middle column, of a camera without roll."""
-        _, down, forward = self.axes
-        return high / 2 - self.focal * high * float(forward[2] / down[2])
-
 
 def look(eye_n: Array, forward_n: Array, focal: float) -> FilmCamera:
     """A camera at `eye_n` that looks along `forward_n`, without roll; straight down, north is up."""

@@ -197,4 +197,4 @@ def _label(pen: Pen, overlay: Overlay3D, places_n: Array) -> None:
 KINDS: dict[type, Callable[..., None]] = {
     Lines: _lines, Points: _points, Cylinders: _cylinders, Ellipsoids: _ellipsoids, Arrows: _arrows,
 }  # fmt: skip
-"""Overlay -> how it is drawn."""
+"""Kind of overlay -> the function that draws it."""

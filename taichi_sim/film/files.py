@@ -5,7 +5,6 @@ refused before the first picture is drawn; `check_film` refuses them before ther
 """
 
 import errno
-import os
 from collections.abc import Callable, Collection, Iterable, Iterator
 from pathlib import Path
 from types import ModuleType
@@ -15,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
+from taichi_sim.config.io import replacing
 from taichi_sim.film.moment import moment_of
 from taichi_sim.film.picture import Picture, check_picture
 from taichi_sim.recording.episode import Episode
@@ -106,16 +106,12 @@ def write_film(
         other = Picture(moment_of(episode, times[0]), size, view)
         return (other.paint(moment_of(episode, time), note) for time in times[:: -(-len(times) // SAMPLED)])
 
-    part = path.with_name(f"{path.name}.part")
-    try:
+    with replacing(path) as part:
         kind = path.suffix.lower()
         if kind == ".mp4":
             _write_mp4(frames, part, size, fps)
         else:
             _write_animation(frames, part, kind, fps, samples)
-        os.replace(part, path)
-    finally:
-        part.unlink(missing_ok=True)
     return path
 
 
@@ -129,12 +125,8 @@ def write_strip(episode: Episode, path: Path, *, count: int = 4, size: tuple[int
     for k, share in enumerate((np.arange(count) + 0.5) / count):
         frame = picture.paint(moment_of(episode, first + share * (last - first)))
         page.paste(Image.fromarray(frame), (k % 2 * size[0], k // 2 * size[1]))
-    part = path.with_name(f"{path.stem}.part{path.suffix}")
-    try:
+    with replacing(path) as part:
         page.save(part, quality=70)
-        os.replace(part, path)
-    finally:
-        part.unlink(missing_ok=True)
     return path
 
 

@@ -18,7 +18,6 @@ from taichi_sim.recording.palette import Livery
 TRAIL_S = 25.0  # length of a trail
 TRAIL_POINTS = 80  # most points of a trail
 JUMP_M = 5.0  # a trail is broken where a vehicle moves farther than its speed allows by this much
-OVERLAY_ARRAYS = ("points_n", "position_n", "size_m", "half_axes_m", "heading", "origin_n", "vector_n")
 ANGLES = ("heading",)
 Shown = TypeVar("Shown", bound=Overlay3D)
 
@@ -147,10 +146,9 @@ def _trail(track: TeamTrack, clock: Array, step: int, now: float, here: Array) -
 def _still(overlay: Shown, step: int, after: int, share: float) -> Shown:
     """An overlay of one frame: `overlay` between `step` and the next one."""
     found = {}
-    for name in OVERLAY_ARRAYS:
-        array = getattr(overlay, name, None)
-        if array is not None:
-            last = len(array) - 1  # a fixed overlay has one frame
-            one, other = array[min(step, last)], array[min(after, last)]
-            found[name] = (_angle if name in ANGLES else _between)(one, other, share)[None]
+    for name in overlay.shapes:
+        array = getattr(overlay, name)
+        last = len(array) - 1  # a fixed overlay has one frame
+        one, other = array[min(step, last)], array[min(after, last)]
+        found[name] = (_angle if name in ANGLES else _between)(one, other, share)[None]
     return replace(overlay, **found)

@@ -57,7 +57,11 @@ def _place(
     height: ti.f32,
     crest: ti.f32,
 ):
-    """Fill `out`; a ray is rays[2] + column rays[0] + row rays[1], and `height` (m) is that of the eye."""
+    """Write the sea where the rays meet it to `out` [row * column, COLUMNS].
+
+    The ray through column x and row y (px) is rays[2] + x rays[0] + y rays[1]. The eye has the `height` (m) above mean
+    sea level; `crest` (m) is the height of a tall crest.
+    """
     across = columns.shape[0]
     right = ti.Vector([rays[0, 0], rays[0, 1], rays[0, 2]])
     down = ti.Vector([rays[1, 0], rays[1, 1], rays[1, 2]])

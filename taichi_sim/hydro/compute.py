@@ -14,7 +14,7 @@ from taichi_sim.hydro.offsets import compared
 from taichi_sim.hydro.panels import wetted
 from taichi_sim.hydro.problem import Tank, solve
 from taichi_sim.hydro.run import Floating, database, solve_all
-from taichi_sim.hydro.surface import PLANES, WettedSurface
+from taichi_sim.hydro.surface import PLANES, WettedSurface, X
 from taichi_sim.usv.hull.database import HydroDatabase, hull_hash
 
 Array = NDArray[np.float64]
@@ -112,7 +112,7 @@ def _surface(craft: FloatingHull, mesh: WettedSurface | None, wishes: Wishes) ->
         return found, float(np.median(found.edge))
     print(f"{'':24}{'offsets':>14}{'mesh':>14}{'off':>10}")
     for name, (ours, theirs) in compared(craft.panels, mesh, craft.mass, craft.cg_z_up, wishes.rho, wishes.g).items():
-        scale = np.ptp(mesh.whole[..., 0]) if name.startswith("LCB") else theirs
+        scale = np.ptp(mesh.whole[..., X]) if name.startswith("LCB") else theirs
         off = (ours - theirs) / scale
         print(f"{name:24}{ours:14.6g}{theirs:14.6g}{100 * off:9.2f} %{' of the length' * name.startswith('LCB')}")
         if abs(off) > 4 * OFF and name.startswith(("volume", "waterplane, ")):
@@ -152,7 +152,7 @@ def _omega(of: frequencies.Resonances, wanted: Spectrum, twin: bool, size: float
 
 def _heading_step(surface: WettedSurface, omega: float, g: float) -> float:
     """Step of headings (deg) that resolves the k L / 2 harmonics of the loads of waves of omega (rad/s)."""
-    order = omega**2 / g * float(np.ptp(surface.whole[..., 0])) / 2 + MORE_ORDERS
+    order = omega**2 / g * float(np.ptp(surface.whole[..., X])) / 2 + MORE_ORDERS
     return next((step for step in HEADING_STEPS if 180 / step >= order), HEADING_STEPS[-1])
 
 

@@ -8,12 +8,12 @@ from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
 from taichi_sim.config import ConfigError
-from taichi_sim.config.io import config_folder, read_toml, validate
+from taichi_sim.config.io import config_folder, read_toml, validate, with_tuples
 from taichi_sim.conventions import RHO_SEA
 from taichi_sim.hydro import mesh_file
 from taichi_sim.hydro.offsets import offsets
 from taichi_sim.hydro.panels import Z_UP, wetted
-from taichi_sim.hydro.surface import WettedSurface, turned_matrix
+from taichi_sim.hydro.surface import WettedSurface, X, Z, turned_matrix
 from taichi_sim.kernels.rigid_body import rigid_body_mass
 from taichi_sim.usv.hull.hydrostatics import Hydrostatics
 from taichi_sim.usv.hull.mesh import Panels, mesh
@@ -84,18 +84,11 @@ def of_vehicle(file: Path) -> tuple[FloatingHull, float]:
             raise ConfigError(f"{file}: {key} is missing")
     body = validate(RigidBody, data["rigid_body"], f"{file}: rigid_body")
     try:
-        shape = TypeAdapter(HullShape).validate_python(_tuples(data["hull"]))
+        shape = TypeAdapter(HullShape).validate_python(with_tuples(data["hull"]))
     except ValueError as error:
         raise ConfigError(f"{file}: hull: {error}") from None
     craft = FloatingHull(file.stem, mesh(shape), body.mass, tuple(body.cg), np.asarray(body.matrix, dtype=float))
     return craft, float(data["length"])
-
-
-def _tuples(value):
-    """Convert lists to tuples, as strict sections require."""
-    if isinstance(value, dict):
-        return {key: _tuples(v) for key, v in value.items()}
-    return tuple(map(_tuples, value)) if isinstance(value, list) else value
 
 
 def read_mesh(path: Path, unit: str, waterline: float, midships: float | None, length: float | None) -> WettedSurface:
@@ -105,9 +98,9 @@ def read_mesh(path: Path, unit: str, waterline: float, midships: float | None, l
     """
     found = mesh_file.read(path, unit)
     panels = found.panels.copy()
-    x = panels[..., 0]
-    panels[..., 0] -= (x.min() + x.max()) / 2 if midships is None else midships
-    panels[..., 2] -= waterline
+    x = panels[..., X]
+    panels[..., X] -= (x.min() + x.max()) / 2 if midships is None else midships
+    panels[..., Z] -= waterline
     return mesh_file.checked(mesh_file.Polygons(panels, found.planes), path.name, length)
 
 
@@ -171,7 +164,7 @@ def check_floating(craft: FloatingHull, surface: WettedSurface, rho: float, g: f
             "waterline, for which the loads are computed"
         )
     trim = craft.cg[0] - surface.centre_of_buoyancy[0]
-    if abs(trim) > 0.02 * np.ptp(surface.whole[..., 0]):
+    if abs(trim) > 0.02 * np.ptp(surface.whole[..., X]):
         told.append(f"warning: the centre of gravity is {trim:+.3g} m ahead of the centre of buoyancy: the hull trims")
     return told
 

@@ -17,7 +17,7 @@ hull.
 import numpy as np
 from numpy.typing import NDArray
 
-from taichi_sim.hydro.surface import WettedSurface
+from taichi_sim.hydro.surface import WettedSurface, X, Z
 
 Array = NDArray[np.float64]
 INSET = 1e-6  # distance, over a strip's width, from its ends at which crossings of the waterline are found
@@ -39,7 +39,7 @@ def waterline(hull: WettedSurface) -> Array:
     """Edges [n, 2, 2] (x, y) of panels that lie in the water's surface, without images."""
     ends = np.stack([hull.panels, np.roll(hull.panels, -1, axis=1)], axis=2).reshape(-1, 2, 3)
     length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-    return ends[(np.abs(ends[..., 2]) < LEVEL).all(axis=1) & (length > LEVEL)][..., :2]
+    return ends[(np.abs(ends[..., Z]) < LEVEL).all(axis=1) & (length > LEVEL)][..., :2]
 
 
 def _lid(hull: WettedSurface, size: float, away: float, inside: bool) -> Array:
@@ -48,8 +48,8 @@ def _lid(hull: WettedSurface, size: float, away: float, inside: bool) -> Array:
     if not len(edges):
         return np.empty((0, 4, 3))
     half = 1 in hull.planes  # the waterline is of the port half only
-    x_first = 0.0 if 0 in hull.planes else edges[..., 0].min() + away
-    stations = _stations(edges, x_first, edges[..., 0].max() - away, size)
+    x_first = 0.0 if 0 in hull.planes else edges[..., X].min() + away
+    stations = _stations(edges, x_first, edges[..., X].max() - away, size)
     found = []
     for x0, x1 in zip(stations, stations[1:], strict=False):
         inset = INSET * (x1 - x0)
@@ -71,7 +71,7 @@ def _lid(hull: WettedSurface, size: float, away: float, inside: bool) -> Array:
 
 def _stations(edges: Array, x_first: float, x_last: float, size: float) -> Array:
     """x of stations at most `size` apart, including the knuckles of the waterline."""
-    ends = np.unique(np.round(edges[..., 0].ravel(), 6))
+    ends = np.unique(np.round(edges[..., X].ravel(), 6))
     ends = ends[(ends > x_first + size / 2) & (ends < x_last - size / 2)]
     kept = [x_first]
     for x in [*ends, x_last]:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from taichi_sim.config import ConfigError
 from taichi_sim.config.base import MissingExtraError
-from taichi_sim.hydro.surface import WettedSurface, area_vectors, as_triangles, reverse
+from taichi_sim.hydro.surface import WettedSurface, Y, Z, area_vectors, as_triangles, reverse
 
 Array = NDArray[np.float64]
 UNITS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "in": 0.0254, "ft": 0.3048}
@@ -60,7 +60,7 @@ def _csv(path: Path) -> Polygons:
         raise ValueError(f"{panels.shape[1]} columns; expected x1,y1,z1 ... x4,y4,z4")
     panels = panels.reshape(-1, 4, 3)
     tiny = MERGE * np.ptp(panels.reshape(-1, 3), axis=0).max()
-    return Polygons(panels, (1,) if panels[..., 1].min() > -tiny else ())
+    return Polygons(panels, (1,) if panels[..., Y].min() > -tiny else ())
 
 
 def _gdf(path: Path) -> Polygons:
@@ -114,7 +114,7 @@ def checked(mesh: Polygons, name: str, length: float | None) -> WettedSurface:
     if size > LONGEST or (length is not None and not 0.2 < size / length < 5):
         than = f"; the vehicle is {length:g} m" if length is not None else ""
         raise ConfigError(f"{name}: is {size:.4g} m long{than}: is it in millimetres? give --unit ({', '.join(UNITS)})")
-    z = panels[..., 2]
+    z = panels[..., Z]
     if z.min() > -DRY * size:
         raise ConfigError(
             f"{name}: lies above the water (z from {z.min():.4g} to {z.max():.4g} m); give --waterline, the height of "
@@ -220,8 +220,8 @@ def _consistent(panels: Array, name: str) -> Array:
 def _cut(panels: Array, tiny: float) -> Array:
     """Parts of panels below z = 0, without panels in the water's surface itself."""
     panels = panels.copy()
-    panels[..., 2][np.abs(panels[..., 2]) < tiny] = 0.0
-    z = panels[..., 2]
+    panels[..., Z][np.abs(panels[..., Z]) < tiny] = 0.0
+    z = panels[..., Z]
     found = [panels[(z <= 0).all(axis=1) & (z < 0).any(axis=1)]]
     for panel in panels[(z < 0).any(axis=1) & (z > 0).any(axis=1)]:
         ring = []

@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taichi_sim.hydro.panels import wetted
-from taichi_sim.hydro.surface import WettedSurface
+from taichi_sim.hydro.surface import WettedSurface, X
 from taichi_sim.usv.hull.mesh import Panels, mesh
 from taichi_sim.usv.hull.shapes import StationsHull
 
 Array = NDArray[np.float64]
+BREADTH, LEVEL = 0, 1  # columns of sections and segments: y, z
 INSIDE = 1e-4  # distance of the end sections from the ends, over the length
 NEAR = 2e-3  # distance of the readings from a flat bottom and from the waterline, over the draught
 FINE = 400  # sections from which stations are chosen
@@ -26,7 +27,7 @@ def offsets(hull: WettedSurface, stations: int, points: int, freeboard: float) -
     `freeboard` (m).
     """
     triangles = _triangles(hull)
-    x = triangles[..., 0]
+    x = triangles[..., X]
     ends = np.array([x.min(), x.max()])
     twin = _is_twin(triangles)
     places = _places(triangles, ends, stations, points, twin)
@@ -40,9 +41,9 @@ def offsets(hull: WettedSurface, stations: int, points: int, freeboard: float) -
         top *= wanted[1] / fine.waterplane["A"]
         below *= wanted[0] / fine.volume
         stretched = sections.copy()
-        level = np.abs(sections[..., 1]) < 1e-9
-        middle = sections[..., 0].mean(axis=1, keepdims=True) if twin else 0.0
-        stretched[..., 0] = middle + (sections[..., 0] - middle) * np.where(level, top, below)
+        level = np.abs(sections[..., LEVEL]) < 1e-9
+        middle = sections[..., BREADTH].mean(axis=1, keepdims=True) if twin else 0.0
+        stretched[..., BREADTH] = middle + (sections[..., BREADTH] - middle) * np.where(level, top, below)
         made = _hull(places, np.maximum(stretched, 0.0) if not twin else stretched, freeboard, decimals)
     return made
 
@@ -78,7 +79,7 @@ def _triangles(hull: WettedSurface) -> Array:
 
 def _cut(triangles: Array, at: float) -> Array:
     """Segments [n, 2, 2] (y, z) in which the plane x = at intersects triangles."""
-    side = triangles[..., 0] - at
+    side = triangles[..., X] - at
     across = triangles[(side.min(axis=1) < 0) & (side.max(axis=1) > 0)]
     segments = []
     for corners in across:
@@ -93,8 +94,8 @@ def _cut(triangles: Array, at: float) -> Array:
 
 def _is_twin(triangles: Array) -> bool:
     """Whether no section crosses the centreplane amidships."""
-    at = (triangles[..., 0].min() + triangles[..., 0].max()) / 2 + 1e-7
-    y = _cut(triangles, at)[..., 0]
+    at = (triangles[..., X].min() + triangles[..., X].max()) / 2 + 1e-7
+    y = _cut(triangles, at)[..., BREADTH]
     return bool(len(y)) and not ((y.min(axis=1) <= 1e-9) & (y.max(axis=1) >= -1e-9)).any()
 
 
@@ -104,8 +105,8 @@ def _section(triangles: Array, at: float, ends: Array, points: int, twin: bool) 
     """
     inset = INSIDE * np.ptp(ends)
     segments = _cut(triangles, float(np.clip(at, ends[0] + inset, ends[1] - inset)) + 1e-9)
-    segments = segments[segments[..., 0].mean(axis=1) > 0]
-    keel = float(-segments[..., 1].min())
+    segments = segments[segments[..., BREADTH].mean(axis=1) > 0]
+    keel = float(-segments[..., LEVEL].min())
     angle = np.linspace(0, np.pi / 2, points)
     levels = keel * np.cos(angle)  # closer at the keel, for the turn of the bilge
     levels[-1] = 0.0
@@ -117,7 +118,7 @@ def _section(triangles: Array, at: float, ends: Array, points: int, twin: bool) 
 
 def _breadths(segments: Array, z: float, tiny: float) -> tuple[float, float]:
     """Smallest and largest y at a level."""
-    z = float(np.clip(z, segments[..., 1].min() + tiny, segments[..., 1].max() - tiny))
+    z = float(np.clip(z, segments[..., LEVEL].min() + tiny, segments[..., LEVEL].max() - tiny))
     (y0, z0), (y1, z1) = segments[:, 0].T, segments[:, 1].T
     across = (np.minimum(z0, z1) <= z) & (np.maximum(z0, z1) >= z) & (np.abs(z1 - z0) > 1e-12)
     if not across.any():

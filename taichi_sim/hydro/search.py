@@ -51,7 +51,7 @@ class Pair(NamedTuple):
 
 
 class MemorySearch:
-    """MemorySearch for the masses of one group of g modes."""
+    """Search for the masses of one group of g modes."""
 
     def __init__(
         self, omega: Array, A: Array, B: Array, A_inf: Array, group: tuple[int, ...], at: Sequence[float | None]

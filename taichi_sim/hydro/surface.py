@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+X, Y, Z = 0, 1, 2  # components of points and area vectors
 TURN = np.array([1.0, -1.0, -1.0, 1.0, -1.0, -1.0])  # signs of a load or motion in the other frame
 TURN_HORIZONTAL = np.array([1.0, -1.0, -1.0])  # signs of surge, sway and yaw in the other frame
 PLANES = {1: "port and starboard", 0: "fore and aft"}  # axis normal to a plane of symmetry -> halves that are alike
@@ -51,21 +52,21 @@ class WettedSurface:
     @cached_property
     def volume(self) -> float:
         """Displaced volume, m^3."""
-        return float(self._integral(lambda x: x[..., 2])[2])
+        return float(self._integral(lambda x: x[..., Z])[2])
 
     @cached_property
     def centre_of_buoyancy(self) -> Array:
         """Centroid of the displaced volume [3], m."""
-        x, y = (-self._integral(lambda p, a=a: p[..., a] * p[..., 2])[2] for a in (0, 1))
-        z = self._integral(lambda p: p[..., 2] ** 2 / 2)[2]
+        x, y = (-self._integral(lambda p, a=a: p[..., a] * p[..., Z])[2] for a in (X, Y))
+        z = self._integral(lambda p: p[..., Z] ** 2 / 2)[2]
         return np.array([-x, -y, z]) / self.volume
 
     @cached_property
     def waterplane(self) -> dict[str, float]:
         """Area A (m^2) of the waterplane, and its integrals of x, y (m^3) and xx, yy, xy (m^4)."""
         of = {
-            "A": lambda p: np.ones(p.shape[:-1]), "x": lambda p: p[..., 0], "y": lambda p: p[..., 1],
-            "xx": lambda p: p[..., 0] ** 2, "yy": lambda p: p[..., 1] ** 2, "xy": lambda p: p[..., 0] * p[..., 1],
+            "A": lambda p: np.ones(p.shape[:-1]), "x": lambda p: p[..., X], "y": lambda p: p[..., Y],
+            "xx": lambda p: p[..., X] ** 2, "yy": lambda p: p[..., Y] ** 2, "xy": lambda p: p[..., X] * p[..., Y],
         }  # fmt: skip
         return {name: float(-self._integral(f)[2]) for name, f in of.items()}
 

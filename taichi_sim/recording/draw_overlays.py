@@ -59,7 +59,7 @@ def send_overlays(stream: Stream, episode: Episode) -> None:
 
 def _send_geometry(stream: Stream, overlay: Geometry, like: Geometry, lift: float) -> None:
     """Send an overlay that looks like `like`, the same overlay of the whole episode."""
-    arrays, world, flat = KINDS[type(overlay)]
+    arrays, (world, flat) = tuple(overlay.shapes), KINDS[type(overlay)]
     moves = max(len(getattr(one, name)) for one in (overlay, like) for name in arrays) > 1
     given = [getattr(overlay, name) for name in arrays]
     frames, count = max(len(array) for array in given), given[0].shape[1]
@@ -177,11 +177,11 @@ def _flat_arrows(overlay: Arrows, _: float, origin: Array, vector: Array) -> Sty
     return Style(rr.Arrows2D, {"origins": map_point(origin), "vectors": map_point(vector)}, {"radii": overlay.radius})
 
 
-KINDS: dict[type, tuple[tuple[str, ...], Callable[..., Style], Callable[..., Style]]] = {
-    Lines: (("points_n",), _lines, _flat_lines),
-    Points: (("position_n",), _points, _flat_points),
-    Cylinders: (("position_n", "size_m"), _cylinders, _flat_cylinders),
-    Ellipsoids: (("position_n", "half_axes_m", "heading"), _ellipsoids, _flat_ellipsoids),
-    Arrows: (("origin_n", "vector_n"), _arrows, _flat_arrows),
+KINDS: dict[type, tuple[Callable[..., Style], Callable[..., Style]]] = {
+    Lines: (_lines, _flat_lines),
+    Points: (_points, _flat_points),
+    Cylinders: (_cylinders, _flat_cylinders),
+    Ellipsoids: (_ellipsoids, _flat_ellipsoids),
+    Arrows: (_arrows, _flat_arrows),
 }
-"""Overlay -> its arrays, and how they look in 3D and on the map."""
+"""Overlay -> how it looks in 3D and on the map."""

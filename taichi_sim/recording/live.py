@@ -119,7 +119,7 @@ class Live:
             self._stream = None  # the next part must not continue one that was dropped
 
     def begin(self, *, anew: bool = False) -> None:
-        """Announce that the next part belongs to another episode; `anew`: with other teams, hence another layout."""
+        """Announce that the next part belongs to another episode; `anew`: its teams, and so its layout, are others."""
         self._stream = None
         if anew:
             self.like, self._curves = None, {}
@@ -153,7 +153,7 @@ class Live:
 
 
 class _Outbox:
-    """Takes the place of a recording stream; a thread sends what is logged, whole parts only."""
+    """Replaces a recording stream: queues all calls, which a thread sends part by part."""
 
     def __init__(self, rec: rr.RecordingStream) -> None:
         self._rec = rec
@@ -163,7 +163,7 @@ class _Outbox:
         self._thread.start()
 
     def begin(self) -> None:
-        """Begin a part."""
+        """Queue the calls that follow as a new part."""
         self._calls = []
 
     def call(self, function: Callable[P, object], *args: P.args, **kwargs: P.kwargs) -> None:

@@ -12,8 +12,9 @@ The radius of lines, points and arrows is in m if positive, and in points of the
 negative.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import ClassVar, Literal
 
 from taichi_sim.recording.frames import Array
 from taichi_sim.recording.palette import Colour
@@ -31,10 +32,14 @@ class Overlay3D:
     where: Where = "both"
     on_water: bool = False  # in 3D, `down` counts from just above the waves instead of from mean sea level
 
-    def _check(self, steps: int, **arrays: tuple[Array, tuple[int | None, ...]]) -> None:
-        """Refuse arrays whose shape is not [F, N, *shape] with one N for all; None stands for any size."""
+    shapes: ClassVar[Mapping[str, tuple[int | None, ...]]] = {}
+    """Name of each array -> its shape after [F, N]; None stands for any size."""
+
+    def check(self, steps: int) -> None:
+        """Refuse arrays that do not fit an episode of `steps` steps, or whose N differ."""
         count: int | None = len(self.labels) or None
-        for key, (array, shape) in arrays.items():
+        for key, shape in self.shapes.items():
+            array: Array = getattr(self, key)
             fits = array.ndim == 2 + len(shape) and len(array) in (1, steps) and count in (None, array.shape[1])
             if not fits or any(size not in (None, n) for size, n in zip(shape, array.shape[2:], strict=True)):
                 raise ValueError(
@@ -51,9 +56,7 @@ class Lines(Overlay3D):
     points_n: Array  # [F, N, P, 3] m
     radius: float = -1.2
 
-    def check(self, steps: int) -> None:
-        """Refuse arrays that do not fit an episode of `steps` steps."""
-        self._check(steps, points_n=(self.points_n, (None, 3)))
+    shapes = {"points_n": (None, 3)}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,9 +66,7 @@ class Points(Overlay3D):
     position_n: Array  # [F, N, 3] m
     radius: float = -4.0
 
-    def check(self, steps: int) -> None:
-        """Refuse arrays that do not fit an episode of `steps` steps."""
-        self._check(steps, position_n=(self.position_n, (3,)))
+    shapes = {"position_n": (3,)}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,9 +76,7 @@ class Cylinders(Overlay3D):
     position_n: Array  # [F, N, 3] m, the middle
     size_m: Array  # [F, N, 2] radius and height, m
 
-    def check(self, steps: int) -> None:
-        """Refuse arrays that do not fit an episode of `steps` steps."""
-        self._check(steps, position_n=(self.position_n, (3,)), size_m=(self.size_m, (2,)))
+    shapes = {"position_n": (3,), "size_m": (2,)}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,14 +87,7 @@ class Ellipsoids(Overlay3D):
     half_axes_m: Array  # [F, N, 3] m: along the heading, to its right, vertical
     heading: Array  # [F, N] rad, clockwise from north
 
-    def check(self, steps: int) -> None:
-        """Refuse arrays that do not fit an episode of `steps` steps."""
-        self._check(
-            steps,
-            position_n=(self.position_n, (3,)),
-            half_axes_m=(self.half_axes_m, (3,)),
-            heading=(self.heading, ()),
-        )
+    shapes = {"position_n": (3,), "half_axes_m": (3,), "heading": ()}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,9 +98,7 @@ class Arrows(Overlay3D):
     vector_n: Array  # [F, N, 3] m, as drawn
     radius: float = -1.5
 
-    def check(self, steps: int) -> None:
-        """Refuse arrays that do not fit an episode of `steps` steps."""
-        self._check(steps, origin_n=(self.origin_n, (3,)), vector_n=(self.vector_n, (3,)))
+    shapes = {"origin_n": (3,), "vector_n": (3,)}
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -98,7 +98,7 @@ class Recorder:
             "velocity_n": team.velocity_n[self.env],
             "angular_velocity_b": team.angular_velocity_b[self.env],
             "wave_height": self.world.elevation(env, place[..., NORTH], place[..., EAST])[0],
-            "aux": team.aux[self.env, :, : columns_of(team.model)],
+            "aux": team.aux[self.env, :, : len(team.model.aux_names)],
             "freeboard": team.surface[self.env, :, FREEBOARD],
         }
         if action is not None:
@@ -124,7 +124,7 @@ class Recorder:
         model, rows = self.world.teams[name].model, self._rows[name]
         keys = ("position_n", "quaternion_nb", "velocity_n", "angular_velocity_b", "wave_height")
         aux, freeboard = self.aux(name), np.stack([row["freeboard"] for row in rows])
-        signals = signals_of(model, aux)
+        signals, surface = signals_of(model, aux), model.body()
         action_names, action = _actions(model.action_names, [row.get("action") for row in rows])
         if np.any(freeboard < NO_DECK):
             signals["freeboard"] = Signal(("freeboard",), "m", freeboard[..., None])
@@ -132,9 +132,9 @@ class Recorder:
             name=name,
             medium=model.medium,
             size_m=model.size,
-            body=body_of(model),
-            airframe=airframe_of(model),
-            deck=deck_of(model),
+            body=None if surface is None else Body(*surface),
+            airframe=None if model.airframe is None else Airframe(*model.airframe),
+            deck=None if model.deck is None else Platform(model.deck.centre, model.deck.half),
             air_n=air_of(model, aux),
             forces=forces_of(model, aux),
             signals=signals,
@@ -228,27 +228,6 @@ def _actions(names: tuple[str, ...], rows: list[Array | None]) -> tuple[tuple[st
         return (), None
     blank = np.full_like(known, np.nan)
     return names, np.stack([blank if row is None else row for row in rows])
-
-
-def columns_of(model: Vehicle) -> int:
-    """Number of named columns of the model's auxiliary state."""
-    return len(model.aux_names)
-
-
-def body_of(model: Vehicle) -> Body | None:
-    """The model's own surface, or None if it has none."""
-    surface = model.body()
-    return None if surface is None else Body(*surface)
-
-
-def airframe_of(model: Vehicle) -> Airframe | None:
-    """Proportions of an aircraft, or None for other vehicles."""
-    return None if model.airframe is None else Airframe(*model.airframe)
-
-
-def deck_of(model: Vehicle) -> Platform | None:
-    """The deck on which others land, or None if there is none."""
-    return None if model.deck is None else Platform(model.deck.centre, model.deck.half)
 
 
 def air_of(model: Vehicle, aux: Array) -> Array | None:

@@ -96,9 +96,9 @@ class SeaFrames:
 
 
 def bias(height: float) -> float:
-    """Height (m) from which heights up to `height` are counted.
+    """Offset (m) that is added to heights up to `height` (m).
 
-    As float32 they then differ in their last bytes only, which compresses better.
+    As float32 their sums differ in the last bytes only, which compresses better.
     """
     return 1.5 * 2.0 ** float(np.ceil(np.log2(4.0 * height)))
 

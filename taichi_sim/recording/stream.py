@@ -73,7 +73,7 @@ class Stream:
         self.rec.send_columns(path, clock, columns)
 
     def before(self, key: str, rows: Array) -> Array:
-        """The last of `rows` [T, ...] of the previous part, or the first of these; the last of these is stored."""
+        """The last row of the previous part, or the first of `rows` [T, ...] without one; store the last of `rows`."""
         last = self.memory.get(key, rows[0])
         self.memory[key] = rows[-1]
         return last

@@ -8,6 +8,7 @@ no physics uses it.
 import numpy as np
 from numpy.typing import NDArray
 
+from taichi_sim.conventions import BELOW
 from taichi_sim.recording.episode import Array, Body, Platform
 from taichi_sim.recording.meshes import DECK, GLASS, HOUSE, KEEL, METAL, PAD, Mesh, box, loft
 from taichi_sim.recording.palette import Colour
@@ -67,12 +68,12 @@ def normals(faces: Array) -> Array:
 
 def above(faces: Array, z: float) -> Array:
     """The part of triangles [F, 3, 3] above the level z (down, m)."""
-    return _cut(faces, z - faces[..., 2])
+    return _cut(faces, z - faces[..., BELOW])
 
 
 def below(faces: Array, z: float) -> Array:
     """The part of triangles [F, 3, 3] below the level z (down, m)."""
-    return _cut(faces, faces[..., 2] - z)
+    return _cut(faces, faces[..., BELOW] - z)
 
 
 def _cut(faces: Array, inside: Array) -> Array:
@@ -92,7 +93,7 @@ def _cut(faces: Array, inside: Array) -> Array:
 
 
 def open_loops(faces: Array) -> list[Array]:
-    """Closed rings [K, 3] of the edges that one triangle of [F, 3, 3] alone has, ordered as a lid seen from outside."""
+    """Rings [K, 3] around the openings of a surface of triangles [F, 3, 3], ordered as a lid's seen from outside."""
     place: dict[tuple[int, ...], Array] = {}
     edges: set[tuple] = set()
     for corners in faces:

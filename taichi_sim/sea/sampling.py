@@ -97,20 +97,6 @@ def realisation_seed(seed: int, realisation: int, system: int = 0) -> np.random.
     return np.random.Generator(np.random.Philox(np.random.SeedSequence(entropy)))
 
 
-def sample_components(
-    systems: Sequence[System], *, realisations: int, seed: int, depth: float | None = None
-) -> Components:
-    """Draw sea realisations, each with exactly the significant height of the systems together.
-
-    Args:
-        systems: their components follow one another along the last axis of the result.
-        realisations: number of realisations.
-        seed: seed of the run.
-        depth: m; None for deep water.
-    """
-    return draw_components([systems] * realisations, seed=seed, depth=depth)
-
-
 def draw_components(
     systems: Sequence[Sequence[System]], *, seed: int, depth: float | None = None, random_amplitudes: bool = False
 ) -> Components:

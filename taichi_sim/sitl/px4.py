@@ -59,7 +59,7 @@ def mavlink() -> Any:
 
 
 @dataclass
-class Counts:
+class MessageCounts:
     """Numbers of frames and messages."""
 
     frames: int = 0  # answered by controls
@@ -87,7 +87,7 @@ class Px4Session:
         Raises:
             MissingExtraError: if pymavlink is not installed.
         """
-        self.craft, self.counts, self.seed = craft, Counts(), seed
+        self.craft, self.counts, self.seed = craft, MessageCounts(), seed
         self.seen: list[Callable[[Servos, Sensors], None]] = []
         self.last: Servos | None = None
         self.dialect = mavlink()

@@ -13,7 +13,7 @@ from taichi_sim.sea import Sea, sea_size
 from taichi_sim.sea.measured import MeasuredSystem, WaveRecord, band_moments, open_spectra, realised, records_of
 from taichi_sim.sea.measured.ndbc import with_cut_off_returned
 from taichi_sim.sea.measured.record import ROOM, band_edges, direction_grid, maximum_entropy, normalised, possible
-from taichi_sim.sea.sampling import sample_components
+from taichi_sim.sea.sampling import draw_components
 from taichi_sim.sea.spectrum import jonswap
 
 pytestmark = pytest.mark.usefixtures("f64")
@@ -78,7 +78,7 @@ def test_the_realised_sea_is_ndbcs_of_that_hour(time):
 @pytest.mark.parametrize("components", [1, 16, 64])
 def test_height_and_mean_period_of_every_realisation_are_the_records(components):
     record = records_of(config("2020-06-07 20:50"))[0]
-    found = realised(sample_components([MeasuredSystem(record, components)], realisations=20, seed=3), record)
+    found = realised(draw_components([[MeasuredSystem(record, components)]] * 20, seed=3), record)
     assert found.hs == pytest.approx(np.full(20, record.hs), rel=1e-12)
     assert found.tm02 == pytest.approx(np.full(20, record.tm02), rel=1e-12)
 

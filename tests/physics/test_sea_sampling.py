@@ -10,7 +10,7 @@ import pytest
 from taichi_sim.config import SeaConfig, SwellConfig
 from taichi_sim.conventions import GRAVITY
 from taichi_sim.sea import spectrum
-from taichi_sim.sea.sampling import WaveSystem, sample_components
+from taichi_sim.sea.sampling import WaveSystem, draw_components
 from taichi_sim.sea.sea import wave_systems
 
 WIND_SEA = WaveSystem(partial(spectrum.jonswap, hs=2.0, tp=7.0), 2.0, 7.0, 0.5, 10.0, 16)
@@ -19,7 +19,7 @@ SWELL = WaveSystem(partial(spectrum.jonswap, hs=1.5, tp=12.0, gamma_js=5.0), 1.5
 
 def _sample(*systems, realisations=4, seed=3, depth=None, **changes):
     systems = systems or (replace(WIND_SEA, **changes),)
-    return sample_components(systems, realisations=realisations, seed=seed, depth=depth)
+    return draw_components([systems] * realisations, seed=seed, depth=depth)
 
 
 @pytest.mark.parametrize("components", [1, 5, 64])
@@ -74,7 +74,7 @@ def test_directions_follow_the_spreading(s):
 def test_the_default_sea_does_not_repeat_within_600_s():
     """Autocorrelation sum a^2 cos(omega lag) / sum a^2 of every realisation, beyond two periods."""
     config = SeaConfig()
-    sea = sample_components(wave_systems(config), realisations=config.realisations, seed=1)
+    sea = draw_components([wave_systems(config)] * config.realisations, seed=1)
     assert config.tp is not None
     lag = np.arange(2 * config.tp, 600.0, 0.1)
     weight = sea.amplitude[0] ** 2 / (sea.amplitude[0] ** 2).sum()

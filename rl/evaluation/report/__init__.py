@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from taichi_sim.config.io import replacing
+
 if TYPE_CHECKING:  # matplotlib takes a second
     from rl.evaluation.report.sources import Run
 
@@ -51,9 +53,8 @@ def write_report(folders: Sequence[Path], out: Path | None = None) -> Path:
     lead = paragraph(f"Scenario {runs[0].config.name}, mission {runs[0].config.mission}.", "faint")
     default = NAME if other is None else f"report-and-{other.name}.html"
     out = folders[0] / default if out is None else out
-    part = out.with_name(f"{out.name}.part")
-    part.write_text(page(title, lead, parts), encoding="utf-8")
-    part.replace(out)
+    with replacing(out) as part:
+        part.write_text(page(title, lead, parts), encoding="utf-8")
     return out
 
 

@@ -9,7 +9,6 @@ import csv
 import functools
 import hashlib
 import json
-import os
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -34,7 +33,7 @@ from rl.runs.records import AxisTable, CellResult, CellRow, SweepAbout
 from rl.scenario import Scenario
 from taichi_sim.config import ConfigError
 from taichi_sim.config.files import named_files
-from taichi_sim.config.io import toml_text, vehicle_file
+from taichi_sim.config.io import replacing, toml_text, vehicle_file
 from taichi_sim.sea import SteepSeaError
 from taichi_sim.world import ActionError
 
@@ -216,15 +215,13 @@ def _read(lines: TextIO) -> dict[str, CellResult]:
 def write_tables(out: Path, about: SweepAbout, rows: Sequence[CellRow]) -> None:
     """Write `about` and the cells' `rows` (run.py) to `sweep.json`, and the same to `sweep.csv`."""
     run_folder.write_json(out / JSON, {**about, "cells": list(rows)})
-    part = out / f"{CSV}.part"
-    with part.open("w", newline="", encoding="utf-8") as file:
+    with replacing(out / CSV) as part, part.open("w", newline="", encoding="utf-8") as file:
         names = [axis["name"] for axis in about["axes"]]
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow([*names, "team", "controller", "figure", "value", "low", "high", "cannot be"])
         for row in rows:
             values = [value_text(row["values"].get(name, "")) for name in names]
             writer.writerows([*values, *line] for line in _lines(row, about["opponent"]))
-    os.replace(part, out / CSV)
 
 
 def value_text(value: object) -> str:

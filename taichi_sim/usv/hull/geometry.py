@@ -8,6 +8,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from taichi_sim.conventions import AHEAD, STARBOARD
 from taichi_sim.kernels import runtime
 from taichi_sim.usv.hull.gauge import Gauge
 from taichi_sim.usv.hull.hydrostatics import Hydrostatics
@@ -57,6 +58,6 @@ def _gauge(panels: Panels) -> Gauge:
     middle = (2 * np.arange(PIECES) + 1) / PIECES - 1
     s, t = middle[:, None, None], middle[None, :, None]
     point, ds, dt = centre + s * along + t * up + s * t * twist, along + t * twist, up + s * twist
-    area = np.abs(ds[..., 0] * dt[..., 1] - ds[..., 1] * dt[..., 0])
+    area = np.abs(ds[..., AHEAD] * dt[..., STARBOARD] - ds[..., STARBOARD] * dt[..., AHEAD])
     half_size = (np.abs(ds) + np.abs(dt)) / PIECES
     return Gauge.of(point.reshape(-1, 2), area.ravel(), half_size.reshape(-1, 2), float(panels.draft))

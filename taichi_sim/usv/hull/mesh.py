@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from taichi_sim.conventions import BELOW
 from taichi_sim.usv.hull.shapes import BoxHull, HullShape, StationsHull, TwinPontoons, WigleyHull
 
 Array = NDArray[np.float64]
@@ -66,7 +67,7 @@ class Panels:
     @property
     def draft(self) -> float:
         """Deepest point below the design waterline, m."""
-        return float(self.corners[..., 2].max())
+        return float(self.corners[..., BELOW].max())
 
     @property
     def corners(self) -> Array:
@@ -86,10 +87,6 @@ class Panels:
         corners[inward] = corners[inward, ::-1]
         first = 4 * np.arange(len(self))[:, None, None]
         return corners.reshape(-1, 3), (first + [[0, 1, 2], [0, 2, 3]]).reshape(-1, 3)
-
-    def closed_error(self) -> float:
-        """|sum of the area vectors|, m^2: zero for a closed body."""
-        return float(np.linalg.norm(self.area.sum(axis=0)))
 
 
 _CORNERS = ((-1, -1), (1, -1), (1, 1), (-1, 1))
@@ -162,7 +159,7 @@ def _twin_pontoons(hull: TwinPontoons) -> Panels:
     """One pontoon about its centreline, placed to port and to starboard."""
     x, beam, keel = np.array(hull.stations, dtype=np.float64).T
     girth = _vee(beam, keel, hull.freeboard) if hull.section == "vee" else _round(beam, keel, hull)
-    patches, deck = _close(_grid(x[:, None], girth[..., 0], girth[..., 1]))
+    patches, deck = _close(_grid(x[:, None], *np.moveaxis(girth, -1, 0)))
     sides = [np.array([0.0, side * hull.y, 0.0]) for side in (-1, 1)]
     return Panels.of([patch + s for s in sides for patch in patches], np.concatenate([deck + s for s in sides]))
 

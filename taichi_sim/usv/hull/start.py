@@ -15,9 +15,9 @@ from taichi_sim.usv.hull.motion import pack, unpack
 
 @ti.func
 def tilted(q, R, along, across):
-    """Attitude q (with R_nb = R), tilted with a surface that was level and now rises ahead and to starboard.
+    """Attitude on a sloping surface of a hull that has attitude q (and R_nb = R) on a level one.
 
-    `along` and `across` are its slopes (m/m) ahead and to starboard.
+    The surface rises by `along` (m/m) ahead and by `across` (m/m) to starboard.
     """
     cos_h, sin_h = water.heading(R)
     pitch = ti.atan2(along, 1.0)

@@ -92,9 +92,9 @@ def at_centre(
 
 @ti.func
 def at(gauge: ti.template(), build: ti.template(), around: ti.template(), e, tau, pos, R, D):
-    """Sums at the hull's centre (`at_centre`) in environment e, its label, and the inverse Jacobian (xx, xy, yy) there.
+    """The water at a hull's centre in environment e: sums (`at_centre`), label, inverse Jacobian (xx, xy, yy).
 
-    D (m) is the predicted displacement of the label; one step of Newton's method makes it exact to second order.
+    D (m) predicts the displacement of the label; one step of Newton's method makes it exact to second order.
     """
     cos_h, sin_h = heading(R)
     X, Y = pos[0] + D[0], pos[1] + D[1]
