@@ -52,7 +52,9 @@ CHASES, CALM = (0.7, 0.45, 0.25, 0.1), 0.5  # shares of the velocity to a slot a
 SLOWEST = 0.1  # m/s: a slower velocity has no direction
 STEPS = 5  # number of shares of a correction that are tried
 SOONEST = 0.5  # s: lower bound of t, so that leaving a berth is better than moving along it
-AVOID = 1500.0  # ns per vehicle, about: few vehicles have something in their way
+ROUNDING = 1e-3  # of a bound that must hold in spite of rounding
+WITHOUT_END = 1e30  # more than any risk
+AVOID = 500.0  # ns per vehicle, about: few vehicles have something in their way
 
 _array1, _array2, _array3, _array4 = (ti.types.ndarray(ndim=n) for n in (1, 2, 3, 4))
 AroundPack = ti.types.argpack(
@@ -153,8 +155,11 @@ def risk(place, v, its, turn, shift, R, berth, horizon, g: ti.template()):
 
 
 @ti.func
-def risks(v, now, around: ti.template(), e, i, g: ti.template(), form: ti.template()):
-    """Sum of the risks of all bodies near vehicle i, if it changed from velocity `now` to v (m/s)."""
+def risks(v, now, around: ti.template(), e, i, enough, g: ti.template(), form: ti.template()):
+    """Sum of the risks of all bodies near vehicle i, if it changed from velocity `now` to v (m/s).
+
+    Bodies are left out once the sum reaches `enough`.
+    """
     change, turn = v - now, around.target[e, row_of(around.target, i), COURSE_RATE]
     shift = change * (-0.5 * change.norm() / g.acceleration)
     total = g.radius * 0.0
@@ -162,7 +167,7 @@ def risks(v, now, around: ti.template(), e, i, g: ti.template(), form: ti.templa
         n = ti.Vector([around.obstacles[e, i, k, Obstacle.NORTH], around.obstacles[e, i, k, Obstacle.EAST]])
         level = around.obstacles[e, i, k, Obstacle.LEVEL]
         aside = around.obstacles[e, i, k, Obstacle.DISTANCE] - ti.max(level, 0.0)  # above or below
-        if n.dot(n) > 0 and aside < g.radius + g.berth:
+        if n.dot(n) > 0 and aside < g.radius + g.berth and total < enough:
             its = ti.Vector([around.obstacles[e, i, k, Obstacle.V_NORTH], around.obstacles[e, i, k, Obstacle.V_EAST]])
             size = around.obstacles[e, i, k, Obstacle.RADIUS]
             total += risk((level + size) * n, v, its, turn, shift, size + g.radius, g.berth, g.horizon, g)
@@ -170,7 +175,8 @@ def risks(v, now, around: ti.template(), e, i, g: ti.template(), form: ti.templa
         n = ti.Vector([around.mates[e, i, k, Mate.NORTH], around.mates[e, i, k, Mate.EAST]])
         its = ti.Vector([around.mates[e, i, k, Mate.V_NORTH], around.mates[e, i, k, Mate.V_EAST]])
         away = around.mates[e, i, k, Mate.DISTANCE]
-        if n.dot(n) > 0 and away * ti.abs(around.mates[e, i, k, Mate.DOWN]) < 2 * g.radius + g.margin:
+        beside = away * ti.abs(around.mates[e, i, k, Mate.DOWN]) < 2 * g.radius + g.margin
+        if n.dot(n) > 0 and beside and total < enough:
             horizon = ti.min(g.horizon, ti.select(i > 0, g.follower_horizon, g.leader_horizon))
             R, place = 2 * g.radius, away * n
             worst = risk(place, v, its, 0.0, shift, R, g.margin, horizon, g)
@@ -197,7 +203,7 @@ def _avoid(velocity: ti.types.ndarray(ndim=3), around: AroundPack, kind: ti.temp
         now = ti.Vector([around.derived[e, i, VELOCITY], around.derived[e, i, VELOCITY + 1]])
         slot = ti.Vector([around.table[e, i, SLOT_VELOCITY], around.table[e, i, SLOT_VELOCITY + 1]])
         speed = ti.max(direct.norm(), SLOWEST)
-        least = risks(direct, now, around, e, i, g, form)
+        least = risks(direct, now, around, e, i, WITHOUT_END, g, form)
         if least > 0:
             share, best = ti.min(ti.max(slot.norm(), SLOWEST) / speed, 1.0), direct
             straight = ti.Vector([share * direct[0], share * direct[1]])
@@ -206,23 +212,27 @@ def _avoid(velocity: ti.types.ndarray(ndim=3), around: AroundPack, kind: ti.temp
             if ti.static(len(form.chases) > 0):
                 stay = CALM * apart(direct, slot) / speed
                 straight = direct
-            for k in ti.static(range(len(form.chases))):
-                v = slot + ti.static(form.chases[k]) * (direct - slot)
-                cost = stay * ti.static(1.0 - form.chases[k]) + g.lean * apart(v, now) / speed
-                if cost < least:
-                    cost += risks(v, now, around, e, i, g, form)
+                chases = ti.Vector(form.chases)
+                for k in range(ti.static(len(form.chases))):
+                    v = slot + chases[k] * (direct - slot)
+                    cost = stay * (1.0 - chases[k]) + g.lean * apart(v, now) / speed
                     if cost < least:
-                        least, best = cost, v
-            for j in range(2 * RAYS + 1):
-                angle = (j - RAYS) * ti.static(FAN / RAYS)
+                        cost += risks(v, now, around, e, i, least - cost, g, form)
+                        if cost < least:
+                            least, best = cost, v
+            paces, length = ti.Vector(form.paces), straight.norm()
+            for j in range(2 * RAYS + 1):  # from the middle outwards, to either side in turn
+                ray = (j + 1) // 2
+                angle = (ray - 2 * ray * (j % 2)) * ti.static(FAN / RAYS)
                 c, s = ti.cos(angle), ti.sin(angle)
+                if ti.select(c > 0, ti.abs(s), 1.0) * length >= ti.static(1.0 + ROUNDING) * least * speed:
+                    break  # this ray and those further out are too far from `straight`
                 along = ti.Vector([c * straight[0] - s * straight[1], s * straight[0] + c * straight[1]])
-                for p in ti.static(range(len(form.paces))):
-                    v = ti.static(form.paces[p]) * along
-                    cost = (apart(v, straight) + g.lean * apart(v, now)) / speed
-                    cost += g.slowing * ti.static(1.0 - form.paces[p])
+                for p in range(ti.static(len(form.paces))):
+                    v = paces[p] * along
+                    cost = (apart(v, straight) + g.lean * apart(v, now)) / speed + g.slowing * (1.0 - paces[p])
                     if cost < least:
-                        cost += risks(v, now, around, e, i, g, form)
+                        cost += risks(v, now, around, e, i, least - cost, g, form)
                         if cost < least:
                             least, best = cost, v
             velocity[e, i, 0], velocity[e, i, 1] = best[0], best[1]
@@ -239,13 +249,13 @@ def _shield(velocity: ti.types.ndarray(ndim=3), correction: ti.types.ndarray(ndi
         now = ti.Vector([around.derived[e, i, VELOCITY], around.derived[e, i, VELOCITY + 1]])
         speed = ti.max(own.norm(), SLOWEST)
         best = ti.Vector([own[0] + change[0], own[1] + change[1]])
-        least = risks(best, now, around, e, i, g, form)
+        least = risks(best, now, around, e, i, WITHOUT_END, g, form)
         if least > 0:
             for k in range(1, ti.static(STEPS + 1)):
                 back = k * ti.static(1.0 / STEPS)
                 cost = back * change.norm() / speed
                 if cost < least:
-                    cost += risks(own + (1.0 - back) * change, now, around, e, i, g, form)
+                    cost += risks(own + (1.0 - back) * change, now, around, e, i, least - cost, g, form)
                     if cost < least:
                         least, best = cost, own + (1.0 - back) * change
         velocity[e, i, 0], velocity[e, i, 1] = best[0], best[1]

@@ -20,6 +20,7 @@ One kernel writes all of them, in the order of `widths`.
 # pyright: reportInvalidTypeForm=false
 
 from collections import namedtuple
+from collections.abc import Mapping
 from typing import Literal, NamedTuple
 
 import taichi as ti
@@ -104,10 +105,10 @@ def widths(form: ObservationForm) -> dict[str, int]:
     return terms
 
 
-def columns(form: ObservationForm) -> tuple[int, ...]:
-    """The column in which each term begins, as a named tuple."""
-    sizes = list(widths(form).values())
-    return namedtuple("Columns", widths(form))(*(sum(sizes[:k]) for k in range(len(sizes))))
+def columns(terms: Mapping[str, int]) -> tuple[int, ...]:
+    """The column in which each of `terms`, name -> width, begins, as a named tuple."""
+    sizes = list(terms.values())
+    return namedtuple("Columns", terms)(*(sum(sizes[:k]) for k in range(len(sizes))))
 
 
 @ti.func
@@ -251,7 +252,7 @@ class ObservationWriter:
             team.axes, signals.shape[-1], actions, kind == "full", team.sensor.num_obstacles, team.sensor.num_mates,
             residual, radio is not None, air, speeds, serial,
         )  # fmt: skip
-        self._form = form._replace(at=columns(form))
+        self._form = form._replace(at=columns(widths(form)))
         self._shape = fleet.num_envs, fleet.count, sum(widths(self._form).values())
         self._launch = runtime.Launcher(_observe)
         self._seen = runtime.Packed(

@@ -16,7 +16,7 @@ from rl.evaluation.record import record_episode
 from rl.guidance.shapes import escort_offsets
 from rl.learn.policy import ClassicalPolicy
 from rl.missions import load_scenario, make_mission
-from rl.missions.escort.aircraft import gap_errors
+from rl.missions.escort.circling import BOATS_HEARD_OF, CIRCLE_SCALE, FAR_SCALE, HEARD_OF, SLOW_SCALE
 from rl.missions.escort.mission import Escort
 from rl.perception.chart import AGE
 from rl.perception.columns import Sighting
@@ -154,21 +154,104 @@ def test_charted_obstacles_are_evaded_before_they_are_seen():
     assert not bool((looks > 0).any())
 
 
+def gap_errors(angle: torch.Tensor, present: torch.Tensor, turn: float) -> torch.Tensor:
+    """Plain reference: row i of `angle`, `present` [.., n, n] is how aircraft i knows all of them."""
+    own = angle.diagonal(dim1=-2, dim2=-1).unsqueeze(-1)
+    ahead = torch.remainder(turn * (angle - own), 2 * math.pi)
+    others = present & ~torch.eye(angle.shape[-1], dtype=torch.bool)
+    nearest = ahead.masked_fill(~others, 2 * math.pi).amin(-1)
+    behind = 2 * math.pi - ahead.masked_fill(~others, 0.0).amax(-1)
+    return torch.where(others.any(-1), 0.5 * (nearest - behind), 0.0)
+
+
+def test_aircraft_measure_and_observe_what_plain_torch_does():
+    """Also where messages are old, lost, or of boats that nobody has heard."""
+    mission = whole()
+    mission.reseed(5)
+    mission.begin_each()
+    sail(mission, 8)
+    team, tracking = mission.teams["uav"], mission.tracking
+    known, rows, boats = team.measured, tracking.groups["uav"].rows, tracking.groups["usv"].rows
+    generator, heard = torch.Generator().manual_seed(1), tracking.radio.heard
+    heard[..., -1] = torch.randint(1, 5, heard.shape[:3], generator=generator) * HEARD_OF * 0.9
+    heard[0, ..., -1] = NEVER
+    turn, radius = team.orbit.turn, team.orbit.radius
+    everywhere = torch.ones(mission.num_envs, dtype=torch.int32)
+    team._errors.measure(everywhere, mission.num_envs)
+    known._circle.listen(everywhere, mission.num_envs)
+
+    x = team.fleet.position_n - torch.cat((mission.vessel_place, torch.zeros(4, 1)), dim=-1).unsqueeze(1)
+    off = torch.hypot(x[..., :2].norm(dim=-1) - radius, x[..., 2] - team.down)
+    torch.testing.assert_close(team.distance, off)
+    angle = torch.atan2(x[..., 1], x[..., 0]).unsqueeze(-2).expand(-1, 3, -1)
+    torch.testing.assert_close(
+        team.gap_error, gap_errors(angle, torch.ones(4, 3, 3, dtype=torch.bool), turn), atol=1e-5, rtol=0
+    )
+    apart = (team.fleet.position_n.unsqueeze(2)[..., :2] - mission.boats.fleet.position_n.unsqueeze(1)[..., :2]).norm(
+        dim=-1
+    )
+    near = torch.hypot(apart, team.fleet.position_n[..., 2:]) < mission.config.radio.range
+    torch.testing.assert_close(team.in_range, near.float().mean(-1))
+
+    place, old = known.fleet.position_n, heard[:, rows, rows, -1]
+    centre = tracking.of("uav", tracking.targets)[..., :2]
+    there = heard[:, rows, rows, :2] + old.unsqueeze(-1) * heard[:, rows, rows, 3:5] - centre.unsqueeze(2)
+    own = torch.atan2(*(place[..., :2] - centre).flip(-1).unbind(-1))
+    angle = torch.where(torch.eye(3, dtype=torch.bool), own.unsqueeze(-1), torch.atan2(there[..., 1], there[..., 0]))
+    torch.testing.assert_close(known.gap_error, gap_errors(angle, old < HEARD_OF, turn), atol=1e-5, rtol=0)
+    said, fresh = heard[:, rows, boats], (heard[:, rows, boats, -1:] < BOATS_HEARD_OF).float()
+    mean = (fresh * said[..., :2]).sum(2) / fresh.sum(2).clamp(min=1.0)
+    far = (fresh * (said[..., :2] - place[..., None, :2])).norm(dim=-1).amax(-1, keepdim=True)
+    torch.testing.assert_close(known.boats, (mean, far))
+    assert bool((far > 0).any()) and bool((far == 0).any())
+
+    def squashed(v, scale):
+        return v / (v.abs() + scale)
+
+    def own_frame(v):
+        return (v.unsqueeze(-2) @ known.fleet.R_nb).squeeze(-2)
+
+    terms, level = team.terms(), torch.zeros(4, 3, 1)
+    to, c, s = torch.cat((centre, level), dim=-1) - place, known.target.cos, known.target.sin
+    v = known.centre_velocity
+    circle = torch.stack((to[..., :2].norm(dim=-1) - radius, team.down - place[..., 2]), dim=-1)
+    group = torch.where(far > 0, torch.cat((mean, level), dim=-1) - place, 0.0)
+    distance = group.norm(dim=-1, keepdim=True)
+    wanted = {
+        "down": known.fleet.down_b,
+        "vessel": own_frame(to / to.norm(dim=-1, keepdim=True)),
+        "vessel_velocity": squashed(
+            torch.stack((c * v[..., 0] + s * v[..., 1], c * v[..., 1] - s * v[..., 0]), dim=-1), SLOW_SCALE
+        ),
+        "circle": squashed(circle, CIRCLE_SCALE),
+        "gap": known.gap_error.unsqueeze(-1) / math.pi,
+        "view": team.sees.unsqueeze(-1).float(),
+        "boats": own_frame(group / distance.clamp(min=1.0)),
+        "boats_distance": squashed(torch.cat((distance, far), dim=-1), FAR_SCALE),
+        "surroundings": known.sensor.signals,
+        "previous_action": team.action,
+        "wind": squashed(own_frame(torch.stack([known.fleet.reading(n) for n in team.fleet.model.air], dim=-1)), 10.0),
+    }
+    for name, value in wanted.items():
+        torch.testing.assert_close(terms[name], value, atol=2e-6, rtol=1e-5, msg=name)
+
+
 @pytest.mark.parametrize("turn", [1.0, -1.0])
 def test_gaps_are_even_at_even_phases_and_push_towards_them(turn):
-    angle = turn * torch.tensor([0.0, 2 * math.pi / 3, 4 * math.pi / 3])
-    seen = torch.ones(3, 3, dtype=torch.bool)
-    torch.testing.assert_close(gap_errors(angle.expand(3, 3), seen, turn), torch.zeros(3), atol=1e-6, rtol=0)
-    late = angle.clone()
-    late[1] -= turn * 0.3  # behind its place: it has to speed up, the others to wait or to go on
-    error = gap_errors(late.expand(3, 3), seen, turn)
-    assert float(error[1]) == pytest.approx(0.3, abs=1e-5)
-    assert float(error[0]) == pytest.approx(-0.15, abs=1e-5) and float(error[2]) == pytest.approx(-0.15, abs=1e-5)
-    two = gap_errors(late[:2].expand(2, 2), torch.ones(2, 2, dtype=torch.bool), turn)
-    assert float(two.sum()) == pytest.approx(0.0, abs=1e-5)
-    assert float(gap_errors(late[:1].expand(1, 1), torch.ones(1, 1, dtype=torch.bool), turn)[0]) == 0.0
-    alone = gap_errors(late.expand(3, 3), torch.eye(3, dtype=torch.bool), turn)  # nobody else has been heard
-    assert torch.equal(alone, torch.zeros(3))
+    mission = whole()
+    mission.begin_each()
+    team, all_envs = mission.teams["uav"], torch.ones(4, dtype=torch.int32)
+    angle = turn * torch.tensor([[0.0, 2 * math.pi / 3, 4 * math.pi / 3]]).repeat(4, 1)
+    angle[1, 1] -= turn * 0.3  # behind its place: it has to speed up, the others to wait or to go on
+    team.fleet.state[..., 0] = mission.vessel_place[:, :1] + 100 * angle.cos()
+    team.fleet.state[..., 1] = mission.vessel_place[:, 1:] + 100 * angle.sin()
+    numbers = team._errors._true.members["numbers"]
+    before = numbers.clone()
+    numbers[1] = turn
+    team._errors.measure(all_envs, 4)
+    numbers.copy_(before)
+    torch.testing.assert_close(team.gap_error[0], torch.zeros(3), atol=1e-5, rtol=0)
+    torch.testing.assert_close(team.gap_error[1], torch.tensor([-0.15, 0.3, -0.15]), atol=1e-5, rtol=0)
 
 
 @pytest.mark.parametrize("shape", ["abreast", "astern", "wedge", "echelon", "ring"])

@@ -143,7 +143,7 @@ class Escort(Mission[EscortScenario, EscortBoats | EscortAircraft]):
 
     def _look(self, rows: int, envs: Tensor | None = None) -> None:
         which = self._which
-        self.vessel_place = write_objects(self, self._vessel)
+        write_objects(self, self._vessel)
         for team in self.teams.values():
             team.measure(which, rows)
         if self.scouts:

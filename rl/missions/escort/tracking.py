@@ -9,10 +9,14 @@ outwards along an Archimedean spiral. The spirals of a team start in different d
 of pitch b, the radius after s seconds is r = sqrt(b U s / pi), and the angle is 2 pi r / b.
 """
 
+# Kernels are another language inside Python syntax.
+# pyright: reportInvalidTypeForm=false
+
 import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, NamedTuple
 
+import taichi as ti
 import torch
 from torch import Tensor
 
@@ -24,6 +28,7 @@ from rl.perception.chart import AGE, P_PP, P_PV, P_VV, V_EAST, V_NORTH, Chart, w
 from rl.perception.columns import Message, Object, Sighting
 from rl.perception.radio import Radio
 from taichi_sim.fleet import Fleet, Views
+from taichi_sim.kernels import runtime
 
 if TYPE_CHECKING:
     from rl.missions.escort.mission import Escort
@@ -35,6 +40,39 @@ COPIED = (
     (Object.V_EAST, traffic.V_EAST), (Object.RADIUS, traffic.RADIUS),
 )  # fmt: skip
 """Columns of an object, and the rows of a body that they are copied from."""
+ESTIMATE = 60.0  # ns of one observer, about
+
+
+PITCH, SEARCH_SPEED, BEGINS, TURNED = range(4)  # columns of `searches`, a row for each observer
+
+_array1, _array2, _array3, _array4 = (ti.types.ndarray(ndim=n) for n in (1, 2, 3, 4))
+EstimatesPack = ti.types.argpack(targets=_array3, age=_array2, sigma=_array2, course=_array2, searching=_array2)
+SearchPack = ti.types.argpack(tracks=_array4, said=_array3, searches=_array2, numbers=_array1)
+
+
+@ti.kernel
+def _estimate(out: EstimatesPack, by: SearchPack, which: ti.types.ndarray(dtype=ti.i32, ndim=1), serial: ti.template()):
+    ti.loop_config(serialize=serial)
+    for e, o in ti.ndrange(by.tracks.shape[0], by.tracks.shape[1]):
+        if which[e] != 0:
+            lost, dt = by.numbers[0], by.numbers[1]
+            place = ti.Vector([by.tracks[e, o, 0, a] for a in ti.static(range(2))])
+            north, east = by.tracks[e, o, 0, V_NORTH], by.tracks[e, o, 0, V_EAST]
+            old, speed = by.tracks[e, o, 0, AGE], ti.sqrt(north * north + east * east)
+            if speed > SLOWEST:
+                out.course[e, o] = ti.atan2(east, north)
+            out.age[e, o], out.sigma[e, o] = old, ti.sqrt(ti.max(by.tracks[e, o, 0, P_PP], 0.0))
+            away = (ti.Vector([by.said[e, o, 0], by.said[e, o, 1]]) - place).norm()
+            searched, pitch = 0.0, by.searches[o, PITCH]
+            if old > lost and (away < by.searches[o, BEGINS] or out.searching[e, o] > 0):
+                searched = out.searching[e, o] + dt
+            out.searching[e, o] = searched
+            r = ti.sqrt(pitch * by.searches[o, SEARCH_SPEED] * searched * ti.static(1 / math.pi))
+            angle = ti.static(2 * math.pi) * r / pitch + by.searches[o, TURNED]
+            out.targets[e, o, NORTH] = place[0] + r * ti.cos(angle)
+            out.targets[e, o, EAST] = place[1] + r * ti.sin(angle)
+            out.targets[e, o, COURSE], out.targets[e, o, SPEED] = out.course[e, o], speed
+            out.targets[e, o, COS], out.targets[e, o, SIN] = ti.cos(out.course[e, o]), ti.sin(out.course[e, o])
 
 
 class SpiralSearch(NamedTuple):
@@ -103,6 +141,20 @@ class SharedTracking:
         self.targets = state.new_zeros((envs, observers, SIZE))
         self.age, self.sigma = state.new_zeros((envs, observers)), state.new_zeros((envs, observers))
         self._course, self._searching = state.new_zeros((envs, observers)), state.new_zeros((envs, observers))
+        self._estimates = runtime.Packed(
+            EstimatesPack, targets=self.targets, age=self.age, sigma=self.sigma, course=self._course,
+            searching=self._searching,
+        )  # fmt: skip
+        searches = [
+            (g.search.pitch, g.search.speed, g.search.begins, 2 * math.pi * k / g.count)
+            for g in groups.values()
+            for k in range(g.count)
+        ]
+        self._search = runtime.Packed(
+            SearchPack, tracks=self.chart.tracks, said=self.radio.said, searches=state.new_tensor(searches),
+            numbers=state.new_tensor([escort.lost, config.decision_interval]),
+        )  # fmt: skip
+        self._launch = runtime.Launcher(_estimate)
 
     def begin(self, envs: Tensor, cue: Tensor) -> None:
         """Begin episodes in environments `envs` [n]: all observers know the place `cue` [n, 2] (m) of the vessel."""
@@ -132,42 +184,12 @@ class SharedTracking:
         self.chart.say(which, rows)
         self.radio.talk(which, rows, mission.steps, mission.noise.table)
         self.chart.keep(which, rows)
-        self._conclude(which)
+        self._conclude(which, rows)
 
-    def _conclude(self, which: Tensor) -> None:
+    def _conclude(self, which: Tensor, rows: int) -> None:
         """Update each observer's estimate of the vessel's place and course."""
-        track = self.chart.tracks[:, :, 0]
-        speed = torch.hypot(track[..., V_NORTH], track[..., V_EAST])
-        course = torch.atan2(track[..., V_EAST], track[..., V_NORTH])
-        self._course = torch.where(speed > SLOWEST, course, self._course)
-        c, s = self._course.cos(), self._course.sin()
-        self.age, self.sigma = track[..., AGE], track[..., P_PP].clamp(min=0.0).sqrt()
-        place = track[..., :2] + self._offset(track, which)
-        t = self.targets
-        t[..., NORTH], t[..., EAST] = place[..., 0], place[..., 1]
-        t[..., COURSE], t[..., COS], t[..., SIN], t[..., SPEED] = self._course, c, s, speed
-
-    def _offset(self, track: Tensor, which: Tensor) -> Tensor:
-        """Offset of the place to search from the vessel's predicted place [env, observer, 2], m."""
-        lost, dt = self._mission.config.escort.lost, self._mission.config.decision_interval
-        away, pitches, speeds, turned, begins = [], [], [], [], []
-        for g in self.groups.values():
-            n = g.count
-            here = g.own.position_n[..., :2] - track[:, g.rows, :2]
-            away.append(here.norm(dim=-1))
-            begins += [g.search.begins] * n
-            pitches += [g.search.pitch] * n
-            speeds += [g.search.speed] * n
-            turned += [2 * math.pi * k / n for k in range(n)]
-        blind = track[..., AGE] > lost
-        near = torch.cat(away, dim=1) < track.new_tensor(begins)
-        on = blind & (near | (self._searching > 0))
-        searching = torch.where(on, self._searching + dt, 0.0)
-        self._searching = torch.where((which != 0).unsqueeze(-1), searching, self._searching)
-        pitch, speed = track.new_tensor(pitches), track.new_tensor(speeds)
-        r = (pitch * speed * self._searching / math.pi).sqrt()
-        angle = 2 * math.pi * r / pitch + track.new_tensor(turned)
-        return r.unsqueeze(-1) * torch.stack((angle.cos(), angle.sin()), dim=-1)
+        serial = runtime.few(rows * self.age.shape[1], ESTIMATE)
+        self._launch(self._estimates(), self._search(), which, serial)
 
     def of(self, name: str, values: Tensor) -> Tensor:
         """The part of a team of `values` [env, observer, ...], a view."""
@@ -178,12 +200,12 @@ class SharedTracking:
         return self.of(name, self.sightings)[..., 0, Sighting.VARIANCE] > 0
 
 
-def write_objects(mission: "Escort", vessel: Fleet) -> Tensor:
-    """Write the fleet `vessel` into the bodies of `mission`, and bodies and obstacles into the objects of its tracking.
-
-    Returns the vessel's place [env, 2], NED, m.
+def write_objects(mission: "Escort", vessel: Fleet) -> None:
+    """Write the fleet `vessel` into the vessel's place and the bodies of `mission`, and bodies and obstacles into the
+    objects of its tracking.
     """
-    place, velocity = vessel.position_n[:, 0, :2].clone(), vessel.velocity_n[:, 0, :2]
+    place, velocity = mission.vessel_place, vessel.velocity_n[:, 0, :2]
+    place.copy_(vessel.position_n[:, 0, :2])
     table = mission.bodies.table
     table[:, : traffic.EAST + 1, 0], table[:, traffic.V_NORTH : traffic.V_EAST + 1, 0] = place, velocity
     if mission.traffic.present:
@@ -204,7 +226,6 @@ def write_objects(mission: "Escort", vessel: Fleet) -> Tensor:
         angle = torch.atan2(course[:, 1], course[:, 0])
         target = (place[:, 0], place[:, 1], 0 * speed, angle, angle.cos(), angle.sin(), 0 * speed, speed)
         boats.target.table[:, 0] = torch.stack(target, dim=-1)
-    return place
 
 
 def _on_waves(config: EscortScenario) -> bool:

@@ -1,0 +1,278 @@
+"""What aircraft on a circle about the vessel measure, know and observe: a kernel each.
+
+The gap error of an aircraft is half the difference between the gaps ahead and behind it on the circle, rad; 0 where
+no other aircraft is known. Frame: NED.
+"""
+
+# Kernels are another language inside Python syntax.
+# pyright: reportInvalidTypeForm=false
+
+import math
+from typing import TYPE_CHECKING, NamedTuple
+
+import taichi as ti
+from torch import Tensor
+
+from rl.guidance.geometry import own_frame
+from rl.guidance.observations import RATE_SCALE, SPEED_SCALE, columns, put, put_air, put_squashed, squash
+from rl.guidance.targets import COS, COURSE, EAST, NORTH, SIN, SPEED
+from rl.missions.escort.boats import AGE_SCALE, SIGMA_SCALE
+from rl.perception.columns import Message, Sighting
+from taichi_sim.kernels import runtime
+from taichi_sim.kernels.rotation import DOWN
+
+if TYPE_CHECKING:
+    from rl.missions.escort.aircraft import EscortAircraft, MeasuredAircraft
+
+HEARD_OF = 5.0  # s: older messages of other aircraft are ignored; assumed
+BOATS_HEARD_OF = 20.0  # s: likewise of boats; assumed
+CIRCLE_SCALE, FAR_SCALE, SLOW_SCALE = 20.0, 200.0, 2.0  # m, m, m/s, at which a squashed observation is 1/2
+TWO_PI = 2 * math.pi
+CIRCLE, LISTEN, OBSERVE = 100.0, 200.0, 120.0  # ns of one aircraft, about
+RADIUS, TURN, RANGE = range(3)  # columns of `numbers`: of the circle, m; 1 clockwise, else -1; of the radio, m
+
+_array1, _array2, _array3, _array4 = (ti.types.ndarray(ndim=n) for n in (1, 2, 3, 4))
+ErrorsPack = ti.types.argpack(distance=_array2, gap_error=_array2, in_range=_array2)
+TruePack = ti.types.argpack(state=_array3, boats=_array3, vessel=_array2, down=_array1, numbers=_array1)
+KnownPack = ti.types.argpack(
+    target=_array3, centre_velocity=_array3, gap_error=_array2, height_error=_array2, boats=_array3, farthest=_array3
+)
+HeardPack = ti.types.argpack(state=_array3, targets=_array3, heard=_array4, down=_array1, numbers=_array1)
+OwnPack = ti.types.argpack(state=_array3, derived=_array3, aux=_array3, targets=_array3, signals=_array3)
+TracksPack = ti.types.argpack(sightings=_array4, age=_array2, sigma=_array2, radius=_array1)
+
+
+class CirclingForm(NamedTuple):
+    """Compile-time parameters of the kernels."""
+
+    first: int  # number of the first aircraft among all observers
+    boats: tuple[int, int]  # the first boat among them, and the first after them that is none
+    serial: bool = False  # run on the calling thread
+
+
+class CirclingTerms(NamedTuple):
+    """Compile-time parameters of the observations."""
+
+    first: int
+    signals: int
+    actions: int
+    residual: int  # numbers of "reference"
+    air: tuple[int, ...]  # columns of `aux`: airspeed; velocity of the air, north, east, down
+    speeds: tuple[float, ...]  # airspeeds: lowest, cruise, highest, m/s
+    serial: bool
+    axes: int = 3
+    at: tuple[int, ...] = ()  # the column in which each term begins
+
+    @property
+    def widths(self) -> dict[str, int]:
+        """Width of each term, in order."""
+        terms = {"velocity": 3, "down": 3, "rates": 3, "vessel": 3, "vessel_distance": 1, "vessel_velocity": 2}
+        terms |= {"circle": 2, "gap": 1, "view": 1, "track_age": 1, "track_sigma": 1, "boats": 3, "boats_distance": 2}
+        terms |= {"surroundings": self.signals, "previous_action": self.actions}
+        if self.air:
+            terms |= {"airspeed": 1, "wind": 3}
+        return terms | {"reference": self.residual} if self.residual else terms
+
+
+@ti.func
+def on_from(own, angle, turn):
+    """Angle (rad) from `own` on to `angle` in the direction of flight, in [0, 2 pi)."""
+    x = turn * (angle - own)
+    return x - TWO_PI * ti.floor(x / TWO_PI)
+
+
+@ti.func
+def between(nearest, farthest):
+    """The gap error, of the least and the greatest angle from an aircraft on to others; -1: there are none."""
+    return ti.select(farthest < 0, 0.0, 0.5 * (nearest - (TWO_PI - farthest)))
+
+
+@ti.kernel
+def _measure(out: ErrorsPack, true: TruePack, which: ti.types.ndarray(dtype=ti.i32, ndim=1), form: ti.template()):
+    """Errors from the circle about the true vessel, and the share of boats within range of the radio."""
+    ti.loop_config(serialize=form.serial)
+    for e, i in ti.ndrange(true.state.shape[0], true.state.shape[1]):
+        if which[e] != 0:
+            turn = true.numbers[TURN]
+            place = ti.Vector([true.state[e, i, a] for a in ti.static(range(3))])
+            x, y = place[0] - true.vessel[e, 0], place[1] - true.vessel[e, 1]
+            off, high = ti.sqrt(x * x + y * y) - true.numbers[RADIUS], place[2] - true.down[i]
+            out.distance[e, i] = ti.sqrt(off * off + high * high)
+            own, nearest, farthest = ti.atan2(y, x), x * 0.0 + TWO_PI, x * 0.0 - 1.0
+            for j in range(true.state.shape[1]):
+                if j != i:
+                    angle = ti.atan2(true.state[e, j, 1] - true.vessel[e, 1], true.state[e, j, 0] - true.vessel[e, 0])
+                    ahead = on_from(own, angle, turn)
+                    nearest, farthest = ti.min(nearest, ahead), ti.max(farthest, ahead)
+            out.gap_error[e, i] = between(nearest, farthest)
+            if ti.static(form.boats[1] > form.boats[0]):
+                near = x * 0.0
+                for b in range(true.boats.shape[1]):
+                    dx, dy = true.boats[e, b, 0] - place[0], true.boats[e, b, 1] - place[1]
+                    if ti.sqrt(dx * dx + dy * dy + place[2] * place[2]) < true.numbers[RANGE]:
+                        near += 1.0
+                out.in_range[e, i] = near / true.boats.shape[1]
+
+
+@ti.kernel
+def _listen(out: KnownPack, of: HeardPack, which: ti.types.ndarray(dtype=ti.i32, ndim=1), form: ti.template()):
+    """Where the vessel is, by an aircraft's own estimate, and where others are, by the messages that it has heard."""
+    ti.loop_config(serialize=form.serial)
+    for e, i in ti.ndrange(of.state.shape[0], of.state.shape[1]):
+        if which[e] != 0:
+            o, age, turn = ti.static(form.first) + i, of.heard.shape[3] - 1, of.numbers[TURN]
+            north, east = of.targets[e, o, NORTH], of.targets[e, o, EAST]
+            for a in ti.static(range(2)):
+                out.centre_velocity[e, i, a] = of.targets[e, o, SPEED] * of.targets[e, o, COS + a]
+            own = ti.atan2(of.state[e, i, 1] - east, of.state[e, i, 0] - north)
+            course = own + turn * ti.static(0.25 * TWO_PI)
+            out.target[e, i, NORTH], out.target[e, i, EAST], out.target[e, i, COURSE] = north, east, course
+            out.target[e, i, COS], out.target[e, i, SIN] = ti.cos(course), ti.sin(course)
+            out.height_error[e, i] = of.down[i] - of.state[e, i, 2]
+            nearest, last = own * 0.0 + TWO_PI, own * 0.0 - 1.0
+            for j in range(of.state.shape[1]):
+                k = ti.static(form.first) + j
+                old = of.heard[e, o, k, age]
+                if j != i and old < HEARD_OF:
+                    x = of.heard[e, o, k, 0] + old * of.heard[e, o, k, Message.V_NORTH] - north
+                    y = of.heard[e, o, k, 1] + old * of.heard[e, o, k, ti.static(Message.V_NORTH + 1)] - east
+                    ahead = on_from(own, ti.atan2(y, x), turn)
+                    nearest, last = ti.min(nearest, ahead), ti.max(last, ahead)
+            out.gap_error[e, i] = between(nearest, last)
+            if ti.static(form.boats[1] > form.boats[0]):
+                mean, count, most = ti.Vector([own * 0.0, own * 0.0]), own * 0.0, own * 0.0
+                for k in range(ti.static(form.boats[0]), ti.static(form.boats[1])):
+                    if of.heard[e, o, k, age] < BOATS_HEARD_OF:
+                        there = ti.Vector([of.heard[e, o, k, 0], of.heard[e, o, k, 1]])
+                        count, mean = count + 1.0, mean + there
+                        most = ti.max(most, (there - ti.Vector([of.state[e, i, 0], of.state[e, i, 1]])).norm())
+                for a in ti.static(range(2)):
+                    out.boats[e, i, a] = mean[a] / ti.max(count, 1.0)
+                out.farthest[e, i, 0] = most
+
+
+@ti.kernel
+def _observe(
+    out: ti.types.ndarray(ndim=3), known: KnownPack, seen: OwnPack, tracks: TracksPack,
+    action: ti.types.ndarray(ndim=3), reference: ti.types.ndarray(ndim=3), form: ti.template(),
+):  # fmt: skip
+    ti.loop_config(serialize=form.serial)
+    for e, i in ti.ndrange(out.shape[0], out.shape[1]):
+        o = ti.static(form.first) + i
+        put_squashed(out, e, i, form.at.velocity, 3, seen.state, 7, SPEED_SCALE)
+        put(out, e, i, form.at.down, 3, seen.derived, DOWN.start)
+        for a in ti.static(range(3)):
+            out[e, i, form.at.rates + a] = seen.state[e, i, 10 + a] * ti.static(1 / RATE_SCALE)
+        place = ti.Vector([seen.state[e, i, a] for a in ti.static(range(3))])
+        to = ti.Vector([seen.targets[e, o, NORTH], seen.targets[e, o, EAST], 0.0]) - place
+        put_direction(out, e, i, form.at.vessel, seen, to)
+        out[e, i, form.at.vessel_distance] = squash(to.norm(), FAR_SCALE)
+        c, s = known.target[e, i, COS], known.target[e, i, SIN]
+        x, y = known.centre_velocity[e, i, 0], known.centre_velocity[e, i, 1]
+        out[e, i, form.at.vessel_velocity] = squash(c * x + s * y, SLOW_SCALE)
+        out[e, i, ti.static(form.at.vessel_velocity + 1)] = squash(c * y - s * x, SLOW_SCALE)
+        off = ti.sqrt(to[0] * to[0] + to[1] * to[1]) - tracks.radius[0]
+        out[e, i, form.at.circle] = squash(off, CIRCLE_SCALE)
+        out[e, i, ti.static(form.at.circle + 1)] = squash(known.height_error[e, i], CIRCLE_SCALE)
+        out[e, i, form.at.gap] = known.gap_error[e, i] * ti.static(1 / math.pi)
+        out[e, i, form.at.view] = ti.select(tracks.sightings[e, o, 0, Sighting.VARIANCE] > 0, 1.0, 0.0)
+        out[e, i, form.at.track_age] = squash(tracks.age[e, o], AGE_SCALE)
+        out[e, i, form.at.track_sigma] = squash(tracks.sigma[e, o], SIGMA_SCALE)
+        widest, group = known.farthest[e, i, 0], place * 0.0
+        if widest > 0:
+            group = ti.Vector([known.boats[e, i, 0], known.boats[e, i, 1], 0.0]) - place
+        put_direction(out, e, i, form.at.boats, seen, group)
+        out[e, i, form.at.boats_distance] = squash(group.norm(), FAR_SCALE)
+        out[e, i, ti.static(form.at.boats_distance + 1)] = squash(widest, FAR_SCALE)
+        put(out, e, i, form.at.surroundings, form.signals, seen.signals, 0)
+        put(out, e, i, form.at.previous_action, form.actions, action, 0)
+        if ti.static(len(form.air) > 0):
+            put_air(out, e, i, seen, form)
+        if ti.static(form.residual > 0):
+            put(out, e, i, form.at.reference, form.residual, reference, 0)
+
+
+@ti.func
+def put_direction(out: ti.template(), e, i, at: ti.template(), seen: ti.template(), to):
+    """Write the direction of `to` (m, NED) in the own frame; shorter vectors than 1 m as they are."""
+    own = own_frame(seen.derived, e, i, 3, to / ti.max(to.norm(), 1.0))
+    for a in ti.static(range(3)):
+        out[e, i, at + a] = own[a]
+
+
+class CircleErrors:
+    """Writes the true errors of a team of aircraft into its `distance`, `gap_error` and `in_range`."""
+
+    def __init__(self, team: "EscortAircraft", form: CirclingForm):
+        """Measure `team` about the vessel of its mission."""
+        mission, state = team.mission, team.fleet.state
+        boats = mission.world.teams.get(mission.config.escort.boats)
+        self._rows, self._form, self._launch = state.shape[1], form, runtime.Launcher(_measure)
+        self._out = runtime.Packed(ErrorsPack, distance=team.distance, gap_error=team.gap_error, in_range=team.in_range)
+        self._true = runtime.Packed(
+            TruePack, state=state, boats=state if boats is None else boats.state, vessel=mission.vessel_place,
+            down=team.down, numbers=numbers_of(team),
+        )  # fmt: skip
+
+    def measure(self, which: Tensor, count: int) -> None:
+        """Measure in environments `which` [env] int32 that are not 0, `count` of them."""
+        form = self._form._replace(serial=runtime.few(count * self._rows, CIRCLE))
+        self._launch(self._out(), self._true(), which, form)
+
+
+class CircleKnowledge:
+    """Writes what aircraft know of the vessel and of each other, and observations of it.
+
+    Attributes:
+        widths: term -> how many numbers it has, in order.
+    """
+
+    def __init__(self, known: "MeasuredAircraft", team: "EscortAircraft", form: CirclingForm):
+        """Write into the tensors of `known`, for `team`."""
+        state, tracking, model = known.fleet.state, team.tracking, team.fleet.model
+        self._rows, self._form, self._known = state.shape[1], form, runtime.Packed(
+            KnownPack, target=known.target.table, centre_velocity=known.centre_velocity, gap_error=known.gap_error,
+            height_error=known.height_error, boats=known.boats[0], farthest=known.boats[1],
+        )  # fmt: skip
+        self._heard = runtime.Packed(
+            HeardPack, state=state, targets=tracking.targets, heard=tracking.radio.heard, down=team.down,
+            numbers=numbers_of(team),
+        )  # fmt: skip
+        self._own = runtime.Packed(
+            OwnPack, state=state, derived=known.fleet.derived, aux=known.fleet.aux, targets=tracking.targets,
+            signals=known.sensor.written,
+        )  # fmt: skip
+        self._tracks = runtime.Packed(
+            TracksPack, sightings=tracking.sightings, age=tracking.age, sigma=tracking.sigma,
+            radius=state.new_tensor([team.orbit.radius]),
+        )  # fmt: skip
+        air, speeds = (), ()
+        if "airspeed" in model.aux_names and model.air is not None:
+            air = tuple(model.aux_names.index(name) for name in ("airspeed", *model.air))
+            speeds = model.limits.speeds
+        signals, serial = known.sensor.signals.shape[-1], runtime.few(state.shape[0] * self._rows, OBSERVE)
+        terms = CirclingTerms(form.first, signals, len(model.action_names), team.reference_width, air, speeds, serial)
+        self.widths = terms.widths
+        self._terms = terms._replace(at=columns(self.widths))
+        self._listen, self._observe = runtime.Launcher(_listen), runtime.Launcher(_observe)
+
+    def listen(self, which: Tensor, rows: int) -> None:
+        """Update in environments `which` [env] int32 that are not 0, `rows` of them."""
+        form = self._form._replace(serial=runtime.few(rows * self._rows, LISTEN))
+        self._listen(self._known(), self._heard(), which, form)
+
+    def observe(self, action: Tensor, reference: Tensor | None) -> Tensor:
+        """All terms [env, aircraft, n], side by side in a fresh tensor.
+
+        `action` [env, aircraft, a] is the last one; `reference` is what a residual policy corrects, or None.
+        """
+        corrected = action if reference is None else reference  # kernels take no empty array
+        out = action.new_empty((*action.shape[:2], sum(self.widths.values())))
+        parts = out, self._known(), self._own(), self._tracks(), action.contiguous(), corrected.contiguous()
+        self._observe.once(*parts, self._terms)
+        return out
+
+
+def numbers_of(team: "EscortAircraft") -> Tensor:
+    """The kernels' argument `numbers`."""
+    return team.fleet.state.new_tensor([team.orbit.radius, team.orbit.turn, team.mission.config.radio.range])
