@@ -271,6 +271,7 @@ class Launcher:
         self._wanted = self._primal.arguments[len(self._owner) :]
         self._templates = [isinstance(wanted.annotation, template) for wanted in self._wanted]
         self._bound: list[_Bound] = []
+        self._last: _Bound | None = None  # of `once`, with the types of tensors in their place
         self._compiled: dict[tuple[Hashable, ...], tuple[_Declared, object]] = {}  # by the arguments' types
         self._generation, self._plain = -1, plain
 
@@ -284,15 +285,23 @@ class Launcher:
         impl.get_runtime().prog.launch_kernel(bound.compiled, bound.context)
 
     def once(self, *args: object) -> None:
-        """Launch the kernel with tensors that will not be used again."""
+        """Launch the kernel with tensors that will not be used again; packs stay bound for the next call."""
         self._renew()
-        bound = self._bind(args)
-        impl.get_runtime().prog.launch_kernel(bound.compiled, bound.context)
+        last = self._last
+        if last is None or not _same(tuple(map(_brief, args)), last.args):
+            last = self._bind(args)
+            self._last = last = last._replace(args=tuple(map(_brief, args)))
+        else:
+            given = (value for value, fixed in zip(args, self._templates, strict=True) if not fixed)
+            for slot, value in enumerate(given):
+                if isinstance(value, torch.Tensor):
+                    _set_tensor(last.context, slot, value)
+        impl.get_runtime().prog.launch_kernel(last.compiled, last.context)
 
     def _renew(self) -> None:
         current()
         if self._generation != _generation:
-            self._generation, self._bound, self._compiled = _generation, [], {}
+            self._generation, self._bound, self._last, self._compiled = _generation, [], None, {}
 
     def _bind(self, args: tuple[object, ...]) -> _Bound:
         """Compile the kernel for `args` if needed, and bind them."""
@@ -318,6 +327,11 @@ class Launcher:
         for k, (value, element) in enumerate(inside):
             _set_tensor(context, slots + k, value, element)
         return _Bound(args, compiled, context)
+
+
+def _brief(value: object) -> object:
+    """The type of a tensor, so that it is not kept alive; any other argument as it is."""
+    return (value.dtype, value.ndim) if isinstance(value, torch.Tensor) else value
 
 
 def _form(value: object, fixed: bool) -> Hashable:
