@@ -34,7 +34,7 @@ are not modelled.
 """
 
 # Kernels are another language inside Python syntax.
-# pyright: reportInvalidTypeForm=false
+# pyright: reportInvalidTypeForm=false, reportIndexIssue=false
 
 import math
 
@@ -42,6 +42,7 @@ import taichi as ti
 import torch
 
 from taichi_sim.kernels import runtime
+from taichi_sim.kernels.abreast import is_laned
 from taichi_sim.kernels.fast import exp
 
 STATES = 5  # per vehicle: one of u, two of v, two of w
@@ -83,23 +84,36 @@ def dryden_ratio(h):
 def filter_step(tau):
     """Return (a, 2 tau a, N11, N21, N22) for a step of tau >= 0 time constants."""
     a = exp(-tau)
-    n11, n21, n22 = a, a, a
-    if tau < SERIES_END:
-        square = tau * tau
-        terms = ti.static(SERIES_TERMS[runtime.current().precision])
-        c = tau * 0.0 + SERIES[terms - 1]
-        for k in ti.static(range(1, terms)):
-            c = c * square + SERIES[terms - 1 - k]
-        sinhc = 1.0 + square * c
-        n11 = ti.sqrt(2.0 * a * tau * sinhc)
-        n21 = a * n11 / sinhc
-        n22 = n11 / sinhc * tau * ti.sqrt(c * (1.0 + sinhc))
+    n = ti.Vector([a, a, a])
+    if ti.static(is_laned(tau)):
+        n = ti.select(tau < SERIES_END, noise_of_short_step(tau, a), noise_of_long_step(ti.max(tau, SERIES_END), a))
+    elif tau < SERIES_END:
+        n = noise_of_short_step(tau, a)
     else:
-        variance = 1.0 - a * a
-        n11 = ti.sqrt(variance)
-        m = 2.0 * tau * a / n11
-        n21, n22 = a * m, ti.sqrt(variance - m * m)
-    return ti.Vector([a, 2.0 * tau * a, n11, n21, n22])
+        n = noise_of_long_step(tau, a)
+    return ti.Vector([a, 2.0 * tau * a, n[0], n[1], n[2]])
+
+
+@ti.func
+def noise_of_short_step(tau, a):
+    """(N11, N21, N22) for tau < SERIES_END, a = exp(-tau)."""
+    square = tau * tau
+    terms = ti.static(SERIES_TERMS[runtime.current().precision])
+    c = tau * 0.0 + SERIES[terms - 1]
+    for k in ti.static(range(1, terms)):
+        c = c * square + SERIES[terms - 1 - k]
+    sinhc = 1.0 + square * c
+    n11 = ti.sqrt(2.0 * a * tau * sinhc)
+    return ti.Vector([n11, a * n11 / sinhc, n11 / sinhc * tau * ti.sqrt(c * (1.0 + sinhc))])
+
+
+@ti.func
+def noise_of_long_step(tau, a):
+    """(N11, N21, N22) for tau >= SERIES_END, a = exp(-tau)."""
+    variance = 1.0 - a * a
+    n11 = ti.sqrt(variance)
+    m = 2.0 * tau * a / n11
+    return ti.Vector([n11, a * m, ti.sqrt(variance - m * m)])
 
 
 @ti.func
@@ -155,10 +169,9 @@ def dryden_gust(x, h, W20):
 def gust_n(gust, v_air_n):
     """Convert a gust (u, v, w) to NED for an aircraft with velocity v_air_n (NED, m/s) relative to the mean wind."""
     square = v_air_n[0] * v_air_n[0] + v_air_n[1] * v_air_n[1]
-    c, s = square * 0.0 + 1.0, square * 0.0
-    if square > AT_REST * AT_REST:
-        scale = 1.0 / ti.sqrt(square)
-        c, s = v_air_n[0] * scale, v_air_n[1] * scale
+    moves = square > AT_REST * AT_REST
+    scale = 1.0 / ti.sqrt(ti.max(square, AT_REST * AT_REST))
+    c, s = ti.select(moves, v_air_n[0] * scale, 1.0), ti.select(moves, v_air_n[1] * scale, 0.0)
     return ti.Vector([c * gust[0] - s * gust[1], s * gust[0] + c * gust[1], gust[2]])
 
 

@@ -9,6 +9,7 @@ are used, because precision matters there and speed does not.
 import taichi as ti
 
 from taichi_sim.kernels import runtime
+from taichi_sim.kernels.abreast import bit_cast, is_laned
 
 TWO_PI_HI = 6.28125  # exact in 11 bits: n * TWO_PI_HI is exact in f32 for |n| < 8192
 TWO_PI_LO = 1.9353071795864769e-3
@@ -16,6 +17,7 @@ TWO_PI = 6.283185307179586
 INV_TWO_PI = 0.15915494309189535
 LOG2_E, LN2 = 1.4426950408889634, 0.6931471805599453
 LOWEST_EXPONENT, HIGHEST_EXPONENT = -87.0, 88.0  # exp of every argument between them is a normal f32
+MIDDLE, MIDDLE_BITS = 1.5 * 2.0**23, 0x4B400000  # an f32 whose last digit is 1, and its bits
 DECAYED = 12.0  # for larger x, exp(-x) stays at 6e-6
 
 
@@ -159,6 +161,27 @@ def exp_near_one(x):
 
 
 @ti.func
+def float_of(n):
+    """f32 of an i32 with |n| < 2^22.
+
+    LLVM would convert a group's numbers (abreast.py) one by one, so they are added to the digits of 1.5 x 2^23.
+    """
+    if ti.static(is_laned(n)):
+        return at_least(bit_cast(n + MIDDLE_BITS, ti.f32) - MIDDLE, -MIDDLE)  # (the bound: see `wrap_two_pi`)
+    else:
+        return ti.cast(n, ti.f32)
+
+
+@ti.func
+def int_of(n):
+    """i32 of a whole f32 with |n| < 2^22; the inverse of `float_of`."""
+    if ti.static(is_laned(n)):
+        return bit_cast(n + MIDDLE, ti.i32) - MIDDLE_BITS
+    else:
+        return ti.cast(n, ti.i32)
+
+
+@ti.func
 def exp(x):
     """Return e^x with a relative error of 1e-7 (1 + |x|); in f32, x is clamped to [-87, 88].
 
@@ -175,5 +198,5 @@ def exp(x):
         p = x * 0.0 + 1.9875691500e-4
         for c in ti.static((1.3981999507e-3, 8.3334519073e-3, 4.1665795894e-2, 1.6666665459e-1, 5.0000001201e-1)):
             p = p * r + c
-        y = (p * r * r + r + 1.0) * ti.bit_cast((ti.cast(n, ti.i32) + 127) << 23, ti.f32)
+        y = (p * r * r + r + 1.0) * bit_cast((int_of(n) + 127) << 23, ti.f32)
     return y

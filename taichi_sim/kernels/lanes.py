@@ -54,6 +54,11 @@ def filled(count: int) -> int:
     return -(-count // WIDTH) * WIDTH
 
 
+def whole() -> bool:
+    """Whether the kernel that is being compiled keeps vectors whole."""
+    return not impl.current_cfg().real_matrix_scalarize
+
+
 @contextmanager
 def vectors() -> Iterator[None]:
     """Within this context, compile kernels with whole vectors.

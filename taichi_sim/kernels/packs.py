@@ -5,16 +5,20 @@
 
 from collections.abc import Hashable
 from functools import cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import taichi as ti
+from taichi.lang.impl import subscript
 from taichi.lang.struct import StructType
 
 from taichi_sim.kernels import runtime
+from taichi_sim.kernels.abreast import Record, in_kernels, is_laned, taken
 from taichi_sim.kernels.lanes import laned2, laned3
 
 _array1, _array2, _array3 = (ti.types.ndarray(ndim=n) for n in (1, 2, 3))
 _whole1 = ti.types.ndarray(dtype=ti.i32, ndim=1)
+
+PART = 32  # numbers that are read at a time: Taichi warns of longer loops without need
 
 FleetPack = ti.types.argpack(
     state=_array3, derived=_array3, aux=_array3, surface=_array3, action=_array3, numbers=_array3, load=_array3,
@@ -44,6 +48,7 @@ class Build(NamedTuple):
     loaded: bool = False  # whether `fleet.load` is read
     air: Hashable = None  # kind of air (uav/local_air.py), for models that use it
     decked: bool = False  # whether there are decks to stand on, so that `fleet.touch` is read
+    width: int = 1  # number of vehicles that a loop takes at a time (abreast.py)
     serial: bool = False  # whether to run on the calling thread, because waking other threads would cost more
 
 
@@ -54,10 +59,17 @@ def struct_of(names: tuple[str, ...], precision: runtime.Precision) -> StructTyp
     return ti.types.struct(**{name: kind for name in names})
 
 
-@ti.func
-def numbers_at(kind: ti.template(), numbers: ti.template(), e, i):
-    """Numbers of vehicle i in environment e, a row of `numbers` [env, vehicle, n], as a struct of type `kind`."""
-    return kind(*[numbers[e, i, k] for k in ti.static(range(len(kind.members)))])
+@in_kernels
+def numbers_at(kind: StructType, numbers: Any, e: Any, i: Any) -> Any:
+    """Numbers of vehicle i in environment e, a row of `numbers` [env, vehicle, n], as a struct of type `kind`.
+
+    Those of a group (abreast.py) are a `Record`.
+    """
+    names = tuple(kind.members)
+    if not is_laned(e):
+        return kind(*[subscript(None, numbers, e, i, k) for k in range(len(names))])
+    values = [x for k in range(0, len(names), PART) for x in taken(numbers, e, i, k, min(PART, len(names) - k)).entries]
+    return Record(**dict(zip(names, values, strict=True)))
 
 
 @ti.func
@@ -69,8 +81,7 @@ def values_at(kind: ti.template(), values: ti.template()):
 @ti.func
 def load_at(build: ti.template(), load: ti.template(), e, i):
     """External load on vehicle i in environment e: six numbers (N, N m, b), zero where `build` has no load."""
-    tau = ti.Vector([0.0 for _ in ti.static(range(6))])
     if ti.static(build.loaded):
-        for c in ti.static(range(6)):
-            tau[c] = load[e, i, c]
-    return tau
+        return taken(load, e, i, 0, 6)
+    else:
+        return ti.Vector([0.0 for _ in ti.static(range(6))])

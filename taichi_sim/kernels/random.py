@@ -22,6 +22,7 @@ import torch
 from torch import Tensor
 
 from taichi_sim.kernels import fast, runtime
+from taichi_sim.kernels.abreast import bit_cast, cast, is_laned
 
 # Streams: one for each use of random numbers, so that no two uses share them.
 TURBULENCE, SLOW_VARIATION = 1, 2
@@ -38,7 +39,26 @@ ANGLE_BITS_OF_LAST = 10  # bits of an angle from the fourth word; its other bits
 SQRT_HALF_BITS = 0x3F3504F3  # sqrt(1/2) as an f32
 LN2_HI, LN2_LO = 0.693359375, -2.12194440e-4  # ln 2 split in two, so that n LN2_HI is exact in f32
 TWO_PI = 6.283185307179586
+DIGITS, EXPONENT_23 = (1 << 23) - 1, 0x4B000000  # mask of the digits of an f32; 2^23 as an f32
 FIRST_FORKED = 1 << 24  # first key of forks that draw noise of their own; above the number of any environment
+
+
+@ti.func
+def float_below(m, bits: ti.template()):
+    """m, a u32 below 2^bits, as a float; bits <= 24.
+
+    A group's numbers (abreast.py) become the last digits of a float of known exponent, because LLVM would convert them
+    one by one.
+    """
+    if ti.static(not is_laned(m)):
+        return ti.cast(m, float)
+    else:
+        digits = bit_cast((m & ti.u32(DIGITS)) | ti.u32(EXPONENT_23), ti.f32)
+        low = fast.at_least(digits - ti.static(2.0**23), 0.0)  # the bound keeps fast math from multiplying out
+        if ti.static(bits == 24):
+            return ti.select(m > ti.u32(DIGITS), low + ti.static(2.0**23), low)
+        else:
+            return low
 
 
 @ti.func
@@ -52,16 +72,16 @@ def log(x):
     if ti.static(runtime.is_f64()):
         y = ti.log(x)
     else:
-        bits = ti.bit_cast(x, ti.i32)
+        bits = bit_cast(x, ti.i32)
         n = (bits - ti.static(SQRT_HALF_BITS)) >> 23
-        f = ti.bit_cast(bits - (n << 23), ti.f32) - 1.0
+        f = bit_cast(bits - (n << 23), ti.f32) - 1.0
         z, p = f * f, x * 0.0 + 7.0376836292e-2
         for c in ti.static(
             (-1.1514610310e-1, 1.1676998740e-1, -1.2420140846e-1, 1.4249322787e-1)
             + (-1.6668057665e-1, 2.0000714765e-1, -2.4999993993e-1, 3.3333331174e-1)
         ):
             p = p * f + c
-        k = ti.cast(n, ti.f32)
+        k = fast.float_of(n)
         y = f + (z * f * p + k * LN2_LO - 0.5 * z) + k * LN2_HI
     return y
 
@@ -74,8 +94,8 @@ def philox(counter, key, rounds: ti.template()):
     for _ in ti.static(range(rounds)):
         product0 = ti.cast(c0, ti.u64) * ti.cast(ti.u32(MULTIPLIER_0), ti.u64)
         product1 = ti.cast(c2, ti.u64) * ti.cast(ti.u32(MULTIPLIER_1), ti.u64)
-        c0 = ti.cast(ti.bit_shr(product1, 32), ti.u32) ^ c1 ^ k0
-        c2 = ti.cast(ti.bit_shr(product0, 32), ti.u32) ^ c3 ^ k1
+        c0 = ti.cast(product1 >> 32, ti.u32) ^ c1 ^ k0
+        c2 = ti.cast(product0 >> 32, ti.u32) ^ c3 ^ k1
         c1, c3 = ti.cast(product1, ti.u32), ti.cast(product0, ti.u32)
         k0, k1 = k0 + ti.u32(WEYL_0), k1 + ti.u32(WEYL_1)
     return ti.Vector([c0, c1, c2, c3])
@@ -94,20 +114,22 @@ def uniform4(seed, stream, env, vehicle, step):
     w = words4(seed, stream, env, vehicle, step)
     u = ti.Vector([0.0, 0.0, 0.0, 0.0])
     for i in ti.static(range(4)):
-        u[i] = (ti.cast(ti.bit_shr(w[i], 32 - UNIFORM_BITS), float) + 0.5) * ti.static(2.0**-UNIFORM_BITS)
+        u[i] = (ti.cast(w[i] >> (32 - UNIFORM_BITS), float) + 0.5) * ti.static(2.0**-UNIFORM_BITS)
     return u
 
 
 @ti.func
 def normal6(seed, stream, env, vehicle, step):
-    """Six independent standard normal numbers."""
+    """Six independent standard normal numbers; env and vehicle may be those of a group (abreast.py)."""
     w = words4(seed, stream, env, vehicle, step)
-    z = ti.Vector([0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    zero = 0.0 * cast(env, float)
+    z = ti.Vector([zero, zero, zero, zero, zero, zero])
     for i in ti.static(range(3)):
-        u = (ti.cast(ti.bit_shr(w[i], 32 - RADIUS_BITS), float) + 1.0) * ti.static(2.0**-RADIUS_BITS)
+        u = (float_below(w[i] >> (32 - RADIUS_BITS), RADIUS_BITS) + 1.0) * ti.static(2.0**-RADIUS_BITS)
         high = (w[i] & ti.u32(2 ** (32 - RADIUS_BITS) - 1)) << ti.static(ANGLE_BITS_OF_LAST)
-        low = ti.bit_shr(w[3], ANGLE_BITS_OF_LAST * i) & ti.u32(2**ANGLE_BITS_OF_LAST - 1)
-        theta = (ti.cast(high | low, float) + 0.5) * ti.static(TWO_PI * 2.0**-ANGLE_BITS) - ti.static(0.5 * TWO_PI)
+        low = (w[3] >> (ANGLE_BITS_OF_LAST * i)) & ti.u32(2**ANGLE_BITS_OF_LAST - 1)
+        angle = float_below(high | low, ANGLE_BITS)
+        theta = (angle + 0.5) * ti.static(TWO_PI * 2.0**-ANGLE_BITS) - ti.static(0.5 * TWO_PI)
         r = ti.sqrt(ti.max(-2.0 * log(u), 0.0))
         s, c = theta, theta
         if ti.static(runtime.is_f64()):

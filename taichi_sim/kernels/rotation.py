@@ -15,6 +15,7 @@ import taichi.math as tm
 import torch
 
 from taichi_sim.kernels import fast
+from taichi_sim.kernels.abreast import put
 
 DERIVED_SIZE = 14
 ROTATION, DOWN = slice(0, 9), slice(6, 9)  # R_nb, and its third row: the world's down axis in b
@@ -128,13 +129,10 @@ def wrap_pi(x):
 @ti.func
 def store(derived: ti.template(), e, i, R, v_n):
     """Write the derived quantities of vehicle i in environment e, from its attitude R = R_nb and velocity v_n."""
-    for a in ti.static(range(3)):
-        for b in ti.static(range(3)):
-            derived[e, i, 3 * a + b] = R[a, b]
-        derived[e, i, 9 + a] = v_n[a]
     # A bow that points straight up or down has no heading: the small term makes its cosine and sine 0 instead of NaN.
     inv = 1.0 / ti.sqrt(R[0, 0] * R[0, 0] + R[1, 0] * R[1, 0] + 1e-12)
-    derived[e, i, 12], derived[e, i, 13] = R[0, 0] * inv, R[1, 0] * inv
+    put(derived, e, i, 0, [R[0, 0], R[0, 1], R[0, 2], R[1, 0], R[1, 1], R[1, 2], R[2, 0], R[2, 1], R[2, 2]])
+    put(derived, e, i, 9, [v_n[0], v_n[1], v_n[2], R[0, 0] * inv, R[1, 0] * inv])
 
 
 @ti.kernel

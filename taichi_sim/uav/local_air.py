@@ -26,6 +26,7 @@ from taichi_sim.air.turbulence import dryden_advance, dryden_filter, dryden_outp
 from taichi_sim.air.wind import Profile, mean_wind_factor, wind_factor
 from taichi_sim.config import AirConfig
 from taichi_sim.conventions import DOWN
+from taichi_sim.kernels.abreast import cast, taken1
 from taichi_sim.kernels.random import TURBULENCE, normal6
 from taichi_sim.surroundings import Surroundings
 
@@ -74,7 +75,8 @@ def wind_at(state: Tensor, around: Surroundings) -> Tensor:
 @ti.func
 def initial_turbulence(air: ti.template(), seed, clock, substeps: ti.template(), e, i):
     """State (5) of the turbulence around vehicle i of environment e, from its stationary distribution."""
-    z = ti.Vector([0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    zero = 0.0 * cast(i, float)
+    z = ti.Vector([zero, zero, zero, zero, zero, zero])
     if ti.static(air.turbulent):
         z = normal6(seed, TURBULENCE, e, i, clock * ti.static(substeps + 1) + substeps)
     return ti.Vector([z[0], z[1], z[2], z[3], z[4]])
@@ -83,9 +85,9 @@ def initial_turbulence(air: ti.template(), seed, clock, substeps: ti.template(),
 @ti.func
 def wind_at_20_feet(air: ti.template(), around: ti.template(), wind, e):
     """W20 (m/s), which sets the turbulence intensity in environment e; `wind` is the mean wind 10 m above the sea."""
-    W20 = around.air[1] + around.air[2] * wind.xy.norm()
+    W20 = around.air[1] + around.air[2] * ti.sqrt(wind[0] * wind[0] + wind[1] * wind[1])
     if ti.static(air.uneven):
-        W20 *= around.turbulence[e]
+        W20 *= taken1(around.turbulence, e, 0)
     return W20
 
 

@@ -12,6 +12,7 @@ import math
 import taichi as ti
 
 from taichi_sim.kernels import runtime
+from taichi_sim.kernels.abreast import some
 
 HALF_PI = math.pi / 2
 TINY = 1e-30  # keeps 0 / 0 out of atan2(0, 0)
@@ -71,9 +72,10 @@ def stall_blend(M: ti.template(), alpha0: ti.template(), alpha):
     sigma = alpha * 0.0
     exponent = M * ti.abs(alpha) - ti.static(M * alpha0)
     # this branch is nearly always predicted; it keeps the exponential out of the longest chain of operations
-    if exponent > ti.static(-LARGEST if runtime.is_f64() else ATTACHED):
+    near = exponent > ti.static(-LARGEST if runtime.is_f64() else ATTACHED)
+    if some(near):
         c2 = ti.static(math.exp(-2.0 * M * alpha0))
         growing = exp_clamped(exponent)
         x = growing * (growing + c2) + c2  # scaled by `growing`, which saves a division
-        sigma = x / (growing + x)
+        sigma = ti.select(near, x / (growing + x), 0.0)
     return sigma

@@ -13,31 +13,32 @@ from taichi_sim.uav.fixed_wing.airframe import velocity
 
 
 @ti.func
-def demands(m: ti.template(), action: ti.template(), e, i, Va):
-    """`autopilot.demands` of vehicle i of environment e; zeros if the actions are deflections."""
+def demands(m: ti.template(), action, Va):
+    """`autopilot.demands` of the actions [action]; zeros if the actions are deflections."""
     asked = ti.Vector([Va * 0.0] * 9)
     if ti.static(m.actions != "surfaces"):
-        turn, boost = action[e, i, 1], action[e, i, 2]
+        turn, boost = action[1], action[2]
         asked = autopilot.demands(m.gains, m.autopilot_limits, m.protected, turn, boost, Va)
     return asked
 
 
 @ti.func
-def commands(m: ti.template(), action: ti.template(), e, i, asked, R, y, met, pilot):
+def commands(m: ti.template(), action, asked, R, y, met, pilot):
     """Commanded deflections (4), and the autopilot's state (integral of the throttle, height that is held).
 
     R is the attitude; y the state relative to the air, which moves with `met` (NED, m/s); asked = demands(..); pilot
     the autopilot's state before.
     """
     v_air, omega = velocity(y), ti.Vector([y[10], y[11], y[12]])
-    command, state = ti.Vector([0.0, 0.0, 0.0, 0.0]), pilot
+    zero = 0.0 * y[0]
+    command, state = ti.Vector([zero, zero, zero, zero]), pilot
     air = autopilot.flight(m.gains, R, v_air)
     if ti.static(m.actions == "surfaces"):
-        command = deflections(m, action, e, i)
+        command = deflections(m, action)
     else:
-        sin_gamma = action[e, i, 0] * m.autopilot_limits.sin_pitch
+        sin_gamma = action[0] * m.autopilot_limits.sin_pitch
         if ti.static(m.actions == "altitude"):
-            climb = action[e, i, 0] * m.autopilot_limits.climb
+            climb = action[0] * m.autopilot_limits.climb
             state[1] += m.dt * climb
             climb += m.gains.height * (state[1] + y[2])
             rising = -(R[2, 0] * v_air[0] + R[2, 1] * v_air[1] + R[2, 2] * v_air[2] + met[2])
@@ -56,13 +57,13 @@ def commands(m: ti.template(), action: ti.template(), e, i, asked, R, y, met, pi
 
 
 @ti.func
-def deflections(m: ti.template(), action: ti.template(), e, i):
+def deflections(m: ti.template(), action):
     """Deflections that the actions command directly.
 
     Each goes from its lower limit at -1 through its value in cruise at 0 to its upper limit at 1, linear on either
     side.
     """
-    command = ti.Vector([action[e, i, 0], action[e, i, 1], action[e, i, 2], action[e, i, 3]])
+    command = ti.Vector([action[0], action[1], action[2], action[3]])
     for k in ti.static(range(4)):
         neutral, lower, upper = ti.static(m.neutral[k], m.p.actuators.lower[k], m.p.actuators.upper[k])
         up, down = ti.max(command[k], 0.0), ti.min(command[k], 0.0)

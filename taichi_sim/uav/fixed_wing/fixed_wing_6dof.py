@@ -8,7 +8,7 @@ second, controls fixed, is less than 2 mm off after 10 s.
 """
 
 # Kernels are another language inside Python syntax.
-# pyright: reportAttributeAccessIssue=false, reportInvalidTypeForm=false
+# pyright: reportAttributeAccessIssue=false, reportInvalidTypeForm=false, reportIndexIssue=false
 
 import math
 from collections.abc import Mapping
@@ -18,8 +18,10 @@ import torch
 from torch import Tensor
 
 from taichi_sim.config import ConfigError
-from taichi_sim.conventions import GRAVITY, VELOCITY
+from taichi_sim.conventions import GRAVITY
 from taichi_sim.fleet import Fleet
+from taichi_sim.kernels import abreast, lanes
+from taichi_sim.kernels.abreast import group, put, some, taken, taken1, taken2
 from taichi_sim.kernels.packs import AroundPack, Build, FleetPack, load_at, numbers_at
 from taichi_sim.kernels.rotation import store
 from taichi_sim.surroundings import Surroundings
@@ -34,7 +36,6 @@ from taichi_sim.uav.fixed_wing.gains import gains, limits
 from taichi_sim.uav.fixed_wing.instruments import (
     AUX,
     DEFLECTIONS,
-    HEIGHT_DEMAND,
     INTEGRAL,
     READINGS,
     SIGNALS,
@@ -169,11 +170,12 @@ class FixedWing6DOF(Aircraft):
     def build(self, fleet: Fleet, around: Surroundings) -> Build:
         """What the kernel is compiled for: the kind of air. The sea does not matter."""
         air = local_air.local_air(around.air, uneven=around.turbulence is not None)
-        return Build(varied=fleet.varied, loaded=fleet.loaded, air=air, serial=fleet.few)
+        return Build(varied=fleet.varied, loaded=fleet.loaded, air=air, width=lanes.width(), serial=fleet.few)
 
     def step(self, fleet: Fleet, around: Surroundings) -> None:
         """Advance one control step."""
-        fleet.launch(self._step, fleet.pack, around.pack, self.build(fleet, around))
+        with abreast.vectors():
+            fleet.launch(self._step, fleet.pack, around.pack, self.build(fleet, around))
 
     def equations(self, state: Tensor, controls: Tensor, current: Tensor, wind: Tensor, load: Tensor) -> Tensor:
         """d(state)/dt [n, 13]; the current has no effect."""
@@ -184,7 +186,8 @@ class FixedWing6DOF(Aircraft):
     @ti.kernel
     def _step(self, fleet: FleetPack, around: AroundPack, build: ti.template()):
         ti.loop_config(serialize=build.serial)
-        for e, i in ti.ndrange(fleet.state.shape[0], fleet.state.shape[1]):
+        for g in range((fleet.state.shape[0] * fleet.state.shape[1] + build.width - 1) // build.width):
+            e, i = group(build.width, g * build.width, fleet.state.shape[0], fleet.state.shape[1])
             if ti.static(build.varied):
                 own = numbers_at(self.Own, fleet.numbers, e, i)
                 self.advance(own, build, fleet, around, e, i)
@@ -193,26 +196,32 @@ class FixedWing6DOF(Aircraft):
 
     @ti.func
     def advance(self, p: ti.template(), build: ti.template(), fleet: ti.template(), around: ti.template(), e, i):
-        """Advance vehicle i of environment e by one control step: load its state, step it, store it."""
-        clock, seed, env = around.count[0], around.count[1], around.count[2 + e]
+        """Advance vehicle i of environment e by one control step: load its state, step it, store it.
+
+        e and i may be those of a group (abreast.py).
+        """
+        clock, seed, env = around.count[0], around.count[1], taken1(around.count, e, 2)
         y, delta, gust, pilot = self.stored(fleet, e, i)
         tau = load_at(build, fleet.load, e, i)
-        time, wind_10 = fleet.aux[e, i, TIME], ti.Vector([around.wind[e, k] for k in ti.static(range(3))])
-        if time == 0.0:
-            gust = local_air.initial_turbulence(build.air, seed, clock, self.substeps, env, i)
+        time, wind_10 = taken(fleet.aux, e, i, TIME, 1)[0], taken2(around.wind, e, 3)
+        action = taken(fleet.action, e, i, 0, ti.static(len(self.action_names)))
+        begins = time == 0.0
+        if some(begins):
+            drawn = local_air.initial_turbulence(build.air, seed, clock, self.substeps, env, i)
+            gust = ti.select(begins, drawn, gust)
         shear, W20 = around.air[0], local_air.wind_at_20_feet(build.air, around, wind_10, e)
         v_mean = attitude(y) @ velocity(y) - local_air.mean_wind(build.air, wind_10, shear, y)
         f = local_air.turbulence_filter(build.air, v_mean.norm(), -y[2], W20, self.dt)
         met = local_air.velocity_at(build.air, wind_10, shear, gust, f, v_mean, y, time)
         y = with_velocity(y, velocity(y) - attitude(y).transpose() @ met)
-        asked = demands(self, fleet.action, e, i, velocity(y).norm())
+        asked = demands(self, action, velocity(y).norm())
         for n in range(self.substeps):
             R = attitude(y)
-            command, pilot = commands(self, fleet.action, e, i, asked, R, y, met, pilot)
+            command, pilot = commands(self, action, asked, R, y, met, pilot)
             delta, held = actuators.advance(self.p.actuators, p, self.dt, delta, command)
             if ti.static(build.air.gusty):
-                ahead = local_air.gust_ahead(build.air, y, R @ velocity(y) + met, time, self.dt)
-                y, met = with_velocity(y, velocity(y) - R.transpose() @ ahead), met + ahead
+                change = local_air.gust_ahead(build.air, y, R @ velocity(y) + met, time, self.dt)
+                y, met = with_velocity(y, velocity(y) - R.transpose() @ change), met + change
             y = rk4(self.p, p, y, held, tau, self.dt)
             for k in ti.static(range(3)):
                 y[k] += self.dt * met[k]
@@ -224,17 +233,13 @@ class FixedWing6DOF(Aircraft):
                 y = with_velocity(y, velocity(y) + attitude(y).transpose() @ (met - new))
                 met = new
         self.save(p, fleet, e, i, y, met, delta)
-        for k in ti.static(range(5)):
-            fleet.aux[e, i, TURBULENCE + k] = gust[k]
-        fleet.aux[e, i, TIME], fleet.aux[e, i, INTEGRAL], fleet.aux[e, i, HEIGHT_DEMAND] = time, pilot[0], pilot[1]
+        put(fleet.aux, e, i, TIME, [time, gust[0], gust[1], gust[2], gust[3], gust[4], pilot[0], pilot[1]])
 
     @ti.func
     def stored(self, fleet: ti.template(), e, i):
         """State (13), deflections (4), turbulence (5) and the autopilot's state (2) of vehicle i of environment e."""
-        y = ti.Vector([fleet.state[e, i, k] for k in ti.static(range(13))])
-        delta = ti.Vector([fleet.aux[e, i, DEFLECTIONS + k] for k in ti.static(range(4))])
-        gust = ti.Vector([fleet.aux[e, i, TURBULENCE + k] for k in ti.static(range(5))])
-        return y, delta, gust, ti.Vector([fleet.aux[e, i, INTEGRAL], fleet.aux[e, i, HEIGHT_DEMAND]])
+        y, delta = taken(fleet.state, e, i, 0, 13), taken(fleet.aux, e, i, DEFLECTIONS, 4)
+        return y, delta, taken(fleet.aux, e, i, TURBULENCE, 5), taken(fleet.aux, e, i, INTEGRAL, 2)
 
     @ti.func
     def save(self, p: ti.template(), fleet: ti.template(), e, i, y, met, delta):
@@ -243,16 +248,12 @@ class FixedWing6DOF(Aircraft):
         readings = self.readings(p, y, delta)
         v = velocity(y) + R.transpose() @ met
         store(fleet.derived, e, i, R, R @ v)
-        for k in ti.static(range(13)):
-            fleet.state[e, i, k] = y[k]
-        for k in ti.static(range(3)):
-            fleet.state[e, i, VELOCITY.start + k] = v[k]
-            fleet.aux[e, i, WIND + k] = met[k]
-        for k in ti.static(range(4)):
-            fleet.aux[e, i, DEFLECTIONS + k], fleet.aux[e, i, READINGS + k] = delta[k], readings[k]
-        stalled = readings[1] > self.stall_angles[1] or readings[1] < self.stall_angles[0]
-        interval = ti.static(self.dt * self.substeps)
-        fleet.aux[e, i, STALL_TIME] = ti.select(stalled, fleet.aux[e, i, STALL_TIME] + interval, 0.0)
+        put(fleet.state, e, i, 0, [y[0], y[1], y[2], y[3], y[4], y[5], y[6], v[0], v[1], v[2], y[10], y[11], y[12]])
+        stalled = (readings[1] > self.stall_angles[1]) | (readings[1] < self.stall_angles[0])
+        stall = taken(fleet.aux, e, i, STALL_TIME, 1)[0] + ti.static(self.dt * self.substeps)
+        put(fleet.aux, e, i, DEFLECTIONS, [delta[0], delta[1], delta[2], delta[3]])
+        put(fleet.aux, e, i, READINGS, [readings[0], readings[1], readings[2], readings[3]])
+        put(fleet.aux, e, i, WIND, [met[0], met[1], met[2], ti.select(stalled, stall, 0.0)])
 
     @ti.func
     def readings(self, p: ti.template(), y, delta):

@@ -19,6 +19,7 @@ import taichi as ti
 
 from taichi_sim.config import ConfigError
 from taichi_sim.conventions import GRAVITY
+from taichi_sim.kernels.abreast import some
 from taichi_sim.uav.multirotor.params import MultirotorParams
 
 AXES = ("thrust", "roll", "pitch", "yaw")
@@ -104,10 +105,12 @@ def allocate(a: ti.template(), T, M, low, high):
         least = ti.max(least, (low - turn[k]) * ti.static(1.0 / a.P[k][0]))
         most = ti.min(most, (high - turn[k]) * ti.static(1.0 / a.P[k][0]))
     scale = T * 0.0 + 1.0
-    if least > most:
+    beyond = least > most
+    if some(beyond):
         free = high * ti.static(1.0 / a.shares[1]) - low * ti.static(1.0 / a.shares[0])
         free = ti.max(free, 0.0)
-        scale = free / (free + least - most)  # the gap between them is convex in the scale, so no larger scale fits
+        # the gap between them is convex in the scale, so no larger scale fits
+        scale = ti.select(beyond, free / ti.select(beyond, free + least - most, 1.0), 1.0)
         least, most = -1e30 + 0.0 * T, 1e30 + 0.0 * T
         for k in ti.static(range(N)):
             turn[k] *= scale

@@ -80,9 +80,9 @@ class Demands:
 
 
 @ti.func
-def velocity_wanted(d: ti.template(), action: ti.template(), e, i, c, s):
+def velocity_wanted(d: ti.template(), action, c, s):
     """Velocity (m/s, n) that the actions demand, at the cosine c and sine s of the held heading."""
-    forward, right, down = d.speed * action[e, i, 0], d.speed * action[e, i, 1], action[e, i, 2]
+    forward, right, down = d.speed * action[0], d.speed * action[1], action[2]
     fall = ti.max(down, 0.0) * d.descent + ti.min(down, 0.0) * d.climb
     return ti.Vector([c * forward - s * right, s * forward + c * right, fall])
 
@@ -122,8 +122,9 @@ def heading_rate(g: ti.template(), R, turn, held, dt: ti.template()):
     c, s = R[0, 0] * inv, R[1, 0] * inv
     ahead, beside = held[0] * c + held[1] * s, held[1] * c - held[0] * s
     kept = ti.static((1.0 - FARTHEST**2) ** 0.5)
-    if ahead < kept:
-        ahead, beside = kept, ti.select(beside < 0.0, -FARTHEST, FARTHEST)
+    far = ahead < kept
+    farthest = ti.select(beside < 0.0, -FARTHEST, FARTHEST)
+    ahead, beside = ti.select(far, kept, ahead), ti.select(far, farthest, beside)
     rate = turn + g.heading * beside
     ahead, beside = ahead - dt * turn * beside, beside + dt * turn * ahead
     grown = 1.0 / ti.sqrt(ahead * ahead + beside * beside)

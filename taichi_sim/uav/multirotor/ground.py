@@ -23,6 +23,7 @@ import math
 
 import taichi as ti
 
+from taichi_sim.kernels.abreast import some
 from taichi_sim.uav.multirotor.numbers import gains
 from taichi_sim.uav.multirotor.rotors import arm
 
@@ -92,7 +93,7 @@ def thrust_ratios(craft: ti.template(), p: ti.template(), heights, weights, omeg
     lowest = heights[0]
     for k in ti.static(range(1, N)):
         lowest = ti.min(lowest, heights[k])
-    if lowest < ti.static(REACH * R):
+    if some(lowest < ti.static(REACH * R)):
         gain = ti.static(gains(p, N))
         fade = 1.0 - edge_weight(
             lowest - ti.static(0.5 * (1.0 + FADE) * REACH * R), ti.static((1.0 - FADE) * REACH * R)

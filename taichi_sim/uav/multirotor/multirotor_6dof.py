@@ -25,8 +25,10 @@ from torch import Tensor
 from taichi_sim.config import ConfigError
 from taichi_sim.contact import carrier
 from taichi_sim.contact.touch import SOLE_SIZE
-from taichi_sim.conventions import AMPLITUDE, DOWN, VELOCITY
+from taichi_sim.conventions import AMPLITUDE, DOWN
 from taichi_sim.fleet import Fleet
+from taichi_sim.kernels import abreast, lanes
+from taichi_sim.kernels.abreast import group, is_laned, put, some, taken, taken1, taken2
 from taichi_sim.kernels.packs import AroundPack, Build, FleetPack, TouchPack, load_at, numbers_at
 from taichi_sim.kernels.rotation import UPRIGHT, store
 from taichi_sim.sea import waves
@@ -34,6 +36,7 @@ from taichi_sim.surroundings import Surroundings
 from taichi_sim.uav import local_air
 from taichi_sim.uav.aircraft import TrimError
 from taichi_sim.uav.fixed_wing.airframe import attitude, velocity, with_velocity
+from taichi_sim.uav.fixed_wing.angles import atan2
 from taichi_sim.uav.multirotor import controller, ground, landing, rotors, start
 from taichi_sim.uav.multirotor import instruments as at
 from taichi_sim.uav.multirotor.airframe import ground_ratios, rk4
@@ -214,12 +217,16 @@ class Multirotor6DOF(Vehicle):
         air = local_air.local_air(around.air, uneven=around.turbulence is not None)
         components = around.sea.shape[2] if self.p.ground_effect else 1
         decked = fleet.touch is not None
-        return Build(components, varied=fleet.varied, loaded=fleet.loaded, air=air, decked=decked, serial=fleet.few)
+        return Build(
+            components, varied=fleet.varied, loaded=fleet.loaded, air=air, decked=decked,
+            width=1 if decked else lanes.width(), serial=fleet.few,
+        )  # fmt: skip
 
     def step(self, fleet: Fleet, around: Surroundings) -> None:
         """Advance one control step."""
         if fleet.touch is None:
-            fleet.launch(self._step, fleet.pack, around.pack, self.build(fleet, around))
+            with abreast.vectors():
+                fleet.launch(self._step, fleet.pack, around.pack, self.build(fleet, around))
         else:
             fleet.launch(self._step_by_decks, fleet.pack, around.pack, fleet.touch.pack(), self.build(fleet, around))
 
@@ -232,7 +239,8 @@ class Multirotor6DOF(Vehicle):
     @ti.kernel
     def _step(self, fleet: FleetPack, around: AroundPack, build: ti.template()):
         ti.loop_config(serialize=build.serial)
-        for e, i in ti.ndrange(fleet.state.shape[0], fleet.state.shape[1]):
+        for g in range((fleet.state.shape[0] * fleet.state.shape[1] + build.width - 1) // build.width):
+            e, i = group(build.width, g * build.width, fleet.state.shape[0], fleet.state.shape[1])
             if ti.static(build.varied):
                 own = numbers_at(self.Own, fleet.numbers, e, i)
                 self.advance(own, build, fleet, around, fleet, e, i)
@@ -256,17 +264,20 @@ class Multirotor6DOF(Vehicle):
     ):  # fmt: skip
         """Advance vehicle i of environment e by one control step: load its state, step it, store it.
 
+        e and i may be those of a group (abreast.py).
+
         `touch` is used if the build is `decked`.
         """
-        clock, seed, env = around.count[0], around.count[1], around.count[2 + e]
-        y = ti.Vector([fleet.state[e, i, k] for k in ti.static(range(13))])
-        omega = ti.Vector([fleet.aux[e, i, at.SPEEDS + k] for k in ti.static(range(self.count))])
-        gust = ti.Vector([fleet.aux[e, i, at.TURBULENCE + k] for k in ti.static(range(5))])
-        held = ti.Vector([fleet.aux[e, i, at.INTEGRALS + k] for k in ti.static(range(8))])
-        time, charge = fleet.aux[e, i, at.TIME], fleet.aux[e, i, at.CHARGE]
-        tau, wind_10 = load_at(build, fleet.load, e, i), ti.Vector([around.wind[e, k] for k in ti.static(range(3))])
-        if time == 0.0:
-            gust = local_air.initial_turbulence(build.air, seed, clock, self.substeps, env, i)
+        clock, seed, env = around.count[0], around.count[1], taken1(around.count, e, 2)
+        y, omega = taken(fleet.state, e, i, 0, 13), taken(fleet.aux, e, i, at.SPEEDS, self.count)
+        gust, held = taken(fleet.aux, e, i, at.TURBULENCE, 5), taken(fleet.aux, e, i, at.INTEGRALS, 8)
+        time, charge = taken(fleet.aux, e, i, at.TIME, 1)[0], taken(fleet.aux, e, i, at.CHARGE, 1)[0]
+        tau, wind_10 = load_at(build, fleet.load, e, i), taken2(around.wind, e, 3)
+        action = taken(fleet.action, e, i, 0, ti.static(len(self.action_names)))
+        begins = time == 0.0
+        if some(begins):
+            drawn = local_air.initial_turbulence(build.air, seed, clock, self.substeps, env, i)
+            gust = ti.select(begins, drawn, gust)
         shear, W20 = around.air[0], local_air.wind_at_20_feet(build.air, around, wind_10, e)
         v_mean = attitude(y) @ velocity(y) - local_air.mean_wind(build.air, wind_10, shear, y)
         f = local_air.turbulence_filter(build.air, v_mean.norm(), -y[2], W20, self.dt)
@@ -291,11 +302,11 @@ class Multirotor6DOF(Vehicle):
                 most *= ti.min(voltage * ti.static(1.0 / self.p.battery.nominal), 1.0)
             if ti.static(build.decked and self.sole_numbers > 0):
                 landed = landing.soles_down(soles, ti.static(self.sole_numbers // SOLE_SIZE))
-            wanted, held, rates, toward = self.commanded(fleet, e, i, y, R, R @ velocity(y) + met, held, most, landed)
+            wanted, held, rates, toward = self.commanded(action, y, R, R @ velocity(y) + met, held, most, landed)
             command = rotors.clipped(self.p, wanted, most)
             if ti.static(build.air.gusty):
-                ahead = local_air.gust_ahead(build.air, y, R @ velocity(y) + met, time, self.dt)
-                y, met = with_velocity(y, velocity(y) - R.transpose() @ ahead), met + ahead
+                change = local_air.gust_ahead(build.air, y, R @ velocity(y) + met, time, self.dt)
+                y, met = with_velocity(y, velocity(y) - R.transpose() @ change), met + change
             if ti.static(build.decked):
                 flies = 1
                 if by_deck > 0:
@@ -339,16 +350,13 @@ class Multirotor6DOF(Vehicle):
             self.save(p, self.over_decks, fleet, e, i, y, met, omega, below)
         else:
             self.save(p, self.p.ground_effect, fleet, e, i, y, met, omega, -y[2] - sea)
-        for k in ti.static(range(3)):
-            fleet.aux[e, i, at.RATES_WANTED + k], fleet.aux[e, i, at.VELOCITY_WANTED + k] = rates[k], toward[k]
-        for k in ti.static(range(5)):
-            fleet.aux[e, i, at.TURBULENCE + k] = gust[k]
-        for k in ti.static(range(8)):
-            fleet.aux[e, i, at.INTEGRALS + k] = held[k]
-        fleet.aux[e, i, at.TIME], fleet.aux[e, i, at.CHARGE], fleet.aux[e, i, at.VOLTAGE] = time, charge, voltage
+        put(fleet.aux, e, i, at.TIME, [time, voltage, charge, rates[0], rates[1], rates[2]])
+        put(fleet.aux, e, i, at.VELOCITY_WANTED, [toward[0], toward[1], toward[2]])
+        put(fleet.aux, e, i, at.TURBULENCE, [gust[0], gust[1], gust[2], gust[3], gust[4]])
+        put(fleet.aux, e, i, at.INTEGRALS, [held[0], held[1], held[2], held[3], held[4], held[5], held[6], held[7]])
 
     @ti.func
-    def commanded(self, fleet: ti.template(), e, i, y, R, v_n, held, most, landed):
+    def commanded(self, action, y, R, v_n, held, most, landed):
         """Rotor speeds (rad/s) that the actions command at the state y, which moves over ground with v_n (n, m/s).
 
         Also returns the controller's state (8: integrals, held heading) a substep later, and the body rates (rad/s) and
@@ -359,28 +367,28 @@ class Multirotor6DOF(Vehicle):
         rates, toward = omega_b, v_n
         if ti.static(self.actions == "rotors"):
             for k in ti.static(range(self.count)):
-                a, hover = fleet.action[e, i, k], ti.static(self.allocation.hover[k])
+                a, hover = action[k], ti.static(self.allocation.hover[k])
                 up = ti.static(self.plan.rotor.omega_max) - hover
                 down = hover - ti.static(self.plan.rotor.omega_min)
                 command[k] = hover + ti.max(a, 0.0) * up + ti.min(a, 0.0) * down
         else:
             T = y[0] * 0.0
             if ti.static(self.actions == "rates"):
-                push = fleet.action[e, i, 0]
+                push = action[0]
                 ratio = ti.static(self.allocation.thrust_to_weight - 1.0)
                 T = ti.static(self.allocation.weight) * (1.0 + ti.max(push, 0.0) * ratio + ti.min(push, 0.0))
                 rates = ti.Vector(
                     [
-                        self.demands.rate * fleet.action[e, i, 1],
-                        self.demands.rate * fleet.action[e, i, 2],
-                        self.demands.yaw_rate * fleet.action[e, i, 3],
+                        self.demands.rate * action[1],
+                        self.demands.rate * action[2],
+                        self.demands.yaw_rate * action[3],
                     ]
                 )
             else:
                 nose = ti.Vector([held[6], held[7]])
-                toward = controller.velocity_wanted(self.demands, fleet.action, e, i, nose[0], nose[1])
+                toward = controller.velocity_wanted(self.demands, action, nose[0], nose[1])
                 slow = ti.Vector([held[3], held[4], held[5]])
-                turn = self.demands.yaw_rate * fleet.action[e, i, 3]
+                turn = self.demands.yaw_rate * action[3]
                 c, slow = controller.specific_thrust(self.gains, self.demands, toward, v_n, turn, slow, self.dt)
                 rate, nose = controller.heading_rate(self.gains, R, turn, nose, self.dt)
                 rates = controller.rates_toward(self.gains, self.demands, R, c, rate)
@@ -399,8 +407,8 @@ class Multirotor6DOF(Vehicle):
                 new[k] = fast[k]
             for k in ti.static(range(self.count)):
                 command[k] = ti.sqrt(thrust[k] * ti.static(1.0 / self.plan.rotor.k_f))
-            if ti.static(self.actions == "velocity"):
-                if landed > 0 and fleet.action[e, i, 2] >= controller.IDLE_FROM:
+            if ti.static(self.actions == "velocity" and not is_laned(y[0])):  # groups fly far from decks
+                if landed > 0 and action[2] >= controller.IDLE_FROM:
                     for k in ti.static(range(self.count)):
                         command[k] = ti.static(controller.EASED**0.5) * ti.static(self.allocation.hover[k])
                         if landed == ti.static(self.sole_numbers // SOLE_SIZE):
@@ -413,6 +421,22 @@ class Multirotor6DOF(Vehicle):
     @ti.func
     def water_below(self, build: ti.template(), around: ti.template(), e, y):
         """Elevation (m, up) of the sea below y, and its rise in a substep; any value does above the ground effect."""
+        if ti.static(is_laned(e)):
+            now, rise = y[0] * 0.0, y[0] * 0.0
+            if ti.static(self.p.ground_effect):
+                v_n = attitude(y) @ velocity(y)
+                for lane in range(lanes.WIDTH):
+                    place = ti.Vector([y[0][lane], y[1][lane], y[2][lane]])
+                    speed = ti.Vector([v_n[0][lane], v_n[1][lane]])
+                    now[lane], rise[lane] = self.water_at(build, around, e[lane], place, speed)
+            return now, rise
+        else:
+            v_n = attitude(y) @ velocity(y)
+            return self.water_at(build, around, e, ti.Vector([y[0], y[1], y[2]]), ti.Vector([v_n[0], v_n[1]]))
+
+    @ti.func
+    def water_at(self, build: ti.template(), around: ti.template(), e, y, v_n):
+        """`water_below` of one vehicle at y (m) that moves over ground with v_n (n, m/s)."""
         now, rise = y[0] * 0.0, y[0] * 0.0
         if ti.static(self.p.ground_effect):
             s, crest = around.env_sea[e], y[0] * 0.0
@@ -420,7 +444,6 @@ class Multirotor6DOF(Vehicle):
                 crest += around.sea[s, AMPLITUDE, c]
             if -y[2] < crest + self.reach:
                 interval = ti.static(self.dt * self.substeps)
-                v_n = attitude(y) @ velocity(y)
                 now = self.elevation(build, around, e, s, y[0], y[1], y[0] * 0.0)
                 there = ti.Vector([y[0] + interval * v_n[0], y[1] + interval * v_n[1]])
                 rise = self.elevation(build, around, e, s, there[0], there[1], y[0] * 0.0 + interval) - now
@@ -444,24 +467,20 @@ class Multirotor6DOF(Vehicle):
         v = v_r + R.transpose() @ met
         v_n = R @ v
         store(fleet.derived, e, i, R, v_n)
-        for k in ti.static(range(13)):
-            fleet.state[e, i, k] = y[k]
         ratio = ground_ratios(self.p, p, kind, R, v_r, omega, below)
         thrust, near = y[0] * 0.0, y[0] * 0.0
         gain = ti.static(rotor_gains(p, self.count))
         for k in ti.static(range(self.count)):
             thrust += p.k_f * gain[k] * omega[k] * omega[k] * ratio[k]
             near += ti.static(1.0 / self.count) * ratio[k]
-            fleet.aux[e, i, at.SPEEDS + k] = omega[k]
-        for k in ti.static(range(3)):
-            fleet.state[e, i, VELOCITY.start + k] = v[k]
-            fleet.aux[e, i, at.WIND + k], fleet.aux[e, i, at.RATES + k] = met[k], y[10 + k]
-            fleet.aux[e, i, at.VELOCITY_N + k] = v_n[k]
-        airspeed = v_r.norm()
-        fleet.aux[e, i, at.THRUST], fleet.aux[e, i, at.GROUND] = thrust, near
-        fleet.aux[e, i, at.POWER], fleet.aux[e, i, at.AIRSPEED] = rotors.shaft_power(self.p, p, omega), airspeed
-        fleet.aux[e, i, at.TILT] = ti.acos(ti.max(ti.min(R[2, 2], 1.0), -1.0))
+            put(fleet.aux, e, i, at.SPEEDS + k, [omega[k]])
+        put(fleet.state, e, i, 0, [y[0], y[1], y[2], y[3], y[4], y[5], y[6], v[0], v[1], v[2], y[10], y[11], y[12]])
+        airspeed, power = v_r.norm(), rotors.shaft_power(self.p, p, omega)
+        tilt = atan2(ti.sqrt(R[2, 0] * R[2, 0] + R[2, 1] * R[2, 1]), R[2, 2])
         sinking = v_r[2] > self.induced
-        outside = sinking or R[2, 2] < 0.0 or airspeed > self.plan.envelope.max_airspeed
-        interval = ti.static(self.dt * self.substeps)
-        fleet.aux[e, i, at.OUTSIDE] = ti.select(outside, fleet.aux[e, i, at.OUTSIDE] + interval, 0.0)
+        outside = sinking | (R[2, 2] < 0.0) | (airspeed > self.plan.envelope.max_airspeed)
+        since = taken(fleet.aux, e, i, at.OUTSIDE, 1)[0] + ti.static(self.dt * self.substeps)
+        put(fleet.aux, e, i, at.THRUST, [thrust, power, near, airspeed, tilt])
+        put(fleet.aux, e, i, at.WIND, [met[0], met[1], met[2], ti.select(outside, since, 0.0)])
+        put(fleet.aux, e, i, at.RATES, [y[10], y[11], y[12]])
+        put(fleet.aux, e, i, at.VELOCITY_N, [v_n[0], v_n[1], v_n[2]])
