@@ -4,6 +4,7 @@ Commands and listings run in processes of their own, forked from a server that h
 one real call of the script, shared by all tests of a session.
 """
 
+import atexit
 import csv
 import dataclasses
 import functools
@@ -14,7 +15,6 @@ import os
 import runpy
 import shutil
 import signal
-import subprocess
 import sys
 import tempfile
 from pathlib import Path
@@ -126,12 +126,15 @@ def _child(
         _plan(*fault)
     if cwd is not None:
         os.chdir(cwd)
-    if module.endswith(".py"):
-        sys.path.insert(0, str(cwd))
-        sys.argv = [module, *arguments]
-        runpy.run_path(module, run_name="__main__")
-        sys.exit(0)
-    sys.exit(cli.run(importlib.import_module(module).main, list(arguments)))
+    try:
+        if module.endswith(".py"):
+            sys.path.insert(0, str(cwd))
+            sys.argv = [module, *arguments]
+            runpy.run_path(module, run_name="__main__")
+            sys.exit(0)
+        sys.exit(cli.run(importlib.import_module(module).main, list(arguments)))
+    finally:
+        atexit._run_exitfuncs()  # processes of multiprocessing forget it; the next one finds the compiled kernels
 
 
 def _plan(team: str, iteration: int, number: int) -> None:
@@ -175,21 +178,11 @@ def tiny_run() -> Path:
 
 
 def _make_tiny_run(folder: Path) -> None:
-    script = [
-        sys.executable,
-        str(ROOT / "rl" / "train.py"),
-        "--config",
-        "paper",
-        "--out",
-        "run",
-        "--threads",
-        "1",
-        *sets(*TINY),
-    ]
-    done = subprocess.run(script, cwd=folder, capture_output=True, text=True, timeout=TIMEOUT)
-    assert done.returncode == 0, done.stderr
-    assert "summary.json" in done.stdout and "episode.rrd" in done.stdout
-    assert "stage 2/2 uav" in done.stderr  # progress
+    script = str(ROOT / "rl" / "train.py")
+    done = command(script, "--config", "paper", "--out", "run", "--threads", "1", *sets(*TINY), cwd=folder)
+    assert done.status == 0, done.err
+    assert "summary.json" in done.out and "episode.rrd" in done.out
+    assert "stage 2/2 uav" in done.err  # progress
 
 
 def tiny_config() -> FormationScenario:

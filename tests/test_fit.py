@@ -18,6 +18,7 @@ from taichi_sim.fit.estimate import Start, _directions, _given_the_rest, fit
 from taichi_sim.fit.log import read_columns, read_log
 from taichi_sim.fit.synthetic import write_logs
 from taichi_sim.fit.table import LogError, Source
+from taichi_sim.fit.windows import windows_of
 from taichi_sim.recording.ros import write_mcap
 from taichi_sim.vehicles import load_vehicle
 
@@ -371,6 +372,16 @@ def test_bad_dataflash_logs_are_told(logs, tmp_path, monkeypatch):
 def test_a_gap_parts_a_log(logs, tmp_path):
     file = _changed(logs[0], tmp_path / "gap.csv", lambda rows: rows[:150] + rows[220:])
     assert [p.stop - p.start for p in read_log(file, load_vehicle("otter_3dof")).parts] == [150, 180]
+
+
+def test_a_clock_of_large_numbers_changes_nothing(logs, tmp_path):
+    """Seconds since 1970 have steps of 0.24 microseconds: no command moves to the step before."""
+    model = load_vehicle("otter_3dof")
+    late = _changed(logs[0], tmp_path / "late.csv", _each("t", lambda r: f"{1.7e9 + float(r['t']):.3f}"))
+    one, other = (windows_of([read_log(file, model)], 6.0) for file in (logs[0], late))
+    for a, b in zip(one, other, strict=True):
+        np.testing.assert_array_equal(a.actions, b.actions)
+        np.testing.assert_allclose(a.motion, b.motion, atol=1e-5)
 
 
 def test_what_data_do_not_tell_is_said_and_kept(tmp_path):

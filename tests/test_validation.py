@@ -6,13 +6,14 @@ from pathlib import Path
 
 import pytest
 
-from tests.validation import aerosonde, multirotor, rao
+from tests.validation import aerosonde, contact, multirotor, rao
 from tests.validation.case import Folder
 from tests.validation.report import Job, jobs
 
 REFERENCE = Path(__file__).parent / "data" / "reference"
 LONG = ("cybership2", "hydrostatics", "otter", "wamv")  # sections that compile a model each: among the slow tests only
-SLOW = (rao.rao, aerosonde.trajectory, multirotor.series)  # checkers that run long
+# Checkers that run long. tests/physics/test_contact.py has the legs, blocks and tips of contact's table.
+SLOW = (rao.rao, aerosonde.trajectory, multirotor.series, contact.closed_forms)
 INPUTS = {  # files without a check of their own: other tables or, of the turns, tests/physics/test_mmg.py read them
     "turn_35.csv", "turn_-20.csv",
     *(f"41010.{ending}" for ending in ("data_spec", "swdir", "swdir2", "swr1", "swr2")),

@@ -3,14 +3,17 @@ figures.
 
     git clone https://github.com/cybergalactic/PythonVehicleSimulator
     python tools/transfer.py RUN --path PythonVehicleSimulator      # its Otter
-    pip install rotorpy
+    pip install rotorpy jsbsim crazyflow
     python tools/transfer.py RUN --team uav --simulator rotorpy     # any multirotor of four rotors
+    python tools/transfer.py RUN --team uav --simulator crazyflow   # its Holybro X500, in the place of the x500
+    python tools/transfer.py aerosonde --simulator jsbsim           # its Cessna 172P, in the place of a fixed wing
     python tools/transfer.py RUN --simulator mymodule:Class --controller classical --episodes 16
 
-RUN is a run folder of rl/train.py. Worlds, targets, sensors, radio, controllers and judge are ours. In each decision
-the other simulator moves the team's vehicles instead of our model. Both move in calm water without wind, in the
-scenario's current, with the numbers of the vehicle file; [TEAM.vary] is ignored. A simulator of your own derives from
-Simulator, in this file.
+RUN is a run folder of rl/train.py. For the classical controllers a scenario will do: a file, or a shipped one's name.
+Worlds, targets, sensors, radio, controllers and judge are ours. In each decision the other simulator moves the team's
+vehicles instead of our model. Both move in calm water without wind, in the scenario's current; [TEAM.vary] is ignored.
+Which numbers the vehicles have there, their classes below say. A simulator of your own derives from Simulator, in this
+file. crazyflow asks for the setting SCIPY_ARRAY_API=1.
 
 It prints a Markdown table: each figure there / here, and the ratio (for shares the difference, in points) with its 95 %
 interval.
@@ -21,6 +24,7 @@ interval.
 
 import argparse
 import contextlib
+import math
 import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -37,16 +41,20 @@ from rl.mission import Mission
 from taichi_sim.bench import pack_state
 from taichi_sim.config import ConfigError
 from taichi_sim.config.plugins import load_class
-from taichi_sim.conventions import POSITION, QUATERNION, STATE_SIZE
+from taichi_sim.conventions import GRAVITY, POSITION, QUATERNION, STATE_SIZE, VELOCITY
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels.packs import FleetPack
 from taichi_sim.kernels.rotation import rotation_matrix, torch_euler_from_quaternion
 from taichi_sim.surroundings import Surroundings
+from taichi_sim.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
+from taichi_sim.uav.fixed_wing.instruments import DEFLECTIONS, READINGS, STALL_TIME, TIME
 from taichi_sim.uav.multirotor import instruments
+from taichi_sim.uav.multirotor.controller import heading_rate, specific_thrust, velocity_wanted
 from taichi_sim.uav.multirotor.multirotor_6dof import Multirotor6DOF
 from taichi_sim.usv.hull import thruster_set
 from taichi_sim.usv.hull.hull_6dof import Hull6Dof
 from taichi_sim.vehicle import Vehicle
+from tools import jsbsim_plane
 
 Array = NDArray[np.float64]
 EPISODES = 64
@@ -176,10 +184,7 @@ class RotorPy(Simulator):
             for n in range(rows):
                 state[n], omega[n] = self._moved(state[n], omega[n], command[n], model.dt)
             found = state
-        fleet.aux[..., self.speeds] = torch.from_numpy(omega).view(wanted.shape).to(fleet.aux)
-        fleet.aux[..., instruments.TIME] += model.dt * model.substeps
-        speed = np.linalg.norm(found[:, 7:10], axis=1)  # in still air
-        fleet.aux[..., instruments.AIRSPEED] = torch.from_numpy(speed).view(wanted.shape[:2]).to(fleet.aux)
+        show_rotors(fleet, omega, found)
         return found
 
     def _moved(self, y: Array, omega: Array, command: Array, dt: float) -> tuple[Array, Array]:
@@ -196,9 +201,170 @@ class RotorPy(Simulator):
         return np.concatenate([new["x"] * turn, q, body, new["w"] * turn]), new["rotor_speeds"]
 
 
+class JSBSim(Simulator):
+    """JSBSim's c172p (jsbsim_plane.py) at the scale of our aircraft, as a dynamically similar model would fly.
+
+    Lengths there are those here times the ratio of the spans, times and speeds those here times its square root
+    (Froude). So the c172p has about the airspeeds, turns and climbs that the scenario asks for. Its mass, aerodynamics,
+    engine and propeller are its own. Actions ask for what they ask of our autopilot: the sine of the path angle, the
+    bank and the airspeed. A pilot of the c172p's own flies them. Its air is the standard atmosphere's, at the height
+    there. It flies from the equator, over an ellipsoid that turns.
+    """
+
+    STALLED = 0.28  # rad, the end of its tables
+
+    def __init__(self, model: Vehicle, path: Path | None):
+        """See Simulator."""
+        super().__init__(model, path)
+        if not isinstance(model, FixedWing6DOF) or model.actions != "guidance":
+            raise ConfigError(
+                'jsbsim: it moves fixed wings alone (fixed_wing_6dof with autopilot.actions = "guidance")'
+            )
+        self.trims, self.limits = jsbsim_plane.Trims(), model.autopilot_limits
+        self.length = self.trims.span / model.p.physical.b
+        self.speed, seconds = math.sqrt(self.length), model.dt * model.substeps
+        self.steps = max(math.ceil(seconds * self.speed / jsbsim_plane.STEP - 1e-9), 1)
+        self.dt, self.seconds = seconds * self.speed / self.steps, seconds
+        self.planes: dict[int, jsbsim_plane.Plane] = {}
+        self.begun, self.left = np.zeros((0, 2)), np.zeros((0, STATE_SIZE))
+
+    def advance(self, fleet: Fleet, around: Surroundings) -> Array:
+        """See Simulator."""
+        rows, limits = fleet.num_envs * fleet.count, self.limits
+        state = fleet.state.double().cpu().view(rows, STATE_SIZE).numpy()
+        if len(self.left) != rows:
+            self.begun, self.left = np.zeros((rows, 2)), np.full((rows, STATE_SIZE), np.nan)
+        actions = fleet.action.double().cpu().view(rows, -1).numpy()
+        eta, nu, aux = np.empty((rows, 6)), np.empty((rows, 6)), np.empty((rows, 8))
+        for n in range(rows):
+            if not np.array_equal(state[n], self.left[n]):  # placed anew, in level flight
+                self._begin(n, state[n])
+            pitch, yaw, boost = actions[n].tolist()
+            low, cruise, high = limits.speeds
+            wanted = cruise + max(boost, 0.0) * (high - cruise) + min(boost, 0.0) * (cruise - low)
+            plane = self.planes[n]
+            plane.fly(pitch * limits.sin_pitch, yaw * limits.tan_bank, wanted * self.speed, self.steps)
+            eta[n], nu[n], aux[n] = plane.eta, plane.nu, plane.deflections + plane.readings
+        eta[:, :3] /= self.length
+        eta[:, :2] += self.begun
+        nu[:, :3] /= self.speed
+        nu[:, 3:] *= self.speed
+        aux[:, 4] /= self.speed
+        found = pack_state(eta, nu)
+        self.left = torch.from_numpy(found).to(fleet.state).double().cpu().numpy()  # as fleet.state will have it
+        now, given = fleet.aux.view(rows, -1), torch.from_numpy(aux).to(fleet.aux)
+        now[:, DEFLECTIONS : DEFLECTIONS + 4], now[:, READINGS : READINGS + 4] = given[:, :4], given[:, 4:]
+        now[:, TIME] += self.seconds
+        now[:, STALL_TIME] = (now[:, STALL_TIME] + self.seconds) * (given[:, 5] > self.STALLED)
+        return found
+
+    def _begin(self, n: int, state: Array) -> None:
+        heading = float(torch_euler_from_quaternion(torch.from_numpy(state[QUATERNION]))[2])
+        speed, height = float(np.linalg.norm(state[VELOCITY])) * self.speed, -state[2] * self.length
+        self.planes[n] = jsbsim_plane.Plane(self.trims, self.dt, speed, height, heading)
+        self.begun[n] = state[:2]
+
+
+class Crazyflow(Simulator):
+    """The Holybro X500 of crazyflow (M. Schuck, M. Rath and others 2025, MIT), fitted to flights of one.
+
+    Its mass, drag, the lags of its thrust and of its own attitude controller are crazyflow's (`so_rpy_rotor_drag`), and
+    so is the integrator, with its usual 500 steps a second. Our controller of velocities commands the specific thrust,
+    anew in each substep from the state there: crazyflow gets the attitude and the share of the hover's thrust. Frames
+    are RotorPy's. Speeds of rotors, which it does not have, are shown as those that hover shares ask for.
+    """
+
+    FREQUENCY = 500  # 1/s, crazyflow's default
+    TURN = RotorPy.TURN
+
+    def __init__(self, model: Vehicle, path: Path | None):
+        """See Simulator."""
+        super().__init__(model, path)
+        like = isinstance(model, Multirotor6DOF) and model.count == 4 and model.actions == "velocity"
+        if not like or abs(model.p.physical.mass - 2.06) > 0.01:
+            raise ConfigError('crazyflow: of vehicles here it has the x500 alone, with control.actions = "velocity"')
+        try:
+            from crazyflow import Sim
+            from crazyflow.control import Control
+            from crazyflow.drones import Drone
+            from crazyflow.dynamics import Dynamics
+        except (ImportError, RuntimeError) as error:  # it needs that setting before anybody imports scipy
+            raise ConfigError(
+                f"crazyflow cannot be imported ({error}): pip install crazyflow, and set SCIPY_ARRAY_API=1"
+            ) from None
+        kinds = {"drone": Drone.hb_x500, "dynamics": Dynamics.so_rpy_rotor_drag, "control": Control.attitude}
+        self.make = lambda rows: Sim(n_worlds=rows, freq=self.FREQUENCY, **kinds)
+        self.there: Any = None
+        self.steps = max(round(model.dt * self.FREQUENCY), 1)
+        self.speeds = slice(instruments.SPEEDS, instruments.SPEEDS + model.count)
+
+    def advance(self, fleet: Fleet, around: Surroundings) -> Array:
+        """See Simulator."""
+        model, rows, turn = self.model, fleet.num_envs * fleet.count, self.TURN
+        assert isinstance(model, Multirotor6DOF)
+        if self.there is None or self.there.n_worlds != rows:
+            self.there = self.make(rows)
+        sim, q_turn = self.there, np.array([1.0, *turn])
+        weight = float(np.ravel(sim.data.params.mass)[0]) * GRAVITY
+        factor = float(np.ravel(sim.data.params.cmd_f_coef)[0])  # thrust over its command
+        hover = model.p.physical.mass * GRAVITY / (model.count * model.p.rotor.k_f)  # speed squared
+        wanted = fleet.state.new_empty((*fleet.state.shape[:2], 5))
+        state = fleet.state.double().cpu().view(rows, STATE_SIZE).numpy().copy()
+        omega = fleet.aux[..., self.speeds].double().cpu().reshape(rows, -1).numpy()
+        thrust = (omega**2).mean(axis=1) / hover * weight
+        for _ in range(model.substeps):
+            fleet.state.copy_(torch.from_numpy(state).view(fleet.state.shape))
+            specific_thrusts(model, fleet.pack, wanted)
+            c, nose = np.split(wanted.double().cpu().view(rows, -1).numpy(), [3], axis=1)
+            R = Rotation.from_quat(state[:, [4, 5, 6, 3]])
+            share = np.maximum((c * R.as_matrix()[:, :, 2]).sum(1), 0.0) / GRAVITY
+            yaw = np.arctan2(nose[:, 1], nose[:, 0])
+            level = Rotation.from_euler("z", -yaw[:, None]).apply(c / np.linalg.norm(c, axis=1, keepdims=True))
+            attitude = np.stack([-np.arcsin(level[:, 1]), -np.arctan2(level[:, 0], level[:, 2]), -yaw], axis=1)
+            command = np.column_stack([attitude, share * weight / factor])
+            new = sim.data.states.replace(
+                pos=_jax(state[:, :3] * turn), vel=_jax(R.apply(state[:, 7:10]) * turn),
+                quat=_jax((state[:, 3:7] * q_turn)[:, [1, 2, 3, 0]]), ang_vel=_jax(state[:, 10:] * turn),
+                rotor_vel=_jax(np.tile(thrust[:, None], 4)),
+            )  # fmt: skip
+            sim.data = sim.data.replace(states=new)
+            sim.attitude_control(_jax(command))
+            sim.step(self.steps)
+            x, q, v, w, T = (
+                np.asarray(getattr(sim.data.states, name), dtype=np.float64)[:, 0]
+                for name in ("pos", "quat", "vel", "ang_vel", "rotor_vel")
+            )
+            thrust = T[:, 0]
+            q = q[:, [3, 0, 1, 2]] * q_turn
+            v_b = Rotation.from_quat(q[:, [1, 2, 3, 0]]).inv().apply(v * turn)
+            state = np.hstack((x * turn, q, v_b, w * turn))
+        show_rotors(fleet, np.tile(np.sqrt(np.maximum(thrust, 0.0) / weight * hover)[:, None], model.count), state)
+        return state
+
+
+def _jax(values: Array) -> Any:
+    """An array of crazyflow's, [world, drone, n], of values [world, n]."""
+    import jax.numpy as jnp
+
+    return jnp.asarray(values[:, None], dtype=jnp.float32)
+
+
+def show_rotors(fleet: Fleet, omega: Array, state: Array) -> None:
+    """Write what a multirotor's instruments show: speeds of its rotors [row, rotor], airspeed in still air, time."""
+    count, shape = omega.shape[1], fleet.state.shape[:2]
+    speed = np.linalg.norm(state[:, VELOCITY], axis=1)
+    fleet.aux[..., instruments.SPEEDS : instruments.SPEEDS + count] = (
+        torch.from_numpy(omega).view(*shape, count).to(fleet.aux)
+    )
+    fleet.aux[..., instruments.TIME] += fleet.model.dt * fleet.model.substeps
+    fleet.aux[..., instruments.AIRSPEED] = torch.from_numpy(speed).view(shape).to(fleet.aux)
+
+
 SIMULATORS: Mapping[str, type[Simulator]] = {
     "python_vehicle_simulator": PythonVehicleSimulator,
     "rotorpy": RotorPy,
+    "jsbsim": JSBSim,
+    "crazyflow": Crazyflow,
 }
 
 
@@ -217,6 +383,28 @@ def rotor_speeds(model: ti.template(), fleet: FleetPack, out: ti.types.ndarray(n
             out[e, i, k] = command[k]
         for k in ti.static(range(8)):
             fleet.aux[e, i, instruments.INTEGRALS + k] = held[k]
+
+
+@ti.kernel
+def specific_thrusts(model: ti.template(), fleet: FleetPack, out: ti.types.ndarray(ndim=3)):
+    """Write the specific thrust (n, m/s^2, along the rotors' pull reversed) and the cosine and sine of the heading
+    [env, vehicle, 5] that the controllers of velocities of multirotors command, and advance them by a substep.
+    """
+    for e, i in ti.ndrange(out.shape[0], out.shape[1]):
+        y = ti.Vector([fleet.state[e, i, k] for k in ti.static(range(STATE_SIZE))])
+        held = ti.Vector([fleet.aux[e, i, instruments.INTEGRALS + k] for k in ti.static(range(8))])
+        R = rotation_matrix(ti.Vector([y[3], y[4], y[5], y[6]]))
+        v_n, slow = R @ ti.Vector([y[7], y[8], y[9]]), ti.Vector([held[3], held[4], held[5]])
+        toward = velocity_wanted(model.demands, fleet.action, e, i, held[6], held[7])
+        turn = model.demands.yaw_rate * fleet.action[e, i, 3]
+        c, slow = specific_thrust(model.gains, model.demands, toward, v_n, turn, slow, model.dt)
+        _rate, nose = heading_rate(model.gains, R, turn, ti.Vector([held[6], held[7]]), model.dt)
+        for k in ti.static(range(3)):
+            out[e, i, k] = c[k]
+            fleet.aux[e, i, instruments.INTEGRALS + 3 + k] = slow[k]
+        for k in ti.static(range(2)):
+            out[e, i, 3 + k] = nose[k]
+            fleet.aux[e, i, instruments.INTEGRALS + 6 + k] = nose[k]
 
 
 @ti.kernel
@@ -285,7 +473,7 @@ def parser() -> argparse.ArgumentParser:
     from rl import cli
 
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    p.add_argument("run", type=Path, metavar="RUN", help="run folder of rl/train.py")
+    p.add_argument("run", type=Path, metavar="RUN", help="run folder of rl/train.py, or a scenario (classical alone)")
     p.add_argument("--team", default=None, help="team that is moved there (default: the first that was trained)")
     p.add_argument("--simulator", default="python_vehicle_simulator", metavar="NAME",
                    help=f"{', '.join(SIMULATORS)}, or module:Class of your own (default: %(default)s)")  # fmt: skip
@@ -293,7 +481,7 @@ def parser() -> argparse.ArgumentParser:
         "--path", type=Path, default=None, metavar="DIR", help="folder of the simulator, if it is not installed"
     )
     p.add_argument("--controller", choices=("policy", "classical"), action="append", default=None,
-                   help="may be given twice (default: both)")  # fmt: skip
+                   help="may be given twice (default: both; of a scenario: classical)")  # fmt: skip
     p.add_argument("--episodes", type=cli.positive_int, default=EPISODES, help=f"default: {EPISODES}; at most 256")
     p.add_argument("--seed", type=cli.seed, default=None, help="of the unseen worlds (default: the scenario's)")
     cli.add_common(p)
@@ -308,14 +496,18 @@ def main(argv: list[str] | None = None) -> None:
     from rl.learn.policy import policies_of
     from rl.runs.folder import load_config
 
-    config, _ = load_config(args.run, args.overrides)
+    scenario = None if args.run.is_dir() else args.run
+    controllers = args.controller or ("classical",) if scenario else args.controller or ("policy", "classical")
+    if scenario and "policy" in controllers:
+        raise ConfigError(f"--controller policy needs a run folder, and {args.run} is none")
+    config, _ = load_config(args.run, args.overrides, scenario)
     team = args.team or config.trained[0]
     if team not in config.trained:
         raise ConfigError(f"--team {team}: allowed are {', '.join(config.trained)}")
     if args.episodes > CHUNK:
         raise ConfigError(f"--episodes {args.episodes}: at most {CHUNK}")
-    calm = ("sea.sea_state=0", "air.speed=0", 'air.turbulence="none"', f"{team}.vary={{}}")
-    config, source = load_config(args.run, [*args.overrides, *calm])
+    calm = ("sea.sea_state=0", "air.speed=0", "air.std=0", 'air.turbulence="none"', f"{team}.vary={{}}")
+    config, source = load_config(args.run, [*args.overrides, *calm], scenario)
     check_measurable(config)
     kind = SIMULATORS.get(args.simulator)
     if kind is None:
@@ -324,7 +516,7 @@ def main(argv: list[str] | None = None) -> None:
         kind = load_class(args.simulator, Simulator, [Path.cwd()])
     cli.start(args)
     seed, rows = config.evaluation.seed if args.seed is None else args.seed, {}
-    for controller in args.controller or ("policy", "classical"):
+    for controller in controllers:
         policy = policies_of(controller, args.run, config)[team]
         rows[controller] = [
             judged(config, source, team, policy, args.episodes, seed, other, args.path) for other in (kind, None)

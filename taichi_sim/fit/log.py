@@ -20,6 +20,7 @@ from taichi_sim.fit.dataflash import read_dataflash
 from taichi_sim.fit.table import CHANNELS, GAP, Array, Column, LogError, Source, Table
 from taichi_sim.vehicle import Vehicle
 
+JITTER = 0.5  # of the usual interval, within which an interval is no gap
 FASTEST, SLOWEST = 1e-3, 2.0  # s, intervals between samples
 SMALL, LARGE = 1 / 40, 40.0  # ratios of two rates that should agree, beyond which one of them is in degrees
 COURSE_OVER = 2.0  # s, time over which a course is computed
@@ -45,8 +46,11 @@ class Log(NamedTuple):
 
     @property
     def interval(self) -> float:
-        """Interval between samples, s."""
-        return float(np.median(np.diff(self.t)))
+        """Interval between samples, s: the mean of those that are not gaps, for a clock of large numbers is coarse."""
+        steps = np.diff(self.t)
+        usual = float(np.median(steps))
+        near = steps[np.abs(steps - usual) <= JITTER * usual]
+        return float(np.mean(near)) if near.size else usual
 
 
 def read_columns(file: Path) -> dict[str, Column]:

@@ -15,6 +15,7 @@ from taichi_sim.vehicles import load_vehicle
 
 LEAD = 1.0  # s before a window, in which its actuators reach the commanded settings
 STEP = 0.02  # s, longest physics step
+EARLY = 0.05  # of an interval: a sample that comes this much after its step of the grid counts as of that step
 
 
 MIRRORED = 0.5  # rms deviation from the simulation of a log, mirrored, over that as it is, below which it is mirrored
@@ -48,8 +49,9 @@ def windows_of(logs: Sequence[Log], seconds: float) -> list[Window]:
             t = log.t[part]
             grid = t[0] + first * np.arange(int((t[-1] - t[0]) / first + 1e-6) + 1)
             motion = np.stack([np.interp(grid, t, column) for column in log.motion[part].T], axis=1)
-            actions = held(t, log.actions[part], grid)
-            wind = None if log.wind is None else held(t, log.wind[part], grid)
+            late = grid + EARLY * first
+            actions = held(t, log.actions[part], late)
+            wind = None if log.wind is None else held(t, log.wind[part], late)
             whole = Window(number, motion, actions, wind)
             for k in range(lead, len(grid) - steps, steps + 1):  # no sample is used twice
                 found.append(_cut(whole, k - lead, k + steps))

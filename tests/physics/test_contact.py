@@ -72,7 +72,6 @@ def table(reference):
     return json.loads((reference / "multirotor" / "contact_closed_forms.json").read_text())
 
 
-@pytest.mark.slow  # tests/test_validation.py runs the same table
 def test_closed_forms_of_legs_friction_and_tipping(table):
     """On decks that stay: legs sink and let go, blocks stick, slide and stop, aircraft tip or do not."""
     legs, blocks, stops = table["leg"], table["block_on_tilted_deck"], table["sliding_stop_on_level_deck"]

@@ -26,28 +26,32 @@ from rl.learn.stages import train_stages
 from rl.runs import folder as run_folder
 
 
-@pytest.mark.parametrize("team", [pytest.param("usv", marks=pytest.mark.slow), "uav"])
-def test_ctrl_c_in_a_stage_saves_and_the_run_can_go_on(team, run):
-    forget(run, *(TEAMS if team == "usv" else ("uav",)))
-    ending = command("rl.train", "--out", run, "--resume", fault=(team, 1, signal.SIGINT))
+@pytest.mark.slow
+def test_ctrl_c_in_the_first_stage_saves_and_the_run_can_go_on(run):
+    forget(run, *TEAMS)
+    ending = command("rl.train", "--out", run, "--resume", fault=("usv", 1, signal.SIGINT))
     ending.fails("interrupted", str(run), "--resume", status=130)
-    assert checkpoints(run / team)[-1].name == "model_2.pt"
-    assert iterations(run, team) == [0, 1]
-    config, _ = run_folder.load_config(run)
-    results = train_stages(config, run, show_progress=False)
+    assert checkpoints(run / "usv")[-1].name == "model_2.pt"
+    assert iterations(run, "usv") == [0, 1]
+    results = train_stages(run_folder.load_config(run)[0], run, show_progress=False)
     assert [result["iterations"] for result in results] == [ITERATIONS] * 2
     for name in TEAMS:
         assert iterations(run, name) == list(range(ITERATIONS))
         assert (run / name / "policy.onnx").is_file()
 
 
-def test_a_killed_run_goes_on_from_its_last_checkpoint(run):
+def test_a_run_goes_on_after_ctrl_c_and_after_a_kill(run):
+    """Ctrl-C saves the iteration that is done; what is killed goes on from its last checkpoint; the end is whole."""
     forget(run, "uav")
     usv = content(run / "usv")
-    killed = command("rl.train", "--out", run, "--resume", fault=("uav", 1, signal.SIGKILL))
-    assert killed.status == -signal.SIGKILL
-    assert checkpoints(run / "uav")[-1].name == "model_1.pt"
+    ending = command("rl.train", "--out", run, "--resume", fault=("uav", 1, signal.SIGINT))
+    ending.fails("interrupted", str(run), "--resume", status=130)
+    assert checkpoints(run / "uav")[-1].name == "model_2.pt"
     assert iterations(run, "uav") == [0, 1]
+    killed = command("rl.train", "--out", run, "--resume", fault=("uav", 2, signal.SIGKILL))
+    assert killed.status == -signal.SIGKILL
+    assert checkpoints(run / "uav")[-1].name == "model_2.pt"
+    assert iterations(run, "uav") == [0, 1, 2]
     ending = command("rl.train", "--out", run, "--resume")
     assert ending.status == 0, ending.err
     assert_whole(run)

@@ -34,15 +34,15 @@ def shared() -> Landing:
     return landing()
 
 
-def test_on_a_calm_sea_every_pilot_lands_softly_in_the_middle():
-    for kind in ("glide", "forecast"):
-        config = load_scenario("landing", (*CALM, f"uav.pilot.kind={kind}"))
-        result = judge_episodes(config, {"uav": ClassicalPolicy()}, episodes=4, seed=5, show_progress=False)
-        figures = result.result["teams"]["uav"]
-        assert figures["success_rate"] == 1.0, figures
-        assert figures["touch_error_p95_m"] < 0.2 and figures["touch_speed_p95_m_s"] < 0.9, figures
-        ends = sum(figures[name] for name in OUTCOMES[1:])
-        assert ends == 0.0 and figures["time_to_land_p95_s"] < 25.0
+@pytest.mark.parametrize("kind", [pytest.param("glide", marks=pytest.mark.slow), "forecast"])
+def test_on_a_calm_sea_pilots_land_softly_in_the_middle(kind):
+    config = load_scenario("landing", (*CALM, f"uav.pilot.kind={kind}"))
+    result = judge_episodes(config, {"uav": ClassicalPolicy()}, episodes=4, seed=5, show_progress=False)
+    figures = result.result["teams"]["uav"]
+    assert figures["success_rate"] == 1.0, figures
+    assert figures["touch_error_p95_m"] < 0.2 and figures["touch_speed_p95_m_s"] < 0.9, figures
+    ends = sum(figures[name] for name in OUTCOMES[1:])
+    assert ends == 0.0 and figures["time_to_land_p95_s"] < 25.0
 
 
 def test_it_has_landed_after_standing_and_not_before():

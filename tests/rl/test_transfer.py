@@ -123,8 +123,10 @@ def test_the_published_otter_gets_shaft_speeds_and_current(checkout):
 
 
 @pytest.mark.parametrize(("words", "told"), [
-    (("--simulator", "gazebo"), "python_vehicle_simulator, rotorpy, or module:Class"),
+    (("--simulator", "gazebo"), "python_vehicle_simulator, rotorpy, jsbsim, crazyflow, or module:Class"),
     (("--simulator", "rotorpy"), "multirotors of four rotors alone"),
+    (("--simulator", "jsbsim"), "fixed wings alone"),
+    (("--simulator", "crazyflow"), "the x500 alone"),
     (("--simulator", "nothing:There"), "no module 'nothing'"),
     (("--team", "fish"), "allowed are usv, uav"),
     (("--episodes", "1000"), "at most 256"),
@@ -137,8 +139,15 @@ def test_a_boat_that_the_other_has_not_is_told(here, run, checkout):
     here("tools.transfer", run, "--path", checkout, "--episodes", 2).fails("it has the Otter alone")
 
 
-def test_what_is_not_there_is_told(here, tmp_path):
+def test_what_is_not_there_is_told(here, tmp_path, monkeypatch):
     here("tools.transfer", tmp_path).fails("not a run folder")
+    here("tools.transfer", "otter", "--controller", "policy").fails("needs a run folder, and otter is none")
+    for package in ("jsbsim", "crazyflow"):
+        monkeypatch.setitem(sys.modules, package, None)
+    with pytest.raises(ConfigError, match="pip install jsbsim"):
+        transfer.JSBSim(load_vehicle("aerosonde"), None)
+    with pytest.raises(ConfigError, match="pip install crazyflow"):
+        transfer.Crazyflow(load_vehicle("x500"), None)
     with pytest.raises(ConfigError, match="there is no python_vehicle_simulator: name a checkout"):
         transfer.published_otter(tmp_path)
 
@@ -165,6 +174,82 @@ def test_a_multirotor_in_rotorpy_flies_as_ours(action):
         ends.append(team.fleet.state[:, 0].double().numpy().copy())
     assert ends[1] == pytest.approx(ends[0], abs=2e-3)
     assert np.abs(ends[0][:, 7:10] - (1.0, 0.0, 0.0)).max() > 0.5
+
+
+@pytest.mark.slow
+def test_an_x500_that_was_fitted_to_flights_follows_our_controller():
+    """Needs crazyflow, and SCIPY_ARRAY_API=1 before anything imports scipy. Velocities settle where they do here."""
+    try:
+        transfer.Crazyflow(load_vehicle("x500"), None)
+    except ConfigError as error:
+        pytest.skip(str(error))
+    model, ways = load_vehicle("x500", 0.02, 5), []
+    for there in (False, True):
+        team = Bench(model, envs=2, count=1).put((1.0, 2.0, -30.0), (0.0, 0.0, 0.4), (0.0, 0.0, 0.0), settle=True)
+        team.fleet.action[:, 0] = torch.tensor([[0.0, 0.0, 0.0, 0.0], [0.5, 0.2, -0.3, 0.0]]).to(team.state)
+        simulator, way = transfer.Crazyflow(model, None), []
+        for _ in range(60):  # 6 s
+            if there:
+                moved = simulator.advance(team.fleet, team.around)
+                team.fleet.state.copy_(torch.from_numpy(moved).view(team.state.shape))
+                team.fleet.update()
+            else:
+                model.step(team.fleet, team.around)
+            way.append(torch.cat((team.fleet.position_n, team.fleet.velocity_n), -1)[:, 0].double().numpy())
+        ways.append(np.array(way))
+    here, other = ways
+    assert other[-1, 0] == pytest.approx(here[-1, 0], abs=0.1)  # it hovers
+    assert np.linalg.norm(here[-1, 1, 3:5]) > 5.0
+    assert other[-1, 1, 3:] == pytest.approx(here[-1, 1, 3:], abs=0.3)
+    assert other[-1, 1, :3] == pytest.approx(here[-1, 1, :3], abs=2.0)
+    assert np.abs(other - here).max() > 0.1  # another aircraft
+
+
+@pytest.mark.slow
+def test_a_cessna_at_our_scale_turns_climbs_and_flies_as_it_is_asked():
+    """A steady turn has the rate g tan(bank) / V at any scale (Froude). What is placed anew begins there."""
+    pytest.importorskip("jsbsim")
+    model = load_vehicle("aerosonde", 0.02, 10)
+    low, cruise, high = model.autopilot_limits.speeds
+    team = Bench(model, envs=3, count=1).put((5.0, -3.0, -100.0), (0.0, 0.0, -2.0), (25.0, 0.0, 0.0), settle=True)
+    begun, simulator, ways = team.fleet.state.clone(), transfer.JSBSim(model, None), []
+    team.fleet.action[:, 0] = torch.tensor([[0.0, 0.5, 0.0], [0.1, 0.0, -0.4], [0.0, -0.2, 0.5]]).to(team.state)
+    for _ in range(150):  # 30 s
+        moved = simulator.advance(team.fleet, team.around)
+        team.fleet.state.copy_(torch.from_numpy(moved).view(team.state.shape))
+        team.fleet.update()
+        ways.append(torch.cat((team.fleet.position_n, team.fleet.velocity_n), -1)[:, 0].double().numpy())
+    way = np.array(ways)  # [step, env, 6]
+    assert way[1:, :, :3] - way[:-1, :, :3] == pytest.approx(0.1 * (way[1:, :, 3:] + way[:-1, :, 3:]), abs=0.06)
+    speed = np.linalg.norm(way[-1, :, 3:], axis=1)
+    assert speed == pytest.approx([cruise, cruise - 0.4 * (cruise - low), cruise + 0.5 * (high - cruise)], rel=0.01)
+    assert team.fleet.reading("airspeed")[:, 0].numpy() == pytest.approx(speed, rel=1e-3)
+    course = np.unwrap(np.arctan2(way[-25:, :, 4], way[-25:, :, 3]), axis=0)
+    rate = (course[-1] - course[0]) / (24 * 0.2)
+    tangent = np.tan(np.radians(45.0)) * np.array([0.5, 0.0, -0.2])
+    assert rate == pytest.approx(9.81 * tangent / speed, rel=0.05, abs=0.002)
+    assert -way[-1, :, 5] / speed == pytest.approx([0.0, 0.1 * np.sin(np.radians(20.0)), 0.0], abs=0.004)
+    team.fleet.state[0] = begun[0]
+    again = simulator.advance(team.fleet, team.around)
+    assert np.linalg.norm(again[0, :3] - begun[0, 0, :3].double().numpy()) == pytest.approx(5.0, abs=0.1)
+    assert again[1:, :2] == pytest.approx(way[-1, 1:, :2] + 0.2 * way[-1, 1:, 3:5], abs=0.2)
+
+
+@pytest.mark.slow
+def test_aircraft_in_formation_are_held_by_cessnas_too():
+    """Needs jsbsim. Another aircraft, whose pilot is slower: followers err more, and nobody is lost."""
+    pytest.importorskip("jsbsim")
+    calm = ("sea.sea_state=0", "air.speed=0", "air.std=0", 'air.turbulence="none"', "uav.vary={}", "sea.realisations=4",
+            "track.worlds=16", "episode_duration=60", "evaluation.settle=20")  # fmt: skip
+    config = load_scenario("aerosonde", calm)
+    there, here = (
+        transfer.judged(config, Path(find_config("aerosonde")), "uav", ClassicalPolicy(), 4, 1000, kind, None)
+        for kind in (transfer.JSBSim, None)
+    )
+    assert not there["failed"].any() and not there["collided"].any()
+    for key, most in (("leader_error_rms_m", 1.3), ("follower_error_rms_m", 2.5)):
+        one, other = (np.sqrt(np.mean(of[key] ** 2)) for of in (there, here))
+        assert 0.7 * other < one < most * other, key
 
 
 @pytest.mark.slow

@@ -11,6 +11,7 @@ A table of impacts takes a restitution e as given; here it follows from spring a
 (1 + e) times that of e = 0, with the e that our blow shows; the weight's own impulse is taken off.
 """
 
+import functools
 import math
 
 import numpy as np
@@ -37,9 +38,10 @@ STIFF, FIRM = 20_000.0, 80.0  # N/m and N s/m of each leg where bending would ch
 RIGID, HARD = 2e5, 250.0  # N/m and N s/m: a sudden start on springs tips an aircraft early
 SOLE = 0.25  # m, z of the soles in the airframe's frame
 LOW = 0.02  # m, height of a block's centre of gravity over its soles: it does not tip
-HALF_BASE = (0.125, 0.132)  # m, along and across, without `tip_over`
+Base = tuple[float, float]
+HALF_BASE: Base = (0.125, 0.132)  # m, along and across, without `tip_over`
 STEEL = 2e5  # N/m of all legs together, in a blow
-FAN = np.radians(np.arange(-3.0, 3.01, 0.25))  # tilts about that at which an aircraft tips
+FAN = np.radians(np.linspace(-3.0, 3.0, 17))  # tilts about that at which an aircraft tips; as few as one kernel serves
 SINK, SLIDE, TIP_DEG, BLOW = 0.01, 0.005, 0.75, 1e-6  # of the deepest sink; of an acceleration; deg; of an impulse
 OFF_CENTRE = 5e-3  # of an impulse at a lever: the deck turns while the blow lasts
 NO_THRUST = {f"rotor.{key}": 0.0 for key in ("k_d", "k_z", "k_h", "k_flap", "J_r")} | {
@@ -93,6 +95,12 @@ class Slab(Vehicle):
         fleet.update()
 
 
+@functools.cache
+def _model(craft: str) -> Multirotor6DOF:
+    """One model, and one compiled kernel, for all trials of an aircraft (its parameters as JSON)."""
+    return Multirotor6DOF(MultirotorParams.model_validate_json(craft), DT, 1)
+
+
 class Trial:
     """An aircraft without thrust on a slab in each environment.
 
@@ -100,19 +108,15 @@ class Trial:
         slabs, aircraft: the fleets. low: height [env] (m) of the aircraft's centre of gravity over its soles.
     """
 
-    def __init__(
-        self, craft: MultirotorParams, envs: int, half_base: tuple[float, float], slab=(0.0, 0.0), stiffness=STIFF
-    ):
-        """half_base: of the soles, along and across (m). slab: inverse mass and inertia, each a number or [env].
-        stiffness: for which the contact steps are (N/m).
-        """
+    def __init__(self, craft: MultirotorParams, envs: int, half_base: Base, slab=(0.0, 0.0)):
+        """half_base: of the soles, along and across (m). slab: inverse mass and inertia, each a number or [env]."""
         soles = tuple((x * half_base[0], y * half_base[1], SOLE) for x in (-1, 1) for y in (-1, 1))
-        legs = Legs(points=soles, stiffness=stiffness, damping=0.0)
+        legs = Legs(points=soles, stiffness=RIGID, damping=0.0)  # steps of contact are those of the stiffest
         craft = craft.model_copy(update={"legs": legs, "ground_effect": False})
         deck = SlabParams(deck=Deck(place=(0.0, 0.0), size=(9.0, 9.0), height=0.1, friction=0.5))
         inverse = [np.broadcast_to(np.asarray(x, dtype=np.float64), envs).copy() for x in slab]
         self.slabs = Fleet("slabs", Slab(deck, DT, inverse[0], inverse[1]), envs, 1)
-        self.aircraft = Fleet("aircraft", Multirotor6DOF(craft, DT, 1), envs, 1)
+        self.aircraft = Fleet("aircraft", _model(craft.model_dump_json()), envs, 1)
         self.contacts = Contacts({"slabs": self.slabs, "aircraft": self.aircraft}, DT)
         time = torch.zeros(envs, dtype=torch.float64)
         self.around = Surroundings.of(calm_sea(), torch.zeros(envs, dtype=torch.int32), time)
@@ -177,6 +181,8 @@ def closed_forms(case: Case) -> None:
     """contact_closed_forms*.json: see the module."""
     data = read_json(case.path)
     craft = parameters(case, "x500", "A")
+    tips = data.get("tip_over") if isinstance(data, dict) else None  # one geometry, and so one kernel, for all trials
+    base = (number(tips, "half_base_longitudinal_m"), number(tips, "half_base_lateral_m")) if tips else HALF_BASE
     for key, check in (
         ("leg", _legs),
         ("block_on_tilted_deck", _blocks),
@@ -184,9 +190,9 @@ def closed_forms(case: Case) -> None:
         ("impact_drone_boat_free_bodies", _blows),
     ):
         if isinstance(data, dict) and key in data:
-            check(case, craft, records(data, key))
-    if isinstance(data, dict) and "tip_over" in data:
-        _tips(case, craft, data["tip_over"])
+            check(case, craft, base, records(data, key))
+    if tips:
+        _tips(case, craft, base, tips)
     if not case.checks:
         raise TableError("none of its keys is known")
 
@@ -195,9 +201,9 @@ def _column(rows: list[dict], key: str) -> np.ndarray:
     return np.array([number(row, key) for row in rows])
 
 
-def _legs(case: Case, craft: MultirotorParams, rows: list[dict]) -> None:
+def _legs(case: Case, craft: MultirotorParams, base: Base, rows: list[dict]) -> None:
     """Sink over time from the first touch, while the contact holds."""
-    trial = Trial(craft, len(rows), HALF_BASE)
+    trial = Trial(craft, len(rows), base)
     k, c = _column(rows, "k_N_m") / 4, _column(rows, "c_N_s_m") / 4
     trial.numbers(LOW, _column(rows, "m_kg"), k, c)
     trial.put(velocity=np.stack([0 * k, 0 * k, _column(rows, "touch_speed_m_s")], -1))
@@ -215,11 +221,11 @@ def _legs(case: Case, craft: MultirotorParams, rows: list[dict]) -> None:
     case.absolute("sink of a leg over the deepest", ours, theirs, SINK)
 
 
-def _blocks(case: Case, craft: MultirotorParams, rows: list[dict]) -> None:
+def _blocks(case: Case, craft: MultirotorParams, base: Base, rows: list[dict]) -> None:
     """Blocks on a tilted deck stick, once they rest, or slide at a steady acceleration."""
     mu, tilt = _column(rows, "mu"), np.radians(_column(rows, "deck_tilt_deg"))
     sticks = np.array([row["state"] == "sticks" for row in rows])
-    trial = Trial(craft, len(rows), HALF_BASE)
+    trial = Trial(craft, len(rows), base)
     trial.numbers(LOW, friction=np.where(sticks, 10.0, mu))
     trial.put(roll=tilt, sink=craft.physical.mass * GRAVITY * np.cos(tilt) / (4 * STIFF))
     trial.go(round(0.5 / DT))
@@ -238,10 +244,10 @@ def _blocks(case: Case, craft: MultirotorParams, rows: list[dict]) -> None:
         case.absolute("creep of what sticks, m", crept[sticks], 0 * crept[sticks], 1e-5)
 
 
-def _stops(case: Case, craft: MultirotorParams, rows: list[dict]) -> None:
+def _stops(case: Case, craft: MultirotorParams, base: Base, rows: list[dict]) -> None:
     """Distance in which a block stops on a level deck; the soles spring back when it stands."""
     mu, weight = _column(rows, "mu"), craft.physical.mass * GRAVITY
-    trial = Trial(craft, len(rows), HALF_BASE)
+    trial = Trial(craft, len(rows), base)
     trial.numbers(LOW, friction=mu)
     trial.put(sink=weight / (4 * STIFF), velocity=np.stack([_column(rows, "v0"), 0 * mu, 0 * mu], -1))
     trial.go(round(1.0 / DT))
@@ -249,18 +255,17 @@ def _stops(case: Case, craft: MultirotorParams, rows: list[dict]) -> None:
     case.absolute("distance to a stop, m", trial.way[:, 0], _column(rows, "distance"), 2.0 * springs)
 
 
-def _tips(case: Case, craft: MultirotorParams, given: dict) -> None:
+def _tips(case: Case, craft: MultirotorParams, base: Base, given: dict) -> None:
     """The least tilt of a fan at which an aircraft that cannot slide falls over an edge."""
-    base = number(given, "half_base_longitudinal_m"), number(given, "half_base_lateral_m")
     low, n = number(given, "com_height_m"), len(FAN)
     wanted = np.array([number(given, "lateral_deg"), number(given, "longitudinal_deg")])
     tilt = np.radians(wanted)[:, None] + FAN
     zero = np.zeros(n)
-    trial = Trial(craft, 2 * n, base, stiffness=RIGID)
+    trial = Trial(craft, 2 * n, base)
     trial.numbers(low, stiffness=RIGID, damping=HARD, friction=10.0)
     sink = craft.physical.mass * GRAVITY * np.cos(tilt).ravel() / (4 * RIGID)
     trial.put(np.concatenate((tilt[0], zero)), np.concatenate((zero, tilt[1])), sink=sink)
-    trial.go(round(4.0 / DT))
+    trial.go(round(2.0 / DT))  # a fall beyond the edge by half a step of the fan takes a second
     leant = (trial.R.mT @ torch_rotation_matrix(trial.aircraft.state[:, 0, 3:7]))[:, 2, 2].double().numpy()
     fallen = (leant < math.cos(0.5)).reshape(2, n)
     half = 0.5 * math.degrees(FAN[1] - FAN[0])
@@ -270,12 +275,12 @@ def _tips(case: Case, craft: MultirotorParams, given: dict) -> None:
     case.absolute("tilt at which it tips, deg", ours, wanted, TIP_DEG)
 
 
-def _blows(case: Case, craft: MultirotorParams, rows: list[dict]) -> None:
+def _blows(case: Case, craft: MultirotorParams, base: Base, rows: list[dict]) -> None:
     """Impulses between free bodies, of the restitution that the blow shows."""
     m, M, lever = (_column(rows, key) for key in ("m_drone", "m_boat", "lever_m"))
     inertia = _column(rows, "boat_inertia_about_axis")
     down, rise = _column(rows, "drone_down_before"), _column(rows, "boat_point_down_before")
-    trial = Trial(craft, len(rows), HALF_BASE, (1 / M, 1 / inertia))
+    trial = Trial(craft, len(rows), base, (1 / M, 1 / inertia))
     trial.numbers(LOW, m, STEEL / 4, 0.0, friction=0.0)
     trial.put(lever=lever, velocity=np.stack([0 * m, 0 * m, down], -1), rise=rise)
     steps = 8
