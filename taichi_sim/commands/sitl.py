@@ -48,23 +48,9 @@ PORTS = {"ardupilot": (9002, 10), "px4": (4560, 1)}  # protocol -> first port, d
 LARGEST = 65536  # bytes of the largest packet
 TOLD_EVERY = 5.0  # s between lines of progress
 COLUMNS = (
-    "t",
-    "north",
-    "east",
-    "down",
-    "roll",
-    "pitch",
-    "yaw",
-    "v_north",
-    "v_east",
-    "v_down",
-    "p",
-    "q",
-    "r",
-    "a_x",
-    "a_y",
+    "t", "north", "east", "down", "roll", "pitch", "yaw", "v_north", "v_east", "v_down", "p", "q", "r", "a_x", "a_y",
     "a_z",
-)
+)  # fmt: skip
 
 
 def craft_of(args: argparse.Namespace) -> Craft:
