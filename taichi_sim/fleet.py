@@ -147,8 +147,8 @@ class Fleet(Views):
     def __repr__(self) -> str:
         """Number and model of the vehicles, and their actions."""
         more = [word for word, holds in (("numbers vary", self.varied), ("loaded", self.loaded)) if holds]
-        told = ", ".join([f"actions {' '.join(self.model.action_names)}", *more])
-        return f"<Fleet {self.name!r}: {self.made_of}, {told}>"
+        text = ", ".join([f"actions {' '.join(self.model.action_names)}", *more])
+        return f"<Fleet {self.name!r}: {self.made_of}, {text}>"
 
     @property
     def made_of(self) -> str:

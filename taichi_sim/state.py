@@ -255,8 +255,8 @@ def restore(root: Any, saved: Snapshot) -> None:
         raise StateError(f"the snapshot has version {saved.version}; this program reads version {VERSION}")
     here = about(root)
     if wrong := [key for key in here if saved.about.get(key) != here[key]]:
-        told = ", ".join(f"{key} {saved.about.get(key)!r} instead of {here[key]!r}" for key in wrong)
-        raise StateError(f"the snapshot was taken of another {type(root).__name__}: {told}")
+        differences = ", ".join(f"{key} {saved.about.get(key)!r} instead of {here[key]!r}" for key in wrong)
+        raise StateError(f"the snapshot was taken of another {type(root).__name__}: {differences}")
     if saved.num_envs != root.num_envs:
         raise StateError(f"the snapshot has {saved.num_envs} environments, not {root.num_envs}")
     found = walk(root)

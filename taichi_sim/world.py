@@ -118,8 +118,8 @@ class World(Stateful):
         teams = (f"{name} ({fleet.count} x {type(fleet.model).__name__})" for name, fleet in self.teams.items())
         size = f"{number(self.num_envs, 'environment')}, t = {span(self.time, 's')}"
         flow, air = (span(x.velocity.norm(dim=-1), "m/s") for x in (self.current, self.wind))
-        told = f"{size}, {', '.join(teams) or 'no teams'};\n {self.sea}, current {flow}, wind {air}"
-        return f"<World {self.config.name!r}: {told}>"
+        text = f"{size}, {', '.join(teams) or 'no teams'};\n {self.sea}, current {flow}, wind {air}"
+        return f"<World {self.config.name!r}: {text}>"
 
     def _surroundings(self, current: torch.Tensor, wind: torch.Tensor) -> Surroundings:
         table, depth = self.sea.table, self.sea.kernel_depth

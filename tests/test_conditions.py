@@ -5,7 +5,7 @@ import pytest
 
 from taichi_sim.config import ConfigError, WorldConfig
 from taichi_sim.conventions import GRAVITY
-from taichi_sim.randomisation.conditions import TOLD, bounds, nominal_conditions, realise
+from taichi_sim.randomisation.conditions import TRUTH, bounds, nominal_conditions, realise
 from taichi_sim.sea import sea_size
 from taichi_sim.sea.wind_sea import developed_sea
 
@@ -93,8 +93,8 @@ def test_waves_are_those_of_their_conditions(many):
 def test_tables_are_of_order_one_and_name_what_they_hold(many):
     _, found = many
     tables = found.tables()
-    told = dict(zip(TOLD, tables.told.numpy().T, strict=True))
-    assert tables.told.abs().max() < 4.0
+    told = dict(zip(TRUTH, tables.truth.numpy().T, strict=True))
+    assert tables.truth.abs().max() < 4.0
     assert np.hypot(told["sea.current.north"], told["sea.current.east"]) == pytest.approx(found.current_speed)
     blows = np.deg2rad(found.wind_direction_deg + 180.0)
     assert 10 * told["air.east"] == pytest.approx(found.wind_speed * np.sin(blows))

@@ -85,10 +85,10 @@ def headroom_table(taken: dict[tuple[str, str], tuple[Any, list[Any]]], kinds: d
         share, cells = headroom(judge, learned, bound, times=len(rows)), []
         for key in judge.plotted:
             values = [of[key].value for of in of_each]
-            told = " / ".join("-" if x is None else f"{x:.3g}" for x in values)
+            text = " / ".join("-" if x is None else f"{x:.3g}" for x in values)
             if (s := share[key]).value is not None and s.low is not None and s.high is not None:
-                told += f": {100 * s.value:.0f} % ({100 * s.low:.0f} to {100 * s.high:.0f})"
-            cells.append(told)
+                text += f": {100 * s.value:.0f} % ({100 * s.low:.0f} to {100 * s.high:.0f})"
+            cells.append(text)
         lines.append(f"| `{name}`, {team} | {' | '.join(cells)} |")
     return "\n".join(lines)
 
@@ -134,8 +134,8 @@ def table(found: dict[tuple[str, str], list[tuple[str, Any, Any]]], kinds: dict[
         together = [("all", *(joined([row[k] for row in rows]) for k in (1, 2)))] if len(rows) > 1 else []
         for run, learned, opponent in rows + together:
             times = len(rows) if run == "all" else 1
-            told = [cell(key, judge, learned, opponent, times) for key in judge.plotted]
-            lines.append(f"| `{name}`, {team}, {run} | " + " | ".join(told) + " |")
+            cells = [cell(key, judge, learned, opponent, times) for key in judge.plotted]
+            lines.append(f"| `{name}`, {team}, {run} | " + " | ".join(cells) + " |")
     return "\n".join(lines)
 
 

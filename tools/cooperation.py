@@ -128,8 +128,8 @@ def judged(case: Condition, run: Path, partner: Path, args: argparse.Namespace) 
     kind = mission_class(config, source).Judge
     acting = (run, partner) if NEXT in (case.boats, case.aircraft) else (run,)
     newest = [checkpoints(folder / name)[-1:] for folder in acting for name in parts.values()]
-    told = f"{toml_text(config)}{seed} {count} {case} {newest}"
-    kept = run / "cooperation" / f"{hashlib.sha256(told.encode()).hexdigest()[:16]}.npz"
+    key = f"{toml_text(config)}{seed} {count} {case} {newest}"
+    kept = run / "cooperation" / f"{hashlib.sha256(key.encode()).hexdigest()[:16]}.npz"
     if kept.is_file():
         with np.load(kept) as file:
             flat = {key: file[key] for key in file.files}

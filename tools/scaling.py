@@ -58,7 +58,7 @@ def parser() -> argparse.ArgumentParser:
 def measure(scenario: str, setting: StageSetup) -> dict[str, Any]:
     """Time an iteration (benchmarking/learning.py) in new processes."""
     with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "told.json"
+        file = Path(folder) / "times.json"
         words = [scenario, str(setting.envs), str(ITERATIONS), str(setting.threads), str(file)]
         launch.run(WORKER, words, setting.processes)
         return json.loads(file.read_text(encoding="utf-8"))
@@ -81,28 +81,28 @@ def main(argv: list[str] | None = None) -> None:
     args = parser().parse_args(argv)
     tried = settings(args.environments)
     other = Worker(args.against, ("learning",), (1,)) if args.against else None
-    told: dict[StageSetup, list[dict[str, Any]]] = {setting: [] for setting in tried}
+    timed: dict[StageSetup, list[dict[str, Any]]] = {setting: [] for setting in tried}
     before: list[float] = []
     if other:
         other.ask("run 0 2")
     for _ in tqdm(range(args.repetitions), desc="measure", unit="round", disable=args.quiet):
         for setting in tried:
-            told[setting].append(measure(args.scenario, setting))
+            timed[setting].append(measure(args.scenario, setting))
             if other:
                 before.append(other.ask(f"run 0 {ITERATIONS}"))
-    result = summary(tried, told, before)
+    result = summary(tried, timed, before)
     print(table(result))
     if args.json:
         run_folder.write_json(args.json, result)
 
 
 def summary(
-    tried: list[StageSetup], told: dict[StageSetup, list[dict[str, Any]]], before: list[float]
+    tried: list[StageSetup], timed: dict[StageSetup, list[dict[str, Any]]], before: list[float]
 ) -> dict[str, Any]:
     """All figures, as --json writes them."""
-    rates = {setting: [of["agent_steps"] / of["seconds"] for of in found] for setting, found in told.items()}
+    rates = {setting: [of["agent_steps"] / of["seconds"] for of in found] for setting, found in timed.items()}
     rows = []
-    for number, (setting, found) in enumerate(told.items()):
+    for number, (setting, found) in enumerate(timed.items()):
         base = next(s for s in tried if s.envs == setting.envs and s.processes == 1)
         row = setting._asdict() | {
             "agent_steps_per_s": statistics.median(rates[setting]),
@@ -117,16 +117,18 @@ def summary(
             steps = 512 * found[0]["agent_steps"] / setting.envs
             row["over_other"] = statistics.median(r * t / steps for r, t in zip(rates[setting], near, strict=True))
         rows.append(row)
-    return {"settings": rows, "model": model(tried, told)}
+    return {"settings": rows, "model": model(tried, timed)}
 
 
-def model(tried: list[StageSetup], told: dict[StageSetup, list[dict[str, Any]]]) -> dict[str, Any]:
+def model(tried: list[StageSetup], timed: dict[StageSetup, list[dict[str, Any]]]) -> dict[str, Any]:
     """Fit the cost model to single processes with one thread; predict the measured set-ups and more."""
-    alone = {s.envs: statistics.median(of["seconds"] for of in told[s]) for s in tried if s.processes == s.threads == 1}
+    alone = {
+        s.envs: statistics.median(of["seconds"] for of in timed[s]) for s in tried if s.processes == s.threads == 1
+    }
     several = [s for s in tried if s.processes > 1]
-    first = told[several[0]][0] if several else {"calls": 0, "bytes": 0}
-    spread = statistics.median(of["spread"] for s in tried for of in told[s])
-    some = told[tried[0]][0]
+    first = timed[several[0]][0] if several else {"calls": 0, "bytes": 0}
+    spread = statistics.median(of["spread"] for s in tried for of in timed[s])
+    some = timed[tried[0]][0]
     each = first["bytes"] / max(first["calls"], 1)
     cost = fitted(alone, spread, first["calls"], each, some["agent_steps"] / tried[0].envs)
     checked = [
@@ -134,7 +136,7 @@ def model(tried: list[StageSetup], told: dict[StageSetup, list[dict[str, Any]]])
             "processes": s.processes,
             "envs": s.envs,
             "predicted_s": cost.seconds(s.envs, s.processes, LINKS[0]),
-            "measured_s": statistics.median(of["seconds"] for of in told[s]),
+            "measured_s": statistics.median(of["seconds"] for of in timed[s]),
         }
         for s in several
     ]

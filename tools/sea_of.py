@@ -169,7 +169,7 @@ def vessels() -> list[str]:
     return [name for name in names if load_vehicle(name).medium == "water"]
 
 
-def told(vessel: str, found: Fate | None) -> str:
+def fate_line(vessel: str, found: Fate | None) -> str:
     """A line about the fate of a vessel."""
     if found is None:
         return f"  {vessel:12} cannot tell: its model neither capsizes nor is swamped"
@@ -222,7 +222,7 @@ def main(argv: list[str] | None = None) -> int:
         if names:
             print(f"{args.envs} of each vessel, {args.duration:g} s without a command:")
         for name in names:
-            print(told(Path(name).stem, fate(name, sea, args.envs, args.duration, args.seed, not args.quiet)))
+            print(fate_line(Path(name).stem, fate(name, sea, args.envs, args.duration, args.seed, not args.quiet)))
     except (ConfigError, SteepSeaError, MissingExtraError) as error:
         print(f"sea_of: {error}", file=sys.stderr)
         return 2

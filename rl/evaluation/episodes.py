@@ -44,6 +44,10 @@ class Trial(NamedTuple):
         """The number of the first episode of each chunk."""
         return range(0, self.episodes, CHUNK)
 
+    def chunk_of(self, episode: int) -> int:
+        """The number of the first episode in the chunk of `episode`."""
+        return episode - episode % CHUNK
+
     def mission(self, first: int) -> Mission:
         """The mission of the chunk that begins with episode `first`, at its start."""
         count = min(CHUNK, self.episodes - first)
@@ -145,7 +149,7 @@ def judge_trials(
             lambda: [{} if isinstance(o, Exception) else shown_numbers(o.result) for o in outcomes]
         )
         shown_episodes = [(n, name, episode) for n, of_trial in enumerate(chosen) for name, episode in of_trial.items()]
-        mine = [(n, name, episode) for n, name, episode in shown_episodes if (n, episode - episode % CHUNK) in own]
+        mine = [(n, name, episode) for n, name, episode in shown_episodes if (n, trials[n].chunk_of(episode)) in own]
         gathered = processes.gather(lambda: [(n, name, _excerpt(trials[n], n, at, logs)) for n, name, at in mine])
         for n, name, excerpt in (item for of_rank in gathered for item in of_rank):
             outcome = outcomes[n]
@@ -203,7 +207,7 @@ def shown_numbers(result: EvaluationResult) -> dict[str, int]:
 
 def _excerpt(trial: Trial, number: int, episode: int, logs: Mapping[tuple[int, int], EpisodeLog]) -> Excerpt:
     """One episode of trial `number` from the log of its chunk; without that log, the chunk runs again."""
-    first = episode - episode % CHUNK
+    first = trial.chunk_of(episode)
     log = logs.get((number, first))
     if log is None:
         with runtime.torch_at_rest():

@@ -10,7 +10,7 @@ import numpy as np
 from tqdm import tqdm
 
 from rl.evaluation.episode_log import event_of
-from rl.evaluation.episodes import CHUNK, Trial
+from rl.evaluation.episodes import Trial
 from rl.evaluation.reel import EpisodeReel
 from rl.learn.policy import Policy
 from rl.mission import Mission, Step
@@ -58,8 +58,8 @@ def record_episode(
     duration = config.episode_duration if duration is None else duration
     steps = max(2, round(duration / config.decision_interval))
     episode, count = number or (0, 1)
-    env = episode % CHUNK
-    task = Trial(config, policies, count, seed, source=source).mission(episode - env)
+    trial = Trial(config, policies, count, seed, source=source)
+    task, env = trial.mission(trial.chunk_of(episode)), episode - trial.chunk_of(episode)
     reel = EpisodeReel(task, env)
     known: set[tuple[str, int, str]] = set()
     events: list[Event] = []

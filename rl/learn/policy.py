@@ -159,14 +159,14 @@ def _difference(trained: Sequence[str], names: Sequence[str], team: str) -> str:
     """The difference between the trained names and the team's names as text."""
     before, now = (Counter(name.partition(".")[0] for name in given) for given in (trained, names))
     gone, new = (", ".join(repr(term) for term in a if term not in b) for a, b in ((before, now), (now, before)))
-    told = [f"it was trained on {gone}, which {team} has not"] if gone else []
-    told += [f"{team} has {new}, which it was not trained on"] if new else []
-    told += [
+    found = [f"it was trained on {gone}, which {team} has not"] if gone else []
+    found += [f"{team} has {new}, which it was not trained on"] if new else []
+    found += [
         f"it was trained on {before[term]} numbers of {term!r}, {team} has {now[term]}"
         for term in before
         if 0 < now[term] != before[term]
     ]
-    return "; ".join(told) or "their order differs"
+    return "; ".join(found) or "their order differs"
 
 
 class ClassicalPolicy:

@@ -36,16 +36,16 @@ STARTERS = {
 
 def parser() -> argparse.ArgumentParser:
     """The parser of `taichi-sim`, with a line of help for each command."""
-    told = {name: text for name, (_, _, text) in SCRIPTS.items()} | STARTERS
-    wide = max(map(len, told))
+    commands = {name: text for name, (_, _, text) in SCRIPTS.items()} | STARTERS
+    wide = max(map(len, commands))
     p = argparse.ArgumentParser(
         prog="taichi-sim",
         description="Simulation and reinforcement learning for teams of vessels on a real sea and aircraft above it.",
-        epilog="commands:\n" + "\n".join(f"  {name:{wide}}  {text}" for name, text in told.items())
+        epilog="commands:\n" + "\n".join(f"  {name:{wide}}  {text}" for name, text in commands.items())
         + "\n\ntaichi-sim COMMAND --help explains each; taichi-sim train without arguments does the main job.",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )  # fmt: skip
-    p.add_argument("command", choices=told, metavar="COMMAND", help="one of the commands below")
+    p.add_argument("command", choices=commands, metavar="COMMAND", help="one of the commands below")
     p.add_argument("arguments", nargs=argparse.REMAINDER, metavar="...", help="arguments of the command")
     return p
 

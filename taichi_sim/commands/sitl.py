@@ -46,25 +46,11 @@ if TYPE_CHECKING:
 
 PORTS = {"ardupilot": (9002, 10), "px4": (4560, 1)}  # protocol -> first port, difference of consecutive instances
 LARGEST = 65536  # bytes of the largest packet
-TOLD_EVERY = 5.0  # s between lines of progress
+PRINT_EVERY = 5.0  # s between lines of progress
 COLUMNS = (
-    "t",
-    "north",
-    "east",
-    "down",
-    "roll",
-    "pitch",
-    "yaw",
-    "v_north",
-    "v_east",
-    "v_down",
-    "p",
-    "q",
-    "r",
-    "a_x",
-    "a_y",
+    "t", "north", "east", "down", "roll", "pitch", "yaw", "v_north", "v_east", "v_down", "p", "q", "r", "a_x", "a_y",
     "a_z",
-)
+)  # fmt: skip
 
 
 def craft_of(args: argparse.Namespace) -> Craft:
@@ -154,9 +140,9 @@ def serve(args: argparse.Namespace) -> None:
             wires.register(door, selectors.EVENT_READ, (session, door))
         _warn_of_others(args)
         signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends like Ctrl-C, so that files are completed
-        told, began = time.monotonic(), time.monotonic()
+        printed, began = time.monotonic(), time.monotonic()
         while True:
-            for key, _ in wires.select(timeout=min(TOLD_EVERY, *(s.tick() for s in sessions))):
+            for key, _ in wires.select(timeout=min(PRINT_EVERY, *(s.tick() for s in sessions))):
                 session, door = key.data
                 wire = key.fileobj
                 assert isinstance(wire, socket.socket)
@@ -166,10 +152,10 @@ def serve(args: argparse.Namespace) -> None:
                     session.disconnect()
                     wires.unregister(wire)
                     wire.close()
-            if not args.quiet and time.monotonic() - told > TOLD_EVERY:
-                told = time.monotonic()
+            if not args.quiet and time.monotonic() - printed > PRINT_EVERY:
+                printed = time.monotonic()
                 for session in sessions:
-                    print(_state_of_px4(session, told - began), flush=True)
+                    print(_state_of_px4(session, printed - began), flush=True)
             if args.duration and all(s.last and s.craft.frames >= args.duration * s.craft.rate for s in sessions):
                 return
 
@@ -238,19 +224,19 @@ def listen(args: argparse.Namespace) -> None:
             wires.register(wire, selectors.EVENT_READ, session)
         _warn_of_others(args)
         signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends like Ctrl-C, so that files are completed
-        told, began = time.monotonic(), time.monotonic()
+        printed, began = time.monotonic(), time.monotonic()
         while True:
-            for key, _ in wires.select(timeout=TOLD_EVERY):
+            for key, _ in wires.select(timeout=PRINT_EVERY):
                 wire = key.fileobj
                 assert isinstance(wire, socket.socket)
                 data, sender = wire.recvfrom(LARGEST)
                 answer = key.data.receive(data, sender)
                 if answer is not None:
                     wire.sendto(answer, sender)
-            if not args.quiet and time.monotonic() - told > TOLD_EVERY:
-                told = time.monotonic()
+            if not args.quiet and time.monotonic() - printed > PRINT_EVERY:
+                printed = time.monotonic()
                 for session in sessions:
-                    print(_state_of(session, told - began), flush=True)
+                    print(_state_of(session, printed - began), flush=True)
             if args.duration and all(s.last and s.craft.frames >= args.duration * s.craft.rate for s in sessions):
                 return
 

@@ -12,19 +12,6 @@ from taichi_sim.config.vary import Range
 from taichi_sim.config.world import TeamConfig, WorldConfig
 
 __all__ = [
-    "AirConfig",
-    "ConfigError",
-    "CurrentConfig",
-    "Finite",
-    "Fraction",
-    "GustConfig",
-    "NonNegative",
-    "Positive",
-    "Range",
-    "SeaConfig",
-    "Strict",
-    "SwellConfig",
-    "TeamConfig",
-    "TideConfig",
-    "WorldConfig",
-]
+    "AirConfig", "ConfigError", "CurrentConfig", "Finite", "Fraction", "GustConfig", "NonNegative", "Positive", "Range",
+    "SeaConfig", "Strict", "SwellConfig", "TeamConfig", "TideConfig", "WorldConfig",
+]  # fmt: skip

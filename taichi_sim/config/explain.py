@@ -51,12 +51,12 @@ def _telling(errors: Iterable["ErrorDetails"], model: type[BaseModel]) -> list["
     inside: dict[tuple[int | str, ...], list[ErrorDetails]] = {}
     for item in errors:
         inside.setdefault(item["loc"][:1], []).append(item)
-    told = []
+    selected = []
     for items in inside.values():
         none = [item for item in items if _is_no_team(item, model)]
         slips = [x for x in items if x["type"] == "extra_forbidden" and nearly("vehicle", map(str, x["loc"][1:]))]
-        told += (slips or none) if none else items
-    return told
+        selected += (slips or none) if none else items
+    return selected
 
 
 def _in_words(item: "ErrorDetails", key: str, model: type[BaseModel]) -> str:

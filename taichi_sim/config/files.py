@@ -45,14 +45,14 @@ def resolve_files(data: Table, scenario_file: Path, sources: Mapping[str, str]) 
     Raises:
         ConfigError: for a file that does not exist; `sources` as in `validate`.
     """
-    for holder, key, name, told in _places(data):
+    for holder, key, name, shown in _places(data):
         value = holder[name]
         if not isinstance(value, str) or (key == "sea.spectrum" and (not is_measured(value) or not _path_like(value))):
             continue
         found = next((file for file in (scenario_file.parent / value, Path(value)) if file.is_file()), None)
         if found is None:
             raise ConfigError(
-                f"{source_of(told, str(scenario_file), sources)}: {told} = {value!r}: no such file, neither beside "
+                f"{source_of(shown, str(scenario_file), sources)}: {shown} = {value!r}: no such file, neither beside "
                 f"{scenario_file.name} nor in the current folder"
             )
         holder[name] = str(found.resolve())

@@ -103,11 +103,11 @@ class WorldConfig(Strict):
             raise ValueError(f"vary: {' and '.join(size)}: a sea state is a height and a period: vary it, or these")
         if self.sea.follows_wind:
             size += [key for key in self.vary if key == "sea.direction_deg"]
-            told = "the sea follows the wind: vary air.speed and air.direction_deg"
+            reason = "the sea follows the wind: vary air.speed and air.direction_deg"
         else:
-            told = "the size of the sea is given by sea.wind_speed: give hs and tp, or sea_state,"
+            reason = "the size of the sea is given by sea.wind_speed: give hs and tp, or sea_state,"
         if size and (self.sea.follows_wind or self.sea.wind_speed is not None):
-            raise ValueError(f"vary.{size[0]} = {self.vary[size[0]]}: {told} instead")
+            raise ValueError(f"vary.{size[0]} = {self.vary[size[0]]}: {reason} instead")
         return self
 
     def bare(self) -> "WorldConfig":

@@ -154,19 +154,19 @@ def check_floating(craft: FloatingHull, surface: WettedSurface, rho: float, g: f
                 f"(z = {craft.cg[2]:g} m, positive down), or check mass and unit"
             )
     off = craft.mass / displaced - 1
-    told = [
+    lines = [
         f"mass {craft.mass:.6g} kg, displaced to the design waterline {displaced:.6g} kg ({100 * off:+.2f} %); "
         f"GM_T {GM_T:.4g} m, GM_L {GM_L:.4g} m"
     ]
     if abs(off) > HEAVIER:
-        told.append(
+        lines.append(
             f"warning: mass and displaced mass differ by {100 * off:+.1f} %: the hull does not float at the design "
             "waterline, for which the loads are computed"
         )
     trim = craft.cg[0] - surface.centre_of_buoyancy[0]
     if abs(trim) > 0.02 * np.ptp(surface.whole[..., X]):
-        told.append(f"warning: the centre of gravity is {trim:+.3g} m ahead of the centre of buoyancy: the hull trims")
-    return told
+        lines.append(f"warning: the centre of gravity is {trim:+.3g} m ahead of the centre of buoyancy: the hull trims")
+    return lines
 
 
 def divided(panels: Panels, wanted: int) -> tuple[WettedSurface, float]:

@@ -43,7 +43,7 @@ CIRCLE = 360.0  # deg
 STATES = np.arange(7.0)
 MIDDLES = np.array([sum(sea_state_range(code)) / 2 for code in range(7)])  # m
 Values = Mapping[str, np.ndarray]  # key of `CONDITIONS` -> [realisation]
-TOLD_PERIOD, TOLD_WIND = 10.0, 10.0  # s, m/s; units of the columns of `told`
+UNIT_PERIOD, UNIT_WIND = 10.0, 10.0  # s, m/s; units of the columns of `truth`
 
 
 class Conditions(NamedTuple):
@@ -63,9 +63,9 @@ class Conditions(NamedTuple):
         run, waves = runtime.current(), np.deg2rad(self.wave_direction_deg)
         current = _vector(self.current_speed, self.current_direction_deg)
         wind = -_vector(self.wind_speed, self.wind_direction_deg)
-        sea = self.hs, self.tp / TOLD_PERIOD, np.cos(waves), np.sin(waves)
-        told = np.column_stack((*sea, current, wind / TOLD_WIND, self.turbulence))
-        tables = current, np.pad(wind, ((0, 0), (0, 1))), self.turbulence, told
+        sea = self.hs, self.tp / UNIT_PERIOD, np.cos(waves), np.sin(waves)
+        truth = np.column_stack((*sea, current, wind / UNIT_WIND, self.turbulence))
+        tables = current, np.pad(wind, ((0, 0), (0, 1))), self.turbulence, truth
         return Tables(*(torch.as_tensor(x, dtype=run.torch_dtype, device=run.device) for x in tables))
 
 
@@ -75,14 +75,14 @@ class Tables(NamedTuple):
     current: torch.Tensor  # [sea, 2], mean velocity of the water at the surface, north and east, m/s
     wind: torch.Tensor  # [sea, 3], mean velocity of the air 10 m above the sea, NED, m/s
     turbulence: torch.Tensor  # [sea], factor of the turbulence intensity
-    told: torch.Tensor  # [sea, TOLD], all conditions, scaled to order one
+    truth: torch.Tensor  # [sea, TRUTH], all conditions, scaled to order one
 
 
-TOLD = (
+TRUTH = (
     "sea.hs", "sea.tp", "sea.direction.cos", "sea.direction.sin", "sea.current.north", "sea.current.east",
     "air.north", "air.east", "air.turbulence",
 )  # fmt: skip
-"""Names of the columns of `Tables.told`. Units: hs m, tp 10 s, current m/s, wind 10 m/s (where it blows to), others 1.
+"""Names of the columns of `Tables.truth`. Units: hs m, tp 10 s, current m/s, wind 10 m/s (where it blows to), others 1.
 The wave direction is where waves travel to."""
 
 

@@ -7,7 +7,7 @@ from taichi_sim.air import Wind
 from taichi_sim.config import WorldConfig
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import runtime
-from taichi_sim.randomisation.conditions import TOLD, Conditions, varied
+from taichi_sim.randomisation.conditions import TRUTH, Conditions, varied
 from taichi_sim.randomisation.numbers import NumberDraws
 from taichi_sim.sea.current import Current
 
@@ -44,7 +44,7 @@ class Variation:
         """
         ranges = self.config.teams[fleet.name].vary
         self._draws[fleet.name] = draws = NumberDraws(fleet, ranges, self.config.variation, self.seed)
-        self.names[fleet.name] = (*draws.names, *TOLD)
+        self.names[fleet.name] = (*draws.names, *TRUTH)
         self.truth[fleet.name] = fleet.state.new_zeros((*fleet.state.shape[:2], len(self.names[fleet.name])))
 
     def begin(self, envs: Tensor, seas: Tensor, current: Current, wind: Wind) -> None:
@@ -66,7 +66,7 @@ class Variation:
         if self.turbulence is not None:
             self.turbulence[envs] = self._tables.turbulence[seas]
         for truth in self.truth.values():
-            truth[envs, :, -len(TOLD) :] = self._tables.told[seas].unsqueeze(1)
+            truth[envs, :, -len(TRUTH) :] = self._tables.truth[seas].unsqueeze(1)
 
     def reseed(self, seed: int) -> None:
         """Make numbers of vehicles that are drawn later depend on `seed` alone; conditions stay."""

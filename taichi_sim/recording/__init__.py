@@ -18,15 +18,6 @@ from taichi_sim.recording.recorder import Recorder
 from taichi_sim.recording.rrd import write_recording
 
 __all__ = [
-    "Airframe",
-    "Body",
-    "Episode",
-    "Event",
-    "Force",
-    "Medium",
-    "Recorder",
-    "Scene",
-    "Signal",
-    "TeamTrack",
+    "Airframe", "Body", "Episode", "Event", "Force", "Medium", "Recorder", "Scene", "Signal", "TeamTrack",
     "write_recording",
-]
+]  # fmt: skip

@@ -67,7 +67,7 @@ def pack(servos: Servos) -> bytes:
     return struct.pack(f"<HHI{len(servos.pwm)}H", magic, servos.rate, servos.frame, *servos.pwm)
 
 
-def told(sensors: Sensors) -> bytes:
+def encode(sensors: Sensors) -> bytes:
     """Encode the answer: JSON between line feeds, as ArduPilot's parser expects."""
     data = {
         "timestamp": sensors.timestamp,

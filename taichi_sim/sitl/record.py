@@ -101,8 +101,8 @@ class Frames:
     @property
     def parts(self) -> Described:
         """Name and description of the recording."""
-        told = f"# {self.stage.name}\n\nDriven by an autopilot at {self.craft.rate} Hz, from frame 0 on.\n"
-        return {"name": self.stage.name, "config_text": told}
+        text = f"# {self.stage.name}\n\nDriven by an autopilot at {self.craft.rate} Hz, from frame 0 on.\n"
+        return {"name": self.stage.name, "config_text": text}
 
 
 class CraftRecording:

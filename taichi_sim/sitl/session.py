@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from ipaddress import ip_address
 
 from taichi_sim.sitl.craft import Craft
-from taichi_sim.sitl.packets import PacketError, Sensors, Servos, parse, told
+from taichi_sim.sitl.packets import PacketError, Sensors, Servos, encode, parse
 
 LONGEST_GAP = 2.0  # s; after a longer gap the lost frames are skipped
 MOST_REASONS = 16  # largest number of reasons that are counted separately
@@ -83,7 +83,7 @@ class Session:
         self.last, self.peer = servos, sender
         self.counts.frames += 1
         sensors = self.craft.sensors()
-        self.answer = told(sensors)
+        self.answer = encode(sensors)
         for seen in self.seen:
             seen(servos, sensors)
         return self.answer

@@ -45,7 +45,7 @@ def test_an_environment_s_means_are_those_of_its_sea(varied):
     means, seas = world.conditions.tables(), world.env_sea.long()
     names = world.truth_names["usv"]
     told = world.truth["usv"][..., names.index("sea.hs") :]
-    assert told.equal(means.told[seas].unsqueeze(1).expand_as(told))
+    assert told.equal(means.truth[seas].unsqueeze(1).expand_as(told))
     assert ((world.current.velocity - means.current[seas]).abs() < 5 * 0.05).all()
     assert ((world.wind.velocity - means.wind[seas]).abs() < 5 * 0.3).all()
 

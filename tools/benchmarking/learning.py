@@ -86,7 +86,7 @@ def train(config: Any, envs: int, iterations: int) -> dict[str, Any]:
             if together:
                 dist.barrier()
             stopwatch.read()
-            start, before, calls, told = (
+            start, before, calls, sent = (
                 time.perf_counter(),
                 communication.seconds,
                 communication.calls,
@@ -98,7 +98,7 @@ def train(config: Any, envs: int, iterations: int) -> dict[str, Any]:
                 waited = communication.seconds - before
                 read = stopwatch.read()
                 parts.append(read | {UPDATE: read[UPDATE] - waited, TALK: waited})
-                talk.append((communication.calls - calls, communication.bytes - told))
+                talk.append((communication.calls - calls, communication.bytes - sent))
         communication.stop()
         weights = sum(p.numel() * p.element_size() for p in runner.alg.get_policy().parameters())
     return {
@@ -120,9 +120,9 @@ def main() -> None:
     scenario, envs, iterations, threads, file = sys.argv[1:]
     with processes.joined() as place:
         cli.start(argparse.Namespace(arch="cpu", threads=int(threads)))
-        told = train(load_scenario(scenario), int(envs), int(iterations))
+        result = train(load_scenario(scenario), int(envs), int(iterations))
         if place.first:
-            Path(file).write_text(json.dumps(told), encoding="utf-8")
+            Path(file).write_text(json.dumps(result), encoding="utf-8")
 
 
 if __name__ == "__main__":

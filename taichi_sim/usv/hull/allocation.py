@@ -48,7 +48,7 @@ def reach(thrusters: Sequence[Thruster]) -> Array:
 
 
 def pseudo_inverse(thrusters: Sequence[Thruster]) -> Array:
-    """Weighted pseudo-inverse [component, 3]: components of a wrench of 1 N, 1 N and 1 N m."""
+    """Weighted pseudo-inverse [component, 3]: the components that make X = 1 N, Y = 1 N or N = 1 N m alone."""
     most = np.array([thrusters[k].thrust_max for k, _ in components(thrusters)])
     weighted = reach(thrusters) * most
     size = np.abs(weighted).sum(axis=1, keepdims=True)  # makes N and N m comparable

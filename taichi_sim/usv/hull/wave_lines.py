@@ -108,7 +108,7 @@ def _bundles(pieces: list[NDArray[np.int64]], point: Array) -> list[list[NDArray
 
 
 def _forward(piece: NDArray[np.int64], point: Array) -> NDArray[np.int64]:
-    """The piece in the order that runs mostly forward, to starboard or down."""
+    """The piece, reversed if needed, so that its longest extent runs forward, to starboard or down."""
     way = point[piece[-1]] - point[piece[0]]
     return piece if way[np.abs(way).argmax()] >= 0 else piece[::-1]
 
