@@ -32,9 +32,9 @@ FAILED = ("hard", "toppled", "slid", "collided")  # ends of the mission, besides
 class Aircraft(Team):
     """Measures the aircraft after each step; everything is [env, aircraft, ...].
 
-    Aircraft i lands on boat i modulo their number. Where there are more aircraft than boats, those of a deck take turns:
-    each waits at a holding point of its own until the one before it is over, and has left the deck. One that has landed
-    lifts off again, and leaves to its holding point.
+    Aircraft i lands on boat i, modulo their number. Where there are more aircraft than boats, those of a deck take
+    turns: each waits at a holding point of its own until the one before it is over, and has left the deck. One that has
+    landed lifts off again, and leaves to its holding point.
 
     Attributes:
         own: what they measure of themselves. known_deck: what they know of their decks.
@@ -212,8 +212,13 @@ class Aircraft(Team):
         return ("ahead (correction)", "to starboard (correction)", "down (correction)")
 
     def planned(self, correction: Tensor, known: object = None) -> Tensor:
-        """As `command` in m/s, from whatever height; see Team.planned. A pilot always acts by what is known."""
-        return self.flown(corrected(self.wanted, correction, self.known_deck.heading, 1.0, 1.0))
+        """As `command` in m/s, from whatever height; see Team.planned. A pilot always acts by what is known; plans that
+        are made by what is `known` keep the pilot's limits, too.
+        """
+        velocity = corrected(self.wanted, correction, self.known_deck.heading, 1.0, 1.0)
+        if known is not None:
+            velocity = self.pilot.limited(self, velocity, self.pilot.config.approach)
+        return self.flown(velocity)
 
     def flown(self, velocity: Tensor) -> Tensor:
         """Actions [env, aircraft, a] that fly a velocity [env, aircraft, 3] (NED, m/s), square to the deck; once a sole

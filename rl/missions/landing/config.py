@@ -20,7 +20,7 @@ class LandingConfig(Strict):
     """`[landing]`: who is who, how an episode begins, and when an aircraft has landed."""
 
     boats: Annotated[str, Field(min_length=1)] = "usv"  # the team with decks
-    aircraft: Annotated[str, Field(min_length=1)] = "uav"  # the team with legs; number i lands on boat i mod their count
+    aircraft: Annotated[str, Field(min_length=1)] = "uav"  # with legs; number i lands on boat i, modulo their number
     distance: Span = (20.0, 60.0)  # of an aircraft from its deck as an episode begins, level, m
     height: Span = (10.0, 20.0)  # above the mean level of the sea then, m
     apart: Positive = 200.0  # m between boats, abreast of each other
@@ -161,8 +161,8 @@ class LandingScenario(Scenario):
         boats, aircraft = (self.teams[getattr(self.landing, key)].count for key in ("boats", "aircraft"))
         if aircraft % boats:
             raise ValueError(
-                f"{self.landing.aircraft}.count = {aircraft}: must be {self.landing.boats}.count = {boats}, so that each "
-                "lands on a boat of its own, or a multiple of it, so that as many take turns on each deck"
+                f"{self.landing.aircraft}.count = {aircraft}: must be {self.landing.boats}.count = {boats}, where each "
+                "lands on a boat of its own, or a multiple of it, where as many take turns on each deck"
             )
         return self
 

@@ -8,8 +8,9 @@ and of pitch. What they foresee is joined to what is known now by an error that 
     x(t) = AR(t) + (e + (e' + e / tau) t) exp(-t / tau),    e, e' at t = 0: x and x' as known, less those of AR.
 
 Until a model is ready, AR is zero. The wind is that in which the aircraft would have to lean as it does to hold its
-velocity, averaged. There are no waves: the model is `RAISED`, and an aircraft has met the water where it is below its boat's
-waterline.
+velocity, averaged. There are no waves: the model is `RAISED`, and an aircraft has met the water where it is below its
+boat's waterline. Plans keep the pilot's limits (pilots.py), as policies do. What is not known needs room: a landing in the
+model must be softer and more level than `[landing]` says (`MARGIN`), on a deck that is smaller (`INSIDE`).
 """
 
 from typing import Any
@@ -17,7 +18,6 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from rl.mission import Mission
 from rl.missions.landing.aircraft import Aircraft
 from rl.missions.landing.boats import Boats
 from rl.missions.landing.config import LandingScenario
@@ -42,6 +42,8 @@ ORDER = 8  # of them; assumed
 BLOWN = 2.0  # s, over which the wind is averaged; assumed
 JOINED, ALONE = 0.5, 1.2  # s, tau with a model that is ready, and without; assumed
 ABOVE = 1e-3  # m, of the lowest sole above a deck in which it would be otherwise
+MARGIN = 0.6  # limits of a touchdown in the model over those of the world; assumed
+INSIDE = 0.1  # m, by which the deck's edges are nearer to its middle in the model; assumed
 SPEEDS = 24  # airspeeds of the table of leans
 
 
@@ -54,6 +56,8 @@ def imagined_scenario(config: LandingScenario, components: int) -> LandingScenar
         name: section.model_copy(update={"vary": {}, "sensors": SensorsConfig()})
         for name, section in config.parts.items()
     }
+    landing = config.landing
+    softer = {key: MARGIN * getattr(landing, key) for key in ("hard_speed", "hard_tilt_deg")}
     steady = {"speed": 0.0, "beaufort": None, "series": None, "std": 0.0, "turbulence_w20": 0.0, "gust": None}
     return config.model_copy(
         update={
@@ -61,6 +65,7 @@ def imagined_scenario(config: LandingScenario, components: int) -> LandingScenar
             "air": None if config.air is None else config.air.model_copy(update=steady),
             "vary": {key: of for key, of in config.vary.items() if key == "air.turbulence"},
             "radio": RadioConfig(),
+            "landing": landing.model_copy(update=softer),
             **parts,
         }
     )
@@ -70,9 +75,12 @@ class Foreseen(Vehicle):
     """A vessel that moves as `ImaginedLanding.way` says; no load moves it."""
 
     def __init__(self, like: Vehicle, mission: "ImaginedLanding"):
-        """With the deck and the actions of `like`; the latter have no effect."""
+        """With a deck inside that of `like`, and its actions, which have no effect."""
         super().__init__(like.params, like.dt, like.substeps)
-        self.deck, self.action_names, self._mission = like.deck, like.action_names, mission
+        self.action_names, self._mission = like.action_names, mission
+        assert like.deck is not None
+        x, y = (max(length - 2 * INSIDE, 0.5 * length) for length in like.deck.size)
+        self.deck = like.deck.model_copy(update={"size": (x, y)})
 
     def step(self, fleet: Any, around: Any) -> None:
         """Put the vessels where they are foreseen to be at the end of the step."""
@@ -108,6 +116,10 @@ class ImaginedAircraft(Aircraft):
         angles = torch.atan2(R[..., 2, 1], R[..., 2, 2]), -R[..., 2, 0].clamp(-1.0, 1.0).asin()
         known.attitude = torch.stack((*angles, torch.atan2(R[..., 1, 0], R[..., 0, 0])), dim=-1)
         known.seen, known.heard = torch.zeros_like(known.seen), torch.zeros_like(known.heard)
+
+    def planned(self, correction: Tensor, known: object = None) -> Tensor:
+        """Within the pilot's limits."""
+        return super().planned(correction, self)
 
 
 class ImaginedLanding(Landing):
@@ -207,6 +219,8 @@ class ImaginedLanding(Landing):
         fleet.update()
         assert fleet.touch is not None
         fleet.touch.forget(everywhere)
+        assert self.world.contacts.placed is not None
+        self.world.contacts.placed.zero_()  # nobody begins inside a deck: `_clear`
         wind = self._wind_of(team) if self._wind is None else self._wind
         wind = wind.mean(1) / self.world.wind.speed_factor(RAISED)  # one for the aircraft of an environment
         self.world.wind.set_mean(everywhere, wind)
@@ -225,7 +239,8 @@ class ImaginedLanding(Landing):
         lean = torch.where(pilot.height.isnan().unsqueeze(-1), own.R_nb[..., 2], pilot.lean)[..., :2]
         size = lean.norm(dim=-1)
         leans, step = self._leans(team)
-        at = torch.searchsorted(leans, size.clamp(max=float(leans[-1])).contiguous(), right=True).clamp(1, len(leans) - 1)
+        size = size.clamp(max=float(leans[-1])).contiguous()
+        at = torch.searchsorted(leans, size, right=True).clamp(1, len(leans) - 1)
         low, high = leans[at - 1], leans[at]
         airspeed = step * ((at - 1).to(size) + (size - low) / (high - low))
         through = -airspeed.unsqueeze(-1) * lean / size.clamp(min=1e-6).unsqueeze(-1)

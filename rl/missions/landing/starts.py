@@ -30,9 +30,7 @@ def afloat(team: Any, config: LandingScenario, n: int, generator: torch.Generato
     return state, course, speed
 
 
-def aloft(
-    team: Any, over: Tensor, config: LandingConfig, generator: torch.Generator
-) -> tuple[Tensor, Tensor]:
+def aloft(team: Any, over: Tensor, config: LandingConfig, generator: torch.Generator) -> tuple[Tensor, Tensor]:
     """Aircraft in hover around places `over` [n, aircraft, 2] (m), headed any way; states, and unit vectors
     [n, aircraft, 2] from those places to them. Aircraft of one deck are evenly spaced around it, within a quarter of
     that.
@@ -64,6 +62,6 @@ def aloft(
             return state, away
     raise ConfigError(
         f"landing.distance = {list(config.distance)}, landing.height = {list(config.height)}, landing.apart = "
-        f"{config.apart:g}: two aircraft would begin in one place, which is to be {float(apart.amin()):.3g} m from each "
-        f"other; allowed are {SPACED * team.fleet.model.collision_radius:g} m or more"
+        f"{config.apart:g}: two aircraft would begin in one place, {float(apart.amin()):.3g} m from each other; "
+        f"allowed are {SPACED * team.fleet.model.collision_radius:g} m or more"
     )
