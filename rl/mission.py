@@ -224,6 +224,9 @@ class Mission(Stateful, Generic[C, T]):
         """Write what `team` of the real mission knows now into this mission, which `imagined` has built."""
         raise NotImplementedError
 
+    def notice(self, team: T) -> None:
+        """See what `team` of the real mission knows in each decision, before `believe`, for models with a memory."""
+
     def measure(self) -> None:
         """Read the world after a step: move targets, compute errors, sense."""
 

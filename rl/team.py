@@ -101,6 +101,11 @@ class Team(Generic[M, S]):
         return (self.controller(self if known is None else known) + correction).clamp(-1.0, 1.0)
 
     @property
+    def plannable(self) -> Tensor:
+        """Where a plan could change what its vehicles do, bool [env, vehicle]. Default: everywhere."""
+        return torch.ones_like(self.fleet.state[..., 0], dtype=torch.bool)
+
+    @property
     def in_effect(self) -> Tensor:
         """Where actions of the policy have an effect now, bool [env, vehicle]. Default: everywhere."""
         return torch.ones_like(self.fleet.state[..., 0], dtype=torch.bool)

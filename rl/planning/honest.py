@@ -12,6 +12,7 @@ from torch import Tensor
 
 from rl.mission import ControllerError
 from rl.planning.planner import Planner
+from taichi_sim.kernels import runtime
 
 
 class HonestPlanner(Planner):
@@ -23,12 +24,25 @@ class HonestPlanner(Planner):
             self._believed: Any = None
         super().bind(team)
 
+    def renew(self, team: Any) -> None:
+        """See `Planner.renew`."""
+        with torch.inference_mode(False), torch.no_grad(), runtime.torch_at_rest():
+            self.bind(team)
+            self._model(team).notice(team)
+        super().renew(team)
+
     def _view(self, team: Any) -> Any:
         """The team as its vehicles know it."""
         return team.known
 
     def _fork(self, team: Any, envs: Tensor, copies: int) -> Any:
-        """The model: so many copies of what the vehicles of each environment believe.
+        """The model: so many copies of what the vehicles of each environment believe."""
+        model = self._model(team)
+        model.believe(team)
+        return self._copied(model, envs, copies)
+
+    def _model(self, team: Any) -> Any:
+        """The model of all environments.
 
         Raises:
             ControllerError: if the mission has no way to build it.
@@ -43,8 +57,7 @@ class HonestPlanner(Planner):
                 )
             for other in self._believed.teams.values():
                 _ = other.controller  # made now: its memory is state
-        self._believed.believe(team)
-        return self._copied(self._believed, envs, copies)
+        return self._believed
 
 
 def write_obstacles_as_bodies(table: Tensor, position: Tensor, seen: Tensor) -> None:

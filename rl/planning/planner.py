@@ -71,24 +71,24 @@ class Planner:
             if self._proposal is not None and bool(self.follows_policy.any()):
                 action = torch.where(self.follows_policy.view(-1, 1, 1), self._proposal(team), action)
         self._seconds += time.perf_counter() - start
-        self._life += team.mission.num_envs * team.mission.config.decision_interval
+        self._life += int(team.plannable.any(-1).sum()) * team.mission.config.decision_interval
         return action
 
     def renew(self, team: Any) -> None:
-        """Plan anew where the last plan is as old as it may be; to be called once a decision."""
+        """Plan anew where the last plan is as old as it may be, and could change something; once a decision."""
         # not in inference mode, in which rsl-rl acts: tensors made there do not tell what has changed since
         with torch.inference_mode(False), torch.no_grad(), runtime.torch_at_rest():
             self.bind(team)
             begins = team.mission.steps == 0
             self._age = torch.where(begins, self._every, self._age + 1)
             self._knots[begins] = 0.0
-            due = (self._age >= self._every).nonzero().flatten()
+            due = ((self._age >= self._every) & team.plannable.any(-1)).nonzero().flatten()
             for envs in due.split(max(1, MOST // self.config.samples)) if len(due) else ():
                 self._plan(team, envs)
 
     @property
     def price(self) -> float:
-        """Seconds of computing for a second of one environment."""
+        """Seconds of computing for a second of one environment in which there was something to plan."""
         return self._seconds / max(self._life, 1e-9)
 
     def correction(self) -> Tensor:

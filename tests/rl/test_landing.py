@@ -16,6 +16,8 @@ from rl.missions.landing.judge import OUTCOMES
 from rl.missions.landing.known import KnownDeck
 from rl.missions.landing.marker import Look
 from rl.missions.landing.mission import Landing
+from rl.planning.config import PlanConfig
+from rl.planning.honest import HonestPlanner
 from taichi_sim.config import ConfigError
 
 CALM = (
@@ -73,6 +75,26 @@ def test_a_policy_that_asks_for_all_sink_there_is_touches_softly():
     assert bool(team.touched.all()) and float(team.touch_speed.max()) < 0.75
 
 
+def test_two_aircraft_land_on_one_deck_one_after_the_other():
+    """The second waits until the first has landed and left; both are told to have landed when both have."""
+    mission = landing("uav.count=2", "episode_duration=80", "landing.hold_distance=8", "landing.hold_height=5")
+    team, judge, apart = mission.teams["uav"], mission.Judge(mission, "uav"), []
+    for k in range(mission.config.episode_steps):
+        first = team.landed[:, 0]
+        assert not bool((team.comes[:, 1] & ~first).any())
+        waits = ~first & (mission.steps > 100)
+        assert float(team.height[waits, 1].min() if waits.any() else 9.0) > 6.0
+        step = mission.step({"uav": team.controller(team)})
+        judge.see(step, k + 1)
+        place = team.fleet.position_n
+        apart.append(float((place[:, 0] - place[:, 1]).norm(dim=-1).min()))
+        assert bool((step.endings["uav"].any.any(1) == team.landed.all(1)).all())
+        if bool(team.landed.all()):
+            break
+    assert (judge.outcome == OUTCOMES.index("landed")).all() and min(apart) > 4.0
+    assert (judge.time[:, 1] > judge.time[:, 0] + mission.config.landing.stand).all()
+
+
 def test_plans_of_a_landing_count_a_landing_and_its_failures():
     mission = shared()
     mission.reset()
@@ -82,6 +104,33 @@ def test_plans_of_a_landing_count_a_landing_and_its_failures():
     assert torch.allclose(failed - none, torch.full((4, 1), weights.failed))
     team.stood = torch.full_like(team.stood, mission.config.landing.stand)
     assert torch.allclose(mission.plan_cost(team, ended) - none, torch.full((4, 1), -weights.landed))
+
+
+def test_an_honest_planner_believes_what_the_aircraft_know():
+    """A model of its own, in which decks are where they are known to be, aircraft where they measure themselves, and
+    what is foreseen of a deck that has sailed on for a while comes about.
+    """
+    mission = shared()
+    mission.reset()
+    team, planner = mission.teams["uav"], HonestPlanner(PlanConfig(samples=4, rounds=1, horizon=1.0, every=0.9), seed=1)
+    for _ in range(60):
+        action = planner(team)
+        mission.step({"uav": action})
+    assert bool(action.isfinite().all()) and planner.planned >= 4 * 6
+    planner.bind(team)
+    believed = planner._believed
+    believed.believe(team)
+    mine, known = believed.teams["uav"], team.known_deck
+    assert mine.fleet.state[..., 3:].equal(team.own.state[..., 3:]) and not mine.fleet.state.equal(team.fleet.state)
+    assert torch.allclose(mine.known_deck.to, known.to, atol=2e-3)
+    assert torch.allclose(mine.known_deck.velocity, known.velocity, atol=1e-3)
+    before, way = mission.boats.deck.place.clone(), believed.boats.deck.place.clone()
+    for _ in range(10):
+        believed.step({"uav": mine.controller(mine)})
+        mission.step({"uav": team.controller(team)})
+    moved, foreseen = mission.boats.deck.place - before, believed.boats.deck.place - way
+    assert float((foreseen - moved).norm(dim=-1).mean()) < min(0.25, 0.5 * float(moved.norm(dim=-1).mean()))
+    assert torch.allclose(mine.fleet.velocity_n, team.fleet.velocity_n, atol=0.4)
 
 
 def test_a_fork_lands_as_its_source_does_to_the_bit():
@@ -175,7 +224,7 @@ def test_rotors_let_go_only_over_the_deck_and_upright(monkeypatch):
     ("override", "told"),
     [
         ("uav.marker.axis_deg=150", "the camera looks up"),
-        ("uav.count=2", "as many as usv.count = 1 are needed"),
+        ("usv.count=2", "uav.count = 1: must be usv.count = 2"),
         ("landing.aircraft=usv", "must be two teams"),
         ("landing.height=[9, 3]", "the first must not be above the second"),
     ],
@@ -184,6 +233,11 @@ def test_scenarios_that_cannot_be_flown_are_refused(override, told):
     with pytest.raises(ConfigError) as caught:
         load_scenario("landing", [override])
     assert_says(str(caught.value), told)
+
+
+def test_aircraft_that_begin_in_one_place_are_refused():
+    with pytest.raises(ConfigError, match=r"landing.distance = \[0.0, 0.0\].*two aircraft would begin in one place"):
+        landing("uav.count=2", "landing.distance=[0, 0]", "landing.height=[8, 8]")
 
 
 def test_vehicles_that_cannot_land_are_refused():

@@ -6,7 +6,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from rl.missions.landing.deck import into_level, squashed
+from rl.missions.landing.deck import DeckMotion, into_level, squashed
 from rl.missions.landing.known import LAGS, KnownDeck
 from rl.missions.landing.marker import Marker
 from rl.missions.landing.pilots import Pilot, corrected
@@ -20,11 +20,21 @@ FAR, FAST, SLOW = 10.0, 3.0, 1.0  # m, m/s, m/s, where what is observed is half 
 WENT_LOW, WENT_UP = 1.0, 2.5  # m above the deck: who was lower and is then higher has aborted; assumed
 SITS = math.cos(math.radians(8.0))  # cosine of the tilt to the deck up to which it lets go; assumed
 FINEST = 0.15  # share of its authority that a policy has at the deck; assumed
+CLEAR = 6.0  # m from the deck's middle, where an aircraft that is over no longer keeps the next one away; assumed
+STACKED = 4.0  # m of height between holding points of aircraft of one deck; assumed
+RISE = 2.0  # m above the deck and beside its middle, up to where an aircraft that leaves goes straight up; assumed
 SQUARE = 1.5  # 1/s, at which it turns its nose square to the deck, for legs to have the most room; assumed
 
 
+FAILED = ("hard", "toppled", "slid", "collided")  # ends of the mission, besides those of the vehicle
+
+
 class Aircraft(Team):
-    """Measures the aircraft after each step; everything is [env, aircraft, ...]; aircraft i is of boat i.
+    """Measures the aircraft after each step; everything is [env, aircraft, ...].
+
+    Aircraft i lands on boat i, modulo their number. Where there are more aircraft than boats, those of a deck take
+    turns: each waits at a holding point of its own until the one before it is over, and has left the deck. One that has
+    landed lifts off again, and leaves to its holding point.
 
     Attributes:
         own: what they measure of themselves. known_deck: what they know of their decks.
@@ -36,12 +46,15 @@ class Aircraft(Team):
         settled, settling: all soles have been on the deck, for the first time in this step.
         stood: s that all soles have been on the deck. drifted: m on the deck since. aborts: how often it has gone up.
         time: s until the first touch.
+        bearing: [.., 2] unit vector (north, east) from its deck to its holding point. rank: its turn, from 0. turns:
+            int64 [env, boat], whose turn it is. landed, over: it has landed, it has landed or failed; so before this
+            step and in it. failed: name -> bool, how it has failed in this step. All but rank are of decks with turns.
     """
 
     STATE = (
         "own", "known_deck", "offset", "height", "distance", "to_go", "before", "tilt", "touched", "touching",
         "settled", "settling", "touch_error", "touch_tilt", "touch_speed", "stood", "drifted", "aborts", "time",
-        "_anchor", "_low",
+        "bearing", "turns", "landed", "over", "failed", "_anchor", "_low",
     )  # fmt: skip
 
     def __init__(self, mission: Any, name: str):
@@ -59,6 +72,9 @@ class Aircraft(Team):
             raise ConfigError(f'{told} has control.actions = "{model.actions}": to land it needs "velocity"')
         self._model, self.interval = model, config.decision_interval
         number = list(config.teams).index(name)
+        boats = config.parts[config.landing.boats].count
+        self.boat_of = torch.arange(self.fleet.count, device=state.device) % boats
+        self.alone = self.fleet.count == boats
         sensors = self.section.sensors
         self.own = Readings(self.fleet, sensors, self.interval, 64 * number)
         tilted = sensors.errors * math.radians(sensors.imu.attitude_noise_deg)
@@ -72,10 +88,34 @@ class Aircraft(Team):
             self.height, self.distance, self.to_go, self.before, self.tilt, self.touch_error, self.touch_tilt,
             self.touch_speed, self.stood, self.drifted, self.aborts, self.time,
         ) = (state.new_zeros(shape) for _ in range(12))  # fmt: skip
-        self.touched, self.touching, self.settled, self.settling, self._low = (
-            torch.zeros(shape, dtype=torch.bool, device=state.device) for _ in range(5)
+        self.touched, self.touching, self.settled, self.settling, self._low, self.landed, self.over = (
+            torch.zeros(shape, dtype=torch.bool, device=state.device) for _ in range(7)
         )
+        self.rank, self._ranks = torch.arange(self.fleet.count, device=state.device) // boats, self.fleet.count // boats
+        self.turns = torch.zeros((shape[0], boats), dtype=torch.int64, device=state.device)
+        self.bearing = state.new_zeros((*shape, 2))
+        names = () if self.alone else (*FAILED, *model.ending_names)
+        self.failed = {failing: torch.zeros_like(self.over) for failing in names}
         self._wanted: Tensor | None = None
+
+    @property
+    def deck(self) -> DeckMotion:
+        """The deck of each aircraft, the truth."""
+        deck = self.mission.boats.deck
+        return deck if self.alone else deck.of(self.boat_of)
+
+    @property
+    def turn(self) -> Tensor:
+        """int64 [env, boat], the aircraft that comes in to land on each boat, or was the last to do so."""
+        boats = self.turns.shape[1]
+        return boats * self.turns.clamp(max=self._ranks - 1) + torch.arange(boats, device=self.turns.device)
+
+    @property
+    def comes(self) -> Tensor:
+        """Bool [env, aircraft]: it is its turn to land."""
+        if self.alone:
+            return ~self.fleet.never
+        return (self.turns[:, self.boat_of] == self.rank) & ~self.over
 
     # -- flying ----------------------------------------------------------------------------------------------------
 
@@ -109,8 +149,13 @@ class Aircraft(Team):
 
     @property
     def in_effect(self) -> Tensor:
-        """Not once its rotors let go."""
-        return ~self.lets_go
+        """Where it is its turn, and its rotors have not let go."""
+        return self.comes & ~self.lets_go
+
+    @property
+    def plannable(self) -> Tensor:
+        """As `in_effect`."""
+        return self.in_effect
 
     @property
     def touches(self) -> Tensor:
@@ -128,7 +173,7 @@ class Aircraft(Team):
         soles = torch.stack((c * x - s * y, s * x + c * y), dim=-1)  # [env, aircraft, leg, 2]
         over = ((soles - to).abs() <= to.new_tensor(half)).all(-1).all(-1)
         upright = (self.own.R_nb[..., 2] * known.down).sum(-1) > SITS
-        return self.touches & over & upright
+        return self.touches & over & upright & self.comes
 
     @property
     def _turned(self) -> tuple[Tensor, Tensor]:
@@ -167,14 +212,23 @@ class Aircraft(Team):
         return ("ahead (correction)", "to starboard (correction)", "down (correction)")
 
     def planned(self, correction: Tensor, known: object = None) -> Tensor:
-        """As `command` in m/s, from whatever height; see Team.planned. A pilot always acts by what is known."""
-        return self.flown(corrected(self.wanted, correction, self.known_deck.heading, 1.0, 1.0))
+        """As `command` in m/s, from whatever height; see Team.planned. A pilot always acts by what is known; plans that
+        are made by what is `known` keep the pilot's limits, too.
+        """
+        velocity = corrected(self.wanted, correction, self.known_deck.heading, 1.0, 1.0)
+        if known is not None:
+            velocity = self.pilot.limited(self, velocity, self.pilot.config.approach)
+        return self.flown(velocity)
 
     def flown(self, velocity: Tensor) -> Tensor:
         """Actions [env, aircraft, a] that fly a velocity [env, aircraft, 3] (NED, m/s), square to the deck; once a sole
-        is on the deck, and all are over it, down, so that the rotors idle.
+        is on the deck, and all are over it, down, so that the rotors idle. Where it is not its turn, actions that hold.
         """
         known, demands, touches = self.known_deck, self._model.demands, self.lets_go.unsqueeze(-1)
+        idles = self.standing
+        if not self.alone:
+            comes = self.comes
+            velocity, idles = torch.where(comes.unsqueeze(-1), velocity, self._holding()), idles & comes
         level = into_level(torch.where(touches, known.velocity, velocity), self.own.heading)
         down = level[..., 2]
         down = torch.where(down > 0, down / demands.descent, down / demands.climb)
@@ -182,18 +236,33 @@ class Aircraft(Team):
         turn = torch.where(touches[..., 0], 0.0, (known.rates[..., 2] + SQUARE * self._off_square) / demands.yaw_rate)
         action = torch.stack((level[..., 0] / demands.speed, level[..., 1] / demands.speed, down, turn), dim=-1)
         idle = action.new_tensor((0.0, 0.0, 1.0, 0.0))
-        return torch.where(self.standing.unsqueeze(-1), idle, action).clamp(-1.0, 1.0)
+        return torch.where(idles.unsqueeze(-1), idle, action).clamp(-1.0, 1.0)
 
-    def begin(self, envs: Tensor) -> None:
-        """Episodes begin in environments `envs` [n]."""
+    def _holding(self) -> Tensor:
+        """Velocity [env, aircraft, 3] (NED, m/s) to the holding point, which moves with the deck's mean place."""
+        known, own, c, place = self.known_deck, self.own, self.pilot.config, self.mission.config.landing
+        to = known.to[..., :2] + place.hold_distance * self.bearing
+        r = to.norm(dim=-1, keepdim=True)
+        speed = torch.minimum(c.position * r, (2 * c.braking * r).sqrt()).clamp(max=c.approach)
+        level = known.mean[..., :2] + speed / r.clamp(min=1e-3) * to
+        rises = (self.known_height < RISE) & (known.to[..., :2].norm(dim=-1) < RISE)
+        level = torch.where(rises.unsqueeze(-1), known.velocity[..., :2], level)
+        height = place.hold_height + STACKED * self.rank
+        down = c.position * (self.pilot.height - height - own.position_n[..., 2])
+        demands = self._model.demands
+        return torch.cat((level, down.clamp(-demands.climb, demands.descent).unsqueeze(-1)), dim=-1)
+
+    def begin(self, envs: Tensor, bearing: Tensor) -> None:
+        """Episodes begin in environments `envs` [n], aircraft at `bearing` [n, aircraft, 2] from their decks."""
         self.pilot.begin(envs)
+        self.bearing[envs] = bearing.to(self.bearing)
 
     # -- measuring -------------------------------------------------------------------------------------------------
 
     def measure(self, which: Tensor, count: int) -> None:
         """In environments `which` [env] int32, `count` of them: the truth, and what instruments say."""
         self._wanted = None
-        mission, deck = self.mission, self.mission.boats.deck
+        mission, deck = self.mission, self.deck
         self.own.read(which, count, mission.noise.table)
         fresh, on = (which == 2).unsqueeze(-1), (which == 1).unsqueeze(-1)
         away = self.fleet.position_n - deck.place
@@ -207,6 +276,8 @@ class Aircraft(Team):
         upright = (self.fleet.R_nb[..., 2] * deck.down).sum(-1)
         self.tilt = upright.clamp(-1.0, 1.0).acos()
         self._touch(on, fresh, level)
+        if not self.alone:
+            self._take_turns(on, fresh)
 
     def _touch(self, on: Tensor, fresh: Tensor, level: Tensor) -> None:
         touch, dt = self.fleet.touch, self.interval
@@ -228,14 +299,14 @@ class Aircraft(Team):
         self.stood = torch.where(on, stood, torch.where(fresh, 0.0, self.stood))
         self.drifted = torch.where(standing, (self.offset - self._anchor)[..., :2].norm(dim=-1), 0.0)
         low = (self._low & ~fresh) | (self.height < WENT_LOW) & (level < 2.0)
-        up = low & (self.height > WENT_UP) & on
+        up = low & (self.height > WENT_UP) & on & ~self.over
         self.aborts = torch.where(fresh, 0.0, self.aborts + up)
         self._low = low & ~up
         self.time = torch.where(fresh, 0.0, self.time + dt * (on & ~self.touched))
 
     def conclude(self, which: Tensor, count: int, heard: Tensor) -> None:
         """Look at the marker, and know what follows from that and from what is `heard` [env, aircraft, n]."""
-        mission, deck = self.mission, self.mission.boats.deck
+        mission, deck = self.mission, self.deck
         look = self.marker.look(
             self.fleet, deck.place - self.fleet.position_n, deck.down, mission.hs, which, count, mission.noise.table
         )
@@ -246,8 +317,33 @@ class Aircraft(Team):
         """Of the soles above the deck's plane, as known, m."""
         return (self.known_deck.to * self.known_deck.down).sum(-1) - self.soles_below
 
+    def _take_turns(self, on: Tensor, fresh: Tensor) -> None:
+        """Who is over, and whose turn it is, on decks that several aircraft land on."""
+        over, ends = self.over & ~fresh, self._ends() | self._model.endings(self.fleet, self.mission.world)
+        place = self.fleet.position_n
+        apart = torch.cdist(place, place, compute_mode="donot_use_mm_for_euclid_dist")
+        apart.diagonal(dim1=1, dim2=2).fill_(math.inf)
+        ends["collided"] = apart.amin(-1) < 2 * self._model.collision_radius
+        self.failed = {name: ends[name] & on & ~over for name in self.failed}
+        failed = torch.stack(list(self.failed.values())).any(0)
+        landing = ends["landed"] & on & ~over & ~failed
+        self.landed = (self.landed & ~fresh) | landing
+        self.over = over | landing | failed
+        turn = self.turn
+        left = self.over.gather(1, turn) & (self.distance.gather(1, turn) > CLEAR)
+        self.turns = torch.where(fresh, 0, self.turns + (left & on))
+
     def ends(self) -> dict[str, Tensor]:
-        """Why the episode of an aircraft has ended, bool each."""
+        """Why the episode of an aircraft has ended, bool each. Aircraft of one deck that have landed are told to have
+        once all of an environment are over, one of them fails, or time is up.
+        """
+        if self.alone:
+            return self._ends()
+        failed = torch.stack(list(self.failed.values())).any(0).any(1)
+        told = failed | self.over.all(1) | (self.mission.steps >= self.mission.config.episode_steps)
+        return {"landed": self.landed & told.unsqueeze(1)} | {name: self.failed[name] for name in FAILED}
+
+    def _ends(self) -> dict[str, Tensor]:
         limits = self.mission.config.landing
         hard = self.touched & (self.touch_speed > limits.hard_speed)
         hard |= self.touching & (self.touch_tilt > math.radians(limits.hard_tilt_deg))
@@ -298,7 +394,7 @@ class Aircraft(Team):
     @property
     def privileged(self) -> Tensor | None:
         """The truth [env, aircraft, n]: of the deck, of the sea and the wind, and what varies."""
-        mission, deck, fleet = self.mission, self.mission.boats.deck, self.fleet
+        mission, deck, fleet = self.mission, self.deck, self.fleet
         to = into_level(deck.place - fleet.position_n, deck.heading)
         relative = into_level(deck.velocity - fleet.velocity_n, deck.heading)
         wind = into_level(mission.world.around.wind.unsqueeze(1).expand_as(to), deck.heading)

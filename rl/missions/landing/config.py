@@ -20,10 +20,12 @@ class LandingConfig(Strict):
     """`[landing]`: who is who, how an episode begins, and when an aircraft has landed."""
 
     boats: Annotated[str, Field(min_length=1)] = "usv"  # the team with decks
-    aircraft: Annotated[str, Field(min_length=1)] = "uav"  # the team with legs; number i lands on boat i
+    aircraft: Annotated[str, Field(min_length=1)] = "uav"  # with legs; number i lands on boat i, modulo their number
     distance: Span = (20.0, 60.0)  # of an aircraft from its deck as an episode begins, level, m
     height: Span = (10.0, 20.0)  # above the mean level of the sea then, m
     apart: Positive = 200.0  # m between boats, abreast of each other
+    hold_distance: Positive = 20.0  # where aircraft wait for their turn on a deck: from it, level, m; assumed
+    hold_height: Positive = 12.0  # above its mean height, m, the first; the next ones 4 m more each; assumed
     stand: Positive = 5.0  # s that all soles must be on the deck without a break
     hard_speed: Positive = 1.0  # normal speed of a sole that comes down, at most, m/s
     hard_tilt_deg: Angle = 10.0  # of the aircraft to the deck at the first touch, at most
@@ -157,10 +159,10 @@ class LandingScenario(Scenario):
             if self.teams[name].script is not None:
                 raise ValueError(f"{name}.script: the mission steers {name}, remove the script")
         boats, aircraft = (self.teams[getattr(self.landing, key)].count for key in ("boats", "aircraft"))
-        if boats != aircraft:
+        if aircraft % boats:
             raise ValueError(
-                f"{self.landing.aircraft}.count = {aircraft}: as many as {self.landing.boats}.count = {boats} are "
-                "needed, each aircraft lands on a boat of its own"
+                f"{self.landing.aircraft}.count = {aircraft}: must be {self.landing.boats}.count = {boats}, where each "
+                "lands on a boat of its own, or a multiple of it, where as many take turns on each deck"
             )
         return self
 

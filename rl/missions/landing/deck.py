@@ -22,6 +22,11 @@ class DeckMotion(NamedTuple):
         """[env, boat, 3] its normal, into the deck, NED."""
         return self.R[..., 2]
 
+    def of(self, boats: Tensor) -> "DeckMotion":
+        """Those of `boats` [n], in that order."""
+        place, velocity, R, tilt = (x[:, boats] for x in self[:4])
+        return DeckMotion(place, velocity, R, tilt, (self.heading[0][:, boats], self.heading[1][:, boats]))
+
 
 def deck_motion(boats: Views, centre: Tensor) -> DeckMotion:
     """Of `boats`, whose decks have their middle at `centre` [3] (m, b)."""

@@ -36,7 +36,7 @@ def overlays_of(mission: "Landing", env: int) -> tuple[Overlay, ...]:
             Plot(name="height above the deck", unit="m", lines=names, values=height),
             Plot(name="distance from the middle of the deck", unit="m", lines=names, values=level),
             Points(name="deck as known", colour=KNOWN, position_n=frame(place + known.to), radius=-3.0),
-            _sights(frame(place), frame(deck.place), frame(known.seen) == 0),
+            _sights(frame(place), frame(aircraft.deck.place), frame(known.seen) == 0),
         ]
     return tuple(drawn)
 

@@ -38,7 +38,7 @@ class KnownDeck:
         to: [.., 3] from the aircraft to the deck's middle, m. velocity, acceleration: [.., 3] of the deck.
         attitude: [.., 3] roll, pitch, heading of the boat as last heard, gone on with. rates: [.., 3] of it, b.
         heading: cosine and sine of the boat's heading. seen, heard: ages of the last look and message, s.
-        past: [.., n] vertical speed of the deck, n decisions back.
+        past: [.., n] vertical speed of the deck, n decisions back. mean: [.., 3] mean velocity of the deck, none down.
     """
 
     STATE = (
@@ -50,7 +50,7 @@ class KnownDeck:
         "seen",
         "heard",
         "past",
-        "_mean",
+        "mean",
         "_own",
         "_covariance",
     )
@@ -62,7 +62,7 @@ class KnownDeck:
         self.seen, self.heard = like[..., 0] * 0.0, like[..., 0] * 0.0
         self.past = like.new_zeros((*like.shape[:2], max(LAGS) + 1))
         dt, w = interval, SWING**2
-        self._mean, self._own = like[..., :3] * 0.0, like[..., :3] * 0.0  # of the deck; own, a decision ago; m/s
+        self.mean, self._own = like[..., :3] * 0.0, like[..., :3] * 0.0  # of the deck; own, a decision ago; m/s
         self._level = like.new_tensor((1.0, 1.0, 0.0))
         self._step = like.new_tensor(
             ((1.0, dt - w * dt**3 / 6, dt * dt / 2), (0.0, 1.0 - w * dt * dt / 2, dt), (0.0, -w * dt, 1.0))
@@ -86,7 +86,7 @@ class KnownDeck:
         v_radio = velocity + lead * acceleration
         on, fresh = (which == 1).unsqueeze(-1), (which == 2).unsqueeze(-1)
         # predicted
-        mean = self._mean
+        mean = self.mean
         x = self._step @ torch.stack((self.to, self.velocity - mean, self.acceleration), dim=-2)
         x[..., 0, :] += dt * (mean - 0.5 * (self._own + own.velocity_n))
         P = self._step @ self._covariance @ self._step.T + self._noise
@@ -116,7 +116,7 @@ class KnownDeck:
         self.acceleration = kept(a, acceleration, self.acceleration)
         self.attitude = kept(attitude, attitude, self.attitude)
         self.rates = kept(heard[..., 12:15], heard[..., 12:15], self.rates)
-        self._mean = kept(mean, self._level * v_radio, self._mean)
+        self.mean = kept(mean, self._level * v_radio, self.mean)
         self._own = kept(own.velocity_n, own.velocity_n, self._own)
         self._covariance = kept(P, self._begun.expand_as(P), self._covariance)
         self.seen = kept(seen, torch.full_like(seen, 2 * BLIND), self.seen)

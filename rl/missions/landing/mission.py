@@ -1,10 +1,11 @@
 """Landing: multirotors come in over boats in a seaway and land on their decks.
 
-Aircraft i lands on boat i. An episode begins with the boats under way, or still, on courses of their own, and each
-aircraft in hover 20 to 60 m from its deck, anywhere around. An aircraft knows itself by its instruments, the deck by a
-camera that sees a marker on it from near (marker.py) and by what the boat tells by radio (boats.py), late and at times
-lost (known.py). It has landed when all its soles have been on the deck for some seconds, and it came down softly
-(`[landing]`). Boats that take no part hold their course (boats.Helm).
+Aircraft i lands on boat i, modulo their number; several of one deck take turns (aircraft.py). An episode begins with
+the boats under way, or still, on courses of their own, and each aircraft in hover 20 to 60 m from its deck, anywhere
+around. An aircraft knows itself by its instruments, the deck by a camera that sees a marker on it from near (marker.py)
+and by what the boat tells by radio (boats.py), late and at times lost (known.py). It has landed when all its soles have
+been on the deck for some seconds, and it came down softly (`[landing]`). Boats that take no part hold their course
+(boats.Helm).
 """
 
 from collections.abc import Sequence
@@ -72,8 +73,18 @@ class Landing(Mission):
         super().__init__(config, num_envs, seed=seed, teams=there, source=source)
 
     def _alike(self, num_envs: int) -> "Mission":
-        """Another mission of the same scenario, seed and teams."""
-        return type(self)(self.config, num_envs, seed=self.seed, teams=tuple(self.teams), source=self.source)
+        """Another mission of the same scenario, seed and teams; the models of its vehicles are the same, so that their
+        kernels are compiled once.
+        """
+        other = type(self)(self.config, num_envs, seed=self.seed, teams=tuple(self.teams), source=self.source)
+        for name in self._models_shared:
+            other.world.teams[name].model = self.world.teams[name].model
+        return other
+
+    @property
+    def _models_shared(self) -> tuple[str, ...]:
+        """Teams whose models `_alike` shares."""
+        return tuple(self.world.teams)
 
     def prepare(self) -> None:
         """Connect everybody.
@@ -136,8 +147,8 @@ class Landing(Mission):
             self.radio.said[:, count:, 3:6] = aircraft.own.velocity_n
         self.radio.talk(which, rows, self.steps, self.noise.table)
         if aircraft is not None:
-            aircraft.conclude(which, rows, self.radio.heard[:, count + self._own, self._own])
-            boats.served = aircraft.ends()["landed"]
+            aircraft.conclude(which, rows, self.radio.heard[:, count + self._own, aircraft.boat_of])
+            boats.served = aircraft.ends()["landed"].unflatten(1, (-1, count)).any(1)
 
     def observe(self, team: Any) -> dict[str, Tensor]:
         """See boats.py and aircraft.py."""
@@ -162,6 +173,13 @@ class Landing(Mission):
         late = (self.steps >= self.config.episode_steps).unsqueeze(-1) & ~ends["landed"]
         return ends | {"late": late}
 
+    def _ended(self, team: Any) -> Endings:
+        """An aircraft that has landed and left its deck to the next one has no other end."""
+        ended = super()._ended(team)
+        if isinstance(team, Boats) or team.alone:
+            return ended
+        return Endings({name: flag if name == "landed" else flag & ~team.landed for name, flag in ended.items()})
+
     # -- episodes --------------------------------------------------------------------------------------------------
 
     def begin(self, envs: Tensor) -> None:
@@ -174,9 +192,9 @@ class Landing(Mission):
             x, y = self.boats.centre[:2]
             c, s = course.cos(), course.sin()
             decks = state[..., :2] + torch.stack((c * x - s * y, s * x + c * y), dim=-1)
-            over = aloft(self.aircraft, decks, self.config.landing, self.generator)
+            over, away = aloft(self.aircraft, decks[:, self.aircraft.boat_of], self.config.landing, self.generator)
             self.world.place(self.aircraft.name, envs, over)
-            self.aircraft.begin(envs)
+            self.aircraft.begin(envs, away)
 
     # -- what others ask -------------------------------------------------------------------------------------------
 
@@ -205,6 +223,17 @@ class Landing(Mission):
         if isinstance(team, Boats):
             return Hold()
         return Pilot(team.section.pilot, team.fleet.state, self.config.decision_interval)
+
+    def imagined(self, team: Any) -> "Mission | None":
+        """Of aircraft, an `ImaginedLanding`."""
+        if isinstance(team, Boats):
+            return None
+        from rl.missions.landing.imagined import ImaginedLanding, imagined_scenario  # which derives from this
+
+        config = imagined_scenario(self.config, self.world.sea.table.shape[2])
+        made = ImaginedLanding(config, self.num_envs, seed=self.seed, teams=(team.name,), source=self.source)
+        made.world.teams[team.name].model = team.fleet.model  # whose kernels are compiled
+        return made
 
     def frame(self, env: int) -> Frame:
         """Of aircraft, how far they are from their deck's middle; heights, the deck as known, and sight lines."""

@@ -7,8 +7,12 @@ import torch
 from torch import Tensor
 
 from rl.missions.landing.config import LandingConfig, LandingScenario
+from taichi_sim.config import ConfigError
 from taichi_sim.conventions import STATE_SIZE
 from taichi_sim.kernels.rotation import torch_quaternion_from_euler
+
+TRIES = 50  # draws of places, until all aircraft are apart
+SPACED = 4.0  # least distance between two aircraft as an episode begins, over their collision radius; assumed
 
 
 def afloat(team: Any, config: LandingScenario, n: int, generator: torch.Generator) -> tuple[Tensor, Tensor, Tensor]:
@@ -26,16 +30,38 @@ def afloat(team: Any, config: LandingScenario, n: int, generator: torch.Generato
     return state, course, speed
 
 
-def aloft(team: Any, over: Tensor, config: LandingConfig, generator: torch.Generator) -> Tensor:
-    """Aircraft in hover around places `over` [n, aircraft, 2] (m), headed any way."""
-    like = team.fleet.state
-    draw = torch.rand((*over.shape[:2], 4), generator=generator).to(like)
-    (near, far), (low, high) = config.distance, config.height
-    bearing, heading = 2 * math.pi * draw[..., 0], 2 * math.pi * draw[..., 1]
-    distance = near + (far - near) * draw[..., 2]
+def aloft(team: Any, over: Tensor, config: LandingConfig, generator: torch.Generator) -> tuple[Tensor, Tensor]:
+    """Aircraft in hover around places `over` [n, aircraft, 2] (m), headed any way; states, and unit vectors
+    [n, aircraft, 2] from those places to them. Aircraft of one deck are evenly spaced around it, within a quarter of
+    that.
+
+    Raises:
+        ConfigError: where two aircraft would begin in one place.
+    """
+    like, n = team.fleet.state, len(over)
     state = like.new_zeros((*over.shape[:2], STATE_SIZE))
-    state[..., 0] = over[..., 0] + distance * bearing.cos()
-    state[..., 1] = over[..., 1] + distance * bearing.sin()
-    state[..., 2] = -(low + (high - low) * draw[..., 3])
-    state[..., 3:7] = torch_quaternion_from_euler(0 * heading, 0 * heading, heading)
-    return state
+    away = like.new_zeros((*over.shape[:2], 2))
+    rows = torch.arange(n, device=like.device)
+    for _ in range(TRIES):
+        draw = torch.rand((len(rows), over.shape[1], 4), generator=generator).to(like)
+        (near, far), (low, high) = config.distance, config.height
+        if not team.alone:
+            first, each = draw[:, team.boat_of, 0], 1 / (int(team.rank.max()) + 1)
+            spaced = first + each * (team.rank + 0.5 * (draw[..., 0] - 0.5))
+            draw[..., 0] = torch.where(team.rank == 0, first, spaced)
+        bearing, heading = 2 * math.pi * draw[..., 0], 2 * math.pi * draw[..., 1]
+        distance = near + (far - near) * draw[..., 2]
+        away[rows] = torch.stack((bearing.cos(), bearing.sin()), dim=-1)
+        state[rows, :, :2] = over[rows] + distance.unsqueeze(-1) * away[rows]
+        state[rows, :, 2] = -(low + (high - low) * draw[..., 3])
+        state[rows, :, 3:7] = torch_quaternion_from_euler(0 * heading, 0 * heading, heading)
+        apart = torch.cdist(state[..., :3], state[..., :3])
+        apart.diagonal(dim1=1, dim2=2).fill_(math.inf)
+        rows = (apart.flatten(1).amin(1) < SPACED * team.fleet.model.collision_radius).nonzero().flatten()
+        if not len(rows):
+            return state, away
+    raise ConfigError(
+        f"landing.distance = {list(config.distance)}, landing.height = {list(config.height)}, landing.apart = "
+        f"{config.apart:g}: two aircraft would begin in one place, {float(apart.amin()):.3g} m from each other; "
+        f"allowed are {SPACED * team.fleet.model.collision_radius:g} m or more"
+    )
