@@ -9,8 +9,8 @@ and of pitch. What they foresee is joined to what is known now by an error that 
 
 Until a model is ready, AR is zero. The wind is that in which the aircraft would have to lean as it does to hold its
 velocity, averaged. There are no waves: the model is `RAISED`, and an aircraft has met the water where it is below its
-boat's waterline. Plans keep the pilot's limits (pilots.py), as policies do. What is not known needs room: a landing in the
-model must be softer and more level than `[landing]` says (`MARGIN`), on a deck that is smaller (`INSIDE`).
+boat's waterline. Plans keep the pilot's limits (pilots.py), as policies do. What is not known needs room: a landing in
+the model must be softer and more level than `[landing]` says (`MARGIN`), on a deck that is smaller (`INSIDE`).
 """
 
 from typing import Any
