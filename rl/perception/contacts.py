@@ -126,6 +126,21 @@ def measured(true: ti.template(), own: ti.template(), e, i, relative, origin, as
 
 
 @ti.func
+def drawn(true: ti.template(), e, i, k: ti.template(), count: ti.template(), g: ti.template(), form: ti.template()):
+    """Random numbers of contact k of vehicle i: six normal ones and a uniform one; not used where there is none."""
+    z, u, who = ti.Vector([0.0 for _ in ti.static(range(6))]), 1.0, -1.0
+    if ti.static(k < form.sight.obstacles):
+        who = true.seen[e, i, k, Obstacle.NUMBER]
+    else:
+        who = true.near[e, i, ti.static(k - form.sight.obstacles), Mate.NUMBER]
+    if who >= 0:
+        z = normal6(count[1], CONTACTS + k, count[2 + e], form.vehicles + i, count[0])
+        if g.dropout > 0:
+            u = uniform4(count[1], CONTACTS + LUCK + k, count[2 + e], form.vehicles + i, count[0])[0]
+    return z, u
+
+
+@ti.func
 def begun(m, g: ti.template()):
     """A track from its first measurement; without a body (`NOBODY`) if that failed."""
     t = ti.Vector([0.0 for _ in ti.static(range(TRACKED))])
@@ -244,15 +259,14 @@ def _contact(
                 for k in range(ends[1]):
                     out.tracks[e, i, 1 - now, k, WHO] = NOBODY
             for k in ti.static(range(ends[1])):
-                z = normal6(count[1], CONTACTS + k, count[2 + e], form.vehicles + i, count[0])
-                u = uniform4(count[1], CONTACTS + LUCK + k, count[2 + e], form.vehicles + i, count[0])
+                z, u = drawn(true, e, i, k, count, g, form)
                 if ti.static(k < ends[0]):
                     n = ti.Vector([true.seen[e, i, k, Obstacle.NORTH], true.seen[e, i, k, Obstacle.EAST], 0.0])
                     level, size = true.seen[e, i, k, Obstacle.LEVEL], true.seen[e, i, k, Obstacle.RADIUS]
                     far = true.seen[e, i, k, Obstacle.DISTANCE]
                     aside = ti.select(level > 0, ti.sqrt(ti.max(far * far - level * level, 0.0)), ti.max(far, 0.0))
                     who = true.seen[e, i, k, Obstacle.NUMBER]
-                    m = measured(true, own, e, i, (level + size) * n, here, aside, size, who, z, u[0], g)
+                    m = measured(true, own, e, i, (level + size) * n, here, aside, size, who, z, u, g)
                     m = queued(out, e, i, k, m, which[e], slot, form)
                     t = tracked(out, e, i, k, 0, ends[0], m, g.acceleration, now, g)
                     clear = ti.min(clear, put_obstacle(out, own, e, i, k, t, g, form))
@@ -261,7 +275,7 @@ def _contact(
                     n = ti.Vector([true.near[e, i, mate, Mate.NORTH + a] for a in ti.static(range(3))])
                     who = true.near[e, i, mate, Mate.NUMBER]
                     m = measured(
-                        true, own, e, i, true.near[e, i, mate, Mate.DISTANCE] * n, nowhere, 0.0, 0.0, who, z, u[0], g
+                        true, own, e, i, true.near[e, i, mate, Mate.DISTANCE] * n, nowhere, 0.0, 0.0, who, z, u, g
                     )
                     m = queued(out, e, i, k, m, which[e], slot, form)
                     t = tracked(out, e, i, k, ends[0], ends[1], m, g.mates, now, g)
