@@ -26,7 +26,7 @@ with it. Frame: NED.
 """
 
 # Kernels are another language inside Python syntax.
-# pyright: reportInvalidTypeForm=false
+# pyright: reportInvalidTypeForm=false, reportOptionalCall=false, reportIndexIssue=false
 
 import math
 from typing import ClassVar, NamedTuple

@@ -117,17 +117,18 @@ def _keep(
                 at = Message.SIZE + SightingReport.SIZE * k
                 for j in range(senders):
                     then = chart.heard[e, i, j, at + SightingReport.AGE]  # when the message was sent
-                    old = then + chart.heard[e, i, j, age]
-                    if which[e] == 1:
-                        chart.taken[e, i, j, k] += dt
-                    # `taken` is how long ago the last look that was taken of this sender was made
-                    if j != i and then >= 0 and old < OLDEST and old < chart.taken[e, i, j, k] - 0.5 * dt:
-                        chart.taken[e, i, j, k] = old
-                        fold(
-                            t, chart.heard[e, i, j, at + SightingReport.NORTH],
-                            chart.heard[e, i, j, at + SightingReport.EAST],
-                            chart.heard[e, i, j, at + SightingReport.VARIANCE], old, speed,
-                        )  # fmt: skip
+                    if j != i and then >= 0:  # the sender has seen the object
+                        old = then + chart.heard[e, i, j, age]
+                        # `taken` is how long ago the last look that was taken of this sender was made
+                        last = chart.taken[e, i, j, k] + ti.select(which[e] == 1, dt, 0.0)
+                        if old < OLDEST and old < last - 0.5 * dt:
+                            last = old
+                            fold(
+                                t, chart.heard[e, i, j, at + SightingReport.NORTH],
+                                chart.heard[e, i, j, at + SightingReport.EAST],
+                                chart.heard[e, i, j, at + SightingReport.VARIANCE], old, speed,
+                            )  # fmt: skip
+                        chart.taken[e, i, j, k] = last
                 for c in ti.static(range(TRACK)):
                     chart.tracks[e, i, k, c] = t[c]
 

@@ -81,24 +81,27 @@ def store_signal(signals: ti.template(), e, i, at, distance, reach, n, derived: 
 @ti.func
 def store_obstacle(out: ti.template(), derived: ti.template(), sight: ti.template(), e, i, k, distance,
                    number, place, there, reach):  # fmt: skip
-    """Write the k-th nearest obstacle; `number` is -1 if there is none, `there` is as in `numbered`."""
-    direction, spread, moves = place * 0.0, reach * 0.0, ti.Vector([reach * 0.0, reach * 0.0])
-    level, radius = reach, reach * 0.0
-    if number >= 0:
-        dx, dy = there[0] - place[0], there[1] - place[1]
-        axis = ti.max(ti.sqrt(dx * dx + dy * dy), 1e-6)
-        direction, moves = ti.Vector([dx / axis, dy / axis, 0.0]), ti.Vector([there[3], there[4]])
-        level, radius, spread = axis - there[2], there[2], ti.min(there[2] / axis, 1.0)
-    store_seen(out.obstacles, e, i, k, distance, direction)
-    out.obstacles[e, i, k, Obstacle.V_NORTH], out.obstacles[e, i, k, Obstacle.V_EAST] = moves[0], moves[1]
-    out.obstacles[e, i, k, Obstacle.RADIUS], out.obstacles[e, i, k, Obstacle.LEVEL] = radius, level
-    out.obstacles[e, i, k, Obstacle.NUMBER] = number
-    at = k * ti.static(sight.axes + 4)
-    store_signal(out.signals, e, i, at, ti.max(distance, 0.0), reach, direction, derived, sight.axes)
-    c, s, speed = derived[e, i, HEADING_COS], derived[e, i, HEADING_SIN], moves.norm() + SPEED_SCALE
-    out.signals[e, i, at + ti.static(sight.axes + 1)] = spread
-    out.signals[e, i, at + ti.static(sight.axes + 2)] = (c * moves[0] + s * moves[1]) / speed
-    out.signals[e, i, at + ti.static(sight.axes + 3)] = (c * moves[1] - s * moves[0]) / speed
+    """Write the k-th nearest obstacle; `there` is as in `numbered`. `number` is -1 if there is none, which is written
+    once.
+    """
+    if number >= 0 or out.obstacles[e, i, k, Obstacle.NUMBER] >= 0:
+        direction, spread, moves = place * 0.0, reach * 0.0, ti.Vector([reach * 0.0, reach * 0.0])
+        level, radius = reach, reach * 0.0
+        if number >= 0:
+            dx, dy = there[0] - place[0], there[1] - place[1]
+            axis = ti.max(ti.sqrt(dx * dx + dy * dy), 1e-6)
+            direction, moves = ti.Vector([dx / axis, dy / axis, 0.0]), ti.Vector([there[3], there[4]])
+            level, radius, spread = axis - there[2], there[2], ti.min(there[2] / axis, 1.0)
+        store_seen(out.obstacles, e, i, k, distance, direction)
+        out.obstacles[e, i, k, Obstacle.V_NORTH], out.obstacles[e, i, k, Obstacle.V_EAST] = moves[0], moves[1]
+        out.obstacles[e, i, k, Obstacle.RADIUS], out.obstacles[e, i, k, Obstacle.LEVEL] = radius, level
+        out.obstacles[e, i, k, Obstacle.NUMBER] = number
+        at = k * ti.static(sight.axes + 4)
+        store_signal(out.signals, e, i, at, ti.max(distance, 0.0), reach, direction, derived, sight.axes)
+        c, s, speed = derived[e, i, HEADING_COS], derived[e, i, HEADING_SIN], moves.norm() + SPEED_SCALE
+        out.signals[e, i, at + ti.static(sight.axes + 1)] = spread
+        out.signals[e, i, at + ti.static(sight.axes + 2)] = (c * moves[0] + s * moves[1]) / speed
+        out.signals[e, i, at + ti.static(sight.axes + 3)] = (c * moves[1] - s * moves[0]) / speed
 
 
 @ti.func

@@ -126,10 +126,14 @@ def measured(true: ti.template(), own: ti.template(), e, i, relative, origin, as
 
 
 @ti.func
-def drawn(count: ti.template(), e, k, vehicle):
-    """Normal and uniform random numbers for the k-th contact of a vehicle in environment e."""
-    z = normal6(count[1], CONTACTS + k, count[2 + e], vehicle, count[0])
-    return z, uniform4(count[1], CONTACTS + LUCK + k, count[2 + e], vehicle, count[0])[0]
+def drawn(who, e, k, vehicle, count: ti.template(), g: ti.template()):
+    """Random numbers of contact k of a vehicle: six normal ones and a uniform one; not used where `who` is none."""
+    z, u = ti.Vector([0.0 for _ in ti.static(range(6))]), 1.0
+    if who >= 0:
+        z = normal6(count[1], CONTACTS + k, count[2 + e], vehicle, count[0])
+        if g.dropout > 0:
+            u = uniform4(count[1], CONTACTS + LUCK + k, count[2 + e], vehicle, count[0])[0]
+    return z, u
 
 
 @ti.func
@@ -251,21 +255,20 @@ def _contact(
                 for k in range(ends[1]):
                     out.tracks[e, i, 1 - now, k, WHO] = NOBODY
             for k in range(ends[0]):
-                z, u = drawn(count, e, k, form.vehicles + i)
                 n = ti.Vector([true.seen[e, i, k, Obstacle.NORTH], true.seen[e, i, k, Obstacle.EAST], 0.0])
                 level, size = true.seen[e, i, k, Obstacle.LEVEL], true.seen[e, i, k, Obstacle.RADIUS]
-                far = true.seen[e, i, k, Obstacle.DISTANCE]
+                far, who = true.seen[e, i, k, Obstacle.DISTANCE], true.seen[e, i, k, Obstacle.NUMBER]
                 aside = ti.select(level > 0, ti.sqrt(ti.max(far * far - level * level, 0.0)), ti.max(far, 0.0))
-                who = true.seen[e, i, k, Obstacle.NUMBER]
+                z, u = drawn(who, e, k, form.vehicles + i, count, g)
                 m = measured(true, own, e, i, (level + size) * n, here, aside, size, who, z, u, g)
                 m = queued(out, e, i, k, m, which[e], slot, form)
                 t = tracked(out, e, i, k, 0, ends[0], m, g.acceleration, now, g)
                 clear = ti.min(clear, put_obstacle(out, own, e, i, k, t, g, form))
             for k in range(ends[0], ends[1]):
-                z, u = drawn(count, e, k, form.vehicles + i)
                 mate = k - ti.static(form.sight.obstacles)
                 n = ti.Vector([true.near[e, i, mate, Mate.NORTH + a] for a in ti.static(range(3))])
                 who, far = true.near[e, i, mate, Mate.NUMBER], true.near[e, i, mate, Mate.DISTANCE]
+                z, u = drawn(who, e, k, form.vehicles + i, count, g)
                 m = measured(true, own, e, i, far * n, nowhere, 0.0, 0.0, who, z, u, g)
                 m = queued(out, e, i, k, m, which[e], slot, form)
                 t = tracked(out, e, i, k, ends[0], ends[1], m, g.mates, now, g)

@@ -207,7 +207,9 @@ def _read(
             n = ti.static(len(kind.members))
             g = values_at(kind, out.numbers)
             env, number, clock, seed = count[2 + e], form.vehicles + i, count[0], count[1]
-            z0, z1 = normal6(seed, INSTRUMENTS, env, number, clock), normal6(seed, INSTRUMENTS + 1, env, number, clock)
+            z0, z1 = normal6(seed, INSTRUMENTS, env, number, clock), ti.Vector([0.0 for _ in ti.static(range(6))])
+            if ti.static(len(form.air_data) > 0) or which[e] == 2:  # otherwise nothing needs them
+                z1 = normal6(seed, INSTRUMENTS + 1, env, number, clock)
             z2, z3 = (
                 normal6(seed, INSTRUMENTS + 2, env, number, clock),
                 normal6(seed, INSTRUMENTS + 3, env, number, clock),

@@ -88,14 +88,15 @@ def near_obstacles(field: ti.template(), w, place, reach, radius, sight: ti.temp
 
 
 @ti.func
-def near_bodies(bodies: ti.template(), e, place, radius, sight: ti.template(), gap, distance, index):
+def near_bodies(bodies: ti.template(), e, place, reach, radius, sight: ti.template(), gap, distance, index):
     """Add the moving bodies of environment e, numbered on from the fixed obstacles."""
     if ti.static(sight.moving):
         for m in range(bodies.shape[2]):
-            dx, dy = bodies[e, NORTH, m] - place[0], bodies[e, EAST, m] - place[1]
-            d = cylinder_distance(dx, dy, -place[2], bodies[e, RADIUS, m], bodies[e, BOTTOM, m], bodies[e, TOP, m])
-            gap = ti.min(gap, d - radius)
-            distance, index = insert(distance, index, d, m + ti.static(sight.field), sight.obstacles)
+            dx, dy, r = bodies[e, NORTH, m] - place[0], bodies[e, EAST, m] - place[1], bodies[e, RADIUS, m]
+            if dx * dx + dy * dy < (reach + radius + r) ** 2:
+                d = cylinder_distance(dx, dy, -place[2], r, bodies[e, BOTTOM, m], bodies[e, TOP, m])
+                gap = ti.min(gap, d - radius)
+                distance, index = insert(distance, index, d, m + ti.static(sight.field), sight.obstacles)
     return gap, distance, index
 
 
@@ -142,7 +143,7 @@ def _sense(
             w, reach, radius = env_world[e], team.numbers[0], team.numbers[1]
             place = ti.Vector([team.state[e, i, 0], team.state[e, i, 1], team.state[e, i, 2]])
             clear, far, index = near_obstacles(field, w, place, reach, radius, sight)
-            clear, far, index = near_bodies(bodies, e, place, radius, sight, clear, far, index)
+            clear, far, index = near_bodies(bodies, e, place, reach, radius, sight, clear, far, index)
             apart, away, who = near_mates(team.state, e, i, place, reach, radius, sight.mates)
             out.gap[e, i] = ti.min(clear, apart)
             for k in ti.static(range(sight.obstacles)):

@@ -5,7 +5,7 @@ no other aircraft is known. Frame: NED.
 """
 
 # Kernels are another language inside Python syntax.
-# pyright: reportInvalidTypeForm=false
+# pyright: reportInvalidTypeForm=false, reportOptionalCall=false, reportIndexIssue=false
 
 import math
 from typing import TYPE_CHECKING, NamedTuple

@@ -10,7 +10,7 @@ of pitch b, the radius after s seconds is r = sqrt(b U s / pi), and the angle is
 """
 
 # Kernels are another language inside Python syntax.
-# pyright: reportInvalidTypeForm=false
+# pyright: reportInvalidTypeForm=false, reportOptionalCall=false, reportIndexIssue=false
 
 import math
 from collections.abc import Mapping

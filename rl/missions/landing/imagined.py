@@ -172,7 +172,7 @@ class ImaginedLanding(Landing):
         self.boats._look()
         assert self.aircraft is not None
         self.aircraft.measure(self._which, rows)
-        self.aircraft.conclude(self._which, rows)
+        self.aircraft.conclude(self._which, rows)  # pyright: ignore[reportCallIssue]
 
     def begin(self, envs: Tensor) -> None:
         """Episodes do not begin here; boats are to be somewhere, nevertheless."""
@@ -253,7 +253,7 @@ class ImaginedLanding(Landing):
             step = model.limits.speeds[2] / SPEEDS
             for k in range(1, SPEEDS + 1):
                 try:
-                    found = trim(model.plan, (k * step, 0.0, 0.0))
+                    found = trim(model.plan, (k * step, 0.0, 0.0))  # pyright: ignore[reportAttributeAccessIssue]
                 except TrimError:
                     break
                 sines.append(max(float(torch.tensor(found.tilt).sin()), sines[-1] + 1e-6))
