@@ -21,6 +21,7 @@ from rl.missions.landing.aircraft import Aircraft
 from rl.missions.landing.boats import MESSAGE, Boats, Helm, Hold
 from rl.missions.landing.config import LandingScenario
 from rl.missions.landing.film import overlays_of
+from rl.missions.landing.imagined import RAISED, Adrift, Foreseen, Foresight, ImaginedAircraft, imagined_scenario
 from rl.missions.landing.judge import LandingJudge
 from rl.missions.landing.pilots import Pilot
 from rl.missions.landing.starts import afloat, aloft
@@ -28,11 +29,16 @@ from rl.perception.radio import Radio
 from rl.rewards import paid
 from rl.scenario import derive_seed
 from taichi_sim.config import ConfigError
+from taichi_sim.contact.contacts import Contacts, soles_in_deck
+from taichi_sim.conventions import POSITION, QUATERNION, STATE_SIZE, VELOCITY
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.random import Noise
+from taichi_sim.kernels.rotation import torch_rotation_matrix
 from taichi_sim.recording.episode import Scene
+from taichi_sim.state import transfer
 
 SEEN_FROM_AFAR = 40.0  # m about the first boat, in recordings
+ABOVE = 1e-3  # m, of the lowest sole above a deck in which it would be otherwise, in a model
 
 
 class Landing(Mission):
@@ -228,8 +234,6 @@ class Landing(Mission):
         """Of aircraft, an `ImaginedLanding`."""
         if isinstance(team, Boats):
             return None
-        from rl.missions.landing.imagined import ImaginedLanding, imagined_scenario  # which derives from this
-
         config = imagined_scenario(self.config, self.world.sea.table.shape[2])
         made = ImaginedLanding(config, self.num_envs, seed=self.seed, teams=(team.name,), source=self.source)
         made.world.teams[team.name].model = team.fleet.model  # whose kernels are compiled
@@ -250,6 +254,117 @@ class Landing(Mission):
         from rl.missions.landing.figures import write_landing_figures  # matplotlib takes a second
 
         write_landing_figures(out, histories, episode, config)
+
+
+class ImaginedLanding(Landing):
+    """What an honest planner tries plans of the aircraft in; see imagined.py.
+
+    Attributes:
+        way: [env, boat, k, 16] states of the boats k decisions after what is known was written, and the acceleration of
+            their decks (NED, m/s^2). since: int64 [env], decisions of the episode then. foresight: of decks and wind.
+    """
+
+    STATE = ("way", "since")
+
+    @staticmethod
+    def Team(mission: Any, name: str) -> Any:  # noqa: N802
+        """A team by its part."""
+        return (Boats if name == mission.config.landing.boats else ImaginedAircraft)(mission, name)
+
+    def prepare(self) -> None:
+        """Boats that move as foreseen take the place of those that sail."""
+        super().prepare()
+        fleet = self.boats.fleet
+        self.foresight = Foresight(self.boats.centre, self.config.decision_interval)
+        self._ahead = self.foresight.steps
+        self.way = fleet.state.new_zeros((self.num_envs, fleet.count, self._ahead, STATE_SIZE + 3))
+        self.since = torch.zeros_like(self.steps)
+        fleet.model = Foreseen(fleet.model, self)
+        self.world.contacts = Contacts(self.world.teams, self.config.decision_interval)
+        self.world.scripts[fleet.name] = Adrift(self.boats)
+
+    @property
+    def _models_shared(self) -> tuple[str, ...]:
+        """Not the boats', each of which is of one mission."""
+        return tuple(self.teams)
+
+    def foreseen(self, ahead: int) -> Tensor:
+        """The row [env, boat, 16] of `way` that is `ahead` decisions from now."""
+        k = self.steps - self.since + ahead
+        within = k.clamp(max=self._ahead - 1)
+        rows = torch.arange(self.num_envs, device=k.device)
+        row = self.way[rows, :, within]
+        beyond = (k - within).to(row) * self.config.decision_interval
+        if bool((k > within).any()):
+            R = torch_rotation_matrix(row[..., QUATERNION])
+            gone = (R @ row[..., VELOCITY].unsqueeze(-1)).squeeze(-1) * beyond.view(-1, 1, 1)
+            row = torch.cat((row[..., POSITION] + gone, row[..., 3:]), dim=-1)
+        return row
+
+    def _look(self, rows: int) -> None:
+        self.boats._look()
+        assert isinstance(self.aircraft, ImaginedAircraft)
+        self.aircraft.measure(self._which, rows)
+        self.aircraft.conclude(self._which, rows)
+
+    def begin(self, envs: Tensor) -> None:
+        """Episodes do not begin here; boats are to be somewhere, nevertheless."""
+        super().begin(envs)
+        self.way[envs] = 0.0
+        self.way[envs, :, :, :STATE_SIZE] = self.boats.fleet.state[envs].unsqueeze(2)
+        self.since[envs] = 0
+
+    def endings(self, team: Any) -> dict[str, Tensor]:
+        """Also `submerged`: below the waterline of its boat."""
+        waterline = self.boats.fleet.position_n[:, team.boat_of, 2]
+        low = team.fleet.position_n[..., 2] + team.soles_below > waterline
+        return super().endings(team) | {"submerged": low}
+
+    def notice(self, team: Aircraft) -> None:
+        """See what `team` knows of decks and wind; once a decision."""
+        self.foresight.notice(team)
+
+    def believe(self, team: Aircraft) -> None:
+        """Aircraft as `team` measures them, decks as it foresees them."""
+        mine, own, steps = self.teams[team.name], team.own, team.mission.steps
+        assert isinstance(mine, ImaginedAircraft)
+        up = own.position_n.new_tensor((0.0, 0.0, -RAISED))
+        self.steps.copy_(steps)
+        self.since.copy_(steps)
+        everywhere = self._all
+        fleet = mine.fleet
+        fleet.state.copy_(own.state)
+        fleet.state[..., POSITION] += up
+        fleet.aux.copy_(own.aux)
+        fleet.update()
+        assert fleet.touch is not None
+        fleet.touch.forget(everywhere)
+        assert self.world.contacts.placed is not None
+        self.world.contacts.placed.zero_()  # nobody begins inside a deck: `_clear`
+        wind = self.foresight.wind.mean(1) / self.world.wind.speed_factor(RAISED)  # one for an environment's aircraft
+        self.world.wind.set_mean(everywhere, wind)
+        ways = self.foresight.ways(team, own.position_n + up + team.known_deck.to)
+        self.way.copy_(ways[everywhere.unsqueeze(1), team.turn])  # as the aircraft foresees it that lands there
+        self._clear(team)
+        transfer(team.pilot, mine.pilot)
+        mine.pilot.height -= RAISED
+        self._which.fill_(2)
+        self._look(self.num_envs)
+        mine.touched, mine.settled = team.touches | team.touched, team.settled.clone()
+        for name in ("time", "aborts", "turns", "landed", "over", "bearing"):
+            setattr(mine, name, getattr(team, name).clone())
+
+    def _clear(self, team: Aircraft) -> None:
+        """Lower decks in which aircraft would begin by an error of what is known, until all soles are above them."""
+        mine, fleet = self.teams[team.name].fleet, self.boats.fleet
+        fleet.state.copy_(self.way[:, :, 0, :STATE_SIZE])
+        depth = soles_in_deck(mine, self.world.contacts.carriers[0], self._all).to(self.way)
+        deep = depth.amax(1)  # [env, boat]
+        down = torch_rotation_matrix(fleet.state[..., QUATERNION])[..., 2]
+        shift = torch.where(deep > 0, deep + ABOVE, 0.0).unsqueeze(-1) * down
+        self.way[..., POSITION] += shift.unsqueeze(2)
+        fleet.state[..., POSITION] += shift
+        fleet.update()
 
 
 MISSION = Landing
