@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rl.evaluation.episodes import judge_episodes
+from rl.evaluation.episodes import Trial, judge_episodes, judge_trials
 from rl.evaluation.intervals import Interval, paired
 from rl.judge import Judge
 from rl.learn.policy import ClassicalPolicy, Policy
@@ -66,20 +66,23 @@ def run_bound(
 def judge_on_bounds(
     bounds: Mapping[str, Bound], config: Scenario, policies: Mapping[str, Policy], source: Path | None = None
 ) -> dict[str, dict[str, Array]]:
-    """Run policies on the episodes of their teams' bounds: team -> numbers of each episode (Judge.episodes)."""
-    return {
-        team: judge_on_bound(bounds[team], config, team, of, source) for team, of in policies.items() if team in bounds
-    }
+    """Run policies on the episodes of their teams' bounds: team -> numbers of each episode (Judge.episodes).
+
+    Processes share the episodes: all of them must call this, and all but rank 0 get nothing.
+    """
+    teams = [team for team in policies if team in bounds]
+    outcomes = judge_trials([_trial(bounds[t], config, t, policies[t], source) for t in teams], show_progress=False)
+    found = {}
+    for team, outcome in zip(teams, outcomes, strict=False):
+        if isinstance(outcome, Exception):
+            raise outcome
+        found[team] = outcome.episodes[team]
+    return found
 
 
-def judge_on_bound(
-    bound: Bound, config: Scenario, team: str, policy: Policy, source: Path | None = None
-) -> dict[str, Array]:
-    """Run a policy on the episodes of a bound; return the numbers of each episode (Judge.episodes)."""
+def _trial(bound: Bound, config: Scenario, team: str, policy: Policy, source: Path | None) -> Trial:
     policies = {name: policy if name == team else ClassicalPolicy() for name in bound.beside}
-    return judge_episodes(
-        config, policies, episodes=bound.episodes, seed=bound.seed, source=source, show_progress=False
-    ).episodes[team]
+    return Trial(config, policies, bound.episodes, bound.seed, source=source)
 
 
 def headroom(kind: type[Judge], learned: Mapping[str, Array], bound: Bound, times: int = 1) -> dict[str, Interval]:

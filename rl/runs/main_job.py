@@ -124,8 +124,10 @@ def _evaluate(
     for outcome in outcomes:
         if not isinstance(outcome, Exception):
             save_evaluation(out, outcome)
-    if processes.here().first and (bounds := read_bounds(config)):
-        save_headroom(out, judge_on_bounds(bounds, config, policies, source))
+    if bounds := processes.broadcast(lambda: read_bounds(config)):
+        judged = judge_on_bounds(bounds, config, policies, source)
+        if processes.here().first:
+            save_headroom(out, judged)
     learned = outcomes[0] if outcomes else None
     if isinstance(learned, Exception):
         raise learned
