@@ -1,13 +1,20 @@
 """Headroom: the share of the way to an oracle, on kept episodes that are used only where they are the scenario's."""
 
+import os
+import socket
+
 import numpy as np
 import pytest
+from command_line import server
 
-from rl.evaluation.headroom import Bound, digest, headroom, read_bounds, run_bound, write_bounds
+from rl import processes
+from rl.evaluation.headroom import Bound, digest, headroom, judge_on_bounds, read_bounds, run_bound, write_bounds
+from rl.learn.policy import ClassicalPolicy
 from rl.missions import load_scenario
 from rl.missions.formation.judge import FormationJudge
 
 RNG = np.random.default_rng(3)
+FEW = ("track.worlds=4", "sea.realisations=4", "episode_duration=3", "evaluation.settle=1")
 
 
 def episodes(leader, count: int = 40) -> dict[str, np.ndarray]:
@@ -57,8 +64,40 @@ def test_bounds_are_read_back_where_the_episodes_are_the_same(tmp_path):
 
 
 def test_an_oracle_and_the_classical_controller_do_the_same_episodes():
-    few = ("track.worlds=4", "sea.realisations=4", "episode_duration=3", "evaluation.settle=1", "usv.plan.samples=8")
-    config = load_scenario("paper", (*few, "usv.plan.rounds=1", "usv.plan.horizon=1", "usv.plan.every=0.5"))
+    config = load_scenario(
+        "paper", (*FEW, "usv.plan.samples=8", "usv.plan.rounds=1", "usv.plan.horizon=1", "usv.plan.every=0.5")
+    )
     found = run_bound(config, "usv", episodes=3, seed=2, show_progress=False)
     assert found.beside == ("usv",) and found.episodes == 3 and found.price > 0
     assert found.classical.keys() == found.oracle.keys()
+
+
+def judge(rank: int, count: int, port: int, pipe) -> None:
+    """One of `count` processes that judge two teams on their bounds; it sends what it gets."""
+    here = {"RANK": rank, "WORLD_SIZE": count, "LOCAL_RANK": rank, "LOCAL_WORLD_SIZE": count, "MASTER_PORT": port}
+    os.environ |= {key: str(value) for key, value in here.items()} | {"MASTER_ADDR": "127.0.0.1"}
+    config = load_scenario("paper", FEW)
+    bounds = {team: Bound((team,), 2, episodes(1.0, 3), episodes(1.0, 3), 0.1) for team in ("usv", "uav")}
+    with processes.joined():
+        found = judge_on_bounds(bounds, config, {team: ClassicalPolicy() for team in bounds})
+        processes.broadcast(lambda: None)  # which waits for all
+    pipe.send({team: numbers["leader_error_rms_m"].tolist() for team, numbers in found.items()})
+
+
+@pytest.mark.slow
+def test_processes_judge_on_bounds_together_as_one_does():
+    context, found = server(), {}
+    for count in (1, 2):
+        with socket.socket() as free:
+            free.bind(("127.0.0.1", 0))
+            port = free.getsockname()[1]
+        pipes = [context.Pipe(duplex=False) for _ in range(count)]
+        running = [context.Process(target=judge, args=(rank, count, port, pipes[rank][1])) for rank in range(count)]
+        for process in running:
+            process.start()
+        for process in running:
+            process.join(600)
+        assert [process.exitcode for process in running] == [0] * count
+        found[count] = [pipe[0].recv() for pipe in pipes]
+    assert found[1][0].keys() == {"usv", "uav"} and all(len(of) == 3 for of in found[1][0].values())
+    assert found[2] == [found[1][0], {}]
