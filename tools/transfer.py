@@ -378,7 +378,8 @@ def rotor_speeds(model: ti.template(), fleet: FleetPack, out: ti.types.ndarray(n
         held = ti.Vector([fleet.aux[e, i, instruments.INTEGRALS + k] for k in ti.static(range(8))])
         R = rotation_matrix(ti.Vector([y[3], y[4], y[5], y[6]]))
         v_n, most = R @ ti.Vector([y[7], y[8], y[9]]), y[0] * 0.0 + ti.static(model.plan.rotor.omega_max)
-        command, held, _rates, _toward = model.commanded(fleet, e, i, y, R, v_n, held, most, 0)
+        asked = ti.Vector([fleet.action[e, i, k] for k in ti.static(range(len(model.action_names)))])
+        command, held, _rates, _toward = model.commanded(asked, y, R, v_n, held, most, 0)
         for k in ti.static(range(model.count)):
             out[e, i, k] = command[k]
         for k in ti.static(range(8)):
@@ -395,8 +396,9 @@ def specific_thrusts(model: ti.template(), fleet: FleetPack, out: ti.types.ndarr
         held = ti.Vector([fleet.aux[e, i, instruments.INTEGRALS + k] for k in ti.static(range(8))])
         R = rotation_matrix(ti.Vector([y[3], y[4], y[5], y[6]]))
         v_n, slow = R @ ti.Vector([y[7], y[8], y[9]]), ti.Vector([held[3], held[4], held[5]])
-        toward = velocity_wanted(model.demands, fleet.action, e, i, held[6], held[7])
-        turn = model.demands.yaw_rate * fleet.action[e, i, 3]
+        asked = ti.Vector([fleet.action[e, i, k] for k in ti.static(range(4))])
+        toward = velocity_wanted(model.demands, asked, held[6], held[7])
+        turn = model.demands.yaw_rate * asked[3]
         c, slow = specific_thrust(model.gains, model.demands, toward, v_n, turn, slow, model.dt)
         _rate, nose = heading_rate(model.gains, R, turn, ti.Vector([held[6], held[7]]), model.dt)
         for k in ti.static(range(3)):
