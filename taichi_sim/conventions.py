@@ -19,6 +19,8 @@ POSITION = slice(0, 3)
 QUATERNION = slice(3, 7)
 VELOCITY = slice(7, 10)
 ANGULAR_VELOCITY = slice(10, 13)
+QW, QX, QY, QZ = range(3, 7)
+SURGE, SWAY, HEAVE, ROLL_RATE, PITCH_RATE, YAW_RATE = range(7, 13)  # u, v, w, p, q, r
 STATE_SIZE = 13
 
 # components of vectors in n, of vectors in b, and of Euler angles

@@ -16,7 +16,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from rl.course.tracks import Real, Tracks, world_uniform
+from rl.course.tracks import Real, Tracks, TrackSample, world_uniform
 from taichi_sim.config import Finite, Positive, Strict
 
 OBSTACLE_STREAM = 1 << 16  # random stream of the first round; each round has the next one
@@ -30,6 +30,12 @@ PASSAGE_M = 10.0  # least gap between two obstacles
 HEIGHT_BAND_M = 10.0  # no obstacle ends within this distance of the flight height
 CHUNK = 128  # obstacles measured at once: the working set stays in cache
 ROUNDING_M = 1e-3  # float32 at 1.5 km
+
+
+class Cylinder:
+    """Columns of a table of fixed obstacles: place of the axis, radius, height above mean sea level, m."""
+
+    NORTH, EAST, RADIUS, HEIGHT, SIZE = range(5)
 
 
 class FixedObstacle(Strict):
@@ -75,9 +81,9 @@ def generate_obstacles(
     """
     _check(count, lane_half_width_m, clearance_m, radius_m, height_m, tall_fraction, flight_height_m)
     worlds = tracks.worlds
-    draws = world_uniform(seed, OBSTACLE_STREAM, worlds, count, 3)
-    radius = radius_m[0] + (radius_m[1] - radius_m[0]) * draws[..., 0]
-    height = _heights(draws[..., 1], draws[..., 2], height_m, tall_fraction, flight_height_m)
+    size, rank, share = np.moveaxis(world_uniform(seed, OBSTACLE_STREAM, worlds, count, 3), -1, 0)
+    radius = radius_m[0] + (radius_m[1] - radius_m[0]) * size
+    height = _heights(rank, share, height_m, tall_fraction, flight_height_m)
     obstacle = torch.zeros(worlds, count, 4)
     obstacle[..., 2:] = torch.from_numpy(np.stack((radius, height), axis=-1))
 
@@ -123,7 +129,7 @@ def distance_to_tracks(tracks: Tracks, world: Tensor, position: Tensor) -> Tenso
     here = here.permute(2, 0, 1).contiguous()
     per_chord2 = 1 / chord.square().sum(dim=0)
     spacing = tracks.length_m / tracks.samples
-    bow = tracks.table[..., 3].abs().amax(dim=1) * spacing**2 / 8
+    bow = tracks.table[..., TrackSample.CURVATURE].abs().amax(dim=1) * spacing**2 / 8
     nearest = [torch.empty(0)]
     for w, p in zip(world.split(CHUNK), position.split(CHUNK), strict=True):
         along_n, along_e = chord[:, w]

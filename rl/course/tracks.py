@@ -48,6 +48,12 @@ PI = math.pi
 TRACK_STREAM = 0  # random stream of the first draw; each draw has the next one
 
 
+class TrackSample:
+    """Columns of a table of tracks: place (m), course (rad), curvature (1/m, positive to starboard)."""
+
+    NORTH, EAST, COURSE, CURVATURE, SIZE = range(5)
+
+
 class TrackPoint(NamedTuple):
     """A point of a track: position [.., 2] (north, east, m), course [..] in [-pi, pi), curvature [..] 1/m."""
 
@@ -77,7 +83,8 @@ class Tracks:
     def __post_init__(self) -> None:
         """Build the rows: each world's samples followed by the end of its lap, [world * (sample + 1), 4]."""
         end = self.table[:, :1].clone()
-        end[..., 2] += 2 * torch.pi * torch.sign(self.table[:, -1:, 2] - end[..., 2])
+        turned = self.table[:, -1:, TrackSample.COURSE] - end[..., TrackSample.COURSE]
+        end[..., TrackSample.COURSE] += 2 * torch.pi * torch.sign(turned)
         object.__setattr__(self, "rows", torch.cat((self.table, end), dim=1).flatten(0, 1).contiguous())
 
     @property
@@ -291,7 +298,7 @@ def _tabulate(spline: ClosedSpline, place: Real, length_m: float, side_m: float,
     position = np.stack((jet.position.real, jet.position.imag), axis=-1) + offset
     course = np.unwrap(np.angle(jet.velocity), axis=1)
     table = np.concatenate((position, np.stack((course, jet.curvature()), axis=-1)), axis=-1)
-    point = spline.coefficient[..., 0]
+    point = node.position[:, ::per_gap]
     checkpoints = np.stack((point.real, point.imag), axis=-1) + offset
     tensors = table, np.full(worlds, length_m), checkpoints, node_s[:, :-1:per_gap]
     return Tracks(*(torch.from_numpy(x.astype(np.float32)) for x in tensors))

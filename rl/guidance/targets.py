@@ -48,7 +48,8 @@ def speed_over_ground(airspeed, north, east, cos, sin):
 
 def crab(airspeed: float, wind: Tensor, cos: Tensor, sin: Tensor) -> Tensor:
     """Heading less course [..] (rad) that keeps to a course in the wind [.., 2] at an airspeed (m/s)."""
-    across = cos * wind[..., 1] - sin * wind[..., 0]  # to starboard
+    north, east = wind.unbind(-1)
+    across = cos * east - sin * north  # to starboard
     return -torch.asin((across * (1 / airspeed)).clamp(-1.0, 1.0))
 
 

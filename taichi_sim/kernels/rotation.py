@@ -109,6 +109,12 @@ def torch_euler_from_quaternion(q: torch.Tensor) -> torch.Tensor:
     return torch.stack((phi, theta, psi), dim=-1)
 
 
+def torch_euler_from_rotation(R: torch.Tensor) -> torch.Tensor:
+    """Roll, pitch and yaw (rad) [..., 3] of R_nb [..., 3, 3]; pitch is in [-pi/2, pi/2]."""
+    roll, pitch = torch.atan2(R[..., 2, 1], R[..., 2, 2]), -R[..., 2, 0].clamp(-1.0, 1.0).asin()
+    return torch.stack((roll, pitch, torch.atan2(R[..., 1, 0], R[..., 0, 0])), dim=-1)
+
+
 def torch_rotation_matrix(q: torch.Tensor) -> torch.Tensor:
     """R_nb [..., 3, 3] of unit quaternions [..., 4]."""
     w, x, y, z = q.unbind(-1)
