@@ -162,7 +162,8 @@ class Escort(Mission[EscortScenario, EscortBoats | EscortAircraft]):
 
     def elevation(self, points: Tensor) -> Tensor:
         """Elevation of the sea (m, up) now at points [env, n, 2]."""
-        return self.world.elevation(self._all, points[..., 0].contiguous(), points[..., 1].contiguous())
+        north, east = points.unbind(-1)
+        return self.world.elevation(self._all, north.contiguous(), east.contiguous())
 
     def observe(self, team: EscortBoats | EscortAircraft) -> dict[str, Tensor]:
         """Observations of boats.py and aircraft.py."""

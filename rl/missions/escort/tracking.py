@@ -21,6 +21,8 @@ import torch
 from torch import Tensor
 
 from rl.course import traffic
+from rl.course.obstacles import Cylinder
+from rl.guidance.controllers.force_vector import course_of
 from rl.guidance.targets import COS, COURSE, EAST, NORTH, SIN, SIZE, SPEED
 from rl.missions.escort.config import EscortScenario
 from rl.perception.camera import UNSEEN
@@ -168,8 +170,7 @@ class SharedTracking:
         self.chart.tracks[envs] = track
         self._searching[envs] = 0.0
         here = torch.cat([g.own.position_n[envs, :, :2] for g in self.groups.values()], dim=1)
-        way = cue.unsqueeze(1).to(here) - here
-        self._course[envs] = torch.atan2(way[..., 1], way[..., 0])
+        self._course[envs] = course_of(cue.unsqueeze(1).to(here) - here)
         self.targets[envs, :, NORTH : EAST + 1] = cue.unsqueeze(1).to(here)
 
     def update(self, which: Tensor, rows: int) -> None:
@@ -215,16 +216,15 @@ def write_objects(mission: "Escort", vessel: Fleet) -> None:
     for column, row in COPIED:
         objects[:, :n, column] = table[:, row]
     stands = mission.obstacles[mission.env_world]
-    objects[:, n:, :2], objects[:, n:, Object.RADIUS] = stands[..., :2], stands[..., 2]
+    objects[:, n:, :2], objects[:, n:, Object.RADIUS] = stands[..., :2], stands[..., Cylinder.RADIUS]
     if _on_waves(mission.config):
         inside = objects[..., Object.NORTH].abs() < mission.config.area  # obstacles that a world has not are far away
         objects[..., Object.DOWN] = torch.where(inside, -mission.elevation(objects[..., :2]), 0.0)
     boats = mission.boats
     if boats is not None:
-        course = mission.vessel_velocity
-        speed = course.norm(dim=-1)
-        angle = torch.atan2(course[:, 1], course[:, 0])
-        target = (place[:, 0], place[:, 1], 0 * speed, angle, angle.cos(), angle.sin(), 0 * speed, speed)
+        (north, east), speed = place.unbind(-1), mission.vessel_velocity.norm(dim=-1)
+        course = course_of(mission.vessel_velocity)
+        target = (north, east, 0 * speed, course, course.cos(), course.sin(), 0 * speed, speed)
         boats.target.table[:, 0] = torch.stack(target, dim=-1)
 
 

@@ -13,10 +13,11 @@ from typing import TYPE_CHECKING, NamedTuple
 import torch
 from torch import Tensor
 
+from rl.course.obstacles import Cylinder
 from rl.course.traffic import AWAY, BOTTOM, CARRIED, EAST, NORTH, RADIUS, ROWS, TOP, V_EAST, V_NORTH
 from rl.missions.escort.config import ROOM, EscortScenario
 from taichi_sim.config import ConfigError
-from taichi_sim.conventions import STATE_SIZE
+from taichi_sim.conventions import DOWN, QUATERNION, STATE_SIZE, SURGE
 from taichi_sim.kernels.rotation import torch_quaternion_from_euler
 
 if TYPE_CHECKING:
@@ -132,7 +133,8 @@ def _standing(config, taken, middle, side, forward, near, uniform) -> Tensor:
                     (uniform(-2 * spread, 2 * spread), uniform(-2 * spread, 2 * spread)), dim=-1
                 )
             clear = ((taken - at.unsqueeze(1)).norm(dim=-1) > (radius + ROOM).unsqueeze(-1)).all(-1)
-            apart = (found[..., :2] - at.unsqueeze(1)).norm(dim=-1) - found[..., 2] - radius.unsqueeze(-1)
+            between = (found[..., :2] - at.unsqueeze(1)).norm(dim=-1)
+            apart = between - found[..., Cylinder.RADIUS] - radius.unsqueeze(-1)
             fits = missing & clear & (apart > PASSAGE).all(-1)
             rows = torch.cat((at, radius.unsqueeze(-1), height.unsqueeze(-1)), dim=-1)
             found[:, k] = torch.where(fits.unsqueeze(-1), rows, found[:, k])
@@ -176,7 +178,7 @@ def afloat(team: "EscortBoats", place: Tensor, heading: Tensor, generator: torch
     state = _level(team, heading)
     state[..., :2] = place.to(state)
     low, high = BOAT_SPEED
-    state[..., 7] = low + (high - low) * torch.rand((len(state), 1), generator=generator).to(state)
+    state[..., SURGE] = low + (high - low) * torch.rand((len(state), 1), generator=generator).to(state)
     return state
 
 
@@ -188,13 +190,13 @@ def aloft(team: "EscortAircraft", over: Tensor, generator: torch.Generator) -> T
     rank = (torch.arange(count, device=state.device) - (count - 1) / 2) * APART
     side = torch.stack((-heading.sin(), heading.cos()), dim=-1)
     state[..., :2] = over.unsqueeze(1).to(state) + rank.view(1, -1, 1) * side
-    state[..., 2] = team.down
-    state[..., 7] = team.fleet.model.limits.speeds[1]
+    state[..., DOWN] = team.down
+    state[..., SURGE] = team.fleet.model.limits.speeds[1]
     return state
 
 
 def _level(team: "EscortBoats | EscortAircraft", heading: Tensor) -> Tensor:
     """At the origin, level, at rest, with `heading` [env, vehicle] (rad)."""
     state = team.fleet.state.new_zeros((*heading.shape, STATE_SIZE))
-    state[..., 3:7] = torch_quaternion_from_euler(0 * heading, 0 * heading, heading)
+    state[..., QUATERNION] = torch_quaternion_from_euler(0 * heading, 0 * heading, heading)
     return state
