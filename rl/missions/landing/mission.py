@@ -30,7 +30,7 @@ from rl.rewards import paid
 from rl.scenario import derive_seed
 from taichi_sim.config import ConfigError
 from taichi_sim.contact.contacts import Contacts, soles_in_deck
-from taichi_sim.conventions import POSITION, QUATERNION, STATE_SIZE, VELOCITY
+from taichi_sim.conventions import BELOW, DOWN, POSITION, QUATERNION, STATE_SIZE, VELOCITY
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.random import Noise
 from taichi_sim.kernels.rotation import torch_rotation_matrix
@@ -316,8 +316,8 @@ class ImaginedLanding(Landing):
 
     def endings(self, team: Any) -> dict[str, Tensor]:
         """Also `submerged`: below the waterline of its boat."""
-        waterline = self.boats.fleet.position_n[:, team.boat_of, 2]
-        low = team.fleet.position_n[..., 2] + team.soles_below > waterline
+        waterline = self.boats.fleet.position_n[:, team.boat_of, DOWN]
+        low = team.fleet.position_n[..., DOWN] + team.soles_below > waterline
         return super().endings(team) | {"submerged": low}
 
     def notice(self, team: Aircraft) -> None:
@@ -360,7 +360,7 @@ class ImaginedLanding(Landing):
         fleet.state.copy_(self.way[:, :, 0, :STATE_SIZE])
         depth = soles_in_deck(mine, self.world.contacts.carriers[0], self._all).to(self.way)
         deep = depth.amax(1)  # [env, boat]
-        down = torch_rotation_matrix(fleet.state[..., QUATERNION])[..., 2]
+        down = torch_rotation_matrix(fleet.state[..., QUATERNION])[..., BELOW]
         shift = torch.where(deep > 0, deep + ABOVE, 0.0).unsqueeze(-1) * down
         self.way[..., POSITION] += shift.unsqueeze(2)
         fleet.state[..., POSITION] += shift
