@@ -40,7 +40,8 @@ CENTRE, HALF, FRICTION, MOBILITY, MASS, TABLE_SIZE = 0, 3, 5, 6, 42, 78
 )  # fmt: skip
 SHIFT, IMPULSE = TABLE + TABLE_SIZE, TABLE + TABLE_SIZE + 6
 WAY_SIZE = IMPULSE + 6
-PRESSING_SIZE = 7  # 1 + number of the deck (0: none), mean wrench on its carrier in the last step, b (N, N m)
+# columns of pressing: 1 + number of the deck (0: none), mean wrench on its carrier in the last step, b (N, N m)
+PRESSED, WRENCH, PRESSING_SIZE = 0, 1, 7
 SMALL_ANGLE = 1e-4  # rad; a smaller rotation vector is twice the vector part of the quaternion
 
 
@@ -123,9 +124,9 @@ def press(load: _array3, pressing: _array3, base: ti.template(), serial: ti.temp
     ti.loop_config(serialize=serial)
     for e, j in ti.ndrange(load.shape[0], load.shape[1]):
         for i in range(pressing.shape[1]):
-            if int(pressing[e, i, 0]) == 1 + base + j:
+            if int(pressing[e, i, PRESSED]) == 1 + base + j:
                 for c in ti.static(range(6)):
-                    load[e, j, c] += pressing[e, i, 1 + c]
+                    load[e, j, c] += pressing[e, i, WRENCH + c]
 
 
 @ti.kernel
@@ -148,7 +149,7 @@ def meet(
             way[e, i, WHICH], way[e, i, DISTANCE] = 0.0, 0.0
         position = three_at(state, e, i, 0)
         v = rotation_matrix(attitude_at(state, e, i)) @ three_at(state, e, i, 7)
-        pressed = int(pressing[e, i, 0])
+        pressed = int(pressing[e, i, PRESSED])
         for j in range(before.shape[1]):
             te, tj = e % table.shape[0], j % table.shape[1]
             R = rotation_matrix(attitude_at(before, e, j))
@@ -167,7 +168,7 @@ def meet(
                 for c in range(TABLE_SIZE):
                     way[e, i, TABLE + c] = table[te, tj, c]
                 for c in ti.static(range(6)):
-                    way[e, i, HAD + c] = ti.select(mine, pressing[e, i, 1 + c], 0.0)
+                    way[e, i, HAD + c] = ti.select(mine, pressing[e, i, WRENCH + c], 0.0)
                     way[e, i, SHIFT + c], way[e, i, IMPULSE + c] = 0.0, 0.0
 
 

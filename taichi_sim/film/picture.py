@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taichi_sim.conventions import HORIZONTAL
-from taichi_sim.film.camera import Array, FilmCamera
+from taichi_sim.film.camera import AWAY, Array, FilmCamera
 from taichi_sim.film.draw import Cast, draw_moment, rotation
 from taichi_sim.film.glyphs import lines_of, write
 from taichi_sim.film.moment import Moment
@@ -184,7 +184,7 @@ def _scales(moment: Moment, camera: FilmCamera, view: View) -> dict[str, float]:
     for name, least in view.teams.items():
         team = moment.teams[name]
         length = max(team.track.size_m[:2])
-        away = float(np.mean(camera.pixels(team.position_n, size)[..., 2]))
+        away = float(np.mean(camera.pixels(team.position_n, size)[..., AWAY]))
         wanted = least * _thick(size) * max(away, 1.0) / (camera.focal * size[1] * length)
         if len(team.position_n) > 1:
             apart = np.linalg.norm(team.position_n[:, None] - team.position_n, axis=-1)

@@ -9,7 +9,7 @@ import torch
 from taichi_sim.bench import Bench
 from taichi_sim.config import ConfigError
 from taichi_sim.fit.log import Log
-from taichi_sim.fit.table import Array, LogError, held
+from taichi_sim.fit.table import EAST, HEADING, NORTH, YAW_RATE, Array, LogError, held
 from taichi_sim.usv.vessel import Vessel
 from taichi_sim.vehicles import load_vehicle
 
@@ -142,10 +142,10 @@ class WindowSimulator:
         _place(b, place, euler, zero, state)
         b.aux.copy_(kept)
         out = np.empty((steps + 1, envs, 4))
-        out[0] = _read(b, state[:, 2])
+        out[0] = _read(b, state[:, HEADING])
         for k in range(steps):
             self._step(b, actions[lead + k], wind, lead + k)
-            out[k + 1] = _read(b, out[k, :, 2])
+            out[k + 1] = _read(b, out[k, :, HEADING])
         return out
 
     @staticmethod
@@ -181,19 +181,20 @@ def check_against(simulator: WindowSimulator, logs: Sequence[Log], windows: Sequ
         if not mine:
             continue
         measured = np.stack([windows[k].motion[lead:] for k in mine], axis=1)
-        r, expected = (float(np.sqrt(np.mean(x[..., 3] ** 2))) for x in (measured, found[:, mine]))
+        r, expected = (float(np.sqrt(np.mean(x[..., YAW_RATE] ** 2))) for x in (measured, found[:, mine]))
         if expected > TURNS and not 1 / FARTHER < r / expected < FARTHER:
             raise LogError(f"{log.name}: the yaw rate is {r:.2g} rad/s rms where the commands give {expected:.2g}: are "
                            "heading and yaw_rate in rad, heading_deg and yaw_rate_deg in degrees?")  # fmt: skip
-        as_it_is = np.sqrt(np.mean((measured[..., 3] - found[:, mine, 3]) ** 2))
-        mirrored = np.sqrt(np.mean((-measured[..., 3] - found[:, [n + k for k in mine], 3]) ** 2))
+        rates, mirror = measured[..., YAW_RATE], [n + k for k in mine]
+        as_it_is = np.sqrt(np.mean((rates - found[:, mine, YAW_RATE]) ** 2))
+        mirrored = np.sqrt(np.mean((-rates - found[:, mirror, YAW_RATE]) ** 2))
         if as_it_is > TURNS and mirrored < MIRRORED * as_it_is:
             raise LogError(
                 f"{log.name}: the vessel turns against its commands: the log is mirrored (ENU: north and east "
                 "exchanged, heading from east, yaw rate to port), or an action has the wrong sign"
             )
         here, there = (x - x[0] for x in (measured, found[:, mine]))
-        way, expected = (float(np.hypot(x[-1, :, 0], x[-1, :, 1]).sum()) for x in (here, there))
+        way, expected = (float(np.hypot(x[-1, :, NORTH], x[-1, :, EAST]).sum()) for x in (here, there))
         if expected > len(mine) * MOVES and not 1 / FARTHER < way / expected < FARTHER:
             raise LogError(f"{log.name}: the vessel goes {way / len(mine):.2g} m in a window where its commands drive "
                            f"it {expected / len(mine):.2g} m: are north and east in m?")  # fmt: skip

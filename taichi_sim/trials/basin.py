@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from taichi_sim.bench import Bench
 from taichi_sim.config import AirConfig, ConfigError, SeaConfig
-from taichi_sim.conventions import ANGULAR_VELOCITY, GRAVITY, POSITION, QUATERNION, VELOCITY
+from taichi_sim.conventions import EAST, GRAVITY, QUATERNION, QX, QZ, ROLL_RATE, SURGE, SWAY, YAW_RATE
 from taichi_sim.trials.figures import Array, TrialError
 from taichi_sim.usv.vessel import Vessel
 from taichi_sim.vehicles import Changes, load_vehicle
@@ -278,13 +278,14 @@ class Basin:
             for _ in range(steps):
                 if not setting.calm:
                     off = self.headings() - setting.heading
-                    rate = state[:, 0, 12].double().cpu().numpy() * self.length / np.maximum(last_speed(state), 1e-3)
+                    turning = state[:, 0, YAW_RATE].double().cpu().numpy()
+                    rate = turning * self.length / np.maximum(last_speed(state), 1e-3)
                     helm = np.clip(-COURSE_GAIN * off - RATE_GAIN * rate, -1.0, 1.0)
                 self.step(ahead, helm)
                 if setting.calm:
                     _on_rails(state)
                 if given is not None:
-                    state[..., 7] = given
+                    state[..., SURGE] = given
             speed = last_speed(state)
             travelled = steps * self.model.dt * np.maximum(np.abs(speed), 1e-9) / self.length
             change, last = float(np.max(np.abs(speed - last) / (np.abs(speed) * travelled + 1e-12))), speed
@@ -308,16 +309,11 @@ class Basin:
 
 def last_speed(state: torch.Tensor) -> Array:
     """Speeds ahead over ground [env], m/s."""
-    return state[:, 0, 7].double().cpu().numpy().copy()
+    return state[:, 0, SURGE].double().cpu().numpy().copy()
 
 
 def _on_rails(state: torch.Tensor) -> None:
     """Remove from states [env, 1, 13] everything but a straight run north: heading, roll, their rates, and sway."""
+    state[..., [EAST, QX, QZ, SWAY, ROLL_RATE, YAW_RATE]] = 0.0
     q = state[..., QUATERNION]
-    q[..., 1] = 0.0
-    q[..., 3] = 0.0
     q /= q.norm(dim=-1, keepdim=True)
-    state[..., VELOCITY][..., 1] = 0.0
-    state[..., ANGULAR_VELOCITY][..., 0] = 0.0
-    state[..., ANGULAR_VELOCITY][..., 2] = 0.0
-    state[..., POSITION][..., 1] = 0.0

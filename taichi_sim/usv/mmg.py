@@ -31,6 +31,7 @@ import torch
 from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
+from taichi_sim.conventions import AHEAD
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import fast
 from taichi_sim.kernels.packs import AroundPack, FleetPack, load_at, numbers_at
@@ -104,7 +105,7 @@ class Mmg3Dof(Vessel):
 
     def power(self, fleet: Fleet) -> Tensor:
         """Thrust times the speed ahead [env, vehicle], W."""
-        return fleet.aux[..., THRUST] * fleet.velocity_b[..., 0]
+        return fleet.aux[..., THRUST] * fleet.velocity_b[..., AHEAD]
 
     def steer(self, ahead: ArrayLike, helm: ArrayLike) -> NDArray[np.float64]:
         """Return the actions of a helmsman: `ahead` is a share of n_ahead or, below 0, of n_astern; `helm` is one

@@ -258,6 +258,6 @@ def remember(touch: ti.template(), T: ti.template(), e, i, soles, body, met):
     pressing = 0.0
     for c in ti.static(range(6)):
         mean = ti.static(1.0 / T) * body[18 + c]
-        touch.pressing[e, i, 1 + c] = mean
+        touch.pressing[e, i, carrier.WRENCH + c] = mean
         pressing += ti.abs(mean)
-    touch.pressing[e, i, 0] = ti.select(pressing > 0.0, touch.way[e, i, carrier.WHICH], 0.0)
+    touch.pressing[e, i, carrier.PRESSED] = ti.select(pressing > 0.0, touch.way[e, i, carrier.WHICH], 0.0)

@@ -180,7 +180,7 @@ class Multirotor6DOF(Vehicle):
         side = 0.5 * max(self.size[:2]) * torch.sqrt((1.0 - upright.square()).clamp(min=0.0))
         height = -fleet.state[..., DOWN] - self.plan.body.below * upright - side
         outside = fleet.reading(at.OUTSIDE_TIME) > LONGEST_OUTSIDE
-        struck = fleet.never if fleet.touch is None else fleet.touch.struck[..., 0] > 0
+        struck = fleet.never if fleet.touch is None else fleet.touch.struck.squeeze(-1) > 0
         ditched = height <= world.elevation_below(fleet, height)
         return {"ditched": ditched, "struck": struck, "outside_model": outside}
 
@@ -290,7 +290,7 @@ class Multirotor6DOF(Vehicle):
         soles = ti.Vector([time * 0.0 for _ in ti.static(range(max(self.sole_numbers, 1)))])
         by_deck, pressed, struck, landed, blow = 0, 0, 0, 0, time * 0.0
         if ti.static(build.decked):
-            by_deck, pressed = int(touch.way[e, i, carrier.WHICH]), int(touch.pressing[e, i, 0])
+            by_deck, pressed = int(touch.way[e, i, carrier.WHICH]), int(touch.pressing[e, i, carrier.PRESSED])
             for k in ti.static(range(self.sole_numbers)):
                 soles[k] = touch.soles[e, i, k]
         for n in range(self.substeps):
