@@ -155,7 +155,7 @@ class MeasuredAircraft:
     def __init__(self, team: EscortAircraft, number: int, form: CirclingForm):
         """Measure for `team`, whose first aircraft has that `number` among the random numbers."""
         state, tracking = team.fleet.state, team.tracking
-        self._team, self._tracking, self.fleet = team, tracking, team.own
+        self._team, self.fleet = team, team.own
         self.radius, self.orbit = team.radius, team.orbit
         self.now, self.slot_table = SlotErrors(state, self.axes), state.new_zeros((*state.shape[:2], SLOT_SIZE))
         self.target = Target(state.new_zeros((*state.shape[:2], SIZE)), team.fleet.position_n[:, 0])
