@@ -130,7 +130,7 @@ def _measure(out: ErrorsPack, team: TeamPack, which: ti.types.ndarray(dtype=ti.i
             for k in ti.static(range(13)):
                 total += team.state[e, i, k]
             out.plain[DISTANCE, e, i], out.plain[TOTAL, e, i] = distance, total
-            out.plain[REACH, e, i] = ti.max(ti.abs(team.state[e, i, 0]), ti.abs(team.state[e, i, 1]))
+            out.plain[REACH, e, i] = ti.max(ti.abs(team.state[e, i, NORTH]), ti.abs(team.state[e, i, EAST]))
 
 
 @ti.func

@@ -21,7 +21,7 @@ import taichi as ti
 import torch
 from torch import Tensor
 
-from rl.course.tracks import Tracks, track_point
+from rl.course.tracks import Tracks, TrackSample, track_point
 from taichi_sim.air.wind import wind_factor, wind_shear
 from taichi_sim.config import WorldConfig
 from taichi_sim.kernels import runtime
@@ -95,14 +95,15 @@ def _follow(
             if which[e] == 1:
                 progress[e] += target[e, 0, SPEED] * track.numbers[INTERVAL]
             place = track_point(track.rows, track.length, ti.cast(env_world[e], ti.i32), progress[e])
-            c, s, speed = ti.cos(place[2]), ti.sin(place[2]), track.numbers[TARGET_SPEED]
+            course, speed = place[TrackSample.COURSE], track.numbers[TARGET_SPEED]
+            c, s = ti.cos(course), ti.sin(course)
             if track.numbers[OVER_AIR] > 0:
                 factor = track.numbers[WIND_FACTOR]
-                north, east = track.wind[e, 0] * factor, track.wind[e, 1] * factor
+                north, east = track.wind[e, NORTH] * factor, track.wind[e, EAST] * factor
                 speed = speed_over_ground(speed, north, east, c, s)
-            target[e, 0, NORTH], target[e, 0, EAST], target[e, 0, DOWN] = place[0], place[1], 0.0
-            target[e, 0, COURSE], target[e, 0, COS], target[e, 0, SIN] = place[2], c, s
-            target[e, 0, COURSE_RATE], target[e, 0, SPEED] = place[3] * speed, speed
+            target[e, 0, NORTH], target[e, 0, EAST], target[e, 0, DOWN] = place[NORTH], place[EAST], 0.0
+            target[e, 0, COURSE], target[e, 0, COS], target[e, 0, SIN] = course, c, s
+            target[e, 0, COURSE_RATE], target[e, 0, SPEED] = place[TrackSample.CURVATURE] * speed, speed
 
 
 class Targets:

@@ -28,6 +28,7 @@ from torch import Tensor
 from rl.perception.columns import Sighting
 from rl.perception.instruments import InstrumentsConfig
 from taichi_sim.config import NonNegative, Positive, Strict
+from taichi_sim.conventions import DOWN, EAST, NORTH
 from taichi_sim.fleet import Views
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.packs import struct_of, values_at
@@ -139,9 +140,9 @@ def _see(
                         error = ti.Vector([g.pixel * z[a] for a in ti.static(range(3))])
                         ray = rotated(own.derived, e, i, line_b + error)
                         if ray[2] > LEAST_SLOPE:
-                            far = -own.state[e, i, 2] / ray[2]
-                            out.sightings[e, node, k, Sighting.NORTH] = own.state[e, i, 0] + far * ray[0]
-                            out.sightings[e, node, k, Sighting.EAST] = own.state[e, i, 1] + far * ray[1]
+                            far = -own.state[e, i, DOWN] / ray[2]
+                            out.sightings[e, node, k, Sighting.NORTH] = own.state[e, i, NORTH] + far * ray[0]
+                            out.sightings[e, node, k, Sighting.EAST] = own.state[e, i, EAST] + far * ray[1]
                             tilted = (g.pixel * g.pixel + g.tilt * g.tilt) / (ray[2] * ray[2])
                             turned = g.pixel * g.pixel + g.heading * g.heading
                             out.sightings[e, node, k, Sighting.VARIANCE] = (

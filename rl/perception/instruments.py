@@ -24,6 +24,7 @@ import taichi as ti
 from torch import Tensor
 
 from taichi_sim.config import Fraction, NonNegative, Positive, Strict
+from taichi_sim.conventions import DOWN
 from taichi_sim.fleet import Fleet, Views
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.packs import struct_of, values_at
@@ -220,7 +221,7 @@ def _read(
                 out.state[e, i, k] = truth.true_state[e, i, k]
             for a in ti.static(range(2)):
                 out.state[e, i, a] += out.memory[e, i, OWN + a] + out.memory[e, i, COMMON + a] + g.place * z2[a]
-            out.state[e, i, 2] += out.memory[e, i, HEIGHT] + g.height * z2[2]
+            out.state[e, i, DOWN] += out.memory[e, i, HEIGHT] + g.height * z2[2]
             half = 0.5 * (out.memory[e, i, HEADING] + g.heading * z2[3])
             q = ti.Vector([truth.true_state[e, i, 3 + k] for k in ti.static(range(4))])
             tilt = ti.Vector([1.0, 0.5 * g.tilt * z2[4], 0.5 * g.tilt * z2[5], 0.0])

@@ -22,6 +22,7 @@ from rl.perception.camera import SEE, UNSEEN, VARIANCE_FLOOR
 from rl.perception.columns import Object, Sighting
 from rl.perception.instruments import InstrumentsConfig
 from taichi_sim.config import NonNegative, Positive, Strict
+from taichi_sim.conventions import EAST, NORTH
 from taichi_sim.fleet import Views
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.packs import struct_of, values_at
@@ -88,8 +89,8 @@ def _see(
             cos, sin = c0 * c1 + s0 * s1, c0 * s1 - s0 * c1  # of the error of the heading
             for k in range(out.objects.shape[1]):
                 out.sightings[e, i, k, Sighting.VARIANCE] = UNSEEN
-                x = out.objects[e, k, Object.NORTH] - true.true_state[e, i, 0]
-                y = out.objects[e, k, Object.EAST] - true.true_state[e, i, 1]
+                x = out.objects[e, k, Object.NORTH] - true.true_state[e, i, NORTH]
+                y = out.objects[e, k, Object.EAST] - true.true_state[e, i, EAST]
                 far = ti.sqrt(x * x + y * y)
                 near = far - out.objects[e, k, Object.RADIUS] < g.obstacle_range
                 if k == 0:
@@ -101,8 +102,8 @@ def _see(
                         z = normal6(count[1], LOOKOUT + 1, count[2 + e], number, count[0])
                         away, turned = 1.0 + g.range_noise * z[0] / ti.max(far, 1.0), g.bearing_noise * z[1]
                         c, s = cos - turned * sin, sin + turned * cos
-                        out.sightings[e, i, k, Sighting.NORTH] = own.state[e, i, 0] + away * (c * x - s * y)
-                        out.sightings[e, i, k, Sighting.EAST] = own.state[e, i, 1] + away * (s * x + c * y)
+                        out.sightings[e, i, k, Sighting.NORTH] = own.state[e, i, NORTH] + away * (c * x - s * y)
+                        out.sightings[e, i, k, Sighting.EAST] = own.state[e, i, EAST] + away * (s * x + c * y)
                         side = far * far * (g.bearing_noise * g.bearing_noise + g.heading * g.heading)
                         variance = 0.5 * (g.range_noise * g.range_noise + side) + g.place * g.place
                         out.sightings[e, i, k, Sighting.VARIANCE] = variance + VARIANCE_FLOOR

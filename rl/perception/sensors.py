@@ -17,6 +17,7 @@ from rl.course.traffic import AWAY, BOTTOM, EAST, NORTH, RADIUS, ROWS, TOP, V_EA
 from rl.perception.columns import Mate, Obstacle, store_mate, store_obstacle
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import runtime
+from taichi_sim.kernels.abreast import taken
 from taichi_sim.kernels.rotation import VELOCITY_N
 
 _array3, _array4 = (ti.types.ndarray(ndim=n) for n in (3, 4))
@@ -121,7 +122,7 @@ def near_mates(state: ti.template(), e, i, place, reach, radius, count: ti.templ
     index = ti.Vector([-1] * ti.static(count + 1))
     for m in range(state.shape[1]):
         if m != i:
-            d = (ti.Vector([state[e, m, 0], state[e, m, 1], state[e, m, 2]]) - place).norm()
+            d = (taken(state, e, m, NORTH, 3) - place).norm()
             gap = ti.min(gap, d - 2 * radius)
             distance, index = insert(distance, index, d, m, count)
     return gap, distance, index
@@ -141,7 +142,7 @@ def _sense(
     for e, i in ti.ndrange(team.state.shape[0], team.state.shape[1]):
         if which[e] != 0:
             w, reach, radius = env_world[e], team.numbers[0], team.numbers[1]
-            place = ti.Vector([team.state[e, i, 0], team.state[e, i, 1], team.state[e, i, 2]])
+            place = taken(team.state, e, i, NORTH, 3)
             clear, far, index = near_obstacles(field, w, place, reach, radius, sight)
             clear, far, index = near_bodies(bodies, e, place, reach, radius, sight, clear, far, index)
             apart, away, who = near_mates(team.state, e, i, place, reach, radius, sight.mates)
@@ -152,9 +153,9 @@ def _sense(
             for k in ti.static(range(sight.mates)):
                 direction, moves, m = place * 0.0, ti.Vector([0.0, 0.0]), ti.max(who[k], 0)
                 if who[k] >= 0:
-                    there = ti.Vector([team.state[e, m, 0], team.state[e, m, 1], team.state[e, m, 2]])
+                    there = taken(team.state, e, m, NORTH, 3)
                     direction = (there - place) / ti.max(away[k], 1e-6)
-                    moves = ti.Vector([team.derived[e, m, V], team.derived[e, m, V + 1]])
+                    moves = taken(team.derived, e, m, V, 2)
                 store_mate(out, team.derived, sight, e, i, k, away[k], who[k], direction, moves, reach)
 
 

@@ -14,8 +14,9 @@ import taichi as ti
 import taichi.math as tm
 import torch
 
+from taichi_sim.conventions import HEAVE, PITCH_RATE, QW, QX, QY, QZ, ROLL_RATE, SURGE, SWAY, YAW_RATE
 from taichi_sim.kernels import fast
-from taichi_sim.kernels.abreast import put
+from taichi_sim.kernels.abreast import put, taken
 
 DERIVED_SIZE = 14
 ROTATION, DOWN = slice(0, 9), slice(6, 9)  # R_nb, and its third row: the world's down axis in b
@@ -35,6 +36,36 @@ def rotation_matrix(q):
             [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
         ]
     )
+
+
+@ti.func
+def position_of(y):
+    """Position (m) in n of state y (packed as in conventions.py)."""
+    return ti.Vector([y[0], y[1], y[2]])
+
+
+@ti.func
+def quaternion_of(y):
+    """Quaternion of state y."""
+    return ti.Vector([y[QW], y[QX], y[QY], y[QZ]])
+
+
+@ti.func
+def attitude_of(y):
+    """R_nb of state y."""
+    return rotation_matrix(quaternion_of(y))
+
+
+@ti.func
+def velocity_of(y):
+    """Velocity (m/s) in b of state y."""
+    return ti.Vector([y[SURGE], y[SWAY], y[HEAVE]])
+
+
+@ti.func
+def rates_of(y):
+    """Angular velocity (rad/s) in b of state y."""
+    return ti.Vector([y[ROLL_RATE], y[PITCH_RATE], y[YAW_RATE]])
 
 
 @ti.func
@@ -152,5 +183,5 @@ def derive(
     ti.loop_config(serialize=serial)
     for e, i in ti.ndrange(state.shape[0], state.shape[1]):
         if which[e] != 0:
-            R = rotation_matrix(ti.Vector([state[e, i, 3], state[e, i, 4], state[e, i, 5], state[e, i, 6]]))
-            store(derived, e, i, R, R @ ti.Vector([state[e, i, 7], state[e, i, 8], state[e, i, 9]]))
+            R = rotation_matrix(taken(state, e, i, QW, 4))
+            store(derived, e, i, R, R @ taken(state, e, i, SURGE, 3))

@@ -11,7 +11,7 @@ import math
 import taichi as ti
 from torch import Tensor
 
-from taichi_sim.conventions import GRAVITY
+from taichi_sim.conventions import DOWN, EAST, GRAVITY, NORTH
 from taichi_sim.kernels import runtime
 from taichi_sim.sea import water_column, waves
 
@@ -55,18 +55,19 @@ def surface(
 ):
     """Elevation, label (2), Jacobian, slope (2), velocity (3, NED), acceleration (3, NED) at points [point, 2]."""
     for i in range(points.shape[0]):
-        s, zero = env_sea[i], points[i, 0] * 0.0
-        L = waves.invert_label(sea, phase, count, s, i, points[i, 0], points[i, 1], zero, NEWTON_ITERATIONS)
+        s, zero = env_sea[i], points[i, NORTH] * 0.0
+        L = waves.invert_label(sea, phase, count, s, i, points[i, NORTH], points[i, EAST], zero, NEWTON_ITERATIONS)
         j = waves.jacobian(sea, phase, count, s, i, L[0], L[1], zero)
         slope = waves.slope_at_label(sea, phase, count, s, i, L[0], L[1], zero)
         v = waves.surface_velocity(sea, phase, count, s, i, L[0], L[1], zero)
         a = waves.surface_acceleration(sea, phase, count, s, i, L[0], L[1], zero)
-        out[i, 0] = waves.elevation_at_label(sea, phase, count, s, i, L[0], L[1], zero)
-        out[i, 1], out[i, 2] = L[0], L[1]
-        out[i, 3] = j[0] * j[2] - j[1] * j[1]
-        out[i, 4], out[i, 5] = slope[0], slope[1]
-        out[i, 6], out[i, 7], out[i, 8] = v[0], v[1], -v[2]
-        out[i, 9], out[i, 10], out[i, 11] = a[0], a[1], -a[2]
+        v[2], a[2] = -v[2], -a[2]  # down
+        out[i, HEIGHT] = waves.elevation_at_label(sea, phase, count, s, i, L[0], L[1], zero)
+        out[i, JACOBIAN] = j[0] * j[2] - j[1] * j[1]
+        for k in ti.static(range(2)):
+            out[i, LABEL.start + k], out[i, SLOPE.start + k] = L[k], slope[k]
+        for k in ti.static(range(3)):
+            out[i, VELOCITY.start + k], out[i, ACCELERATION.start + k] = v[k], a[k]
 
 
 @ti.kernel
@@ -84,8 +85,8 @@ def elevation(
     ti.loop_config(serialize=serial)
     for i in range(points.shape[0]):
         row = point_row[i]
-        s, zero = env_sea[row], points[i, 0] * 0.0
-        L = waves.invert_label(sea, phase, count, s, row, points[i, 0], points[i, 1], zero, NEWTON_ITERATIONS)
+        s, zero = env_sea[row], points[i, NORTH] * 0.0
+        L = waves.invert_label(sea, phase, count, s, row, points[i, NORTH], points[i, EAST], zero, NEWTON_ITERATIONS)
         out[i] = waves.elevation_at_label(sea, phase, count, s, row, L[0], L[1], zero)
 
 
@@ -112,14 +113,15 @@ def column(
 ):
     """Gauge pressure over rho g (m), velocity (3) and acceleration (3), NED, at points [point, 3] (NED)."""
     for i in range(points.shape[0]):
-        s, zero, z = env_sea[i], points[i, 0] * 0.0, -points[i, 2]
-        L = waves.invert_label(sea, phase, count, s, i, points[i, 0], points[i, 1], zero, NEWTON_ITERATIONS)
+        s, zero, z = env_sea[i], points[i, NORTH] * 0.0, -points[i, DOWN]
+        L = waves.invert_label(sea, phase, count, s, i, points[i, NORTH], points[i, EAST], zero, NEWTON_ITERATIONS)
         zeta = waves.elevation_at_label(sea, phase, count, s, i, L[0], L[1], zero)
         below = water_column.stretched(z, zeta, depth)
         r = water_column.column_at_label(sea, phase, count, s, i, L[0], L[1], below, depth, zero)
-        out[i, 0] = ti.max(r[0] - z, 0.0) * ti.cast(z < zeta, float)
-        out[i, 1], out[i, 2], out[i, 3] = r[1], r[2], -r[3]
-        out[i, 4], out[i, 5], out[i, 6] = r[4], r[5], -r[6]
+        v, a = ti.Vector([r[1], r[2], -r[3]]), ti.Vector([r[4], r[5], -r[6]])
+        out[i, COLUMN_PRESSURE] = ti.max(r[0] - z, 0.0) * ti.cast(z < zeta, float)
+        for k in ti.static(range(3)):
+            out[i, COLUMN_VELOCITY.start + k], out[i, COLUMN_ACCELERATION.start + k] = v[k], a[k]
 
 
 @ti.kernel
@@ -133,6 +135,10 @@ def airy(
 ):
     """Linear velocity (3, NED) and dynamic pressure over rho, in realisation 0, at points [point, 3] (NED)."""
     for i in range(points.shape[0]):
-        zero = points[i, 0] * 0.0
-        r = waves.airy_at(sea, phase, count, 0, i, points[i, 0], points[i, 1], -points[i, 2], depth, GRAVITY, zero)
-        out[i, 0], out[i, 1], out[i, 2], out[i, 3] = r[0], r[1], -r[2], r[3]
+        zero = points[i, NORTH] * 0.0
+        x, y, z = points[i, NORTH], points[i, EAST], -points[i, DOWN]
+        r = waves.airy_at(sea, phase, count, 0, i, x, y, z, depth, GRAVITY, zero)
+        r[2] = -r[2]  # down
+        for k in ti.static(range(3)):
+            out[i, AIRY_VELOCITY.start + k] = r[k]
+        out[i, AIRY_PRESSURE] = r[3]

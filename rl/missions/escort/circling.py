@@ -18,8 +18,9 @@ from rl.guidance.observations import RATE_SCALE, SPEED_SCALE, columns, put, put_
 from rl.guidance.targets import COS, COURSE, EAST, NORTH, SIN, SPEED
 from rl.missions.escort.boats import AGE_SCALE, SIGMA_SCALE
 from rl.perception.columns import Message, Sighting
-from taichi_sim.kernels import runtime
-from taichi_sim.kernels.rotation import DOWN
+from taichi_sim.conventions import DOWN
+from taichi_sim.kernels import rotation, runtime
+from taichi_sim.kernels.abreast import taken, taken2
 
 if TYPE_CHECKING:
     from rl.missions.escort.aircraft import EscortAircraft, MeasuredAircraft
@@ -95,20 +96,21 @@ def _measure(out: ErrorsPack, true: TruePack, which: ti.types.ndarray(dtype=ti.i
         if which[e] != 0:
             turn = true.numbers[TURN]
             place = ti.Vector([true.state[e, i, a] for a in ti.static(range(3))])
-            x, y = place[0] - true.vessel[e, 0], place[1] - true.vessel[e, 1]
+            x, y = place[0] - true.vessel[e, NORTH], place[1] - true.vessel[e, EAST]
             off, high = ti.sqrt(x * x + y * y) - true.numbers[RADIUS], place[2] - true.down[i]
             out.distance[e, i] = ti.sqrt(off * off + high * high)
             own, nearest, farthest = ti.atan2(y, x), x * 0.0 + TWO_PI, x * 0.0 - 1.0
             for j in range(true.state.shape[1]):
                 if j != i:
-                    angle = ti.atan2(true.state[e, j, 1] - true.vessel[e, 1], true.state[e, j, 0] - true.vessel[e, 0])
+                    to = taken(true.state, e, j, NORTH, 2) - taken2(true.vessel, e, 2)
+                    angle = ti.atan2(to[1], to[0])
                     ahead = on_from(own, angle, turn)
                     nearest, farthest = ti.min(nearest, ahead), ti.max(farthest, ahead)
             out.gap_error[e, i] = between(nearest, farthest)
             if ti.static(form.boats[1] > form.boats[0]):
                 near = x * 0.0
                 for b in range(true.boats.shape[1]):
-                    dx, dy = true.boats[e, b, 0] - place[0], true.boats[e, b, 1] - place[1]
+                    dx, dy = true.boats[e, b, NORTH] - place[0], true.boats[e, b, EAST] - place[1]
                     if ti.sqrt(dx * dx + dy * dy + place[2] * place[2]) < true.numbers[RANGE]:
                         near += 1.0
                 out.in_range[e, i] = near / true.boats.shape[1]
@@ -124,18 +126,18 @@ def _listen(out: KnownPack, of: HeardPack, which: ti.types.ndarray(dtype=ti.i32,
             north, east = of.targets[e, o, NORTH], of.targets[e, o, EAST]
             for a in ti.static(range(2)):
                 out.centre_velocity[e, i, a] = of.targets[e, o, SPEED] * of.targets[e, o, COS + a]
-            own = ti.atan2(of.state[e, i, 1] - east, of.state[e, i, 0] - north)
+            own = ti.atan2(of.state[e, i, EAST] - east, of.state[e, i, NORTH] - north)
             course = own + turn * ti.static(0.25 * TWO_PI)
             out.target[e, i, NORTH], out.target[e, i, EAST], out.target[e, i, COURSE] = north, east, course
             out.target[e, i, COS], out.target[e, i, SIN] = ti.cos(course), ti.sin(course)
-            out.height_error[e, i] = of.down[i] - of.state[e, i, 2]
+            out.height_error[e, i] = of.down[i] - of.state[e, i, DOWN]
             nearest, last = own * 0.0 + TWO_PI, own * 0.0 - 1.0
             for j in range(of.state.shape[1]):
                 k = ti.static(form.first) + j
                 old = of.heard[e, o, k, age]
                 if j != i and old < HEARD_OF:
-                    x = of.heard[e, o, k, 0] + old * of.heard[e, o, k, Message.V_NORTH] - north
-                    y = of.heard[e, o, k, 1] + old * of.heard[e, o, k, ti.static(Message.V_NORTH + 1)] - east
+                    x = of.heard[e, o, k, NORTH] + old * of.heard[e, o, k, Message.V_NORTH] - north
+                    y = of.heard[e, o, k, EAST] + old * of.heard[e, o, k, ti.static(Message.V_NORTH + 1)] - east
                     ahead = on_from(own, ti.atan2(y, x), turn)
                     nearest, last = ti.min(nearest, ahead), ti.max(last, ahead)
             out.gap_error[e, i] = between(nearest, last)
@@ -143,9 +145,9 @@ def _listen(out: KnownPack, of: HeardPack, which: ti.types.ndarray(dtype=ti.i32,
                 mean, count, most = ti.Vector([own * 0.0, own * 0.0]), own * 0.0, own * 0.0
                 for k in range(ti.static(form.boats[0]), ti.static(form.boats[1])):
                     if of.heard[e, o, k, age] < BOATS_HEARD_OF:
-                        there = ti.Vector([of.heard[e, o, k, 0], of.heard[e, o, k, 1]])
+                        there = ti.Vector([of.heard[e, o, k, NORTH], of.heard[e, o, k, EAST]])
                         count, mean = count + 1.0, mean + there
-                        most = ti.max(most, (there - ti.Vector([of.state[e, i, 0], of.state[e, i, 1]])).norm())
+                        most = ti.max(most, (there - taken(of.state, e, i, NORTH, 2)).norm())
                 for a in ti.static(range(2)):
                     out.boats[e, i, a] = mean[a] / ti.max(count, 1.0)
                 out.farthest[e, i, 0] = most
@@ -160,7 +162,7 @@ def _observe(
     for e, i in ti.ndrange(out.shape[0], out.shape[1]):
         o = ti.static(form.first) + i
         put_squashed(out, e, i, form.at.velocity, 3, seen.state, 7, SPEED_SCALE)
-        put(out, e, i, form.at.down, 3, seen.derived, DOWN.start)
+        put(out, e, i, form.at.down, 3, seen.derived, rotation.DOWN.start)
         for a in ti.static(range(3)):
             out[e, i, form.at.rates + a] = seen.state[e, i, 10 + a] * ti.static(1 / RATE_SCALE)
         place = ti.Vector([seen.state[e, i, a] for a in ti.static(range(3))])
@@ -168,7 +170,7 @@ def _observe(
         put_direction(out, e, i, form.at.vessel, seen, to)
         out[e, i, form.at.vessel_distance] = squash(to.norm(), FAR_SCALE)
         c, s = known.target[e, i, COS], known.target[e, i, SIN]
-        x, y = known.centre_velocity[e, i, 0], known.centre_velocity[e, i, 1]
+        x, y = known.centre_velocity[e, i, NORTH], known.centre_velocity[e, i, EAST]
         out[e, i, form.at.vessel_velocity] = squash(c * x + s * y, SLOW_SCALE)
         out[e, i, ti.static(form.at.vessel_velocity + 1)] = squash(c * y - s * x, SLOW_SCALE)
         off = ti.sqrt(to[0] * to[0] + to[1] * to[1]) - tracks.radius[0]
@@ -180,7 +182,7 @@ def _observe(
         out[e, i, form.at.track_sigma] = squash(tracks.sigma[e, o], SIGMA_SCALE)
         widest, group = known.farthest[e, i, 0], place * 0.0
         if widest > 0:
-            group = ti.Vector([known.boats[e, i, 0], known.boats[e, i, 1], 0.0]) - place
+            group = ti.Vector([known.boats[e, i, NORTH], known.boats[e, i, EAST], 0.0]) - place
         put_direction(out, e, i, form.at.boats, seen, group)
         out[e, i, form.at.boats_distance] = squash(group.norm(), FAR_SCALE)
         out[e, i, ti.static(form.at.boats_distance + 1)] = squash(widest, FAR_SCALE)

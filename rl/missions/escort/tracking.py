@@ -31,6 +31,7 @@ from rl.perception.columns import Message, Object, Sighting
 from rl.perception.radio import Radio
 from taichi_sim.fleet import Fleet, Views
 from taichi_sim.kernels import runtime
+from taichi_sim.kernels.abreast import taken
 
 if TYPE_CHECKING:
     from rl.missions.escort.mission import Escort
@@ -64,7 +65,7 @@ def _estimate(out: EstimatesPack, by: SearchPack, which: ti.types.ndarray(dtype=
             if speed > SLOWEST:
                 out.course[e, o] = ti.atan2(east, north)
             out.age[e, o], out.sigma[e, o] = old, ti.sqrt(ti.max(by.tracks[e, o, 0, P_PP], 0.0))
-            away = (ti.Vector([by.said[e, o, 0], by.said[e, o, 1]]) - place).norm()
+            away = (taken(by.said, e, o, NORTH, 2) - place).norm()
             searched, pitch = 0.0, by.searches[o, PITCH]
             if old > lost and (away < by.searches[o, BEGINS] or out.searching[e, o] > 0):
                 searched = out.searching[e, o] + dt

@@ -14,6 +14,7 @@ import numpy as np
 import taichi as ti
 
 from taichi_sim.conventions import GRAVITY, STATE_SIZE
+from taichi_sim.kernels.abreast import taken2
 from taichi_sim.uav.fixed_wing import airframe
 from taichi_sim.uav.fixed_wing.numbers import nominal_numbers
 from taichi_sim.uav.fixed_wing.params import FixedWingParams
@@ -49,9 +50,8 @@ def rhs(p: FixedWingParams, state, controls) -> np.ndarray:
 def _loads(craft: ti.template(), v_r: _array2, omega: _array2, controls: _array2, out: _array2):
     for n in range(v_r.shape[0]):
         p = ti.static(nominal_numbers(craft))
-        air = airframe.air_data(ti.Vector([v_r[n, 0], v_r[n, 1], v_r[n, 2]]))
-        rates = ti.Vector([omega[n, 0], omega[n, 1], omega[n, 2]])
-        delta = ti.Vector([controls[n, k] for k in ti.static(range(4))])
+        air = airframe.air_data(taken2(v_r, n, 3))
+        rates, delta = taken2(omega, n, 3), taken2(controls, n, 4)
         force, moment = airframe.loads(craft, p, air, rates, delta)
         T, Q = airframe.thrust_torque(craft.propeller, p, air[0], delta[3])
         for k in ti.static(range(3)):

@@ -17,6 +17,7 @@ import torch
 
 from taichi_sim.conventions import GRAVITY, STATE_SIZE
 from taichi_sim.kernels import runtime
+from taichi_sim.kernels.abreast import taken2
 from taichi_sim.kernels.rigid_body import cross
 from taichi_sim.kernels.rotation import torch_quaternion_from_euler, torch_rotation_matrix
 from taichi_sim.uav.aircraft import TrimError
@@ -65,8 +66,9 @@ def solve(craft: ti.template(), air: _array2, out: _array2):
         p, a = ti.static(nominal_numbers(craft), allocation(craft))
         N = ti.static(len(craft.rotors))
         gain = ti.static(gains(p, N))
-        v_n = ti.Vector([air[row, 0], air[row, 1], air[row, 2]])
-        nose = ti.Vector([air[row, 3], air[row, 4], v_n[0] * 0.0])
+        asked = taken2(air, row, 5)
+        v_n = ti.Vector([asked[0], asked[1], asked[2]])
+        nose = ti.Vector([asked[3], asked[4], v_n[0] * 0.0])
         down = ti.Vector([v_n[0] * 0.0, v_n[0] * 0.0, v_n[0] * 0.0 + 1.0])
         still, ones = ti.Vector([v_n[0] * 0.0, v_n[0] * 0.0, v_n[0] * 0.0]), ti.Vector([v_n[0] * 0.0 + 1.0] * N)
         z, c, thrust = down, GRAVITY * down, ones

@@ -41,9 +41,10 @@ from taichi.lang.argpack import ArgPack
 from torch import Tensor
 
 from taichi_sim.config import ConfigError
-from taichi_sim.conventions import ELEVATION, FREEBOARD
+from taichi_sim.conventions import EAST, ELEVATION, FREEBOARD, NORTH
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import runtime
+from taichi_sim.kernels.abreast import taken2
 from taichi_sim.kernels.lanes import filled, laned, laned1, laned2, laned3, vectors
 from taichi_sim.kernels.packs import AroundPack, Build, FleetPack, load_at, numbers_at
 from taichi_sim.kernels.rigid_body import angular, linear
@@ -358,8 +359,8 @@ class Hull6Dof(Vessel):
         command = self.drive.commanded(self.thrusters, p, fleet.action, e, i, controls)
         D = ti.Vector([aux[e, i, at.LABEL], aux[e, i, at.LABEL + 1]])
         change = ti.Vector([aux[e, i, at.LABEL_CHANGE], aux[e, i, at.LABEL_CHANGE + 1]])
-        V_c = ti.Vector([around.current[e, 0], around.current[e, 1], 0.0])
-        air = ti.Vector([around.wind[e, 0], around.wind[e, 1], around.wind[e, 2]])
+        V_c = ti.Vector([around.current[e, NORTH], around.current[e, EAST], 0.0])
+        air = taken2(around.wind, e, 3)
         outside = load_at(build, fleet.load, e, i)
         plane = ti.Vector([pos[0] * 0.0, 0.0, 0.0])
         sums = ti.Vector([pos[0] * 0.0 for _ in range(water.SUMS)])
@@ -434,7 +435,7 @@ class Hull6Dof(Vessel):
             y = ti.Vector([state[n, c] for c in range(13)])
             pos, q, nu = motion.unpack(y)
             R = rotation_matrix(q)
-            V_c, air = ti.Vector([current[n, 0], current[n, 1], 0.0]), ti.Vector([wind_n[n, c] for c in range(3)])
+            V_c, air = ti.Vector([current[n, NORTH], current[n, EAST], 0.0]), taken2(wind_n, n, 3)
             calm = ti.Vector([y[0] * 0.0 for _ in range(water.SUMS)])
             p, height = ti.static(self.constants, self.params.windage.height)
             tau = ti.Vector([load[n, c] for c in range(6)]) + wind.load(height, p, R, nu, air)

@@ -5,7 +5,7 @@
 
 import taichi as ti
 
-from taichi_sim.conventions import ELEVATION, FREEBOARD
+from taichi_sim.conventions import EAST, ELEVATION, FREEBOARD, NORTH
 from taichi_sim.kernels.packs import AroundPack
 from taichi_sim.kernels.rotation import quaternion_product, rotation_matrix
 from taichi_sim.usv.hull import water
@@ -48,7 +48,7 @@ def float_on_waves(
         q = tilted(q, R, sums[water.ALONG], sums[water.ACROSS])
         R = rotation_matrix(q)
         pos[2] -= plane[0]
-        V_c, still = ti.Vector([around.current[e, 0], around.current[e, 1], 0.0]), ti.Vector([now, now, now])
+        V_c, still = ti.Vector([around.current[e, NORTH], around.current[e, EAST], 0.0]), ti.Vector([now, now, now])
         nu_c, _, nu_o, _ = water.flow(hull.params.current_frame, R, still, V_c, sums)
         y = pack(pos, q, nu + nu_c + nu_o)
         for c in ti.static(range(13)):
