@@ -122,13 +122,7 @@ class Mission(Stateful, Generic[C, T]):
     SHARED: tuple[str, ...] = ("generator",)
 
     def __init__(
-        self,
-        config: C,
-        num_envs: int,
-        *,
-        seed: int,
-        teams: Sequence[str] | None = None,
-        source: Path | None = None,
+        self, config: C, num_envs: int, *, seed: int, teams: Sequence[str] | None = None, source: Path | None = None
     ):
         """Build the world and begin an episode in every environment.
 

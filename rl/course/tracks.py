@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from rl.course.closed_spline import ClosedSpline, Complex, Real, evaluate, nodes_per_gap
+from taichi_sim.kernels.runtime import array1, array2
 
 # All assumed: the paper gives only a length, an area and a number of checkpoints.
 HARMONICS = np.arange(2, 7)
@@ -137,13 +138,7 @@ def track_point(rows: ti.template(), length: ti.template(), world, s):
 
 
 @ti.kernel
-def _look_up(
-    out: ti.types.ndarray(ndim=2),
-    rows: ti.types.ndarray(ndim=2),
-    length: ti.types.ndarray(ndim=1),
-    world: ti.types.ndarray(dtype=ti.i64, ndim=1),
-    s: ti.types.ndarray(ndim=1),
-):
+def _look_up(out: array2, rows: array2, length: array1, world: ti.types.ndarray(dtype=ti.i64, ndim=1), s: array1):
     for n in range(s.shape[0]):
         place = track_point(rows, length, ti.cast(world[n], ti.i32), s[n])
         for c in ti.static(range(4)):

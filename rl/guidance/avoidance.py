@@ -45,6 +45,7 @@ from taichi_sim.conventions import EAST, NORTH
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.abreast import taken
 from taichi_sim.kernels.packs import struct_of, values_at
+from taichi_sim.kernels.runtime import array1, array3, array4
 from taichi_sim.vehicle import Vehicle
 
 FAN, RAYS = math.radians(100.0), 20  # to either side, and how many
@@ -58,9 +59,8 @@ ROUNDING = 1e-3  # of a bound that must hold in spite of rounding
 WITHOUT_END = 1e30  # more than any risk
 AVOID = 500.0  # ns per vehicle, about: few vehicles have something in their way
 
-_array1, _array2, _array3, _array4 = (ti.types.ndarray(ndim=n) for n in (1, 2, 3, 4))
 AroundPack = ti.types.argpack(
-    obstacles=_array4, mates=_array4, table=_array3, derived=_array3, target=_array3, numbers=_array1
+    obstacles=array4, mates=array4, table=array3, derived=array3, target=array3, numbers=array1
 )
 
 
@@ -197,7 +197,7 @@ def apart(a, b):
 
 
 @ti.kernel
-def _avoid(velocity: ti.types.ndarray(ndim=3), around: AroundPack, kind: ti.template(), form: ti.template()):
+def _avoid(velocity: array3, around: AroundPack, kind: ti.template(), form: ti.template()):
     ti.loop_config(serialize=form.serial)
     for e, i in ti.ndrange(velocity.shape[0], velocity.shape[1]):
         g = values_at(kind, around.numbers)
@@ -241,8 +241,7 @@ def _avoid(velocity: ti.types.ndarray(ndim=3), around: AroundPack, kind: ti.temp
 
 
 @ti.kernel
-def _shield(velocity: ti.types.ndarray(ndim=3), correction: ti.types.ndarray(ndim=3), around: AroundPack,
-            kind: ti.template(), form: ti.template()):  # fmt: skip
+def _shield(velocity: array3, correction: array3, around: AroundPack, kind: ti.template(), form: ti.template()):
     ti.loop_config(serialize=form.serial)
     for e, i in ti.ndrange(velocity.shape[0], velocity.shape[1]):
         g = values_at(kind, around.numbers)

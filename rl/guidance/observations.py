@@ -44,6 +44,7 @@ from rl.guidance.targets import COS, COURSE_RATE, SIN, SPEED
 from rl.perception.columns import Mate, Message, Obstacle
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.rotation import DOWN
+from taichi_sim.kernels.runtime import array1, array3, array4
 
 SPEED_SCALE = 10.0  # m/s: squashed speeds are half way to 1 here
 RATE_SCALE = 2.0  # rad/s, rotation of the vehicle
@@ -55,20 +56,10 @@ OBSERVE = 80.0  # ns per vehicle, about
 
 MEETING = 3  # numbers of an encounter: distance ahead, distance aside, gap
 
-_array1, _array3, _array4 = (ti.types.ndarray(ndim=n) for n in (1, 3, 4))
 SeenPack = ti.types.argpack(
-    table=_array3,
-    signals=_array3,
-    state=_array3,
-    derived=_array3,
-    aux=_array3,
-    target=_array3,
-    slots=_array3,
-    heard=_array4,
-    obstacles=_array4,
-    mates=_array4,
-    numbers=_array1,
-)
+    table=array3, signals=array3, state=array3, derived=array3, aux=array3, target=array3, slots=array3, heard=array4,
+    obstacles=array4, mates=array4, numbers=array1,
+)  # fmt: skip
 
 
 class ObservationForm(NamedTuple):
@@ -210,10 +201,7 @@ def put_air(out: ti.template(), e, i, seen: ti.template(), form: ti.template()):
 
 
 @ti.kernel
-def _observe(
-    out: ti.types.ndarray(ndim=3), seen: SeenPack, action: ti.types.ndarray(ndim=3),
-    reference: ti.types.ndarray(ndim=3), form: ti.template(),
-):  # fmt: skip
+def _observe(out: array3, seen: SeenPack, action: array3, reference: array3, form: ti.template()):
     ti.loop_config(serialize=form.serial)
     for e, i in ti.ndrange(out.shape[0], out.shape[1]):
         n = ti.static(1 + form.axes)

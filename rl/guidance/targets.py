@@ -25,6 +25,7 @@ from rl.course.tracks import Tracks, TrackSample, track_point
 from taichi_sim.air.wind import wind_factor, wind_shear
 from taichi_sim.config import WorldConfig
 from taichi_sim.kernels import runtime
+from taichi_sim.kernels.runtime import array1, array2, array3, whole1
 from taichi_sim.randomisation.conditions import bounds
 
 NORTH, EAST, DOWN, COURSE, COS, SIN, COURSE_RATE, SPEED, SIZE = range(9)
@@ -79,14 +80,13 @@ class Target:
         self.course_rate, self.speed = table[..., COURSE_RATE], table[..., SPEED]
 
 
-_array1, _array2 = (ti.types.ndarray(ndim=n) for n in (1, 2))
-TrackPack = ti.types.argpack(rows=_array2, length=_array1, wind=_array2, numbers=_array1)
+TrackPack = ti.types.argpack(rows=array2, length=array1, wind=array2, numbers=array1)
 
 
 @ti.kernel
 def _follow(
-    target: ti.types.ndarray(ndim=3), progress: ti.types.ndarray(ndim=1),
-    env_world: ti.types.ndarray(dtype=ti.i64, ndim=1), track: TrackPack, which: ti.types.ndarray(dtype=ti.i32, ndim=1),
+    target: array3, progress: array1,
+    env_world: ti.types.ndarray(dtype=ti.i64, ndim=1), track: TrackPack, which: whole1,
     serial: ti.template(),
 ):  # fmt: skip
     ti.loop_config(serialize=serial)

@@ -33,6 +33,7 @@ from taichi_sim.fleet import Views
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.packs import struct_of, values_at
 from taichi_sim.kernels.random import CAMERA, normal6, uniform4
+from taichi_sim.kernels.runtime import array1, array3, array4, whole1
 
 UNSEEN = -1.0  # variance of a sighting that has not been made
 VARIANCE_FLOOR = 1e-4  # m^2, of exact measurements
@@ -76,10 +77,9 @@ class CameraNumbers(NamedTuple):
     place: float
 
 
-_array1, _array2, _array3, _array4 = (ti.types.ndarray(ndim=n) for n in (1, 2, 3, 4))
-SightingsPack = ti.types.argpack(sightings=_array4, objects=_array3, axis=_array3, hs=_array1, numbers=_array1)
-TruePack = ti.types.argpack(true_state=_array3, true_derived=_array3)
-OwnPack = ti.types.argpack(state=_array3, derived=_array3)
+SightingsPack = ti.types.argpack(sightings=array4, objects=array3, axis=array3, hs=array1, numbers=array1)
+TruePack = ti.types.argpack(true_state=array3, true_derived=array3)
+OwnPack = ti.types.argpack(state=array3, derived=array3)
 
 
 class CameraForm(NamedTuple):
@@ -110,14 +110,9 @@ def rotated_back(derived: ti.template(), e, i, v):
 
 @ti.kernel
 def _see(
-    out: SightingsPack,
-    true: TruePack,
-    own: OwnPack,
-    which: ti.types.ndarray(dtype=ti.i32, ndim=1),
-    count: ti.types.ndarray(dtype=ti.i32, ndim=1),
-    kind: ti.template(),
+    out: SightingsPack, true: TruePack, own: OwnPack, which: whole1, count: whole1, kind: ti.template(),
     form: ti.template(),
-):
+):  # fmt: skip
     ti.loop_config(serialize=form.serial)
     for e, i in ti.ndrange(own.state.shape[0], own.state.shape[1]):
         if which[e] != 0:

@@ -30,6 +30,7 @@ from taichi_sim.kernels import runtime
 from taichi_sim.kernels.packs import struct_of, values_at
 from taichi_sim.kernels.random import INSTRUMENTS, normal6
 from taichi_sim.kernels.rotation import quaternion_product, rotation_matrix, store
+from taichi_sim.kernels.runtime import array1, array3, whole1
 
 READ = 250.0  # ns of one vehicle, about
 EVERYBODY = 1 << 20  # number, among the random numbers, of errors that all vehicles of an environment share
@@ -142,9 +143,8 @@ class InstrumentErrors(NamedTuple):
     height_bias: float
 
 
-_array1, _array2, _array3 = (ti.types.ndarray(ndim=n) for n in (1, 2, 3))
-TruthPack = ti.types.argpack(true_state=_array3, true_aux=_array3)  # two packs of a kernel share no name
-ReadPack = ti.types.argpack(state=_array3, derived=_array3, aux=_array3, memory=_array3, numbers=_array1)
+TruthPack = ti.types.argpack(true_state=array3, true_aux=array3)  # two packs of a kernel share no name
+ReadPack = ti.types.argpack(state=array3, derived=array3, aux=array3, memory=array3, numbers=array1)
 
 
 class InstrumentsForm(NamedTuple):
@@ -194,14 +194,7 @@ def read_air(out: ti.template(), e, i, g: ti.template(), z, z_more, R, v_n, form
 
 
 @ti.kernel
-def _read(
-    out: ReadPack,
-    truth: TruthPack,
-    which: ti.types.ndarray(dtype=ti.i32, ndim=1),
-    count: ti.types.ndarray(dtype=ti.i32, ndim=1),
-    kind: ti.template(),
-    form: ti.template(),
-):
+def _read(out: ReadPack, truth: TruthPack, which: whole1, count: whole1, kind: ti.template(), form: ti.template()):
     ti.loop_config(serialize=form.serial)
     for e, i in ti.ndrange(truth.true_state.shape[0], truth.true_state.shape[1]):
         if which[e] != 0:

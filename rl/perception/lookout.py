@@ -28,6 +28,7 @@ from taichi_sim.kernels import runtime
 from taichi_sim.kernels.packs import struct_of, values_at
 from taichi_sim.kernels.random import LOOKOUT, normal6, uniform4
 from taichi_sim.kernels.rotation import HEADING_COS, HEADING_SIN
+from taichi_sim.kernels.runtime import array1, array2, array3, array4, whole1
 
 POINTS = 8  # of a line of sight at which the sea is looked at
 
@@ -57,10 +58,9 @@ class LookoutNumbers(NamedTuple):
     place: float
 
 
-_array1, _array2, _array3, _array4 = (ti.types.ndarray(ndim=n) for n in (1, 2, 3, 4))
-SightingsPack = ti.types.argpack(sightings=_array4, objects=_array3, hidden=_array2, numbers=_array1)
-TruePack = ti.types.argpack(true_state=_array3, true_derived=_array3)
-OwnPack = ti.types.argpack(state=_array3, derived=_array3)
+SightingsPack = ti.types.argpack(sightings=array4, objects=array3, hidden=array2, numbers=array1)
+TruePack = ti.types.argpack(true_state=array3, true_derived=array3)
+OwnPack = ti.types.argpack(state=array3, derived=array3)
 
 
 class LookoutForm(NamedTuple):
@@ -72,14 +72,9 @@ class LookoutForm(NamedTuple):
 
 @ti.kernel
 def _see(
-    out: SightingsPack,
-    true: TruePack,
-    own: OwnPack,
-    which: ti.types.ndarray(dtype=ti.i32, ndim=1),
-    count: ti.types.ndarray(dtype=ti.i32, ndim=1),
-    kind: ti.template(),
+    out: SightingsPack, true: TruePack, own: OwnPack, which: whole1, count: whole1, kind: ti.template(),
     form: ti.template(),
-):
+):  # fmt: skip
     ti.loop_config(serialize=form.serial)
     for e, i in ti.ndrange(own.state.shape[0], own.state.shape[1]):
         if which[e] != 0:

@@ -19,10 +19,10 @@ from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.abreast import taken
 from taichi_sim.kernels.rotation import VELOCITY_N
+from taichi_sim.kernels.runtime import array1, array2, array3, array4, whole1
 
-_array3, _array4 = (ti.types.ndarray(ndim=n) for n in (3, 4))
-SensedPack = ti.types.argpack(gap=ti.types.ndarray(ndim=2), obstacles=_array4, mates=_array4, signals=_array3)
-SensingPack = ti.types.argpack(state=_array3, derived=_array3, numbers=ti.types.ndarray(ndim=1))
+SensedPack = ti.types.argpack(gap=array2, obstacles=array4, mates=array4, signals=array3)
+SensingPack = ti.types.argpack(state=array3, derived=array3, numbers=array1)
 WIDTH = 8  # obstacles in a vector
 FAR = 1e9  # m: below any bottom
 
@@ -130,14 +130,9 @@ def near_mates(state: ti.template(), e, i, place, reach, radius, count: ti.templ
 
 @ti.kernel
 def _sense(
-    out: SensedPack,
-    team: SensingPack,
-    field: ti.types.ndarray(ndim=3),
-    bodies: ti.types.ndarray(ndim=3),
-    env_world: ti.types.ndarray(dtype=ti.i64, ndim=1),
-    which: ti.types.ndarray(dtype=ti.i32, ndim=1),
-    sight: ti.template(),
-):
+    out: SensedPack, team: SensingPack, field: array3, bodies: array3,
+    env_world: ti.types.ndarray(dtype=ti.i64, ndim=1), which: whole1, sight: ti.template(),
+):  # fmt: skip
     ti.loop_config(serialize=sight.serial)
     for e, i in ti.ndrange(team.state.shape[0], team.state.shape[1]):
         if which[e] != 0:

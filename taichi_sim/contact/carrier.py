@@ -23,8 +23,7 @@ from taichi_sim.conventions import NORTH, QW, ROLL_RATE, SURGE
 from taichi_sim.kernels.abreast import taken
 from taichi_sim.kernels.rigid_body import cross
 from taichi_sim.kernels.rotation import quaternion_advance, quaternion_product, rotation_matrix, store
-
-_array3 = ti.types.ndarray(ndim=3)
+from taichi_sim.kernels.runtime import array3
 
 # Columns of a carrier's table: the deck's centre and half size in b (m), its friction, the mobility W and the inverse
 # of W (by rows)
@@ -100,7 +99,7 @@ def answer(way: ti.template(), e, i, R, force, moment):
 
 
 @ti.kernel
-def press(load: _array3, pressing: _array3, base: ti.template(), serial: ti.template()):
+def press(load: array3, pressing: array3, base: ti.template(), serial: ti.template()):
     """Add the loads of vehicles on decks (`pressing` [env, vehicle, 7]) to their carriers' `load` [env, carrier, 6].
 
     `base` is the number of the first carrier's deck.
@@ -115,7 +114,7 @@ def press(load: _array3, pressing: _array3, base: ti.template(), serial: ti.temp
 
 @ti.kernel
 def meet(
-    state: _array3, pressing: _array3, way: _array3, before: _array3, after: _array3, table: _array3,
+    state: array3, pressing: array3, way: array3, before: array3, after: array3, table: array3,
     base: ti.template(), reach: ti.template(), T: ti.template(), serial: ti.template(),
 ):  # fmt: skip
     """Find the nearest deck within reach of each vehicle with legs, and write its motion to `way` [env, vehicle,
@@ -177,7 +176,7 @@ def write_way(way: ti.template(), e, i, before: ti.template(), after: ti.templat
 
 @ti.kernel
 def react(
-    state: _array3, derived: _array3, before: _array3, table: _array3, way: _array3, base: ti.template(),
+    state: array3, derived: array3, before: array3, table: array3, way: array3, base: ti.template(),
     serial: ti.template(),
 ):  # fmt: skip
     """Move the carriers `state` [env, carrier, 13] by the reactions of vehicles with legs that loads did not include.

@@ -17,6 +17,7 @@ import torch
 from taichi_sim.conventions import HEAVE, PITCH_RATE, QW, QX, QY, QZ, ROLL_RATE, SURGE, SWAY, YAW_RATE
 from taichi_sim.kernels import fast
 from taichi_sim.kernels.abreast import put, taken
+from taichi_sim.kernels.runtime import array3, whole1
 
 DERIVED_SIZE = 14
 ROTATION, DOWN = slice(0, 9), slice(6, 9)  # R_nb, and its third row: the world's down axis in b
@@ -173,12 +174,7 @@ def store(derived: ti.template(), e, i, R, v_n):
 
 
 @ti.kernel
-def derive(
-    derived: ti.types.ndarray(ndim=3),
-    state: ti.types.ndarray(ndim=3),
-    which: ti.types.ndarray(dtype=ti.i32, ndim=1),
-    serial: ti.template(),
-):
+def derive(derived: array3, state: array3, which: whole1, serial: ti.template()):
     """Fill `derived` from `state` (columns as in conventions.py) in environments whose `which` [env] is not 0."""
     ti.loop_config(serialize=serial)
     for e, i in ti.ndrange(state.shape[0], state.shape[1]):

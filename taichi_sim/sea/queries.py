@@ -13,6 +13,7 @@ from torch import Tensor
 
 from taichi_sim.conventions import DOWN, EAST, GRAVITY, NORTH
 from taichi_sim.kernels import runtime
+from taichi_sim.kernels.runtime import array1, array2, array3, whole1
 from taichi_sim.sea import water_column, waves
 
 NEWTON_ITERATIONS = 12  # exact to rounding for seas, and for a single wave of k a up to 0.99
@@ -27,14 +28,9 @@ AIRY_VELOCITY, AIRY_PRESSURE = slice(0, 3), 3  # columns of `airy`
 
 @ti.kernel
 def advance_phases(
-    phase: ti.types.ndarray(ndim=2),
-    omega64: ti.types.ndarray(dtype=ti.f64, ndim=2),
-    phase64: ti.types.ndarray(dtype=ti.f64, ndim=2),
-    env_sea: ti.types.ndarray(dtype=ti.i32, ndim=1),
-    time: ti.types.ndarray(dtype=ti.f64, ndim=1),
-    count: ti.template(),
-    serial: ti.template(),
-):
+    phase: array2, omega64: ti.types.ndarray(dtype=ti.f64, ndim=2), phase64: ti.types.ndarray(dtype=ti.f64, ndim=2),
+    env_sea: whole1, time: ti.types.ndarray(dtype=ti.f64, ndim=1), count: ti.template(), serial: ti.template(),
+):  # fmt: skip
     """Write phase - omega t of every component of every row, in [0, 2 pi)."""
     ti.loop_config(serialize=serial)
     for row in range(phase.shape[0]):
@@ -45,14 +41,7 @@ def advance_phases(
 
 
 @ti.kernel
-def surface(
-    out: ti.types.ndarray(ndim=2),
-    points: ti.types.ndarray(ndim=2),
-    phase: ti.types.ndarray(ndim=2),
-    sea: ti.types.ndarray(ndim=3),
-    env_sea: ti.types.ndarray(dtype=ti.i32, ndim=1),
-    count: ti.template(),
-):
+def surface(out: array2, points: array2, phase: array2, sea: array3, env_sea: whole1, count: ti.template()):
     """Elevation, label (2), Jacobian, slope (2), velocity (3, NED), acceleration (3, NED) at points [point, 2]."""
     for i in range(points.shape[0]):
         s, zero = env_sea[i], points[i, NORTH] * 0.0
@@ -72,15 +61,9 @@ def surface(
 
 @ti.kernel
 def elevation(
-    out: ti.types.ndarray(ndim=1),
-    points: ti.types.ndarray(ndim=2),
-    phase: ti.types.ndarray(ndim=2),
-    sea: ti.types.ndarray(ndim=3),
-    point_row: ti.types.ndarray(dtype=ti.i32, ndim=1),
-    env_sea: ti.types.ndarray(dtype=ti.i32, ndim=1),
-    count: ti.template(),
+    out: array1, points: array2, phase: array2, sea: array3, point_row: whole1, env_sea: whole1, count: ti.template(),
     serial: ti.template(),
-):
+):  # fmt: skip
     """Elevation at points [point, 2]; point_row [point] is each point's row in `phase` and `env_sea`."""
     ti.loop_config(serialize=serial)
     for i in range(points.shape[0]):
@@ -103,13 +86,7 @@ def elevations(sea: Tensor, points: Tensor, point_row: Tensor, env_sea: Tensor, 
 
 @ti.kernel
 def column(
-    out: ti.types.ndarray(ndim=2),
-    points: ti.types.ndarray(ndim=2),
-    phase: ti.types.ndarray(ndim=2),
-    sea: ti.types.ndarray(ndim=3),
-    env_sea: ti.types.ndarray(dtype=ti.i32, ndim=1),
-    depth: float,
-    count: ti.template(),
+    out: array2, points: array2, phase: array2, sea: array3, env_sea: whole1, depth: float, count: ti.template()
 ):
     """Gauge pressure over rho g (m), velocity (3) and acceleration (3), NED, at points [point, 3] (NED)."""
     for i in range(points.shape[0]):
@@ -125,14 +102,7 @@ def column(
 
 
 @ti.kernel
-def airy(
-    out: ti.types.ndarray(ndim=2),
-    points: ti.types.ndarray(ndim=2),
-    phase: ti.types.ndarray(ndim=2),
-    sea: ti.types.ndarray(ndim=3),
-    depth: float,
-    count: ti.template(),
-):
+def airy(out: array2, points: array2, phase: array2, sea: array3, depth: float, count: ti.template()):
     """Linear velocity (3, NED) and dynamic pressure over rho, in realisation 0, at points [point, 3] (NED)."""
     for i in range(points.shape[0]):
         zero = points[i, NORTH] * 0.0

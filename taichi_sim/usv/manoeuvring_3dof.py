@@ -29,6 +29,7 @@ from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import fast
 from taichi_sim.kernels.abreast import taken, taken2
 from taichi_sim.kernels.packs import AroundPack, FleetPack, load_at, numbers_at
+from taichi_sim.kernels.runtime import array2
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.usv.manoeuvring_loads import (
     VARYING,
@@ -113,8 +114,7 @@ class Manoeuvring3dof(Vessel):
         return out
 
     @ti.kernel
-    def _rhs(self, out: ti.types.ndarray(ndim=2), state: ti.types.ndarray(ndim=2), controls: ti.types.ndarray(ndim=2),
-             current: ti.types.ndarray(ndim=2), load: ti.types.ndarray(ndim=2)):  # fmt: skip
+    def _rhs(self, out: array2, state: array2, controls: array2, current: array2, load: array2):
         for n in range(state.shape[0]):
             y, V_c = taken2(state, n, 13), taken2(current, n, 2)
             tau = ti.Vector([controls[n, 0] + load[n, 0], controls[n, 1] + load[n, 1], controls[n, 2] + load[n, 5]])
@@ -142,8 +142,9 @@ class Manoeuvring3dof(Vessel):
             write_state(fleet, e, i, s, plane, before, memory, V_c, self.dt)
 
     @ti.func
-    def advance(self, p: ti.template(), build: ti.template(), around: ti.template(), e, s, plane, memory, actions, tau,
-                V_c):  # fmt: skip
+    def advance(
+        self, p: ti.template(), build: ti.template(), around: ti.template(), e, s, plane, memory, actions, tau, V_c
+    ):
         """s, water plane now and one substep earlier, and auxiliary state, after one control step."""
         before = plane
         D = ti.Vector([memory[LABEL], memory[LABEL + 1]])

@@ -36,6 +36,7 @@ from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import fast
 from taichi_sim.kernels.abreast import taken, taken2
 from taichi_sim.kernels.packs import AroundPack, FleetPack, load_at, numbers_at
+from taichi_sim.kernels.runtime import array2
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.usv.manoeuvring_loads import wave_load
 from taichi_sim.usv.mmg_loads import VARYING, MmgNumbers, acceleration, followed, loads, numbers_of, thrust, wind_load
@@ -132,9 +133,7 @@ class Mmg3Dof(Vessel):
         return out
 
     @ti.kernel
-    def _rhs(self, out: ti.types.ndarray(ndim=2), state: ti.types.ndarray(ndim=2), controls: ti.types.ndarray(ndim=2),
-             current: ti.types.ndarray(ndim=2), wind: ti.types.ndarray(ndim=2),
-             load: ti.types.ndarray(ndim=2)):  # fmt: skip
+    def _rhs(self, out: array2, state: array2, controls: array2, current: array2, wind: array2, load: array2):
         for n in range(state.shape[0]):
             y = taken2(state, n, 13)
             V_c, V_w = taken2(current, n, 2), taken2(wind, n, 2)
@@ -162,8 +161,9 @@ class Mmg3Dof(Vessel):
             write_state(fleet, e, i, s, plane, before, memory, V_c, self.dt)
 
     @ti.func
-    def advance(self, p: ti.template(), build: ti.template(), around: ti.template(), e, s, plane, memory, action, tau,
-                V_c, V_w):  # fmt: skip
+    def advance(
+        self, p: ti.template(), build: ti.template(), around: ti.template(), e, s, plane, memory, action, tau, V_c, V_w
+    ):
         """s, water plane now and one substep earlier, and auxiliary state, after one control step."""
         before = plane
         D = ti.Vector([memory[LABEL], memory[LABEL + 1]])

@@ -21,6 +21,7 @@ from rl.perception.columns import Message, Sighting
 from taichi_sim.conventions import DOWN
 from taichi_sim.kernels import rotation, runtime
 from taichi_sim.kernels.abreast import taken, taken2
+from taichi_sim.kernels.runtime import array1, array2, array3, array4, whole1
 
 if TYPE_CHECKING:
     from rl.missions.escort.aircraft import EscortAircraft, MeasuredAircraft
@@ -32,15 +33,14 @@ TWO_PI = 2 * math.pi
 CIRCLE, LISTEN, OBSERVE = 100.0, 200.0, 120.0  # ns of one aircraft, about
 RADIUS, TURN, RANGE = range(3)  # columns of `numbers`: of the circle, m; 1 clockwise, else -1; of the radio, m
 
-_array1, _array2, _array3, _array4 = (ti.types.ndarray(ndim=n) for n in (1, 2, 3, 4))
-ErrorsPack = ti.types.argpack(distance=_array2, gap_error=_array2, in_range=_array2)
-TruePack = ti.types.argpack(state=_array3, boats=_array3, vessel=_array2, down=_array1, numbers=_array1)
+ErrorsPack = ti.types.argpack(distance=array2, gap_error=array2, in_range=array2)
+TruePack = ti.types.argpack(state=array3, boats=array3, vessel=array2, down=array1, numbers=array1)
 KnownPack = ti.types.argpack(
-    target=_array3, centre_velocity=_array3, gap_error=_array2, height_error=_array2, boats=_array3, farthest=_array3
+    target=array3, centre_velocity=array3, gap_error=array2, height_error=array2, boats=array3, farthest=array3
 )
-HeardPack = ti.types.argpack(state=_array3, targets=_array3, heard=_array4, down=_array1, numbers=_array1)
-OwnPack = ti.types.argpack(state=_array3, derived=_array3, aux=_array3, targets=_array3, signals=_array3)
-TracksPack = ti.types.argpack(sightings=_array4, age=_array2, sigma=_array2, radius=_array1)
+HeardPack = ti.types.argpack(state=array3, targets=array3, heard=array4, down=array1, numbers=array1)
+OwnPack = ti.types.argpack(state=array3, derived=array3, aux=array3, targets=array3, signals=array3)
+TracksPack = ti.types.argpack(sightings=array4, age=array2, sigma=array2, radius=array1)
 
 
 class CirclingForm(NamedTuple):
@@ -89,7 +89,7 @@ def between(nearest, farthest):
 
 
 @ti.kernel
-def _measure(out: ErrorsPack, true: TruePack, which: ti.types.ndarray(dtype=ti.i32, ndim=1), form: ti.template()):
+def _measure(out: ErrorsPack, true: TruePack, which: whole1, form: ti.template()):
     """Errors from the circle about the true vessel, and the share of boats within range of the radio."""
     ti.loop_config(serialize=form.serial)
     for e, i in ti.ndrange(true.state.shape[0], true.state.shape[1]):
@@ -117,7 +117,7 @@ def _measure(out: ErrorsPack, true: TruePack, which: ti.types.ndarray(dtype=ti.i
 
 
 @ti.kernel
-def _listen(out: KnownPack, of: HeardPack, which: ti.types.ndarray(dtype=ti.i32, ndim=1), form: ti.template()):
+def _listen(out: KnownPack, of: HeardPack, which: whole1, form: ti.template()):
     """Where the vessel is, by an aircraft's own estimate, and where others are, by the messages that it has heard."""
     ti.loop_config(serialize=form.serial)
     for e, i in ti.ndrange(of.state.shape[0], of.state.shape[1]):
@@ -155,8 +155,8 @@ def _listen(out: KnownPack, of: HeardPack, which: ti.types.ndarray(dtype=ti.i32,
 
 @ti.kernel
 def _observe(
-    out: ti.types.ndarray(ndim=3), known: KnownPack, seen: OwnPack, tracks: TracksPack,
-    action: ti.types.ndarray(ndim=3), reference: ti.types.ndarray(ndim=3), form: ti.template(),
+    out: array3, known: KnownPack, seen: OwnPack, tracks: TracksPack,
+    action: array3, reference: array3, form: ti.template(),
 ):  # fmt: skip
     ti.loop_config(serialize=form.serial)
     for e, i in ti.ndrange(out.shape[0], out.shape[1]):

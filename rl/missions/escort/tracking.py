@@ -32,6 +32,7 @@ from rl.perception.radio import Radio
 from taichi_sim.fleet import Fleet, Views
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.abreast import taken
+from taichi_sim.kernels.runtime import array1, array2, array3, array4, whole1
 
 if TYPE_CHECKING:
     from rl.missions.escort.mission import Escort
@@ -48,13 +49,12 @@ ESTIMATE = 60.0  # ns of one observer, about
 
 PITCH, SEARCH_SPEED, BEGINS, TURNED = range(4)  # columns of `searches`, a row for each observer
 
-_array1, _array2, _array3, _array4 = (ti.types.ndarray(ndim=n) for n in (1, 2, 3, 4))
-EstimatesPack = ti.types.argpack(targets=_array3, age=_array2, sigma=_array2, course=_array2, searching=_array2)
-SearchPack = ti.types.argpack(tracks=_array4, said=_array3, searches=_array2, numbers=_array1)
+EstimatesPack = ti.types.argpack(targets=array3, age=array2, sigma=array2, course=array2, searching=array2)
+SearchPack = ti.types.argpack(tracks=array4, said=array3, searches=array2, numbers=array1)
 
 
 @ti.kernel
-def _estimate(out: EstimatesPack, by: SearchPack, which: ti.types.ndarray(dtype=ti.i32, ndim=1), serial: ti.template()):
+def _estimate(out: EstimatesPack, by: SearchPack, which: whole1, serial: ti.template()):
     ti.loop_config(serialize=serial)
     for e, o in ti.ndrange(by.tracks.shape[0], by.tracks.shape[1]):
         if which[e] != 0:

@@ -28,11 +28,7 @@ WIDE = {"water": 4.0, "air": 1.6}  # tracks may lie one above the other
 SEA_COLOUR = "#DCEAF2"
 OBSTACLE_COLOUR = "#8C6D5A"
 NOT_MEASURED = "#C9CED3"
-VIEWS = (
-    ("from behind", 20.0, 205.0, 1.25),
-    ("from the side", 14.0, 110.0, 1.25),
-    ("from above", 80.0, 180.0, 0.95),
-)
+VIEWS = (("from behind", 20.0, 205.0, 1.25), ("from the side", 14.0, 110.0, 1.25), ("from above", 80.0, 180.0, 0.95))
 """Title; the eye's elevation (deg) and bearing (deg, clockwise from the target's course); zoom."""
 INSTANTS = (0.3, 0.6, 0.9)  # share of the episode
 SEA_POINTS = 70  # per side of the drawn wave surface

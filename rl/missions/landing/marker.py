@@ -24,16 +24,14 @@ from rl.missions.landing.config import MarkerConfig
 from taichi_sim.fleet import Views
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.random import CAMERA, normal6, uniform4
+from taichi_sim.kernels.runtime import array3, whole1
 
 DRAWN = 7  # numbers of a look: whether it is lost (uniform), six normal ones
 DRAW = 30.0  # ns of one aircraft, about
 
 
 @ti.kernel
-def _draw(
-    out: ti.types.ndarray(ndim=3), which: ti.types.ndarray(dtype=ti.i32, ndim=1),
-    count: ti.types.ndarray(dtype=ti.i32, ndim=1), vehicles: ti.template(), serial: ti.template(),
-):  # fmt: skip
+def _draw(out: array3, which: whole1, count: whole1, vehicles: ti.template(), serial: ti.template()):
     ti.loop_config(serialize=serial)
     for e, i in ti.ndrange(out.shape[0], out.shape[1]):
         if which[e] != 0:

@@ -64,13 +64,7 @@ class Landing(Mission):
         return (Boats if name == mission.config.landing.boats else Aircraft)(mission, name)
 
     def __init__(
-        self,
-        config: Any,
-        num_envs: int,
-        *,
-        seed: int,
-        teams: Sequence[str] | None = None,
-        source: Path | None = None,
+        self, config: Any, num_envs: int, *, seed: int, teams: Sequence[str] | None = None, source: Path | None = None
     ):
         """As Mission; boats are there even if they are not among the `teams` that take part."""
         name = config.landing.boats

@@ -11,11 +11,7 @@ import torch
 from torch import Tensor
 
 from taichi_sim.conventions import ANGULAR_VELOCITY, DOWN, GRAVITY, HEADING, POSITION, QUATERNION, STATE_SIZE, VELOCITY
-from taichi_sim.kernels.rotation import (
-    torch_euler_from_quaternion,
-    torch_quaternion_from_euler,
-    torch_rotation_matrix,
-)
+from taichi_sim.kernels.rotation import torch_euler_from_quaternion, torch_quaternion_from_euler, torch_rotation_matrix
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.uav.aircraft import TrimError as TrimError
 from taichi_sim.uav.fixed_wing.equations import loads, rhs, stall_angles

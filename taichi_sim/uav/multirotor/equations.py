@@ -14,23 +14,16 @@ import taichi as ti
 from taichi_sim.conventions import STATE_SIZE
 from taichi_sim.kernels.abreast import taken2
 from taichi_sim.kernels.rotation import attitude_of, velocity_of
+from taichi_sim.kernels.runtime import array2
 from taichi_sim.uav.multirotor import airframe, ground, rotors
 from taichi_sim.uav.multirotor.allocation import allocation
 from taichi_sim.uav.multirotor.numbers import nominal_numbers
 from taichi_sim.uav.multirotor.params import MultirotorParams
 
-_array2 = ti.types.ndarray(ndim=2)
-
 
 @ti.kernel
 def derivatives(
-    craft: ti.template(),
-    kind: ti.template(),
-    state: _array2,
-    omega: _array2,
-    wind: _array2,
-    load: _array2,
-    out: _array2,
+    craft: ti.template(), kind: ti.template(), state: array2, omega: array2, wind: array2, load: array2, out: array2
 ):
     """Write derivatives [n, 13] of states [n, 13], with the vehicle file's numbers and rotors held at omega [n, rotor]
     (rad/s).
@@ -59,7 +52,7 @@ def rhs(craft: MultirotorParams, state, omega) -> np.ndarray:
 
 
 @ti.kernel
-def _rates(craft: ti.template(), omega: _array2, command: _array2, out: _array2):
+def _rates(craft: ti.template(), omega: array2, command: array2, out: array2):
     for n in range(omega.shape[0]):
         speed = taken2(omega, n, ti.static(len(craft.rotors)))
         asked = taken2(command, n, ti.static(len(craft.rotors)))
@@ -78,7 +71,7 @@ def rotor_rates(craft: MultirotorParams, omega, command) -> np.ndarray:
 
 
 @ti.kernel
-def _ratios(craft: ti.template(), heights: _array2, weights: _array2, omega: _array2, speed: _array2, out: _array2):
+def _ratios(craft: ti.template(), heights: array2, weights: array2, omega: array2, speed: array2, out: array2):
     for n in range(heights.shape[0]):
         h = taken2(heights, n, ti.static(len(craft.rotors)))
         w = taken2(weights, n, ti.static(len(craft.rotors)))

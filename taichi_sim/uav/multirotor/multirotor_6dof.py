@@ -378,11 +378,7 @@ class Multirotor6DOF(Vehicle):
                 ratio = ti.static(self.allocation.thrust_to_weight - 1.0)
                 T = ti.static(self.allocation.weight) * (1.0 + ti.max(push, 0.0) * ratio + ti.min(push, 0.0))
                 rates = ti.Vector(
-                    [
-                        self.demands.rate * action[1],
-                        self.demands.rate * action[2],
-                        self.demands.yaw_rate * action[3],
-                    ]
+                    [self.demands.rate * action[1], self.demands.rate * action[2], self.demands.yaw_rate * action[3]]
                 )
             else:
                 nose = ti.Vector([held[6], held[7]])

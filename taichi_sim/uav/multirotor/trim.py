@@ -20,6 +20,7 @@ from taichi_sim.kernels import runtime
 from taichi_sim.kernels.abreast import taken2
 from taichi_sim.kernels.rigid_body import cross
 from taichi_sim.kernels.rotation import torch_quaternion_from_euler, torch_rotation_matrix
+from taichi_sim.kernels.runtime import array2
 from taichi_sim.uav.aircraft import TrimError
 from taichi_sim.uav.multirotor.airframe import loads
 from taichi_sim.uav.multirotor.allocation import allocation
@@ -35,7 +36,6 @@ PHI, THETA, SPECIFIC, MOMENT, LEFT, SPEEDS = 0, 1, 2, 5, 8, 9
 """Columns of a solution: roll, pitch (rad), specific thrust (3, m/s^2, n), moment of the thrusts (3, N m, b), what is
 left of the accelerations (m/s^2, rad/s^2), rotor speeds (rad/s).
 """
-_array2 = ti.types.ndarray(ndim=2)
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class MultirotorTrim:
 
 
 @ti.kernel
-def solve(craft: ti.template(), air: _array2, out: _array2):
+def solve(craft: ti.template(), air: array2, out: array2):
     """Write the solutions [n, SPEEDS + rotor] of steady flight at `air` [n, 5].
 
     The columns of `air` are the velocity through the air (n, m/s), and cosine and sine of the heading. Rotor speeds may

@@ -49,6 +49,7 @@ from taichi_sim.kernels.lanes import filled, laned, laned1, laned2, laned3, vect
 from taichi_sim.kernels.packs import AroundPack, Build, FleetPack, load_at, numbers_at
 from taichi_sim.kernels.rigid_body import angular, linear
 from taichi_sim.kernels.rotation import quaternion_advance, rotation_matrix, store
+from taichi_sim.kernels.runtime import array2, array3, whole1
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.usv.hull import instruments as at
 from taichi_sim.usv.hull import loads, mmg_drive, motion, pressure, start, thruster_set, water, wind
@@ -68,11 +69,11 @@ __all__ = ["Hull6Dof", "Hull6DofParams"]
 
 TablesPack = ti.types.argpack(
     panels=laned2,
-    reads=ti.types.ndarray(dtype=ti.i32, ndim=1),
-    node=ti.types.ndarray(dtype=ti.i32, ndim=1),
+    reads=whole1,
+    node=whole1,
     share=laned1,
-    lines=ti.types.ndarray(ndim=2),
-    deck=ti.types.ndarray(ndim=2),
+    lines=array2,
+    deck=array2,
     filters=laned1,
     diffraction=laned3,
 )
@@ -421,16 +422,9 @@ class Hull6Dof(Vessel):
 
     @ti.kernel
     def _rhs(
-        self,
-        out: ti.types.ndarray(ndim=2),
-        state: ti.types.ndarray(ndim=2),
-        controls: ti.types.ndarray(ndim=2),
-        current: ti.types.ndarray(ndim=2),
-        wind_n: ti.types.ndarray(ndim=2),
-        load: ti.types.ndarray(ndim=2),
-        no_waves: ti.types.ndarray(ndim=3),
-        tables: TablesPack,
-    ):
+        self, out: array2, state: array2, controls: array2, current: array2, wind_n: array2, load: array2,
+        no_waves: array3, tables: TablesPack,
+    ):  # fmt: skip
         for n in range(state.shape[0]):
             y = ti.Vector([state[n, c] for c in range(13)])
             pos, q, nu = motion.unpack(y)
@@ -465,13 +459,7 @@ class Hull6Dof(Vessel):
 
     @ti.kernel
     def _pressure_load(
-        self,
-        out: ti.types.ndarray(ndim=3),
-        state: ti.types.ndarray(ndim=3),
-        aux: ti.types.ndarray(ndim=3),
-        around: AroundPack,
-        tables: TablesPack,
-        build: ti.template(),
+        self, out: array3, state: array3, aux: array3, around: AroundPack, tables: TablesPack, build: ti.template()
     ):
         for e, i in ti.ndrange(state.shape[0], state.shape[1]):
             pos, q, _nu = motion.unpack(ti.Vector([state[e, i, c] for c in range(13)]))
