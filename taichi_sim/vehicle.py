@@ -15,9 +15,9 @@ A model's kernels take packs, not lists of tensors:
 
 Numbers that differ between environments: `varying` names keys of the vehicle file, and `own` computes the kernel's
 numbers from their values, as a NamedTuple. Its entries are floats, compiled in, until numbers of the fleet are varied.
-From then on (`build.varied`) they are tensors, whose rows the kernel reads by `numbers_at(self.Own, ...)`. The physics
-takes either as `p`. Loads from outside (`build.loaded`) are `load_at(...)`: N and N m about the origin, b, held over a
-step.
+From then on (`build.varied`) they are tensors, whose rows the kernel reads. The physics takes either as `p`, from
+`own_numbers(self, build, fleet.numbers, e, i)`. Loads from outside (`build.loaded`) are `load_at(...)`: N and N m about
+the origin, b, held over a step.
 """
 
 import math

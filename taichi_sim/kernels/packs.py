@@ -8,7 +8,7 @@ from functools import cache
 from typing import Any, NamedTuple
 
 import taichi as ti
-from taichi.lang.impl import subscript
+from taichi.lang import impl
 from taichi.lang.struct import StructType
 
 from taichi_sim.kernels import runtime
@@ -65,9 +65,15 @@ def numbers_at(kind: StructType, numbers: Any, e: Any, i: Any) -> Any:
     """
     names = tuple(kind.members)
     if not is_laned(e):
-        return kind(*[subscript(None, numbers, e, i, k) for k in range(len(names))])
+        return kind(*[impl.subscript(None, numbers, e, i, k) for k in range(len(names))])
     values = [x for k in range(0, len(names), PART) for x in taken(numbers, e, i, k, min(PART, len(names) - k)).entries]
     return Record(**dict(zip(names, values, strict=True)))
+
+
+@in_kernels
+def own_numbers(model: Any, build: Build, numbers: Any, e: Any, i: Any) -> Any:
+    """Numbers of vehicle i in environment e: the constants of the `model`; its own where they vary (`numbers_at`)."""
+    return impl.expr_init(numbers_at(model.Own, numbers, e, i)) if build.varied else model.constants
 
 
 @ti.func

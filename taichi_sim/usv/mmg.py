@@ -35,7 +35,7 @@ from taichi_sim.conventions import AHEAD
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import fast
 from taichi_sim.kernels.abreast import taken, taken2
-from taichi_sim.kernels.packs import AroundPack, FleetPack, load_at, numbers_at
+from taichi_sim.kernels.packs import AroundPack, FleetPack, load_at, own_numbers
 from taichi_sim.kernels.runtime import array2
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.usv.manoeuvring_loads import wave_load
@@ -151,13 +151,9 @@ class Mmg3Dof(Vessel):
             asked, tau = taken(fleet.action, e, i, 0, 2), load_at(build, fleet.load, e, i)
             s, plane = planar(y, V_c)
             before = plane
-            if ti.static(build.varied):
-                own = numbers_at(self.Own, fleet.numbers, e, i)
-                s, plane, before, memory = self.advance(own, build, around, e, s, plane, memory, asked, tau, V_c, V_w)
-            else:
-                s, plane, before, memory = self.advance(
-                    self.constants, build, around, e, s, plane, memory, asked, tau, V_c, V_w
-                )
+            s, plane, before, memory = self.advance(
+                own_numbers(self, build, fleet.numbers, e, i), build, around, e, s, plane, memory, asked, tau, V_c, V_w
+            )
             write_state(fleet, e, i, s, plane, before, memory, V_c, self.dt)
 
     @ti.func

@@ -22,7 +22,7 @@ from taichi_sim.conventions import GRAVITY
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import abreast, lanes
 from taichi_sim.kernels.abreast import group, put, some, taken, taken1, taken2
-from taichi_sim.kernels.packs import AroundPack, Build, FleetPack, load_at, numbers_at
+from taichi_sim.kernels.packs import AroundPack, Build, FleetPack, load_at, own_numbers
 from taichi_sim.kernels.rotation import attitude_of, rates_of, store, velocity_of
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.uav import local_air
@@ -188,11 +188,7 @@ class FixedWing6DOF(Aircraft):
         ti.loop_config(serialize=build.serial)
         for g in range((fleet.state.shape[0] * fleet.state.shape[1] + build.width - 1) // build.width):
             e, i = group(build.width, g * build.width, fleet.state.shape[0], fleet.state.shape[1])
-            if ti.static(build.varied):
-                own = numbers_at(self.Own, fleet.numbers, e, i)
-                self.advance(own, build, fleet, around, e, i)
-            else:
-                self.advance(self.constants, build, fleet, around, e, i)
+            self.advance(own_numbers(self, build, fleet.numbers, e, i), build, fleet, around, e, i)
 
     @ti.func
     def advance(self, p: ti.template(), build: ti.template(), fleet: ti.template(), around: ti.template(), e, i):

@@ -29,7 +29,7 @@ from taichi_sim.conventions import AMPLITUDE, DOWN
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import abreast, lanes
 from taichi_sim.kernels.abreast import group, is_laned, put, some, taken, taken1, taken2
-from taichi_sim.kernels.packs import AroundPack, Build, FleetPack, TouchPack, load_at, numbers_at
+from taichi_sim.kernels.packs import AroundPack, Build, FleetPack, TouchPack, load_at, own_numbers
 from taichi_sim.kernels.rotation import UPRIGHT, attitude_of, position_of, rates_of, store, velocity_of
 from taichi_sim.sea import waves
 from taichi_sim.surroundings import Surroundings
@@ -241,21 +241,13 @@ class Multirotor6DOF(Vehicle):
         ti.loop_config(serialize=build.serial)
         for g in range((fleet.state.shape[0] * fleet.state.shape[1] + build.width - 1) // build.width):
             e, i = group(build.width, g * build.width, fleet.state.shape[0], fleet.state.shape[1])
-            if ti.static(build.varied):
-                own = numbers_at(self.Own, fleet.numbers, e, i)
-                self.advance(own, build, fleet, around, fleet, e, i)
-            else:
-                self.advance(self.constants, build, fleet, around, fleet, e, i)
+            self.advance(own_numbers(self, build, fleet.numbers, e, i), build, fleet, around, fleet, e, i)
 
     @ti.kernel
     def _step_by_decks(self, fleet: FleetPack, around: AroundPack, touch: TouchPack, build: ti.template()):
         ti.loop_config(serialize=build.serial)
         for e, i in ti.ndrange(fleet.state.shape[0], fleet.state.shape[1]):
-            if ti.static(build.varied):
-                own = numbers_at(self.Own, fleet.numbers, e, i)
-                self.advance(own, build, fleet, around, touch, e, i)
-            else:
-                self.advance(self.constants, build, fleet, around, touch, e, i)
+            self.advance(own_numbers(self, build, fleet.numbers, e, i), build, fleet, around, touch, e, i)
 
     @ti.func
     def advance(

@@ -46,7 +46,7 @@ from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.abreast import taken2
 from taichi_sim.kernels.lanes import filled, laned, laned1, laned2, laned3, vectors
-from taichi_sim.kernels.packs import AroundPack, Build, FleetPack, load_at, numbers_at
+from taichi_sim.kernels.packs import AroundPack, Build, FleetPack, load_at, own_numbers
 from taichi_sim.kernels.rigid_body import angular, linear
 from taichi_sim.kernels.rotation import quaternion_advance, rotation_matrix, store
 from taichi_sim.kernels.runtime import array2, array3, whole1
@@ -341,11 +341,7 @@ class Hull6Dof(Vessel):
     def _step(self, fleet: FleetPack, around: AroundPack, tables: TablesPack, build: ti.template()):
         ti.loop_config(serialize=build.serial)
         for e, i in ti.ndrange(fleet.state.shape[0], fleet.state.shape[1]):
-            if ti.static(build.varied):
-                own = numbers_at(self.Own, fleet.numbers, e, i)
-                self.advance(own, build, fleet, around, tables, e, i)
-            else:
-                self.advance(self.constants, build, fleet, around, tables, e, i)
+            self.advance(own_numbers(self, build, fleet.numbers, e, i), build, fleet, around, tables, e, i)
 
     @ti.func
     def advance(
