@@ -42,6 +42,7 @@ from rl.guidance.geometry import V as VELOCITY
 from rl.guidance.knowledge import Knowledge
 from rl.guidance.targets import COS, COURSE_RATE, SIN, SPEED
 from rl.perception.columns import Mate, Message, Obstacle
+from taichi_sim.conventions import ROLL_RATE, SURGE
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.rotation import DOWN
 from taichi_sim.kernels.runtime import array1, array3, array4
@@ -129,10 +130,10 @@ def put_own(out: ti.template(), e, i, seen: ti.template(), action: ti.template()
     n = ti.static(form.axes)
     put_squashed(out, e, i, form.at.error, n, seen.table, ERROR_B, DISTANCE_SCALE)
     put_squashed(out, e, i, form.at.error_rate, n, seen.table, ERROR_RATE_B, SPEED_SCALE)
-    put_squashed(out, e, i, form.at.velocity, 3, seen.state, 7, SPEED_SCALE)
+    put_squashed(out, e, i, form.at.velocity, 3, seen.state, SURGE, SPEED_SCALE)
     put(out, e, i, form.at.down, 3, seen.derived, DOWN.start)
     for k in ti.static(range(3)):
-        out[e, i, form.at.rates + k] = seen.state[e, i, 10 + k] * ti.static(1 / RATE_SCALE)
+        out[e, i, form.at.rates + k] = seen.state[e, i, ROLL_RATE + k] * ti.static(1 / RATE_SCALE)
     put(out, e, i, form.at.target_course, n, seen.table, COURSE_B)
     out[e, i, form.at.target_turn] = seen.target[e, row_of(seen.target, i), COURSE_RATE] * ti.static(1 / TURN_SCALE)
     put(out, e, i, form.at.previous_action, form.actions, action, 0)

@@ -209,12 +209,12 @@ def react(
             P, H = R.transpose() @ P_n - P, R.transpose() @ H_n - H
             for r in ti.static(range(6)):
                 for c in ti.static(range(3)):
-                    state[e, j, 7 + r] += table[te, tj, MOBILITY + 6 * r + c] * P[c]
-                    state[e, j, 7 + r] += table[te, tj, MOBILITY + 6 * r + 3 + c] * H[c]
+                    state[e, j, SURGE + r] += table[te, tj, MOBILITY + 6 * r + c] * P[c]
+                    state[e, j, SURGE + r] += table[te, tj, MOBILITY + 6 * r + 3 + c] * H[c]
             for c in ti.static(range(3)):
                 state[e, j, c] += shift[c]
             for c in ti.static(range(4)):
-                state[e, j, 3 + c] = q[c]
+                state[e, j, QW + c] = q[c]
             store(derived, e, j, R, R @ taken(state, e, j, SURGE, 3))
 
 
@@ -226,6 +226,6 @@ def momentum(state: ti.template(), table: ti.template(), e, j, te, tj):
     H = P
     for r in ti.static(range(3)):
         for c in ti.static(range(6)):
-            P[r] += table[te, tj, MASS + 6 * r + c] * state[e, j, 7 + c]
-            H[r] += table[te, tj, MASS + 6 * (3 + r) + c] * state[e, j, 7 + c]
+            P[r] += table[te, tj, MASS + 6 * r + c] * state[e, j, SURGE + c]
+            H[r] += table[te, tj, MASS + 6 * (3 + r) + c] * state[e, j, SURGE + c]
     return P, H

@@ -18,7 +18,7 @@ from rl.guidance.observations import RATE_SCALE, SPEED_SCALE, columns, put, put_
 from rl.guidance.targets import COS, COURSE, EAST, NORTH, SIN, SPEED
 from rl.missions.escort.boats import AGE_SCALE, SIGMA_SCALE
 from rl.perception.columns import Message, Sighting
-from taichi_sim.conventions import DOWN
+from taichi_sim.conventions import DOWN, ROLL_RATE, SURGE
 from taichi_sim.kernels import rotation, runtime
 from taichi_sim.kernels.abreast import taken, taken2
 from taichi_sim.kernels.runtime import array1, array2, array3, array4, whole1
@@ -161,10 +161,10 @@ def _observe(
     ti.loop_config(serialize=form.serial)
     for e, i in ti.ndrange(out.shape[0], out.shape[1]):
         o = ti.static(form.first) + i
-        put_squashed(out, e, i, form.at.velocity, 3, seen.state, 7, SPEED_SCALE)
+        put_squashed(out, e, i, form.at.velocity, 3, seen.state, SURGE, SPEED_SCALE)
         put(out, e, i, form.at.down, 3, seen.derived, rotation.DOWN.start)
         for a in ti.static(range(3)):
-            out[e, i, form.at.rates + a] = seen.state[e, i, 10 + a] * ti.static(1 / RATE_SCALE)
+            out[e, i, form.at.rates + a] = seen.state[e, i, ROLL_RATE + a] * ti.static(1 / RATE_SCALE)
         place = ti.Vector([seen.state[e, i, a] for a in ti.static(range(3))])
         to = ti.Vector([seen.targets[e, o, NORTH], seen.targets[e, o, EAST], 0.0]) - place
         put_direction(out, e, i, form.at.vessel, seen, to)

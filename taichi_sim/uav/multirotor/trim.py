@@ -15,7 +15,7 @@ import numpy as np
 import taichi as ti
 import torch
 
-from taichi_sim.conventions import GRAVITY, STATE_SIZE
+from taichi_sim.conventions import GRAVITY, QUATERNION, STATE_SIZE, VELOCITY
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.abreast import taken2
 from taichi_sim.kernels.rigid_body import cross
@@ -141,6 +141,6 @@ def trim(
     phi, theta = float(row[PHI]), float(row[THETA])
     state = np.zeros(STATE_SIZE)
     q = torch_quaternion_from_euler(*(torch.tensor(x, dtype=torch.float64) for x in (phi, theta, heading)))
-    state[3:7] = q.numpy()
-    state[7:10] = torch_rotation_matrix(q).numpy().T @ ground
+    state[QUATERNION] = q.numpy()
+    state[VELOCITY] = torch_rotation_matrix(q).numpy().T @ ground
     return MultirotorTrim(air[0, :3], phi, theta, heading, omega, state)
