@@ -25,7 +25,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Literal, NamedTuple, Protocol, cast
+from typing import Any, Literal, NamedTuple, Protocol, cast
 
 import taichi as ti
 import torch
@@ -36,9 +36,9 @@ from taichi.lang.kernel_impl import Kernel
 from taichi.types.annotations import template
 
 Precision = Literal["f32", "f64"]
-array1, array2, array3, array4, array5 = (ti.types.ndarray(ndim=n) for n in range(1, 6))
+array1, array2, array3, array4, array5 = cast(Any, [ti.types.ndarray(ndim=n) for n in range(1, 6)])
 """Types of kernels' arguments: tensors of one to five axes, of the run's precision."""
-whole1 = ti.types.ndarray(dtype=ti.i32, ndim=1)
+whole1 = cast(Any, ti.types.ndarray(dtype=ti.i32, ndim=1))
 """Type of kernels' arguments: int32, one axis."""
 _with_carets = ASTTransformerContext.get_pos_info
 
