@@ -98,7 +98,7 @@ def generate_obstacles(
         along, side, out = draw[world, number].float().unbind(-1)
         s = (number + 0.5 + (along - 0.5) * (1 + STRETCH_GROWTH * round_)) / count * tracks.length_m[world]
         widest = nearest + (furthest - nearest) * (1 + OUTWARD_GROWTH * max(0, round_ - PATIENCE))
-        offset = nearest + (widest - nearest) * out + obstacle[world, number, 2]
+        offset = nearest + (widest - nearest) * out + obstacle[world, number, Cylinder.RADIUS]
         offset = torch.where(side < 0.5, offset, -offset)
         track = tracks.at(world, s)
         starboard = torch.stack((-track.course.sin(), track.course.cos()), dim=-1)
@@ -106,7 +106,7 @@ def generate_obstacles(
 
         drawn = obstacle[world, number]
         fits = (drawn[:, :2].abs() + drawn[:, 2:3] <= area_m / 2).all(dim=-1)
-        fits &= distance_to_tracks(tracks, world, drawn[:, :2]) >= nearest + drawn[:, 2] + ROUNDING_M
+        fits &= distance_to_tracks(tracks, world, drawn[:, :2]) >= nearest + drawn[:, Cylinder.RADIUS] + ROUNDING_M
         candidate = placed.clone()
         candidate[world, number] = fits
         placed = candidate & (placed | ~_hits_earlier(obstacle, candidate, placed))
@@ -143,7 +143,7 @@ def distance_to_tracks(tracks: Tracks, world: Tensor, position: Tensor) -> Tenso
 def _hits_earlier(obstacle: Tensor, candidate: Tensor, placed: Tensor) -> Tensor:
     """Whether each obstacle [world, count] is too near a placed obstacle or a candidate with a lower number."""
     apart = torch.hypot(*(obstacle[:, :, None, i] - obstacle[:, None, :, i] for i in (0, 1)))
-    room = obstacle[:, :, None, 2] + obstacle[:, None, :, 2] + PASSAGE_M
+    room = obstacle[:, :, None, Cylinder.RADIUS] + obstacle[:, None, :, Cylinder.RADIUS] + PASSAGE_M
     earlier = torch.ones(obstacle.shape[1], obstacle.shape[1], dtype=torch.bool).tril(-1)
     itself = torch.eye(obstacle.shape[1], dtype=torch.bool)
     rival = (placed[:, None, :] | (candidate[:, None, :] & earlier)) & ~itself

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import torch
 
+from taichi_sim import conventions
 from taichi_sim.bench import Bench
 from taichi_sim.config import ConfigError
 from taichi_sim.fit.log import Log
@@ -125,7 +126,7 @@ class WindowSimulator:
         b.wind.zero_()
         b.current[:] = torch.as_tensor(current).to(like)
         place, euler, zero = np.zeros((3, envs, 1, 3))
-        place[:, 0, :2], euler[:, 0, 2] = state[:, :2], state[:, 2]
+        place[:, 0, :2], euler[:, 0, HEADING] = state[:, :2], state[:, HEADING]
         values = self.nominal * np.exp(phi)
         vary = b.fleet.nominal.expand(envs, 1, -1).clone()
         for k, key in enumerate(self.keys):
@@ -173,7 +174,7 @@ def check_against(simulator: WindowSimulator, logs: Sequence[Log], windows: Sequ
     """
     n, lead = len(windows), lead_steps(simulator.interval)
     across = np.array([1.0, 1.0, 1.0, 1.0, -1.0, -1.0]) * state[:, [1, 0, 2, 3, 4, 5]]
-    across[:, 2] = 0.5 * np.pi - state[:, 2]
+    across[:, HEADING] = 0.5 * np.pi - state[:, HEADING]
     begin = np.concatenate((state, across))
     found = simulator.run([*windows, *windows], np.zeros((2 * n, len(simulator.keys))), np.zeros((2 * n, 2)), begin)
     for number, log in enumerate(logs):
@@ -202,12 +203,14 @@ def check_against(simulator: WindowSimulator, logs: Sequence[Log], windows: Sequ
 
 def _place(b: Bench, place: Array, euler: Array, zero: Array, state: Array) -> None:
     b.put(place, euler, zero, settle=False)
-    for column, k in ((7, 3), (8, 4), (12, 5)):
+    for column, k in ((conventions.SURGE, 3), (conventions.SWAY, 4), (conventions.YAW_RATE, 5)):
         b.state[:, 0, column] = torch.as_tensor(state[:, k]).to(b.state)
     b.fleet.update()
 
 
 def _read(b: Bench, near: Array) -> Array:
     s = b.state[:, 0].double().numpy()
-    psi = np.arctan2(2 * (s[:, 3] * s[:, 6] + s[:, 4] * s[:, 5]), 1 - 2 * (s[:, 5] ** 2 + s[:, 6] ** 2))
-    return np.stack((s[:, 0], s[:, 1], near + np.angle(np.exp(1j * (psi - near))), s[:, 12]), axis=1)
+    w, x, y, z = s[:, conventions.QUATERNION].T
+    psi = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y**2 + z**2))
+    heading = near + np.angle(np.exp(1j * (psi - near)))
+    return np.stack((s[:, NORTH], s[:, EAST], heading, s[:, conventions.YAW_RATE]), axis=1)

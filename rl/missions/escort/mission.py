@@ -33,6 +33,7 @@ from rl.rewards import fine, paid
 from rl.scenario import derive_seed
 from rl.team import Controller
 from taichi_sim.config.io import validate
+from taichi_sim.conventions import DOWN
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.random import Noise
 from taichi_sim.recording.episode import Episode, Scene
@@ -260,7 +261,7 @@ class Escort(Mission[EscortScenario, EscortBoats | EscortAircraft]):
         rows = {name: {"error_m": team.distance[env]} for name, team in self.teams.items()}
         if self.boats is not None:
             slot = self.boats.now.slot[env].clone()
-            slot[:, 2] = 0.0
+            slot[:, DOWN] = 0.0
             rows[self.boats.name]["slot_n"] = slot
         return Frame(rows, overlays_of(self, env))
 

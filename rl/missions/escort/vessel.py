@@ -132,9 +132,9 @@ class Wanderer(Script):
         self._time += dt
         rows = torch.arange(len(self._time), device=self._time.device)
         due = self._plan[rows, self._next.clamp(max=self._plan.shape[1] - 1)]
-        now = (self._time >= due[:, 0]) & (self._next < self._plan.shape[1])
-        self._course = torch.where(now, due[:, 1], self._course)
-        self._speed = torch.where(now, due[:, 2], self._speed)
+        when, course, speed = due.unbind(-1)
+        now = (self._time >= when) & (self._next < self._plan.shape[1])
+        self._course, self._speed = torch.where(now, course, self._course), torch.where(now, speed, self._speed)
         self._next += now
         place = self.fleet.position_n[:, 0, :2]
         course, speed = self._course, self._speed

@@ -95,10 +95,10 @@ def draw_worlds(
     aloft = torch.where(near.unsqueeze(-1), 30.0 * normal(2), middle)
     taken = torch.cat((place, torch.zeros(n, 1, 2)), dim=1)  # positions of vehicles at the start
     forward = torch.stack((course.cos(), course.sin()), dim=-1)
-    obstacles = _standing(config, taken, middle, side, forward, near, uniform)
+    obstacles = _standing(config, taken, middle, side, forward, uniform)
     fixed = torch.tensor([[o.north, o.east, o.radius, o.height] for o in config.obstacles.fixed]).reshape(-1, 4)
     if len(fixed):
-        gap = (place.unsqueeze(2) - fixed[:, :2]).norm(dim=-1) - fixed[:, 2]
+        gap = (place.unsqueeze(2) - fixed[:, :2]).norm(dim=-1) - fixed[:, Cylinder.RADIUS]
         if bool((gap < radius).any()):
             raise ConfigError(
                 f"obstacles.fixed: boats would begin in one of them in {int((gap < radius).flatten(1).any(1).sum())} "
@@ -106,7 +106,7 @@ def draw_worlds(
                 "side"
             )
         obstacles = torch.cat((fixed.expand(n, -1, 4), obstacles), dim=1)
-    bodies = _moving(config, taken, middle, side, bearing, far, near, uniform)
+    bodies = _moving(config, taken, middle, bearing, far, near, uniform)
     return Worlds(course, speed, obstacles, bodies, place, heading, aloft, near)
 
 
@@ -116,7 +116,7 @@ def _apart(place: Tensor) -> Tensor:
     return gap.amin(dim=(1, 2))
 
 
-def _standing(config, taken, middle, side, forward, near, uniform) -> Tensor:
+def _standing(config, taken, middle, side, forward, uniform) -> Tensor:
     """Fixed obstacles [world, n, 4], alternately along the boats' way and where the vessel is going."""
     count, spread, n = config.obstacles.count, config.obstacles.spread, len(middle)
     found = torch.zeros(n, count, 4)
@@ -144,7 +144,7 @@ def _standing(config, taken, middle, side, forward, near, uniform) -> Tensor:
     return found
 
 
-def _moving(config, taken, middle, side, bearing, far, near, uniform) -> Tensor:
+def _moving(config, taken, middle, bearing, far, near, uniform) -> Tensor:
     """Moving obstacles [world, 8, n] that cross the boats' way; the first column is left for the vessel."""
     count, n = config.obstacles.moving, len(middle)
     found = torch.zeros(n, ROWS, 1 + count)
@@ -162,9 +162,9 @@ def _moving(config, taken, middle, side, bearing, far, near, uniform) -> Tensor:
             clear = ((taken - begin.unsqueeze(1)).norm(dim=-1) > (radius + 2 * ROOM).unsqueeze(-1)).all(-1)
             fits = missing & clear & ~near
             body = torch.zeros(n, ROWS)
-            body[:, NORTH], body[:, EAST], body[:, RADIUS] = begin[:, 0], begin[:, 1], radius
+            body[:, NORTH], body[:, EAST], body[:, RADIUS] = *begin.unbind(-1), radius
             body[:, BOTTOM], body[:, TOP] = 0.0, LOWEST
-            body[:, V_NORTH], body[:, V_EAST], body[:, CARRIED] = velocity[:, 0], velocity[:, 1], 0.0
+            body[:, V_NORTH], body[:, V_EAST], body[:, CARRIED] = *velocity.unbind(-1), 0.0
             found[..., k] = torch.where(fits.unsqueeze(-1), body, found[..., k])
             missing &= ~fits
             if not missing.any():

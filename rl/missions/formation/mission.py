@@ -28,6 +28,7 @@ from rl.scenario import derive_seed
 from rl.team import Controller
 from taichi_sim.config import AirConfig, SeaConfig
 from taichi_sim.config.io import validate
+from taichi_sim.conventions import DOWN
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.random import Noise
 from taichi_sim.recording.episode import Episode, Scene
@@ -207,7 +208,7 @@ class Formation(Mission[FormationScenario, TeamTask]):
     def _row(team: TeamTask, env: int) -> dict[str, Tensor]:
         slot = team.now.slot[env].clone()
         if team.fleet.model.medium == "water":
-            slot[:, 2] = 0.0
+            slot[:, DOWN] = 0.0
         target = {"target_n": team.target.position[env], "target_course": team.target.course[env, 0]}
         return target | {"slot_n": slot, "error_m": team.distance[env]}
 
