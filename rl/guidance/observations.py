@@ -46,6 +46,7 @@ from taichi_sim.conventions import ROLL_RATE, SURGE
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.rotation import DOWN
 from taichi_sim.kernels.runtime import array1, array3, array4
+from taichi_sim.vehicle import Vehicle
 
 SPEED_SCALE = 10.0  # m/s: squashed speeds are half way to 1 here
 RATE_SCALE = 2.0  # rad/s, rotation of the vehicle
@@ -61,6 +62,13 @@ SeenPack = ti.types.argpack(
     table=array3, signals=array3, state=array3, derived=array3, aux=array3, target=array3, slots=array3, heard=array4,
     obstacles=array4, mates=array4, numbers=array1,
 )  # fmt: skip
+
+
+def air_columns(model: Vehicle) -> tuple[tuple[int, ...], tuple[float, ...]]:
+    """Columns of `aux`: airspeed, velocity of the air; lowest, cruise and highest airspeed. Boats have none of them."""
+    if "airspeed" not in model.aux_names or model.air is None:
+        return (), ()
+    return tuple(model.aux_names.index(name) for name in ("airspeed", *model.air)), model.limits.speeds
 
 
 class ObservationForm(NamedTuple):
@@ -230,10 +238,7 @@ class ObservationWriter:
     def __init__(self, team: Knowledge, kind: Literal["paper", "full"], residual: int = 0):
         """Observe what `team` knows; `residual` is the number of values that a residual policy corrects."""
         fleet, model, signals = team.fleet, team.fleet.model, team.sensor.signals
-        air, speeds = (), ()
-        if "airspeed" in model.aux_names and model.air is not None:
-            air = tuple(model.aux_names.index(name) for name in ("airspeed", *model.air))
-            speeds = model.limits.speeds
+        air, speeds = air_columns(model)
         serial = runtime.few(fleet.num_envs * fleet.count, OBSERVE)
         actions = len(model.action_names)
         radio = team.radio

@@ -1,6 +1,7 @@
 """Attitude: unit quaternions (w, x, y, z), body to world, and Euler angles in z-y-x order.
 
-Functions named `torch_*` work on torch tensors [..., 4] or [..., 3]; the others are Taichi functions on values.
+Functions named `torch_*` work on torch tensors [..., 4] or [..., 3], `numpy_*` on arrays; the others are Taichi
+functions on values.
 Source: Fossen (2021), Handbook of Marine Craft Hydrodynamics and Motion Control, ch. 2.
 
 A vehicle's kernel writes what follows from the state once per step for all readers: `derived[env, vehicle, 14]` =
@@ -10,6 +11,7 @@ R_nb (9, by rows), velocity_n (3, m/s), cosine and sine of the heading (2).
 # Kernels are another language inside Python syntax.
 # pyright: reportInvalidTypeForm=false
 
+import numpy as np
 import taichi as ti
 import taichi.math as tm
 import torch
@@ -156,6 +158,16 @@ def torch_rotation_matrix(q: torch.Tensor) -> torch.Tensor:
         torch.stack((2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)), -1),
     )
     return torch.stack(rows, dim=-2)
+
+
+def numpy_rotation_matrix(q: np.ndarray) -> np.ndarray:
+    """R_nb [3, 3] of a unit quaternion [4]."""
+    w, x, y, z = q
+    return np.array([
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ])  # fmt: skip
 
 
 @ti.func

@@ -14,7 +14,7 @@ import taichi as ti
 from torch import Tensor
 
 from rl.guidance.geometry import own_frame
-from rl.guidance.observations import RATE_SCALE, SPEED_SCALE, columns, put, put_air, put_squashed, squash
+from rl.guidance.observations import RATE_SCALE, SPEED_SCALE, air_columns, columns, put, put_air, put_squashed, squash
 from rl.guidance.targets import COS, COURSE, EAST, NORTH, SIN, SPEED
 from rl.missions.escort.boats import AGE_SCALE, SIGMA_SCALE
 from rl.perception.columns import Message, Sighting
@@ -248,10 +248,7 @@ class CircleKnowledge:
             TracksPack, sightings=tracking.sightings, age=tracking.age, sigma=tracking.sigma,
             radius=state.new_tensor([team.orbit.radius]),
         )  # fmt: skip
-        air, speeds = (), ()
-        if "airspeed" in model.aux_names and model.air is not None:
-            air = tuple(model.aux_names.index(name) for name in ("airspeed", *model.air))
-            speeds = model.limits.speeds
+        air, speeds = air_columns(model)
         signals, serial = known.sensor.signals.shape[-1], runtime.few(state.shape[0] * self._rows, OBSERVE)
         terms = CirclingTerms(form.first, signals, len(model.action_names), team.reference_width, air, speeds, serial)
         self.widths = terms.widths

@@ -93,8 +93,7 @@ class Escort(Mission[EscortScenario, EscortBoats | EscortAircraft]):
         self.bodies, self.traffic = Bodies(self.num_envs, pool), Bodies(self.num_envs, pool[..., 1:])
         self.bodies.table[:, RADIUS, 0], self.bodies.table[:, TOP, 0] = radius, VESSEL_TOP
         self.env_world = torch.zeros(self.num_envs, dtype=torch.int64, device=run.device)
-        amplitude = torch.as_tensor(self.world.sea.components.amplitude)
-        self._hs = (4 * (amplitude.double().square().sum(1) / 2).sqrt()).to(run.device, run.torch_dtype)
+        self._hs = torch.as_tensor(self.world.sea.components.hs).to(run.device, run.torch_dtype)
         self.hs = torch.zeros(self.num_envs, device=run.device, dtype=run.torch_dtype)
         self.vessel_place, self.vessel_velocity = self.hs.new_zeros((self.num_envs, 2)), self._script.velocity
         self._cue = self.hs.new_zeros((self.num_envs, 2))  # place of the vessel that is given at the start, m

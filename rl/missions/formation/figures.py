@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from rl.figures import save_figures, training_figures
 from rl.mission import Histories
 from taichi_sim.conventions import DOWN, EAST, NORTH
+from taichi_sim.kernels.rotation import numpy_rotation_matrix
 from taichi_sim.plotting import INK, dress, new_figure, rgb
 from taichi_sim.recording import Episode, TeamTrack
 from taichi_sim.recording.bodies import body_mesh
@@ -253,14 +254,7 @@ def _body(
 ) -> None:  # fmt: skip
     """The body's triangles at `place` (north, east, down, m), `grow` times too large, lit from above."""
     body = body_mesh(team, livery.of(vehicle))
-    w, x, y, z = team.quaternion_nb[step, vehicle].tolist()
-    R_nb = np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    R_nb = numpy_rotation_matrix(team.quaternion_nb[step, vehicle])
     corners = (grow * body.vertices_b @ R_nb.T + place)[:, [1, 0, 2]] * (1, 1, -1)
     normals = body.normals_b[::3] @ R_nb.T
     light = 0.62 - 0.38 * normals[:, 2:]

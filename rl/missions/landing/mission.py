@@ -104,8 +104,7 @@ class Landing(Mission):
             del self.teams[parts.boats]
             self.world.scripts[parts.boats] = Helm(self.boats)
         self.aircraft: Aircraft | None = self.teams.get(parts.aircraft)
-        amplitude = torch.as_tensor(self.world.sea.components.amplitude)
-        self._hs = (4 * (amplitude.double().square().sum(1) / 2).sqrt()).to(run.device, run.torch_dtype)
+        self._hs = torch.as_tensor(self.world.sea.components.hs).to(run.device, run.torch_dtype)
         self.hs = torch.zeros(self.num_envs, device=run.device, dtype=run.torch_dtype)
         self._which = torch.zeros(self.num_envs, dtype=torch.int32, device=run.device)
         self.noise = Noise(self.num_envs, derive_seed(self.seed, "sensors"))
