@@ -117,6 +117,11 @@ def squash(x, scale):
     return x / (abs(x) + scale)
 
 
+def squashed(x: Tensor, scale: float) -> Tensor:
+    """As `squash`, of tensors."""
+    return x / (x.abs() + scale)
+
+
 @ti.func
 def put(out: ti.template(), e, i, at: ti.template(), width: ti.template(), values: ti.template(), first: ti.template()):
     """Copy `width` columns of `values` [env, vehicle, n], starting at `first`, into `out`, starting at column `at`."""

@@ -8,9 +8,9 @@ import torch
 from torch import Tensor
 
 from rl.guidance.geometry import SLOT_SIZE, SlotErrors
+from rl.guidance.observations import squashed
 from rl.guidance.residual import ResidualTeam
 from rl.guidance.targets import EAST, NORTH, SIZE, Target
-from rl.missions.escort.boats import squashed
 from rl.missions.escort.circling import CIRCLE_SCALE, FAR_SCALE, SLOW_SCALE, CircleErrors, CircleKnowledge, CirclingForm
 from rl.missions.escort.tracking import ObserverGroup, SharedTracking, SpiralSearch
 from rl.perception.camera import Camera

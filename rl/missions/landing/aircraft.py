@@ -6,7 +6,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from rl.missions.landing.deck import DeckMotion, into_level, squashed
+from rl.guidance.observations import squashed
+from rl.missions.landing.deck import DeckMotion, into_level
 from rl.missions.landing.known import LAGS, KnownDeck
 from rl.missions.landing.marker import Marker
 from rl.missions.landing.pilots import Pilot, corrected

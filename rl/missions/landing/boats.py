@@ -16,10 +16,11 @@ from torch import Tensor
 from rl.guidance.controllers import CONTROLLERS
 from rl.guidance.controllers.course import Way
 from rl.guidance.controllers.force_vector import wrap
+from rl.guidance.observations import squashed
 from rl.guidance.targets import SIZE as TARGET
 from rl.guidance.targets import Target
 from rl.mission import ControllerError
-from rl.missions.landing.deck import DeckMotion, deck_motion, into_level, squashed
+from rl.missions.landing.deck import DeckMotion, deck_motion, into_level
 from rl.perception.instruments import Readings
 from rl.team import Team
 from taichi_sim.config.io import validate

@@ -50,8 +50,3 @@ def out_of_level(vector: Tensor, heading: tuple[Tensor, Tensor]) -> Tensor:
     c, s = heading
     x, y, z = vector.unbind(-1)
     return torch.stack((c * x - s * y, s * x + c * y, z), dim=-1)
-
-
-def squashed(x: Tensor, scale: float) -> Tensor:
-    """x / (|x| + scale)."""
-    return x / (x.abs() + scale)

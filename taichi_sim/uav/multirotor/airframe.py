@@ -20,7 +20,7 @@ import taichi as ti
 
 from taichi_sim.conventions import GRAVITY
 from taichi_sim.kernels.rigid_body import cross, is_nothing, quaternion_rate
-from taichi_sim.kernels.rotation import quaternion_of, rates_of, rotation_matrix, velocity_of
+from taichi_sim.kernels.rotation import attitude_of, quaternion_of, rates_of, velocity_of
 from taichi_sim.uav.multirotor import ground, rotors
 
 
@@ -122,11 +122,9 @@ def rk4(craft: ti.template(), p: ti.template(), kind: ti.template(), y, omega, c
             away *= left
         speed = command + away
         at = start + ahead * k
-        R = rotation_matrix(ti.Vector([at[3], at[4], at[5], at[6]]))
         rate = rotors.acceleration(craft, p, speed, command)
-        v_r = ti.Vector([at[7], at[8], at[9]])
         there = ground.lowered(kind, below, start[2] - at[2])
-        k = derivative(craft, p, kind, at, R, v_r, speed, rate, there, tau)
+        k = derivative(craft, p, kind, at, attitude_of(at), velocity_of(at), speed, rate, there, tau)
         new += weight * k
     # one Newton step of 1/|q| suffices: |q| - 1 is as small as the method's error per step
     norm2 = new[3] * new[3] + new[4] * new[4] + new[5] * new[5] + new[6] * new[6]

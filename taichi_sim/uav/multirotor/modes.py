@@ -6,6 +6,7 @@ from functools import partial
 import numpy as np
 
 from taichi_sim.uav.fixed_wing.modes import Mode, StableStep, jacobian, level_attitude, rk4_limit
+from taichi_sim.uav.fixed_wing.trim import in_body
 from taichi_sim.uav.multirotor.equations import rhs
 from taichi_sim.uav.multirotor.params import MultirotorParams
 from taichi_sim.uav.multirotor.trim import MultirotorTrim
@@ -43,9 +44,7 @@ def _in_body(velocity_n: np.ndarray, heading: float, q: np.ndarray) -> np.ndarra
     """A velocity (n), turned by -heading, in the axes of attitude q [1, 4], whose heading is zero."""
     c, s = np.cos(heading), np.sin(heading)
     level = np.array([c * velocity_n[0] + s * velocity_n[1], c * velocity_n[1] - s * velocity_n[0], velocity_n[2]])
-    w, r = q[0, 0], q[0, 1:]
-    t = 2 * np.cross(level, r)
-    return level + w * t + np.cross(t, r)
+    return in_body(level, q[0])
 
 
 def _modes(A: np.ndarray) -> tuple[Mode, ...]:
