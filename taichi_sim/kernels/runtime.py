@@ -28,7 +28,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Literal, NamedTuple, Protocol, cast
+from typing import Any, Literal, NamedTuple, Protocol, cast
 
 import taichi as ti
 import torch
@@ -39,6 +39,10 @@ from taichi.lang.kernel_impl import Kernel
 from taichi.types.annotations import template
 
 Precision = Literal["f32", "f64"]
+array1, array2, array3, array4, array5 = cast(Any, [ti.types.ndarray(ndim=n) for n in range(1, 6)])
+"""Types of kernels' arguments: tensors of one to five axes, of the run's precision."""
+whole1 = cast(Any, ti.types.ndarray(dtype=ti.i32, ndim=1))
+"""Type of kernels' arguments: int32, one axis."""
 _with_carets = ASTTransformerContext.get_pos_info
 
 
