@@ -6,30 +6,15 @@ from string import ascii_lowercase
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from rl.mission import Histories
 from taichi_sim.config.io import replacing
-from taichi_sim.plotting import INK, dress, new_figure, rgb
+from taichi_sim.plotting import INK, dress, moving_mean, new_figure, rgb
 from taichi_sim.recording import Episode
 from taichi_sim.recording.palette import Livery
 
 Liveries = Mapping[str, Livery]
 """team -> its colours in a recording; a team that is not there is drawn in ink."""
-
-SMOOTH = 0.05  # width of the smoothing window, as a share of a curve's length
-
-
-def _smooth(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Centred moving mean that ignores NaN."""
-    if not len(values):
-        return values  # no episode has ended yet
-    width = max(1, round(SMOOTH * len(values))) | 1
-    known = np.isfinite(values)
-    window = np.ones(width)
-    total = np.convolve(np.where(known, values, 0.0), window, mode="full")[width // 2 :][: len(values)]
-    count = np.convolve(known.astype(float), window, mode="full")[width // 2 :][: len(values)]
-    return np.where(count > 0, total / np.maximum(count, 1.0), np.nan)
 
 
 def _history_figure(histories: Histories, liveries: Liveries, column: str, title: str, y: str, zero: bool) -> Figure:
@@ -44,7 +29,7 @@ def _history_figure(histories: Histories, liveries: Liveries, column: str, title
         if zero:
             axes.axhline(0.0, color=INK, linewidth=0.8)
         axes.plot(steps[known], values[known], color=colour, linewidth=0.9, alpha=0.35, label="each iteration")
-        axes.plot(steps[known], _smooth(values[known]), color=colour, linewidth=2.2, label="moving mean")
+        axes.plot(steps[known], moving_mean(values[known]), color=colour, linewidth=2.2, label="moving mean")
         if len(steps):
             axes.set_xlim(0.0, float(steps[-1]) or 1.0)
         dress(axes, f"({letter}) {team.upper()} team", "agent steps (millions)", y)

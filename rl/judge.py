@@ -212,8 +212,8 @@ def median_of(values: NDArray[np.float64]) -> NDArray[np.float64]:
     count = np.isfinite(values).sum(-1, keepdims=True)
     ordered = np.sort(values, axis=-1)  # NaN come last
     low, high = (np.maximum(count - 1, 0) // 2, np.maximum(count, 1) // 2)
-    middle = [np.take_along_axis(ordered, np.minimum(k, values.shape[-1] - 1), -1)[..., 0] for k in (low, high)]
-    return np.where(count[..., 0] > 0, 0.5 * (middle[0] + middle[1]), np.nan)
+    middle = [np.take_along_axis(ordered, np.minimum(k, values.shape[-1] - 1), -1) for k in (low, high)]
+    return np.where(count > 0, 0.5 * (middle[0] + middle[1]), np.nan).squeeze(-1)
 
 
 def p95(errors: NDArray[np.float64]) -> float | None:

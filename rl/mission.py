@@ -28,6 +28,7 @@ from rl.scenario import Scenario, derive_seed
 from rl.team import Controller, ControllerError, Team
 from taichi_sim.config.base import number, span
 from taichi_sim.kernels import runtime
+from taichi_sim.kernels.random import Noise
 from taichi_sim.recording.episode import Episode, Scene
 from taichi_sim.recording.overlays import Overlay
 from taichi_sim.state import Snapshot, Stateful
@@ -110,7 +111,8 @@ class Mission(Stateful, Generic[C, T]):
     Attributes:
         config: the scenario. world: the simulated world. teams: name -> Team, of the teams that take part.
         steps: int64 [env], decisions since the episode began. generator: source of all random draws of episodes.
-        device: where tensors live.
+        noise: counter of the random numbers of sensors and radio. which: int32 [env], the environments that are to be
+            measured: 1 after a step, 2 as an episode begins, 0 not at all. device: where tensors live.
     """
 
     Config: ClassVar[type[Scenario]] = Scenario
@@ -118,17 +120,11 @@ class Mission(Stateful, Generic[C, T]):
     Team: ClassVar[Callable[..., _Team]] = Team
     Judge: ClassVar[type[_Judge]] = Judge
 
-    STATE: tuple[str, ...] = ("world", "steps", "teams")
+    STATE: tuple[str, ...] = ("world", "steps", "teams", "which", "noise")
     SHARED: tuple[str, ...] = ("generator",)
 
     def __init__(
-        self,
-        config: C,
-        num_envs: int,
-        *,
-        seed: int,
-        teams: Sequence[str] | None = None,
-        source: Path | None = None,
+        self, config: C, num_envs: int, *, seed: int, teams: Sequence[str] | None = None, source: Path | None = None
     ):
         """Build the world and begin an episode in every environment.
 
@@ -144,6 +140,8 @@ class Mission(Stateful, Generic[C, T]):
         self.device = runtime.current().device
         self.generator = torch.Generator().manual_seed(derive_seed(seed, "episodes"))
         self.steps = torch.zeros(num_envs, dtype=torch.int64, device=self.device)
+        self.which = torch.zeros(num_envs, dtype=torch.int32, device=self.device)
+        self.noise = Noise(num_envs, derive_seed(seed, "sensors"))
         self._all = torch.arange(num_envs, device=self.device)
         self.teams: dict[str, T] = self.make_teams(
             [name for name in self.world.teams if name not in self.world.scripts]
@@ -294,6 +292,8 @@ class Mission(Stateful, Generic[C, T]):
         self.steps += 1
         for name, team in self.teams.items():
             team.previous_action, team.action = team.action, taken[name]
+        self.which.fill_(1)
+        self.noise.tick()
         self.measure()
         ended = {name: self._ended(team) for name, team in self.teams.items()}
         reward = {name: self._paid(team, ended[name]) for name, team in self.teams.items()}
@@ -328,6 +328,8 @@ class Mission(Stateful, Generic[C, T]):
         begin = torch.rand(n, generator=self.generator, dtype=torch.float64) * TIME_SPAN
         self.world.time[envs] = begin.to(self.device)
         self.world.renew(envs)
+        self.which.zero_()
+        self.which[envs] = 2
         self.begin(envs, **where)
         for team in self.teams.values():
             team.action = team.action.index_fill(0, envs, 0.0)  # not in place: it may be a caller's tensor
@@ -337,6 +339,7 @@ class Mission(Stateful, Generic[C, T]):
         """Make the draws of later resets depend on `seed` alone; the seas and what `prepare` made stay."""
         self.generator.manual_seed(derive_seed(seed, "episodes"))
         self.world.reseed(derive_seed(seed, "world"))
+        self.noise.restart(derive_seed(seed, "sensors"))
 
     def draw(self, limit: int, n: int) -> Tensor:
         """Draw whole numbers below `limit`, int64 [n]."""

@@ -46,4 +46,4 @@ def paid(terms: Mapping[str, Callable[[T, E, W], Tensor]], weights: W, team: T, 
     parts = [
         getattr(weights, name) * term(team, ended, weights) for name, term in terms.items() if getattr(weights, name)
     ]
-    return sum(parts, torch.zeros_like(team.fleet.state[..., 0]))
+    return sum(parts, team.fleet.state.new_zeros(team.fleet.never.shape))

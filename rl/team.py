@@ -103,12 +103,12 @@ class Team(Generic[M, S]):
     @property
     def plannable(self) -> Tensor:
         """Where a plan could change what its vehicles do, bool [env, vehicle]. Default: everywhere."""
-        return torch.ones_like(self.fleet.state[..., 0], dtype=torch.bool)
+        return ~self.fleet.never
 
     @property
     def in_effect(self) -> Tensor:
         """Where actions of the policy have an effect now, bool [env, vehicle]. Default: everywhere."""
-        return torch.ones_like(self.fleet.state[..., 0], dtype=torch.bool)
+        return ~self.fleet.never
 
     def observe(self) -> Tensor:
         """Observations [env, vehicle, n] for the next decision: a fresh tensor each time."""

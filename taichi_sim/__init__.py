@@ -32,12 +32,7 @@ for _name, _scenario, _team, _other in (
     ("OtterFormation", "otter", "usv", "absent"),
     ("AerosondeFormation", "aerosonde", "uav", "absent"),
     ("EscortUsv", "escort", "usv", "absent"),  # scripted scouts replace the aircraft
-    (
-        "EscortUav",
-        "escort",
-        "uav",
-        "classical",
-    ),  # the aircraft's reward depends on what the boats do with their messages
+    ("EscortUav", "escort", "uav", "classical"),  # its reward depends on what boats do with the messages
     ("LandingUav", "landing", "uav", "absent"),  # a helm holds the boat's course
 ):
     _gymnasium.register(

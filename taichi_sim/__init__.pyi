@@ -22,7 +22,7 @@ from taichi_sim.config import (
 )
 from taichi_sim.config.io import load_world
 from taichi_sim.fleet import Fleet
-from taichi_sim.kernels.packs import AroundPack, Build, FleetPack, load_at, numbers_at
+from taichi_sim.kernels.packs import AroundPack, Build, FleetPack, load_at, numbers_at, own_numbers
 from taichi_sim.kernels.runtime import init
 from taichi_sim.recording import Episode, Recorder, write_recording
 from taichi_sim.replay import replay
@@ -42,5 +42,6 @@ __all__ = [
     "CurrentConfig", "Episode", "Finite", "Fleet", "FleetPack", "Fraction", "GustConfig", "Limits", "NonNegative",
     "Positive", "Range", "Recorder", "Script", "Sea", "SeaConfig", "Strict", "Surroundings", "SwellConfig",
     "TeamConfig", "Vehicle", "Vessel", "Wind", "World", "WorldConfig", "batched_env", "calm_sea", "init", "load_at",
-    "load_vehicle", "load_world", "numbers_at", "parallel_env", "replay", "shipped_vehicles", "write_recording",
+    "load_vehicle", "load_world", "numbers_at", "own_numbers", "parallel_env", "replay", "shipped_vehicles",
+    "write_recording",
 ]  # fmt: skip

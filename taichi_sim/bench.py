@@ -25,11 +25,7 @@ from taichi_sim.conventions import ANGULAR_VELOCITY, POSITION, QUATERNION, VELOC
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.random import Noise
-from taichi_sim.kernels.rotation import (
-    torch_euler_from_quaternion,
-    torch_quaternion_from_euler,
-    torch_rotation_matrix,
-)
+from taichi_sim.kernels.rotation import torch_euler_from_quaternion, torch_quaternion_from_euler, torch_rotation_matrix
 from taichi_sim.randomisation.conditions import resolved_sea
 from taichi_sim.sea import Sea
 from taichi_sim.sea.current import Current

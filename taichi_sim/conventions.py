@@ -19,9 +19,11 @@ POSITION = slice(0, 3)
 QUATERNION = slice(3, 7)
 VELOCITY = slice(7, 10)
 ANGULAR_VELOCITY = slice(10, 13)
+QW, QX, QY, QZ = range(3, 7)
+SURGE, SWAY, HEAVE, ROLL_RATE, PITCH_RATE, YAW_RATE = range(7, 13)  # u, v, w, p, q, r
 STATE_SIZE = 13
 
-# components of vectors in n, of vectors in b, and of Euler angles
+# components of vectors in n (a position is a state's first columns), of vectors in b, and of Euler angles
 NORTH, EAST, DOWN = 0, 1, 2
 AHEAD, STARBOARD, BELOW = 0, 1, 2
 HORIZONTAL = slice(0, 2)  # the two horizontal components of a vector in n or b

@@ -24,7 +24,7 @@ import hashlib
 import os
 import random
 import types
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, Self, TypeAlias
@@ -464,12 +464,6 @@ def _free_memory() -> float:
     except (OSError, ValueError):  # not Linux
         pass
     return float(os.sysconf("SC_AVPHYS_PAGES")) * os.sysconf("SC_PAGE_SIZE")
-
-
-def reachable(root: Any) -> Iterator[tuple[str, object]]:
-    """Path and value of each entry of `root`, for tests that look for forgotten state."""
-    for entry in walk(root).entries:
-        yield entry.path, entry.value
 
 
 class Stateful:

@@ -15,9 +15,9 @@ A model's kernels take packs, not lists of tensors:
 
 Numbers that differ between environments: `varying` names keys of the vehicle file, and `own` computes the kernel's
 numbers from their values, as a NamedTuple. Its entries are floats, compiled in, until numbers of the fleet are varied.
-From then on (`build.varied`) they are tensors, whose rows the kernel reads by `numbers_at(self.Own, ...)`. The physics
-takes either as `p`. Loads from outside (`build.loaded`) are `load_at(...)`: N and N m about the origin, b, held over a
-step.
+From then on (`build.varied`) they are tensors, whose rows the kernel reads. The physics takes either as `p`, from
+`own_numbers(self, build, fleet.numbers, e, i)`. Loads from outside (`build.loaded`) are `load_at(...)`: N and N m about
+the origin, b, held over a step.
 """
 
 import math
@@ -34,7 +34,7 @@ from torch import Tensor
 
 from taichi_sim.config import ConfigError, Strict
 from taichi_sim.contact.parts import Deck, Legs
-from taichi_sim.conventions import DOWN, ELEVATION, HORIZONTAL, STATE_SIZE
+from taichi_sim.conventions import DOWN, ELEVATION, HORIZONTAL, QW, STATE_SIZE, SURGE
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.packs import Build, struct_of
 from taichi_sim.surroundings import Surroundings
@@ -241,9 +241,9 @@ class Vehicle:
         numbers vary returns each vehicle's own. Default: that of the vehicle file, by `rhs`.
         """
         still = np.zeros((7, STATE_SIZE))
-        still[:, 3] = 1.0
+        still[:, QW] = 1.0
         loads = np.vstack((np.zeros(6), np.eye(6)))
-        rates = self.rhs(still, np.zeros(len(self.control_names)), load=loads)[:, 7:]
+        rates = self.rhs(still, np.zeros(len(self.control_names)), load=loads)[:, SURGE:]
         return torch.from_numpy((rates[1:] - rates[:1]).T.copy())[None, None]
 
     def soles(self, fleet: "Fleet") -> Tensor:

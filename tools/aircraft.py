@@ -29,9 +29,9 @@ from taichi_sim.config.io import config_folder, read_toml, validate
 from taichi_sim.kernels import runtime
 from taichi_sim.trials import rotorcraft
 from taichi_sim.uav.fixed_wing.equations import FlightEnvelope, flight_envelope
-from taichi_sim.uav.fixed_wing.modes import LinearModel, largest_stable_dt, linear_modes
+from taichi_sim.uav.fixed_wing.modes import largest_stable_dt, linear_modes
 from taichi_sim.uav.fixed_wing.params import FixedWingParams
-from taichi_sim.uav.fixed_wing.trim import Trim, TrimError, trim
+from taichi_sim.uav.fixed_wing.trim import TrimError, trim
 from taichi_sim.uav.multirotor.params import MultirotorParams
 
 MODEL = "fixed_wing_6dof"
@@ -117,20 +117,6 @@ def _edge(p: FixedWingParams, gamma: float, radius: float | None, good: float, b
     return good
 
 
-def mode_table(p: FixedWingParams, at: Trim, model: LinearModel) -> str:
-    """Frequency, damping and time constant of each mode, and the largest physics step for them."""
-    lines = [f"{'mode':14}{'rad/s':>10}{'damping':>10}{'period s':>10}{'time constant s':>17}"]
-    for mode in model.modes.values():
-        if mode.oscillates:
-            period = 2 * math.pi / abs(mode.eigenvalues[0].imag)
-            figures = f"{mode.frequency:10.4f}{mode.damping:10.4f}{period:10.3f}{mode.time_constant:17.3f}"
-        else:
-            figures = f"{'-':>10}{'-':>10}{'-':>10}{mode.time_constant:17.3f}"
-        lines.append(f"{mode.name:14}{figures}{'  grows' if mode.time_constant < 0 else ''}")
-    step = largest_stable_dt(p, at)
-    return "\n".join([*lines, f"largest stable step {step.dt:.4f} s: {step.reason}"])
-
-
 def envelope_table(bounds: FlightEnvelope) -> str:
     """The V-n diagram as a table."""
     lines = [
@@ -190,7 +176,8 @@ def report(args: argparse.Namespace) -> str:
     at = trim(p, airspeed, gamma, turn_radius=args.radius)
     flight = f"climb {args.climb:g} deg" + (f", radius {args.radius:g} m" if args.radius else "")
     parts = [f"{args.aircraft}: trim, {flight}; angles in deg, thrust in N", trim_table(p, bounds, gamma, args.radius)]
-    parts += [f"\nmodes at {at.airspeed:g} m/s, {flight}", mode_table(p, at, linear_modes(p, at))]
+    modes = rotorcraft.mode_table(linear_modes(p, at).modes.values(), largest_stable_dt(p, at))
+    parts += [f"\nmodes at {at.airspeed:g} m/s, {flight}", modes]
     parts += ["\nV-n diagram", envelope_table(bounds)]
     if args.out:
         draw(bounds, p.envelope.airspeed, Path(args.aircraft).stem, args.out)

@@ -176,11 +176,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("vehicle")
     p.add_argument("--sea-states", type=int, nargs="+", default=[3, 4, 5, 6], choices=range(1, 9))
     p.add_argument(
-        "--headings",
-        type=float,
-        nargs="+",
-        default=list(HEADINGS),
-        help="headings from the waves' course, deg",
+        "--headings", type=float, nargs="+", default=list(HEADINGS), help="headings from the waves' course, deg"
     )
     p.add_argument("--speed", type=float, default=1.0, help="speed that is held, m/s")
     p.add_argument("--order", type=int, default=12, help="order of the model")

@@ -44,11 +44,7 @@ class ParallelMission(ParallelEnv[str, np.ndarray, np.ndarray]):
     metadata: ClassVar[dict[str, object]] = {"render_modes": MODES, "name": "taichi_sim", "is_parallelizable": True}
 
     def __init__(
-        self,
-        env: BatchedEnv,
-        name: str,
-        render_mode: str | None = None,
-        render_size: tuple[int, int] | None = None,
+        self, env: BatchedEnv, name: str, render_mode: str | None = None, render_size: tuple[int, int] | None = None
     ):
         """Adapt a `BatchedEnv` of one environment without autoreset.
 

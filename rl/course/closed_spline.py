@@ -44,7 +44,7 @@ class ClosedSpline(NamedTuple):
         continuity[:, j, (j + 1) % gaps] = after
         pull = 3 * rise * after**2
         pull = (pull + np.roll(pull, 1, axis=1)).view(np.float64).reshape(worlds, gaps, 2)
-        slope = np.ascontiguousarray(np.linalg.solve(continuity, pull)).view(np.complex128)[..., 0]
+        slope = np.ascontiguousarray(np.linalg.solve(continuity, pull)).view(np.complex128).squeeze(-1)
         slope_end = np.roll(slope, -1, axis=1)
         second = (3 * rise * after - 2 * slope - slope_end) * after
         third = (slope + slope_end - 2 * rise * after) * after**2

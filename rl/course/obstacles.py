@@ -16,7 +16,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from rl.course.tracks import Real, Tracks, world_uniform
+from rl.course.tracks import Real, Tracks, TrackSample, world_uniform
 from taichi_sim.config import Finite, Positive, Strict
 
 OBSTACLE_STREAM = 1 << 16  # random stream of the first round; each round has the next one
@@ -30,6 +30,12 @@ PASSAGE_M = 10.0  # least gap between two obstacles
 HEIGHT_BAND_M = 10.0  # no obstacle ends within this distance of the flight height
 CHUNK = 128  # obstacles measured at once: the working set stays in cache
 ROUNDING_M = 1e-3  # float32 at 1.5 km
+
+
+class Cylinder:
+    """Columns of a table of fixed obstacles: place of the axis, radius, height above mean sea level, m."""
+
+    NORTH, EAST, RADIUS, HEIGHT, SIZE = range(5)
 
 
 class FixedObstacle(Strict):
@@ -75,9 +81,9 @@ def generate_obstacles(
     """
     _check(count, lane_half_width_m, clearance_m, radius_m, height_m, tall_fraction, flight_height_m)
     worlds = tracks.worlds
-    draws = world_uniform(seed, OBSTACLE_STREAM, worlds, count, 3)
-    radius = radius_m[0] + (radius_m[1] - radius_m[0]) * draws[..., 0]
-    height = _heights(draws[..., 1], draws[..., 2], height_m, tall_fraction, flight_height_m)
+    size, rank, share = np.moveaxis(world_uniform(seed, OBSTACLE_STREAM, worlds, count, 3), -1, 0)
+    radius = radius_m[0] + (radius_m[1] - radius_m[0]) * size
+    height = _heights(rank, share, height_m, tall_fraction, flight_height_m)
     obstacle = torch.zeros(worlds, count, 4)
     obstacle[..., 2:] = torch.from_numpy(np.stack((radius, height), axis=-1))
 
@@ -92,7 +98,7 @@ def generate_obstacles(
         along, side, out = draw[world, number].float().unbind(-1)
         s = (number + 0.5 + (along - 0.5) * (1 + STRETCH_GROWTH * round_)) / count * tracks.length_m[world]
         widest = nearest + (furthest - nearest) * (1 + OUTWARD_GROWTH * max(0, round_ - PATIENCE))
-        offset = nearest + (widest - nearest) * out + obstacle[world, number, 2]
+        offset = nearest + (widest - nearest) * out + obstacle[world, number, Cylinder.RADIUS]
         offset = torch.where(side < 0.5, offset, -offset)
         track = tracks.at(world, s)
         starboard = torch.stack((-track.course.sin(), track.course.cos()), dim=-1)
@@ -100,7 +106,7 @@ def generate_obstacles(
 
         drawn = obstacle[world, number]
         fits = (drawn[:, :2].abs() + drawn[:, 2:3] <= area_m / 2).all(dim=-1)
-        fits &= distance_to_tracks(tracks, world, drawn[:, :2]) >= nearest + drawn[:, 2] + ROUNDING_M
+        fits &= distance_to_tracks(tracks, world, drawn[:, :2]) >= nearest + drawn[:, Cylinder.RADIUS] + ROUNDING_M
         candidate = placed.clone()
         candidate[world, number] = fits
         placed = candidate & (placed | ~_hits_earlier(obstacle, candidate, placed))
@@ -123,7 +129,7 @@ def distance_to_tracks(tracks: Tracks, world: Tensor, position: Tensor) -> Tenso
     here = here.permute(2, 0, 1).contiguous()
     per_chord2 = 1 / chord.square().sum(dim=0)
     spacing = tracks.length_m / tracks.samples
-    bow = tracks.table[..., 3].abs().amax(dim=1) * spacing**2 / 8
+    bow = tracks.table[..., TrackSample.CURVATURE].abs().amax(dim=1) * spacing**2 / 8
     nearest = [torch.empty(0)]
     for w, p in zip(world.split(CHUNK), position.split(CHUNK), strict=True):
         along_n, along_e = chord[:, w]
@@ -137,7 +143,7 @@ def distance_to_tracks(tracks: Tracks, world: Tensor, position: Tensor) -> Tenso
 def _hits_earlier(obstacle: Tensor, candidate: Tensor, placed: Tensor) -> Tensor:
     """Whether each obstacle [world, count] is too near a placed obstacle or a candidate with a lower number."""
     apart = torch.hypot(*(obstacle[:, :, None, i] - obstacle[:, None, :, i] for i in (0, 1)))
-    room = obstacle[:, :, None, 2] + obstacle[:, None, :, 2] + PASSAGE_M
+    room = obstacle[:, :, None, Cylinder.RADIUS] + obstacle[:, None, :, Cylinder.RADIUS] + PASSAGE_M
     earlier = torch.ones(obstacle.shape[1], obstacle.shape[1], dtype=torch.bool).tril(-1)
     itself = torch.eye(obstacle.shape[1], dtype=torch.bool)
     rival = (placed[:, None, :] | (candidate[:, None, :] & earlier)) & ~itself

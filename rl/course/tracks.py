@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from rl.course.closed_spline import ClosedSpline, Complex, Real, evaluate, nodes_per_gap
+from taichi_sim.kernels.runtime import array1, array2
 
 # All assumed: the paper gives only a length, an area and a number of checkpoints.
 HARMONICS = np.arange(2, 7)
@@ -46,6 +47,12 @@ REACH_STRIDE = 3  # every third node is checked for distance
 
 PI = math.pi
 TRACK_STREAM = 0  # random stream of the first draw; each draw has the next one
+
+
+class TrackSample:
+    """Columns of a table of tracks: place (m), course (rad), curvature (1/m, positive to starboard)."""
+
+    NORTH, EAST, COURSE, CURVATURE, SIZE = range(5)
 
 
 class TrackPoint(NamedTuple):
@@ -77,7 +84,8 @@ class Tracks:
     def __post_init__(self) -> None:
         """Build the rows: each world's samples followed by the end of its lap, [world * (sample + 1), 4]."""
         end = self.table[:, :1].clone()
-        end[..., 2] += 2 * torch.pi * torch.sign(self.table[:, -1:, 2] - end[..., 2])
+        turned = self.table[:, -1:, TrackSample.COURSE] - end[..., TrackSample.COURSE]
+        end[..., TrackSample.COURSE] += 2 * torch.pi * torch.sign(turned)
         object.__setattr__(self, "rows", torch.cat((self.table, end), dim=1).flatten(0, 1).contiguous())
 
     @property
@@ -130,13 +138,7 @@ def track_point(rows: ti.template(), length: ti.template(), world, s):
 
 
 @ti.kernel
-def _look_up(
-    out: ti.types.ndarray(ndim=2),
-    rows: ti.types.ndarray(ndim=2),
-    length: ti.types.ndarray(ndim=1),
-    world: ti.types.ndarray(dtype=ti.i64, ndim=1),
-    s: ti.types.ndarray(ndim=1),
-):
+def _look_up(out: array2, rows: array2, length: array1, world: ti.types.ndarray(dtype=ti.i64, ndim=1), s: array1):
     for n in range(s.shape[0]):
         place = track_point(rows, length, ti.cast(world[n], ti.i32), s[n])
         for c in ti.static(range(4)):
@@ -291,7 +293,7 @@ def _tabulate(spline: ClosedSpline, place: Real, length_m: float, side_m: float,
     position = np.stack((jet.position.real, jet.position.imag), axis=-1) + offset
     course = np.unwrap(np.angle(jet.velocity), axis=1)
     table = np.concatenate((position, np.stack((course, jet.curvature()), axis=-1)), axis=-1)
-    point = spline.coefficient[..., 0]
+    point = node.position[:, ::per_gap]
     checkpoints = np.stack((point.real, point.imag), axis=-1) + offset
     tensors = table, np.full(worlds, length_m), checkpoints, node_s[:, :-1:per_gap]
     return Tracks(*(torch.from_numpy(x.astype(np.float32)) for x in tensors))

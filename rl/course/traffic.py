@@ -20,6 +20,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from rl.course.obstacles import Cylinder
 from rl.course.tracks import Tracks
 from taichi_sim.recording.overlays import Cylinders
 
@@ -158,7 +159,7 @@ class Traffic:
             to = obstacles[:, None, :, :2] - begin
             share = (to * along).sum(-1) / along.square().sum(-1).clamp(min=1e-6)
             apart = (to - share.clamp(0.0, 1.0).unsqueeze(-1) * along).norm(dim=-1)
-            fine &= (apart > obstacles[:, None, :, 2] + body[..., RADIUS, None] + ROOM_M).all(-1)
+            fine &= (apart > obstacles[:, None, :, Cylinder.RADIUS] + body[..., RADIUS, None] + ROOM_M).all(-1)
         near = (starts - body[..., None, :2]).norm(dim=-1).amin(-1)
         closing = velocity.norm(dim=-1) + self.team_speed
         fine &= near > body[..., RADIUS] + HEAD_START * closing

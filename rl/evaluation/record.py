@@ -81,8 +81,7 @@ def record_episode(
         events += _stalls(team.fleet.model, name, reel.recorder.aux(name), reel.recorder.time_s)
     which = "" if number is None else f", episode {number[0]} of {number[1]}"
     return reel.episode(
-        events=events,
-        config_text=f"# {config.name}, seed {seed}{which}\n\n```toml\n{toml_text(config)}```\n",
+        events=events, config_text=f"# {config.name}, seed {seed}{which}\n\n```toml\n{toml_text(config)}```\n"
     )
 
 

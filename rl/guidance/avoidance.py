@@ -41,8 +41,11 @@ from rl.guidance.knowledge import Knowledge
 from rl.guidance.targets import COURSE_RATE
 from rl.perception.columns import Mate, Obstacle
 from taichi_sim.config import NonNegative, Positive, Strict
+from taichi_sim.conventions import EAST, NORTH
 from taichi_sim.kernels import runtime
+from taichi_sim.kernels.abreast import taken
 from taichi_sim.kernels.packs import struct_of, values_at
+from taichi_sim.kernels.runtime import array1, array3, array4
 from taichi_sim.vehicle import Vehicle
 
 FAN, RAYS = math.radians(100.0), 20  # to either side, and how many
@@ -56,9 +59,8 @@ ROUNDING = 1e-3  # of a bound that must hold in spite of rounding
 WITHOUT_END = 1e30  # more than any risk
 AVOID = 500.0  # ns per vehicle, about: few vehicles have something in their way
 
-_array1, _array2, _array3, _array4 = (ti.types.ndarray(ndim=n) for n in (1, 2, 3, 4))
 AroundPack = ti.types.argpack(
-    obstacles=_array4, mates=_array4, table=_array3, derived=_array3, target=_array3, numbers=_array1
+    obstacles=array4, mates=array4, table=array3, derived=array3, target=array3, numbers=array1
 )
 
 
@@ -195,13 +197,13 @@ def apart(a, b):
 
 
 @ti.kernel
-def _avoid(velocity: ti.types.ndarray(ndim=3), around: AroundPack, kind: ti.template(), form: ti.template()):
+def _avoid(velocity: array3, around: AroundPack, kind: ti.template(), form: ti.template()):
     ti.loop_config(serialize=form.serial)
     for e, i in ti.ndrange(velocity.shape[0], velocity.shape[1]):
         g = values_at(kind, around.numbers)
-        direct = ti.Vector([velocity[e, i, 0], velocity[e, i, 1]])
-        now = ti.Vector([around.derived[e, i, VELOCITY], around.derived[e, i, VELOCITY + 1]])
-        slot = ti.Vector([around.table[e, i, SLOT_VELOCITY], around.table[e, i, SLOT_VELOCITY + 1]])
+        direct = taken(velocity, e, i, NORTH, 2)
+        now = taken(around.derived, e, i, VELOCITY, 2)
+        slot = taken(around.table, e, i, SLOT_VELOCITY, 2)
         speed = ti.max(direct.norm(), SLOWEST)
         least = risks(direct, now, around, e, i, WITHOUT_END, g, form)
         if least > 0:
@@ -235,18 +237,16 @@ def _avoid(velocity: ti.types.ndarray(ndim=3), around: AroundPack, kind: ti.temp
                         cost += risks(v, now, around, e, i, least - cost, g, form)
                         if cost < least:
                             least, best = cost, v
-            velocity[e, i, 0], velocity[e, i, 1] = best[0], best[1]
+            velocity[e, i, NORTH], velocity[e, i, EAST] = best[0], best[1]
 
 
 @ti.kernel
-def _shield(velocity: ti.types.ndarray(ndim=3), correction: ti.types.ndarray(ndim=3), around: AroundPack,
-            kind: ti.template(), form: ti.template()):  # fmt: skip
+def _shield(velocity: array3, correction: array3, around: AroundPack, kind: ti.template(), form: ti.template()):
     ti.loop_config(serialize=form.serial)
     for e, i in ti.ndrange(velocity.shape[0], velocity.shape[1]):
         g = values_at(kind, around.numbers)
-        own = ti.Vector([velocity[e, i, 0], velocity[e, i, 1]])
-        change = ti.Vector([correction[e, i, 0], correction[e, i, 1]])
-        now = ti.Vector([around.derived[e, i, VELOCITY], around.derived[e, i, VELOCITY + 1]])
+        own, change = taken(velocity, e, i, NORTH, 2), taken(correction, e, i, NORTH, 2)
+        now = taken(around.derived, e, i, VELOCITY, 2)
         speed = ti.max(own.norm(), SLOWEST)
         best = ti.Vector([own[0] + change[0], own[1] + change[1]])
         least = risks(best, now, around, e, i, WITHOUT_END, g, form)
@@ -258,7 +258,7 @@ def _shield(velocity: ti.types.ndarray(ndim=3), correction: ti.types.ndarray(ndi
                     cost += risks(own + (1.0 - back) * change, now, around, e, i, least - cost, g, form)
                     if cost < least:
                         least, best = cost, own + (1.0 - back) * change
-        velocity[e, i, 0], velocity[e, i, 1] = best[0], best[1]
+        velocity[e, i, NORTH], velocity[e, i, EAST] = best[0], best[1]
 
 
 class Avoider:

@@ -21,6 +21,7 @@ from rl.perception.columns import Message
 from taichi_sim.fleet import Views
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.rotation import HEADING_COS, HEADING_SIN, VELOCITY_N
+from taichi_sim.kernels.runtime import array1, array3, array4, whole1
 
 DISTANCE_SCALE = 10.0  # m, where squashed distances are half way to 1
 NEAR = 1e-3  # m: a slot nearer than this has no direction
@@ -35,9 +36,8 @@ DISTANCE, REACH, TOTAL = range(3)  # columns of single numbers
 # Columns of the table of slots, two each (ahead, starboard): offset (m), its rate (m/s), its goal (m).
 OFFSET, RATE, GOAL, SLOT_SIZE = range(0, 8, 2)
 
-_array1, _array2, _array3, _array4 = (ti.types.ndarray(ndim=n) for n in (1, 2, 3, 4))
-ErrorsPack = ti.types.argpack(table=_array3, plain=_array3)
-TeamPack = ti.types.argpack(target=_array3, down=_array1, slots=_array3, state=_array3, derived=_array3, heard=_array4)
+ErrorsPack = ti.types.argpack(table=array3, plain=array3)
+TeamPack = ti.types.argpack(target=array3, down=array1, slots=array3, state=array3, derived=array3, heard=array4)
 
 
 class ErrorsForm(NamedTuple):
@@ -96,7 +96,7 @@ def own_frame(derived: ti.template(), e, i, axes: ti.template(), v):
 
 
 @ti.kernel
-def _measure(out: ErrorsPack, team: TeamPack, which: ti.types.ndarray(dtype=ti.i32, ndim=1), form: ti.template()):
+def _measure(out: ErrorsPack, team: TeamPack, which: whole1, form: ti.template()):
     ti.loop_config(serialize=form.serial)
     for e, i in ti.ndrange(team.state.shape[0], team.state.shape[1]):
         if which[e] != 0:
@@ -130,7 +130,7 @@ def _measure(out: ErrorsPack, team: TeamPack, which: ti.types.ndarray(dtype=ti.i
             for k in ti.static(range(13)):
                 total += team.state[e, i, k]
             out.plain[DISTANCE, e, i], out.plain[TOTAL, e, i] = distance, total
-            out.plain[REACH, e, i] = ti.max(ti.abs(team.state[e, i, 0]), ti.abs(team.state[e, i, 1]))
+            out.plain[REACH, e, i] = ti.max(ti.abs(team.state[e, i, NORTH]), ti.abs(team.state[e, i, EAST]))
 
 
 @ti.func

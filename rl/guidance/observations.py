@@ -42,8 +42,11 @@ from rl.guidance.geometry import V as VELOCITY
 from rl.guidance.knowledge import Knowledge
 from rl.guidance.targets import COS, COURSE_RATE, SIN, SPEED
 from rl.perception.columns import Mate, Message, Obstacle
+from taichi_sim.conventions import ROLL_RATE, SURGE
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.rotation import DOWN
+from taichi_sim.kernels.runtime import array1, array3, array4
+from taichi_sim.vehicle import Vehicle
 
 SPEED_SCALE = 10.0  # m/s: squashed speeds are half way to 1 here
 RATE_SCALE = 2.0  # rad/s, rotation of the vehicle
@@ -55,20 +58,17 @@ OBSERVE = 80.0  # ns per vehicle, about
 
 MEETING = 3  # numbers of an encounter: distance ahead, distance aside, gap
 
-_array1, _array3, _array4 = (ti.types.ndarray(ndim=n) for n in (1, 3, 4))
 SeenPack = ti.types.argpack(
-    table=_array3,
-    signals=_array3,
-    state=_array3,
-    derived=_array3,
-    aux=_array3,
-    target=_array3,
-    slots=_array3,
-    heard=_array4,
-    obstacles=_array4,
-    mates=_array4,
-    numbers=_array1,
-)
+    table=array3, signals=array3, state=array3, derived=array3, aux=array3, target=array3, slots=array3, heard=array4,
+    obstacles=array4, mates=array4, numbers=array1,
+)  # fmt: skip
+
+
+def air_columns(model: Vehicle) -> tuple[tuple[int, ...], tuple[float, ...]]:
+    """Columns of `aux`: airspeed, velocity of the air; lowest, cruise and highest airspeed. Boats have none of them."""
+    if "airspeed" not in model.aux_names or model.air is None:
+        return (), ()
+    return tuple(model.aux_names.index(name) for name in ("airspeed", *model.air)), model.limits.speeds
 
 
 class ObservationForm(NamedTuple):
@@ -117,6 +117,11 @@ def squash(x, scale):
     return x / (abs(x) + scale)
 
 
+def squashed(x: Tensor, scale: float) -> Tensor:
+    """As `squash`, of tensors."""
+    return x / (x.abs() + scale)
+
+
 @ti.func
 def put(out: ti.template(), e, i, at: ti.template(), width: ti.template(), values: ti.template(), first: ti.template()):
     """Copy `width` columns of `values` [env, vehicle, n], starting at `first`, into `out`, starting at column `at`."""
@@ -138,10 +143,10 @@ def put_own(out: ti.template(), e, i, seen: ti.template(), action: ti.template()
     n = ti.static(form.axes)
     put_squashed(out, e, i, form.at.error, n, seen.table, ERROR_B, DISTANCE_SCALE)
     put_squashed(out, e, i, form.at.error_rate, n, seen.table, ERROR_RATE_B, SPEED_SCALE)
-    put_squashed(out, e, i, form.at.velocity, 3, seen.state, 7, SPEED_SCALE)
+    put_squashed(out, e, i, form.at.velocity, 3, seen.state, SURGE, SPEED_SCALE)
     put(out, e, i, form.at.down, 3, seen.derived, DOWN.start)
     for k in ti.static(range(3)):
-        out[e, i, form.at.rates + k] = seen.state[e, i, 10 + k] * ti.static(1 / RATE_SCALE)
+        out[e, i, form.at.rates + k] = seen.state[e, i, ROLL_RATE + k] * ti.static(1 / RATE_SCALE)
     put(out, e, i, form.at.target_course, n, seen.table, COURSE_B)
     out[e, i, form.at.target_turn] = seen.target[e, row_of(seen.target, i), COURSE_RATE] * ti.static(1 / TURN_SCALE)
     put(out, e, i, form.at.previous_action, form.actions, action, 0)
@@ -210,10 +215,7 @@ def put_air(out: ti.template(), e, i, seen: ti.template(), form: ti.template()):
 
 
 @ti.kernel
-def _observe(
-    out: ti.types.ndarray(ndim=3), seen: SeenPack, action: ti.types.ndarray(ndim=3),
-    reference: ti.types.ndarray(ndim=3), form: ti.template(),
-):  # fmt: skip
+def _observe(out: array3, seen: SeenPack, action: array3, reference: array3, form: ti.template()):
     ti.loop_config(serialize=form.serial)
     for e, i in ti.ndrange(out.shape[0], out.shape[1]):
         n = ti.static(1 + form.axes)
@@ -241,10 +243,7 @@ class ObservationWriter:
     def __init__(self, team: Knowledge, kind: Literal["paper", "full"], residual: int = 0):
         """Observe what `team` knows; `residual` is the number of values that a residual policy corrects."""
         fleet, model, signals = team.fleet, team.fleet.model, team.sensor.signals
-        air, speeds = (), ()
-        if "airspeed" in model.aux_names and model.air is not None:
-            air = tuple(model.aux_names.index(name) for name in ("airspeed", *model.air))
-            speeds = model.limits.speeds
+        air, speeds = air_columns(model)
         serial = runtime.few(fleet.num_envs * fleet.count, OBSERVE)
         actions = len(model.action_names)
         radio = team.radio

@@ -21,10 +21,11 @@ import taichi as ti
 import torch
 from torch import Tensor
 
-from rl.course.tracks import Tracks, track_point
+from rl.course.tracks import Tracks, TrackSample, track_point
 from taichi_sim.air.wind import wind_factor, wind_shear
 from taichi_sim.config import WorldConfig
 from taichi_sim.kernels import runtime
+from taichi_sim.kernels.runtime import array1, array2, array3, whole1
 from taichi_sim.randomisation.conditions import bounds
 
 NORTH, EAST, DOWN, COURSE, COS, SIN, COURSE_RATE, SPEED, SIZE = range(9)
@@ -48,7 +49,8 @@ def speed_over_ground(airspeed, north, east, cos, sin):
 
 def crab(airspeed: float, wind: Tensor, cos: Tensor, sin: Tensor) -> Tensor:
     """Heading less course [..] (rad) that keeps to a course in the wind [.., 2] at an airspeed (m/s)."""
-    across = cos * wind[..., 1] - sin * wind[..., 0]  # to starboard
+    north, east = wind.unbind(-1)
+    across = cos * east - sin * north  # to starboard
     return -torch.asin((across * (1 / airspeed)).clamp(-1.0, 1.0))
 
 
@@ -78,14 +80,13 @@ class Target:
         self.course_rate, self.speed = table[..., COURSE_RATE], table[..., SPEED]
 
 
-_array1, _array2 = (ti.types.ndarray(ndim=n) for n in (1, 2))
-TrackPack = ti.types.argpack(rows=_array2, length=_array1, wind=_array2, numbers=_array1)
+TrackPack = ti.types.argpack(rows=array2, length=array1, wind=array2, numbers=array1)
 
 
 @ti.kernel
 def _follow(
-    target: ti.types.ndarray(ndim=3), progress: ti.types.ndarray(ndim=1),
-    env_world: ti.types.ndarray(dtype=ti.i64, ndim=1), track: TrackPack, which: ti.types.ndarray(dtype=ti.i32, ndim=1),
+    target: array3, progress: array1,
+    env_world: ti.types.ndarray(dtype=ti.i64, ndim=1), track: TrackPack, which: whole1,
     serial: ti.template(),
 ):  # fmt: skip
     ti.loop_config(serialize=serial)
@@ -94,14 +95,15 @@ def _follow(
             if which[e] == 1:
                 progress[e] += target[e, 0, SPEED] * track.numbers[INTERVAL]
             place = track_point(track.rows, track.length, ti.cast(env_world[e], ti.i32), progress[e])
-            c, s, speed = ti.cos(place[2]), ti.sin(place[2]), track.numbers[TARGET_SPEED]
+            course, speed = place[TrackSample.COURSE], track.numbers[TARGET_SPEED]
+            c, s = ti.cos(course), ti.sin(course)
             if track.numbers[OVER_AIR] > 0:
                 factor = track.numbers[WIND_FACTOR]
-                north, east = track.wind[e, 0] * factor, track.wind[e, 1] * factor
+                north, east = track.wind[e, NORTH] * factor, track.wind[e, EAST] * factor
                 speed = speed_over_ground(speed, north, east, c, s)
-            target[e, 0, NORTH], target[e, 0, EAST], target[e, 0, DOWN] = place[0], place[1], 0.0
-            target[e, 0, COURSE], target[e, 0, COS], target[e, 0, SIN] = place[2], c, s
-            target[e, 0, COURSE_RATE], target[e, 0, SPEED] = place[3] * speed, speed
+            target[e, 0, NORTH], target[e, 0, EAST], target[e, 0, DOWN] = place[NORTH], place[EAST], 0.0
+            target[e, 0, COURSE], target[e, 0, COS], target[e, 0, SIN] = course, c, s
+            target[e, 0, COURSE_RATE], target[e, 0, SPEED] = place[TrackSample.CURVATURE] * speed, speed
 
 
 class Targets:

@@ -28,10 +28,12 @@ from torch import Tensor
 from rl.perception.columns import Sighting
 from rl.perception.instruments import InstrumentsConfig
 from taichi_sim.config import NonNegative, Positive, Strict
+from taichi_sim.conventions import DOWN, EAST, NORTH
 from taichi_sim.fleet import Views
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.packs import struct_of, values_at
 from taichi_sim.kernels.random import CAMERA, normal6, uniform4
+from taichi_sim.kernels.runtime import array1, array3, array4, whole1
 
 UNSEEN = -1.0  # variance of a sighting that has not been made
 VARIANCE_FLOOR = 1e-4  # m^2, of exact measurements
@@ -75,10 +77,9 @@ class CameraNumbers(NamedTuple):
     place: float
 
 
-_array1, _array2, _array3, _array4 = (ti.types.ndarray(ndim=n) for n in (1, 2, 3, 4))
-SightingsPack = ti.types.argpack(sightings=_array4, objects=_array3, axis=_array3, hs=_array1, numbers=_array1)
-TruePack = ti.types.argpack(true_state=_array3, true_derived=_array3)
-OwnPack = ti.types.argpack(state=_array3, derived=_array3)
+SightingsPack = ti.types.argpack(sightings=array4, objects=array3, axis=array3, hs=array1, numbers=array1)
+TruePack = ti.types.argpack(true_state=array3, true_derived=array3)
+OwnPack = ti.types.argpack(state=array3, derived=array3)
 
 
 class CameraForm(NamedTuple):
@@ -109,14 +110,9 @@ def rotated_back(derived: ti.template(), e, i, v):
 
 @ti.kernel
 def _see(
-    out: SightingsPack,
-    true: TruePack,
-    own: OwnPack,
-    which: ti.types.ndarray(dtype=ti.i32, ndim=1),
-    count: ti.types.ndarray(dtype=ti.i32, ndim=1),
-    kind: ti.template(),
+    out: SightingsPack, true: TruePack, own: OwnPack, which: whole1, count: whole1, kind: ti.template(),
     form: ti.template(),
-):
+):  # fmt: skip
     ti.loop_config(serialize=form.serial)
     for e, i in ti.ndrange(own.state.shape[0], own.state.shape[1]):
         if which[e] != 0:
@@ -139,9 +135,9 @@ def _see(
                         error = ti.Vector([g.pixel * z[a] for a in ti.static(range(3))])
                         ray = rotated(own.derived, e, i, line_b + error)
                         if ray[2] > LEAST_SLOPE:
-                            far = -own.state[e, i, 2] / ray[2]
-                            out.sightings[e, node, k, Sighting.NORTH] = own.state[e, i, 0] + far * ray[0]
-                            out.sightings[e, node, k, Sighting.EAST] = own.state[e, i, 1] + far * ray[1]
+                            far = -own.state[e, i, DOWN] / ray[2]
+                            out.sightings[e, node, k, Sighting.NORTH] = own.state[e, i, NORTH] + far * ray[0]
+                            out.sightings[e, node, k, Sighting.EAST] = own.state[e, i, EAST] + far * ray[1]
                             tilted = (g.pixel * g.pixel + g.tilt * g.tilt) / (ray[2] * ray[2])
                             turned = g.pixel * g.pixel + g.heading * g.heading
                             out.sightings[e, node, k, Sighting.VARIANCE] = (

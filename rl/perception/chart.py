@@ -30,6 +30,7 @@ from rl.perception.radio import NEVER
 from rl.perception.sensors import Nearby, Sight, insert
 from taichi_sim.fleet import Views
 from taichi_sim.kernels import runtime
+from taichi_sim.kernels.runtime import array1, array3, array4, whole1
 
 # Columns of a track: place (m), velocity (m/s), covariance (place, both, velocity), age of its newest look (s; `NEVER`
 # before the first), time since it began (s).
@@ -52,10 +53,7 @@ class TrackNoise(NamedTuple):
 
 ASSUMED = TrackNoise()
 
-_array1, _array3, _array4 = (ti.types.ndarray(ndim=n) for n in (1, 3, 4))
-ChartPack = ti.types.argpack(
-    tracks=_array4, sightings=_array4, said=_array3, heard=_array4, taken=_array4, numbers=_array1
-)
+ChartPack = ti.types.argpack(tracks=array4, sightings=array4, said=array3, heard=array4, taken=array4, numbers=array1)
 
 
 @ti.func
@@ -87,11 +85,7 @@ def carried_on(t: ti.template(), dt, q):
 
 
 @ti.kernel
-def _keep(
-    chart: ChartPack,
-    which: ti.types.ndarray(dtype=ti.i32, ndim=1),
-    serial: ti.template(),
-):
+def _keep(chart: ChartPack, which: whole1, serial: ti.template()):
     ti.loop_config(serialize=serial)
     for e, i in ti.ndrange(chart.tracks.shape[0], chart.tracks.shape[1]):
         if which[e] != 0:
@@ -134,7 +128,7 @@ def _keep(
 
 
 @ti.kernel
-def _say(chart: ChartPack, which: ti.types.ndarray(dtype=ti.i32, ndim=1), serial: ti.template()):
+def _say(chart: ChartPack, which: whole1, serial: ti.template()):
     """Write the last sighting of every object into the next message."""
     ti.loop_config(serialize=serial)
     for e, i in ti.ndrange(chart.sightings.shape[0], chart.sightings.shape[1]):
@@ -193,13 +187,12 @@ def width_of(objects: int) -> int:
     return Message.SIZE + SightingReport.SIZE * objects
 
 
-_array2 = ti.types.ndarray(ndim=2)
-ChartedPack = ti.types.argpack(obstacles=_array4, signals=_array3)
-FromPack = ti.types.argpack(tracked=_array4, objects=_array3, state=_array3, derived=_array3, limits=_array1)
+ChartedPack = ti.types.argpack(obstacles=array4, signals=array3)
+FromPack = ti.types.argpack(tracked=array4, objects=array3, state=array3, derived=array3, limits=array1)
 
 
 @ti.kernel
-def _nearest(out: ChartedPack, of: FromPack, which: ti.types.ndarray(dtype=ti.i32, ndim=1), sight: ti.template()):
+def _nearest(out: ChartedPack, of: FromPack, which: whole1, sight: ti.template()):
     ti.loop_config(serialize=sight.serial)
     for e, i in ti.ndrange(of.state.shape[0], of.state.shape[1]):
         if which[e] != 0:

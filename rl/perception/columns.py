@@ -58,9 +58,9 @@ class SightingReport:
 @ti.func
 def store_seen(out: ti.template(), e, i, k, distance, n):
     """Write the k-th contact of vehicle i: distance (m) and unit vector n in NED."""
-    out[e, i, k, 0] = distance
+    out[e, i, k, Obstacle.DISTANCE] = distance  # the first columns of mates are the same
     for a in ti.static(range(3)):
-        out[e, i, k, 1 + a] = n[a]
+        out[e, i, k, Obstacle.NORTH + a] = n[a]
 
 
 @ti.func

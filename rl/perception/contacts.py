@@ -29,6 +29,7 @@ from taichi_sim.kernels import runtime
 from taichi_sim.kernels.packs import struct_of, values_at
 from taichi_sim.kernels.random import CONTACTS, normal6, uniform4
 from taichi_sim.kernels.rotation import HEADING_COS, HEADING_SIN, VELOCITY_N
+from taichi_sim.kernels.runtime import array1, array2, array3, array4, array5, whole1
 
 # Columns of a measurement that waits: whose (-1 nobody's), seen or not, place, variance, radius, height above or below.
 WHO, SEEN, AT, VARIANCE, SIZE, ASIDE, MEASURED = 0, 1, 2, 5, 6, 7, 8
@@ -87,12 +88,11 @@ class ContactsNumbers(NamedTuple):
     interval: float
 
 
-_array1, _array2, _array3, _array4, _array5 = (ti.types.ndarray(ndim=n) for n in (1, 2, 3, 4, 5))
 ContactsPack = ti.types.argpack(
-    gap=_array2, obstacles=_array4, mates=_array4, signals=_array3, waiting=_array5, tracks=_array5
+    gap=array2, obstacles=array4, mates=array4, signals=array3, waiting=array5, tracks=array5
 )
-TruePack = ti.types.argpack(seen=_array4, near=_array4, true_derived=_array3)  # two packs share no name
-OwnPack = ti.types.argpack(state=_array3, derived=_array3, numbers=_array1)
+TruePack = ti.types.argpack(seen=array4, near=array4, true_derived=array3)  # two packs share no name
+OwnPack = ti.types.argpack(state=array3, derived=array3, numbers=array1)
 
 
 class ContactsForm(NamedTuple):
@@ -170,8 +170,9 @@ def carried_on(t, m, acceleration, g: ti.template()):
 
 
 @ti.func
-def tracked(out: ti.template(), e, i, k, first: ti.template(), last: ti.template(), m, acceleration, now,
-            g: ti.template()):  # fmt: skip
+def tracked(
+    out: ti.template(), e, i, k, first: ti.template(), last: ti.template(), m, acceleration, now, g: ti.template()
+):
     """Track k of the measured body: continued if one of `first` to `last` was of it, else begun."""
     t = begun(m, g)
     for j in range(first, last):
@@ -198,8 +199,7 @@ def queued(out: ti.template(), e, i, k, m, which, slot, form: ti.template()):
 
 
 @ti.func
-def put_obstacle(out: ti.template(), own: ti.template(), e, i, k, t, g: ti.template(),
-                  form: ti.template()):  # fmt: skip
+def put_obstacle(out: ti.template(), own: ti.template(), e, i, k, t, g: ti.template(), form: ti.template()):
     """Write the k-th obstacle by its track t, extrapolated to now; return the clearance (m)."""
     ahead = ti.static(form.late) * g.interval
     place = ti.Vector([own.state[e, i, a] for a in ti.static(range(3))])
@@ -218,8 +218,7 @@ def put_obstacle(out: ti.template(), own: ti.template(), e, i, k, t, g: ti.templ
 
 
 @ti.func
-def put_mate(out: ti.template(), own: ti.template(), e, i, k, t, g: ti.template(),
-              form: ti.template()):  # fmt: skip
+def put_mate(out: ti.template(), own: ti.template(), e, i, k, t, g: ti.template(), form: ti.template()):
     """Write the k-th team mate likewise."""
     ahead, direction, distance = ti.static(form.late) * g.interval, ti.Vector([0.0, 0.0, 0.0]), g.reach
     if t[WHO] >= 0:
@@ -234,15 +233,9 @@ def put_mate(out: ti.template(), own: ti.template(), e, i, k, t, g: ti.template(
 
 @ti.kernel
 def _contact(
-    out: ContactsPack,
-    true: TruePack,
-    own: OwnPack,
-    which: ti.types.ndarray(dtype=ti.i32, ndim=1),
-    steps: ti.types.ndarray(dtype=ti.i64, ndim=1),
-    count: ti.types.ndarray(dtype=ti.i32, ndim=1),
-    kind: ti.template(),
-    form: ti.template(),
-):
+    out: ContactsPack, true: TruePack, own: OwnPack, which: whole1, steps: ti.types.ndarray(dtype=ti.i64, ndim=1),
+    count: whole1, kind: ti.template(), form: ti.template(),
+):  # fmt: skip
     ti.loop_config(serialize=form.serial)
     for e, i in ti.ndrange(own.state.shape[0], own.state.shape[1]):
         if which[e] != 0:

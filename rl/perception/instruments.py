@@ -24,11 +24,14 @@ import taichi as ti
 from torch import Tensor
 
 from taichi_sim.config import Fraction, NonNegative, Positive, Strict
+from taichi_sim.conventions import DOWN, QW, ROLL_RATE, SURGE
 from taichi_sim.fleet import Fleet, Views
 from taichi_sim.kernels import runtime
+from taichi_sim.kernels.abreast import taken
 from taichi_sim.kernels.packs import struct_of, values_at
 from taichi_sim.kernels.random import INSTRUMENTS, normal6
 from taichi_sim.kernels.rotation import quaternion_product, rotation_matrix, store
+from taichi_sim.kernels.runtime import array1, array3, whole1
 
 READ = 250.0  # ns of one vehicle, about
 EVERYBODY = 1 << 20  # number, among the random numbers, of errors that all vehicles of an environment share
@@ -141,9 +144,8 @@ class InstrumentErrors(NamedTuple):
     height_bias: float
 
 
-_array1, _array2, _array3 = (ti.types.ndarray(ndim=n) for n in (1, 2, 3))
-TruthPack = ti.types.argpack(true_state=_array3, true_aux=_array3)  # two packs of a kernel share no name
-ReadPack = ti.types.argpack(state=_array3, derived=_array3, aux=_array3, memory=_array3, numbers=_array1)
+TruthPack = ti.types.argpack(true_state=array3, true_aux=array3)  # two packs of a kernel share no name
+ReadPack = ti.types.argpack(state=array3, derived=array3, aux=array3, memory=array3, numbers=array1)
 
 
 class InstrumentsForm(NamedTuple):
@@ -193,14 +195,7 @@ def read_air(out: ti.template(), e, i, g: ti.template(), z, z_more, R, v_n, form
 
 
 @ti.kernel
-def _read(
-    out: ReadPack,
-    truth: TruthPack,
-    which: ti.types.ndarray(dtype=ti.i32, ndim=1),
-    count: ti.types.ndarray(dtype=ti.i32, ndim=1),
-    kind: ti.template(),
-    form: ti.template(),
-):
+def _read(out: ReadPack, truth: TruthPack, which: whole1, count: whole1, kind: ti.template(), form: ti.template()):
     ti.loop_config(serialize=form.serial)
     for e, i in ti.ndrange(truth.true_state.shape[0], truth.true_state.shape[1]):
         if which[e] != 0:
@@ -220,28 +215,26 @@ def _read(
                 out.state[e, i, k] = truth.true_state[e, i, k]
             for a in ti.static(range(2)):
                 out.state[e, i, a] += out.memory[e, i, OWN + a] + out.memory[e, i, COMMON + a] + g.place * z2[a]
-            out.state[e, i, 2] += out.memory[e, i, HEIGHT] + g.height * z2[2]
+            out.state[e, i, DOWN] += out.memory[e, i, HEIGHT] + g.height * z2[2]
             half = 0.5 * (out.memory[e, i, HEADING] + g.heading * z2[3])
-            q = ti.Vector([truth.true_state[e, i, 3 + k] for k in ti.static(range(4))])
+            q = taken(truth.true_state, e, i, QW, 4)
             tilt = ti.Vector([1.0, 0.5 * g.tilt * z2[4], 0.5 * g.tilt * z2[5], 0.0])
             q = quaternion_product(quaternion_product(ti.Vector([ti.cos(half), 0.0, 0.0, ti.sin(half)]), q), tilt)
             q = q.normalized()
             for k in ti.static(range(4)):
-                out.state[e, i, 3 + k] = q[k]
+                out.state[e, i, QW + k] = q[k]
             R = rotation_matrix(q)
-            v_b = ti.Vector([truth.true_state[e, i, 7 + a] for a in ti.static(range(3))])
+            v_b = taken(truth.true_state, e, i, SURGE, 3)
             off = ti.Vector([out.memory[e, i, LOG + a] + g.speed * z3[a] for a in ti.static(range(3))])
             v_n = R @ (v_b + off)
             if ti.static(form.over_ground):
-                v_n = (
-                    rotation_matrix(ti.Vector([truth.true_state[e, i, 3 + k] for k in ti.static(range(4))])) @ v_b + off
-                )
+                v_n = rotation_matrix(taken(truth.true_state, e, i, QW, 4)) @ v_b + off
                 v_b = R.transpose() @ v_n
             else:
                 v_b += off
             for a in ti.static(range(3)):
-                out.state[e, i, 7 + a] = v_b[a]
-                out.state[e, i, 10 + a] += g.rate * z0[3 + a]
+                out.state[e, i, SURGE + a] = v_b[a]
+                out.state[e, i, ROLL_RATE + a] += g.rate * z0[3 + a]
             store(out.derived, e, i, R, v_n)
             for k in range(truth.true_aux.shape[2]):
                 out.aux[e, i, k] = truth.true_aux[e, i, k]

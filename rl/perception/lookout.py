@@ -22,11 +22,13 @@ from rl.perception.camera import SEE, UNSEEN, VARIANCE_FLOOR
 from rl.perception.columns import Object, Sighting
 from rl.perception.instruments import InstrumentsConfig
 from taichi_sim.config import NonNegative, Positive, Strict
+from taichi_sim.conventions import EAST, NORTH
 from taichi_sim.fleet import Views
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.packs import struct_of, values_at
 from taichi_sim.kernels.random import LOOKOUT, normal6, uniform4
 from taichi_sim.kernels.rotation import HEADING_COS, HEADING_SIN
+from taichi_sim.kernels.runtime import array1, array2, array3, array4, whole1
 
 POINTS = 8  # of a line of sight at which the sea is looked at
 
@@ -56,10 +58,9 @@ class LookoutNumbers(NamedTuple):
     place: float
 
 
-_array1, _array2, _array3, _array4 = (ti.types.ndarray(ndim=n) for n in (1, 2, 3, 4))
-SightingsPack = ti.types.argpack(sightings=_array4, objects=_array3, hidden=_array2, numbers=_array1)
-TruePack = ti.types.argpack(true_state=_array3, true_derived=_array3)
-OwnPack = ti.types.argpack(state=_array3, derived=_array3)
+SightingsPack = ti.types.argpack(sightings=array4, objects=array3, hidden=array2, numbers=array1)
+TruePack = ti.types.argpack(true_state=array3, true_derived=array3)
+OwnPack = ti.types.argpack(state=array3, derived=array3)
 
 
 class LookoutForm(NamedTuple):
@@ -71,14 +72,9 @@ class LookoutForm(NamedTuple):
 
 @ti.kernel
 def _see(
-    out: SightingsPack,
-    true: TruePack,
-    own: OwnPack,
-    which: ti.types.ndarray(dtype=ti.i32, ndim=1),
-    count: ti.types.ndarray(dtype=ti.i32, ndim=1),
-    kind: ti.template(),
+    out: SightingsPack, true: TruePack, own: OwnPack, which: whole1, count: whole1, kind: ti.template(),
     form: ti.template(),
-):
+):  # fmt: skip
     ti.loop_config(serialize=form.serial)
     for e, i in ti.ndrange(own.state.shape[0], own.state.shape[1]):
         if which[e] != 0:
@@ -88,8 +84,8 @@ def _see(
             cos, sin = c0 * c1 + s0 * s1, c0 * s1 - s0 * c1  # of the error of the heading
             for k in range(out.objects.shape[1]):
                 out.sightings[e, i, k, Sighting.VARIANCE] = UNSEEN
-                x = out.objects[e, k, Object.NORTH] - true.true_state[e, i, 0]
-                y = out.objects[e, k, Object.EAST] - true.true_state[e, i, 1]
+                x = out.objects[e, k, Object.NORTH] - true.true_state[e, i, NORTH]
+                y = out.objects[e, k, Object.EAST] - true.true_state[e, i, EAST]
                 far = ti.sqrt(x * x + y * y)
                 near = far - out.objects[e, k, Object.RADIUS] < g.obstacle_range
                 if k == 0:
@@ -101,8 +97,8 @@ def _see(
                         z = normal6(count[1], LOOKOUT + 1, count[2 + e], number, count[0])
                         away, turned = 1.0 + g.range_noise * z[0] / ti.max(far, 1.0), g.bearing_noise * z[1]
                         c, s = cos - turned * sin, sin + turned * cos
-                        out.sightings[e, i, k, Sighting.NORTH] = own.state[e, i, 0] + away * (c * x - s * y)
-                        out.sightings[e, i, k, Sighting.EAST] = own.state[e, i, 1] + away * (s * x + c * y)
+                        out.sightings[e, i, k, Sighting.NORTH] = own.state[e, i, NORTH] + away * (c * x - s * y)
+                        out.sightings[e, i, k, Sighting.EAST] = own.state[e, i, EAST] + away * (s * x + c * y)
                         side = far * far * (g.bearing_noise * g.bearing_noise + g.heading * g.heading)
                         variance = 0.5 * (g.range_noise * g.range_noise + side) + g.place * g.place
                         out.sightings[e, i, k, Sighting.VARIANCE] = variance + VARIANCE_FLOOR

@@ -25,6 +25,7 @@ from rl.perception.columns import Message
 from taichi_sim.config import Fraction, Positive, Strict
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.random import RADIO, uniform4
+from taichi_sim.kernels.runtime import array1, array3, array4, whole1
 
 NEVER = 1e6  # s, age of a message that was never received
 MOST = 64  # vehicles of a team
@@ -40,8 +41,7 @@ class RadioConfig(Strict):
     rate: Positive | None = None  # messages of each vehicle per second; default: one each decision
 
 
-_array1, _array3, _array4 = (ti.types.ndarray(ndim=n) for n in (1, 3, 4))
-TalkPack = ti.types.argpack(heard=_array4, sent=_array4, said=_array3, place=_array3, numbers=_array1)
+TalkPack = ti.types.argpack(heard=array4, sent=array4, said=array3, place=array3, numbers=array1)
 
 
 class RadioForm(NamedTuple):
@@ -79,12 +79,7 @@ def gets_there(radio: ti.template(), e, i, k, env, clock, seed, form: ti.templat
 
 
 @ti.kernel
-def _send(
-    radio: TalkPack,
-    which: ti.types.ndarray(dtype=ti.i32, ndim=1),
-    steps: ti.types.ndarray(dtype=ti.i64, ndim=1),
-    form: ti.template(),
-):
+def _send(radio: TalkPack, which: whole1, steps: ti.types.ndarray(dtype=ti.i64, ndim=1), form: ti.template()):
     ti.loop_config(serialize=form.serial)
     for e, i in ti.ndrange(radio.said.shape[0], radio.said.shape[1]):
         if which[e] == 1:
@@ -99,11 +94,7 @@ def _send(
 
 @ti.kernel
 def _receive(
-    radio: TalkPack,
-    which: ti.types.ndarray(dtype=ti.i32, ndim=1),
-    steps: ti.types.ndarray(dtype=ti.i64, ndim=1),
-    count: ti.types.ndarray(dtype=ti.i32, ndim=1),
-    form: ti.template(),
+    radio: TalkPack, which: whole1, steps: ti.types.ndarray(dtype=ti.i64, ndim=1), count: whole1, form: ti.template()
 ):
     ti.loop_config(serialize=form.serial)
     for e, i in ti.ndrange(radio.said.shape[0], radio.said.shape[1]):

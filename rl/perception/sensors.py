@@ -17,11 +17,12 @@ from rl.course.traffic import AWAY, BOTTOM, EAST, NORTH, RADIUS, ROWS, TOP, V_EA
 from rl.perception.columns import Mate, Obstacle, store_mate, store_obstacle
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import runtime
+from taichi_sim.kernels.abreast import taken
 from taichi_sim.kernels.rotation import VELOCITY_N
+from taichi_sim.kernels.runtime import array1, array2, array3, array4, whole1
 
-_array3, _array4 = (ti.types.ndarray(ndim=n) for n in (3, 4))
-SensedPack = ti.types.argpack(gap=ti.types.ndarray(ndim=2), obstacles=_array4, mates=_array4, signals=_array3)
-SensingPack = ti.types.argpack(state=_array3, derived=_array3, numbers=ti.types.ndarray(ndim=1))
+SensedPack = ti.types.argpack(gap=array2, obstacles=array4, mates=array4, signals=array3)
+SensingPack = ti.types.argpack(state=array3, derived=array3, numbers=array1)
 WIDTH = 8  # obstacles in a vector
 FAR = 1e9  # m: below any bottom
 
@@ -121,7 +122,7 @@ def near_mates(state: ti.template(), e, i, place, reach, radius, count: ti.templ
     index = ti.Vector([-1] * ti.static(count + 1))
     for m in range(state.shape[1]):
         if m != i:
-            d = (ti.Vector([state[e, m, 0], state[e, m, 1], state[e, m, 2]]) - place).norm()
+            d = (taken(state, e, m, NORTH, 3) - place).norm()
             gap = ti.min(gap, d - 2 * radius)
             distance, index = insert(distance, index, d, m, count)
     return gap, distance, index
@@ -129,19 +130,14 @@ def near_mates(state: ti.template(), e, i, place, reach, radius, count: ti.templ
 
 @ti.kernel
 def _sense(
-    out: SensedPack,
-    team: SensingPack,
-    field: ti.types.ndarray(ndim=3),
-    bodies: ti.types.ndarray(ndim=3),
-    env_world: ti.types.ndarray(dtype=ti.i64, ndim=1),
-    which: ti.types.ndarray(dtype=ti.i32, ndim=1),
-    sight: ti.template(),
-):
+    out: SensedPack, team: SensingPack, field: array3, bodies: array3,
+    env_world: ti.types.ndarray(dtype=ti.i64, ndim=1), which: whole1, sight: ti.template(),
+):  # fmt: skip
     ti.loop_config(serialize=sight.serial)
     for e, i in ti.ndrange(team.state.shape[0], team.state.shape[1]):
         if which[e] != 0:
             w, reach, radius = env_world[e], team.numbers[0], team.numbers[1]
-            place = ti.Vector([team.state[e, i, 0], team.state[e, i, 1], team.state[e, i, 2]])
+            place = taken(team.state, e, i, NORTH, 3)
             clear, far, index = near_obstacles(field, w, place, reach, radius, sight)
             clear, far, index = near_bodies(bodies, e, place, reach, radius, sight, clear, far, index)
             apart, away, who = near_mates(team.state, e, i, place, reach, radius, sight.mates)
@@ -152,9 +148,9 @@ def _sense(
             for k in ti.static(range(sight.mates)):
                 direction, moves, m = place * 0.0, ti.Vector([0.0, 0.0]), ti.max(who[k], 0)
                 if who[k] >= 0:
-                    there = ti.Vector([team.state[e, m, 0], team.state[e, m, 1], team.state[e, m, 2]])
+                    there = taken(team.state, e, m, NORTH, 3)
                     direction = (there - place) / ti.max(away[k], 1e-6)
-                    moves = ti.Vector([team.derived[e, m, V], team.derived[e, m, V + 1]])
+                    moves = taken(team.derived, e, m, V, 2)
                 store_mate(out, team.derived, sight, e, i, k, away[k], who[k], direction, moves, reach)
 
 

@@ -70,11 +70,12 @@ def write_obstacles_as_bodies(table: Tensor, position: Tensor, seen: Tensor) -> 
     from rl.course.traffic import AWAY, BOTTOM, CARRIED, EAST, NORTH, RADIUS, TOP, V_EAST, V_NORTH
     from rl.perception.columns import Obstacle
 
-    place = position[:, :, None, :2] + (seen[..., 7:8] + seen[..., 6:7]) * seen[..., 1:3]
-    place = torch.where(seen[..., Obstacle.NUMBER, None] >= 0, place, AWAY)
+    away = seen[..., Obstacle.LEVEL, None] + seen[..., Obstacle.RADIUS, None]
+    place = position[:, :, None, :2] + away * seen[..., Obstacle.NORTH : Obstacle.DOWN]
+    north, east = torch.where(seen[..., Obstacle.NUMBER, None] >= 0, place, AWAY).unbind(-1)
     bodies = seen.shape[1] * seen.shape[2]
-    rows = {NORTH: place[..., 0], EAST: place[..., 1], RADIUS: seen[..., 6]}
-    rows |= {V_NORTH: seen[..., 4], V_EAST: seen[..., 5]}
+    rows = {NORTH: north, EAST: east, RADIUS: seen[..., Obstacle.RADIUS]}
+    rows |= {V_NORTH: seen[..., Obstacle.V_NORTH], V_EAST: seen[..., Obstacle.V_EAST]}
     table[:, BOTTOM, :bodies], table[:, TOP, :bodies], table[:, CARRIED, :bodies] = -AWAY, AWAY, 0.0
     for row, values in rows.items():
         table[:, row, :bodies] = values.flatten(1)

@@ -40,7 +40,7 @@ class Improver(Planner):
     def bind(self, team: Any) -> None:
         """See `Planner.bind`."""
         if self._mission is not team.mission:
-            self.stakes = torch.zeros_like(team.fleet.state[..., 0])
+            self.stakes = team.fleet.state.new_zeros(team.fleet.never.shape)
         super().bind(team)
 
     def _width(self, team: Any) -> int:

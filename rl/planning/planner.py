@@ -145,7 +145,8 @@ class Planner:
             cost, plan = _best(costs.sum(-1), plans)
             best = torch.where((cost < least).view(-1, 1, 1, 1), plan, best)
             least = torch.minimum(cost, least)
-            costs[..., 0] += config.share * costs[..., 1:].sum(-1)  # followers do not move their leader: each its own
+            leader, followers = costs[..., :1], costs[..., 1:]
+            leader += config.share * followers.sum(-1, keepdim=True)  # followers do not move their leader: each its own
             mean, spread = self._updated(plans, costs), spread * SHRINK
         self._conclude(team, envs, rows, mean, best)
 

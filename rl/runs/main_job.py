@@ -38,12 +38,7 @@ RECORDING, FIGURES = "episode.rrd", "figures"
 
 
 def run_main_job(
-    config: Scenario,
-    out: Path,
-    *,
-    source: Path | None = None,
-    show_progress: bool = True,
-    watch: Watch | None = None,
+    config: Scenario, out: Path, *, source: Path | None = None, show_progress: bool = True, watch: Watch | None = None
 ) -> Summary | None:
     """Train, evaluate, record and draw into the run folder `out`; return the content of summary.json.
 

@@ -44,6 +44,7 @@ import torch
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.abreast import is_laned
 from taichi_sim.kernels.fast import exp
+from taichi_sim.kernels.runtime import array1, array3
 
 STATES = 5  # per vehicle: one of u, two of v, two of w
 
@@ -176,9 +177,7 @@ def gust_n(gust, v_air_n):
 
 
 @ti.kernel
-def _matrices(
-    out: ti.types.ndarray(ndim=3), V: ti.types.ndarray(ndim=1), h: ti.types.ndarray(ndim=1), W20: float, dt: float
-):
+def _matrices(out: array3, V: array1, h: array1, W20: float, dt: float):
     for row, k in ti.ndrange(out.shape[0], STATES):
         unit, zero = ti.Vector([0.0] * STATES), ti.Vector([0.0] * STATES)
         for i in ti.static(range(STATES)):

@@ -4,6 +4,7 @@ import numpy as np
 
 from taichi_sim.fit.estimate import Fit, SimulatedWindow, Tested
 from taichi_sim.fit.log import Log
+from taichi_sim.fit.table import EAST, HEADING, NORTH
 from taichi_sim.plotting.page import COLOURS, FAINT, blank, page, panel, paragraph, section, style, svg, table, text
 
 CHANNELS = (("north", "m"), ("east", "m"), ("heading", "deg"), ("yaw rate", "deg/s"))
@@ -101,14 +102,15 @@ def _tracks(tracks: list[SimulatedWindow], k: int, log: Log) -> str:
         return paragraph("No window of this log was long enough.")
     figure = blank(12.0, 3.6)
     path, left = figure.subplots(1, 2)
-    path.plot(log.motion[:, 1], log.motion[:, 0], color=FAINT, linewidth=3, alpha=0.4, label="measured")
+    path.plot(log.motion[:, EAST], log.motion[:, NORTH], color=FAINT, linewidth=3, alpha=0.4, label="measured")
     named: set[str] = set()
     for track in mine:
         shown = [(track.fitted, FITTED, "by the fit")]
         if track.by_file is not None:
             shown.insert(0, (track.by_file, FILE, "by the file, held-out windows"))
         for motion, colour, label in shown:
-            path.plot(motion[:, 1], motion[:, 0], color=colour, linewidth=1, label="_" if label in named else label)
+            once = "_" if label in named else label
+            path.plot(motion[:, EAST], motion[:, NORTH], color=colour, linewidth=1, label=once)
             named.add(label)
     panel(path, "windows, each from a first state of its own", "east, m", "north, m")
     path.set_aspect("equal", adjustable="datalim")
@@ -130,5 +132,5 @@ def _tracks(tracks: list[SimulatedWindow], k: int, log: Log) -> str:
 def _left(track: SimulatedWindow, motion: np.ndarray) -> np.ndarray:
     """Measured less simulated [sample, 4]; heading in (-pi, pi]."""
     left = track.measured - motion
-    left[:, 2] = np.angle(np.exp(1j * left[:, 2]))
+    left[:, HEADING] = np.angle(np.exp(1j * left[:, HEADING]))
     return left

@@ -5,13 +5,13 @@ say so (`_deg`). config/io.py reads, overrides and writes TOML.
 """
 
 from taichi_sim.config.air import AirConfig, GustConfig
-from taichi_sim.config.base import ConfigError, Finite, Fraction, NonNegative, Positive, Strict
+from taichi_sim.config.base import ConfigError, Finite, Fraction, NonNegative, Ordered, Positive, Span, Strict
 from taichi_sim.config.current import CurrentConfig, TideConfig
 from taichi_sim.config.sea import SeaConfig, SwellConfig
 from taichi_sim.config.vary import Range
 from taichi_sim.config.world import TeamConfig, WorldConfig
 
 __all__ = [
-    "AirConfig", "ConfigError", "CurrentConfig", "Finite", "Fraction", "GustConfig", "NonNegative", "Positive", "Range",
-    "SeaConfig", "Strict", "SwellConfig", "TeamConfig", "TideConfig", "WorldConfig",
+    "AirConfig", "ConfigError", "CurrentConfig", "Finite", "Fraction", "GustConfig", "NonNegative", "Ordered",
+    "Positive", "Range", "SeaConfig", "Span", "Strict", "SwellConfig", "TeamConfig", "TideConfig", "WorldConfig",
 ]  # fmt: skip

@@ -4,7 +4,7 @@ from typing import Annotated, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 from torch import Tensor
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -13,6 +13,18 @@ Finite = Annotated[float, Field(allow_inf_nan=False)]
 Fraction = Annotated[float, Field(ge=0, le=1)]
 Table: TypeAlias = dict[str, object]
 """A table of TOML: values, arrays and tables by key."""
+
+
+def _ordered(span: tuple[float, float]) -> tuple[float, float]:
+    if span[0] > span[1]:
+        raise ValueError("the first must not be above the second")
+    return span
+
+
+Ordered = AfterValidator(_ordered)
+"""Annotation of two numbers, of which the first must not be above the second."""
+Span = Annotated[tuple[NonNegative, NonNegative], Ordered]
+"""The least and the greatest value of a draw."""
 
 
 class ConfigError(ValueError):

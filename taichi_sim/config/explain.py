@@ -76,7 +76,8 @@ def _in_words(item: "ErrorDetails", key: str, model: type[BaseModel]) -> str:
         message += meant(item["input"], re.findall("'(.*?)'", item.get("ctx", {})["expected"]))
     if not key or isinstance(item["input"], dict | BaseModel):
         return f"{key}: {message}" if key else message
-    return f"{key} = {item['input']!r}: {message[0].lower()}{message[1:]}"
+    given = list(item["input"]) if isinstance(item["input"], tuple) else item["input"]
+    return f"{key} = {given!r}: {message[0].lower()}{message[1:]}"
 
 
 def meant(name: object, fields: Iterable[str]) -> str:

@@ -19,10 +19,11 @@ therefore conserved to rounding, and a vehicle at rest on a deck presses on the 
 
 import taichi as ti
 
+from taichi_sim.conventions import NORTH, QW, ROLL_RATE, SURGE
+from taichi_sim.kernels.abreast import taken
 from taichi_sim.kernels.rigid_body import cross
 from taichi_sim.kernels.rotation import quaternion_advance, quaternion_product, rotation_matrix, store
-
-_array3 = ti.types.ndarray(ndim=3)
+from taichi_sim.kernels.runtime import array3
 
 # Columns of a carrier's table: the deck's centre and half size in b (m), its friction, the mobility W and the inverse
 # of W (by rows)
@@ -40,20 +41,9 @@ CENTRE, HALF, FRICTION, MOBILITY, MASS, TABLE_SIZE = 0, 3, 5, 6, 42, 78
 )  # fmt: skip
 SHIFT, IMPULSE = TABLE + TABLE_SIZE, TABLE + TABLE_SIZE + 6
 WAY_SIZE = IMPULSE + 6
-PRESSING_SIZE = 7  # 1 + number of the deck (0: none), mean wrench on its carrier in the last step, b (N, N m)
+# columns of pressing: 1 + number of the deck (0: none), mean wrench on its carrier in the last step, b (N, N m)
+PRESSED, WRENCH, PRESSING_SIZE = 0, 1, 7
 SMALL_ANGLE = 1e-4  # rad; a smaller rotation vector is twice the vector part of the quaternion
-
-
-@ti.func
-def three_at(table: ti.template(), e, i, first: ti.template()):
-    """Three successive numbers in a row of a table."""
-    return ti.Vector([table[e, i, first], table[e, i, first + 1], table[e, i, first + 2]])
-
-
-@ti.func
-def four_at(table: ti.template(), e, i, first: ti.template()):
-    """Four successive numbers in a row of a table."""
-    return ti.Vector([table[e, i, first + k] for k in ti.static(range(4))])
 
 
 @ti.func
@@ -85,9 +75,9 @@ def cubic(along, first, last, t, T: ti.template()):
 @ti.func
 def carried(way: ti.template(), e, i, t, T: ti.template()):
     """Displacement of the carrier from PLACE (m), R_nb, velocity, rates at t (s) of a control step T (s), all in n."""
-    x, v = cubic(three_at(way, e, i, STEP), three_at(way, e, i, VELOCITY), three_at(way, e, i, LAST_VELOCITY), t, T)
-    turn, rate = cubic(three_at(way, e, i, ROTATION), three_at(way, e, i, RATES), three_at(way, e, i, LAST_RATES), t, T)
-    R = rotation_matrix(quaternion_advance(four_at(way, e, i, TURN), turn, 1.0))
+    x, v = cubic(taken(way, e, i, STEP, 3), taken(way, e, i, VELOCITY, 3), taken(way, e, i, LAST_VELOCITY, 3), t, T)
+    turn, rate = cubic(taken(way, e, i, ROTATION, 3), taken(way, e, i, RATES, 3), taken(way, e, i, LAST_RATES, 3), t, T)
+    R = rotation_matrix(quaternion_advance(taken(way, e, i, TURN, 4), turn, 1.0))
     bent = cross(turn, rate)
     return x, R, v, R @ (rate - 0.5 * bent + cross(turn, bent) * (1.0 / 6.0))
 
@@ -108,14 +98,8 @@ def answer(way: ti.template(), e, i, R, force, moment):
     return R @ a, R @ alpha
 
 
-@ti.func
-def attitude_at(state: ti.template(), e, i):
-    """Quaternion in a row of states."""
-    return four_at(state, e, i, 3)
-
-
 @ti.kernel
-def press(load: _array3, pressing: _array3, base: ti.template(), serial: ti.template()):
+def press(load: array3, pressing: array3, base: ti.template(), serial: ti.template()):
     """Add the loads of vehicles on decks (`pressing` [env, vehicle, 7]) to their carriers' `load` [env, carrier, 6].
 
     `base` is the number of the first carrier's deck.
@@ -123,14 +107,14 @@ def press(load: _array3, pressing: _array3, base: ti.template(), serial: ti.temp
     ti.loop_config(serialize=serial)
     for e, j in ti.ndrange(load.shape[0], load.shape[1]):
         for i in range(pressing.shape[1]):
-            if int(pressing[e, i, 0]) == 1 + base + j:
+            if int(pressing[e, i, PRESSED]) == 1 + base + j:
                 for c in ti.static(range(6)):
-                    load[e, j, c] += pressing[e, i, 1 + c]
+                    load[e, j, c] += pressing[e, i, WRENCH + c]
 
 
 @ti.kernel
 def meet(
-    state: _array3, pressing: _array3, way: _array3, before: _array3, after: _array3, table: _array3,
+    state: array3, pressing: array3, way: array3, before: array3, after: array3, table: array3,
     base: ti.template(), reach: ti.template(), T: ti.template(), serial: ti.template(),
 ):  # fmt: skip
     """Find the nearest deck within reach of each vehicle with legs, and write its motion to `way` [env, vehicle,
@@ -146,18 +130,19 @@ def meet(
     for e, i in ti.ndrange(state.shape[0], state.shape[1]):
         if ti.static(base == 0):
             way[e, i, WHICH], way[e, i, DISTANCE] = 0.0, 0.0
-        position = three_at(state, e, i, 0)
-        v = rotation_matrix(attitude_at(state, e, i)) @ three_at(state, e, i, 7)
-        pressed = int(pressing[e, i, 0])
+        position = taken(state, e, i, NORTH, 3)
+        v = rotation_matrix(taken(state, e, i, QW, 4)) @ taken(state, e, i, SURGE, 3)
+        pressed = int(pressing[e, i, PRESSED])
         for j in range(before.shape[1]):
             te, tj = e % table.shape[0], j % table.shape[1]
-            R = rotation_matrix(attitude_at(before, e, j))
-            r = R.transpose() @ (position - three_at(before, e, j, 0)) - three_at(table, te, tj, CENTRE)
+            R = rotation_matrix(taken(before, e, j, QW, 4))
+            r = R.transpose() @ (position - taken(before, e, j, NORTH, 3)) - taken(table, te, tj, CENTRE, 3)
             beside = ti.max(ti.abs(r[0]) - table[te, tj, HALF], 0.0)
             beside = ti.max(beside, ti.abs(r[1]) - table[te, tj, HALF + 1])
             distance = ti.max(beside, ti.abs(r[2]))
             # velocity of the deck's centre, not of the carrier's origin: the carrier's rates count, too
-            own = R @ (three_at(before, e, j, 7) + cross(three_at(before, e, j, 10), three_at(table, te, tj, CENTRE)))
+            swing = cross(taken(before, e, j, ROLL_RATE, 3), taken(table, te, tj, CENTRE, 3))
+            own = R @ (taken(before, e, j, SURGE, 3) + swing)
             near = distance < reach + T * (v - own).norm()
             mine = pressed == 1 + base + j
             better = way[e, i, WHICH] == 0.0 or distance < way[e, i, DISTANCE]
@@ -167,22 +152,23 @@ def meet(
                 for c in range(TABLE_SIZE):
                     way[e, i, TABLE + c] = table[te, tj, c]
                 for c in ti.static(range(6)):
-                    way[e, i, HAD + c] = ti.select(mine, pressing[e, i, 1 + c], 0.0)
+                    way[e, i, HAD + c] = ti.select(mine, pressing[e, i, WRENCH + c], 0.0)
                     way[e, i, SHIFT + c], way[e, i, IMPULSE + c] = 0.0, 0.0
 
 
 @ti.func
 def write_way(way: ti.template(), e, i, before: ti.template(), after: ti.template(), j):
     """Write the states of carrier j at both ends of the step to `way`."""
-    q, last = attitude_at(before, e, j), attitude_at(after, e, j)
-    v, v_last = (rotation_matrix(q) @ three_at(before, e, j, 7)), (rotation_matrix(last) @ three_at(after, e, j, 7))
-    turn, rates = rotation_vector(q, last), three_at(after, e, j, 10)
+    q, last = taken(before, e, j, QW, 4), taken(after, e, j, QW, 4)
+    v = rotation_matrix(q) @ taken(before, e, j, SURGE, 3)
+    v_last = rotation_matrix(last) @ taken(after, e, j, SURGE, 3)
+    turn, rates = rotation_vector(q, last), taken(after, e, j, ROLL_RATE, 3)
     bent = cross(turn, rates)
     bent_rates = rates + 0.5 * bent + cross(turn, bent) * (1.0 / 12.0)
     for c in ti.static(range(3)):
         way[e, i, PLACE + c] = before[e, j, c]
         way[e, i, VELOCITY + c], way[e, i, LAST_VELOCITY + c] = v[c], v_last[c]
-        way[e, i, RATES + c], way[e, i, LAST_RATES + c] = before[e, j, 10 + c], bent_rates[c]
+        way[e, i, RATES + c], way[e, i, LAST_RATES + c] = before[e, j, ROLL_RATE + c], bent_rates[c]
         way[e, i, STEP + c], way[e, i, ROTATION + c] = after[e, j, c] - before[e, j, c], turn[c]
     for c in ti.static(range(4)):
         way[e, i, TURN + c] = q[c]
@@ -190,7 +176,7 @@ def write_way(way: ti.template(), e, i, before: ti.template(), after: ti.templat
 
 @ti.kernel
 def react(
-    state: _array3, derived: _array3, before: _array3, table: _array3, way: _array3, base: ti.template(),
+    state: array3, derived: array3, before: array3, table: array3, way: array3, base: ti.template(),
     serial: ti.template(),
 ):  # fmt: skip
     """Move the carriers `state` [env, carrier, 13] by the reactions of vehicles with legs that loads did not include.
@@ -205,31 +191,31 @@ def react(
         turn, impulse, angular, met = shift, shift, shift, 0
         for i in range(way.shape[1]):
             if int(way[e, i, WHICH]) == 1 + base + j:
-                shift += three_at(way, e, i, SHIFT)
-                turn += three_at(way, e, i, SHIFT + 3)
-                impulse += three_at(way, e, i, IMPULSE)
-                angular += three_at(way, e, i, IMPULSE + 3)
+                shift += taken(way, e, i, SHIFT, 3)
+                turn += taken(way, e, i, SHIFT + 3, 3)
+                impulse += taken(way, e, i, IMPULSE, 3)
+                angular += taken(way, e, i, IMPULSE + 3, 3)
                 met = 1
         te, tj = e % table.shape[0], j % table.shape[1]
         if met == 1 and table[te, tj, MASS] > 0.0:
-            R = rotation_matrix(attitude_at(state, e, j))
+            R = rotation_matrix(taken(state, e, j, QW, 4))
             P, H = momentum(state, table, e, j, te, tj)
-            along = three_at(state, e, j, 0) - three_at(before, e, j, 0)
+            along = taken(state, e, j, NORTH, 3) - taken(before, e, j, NORTH, 3)
             P_n = R @ P + impulse
             H_n = R @ H + angular - cross(along, impulse) - cross(shift, P_n)
-            q = quaternion_product(turned(turn), attitude_at(state, e, j))
+            q = quaternion_product(turned(turn), taken(state, e, j, QW, 4))
             q *= 1.5 - 0.5 * q.dot(q)
             R = rotation_matrix(q)
             P, H = R.transpose() @ P_n - P, R.transpose() @ H_n - H
             for r in ti.static(range(6)):
                 for c in ti.static(range(3)):
-                    state[e, j, 7 + r] += table[te, tj, MOBILITY + 6 * r + c] * P[c]
-                    state[e, j, 7 + r] += table[te, tj, MOBILITY + 6 * r + 3 + c] * H[c]
+                    state[e, j, SURGE + r] += table[te, tj, MOBILITY + 6 * r + c] * P[c]
+                    state[e, j, SURGE + r] += table[te, tj, MOBILITY + 6 * r + 3 + c] * H[c]
             for c in ti.static(range(3)):
                 state[e, j, c] += shift[c]
             for c in ti.static(range(4)):
-                state[e, j, 3 + c] = q[c]
-            store(derived, e, j, R, R @ three_at(state, e, j, 7))
+                state[e, j, QW + c] = q[c]
+            store(derived, e, j, R, R @ taken(state, e, j, SURGE, 3))
 
 
 @ti.func
@@ -240,6 +226,6 @@ def momentum(state: ti.template(), table: ti.template(), e, j, te, tj):
     H = P
     for r in ti.static(range(3)):
         for c in ti.static(range(6)):
-            P[r] += table[te, tj, MASS + 6 * r + c] * state[e, j, 7 + c]
-            H[r] += table[te, tj, MASS + 6 * (3 + r) + c] * state[e, j, 7 + c]
+            P[r] += table[te, tj, MASS + 6 * r + c] * state[e, j, SURGE + c]
+            H[r] += table[te, tj, MASS + 6 * (3 + r) + c] * state[e, j, SURGE + c]
     return P, H

@@ -19,7 +19,7 @@ import taichi as ti
 import torch
 from torch import Tensor
 
-from taichi_sim.contact.carrier import PRESSING_SIZE, WAY_SIZE
+from taichi_sim.contact.carrier import PRESSED, PRESSING_SIZE, WAY_SIZE
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.packs import TouchPack
 
@@ -78,7 +78,7 @@ class Touch:
     @property
     def on(self) -> Tensor:
         """Whether each vehicle stands on a deck, bool [env, vehicle]."""
-        return self.pressing[..., 0] > 0
+        return self.pressing[..., PRESSED] > 0
 
     @property
     def all_down(self) -> Tensor:
@@ -92,7 +92,7 @@ class Touch:
 
     def leave(self, envs: Tensor, first: int, last: int) -> None:
         """Forget the contacts with decks `first` to `last` - 1 in environments `envs` [n]."""
-        deck = self.pressing[envs, :, 0].long() - 1
+        deck = self.pressing[envs, :, PRESSED].long() - 1
         gone = (deck >= first) & (deck < last)
         for memory in (self.pressing, self.soles):
             memory[envs] = torch.where(gone.unsqueeze(-1), torch.zeros_like(memory[envs]), memory[envs])

@@ -10,6 +10,7 @@ import numpy as np
 from taichi_sim.conventions import DOWN
 from taichi_sim.film.moment import Moment, TeamMoment
 from taichi_sim.film.pen import Pen, Solids, faces_of, moved
+from taichi_sim.kernels.rotation import numpy_rotation_matrix
 from taichi_sim.recording.bodies import body_mesh
 from taichi_sim.recording.episode import Array
 from taichi_sim.recording.overlays import Arrows, Cylinders, Ellipsoids, Lines, Overlay3D, Points
@@ -42,19 +43,9 @@ class Cast:
         """Draw all vehicles; those of a team are `scales[team]` times as large."""
         for name, team in moment.teams.items():
             for vehicle in range(len(team.position_n)):
-                R_nb = rotation(team.quaternion_nb[vehicle])
+                R_nb = numpy_rotation_matrix(team.quaternion_nb[vehicle])
                 body = moved(self.body(team, vehicle), team.position_n[vehicle], R_nb, scales.get(name, 1.0))
                 pen.solids(body, "world")
-
-
-def rotation(quaternion_nb: Array) -> Array:
-    """R_nb [3, 3] of a unit quaternion (w, x, y, z)."""
-    w, x, y, z = quaternion_nb
-    return np.array([
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ])  # fmt: skip
 
 
 def draw_moment(pen: Pen, moment: Moment) -> None:

@@ -12,14 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taichi_sim.conventions import HORIZONTAL
-from taichi_sim.film.camera import Array, FilmCamera
-from taichi_sim.film.draw import Cast, draw_moment, rotation
+from taichi_sim.film.camera import AWAY, Array, FilmCamera
+from taichi_sim.film.draw import Cast, draw_moment
 from taichi_sim.film.glyphs import lines_of, write
 from taichi_sim.film.moment import Moment
 from taichi_sim.film.pen import Drawing, Pen, Solids, joined
 from taichi_sim.film.raster import Raster
 from taichi_sim.film.rigs import FollowRig, MapRig, Overview, Rig
 from taichi_sim.film.water import NO_WATER, water_seen
+from taichi_sim.kernels.rotation import numpy_rotation_matrix
 from taichi_sim.recording.palette import Colour, event_colour
 
 Pixels = NDArray[np.uint8]
@@ -184,7 +185,7 @@ def _scales(moment: Moment, camera: FilmCamera, view: View) -> dict[str, float]:
     for name, least in view.teams.items():
         team = moment.teams[name]
         length = max(team.track.size_m[:2])
-        away = float(np.mean(camera.pixels(team.position_n, size)[..., 2]))
+        away = float(np.mean(camera.pixels(team.position_n, size)[..., AWAY]))
         wanted = least * _thick(size) * max(away, 1.0) / (camera.focal * size[1] * length)
         if len(team.position_n) > 1:
             apart = np.linalg.norm(team.position_n[:, None] - team.position_n, axis=-1)
@@ -205,7 +206,7 @@ def room_at_decks(moment: Moment) -> dict[str, float]:
         if boats.track.deck is None:
             continue
         centre = np.array(boats.track.deck.centre_b)
-        decks = boats.position_n + np.stack([rotation(quaternion) @ centre for quaternion in boats.quaternion_nb])
+        decks = boats.position_n + np.stack([numpy_rotation_matrix(q) @ centre for q in boats.quaternion_nb])
         for name, team in moment.teams.items():
             if name != deck:
                 away = np.linalg.norm(team.position_n[:, None] - decks, axis=-1)

@@ -40,9 +40,10 @@ from taichi_sim.film.screen import (
 )
 from taichi_sim.film.water import COLUMNS, NO_WATER, Water
 from taichi_sim.kernels import runtime
+from taichi_sim.kernels.runtime import whole1
 
 FAR_M = 3e5  # largest distance that is drawn
-FLOATS, WHOLE = ti.types.ndarray(dtype=ti.f32, ndim=1), ti.types.ndarray(dtype=ti.i32, ndim=1)
+FLOATS, WHOLE = ti.types.ndarray(dtype=ti.f32, ndim=1), whole1
 
 
 @ti.func

@@ -49,14 +49,10 @@ NO_WATER = Water(np.zeros((0, COLUMNS), np.float32), 1)
 
 @ti.kernel
 def _place(
-    out: ti.types.ndarray(dtype=ti.f32, ndim=2),
-    columns: ti.types.ndarray(dtype=ti.f32, ndim=1),
-    rows: ti.types.ndarray(dtype=ti.f32, ndim=1),
-    rays: ti.types.ndarray(dtype=ti.f32, ndim=2),
-    waves: ti.types.ndarray(dtype=ti.f32, ndim=2),
-    height: ti.f32,
-    crest: ti.f32,
-):
+    out: ti.types.ndarray(dtype=ti.f32, ndim=2), columns: ti.types.ndarray(dtype=ti.f32, ndim=1),
+    rows: ti.types.ndarray(dtype=ti.f32, ndim=1), rays: ti.types.ndarray(dtype=ti.f32, ndim=2),
+    waves: ti.types.ndarray(dtype=ti.f32, ndim=2), height: ti.f32, crest: ti.f32,
+):  # fmt: skip
     """Write the sea where the rays meet it to `out` [row * column, COLUMNS].
 
     The ray through column x and row y (px) is rays[2] + x rays[0] + y rays[1]. The eye has the `height` (m) above mean

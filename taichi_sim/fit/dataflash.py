@@ -69,14 +69,14 @@ def read_dataflash(file: Path, model: Vehicle, source: Source) -> Table:
     t = t[np.all([_covered(clock, t) for clock in (t_place, t_gyro, t_widths)], axis=0)]
     if len(t) < 3:
         raise LogError(f"{file}: XKF1, IMU and RCOU have no time in common")
-    heading = np.unwrap(np.radians(place[:, 2]))
+    north, east, yaw = place.T
     channels = _channels(file, model, source.channels, parameters)
     columns = {
         "t": t,
-        "north": np.interp(t, t_place, place[:, 0]),
-        "east": np.interp(t, t_place, place[:, 1]),
-        "heading": np.interp(t, t_place, heading),
-        "yaw_rate": _means(t_gyro, gyro[:, 0], t, INTERVAL),
+        "north": np.interp(t, t_place, north),
+        "east": np.interp(t, t_place, east),
+        "heading": np.interp(t, t_place, np.unwrap(np.radians(yaw))),
+        "yaw_rate": _means(t_gyro, gyro.squeeze(1), t, INTERVAL),
         **_actions(file, model, channels, parameters, held(t_widths, widths, t)),
     }
     return Table(columns, lambda k: f"at {t[k]:.1f} s")

@@ -158,8 +158,7 @@ def _searched(
     problem, each = Problem(used, interval, len(logs)), len(short) // len(used)
     apart = _distinct(first, prior)
     full = side_by_side(
-        simulator,
-        [search(problem, f.point.phi, f.point.extra, f.point.state[::each], prior, f.sigma) for f in apart],
+        simulator, [search(problem, f.point.phi, f.point.extra, f.point.state[::each], prior, f.sigma) for f in apart]
     )
     full = [f._replace(rounds=f.rounds + before.rounds) for f, before in zip(full, apart, strict=True)]
     return problem, sorted(full, key=lambda f: -f.log_likelihood(prior))

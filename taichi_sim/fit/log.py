@@ -17,7 +17,7 @@ import numpy as np
 
 from taichi_sim.fit.bag import read_bag
 from taichi_sim.fit.dataflash import read_dataflash
-from taichi_sim.fit.table import CHANNELS, GAP, Array, Column, LogError, Source, Table
+from taichi_sim.fit.table import CHANNELS, GAP, HEADING, YAW_RATE, Array, Column, LogError, Source, Table
 from taichi_sim.vehicle import Vehicle
 
 JITTER = 0.5  # of the usual interval, within which an interval is no gap
@@ -135,7 +135,7 @@ def _checked(file: Path, table: Table, action_names: Sequence[str]) -> Log:
         if worst > 1 + 1e-6:
             raise LogError(f"{file}: {name} goes to {worst:g}: actions are from -1 to 1")
     _check_angles(file, t, motion, parts)
-    motion[:, 2] = np.unwrap(motion[:, 2])
+    motion[:, HEADING] = np.unwrap(motion[:, HEADING])
     _check_rates(file, t, motion, parts)
     wind = None
     if "wind_speed" in columns:
@@ -233,8 +233,8 @@ def _check_angles(file: Path, t: Array, motion: Array, parts: tuple[slice, ...])
 def _check_rates(file: Path, t: Array, motion: Array, parts: tuple[slice, ...]) -> None:
     """Compare the unwrapped heading with the yaw rate, to find degrees and wrong signs."""
     whole = [part for part in parts if part.stop - part.start >= 5]
-    turning = np.concatenate([np.zeros(0), *(np.gradient(motion[part, 2], t[part]) for part in whole)])
-    r = np.concatenate([np.zeros(0), *(motion[part, 3] for part in whole)])
+    turning = np.concatenate([np.zeros(0), *(np.gradient(motion[part, HEADING], t[part]) for part in whole)])
+    r = np.concatenate([np.zeros(0), *(motion[part, YAW_RATE] for part in whole)])
     if not len(r) or np.sqrt(np.mean(r**2)) < 1e-3:
         return
     slope = float(turning @ r / (r @ r))

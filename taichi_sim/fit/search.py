@@ -10,7 +10,7 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from taichi_sim.fit.table import Array
+from taichi_sim.fit.table import HEADING, Array
 from taichi_sim.fit.windows import Window, WindowSimulator, lead_steps
 
 OUTLIER = 2.5  # standard deviations beyond which a residual has less weight
@@ -91,7 +91,7 @@ class Problem:
         base = found.copy()
         base[..., 2:] += extra[self.of, 2:][:, None]
         left = self.measured - base
-        left[..., 2] = np.angle(np.exp(1j * left[..., 2]))
+        left[..., HEADING] = np.angle(np.exp(1j * left[..., HEADING]))
         return left
 
     def point(self, phi: Array, extra: Array, state: Array) -> "Search[Point]":
@@ -154,7 +154,7 @@ class SearchEnd(NamedTuple):
 
     def log_likelihood(self, prior: Array) -> float:
         """Logarithm of the posterior, but for a constant: its deviations are those of the residuals."""
-        each = self.point.left[..., 0].size
+        each = self.point.left.size // len(self.sigma)
         return float(-each * np.log(self.sigma).sum() - 0.5 * ((self.point.phi / prior) ** 2).sum())
 
 
@@ -247,7 +247,7 @@ def search_first_states(problem: Problem, phi: Array, extra: Array, state: Array
             J = (point.slope[:, :n, :, -6:] * (weight / sigma)[..., None]).reshape(*r.shape, 6)
             H = np.einsum("wni,wnj->wij", J, J)
             H += damping[:, None, None] * H * np.eye(6)
-            trial = point.state + np.linalg.solve(H, np.einsum("wni,wn->wi", J, r)[..., None])[..., 0]
+            trial = point.state + np.linalg.solve(H, np.einsum("wni,wn->wi", J, r)[..., None]).squeeze(-1)
             left = yield from problem.residuals(phi, extra, trial)
             gain = (huber(point.left, sigma) - huber(left, sigma))[:, :n].sum(axis=(1, 2))
             better = gain > 0  # False if not finite

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from taichi_sim.fit.table import HEADING
 from taichi_sim.fit.windows import Window, WindowSimulator, lead_steps
 
 INTERVAL = 0.1  # s
@@ -32,7 +33,7 @@ def write_logs(
         windows.append(Window(log, np.zeros((lead + steps + 1, 4)), actions))
     way, speed = rng.uniform(0, 2 * np.pi, count), rng.uniform(0, CURRENT, count)
     state = np.zeros((count, 6))
-    state[:, 2] = rng.uniform(-np.pi, np.pi, count)
+    state[:, HEADING] = rng.uniform(-np.pi, np.pi, count)
     phi = np.tile(np.log(list(factors.values())), (count, 1))
     motion = simulator.run(windows, phi, np.stack((speed * np.cos(way), speed * np.sin(way)), axis=1), state)
     folder.mkdir(parents=True, exist_ok=True)

@@ -13,6 +13,7 @@ Array = NDArray[np.float64]
 CLOCK = 1e-6  # s, to which clocks are compared
 GAP = 3.5  # interval over the usual one, from which a gap divides the log into two parts
 CHANNELS = ("north", "east", "heading", "yaw_rate")
+NORTH, EAST, HEADING, YAW_RATE = range(4)  # columns of a motion
 
 
 class LogError(ConfigError):

@@ -6,10 +6,11 @@ from typing import NamedTuple
 import numpy as np
 import torch
 
+from taichi_sim import conventions
 from taichi_sim.bench import Bench
 from taichi_sim.config import ConfigError
 from taichi_sim.fit.log import Log
-from taichi_sim.fit.table import Array, LogError, held
+from taichi_sim.fit.table import EAST, HEADING, NORTH, YAW_RATE, Array, LogError, held
 from taichi_sim.usv.vessel import Vessel
 from taichi_sim.vehicles import load_vehicle
 
@@ -125,7 +126,7 @@ class WindowSimulator:
         b.wind.zero_()
         b.current[:] = torch.as_tensor(current).to(like)
         place, euler, zero = np.zeros((3, envs, 1, 3))
-        place[:, 0, :2], euler[:, 0, 2] = state[:, :2], state[:, 2]
+        place[:, 0, :2], euler[:, 0, HEADING] = state[:, :2], state[:, HEADING]
         values = self.nominal * np.exp(phi)
         vary = b.fleet.nominal.expand(envs, 1, -1).clone()
         for k, key in enumerate(self.keys):
@@ -142,10 +143,10 @@ class WindowSimulator:
         _place(b, place, euler, zero, state)
         b.aux.copy_(kept)
         out = np.empty((steps + 1, envs, 4))
-        out[0] = _read(b, state[:, 2])
+        out[0] = _read(b, state[:, HEADING])
         for k in range(steps):
             self._step(b, actions[lead + k], wind, lead + k)
-            out[k + 1] = _read(b, out[k, :, 2])
+            out[k + 1] = _read(b, out[k, :, HEADING])
         return out
 
     @staticmethod
@@ -173,7 +174,7 @@ def check_against(simulator: WindowSimulator, logs: Sequence[Log], windows: Sequ
     """
     n, lead = len(windows), lead_steps(simulator.interval)
     across = np.array([1.0, 1.0, 1.0, 1.0, -1.0, -1.0]) * state[:, [1, 0, 2, 3, 4, 5]]
-    across[:, 2] = 0.5 * np.pi - state[:, 2]
+    across[:, HEADING] = 0.5 * np.pi - state[:, HEADING]
     begin = np.concatenate((state, across))
     found = simulator.run([*windows, *windows], np.zeros((2 * n, len(simulator.keys))), np.zeros((2 * n, 2)), begin)
     for number, log in enumerate(logs):
@@ -181,19 +182,20 @@ def check_against(simulator: WindowSimulator, logs: Sequence[Log], windows: Sequ
         if not mine:
             continue
         measured = np.stack([windows[k].motion[lead:] for k in mine], axis=1)
-        r, expected = (float(np.sqrt(np.mean(x[..., 3] ** 2))) for x in (measured, found[:, mine]))
+        r, expected = (float(np.sqrt(np.mean(x[..., YAW_RATE] ** 2))) for x in (measured, found[:, mine]))
         if expected > TURNS and not 1 / FARTHER < r / expected < FARTHER:
             raise LogError(f"{log.name}: the yaw rate is {r:.2g} rad/s rms where the commands give {expected:.2g}: are "
                            "heading and yaw_rate in rad, heading_deg and yaw_rate_deg in degrees?")  # fmt: skip
-        as_it_is = np.sqrt(np.mean((measured[..., 3] - found[:, mine, 3]) ** 2))
-        mirrored = np.sqrt(np.mean((-measured[..., 3] - found[:, [n + k for k in mine], 3]) ** 2))
+        rates, mirror = measured[..., YAW_RATE], [n + k for k in mine]
+        as_it_is = np.sqrt(np.mean((rates - found[:, mine, YAW_RATE]) ** 2))
+        mirrored = np.sqrt(np.mean((-rates - found[:, mirror, YAW_RATE]) ** 2))
         if as_it_is > TURNS and mirrored < MIRRORED * as_it_is:
             raise LogError(
                 f"{log.name}: the vessel turns against its commands: the log is mirrored (ENU: north and east "
                 "exchanged, heading from east, yaw rate to port), or an action has the wrong sign"
             )
         here, there = (x - x[0] for x in (measured, found[:, mine]))
-        way, expected = (float(np.hypot(x[-1, :, 0], x[-1, :, 1]).sum()) for x in (here, there))
+        way, expected = (float(np.hypot(x[-1, :, NORTH], x[-1, :, EAST]).sum()) for x in (here, there))
         if expected > len(mine) * MOVES and not 1 / FARTHER < way / expected < FARTHER:
             raise LogError(f"{log.name}: the vessel goes {way / len(mine):.2g} m in a window where its commands drive "
                            f"it {expected / len(mine):.2g} m: are north and east in m?")  # fmt: skip
@@ -201,12 +203,14 @@ def check_against(simulator: WindowSimulator, logs: Sequence[Log], windows: Sequ
 
 def _place(b: Bench, place: Array, euler: Array, zero: Array, state: Array) -> None:
     b.put(place, euler, zero, settle=False)
-    for column, k in ((7, 3), (8, 4), (12, 5)):
+    for column, k in ((conventions.SURGE, 3), (conventions.SWAY, 4), (conventions.YAW_RATE, 5)):
         b.state[:, 0, column] = torch.as_tensor(state[:, k]).to(b.state)
     b.fleet.update()
 
 
 def _read(b: Bench, near: Array) -> Array:
     s = b.state[:, 0].double().numpy()
-    psi = np.arctan2(2 * (s[:, 3] * s[:, 6] + s[:, 4] * s[:, 5]), 1 - 2 * (s[:, 5] ** 2 + s[:, 6] ** 2))
-    return np.stack((s[:, 0], s[:, 1], near + np.angle(np.exp(1j * (psi - near))), s[:, 12]), axis=1)
+    w, x, y, z = s[:, conventions.QUATERNION].T
+    psi = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y**2 + z**2))
+    heading = near + np.angle(np.exp(1j * (psi - near)))
+    return np.stack((s[:, NORTH], s[:, EAST], heading, s[:, conventions.YAW_RATE]), axis=1)

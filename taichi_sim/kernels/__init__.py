@@ -1,1 +1,5 @@
 """What kernels share: start of Taichi, arguments, vectors, fast functions, rotations, rigid bodies, random numbers."""
+
+from taichi_sim.kernels import runtime
+
+runtime.quicken()

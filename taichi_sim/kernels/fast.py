@@ -89,7 +89,7 @@ def sincos(x):
 
 @ti.func
 def sin_turns(x):
-    """Return the sine of an angle of x turns; it costs two thirds of `sin`, because the nearest turn is a whole number."""
+    """Return the sine of an angle of x turns; the nearest turn is a whole number, so it costs two thirds of `sin`."""
     y = x
     if ti.static(runtime.is_f64()):
         y = ti.sin(TWO_PI * x)

@@ -17,17 +17,13 @@ from torch import Tensor
 
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.random import SLOW_VARIATION, Noise, normal6
+from taichi_sim.kernels.runtime import array1, array2, whole1
 
 WALK = 60.0  # ns per environment, approximate
 
 
 @ti.kernel
-def _walk(
-    value: ti.types.ndarray(ndim=2),
-    numbers: ti.types.ndarray(ndim=1),
-    count: ti.types.ndarray(dtype=ti.i32, ndim=1),
-    serial: ti.template(),
-):
+def _walk(value: array2, numbers: array1, count: whole1, serial: ti.template()):
     ti.loop_config(serialize=serial)
     for e in range(value.shape[0]):
         z = normal6(count[1], SLOW_VARIATION, count[2 + e], 0, count[0])

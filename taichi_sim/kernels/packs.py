@@ -8,34 +8,32 @@ from functools import cache
 from typing import Any, NamedTuple
 
 import taichi as ti
-from taichi.lang.impl import subscript
+from taichi.lang import impl
 from taichi.lang.struct import StructType
 
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.abreast import Record, in_kernels, is_laned, taken
 from taichi_sim.kernels.lanes import laned2, laned3
-
-_array1, _array2, _array3 = (ti.types.ndarray(ndim=n) for n in (1, 2, 3))
-_whole1 = ti.types.ndarray(dtype=ti.i32, ndim=1)
+from taichi_sim.kernels.runtime import array1, array2, array3, whole1
 
 PART = 32  # numbers that are read at a time: Taichi warns of longer loops without need
 
 FleetPack = ti.types.argpack(
-    state=_array3, derived=_array3, aux=_array3, surface=_array3, action=_array3, numbers=_array3, load=_array3,
+    state=array3, derived=array3, aux=array3, surface=array3, action=array3, numbers=array3, load=array3,
     lanes=laned3,
 )  # fmt: skip
 """Tensors of a team, each [env, vehicle, n] (fleet.py). `numbers` and `load` are [1, 1, 1] where they are not used.
 `lanes` is `aux` as vectors (lanes.py), for models whose `aux_size` is a multiple of the width."""
 
 AroundPack = ti.types.argpack(
-    sea=_array3, env_sea=_whole1, phase=_array2, current=_array2, wind=_array2, air=_array1,
-    turbulence=_array1, count=_whole1, waves=laned3, turns=laned2,
+    sea=array3, env_sea=whole1, phase=array2, current=array2, wind=array2, air=array1,
+    turbulence=array1, count=whole1, waves=laned3, turns=laned2,
 )  # fmt: skip
 """The surroundings (surroundings.py). `air` = (shear, w20, w20_factor) comes from `Wind.numbers`. `turbulence` [env] is
 a factor of the turbulence intensity; it is read only where the factor varies. `count` [2 + env] is the counter of
 random numbers (random.py). `waves` and `turns` are `sea` and `phase` as vectors (lanes.py)."""
 
-TouchPack = ti.types.argpack(way=_array3, pressing=_array3, soles=_array3, struck=_array3, blow=_array3)
+TouchPack = ti.types.argpack(way=array3, pressing=array3, soles=array3, struck=array3, blow=array3)
 """Nearby decks and remembered contacts of a team with legs, each [env, vehicle, n] (contact/touch.py)."""
 
 
@@ -67,9 +65,15 @@ def numbers_at(kind: StructType, numbers: Any, e: Any, i: Any) -> Any:
     """
     names = tuple(kind.members)
     if not is_laned(e):
-        return kind(*[subscript(None, numbers, e, i, k) for k in range(len(names))])
+        return kind(*[impl.subscript(None, numbers, e, i, k) for k in range(len(names))])
     values = [x for k in range(0, len(names), PART) for x in taken(numbers, e, i, k, min(PART, len(names) - k)).entries]
     return Record(**dict(zip(names, values, strict=True)))
+
+
+@in_kernels
+def own_numbers(model: Any, build: Build, numbers: Any, e: Any, i: Any) -> Any:
+    """Numbers of vehicle i in environment e: the constants of the `model`; its own where they vary (`numbers_at`)."""
+    return impl.expr_init(numbers_at(model.Own, numbers, e, i)) if build.varied else model.constants
 
 
 @ti.func

@@ -1,6 +1,7 @@
 """Attitude: unit quaternions (w, x, y, z), body to world, and Euler angles in z-y-x order.
 
-Functions named `torch_*` work on torch tensors [..., 4] or [..., 3]; the others are Taichi functions on values.
+Functions named `torch_*` work on torch tensors [..., 4] or [..., 3], `numpy_*` on arrays; the others are Taichi
+functions on values.
 Source: Fossen (2021), Handbook of Marine Craft Hydrodynamics and Motion Control, ch. 2.
 
 A vehicle's kernel writes what follows from the state once per step for all readers: `derived[env, vehicle, 14]` =
@@ -10,12 +11,15 @@ R_nb (9, by rows), velocity_n (3, m/s), cosine and sine of the heading (2).
 # Kernels are another language inside Python syntax.
 # pyright: reportInvalidTypeForm=false
 
+import numpy as np
 import taichi as ti
 import taichi.math as tm
 import torch
 
+from taichi_sim.conventions import HEAVE, PITCH_RATE, QW, QX, QY, QZ, ROLL_RATE, SURGE, SWAY, YAW_RATE
 from taichi_sim.kernels import fast
-from taichi_sim.kernels.abreast import put, some
+from taichi_sim.kernels.abreast import put, some, taken
+from taichi_sim.kernels.runtime import array3, whole1
 
 DERIVED_SIZE = 14
 ROTATION, DOWN = slice(0, 9), slice(6, 9)  # R_nb, and its third row: the world's down axis in b
@@ -35,6 +39,36 @@ def rotation_matrix(q):
             [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
         ]
     )
+
+
+@ti.func
+def position_of(y):
+    """Position (m) in n of state y (packed as in conventions.py)."""
+    return ti.Vector([y[0], y[1], y[2]])
+
+
+@ti.func
+def quaternion_of(y):
+    """Quaternion of state y."""
+    return ti.Vector([y[QW], y[QX], y[QY], y[QZ]])
+
+
+@ti.func
+def attitude_of(y):
+    """R_nb of state y."""
+    return rotation_matrix(quaternion_of(y))
+
+
+@ti.func
+def velocity_of(y):
+    """Velocity (m/s) in b of state y."""
+    return ti.Vector([y[SURGE], y[SWAY], y[HEAVE]])
+
+
+@ti.func
+def rates_of(y):
+    """Angular velocity (rad/s) in b of state y."""
+    return ti.Vector([y[ROLL_RATE], y[PITCH_RATE], y[YAW_RATE]])
 
 
 @ti.func
@@ -110,6 +144,12 @@ def torch_euler_from_quaternion(q: torch.Tensor) -> torch.Tensor:
     return torch.stack((phi, theta, psi), dim=-1)
 
 
+def torch_euler_from_rotation(R: torch.Tensor) -> torch.Tensor:
+    """Roll, pitch and yaw (rad) [..., 3] of R_nb [..., 3, 3]; pitch is in [-pi/2, pi/2]."""
+    roll, pitch = torch.atan2(R[..., 2, 1], R[..., 2, 2]), -R[..., 2, 0].clamp(-1.0, 1.0).asin()
+    return torch.stack((roll, pitch, torch.atan2(R[..., 1, 0], R[..., 0, 0])), dim=-1)
+
+
 def torch_rotation_matrix(q: torch.Tensor) -> torch.Tensor:
     """R_nb [..., 3, 3] of unit quaternions [..., 4]."""
     w, x, y, z = q.unbind(-1)
@@ -119,6 +159,16 @@ def torch_rotation_matrix(q: torch.Tensor) -> torch.Tensor:
         torch.stack((2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)), -1),
     )
     return torch.stack(rows, dim=-2)
+
+
+def numpy_rotation_matrix(q: np.ndarray) -> np.ndarray:
+    """R_nb [3, 3] of a unit quaternion [4]."""
+    w, x, y, z = q
+    return np.array([
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ])  # fmt: skip
 
 
 @ti.func
@@ -137,15 +187,10 @@ def store(derived: ti.template(), e, i, R, v_n):
 
 
 @ti.kernel
-def derive(
-    derived: ti.types.ndarray(ndim=3),
-    state: ti.types.ndarray(ndim=3),
-    which: ti.types.ndarray(dtype=ti.i32, ndim=1),
-    serial: ti.template(),
-):
+def derive(derived: array3, state: array3, which: whole1, serial: ti.template()):
     """Fill `derived` from `state` (columns as in conventions.py) in environments whose `which` [env] is not 0."""
     ti.loop_config(serialize=serial)
     for e, i in ti.ndrange(state.shape[0], state.shape[1]):
         if which[e] != 0:
-            R = rotation_matrix(ti.Vector([state[e, i, 3], state[e, i, 4], state[e, i, 5], state[e, i, 6]]))
-            store(derived, e, i, R, R @ ti.Vector([state[e, i, 7], state[e, i, 8], state[e, i, 9]]))
+            R = rotation_matrix(taken(state, e, i, QW, 4))
+            store(derived, e, i, R, R @ taken(state, e, i, SURGE, 3))

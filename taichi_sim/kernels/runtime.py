@@ -6,7 +6,8 @@ other arguments starts a new program, and every kernel is compiled again at its 
 `quicken` patches internals of Taichi 1.7, the version that pyproject.toml pins, so that it reads kernels in about half
 the time. Taichi inlines every use of a function: it looks up the source, wraps it line by line and parses it anew. For
 each node it also composes an error message with the node's source lines and carets, which is hardly ever printed. Here
-sources and wrapped lines are cached, and carets are drawn for errors only.
+sources and wrapped lines are cached, and carets are drawn for errors only. To learn whether a decorated function is in
+a class, Taichi goes through all imported modules; here it reads the line.
 """
 
 # Kernels are another language inside Python syntax.
@@ -16,7 +17,9 @@ import ast
 import atexit
 import contextlib
 import io
+import linecache
 import os
+import sys
 import textwrap
 import time
 import weakref
@@ -25,7 +28,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Literal, NamedTuple, Protocol, cast
+from typing import Any, Literal, NamedTuple, Protocol, cast
 
 import taichi as ti
 import torch
@@ -36,6 +39,10 @@ from taichi.lang.kernel_impl import Kernel
 from taichi.types.annotations import template
 
 Precision = Literal["f32", "f64"]
+array1, array2, array3, array4, array5 = cast(Any, [ti.types.ndarray(ndim=n) for n in range(1, 6)])
+"""Types of kernels' arguments: tensors of one to five axes, of the run's precision."""
+whole1 = cast(Any, ti.types.ndarray(dtype=ti.i32, ndim=1))
+"""Type of kernels' arguments: int32, one axis."""
 _with_carets = ASTTransformerContext.get_pos_info
 
 
@@ -81,7 +88,6 @@ def init(arch: str = "cpu", precision: Precision = "f32", threads: int = 0) -> R
         raise ValueError(f"precision = {precision!r}: allowed are 'f32' and 'f64'")
     wanted = Runtime(arch, precision, threads or len(os.sched_getaffinity(0)))
     if _current != wanted:
-        quicken()
         with contextlib.redirect_stdout(io.StringIO()):  # hides Taichi's greeting: stdout is for results
             ti.init(
                 arch=getattr(ti, arch),
@@ -368,13 +374,24 @@ def _same(args: tuple[object, ...], before: tuple[object, ...]) -> bool:
 
 
 def quicken() -> None:
-    """Install the faster front end in this process; a second call does nothing."""
+    """Install the faster front end in this process, before kernels are declared; a second call does nothing."""
     if ASTTransformerContext.get_pos_info is _position:
         return
     ASTTransformerContext.get_pos_info = _position
     kernel_impl.getsourcelines = cache(kernel_impl.getsourcelines)
     kernel_impl.getsourcefile = cache(kernel_impl.getsourcefile)
     kernel_impl.textwrap = SimpleNamespace(fill=cache(textwrap.fill), dedent=cache(textwrap.dedent))
+    kernel_impl._inside_class = _inside_class
+
+
+def _inside_class(level_of_class_stackframe: int) -> bool:
+    """Whether the statement of a frame, that many calls up, begins a class."""
+    try:
+        frame = sys._getframe(level_of_class_stackframe)
+    except ValueError:  # a function of a script itself
+        return False
+    statement = linecache.getline(frame.f_code.co_filename, frame.f_lineno).strip()
+    return any(pattern.match(statement) for pattern in kernel_impl._KERNEL_CLASS_STACKFRAME_STMT_RES)
 
 
 def _position(context: ASTTransformerContext, node: ast.expr | ast.stmt) -> str:

@@ -1,10 +1,13 @@
 """The style of plots: size, axes, and the colours of recordings."""
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 INK = "#22313F"
+SMOOTH = 0.05  # width of the moving mean, as a share of a curve's length
 
 
 def new_figure(width: float, height: float, title: str) -> Figure:
@@ -29,3 +32,14 @@ def dress(axes: Axes, title: str, x: str, y: str) -> None:
     axes.grid(True, color="#DDDDDD", linewidth=0.6)
     axes.set_axisbelow(True)
     axes.spines[["top", "right"]].set_visible(False)
+
+
+def moving_mean(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Centred moving mean that ignores NaN, over `SMOOTH` of the length; NaN where nothing is known."""
+    if not len(values):
+        return values
+    width = max(1, round(SMOOTH * len(values))) | 1
+    known, window = np.isfinite(values), np.ones(width)
+    total = np.convolve(np.where(known, values, 0.0), window)[width // 2 :][: len(values)]
+    count = np.convolve(known.astype(float), window)[width // 2 :][: len(values)]
+    return np.where(count > 0, total / np.maximum(count, 1.0), np.nan)

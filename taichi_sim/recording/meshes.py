@@ -118,11 +118,7 @@ def boat(size_m: tuple[float, float, float], colour: Colour) -> Mesh:
         cabin(0.0, 1.0, 0.0, HOUSE),
         cabin(0.5, 0.85, 0.004 * length, GLASS),
         cabin(1.0, 1.12, 0.012 * length, colour),
-        box(
-            (-0.1 * length - mast, -mast, sole - 2.1 * house),
-            (-0.1 * length + mast, mast, sole - house),
-            METAL,
-        ),
+        box((-0.1 * length - mast, -mast, sole - 2.1 * house), (-0.1 * length + mast, mast, sole - house), METAL),
         box(
             (-0.115 * length, -0.2 * beam, sole - 1.75 * house),
             (-0.085 * length, 0.2 * beam, sole - 1.65 * house),

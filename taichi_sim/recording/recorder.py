@@ -256,7 +256,7 @@ def signals_of(model: Vehicle, aux: Array) -> dict[str, Signal]:
 def _column(model: Vehicle, aux: Array, name: str | None) -> Array:
     """The column `name` [T, V] of `aux`; zeros if `name` is None."""
     if name is None:
-        return np.zeros_like(aux[..., 0])
+        return np.zeros(aux.shape[:-1], aux.dtype)
     if name not in model.aux_names:
         raise ValueError(f"{type(model).__name__}: no column {name!r} in aux_names {model.aux_names}")
     return aux[..., model.aux_names.index(name)]

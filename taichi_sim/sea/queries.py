@@ -11,8 +11,9 @@ import math
 import taichi as ti
 from torch import Tensor
 
-from taichi_sim.conventions import GRAVITY
+from taichi_sim.conventions import DOWN, EAST, GRAVITY, NORTH
 from taichi_sim.kernels import runtime
+from taichi_sim.kernels.runtime import array1, array2, array3, whole1
 from taichi_sim.sea import water_column, waves
 
 NEWTON_ITERATIONS = 12  # exact to rounding for seas, and for a single wave of k a up to 0.99
@@ -27,14 +28,9 @@ AIRY_VELOCITY, AIRY_PRESSURE = slice(0, 3), 3  # columns of `airy`
 
 @ti.kernel
 def advance_phases(
-    phase: ti.types.ndarray(ndim=2),
-    omega64: ti.types.ndarray(dtype=ti.f64, ndim=2),
-    phase64: ti.types.ndarray(dtype=ti.f64, ndim=2),
-    env_sea: ti.types.ndarray(dtype=ti.i32, ndim=1),
-    time: ti.types.ndarray(dtype=ti.f64, ndim=1),
-    count: ti.template(),
-    serial: ti.template(),
-):
+    phase: array2, omega64: ti.types.ndarray(dtype=ti.f64, ndim=2), phase64: ti.types.ndarray(dtype=ti.f64, ndim=2),
+    env_sea: whole1, time: ti.types.ndarray(dtype=ti.f64, ndim=1), count: ti.template(), serial: ti.template(),
+):  # fmt: skip
     """Write phase - omega t of every component of every row, in [0, 2 pi)."""
     ti.loop_config(serialize=serial)
     for row in range(phase.shape[0]):
@@ -45,47 +41,35 @@ def advance_phases(
 
 
 @ti.kernel
-def surface(
-    out: ti.types.ndarray(ndim=2),
-    points: ti.types.ndarray(ndim=2),
-    phase: ti.types.ndarray(ndim=2),
-    sea: ti.types.ndarray(ndim=3),
-    env_sea: ti.types.ndarray(dtype=ti.i32, ndim=1),
-    count: ti.template(),
-):
+def surface(out: array2, points: array2, phase: array2, sea: array3, env_sea: whole1, count: ti.template()):
     """Elevation, label (2), Jacobian, slope (2), velocity (3, NED), acceleration (3, NED) at points [point, 2]."""
     for i in range(points.shape[0]):
-        s, zero = env_sea[i], points[i, 0] * 0.0
-        L = waves.invert_label(sea, phase, count, s, i, points[i, 0], points[i, 1], zero, NEWTON_ITERATIONS)
+        s, zero = env_sea[i], points[i, NORTH] * 0.0
+        L = waves.invert_label(sea, phase, count, s, i, points[i, NORTH], points[i, EAST], zero, NEWTON_ITERATIONS)
         j = waves.jacobian(sea, phase, count, s, i, L[0], L[1], zero)
         slope = waves.slope_at_label(sea, phase, count, s, i, L[0], L[1], zero)
         v = waves.surface_velocity(sea, phase, count, s, i, L[0], L[1], zero)
         a = waves.surface_acceleration(sea, phase, count, s, i, L[0], L[1], zero)
-        out[i, 0] = waves.elevation_at_label(sea, phase, count, s, i, L[0], L[1], zero)
-        out[i, 1], out[i, 2] = L[0], L[1]
-        out[i, 3] = j[0] * j[2] - j[1] * j[1]
-        out[i, 4], out[i, 5] = slope[0], slope[1]
-        out[i, 6], out[i, 7], out[i, 8] = v[0], v[1], -v[2]
-        out[i, 9], out[i, 10], out[i, 11] = a[0], a[1], -a[2]
+        v[2], a[2] = -v[2], -a[2]  # down
+        out[i, HEIGHT] = waves.elevation_at_label(sea, phase, count, s, i, L[0], L[1], zero)
+        out[i, JACOBIAN] = j[0] * j[2] - j[1] * j[1]
+        for k in ti.static(range(2)):
+            out[i, LABEL.start + k], out[i, SLOPE.start + k] = L[k], slope[k]
+        for k in ti.static(range(3)):
+            out[i, VELOCITY.start + k], out[i, ACCELERATION.start + k] = v[k], a[k]
 
 
 @ti.kernel
 def elevation(
-    out: ti.types.ndarray(ndim=1),
-    points: ti.types.ndarray(ndim=2),
-    phase: ti.types.ndarray(ndim=2),
-    sea: ti.types.ndarray(ndim=3),
-    point_row: ti.types.ndarray(dtype=ti.i32, ndim=1),
-    env_sea: ti.types.ndarray(dtype=ti.i32, ndim=1),
-    count: ti.template(),
+    out: array1, points: array2, phase: array2, sea: array3, point_row: whole1, env_sea: whole1, count: ti.template(),
     serial: ti.template(),
-):
+):  # fmt: skip
     """Elevation at points [point, 2]; point_row [point] is each point's row in `phase` and `env_sea`."""
     ti.loop_config(serialize=serial)
     for i in range(points.shape[0]):
         row = point_row[i]
-        s, zero = env_sea[row], points[i, 0] * 0.0
-        L = waves.invert_label(sea, phase, count, s, row, points[i, 0], points[i, 1], zero, NEWTON_ITERATIONS)
+        s, zero = env_sea[row], points[i, NORTH] * 0.0
+        L = waves.invert_label(sea, phase, count, s, row, points[i, NORTH], points[i, EAST], zero, NEWTON_ITERATIONS)
         out[i] = waves.elevation_at_label(sea, phase, count, s, row, L[0], L[1], zero)
 
 
@@ -102,37 +86,29 @@ def elevations(sea: Tensor, points: Tensor, point_row: Tensor, env_sea: Tensor, 
 
 @ti.kernel
 def column(
-    out: ti.types.ndarray(ndim=2),
-    points: ti.types.ndarray(ndim=2),
-    phase: ti.types.ndarray(ndim=2),
-    sea: ti.types.ndarray(ndim=3),
-    env_sea: ti.types.ndarray(dtype=ti.i32, ndim=1),
-    depth: float,
-    count: ti.template(),
+    out: array2, points: array2, phase: array2, sea: array3, env_sea: whole1, depth: float, count: ti.template()
 ):
     """Gauge pressure over rho g (m), velocity (3) and acceleration (3), NED, at points [point, 3] (NED)."""
     for i in range(points.shape[0]):
-        s, zero, z = env_sea[i], points[i, 0] * 0.0, -points[i, 2]
-        L = waves.invert_label(sea, phase, count, s, i, points[i, 0], points[i, 1], zero, NEWTON_ITERATIONS)
+        s, zero, z = env_sea[i], points[i, NORTH] * 0.0, -points[i, DOWN]
+        L = waves.invert_label(sea, phase, count, s, i, points[i, NORTH], points[i, EAST], zero, NEWTON_ITERATIONS)
         zeta = waves.elevation_at_label(sea, phase, count, s, i, L[0], L[1], zero)
         below = water_column.stretched(z, zeta, depth)
         r = water_column.column_at_label(sea, phase, count, s, i, L[0], L[1], below, depth, zero)
-        out[i, 0] = ti.max(r[0] - z, 0.0) * ti.cast(z < zeta, float)
-        out[i, 1], out[i, 2], out[i, 3] = r[1], r[2], -r[3]
-        out[i, 4], out[i, 5], out[i, 6] = r[4], r[5], -r[6]
+        v, a = ti.Vector([r[1], r[2], -r[3]]), ti.Vector([r[4], r[5], -r[6]])
+        out[i, COLUMN_PRESSURE] = ti.max(r[0] - z, 0.0) * ti.cast(z < zeta, float)
+        for k in ti.static(range(3)):
+            out[i, COLUMN_VELOCITY.start + k], out[i, COLUMN_ACCELERATION.start + k] = v[k], a[k]
 
 
 @ti.kernel
-def airy(
-    out: ti.types.ndarray(ndim=2),
-    points: ti.types.ndarray(ndim=2),
-    phase: ti.types.ndarray(ndim=2),
-    sea: ti.types.ndarray(ndim=3),
-    depth: float,
-    count: ti.template(),
-):
+def airy(out: array2, points: array2, phase: array2, sea: array3, depth: float, count: ti.template()):
     """Linear velocity (3, NED) and dynamic pressure over rho, in realisation 0, at points [point, 3] (NED)."""
     for i in range(points.shape[0]):
-        zero = points[i, 0] * 0.0
-        r = waves.airy_at(sea, phase, count, 0, i, points[i, 0], points[i, 1], -points[i, 2], depth, GRAVITY, zero)
-        out[i, 0], out[i, 1], out[i, 2], out[i, 3] = r[0], r[1], -r[2], r[3]
+        zero = points[i, NORTH] * 0.0
+        x, y, z = points[i, NORTH], points[i, EAST], -points[i, DOWN]
+        r = waves.airy_at(sea, phase, count, 0, i, x, y, z, depth, GRAVITY, zero)
+        r[2] = -r[2]  # down
+        for k in ti.static(range(3)):
+            out[i, AIRY_VELOCITY.start + k] = r[k]
+        out[i, AIRY_PRESSURE] = r[3]

@@ -75,10 +75,7 @@ def realised_systems(config: SeaConfig) -> list[Sequence[System]]:
 
 
 def wave_systems(
-    config: SeaConfig,
-    size: SeaSize | None = None,
-    direction_deg: float | None = None,
-    record: WaveRecord | None = None,
+    config: SeaConfig, size: SeaSize | None = None, direction_deg: float | None = None, record: WaveRecord | None = None
 ) -> list[System]:
     """Wave systems of a configuration: its wind sea or measured sea, then its swell if it has one.
 

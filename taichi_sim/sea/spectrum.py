@@ -82,10 +82,7 @@ def pierson_moskowitz_hs_tp(wind_speed_19_5: float, g: float = GRAVITY) -> tuple
 
 
 def spectral_moment(
-    density: Callable[[np.ndarray], np.ndarray],
-    order: int,
-    wp: float,
-    band: tuple[float, float] = (0.2, 200.0),
+    density: Callable[[np.ndarray], np.ndarray], order: int, wp: float, band: tuple[float, float] = (0.2, 200.0)
 ) -> float:
     """Moment m_n = integral of w^n S(w) dw over `band`, given in multiples of the peak frequency wp (rad/s).
 

@@ -13,8 +13,8 @@ from torch import Tensor
 
 from taichi_sim.bench import Bench
 from taichi_sim.config import AirConfig, ConfigError, SeaConfig
-from taichi_sim.conventions import GRAVITY, QUATERNION
-from taichi_sim.kernels.rotation import torch_euler_from_quaternion
+from taichi_sim.conventions import GRAVITY, QUATERNION, VELOCITY
+from taichi_sim.kernels.rotation import numpy_rotation_matrix, torch_euler_from_quaternion
 from taichi_sim.sitl.channels import PWM, Mixer, changes_for, default_channels
 from taichi_sim.sitl.packets import Sensors
 from taichi_sim.uav.fixed_wing.params import FixedWingParams
@@ -156,12 +156,12 @@ class Craft:
 
     def _velocity(self) -> np.ndarray:
         """Velocity over ground [3], NED, m/s."""
-        return rotation(self._state()[3:7]) @ self._state()[7:10]
+        return numpy_rotation_matrix(self._state()[QUATERNION]) @ self._state()[VELOCITY]
 
     def sensors(self) -> Sensors:
         """Measurements at the end of the last frame; the specific force is the mean over that frame."""
         s = self._state()
-        R, velocity = rotation(s[3:7]), self._velocity()
+        R, velocity = numpy_rotation_matrix(s[QUATERNION]), self._velocity()
         force = R.T @ ((velocity - self.before) * self.rate - np.array([0.0, 0.0, GRAVITY]))
         euler = torch_euler_from_quaternion(self.bench.state[0, 0, QUATERNION].double()).tolist()
         met = R.T @ (self.bench.around.wind[0].double().cpu().numpy() - velocity)  # of the air, b
@@ -179,13 +179,3 @@ class Craft:
 
 def _three(x: np.ndarray | Sequence[float]) -> tuple[float, float, float]:
     return float(x[0]), float(x[1]), float(x[2])
-
-
-def rotation(q: np.ndarray) -> np.ndarray:
-    """R_nb of the quaternion q (w, x, y, z)."""
-    w, x, y, z = q
-    return np.array([
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ])  # fmt: skip

@@ -25,8 +25,9 @@ import numpy as np
 
 from taichi_sim.config.base import MissingExtraError
 from taichi_sim.conventions import GRAVITY
+from taichi_sim.kernels.rotation import numpy_rotation_matrix
 from taichi_sim.recording.ros.geodesy import FJORD, geodetic
-from taichi_sim.sitl.craft import HELD_HEIGHT, Craft, rotation
+from taichi_sim.sitl.craft import HELD_HEIGHT, Craft
 from taichi_sim.sitl.packets import Sensors, Servos
 from taichi_sim.sitl.session import MOST_REASONS
 
@@ -196,7 +197,7 @@ class Px4Session:
     def messages(self, s: Sensors) -> list[Any]:
         """MAVLink messages of the present frame with the measurements `s`; HIL_SENSOR is the last one."""
         link, now, n = self.link, self._microseconds(), self.craft.frames
-        R = rotation(np.array(s.quaternion))
+        R = numpy_rotation_matrix(np.array(s.quaternion))
         north, east, down = s.position
         above = -down + (HELD_HEIGHT if self.craft.model.medium == "air" else 0.0)
         place = geodetic(np.array([east, north, 0.0]), ORIGIN)

@@ -13,9 +13,9 @@ import numpy as np
 import torch
 from numpy.typing import ArrayLike, NDArray
 
+from taichi_sim import conventions as at
 from taichi_sim.bench import Bench
 from taichi_sim.config import AirConfig, ConfigError, SeaConfig
-from taichi_sim.conventions import ANGULAR_VELOCITY, GRAVITY, POSITION, QUATERNION, VELOCITY
 from taichi_sim.trials.figures import Array, TrialError
 from taichi_sim.usv.vessel import Vessel
 from taichi_sim.vehicles import Changes, load_vehicle
@@ -138,7 +138,7 @@ class Basin:
         self._actions = torch.zeros(0)
         self._fine: Bench | None = None
         self.length = self.model.size[0]
-        self.slowness = self.length / (0.1 * np.sqrt(GRAVITY * self.length))
+        self.slowness = self.length / (0.1 * np.sqrt(at.GRAVITY * self.length))
         self.time, self._heading = 0.0, np.zeros(self.envs)
         if self.model.steer(0.0, 0.0) is None:
             raise TrialError(
@@ -230,8 +230,8 @@ class Basin:
     # -- reading ---------------------------------------------------------------------------------------------------
 
     def _raw(self, bench: Bench | None = None) -> Array:
-        q = (bench or self.bench).state[:, 0, QUATERNION].double().cpu().numpy()
-        return np.arctan2(2 * (q[:, 0] * q[:, 3] + q[:, 1] * q[:, 2]), 1 - 2 * (q[:, 2] ** 2 + q[:, 3] ** 2))
+        w, x, y, z = (bench or self.bench).state[:, 0, at.QUATERNION].double().cpu().numpy().T
+        return np.arctan2(2 * (w * z + x * y), 1 - 2 * (y**2 + z**2))
 
     def _follow(self, bench: Bench | None = None) -> Array:
         change = self._raw(bench) - self._heading
@@ -245,15 +245,14 @@ class Basin:
     def sample(self, helm: Array) -> tuple[Array, ...]:
         """The present row of a track."""
         s = self.bench.state[:, 0].double().cpu().numpy()
-        w, x, y, z = s[:, 3], s[:, 4], s[:, 5], s[:, 6]
+        w, x, y, z = s[:, at.QUATERNION].T
         up, across, ahead = 1 - 2 * (x * x + y * y), 2 * (y * z + w * x), 2 * (x * z - w * y)  # last row of R_nb
-        rate = (s[:, 11] * across + s[:, 12] * up) / (1 - ahead * ahead)
+        rate = (s[:, at.PITCH_RATE] * across + s[:, at.YAW_RATE] * up) / (1 - ahead * ahead)
         angle = helm * (self.model.helm_max or SHIP_HELM)
         if "rudder" in self.model.aux_names:
             angle = self.bench.fleet.reading("rudder")[:, 0].double().cpu().numpy()
-        return tuple(
-            map(np.copy, (s[:, 0], s[:, 1], np.arctan2(across, up), self.headings(), s[:, 7], s[:, 8], rate, angle))
-        )
+        place, speed = (s[:, at.NORTH], s[:, at.EAST]), (s[:, at.SURGE], s[:, at.SWAY])
+        return tuple(map(np.copy, (*place, np.arctan2(across, up), self.headings(), *speed, rate, angle)))
 
     # -- approaching -----------------------------------------------------------------------------------------------
 
@@ -278,13 +277,14 @@ class Basin:
             for _ in range(steps):
                 if not setting.calm:
                     off = self.headings() - setting.heading
-                    rate = state[:, 0, 12].double().cpu().numpy() * self.length / np.maximum(last_speed(state), 1e-3)
+                    turning = state[:, 0, at.YAW_RATE].double().cpu().numpy()
+                    rate = turning * self.length / np.maximum(last_speed(state), 1e-3)
                     helm = np.clip(-COURSE_GAIN * off - RATE_GAIN * rate, -1.0, 1.0)
                 self.step(ahead, helm)
                 if setting.calm:
                     _on_rails(state)
                 if given is not None:
-                    state[..., 7] = given
+                    state[..., at.SURGE] = given
             speed = last_speed(state)
             travelled = steps * self.model.dt * np.maximum(np.abs(speed), 1e-9) / self.length
             change, last = float(np.max(np.abs(speed - last) / (np.abs(speed) * travelled + 1e-12))), speed
@@ -308,16 +308,11 @@ class Basin:
 
 def last_speed(state: torch.Tensor) -> Array:
     """Speeds ahead over ground [env], m/s."""
-    return state[:, 0, 7].double().cpu().numpy().copy()
+    return state[:, 0, at.SURGE].double().cpu().numpy().copy()
 
 
 def _on_rails(state: torch.Tensor) -> None:
     """Remove from states [env, 1, 13] everything but a straight run north: heading, roll, their rates, and sway."""
-    q = state[..., QUATERNION]
-    q[..., 1] = 0.0
-    q[..., 3] = 0.0
+    state[..., [at.EAST, at.QX, at.QZ, at.SWAY, at.ROLL_RATE, at.YAW_RATE]] = 0.0
+    q = state[..., at.QUATERNION]
     q /= q.norm(dim=-1, keepdim=True)
-    state[..., VELOCITY][..., 1] = 0.0
-    state[..., ANGULAR_VELOCITY][..., 0] = 0.0
-    state[..., ANGULAR_VELOCITY][..., 2] = 0.0
-    state[..., POSITION][..., 1] = 0.0

@@ -1,12 +1,14 @@
 """Tables and plots of a multirotor for tools/aircraft.py: hover, trims over airspeed, modes, control loops."""
 
 import math
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 
 from taichi_sim.config import ConfigError
 from taichi_sim.uav.aircraft import TrimError
+from taichi_sim.uav.fixed_wing.modes import Mode, StableStep
 from taichi_sim.uav.multirotor.allocation import allocation
 from taichi_sim.uav.multirotor.equations import induced_velocity, shaft_power
 from taichi_sim.uav.multirotor.gains import bandwidths, gains, lag, lead
@@ -60,17 +62,16 @@ def trim_table(p: MultirotorParams, gamma: float) -> str:
     return "\n".join(lines)
 
 
-def mode_table(p: MultirotorParams, at: MultirotorTrim) -> str:
-    """Frequency, damping and time constant of each mode with the rotors held, and the largest stable step."""
+def mode_table(modes: Iterable[Mode], step: StableStep) -> str:
+    """Frequency, damping and time constant of each mode, and the largest stable step."""
     lines = [f"{'mode':14}{'rad/s':>10}{'damping':>10}{'period s':>10}{'time constant s':>17}"]
-    for mode in linear_modes(p, at).modes:
+    for mode in modes:
         if mode.oscillates:
             period = 2 * math.pi / abs(mode.eigenvalues[0].imag)
             figures = f"{mode.frequency:10.4f}{mode.damping:10.4f}{period:10.3f}{mode.time_constant:17.3f}"
         else:
             figures = f"{'-':>10}{'-':>10}{'-':>10}{mode.time_constant:17.3f}"
         lines.append(f"{mode.name:14}{figures}{'  grows' if mode.time_constant < 0 else ''}")
-    step = largest_stable_dt(p, flight(p, p.envelope.max_airspeed, 0.0))
     return "\n".join([*lines, f"largest stable step {step.dt:.4f} s: {step.reason}"])
 
 
@@ -126,7 +127,9 @@ def report(name: str, p: MultirotorParams, airspeed: float | None, climb_deg: fl
         raise ConfigError(f"--airspeed {speed:g}: must not be negative")
     parts = [f"{name}: hover", hover_table(p)]
     parts += [f"\ntrim, climb {climb_deg:g} deg; angles in deg, rotors in rad/s, power in W", trim_table(p, gamma)]
-    parts += [f"\nmodes at {speed:g} m/s, rotors held", mode_table(p, flight(p, speed, gamma))]
+    step = largest_stable_dt(p, flight(p, p.envelope.max_airspeed, 0.0))
+    modes = mode_table(linear_modes(p, flight(p, speed, gamma)).modes, step)
+    parts += [f"\nmodes at {speed:g} m/s, rotors held", modes]
     parts += [f"\nloops of the controller, stepped by {STEP:g} s", loop_table(p)]
     if out:
         draw(p, gamma, name, out)

@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from taichi_sim.conventions import GRAVITY, QUATERNION
+from taichi_sim.conventions import GRAVITY, QUATERNION, SURGE
 from taichi_sim.kernels.rotation import torch_quaternion_from_euler
 from taichi_sim.trials.basin import SHIP_HELM, Array, Basin, Setting, Track, last_speed, vessel_of
 from taichi_sim.trials.figures import Curve, Outcome, Panel, TrialError, crossing, peaks
@@ -397,7 +397,7 @@ def roll_decay(setting: Setting) -> Outcome:
     state[:, 0, QUATERNION] = torch_quaternion_from_euler(
         *(state.new_tensor(euler[:, k] + (HEEL if k == 0 else 0.0)) for k in range(3))
     )
-    state[..., 7:] = 0.0
+    state[..., SURGE:] = 0.0
     rest = float(euler[0, 0])
     basin.begin()
     basin.bench.fleet.update()

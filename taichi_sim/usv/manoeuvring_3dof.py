@@ -27,7 +27,9 @@ from torch import Tensor
 from taichi_sim.config import ConfigError
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import fast
-from taichi_sim.kernels.packs import AroundPack, FleetPack, load_at, numbers_at
+from taichi_sim.kernels.abreast import taken, taken2
+from taichi_sim.kernels.packs import AroundPack, FleetPack, load_at, own_numbers
+from taichi_sim.kernels.runtime import array2
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.usv.manoeuvring_loads import (
     VARYING,
@@ -37,7 +39,7 @@ from taichi_sim.usv.manoeuvring_loads import (
     numbers_of,
     wave_load,
 )
-from taichi_sim.usv.plane import elevations, planar, water_plane, write_rates, write_state
+from taichi_sim.usv.plane import elevations, in_plane, planar, water_plane, write_rates, write_state
 from taichi_sim.usv.vessel import Number, Vessel, steady_speed
 from taichi_sim.vehicle import Limits
 
@@ -112,11 +114,9 @@ class Manoeuvring3dof(Vessel):
         return out
 
     @ti.kernel
-    def _rhs(self, out: ti.types.ndarray(ndim=2), state: ti.types.ndarray(ndim=2), controls: ti.types.ndarray(ndim=2),
-             current: ti.types.ndarray(ndim=2), load: ti.types.ndarray(ndim=2)):  # fmt: skip
+    def _rhs(self, out: array2, state: array2, controls: array2, current: array2, load: array2):
         for n in range(state.shape[0]):
-            y = ti.Vector([state[n, k] for k in ti.static(range(13))])
-            V_c = ti.Vector([current[n, 0], current[n, 1]])
+            y, V_c = taken2(state, n, 13), taken2(current, n, 2)
             tau = ti.Vector([controls[n, 0] + load[n, 0], controls[n, 1] + load[n, 1], controls[n, 2] + load[n, 5]])
             s, _ = planar(y, V_c)
             rate = self.derivatives(self.constants, s, tau, V_c)
@@ -126,25 +126,21 @@ class Manoeuvring3dof(Vessel):
     def _step(self, fleet: FleetPack, around: AroundPack, build: ti.template()):
         ti.loop_config(serialize=build.serial)
         for e, i in ti.ndrange(fleet.state.shape[0], fleet.state.shape[1]):
-            y = ti.Vector([fleet.state[e, i, k] for k in ti.static(range(13))])
-            memory = ti.Vector([fleet.aux[e, i, k] for k in ti.static(range(len(AUX)))])
-            actions = ti.Vector([fleet.action[e, i, k] for k in ti.static(range(len(self.action_names)))])
-            V_c = ti.Vector([around.current[e, 0], around.current[e, 1]])
+            y, memory = taken(fleet.state, e, i, 0, 13), taken(fleet.aux, e, i, 0, ti.static(len(AUX)))
+            actions = taken(fleet.action, e, i, 0, ti.static(len(self.action_names)))
+            V_c = taken2(around.current, e, 2)
             tau = load_at(build, fleet.load, e, i)
             s, plane = planar(y, V_c)
             before = plane
-            if ti.static(build.varied):
-                own = numbers_at(self.Own, fleet.numbers, e, i)
-                s, plane, before, memory = self.advance(own, build, around, e, s, plane, memory, actions, tau, V_c)
-            else:
-                s, plane, before, memory = self.advance(
-                    self.constants, build, around, e, s, plane, memory, actions, tau, V_c
-                )
+            s, plane, before, memory = self.advance(
+                own_numbers(self, build, fleet.numbers, e, i), build, around, e, s, plane, memory, actions, tau, V_c
+            )
             write_state(fleet, e, i, s, plane, before, memory, V_c, self.dt)
 
     @ti.func
-    def advance(self, p: ti.template(), build: ti.template(), around: ti.template(), e, s, plane, memory, actions, tau,
-                V_c):  # fmt: skip
+    def advance(
+        self, p: ti.template(), build: ti.template(), around: ti.template(), e, s, plane, memory, actions, tau, V_c
+    ):
         """s, water plane now and one substep earlier, and auxiliary state, after one control step."""
         before = plane
         D = ti.Vector([memory[LABEL], memory[LABEL + 1]])
@@ -152,7 +148,7 @@ class Manoeuvring3dof(Vessel):
         wave = ti.Vector([memory[WAVE + k] for k in ti.static(range(3))])
         controls = ti.Vector([memory[CONTROLS + k] for k in ti.static(range(3))])
         command = self.commanded(p, actions)
-        outside = ti.Vector([tau[0], tau[1], tau[5]])
+        outside = in_plane(tau)
         for n in range(self.substeps):
             excess = controls - command
             s = self.runge_kutta(p, s, command + p.lag_mean * excess + wave + outside, V_c)

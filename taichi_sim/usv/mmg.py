@@ -31,14 +31,17 @@ import torch
 from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 
+from taichi_sim.conventions import AHEAD
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import fast
-from taichi_sim.kernels.packs import AroundPack, FleetPack, load_at, numbers_at
+from taichi_sim.kernels.abreast import taken, taken2
+from taichi_sim.kernels.packs import AroundPack, FleetPack, load_at, own_numbers
+from taichi_sim.kernels.runtime import array2
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.usv.manoeuvring_loads import wave_load
 from taichi_sim.usv.mmg_loads import VARYING, MmgNumbers, acceleration, followed, loads, numbers_of, thrust, wind_load
 from taichi_sim.usv.mmg_params import MmgParams
-from taichi_sim.usv.plane import elevations, planar, water_plane, write_rates, write_state
+from taichi_sim.usv.plane import elevations, in_plane, planar, water_plane, write_rates, write_state
 from taichi_sim.usv.vessel import Number, Vessel
 from taichi_sim.vehicle import Limits
 
@@ -104,7 +107,7 @@ class Mmg3Dof(Vessel):
 
     def power(self, fleet: Fleet) -> Tensor:
         """Thrust times the speed ahead [env, vehicle], W."""
-        return fleet.aux[..., THRUST] * fleet.velocity_b[..., 0]
+        return fleet.aux[..., THRUST] * fleet.velocity_b[..., AHEAD]
 
     def steer(self, ahead: ArrayLike, helm: ArrayLike) -> NDArray[np.float64]:
         """Return the actions of a helmsman: `ahead` is a share of n_ahead or, below 0, of n_astern; `helm` is one
@@ -130,41 +133,33 @@ class Mmg3Dof(Vessel):
         return out
 
     @ti.kernel
-    def _rhs(self, out: ti.types.ndarray(ndim=2), state: ti.types.ndarray(ndim=2), controls: ti.types.ndarray(ndim=2),
-             current: ti.types.ndarray(ndim=2), wind: ti.types.ndarray(ndim=2),
-             load: ti.types.ndarray(ndim=2)):  # fmt: skip
+    def _rhs(self, out: array2, state: array2, controls: array2, current: array2, wind: array2, load: array2):
         for n in range(state.shape[0]):
-            y = ti.Vector([state[n, k] for k in ti.static(range(13))])
-            V_c, V_w = ti.Vector([current[n, 0], current[n, 1]]), ti.Vector([wind[n, 0], wind[n, 1]])
-            outside = ti.Vector([load[n, 0], load[n, 1], load[n, 5]])
+            y = taken2(state, n, 13)
+            V_c, V_w = taken2(current, n, 2), taken2(wind, n, 2)
+            outside = in_plane(taken2(load, n, 6))
             s, _ = planar(y, V_c)
-            rate = self.derivatives(self.constants, s, ti.Vector([controls[n, 0], controls[n, 1]]), outside, V_c, V_w)
+            rate = self.derivatives(self.constants, s, taken2(controls, n, 2), outside, V_c, V_w)
             write_rates(out, n, y, s, rate, V_c)
 
     @ti.kernel
     def _step(self, fleet: FleetPack, around: AroundPack, build: ti.template()):
         ti.loop_config(serialize=build.serial)
         for e, i in ti.ndrange(fleet.state.shape[0], fleet.state.shape[1]):
-            y = ti.Vector([fleet.state[e, i, k] for k in ti.static(range(13))])
-            memory = ti.Vector([fleet.aux[e, i, k] for k in ti.static(range(len(AUX)))])
-            asked = ti.Vector([fleet.action[e, i, 0], fleet.action[e, i, 1]])
-            V_c = ti.Vector([around.current[e, 0], around.current[e, 1]])
-            V_w = ti.Vector([around.wind[e, 0], around.wind[e, 1]])
-            tau = load_at(build, fleet.load, e, i)
+            y, memory = taken(fleet.state, e, i, 0, 13), taken(fleet.aux, e, i, 0, ti.static(len(AUX)))
+            V_c, V_w = taken2(around.current, e, 2), taken2(around.wind, e, 2)
+            asked, tau = taken(fleet.action, e, i, 0, 2), load_at(build, fleet.load, e, i)
             s, plane = planar(y, V_c)
             before = plane
-            if ti.static(build.varied):
-                own = numbers_at(self.Own, fleet.numbers, e, i)
-                s, plane, before, memory = self.advance(own, build, around, e, s, plane, memory, asked, tau, V_c, V_w)
-            else:
-                s, plane, before, memory = self.advance(
-                    self.constants, build, around, e, s, plane, memory, asked, tau, V_c, V_w
-                )
+            s, plane, before, memory = self.advance(
+                own_numbers(self, build, fleet.numbers, e, i), build, around, e, s, plane, memory, asked, tau, V_c, V_w
+            )
             write_state(fleet, e, i, s, plane, before, memory, V_c, self.dt)
 
     @ti.func
-    def advance(self, p: ti.template(), build: ti.template(), around: ti.template(), e, s, plane, memory, action, tau,
-                V_c, V_w):  # fmt: skip
+    def advance(
+        self, p: ti.template(), build: ti.template(), around: ti.template(), e, s, plane, memory, action, tau, V_c, V_w
+    ):
         """s, water plane now and one substep earlier, and auxiliary state, after one control step."""
         before = plane
         D = ti.Vector([memory[LABEL], memory[LABEL + 1]])
@@ -172,7 +167,7 @@ class Mmg3Dof(Vessel):
         wave = ti.Vector([memory[WAVE + k] for k in ti.static(range(3))])
         controls = ti.Vector([memory[CONTROLS], memory[CONTROLS + 1]])
         command = ti.Vector([action[0] * ti.select(action[0] > 0, p.n_ahead, p.n_astern), action[1] * p.angle_max])
-        outside = ti.Vector([tau[0], tau[1], tau[5]])
+        outside = in_plane(tau)
         for n in range(self.substeps):
             middle = followed(p, controls, command, p.lag_half_n, p.lag_half_delta, 0.5)
             end = followed(p, controls, command, p.lag_n, p.lag_delta, 1.0)

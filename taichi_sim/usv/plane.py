@@ -9,9 +9,17 @@ follow the plane through the elevations under the four corners of the waterplane
 
 import taichi as ti
 
-from taichi_sim.conventions import ELEVATION
+from taichi_sim.conventions import EAST, ELEVATION, NORTH, PITCH_RATE, QW, SURGE, SWAY, YAW_RATE
 from taichi_sim.kernels import fast
-from taichi_sim.kernels.rotation import quaternion_product, rotation_matrix, store
+from taichi_sim.kernels.abreast import put
+from taichi_sim.kernels.rotation import (
+    attitude_of,
+    quaternion_of,
+    quaternion_product,
+    rotation_matrix,
+    store,
+    velocity_of,
+)
 from taichi_sim.sea import waves
 
 
@@ -37,13 +45,19 @@ def heading(R):
 
 
 @ti.func
+def in_plane(tau):
+    """X, Y (N) and N (N m) of a load [6]."""
+    return ti.Vector([tau[0], tau[1], tau[5]])
+
+
+@ti.func
 def planar(y, V_c):
     """Planar motion s = [x, y, psi, u_r, v_r, r] and water plane (see `water_plane`; without its twist) of a state."""
-    R = rotation_matrix(ti.Vector([y[3], y[4], y[5], y[6]]))
-    v = R @ ti.Vector([y[7], y[8], y[9]])
+    R = attitude_of(y)
+    v = R @ velocity_of(y)
     c, sine = heading(R)
     north, east = v[0] - V_c[0], v[1] - V_c[1]
-    r = (R[2, 1] * y[11] + R[2, 2] * y[12]) / (R[2, 1] * R[2, 1] + R[2, 2] * R[2, 2])
+    r = (R[2, 1] * y[PITCH_RATE] + R[2, 2] * y[YAW_RATE]) / (R[2, 1] * R[2, 1] + R[2, 2] * R[2, 2])
     u_r, v_r = c * north + sine * east, c * east - sine * north
     slope_n, slope_e = R[0, 2] / R[2, 2], R[1, 2] / R[2, 2]
     ahead, right = c * slope_n + sine * slope_e, c * slope_e - sine * slope_n
@@ -59,14 +73,9 @@ def elevations(around: ti.template(), build: ti.template(), e, tau, s, D, length
     The waterplane has `length` and `beam` (m); `tau` (s) is the time in the control step.
     """
     sine, cosine = fast.sincos(s[2])
-    x, y = s[0] + D[0], s[1] + D[1]
-    fx, fy = 0.5 * length * cosine, 0.5 * length * sine
-    gx, gy = -0.5 * beam * sine, 0.5 * beam * cosine
-    X = ti.Vector([x, x + fx - gx, x + fx + gx, x - fx - gx, x - fx + gx])
-    Y = ti.Vector([y, y + fy - gy, y + fy + gy, y - fy - gy, y - fy + gy])
-    sea_index = around.env_sea[e]
-    h = waves.displacement_and_four_elevations(around.sea, around.phase, build.components, sea_index, e, X, Y, tau)
-    return ti.Vector([h[0], h[1]]), ti.Vector([h[2], h[3], h[4], h[5]])
+    ahead = ti.Vector([0.5 * length * cosine, 0.5 * length * sine])
+    right = ti.Vector([-0.5 * beam * sine, 0.5 * beam * cosine])
+    return waves.displacement_and_corners(around, build.components, e, s[0] + D[0], s[1] + D[1], ahead, right, tau)
 
 
 @ti.func
@@ -105,11 +114,8 @@ def write_state(fleet: ti.template(), e, i, s, plane, before, memory, V_c, dt: t
     v_n[2] = (before[0] - plane[0]) / ti.static(dt)
     store(fleet.derived, e, i, R_nb, v_n)
     v_b = R_nb.transpose() @ v_n
-    fleet.state[e, i, 0], fleet.state[e, i, 1], fleet.state[e, i, 2] = s[0], s[1], -plane[0]
-    for k in ti.static(range(4)):
-        fleet.state[e, i, 3 + k] = q[k]
-    for k in ti.static(range(3)):
-        fleet.state[e, i, 7 + k], fleet.state[e, i, 10 + k] = v_b[k], omega[k]
+    put(fleet.state, e, i, NORTH, [s[0], s[1], -plane[0], q[0], q[1], q[2], q[3]])
+    put(fleet.state, e, i, SURGE, [v_b[0], v_b[1], v_b[2], omega[0], omega[1], omega[2]])
     for k in ti.static(range(memory.n)):
         fleet.aux[e, i, k] = memory[k]
     fleet.surface[e, i, ELEVATION] = plane[0]
@@ -123,10 +129,10 @@ def write_rates(out: ti.template(), n, y, s, rate, V_c):
     """
     sine, cosine = fast.sincos(s[2])
     u_c, v_c = cosine * V_c[0] + sine * V_c[1], cosine * V_c[1] - sine * V_c[0]
-    turn = ti.Vector([y[3] * 0.0, y[3] * 0.0, y[3] * 0.0, 0.5 * s[5]])  # about the vertical
-    q_dot = quaternion_product(turn, ti.Vector([y[3], y[4], y[5], y[6]]))
-    out[n, 0], out[n, 1] = rate[0], rate[1]
+    turn = ti.Vector([y[QW] * 0.0, y[QW] * 0.0, y[QW] * 0.0, 0.5 * s[5]])  # about the vertical
+    q_dot = quaternion_product(turn, quaternion_of(y))
+    out[n, NORTH], out[n, EAST] = rate[0], rate[1]
     for k in ti.static(range(4)):
-        out[n, 3 + k] = q_dot[k]
+        out[n, QW + k] = q_dot[k]
     # rates of the velocity over ground; nu_c turns in b
-    out[n, 7], out[n, 8], out[n, 12] = rate[3] + s[5] * v_c, rate[4] - s[5] * u_c, rate[5]
+    out[n, SURGE], out[n, SWAY], out[n, YAW_RATE] = rate[3] + s[5] * v_c, rate[4] - s[5] * u_c, rate[5]

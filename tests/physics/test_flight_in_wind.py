@@ -182,7 +182,7 @@ def test_steady_wind_is_nothing_to_the_flight(model, precision):
 
 
 def test_nan_in_one_aircraft_leaves_its_neighbours_bits(model):
-    healthy, sick = Flight(model, MODERATE, 3), Flight(model, MODERATE, 3)
+    healthy, sick = (Flight(model, MODERATE | {"profile": "uniform"}, 3) for _ in range(2))
     sick.state[1, 0, 8] = math.nan
     for flight in (healthy, sick):
         flight.step([0.2, 0.5, 0.3], 5)

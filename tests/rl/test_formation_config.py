@@ -63,7 +63,7 @@ def test_a_shape_set_in_a_section_takes_the_files_shapes_back(scenario):
         ("usv.formation.shapes=[]", ("usv.formation.shapes", "at least 1")),
         ("usv.formation.change_every=0", ("usv.formation.change_every = 0", "greater than 0")),
         ("usv.formation.change_every=-3.5", ("usv.formation.change_every = -3.5", "greater than 0")),
-        ("usv.formation.spacing_range=[20, 10]", ("usv.formation", "spacing_range = [20.0, 10.0]", "first")),
+        ("usv.formation.spacing_range=[20, 10]", ("usv.formation", "spacing_range = [20, 10]", "first")),
         ("usv.formation.spacing_range=[0, 10]", ("usv.formation.spacing_range.0 = 0", "greater than 0")),
         ("usv.formation.gilde=1", ("usv.formation.gilde", "did you mean 'glide'?")),
         ("usv.formation=3", ("usv.formation = 3",)),

@@ -17,7 +17,7 @@ from taichi_sim.config.io import find_config
 from taichi_sim.conventions import STATE_SIZE
 from taichi_sim.fleet import Fleet
 from taichi_sim.vehicles import load_vehicle
-from tools import transfer
+from tools import simulators, transfer
 
 SMALL = (
     "sea.sea_state=0", "air.speed=0", "usv.vary={}", "sea.realisations=4", "track.worlds=4", "episode_duration=20",
@@ -25,7 +25,7 @@ SMALL = (
 )  # fmt: skip
 
 
-class Disguise(transfer.Simulator):
+class Disguise(simulators.Simulator):
     """Our model, in a fleet of its own."""
 
     sway = 1.0
@@ -66,7 +66,7 @@ def afloat():
 def test_a_simulator_that_gives_too_little_is_told():
     mission = afloat()
 
-    class Short(transfer.Simulator):
+    class Short(simulators.Simulator):
         def advance(self, fleet, around):
             return np.zeros((3, STATE_SIZE))
 
@@ -110,7 +110,7 @@ def test_the_published_otter_gets_shaft_speeds_and_current(checkout):
     fleet, n_max = mission.teams["usv"].fleet, mission.teams["usv"].fleet.model.thrusters.thrusters[0].n_max
     mission.world.around.current[:] = torch.tensor([0.3, -0.4])
     before = fleet.state.clone()
-    with transfer.in_place(mission, "usv", transfer.PythonVehicleSimulator, checkout):
+    with transfer.in_place(mission, "usv", simulators.PythonVehicleSimulator, checkout):
         fleet.action[:] = torch.tensor([1.0, 0.0])
         fleet.model.step(fleet, mission.world.around)
         told = np.array(sys.modules["python_vehicle_simulator.vehicles.otter"].otter.told)
@@ -145,11 +145,11 @@ def test_what_is_not_there_is_told(here, tmp_path, monkeypatch):
     for package in ("jsbsim", "crazyflow"):
         monkeypatch.setitem(sys.modules, package, None)
     with pytest.raises(ConfigError, match="pip install jsbsim"):
-        transfer.JSBSim(load_vehicle("aerosonde"), None)
+        simulators.JSBSim(load_vehicle("aerosonde"), None)
     with pytest.raises(ConfigError, match="pip install crazyflow"):
-        transfer.Crazyflow(load_vehicle("x500"), None)
+        simulators.Crazyflow(load_vehicle("x500"), None)
     with pytest.raises(ConfigError, match="there is no python_vehicle_simulator: name a checkout"):
-        transfer.published_otter(tmp_path)
+        simulators.published_otter(tmp_path)
 
 
 @pytest.mark.parametrize("action", [(0.4, -0.3, 0.2, 0.0), (0.0, 0.0, -0.5, 0.8)])
@@ -163,7 +163,7 @@ def test_a_multirotor_in_rotorpy_flies_as_ours(action):
     for there in (False, True):
         team = Bench(model, envs=2, count=1).put((0.0, 0.0, -30.0), (0.0, 0.0, 0.4), (1.0, 0.0, 0.0), settle=True)
         team.fleet.action[:] = torch.tensor(action).to(team.fleet.action)
-        simulator = transfer.RotorPy(model, None)
+        simulator = simulators.RotorPy(model, None)
         for _ in range(50):
             if there:
                 team.fleet.state.copy_(
@@ -180,14 +180,14 @@ def test_a_multirotor_in_rotorpy_flies_as_ours(action):
 def test_an_x500_that_was_fitted_to_flights_follows_our_controller():
     """Needs crazyflow, and SCIPY_ARRAY_API=1 before anything imports scipy. Velocities settle where they do here."""
     try:
-        transfer.Crazyflow(load_vehicle("x500"), None)
+        simulators.Crazyflow(load_vehicle("x500"), None)
     except ConfigError as error:
         pytest.skip(str(error))
     model, ways = load_vehicle("x500", 0.02, 5), []
     for there in (False, True):
         team = Bench(model, envs=2, count=1).put((1.0, 2.0, -30.0), (0.0, 0.0, 0.4), (0.0, 0.0, 0.0), settle=True)
         team.fleet.action[:, 0] = torch.tensor([[0.0, 0.0, 0.0, 0.0], [0.5, 0.2, -0.3, 0.0]]).to(team.state)
-        simulator, way = transfer.Crazyflow(model, None), []
+        simulator, way = simulators.Crazyflow(model, None), []
         for _ in range(60):  # 6 s
             if there:
                 moved = simulator.advance(team.fleet, team.around)
@@ -212,7 +212,7 @@ def test_a_cessna_at_our_scale_turns_climbs_and_flies_as_it_is_asked():
     model = load_vehicle("aerosonde", 0.02, 10)
     low, cruise, high = model.autopilot_limits.speeds
     team = Bench(model, envs=3, count=1).put((5.0, -3.0, -100.0), (0.0, 0.0, -2.0), (25.0, 0.0, 0.0), settle=True)
-    begun, simulator, ways = team.fleet.state.clone(), transfer.JSBSim(model, None), []
+    begun, simulator, ways = team.fleet.state.clone(), simulators.JSBSim(model, None), []
     team.fleet.action[:, 0] = torch.tensor([[0.0, 0.5, 0.0], [0.1, 0.0, -0.4], [0.0, -0.2, 0.5]]).to(team.state)
     for _ in range(150):  # 30 s
         moved = simulator.advance(team.fleet, team.around)
@@ -244,7 +244,7 @@ def test_aircraft_in_formation_are_held_by_cessnas_too():
     config = load_scenario("aerosonde", calm)
     there, here = (
         transfer.judged(config, Path(find_config("aerosonde")), "uav", ClassicalPolicy(), 4, 1000, kind, None)
-        for kind in (transfer.JSBSim, None)
+        for kind in (simulators.JSBSim, None)
     )
     assert not there["failed"].any() and not there["collided"].any()
     for key, most in (("leader_error_rms_m", 1.3), ("follower_error_rms_m", 2.5)):
@@ -259,7 +259,7 @@ def test_followers_do_as_well_in_the_published_simulator():
     config = load_scenario("otter", (*SMALL, "episode_duration=60", "evaluation.settle=20", "obstacles.count=0"))
     there, here = (
         transfer.judged(config, Path(find_config("otter")), "usv", ClassicalPolicy(), 8, 5, kind, None)
-        for kind in (transfer.PythonVehicleSimulator, None)
+        for kind in (simulators.PythonVehicleSimulator, None)
     )
     from rl.missions.formation.judge import FormationJudge
 

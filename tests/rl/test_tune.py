@@ -18,7 +18,7 @@ TINY = (
 def test_a_bad_number_is_found_again():
     """A position loop of 0.3 rad/s is too slow to be in place within 6 s."""
     config = load_scenario("paper", TINY)
-    found = tune(config, "usv", names=("bandwidth",), rounds=4, candidates=6, episodes=8, show_progress=False)
+    found = tune(config, "usv", names=("bandwidth",), rounds=4, candidates=5, episodes=8, show_progress=False)
     assert found.numbers["bandwidth"] > 0.5
     assert found.loss < found.loss_before
     assert found.numbers["closing"] == 4.0  # given by the file, and not searched for

@@ -4,7 +4,6 @@ import shlex
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rl.evaluation.episodes import mission_class
 from rl.evaluation.headroom import headroom, read_bounds
@@ -14,10 +13,10 @@ from rl.evaluation.store import StoredEvaluation
 from rl.runs.folder import CONFIG
 from rl.runs.records import StageResult
 from taichi_sim.config.io import toml_text
+from taichi_sim.plotting import moving_mean
 from taichi_sim.plotting.page import COLOURS, blank, folded, missing, panel, paragraph, svg, table, text
 
 NOTHING = "-"
-SMOOTH = 0.05  # width of the moving mean, as a share of a curve's length
 COLUMNS = ("episode_reward", "policy_loss")  # of every mission; its own columns follow
 
 
@@ -185,19 +184,8 @@ def curves(runs: Sequence[Run]) -> str:
                     continue
                 steps, values = np.asarray(history["agent_steps"]) / 1e6, np.asarray(history[column])
                 axes.plot(steps, values, color=colour, linewidth=0.7, alpha=0.35)
-                axes.plot(steps, _smooth(values), color=colour, linewidth=1.6, label=run.name)
+                axes.plot(steps, moving_mean(values), color=colour, linewidth=1.6, label=run.name)
             panel(axes, f"{team}: {column.replace('_', ' ')}", under, "")
     if len(runs) > 1:
         grid[0][0].legend()
     return svg(figure, "learning curves")
-
-
-def _smooth(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Centred moving mean that ignores NaN."""
-    width = max(1, round(SMOOTH * len(values))) | 1
-    known = np.isfinite(values)
-    if not known.any():
-        return values
-    total = np.convolve(np.where(known, values, 0.0), np.ones(width))[width // 2 :][: len(values)]
-    count = np.convolve(known.astype(float), np.ones(width))[width // 2 :][: len(values)]
-    return np.where(count > 0, total / np.maximum(count, 1.0), np.nan)

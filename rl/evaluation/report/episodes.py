@@ -7,6 +7,7 @@ from matplotlib.patches import Circle
 from rl.evaluation.episode_log import BEFORE, Crash, Excerpt, TeamLog
 from rl.evaluation.report.sources import Run
 from rl.evaluation.store import recording_name
+from taichi_sim.conventions import EAST, NORTH
 from taichi_sim.plotting import INK, rgb
 from taichi_sim.plotting.page import FAINT, beside, blank, missing, panel, paragraph, svg, text
 from taichi_sim.recording.palette import ALARM, OBSTACLE, liveries
@@ -52,12 +53,12 @@ def _map(name: str, of: Excerpt) -> str:
         axes.add_patch(Circle((east, north), radius, color=rgb(OBSTACLE), alpha=0.7, linewidth=0))
     for team, track in of.tracks_n.items():
         if team in colours:
-            axes.plot(track[:, 1], track[:, 0], color=rgb(colours[team].track), linewidth=3.0, alpha=0.45)
+            axes.plot(track[:, EAST], track[:, NORTH], color=rgb(colours[team].track), linewidth=3.0, alpha=0.45)
     for team, log in of.teams.items():
         for vehicle in reversed(range(log.position_n.shape[1])):
-            path, colour = log.position_n[:, vehicle], rgb(colours[team].of(vehicle))
-            axes.plot(path[:, 1], path[:, 0], LINE[log.medium], color=colour, linewidth=1.2, label=f"{team} {vehicle}")
-            axes.plot(path[0, 1], path[0, 0], "o", color=colour, markersize=3.5)
+            (north, east, _), colour = log.position_n[:, vehicle].T, rgb(colours[team].of(vehicle))
+            axes.plot(east, north, LINE[log.medium], color=colour, linewidth=1.2, label=f"{team} {vehicle}")
+            axes.plot(east[0], north[0], "o", color=colour, markersize=3.5)
     for event in of.events:
         north, east, _ = of.teams[event.team].position_n[np.searchsorted(of.time_s, event.time_s - 1e-6), event.vehicle]
         axes.plot(east, north, "x", color=rgb(ALARM), markersize=8, markeredgewidth=2, zorder=5)

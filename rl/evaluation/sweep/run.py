@@ -62,12 +62,7 @@ class Contest(NamedTuple):
 
 
 def run_sweep(
-    sweep: Sweep,
-    file: Path,
-    contest: Contest,
-    *,
-    show_progress: bool = True,
-    tell: Callable[[str], None] = TELL,
+    sweep: Sweep, file: Path, contest: Contest, *, show_progress: bool = True, tell: Callable[[str], None] = TELL
 ) -> Path:
     """Run a sweep; return the folder of its tables.
 

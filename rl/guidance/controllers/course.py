@@ -27,7 +27,7 @@ import torch
 from torch import Tensor
 
 from rl.guidance.avoidance import Avoider
-from rl.guidance.controllers.force_vector import approach, turning, wrap
+from rl.guidance.controllers.force_vector import approach, to_starboard, turning, wrap
 from rl.guidance.controllers.vessel import CourseGains, VesselDynamics, loops
 from rl.guidance.knowledge import Knowledge
 from taichi_sim.conventions import GRAVITY
@@ -171,7 +171,7 @@ class Drift:
     def correct(self, wanted: Tensor, velocity: Tensor, able: Tensor) -> None:
         """Integrate the part of `velocity` across `wanted` (m/s), both [env, vehicle, 2], of those that are `able`."""
         speed = wanted.norm(dim=-1, keepdim=True).clamp(min=1e-6)
-        side = torch.stack((-wanted[..., 1], wanted[..., 0]), dim=-1) / speed
+        side = to_starboard(wanted) / speed
         off = (velocity * side).sum(-1, keepdim=True)
         steady = off.abs() < COURSE_ERROR * velocity.norm(dim=-1, keepdim=True)
         self._add(-self.interval / COURSE_TIME * off * side, able & steady)
@@ -196,5 +196,5 @@ def formation_velocity(team: Knowledge) -> Tensor:
 
 def into(vector: Tensor, heading: tuple[Tensor, Tensor]) -> tuple[Tensor, Tensor]:
     """Parts of a `vector` [.., 2] (NED) along the nose and to starboard of it; `heading`: its cosine and sine."""
-    c, s = heading
-    return c * vector[..., 0] + s * vector[..., 1], c * vector[..., 1] - s * vector[..., 0]
+    (c, s), (north, east) = heading, vector.unbind(-1)
+    return c * north + s * east, c * east - s * north

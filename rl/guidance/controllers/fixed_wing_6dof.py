@@ -31,7 +31,7 @@ from rl.guidance.controllers.force_vector import approach, turning
 from rl.guidance.knowledge import Knowledge
 from rl.mission import ControllerError
 from taichi_sim.config import Positive
-from taichi_sim.conventions import GRAVITY
+from taichi_sim.conventions import DOWN, GRAVITY
 from taichi_sim.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
 from taichi_sim.uav.fixed_wing.gains import ZETA, behind
 from taichi_sim.uav.fixed_wing.instruments import READINGS
@@ -88,7 +88,7 @@ class FixedWing6DofController(SlotController):
         x, x_rate = _chase(along, along_rate, self.k_along, BRAKING, self.closing)
         y, y_rate = _chase(aside, aside_rate, self.k_aside, self.gains.bank_share * self.side, self.intercept)
         north, east = into(torch.stack((x, y), dim=-1), (nose[0], -nose[1]))
-        down = (self.loops.height * now.error[..., 2]).clamp(-climb, climb)
+        down = (self.loops.height * now.error[..., DOWN]).clamp(-climb, climb)
         direct = slot + torch.stack((north, east, down), dim=-1)
         velocity = self.avoid(team, direct)
         return FlightCommand(velocity, (x_rate, y_rate), (velocity - direct).norm(dim=-1) > EVADING)
@@ -99,11 +99,11 @@ class FixedWing6DofController(SlotController):
         flown = air[..., :2]
         level, nose = self._way_flown(air)
         to_fly = wanted.velocity[..., :2] - (v[..., :2] - flown)
-        climb = (-wanted.velocity[..., 2]).clamp(-self.limits.climb, self.limits.climb)
+        climb = (-wanted.velocity[..., DOWN]).clamp(-self.limits.climb, self.limits.climb)
         if self.actions == "altitude":
             pitch = climb / self.limits.climb
         else:
-            through_air = climb + self.loops.climb * (climb + v[..., 2])
+            through_air = climb + self.loops.climb * (climb + v[..., DOWN])
             pitch = through_air / air.norm(dim=-1).clamp(min=self.limits.floor) / self.limits.sin_pitch
         turn = level / self.side * self._turn_rate(team, wanted, into(to_fly, nose), nose, self.side / level)
         action = torch.stack((pitch, turn, self._boost(to_fly.norm(dim=-1))), dim=-1)
@@ -111,8 +111,8 @@ class FixedWing6DofController(SlotController):
 
     def _way_flown(self, air: Tensor) -> tuple[Tensor, tuple[Tensor, Tensor]]:
         """Level speed (m/s) and (cos, sin) of the course of a velocity `air` [.., 3]."""
-        level = air[..., :2].norm(dim=-1).clamp(min=self.limits.floor)
-        return level, (air[..., 0] / level, air[..., 1] / level)
+        level, (north, east, _) = air[..., :2].norm(dim=-1).clamp(min=self.limits.floor), air.unbind(-1)
+        return level, (north / level, east / level)
 
     def _turn_rate(self, team: Knowledge, wanted: "FlightCommand", to_fly, nose, most: Tensor) -> Tensor:
         """Rate (rad/s) of the course that follows `to_fly` (along, aside); `most` in the steepest turn."""

@@ -21,6 +21,7 @@ from rl.guidance.avoidance import AvoidanceGains, Avoider
 from rl.guidance.controllers.sampled import held, place_poles
 from rl.guidance.knowledge import Knowledge
 from taichi_sim.config import Positive
+from taichi_sim.conventions import EAST, NORTH
 
 SPEED_SHARE = 0.95  # largest desired speed, as a share of the top speed; assumed
 
@@ -76,8 +77,24 @@ def turning(team: Knowledge, vector: Tensor) -> Tensor:
     """Rate of change of a `vector` [env, vehicle, 2 or 3] that turns with the target's course."""
     rate = team.target.course_rate
     change = torch.zeros_like(vector)
-    change[..., 0], change[..., 1] = -rate * vector[..., 1], rate * vector[..., 0]
+    change[..., NORTH], change[..., EAST] = -rate * vector[..., EAST], rate * vector[..., NORTH]
     return change
+
+
+def to_starboard(vector: Tensor) -> Tensor:
+    """A level `vector` [.., 2] (NED), turned to starboard by a right angle."""
+    north, east = vector.unbind(-1)
+    return torch.stack((-east, north), dim=-1)
+
+
+def cross(a: Tensor, b: Tensor) -> Tensor:
+    """Cross product [..] of the level parts of `a` and `b` [.., 2 or more] (NED): above 0 where b is to starboard."""
+    return a[..., NORTH] * b[..., EAST] - a[..., EAST] * b[..., NORTH]
+
+
+def course_of(vector: Tensor) -> Tensor:
+    """Course [..] (rad) of vectors [.., 2 or more] (NED)."""
+    return torch.atan2(vector[..., EAST], vector[..., NORTH])
 
 
 def approach(error: Tensor, gain: float, acceleration: float) -> Tensor:

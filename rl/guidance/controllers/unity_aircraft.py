@@ -15,9 +15,10 @@ import torch
 from torch import Tensor
 
 from rl.guidance.avoidance import SlotController, Wanted
-from rl.guidance.controllers.force_vector import ForceGains, ForceVector, approach, wrap
+from rl.guidance.controllers.force_vector import ForceGains, ForceVector, approach, course_of, cross, wrap
 from rl.guidance.knowledge import Knowledge
 from taichi_sim.config import Positive
+from taichi_sim.conventions import AHEAD, DOWN, EAST, NORTH
 from taichi_sim.uav.unity_aircraft import DEG, UnityAircraft
 
 MAX_CLIMB = math.radians(60.0)  # of the nose: yaw means little near the vertical; assumed
@@ -60,16 +61,15 @@ class UnityAircraftController(SlotController):
 
     def act(self, team: Knowledge, wanted: Wanted) -> Tensor:
         """Actions [env, vehicle, (pitch, yaw, boost)] in [-1, 1]."""
-        pull, nose = self.force.wanted(team, wanted.velocity), team.fleet.R_nb[..., 0]
+        pull, nose = self.force.wanted(team, wanted.velocity), team.fleet.R_nb[..., AHEAD]
         force = (pull * nose).sum(-1).clamp(self.per_boost * self.boost_min, self.per_boost * self.boost_max)
         climb_rate, turn_rate = _turn(pull, self.force.change(team, force.unsqueeze(-1) * nose))
 
-        level = torch.hypot(pull[..., 0], pull[..., 1]).clamp(min=LEAST_FORCE)
-        climb = torch.atan2(-pull[..., 2], level).clamp(-self.max_climb, self.max_climb)
-        course = torch.atan2(pull[..., 1], pull[..., 0])
+        level = torch.hypot(pull[..., NORTH], pull[..., EAST]).clamp(min=LEAST_FORCE)
+        climb = torch.atan2(-pull[..., DOWN], level).clamp(-self.max_climb, self.max_climb)
         _, theta, psi = team.fleet.euler.unbind(-1)
         pitch = self._command(climb - theta, climb_rate, self.top_rate[0])
-        yaw = self._command(wrap(course - psi), turn_rate, self.top_rate[1])
+        yaw = self._command(wrap(course_of(pull) - psi), turn_rate, self.top_rate[1])
         boost = torch.log(force / (self.per_boost * self.boost_min)) / math.log(self.boost_max / self.boost_min)
         return torch.stack((pitch, yaw, 2 * boost - 1), dim=-1).clamp(-1.0, 1.0)
 
@@ -83,6 +83,6 @@ def _turn(vector: Tensor, change: Tensor) -> tuple[Tensor, Tensor]:
     """Rates (rad/s) of the climb angle and the course of `vector` (NED), which changes by `change` per second."""
     level2 = vector[..., :2].square().sum(-1).clamp(min=LEAST_FORCE**2)
     along = (vector[..., :2] * change[..., :2]).sum(-1) / level2  # relative growth of the level part
-    turn = (vector[..., 0] * change[..., 1] - vector[..., 1] * change[..., 0]) / level2
-    climb = level2.sqrt() * (vector[..., 2] * along - change[..., 2]) / (level2 + vector[..., 2].square())
-    return climb, turn
+    down = vector[..., DOWN]
+    climb = level2.sqrt() * (down * along - change[..., DOWN]) / (level2 + down.square())
+    return climb, cross(vector, change) / level2

@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from rl.guidance.avoidance import SlotController, Wanted
-from rl.guidance.controllers.force_vector import ForceGains, ForceVector, approach, wrap
+from rl.guidance.controllers.force_vector import ForceGains, ForceVector, approach, course_of, cross, wrap
 from rl.guidance.controllers.sampled import held, place_poles
 from rl.guidance.knowledge import Knowledge
 from taichi_sim.config import Positive
@@ -69,10 +69,9 @@ class UnityBoatController(SlotController):
         thrust = (force * nose).sum(-1).clamp(0.0, self.thrust)
         change = self.force.change(team, thrust.unsqueeze(-1) * nose + push, push_rate)
         square = force.square().sum(-1).clamp(min=LEAST_FORCE**2)
-        rate = (force[..., 0] * change[..., 1] - force[..., 1] * change[..., 0]) / square
+        rate = cross(force, change) / square
 
-        heading = torch.atan2(nose[..., 1], nose[..., 0])
-        error = wrap(torch.atan2(force[..., 1], force[..., 0]) - heading) - 0.5 * self.interval * rate
+        error = wrap(course_of(force) - course_of(nose)) - 0.5 * self.interval * rate
         r = (R[..., 2, :] * omega).sum(-1)
         r_wanted = rate + approach(error, self.k_psi / self.k_r, self.yaw_acceleration)
         torque = (self.k_r * (r_wanted - r) + self.damping * r_wanted) / self.yaw_acceleration

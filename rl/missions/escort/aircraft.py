@@ -8,17 +8,10 @@ import torch
 from torch import Tensor
 
 from rl.guidance.geometry import SLOT_SIZE, SlotErrors
+from rl.guidance.observations import squashed
 from rl.guidance.residual import ResidualTeam
 from rl.guidance.targets import EAST, NORTH, SIZE, Target
-from rl.missions.escort.boats import squashed
-from rl.missions.escort.circling import (
-    CIRCLE_SCALE,
-    FAR_SCALE,
-    SLOW_SCALE,
-    CircleErrors,
-    CircleKnowledge,
-    CirclingForm,
-)
+from rl.missions.escort.circling import CIRCLE_SCALE, FAR_SCALE, SLOW_SCALE, CircleErrors, CircleKnowledge, CirclingForm
 from rl.missions.escort.tracking import ObserverGroup, SharedTracking, SpiralSearch
 from rl.perception.camera import Camera
 from rl.perception.contacts import TrackedContacts
@@ -155,7 +148,7 @@ class MeasuredAircraft:
     def __init__(self, team: EscortAircraft, number: int, form: CirclingForm):
         """Measure for `team`, whose first aircraft has that `number` among the random numbers."""
         state, tracking = team.fleet.state, team.tracking
-        self._team, self._tracking, self.fleet = team, tracking, team.own
+        self._team, self.fleet = team, team.own
         self.radius, self.orbit = team.radius, team.orbit
         self.now, self.slot_table = SlotErrors(state, self.axes), state.new_zeros((*state.shape[:2], SLOT_SIZE))
         self.target = Target(state.new_zeros((*state.shape[:2], SIZE)), team.fleet.position_n[:, 0])

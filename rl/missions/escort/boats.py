@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from rl.guidance.geometry import OFFSET, RATE, SLOT_SIZE, Geometry
-from rl.guidance.observations import ObservationWriter
+from rl.guidance.observations import ObservationWriter, squashed
 from rl.guidance.residual import ResidualTeam
 from rl.guidance.shapes import escort_offsets
 from rl.guidance.targets import SIZE as TARGET
@@ -126,11 +126,6 @@ class EscortBoats(ResidualTeam):
 
 
 Boats = EscortBoats  # its earlier name
-
-
-def squashed(x: Tensor, scale: float) -> Tensor:
-    """x / (|x| + scale), within (-1, 1)."""
-    return x / (x.abs() + scale)
 
 
 class MeasuredBoats:

@@ -14,12 +14,14 @@ import taichi as ti
 from torch import Tensor
 
 from rl.guidance.geometry import own_frame
-from rl.guidance.observations import RATE_SCALE, SPEED_SCALE, columns, put, put_air, put_squashed, squash
+from rl.guidance.observations import RATE_SCALE, SPEED_SCALE, air_columns, columns, put, put_air, put_squashed, squash
 from rl.guidance.targets import COS, COURSE, EAST, NORTH, SIN, SPEED
 from rl.missions.escort.boats import AGE_SCALE, SIGMA_SCALE
 from rl.perception.columns import Message, Sighting
-from taichi_sim.kernels import runtime
-from taichi_sim.kernels.rotation import DOWN
+from taichi_sim.conventions import DOWN, ROLL_RATE, SURGE
+from taichi_sim.kernels import rotation, runtime
+from taichi_sim.kernels.abreast import taken, taken2
+from taichi_sim.kernels.runtime import array1, array2, array3, array4, whole1
 
 if TYPE_CHECKING:
     from rl.missions.escort.aircraft import EscortAircraft, MeasuredAircraft
@@ -31,15 +33,14 @@ TWO_PI = 2 * math.pi
 CIRCLE, LISTEN, OBSERVE = 100.0, 200.0, 120.0  # ns of one aircraft, about
 RADIUS, TURN, RANGE = range(3)  # columns of `numbers`: of the circle, m; 1 clockwise, else -1; of the radio, m
 
-_array1, _array2, _array3, _array4 = (ti.types.ndarray(ndim=n) for n in (1, 2, 3, 4))
-ErrorsPack = ti.types.argpack(distance=_array2, gap_error=_array2, in_range=_array2)
-TruePack = ti.types.argpack(state=_array3, boats=_array3, vessel=_array2, down=_array1, numbers=_array1)
+ErrorsPack = ti.types.argpack(distance=array2, gap_error=array2, in_range=array2)
+TruePack = ti.types.argpack(state=array3, boats=array3, vessel=array2, down=array1, numbers=array1)
 KnownPack = ti.types.argpack(
-    target=_array3, centre_velocity=_array3, gap_error=_array2, height_error=_array2, boats=_array3, farthest=_array3
+    target=array3, centre_velocity=array3, gap_error=array2, height_error=array2, boats=array3, farthest=array3
 )
-HeardPack = ti.types.argpack(state=_array3, targets=_array3, heard=_array4, down=_array1, numbers=_array1)
-OwnPack = ti.types.argpack(state=_array3, derived=_array3, aux=_array3, targets=_array3, signals=_array3)
-TracksPack = ti.types.argpack(sightings=_array4, age=_array2, sigma=_array2, radius=_array1)
+HeardPack = ti.types.argpack(state=array3, targets=array3, heard=array4, down=array1, numbers=array1)
+OwnPack = ti.types.argpack(state=array3, derived=array3, aux=array3, targets=array3, signals=array3)
+TracksPack = ti.types.argpack(sightings=array4, age=array2, sigma=array2, radius=array1)
 
 
 class CirclingForm(NamedTuple):
@@ -88,34 +89,35 @@ def between(nearest, farthest):
 
 
 @ti.kernel
-def _measure(out: ErrorsPack, true: TruePack, which: ti.types.ndarray(dtype=ti.i32, ndim=1), form: ti.template()):
+def _measure(out: ErrorsPack, true: TruePack, which: whole1, form: ti.template()):
     """Errors from the circle about the true vessel, and the share of boats within range of the radio."""
     ti.loop_config(serialize=form.serial)
     for e, i in ti.ndrange(true.state.shape[0], true.state.shape[1]):
         if which[e] != 0:
             turn = true.numbers[TURN]
             place = ti.Vector([true.state[e, i, a] for a in ti.static(range(3))])
-            x, y = place[0] - true.vessel[e, 0], place[1] - true.vessel[e, 1]
+            x, y = place[0] - true.vessel[e, NORTH], place[1] - true.vessel[e, EAST]
             off, high = ti.sqrt(x * x + y * y) - true.numbers[RADIUS], place[2] - true.down[i]
             out.distance[e, i] = ti.sqrt(off * off + high * high)
             own, nearest, farthest = ti.atan2(y, x), x * 0.0 + TWO_PI, x * 0.0 - 1.0
             for j in range(true.state.shape[1]):
                 if j != i:
-                    angle = ti.atan2(true.state[e, j, 1] - true.vessel[e, 1], true.state[e, j, 0] - true.vessel[e, 0])
+                    to = taken(true.state, e, j, NORTH, 2) - taken2(true.vessel, e, 2)
+                    angle = ti.atan2(to[1], to[0])
                     ahead = on_from(own, angle, turn)
                     nearest, farthest = ti.min(nearest, ahead), ti.max(farthest, ahead)
             out.gap_error[e, i] = between(nearest, farthest)
             if ti.static(form.boats[1] > form.boats[0]):
                 near = x * 0.0
                 for b in range(true.boats.shape[1]):
-                    dx, dy = true.boats[e, b, 0] - place[0], true.boats[e, b, 1] - place[1]
+                    dx, dy = true.boats[e, b, NORTH] - place[0], true.boats[e, b, EAST] - place[1]
                     if ti.sqrt(dx * dx + dy * dy + place[2] * place[2]) < true.numbers[RANGE]:
                         near += 1.0
                 out.in_range[e, i] = near / true.boats.shape[1]
 
 
 @ti.kernel
-def _listen(out: KnownPack, of: HeardPack, which: ti.types.ndarray(dtype=ti.i32, ndim=1), form: ti.template()):
+def _listen(out: KnownPack, of: HeardPack, which: whole1, form: ti.template()):
     """Where the vessel is, by an aircraft's own estimate, and where others are, by the messages that it has heard."""
     ti.loop_config(serialize=form.serial)
     for e, i in ti.ndrange(of.state.shape[0], of.state.shape[1]):
@@ -124,18 +126,18 @@ def _listen(out: KnownPack, of: HeardPack, which: ti.types.ndarray(dtype=ti.i32,
             north, east = of.targets[e, o, NORTH], of.targets[e, o, EAST]
             for a in ti.static(range(2)):
                 out.centre_velocity[e, i, a] = of.targets[e, o, SPEED] * of.targets[e, o, COS + a]
-            own = ti.atan2(of.state[e, i, 1] - east, of.state[e, i, 0] - north)
+            own = ti.atan2(of.state[e, i, EAST] - east, of.state[e, i, NORTH] - north)
             course = own + turn * ti.static(0.25 * TWO_PI)
             out.target[e, i, NORTH], out.target[e, i, EAST], out.target[e, i, COURSE] = north, east, course
             out.target[e, i, COS], out.target[e, i, SIN] = ti.cos(course), ti.sin(course)
-            out.height_error[e, i] = of.down[i] - of.state[e, i, 2]
+            out.height_error[e, i] = of.down[i] - of.state[e, i, DOWN]
             nearest, last = own * 0.0 + TWO_PI, own * 0.0 - 1.0
             for j in range(of.state.shape[1]):
                 k = ti.static(form.first) + j
                 old = of.heard[e, o, k, age]
                 if j != i and old < HEARD_OF:
-                    x = of.heard[e, o, k, 0] + old * of.heard[e, o, k, Message.V_NORTH] - north
-                    y = of.heard[e, o, k, 1] + old * of.heard[e, o, k, ti.static(Message.V_NORTH + 1)] - east
+                    x = of.heard[e, o, k, NORTH] + old * of.heard[e, o, k, Message.V_NORTH] - north
+                    y = of.heard[e, o, k, EAST] + old * of.heard[e, o, k, ti.static(Message.V_NORTH + 1)] - east
                     ahead = on_from(own, ti.atan2(y, x), turn)
                     nearest, last = ti.min(nearest, ahead), ti.max(last, ahead)
             out.gap_error[e, i] = between(nearest, last)
@@ -143,9 +145,9 @@ def _listen(out: KnownPack, of: HeardPack, which: ti.types.ndarray(dtype=ti.i32,
                 mean, count, most = ti.Vector([own * 0.0, own * 0.0]), own * 0.0, own * 0.0
                 for k in range(ti.static(form.boats[0]), ti.static(form.boats[1])):
                     if of.heard[e, o, k, age] < BOATS_HEARD_OF:
-                        there = ti.Vector([of.heard[e, o, k, 0], of.heard[e, o, k, 1]])
+                        there = ti.Vector([of.heard[e, o, k, NORTH], of.heard[e, o, k, EAST]])
                         count, mean = count + 1.0, mean + there
-                        most = ti.max(most, (there - ti.Vector([of.state[e, i, 0], of.state[e, i, 1]])).norm())
+                        most = ti.max(most, (there - taken(of.state, e, i, NORTH, 2)).norm())
                 for a in ti.static(range(2)):
                     out.boats[e, i, a] = mean[a] / ti.max(count, 1.0)
                 out.farthest[e, i, 0] = most
@@ -153,22 +155,22 @@ def _listen(out: KnownPack, of: HeardPack, which: ti.types.ndarray(dtype=ti.i32,
 
 @ti.kernel
 def _observe(
-    out: ti.types.ndarray(ndim=3), known: KnownPack, seen: OwnPack, tracks: TracksPack,
-    action: ti.types.ndarray(ndim=3), reference: ti.types.ndarray(ndim=3), form: ti.template(),
+    out: array3, known: KnownPack, seen: OwnPack, tracks: TracksPack,
+    action: array3, reference: array3, form: ti.template(),
 ):  # fmt: skip
     ti.loop_config(serialize=form.serial)
     for e, i in ti.ndrange(out.shape[0], out.shape[1]):
         o = ti.static(form.first) + i
-        put_squashed(out, e, i, form.at.velocity, 3, seen.state, 7, SPEED_SCALE)
-        put(out, e, i, form.at.down, 3, seen.derived, DOWN.start)
+        put_squashed(out, e, i, form.at.velocity, 3, seen.state, SURGE, SPEED_SCALE)
+        put(out, e, i, form.at.down, 3, seen.derived, rotation.DOWN.start)
         for a in ti.static(range(3)):
-            out[e, i, form.at.rates + a] = seen.state[e, i, 10 + a] * ti.static(1 / RATE_SCALE)
+            out[e, i, form.at.rates + a] = seen.state[e, i, ROLL_RATE + a] * ti.static(1 / RATE_SCALE)
         place = ti.Vector([seen.state[e, i, a] for a in ti.static(range(3))])
         to = ti.Vector([seen.targets[e, o, NORTH], seen.targets[e, o, EAST], 0.0]) - place
         put_direction(out, e, i, form.at.vessel, seen, to)
         out[e, i, form.at.vessel_distance] = squash(to.norm(), FAR_SCALE)
         c, s = known.target[e, i, COS], known.target[e, i, SIN]
-        x, y = known.centre_velocity[e, i, 0], known.centre_velocity[e, i, 1]
+        x, y = known.centre_velocity[e, i, NORTH], known.centre_velocity[e, i, EAST]
         out[e, i, form.at.vessel_velocity] = squash(c * x + s * y, SLOW_SCALE)
         out[e, i, ti.static(form.at.vessel_velocity + 1)] = squash(c * y - s * x, SLOW_SCALE)
         off = ti.sqrt(to[0] * to[0] + to[1] * to[1]) - tracks.radius[0]
@@ -180,7 +182,7 @@ def _observe(
         out[e, i, form.at.track_sigma] = squash(tracks.sigma[e, o], SIGMA_SCALE)
         widest, group = known.farthest[e, i, 0], place * 0.0
         if widest > 0:
-            group = ti.Vector([known.boats[e, i, 0], known.boats[e, i, 1], 0.0]) - place
+            group = ti.Vector([known.boats[e, i, NORTH], known.boats[e, i, EAST], 0.0]) - place
         put_direction(out, e, i, form.at.boats, seen, group)
         out[e, i, form.at.boats_distance] = squash(group.norm(), FAR_SCALE)
         out[e, i, ti.static(form.at.boats_distance + 1)] = squash(widest, FAR_SCALE)
@@ -246,10 +248,7 @@ class CircleKnowledge:
             TracksPack, sightings=tracking.sightings, age=tracking.age, sigma=tracking.sigma,
             radius=state.new_tensor([team.orbit.radius]),
         )  # fmt: skip
-        air, speeds = (), ()
-        if "airspeed" in model.aux_names and model.air is not None:
-            air = tuple(model.aux_names.index(name) for name in ("airspeed", *model.air))
-            speeds = model.limits.speeds
+        air, speeds = air_columns(model)
         signals, serial = known.sensor.signals.shape[-1], runtime.few(state.shape[0] * self._rows, OBSERVE)
         terms = CirclingTerms(form.first, signals, len(model.action_names), team.reference_width, air, speeds, serial)
         self.widths = terms.widths

@@ -16,11 +16,9 @@ from rl.perception.lookout import LookoutConfig
 from rl.perception.radio import RadioConfig
 from rl.planning.config import PlanConfig
 from rl.scenario import Evaluation, Scenario
-from taichi_sim.config import Fraction, NonNegative, Positive, Strict, TeamConfig
+from taichi_sim.config import Fraction, NonNegative, Positive, Span, Strict, TeamConfig
 
 ROOM = 12.0  # m from an obstacle's surface to where a vehicle begins; assumed
-
-Span = tuple[NonNegative, NonNegative]  # least and greatest value of a draw
 
 
 class EscortConfig(Strict):
@@ -41,9 +39,7 @@ class EscortConfig(Strict):
     relay: bool = False  # aircraft repeat messages that were lost
 
     @model_validator(mode="after")
-    def _ordered(self):
-        if self.start_distance[0] > self.start_distance[1]:
-            raise ValueError(f"start_distance = {list(self.start_distance)}: the first must not be above the second")
+    def _consistent(self):
         if len({self.vessel, self.boats, self.aircraft}) < 3:
             raise ValueError(
                 f"vessel = {self.vessel!r}, boats = {self.boats!r}, aircraft = {self.aircraft!r}: must be three teams"
@@ -61,12 +57,6 @@ class VesselCourseConfig(Strict):
     evasive: bool = False  # whether it flees from boats within evasive_range
     evasive_range: Positive = 40.0  # m
 
-    @model_validator(mode="after")
-    def _ordered(self):
-        if self.speed[0] > self.speed[1]:
-            raise ValueError(f"speed = {list(self.speed)}: the first must not be above the second")
-        return self
-
 
 class ObstaclesConfig(Strict):
     """`[obstacles]`: fixed and moving cylinders between the boats and the vessel and around it; assumed."""
@@ -79,11 +69,7 @@ class ObstaclesConfig(Strict):
     fixed: tuple[FixedObstacle, ...] = ()  # in every world, m from the vessel's start
 
     @model_validator(mode="after")
-    def _ordered(self):
-        for key in ("radius", "speed"):
-            low, high = getattr(self, key)
-            if low > high:
-                raise ValueError(f"{key} = [{low}, {high}]: the first must not be above the second")
+    def _consistent(self):
         if self.radius[0] <= 0:
             raise ValueError(f"radius = {list(self.radius)}: must be above 0")
         return self

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from rl.figures import save_figures, training_figures
 from rl.mission import Histories
 from rl.missions.escort.config import EscortScenario
+from taichi_sim.conventions import EAST, NORTH
 from taichi_sim.plotting import INK, dress, new_figure, rgb
 from taichi_sim.recording import Episode
 from taichi_sim.recording.overlays import Cylinders, Plot
@@ -41,7 +42,7 @@ def scene_figure(episode: Episode, config: EscortScenario) -> Figure:
     for name, team in episode.teams.items():
         flies, width = name == parts.aircraft, 2.6 if name == parts.vessel else 1.4
         for vehicle in range(team.vehicles):
-            north, east = team.position_n[:, vehicle, 0], team.position_n[:, vehicle, 1]
+            north, east, _ = team.position_n[:, vehicle].T
             colour = INK if name == parts.vessel else rgb(episode.liveries[name].of(vehicle))
             label = name if vehicle == 0 else None
             axes.plot(
@@ -53,7 +54,7 @@ def scene_figure(episode: Episode, config: EscortScenario) -> Figure:
         axes.add_patch(_disc(east, north, radius))
     for overlay in episode.overlays:
         if isinstance(overlay, Cylinders):
-            axes.plot(overlay.position_n[..., 1], overlay.position_n[..., 0], color="#C47828", linewidth=0.8)
+            axes.plot(overlay.position_n[..., EAST], overlay.position_n[..., NORTH], color="#C47828", linewidth=0.8)
     axes.set_xlim(low[1], high[1])
     axes.set_ylim(low[0], high[0])
     axes.set_aspect("equal")

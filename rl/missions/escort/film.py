@@ -13,8 +13,10 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from rl.guidance.targets import COURSE, DOWN, NORTH
 from rl.missions.escort.config import OrbitConfig
 from rl.perception.columns import Sighting
+from taichi_sim.conventions import HORIZONTAL
 from taichi_sim.recording.overlays import Ellipsoids, Lines, Overlay, Plot
 
 if TYPE_CHECKING:
@@ -74,7 +76,7 @@ def _messages(mission: "Escort", film: Frames) -> list[Lines]:
             a, b = film["place"][:, k, None], film["place"][:, i, None]
             arc = (1 - share) * a + share * b
             high = HIGH * np.linalg.norm(b - a, axis=-1) * 4 * (share * (1 - share))[:, 0]
-            arc[..., 2] -= high
+            arc[..., DOWN] -= high
             arcs.append(arc)
             for name, of_all in flags.items():
                 of_all.append(film[name][:, i, k].astype(bool))
@@ -92,12 +94,12 @@ def _believed(mission: "Escort", film: Frames) -> list[Ellipsoids]:
     found = []
     for name, g in mission.tracking.groups.items():
         at = film["targets"][:, g.first : g.first + 1]
-        place = np.stack((at[..., 0], at[..., 1], np.zeros_like(at[..., 0])), axis=-1)
+        place = at[..., NORTH : DOWN + 1]
         sigma = np.clip(film["sigma"][:, g.first : g.first + 1], 1.0, 200.0)
         axes = np.stack((sigma, sigma, np.full_like(sigma, 0.5)), axis=-1)
         found.append(
             Ellipsoids(
-                name=f"vessel by {name}0", colour=BELIEVED, position_n=place, half_axes_m=axes, heading=at[..., 3]
+                name=f"vessel by {name}0", colour=BELIEVED, position_n=place, half_axes_m=axes, heading=at[..., COURSE]
             )
         )
     return found
@@ -116,10 +118,10 @@ def _footprints(film: Frames, flying: "EscortAircraft | Scouts", rows: slice) ->
     turn -= CROWDED * np.cos(turn)
     around = np.cos(turn)[:, None] * aside[..., None, :] + np.sin(turn)[:, None] * up[..., None, :]
     rays = math.cos(half) * axis[..., None, :] + math.sin(half) * around
-    far = -place[..., None, 2] / np.maximum(rays[..., 2], FLATTEST)
+    far = -place[..., None, DOWN] / np.maximum(rays[..., DOWN], FLATTEST)
     points = place[..., None, :] + np.minimum(far, FARTHEST)[..., None] * rays
-    points[..., 2] = 0.0
-    points[rays[..., 2] < FLATTEST] = np.nan
+    points[..., DOWN] = 0.0
+    points[rays[..., DOWN] < FLATTEST] = np.nan
     return Lines(name="footprints", colour=FOOTPRINT, points_n=points, radius=-1.2, on_water=True)
 
 
@@ -136,8 +138,7 @@ def _sights(film: Frames, rows: slice) -> Lines:
 
 def _circle(vessel: NDArray[np.float64], orbit: OrbitConfig) -> Lines:
     """The circle about the vessel, at the height of the first aircraft."""
-    points = np.empty((len(vessel), 1, len(ROUND), 3))
-    points[..., 0] = vessel[:, None, None, 0] + orbit.radius * np.cos(ROUND)
-    points[..., 1] = vessel[:, None, None, 1] + orbit.radius * np.sin(ROUND)
-    points[..., 2] = -orbit.height
+    round_it = orbit.radius * np.stack((np.cos(ROUND), np.sin(ROUND)), axis=-1)
+    points = np.full((len(vessel), 1, len(ROUND), 3), -orbit.height)
+    points[..., HORIZONTAL] = vessel[:, None, None, HORIZONTAL] + round_it
     return Lines(name="circle", colour=CIRCLE, points_n=points, radius=-0.6)

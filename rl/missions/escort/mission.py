@@ -30,11 +30,10 @@ from rl.missions.escort.vessel import Wanderer
 from rl.missions.escort.worlds import afloat, aloft, draw_worlds
 from rl.perception.columns import Sighting
 from rl.rewards import fine, paid
-from rl.scenario import derive_seed
 from rl.team import Controller
 from taichi_sim.config.io import validate
+from taichi_sim.conventions import DOWN
 from taichi_sim.kernels import runtime
-from taichi_sim.kernels.random import Noise
 from taichi_sim.recording.episode import Episode, Scene
 from taichi_sim.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
 
@@ -53,12 +52,10 @@ class Escort(Mission[EscortScenario, EscortBoats | EscortAircraft]):
         bodies: moving bodies, the vessel first; traffic: the others. env_world: int64 [env].
         vessel_place, vessel_velocity: [env, 2] NED, m, m/s; the velocity is averaged (vessel.py).
         hs: [env] significant wave height, m. tracking: what boats and aircraft know (tracking.py).
-        noise: counter of the random numbers of sensors and radio.
     """
 
     STATE = (
-        "env_world", "bodies", "traffic", "hs", "vessel_place", "_cue", "arrived", "_which", "noise", "tracking",
-        "scouts",
+        "env_world", "bodies", "traffic", "hs", "vessel_place", "_cue", "arrived", "tracking", "scouts",
     )  # fmt: skip
 
     Config = EscortScenario
@@ -92,14 +89,11 @@ class Escort(Mission[EscortScenario, EscortBoats | EscortAircraft]):
         self.bodies, self.traffic = Bodies(self.num_envs, pool), Bodies(self.num_envs, pool[..., 1:])
         self.bodies.table[:, RADIUS, 0], self.bodies.table[:, TOP, 0] = radius, VESSEL_TOP
         self.env_world = torch.zeros(self.num_envs, dtype=torch.int64, device=run.device)
-        amplitude = torch.as_tensor(self.world.sea.components.amplitude)
-        self._hs = (4 * (amplitude.double().square().sum(1) / 2).sqrt()).to(run.device, run.torch_dtype)
+        self._hs = torch.as_tensor(self.world.sea.components.hs).to(run.device, run.torch_dtype)
         self.hs = torch.zeros(self.num_envs, device=run.device, dtype=run.torch_dtype)
         self.vessel_place, self.vessel_velocity = self.hs.new_zeros((self.num_envs, 2)), self._script.velocity
         self._cue = self.hs.new_zeros((self.num_envs, 2))  # place of the vessel that is given at the start, m
         self.arrived = torch.zeros(self.num_envs, dtype=torch.bool, device=run.device)
-        self._which = torch.zeros(self.num_envs, dtype=torch.int32, device=run.device)
-        self.noise = Noise(self.num_envs, derive_seed(self.seed, "sensors"))
         self.tracking = self._shared_tracking(names)
         aircraft = config.escort.aircraft
         scouted = aircraft in config.teams and aircraft not in names
@@ -121,28 +115,19 @@ class Escort(Mission[EscortScenario, EscortBoats | EscortAircraft]):
         """Give the vessel its obstacles and boats."""
         self._script.attach(self)
 
-    def reseed(self, seed: int) -> None:
-        """Reseed also sensors and radio."""
-        super().reseed(seed)
-        self.noise.restart(derive_seed(seed, "sensors"))
-
     # -- one step --------------------------------------------------------------------------------------------------
 
     def measure(self) -> None:
         """Move traffic; measure errors, look, exchange messages, update what all know."""
-        self._which.fill_(1)
-        self.noise.tick()
         self.traffic.move(self.config.decision_interval, self.world.current.velocity)
         self._look(self.num_envs)
 
     def measure_again(self, envs: Tensor) -> None:
         """Measure after `begin` has placed all."""
-        self._which.zero_()
-        self._which[envs] = 2
         self._look(len(envs), envs)
 
     def _look(self, rows: int, envs: Tensor | None = None) -> None:
-        which = self._which
+        which = self.which
         write_objects(self, self._vessel)
         for team in self.teams.values():
             team.measure(which, rows)
@@ -162,7 +147,8 @@ class Escort(Mission[EscortScenario, EscortBoats | EscortAircraft]):
 
     def elevation(self, points: Tensor) -> Tensor:
         """Elevation of the sea (m, up) now at points [env, n, 2]."""
-        return self.world.elevation(self._all, points[..., 0].contiguous(), points[..., 1].contiguous())
+        north, east = points.unbind(-1)
+        return self.world.elevation(self._all, north.contiguous(), east.contiguous())
 
     def observe(self, team: EscortBoats | EscortAircraft) -> dict[str, Tensor]:
         """Observations of boats.py and aircraft.py."""
@@ -259,7 +245,7 @@ class Escort(Mission[EscortScenario, EscortBoats | EscortAircraft]):
         rows = {name: {"error_m": team.distance[env]} for name, team in self.teams.items()}
         if self.boats is not None:
             slot = self.boats.now.slot[env].clone()
-            slot[:, 2] = 0.0
+            slot[:, DOWN] = 0.0
             rows[self.boats.name]["slot_n"] = slot
         return Frame(rows, overlays_of(self, env))
 

@@ -27,6 +27,7 @@ from rl.guidance.controllers.fixed_wing_6dof import (
     FlightCommand,
     velocity_through_air,
 )
+from rl.guidance.controllers.force_vector import cross, to_starboard
 from taichi_sim.config import Positive
 from taichi_sim.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
 
@@ -76,11 +77,11 @@ class OrbitController:
         sigma, square = team.orbit.turn, r * r + R * R
         out, along = -(r * r - R * R) / square, 2 * r * R / square * sigma
         e = x / r.unsqueeze(-1)
-        e_theta = torch.stack((-e[..., 1], e[..., 0]), dim=-1)
+        e_theta = to_starboard(e)
         d = out.unsqueeze(-1) * e + along.unsqueeze(-1) * e_theta
         against = v[..., :2] - air[..., :2] - team.centre_velocity
         ahead = (against * d).sum(-1)
-        across = against[..., 1] * d[..., 0] - against[..., 0] * d[..., 1]
+        across = cross(d, against)
         through = (airspeed * airspeed - across * across).clamp(min=0.0).sqrt()
         s = torch.maximum(ahead + through, LEAST_SHARE * airspeed)
         down = (loops.height * team.height_error).clamp(-limits.climb, limits.climb)
@@ -90,9 +91,8 @@ class OrbitController:
         velocity = self.flight.avoid(team, direct)
         moves = v[..., :2] - team.centre_velocity
         turn = (moves * e_theta).sum(-1) / r + 2 * sigma * R / square * (moves * e).sum(-1)
-        change = (s * turn).unsqueeze(-1) * torch.stack((-d[..., 1], d[..., 0]), dim=-1)
+        change = (s * turn).unsqueeze(-1) * to_starboard(d)
         speed = air[..., :2].norm(dim=-1).clamp(min=limits.floor)
         nose = air[..., :2] / speed.unsqueeze(-1)
-        aside = change[..., 1] * nose[..., 0] - change[..., 0] * nose[..., 1]
         evading = (velocity - direct).norm(dim=-1) > EVADING
-        return FlightCommand(velocity, ((change * nose).sum(-1), aside), evading)
+        return FlightCommand(velocity, ((change * nose).sum(-1), cross(nose, change)), evading)

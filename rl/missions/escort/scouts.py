@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING
 import torch
 from torch import Tensor
 
+from rl.guidance.controllers.force_vector import to_starboard
 from rl.missions.escort.tracking import ObserverGroup, SharedTracking, SpiralSearch
 from rl.perception.camera import Camera
 from rl.perception.instruments import InstrumentsConfig
-from taichi_sim.conventions import QUATERNION, STATE_SIZE
+from taichi_sim.conventions import DOWN, QUATERNION, STATE_SIZE
 from taichi_sim.fleet import Views
 from taichi_sim.kernels.rotation import DERIVED_SIZE, HEADING_COS, HEADING_SIN, ROTATION, VELOCITY_N
 
@@ -62,7 +63,7 @@ class Scouts:
         about = 20.0 * torch.stack((turn.cos(), turn.sin()), dim=-1)
         row = state[envs]
         row[..., :2] = place.unsqueeze(1).to(row) + about.to(row)
-        row[..., 2] = -self._height
+        row[..., DOWN] = -self._height
         state[envs] = row
 
     def measure(self, which: Tensor) -> None:
@@ -72,15 +73,14 @@ class Scouts:
         x = state[..., :2] - self.mission.vessel_place.unsqueeze(1)
         r = x.norm(dim=-1, keepdim=True).clamp(min=1.0)
         e = x / r
-        e_theta = torch.stack((-e[..., 1], e[..., 0]), dim=-1)
-        d = (-(r * r - R * R) * e + 2 * sigma * r * R * e_theta) / (r * r + R * R)
+        d = (-(r * r - R * R) * e + 2 * sigma * r * R * to_starboard(e)) / (r * r + R * R)
         step = (which == 1).to(d).view(-1, 1, 1)
         state[..., :2] += SPEED * dt * step * d
-        derived[..., ROTATION] = 0.0
-        derived[..., 0], derived[..., 1], derived[..., 3], derived[..., 4] = d[..., 0], -d[..., 1], d[..., 1], d[..., 0]
-        derived[..., 8] = 1.0
+        c, s = d.unbind(-1)
+        zero, one = torch.zeros_like(c), torch.ones_like(c)
+        derived[..., ROTATION] = torch.stack((c, -s, zero, s, c, zero, zero, zero, one), dim=-1)
         derived[..., VELOCITY_N] = torch.cat((SPEED * d, torch.zeros_like(r)), dim=-1)
-        derived[..., HEADING_COS], derived[..., HEADING_SIN] = d[..., 0], d[..., 1]
+        derived[..., HEADING_COS], derived[..., HEADING_SIN] = c, s
         self.camera.aim(self.mission.vessel_place.unsqueeze(1).expand_as(x))
 
     def look(self, which: Tensor, rows: int) -> None:

@@ -21,6 +21,8 @@ import torch
 from torch import Tensor
 
 from rl.course import traffic
+from rl.course.obstacles import Cylinder
+from rl.guidance.controllers.force_vector import course_of
 from rl.guidance.targets import COS, COURSE, EAST, NORTH, SIN, SIZE, SPEED
 from rl.missions.escort.config import EscortScenario
 from rl.perception.camera import UNSEEN
@@ -29,6 +31,8 @@ from rl.perception.columns import Message, Object, Sighting
 from rl.perception.radio import Radio
 from taichi_sim.fleet import Fleet, Views
 from taichi_sim.kernels import runtime
+from taichi_sim.kernels.abreast import taken
+from taichi_sim.kernels.runtime import array1, array2, array3, array4, whole1
 
 if TYPE_CHECKING:
     from rl.missions.escort.mission import Escort
@@ -45,13 +49,12 @@ ESTIMATE = 60.0  # ns of one observer, about
 
 PITCH, SEARCH_SPEED, BEGINS, TURNED = range(4)  # columns of `searches`, a row for each observer
 
-_array1, _array2, _array3, _array4 = (ti.types.ndarray(ndim=n) for n in (1, 2, 3, 4))
-EstimatesPack = ti.types.argpack(targets=_array3, age=_array2, sigma=_array2, course=_array2, searching=_array2)
-SearchPack = ti.types.argpack(tracks=_array4, said=_array3, searches=_array2, numbers=_array1)
+EstimatesPack = ti.types.argpack(targets=array3, age=array2, sigma=array2, course=array2, searching=array2)
+SearchPack = ti.types.argpack(tracks=array4, said=array3, searches=array2, numbers=array1)
 
 
 @ti.kernel
-def _estimate(out: EstimatesPack, by: SearchPack, which: ti.types.ndarray(dtype=ti.i32, ndim=1), serial: ti.template()):
+def _estimate(out: EstimatesPack, by: SearchPack, which: whole1, serial: ti.template()):
     ti.loop_config(serialize=serial)
     for e, o in ti.ndrange(by.tracks.shape[0], by.tracks.shape[1]):
         if which[e] != 0:
@@ -62,7 +65,7 @@ def _estimate(out: EstimatesPack, by: SearchPack, which: ti.types.ndarray(dtype=
             if speed > SLOWEST:
                 out.course[e, o] = ti.atan2(east, north)
             out.age[e, o], out.sigma[e, o] = old, ti.sqrt(ti.max(by.tracks[e, o, 0, P_PP], 0.0))
-            away = (ti.Vector([by.said[e, o, 0], by.said[e, o, 1]]) - place).norm()
+            away = (taken(by.said, e, o, NORTH, 2) - place).norm()
             searched, pitch = 0.0, by.searches[o, PITCH]
             if old > lost and (away < by.searches[o, BEGINS] or out.searching[e, o] > 0):
                 searched = out.searching[e, o] + dt
@@ -168,8 +171,7 @@ class SharedTracking:
         self.chart.tracks[envs] = track
         self._searching[envs] = 0.0
         here = torch.cat([g.own.position_n[envs, :, :2] for g in self.groups.values()], dim=1)
-        way = cue.unsqueeze(1).to(here) - here
-        self._course[envs] = torch.atan2(way[..., 1], way[..., 0])
+        self._course[envs] = course_of(cue.unsqueeze(1).to(here) - here)
         self.targets[envs, :, NORTH : EAST + 1] = cue.unsqueeze(1).to(here)
 
     def update(self, which: Tensor, rows: int) -> None:
@@ -215,16 +217,15 @@ def write_objects(mission: "Escort", vessel: Fleet) -> None:
     for column, row in COPIED:
         objects[:, :n, column] = table[:, row]
     stands = mission.obstacles[mission.env_world]
-    objects[:, n:, :2], objects[:, n:, Object.RADIUS] = stands[..., :2], stands[..., 2]
+    objects[:, n:, :2], objects[:, n:, Object.RADIUS] = stands[..., :2], stands[..., Cylinder.RADIUS]
     if _on_waves(mission.config):
         inside = objects[..., Object.NORTH].abs() < mission.config.area  # obstacles that a world has not are far away
         objects[..., Object.DOWN] = torch.where(inside, -mission.elevation(objects[..., :2]), 0.0)
     boats = mission.boats
     if boats is not None:
-        course = mission.vessel_velocity
-        speed = course.norm(dim=-1)
-        angle = torch.atan2(course[:, 1], course[:, 0])
-        target = (place[:, 0], place[:, 1], 0 * speed, angle, angle.cos(), angle.sin(), 0 * speed, speed)
+        (north, east), speed = place.unbind(-1), mission.vessel_velocity.norm(dim=-1)
+        course = course_of(mission.vessel_velocity)
+        target = (north, east, 0 * speed, course, course.cos(), course.sin(), 0 * speed, speed)
         boats.target.table[:, 0] = torch.stack(target, dim=-1)
 
 

@@ -15,7 +15,7 @@ from torch import Tensor
 from rl.guidance.avoidance import Avoider
 from rl.guidance.controllers import CONTROLLERS
 from rl.guidance.controllers.course import CourseCommand
-from rl.guidance.controllers.force_vector import wrap
+from rl.guidance.controllers.force_vector import course_of, wrap
 from rl.guidance.controllers.hull_6dof import Hull6DofController
 from rl.guidance.controllers.manoeuvring_3dof import Manoeuvring3dofController
 from rl.guidance.geometry import SLOT_SIZE, SlotErrors
@@ -26,7 +26,7 @@ from rl.perception.columns import Mate
 from rl.perception.sensors import Nearby, Sensor
 from taichi_sim.config import ConfigError
 from taichi_sim.config.io import validate
-from taichi_sim.conventions import STATE_SIZE
+from taichi_sim.conventions import QUATERNION, STATE_SIZE, SURGE
 from taichi_sim.kernels.rotation import torch_quaternion_from_euler
 from taichi_sim.script import Script
 
@@ -104,9 +104,9 @@ class Wanderer(Script):
         """
         way, n = self.config.course, len(envs)
         draws = torch.rand((n, self._plan.shape[1], 3), generator=generator, dtype=torch.float64)
-        wait = -way.every * (1 - draws[..., 0]).log()
-        turn = (2 * draws[..., 1] - 1) * math.radians(way.turn_deg)
-        speeds = way.speed[0] + (way.speed[1] - way.speed[0]) * draws[..., 2]
+        wait, turn, share = draws.unbind(-1)
+        wait, turn = -way.every * (1 - wait).log(), (2 * turn - 1) * math.radians(way.turn_deg)
+        speeds = way.speed[0] + (way.speed[1] - way.speed[0]) * share
         courses = course.double().cpu().unsqueeze(-1) + turn.cumsum(-1)
         self._plan[envs] = torch.stack((wait.cumsum(-1), courses, speeds), dim=-1).to(self._plan)
         self._time[envs], self._next[envs] = 0.0, 0
@@ -116,8 +116,8 @@ class Wanderer(Script):
         self.velocity[envs] = speed.unsqueeze(-1) * torch.stack((course.cos(), course.sin()), dim=-1)
         state = self._plan.new_zeros((n, self.fleet.count, STATE_SIZE))
         level = torch.zeros_like(course)
-        state[..., 3:7] = torch_quaternion_from_euler(level, level, course).unsqueeze(1)
-        state[..., 7] = speed.unsqueeze(-1)
+        state[..., QUATERNION] = torch_quaternion_from_euler(level, level, course).unsqueeze(1)
+        state[..., SURGE] = speed.unsqueeze(-1)
         if self.fleet.count > 1:  # further vessels of the team follow in line, without escort
             state[..., 1:, :2] = (
                 -20.0
@@ -132,17 +132,16 @@ class Wanderer(Script):
         self._time += dt
         rows = torch.arange(len(self._time), device=self._time.device)
         due = self._plan[rows, self._next.clamp(max=self._plan.shape[1] - 1)]
-        now = (self._time >= due[:, 0]) & (self._next < self._plan.shape[1])
-        self._course = torch.where(now, due[:, 1], self._course)
-        self._speed = torch.where(now, due[:, 2], self._speed)
+        when, course, speed = due.unbind(-1)
+        now = (self._time >= when) & (self._next < self._plan.shape[1])
+        self._course, self._speed = torch.where(now, course, self._course), torch.where(now, speed, self._speed)
         self._next += now
         place = self.fleet.position_n[:, 0, :2]
         course, speed = self._course, self._speed
         if way.evasive:
             course, speed = self._run(place, course, speed)
         outside = place.abs().amax(-1) > EDGE * self.config.area
-        home = torch.atan2(-place[:, 1], -place[:, 0])
-        self._course = course = torch.where(outside, home, course)
+        self._course = course = torch.where(outside, course_of(-place), course)
         most = math.radians(way.turn_rate_deg) * dt
         self._steered = self._steered + wrap(course - self._steered).clamp(-most, most)
         heading = torch.stack((self._steered.cos(), self._steered.sin()), dim=-1)
@@ -184,5 +183,5 @@ class Wanderer(Script):
         near, which = away.norm(dim=-1).min(dim=-1)
         least = away.gather(1, which.view(-1, 1, 1).expand(-1, 1, 2)).squeeze(1)
         hunted = near < self.config.course.evasive_range
-        course = torch.where(hunted, torch.atan2(least[:, 1], least[:, 0]), course)
+        course = torch.where(hunted, course_of(least), course)
         return course, torch.where(hunted, torch.full_like(speed, self.config.course.speed[1]), speed)

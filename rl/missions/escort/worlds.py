@@ -13,10 +13,11 @@ from typing import TYPE_CHECKING, NamedTuple
 import torch
 from torch import Tensor
 
+from rl.course.obstacles import Cylinder
 from rl.course.traffic import AWAY, BOTTOM, CARRIED, EAST, NORTH, RADIUS, ROWS, TOP, V_EAST, V_NORTH
 from rl.missions.escort.config import ROOM, EscortScenario
 from taichi_sim.config import ConfigError
-from taichi_sim.conventions import STATE_SIZE
+from taichi_sim.conventions import DOWN, QUATERNION, STATE_SIZE, SURGE
 from taichi_sim.kernels.rotation import torch_quaternion_from_euler
 
 if TYPE_CHECKING:
@@ -94,10 +95,10 @@ def draw_worlds(
     aloft = torch.where(near.unsqueeze(-1), 30.0 * normal(2), middle)
     taken = torch.cat((place, torch.zeros(n, 1, 2)), dim=1)  # positions of vehicles at the start
     forward = torch.stack((course.cos(), course.sin()), dim=-1)
-    obstacles = _standing(config, taken, middle, side, forward, near, uniform)
+    obstacles = _standing(config, taken, middle, side, forward, uniform)
     fixed = torch.tensor([[o.north, o.east, o.radius, o.height] for o in config.obstacles.fixed]).reshape(-1, 4)
     if len(fixed):
-        gap = (place.unsqueeze(2) - fixed[:, :2]).norm(dim=-1) - fixed[:, 2]
+        gap = (place.unsqueeze(2) - fixed[:, :2]).norm(dim=-1) - fixed[:, Cylinder.RADIUS]
         if bool((gap < radius).any()):
             raise ConfigError(
                 f"obstacles.fixed: boats would begin in one of them in {int((gap < radius).flatten(1).any(1).sum())} "
@@ -105,7 +106,7 @@ def draw_worlds(
                 "side"
             )
         obstacles = torch.cat((fixed.expand(n, -1, 4), obstacles), dim=1)
-    bodies = _moving(config, taken, middle, side, bearing, far, near, uniform)
+    bodies = _moving(config, taken, middle, bearing, far, near, uniform)
     return Worlds(course, speed, obstacles, bodies, place, heading, aloft, near)
 
 
@@ -115,7 +116,7 @@ def _apart(place: Tensor) -> Tensor:
     return gap.amin(dim=(1, 2))
 
 
-def _standing(config, taken, middle, side, forward, near, uniform) -> Tensor:
+def _standing(config, taken, middle, side, forward, uniform) -> Tensor:
     """Fixed obstacles [world, n, 4], alternately along the boats' way and where the vessel is going."""
     count, spread, n = config.obstacles.count, config.obstacles.spread, len(middle)
     found = torch.zeros(n, count, 4)
@@ -132,7 +133,8 @@ def _standing(config, taken, middle, side, forward, near, uniform) -> Tensor:
                     (uniform(-2 * spread, 2 * spread), uniform(-2 * spread, 2 * spread)), dim=-1
                 )
             clear = ((taken - at.unsqueeze(1)).norm(dim=-1) > (radius + ROOM).unsqueeze(-1)).all(-1)
-            apart = (found[..., :2] - at.unsqueeze(1)).norm(dim=-1) - found[..., 2] - radius.unsqueeze(-1)
+            between = (found[..., :2] - at.unsqueeze(1)).norm(dim=-1)
+            apart = between - found[..., Cylinder.RADIUS] - radius.unsqueeze(-1)
             fits = missing & clear & (apart > PASSAGE).all(-1)
             rows = torch.cat((at, radius.unsqueeze(-1), height.unsqueeze(-1)), dim=-1)
             found[:, k] = torch.where(fits.unsqueeze(-1), rows, found[:, k])
@@ -142,7 +144,7 @@ def _standing(config, taken, middle, side, forward, near, uniform) -> Tensor:
     return found
 
 
-def _moving(config, taken, middle, side, bearing, far, near, uniform) -> Tensor:
+def _moving(config, taken, middle, bearing, far, near, uniform) -> Tensor:
     """Moving obstacles [world, 8, n] that cross the boats' way; the first column is left for the vessel."""
     count, n = config.obstacles.moving, len(middle)
     found = torch.zeros(n, ROWS, 1 + count)
@@ -160,9 +162,9 @@ def _moving(config, taken, middle, side, bearing, far, near, uniform) -> Tensor:
             clear = ((taken - begin.unsqueeze(1)).norm(dim=-1) > (radius + 2 * ROOM).unsqueeze(-1)).all(-1)
             fits = missing & clear & ~near
             body = torch.zeros(n, ROWS)
-            body[:, NORTH], body[:, EAST], body[:, RADIUS] = begin[:, 0], begin[:, 1], radius
+            body[:, NORTH], body[:, EAST], body[:, RADIUS] = *begin.unbind(-1), radius
             body[:, BOTTOM], body[:, TOP] = 0.0, LOWEST
-            body[:, V_NORTH], body[:, V_EAST], body[:, CARRIED] = velocity[:, 0], velocity[:, 1], 0.0
+            body[:, V_NORTH], body[:, V_EAST], body[:, CARRIED] = *velocity.unbind(-1), 0.0
             found[..., k] = torch.where(fits.unsqueeze(-1), body, found[..., k])
             missing &= ~fits
             if not missing.any():
@@ -176,7 +178,7 @@ def afloat(team: "EscortBoats", place: Tensor, heading: Tensor, generator: torch
     state = _level(team, heading)
     state[..., :2] = place.to(state)
     low, high = BOAT_SPEED
-    state[..., 7] = low + (high - low) * torch.rand((len(state), 1), generator=generator).to(state)
+    state[..., SURGE] = low + (high - low) * torch.rand((len(state), 1), generator=generator).to(state)
     return state
 
 
@@ -188,13 +190,13 @@ def aloft(team: "EscortAircraft", over: Tensor, generator: torch.Generator) -> T
     rank = (torch.arange(count, device=state.device) - (count - 1) / 2) * APART
     side = torch.stack((-heading.sin(), heading.cos()), dim=-1)
     state[..., :2] = over.unsqueeze(1).to(state) + rank.view(1, -1, 1) * side
-    state[..., 2] = team.down
-    state[..., 7] = team.fleet.model.limits.speeds[1]
+    state[..., DOWN] = team.down
+    state[..., SURGE] = team.fleet.model.limits.speeds[1]
     return state
 
 
 def _level(team: "EscortBoats | EscortAircraft", heading: Tensor) -> Tensor:
     """At the origin, level, at rest, with `heading` [env, vehicle] (rad)."""
     state = team.fleet.state.new_zeros((*heading.shape, STATE_SIZE))
-    state[..., 3:7] = torch_quaternion_from_euler(0 * heading, 0 * heading, heading)
+    state[..., QUATERNION] = torch_quaternion_from_euler(0 * heading, 0 * heading, heading)
     return state

@@ -13,7 +13,7 @@ from rl.perception.contacts import SensorsConfig
 from rl.perception.radio import RadioConfig
 from rl.planning.config import PlanConfig
 from rl.scenario import Evaluation, Scenario
-from taichi_sim.config import Fraction, NonNegative, Positive, Strict, TeamConfig
+from taichi_sim.config import Fraction, NonNegative, Ordered, Positive, Strict, TeamConfig
 
 
 class TrackConfig(Strict):
@@ -60,6 +60,7 @@ class ObstacleConfig(Strict):
 
 
 Spacing = Annotated[float, Field(gt=0, le=200)]
+SpacingRange = Annotated[tuple[Spacing, Spacing], Ordered]
 
 
 class FormationConfig(Strict):
@@ -67,7 +68,7 @@ class FormationConfig(Strict):
 
     shape: Shape = "abreast"
     shapes: Annotated[tuple[Shape, ...], Field(min_length=1)] | None = None  # drawn anew for episodes and changes
-    spacing_range: tuple[Spacing, Spacing] | None = None  # m, range of spacings drawn likewise; default: spacing
+    spacing_range: SpacingRange | None = None  # m, range of spacings drawn likewise; default: spacing
     change_every: Positive | None = None  # s between changes; default: no change in an episode
     glide: Positive | None = None  # m/s of a slot to its new place; default: 15 % of track.target_speed; assumed
 
@@ -75,12 +76,6 @@ class FormationConfig(Strict):
     @classmethod
     def _plain(cls, given: object) -> object:
         return {"shape": given} if isinstance(given, str) else given
-
-    @model_validator(mode="after")
-    def _ordered(self):
-        if self.spacing_range and self.spacing_range[0] > self.spacing_range[1]:
-            raise ValueError(f"spacing_range = {list(self.spacing_range)}: the first must not be above the second")
-        return self
 
 
 class FormationTeam(TeamConfig):

@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 
 from rl.figures import save_figures, training_figures
 from rl.mission import Histories
+from taichi_sim.conventions import DOWN, EAST, NORTH
+from taichi_sim.kernels.rotation import numpy_rotation_matrix
 from taichi_sim.plotting import INK, dress, new_figure, rgb
 from taichi_sim.recording import Episode, TeamTrack
 from taichi_sim.recording.bodies import body_mesh
@@ -28,11 +30,7 @@ WIDE = {"water": 4.0, "air": 1.6}  # tracks may lie one above the other
 SEA_COLOUR = "#DCEAF2"
 OBSTACLE_COLOUR = "#8C6D5A"
 NOT_MEASURED = "#C9CED3"
-VIEWS = (
-    ("from behind", 20.0, 205.0, 1.25),
-    ("from the side", 14.0, 110.0, 1.25),
-    ("from above", 80.0, 180.0, 0.95),
-)
+VIEWS = (("from behind", 20.0, 205.0, 1.25), ("from the side", 14.0, 110.0, 1.25), ("from above", 80.0, 180.0, 0.95))
 """Title; the eye's elevation (deg) and bearing (deg, clockwise from the target's course); zoom."""
 INSTANTS = (0.3, 0.6, 0.9)  # share of the episode
 SEA_POINTS = 70  # per side of the drawn wave surface
@@ -63,12 +61,12 @@ def scene_figure(episode: Episode) -> Figure:
     if len(scene.obstacles):
         label = f"{len(scene.obstacles)} obstacles"
         top.plot([], [], "o", color=OBSTACLE_COLOUR, label=label)
-        top.scatter(scene.obstacles[:, 1], scene.obstacles[:, 0], s=7, color=OBSTACLE_COLOUR, zorder=3)
+        top.scatter(scene.obstacles[:, EAST], scene.obstacles[:, NORTH], s=7, color=OBSTACLE_COLOUR, zorder=3)
     for name, track in scene.tracks_n.items():
         length = float(np.linalg.norm(np.diff(track, axis=0), axis=1).sum())
         medium = episode.teams[name].medium
         top.plot(
-            track[:, 1], track[:, 0], color=rgb(episode.liveries[name].first), linestyle=STYLE[medium],
+            track[:, EAST], track[:, NORTH], color=rgb(episode.liveries[name].first), linestyle=STYLE[medium],
             linewidth=WIDE[medium], zorder=4, label=f"{name.upper()} track, {length:.0f} m",
         )  # fmt: skip
     for number, (north, east) in enumerate(scene.checkpoints_n, start=1):
@@ -97,15 +95,17 @@ def _side_view(axes: Axes, episode: Episode) -> None:
     scene, half = episode.scene, _extent(episode)
     for _, east, radius, height in scene.obstacles:
         axes.add_patch(Rectangle((east - radius, 0.0), 2 * radius, height, color=OBSTACLE_COLOUR, alpha=0.75, zorder=2))
-    ceiling = max([30.0, *(-track[:, 2].min() for track in scene.tracks_n.values()), *scene.obstacles[:, 3:].ravel()])
+    heights = [-track[:, DOWN].min() for track in scene.tracks_n.values()]
+    ceiling = max([30.0, *heights, *scene.obstacles[:, 3:].ravel()])
     for name, track in scene.tracks_n.items():
-        up = -track[:, 2]
+        _, east, down = track.T
+        up = -down
         colour, style = rgb(episode.liveries[name].first), STYLE[episode.teams[name].medium]
-        axes.plot(track[:, 1], up, color=colour, linestyle=style, linewidth=2.2, zorder=4)
-        edge = int(np.argmax(track[:, 1]))
+        axes.plot(east, up, color=colour, linestyle=style, linewidth=2.2, zorder=4)
+        edge = int(np.argmax(east))
         axes.annotate(
             f"{name.upper()} track, {up.min():.0f} to {up.max():.0f} m" if np.ptp(up) > 1 else f"{name.upper()} track",
-            (track[edge, 1], up[edge]), xytext=(0.99, (up[edge] + 0.2 * ceiling) / (1.45 * ceiling)),
+            (east[edge], up[edge]), xytext=(0.99, (up[edge] + 0.2 * ceiling) / (1.45 * ceiling)),
             textcoords="axes fraction", ha="right", color=colour, arrowprops={"arrowstyle": "->", "color": colour},
         )  # fmt: skip
     axes.axhspan(-0.1 * ceiling, 0.0, color=SEA_COLOUR, zorder=1)  # pyright: ignore[reportArgumentType]
@@ -227,7 +227,7 @@ def cylinders(episode: Episode, step: int) -> NDArray[np.floating]:
     for overlay in episode.overlays:
         if isinstance(overlay, Cylinders):
             place, (radius, height) = overlay.position_n[step], overlay.size_m[step].T
-            top = -place[:, 2] + 0.5 * height
+            top = -place[:, DOWN] + 0.5 * height
             rows.append(np.column_stack((place[:, :2], radius, top - height, top)))
     found = np.concatenate(rows)
     return found[np.isfinite(found).all(axis=1)]
@@ -254,14 +254,7 @@ def _body(
 ) -> None:  # fmt: skip
     """The body's triangles at `place` (north, east, down, m), `grow` times too large, lit from above."""
     body = body_mesh(team, livery.of(vehicle))
-    w, x, y, z = team.quaternion_nb[step, vehicle].tolist()
-    R_nb = np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    R_nb = numpy_rotation_matrix(team.quaternion_nb[step, vehicle])
     corners = (grow * body.vertices_b @ R_nb.T + place)[:, [1, 0, 2]] * (1, 1, -1)
     normals = body.normals_b[::3] @ R_nb.T
     light = 0.62 - 0.38 * normals[:, 2:]
@@ -271,6 +264,6 @@ def _body(
     eye_n = np.array([np.cos(elev) * np.sin(azim), np.cos(elev) * np.cos(azim), -np.sin(elev)])
     seen = normals @ eye_n > 0.0
     if team.on_water:
-        seen &= faces[:, :, 2].max(axis=1) > team.wave_height[step, vehicle]
+        seen &= faces[:, :, DOWN].max(axis=1) > team.wave_height[step, vehicle]
     faces, colours = faces[seen], colours[seen]
     axes.add_collection3d(Poly3DCollection(faces, facecolors=colours, zorder=4 + 0.01 * vehicle))

@@ -130,12 +130,11 @@ def slot_clearance(mission: "Formation", team: "TeamTask") -> Tensor:
     slot, radius = team.now.slot, team.radius
     height = -slot[..., 2:] if team.axes == 3 else torch.zeros_like(slot[..., 2:])
     stands, moves = mission.obstacles[mission.env_world].unsqueeze(1), mission.bodies.table.unsqueeze(1)
-    bodies: list[tuple[Tensor | float, ...]] = [
-        (stands[..., 0], stands[..., 1], stands[..., 2], -math.inf, stands[..., 3])
-    ]
+    north, east, size, top = stands.unbind(-1)
+    bodies: list[tuple[Tensor | float, ...]] = [(north, east, size, -math.inf, top)]
     if mission.bodies.present:
         bodies.append(tuple(moves[..., row, :] for row in (NORTH, EAST, RADIUS, BOTTOM, TOP)))
-    nearest = torch.full_like(slot[..., 0], math.inf)
+    nearest = torch.full_like(team.distance, math.inf)
     for north, east, size, bottom, top in bodies:
         beside = torch.hypot(north - slot[..., :1], east - slot[..., 1:2]) - size - radius
         passed = (height - radius > top) | (height + radius < bottom)

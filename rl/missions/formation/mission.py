@@ -24,12 +24,11 @@ from rl.missions.formation.team import TeamTask
 from rl.missions.formation.worlds import draw_traffic, generate_worlds
 from rl.perception.contacts import SensorsConfig
 from rl.planning.honest import write_obstacles_as_bodies
-from rl.scenario import derive_seed
 from rl.team import Controller
 from taichi_sim.config import AirConfig, SeaConfig
 from taichi_sim.config.io import validate
+from taichi_sim.conventions import DOWN
 from taichi_sim.kernels import runtime
-from taichi_sim.kernels.random import Noise
 from taichi_sim.recording.episode import Episode, Scene
 from taichi_sim.state import transfer
 
@@ -46,10 +45,9 @@ class Formation(Mission[FormationScenario, TeamTask]):
         bodies: moving obstacles (rl/course/traffic.py).
         env_world: int64 [env], world of each environment. targets: of the leaders.
         wind_factor: mean wind at the flight height over that at 10 m.
-        noise: counter of the random numbers of sensors and radio.
     """
 
-    STATE = ("env_world", "targets", "bodies", "_which", "noise")
+    STATE = ("env_world", "targets", "bodies")
 
     Config = FormationScenario
     logged = ("leader_error_m", "follower_error_m", "collisions_per_hour", "lost")
@@ -83,14 +81,7 @@ class Formation(Mission[FormationScenario, TeamTask]):
             self.tracks, self.env_world, self.world.wind.velocity, speed=config.track.target_speed,
             interval=config.decision_interval, wind_factor=self.wind_factor, over_air=config.track.speed_over == "air",
         )  # fmt: skip
-        self._which = torch.zeros(self.num_envs, dtype=torch.int32, device=run.device)
-        self.noise = Noise(self.num_envs, derive_seed(self.seed, "sensors"))
         return {name: TeamTask(self, name, self.targets) for name in names}
-
-    def reseed(self, seed: int) -> None:
-        """Reseed also sensors and radio."""
-        super().reseed(seed)
-        self.noise.restart(derive_seed(seed, "sensors"))
 
     @property
     def progress(self) -> Tensor:
@@ -101,9 +92,7 @@ class Formation(Mission[FormationScenario, TeamTask]):
 
     def measure(self) -> None:
         """Move targets and slots; then measure errors and surroundings of every vehicle."""
-        self._which.fill_(1)
-        self.noise.tick()
-        self.targets.move(self._which, self.num_envs)
+        self.targets.move(self.which, self.num_envs)
         self.bodies.move(self.config.decision_interval, self.world.current.velocity)
         for team in self.teams.values():
             team.slots.advance(self.steps)
@@ -111,7 +100,7 @@ class Formation(Mission[FormationScenario, TeamTask]):
 
     def _look(self, count: int) -> None:
         for team in self.teams.values():
-            team.measure(self.obstacles, self.bodies, self.env_world, self._which, count)
+            team.measure(self.obstacles, self.bodies, self.env_world, self.which, count)
 
     def observe(self, team: TeamTask) -> dict[str, Tensor]:
         """Observations of rl/guidance/observations.py."""
@@ -147,9 +136,7 @@ class Formation(Mission[FormationScenario, TeamTask]):
         self.env_world[envs] = worlds
         self.progress[envs] = self.starts.progress[worlds, starts]
         self.bodies.begin(envs, worlds, starts, self.world.current.velocity)
-        self._which.zero_()
-        self._which[envs] = 2
-        self.targets.move(self._which, n)
+        self.targets.move(self.which, n)
         aloft = self.world.wind.velocity.index_select(0, envs)[:, :2] * self.wind_factor  # at the flight height
         for name, team in self.teams.items():
             state = self.starts.states[name][worlds, starts].to(team.fleet.state)
@@ -207,7 +194,7 @@ class Formation(Mission[FormationScenario, TeamTask]):
     def _row(team: TeamTask, env: int) -> dict[str, Tensor]:
         slot = team.now.slot[env].clone()
         if team.fleet.model.medium == "water":
-            slot[:, 2] = 0.0
+            slot[:, DOWN] = 0.0
         target = {"target_n": team.target.position[env], "target_course": team.target.course[env, 0]}
         return target | {"slot_n": slot, "error_m": team.distance[env]}
 
@@ -293,7 +280,7 @@ class ImaginedFormation(Formation):
         mine.fleet.update()
         transfer(team.controller, mine.controller)
         write_obstacles_as_bodies(self.bodies.table, known.fleet.position_n, known.sensor.obstacles)
-        self._which.fill_(2)
+        self.which.fill_(2)
         self._look(self.num_envs)
 
 

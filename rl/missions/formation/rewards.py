@@ -13,6 +13,7 @@ from torch import Tensor
 from rl.mission import Endings
 from rl.rewards import action_rate, clearance, coarse, fine, paid, penalty
 from taichi_sim.config import NonNegative, Positive, Strict
+from taichi_sim.conventions import EAST, NORTH
 
 if TYPE_CHECKING:
     from rl.missions.formation.team import TeamTask
@@ -84,7 +85,7 @@ def paper(team: "TeamTask", ended: Endings) -> Tensor:
     forward = derived[..., 0:9:3][..., : team.axes]  # the nose, in n
     direction = team.now.error[..., : team.axes] / d.clamp(min=1e-3).unsqueeze(-1)
     toward = (forward * direction).sum(-1)
-    along = forward[..., 0] * team.target.cos + forward[..., 1] * team.target.sin
+    along = forward[..., NORTH] * team.target.cos + forward[..., EAST] * team.target.sin
     if team.fleet.model.medium == "water":
         reward = paper_usv(d, toward, along)
     else:

@@ -26,6 +26,7 @@ from rl.guidance.geometry import GOAL, OFFSET, RATE, SLOT_SIZE
 from rl.guidance.shapes import formation_offsets
 from rl.missions.formation.config import FormationTeam
 from taichi_sim.kernels import runtime
+from taichi_sim.kernels.runtime import array1, array3
 
 INTERVAL, GLIDE = range(2)  # parameters of the kernel
 SHAPE, SPACING = range(2)  # of a change
@@ -34,8 +35,7 @@ CLOSE = 1e-4  # share of a squared spacing: a smaller gain is rounding
 SWEEPS = 64  # over all pairs, at most; up to 16 vehicles need 5
 ADVANCE = 200.0  # ns of one environment, about
 
-_array1, _array3 = (ti.types.ndarray(ndim=n) for n in (1, 3))
-SlotsPack = ti.types.argpack(table=_array3, left=_array1, changes=_array3, units=_array3, numbers=_array1)
+SlotsPack = ti.types.argpack(table=array3, left=array1, changes=array3, units=array3, numbers=array1)
 
 
 class Drawn(NamedTuple):

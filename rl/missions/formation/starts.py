@@ -13,12 +13,13 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from rl.course.obstacles import Cylinder
 from rl.course.tracks import Tracks
 from rl.guidance.targets import crab, strongest_wind
 from rl.missions.formation.config import FormationScenario
 from rl.missions.formation.slots import Drawn, draw_formations, offsets_of, unit_offsets
 from taichi_sim.config import ConfigError
-from taichi_sim.conventions import QUATERNION, STATE_SIZE
+from taichi_sim.conventions import DOWN, HEADING, QUATERNION, STATE_SIZE, SURGE
 from taichi_sim.kernels.rotation import torch_euler_from_quaternion, torch_quaternion_from_euler
 from taichi_sim.vehicle import Vehicle
 
@@ -109,9 +110,9 @@ def in_wind(state: Tensor, wind: Tensor, over_ground: Tensor, airspeed: float, m
     airspeed; it heads into the wind by the crab angle, so that the drawn heading becomes its course.
     """
     state = state.clone()
-    state[..., 7] *= (over_ground * (1 / airspeed)).unsqueeze(1)
+    state[..., SURGE] *= (over_ground * (1 / airspeed)).unsqueeze(1)
     if not model.limits.stops:
-        course = torch_euler_from_quaternion(state[..., QUATERNION])[..., 2]
+        course = torch_euler_from_quaternion(state[..., QUATERNION])[..., HEADING]
         turn = crab(model.limits.speeds[1], wind.unsqueeze(1), course.cos(), course.sin())
         level = torch.zeros_like(course)
         state[..., QUATERNION] = torch_quaternion_from_euler(level, level, course + turn)
@@ -149,38 +150,40 @@ def _team_states(config, team, model, formation: Drawn, place, obstacles, genera
     heading = course + of_team * normal(*shape[:2], 1) + of_vehicle * normal(*shape)
     if model.medium == "air":
         spread = (HEIGHT_SPREAD * normal(*shape)).clamp(-LARGEST_DROP, LARGEST_DROP)
-        state[..., 2] = -config.track.flight_height * (1 + spread)
+        state[..., DOWN] = -config.track.flight_height * (1 + spread)
     level = torch.zeros_like(heading)
-    state[..., 3:7] = torch_quaternion_from_euler(level, level, heading)
+    state[..., QUATERNION] = torch_quaternion_from_euler(level, level, heading)
     low, high = SPEED_RANGE
-    state[..., 7] = config.track.target_speed * (low + (high - low) * uniform(*shape[:2], 1))
+    state[..., SURGE] = config.track.target_speed * (low + (high - low) * uniform(*shape[:2], 1))
     return state, clear & _way_clear(state, obstacles, margin)
+
+
+def _bow(state: Tensor) -> Tensor:
+    """Direction [.., vehicle, 2] (NED) in which vehicles [.., vehicle, 13] head."""
+    heading = torch_euler_from_quaternion(state[..., QUATERNION])[..., HEADING]
+    return torch.stack((heading.cos(), heading.sin()), dim=-1)
 
 
 def _way_clear(state: Tensor, obstacles: Tensor, margin: float) -> Tensor:
     """Whether vehicles [world, start, vehicle, 13] keep `margin` (m) from obstacles for `CLEAR_TIME` [world, start]."""
-    heading = torch_euler_from_quaternion(state[..., QUATERNION])[..., 2:]
-    way = (CLEAR_TIME * state[..., 7:8] * torch.cat((heading.cos(), heading.sin()), dim=-1)).unsqueeze(3)
+    way = (CLEAR_TIME * state[..., SURGE, None] * _bow(state)).unsqueeze(3)
     to = obstacles[:, None, None, :, :2] - state[..., None, :2]
     share = (to * way).sum(-1, keepdim=True) / way.square().sum(-1, keepdim=True).clamp(min=1e-6)
-    apart = (to - share.clamp(0.0, 1.0) * way).norm(dim=-1) - obstacles[:, None, None, :, 2]
+    apart = (to - share.clamp(0.0, 1.0) * way).norm(dim=-1) - obstacles[:, None, None, :, Cylinder.RADIUS]
     return (apart > margin).flatten(2).all(-1)
 
 
 def _free(state: Tensor, obstacles: Tensor, speed: float) -> Tensor:
     """Whether vehicles [world, start, vehicle, 13] of a `speed` are `FREE_TIME` from obstacles ahead [world, start]."""
-    heading = torch_euler_from_quaternion(state[..., QUATERNION])[..., 2:]
-    to, radius = obstacles[:, None, None, :, :2] - state[..., None, :2], obstacles[:, None, None, :, 2]
-    ahead = to[..., 0] * heading.cos() + to[..., 1] * heading.sin() > -radius
+    to, radius = obstacles[:, None, None, :, :2] - state[..., None, :2], obstacles[:, None, None, :, Cylinder.RADIUS]
+    ahead = (to * _bow(state).unsqueeze(3)).sum(-1) > -radius
     near = to.norm(dim=-1) - radius < FREE_TIME * speed
     return ~(ahead & near).flatten(2).any(-1)
 
 
 def _pass_clear(state: Tensor, apart: float) -> Tensor:
     """Whether vehicles [.., vehicle, 13] that go straight on for `TURNING_TIME` stay `apart` (m) in plan view [..]."""
-    heading = torch_euler_from_quaternion(state[..., QUATERNION])[..., 2:]
-    velocity = state[..., 7:8] * torch.cat((heading.cos(), heading.sin()), dim=-1)
-    place = state[..., :2]
+    place, velocity = state[..., :2], state[..., SURGE, None] * _bow(state)
     gap, rate = (x.unsqueeze(-2) - x.unsqueeze(-3) for x in (place, velocity))
     nearest = -(gap * rate).sum(-1, keepdim=True) / rate.square().sum(-1, keepdim=True).clamp(min=1e-9)
     distance = (gap + rate * nearest.clamp(0.0, TURNING_TIME)).norm(dim=-1)
@@ -200,7 +203,7 @@ def _first_clear_pull(
         place = slot + share * scatter
         if obstacles.shape[1]:
             axis = obstacles[:, None, None, :, :2]
-            gap = (place.unsqueeze(3) - axis).norm(dim=-1) - obstacles[:, None, None, :, 2]
+            gap = (place.unsqueeze(3) - axis).norm(dim=-1) - obstacles[:, None, None, :, Cylinder.RADIUS]
             clear = gap.amin(dim=(2, 3)) > margin
         else:
             clear = torch.ones(place.shape[:2], dtype=torch.bool)

@@ -6,13 +6,15 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from rl.missions.landing.deck import DeckMotion, into_level, squashed
+from rl.guidance.observations import squashed
+from rl.missions.landing.deck import DeckMotion, into_level
 from rl.missions.landing.known import LAGS, KnownDeck
 from rl.missions.landing.marker import Marker
 from rl.missions.landing.pilots import Pilot, corrected
 from rl.perception.instruments import Readings
 from rl.team import Team
 from taichi_sim.config import ConfigError
+from taichi_sim.conventions import BELOW, DOWN
 from taichi_sim.uav.multirotor.multirotor_6dof import Multirotor6DOF
 
 NEAR = 1.0  # m, where what is observed near the deck is of order one
@@ -80,7 +82,7 @@ class Aircraft(Team):
         tilted = sensors.errors * math.radians(sensors.imu.attitude_noise_deg)
         self.marker = Marker(self.section.marker, self.own, tilted, 64 * number)
         self.known_deck = KnownDeck(state, self.interval)
-        self.soles_below = float(model.soles(self.fleet)[..., 2].max())
+        self.soles_below = float(model.soles(self.fleet)[..., BELOW].max())
         self._soles = state.new_tensor(model.legs.points)[:, :2]
         shape = state.shape[:2]
         self.offset, self._anchor = (state.new_zeros((*shape, 3)) for _ in range(2))
@@ -172,7 +174,7 @@ class Aircraft(Team):
         x, y = self._soles.unbind(-1)
         soles = torch.stack((c * x - s * y, s * x + c * y), dim=-1)  # [env, aircraft, leg, 2]
         over = ((soles - to).abs() <= to.new_tensor(half)).all(-1).all(-1)
-        upright = (self.own.R_nb[..., 2] * known.down).sum(-1) > SITS
+        upright = (self.own.R_nb[..., BELOW] * known.down).sum(-1) > SITS
         return self.touches & over & upright & self.comes
 
     @property
@@ -224,17 +226,17 @@ class Aircraft(Team):
         """Actions [env, aircraft, a] that fly a velocity [env, aircraft, 3] (NED, m/s), square to the deck; once a sole
         is on the deck, and all are over it, down, so that the rotors idle. Where it is not its turn, actions that hold.
         """
-        known, demands, touches = self.known_deck, self._model.demands, self.lets_go.unsqueeze(-1)
+        known, demands, touches = self.known_deck, self._model.demands, self.lets_go
         idles = self.standing
         if not self.alone:
             comes = self.comes
             velocity, idles = torch.where(comes.unsqueeze(-1), velocity, self._holding()), idles & comes
-        level = into_level(torch.where(touches, known.velocity, velocity), self.own.heading)
-        down = level[..., 2]
+        level = into_level(torch.where(touches.unsqueeze(-1), known.velocity, velocity), self.own.heading)
+        ahead, aside, down = level.unbind(-1)
         down = torch.where(down > 0, down / demands.descent, down / demands.climb)
-        down = torch.where(touches[..., 0], torch.ones_like(down), down)
-        turn = torch.where(touches[..., 0], 0.0, (known.rates[..., 2] + SQUARE * self._off_square) / demands.yaw_rate)
-        action = torch.stack((level[..., 0] / demands.speed, level[..., 1] / demands.speed, down, turn), dim=-1)
+        down = torch.where(touches, torch.ones_like(down), down)
+        turn = torch.where(touches, 0.0, (known.rates[..., BELOW] + SQUARE * self._off_square) / demands.yaw_rate)
+        action = torch.stack((ahead / demands.speed, aside / demands.speed, down, turn), dim=-1)
         idle = action.new_tensor((0.0, 0.0, 1.0, 0.0))
         return torch.where(idles.unsqueeze(-1), idle, action).clamp(-1.0, 1.0)
 
@@ -248,7 +250,7 @@ class Aircraft(Team):
         rises = (self.known_height < RISE) & (known.to[..., :2].norm(dim=-1) < RISE)
         level = torch.where(rises.unsqueeze(-1), known.velocity[..., :2], level)
         height = place.hold_height + STACKED * self.rank
-        down = c.position * (self.pilot.height - height - own.position_n[..., 2])
+        down = c.position * (self.pilot.height - height - own.position_n[..., DOWN])
         demands = self._model.demands
         return torch.cat((level, down.clamp(-demands.climb, demands.descent).unsqueeze(-1)), dim=-1)
 
@@ -267,13 +269,13 @@ class Aircraft(Team):
         fresh, on = (which == 2).unsqueeze(-1), (which == 1).unsqueeze(-1)
         away = self.fleet.position_n - deck.place
         self.offset = (deck.R.mT @ away.unsqueeze(-1)).squeeze(-1)
-        self.height = -self.offset[..., 2] - self.soles_below
+        self.height = -self.offset[..., BELOW] - self.soles_below
         level = self.offset[..., :2].norm(dim=-1)
         above, demands = self.height.clamp(min=0.0), self._model.demands
         self.distance = torch.hypot(level, above)
         before, self.to_go = self.to_go, torch.hypot(level / demands.speed, above / demands.descent)
         self.before = torch.where(on, before, torch.where(fresh, self.to_go, self.before))
-        upright = (self.fleet.R_nb[..., 2] * deck.down).sum(-1)
+        upright = (self.fleet.R_nb[..., BELOW] * deck.down).sum(-1)
         self.tilt = upright.clamp(-1.0, 1.0).acos()
         self._touch(on, fresh, level)
         if not self.alone:
@@ -287,7 +289,7 @@ class Aircraft(Team):
         self.touched = touched | self.touching
         self.touch_error = torch.where(self.touching, level, torch.where(fresh, 0.0, self.touch_error))
         self.touch_tilt = torch.where(self.touching, self.tilt, torch.where(fresh, 0.0, self.touch_tilt))
-        speed = torch.maximum(self.touch_speed, touch.blow[..., 0])
+        speed = torch.maximum(self.touch_speed, touch.blow.squeeze(-1))
         self.touch_speed = torch.where(on, speed, torch.where(fresh, 0.0, self.touch_speed))
         standing = touch.all_down
         settled = self.settled & ~fresh
@@ -365,7 +367,7 @@ class Aircraft(Team):
         heading = known.heading
         to, deck_v = into_level(known.to, heading), into_level(known.velocity, heading)
         own_v = into_level(own.velocity_n, heading)
-        up = into_level(own.R_nb[..., 2], heading)
+        up = into_level(own.R_nb[..., BELOW], heading)
         height = self.known_height.unsqueeze(-1)
         left = 1 - mission.steps.to(to).view(-1, 1, 1) / mission.config.episode_steps
         terms = {

@@ -16,20 +16,24 @@ from torch import Tensor
 from rl.guidance.controllers import CONTROLLERS
 from rl.guidance.controllers.course import Way
 from rl.guidance.controllers.force_vector import wrap
+from rl.guidance.observations import squashed
 from rl.guidance.targets import SIZE as TARGET
 from rl.guidance.targets import Target
 from rl.mission import ControllerError
-from rl.missions.landing.deck import DeckMotion, deck_motion, into_level, squashed
+from rl.missions.landing.deck import DeckMotion, deck_motion, into_level
 from rl.perception.instruments import Readings
 from rl.team import Team
 from taichi_sim.config.io import validate
+from taichi_sim.conventions import AHEAD, DOWN, STARBOARD
+from taichi_sim.kernels.rotation import torch_euler_from_rotation
 from taichi_sim.script import Script
 
 SMOOTH = 5.0  # s, over which the velocity of a deck is averaged, from which its swing counts; assumed
 QUICK = 0.3  # s, over which what the boat measures of its deck's acceleration is averaged; assumed
 REMEMBERED = 20.0  # s, over which a boat knows how much its deck moves; assumed
 SLOWEST = 0.05  # m/s: a boat that is to stay still is to have a course, too
-MESSAGE = 15  # place 3 and velocity 3 of the deck, acceleration 3, roll, pitch, heading, their rates (b) 3
+MESSAGE = 15  # of the deck: place, velocity, acceleration; of the boat: roll, pitch and heading, rates (b); 3 each
+COURSE, SPEED = 0, 1  # columns of what boats are ordered, sail for, and choose
 
 
 class Boats(Team):
@@ -107,12 +111,12 @@ class Boats(Team):
         """The vessels' actions for a policy's [env, boat, 2]: how far to leave the ordered course and speed."""
         way, chosen = self.mission.config.course, action.clamp(-1.0, 1.0) + 0.0 * action
         self.chosen = chosen
-        course = self.ordered[..., 0] + math.radians(way.turn_deg) * chosen[..., 0]
-        speed = (self.ordered[..., 1] + way.change * chosen[..., 1]).clamp(min=SLOWEST)
+        course = self.ordered[..., COURSE] + math.radians(way.turn_deg) * chosen[..., COURSE]
+        speed = (self.ordered[..., SPEED] + way.change * chosen[..., SPEED]).clamp(min=SLOWEST)
         self.aim = torch.stack((course, speed), dim=-1)
         if self.helm is None:
             return torch.zeros_like(self.fleet.action)
-        wanted = self.aim[..., 1:] * torch.stack((self.steered.cos(), self.steered.sin()), dim=-1)
+        wanted = speed.unsqueeze(-1) * torch.stack((self.steered.cos(), self.steered.sin()), dim=-1)
         return self.helm.act(self._view, Way(wanted, torch.zeros_like(wanted)))
 
     def held(self) -> Tensor:
@@ -150,24 +154,20 @@ class Boats(Team):
         self._before = v.clone()
         mean = self.mean + dt / (SMOOTH + dt) * (self.deck.velocity - self.mean)
         self.mean = torch.where(on, mean, torch.where(fresh, self.deck.velocity, self.mean))
-        moves = torch.stack((v[..., 2], self.seen.R[..., 2, 1], self.seen.R[..., 2, 0]), dim=-1)
+        R = self.seen.R
+        moves = torch.stack((v[..., DOWN], R[..., DOWN, STARBOARD], R[..., DOWN, AHEAD]), dim=-1)
         squares = self._squares + dt / (REMEMBERED + dt) * (moves.square() - self._squares)
         self._squares = torch.where(on, squares, torch.where(fresh, moves.square(), self._squares))
         self.chosen = torch.where(fresh, 0.0, self.chosen)
         self.chosen_before = torch.where(fresh, 0.0, self.chosen_before)
         most = math.radians(mission.config.course.turn_rate_deg) * dt
-        turn = wrap(self.aim[..., 0] - self.steered).clamp(-most, most)
-        self.steered = torch.where(on[..., 0], self.steered + turn, self.steered)
+        turn = wrap(self.aim[..., COURSE] - self.steered).clamp(-most, most)
+        self.steered = torch.where(on.squeeze(-1), self.steered + turn, self.steered)
 
     def message(self) -> Tensor:
-        """[env, boat, MESSAGE] what a boat tells of its deck (place and velocity, what else in `MESSAGE`)."""
-        R = self.seen.R
-        roll, pitch = torch.atan2(R[..., 2, 1], R[..., 2, 2]), -R[..., 2, 0].clamp(-1.0, 1.0).asin()
-        heading = torch.atan2(R[..., 1, 0], R[..., 0, 0])
-        attitude = torch.stack((roll, pitch, heading), dim=-1)
-        return torch.cat(
-            (self.seen.place, self.seen.velocity, self.acceleration, attitude, self.own.angular_velocity_b), dim=-1
-        )
+        """[env, boat, MESSAGE] what a boat tells of its deck and itself."""
+        seen, attitude = self.seen, torch_euler_from_rotation(self.seen.R)
+        return torch.cat((seen.place, seen.velocity, self.acceleration, attitude, self.own.angular_velocity_b), dim=-1)
 
     # -- learning --------------------------------------------------------------------------------------------------
 
@@ -175,9 +175,8 @@ class Boats(Team):
         """What each boat is told."""
         own, R = self.own, self.seen.R
         level = into_level(self.seen.velocity, own.heading)
-        off = wrap(torch.atan2(own.heading[1], own.heading[0]) - self.ordered[..., 0])
-        steered = wrap(self.steered - self.ordered[..., 0])
-        speed = self.ordered[..., 1]
+        (c, s), course = own.heading, self.ordered[..., COURSE]
+        off, steered = wrap(torch.atan2(s, c) - course), wrap(self.steered - course)
         return {
             "velocity": squashed(level, 1.0),
             "acceleration": squashed(into_level(self.acceleration, own.heading), 1.0),
@@ -186,7 +185,7 @@ class Boats(Team):
             "moves": self._squares.sqrt() * self._squares.new_tensor((1.0, 5.0, 5.0)),
             "heading": torch.stack((off.cos(), off.sin()), dim=-1),
             "steered": torch.stack((steered.cos(), steered.sin()), dim=-1),
-            "speed": torch.stack((speed, self.aim[..., 1]), dim=-1) / 2.0,
+            "speed": torch.stack((self.ordered[..., SPEED], self.aim[..., SPEED]), dim=-1) / 2.0,
             "previous_action": self.chosen,
         }
 

@@ -10,9 +10,8 @@ from rl.perception.contacts import SensorsConfig
 from rl.perception.radio import RadioConfig
 from rl.planning.config import PlanConfig
 from rl.scenario import Evaluation, Scenario
-from taichi_sim.config import Fraction, NonNegative, Positive, Strict, TeamConfig
+from taichi_sim.config import Fraction, NonNegative, Positive, Span, Strict, TeamConfig
 
-Span = tuple[NonNegative, NonNegative]  # the least and the greatest of a draw
 Angle = Annotated[float, Field(gt=0, lt=90)]
 
 
@@ -33,11 +32,7 @@ class LandingConfig(Strict):
     drift: Positive = 0.3  # on the deck, from where all soles were set down, at most, m
 
     @model_validator(mode="after")
-    def _ordered(self):
-        for key in ("distance", "height"):
-            low, high = getattr(self, key)
-            if low > high:
-                raise ValueError(f"{key} = [{low}, {high}]: the first must not be above the second")
+    def _consistent(self):
         if self.boats == self.aircraft:
             raise ValueError(f"boats = {self.boats!r}, aircraft = {self.aircraft!r}: must be two teams")
         return self
@@ -50,12 +45,6 @@ class CourseConfig(Strict):
     turn_deg: Annotated[float, Field(ge=0, le=180)] = 60.0  # by which a policy may leave the ordered course, each way
     change: NonNegative = 0.8  # by which it may leave the ordered speed, each way, m/s; never below 0
     turn_rate_deg: Positive = 4.0  # deg/s, of the course that is steered; assumed
-
-    @model_validator(mode="after")
-    def _ordered(self):
-        if self.speed[0] > self.speed[1]:
-            raise ValueError(f"speed = {list(self.speed)}: the first must not be above the second")
-        return self
 
 
 class MarkerConfig(Strict):

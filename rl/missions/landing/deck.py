@@ -5,6 +5,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from taichi_sim.conventions import BELOW
 from taichi_sim.fleet import Views
 
 
@@ -20,7 +21,7 @@ class DeckMotion(NamedTuple):
     @property
     def down(self) -> Tensor:
         """[env, boat, 3] its normal, into the deck, NED."""
-        return self.R[..., 2]
+        return self.R[..., BELOW]
 
     def of(self, boats: Tensor) -> "DeckMotion":
         """Those of `boats` [n], in that order."""
@@ -49,8 +50,3 @@ def out_of_level(vector: Tensor, heading: tuple[Tensor, Tensor]) -> Tensor:
     c, s = heading
     x, y, z = vector.unbind(-1)
     return torch.stack((c * x - s * y, s * x + c * y, z), dim=-1)
-
-
-def squashed(x: Tensor, scale: float) -> Tensor:
-    """x / (|x| + scale)."""
-    return x / (x.abs() + scale)

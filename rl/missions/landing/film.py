@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
+from taichi_sim.conventions import DOWN
 from taichi_sim.recording.overlays import Lines, Overlay, Plot, Points
 
 if TYPE_CHECKING:
@@ -24,7 +25,7 @@ def overlays_of(mission: "Landing", env: int) -> tuple[Overlay, ...]:
     aircraft, deck, boats = mission.aircraft, mission.boats.deck, mission.boats
     names = tuple(f"{boats.name}{k}" for k in range(boats.fleet.count))
     drawn: list[Overlay] = [
-        Plot(name="vertical speed of decks", unit="m/s", lines=names, values=frame(deck.velocity[..., 2])),
+        Plot(name="vertical speed of decks", unit="m/s", lines=names, values=frame(deck.velocity[..., DOWN])),
         Plot(name="tilt of decks", unit="rad", lines=names, values=frame(deck.tilt)),
     ]
     if aircraft is not None:

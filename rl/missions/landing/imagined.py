@@ -24,9 +24,9 @@ from rl.missions.landing.config import LandingScenario
 from rl.perception.contacts import SensorsConfig
 from rl.perception.radio import RadioConfig
 from taichi_sim.config import SeaConfig
-from taichi_sim.conventions import STATE_SIZE
+from taichi_sim.conventions import ANGULAR_VELOCITY, BELOW, HEADING, STATE_SIZE
 from taichi_sim.forecast import Autoregression
-from taichi_sim.kernels.rotation import torch_quaternion_from_euler, torch_rotation_matrix
+from taichi_sim.kernels.rotation import torch_euler_from_rotation, torch_quaternion_from_euler, torch_rotation_matrix
 from taichi_sim.script import Script
 from taichi_sim.uav.aircraft import TrimError
 from taichi_sim.uav.multirotor.multirotor_6dof import Multirotor6DOF
@@ -106,12 +106,11 @@ class ImaginedAircraft(Aircraft):
 
     def conclude(self, which: Tensor, count: int, heard: Tensor | None = None) -> None:
         """What is foreseen is what is known."""
-        known, deck, R = self.known_deck, self.deck, self.deck.R
+        known, deck = self.known_deck, self.deck
         rows = self.mission.foreseen(0)[:, self.boat_of]
         known.to, known.velocity = deck.place - self.fleet.position_n, deck.velocity
-        known.acceleration, known.rates = rows[..., STATE_SIZE:], rows[..., 10:STATE_SIZE]
-        angles = torch.atan2(R[..., 2, 1], R[..., 2, 2]), -R[..., 2, 0].clamp(-1.0, 1.0).asin()
-        known.attitude = torch.stack((*angles, torch.atan2(R[..., 1, 0], R[..., 0, 0])), dim=-1)
+        known.acceleration, known.rates = rows[..., STATE_SIZE:], rows[..., ANGULAR_VELOCITY]
+        known.attitude = torch_euler_from_rotation(deck.R)
         known.seen, known.heard = torch.zeros_like(known.seen), torch.zeros_like(known.heard)
 
     def planned(self, correction: Tensor, known: object = None) -> Tensor:
@@ -151,7 +150,7 @@ class Foresight:
     def _wind_of(self, team: Aircraft) -> Tensor:
         """Velocity of the air [env, aircraft, 3] in which the aircraft would have to lean as they do."""
         pilot, own = team.pilot, team.own
-        lean = torch.where(pilot.height.isnan().unsqueeze(-1), own.R_nb[..., 2], pilot.lean)[..., :2]
+        lean = torch.where(pilot.height.isnan().unsqueeze(-1), own.R_nb[..., BELOW], pilot.lean)[..., :2]
         size = lean.norm(dim=-1)
         leans, step = self._leans(team)
         size = size.clamp(max=float(leans[-1])).contiguous()
@@ -184,8 +183,8 @@ class Foresight:
         x, slope = _moves(team), torch.cat((known.acceleration, known.rates[..., :2]), dim=-1)
         t = dt * torch.arange(K, device=x.device, dtype=x.dtype)
         told, ready = self._told(x, team.mission.steps)
-        e = x - told[..., 0]
-        e_rate = slope - (told[..., 1] - told[..., 0]) / dt
+        now, soon = told[..., :2].unbind(-1)
+        e, e_rate = x - now, slope - (soon - now) / dt
         tau = torch.where(ready, JOINED, ALONE)
         dies = (e.unsqueeze(-1) + (e_rate + e / tau).unsqueeze(-1) * t) * (-t / tau.unsqueeze(-1)).exp()
         path = (told + dies).transpose(-1, -2)  # [env, aircraft, k, 5]
@@ -193,12 +192,12 @@ class Foresight:
         moved = torch.zeros_like(velocity)
         moved[..., 1:, :] = (0.5 * dt * (velocity[..., 1:, :] + velocity[..., :-1, :])).cumsum(-2)
         faster = torch.gradient(velocity, spacing=dt, dim=-2)[0]
-        roll, pitch = path[..., 3], path[..., 4]
-        heading = known.attitude[..., 2:].expand_as(roll)
+        roll, pitch = path[..., 3:].unbind(-1)
+        heading = known.attitude[..., HEADING, None].expand_as(roll)
         q = torch_quaternion_from_euler(roll, pitch, heading)
         R = torch_rotation_matrix(q)
-        turns = torch.gradient(path[..., 3:], spacing=dt, dim=-2)[0]
-        rates = torch.stack((turns[..., 0], roll.cos() * turns[..., 1], -roll.sin() * turns[..., 1]), dim=-1)
+        roll_rate, pitch_rate = torch.gradient(path[..., 3:], spacing=dt, dim=-2)[0].unbind(-1)
+        rates = torch.stack((roll_rate, roll.cos() * pitch_rate, -roll.sin() * pitch_rate), dim=-1)
         centre = self._centre.to(x)
         arm = torch.linalg.cross(rates, centre.expand_as(rates), dim=-1)
         v_b = (R.mT @ velocity.unsqueeze(-1)).squeeze(-1) - arm

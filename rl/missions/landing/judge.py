@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from rl.judge import Episodes, Judge
+from taichi_sim.conventions import DOWN
 
 OUTCOMES = ("landed", "hard", "toppled", "slid", "ditched", "struck", "collided", "late", "lost")
 """How an aircraft's episode ends; lost: outside its model, or no finite state."""
@@ -78,7 +79,7 @@ class LandingJudge(Judge):
         else:
             alive = ~self.failed
             deck = team.deck
-            self.speeds[alive] += deck.velocity[..., 2].double().square().mean(-1).cpu().numpy()[alive]
+            self.speeds[alive] += deck.velocity[..., DOWN].double().square().mean(-1).cpu().numpy()[alive]
             self.tilts[alive] += deck.tilt.double().square().mean(-1).cpu().numpy()[alive]
             self.steps[alive] += 1
         super().see(step, number)
@@ -88,7 +89,7 @@ class LandingJudge(Judge):
         team = self.mission.teams[self.name]
         if not self.flies:
             return {
-                "vertical speed of the deck (m/s)": team.deck.velocity[..., 2],
+                "vertical speed of the deck (m/s)": team.deck.velocity[..., DOWN],
                 "tilt of the deck (rad)": team.deck.tilt,
             }
         level = team.offset[..., :2].norm(dim=-1)
@@ -184,5 +185,5 @@ def _quantile(values: NDArray[np.float64], share: float) -> NDArray[np.float64]:
     at = share * (np.maximum(count, 1) - 1)
     low = np.floor(at).astype(int)
     high = np.minimum(low + 1, np.maximum(count, 1) - 1)
-    a, b = (np.take_along_axis(ordered, k[..., None], -1)[..., 0] for k in (low, high))
+    a, b = (np.take_along_axis(ordered, k[..., None], -1).squeeze(-1) for k in (low, high))
     return np.where(count > 0, a + (at - low) * (b - a), np.nan)

@@ -18,6 +18,7 @@ import torch
 from torch import Tensor
 
 from rl.missions.landing.marker import Look
+from taichi_sim.conventions import HEADING, PITCH, ROLL
 
 BLIND = 1.0  # s after which a look no longer says where the deck is; assumed
 JERK = 4.0  # m/s^3, of a decision; assumed
@@ -59,7 +60,7 @@ class KnownDeck:
         """`like` is a tensor [env, aircraft, n]; decisions are every `interval` s."""
         self.interval = interval
         self.to, self.velocity, self.acceleration, self.attitude, self.rates = (like[..., :3] * 0.0 for _ in range(5))
-        self.seen, self.heard = like[..., 0] * 0.0, like[..., 0] * 0.0
+        self.seen, self.heard = (like.new_zeros(like.shape[:2]) for _ in range(2))
         self.past = like.new_zeros((*like.shape[:2], max(LAGS) + 1))
         dt, w = interval, SWING**2
         self.mean, self._own = like[..., :3] * 0.0, like[..., :3] * 0.0  # of the deck; own, a decision ago; m/s
@@ -79,8 +80,9 @@ class KnownDeck:
         own: the aircraft as it measures itself. heard: [env, aircraft, MESSAGE + 1] its boat's last message (boats.py),
         and its age.
         """
-        dt, age = self.interval, heard[..., -1]
-        place, velocity, acceleration = heard[..., :3], heard[..., 3:6], heard[..., 6:9]
+        dt = self.interval
+        place, velocity, acceleration, angles, rates, age = heard.split(3, dim=-1)
+        age = age.squeeze(-1)
         lead = age.clamp(max=OLDEST).unsqueeze(-1)
         by_radio = place + lead * velocity + 0.5 * lead.square() * acceleration - own.position_n
         v_radio = velocity + lead * acceleration
@@ -105,7 +107,7 @@ class KnownDeck:
         mean = mean + dt / (MEAN + dt) * self._level * (v - mean)
         seen = torch.where(look.found, 0.0, self.seen + dt)
         # at the beginning: as heard
-        attitude = heard[..., 9:12] + lead * self._euler_rates(heard)
+        attitude = angles + lead * self._euler_rates(angles, rates)
 
         def kept(now: Tensor, begun: Tensor, before: Tensor) -> Tensor:
             wide = (slice(None), slice(None), *(None,) * (now.dim() - 2))
@@ -115,7 +117,7 @@ class KnownDeck:
         self.velocity = kept(v, v_radio, self.velocity)
         self.acceleration = kept(a, acceleration, self.acceleration)
         self.attitude = kept(attitude, attitude, self.attitude)
-        self.rates = kept(heard[..., 12:15], heard[..., 12:15], self.rates)
+        self.rates = kept(rates, rates, self.rates)
         self.mean = kept(mean, self._level * v_radio, self.mean)
         self._own = kept(own.velocity_n, own.velocity_n, self._own)
         self._covariance = kept(P, self._begun.expand_as(P), self._covariance)
@@ -126,28 +128,27 @@ class KnownDeck:
         self.past = kept(past, down.expand_as(self.past), self.past)
 
     @staticmethod
-    def _euler_rates(heard: Tensor) -> Tensor:
+    def _euler_rates(angles: Tensor, rates: Tensor) -> Tensor:
         """Rates of roll, pitch and heading for small roll and pitch (rad/s)."""
-        roll, pitch = heard[..., 9], heard[..., 10]
-        p, q, r = heard[..., 12], heard[..., 13], heard[..., 14]
+        (roll, pitch, _), (p, q, r) = angles.unbind(-1), rates.unbind(-1)
         return torch.stack((p + r * pitch, q - r * roll, r + q * roll), dim=-1)
 
     @property
     def heading(self) -> tuple[Tensor, Tensor]:
         """Cosine and sine of the boat's heading."""
-        return self.attitude[..., 2].cos(), self.attitude[..., 2].sin()
+        return self.attitude[..., HEADING].cos(), self.attitude[..., HEADING].sin()
 
     @property
     def down(self) -> Tensor:
         """[.., 3] the deck's normal, into it, NED."""
-        (c, s), roll, pitch = self.heading, self.attitude[..., 0], self.attitude[..., 1]
+        (c, s), (roll, pitch, _) = self.heading, self.attitude.unbind(-1)
         x, y = roll.cos() * pitch.sin(), -roll.sin()
         return torch.stack((c * x - s * y, s * x + c * y, roll.cos() * pitch.cos()), dim=-1)
 
     @property
     def tilt(self) -> Tensor:
         """Of the deck's normal to the vertical, rad."""
-        return torch.hypot(self.attitude[..., 0], self.attitude[..., 1])
+        return torch.hypot(self.attitude[..., ROLL], self.attitude[..., PITCH])
 
 
 def _corrected(x: Tensor, P: Tensor, row: Tensor, z: Tensor, variance: Tensor, where: Tensor) -> tuple[Tensor, Tensor]:

@@ -24,16 +24,14 @@ from rl.missions.landing.config import MarkerConfig
 from taichi_sim.fleet import Views
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.random import CAMERA, normal6, uniform4
+from taichi_sim.kernels.runtime import array3, whole1
 
 DRAWN = 7  # numbers of a look: whether it is lost (uniform), six normal ones
 DRAW = 30.0  # ns of one aircraft, about
 
 
 @ti.kernel
-def _draw(
-    out: ti.types.ndarray(ndim=3), which: ti.types.ndarray(dtype=ti.i32, ndim=1),
-    count: ti.types.ndarray(dtype=ti.i32, ndim=1), vehicles: ti.template(), serial: ti.template(),
-):  # fmt: skip
+def _draw(out: array3, which: whole1, count: whole1, vehicles: ti.template(), serial: ti.template()):
     ti.loop_config(serialize=serial)
     for e, i in ti.ndrange(out.shape[0], out.shape[1]):
         if which[e] != 0:
@@ -71,17 +69,17 @@ class Marker:
         """
         c = self.config
         self._launch(self._drawn, which, count, self._vehicles, runtime.few(rows * to.shape[1], DRAW))
-        u, z = self._drawn[..., 0], self._drawn[..., 1:]
+        chance, across_error, along_error, _ = self._drawn.split((1, 3, 1, 2), dim=-1)
         r = to.norm(dim=-1).clamp(min=1e-3)
         line = to / r.unsqueeze(-1)
-        ahead, axis = true.heading, math.radians(c.axis_deg)
-        bore = line[..., 2] * math.cos(axis) + math.sin(axis) * (ahead[0] * line[..., 0] + ahead[1] * line[..., 1])
+        (cos, sin), axis, (north, east, below) = true.heading, math.radians(c.axis_deg), line.unbind(-1)
+        bore = below * math.cos(axis) + math.sin(axis) * (cos * north + sin * east)
         square = (line * down).sum(-1) >= math.cos(math.radians(c.steepest_deg))
-        lost = u < (c.loss + c.spray * hs).clamp(max=1.0).unsqueeze(-1)
+        lost = chance.squeeze(-1) < (c.loss + c.spray * hs).clamp(max=1.0).unsqueeze(-1)
         found = (bore >= c.cos_half) & square & (r <= c.range) & (r >= c.nearest) & ~lost
         pixel = math.radians(c.pixel_deg)
         across, along = r * pixel, r * r * (pixel / c.size)
-        error = across.unsqueeze(-1) * z[..., :3] + (along * z[..., 3]).unsqueeze(-1) * line
+        error = across.unsqueeze(-1) * across_error + along.unsqueeze(-1) * along_error * line
         in_b = (true.R_nb.mT @ (to + error).unsqueeze(-1)).squeeze(-1)
         place = (self._own.R_nb @ in_b.unsqueeze(-1)).squeeze(-1)
         variance = across.square() + (r * self._tilt).square() + 0.33 * along.square()

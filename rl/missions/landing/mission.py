@@ -27,12 +27,10 @@ from rl.missions.landing.pilots import Pilot
 from rl.missions.landing.starts import afloat, aloft
 from rl.perception.radio import Radio
 from rl.rewards import paid
-from rl.scenario import derive_seed
 from taichi_sim.config import ConfigError
 from taichi_sim.contact.contacts import Contacts, soles_in_deck
-from taichi_sim.conventions import POSITION, QUATERNION, STATE_SIZE, VELOCITY
+from taichi_sim.conventions import BELOW, DOWN, POSITION, QUATERNION, STATE_SIZE, VELOCITY
 from taichi_sim.kernels import runtime
-from taichi_sim.kernels.random import Noise
 from taichi_sim.kernels.rotation import torch_rotation_matrix
 from taichi_sim.recording.episode import Scene
 from taichi_sim.state import transfer
@@ -48,10 +46,9 @@ class Landing(Mission):
         boats: the team of boats (boats.py), whether it takes part or not. manned: whether it does. aircraft: the team
             of aircraft, or None.
         hs: [env] significant wave height, m. radio: between boats and aircraft, boats first.
-        noise: counts the random numbers of instruments, cameras and radio: decisions of all episodes.
     """
 
-    STATE = ("boats", "hs", "radio", "noise")
+    STATE = ("boats", "hs", "radio")
 
     Config = LandingScenario
     logged = ("landed", "failed", "touch_error_m", "touch_speed")
@@ -64,13 +61,7 @@ class Landing(Mission):
         return (Boats if name == mission.config.landing.boats else Aircraft)(mission, name)
 
     def __init__(
-        self,
-        config: Any,
-        num_envs: int,
-        *,
-        seed: int,
-        teams: Sequence[str] | None = None,
-        source: Path | None = None,
+        self, config: Any, num_envs: int, *, seed: int, teams: Sequence[str] | None = None, source: Path | None = None
     ):
         """As Mission; boats are there even if they are not among the `teams` that take part."""
         name = config.landing.boats
@@ -110,38 +101,26 @@ class Landing(Mission):
             del self.teams[parts.boats]
             self.world.scripts[parts.boats] = Helm(self.boats)
         self.aircraft: Aircraft | None = self.teams.get(parts.aircraft)
-        amplitude = torch.as_tensor(self.world.sea.components.amplitude)
-        self._hs = (4 * (amplitude.double().square().sum(1) / 2).sqrt()).to(run.device, run.torch_dtype)
+        self._hs = torch.as_tensor(self.world.sea.components.hs).to(run.device, run.torch_dtype)
         self.hs = torch.zeros(self.num_envs, device=run.device, dtype=run.torch_dtype)
-        self._which = torch.zeros(self.num_envs, dtype=torch.int32, device=run.device)
-        self.noise = Noise(self.num_envs, derive_seed(self.seed, "sensors"))
         boats = self.boats.fleet.count
         flying = 0 if self.aircraft is None else self.aircraft.fleet.count
         self._place = self.boats.fleet.state.new_zeros((self.num_envs, boats + flying, 3))
         self.radio = Radio(self.config.radio, self._place, self.config.decision_interval, width=MESSAGE)
         self._own = torch.arange(flying, device=run.device)
 
-    def reseed(self, seed: int) -> None:
-        """Also sensors and radio."""
-        super().reseed(seed)
-        self.noise.restart(derive_seed(seed, "sensors"))
-
     # -- one step --------------------------------------------------------------------------------------------------
 
     def measure(self) -> None:
         """What everybody sees, says and hears; where aircraft are over their decks."""
-        self._which.fill_(1)
-        self.noise.tick()
         self._look(self.num_envs)
 
     def measure_again(self, envs: Tensor) -> None:
         """Look where `begin` has placed everybody."""
-        self._which.zero_()
-        self._which[envs] = 2
         self._look(len(envs))
 
     def _look(self, rows: int) -> None:
-        which, boats, aircraft = self._which, self.boats, self.aircraft
+        which, boats, aircraft = self.which, self.boats, self.aircraft
         boats.measure(which, rows)
         count = boats.fleet.count
         self._place[:, :count] = boats.fleet.position_n
@@ -304,8 +283,8 @@ class ImaginedLanding(Landing):
     def _look(self, rows: int) -> None:
         self.boats._look()
         assert isinstance(self.aircraft, ImaginedAircraft)
-        self.aircraft.measure(self._which, rows)
-        self.aircraft.conclude(self._which, rows)
+        self.aircraft.measure(self.which, rows)
+        self.aircraft.conclude(self.which, rows)
 
     def begin(self, envs: Tensor) -> None:
         """Episodes do not begin here; boats are to be somewhere, nevertheless."""
@@ -316,8 +295,8 @@ class ImaginedLanding(Landing):
 
     def endings(self, team: Any) -> dict[str, Tensor]:
         """Also `submerged`: below the waterline of its boat."""
-        waterline = self.boats.fleet.position_n[:, team.boat_of, 2]
-        low = team.fleet.position_n[..., 2] + team.soles_below > waterline
+        waterline = self.boats.fleet.position_n[:, team.boat_of, DOWN]
+        low = team.fleet.position_n[..., DOWN] + team.soles_below > waterline
         return super().endings(team) | {"submerged": low}
 
     def notice(self, team: Aircraft) -> None:
@@ -348,7 +327,7 @@ class ImaginedLanding(Landing):
         self._clear(team)
         transfer(team.pilot, mine.pilot)
         mine.pilot.height -= RAISED
-        self._which.fill_(2)
+        self.which.fill_(2)
         self._look(self.num_envs)
         mine.touched, mine.settled = team.touches | team.touched, team.settled.clone()
         for name in ("time", "aborts", "turns", "landed", "over", "bearing"):
@@ -360,7 +339,7 @@ class ImaginedLanding(Landing):
         fleet.state.copy_(self.way[:, :, 0, :STATE_SIZE])
         depth = soles_in_deck(mine, self.world.contacts.carriers[0], self._all).to(self.way)
         deep = depth.amax(1)  # [env, boat]
-        down = torch_rotation_matrix(fleet.state[..., QUATERNION])[..., 2]
+        down = torch_rotation_matrix(fleet.state[..., QUATERNION])[..., BELOW]
         shift = torch.where(deep > 0, deep + ABOVE, 0.0).unsqueeze(-1) * down
         self.way[..., POSITION] += shift.unsqueeze(2)
         fleet.state[..., POSITION] += shift

@@ -24,7 +24,7 @@ from torch import Tensor
 
 from rl.missions.landing.config import PilotConfig
 from rl.missions.landing.deck import out_of_level
-from taichi_sim.conventions import GRAVITY
+from taichi_sim.conventions import BELOW, DOWN, GRAVITY
 from taichi_sim.forecast import Autoregression
 
 MEAN = 8.0  # s, over which "descend" averages the deck's velocity and height; assumed
@@ -56,7 +56,7 @@ class Pilot:
     def __init__(self, config: PilotConfig, like: Tensor, interval: float):
         """`like` is a tensor [env, aircraft, n]; decisions are every `interval` s."""
         self.config, self.interval = config, interval
-        self.height, self.ready, self.waiting = (torch.zeros_like(like[..., 0]) for _ in range(3))
+        self.height, self.ready, self.waiting = (like.new_zeros(like.shape[:2]) for _ in range(3))
         self.velocity, self.lean, self.before = (torch.zeros_like(like[..., :3]) for _ in range(3))
         self.down = torch.zeros_like(self.height, dtype=torch.bool)
         self.asked = torch.full((len(like),), -1, dtype=torch.int64, device=like.device)
@@ -88,7 +88,7 @@ class Pilot:
         self._average(known, team.own, since)
         lag, lead = c.lag, 1 / team.fleet.model.gains.velocity
         closing = (known.velocity - team.own.velocity_n)[..., :2]
-        gaining = known.acceleration[..., :2] - GRAVITY * (self.lean - team.own.R_nb[..., 2])[..., :2]
+        gaining = known.acceleration[..., :2] - GRAVITY * (self.lean - team.own.R_nb[..., BELOW])[..., :2]
         to = known.to[..., :2] + lag * closing + 0.5 * lag * lag * gaining  # when a command has its effect
         r = to.norm(dim=-1)
         away = torch.maximum(r, known.to[..., :2].norm(dim=-1))
@@ -121,7 +121,7 @@ class Pilot:
         known, height, lift = team.known_deck, team.known_height, self._lift(team)
         most = SINK + STEEP * height.clamp(min=0.0)
         most = torch.where(lift > 0, torch.minimum(most, self.config.position * (height - lift)), most)
-        down = torch.minimum(velocity[..., 2], self._deck_falls(team) + most)
+        down = torch.minimum(velocity[..., DOWN], self._deck_falls(team) + most)
         lean = self.lean[..., :2].norm(dim=-1)
         wind = -self.lean[..., :2] / lean.clamp(min=1e-3).unsqueeze(-1)
         into = ((velocity - known.velocity)[..., :2] * wind).sum(-1)
@@ -130,16 +130,16 @@ class Pilot:
 
     def _average(self, known: Any, own: Any, since: Tensor) -> None:
         """Averages, `since` [env, 1] s after the last ones."""
-        height = known.to[..., 2] + own.position_n[..., 2]
+        height = known.to[..., DOWN] + own.position_n[..., DOWN]
         share = since / (MEAN + since)
         fresh = self.height.isnan()
         self.height = torch.where(fresh, height, self.height + share * (height - self.height))
         mean = self.velocity + share.unsqueeze(-1) * (known.velocity - self.velocity)
         self.velocity = torch.where(fresh.unsqueeze(-1), known.velocity, mean)
         gained = (own.velocity_n - self.before) / since.clamp(min=self.interval).unsqueeze(-1)
-        against = own.R_nb[..., 2] + gained / GRAVITY
+        against = own.R_nb[..., BELOW] + gained / GRAVITY
         lean = self.lean + (since / (LEANS + since)).unsqueeze(-1) * (against - self.lean)
-        self.lean = torch.where(fresh.unsqueeze(-1), own.R_nb[..., 2], lean)
+        self.lean = torch.where(fresh.unsqueeze(-1), own.R_nb[..., BELOW], lean)
         self.before = own.velocity_n.clone()
 
     def _flared(self, team: Any, level: Tensor, away: Tensor) -> Tensor:
@@ -154,7 +154,7 @@ class Pilot:
     @staticmethod
     def _lift(team: Any) -> Tensor:
         """Height (m) above the deck that it keeps until it is level with it."""
-        upright = (team.own.R_nb[..., 2] * team.known_deck.down).sum(-1)
+        upright = (team.own.R_nb[..., BELOW] * team.known_deck.down).sum(-1)
         return LIFT * (upright.clamp(-1.0, 1.0).acos() - STEEPEST).clamp(min=0.0)
 
     def _near(self, r: Tensor, since: Tensor) -> Tensor:
@@ -167,7 +167,7 @@ class Pilot:
         self._near(r, since)
         self.down = self.down | (self.ready > WAITED)
         hover = self.height - c.hover - team.soles_below
-        climb = c.position * (hover - team.own.position_n[..., 2])
+        climb = c.position * (hover - team.own.position_n[..., DOWN])
         climb = torch.where(r > 5.0, climb.clamp(max=0.0), climb)  # it holds its height as it approaches
         return torch.where(self.down, torch.full_like(r, c.fall), climb.clamp(-2.0, 1.5))
 
@@ -183,7 +183,7 @@ class Pilot:
     def _deck_falls(self, team: Any) -> Tensor:
         """Return the deck's velocity down (m/s) at the time when a command has its effect."""
         known, lead = team.known_deck, 1 / team.fleet.model.gains.climb + 0.5 * self.interval
-        return known.velocity[..., 2] + lead * known.acceleration[..., 2]
+        return known.velocity[..., DOWN] + lead * known.acceleration[..., DOWN]
 
     def _cone(self, r: Tensor) -> Tensor:
         """Height (m) above the deck that is kept at a distance r (m) from its middle."""
@@ -197,7 +197,7 @@ class Pilot:
         c, known, model = self.config, team.known_deck, self.model
         assert model is not None and self.ahead is not None
         due = (team.mission.steps % SAMPLED == 0).unsqueeze(-1) & (since > 0)
-        model.learn(known.velocity[..., 2], due)
+        model.learn(known.velocity[..., DOWN], due)
         self.ahead = torch.where(due.unsqueeze(-1), model.predict(self._steps), self.ahead)
         wider = 2.0 ** (self.waiting / c.patience).floor()
         quiet = (self.ahead.abs().amax(-1) < wider * c.quiet_heave) & model.ready

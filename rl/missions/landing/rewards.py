@@ -10,6 +10,7 @@ from torch import Tensor
 
 from rl.rewards import action_rate, coarse, penalty
 from taichi_sim.config import NonNegative, Positive, Strict
+from taichi_sim.conventions import DOWN
 
 
 class AircraftReward(Strict):
@@ -69,7 +70,7 @@ AIRCRAFT_TERMS: dict[str, Callable[[Any, Any, AircraftReward], Tensor]] = {
 """A weight's name -> its term, of aircraft (aircraft.py), their endings, and the weights."""
 
 BOAT_TERMS: dict[str, Callable[[Any, Any, BoatReward], Tensor]] = {
-    "heave": lambda team, ended, w: -(team.deck.velocity[..., 2] / w.heave_scale).square(),
+    "heave": lambda team, ended, w: -(team.deck.velocity[..., DOWN] / w.heave_scale).square(),
     "tilt": lambda team, ended, w: -(team.deck.tilt / w.tilt_scale).square(),
     "swing": lambda team, ended, w: -(team.swing / w.swing_scale).square(),
     "landed": lambda team, ended, w: team.served.to(team.swing),

@@ -8,7 +8,7 @@ from torch import Tensor
 
 from rl.missions.landing.config import LandingConfig, LandingScenario
 from taichi_sim.config import ConfigError
-from taichi_sim.conventions import STATE_SIZE
+from taichi_sim.conventions import DOWN, EAST, NORTH, QUATERNION, STATE_SIZE, SURGE
 from taichi_sim.kernels.rotation import torch_quaternion_from_euler
 
 TRIES = 50  # draws of places, until all aircraft are apart
@@ -24,9 +24,9 @@ def afloat(team: Any, config: LandingScenario, n: int, generator: torch.Generato
     speed = low + (high - low) * draw[:, 1:]
     state = like.new_zeros((n, count, STATE_SIZE))
     rank = (torch.arange(count, device=like.device) - (count - 1) / 2) * config.landing.apart
-    state[..., 0], state[..., 1] = -rank * course.sin(), rank * course.cos()
-    state[..., 3:7] = torch_quaternion_from_euler(0 * course, 0 * course, course)
-    state[..., 7] = speed
+    state[..., NORTH], state[..., EAST] = -rank * course.sin(), rank * course.cos()
+    state[..., QUATERNION] = torch_quaternion_from_euler(0 * course, 0 * course, course)
+    state[..., SURGE] = speed
     return state, course, speed
 
 
@@ -44,17 +44,17 @@ def aloft(team: Any, over: Tensor, config: LandingConfig, generator: torch.Gener
     rows = torch.arange(n, device=like.device)
     for _ in range(TRIES):
         draw = torch.rand((len(rows), over.shape[1], 4), generator=generator).to(like)
+        side, heading, apart, up = draw.unbind(-1)
         (near, far), (low, high) = config.distance, config.height
         if not team.alone:
-            first, each = draw[:, team.boat_of, 0], 1 / (int(team.rank.max()) + 1)
-            spaced = first + each * (team.rank + 0.5 * (draw[..., 0] - 0.5))
-            draw[..., 0] = torch.where(team.rank == 0, first, spaced)
-        bearing, heading = 2 * math.pi * draw[..., 0], 2 * math.pi * draw[..., 1]
-        distance = near + (far - near) * draw[..., 2]
+            first, each = side[:, team.boat_of], 1 / (int(team.rank.max()) + 1)
+            spaced = first + each * (team.rank + 0.5 * (side - 0.5))
+            side = torch.where(team.rank == 0, first, spaced)
+        bearing, heading, distance = 2 * math.pi * side, 2 * math.pi * heading, near + (far - near) * apart
         away[rows] = torch.stack((bearing.cos(), bearing.sin()), dim=-1)
         state[rows, :, :2] = over[rows] + distance.unsqueeze(-1) * away[rows]
-        state[rows, :, 2] = -(low + (high - low) * draw[..., 3])
-        state[rows, :, 3:7] = torch_quaternion_from_euler(0 * heading, 0 * heading, heading)
+        state[rows, :, DOWN] = -(low + (high - low) * up)
+        state[rows, :, QUATERNION] = torch_quaternion_from_euler(0 * heading, 0 * heading, heading)
         apart = torch.cdist(state[..., :3], state[..., :3])
         apart.diagonal(dim1=1, dim2=2).fill_(math.inf)
         rows = (apart.flatten(1).amin(1) < SPACED * team.fleet.model.collision_radius).nonzero().flatten()

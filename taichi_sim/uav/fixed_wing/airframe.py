@@ -15,9 +15,9 @@ a FixedWingNumbers, either compiled in or loaded for each environment.
 
 import taichi as ti
 
-from taichi_sim.conventions import GRAVITY
+from taichi_sim.conventions import GRAVITY, SURGE
 from taichi_sim.kernels.rigid_body import cross
-from taichi_sim.kernels.rotation import rotation_matrix
+from taichi_sim.kernels.rotation import attitude_of, rates_of, velocity_of
 from taichi_sim.uav.fixed_wing import angles
 from taichi_sim.uav.fixed_wing.propeller import thrust_torque
 
@@ -93,7 +93,7 @@ def rigid_body(p: ti.template(), y, R, force, moment):
     """Derivative [13] of state y (packed as in conventions.py) under gravity, force (N) and moment (N m) in b;
     R = R_nb of y. Newton and Euler in body axes: eqs 3.14-3.17.
     """
-    v, omega = ti.Vector([y[7], y[8], y[9]]), ti.Vector([y[10], y[11], y[12]])
+    v, omega = velocity_of(y), rates_of(y)
     v_n = R @ v
     down = ti.Vector([R[2, 0], R[2, 1], R[2, 2]])
     a = force * p.inverse_mass + GRAVITY * down - cross(omega, v)
@@ -118,14 +118,14 @@ def derivative(craft: ti.template(), p: ti.template(), y, air_n, delta, tau):
 
     tau (6) is the load from outside (N, N m about the centre of mass, b).
     """
-    R = attitude(y)
-    return derivative_at(craft, p, y, R, velocity(y) - R.transpose() @ air_n, delta, tau)
+    R = attitude_of(y)
+    return derivative_at(craft, p, y, R, velocity_of(y) - R.transpose() @ air_n, delta, tau)
 
 
 @ti.func
 def derivative_at(craft: ti.template(), p: ti.template(), y, R, v_r, delta, tau):
     """`derivative` at the attitude R and the velocity v_r (m/s, b) through the air."""
-    force, moment = loads(craft, p, air_data(v_r), ti.Vector([y[10], y[11], y[12]]), delta)
+    force, moment = loads(craft, p, air_data(v_r), rates_of(y), delta)
     force += ti.Vector([tau[0], tau[1], tau[2]])
     moment += ti.Vector([tau[3], tau[4], tau[5]])
     return rigid_body(p, y, R, force, moment)
@@ -139,7 +139,7 @@ def rk4(craft: ti.template(), p: ti.template(), y, delta, tau, dt: ti.template()
         ahead = ti.select(stage == 0, 0.0, ti.select(stage == 3, dt, ti.static(0.5 * dt)))
         weight = ti.select(stage == 0 or stage == 3, ti.static(dt / 6.0), ti.static(dt / 3.0))
         at = y + ahead * k
-        k = derivative_at(craft, p, at, attitude(at), velocity(at), delta, tau)
+        k = derivative_at(craft, p, at, attitude_of(at), velocity_of(at), delta, tau)
         new += weight * k
     # one Newton step of 1/|q| suffices: |q| - 1 is as small as the method's error per step
     norm2 = new[3] * new[3] + new[4] * new[4] + new[5] * new[5] + new[6] * new[6]
@@ -149,21 +149,9 @@ def rk4(craft: ti.template(), p: ti.template(), y, delta, tau, dt: ti.template()
 
 
 @ti.func
-def attitude(y):
-    """R_nb of state y."""
-    return rotation_matrix(ti.Vector([y[3], y[4], y[5], y[6]]))
-
-
-@ti.func
-def velocity(y):
-    """Velocity (m/s) in b of state y."""
-    return ti.Vector([y[7], y[8], y[9]])
-
-
-@ti.func
 def with_velocity(y, v):
     """State y with its velocity replaced by v (m/s) in b."""
     new = y
     for k in ti.static(range(3)):
-        new[7 + k] = v[k]
+        new[SURGE + k] = v[k]
     return new

@@ -8,8 +8,8 @@
 
 import taichi as ti
 
+from taichi_sim.kernels.rotation import rates_of, velocity_of
 from taichi_sim.uav.fixed_wing import autopilot
-from taichi_sim.uav.fixed_wing.airframe import velocity
 
 
 @ti.func
@@ -29,7 +29,7 @@ def commands(m: ti.template(), action, asked, R, y, met, pilot):
     R is the attitude; y the state relative to the air, which moves with `met` (NED, m/s); asked = demands(..); pilot
     the autopilot's state before.
     """
-    v_air, omega = velocity(y), ti.Vector([y[10], y[11], y[12]])
+    v_air, omega = velocity_of(y), rates_of(y)
     zero = 0.0 * y[0]
     command, state = ti.Vector([zero, zero, zero, zero]), pilot
     air = autopilot.flight(m.gains, R, v_air)

@@ -14,16 +14,17 @@ import numpy as np
 import taichi as ti
 
 from taichi_sim.conventions import GRAVITY, STATE_SIZE
+from taichi_sim.kernels.abreast import taken2
+from taichi_sim.kernels.runtime import array1, array2
 from taichi_sim.uav.fixed_wing import airframe
 from taichi_sim.uav.fixed_wing.numbers import nominal_numbers
 from taichi_sim.uav.fixed_wing.params import FixedWingParams
 
 STALL_GRID = 2001  # angles of attack at which the lift curve is evaluated
-_array2 = ti.types.ndarray(ndim=2)
 
 
 @ti.kernel
-def derivatives(craft: ti.template(), state: _array2, controls: _array2, wind: _array2, load: _array2, out: _array2):
+def derivatives(craft: ti.template(), state: array2, controls: array2, wind: array2, load: array2, out: array2):
     """Write derivatives [n, 13] of states [n, 13] of `craft`: `Vehicle.rhs`, with the vehicle file's parameters."""
     for n in range(state.shape[0]):
         y = ti.Vector([state[n, k] for k in ti.static(range(STATE_SIZE))])
@@ -46,12 +47,11 @@ def rhs(p: FixedWingParams, state, controls) -> np.ndarray:
 
 
 @ti.kernel
-def _loads(craft: ti.template(), v_r: _array2, omega: _array2, controls: _array2, out: _array2):
+def _loads(craft: ti.template(), v_r: array2, omega: array2, controls: array2, out: array2):
     for n in range(v_r.shape[0]):
         p = ti.static(nominal_numbers(craft))
-        air = airframe.air_data(ti.Vector([v_r[n, 0], v_r[n, 1], v_r[n, 2]]))
-        rates = ti.Vector([omega[n, 0], omega[n, 1], omega[n, 2]])
-        delta = ti.Vector([controls[n, k] for k in ti.static(range(4))])
+        air = airframe.air_data(taken2(v_r, n, 3))
+        rates, delta = taken2(omega, n, 3), taken2(controls, n, 4)
         force, moment = airframe.loads(craft, p, air, rates, delta)
         T, Q = airframe.thrust_torque(craft.propeller, p, air[0], delta[3])
         for k in ti.static(range(3)):
@@ -75,7 +75,7 @@ def loads(p: FixedWingParams, v_r, omega, controls) -> np.ndarray:
 
 
 @ti.kernel
-def _lift_curve(craft: ti.template(), alpha: ti.types.ndarray(ndim=1), out: ti.types.ndarray(ndim=1)):
+def _lift_curve(craft: ti.template(), alpha: array1, out: array1):
     for n in range(alpha.shape[0]):
         p = ti.static(nominal_numbers(craft))
         out[n] = airframe.lift_coefficient(craft, p, alpha[n], ti.cos(alpha[n]), ti.sin(alpha[n]))

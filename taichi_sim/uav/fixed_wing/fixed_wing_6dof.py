@@ -22,13 +22,13 @@ from taichi_sim.conventions import GRAVITY
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import abreast, lanes
 from taichi_sim.kernels.abreast import group, put, some, taken, taken1, taken2
-from taichi_sim.kernels.packs import AroundPack, Build, FleetPack, load_at, numbers_at
-from taichi_sim.kernels.rotation import store
+from taichi_sim.kernels.packs import AroundPack, Build, FleetPack, load_at, own_numbers
+from taichi_sim.kernels.rotation import attitude_of, rates_of, store, velocity_of
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.uav import local_air
 from taichi_sim.uav.aircraft import Aircraft
 from taichi_sim.uav.fixed_wing import actuators
-from taichi_sim.uav.fixed_wing.airframe import aerodynamic_force, air_data, attitude, rk4, velocity, with_velocity
+from taichi_sim.uav.fixed_wing.airframe import aerodynamic_force, air_data, rk4, with_velocity
 from taichi_sim.uav.fixed_wing.autopilot import ACTION_NAMES, AutopilotParams
 from taichi_sim.uav.fixed_wing.commands import commands, demands
 from taichi_sim.uav.fixed_wing.equations import derivatives, stall_angles
@@ -188,11 +188,7 @@ class FixedWing6DOF(Aircraft):
         ti.loop_config(serialize=build.serial)
         for g in range((fleet.state.shape[0] * fleet.state.shape[1] + build.width - 1) // build.width):
             e, i = group(build.width, g * build.width, fleet.state.shape[0], fleet.state.shape[1])
-            if ti.static(build.varied):
-                own = numbers_at(self.Own, fleet.numbers, e, i)
-                self.advance(own, build, fleet, around, e, i)
-            else:
-                self.advance(self.constants, build, fleet, around, e, i)
+            self.advance(own_numbers(self, build, fleet.numbers, e, i), build, fleet, around, e, i)
 
     @ti.func
     def advance(self, p: ti.template(), build: ti.template(), fleet: ti.template(), around: ti.template(), e, i):
@@ -210,18 +206,18 @@ class FixedWing6DOF(Aircraft):
             drawn = local_air.initial_turbulence(build.air, seed, clock, self.substeps, env, i)
             gust = ti.select(begins, drawn, gust)
         shear, W20 = around.air[0], local_air.wind_at_20_feet(build.air, around, wind_10, e)
-        v_mean = attitude(y) @ velocity(y) - local_air.mean_wind(build.air, wind_10, shear, y)
+        v_mean = attitude_of(y) @ velocity_of(y) - local_air.mean_wind(build.air, wind_10, shear, y)
         f = local_air.turbulence_filter(build.air, v_mean.norm(), -y[2], W20, self.dt)
         met = local_air.velocity_at(build.air, wind_10, shear, gust, f, v_mean, y, time)
-        y = with_velocity(y, velocity(y) - attitude(y).transpose() @ met)
-        asked = demands(self, action, velocity(y).norm())
+        y = with_velocity(y, velocity_of(y) - attitude_of(y).transpose() @ met)
+        asked = demands(self, action, velocity_of(y).norm())
         for n in range(self.substeps):
-            R = attitude(y)
+            R = attitude_of(y)
             command, pilot = commands(self, action, asked, R, y, met, pilot)
             delta, held = actuators.advance(self.p.actuators, p, self.dt, delta, command)
             if ti.static(build.air.gusty):
-                change = local_air.gust_ahead(build.air, y, R @ velocity(y) + met, time, self.dt)
-                y, met = with_velocity(y, velocity(y) - R.transpose() @ change), met + change
+                change = local_air.gust_ahead(build.air, y, R @ velocity_of(y) + met, time, self.dt)
+                y, met = with_velocity(y, velocity_of(y) - R.transpose() @ change), met + change
             y = rk4(self.p, p, y, held, tau, self.dt)
             for k in ti.static(range(3)):
                 y[k] += self.dt * met[k]
@@ -230,7 +226,7 @@ class FixedWing6DOF(Aircraft):
                 count = clock * ti.static(self.substeps + 1) + n
                 gust = local_air.turbulence_step(build.air, gust, f, seed, count, env, i)
                 new = local_air.velocity_at(build.air, wind_10, shear, gust, f, v_mean, y, time)
-                y = with_velocity(y, velocity(y) + attitude(y).transpose() @ (met - new))
+                y = with_velocity(y, velocity_of(y) + attitude_of(y).transpose() @ (met - new))
                 met = new
         self.save(p, fleet, e, i, y, met, delta)
         put(fleet.aux, e, i, TIME, [time, gust[0], gust[1], gust[2], gust[3], gust[4], pilot[0], pilot[1]])
@@ -244,9 +240,9 @@ class FixedWing6DOF(Aircraft):
     @ti.func
     def save(self, p: ti.template(), fleet: ti.template(), e, i, y, met, delta):
         """Store state y, relative to the air that moves with `met`, with its derived values and instruments."""
-        R = attitude(y)
+        R = attitude_of(y)
         readings = self.readings(p, y, delta)
-        v = velocity(y) + R.transpose() @ met
+        v = velocity_of(y) + R.transpose() @ met
         store(fleet.derived, e, i, R, R @ v)
         put(fleet.state, e, i, 0, [y[0], y[1], y[2], y[3], y[4], y[5], y[6], v[0], v[1], v[2], y[10], y[11], y[12]])
         stalled = (readings[1] > self.stall_angles[1]) | (readings[1] < self.stall_angles[0])
@@ -258,6 +254,6 @@ class FixedWing6DOF(Aircraft):
     @ti.func
     def readings(self, p: ti.template(), y, delta):
         """Airspeed (m/s), alpha, beta (rad) and load factor of a state y relative to the air."""
-        air = air_data(velocity(y))
-        force = aerodynamic_force(self.p, p, air, ti.Vector([y[10], y[11], y[12]]), delta)
+        air = air_data(velocity_of(y))
+        force = aerodynamic_force(self.p, p, air, rates_of(y), delta)
         return ti.Vector([air[0], air[1], air[2], -force[2] * p.inverse_mass / GRAVITY])

@@ -1,9 +1,12 @@
 """Small motions about steady flight: linear models, natural modes, and the longest stable step of RK4."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
+from taichi_sim.conventions import ANGULAR_VELOCITY, SURGE
 from taichi_sim.uav.fixed_wing.equations import rhs
 from taichi_sim.uav.fixed_wing.params import FixedWingParams
 from taichi_sim.uav.fixed_wing.trim import Trim
@@ -70,18 +73,14 @@ def linear_modes(p: FixedWingParams, trim: Trim) -> LinearModel:
     v = trim.airspeed * np.array(
         [np.cos(trim.alpha) * np.cos(trim.beta), np.sin(trim.beta), np.sin(trim.alpha) * np.cos(trim.beta)]
     )
-    x = np.concatenate((v, trim.state[10:], [phi, theta], trim.controls))
+    x = np.concatenate((v, trim.state[ANGULAR_VELOCITY], [phi, theta], trim.controls))
     names: tuple[str, ...] = (
         "u", "v", "w", "p", "q", "r", "phi", "theta", "elevator", "aileron", "rudder", "throttle",
     )  # fmt: skip
-    steps = DIFFERENCE * np.eye(len(x))
-    values = _euler_rhs(p, np.concatenate((x + steps, x - steps)))
-    jacobian: dict[str, np.ndarray] = dict(
-        zip(names, (values[: len(x)] - values[len(x) :]) / (2 * DIFFERENCE), strict=True)
-    )
+    by: dict[str, np.ndarray] = dict(zip(names, jacobian(partial(rhs, p), x), strict=True))
 
     def block(rows: tuple[str, ...], columns: tuple[str, ...]) -> np.ndarray:
-        return np.array([[jacobian[c][names.index(r)] for c in columns] for r in rows])
+        return np.array([[by[c][names.index(r)] for c in columns] for r in rows])
 
     A_lon, A_lat = block(LONGITUDINAL, LONGITUDINAL), block(LATERAL, LATERAL)
     modes = (*_longitudinal(np.linalg.eigvals(A_lon)), *_lateral(np.linalg.eigvals(A_lat)))
@@ -94,16 +93,26 @@ def linear_modes(p: FixedWingParams, trim: Trim) -> LinearModel:
     )
 
 
-def _euler_rhs(p: FixedWingParams, x: np.ndarray) -> np.ndarray:
-    """Derivatives [n, 8] of u, v, w, p, q, r, phi, theta at x [n, 12] (these and the controls), heading north."""
-    phi, theta = x[:, 6], x[:, 7]
+def jacobian(rhs: Callable[[np.ndarray, np.ndarray], np.ndarray], x: np.ndarray) -> np.ndarray:
+    """Derivatives of the rates of u, v, w, p, q, r, phi, theta [8] with respect to x [n]: these and the controls.
+
+    They are central differences of `rhs` (states [m, 13], controls [m, n - 8]), heading north; [n, 8].
+    """
+    steps = DIFFERENCE * np.eye(len(x))
+    near = np.concatenate((x + steps, x - steps))
+    nu, (phi, theta), controls = near[:, :6], near[:, 6:8].T, near[:, 8:]
+    _, _, _, p, q, r = nu.T
+    state = np.concatenate((np.zeros((len(near), 3)), level_attitude(phi, theta), nu), axis=1)
+    turning = q * np.sin(phi) + r * np.cos(phi)
+    angles = np.stack((p + turning * np.tan(theta), q * np.cos(phi) - r * np.sin(phi)), axis=1)
+    rates = np.concatenate((rhs(state, controls)[:, SURGE:], angles), axis=1)
+    return (rates[: len(x)] - rates[len(x) :]) / (2 * DIFFERENCE)
+
+
+def level_attitude(phi: np.ndarray, theta: np.ndarray) -> np.ndarray:
+    """Quaternions [n, 4] of roll and pitch, heading north."""
     cr, sr, cp, sp = np.cos(phi / 2), np.sin(phi / 2), np.cos(theta / 2), np.sin(theta / 2)
-    q = np.stack((cp * cr, cp * sr, sp * cr, -sp * sr), axis=1)
-    state = np.concatenate((np.zeros((len(x), 3)), q, x[:, :6]), axis=1)
-    turning = x[:, 4] * np.sin(phi) + x[:, 5] * np.cos(phi)
-    phi_dot = x[:, 3] + turning * np.tan(theta)
-    theta_dot = x[:, 4] * np.cos(phi) - x[:, 5] * np.sin(phi)
-    return np.concatenate((rhs(p, state, x[:, 8:])[:, 7:], np.stack((phi_dot, theta_dot), axis=1)), axis=1)
+    return np.stack((cp * cr, cp * sr, sp * cr, -sp * sr), axis=1)
 
 
 def _longitudinal(eigenvalues: np.ndarray) -> tuple[Mode, Mode]:

@@ -21,6 +21,7 @@ from typing import Literal
 import taichi as ti
 
 from taichi_sim.config import Finite, NonNegative, Positive, Strict
+from taichi_sim.kernels.runtime import array2
 
 TURN = 2.0 * math.pi  # rad
 SECONDS_PER_MINUTE = 60.0
@@ -109,13 +110,7 @@ def thrust_torque(propeller: ti.template(), p: ti.template(), Va, delta_t):
 
 
 @ti.kernel
-def propeller_power(
-    out: ti.types.ndarray(ndim=2),
-    airspeed: ti.types.ndarray(ndim=2),
-    throttle: ti.types.ndarray(ndim=2),
-    propeller: ti.template(),
-    rho: float,
-):
+def propeller_power(out: array2, airspeed: array2, throttle: array2, propeller: ti.template(), rho: float):
     """Write thrust times airspeed (W) of propellers with a gain of 1, in air of density `rho` (kg/m^3)."""
     for e, i in ti.ndrange(out.shape[0], out.shape[1]):
         T, Q = airspeed[e, i], airspeed[e, i]

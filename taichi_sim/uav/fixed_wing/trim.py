@@ -11,11 +11,7 @@ import torch
 from torch import Tensor
 
 from taichi_sim.conventions import ANGULAR_VELOCITY, DOWN, GRAVITY, HEADING, POSITION, QUATERNION, STATE_SIZE, VELOCITY
-from taichi_sim.kernels.rotation import (
-    torch_euler_from_quaternion,
-    torch_quaternion_from_euler,
-    torch_rotation_matrix,
-)
+from taichi_sim.kernels.rotation import torch_euler_from_quaternion, torch_quaternion_from_euler, torch_rotation_matrix
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.uav.aircraft import TrimError as TrimError
 from taichi_sim.uav.fixed_wing.equations import loads, rhs, stall_angles
@@ -126,7 +122,7 @@ def trim(
     beta = 0.0 if p.lateral.has_rudder else float(x[5])
     theta = float(pitch_for_climb(x[0], beta, x[1], gamma))
     thrust, torque = loads(p, state[VELOCITY], state[ANGULAR_VELOCITY], controls)[0, 6:]
-    state[VELOCITY] += _in_body(wind, state[QUATERNION])
+    state[VELOCITY] += in_body(wind, state[QUATERNION])
     return Trim(Va, gamma, rate, float(x[0]), beta, float(x[1]), theta, controls, state, float(thrust), float(torque))
 
 
@@ -218,7 +214,7 @@ def _newton(residual: Callable, x: np.ndarray, low: np.ndarray, high: np.ndarray
     return x
 
 
-def _in_body(vector_n, q: np.ndarray) -> np.ndarray:
+def in_body(vector_n, q: np.ndarray) -> np.ndarray:
     """vector_n in the body axes of attitude q (w, x, y, z): v + 2 w (v x r) + 2 (v x r) x r, r the vector part."""
     v, w, r = np.asarray(vector_n, dtype=np.float64), q[0], q[1:]
     t = 2 * np.cross(v, r)

@@ -20,7 +20,7 @@ import taichi as ti
 
 from taichi_sim.conventions import GRAVITY
 from taichi_sim.kernels.rigid_body import cross, is_nothing, quaternion_rate
-from taichi_sim.kernels.rotation import rotation_matrix
+from taichi_sim.kernels.rotation import attitude_of, quaternion_of, rates_of, velocity_of
 from taichi_sim.uav.multirotor import ground, rotors
 
 
@@ -79,11 +79,11 @@ def ground_ratios(craft: ti.template(), p: ti.template(), kind: ti.template(), R
 @ti.func
 def rigid_body(p: ti.template(), y, R, force, moment):
     """Derivative [13] of state y (conventions.py) under gravity, force (N) and moment (N m) in b; R = R_nb of y."""
-    v, omega_b = ti.Vector([y[7], y[8], y[9]]), ti.Vector([y[10], y[11], y[12]])
+    v, omega_b = velocity_of(y), rates_of(y)
     v_n = R @ v
     a = force * p.inverse_mass + GRAVITY * ti.Vector([R[2, 0], R[2, 1], R[2, 2]]) - cross(omega_b, v)
     alpha = inverse_inertia_times(p, moment - cross(omega_b, inertia_times(p, omega_b)))
-    q_dot = quaternion_rate(ti.Vector([y[3], y[4], y[5], y[6]]), omega_b)
+    q_dot = quaternion_rate(quaternion_of(y), omega_b)
     return ti.Vector(
         [v_n[0], v_n[1], v_n[2], q_dot[0], q_dot[1], q_dot[2], q_dot[3], a[0], a[1], a[2], alpha[0], alpha[1], alpha[2]]
     )
@@ -96,7 +96,7 @@ def derivative(craft: ti.template(), p: ti.template(), kind: ti.template(), y, R
     omega and rate are the rotors' speeds and their rates [rotor]; below describes what is below (ground.py); tau (6) is
     the load from outside.
     """
-    omega_b = ti.Vector([y[10], y[11], y[12]])
+    omega_b = rates_of(y)
     ratio = ground_ratios(craft, p, kind, R, v_r, omega, below)
     force, moment = loads(craft, p, v_r, omega_b, omega, ratio)
     if ti.static(not is_nothing(p.J_r)):
@@ -122,11 +122,9 @@ def rk4(craft: ti.template(), p: ti.template(), kind: ti.template(), y, omega, c
             away *= left
         speed = command + away
         at = start + ahead * k
-        R = rotation_matrix(ti.Vector([at[3], at[4], at[5], at[6]]))
         rate = rotors.acceleration(craft, p, speed, command)
-        v_r = ti.Vector([at[7], at[8], at[9]])
         there = ground.lowered(kind, below, start[2] - at[2])
-        k = derivative(craft, p, kind, at, R, v_r, speed, rate, there, tau)
+        k = derivative(craft, p, kind, at, attitude_of(at), velocity_of(at), speed, rate, there, tau)
         new += weight * k
     # one Newton step of 1/|q| suffices: |q| - 1 is as small as the method's error per step
     norm2 = new[3] * new[3] + new[4] * new[4] + new[5] * new[5] + new[6] * new[6]

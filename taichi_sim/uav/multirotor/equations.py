@@ -12,24 +12,18 @@ import numpy as np
 import taichi as ti
 
 from taichi_sim.conventions import STATE_SIZE
-from taichi_sim.kernels.rotation import rotation_matrix
+from taichi_sim.kernels.abreast import taken2
+from taichi_sim.kernels.rotation import attitude_of, velocity_of
+from taichi_sim.kernels.runtime import array2
 from taichi_sim.uav.multirotor import airframe, ground, rotors
 from taichi_sim.uav.multirotor.allocation import allocation
 from taichi_sim.uav.multirotor.numbers import nominal_numbers
 from taichi_sim.uav.multirotor.params import MultirotorParams
 
-_array2 = ti.types.ndarray(ndim=2)
-
 
 @ti.kernel
 def derivatives(
-    craft: ti.template(),
-    kind: ti.template(),
-    state: _array2,
-    omega: _array2,
-    wind: _array2,
-    load: _array2,
-    out: _array2,
+    craft: ti.template(), kind: ti.template(), state: array2, omega: array2, wind: array2, load: array2, out: array2
 ):
     """Write derivatives [n, 13] of states [n, 13], with the vehicle file's numbers and rotors held at omega [n, rotor]
     (rad/s).
@@ -37,11 +31,11 @@ def derivatives(
     `kind` (ground.py) says what is below: calm water or nothing.
     """
     for n in range(state.shape[0]):
-        y = ti.Vector([state[n, k] for k in ti.static(range(STATE_SIZE))])
-        speed = ti.Vector([omega[n, k] for k in ti.static(range(len(craft.rotors)))])
-        tau = ti.Vector([load[n, k] for k in ti.static(range(6))])
-        R = rotation_matrix(ti.Vector([y[3], y[4], y[5], y[6]]))
-        v_r = ti.Vector([y[7], y[8], y[9]]) - R.transpose() @ ti.Vector([wind[n, 0], wind[n, 1], wind[n, 2]])
+        y = taken2(state, n, STATE_SIZE)
+        speed = taken2(omega, n, ti.static(len(craft.rotors)))
+        tau = taken2(load, n, 6)
+        R = attitude_of(y)
+        v_r = velocity_of(y) - R.transpose() @ taken2(wind, n, 3)
         d = airframe.derivative(
             craft, ti.static(nominal_numbers(craft)), kind, y, R, v_r, speed, 0.0 * speed, -y[2], tau
         )
@@ -58,10 +52,10 @@ def rhs(craft: MultirotorParams, state, omega) -> np.ndarray:
 
 
 @ti.kernel
-def _rates(craft: ti.template(), omega: _array2, command: _array2, out: _array2):
+def _rates(craft: ti.template(), omega: array2, command: array2, out: array2):
     for n in range(omega.shape[0]):
-        speed = ti.Vector([omega[n, k] for k in ti.static(range(len(craft.rotors)))])
-        asked = ti.Vector([command[n, k] for k in ti.static(range(len(craft.rotors)))])
+        speed = taken2(omega, n, ti.static(len(craft.rotors)))
+        asked = taken2(command, n, ti.static(len(craft.rotors)))
         held = rotors.clipped(craft, asked, craft.rotor.omega_max)
         rate = rotors.acceleration(craft, ti.static(nominal_numbers(craft)), speed, held)
         for k in ti.static(range(len(craft.rotors))):
@@ -77,11 +71,11 @@ def rotor_rates(craft: MultirotorParams, omega, command) -> np.ndarray:
 
 
 @ti.kernel
-def _ratios(craft: ti.template(), heights: _array2, weights: _array2, omega: _array2, speed: _array2, out: _array2):
+def _ratios(craft: ti.template(), heights: array2, weights: array2, omega: array2, speed: array2, out: array2):
     for n in range(heights.shape[0]):
-        h = ti.Vector([heights[n, k] for k in ti.static(range(len(craft.rotors)))])
-        w = ti.Vector([weights[n, k] for k in ti.static(range(len(craft.rotors)))])
-        turning = ti.Vector([omega[n, k] for k in ti.static(range(len(craft.rotors)))])
+        h = taken2(heights, n, ti.static(len(craft.rotors)))
+        w = taken2(weights, n, ti.static(len(craft.rotors)))
+        turning = taken2(omega, n, ti.static(len(craft.rotors)))
         p = ti.static(nominal_numbers(craft))
         ratio = ground.thrust_ratios(craft, p, h, w, turning, speed[n, 0] * speed[n, 0])
         for k in ti.static(range(len(craft.rotors))):

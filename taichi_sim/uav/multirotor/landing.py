@@ -14,8 +14,17 @@ import taichi as ti
 from taichi_sim.contact import carrier
 from taichi_sim.contact.touch import DOWN, FREE, SOLE_SIZE, UNDER, sole_force
 from taichi_sim.conventions import GRAVITY
+from taichi_sim.kernels.abreast import taken
 from taichi_sim.kernels.rigid_body import cross, is_nothing
-from taichi_sim.kernels.rotation import quaternion_advance, rotation_matrix
+from taichi_sim.kernels.rotation import (
+    attitude_of,
+    position_of,
+    quaternion_advance,
+    quaternion_of,
+    rates_of,
+    rotation_matrix,
+    velocity_of,
+)
 from taichi_sim.uav.multirotor import ground, rotors
 from taichi_sim.uav.multirotor.airframe import inertia_times, inverse_inertia_times, loads
 from taichi_sim.uav.multirotor.rotors import arm
@@ -62,9 +71,9 @@ def rotors_over(craft: ti.template(), p: ti.template(), way: ti.template(), e, i
     Also returns whether a rotor has touched the deck.
     """
     x_D, R_D, _v, _w, _x, _R = deck_now(way, e, i, t, T, body)
-    R = rotation_matrix(ti.Vector([y[3], y[4], y[5], y[6]]))
-    x = ti.Vector([y[0], y[1], y[2]]) - carrier.three_at(way, e, i, carrier.PLACE)
-    centre = carrier.three_at(way, e, i, carrier.TABLE + carrier.CENTRE)
+    R = attitude_of(y)
+    x = position_of(y) - taken(way, e, i, carrier.PLACE, 3)
+    centre = taken(way, e, i, carrier.TABLE + carrier.CENTRE, 3)
     axis = R_D.transpose() @ ti.Vector([R[0, 2], R[1, 2], R[2, 2]])
     droop = ti.static(craft.rotor.radius) * ti.sqrt(ti.max(1.0 - axis[2] * axis[2], 0.0))
     height = ti.Vector([x[0] * 0.0 for _ in ti.static(range(len(craft.rotors)))])
@@ -101,9 +110,9 @@ def touches_soon(craft: ti.template(), p: ti.template(), way: ti.template(), e, 
                  dt: ti.template()):  # fmt: skip
     """Whether a sole is below the deck's plane, or may be within a physics step dt (s) from t (s)."""
     x_D, R_D, v_D, w_D, _x, _R = deck_now(way, e, i, t, T, body)
-    R = rotation_matrix(ti.Vector([y[3], y[4], y[5], y[6]]))
-    x = ti.Vector([y[0], y[1], y[2]]) - carrier.three_at(way, e, i, carrier.PLACE)
-    w = R @ ti.Vector([y[10], y[11], y[12]])
+    R = attitude_of(y)
+    x = position_of(y) - taken(way, e, i, carrier.PLACE, 3)
+    w = R @ rates_of(y)
     top = way[e, i, carrier.TABLE + carrier.CENTRE + 2]
     soon = 0
     for k in ti.static(range(len(craft.legs.points))):
@@ -124,7 +133,7 @@ def soles_on(craft: ti.template(), p: ti.template(), way: ti.template(), e, i, x
     Also returns the soles' memory after it, and the largest speed (m/s) along the normal of soles that come down.
     Positions are from carrier.PLACE.
     """
-    centre = carrier.three_at(way, e, i, carrier.TABLE + carrier.CENTRE)
+    centre = taken(way, e, i, carrier.TABLE + carrier.CENTRE, 3)
     friction = way[e, i, carrier.TABLE + carrier.FRICTION]
     long, wide = way[e, i, carrier.TABLE + carrier.HALF], way[e, i, carrier.TABLE + carrier.HALF + 1]
     force, moment, on_deck, new, blow = x * 0.0, x * 0.0, x * 0.0, soles, x[0] * 0.0
@@ -170,16 +179,16 @@ def land(
     the load tau (6, b) are held; ratio [rotor] is that of the ground effect.
     """
     h = ti.static(dt / steps)
-    place = carrier.three_at(way, e, i, carrier.PLACE)
-    x, q = ti.Vector([y[0], y[1], y[2]]) - place, ti.Vector([y[3], y[4], y[5], y[6]])
+    place = taken(way, e, i, carrier.PLACE, 3)
+    x, q = position_of(y) - place, quaternion_of(y)
     R = rotation_matrix(q)
-    v = R @ ti.Vector([y[7], y[8], y[9]]) + met
-    H = R @ inertia_times(p, ti.Vector([y[10], y[11], y[12]]))
+    v = R @ velocity_of(y) + met
+    H = R @ inertia_times(p, rates_of(y))
     away, left, t = omega - command, omega, begun
     for k in ti.static(range(len(craft.rotors))):
         left[k] = ti.exp(-0.5 * h * ti.select(command[k] >= omega[k], p.per_tau_up, p.per_tau_down))
-    F_had = carrier.three_at(way, e, i, carrier.HAD)
-    M_had = carrier.three_at(way, e, i, carrier.HAD + 3)
+    F_had = taken(way, e, i, carrier.HAD, 3)
+    M_had = taken(way, e, i, carrier.HAD + 3, 3)
     for n in range(ti.static(2 * steps)):
         # half a drift, with the rates in its middle
         w_b = inverse_inertia_times(p, R.transpose() @ H)
@@ -258,6 +267,6 @@ def remember(touch: ti.template(), T: ti.template(), e, i, soles, body, met):
     pressing = 0.0
     for c in ti.static(range(6)):
         mean = ti.static(1.0 / T) * body[18 + c]
-        touch.pressing[e, i, 1 + c] = mean
+        touch.pressing[e, i, carrier.WRENCH + c] = mean
         pressing += ti.abs(mean)
-    touch.pressing[e, i, 0] = ti.select(pressing > 0.0, touch.way[e, i, carrier.WHICH], 0.0)
+    touch.pressing[e, i, carrier.PRESSED] = ti.select(pressing > 0.0, touch.way[e, i, carrier.WHICH], 0.0)

@@ -1,15 +1,16 @@
 """Small motions about steady flight: the linear model, its modes, and the longest stable step of RK4."""
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
-from taichi_sim.uav.fixed_wing.modes import Mode, StableStep, rk4_limit
+from taichi_sim.uav.fixed_wing.modes import Mode, StableStep, jacobian, level_attitude, rk4_limit
+from taichi_sim.uav.fixed_wing.trim import in_body
 from taichi_sim.uav.multirotor.equations import rhs
 from taichi_sim.uav.multirotor.params import MultirotorParams
 from taichi_sim.uav.multirotor.trim import MultirotorTrim
 
-DIFFERENCE = 1e-5  # step of the central differences: m/s, rad, rad/s
 STATES = ("u", "v", "w", "p", "q", "r", "phi", "theta")
 PLANES = {"pitch": ("u", "q", "theta"), "roll": ("v", "p", "phi"), "heave": ("w",), "yaw": ("r",)}
 SLOWEST = 1e-9  # 1/s: a smaller eigenvalue is zero within rounding
@@ -31,12 +32,10 @@ class MultirotorLinearModel:
 
 def linear_modes(craft: MultirotorParams, trim: MultirotorTrim) -> MultirotorLinearModel:
     """The linear model about `trim` in still air, by central differences."""
-    R_b = _attitude(np.array([trim.phi]), np.array([trim.theta]))
+    R_b = level_attitude(np.array([trim.phi]), np.array([trim.theta]))
     v = _in_body(trim.velocity_air, trim.heading, R_b)
     x = np.concatenate((v, np.zeros(3), [trim.phi, trim.theta], trim.omega))
-    steps = DIFFERENCE * np.eye(len(x))
-    values = _euler_rhs(craft, np.concatenate((x + steps, x - steps)))
-    J = ((values[: len(x)] - values[len(x) :]) / (2 * DIFFERENCE)).T
+    J = jacobian(partial(rhs, craft), x).T
     A = J[:, : len(STATES)]
     return MultirotorLinearModel(A, J[:, len(STATES) :], _modes(A))
 
@@ -45,24 +44,7 @@ def _in_body(velocity_n: np.ndarray, heading: float, q: np.ndarray) -> np.ndarra
     """A velocity (n), turned by -heading, in the axes of attitude q [1, 4], whose heading is zero."""
     c, s = np.cos(heading), np.sin(heading)
     level = np.array([c * velocity_n[0] + s * velocity_n[1], c * velocity_n[1] - s * velocity_n[0], velocity_n[2]])
-    w, r = q[0, 0], q[0, 1:]
-    t = 2 * np.cross(level, r)
-    return level + w * t + np.cross(t, r)
-
-
-def _attitude(phi: np.ndarray, theta: np.ndarray) -> np.ndarray:
-    """Quaternions [n, 4] of roll and pitch, heading north."""
-    cr, sr, cp, sp = np.cos(phi / 2), np.sin(phi / 2), np.cos(theta / 2), np.sin(theta / 2)
-    return np.stack((cp * cr, cp * sr, sp * cr, -sp * sr), axis=1)
-
-
-def _euler_rhs(craft: MultirotorParams, x: np.ndarray) -> np.ndarray:
-    """Derivatives [n, 8] of STATES at x [n, 8 + rotor] (these and rotor speeds), heading north."""
-    phi, theta = x[:, 6], x[:, 7]
-    state = np.concatenate((np.zeros((len(x), 3)), _attitude(phi, theta), x[:, :6]), axis=1)
-    turning = x[:, 4] * np.sin(phi) + x[:, 5] * np.cos(phi)
-    angles = (x[:, 3] + turning * np.tan(theta), x[:, 4] * np.cos(phi) - x[:, 5] * np.sin(phi))
-    return np.concatenate((rhs(craft, state, x[:, 8:])[:, 7:], np.stack(angles, axis=1)), axis=1)
+    return in_body(level, q[0])
 
 
 def _modes(A: np.ndarray) -> tuple[Mode, ...]:

@@ -29,13 +29,13 @@ from taichi_sim.conventions import AMPLITUDE, DOWN
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import abreast, lanes
 from taichi_sim.kernels.abreast import group, is_laned, put, some, taken, taken1, taken2
-from taichi_sim.kernels.packs import AroundPack, Build, FleetPack, TouchPack, load_at, numbers_at
-from taichi_sim.kernels.rotation import UPRIGHT, store
+from taichi_sim.kernels.packs import AroundPack, Build, FleetPack, TouchPack, load_at, own_numbers
+from taichi_sim.kernels.rotation import UPRIGHT, attitude_of, position_of, rates_of, store, velocity_of
 from taichi_sim.sea import waves
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.uav import local_air
 from taichi_sim.uav.aircraft import TrimError
-from taichi_sim.uav.fixed_wing.airframe import attitude, velocity, with_velocity
+from taichi_sim.uav.fixed_wing.airframe import with_velocity
 from taichi_sim.uav.fixed_wing.angles import atan2
 from taichi_sim.uav.multirotor import controller, ground, landing, rotors, start
 from taichi_sim.uav.multirotor import instruments as at
@@ -180,7 +180,7 @@ class Multirotor6DOF(Vehicle):
         side = 0.5 * max(self.size[:2]) * torch.sqrt((1.0 - upright.square()).clamp(min=0.0))
         height = -fleet.state[..., DOWN] - self.plan.body.below * upright - side
         outside = fleet.reading(at.OUTSIDE_TIME) > LONGEST_OUTSIDE
-        struck = fleet.never if fleet.touch is None else fleet.touch.struck[..., 0] > 0
+        struck = fleet.never if fleet.touch is None else fleet.touch.struck.squeeze(-1) > 0
         ditched = height <= world.elevation_below(fleet, height)
         return {"ditched": ditched, "struck": struck, "outside_model": outside}
 
@@ -241,21 +241,13 @@ class Multirotor6DOF(Vehicle):
         ti.loop_config(serialize=build.serial)
         for g in range((fleet.state.shape[0] * fleet.state.shape[1] + build.width - 1) // build.width):
             e, i = group(build.width, g * build.width, fleet.state.shape[0], fleet.state.shape[1])
-            if ti.static(build.varied):
-                own = numbers_at(self.Own, fleet.numbers, e, i)
-                self.advance(own, build, fleet, around, fleet, e, i)
-            else:
-                self.advance(self.constants, build, fleet, around, fleet, e, i)
+            self.advance(own_numbers(self, build, fleet.numbers, e, i), build, fleet, around, fleet, e, i)
 
     @ti.kernel
     def _step_by_decks(self, fleet: FleetPack, around: AroundPack, touch: TouchPack, build: ti.template()):
         ti.loop_config(serialize=build.serial)
         for e, i in ti.ndrange(fleet.state.shape[0], fleet.state.shape[1]):
-            if ti.static(build.varied):
-                own = numbers_at(self.Own, fleet.numbers, e, i)
-                self.advance(own, build, fleet, around, touch, e, i)
-            else:
-                self.advance(self.constants, build, fleet, around, touch, e, i)
+            self.advance(own_numbers(self, build, fleet.numbers, e, i), build, fleet, around, touch, e, i)
 
     @ti.func
     def advance(
@@ -279,22 +271,22 @@ class Multirotor6DOF(Vehicle):
             drawn = local_air.initial_turbulence(build.air, seed, clock, self.substeps, env, i)
             gust = ti.select(begins, drawn, gust)
         shear, W20 = around.air[0], local_air.wind_at_20_feet(build.air, around, wind_10, e)
-        v_mean = attitude(y) @ velocity(y) - local_air.mean_wind(build.air, wind_10, shear, y)
+        v_mean = attitude_of(y) @ velocity_of(y) - local_air.mean_wind(build.air, wind_10, shear, y)
         f = local_air.turbulence_filter(build.air, v_mean.norm(), -y[2], W20, self.dt)
         met = local_air.velocity_at(build.air, wind_10, shear, gust, f, v_mean, y, time)
         sea, rise = self.water_below(build, around, e, y)
-        y = with_velocity(y, velocity(y) - attitude(y).transpose() @ met)
-        rates, toward, voltage = velocity(y) * 0.0, velocity(y) * 0.0, time * 0.0
+        y = with_velocity(y, velocity_of(y) - attitude_of(y).transpose() @ met)
+        rates, toward, voltage = velocity_of(y) * 0.0, velocity_of(y) * 0.0, time * 0.0
         sea_weight, deck_upwash = omega * 0.0 + 1.0, omega * 0.0  # of each rotor, over a deck
         body = ti.Vector([time * 0.0 for _ in ti.static(range(landing.BODY_SIZE))])
         soles = ti.Vector([time * 0.0 for _ in ti.static(range(max(self.sole_numbers, 1)))])
         by_deck, pressed, struck, landed, blow = 0, 0, 0, 0, time * 0.0
         if ti.static(build.decked):
-            by_deck, pressed = int(touch.way[e, i, carrier.WHICH]), int(touch.pressing[e, i, 0])
+            by_deck, pressed = int(touch.way[e, i, carrier.WHICH]), int(touch.pressing[e, i, carrier.PRESSED])
             for k in ti.static(range(self.sole_numbers)):
                 soles[k] = touch.soles[e, i, k]
         for n in range(self.substeps):
-            R = attitude(y)
+            R = attitude_of(y)
             most = time * 0.0 + self.plan.rotor.omega_max
             if ti.static(self.battery):
                 voltage, current = rotors.battery_terminal(self.p.battery, charge, rotors.shaft_power(self.p, p, omega))
@@ -302,15 +294,15 @@ class Multirotor6DOF(Vehicle):
                 most *= ti.min(voltage * ti.static(1.0 / self.p.battery.nominal), 1.0)
             if ti.static(build.decked and self.sole_numbers > 0):
                 landed = landing.soles_down(soles, ti.static(self.sole_numbers // SOLE_SIZE))
-            wanted, held, rates, toward = self.commanded(action, y, R, R @ velocity(y) + met, held, most, landed)
+            wanted, held, rates, toward = self.commanded(action, y, R, R @ velocity_of(y) + met, held, most, landed)
             command = rotors.clipped(self.p, wanted, most)
             if ti.static(build.air.gusty):
-                change = local_air.gust_ahead(build.air, y, R @ velocity(y) + met, time, self.dt)
-                y, met = with_velocity(y, velocity(y) - R.transpose() @ change), met + change
+                change = local_air.gust_ahead(build.air, y, R @ velocity_of(y) + met, time, self.dt)
+                y, met = with_velocity(y, velocity_of(y) - R.transpose() @ change), met + change
             if ti.static(build.decked):
                 flies = 1
                 if by_deck > 0:
-                    begun, v_n = n * ti.static(self.dt), R @ velocity(y) + met
+                    begun, v_n = n * ti.static(self.dt), R @ velocity_of(y) + met
                     across2 = y[7] * y[7] + y[8] * y[8]
                     height, inside, hit = landing.rotors_over(self.p, p, touch.way, e, i, y, begun, self.interval, body)
                     struck = ti.max(struck, hit)
@@ -320,7 +312,7 @@ class Multirotor6DOF(Vehicle):
                     if soon > 0 or pressed > 0:
                         flies = 0
                         below = ground.beneath(-y[2] - sea, sea_weight, deck_upwash)
-                        ratio = ground_ratios(self.p, p, self.over_decks, R, velocity(y), omega, below)
+                        ratio = ground_ratios(self.p, p, self.over_decks, R, velocity_of(y), omega, below)
                         y, omega, soles, body, blow = landing.land(
                             self.p, p, self.contact_steps, self.dt, self.interval, touch.way, e, i, y, met, omega,
                             command, tau, ratio, soles, body, begun, blow,
@@ -340,7 +332,7 @@ class Multirotor6DOF(Vehicle):
                 count = clock * ti.static(self.substeps + 1) + n
                 gust = local_air.turbulence_step(build.air, gust, f, seed, count, env, i)
                 new = local_air.velocity_at(build.air, wind_10, shear, gust, f, v_mean, y, time)
-                y = with_velocity(y, velocity(y) + attitude(y).transpose() @ (met - new))
+                y = with_velocity(y, velocity_of(y) + attitude_of(y).transpose() @ (met - new))
                 met = new
         if ti.static(build.decked):
             touch.blow[e, i, 0] = blow
@@ -363,7 +355,7 @@ class Multirotor6DOF(Vehicle):
         velocity (n, m/s) demanded. landed: number of soles on a deck.
         """
         command = ti.Vector([y[0] * 0.0 for _ in ti.static(range(self.count))])
-        omega_b, new = ti.Vector([y[10], y[11], y[12]]), held
+        omega_b, new = rates_of(y), held
         rates, toward = omega_b, v_n
         if ti.static(self.actions == "rotors"):
             for k in ti.static(range(self.count)):
@@ -378,11 +370,7 @@ class Multirotor6DOF(Vehicle):
                 ratio = ti.static(self.allocation.thrust_to_weight - 1.0)
                 T = ti.static(self.allocation.weight) * (1.0 + ti.max(push, 0.0) * ratio + ti.min(push, 0.0))
                 rates = ti.Vector(
-                    [
-                        self.demands.rate * action[1],
-                        self.demands.rate * action[2],
-                        self.demands.yaw_rate * action[3],
-                    ]
+                    [self.demands.rate * action[1], self.demands.rate * action[2], self.demands.yaw_rate * action[3]]
                 )
             else:
                 nose = ti.Vector([held[6], held[7]])
@@ -424,15 +412,15 @@ class Multirotor6DOF(Vehicle):
         if ti.static(is_laned(e)):
             now, rise = y[0] * 0.0, y[0] * 0.0
             if ti.static(self.p.ground_effect):
-                v_n = attitude(y) @ velocity(y)
+                v_n = attitude_of(y) @ velocity_of(y)
                 for lane in range(lanes.WIDTH):
                     place = ti.Vector([y[0][lane], y[1][lane], y[2][lane]])
                     speed = ti.Vector([v_n[0][lane], v_n[1][lane]])
                     now[lane], rise[lane] = self.water_at(build, around, e[lane], place, speed)
             return now, rise
         else:
-            v_n = attitude(y) @ velocity(y)
-            return self.water_at(build, around, e, ti.Vector([y[0], y[1], y[2]]), ti.Vector([v_n[0], v_n[1]]))
+            v_n = attitude_of(y) @ velocity_of(y)
+            return self.water_at(build, around, e, position_of(y), ti.Vector([v_n[0], v_n[1]]))
 
     @ti.func
     def water_at(self, build: ti.template(), around: ti.template(), e, y, v_n):
@@ -463,7 +451,7 @@ class Multirotor6DOF(Vehicle):
 
         kind, below: what is below (ground.py).
         """
-        R, v_r = attitude(y), velocity(y)
+        R, v_r = attitude_of(y), velocity_of(y)
         v = v_r + R.transpose() @ met
         v_n = R @ v
         store(fleet.derived, e, i, R, v_n)

@@ -38,11 +38,7 @@ class MultirotorPhysical(Strict):
     def inertia(self) -> np.ndarray:
         """Inertia [3, 3], kg m^2."""
         return np.array(
-            [
-                [self.Jx, -self.Jxy, -self.Jxz],
-                [-self.Jxy, self.Jy, -self.Jyz],
-                [-self.Jxz, -self.Jyz, self.Jz],
-            ]
+            [[self.Jx, -self.Jxy, -self.Jxz], [-self.Jxy, self.Jy, -self.Jyz], [-self.Jxz, -self.Jyz, self.Jz]]
         )
 
     @model_validator(mode="after")

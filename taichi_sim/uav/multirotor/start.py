@@ -6,11 +6,7 @@ import torch
 from torch import Tensor
 
 from taichi_sim.conventions import ANGULAR_VELOCITY, DOWN, GRAVITY, HEADING, QUATERNION, VELOCITY
-from taichi_sim.kernels.rotation import (
-    torch_euler_from_quaternion,
-    torch_quaternion_from_euler,
-    torch_rotation_matrix,
-)
+from taichi_sim.kernels.rotation import torch_euler_from_quaternion, torch_quaternion_from_euler, torch_rotation_matrix
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.uav.local_air import wind_at
 from taichi_sim.uav.multirotor import instruments as at

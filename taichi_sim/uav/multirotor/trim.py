@@ -15,10 +15,12 @@ import numpy as np
 import taichi as ti
 import torch
 
-from taichi_sim.conventions import GRAVITY, STATE_SIZE
+from taichi_sim.conventions import GRAVITY, QUATERNION, STATE_SIZE, VELOCITY
 from taichi_sim.kernels import runtime
+from taichi_sim.kernels.abreast import taken2
 from taichi_sim.kernels.rigid_body import cross
 from taichi_sim.kernels.rotation import torch_quaternion_from_euler, torch_rotation_matrix
+from taichi_sim.kernels.runtime import array2
 from taichi_sim.uav.aircraft import TrimError
 from taichi_sim.uav.multirotor.airframe import loads
 from taichi_sim.uav.multirotor.allocation import allocation
@@ -34,7 +36,6 @@ PHI, THETA, SPECIFIC, MOMENT, LEFT, SPEEDS = 0, 1, 2, 5, 8, 9
 """Columns of a solution: roll, pitch (rad), specific thrust (3, m/s^2, n), moment of the thrusts (3, N m, b), what is
 left of the accelerations (m/s^2, rad/s^2), rotor speeds (rad/s).
 """
-_array2 = ti.types.ndarray(ndim=2)
 
 
 @dataclass(frozen=True)
@@ -55,7 +56,7 @@ class MultirotorTrim:
 
 
 @ti.kernel
-def solve(craft: ti.template(), air: _array2, out: _array2):
+def solve(craft: ti.template(), air: array2, out: array2):
     """Write the solutions [n, SPEEDS + rotor] of steady flight at `air` [n, 5].
 
     The columns of `air` are the velocity through the air (n, m/s), and cosine and sine of the heading. Rotor speeds may
@@ -65,8 +66,9 @@ def solve(craft: ti.template(), air: _array2, out: _array2):
         p, a = ti.static(nominal_numbers(craft), allocation(craft))
         N = ti.static(len(craft.rotors))
         gain = ti.static(gains(p, N))
-        v_n = ti.Vector([air[row, 0], air[row, 1], air[row, 2]])
-        nose = ti.Vector([air[row, 3], air[row, 4], v_n[0] * 0.0])
+        asked = taken2(air, row, 5)
+        v_n = ti.Vector([asked[0], asked[1], asked[2]])
+        nose = ti.Vector([asked[3], asked[4], v_n[0] * 0.0])
         down = ti.Vector([v_n[0] * 0.0, v_n[0] * 0.0, v_n[0] * 0.0 + 1.0])
         still, ones = ti.Vector([v_n[0] * 0.0, v_n[0] * 0.0, v_n[0] * 0.0]), ti.Vector([v_n[0] * 0.0 + 1.0] * N)
         z, c, thrust = down, GRAVITY * down, ones
@@ -139,6 +141,6 @@ def trim(
     phi, theta = float(row[PHI]), float(row[THETA])
     state = np.zeros(STATE_SIZE)
     q = torch_quaternion_from_euler(*(torch.tensor(x, dtype=torch.float64) for x in (phi, theta, heading)))
-    state[3:7] = q.numpy()
-    state[7:10] = torch_rotation_matrix(q).numpy().T @ ground
+    state[QUATERNION] = q.numpy()
+    state[VELOCITY] = torch_rotation_matrix(q).numpy().T @ ground
     return MultirotorTrim(air[0, :3], phi, theta, heading, omega, state)

@@ -41,13 +41,15 @@ from taichi.lang.argpack import ArgPack
 from torch import Tensor
 
 from taichi_sim.config import ConfigError
-from taichi_sim.conventions import ELEVATION, FREEBOARD
+from taichi_sim.conventions import EAST, ELEVATION, FREEBOARD, NORTH
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import runtime
+from taichi_sim.kernels.abreast import taken2
 from taichi_sim.kernels.lanes import filled, laned, laned1, laned2, laned3, vectors
-from taichi_sim.kernels.packs import AroundPack, Build, FleetPack, load_at, numbers_at
+from taichi_sim.kernels.packs import AroundPack, Build, FleetPack, load_at, own_numbers
 from taichi_sim.kernels.rigid_body import angular, linear
 from taichi_sim.kernels.rotation import quaternion_advance, rotation_matrix, store
+from taichi_sim.kernels.runtime import array2, array3, whole1
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.usv.hull import instruments as at
 from taichi_sim.usv.hull import loads, mmg_drive, motion, pressure, start, thruster_set, water, wind
@@ -67,11 +69,11 @@ __all__ = ["Hull6Dof", "Hull6DofParams"]
 
 TablesPack = ti.types.argpack(
     panels=laned2,
-    reads=ti.types.ndarray(dtype=ti.i32, ndim=1),
-    node=ti.types.ndarray(dtype=ti.i32, ndim=1),
+    reads=whole1,
+    node=whole1,
     share=laned1,
-    lines=ti.types.ndarray(ndim=2),
-    deck=ti.types.ndarray(ndim=2),
+    lines=array2,
+    deck=array2,
     filters=laned1,
     diffraction=laned3,
 )
@@ -339,11 +341,7 @@ class Hull6Dof(Vessel):
     def _step(self, fleet: FleetPack, around: AroundPack, tables: TablesPack, build: ti.template()):
         ti.loop_config(serialize=build.serial)
         for e, i in ti.ndrange(fleet.state.shape[0], fleet.state.shape[1]):
-            if ti.static(build.varied):
-                own = numbers_at(self.Own, fleet.numbers, e, i)
-                self.advance(own, build, fleet, around, tables, e, i)
-            else:
-                self.advance(self.constants, build, fleet, around, tables, e, i)
+            self.advance(own_numbers(self, build, fleet.numbers, e, i), build, fleet, around, tables, e, i)
 
     @ti.func
     def advance(
@@ -358,8 +356,8 @@ class Hull6Dof(Vessel):
         command = self.drive.commanded(self.thrusters, p, fleet.action, e, i, controls)
         D = ti.Vector([aux[e, i, at.LABEL], aux[e, i, at.LABEL + 1]])
         change = ti.Vector([aux[e, i, at.LABEL_CHANGE], aux[e, i, at.LABEL_CHANGE + 1]])
-        V_c = ti.Vector([around.current[e, 0], around.current[e, 1], 0.0])
-        air = ti.Vector([around.wind[e, 0], around.wind[e, 1], around.wind[e, 2]])
+        V_c = ti.Vector([around.current[e, NORTH], around.current[e, EAST], 0.0])
+        air = taken2(around.wind, e, 3)
         outside = load_at(build, fleet.load, e, i)
         plane = ti.Vector([pos[0] * 0.0, 0.0, 0.0])
         sums = ti.Vector([pos[0] * 0.0 for _ in range(water.SUMS)])
@@ -420,21 +418,14 @@ class Hull6Dof(Vessel):
 
     @ti.kernel
     def _rhs(
-        self,
-        out: ti.types.ndarray(ndim=2),
-        state: ti.types.ndarray(ndim=2),
-        controls: ti.types.ndarray(ndim=2),
-        current: ti.types.ndarray(ndim=2),
-        wind_n: ti.types.ndarray(ndim=2),
-        load: ti.types.ndarray(ndim=2),
-        no_waves: ti.types.ndarray(ndim=3),
-        tables: TablesPack,
-    ):
+        self, out: array2, state: array2, controls: array2, current: array2, wind_n: array2, load: array2,
+        no_waves: array3, tables: TablesPack,
+    ):  # fmt: skip
         for n in range(state.shape[0]):
             y = ti.Vector([state[n, c] for c in range(13)])
             pos, q, nu = motion.unpack(y)
             R = rotation_matrix(q)
-            V_c, air = ti.Vector([current[n, 0], current[n, 1], 0.0]), ti.Vector([wind_n[n, c] for c in range(3)])
+            V_c, air = ti.Vector([current[n, NORTH], current[n, EAST], 0.0]), taken2(wind_n, n, 3)
             calm = ti.Vector([y[0] * 0.0 for _ in range(water.SUMS)])
             p, height = ti.static(self.constants, self.params.windage.height)
             tau = ti.Vector([load[n, c] for c in range(6)]) + wind.load(height, p, R, nu, air)
@@ -464,13 +455,7 @@ class Hull6Dof(Vessel):
 
     @ti.kernel
     def _pressure_load(
-        self,
-        out: ti.types.ndarray(ndim=3),
-        state: ti.types.ndarray(ndim=3),
-        aux: ti.types.ndarray(ndim=3),
-        around: AroundPack,
-        tables: TablesPack,
-        build: ti.template(),
+        self, out: array3, state: array3, aux: array3, around: AroundPack, tables: TablesPack, build: ti.template()
     ):
         for e, i in ti.ndrange(state.shape[0], state.shape[1]):
             pos, q, _nu = motion.unpack(ti.Vector([state[e, i, c] for c in range(13)]))

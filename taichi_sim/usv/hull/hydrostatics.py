@@ -133,8 +133,9 @@ class Hydrostatics:
         load = self.loads(pose)
         phi = pose[..., ROLL]
         down = np.sum(load[..., :3] * down_in_body(phi, pose[..., PITCH]), axis=-1)
-        level = load[..., 4] * np.cos(phi) - load[..., 5] * np.sin(phi)  # about the level axis of pitch
-        return -np.stack([down, load[..., 3], level], axis=-1)
+        K, M, N = np.moveaxis(load[..., 3:], -1, 0)
+        level = M * np.cos(phi) - N * np.sin(phi)  # about the level axis of pitch
+        return -np.stack([down, K, level], axis=-1)
 
     def stiffness(self, pose: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
         """Second derivatives of the energy by heave, roll and pitch, [..., 3, 3]; upright, this is G about CO."""
@@ -192,7 +193,7 @@ class Hydrostatics:
             value, axes = np.linalg.eigh((H + np.swapaxes(H, -1, -2)) / 2)
             size = np.maximum(np.abs(value), LEAST_CURVATURE * self.weight)
             gradient = self.energy_gradient(pose)[..., index, None]
-            step = -relaxation * (axes @ ((np.swapaxes(axes, -1, -2) @ gradient) / size[..., None]))[..., 0]
+            step = -relaxation * (axes @ ((np.swapaxes(axes, -1, -2) @ gradient) / size[..., None])).squeeze(-1)
             step *= np.minimum(1.0, MAX_STEP / np.maximum(np.abs(step).max(axis=-1, keepdims=True), 1e-300))
             before = pose.copy()
             pose[..., index] += step

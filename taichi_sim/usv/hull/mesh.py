@@ -191,12 +191,10 @@ def _round(beam: Array, keel: Array, hull: TwinPontoons) -> Array:
     angle = np.linspace(-np.pi / 2, np.pi / 2, n + 1)  # from the keel's direction
     radius = beam / 2 * np.sqrt(np.pi / (n * np.sin(np.pi / n)))  # so that the polygon has the area of the half circle
     centre = keel - beam / 2
-    girth = np.stack([radius[:, None] * np.sin(angle), centre[:, None] + radius[:, None] * np.cos(angle)], axis=-1)
-    if np.allclose(centre, -hull.freeboard):
-        return girth
-    port, starboard = girth[:, :1].copy(), girth[:, -1:].copy()
-    port[..., 1] = starboard[..., 1] = -hull.freeboard
-    return np.concatenate([port, girth, starboard], axis=1)
+    y, z = radius[:, None] * np.sin(angle), centre[:, None] + radius[:, None] * np.cos(angle)
+    if not np.allclose(centre, -hull.freeboard):  # straight up to the deck edges
+        y, z = np.pad(y, ((0, 0), (1, 1)), mode="edge"), np.pad(z, ((0, 0), (1, 1)), constant_values=-hull.freeboard)
+    return np.stack([y, z], axis=-1)
 
 
 def _close(sections: Array) -> tuple[list[Array], Array]:

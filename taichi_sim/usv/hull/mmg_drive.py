@@ -68,11 +68,7 @@ class MmgDrive:
         self.first_rudder = self.first_thrust + len(thrusts)
         self.backs = section.propeller.n_astern > 0
         self.helm_max = math.radians(section.rudder.angle_max_deg)
-        self.signals = {
-            "revolutions": ("1/s", names),
-            "rudder": ("rad", ("rudder",)),
-            "thrust": ("N", thrusts),
-        }
+        self.signals = {"revolutions": ("1/s", names), "rudder": ("rad", ("rudder",)), "thrust": ("N", thrusts)}
 
     def __len__(self) -> int:
         """Number of propellers."""

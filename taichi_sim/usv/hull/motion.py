@@ -14,8 +14,9 @@ the kernel's numbers (numbers.py), `sums` come from water.at.
 
 import taichi as ti
 
+from taichi_sim.conventions import SURGE
 from taichi_sim.kernels.rigid_body import angular, coriolis, linear, quaternion_rate, times
-from taichi_sim.kernels.rotation import quaternion_advance, rotation_matrix
+from taichi_sim.kernels.rotation import position_of, quaternion_advance, quaternion_of, rotation_matrix
 from taichi_sim.usv.hull import loads, mmg_drive, water
 from taichi_sim.usv.hull.numbers import diagonal, symmetric
 
@@ -29,7 +30,7 @@ def pack(pos, q, nu):
 @ti.func
 def unpack(y):
     """Position, attitude and nu from a state of 13 numbers (conventions.py)."""
-    return ti.Vector([y[0], y[1], y[2]]), ti.Vector([y[3], y[4], y[5], y[6]]), ti.Vector([y[7 + c] for c in range(6)])
+    return position_of(y), quaternion_of(y), ti.Vector([y[SURGE + c] for c in range(6)])
 
 
 @ti.func

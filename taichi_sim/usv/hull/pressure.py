@@ -33,6 +33,7 @@ HALF_TURN = 3.14159265  # rad; waves shorter than a line's step cancel over it
 # point; then the unit wrenches of both strips that are not zero (hydrostatics.Strips).
 STRIPS = 2
 CENTRE, ALONG, UP, TWIST, ACROSS, AHEAD, WRENCH = 0, 3, 6, 9, 12, 13, 14
+POINT_A, POINT_B, STEP = 0, 3, 6  # columns of the line table: first points of both lines of a pair, their common step
 # Moment (m0, m1, m2) and component (X Y Z K M N) of the wrench rows of a strip
 WRENCH_ROWS = tuple((m, j) for m in range(3) for j in range(6) if m < 2 or j > 2)
 SECOND = len(WRENCH_ROWS)  # first wrench row of the second strip, counted from WRENCH
@@ -85,7 +86,7 @@ def read_tables(geometry: HullGeometry) -> tuple[NDArray, NDArray, NDArray]:
 
 
 def line_table(geometry: HullGeometry) -> NDArray[np.float64]:
-    """Line table, [pair, 9]: first point of both lines of a pair, and their common step, m, b."""
+    """Line table, [pair, 9]: first points of both lines of a pair, and their common step, m, b."""
     start, step = geometry.lines.start, geometry.lines.step
     return np.concatenate([start[::2], start[1::2], step[::2]], axis=1)
 
@@ -112,11 +113,11 @@ def write_heads(
     """Write the wave's pressure head (m), and its change to starboard, at every point of the wave lines to aux."""
     s = around.env_sea[e]
     for pair in range(lines.shape[0]):
-        h = R @ ti.Vector([lines[pair, 6], lines[pair, 7], lines[pair, 8]])
+        h = R @ ti.Vector([lines[pair, STEP + c] for c in ti.static(range(3))])
         step = ti.Vector([J[0] * h[0] + J[1] * h[1], J[1] * h[0] + J[2] * h[1]])
         across = ti.Vector([J[0] * R[0, 1] + J[1] * R[1, 1], J[1] * R[0, 1] + J[2] * R[1, 1]])
-        r_a = R @ ti.Vector([lines[pair, 0], lines[pair, 1], lines[pair, 2]])
-        r_b = R @ ti.Vector([lines[pair, 3], lines[pair, 4], lines[pair, 5]])
+        r_a = R @ ti.Vector([lines[pair, POINT_A + c] for c in ti.static(range(3))])
+        r_b = R @ ti.Vector([lines[pair, POINT_B + c] for c in ti.static(range(3))])
         a = line_start(sizes.points, r_a, h, pos, L, J, plane)
         b = line_start(sizes.points, r_b, h, pos, L, J, plane)
         found = along_pair(build, around, sizes.points, s, e, a, b, step, across, tau)

@@ -5,9 +5,10 @@
 
 import taichi as ti
 
-from taichi_sim.conventions import ELEVATION, FREEBOARD
+from taichi_sim.conventions import EAST, ELEVATION, FREEBOARD, NORTH
 from taichi_sim.kernels.packs import AroundPack
 from taichi_sim.kernels.rotation import quaternion_product, rotation_matrix
+from taichi_sim.kernels.runtime import array2, array3
 from taichi_sim.usv.hull import water
 from taichi_sim.usv.hull.instruments import LABEL
 from taichi_sim.usv.hull.motion import pack, unpack
@@ -30,14 +31,9 @@ def tilted(q, R, along, across):
 
 @ti.kernel
 def float_on_waves(
-    hull: ti.template(),
-    out: ti.types.ndarray(ndim=3),
-    surface: ti.types.ndarray(ndim=3),
-    state: ti.types.ndarray(ndim=3),
-    deck: ti.types.ndarray(ndim=2),
-    around: AroundPack,
+    hull: ti.template(), out: array3, surface: array3, state: array3, deck: array2, around: AroundPack,
     build: ti.template(),
-):
+):  # fmt: skip
     """Write the result of `Hull6Dof.settle` for `state` to `out`."""
     for e, i in ti.ndrange(state.shape[0], state.shape[1]):
         pos, q, nu = unpack(ti.Vector([state[e, i, c] for c in range(13)]))
@@ -48,7 +44,7 @@ def float_on_waves(
         q = tilted(q, R, sums[water.ALONG], sums[water.ACROSS])
         R = rotation_matrix(q)
         pos[2] -= plane[0]
-        V_c, still = ti.Vector([around.current[e, 0], around.current[e, 1], 0.0]), ti.Vector([now, now, now])
+        V_c, still = ti.Vector([around.current[e, NORTH], around.current[e, EAST], 0.0]), ti.Vector([now, now, now])
         nu_c, _, nu_o, _ = water.flow(hull.params.current_frame, R, still, V_c, sums)
         y = pack(pos, q, nu + nu_c + nu_o)
         for c in ti.static(range(13)):
@@ -58,13 +54,7 @@ def float_on_waves(
 
 
 @ti.kernel
-def find_label(
-    hull: ti.template(),
-    aux: ti.types.ndarray(ndim=3),
-    state: ti.types.ndarray(ndim=3),
-    around: AroundPack,
-    build: ti.template(),
-):
+def find_label(hull: ti.template(), aux: array3, state: array3, around: AroundPack, build: ti.template()):
     """Write the displacement of the water's label under the hull to the auxiliary state."""
     for e, i in ti.ndrange(state.shape[0], state.shape[1]):
         pos, q, _nu = unpack(ti.Vector([state[e, i, c] for c in range(13)]))

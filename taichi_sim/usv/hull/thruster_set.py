@@ -23,6 +23,7 @@ from torch import Tensor
 
 from taichi_sim.conventions import AHEAD
 from taichi_sim.fleet import Fleet
+from taichi_sim.kernels.abreast import taken
 from taichi_sim.usv.hull.allocation import Allocation, allocated
 from taichi_sim.usv.hull.numbers import vector
 from taichi_sim.usv.hull.params import Hull6DofParams
@@ -155,7 +156,7 @@ def commanded(fitted: ti.template(), p: ti.template(), action: ti.template(), e,
     command = controls * 0.0
     if ti.static(len(fitted) > 0):
         if ti.static(fitted.actions == "wrench"):
-            tau = ti.Vector([action[e, i, 0], action[e, i, 1], action[e, i, 2]])
+            tau = taken(action, e, i, 0, 3)
             for c in ti.static(range(3)):
                 most, least = ti.static(fitted.allocation.largest[c], fitted.allocation.smallest[c])
                 tau[c] *= ti.select(tau[c] > 0, most, -least)

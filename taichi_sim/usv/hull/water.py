@@ -14,6 +14,7 @@ import taichi as ti
 
 from taichi_sim.conventions import AMPLITUDE, BX, BY, GRAVITY, KX, KY, OMEGA, K
 from taichi_sim.kernels import fast
+from taichi_sim.kernels.abreast import taken2
 from taichi_sim.kernels.lanes import blocks, totals, variables
 from taichi_sim.kernels.rigid_body import cross, six
 from taichi_sim.usv.hull.gauge import averages
@@ -155,6 +156,6 @@ def freeboard(deck: ti.template(), R, z, plane):
     """Height (m) of the lowest corner of the deck above the surface plane."""
     lowest = z * 0.0 + 1e3
     for c in range(deck.shape[0]):
-        r = R @ ti.Vector([deck[c, 0], deck[c, 1], deck[c, 2]])
+        r = R @ taken2(deck, c, 3)
         lowest = ti.min(lowest, -(z + r[2]) - plane[0] - plane[1] * r[0] - plane[2] * r[1])
     return lowest
