@@ -49,6 +49,27 @@ def elevation_at_label(sea: ti.template(), phase: ti.template(), count: ti.templ
 
 
 @ti.func
+def displacement_and_four_elevations(sea: ti.template(), phase: ti.template(), count: ti.template(), s, row, X, Y, tau):
+    """Displacement (north, east, m) at label 0 and elevations (m, up) at labels 1-4 of X, Y (5-vectors), in one pass.
+
+    Separate sums would each wait for their own chain of additions; in one pass the chains overlap.
+    """
+    dx, dy = X[0] * 0.0, X[0] * 0.0
+    z1, z2, z3, z4 = X[0] * 0.0, X[0] * 0.0, X[0] * 0.0, X[0] * 0.0
+    for c in range(count):
+        a, kx, ky = sea[s, AMPLITUDE, c], sea[s, KX, c], sea[s, KY, c]
+        p = phase[row, c] - sea[s, OMEGA, c] * tau
+        sine = fast.sin(kx * X[0] + ky * Y[0] + p)
+        dx += sea[s, BX, c] * sine
+        dy += sea[s, BY, c] * sine
+        z1 += a * fast.cos(kx * X[1] + ky * Y[1] + p)
+        z2 += a * fast.cos(kx * X[2] + ky * Y[2] + p)
+        z3 += a * fast.cos(kx * X[3] + ky * Y[3] + p)
+        z4 += a * fast.cos(kx * X[4] + ky * Y[4] + p)
+    return ti.Vector([dx, dy, z1, z2, z3, z4])
+
+
+@ti.func
 def displacement_and_corners(around: ti.template(), count: ti.template(), e, X, Y, ahead, right, tau):
     """Displacement (north, east, m) at the label (X, Y), and elevations (m, up) at four labels around it.
 

@@ -73,9 +73,14 @@ def elevations(around: ti.template(), build: ti.template(), e, tau, s, D, length
     The waterplane has `length` and `beam` (m); `tau` (s) is the time in the control step.
     """
     sine, cosine = fast.sincos(s[2])
-    ahead = ti.Vector([0.5 * length * cosine, 0.5 * length * sine])
-    right = ti.Vector([-0.5 * beam * sine, 0.5 * beam * cosine])
-    return waves.displacement_and_corners(around, build.components, e, s[0] + D[0], s[1] + D[1], ahead, right, tau)
+    x, y = s[0] + D[0], s[1] + D[1]
+    fx, fy = 0.5 * length * cosine, 0.5 * length * sine
+    gx, gy = -0.5 * beam * sine, 0.5 * beam * cosine
+    X = ti.Vector([x, x + fx - gx, x + fx + gx, x - fx - gx, x - fx + gx])
+    Y = ti.Vector([y, y + fy - gy, y + fy + gy, y - fy - gy, y - fy + gy])
+    sea_index = around.env_sea[e]
+    h = waves.displacement_and_four_elevations(around.sea, around.phase, build.components, sea_index, e, X, Y, tau)
+    return ti.Vector([h[0], h[1]]), ti.Vector([h[2], h[3], h[4], h[5]])
 
 
 @ti.func
