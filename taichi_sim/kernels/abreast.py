@@ -86,6 +86,11 @@ class Laned(TaichiOperations):
         """Length of a vector."""
         return ops.sqrt(self.dot(self))
 
+    @in_kernels
+    def sum(self) -> Any:
+        """Sum of the entries of a vector."""
+        return impl.expr_init(reduce(operator.add, self.entries))
+
     def _times(self, other: Any) -> "Laned":
         """Product of a matrix and a vector or a matrix."""
         rows, inner = len(self.entries) // self.columns, range(self.columns)

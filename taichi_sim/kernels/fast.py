@@ -26,7 +26,7 @@ def wrap_two_pi(x):
     """Return the angle x (rad) minus the nearest multiple of 2 pi, in [-pi, pi]."""
     n = ti.floor(x * INV_TWO_PI + 0.5)
     # The bound is never reached. Without it, fast math would merge the two terms into one rounded constant.
-    return ti.max(x - n * TWO_PI_HI, -1e6) - n * TWO_PI_LO
+    return at_least(x - n * TWO_PI_HI, -1e6) - n * TWO_PI_LO
 
 
 @ti.func
@@ -85,6 +85,28 @@ def sincos(x):
         r = wrap_two_pi(x)
         s, c = sin_reduced(r), cos_reduced(r)
     return s, c
+
+
+@ti.func
+def sin_turns(x):
+    """Return the sine of an angle of x turns; the nearest turn is a whole number, so it costs two thirds of `sin`."""
+    y = x
+    if ti.static(runtime.is_f64()):
+        y = ti.sin(TWO_PI * x)
+    else:
+        y = sin_reduced(TWO_PI * (x - ti.floor(x + 0.5)))
+    return y
+
+
+@ti.func
+def cos_turns(x):
+    """Return the cosine of an angle of x turns (see `sin_turns`)."""
+    y = x
+    if ti.static(runtime.is_f64()):
+        y = ti.cos(TWO_PI * x)
+    else:
+        y = cos_reduced(TWO_PI * (x - ti.floor(x + 0.5)))
+    return y
 
 
 @ti.func

@@ -18,7 +18,7 @@ import torch
 
 from taichi_sim.conventions import HEAVE, PITCH_RATE, QW, QX, QY, QZ, ROLL_RATE, SURGE, SWAY, YAW_RATE
 from taichi_sim.kernels import fast
-from taichi_sim.kernels.abreast import put, taken
+from taichi_sim.kernels.abreast import put, some, taken
 from taichi_sim.kernels.runtime import array3, whole1
 
 DERIVED_SIZE = 14
@@ -92,10 +92,11 @@ def quaternion_advance(q, omega_b, dt):
     h = 0.25 * square
     c = 1 - h * (0.5 - h * (1.0 / 24 - h * (1.0 / 720)))
     k = 0.5 * (1 - h * (1.0 / 6 - h * (1.0 / 120 - h * (1.0 / 5040))))
-    if square > 0.09:
-        angle = ti.sqrt(square)
-        c = ti.cos(0.5 * angle)
-        k = ti.sin(0.5 * angle) / angle
+    large = square > 0.09
+    if some(large):
+        angle = ti.sqrt(ti.max(square, 0.09))
+        sine, cosine = fast.sincos(0.5 * angle)
+        c, k = ti.select(large, cosine, c), ti.select(large, sine / angle, k)
     d = ti.Vector([c, k * omega_b[0] * dt, k * omega_b[1] * dt, k * omega_b[2] * dt])
     p = quaternion_product(q, d)
     # One Newton step towards 1/|p| suffices, because |p| - 1 is a rounding error.

@@ -20,6 +20,8 @@ import taichi as ti
 
 from taichi_sim.conventions import AMPLITUDE, BX, BY, KX, KY, OMEGA, K
 from taichi_sim.kernels import fast
+from taichi_sim.kernels.abreast import is_laned
+from taichi_sim.kernels.lanes import WIDTH, blocks, totals, variables
 
 SMALLEST_DETERMINANT = 1e-4  # lower limit of the Jacobian in Newton's method, to keep a step finite at a cusp
 
@@ -65,6 +67,51 @@ def displacement_and_four_elevations(sea: ti.template(), phase: ti.template(), c
         z3 += a * fast.cos(kx * X[3] + ky * Y[3] + p)
         z4 += a * fast.cos(kx * X[4] + ky * Y[4] + p)
     return ti.Vector([dx, dy, z1, z2, z3, z4])
+
+
+@ti.func
+def displacement_and_corners(around: ti.template(), count: ti.template(), e, X, Y, ahead, right, tau):
+    """Displacement (north, east, m) at the label (X, Y), and elevations (m, up) at four labels around it.
+
+    The labels are the corners of a rectangle about (X, Y), bow port, bow starboard, stern port, stern starboard, with
+    the half length `ahead` and the half beam `right` (vectors, m). `e` is the environment; the vehicles of a group
+    (abreast.py) are taken one by one, with their components in lanes.
+    """
+    turns = fast.INV_TWO_PI  # of angles, per radian
+    x, y, f, g = turns * X, turns * Y, turns * ahead, turns * right
+    if ti.static(is_laned(e)):
+        found = [X * 0.0 for _ in ti.static(range(6))]
+        for lane in range(WIDTH):
+            one = _corner_sums(
+                around, count, e[lane], x[lane], y[lane], f[0][lane], f[1][lane], g[0][lane], g[1][lane], tau
+            )
+            for k in ti.static(range(6)):
+                found[k][lane] = one[k]
+        return ti.Vector([found[0], found[1]]), ti.Vector([found[2], found[3], found[4], found[5]])
+    else:
+        one = _corner_sums(around, count, e, x, y, f[0], f[1], g[0], g[1], tau)
+        return ti.Vector([one[0], one[1]]), ti.Vector([one[2], one[3], one[4], one[5]])
+
+
+@ti.func
+def _corner_sums(around: ti.template(), count: ti.template(), e, x, y, fx, fy, gx, gy, tau):
+    """`displacement_and_corners` of one vehicle: (D north, D east, four elevations), of lengths over 2 pi."""
+    sea = ti.static(around.waves)
+    s = around.env_sea[e]
+    r = ti.static(variables(6, sea[s, AMPLITUDE, 0] * 0.0))
+    for c in range(ti.static(blocks(count))):
+        a, kx, ky = sea[s, AMPLITUDE, c], sea[s, KX, c], sea[s, KY, c]
+        middle = kx * x + ky * y + fast.INV_TWO_PI * (around.turns[e, c] - sea[s, OMEGA, c] * tau)
+        ahead, right = kx * fx + ky * fy, kx * gx + ky * gy
+        bow, stern = middle + ahead, middle - ahead
+        sine = fast.sin_turns(middle)
+        r[0] += sea[s, BX, c] * sine
+        r[1] += sea[s, BY, c] * sine
+        r[2] += a * fast.cos_turns(bow - right)
+        r[3] += a * fast.cos_turns(bow + right)
+        r[4] += a * fast.cos_turns(stern - right)
+        r[5] += a * fast.cos_turns(stern + right)
+    return totals(r)
 
 
 @ti.func

@@ -30,8 +30,9 @@ from torch import Tensor
 from taichi_sim.config import NonNegative, Positive, Strict
 from taichi_sim.conventions import QUATERNION
 from taichi_sim.fleet import Fleet
-from taichi_sim.kernels import fast
-from taichi_sim.kernels.packs import FleetPack, load_at, numbers_at
+from taichi_sim.kernels import abreast, fast, lanes
+from taichi_sim.kernels.abreast import group, put, taken
+from taichi_sim.kernels.packs import Build, FleetPack, load_at, numbers_at
 from taichi_sim.kernels.rigid_body import quaternion_rate
 from taichi_sim.kernels.rotation import (
     quaternion_from_euler,
@@ -139,9 +140,14 @@ class UnityAircraft(Aircraft):
         aux[..., INCREMENT : INCREMENT + 3] = 0.0
         aux[..., ANGLE : ANGLE + 3] = torch_euler_from_quaternion(state[..., QUATERNION])
 
+    def build(self, fleet: Fleet, around: Surroundings) -> Build:
+        """What the kernel is compiled for; sea and air do not matter."""
+        return Build(varied=fleet.varied, loaded=fleet.loaded, width=lanes.width(), serial=fleet.few)
+
     def step(self, fleet: Fleet, around: Surroundings) -> None:
         """Advance one control step."""
-        fleet.launch(self._step, fleet.pack, self.build(fleet, around))
+        with abreast.vectors():
+            fleet.launch(self._step, fleet.pack, self.build(fleet, around))
 
     def equations(self, state: Tensor, controls: Tensor, current: Tensor, wind: Tensor, load: Tensor) -> Tensor:
         """d(state)/dt [n, 13] in the limit of short PhysX steps, with the increments held; the wind has no effect.
@@ -178,11 +184,10 @@ class UnityAircraft(Aircraft):
     @ti.kernel
     def _step(self, fleet: FleetPack, build: ti.template()):
         ti.loop_config(serialize=build.serial)
-        for e, i in ti.ndrange(fleet.state.shape[0], fleet.state.shape[1]):
-            y = ti.Vector([fleet.state[e, i, k] for k in ti.static(range(13))])
-            increment = ti.Vector([fleet.aux[e, i, INCREMENT + k] for k in ti.static(range(3))])
-            angles = ti.Vector([fleet.aux[e, i, ANGLE + k] for k in ti.static(range(3))])
-            command = ti.Vector([fleet.action[e, i, k] for k in ti.static(range(3))])
+        for g in range((fleet.state.shape[0] * fleet.state.shape[1] + build.width - 1) // build.width):
+            e, i = group(build.width, g * build.width, fleet.state.shape[0], fleet.state.shape[1])
+            y, command = taken(fleet.state, e, i, 0, 13), taken(fleet.action, e, i, 0, 3)
+            increment, angles = taken(fleet.aux, e, i, INCREMENT, 3), taken(fleet.aux, e, i, ANGLE, 3)
             tau = load_at(build, fleet.load, e, i)
             rates = angles * 0.0
             if ti.static(build.varied):
@@ -195,19 +200,17 @@ class UnityAircraft(Aircraft):
             v = ti.Vector([y[7], y[8], y[9]])
             store(fleet.derived, e, i, R_nb, v)
             v_b, omega = R_nb.transpose() @ v, self.body_rates(angles, rates)
-            angles[2] = wrap_pi(angles[2])
-            for k in ti.static(range(3)):
-                fleet.state[e, i, k], fleet.state[e, i, 7 + k], fleet.state[e, i, 10 + k] = y[k], v_b[k], omega[k]
-                fleet.aux[e, i, INCREMENT + k], fleet.aux[e, i, ANGLE + k] = increment[k], angles[k]
-            for k in ti.static(range(4)):
-                fleet.state[e, i, 3 + k] = q[k]
+            put(fleet.state, e, i, 0, [y[0], y[1], y[2], q[0], q[1], q[2], q[3]])
+            put(fleet.state, e, i, 7, [v_b[0], v_b[1], v_b[2], omega[0], omega[1], omega[2]])
+            put(fleet.aux, e, i, INCREMENT, [increment[0], increment[1], increment[2]])
+            put(fleet.aux, e, i, ANGLE, [angles[0], angles[1], wrap_pi(angles[2])])
 
     @ti.func
     def advance(self, p: ti.template(), build: ti.template(), y, increment, angles, command, tau):
         """One control step: state (position, velocity in n), increments, angles, and rates of the angles after it."""
         pos = ti.Vector([y[0], y[1], y[2]])
         v = rotation_matrix(ti.Vector([y[3], y[4], y[5], y[6]])) @ ti.Vector([y[7], y[8], y[9]])
-        boost = self.p.boost_min * ti.pow(self.boost_ratio, 0.5 * (command[2] + 1.0))
+        boost = self.p.boost_min * fast.exp(ti.static(0.5 * math.log(self.boost_ratio)) * (command[2] + 1.0))
         rates = angles * 0.0
         for _ in range(self.substeps):
             a = self.acceleration(p, build.loaded, angles, boost, tau)
@@ -241,8 +244,7 @@ class UnityAircraft(Aircraft):
         step = p.smooth_rate * self.dt
         roll = yaw - angles[0] / ti.static(self.p.max_roll_deg * DEG)
         if ti.static(self.p.roll_rule == "script"):
-            if yaw != 0.0:
-                roll = yaw
+            roll = ti.select(yaw != 0.0, yaw, roll)
         wanted = ti.Vector([roll, pitch, yaw])
         return increment + ti.max(ti.min(wanted - increment, step), -step)
 

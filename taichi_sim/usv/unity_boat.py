@@ -32,7 +32,9 @@ from torch import Tensor
 from taichi_sim.config import Finite, NonNegative, Positive, Strict
 from taichi_sim.conventions import ELEVATION, GRAVITY
 from taichi_sim.fleet import Fleet
-from taichi_sim.kernels.packs import AroundPack, FleetPack, load_at, numbers_at
+from taichi_sim.kernels import abreast, lanes
+from taichi_sim.kernels.abreast import group, put, taken, taken2
+from taichi_sim.kernels.packs import AroundPack, Build, FleetPack, load_at, numbers_at
 from taichi_sim.kernels.rigid_body import quaternion_rate
 from taichi_sim.kernels.rotation import quaternion_advance, rotation_matrix, store
 from taichi_sim.sea import waves
@@ -152,9 +154,14 @@ class UnityBoat(Vessel):
             damping=values["buoyancy_damping"],
         )
 
+    def build(self, fleet: Fleet, around: Surroundings) -> Build:
+        """What the kernel is compiled for."""
+        return super().build(fleet, around)._replace(width=lanes.width())
+
     def step(self, fleet: Fleet, around: Surroundings) -> None:
         """Advance by one control step."""
-        fleet.launch(self._step, fleet.pack, around.pack, self.build(fleet, around))
+        with abreast.vectors():
+            fleet.launch(self._step, fleet.pack, around.pack, self.build(fleet, around))
 
     def equations(self, state: Tensor, controls: Tensor, current: Tensor, wind: Tensor, load: Tensor) -> Tensor:
         """d(state)/dt [n, 13] in the limit of short PhysX steps; the wind has no effect."""
@@ -188,11 +195,12 @@ class UnityBoat(Vessel):
     @ti.kernel
     def _step(self, fleet: FleetPack, around: AroundPack, build: ti.template()):
         ti.loop_config(serialize=build.serial)
-        for e, i in ti.ndrange(fleet.state.shape[0], fleet.state.shape[1]):
-            y = ti.Vector([fleet.state[e, i, k] for k in ti.static(range(13))])
-            label = ti.Vector([fleet.aux[e, i, k] for k in ti.static(range(4))])
-            V_c = ti.Vector([around.current[e, 0], around.current[e, 1], 0.0])
-            I_v, I_h = 0.5 * (fleet.action[e, i, 0] + 1.0), fleet.action[e, i, 1]
+        for g in range((fleet.state.shape[0] * fleet.state.shape[1] + build.width - 1) // build.width):
+            e, i = group(build.width, g * build.width, fleet.state.shape[0], fleet.state.shape[1])
+            y, label = taken(fleet.state, e, i, 0, 13), taken(fleet.aux, e, i, 0, 4)
+            flow, command = taken2(around.current, e, 2), taken(fleet.action, e, i, 0, 2)
+            V_c = ti.Vector([flow[0], flow[1], 0.0])
+            I_v, I_h = 0.5 * (command[0] + 1.0), command[1]
             tau = load_at(build, fleet.load, e, i)
             level = y[2] * 0.0
             if ti.static(build.varied):
@@ -204,13 +212,10 @@ class UnityBoat(Vessel):
             v = ti.Vector([y[7], y[8], y[9]])
             store(fleet.derived, e, i, R, v)
             v_b = R.transpose() @ v
-            for k in ti.static(range(13)):
-                fleet.state[e, i, k] = y[k]
-            for k in ti.static(range(3)):
-                fleet.state[e, i, 7 + k] = v_b[k]
-            for k in ti.static(range(4)):
-                fleet.aux[e, i, k] = label[k]
-            fleet.surface[e, i, ELEVATION] = level
+            put(fleet.state, e, i, 0, [y[0], y[1], y[2], y[3], y[4], y[5], y[6]])
+            put(fleet.state, e, i, 7, [v_b[0], v_b[1], v_b[2], y[10], y[11], y[12]])
+            put(fleet.aux, e, i, 0, [label[0], label[1], label[2], label[3]])
+            put(fleet.surface, e, i, ELEVATION, [level])
 
     @ti.func
     def advance(self, p: ti.template(), build: ti.template(), around: ti.template(), e, y, label, V_c, I_v, I_h, tau):
@@ -250,14 +255,11 @@ class UnityBoat(Vessel):
 
         The corners are bow port, bow starboard, stern port, stern starboard.
         """
-        x, y = pos[0] + D[0], pos[1] + D[1]
-        fx, fy = 0.5 * self.p.length * R[0, 0], 0.5 * self.p.length * R[1, 0]
-        gx, gy = 0.5 * self.p.beam * R[0, 1], 0.5 * self.p.beam * R[1, 1]
-        X = ti.Vector([x, x + fx - gx, x + fx + gx, x - fx - gx, x - fx + gx])
-        Y = ti.Vector([y, y + fy - gy, y + fy + gy, y - fy - gy, y - fy + gy])
-        s = around.env_sea[e]
-        r = waves.displacement_and_four_elevations(around.sea, around.phase, build.components, s, e, X, Y, tau)
-        return ti.Vector([r[0], r[1]]), ti.Vector([r[2], r[3], r[4], r[5]])
+        a, b = ti.static(0.5 * self.p.length, 0.5 * self.p.beam)
+        ahead, right = ti.Vector([a * R[0, 0], a * R[1, 0]]), ti.Vector([b * R[0, 1], b * R[1, 1]])
+        return waves.displacement_and_corners(
+            around, build.components, e, pos[0] + D[0], pos[1] + D[1], ahead, right, tau
+        )
 
     @ti.func
     def buoyancy(self, p: ti.template(), pos, R, v, omega, heights):
