@@ -142,7 +142,7 @@ class TestDumps:
         return world
 
     def test_a_state_that_stops_being_finite_is_written_and_runs_again(self, world, tmp_path):
-        world.teams["usv"].state[1, 0, 7] = 1e38  # a speed whose square no number holds
+        world.teams["usv"].state[1, 0, 12] = 1e38  # a yaw rate whose square no number holds
         before = world.teams["usv"].state[1].clone()
         world.step(still(world))
         after = world.teams["usv"].state[:, 0]
@@ -164,7 +164,7 @@ class TestDumps:
         fleet.load[1, 1, 0] = 300.0
         for _ in range(3):
             world.step(still(world))
-        fleet.state[1, 0, 7] = 1e38
+        fleet.state[1, 0, 12] = 1e38
         world.step(still(world))
         (file,) = (tmp_path / "dumps").glob("*.dump")
         dump = load_dump(file)
