@@ -175,7 +175,7 @@ def mechanics(world: World) -> tuple[Tensor, Tensor, Tensor]:
     return P, H, E
 
 
-@pytest.mark.parametrize("interval", [0.02, 0.1])
+@pytest.mark.parametrize("interval", [0.02, pytest.param(0.1, marks=pytest.mark.slow)])
 def test_free_bodies_keep_their_momentum_and_gain_no_energy(interval):
     """Touchdowns off the middle, askew, spinning and sliding, on rafts that rise, drift and turn.
 
