@@ -183,11 +183,14 @@ class Fleet(Views):
         ):
             self._pack = self._packed()
 
-    def launch(self, kernel: Any, *args: Any) -> None:
-        """Call a kernel of the model. A call with the same arguments as the last one costs a fraction."""
+    def launch(self, kernel: Any, *args: Any, plain: bool = False) -> None:
+        """Call a kernel of the model. A call with the same arguments as the last one costs a fraction.
+
+        A `plain` one is compiled without Taichi's own passes (`runtime.Launcher`).
+        """
         key = id(kernel._primal), id(getattr(kernel, "_kernel_owner", None))
         if key not in self._launchers:
-            self._launchers[key] = Launcher(kernel)
+            self._launchers[key] = Launcher(kernel, plain=plain)
         self._launchers[key](*args)
 
     def update(self, envs: Tensor | None = None) -> None:

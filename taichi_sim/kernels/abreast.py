@@ -58,7 +58,7 @@ class Laned(TaichiOperations):
 
     def __init__(self, entries: Sequence[Any], columns: int = 0):
         """Make variables of `entries`; scalars among them are the same for all vehicles."""
-        self.entries = [impl.expr_init(x if is_laned(x) else _alike(x)) for x in entries]
+        self.entries: list[Any] = [impl.expr_init(x if is_laned(x) else _alike(x)) for x in entries]
         self.columns = columns
 
     @property
