@@ -16,6 +16,7 @@ def _sincos(x: ti.types.ndarray(ndim=1), out: ti.types.ndarray(ndim=2)):
     for i in x:
         out[i, 0], out[i, 1] = fast.sin(x[i]), fast.cos(x[i])
         out[i, 2], out[i, 3] = fast.sincos(x[i])
+        out[i, 4], out[i, 5] = fast.sin_turns(x[i]), fast.cos_turns(x[i])
 
 
 @ti.kernel
@@ -93,10 +94,11 @@ class TestDecay:
 @pytest.mark.parametrize(("largest", "bound"), [(math.pi, 1e-6), (100.0, 1e-6), (5000.0, 2e-6)])
 def test_fast_sine_and_cosine(largest, bound):
     x = torch.linspace(-largest, largest, 200_001, dtype=torch.float64).to(runtime.current().torch_dtype)
-    out = _zeros(x.numel(), 4)
+    out = _zeros(x.numel(), 6)
     _sincos(x, out)
-    exact = np.stack((np.sin(x.double()), np.cos(x.double())), axis=1)
-    assert np.abs(out.numpy() - np.tile(exact, 2)).max() < bound
+    turned = 2 * np.pi * (x.double() - x.double().round())  # of x as turns
+    exact = [np.stack((np.sin(angle), np.cos(angle)), axis=1) for angle in (x.double(), turned)]
+    assert np.abs(out.numpy() - np.hstack((exact[0], *exact))).max() < bound
 
 
 def test_constant_rate_is_a_rotation_about_a_fixed_axis(precision):
