@@ -40,3 +40,14 @@ def test_a_straight_run_in_calm_water_is_straight_to_the_last_bit(constant_model
     state = team.state[:, 0]
     aside = (POSITION.start + 1, VELOCITY.start + 1, ANGULAR_VELOCITY.start, ANGULAR_VELOCITY.start + 2)
     assert state[:, VELOCITY.start].min() > 1.0 and (state[:, aside] == 0.0).all()
+
+
+def test_a_ship_whose_numbers_vary_follows_propeller_and_rudder_as_one_of_the_file(make_model, bench):
+    """Rates of change are vectors of numbers then, which Taichi cannot negate where it keeps vectors whole."""
+    model, found = make_model("kvlcc2_6dof", 0.05, 2, hydrodynamics={"radiation": "constant"}), []
+    for numbers in ({}, {"rigid_body.mass": model.nominal["rigid_body.mass"]}):
+        team = bench(model, calm_sea()).put(velocity_b=(1.0, 0.0, 0.0))
+        if numbers:
+            team.fleet.set_numbers(numbers)
+        found.append(team.step((0.7, 0.5), 4).state.clone())
+    assert (found[0] - found[1]).abs().max() < 1e-5
