@@ -17,8 +17,7 @@ from taichi_sim.hydro.panels import wetted
 from taichi_sim.hydro.surface import TURN, WettedSurface, mirrored, reverse, turned_matrix
 from taichi_sim.usv.hull.database import HydroDatabase, database_file, hull_hash
 from taichi_sim.usv.hull.hydrostatics import Hydrostatics
-from taichi_sim.usv.hull.mesh import Panels, mesh
-from taichi_sim.usv.hull.shapes import BoxHull, StationsHull
+from taichi_sim.usv.hull.mesh import BoxHull, Panels, StationsHull, mesh
 from tools import hydrodynamics
 
 VEHICLES = config_folder() / "vehicles"

@@ -97,8 +97,7 @@ def test_a_mesh_becomes_a_vehicle(tmp_path, capsys):
     from taichi_sim.hydro.hull import of_vehicle
     from taichi_sim.hydro.panels import wetted
     from taichi_sim.usv.hull.database import hull_hash
-    from taichi_sim.usv.hull.mesh import mesh
-    from taichi_sim.usv.hull.shapes import BoxHull
+    from taichi_sim.usv.hull.mesh import BoxHull, mesh
 
     hull = BoxHull(length=4.0, beam=2.0, draft=0.5, freeboard=0.5)
     panels = wetted(mesh(hull), 0.6).whole

@@ -58,6 +58,7 @@ MOVED = {
     "taichi_sim.usv.hull.restoring": "taichi_sim.usv.hull.loads",
     "taichi_sim.usv.hull.damping": "taichi_sim.usv.hull.loads",
     "taichi_sim.plotting.style": "taichi_sim.plotting",
+    "taichi_sim.usv.hull.shapes": "taichi_sim.usv.hull.mesh",
 }
 
 

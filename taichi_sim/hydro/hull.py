@@ -16,9 +16,8 @@ from taichi_sim.hydro.panels import Z_UP, wetted
 from taichi_sim.hydro.surface import WettedSurface, X, Z, turned_matrix
 from taichi_sim.kernels.rigid_body import rigid_body_mass
 from taichi_sim.usv.hull.hydrostatics import Hydrostatics
-from taichi_sim.usv.hull.mesh import Panels, mesh
+from taichi_sim.usv.hull.mesh import HullShape, Panels, StationsHull, mesh
 from taichi_sim.usv.hull.params import RigidBody
-from taichi_sim.usv.hull.shapes import HullShape, StationsHull
 
 Array = NDArray[np.float64]
 MODEL = "hull_6dof"

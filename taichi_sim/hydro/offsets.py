@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from taichi_sim.hydro.panels import wetted
 from taichi_sim.hydro.surface import WettedSurface, X
-from taichi_sim.usv.hull.mesh import Panels, mesh
-from taichi_sim.usv.hull.shapes import StationsHull
+from taichi_sim.usv.hull.mesh import Panels, StationsHull, mesh
 
 Array = NDArray[np.float64]
 BREADTH, LEVEL = 0, 1  # columns of sections and segments: y, z
