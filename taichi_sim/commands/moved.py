@@ -59,6 +59,8 @@ MOVED = {
     "taichi_sim.usv.hull.damping": "taichi_sim.usv.hull.loads",
     "taichi_sim.plotting.style": "taichi_sim.plotting",
     "taichi_sim.usv.hull.shapes": "taichi_sim.usv.hull.mesh",
+    "taichi_sim.usv.hull.gauge": "taichi_sim.usv.hull.geometry",
+    "taichi_sim.usv.hull.wave_lines": "taichi_sim.usv.hull.geometry",
 }
 
 

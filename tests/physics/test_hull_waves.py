@@ -13,10 +13,8 @@ from taichi_sim.kernels.rotation import torch_quaternion_from_euler, torch_rotat
 from taichi_sim.sea import Sea
 from taichi_sim.sea.spectrum import Components, wavenumber
 from taichi_sim.usv.hull import water
-from taichi_sim.usv.hull.gauge import Gauge
-from taichi_sim.usv.hull.geometry import HullGeometry
+from taichi_sim.usv.hull.geometry import Gauge, HullGeometry, wave_points
 from taichi_sim.usv.hull.mesh import WigleyHull
-from taichi_sim.usv.hull.wave_lines import wave_points
 
 pytestmark = pytest.mark.usefixtures("f64")
 

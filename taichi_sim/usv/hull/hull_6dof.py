@@ -13,8 +13,8 @@ Ships and Offshore Structures, ch. 3). tau is the sum of thrust, wind, external 
 
 A hull is composed of parts. Each is a module of functions that kernels inline, with a table of compile-time numbers:
 
-    water.py, gauge.py            mean surface plane, orbital motion, current        HullGeometry.gauge
-    pressure.py, wave_lines.py    hydrostatic and Froude-Krylov load                 Pressure
+    water.py                      mean surface plane, orbital motion, current        HullGeometry.gauge
+    pressure.py                   hydrostatic and Froude-Krylov load                 Pressure
     radiation.py, memory.py, diffraction.py    radiation and diffraction             Radiation
     thruster_set.py, thrusters.py, allocation.py    from action to thrust            ThrusterSet
     mmg_drive.py                  instead: propellers and rudders, polynomial        MmgDrive

@@ -6,7 +6,7 @@ The pressure head at a point, p / (rho g) in m, is its depth below mean sea leve
 
 d is the depth below the hull's mean surface plane. (Wheeler's stretching (1970, J. Petrol. Technol. 22, 359) counts
 from the elevation at the point. Counting from the plane lets one exponential serve a whole line.) In finite depth the
-decay is exp(-omega^2/g d), because hulls lie near the surface. Waves are summed at the points of lines (wave_lines.py)
+decay is exp(-omega^2/g d), because hulls lie near the surface. Waves are summed at the points of lines (`WaveLines`)
 and carried from there to the panels. On a panel the pressure is linear, and clipped at zero out of the water. The load
 is the sum of its averages over strips times constant unit wrenches (hydrostatics.py).
 """

@@ -1,7 +1,7 @@
 """Water at a hull: its mean surface plane, its motion averaged over the hull, the current, the freeboard.
 
 Waves are summed at the label of the hull's centre: the position in still water of the particle that waves have
-displaced to the centre (sea/waves.py). Means are over the hull's waterplane (gauge.py): elevation and slopes of the
+displaced to the centre (sea/waves.py). Means are over the hull's waterplane (`Gauge`): elevation and slopes of the
 plane with the best fit and, at the depth of the draft, the orbital motion nu_o of the water. In finite depth,
 horizontal motion decays by exp(-omega^2/g d), vertical motion by exp(-g k^2/omega^2 d). Both equal exp(-k d) in deep
 water, and the exact factors to first order in k d.
@@ -17,7 +17,7 @@ from taichi_sim.kernels import fast
 from taichi_sim.kernels.abreast import taken2
 from taichi_sim.kernels.lanes import blocks, totals, variables
 from taichi_sim.kernels.rigid_body import cross, six
-from taichi_sim.usv.hull.gauge import averages
+from taichi_sim.usv.hull.geometry import averages
 
 SUMS = 18  # numbers that `at_centre` returns:
 D_N, D_E, J_XX, J_XY, J_YY, ELEVATION, ALONG, ACROSS, *_motion = range(SUMS)
