@@ -61,6 +61,9 @@ MOVED = {
     "taichi_sim.usv.hull.shapes": "taichi_sim.usv.hull.mesh",
     "taichi_sim.usv.hull.gauge": "taichi_sim.usv.hull.geometry",
     "taichi_sim.usv.hull.wave_lines": "taichi_sim.usv.hull.geometry",
+    "taichi_sim.usv.hull.stability": "taichi_sim.usv.hull.motion",
+    "taichi_sim.usv.hull.start": "taichi_sim.usv.hull.motion",
+    "taichi_sim.usv.hull.instruments": "taichi_sim.usv.hull.motion",
 }
 
 

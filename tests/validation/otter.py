@@ -19,7 +19,7 @@ from taichi_sim.bench import Bench, pack_state
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.rotation import torch_rotation_matrix
 from taichi_sim.usv.hull import loads
-from taichi_sim.usv.hull.instruments import CONTROLS
+from taichi_sim.usv.hull.motion import CONTROLS
 from taichi_sim.usv.hull.params import Hull6DofParams
 from tests.validation.case import Case
 from tests.validation.inputs import check_start

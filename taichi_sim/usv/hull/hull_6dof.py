@@ -20,10 +20,8 @@ A hull is composed of parts. Each is a module of functions that kernels inline, 
     mmg_drive.py                  instead: propellers and rudders, polynomial        MmgDrive
     loads.py                      weight, linear restoring, damping, cross-flow
     wind.py                       wind                                               Windage
-    motion.py                     equations of motion and their integrators
-    start.py                      start on the waves
+    motion.py                     columns of the auxiliary state, equations of motion, integrators, start on the waves
     numbers.py                    `p`: the numbers that may differ between vehicles
-    instruments.py                columns of the auxiliary state
 """
 
 # Kernels are another language inside Python syntax.
@@ -51,16 +49,15 @@ from taichi_sim.kernels.rigid_body import angular, linear
 from taichi_sim.kernels.rotation import quaternion_advance, rotation_matrix, store
 from taichi_sim.kernels.runtime import array2, array3, whole1
 from taichi_sim.surroundings import Surroundings
-from taichi_sim.usv.hull import instruments as at
-from taichi_sim.usv.hull import loads, mmg_drive, motion, pressure, start, thruster_set, water, wind
+from taichi_sim.usv.hull import loads, mmg_drive, motion, pressure, thruster_set, water, wind
 from taichi_sim.usv.hull.geometry import HullGeometry, device_table
 from taichi_sim.usv.hull.hydrostatics import check_floats
 from taichi_sim.usv.hull.mmg_drive import MmgDrive
+from taichi_sim.usv.hull.motion import largest_stable_dt, linear_motion, remembering, runge_kutta_step
 from taichi_sim.usv.hull.numbers import hull_numbers, symmetric, varying_keys, vector
 from taichi_sim.usv.hull.params import Hull6DofParams
 from taichi_sim.usv.hull.pressure import Pressure
 from taichi_sim.usv.hull.radiation import radiation_of
-from taichi_sim.usv.hull.stability import largest_stable_dt, linear_motion, remembering, runge_kutta_step
 from taichi_sim.usv.hull.thruster_set import ThrusterSet
 from taichi_sim.usv.vessel import Number, Vessel, steady_speed
 from taichi_sim.vehicle import Limits
@@ -129,10 +126,10 @@ class Hull6Dof(Vessel):
             except ValueError as error:
                 raise ConfigError(f"hull: {error}") from None
         if params.mmg is None:
-            self.thrusters, self.drive = ThrusterSet(params, dt, at.CONTROLS), thruster_set
+            self.thrusters, self.drive = ThrusterSet(params, dt, motion.CONTROLS), thruster_set
         else:
-            self.thrusters, self.drive = MmgDrive(params.mmg, at.CONTROLS), mmg_drive
-        self.aux_names = (*at.AUX, *self.thrusters.columns)
+            self.thrusters, self.drive = MmgDrive(params.mmg, motion.CONTROLS), mmg_drive
+        self.aux_names = (*motion.AUX, *self.thrusters.columns)
         self.pressure = Pressure.of(self.geometry, len(self.aux_names))
         first = filled(len(self.aux_names) + self.pressure.columns)
         self.radiation = radiation_of(params, self.geometry, dt, substeps, first)
@@ -151,7 +148,7 @@ class Hull6Dof(Vessel):
         # packs of the running Taichi program, with their sea: a later one may lie at the same address
         self._tables: dict[SeaKey | None, tuple[weakref.ref[Tensor] | None, ArgPack]] = {}
         self._generation = -1
-        self._float, self._label = runtime.Launcher(start.float_on_waves), runtime.Launcher(start.find_label)
+        self._float, self._label = runtime.Launcher(motion.float_on_waves), runtime.Launcher(motion.find_label)
 
     # -- numbers that vary -----------------------------------------------------------------------------------------
 
@@ -351,11 +348,11 @@ class Hull6Dof(Vessel):
         """Advance vehicle i of environment e by one control step; `p` holds its numbers."""
         state, aux = ti.static(fleet.state, fleet.aux)
         pos, q, nu = motion.unpack(ti.Vector([state[e, i, c] for c in range(13)]))
-        nu_dot, R = ti.Vector([aux[e, i, at.NU_DOT + c] for c in range(6)]), rotation_matrix(q)
+        nu_dot, R = ti.Vector([aux[e, i, motion.NU_DOT + c] for c in range(6)]), rotation_matrix(q)
         controls = self.drive.controls_at(self.thrusters, aux, e, i)
         command = self.drive.commanded(self.thrusters, p, fleet.action, e, i, controls)
-        D = ti.Vector([aux[e, i, at.LABEL], aux[e, i, at.LABEL + 1]])
-        change = ti.Vector([aux[e, i, at.LABEL_CHANGE], aux[e, i, at.LABEL_CHANGE + 1]])
+        D = ti.Vector([aux[e, i, motion.LABEL], aux[e, i, motion.LABEL + 1]])
+        change = ti.Vector([aux[e, i, motion.LABEL_CHANGE], aux[e, i, motion.LABEL_CHANGE + 1]])
         V_c = ti.Vector([around.current[e, NORTH], around.current[e, EAST], 0.0])
         air = taken2(around.wind, e, 3)
         outside = load_at(build, fleet.load, e, i)
@@ -401,7 +398,7 @@ class Hull6Dof(Vessel):
             state[e, i, c] = y[c]
         nu_r = motion.through_water(self, nu, R, V_c, sums)
         drag = linear(loads.damping_load(self.params.hydrodynamics, p, nu_r))
-        at.note(aux, e, i, D, change, nu_dot, linear(up), drag, linear(blown))
+        motion.note(aux, e, i, D, change, nu_dot, linear(up), drag, linear(blown))
         self.drive.note(self.thrusters, p, aux, e, i, controls, nu_r)
         fleet.surface[e, i, ELEVATION] = plane[0]
         fleet.surface[e, i, FREEBOARD] = water.freeboard(tables.deck, R, pos[2], plane)

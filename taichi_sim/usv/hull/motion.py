@@ -1,4 +1,4 @@
-"""Equations of motion of a hull (hull_6dof.py), and the two methods to integrate them.
+"""Motion of a hull (hull_6dof.py): auxiliary state, equations, the two methods to integrate them, start on the waves.
 
     M nu_dot = M nu_c_dot + tau + radiation.orbital_load - C_rb (nu - nu_c) - C_a(nu_r) nu_r - D(nu_r) nu_r
 
@@ -7,18 +7,64 @@ velocity by the midpoint rule, and drifts by half again. The velocity in the mid
 step. The method is of second order and, apart from damping, symmetric in time (Strang 1968): still water creates no
 energy. Hulls with linear restoring use the classical fourth-order Runge-Kutta method. `hull` is the Hull6Dof, `p` holds
 the kernel's numbers (numbers.py), `sums` come from water.at.
+
+The largest stable step follows from the eigenvalues of the linear motion about rest, of the state (heave, roll, pitch,
+nu): position and heading do not affect stability. Damping is the linear one, plus the quadratic one at top speed.
 """
 
 # Kernels are another language inside Python syntax.
-# pyright: reportInvalidTypeForm=false
+# pyright: reportIndexIssue=false, reportInvalidTypeForm=false
 
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
 import taichi as ti
+from numpy.typing import NDArray
 
-from taichi_sim.conventions import SURGE
+from taichi_sim.conventions import EAST, ELEVATION, FREEBOARD, NORTH, SURGE
+from taichi_sim.kernels.packs import AroundPack
 from taichi_sim.kernels.rigid_body import angular, coriolis, linear, quaternion_rate, times
-from taichi_sim.kernels.rotation import position_of, quaternion_advance, quaternion_of, rotation_matrix
+from taichi_sim.kernels.rotation import (
+    position_of,
+    quaternion_advance,
+    quaternion_of,
+    quaternion_product,
+    rotation_matrix,
+)
+from taichi_sim.kernels.runtime import array2, array3
 from taichi_sim.usv.hull import loads, mmg_drive, water
+from taichi_sim.usv.hull.memory import Modes
 from taichi_sim.usv.hull.numbers import diagonal, symmetric
+
+AUX = (
+    "label_north", "label_east", "label_change_north", "label_change_east",
+    "pressure_x", "pressure_y", "pressure_z", "drag_x", "drag_y", "drag_z",
+    "wind_x", "wind_y", "wind_z",
+    "u_dot", "v_dot", "w_dot", "p_dot", "q_dot", "r_dot",
+)  # fmt: skip
+"""Displacement of the label under the hull (water.py) and its change in a step (m), forces in the last step (N, b), and
+nu_dot in that step (m/s^2, rad/s^2). The columns of the thrusters (thruster_set.py), of the pressure heads
+(pressure.py) and of the radiation's memory (radiation.py) follow."""
+
+LABEL, LABEL_CHANGE, PRESSURE, DRAG, WIND_FORCE, NU_DOT = map(
+    AUX.index, ("label_north", "label_change_north", "pressure_x", "drag_x", "wind_x", "u_dot")
+)
+CONTROLS = len(AUX)
+"""First column of each group."""
+
+
+@ti.func
+def note(aux: ti.template(), e, i, D, change, nu_dot, up, drag, wind):
+    """Write the label's displacement D and its change, nu_dot, and the forces (N, b): pressure minus weight, drag,
+    wind.
+    """
+    for c in ti.static(range(2)):
+        aux[e, i, LABEL + c], aux[e, i, LABEL_CHANGE + c] = D[c], change[c]
+    for c in ti.static(range(6)):
+        aux[e, i, NU_DOT + c] = nu_dot[c]
+    for c in ti.static(range(3)):
+        aux[e, i, PRESSURE + c], aux[e, i, DRAG + c], aux[e, i, WIND_FORCE + c] = up[c], drag[c], wind[c]
 
 
 @ti.func
@@ -100,3 +146,122 @@ def runge_kutta(hull: ti.template(), p: ti.template(), y, controls, command, loa
         total += ti.select(stage % 3 == 0, 1.0, 2.0) * slope
     pos, q, nu = unpack(y + ti.static(hull.dt / 6) * total)
     return pos, q / q.norm(), nu
+
+
+Array = NDArray[np.float64]
+LARGEST, HALVINGS = 10.0, 40  # s, largest step considered; halvings of the bisection
+
+
+def linear_motion(M: Array, D: Array, G: Array) -> Array:
+    """A [9, 9] of d/dt (z, phi, theta, nu) = A (z, phi, theta, nu); M, D [6, 6] and G [3, 3]."""
+    A = np.zeros((9, 9))
+    A[:3, 5:8] = np.eye(3)
+    inverse = np.linalg.inv(M)
+    A[3:, 3:] = -inverse @ D
+    A[3:, :3] = -inverse[:, 2:5] @ G
+    return A
+
+
+def runge_kutta_step(A: Array, dt: float) -> Array:
+    """Matrix by which the classical Runge-Kutta method advances y' = A y."""
+    x, step, term = A * dt, np.eye(len(A)), np.eye(len(A))
+    for n in range(1, 5):
+        term = term @ x / n
+        step = step + term
+    return step
+
+
+def strang_step(A: Array, dt: float, modes: Modes | None = None, inverse: Array | None = None) -> Array:
+    """Matrix of one step of drift, midpoint rule and drift (motion.py).
+
+    Its state is (pose, nu, last change of nu) and, with a memory, the real and imaginary parts of its filters
+    (memory.py). `inverse` [6, 6] is the inverse mass of a hull with memory.
+    """
+    filters = 0 if modes is None else len(modes.pole)
+    drift, kick = np.eye(15 + 2 * filters), np.eye(15 + 2 * filters)
+    drift[:3, 3:9] = A[:3, 3:] * dt / 2
+    middle = np.hstack(
+        [np.zeros((6, 3)), np.eye(6), np.eye(6) / 2]
+    )  # velocity in the middle, predicted with the last change
+    change = np.zeros((6, len(kick)))
+    change[:, :15] = A[3:, 3:] @ middle
+    change[:, :3] = A[3:, :3]
+    if modes is not None and inverse is not None:
+        gain, x = 1 / (1 - modes.pole * dt / 2), np.zeros((filters, len(kick)), dtype=np.complex128)
+        x[:, 15::2], x[:, 16::2] = np.eye(filters), 1j * np.eye(filters)
+        x_middle = gain[:, None] * x
+        x_middle[:, :15] += (gain * dt / 2)[:, None] * modes.enters @ middle
+        change -= inverse @ (modes.leaves.T @ x_middle).real
+        after = 2 * x_middle - x
+        kick[15::2], kick[16::2] = after.real, after.imag
+    kick[3:9] += dt * change
+    kick[9:15] = dt * change
+    return drift @ kick @ drift
+
+
+def remembering(modes: Modes, M: Array) -> Callable[[Array, float], Array]:
+    """`strang_step` for a hull of mass M [6, 6] with a memory."""
+    return partial(strang_step, modes=modes, inverse=np.asarray(np.linalg.inv(M), dtype=np.float64))
+
+
+def largest_stable_dt(A: Array, step) -> float:
+    """Largest dt (s) at which no motion grows under `step(A, dt)`."""
+
+    def stable(dt: float) -> bool:
+        return bool(np.abs(np.linalg.eigvals(step(A, dt))).max() <= 1 + 1e-9)
+
+    low, high = 0.0, LARGEST
+    if stable(high):
+        return high
+    for _ in range(HALVINGS):
+        middle = (low + high) / 2
+        low, high = (middle, high) if stable(middle) else (low, middle)
+    return low
+
+
+@ti.func
+def tilted(q, R, along, across):
+    """Attitude on a sloping surface of a hull that has attitude q (and R_nb = R) on a level one.
+
+    The surface rises by `along` (m/m) ahead and by `across` (m/m) to starboard.
+    """
+    cos_h, sin_h = water.heading(R)
+    pitch = ti.atan2(along, 1.0)
+    roll = -ti.atan2(across * ti.cos(pitch), 1.0)
+    cp, sp, cr, sr = ti.cos(0.5 * pitch), ti.sin(0.5 * pitch), ti.cos(0.5 * roll), ti.sin(0.5 * roll)
+    x, y = cp * sr, sp * cr
+    turn = ti.Vector([cp * cr, x * cos_h - y * sin_h, x * sin_h + y * cos_h, -sp * sr])
+    return quaternion_product(turn, q)
+
+
+@ti.kernel
+def float_on_waves(
+    hull: ti.template(), out: array3, surface: array3, state: array3, deck: array2, around: AroundPack,
+    build: ti.template(),
+):  # fmt: skip
+    """Write the result of `Hull6Dof.settle` for `state` to `out`."""
+    for e, i in ti.ndrange(state.shape[0], state.shape[1]):
+        pos, q, nu = unpack(ti.Vector([state[e, i, c] for c in range(13)]))
+        R, now = rotation_matrix(q), pos[0] * 0.0
+        D = water.displacement(hull.gauge, build, around, e, pos, R)
+        sums, _L, _J = water.at(hull.gauge, build, around, e, now, pos, R, D)
+        plane = water.mean_plane(sums, R)
+        q = tilted(q, R, sums[water.ALONG], sums[water.ACROSS])
+        R = rotation_matrix(q)
+        pos[2] -= plane[0]
+        V_c, still = ti.Vector([around.current[e, NORTH], around.current[e, EAST], 0.0]), ti.Vector([now, now, now])
+        nu_c, _, nu_o, _ = water.flow(hull.params.current_frame, R, still, V_c, sums)
+        y = pack(pos, q, nu + nu_c + nu_o)
+        for c in ti.static(range(13)):
+            out[e, i, c] = y[c]
+        surface[e, i, ELEVATION] = plane[0]
+        surface[e, i, FREEBOARD] = water.freeboard(deck, R, pos[2], plane)
+
+
+@ti.kernel
+def find_label(hull: ti.template(), aux: array3, state: array3, around: AroundPack, build: ti.template()):
+    """Write the displacement of the water's label under the hull to the auxiliary state."""
+    for e, i in ti.ndrange(state.shape[0], state.shape[1]):
+        pos, q, _nu = unpack(ti.Vector([state[e, i, c] for c in range(13)]))
+        D = water.displacement(hull.gauge, build, around, e, pos, rotation_matrix(q))
+        aux[e, i, LABEL], aux[e, i, LABEL + 1] = D[0], D[1]
