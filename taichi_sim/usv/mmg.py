@@ -39,10 +39,10 @@ from taichi_sim.kernels.packs import AroundPack, FleetPack, load_at, own_numbers
 from taichi_sim.kernels.runtime import array2
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.usv.manoeuvring_loads import wave_load
-from taichi_sim.usv.mmg_loads import VARYING, MmgNumbers, acceleration, followed, loads, numbers_of, thrust, wind_load
+from taichi_sim.usv.mmg_loads import VARYING, MmgNumbers, acceleration, followed, loads, numbers_of, thrust
 from taichi_sim.usv.mmg_params import MmgParams
 from taichi_sim.usv.plane import elevations, in_plane, planar, water_plane, write_rates, write_state
-from taichi_sim.usv.vessel import Number, Vessel
+from taichi_sim.usv.vessel import Number, Vessel, wind_forces
 from taichi_sim.vehicle import Limits
 
 AUX = (
@@ -196,7 +196,7 @@ class Mmg3Dof(Vessel):
         tau = loads(p, s[3], s[4], s[5], controls[0], controls[1]) + outside
         met = V_w - V_c  # velocity of the air relative to the water
         u_w, v_w = cosine * met[0] + sine * met[1] - s[3], cosine * met[1] - sine * met[0] - s[4]
-        tau += wind_load(p, u_w, v_w)
+        tau += wind_forces(p, u_w, v_w)
         a = acceleration(p, s[3], s[4], s[5], tau)
         x_dot, y_dot = cosine * s[3] - sine * s[4] + V_c[0], sine * s[3] + cosine * s[4] + V_c[1]
         return ti.Vector([x_dot, y_dot, s[5], a[0], a[1], a[2]])

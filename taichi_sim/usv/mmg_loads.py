@@ -32,9 +32,9 @@ from typing import NamedTuple
 import taichi as ti
 
 from taichi_sim.kernels.rigid_body import Number
-from taichi_sim.usv.hull.wind import RHO_AIR, STILL
 from taichi_sim.usv.manoeuvring_loads import AT_ONCE
 from taichi_sim.usv.mmg_params import HullDerivatives, HullPolynomial, MmgParams, Propeller, Rudder
+from taichi_sim.usv.vessel import RHO_AIR
 
 V_LIMIT = 0.40  # limit of |v'| in X_vvvv, beyond which it would push kvlcc2 ahead; assumed
 R_LIMIT = 2.0  # limit of |r'| in Y_rrr, N_rrr; assumed
@@ -117,7 +117,7 @@ class MmgNumbers(NamedTuple):
     lag_half_delta: Number
     n_step: Number  # largest change in a step, 1/s
     delta_step: Number  # rad
-    wind_x: Number  # as in hull/wind.py
+    wind_x: Number  # as in vessel.wind_forces
     wind_y: Number
     wind_n: Number
 
@@ -281,10 +281,3 @@ def rudder_load(p: ti.template(), u, v, r, T, delta):
     sine, cosine = ti.sin(delta), ti.cos(delta)
     F_N = p.normal * ti.sqrt(u_R * u_R + v_R * v_R) * (u_R * sine - v_R * cosine)  # U_R^2 sin(delta - atan(v_R / u_R))
     return ti.Vector([-p.X_delta * F_N * sine, -p.Y_delta * F_N * cosine, -p.N_delta * F_N * cosine])
-
-
-@ti.func
-def wind_load(p: ti.template(), u, v):
-    """[X Y N] of the wind that moves by u, v (m/s, b) relative to the hull (hull/wind.py)."""
-    speed = ti.sqrt(u * u + v * v + STILL)
-    return ti.Vector([p.wind_x * speed * u, p.wind_y * speed * v, -p.wind_n * u * v])

@@ -13,8 +13,7 @@ from typing import Annotated
 from pydantic import Field, model_validator
 
 from taichi_sim.config import Finite, NonNegative, Positive, Strict
-from taichi_sim.usv.hull.wind import Windage
-from taichi_sim.usv.vessel import steady_speed
+from taichi_sim.usv.vessel import Windage, steady_speed
 
 Count = Annotated[int, Field(ge=1, le=2)]
 Fraction = Annotated[float, Field(ge=0, lt=1)]

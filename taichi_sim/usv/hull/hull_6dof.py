@@ -18,8 +18,7 @@ A hull is composed of parts. Each is a module of functions that kernels inline, 
     radiation.py, memory.py, diffraction.py    radiation and diffraction             Radiation
     thruster_set.py, thrusters.py, allocation.py    from action to thrust            ThrusterSet
     mmg_drive.py                  instead: propellers and rudders, polynomial        MmgDrive
-    loads.py                      weight, linear restoring, damping, cross-flow
-    wind.py                       wind                                               Windage
+    loads.py                      weight, linear restoring, damping, cross-flow, wind
     motion.py                     columns of the auxiliary state, equations of motion, integrators, start on the waves
     numbers.py                    `p`: the numbers that may differ between vehicles
 """
@@ -30,6 +29,7 @@ A hull is composed of parts. Each is a module of functions that kernels inline, 
 import math
 import weakref
 from collections.abc import Mapping
+from functools import partial
 
 import numpy as np
 import taichi as ti
@@ -49,11 +49,11 @@ from taichi_sim.kernels.rigid_body import angular, linear
 from taichi_sim.kernels.rotation import quaternion_advance, rotation_matrix, store
 from taichi_sim.kernels.runtime import array2, array3, whole1
 from taichi_sim.surroundings import Surroundings
-from taichi_sim.usv.hull import loads, mmg_drive, motion, pressure, thruster_set, water, wind
+from taichi_sim.usv.hull import loads, mmg_drive, motion, pressure, thruster_set, water
 from taichi_sim.usv.hull.geometry import HullGeometry, device_table
 from taichi_sim.usv.hull.hydrostatics import check_floats
 from taichi_sim.usv.hull.mmg_drive import MmgDrive
-from taichi_sim.usv.hull.motion import largest_stable_dt, linear_motion, remembering, runge_kutta_step
+from taichi_sim.usv.hull.motion import largest_stable_dt, linear_motion, runge_kutta_step, strang_step
 from taichi_sim.usv.hull.numbers import hull_numbers, symmetric, varying_keys, vector
 from taichi_sim.usv.hull.params import Hull6DofParams
 from taichi_sim.usv.hull.pressure import Pressure
@@ -254,7 +254,8 @@ class Hull6Dof(Vessel):
             D[(0, 1, 5), (0, 1, 5)] = scale * 2 * d.R_0, scale * abs(d.Y_v), scale * L**2 * abs(d.N_r)
         if p.linear is None or self.by_panels:
             D = np.maximum(D - np.diag(self.radiation.counted), 0.0)
-            G, step = self.geometry.hydrostatics.stiffness(), remembering(self.radiation.memory.modes, M)
+            G = self.geometry.hydrostatics.stiffness()
+            step = partial(strang_step, modes=self.radiation.memory.modes, inverse=np.linalg.inv(M))
         else:
             g = p.linear
             G, step = np.array([[g.G33, 0, g.G35], [0, g.G44, 0], [g.G35, 0, g.G55]]), runge_kutta_step
@@ -371,7 +372,7 @@ class Hull6Dof(Vessel):
             change = ti.select(fresh, 0.0, 1.0) * (D_next - D)
             D = D_next
             plane = water.mean_plane(sums, R)
-            blown = wind.load(self.params.windage.height, p, R, nu, air)
+            blown = loads.wind_load(self.params.windage.height, p, R, nu, air)
             if ti.static(self.by_panels):
                 up = pressure.load(self.pressure, build, around, tables, aux, e, i, tau, pos, R, L, J, plane)
                 up += loads.weight_load(p.weight, ti.static(vector(p, "cg", 3)), loads.down(R))
@@ -425,7 +426,7 @@ class Hull6Dof(Vessel):
             V_c, air = ti.Vector([current[n, NORTH], current[n, EAST], 0.0]), taken2(wind_n, n, 3)
             calm = ti.Vector([y[0] * 0.0 for _ in range(water.SUMS)])
             p, height = ti.static(self.constants, self.params.windage.height)
-            tau = ti.Vector([load[n, c] for c in range(6)]) + wind.load(height, p, R, nu, air)
+            tau = ti.Vector([load[n, c] for c in range(6)]) + loads.wind_load(height, p, R, nu, air)
             now = ti.Vector([controls[n, c] for c in ti.static(range(len(self.control_names)))])
             tau += self.drive.load(self.thrusters, p, now)
             if ti.static(self.by_panels):

@@ -1,4 +1,4 @@
-"""Loads on a hull besides those of pressure, radiation and thrust: restoring and damping. N, N m, about CO, in b.
+"""Loads on a hull besides those of pressure, radiation and thrust: restoring, damping, wind. N, N m, about CO, in b.
 
 Restoring: the weight m g acts at the centre of gravity. With `restoring = "linear"` there are no panels (pressure.py),
 and the load is
@@ -25,9 +25,10 @@ with Hoerner's (1965) section coefficient C_d (Faltinsen 1990; Fossen 2021, eqs.
 import taichi as ti
 
 from taichi_sim.conventions import GRAVITY
-from taichi_sim.kernels.rigid_body import cross, six
+from taichi_sim.kernels.rigid_body import cross, is_nothing, linear, six
 from taichi_sim.usv.hull import water
 from taichi_sim.usv.hull.numbers import vector
+from taichi_sim.usv.vessel import wind_forces
 
 
 @ti.func
@@ -95,3 +96,14 @@ def cross_flow(h: ti.template(), v, r):
         N -= x * drag
     scale = ti.static(0.5 * h.cross_flow_density * h.cross_flow_draft * h.cross_flow_coefficient) * dx
     return ti.Vector([Y * scale, N * scale])
+
+
+@ti.func
+def wind_load(height: ti.template(), p: ti.template(), R, nu, air):
+    """Load of the wind `air` (m/s, n) on areas with their centre `height` (m) above CO; X and Y act there."""
+    tau = nu * 0.0
+    if ti.static(not (is_nothing(p.wind_x) and is_nothing(p.wind_y))):
+        met = R.transpose() @ air - linear(nu)
+        f = wind_forces(p, met[0], met[1])
+        tau = ti.Vector([f[0], f[1], 0.0, height * f[1], -height * f[0], f[2]])
+    return tau

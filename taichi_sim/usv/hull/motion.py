@@ -15,9 +15,6 @@ nu): position and heading do not affect stability. Damping is the linear one, pl
 # Kernels are another language inside Python syntax.
 # pyright: reportIndexIssue=false, reportInvalidTypeForm=false
 
-from collections.abc import Callable
-from functools import partial
-
 import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
@@ -171,37 +168,28 @@ def runge_kutta_step(A: Array, dt: float) -> Array:
     return step
 
 
-def strang_step(A: Array, dt: float, modes: Modes | None = None, inverse: Array | None = None) -> Array:
-    """Matrix of one step of drift, midpoint rule and drift (motion.py).
+def strang_step(A: Array, dt: float, modes: Modes, inverse: Array) -> Array:
+    """Matrix of one step of drift, midpoint rule and drift of a hull with the inverse mass `inverse` [6, 6].
 
-    Its state is (pose, nu, last change of nu) and, with a memory, the real and imaginary parts of its filters
-    (memory.py). `inverse` [6, 6] is the inverse mass of a hull with memory.
+    Its state is (pose, nu, last change of nu), and the real and imaginary parts of the memory's filters (memory.py).
     """
-    filters = 0 if modes is None else len(modes.pole)
+    filters = len(modes.pole)
     drift, kick = np.eye(15 + 2 * filters), np.eye(15 + 2 * filters)
     drift[:3, 3:9] = A[:3, 3:] * dt / 2
-    middle = np.hstack(
-        [np.zeros((6, 3)), np.eye(6), np.eye(6) / 2]
-    )  # velocity in the middle, predicted with the last change
+    middle = np.hstack([np.zeros((6, 3)), np.eye(6), np.eye(6) / 2])  # velocity, predicted with the last change
     change = np.zeros((6, len(kick)))
     change[:, :15] = A[3:, 3:] @ middle
     change[:, :3] = A[3:, :3]
-    if modes is not None and inverse is not None:
-        gain, x = 1 / (1 - modes.pole * dt / 2), np.zeros((filters, len(kick)), dtype=np.complex128)
-        x[:, 15::2], x[:, 16::2] = np.eye(filters), 1j * np.eye(filters)
-        x_middle = gain[:, None] * x
-        x_middle[:, :15] += (gain * dt / 2)[:, None] * modes.enters @ middle
-        change -= inverse @ (modes.leaves.T @ x_middle).real
-        after = 2 * x_middle - x
-        kick[15::2], kick[16::2] = after.real, after.imag
+    gain, x = 1 / (1 - modes.pole * dt / 2), np.zeros((filters, len(kick)), dtype=np.complex128)
+    x[:, 15::2], x[:, 16::2] = np.eye(filters), 1j * np.eye(filters)
+    x_middle = gain[:, None] * x
+    x_middle[:, :15] += (gain * dt / 2)[:, None] * modes.enters @ middle
+    change -= inverse @ (modes.leaves.T @ x_middle).real
+    after = 2 * x_middle - x
+    kick[15::2], kick[16::2] = after.real, after.imag
     kick[3:9] += dt * change
     kick[9:15] = dt * change
     return drift @ kick @ drift
-
-
-def remembering(modes: Modes, M: Array) -> Callable[[Array, float], Array]:
-    """`strang_step` for a hull of mass M [6, 6] with a memory."""
-    return partial(strang_step, modes=modes, inverse=np.asarray(np.linalg.inv(M), dtype=np.float64))
 
 
 def largest_stable_dt(A: Array, step) -> float:

@@ -18,9 +18,8 @@ from taichi_sim.conventions import GRAVITY
 from taichi_sim.kernels.rigid_body import changed_mass
 from taichi_sim.usv.hull.params import Hull6DofParams
 from taichi_sim.usv.hull.radiation import Radiation
-from taichi_sim.usv.hull.wind import RHO_AIR
 from taichi_sim.usv.mmg_loads import DERIVATIVES, OF_PARTS, part_numbers, polynomial_numbers
-from taichi_sim.usv.vessel import Number
+from taichi_sim.usv.vessel import RHO_AIR, Number
 
 MASS, LAG = "rigid_body.mass", "thrusters.lag"
 CG = tuple(f"rigid_body.cg.{i}" for i in range(3))
@@ -38,7 +37,7 @@ FIELDS = (
     *(f"added_{i}" for i in range(6)),  # diagonal of M_a, kg, kg m^2
     *(f"linear_{i}" for i in range(6)),  # damping, N s/m, N m s
     *(f"quadratic_{i}" for i in range(6)),  # N s^2/m^2, N m s^2
-    "wind_x", "wind_y", "wind_n",  # factors of products of relative wind speeds (wind.py), N s^2/m^2, N s^2/m
+    "wind_x", "wind_y", "wind_n",  # factors of products of relative wind speeds (vessel.py), N s^2/m^2, N s^2/m
     *(f"M_rb_{i}{j}" for i, j in UPPER),
     *(f"inverse_{i}{j}" for i, j in UPPER),  # inverse of M_rb + M_a
 )  # fmt: skip

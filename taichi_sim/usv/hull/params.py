@@ -15,8 +15,8 @@ from taichi_sim.kernels.rigid_body import changed_mass, constant, rigid_body_mas
 from taichi_sim.usv.hull.allocation import reaches_round
 from taichi_sim.usv.hull.mesh import HullShape
 from taichi_sim.usv.hull.thrusters import MOST_THRUSTERS, NamedThruster, PropellerPair, Thruster, Vector3
-from taichi_sim.usv.hull.wind import Windage
 from taichi_sim.usv.mmg_params import MmgSection
+from taichi_sim.usv.vessel import Windage
 
 Diagonal = tuple[NonNegative, NonNegative, NonNegative, NonNegative, NonNegative, NonNegative]
 Row = tuple[Finite, Finite, Finite, Finite, Finite, Finite]
