@@ -65,6 +65,7 @@ MOVED = {
     "taichi_sim.usv.hull.start": "taichi_sim.usv.hull.motion",
     "taichi_sim.usv.hull.instruments": "taichi_sim.usv.hull.motion",
     "taichi_sim.usv.hull.wind": "taichi_sim.usv.vessel (Windage) and taichi_sim.usv.hull.loads",
+    "taichi_sim.usv.manoeuvring_loads": "taichi_sim.usv.manoeuvring_3dof",
 }
 
 

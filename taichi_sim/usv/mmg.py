@@ -38,10 +38,9 @@ from taichi_sim.kernels.abreast import taken, taken2
 from taichi_sim.kernels.packs import AroundPack, FleetPack, load_at, own_numbers
 from taichi_sim.kernels.runtime import array2
 from taichi_sim.surroundings import Surroundings
-from taichi_sim.usv.manoeuvring_loads import wave_load
 from taichi_sim.usv.mmg_loads import VARYING, MmgNumbers, acceleration, followed, loads, numbers_of, thrust
 from taichi_sim.usv.mmg_params import MmgParams
-from taichi_sim.usv.plane import elevations, in_plane, planar, water_plane, write_rates, write_state
+from taichi_sim.usv.plane import elevations, in_plane, planar, water_plane, wave_load, write_rates, write_state
 from taichi_sim.usv.vessel import Number, Vessel, wind_forces
 from taichi_sim.vehicle import Limits
 

@@ -23,17 +23,16 @@ The method is made for motion ahead. The extensions beyond it are assumed:
 
 # Kernels are another language inside Python syntax.
 # pyright: reportAttributeAccessIssue=false, reportInvalidTypeForm=false
-# ruff: noqa: N815
 
 import math
+from collections import namedtuple
 from collections.abc import Mapping
-from typing import NamedTuple
 
 import taichi as ti
 
 from taichi_sim.kernels.rigid_body import Number
-from taichi_sim.usv.manoeuvring_loads import AT_ONCE
 from taichi_sim.usv.mmg_params import HullDerivatives, HullPolynomial, MmgParams, Propeller, Rudder
+from taichi_sim.usv.plane import AT_ONCE
 from taichi_sim.usv.vessel import RHO_AIR
 
 V_LIMIT = 0.40  # limit of |v'| in X_vvvv, beyond which it would push kvlcc2 ahead; assumed
@@ -57,69 +56,35 @@ VARYING = (
 )  # fmt: skip
 
 
-class MmgNumbers(NamedTuple):
-    """Numbers of one ship that the kernel uses; the hull's derivatives are for SI velocities."""
-
-    m11: Number  # kg, added mass included
-    m22: Number  # kg
-    m23: Number  # x_G m, kg m
-    m32: Number  # equal to m23
-    m33: Number  # kg m^2
-    mass: Number  # kg
-    inverse_m11: Number
-    inverse_det: Number  # of m22 m33 - m23^2
-    block_yaw: Number  # as in manoeuvring_loads.py, kg m^2
-    length: Number  # m
-    R_0: Number  # this and all derivatives include 0.5 rho L d, and a factor L for each r and for N
-    X_vv: Number
-    X_vr: Number
-    X_rr: Number
-    X_vvvv: Number
-    Y_v: Number
-    Y_r: Number
-    Y_vvv: Number
-    Y_vvr: Number
-    Y_vrr: Number
-    Y_rrr: Number
-    N_v: Number
-    N_r: Number
-    N_vvv: Number
-    N_vvr: Number
-    N_vrr: Number
-    N_rrr: Number
-    T_nn: Number  # thrust of all propellers per n^2, N s^2
-    T_nu: Number  # thrust per n u_P, N s^2/m
-    T_uu: Number  # thrust per u_P^2, N s^2/m^2
-    T_astern: Number  # thrust per n^2 astern, N s^2
-    race: Number  # 8 / (pi rho count D^2), speed^2 in the race over the thrust of all propellers, m^2/s^2/N
-    push: Number  # 1 - t_P
-    wake: Number  # 1 - w_P0
-    C_1: Number
-    C_2_positive: Number  # C_2 - 1
-    C_2_negative: Number
-    x_P: Number  # x_P', in units of L
-    n_ahead: Number  # 1/s
-    n_astern: Number
-    normal: Number  # 0.5 rho A_R f_alpha of all rudders, N s^2/m^2
-    X_delta: Number  # 1 - t_R
-    Y_delta: Number  # 1 + a_H
-    N_delta: Number  # x_R + a_H x_H, m
-    gamma_positive: Number
-    gamma_negative: Number
-    l_R: Number  # m
-    epsilon: Number
-    kappa: Number
-    eta: Number
-    angle_max: Number  # rad
-    lag_n: Number  # share of the deviation from a command that the lag closes in a step
-    lag_half_n: Number  # the same in half a step
-    lag_delta: Number
-    lag_half_delta: Number
-    n_step: Number  # largest change in a step, 1/s
-    delta_step: Number  # rad
-    wind_x: Number  # as in vessel.wind_forces
-    wind_y: Number
-    wind_n: Number
+MmgNumbers = namedtuple("MmgNumbers", (
+    "m11", "m22",  # kg, added mass included
+    "m23", "m32",  # x_G m, kg m
+    "m33",  # kg m^2
+    "mass",  # kg
+    "inverse_m11", "inverse_det",  # det = m22 m33 - m23^2
+    "block_yaw",  # as in manoeuvring_3dof.py, kg m^2
+    "length",  # m
+    *DERIVATIVES,  # for SI velocities: they include 0.5 rho L d, and a factor L for each r and for N
+    "T_nn", "T_nu", "T_uu",  # thrust of all propellers per n^2, n u_P and u_P^2: N s^2, N s^2/m, N s^2/m^2
+    "T_astern",  # thrust per n^2 astern, N s^2
+    "race",  # 8 / (pi rho count D^2), speed^2 in the race over the thrust of all propellers, m^2/s^2/N
+    "push", "wake",  # 1 - t_P, 1 - w_P0
+    "C_1", "C_2_positive", "C_2_negative",  # the latter less 1
+    "x_P",  # x_P', in units of L
+    "n_ahead", "n_astern",  # 1/s
+    "normal",  # 0.5 rho A_R f_alpha of all rudders, N s^2/m^2
+    "X_delta", "Y_delta",  # 1 - t_R, 1 + a_H
+    "N_delta",  # x_R + a_H x_H, m
+    "gamma_positive", "gamma_negative",
+    "l_R",  # m
+    "epsilon", "kappa", "eta",
+    "angle_max",  # rad
+    "lag_n", "lag_half_n",  # share of the deviation from a command that the lag closes in a step, in half a step
+    "lag_delta", "lag_half_delta",
+    "n_step", "delta_step",  # largest change in a step, 1/s and rad
+    "wind_x", "wind_y", "wind_n",  # as in vessel.wind_forces
+))  # fmt: skip
+"""Numbers of one ship that the kernel uses: floats, or tensors of one shape."""
 
 
 def polynomial_numbers(values: Mapping[str, Number], length: float, draft: float, density: float) -> dict[str, Number]:
@@ -183,11 +148,7 @@ def numbers_of(values: Mapping[str, Number], params: MmgParams, dt: float) -> Mm
     m23 = mass * values["x_G"]
     m33 = mass * (values["gyration"] ** 2 + values["x_G"] ** 2) + area * L**3 * values["hull.J_z"]
     return MmgNumbers(
-        m11=m11,
-        m22=m22,
-        m23=m23,
-        m32=m23,
-        m33=m33,
+        *(m11, m22, m23, m23, m33),
         mass=mass,
         inverse_m11=1 / m11,
         inverse_det=1 / (m22 * m33 - m23 * m23),

@@ -9,7 +9,7 @@ follow the plane through the elevations under the four corners of the waterplane
 
 import taichi as ti
 
-from taichi_sim.conventions import EAST, ELEVATION, NORTH, PITCH_RATE, QW, SURGE, SWAY, YAW_RATE
+from taichi_sim.conventions import EAST, ELEVATION, GRAVITY, NORTH, PITCH_RATE, QW, SURGE, SWAY, YAW_RATE
 from taichi_sim.kernels import fast
 from taichi_sim.kernels.abreast import put
 from taichi_sim.kernels.rotation import (
@@ -21,6 +21,8 @@ from taichi_sim.kernels.rotation import (
     velocity_of,
 )
 from taichi_sim.sea import waves
+
+AT_ONCE = 1e-300  # s; added to an actuator's time constant, so that one without lag follows at once
 
 
 @ti.func
@@ -141,3 +143,15 @@ def write_rates(out: ti.template(), n, y, s, rate, V_c):
         out[n, QW + k] = q_dot[k]
     # rates of the velocity over ground; nu_c turns in b
     out[n, SURGE], out[n, SWAY], out[n, YAW_RATE] = rate[3] + s[5] * v_c, rate[4] - s[5] * u_c, rate[5]
+
+
+@ti.func
+def wave_load(p: ti.template(), plane):
+    """Wave force X, Y (N) and moment N (N m) on the hull, from its water plane.
+
+    A long wave accelerates the water by -g grad(zeta). The load on a body in accelerated water is (displaced mass +
+    added mass) times that acceleration (Taylor 1928). The body is a wall-sided block of the hull's length and beam, and
+    the slope is averaged over it. The yaw moment comes from the change of the transverse acceleration along the hull.
+    """
+    a_x, a_y, a_yx = -GRAVITY * plane[1], -GRAVITY * plane[2], -GRAVITY * plane[3]
+    return ti.Vector([p.m11 * a_x, p.m22 * a_y + p.m23 * a_yx, p.m32 * a_y + p.block_yaw * a_yx])

@@ -14,8 +14,7 @@ import torch
 
 from taichi_sim.bench import Bench, pack_state
 from taichi_sim.config.io import config_folder
-from taichi_sim.usv.manoeuvring_3dof import Manoeuvring3dof
-from taichi_sim.usv.manoeuvring_loads import Manoeuvring3dofParams
+from taichi_sim.usv.manoeuvring_3dof import Manoeuvring3dof, Manoeuvring3dofParams
 from tests.validation.case import Case
 from tests.validation.inputs import check_start
 from tests.validation.tables import TableError, number, read_csv, read_json, read_toml
