@@ -272,7 +272,7 @@ class Vehicle:
     def nominal(self) -> dict[str, float]:
         """The value in the vehicle file of each key in `varying`."""
         data = self.params.model_dump()
-        return {key: float(_at(data, key)) for key in self.varying}
+        return {key: float(value_at(data, key)) for key in self.varying}
 
     def own(self, values: Mapping[str, Number]) -> Any:
         """Numbers as the kernel uses them, a NamedTuple, computed by arithmetic that works on floats and tensors.
@@ -309,11 +309,9 @@ class Vehicle:
         for key, value in values.items():
             self.check_varies(key)
             *parents, last = key.split(".")
-            node = data
-            for part in parents:
-                node = node[int(part)] if part.isdigit() else node[part]
+            node = value_at(data, ".".join(parents)) if parents else data
             if last.isdigit():  # a tuple: rebuilt with the one number changed
-                holder = _at(data, ".".join(parents[:-1])) if len(parents) > 1 else data
+                holder = value_at(data, ".".join(parents[:-1])) if len(parents) > 1 else data
                 holder[parents[-1]] = tuple(value if i == int(last) else x for i, x in enumerate(node))
             else:
                 node[last] = value
@@ -335,8 +333,15 @@ class Vehicle:
             )
 
 
-def _at(data: Any, key: str) -> Any:
-    """The value at a dotted key."""
+def value_at(data: Any, key: str) -> Any:
+    """The value at a dotted key of nested dictionaries and sequences."""
     for part in key.split("."):
         data = data[int(part)] if part.isdigit() else data[part]
     return data
+
+
+def left_of(time: float, lag: Number) -> Number:
+    """exp(-time / lag): share of a deviation that a first-order lag (s) leaves after `time` (s); 0 without a lag."""
+    if isinstance(lag, Tensor):
+        return torch.exp(-time / lag)
+    return math.exp(-time / lag) if lag > 0 else 0.0

@@ -66,6 +66,8 @@ MOVED = {
     "taichi_sim.usv.hull.instruments": "taichi_sim.usv.hull.motion",
     "taichi_sim.usv.hull.wind": "taichi_sim.usv.vessel (Windage) and taichi_sim.usv.hull.loads",
     "taichi_sim.usv.manoeuvring_loads": "taichi_sim.usv.manoeuvring_3dof",
+    "taichi_sim.uav.fixed_wing.numbers": "taichi_sim.uav.fixed_wing.params",
+    "taichi_sim.uav.multirotor.numbers": "taichi_sim.uav.multirotor.params",
 }
 
 

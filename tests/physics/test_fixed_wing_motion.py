@@ -14,7 +14,7 @@ from taichi_sim.kernels.rotation import torch_rotation_matrix
 from taichi_sim.uav.fixed_wing import actuators
 from taichi_sim.uav.fixed_wing.equations import loads
 from taichi_sim.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
-from taichi_sim.uav.fixed_wing.numbers import aircraft_numbers
+from taichi_sim.uav.fixed_wing.params import aircraft_numbers
 
 pytestmark = pytest.mark.usefixtures("f64")
 DT, SUBSTEPS = 0.02, 5

@@ -17,8 +17,7 @@ from taichi_sim.conventions import GRAVITY, STATE_SIZE
 from taichi_sim.kernels.abreast import taken2
 from taichi_sim.kernels.runtime import array1, array2
 from taichi_sim.uav.fixed_wing import airframe
-from taichi_sim.uav.fixed_wing.numbers import nominal_numbers
-from taichi_sim.uav.fixed_wing.params import FixedWingParams
+from taichi_sim.uav.fixed_wing.params import FixedWingParams, nominal_numbers
 
 STALL_GRID = 2001  # angles of attack at which the lift curve is evaluated
 

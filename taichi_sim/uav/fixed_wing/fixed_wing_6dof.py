@@ -46,8 +46,7 @@ from taichi_sim.uav.fixed_wing.instruments import (
     WIND_NAMES,
 )
 from taichi_sim.uav.fixed_wing.modes import largest_stable_dt
-from taichi_sim.uav.fixed_wing.numbers import VARYING, FixedWingNumbers, aircraft_numbers
-from taichi_sim.uav.fixed_wing.params import FixedWingParams
+from taichi_sim.uav.fixed_wing.params import VARYING, FixedWingNumbers, FixedWingParams, aircraft_numbers
 from taichi_sim.uav.fixed_wing.propeller import propeller_power
 from taichi_sim.uav.fixed_wing.trim import show, trim, trimmed
 from taichi_sim.vehicle import Limits, Number

@@ -1,17 +1,21 @@
-"""Parameters of a fixed-wing vehicle file, with the names of R. Beard and T. McLain.
+"""Parameters of a fixed-wing vehicle file, with the names of R. Beard and T. McLain, and the numbers of its equations.
 
 Small Unmanned Aircraft, Princeton University Press 2012, chapters 3 and 4; configs/vehicles/*.toml hold the numbers.
 """
 
 import math
+from collections import namedtuple
+from collections.abc import Mapping
+from functools import cache
 from typing import Annotated
 
 from pydantic import Field, model_validator
 
 from taichi_sim.config import Finite, Positive, Strict
-from taichi_sim.uav.fixed_wing.actuators import Actuators
+from taichi_sim.uav.fixed_wing.actuators import Actuators, lag
 from taichi_sim.uav.fixed_wing.autopilot import AutopilotParams
 from taichi_sim.uav.fixed_wing.propeller import DiscPropeller, ElectricPropeller
+from taichi_sim.vehicle import Number, value_at
 
 
 class FixedWingPhysical(Strict):
@@ -140,3 +144,67 @@ class FixedWingParams(Strict):
     def size(self) -> tuple[float, float, float]:
         """Length, span, height, m."""
         return self.body.length, self.physical.b, self.body.height
+
+
+COEFFICIENTS = {
+    name: f"{section}.{name}"
+    for section, kind in (("longitudinal", Longitudinal), ("lateral", Lateral))
+    for name in kind.model_fields if name.startswith("C_")
+}  # fmt: skip
+"""Coefficient -> its key in the vehicle file."""
+_PHYSICAL = ("mass", "Jx", "Jy", "Jz", "Jxz", "rho")
+VARYING = (
+    *(f"physical.{name}" for name in _PHYSICAL), *COEFFICIENTS.values(), "propeller.gain", "actuators.time_constant",
+    "actuators.throttle_time_constant",
+)  # fmt: skip
+"""Keys of the vehicle file that may differ between environments."""
+
+FixedWingNumbers = namedtuple("FixedWingNumbers", (
+    "inverse_mass",  # 1/kg
+    "Jx", "Jy", "Jz", "Jxz",  # kg m^2
+    "inverse_xx", "inverse_xz", "inverse_yy", "inverse_zz",  # of the inertia's inverse, 1/(kg m^2)
+    "rho",  # kg/m^3
+    "half_rho_S",  # dynamic pressure times wing area over Va^2, kg/m
+    *COEFFICIENTS,
+    "gain",  # of thrust and torque, 1
+    "servo_gone", "servo_kept", "motor_gone", "motor_kept",  # `actuators.lag` over a step
+))  # fmt: skip
+"""Numbers of the equations: floats, or tensors of one shape."""
+
+
+def aircraft_numbers(craft: FixedWingParams, values: Mapping[str, Number], dt: float) -> FixedWingNumbers:
+    """Numbers of an aircraft like `craft` with the parameters `values`, for a step dt (s).
+
+    `values` has each key of VARYING: floats, or tensors of one shape. Other parameters are those of `craft`.
+    """
+    mass, Jx, Jy, Jz, Jxz, rho = (values[f"physical.{name}"] for name in _PHYSICAL)
+    determinant = Jx * Jz - Jxz * Jxz  # Gamma of the book
+    servo_gone, servo_kept = lag(values["actuators.time_constant"], dt)
+    motor_gone, motor_kept = lag(values["actuators.throttle_time_constant"], dt)
+    return FixedWingNumbers(
+        inverse_mass=1 / mass,
+        Jx=Jx,
+        Jy=Jy,
+        Jz=Jz,
+        Jxz=Jxz,
+        inverse_xx=Jz / determinant,
+        inverse_xz=Jxz / determinant,
+        inverse_yy=1 / Jy,
+        inverse_zz=Jx / determinant,
+        rho=rho,
+        half_rho_S=0.5 * craft.physical.S * rho,
+        **{name: values[key] for name, key in COEFFICIENTS.items()},
+        gain=values["propeller.gain"],
+        servo_gone=servo_gone,
+        servo_kept=servo_kept,
+        motor_gone=motor_gone,
+        motor_kept=motor_kept,
+    )
+
+
+@cache
+def nominal_numbers(craft: FixedWingParams) -> FixedWingNumbers:
+    """Numbers of the vehicle file itself, with actuators that follow their commands at once."""
+    data = craft.model_dump()
+    values = {key: float(value_at(data, key)) for key in VARYING}
+    return aircraft_numbers(craft, values, math.inf)

@@ -10,7 +10,7 @@ A step is by the classical Runge-Kutta method, in the frame of the air. The roto
 exact solution for the held command: a lag as short as half a step costs neither accuracy nor stability.
 
 `craft` is a MultirotorParams: the kernels read the parameters that never vary from it, and these are compiled in. `p`
-are its numbers (numbers.py), either compiled in or loaded for each environment.
+are its numbers (params.py), either compiled in or loaded for each environment.
 """
 
 # Kernels are another language inside Python syntax.

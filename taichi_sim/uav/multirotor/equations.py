@@ -17,8 +17,7 @@ from taichi_sim.kernels.rotation import attitude_of, velocity_of
 from taichi_sim.kernels.runtime import array2
 from taichi_sim.uav.multirotor import airframe, ground, rotors
 from taichi_sim.uav.multirotor.allocation import allocation
-from taichi_sim.uav.multirotor.numbers import nominal_numbers
-from taichi_sim.uav.multirotor.params import MultirotorParams
+from taichi_sim.uav.multirotor.params import MultirotorParams, nominal_numbers
 
 
 @ti.kernel

@@ -24,7 +24,7 @@ import math
 import taichi as ti
 
 from taichi_sim.kernels.abreast import some
-from taichi_sim.uav.multirotor.numbers import gains
+from taichi_sim.uav.multirotor.params import gains
 from taichi_sim.uav.multirotor.rotors import arm
 
 NOTHING, SEA, DECK = False, True, 2

@@ -46,9 +46,8 @@ from taichi_sim.uav.multirotor.controller import RATE_ACTIONS, VELOCITY_ACTIONS
 from taichi_sim.uav.multirotor.equations import derivatives, induced_velocity
 from taichi_sim.uav.multirotor.gains import bandwidths, demands, gains, lag, lead
 from taichi_sim.uav.multirotor.modes import largest_stable_dt
-from taichi_sim.uav.multirotor.numbers import gains as rotor_gains
-from taichi_sim.uav.multirotor.numbers import multirotor_numbers, nominal_numbers, varying_keys
-from taichi_sim.uav.multirotor.params import MultirotorParams
+from taichi_sim.uav.multirotor.params import MultirotorParams, multirotor_numbers, nominal_numbers, varying_keys
+from taichi_sim.uav.multirotor.params import gains as rotor_gains
 from taichi_sim.uav.multirotor.trim import trim
 from taichi_sim.vehicle import Limits, Number, Vehicle
 

@@ -30,7 +30,7 @@ nominal voltage and is proportional to the voltage, like the no-load speed of a 
 import taichi as ti
 
 from taichi_sim.kernels.rigid_body import cross, is_nothing
-from taichi_sim.uav.multirotor.numbers import gains
+from taichi_sim.uav.multirotor.params import gains
 
 
 @ti.func

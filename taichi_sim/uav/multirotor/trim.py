@@ -24,8 +24,7 @@ from taichi_sim.kernels.runtime import array2
 from taichi_sim.uav.aircraft import TrimError
 from taichi_sim.uav.multirotor.airframe import loads
 from taichi_sim.uav.multirotor.allocation import allocation
-from taichi_sim.uav.multirotor.numbers import gains, nominal_numbers
-from taichi_sim.uav.multirotor.params import MultirotorParams
+from taichi_sim.uav.multirotor.params import MultirotorParams, gains, nominal_numbers
 from taichi_sim.uav.multirotor.rotors import arm
 
 ITERATIONS = 60

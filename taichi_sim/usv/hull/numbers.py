@@ -5,7 +5,6 @@ draught, list and trim of a hull on panels. `restoring = "linear"` keeps the pub
 draught there.
 """
 
-import math
 from collections import namedtuple
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
@@ -20,6 +19,7 @@ from taichi_sim.usv.hull.params import Hull6DofParams
 from taichi_sim.usv.hull.radiation import Radiation
 from taichi_sim.usv.mmg_loads import DERIVATIVES, OF_PARTS, part_numbers, polynomial_numbers
 from taichi_sim.usv.vessel import RHO_AIR, Number
+from taichi_sim.vehicle import left_of
 
 MASS, LAG = "rigid_body.mass", "thrusters.lag"
 CG = tuple(f"rigid_body.cg.{i}" for i in range(3))
@@ -109,7 +109,7 @@ def hull_numbers(
         mass * GRAVITY, *cg, *added, *linear, *quadratic,
         0.5 * RHO_AIR * w.c_x * frontal, 0.5 * RHO_AIR * w.c_y * lateral, RHO_AIR * w.c_n * lateral * p.length,
         *(M_rb[i][j] for i, j in UPPER), *(inverse[i][j] for i, j in UPPER),
-        *(_left(0.5 * dt, lag) for lag in lags), *(_left(dt, lag) for lag in lags), *gains, *mmg.values(),
+        *(left_of(0.5 * dt, lag) for lag in lags), *(left_of(dt, lag) for lag in lags), *gains, *mmg.values(),
     )  # fmt: skip
 
 
@@ -118,15 +118,6 @@ def _beyond(value: Number, counted: float) -> Number:
     if counted == 0.0:
         return value
     return (value - counted).clamp(min=0.0) if isinstance(value, Tensor) else max(value - counted, 0.0)
-
-
-def _left(time: float, lag: Number) -> Number:
-    """exp(-time / lag): share of the deviation that is left after `time` (s) with a first-order lag (s); 0 without
-    a lag.
-    """
-    if isinstance(lag, Tensor):
-        return torch.exp(-time / lag)
-    return math.exp(-time / lag) if lag > 0 else 0.0
 
 
 def _inverse(rows: list[list[Number]]) -> Sequence[Sequence[Number]]:
