@@ -238,7 +238,7 @@ class Fleet(Views):
         return {key: values[..., k].expand(self.state.shape[:2]).clone() for k, key in enumerate(self.model.varying)}
 
     def set_numbers(self, values: Mapping[str, ArrayLike | Tensor], envs: Tensor | None = None) -> None:
-        """Set parameters of vehicles, until they are set or drawn again (randomisation/numbers.py); other parameters
+        """Set parameters of vehicles, until they are set or drawn again (randomisation/variation.py); other parameters
         stay.
 
         Args:

@@ -30,7 +30,7 @@ LAYERS = (
     ),
     ("taichi_sim.vehicle",),
     ("taichi_sim.fleet",),
-    ("taichi_sim.randomisation.numbers", "taichi_sim.contact"),
+    ("taichi_sim.contact",),
     ("taichi_sim.usv", "taichi_sim.uav"),
     ("taichi_sim.vehicles",),
     ("taichi_sim.dump", "taichi_sim.script"),

@@ -25,8 +25,7 @@ from taichi_sim.config.series import Series, mean_of, read_series
 from taichi_sim.conventions import GRAVITY
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.fast import exp
-from taichi_sim.kernels.gauss_markov import SlowVariation
-from taichi_sim.kernels.random import log
+from taichi_sim.kernels.random import SlowVariation, log
 
 Profile = Literal["log", "power", "uniform"]
 
@@ -126,7 +125,7 @@ def mean_wind_factor(profile: ti.template(), shear, h):
 class Wind:
     """Wind of every environment.
 
-    The slow variation of each horizontal component is a first-order Gauss-Markov process (kernels/gauss_markov.py).
+    The slow variation of each horizontal component is a first-order Gauss-Markov process (kernels/random.py).
 
     Attributes:
         velocity: velocity of the air 10 m above the sea, [env, 3], NED, m/s (where it blows to), in run precision. It

@@ -14,7 +14,7 @@ MOVED = {
     "taichi_sim.beside": "taichi_sim.commands.bundle",
     "taichi_sim.command": "taichi_sim.commands.main",
     "taichi_sim.conditions": "taichi_sim.randomisation.conditions",
-    "taichi_sim.draws": "taichi_sim.randomisation.numbers",
+    "taichi_sim.draws": "taichi_sim.randomisation.variation",
     "taichi_sim.extras": "taichi_sim.config.base",
     "taichi_sim.frontend": "taichi_sim.kernels.runtime",
     "taichi_sim.plugins": "taichi_sim.config.plugins",
@@ -68,6 +68,14 @@ MOVED = {
     "taichi_sim.usv.manoeuvring_loads": "taichi_sim.usv.manoeuvring_3dof",
     "taichi_sim.uav.fixed_wing.numbers": "taichi_sim.uav.fixed_wing.params",
     "taichi_sim.uav.multirotor.numbers": "taichi_sim.uav.multirotor.params",
+    "taichi_sim.uav.fixed_wing.angles": "taichi_sim.uav.fixed_wing.airframe",
+    "taichi_sim.uav.multirotor.start": "taichi_sim.uav.multirotor.trim",
+    "taichi_sim.uav.multirotor.gains": "taichi_sim.uav.multirotor.controller",
+    "taichi_sim.sea.water_column": "taichi_sim.sea.waves",
+    "taichi_sim.kernels.gauss_markov": "taichi_sim.kernels.random",
+    "taichi_sim.randomisation.numbers": "taichi_sim.randomisation.variation",
+    "taichi_sim.config.current": "taichi_sim.config.sea",
+    "taichi_sim.config.air": "taichi_sim.config.world",
 }
 
 

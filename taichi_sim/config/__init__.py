@@ -4,12 +4,10 @@ Every key has a unit, a range and a default; unknown keys are refused. Units are
 say so (`_deg`). config/io.py reads, overrides and writes TOML.
 """
 
-from taichi_sim.config.air import AirConfig, GustConfig
 from taichi_sim.config.base import ConfigError, Finite, Fraction, NonNegative, Ordered, Positive, Span, Strict
-from taichi_sim.config.current import CurrentConfig, TideConfig
-from taichi_sim.config.sea import SeaConfig, SwellConfig
+from taichi_sim.config.sea import CurrentConfig, SeaConfig, SwellConfig, TideConfig
 from taichi_sim.config.vary import Range
-from taichi_sim.config.world import TeamConfig, WorldConfig
+from taichi_sim.config.world import AirConfig, GustConfig, TeamConfig, WorldConfig
 
 __all__ = [
     "AirConfig", "ConfigError", "CurrentConfig", "Finite", "Fraction", "GustConfig", "NonNegative", "Ordered",

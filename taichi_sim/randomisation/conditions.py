@@ -25,13 +25,13 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from taichi_sim.air.wind import mean_wind
 from taichi_sim.config import ConfigError, CurrentConfig, SeaConfig, WorldConfig
 from taichi_sim.config.series import mean_of
 from taichi_sim.config.vary import CONDITIONS, SIZE
 from taichi_sim.kernels import runtime
-from taichi_sim.randomisation.numbers import spread
 from taichi_sim.sea.measured import records_of
 from taichi_sim.sea.sampling import realisation_seed
 from taichi_sim.sea.sea import Sea, varied_components
@@ -39,11 +39,23 @@ from taichi_sim.sea.spectrum import CALM_PERIOD
 from taichi_sim.sea.wind_sea import SeaSize, developed_period, sea_size, sea_state_range
 
 STREAM = 0xD0  # separates these random numbers from those of the waves of the same seed
+SIGMAS = 2.0  # standard deviations of a normal distribution from the middle to either end of a range
+TAIL = float(torch.special.ndtr(torch.tensor(-SIGMAS, dtype=torch.float64)))  # probability beyond one end
 CIRCLE = 360.0  # deg
 STATES = np.arange(7.0)
 MIDDLES = np.array([sum(sea_state_range(code)) / 2 for code in range(7)])  # m
 Values = Mapping[str, np.ndarray]  # key of `CONDITIONS` -> [realisation]
 UNIT_PERIOD, UNIT_WIND = 10.0, 10.0  # s, m/s; units of the columns of `truth`
+
+
+def spread(chance: Tensor, low: Tensor | float, high: Tensor | float, normal: Tensor) -> Tensor:
+    """Map a `chance`, uniform in [0, 1), to numbers between `low` and `high`, float64; all arguments broadcast.
+
+    The numbers are uniform or, where `normal` (bool), normal about the middle and cut off at the ends, which lie 2
+    standard deviations away.
+    """
+    bell = 0.5 + torch.special.ndtri(TAIL + (1 - 2 * TAIL) * chance) / (2 * SIGMAS)
+    return low + (high - low) * torch.where(normal, bell.clamp(0.0, 1.0), chance)
 
 
 class Conditions(NamedTuple):

@@ -1,19 +1,131 @@
-"""Assignment of conditions and vehicles' numbers to environments when episodes begin, and their values for critics."""
+"""What differs between environments when episodes begin: conditions of their realisation, numbers of their vehicles."""
 
+from collections.abc import Mapping
+
+import numpy as np
 import torch
 from torch import Tensor
 
 from taichi_sim.air import Wind
-from taichi_sim.config import WorldConfig
+from taichi_sim.config import ConfigError, Range, WorldConfig
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import runtime
-from taichi_sim.randomisation.conditions import TRUTH, Conditions, varied
-from taichi_sim.randomisation.numbers import NumberDraws
+from taichi_sim.randomisation.conditions import TRUTH, Conditions, spread, varied
 from taichi_sim.sea.current import Current
+
+STREAM = 0xF1  # separates these random numbers from others of the same seed
+BATCH = 4096  # vehicles drawn at once; their derived numbers cost little more than those of one vehicle
+HALVINGS = 50  # steps of the bisection for the nearest number that a vehicle file accepts
+
+
+class NumberDraws:
+    """Draws new numbers for a fleet's vehicles when an episode begins; those without a range get the vehicle file's
+    numbers.
+
+    Each range is checked together with the other numbers of the vehicle file. Mass, inertia and CG of a vehicle are
+    drawn independently of each other. A hull's inertia follows its mass and CG (rigid_body.changed_mass); an aircraft's
+    does not.
+
+    Attributes:
+        names: keys that have a range.
+        told: relative deviation of each number from the vehicle file, [env, vehicle, name], in run precision; where the
+            file's number is 0, over the end of the range. Written in place.
+    """
+
+    STATE = ("told",)
+    SHARED = ("_batch", "_generator")
+
+    def __init__(self, fleet: Fleet, ranges: Mapping[str, Range], variation: float, seed: int):
+        """Draw for `fleet` from `ranges`, whose widths are multiplied by `variation`; at 0 nothing is drawn.
+
+        If only `variation` > 1 makes a range exceed what the vehicle file accepts, its ends are moved to the nearest
+        accepted values.
+
+        Raises:
+            ConfigError: for a key that cannot vary, or a range with numbers that the vehicle file does not accept.
+        """
+        self.fleet, self.names = fleet, tuple(ranges)
+        ends, scale = [], []
+        for key, given in ranges.items():
+            low, high = _held(fleet, key, given, 1.0)
+            value = fleet.model.nominal[key]
+            scale.append(value or max(abs(low), abs(high)) or 1.0)
+            ends.append(_held(fleet, key, given, variation))
+        device = fleet.state.device
+        low, high = torch.tensor(ends, dtype=torch.float64, device=device).reshape(-1, 2).unbind(-1)
+        self._low, self._high = low, high
+        self._normal = torch.tensor(
+            [given.distribution == "normal" for given in ranges.values()], dtype=torch.bool, device=device
+        )
+        nominal = [fleet.model.nominal[key] for key in ranges]
+        self._nominal = torch.tensor(nominal, dtype=torch.float64, device=device)
+        self._scale = torch.tensor(scale, dtype=torch.float64, device=device)
+        self._columns = [fleet.model.varying.index(key) for key in ranges]
+        self._batch: tuple[Tensor, ...] | None = None
+        self._generator = torch.Generator()  # on the CPU, so that every device has the same numbers
+        self.told = fleet.state.new_zeros((*fleet.state.shape[:2], len(self.names)))
+        self.drawn = bool(ranges) and variation > 0
+        self.reseed(seed)
+
+    def reseed(self, seed: int) -> None:
+        """Make later draws depend on `seed` and the fleet's name alone."""
+        entropy = [seed, STREAM, *self.fleet.name.encode()]
+        self._generator.manual_seed(int(np.random.SeedSequence(entropy).generate_state(1)[0]))
+        self._batch = None
+
+    def draw(self, envs: Tensor) -> None:
+        """Draw new numbers for the vehicles of environments `envs` [n], if anything varies."""
+        if not self.drawn:
+            return
+        rows = len(envs) * self.fleet.count
+        if self._batch is None or rows > len(self._batch[0]):
+            self._batch = self._make(max(rows, BATCH))
+        shape = (len(envs), self.fleet.count, -1)
+        vary, numbers, told = (table[:rows].view(shape) for table in self._batch)
+        self._batch = tuple(table[rows:] for table in self._batch)
+        self.fleet.give_numbers(vary, numbers, envs)
+        self.told[envs] = told
+
+    def _make(self, rows: int) -> tuple[Tensor, Tensor, Tensor]:
+        """Draw numbers of `rows` more vehicles, [row, ..]: varied values, the model's own, relative deviations."""
+        chance = torch.rand((rows, len(self.names)), generator=self._generator, dtype=torch.float64)
+        values = spread(chance.to(self._low.device), self._low, self._high, self._normal)
+        vary = self.fleet.nominal.repeat(rows, 1)
+        vary[:, self._columns] = values
+        told = (values - self._nominal) / self._scale
+        return vary, self.fleet.model.numbers(vary).to(self.told), told.to(self.told)
+
+
+def _held(fleet: Fleet, key: str, given: Range, variation: float) -> tuple[float, float]:
+    """Ends of a range, moved to values that the vehicle file accepts."""
+    place = f"{fleet.name}.vary.{key}"
+    try:
+        fleet.model.check_varies(key)
+        nominal = fleet.model.nominal[key]
+        ends = given.ends(nominal, variation)
+    except ValueError as error:
+        raise ConfigError(f"{place} = {given}: {error}") from None
+    for end in ends:
+        reason = fleet.refusal(key, end)
+        if reason and variation <= 1.0:
+            raise ConfigError(f"{place} = {given}: {end:g} cannot be: {reason}")
+    low, high = (end if fleet.refusal(key, end) is None else _nearest(fleet, key, nominal, end) for end in ends)
+    return low, high
+
+
+def _nearest(fleet: Fleet, key: str, good: float, bad: float) -> float:
+    """The accepted value nearest to `bad` between `bad` and `good`, by bisection."""
+    for _ in range(HALVINGS):
+        middle = (good + bad) / 2
+        if fleet.refusal(key, middle) is None:
+            good = middle
+        else:
+            bad = middle
+    return good
 
 
 class Variation:
-    """Conditions of the realisations (conditions.py) and numbers of the vehicles (numbers.py) of every environment.
+    """Conditions of the realisations (conditions.py) and numbers of the vehicles of every environment.
 
     Attributes:
         turbulence: factor of the turbulence intensity, [env]; None if it does not vary.

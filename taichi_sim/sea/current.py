@@ -5,8 +5,8 @@ The mean is steady or follows a file over time (config/series.py). A tide is add
     u(t) = sum_i A_i cos(omega_i t - phase_i)
 
 along one direction, so that the ebb runs against the flood. omega_i are the speeds of the harmonic constituents
-(config/current.py), t is the world's time. The phases are those at the beginning of that time, without the nodal
-corrections of a yearly prediction. The random part is a first-order Gauss-Markov process (kernels/gauss_markov.py).
+(config/sea.py), t is the world's time. The phases are those at the beginning of that time, without the nodal
+corrections of a yearly prediction. The random part is a first-order Gauss-Markov process (kernels/random.py).
 
 Over depth d the current is uniform, or decreases as (1 - d / depth)^(1/7), the tidal profile of DNV-RP-C205 (2010),
 sec. 4.1.4.
@@ -18,10 +18,10 @@ from collections.abc import Iterable
 import torch
 
 from taichi_sim.config import ConfigError, CurrentConfig, TideConfig
-from taichi_sim.config.current import CONSTITUENTS
+from taichi_sim.config.sea import CONSTITUENTS
 from taichi_sim.config.series import Series, read_series
 from taichi_sim.kernels import runtime
-from taichi_sim.kernels.gauss_markov import SlowVariation
+from taichi_sim.kernels.random import SlowVariation
 
 POWER = 1 / 7  # exponent of the tidal profile
 FASTEST = 10.0  # m/s; a series with a higher speed is refused

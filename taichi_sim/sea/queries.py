@@ -1,4 +1,4 @@
-"""Kernels of `Sea`. Each evaluates waves.py or water_column.py at every row of a tensor of points.
+"""Kernels of `Sea`. Each evaluates waves.py at every row of a tensor of points.
 
 `sea` is the table of conventions.py. `phase` and `env_sea` have one row per point unless a kernel says otherwise.
 """
@@ -14,7 +14,7 @@ from torch import Tensor
 from taichi_sim.conventions import DOWN, EAST, GRAVITY, NORTH
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.runtime import array1, array2, array3, whole1
-from taichi_sim.sea import water_column, waves
+from taichi_sim.sea import waves
 
 NEWTON_ITERATIONS = 12  # exact to rounding for seas, and for a single wave of k a up to 0.99
 TWO_PI = 2 * math.pi
@@ -93,8 +93,8 @@ def column(
         s, zero, z = env_sea[i], points[i, NORTH] * 0.0, -points[i, DOWN]
         L = waves.invert_label(sea, phase, count, s, i, points[i, NORTH], points[i, EAST], zero, NEWTON_ITERATIONS)
         zeta = waves.elevation_at_label(sea, phase, count, s, i, L[0], L[1], zero)
-        below = water_column.stretched(z, zeta, depth)
-        r = water_column.column_at_label(sea, phase, count, s, i, L[0], L[1], below, depth, zero)
+        below = waves.stretched(z, zeta, depth)
+        r = waves.column_at_label(sea, phase, count, s, i, L[0], L[1], below, depth, zero)
         v, a = ti.Vector([r[1], r[2], -r[3]]), ti.Vector([r[4], r[5], -r[6]])
         out[i, COLUMN_PRESSURE] = ti.max(r[0] - z, 0.0) * ti.cast(z < zeta, float)
         for k in ti.static(range(3)):

@@ -269,7 +269,7 @@ class Sea:
         """Gauge pressure [...] (Pa), hydrostatic plus dynamic; 0 at the instantaneous surface and above it.
 
         Arguments broadcast: `down` (m) counts from mean sea level (negative in a crest), `sea` is the realisation. The
-        theory is stretched linear theory (water_column.py). Below the bottom the pressure continues hydrostatically.
+        theory is stretched linear theory (waves.py). Below the bottom the pressure continues hydrostatically.
         """
         raw, shape = self._column(north, east, down, time, sea)
         return RHO_SEA * GRAVITY * raw[:, queries.COLUMN_PRESSURE].reshape(shape)

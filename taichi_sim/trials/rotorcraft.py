@@ -10,8 +10,8 @@ from taichi_sim.config import ConfigError
 from taichi_sim.uav.aircraft import TrimError
 from taichi_sim.uav.fixed_wing.modes import Mode, StableStep
 from taichi_sim.uav.multirotor.allocation import allocation
+from taichi_sim.uav.multirotor.controller import bandwidths, gains, lag, lead
 from taichi_sim.uav.multirotor.equations import induced_velocity, shaft_power
-from taichi_sim.uav.multirotor.gains import bandwidths, gains, lag, lead
 from taichi_sim.uav.multirotor.modes import largest_stable_dt, linear_modes
 from taichi_sim.uav.multirotor.params import MultirotorParams
 from taichi_sim.uav.multirotor.trim import MultirotorTrim, trim

@@ -9,7 +9,7 @@ import taichi as ti
 from taichi_sim.config.io import config_folder, read_toml, validate
 from taichi_sim.conventions import ANGULAR_VELOCITY, GRAVITY
 from taichi_sim.kernels import runtime
-from taichi_sim.uav.fixed_wing import angles
+from taichi_sim.uav.fixed_wing import airframe
 from taichi_sim.uav.fixed_wing.equations import lift_curve, loads, stall_angles
 from taichi_sim.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
 from taichi_sim.uav.fixed_wing.params import FixedWingParams
@@ -127,7 +127,7 @@ def _check_atan2():
     @ti.kernel
     def kernel(y: ti.types.ndarray(), x: ti.types.ndarray(), out: ti.types.ndarray()):
         for n in range(y.shape[0]):
-            out[n] = angles.atan2(y[n], x[n])
+            out[n] = airframe.atan2(y[n], x[n])
 
     rng = np.random.default_rng(1)
     exact = np.concatenate((rng.uniform(-np.pi, np.pi, 20000), np.geomspace(1e-6, 1.0, 1000)))
@@ -149,7 +149,7 @@ def _check_blend():
     @ti.kernel
     def kernel(alpha: ti.types.ndarray(), out: ti.types.ndarray()):
         for n in range(alpha.shape[0]):
-            out[n] = angles.stall_blend(M, alpha0, alpha[n])
+            out[n] = airframe.stall_blend(M, alpha0, alpha[n])
 
     alpha = np.linspace(-np.pi, np.pi, 4001).astype(np.float32)
     out = np.empty_like(alpha)

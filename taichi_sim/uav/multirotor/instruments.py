@@ -1,6 +1,6 @@
 """Names of a multirotor's auxiliary state: its instruments, and what it carries from step to step."""
 
-from taichi_sim.uav.multirotor.gains import Bandwidths
+from taichi_sim.uav.multirotor.controller import Bandwidths
 from taichi_sim.uav.multirotor.params import MultirotorParams
 
 WIND_NAMES = ("wind_north", "wind_east", "wind_down")

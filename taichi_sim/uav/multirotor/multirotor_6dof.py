@@ -35,20 +35,18 @@ from taichi_sim.sea import waves
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.uav import local_air
 from taichi_sim.uav.aircraft import TrimError
-from taichi_sim.uav.fixed_wing.airframe import with_velocity
-from taichi_sim.uav.fixed_wing.angles import atan2
-from taichi_sim.uav.multirotor import controller, ground, landing, rotors, start
+from taichi_sim.uav.fixed_wing.airframe import atan2, with_velocity
+from taichi_sim.uav.multirotor import controller, ground, landing, rotors
 from taichi_sim.uav.multirotor import instruments as at
 from taichi_sim.uav.multirotor.airframe import ground_ratios, rk4
 from taichi_sim.uav.multirotor.allocation import allocation
 from taichi_sim.uav.multirotor.body import body_surface
-from taichi_sim.uav.multirotor.controller import RATE_ACTIONS, VELOCITY_ACTIONS
+from taichi_sim.uav.multirotor.controller import RATE_ACTIONS, VELOCITY_ACTIONS, bandwidths, demands, gains, lag, lead
 from taichi_sim.uav.multirotor.equations import derivatives, induced_velocity
-from taichi_sim.uav.multirotor.gains import bandwidths, demands, gains, lag, lead
 from taichi_sim.uav.multirotor.modes import largest_stable_dt
 from taichi_sim.uav.multirotor.params import MultirotorParams, multirotor_numbers, nominal_numbers, varying_keys
 from taichi_sim.uav.multirotor.params import gains as rotor_gains
-from taichi_sim.uav.multirotor.trim import trim
+from taichi_sim.uav.multirotor.trim import show, trim, trimmed
 from taichi_sim.vehicle import Limits, Number, Vehicle
 
 if TYPE_CHECKING:
@@ -203,11 +201,11 @@ class Multirotor6DOF(Vehicle):
 
     def settle(self, state: Tensor, surface: Tensor, around: Surroundings) -> Tensor:
         """States in steady flight in the mean wind, with positions, headings and velocities over ground of `state`."""
-        return start.trimmed(self.plan, state, around)
+        return trimmed(self.plan, state, around)
 
     def reset_aux(self, aux: Tensor, state: Tensor, around: Surroundings) -> None:
         """Set rotors and controller to steady flight at `state`."""
-        start.show(self.plan, aux, state, around)
+        show(self.plan, aux, state, around)
 
     # -- moving ----------------------------------------------------------------------------------------------------
 
