@@ -24,7 +24,7 @@ import hashlib
 import os
 import random
 import types
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, Self, TypeAlias
@@ -234,39 +234,7 @@ def about(root: Any) -> dict[str, object]:
     }
 
 
-# -- snapshots ---------------------------------------------------------------------------------------------------------
-
-
-def snapshot(root: Any) -> Snapshot:
-    """Copy everything that `root` remembers."""
-    values = {entry.path: _taken(entry.value) for entry in walk(root).entries}
-    return Snapshot(VERSION, about(root), root.num_envs, values)
-
-
-def restore(root: Any, saved: Snapshot) -> None:
-    """Write a snapshot back.
-
-    Raises:
-        StateError: for a snapshot of another world, number of environments, or version; nothing is written then.
-    """
-    if not isinstance(saved, Snapshot):
-        raise StateError(f"a {type(saved).__name__} is no snapshot")
-    if saved.version != VERSION:
-        raise StateError(f"the snapshot has version {saved.version}; this program reads version {VERSION}")
-    here = about(root)
-    if wrong := [key for key in here if saved.about.get(key) != here[key]]:
-        differences = ", ".join(f"{key} {saved.about.get(key)!r} instead of {here[key]!r}" for key in wrong)
-        raise StateError(f"the snapshot was taken of another {type(root).__name__}: {differences}")
-    if saved.num_envs != root.num_envs:
-        raise StateError(f"the snapshot has {saved.num_envs} environments, not {root.num_envs}")
-    found = walk(root)
-    missing = {entry.path for entry in found.entries} - saved.values.keys()
-    if missing:
-        raise StateError(f"the snapshot lacks {', '.join(sorted(missing)[:3])}: it was taken of other parts")
-    write = _Writer()
-    for entry in found.entries:
-        write(entry, saved.values[entry.path])
-    _restored(found)
+# -- writing -----------------------------------------------------------------------------------------------------------
 
 
 def _taken(value: object) -> object:
@@ -328,79 +296,7 @@ def _restored(found: _Walk) -> None:
             then()
 
 
-# -- copies and forks --------------------------------------------------------------------------------------------------
-
-
-def copy(root: Any, source_envs: Envs, target_envs: Envs, noise: NoiseOf = "shared") -> None:
-    """Make environments `target_envs` [n] of `root` equal to `source_envs` [n].
-
-    Raises:
-        StateError: for environments that do not exist, a target that is named twice, or another number of targets.
-    """
-    source, target = (_envs(given, root.num_envs, f"{name}_envs") for given, name in
-                      ((source_envs, "source"), (target_envs, "target")))  # fmt: skip
-    if len(source) != len(target):
-        raise StateError(f"{len(source)} source_envs for {len(target)} target_envs")
-    if len(target.unique()) < len(target):
-        twice = next(int(e) for e in target if (target == e).sum() > 1)
-        raise StateError(f"target_envs name environment {twice} twice")
-    _check_noise(noise)
-    found = walk(root)
-    for entry in found.entries:
-        value = entry.value
-        if entry.of_env and value is not None and not (noise == "own" and isinstance(entry.owner, Noise)):
-            if len(value) == root.num_envs:
-                value[target] = value[source]
-    _restored(found)
-
-
-def fork(
-    root: Any, make: Callable[[int], Any], envs: Envs, copies: int, noise: NoiseOf = "shared", into: Any = None
-) -> Any:
-    """Environments `envs` [n] of `root`, `copies` times each, as new environments: copy c of envs[i] is number i copies
-    + c.
-
-    Args:
-        root: the world or mission.
-        make: builds a `root` with a given number of environments.
-        envs: environments to copy.
-        copies: copies of each.
-        noise: see `NoiseOf`.
-        into: an earlier fork of the same size, which is overwritten in milliseconds; None builds one, which takes as
-            long as `root` did.
-
-    Raises:
-        StateError: for environments that do not exist, `into` of another kind or size, or too little memory.
-    """
-    rows = _envs(envs, root.num_envs, "envs")
-    if copies < 1 or not len(rows):
-        raise StateError(f"a fork of {len(rows)} environments, {copies} copies each: there is nothing in it")
-    _check_noise(noise)
-    total, source = len(rows) * copies, walk(root)
-    if into is None:
-        _check_memory(source, total)
-        into = make(total)
-    elif into.num_envs != total or type(into) is not type(root) or into.config != root.config or into.seed != root.seed:
-        raise StateError(
-            f"`into` is a {type(into).__name__} of {into.num_envs} environments, scenario "
-            f"{getattr(into.config, 'name', '')!r}, seed {into.seed}: the fork has {total} of {type(root).__name__}, "
-            f"{getattr(root.config, 'name', '')!r}, seed {root.seed}"
-        )
-    target = {entry.path: entry for entry in walk(into).entries}
-    rows, write = rows.repeat_interleave(copies), _Writer()
-    for entry in source.entries:
-        there, value = target.get(entry.path), entry.value
-        if there is None:
-            raise StateError(f"the fork has no {entry.path}: its parts are others than those of its source")
-        if entry.of_env and isinstance(value, Tensor) and len(value) == root.num_envs:
-            if isinstance(entry.owner, Noise) and noise == "own":
-                there.value.copy_(FIRST_FORKED + torch.arange(total))
-                continue
-            write(there, value.index_select(0, rows))
-        else:
-            write(there, _taken(value))
-    _restored(walk(into))
-    return into
+# -- saving, copying, forking ------------------------------------------------------------------------------------------
 
 
 def transfer(source: object, target: object) -> None:
@@ -470,42 +366,105 @@ class Stateful:
     """A world or a mission whose environments can be saved, restored, copied and forked (module docstring)."""
 
     num_envs: int
+    config: Any
+    seed: int
 
+    @runtime.torch_at_rest()
     def snapshot(self) -> Snapshot:
         """Copy everything that the environments remember; `restore` continues from there, to the bit."""
-        with runtime.torch_at_rest():
-            return snapshot(self)
+        values = {entry.path: _taken(entry.value) for entry in walk(self).entries}
+        return Snapshot(VERSION, about(self), self.num_envs, values)
 
+    @runtime.torch_at_rest()
     def restore(self, saved: Snapshot) -> None:
         """Restore a snapshot of this world, or of one of the same configuration and seed.
 
         Raises:
             StateError: for a snapshot of another world, number of environments, or version; nothing is written then.
         """
-        with runtime.torch_at_rest():
-            restore(self, saved)
+        if not isinstance(saved, Snapshot):
+            raise StateError(f"a {type(saved).__name__} is no snapshot")
+        if saved.version != VERSION:
+            raise StateError(f"the snapshot has version {saved.version}; this program reads version {VERSION}")
+        here = about(self)
+        if wrong := [key for key in here if saved.about.get(key) != here[key]]:
+            differences = ", ".join(f"{key} {saved.about.get(key)!r} instead of {here[key]!r}" for key in wrong)
+            raise StateError(f"the snapshot was taken of another {type(self).__name__}: {differences}")
+        if saved.num_envs != self.num_envs:
+            raise StateError(f"the snapshot has {saved.num_envs} environments, not {self.num_envs}")
+        found = walk(self)
+        missing = {entry.path for entry in found.entries} - saved.values.keys()
+        if missing:
+            raise StateError(f"the snapshot lacks {', '.join(sorted(missing)[:3])}: it was taken of other parts")
+        write = _Writer()
+        for entry in found.entries:
+            write(entry, saved.values[entry.path])
+        _restored(found)
 
+    @runtime.torch_at_rest()
     def copy(self, source_envs: Envs, target_envs: Envs, *, noise: NoiseOf = "shared") -> None:
         """Make environments `target_envs` [n] equal to `source_envs` [n]; see `NoiseOf`.
 
         Raises:
-            StateError: for environments that do not exist, or a target that is named twice.
+            StateError: for environments that do not exist, a target that is named twice, or another number of targets.
         """
-        with runtime.torch_at_rest():
-            copy(self, source_envs, target_envs, noise)
+        source, target = (_envs(given, self.num_envs, f"{name}_envs") for given, name in
+                          ((source_envs, "source"), (target_envs, "target")))  # fmt: skip
+        if len(source) != len(target):
+            raise StateError(f"{len(source)} source_envs for {len(target)} target_envs")
+        if len(target.unique()) < len(target):
+            twice = next(int(e) for e in target if (target == e).sum() > 1)
+            raise StateError(f"target_envs name environment {twice} twice")
+        _check_noise(noise)
+        found = walk(self)
+        for entry in found.entries:
+            value = entry.value
+            if entry.of_env and value is not None and not (noise == "own" and isinstance(entry.owner, Noise)):
+                if len(value) == self.num_envs:
+                    value[target] = value[source]
+        _restored(found)
 
+    @runtime.torch_at_rest()
     def fork(self, envs: Envs, copies: int = 1, *, noise: NoiseOf = "shared", into: Self | None = None) -> Self:
         """Environments `envs` [n], `copies` times each, in a world of their own: copy c of envs[i] is i copies + c.
 
         With the same actions a copy that shares the noise does what its source does, until a new episode begins. `into`
-        is an earlier fork of the same size, which is overwritten in milliseconds.
+        is an earlier fork of the same size, which is overwritten in milliseconds; without one a world is built, which
+        takes as long as this one did.
 
         Raises:
-            StateError: for environments that do not exist, a wrong `into`, or too little memory; the message says how
-                much.
+            StateError: for environments that do not exist, `into` of another kind or size, or too little memory; the
+                message says how much.
         """
-        with runtime.torch_at_rest():
-            return fork(self, self._alike, envs, copies, noise, into)
+        rows = _envs(envs, self.num_envs, "envs")
+        if copies < 1 or not len(rows):
+            raise StateError(f"a fork of {len(rows)} environments, {copies} copies each: there is nothing in it")
+        _check_noise(noise)
+        rows, source = rows.repeat_interleave(copies), walk(self)
+        total = len(rows)
+        if into is None:
+            _check_memory(source, total)
+            into = self._alike(total)
+        elif (into.num_envs, type(into), into.config, into.seed) != (total, type(self), self.config, self.seed):
+            raise StateError(
+                f"`into` is a {type(into).__name__} of {into.num_envs} environments, scenario "
+                f"{getattr(into.config, 'name', '')!r}, seed {into.seed}: the fork has {total} of "
+                f"{type(self).__name__}, {getattr(self.config, 'name', '')!r}, seed {self.seed}"
+            )
+        target, write = {entry.path: entry for entry in walk(into).entries}, _Writer()
+        for entry in source.entries:
+            there, value = target.get(entry.path), entry.value
+            if there is None:
+                raise StateError(f"the fork has no {entry.path}: its parts are others than those of its source")
+            if entry.of_env and isinstance(value, Tensor) and len(value) == self.num_envs:
+                if isinstance(entry.owner, Noise) and noise == "own":
+                    there.value.copy_(FIRST_FORKED + torch.arange(total))
+                    continue
+                write(there, value.index_select(0, rows))
+            else:
+                write(there, _taken(value))
+        _restored(walk(into))
+        return into
 
     def _alike(self, num_envs: int) -> Self:
         """Another world or mission of the same configuration, seed and teams."""
