@@ -1,6 +1,6 @@
 """Dumps: files with the last step of an environment whose state stopped being finite, for running that step again.
 
-`World.dump_folder` turns dumps on; taichi_sim/replay.py replays one.
+`World.dump_folder` turns dumps on; `replay` (world.py) replays one.
 """
 
 from dataclasses import dataclass, field

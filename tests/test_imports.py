@@ -36,7 +36,7 @@ LAYERS = (
     ("taichi_sim.dump", "taichi_sim.script"),
     ("taichi_sim.randomisation",),
     ("taichi_sim.world",),
-    ("taichi_sim.replay", "taichi_sim.bench", "taichi_sim.recording", "taichi_sim.hydro"),
+    ("taichi_sim.bench", "taichi_sim.recording", "taichi_sim.hydro"),
     ("taichi_sim.trials", "taichi_sim.sitl", "taichi_sim.fit"),
     ("taichi_sim.film",),
     ("taichi_sim.commands",),

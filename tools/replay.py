@@ -14,7 +14,7 @@ import torch
 from taichi_sim.config import ConfigError
 from taichi_sim.dump import load_dump
 from taichi_sim.kernels import runtime
-from taichi_sim.replay import replay
+from taichi_sim.world import replay
 
 
 def main(argv: list[str] | None = None) -> int:

@@ -76,6 +76,7 @@ MOVED = {
     "taichi_sim.randomisation.numbers": "taichi_sim.randomisation.variation",
     "taichi_sim.config.current": "taichi_sim.config.sea",
     "taichi_sim.config.air": "taichi_sim.config.world",
+    "taichi_sim.replay": "taichi_sim.world",
 }
 
 

@@ -14,10 +14,9 @@ from taichi_sim.conventions import ANGULAR_VELOCITY, GRAVITY, POSITION, QUATERNI
 from taichi_sim.dump import load_dump
 from taichi_sim.kernels import runtime
 from taichi_sim.kernels.rotation import torch_rotation_matrix
-from taichi_sim.replay import replay
 from taichi_sim.uav.fixed_wing.equations import loads
 from taichi_sim.uav.fixed_wing.trim import trim
-from taichi_sim.world import World
+from taichi_sim.world import World, replay
 
 IDEAL = {"time_constant": 0.0, "rate_limit_deg": math.inf, "throttle_time_constant": 0.0}
 SURFACES = {"actions": "surfaces", "protection": False}
