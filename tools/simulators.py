@@ -25,8 +25,7 @@ from taichi_sim.fleet import Fleet
 from taichi_sim.kernels.packs import FleetPack
 from taichi_sim.kernels.rotation import rotation_matrix, torch_euler_from_quaternion
 from taichi_sim.surroundings import Surroundings
-from taichi_sim.uav.fixed_wing.fixed_wing_6dof import FixedWing6DOF
-from taichi_sim.uav.fixed_wing.instruments import DEFLECTIONS, READINGS, STALL_TIME, TIME
+from taichi_sim.uav.fixed_wing.fixed_wing_6dof import DEFLECTIONS, READINGS, STALL_TIME, TIME, FixedWing6DOF
 from taichi_sim.uav.multirotor import instruments
 from taichi_sim.uav.multirotor.controller import heading_rate, specific_thrust, velocity_wanted
 from taichi_sim.uav.multirotor.multirotor_6dof import Multirotor6DOF

@@ -77,6 +77,8 @@ MOVED = {
     "taichi_sim.config.current": "taichi_sim.config.sea",
     "taichi_sim.config.air": "taichi_sim.config.world",
     "taichi_sim.replay": "taichi_sim.world",
+    "taichi_sim.uav.fixed_wing.commands": "taichi_sim.uav.fixed_wing.fixed_wing_6dof",
+    "taichi_sim.uav.fixed_wing.instruments": "taichi_sim.uav.fixed_wing.fixed_wing_6dof",
 }
 
 

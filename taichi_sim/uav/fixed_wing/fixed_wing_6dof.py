@@ -5,10 +5,12 @@ state once. Deflections and the air's velocity (in n: local_air.py) are held ove
 frame of the air, so a steady wind is exact and motion relative to the air is fourth order in the step. Flight through a
 discrete gust is second order, because the air is held: with steps of 0.02 s an Aerosonde that meets 3 m/s within half a
 second, controls fixed, is less than 2 mm off after 10 s.
+
+Functions outside the class take the model as `m`, whose gains, limits and actions are compiled in.
 """
 
 # Kernels are another language inside Python syntax.
-# pyright: reportAttributeAccessIssue=false, reportInvalidTypeForm=false, reportIndexIssue=false
+# pyright: reportAttributeAccessIssue=false, reportIndexIssue=false, reportInvalidTypeForm=false
 
 import math
 from collections.abc import Mapping
@@ -18,7 +20,7 @@ import torch
 from torch import Tensor
 
 from taichi_sim.config import ConfigError
-from taichi_sim.conventions import GRAVITY
+from taichi_sim.conventions import DOWN, GRAVITY
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import abreast, lanes
 from taichi_sim.kernels.abreast import group, put, some, taken, taken1, taken2
@@ -26,35 +28,111 @@ from taichi_sim.kernels.packs import AroundPack, Build, FleetPack, load_at, own_
 from taichi_sim.kernels.rotation import attitude_of, rates_of, store, velocity_of
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.uav import local_air
+from taichi_sim.uav.aircraft import STALL_TIME as STALL_TIME_NAME
 from taichi_sim.uav.aircraft import Aircraft
-from taichi_sim.uav.fixed_wing import actuators
+from taichi_sim.uav.fixed_wing import actuators, autopilot
 from taichi_sim.uav.fixed_wing.airframe import aerodynamic_force, air_data, rk4, with_velocity
 from taichi_sim.uav.fixed_wing.autopilot import ACTION_NAMES, AutopilotParams
-from taichi_sim.uav.fixed_wing.commands import commands, demands
 from taichi_sim.uav.fixed_wing.equations import derivatives, stall_angles
 from taichi_sim.uav.fixed_wing.gains import gains, limits
-from taichi_sim.uav.fixed_wing.instruments import (
-    AUX,
-    DEFLECTIONS,
-    INTEGRAL,
-    READINGS,
-    SIGNALS,
-    STALL_TIME,
-    TIME,
-    TURBULENCE,
-    WIND,
-    WIND_NAMES,
-)
 from taichi_sim.uav.fixed_wing.modes import largest_stable_dt
 from taichi_sim.uav.fixed_wing.params import VARYING, FixedWingNumbers, FixedWingParams, aircraft_numbers
 from taichi_sim.uav.fixed_wing.propeller import propeller_power
-from taichi_sim.uav.fixed_wing.trim import show, trim, trimmed
+from taichi_sim.uav.fixed_wing.trim import air_readings, trim, trimmed
 from taichi_sim.vehicle import Limits, Number
+
+AUX = (
+    ("elevator", "aileron", "rudder", "throttle")
+    + ("airspeed", "alpha", "beta", "load_factor", "wind_north", "wind_east", "wind_down", STALL_TIME_NAME, "time")
+    + ("turbulence_u", "turbulence_v1", "turbulence_v2", "turbulence_w1", "turbulence_w2")
+    + ("throttle_integral", "height_demand")
+)
+"""Deflections of the actuators (rad; throttle 0 to 1); as of the last step, airspeed (m/s), angles of attack and of
+sideslip (rad), load factor n_z (lift upward and normal to the nose over weight, 1), velocity of the air met (NED, m/s),
+and how long the wing has been stalled (s; 0 if it is not); time since the start (s); states of the turbulence; the
+autopilot's integral and the height it holds (m)."""
+
+WIND_NAMES = ("wind_north", "wind_east", "wind_down")
+DEFLECTIONS, READINGS, LOAD_FACTOR, WIND, STALL_TIME, TIME, TURBULENCE, INTEGRAL, HEIGHT_DEMAND = (
+    AUX.index(name)
+    for name in ("elevator", "airspeed", "load_factor", WIND_NAMES[0], STALL_TIME_NAME, "time", "turbulence_u",
+                 "throttle_integral", "height_demand")
+)  # fmt: skip
+"""Columns of aux. DEFLECTIONS and READINGS begin 4 columns, WIND 3, TURBULENCE 5; the others are single columns."""
+
+SIGNALS = {
+    "airspeed": ("m/s", ("airspeed",)),
+    "air angles": ("rad", ("alpha", "beta")),
+    "load factor": ("", ("load_factor",)),
+    "deflections": ("rad", ("elevator", "aileron", "rudder")),
+    "throttle": ("", ("throttle",)),
+    "air met": ("m/s", WIND_NAMES),
+}
+"""Plots of a recording: title -> (unit, columns)."""
+
+
+@ti.func
+def demands(m: ti.template(), action, Va):
+    """`autopilot.demands` of the actions [action]; zeros if the actions are deflections."""
+    asked = ti.Vector([Va * 0.0] * 9)
+    if ti.static(m.actions != "surfaces"):
+        turn, boost = action[1], action[2]
+        asked = autopilot.demands(m.gains, m.autopilot_limits, m.protected, turn, boost, Va)
+    return asked
+
+
+@ti.func
+def commands(m: ti.template(), action, asked, R, y, met, pilot):
+    """Commanded deflections (4), and the autopilot's state (integral of the throttle, height that is held).
+
+    R is the attitude; y the state relative to the air, which moves with `met` (NED, m/s); asked = demands(..); pilot
+    the autopilot's state before.
+    """
+    v_air, omega = velocity_of(y), rates_of(y)
+    zero = 0.0 * y[0]
+    command, state = ti.Vector([zero, zero, zero, zero]), pilot
+    air = autopilot.flight(m.gains, R, v_air)
+    if ti.static(m.actions == "surfaces"):
+        command = deflections(m, action)
+    else:
+        sin_gamma = action[0] * m.autopilot_limits.sin_pitch
+        if ti.static(m.actions == "altitude"):
+            climb = action[0] * m.autopilot_limits.climb
+            state[1] += m.dt * climb
+            climb += m.gains.height * (state[1] + y[2])
+            rising = -(R[2, 0] * v_air[0] + R[2, 1] * v_air[1] + R[2, 2] * v_air[2] + met[2])
+            sin_gamma = autopilot.climb_to_fly(m.gains, m.autopilot_limits, climb, rising) * air[1]
+        sine = autopilot.sine_of_pitch(m.gains, m.autopilot_limits, m.protected, air[0], asked[4], sin_gamma)
+        surfaces = autopilot.surfaces(m.gains, asked, air, R, omega, sine)
+        engine = autopilot.throttle(m.gains, asked, air[0], sine - asked[4], pilot[0], m.dt)
+        state[0] = engine[1]
+        command = ti.Vector([surfaces[0], surfaces[1], surfaces[2], engine[0]])
+    if ti.static(m.protected):
+        alpha = v_air[2] * air[1]
+        command[0] = autopilot.protected_elevator(
+            m.gains, m.autopilot_limits, command[0], air[0], air[2], alpha, omega[1]
+        )
+    return command, state
+
+
+@ti.func
+def deflections(m: ti.template(), action):
+    """Deflections that the actions command directly.
+
+    Each goes from its lower limit at -1 through its value in cruise at 0 to its upper limit at 1, linear on either
+    side.
+    """
+    command = ti.Vector([action[0], action[1], action[2], action[3]])
+    for k in ti.static(range(4)):
+        neutral, lower, upper = ti.static(m.neutral[k], m.p.actuators.lower[k], m.p.actuators.upper[k])
+        up, down = ti.max(command[k], 0.0), ti.min(command[k], 0.0)
+        command[k] = neutral + up * ti.static(upper - neutral) + down * ti.static(neutral - lower)
+    return command
 
 
 @ti.data_oriented
 class FixedWing6DOF(Aircraft):
-    """Steps a team of aircraft in place; instruments.py lists its auxiliary state.
+    """Steps a team of aircraft in place; `AUX` lists its auxiliary state.
 
     Controllers know the nominal aircraft: trim, gains, limits and stall angles are those of `design`, even where an
     aircraft's own parameters differ.
@@ -161,8 +239,17 @@ class FixedWing6DOF(Aircraft):
         return trimmed(state, self.cruise, around)
 
     def reset_aux(self, aux: Tensor, state: Tensor, around: Surroundings) -> None:
-        """Set deflections to cruise, instruments to the mean wind, and the height to hold to the present one."""
-        show(aux, state, around, self.neutral)
+        """Set deflections to cruise, instruments to the mean wind, and the height to hold to the present one.
+
+        The first step draws the turbulence.
+        """
+        aux.zero_()
+        wind = local_air.wind_at(state, around)
+        aux[..., DEFLECTIONS : DEFLECTIONS + 4] = torch.tensor(self.neutral, dtype=aux.dtype, device=aux.device)
+        aux[..., READINGS : READINGS + 3] = air_readings(state, wind)
+        aux[..., WIND : WIND + 3] = wind
+        aux[..., LOAD_FACTOR] = 1.0
+        aux[..., HEIGHT_DEMAND] = -state[..., DOWN]
 
     # -- moving ----------------------------------------------------------------------------------------------------
 

@@ -1,6 +1,6 @@
 """Steady flight of a fixed-wing aircraft, climbing or turning at a given airspeed, by Newton's method in float64.
 
-`trimmed` and `show` begin a flight in it, in any wind, with instruments that show it.
+`trimmed` begins a flight in it, in any wind.
 """
 
 from collections.abc import Callable
@@ -10,12 +10,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from taichi_sim.conventions import ANGULAR_VELOCITY, DOWN, GRAVITY, HEADING, POSITION, QUATERNION, STATE_SIZE, VELOCITY
+from taichi_sim.conventions import ANGULAR_VELOCITY, GRAVITY, HEADING, POSITION, QUATERNION, STATE_SIZE, VELOCITY
 from taichi_sim.kernels.rotation import torch_euler_from_quaternion, torch_quaternion_from_euler, torch_rotation_matrix
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.uav.aircraft import TrimError as TrimError
 from taichi_sim.uav.fixed_wing.equations import loads, rhs, stall_angles
-from taichi_sim.uav.fixed_wing.instruments import DEFLECTIONS, HEIGHT_DEMAND, LOAD_FACTOR, READINGS, WIND
 from taichi_sim.uav.fixed_wing.params import FixedWingParams
 from taichi_sim.uav.local_air import wind_at
 
@@ -232,21 +231,6 @@ def trimmed(state: Tensor, at: Trim, around: Surroundings) -> Tensor:
     new[..., VELOCITY] = through_air + _to_body(wind_at(state, around), q)
     new[..., ANGULAR_VELOCITY] = 0.0
     return new
-
-
-def show(aux: Tensor, state: Tensor, around: Surroundings, delta: tuple[float, ...]) -> None:
-    """Write the instruments aux [n, vehicle, ..] of aircraft that begin at `state` [n, vehicle, 13].
-
-    `delta` [4] are the actuators' positions. The air moves with the mean wind, and the present height is the one to
-    hold. The first step draws the turbulence.
-    """
-    aux.zero_()
-    wind = wind_at(state, around)
-    aux[..., DEFLECTIONS : DEFLECTIONS + 4] = torch.tensor(delta, dtype=aux.dtype, device=aux.device)
-    aux[..., READINGS : READINGS + 3] = air_readings(state, wind)
-    aux[..., WIND : WIND + 3] = wind
-    aux[..., LOAD_FACTOR] = 1.0
-    aux[..., HEIGHT_DEMAND] = -state[..., DOWN]
 
 
 def air_readings(state: Tensor, wind: Tensor) -> Tensor:
