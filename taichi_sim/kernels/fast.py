@@ -56,57 +56,47 @@ def cos_reduced(r):
 @ti.func
 def sin(x):
     """sin(x), x in rad."""
-    y = x
     if ti.static(runtime.is_f64()):
-        y = ti.sin(x)
+        return ti.sin(x)
     else:
-        y = sin_reduced(wrap_two_pi(x))
-    return y
+        return sin_reduced(wrap_two_pi(x))
 
 
 @ti.func
 def cos(x):
     """cos(x), x in rad."""
-    y = x
     if ti.static(runtime.is_f64()):
-        y = ti.cos(x)
+        return ti.cos(x)
     else:
-        y = cos_reduced(wrap_two_pi(x))
-    return y
+        return cos_reduced(wrap_two_pi(x))
 
 
 @ti.func
 def sincos(x):
     """(sin x, cos x), x in rad."""
-    s, c = x, x
     if ti.static(runtime.is_f64()):
-        s, c = ti.sin(x), ti.cos(x)
+        return ti.sin(x), ti.cos(x)
     else:
         r = wrap_two_pi(x)
-        s, c = sin_reduced(r), cos_reduced(r)
-    return s, c
+        return sin_reduced(r), cos_reduced(r)
 
 
 @ti.func
 def sin_turns(x):
     """Return the sine of an angle of x turns; the nearest turn is a whole number, so it costs two thirds of `sin`."""
-    y = x
     if ti.static(runtime.is_f64()):
-        y = ti.sin(TWO_PI * x)
+        return ti.sin(TWO_PI * x)
     else:
-        y = sin_reduced(TWO_PI * (x - ti.floor(x + 0.5)))
-    return y
+        return sin_reduced(TWO_PI * (x - ti.floor(x + 0.5)))
 
 
 @ti.func
 def cos_turns(x):
     """Return the cosine of an angle of x turns (see `sin_turns`)."""
-    y = x
     if ti.static(runtime.is_f64()):
-        y = ti.cos(TWO_PI * x)
+        return ti.cos(TWO_PI * x)
     else:
-        y = cos_reduced(TWO_PI * (x - ti.floor(x + 0.5)))
-    return y
+        return cos_reduced(TWO_PI * (x - ti.floor(x + 0.5)))
 
 
 @ti.func
@@ -132,13 +122,11 @@ def cos_short(r):
 @ti.func
 def sincos_short(x):
     """(sin x, cos x), x in rad. In f32 the error is 5e-5 plus twice the rounding of x; 2/3 of the cost of `sincos`."""
-    s, c = x, x
     if ti.static(runtime.is_f64()):
-        s, c = ti.sin(x), ti.cos(x)
+        return ti.sin(x), ti.cos(x)
     else:
         r = x - ti.floor(x * INV_TWO_PI + 0.5) * TWO_PI
-        s, c = r * sinc_short(r), cos_short(r)
-    return s, c
+        return r * sinc_short(r), cos_short(r)
 
 
 @ti.func
@@ -156,30 +144,26 @@ def at_least(x, limit):
 @ti.func
 def exp_decay(x):
     """exp(-x). In f32 the eighth power of a quartic: relative error 5e-4 for x in [-2, 8], absolute 8e-6 above."""
-    y = x
     if ti.static(runtime.is_f64()):
-        y = ti.exp(-x)
+        return ti.exp(-x)
     else:
         a = 0.125 * at_most(x, DECAYED)
         a2 = a * a
         b = (1.00002562 - 1.00043207 * a) + (0.49960771 - 0.15938701 * a + 0.02808227 * a2) * a2
         b = b * b
         b = b * b
-        y = b * b
-    return y
+        return b * b
 
 
 @ti.func
 def exp_near_one(x):
     """exp(-x) > 0 for |x| < 1. In f32 the fourth power of a quadratic: error 1.3e-2, and 3e-4 for |x| < 0.3."""
-    y = x
     if ti.static(runtime.is_f64()):
-        y = ti.exp(-x)
+        return ti.exp(-x)
     else:
         b = 1 - 0.25 * x + 0.03125 * (x * x)
         b = b * b
-        y = b * b
-    return y
+        return b * b
 
 
 @ti.func
@@ -210,9 +194,8 @@ def exp(x):
     Range reduction is x = n ln 2 + r with |r| <= ln 2 / 2. The polynomial in r is that of expf in Moshier's Cephes
     library. In f64 this is the library's function.
     """
-    y = x
     if ti.static(runtime.is_f64()):
-        y = ti.exp(x)
+        return ti.exp(x)
     else:
         bounded = ti.min(ti.max(x, LOWEST_EXPONENT), HIGHEST_EXPONENT)
         n = ti.floor(bounded * LOG2_E + 0.5)
@@ -220,5 +203,4 @@ def exp(x):
         p = x * 0.0 + 1.9875691500e-4
         for c in ti.static((1.3981999507e-3, 8.3334519073e-3, 4.1665795894e-2, 1.6666665459e-1, 5.0000001201e-1)):
             p = p * r + c
-        y = (p * r * r + r + 1.0) * bit_cast((int_of(n) + 127) << 23, ti.f32)
-    return y
+        return (p * r * r + r + 1.0) * bit_cast((int_of(n) + 127) << 23, ti.f32)

@@ -32,7 +32,7 @@ from taichi_sim.conventions import QUATERNION
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import abreast, fast, lanes
 from taichi_sim.kernels.abreast import group, put, taken
-from taichi_sim.kernels.packs import Build, FleetPack, load_at, numbers_at
+from taichi_sim.kernels.packs import Build, FleetPack, load_at, own_numbers
 from taichi_sim.kernels.rigid_body import quaternion_rate
 from taichi_sim.kernels.rotation import (
     quaternion_from_euler,
@@ -41,6 +41,7 @@ from taichi_sim.kernels.rotation import (
     torch_euler_from_quaternion,
     wrap_pi,
 )
+from taichi_sim.kernels.runtime import array2
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.uav.aircraft import Aircraft
 from taichi_sim.vehicle import Limits, Number
@@ -161,8 +162,7 @@ class UnityAircraft(Aircraft):
         return out
 
     @ti.kernel
-    def _rhs(self, out: ti.types.ndarray(ndim=2), state: ti.types.ndarray(ndim=2), angles: ti.types.ndarray(ndim=2),
-             controls: ti.types.ndarray(ndim=2), load: ti.types.ndarray(ndim=2)):  # fmt: skip
+    def _rhs(self, out: array2, state: array2, angles: array2, controls: array2, load: array2):
         for n in range(state.shape[0]):
             p = ti.static(self.constants)
             q = ti.Vector([state[n, 3], state[n, 4], state[n, 5], state[n, 6]])
@@ -190,11 +190,9 @@ class UnityAircraft(Aircraft):
             increment, angles = taken(fleet.aux, e, i, INCREMENT, 3), taken(fleet.aux, e, i, ANGLE, 3)
             tau = load_at(build, fleet.load, e, i)
             rates = angles * 0.0
-            if ti.static(build.varied):
-                own = numbers_at(self.Own, fleet.numbers, e, i)
-                y, increment, angles, rates = self.advance(own, build, y, increment, angles, command, tau)
-            else:
-                y, increment, angles, rates = self.advance(self.constants, build, y, increment, angles, command, tau)
+            y, increment, angles, rates = self.advance(
+                own_numbers(self, build, fleet.numbers, e, i), build, y, increment, angles, command, tau
+            )
             q = quaternion_from_euler(angles[0], angles[1], angles[2])
             R_nb = rotation_matrix(q)
             v = ti.Vector([y[7], y[8], y[9]])

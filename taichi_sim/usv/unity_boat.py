@@ -34,9 +34,10 @@ from taichi_sim.conventions import ELEVATION, GRAVITY
 from taichi_sim.fleet import Fleet
 from taichi_sim.kernels import abreast, lanes
 from taichi_sim.kernels.abreast import group, put, taken, taken2
-from taichi_sim.kernels.packs import AroundPack, Build, FleetPack, load_at, numbers_at
+from taichi_sim.kernels.packs import AroundPack, Build, FleetPack, load_at, own_numbers
 from taichi_sim.kernels.rigid_body import quaternion_rate
 from taichi_sim.kernels.rotation import quaternion_advance, rotation_matrix, store
+from taichi_sim.kernels.runtime import array2
 from taichi_sim.sea import waves
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.usv.vessel import Number, Vessel, steady_speed
@@ -170,8 +171,7 @@ class UnityBoat(Vessel):
         return out
 
     @ti.kernel
-    def _rhs(self, out: ti.types.ndarray(ndim=2), state: ti.types.ndarray(ndim=2), controls: ti.types.ndarray(ndim=2),
-             current: ti.types.ndarray(ndim=2), load: ti.types.ndarray(ndim=2)):  # fmt: skip
+    def _rhs(self, out: array2, state: array2, controls: array2, current: array2, load: array2):
         for n in range(state.shape[0]):
             y = ti.Vector([state[n, k] for k in ti.static(range(13))])
             V_c = ti.Vector([current[n, 0], current[n, 1], 0.0])
@@ -203,11 +203,9 @@ class UnityBoat(Vessel):
             I_v, I_h = 0.5 * (command[0] + 1.0), command[1]
             tau = load_at(build, fleet.load, e, i)
             level = y[2] * 0.0
-            if ti.static(build.varied):
-                own = numbers_at(self.Own, fleet.numbers, e, i)
-                y, label, level = self.advance(own, build, around, e, y, label, V_c, I_v, I_h, tau)
-            else:
-                y, label, level = self.advance(self.constants, build, around, e, y, label, V_c, I_v, I_h, tau)
+            y, label, level = self.advance(
+                own_numbers(self, build, fleet.numbers, e, i), build, around, e, y, label, V_c, I_v, I_h, tau
+            )
             R = rotation_matrix(ti.Vector([y[3], y[4], y[5], y[6]]))
             v = ti.Vector([y[7], y[8], y[9]])
             store(fleet.derived, e, i, R, v)
@@ -232,9 +230,8 @@ class UnityBoat(Vessel):
             D = D_next
             force, torque = self.loads(p, pos, R, v, omega, heights, I_v, I_h, tau)
             v, omega = self.physx_velocities(p, v, omega, force, torque)
-            pos += v * ti.static(self.dt) + V_c * ti.static(
-                self.dt
-            )  # two terms, so that a boat without current has the same bits
+            # two terms, so that a boat without current has the same bits
+            pos += v * ti.static(self.dt) + V_c * ti.static(self.dt)
             q = quaternion_advance(q, omega, ti.static(self.dt))
             level = 0.25 * heights.sum()
         v += V_c

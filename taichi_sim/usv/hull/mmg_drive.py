@@ -29,6 +29,7 @@ from torch import Tensor
 from taichi_sim.conventions import AHEAD
 from taichi_sim.fleet import Fleet
 from taichi_sim.usv.hull.thruster_set import Arrow
+from taichi_sim.usv.hull.thruster_set import controls_at as controls_at
 from taichi_sim.usv.hull.thrusters import Thruster
 from taichi_sim.usv.mmg_loads import followed, hull_load, rudder_load, thrust
 from taichi_sim.usv.mmg_params import MmgSection
@@ -96,12 +97,6 @@ class MmgDrive:
 
 def _places(count: int, y: float) -> tuple[float, ...]:
     return (0.0,) if count == 1 else (-y, y)
-
-
-@ti.func
-def controls_at(drive: ti.template(), aux: ti.template(), e, i):
-    """Controls of vehicle i in environment e."""
-    return ti.Vector([aux[e, i, ti.static(drive.first) + c] for c in ti.static(range(len(drive.control_names)))])
 
 
 @ti.func
