@@ -94,13 +94,8 @@ def mean_wind(config: AirConfig) -> tuple[float, float]:
     """
     if config.series is not None:
         return mean_of(config.series, blows_from=True)
-    return _steady_speed(config), config.direction_deg
-
-
-def _steady_speed(config: AirConfig) -> float:
-    if config.beaufort is not None:
-        return beaufort_speed(config.beaufort)
-    return config.speed or 0.0
+    speed = config.speed or 0.0 if config.beaufort is None else beaufort_speed(config.beaufort)
+    return speed, config.direction_deg
 
 
 def wind_factor(profile: Profile, shear: float, height) -> np.ndarray:

@@ -71,9 +71,8 @@ def _import(name: str, module_name: str, folders: list[Path]) -> ModuleType:
     """Import the module from the first of `folders` that holds it, otherwise from the installed packages."""
     top = module_name.partition(".")[0]
     folder = next((folder.resolve() for folder in folders if top not in OURS and _holds(folder, module_name)), None)
-    if (
-        top in sys.modules and top in _origins and _origins[top] != folder
-    ):  # another module of that name was imported from another folder
+    # another module of that name was imported from another folder
+    if top in sys.modules and top in _origins and _origins[top] != folder:
         for key in [key for key in sys.modules if key.partition(".")[0] == top]:
             del sys.modules[key]
     if folder is None:

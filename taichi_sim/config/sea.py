@@ -132,9 +132,7 @@ class SeaConfig(Strict):
     direction_deg: Finite = 45.0  # mean direction the waves travel to, clockwise from north
     spreading_s: SpreadingExponent = 10.0  # this and direction_deg also apply to a measured spectrum without directions
     components: ComponentCount = 16  # components of the wind sea per realisation; default for a measured sea: 32
-    amplitudes: Literal["exact", "random"] = (
-        "exact"  # random: Rayleigh distributed, for each component (Tucker et al. 1984)
-    )
+    amplitudes: Literal["exact", "random"] = "exact"  # random: Rayleigh's, for each component (Tucker et al. 1984)
     realisations: Annotated[int, Field(ge=1, le=4096)] = 64  # number of different seas in one run
     depth: Positive | None = None  # depth of the water, m; omitted: deep water
     swell: SwellConfig | None = None

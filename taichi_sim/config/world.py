@@ -50,9 +50,7 @@ class AirConfig(Strict):
     roughness: Annotated[float, Field(gt=0, le=1)] | None = None  # z0 of the log profile, m; omitted: Charnock's
     charnock: Annotated[float, Field(ge=0.005, le=0.05)] = 0.0144  # Garratt 1977; 0.011 (open sea) to 0.0185 (coast)
     exponent: Annotated[float, Field(ge=0, le=0.5)] = 1 / 7  # for the power profile; 0.11 over sea (Hsu et al. 1994)
-    std: Annotated[float, Field(ge=0, le=20)] = (
-        0.0  # deviation of the slow variation of each component (north, east), m/s
-    )
+    std: Annotated[float, Field(ge=0, le=20)] = 0.0  # deviation of each component's (north, east) slow variation, m/s
     time_constant: Positive = 300.0  # time constant of that variation, s (assumed)
     turbulence: Literal["none", "dryden"] = "none"
     turbulence_w20: WindSpeed | None = None  # wind at 20 ft that sets the turbulence, m/s; omitted: the mean wind's

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from taichi_sim.config import Finite, NonNegative, Positive, Strict
+from taichi_sim.config import ConfigError, Finite, NonNegative, Positive, Strict
 from taichi_sim.kernels.rigid_body import skew
 
 MOST_LEGS = 8
@@ -99,7 +99,7 @@ class Legs(Strict):
         in `rates`).
 
         Raises:
-            ValueError: if more than `MOST_STEPS` would be needed; it names the dt that works.
+            ConfigError: if more than `MOST_STEPS` would be needed; it names the dt that works.
         """
         frequency, decay = self.rates(mass, cg, inertia)
         longest = min(LONGEST_STEP, PHASE / frequency, DECAY / decay if decay > 0 else math.inf)
@@ -108,7 +108,7 @@ class Legs(Strict):
             key, value, most = "stiffness", self.stiffness, self.stiffness * slower**2
             if DECAY * frequency < PHASE * decay:
                 key, value, most = "damping", self.damping, self.damping * slower
-            raise ValueError(
+            raise ConfigError(
                 f"legs.{key} = {value:g}: dt = {dt:g} s cannot follow it: the motion on these legs has "
                 f"{frequency:.4g} rad/s and decays by {decay:.4g} 1/s. Use a dt of at most "
                 f"{MOST_STEPS * longest:.3g} s, or a {key} of at most {most:.4g}"

@@ -28,7 +28,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, Literal, NamedTuple, Protocol, cast
+from typing import Any, Literal, NamedTuple, cast
 
 import taichi as ti
 import torch
@@ -220,34 +220,12 @@ def without_passes() -> Iterator[None]:
         config.opt_level = level
 
 
-class _Context(Protocol):
-    """Taichi's launch context: the arguments of one launch."""
-
-    def set_arg_argpack(self, slot: tuple[int], pack: object) -> None: ...  # noqa: D102
-
-    def set_arg_external_array_with_shape(  # noqa: D102
-        self, slot: tuple[int], address: int, size: int, shape: tuple[int, ...], gradient: int
-    ) -> None: ...
-
-
-class _Declared(Protocol):
-    """A kernel as Taichi declares it for given types of arguments."""
-
-    def make_launch_context(self) -> _Context: ...  # noqa: D102
-
-
-class _Decorated(Protocol):
-    """What `ti.kernel` makes of a function."""
-
-    _primal: Kernel
-
-
 class _Bound(NamedTuple):
     """Arguments of a launch, and the form in which Taichi takes them."""
 
     args: tuple[object, ...]
     compiled: object
-    context: _Context
+    context: Any  # Taichi's launch context: the arguments of one launch
 
 
 class Launcher:
@@ -271,14 +249,14 @@ class Launcher:
         branches then compiles in a quarter to an eighth of the time; a vehicle's equations of motion lose up to 7 % of
         their speed.
         """
-        self._kernel, self._primal = kernel, cast(_Decorated, kernel)._primal
+        self._kernel, self._primal = kernel, cast(Kernel, cast(Any, kernel)._primal)
         owner = getattr(kernel, "_kernel_owner", None)
         self._owner = () if owner is None else (owner,)
         self._wanted = self._primal.arguments[len(self._owner) :]
         self._templates = [isinstance(wanted.annotation, template) for wanted in self._wanted]
         self._bound: list[_Bound] = []
         self._last: _Bound | None = None  # of `once`, with the types of tensors in their place
-        self._compiled: dict[tuple[Hashable, ...], tuple[_Declared, object]] = {}  # by the arguments' types
+        self._compiled: dict[tuple[Hashable, ...], tuple[Any, object]] = {}  # by the arguments' types
         self._generation, self._plain = -1, plain
 
     def __call__(self, *args: object) -> None:
@@ -356,7 +334,7 @@ def _element(pack: ArgPack, name: str) -> int:
     return getattr(pack._ArgPack__annotations[name].dtype, "ndim", 0)  # type: ignore[attr-defined]
 
 
-def _set_tensor(context: _Context, slot: int, value: torch.Tensor, element: int = 0) -> None:
+def _set_tensor(context: Any, slot: int, value: torch.Tensor, element: int = 0) -> None:
     if not value.is_contiguous():
         raise ValueError("a launched kernel takes contiguous tensors")
     size = value.element_size() * value.nelement()

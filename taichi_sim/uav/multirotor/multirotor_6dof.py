@@ -114,21 +114,8 @@ class Multirotor6DOF(Vehicle):
         limit = largest_stable_dt(plan, self._fastest())
         if dt > limit.dt:
             raise ConfigError(f"dt = {dt} s: {limit.reason}; the largest stable dt is {limit.dt:.3g} s")
-        self.contact_steps = self._contact_steps()
-
-    def _contact_steps(self) -> int:
-        """Contact steps in a substep.
-
-        Raises:
-            ConfigError: for legs that are too stiff for dt.
-        """
-        if self.p.legs is None:
-            return 1
-        body = self.p.physical
-        try:
-            return self.p.legs.steps(self.dt, body.mass, body.cg, body.inertia)
-        except ValueError as error:
-            raise ConfigError(str(error)) from None
+        body = params.physical
+        self.contact_steps = params.legs.steps(dt, body.mass, body.cg, body.inertia) if params.legs else 1
 
     def _fastest(self):
         """The trim at the largest airspeed."""

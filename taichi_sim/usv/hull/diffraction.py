@@ -114,9 +114,8 @@ class Diffraction:
         found *= (slow * fade * row[AMPLITUDE])[:, None, None]
         course = np.arctan2(row[KY], row[KX])
         turn = np.exp(1j * course[:, None] * np.arange(self.courses // 2 + 1))[..., None]
-        by_course = np.fft.irfft(
-            np.fft.rfft(found, axis=1) * turn, self.courses, axis=1
-        )  # from the component's own course on
+        # from the component's own course on
+        by_course = np.fft.irfft(np.fft.rfft(found, axis=1) * turn, self.courses, axis=1)
         return by_course[:, -np.arange(self.courses + 1) % self.courses]
 
 

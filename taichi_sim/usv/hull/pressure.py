@@ -174,12 +174,8 @@ def along_pair(
         decayed_a, decayed_b = amplitude * fast.exp_decay(rate * a[2]), amplitude * fast.exp_decay(rate * b[2])
         m_a, m_b = fast.exp_near_one(rate * a[3]), fast.exp_near_one(rate * b[3])
         re_a, im_a, re_b, im_b = decayed_a * cosine_a, decayed_a * sine_a, decayed_b * cosine_b, decayed_b * sine_b
-        step_re_a, step_im_a, step_re_b, step_im_b = (
-            m_a * cosine_step,
-            m_a * sine_step,
-            m_b * cosine_step,
-            m_b * sine_step,
-        )
+        step_re_a, step_im_a = m_a * cosine_step, m_a * sine_step
+        step_re_b, step_im_b = m_b * cosine_step, m_b * sine_step
         for i in ti.static(range(points)):
             found[i] += re_a
             found[points + i] += re_b

@@ -29,10 +29,8 @@ from taichi_sim.usv.hull.numbers import vector
 from taichi_sim.usv.hull.params import Hull6DofParams
 from taichi_sim.usv.hull.thrusters import shaft_speed, thrust
 
-ACTION_NAMES = {
-    "surge_yaw": ("acceleration", "yaw"),
-    "wrench": ("surge", "sway", "yaw"),
-}  # other actions have the thrusters' names
+# other actions have the thrusters' names
+ACTION_NAMES = {"surge_yaw": ("acceleration", "yaw"), "wrench": ("surge", "sway", "yaw")}
 Arrow = tuple[tuple[float, float, float], tuple[str | None, str | None, str | None]]
 
 
