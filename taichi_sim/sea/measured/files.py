@@ -131,13 +131,9 @@ def open_spectra(path: Path, site: int | None = None) -> SpectraFile:
     """
     if not path.is_file():
         raise ConfigError(f"sea.spectrum = {str(path)!r}: no such file")
-    if is_ndbc(path):
-        if site:
-            raise ConfigError(f"sea.site = {site}: {path.name} has one place only: remove the key")
-        found = read_ndbc(path)
-        return SpectraFile(path, path.name.partition(".")[0], found.times, band_edges(found.frequency), found.density,
-                           found.c1, found.c2)  # fmt: skip
-    data = read_gridded(path)
+    if site and is_ndbc(path):
+        raise ConfigError(f"sea.site = {site}: {path.name} has one place only: remove the key")
+    data = read_ndbc(path) if is_ndbc(path) else read_gridded(path)
     if site is None and len(data.places) > 1:
         named = "; ".join(f"{k}: {place}" for k, place in enumerate(data.places[:NAMED]))
         more = "; ..." if len(data.places) > NAMED else ""
@@ -147,10 +143,8 @@ def open_spectra(path: Path, site: int | None = None) -> SpectraFile:
         raise ConfigError(f"sea.site = {site}: {path.name} has {last + 1}, allowed are 0 to {last}")
     here = (slice(None), site or 0)
     order = np.argsort(data.times, kind="stable")
-    parts = (None if x is None else x[here][order] for x in (data.density, data.c1, data.c2))
-    density, c1, c2 = parts
-    assert density is not None
-    grid = None if data.grid is None else data.grid[here][order]
+    c1, c2, grid = (None if x is None else x[here][order] for x in (data.c1, data.c2, data.grid))
+    density = data.density[here][order]
     edges = band_edges(data.frequency)
     return SpectraFile(path, data.places[site or 0], data.times[order], edges, density, c1, c2, data.angles, grid)
 

@@ -32,6 +32,7 @@ import numpy as np
 
 from taichi_sim.config import ConfigError
 from taichi_sim.config.files import ndbc_set
+from taichi_sim.sea.measured.gridded import Gridded
 
 MISSING = 998.0  # from here on a value is missing (NDBC writes 999)
 BANDS = np.concatenate((0.0325 + 0.005 * np.arange(13), 0.1 + 0.01 * np.arange(26), 0.365 + 0.02 * np.arange(7)))  # Hz
@@ -51,23 +52,6 @@ class Part(NamedTuple):
     hundredths: bool  # whether r1 and r2 are in hundredths
 
 
-class Moments(NamedTuple):
-    """Content of a set of files; NaN marks a missing value.
-
-    Attributes:
-        times: [t], rising.
-        frequency: [f], Hz.
-        density: [t, f], m^2/Hz.
-        c1, c2: moments of the direction of travel (clockwise from north), [t, f], complex.
-    """
-
-    times: np.ndarray
-    frequency: np.ndarray
-    density: np.ndarray
-    c1: np.ndarray
-    c2: np.ndarray
-
-
 def is_ndbc(path: Path) -> bool:
     """Whether the header of a file is that of NDBC's text."""
     try:
@@ -77,7 +61,7 @@ def is_ndbc(path: Path) -> bool:
         return False
 
 
-def read_ndbc(path: Path) -> Moments:
+def read_ndbc(path: Path) -> Gridded:
     """Read the records of a set of files; `path` is any of them.
 
     Raises:
@@ -92,9 +76,9 @@ def read_ndbc(path: Path) -> Moments:
     alpha1, r1, alpha2, r2 = (given.get(kind, nothing) for kind in ("alpha1", "r1", "alpha2", "r2"))
     first, second = (np.deg2rad(alpha + 180.0) for alpha in (alpha1, alpha2))  # from -> to
     values = with_cut_off_returned(density.values, density.digit, bands(density.frequency))
-    order = np.argsort(density.times, kind="stable")
-    found = values, r1 * np.exp(1j * first), r2 * np.exp(2j * second)
-    return Moments(density.times[order], bands(density.frequency), *(x[order] for x in found))
+    c1, c2 = r1 * np.exp(1j * first), r2 * np.exp(2j * second)
+    values, c1, c2 = (x[:, None] for x in (values, c1, c2))
+    return Gridded(density.times, [path.name.partition(".")[0]], bands(density.frequency), values, c1=c1, c2=c2)
 
 
 def bands(printed: np.ndarray) -> np.ndarray:
