@@ -366,8 +366,6 @@ class Stateful:
     """A world or a mission whose environments can be saved, restored, copied and forked (module docstring)."""
 
     num_envs: int
-    config: Any
-    seed: int
 
     @runtime.torch_at_rest()
     def snapshot(self) -> Snapshot:
@@ -425,7 +423,7 @@ class Stateful:
         _restored(found)
 
     @runtime.torch_at_rest()
-    def fork(self, envs: Envs, copies: int = 1, *, noise: NoiseOf = "shared", into: Self | None = None) -> Self:
+    def fork(self, envs: Envs, copies: int = 1, *, noise: NoiseOf = "shared", into: Any = None) -> Self:
         """Environments `envs` [n], `copies` times each, in a world of their own: copy c of envs[i] is i copies + c.
 
         With the same actions a copy that shares the noise does what its source does, until a new episode begins. `into`
@@ -440,16 +438,17 @@ class Stateful:
         if copies < 1 or not len(rows):
             raise StateError(f"a fork of {len(rows)} environments, {copies} copies each: there is nothing in it")
         _check_noise(noise)
+        this: Any = self
         rows, source = rows.repeat_interleave(copies), walk(self)
         total = len(rows)
         if into is None:
             _check_memory(source, total)
-            into = self._alike(total)
-        elif (into.num_envs, type(into), into.config, into.seed) != (total, type(self), self.config, self.seed):
+            into = this._alike(total)
+        elif (into.num_envs, type(into), into.config, into.seed) != (total, type(self), this.config, this.seed):
             raise StateError(
                 f"`into` is a {type(into).__name__} of {into.num_envs} environments, scenario "
                 f"{getattr(into.config, 'name', '')!r}, seed {into.seed}: the fork has {total} of "
-                f"{type(self).__name__}, {getattr(self.config, 'name', '')!r}, seed {self.seed}"
+                f"{type(self).__name__}, {getattr(this.config, 'name', '')!r}, seed {this.seed}"
             )
         target, write = {entry.path: entry for entry in walk(into).entries}, _Writer()
         for entry in source.entries:
