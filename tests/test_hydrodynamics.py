@@ -11,7 +11,7 @@ import pytest
 from taichi_sim.config import ConfigError
 from taichi_sim.config.io import config_folder
 from taichi_sim.hydro import hull as hulls
-from taichi_sim.hydro.frequencies import ABOVE, BELOW, spikes
+from taichi_sim.hydro.compute import ABOVE, BELOW, spikes
 from taichi_sim.hydro.offsets import compared, offsets
 from taichi_sim.hydro.panels import wetted
 from taichi_sim.hydro.surface import TURN, WettedSurface, mirrored, reverse, turned_matrix

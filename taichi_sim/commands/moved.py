@@ -58,6 +58,11 @@ MOVED = {
     "taichi_sim.usv.hull.restoring": "taichi_sim.usv.hull.loads",
     "taichi_sim.usv.hull.damping": "taichi_sim.usv.hull.loads",
     "taichi_sim.plotting.style": "taichi_sim.plotting",
+    "taichi_sim.hydro.search": "taichi_sim.hydro.fit",
+    "taichi_sim.hydro.vehicle": "taichi_sim.hydro.hull",
+    "taichi_sim.hydro.lids": "taichi_sim.hydro.panels",
+    "taichi_sim.hydro.frequencies": "taichi_sim.hydro.compute",
+    "taichi_sim.hydro.workers": "taichi_sim.hydro.run",
 }
 
 

@@ -8,7 +8,7 @@ points out of the hull into the water), by one of two methods:
 
 On the meshes of ships the direct method has a quarter of the error, and lids hardly shift its results
 (docs/hydrodynamics.md). The problems are the six motions of unit velocity, and the scattering of waves from each
-heading. The lids are those of lids.py: the inner one is rigid, the one between hulls is damped (engine.py).
+heading. The lids are those of panels.py: the inner one is rigid, the one between hulls is damped (engine.py).
 """
 
 from dataclasses import dataclass
