@@ -63,6 +63,18 @@ MOVED = {
     "taichi_sim.hydro.lids": "taichi_sim.hydro.panels",
     "taichi_sim.hydro.frequencies": "taichi_sim.hydro.compute",
     "taichi_sim.hydro.workers": "taichi_sim.hydro.run",
+    "taichi_sim.film.rigs": "taichi_sim.film.camera",
+    "taichi_sim.film.shade": "taichi_sim.film.screen",
+    "taichi_sim.film.glyphs": "taichi_sim.film.picture",
+    "taichi_sim.trials.criteria": "taichi_sim.trials.figures",
+    "taichi_sim.recording.sea_grid": "taichi_sim.recording.sea_patch",
+    "taichi_sim.recording.water_lines": "taichi_sim.recording.vehicles",
+    "taichi_sim.recording.meshes": "taichi_sim.recording.bodies",
+    "taichi_sim.recording.vessel": "taichi_sim.recording.bodies",
+    "taichi_sim.recording.ros.motion": "taichi_sim.recording.ros.messages",
+    "taichi_sim.recording.ros.geodesy": "taichi_sim.recording.frames",
+    "taichi_sim.sitl.packets": "taichi_sim.sitl.ardupilot (Sensors and Servos: taichi_sim.sitl.craft)",
+    "taichi_sim.sitl.session": "taichi_sim.sitl.ardupilot",
 }
 
 

@@ -34,10 +34,9 @@ from taichi_sim.config import ConfigError
 from taichi_sim.config.base import MissingExtraError
 from taichi_sim.kernels import runtime
 from taichi_sim.sea import SteepSeaError
+from taichi_sim.sitl.ardupilot import Session
 from taichi_sim.sitl.channels import PWM, changes_for, read_channels
-from taichi_sim.sitl.craft import Craft
-from taichi_sim.sitl.packets import Sensors, Servos
-from taichi_sim.sitl.session import Session
+from taichi_sim.sitl.craft import Craft, Sensors, Servos
 from taichi_sim.vehicles import load_vehicle
 
 if TYPE_CHECKING:

@@ -35,8 +35,7 @@ from taichi_sim.kernels import runtime
 from taichi_sim.sea import SteepSeaError
 from taichi_sim.trials import flight, ship
 from taichi_sim.trials.basin import Setting
-from taichi_sim.trials.criteria import Criterion, criteria
-from taichi_sim.trials.figures import Outcome, TrialError
+from taichi_sim.trials.figures import Criterion, Outcome, TrialError, criteria
 from taichi_sim.uav.fixed_wing.params import FixedWingParams
 from taichi_sim.uav.multirotor.params import MultirotorParams
 from taichi_sim.usv.vessel import Vessel

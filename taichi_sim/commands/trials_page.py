@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from taichi_sim.plotting.page import blank, page, panel, paragraph, section, style, svg, table
-from taichi_sim.trials.criteria import Criterion
-from taichi_sim.trials.figures import Outcome, Panel
+from taichi_sim.trials.figures import Criterion, Outcome, Panel
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

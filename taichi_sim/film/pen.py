@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from taichi_sim.conventions import DOWN, HORIZONTAL
+from taichi_sim.recording.bodies import Mesh
 from taichi_sim.recording.episode import Array
-from taichi_sim.recording.meshes import Mesh
 from taichi_sim.recording.palette import Colour
 
 Where = Literal["world", "map", "both", "aloft"]

@@ -15,7 +15,7 @@ from taichi_sim.recording.overlays import Note, Plot, entity_name
 from taichi_sim.recording.plots import OTHERS, error_plots, signal_path
 from taichi_sim.recording.sea_patch import HAZE, patch_of
 from taichi_sim.recording.space import map_bounds
-from taichi_sim.recording.water_lines import TRAIL_S
+from taichi_sim.recording.vehicles import TRAIL_S
 
 MAP_ROOM = 0.2  # margin of a live view's map over its side
 CURVES = "curves"  # path of a live view's plots that belong to no episode

@@ -7,6 +7,7 @@ cruising airspeed.
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from torch import Tensor
@@ -16,7 +17,6 @@ from taichi_sim.config import AirConfig, ConfigError, SeaConfig
 from taichi_sim.conventions import GRAVITY, QUATERNION, VELOCITY
 from taichi_sim.kernels.rotation import numpy_rotation_matrix, torch_euler_from_quaternion
 from taichi_sim.sitl.channels import PWM, Mixer, changes_for, default_channels
-from taichi_sim.sitl.packets import Sensors
 from taichi_sim.uav.fixed_wing.params import FixedWingParams
 from taichi_sim.vehicle import Vehicle
 from taichi_sim.vehicles import Changes, load_vehicle
@@ -26,6 +26,29 @@ MOST_SUBSTEPS = 256
 WARM_UP = 5  # frames
 HELD_HEIGHT = 50.0  # m, height at which aircraft are held; they report their position from there
 OPEN = 0.6  # throttle at which a held aircraft is released
+
+
+class Servos(NamedTuple):
+    """A packet from ArduPilot."""
+
+    rate: int  # frame rate, Hz
+    frame: int  # counts from 0; repeated if no answer arrived
+    pwm: tuple[int, ...]  # microseconds; 0: no output
+
+
+class Sensors(NamedTuple):
+    """Measurements of a vehicle at the end of a frame; SI, NED and forward-right-down."""
+
+    timestamp: float  # simulated time, s
+    gyro: tuple[float, float, float]  # rad/s, b
+    accel_body: tuple[float, float, float]  # specific force, m/s^2, b: (0, 0, -9.8) at rest
+    position: tuple[float, float, float]  # from the initial position, m, NED
+    attitude: tuple[float, float, float]  # roll, pitch, yaw, rad
+    quaternion: tuple[float, float, float, float]  # w, x, y, z, b to NED
+    velocity: tuple[float, float, float]  # over ground, m/s, NED
+    airspeed: float | None = None  # m/s
+    wind_direction: float | None = None  # direction that the apparent wind blows from, clockwise from the bow, rad
+    wind_speed: float | None = None  # apparent wind, m/s
 
 
 class Craft:

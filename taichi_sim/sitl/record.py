@@ -13,8 +13,7 @@ from taichi_sim.fleet import Fleet
 from taichi_sim.recording import Recorder
 from taichi_sim.recording.live import Live
 from taichi_sim.sea import Sea
-from taichi_sim.sitl.craft import Craft
-from taichi_sim.sitl.packets import Sensors, Servos
+from taichi_sim.sitl.craft import Craft, Sensors, Servos
 from taichi_sim.surroundings import Surroundings
 from taichi_sim.world import World
 

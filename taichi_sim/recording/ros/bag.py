@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 from tqdm import tqdm
 
 from taichi_sim.recording.episode import Episode
-from taichi_sim.recording.ros.geodesy import FJORD, Origin
+from taichi_sim.recording.frames import FJORD, Origin
 from taichi_sim.recording.ros.messages import EPOCH_S, Builder, Messages, Topic
 
 if TYPE_CHECKING:

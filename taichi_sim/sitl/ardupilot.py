@@ -1,4 +1,8 @@
-"""The conversation with one autopilot: which frames are new, repeated, lost, or the first after a restart.
+"""ArduPilot in the loop: packets of its JSON interface, and the conversation with one autopilot.
+
+Packets are those of ArduPilot (libraries/SITL/examples/JSON/readme.md). From ArduPilot, binary, little-endian: magic
+(uint16), frame_rate (uint16, Hz), frame_count (uint32), pulse widths of 16 or 32 servos (uint16, microseconds). To
+ArduPilot, a line of JSON: time, IMU, position, attitude, velocity.
 
 Lockstep: ArduPilot sends frame k and waits. It receives an answer once the vehicle has advanced by one frame. If the
 answer is lost, ArduPilot sends the same frame again and receives the same answer. A jump ahead means that frames were
@@ -6,16 +10,68 @@ lost: the vehicle advances by as many frames, the lost ones under the last known
 a restart. Any other older frame came late, and gets no answer.
 """
 
+import json
+import struct
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from ipaddress import ip_address
 
-from taichi_sim.sitl.craft import Craft
-from taichi_sim.sitl.packets import PacketError, Sensors, Servos, encode, parse
+from taichi_sim.sitl.craft import Craft, Sensors, Servos
 
+MAGIC = {18458: 16, 29569: 32}  # magic -> servo channels
+RATES = (1, 10000)  # lowest and highest frame rate, Hz
 LONGEST_GAP = 2.0  # s; after a longer gap the lost frames are skipped
 MOST_REASONS = 16  # largest number of reasons that are counted separately
 Address = tuple[str, int]
+
+
+class PacketError(ValueError):
+    """Data that are no valid packet; the message says why."""
+
+
+def parse(data: bytes) -> Servos:
+    """Decode a packet with 16 or 32 channels.
+
+    Raises:
+        PacketError: for a wrong length, an unknown magic, or a frame rate out of range.
+    """
+    if len(data) < 2:
+        raise PacketError(f"{len(data)} bytes are no packet")
+    magic = int.from_bytes(data[:2], "little")
+    channels = MAGIC.get(magic)
+    if channels is None:
+        allowed = " and ".join(f"{m} ({n} channels)" for m, n in MAGIC.items())
+        raise PacketError(f"magic {magic}: allowed are {allowed}")
+    size = 8 + 2 * channels
+    if len(data) != size:
+        raise PacketError(f"{len(data)} bytes of {size}: a packet of {channels} channels cut short, or too long")
+    _, rate, frame, *pwm = struct.unpack(f"<HHI{channels}H", data)
+    if not RATES[0] <= rate <= RATES[1]:
+        raise PacketError(f"frame_rate {rate} Hz: allowed are {RATES[0]} to {RATES[1]}")
+    return Servos(rate, frame, tuple(pwm))
+
+
+def pack(servos: Servos) -> bytes:
+    """Encode a packet, for peers that play ArduPilot."""
+    magic = {n: m for m, n in MAGIC.items()}[len(servos.pwm)]
+    return struct.pack(f"<HHI{len(servos.pwm)}H", magic, servos.rate, servos.frame, *servos.pwm)
+
+
+def encode(sensors: Sensors) -> bytes:
+    """Encode the answer: JSON between line feeds, as ArduPilot's parser expects."""
+    data = {
+        "timestamp": sensors.timestamp,
+        "imu": {"gyro": sensors.gyro, "accel_body": sensors.accel_body},
+        "position": sensors.position,
+        "attitude": sensors.attitude,
+        "quaternion": sensors.quaternion,
+        "velocity": sensors.velocity,
+    }
+    if sensors.airspeed is not None:
+        data["airspeed"] = sensors.airspeed
+    if sensors.wind_direction is not None and sensors.wind_speed is not None:
+        data["windvane"] = {"direction": sensors.wind_direction, "speed": sensors.wind_speed}
+    return b"\n" + json.dumps(data, separators=(",", ":")).encode() + b"\n"
 
 
 @dataclass
