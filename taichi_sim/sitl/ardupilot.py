@@ -11,6 +11,7 @@ a restart. Any other older frame came late, and gets no answer.
 """
 
 import json
+import math
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -76,14 +77,26 @@ def encode(sensors: Sensors) -> bytes:
 
 @dataclass
 class Counts:
-    """Numbers of packets received, by kind."""
+    """Numbers of frames, packets and messages, by kind."""
 
     frames: int = 0  # new frames
     repeated: int = 0
     lost: int = 0  # frames that never arrived
-    late: int = 0
+    late: int = 0  # of an older frame, or repeated controls
+    waiting: int = 0  # frames before the first controls of PX4
+    resent: int = 0  # frames that were sent to PX4 again
     restarts: int = 0
     refused: dict[str, int] = field(default_factory=dict)  # reason -> number
+
+    def refuse(self, why: str) -> None:
+        """Count what was refused, by its reason."""
+        if why in self.refused or len(self.refused) < MOST_REASONS:
+            self.refused[why] = self.refused.get(why, 0) + 1
+
+    @property
+    def refusals(self) -> str:
+        """What was refused, as the end of a line."""
+        return "".join(f"; refused {n}: {why}" for why, n in self.refused.items())
 
 
 class Session:
@@ -104,15 +117,27 @@ class Session:
         self.last: Servos | None = None
         self.answer = b""
 
+    def tick(self) -> float:
+        """Seconds until something is due by the clock: nothing ever is."""
+        return math.inf
+
+    def state(self, seconds: float) -> str:
+        """A line on the conversation of the last `seconds`."""
+        c, craft = self.counts, self.craft
+        if self.last is None:
+            return f"waiting for ArduPilot{c.refusals}"
+        return (
+            f"t {craft.frames / craft.rate:.1f} s at {craft.rate} Hz, {c.frames} frames ({c.frames / seconds:.0f}/s), "
+            f"repeated {c.repeated}, lost {c.lost}, late {c.late}, restarts {c.restarts}{c.refusals}"
+        )
+
     def receive(self, data: bytes, sender: Address) -> bytes | None:
         """The answer to a packet, or None if there is none."""
         try:
             servos = parse(data)
             self._check_sender(sender, servos)
         except PacketError as error:
-            why = str(error)
-            if why in self.counts.refused or len(self.counts.refused) < MOST_REASONS:
-                self.counts.refused[why] = self.counts.refused.get(why, 0) + 1
+            self.counts.refuse(str(error))
             return None
         last = self.last
         if last is None or (servos.frame == 0 and (last.frame != 0 or sender != self.peer)):
@@ -145,11 +170,8 @@ class Session:
         return self.answer
 
     def _check_sender(self, sender: Address, servos: Servos) -> None:
-        """Refuse other senders than the peer. Another port of the same machine may take over with frame 0, as a
-        restarted SITL does.
-
-        Raises:
-            PacketError: for any other sender.
+        """Refuse (PacketError) other senders than the peer. Another port of the same machine may take over with frame
+        0, as a restarted SITL does.
         """
         if self.peer is None or sender == self.peer:
             return

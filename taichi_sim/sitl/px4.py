@@ -18,7 +18,6 @@ Sensors have white noise, because PX4 takes a sensor that does not change for a 
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -27,7 +26,7 @@ from taichi_sim.config.base import MissingExtraError
 from taichi_sim.conventions import GRAVITY
 from taichi_sim.kernels.rotation import numpy_rotation_matrix
 from taichi_sim.recording.frames import FJORD, geodetic
-from taichi_sim.sitl.ardupilot import MOST_REASONS
+from taichi_sim.sitl.ardupilot import Counts
 from taichi_sim.sitl.craft import HELD_HEIGHT, Craft, Sensors, Servos
 
 PORT = 4560  # of PX4's first instance; the next ones follow
@@ -58,18 +57,6 @@ def mavlink() -> Any:
     return common
 
 
-@dataclass
-class MessageCounts:
-    """Numbers of frames and messages."""
-
-    frames: int = 0  # answered by controls
-    waiting: int = 0  # frames before the first controls
-    resent: int = 0  # frames that were sent again
-    late: int = 0  # controls that were repeated, or of an older frame
-    restarts: int = 0
-    refused: dict[str, int] = field(default_factory=dict)  # reason -> number
-
-
 class Px4Session:
     """A craft and the PX4 that drives it.
 
@@ -87,7 +74,7 @@ class Px4Session:
         Raises:
             MissingExtraError: if pymavlink is not installed.
         """
-        self.craft, self.counts, self.seed = craft, MessageCounts(), seed
+        self.craft, self.counts, self.seed = craft, Counts(), seed
         self.seen: list[Callable[[Servos, Sensors], None]] = []
         self.last: Servos | None = None
         self.dialect = mavlink()
@@ -140,6 +127,16 @@ class Px4Session:
             self._silent = now
         return RESEND - (now - self._silent)
 
+    def state(self, seconds: float) -> str:
+        """A line on the conversation of the last `seconds`."""
+        c, craft = self.counts, self.craft
+        if not self.connected:
+            return f"waiting for PX4{c.refusals}"
+        return (
+            f"t {craft.frames / craft.rate:.1f} s, {c.frames} frames ({c.frames / seconds:.0f}/s), {c.waiting} before "
+            f"the first controls, sent again {c.resent}, late {c.late}, restarts {c.restarts}{c.refusals}"
+        )
+
     def receive(self, data: bytes) -> None:
         """Take bytes of the connection, cut anywhere."""
         for message in self.link.parse_buffer(data) or ():
@@ -147,7 +144,7 @@ class Px4Session:
             if kind == "HIL_ACTUATOR_CONTROLS":
                 self._take(message)
             elif kind == "BAD_DATA":
-                self._refuse("bytes that are no MAVLink message")
+                self.counts.refuse("bytes that are no MAVLink message")
 
     def _take(self, message: Any) -> None:
         if self.driven and message.time_usec <= self._taken:
@@ -157,10 +154,6 @@ class Px4Session:
         self.counts.frames += 1
         controls = message.controls if message.mode & ARMED else (math.nan,) * CONTROLS
         self._advance(self.pwm(controls))
-
-    def _refuse(self, why: str) -> None:
-        if why in self.counts.refused or len(self.counts.refused) < MOST_REASONS:
-            self.counts.refused[why] = self.counts.refused.get(why, 0) + 1
 
     # -- frames ------------------------------------------------------------------------------------------------------
 
@@ -174,9 +167,6 @@ class Px4Session:
             if not math.isnan(x):
                 widths[abs(channel) - 1] = max(round(low + x * (mixer.high - low)), 1)
         return tuple(widths)
-
-    def _microseconds(self) -> int:
-        return round(self.craft.frames * 1e6 / RATE)
 
     def _advance(self, pwm: tuple[int, ...]) -> None:
         """Move by one frame, and send it."""
@@ -195,7 +185,7 @@ class Px4Session:
 
     def messages(self, s: Sensors) -> list[Any]:
         """MAVLink messages of the present frame with the measurements `s`; HIL_SENSOR is the last one."""
-        link, now, n = self.link, self._microseconds(), self.craft.frames
+        link, now, n = self.link, round(self.craft.frames * 1e6 / RATE), self.craft.frames
         R = numpy_rotation_matrix(np.array(s.quaternion))
         north, east, down = s.position
         above = -down + (HELD_HEIGHT if self.craft.model.medium == "air" else 0.0)
