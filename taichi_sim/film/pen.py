@@ -137,7 +137,7 @@ class Pen:
         strokes = [one for where, one in self._strokes if where in seen] or [NO_STROKES]
         solids = [one for where, one in self._solids if where in seen] or [NO_SOLIDS]
         labels = tuple(label for where, label in self._labels if where in seen)
-        return Drawing(Solids(*_joined(solids)), Strokes(*_joined(strokes)), labels)
+        return Drawing(Solids(*joined(solids)), Strokes(*joined(strokes)), labels)
 
 
 def faces_of(mesh: Mesh) -> Solids:
@@ -152,16 +152,12 @@ def moved(body: Solids, position_n: Array, R_nb: Array, scale: float = 1.0) -> S
     return Solids(corners.reshape(-1, 3, 3), body.normals_n @ R_nb.T, body.colours)
 
 
-def joined(*solids: Solids) -> Solids:
-    """Faces of several drawings as one."""
-    return Solids(*_joined(solids))
-
-
 def _in_one_colour(corners: Array, normals: Array, colour: Colour) -> Solids:
     return Solids(corners, normals, np.broadcast_to(np.array(colour, np.uint8), normals.shape))
 
 
-def _joined(parts: Sequence[tuple[NDArray, ...]]) -> list[NDArray]:
+def joined(parts: Sequence[tuple[NDArray, ...]]) -> list[NDArray]:
+    """Columns of several Solids, or several Strokes, as those of one."""
     return [np.concatenate(columns) for columns in zip(*parts, strict=True)]
 
 

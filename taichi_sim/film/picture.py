@@ -101,11 +101,6 @@ def write(
     part[:] = part * left + added
 
 
-def lines_of(text: str, size: int, wide: int) -> bool:
-    """Whether `text` fits into one line of `wide` px."""
-    return _words(text, size)[0].shape[1] <= wide
-
-
 class View(NamedTuple):
     """One view: its position in the picture, its camera and its kind."""
 
@@ -179,7 +174,7 @@ class Picture:
             self._cast.bodies(own, moment, scales)
             water = water_seen(camera, size, moment)
         drawing = pen.drawing(view.kind)
-        solids = joined(drawing.solids, own.drawing(view.kind).solids)
+        solids = Solids(*joined((drawing.solids, own.drawing(view.kind).solids)))
         strokes = drawing.strokes._replace(width_px=np.maximum(drawing.strokes.width_px * _thick(size), 1.0))
         part = view.raster.draw(camera, solids, strokes, water)
         if with_words:
@@ -343,5 +338,5 @@ def _caption(part: Pixels, view: View, camera: FilmCamera, scales: dict[str, flo
         return
     larger = ", ".join(f"{name} {scale:.0f}x" for name, scale in scales.items() if scale >= 1.5)
     text = "; ".join(words for words in (view.title, f"drawn larger: {larger}" if larger else "") if words)
-    if text and lines_of(text, letters, wide - 12):
+    if text and _words(text, letters)[0].shape[1] <= wide - 12:
         write(part, text, (6, high - 5), size=letters, anchor=(0.0, 1.0))

@@ -93,6 +93,22 @@ def box(low: tuple[float, float, float], high: tuple[float, float, float], colou
     return loft(np.array([[(x, y, z) for y, z in ring] for x in (x0, x1)]), colour)
 
 
+def walls(
+    foot: tuple[float, float, float], top: tuple[float, float, float], z: float, rise: float,
+    part: tuple[float, float], grow: float, colour: Colour,
+) -> Mesh:  # fmt: skip
+    """A deckhouse between two fractions `part` of its height `rise`, its walls leaning in, `grow` m outside them.
+
+    `foot`, at the level z, and `top` are its aft and its fore end, and half its width, m.
+    """
+    rings = []
+    for share in part:
+        aft, fore, wide = (low + share * (high - low) for low, high in zip(foot, top, strict=True))
+        aft, fore, wide, up = aft - grow, fore + grow, wide + grow, z - share * rise
+        rings.append([(fore, -wide, up), (fore, wide, up), (aft, wide, up), (aft, -wide, up)])
+    return loft(np.array(rings), colour)
+
+
 def boat(size_m: tuple[float, float, float], colour: Colour) -> Mesh:
     """A hull with a deckhouse and a mast. The third size is the hull's depth; the waterline is at half of it."""
     length, beam, depth = size_m
@@ -102,7 +118,7 @@ def boat(size_m: tuple[float, float, float], colour: Colour) -> Mesh:
     z_deck = -0.5 * depth * np.array([1.0, 1.0, 1.04, 1.2, 1.4, 1.6])
     z_keel = 0.5 * depth * np.array([0.8, 1.0, 1.0, 0.95, 0.6, -0.2])
 
-    def hull(top: NDArray[np.floating], bottom: NDArray[np.floating], shade: Colour) -> Mesh:
+    def hull(bottom: float, top: float, shade: Colour) -> Mesh:
         """The hull between two levels given as fractions from keel (0) to deck (1)."""
         rings = []
         for level in (bottom, top):
@@ -112,31 +128,15 @@ def boat(size_m: tuple[float, float, float], colour: Colour) -> Mesh:
         port_low, right_low, port_high, right_high = rings
         return loft(np.stack([port_high, right_high, right_low, port_low], axis=1), shade)
 
-    whole = np.ones_like(x)
-    house = 0.17 * length
-    sole = -0.52 * depth
-    front, back, half = 0.14 * length, -0.24 * length, 0.31 * beam
-    top_front, top_back, top_half = 0.05 * length, -0.22 * length, 0.26 * beam
-
-    def cabin(low: float, high: float, grow: float, shade: Colour) -> Mesh:
-        """The deckhouse between two fractions of its height, its walls leaning in."""
-        rings = []
-        for part in (low, high):
-            fore = front + part * (top_front - front) + grow
-            aft = back + part * (top_back - back) - grow
-            wide = half + part * (top_half - half) + grow
-            z = sole - part * house
-            rings.append([(fore, -wide, z), (fore, wide, z), (aft, wide, z), (aft, -wide, z)])
-        return loft(np.array(rings), shade)
-
-    mast = 0.012 * length
+    house, sole, mast = 0.17 * length, -0.52 * depth, 0.012 * length
+    foot, top = (-0.24 * length, 0.14 * length, 0.31 * beam), (-0.22 * length, 0.05 * length, 0.26 * beam)
     return Mesh.join(
-        hull(0.38 * whole, 0.0 * whole, KEEL),
-        hull(whole, 0.38 * whole, colour),
-        hull(1.03 * whole, whole, DECK),
-        cabin(0.0, 1.0, 0.0, HOUSE),
-        cabin(0.5, 0.85, 0.004 * length, GLASS),
-        cabin(1.0, 1.12, 0.012 * length, colour),
+        hull(0.0, 0.38, KEEL),
+        hull(0.38, 1.0, colour),
+        hull(1.0, 1.03, DECK),
+        walls(foot, top, sole, house, (0.0, 1.0), 0.0, HOUSE),
+        walls(foot, top, sole, house, (0.5, 0.85), 0.004 * length, GLASS),
+        walls(foot, top, sole, house, (1.0, 1.12), 0.012 * length, colour),
         box((-0.1 * length - mast, -mast, sole - 2.1 * house), (-0.1 * length + mast, mast, sole - house), METAL),
         box(
             (-0.115 * length, -0.2 * beam, sole - 1.75 * house),
@@ -168,9 +168,6 @@ def vessel(body: Body, size_m: tuple[float, float, float], colour: Colour, platf
     if platform is not None:
         fitted = [part for part in fitted if not _in_the_way(part, platform)] + _landing_deck(platform, low[2])
     return Mesh.join(*parts, *fitted)
-
-
-# -- the hull's surface ------------------------------------------------------------------------------------------------
 
 
 def shell(body: Body) -> tuple[Array, list[Array]]:
@@ -251,9 +248,6 @@ def lid(ring: Array) -> Array:
     return np.stack([hub, ring, np.roll(ring, -1, axis=0)], axis=1)
 
 
-# -- the superstructure ------------------------------------------------------------------------------------------------
-
-
 def _slab(outline: list[tuple[float, float]], top: float, bottom: float, colour: Colour) -> Mesh:
     """A flat plate with the outline (x, y) between two levels z, m."""
     return loft(np.array([[(x, y, z) for x, y in outline] for z in (bottom, top)]), colour)
@@ -262,17 +256,9 @@ def _slab(outline: list[tuple[float, float]], top: float, bottom: float, colour:
 def _house(x: tuple[float, float], half: float, foot: float, rise: float, colour: Colour) -> list[Mesh]:
     """A house from x[0] to x[1] with a raked front, windows around it and a roof in the vehicle's colour."""
     aft, fore = x
-    rake = 0.55 * rise
-
-    def walls(low: float, high: float, grow: float, shade: Colour) -> Mesh:
-        rings: list[list[tuple[float, float, float]]] = []
-        for part in (low, high):
-            wide, front, z = half * (1 - 0.1 * part) + grow, fore - rake * part + grow, foot - rise * part
-            rings.append([(front, -wide, z), (front, wide, z), (aft - grow, wide, z), (aft - grow, -wide, z)])
-        return loft(np.array(rings), shade)
-
-    edge = 0.02 * (fore - aft)
-    return [walls(0.0, 1.0, 0.0, HOUSE), walls(0.45, 0.82, 0.4 * edge, GLASS), walls(1.0, 1.12, edge, colour)]
+    below, top, edge = (aft, fore, half), (aft, fore - 0.55 * rise, 0.9 * half), 0.02 * (fore - aft)
+    looks = (((0.0, 1.0), 0.0, HOUSE), ((0.45, 0.82), 0.4 * edge, GLASS), ((1.0, 1.12), edge, colour))
+    return [walls(below, top, foot, rise, *look) for look in looks]
 
 
 def _bridge(low: NDArray, high: NDArray, gap: float, rise: float, colour: Colour) -> list[Mesh]:

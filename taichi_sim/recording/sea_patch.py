@@ -201,6 +201,11 @@ class SeaFrames:
     colours: NDArray[np.uint8]  # [F, N, 3]
 
 
+def rounded(up: Array) -> Array:
+    """Heights (m), rounded to ROUND_M."""
+    return np.round(up / ROUND_M) * ROUND_M
+
+
 def bias(height: float) -> float:
     """Offset (m) that is added to heights up to `height` (m).
 
@@ -224,9 +229,8 @@ def patch_of(episode: Episode) -> dict[str, str]:
 
 def _stays_on_patch(team: TeamTrack, lead: TeamTrack) -> bool:
     """Whether the first vehicle of `team` stays within the patch of `lead`."""
-    grid = SeaGrid.of(lead)
     away = np.abs(team.position_n[:, 0, :2] - _middle(lead)).max()
-    return bool(away <= INSIDE * grid.half_m)
+    return bool(away <= INSIDE * SeaGrid.of(lead).half_m)
 
 
 def _middle(team: TeamTrack) -> Array:
@@ -260,9 +264,12 @@ class SeaPatch:
             for step in index:
                 whole = bool(np.isnan(self._centre[0])) or self.cadence.is_whole(stream, int(step))
                 moved = whole and self._follow(middle[step])
-                boats = [boat for one in episode.teams.values() if one.on_water for boat in _boats(one, step)]
+                boats = np.array([  # north, east, length, m
+                    (*place[:2], one.size_m[0])
+                    for one in episode.teams.values() if one.on_water for place in one.position_n[step]
+                ])  # fmt: skip
                 for square in self._squares:
-                    square.draw(episode, int(step), self._centre, np.array(boats), whole=whole, anew=moved)
+                    square.draw(episode, int(step), self._centre, boats, whole=whole, anew=moved)
                 vertices.append(self._vertices())
                 colours.append(patch_colours(self.grid, [square.light for square in self._squares]))
                 origin.append((self._centre[1], self._centre[0], -self._bias))
@@ -290,11 +297,6 @@ class SeaPatch:
         return np.concatenate([coarse[self.grid.shown], *fine, *rings])
 
 
-def _boats(team: TeamTrack, step: int) -> Array:
-    """North, east and length (m) [V, 3] of a team of boats."""
-    return np.column_stack([team.position_n[step, :, :2], np.full(team.vehicles, team.size_m[0])])
-
-
 class _Square:
     """The water on the points of one square, as it was drawn last."""
 
@@ -317,12 +319,12 @@ class _Square:
             at = off == 0.0
             if at.any():
                 up = episode.elevation(self.north[at] + centre[0], self.east[at] + centre[1], time)
-                self.up[at] = np.round(np.asarray(up, np.float64) / ROUND_M) * ROUND_M
+                self.up[at] = rounded(np.asarray(up, np.float64))
             return
         north, east = np.meshgrid(self.line + centre[0], self.line + centre[1], indexing="ij")
         up = np.asarray(episode.elevation(north, east, time), dtype=np.float64)
         shade = light(up, self.line[1] - self.line[0], self.crest)[:: self.between, :: self.between]
-        up = np.round(up[:: self.between, :: self.between] / ROUND_M) * ROUND_M
+        up = rounded(up[:: self.between, :: self.between])
         self.up = np.where(anew | (np.abs(up - self.up) > off), up, self.up)
         changed = anew | (np.abs(shade - self.light).max(axis=-1) > OFF_SHADE)
         self.light = np.where(changed[..., None], shade, self.light)

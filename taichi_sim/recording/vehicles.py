@@ -15,7 +15,7 @@ from taichi_sim.recording.bodies import body_mesh
 from taichi_sim.recording.episode import Array, Episode, TeamTrack
 from taichi_sim.recording.frames import enu, enu_quaternion, level_quaternion, map_point
 from taichi_sim.recording.palette import PLUMB, TARGET, WATER, Colour
-from taichi_sim.recording.sea_patch import OFF, Cadence, bias
+from taichi_sim.recording.sea_patch import OFF, Cadence, bias, rounded
 from taichi_sim.recording.stream import Stream
 
 TRAIL_S = 25.0  # age of the oldest point of a wake
@@ -27,7 +27,6 @@ WAKE_OFF = 0.1  # m: greatest error of a wake's height; the wake is drawn this m
 RING = np.linspace(0.0, 2.0 * np.pi, 29)  # rad
 SLOT_RING, WATER_RING = 0.75, 0.9  # radii over the larger of length and beam
 ABOVE_WATER = 0.02  # lift of lines on the water in lengths, so that the water does not hide them
-ROUND_M = 1.0 / 64.0  # heights are rounded to this
 JUMP_M = 5.0  # a trail is broken where a vehicle moves farther than its speed allows by this much
 PLUMB_POINTS = -0.5  # radius in points of the screen, whatever the distance
 HOOP = np.linspace(0.0, 2.0 * np.pi, 41)  # rad, a ring in the air
@@ -54,25 +53,19 @@ def jumps(stream: Stream, team: TeamTrack) -> NDArray[np.bool_]:
     return moved > 2.0 * np.linalg.norm(team.velocity_n, axis=-1) * seconds + JUMP_M
 
 
-def _rounded(up: Array) -> Array:
-    return np.round(up / ROUND_M) * ROUND_M
-
-
 def send_rings(stream: Stream, episode: Episode, team: TeamTrack) -> None:
     """Send a ring at each slot, and a ring around each boat that shows the water it floats in."""
     length, beam = team.size_m[:2]
     index = Cadence.of(episode.whole.time_s).steps(stream)
     livery = episode.liveries[team.name]
     above, below = ABOVE_WATER * length, bias(max(float(np.abs(episode.whole.teams[team.name].wave_height).max()), 0.1))
-    for name, middle, share, thick in (
-        ("slot", team.slot_n, SLOT_RING, 0.012),
-        ("water", team.position_n, WATER_RING, 0.006),
-    ):
-        if middle is None:
-            continue
+    rings = [("water", team.position_n, WATER_RING, 0.006)]
+    if team.slot_n is not None:
+        rings.insert(0, ("slot", team.slot_n, SLOT_RING, 0.012))
+    for name, middle, share, thick in rings:
         ring = share * max(length, beam) * np.stack([np.cos(RING), np.sin(RING)], axis=-1)
         middle = np.asarray(middle[index, :, :2], dtype=np.float64)
-        up = _rounded(surface(episode, middle[:, :, None] + ring, index) + above)  # [F, V, 29]
+        up = rounded(surface(episode, middle[:, :, None] + ring, index) + above)  # [F, V, 29]
         strips = enu(np.concatenate([np.broadcast_to(ring, (*up.shape, 2)), -(up + below)[..., None]], axis=-1))
         place = enu(np.concatenate([middle, np.full_like(middle[..., :1], below)], axis=-1))
         for vehicle in range(team.vehicles):
@@ -105,16 +98,11 @@ class _Way:
 def send_wakes(stream: Stream, episode: Episode, team: TeamTrack) -> None:
     """Send each boat's wake on the present water: a whole line in each frame."""
     key, whole, livery = f"{team.name}/wakes", episode.whole, episode.liveries[team.name]
-    cadence = Cadence.of(whole.time_s)
+    cadence, none = Cadence.of(whole.time_s), np.zeros((0, team.vehicles))
     apart = _steps_between_points(whole.teams[team.name], np.asarray(whole.time_s, dtype=np.float64))
-    empty = _Way(
-        stream.first, np.zeros(0), np.zeros((0, team.vehicles, 3)), np.zeros((0, team.vehicles), bool),
-        np.zeros((0, team.vehicles)),
-    )  # fmt: skip
-    way: _Way = stream.memory.get(key, empty).longer(
-        np.asarray(episode.time_s, np.float64), np.asarray(team.position_n, np.float64), jumps(stream, team)
-    )
-    stream.memory[key] = way
+    empty = _Way(stream.first, np.zeros(0), np.zeros((0, team.vehicles, 3)), none.astype(bool), none)
+    time, place = np.asarray(episode.time_s, np.float64), np.asarray(team.position_n, np.float64)
+    stream.memory[key] = way = stream.memory.get(key, empty).longer(time, place, jumps(stream, team))
     index = cadence.steps(stream)
     strips: list[NDArray[np.float32]] = []
     for step in index + (stream.first - way.first):
@@ -140,7 +128,7 @@ def _draw(episode: Episode, team: TeamTrack, way: _Way, points: NDArray[np.int64
     place = way.place[points]
     up = np.asarray(episode.elevation(place[..., NORTH], place[..., EAST], now), dtype=np.float64)
     off = np.clip(OFF * (np.linalg.norm(place - place[-1], axis=-1) - team.size_m[0]), 0.0, WAKE_OFF)
-    up = _rounded(up + ABOVE_WATER * team.size_m[0] + off)
+    up = rounded(up + ABOVE_WATER * team.size_m[0] + off)
     stays = np.abs(up - way.up[points]) <= off  # False for points without a height yet
     way.up[points] = np.where(stays, way.up[points], up)
 
