@@ -100,20 +100,13 @@ class Counts:
 
 
 class Session:
-    """A craft and the one peer that drives it.
-
-    Attributes:
-        craft: the vehicle.
-        peer: address of the sender, from the first valid packet on.
-        counts: numbers of packets.
-        seen: functions that are called after each new frame.
-    """
+    """A craft and the one peer that drives it."""
 
     def __init__(self, craft: Craft):
         """Start without a peer."""
         self.craft, self.counts = craft, Counts()
-        self.seen: list[Callable[[Servos, Sensors], None]] = []
-        self.peer: Address | None = None
+        self.seen: list[Callable[[Servos, Sensors], None]] = []  # called after each new frame
+        self.peer: Address | None = None  # sender of the first valid packet
         self.last: Servos | None = None
         self.answer = b""
 

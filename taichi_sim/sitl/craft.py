@@ -52,13 +52,7 @@ class Sensors(NamedTuple):
 
 
 class Craft:
-    """One vehicle in a sea and a wind.
-
-    Attributes:
-        model, bench: those of the present frame rate.
-        rate: frame rate, Hz.
-        frames: number of frames since the beginning.
-    """
+    """One vehicle in a sea and a wind."""
 
     def __init__(
         self,
@@ -85,12 +79,10 @@ class Craft:
         for section, values in changes_for(first).items():
             self.changes[section] = values | self.changes.get(section, {}) | values
         self.channels = channels or default_channels(load_vehicle(vehicle, 1e-3, 1, **self.changes))
-        self.rate, self.frames, self.held = 0, 0, False
-        self.model: Vehicle
+        self.rate, self.frames, self.held = 0, 0, False  # Hz; frames since the beginning; still at its place
+        self.model: Vehicle  # that of the present rate, as are bench and mixer
         self.bench: Bench
         self.mixer: Mixer
-
-    # -- beginning -------------------------------------------------------------------------------------------------
 
     def begin(self, rate: int) -> None:
         """Place the vehicle at rest at its initial position, for frames of `rate` Hz."""
@@ -138,8 +130,6 @@ class Craft:
         self.mixer = Mixer(self.model, self.channels, self.pwm)
         self.rate = rate
 
-    # -- moving ----------------------------------------------------------------------------------------------------
-
     def advance(self, pwm: tuple[int, ...]) -> None:
         """Advance by one frame under the servo outputs `pwm` (microseconds)."""
         b, kept = self.bench, None
@@ -153,10 +143,8 @@ class Craft:
             b.fleet.update()
 
     def _released(self, kept: Tensor, pwm: tuple[int, ...]) -> bool:
-        """Whether a held vehicle is released: a multirotor when its rotors lift it, an aircraft when its throttle
-        opens.
-
-        `kept` is the state before the frame.
+        """Whether a held vehicle, in state `kept` before the frame, is released: a multirotor when its rotors lift it,
+        an aircraft when its throttle opens.
         """
         b = self.bench
         if isinstance(self.model.params, FixedWingParams):
@@ -171,8 +159,6 @@ class Craft:
             return False
         self.held = False
         return True
-
-    # -- measuring -------------------------------------------------------------------------------------------------
 
     def _state(self) -> np.ndarray:
         return self.bench.state[0, 0].double().cpu().numpy()

@@ -58,15 +58,7 @@ def mavlink() -> Any:
 
 
 class Px4Session:
-    """A craft and the PX4 that drives it.
-
-    Attributes:
-        craft: the vehicle.
-        counts: numbers of frames and messages.
-        seen: functions that are called after each new frame.
-        last: outputs of the last frame; None before the first one.
-        driven: whether controls have come over this connection.
-    """
+    """A craft and the PX4 that drives it."""
 
     def __init__(self, craft: Craft, seed: int = 0):
         """Start without a peer; `seed` is of the sensors' noise.
@@ -75,17 +67,15 @@ class Px4Session:
             MissingExtraError: if pymavlink is not installed.
         """
         self.craft, self.counts, self.seed = craft, Counts(), seed
-        self.seen: list[Callable[[Servos, Sensors], None]] = []
-        self.last: Servos | None = None
+        self.seen: list[Callable[[Servos, Sensors], None]] = []  # called after each new frame
+        self.last: Servos | None = None  # outputs of the last frame
         self.dialect = mavlink()
         self._send: Callable[[bytes], None] | None = None
         self._begun = False
         self._due = self._silent = 0.0  # s, of the clock
         self._taken = 0  # time of the last controls, microseconds
         self._frame = b""
-        self.driven = False  # whether controls have come
-
-    # -- connections -------------------------------------------------------------------------------------------------
+        self.driven = False  # whether controls have come over this connection
 
     @property
     def connected(self) -> bool:
@@ -154,8 +144,6 @@ class Px4Session:
         self.counts.frames += 1
         controls = message.controls if message.mode & ARMED else (math.nan,) * CONTROLS
         self._advance(self.pwm(controls))
-
-    # -- frames ------------------------------------------------------------------------------------------------------
 
     def pwm(self, controls: tuple[float, ...]) -> tuple[int, ...]:
         """Pulse widths [channel] (microseconds) of `controls`; 0, no output, for NaN."""
