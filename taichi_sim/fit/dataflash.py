@@ -83,7 +83,7 @@ def read_dataflash(file: Path, model: Vehicle, source: Source) -> Table:
 
 
 def _columns(file: Path, name: str, messages: list[Any], fields: tuple[str, ...] | list[str]) -> tuple[Array, Array]:
-    """Fields [message, field] of messages, and their times, s; LogError for a missing one, or a clock that runs back."""
+    """Fields [message, field] of messages, and their times, s; LogError for a missing one or a clock that runs back."""
     try:
         rows = np.array([[m.TimeUS, *(getattr(m, field) for field in fields)] for m in messages], dtype=np.float64)
     except AttributeError as error:

@@ -68,44 +68,6 @@ def resonances(omega: Array, added_mass: Array, M: Array, C: Array) -> Resonance
     return Resonances(*found)
 
 
-def trial(C: Array, M: Array) -> Array:
-    """Frequencies [8] of the coarse pass: 0.25 to 1.5 times the resonances without added mass."""
-    w = np.sqrt(np.diag(C)[VERTICAL] / np.diag(M)[VERTICAL])
-    return np.geomspace(0.25 * w.min(), 1.5 * w.max(), 8)
-
-
-def chosen(of: Resonances, count: int, top: float) -> Array:
-    """Frequencies [count], rad/s: evenly spaced over the resonances, wider apart in the tail, none above `top`."""
-    low, high, end = BELOW * min(of), min(ABOVE * max(of), top), min(TAIL * max(of), top)
-    tail = round(IN_TAIL * count * min(1.0, np.log(end / high) / np.log(TAIL / ABOVE)))
-    even = np.linspace(low, high, count - tail)
-    return _digits([*even, *np.geomspace(high, end, tail + 1)[1:]])
-
-
-def with_also(omega: Array, also: tuple[float, ...]) -> Array:
-    """Add the frequencies `also` to `omega`; each replaces the nearest one within half a step."""
-    kept = list(omega)
-    for w in also:
-        near = int(np.abs(omega - w).argmin())
-        step = np.diff(omega)[min(near, len(omega) - 2)]
-        if omega[near] in kept and abs(omega[near] - w) <= step / 2:
-            kept.remove(omega[near])
-    return _digits(sorted({*kept, *also}))
-
-
-def _digits(omega) -> Array:
-    return np.array([float(f"{w:.6g}") for w in omega])
-
-
-def missed(omega: Array, of: Resonances) -> list[str]:
-    """Messages about resonances outside a range of frequencies."""
-    return [
-        f"the frequencies {omega[0]:.3g} to {omega[-1]:.3g} rad/s miss the {name} resonance of {w:.3g} rad/s"
-        for name, w in zip(NAMES, of, strict=True)
-        if not omega[0] < w < omega[-1]
-    ]
-
-
 def spikes(omega: Array, damping: Array, kept: tuple[float, ...]) -> NDArray[np.intp]:
     """Indices of omega [n] at which the damping [n, 6, 6] of a mode has an isolated peak, except at frequencies in
     `kept`.
@@ -165,8 +127,7 @@ def run(
     epsilon = GAP_DAMPING if wishes.gap_damping is None else wishes.gap_damping
     tank = Tank(surface, lid, gap, wishes.rho, wishes.g, wishes.depth, epsilon, wishes.method)
     omega = _omega(of, wishes.spectrum, bool(len(gap)), size, wishes.g)
-    step = wishes.spectrum.heading_step
-    heading = _headings(surface, _heading_step(surface, max(of), wishes.g) if step is None else step)
+    heading = _headings(surface, wishes.spectrum.heading_step, max(of), wishes.g)
     alike = " and ".join(PLANES[a] for a in surface.planes)
     print(
         f"{len(surface)} panels{f' ({alike} alike)' if alike else ''}, {len(lid)} of a lid, {len(gap)} between hulls; "
@@ -218,37 +179,57 @@ def _surface(craft: FloatingHull, mesh: WettedSurface | None, wishes: Wishes) ->
 
 
 def _resonances(craft: FloatingHull, floating: Floating, wishes: Wishes) -> Resonances:
+    """Resonances by a coarse pass at 0.25 to 1.5 times those without added mass."""
     surface, size = divided(craft.panels, COARSE)
     tank = Tank(surface, inner_lid(surface, size), np.empty((0, 4, 3)), wishes.rho, wishes.g, wishes.depth, 0.0)
-    tried = trial(floating.C, floating.M)
+    w = np.sqrt(np.diag(floating.C)[VERTICAL] / np.diag(floating.M)[VERTICAL])
+    tried = np.geomspace(0.25 * w.min(), 1.5 * w.max(), 8)
     A = np.stack([solve(tank, w, np.empty(0)).added_mass for w in tried])
     return resonances(tried, A, floating.M, floating.C)
 
 
 def _omega(of: Resonances, wanted: Spectrum, twin: bool, size: float, g: float) -> Array:
+    """Frequencies, rad/s: evenly spaced over the resonances, wider apart in the tail, as high as the panels allow.
+
+    Each of `wanted.also` replaces the nearest one within half a step.
+    """
     count = wanted.count or (COUNT_TWIN if twin else COUNT)
-    top = np.sqrt(2 * np.pi * g / (PER_WAVE * size))
     if wanted.range:
         omega = np.linspace(*wanted.range, count)
     else:
-        omega = chosen(of, count, top)
-    for line in missed(omega, of):
-        if wanted.range:
-            raise ConfigError(f"--range: {line}")
-        print(f"warning: {line}: finer panels (--panels) would reach it")
+        top = np.sqrt(2 * np.pi * g / (PER_WAVE * size))
+        low, high, end = BELOW * min(of), min(ABOVE * max(of), top), min(TAIL * max(of), top)
+        tail = round(IN_TAIL * count * min(1.0, np.log(end / high) / np.log(TAIL / ABOVE)))
+        omega = _digits([*np.linspace(low, high, count - tail), *np.geomspace(high, end, tail + 1)[1:]])
+    for name, w in zip(NAMES, of, strict=True):
+        if not omega[0] < w < omega[-1]:
+            line = f"the frequencies {omega[0]:.3g} to {omega[-1]:.3g} rad/s miss the {name} resonance of {w:.3g} rad/s"
+            if wanted.range:
+                raise ConfigError(f"--range: {line}")
+            print(f"warning: {line}: finer panels (--panels) would reach it")
     if wanted.range and _per_wave(omega[-1], size, g) < PER_WAVE:
         print(f"warning: panels of {size:.3g} m are coarse for waves of {omega[-1]:.3g} rad/s: raise --panels")
-    return with_also(omega, wanted.also)
+    kept = list(omega)
+    for w in wanted.also:
+        near = int(np.abs(omega - w).argmin())
+        step = np.diff(omega)[min(near, len(omega) - 2)]
+        if omega[near] in kept and abs(omega[near] - w) <= step / 2:
+            kept.remove(omega[near])
+    return _digits(sorted({*kept, *wanted.also}))
 
 
-def _heading_step(surface: WettedSurface, omega: float, g: float) -> float:
-    """Step of headings (deg) that resolves the k L / 2 harmonics of the loads of waves of omega (rad/s)."""
-    order = omega**2 / g * float(np.ptp(surface.whole[..., X])) / 2 + MORE_ORDERS
-    return next((step for step in HEADING_STEPS if 180 / step >= order), HEADING_STEPS[-1])
+def _digits(omega) -> Array:
+    return np.array([float(f"{w:.6g}") for w in omega])
 
 
-def _headings(surface: WettedSurface, step: float) -> Array:
-    """Headings towards port, deg; only those of one side if port and starboard are alike."""
+def _headings(surface: WettedSurface, step: float | None, omega: float, g: float) -> Array:
+    """Headings towards port, deg; only those of one side if port and starboard are alike.
+
+    Without a `step` it is one that resolves the k L / 2 harmonics of the loads of waves of `omega` (rad/s).
+    """
+    if step is None:
+        order = omega**2 / g * float(np.ptp(surface.whole[..., X])) / 2 + MORE_ORDERS
+        step = next((step for step in HEADING_STEPS if 180 / step >= order), HEADING_STEPS[-1])
     if not 0 < step <= 90 or abs(180 / step - round(180 / step)) > 1e-9:
         raise ConfigError(f"--heading-step {step:g}: must divide 180 deg")
     if 1 in surface.planes:

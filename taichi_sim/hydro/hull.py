@@ -188,7 +188,7 @@ def divided(panels: Panels, wanted: int) -> tuple[WettedSurface, float]:
 def vehicle_text(
     craft: FloatingHull, surface: WettedSurface, found: HydroDatabase, resonance: float, command: str
 ) -> str:
-    """Return the TOML: hull by offsets, rigid body as given, radiation from the database in the same folder.
+    """The TOML of a hull that was given as a mesh: offsets, rigid body, radiation from the database in the same folder.
 
     It also has constant added mass and, in heave, roll and pitch, constant damping at `resonance` (rad/s). They are
     used in addition, or with `radiation = "constant"`.
@@ -202,7 +202,9 @@ def vehicle_text(
     linear = np.maximum(np.diag(found.damping[at]), 0.0)
     linear[LEVEL] = 0.0
     viscous = np.array(VISCOUS) * 2 * (np.diag(craft.M) + added) * resonance
-    gyration = np.sqrt((np.diag(craft.M)[3:] - _moved(craft)) / craft.mass)
+    x, y, z = craft.cg
+    moved = craft.mass * np.array([y * y + z * z, x * x + z * z, x * x + y * y])  # moments of the CG's distance from CO
+    gyration = np.sqrt((np.diag(craft.M)[3:] - moved) / craft.mass)
     rows = "\n".join(
         f"  [{x:g}, [{', '.join(f'[{y:g}, {z:g}]' for y, z in section)}]]," for x, section in craft.shape.stations
     )
@@ -240,9 +242,3 @@ stations = [
 
 def _row(values) -> str:
     return "[" + ", ".join(f"{float(v):.6g}" if v else "0.0" for v in values).replace("e+", "e") + "]"
-
-
-def _moved(craft: FloatingHull) -> np.ndarray:
-    """Moments of inertia due to the distance of the CG from CO, kg m^2."""
-    x, y, z = craft.cg
-    return craft.mass * np.array([y * y + z * z, x * x + z * z, x * x + y * y])

@@ -113,13 +113,9 @@ def _normal(patch: Patch, s: float, t: float) -> Array:
 def _alike(patches: list[Patch], axis: int) -> bool:
     """Whether the hull equals its image in the plane normal to `axis`."""
     corners = np.rint(np.stack([p.corners for p in patches]) * GRID).astype(np.int64)
-    image = corners.copy()
-    image[..., axis] *= -1
-
-    def as_set(c: NDArray[np.int64]) -> list[tuple]:
-        return sorted(tuple(sorted(map(tuple, panel))) for panel in c.tolist())
-
-    return as_set(corners) == as_set(image)
+    image = np.where(np.arange(3) == axis, -corners, corners)
+    one, other = (sorted(sorted(panel) for panel in found.tolist()) for found in (corners, image))
+    return one == other
 
 
 def _positive_side(patches: list[Patch], axis: int) -> list[Patch]:
@@ -178,7 +174,8 @@ def _strip(patch: Patch, s0: float, s1: float, size: float, divisions: int) -> A
     t = low[:, None] + (high - low)[:, None] * v
     points = patch.at(np.broadcast_to(s[:, None], t.shape), t)
     quads = np.stack([points[:-1, :-1], points[1:, :-1], points[1:, 1:], points[:-1, 1:]], axis=2).reshape(-1, 4, 3)
-    return _tidy(quads, THIN * size)
+    quads = as_triangles(quads, THIN * size)
+    return quads[np.linalg.norm(area_vectors(quads), axis=1) > (THIN * size) ** 2]  # none without area
 
 
 def _spaced(length: float, size: float, divisions: int, sharp: tuple[bool, ...]) -> Array:
@@ -205,12 +202,6 @@ def _wet(patch: Patch, s: Array) -> tuple[Array, Array]:
     low = np.where(steep & (slope < 0), cut, -1.0)
     high = np.where(steep & (slope > 0), cut, 1.0)
     return low, np.where(dry_level, low, high)
-
-
-def _tidy(quads: Array, short: float) -> Array:
-    """Drop panels without area; convert those with an edge of no length to triangles."""
-    quads = as_triangles(quads, short)
-    return quads[np.linalg.norm(area_vectors(quads), axis=1) > short**2]
 
 
 def inner_lid(hull: WettedSurface, size: float) -> Array:

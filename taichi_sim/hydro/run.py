@@ -11,6 +11,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from multiprocessing import get_context
 from typing import NamedTuple
+from unittest.mock import patch
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,7 +38,8 @@ Complex = NDArray[np.complexfloating]
 @contextmanager
 def workers(count: int, begin: Callable[..., None] | None = None, *given: object) -> Iterator[ProcessPoolExecutor]:
     """Pool of `count` processes, each of which first calls `begin(*given)`."""
-    with _environment(), ProcessPoolExecutor(count, CONTEXT, _begin, (os.getpid(), begin, given)) as pool:
+    own = os.getpid(), begin, given
+    with patch.dict(os.environ, ENVIRONMENT), ProcessPoolExecutor(count, CONTEXT, _begin, own) as pool:
         yield pool
 
 
@@ -52,21 +54,6 @@ def _begin(parent: int, begin: Callable[..., None] | None, given: tuple[object, 
     threading.Thread(target=watch, daemon=True).start()
     if begin is not None:
         begin(*given)
-
-
-@contextmanager
-def _environment() -> Iterator[None]:
-    """Set ENVIRONMENT for processes started inside."""
-    before = {name: os.environ.get(name) for name in ENVIRONMENT}
-    os.environ.update(ENVIRONMENT)
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value
 
 
 class Floating(NamedTuple):
