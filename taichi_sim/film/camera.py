@@ -42,8 +42,7 @@ class FilmCamera(NamedTuple):
     haze_m: float = HAZE_M  # distance at which half of what is seen is haze
 
     def pixels(self, place_n: Array, size: tuple[int, int]) -> Array:
-        """Column and row (px) and distance ahead (m) [..., 3] of points [..., 3] in a picture of `size` (width,
-        height).
+        """Column and row (px), distance ahead (m) [..., 3] of points [..., 3] in a picture of `size` (width, height).
 
         Column and row mean nothing where the distance is not above 0.
         """
@@ -75,12 +74,7 @@ def heading(course: float, pitch: float) -> Array:
 def eye_that_holds(places_n: Array, forward_n: Array, focal: float, aspect: float, filled: float) -> Array:
     """The nearest point [3] from which a camera that looks along `forward_n` sees all of `places_n` [N, 3].
 
-    Args:
-        places_n: the points.
-        forward_n: direction of view.
-        focal: focal length.
-        aspect: width over height of the picture.
-        filled: share of its sides that the points may take.
+    The picture has the `aspect` width over height; the points may take the share `filled` of its sides.
     """
     axes = look(np.zeros(3), forward_n, focal).axes
     seen = np.asarray(places_n, dtype=np.float64) @ axes.T
@@ -156,8 +150,7 @@ class Overview:
 
     def __init__(self, about: str) -> None:
         """`about` is the team whose first course gives the direction."""
-        self.about, self._course = about, None
-        self._eye = Soft(SOFT_S)
+        self.about, self._course, self._eye = about, None, Soft(SOFT_S)
 
     def camera(self, moment: Moment, aspect: float) -> FilmCamera:
         """See Rig."""
@@ -168,8 +161,8 @@ class Overview:
         middle = 0.5 * (places.min(axis=0) + places.max(axis=0))
         around = 0.5 * AMID * np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])
         eye = eye_that_holds(np.concatenate([places, middle + around]), forward, FOCAL, aspect, FILLED)
-        return look(self._eye.towards(eye, moment.time_s, LEAP * float(np.ptp(places, axis=0).max() + AMID)), forward,
-                    FOCAL)  # fmt: skip
+        reach = float(np.ptp(places, axis=0).max() + AMID)
+        return look(self._eye.towards(eye, moment.time_s, LEAP * reach), forward, FOCAL)
 
     def _way(self, moment: Moment) -> float:
         """Direction from the boats to the team `about`, or the course of that team if they are together."""

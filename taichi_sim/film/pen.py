@@ -82,8 +82,7 @@ class Pen:
         self._add(ends, colour, width, lift, where)
 
     def _add(self, ends: Array, colour: Colour, width: float, lift: float, where: Where) -> None:
-        n = len(ends)
-        if n:
+        if n := len(ends):
             shade = np.broadcast_to(np.array(colour, np.uint8), (n, 3))
             self._strokes.append((where, Strokes(ends, shade, np.full(n, width), np.full(n, lift))))
 
@@ -94,9 +93,9 @@ class Pen:
         level = np.linalg.norm(aside, axis=-1, keepdims=True)
         size = np.linalg.norm(vector_n, axis=-1, keepdims=True)
         aside = np.where(level > 0.1 * size, aside * size / np.maximum(level, 1e-9), (0.0, 1.0, 0.0) * size)
-        barbs = [tip - HEAD * vector_n + sign * 0.5 * HEAD * aside for sign in (-1.0, 1.0)]
-        self.lines(np.stack([origin_n, tip], axis=1), colour, width, where=where)
-        self.lines(np.stack([barbs[0], tip, barbs[1]], axis=1), colour, width, where=where)
+        left, right = (tip - HEAD * vector_n + sign * 0.5 * HEAD * aside for sign in (-1.0, 1.0))
+        for points in ((origin_n, tip), (left, tip, right)):
+            self.lines(np.stack(points, axis=1), colour, width, where=where)
 
     def solids(self, solids: Solids, where: Where = "both") -> None:
         """Add triangles unchanged."""

@@ -72,24 +72,13 @@ def _tinted(text: str, size: int, colour: Colour) -> tuple[NDArray[np.float32], 
 
 
 def write(
-    picture: NDArray[np.uint8],
-    text: str,
-    at: tuple[float, float],
-    *,
-    size: int,
-    colour: Colour = INK,
+    picture: Pixels, text: str, at: tuple[float, float], *, size: int, colour: Colour = INK,
     anchor: tuple[float, float] = (0.0, 0.0),
-) -> None:
-    """Write `text` into a picture [height, width, 3]. Letters have dark edges, or light ones if they are dark.
+) -> None:  # fmt: skip
+    """Write `text` at column and row `at` of a picture [height, width, 3], in letters of `size` px.
 
-    Args:
-        picture: the pixels.
-        text: the words.
-        at: column and row.
-        size: size of letters, px.
-        colour: colour of letters.
-        anchor: point of the text that lies at `at`, in its widths and heights from the upper left; the text is moved to
-            stay inside the picture.
+    Letters have dark edges, or light ones if they are dark. `anchor` is the point of the text that lies there, in its
+    widths and heights from the upper left; the text is moved to stay inside the picture.
     """
     left, added = _tinted(text, size, colour)
     high, wide = left.shape[:2]
@@ -129,13 +118,10 @@ class Picture:
     """Draws pictures of one size; moments must come in order."""
 
     def __init__(self, moment: Moment, size: tuple[int, int], view: str = "auto", cast: Cast | None = None) -> None:
-        """Arrange the views for the teams in `moment`.
+        """Arrange the views for the teams in `moment`, in a picture of `size` (width, height, px).
 
-        Args:
-            moment: the first moment.
-            size: width and height, px.
-            view: "auto", or one view alone: "overview", "map", or a team's name.
-            cast: bodies that several pictures of one mission share.
+        `view` is "auto", or one view alone: "overview", "map", or a team's name. Several pictures of one mission share
+        the bodies in `cast`.
 
         Raises:
             ValueError: if the size or the view cannot be drawn.

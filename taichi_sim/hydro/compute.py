@@ -17,7 +17,7 @@ from taichi_sim.hydro.offsets import compared
 from taichi_sim.hydro.panels import gap_lid, inner_lid, wetted
 from taichi_sim.hydro.problem import Tank, solve
 from taichi_sim.hydro.run import Floating, database, solve_all
-from taichi_sim.hydro.surface import PLANES, WettedSurface, X
+from taichi_sim.hydro.surface import PLANES, WettedSurface, X, turned_matrix
 from taichi_sim.usv.hull.database import HydroDatabase, hull_hash
 
 Array = NDArray[np.float64]
@@ -119,7 +119,7 @@ def run(
     for line in check_floating(craft, surface, wishes.rho, wishes.g):
         print(line)
     C = surface.stiffness(craft.mass, craft.cg_z_up, wishes.rho, wishes.g)
-    floating = Floating(craft.M_z_up, C)
+    floating = Floating(turned_matrix(craft.M), C)
     of = _resonances(craft, floating, wishes)
     print(", ".join(f"{n} {w:.3g} rad/s" for n, w in zip(NAMES, of, strict=True)) + " (resonances)")
     lid = inner_lid(surface, size) if wishes.lid else np.empty((0, 4, 3))

@@ -13,7 +13,7 @@ from taichi_sim.conventions import RHO_SEA
 from taichi_sim.hydro import mesh_file
 from taichi_sim.hydro.offsets import offsets
 from taichi_sim.hydro.panels import Z_UP, wetted
-from taichi_sim.hydro.surface import WettedSurface, X, Z, turned_matrix
+from taichi_sim.hydro.surface import WettedSurface, X, Z
 from taichi_sim.kernels.rigid_body import rigid_body_mass
 from taichi_sim.usv.hull.database import SUFFIX, HydroDatabase
 from taichi_sim.usv.hull.hydrostatics import Hydrostatics
@@ -45,11 +45,6 @@ class FloatingHull:
     def cg_z_up(self) -> Array:
         """CG in the frame of surface.py, m."""
         return np.array(self.cg) * Z_UP
-
-    @property
-    def M_z_up(self) -> Array:  # noqa: N802
-        """M in the frame of surface.py."""
-        return turned_matrix(self.M)
 
 
 def is_vehicle(name: str) -> bool:

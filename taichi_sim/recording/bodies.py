@@ -129,6 +129,7 @@ def boat(size_m: tuple[float, float, float], colour: Colour) -> Mesh:
         return loft(np.stack([port_high, right_high, right_low, port_low], axis=1), shade)
 
     house, sole, mast = 0.17 * length, -0.52 * depth, 0.012 * length
+    yard = (-0.115 * length, -0.2 * beam, sole - 1.75 * house), (-0.085 * length, 0.2 * beam, sole - 1.65 * house)
     foot, top = (-0.24 * length, 0.14 * length, 0.31 * beam), (-0.22 * length, 0.05 * length, 0.26 * beam)
     return Mesh.join(
         hull(0.0, 0.38, KEEL),
@@ -138,23 +139,12 @@ def boat(size_m: tuple[float, float, float], colour: Colour) -> Mesh:
         walls(foot, top, sole, house, (0.5, 0.85), 0.004 * length, GLASS),
         walls(foot, top, sole, house, (1.0, 1.12), 0.012 * length, colour),
         box((-0.1 * length - mast, -mast, sole - 2.1 * house), (-0.1 * length + mast, mast, sole - house), METAL),
-        box(
-            (-0.115 * length, -0.2 * beam, sole - 1.75 * house),
-            (-0.085 * length, 0.2 * beam, sole - 1.65 * house),
-            METAL,
-        ),
+        box(*yard, METAL),
     )
 
 
 def vessel(body: Body, size_m: tuple[float, float, float], colour: Colour, platform: Platform | None = None) -> Mesh:
-    """The hull in `colour` with a dark bottom, decks, a house and a mast.
-
-    Args:
-        body: the hull's surface.
-        size_m: length, beam, height.
-        colour: of the hull.
-        platform: a landing deck; parts above it are left out.
-    """
+    """The hull in `colour` with a dark bottom, decks, a house and a mast; parts above a landing deck are left out."""
     sides, rims = shell(body)
     low, high = sides.reshape(-1, 3).min(axis=0), sides.reshape(-1, 3).max(axis=0)
     paint_z = BOOT_TOP * min(low[2], 0.0)
@@ -372,12 +362,9 @@ def _airplane(size_m: tuple[float, float, float], chord: float, colour: Colour) 
     ends = [(side * tail_half, stern + 0.8 * tail, 0.8 * tail, -0.2 * radius) for side in (-1.0, 1.0)]
     tailplane = [ends[0], (0.0, stern + tail, tail, -0.2 * radius), ends[1]]
     upright = [(0.0, stern + 1.3 * tail, 1.3 * tail, 0.0), (fin, stern + 0.7 * tail, 0.7 * tail, 0.0)]
+    stations = [stern, -0.25 * length, 0.0, 0.25 * length, nose]
     return Mesh.join(
-        _tube(
-            [stern, -0.25 * length, 0.0, 0.25 * length, nose],
-            [0.2 * radius, 0.5 * radius, radius, radius, 0.7 * radius],
-            HOUSE,
-        ),
+        _tube(stations, [0.2 * radius, 0.5 * radius, radius, radius, 0.7 * radius], HOUSE),
         _tube([nose, nose + 0.6 * radius, nose + radius], [0.7 * radius, 0.45 * radius, 0.06 * radius], colour),
         _propeller(nose + 0.45 * radius, 2.4 * radius),
         box((0.08 * length, -0.7 * radius, -1.2 * radius), (0.24 * length, 0.7 * radius, -0.7 * radius), GLASS),
@@ -403,16 +390,9 @@ def _flying_wing(size_m: tuple[float, float, float], chord: float, colour: Colou
         winglet = [(0.0, lead - sweep, tip, side * half), (height, lead - sweep - 0.5 * tip, 0.5 * tip, side * half)]
         tips.append(_wing(winglet, THICK_TAIL, colour, colour, upright=True))
     radius, stern = 0.16 * root, lead - root
-    return Mesh.join(
-        *panels,
-        *tips,
-        _tube(
-            [stern, lead - 0.5 * root, lead, lead + 0.3 * radius],
-            [0.4 * radius, radius, 0.7 * radius, 0.1 * radius],
-            colour,
-        ),
-        _propeller(stern - 0.2 * radius, 2.2 * radius),
-    )
+    stations = [stern, lead - 0.5 * root, lead, lead + 0.3 * radius]
+    pod = _tube(stations, [0.4 * radius, radius, 0.7 * radius, 0.1 * radius], colour)
+    return Mesh.join(*panels, *tips, pod, _propeller(stern - 0.2 * radius, 2.2 * radius))
 
 
 def body_mesh(team: TeamTrack, colour: Colour) -> Mesh:
