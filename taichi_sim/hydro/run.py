@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from taichi_sim.config.base import MissingExtraError
-from taichi_sim.hydro.far_field import mean_drift, radiated_damping, response
-from taichi_sim.hydro.problem import Tank, added_mass_inf, solve
+from taichi_sim.hydro.problem import Tank, added_mass_inf, mean_drift, radiated_damping, response, solve
 from taichi_sim.hydro.surface import TURN_HORIZONTAL, turned_load, turned_matrix
 from taichi_sim.usv.hull.database import HydroDatabase
 
